@@ -1,0 +1,14 @@
+//! Motion control without hardware: the same code runs in the firmware, the simulator and the tests.
+#![no_std]
+#![forbid(unsafe_code)]
+#![warn(clippy::unwrap_used)]
+
+#[cfg(test)]
+extern crate std;
+
+pub mod axis;
+pub mod machine;
+pub mod planner;
+pub mod protocol;
+pub mod settings;
+pub mod units;

@@ -1,0 +1,123 @@
+//! What the interpreter asks for, in program order.
+
+use crate::{axis::Axes, units::Nm};
+
+/// One thing to do. Positions are machine coordinates.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Command {
+    /// A straight move of all axes from the present position.
+    Line {
+        /// Where it ends.
+        target: Axes<Nm>,
+        /// How fast.
+        pace: Pace,
+        /// `N` word of the line, 0 without.
+        line: u32,
+    },
+    /// An arc or a helix from the present position: one command however long it is.
+    Arc {
+        /// Where it ends.
+        target: Axes<Nm>,
+        /// Its circle.
+        circle: Circle,
+        /// How fast along the path.
+        pace: Pace,
+        /// `N` word of the line, 0 without.
+        line: u32,
+    },
+    /// Standstill for a time.
+    Dwell {
+        /// Its length, ms.
+        milliseconds: u32,
+    },
+    /// A new state of the spindle.
+    Spindle {
+        /// Direction or off.
+        spindle: Spindle,
+        /// Programmed speed, rpm.
+        rpm: f32,
+    },
+    /// A new state of the coolant.
+    Coolant(Coolant),
+    /// Program pause, `M0`: waits for cycle start.
+    Pause,
+}
+
+/// How fast a move is asked to go.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Pace {
+    /// As fast as the axes allow.
+    Rapid,
+    /// A speed along the path, mm/min.
+    Feed(f32),
+    /// The time for the whole move, as its inverse in 1/min (`G93`).
+    InverseTime(f32),
+}
+
+/// The circle that an arc follows.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Circle {
+    /// Its plane.
+    pub plane: Plane,
+    /// Centre minus start, along the plane's first and second axis.
+    pub centre: [Nm; 2],
+    /// Sense of rotation, seen against the plane's normal.
+    pub rotation: Rotation,
+    /// Turns begun: 1 for up to one full turn, more with a `P` word.
+    pub turns: u16,
+}
+
+/// Sense of rotation.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Rotation {
+    /// `G2`.
+    Clockwise,
+    /// `G3`.
+    CounterClockwise,
+}
+
+/// The plane of arcs.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+pub enum Plane {
+    /// `G17`.
+    #[default]
+    Xy,
+    /// `G18`.
+    Zx,
+    /// `G19`.
+    Yz,
+}
+
+impl Plane {
+    /// First axis, second axis, and the axis along the normal.
+    #[must_use]
+    pub const fn axes(self) -> (usize, usize, usize) {
+        use crate::axis::{X, Y, Z};
+        match self {
+            Self::Xy => (X, Y, Z),
+            Self::Zx => (Z, X, Y),
+            Self::Yz => (Y, Z, X),
+        }
+    }
+}
+
+/// What the spindle does.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+pub enum Spindle {
+    /// `M5`.
+    #[default]
+    Off,
+    /// `M3`.
+    Clockwise,
+    /// `M4`.
+    CounterClockwise,
+}
+
+/// What the coolant does.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+pub struct Coolant {
+    /// `M8`.
+    pub flood: bool,
+    /// `M7`.
+    pub mist: bool,
+}

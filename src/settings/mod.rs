@@ -1,0 +1,109 @@
+//! What the user sets with `$n=value`.
+
+use crate::{
+    axis::Axes,
+    units::{Nm, StepsPerMm},
+};
+
+/// All settings, with Grbl's numbers.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Settings {
+    /// `$0` Step pulse, µs.
+    pub step_pulse_us: u8,
+    /// `$1` Delay before idle steppers are released, ms; 255 keeps them on.
+    pub idle_delay_ms: u8,
+    /// `$2` Axes whose step pulse is inverted, bit 0 = X.
+    pub step_invert: u8,
+    /// `$3` Axes whose direction is inverted, bit 0 = X.
+    pub direction_invert: u8,
+    /// `$4` Whether the enable output is inverted.
+    pub enable_invert: bool,
+    /// `$5` Whether the limit inputs are inverted.
+    pub limit_invert: bool,
+    /// `$6` Whether the probe input is inverted.
+    pub probe_invert: bool,
+    /// `$10` What a status report shows: bit 0 machine position, bit 1 buffer state.
+    pub report_mask: u8,
+    /// `$11` Junction deviation, mm.
+    pub junction_deviation_mm: f32,
+    /// `$12` Arc tolerance, mm: kept for senders; arcs are exact.
+    pub arc_tolerance_mm: f32,
+    /// `$13` Whether reports are in inches.
+    pub report_inches: bool,
+    /// `$20` Soft limits.
+    pub soft_limits: bool,
+    /// `$21` Hard limits.
+    pub hard_limits: bool,
+    /// `$22` Homing cycle.
+    pub homing: bool,
+    /// `$23` Axes that home towards their negative end, bit 0 = X.
+    pub homing_direction: u8,
+    /// `$24` Speed at which homing locates the switch, mm/min.
+    pub homing_feed_mm_min: f32,
+    /// `$25` Speed at which homing searches the switch, mm/min.
+    pub homing_seek_mm_min: f32,
+    /// `$26` Delay after a homing switch opens or closes, ms.
+    pub homing_debounce_ms: u16,
+    /// `$27` Distance from the switch after homing, mm.
+    pub homing_pull_off_mm: f32,
+    /// `$30` Spindle speed at full output, rpm.
+    pub spindle_max_rpm: f32,
+    /// `$31` Spindle speed at least output, rpm.
+    pub spindle_min_rpm: f32,
+    /// `$32` Laser mode.
+    pub laser: bool,
+    /// `$100`… Resolution of each axis.
+    pub steps_per_mm: Axes<StepsPerMm>,
+    /// `$110`… Fastest speed of each axis, mm/min.
+    pub max_rate_mm_min: Axes<f32>,
+    /// `$120`… Acceleration of each axis, mm/s².
+    pub acceleration_mm_s2: Axes<f32>,
+    /// `$130`… Travel of each axis, mm.
+    pub max_travel_mm: Axes<f32>,
+}
+
+impl Settings {
+    /// The farthest coordinate of each axis that its step counter can hold.
+    #[must_use]
+    pub fn farthest(&self) -> Axes<Nm> {
+        self.steps_per_mm.map(StepsPerMm::farthest)
+    }
+}
+
+impl Default for Settings {
+    /// Grbl 1.1h's defaults (`defaults.h`, `DEFAULTS_GENERIC`).
+    fn default() -> Self {
+        const RESOLUTION: StepsPerMm = match StepsPerMm::from_millionths(250_000_000) {
+            Some(resolution) => resolution,
+            None => unreachable!(),
+        };
+        Self {
+            step_pulse_us: 10,
+            idle_delay_ms: 25,
+            step_invert: 0,
+            direction_invert: 0,
+            enable_invert: false,
+            limit_invert: false,
+            probe_invert: false,
+            report_mask: 1,
+            junction_deviation_mm: 0.01,
+            arc_tolerance_mm: 0.002,
+            report_inches: false,
+            soft_limits: false,
+            hard_limits: false,
+            homing: false,
+            homing_direction: 0,
+            homing_feed_mm_min: 25.0,
+            homing_seek_mm_min: 500.0,
+            homing_debounce_ms: 250,
+            homing_pull_off_mm: 1.0,
+            spindle_max_rpm: 1000.0,
+            spindle_min_rpm: 0.0,
+            laser: false,
+            steps_per_mm: Axes::all(RESOLUTION),
+            max_rate_mm_min: Axes::all(500.0),
+            acceleration_mm_s2: Axes::all(10.0),
+            max_travel_mm: Axes::all(200.0),
+        }
+    }
+}

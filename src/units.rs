@@ -1,0 +1,227 @@
+//! Quantities with their units: nanometres, steps, timer ticks.
+//!
+//! Positions are integers from the parser on. [`Nm`] holds a coordinate exactly, in millimetre and
+//! in inch programs (one inch is 25 400 000 nm); [`StepsPerMm`] turns it into steps without
+//! rounding twice.
+
+/// Timer ticks in one second: the step timer's clock on every board.
+pub const TICKS_PER_SECOND: u32 = 84_000_000;
+/// Timer ticks in one millisecond.
+pub const TICKS_PER_MS: u32 = TICKS_PER_SECOND / 1000;
+/// Timer ticks in one microsecond.
+pub const TICKS_PER_US: u32 = TICKS_PER_SECOND / 1_000_000;
+
+/// A coordinate or a distance along one axis, nm (for a rotary axis: millionths of a degree).
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, PartialOrd, Ord)]
+#[cfg_attr(target_os = "none", derive(defmt::Format))]
+pub struct Nm(pub i64);
+
+impl Nm {
+    /// Nanometres in one millimetre.
+    pub const PER_MM: i64 = 1_000_000;
+    /// Nanometres in one inch.
+    pub const PER_INCH: i64 = 25_400_000;
+
+    /// The distance in mm. Exact to 1 nm up to 8 m, within a part in 10^7 beyond.
+    #[must_use]
+    pub fn to_mm(self) -> f32 {
+        self.0 as f32 * 1.0e-6
+    }
+
+    /// The distance in mm, in double precision: once per block, never per segment.
+    #[must_use]
+    pub fn to_mm_f64(self) -> f64 {
+        self.0 as f64 * 1.0e-6
+    }
+
+    /// The nearest coordinate to a distance in mm.
+    #[must_use]
+    pub fn from_mm_f64(mm: f64) -> Self {
+        Self(libm::round(mm * 1.0e6) as i64)
+    }
+}
+
+impl core::ops::Add for Nm {
+    type Output = Self;
+
+    fn add(self, other: Self) -> Self {
+        Self(self.0.wrapping_add(other.0))
+    }
+}
+
+impl core::ops::Sub for Nm {
+    type Output = Self;
+
+    fn sub(self, other: Self) -> Self {
+        Self(self.0.wrapping_sub(other.0))
+    }
+}
+
+/// Steps of one axis, counted from where the machine was switched on or homed.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, PartialOrd, Ord)]
+#[cfg_attr(target_os = "none", derive(defmt::Format))]
+pub struct Steps(pub i32);
+
+/// A position in steps with 32 binary places: the exact point of the path, between two steps.
+///
+/// The step that is due there is the nearest whole number, [`FineSteps::nearest`].
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, PartialOrd, Ord)]
+#[cfg_attr(target_os = "none", derive(defmt::Format))]
+pub struct FineSteps(pub i64);
+
+impl FineSteps {
+    /// One step.
+    pub const ONE: i64 = 1 << 32;
+
+    /// The nearest whole step, halves upwards.
+    #[must_use]
+    pub const fn nearest(self) -> Steps {
+        Steps((self.0.wrapping_add(Self::ONE / 2) >> 32) as i32)
+    }
+}
+
+/// The resolution of one axis: millionths of a step per mm.
+///
+/// `$100=250` is 250 000 000. At most [`StepsPerMm::MAX`].
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[cfg_attr(target_os = "none", derive(defmt::Format))]
+pub struct StepsPerMm(u64);
+
+impl StepsPerMm {
+    /// The finest resolution that can be set: 100 000 steps/mm.
+    pub const MAX: u64 = 100_000_000_000;
+    const FARTHEST_NM: u64 = 9_000_000_000_000_000;
+    /// Micro-steps-per-mm times nm that make one step.
+    const ONE_STEP: i64 = 1_000_000_000_000;
+
+    /// A resolution in millionths of a step per mm; `None` for zero and above [`Self::MAX`].
+    #[must_use]
+    pub const fn from_millionths(millionths: u64) -> Option<Self> {
+        if millionths == 0 || millionths > Self::MAX {
+            None
+        } else {
+            Some(Self(millionths))
+        }
+    }
+
+    /// The resolution in millionths of a step per mm.
+    #[must_use]
+    pub const fn millionths(self) -> u64 {
+        self.0
+    }
+
+    /// The resolution in steps per mm.
+    #[must_use]
+    pub fn to_f32(self) -> f32 {
+        self.0 as f32 * 1.0e-6
+    }
+
+    /// The farthest coordinate whose step count an axis can hold, nm: one quarter of the range of
+    /// a step counter, so that no difference of two positions overflows.
+    #[must_use]
+    pub const fn farthest(self) -> Nm {
+        let steps = (i32::MAX / 4) as u64;
+        let nm = (steps * 1_000_000 / self.0).saturating_mul(1_000_000);
+        // Where the resolution is coarse, the limit is what double precision holds exactly.
+        Nm(if nm > Self::FARTHEST_NM {
+            Self::FARTHEST_NM as i64
+        } else {
+            nm as i64
+        })
+    }
+
+    /// Whole steps at a coordinate, `round(nm × steps/mm)` with halves away from zero, and the
+    /// exact point in between.
+    ///
+    /// The coordinate must not be beyond [`Self::farthest`]. The nearest step of the fine position
+    /// is always the whole number returned with it.
+    #[must_use]
+    pub fn steps_at(self, position: Nm) -> (Steps, FineSteps) {
+        let scale = self.0 as i64;
+        // The product can exceed 64 bits; its quotient, estimated in floating point, cannot, and
+        // wrapping arithmetic then gives the remainder exactly.
+        let estimate = libm::round(position.0 as f64 * (self.0 as f64 * 1.0e-12)) as i64;
+        let remainder = position
+            .0
+            .wrapping_mul(scale)
+            .wrapping_sub(estimate.wrapping_mul(Self::ONE_STEP));
+        let half = Self::ONE_STEP / 2;
+        let (mut whole, mut rest) = (estimate, remainder);
+        if rest > half || (rest == half && position.0 > 0) {
+            whole += 1;
+            rest -= Self::ONE_STEP;
+        } else if rest < -half || (rest == -half && position.0 < 0) {
+            whole -= 1;
+            rest += Self::ONE_STEP;
+        }
+        // rest / 10^12 of a step, to 32 binary places: |rest| ≤ 2^39, so 2^24 may be multiplied in.
+        let fraction = ((rest << 23) / (Self::ONE_STEP >> 9))
+            .clamp(-(FineSteps::ONE / 2), FineSteps::ONE / 2 - 1);
+        (
+            Steps(whole as i32),
+            FineSteps((whole << 32).wrapping_add(fraction)),
+        )
+    }
+
+    /// The coordinate of a whole step, to the nearest nm.
+    #[must_use]
+    pub fn position_of(self, steps: Steps) -> Nm {
+        let scaled = i64::from(steps.0) as f64 * (1.0e12 / self.0 as f64);
+        Nm(libm::round(scaled) as i64)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn resolution(steps_per_mm: u64) -> StepsPerMm {
+        StepsPerMm::from_millionths(steps_per_mm * 1_000_000).unwrap()
+    }
+
+    #[test]
+    fn halves_round_away_from_zero() {
+        for (nm, steps) in [
+            (2_000, 1),
+            (-2_000, -1),
+            (1_999, 0),
+            (6_000, 2),
+            (-6_000, -2),
+        ] {
+            let (whole, fine) = resolution(250).steps_at(Nm(nm));
+            assert_eq!(whole, Steps(steps), "{nm} nm");
+            assert_eq!(fine.nearest(), whole, "{nm} nm");
+        }
+    }
+
+    #[test]
+    fn steps_at_agrees_with_exact_arithmetic_far_from_the_origin() {
+        for millionths in [1, 80_000_000, 157_480_315, 99_999_999_999] {
+            let resolution = StepsPerMm::from_millionths(millionths).unwrap();
+            let far = resolution.farthest().0;
+            for k in 0..1000_i64 {
+                let nm = far / 1000 * k - 7 * k;
+                for nm in [nm, -nm] {
+                    let product = i128::from(nm) * i128::from(millionths);
+                    let half = 500_000_000_000 * product.signum();
+                    let exact = (product + half) / 1_000_000_000_000;
+                    let (whole, fine) = resolution.steps_at(Nm(nm));
+                    assert_eq!(i128::from(whole.0), exact, "{nm} nm at {millionths}");
+                    let exact_fine = (product << 32) / 1_000_000_000_000;
+                    assert!((i128::from(fine.0) - exact_fine).abs() <= 2);
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn a_step_has_a_coordinate_that_has_that_step() {
+        for millionths in [333_333, 80_000_000, 250_000_000, 157_480_315] {
+            let resolution = StepsPerMm::from_millionths(millionths).unwrap();
+            for steps in (-100_000..100_000).step_by(997) {
+                let nm = resolution.position_of(Steps(steps));
+                assert_eq!(resolution.steps_at(nm).0, Steps(steps));
+            }
+        }
+    }
+}
