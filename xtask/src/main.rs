@@ -5,10 +5,16 @@
 mod boards;
 mod build;
 mod cargo;
+mod curves;
+mod figures;
 mod flash;
+mod plot;
+mod program;
 mod run;
+mod sender;
 mod size;
 mod test;
+mod trace;
 mod ui;
 
 use std::process::ExitCode;
