@@ -12,5 +12,6 @@ pub mod math;
 pub mod planner;
 pub mod protocol;
 pub mod settings;
+pub mod sim;
 pub mod stepper;
 pub mod units;
