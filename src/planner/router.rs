@@ -10,7 +10,7 @@ use crate::{
     math,
     settings::Settings,
     stepper::PULSE_LOW_TICKS,
-    units::{FineSteps, Nm, Steps, TICKS_PER_SECOND, TICKS_PER_US},
+    units::{FineSteps, Nm, Steps, StepsPerMm, TICKS_PER_SECOND, TICKS_PER_US},
 };
 
 /// Axes that are linear: X, Y, Z. The others turn, and give the feed only when alone.
@@ -35,7 +35,7 @@ impl Limits {
     fn new(settings: &Settings) -> Self {
         let pulse_ticks = u32::from(settings.step_pulse_us) * TICKS_PER_US + PULSE_LOW_TICKS;
         let step_rate = (TICKS_PER_SECOND as f32 / pulse_ticks as f32).min(MAX_STEP_RATE_HZ);
-        let steps_per_mm = settings.steps_per_mm.map(|resolution| resolution.to_f32());
+        let steps_per_mm = settings.steps_per_mm.map(StepsPerMm::to_f32);
         Self {
             steps_per_mm,
             speed_mm_s: settings.max_rate_mm_min.zip(steps_per_mm, |rate, steps| {
