@@ -7,6 +7,8 @@
 extern crate std;
 
 pub mod axis;
+pub mod gcode;
+pub mod interpreter;
 pub mod machine;
 pub mod math;
 pub mod planner;
