@@ -100,10 +100,14 @@ impl StepCounts {
         self.running.load(Relaxed)
     }
 
-    /// Whether the event queue ever ran empty in motion: a fault.
+    /// Takes the fault that the event queue ran empty in motion; for `prepare` alone.
     #[must_use]
-    pub fn has_starved(&self) -> bool {
-        self.starved.load(Relaxed)
+    pub fn take_starved(&self) -> bool {
+        let starved = self.starved.load(Relaxed);
+        if starved {
+            self.starved.store(false, Relaxed);
+        }
+        starved
     }
 }
 
