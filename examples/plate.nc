@@ -55,7 +55,7 @@ G3 X27 Y20 I-3 J0
 G3 X35 Y20 I4 J0
 G3 X25 Y20 I-5 J0
 G3 X35 Y20 I5 J0
-G3 X25 Y20 I5 J0
+G3 X25 Y20 I-5 J0
 G0 Z3
 (groove of short lines: a wave)
 G0 X14 Y34
