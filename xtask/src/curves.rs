@@ -107,7 +107,9 @@ mod tests {
 
     #[test]
     fn a_straight_line_needs_two_points() {
-        let points: Vec<_> = (0..100).map(|k| (f64::from(k), 2.0 * f64::from(k))).collect();
+        let points: Vec<_> = (0..100)
+            .map(|k| (f64::from(k), 2.0 * f64::from(k)))
+            .collect();
         assert_eq!(simplified(&points, 0.01), [points[0], points[99]]);
         let corner = [(0.0, 0.0), (5.0, 0.0), (5.0, 5.0)];
         assert_eq!(simplified(&corner, 0.01), corner);

@@ -11,6 +11,7 @@ use std::{
 
 use anstream::println;
 use anyhow::{Context, Result};
+use leadscrew::settings::Settings;
 use owo_colors::OwoColorize;
 use serde::{Serialize, Serializer, ser::SerializeSeq};
 
@@ -66,6 +67,22 @@ pub(crate) struct Final {
     pub(crate) mpos_mm: Vec<f64>,
     /// Machine position, steps.
     pub(crate) steps: Vec<i32>,
+}
+
+impl Final {
+    /// The positions in mm follow from those in steps.
+    pub(crate) fn new(state: String, steps: &[i32], settings: &Settings) -> Self {
+        let scales = settings.steps_per_mm.iter();
+        let mm = steps.iter().zip(scales).map(|(steps, scale)| {
+            // Millionths of a step per mm: whole, so the quotient is the nearest number.
+            f64::from(*steps) * 1e6 / scale.millionths() as f64
+        });
+        Self {
+            state,
+            mpos_mm: mm.collect(),
+            steps: steps.to_vec(),
+        }
+    }
 }
 
 /// Everything a run shows.
@@ -177,7 +194,7 @@ pub(crate) fn separated(number: u64) -> String {
     let digits = number.to_string();
     let mut text = String::new();
     for (index, digit) in digits.chars().enumerate() {
-        if index > 0 && (digits.len() - index) % 3 == 0 {
+        if index > 0 && (digits.len() - index).is_multiple_of(3) {
             text.push(' ');
         }
         text.push(digit);

@@ -5,13 +5,20 @@
 mod boards;
 mod build;
 mod cargo;
+mod conformance;
 mod curves;
 mod figures;
 mod flash;
+mod machine;
+mod on_target;
 mod plot;
 mod program;
 mod run;
 mod sender;
+mod serve;
+mod session;
+mod settings;
+mod sim;
 mod size;
 mod test;
 mod trace;
@@ -31,8 +38,10 @@ use clap::Parser;
 #[command(max_term_width = 100, arg_required_else_help = true)]
 enum Verb {
     Build(build::Options),
+    Conformance(conformance::Options),
     Flash(flash::Options),
     Run(run::Options),
+    Sim(sim::Options),
     Size(size::Options),
     Test(test::Options),
 }
@@ -48,8 +57,10 @@ fn main() -> ExitCode {
 fn run(verb: Verb) -> Result<ExitCode> {
     match verb {
         Verb::Build(options) => build::run(&options),
+        Verb::Conformance(options) => conformance::run(&options),
         Verb::Flash(options) => flash::run(&options),
         Verb::Run(options) => run::run(&options),
+        Verb::Sim(options) => sim::run(&options),
         Verb::Size(options) => size::run(&options),
         Verb::Test(options) => test::run(&options),
     }

@@ -1,6 +1,6 @@
 //! The picture of a run: tool path, speed and acceleration, drawn from the step trace.
 
-use std::{ops::Range, path::Path};
+use std::{fs, ops::Range, path::Path};
 
 use anyhow::{Context, Result, anyhow};
 use leadscrew::axis::{AXES, LETTERS, X, Y, Z};
@@ -17,8 +17,10 @@ use crate::{
 type Area<'a> = DrawingArea<SVGBackend<'a>, Shift>;
 type Chart<'a, 'b> = ChartContext<'a, SVGBackend<'b>, Cartesian2d<RangedCoordf64, RangedCoordf64>>;
 
-const WIDTH: u32 = 1280;
-const HEIGHT: u32 = 720;
+/// Units of the drawing in one pixel: coordinates are whole numbers, and curves need finer ones.
+const PX: i32 = 8;
+const WIDTH: i32 = 1280;
+const HEIGHT: i32 = 720;
 /// Height of the title.
 const HEAD: i32 = 64;
 /// Width of the part that shows the path.
@@ -76,27 +78,36 @@ type Drawn<T> = Result<T, Box<dyn std::error::Error>>;
 
 fn paint(path: &Path, picture: &Picture) -> Drawn<()> {
     let curves = Curves::of(picture.motion);
-    let root = SVGBackend::new(path, (WIDTH, HEIGHT)).into_drawing_area();
+    let mut text = String::new();
+    let size = ((WIDTH * PX) as u32, (HEIGHT * PX) as u32);
+    let root = SVGBackend::with_string(&mut text, size).into_drawing_area();
     root.fill(&PAPER)?;
-    let (head, body) = root.split_vertically(HEAD);
-    let title = ("sans-serif", 24).into_font().style(FontStyle::Bold);
+    let (head, body) = root.split_vertically(HEAD * PX);
+    let title = font(24).style(FontStyle::Bold);
     head.draw(&Text::new(
         picture.title.to_owned(),
-        (MARGIN + 4, 14),
+        ((MARGIN + 4) * PX, 14 * PX),
         title.color(&INK),
     ))?;
-    let small = ("sans-serif", 15).into_font().color(&FAINT_INK);
+    let small = font(15).color(&FAINT_INK);
     head.draw(&Text::new(
         picture.subtitle.to_owned(),
-        (MARGIN + 4, 43),
+        ((MARGIN + 4) * PX, 43 * PX),
         small,
     ))?;
-    let (left, right) = body.split_horizontally(PATH_WIDTH);
+    let (left, right) = body.split_horizontally(PATH_WIDTH * PX);
     draw_path(&left, picture.motion, &curves)?;
-    let (upper, lower) = right.split_vertically((HEIGHT as i32 - HEAD) / 2);
+    let (upper, lower) = right.split_vertically((HEIGHT - HEAD) / 2 * PX);
     draw_speed(&upper, picture.motion, &curves)?;
     draw_acceleration(&lower, picture, &curves)?;
     root.present()?;
+    drop((root, head, body, left, right, upper, lower));
+    // As large on the screen as meant, with the finer units kept in the view box.
+    let fine = format!(r#"width="{}" height="{}""#, size.0, size.1);
+    let meant = format!(
+        r#"width="{WIDTH}" height="{HEIGHT}" stroke-linecap="round" stroke-linejoin="round""#
+    );
+    fs::write(path, text.replacen(&fine, &meant, 1))?;
     Ok(())
 }
 
@@ -124,11 +135,11 @@ fn draw_path(area: &Area, motion: &Motion, curves: &Curves) -> Drawn<()> {
         extent(&motion.mm[Y]),
         extent(&motion.mm[Z]),
     );
-    let (area, scale_area) = area.split_vertically(HEIGHT as i32 - HEAD - 52);
+    let (area, scale_area) = area.split_vertically((HEIGHT - HEAD - 52) * PX);
     let length = |range: &Range<f64>| range.end - range.start;
-    let (width, height) = area.dim_in_pixel();
-    let across = f64::from(width as i32 - LABELS_LEFT - 2 * MARGIN);
-    let whole = f64::from(height as i32 - LABELS_BELOW - MARGIN);
+    let (width, height) = pixels(&area);
+    let across = f64::from(width - LABELS_LEFT - 2 * MARGIN);
+    let whole = f64::from(height - LABELS_BELOW - MARGIN);
     let room = 1.1;
     if moves(&motion.mm[Z]) {
         let panels = whole - f64::from(LABELS_BELOW + MARGIN);
@@ -141,7 +152,7 @@ fn draw_path(area: &Area, motion: &Motion, curves: &Curves) -> Drawn<()> {
             .max(length(&z) / front)
             * room;
         let cut = up as i32 + LABELS_BELOW + MARGIN;
-        let (above, below) = area.split_vertically(cut);
+        let (above, below) = area.split_vertically(cut * PX);
         let x = widened(&x, across * mm_per_pixel);
         let y = widened(&y, up * mm_per_pixel);
         let z = widened(&z, front * mm_per_pixel);
@@ -181,16 +192,16 @@ fn draw_plane(
     let mut start = 0;
     for index in 1..points.len() {
         if index + 1 == points.len() || level(index) != level(start) {
-            let stroke = simplified(&points[start..=index], pixel * 0.2);
+            let stroke = simplified(&points[start..=index], pixel * 0.15);
             strokes.push((level(start), stroke));
             start = index;
         }
     }
     // Fast moves first, so that slow ones, which cut, lie on top.
     strokes.sort_by_key(|(level, _)| std::cmp::Reverse(*level));
-    chart.draw_series(strokes.into_iter().map(|(level, stroke)| {
+    chart.draw_series(strokes.into_iter().map(|(level, points)| {
         let colour = colour(level as f64 / (LEVELS - 1) as f64);
-        PathElement::new(stroke, colour.stroke_width(2))
+        PathElement::new(points, colour.stroke_width(stroke(2)))
     }))?;
     Ok(())
 }
@@ -211,20 +222,24 @@ fn colour(share: f64) -> RGBColor {
 
 /// The legend of the path's colours.
 fn draw_scale(area: &Area, fastest: f64) -> Drawn<()> {
-    let (left, top, width, height) = (MARGIN + LABELS_LEFT, 12, 220, 10);
-    for step in 0..LEVELS as i32 {
-        let (from, to) = (
-            width * step / LEVELS as i32,
-            width * (step + 1) / LEVELS as i32,
-        );
+    let (left, top) = ((MARGIN + LABELS_LEFT) * PX, 12 * PX);
+    let (width, height) = (220 * PX, 10 * PX);
+    for step in 0..LEVELS {
+        let share = step as f64 / LEVELS as f64;
+        let from = (f64::from(width) * share) as i32;
+        let to = from + width / LEVELS as i32 + PX;
         area.draw(&Rectangle::new(
             [(left + from, top), (left + to, top + height)],
-            colour(f64::from(step) / (LEVELS - 1) as f64).filled(),
+            colour(step as f64 / (LEVELS - 1) as f64).filled(),
         ))?;
     }
-    let font = ("sans-serif", 14).into_font().color(&FAINT_INK);
+    let font = font(14).color(&FAINT_INK);
     let text = format!("0 to {:.0} mm/min along the path", fastest * 60.0);
-    area.draw(&Text::new(text, (left + width + 12, top - 3), font))?;
+    area.draw(&Text::new(
+        text,
+        (left + width + 12 * PX, top - 3 * PX),
+        font,
+    ))?;
     Ok(())
 }
 
@@ -237,48 +252,64 @@ fn draw_speed(area: &Area, motion: &Motion, curves: &Curves) -> Drawn<()> {
     let mut chart = chart(area, time_range(motion), 0.0..top, &labels)?;
     let line = thinned(&curves.speed, motion.spacing_s, 60.0);
     chart.draw_series(AreaSeries::new(line.iter().copied(), 0.0, SPEED.mix(0.13)))?;
-    chart.draw_series(LineSeries::new(line, SPEED.stroke_width(2)))?;
+    chart.draw_series(LineSeries::new(line, SPEED.stroke_width(stroke(2))))?;
     Ok(())
 }
 
 fn draw_acceleration(area: &Area, picture: &Picture, curves: &Curves) -> Drawn<()> {
     let motion = picture.motion;
-    let limits = curves.accelerations.iter();
-    let limit = limits.map(|(axis, _)| picture.limits_mm_s2[*axis]);
-    let top = limit.fold(1.0, f64::max) * 1.3;
+    let axes = || curves.accelerations.iter().map(|(axis, _)| *axis);
+    let mut limits: Vec<_> = axes().map(|axis| picture.limits_mm_s2[axis]).collect();
+    limits.sort_by(f64::total_cmp);
+    limits.dedup();
+    let top = limits.last().copied().unwrap_or(1.0) * 1.3;
     let labels = ["time, s".to_owned(), "acceleration, mm/s²".to_owned()];
     let mut chart = chart(area, time_range(motion), -top..top, &labels)?;
+    for limit in limits.into_iter().flat_map(|limit| [limit, -limit]) {
+        let ends = [(0.0, limit), (motion.duration_s(), limit)];
+        let style = FAINT_INK.mix(0.5).stroke_width(stroke(1));
+        chart.draw_series(DashedLineSeries::new(ends, 3 * PX, 4 * PX, style))?;
+    }
     for (axis, values) in &curves.accelerations {
-        let colour = AXIS_COLOURS[*axis];
-        for limit in [picture.limits_mm_s2[*axis], -picture.limits_mm_s2[*axis]] {
-            let ends = [(0.0, limit), (motion.duration_s(), limit)];
-            chart.draw_series(DashedLineSeries::new(
-                ends,
-                3,
-                4,
-                FAINT_INK.mix(0.5).stroke_width(1),
-            ))?;
-        }
-        let line = thinned(values, motion.spacing_s, 1.0);
-        let clipped = line
+        let style = AXIS_COLOURS[*axis].mix(0.85).stroke_width(stroke(2));
+        let points = thinned(values, motion.spacing_s, 1.0);
+        let clipped = points
             .into_iter()
             .map(|(time, value)| (time, value.clamp(-top, top)));
-        chart
-            .draw_series(LineSeries::new(clipped, colour.mix(0.85).stroke_width(2)))?
-            .label((LETTERS[*axis] as char).to_string())
-            .legend(move |(x, y)| PathElement::new([(x, y), (x + 16, y)], colour.stroke_width(3)));
+        chart.draw_series(LineSeries::new(clipped, style))?;
     }
-    if !curves.accelerations.is_empty() {
-        chart
-            .configure_series_labels()
-            .position(SeriesLabelPosition::UpperRight)
-            .label_font(("sans-serif", 14).into_font().color(&INK))
-            .background_style(PAPER.mix(0.85))
-            .border_style(GRID)
-            .legend_area_size(22)
-            .draw()?;
+    draw_legend(area, axes().collect())
+}
+
+/// Names the colours of the axes, above the right end of a chart.
+fn draw_legend(area: &Area, axes: Vec<usize>) -> Drawn<()> {
+    let (width, _) = pixels(area);
+    for (place, axis) in axes.into_iter().rev().enumerate() {
+        let right = (width - MARGIN - 44 * place as i32) * PX;
+        let style = AXIS_COLOURS[axis].stroke_width(stroke(3));
+        let ends = [(right - 32 * PX, 8 * PX), (right - 14 * PX, 8 * PX)];
+        area.draw(&PathElement::new(ends, style))?;
+        let name = char::from(LETTERS[axis]).to_string();
+        let style = font(14).color(&INK);
+        area.draw(&Text::new(name, (right - 9 * PX, PX), style))?;
     }
     Ok(())
+}
+
+/// A font of so many pixels.
+fn font(size: i32) -> FontDesc<'static> {
+    ("sans-serif", size * PX).into_font()
+}
+
+/// The width of a line of so many pixels.
+fn stroke(width: i32) -> u32 {
+    (width * PX) as u32
+}
+
+/// The size of an area, pixels.
+fn pixels(area: &Area) -> (i32, i32) {
+    let (width, height) = area.dim_in_pixel();
+    (width as i32 / PX, height as i32 / PX)
 }
 
 fn time_range(motion: &Motion) -> Range<f64> {
@@ -302,21 +333,22 @@ fn chart<'a, 'b>(
     };
     let (x_digits, y_digits) = (digits(&across), digits(&up));
     let mut chart = ChartBuilder::on(area)
-        .margin_left(MARGIN)
-        .margin_right(MARGIN)
-        .margin_top(MARGIN)
-        .margin_bottom(6)
-        .x_label_area_size(LABELS_BELOW)
-        .y_label_area_size(LABELS_LEFT)
+        .margin_left(MARGIN * PX)
+        .margin_right(MARGIN * PX)
+        .margin_top(MARGIN * PX)
+        .margin_bottom(6 * PX)
+        .x_label_area_size(LABELS_BELOW * PX)
+        .y_label_area_size(LABELS_LEFT * PX)
         .build_cartesian_2d(across, up)?;
-    let (_, height) = area.dim_in_pixel();
+    let (_, height) = pixels(area);
     chart
         .configure_mesh()
-        .bold_line_style(GRID.stroke_width(1))
+        .set_all_tick_mark_size(5 * PX)
+        .bold_line_style(GRID.stroke_width(stroke(1)))
         .light_line_style(TRANSPARENT)
-        .axis_style(FAINT_INK.mix(0.6))
-        .label_style(("sans-serif", 13).into_font().color(&INK))
-        .axis_desc_style(("sans-serif", 14).into_font().color(&FAINT_INK))
+        .axis_style(FAINT_INK.mix(0.6).stroke_width(stroke(1)))
+        .label_style(font(13).color(&INK))
+        .axis_desc_style(font(14).color(&FAINT_INK))
         .x_labels(9)
         .y_labels((height as usize / 50).clamp(3, 10))
         .x_desc(&labels[0])

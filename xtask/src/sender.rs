@@ -129,23 +129,35 @@ impl Sender {
 /// Whether a line may write to the settings memory, so that bytes sent behind it could be lost on
 /// an AVR: senders wait before and after it. `$` lines, `G10`, `G28.1` and `G30.1`.
 pub(crate) fn is_sent_alone(line: &[u8]) -> bool {
-    let text: Vec<u8> = line
-        .iter()
-        .filter(|byte| !byte.is_ascii_whitespace())
-        .map(u8::to_ascii_uppercase)
-        .collect();
-    if text.first() == Some(&b'$') {
-        return true;
+    let code = code(line);
+    code.first() == Some(&b'$')
+        || g_numbers(&code).any(|number| [10.0, 28.1, 30.1].contains(&number))
+}
+
+/// A line in upper case without blanks and comments.
+pub(crate) fn code(line: &[u8]) -> Vec<u8> {
+    let mut code = Vec::new();
+    let mut in_comment = false;
+    for byte in line {
+        match byte {
+            b';' if !in_comment => break,
+            b'(' => in_comment = true,
+            b')' => in_comment = false,
+            _ if in_comment || *byte <= b' ' => {}
+            _ => code.push(byte.to_ascii_uppercase()),
+        }
     }
-    text.split(|byte| *byte == b'G').skip(1).any(|word| {
+    code
+}
+
+/// The numbers of the `G` words in [`code`].
+pub(crate) fn g_numbers(code: &[u8]) -> impl Iterator<Item = f64> {
+    code.split(|byte| *byte == b'G').skip(1).filter_map(|word| {
         let end = word
             .iter()
             .position(|byte| !byte.is_ascii_digit() && *byte != b'.');
         let digits = &word[..end.unwrap_or(word.len())];
-        let number = str::from_utf8(digits)
-            .ok()
-            .and_then(|text| text.parse::<f64>().ok());
-        number.is_some_and(|number| [10.0, 28.1, 30.1].contains(&number))
+        str::from_utf8(digits).ok()?.parse().ok()
     })
 }
 
