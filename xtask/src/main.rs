@@ -13,6 +13,8 @@ mod machine;
 mod on_target;
 mod plot;
 mod program;
+mod qemu;
+mod refusal;
 mod run;
 mod sender;
 mod serve;
@@ -40,6 +42,7 @@ enum Verb {
     Build(build::Options),
     Conformance(conformance::Options),
     Flash(flash::Options),
+    Qemu(qemu::Options),
     Run(run::Options),
     Sim(sim::Options),
     Size(size::Options),
@@ -59,6 +62,7 @@ fn run(verb: Verb) -> Result<ExitCode> {
         Verb::Build(options) => build::run(&options),
         Verb::Conformance(options) => conformance::run(&options),
         Verb::Flash(options) => flash::run(&options),
+        Verb::Qemu(options) => qemu::run(&options),
         Verb::Run(options) => run::run(&options),
         Verb::Sim(options) => sim::run(&options),
         Verb::Size(options) => size::run(&options),
