@@ -53,7 +53,7 @@ const SPEED_COLOURS: [(f64, f64, f64); 5] = [
     (158.0, 211.0, 222.0),
 ];
 /// Steps of the colour scale.
-const LEVELS: usize = 24;
+const LEVELS: u16 = 24;
 
 /// What is drawn.
 pub(crate) struct Picture<'a> {
@@ -200,15 +200,15 @@ fn draw_plane(
     // Fast moves first, so that slow ones, which cut, lie on top.
     strokes.sort_by_key(|(level, _)| std::cmp::Reverse(*level));
     chart.draw_series(strokes.into_iter().map(|(level, points)| {
-        let colour = colour(level as f64 / (LEVELS - 1) as f64);
+        let colour = colour(f64::from(level) / f64::from(LEVELS - 1));
         PathElement::new(points, colour.stroke_width(stroke(2)))
     }))?;
     Ok(())
 }
 
 /// The step of the colour scale for a share of the highest speed.
-fn level_of(share: f64) -> usize {
-    ((share * LEVELS as f64) as usize).min(LEVELS - 1)
+fn level_of(share: f64) -> u16 {
+    ((share * f64::from(LEVELS)) as u16).min(LEVELS - 1)
 }
 
 /// The colour for a share of the highest speed.
@@ -225,12 +225,11 @@ fn draw_scale(area: &Area, fastest: f64) -> Drawn<()> {
     let (left, top) = ((MARGIN + LABELS_LEFT) * PX, 12 * PX);
     let (width, height) = (220 * PX, 10 * PX);
     for step in 0..LEVELS {
-        let share = step as f64 / LEVELS as f64;
-        let from = (f64::from(width) * share) as i32;
-        let to = from + width / LEVELS as i32 + PX;
+        let from = width * i32::from(step) / i32::from(LEVELS);
+        let to = width * i32::from(step + 1) / i32::from(LEVELS) + PX / 2;
         area.draw(&Rectangle::new(
             [(left + from, top), (left + to, top + height)],
-            colour(step as f64 / (LEVELS - 1) as f64).filled(),
+            colour(f64::from(step) / f64::from(LEVELS - 1)).filled(),
         ))?;
     }
     let font = font(14).color(&FAINT_INK);
@@ -284,8 +283,8 @@ fn draw_acceleration(area: &Area, picture: &Picture, curves: &Curves) -> Drawn<(
 /// Names the colours of the axes, above the right end of a chart.
 fn draw_legend(area: &Area, axes: Vec<usize>) -> Drawn<()> {
     let (width, _) = pixels(area);
-    for (place, axis) in axes.into_iter().rev().enumerate() {
-        let right = (width - MARGIN - 44 * place as i32) * PX;
+    for (place, axis) in (0..).zip(axes.into_iter().rev()) {
+        let right = (width - MARGIN - 44 * place) * PX;
         let style = AXIS_COLOURS[axis].stroke_width(stroke(3));
         let ends = [(right - 32 * PX, 8 * PX), (right - 14 * PX, 8 * PX)];
         area.draw(&PathElement::new(ends, style))?;
@@ -309,7 +308,7 @@ fn stroke(width: i32) -> u32 {
 /// The size of an area, pixels.
 fn pixels(area: &Area) -> (i32, i32) {
     let (width, height) = area.dim_in_pixel();
-    (width as i32 / PX, height as i32 / PX)
+    (width.cast_signed() / PX, height.cast_signed() / PX)
 }
 
 fn time_range(motion: &Motion) -> Range<f64> {

@@ -141,6 +141,9 @@ fn simulate(path: &Path, settings: &Settings, options: &Options) -> Result<Figur
     observer.table = options.trace.as_deref().map(Table::create).transpose()?;
     observer.samples = options.plot.as_ref().map(|_| Samples::default());
     let (figures, motion) = stream(program, settings, observer)?;
+    if figures.lines == 0 {
+        ui::warning(&format!("{} is empty", path.display()));
+    }
     if let (Some(output), Some(motion)) = (&options.plot, motion) {
         let name = path.file_name().unwrap_or(path.as_os_str());
         plot::draw(

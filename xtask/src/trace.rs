@@ -247,30 +247,28 @@ impl Motion {
     /// Speed and acceleration of one axis at each sample, mm/s and mm/s²: a parabola is fitted to
     /// the samples within `reach` of each (least squares, Savitzky and Golay 1964).
     pub(crate) fn derivatives(&self, axis: usize, reach: usize) -> (Vec<f64>, Vec<f64>) {
-        let reach = reach.max(1) as i64;
+        let reach = i32::try_from(reach.max(1)).unwrap_or(i32::MAX / 2);
         let mm = &self.mm[axis];
-        let sums = (-reach..=reach).fold([0.0; 2], |[squares, fourths], k| {
-            let square = (k * k) as f64;
+        let [s2, s4] = (-reach..=reach).fold([0.0; 2], |[squares, fourths], k| {
+            let square = f64::from(k).powi(2);
             [squares + square, fourths + square * square]
         });
-        let [s2, s4] = sums;
-        let n = (2 * reach + 1) as f64;
-        let last = mm.len() as i64 - 1;
-        let at = |index: i64| mm[index.clamp(0, last) as usize];
-        let fit = |centre: i64| {
-            let here = at(centre);
+        let n = f64::from(2 * reach + 1);
+        let last = mm.len().saturating_sub(1);
+        let at = |index: usize, k: i32| mm[index.saturating_add_signed(k as isize).min(last)];
+        let fit = |index: usize| {
             let (mut odd, mut even, mut all) = (0.0, 0.0, 0.0);
             for k in -reach..=reach {
-                let value = at(centre + k) - here;
-                odd += k as f64 * value;
-                even += (k * k) as f64 * value;
+                let value = at(index, k) - mm[index];
+                odd += f64::from(k) * value;
+                even += f64::from(k).powi(2) * value;
                 all += value;
             }
             let curvature = (n * even - s2 * all) / (n * s4 - s2 * s2);
             let spacing = self.spacing_s;
             (odd / s2 / spacing, 2.0 * curvature / (spacing * spacing))
         };
-        (0..mm.len() as i64).map(fit).unzip()
+        (0..mm.len()).map(fit).unzip()
     }
 }
 
@@ -330,7 +328,9 @@ mod tests {
     fn speed_and_acceleration_of_a_trapezoid_are_found() {
         let (rows, total) = trapezoid();
         let mut samples = Samples::default();
-        rows.iter().for_each(|row| samples.push(row));
+        for row in &rows {
+            samples.push(row);
+        }
         let motion = samples.finish([80.0; AXES]);
         assert!((motion.duration_s() - total).abs() < 0.02);
         let (speeds, accelerations) = motion.derivatives(0, 4);
