@@ -80,7 +80,10 @@ impl Limits {
 pub struct Router {
     settings: Settings,
     limits: Limits,
+    /// Where the last command ended.
     position: Axes<Nm>,
+    /// Where the last move with a step ended, as a coordinate and in steps.
+    sent: Axes<Nm>,
     fine: Axes<FineSteps>,
     steps: Axes<Steps>,
     /// Direction at the end of the block before.
@@ -95,6 +98,7 @@ impl Router {
             settings: *settings,
             limits: Limits::new(settings),
             position: Axes::all(Nm(0)),
+            sent: Axes::all(Nm(0)),
             fine: Axes::all(FineSteps(0)),
             steps: Axes::all(Steps(0)),
             tangent: Axes::all(0.0),
@@ -118,6 +122,7 @@ impl Router {
             .zip(self.steps, |resolution, steps| {
                 resolution.position_of(steps)
             });
+        self.sent = self.position;
         self.position
     }
 
@@ -144,9 +149,10 @@ impl Router {
     fn line(&mut self, target: Axes<Nm>, pace: Pace, line: u32) -> Option<Work> {
         let end = self.place(target);
         if end.steps == self.steps {
+            self.position = target;
             return None;
         }
-        let way = target.zip(self.position, |to, from| (to - from).to_mm());
+        let way = target.zip(self.sent, |to, from| (to - from).to_mm());
         let length_mm = length(&way);
         let direction = way.map(|way| way / length_mm);
         let tangent = unit(direction);
@@ -172,14 +178,19 @@ impl Router {
     fn arc(&mut self, target: Axes<Nm>, circle: &Circle, pace: Pace, line: u32) -> Option<Work> {
         let (first, second, _) = circle.plane.axes();
         let way = target.zip(self.position, |to, from| to - from);
-        let arc = Arc::new(circle, way[first], way[second]);
+        let behind = self.position.zip(self.sent, |to, from| to - from);
+        let arc = Arc::new(circle, way[first], way[second]).begun_at(
+            circle,
+            behind[first],
+            behind[second],
+        );
         let finest = self.limits.steps_per_mm[first].max(self.limits.steps_per_mm[second]);
         if arc.length_mm() as f32 * finest < 0.5 {
             // Shorter than half a step in its plane: what is left of it is a line.
             return self.line(target, pace, line);
         }
         let end = self.place(target);
-        let mut linear = way.map(Nm::to_mm);
+        let mut linear = target.zip(self.sent, |to, from| (to - from).to_mm());
         linear[first] = 0.0;
         linear[second] = 0.0;
         let plane_mm = arc.length_mm() as f32;
@@ -245,7 +256,7 @@ impl Router {
             fine: self.fine,
         };
         for axis in 0..AXES {
-            if target[axis] != self.position[axis] {
+            if target[axis] != self.sent[axis] {
                 (end.steps[axis], end.fine[axis]) =
                     self.settings.steps_per_mm[axis].steps_at(target[axis]);
             }
@@ -255,6 +266,7 @@ impl Router {
 
     fn finish(&mut self, target: Axes<Nm>, end: End, tangent: Axes<f32>) {
         self.position = target;
+        self.sent = target;
         self.steps = end.steps;
         self.fine = end.fine;
         self.tangent = tangent;
@@ -302,6 +314,23 @@ impl Arc {
             radius: [libm::hypot(x0, y0), libm::hypot(x1, y1)],
             start: libm::atan2(y0, x0),
             sweep,
+        }
+    }
+
+    /// The same arc from a start that lies behind its own by a way shorter than a step.
+    fn begun_at(self, circle: &Circle, behind_first: Nm, behind_second: Nm) -> Self {
+        if behind_first == Nm(0) && behind_second == Nm(0) {
+            return self;
+        }
+        let [x0, y0] = circle.centre.map(|centre| -centre.to_mm_f64());
+        let (x, y) = (
+            x0 - behind_first.to_mm_f64(),
+            y0 - behind_second.to_mm_f64(),
+        );
+        Self {
+            radius: [libm::hypot(x, y), self.radius[1]],
+            start: libm::atan2(y, x),
+            sweep: self.sweep + libm::atan2(x * y0 - y * x0, x * x0 + y * y0),
         }
     }
 
