@@ -9,7 +9,7 @@ use crate::{
     axis::{AXES, Axes},
     math,
     settings::Settings,
-    stepper::PULSE_LOW_TICKS,
+    stepper::{EVENT_SPACING_TICKS, PULSE_LOW_TICKS},
     units::{FineSteps, Nm, Steps, StepsPerMm, TICKS_PER_SECOND, TICKS_PER_US},
 };
 
@@ -33,7 +33,10 @@ struct Limits {
 
 impl Limits {
     fn new(settings: &Settings) -> Self {
-        let pulse_ticks = u32::from(settings.step_pulse_us) * TICKS_PER_US + PULSE_LOW_TICKS;
+        // Steps of other axes may delay one: it has to be able to catch up.
+        let pulse_ticks = u32::from(settings.step_pulse_us) * TICKS_PER_US
+            + PULSE_LOW_TICKS
+            + EVENT_SPACING_TICKS;
         let step_rate = (TICKS_PER_SECOND as f32 / pulse_ticks as f32).min(MAX_STEP_RATE_HZ);
         let steps_per_mm = settings.steps_per_mm.map(StepsPerMm::to_f32);
         Self {

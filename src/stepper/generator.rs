@@ -20,7 +20,9 @@ use crate::{
 /// Longest time that the end of a pulse waits to share an event, ticks.
 const SHARE_TICKS: u32 = 10 * TICKS_PER_US;
 /// Events that one step, with the ends of pulses before it, can need; waiting events apart.
-const EVENTS_PER_STEP: usize = 4;
+const EVENTS_PER_STEP: usize = 5;
+/// Groups of pulses that can overlap: with three axes each has its own end.
+const PULSES: usize = 3;
 /// Relative change of speed from one step to the next above which a step time is computed by the
 /// quadratic formula instead of from the step before.
 const SLOW_CHANGE: f32 = 0.01;
@@ -131,14 +133,16 @@ pub struct Generator {
     is_boundary: bool,
     /// The segment is not finished.
     is_open: bool,
-    /// The segment has other directions than the one before, and no step yet.
-    turns: bool,
+    /// Axes that reverse with the segment, which has no step yet.
+    turns: u32,
+    /// Axes whose direction has just changed, and when they may step.
+    turned: High,
     /// The segment is the standstill after the last one.
     is_rest: bool,
     /// Events put so far, wrapping.
     puts: u16,
-    /// Pulses that are high, the older first.
-    high: [High; 2],
+    /// Pulses that are high, the oldest first.
+    high: [High; PULSES],
     /// Pulses that ended last, and when.
     low: High,
     directions: u8,
@@ -158,10 +162,11 @@ impl Generator {
             last: 0,
             is_boundary: false,
             is_open: false,
-            turns: false,
+            turns: 0,
+            turned: High { mask: 0, due: 0 },
             is_rest: false,
             puts: 0,
-            high: [High { mask: 0, due: 0 }; 2],
+            high: [High { mask: 0, due: 0 }; PULSES],
             low: High { mask: 0, due: 0 },
             directions: 0,
             pulse_ticks: (10 * TICKS_PER_US).cast_signed(),
@@ -259,7 +264,8 @@ impl Generator {
         self.ticks = ticks;
         self.is_boundary = true;
         self.is_open = true;
-        self.turns = directions != self.directions;
+        self.turned.due = self.turned.due.saturating_sub(elapsed);
+        self.turns = u32::from(directions ^ self.directions);
         self.directions = directions;
     }
 
@@ -311,19 +317,20 @@ impl Generator {
         if mask & self.low.mask != 0 {
             time = time.max(self.low.due);
         }
-        if self.turns {
-            time = time.max(self.turn(events));
+        if self.turns != 0 {
+            self.turn(events);
+        }
+        if mask & self.turned.mask != 0 {
+            time = time.max(self.turned.due);
         }
         time = time.max(self.last + SPACING);
-        // wcet-bound: 2
+        // wcet-bound: 3
         while self.high[0].mask != 0
-            && ((self.high[0].mask | self.high[1].mask) & mask != 0
-                || time > self.high[0].due + SHARE_TICKS.cast_signed())
+            && (self.high_mask() & mask != 0 || time > self.high[0].due + SHARE_TICKS.cast_signed())
         {
-            let [ended, younger] = self.high;
+            let ended = self.take_oldest();
             let at = ended.due.max(self.last + SPACING);
             self.put(at, 0, ended.mask, events);
-            self.high = [younger, High::default()];
             self.low = High {
                 mask: ended.mask,
                 due: at + LOW,
@@ -332,10 +339,9 @@ impl Generator {
             time = time.max(at + earliest);
         }
         let mut drop = 0;
-        // wcet-bound: 2
+        // wcet-bound: 3
         while self.high[0].mask != 0 && time >= self.high[0].due {
-            drop |= self.high[0].mask;
-            self.high = [self.high[1], High::default()];
+            drop |= self.take_oldest().mask;
         }
         self.put(time, mask, drop, events);
         if drop != 0 {
@@ -345,26 +351,49 @@ impl Generator {
             };
         }
         let due = time + self.pulse_ticks;
-        let place = usize::from(self.high[0].mask != 0);
+        let [oldest, middle, _] = &self.high;
+        let place = usize::from(oldest.mask != 0) + usize::from(middle.mask != 0);
         self.high[place].mask |= mask;
         self.high[place].due = due;
     }
 
-    /// Ends all pulses, so that directions can change; the earliest time of the next step.
-    #[inline(never)]
-    fn turn(&mut self, events: &mut Producer<'_, StepEvent>) -> i32 {
-        self.turns = false;
-        // The segment begins with the event that follows: directions change when these are over.
-        self.is_boundary = false;
-        self.end_pulses(events);
-        self.is_boundary = true;
-        self.last + DIRECTION_SETUP_TICKS.cast_signed()
+    /// All axes whose pulse is high.
+    #[inline]
+    fn high_mask(&self) -> u32 {
+        self.high.iter().fold(0, |mask, high| mask | high.mask)
     }
 
+    /// Takes the pulses that have been high for the longest time.
+    #[inline]
+    fn take_oldest(&mut self) -> High {
+        let [oldest, middle, newest] = self.high;
+        self.high = [middle, newest, High::default()];
+        oldest
+    }
+
+    /// Ends the pulses of axes that reverse: the segment begins with the event that follows, and
+    /// directions change when the one before it is over.
+    #[inline(never)]
+    fn turn(&mut self, events: &mut Producer<'_, StepEvent>) {
+        if self.high_mask() & self.turns != 0 {
+            self.end_pulses(events);
+        }
+        if self.turned.due <= self.last {
+            self.turned.mask = 0;
+        }
+        self.turned = High {
+            mask: self.turned.mask | self.turns,
+            due: self.last + DIRECTION_SETUP_TICKS.cast_signed(),
+        };
+        self.turns = 0;
+    }
+
+    /// Ends all pulses, still in the segment before.
     fn end_pulses(&mut self, events: &mut Producer<'_, StepEvent>) {
-        // wcet-bound: 2
-        for _ in 0..2 {
-            let [ended, younger] = self.high;
+        let is_boundary = core::mem::replace(&mut self.is_boundary, false);
+        // wcet-bound: 3
+        for _ in 0..PULSES {
+            let ended = self.take_oldest();
             if ended.mask != 0 {
                 let at = ended.due.max(self.last + EVENT_SPACING_TICKS.cast_signed());
                 self.put(at, 0, ended.mask, events);
@@ -373,8 +402,8 @@ impl Generator {
                     due: at + PULSE_LOW_TICKS.cast_signed(),
                 };
             }
-            self.high = [younger, High::default()];
         }
+        self.is_boundary = is_boundary;
     }
 
     /// Finishes the segment: one without steps still has an event, at its end.
@@ -382,7 +411,7 @@ impl Generator {
     fn close(&mut self, events: &mut Producer<'_, StepEvent>) {
         if self.is_rest {
             self.is_rest = false;
-            self.turn(events);
+            self.end_pulses(events);
         }
         if self.is_boundary {
             let spaced = self.last + EVENT_SPACING_TICKS.cast_signed();
