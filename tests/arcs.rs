@@ -9,7 +9,7 @@ use leadscrew::{
     units::Nm,
 };
 use proptest::prelude::*;
-use support::{Rig, Trace, arc, at, check_path, line, target_steps, with};
+use support::{Rig, Trace, arc, at, cases, check_path, line, target_steps, with};
 
 const ROTATIONS: [Rotation; 2] = [Rotation::Clockwise, Rotation::CounterClockwise];
 const PLANES: [Plane; 3] = [Plane::Xy, Plane::Zx, Plane::Yz];
@@ -252,7 +252,7 @@ fn an_arc_meets_lines_without_a_jump_of_position() {
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig { cases: 48, failure_persistence: None, ..ProptestConfig::default() })]
+    #![proptest_config(cases(48))]
 
     #[test]
     fn random_arcs_stay_within_half_a_step(

@@ -2,6 +2,8 @@
 #![allow(dead_code, reason = "each test uses a part of it")]
 
 #[cfg(not(target_os = "none"))]
+mod limits;
+#[cfg(not(target_os = "none"))]
 mod path;
 #[cfg(not(target_os = "none"))]
 mod rig;
@@ -9,16 +11,17 @@ mod rig;
 mod trace;
 
 #[cfg(not(target_os = "none"))]
-pub(crate) use {host::*, path::*, rig::*, trace::*};
+pub(crate) use {host::*, limits::*, path::*, rig::*, trace::*};
 
 #[cfg(not(target_os = "none"))]
 mod host {
     use leadscrew::{
-        axis::{AXES, Axes},
+        axis::Axes,
         planner::{Circle, Command, Pace, Plane, Rotation},
         settings::Settings,
         units::{Nm, StepsPerMm},
     };
+    use proptest::prelude::ProptestConfig;
 
     /// 80 steps/mm, 5000 mm/min, 500 mm/s² on every axis.
     pub(crate) fn fast() -> Settings {
@@ -108,5 +111,13 @@ mod host {
         (1..).zip(commands).map(|(n, c)| numbered(c, n)).collect()
     }
 
-    pub(crate) const AXIS_BITS: u32 = (1 << AXES) - 1;
+    /// A number of random cases, times `LEADSCREW_CASES` for a longer search.
+    pub(crate) fn cases(cases: u32) -> ProptestConfig {
+        let factor = std::env::var("LEADSCREW_CASES").map_or(1, |text| text.parse().unwrap());
+        ProptestConfig {
+            cases: cases * factor,
+            failure_persistence: None,
+            ..ProptestConfig::default()
+        }
+    }
 }
