@@ -11,8 +11,8 @@ use leadscrew::{
 };
 use proptest::prelude::*;
 use support::{
-    Act, RESET, Rig, Trace, arc, cases, check_limits, check_path, fast, line, line_at, number, target,
-    target_steps, with,
+    Act, RESET, Rig, Trace, arc, cases, check_limits, check_path, fast, line, line_at, number,
+    target, target_steps, with,
 };
 
 /// A move too short for a step becomes part of the next: that one's path begins up to a step off.
@@ -48,7 +48,13 @@ fn the_same_program_twice_makes_the_same_trace() {
     let settings = with(&[78.74, 320.0, 400.0], &[9000.0], &[700.0]);
     let commands = [
         line(&[10.0, -5.0, 2.5], 3000.0),
-        arc(Plane::Xy, Rotation::Clockwise, &[10.0, -5.0, 4.0], [1.0, 2.0], 1500.0),
+        arc(
+            Plane::Xy,
+            Rotation::Clockwise,
+            &[10.0, -5.0, 4.0],
+            [1.0, 2.0],
+            1500.0,
+        ),
         line(&[-3.0, 4.0, 2.5], 9000.0),
     ];
     let acts = [(9_000_000, b'!'), (12_000_000, b'~'), (60_000_000, RESET)];
@@ -62,7 +68,16 @@ fn the_same_program_twice_makes_the_same_trace() {
 
 fn settings() -> impl Strategy<Value = Settings> {
     let steps = prop::sample::select(vec![
-        1.0, 10.0, 78.74, 80.0, 157.480_315, 250.0, 320.0, 1000.0 / 3.0, 400.0, 1280.0,
+        1.0,
+        10.0,
+        78.74,
+        80.0,
+        157.480_315,
+        250.0,
+        320.0,
+        1000.0 / 3.0,
+        400.0,
+        1280.0,
     ]);
     (
         prop::array::uniform3(steps),
@@ -89,7 +104,10 @@ fn lines() -> impl Strategy<Value = Vec<Command>> {
         (30.0..3000.0_f32).prop_map(Pace::InverseTime),
     ];
     let line = (prop::array::uniform3(coordinate), pace).prop_map(|(nm, pace)| {
-        line_at(Axes::from_fn(|axis| nm.get(axis).map_or(Nm(0), |nm| Nm(*nm))), pace)
+        line_at(
+            Axes::from_fn(|axis| nm.get(axis).map_or(Nm(0), |nm| Nm(*nm))),
+            pace,
+        )
     });
     prop::collection::vec(line, 1..12)
 }

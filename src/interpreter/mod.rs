@@ -17,7 +17,7 @@ use heapless::Vec;
 use crate::{
     axis::Axes,
     gcode::{Flow, LineError, Modal, Reference, WorkCoordinates},
-    planner::{Circle, Command},
+    planner::{Circle, Command, Target},
     settings::Settings,
     units::Nm,
 };
@@ -31,6 +31,8 @@ pub struct Interpreter {
     modal: Modal,
     offsets: Offsets,
     position: Axes<Nm>,
+    /// The position in Grbl's single precision, mm: see [`Target::single_mm`].
+    single_mm: Axes<f32>,
 }
 
 /// A line without errors, ready to be committed.
@@ -50,6 +52,8 @@ pub struct Checked {
     tool_length: Nm,
     /// Target of the move, or what the action sets.
     values: Axes<Nm>,
+    /// A target in Grbl's single precision, mm.
+    single_mm: Axes<f32>,
     path: Path,
 }
 
@@ -80,7 +84,7 @@ enum Path {
 }
 
 /// What a committed line asks for.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, Default, PartialEq)]
 pub struct Outcome {
     /// What to execute, in order.
     pub commands: Vec<Command, COMMANDS>,
@@ -96,6 +100,14 @@ pub enum Message {
 }
 
 impl Checked {
+    /// Where the axis words lead.
+    fn target(&self) -> Target {
+        Target {
+            position: self.values,
+            single_mm: self.single_mm,
+        }
+    }
+
     /// Whether everything before the line must be executed before it is committed.
     ///
     /// As in Grbl: where the work offset, a stored position, the spindle or the coolant changes,
@@ -134,6 +146,7 @@ impl Interpreter {
             modal: Modal::default(),
             offsets: Offsets::default(),
             position: Axes::all(Nm(0)),
+            single_mm: Axes::all(0.0),
         }
     }
 
@@ -148,7 +161,15 @@ impl Interpreter {
 
     /// Carries out a line that was checked against the present state.
     pub fn commit(&mut self, checked: &Checked) -> Outcome {
-        commit::commit(self, checked)
+        let mut outcome = Outcome::default();
+        self.commit_into(checked, &mut outcome);
+        outcome
+    }
+
+    /// As [`Self::commit`], but replaces an outcome that the caller keeps: it is too large to be
+    /// copied for every line.
+    pub fn commit_into(&mut self, checked: &Checked, outcome: &mut Outcome) {
+        commit::commit(self, checked, outcome);
     }
 
     /// Back to the power-up modes; the position, `G54` to `G59`, `G28` and `G30` stay.
@@ -167,6 +188,7 @@ impl Interpreter {
     /// Tells where the machine is.
     pub fn set_position(&mut self, position: Axes<Nm>) {
         self.position = position;
+        self.single_mm = position.map(Nm::to_mm);
     }
 
     /// Machine position minus work position: work coordinate system, `G92` and tool length.

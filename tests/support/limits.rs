@@ -37,14 +37,22 @@ pub(crate) fn peaks(settings: &Settings, trace: &Trace, axis: usize, window_s: f
         }
         let ends_at = |from: usize, index: &mut usize| {
             *index = (*index).max(from);
-            while steps.get(*index).is_some_and(|s| s.seconds - steps[from].seconds < window_s) {
+            while steps
+                .get(*index)
+                .is_some_and(|s| s.seconds - steps[from].seconds < window_s)
+            {
                 *index += 1;
             }
             steps.get(*index)
         };
-        let Some(middle) = ends_at(i, &mut j) else { break };
+        let Some(middle) = ends_at(i, &mut j) else {
+            break;
+        };
         let mean = |a: &Step, b: &Step| {
-            ((crossing(b) - crossing(a)) / (b.seconds - a.seconds) * mm, b.seconds - a.seconds)
+            (
+                (crossing(b) - crossing(a)) / (b.seconds - a.seconds) * mm,
+                b.seconds - a.seconds,
+            )
         };
         let (v1, t1) = mean(first, middle);
         if first.line == middle.line {
@@ -53,7 +61,9 @@ pub(crate) fn peaks(settings: &Settings, trace: &Trace, axis: usize, window_s: f
                 (peaks.speed_mm_s, peaks.fastest_at) = (v1.abs() - shift, first.seconds);
             }
         }
-        let Some(last) = ends_at(j, &mut k) else { continue };
+        let Some(last) = ends_at(j, &mut k) else {
+            continue;
+        };
         if first.line == last.line {
             let (v2, t2) = mean(middle, last);
             let v = v1.abs().max(v2.abs());
