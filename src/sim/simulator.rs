@@ -166,9 +166,12 @@ impl Simulator {
     fn report(&mut self) {
         let free = self.received_free();
         let (mut sent, _) = self.sent.split();
-        let progress =
-            self.session
-                .report(self.drive.motion.snapshot(), &self.requests, free, &mut sent);
+        let progress = self.session.report(
+            self.drive.motion.snapshot(),
+            &self.requests,
+            free,
+            &mut sent,
+        );
         self.is_report_released = progress == Progress::Again;
     }
 }

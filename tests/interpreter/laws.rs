@@ -84,7 +84,7 @@ proptest! {
                     for command in &outcome.commands {
                         if let Command::Line { target, .. } | Command::Arc { target, .. } = command {
                             for axis in 0..AXES {
-                                prop_assert!(target[axis].0.abs() <= farthest[axis].0);
+                                prop_assert!(target.position[axis].0.abs() <= farthest[axis].0);
                             }
                         }
                     }

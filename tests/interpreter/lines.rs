@@ -16,7 +16,7 @@ fn a_move_has_target_pace_and_line_number() {
     assert_eq!(
         commands(&["N7 G1 X1.5 Y-2 F100".replace(' ', "").as_str()]),
         [Command::Line {
-            target: um(1500, -2000, 0),
+            target: um(1500, -2000, 0).into(),
             pace: Pace::Feed(100.0),
             line: 7,
         }]

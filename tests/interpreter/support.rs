@@ -48,7 +48,7 @@ pub(crate) fn um(x: i64, y: i64, z: i64) -> Axes<Nm> {
 
 pub(crate) fn line(target: Axes<Nm>, pace: Pace) -> Command {
     Command::Line {
-        target,
+        target: target.into(),
         pace,
         line: 0,
     }
