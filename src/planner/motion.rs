@@ -16,8 +16,8 @@ use crate::{
     protocol::realtime::Requests,
     settings::Settings,
     stepper::{
-        AHEAD_TICKS, AxisMotion, Generator, SEGMENT_RING, SEGMENT_TICKS, Segment, SegmentInfo,
-        StepCounts, StepEvent,
+        AHEAD_TICKS, AxisMotion, EventWriter, Generator, SEGMENT_RING, SEGMENT_TICKS, Segment,
+        SegmentInfo, StepCounts,
     },
     units::{FineSteps, TICKS_PER_MS},
 };
@@ -113,7 +113,7 @@ impl Motion {
         requests: &Requests,
         counts: &StepCounts,
         entries: &mut Consumer<'_, Entry>,
-        events: &mut Producer<'_, StepEvent>,
+        events: &mut EventWriter<'_>,
         infos: &mut Producer<'_, SegmentInfo>,
     ) -> Prepared {
         if counts.take_starved() {
@@ -266,7 +266,7 @@ impl Motion {
     fn generate(
         &mut self,
         counts: &StepCounts,
-        events: &mut Producer<'_, StepEvent>,
+        events: &mut EventWriter<'_>,
         infos: &mut Producer<'_, SegmentInfo>,
     ) {
         // wcet-bound: 32

@@ -6,7 +6,7 @@ use crate::{
     planner::{Entry, Motion},
     protocol::realtime::Requests,
     settings::Settings,
-    stepper::{EVENT_RING, SEGMENT_RING, SegmentInfo, StepCounts, StepEvent, Stepper},
+    stepper::{EventRing, SEGMENT_RING, SegmentInfo, StepCounts, Stepper},
 };
 
 /// Entries that may wait for `prepare`, and one more.
@@ -34,7 +34,7 @@ pub struct Drive {
     pub counts: StepCounts,
     /// Entries for `prepare`.
     pub entries: Queue<Entry, ENTRY_RING>,
-    events: Queue<StepEvent, EVENT_RING>,
+    events: EventRing,
     infos: Queue<SegmentInfo, SEGMENT_RING>,
     /// When the step interrupt is due, and what the pins do then.
     due: Option<Edge>,
@@ -52,7 +52,7 @@ impl Drive {
             stepper: Stepper::new(),
             counts: StepCounts::new(),
             entries: Queue::new(),
-            events: Queue::new(),
+            events: EventRing::new(),
             infos: Queue::new(),
             due: None,
             is_prepare_released: false,
