@@ -86,7 +86,7 @@ impl Session {
         }
         let offset = self.interpreter.work_offset();
         let coordinates = self.interpreter.modal().coordinates;
-        self.outcome = self.interpreter.commit(&checked);
+        self.interpreter.commit_into(&checked, &mut self.outcome);
         self.answers_when_done = checked.answers_when_done();
         if offset != self.interpreter.work_offset()
             || coordinates != self.interpreter.modal().coordinates
