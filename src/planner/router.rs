@@ -146,7 +146,9 @@ impl Router {
         if end.steps == self.steps {
             return None;
         }
-        let way = target.position.zip(self.position, |to, from| (to - from).to_mm());
+        let way = target
+            .position
+            .zip(self.position, |to, from| (to - from).to_mm());
         let length_mm = length(&way);
         let direction = way.map(|way| way / length_mm);
         let tangent = unit(direction);
