@@ -51,7 +51,7 @@ impl Limits {
         let mut smallest = f32::MAX;
         for (limit, share) in limits.iter().zip(direction) {
             if *share != 0.0 {
-                smallest = smallest.min(limit / share.abs());
+                smallest = math::min(smallest, limit / share.abs());
             }
         }
         smallest
@@ -352,5 +352,5 @@ fn pace_mm_s(pace: Pace, length_mm: f32, limit_mm_s: f32) -> f32 {
         Pace::Feed(mm_min) => mm_min / 60.0,
         Pace::InverseTime(per_min) => length_mm * per_min / 60.0,
     };
-    asked.max(MIN_SPEED_MM_S).min(limit_mm_s)
+    math::min(math::max(asked, MIN_SPEED_MM_S), limit_mm_s)
 }
