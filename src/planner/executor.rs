@@ -162,7 +162,9 @@ impl Executor {
             return finish(speed, left_mm, exit_speed, left_mm, || exit_speed);
         }
         let reached = math::sqrt(block.speed_sqr(exit + per_mm * (left_mm - way)));
-        finish(speed, way, math::min(reached, speed), left_mm, || exit_speed)
+        finish(speed, way, math::min(reached, speed), left_mm, || {
+            exit_speed
+        })
     }
 
     /// A stretch towards a standstill.

@@ -165,10 +165,7 @@ impl Cursor {
 
     /// Puts a step of the axes in `mask`, and the ends of pulses that have to come before it.
     #[inline(always)]
-    #[expect(
-        clippy::inline_always,
-        reason = "keeps the cursor in registers"
-    )]
+    #[expect(clippy::inline_always, reason = "keeps the cursor in registers")]
     fn step(&mut self, time: i32, mask: u32, pulse_ticks: i32, events: &mut EventBatch<'_>) {
         // wcet-bound: 2
         while self.older.mask != 0
