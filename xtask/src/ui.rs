@@ -1,0 +1,32 @@
+//! What the user sees: progress, headings and errors, coloured where the terminal shows colour.
+
+use anstream::{eprint, eprintln};
+use clap::builder::styling::{AnsiColor, Styles};
+use owo_colors::OwoColorize;
+
+/// Colours of the help, as Cargo's own.
+pub(crate) const STYLES: Styles = Styles::styled()
+    .header(AnsiColor::Green.on_default().bold())
+    .usage(AnsiColor::Green.on_default().bold())
+    .literal(AnsiColor::Cyan.on_default().bold())
+    .placeholder(AnsiColor::Cyan.on_default())
+    .error(AnsiColor::Red.on_default().bold())
+    .valid(AnsiColor::Green.on_default())
+    .invalid(AnsiColor::Yellow.on_default());
+
+/// Says what happens now: a verb and what it acts on, as Cargo does.
+pub(crate) fn status(verb: &str, what: &str) {
+    eprintln!("{:>12} {what}", verb.green().bold());
+}
+
+/// Prints an error and its causes, one line each.
+pub(crate) fn error(error: &anyhow::Error) {
+    eprintln!("{} {error}", "error:".red().bold());
+    for cause in error.chain().skip(1) {
+        for (index, line) in cause.to_string().lines().enumerate() {
+            let lead = if index == 0 { "because" } else { "" };
+            eprint!("{:>9} ", lead.dimmed());
+            eprintln!("{line}");
+        }
+    }
+}
