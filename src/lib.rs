@@ -8,7 +8,9 @@ extern crate std;
 
 pub mod axis;
 pub mod machine;
+pub mod math;
 pub mod planner;
 pub mod protocol;
 pub mod settings;
+pub mod stepper;
 pub mod units;

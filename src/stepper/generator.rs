@@ -1,0 +1,472 @@
+//! Step times: from a segment's motion to the events of the step interrupt.
+//!
+//! Within a segment each axis is a quadratic in time, q(τ) = vτ + aτ²/2 in steps, and step k falls
+//! where q crosses half-way to it. The number of steps comes from exact integer positions, so
+//! rounding moves an edge by a fraction of a tick and never adds or loses one. The axes' steps are
+//! merged in time order; steps closer than [`EVENT_SPACING_TICKS`] share an event.
+//!
+//! Ends of pulses are events of the same list. An end may come late, and then shares the event of
+//! the next step, as long as the axis stays low for [`PULSE_LOW_TICKS`] before its next pulse.
+
+use heapless::spsc::Producer;
+
+use super::{DIRECTION_SETUP_TICKS, EVENT_SPACING_TICKS, PULSE_LOW_TICKS, SegmentInfo, StepEvent};
+use crate::{
+    axis::{AXES, Axes},
+    math,
+    units::{FineSteps, Steps, TICKS_PER_US},
+};
+
+/// Longest time that the end of a pulse waits to share an event, ticks.
+const SHARE_TICKS: u32 = 10 * TICKS_PER_US;
+/// Events that one step, with the ends of pulses before it, can need; waiting events apart.
+const EVENTS_PER_STEP: usize = 4;
+/// Relative change of speed from one step to the next above which a step time is computed by the
+/// quadratic formula instead of from the step before.
+const SLOW_CHANGE: f32 = 0.01;
+
+/// The motion of one axis over a segment.
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
+pub struct AxisMotion {
+    /// Exact position at the end.
+    pub to: FineSteps,
+    /// Acceleration, steps per tick².
+    pub acceleration: f32,
+}
+
+/// A stretch of motion with constant acceleration on every axis.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Segment {
+    /// Its duration, at least 1 tick.
+    pub ticks: u32,
+    /// Where each axis goes.
+    pub axes: Axes<AxisMotion>,
+    /// Speed along the path at its end, mm/min.
+    pub feed_mm_min: f32,
+    /// `N` word of its block, 0 without.
+    pub line: u32,
+}
+
+/// The steps of one axis that are still to come in the segment.
+#[derive(Debug, Clone, Copy, Default)]
+struct AxisSteps {
+    /// Steps left.
+    left: u32,
+    /// Time of the next step, ticks from the segment's start; `u32::MAX` when none is left.
+    next: u32,
+    /// Speed at the segment's start, steps per tick.
+    speed: f32,
+    /// Half the acceleration, steps per tick².
+    half_acceleration: f32,
+    /// Distance of the next step from the segment's start, steps.
+    distance: f32,
+    /// Exact time of the next step, ticks.
+    time: f32,
+    /// Inverse of the speed at that time, ticks per step.
+    period: f32,
+    /// Whether the speed changes too much from step to step to extrapolate.
+    is_slow: bool,
+}
+
+const NO_STEPS: AxisSteps = AxisSteps {
+    left: 0,
+    next: u32::MAX,
+    speed: 0.0,
+    half_acceleration: 0.0,
+    distance: 0.0,
+    time: 0.0,
+    period: 0.0,
+    is_slow: false,
+};
+
+impl AxisSteps {
+    /// The crossing at `distance` by the quadratic formula, in the form that never cancels.
+    fn solve(&self) -> f32 {
+        let square = self.speed * self.speed + 4.0 * self.half_acceleration * self.distance;
+        2.0 * self.distance / (self.speed + math::sqrt(square)).max(1.0e-12)
+    }
+
+    /// Moves on to the next step.
+    #[inline]
+    fn advance(&mut self, end: u32) {
+        self.left -= 1;
+        if self.left == 0 {
+            self.next = u32::MAX;
+            return;
+        }
+        self.distance += 1.0;
+        if self.is_slow {
+            self.time = self.solve();
+        } else {
+            // One Newton step for the inverse of the speed, one for the time.
+            let speed = self.speed + 2.0 * self.half_acceleration * self.time;
+            self.period *= 2.0 - speed * self.period;
+            let guess = self.time + self.period;
+            let reached = (self.speed + self.half_acceleration * guess) * guess;
+            self.time = guess - (reached - self.distance) * self.period;
+        }
+        self.next = (self.time as u32).min(end);
+    }
+}
+
+/// Pulses that are high, and when they may end.
+#[derive(Debug, Clone, Copy, Default)]
+struct High {
+    mask: u32,
+    /// Earliest end, ticks from the segment's start.
+    due: i32,
+}
+
+/// Turns segments into events, resumable at any event.
+#[derive(Debug)]
+pub struct Generator {
+    axes: [AxisSteps; AXES],
+    /// Exact position of each axis at the segment's end.
+    position: Axes<FineSteps>,
+    /// The segment's duration, ticks.
+    ticks: u32,
+    /// Time of the last event, ticks from the segment's start; negative for an earlier segment.
+    last: i32,
+    /// The next event is the first of its segment.
+    is_boundary: bool,
+    /// The segment is not finished.
+    is_open: bool,
+    /// The segment has other directions than the one before, and no step yet.
+    turns: bool,
+    /// The segment is the standstill after the last one.
+    is_rest: bool,
+    /// Events put so far, wrapping.
+    puts: u16,
+    /// Pulses that are high, the older first.
+    high: [High; 2],
+    /// Pulses that ended last, and when.
+    low: High,
+    directions: u8,
+    pulse_ticks: i32,
+    /// End of everything generated, on the generator's clock.
+    clock_ticks: u32,
+}
+
+impl Generator {
+    /// At rest at zero, for pulses of 10 µs.
+    #[must_use]
+    pub const fn new() -> Self {
+        Self {
+            axes: [NO_STEPS; AXES],
+            position: Axes([FineSteps(0); AXES]),
+            ticks: 0,
+            last: 0,
+            is_boundary: false,
+            is_open: false,
+            turns: false,
+            is_rest: false,
+            puts: 0,
+            high: [High { mask: 0, due: 0 }; 2],
+            low: High { mask: 0, due: 0 },
+            directions: 0,
+            pulse_ticks: (10 * TICKS_PER_US).cast_signed(),
+            clock_ticks: 0,
+        }
+    }
+
+    /// Sets the length of a pulse, µs.
+    pub fn set_pulse_us(&mut self, pulse_us: u8) {
+        self.pulse_ticks = (u32::from(pulse_us) * TICKS_PER_US).cast_signed();
+    }
+
+    /// Exact position at the end of all segments begun.
+    #[must_use]
+    pub fn position(&self) -> Axes<FineSteps> {
+        self.position
+    }
+
+    /// Whole steps at the end of all segments begun.
+    #[must_use]
+    pub fn steps(&self) -> Axes<i32> {
+        self.position.map(|position| position.nearest().0)
+    }
+
+    /// Replaces the position by another with the same whole steps, at rest.
+    pub fn settle(&mut self, position: Axes<FineSteps>) {
+        self.position = position;
+    }
+
+    /// Whether a segment is unfinished: call [`Generator::fill`] before the next.
+    #[must_use]
+    pub const fn is_open(&self) -> bool {
+        self.is_open
+    }
+
+    /// End of everything generated, on the generator's clock, wrapping ticks.
+    #[must_use]
+    pub const fn clock_ticks(&self) -> u32 {
+        self.clock_ticks
+    }
+
+    /// Begins a segment. The one before must be finished, and `infos` must have room.
+    pub fn begin(&mut self, segment: &Segment, infos: &mut Producer<'_, SegmentInfo>) {
+        let duration = segment.ticks as f32;
+        let rate = 1.0 / duration;
+        let mut directions = self.directions;
+        // wcet-bound: 6
+        for axis in 0..AXES {
+            let motion = segment.axes[axis];
+            let (steps, is_negative) =
+                plan_axis(self.position[axis], motion, duration, rate, segment.ticks);
+            if steps.left != 0 {
+                directions = directions & !(1 << axis) | u8::from(is_negative) << axis;
+            }
+            self.axes[axis] = steps;
+            self.position[axis] = motion.to;
+        }
+        self.open(segment.ticks, directions);
+        let _ = infos.enqueue(SegmentInfo {
+            start_ticks: self.clock_ticks,
+            directions,
+            is_rest: false,
+            feed_mm_min: segment.feed_mm_min,
+            line: segment.line,
+        });
+        self.clock_ticks = self.clock_ticks.wrapping_add(segment.ticks);
+    }
+
+    /// Begins the standstill after the last segment: ends all pulses and lets the queue run empty.
+    pub fn rest(&mut self, infos: &mut Producer<'_, SegmentInfo>) {
+        // wcet-bound: 6
+        for axis in &mut self.axes {
+            *axis = NO_STEPS;
+        }
+        self.open(EVENT_SPACING_TICKS, self.directions);
+        self.is_rest = true;
+        let _ = infos.enqueue(SegmentInfo {
+            start_ticks: self.clock_ticks,
+            directions: self.directions,
+            is_rest: true,
+            feed_mm_min: 0.0,
+            line: 0,
+        });
+        self.clock_ticks = self.clock_ticks.wrapping_add(EVENT_SPACING_TICKS);
+    }
+
+    fn open(&mut self, ticks: u32, directions: u8) {
+        // Times are from the new segment's start now.
+        let elapsed = self.ticks.cast_signed();
+        self.last = self.last.saturating_sub(elapsed);
+        for high in &mut self.high {
+            high.due = high.due.saturating_sub(elapsed);
+        }
+        self.low.due = self.low.due.saturating_sub(elapsed);
+        self.ticks = ticks;
+        self.is_boundary = true;
+        self.is_open = true;
+        self.turns = directions != self.directions;
+        self.directions = directions;
+    }
+
+    /// Generates events until the segment is finished, which it tells, or the queue is full.
+    pub fn fill(&mut self, events: &mut Producer<'_, StepEvent>) -> bool {
+        let mut room = events.capacity() - events.len();
+        // wcet-bound: 1024
+        while room >= EVENTS_PER_STEP {
+            let before = self.puts;
+            let Some((time, mask)) = self.next_steps() else {
+                self.close(events);
+                return true;
+            };
+            self.step(time, mask, events);
+            room -= usize::from(self.puts.wrapping_sub(before)).min(room);
+        }
+        false
+    }
+
+    /// The axes that step next, moved on, and when.
+    #[inline]
+    fn next_steps(&mut self) -> Option<(i32, u32)> {
+        let mut first = u32::MAX;
+        // wcet-bound: 6
+        for axis in &self.axes {
+            first = first.min(axis.next);
+        }
+        if first == u32::MAX {
+            return None;
+        }
+        let mut mask = 0;
+        // wcet-bound: 6
+        for (index, axis) in self.axes.iter_mut().enumerate() {
+            // The time of an axis without steps, wrapped, is never that near.
+            if axis.next.wrapping_sub(first) < EVENT_SPACING_TICKS {
+                mask |= 1 << index;
+                axis.advance(self.ticks);
+            }
+        }
+        Some((first.cast_signed(), mask))
+    }
+
+    /// Puts a step of the axes in `mask`, and the ends of pulses that have to come before it.
+    #[inline]
+    fn step(&mut self, time: i32, mask: u32, events: &mut Producer<'_, StepEvent>) {
+        const SPACING: i32 = EVENT_SPACING_TICKS.cast_signed();
+        const LOW: i32 = PULSE_LOW_TICKS.cast_signed();
+        let mut time = time;
+        if mask & self.low.mask != 0 {
+            time = time.max(self.low.due);
+        }
+        if self.turns {
+            time = time.max(self.turn(events));
+        }
+        time = time.max(self.last + SPACING);
+        // wcet-bound: 2
+        while self.high[0].mask != 0
+            && ((self.high[0].mask | self.high[1].mask) & mask != 0
+                || time > self.high[0].due + SHARE_TICKS.cast_signed())
+        {
+            let [ended, younger] = self.high;
+            let at = ended.due.max(self.last + SPACING);
+            self.put(at, 0, ended.mask, events);
+            self.high = [younger, High::default()];
+            self.low = High {
+                mask: ended.mask,
+                due: at + LOW,
+            };
+            let earliest = if mask & ended.mask == 0 { SPACING } else { LOW };
+            time = time.max(at + earliest);
+        }
+        let mut drop = 0;
+        // wcet-bound: 2
+        while self.high[0].mask != 0 && time >= self.high[0].due {
+            drop |= self.high[0].mask;
+            self.high = [self.high[1], High::default()];
+        }
+        self.put(time, mask, drop, events);
+        if drop != 0 {
+            self.low = High {
+                mask: drop,
+                due: time + LOW,
+            };
+        }
+        let due = time + self.pulse_ticks;
+        let place = usize::from(self.high[0].mask != 0);
+        self.high[place].mask |= mask;
+        self.high[place].due = due;
+    }
+
+    /// Ends all pulses, so that directions can change; the earliest time of the next step.
+    #[inline(never)]
+    fn turn(&mut self, events: &mut Producer<'_, StepEvent>) -> i32 {
+        self.turns = false;
+        // The segment begins with the event that follows: directions change when these are over.
+        self.is_boundary = false;
+        self.end_pulses(events);
+        self.is_boundary = true;
+        self.last + DIRECTION_SETUP_TICKS.cast_signed()
+    }
+
+    fn end_pulses(&mut self, events: &mut Producer<'_, StepEvent>) {
+        // wcet-bound: 2
+        for _ in 0..2 {
+            let [ended, younger] = self.high;
+            if ended.mask != 0 {
+                let at = ended.due.max(self.last + EVENT_SPACING_TICKS.cast_signed());
+                self.put(at, 0, ended.mask, events);
+                self.low = High {
+                    mask: ended.mask,
+                    due: at + PULSE_LOW_TICKS.cast_signed(),
+                };
+            }
+            self.high = [younger, High::default()];
+        }
+    }
+
+    /// Finishes the segment: one without steps still has an event, at its end.
+    #[inline(never)]
+    fn close(&mut self, events: &mut Producer<'_, StepEvent>) {
+        if self.is_rest {
+            self.is_rest = false;
+            self.turn(events);
+        }
+        if self.is_boundary {
+            let spaced = self.last + EVENT_SPACING_TICKS.cast_signed();
+            self.put(self.ticks.cast_signed().max(spaced), 0, 0, events);
+        }
+        // Events that had to wait for others stretch the segment.
+        let over = self.last.saturating_sub(self.ticks.cast_signed()).max(0);
+        self.ticks += over.cast_unsigned();
+        self.clock_ticks = self.clock_ticks.wrapping_add(over.cast_unsigned());
+        self.is_open = false;
+    }
+
+    /// Puts one event, and waiting events before it where the time is long.
+    #[inline]
+    fn put(&mut self, time: i32, raise: u32, drop: u32, events: &mut Producer<'_, StepEvent>) {
+        let mut ticks = (time - self.last).cast_unsigned();
+        self.last = time;
+        // wcet-bound: 2
+        while ticks > StepEvent::MAX_TICKS {
+            ticks -= StepEvent::MAX_TICKS;
+            let _ = events.enqueue(StepEvent::new(StepEvent::MAX_TICKS, 0, 0));
+            self.puts = self.puts.wrapping_add(1);
+        }
+        let mut event = StepEvent::new(ticks, raise, drop);
+        if self.is_boundary {
+            self.is_boundary = false;
+            event = event.at_boundary();
+        }
+        let _ = events.enqueue(event);
+        self.puts = self.puts.wrapping_add(1);
+    }
+}
+
+/// The steps of an axis that goes from one position to another, and whether backwards.
+fn plan_axis(
+    from: FineSteps,
+    motion: AxisMotion,
+    duration: f32,
+    rate: f32,
+    end: u32,
+) -> (AxisSteps, bool) {
+    let Steps(begin) = from.nearest();
+    let steps = motion.to.nearest().0.wrapping_sub(begin);
+    if steps == 0 {
+        return (NO_STEPS, false);
+    }
+    let sign = if steps < 0 { -1.0 } else { 1.0 };
+    let way = to_f32(motion.to.0.wrapping_sub(from.0)) * sign;
+    let offset = to_f32(from.0.wrapping_sub(i64::from(begin) << 32)) * sign;
+    let mut acceleration = motion.acceleration * sign;
+    let mut speed = way * rate - 0.5 * acceleration * duration;
+    if speed < 0.0 {
+        speed = 0.0;
+        acceleration = 2.0 * way * rate * rate;
+    } else if speed + acceleration * duration < 0.0 {
+        speed = 2.0 * way * rate;
+        acceleration = -speed * rate;
+    }
+    let slowest = speed.min(speed + acceleration * duration);
+    let mut axis = AxisSteps {
+        left: steps.unsigned_abs(),
+        speed,
+        half_acceleration: 0.5 * acceleration,
+        distance: 0.5 - offset,
+        is_slow: acceleration.abs() > SLOW_CHANGE * slowest * slowest,
+        ..NO_STEPS
+    };
+    axis.time = axis.solve();
+    axis.period = 1.0 / (speed + acceleration * axis.time).max(1.0e-12);
+    axis.next = (axis.time as u32).min(end);
+    (axis, steps < 0)
+}
+
+/// A fixed-point distance of at most 2048 steps in floating point, to 24 bits where it is small.
+fn to_f32(fine: i64) -> f32 {
+    if fine >> 31 == fine >> 63 {
+        fine as i32 as f32 * (1.0 / 4_294_967_296.0)
+    } else {
+        (fine >> 12) as i32 as f32 * (1.0 / 1_048_576.0)
+    }
+}
+
+impl Default for Generator {
+    fn default() -> Self {
+        Self::new()
+    }
+}

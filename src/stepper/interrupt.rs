@@ -1,0 +1,268 @@
+//! The body of the step interrupt: plays events, counts steps.
+//!
+//! The same instructions for any number of axes up to three (and twice the counting for four to
+//! six): steps are counted in ten-bit lanes of one word and spread to the axes once per segment.
+
+use core::sync::atomic::{AtomicBool, AtomicI32, AtomicU32, Ordering::Relaxed};
+
+use heapless::spsc::Consumer;
+
+use super::{SegmentInfo, StepEvent};
+use crate::axis::{AXES, Axes};
+
+/// Words of step counts: three lanes each.
+const LANE_WORDS: usize = AXES.div_ceil(3);
+/// Bits of a lane: a segment of 1 ms may hold 1023 steps of an axis.
+const LANE_BITS: u32 = 10;
+const LANE_MASK: u32 = (1 << LANE_BITS) - 1;
+
+/// What the step interrupt tells the rest of the machine: written by it alone, read by anyone.
+#[derive(Debug)]
+pub struct StepCounts {
+    position: [AtomicI32; AXES],
+    pulses: [AtomicU32; AXES],
+    events: AtomicU32,
+    late: AtomicU32,
+    played_ticks: AtomicU32,
+    feed_mm_min: AtomicU32,
+    line: AtomicU32,
+    running: AtomicBool,
+    starved: AtomicBool,
+}
+
+impl StepCounts {
+    /// Nothing played yet.
+    #[must_use]
+    pub const fn new() -> Self {
+        Self {
+            position: [const { AtomicI32::new(0) }; AXES],
+            pulses: [const { AtomicU32::new(0) }; AXES],
+            events: AtomicU32::new(0),
+            late: AtomicU32::new(0),
+            played_ticks: AtomicU32::new(0),
+            feed_mm_min: AtomicU32::new(0),
+            line: AtomicU32::new(0),
+            running: AtomicBool::new(false),
+            starved: AtomicBool::new(false),
+        }
+    }
+
+    /// Step count of each axis when the segment being played began.
+    #[must_use]
+    pub fn position(&self) -> Axes<i32> {
+        Axes::from_fn(|axis| self.position[axis].load(Relaxed))
+    }
+
+    /// Pulses of each axis in either direction, wrapping.
+    #[must_use]
+    pub fn pulses(&self) -> Axes<u32> {
+        Axes::from_fn(|axis| self.pulses[axis].load(Relaxed))
+    }
+
+    /// Events that began a pulse, wrapping.
+    #[must_use]
+    pub fn events(&self) -> u32 {
+        self.events.load(Relaxed)
+    }
+
+    /// Events whose time had passed before they could be set up.
+    #[must_use]
+    pub fn late(&self) -> u32 {
+        self.late.load(Relaxed)
+    }
+
+    /// Counts a late event; called by the board's step timer, in the step interrupt.
+    pub fn count_late(&self) {
+        self.late.store(self.late().wrapping_add(1), Relaxed);
+    }
+
+    /// Start of the segment being played, on the generator's clock.
+    #[must_use]
+    pub fn played_ticks(&self) -> u32 {
+        self.played_ticks.load(Relaxed)
+    }
+
+    /// Speed along the path in the segment being played, mm/min.
+    #[must_use]
+    pub fn feed_mm_min(&self) -> f32 {
+        f32::from_bits(self.feed_mm_min.load(Relaxed))
+    }
+
+    /// `N` word of the block being played, 0 without.
+    #[must_use]
+    pub fn line(&self) -> u32 {
+        self.line.load(Relaxed)
+    }
+
+    /// Whether the step timer runs; when it does not, a new event needs its interrupt pended.
+    #[must_use]
+    pub fn is_running(&self) -> bool {
+        self.running.load(Relaxed)
+    }
+
+    /// Whether the event queue ever ran empty in motion: a fault.
+    #[must_use]
+    pub fn has_starved(&self) -> bool {
+        self.starved.load(Relaxed)
+    }
+}
+
+impl Default for StepCounts {
+    fn default() -> Self {
+        Self::new()
+    }
+}
+
+/// What the step interrupt does next.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Advance {
+    /// Ticks from this event to the next one; `None` stops the timer.
+    pub wait: Option<u32>,
+    /// Pulses to begin then, bit 0 = X.
+    pub raise: u32,
+    /// Pulses to end then.
+    pub drop: u32,
+    /// Direction outputs to be set now, bit 0 = X, 1 = negative.
+    pub directions: Option<u8>,
+}
+
+impl Advance {
+    /// Whether a segment has begun or the queue is empty: `prepare` has to run.
+    #[must_use]
+    pub const fn releases_prepare(&self) -> bool {
+        self.directions.is_some() || self.wait.is_none()
+    }
+}
+
+/// The step interrupt's own state.
+#[derive(Debug)]
+pub struct Stepper {
+    /// Steps since the segment began, in lanes of [`LANE_BITS`].
+    lanes: [u32; LANE_WORDS],
+    /// Events with steps since the segment began.
+    events: u32,
+    /// Pulses that begin with the event being waited for.
+    raise: u32,
+    /// Directions of the segment being played.
+    directions: u8,
+    is_rest: bool,
+}
+
+impl Stepper {
+    /// At rest, with nothing to play.
+    #[must_use]
+    pub const fn new() -> Self {
+        Self {
+            lanes: [0; LANE_WORDS],
+            events: 0,
+            raise: 0,
+            directions: 0,
+            is_rest: true,
+        }
+    }
+
+    /// Accounts for the event whose pins have just been set and takes the next one.
+    ///
+    /// Deadline: before the next event is due. A miss delays that event and is counted by the
+    /// timer; no step is lost.
+    #[inline]
+    pub fn advance(
+        &mut self,
+        events: &mut Consumer<'_, StepEvent>,
+        infos: &mut Consumer<'_, SegmentInfo>,
+        counts: &StepCounts,
+    ) -> Advance {
+        self.count();
+        let Some(event) = events.dequeue() else {
+            return self.stop(counts);
+        };
+        let mut directions = None;
+        if event.is_boundary() {
+            directions = Some(self.begin_segment(infos, counts));
+        }
+        self.raise = event.raise();
+        Advance {
+            wait: Some(event.ticks()),
+            raise: event.raise(),
+            drop: event.drop(),
+            directions,
+        }
+    }
+
+    /// Adds the steps of the event just played to the lanes.
+    #[inline]
+    fn count(&mut self) {
+        // Three copies of the mask, one bit further apart each: bit `n` meets lane `n` in copy `n`.
+        const COPIES: u32 = 1 | 1 << (LANE_BITS - 1) | 1 << (2 * (LANE_BITS - 1));
+        const LANES: u32 = 1 | 1 << LANE_BITS | 1 << (2 * LANE_BITS);
+        self.events += u32::from(self.raise != 0);
+        let mut mask = self.raise;
+        // wcet-bound: 2
+        for lanes in &mut self.lanes {
+            *lanes += ((mask & 7) * COPIES) & LANES;
+            mask >>= 3;
+        }
+    }
+
+    /// Publishes the steps of the segment that ends.
+    fn publish(&mut self, counts: &StepCounts) {
+        let mut directions = self.directions;
+        // wcet-bound: 6
+        for axis in 0..AXES {
+            let lanes = &mut self.lanes[axis / 3];
+            let steps = *lanes & LANE_MASK;
+            *lanes >>= LANE_BITS;
+            let moved = if directions & 1 == 0 {
+                steps.cast_signed()
+            } else {
+                -steps.cast_signed()
+            };
+            directions >>= 1;
+            let position = &counts.position[axis];
+            position.store(position.load(Relaxed).wrapping_add(moved), Relaxed);
+            let pulses = &counts.pulses[axis];
+            pulses.store(pulses.load(Relaxed).wrapping_add(steps), Relaxed);
+        }
+        let events = counts.events.load(Relaxed).wrapping_add(self.events);
+        counts.events.store(events, Relaxed);
+        self.events = 0;
+    }
+
+    #[inline(never)]
+    fn begin_segment(&mut self, infos: &mut Consumer<'_, SegmentInfo>, counts: &StepCounts) -> u8 {
+        self.publish(counts);
+        if let Some(info) = infos.dequeue() {
+            self.directions = info.directions;
+            self.is_rest = info.is_rest;
+            counts.played_ticks.store(info.start_ticks, Relaxed);
+            counts
+                .feed_mm_min
+                .store(info.feed_mm_min.to_bits(), Relaxed);
+            counts.line.store(info.line, Relaxed);
+        }
+        counts.running.store(true, Relaxed);
+        self.directions
+    }
+
+    #[inline(never)]
+    fn stop(&mut self, counts: &StepCounts) -> Advance {
+        self.publish(counts);
+        self.raise = 0;
+        counts.running.store(false, Relaxed);
+        if !self.is_rest {
+            counts.starved.store(true, Relaxed);
+        }
+        Advance {
+            wait: None,
+            raise: 0,
+            drop: 0,
+            directions: None,
+        }
+    }
+}
+
+impl Default for Stepper {
+    fn default() -> Self {
+        Self::new()
+    }
+}
