@@ -1,0 +1,165 @@
+//! Where the cycles go: functions, also those that the compiler dissolved in others, and lines.
+
+use std::{
+    cmp::Reverse,
+    collections::{BTreeSet, HashMap},
+    path::Path,
+};
+
+use addr2line::Loader;
+use anstream::println;
+use anyhow::{Result, anyhow};
+use owo_colors::OwoColorize;
+
+use super::report::Report;
+use crate::cargo;
+
+/// Rows of each table.
+const CALLED: usize = 20;
+const FUNCTIONS: usize = 40;
+const LINES: usize = 30;
+
+/// What one function or line costs.
+#[derive(Default, Clone, Copy)]
+struct Share {
+    /// Executions of its most executed instruction: about how often it ran.
+    runs: u64,
+    /// Its own instructions.
+    own_instructions: u64,
+    /// Its own cycles.
+    own_cycles: u64,
+    /// With everything inlined into it; called functions are not in it.
+    all_cycles: u64,
+}
+
+/// Prints what `task` spent where; every task without one.
+pub(super) fn print(report: &Report, elf: &Path, task: Option<usize>) -> Result<()> {
+    let program = Loader::new(elf).map_err(|error| anyhow!("{error}"))?;
+    let mut functions: HashMap<String, Share> = HashMap::new();
+    let mut lines: HashMap<String, Share> = HashMap::new();
+    let mut total = 0;
+    for &(owner, address, runs, cycles) in &report.sites {
+        if task.is_some_and(|task| task != owner) {
+            continue;
+        }
+        total += cycles;
+        let (stack, line) = frames(&program, address);
+        let mut seen = BTreeSet::new();
+        for (depth, name) in stack.into_iter().enumerate() {
+            let share = functions.entry(name.clone()).or_default();
+            if depth == 0 {
+                share.own_instructions += runs;
+                share.own_cycles += cycles;
+                share.runs = share.runs.max(runs);
+            }
+            if seen.insert(name) {
+                share.all_cycles += cycles;
+            }
+        }
+        let share = lines.entry(line).or_default();
+        share.own_instructions += runs;
+        share.own_cycles += cycles;
+        share.runs = share.runs.max(runs);
+    }
+    calls(report);
+    println!();
+    table("function", functions, total, FUNCTIONS);
+    println!();
+    table("line", lines, total, LINES);
+    Ok(())
+}
+
+/// Prints what calls of the linker's functions cost, with what they call in turn.
+fn calls(report: &Report) {
+    let mut called: Vec<_> = report.functions.iter().filter(|f| f.calls != 0).collect();
+    called.sort_by_key(|function| Reverse(function.calls_cycles));
+    let head = format!(
+        "{:>12}{:>14}{:>12}{:>12}  called function",
+        "calls", "cycles", "cyc./call", "ins./call"
+    );
+    println!("{}", head.bold());
+    for function in called.into_iter().take(CALLED) {
+        let per_call = |amount: u64| amount as f64 / function.calls as f64;
+        let name = addr2line::demangle_auto(function.name.as_str().into(), None);
+        println!(
+            "{:>12}{:>14}{:>12.1}{:>12.1}  {}",
+            function.calls,
+            function.calls_cycles,
+            per_call(function.calls_cycles),
+            per_call(function.calls_instructions),
+            without_hash(&name),
+        );
+    }
+}
+
+/// The functions at `address`, innermost first, and the source line.
+fn frames(program: &Loader, address: u64) -> (Vec<String>, String) {
+    let mut stack = Vec::new();
+    let mut line = String::from("?");
+    if let Ok(mut found) = program.find_frames(address) {
+        while let Ok(Some(frame)) = found.next() {
+            if let (true, Some(at)) = (stack.is_empty(), frame.location) {
+                line = format!(
+                    "{}:{}",
+                    shorten(at.file.unwrap_or("?")),
+                    at.line.unwrap_or(0)
+                );
+            }
+            let name = frame.function.map_or_else(
+                || "?".to_owned(),
+                |function| match function.demangle() {
+                    Ok(name) => name.into_owned(),
+                    Err(_) => "?".to_owned(),
+                },
+            );
+            stack.push(without_hash(&name).to_owned());
+        }
+    }
+    if stack.is_empty() {
+        let name = program.find_symbol(address).unwrap_or("?");
+        stack.push(without_hash(&addr2line::demangle_auto(name.into(), None)).to_owned());
+    }
+    (stack, line)
+}
+
+/// `name::h0123456789abcdef` without the hash.
+fn without_hash(name: &str) -> &str {
+    match name.rsplit_once("::h") {
+        Some((name, hash)) if hash.len() == 16 => name,
+        _ => name,
+    }
+}
+
+/// A path from the project, or from the registry.
+fn shorten(file: &str) -> &str {
+    let root = cargo::root().to_string_lossy();
+    let inside = file.strip_prefix(&*root).map(|rest| &rest[1..]);
+    let registry = || Some(file.split_once("/registry/src/")?.1.split_once('/')?.1);
+    let library = || Some(file.split_once("/library/")?.1);
+    inside.or_else(registry).or_else(library).unwrap_or(file)
+}
+
+fn table(what: &str, shares: HashMap<String, Share>, total: u64, rows: usize) {
+    let mut sorted: Vec<_> = shares.into_iter().collect();
+    sorted.sort_by(|(a_name, a), (b_name, b)| (b.own_cycles, a_name).cmp(&(a.own_cycles, b_name)));
+    let percent = |cycles: u64| cycles as f64 * 100.0 / total.max(1) as f64;
+    let head = format!(
+        "{:>7}{:>14}{:>14}{:>12}{:>12}  {what}",
+        "own", "cycles", "instructions", "with inl.", "runs"
+    );
+    println!("{}", head.bold());
+    for (name, share) in sorted.iter().take(rows) {
+        let all = if share.all_cycles == 0 {
+            String::new()
+        } else {
+            format!("{:.1} %", percent(share.all_cycles))
+        };
+        println!(
+            "{:>5.1} %{:>14}{:>14}{all:>12}{:>12}  {name}",
+            percent(share.own_cycles),
+            share.own_cycles,
+            share.own_instructions,
+            share.runs,
+        );
+    }
+}
