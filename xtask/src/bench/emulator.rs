@@ -1,85 +1,171 @@
 //! QEMU with the plugin that counts.
 
 use std::{
+    fs,
+    io::Write,
+    iter,
+    os::unix::net::UnixStream,
     path::{Path, PathBuf},
-    process::{Command, Stdio},
+    process::{self, Child, Command, Stdio},
     thread,
     time::{Duration, Instant},
 };
 
-use anyhow::{Context, Result, bail};
+use anyhow::{Context, Result, bail, ensure};
 
-use super::report::Report;
+use super::{report::Report, sender::Sender, workload::Workload};
 use crate::{boards, cargo, ui};
 
-/// Longest time that a program may take, in seconds of the host.
+/// Longest time that a program may take, and then QEMU to end, host time.
 const PATIENCE: Duration = Duration::from_secs(600);
+const GRACE: Duration = Duration::from_secs(20);
 
-/// Builds the plugin and returns the library that QEMU loads.
-pub(super) fn plugin() -> Result<PathBuf> {
-    let profile = "tools";
-    let mut command = cargo::cargo(&[
-        "build",
-        "--quiet",
-        "--profile",
-        profile,
-        "--package",
-        "cost",
-    ]);
-    cargo::wait(&mut command)?;
-    Ok(cargo::target_dir().join(profile).join("libcost.so"))
+/// QEMU, the plugin, and a folder for what they leave.
+pub(super) struct Emulator {
+    machine: String,
+    plugin: PathBuf,
+    folder: PathBuf,
 }
 
-/// A file for the report of the run called `name`.
-pub(super) fn report_path(name: &str) -> Result<PathBuf> {
-    let folder = cargo::target_dir().join("bench");
-    std::fs::create_dir_all(&folder)
-        .with_context(|| format!("cannot create {}", folder.display()))?;
-    Ok(folder.join(format!("{name}.json")))
-}
+/// A running QEMU, killed when it is dropped.
+struct Running(Child);
 
-/// The emulated board with the plugin loaded; the caller adds the serial line.
-pub(super) fn command(elf: &Path, plugin: &Path, report: &Path) -> Result<Command> {
-    let (_, machine) = boards::emulated()?;
-    let load = format!(
-        "{},elf={},out={}",
-        plugin.display(),
-        elf.display(),
-        report.display()
-    );
-    let mut command = Command::new("qemu-system-arm");
-    command
-        .args(["-M", &machine, "-nographic", "-plugin", &load, "-kernel"])
-        .arg(elf);
-    Ok(command)
-}
-
-/// Runs a program that ends by semihosting, and returns what it cost.
-pub(super) fn run(elf: &Path, arguments: &[String]) -> Result<Report> {
-    let report = report_path("program")?;
-    let _ = std::fs::remove_file(&report);
-    let mut semihosting = String::from("enable=on,target=native");
-    for argument in std::iter::once(elf.to_string_lossy().into_owned()).chain(arguments.to_vec()) {
-        // QEMU's own escape for a comma.
-        semihosting.push_str(",arg=");
-        semihosting.push_str(&argument.replace(',', ",,"));
+impl Emulator {
+    /// Builds the plugin.
+    pub(super) fn new() -> Result<Self> {
+        const PROFILE: &str = "tools";
+        cargo::need_qemu()?;
+        let (_, machine) = boards::emulated()?;
+        let build = [
+            "build",
+            "--quiet",
+            "--profile",
+            PROFILE,
+            "--package",
+            "cost",
+        ];
+        cargo::wait(&mut cargo::cargo(&build))?;
+        let folder = cargo::target_dir().join("bench");
+        fs::create_dir_all(&folder)
+            .with_context(|| format!("cannot create {}", folder.display()))?;
+        Ok(Self {
+            machine,
+            plugin: cargo::target_dir().join(PROFILE).join("libcost.so"),
+            folder,
+        })
     }
-    let plugin = plugin()?;
-    ui::status("Counting", &elf.display().to_string());
-    let mut qemu = command(elf, &plugin, &report)?
-        .args(["-monitor", "none", "-serial", "null"])
-        .args(["-semihosting-config", &semihosting])
-        .stdin(Stdio::null())
-        .spawn()
-        .context("cannot start qemu-system-arm")?;
-    let start = Instant::now();
-    while qemu.try_wait().context("cannot wait for QEMU")?.is_none() {
-        if start.elapsed() > PATIENCE {
-            let _ = qemu.kill();
-            let _ = qemu.wait();
-            bail!("{} did not end in {} s", elf.display(), PATIENCE.as_secs());
+
+    /// Runs a program that ends by semihosting.
+    pub(super) fn run(&self, elf: &Path, arguments: &[String]) -> Result<Report> {
+        let mut semihosting = String::from("enable=on,target=native");
+        let name = elf.to_string_lossy();
+        for argument in iter::once(&*name).chain(arguments.iter().map(String::as_str)) {
+            semihosting.push_str(",arg=");
+            semihosting.push_str(&escape(argument));
         }
-        thread::sleep(Duration::from_millis(10));
+        let report = self.fresh("program.json");
+        ui::status("Counting", &name);
+        let mut qemu = Running(
+            self.command(elf, &report)
+                .args(["-monitor", "none", "-serial", "null"])
+                .args(["-semihosting-config", &semihosting])
+                .stdin(Stdio::null())
+                .spawn()
+                .context("cannot start qemu-system-arm")?,
+        );
+        qemu.wait(PATIENCE)?;
+        Report::read(&report)
     }
-    Report::read(&report)
+
+    /// Streams the settings and, if `whole`, the program of a workload to the firmware.
+    pub(super) fn stream(&self, elf: &Path, workload: &Workload, whole: bool) -> Result<Report> {
+        let report = self.fresh("firmware.json");
+        let monitor = std::env::temp_dir().join(format!("leadscrew-bench-{}", process::id()));
+        let _ = fs::remove_file(&monitor);
+        let listen = format!(
+            "unix:{},server=on,wait=off",
+            escape(&monitor.to_string_lossy())
+        );
+        let mut child = self
+            .command(elf, &report)
+            .args(["-monitor", &listen, "-serial", "stdio"])
+            .stdin(Stdio::piped())
+            .stdout(Stdio::piped())
+            .spawn()
+            .context("cannot start qemu-system-arm")?;
+        let to = child.stdin.take().context("QEMU has no input")?;
+        let from = child.stdout.take().context("QEMU has no output")?;
+        let mut qemu = Running(child);
+        let mut sender = Sender::connect(to, from)?;
+        sender.stream(workload.settings.iter().copied())?;
+        if whole {
+            sender.stream(workload.program.iter().map(String::as_str))?;
+        }
+        // Answered when all motion is over.
+        sender.stream(["G4P0.01"])?;
+        let position = sender.position()?;
+        let expected = if whole { workload.end_mm } else { [0.0; 3] };
+        let is_there = |(is, should): (&f64, &f64)| (is - should).abs() < 0.003;
+        ensure!(
+            position.iter().zip(&expected).all(is_there),
+            "{}: the machine is at {position:?} mm, not at {expected:?}",
+            workload.name
+        );
+        // The plugin writes its report when QEMU ends by itself.
+        let mut console = UnixStream::connect(&monitor).context("QEMU has no monitor")?;
+        console.write_all(b"quit\n")?;
+        qemu.wait(GRACE)?;
+        let _ = fs::remove_file(&monitor);
+        Report::read(&report)
+    }
+
+    /// The path of a report that is yet to be written.
+    fn fresh(&self, name: &str) -> PathBuf {
+        let report = self.folder.join(name);
+        let _ = fs::remove_file(&report);
+        report
+    }
+
+    /// The emulated board without peripherals.
+    fn command(&self, elf: &Path, report: &Path) -> Command {
+        let load = format!(
+            "{},elf={},out={}",
+            escape(&self.plugin.to_string_lossy()),
+            escape(&elf.to_string_lossy()),
+            escape(&report.to_string_lossy())
+        );
+        let mut command = Command::new("qemu-system-arm");
+        command
+            .args(["-M", &self.machine, "-nographic", "-plugin", &load])
+            .arg("-kernel")
+            .arg(elf);
+        command
+    }
+}
+
+impl Running {
+    /// Waits for the end.
+    fn wait(&mut self, patience: Duration) -> Result<()> {
+        let start = Instant::now();
+        while self.0.try_wait().context("cannot wait for QEMU")?.is_none() {
+            if start.elapsed() > patience {
+                bail!("QEMU did not end in {} s", patience.as_secs());
+            }
+            thread::sleep(Duration::from_millis(5));
+        }
+        Ok(())
+    }
+}
+
+impl Drop for Running {
+    fn drop(&mut self) {
+        // It has ended, or it hangs and heeds nothing less.
+        let _ = self.0.kill();
+        let _ = self.0.wait();
+    }
+}
+
+/// QEMU's own escape for a comma.
+fn escape(text: &str) -> String {
+    text.replace(',', ",,")
 }

@@ -18,6 +18,8 @@ use crate::cargo;
 const CALLED: usize = 20;
 const FUNCTIONS: usize = 40;
 const LINES: usize = 30;
+/// A task with less than one part in this of all cycles is not looked into.
+const NEGLIGIBLE: u64 = 200;
 
 /// What one function or line costs.
 #[derive(Default, Clone, Copy)]
@@ -32,41 +34,60 @@ struct Share {
     all_cycles: u64,
 }
 
-/// Prints what `task` spent where; every task without one.
-pub(super) fn print(report: &Report, elf: &Path, task: Option<usize>) -> Result<()> {
+impl Share {
+    fn add(&mut self, runs: u64, cycles: u64) {
+        self.own_instructions += runs;
+        self.own_cycles += cycles;
+        self.runs = self.runs.max(runs);
+    }
+}
+
+/// Prints what was spent where: by tasks that are handlers, or by the program where there is none.
+pub(super) fn print(report: &Report, elf: &Path) -> Result<()> {
     let program = Loader::new(elf).map_err(|error| anyhow!("{error}"))?;
+    println!();
+    calls(report);
+    for (task, owner) in report.tasks.iter().enumerate() {
+        let is_whole = report.tasks.len() == 1;
+        if task == 0 && !is_whole || owner.cycles * NEGLIGIBLE < report.cycles {
+            continue;
+        }
+        println!(
+            "\n{} {}",
+            "where the cycles go in".bold(),
+            owner.name.bold()
+        );
+        spent(report, &program, task);
+    }
+    Ok(())
+}
+
+/// Prints what one task spent where.
+fn spent(report: &Report, program: &Loader, task: usize) {
     let mut functions: HashMap<String, Share> = HashMap::new();
     let mut lines: HashMap<String, Share> = HashMap::new();
     let mut total = 0;
     for &(owner, address, runs, cycles) in &report.sites {
-        if task.is_some_and(|task| task != owner) {
+        if owner != task {
             continue;
         }
         total += cycles;
-        let (stack, line) = frames(&program, address);
+        let (stack, line) = frames(program, address);
         let mut seen = BTreeSet::new();
         for (depth, name) in stack.into_iter().enumerate() {
             let share = functions.entry(name.clone()).or_default();
             if depth == 0 {
-                share.own_instructions += runs;
-                share.own_cycles += cycles;
-                share.runs = share.runs.max(runs);
+                share.add(runs, cycles);
             }
             if seen.insert(name) {
                 share.all_cycles += cycles;
             }
         }
-        let share = lines.entry(line).or_default();
-        share.own_instructions += runs;
-        share.own_cycles += cycles;
-        share.runs = share.runs.max(runs);
+        lines.entry(line).or_default().add(runs, cycles);
     }
-    calls(report);
-    println!();
     table("function", functions, total, FUNCTIONS);
     println!();
     table("line", lines, total, LINES);
-    Ok(())
 }
 
 /// Prints what calls of the linker's functions cost, with what they call in turn.

@@ -48,6 +48,20 @@ pub(super) struct Function {
     pub(super) calls_cycles: u64,
 }
 
+impl Task {
+    /// Cycles that all but one of `share` activations do not exceed.
+    pub(super) fn all_but_one_in(&self, share: u64) -> u64 {
+        let mut above = self.activations / share;
+        let mut rows = self.histogram.iter().rev();
+        let row = rows.find(|(_, count)| {
+            let is_reached = *count > above;
+            above = above.saturating_sub(*count);
+            is_reached
+        });
+        row.map_or(0, |&(cycles, _)| cycles)
+    }
+}
+
 impl Report {
     /// Reads a report, and fails when it cannot be trusted.
     pub(super) fn read(path: &Path) -> Result<Self> {
@@ -65,5 +79,33 @@ impl Report {
             report.unexplained
         );
         Ok(report)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn task(histogram: &[(u64, u64)]) -> Task {
+        Task {
+            name: "TIM2".into(),
+            activations: histogram.iter().map(|(_, count)| count).sum(),
+            instructions: 0,
+            cycles: 0,
+            min_cycles: 0,
+            max_instructions: 0,
+            max_cycles: 0,
+            peripheral_reads: 0,
+            peripheral_writes: 0,
+            histogram: histogram.to_vec(),
+        }
+    }
+
+    #[test]
+    fn a_thousandth_may_exceed_the_quantile() {
+        assert_eq!(task(&[(80, 1998), (90, 2)]).all_but_one_in(1000), 80);
+        assert_eq!(task(&[(80, 1997), (90, 3)]).all_but_one_in(1000), 90);
+        assert_eq!(task(&[(80, 5)]).all_but_one_in(1000), 80);
+        assert_eq!(task(&[]).all_but_one_in(1000), 0);
     }
 }

@@ -4,17 +4,18 @@
 use std::{
     env, fs,
     path::{Path, PathBuf},
-    process::{self, Command},
+    process::Command,
     thread,
 };
 
-const TARGET: &str = "thumbv7em-none-eabihf";
+pub(crate) const TARGET: &str = "thumbv7em-none-eabihf";
 
-/// A folder for this test alone.
+/// A folder for this test alone, in Cargo's target folder.
 pub(crate) fn scratch() -> PathBuf {
-    let name = format!("cost-{}-{:?}", process::id(), thread::current().id());
-    let directory = env::temp_dir().join(name);
-    fs::create_dir_all(&directory).expect("the temporary folder is writable");
+    let test = thread::current();
+    let name = test.name().expect("a test's thread has its name");
+    let directory = Path::new(env!("CARGO_TARGET_TMPDIR")).join(name);
+    fs::create_dir_all(&directory).expect("the target folder is writable");
     directory
 }
 
