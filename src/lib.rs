@@ -7,10 +7,13 @@
 extern crate std;
 
 pub mod axis;
+pub mod gcode;
+pub mod interpreter;
 pub mod machine;
 pub mod math;
 pub mod planner;
 pub mod protocol;
 pub mod settings;
+pub mod sim;
 pub mod stepper;
 pub mod units;

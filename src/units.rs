@@ -124,9 +124,9 @@ impl StepsPerMm {
         let nm = (steps * 1_000_000 / self.0).saturating_mul(1_000_000);
         // Where the resolution is coarse, the limit is what double precision holds exactly.
         Nm(if nm > Self::FARTHEST_NM {
-            Self::FARTHEST_NM as i64
+            Self::FARTHEST_NM.cast_signed()
         } else {
-            nm as i64
+            nm.cast_signed()
         })
     }
 
@@ -137,7 +137,7 @@ impl StepsPerMm {
     /// is always the whole number returned with it.
     #[must_use]
     pub fn steps_at(self, position: Nm) -> (Steps, FineSteps) {
-        let scale = self.0 as i64;
+        let scale = self.0.cast_signed();
         // The product can exceed 64 bits; its quotient, estimated in floating point, cannot, and
         // wrapping arithmetic then gives the remainder exactly.
         let estimate = libm::round(position.0 as f64 * (self.0 as f64 * 1.0e-12)) as i64;

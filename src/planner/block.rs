@@ -1,7 +1,7 @@
 //! What waits in the look-ahead.
 
 use super::{Coolant, Spindle};
-use crate::settings::Settings;
+use crate::{axis::Axes, settings::Settings};
 
 /// One entry of the queue from `interpret` to `prepare`.
 #[derive(Debug, Clone, Copy)]
@@ -15,6 +15,8 @@ pub struct Entry {
 /// What an entry asks for.
 #[derive(Debug, Clone, Copy)]
 pub enum Work {
+    /// A move along a line or an arc.
+    Move(Block),
     /// Standstill, ms.
     Dwell(u32),
     /// A state of the spindle and its speed, rpm.
@@ -25,6 +27,49 @@ pub enum Work {
     Pause,
     /// Leave the alarm state.
     Unlock,
-    /// New settings. Sent at rest only.
+    /// New settings. Sent at rest only; the machine stays at its whole steps.
     Configure(Settings),
+}
+
+/// A move: its geometry in steps and mm, its limits along the path.
+#[derive(Debug, Clone, Copy)]
+pub struct Block {
+    /// End minus start of each axis, in steps with 32 binary places.
+    pub delta: Axes<i64>,
+    /// Steps of each axis per mm of path; for the axes of an arc's plane, at a right angle to the
+    /// radius.
+    pub steps_per_mm: Axes<f32>,
+    /// Length of the path, mm; degrees where only rotary axes move.
+    pub length_mm: f32,
+    /// Programmed speed along the path, within every axis limit, mm/s.
+    pub speed_mm_s: f32,
+    /// Acceleration along the path within every axis limit, mm/s².
+    pub acceleration_mm_s2: f32,
+    /// Limit of the squared speed where it joins the block before, (mm/s)².
+    pub junction_sqr: f32,
+    /// The circle, for an arc.
+    pub curve: Option<Curve>,
+    /// `N` word of its line, 0 without.
+    pub line: u32,
+}
+
+/// The curved part of an arc or helix.
+#[derive(Debug, Clone, Copy)]
+pub struct Curve {
+    /// First axis of the plane.
+    pub first: u8,
+    /// Second axis of the plane.
+    pub second: u8,
+    /// Angle of the start seen from the centre, 2³² to the turn.
+    pub phase: u32,
+    /// Angle travelled, 2³² to the turn, positive counter-clockwise.
+    pub sweep: i64,
+    /// Radius at the start along both axes, in steps with 32 binary places.
+    pub radius: [i64; 2],
+    /// Radius at the end minus radius at the start.
+    pub radius_delta: [i64; 2],
+    /// Squared speed at which the centripetal acceleration is all that the axes allow, (mm/s)².
+    pub limit_sqr: f32,
+    /// Path length of one 2³²th of a turn, mm.
+    pub mm_per_phase: f32,
 }

@@ -2,6 +2,13 @@
 
 mod block;
 mod command;
+mod executor;
+mod lookahead;
+mod motion;
+mod router;
 
-pub use block::{Entry, Work};
+pub use block::{Block, Curve, Entry, Work};
 pub use command::{Circle, Command, Coolant, Pace, Plane, Rotation, Spindle};
+pub use lookahead::{BLOCKS, LookAhead};
+pub use motion::{Motion, Prepared};
+pub use router::Router;

@@ -1,11 +1,20 @@
 //! What the user sets with `$n=value`.
 
+mod decimal;
+mod table;
+
+pub use table::{Kind, Row, SettingError, TABLE, Value, assign, listed, set};
+
 use crate::{
     axis::Axes,
     units::{Nm, StepsPerMm},
 };
 
 /// All settings, with Grbl's numbers.
+#[expect(
+    clippy::struct_excessive_bools,
+    reason = "each is a setting of its own"
+)]
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Settings {
     /// `$0` Step pulse, µs.

@@ -11,42 +11,61 @@ pub struct StepEvent(u32);
 impl StepEvent {
     /// Longest wait, ticks (6.2 ms).
     pub const MAX_TICKS: u32 = (1 << 19) - 1;
-    const BOUNDARY: u32 = 1 << 12;
 
     /// An event. Masks have six bits, bit 0 = X; `ticks` is at most [`Self::MAX_TICKS`].
+    #[inline]
     #[must_use]
     pub const fn new(ticks: u32, raise: u32, drop: u32) -> Self {
         Self(ticks << 13 | (drop & 0x3f) << 6 | raise & 0x3f)
     }
 
-    /// The same event as the first of a segment.
+    /// The event in one word.
+    #[inline]
     #[must_use]
-    pub const fn at_boundary(self) -> Self {
-        Self(self.0 | Self::BOUNDARY)
+    pub const fn bits(self) -> u32 {
+        self.0
+    }
+
+    /// The event of a word.
+    #[inline]
+    #[must_use]
+    pub const fn from_bits(bits: u32) -> Self {
+        Self(bits)
+    }
+
+    /// The event, as the first of a segment if it is.
+    #[inline]
+    #[must_use]
+    pub const fn with_boundary(self, is_boundary: bool) -> Self {
+        Self(self.0 | (is_boundary as u32) << 12)
     }
 
     /// Ticks after the event before.
+    #[inline]
     #[must_use]
     pub const fn ticks(self) -> u32 {
         self.0 >> 13
     }
 
     /// Pulses that begin, bit 0 = X.
+    #[inline]
     #[must_use]
     pub const fn raise(self) -> u32 {
         self.0 & 0x3f
     }
 
     /// Pulses that end, bit 0 = X.
+    #[inline]
     #[must_use]
     pub const fn drop(self) -> u32 {
         self.0 >> 6 & 0x3f
     }
 
     /// Whether a new segment begins with it.
+    #[inline]
     #[must_use]
     pub const fn is_boundary(self) -> bool {
-        self.0 & Self::BOUNDARY != 0
+        self.0 & 1 << 12 != 0
     }
 }
 

@@ -10,7 +10,10 @@
 
 use heapless::spsc::Producer;
 
-use super::{DIRECTION_SETUP_TICKS, EVENT_SPACING_TICKS, PULSE_LOW_TICKS, SegmentInfo, StepEvent};
+use super::{
+    DIRECTION_SETUP_TICKS, EVENT_SPACING_TICKS, EventWriter, PULSE_LOW_TICKS, SegmentInfo,
+    StepEvent,
+};
 use crate::{
     axis::{AXES, Axes},
     math,
@@ -18,9 +21,12 @@ use crate::{
 };
 
 /// Longest time that the end of a pulse waits to share an event, ticks.
-const SHARE_TICKS: u32 = 10 * TICKS_PER_US;
-/// Events that one step, with the ends of pulses before it, can need; waiting events apart.
-const EVENTS_PER_STEP: usize = 4;
+const SHARE_TICKS: i32 = (10 * TICKS_PER_US).cast_signed();
+/// Events that one step can need: ends of pulses before it, waits, and itself.
+const EVENTS_PER_STEP: u32 = 8;
+/// [`EVENT_SPACING_TICKS`] and [`PULSE_LOW_TICKS`] as differences of times.
+const SPACING: i32 = EVENT_SPACING_TICKS.cast_signed();
+const LOW: i32 = PULSE_LOW_TICKS.cast_signed();
 /// Relative change of speed from one step to the next above which a step time is computed by the
 /// quadratic formula instead of from the step before.
 const SLOW_CHANGE: f32 = 0.01;
@@ -109,12 +115,111 @@ impl AxisSteps {
     }
 }
 
-/// Pulses that are high, and when they may end.
-#[derive(Debug, Clone, Copy, Default)]
-struct High {
+/// Pulses that are high and when they may end, or low and when they may begin again.
+#[derive(Debug, Clone, Copy)]
+struct Pulses {
     mask: u32,
-    /// Earliest end, ticks from the segment's start.
+    /// Ticks from the segment's start.
     due: i32,
+}
+
+const NO_PULSES: Pulses = Pulses { mask: 0, due: 0 };
+
+/// Where the list of events has come to: copied into registers while a segment is filled.
+#[derive(Debug, Clone, Copy)]
+struct Cursor {
+    /// Time of the last event, ticks from the segment's start; negative for an earlier segment.
+    last: i32,
+    /// Pulses that are high, the older first.
+    older: Pulses,
+    younger: Pulses,
+    /// Pulses that ended last.
+    low: Pulses,
+    /// The next event is the first of its segment.
+    is_boundary: bool,
+}
+
+impl Cursor {
+    /// Puts one event, and waiting events before it where the time is long.
+    #[inline]
+    fn put(&mut self, time: i32, raise: u32, drop: u32, events: &mut EventWriter<'_>) {
+        let mut ticks = (time - self.last).cast_unsigned();
+        self.last = time;
+        // wcet-bound: 2
+        while ticks > StepEvent::MAX_TICKS {
+            ticks -= StepEvent::MAX_TICKS;
+            events.put(StepEvent::new(StepEvent::MAX_TICKS, 0, 0));
+        }
+        events.put(StepEvent::new(ticks, raise, drop).with_boundary(self.is_boundary));
+        self.is_boundary = false;
+    }
+
+    /// Ends the older pulses with an event of their own.
+    #[inline]
+    fn end_older(&mut self, events: &mut EventWriter<'_>) {
+        let Pulses { mask, due } = self.older;
+        let time = due.max(self.last + SPACING);
+        self.put(time, 0, mask, events);
+        self.low = Pulses {
+            mask,
+            due: time + LOW,
+        };
+        self.older = self.younger;
+        self.younger = NO_PULSES;
+    }
+
+    /// Puts a step of the axes in `mask`, and the ends of pulses that have to come before it.
+    #[inline]
+    fn step(&mut self, time: i32, mask: u32, pulse_ticks: i32, events: &mut EventWriter<'_>) {
+        // wcet-bound: 2
+        while self.older.mask != 0
+            && ((self.older.mask | self.younger.mask) & mask != 0
+                || time > self.older.due + SHARE_TICKS)
+        {
+            self.end_older(events);
+        }
+        let mut time = time.max(self.last + SPACING);
+        if mask & self.low.mask != 0 {
+            time = time.max(self.low.due);
+        }
+        let mut drop = 0;
+        // wcet-bound: 2
+        while self.older.mask != 0 && time >= self.older.due {
+            drop |= self.older.mask;
+            self.older = self.younger;
+            self.younger = NO_PULSES;
+        }
+        self.put(time, mask, drop, events);
+        if drop != 0 {
+            self.low = Pulses {
+                mask: drop,
+                due: time + LOW,
+            };
+        }
+        let due = time + pulse_ticks;
+        if self.older.mask == 0 {
+            self.older = Pulses { mask, due };
+        } else {
+            self.younger.mask |= mask;
+            self.younger.due = due;
+        }
+    }
+
+    /// Ends all pulses.
+    fn end_all(&mut self, events: &mut EventWriter<'_>) {
+        // wcet-bound: 2
+        while self.older.mask != 0 {
+            self.end_older(events);
+        }
+    }
+
+    /// The same times, counted from a start that is later by `ticks`.
+    fn later_by(&mut self, ticks: i32) {
+        self.last = self.last.saturating_sub(ticks);
+        self.older.due = self.older.due.saturating_sub(ticks);
+        self.younger.due = self.younger.due.saturating_sub(ticks);
+        self.low.due = self.low.due.saturating_sub(ticks);
+    }
 }
 
 /// Turns segments into events, resumable at any event.
@@ -125,22 +230,13 @@ pub struct Generator {
     position: Axes<FineSteps>,
     /// The segment's duration, ticks.
     ticks: u32,
-    /// Time of the last event, ticks from the segment's start; negative for an earlier segment.
-    last: i32,
-    /// The next event is the first of its segment.
-    is_boundary: bool,
+    cursor: Cursor,
     /// The segment is not finished.
     is_open: bool,
     /// The segment has other directions than the one before, and no step yet.
     turns: bool,
     /// The segment is the standstill after the last one.
     is_rest: bool,
-    /// Events put so far, wrapping.
-    puts: u16,
-    /// Pulses that are high, the older first.
-    high: [High; 2],
-    /// Pulses that ended last, and when.
-    low: High,
     directions: u8,
     pulse_ticks: i32,
     /// End of everything generated, on the generator's clock.
@@ -155,14 +251,16 @@ impl Generator {
             axes: [NO_STEPS; AXES],
             position: Axes([FineSteps(0); AXES]),
             ticks: 0,
-            last: 0,
-            is_boundary: false,
+            cursor: Cursor {
+                last: 0,
+                older: NO_PULSES,
+                younger: NO_PULSES,
+                low: NO_PULSES,
+                is_boundary: false,
+            },
             is_open: false,
             turns: false,
             is_rest: false,
-            puts: 0,
-            high: [High { mask: 0, due: 0 }; 2],
-            low: High { mask: 0, due: 0 },
             directions: 0,
             pulse_ticks: (10 * TICKS_PER_US).cast_signed(),
             clock_ticks: 0,
@@ -249,32 +347,58 @@ impl Generator {
     }
 
     fn open(&mut self, ticks: u32, directions: u8) {
-        // Times are from the new segment's start now.
-        let elapsed = self.ticks.cast_signed();
-        self.last = self.last.saturating_sub(elapsed);
-        for high in &mut self.high {
-            high.due = high.due.saturating_sub(elapsed);
-        }
-        self.low.due = self.low.due.saturating_sub(elapsed);
+        self.cursor.later_by(self.ticks.cast_signed());
+        self.cursor.is_boundary = true;
         self.ticks = ticks;
-        self.is_boundary = true;
         self.is_open = true;
         self.turns = directions != self.directions;
         self.directions = directions;
     }
 
     /// Generates events until the segment is finished, which it tells, or the queue is full.
-    pub fn fill(&mut self, events: &mut Producer<'_, StepEvent>) -> bool {
-        let mut room = events.capacity() - events.len();
+    pub fn fill(&mut self, events: &mut EventWriter<'_>) -> bool {
+        if events.room() < EVENTS_PER_STEP {
+            return false;
+        }
+        if self.turns {
+            self.turn(events);
+        }
+        let mut cursor = self.cursor;
+        let (end, pulse_ticks) = (self.ticks, self.pulse_ticks);
+        let is_done = match self.alone(&cursor) {
+            Some(axis) => fill_one(axis, &mut cursor, end, pulse_ticks, events),
+            None => self.fill_all(&mut cursor, events),
+        };
+        self.cursor = cursor;
+        if is_done {
+            self.close(events);
+        }
+        is_done
+    }
+
+    /// The only axis with steps left, if no pulse of another one is high: with the axis's mask.
+    fn alone(&mut self, cursor: &Cursor) -> Option<(&mut AxisSteps, u32)> {
+        let mut mask = 0;
+        // wcet-bound: 6
+        for (index, axis) in self.axes.iter().enumerate() {
+            mask |= u32::from(axis.left != 0) << index;
+        }
+        let others = (cursor.older.mask | cursor.younger.mask) & !mask;
+        if !mask.is_power_of_two() || others != 0 {
+            return None;
+        }
+        let axis = self.axes.get_mut(mask.trailing_zeros() as usize)?;
+        Some((axis, mask))
+    }
+
+    /// All axes' events in time order.
+    fn fill_all(&mut self, cursor: &mut Cursor, events: &mut EventWriter<'_>) -> bool {
         // wcet-bound: 1024
-        while room >= EVENTS_PER_STEP {
-            let before = self.puts;
+        while events.room() >= EVENTS_PER_STEP {
             let Some((time, mask)) = self.next_steps() else {
-                self.close(events);
                 return true;
             };
-            self.step(time, mask, events);
-            room -= usize::from(self.puts.wrapping_sub(before)).min(room);
+            cursor.step(time, mask, self.pulse_ticks, events);
         }
         false
     }
@@ -302,118 +426,73 @@ impl Generator {
         Some((first.cast_signed(), mask))
     }
 
-    /// Puts a step of the axes in `mask`, and the ends of pulses that have to come before it.
-    #[inline]
-    fn step(&mut self, time: i32, mask: u32, events: &mut Producer<'_, StepEvent>) {
-        const SPACING: i32 = EVENT_SPACING_TICKS.cast_signed();
-        const LOW: i32 = PULSE_LOW_TICKS.cast_signed();
-        let mut time = time;
-        if mask & self.low.mask != 0 {
-            time = time.max(self.low.due);
-        }
-        if self.turns {
-            time = time.max(self.turn(events));
-        }
-        time = time.max(self.last + SPACING);
-        // wcet-bound: 2
-        while self.high[0].mask != 0
-            && ((self.high[0].mask | self.high[1].mask) & mask != 0
-                || time > self.high[0].due + SHARE_TICKS.cast_signed())
-        {
-            let [ended, younger] = self.high;
-            let at = ended.due.max(self.last + SPACING);
-            self.put(at, 0, ended.mask, events);
-            self.high = [younger, High::default()];
-            self.low = High {
-                mask: ended.mask,
-                due: at + LOW,
-            };
-            let earliest = if mask & ended.mask == 0 { SPACING } else { LOW };
-            time = time.max(at + earliest);
-        }
-        let mut drop = 0;
-        // wcet-bound: 2
-        while self.high[0].mask != 0 && time >= self.high[0].due {
-            drop |= self.high[0].mask;
-            self.high = [self.high[1], High::default()];
-        }
-        self.put(time, mask, drop, events);
-        if drop != 0 {
-            self.low = High {
-                mask: drop,
-                due: time + LOW,
-            };
-        }
-        let due = time + self.pulse_ticks;
-        let place = usize::from(self.high[0].mask != 0);
-        self.high[place].mask |= mask;
-        self.high[place].due = due;
-    }
-
-    /// Ends all pulses, so that directions can change; the earliest time of the next step.
+    /// Ends all pulses before directions change, and holds the next step back.
     #[inline(never)]
-    fn turn(&mut self, events: &mut Producer<'_, StepEvent>) -> i32 {
+    fn turn(&mut self, events: &mut EventWriter<'_>) {
         self.turns = false;
         // The segment begins with the event that follows: directions change when these are over.
-        self.is_boundary = false;
-        self.end_pulses(events);
-        self.is_boundary = true;
-        self.last + DIRECTION_SETUP_TICKS.cast_signed()
-    }
-
-    fn end_pulses(&mut self, events: &mut Producer<'_, StepEvent>) {
-        // wcet-bound: 2
-        for _ in 0..2 {
-            let [ended, younger] = self.high;
-            if ended.mask != 0 {
-                let at = ended.due.max(self.last + EVENT_SPACING_TICKS.cast_signed());
-                self.put(at, 0, ended.mask, events);
-                self.low = High {
-                    mask: ended.mask,
-                    due: at + PULSE_LOW_TICKS.cast_signed(),
-                };
-            }
-            self.high = [younger, High::default()];
-        }
+        self.cursor.is_boundary = false;
+        self.cursor.end_all(events);
+        self.cursor.is_boundary = true;
+        self.cursor.low = Pulses {
+            mask: u32::MAX,
+            due: self.cursor.last + DIRECTION_SETUP_TICKS.cast_signed(),
+        };
     }
 
     /// Finishes the segment: one without steps still has an event, at its end.
     #[inline(never)]
-    fn close(&mut self, events: &mut Producer<'_, StepEvent>) {
+    fn close(&mut self, events: &mut EventWriter<'_>) {
         if self.is_rest {
             self.is_rest = false;
             self.turn(events);
         }
-        if self.is_boundary {
-            let spaced = self.last + EVENT_SPACING_TICKS.cast_signed();
-            self.put(self.ticks.cast_signed().max(spaced), 0, 0, events);
+        let end = self.ticks.cast_signed();
+        if self.cursor.is_boundary {
+            let time = end.max(self.cursor.last + SPACING);
+            self.cursor.put(time, 0, 0, events);
         }
         // Events that had to wait for others stretch the segment.
-        let over = self.last.saturating_sub(self.ticks.cast_signed()).max(0);
-        self.ticks += over.cast_unsigned();
-        self.clock_ticks = self.clock_ticks.wrapping_add(over.cast_unsigned());
+        let over = self.cursor.last.saturating_sub(end).max(0).cast_unsigned();
+        self.ticks += over;
+        self.clock_ticks = self.clock_ticks.wrapping_add(over);
         self.is_open = false;
     }
+}
 
-    /// Puts one event, and waiting events before it where the time is long.
-    #[inline]
-    fn put(&mut self, time: i32, raise: u32, drop: u32, events: &mut Producer<'_, StepEvent>) {
-        let mut ticks = (time - self.last).cast_unsigned();
-        self.last = time;
-        // wcet-bound: 2
-        while ticks > StepEvent::MAX_TICKS {
-            ticks -= StepEvent::MAX_TICKS;
-            let _ = events.enqueue(StepEvent::new(StepEvent::MAX_TICKS, 0, 0));
-            self.puts = self.puts.wrapping_add(1);
-        }
-        let mut event = StepEvent::new(ticks, raise, drop);
-        if self.is_boundary {
-            self.is_boundary = false;
-            event = event.at_boundary();
-        }
-        let _ = events.enqueue(event);
-        self.puts = self.puts.wrapping_add(1);
+impl Default for Generator {
+    fn default() -> Self {
+        Self::new()
     }
+}
+
+/// The events of an axis that moves alone: every pulse ends before the next begins.
+fn fill_one(
+    (axis, mask): (&mut AxisSteps, u32),
+    cursor: &mut Cursor,
+    end: u32,
+    pulse_ticks: i32,
+    events: &mut EventWriter<'_>,
+) -> bool {
+    let mut steps = *axis;
+    // wcet-bound: 512
+    while steps.left != 0 && events.room() >= EVENTS_PER_STEP {
+        if cursor.older.mask != 0 {
+            cursor.end_older(events);
+        }
+        let mut time = steps.next.cast_signed().max(cursor.last + SPACING);
+        if cursor.low.mask & mask != 0 {
+            time = time.max(cursor.low.due);
+        }
+        cursor.put(time, mask, 0, events);
+        cursor.older = Pulses {
+            mask,
+            due: time + pulse_ticks,
+        };
+        steps.advance(end);
+    }
+    *axis = steps;
+    steps.left == 0
 }
 
 /// The steps of an axis that goes from one position to another, and whether backwards.
@@ -462,11 +541,5 @@ fn to_f32(fine: i64) -> f32 {
         fine as i32 as f32 * (1.0 / 4_294_967_296.0)
     } else {
         (fine >> 12) as i32 as f32 * (1.0 / 1_048_576.0)
-    }
-}
-
-impl Default for Generator {
-    fn default() -> Self {
-        Self::new()
     }
 }

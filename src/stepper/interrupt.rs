@@ -7,7 +7,7 @@ use core::sync::atomic::{AtomicBool, AtomicI32, AtomicU32, Ordering::Relaxed};
 
 use heapless::spsc::Consumer;
 
-use super::{SegmentInfo, StepEvent};
+use super::{EventReader, SegmentInfo};
 use crate::axis::{AXES, Axes};
 
 /// Words of step counts: three lanes each.
@@ -21,7 +21,6 @@ const LANE_MASK: u32 = (1 << LANE_BITS) - 1;
 pub struct StepCounts {
     position: [AtomicI32; AXES],
     pulses: [AtomicU32; AXES],
-    events: AtomicU32,
     late: AtomicU32,
     played_ticks: AtomicU32,
     feed_mm_min: AtomicU32,
@@ -37,7 +36,6 @@ impl StepCounts {
         Self {
             position: [const { AtomicI32::new(0) }; AXES],
             pulses: [const { AtomicU32::new(0) }; AXES],
-            events: AtomicU32::new(0),
             late: AtomicU32::new(0),
             played_ticks: AtomicU32::new(0),
             feed_mm_min: AtomicU32::new(0),
@@ -57,12 +55,6 @@ impl StepCounts {
     #[must_use]
     pub fn pulses(&self) -> Axes<u32> {
         Axes::from_fn(|axis| self.pulses[axis].load(Relaxed))
-    }
-
-    /// Events that began a pulse, wrapping.
-    #[must_use]
-    pub fn events(&self) -> u32 {
-        self.events.load(Relaxed)
     }
 
     /// Events whose time had passed before they could be set up.
@@ -100,10 +92,14 @@ impl StepCounts {
         self.running.load(Relaxed)
     }
 
-    /// Whether the event queue ever ran empty in motion: a fault.
+    /// Takes the fault that the event queue ran empty in motion; for `prepare` alone.
     #[must_use]
-    pub fn has_starved(&self) -> bool {
-        self.starved.load(Relaxed)
+    pub fn take_starved(&self) -> bool {
+        let starved = self.starved.load(Relaxed);
+        if starved {
+            self.starved.store(false, Relaxed);
+        }
+        starved
     }
 }
 
@@ -139,8 +135,6 @@ impl Advance {
 pub struct Stepper {
     /// Steps since the segment began, in lanes of [`LANE_BITS`].
     lanes: [u32; LANE_WORDS],
-    /// Events with steps since the segment began.
-    events: u32,
     /// Pulses that begin with the event being waited for.
     raise: u32,
     /// Directions of the segment being played.
@@ -154,7 +148,6 @@ impl Stepper {
     pub const fn new() -> Self {
         Self {
             lanes: [0; LANE_WORDS],
-            events: 0,
             raise: 0,
             directions: 0,
             is_rest: true,
@@ -168,12 +161,12 @@ impl Stepper {
     #[inline]
     pub fn advance(
         &mut self,
-        events: &mut Consumer<'_, StepEvent>,
+        events: &mut EventReader<'_>,
         infos: &mut Consumer<'_, SegmentInfo>,
         counts: &StepCounts,
     ) -> Advance {
         self.count();
-        let Some(event) = events.dequeue() else {
+        let Some(event) = events.take() else {
             return self.stop(counts);
         };
         let mut directions = None;
@@ -195,7 +188,6 @@ impl Stepper {
         // Three copies of the mask, one bit further apart each: bit `n` meets lane `n` in copy `n`.
         const COPIES: u32 = 1 | 1 << (LANE_BITS - 1) | 1 << (2 * (LANE_BITS - 1));
         const LANES: u32 = 1 | 1 << LANE_BITS | 1 << (2 * LANE_BITS);
-        self.events += u32::from(self.raise != 0);
         let mut mask = self.raise;
         // wcet-bound: 2
         for lanes in &mut self.lanes {
@@ -223,9 +215,6 @@ impl Stepper {
             let pulses = &counts.pulses[axis];
             pulses.store(pulses.load(Relaxed).wrapping_add(steps), Relaxed);
         }
-        let events = counts.events.load(Relaxed).wrapping_add(self.events);
-        counts.events.store(events, Relaxed);
-        self.events = 0;
     }
 
     #[inline(never)]

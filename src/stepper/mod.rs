@@ -6,15 +6,15 @@
 mod event;
 mod generator;
 mod interrupt;
+mod ring;
 
 pub use event::{SegmentInfo, StepEvent};
 pub use generator::{AxisMotion, Generator, Segment};
 pub use interrupt::{Advance, StepCounts, Stepper};
+pub use ring::{EVENT_RING, EventReader, EventRing, EventWriter};
 
 use crate::units::{TICKS_PER_MS, TICKS_PER_US};
 
-/// Events that may wait for the step interrupt, and one more.
-pub const EVENT_RING: usize = 1024;
 /// Segments that may wait for the step interrupt, and one more.
 pub const SEGMENT_RING: usize = 32;
 /// Motion that is prepared ahead: what a feed hold has to wait for, ticks.

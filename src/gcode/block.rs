@@ -1,0 +1,455 @@
+//! One line: its words gathered by modal group and letter.
+//!
+//! Finds every error that does not depend on what earlier lines left behind, in Grbl's order: word
+//! by word from the left. The modes of the line are put over those before it, in a copy.
+
+use super::{
+    Code, Distance, FeedMode, Flow, LineError, Modal, Motion, Number, Probe, ToolLength, Units,
+    WorkCoordinates,
+};
+use crate::{
+    axis::{AXES, Axes, LETTERS},
+    planner::{Plane, Rotation, Spindle},
+};
+
+/// The words of one line.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Block {
+    /// The modal state before the line, with the line's modes, `S` and `T` put in. `F` is not.
+    pub modal: Modal,
+    /// The command of modal group 0.
+    pub non_modal: NonModal,
+    /// Who uses the axis words.
+    pub axis_command: AxisCommand,
+    /// What happens to the program after the line.
+    pub flow: Flow,
+    /// Letters of the value words, without the axes.
+    pub words: Words,
+    /// Axes that have a word, bit 0 = X.
+    pub axes: u8,
+    /// Values of the axis words, 0 without.
+    pub coordinates: Axes<Number>,
+    /// `I`, `J`, `K`.
+    pub offsets: [Number; 3],
+    /// `P`.
+    pub p: Number,
+    /// `R`.
+    pub radius: Number,
+    /// `F`, in the units of the line.
+    pub feed: f32,
+    /// `L`. Grbl keeps it in eight bits, so `L258` is `L2`.
+    pub l: u8,
+    /// `N`.
+    pub line: u32,
+    groups: u16,
+}
+
+/// A command of modal group 0.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+pub enum NonModal {
+    /// There is none.
+    #[default]
+    None,
+    /// `G4`.
+    Dwell,
+    /// `G10`.
+    SetCoordinates,
+    /// `G28`, `G30`.
+    GoTo(Reference),
+    /// `G28.1`, `G30.1`.
+    Store(Reference),
+    /// `G53`.
+    MachineCoordinates,
+    /// `G92`.
+    SetOffset,
+    /// `G92.1`.
+    ClearOffset,
+}
+
+/// A stored position.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Reference {
+    /// Of `G28`.
+    G28,
+    /// Of `G30`.
+    G30,
+}
+
+/// Who uses the axis words.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+pub enum AxisCommand {
+    /// Nobody.
+    #[default]
+    None,
+    /// `G10`, `G28`, `G30`, `G92`.
+    NonModal,
+    /// The motion mode.
+    Motion,
+    /// `G43.1`, `G49`.
+    ToolLength,
+}
+
+/// A value word by its letter.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Word(u32);
+
+impl Word {
+    /// Feed rate.
+    pub const F: Self = Self::new(b'F');
+    /// Offsets of an arc's centre.
+    pub const IJK: Self = Self(Self::new(b'I').0 | Self::new(b'J').0 | Self::new(b'K').0);
+    /// What `G10` does.
+    pub const L: Self = Self::new(b'L');
+    /// Line number.
+    pub const N: Self = Self::new(b'N');
+    /// Dwell time, coordinate system, turns.
+    pub const P: Self = Self::new(b'P');
+    /// Radius.
+    pub const R: Self = Self::new(b'R');
+    /// Spindle speed.
+    pub const S: Self = Self::new(b'S');
+    /// Tool.
+    pub const T: Self = Self::new(b'T');
+
+    /// The word of an upper case letter.
+    #[must_use]
+    pub const fn new(letter: u8) -> Self {
+        Self(1 << (letter & 31))
+    }
+
+    /// The word of an `I`, `J` or `K` by the axis it belongs to.
+    #[must_use]
+    pub const fn offset_of(axis: usize) -> Self {
+        Self(Self::new(b'I').0 << (axis & 3))
+    }
+}
+
+/// A set of value words.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+pub struct Words(u32);
+
+impl Words {
+    /// Whether one of the words is in the set.
+    #[must_use]
+    pub const fn contains(self, word: Word) -> bool {
+        self.0 & word.0 != 0
+    }
+
+    /// Adds a word.
+    pub const fn insert(&mut self, word: Word) {
+        self.0 |= word.0;
+    }
+
+    /// Takes words out.
+    pub const fn remove(&mut self, word: Word) {
+        self.0 &= !word.0;
+    }
+
+    /// Whether no word is left.
+    #[must_use]
+    pub const fn is_empty(self) -> bool {
+        self.0 == 0
+    }
+}
+
+/// Modal groups, with the bit that notes that the line has a command of it.
+#[derive(Clone, Copy)]
+#[repr(u16)]
+enum Group {
+    NonModal = 1 << 0,
+    Motion = 1 << 1,
+    Plane = 1 << 2,
+    Distance = 1 << 3,
+    ArcDistance = 1 << 4,
+    FeedMode = 1 << 5,
+    Units = 1 << 6,
+    CutterCompensation = 1 << 7,
+    ToolLength = 1 << 8,
+    Coordinates = 1 << 9,
+    Control = 1 << 10,
+    Flow = 1 << 11,
+    Spindle = 1 << 12,
+    Coolant = 1 << 13,
+}
+
+impl Block {
+    /// Gathers the words of a line: upper case, without blanks and comments.
+    ///
+    /// # Errors
+    /// What is wrong with the line whatever the state: numbers 1, 2, 4, 20, 21, 23, 24, 25, 38.
+    pub fn parse(line: &[u8], modal: &Modal) -> Result<Self, LineError> {
+        let mut block = Self::empty(*modal);
+        let mut rest = line;
+        while let Some((&letter, text)) = rest.split_first() {
+            if !letter.is_ascii_uppercase() {
+                return Err(LineError::ExpectedLetter);
+            }
+            let (number, tail) = Number::parse(text).ok_or(LineError::BadNumber)?;
+            match letter {
+                b'G' => block.g_word(number.code())?,
+                b'M' => block.m_word(number.code())?,
+                _ => block.value_word(letter, number)?,
+            }
+            rest = tail;
+        }
+        if block.axes != 0 && block.axis_command == AxisCommand::None {
+            block.axis_command = AxisCommand::Motion;
+        }
+        Ok(block)
+    }
+
+    /// A line without words.
+    fn empty(modal: Modal) -> Self {
+        Self {
+            modal,
+            non_modal: NonModal::None,
+            axis_command: AxisCommand::None,
+            flow: Flow::Run,
+            words: Words(0),
+            axes: 0,
+            coordinates: Axes([Number::new(0, 0); AXES]),
+            offsets: [Number::new(0, 0); 3],
+            p: Number::new(0, 0),
+            radius: Number::new(0, 0),
+            feed: 0.0,
+            l: 0,
+            line: 0,
+            groups: 0,
+        }
+    }
+
+    /// Whether an axis has a word.
+    #[must_use]
+    pub const fn has_axis(&self, axis: usize) -> bool {
+        self.axes >> axis & 1 != 0
+    }
+
+    fn g_word(&mut self, code: Code) -> Result<(), LineError> {
+        let group = match code.whole {
+            0..=3 | 38 | 80 => self.motion_word(code)?,
+            4 | 10 | 28 | 30 | 53 | 92 => self.non_modal_word(code)?,
+            43 | 49 => self.tool_length_word(code)?,
+            91 if code.hundredths == 10 => Group::ArcDistance,
+            61 | 90 | 91 if !code.is_whole() => return Err(LineError::Unsupported),
+            _ => {
+                let group = self.mode_word(code.whole)?;
+                if !code.is_whole() {
+                    return Err(LineError::NotInteger);
+                }
+                group
+            }
+        };
+        self.claim(group)
+    }
+
+    /// Modal group 1.
+    fn motion_word(&mut self, code: Code) -> Result<Group, LineError> {
+        if code.whole != 80 {
+            if self.axis_command != AxisCommand::None {
+                return Err(LineError::AxisCommandConflict);
+            }
+            self.axis_command = AxisCommand::Motion;
+        }
+        self.modal.motion = match (code.whole, code.hundredths) {
+            (38, 20) => Motion::Probe(Probe::Contact),
+            (38, 30) => Motion::Probe(Probe::TryContact),
+            (38, 40) => Motion::Probe(Probe::Release),
+            (38, 50) => Motion::Probe(Probe::TryRelease),
+            (38, _) => return Err(LineError::Unsupported),
+            (_, 1..) => return Err(LineError::NotInteger),
+            (0, 0) => Motion::Rapid,
+            (1, 0) => Motion::Linear,
+            (2, 0) => Motion::Arc(Rotation::Clockwise),
+            (3, 0) => Motion::Arc(Rotation::CounterClockwise),
+            _ => Motion::Cancelled,
+        };
+        Ok(Group::Motion)
+    }
+
+    /// Modal group 0.
+    fn non_modal_word(&mut self, code: Code) -> Result<Group, LineError> {
+        let uses_axes = matches!(code.whole, 10 | 28 | 30 | 92) && code.is_whole();
+        if uses_axes {
+            if self.axis_command != AxisCommand::None {
+                return Err(LineError::AxisCommandConflict);
+            }
+            self.axis_command = AxisCommand::NonModal;
+        }
+        self.non_modal = match (code.whole, code.hundredths) {
+            (28, 0) => NonModal::GoTo(Reference::G28),
+            (28, 10) => NonModal::Store(Reference::G28),
+            (30, 0) => NonModal::GoTo(Reference::G30),
+            (30, 10) => NonModal::Store(Reference::G30),
+            (92, 0) => NonModal::SetOffset,
+            (92, 10) => NonModal::ClearOffset,
+            (28 | 30 | 92, _) => return Err(LineError::Unsupported),
+            (_, 1..) => return Err(LineError::NotInteger),
+            (4, 0) => NonModal::Dwell,
+            (10, 0) => NonModal::SetCoordinates,
+            _ => NonModal::MachineCoordinates,
+        };
+        Ok(Group::NonModal)
+    }
+
+    /// Modal group 8. The fraction of `G49` is not looked at.
+    fn tool_length_word(&mut self, code: Code) -> Result<Group, LineError> {
+        if self.axis_command != AxisCommand::None {
+            return Err(LineError::AxisCommandConflict);
+        }
+        self.axis_command = AxisCommand::ToolLength;
+        self.modal.tool_length = match (code.whole, code.hundredths) {
+            (49, _) => ToolLength::None,
+            (_, 10) => ToolLength::Dynamic,
+            _ => return Err(LineError::Unsupported),
+        };
+        Ok(Group::ToolLength)
+    }
+
+    /// The modes that are set by whole numbers and do not look at the rest of the line.
+    fn mode_word(&mut self, whole: u8) -> Result<Group, LineError> {
+        let modal = &mut self.modal;
+        Ok(match whole {
+            17..=19 => {
+                modal.plane = match whole {
+                    17 => Plane::Xy,
+                    18 => Plane::Zx,
+                    _ => Plane::Yz,
+                };
+                Group::Plane
+            }
+            20 => {
+                modal.units = Units::Inches;
+                Group::Units
+            }
+            21 => {
+                modal.units = Units::Millimetres;
+                Group::Units
+            }
+            40 => Group::CutterCompensation,
+            54..=59 => {
+                let index = usize::from(whole - 54);
+                modal.coordinates = *WorkCoordinates::ALL
+                    .get(index)
+                    .ok_or(LineError::UnknownCoordinates)?;
+                Group::Coordinates
+            }
+            61 => Group::Control,
+            90 => {
+                modal.distance = Distance::Absolute;
+                Group::Distance
+            }
+            91 => {
+                modal.distance = Distance::Incremental;
+                Group::Distance
+            }
+            93 => {
+                modal.feed_mode = FeedMode::InverseTime;
+                Group::FeedMode
+            }
+            94 => {
+                modal.feed_mode = FeedMode::PerMinute;
+                Group::FeedMode
+            }
+            _ => return Err(LineError::Unsupported),
+        })
+    }
+
+    fn m_word(&mut self, code: Code) -> Result<(), LineError> {
+        if !code.is_whole() {
+            return Err(LineError::NotInteger);
+        }
+        let group = match code.whole {
+            0 => {
+                self.flow = Flow::Pause;
+                Group::Flow
+            }
+            // Optional stop: the machine has no switch for it.
+            1 => Group::Flow,
+            2 | 30 => {
+                self.flow = Flow::End;
+                Group::Flow
+            }
+            3..=5 => {
+                self.modal.spindle = match code.whole {
+                    3 => Spindle::Clockwise,
+                    4 => Spindle::CounterClockwise,
+                    _ => Spindle::Off,
+                };
+                Group::Spindle
+            }
+            8 => {
+                self.modal.coolant.flood = true;
+                Group::Coolant
+            }
+            9 => {
+                self.modal.coolant.flood = false;
+                self.modal.coolant.mist = false;
+                Group::Coolant
+            }
+            _ => return Err(LineError::Unsupported),
+        };
+        self.claim(group)
+    }
+
+    fn value_word(&mut self, letter: u8, number: Number) -> Result<(), LineError> {
+        match letter {
+            b'X' | b'Y' | b'Z' | b'A' | b'B' | b'C' => return self.axis_word(letter, number),
+            b'F' => self.feed = number.to_f32(),
+            b'I' => self.offsets[0] = number,
+            b'J' => self.offsets[1] = number,
+            b'K' => self.offsets[2] = number,
+            b'L' => self.l = number.trunc() as u8,
+            b'N' => self.line = u32::try_from(number.trunc()).unwrap_or(u32::MAX),
+            b'P' => self.p = number,
+            b'R' => self.radius = number,
+            b'S' => self.modal.speed_rpm = number.to_f32(),
+            b'T' => {
+                self.modal.tool = match u8::try_from(number.trunc()) {
+                    Ok(u8::MAX) if !number.is_whole() => return Err(LineError::ToolNumberTooHigh),
+                    Ok(tool) => tool,
+                    Err(_) if number.is_negative() => 0,
+                    Err(_) => return Err(LineError::ToolNumberTooHigh),
+                }
+            }
+            _ => return Err(LineError::Unsupported),
+        }
+        self.note(Word::new(letter))?;
+        if matches!(letter, b'F' | b'N' | b'P' | b'S' | b'T') && number.is_negative() {
+            return Err(LineError::NegativeValue);
+        }
+        Ok(())
+    }
+
+    fn axis_word(&mut self, letter: u8, number: Number) -> Result<(), LineError> {
+        let axis = LETTERS.iter().position(|&known| known == letter);
+        let coordinate = axis.and_then(|axis| self.coordinates.0.get_mut(axis));
+        let (Some(axis), Some(coordinate)) = (axis, coordinate) else {
+            return Err(LineError::Unsupported);
+        };
+        let bit = 1 << axis;
+        if self.axes & bit != 0 {
+            return Err(LineError::RepeatedWord);
+        }
+        self.axes |= bit;
+        *coordinate = number;
+        Ok(())
+    }
+
+    /// Notes a value word, which must be the first of its letter.
+    fn note(&mut self, word: Word) -> Result<(), LineError> {
+        if self.words.contains(word) {
+            return Err(LineError::RepeatedWord);
+        }
+        self.words.insert(word);
+        Ok(())
+    }
+
+    /// Notes a command, which must be the first of its group.
+    fn claim(&mut self, group: Group) -> Result<(), LineError> {
+        if self.groups & group as u16 != 0 {
+            return Err(LineError::ModalGroupViolation);
+        }
+        self.groups |= group as u16;
+        Ok(())
+    }
+}

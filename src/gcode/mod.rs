@@ -1,0 +1,16 @@
+//! G-code text to words and modal groups: pure, nothing is remembered between lines.
+//!
+//! Read with NIST RS274NGC 3 and Grbl 1.1's table of errors. A line arrives as the line assembler
+//! leaves it: upper case, without blanks and comments.
+
+mod block;
+mod error;
+mod modal;
+mod number;
+
+pub use block::{AxisCommand, Block, NonModal, Reference, Word, Words};
+pub use error::LineError;
+pub use modal::{
+    Distance, FeedMode, Flow, Modal, Motion, Probe, ToolLength, Units, WorkCoordinates,
+};
+pub use number::{Code, Number};

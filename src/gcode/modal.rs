@@ -1,0 +1,214 @@
+//! The modal state: what a line leaves behind for the lines after it.
+
+use crate::planner::{Coolant, Plane, Rotation, Spindle};
+
+/// The modes and values that stay until they are changed. The default is the power-up state.
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
+pub struct Modal {
+    /// What axis words alone do.
+    pub motion: Motion,
+    /// What an `F` word means.
+    pub feed_mode: FeedMode,
+    /// The unit of coordinates.
+    pub units: Units,
+    /// What coordinates refer to.
+    pub distance: Distance,
+    /// The plane of arcs.
+    pub plane: Plane,
+    /// Whether a tool length is in effect.
+    pub tool_length: ToolLength,
+    /// The work coordinate system in use.
+    pub coordinates: WorkCoordinates,
+    /// State of the spindle.
+    pub spindle: Spindle,
+    /// State of the coolant.
+    pub coolant: Coolant,
+    /// `T`: the tool selected last.
+    pub tool: u8,
+    /// `F`: mm/min, or 1/min with [`FeedMode::InverseTime`]. 0: not set.
+    pub feed: f32,
+    /// `S`: programmed spindle speed, rpm.
+    pub speed_rpm: f32,
+}
+
+/// What axis words alone do.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+pub enum Motion {
+    /// `G0`.
+    #[default]
+    Rapid,
+    /// `G1`.
+    Linear,
+    /// `G2`, `G3`.
+    Arc(Rotation),
+    /// `G38.2` to `G38.5`.
+    Probe(Probe),
+    /// `G80`: nothing, they are an error.
+    Cancelled,
+}
+
+impl Motion {
+    /// The command as reports write it.
+    #[must_use]
+    pub const fn word(self) -> &'static str {
+        match self {
+            Self::Rapid => "G0",
+            Self::Linear => "G1",
+            Self::Arc(Rotation::Clockwise) => "G2",
+            Self::Arc(Rotation::CounterClockwise) => "G3",
+            Self::Probe(Probe::Contact) => "G38.2",
+            Self::Probe(Probe::TryContact) => "G38.3",
+            Self::Probe(Probe::Release) => "G38.4",
+            Self::Probe(Probe::TryRelease) => "G38.5",
+            Self::Cancelled => "G80",
+        }
+    }
+}
+
+/// What a probe move waits for.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Probe {
+    /// `G38.2`: contact, an alarm without.
+    Contact,
+    /// `G38.3`: contact, if there is any.
+    TryContact,
+    /// `G38.4`: loss of contact, an alarm without.
+    Release,
+    /// `G38.5`: loss of contact, if there is any.
+    TryRelease,
+}
+
+/// What an `F` word means.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+pub enum FeedMode {
+    /// `G94`: length units per minute.
+    #[default]
+    PerMinute,
+    /// `G93`: the inverse of the move's time in minutes.
+    InverseTime,
+}
+
+impl FeedMode {
+    /// The command as reports write it.
+    #[must_use]
+    pub const fn word(self) -> &'static str {
+        match self {
+            Self::PerMinute => "G94",
+            Self::InverseTime => "G93",
+        }
+    }
+}
+
+/// The unit of coordinates and feeds.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+pub enum Units {
+    /// `G21`.
+    #[default]
+    Millimetres,
+    /// `G20`.
+    Inches,
+}
+
+impl Units {
+    /// The command as reports write it.
+    #[must_use]
+    pub const fn word(self) -> &'static str {
+        match self {
+            Self::Millimetres => "G21",
+            Self::Inches => "G20",
+        }
+    }
+}
+
+/// What coordinates refer to.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+pub enum Distance {
+    /// `G90`: the work coordinate system.
+    #[default]
+    Absolute,
+    /// `G91`: the position before.
+    Incremental,
+}
+
+impl Distance {
+    /// The command as reports write it.
+    #[must_use]
+    pub const fn word(self) -> &'static str {
+        match self {
+            Self::Absolute => "G90",
+            Self::Incremental => "G91",
+        }
+    }
+}
+
+/// Whether a tool length is in effect.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+pub enum ToolLength {
+    /// `G49`.
+    #[default]
+    None,
+    /// `G43.1`.
+    Dynamic,
+}
+
+/// A work coordinate system.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+#[repr(u8)]
+pub enum WorkCoordinates {
+    /// `G54`, number 1 of `G10`.
+    #[default]
+    G54,
+    /// `G55`.
+    G55,
+    /// `G56`.
+    G56,
+    /// `G57`.
+    G57,
+    /// `G58`.
+    G58,
+    /// `G59`.
+    G59,
+}
+
+impl WorkCoordinates {
+    /// All of them, in order.
+    pub const ALL: [Self; 6] = [
+        Self::G54,
+        Self::G55,
+        Self::G56,
+        Self::G57,
+        Self::G58,
+        Self::G59,
+    ];
+
+    /// Its place in [`Self::ALL`].
+    #[must_use]
+    pub const fn index(self) -> usize {
+        self as usize
+    }
+
+    /// The command as reports write it.
+    #[must_use]
+    pub const fn word(self) -> &'static str {
+        match self {
+            Self::G54 => "G54",
+            Self::G55 => "G55",
+            Self::G56 => "G56",
+            Self::G57 => "G57",
+            Self::G58 => "G58",
+            Self::G59 => "G59",
+        }
+    }
+}
+
+/// What happens to the program after the line.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+pub enum Flow {
+    /// It goes on.
+    #[default]
+    Run,
+    /// `M0`: it waits for cycle start.
+    Pause,
+    /// `M2`, `M30`: it has ended.
+    End,
+}

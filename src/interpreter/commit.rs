@@ -1,0 +1,150 @@
+//! The second phase of a line: carrying out what was checked, in the NIST order of execution.
+
+use heapless::Vec;
+
+use super::{Action, COMMANDS, Checked, Interpreter, Message, Outcome, Path};
+use crate::{
+    axis::Axes,
+    gcode::{Distance, FeedMode, Flow, Modal, Motion, Reference, WorkCoordinates},
+    planner::{Command, Coolant, Pace, Plane, Spindle},
+    units::Nm,
+};
+
+pub(super) fn commit(state: &mut Interpreter, checked: &Checked) -> Outcome {
+    let mut commands = Commands(Vec::new());
+    commands.switch(&state.modal, &checked.modal);
+    if let Action::Dwell(milliseconds) = checked.action {
+        commands.add(Command::Dwell { milliseconds });
+    }
+    state.modal = checked.modal;
+    state.offsets.tool_length = checked.tool_length;
+    act(state, checked, &mut commands);
+    travel(state, checked, &mut commands);
+    let message = end(state, checked.flow, &mut commands);
+    Outcome {
+        commands: commands.0,
+        message,
+    }
+}
+
+/// The commands of one line.
+struct Commands(Vec<Command, COMMANDS>);
+
+impl Commands {
+    fn add(&mut self, command: Command) {
+        let is_full = self.0.push(command).is_err();
+        debug_assert!(!is_full, "a line makes fewer commands than COMMANDS");
+    }
+
+    /// Spindle and coolant, where they change.
+    fn switch(&mut self, before: &Modal, after: &Modal) {
+        let new_speed = after.spindle != Spindle::Off && before.speed_rpm != after.speed_rpm;
+        if before.spindle != after.spindle || new_speed {
+            self.add(Command::Spindle {
+                spindle: after.spindle,
+                rpm: if after.spindle == Spindle::Off {
+                    0.0
+                } else {
+                    after.speed_rpm
+                },
+            });
+        }
+        if before.coolant != after.coolant {
+            self.add(Command::Coolant(after.coolant));
+        }
+    }
+}
+
+/// The command of modal group 0.
+fn act(state: &mut Interpreter, checked: &Checked, commands: &mut Commands) {
+    match checked.action {
+        Action::None | Action::Dwell(_) => {}
+        Action::SetOrigin(system) => state.offsets.coordinates[system.index()] = checked.values,
+        Action::GoTo(reference) => go_to(state, checked, reference, commands),
+        Action::Store(Reference::G28) => state.offsets.g28 = state.position,
+        Action::Store(Reference::G30) => state.offsets.g30 = state.position,
+        Action::SetOffset => state.offsets.work = checked.values,
+        Action::ClearOffset => state.offsets.work = Axes::all(Nm(0)),
+    }
+}
+
+/// To a stored position: all axes at once, or first to the target and then the named axes.
+fn go_to(
+    state: &mut Interpreter,
+    checked: &Checked,
+    reference: Reference,
+    commands: &mut Commands,
+) {
+    let stored = state.offsets.stored(reference);
+    let target = if checked.axes == 0 {
+        stored
+    } else {
+        commands.add(line(checked.values, Pace::Rapid, checked));
+        Axes::from_fn(|axis| {
+            if checked.axes >> axis & 1 == 0 {
+                checked.values[axis]
+            } else {
+                stored[axis]
+            }
+        })
+    };
+    commands.add(line(target, Pace::Rapid, checked));
+    state.position = target;
+}
+
+/// The move of the motion mode.
+fn travel(state: &mut Interpreter, checked: &Checked, commands: &mut Commands) {
+    let pace = match (checked.modal.motion, checked.modal.feed_mode) {
+        (Motion::Rapid, _) => Pace::Rapid,
+        (_, FeedMode::PerMinute) => Pace::Feed(checked.modal.feed),
+        (_, FeedMode::InverseTime) => Pace::InverseTime(checked.modal.feed),
+    };
+    let target = checked.values;
+    let command = match checked.path {
+        Path::None => return,
+        Path::Straight => line(target, pace, checked),
+        Path::Arc(circle) => Command::Arc {
+            target,
+            circle,
+            pace,
+            line: checked.line,
+        },
+    };
+    commands.add(command);
+    state.position = target;
+}
+
+fn line(target: Axes<Nm>, pace: Pace, checked: &Checked) -> Command {
+    Command::Line {
+        target,
+        pace,
+        line: checked.line,
+    }
+}
+
+/// Program pause and program end. `F`, `S`, `T`, the unit, `G92` and the tool length stay.
+fn end(state: &mut Interpreter, flow: Flow, commands: &mut Commands) -> Option<Message> {
+    match flow {
+        Flow::Run => None,
+        Flow::Pause => {
+            commands.add(Command::Pause);
+            None
+        }
+        Flow::End => {
+            let modal = &mut state.modal;
+            modal.motion = Motion::Linear;
+            modal.plane = Plane::default();
+            modal.distance = Distance::default();
+            modal.feed_mode = FeedMode::default();
+            modal.coordinates = WorkCoordinates::default();
+            modal.spindle = Spindle::Off;
+            modal.coolant = Coolant::default();
+            commands.add(Command::Spindle {
+                spindle: Spindle::Off,
+                rpm: 0.0,
+            });
+            commands.add(Command::Coolant(Coolant::default()));
+            Some(Message::ProgramEnd)
+        }
+    }
+}

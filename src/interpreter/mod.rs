@@ -1,0 +1,195 @@
+//! Blocks to commands: units, offsets, planes, arcs, program flow.
+//!
+//! Owns the modal state, the offsets and the programmed position. A line is taken in two phases:
+//! [`Interpreter::check`] finds every error and changes nothing, [`Interpreter::commit`] cannot
+//! fail. Between them the caller waits for what the line needs: room, or standstill. Read with
+//! NIST RS274NGC 3 (order of execution: table 8) and Grbl 1.1's errors.
+
+mod arc;
+mod check;
+mod commit;
+mod offsets;
+
+pub use offsets::Offsets;
+
+use heapless::Vec;
+
+use crate::{
+    axis::Axes,
+    gcode::{Flow, LineError, Modal, Reference, WorkCoordinates},
+    planner::{Circle, Command},
+    settings::Settings,
+    units::Nm,
+};
+
+/// What one line asks for: five commands at most and, at program end, two more.
+pub const COMMANDS: usize = 8;
+
+/// The state that G-code lines change.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Interpreter {
+    modal: Modal,
+    offsets: Offsets,
+    position: Axes<Nm>,
+}
+
+/// A line without errors, ready to be committed.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Checked {
+    /// The modal state after the line, but for the end of a program.
+    modal: Modal,
+    action: Action,
+    flow: Flow,
+    /// Axes that have a word, bit 0 = X.
+    axes: u8,
+    /// Whether the state of the spindle, the coolant or the work offset changes.
+    changes: bool,
+    /// `N`.
+    line: u32,
+    /// The tool length after the line.
+    tool_length: Nm,
+    /// Target of the move, or what the action sets.
+    values: Axes<Nm>,
+    path: Path,
+}
+
+/// What a line does beside its motion.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Action {
+    None,
+    /// `G4`, ms.
+    Dwell(u32),
+    /// `G10`.
+    SetOrigin(WorkCoordinates),
+    /// `G28`, `G30`.
+    GoTo(Reference),
+    /// `G28.1`, `G30.1`.
+    Store(Reference),
+    /// `G92`.
+    SetOffset,
+    /// `G92.1`.
+    ClearOffset,
+}
+
+/// The move of a line's motion mode.
+#[derive(Debug, Clone, Copy, PartialEq)]
+enum Path {
+    None,
+    Straight,
+    Arc(Circle),
+}
+
+/// What a committed line asks for.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Outcome {
+    /// What to execute, in order.
+    pub commands: Vec<Command, COMMANDS>,
+    /// What to send before the line's `ok`, after the commands have been executed.
+    pub message: Option<Message>,
+}
+
+/// A message of a line.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Message {
+    /// `[MSG:Pgm End]`.
+    ProgramEnd,
+}
+
+impl Checked {
+    /// Whether everything before the line must be executed before it is committed.
+    ///
+    /// As in Grbl: where the work offset, a stored position, the spindle or the coolant changes,
+    /// at a dwell, at a program pause and at a program end.
+    #[must_use]
+    pub fn waits_for_rest(&self) -> bool {
+        self.answers_when_done()
+            || self.changes
+            || match self.action {
+                Action::None | Action::Dwell(_) | Action::GoTo(_) => false,
+                Action::SetOrigin(_)
+                | Action::Store(_)
+                | Action::SetOffset
+                | Action::ClearOffset => true,
+            }
+    }
+
+    /// Whether the answer is withheld until the line's commands have been executed.
+    #[must_use]
+    pub fn answers_when_done(&self) -> bool {
+        self.flow != Flow::Run || matches!(self.action, Action::Dwell(_))
+    }
+
+    /// Whether the line moves the machine.
+    #[must_use]
+    pub fn moves(&self) -> bool {
+        self.path != Path::None || matches!(self.action, Action::GoTo(_))
+    }
+}
+
+impl Interpreter {
+    /// The power-up state: at the origin, all offsets zero.
+    #[must_use]
+    pub fn new() -> Self {
+        Self {
+            modal: Modal::default(),
+            offsets: Offsets::default(),
+            position: Axes::all(Nm(0)),
+        }
+    }
+
+    /// Checks a line: upper case, without blanks and comments. Nothing changes.
+    ///
+    /// # Errors
+    /// The first that Grbl would find. A target or offset that an axis cannot count
+    /// ([`Settings::farthest`]) is [`LineError::InvalidTarget`].
+    pub fn check(&self, line: &[u8], settings: &Settings) -> Result<Checked, LineError> {
+        check::check(self, line, settings)
+    }
+
+    /// Carries out a line that was checked against the present state.
+    pub fn commit(&mut self, checked: &Checked) -> Outcome {
+        commit::commit(self, checked)
+    }
+
+    /// Back to the power-up modes; the position, `G54` to `G59`, `G28` and `G30` stay.
+    pub fn reset(&mut self) {
+        self.modal = Modal::default();
+        self.offsets.work = Axes::all(Nm(0));
+        self.offsets.tool_length = Nm(0);
+    }
+
+    /// The programmed position, in the machine frame.
+    #[must_use]
+    pub fn position(&self) -> Axes<Nm> {
+        self.position
+    }
+
+    /// Tells where the machine is.
+    pub fn set_position(&mut self, position: Axes<Nm>) {
+        self.position = position;
+    }
+
+    /// Machine position minus work position: work coordinate system, `G92` and tool length.
+    #[must_use]
+    pub fn work_offset(&self) -> Axes<Nm> {
+        self.offsets.total(self.modal.coordinates)
+    }
+
+    /// The modal state.
+    #[must_use]
+    pub fn modal(&self) -> &Modal {
+        &self.modal
+    }
+
+    /// The offsets and stored positions.
+    #[must_use]
+    pub fn offsets(&self) -> &Offsets {
+        &self.offsets
+    }
+}
+
+impl Default for Interpreter {
+    fn default() -> Self {
+        Self::new()
+    }
+}

@@ -1,0 +1,92 @@
+//! Alarms: why the machine locked itself, with Grbl's numbers.
+
+use core::fmt;
+
+/// What made the machine lock itself until it is unlocked, homed or reset.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[repr(u8)]
+pub enum Alarm {
+    /// A limit switch closed.
+    HardLimit = 1,
+    /// A target is outside the travel.
+    SoftLimit = 2,
+    /// A reset while an axis moved.
+    ResetInMotion = 3,
+    /// The probe was closed before probing, or open before probing away.
+    ProbeState = 4,
+    /// The probe did not close, or open, on its way.
+    ProbeContact = 5,
+    /// A reset during homing.
+    HomingReset = 6,
+    /// The safety door opened during homing.
+    HomingDoor = 7,
+    /// A limit switch was still closed after the pull-off.
+    HomingPullOff = 8,
+    /// No limit switch was found.
+    HomingNotFound = 9,
+    /// The second motor of an axis found no limit switch.
+    HomingDualAxis = 10,
+}
+
+impl Alarm {
+    /// Every alarm, in the order of the numbers.
+    pub const ALL: [Self; 10] = [
+        Self::HardLimit,
+        Self::SoftLimit,
+        Self::ResetInMotion,
+        Self::ProbeState,
+        Self::ProbeContact,
+        Self::HomingReset,
+        Self::HomingDoor,
+        Self::HomingPullOff,
+        Self::HomingNotFound,
+        Self::HomingDualAxis,
+    ];
+
+    /// Grbl's number.
+    #[must_use]
+    pub const fn number(self) -> u8 {
+        self as u8
+    }
+
+    /// What happened, in one line.
+    #[must_use]
+    pub const fn text(self) -> &'static str {
+        match self {
+            Self::HardLimit => "a limit switch closed: the position is lost",
+            Self::SoftLimit => "the target is outside the machine's travel",
+            Self::ResetInMotion => "reset while moving",
+            Self::ProbeState => "the probe was not in its expected state before the move",
+            Self::ProbeContact => "the probe made no contact",
+            Self::HomingReset => "homing failed: reset",
+            Self::HomingDoor => "homing failed: the safety door opened",
+            Self::HomingPullOff => "homing failed: the switch stayed closed after the pull-off",
+            Self::HomingNotFound => "homing failed: no limit switch was found",
+            Self::HomingDualAxis => "homing failed: the second motor found no limit switch",
+        }
+    }
+}
+
+impl fmt::Display for Alarm {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "ALARM:{}", self.number())
+    }
+}
+
+impl core::error::Error for Alarm {}
+
+#[cfg(test)]
+mod tests {
+    use std::string::ToString;
+
+    use super::*;
+
+    #[test]
+    fn alarms_have_grbls_numbers_and_a_text_of_one_line() {
+        for (alarm, number) in Alarm::ALL.into_iter().zip(1..) {
+            assert_eq!(alarm.number(), number);
+            assert_eq!(alarm.to_string(), std::format!("ALARM:{number}"));
+            assert!(!alarm.text().is_empty() && !alarm.text().contains('\n'));
+        }
+    }
+}

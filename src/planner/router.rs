@@ -1,0 +1,354 @@
+//! Geometry and limits of each move: from commands in nanometres to blocks.
+//!
+//! Runs in `interpret`, which has no deadline, so that `prepare` needs single precision only.
+//! Junction speed: S. Jeon, "Improving Grbl's cornering algorithm" (2011): the corner is followed
+//! at the speed at which a circle that leaves it by the junction deviation would be.
+
+use super::{Block, Circle, Command, Curve, Pace, Rotation, Work};
+use crate::{
+    axis::{AXES, Axes},
+    math,
+    settings::Settings,
+    stepper::PULSE_LOW_TICKS,
+    units::{FineSteps, Nm, Steps, StepsPerMm, TICKS_PER_SECOND, TICKS_PER_US},
+};
+
+/// Axes that are linear: X, Y, Z. The others turn, and give the feed only when alone.
+const LINEAR: usize = 3;
+/// Slowest speed along the path, mm/s: 1 mm/min, as in Grbl.
+const MIN_SPEED_MM_S: f32 = 1.0 / 60.0;
+/// Most steps per second that a segment of the step interrupt can count on one axis.
+const MAX_STEP_RATE_HZ: f32 = 500_000.0;
+/// Cosine of the angle between two blocks above which they are one line.
+const STRAIGHT: f32 = 0.999_999;
+
+/// What the limits of a move are computed from.
+#[derive(Debug, Clone, Copy)]
+struct Limits {
+    steps_per_mm: Axes<f32>,
+    speed_mm_s: Axes<f32>,
+    acceleration_mm_s2: Axes<f32>,
+    junction_deviation_mm: f32,
+}
+
+impl Limits {
+    fn new(settings: &Settings) -> Self {
+        let pulse_ticks = u32::from(settings.step_pulse_us) * TICKS_PER_US + PULSE_LOW_TICKS;
+        let step_rate = (TICKS_PER_SECOND as f32 / pulse_ticks as f32).min(MAX_STEP_RATE_HZ);
+        let steps_per_mm = settings.steps_per_mm.map(StepsPerMm::to_f32);
+        Self {
+            steps_per_mm,
+            speed_mm_s: settings.max_rate_mm_min.zip(steps_per_mm, |rate, steps| {
+                (rate / 60.0).min(step_rate / steps)
+            }),
+            acceleration_mm_s2: settings.acceleration_mm_s2,
+            junction_deviation_mm: settings.junction_deviation_mm,
+        }
+    }
+
+    /// The smallest of the limits, each divided by the axis's share of the direction.
+    fn along(limits: &Axes<f32>, direction: &Axes<f32>) -> f32 {
+        let mut smallest = f32::MAX;
+        for (limit, share) in limits.iter().zip(direction) {
+            if *share != 0.0 {
+                smallest = smallest.min(limit / share.abs());
+            }
+        }
+        smallest
+    }
+
+    /// Limit of the squared speed in the corner between two directions.
+    fn junction_sqr(&self, before: &Axes<f32>, after: &Axes<f32>) -> f32 {
+        let cosine = dot(before, after);
+        if cosine >= STRAIGHT {
+            return f32::MAX;
+        }
+        if cosine <= -STRAIGHT {
+            return 0.0;
+        }
+        // The acceleration in the corner points along the change of direction.
+        let change = after.zip(*before, |after, before| after - before);
+        let length = math::sqrt(dot(&change, &change));
+        let acceleration = Self::along(&self.acceleration_mm_s2, &change) * length;
+        let sine_half = math::sqrt(0.5 * (1.0 + cosine));
+        acceleration * self.junction_deviation_mm * sine_half / (1.0 - sine_half)
+    }
+}
+
+/// Turns commands into work, from where the one before ended.
+#[derive(Debug)]
+pub struct Router {
+    settings: Settings,
+    limits: Limits,
+    position: Axes<Nm>,
+    fine: Axes<FineSteps>,
+    steps: Axes<Steps>,
+    /// Direction at the end of the block before.
+    tangent: Axes<f32>,
+}
+
+impl Router {
+    /// At the origin.
+    #[must_use]
+    pub fn new(settings: &Settings) -> Self {
+        Self {
+            settings: *settings,
+            limits: Limits::new(settings),
+            position: Axes::all(Nm(0)),
+            fine: Axes::all(FineSteps(0)),
+            steps: Axes::all(Steps(0)),
+            tangent: Axes::all(0.0),
+        }
+    }
+
+    /// Takes over new settings at standstill at `steps`, and tells the position they mean now.
+    pub fn configure(&mut self, settings: &Settings, steps: Axes<i32>) -> Axes<Nm> {
+        self.settings = *settings;
+        self.limits = Limits::new(settings);
+        self.set_steps(steps)
+    }
+
+    /// Continues from a standstill at `steps`, and tells the position.
+    pub fn set_steps(&mut self, steps: Axes<i32>) -> Axes<Nm> {
+        self.steps = steps.map(Steps);
+        self.fine = steps.map(|steps| FineSteps(i64::from(steps) << 32));
+        self.position = self
+            .settings
+            .steps_per_mm
+            .zip(self.steps, |resolution, steps| {
+                resolution.position_of(steps)
+            });
+        self.position
+    }
+
+    /// The work that a command makes; `None` for a move that makes no step, which becomes part of
+    /// the next one.
+    ///
+    /// Targets must not be beyond [`Settings::farthest`].
+    pub fn work(&mut self, command: &Command) -> Option<Work> {
+        match command {
+            Command::Line { target, pace, line } => self.line(*target, *pace, *line),
+            Command::Arc {
+                target,
+                circle,
+                pace,
+                line,
+            } => self.arc(*target, circle, *pace, *line),
+            Command::Dwell { milliseconds } => Some(Work::Dwell(*milliseconds)),
+            Command::Spindle { spindle, rpm } => Some(Work::Spindle(*spindle, *rpm)),
+            Command::Coolant(coolant) => Some(Work::Coolant(*coolant)),
+            Command::Pause => Some(Work::Pause),
+        }
+    }
+
+    fn line(&mut self, target: Axes<Nm>, pace: Pace, line: u32) -> Option<Work> {
+        let end = self.place(target);
+        if end.steps == self.steps {
+            return None;
+        }
+        let way = target.zip(self.position, |to, from| (to - from).to_mm());
+        let length_mm = length(&way);
+        let direction = way.map(|way| way / length_mm);
+        let tangent = unit(direction);
+        let per_mm = self.limits.steps_per_mm;
+        let block = Block {
+            delta: end.fine.zip(self.fine, |to, from| to.0 - from.0),
+            steps_per_mm: direction.zip(per_mm, |share, steps| share * steps),
+            length_mm,
+            speed_mm_s: pace_mm_s(
+                pace,
+                length_mm,
+                Limits::along(&self.limits.speed_mm_s, &direction),
+            ),
+            acceleration_mm_s2: Limits::along(&self.limits.acceleration_mm_s2, &direction),
+            junction_sqr: self.limits.junction_sqr(&self.tangent, &tangent),
+            curve: None,
+            line,
+        };
+        self.finish(target, end, tangent);
+        Some(Work::Move(block))
+    }
+
+    fn arc(&mut self, target: Axes<Nm>, circle: &Circle, pace: Pace, line: u32) -> Option<Work> {
+        let (first, second, _) = circle.plane.axes();
+        let way = target.zip(self.position, |to, from| to - from);
+        let arc = Arc::new(circle, way[first], way[second]);
+        let finest = self.limits.steps_per_mm[first].max(self.limits.steps_per_mm[second]);
+        if arc.length_mm() as f32 * finest < 0.5 {
+            // Shorter than half a step in its plane: what is left of it is a line.
+            return self.line(target, pace, line);
+        }
+        let end = self.place(target);
+        let mut linear = way.map(Nm::to_mm);
+        linear[first] = 0.0;
+        linear[second] = 0.0;
+        let plane_mm = arc.length_mm() as f32;
+        let rest_mm = length(&linear);
+        let length_mm = math::sqrt(plane_mm * plane_mm + rest_mm * rest_mm);
+        let flat = plane_mm / length_mm;
+        let mut direction = linear.map(|way| way / length_mm);
+        let tangent_at = |[x, y]: [f64; 2]| {
+            let mut tangent = direction;
+            tangent[first] = x as f32 * flat;
+            tangent[second] = y as f32 * flat;
+            unit(tangent)
+        };
+        let (start_tangent, end_tangent) = (tangent_at(arc.tangent(0)), tangent_at(arc.tangent(1)));
+        // Any direction in the plane occurs: the axes share the smaller of their limits.
+        let shared = |limits: &Axes<f32>| limits[first].min(limits[second]);
+        let acceleration = shared(&self.limits.acceleration_mm_s2)
+            .min(Limits::along(&self.limits.acceleration_mm_s2, &direction));
+        let limit_sqr = acceleration * arc.radius.iter().fold(f64::MAX, |a, b| a.min(*b)) as f32
+            / (flat * flat);
+        let rate = (shared(&self.limits.speed_mm_s) / flat)
+            .min(Limits::along(&self.limits.speed_mm_s, &direction));
+        direction[first] = flat;
+        direction[second] = flat;
+        let per_mm = self.limits.steps_per_mm;
+        let block = Block {
+            delta: end.fine.zip(self.fine, |to, from| to.0 - from.0),
+            steps_per_mm: direction.zip(per_mm, |share, steps| share * steps),
+            length_mm,
+            speed_mm_s: pace_mm_s(pace, length_mm, rate.min(math::sqrt(limit_sqr))),
+            acceleration_mm_s2: acceleration,
+            junction_sqr: self.limits.junction_sqr(&self.tangent, &start_tangent),
+            curve: Some(self.curve(&arc, [first, second], limit_sqr, length_mm)),
+            line,
+        };
+        self.finish(target, end, end_tangent);
+        Some(Work::Move(block))
+    }
+
+    fn curve(&self, arc: &Arc, axes: [usize; 2], limit_sqr: f32, length_mm: f32) -> Curve {
+        let [start, end] = arc.radius;
+        let fine = |axis: usize, mm: f64| {
+            let steps_per_mm = self.settings.steps_per_mm[axis].millionths() as f64 * 1.0e-6;
+            libm::round(mm * steps_per_mm * FineSteps::ONE as f64) as i64
+        };
+        let radius = axes.map(|axis| fine(axis, start));
+        Curve {
+            first: axes[0] as u8,
+            second: axes[1] as u8,
+            phase: libm::round(arc.start * PHASE_PER_RAD) as i64 as u32,
+            sweep: libm::round(arc.sweep * PHASE_PER_RAD) as i64,
+            radius,
+            radius_delta: axes.map(|axis| fine(axis, end - start)),
+            limit_sqr,
+            mm_per_phase: (f64::from(length_mm) / (libm::fabs(arc.sweep) * PHASE_PER_RAD)) as f32,
+        }
+    }
+
+    /// Where a move to `target` ends.
+    fn place(&self, target: Axes<Nm>) -> End {
+        let mut end = End {
+            steps: self.steps,
+            fine: self.fine,
+        };
+        for axis in 0..AXES {
+            if target[axis] != self.position[axis] {
+                (end.steps[axis], end.fine[axis]) =
+                    self.settings.steps_per_mm[axis].steps_at(target[axis]);
+            }
+        }
+        end
+    }
+
+    fn finish(&mut self, target: Axes<Nm>, end: End, tangent: Axes<f32>) {
+        self.position = target;
+        self.steps = end.steps;
+        self.fine = end.fine;
+        self.tangent = tangent;
+    }
+}
+
+#[derive(Debug, Clone, Copy)]
+struct End {
+    steps: Axes<Steps>,
+    fine: Axes<FineSteps>,
+}
+
+/// 2³² phases to the turn.
+const PHASE_PER_RAD: f64 = 4_294_967_296.0 / core::f64::consts::TAU;
+
+/// An arc in its plane, in double precision.
+struct Arc {
+    /// Radius at the start and at the end, mm.
+    radius: [f64; 2],
+    /// Angle of the start seen from the centre, rad.
+    start: f64,
+    /// Angle travelled, rad, positive counter-clockwise.
+    sweep: f64,
+}
+
+impl Arc {
+    fn new(circle: &Circle, way_first: Nm, way_second: Nm) -> Self {
+        let [x0, y0] = circle.centre.map(|centre| -centre.to_mm_f64());
+        let x1 = (way_first - circle.centre[0]).to_mm_f64();
+        let y1 = (way_second - circle.centre[1]).to_mm_f64();
+        let is_closed = way_first == Nm(0) && way_second == Nm(0);
+        let travel = if is_closed {
+            0.0
+        } else {
+            libm::atan2(x0 * y1 - y0 * x1, x0 * x1 + y0 * y1)
+        };
+        let turns = core::f64::consts::TAU * f64::from(circle.turns.saturating_sub(1));
+        let sweep = match circle.rotation {
+            Rotation::CounterClockwise if travel > 0.0 => travel + turns,
+            Rotation::CounterClockwise => travel + core::f64::consts::TAU + turns,
+            Rotation::Clockwise if travel < 0.0 => travel - turns,
+            Rotation::Clockwise => travel - core::f64::consts::TAU - turns,
+        };
+        Self {
+            radius: [libm::hypot(x0, y0), libm::hypot(x1, y1)],
+            start: libm::atan2(y0, x0),
+            sweep,
+        }
+    }
+
+    /// Length of the path, mm: to the square of the difference of the radii, which is tiny.
+    fn length_mm(&self) -> f64 {
+        libm::fabs(self.sweep) * 0.5 * (self.radius[0] + self.radius[1])
+    }
+
+    /// Unit tangent at the start (0) or the end (1).
+    fn tangent(&self, end: u8) -> [f64; 2] {
+        let angle = self.start + self.sweep * f64::from(end);
+        let (sine, cosine) = (libm::sin(angle), libm::cos(angle));
+        if self.sweep > 0.0 {
+            [-sine, cosine]
+        } else {
+            [sine, -cosine]
+        }
+    }
+}
+
+/// Length of a way: over the linear axes, or over the rotary ones when only they move.
+fn length(way: &Axes<f32>) -> f32 {
+    let square = |way: &[f32]| way.iter().map(|x| x * x).sum::<f32>();
+    let (linear, rotary) = way.0.split_at(LINEAR);
+    let linear = square(linear);
+    math::sqrt(if linear > 0.0 { linear } else { square(rotary) })
+}
+
+fn dot(a: &Axes<f32>, b: &Axes<f32>) -> f32 {
+    a.iter().zip(b).map(|(a, b)| a * b).sum()
+}
+
+/// The unit vector of a direction. With linear axes alone, directions are unit vectors already.
+fn unit(direction: Axes<f32>) -> Axes<f32> {
+    if AXES == LINEAR {
+        return direction;
+    }
+    let length = math::sqrt(dot(&direction, &direction));
+    direction.map(|share| share / length)
+}
+
+/// The programmed speed within a limit, mm/s.
+fn pace_mm_s(pace: Pace, length_mm: f32, limit_mm_s: f32) -> f32 {
+    let asked = match pace {
+        Pace::Rapid => return limit_mm_s,
+        Pace::Feed(mm_min) => mm_min / 60.0,
+        Pace::InverseTime(per_min) => length_mm * per_min / 60.0,
+    };
+    asked.max(MIN_SPEED_MM_S).min(limit_mm_s)
+}

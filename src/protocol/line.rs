@@ -1,0 +1,170 @@
+//! Bytes to lines: comments and blanks dropped, letters in upper case.
+//!
+//! Owns the line in the making. Each carriage return and each line feed ends a line, so that a
+//! sender gets one answer for each; what is dropped does not count towards its length. Read with
+//! Grbl 1.1 `protocol.c`, whose rules these are except for the length.
+
+use heapless::Vec;
+
+/// Bytes of the longest line after comments and blanks have been dropped.
+pub const LINE_BYTES: usize = 256;
+
+/// A line longer than [`LINE_BYTES`]: all of it is refused.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct TooLong;
+
+/// Where in the text the next byte stands.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+enum Place {
+    #[default]
+    Code,
+    /// Between `(` and `)`.
+    Parentheses,
+    /// After `;`.
+    Semicolon,
+}
+
+/// The line in the making.
+#[derive(Debug, Clone, Default)]
+pub struct Line {
+    bytes: Vec<u8, LINE_BYTES>,
+    place: Place,
+    is_too_long: bool,
+}
+
+impl Line {
+    /// An empty line.
+    #[must_use]
+    pub const fn new() -> Self {
+        Self {
+            bytes: Vec::new(),
+            place: Place::Code,
+            is_too_long: false,
+        }
+    }
+
+    /// Takes the next byte; true when it ends the line, which [`Line::text`] then has. The line
+    /// must be cleared before the byte after.
+    #[must_use]
+    pub fn take(&mut self, byte: u8) -> bool {
+        match (byte, self.place) {
+            (b'\n' | b'\r', _) => return true,
+            (b')', Place::Parentheses) => self.place = Place::Code,
+            (_, Place::Parentheses | Place::Semicolon) | (0..=b' ' | b'/', Place::Code) => {}
+            (b'(', Place::Code) => self.place = Place::Parentheses,
+            (b';', Place::Code) => self.place = Place::Semicolon,
+            (_, Place::Code) => {
+                self.is_too_long |= self.bytes.push(byte.to_ascii_uppercase()).is_err();
+            }
+        }
+        false
+    }
+
+    /// The text of the line so far.
+    ///
+    /// # Errors
+    /// [`TooLong`] when more was taken than a line may have.
+    pub fn text(&self) -> Result<&[u8], TooLong> {
+        if self.is_too_long {
+            Err(TooLong)
+        } else {
+            Ok(&self.bytes)
+        }
+    }
+
+    /// Begins a new line.
+    pub fn clear(&mut self) {
+        self.bytes.clear();
+        self.place = Place::Code;
+        self.is_too_long = false;
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::{string::String, vec::Vec};
+
+    use proptest::prelude::*;
+
+    use super::*;
+
+    fn lines(bytes: &[u8]) -> Vec<Result<String, TooLong>> {
+        let mut line = Line::new();
+        let mut lines = Vec::new();
+        for &byte in bytes {
+            if line.take(byte) {
+                let text = line.text().map(|t| String::from_utf8_lossy(t).into_owned());
+                lines.push(text);
+                line.clear();
+            }
+        }
+        lines
+    }
+
+    fn only(text: &str) -> String {
+        let all = lines((String::from(text) + "\n").as_bytes());
+        assert_eq!(all.len(), 1, "{text}");
+        all[0].clone().unwrap()
+    }
+
+    #[test]
+    fn carriage_return_and_line_feed_each_end_a_line() {
+        let empty = || Ok(String::new());
+        assert_eq!(
+            lines(b"G0\r\n\n\rG1\n"),
+            [
+                Ok(String::from("G0")),
+                empty(),
+                empty(),
+                empty(),
+                Ok(String::from("G1"))
+            ]
+        );
+    }
+
+    #[test]
+    fn comments_blanks_and_block_delete_are_dropped() {
+        for (text, expected) in [
+            ("\t g0\tx1 \0\x1f", "G0X1"),
+            ("G0 X1 (c)", "G0X1"),
+            ("G0 (a(b)c) X1", "G0C)X1"),
+            ("(open G0 X1", ""),
+            ("G0 X1 ; (a", "G0X1"),
+            ("; (a) G0", ""),
+            ("(a;b) G0", "G0"),
+            ("/G0 /X1", "G0X1"),
+            (") G0", ")G0"),
+            ("$I=unit test 42", "$I=UNITTEST42"),
+        ] {
+            assert_eq!(only(text), expected, "{text}");
+        }
+    }
+
+    #[test]
+    fn the_length_counts_only_what_is_kept() {
+        let longest = "X".repeat(LINE_BYTES);
+        let comment = "c".repeat(10_000);
+        assert_eq!(only(&std::format!("{longest}({comment})  /")), longest);
+        let too_long = std::format!("{longest} Y\nG0\n");
+        assert_eq!(
+            lines(too_long.as_bytes()),
+            [Err(TooLong), Ok(String::from("G0"))]
+        );
+    }
+
+    proptest! {
+        #[test]
+        fn there_are_as_many_lines_as_line_ends(bytes in prop::collection::vec(any::<u8>(), 0..2000)) {
+            let ends = bytes.iter().filter(|b| matches!(b, b'\r' | b'\n')).count();
+            prop_assert_eq!(lines(&bytes).len(), ends);
+        }
+
+        #[test]
+        fn a_line_taken_again_is_unchanged(text in "[ -~]{0,300}") {
+            if let Some(Ok(once)) = lines((text + "\n").as_bytes()).first() {
+                prop_assume!(!once.contains([')']));
+                prop_assert_eq!(&only(once), once);
+            }
+        }
+    }
+}

@@ -1,0 +1,275 @@
+//! Numbers and words written into a message of bounded length.
+//!
+//! Every report is made of these few writers: no `core::fmt`, no float formatting and no division,
+//! so that a report costs little and its time has a bound. A message is written completely before
+//! its first byte is sent.
+
+use heapless::Vec;
+
+use crate::{
+    axis::{AXES, Axes},
+    settings::Settings,
+    units::Nm,
+};
+
+/// Bytes of the longest message: a status report with every field and large coordinates.
+pub const MESSAGE_BYTES: usize = 64 + 32 * AXES;
+
+/// Decimal places that a number is searched for, so at most 16 digits are written.
+const PLACES: usize = 16;
+/// The value of each digit where a unit of the last digit counts 1, 1000 nm or 1/10 000 inch in nm.
+const ONES: [u64; PLACES] = places(1);
+const MICROMETRES: [u64; PLACES] = places(1_000);
+const TENTHS_OF_MIL: [u64; PLACES] = places(2_540);
+
+/// `unit` times the powers of ten, the largest first.
+const fn places(unit: u64) -> [u64; PLACES] {
+    let mut places = [unit; PLACES];
+    let mut index = PLACES - 1;
+    while index > 0 {
+        places[index - 1] = places[index] * 10;
+        index -= 1;
+    }
+    places
+}
+
+/// The unit of lengths and speeds in reports, `$13`.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum ReportUnit {
+    /// mm with 3 decimals, mm/min with none.
+    Millimetre,
+    /// Inches with 4 decimals, inches/min with 1.
+    Inch,
+}
+
+impl ReportUnit {
+    /// The unit that the settings ask for.
+    #[must_use]
+    pub const fn of(settings: &Settings) -> Self {
+        if settings.report_inches {
+            Self::Inch
+        } else {
+            Self::Millimetre
+        }
+    }
+}
+
+/// A message of at most [`MESSAGE_BYTES`]; what does not fit is left out.
+#[derive(Debug, Clone, Default)]
+pub struct Text {
+    bytes: Vec<u8, MESSAGE_BYTES>,
+}
+
+impl Text {
+    /// An empty message.
+    #[must_use]
+    pub const fn new() -> Self {
+        Self { bytes: Vec::new() }
+    }
+
+    /// What has been written.
+    #[must_use]
+    pub fn as_bytes(&self) -> &[u8] {
+        &self.bytes
+    }
+
+    /// Whether nothing has been written.
+    #[must_use]
+    pub fn is_empty(&self) -> bool {
+        self.bytes.is_empty()
+    }
+
+    /// Forgets what has been written.
+    pub fn clear(&mut self) {
+        self.bytes.clear();
+    }
+
+    /// Writes one character.
+    pub fn byte(&mut self, byte: u8) -> &mut Self {
+        let _ = self.bytes.push(byte);
+        self
+    }
+
+    /// Writes a word.
+    pub fn word(&mut self, word: &str) -> &mut Self {
+        // wcet-bound: 96
+        for &byte in word.as_bytes() {
+            self.byte(byte);
+        }
+        self
+    }
+
+    /// Ends the line.
+    pub fn end(&mut self) -> &mut Self {
+        self.byte(b'\r').byte(b'\n')
+    }
+
+    /// Writes a whole number.
+    pub fn natural(&mut self, value: u32) -> &mut Self {
+        self.digits(u64::from(value), &ONES, 0)
+    }
+
+    /// Writes a coordinate: 3 decimals in mm, 4 in inches, halves away from zero.
+    pub fn coordinate(&mut self, value: Nm, unit: ReportUnit) -> &mut Self {
+        let nm = value.0.unsigned_abs();
+        if value.0 < 0 {
+            self.byte(b'-');
+        }
+        match unit {
+            ReportUnit::Millimetre => self.digits(nm.saturating_add(500), &MICROMETRES, 3),
+            ReportUnit::Inch => self.digits(nm.saturating_add(1270), &TENTHS_OF_MIL, 4),
+        }
+    }
+
+    /// Writes one coordinate for each axis, with commas between.
+    pub fn coordinates(&mut self, values: &Axes<Nm>, unit: ReportUnit) -> &mut Self {
+        // wcet-bound: 6
+        for (axis, &value) in values.iter().enumerate() {
+            if axis > 0 {
+                self.byte(b',');
+            }
+            self.coordinate(value, unit);
+        }
+        self
+    }
+
+    /// Writes a speed in mm/min or, with one decimal, in inches/min.
+    pub fn rate(&mut self, mm_min: f32, unit: ReportUnit) -> &mut Self {
+        match unit {
+            ReportUnit::Millimetre => self.number(mm_min, 0),
+            ReportUnit::Inch => self.number(mm_min * (1.0 / 25.4), 1),
+        }
+    }
+
+    /// Writes a number with 0, 1 or 3 decimals, halves away from zero. Its magnitude must be
+    /// below 2³².
+    pub fn number(&mut self, value: f32, decimals: usize) -> &mut Self {
+        if value < 0.0 {
+            self.byte(b'-');
+        }
+        let magnitude = value.abs();
+        let scale: u32 = match decimals {
+            0 => 1,
+            1 => 10,
+            _ => 1000,
+        };
+        // The whole part and the fraction are exact, so only the last decimal is rounded.
+        let whole = magnitude as u32;
+        let fraction = ((magnitude - whole as f32) * scale as f32 + 0.5) as u32;
+        let scaled = u64::from(whole) * u64::from(scale) + u64::from(fraction);
+        self.digits(scaled, &ONES, decimals)
+    }
+
+    /// Writes millionths with 3 decimals, halves upwards.
+    pub fn millionths(&mut self, value: u64) -> &mut Self {
+        self.digits(value.saturating_add(500), &MICROMETRES, 3)
+    }
+
+    /// Writes a value as a multiple of the last place, cut off there, with a point before the
+    /// last `decimals` digits. Digits are found by subtraction: at most 9 for each.
+    fn digits(&mut self, value: u64, places: &[u64; PLACES], decimals: usize) -> &mut Self {
+        let mut rest = value;
+        let mut begun = false;
+        // wcet-bound: 16
+        for (place, left) in places.iter().zip((0..PLACES).rev()) {
+            let mut digit = b'0';
+            // wcet-bound: 9
+            while rest >= *place && digit < b'9' {
+                rest -= place;
+                digit += 1;
+            }
+            begun |= digit != b'0' || left <= decimals;
+            if decimals > 0 && left + 1 == decimals {
+                self.byte(b'.');
+            }
+            if begun {
+                self.byte(digit);
+            }
+        }
+        self
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::{format, string::String};
+
+    use proptest::prelude::*;
+
+    use super::*;
+
+    fn written(write: impl FnOnce(&mut Text) -> &mut Text) -> String {
+        let mut text = Text::new();
+        write(&mut text);
+        String::from_utf8(text.as_bytes().to_vec()).unwrap()
+    }
+
+    #[test]
+    fn coordinates_are_written_as_grbl_writes_them() {
+        for (nm, mm, inch) in [
+            (0, "0.000", "0.0000"),
+            (5_437_500, "5.438", "0.2141"),
+            (-5_000_000, "-5.000", "-0.1969"),
+            (10_000_000, "10.000", "0.3937"),
+            (-499, "-0.000", "-0.0000"),
+            (500, "0.001", "0.0000"),
+            (25_400_000, "25.400", "1.0000"),
+            (1_234_567_890_123, "1234567.890", "48605.0350"),
+            (i64::MIN, "-9223372036854.776", "-363124883340.7392"),
+        ] {
+            assert_eq!(
+                written(|t| t.coordinate(Nm(nm), ReportUnit::Millimetre)),
+                mm,
+                "{nm} nm"
+            );
+            assert_eq!(
+                written(|t| t.coordinate(Nm(nm), ReportUnit::Inch)),
+                inch,
+                "{nm} nm"
+            );
+        }
+    }
+
+    #[test]
+    fn speeds_round_halves_up() {
+        for (rate, mm, inch) in [
+            (0.0, "0", "0.0"),
+            (499.5, "500", "19.7"),
+            (1000.0, "1000", "39.4"),
+            (254.0, "254", "10.0"),
+        ] {
+            assert_eq!(written(|t| t.rate(rate, ReportUnit::Millimetre)), mm);
+            assert_eq!(written(|t| t.rate(rate, ReportUnit::Inch)), inch);
+        }
+    }
+
+    #[test]
+    fn a_full_message_takes_no_more() {
+        let mut text = Text::new();
+        for _ in 0..MESSAGE_BYTES {
+            text.word("ab");
+        }
+        assert_eq!(text.as_bytes().len(), MESSAGE_BYTES);
+    }
+
+    proptest! {
+        #[test]
+        fn whole_numbers_are_written_in_full(value: u32) {
+            prop_assert_eq!(written(|t| t.natural(value)), format!("{value}"));
+        }
+
+        #[test]
+        fn a_coordinate_is_the_nearest_micrometre(nm in -9_000_000_000_000_i64..9_000_000_000_000) {
+            let text = written(|t| t.coordinate(Nm(nm), ReportUnit::Millimetre));
+            let micrometres: i64 = text.replace('.', "").parse().unwrap();
+            prop_assert!((micrometres * 1000 - nm).abs() <= 500, "{nm} nm gives {text}");
+        }
+
+        #[test]
+        fn a_setting_is_the_nearest_thousandth(thousandths in 0_u32..8_000_000) {
+            let value = (f64::from(thousandths) / 1000.0) as f32;
+            let expected = format!("{}.{:03}", thousandths / 1000, thousandths % 1000);
+            prop_assert_eq!(written(|t| t.number(value, 3)), expected);
+        }
+    }
+}

@@ -1,0 +1,116 @@
+//! The step timer and its interrupt on a virtual clock.
+
+use heapless::spsc::Queue;
+
+use crate::{
+    planner::{Entry, Motion},
+    protocol::realtime::Requests,
+    settings::Settings,
+    stepper::{EventRing, SEGMENT_RING, SegmentInfo, StepCounts, Stepper},
+};
+
+/// Entries that may wait for `prepare`, and one more.
+pub const ENTRY_RING: usize = 8;
+
+/// What the step pins do at one instant.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Edge {
+    /// When, ticks since power-up.
+    pub ticks: u64,
+    /// Pulses that begin, bit 0 = X.
+    pub raise: u32,
+    /// Pulses that end, bit 0 = X.
+    pub drop: u32,
+    /// Levels of the direction outputs, bit 0 = X, 1 = negative.
+    pub directions: u8,
+}
+
+/// `prepare`, the step interrupt, and the queues between them.
+#[derive(Debug)]
+pub struct Drive {
+    pub(super) motion: Motion,
+    stepper: Stepper,
+    /// What the step interrupt has counted.
+    pub counts: StepCounts,
+    /// Entries for `prepare`.
+    pub entries: Queue<Entry, ENTRY_RING>,
+    events: EventRing,
+    infos: Queue<SegmentInfo, SEGMENT_RING>,
+    /// When the step interrupt is due, and what the pins do then.
+    due: Option<Edge>,
+    is_prepare_released: bool,
+}
+
+impl Drive {
+    /// At rest, with these settings.
+    #[must_use]
+    pub fn new(settings: &Settings) -> Self {
+        let mut motion = Motion::new();
+        motion.power_up(settings);
+        Self {
+            motion,
+            stepper: Stepper::new(),
+            counts: StepCounts::new(),
+            entries: Queue::new(),
+            events: EventRing::new(),
+            infos: Queue::new(),
+            due: None,
+            is_prepare_released: false,
+        }
+    }
+
+    /// When the step interrupt is due, ticks.
+    #[must_use]
+    pub fn due(&self) -> Option<u64> {
+        self.due.map(|edge| edge.ticks)
+    }
+
+    /// Releases `prepare`.
+    pub fn release_prepare(&mut self) {
+        self.is_prepare_released = true;
+    }
+
+    /// Runs `prepare` if it has been released; tells whether it ran.
+    pub fn prepare(&mut self, requests: &Requests, now: u64) -> bool {
+        if !self.is_prepare_released {
+            return false;
+        }
+        let (_, mut entries) = self.entries.split();
+        let (mut events, _) = self.events.split();
+        let (mut infos, _) = self.infos.split();
+        let prepared = self.motion.run(
+            requests,
+            &self.counts,
+            &mut entries,
+            &mut events,
+            &mut infos,
+        );
+        self.is_prepare_released = prepared.again;
+        if prepared.start && self.due.is_none() {
+            self.due = Some(Edge {
+                ticks: now,
+                raise: 0,
+                drop: 0,
+                directions: 0,
+            });
+            let _ = self.step();
+        }
+        true
+    }
+
+    /// The step interrupt: what the pins do now.
+    pub fn step(&mut self) -> Option<Edge> {
+        let edge = self.due?;
+        let (_, mut events) = self.events.split();
+        let (_, mut infos) = self.infos.split();
+        let advance = self.stepper.advance(&mut events, &mut infos, &self.counts);
+        self.is_prepare_released |= advance.releases_prepare();
+        self.due = advance.wait.map(|ticks| Edge {
+            ticks: edge.ticks + u64::from(ticks),
+            raise: advance.raise,
+            drop: advance.drop,
+            directions: advance.directions.unwrap_or(edge.directions),
+        });
+        Some(edge)
+    }
+}

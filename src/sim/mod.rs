@@ -1,0 +1,11 @@
+//! The virtual machine: the real task bodies on a virtual clock.
+
+mod drive;
+mod simulator;
+mod stream;
+mod tally;
+
+pub use drive::{Drive, ENTRY_RING, Edge};
+pub use simulator::{RECEIVED_RING, SENT_RING, Simulator};
+pub use stream::{End, Stream, Watcher};
+pub use tally::Tally;

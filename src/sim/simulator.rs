@@ -1,0 +1,177 @@
+//! The whole virtual machine: bytes in, bytes and pin edges out.
+
+use heapless::spsc::Queue;
+
+use super::{Drive, Edge};
+use crate::{
+    machine::Snapshot,
+    protocol::{
+        Progress, Session,
+        realtime::{self, Release, Requests},
+    },
+    settings::Settings,
+    stepper::StepCounts,
+};
+
+/// Bytes that may wait for `interpret`, and one more.
+pub const RECEIVED_RING: usize = 1152;
+/// Bytes that may wait to be sent, and one more.
+pub const SENT_RING: usize = 1024;
+
+/// The machine behind its serial line, on a virtual clock of timer ticks.
+///
+/// Tasks run in the order of their priorities and take no time: whatever is released at an instant
+/// is done at that instant.
+#[derive(Debug)]
+pub struct Simulator {
+    drive: Drive,
+    session: Session,
+    requests: Requests,
+    received: Queue<u8, RECEIVED_RING>,
+    sent: Queue<u8, SENT_RING>,
+    now: u64,
+    is_interpret_released: bool,
+    is_report_released: bool,
+}
+
+impl Simulator {
+    /// Switched on with these settings stored.
+    #[must_use]
+    pub fn new(settings: &Settings) -> Self {
+        Self {
+            drive: Drive::new(settings),
+            session: Session::new(*settings),
+            requests: Requests::new(),
+            received: Queue::new(),
+            sent: Queue::new(),
+            now: 0,
+            is_interpret_released: true,
+            is_report_released: false,
+        }
+    }
+
+    /// The time, ticks since power-up.
+    #[must_use]
+    pub const fn now(&self) -> u64 {
+        self.now
+    }
+
+    /// The machine as `prepare` last published it.
+    #[must_use]
+    pub const fn snapshot(&self) -> &Snapshot {
+        self.drive.motion.snapshot()
+    }
+
+    /// What the step interrupt has counted.
+    #[must_use]
+    pub const fn counts(&self) -> &StepCounts {
+        &self.drive.counts
+    }
+
+    /// Free places in the receive queue.
+    #[must_use]
+    pub fn received_free(&self) -> usize {
+        self.received.capacity() - self.received.len()
+    }
+
+    /// Received bytes lost so far.
+    #[must_use]
+    pub fn lost(&self) -> u32 {
+        self.requests.lost()
+    }
+
+    /// A byte arrives.
+    pub fn receive(&mut self, byte: u8) {
+        let (mut line, _) = self.received.split();
+        match realtime::receive(byte, &self.requests, &mut line) {
+            Release::Nobody => {}
+            Release::Interpret => self.is_interpret_released = true,
+            Release::Report => self.is_report_released = true,
+            Release::Prepare => self.drive.release_prepare(),
+        }
+    }
+
+    /// Takes the next byte that the machine sends.
+    pub fn send(&mut self) -> Option<u8> {
+        let byte = self.sent.dequeue();
+        // Whoever waits for room may find it.
+        self.is_interpret_released |= byte.is_some();
+        self.is_report_released |= byte.is_some();
+        byte
+    }
+
+    /// Whether bytes wait to be sent.
+    #[must_use]
+    pub fn has_to_send(&self) -> bool {
+        !self.sent.is_empty()
+    }
+
+    /// When the next pin edge is due, ticks.
+    #[must_use]
+    pub fn due(&self) -> Option<u64> {
+        self.drive.due()
+    }
+
+    /// Runs every task that is released.
+    pub fn settle(&mut self) {
+        loop {
+            if self.drive.prepare(&self.requests, self.now) {
+                // Room, rest or a new state: what `interpret` may be waiting for.
+                self.is_interpret_released = true;
+            } else if self.is_report_released {
+                self.report();
+            } else if self.is_interpret_released {
+                self.interpret();
+            } else {
+                return;
+            }
+        }
+    }
+
+    /// Advances the clock to `time`, or to the next edge if that comes first, and runs what is
+    /// released then.
+    pub fn advance(&mut self, time: u64) -> Option<Edge> {
+        let edge = match self.drive.due() {
+            Some(due) if due <= time => {
+                self.now = due;
+                self.drive.step()
+            }
+            _ => {
+                self.now = time;
+                None
+            }
+        };
+        self.settle();
+        edge
+    }
+
+    fn interpret(&mut self) {
+        let waiting = self.drive.entries.len();
+        let (_, mut received) = self.received.split();
+        let (mut sent, _) = self.sent.split();
+        let (mut entries, _) = self.drive.entries.split();
+        let progress = self.session.run(
+            self.drive.motion.snapshot(),
+            &self.requests,
+            &mut received,
+            &mut sent,
+            &mut entries,
+        );
+        self.is_interpret_released = progress == Progress::Again;
+        if self.drive.entries.len() != waiting {
+            self.drive.release_prepare();
+        }
+    }
+
+    fn report(&mut self) {
+        let free = self.received_free();
+        let (mut sent, _) = self.sent.split();
+        let progress = self.session.report(
+            self.drive.motion.snapshot(),
+            &self.requests,
+            free,
+            &mut sent,
+        );
+        self.is_report_released = progress == Progress::Again;
+    }
+}

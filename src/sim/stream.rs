@@ -1,0 +1,211 @@
+//! A sender that streams a program to the virtual machine, and the serial line between them.
+//!
+//! Character counting as senders do it: a line is sent when it fits into what the receive buffer of
+//! a Grbl holds besides the lines that have not been answered. Bytes take their time on the line.
+//! Bytes of realtime commands are left out of the program, and carriage returns, as senders do.
+
+use heapless::{Deque, Vec};
+
+use super::{Edge, Simulator};
+use crate::{machine::State, units::TICKS_PER_SECOND};
+
+/// Bytes that may be on their way unanswered.
+const WINDOW: usize = 127;
+/// Bytes of a line that are looked at before it is sent: a longer one is sent alone.
+const LINE: usize = WINDOW;
+/// Longest answer that is kept, bytes.
+const ANSWER: usize = 192;
+
+/// Who watches a stream.
+pub trait Watcher {
+    /// The pins change.
+    fn edge(&mut self, edge: &Edge);
+    /// The answer to a line has come: `line` counts from 1.
+    fn answer(&mut self, line: u64, answer: &[u8]);
+    /// A line that is not an answer has come, after so many answers.
+    fn message(&mut self, answers: u64, message: &[u8]);
+}
+
+/// How a stream ended.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum End {
+    /// Every line was answered and the machine is at rest.
+    Complete,
+    /// The machine stands still and does not answer any more.
+    Stuck,
+}
+
+/// A program on its way into the machine.
+#[derive(Debug)]
+pub struct Stream<P> {
+    /// The machine.
+    pub simulator: Simulator,
+    program: P,
+    byte_ticks: u64,
+    /// The line to be sent next, with its line feed if it is whole.
+    line: Vec<u8, LINE>,
+    /// Bytes of it that have been sent.
+    line_sent: usize,
+    /// The rest of a line longer than the window is being sent.
+    is_long: bool,
+    is_at_end: bool,
+    /// Lengths of the lines that have not been answered; the window bounds their number.
+    unanswered: Deque<u8, 128>,
+    in_flight: usize,
+    /// Lines sent so far.
+    pub lines: u64,
+    answers: u64,
+    answer: Vec<u8, ANSWER>,
+    next_in: u64,
+    next_out: u64,
+}
+
+impl<P: Iterator<Item = u8>> Stream<P> {
+    /// A program to be streamed at a baud rate.
+    pub fn new(simulator: Simulator, program: P, baud: u32) -> Self {
+        Self {
+            simulator,
+            program,
+            byte_ticks: u64::from(TICKS_PER_SECOND) * 10 / u64::from(baud),
+            line: Vec::new(),
+            line_sent: 0,
+            is_long: false,
+            is_at_end: false,
+            unanswered: Deque::new(),
+            in_flight: 0,
+            lines: 0,
+            answers: 0,
+            answer: Vec::new(),
+            next_in: 0,
+            next_out: 0,
+        }
+    }
+
+    /// Streams until everything is executed.
+    pub fn run(&mut self, watcher: &mut impl Watcher) -> End {
+        self.simulator.settle();
+        loop {
+            let now = self.simulator.now();
+            if now >= self.next_out && self.take_byte(watcher) {
+                self.next_out = now + self.byte_ticks;
+            }
+            if now >= self.next_in && self.put_byte() {
+                self.next_in = now + self.byte_ticks;
+            }
+            let mut next = self.simulator.due();
+            if self.simulator.has_to_send() {
+                next = Some(next.map_or(self.next_out, |next| next.min(self.next_out)));
+            }
+            if self.has_byte() {
+                next = Some(next.map_or(self.next_in, |next| next.min(self.next_in)));
+            }
+            match next {
+                Some(next) => {
+                    if let Some(edge) = self.simulator.advance(next.max(now)) {
+                        watcher.edge(&edge);
+                    }
+                }
+                None if self.unanswered.is_empty() && self.simulator.snapshot().is_at_rest => {
+                    return End::Complete;
+                }
+                None if self.simulator.snapshot().state == State::HoldComplete => {
+                    // A program pause: whoever stands at the machine presses cycle start.
+                    self.simulator.receive(b'~');
+                    self.simulator.settle();
+                }
+                None => return End::Stuck,
+            }
+        }
+    }
+
+    /// Whether a byte may be sent as soon as the line is free.
+    fn has_byte(&mut self) -> bool {
+        if self.line_sent == self.line.len() {
+            self.fill();
+        }
+        if self.line_sent < self.line.len() {
+            let is_begun = self.line_sent > 0 || self.is_long;
+            return is_begun
+                || self.in_flight + self.line.len() <= WINDOW
+                || self.unanswered.is_empty();
+        }
+        false
+    }
+
+    /// Reads the next line, or the next part of a long one.
+    fn fill(&mut self) {
+        let continues = self.line_sent > 0 && self.line.last() != Some(&b'\n');
+        self.line.clear();
+        self.line_sent = 0;
+        self.is_long = continues;
+        if self.is_at_end {
+            return;
+        }
+        while !self.line.is_full() {
+            match self.program.next() {
+                Some(b'?' | b'!' | b'~' | 0x18 | b'\r' | 0x80..) => {}
+                Some(byte) => {
+                    let _ = self.line.push(byte);
+                    if byte == b'\n' {
+                        return;
+                    }
+                }
+                None => {
+                    self.is_at_end = true;
+                    if self.is_long || !self.line.is_empty() {
+                        let _ = self.line.push(b'\n');
+                    }
+                    return;
+                }
+            }
+        }
+    }
+
+    fn put_byte(&mut self) -> bool {
+        if !self.has_byte() {
+            return false;
+        }
+        let Some(byte) = self.line.get(self.line_sent).copied() else {
+            return false;
+        };
+        self.line_sent += 1;
+        if byte == b'\n' {
+            let length = self.line.len();
+            self.lines += 1;
+            self.in_flight += length;
+            let _ = self.unanswered.push_back(length as u8);
+        }
+        self.simulator.receive(byte);
+        self.simulator.settle();
+        true
+    }
+
+    fn take_byte(&mut self, watcher: &mut impl Watcher) -> bool {
+        let Some(byte) = self.simulator.send() else {
+            return false;
+        };
+        match byte {
+            b'\n' => {
+                self.take_line(watcher);
+                self.answer.clear();
+            }
+            b'\r' => {}
+            byte => {
+                let _ = self.answer.push(byte);
+            }
+        }
+        self.simulator.settle();
+        true
+    }
+
+    fn take_line(&mut self, watcher: &mut impl Watcher) {
+        if self.answer == b"ok" || self.answer.starts_with(b"error:") {
+            self.answers += 1;
+            let length = self.unanswered.pop_front().unwrap_or(0);
+            self.in_flight -= usize::from(length);
+            watcher.answer(self.answers, &self.answer);
+        } else if !self.answer.is_empty() {
+            watcher.message(self.answers, &self.answer);
+        }
+    }
+}

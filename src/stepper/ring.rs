@@ -1,0 +1,143 @@
+//! The queue of step events: lock-free, one writer, one reader, one word per event.
+//!
+//! Two events pass through it for every step, so it is made for that alone: words instead of any
+//! type, a constant power of two instead of a length that must be divided by, and no barriers,
+//! which a single core does not need between its own tasks (the compiler is told to keep the
+//! order). Measured against `heapless::spsc` in `docs/decisions.md`.
+
+use core::sync::atomic::{AtomicU32, Ordering::Relaxed, Ordering::SeqCst, compiler_fence};
+
+use super::StepEvent;
+
+/// Events that a ring holds: a power of two.
+pub const EVENT_RING: usize = 1024;
+const MASK: u32 = EVENT_RING as u32 - 1;
+
+/// The ring itself.
+#[derive(Debug)]
+pub struct EventRing {
+    words: [AtomicU32; EVENT_RING],
+    /// Events written so far, wrapping.
+    written: AtomicU32,
+    /// Events read so far, wrapping.
+    read: AtomicU32,
+}
+
+impl EventRing {
+    /// Empty.
+    #[must_use]
+    pub const fn new() -> Self {
+        Self {
+            words: [const { AtomicU32::new(0) }; EVENT_RING],
+            written: AtomicU32::new(0),
+            read: AtomicU32::new(0),
+        }
+    }
+
+    /// Its two ends, each for one task.
+    pub const fn split(&mut self) -> (EventWriter<'_>, EventReader<'_>) {
+        let ring: &Self = self;
+        (EventWriter { ring }, EventReader { ring })
+    }
+
+    /// The place of an event.
+    #[inline]
+    fn word(&self, number: u32) -> &AtomicU32 {
+        &self.words[(number & MASK) as usize]
+    }
+}
+
+impl Default for EventRing {
+    fn default() -> Self {
+        Self::new()
+    }
+}
+
+/// The end of `prepare`.
+#[derive(Debug)]
+pub struct EventWriter<'a> {
+    ring: &'a EventRing,
+}
+
+impl EventWriter<'_> {
+    /// Events that can be put now.
+    #[inline]
+    #[must_use]
+    pub fn room(&self) -> u32 {
+        let waiting = self
+            .ring
+            .written
+            .load(Relaxed)
+            .wrapping_sub(self.ring.read.load(Relaxed));
+        EVENT_RING as u32 - waiting
+    }
+
+    /// Puts an event. The caller has seen to it that there is room.
+    #[inline]
+    pub(super) fn put(&mut self, event: StepEvent) {
+        let number = self.ring.written.load(Relaxed);
+        self.ring.word(number).store(event.bits(), Relaxed);
+        // The reader must not see the number before the word.
+        compiler_fence(SeqCst);
+        self.ring.written.store(number.wrapping_add(1), Relaxed);
+    }
+}
+
+/// The end of the step interrupt.
+#[derive(Debug)]
+pub struct EventReader<'a> {
+    ring: &'a EventRing,
+}
+
+impl EventReader<'_> {
+    /// Takes the oldest event.
+    #[inline]
+    pub fn take(&mut self) -> Option<StepEvent> {
+        let number = self.ring.read.load(Relaxed);
+        if number == self.ring.written.load(Relaxed) {
+            return None;
+        }
+        compiler_fence(SeqCst);
+        let bits = self.ring.word(number).load(Relaxed);
+        // The writer must not reuse the place before the word has been read.
+        compiler_fence(SeqCst);
+        self.ring.read.store(number.wrapping_add(1), Relaxed);
+        Some(StepEvent::from_bits(bits))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn events_come_out_in_order_over_many_turns_of_the_ring() {
+        let mut ring = EventRing::new();
+        let (mut writer, mut reader) = ring.split();
+        let (mut put, mut taken) = (0, 0);
+        for batch in (0..5000_u32).map(|k| k * 7 % 1025) {
+            for _ in 0..batch.min(writer.room()) {
+                writer.put(StepEvent::new(put % StepEvent::MAX_TICKS, put, 0));
+                put += 1;
+            }
+            for _ in 0..(batch * 5 % 1024) {
+                let Some(event) = reader.take() else { break };
+                assert_eq!(event.ticks(), taken % StepEvent::MAX_TICKS);
+                taken += 1;
+            }
+            assert_eq!(writer.room(), 1024 - (put - taken));
+        }
+        assert!(taken > 100_000);
+    }
+
+    #[test]
+    fn a_full_ring_has_no_room_and_an_empty_one_no_event() {
+        let mut ring = EventRing::new();
+        let (mut writer, mut reader) = ring.split();
+        assert_eq!(reader.take(), None);
+        for _ in 0..EVENT_RING {
+            writer.put(StepEvent::default());
+        }
+        assert_eq!(writer.room(), 0);
+    }
+}
