@@ -1,9 +1,14 @@
 //! The books: who executed what, and what it cost.
 
+mod entries;
+
 use std::collections::BTreeMap;
 
+pub use entries::{Amount, Calls, Site, Task};
+use entries::{Call, Frame, Pending};
+
 use crate::{
-    decode::{Class, Flow, Instruction},
+    decode::{Class, Flow},
     elf::Program,
     table::{self, Circumstances},
 };
@@ -11,114 +16,6 @@ use crate::{
 /// Addresses of peripherals, and of the processor's own registers.
 const PERIPHERALS: [core::ops::Range<u32>; 2] =
     [0x4000_0000..0x6000_0000, 0xe000_0000..0xf000_0000];
-
-/// Instructions and cycles.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
-pub struct Amount {
-    /// Instructions executed; those their condition skips count too.
-    pub instructions: u64,
-    /// Modelled cycles.
-    pub cycles: u64,
-}
-
-impl Amount {
-    fn add(&mut self, other: Self) {
-        self.instructions += other.instructions;
-        self.cycles += other.cycles;
-    }
-}
-
-/// An instruction in memory.
-pub struct Site {
-    /// Where it is.
-    pub address: u32,
-    /// Its 16-bit halves; the second is 0 when it is a short one.
-    pub code: [u16; 2],
-    /// What it costs, by task: index of [`Books::tasks`].
-    pub by_task: Vec<Amount>,
-    /// The function it belongs to: index of [`Program::functions`].
-    pub function: Option<usize>,
-    /// `None` when the decoder does not know it: then it counts as one cycle.
-    pub decoded: Option<Instruction>,
-    is_handler: bool,
-}
-
-impl Site {
-    fn instruction(&self) -> Instruction {
-        self.decoded.unwrap_or(Instruction {
-            size: crate::decode::size(self.code[0]),
-            class: Class::Plain,
-            flow: Flow::Next,
-            loaded: 0,
-            address: 0,
-        })
-    }
-}
-
-/// Smallest, largest and all costs of a task's activations.
-#[derive(Default)]
-pub struct Task {
-    /// Entry of its handler; 0 for what runs outside handlers.
-    pub handler: u32,
-    /// Completed runs.
-    pub activations: u64,
-    /// Of the completed runs, exception entry and exit included, preemption excluded.
-    pub total: Amount,
-    /// From the first to the last cycle, preemption included.
-    pub span_cycles: u64,
-    /// Cheapest run, instructions and cycles separately.
-    pub min: Option<Amount>,
-    /// Dearest run, instructions and cycles separately.
-    pub max: Amount,
-    /// Longest span, cycles.
-    pub max_span_cycles: u64,
-    /// Reads of peripherals.
-    pub peripheral_reads: u64,
-    /// Writes of peripherals.
-    pub peripheral_writes: u64,
-    /// Number of runs by their cycles.
-    pub histogram: BTreeMap<u64, u64>,
-}
-
-/// What calls of a function cost, callees included, preemption excluded.
-#[derive(Debug, Clone, Copy, Default)]
-pub struct Calls {
-    /// Completed calls.
-    pub count: u64,
-    /// Their cost; a recursive function's inner calls count again.
-    pub total: Amount,
-}
-
-/// A call that has not returned yet.
-struct Call {
-    function: Option<usize>,
-    return_address: u32,
-    begin: Amount,
-}
-
-/// The instruction executed last: what follows tells what became of it.
-#[derive(Clone, Copy)]
-struct Pending {
-    site: usize,
-    conditional: bool,
-    how: Circumstances,
-}
-
-/// An activation of a task.
-struct Frame {
-    task: usize,
-    function: Option<usize>,
-    begin_cycle: u64,
-    spent: Amount,
-    calls: Vec<Call>,
-    pending: Option<Pending>,
-    /// Registers loaded by the last instruction.
-    loaded: u16,
-    /// Where the last instruction ended, if it was a short one.
-    short_end: u32,
-    /// Instructions that the last `IT` still governs.
-    governed: u8,
-}
 
 /// See the module.
 pub struct Books {
@@ -172,7 +69,7 @@ impl Books {
             by_task: Vec::new(),
             function: self.program.function_at(address),
             decoded: crate::decode::decode(address, code[0], code[1]),
-            is_handler: self.program.handlers.contains(&address),
+            is_handler: address != 0 && self.program.handlers.contains(&address),
         });
         self.index.insert(address, site);
         site
@@ -303,18 +200,7 @@ impl Books {
             self.calls[function].total.add(frame.spent);
         }
         let span = self.total.cycles - frame.begin_cycle;
-        let spent = frame.spent;
-        let task = &mut self.tasks[frame.task];
-        task.activations += 1;
-        task.total.add(spent);
-        task.span_cycles += span;
-        task.max_span_cycles = task.max_span_cycles.max(span);
-        let min = task.min.get_or_insert(spent);
-        min.instructions = min.instructions.min(spent.instructions);
-        min.cycles = min.cycles.min(spent.cycles);
-        task.max.instructions = task.max.instructions.max(spent.instructions);
-        task.max.cycles = task.max.cycles.max(spent.cycles);
-        *task.histogram.entry(spent.cycles).or_default() += 1;
+        self.tasks[frame.task].record(frame.spent, span);
     }
 
     /// Execution goes on at `next`: completes what was pending, and ends handlers that returned.
@@ -456,18 +342,5 @@ impl Books {
     }
 }
 
-impl Frame {
-    fn new(task: usize, function: Option<usize>, begin_cycle: u64) -> Self {
-        Self {
-            task,
-            function,
-            begin_cycle,
-            spent: Amount::default(),
-            calls: Vec::new(),
-            pending: None,
-            loaded: 0,
-            short_end: 0,
-            governed: 0,
-        }
-    }
-}
+#[cfg(test)]
+mod tests;

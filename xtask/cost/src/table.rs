@@ -56,3 +56,42 @@ pub fn cycles(instruction: &Instruction, how: Circumstances) -> u64 {
     };
     base + if how.taken { REFILL } else { 0 }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::decode::decode;
+
+    fn cost(first: u16, second: u16, how: Circumstances) -> u64 {
+        cycles(&decode(0, first, second).unwrap(), how)
+    }
+
+    #[test]
+    fn a_load_into_the_program_counter_is_never_paired() {
+        let how = Circumstances {
+            taken: true,
+            touched: true,
+            follows_load: true,
+            follows_short: false,
+        };
+        assert_eq!(cost(0xf85d, 0xfb04, how), 2 + REFILL);
+    }
+
+    #[test]
+    fn skipped_instructions_take_a_cycle() {
+        let how = Circumstances::default();
+        assert_eq!(cost(0xbd10, 0, how), 1); // pop {r4, pc}
+        assert_eq!(cost(0x5088, 0, how), 1); // str r0, [r1, r2]
+        assert_eq!(cost(0x4770, 0, how), 1); // bx lr
+    }
+
+    #[test]
+    fn it_is_folded_into_a_short_instruction() {
+        let follows_short = Circumstances {
+            follows_short: true,
+            ..Circumstances::default()
+        };
+        assert_eq!(cost(0xbf08, 0, follows_short), 0);
+        assert_eq!(cost(0xbf08, 0, Circumstances::default()), 1);
+    }
+}
