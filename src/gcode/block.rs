@@ -173,12 +173,33 @@ enum Group {
 }
 
 impl Block {
-    /// Gathers the words of a line: upper case, without blanks and comments.
+    /// A line without words, after lines that left a modal state behind.
+    #[must_use]
+    pub const fn new(modal: &Modal) -> Self {
+        Self {
+            modal: *modal,
+            non_modal: NonModal::None,
+            axis_command: AxisCommand::None,
+            flow: Flow::Run,
+            words: Words(0),
+            axes: 0,
+            coordinates: Axes([Number::ZERO; AXES]),
+            offsets: [Number::ZERO; 3],
+            p: Number::ZERO,
+            radius: Number::ZERO,
+            feed: 0.0,
+            l: 0,
+            line: 0,
+            groups: 0,
+        }
+    }
+
+    /// Adds the words of a line: upper case, without blanks and comments. After an error the block
+    /// is of no use.
     ///
     /// # Errors
     /// What is wrong with the line whatever the state: numbers 1, 2, 4, 20, 21, 23, 24, 25, 38.
-    pub fn parse(line: &[u8], modal: &Modal) -> Result<Self, LineError> {
-        let mut block = Self::empty(*modal);
+    pub fn read(&mut self, line: &[u8]) -> Result<(), LineError> {
         let mut rest = line;
         while let Some((&letter, text)) = rest.split_first() {
             if !letter.is_ascii_uppercase() {
@@ -186,36 +207,16 @@ impl Block {
             }
             let (number, tail) = Number::parse(text).ok_or(LineError::BadNumber)?;
             match letter {
-                b'G' => block.g_word(number.code())?,
-                b'M' => block.m_word(number.code())?,
-                _ => block.value_word(letter, number)?,
+                b'G' => self.g_word(number.code())?,
+                b'M' => self.m_word(number.code())?,
+                _ => self.value_word(letter, number)?,
             }
             rest = tail;
         }
-        if block.axes != 0 && block.axis_command == AxisCommand::None {
-            block.axis_command = AxisCommand::Motion;
+        if self.axes != 0 && self.axis_command == AxisCommand::None {
+            self.axis_command = AxisCommand::Motion;
         }
-        Ok(block)
-    }
-
-    /// A line without words.
-    fn empty(modal: Modal) -> Self {
-        Self {
-            modal,
-            non_modal: NonModal::None,
-            axis_command: AxisCommand::None,
-            flow: Flow::Run,
-            words: Words(0),
-            axes: 0,
-            coordinates: Axes([Number::new(0, 0); AXES]),
-            offsets: [Number::new(0, 0); 3],
-            p: Number::new(0, 0),
-            radius: Number::new(0, 0),
-            feed: 0.0,
-            l: 0,
-            line: 0,
-            groups: 0,
-        }
+        Ok(())
     }
 
     /// Whether an axis has a word.

@@ -47,7 +47,17 @@ fn power(exponent: u8) -> i32 {
     *POWERS.get(usize::from(exponent)).unwrap_or(&1_000_000_000)
 }
 
+/// Quotient and remainder by a power of ten, towards zero.
+fn divide(value: i64, exponent: u8) -> (i64, i64) {
+    let divisor = i64::from(power(exponent));
+    // A power is never zero, which the compiler cannot see in the table.
+    let quotient = value.checked_div(divisor).unwrap_or(0);
+    (quotient, value.wrapping_sub(quotient.wrapping_mul(divisor)))
+}
+
 impl Number {
+    /// 0.
+    pub const ZERO: Self = Self::new(0, 0);
     /// Decimals that count.
     pub const MAX_DECIMALS: u8 = 9;
     /// What stands for every coordinate that is farther than any machine reaches: a few of them
@@ -75,7 +85,7 @@ impl Number {
     /// A whole part of more than 18 digits saturates.
     #[must_use]
     pub fn parse(text: &[u8]) -> Option<(Self, &[u8])> {
-        let (negative, mut rest) = match text.split_first() {
+        let (is_negative, mut rest) = match text.split_first() {
             Some((b'-', rest)) => (true, rest),
             Some((b'+', rest)) => (false, rest),
             _ => (false, text),
@@ -104,7 +114,7 @@ impl Number {
             }
         }
         let magnitude = mantissa.cast_signed();
-        let mantissa = if negative { -magnitude } else { magnitude };
+        let mantissa = if is_negative { -magnitude } else { magnitude };
         has_digits.then_some((Self { mantissa, decimals }, rest))
     }
 
@@ -156,64 +166,57 @@ impl Number {
 
     /// The digits times `factor` / 10^`excess`.
     fn scaled_down(self, factor: i32, excess: u8) -> i64 {
-        let divisor = i64::from(power(excess));
-        let (whole, rest) = (self.mantissa / divisor, self.mantissa % divisor);
-        let half = if self.mantissa < 0 { -divisor } else { divisor } / 2;
+        let factor = i64::from(factor);
+        let (whole, rest) = divide(self.mantissa, excess);
+        let half = i64::from(power(excess)) / 2;
+        let half = if self.mantissa < 0 { -half } else { half };
         whole
-            .saturating_mul(i64::from(factor))
-            .saturating_add((rest * i64::from(factor) + half) / divisor)
+            .saturating_mul(factor)
+            .saturating_add(divide(rest * factor + half, excess).0)
             .clamp(-Self::BEYOND, Self::BEYOND)
     }
 
     /// The value in single precision: exact for up to seven digits.
     #[must_use]
     pub fn to_f32(self) -> f32 {
-        let mantissa = match i32::try_from(self.mantissa) {
-            Ok(mantissa) => mantissa as f32,
-            Err(_) => self.mantissa as f32,
-        };
-        mantissa / power(self.decimals) as f32
+        self.mantissa as f32 / power(self.decimals) as f32
     }
 
     /// The value without its fraction.
     #[must_use]
     pub fn trunc(self) -> i64 {
         if self.decimals == 0 {
-            return self.mantissa;
-        }
-        let divisor = power(self.decimals);
-        match i32::try_from(self.mantissa) {
-            Ok(mantissa) => i64::from(mantissa / divisor),
-            Err(_) => self.mantissa / i64::from(divisor),
+            self.mantissa
+        } else {
+            divide(self.mantissa, self.decimals).0
         }
     }
 
     /// Whether the value has no fraction.
     #[must_use]
     pub fn is_whole(self) -> bool {
-        self.decimals == 0 || self.mantissa % i64::from(power(self.decimals)) == 0
+        self.decimals == 0 || divide(self.mantissa, self.decimals).1 == 0
     }
 
     /// The value as the number of a command.
     #[must_use]
     pub fn code(self) -> Code {
-        let whole = self.trunc();
-        let rest = match u8::try_from(whole) {
-            Ok(_) if self.decimals == 0 => 0,
-            Ok(_) => {
-                let divisor = i64::from(power(self.decimals));
-                let rest = self.mantissa - whole * divisor;
-                if rest < 0 {
-                    100
-                } else {
-                    ((rest * 100 + divisor / 2) / divisor) as u8
-                }
-            }
-            Err(_) => 100,
+        let (whole, rest) = if self.decimals == 0 {
+            (self.mantissa, 0)
+        } else {
+            divide(self.mantissa, self.decimals)
+        };
+        let hundredths = if u8::try_from(whole).is_err() || rest < 0 {
+            100
+        } else if rest == 0 {
+            0
+        } else {
+            let half = i64::from(power(self.decimals)) / 2;
+            divide(rest * 100 + half, self.decimals).0 as u8
         };
         Code {
             whole: whole as u8,
-            hundredths: rest,
+            hundredths,
         }
     }
 }

@@ -28,7 +28,8 @@ pub(super) fn check(
     line: &[u8],
     settings: &Settings,
 ) -> Result<Checked, LineError> {
-    let block = Block::parse(line, &state.modal)?;
+    let mut block = Block::new(&state.modal);
+    block.read(line)?;
     let mut words = block.words;
     if block.line > MAX_LINE {
         return Err(LineError::LineNumberTooHigh);

@@ -1,8 +1,6 @@
 //! The second phase of a line: carrying out what was checked, in the NIST order of execution.
 
-use heapless::Vec;
-
-use super::{Action, COMMANDS, Checked, Interpreter, Message, Outcome, Path};
+use super::{Action, Checked, Interpreter, Message, Outcome, Path};
 use crate::{
     axis::Axes,
     gcode::{Distance, FeedMode, Flow, Modal, Motion, Reference, WorkCoordinates},
@@ -10,57 +8,51 @@ use crate::{
     units::Nm,
 };
 
-pub(super) fn commit(state: &mut Interpreter, checked: &Checked) -> Outcome {
-    let mut commands = Commands(Vec::new());
-    commands.switch(&state.modal, &checked.modal);
+pub(super) fn commit(state: &mut Interpreter, checked: &Checked, outcome: &mut Outcome) {
+    outcome.commands.clear();
+    outcome.message = None;
+    switch(&state.modal, &checked.modal, outcome);
     if let Action::Dwell(milliseconds) = checked.action {
-        commands.add(Command::Dwell { milliseconds });
+        outcome.add(Command::Dwell { milliseconds });
     }
     state.modal = checked.modal;
     state.offsets.tool_length = checked.tool_length;
-    act(state, checked, &mut commands);
-    travel(state, checked, &mut commands);
-    let message = end(state, checked.flow, &mut commands);
-    Outcome {
-        commands: commands.0,
-        message,
+    act(state, checked, outcome);
+    travel(state, checked, outcome);
+    end(state, checked.flow, outcome);
+}
+
+impl Outcome {
+    fn add(&mut self, command: Command) {
+        let is_full = self.commands.push(command).is_err();
+        debug_assert!(!is_full, "a line makes fewer commands than COMMANDS");
     }
 }
 
-/// The commands of one line.
-struct Commands(Vec<Command, COMMANDS>);
-
-impl Commands {
-    fn add(&mut self, command: Command) {
-        let is_full = self.0.push(command).is_err();
-        debug_assert!(!is_full, "a line makes fewer commands than COMMANDS");
+/// Spindle and coolant, where they change.
+fn switch(before: &Modal, after: &Modal, outcome: &mut Outcome) {
+    let new_speed = after.spindle != Spindle::Off && before.speed_rpm != after.speed_rpm;
+    if before.spindle != after.spindle || new_speed {
+        outcome.add(Command::Spindle {
+            spindle: after.spindle,
+            rpm: if after.spindle == Spindle::Off {
+                0.0
+            } else {
+                after.speed_rpm
+            },
+        });
     }
-
-    /// Spindle and coolant, where they change.
-    fn switch(&mut self, before: &Modal, after: &Modal) {
-        let new_speed = after.spindle != Spindle::Off && before.speed_rpm != after.speed_rpm;
-        if before.spindle != after.spindle || new_speed {
-            self.add(Command::Spindle {
-                spindle: after.spindle,
-                rpm: if after.spindle == Spindle::Off {
-                    0.0
-                } else {
-                    after.speed_rpm
-                },
-            });
-        }
-        if before.coolant != after.coolant {
-            self.add(Command::Coolant(after.coolant));
-        }
+    if before.coolant != after.coolant {
+        outcome.add(Command::Coolant(after.coolant));
     }
 }
 
 /// The command of modal group 0.
-fn act(state: &mut Interpreter, checked: &Checked, commands: &mut Commands) {
+fn act(state: &mut Interpreter, checked: &Checked, outcome: &mut Outcome) {
     match checked.action {
         Action::None | Action::Dwell(_) => {}
         Action::SetOrigin(system) => state.offsets.coordinates[system.index()] = checked.values,
-        Action::GoTo(reference) => go_to(state, checked, reference, commands),
+        Action::GoTo(reference) => go_to(state, checked, reference, outcome),
         Action::Store(Reference::G28) => state.offsets.g28 = state.position,
         Action::Store(Reference::G30) => state.offsets.g30 = state.position,
         Action::SetOffset => state.offsets.work = checked.values,
@@ -69,17 +61,12 @@ fn act(state: &mut Interpreter, checked: &Checked, commands: &mut Commands) {
 }
 
 /// To a stored position: all axes at once, or first to the target and then the named axes.
-fn go_to(
-    state: &mut Interpreter,
-    checked: &Checked,
-    reference: Reference,
-    commands: &mut Commands,
-) {
+fn go_to(state: &mut Interpreter, checked: &Checked, reference: Reference, outcome: &mut Outcome) {
     let stored = state.offsets.stored(reference);
     let target = if checked.axes == 0 {
         stored
     } else {
-        commands.add(line(checked.values, Pace::Rapid, checked));
+        outcome.add(line(checked.values, Pace::Rapid, checked));
         Axes::from_fn(|axis| {
             if checked.axes >> axis & 1 == 0 {
                 checked.values[axis]
@@ -88,12 +75,12 @@ fn go_to(
             }
         })
     };
-    commands.add(line(target, Pace::Rapid, checked));
+    outcome.add(line(target, Pace::Rapid, checked));
     state.position = target;
 }
 
 /// The move of the motion mode.
-fn travel(state: &mut Interpreter, checked: &Checked, commands: &mut Commands) {
+fn travel(state: &mut Interpreter, checked: &Checked, outcome: &mut Outcome) {
     let pace = match (checked.modal.motion, checked.modal.feed_mode) {
         (Motion::Rapid, _) => Pace::Rapid,
         (_, FeedMode::PerMinute) => Pace::Feed(checked.modal.feed),
@@ -110,7 +97,7 @@ fn travel(state: &mut Interpreter, checked: &Checked, commands: &mut Commands) {
             line: checked.line,
         },
     };
-    commands.add(command);
+    outcome.add(command);
     state.position = target;
 }
 
@@ -123,13 +110,10 @@ fn line(target: Axes<Nm>, pace: Pace, checked: &Checked) -> Command {
 }
 
 /// Program pause and program end. `F`, `S`, `T`, the unit, `G92` and the tool length stay.
-fn end(state: &mut Interpreter, flow: Flow, commands: &mut Commands) -> Option<Message> {
+fn end(state: &mut Interpreter, flow: Flow, outcome: &mut Outcome) {
     match flow {
-        Flow::Run => None,
-        Flow::Pause => {
-            commands.add(Command::Pause);
-            None
-        }
+        Flow::Run => {}
+        Flow::Pause => outcome.add(Command::Pause),
         Flow::End => {
             let modal = &mut state.modal;
             modal.motion = Motion::Linear;
@@ -139,12 +123,12 @@ fn end(state: &mut Interpreter, flow: Flow, commands: &mut Commands) -> Option<M
             modal.coordinates = WorkCoordinates::default();
             modal.spindle = Spindle::Off;
             modal.coolant = Coolant::default();
-            commands.add(Command::Spindle {
+            outcome.add(Command::Spindle {
                 spindle: Spindle::Off,
                 rpm: 0.0,
             });
-            commands.add(Command::Coolant(Coolant::default()));
-            Some(Message::ProgramEnd)
+            outcome.add(Command::Coolant(Coolant::default()));
+            outcome.message = Some(Message::ProgramEnd);
         }
     }
 }

@@ -80,7 +80,7 @@ enum Path {
 }
 
 /// What a committed line asks for.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, Default, PartialEq)]
 pub struct Outcome {
     /// What to execute, in order.
     pub commands: Vec<Command, COMMANDS>,
@@ -148,7 +148,15 @@ impl Interpreter {
 
     /// Carries out a line that was checked against the present state.
     pub fn commit(&mut self, checked: &Checked) -> Outcome {
-        commit::commit(self, checked)
+        let mut outcome = Outcome::default();
+        self.commit_into(checked, &mut outcome);
+        outcome
+    }
+
+    /// As [`Self::commit`], but replaces an outcome that the caller keeps: it is too large to be
+    /// copied for every line.
+    pub fn commit_into(&mut self, checked: &Checked, outcome: &mut Outcome) {
+        commit::commit(self, checked, outcome);
     }
 
     /// Back to the power-up modes; the position, `G54` to `G59`, `G28` and `G30` stay.
