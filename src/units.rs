@@ -137,6 +137,20 @@ impl StepsPerMm {
     /// is always the whole number returned with it.
     #[must_use]
     pub fn steps_at(self, position: Nm) -> (Steps, FineSteps) {
+        self.split(position, || true)
+    }
+
+    /// As [`Self::steps_at`], but a coordinate exactly half-way between two steps goes where Grbl
+    /// takes it, whose single-precision value of it is given in mm. Both steps are equally near.
+    #[must_use]
+    pub fn steps_as_grbl(self, position: Nm, single_mm: f32) -> (Steps, FineSteps) {
+        self.split(position, || {
+            let steps = (single_mm * self.to_f32()).abs();
+            steps - steps as u32 as f32 >= 0.5
+        })
+    }
+
+    fn split(self, position: Nm, is_away: impl FnOnce() -> bool) -> (Steps, FineSteps) {
         let scale = self.0.cast_signed();
         // The product can exceed 64 bits; its quotient, estimated in floating point, cannot, and
         // wrapping arithmetic then gives the remainder exactly.
@@ -147,12 +161,20 @@ impl StepsPerMm {
             .wrapping_sub(estimate.wrapping_mul(Self::ONE_STEP));
         let half = Self::ONE_STEP / 2;
         let (mut whole, mut rest) = (estimate, remainder);
-        if rest > half || (rest == half && position.0 > 0) {
+        if rest > half {
             whole += 1;
             rest -= Self::ONE_STEP;
-        } else if rest < -half || (rest == -half && position.0 < 0) {
+        } else if rest < -half {
             whole -= 1;
             rest += Self::ONE_STEP;
+        }
+        if rest.abs() == half {
+            // The estimate is on either side of the middle.
+            let points_away = (rest > 0) == (position.0 > 0);
+            if points_away == is_away() {
+                whole += rest.signum();
+                rest = -rest;
+            }
         }
         // rest / 10^12 of a step, to 32 binary places: |rest| ≤ 2^39, so 2^24 may be multiplied in.
         let fraction = ((rest << 23) / (Self::ONE_STEP >> 9))
@@ -191,6 +213,20 @@ mod tests {
             let (whole, fine) = resolution(250).steps_at(Nm(nm));
             assert_eq!(whole, Steps(steps), "{nm} nm");
             assert_eq!(fine.nearest(), whole, "{nm} nm");
+        }
+    }
+
+    #[test]
+    fn halves_round_as_grbls_single_precision_does() {
+        for (nm, single_mm, steps) in [
+            (57_674_000, 57.673_996, 14_418),
+            (57_674_000, 57.674, 14_419),
+            (-57_674_000, -57.673_996, -14_418),
+            (57_675_000, 0.0, 14_419),
+        ] {
+            let (whole, fine) = resolution(250).steps_as_grbl(Nm(nm), single_mm);
+            assert_eq!(whole, Steps(steps), "{single_mm}");
+            assert_eq!(fine.nearest(), whole, "{single_mm}");
         }
     }
 

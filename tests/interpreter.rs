@@ -53,7 +53,7 @@ fn um(x: i64, y: i64, z: i64) -> Axes<Nm> {
 
 fn line(target: Axes<Nm>, pace: Pace) -> Command {
     Command::Line {
-        target,
+        target: target.into(),
         pace,
         line: 0,
     }
@@ -71,7 +71,7 @@ fn a_move_has_target_pace_and_line_number() {
     assert_eq!(
         commands(&["N7 G1 X1.5 Y-2 F100".replace(' ', "").as_str()]),
         [Command::Line {
-            target: um(1500, -2000, 0),
+            target: um(1500, -2000, 0).into(),
             pace: Pace::Feed(100.0),
             line: 7,
         }]
@@ -555,7 +555,7 @@ proptest! {
                     for command in &outcome.commands {
                         if let Command::Line { target, .. } | Command::Arc { target, .. } = command {
                             for axis in 0..AXES {
-                                prop_assert!(target[axis].0.abs() <= farthest[axis].0);
+                                prop_assert!(target.position[axis].0.abs() <= farthest[axis].0);
                             }
                         }
                     }

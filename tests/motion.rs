@@ -17,7 +17,7 @@ fn line(x: f64, y: f64, z: f64, mm_min: f32) -> Command {
         target[axis] = Nm::from_mm_f64(mm);
     }
     Command::Line {
-        target,
+        target: target.into(),
         pace: Pace::Feed(mm_min),
         line: 0,
     }

@@ -182,6 +182,29 @@ impl Number {
         self.mantissa as f32 / power(self.decimals) as f32
     }
 
+    /// The value as Grbl 1.1 computes it in single precision: eight digits at most, scaled down by
+    /// hundredths and a tenth. It decides only between equally near steps.
+    #[must_use]
+    pub fn to_grbl_f32(self) -> f32 {
+        let (mut digits, mut decimals) = (self.mantissa, self.decimals);
+        while digits.unsigned_abs() >= 100_000_000 && decimals > 0 {
+            digits /= 10;
+            decimals -= 1;
+        }
+        let mut value = match i32::try_from(digits) {
+            Ok(digits) => digits as f32,
+            Err(_) => digits as f32,
+        };
+        while decimals >= 2 {
+            value *= 0.01;
+            decimals -= 2;
+        }
+        if decimals == 1 {
+            value *= 0.1;
+        }
+        value
+    }
+
     /// The value without its fraction.
     #[must_use]
     pub fn trunc(self) -> i64 {
@@ -249,6 +272,15 @@ mod tests {
         for text in ["1", "-1", "+1", "1.", ".1", "-.1", "001"] {
             assert!(parsed(text).is_some(), "{text}");
         }
+    }
+
+    #[test]
+    fn single_precision_is_grbls() {
+        // As recorded: 57.6740 mm at 250 steps/mm ends at step 14418, not 14419.
+        assert!(number("57.6740").to_grbl_f32() * 250.0 < 14_418.5);
+        assert_eq!(number("85.7860").to_grbl_f32(), 857_860.0_f32 * 0.01 * 0.01);
+        assert_eq!(number("-0.5").to_grbl_f32(), -5.0_f32 * 0.1);
+        assert_eq!(number("12").to_grbl_f32(), 12.0);
     }
 
     #[test]

@@ -4,7 +4,7 @@
 
 use super::{Action, Checked, Interpreter, Path, arc, offsets::TOOL_AXIS};
 use crate::{
-    axis::{Axes, Z},
+    axis::{AXES, Axes, Z},
     gcode::{
         AxisCommand, Block, Distance, FeedMode, LineError, Modal, Motion, NonModal, Number,
         ToolLength, Units, Word, Words, WorkCoordinates,
@@ -43,6 +43,7 @@ pub(super) fn check(
         line: block.line,
         tool_length: state.offsets.tool_length,
         values: state.position,
+        single_mm: state.single_mm,
         path: Path::None,
     };
     checked.modal.feed = feed(&block, &state.modal)?;
@@ -147,7 +148,7 @@ fn check_non_modal(
         NonModal::None | NonModal::Dwell => {}
     }
     if block.axes != 0 && block.axis_command != AxisCommand::ToolLength {
-        checked.values = target(state, block);
+        (checked.values, checked.single_mm) = target(state, block);
     }
     Ok(())
 }
@@ -206,23 +207,36 @@ fn new_work_offset(state: &Interpreter, block: &Block) -> Axes<Nm> {
     })
 }
 
-/// Where the axis words lead, in the machine frame.
-fn target(state: &Interpreter, block: &Block) -> Axes<Nm> {
-    let base = if block.non_modal == NonModal::MachineCoordinates {
-        Axes::all(Nm(0))
+/// Where the axis words lead, in the machine frame: exactly, and in Grbl's single precision.
+fn target(state: &Interpreter, block: &Block) -> (Axes<Nm>, Axes<f32>) {
+    let (base, single_base) = if block.non_modal == NonModal::MachineCoordinates {
+        (Axes::all(Nm(0)), Axes::all(0.0))
     } else {
         match block.modal.distance {
-            Distance::Absolute => state.offsets.total(block.modal.coordinates),
-            Distance::Incremental => state.position,
+            Distance::Absolute => {
+                let total = state.offsets.total(block.modal.coordinates);
+                (total, total.map(Nm::to_mm))
+            }
+            Distance::Incremental => (state.position, state.single_mm),
         }
     };
-    Axes::from_fn(|axis| {
+    let (mut target, mut single_mm) = (state.position, state.single_mm);
+    for axis in 0..AXES {
         if block.has_axis(axis) {
-            base[axis] + coordinate(block, axis)
-        } else {
-            state.position[axis]
+            target[axis] = base[axis] + coordinate(block, axis);
+            single_mm[axis] = single_base[axis] + single_coordinate(block, axis);
         }
-    })
+    }
+    (target, single_mm)
+}
+
+/// An axis word in mm as Grbl has it.
+fn single_coordinate(block: &Block, axis: usize) -> f32 {
+    let value = block.coordinates[axis].to_grbl_f32();
+    match block.modal.units {
+        Units::Inches if axis <= Z => value * MM_PER_INCH,
+        Units::Inches | Units::Millimetres => value,
+    }
 }
 
 /// An axis word in nm. Rotary axes have no inches.

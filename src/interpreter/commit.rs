@@ -4,7 +4,7 @@ use super::{Action, Checked, Interpreter, Message, Outcome, Path};
 use crate::{
     axis::Axes,
     gcode::{Distance, FeedMode, Flow, Modal, Motion, Reference, WorkCoordinates},
-    planner::{Command, Coolant, Pace, Plane, Spindle},
+    planner::{Command, Coolant, Pace, Plane, Spindle, Target},
     units::Nm,
 };
 
@@ -66,7 +66,7 @@ fn go_to(state: &mut Interpreter, checked: &Checked, reference: Reference, outco
     let target = if checked.axes == 0 {
         stored
     } else {
-        outcome.add(line(checked.values, Pace::Rapid, checked));
+        outcome.add(line(checked.target(), Pace::Rapid, checked));
         Axes::from_fn(|axis| {
             if checked.axes >> axis & 1 == 0 {
                 checked.values[axis]
@@ -75,8 +75,8 @@ fn go_to(state: &mut Interpreter, checked: &Checked, reference: Reference, outco
             }
         })
     };
-    outcome.add(line(target, Pace::Rapid, checked));
-    state.position = target;
+    outcome.add(line(target.into(), Pace::Rapid, checked));
+    state.set_position(target);
 }
 
 /// The move of the motion mode.
@@ -86,7 +86,7 @@ fn travel(state: &mut Interpreter, checked: &Checked, outcome: &mut Outcome) {
         (_, FeedMode::PerMinute) => Pace::Feed(checked.modal.feed),
         (_, FeedMode::InverseTime) => Pace::InverseTime(checked.modal.feed),
     };
-    let target = checked.values;
+    let target = checked.target();
     let command = match checked.path {
         Path::None => return,
         Path::Straight => line(target, pace, checked),
@@ -98,10 +98,11 @@ fn travel(state: &mut Interpreter, checked: &Checked, outcome: &mut Outcome) {
         },
     };
     outcome.add(command);
-    state.position = target;
+    state.position = target.position;
+    state.single_mm = target.single_mm;
 }
 
-fn line(target: Axes<Nm>, pace: Pace, checked: &Checked) -> Command {
+fn line(target: Target, pace: Pace, checked: &Checked) -> Command {
     Command::Line {
         target,
         pace,

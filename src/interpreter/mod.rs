@@ -17,7 +17,7 @@ use heapless::Vec;
 use crate::{
     axis::Axes,
     gcode::{Flow, LineError, Modal, Reference, WorkCoordinates},
-    planner::{Circle, Command},
+    planner::{Circle, Command, Target},
     settings::Settings,
     units::Nm,
 };
@@ -31,6 +31,8 @@ pub struct Interpreter {
     modal: Modal,
     offsets: Offsets,
     position: Axes<Nm>,
+    /// The position in Grbl's single precision, mm: see [`Target::single_mm`].
+    single_mm: Axes<f32>,
 }
 
 /// A line without errors, ready to be committed.
@@ -50,6 +52,8 @@ pub struct Checked {
     tool_length: Nm,
     /// Target of the move, or what the action sets.
     values: Axes<Nm>,
+    /// A target in Grbl's single precision, mm.
+    single_mm: Axes<f32>,
     path: Path,
 }
 
@@ -96,6 +100,14 @@ pub enum Message {
 }
 
 impl Checked {
+    /// Where the axis words lead.
+    fn target(&self) -> Target {
+        Target {
+            position: self.values,
+            single_mm: self.single_mm,
+        }
+    }
+
     /// Whether everything before the line must be executed before it is committed.
     ///
     /// As in Grbl: where the work offset, a stored position, the spindle or the coolant changes,
@@ -134,6 +146,7 @@ impl Interpreter {
             modal: Modal::default(),
             offsets: Offsets::default(),
             position: Axes::all(Nm(0)),
+            single_mm: Axes::all(0.0),
         }
     }
 
@@ -175,6 +188,7 @@ impl Interpreter {
     /// Tells where the machine is.
     pub fn set_position(&mut self, position: Axes<Nm>) {
         self.position = position;
+        self.single_mm = position.map(Nm::to_mm);
     }
 
     /// Machine position minus work position: work coordinate system, `G92` and tool length.

@@ -8,7 +8,7 @@ pub enum Command {
     /// A straight move of all axes from the present position.
     Line {
         /// Where it ends.
-        target: Axes<Nm>,
+        target: Target,
         /// How fast.
         pace: Pace,
         /// `N` word of the line, 0 without.
@@ -17,7 +17,7 @@ pub enum Command {
     /// An arc or a helix from the present position: one command however long it is.
     Arc {
         /// Where it ends.
-        target: Axes<Nm>,
+        target: Target,
         /// Its circle.
         circle: Circle,
         /// How fast along the path.
@@ -41,6 +41,32 @@ pub enum Command {
     Coolant(Coolant),
     /// Program pause, `M0`: waits for cycle start.
     Pause,
+}
+
+/// Where a move ends.
+#[derive(Debug, Clone, Copy, Default)]
+pub struct Target {
+    /// Exact machine coordinates.
+    pub position: Axes<Nm>,
+    /// The same as Grbl's single-precision arithmetic has them, mm. Nothing but the choice between
+    /// two steps that are equally near depends on them.
+    pub single_mm: Axes<f32>,
+}
+
+/// The exact positions decide.
+impl PartialEq for Target {
+    fn eq(&self, other: &Self) -> bool {
+        self.position == other.position
+    }
+}
+
+impl From<Axes<Nm>> for Target {
+    fn from(position: Axes<Nm>) -> Self {
+        Self {
+            position,
+            single_mm: position.map(Nm::to_mm),
+        }
+    }
 }
 
 /// How fast a move is asked to go.

@@ -8,7 +8,7 @@ mod motion;
 mod router;
 
 pub use block::{Block, Curve, Entry, Work};
-pub use command::{Circle, Command, Coolant, Pace, Plane, Rotation, Spindle};
+pub use command::{Circle, Command, Coolant, Pace, Plane, Rotation, Spindle, Target};
 pub use lookahead::{BLOCKS, LookAhead};
 pub use motion::{Motion, Prepared};
 pub use router::Router;

@@ -4,7 +4,7 @@
 //! Junction speed: S. Jeon, "Improving Grbl's cornering algorithm" (2011): the corner is followed
 //! at the speed at which a circle that leaves it by the junction deviation would be.
 
-use super::{Block, Circle, Command, Curve, Pace, Rotation, Work};
+use super::{Block, Circle, Command, Curve, Pace, Rotation, Target, Work};
 use crate::{
     axis::{AXES, Axes},
     math,
@@ -141,12 +141,12 @@ impl Router {
         }
     }
 
-    fn line(&mut self, target: Axes<Nm>, pace: Pace, line: u32) -> Option<Work> {
-        let end = self.place(target);
+    fn line(&mut self, target: Target, pace: Pace, line: u32) -> Option<Work> {
+        let end = self.place(&target);
         if end.steps == self.steps {
             return None;
         }
-        let way = target.zip(self.position, |to, from| (to - from).to_mm());
+        let way = target.position.zip(self.position, |to, from| (to - from).to_mm());
         let length_mm = length(&way);
         let direction = way.map(|way| way / length_mm);
         let tangent = unit(direction);
@@ -165,20 +165,20 @@ impl Router {
             curve: None,
             line,
         };
-        self.finish(target, end, tangent);
+        self.finish(target.position, end, tangent);
         Some(Work::Move(block))
     }
 
-    fn arc(&mut self, target: Axes<Nm>, circle: &Circle, pace: Pace, line: u32) -> Option<Work> {
+    fn arc(&mut self, target: Target, circle: &Circle, pace: Pace, line: u32) -> Option<Work> {
         let (first, second, _) = circle.plane.axes();
-        let way = target.zip(self.position, |to, from| to - from);
+        let way = target.position.zip(self.position, |to, from| to - from);
         let arc = Arc::new(circle, way[first], way[second]);
         let finest = self.limits.steps_per_mm[first].max(self.limits.steps_per_mm[second]);
         if arc.length_mm() as f32 * finest < 0.5 {
             // Shorter than half a step in its plane: what is left of it is a line.
             return self.line(target, pace, line);
         }
-        let end = self.place(target);
+        let end = self.place(&target);
         let mut linear = way.map(Nm::to_mm);
         linear[first] = 0.0;
         linear[second] = 0.0;
@@ -215,7 +215,7 @@ impl Router {
             curve: Some(self.curve(&arc, [first, second], limit_sqr, length_mm)),
             line,
         };
-        self.finish(target, end, end_tangent);
+        self.finish(target.position, end, end_tangent);
         Some(Work::Move(block))
     }
 
@@ -239,15 +239,15 @@ impl Router {
     }
 
     /// Where a move to `target` ends.
-    fn place(&self, target: Axes<Nm>) -> End {
+    fn place(&self, target: &Target) -> End {
         let mut end = End {
             steps: self.steps,
             fine: self.fine,
         };
         for axis in 0..AXES {
-            if target[axis] != self.position[axis] {
-                (end.steps[axis], end.fine[axis]) =
-                    self.settings.steps_per_mm[axis].steps_at(target[axis]);
+            if target.position[axis] != self.position[axis] {
+                (end.steps[axis], end.fine[axis]) = self.settings.steps_per_mm[axis]
+                    .steps_as_grbl(target.position[axis], target.single_mm[axis]);
             }
         }
         end
