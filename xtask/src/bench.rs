@@ -8,9 +8,11 @@
 
 mod emulator;
 mod figures;
+mod monitor;
 mod profile;
 mod report;
 mod sender;
+mod tasks;
 mod workload;
 
 use std::{
@@ -25,10 +27,10 @@ use owo_colors::OwoColorize;
 
 use emulator::Emulator;
 use figures::Run;
-use report::Report;
-use workload::Workload;
+use tasks::Names;
+use workload::{Part, Workload};
 
-use crate::{boards, build, ui};
+use crate::{boards, build, cargo, ui};
 
 /// Count what the firmware costs on the emulated chip, in instructions and modelled cycles
 ///
@@ -63,7 +65,7 @@ pub(crate) fn run(options: &Options) -> Result<ExitCode> {
 /// Counts a program that ends by itself.
 fn program(emulator: &Emulator, elf: &Path, options: &Options) -> Result<()> {
     let report = emulator.run(elf, &options.arguments)?;
-    tasks(&report);
+    tasks::print(&report);
     if options.profile {
         profile::print(&report, elf)?;
     }
@@ -72,65 +74,38 @@ fn program(emulator: &Emulator, elf: &Path, options: &Options) -> Result<()> {
 
 /// Counts the firmware and prints its figures.
 fn firmware(emulator: &Emulator, options: &Options) -> Result<()> {
+    const APPLICATION: &str = "src/app.rs";
     let (board, _) = boards::emulated()?;
+    let source = fs::read_to_string(cargo::root().join(APPLICATION))
+        .with_context(|| format!("cannot read {APPLICATION}"))?;
+    let names = Names::of(&source).context(APPLICATION)?;
     let elf = build::firmware(&board)?;
     let count = |workload: &Workload| {
         ui::status("Counting", workload.name);
-        let run = Run {
-            settings: emulator.stream(&elf, workload, false)?,
-            whole: emulator.stream(&elf, workload, true)?,
+        let mut run = Run {
+            settings: emulator.stream(&elf, workload, Part::Settings)?,
+            whole: emulator.stream(&elf, workload, Part::Whole)?,
+            count: workload.count,
         };
+        names.apply(&mut run.settings);
+        names.apply(&mut run.whole);
         println!("\n{}", workload.name.bold());
-        tasks(&run.whole);
+        tasks::print(&run.whole);
         if options.profile {
             profile::print(&run.whole, &elf)?;
         }
-        anyhow::Ok((run, workload.count))
+        anyhow::Ok(run)
     };
     let one = count(&workload::one_axis())?;
     let three = count(&workload::three_axes())?;
     let lines = count(&workload::short_lines())?;
-    let figures = figures::all([&one, &three, &lines].map(|(run, count)| (run, *count)));
+    let figures = figures::all([&one, &three, &lines])?;
     println!();
     figures::print(&figures);
     if let Some(path) = &options.json {
-        let json = figures::json(&figures, &one.0.whole.model);
+        let json = figures::json(&figures, &one.whole.model);
         fs::write(path, format!("{json:#}\n"))
             .with_context(|| format!("cannot write {}", path.display()))?;
     }
     Ok(())
-}
-
-/// Prints what each task cost.
-fn tasks(report: &Report) {
-    let head = format!(
-        "{:<14}{:>10}{:>12}{:>12}{:>8}{:>8}{:>8}{:>14}{:>14}{:>8}",
-        "task",
-        "runs",
-        "cyc./run",
-        "ins./run",
-        "min",
-        "99.9 %",
-        "max",
-        "cycles",
-        "instructions",
-        "MMIO"
-    );
-    println!("{}", head.bold());
-    for task in &report.tasks {
-        let per_run = |amount: u64| amount as f64 / task.activations.max(1) as f64;
-        println!(
-            "{:<14}{:>10}{:>12.1}{:>12.1}{:>8}{:>8}{:>8}{:>14}{:>14}{:>8.1}",
-            task.name,
-            task.activations,
-            per_run(task.cycles),
-            per_run(task.instructions),
-            task.min_cycles,
-            task.all_but_one_in(1000),
-            task.max_cycles,
-            task.cycles,
-            task.instructions,
-            per_run(task.peripheral_reads + task.peripheral_writes),
-        );
-    }
 }

@@ -1,19 +1,21 @@
 //! QEMU with the plugin that counts.
 
 use std::{
-    fs,
-    io::Write,
-    iter,
-    os::unix::net::UnixStream,
+    env, fs, iter,
     path::{Path, PathBuf},
-    process::{self, Child, Command, Stdio},
+    process::{self, Child, ChildStdin, Command, Stdio},
     thread,
     time::{Duration, Instant},
 };
 
 use anyhow::{Context, Result, bail, ensure};
 
-use super::{report::Report, sender::Sender, workload::Workload};
+use super::{
+    monitor::Monitor,
+    report::Report,
+    sender::Sender,
+    workload::{Part, Workload},
+};
 use crate::{boards, cargo, ui};
 
 /// Longest time that a program may take, and then QEMU to end, host time.
@@ -77,17 +79,52 @@ impl Emulator {
         Report::read(&report)
     }
 
-    /// Streams the settings and, if `whole`, the program of a workload to the firmware.
-    pub(super) fn stream(&self, elf: &Path, workload: &Workload, whole: bool) -> Result<Report> {
+    /// Streams a workload to the firmware.
+    pub(super) fn stream(&self, elf: &Path, workload: &Workload, part: Part) -> Result<Report> {
         let report = self.fresh("firmware.json");
-        let monitor = std::env::temp_dir().join(format!("leadscrew-bench-{}", process::id()));
+        let (mut qemu, mut sender, monitor) = self.boot(elf, &report)?;
+        sender.stream(workload.settings.iter().copied())?;
+        if part == Part::Whole {
+            sender.stream(workload.program.iter().map(String::as_str))?;
+        }
+        // Answered when all motion is over.
+        sender.stream(["G4P0.01"])?;
+        let position = sender.position()?;
+        let expected = match part {
+            Part::Settings => [0.0; 3],
+            Part::Whole => workload.end_mm,
+        };
+        let is_there = |(is, should): (&f64, &f64)| (is - should).abs() < 0.003;
+        ensure!(
+            position.iter().zip(&expected).all(is_there),
+            "{}: the machine is at {position:?} mm, not at {expected:?}",
+            workload.name
+        );
+        let mut console = Monitor::connect(&monitor)?;
+        let motion_s = console.motion_s(elf)?;
+        ensure!(
+            part == Part::Settings || motion_s < 1.1 * workload.motion_s,
+            "{}: {motion_s:.2} s of motion instead of {:.2}: this machine is too busy to send the \
+             lines in time, so the firmware had to slow down",
+            workload.name,
+            workload.motion_s
+        );
+        console.quit()?;
+        qemu.wait(GRACE)?;
+        let _ = fs::remove_file(&monitor);
+        Report::read(&report)
+    }
+
+    /// Starts the firmware and waits for its welcome; also where QEMU's monitor listens.
+    fn boot(&self, elf: &Path, report: &Path) -> Result<(Running, Sender<ChildStdin>, PathBuf)> {
+        let monitor = env::temp_dir().join(format!("leadscrew-bench-{}", process::id()));
         let _ = fs::remove_file(&monitor);
         let listen = format!(
             "unix:{},server=on,wait=off",
             escape(&monitor.to_string_lossy())
         );
         let mut child = self
-            .command(elf, &report)
+            .command(elf, report)
             .args(["-monitor", &listen, "-serial", "stdio"])
             .stdin(Stdio::piped())
             .stdout(Stdio::piped())
@@ -95,28 +132,8 @@ impl Emulator {
             .context("cannot start qemu-system-arm")?;
         let to = child.stdin.take().context("QEMU has no input")?;
         let from = child.stdout.take().context("QEMU has no output")?;
-        let mut qemu = Running(child);
-        let mut sender = Sender::connect(to, from)?;
-        sender.stream(workload.settings.iter().copied())?;
-        if whole {
-            sender.stream(workload.program.iter().map(String::as_str))?;
-        }
-        // Answered when all motion is over.
-        sender.stream(["G4P0.01"])?;
-        let position = sender.position()?;
-        let expected = if whole { workload.end_mm } else { [0.0; 3] };
-        let is_there = |(is, should): (&f64, &f64)| (is - should).abs() < 0.003;
-        ensure!(
-            position.iter().zip(&expected).all(is_there),
-            "{}: the machine is at {position:?} mm, not at {expected:?}",
-            workload.name
-        );
-        // The plugin writes its report when QEMU ends by itself.
-        let mut console = UnixStream::connect(&monitor).context("QEMU has no monitor")?;
-        console.write_all(b"quit\n")?;
-        qemu.wait(GRACE)?;
-        let _ = fs::remove_file(&monitor);
-        Report::read(&report)
+        let qemu = Running(child);
+        Ok((qemu, Sender::connect(to, from)?, monitor))
     }
 
     /// The path of a report that is yet to be written.

@@ -1,23 +1,20 @@
 //! From the reports of the runs to the figures.
 
 use anstream::println;
+use anyhow::{Context, Result};
 use owo_colors::OwoColorize;
 use serde_json::{Map, Value, json};
 
-use super::report::{Report, Task};
-
-/// The step interrupt's vector on the emulated board.
-const STEP: &str = "TIM2";
-/// The emulated board has no step timer: this handler stands for the hardware.
-const STAND_IN: &str = "SysTick";
-/// What runs outside handlers: initialisation and idling.
-const THREAD: &str = "thread";
+use super::{
+    report::{Report, Task},
+    tasks::{STAND_IN, STEP, THREAD},
+};
 
 /// Instructions and cycles, of one run or of the mean one.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
-pub(super) struct Cost {
-    pub(super) cycles: f64,
-    pub(super) instructions: f64,
+struct Cost {
+    cycles: f64,
+    instructions: f64,
 }
 
 impl Cost {
@@ -28,8 +25,8 @@ impl Cost {
         }
     }
 
-    fn sum(costs: impl Iterator<Item = Self>) -> Self {
-        costs.fold(Self::default(), |sum, cost| Self {
+    fn sum(costs: impl IntoIterator<Item = Self>) -> Self {
+        costs.into_iter().fold(Self::default(), |sum, cost| Self {
             cycles: sum.cycles + cost.cycles,
             instructions: sum.instructions + cost.instructions,
         })
@@ -54,21 +51,31 @@ impl Cost {
 pub(super) struct Run {
     pub(super) whole: Report,
     pub(super) settings: Report,
+    /// What the cost is divided by.
+    pub(super) count: u64,
 }
 
 impl Run {
-    /// What the tasks chosen by `is_counted` cost for the workload without its settings.
-    fn cost(&self, is_counted: impl Fn(&str) -> bool) -> Cost {
-        let sum = |report: &Report| {
-            let tasks = report.tasks.iter();
-            let counted = tasks.filter(|task| is_counted(&task.name) && task.name != THREAD);
-            Cost::sum(counted.filter(|task| task.name != STAND_IN).map(Cost::of))
+    /// What each task cost for the workload without its settings, per step, period or line.
+    fn costs(&self) -> Vec<(&str, Cost)> {
+        let cost = |report: &Report, name: &str| {
+            let found = report.tasks.iter().find(|task| task.name == name);
+            found.map(Cost::of).unwrap_or_default()
         };
-        sum(&self.whole).minus(sum(&self.settings))
+        let names = self.whole.tasks.iter().map(|task| task.name.as_str());
+        names
+            .filter(|name| ![THREAD, STAND_IN].contains(name))
+            .map(|name| {
+                let spent = cost(&self.whole, name).minus(cost(&self.settings, name));
+                (name, spent.per(self.count))
+            })
+            .collect()
     }
 
-    fn step(&self) -> Option<&Task> {
-        self.whole.tasks.iter().find(|task| task.name == STEP)
+    fn step(&self) -> Result<&Task> {
+        let mut tasks = self.whole.tasks.iter();
+        let step = tasks.find(|task| task.name == STEP);
+        step.context("the step interrupt never ran")
     }
 }
 
@@ -79,60 +86,94 @@ pub(super) struct Figure {
     cost: Cost,
     /// Cycles it should not exceed.
     target: Option<f64>,
+    /// What it is the sum of, by task.
+    parts: Vec<(String, Cost)>,
 }
 
-/// The figures, from the runs of [`super::workload`] and what each one's cost is divided by.
-pub(super) fn all([one, three, lines]: [(&Run, u64); 3]) -> Vec<Figure> {
-    let steps: Vec<&Task> = [one.0, three.0, lines.0]
-        .map(Run::step)
-        .into_iter()
-        .flatten()
-        .collect();
-    let activations = steps.iter().map(|task| task.activations).sum::<u64>();
-    let mean = Cost::sum(steps.iter().copied().map(Cost::of)).per(activations.max(1));
-    let max = |of: fn(&Task) -> u64| steps.iter().copied().map(of).max().unwrap_or(0) as f64;
+impl Figure {
+    fn new(key: &'static str, meaning: &'static str, target: Option<f64>, cost: Cost) -> Self {
+        Self {
+            key,
+            meaning,
+            cost,
+            target,
+            parts: Vec::new(),
+        }
+    }
+
+    /// The sum over the tasks that `is_counted` chooses.
+    fn sum(
+        key: &'static str,
+        meaning: &'static str,
+        target: Option<f64>,
+        run: &Run,
+        is_counted: fn(&str) -> bool,
+    ) -> Self {
+        let mut parts = run.costs();
+        parts.retain(|(name, _)| is_counted(name));
+        parts.sort_by(|(_, a), (_, b)| b.cycles.total_cmp(&a.cycles));
+        let cost = Cost::sum(parts.iter().map(|&(_, cost)| cost));
+        let parts = parts
+            .into_iter()
+            .map(|(name, cost)| (name.to_owned(), cost));
+        Self {
+            parts: parts.collect(),
+            ..Self::new(key, meaning, target, cost)
+        }
+    }
+}
+
+/// The figures, from the runs with one axis, with three axes, and of short lines.
+pub(super) fn all([one, three, lines]: [&Run; 3]) -> Result<Vec<Figure>> {
+    let steps = [one.step()?, three.step()?, lines.step()?];
+    let activations = steps.map(|task| task.activations).into_iter().sum();
+    let mean = Cost::sum(steps.map(Cost::of)).per(activations);
+    let max = |of: fn(&Task) -> u64| steps.map(of).into_iter().max().unwrap_or(0) as f64;
     let worst = Cost {
         cycles: max(|task| task.max_cycles),
         instructions: max(|task| task.max_instructions),
     };
-    vec![
-        Figure {
-            key: "step_isr_mean_cycles",
-            meaning: "step interrupt, mean of the three workloads",
-            cost: mean,
-            target: Some(110.0),
-        },
-        Figure {
-            key: "step_isr_max_cycles",
-            meaning: "step interrupt, worst",
-            cost: worst,
-            target: Some(200.0),
-        },
-        Figure {
-            key: "cycles_per_step_1axis",
-            meaning: "all tasks, 1 axis at 100 kHz, per step",
-            cost: one.0.cost(|_| true).per(one.1),
-            target: Some(250.0),
-        },
-        Figure {
-            key: "cycles_per_period_3axis",
-            meaning: "all tasks, 3 axes at 100, 73, 51 kHz, per 10 µs",
-            cost: three.0.cost(|_| true).per(three.1),
-            target: None,
-        },
-        Figure {
-            key: "cycles_per_g1_line",
-            meaning: "all but the step interrupt, per short G1 line",
-            cost: lines.0.cost(|name| name != STEP).per(lines.1),
-            target: Some(8000.0),
-        },
-    ]
+    Ok(vec![
+        Figure::new(
+            "step_isr_mean_cycles",
+            "step interrupt, mean of the three workloads",
+            Some(110.0),
+            mean,
+        ),
+        Figure::new(
+            "step_isr_max_cycles",
+            "step interrupt, worst",
+            Some(200.0),
+            worst,
+        ),
+        Figure::sum(
+            "cycles_per_step_1axis",
+            "all tasks, 1 axis at 100 kHz, per step",
+            Some(250.0),
+            one,
+            |_| true,
+        ),
+        Figure::sum(
+            "cycles_per_period_3axis",
+            "all tasks, 3 axes at 100, 73, 51 kHz, per 10 µs",
+            None,
+            three,
+            |_| true,
+        ),
+        Figure::sum(
+            "cycles_per_g1_line",
+            "all but the step interrupt, per short G1 line",
+            Some(8000.0),
+            lines,
+            |name| name != STEP,
+        ),
+    ])
 }
 
 /// Prints the figures.
 pub(super) fn print(figures: &[Figure]) {
     let head = format!(
-        "{:<52}{:>10}{:>14}{:>9}",
+        "{:<50}{:>10}{:>14}{:>9}",
         "", "cycles", "instructions", "target"
     );
     println!("{}", head.bold());
@@ -140,35 +181,110 @@ pub(super) fn print(figures: &[Figure]) {
         let target = figure
             .target
             .map_or_else(String::new, |target| format!("{target:.0}"));
-        let is_missed = figure
-            .target
-            .is_some_and(|target| figure.cost.cycles > target);
-        let row = format!(
-            "{:<52}{:>10.1}{:>14.1}{target:>9}",
-            figure.meaning, figure.cost.cycles, figure.cost.instructions
-        );
-        if is_missed {
-            println!("{row} {}", "missed".red());
-        } else {
-            println!("{row}");
+        let row = row(figure.meaning, figure.cost);
+        match figure.target {
+            Some(most) if figure.cost.cycles > most => {
+                println!("{row}{target:>9} {}", "missed".red());
+            }
+            _ => println!("{row}{target:>9}"),
+        }
+        for (name, cost) in &figure.parts {
+            println!("{}", self::row(&format!("    {name}"), *cost).dimmed());
         }
     }
+}
+
+fn row(what: &str, cost: Cost) -> String {
+    format!("{what:<50}{:>10.1}{:>14.1}", cost.cycles, cost.instructions)
 }
 
 /// The figures as JSON: each under its key, and the instructions under `…_instructions`.
 pub(super) fn json(figures: &[Figure], model: &str) -> Value {
     let mut object = Map::new();
-    let rounded = |value: f64| json!((value * 10.0).round() / 10.0);
     for figure in figures {
-        let twin = figure
-            .key
-            .strip_suffix("_cycles")
-            .unwrap_or(figure.key)
-            .to_owned()
-            + "_instructions";
+        let stem = figure.key.strip_suffix("_cycles").unwrap_or(figure.key);
         object.insert(figure.key.into(), rounded(figure.cost.cycles));
-        object.insert(twin, rounded(figure.cost.instructions));
+        object.insert(
+            format!("{stem}_instructions"),
+            rounded(figure.cost.instructions),
+        );
+        if !figure.parts.is_empty() {
+            let parts = figure.parts.iter();
+            let parts = parts.map(|(name, cost)| (name.clone(), rounded(cost.cycles)));
+            object.insert(format!("{stem}_by_task"), Value::Object(parts.collect()));
+        }
     }
     object.insert("model".into(), model.into());
     object.into()
+}
+
+/// To a tenth.
+fn rounded(value: f64) -> Value {
+    json!((value * 10.0).round() / 10.0)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn report(tasks: &[(&str, u64, u64)]) -> Report {
+        let tasks: Vec<Value> = tasks
+            .iter()
+            .map(|&(name, activations, cycles)| {
+                json!({
+                    "name": name, "activations": activations, "cycles": cycles,
+                    "instructions": cycles / 2, "min_cycles": 50, "max_cycles": 70,
+                    "max_instructions": 35, "peripheral_reads": 0, "peripheral_writes": 0,
+                    "histogram": [],
+                })
+            })
+            .collect();
+        serde_json::from_value(json!({
+            "model": "", "cycles": 0, "tasks": tasks, "sites": [], "functions": [],
+            "unexplained": 0, "unknown": [],
+        }))
+        .unwrap()
+    }
+
+    fn run(count: u64) -> Run {
+        Run {
+            whole: report(&[
+                ("thread", 1, 9999),
+                ("SysTick", 9, 999),
+                ("step", 10, 600),
+                ("prepare", 2, 500),
+            ]),
+            settings: report(&[("thread", 1, 99), ("prepare", 1, 100)]),
+            count,
+        }
+    }
+
+    #[test]
+    fn idling_settings_and_the_stand_in_are_not_counted() {
+        let (one, three, lines) = (run(10), run(20), run(4));
+        let figures = all([&one, &three, &lines]).unwrap();
+        let cycles: Vec<f64> = figures.iter().map(|figure| figure.cost.cycles).collect();
+        assert_eq!(cycles, [60.0, 70.0, 100.0, 50.0, 100.0]);
+    }
+
+    #[test]
+    fn every_figure_has_its_instructions() {
+        let (one, three, lines) = (run(10), run(20), run(4));
+        let json = json(&all([&one, &three, &lines]).unwrap(), "table");
+        assert_eq!(json["step_isr_mean_cycles"], 60.0);
+        assert_eq!(json["step_isr_mean_instructions"], 30.0);
+        assert_eq!(json["step_isr_max_instructions"], 35.0);
+        assert_eq!(json["cycles_per_step_1axis_instructions"], 50.0);
+        assert_eq!(json["cycles_per_period_3axis_instructions"], 25.0);
+        assert_eq!(json["cycles_per_g1_line"], 100.0);
+        assert_eq!(json["cycles_per_g1_line_instructions"], 50.0);
+        assert_eq!(json["model"], "table");
+    }
+
+    #[test]
+    fn a_firmware_that_never_steps_has_no_figures() {
+        let mut one = run(1);
+        one.whole.tasks.retain(|task| task.name != "step");
+        assert!(all([&one, &run(1), &run(1)]).is_err());
+    }
 }

@@ -11,13 +11,20 @@ use anstream::println;
 use anyhow::{Result, anyhow};
 use owo_colors::OwoColorize;
 
-use super::report::Report;
+use super::{
+    report::Report,
+    tasks::{STAND_IN, THREAD},
+};
 use crate::cargo;
 
 /// Rows of each table.
 const CALLED: usize = 20;
+const MODULES: usize = 20;
 const FUNCTIONS: usize = 40;
 const LINES: usize = 30;
+/// Least share of a task's cycles for a row, percent: its own, or with all that is inlined in it.
+const LEAST_OWN: f64 = 0.2;
+const LEAST_ALL: f64 = 2.0;
 /// A task with less than one part in this of all cycles is not looked into.
 const NEGLIGIBLE: u64 = 200;
 
@@ -49,7 +56,8 @@ pub(super) fn print(report: &Report, elf: &Path) -> Result<()> {
     calls(report);
     for (task, owner) in report.tasks.iter().enumerate() {
         let is_whole = report.tasks.len() == 1;
-        if task == 0 && !is_whole || owner.cycles * NEGLIGIBLE < report.cycles {
+        let is_idle = [THREAD, STAND_IN].contains(&owner.name.as_str()) && !is_whole;
+        if is_idle || owner.cycles * NEGLIGIBLE < report.cycles {
             continue;
         }
         println!(
@@ -64,6 +72,7 @@ pub(super) fn print(report: &Report, elf: &Path) -> Result<()> {
 
 /// Prints what one task spent where.
 fn spent(report: &Report, program: &Loader, task: usize) {
+    let mut modules: HashMap<String, Share> = HashMap::new();
     let mut functions: HashMap<String, Share> = HashMap::new();
     let mut lines: HashMap<String, Share> = HashMap::new();
     let mut total = 0;
@@ -73,6 +82,8 @@ fn spent(report: &Report, program: &Loader, task: usize) {
         }
         total += cycles;
         let (stack, line) = frames(program, address);
+        modules.entry(module(&stack)).or_default().add(runs, cycles);
+        lines.entry(line).or_default().add(runs, cycles);
         let mut seen = BTreeSet::new();
         for (depth, name) in stack.into_iter().enumerate() {
             let share = functions.entry(name.clone()).or_default();
@@ -83,11 +94,35 @@ fn spent(report: &Report, program: &Loader, task: usize) {
                 share.all_cycles += cycles;
             }
         }
-        lines.entry(line).or_default().add(runs, cycles);
     }
+    table("module", modules, total, MODULES);
+    println!();
     table("function", functions, total, FUNCTIONS);
     println!();
     table("line", lines, total, LINES);
+}
+
+/// The module of ours that the innermost of its functions belongs to, or else the crate.
+fn module(stack: &[String]) -> String {
+    let ours = stack.iter().find_map(|name| {
+        let (_, path) = name.split_once("leadscrew::")?;
+        let mut parts: Vec<&str> = path.split("::").collect();
+        parts.pop();
+        let is_module = |part: &&&str| part.starts_with(|letter: char| letter.is_lowercase());
+        Some(
+            parts
+                .iter()
+                .take_while(is_module)
+                .copied()
+                .collect::<Vec<_>>()
+                .join("::"),
+        )
+    });
+    ours.unwrap_or_else(|| {
+        let outermost = stack.last().map_or("?", String::as_str);
+        let name = outermost.trim_start_matches('<');
+        name.split("::").next().unwrap_or(name).to_owned()
+    })
 }
 
 /// Prints what calls of the linker's functions cost, with what they call in turn.
@@ -160,27 +195,61 @@ fn shorten(file: &str) -> &str {
     inside.or_else(registry).or_else(library).unwrap_or(file)
 }
 
+/// The dearest by own cycles, with the dearest containers, in the order of their own cycles.
 fn table(what: &str, shares: HashMap<String, Share>, total: u64, rows: usize) {
-    let mut sorted: Vec<_> = shares.into_iter().collect();
-    sorted.sort_by(|(a_name, a), (b_name, b)| (b.own_cycles, a_name).cmp(&(a.own_cycles, b_name)));
     let percent = |cycles: u64| cycles as f64 * 100.0 / total.max(1) as f64;
+    let mut sorted: Vec<_> = shares.into_iter().collect();
+    sorted.retain(|(_, share)| {
+        percent(share.own_cycles) >= LEAST_OWN || percent(share.all_cycles) >= LEAST_ALL
+    });
+    sorted.sort_by(|(a_name, a), (b_name, b)| {
+        let key = |share: &Share| (Reverse(share.own_cycles), Reverse(share.all_cycles));
+        (key(a), a_name).cmp(&(key(b), b_name))
+    });
     let head = format!(
-        "{:>7}{:>14}{:>14}{:>12}{:>12}  {what}",
-        "own", "cycles", "instructions", "with inl.", "runs"
+        "{:>7}{:>12}{:>14}{:>14}{:>12}  {what}",
+        "own", "inlined in", "cycles", "instructions", "runs"
     );
     println!("{}", head.bold());
     for (name, share) in sorted.iter().take(rows) {
-        let all = if share.all_cycles == 0 {
-            String::new()
-        } else {
-            format!("{:.1} %", percent(share.all_cycles))
+        let all = match share.all_cycles {
+            0 => String::new(),
+            cycles => format!("{:.1} %", percent(cycles)),
         };
         println!(
-            "{:>5.1} %{:>14}{:>14}{all:>12}{:>12}  {name}",
+            "{:>5.1} %{all:>12}{:>14}{:>14}{:>12}  {name}",
             percent(share.own_cycles),
             share.own_cycles,
             share.own_instructions,
             share.runs,
+        );
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_function_belongs_to_the_innermost_module_of_ours() {
+        let stack = |names: &[&str]| {
+            names
+                .iter()
+                .map(|&name| name.to_owned())
+                .collect::<Vec<_>>()
+        };
+        let inlined = [
+            "core::cmp::Ord::min",
+            "leadscrew::stepper::generator::Generator::step",
+            "leadscrew::planner::motion::Motion::run",
+        ];
+        assert_eq!(module(&stack(&inlined)), "stepper::generator");
+        assert_eq!(module(&stack(&["leadscrew::math::sqrt"])), "math");
+        let derived = "<leadscrew::machine::state::Snapshot as core::cmp::PartialEq>::eq";
+        assert_eq!(module(&stack(&[derived])), "machine::state");
+        assert_eq!(
+            module(&stack(&["compiler_builtins::mem::memcpy"])),
+            "compiler_builtins"
         );
     }
 }

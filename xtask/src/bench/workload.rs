@@ -2,6 +2,15 @@
 
 use std::f64::consts::TAU;
 
+/// How much of a workload is run.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Part {
+    /// The settings alone: what they cost is not the program's.
+    Settings,
+    /// Settings and program.
+    Whole,
+}
+
 /// A program and what it stands for.
 pub(super) struct Workload {
     pub(super) name: &'static str,
@@ -9,6 +18,8 @@ pub(super) struct Workload {
     pub(super) program: Vec<String>,
     /// Machine position at the end, mm.
     pub(super) end_mm: [f64; 3],
+    /// How long it moves when the look-ahead never runs dry, seconds.
+    pub(super) motion_s: f64,
     /// What its cost is divided by: steps, periods of the fastest axis, or lines.
     pub(super) count: u64,
 }
@@ -20,6 +31,7 @@ pub(super) fn one_axis() -> Workload {
         settings: &["$0=3", "$100=1000", "$110=6000", "$120=5000"],
         program: vec!["G1X200F6000".into()],
         end_mm: [200.0, 0.0, 0.0],
+        motion_s: 2.0 + 0.02,
         count: 200_000,
     }
 }
@@ -43,6 +55,7 @@ pub(super) fn three_axes() -> Workload {
         ],
         program: vec!["G1X200Y146Z102F8034".into()],
         end_mm: [200.0, 146.0, 102.0],
+        motion_s: 2.0 + 0.02,
         count: 200_000,
     }
 }
@@ -61,6 +74,12 @@ pub(super) fn short_lines() -> Workload {
         };
         [wave(1.0, 0.0), wave(1.0, TAU / 4.0), wave(0.37, 1.0)]
     };
+    let distance = |from: [f64; 3], to: [f64; 3]| {
+        let squares = from.iter().zip(to).map(|(from, to)| (from - to).powi(2));
+        squares.sum::<f64>().sqrt()
+    };
+    let lengths = (1..LINES).map(|index| distance(at(index), at(index + 1)));
+    let length_mm = distance([0.0; 3], at(1)) + lengths.sum::<f64>();
     let mut program: Vec<String> = vec!["G1F3000".into()];
     program.extend((1..=LINES).map(|index| {
         let [x, y, z] = at(index);
@@ -82,6 +101,7 @@ pub(super) fn short_lines() -> Workload {
         ],
         program,
         end_mm: at(LINES),
+        motion_s: length_mm / 50.0 + 0.1,
         count: LINES.into(),
     }
 }
