@@ -32,13 +32,15 @@ mod app {
         },
         settings::Settings,
         sim::{ENTRY_RING, RECEIVED_RING, SENT_RING},
-        stepper::{EVENT_RING, SEGMENT_RING, SegmentInfo, StepCounts, StepEvent, Stepper},
+        stepper::{
+            EventReader, EventRing, EventWriter, SEGMENT_RING, SegmentInfo, StepCounts, Stepper,
+        },
     };
 
     use crate::board::{
-        self, pins,
+        self,
         release::{PREPARE, WAKE, released},
-        serial, step_timer,
+        serial, step_output,
     };
 
     /// Bytes left to send when a task that waits for room is woken, besides none.
@@ -59,15 +61,15 @@ mod app {
 
     #[local]
     struct Local {
-        timer: board::StepTimer,
+        output: board::StepOutput,
         port: board::SerialPort,
         motion: &'static mut Motion,
         received_in: Producer<'static, u8>,
         sent_out: Consumer<'static, u8>,
         entries_in: Producer<'static, Entry>,
         entries_out: Consumer<'static, Entry>,
-        steps_in: (Producer<'static, StepEvent>, Producer<'static, SegmentInfo>),
-        steps_out: (Consumer<'static, StepEvent>, Consumer<'static, SegmentInfo>),
+        steps_in: (EventWriter<'static>, Producer<'static, SegmentInfo>),
+        steps_out: (EventReader<'static>, Consumer<'static, SegmentInfo>),
     }
 
     #[init(local = [
@@ -75,7 +77,7 @@ mod app {
         received: Queue<u8, RECEIVED_RING> = Queue::new(),
         sent: Queue<u8, SENT_RING> = Queue::new(),
         entries: Queue<Entry, ENTRY_RING> = Queue::new(),
-        events: Queue<StepEvent, EVENT_RING> = Queue::new(),
+        events: EventRing = EventRing::new(),
         infos: Queue<SegmentInfo, SEGMENT_RING> = Queue::new(),
     ])]
     fn init(cx: init::Context) -> (Shared, Local) {
@@ -99,7 +101,7 @@ mod app {
             counts: StepCounts::new(),
         };
         let local = Local {
-            timer: board.step_timer,
+            output: board.output,
             port: board.serial,
             motion,
             received_in,
@@ -122,22 +124,21 @@ mod app {
     /// Deadline: before the next event. A miss delays that event, and is counted; no step is lost.
     #[task(
         binds = TIM2, priority = 4, shared = [&counts],
-        local = [timer, steps_out, stepper: Stepper = Stepper::new()]
+        local = [output, steps_out, stepper: Stepper = Stepper::new()]
     )]
     fn step(cx: step::Context) {
-        pins::write();
-        cx.local.timer.acknowledge();
         let ((events, infos), counts) = (cx.local.steps_out, cx.shared.counts);
-        let next = cx.local.stepper.advance(events, infos, counts);
-        pins::prepare(next.raise, next.drop);
-        if cx.local.timer.schedule(next.wait) {
-            counts.count_late();
-        }
-        if let Some(directions) = next.directions {
-            pins::set_directions(directions);
-        }
-        if next.releases_prepare() {
+        cx.local.output.write();
+        let is_late = if let Some(event) = cx.local.stepper.advance_within(events) {
+            cx.local.output.set_up(event)
+        } else {
             rtic::pend(PREPARE);
+            cx.local
+                .output
+                .turn(cx.local.stepper, events, infos, counts)
+        };
+        if is_late {
+            counts.count_late();
         }
     }
 
@@ -177,13 +178,12 @@ mod app {
         if let Some(Work::Configure(settings)) = entries.peek().map(|entry| &entry.work)
             && motion.snapshot().is_at_rest
         {
-            pins::configure(settings);
+            step_output::configure(settings);
         }
         let ((events, infos), counts) = (cx.local.steps_in, cx.shared.counts);
         let prepared = motion.run(cx.shared.requests, counts, entries, events, infos);
         if prepared.start {
-            pins::enable(true);
-            step_timer::start();
+            step_output::start();
         }
         if prepared.again {
             rtic::pend(PREPARE);

@@ -6,6 +6,20 @@
 
 use core::f32::consts::FRAC_PI_2;
 
+/// The smaller of two numbers: a comparison, where `f32::min` would call a function.
+#[inline]
+#[must_use]
+pub fn min(a: f32, b: f32) -> f32 {
+    if a < b { a } else { b }
+}
+
+/// The greater of two numbers.
+#[inline]
+#[must_use]
+pub fn max(a: f32, b: f32) -> f32 {
+    if a > b { a } else { b }
+}
+
 /// Square root; 0 for zero and below. Relative error below 3·10⁻⁷.
 ///
 /// The inverse root by three Newton steps from the well-known first guess (Lomont 2003): 15

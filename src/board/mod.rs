@@ -19,21 +19,22 @@ use nucleo_f446re as chosen;
 #[cfg(feature = "board-nucleo-f446re")]
 pub(crate) use nucleo_f446re::init;
 
-pub(crate) mod pins;
+mod pins;
 pub(crate) mod release;
 pub(crate) mod serial;
-pub(crate) mod step_timer;
+pub(crate) mod step_output;
+mod step_timer;
 
 pub(crate) use serial::SerialPort;
-pub(crate) use step_timer::StepTimer;
+pub(crate) use step_output::StepOutput;
 pub(crate) use stm32f4xx_hal::pac;
 
 use stm32f4xx_hal::rcc::{Config, Rcc, RccExt};
 
 /// The peripherals the tasks drive.
 pub(crate) struct Board {
-    /// Times the step events.
-    pub(crate) step_timer: StepTimer,
+    /// Step and direction pins, and their timer.
+    pub(crate) output: StepOutput,
     /// Link to the sender.
     pub(crate) serial: SerialPort,
 }

@@ -21,8 +21,9 @@ use stm32f4xx_hal::{
 };
 
 use super::{
-    Board, SerialPort, StepTimer, emulation, pac,
+    Board, SerialPort, StepOutput, emulation, pac,
     pins::{self, Pin, Wiring},
+    step_timer::StepTimer,
 };
 
 pub(super) use emulation::is_emulated;
@@ -80,7 +81,7 @@ pub(crate) fn init(device: pac::Peripherals, mut core: Core, settings: &Settings
     let (usart, _) = serial.release();
     pins::init(settings);
     Board {
-        step_timer: StepTimer::new(device.TIM2, prescaler),
+        output: StepOutput::new(StepTimer::new(device.TIM2, prescaler)),
         serial: SerialPort::new(usart),
     }
 }

@@ -21,8 +21,9 @@ use stm32f4xx_hal::{
 };
 
 use super::{
-    Board, SerialPort, StepTimer, pac,
+    Board, SerialPort, StepOutput, pac,
     pins::{self, Pin, Wiring},
+    step_timer::StepTimer,
 };
 
 /// The port of the sender.
@@ -94,7 +95,7 @@ pub(crate) fn init(device: pac::Peripherals, mut core: Core, settings: &Settings
     release_usart2(&mut core.NVIC);
     pins::init(settings);
     Board {
-        step_timer: StepTimer::new(device.TIM2, 0),
+        output: StepOutput::new(StepTimer::new(device.TIM2, 0)),
         serial: SerialPort::new(usart),
     }
 }

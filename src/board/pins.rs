@@ -47,25 +47,33 @@ pub(super) struct Wiring {
     pub(super) enable: Pin,
 }
 
-/// The words for a mask of axes: begin a pulse, end it, and the directions.
-struct Tables {
-    raise: [[AtomicU32; 2]; MASKS],
-    drop: [[AtomicU32; 2]; MASKS],
-    direction: [[AtomicU32; 3]; MASKS],
-}
+/// Words for ports A and B.
+type Words = [AtomicU32; 2];
 
 /// Written at rest by [`configure`], read by the step interrupt.
+struct Tables {
+    /// For each pair of masks, see [`pair`].
+    step: [Words; MASKS * MASKS],
+    /// For each mask of axes that go in the negative direction; port C last.
+    direction: [[AtomicU32; 3]; MASKS],
+    /// To disable and to enable the drivers.
+    enable: [[AtomicU32; 3]; 2],
+}
+
 static TABLES: Tables = Tables {
-    raise: [const { [const { AtomicU32::new(0) }; 2] }; MASKS],
-    drop: [const { [const { AtomicU32::new(0) }; 2] }; MASKS],
+    step: [const { [const { AtomicU32::new(0) }; 2] }; MASKS * MASKS],
     direction: [const { [const { AtomicU32::new(0) }; 3] }; MASKS],
+    enable: [const { [const { AtomicU32::new(0) }; 3] }; 2],
 };
+
+/// The words for pulses that begin and pulses that end.
+#[inline]
+fn pair(raise: u32, drop: u32) -> &'static Words {
+    &TABLES.step[(raise as usize % MASKS) | (drop as usize % MASKS) << AXES]
+}
 
 /// What the next event outputs on ports A and B.
 static NEXT: [AtomicU32; 2] = [const { AtomicU32::new(0) }; 2];
-
-/// The words that disable and enable the drivers.
-static ENABLE: [[AtomicU32; 3]; 2] = [const { [const { AtomicU32::new(0) }; 3] }; 2];
 
 /// The directions output last.
 static DIRECTIONS: AtomicU8 = AtomicU8::new(0);
@@ -85,22 +93,21 @@ pub(super) fn init(settings: &Settings) {
 /// Outputs what [`prepare`] computed last time. Only the step interrupt calls this and the two
 /// after it.
 #[inline]
-pub(crate) fn write() {
+pub(super) fn write() {
     write_a_and_b([NEXT[0].load(Relaxed), NEXT[1].load(Relaxed)]);
 }
 
-/// Computes what the next event outputs: pulses to begin and to end, bit 0 = X.
+/// Looks up what the next event outputs: pulses to begin and to end, bit 0 = X.
 #[inline]
-pub(crate) fn prepare(raise: u32, drop: u32) {
-    let raise = &TABLES.raise[raise as usize % MASKS];
-    let drop = &TABLES.drop[drop as usize % MASKS];
-    NEXT[0].store(raise[0].load(Relaxed) | drop[0].load(Relaxed), Relaxed);
-    NEXT[1].store(raise[1].load(Relaxed) | drop[1].load(Relaxed), Relaxed);
+pub(super) fn prepare(raise: u32, drop: u32) {
+    let [a, b] = pair(raise, drop);
+    NEXT[0].store(a.load(Relaxed), Relaxed);
+    NEXT[1].store(b.load(Relaxed), Relaxed);
 }
 
 /// Outputs directions now, bit 0 = X, 1 = negative.
 #[inline]
-pub(crate) fn set_directions(directions: u8) {
+pub(super) fn set_directions(directions: u8) {
     DIRECTIONS.store(directions, Relaxed);
     let words = &TABLES.direction[usize::from(directions) % MASKS];
     write_a_and_b([words[0].load(Relaxed), words[1].load(Relaxed)]);
@@ -110,6 +117,17 @@ pub(crate) fn set_directions(directions: u8) {
 }
 
 impl Wiring {
+    /// The words that drive the pins of some axes, of these the `high` ones high.
+    fn words(pins: &[Pin; 6], axes: usize, high: usize) -> [u32; 3] {
+        let mut words = [0; 3];
+        for (axis, pin) in pins.iter().enumerate().take(AXES) {
+            if axes >> axis & 1 != 0 {
+                merge(&mut words, pin.word(high >> axis & 1 != 0));
+            }
+        }
+        words
+    }
+
     /// Whether a direction output of an axis is on port C.
     const fn uses_port_c(&self) -> bool {
         let mut axis = 0;
@@ -128,7 +146,7 @@ impl Wiring {
 pub(super) fn pulses_next() -> (u32, u8) {
     let mut axes = 0;
     for axis in 0..AXES {
-        let begins = &TABLES.raise[1 << axis];
+        let begins = pair(1 << axis, 0);
         let is_due = |port: usize| NEXT[port].load(Relaxed) & begins[port].load(Relaxed) != 0;
         axes |= u32::from(is_due(0) || is_due(1)) << axis;
     }
@@ -139,35 +157,29 @@ pub(super) fn pulses_next() -> (u32, u8) {
 /// may end by a new polarity.
 pub(crate) fn configure(settings: &Settings) {
     let wiring = &chosen::WIRING;
-    for mask in 0..MASKS {
-        let (mut raise, mut drop, mut direction) = ([0; 3], [0; 3], [0; 3]);
-        for axis in 0..AXES {
-            let is_set = mask & 1 << axis != 0;
-            let step_low = settings.step_invert & 1 << axis != 0;
-            if is_set {
-                merge(&mut raise, wiring.step[axis].word(!step_low));
-                merge(&mut drop, wiring.step[axis].word(step_low));
-            }
-            let direction_low = settings.direction_invert & 1 << axis != 0;
-            merge(
-                &mut direction,
-                wiring.direction[axis].word(is_set != direction_low),
-            );
-        }
-        store(&TABLES.raise[mask], &raise);
-        store(&TABLES.drop[mask], &drop);
-        store(&TABLES.direction[mask], &direction);
+    let active_low = usize::from(settings.step_invert);
+    let reversed = usize::from(settings.direction_invert);
+    for (index, words) in TABLES.step.iter().enumerate() {
+        let (raise, drop) = (index % MASKS, index >> AXES);
+        let mut levels = Wiring::words(&wiring.step, raise, !active_low);
+        merge(&mut levels, Wiring::words(&wiring.step, drop, active_low));
+        store(words, &levels);
     }
-    store(&ENABLE[0], &wiring.enable.word(!settings.enable_invert));
-    store(&ENABLE[1], &wiring.enable.word(settings.enable_invert));
-    let [a, b] = &TABLES.drop[MASKS - 1];
+    for (negative, words) in TABLES.direction.iter().enumerate() {
+        let high = negative ^ reversed;
+        store(words, &Wiring::words(&wiring.direction, MASKS - 1, high));
+    }
+    let [off, on] = &TABLES.enable;
+    store(off, &wiring.enable.word(!settings.enable_invert));
+    store(on, &wiring.enable.word(settings.enable_invert));
+    let [a, b] = pair(0, u32::MAX);
     write_a_and_b([a.load(Relaxed), b.load(Relaxed)]);
     enable(false);
 }
 
 /// Switches all drivers on or off.
-pub(crate) fn enable(on: bool) {
-    let [a, b, c] = &ENABLE[usize::from(on)];
+pub(super) fn enable(on: bool) {
+    let [a, b, c] = &TABLES.enable[usize::from(on)];
     write_a_and_b([a.load(Relaxed), b.load(Relaxed)]);
     write_port_c(c.load(Relaxed));
 }

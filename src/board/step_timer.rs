@@ -14,7 +14,7 @@ use super::pac;
 static DUE: AtomicU32 = AtomicU32::new(0);
 
 /// The step interrupt's side of the timer.
-pub(crate) struct StepTimer(pac::TIM2);
+pub(super) struct StepTimer(pac::TIM2);
 
 impl StepTimer {
     /// Lets the counter run, without interrupts. The peripheral's clock must run.
@@ -27,33 +27,41 @@ impl StepTimer {
 
     /// Ends the interrupt now being served.
     #[inline]
-    pub(crate) fn acknowledge(&mut self) {
+    pub(super) fn acknowledge(&mut self) {
         self.0.sr().write(|w| w.cc1if().clear_bit());
     }
 
-    /// Interrupts again `ticks` after the event before; with `None` not until the next [`start`].
-    /// Whether that time has already passed: then it interrupts at once.
+    /// No interrupt until the next [`start`].
+    pub(super) fn stop(&mut self) {
+        self.0.dier().write(|w| w.cc1ie().clear_bit());
+    }
+
+    /// Interrupts again `ticks` after the event before. Whether that time has already passed: then
+    /// it interrupts at once.
     #[inline]
-    pub(crate) fn schedule(&mut self, ticks: Option<u32>) -> bool {
-        let Some(ticks) = ticks else {
-            self.0.dier().write(|w| w.cc1ie().clear_bit());
-            return false;
-        };
+    pub(super) fn schedule(&mut self, ticks: u32) -> bool {
         let due = DUE.load(Relaxed).wrapping_add(ticks);
         DUE.store(due, Relaxed);
         self.0.ccr1().write(|w| w.ccr().set(due));
         let now = self.0.cnt().read().cnt().bits();
         let is_late = now.wrapping_sub(due).cast_signed() >= 0;
         if is_late {
-            self.0.egr().write(|w| w.cc1g().set_bit());
+            self.force();
         }
         is_late
+    }
+
+    /// Interrupts at once.
+    #[cold]
+    #[inline(never)]
+    fn force(&mut self) {
+        self.0.egr().write(|w| w.cc1g().set_bit());
     }
 }
 
 /// Interrupts now and counts from now. Only while the timer is stopped.
 #[expect(unsafe_code, reason = "the interrupt owns the timer")]
-pub(crate) fn start() {
+pub(super) fn start() {
     // SAFETY: the step interrupt touches neither the registers nor `DUE` while it is stopped, and
     // there is one caller, the task that prepares motion.
     let timer = unsafe { &*pac::TIM2::ptr() };

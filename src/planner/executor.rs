@@ -139,13 +139,13 @@ impl Executor {
         let per_mm = block.measure_per_mm();
         // Greatest speed from which the exit speed can still be reached.
         let top = block.measure(block.speed_mm_s * block.speed_mm_s);
-        let peak = top.min(0.5 * (measure + exit + per_mm * left_mm));
+        let peak = math::min(top, 0.5 * (measure + exit + per_mm * left_mm));
         let peak_speed = math::sqrt(block.speed_sqr(peak));
         let acceleration = acceleration_left(block, speed);
-        if speed <= 0.0 || peak_speed - speed > SHORTEST_PHASE_S * acceleration.max(1.0) {
-            let seconds = share((peak_speed - speed) / acceleration.max(1.0e-3));
+        if speed <= 0.0 || peak_speed - speed > SHORTEST_PHASE_S * math::max(acceleration, 1.0) {
+            let seconds = share((peak_speed - speed) / math::max(acceleration, 1.0e-3));
             let way = (speed + 0.5 * acceleration * seconds) * seconds;
-            let reached = block.speed_sqr((measure + per_mm * way).min(peak));
+            let reached = block.speed_sqr(math::min(measure + per_mm * way, peak));
             return finish(speed, way, math::sqrt(reached), left_mm, || {
                 math::sqrt(block.speed_sqr(measure + per_mm * left_mm))
             });
@@ -155,14 +155,14 @@ impl Executor {
             let seconds = share(cruise_mm / speed);
             return finish(speed, speed * seconds, speed, left_mm, || speed);
         }
-        let exit_speed = math::sqrt(exit_sqr).min(speed);
-        let seconds = share((speed - exit_speed) / acceleration.max(1.0));
+        let exit_speed = math::min(math::sqrt(exit_sqr), speed);
+        let seconds = share((speed - exit_speed) / math::max(acceleration, 1.0));
         let way = (speed - 0.5 * acceleration * seconds) * seconds;
         if seconds < SHORTEST_PHASE_S || way >= left_mm * (1.0 - REMNANT) {
             return finish(speed, left_mm, exit_speed, left_mm, || exit_speed);
         }
         let reached = math::sqrt(block.speed_sqr(exit + per_mm * (left_mm - way)));
-        finish(speed, way, reached.min(speed), left_mm, || exit_speed)
+        finish(speed, way, math::min(reached, speed), left_mm, || exit_speed)
     }
 
     /// A stretch towards a standstill.
@@ -171,11 +171,11 @@ impl Executor {
         let measure = block.measure(speed * speed);
         let per_mm = block.measure_per_mm();
         let way_mm = measure / per_mm;
-        let acceleration = acceleration_left(block, speed).max(1.0e-3);
+        let acceleration = math::max(acceleration_left(block, speed), 1.0e-3);
         let all_seconds = speed / acceleration;
         let seconds = share(all_seconds);
         let way = (speed - 0.5 * acceleration * seconds) * seconds;
-        let slower = |way: f32| math::sqrt(block.speed_sqr((measure - per_mm * way).max(0.0)));
+        let slower = |way: f32| math::sqrt(block.speed_sqr(math::max(measure - per_mm * way, 0.0)));
         if all_seconds <= SEGMENT_S || way >= way_mm * (1.0 - REMNANT) {
             return finish(speed, way_mm, 0.0, left_mm, || slower(left_mm));
         }
@@ -207,7 +207,7 @@ impl Executor {
         Stretch {
             length_mm,
             speed_mm_s,
-            seconds: 2.0 * length_mm / (self.speed_mm_s + speed_mm_s).max(1.0e-6),
+            seconds: 2.0 * length_mm / math::max(self.speed_mm_s + speed_mm_s, 1.0e-6),
             ends_block: false,
         }
     }
@@ -269,7 +269,10 @@ fn finish(
     Stretch {
         length_mm,
         speed_mm_s,
-        seconds: (2.0 * length_mm / (from_mm_s + speed_mm_s).max(1.0e-6)).min(2.0 * SEGMENT_S),
+        seconds: math::min(
+            2.0 * length_mm / math::max(from_mm_s + speed_mm_s, 1.0e-6),
+            2.0 * SEGMENT_S,
+        ),
         ends_block,
     }
 }
@@ -279,7 +282,7 @@ fn acceleration_left(block: &Block, speed_mm_s: f32) -> f32 {
     match &block.curve {
         None => block.acceleration_mm_s2,
         Some(curve) => {
-            let used = (speed_mm_s * speed_mm_s / curve.limit_sqr).min(1.0);
+            let used = math::min(speed_mm_s * speed_mm_s / curve.limit_sqr, 1.0);
             block.acceleration_mm_s2 * math::sqrt(1.0 - used * used)
         }
     }

@@ -24,7 +24,7 @@ impl Block {
     pub fn measure(&self, speed_sqr: f32) -> f32 {
         match &self.curve {
             None => speed_sqr,
-            Some(curve) => math::asin((speed_sqr / curve.limit_sqr).min(1.0)),
+            Some(curve) => math::asin(math::min(speed_sqr / curve.limit_sqr, 1.0)),
         }
     }
 
@@ -33,7 +33,7 @@ impl Block {
     pub fn speed_sqr(&self, measure: f32) -> f32 {
         match &self.curve {
             None => measure,
-            Some(curve) => curve.limit_sqr * math::sin(measure.min(FRAC_PI_2)),
+            Some(curve) => curve.limit_sqr * math::sin(math::min(measure, FRAC_PI_2)),
         }
     }
 
@@ -128,8 +128,8 @@ impl LookAhead {
         let before = self.ring[newest.wrapping_sub(1) & MASK].as_ref();
         let speed = block.speed_mm_s;
         let limit_sqr = before.map_or(0.0, |before| {
-            let slower = speed.min(before.block.speed_mm_s);
-            block.junction_sqr.min(slower * slower)
+            let slower = math::min(speed, before.block.speed_mm_s);
+            math::min(block.junction_sqr, slower * slower)
         });
         self.ring[newest & MASK] = Some(Planned {
             block: *block,
@@ -170,7 +170,7 @@ impl LookAhead {
             let entry_sqr = if planned.entry_sqr == planned.limit_sqr {
                 planned.limit_sqr
             } else {
-                planned.limit_sqr.min(planned.block.entry_for(exit_sqr))
+                math::min(planned.limit_sqr, planned.block.entry_for(exit_sqr))
             };
             if entry_sqr == planned.entry_sqr {
                 return;

@@ -51,7 +51,7 @@ impl Limits {
         let mut smallest = f32::MAX;
         for (limit, share) in limits.iter().zip(direction) {
             if *share != 0.0 {
-                smallest = smallest.min(limit / share.abs());
+                smallest = math::min(smallest, limit / share.abs());
             }
         }
         smallest
@@ -146,7 +146,9 @@ impl Router {
         if end.steps == self.steps {
             return None;
         }
-        let way = target.position.zip(self.position, |to, from| (to - from).to_mm());
+        let way = target
+            .position
+            .zip(self.position, |to, from| (to - from).to_mm());
         let length_mm = length(&way);
         let direction = way.map(|way| way / length_mm);
         let tangent = unit(direction);
@@ -350,5 +352,5 @@ fn pace_mm_s(pace: Pace, length_mm: f32, limit_mm_s: f32) -> f32 {
         Pace::Feed(mm_min) => mm_min / 60.0,
         Pace::InverseTime(per_min) => length_mm * per_min / 60.0,
     };
-    asked.max(MIN_SPEED_MM_S).min(limit_mm_s)
+    math::min(math::max(asked, MIN_SPEED_MM_S), limit_mm_s)
 }

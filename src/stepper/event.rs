@@ -33,11 +33,10 @@ impl StepEvent {
         Self(bits)
     }
 
-    /// The event, as the first of a segment if it is.
-    #[inline]
+    /// The same event as the first of a segment.
     #[must_use]
-    pub const fn with_boundary(self, is_boundary: bool) -> Self {
-        Self(self.0 | (is_boundary as u32) << 12)
+    pub const fn at_boundary(self) -> Self {
+        Self(self.0 | 1 << 12)
     }
 
     /// Ticks after the event before.

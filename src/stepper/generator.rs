@@ -12,7 +12,7 @@ use heapless::spsc::Producer;
 
 use super::{
     DIRECTION_SETUP_TICKS, EVENT_SPACING_TICKS, EventWriter, PULSE_LOW_TICKS, SegmentInfo,
-    StepEvent,
+    StepEvent, ring::EventBatch,
 };
 use crate::{
     axis::{AXES, Axes},
@@ -89,7 +89,7 @@ impl AxisSteps {
     /// The crossing at `distance` by the quadratic formula, in the form that never cancels.
     fn solve(&self) -> f32 {
         let square = self.speed * self.speed + 4.0 * self.half_acceleration * self.distance;
-        2.0 * self.distance / (self.speed + math::sqrt(square)).max(1.0e-12)
+        2.0 * self.distance / math::max(self.speed + math::sqrt(square), 1.0e-12)
     }
 
     /// Moves on to the next step.
@@ -115,62 +115,61 @@ impl AxisSteps {
     }
 }
 
-/// Pulses that are high and when they may end, or low and when they may begin again.
+/// Pulses that are high, and when they may end.
 #[derive(Debug, Clone, Copy)]
-struct Pulses {
+struct High {
     mask: u32,
     /// Ticks from the segment's start.
     due: i32,
 }
 
-const NO_PULSES: Pulses = Pulses { mask: 0, due: 0 };
+const NONE: High = High { mask: 0, due: 0 };
 
 /// Where the list of events has come to: copied into registers while a segment is filled.
 #[derive(Debug, Clone, Copy)]
 struct Cursor {
     /// Time of the last event, ticks from the segment's start; negative for an earlier segment.
     last: i32,
+    /// Pulses that the last event ended. Those of the one before have been low for two spacings.
+    ended: u32,
     /// Pulses that are high, the older first.
-    older: Pulses,
-    younger: Pulses,
-    /// Pulses that ended last.
-    low: Pulses,
-    /// The next event is the first of its segment.
-    is_boundary: bool,
+    older: High,
+    younger: High,
 }
+
+const _: () = assert!(LOW <= 2 * SPACING, "two events keep a pulse low");
 
 impl Cursor {
     /// Puts one event, and waiting events before it where the time is long.
     #[inline]
-    fn put(&mut self, time: i32, raise: u32, drop: u32, events: &mut EventWriter<'_>) {
+    fn put(&mut self, time: i32, raise: u32, drop: u32, events: &mut EventBatch<'_>) {
         let mut ticks = (time - self.last).cast_unsigned();
         self.last = time;
+        self.ended = drop;
         // wcet-bound: 2
         while ticks > StepEvent::MAX_TICKS {
             ticks -= StepEvent::MAX_TICKS;
             events.put(StepEvent::new(StepEvent::MAX_TICKS, 0, 0));
         }
-        events.put(StepEvent::new(ticks, raise, drop).with_boundary(self.is_boundary));
-        self.is_boundary = false;
+        events.put(StepEvent::new(ticks, raise, drop));
     }
 
     /// Ends the older pulses with an event of their own.
     #[inline]
-    fn end_older(&mut self, events: &mut EventWriter<'_>) {
-        let Pulses { mask, due } = self.older;
-        let time = due.max(self.last + SPACING);
-        self.put(time, 0, mask, events);
-        self.low = Pulses {
-            mask,
-            due: time + LOW,
-        };
+    fn end_older(&mut self, events: &mut EventBatch<'_>) {
+        let High { mask, due } = self.older;
+        self.put(due.max(self.last + SPACING), 0, mask, events);
         self.older = self.younger;
-        self.younger = NO_PULSES;
+        self.younger.mask = 0;
     }
 
     /// Puts a step of the axes in `mask`, and the ends of pulses that have to come before it.
-    #[inline]
-    fn step(&mut self, time: i32, mask: u32, pulse_ticks: i32, events: &mut EventWriter<'_>) {
+    #[inline(always)]
+    #[expect(
+        clippy::inline_always,
+        reason = "keeps the cursor in registers"
+    )]
+    fn step(&mut self, time: i32, mask: u32, pulse_ticks: i32, events: &mut EventBatch<'_>) {
         // wcet-bound: 2
         while self.older.mask != 0
             && ((self.older.mask | self.younger.mask) & mask != 0
@@ -178,27 +177,19 @@ impl Cursor {
         {
             self.end_older(events);
         }
-        let mut time = time.max(self.last + SPACING);
-        if mask & self.low.mask != 0 {
-            time = time.max(self.low.due);
-        }
+        let gap = if self.ended & mask == 0 { SPACING } else { LOW };
+        let time = time.max(self.last + gap);
         let mut drop = 0;
         // wcet-bound: 2
         while self.older.mask != 0 && time >= self.older.due {
             drop |= self.older.mask;
             self.older = self.younger;
-            self.younger = NO_PULSES;
+            self.younger.mask = 0;
         }
         self.put(time, mask, drop, events);
-        if drop != 0 {
-            self.low = Pulses {
-                mask: drop,
-                due: time + LOW,
-            };
-        }
         let due = time + pulse_ticks;
         if self.older.mask == 0 {
-            self.older = Pulses { mask, due };
+            self.older = High { mask, due };
         } else {
             self.younger.mask |= mask;
             self.younger.due = due;
@@ -206,7 +197,7 @@ impl Cursor {
     }
 
     /// Ends all pulses.
-    fn end_all(&mut self, events: &mut EventWriter<'_>) {
+    fn end_all(&mut self, events: &mut EventBatch<'_>) {
         // wcet-bound: 2
         while self.older.mask != 0 {
             self.end_older(events);
@@ -218,7 +209,6 @@ impl Cursor {
         self.last = self.last.saturating_sub(ticks);
         self.older.due = self.older.due.saturating_sub(ticks);
         self.younger.due = self.younger.due.saturating_sub(ticks);
-        self.low.due = self.low.due.saturating_sub(ticks);
     }
 }
 
@@ -233,6 +223,8 @@ pub struct Generator {
     cursor: Cursor,
     /// The segment is not finished.
     is_open: bool,
+    /// The segment has no event yet.
+    is_boundary: bool,
     /// The segment has other directions than the one before, and no step yet.
     turns: bool,
     /// The segment is the standstill after the last one.
@@ -253,12 +245,12 @@ impl Generator {
             ticks: 0,
             cursor: Cursor {
                 last: 0,
-                older: NO_PULSES,
-                younger: NO_PULSES,
-                low: NO_PULSES,
-                is_boundary: false,
+                ended: 0,
+                older: NONE,
+                younger: NONE,
             },
             is_open: false,
+            is_boundary: false,
             turns: false,
             is_rest: false,
             directions: 0,
@@ -348,32 +340,53 @@ impl Generator {
 
     fn open(&mut self, ticks: u32, directions: u8) {
         self.cursor.later_by(self.ticks.cast_signed());
-        self.cursor.is_boundary = true;
         self.ticks = ticks;
         self.is_open = true;
+        self.is_boundary = true;
         self.turns = directions != self.directions;
         self.directions = directions;
     }
 
     /// Generates events until the segment is finished, which it tells, or the queue is full.
     pub fn fill(&mut self, events: &mut EventWriter<'_>) -> bool {
+        let mut events = events.begin();
         if events.room() < EVENTS_PER_STEP {
             return false;
         }
         if self.turns {
-            self.turn(events);
+            self.turn(&mut events);
+        }
+        if self.is_boundary {
+            self.first_step(&mut events);
         }
         let mut cursor = self.cursor;
         let (end, pulse_ticks) = (self.ticks, self.pulse_ticks);
         let is_done = match self.alone(&cursor) {
-            Some(axis) => fill_one(axis, &mut cursor, end, pulse_ticks, events),
-            None => self.fill_all(&mut cursor, events),
+            Some(axis) => fill_one(axis, &mut cursor, end, pulse_ticks, &mut events),
+            None => self.fill_all(&mut cursor, &mut events),
         };
         self.cursor = cursor;
-        if is_done {
-            self.close(events);
+        let closes = is_done && events.room() >= EVENTS_PER_STEP;
+        if closes {
+            self.close(&mut events);
         }
-        is_done
+        closes
+    }
+
+    /// The first event of a segment, if it has a step.
+    fn first_step(&mut self, events: &mut EventBatch<'_>) {
+        if let Some((time, mask)) = self.next_steps() {
+            let first = events.number();
+            let pulse_ticks = self.pulse_ticks;
+            self.cursor.step(time, mask, pulse_ticks, events);
+            self.publish_first(first, events);
+        }
+    }
+
+    fn publish_first(&mut self, first: u32, events: &mut EventBatch<'_>) {
+        events.mark_boundary(first);
+        events.publish();
+        self.is_boundary = false;
     }
 
     /// The only axis with steps left, if no pulse of another one is high: with the axis's mask.
@@ -392,15 +405,22 @@ impl Generator {
     }
 
     /// All axes' events in time order.
-    fn fill_all(&mut self, cursor: &mut Cursor, events: &mut EventWriter<'_>) -> bool {
+    #[inline(never)]
+    fn fill_all(&mut self, cursor: &mut Cursor, events: &mut EventBatch<'_>) -> bool {
+        let (mut here, mut out) = (*cursor, *events);
+        let mut is_done = false;
         // wcet-bound: 1024
-        while events.room() >= EVENTS_PER_STEP {
-            let Some((time, mask)) = self.next_steps() else {
-                return true;
-            };
-            cursor.step(time, mask, self.pulse_ticks, events);
+        while !is_done && out.room() >= EVENTS_PER_STEP {
+            match self.next_steps() {
+                Some((time, mask)) => {
+                    here.step(time, mask, self.pulse_ticks, &mut out);
+                    out.publish();
+                }
+                None => is_done = true,
+            }
         }
-        false
+        (*cursor, *events) = (here, out);
+        is_done
     }
 
     /// The axes that step next, moved on, and when.
@@ -426,31 +446,31 @@ impl Generator {
         Some((first.cast_signed(), mask))
     }
 
-    /// Ends all pulses before directions change, and holds the next step back.
+    /// Ends all pulses, then lets the directions change, long enough before the next step.
     #[inline(never)]
-    fn turn(&mut self, events: &mut EventWriter<'_>) {
+    fn turn(&mut self, events: &mut EventBatch<'_>) {
         self.turns = false;
-        // The segment begins with the event that follows: directions change when these are over.
-        self.cursor.is_boundary = false;
         self.cursor.end_all(events);
-        self.cursor.is_boundary = true;
-        self.cursor.low = Pulses {
-            mask: u32::MAX,
-            due: self.cursor.last + DIRECTION_SETUP_TICKS.cast_signed(),
-        };
+        // Directions change when the event before the segment's first one is played.
+        let time = self.cursor.last + (DIRECTION_SETUP_TICKS - EVENT_SPACING_TICKS).cast_signed();
+        let first = events.number();
+        self.cursor.put(time, 0, 0, events);
+        self.publish_first(first, events);
     }
 
     /// Finishes the segment: one without steps still has an event, at its end.
     #[inline(never)]
-    fn close(&mut self, events: &mut EventWriter<'_>) {
+    fn close(&mut self, events: &mut EventBatch<'_>) {
         if self.is_rest {
             self.is_rest = false;
-            self.turn(events);
+            self.cursor.end_all(events);
         }
         let end = self.ticks.cast_signed();
-        if self.cursor.is_boundary {
+        if self.is_boundary {
             let time = end.max(self.cursor.last + SPACING);
+            let first = events.number();
             self.cursor.put(time, 0, 0, events);
+            self.publish_first(first, events);
         }
         // Events that had to wait for others stretch the segment.
         let over = self.cursor.last.saturating_sub(end).max(0).cast_unsigned();
@@ -472,26 +492,32 @@ fn fill_one(
     cursor: &mut Cursor,
     end: u32,
     pulse_ticks: i32,
-    events: &mut EventWriter<'_>,
+    events: &mut EventBatch<'_>,
 ) -> bool {
     let mut steps = *axis;
-    // wcet-bound: 512
-    while steps.left != 0 && events.room() >= EVENTS_PER_STEP {
-        if cursor.older.mask != 0 {
-            cursor.end_older(events);
-        }
-        let mut time = steps.next.cast_signed().max(cursor.last + SPACING);
-        if cursor.low.mask & mask != 0 {
-            time = time.max(cursor.low.due);
-        }
-        cursor.put(time, mask, 0, events);
-        cursor.older = Pulses {
-            mask,
-            due: time + pulse_ticks,
-        };
+    if cursor.older.mask != mask {
+        cursor.step(steps.next.cast_signed(), mask, pulse_ticks, events);
         steps.advance(end);
     }
+    let pulse_end = StepEvent::new(pulse_ticks.cast_unsigned(), 0, mask);
+    let mut last = cursor.last;
+    let mut out = *events;
+    // wcet-bound: 512
+    while steps.left != 0 && out.room() >= EVENTS_PER_STEP {
+        let ended = last + pulse_ticks;
+        let time = steps.next.cast_signed().max(ended + LOW);
+        out.put(pulse_end);
+        out.put(StepEvent::new((time - ended).cast_unsigned(), mask, 0));
+        out.publish();
+        last = time;
+        steps.advance(end);
+    }
+    *events = out;
+    events.publish();
     *axis = steps;
+    cursor.last = last;
+    cursor.ended = 0;
+    cursor.older.due = last + pulse_ticks;
     steps.left == 0
 }
 
@@ -520,7 +546,7 @@ fn plan_axis(
         speed = 2.0 * way * rate;
         acceleration = -speed * rate;
     }
-    let slowest = speed.min(speed + acceleration * duration);
+    let slowest = math::min(speed, speed + acceleration * duration);
     let mut axis = AxisSteps {
         left: steps.unsigned_abs(),
         speed,
@@ -530,7 +556,7 @@ fn plan_axis(
         ..NO_STEPS
     };
     axis.time = axis.solve();
-    axis.period = 1.0 / (speed + acceleration * axis.time).max(1.0e-12);
+    axis.period = 1.0 / math::max(speed + acceleration * axis.time, 1.0e-12);
     axis.next = (axis.time as u32).min(end);
     (axis, steps < 0)
 }

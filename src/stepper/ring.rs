@@ -15,12 +15,13 @@ const MASK: u32 = EVENT_RING as u32 - 1;
 
 /// The ring itself.
 #[derive(Debug)]
+#[repr(C)]
 pub struct EventRing {
-    words: [AtomicU32; EVENT_RING],
     /// Events written so far, wrapping.
     written: AtomicU32,
     /// Events read so far, wrapping.
     read: AtomicU32,
+    words: [AtomicU32; EVENT_RING],
 }
 
 impl EventRing {
@@ -64,22 +65,65 @@ impl EventWriter<'_> {
     #[inline]
     #[must_use]
     pub fn room(&self) -> u32 {
-        let waiting = self
-            .ring
-            .written
-            .load(Relaxed)
-            .wrapping_sub(self.ring.read.load(Relaxed));
-        EVENT_RING as u32 - waiting
+        EventBatch {
+            ring: self.ring,
+            number: self.ring.written.load(Relaxed),
+        }
+        .room()
+    }
+
+    /// Begins to put events.
+    #[inline]
+    pub(super) fn begin(&mut self) -> EventBatch<'_> {
+        EventBatch {
+            ring: self.ring,
+            number: self.ring.written.load(Relaxed),
+        }
+    }
+}
+
+/// Events being put: what the writer knows of the ring.
+///
+/// A copy takes over from the original; a loop has its own, which stays in registers.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct EventBatch<'a> {
+    ring: &'a EventRing,
+    number: u32,
+}
+
+impl EventBatch<'_> {
+    /// Events that can still be put.
+    #[inline]
+    pub(super) fn room(&self) -> u32 {
+        EVENT_RING as u32 - self.number.wrapping_sub(self.ring.read.load(Relaxed))
+    }
+
+    /// The number of the next event.
+    #[inline]
+    pub(super) const fn number(&self) -> u32 {
+        self.number
     }
 
     /// Puts an event. The caller has seen to it that there is room.
     #[inline]
     pub(super) fn put(&mut self, event: StepEvent) {
-        let number = self.ring.written.load(Relaxed);
-        self.ring.word(number).store(event.bits(), Relaxed);
-        // The reader must not see the number before the word.
+        self.ring.word(self.number).store(event.bits(), Relaxed);
+        self.number = self.number.wrapping_add(1);
+    }
+
+    /// Makes an event that has not been published the first of a segment.
+    pub(super) fn mark_boundary(&mut self, number: u32) {
+        let word = self.ring.word(number);
+        let event = StepEvent::from_bits(word.load(Relaxed));
+        word.store(event.at_boundary().bits(), Relaxed);
+    }
+
+    /// Shows the reader all events put.
+    #[inline]
+    pub(super) fn publish(&mut self) {
+        // The reader must not see the number before the words.
         compiler_fence(SeqCst);
-        self.ring.written.store(number.wrapping_add(1), Relaxed);
+        self.ring.written.store(self.number, Relaxed);
     }
 }
 
@@ -90,6 +134,23 @@ pub struct EventReader<'a> {
 }
 
 impl EventReader<'_> {
+    /// Takes the oldest event unless a segment begins with it.
+    #[inline]
+    pub(super) fn take_within_segment(&mut self) -> Option<StepEvent> {
+        let number = self.ring.read.load(Relaxed);
+        if number == self.ring.written.load(Relaxed) {
+            return None;
+        }
+        compiler_fence(SeqCst);
+        let event = StepEvent::from_bits(self.ring.word(number).load(Relaxed));
+        if event.is_boundary() {
+            return None;
+        }
+        compiler_fence(SeqCst);
+        self.ring.read.store(number.wrapping_add(1), Relaxed);
+        Some(event)
+    }
+
     /// Takes the oldest event.
     #[inline]
     pub fn take(&mut self) -> Option<StepEvent> {
@@ -117,7 +178,9 @@ mod tests {
         let (mut put, mut taken) = (0, 0);
         for batch in (0..5000_u32).map(|k| k * 7 % 1025) {
             for _ in 0..batch.min(writer.room()) {
-                writer.put(StepEvent::new(put % StepEvent::MAX_TICKS, put, 0));
+                let mut events = writer.begin();
+                events.put(StepEvent::new(put % StepEvent::MAX_TICKS, put, 0));
+                events.publish();
                 put += 1;
             }
             for _ in 0..(batch * 5 % 1024) {
@@ -136,7 +199,9 @@ mod tests {
         let (mut writer, mut reader) = ring.split();
         assert_eq!(reader.take(), None);
         for _ in 0..EVENT_RING {
-            writer.put(StepEvent::default());
+            let mut events = writer.begin();
+            events.put(StepEvent::default());
+            events.publish();
         }
         assert_eq!(writer.room(), 0);
     }
