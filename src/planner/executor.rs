@@ -27,6 +27,8 @@ const TICKS_PER_S: f32 = TICKS_PER_SECOND as f32;
 const SEGMENT_S: f32 = SEGMENT_TICKS as f32 / TICKS_PER_S;
 /// Phases shorter than this are left out, s.
 const SHORTEST_PHASE_S: f32 = 20.0e-6;
+/// Stands for an acceleration of 0, as at the speed limit of an arc, mm/s².
+const LEAST_MM_S2: f32 = 1.0e-3;
 /// A segment that leaves less than this of its own length of the block takes it along.
 const REMNANT: f32 = 0.02;
 
@@ -141,28 +143,40 @@ impl Executor {
         let top = block.measure(block.speed_mm_s * block.speed_mm_s);
         let peak = math::min(top, 0.5 * (measure + exit + per_mm * left_mm));
         let peak_speed = math::sqrt(block.speed_sqr(peak));
-        let acceleration = acceleration_left(block, speed);
-        if speed <= 0.0 || peak_speed - speed > SHORTEST_PHASE_S * math::max(acceleration, 1.0) {
-            let seconds = share((peak_speed - speed) / math::max(acceleration, 1.0e-3));
+        let acceleration = math::max(acceleration_left(block, speed), LEAST_MM_S2);
+        let near = SHORTEST_PHASE_S * acceleration;
+        if speed <= 0.0 || peak_speed - speed > near {
+            let seconds = share((peak_speed - speed) / acceleration);
             let way = (speed + 0.5 * acceleration * seconds) * seconds;
             let reached = block.speed_sqr(math::min(measure + per_mm * way, peak));
             return finish(speed, way, math::sqrt(reached), left_mm, || {
                 math::sqrt(block.speed_sqr(measure + per_mm * left_mm))
             });
         }
-        let cruise_mm = left_mm - (measure - exit) / per_mm;
-        if cruise_mm > speed * SHORTEST_PHASE_S && speed <= block.speed_mm_s * 1.001 {
-            let seconds = share(cruise_mm / speed);
-            return finish(speed, speed * seconds, speed, left_mm, || speed);
+        let cruise_mm = left_mm - (peak - exit) / per_mm;
+        let cruises = cruise_mm > peak_speed * SHORTEST_PHASE_S;
+        if cruises && speed - peak_speed <= near {
+            // What little is missing comes on the way.
+            let mean = 0.5 * (speed + peak_speed);
+            let seconds = share(cruise_mm / mean);
+            return finish(speed, mean * seconds, peak_speed, left_mm, || peak_speed);
         }
-        let exit_speed = math::min(math::sqrt(exit_sqr), speed);
-        let seconds = share((speed - exit_speed) / math::max(acceleration, 1.0));
+        let slowest = if cruises {
+            peak_speed
+        } else {
+            math::min(math::sqrt(exit_sqr), speed)
+        };
+        let seconds = share((speed - slowest) / acceleration);
         let way = (speed - 0.5 * acceleration * seconds) * seconds;
+        if cruises {
+            let reached = block.speed_sqr(math::max(measure - per_mm * way, peak));
+            return finish(speed, way, math::sqrt(reached), left_mm, || slowest);
+        }
         if seconds < SHORTEST_PHASE_S || way >= left_mm * (1.0 - REMNANT) {
-            return finish(speed, left_mm, exit_speed, left_mm, || exit_speed);
+            return finish(speed, left_mm, slowest, left_mm, || slowest);
         }
         let reached = math::sqrt(block.speed_sqr(exit + per_mm * (left_mm - way)));
-        finish(speed, way, math::min(reached, speed), left_mm, || exit_speed)
+        finish(speed, way, math::min(reached, speed), left_mm, || slowest)
     }
 
     /// A stretch towards a standstill.
@@ -171,7 +185,7 @@ impl Executor {
         let measure = block.measure(speed * speed);
         let per_mm = block.measure_per_mm();
         let way_mm = measure / per_mm;
-        let acceleration = math::max(acceleration_left(block, speed), 1.0e-3);
+        let acceleration = math::max(acceleration_left(block, speed), LEAST_MM_S2);
         let all_seconds = speed / acceleration;
         let seconds = share(all_seconds);
         let way = (speed - 0.5 * acceleration * seconds) * seconds;

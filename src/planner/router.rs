@@ -9,7 +9,7 @@ use crate::{
     axis::{AXES, Axes},
     math,
     settings::Settings,
-    stepper::PULSE_LOW_TICKS,
+    stepper::{EVENT_SPACING_TICKS, PULSE_LOW_TICKS},
     units::{FineSteps, Nm, Steps, StepsPerMm, TICKS_PER_SECOND, TICKS_PER_US},
 };
 
@@ -33,7 +33,10 @@ struct Limits {
 
 impl Limits {
     fn new(settings: &Settings) -> Self {
-        let pulse_ticks = u32::from(settings.step_pulse_us) * TICKS_PER_US + PULSE_LOW_TICKS;
+        // Steps of other axes may delay one: it has to be able to catch up.
+        let pulse_ticks = u32::from(settings.step_pulse_us) * TICKS_PER_US
+            + PULSE_LOW_TICKS
+            + EVENT_SPACING_TICKS;
         let step_rate = (TICKS_PER_SECOND as f32 / pulse_ticks as f32).min(MAX_STEP_RATE_HZ);
         let steps_per_mm = settings.steps_per_mm.map(StepsPerMm::to_f32);
         Self {
@@ -80,7 +83,10 @@ impl Limits {
 pub struct Router {
     settings: Settings,
     limits: Limits,
+    /// Where the last command ended.
     position: Axes<Nm>,
+    /// Where the last move with a step ended, as a coordinate and in steps.
+    sent: Axes<Nm>,
     fine: Axes<FineSteps>,
     steps: Axes<Steps>,
     /// Direction at the end of the block before.
@@ -95,6 +101,7 @@ impl Router {
             settings: *settings,
             limits: Limits::new(settings),
             position: Axes::all(Nm(0)),
+            sent: Axes::all(Nm(0)),
             fine: Axes::all(FineSteps(0)),
             steps: Axes::all(Steps(0)),
             tangent: Axes::all(0.0),
@@ -118,6 +125,7 @@ impl Router {
             .zip(self.steps, |resolution, steps| {
                 resolution.position_of(steps)
             });
+        self.sent = self.position;
         self.position
     }
 
@@ -144,11 +152,12 @@ impl Router {
     fn line(&mut self, target: Target, pace: Pace, line: u32) -> Option<Work> {
         let end = self.place(&target);
         if end.steps == self.steps {
+            self.position = target.position;
             return None;
         }
         let way = target
             .position
-            .zip(self.position, |to, from| (to - from).to_mm());
+            .zip(self.sent, |to, from| (to - from).to_mm());
         let length_mm = length(&way);
         let direction = way.map(|way| way / length_mm);
         let tangent = unit(direction);
@@ -174,14 +183,21 @@ impl Router {
     fn arc(&mut self, target: Target, circle: &Circle, pace: Pace, line: u32) -> Option<Work> {
         let (first, second, _) = circle.plane.axes();
         let way = target.position.zip(self.position, |to, from| to - from);
-        let arc = Arc::new(circle, way[first], way[second]);
+        let behind = self.position.zip(self.sent, |to, from| to - from);
+        let arc = Arc::new(circle, way[first], way[second]).begun_at(
+            circle,
+            behind[first],
+            behind[second],
+        );
         let finest = self.limits.steps_per_mm[first].max(self.limits.steps_per_mm[second]);
         if arc.length_mm() as f32 * finest < 0.5 {
             // Shorter than half a step in its plane: what is left of it is a line.
             return self.line(target, pace, line);
         }
         let end = self.place(&target);
-        let mut linear = way.map(Nm::to_mm);
+        let mut linear = target
+            .position
+            .zip(self.sent, |to, from| (to - from).to_mm());
         linear[first] = 0.0;
         linear[second] = 0.0;
         let plane_mm = arc.length_mm() as f32;
@@ -247,7 +263,7 @@ impl Router {
             fine: self.fine,
         };
         for axis in 0..AXES {
-            if target.position[axis] != self.position[axis] {
+            if target.position[axis] != self.sent[axis] {
                 (end.steps[axis], end.fine[axis]) = self.settings.steps_per_mm[axis]
                     .steps_as_grbl(target.position[axis], target.single_mm[axis]);
             }
@@ -257,6 +273,7 @@ impl Router {
 
     fn finish(&mut self, target: Axes<Nm>, end: End, tangent: Axes<f32>) {
         self.position = target;
+        self.sent = target;
         self.steps = end.steps;
         self.fine = end.fine;
         self.tangent = tangent;
@@ -304,6 +321,23 @@ impl Arc {
             radius: [libm::hypot(x0, y0), libm::hypot(x1, y1)],
             start: libm::atan2(y0, x0),
             sweep,
+        }
+    }
+
+    /// The same arc from a start that lies behind its own by a way shorter than a step.
+    fn begun_at(self, circle: &Circle, behind_first: Nm, behind_second: Nm) -> Self {
+        if behind_first == Nm(0) && behind_second == Nm(0) {
+            return self;
+        }
+        let [x0, y0] = circle.centre.map(|centre| -centre.to_mm_f64());
+        let (x, y) = (
+            x0 - behind_first.to_mm_f64(),
+            y0 - behind_second.to_mm_f64(),
+        );
+        Self {
+            radius: [libm::hypot(x, y), self.radius[1]],
+            start: libm::atan2(y, x),
+            sweep: self.sweep + libm::atan2(x * y0 - y * x0, x * x0 + y * y0),
         }
     }
 

@@ -3,6 +3,7 @@
 use heapless::spsc::Queue;
 
 use crate::{
+    machine::Snapshot,
     planner::{Entry, Motion},
     protocol::realtime::Requests,
     settings::Settings,
@@ -57,6 +58,12 @@ impl Drive {
             due: None,
             is_prepare_released: false,
         }
+    }
+
+    /// The machine as `prepare` last published it.
+    #[must_use]
+    pub fn snapshot(&self) -> &Snapshot {
+        self.motion.snapshot()
     }
 
     /// When the step interrupt is due, ticks.

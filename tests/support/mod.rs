@@ -1,42 +1,123 @@
-//! What the tests share.
+//! What the motion tests share: a rig that plays commands, and what its trace must never show.
 #![allow(dead_code, reason = "each test uses a part of it")]
 
 #[cfg(not(target_os = "none"))]
-pub(crate) use host::*;
+mod limits;
+#[cfg(not(target_os = "none"))]
+mod path;
+#[cfg(not(target_os = "none"))]
+mod rig;
+#[cfg(not(target_os = "none"))]
+mod trace;
+
+#[cfg(not(target_os = "none"))]
+pub(crate) use {host::*, limits::*, path::*, rig::*, trace::*};
 
 #[cfg(not(target_os = "none"))]
 mod host {
     use leadscrew::{
-        axis::{AXES, Axes},
+        axis::Axes,
+        planner::{Circle, Command, Pace, Plane, Rotation},
         settings::Settings,
-        sim::Edge,
-        units::StepsPerMm,
+        units::{Nm, StepsPerMm},
     };
+    use proptest::prelude::ProptestConfig;
 
     /// 80 steps/mm, 5000 mm/min, 500 mm/s² on every axis.
     pub(crate) fn fast() -> Settings {
+        with(&[80.0], &[5000.0], &[500.0])
+    }
+
+    /// Resolutions in steps/mm, rates in mm/min, accelerations in mm/s²; the last is for the rest.
+    pub(crate) fn with(steps_per_mm: &[f64], rate: &[f32], acceleration: &[f32]) -> Settings {
+        fn pick<T: Copy>(values: &[T], axis: usize) -> T {
+            values[axis.min(values.len() - 1)]
+        }
         Settings {
-            steps_per_mm: Axes::all(StepsPerMm::from_millionths(80_000_000).unwrap()),
-            max_rate_mm_min: Axes::all(5000.0),
-            acceleration_mm_s2: Axes::all(500.0),
+            steps_per_mm: Axes::from_fn(|axis| {
+                let millionths = (pick(steps_per_mm, axis) * 1.0e6).round() as u64;
+                StepsPerMm::from_millionths(millionths).unwrap()
+            }),
+            max_rate_mm_min: Axes::from_fn(|axis| pick(rate, axis)),
+            acceleration_mm_s2: Axes::from_fn(|axis| pick(acceleration, axis)),
             ..Settings::default()
         }
     }
 
-    /// Steps forwards minus steps backwards of each axis.
-    pub(crate) fn net_steps(edges: &[Edge]) -> Axes<i32> {
-        let mut steps = Axes::all(0);
-        for edge in edges {
-            for axis in 0..AXES {
-                if edge.raise & 1 << axis != 0 {
-                    steps[axis] += if edge.directions & 1 << axis == 0 {
-                        1
-                    } else {
-                        -1
-                    };
-                }
-            }
+    /// A position from its first coordinates, mm; the rest is 0.
+    pub(crate) fn at(mm: &[f64]) -> Axes<Nm> {
+        Axes::from_fn(|axis| Nm::from_mm_f64(mm.get(axis).copied().unwrap_or(0.0)))
+    }
+
+    pub(crate) fn line(mm: &[f64], mm_min: f32) -> Command {
+        line_at(at(mm), Pace::Feed(mm_min))
+    }
+
+    pub(crate) fn line_at(target: Axes<Nm>, pace: Pace) -> Command {
+        Command::Line {
+            target,
+            pace,
+            line: 0,
         }
-        steps
+    }
+
+    /// An arc of up to one turn.
+    pub(crate) fn arc(
+        plane: Plane,
+        rotation: Rotation,
+        target: &[f64],
+        centre: [f64; 2],
+        mm_min: f32,
+    ) -> Command {
+        Command::Arc {
+            target: at(target),
+            circle: Circle {
+                plane,
+                centre: centre.map(Nm::from_mm_f64),
+                rotation,
+                turns: 1,
+            },
+            pace: Pace::Feed(mm_min),
+            line: 0,
+        }
+    }
+
+    /// The steps at which commands end.
+    pub(crate) fn target_steps(settings: &Settings, target: &Axes<Nm>) -> Axes<i32> {
+        settings
+            .steps_per_mm
+            .zip(*target, |resolution, nm| resolution.steps_at(nm).0.0)
+    }
+
+    /// Where a command ends.
+    pub(crate) fn target(command: &Command) -> Option<Axes<Nm>> {
+        match command {
+            Command::Line { target, .. } | Command::Arc { target, .. } => Some(*target),
+            _ => None,
+        }
+    }
+
+    /// The same command with a line number.
+    pub(crate) fn numbered(command: &Command, number: u32) -> Command {
+        let mut command = *command;
+        if let Command::Line { line, .. } | Command::Arc { line, .. } = &mut command {
+            *line = number;
+        }
+        command
+    }
+
+    /// Numbers commands from 1.
+    pub(crate) fn number(commands: &[Command]) -> Vec<Command> {
+        (1..).zip(commands).map(|(n, c)| numbered(c, n)).collect()
+    }
+
+    /// A number of random cases, times `LEADSCREW_CASES` for a longer search.
+    pub(crate) fn cases(cases: u32) -> ProptestConfig {
+        let factor = std::env::var("LEADSCREW_CASES").map_or(1, |text| text.parse().unwrap());
+        ProptestConfig {
+            cases: cases * factor,
+            failure_persistence: None,
+            ..ProptestConfig::default()
+        }
     }
 }

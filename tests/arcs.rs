@@ -1,0 +1,286 @@
+//! Arcs as the step pins show them, against exact geometry.
+#![cfg(not(target_os = "none"))]
+
+mod support;
+
+use leadscrew::{
+    planner::{Command, Plane, Rotation},
+    settings::Settings,
+    units::Nm,
+};
+use proptest::prelude::*;
+use support::{Rig, Trace, arc, at, cases, check_path, line, target_steps, with};
+
+const ROTATIONS: [Rotation; 2] = [Rotation::Clockwise, Rotation::CounterClockwise];
+const PLANES: [Plane; 3] = [Plane::Xy, Plane::Zx, Plane::Yz];
+
+/// Plays arcs and checks counts, path and pulses; the largest distance from the path, in steps.
+fn check(settings: &Settings, commands: &[Command]) -> (Trace, f64) {
+    let trace = Rig::play(settings, commands);
+    trace.check_pulses();
+    let worst = check_path(settings, commands, &trace, 0.0);
+    (trace, worst)
+}
+
+/// A point in a plane, mm.
+fn in_plane(plane: Plane, first: f64, second: f64, normal: f64) -> [f64; 3] {
+    let (a, b, c) = plane.axes();
+    let mut point = [0.0; 3];
+    (point[a], point[b], point[c]) = (first, second, normal);
+    point
+}
+
+/// An arc on a circle around (0, 0) from one angle to another (degrees), after a line to its start.
+fn around_origin(
+    plane: Plane,
+    rotation: Rotation,
+    radius: f64,
+    from: f64,
+    to: f64,
+    mm_min: f32,
+) -> [Command; 2] {
+    let on = |degrees: f64| {
+        let (sine, cosine) = degrees.to_radians().sin_cos();
+        [radius * cosine, radius * sine]
+    };
+    let (a, b) = (on(from), on(to));
+    [
+        line(&in_plane(plane, a[0], a[1], 0.0), mm_min),
+        arc(
+            plane,
+            rotation,
+            &in_plane(plane, b[0], b[1], 0.0),
+            [-a[0], -a[1]],
+            mm_min,
+        ),
+    ]
+}
+
+fn settings() -> Settings {
+    with(&[80.0, 320.0, 157.48], &[6000.0], &[500.0, 400.0, 300.0])
+}
+
+#[test]
+fn arcs_stay_on_their_circle_in_all_planes_directions_and_quadrants() {
+    for plane in PLANES {
+        for rotation in ROTATIONS {
+            for (from, to) in [
+                (0, 90),
+                (90, 180),
+                (200, 250),
+                (300, 20),
+                (45, 44),
+                (10, 190),
+            ] {
+                let commands = around_origin(plane, rotation, 2.1, from.into(), to.into(), 900.0);
+                check(&settings(), &commands);
+            }
+        }
+    }
+}
+
+#[test]
+fn full_circles_close() {
+    for plane in PLANES {
+        for rotation in ROTATIONS {
+            for centre in [[1.0, 0.0], [-0.377, 0.8134], [0.0, -1.3]] {
+                let commands = [arc(plane, rotation, &[0.0; 3], centre, 2000.0)];
+                let (trace, _) = check(&settings(), &commands);
+                let (first, ..) = plane.axes();
+                let radius = f64::hypot(centre[0], centre[1]);
+                let steps_per_mm = f64::from(settings().steps_per_mm[first].to_f32());
+                let there_and_back = 4.0 * radius * steps_per_mm;
+                let steps = trace.steps(first).len() as f64;
+                assert!((steps - there_and_back).abs() <= 4.0, "{steps}");
+            }
+        }
+    }
+}
+
+#[test]
+fn helices_spirals_and_odd_centres_stay_on_their_path() {
+    for rotation in ROTATIONS {
+        let helix = arc(Plane::Xy, rotation, &[0.0, 0.0, 3.3], [1.5, 0.7], 2400.0);
+        // The end is 4 µm farther from the centre than the start.
+        let spiral = arc(Plane::Zx, rotation, &[2.004, 0.0, 0.0], [0.0, 1.0], 1200.0);
+        let off_grid = arc(
+            Plane::Yz,
+            rotation,
+            &[0.0, 1.234_567, 0.765_433],
+            [0.617_283, 0.382_716],
+            1200.0,
+        );
+        for command in [helix, spiral, off_grid] {
+            check(&settings(), &[command]);
+        }
+    }
+}
+
+#[test]
+fn many_turns_are_all_made() {
+    for rotation in ROTATIONS {
+        for turns in [2, 3, 7] {
+            let mut helix = arc(Plane::Xy, rotation, &[1.0, 1.0, 4.0], [1.0, 0.0], 3000.0);
+            if let Command::Arc { circle, .. } = &mut helix {
+                circle.turns = turns;
+            }
+            check(&settings(), &[helix]);
+        }
+    }
+}
+
+#[test]
+fn a_circle_of_ten_metres_stays_within_half_a_step() {
+    let settings = with(&[80.0, 78.74, 400.0], &[60_000.0], &[3000.0]);
+    for rotation in ROTATIONS {
+        let commands = around_origin(Plane::Xy, rotation, 10_000.0, 89.0, 89.9, 60_000.0);
+        let mut short = commands;
+        if let Command::Arc { circle, .. } = &mut short[1]
+            && rotation == Rotation::Clockwise
+        {
+            // The short way back.
+            circle.rotation = Rotation::CounterClockwise;
+        }
+        check_from_start(&settings, &short);
+    }
+}
+
+/// As [`check`], with the machine set to where the first command ends.
+fn check_from_start(settings: &Settings, commands: &[Command; 2]) -> f64 {
+    let mut rig = Rig::new(settings);
+    let Some(start) = support::target(&commands[0]) else {
+        unreachable!()
+    };
+    let shift = |command: &Command| -> Command {
+        let mut command = *command;
+        if let Command::Line { target, .. } | Command::Arc { target, .. } = &mut command {
+            *target = target.zip(start, |to, from| to - from);
+        }
+        command
+    };
+    let moved = [shift(&commands[1])];
+    rig.run(&moved, &[]);
+    rig.trace.check_pulses();
+    check_path(settings, &moved, &rig.trace, 0.0)
+}
+
+#[test]
+fn a_tiny_arc_is_never_a_full_circle() {
+    let settings = with(&[250.0], &[3000.0], &[500.0]);
+    for radius in [0.01, 1.0, 250.0] {
+        for way in [0.000_001, 0.000_5, 0.003, 0.02] {
+            let angle = f64::to_degrees(way / radius);
+            for rotation in ROTATIONS {
+                let sign = if rotation == Rotation::Clockwise {
+                    -1.0
+                } else {
+                    1.0
+                };
+                let commands = around_origin(
+                    Plane::Xy,
+                    rotation,
+                    radius,
+                    30.0,
+                    30.0 + sign * angle,
+                    600.0,
+                );
+                let mut rig = Rig::new(&settings);
+                rig.run(&commands[..1], &[]);
+                let before = rig.trace.steps(0).len() + rig.trace.steps(1).len();
+                rig.run(&commands[1..], &[]);
+                let after = rig.trace.steps(0).len() + rig.trace.steps(1).len();
+                assert!(after - before <= 14, "{} steps", after - before);
+            }
+        }
+    }
+}
+
+#[test]
+fn a_full_circle_after_a_move_without_a_step_is_whole() {
+    let settings = with(&[250.0], &[3000.0], &[500.0]);
+    let there_and_back = 4.0 * 2.0 * 250.0;
+    for nudge in [
+        [0.001, 0.0],
+        [-0.001, 0.0],
+        [0.0, 0.001],
+        [0.0, -0.001],
+        [0.001, 0.001],
+    ] {
+        for rotation in ROTATIONS {
+            for centre in [[2.0, 0.0], [0.0, 2.0], [-2.0, 0.0], [0.0, -2.0]] {
+                let commands = [
+                    line(&nudge, 600.0),
+                    arc(Plane::Xy, rotation, &nudge, centre, 600.0),
+                ];
+                let trace = Rig::play(&settings, &commands);
+                for axis in [0, 1] {
+                    let steps = trace.steps(axis).len() as f64;
+                    assert!((steps - there_and_back).abs() <= 4.0, "{steps} {nudge:?}");
+                }
+                check_path(&settings, &commands, &trace, 0.3);
+            }
+        }
+    }
+}
+
+#[test]
+fn an_arc_meets_lines_without_a_jump_of_position() {
+    let commands = [
+        line(&[2.0, 0.0], 1200.0),
+        arc(
+            Plane::Xy,
+            Rotation::CounterClockwise,
+            &[3.0, 1.0],
+            [0.0, 1.0],
+            1200.0,
+        ),
+        line(&[3.0, 3.0], 1200.0),
+        arc(
+            Plane::Xy,
+            Rotation::Clockwise,
+            &[4.5, 4.5],
+            [1.5, 0.0],
+            1200.0,
+        ),
+        line(&[6.0, 4.5], 1200.0),
+    ];
+    let (trace, _) = check(&settings(), &commands);
+    assert_eq!(
+        trace.net_steps(),
+        target_steps(&settings(), &at(&[6.0, 4.5]))
+    );
+}
+
+proptest! {
+    #![proptest_config(cases(48))]
+
+    #[test]
+    fn random_arcs_stay_within_half_a_step(
+        steps in prop::array::uniform3(40.0..450.0_f64),
+        acceleration in 20.0..3000.0_f32,
+        radius in 0.02..3.0_f64,
+        from in 0.0..360.0_f64,
+        travel in 0.0..360.0_f64,
+        mismatch in -0.004..0.004_f64,
+        normal in -1.0..1.0_f64,
+        feed in 30.0..6000.0_f32,
+        plane in prop::sample::select(&PLANES[..]),
+        rotation in prop::sample::select(&ROTATIONS[..]),
+    ) {
+        let settings = with(&steps, &[6000.0], &[acceleration]);
+        let [approach, around] = around_origin(plane, rotation, radius, from, from + travel, feed);
+        let around = match (around, support::target(&around)) {
+            (Command::Arc { circle, pace, line, .. }, Some(mut target)) => {
+                let (first, second, axis) = plane.axes();
+                let scale = 1.0 + mismatch.min(radius) / radius;
+                for axis in [first, second] {
+                    target[axis] = Nm((target[axis].0 as f64 * scale) as i64);
+                }
+                target[axis] = Nm::from_mm_f64(normal);
+                Command::Arc { target, circle, pace, line }
+            }
+            _ => unreachable!(),
+        };
+        check(&settings, &[approach, around]);
+    }
+}

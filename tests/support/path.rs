@@ -1,0 +1,187 @@
+//! The programmed path in double precision, and how far the steps are from it.
+
+use std::f64::consts::TAU;
+
+use leadscrew::{
+    axis::{AXES, Axes},
+    planner::{Circle, Command, Rotation},
+    settings::Settings,
+    units::{Nm, Steps},
+};
+
+use super::{Trace, target};
+
+/// Grain of the search along the path, steps.
+const GRAIN: f64 = 0.05;
+/// What the search leaves out.
+const SEARCH: f64 = 0.03;
+/// Most that a step is early or late so that events keep their distance, s.
+pub(crate) const SHIFT_S: f64 = 2.0e-6;
+
+type Point = [f64; AXES];
+
+/// One command's path, in steps.
+pub(crate) struct Piece {
+    begin: Point,
+    end: Point,
+    curve: Option<Turn>,
+    /// Not less than the length, in steps.
+    length: f64,
+}
+
+/// The circular part.
+struct Turn {
+    axes: [usize; 2],
+    centre: [f64; 2],
+    scale: [f64; 2],
+    radius: [f64; 2],
+    angle: f64,
+    sweep: f64,
+}
+
+impl Piece {
+    fn new(settings: &Settings, from: &Axes<Nm>, command: &Command) -> Option<Self> {
+        let to = target(command)?;
+        let scale = |axis: usize| settings.steps_per_mm[axis].millionths() as f64 * 1.0e-6;
+        let point = |at: &Axes<Nm>| -> Point {
+            std::array::from_fn(|axis| at[axis].0 as f64 * 1.0e-6 * scale(axis))
+        };
+        let (begin, end) = (point(from), point(&to));
+        let mut length: f64 = (0..AXES).map(|n| (end[n] - begin[n]).abs()).sum();
+        let mut curve = None;
+        if let Command::Arc { circle, .. } = command {
+            let (first, second, _) = circle.plane.axes();
+            let turn = Turn::new(circle, [first, second], from, &to, scale);
+            let finest = scale(first).max(scale(second));
+            length += turn.sweep.abs() * turn.radius[0].max(turn.radius[1]) * finest;
+            curve = Some(turn);
+        }
+        Some(Self {
+            begin,
+            end,
+            curve,
+            length,
+        })
+    }
+
+    /// Where a share of the way is done, steps.
+    pub(crate) fn at(&self, share: f64) -> Point {
+        let mut point: Point =
+            std::array::from_fn(|n| self.begin[n] + (self.end[n] - self.begin[n]) * share);
+        if let Some(turn) = &self.curve {
+            let radius = turn.radius[0] + (turn.radius[1] - turn.radius[0]) * share;
+            let (sine, cosine) = (turn.angle + turn.sweep * share).sin_cos();
+            point[turn.axes[0]] = turn.scale[0] * (turn.centre[0] + radius * cosine);
+            point[turn.axes[1]] = turn.scale[1] * (turn.centre[1] + radius * sine);
+        }
+        point
+    }
+}
+
+impl Turn {
+    fn new(
+        circle: &Circle,
+        axes: [usize; 2],
+        from: &Axes<Nm>,
+        to: &Axes<Nm>,
+        scale: impl Fn(usize) -> f64,
+    ) -> Self {
+        let centre = [0, 1].map(|n| from[axes[n]] + circle.centre[n]);
+        let arm = |at: &Axes<Nm>| [0, 1].map(|n| (at[axes[n]] - centre[n]).0 as f64 * 1.0e-6);
+        let (begin, end) = (arm(from), arm(to));
+        let angle = begin[1].atan2(begin[0]);
+        let is_closed = axes.iter().all(|axis| from[*axis] == to[*axis]);
+        let travel = (end[1].atan2(end[0]) - angle).rem_euclid(TAU);
+        let turns = TAU * f64::from(circle.turns - 1);
+        let sweep = match circle.rotation {
+            _ if is_closed => TAU,
+            Rotation::CounterClockwise => travel,
+            Rotation::Clockwise => TAU - travel,
+        } + turns;
+        Self {
+            axes,
+            centre: centre.map(|nm| nm.0 as f64 * 1.0e-6),
+            scale: axes.map(scale),
+            radius: [begin[0].hypot(begin[1]), end[0].hypot(end[1])],
+            angle,
+            sweep: match circle.rotation {
+                Rotation::CounterClockwise => sweep,
+                Rotation::Clockwise => -sweep,
+            },
+        }
+    }
+}
+
+/// The path of commands from the origin.
+pub(crate) fn pieces(settings: &Settings, commands: &[Command]) -> Vec<Piece> {
+    let mut from = Axes::all(Nm(0));
+    let mut pieces = Vec::new();
+    for command in commands {
+        pieces.extend(Piece::new(settings, &from, command));
+        from = target(command).unwrap_or(from);
+    }
+    pieces
+}
+
+/// Fastest step rate that the settings allow on each axis, Hz.
+pub(crate) fn step_rates(settings: &Settings) -> Axes<f64> {
+    settings
+        .max_rate_mm_min
+        .zip(settings.steps_per_mm, |rate, resolution| {
+            f64::from(rate) / 60.0 * f64::from(resolution.to_f32())
+        })
+}
+
+/// Follows the path with the steps, in order; the largest distance of an axis, in steps.
+///
+/// # Panics
+/// When the steps leave the path by more than half a step, what an event's shift makes, and
+/// `slack` steps, or do not end at its end.
+pub(crate) fn check_path(
+    settings: &Settings,
+    commands: &[Command],
+    trace: &Trace,
+    slack: f64,
+) -> f64 {
+    let pieces = pieces(settings, commands);
+    let rates = step_rates(settings);
+    let limit: Point = std::array::from_fn(|n| 0.5 + SEARCH + slack + rates[n] * SHIFT_S);
+    let mut position = Axes::all(0_i32);
+    let (mut piece, mut share) = (0, 0.0);
+    let mut worst = 0.0_f64;
+    for edge in trace.edges.iter().filter(|edge| edge.raise != 0) {
+        for axis in 0..AXES {
+            if edge.raise & 1 << axis != 0 {
+                let is_negative = edge.directions & 1 << axis != 0;
+                position[axis] += if is_negative { -1 } else { 1 };
+            }
+        }
+        let mut tries = 0.0;
+        loop {
+            let here = pieces[piece].at(share);
+            let off: Point = std::array::from_fn(|n| (here[n] - f64::from(position[n])).abs());
+            if (0..AXES).all(|n| off[n] <= limit[n]) {
+                worst = off.into_iter().fold(worst, f64::max);
+                break;
+            }
+            tries += GRAIN;
+            assert!(
+                tries < 8.0 + 4.0 * pieces[piece].length.sqrt(),
+                "{position:?} is {off:?} off the path, at {share} of move {piece}, {edge:?}"
+            );
+            let next = GRAIN / pieces[piece].length.max(GRAIN);
+            if share >= 1.0 && piece + 1 < pieces.len() {
+                (piece, share) = (piece + 1, 0.0);
+            } else {
+                share = (share + next).min(1.0);
+            }
+        }
+    }
+    if let Some(end) = commands.iter().rev().find_map(target) {
+        let steps = settings
+            .steps_per_mm
+            .zip(end, |resolution, nm| resolution.steps_at(nm).0);
+        assert_eq!(position.map(Steps), steps, "final position");
+    }
+    worst
+}

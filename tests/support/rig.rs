@@ -1,0 +1,203 @@
+//! Plays commands on the drive and records the pins.
+
+use heapless::spsc::Queue;
+use leadscrew::{
+    axis::{AXES, Axes},
+    machine::{Snapshot, State},
+    planner::{Command, Entry, Router, Work},
+    protocol::realtime::{self, Requests},
+    settings::Settings,
+    sim::{Drive, Edge},
+    units::TICKS_PER_SECOND,
+};
+
+use super::Trace;
+
+/// A realtime byte at a time, ticks.
+pub(crate) type Act = (u64, u8);
+
+pub(crate) const RESET: u8 = 0x18;
+
+/// Most virtual time without an end of the program, ticks: an hour.
+const LONGEST: u64 = 3600 * TICKS_PER_SECOND as u64;
+
+/// The drive with what stands for `interpret` before it and the pins behind it.
+pub(crate) struct Rig {
+    pub(crate) drive: Drive,
+    pub(crate) router: Router,
+    pub(crate) trace: Trace,
+    requests: Requests,
+    now: u64,
+    sent: u32,
+    /// A reset has come, and the position has not been taken since.
+    is_recovering: bool,
+    /// Least time between two entries, ticks.
+    pub(crate) feed_ticks: u64,
+}
+
+impl Rig {
+    pub(crate) fn new(settings: &Settings) -> Self {
+        Self {
+            drive: Drive::new(settings),
+            router: Router::new(settings),
+            trace: Trace::new(settings),
+            requests: Requests::new(),
+            now: 0,
+            sent: 0,
+            is_recovering: false,
+            feed_ticks: 0,
+        }
+    }
+
+    /// Plays commands as fast as the queue takes them, to the end.
+    pub(crate) fn play(settings: &Settings, commands: &[Command]) -> Trace {
+        let mut rig = Self::new(settings);
+        rig.run(commands, &[]);
+        rig.trace
+    }
+
+    fn snapshot(&self) -> Snapshot {
+        *self.drive.snapshot()
+    }
+
+    /// Plays commands and acts (in order of time) until everything is done and at rest.
+    pub(crate) fn run(&mut self, commands: &[Command], acts: &[Act]) {
+        let mut commands = commands.iter();
+        let mut acts = acts.iter().copied().peekable();
+        let mut waiting = None;
+        let mut feed_at = 0;
+        let mut idle_runs = 0;
+        loop {
+            while let Some((_, byte)) = acts.next_if(|act| act.0 <= self.now) {
+                self.receive(byte);
+                if byte == RESET {
+                    waiting = None;
+                }
+            }
+            if !self.is_recovering && self.now >= feed_at {
+                while waiting.is_none() && commands.len() > 0 {
+                    waiting = commands.next().and_then(|c| self.router.work(c));
+                }
+                let is_fed = waiting.is_some_and(|work| self.enqueue(work));
+                if is_fed {
+                    waiting = None;
+                    feed_at = self.now + self.feed_ticks;
+                    idle_runs = 0;
+                }
+                if is_fed && self.feed_ticks == 0 {
+                    continue;
+                }
+            }
+            self.prepare();
+            self.recover();
+            if self.is_done() && waiting.is_none() && commands.len() == 0 && acts.peek().is_none() {
+                break;
+            }
+            idle_runs += 1;
+            let feed = (waiting.is_some() || commands.len() > 0) && feed_at > self.now;
+            let feed = feed.then_some(feed_at);
+            let act = acts.peek().map(|act| act.0);
+            let other = feed.into_iter().chain(act).min();
+            match (self.drive.due(), other) {
+                (Some(due), other) if other.is_none_or(|other| due <= other) => {
+                    idle_runs = 0;
+                    self.now = due;
+                    self.step();
+                }
+                (_, Some(other)) => {
+                    idle_runs = 0;
+                    self.now = self.now.max(other);
+                }
+                _ => self.go_on(idle_runs),
+            }
+            assert!(self.now < LONGEST, "the program never ends");
+        }
+        self.check_end();
+    }
+
+    /// Nothing is due: a hold without a resume ends here, anything else is a stall.
+    fn go_on(&mut self, idle_runs: u32) {
+        if self.snapshot().state == State::HoldComplete {
+            self.receive(b'~');
+        }
+        assert!(idle_runs < 100, "stalled: {:?}", self.snapshot());
+    }
+
+    pub(crate) fn receive(&mut self, byte: u8) {
+        let mut line = Queue::<u8, 4>::new();
+        let (mut producer, _) = line.split();
+        let _ = realtime::receive(byte, &self.requests, &mut producer);
+        self.is_recovering |= byte == RESET;
+        self.drive.release_prepare();
+        self.prepare();
+    }
+
+    fn enqueue(&mut self, work: Work) -> bool {
+        let epoch = self.requests.epoch();
+        let is_sent = self.drive.entries.enqueue(Entry { epoch, work }).is_ok();
+        self.sent += u32::from(is_sent);
+        self.drive.release_prepare();
+        is_sent
+    }
+
+    fn prepare(&mut self) {
+        let was_stopped = self.drive.due().is_none();
+        while self.drive.prepare(&self.requests, self.now) {}
+        if was_stopped && self.drive.due().is_some() {
+            self.trace.starts.push(self.now);
+        }
+        if !self.is_recovering {
+            assert_ne!(self.snapshot().state, State::Alarm, "starved");
+        }
+        assert_eq!(self.drive.counts.late(), 0, "late");
+    }
+
+    fn step(&mut self) {
+        let line = self.drive.counts.line();
+        if let Some(edge) = self.drive.step() {
+            self.trace.push(edge, line);
+        }
+        self.drive.release_prepare();
+    }
+
+    /// After a reset: takes the position when the machine is at rest.
+    fn recover(&mut self) {
+        let snapshot = self.snapshot();
+        let is_over = snapshot.is_at_rest && snapshot.epoch == self.requests.epoch();
+        if !self.is_recovering || !is_over {
+            return;
+        }
+        assert_eq!(
+            snapshot.steps,
+            self.trace.net_steps(),
+            "position after reset"
+        );
+        self.router.set_steps(snapshot.steps);
+        self.trace.resets.push(self.trace.edges.len());
+        if snapshot.state == State::Alarm {
+            assert!(self.enqueue(Work::Unlock));
+        }
+        while self.drive.prepare(&self.requests, self.now) {}
+        self.is_recovering = false;
+        assert_ne!(self.snapshot().state, State::Alarm, "unlock");
+    }
+
+    fn is_done(&self) -> bool {
+        let snapshot = self.snapshot();
+        snapshot.is_at_rest && snapshot.finished == self.sent && !self.is_recovering
+    }
+
+    fn check_end(&self) {
+        let snapshot = self.snapshot();
+        assert_eq!(snapshot.steps, self.trace.net_steps(), "reported position");
+        assert_eq!(self.drive.due(), None);
+        let pulses = Axes::from_fn(|axis| {
+            let raised = |edge: &&Edge| edge.raise & 1 << axis != 0;
+            self.trace.edges.iter().filter(raised).count() as u32
+        });
+        assert_eq!(self.drive.counts.pulses(), pulses, "counted pulses");
+        let events = self.trace.edges.iter().filter(|edge| edge.raise != 0);
+        assert_eq!(self.drive.counts.events() as usize, events.count());
+        assert!(AXES <= 6);
+    }
+}

@@ -1,0 +1,191 @@
+//! What the step pins did, and the rules that hold for every trace.
+
+use leadscrew::{
+    axis::{AXES, Axes},
+    settings::Settings,
+    sim::Edge,
+    stepper::{DIRECTION_SETUP_TICKS, EVENT_SPACING_TICKS, PULSE_LOW_TICKS},
+    units::{TICKS_PER_SECOND, TICKS_PER_US},
+};
+
+pub(crate) const TICKS_PER_S: f64 = TICKS_PER_SECOND as f64;
+
+/// One step of one axis.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Step {
+    pub(crate) seconds: f64,
+    /// Position after it.
+    pub(crate) position: i32,
+    /// 1 or -1.
+    pub(crate) sign: i32,
+    /// `N` word of its block.
+    pub(crate) line: u32,
+}
+
+/// Every edge, and the `N` word of the block it belongs to.
+pub(crate) struct Trace {
+    pub(crate) edges: Vec<Edge>,
+    pub(crate) lines: Vec<u32>,
+    /// When the step timer was started.
+    pub(crate) starts: Vec<u64>,
+    /// Edges before each reset's end.
+    pub(crate) resets: Vec<usize>,
+    pulse_ticks: u64,
+    net: Axes<i32>,
+}
+
+impl Trace {
+    pub(crate) fn new(settings: &Settings) -> Self {
+        Self {
+            edges: Vec::new(),
+            lines: Vec::new(),
+            starts: Vec::new(),
+            resets: Vec::new(),
+            pulse_ticks: u64::from(settings.step_pulse_us) * u64::from(TICKS_PER_US),
+            net: Axes::all(0),
+        }
+    }
+
+    pub(crate) fn push(&mut self, edge: Edge, line: u32) {
+        for axis in 0..AXES {
+            if edge.raise & 1 << axis != 0 {
+                self.net[axis] += sign(&edge, axis);
+            }
+        }
+        self.edges.push(edge);
+        self.lines.push(line);
+    }
+
+    /// Steps forwards minus steps backwards of each axis.
+    pub(crate) fn net_steps(&self) -> Axes<i32> {
+        self.net
+    }
+
+    /// The steps of an axis.
+    pub(crate) fn steps(&self, axis: usize) -> Vec<Step> {
+        let mut position = 0;
+        let mut steps = Vec::new();
+        for (edge, line) in self.edges.iter().zip(&self.lines) {
+            if edge.raise & 1 << axis != 0 {
+                let sign = sign(edge, axis);
+                position += sign;
+                steps.push(Step {
+                    seconds: edge.ticks as f64 / TICKS_PER_S,
+                    position,
+                    sign,
+                    line: *line,
+                });
+            }
+        }
+        steps
+    }
+
+    /// From the first step to the last, s.
+    pub(crate) fn motion_seconds(&self) -> f64 {
+        let mut raises = self.edges.iter().filter(|edge| edge.raise != 0);
+        let first = raises.next().map_or(0, |edge| edge.ticks);
+        let last = raises.next_back().map_or(first, |edge| edge.ticks);
+        (last - first) as f64 / TICKS_PER_S
+    }
+
+    /// FNV-1a over times, steps and directions.
+    pub(crate) fn hash(&self) -> u64 {
+        let mut hash = 0xcbf2_9ce4_8422_2325_u64;
+        let mut add = |value: u64| {
+            for byte in value.to_le_bytes() {
+                hash = (hash ^ u64::from(byte)).wrapping_mul(0x0100_0000_01b3);
+            }
+        };
+        for edge in &self.edges {
+            add(edge.ticks);
+            add(u64::from(edge.raise) << 16 | u64::from(edge.drop) << 8);
+            add(u64::from(edge.directions));
+        }
+        hash
+    }
+
+    /// Pulse widths, low times, direction set-up times, spacing of events.
+    pub(crate) fn check_pulses(&self) {
+        let mut pins = [Pin::default(); AXES];
+        let mut before: Option<Edge> = None;
+        let mut starts = self.starts.iter().copied().peekable();
+        for edge in &self.edges {
+            // Directions are output with the event before, or when the timer starts.
+            let mut output_at = before.map_or(0, |before| before.ticks);
+            let start = starts.next_if(|start| *start <= edge.ticks);
+            output_at = start.map_or(output_at, |start| start.max(output_at));
+            if let Some(before) = before {
+                let spacing = edge.ticks - before.ticks;
+                assert!(
+                    spacing >= u64::from(EVENT_SPACING_TICKS),
+                    "spacing {spacing} before {edge:?}"
+                );
+            }
+            for (axis, pin) in pins.iter_mut().enumerate() {
+                let bit = 1 << axis;
+                let is_negative = edge.directions & bit as u8 != 0;
+                pin.turn(is_negative, output_at, edge);
+                if edge.drop & bit != 0 {
+                    pin.drop(edge, self.pulse_ticks);
+                }
+                if edge.raise & bit != 0 {
+                    pin.raise(edge);
+                }
+            }
+            before = Some(*edge);
+        }
+        assert!(
+            pins.iter().all(|pin| pin.raised.is_none()),
+            "a pulse has no end"
+        );
+    }
+}
+
+fn sign(edge: &Edge, axis: usize) -> i32 {
+    if edge.directions & 1 << axis == 0 {
+        1
+    } else {
+        -1
+    }
+}
+
+/// Step and direction of one axis.
+#[derive(Debug, Clone, Copy, Default)]
+struct Pin {
+    raised: Option<u64>,
+    dropped: Option<u64>,
+    turned: Option<u64>,
+    is_negative: bool,
+}
+
+impl Pin {
+    fn turn(&mut self, is_negative: bool, at: u64, edge: &Edge) {
+        if is_negative != self.is_negative {
+            assert!(self.raised.is_none(), "direction in a pulse: {edge:?}");
+            self.is_negative = is_negative;
+            self.turned = Some(at);
+        }
+    }
+
+    fn drop(&mut self, edge: &Edge, pulse_ticks: u64) {
+        let raised = self.raised.take().expect("a pulse ends that is not high");
+        let width = edge.ticks - raised;
+        assert!(width >= pulse_ticks, "width {width}: {edge:?}");
+        self.dropped = Some(edge.ticks);
+    }
+
+    fn raise(&mut self, edge: &Edge) {
+        assert!(self.raised.is_none(), "a pulse in a pulse: {edge:?}");
+        let low = self.dropped.map(|dropped| edge.ticks - dropped);
+        assert!(
+            low.is_none_or(|low| low >= u64::from(PULSE_LOW_TICKS)),
+            "low {low:?}: {edge:?}"
+        );
+        let set_up = self.turned.map(|turned| edge.ticks - turned);
+        assert!(
+            set_up.is_none_or(|set_up| set_up >= u64::from(DIRECTION_SETUP_TICKS)),
+            "direction set-up {set_up:?}: {edge:?}"
+        );
+        self.raised = Some(edge.ticks);
+    }
+}
