@@ -75,6 +75,8 @@ fn program(emulator: &Emulator, elf: &Path, options: &Options) -> Result<()> {
 /// Counts the firmware and prints its figures.
 fn firmware(emulator: &Emulator, options: &Options) -> Result<()> {
     const APPLICATION: &str = "src/app.rs";
+    /// Where the times of the steps are computed.
+    const GENERATOR: &str = "leadscrew::stepper::generator::";
     let (board, _) = boards::emulated()?;
     let source = fs::read_to_string(cargo::root().join(APPLICATION))
         .with_context(|| format!("cannot read {APPLICATION}"))?;
@@ -82,9 +84,12 @@ fn firmware(emulator: &Emulator, options: &Options) -> Result<()> {
     let elf = build::firmware(&board)?;
     let count = |workload: &Workload| {
         ui::status("Counting", workload.name);
+        let settings = emulator.stream(&elf, workload, Part::Settings)?;
+        let whole = emulator.stream(&elf, workload, Part::Whole)?;
         let mut run = Run {
-            settings: emulator.stream(&elf, workload, Part::Settings)?,
-            whole: emulator.stream(&elf, workload, Part::Whole)?,
+            step_times: profile::cost_of(&whole, &elf, GENERATOR)?,
+            settings,
+            whole,
             count: workload.count,
         };
         names.apply(&mut run.settings);

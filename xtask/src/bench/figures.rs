@@ -12,9 +12,9 @@ use super::{
 
 /// Instructions and cycles, of one run or of the mean one.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
-struct Cost {
-    cycles: f64,
-    instructions: f64,
+pub(super) struct Cost {
+    pub(super) cycles: f64,
+    pub(super) instructions: f64,
 }
 
 impl Cost {
@@ -51,6 +51,8 @@ impl Cost {
 pub(super) struct Run {
     pub(super) whole: Report,
     pub(super) settings: Report,
+    /// What the times of the steps cost, within the whole.
+    pub(super) step_times: Cost,
     /// What the cost is divided by.
     pub(super) count: u64,
 }
@@ -88,6 +90,8 @@ pub(super) struct Figure {
     target: Option<f64>,
     /// What it is the sum of, by task.
     parts: Vec<(String, Cost)>,
+    /// What of it goes into the times of the steps.
+    step_times: Option<Cost>,
 }
 
 impl Figure {
@@ -98,6 +102,7 @@ impl Figure {
             cost,
             target,
             parts: Vec::new(),
+            step_times: None,
         }
     }
 
@@ -118,6 +123,7 @@ impl Figure {
             .map(|(name, cost)| (name.to_owned(), cost));
         Self {
             parts: parts.collect(),
+            step_times: Some(run.step_times.per(run.count)),
             ..Self::new(key, meaning, target, cost)
         }
     }
@@ -191,6 +197,12 @@ pub(super) fn print(figures: &[Figure]) {
         for (name, cost) in &figure.parts {
             println!("{}", self::row(&format!("    {name}"), *cost).dimmed());
         }
+        if let Some(cost) = figure.step_times {
+            println!(
+                "{}",
+                self::row("    of it the times of the steps", cost).dimmed()
+            );
+        }
     }
 }
 
@@ -208,6 +220,9 @@ pub(super) fn json(figures: &[Figure], model: &str) -> Value {
             format!("{stem}_instructions"),
             rounded(figure.cost.instructions),
         );
+        if let Some(cost) = figure.step_times {
+            object.insert(format!("{stem}_step_times"), rounded(cost.cycles));
+        }
         if !figure.parts.is_empty() {
             let parts = figure.parts.iter();
             let parts = parts.map(|(name, cost)| (name.clone(), rounded(cost.cycles)));
@@ -255,6 +270,10 @@ mod tests {
                 ("prepare", 2, 500),
             ]),
             settings: report(&[("thread", 1, 99), ("prepare", 1, 100)]),
+            step_times: Cost {
+                cycles: 200.0,
+                instructions: 100.0,
+            },
             count,
         }
     }
@@ -278,6 +297,8 @@ mod tests {
         assert_eq!(json["cycles_per_period_3axis_instructions"], 25.0);
         assert_eq!(json["cycles_per_g1_line"], 100.0);
         assert_eq!(json["cycles_per_g1_line_instructions"], 50.0);
+        assert_eq!(json["cycles_per_g1_line_step_times"], 50.0);
+        assert_eq!(json["cycles_per_g1_line_by_task"]["prepare"], 100.0);
         assert_eq!(json["model"], "table");
     }
 

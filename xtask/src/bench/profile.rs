@@ -12,6 +12,7 @@ use anyhow::{Result, anyhow};
 use owo_colors::OwoColorize;
 
 use super::{
+    figures::Cost,
     report::Report,
     tasks::{STAND_IN, THREAD},
 };
@@ -68,6 +69,20 @@ pub(super) fn print(report: &Report, elf: &Path) -> Result<()> {
         spent(report, &program, task);
     }
     Ok(())
+}
+
+/// What the functions whose paths begin with `prefix` cost, with what is inlined in them.
+pub(super) fn cost_of(report: &Report, elf: &Path, prefix: &str) -> Result<Cost> {
+    let program = Loader::new(elf).map_err(|error| anyhow!("{error}"))?;
+    let mut cost = Cost::default();
+    for &(_, address, runs, cycles) in &report.sites {
+        let (stack, _) = frames(&program, address);
+        if stack.iter().any(|name| name.starts_with(prefix)) {
+            cost.cycles += cycles as f64;
+            cost.instructions += runs as f64;
+        }
+    }
+    Ok(cost)
 }
 
 /// Prints what one task spent where.

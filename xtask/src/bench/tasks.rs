@@ -61,14 +61,19 @@ impl Names {
 /// Prints what each task cost.
 pub(super) fn print(report: &Report) {
     let head = format!(
-        "{:<20}{:>9}{:>11}{:>11}{:>8}{:>8}{:>8}{:>12}{:>8}",
+        "{:<20}{:>9}{:>12}{:>12}{:>8}{:>8}{:>8}{:>12}{:>8}",
         "task", "runs", "cyc./run", "ins./run", "min", "99.9 %", "max", "cycles", "MMIO"
     );
     println!("{}", head.bold());
-    for task in report.tasks.iter().filter(|task| task.name != STAND_IN) {
+    for (index, task) in report.tasks.iter().enumerate() {
+        // Initialisation and idling say nothing, unless they are the program.
+        let is_idle = index == 0 && report.tasks.len() > 1;
+        if is_idle || task.name == STAND_IN {
+            continue;
+        }
         let per_run = |amount: u64| amount as f64 / task.activations.max(1) as f64;
         println!(
-            "{:<20}{:>9}{:>11.1}{:>11.1}{:>8}{:>8}{:>8}{:>12}{:>8.1}",
+            "{:<20}{:>9}{:>12.1}{:>12.1}{:>8}{:>8}{:>8}{:>12}{:>8.1}",
             task.name,
             task.activations,
             per_run(task.cycles),
