@@ -35,8 +35,8 @@ use crate::{boards, build, cargo, ui};
 /// Count what the firmware costs on the emulated chip, in instructions and modelled cycles
 ///
 /// Streams three workloads to the firmware under QEMU: one axis at 100 kHz, three axes at 100, 73
-/// and 51 kHz, and short G1 lines. Counts are exact and repeat; cycles are those of the table that
-/// `model` in the JSON output names.
+/// and 51 kHz, and short G1 lines. `docs/benchmarks.md` says what is counted, and how far to trust
+/// it.
 #[derive(clap::Args)]
 pub(crate) struct Options {
     /// Write the figures to a file

@@ -67,7 +67,11 @@ impl Report {
     pub(super) fn read(path: &Path) -> Result<Self> {
         let text = fs::read_to_string(path)
             .with_context(|| format!("the plugin left no report in {}", path.display()))?;
-        let report: Self = serde_json::from_str(&text).context("damaged report")?;
+        Self::parse(&text)
+    }
+
+    fn parse(text: &str) -> Result<Self> {
+        let report: Self = serde_json::from_str(text).context("damaged report")?;
         ensure!(
             report.unknown.is_empty(),
             "instructions that the decoder does not know were executed:\n{}",
@@ -99,6 +103,21 @@ mod tests {
             peripheral_writes: 0,
             histogram: histogram.to_vec(),
         }
+    }
+
+    #[test]
+    fn a_report_that_cannot_be_trusted_is_refused() {
+        let report = |unexplained: u64, unknown: &str| {
+            Report::parse(&format!(
+                r#"{{"model": "", "cycles": 0, "tasks": [], "sites": [], "functions": [],
+                    "unexplained": {unexplained}, "unknown": [{unknown}]}}"#
+            ))
+        };
+        assert!(report(0, "").is_ok());
+        assert!(report(1, "").is_err());
+        let error = report(0, r#""08000000: de00 0000""#).err().unwrap();
+        assert!(error.to_string().contains("08000000: de00"));
+        assert!(Report::parse("{").is_err());
     }
 
     #[test]
