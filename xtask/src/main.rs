@@ -6,10 +6,25 @@ mod bench;
 mod boards;
 mod build;
 mod cargo;
+mod conformance;
+mod curves;
+mod figures;
 mod flash;
+mod machine;
+mod on_target;
+mod plot;
+mod program;
+mod qemu;
+mod refusal;
 mod run;
+mod sender;
+mod serve;
+mod session;
+mod settings;
+mod sim;
 mod size;
 mod test;
+mod trace;
 mod ui;
 
 use std::process::ExitCode;
@@ -27,8 +42,11 @@ use clap::Parser;
 enum Verb {
     Bench(bench::Options),
     Build(build::Options),
+    Conformance(conformance::Options),
     Flash(flash::Options),
+    Qemu(qemu::Options),
     Run(run::Options),
+    Sim(sim::Options),
     Size(size::Options),
     Test(test::Options),
 }
@@ -45,8 +63,11 @@ fn run(verb: Verb) -> Result<ExitCode> {
     match verb {
         Verb::Bench(options) => bench::run(&options),
         Verb::Build(options) => build::run(&options),
+        Verb::Conformance(options) => conformance::run(&options),
         Verb::Flash(options) => flash::run(&options),
+        Verb::Qemu(options) => qemu::run(&options),
         Verb::Run(options) => run::run(&options),
+        Verb::Sim(options) => sim::run(&options),
         Verb::Size(options) => size::run(&options),
         Verb::Test(options) => test::run(&options),
     }

@@ -1,7 +1,7 @@
 //! `cargo xtask run`: a program on the emulated board, with its log.
 
 use std::{
-    fs,
+    env, fs,
     io::Read,
     path::{Path, PathBuf},
     process::{Child, Command, ExitCode, Stdio},
@@ -27,14 +27,21 @@ pub(crate) struct Options {
 }
 
 pub(crate) fn run(options: &Options) -> Result<ExitCode> {
-    program(&options.elf, &options.arguments)?;
+    let here = env::current_dir().context("the current folder is gone")?;
+    program(&options.elf, &options.arguments, &here)?;
     Ok(ExitCode::SUCCESS)
 }
 
+/// Runs `elf` to its end in a folder: relative names of files are meant there.
+pub(crate) fn program_in(elf: &Path, folder: &Path) -> Result<()> {
+    program(elf, &[], folder)
+}
+
 /// Runs `elf` to its end, prints its log, and fails if it does.
-pub(crate) fn program(elf: &Path, arguments: &[String]) -> Result<()> {
+fn program(elf: &Path, arguments: &[String], folder: &Path) -> Result<()> {
+    let elf = &fs::canonicalize(elf).with_context(|| format!("cannot find {}", elf.display()))?;
     let bytes = fs::read(elf).with_context(|| format!("cannot read {}", elf.display()))?;
-    let mut qemu = start(elf, arguments)?;
+    let mut qemu = start(elf, arguments, folder)?;
     let mut log = qemu.stdout.take().context("QEMU has no output")?;
     let printed = match Table::parse(&bytes) {
         Ok(Some(table)) => {
@@ -61,7 +68,7 @@ pub(crate) fn program(elf: &Path, arguments: &[String]) -> Result<()> {
 }
 
 /// Starts QEMU with semihosting and nothing else: the program ends it.
-fn start(elf: &Path, arguments: &[String]) -> Result<Child> {
+fn start(elf: &Path, arguments: &[String], folder: &Path) -> Result<Child> {
     cargo::need_qemu()?;
     let (_, machine) = boards::emulated()?;
     let mut semihosting = String::from("enable=on,target=native");
@@ -75,6 +82,7 @@ fn start(elf: &Path, arguments: &[String]) -> Result<Child> {
         .args(["-serial", "null", "-semihosting-config", &semihosting])
         .arg("-kernel")
         .arg(elf)
+        .current_dir(folder)
         .stdin(Stdio::null())
         .stdout(Stdio::piped())
         .spawn()
