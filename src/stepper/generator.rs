@@ -8,11 +8,9 @@
 //! Ends of pulses are events of the same list. An end may come late, and then shares the event of
 //! the next step, as long as the axis stays low for [`PULSE_LOW_TICKS`] before its next pulse.
 
-use heapless::spsc::Producer;
-
 use super::{
     DIRECTION_SETUP_TICKS, EVENT_SPACING_TICKS, EventWriter, PULSE_LOW_TICKS, SegmentInfo,
-    StepEvent, ring::EventBatch,
+    StepCounts, StepEvent, ring::EventBatch,
 };
 use crate::{
     axis::{AXES, Axes},
@@ -364,8 +362,8 @@ impl Generator {
         self.clock_ticks
     }
 
-    /// Begins a segment. The one before must be finished, and `infos` must have room.
-    pub fn begin(&mut self, segment: &Segment, infos: &mut Producer<'_, SegmentInfo>) {
+    /// Begins a segment. The one before must be finished, and `counts` must have room.
+    pub fn begin(&mut self, segment: &Segment, counts: &StepCounts) {
         let duration = segment.ticks as f32;
         let rate = 1.0 / duration;
         let mut directions = self.directions;
@@ -381,7 +379,7 @@ impl Generator {
             self.position[axis] = motion.to;
         }
         self.open(segment.ticks, directions);
-        let _ = infos.enqueue(SegmentInfo {
+        counts.announce(&SegmentInfo {
             start_ticks: self.clock_ticks,
             directions,
             is_rest: false,
@@ -392,14 +390,14 @@ impl Generator {
     }
 
     /// Begins the standstill after the last segment: ends all pulses and lets the queue run empty.
-    pub fn rest(&mut self, infos: &mut Producer<'_, SegmentInfo>) {
+    pub fn rest(&mut self, counts: &StepCounts) {
         // wcet-bound: 6
         for axis in &mut self.axes {
             *axis = NO_STEPS;
         }
         self.open(EVENT_SPACING_TICKS, self.directions);
         self.is_rest = true;
-        let _ = infos.enqueue(SegmentInfo {
+        counts.announce(&SegmentInfo {
             start_ticks: self.clock_ticks,
             directions: self.directions,
             is_rest: true,
