@@ -34,7 +34,8 @@ struct Limits {
 impl Limits {
     fn new(settings: &Settings) -> Self {
         // Steps of other axes may delay one: it has to be able to catch up.
-        let pulse_ticks = u32::from(settings.step_pulse_us) * TICKS_PER_US
+        let pulse_ticks = (u32::from(settings.step_pulse_us) * TICKS_PER_US)
+            .max(EVENT_SPACING_TICKS)
             + PULSE_LOW_TICKS
             + EVENT_SPACING_TICKS;
         let step_rate = (TICKS_PER_SECOND as f32 / pulse_ticks as f32).min(MAX_STEP_RATE_HZ);

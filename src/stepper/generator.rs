@@ -132,9 +132,10 @@ struct Cursor {
     last: i32,
     /// Pulses that the last event ended. Those of the one before have been low for two spacings.
     ended: u32,
-    /// Pulses that are high, the older first.
+    /// Pulses that are high, the oldest first: three axes have an end each.
     older: High,
     younger: High,
+    youngest: High,
 }
 
 const _: () = assert!(LOW <= 2 * SPACING, "two events keep a pulse low");
@@ -159,46 +160,55 @@ impl Cursor {
     fn end_older(&mut self, events: &mut EventBatch<'_>) {
         let High { mask, due } = self.older;
         self.put(due.max(self.last + SPACING), 0, mask, events);
+        self.forget_older();
+    }
+
+    #[inline]
+    fn forget_older(&mut self) {
         self.older = self.younger;
-        self.younger.mask = 0;
+        self.younger = self.youngest;
+        self.youngest.mask = 0;
+    }
+
+    /// Axes whose pulse is high.
+    #[inline]
+    fn high(&self) -> u32 {
+        self.older.mask | self.younger.mask | self.youngest.mask
     }
 
     /// Puts a step of the axes in `mask`, and the ends of pulses that have to come before it.
     #[inline(always)]
-    #[expect(
-        clippy::inline_always,
-        reason = "keeps the cursor in registers"
-    )]
+    #[expect(clippy::inline_always, reason = "keeps the cursor in registers")]
     fn step(&mut self, time: i32, mask: u32, pulse_ticks: i32, events: &mut EventBatch<'_>) {
-        // wcet-bound: 2
+        // wcet-bound: 3
         while self.older.mask != 0
-            && ((self.older.mask | self.younger.mask) & mask != 0
-                || time > self.older.due + SHARE_TICKS)
+            && (self.high() & mask != 0 || time > self.older.due + SHARE_TICKS)
         {
             self.end_older(events);
         }
         let gap = if self.ended & mask == 0 { SPACING } else { LOW };
         let time = time.max(self.last + gap);
         let mut drop = 0;
-        // wcet-bound: 2
+        // wcet-bound: 3
         while self.older.mask != 0 && time >= self.older.due {
             drop |= self.older.mask;
-            self.older = self.younger;
-            self.younger.mask = 0;
+            self.forget_older();
         }
         self.put(time, mask, drop, events);
         let due = time + pulse_ticks;
         if self.older.mask == 0 {
             self.older = High { mask, due };
+        } else if self.younger.mask == 0 {
+            self.younger = High { mask, due };
         } else {
-            self.younger.mask |= mask;
-            self.younger.due = due;
+            self.youngest.mask |= mask;
+            self.youngest.due = due;
         }
     }
 
     /// Ends all pulses.
     fn end_all(&mut self, events: &mut EventBatch<'_>) {
-        // wcet-bound: 2
+        // wcet-bound: 3
         while self.older.mask != 0 {
             self.end_older(events);
         }
@@ -209,6 +219,7 @@ impl Cursor {
         self.last = self.last.saturating_sub(ticks);
         self.older.due = self.older.due.saturating_sub(ticks);
         self.younger.due = self.younger.due.saturating_sub(ticks);
+        self.youngest.due = self.youngest.due.saturating_sub(ticks);
     }
 }
 
@@ -225,8 +236,8 @@ pub struct Generator {
     is_open: bool,
     /// The segment has no event yet.
     is_boundary: bool,
-    /// The segment has other directions than the one before, and no step yet.
-    turns: bool,
+    /// Axes that reverse with the segment, which has no step yet.
+    turns: u8,
     /// The segment is the standstill after the last one.
     is_rest: bool,
     directions: u8,
@@ -248,10 +259,11 @@ impl Generator {
                 ended: 0,
                 older: NONE,
                 younger: NONE,
+                youngest: NONE,
             },
             is_open: false,
             is_boundary: false,
-            turns: false,
+            turns: 0,
             is_rest: false,
             directions: 0,
             pulse_ticks: (10 * TICKS_PER_US).cast_signed(),
@@ -259,9 +271,11 @@ impl Generator {
         }
     }
 
-    /// Sets the length of a pulse, µs.
+    /// Sets the length of a pulse, µs. A shorter one than events are apart lasts as long as that.
     pub fn set_pulse_us(&mut self, pulse_us: u8) {
-        self.pulse_ticks = (u32::from(pulse_us) * TICKS_PER_US).cast_signed();
+        self.pulse_ticks = (u32::from(pulse_us) * TICKS_PER_US)
+            .cast_signed()
+            .max(SPACING);
     }
 
     /// Exact position at the end of all segments begun.
@@ -343,7 +357,7 @@ impl Generator {
         self.ticks = ticks;
         self.is_open = true;
         self.is_boundary = true;
-        self.turns = directions != self.directions;
+        self.turns = directions ^ self.directions;
         self.directions = directions;
     }
 
@@ -353,7 +367,7 @@ impl Generator {
         if events.room() < EVENTS_PER_STEP {
             return false;
         }
-        if self.turns {
+        if self.turns != 0 {
             self.turn(&mut events);
         }
         if self.is_boundary {
@@ -396,7 +410,7 @@ impl Generator {
         for (index, axis) in self.axes.iter().enumerate() {
             mask |= u32::from(axis.left != 0) << index;
         }
-        let others = (cursor.older.mask | cursor.younger.mask) & !mask;
+        let others = cursor.high() & !mask;
         if !mask.is_power_of_two() || others != 0 {
             return None;
         }
@@ -446,16 +460,23 @@ impl Generator {
         Some((first.cast_signed(), mask))
     }
 
-    /// Ends all pulses, then lets the directions change, long enough before the next step.
+    /// Lets directions change when the event before the segment's first one is played: ends the
+    /// pulses of axes that reverse, and gives these axes time before their first step.
     #[inline(never)]
     fn turn(&mut self, events: &mut EventBatch<'_>) {
-        self.turns = false;
-        self.cursor.end_all(events);
-        // Directions change when the event before the segment's first one is played.
-        let time = self.cursor.last + (DIRECTION_SETUP_TICKS - EVENT_SPACING_TICKS).cast_signed();
-        let first = events.number();
-        self.cursor.put(time, 0, 0, events);
-        self.publish_first(first, events);
+        let reversing = u32::from(self.turns);
+        self.turns = 0;
+        if self.cursor.high() & reversing != 0 {
+            self.cursor.end_all(events);
+            events.publish();
+        }
+        let earliest = self.cursor.last + DIRECTION_SETUP_TICKS.cast_signed();
+        // wcet-bound: 6
+        for (index, axis) in self.axes.iter_mut().enumerate() {
+            if reversing & 1 << index != 0 {
+                axis.next = axis.next.max(earliest.max(0).cast_unsigned());
+            }
+        }
     }
 
     /// Finishes the segment: one without steps still has an event, at its end.
