@@ -154,7 +154,7 @@ fn check_from_start(settings: &Settings, commands: &[Command; 2]) -> f64 {
     let shift = |command: &Command| -> Command {
         let mut command = *command;
         if let Command::Line { target, .. } | Command::Arc { target, .. } = &mut command {
-            *target = target.zip(start, |to, from| to - from);
+            *target = target.position.zip(start, |to, from| to - from).into();
         }
         command
     };
@@ -277,7 +277,7 @@ proptest! {
                     target[axis] = Nm((target[axis].0 as f64 * scale) as i64);
                 }
                 target[axis] = Nm::from_mm_f64(normal);
-                Command::Arc { target, circle, pace, line }
+                Command::Arc { target: target.into(), circle, pace, line }
             }
             _ => unreachable!(),
         };
