@@ -21,7 +21,10 @@ fn main() -> std::io::Result<()> {
 
     impl<W: Write> Printer<W> {
         fn print(&mut self, line: &[u8]) {
-            let written = self.0.write_all(line).and_then(|()| self.0.write_all(b"\n"));
+            let written = self
+                .0
+                .write_all(line)
+                .and_then(|()| self.0.write_all(b"\n"));
             if let Err(error) = written {
                 self.1 = Err(error);
             }

@@ -121,7 +121,10 @@ impl StepsPerMm {
     #[must_use]
     pub const fn farthest(self) -> Nm {
         let steps = (i32::MAX / 4) as u64;
-        let nm = (steps * 1_000_000 / self.0).saturating_mul(1_000_000);
+        let nm = match (steps * 1_000_000).checked_div(self.0) {
+            Some(mm) => mm.saturating_mul(1_000_000),
+            None => 0,
+        };
         // Where the resolution is coarse, the limit is what double precision holds exactly.
         Nm(if nm > Self::FARTHEST_NM {
             Self::FARTHEST_NM.cast_signed()

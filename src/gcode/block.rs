@@ -5,7 +5,7 @@
 
 use super::{
     Code, Distance, FeedMode, Flow, LineError, Modal, Motion, Number, Probe, ToolLength, Units,
-    WorkCoordinates,
+    Word, Words, WorkCoordinates,
 };
 use crate::{
     axis::{AXES, Axes, LETTERS},
@@ -89,69 +89,6 @@ pub enum AxisCommand {
     ToolLength,
 }
 
-/// A value word by its letter.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct Word(u32);
-
-impl Word {
-    /// Feed rate.
-    pub const F: Self = Self::new(b'F');
-    /// Offsets of an arc's centre.
-    pub const IJK: Self = Self(Self::new(b'I').0 | Self::new(b'J').0 | Self::new(b'K').0);
-    /// What `G10` does.
-    pub const L: Self = Self::new(b'L');
-    /// Line number.
-    pub const N: Self = Self::new(b'N');
-    /// Dwell time, coordinate system, turns.
-    pub const P: Self = Self::new(b'P');
-    /// Radius.
-    pub const R: Self = Self::new(b'R');
-    /// Spindle speed.
-    pub const S: Self = Self::new(b'S');
-    /// Tool.
-    pub const T: Self = Self::new(b'T');
-
-    /// The word of an upper case letter.
-    #[must_use]
-    pub const fn new(letter: u8) -> Self {
-        Self(1 << (letter & 31))
-    }
-
-    /// The word of an `I`, `J` or `K` by the axis it belongs to.
-    #[must_use]
-    pub const fn offset_of(axis: usize) -> Self {
-        Self(Self::new(b'I').0 << (axis & 3))
-    }
-}
-
-/// A set of value words.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
-pub struct Words(u32);
-
-impl Words {
-    /// Whether one of the words is in the set.
-    #[must_use]
-    pub const fn contains(self, word: Word) -> bool {
-        self.0 & word.0 != 0
-    }
-
-    /// Adds a word.
-    pub const fn insert(&mut self, word: Word) {
-        self.0 |= word.0;
-    }
-
-    /// Takes words out.
-    pub const fn remove(&mut self, word: Word) {
-        self.0 &= !word.0;
-    }
-
-    /// Whether no word is left.
-    #[must_use]
-    pub const fn is_empty(self) -> bool {
-        self.0 == 0
-    }
-}
-
 /// Modal groups, with the bit that notes that the line has a command of it.
 #[derive(Clone, Copy)]
 #[repr(u16)]
@@ -181,7 +118,7 @@ impl Block {
             non_modal: NonModal::None,
             axis_command: AxisCommand::None,
             flow: Flow::Run,
-            words: Words(0),
+            words: Words::NONE,
             axes: 0,
             coordinates: Axes([Number::ZERO; AXES]),
             offsets: [Number::ZERO; 3],

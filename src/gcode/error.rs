@@ -88,6 +88,48 @@ pub enum LineError {
 }
 
 impl LineError {
+    /// Every error, in the order of the numbers.
+    pub const ALL: [Self; 38] = [
+        Self::ExpectedLetter,
+        Self::BadNumber,
+        Self::InvalidStatement,
+        Self::NegativeValue,
+        Self::HomingDisabled,
+        Self::StepPulseTooShort,
+        Self::StorageRead,
+        Self::NotIdle,
+        Self::Locked,
+        Self::SoftLimitsNeedHoming,
+        Self::LineOverflow,
+        Self::StepRateTooHigh,
+        Self::DoorOpen,
+        Self::StoredLineTooLong,
+        Self::JogBeyondTravel,
+        Self::InvalidJog,
+        Self::LaserNeedsPwm,
+        Self::Unsupported,
+        Self::ModalGroupViolation,
+        Self::FeedUndefined,
+        Self::NotInteger,
+        Self::AxisCommandConflict,
+        Self::RepeatedWord,
+        Self::NoAxisWords,
+        Self::LineNumberTooHigh,
+        Self::MissingWord,
+        Self::UnknownCoordinates,
+        Self::MachineCoordinatesMotion,
+        Self::UnusedAxisWords,
+        Self::NoAxisWordsInPlane,
+        Self::InvalidTarget,
+        Self::ArcRadius,
+        Self::NoOffsetsInPlane,
+        Self::UnusedWords,
+        Self::ToolLengthAxis,
+        Self::ToolNumberTooHigh,
+        Self::ValueOutOfRange,
+        Self::SettingOutOfRange,
+    ];
+
     /// The number after `error:`.
     #[must_use]
     pub const fn number(self) -> u8 {

@@ -7,10 +7,12 @@ mod block;
 mod error;
 mod modal;
 mod number;
+mod word;
 
-pub use block::{AxisCommand, Block, NonModal, Reference, Word, Words};
+pub use block::{AxisCommand, Block, NonModal, Reference};
 pub use error::LineError;
 pub use modal::{
     Distance, FeedMode, Flow, Modal, Motion, Probe, ToolLength, Units, WorkCoordinates,
 };
 pub use number::{Code, Number};
+pub use word::{Word, Words};

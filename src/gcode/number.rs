@@ -186,15 +186,15 @@ impl Number {
     /// hundredths and a tenth. It decides only between equally near steps.
     #[must_use]
     pub fn to_grbl_f32(self) -> f32 {
-        let (mut digits, mut decimals) = (self.mantissa, self.decimals);
-        while digits.unsigned_abs() >= 100_000_000 && decimals > 0 {
+        let (mut digits, mut decimals) = (self.mantissa.unsigned_abs(), self.decimals);
+        while digits >= 100_000_000 && decimals > 0 {
             digits /= 10;
             decimals -= 1;
         }
-        let mut value = match i32::try_from(digits) {
-            Ok(digits) => digits as f32,
-            Err(_) => digits as f32,
+        let Ok(digits) = u32::try_from(digits) else {
+            return self.to_f32();
         };
+        let mut value = digits as f32;
         while decimals >= 2 {
             value *= 0.01;
             decimals -= 2;
@@ -202,7 +202,7 @@ impl Number {
         if decimals == 1 {
             value *= 0.1;
         }
-        value
+        if self.is_negative() { -value } else { value }
     }
 
     /// The value without its fraction.

@@ -215,7 +215,13 @@ fn target(state: &Interpreter, block: &Block) -> (Axes<Nm>, Axes<f32>) {
         match block.modal.distance {
             Distance::Absolute => {
                 let total = state.offsets.total(block.modal.coordinates);
-                (total, total.map(Nm::to_mm))
+                let is_none = total == Axes::all(Nm(0));
+                let single = if is_none {
+                    Axes::all(0.0)
+                } else {
+                    total.map(Nm::to_mm)
+                };
+                (total, single)
             }
             Distance::Incremental => (state.position, state.single_mm),
         }

@@ -22,8 +22,9 @@ use crate::{
     units::Nm,
 };
 
-/// What one line asks for: five commands at most and, at program end, two more.
-pub const COMMANDS: usize = 8;
+/// What one line asks for at most: spindle, coolant, two moves (or a dwell and a move), and at
+/// program end spindle and coolant again.
+pub const COMMANDS: usize = 6;
 
 /// The state that G-code lines change.
 #[derive(Debug, Clone, PartialEq)]

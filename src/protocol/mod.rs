@@ -1,4 +1,8 @@
 //! Bytes to lines and back: realtime bytes, lines, `$` commands, reports.
+//!
+//! `receive` sorts bytes ([`realtime`]); [`Session`] makes lines of them ([`Line`]), judges them
+//! (`$` statements: [`Dollar`], everything else: the interpreter) and answers in Grbl's words
+//! ([`report`], written into a [`Text`]).
 
 mod dollar;
 mod line;

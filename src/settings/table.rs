@@ -1,5 +1,6 @@
 //! The table of settings: from it come `$$`, the checks of `$n=value`, and the documentation.
 //!
+//! The defaults are those of [`Settings::default`], read through the same rows.
 //! Numbers, formats and refusals are Grbl 1.1's, with one deliberate difference: a value that the
 //! machine could not work with (a resolution of 0, a byte above 255) is refused, not bent.
 

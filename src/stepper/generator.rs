@@ -24,6 +24,8 @@ use crate::{
 const SHARE_TICKS: i32 = (10 * TICKS_PER_US).cast_signed();
 /// Events that one step can need: ends of pulses before it, waits, and itself.
 const EVENTS_PER_STEP: u32 = 8;
+/// A time before anything that still matters, ticks.
+const LONG_AGO: i32 = 1 << 24;
 /// [`EVENT_SPACING_TICKS`] and [`PULSE_LOW_TICKS`] as differences of times.
 const SPACING: i32 = EVENT_SPACING_TICKS.cast_signed();
 const LOW: i32 = PULSE_LOW_TICKS.cast_signed();
@@ -115,15 +117,35 @@ impl AxisSteps {
     }
 }
 
-/// Pulses that are high, and when they may end.
-#[derive(Debug, Clone, Copy)]
-struct High {
-    mask: u32,
-    /// Ticks from the segment's start.
-    due: i32,
-}
+/// Pulses that are high and when they may end, in one word: mask and, above it, ticks from the
+/// segment's start. Zero: none.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+struct High(i32);
 
-const NONE: High = High { mask: 0, due: 0 };
+impl High {
+    const NONE: Self = Self(0);
+    const MASK_BITS: u32 = 6;
+
+    #[inline]
+    fn new(mask: u32, due: i32) -> Self {
+        Self(due << Self::MASK_BITS | mask.cast_signed())
+    }
+
+    #[inline]
+    fn mask(self) -> u32 {
+        self.0.cast_unsigned() & ((1 << Self::MASK_BITS) - 1)
+    }
+
+    #[inline]
+    fn due(self) -> i32 {
+        self.0 >> Self::MASK_BITS
+    }
+
+    /// The same, counted from a start that is later by `ticks`.
+    fn later_by(self, ticks: i32) -> Self {
+        Self::new(self.mask(), self.due().saturating_sub(ticks).max(-LONG_AGO))
+    }
+}
 
 /// Where the list of events has come to: copied into registers while a segment is filled.
 #[derive(Debug, Clone, Copy)]
@@ -132,15 +154,51 @@ struct Cursor {
     last: i32,
     /// Pulses that the last event ended. Those of the one before have been low for two spacings.
     ended: u32,
-    /// Pulses that are high, the oldest first: three axes have an end each.
-    older: High,
-    younger: High,
-    youngest: High,
+    /// Pulses that are high, the oldest first: three axes can overlap, each with its own end.
+    oldest: High,
+    middle: High,
+    newest: High,
 }
 
 const _: () = assert!(LOW <= 2 * SPACING, "two events keep a pulse low");
 
 impl Cursor {
+    const NEW: Self = Self {
+        last: 0,
+        ended: 0,
+        oldest: High::NONE,
+        middle: High::NONE,
+        newest: High::NONE,
+    };
+
+    /// All pulses that are high.
+    #[inline]
+    fn high(&self) -> u32 {
+        High(self.oldest.0 | self.middle.0 | self.newest.0).mask()
+    }
+
+    /// Takes the pulses that have been high for the longest time.
+    #[inline]
+    fn take_oldest(&mut self) -> High {
+        let oldest = self.oldest;
+        self.oldest = self.middle;
+        self.middle = self.newest;
+        self.newest = High::NONE;
+        oldest
+    }
+
+    /// Adds pulses that have just begun.
+    #[inline]
+    fn add_newest(&mut self, mask: u32, due: i32) {
+        if self.oldest == High::NONE {
+            self.oldest = High::new(mask, due);
+        } else if self.middle == High::NONE {
+            self.middle = High::new(mask, due);
+        } else {
+            self.newest = High::new(self.newest.mask() | mask, due);
+        }
+    }
+
     /// Puts one event, and waiting events before it where the time is long.
     #[inline]
     fn put(&mut self, time: i32, raise: u32, drop: u32, events: &mut EventBatch<'_>) {
@@ -155,25 +213,12 @@ impl Cursor {
         events.put(StepEvent::new(ticks, raise, drop));
     }
 
-    /// Ends the older pulses with an event of their own.
+    /// Ends the oldest pulses with an event of their own.
     #[inline]
-    fn end_older(&mut self, events: &mut EventBatch<'_>) {
-        let High { mask, due } = self.older;
-        self.put(due.max(self.last + SPACING), 0, mask, events);
-        self.forget_older();
-    }
-
-    #[inline]
-    fn forget_older(&mut self) {
-        self.older = self.younger;
-        self.younger = self.youngest;
-        self.youngest.mask = 0;
-    }
-
-    /// Axes whose pulse is high.
-    #[inline]
-    fn high(&self) -> u32 {
-        self.older.mask | self.younger.mask | self.youngest.mask
+    fn end_oldest(&mut self, events: &mut EventBatch<'_>) {
+        let ended = self.take_oldest();
+        let time = ended.due().max(self.last + SPACING);
+        self.put(time, 0, ended.mask(), events);
     }
 
     /// Puts a step of the axes in `mask`, and the ends of pulses that have to come before it.
@@ -181,45 +226,39 @@ impl Cursor {
     #[expect(clippy::inline_always, reason = "keeps the cursor in registers")]
     fn step(&mut self, time: i32, mask: u32, pulse_ticks: i32, events: &mut EventBatch<'_>) {
         // wcet-bound: 3
-        while self.older.mask != 0
-            && (self.high() & mask != 0 || time > self.older.due + SHARE_TICKS)
+        while self.oldest != High::NONE
+            && (self.high() & mask != 0 || time > self.oldest.due() + SHARE_TICKS)
         {
-            self.end_older(events);
+            self.end_oldest(events);
         }
         let gap = if self.ended & mask == 0 { SPACING } else { LOW };
         let time = time.max(self.last + gap);
         let mut drop = 0;
         // wcet-bound: 3
-        while self.older.mask != 0 && time >= self.older.due {
-            drop |= self.older.mask;
-            self.forget_older();
+        while self.oldest != High::NONE && time >= self.oldest.due() {
+            drop |= self.take_oldest().mask();
         }
         self.put(time, mask, drop, events);
-        let due = time + pulse_ticks;
-        if self.older.mask == 0 {
-            self.older = High { mask, due };
-        } else if self.younger.mask == 0 {
-            self.younger = High { mask, due };
-        } else {
-            self.youngest.mask |= mask;
-            self.youngest.due = due;
-        }
+        self.add_newest(mask, time + pulse_ticks);
     }
 
     /// Ends all pulses.
     fn end_all(&mut self, events: &mut EventBatch<'_>) {
         // wcet-bound: 3
-        while self.older.mask != 0 {
-            self.end_older(events);
+        while self.oldest != High::NONE {
+            self.end_oldest(events);
         }
     }
 
     /// The same times, counted from a start that is later by `ticks`.
     fn later_by(&mut self, ticks: i32) {
         self.last = self.last.saturating_sub(ticks);
-        self.older.due = self.older.due.saturating_sub(ticks);
-        self.younger.due = self.younger.due.saturating_sub(ticks);
-        self.youngest.due = self.youngest.due.saturating_sub(ticks);
+        // wcet-bound: 3
+        for high in [&mut self.oldest, &mut self.middle, &mut self.newest] {
+            if *high != High::NONE {
+                *high = high.later_by(ticks);
+            }
+        }
     }
 }
 
@@ -236,8 +275,8 @@ pub struct Generator {
     is_open: bool,
     /// The segment has no event yet.
     is_boundary: bool,
-    /// Axes that reverse with the segment, which has no step yet.
-    turns: u8,
+    /// Axes that reverse with the segment, which has no event yet.
+    turns: u32,
     /// The segment is the standstill after the last one.
     is_rest: bool,
     directions: u8,
@@ -254,13 +293,7 @@ impl Generator {
             axes: [NO_STEPS; AXES],
             position: Axes([FineSteps(0); AXES]),
             ticks: 0,
-            cursor: Cursor {
-                last: 0,
-                ended: 0,
-                older: NONE,
-                younger: NONE,
-                youngest: NONE,
-            },
+            cursor: Cursor::NEW,
             is_open: false,
             is_boundary: false,
             turns: 0,
@@ -271,11 +304,9 @@ impl Generator {
         }
     }
 
-    /// Sets the length of a pulse, µs. A shorter one than events are apart lasts as long as that.
+    /// Sets the length of a pulse, µs.
     pub fn set_pulse_us(&mut self, pulse_us: u8) {
-        self.pulse_ticks = (u32::from(pulse_us) * TICKS_PER_US)
-            .cast_signed()
-            .max(SPACING);
+        self.pulse_ticks = (u32::from(pulse_us) * TICKS_PER_US).cast_signed();
     }
 
     /// Exact position at the end of all segments begun.
@@ -357,7 +388,7 @@ impl Generator {
         self.ticks = ticks;
         self.is_open = true;
         self.is_boundary = true;
-        self.turns = directions ^ self.directions;
+        self.turns = u32::from(directions ^ self.directions);
         self.directions = directions;
     }
 
@@ -460,39 +491,44 @@ impl Generator {
         Some((first.cast_signed(), mask))
     }
 
-    /// Lets directions change when the event before the segment's first one is played: ends the
-    /// pulses of axes that reverse, and gives these axes time before their first step.
+    /// Ends the pulses of axes that reverse, still in the segment before, and holds their steps
+    /// back. Directions change when the event before the segment's first one is played.
     #[inline(never)]
     fn turn(&mut self, events: &mut EventBatch<'_>) {
-        let reversing = u32::from(self.turns);
-        self.turns = 0;
-        if self.cursor.high() & reversing != 0 {
+        if self.cursor.high() & self.turns != 0 {
             self.cursor.end_all(events);
-            events.publish();
         }
         let earliest = self.cursor.last + DIRECTION_SETUP_TICKS.cast_signed();
+        let earliest = earliest.max(0).cast_unsigned();
         // wcet-bound: 6
         for (index, axis) in self.axes.iter_mut().enumerate() {
-            if reversing & 1 << index != 0 {
-                axis.next = axis.next.max(earliest.max(0).cast_unsigned());
+            if self.turns >> index & 1 != 0 && axis.left != 0 {
+                axis.next = axis.next.max(earliest);
             }
         }
+        self.turns = 0;
     }
 
     /// Finishes the segment: one without steps still has an event, at its end.
     #[inline(never)]
     fn close(&mut self, events: &mut EventBatch<'_>) {
+        let end = self.ticks.cast_signed();
         if self.is_rest {
             self.is_rest = false;
             self.cursor.end_all(events);
         }
-        let end = self.ticks.cast_signed();
         if self.is_boundary {
             let time = end.max(self.cursor.last + SPACING);
             let first = events.number();
             self.cursor.put(time, 0, 0, events);
             self.publish_first(first, events);
         }
+        // What comes next may come late: pulses do not wait for another segment to end.
+        // wcet-bound: 3
+        while self.cursor.oldest != High::NONE && self.cursor.oldest.due() < end {
+            self.cursor.end_oldest(events);
+        }
+        events.publish();
         // Events that had to wait for others stretch the segment.
         let over = self.cursor.last.saturating_sub(end).max(0).cast_unsigned();
         self.ticks += over;
@@ -516,7 +552,7 @@ fn fill_one(
     events: &mut EventBatch<'_>,
 ) -> bool {
     let mut steps = *axis;
-    if cursor.older.mask != mask {
+    if cursor.oldest == High::NONE {
         cursor.step(steps.next.cast_signed(), mask, pulse_ticks, events);
         steps.advance(end);
     }
@@ -538,7 +574,7 @@ fn fill_one(
     *axis = steps;
     cursor.last = last;
     cursor.ended = 0;
-    cursor.older.due = last + pulse_ticks;
+    cursor.oldest = High::new(mask, last + pulse_ticks);
     steps.left == 0
 }
 

@@ -7,7 +7,7 @@ use core::sync::atomic::{AtomicBool, AtomicI32, AtomicU32, Ordering::Relaxed};
 
 use heapless::spsc::Consumer;
 
-use super::{EventReader, SegmentInfo};
+use super::{EventReader, SegmentInfo, StepEvent};
 use crate::axis::{AXES, Axes};
 
 /// Words of step counts: three lanes each.
@@ -135,8 +135,6 @@ impl Advance {
 pub struct Stepper {
     /// Steps since the segment began, in lanes of [`LANE_BITS`].
     lanes: [u32; LANE_WORDS],
-    /// Pulses that begin with the event being waited for.
-    raise: u32,
     /// Directions of the segment being played.
     directions: u8,
     is_rest: bool,
@@ -148,13 +146,21 @@ impl Stepper {
     pub const fn new() -> Self {
         Self {
             lanes: [0; LANE_WORDS],
-            raise: 0,
             directions: 0,
             is_rest: true,
         }
     }
 
-    /// Accounts for the event whose pins have just been set and takes the next one.
+    /// Takes the next event if it belongs to the segment being played: nearly always so, and then
+    /// this is all there is to do. Otherwise [`Stepper::advance`] has to be called.
+    #[inline]
+    pub fn advance_within(&mut self, events: &mut EventReader<'_>) -> Option<StepEvent> {
+        let event = events.take_within_segment()?;
+        self.count(event.raise());
+        Some(event)
+    }
+
+    /// Takes the next event, once the pins have been set for the one before.
     ///
     /// Deadline: before the next event is due. A miss delays that event and is counted by the
     /// timer; no step is lost.
@@ -165,15 +171,20 @@ impl Stepper {
         infos: &mut Consumer<'_, SegmentInfo>,
         counts: &StepCounts,
     ) -> Advance {
-        self.count();
         let Some(event) = events.take() else {
-            return self.stop(counts);
+            self.stop(counts);
+            return Advance {
+                wait: None,
+                raise: 0,
+                drop: 0,
+                directions: None,
+            };
         };
         let mut directions = None;
         if event.is_boundary() {
             directions = Some(self.begin_segment(infos, counts));
         }
-        self.raise = event.raise();
+        self.count(event.raise());
         Advance {
             wait: Some(event.ticks()),
             raise: event.raise(),
@@ -182,17 +193,15 @@ impl Stepper {
         }
     }
 
-    /// Adds the steps of the event just played to the lanes.
+    /// Adds the steps of an event to the lanes.
     #[inline]
-    fn count(&mut self) {
-        // Three copies of the mask, one bit further apart each: bit `n` meets lane `n` in copy `n`.
-        const COPIES: u32 = 1 | 1 << (LANE_BITS - 1) | 1 << (2 * (LANE_BITS - 1));
-        const LANES: u32 = 1 | 1 << LANE_BITS | 1 << (2 * LANE_BITS);
-        let mut mask = self.raise;
+    fn count(&mut self, mut raise: u32) {
         // wcet-bound: 2
         for lanes in &mut self.lanes {
-            *lanes += ((mask & 7) * COPIES) & LANES;
-            mask >>= 3;
+            *lanes += raise & 1;
+            *lanes += (raise & 2) << (LANE_BITS - 1);
+            *lanes += (raise & 4) << (2 * (LANE_BITS - 1));
+            raise >>= 3;
         }
     }
 
@@ -217,7 +226,6 @@ impl Stepper {
         }
     }
 
-    #[inline(never)]
     fn begin_segment(&mut self, infos: &mut Consumer<'_, SegmentInfo>, counts: &StepCounts) -> u8 {
         self.publish(counts);
         if let Some(info) = infos.dequeue() {
@@ -233,19 +241,11 @@ impl Stepper {
         self.directions
     }
 
-    #[inline(never)]
-    fn stop(&mut self, counts: &StepCounts) -> Advance {
+    fn stop(&mut self, counts: &StepCounts) {
         self.publish(counts);
-        self.raise = 0;
         counts.running.store(false, Relaxed);
         if !self.is_rest {
             counts.starved.store(true, Relaxed);
-        }
-        Advance {
-            wait: None,
-            raise: 0,
-            drop: 0,
-            directions: None,
         }
     }
 }

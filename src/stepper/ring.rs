@@ -15,12 +15,13 @@ const MASK: u32 = EVENT_RING as u32 - 1;
 
 /// The ring itself.
 #[derive(Debug)]
+#[repr(C)]
 pub struct EventRing {
-    words: [AtomicU32; EVENT_RING],
     /// Events written so far, wrapping.
     written: AtomicU32,
     /// Events read so far, wrapping.
     read: AtomicU32,
+    words: [AtomicU32; EVENT_RING],
 }
 
 impl EventRing {
@@ -133,6 +134,23 @@ pub struct EventReader<'a> {
 }
 
 impl EventReader<'_> {
+    /// Takes the oldest event unless a segment begins with it.
+    #[inline]
+    pub(super) fn take_within_segment(&mut self) -> Option<StepEvent> {
+        let number = self.ring.read.load(Relaxed);
+        if number == self.ring.written.load(Relaxed) {
+            return None;
+        }
+        compiler_fence(SeqCst);
+        let event = StepEvent::from_bits(self.ring.word(number).load(Relaxed));
+        if event.is_boundary() {
+            return None;
+        }
+        compiler_fence(SeqCst);
+        self.ring.read.store(number.wrapping_add(1), Relaxed);
+        Some(event)
+    }
+
     /// Takes the oldest event.
     #[inline]
     pub fn take(&mut self) -> Option<StepEvent> {

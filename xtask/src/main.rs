@@ -1,2 +1,71 @@
-//! `cargo xtask`.
-fn main() {}
+//! `cargo xtask`: builds, simulates, tests and flashes Leadscrew.
+//!
+//! One file per verb; each verb has its options, documented where they are declared, and a `run`.
+
+mod boards;
+mod build;
+mod cargo;
+mod conformance;
+mod curves;
+mod figures;
+mod flash;
+mod machine;
+mod on_target;
+mod plot;
+mod program;
+mod qemu;
+mod refusal;
+mod run;
+mod sender;
+mod serve;
+mod session;
+mod settings;
+mod sim;
+mod size;
+mod test;
+mod trace;
+mod ui;
+
+use std::process::ExitCode;
+
+use anyhow::Result;
+use clap::Parser;
+
+/// Builds, simulates, tests and flashes Leadscrew.
+///
+/// Start with `cargo xtask sim examples/…` to see a program run, and `cargo xtask test` to see
+/// everything tested that needs no hardware.
+#[derive(Parser)]
+#[command(bin_name = "cargo xtask", styles = ui::STYLES, disable_help_subcommand = true)]
+#[command(max_term_width = 100, arg_required_else_help = true)]
+enum Verb {
+    Build(build::Options),
+    Conformance(conformance::Options),
+    Flash(flash::Options),
+    Qemu(qemu::Options),
+    Run(run::Options),
+    Sim(sim::Options),
+    Size(size::Options),
+    Test(test::Options),
+}
+
+fn main() -> ExitCode {
+    let verb = Verb::parse();
+    run(verb).unwrap_or_else(|error| {
+        ui::error(&error);
+        ExitCode::FAILURE
+    })
+}
+
+fn run(verb: Verb) -> Result<ExitCode> {
+    match verb {
+        Verb::Build(options) => build::run(&options),
+        Verb::Conformance(options) => conformance::run(&options),
+        Verb::Flash(options) => flash::run(&options),
+        Verb::Qemu(options) => qemu::run(&options),
+        Verb::Run(options) => run::run(&options),
+        Verb::Sim(options) => sim::run(&options),
+        Verb::Size(options) => size::run(&options),
+        Verb::Test(options) => test::run(&options),
+    }
+}

@@ -1,0 +1,74 @@
+//! The board: pins, clocks and peripherals. Exactly one `board-*` feature chooses it.
+//!
+//! A board module says which pins the machine is wired to and sets up the clocks; what the boards
+//! have in common is here. Everything that needs `unsafe` is in this folder.
+
+#[cfg(feature = "board-netduino-plus-2")]
+mod emulation;
+#[cfg(feature = "board-netduino-plus-2")]
+mod netduino_plus_2;
+#[cfg(feature = "board-netduino-plus-2")]
+use netduino_plus_2 as chosen;
+#[cfg(feature = "board-netduino-plus-2")]
+pub(crate) use netduino_plus_2::init;
+
+#[cfg(feature = "board-nucleo-f446re")]
+mod nucleo_f446re;
+#[cfg(feature = "board-nucleo-f446re")]
+use nucleo_f446re as chosen;
+#[cfg(feature = "board-nucleo-f446re")]
+pub(crate) use nucleo_f446re::init;
+
+mod pins;
+pub(crate) mod release;
+pub(crate) mod serial;
+pub(crate) mod step_output;
+mod step_timer;
+
+pub(crate) use serial::SerialPort;
+pub(crate) use step_output::StepOutput;
+pub(crate) use stm32f4xx_hal::pac;
+
+use stm32f4xx_hal::rcc::{Config, Rcc, RccExt};
+
+/// The peripherals the tasks drive.
+pub(crate) struct Board {
+    /// Step and direction pins, and their timer.
+    pub(crate) output: StepOutput,
+    /// Link to the sender.
+    pub(crate) serial: SerialPort,
+}
+
+/// Runs the core at the clock that `config` asks for, and flash without prefetch.
+///
+/// Lines that the prefetch buffer serves never enter the instruction cache, so without it code is
+/// faster where it counts, in interrupts that run again and again, and its worst case is lower.
+fn start_clocks(rcc: pac::RCC, flash: &pac::FLASH, config: Config) -> Rcc {
+    let rcc = rcc.freeze(config);
+    flash.acr().modify(|_, w| w.prften().clear_bit());
+    rcc
+}
+
+/// Sleeps whenever no task has anything to do.
+pub(crate) fn idle() -> ! {
+    loop {
+        #[cfg(feature = "board-netduino-plus-2")]
+        if chosen::is_emulated() {
+            emulation::idle();
+            continue;
+        }
+        cortex_m::asm::wfi();
+    }
+}
+
+/// Stops every task.
+#[panic_handler]
+fn panic(_: &core::panic::PanicInfo) -> ! {
+    cortex_m::interrupt::disable();
+    loop {
+        cortex_m::asm::wfi();
+    }
+}
+
+// Makes Cargo relink when the memory map changes; there is no build script to say so.
+const _: &[u8] = include_bytes!("../../memory.x");

@@ -1,0 +1,30 @@
+//! Releases by software: the vectors that tasks borrow, and how endless tasks wait to be woken.
+
+use core::{
+    future::poll_fn,
+    mem,
+    task::{Poll, Waker},
+};
+
+use super::pac::Interrupt;
+
+/// Releases `prepare`.
+pub(crate) const PREPARE: Interrupt = Interrupt::I2C3_EV;
+/// Releases `wake`.
+pub(crate) const WAKE: Interrupt = Interrupt::I2C3_ER;
+
+/// Waits until `wake` has run.
+///
+/// Nothing is lost between looking for work and waiting: `wake` runs at the same priority, so it
+/// runs either before the look or after the waker is stored.
+pub(crate) async fn released(mut waker: impl rtic::Mutex<T = Option<Waker>>) {
+    let mut is_woken = false;
+    poll_fn(|context| {
+        if mem::replace(&mut is_woken, true) {
+            return Poll::Ready(());
+        }
+        waker.lock(|waker| *waker = Some(context.waker().clone()));
+        Poll::Pending
+    })
+    .await;
+}

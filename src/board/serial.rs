@@ -1,0 +1,72 @@
+//! The link to the sender: one byte each way per interrupt.
+
+use heapless::spsc::Producer;
+
+use super::chosen::{self, Usart};
+
+/// The serial port, owned by its interrupt.
+pub(crate) struct SerialPort {
+    usart: Usart,
+    is_sending: bool,
+}
+
+impl SerialPort {
+    /// Switches reception on. Baud rate and pins must be set up.
+    pub(super) fn new(usart: Usart) -> Self {
+        let mut port = Self {
+            usart,
+            is_sending: false,
+        };
+        port.set_sending(false);
+        port
+    }
+
+    /// The byte that has arrived; clears an overrun.
+    #[inline]
+    pub(crate) fn receive(&mut self) -> Option<u8> {
+        let status = self.usart.sr().read();
+        let is_new = status.rxne().bit_is_set();
+        if !is_new && status.ore().bit_is_clear() {
+            return None;
+        }
+        let byte = self.usart.dr().read().dr().bits() as u8;
+        is_new.then_some(byte)
+    }
+
+    /// Whether a byte can be sent.
+    #[inline]
+    pub(crate) fn can_send(&self) -> bool {
+        self.usart.sr().read().txe().bit_is_set()
+    }
+
+    /// Sends a byte, or with `None` stops asking for more.
+    #[inline]
+    pub(crate) fn send(&mut self, byte: Option<u8>) {
+        if let Some(byte) = byte {
+            self.usart.dr().write(|w| w.dr().set(u16::from(byte)));
+            // The emulator has no interrupt for "ready to send".
+            if chosen::is_emulated() {
+                rtic::pend(chosen::USART_VECTOR);
+                return;
+            }
+        }
+        if self.is_sending != byte.is_some() {
+            self.set_sending(byte.is_some());
+        }
+    }
+
+    fn set_sending(&mut self, is_sending: bool) {
+        self.is_sending = is_sending;
+        self.usart.cr1().write(|w| {
+            w.ue().enabled().te().enabled().re().enabled();
+            w.rxneie().enabled().txeie().bit(is_sending)
+        });
+    }
+}
+
+/// Lets the interrupt send what is queued.
+pub(crate) fn start(sent: &Producer<'_, u8>) {
+    if !sent.is_empty() {
+        rtic::pend(chosen::USART_VECTOR);
+    }
+}

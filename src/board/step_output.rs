@@ -1,0 +1,63 @@
+//! The outputs of the step interrupt: pins at the times of the step timer.
+
+use heapless::spsc::Consumer;
+use leadscrew::stepper::{EventReader, SegmentInfo, StepCounts, StepEvent, Stepper};
+
+pub(crate) use super::pins::configure;
+use super::{pins, step_timer::StepTimer};
+
+/// What the step interrupt drives, and it alone.
+pub(crate) struct StepOutput(StepTimer);
+
+impl StepOutput {
+    /// Drives pins and a timer that have been set up.
+    pub(super) const fn new(timer: StepTimer) -> Self {
+        Self(timer)
+    }
+
+    /// Outputs what was set up last time: the first thing to do. Then the timer, which is slow to
+    /// reach, is told that its interrupt is being served.
+    #[inline]
+    pub(crate) fn write(&mut self) {
+        pins::write();
+        self.0.acknowledge();
+    }
+
+    /// Sets up the next event. Whether it is late.
+    #[inline]
+    pub(crate) fn set_up(&mut self, event: StepEvent) -> bool {
+        pins::prepare(event.raise(), event.drop());
+        self.0.schedule(event.ticks())
+    }
+
+    /// Sets up the first event of a segment, or stops the timer. Whether the event is late.
+    ///
+    /// Apart from the rest, so that the rest needs few registers and no stack frame.
+    #[cold]
+    #[inline(never)]
+    pub(crate) fn turn(
+        &mut self,
+        stepper: &mut Stepper,
+        events: &mut EventReader<'_>,
+        infos: &mut Consumer<'_, SegmentInfo>,
+        counts: &StepCounts,
+    ) -> bool {
+        let next = stepper.advance(events, infos, counts);
+        if let Some(directions) = next.directions {
+            pins::set_directions(directions);
+        }
+        pins::prepare(next.raise, next.drop);
+        if let Some(ticks) = next.wait {
+            self.0.schedule(ticks)
+        } else {
+            self.0.stop();
+            false
+        }
+    }
+}
+
+/// Enables the drivers and releases the step interrupt, which has stopped.
+pub(crate) fn start() {
+    pins::enable(true);
+    super::step_timer::start();
+}

@@ -1,0 +1,187 @@
+//! Motion, feeds, order of execution, program flow.
+
+use leadscrew::{
+    axis::{X, Y, Z},
+    gcode::{Distance, LineError, Motion, Units, WorkCoordinates},
+    interpreter::Message,
+    planner::{Command, Coolant, Pace, Plane, Spindle},
+    settings::Settings,
+    units::Nm,
+};
+
+use crate::support::{after, commands, error, line, send, um};
+
+#[test]
+fn a_move_has_target_pace_and_line_number() {
+    assert_eq!(
+        commands(&["N7 G1 X1.5 Y-2 F100".replace(' ', "").as_str()]),
+        [Command::Line {
+            target: um(1500, -2000, 0).into(),
+            pace: Pace::Feed(100.0),
+            line: 7,
+        }]
+    );
+    assert_eq!(commands(&["X1"]), [line(um(1000, 0, 0), Pace::Rapid)]);
+    assert_eq!(
+        commands(&["G93G1X1F2"]),
+        [line(um(1000, 0, 0), Pace::InverseTime(2.0))]
+    );
+}
+
+#[test]
+fn a_line_without_axis_words_does_not_move() {
+    for text in [
+        "", "G0", "G1F100", "F100", "N5", "G53", "G21", "M1", "G92.1",
+    ] {
+        assert_eq!(commands(&[text]), [], "{text}");
+    }
+}
+
+#[test]
+fn inches_are_exact() {
+    let machine = after(&["G20G1X1Y0.00001Z-39.3F10"]);
+    let [x, y, z] = [X, Y, Z].map(|axis| machine.position()[axis]);
+    assert_eq!([x, y, z], [Nm(25_400_000), Nm(254), Nm(-998_220_000)]);
+    assert_eq!(machine.modal().feed, 254.0);
+    assert_eq!(machine.modal().units, Units::Inches);
+}
+
+#[test]
+fn feed_after_inverse_time_is_undefined() {
+    assert_eq!(error(&["G1X1F100", "G93X2"]), LineError::FeedUndefined);
+    assert_eq!(error(&["G93G1X1F100", "X2"]), LineError::FeedUndefined);
+    assert_eq!(error(&["G93G1X1F100", "G94X2"]), LineError::FeedUndefined);
+    let machine = after(&["G93G1X1F100", "G20G94X2F10"]);
+    assert_eq!(machine.modal().feed, 254.0);
+}
+
+#[test]
+fn commands_come_in_nist_order() {
+    assert_eq!(
+        commands(&["M2G1X1F10G4P0.0015M8M3S500"]),
+        [
+            Command::Spindle {
+                spindle: Spindle::Clockwise,
+                rpm: 500.0
+            },
+            Command::Coolant(Coolant {
+                flood: true,
+                mist: false
+            }),
+            Command::Dwell { milliseconds: 2 },
+            line(um(1000, 0, 0), Pace::Feed(10.0)),
+            Command::Spindle {
+                spindle: Spindle::Off,
+                rpm: 0.0
+            },
+            Command::Coolant(Coolant::default()),
+        ]
+    );
+    assert_eq!(
+        commands(&["M0X1"]),
+        [line(um(1000, 0, 0), Pace::Rapid), Command::Pause]
+    );
+}
+
+#[test]
+fn the_spindle_gets_a_command_when_its_state_or_its_speed_changes() {
+    assert_eq!(commands(&["S100"]), []);
+    assert_eq!(commands(&["M3S100", "M3S100"]), []);
+    let turning = |rpm| Command::Spindle {
+        spindle: Spindle::Clockwise,
+        rpm,
+    };
+    assert_eq!(commands(&["M3S100", "S200"]), [turning(200.0)]);
+    assert_eq!(commands(&["S200", "M3"]), [turning(200.0)]);
+}
+
+#[test]
+fn program_end_restores_some_modes_and_keeps_the_rest() {
+    let mut machine = after(&[
+        "G10L2P2X5",
+        "G0G55G20G91G18M3M8F10S20T3",
+        "G43.1Z1",
+        "G92X1",
+    ]);
+    let outcome = send(&mut machine, "M30").unwrap();
+    assert_eq!(outcome.message, Some(Message::ProgramEnd));
+    let modal = *machine.modal();
+    assert_eq!(modal.motion, Motion::Linear);
+    assert_eq!(modal.distance, Distance::Absolute);
+    assert_eq!(modal.plane, Plane::Xy);
+    assert_eq!(modal.coordinates, WorkCoordinates::G54);
+    assert_eq!(modal.spindle, Spindle::Off);
+    assert_eq!(modal.coolant, Coolant::default());
+    assert_eq!(modal.units, Units::Inches);
+    assert_eq!((modal.feed, modal.speed_rpm, modal.tool), (254.0, 20.0, 3));
+    assert_eq!(machine.offsets().tool_length, Nm(Nm::PER_INCH));
+    assert_ne!(machine.offsets().work, um(0, 0, 0));
+}
+
+#[test]
+fn the_tool_stays_until_the_next_t_word() {
+    assert_eq!(after(&["T3", "S100", "G0X1"]).modal().tool, 3);
+    assert_eq!(after(&["T3", "T0"]).modal().tool, 0);
+}
+
+#[test]
+fn lines_wait_for_rest_where_grbl_synchronises() {
+    let machine = after(&["F100S100M3M8", "G55", "G43.1Z1"]);
+    let waits = |line: &str, laser: bool| {
+        let settings = Settings {
+            laser,
+            ..Settings::default()
+        };
+        let checked = machine.check(line.as_bytes(), &settings).unwrap();
+        (checked.waits_for_rest(), checked.answers_when_done())
+    };
+    for line in [
+        "", "G0X1", "G1X1", "G28", "G55", "M3S100", "M8", "T4", "G43.1Z1", "M1",
+    ] {
+        assert_eq!(waits(line, false), (false, false), "{line}");
+    }
+    for line in [
+        "G10L2P3X1",
+        "G28.1",
+        "G30.1",
+        "G92X1",
+        "G92.1",
+        "G54",
+        "G43.1Z2",
+        "G49",
+        "M4",
+        "M5",
+        "M9",
+        "S200",
+        "G1X1S200",
+    ] {
+        assert_eq!(waits(line, false), (true, false), "{line}");
+    }
+    for line in ["G4P0", "G4P1X1", "M0", "M2", "M30"] {
+        assert_eq!(waits(line, false), (true, true), "{line}");
+    }
+    // In laser mode the power follows the motion.
+    assert_eq!(waits("G1X1S200", true), (false, false));
+    assert_eq!(waits("M4", true), (true, false));
+}
+
+#[test]
+fn what_moves_says_so() {
+    let machine = after(&["F100"]);
+    for (line, moves) in [
+        ("", false),
+        ("G0", false),
+        ("X1", true),
+        ("G28", true),
+        ("G2X0I1", true),
+        ("G92X1", false),
+        ("G10L2P1X1", false),
+        ("G28.1", false),
+        ("G28.1X1", true),
+    ] {
+        let checked = machine
+            .check(line.as_bytes(), &Settings::default())
+            .unwrap();
+        assert_eq!(checked.moves(), moves, "{line}");
+    }
+}

@@ -1,0 +1,10 @@
+//! What lines do: offsets, units, arcs, program flow, and what a refused line leaves alone.
+
+#![cfg(not(target_os = "none"))]
+
+mod arcs;
+mod laws;
+mod lines;
+mod offsets;
+mod refused;
+mod support;

@@ -1,0 +1,84 @@
+//! Coordinate systems, stored positions, rotary axes.
+
+use leadscrew::{
+    axis::{AXES, X},
+    gcode::{LineError, Modal},
+    planner::Pace,
+    units::Nm,
+};
+
+use crate::support::{after, commands, error, line, um};
+
+#[test]
+fn machine_coordinates_ignore_every_offset_and_incremental_distance() {
+    let lines = ["G10L2P1X10", "G92Y5", "G43.1Z3", "G91", "G53G0X1Y2Z3"];
+    assert_eq!(commands(&lines), [line(um(1000, 2000, 3000), Pace::Rapid)]);
+}
+
+#[test]
+fn offsets_add_up() {
+    let machine = after(&["G10L2P2X10", "G55", "G92Y-5", "G43.1Z3", "G0X1Y0Z2"]);
+    assert_eq!(machine.work_offset(), um(10_000, 5_000, 3_000));
+    assert_eq!(machine.position(), um(11_000, 5_000, 5_000));
+    assert_eq!(machine.offsets().tool_length, Nm(3 * Nm::PER_MM));
+}
+
+#[test]
+fn a_reset_keeps_stored_offsets_and_the_position() {
+    let lines = [
+        "G10L2P1X1",
+        "G91G20F5S6T7M3M8",
+        "G43.1Z1",
+        "G92X0",
+        "G28.1",
+        "G0X1",
+    ];
+    let mut machine = after(&lines);
+    let position = machine.position();
+    let stored = *machine.offsets();
+    machine.reset();
+    assert_eq!(*machine.modal(), Modal::default());
+    assert_eq!(machine.position(), position);
+    assert_eq!(machine.offsets().coordinates, stored.coordinates);
+    assert_eq!(machine.offsets().g28, stored.g28);
+    assert_eq!(machine.offsets().work, um(0, 0, 0));
+    assert_eq!(machine.offsets().tool_length, Nm(0));
+}
+
+#[test]
+fn g28_goes_by_way_of_the_target_and_moves_the_named_axes_only() {
+    let lines = ["G0X1Y2Z3", "G28.1", "G0X10Y20Z30"];
+    let all = commands(&[&lines[..], &["G28"]].concat());
+    assert_eq!(all, [line(um(1000, 2000, 3000), Pace::Rapid)]);
+    let named = commands(&[&lines[..], &["G91G28Z5"]].concat());
+    let by_way_of = line(um(10_000, 20_000, 35_000), Pace::Rapid);
+    let end = line(um(10_000, 20_000, 3_000), Pace::Rapid);
+    assert_eq!(named, [by_way_of, end]);
+}
+
+#[test]
+fn g28_1_stores_the_position_before_the_move_of_its_line() {
+    let machine = after(&["G0X1", "G28.1X3", "G30.1"]);
+    assert_eq!(machine.offsets().g28, um(1000, 0, 0));
+    assert_eq!(machine.offsets().g30, um(3000, 0, 0));
+    assert_eq!(machine.position(), um(3000, 0, 0));
+}
+
+#[test]
+fn axes_beyond_the_third_are_degrees() {
+    let letters = &["A", "B", "C"][..AXES - 3];
+    for (index, letter) in letters.iter().enumerate() {
+        let machine = after(&[&format!("G20G1X1{letter}-90.5F10")]);
+        assert_eq!(machine.position()[X], Nm(Nm::PER_INCH));
+        assert_eq!(machine.position()[3 + index], Nm(-90_500_000));
+        assert_eq!(
+            error(&[&format!("{letter}1{letter}2")]),
+            LineError::RepeatedWord
+        );
+        let stored = after(&[&format!("G10L2P1{letter}7"), &format!("G0{letter}1")]);
+        assert_eq!(stored.position()[3 + index], Nm(8_000_000));
+    }
+    for letter in &["A", "B", "C"][AXES - 3..] {
+        assert_eq!(error(&[&format!("{letter}1")]), LineError::Unsupported);
+    }
+}

@@ -1,0 +1,65 @@
+//! Lines to commands, positions and errors.
+
+use leadscrew::{
+    axis::Axes,
+    gcode::LineError,
+    interpreter::{Interpreter, Outcome},
+    planner::{Command, Pace},
+    settings::Settings,
+    units::Nm,
+};
+
+/// Sends one line.
+pub(crate) fn send(machine: &mut Interpreter, line: &str) -> Result<Outcome, LineError> {
+    let checked = machine.check(line.as_bytes(), &Settings::default())?;
+    Ok(machine.commit(&checked))
+}
+
+/// The machine after lines that are all accepted.
+pub(crate) fn after(lines: &[&str]) -> Interpreter {
+    let mut machine = Interpreter::new();
+    for line in lines {
+        send(&mut machine, line).unwrap_or_else(|error| panic!("{line}: {error}"));
+    }
+    machine
+}
+
+/// The commands of the last of some lines.
+pub(crate) fn commands(lines: &[&str]) -> Vec<Command> {
+    let (last, before) = lines.split_last().unwrap();
+    let mut machine = after(before);
+    send(&mut machine, last).unwrap().commands.to_vec()
+}
+
+/// The error of the last of some lines.
+pub(crate) fn error(lines: &[&str]) -> LineError {
+    let (last, before) = lines.split_last().unwrap();
+    let mut machine = after(before);
+    let unchanged = machine.clone();
+    let error = send(&mut machine, last).unwrap_err();
+    assert_eq!(machine, unchanged, "{last}");
+    error
+}
+
+/// A position in thousandths of a mm; axes beyond the third at 0.
+pub(crate) fn um(x: i64, y: i64, z: i64) -> Axes<Nm> {
+    Axes::from_fn(|axis| Nm([x, y, z].get(axis).copied().unwrap_or(0) * 1000))
+}
+
+pub(crate) fn line(target: Axes<Nm>, pace: Pace) -> Command {
+    Command::Line {
+        target: target.into(),
+        pace,
+        line: 0,
+    }
+}
+
+/// A coordinate as a program writes it.
+pub(crate) fn decimal(nm: i64) -> String {
+    let sign = if nm < 0 { "-" } else { "" };
+    format!(
+        "{sign}{}.{:06}",
+        nm.abs() / Nm::PER_MM,
+        nm.abs() % Nm::PER_MM
+    )
+}

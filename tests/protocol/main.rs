@@ -1,0 +1,6 @@
+//! The conversation with a sender: lines in, answers out.
+
+mod bench;
+mod flow;
+mod laws;
+mod reports;

@@ -1,0 +1,129 @@
+//! The virtual machine behind its serial line, for whoever talks to it byte by byte.
+
+use std::collections::VecDeque;
+
+use leadscrew::{
+    axis::AXES,
+    machine::State,
+    settings::Settings,
+    sim::{RECEIVED_RING, Simulator},
+    units::TICKS_PER_SECOND,
+};
+
+/// Speed of the serial line, baud.
+pub(crate) const BAUD: u32 = 115_200;
+/// Time of one byte on it with start and stop bit, ticks.
+const BYTE_TICKS: u64 = TICKS_PER_SECOND as u64 * 10 / BAUD as u64;
+
+/// A machine on a virtual clock, and the bytes on their way to it and from it.
+pub(crate) struct Machine {
+    simulator: Box<Simulator>,
+    to_machine: VecDeque<u8>,
+    from_machine: Vec<(f64, u8)>,
+    next_in: u64,
+    next_out: u64,
+}
+
+impl Machine {
+    /// Switched on with these settings stored.
+    pub(crate) fn new(settings: &Settings) -> Self {
+        let mut simulator = Box::new(Simulator::new(settings));
+        simulator.settle();
+        Self {
+            simulator,
+            to_machine: VecDeque::new(),
+            from_machine: Vec::new(),
+            next_in: 0,
+            next_out: 0,
+        }
+    }
+
+    /// Time since power-up, s.
+    pub(crate) fn now_s(&self) -> f64 {
+        self.simulator.now() as f64 / f64::from(TICKS_PER_SECOND)
+    }
+
+    /// Puts bytes on the line, behind those that are still on it.
+    pub(crate) fn send(&mut self, bytes: &[u8]) {
+        if self.to_machine.is_empty() {
+            self.next_in = self.next_in.max(self.simulator.now() + BYTE_TICKS);
+        }
+        self.to_machine.extend(bytes);
+    }
+
+    /// Bytes that have not arrived yet.
+    pub(crate) fn on_the_line(&self) -> usize {
+        self.to_machine.len()
+    }
+
+    /// Takes the bytes that the machine has sent, with the times at which they were complete, s.
+    pub(crate) fn take_bytes(&mut self) -> Vec<(f64, u8)> {
+        std::mem::take(&mut self.from_machine)
+    }
+
+    /// Runs for so many seconds.
+    pub(crate) fn run_for(&mut self, seconds: f64) {
+        let ticks = (seconds * f64::from(TICKS_PER_SECOND)).round() as u64;
+        self.run_until(self.simulator.now() + ticks);
+    }
+
+    /// Runs until so many seconds after power-up.
+    pub(crate) fn run_until_s(&mut self, seconds: f64) {
+        self.run_until((seconds * f64::from(TICKS_PER_SECOND)).round() as u64);
+    }
+
+    fn run_until(&mut self, end: u64) {
+        loop {
+            let now = self.simulator.now();
+            if now >= self.next_out
+                && let Some(byte) = self.simulator.send()
+            {
+                self.next_out = now + BYTE_TICKS;
+                let complete = self.next_out as f64 / f64::from(TICKS_PER_SECOND);
+                self.from_machine.push((complete, byte));
+                self.simulator.settle();
+            }
+            if now >= self.next_in
+                && let Some(byte) = self.to_machine.pop_front()
+            {
+                self.next_in = now + BYTE_TICKS;
+                self.simulator.receive(byte);
+                self.simulator.settle();
+            }
+            if now >= end {
+                return;
+            }
+            let out = self.simulator.has_to_send().then_some(self.next_out);
+            let input = (!self.to_machine.is_empty()).then_some(self.next_in);
+            let events = [self.simulator.due(), out, input];
+            let next = events.into_iter().flatten().fold(end, u64::min);
+            let _ = self.simulator.advance(next.max(now));
+        }
+    }
+
+    /// Steps of each axis as output so far.
+    pub(crate) fn steps(&self) -> [i32; AXES] {
+        self.simulator.snapshot().steps.0
+    }
+
+    /// Grbl's number of the state.
+    pub(crate) fn state_number(&self) -> u8 {
+        match self.simulator.snapshot().state {
+            State::Idle => 0,
+            State::Alarm => 1,
+            State::Run => 8,
+            State::HoldSlowing | State::HoldComplete => 16,
+        }
+    }
+
+    /// Whether nothing moves, and nothing will without another byte.
+    pub(crate) fn stands_still(&self) -> bool {
+        let snapshot = self.simulator.snapshot();
+        let is_busy = matches!(snapshot.state, State::Run | State::HoldSlowing);
+        snapshot.is_at_rest
+            && !is_busy
+            && self.to_machine.is_empty()
+            && !self.simulator.has_to_send()
+            && self.simulator.received_free() == RECEIVED_RING - 1
+    }
+}

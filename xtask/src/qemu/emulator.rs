@@ -1,0 +1,250 @@
+//! QEMU with the firmware in it: its serial line, and its memory.
+
+use std::{
+    env, fs,
+    io::{BufRead, BufReader, ErrorKind, Read, Write},
+    os::unix::net::{UnixListener, UnixStream},
+    path::{Path, PathBuf},
+    process::{self, Child, Command, Stdio},
+    thread,
+    time::{Duration, Instant},
+};
+
+use anyhow::{Context, Result, bail, ensure};
+use leadscrew::{axis::AXES, units::TICKS_PER_SECOND};
+use object::{Object, ObjectSymbol};
+use serde_json::{Value, json};
+
+/// Where the firmware keeps what its pins have done: 17 words.
+const FIGURES: &str = "FIGURES";
+const WORDS: usize = 17;
+/// How long QEMU may take to start.
+const START: Duration = Duration::from_secs(20);
+
+/// A running emulator.
+pub(super) struct Emulator {
+    qemu: Child,
+    /// Holds its sockets.
+    folder: PathBuf,
+    serial: UnixStream,
+    control: BufReader<UnixStream>,
+    received: Vec<u8>,
+    figures: u64,
+}
+
+/// What the pins have done.
+#[derive(Debug, PartialEq)]
+pub(super) struct Pins {
+    /// Events that began a pulse.
+    pub(super) events: u64,
+    /// Their hash.
+    pub(super) hash: u64,
+    /// From the first of them to the last, s.
+    pub(super) motion_time_s: f64,
+    /// Pulses of each axis.
+    pub(super) pulses: Vec<u64>,
+    /// Position of each axis, steps.
+    pub(super) steps: Vec<i32>,
+}
+
+impl Emulator {
+    /// Boots a firmware.
+    pub(super) fn start(elf: &Path, machine: &str) -> Result<Self> {
+        let figures = symbol(elf, FIGURES)?;
+        let folder = env::temp_dir().join(format!("leadscrew-{}", process::id()));
+        fs::create_dir_all(&folder)
+            .with_context(|| format!("cannot create {}", folder.display()))?;
+        let (serial, control) = (folder.join("serial"), folder.join("control"));
+        let socket = |path: &Path| format!("unix:{},server=off", path.display());
+        let listeners = [listen(&serial)?, listen(&control)?];
+        let mut qemu = Command::new("qemu-system-arm")
+            .args(["-M", machine, "-nographic", "-monitor", "none"])
+            .args(["-qmp", &socket(&control)])
+            .args(["-serial", &socket(&serial)])
+            .arg("-kernel")
+            .arg(elf)
+            .stdin(Stdio::null())
+            .stdout(Stdio::null())
+            .spawn()
+            .context("cannot start qemu-system-arm")?;
+        let [serial, control] = listeners;
+        let connected = accept(&serial, &mut qemu)
+            .and_then(|serial| Ok((serial, accept(&control, &mut qemu)?)));
+        let (serial, control) = connected.inspect_err(|_| {
+            let _ = qemu.kill();
+            let _ = qemu.wait();
+        })?;
+        let mut emulator = Self {
+            qemu,
+            folder,
+            serial,
+            control: BufReader::new(control),
+            received: Vec::new(),
+            figures,
+        };
+        emulator.execute("qmp_capabilities", &json!({}))?;
+        Ok(emulator)
+    }
+
+    /// Sends bytes.
+    pub(super) fn send(&mut self, bytes: &[u8]) -> Result<()> {
+        let sent = self.serial.write_all(bytes);
+        sent.context("the emulator's serial line is closed")
+    }
+
+    /// Receives a line, without its end; `None` when none has come in time.
+    pub(super) fn receive(&mut self, patience: Duration) -> Result<Option<String>> {
+        let end = Instant::now() + patience;
+        let mut chunk = [0; 1024];
+        loop {
+            if let Some(length) = self.received.iter().position(|byte| *byte == b'\n') {
+                let line: Vec<u8> = self.received.drain(..=length).collect();
+                let text = String::from_utf8_lossy(&line[..length]);
+                return Ok(Some(text.trim_end_matches('\r').into()));
+            }
+            let left = end.saturating_duration_since(Instant::now());
+            if left.is_zero() {
+                return Ok(None);
+            }
+            self.serial.set_read_timeout(Some(left))?;
+            match self.serial.read(&mut chunk) {
+                Ok(0) => bail!("QEMU has ended"),
+                Ok(length) => self.received.extend(&chunk[..length]),
+                Err(error) => match error.kind() {
+                    ErrorKind::WouldBlock | ErrorKind::TimedOut | ErrorKind::Interrupted => {}
+                    _ => return Err(error).context("the emulator's serial line is broken"),
+                },
+            }
+        }
+    }
+
+    /// Waits for the line with which the firmware says that it is there.
+    pub(super) fn wait_for_welcome(&mut self, patience: Duration) -> Result<()> {
+        loop {
+            let line = self.receive(patience)?;
+            let line = line.context("the firmware does not start: no welcome line has come")?;
+            if line.starts_with("Grbl ") {
+                return Ok(());
+            }
+        }
+    }
+
+    /// Reads what the pins have done from the firmware's memory.
+    pub(super) fn pins(&mut self) -> Result<Pins> {
+        let file = self.folder.join("memory");
+        let place = json!({
+            "val": self.figures,
+            "size": WORDS * 4,
+            "filename": file.display().to_string(),
+        });
+        self.execute("pmemsave", &place)?;
+        Pins::read(&fs::read(&file).context("QEMU has saved no memory")?)
+    }
+
+    /// Has QEMU execute a command of its machine protocol.
+    fn execute(&mut self, command: &str, arguments: &Value) -> Result<()> {
+        let request = json!({"execute": command, "arguments": arguments});
+        writeln!(self.control.get_mut(), "{request}").context("QEMU cannot be controlled")?;
+        loop {
+            let mut line = String::new();
+            let length = self.control.read_line(&mut line)?;
+            ensure!(length > 0, "QEMU has ended");
+            let reply: Value = serde_json::from_str(&line).context("QEMU answers nonsense")?;
+            ensure!(
+                reply.get("error").is_none(),
+                "QEMU refuses {command}: {reply}"
+            );
+            if reply.get("return").is_some() {
+                return Ok(());
+            }
+        }
+    }
+}
+
+impl Drop for Emulator {
+    fn drop(&mut self) {
+        let _ = self.qemu.kill();
+        let _ = self.qemu.wait();
+        let _ = fs::remove_dir_all(&self.folder);
+    }
+}
+
+/// Opens a socket that QEMU is to connect to.
+fn listen(path: &Path) -> Result<UnixListener> {
+    let listener = UnixListener::bind(path)
+        .with_context(|| format!("cannot open a socket at {}", path.display()))?;
+    listener.set_nonblocking(true)?;
+    Ok(listener)
+}
+
+/// Waits for QEMU to connect.
+fn accept(listener: &UnixListener, qemu: &mut Child) -> Result<UnixStream> {
+    let start = Instant::now();
+    loop {
+        if let Ok((stream, _)) = listener.accept() {
+            stream.set_nonblocking(false)?;
+            return Ok(stream);
+        }
+        if let Some(status) = qemu.try_wait()? {
+            bail!("QEMU has ended ({status})");
+        }
+        ensure!(start.elapsed() < START, "QEMU does not start");
+        thread::sleep(Duration::from_millis(2));
+    }
+}
+
+/// The address of a symbol.
+fn symbol(elf: &Path, name: &str) -> Result<u64> {
+    let bytes = fs::read(elf).with_context(|| format!("cannot read {}", elf.display()))?;
+    let file = object::File::parse(&*bytes)
+        .with_context(|| format!("{} is no ELF file", elf.display()))?;
+    let found = file.symbols().find(|symbol| symbol.name() == Ok(name));
+    let found = found.with_context(|| format!("{} has no symbol {name}", elf.display()))?;
+    Ok(found.address())
+}
+
+impl Pins {
+    /// Reads the firmware's words: events, hash, ticks, pulses and steps of six axes.
+    fn read(bytes: &[u8]) -> Result<Self> {
+        ensure!(bytes.len() == WORDS * 4, "QEMU has saved half the memory");
+        let words: Vec<u32> = bytes
+            .chunks_exact(4)
+            .map(|word| u32::from_le_bytes([word[0], word[1], word[2], word[3]]))
+            .collect();
+        let double = |low: usize| u64::from(words[low + 1]) << 32 | u64::from(words[low]);
+        Ok(Self {
+            events: words[0].into(),
+            hash: double(1),
+            motion_time_s: double(3) as f64 / f64::from(TICKS_PER_SECOND),
+            pulses: words[5..5 + AXES]
+                .iter()
+                .map(|word| (*word).into())
+                .collect(),
+            steps: words[11..11 + AXES]
+                .iter()
+                .map(|word| word.cast_signed())
+                .collect(),
+        })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn words_of_the_firmware_become_figures() {
+        let mut bytes = Vec::new();
+        for word in 0..WORDS as u32 {
+            let word = if word == 11 { u32::MAX } else { word };
+            bytes.extend(word.to_le_bytes());
+        }
+        let pins = Pins::read(&bytes).unwrap();
+        assert_eq!(pins.events, 0);
+        assert_eq!(pins.hash, 2 << 32 | 1);
+        assert_eq!(pins.pulses[0], 5);
+        assert_eq!(pins.steps[0], -1);
+        assert_eq!(pins.steps[1], 12);
+        assert!(Pins::read(&bytes[1..]).is_err());
+    }
+}

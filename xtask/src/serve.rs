@@ -1,0 +1,223 @@
+//! The virtual machine in real time, behind a pseudo-terminal or a TCP port.
+
+use std::{
+    fs,
+    io::{ErrorKind, Read, Write},
+    net::{TcpListener, TcpStream},
+    os::{fd::OwnedFd, unix::fs::symlink},
+    path::{Path, PathBuf},
+    sync::{
+        Arc,
+        atomic::{AtomicBool, Ordering},
+    },
+    thread,
+    time::{Duration, Instant},
+};
+
+use anyhow::{Context, Result, ensure};
+use leadscrew::settings::Settings;
+use rustix::{
+    fs::{Mode, OFlags},
+    io::Errno,
+    pty::OpenptFlags,
+    termios::OptionalActions,
+};
+
+use crate::{machine::Machine, ui};
+
+/// How often bytes are moved.
+const PERIOD: Duration = Duration::from_millis(1);
+/// Bytes that wait for the machine at most; then the sender waits, as with flow control.
+const BACKLOG: usize = 4096;
+
+/// The other end of the line.
+trait Port {
+    /// Reads what has arrived; 0 for nothing.
+    fn read(&mut self, bytes: &mut [u8]) -> Result<usize>;
+    /// Writes what can be written, and returns how much that was.
+    fn write(&mut self, bytes: &[u8]) -> Result<usize>;
+}
+
+/// Serves a machine at a new pseudo-terminal, to which `path` becomes a link.
+pub(crate) fn pty(path: &Path, settings: &Settings) -> Result<()> {
+    let is_there = fs::symlink_metadata(path);
+    let may_go = is_there.is_ok_and(|metadata| metadata.is_symlink());
+    if may_go {
+        // A link that an earlier run left behind.
+        fs::remove_file(path).with_context(|| format!("cannot replace {}", path.display()))?;
+    }
+    let mut port = Pty::open()?;
+    symlink(&port.name, path).with_context(|| {
+        format!(
+            "cannot create {} as a link to {}",
+            path.display(),
+            port.name.display()
+        )
+    })?;
+    let _link = Link(path.to_owned());
+    ui::status(
+        "Serving",
+        &format!("{} (115200 baud; Ctrl-C ends)", path.display()),
+    );
+    serve(&mut port, settings)
+}
+
+/// Serves a machine to whoever connects to `address`, one at a time.
+pub(crate) fn tcp(address: &str, settings: &Settings) -> Result<()> {
+    let listener = TcpListener::bind(address)
+        .with_context(|| format!("cannot listen at {address:?} (an address is 127.0.0.1:2323)"))?;
+    listener.set_nonblocking(true)?;
+    let address = listener.local_addr()?;
+    ui::status("Serving", &format!("tcp://{address} (Ctrl-C ends)"));
+    let mut port = Tcp {
+        listener,
+        stream: None,
+    };
+    serve(&mut port, settings)
+}
+
+/// Moves bytes and time until Ctrl-C.
+fn serve(port: &mut dyn Port, settings: &Settings) -> Result<()> {
+    let stop = Arc::new(AtomicBool::new(false));
+    for signal in [signal_hook::consts::SIGINT, signal_hook::consts::SIGTERM] {
+        signal_hook::flag::register(signal, stop.clone()).context("cannot catch Ctrl-C")?;
+    }
+    let mut machine = Machine::new(settings);
+    let start = Instant::now();
+    let mut unsent = Vec::new();
+    let mut chunk = [0; 1024];
+    while !stop.load(Ordering::Relaxed) {
+        while machine.on_the_line() < BACKLOG {
+            let length = port.read(&mut chunk)?;
+            if length == 0 {
+                break;
+            }
+            machine.send(&chunk[..length]);
+        }
+        machine.run_until_s(start.elapsed().as_secs_f64());
+        unsent.extend(machine.take_bytes().into_iter().map(|(_, byte)| byte));
+        if !unsent.is_empty() {
+            let length = port.write(&unsent)?;
+            unsent.drain(..length);
+        }
+        thread::sleep(PERIOD);
+    }
+    ui::status("Stopped", "");
+    Ok(())
+}
+
+/// A link that goes when the program ends.
+struct Link(PathBuf);
+
+impl Drop for Link {
+    fn drop(&mut self) {
+        let _ = fs::remove_file(&self.0);
+    }
+}
+
+/// A pseudo-terminal in raw mode.
+struct Pty {
+    controller: OwnedFd,
+    /// Kept open so that the line stays up while no sender has it.
+    _terminal: OwnedFd,
+    name: PathBuf,
+}
+
+impl Pty {
+    fn open() -> Result<Self> {
+        let open = || -> rustix::io::Result<Self> {
+            let controller = rustix::pty::openpt(OpenptFlags::RDWR | OpenptFlags::NOCTTY)?;
+            rustix::pty::grantpt(&controller)?;
+            rustix::pty::unlockpt(&controller)?;
+            let name = rustix::pty::ptsname(&controller, Vec::new())?;
+            let name = PathBuf::from(name.to_string_lossy().into_owned());
+            let terminal = rustix::fs::open(&name, OFlags::RDWR | OFlags::NOCTTY, Mode::empty())?;
+            let mut mode = rustix::termios::tcgetattr(&terminal)?;
+            mode.make_raw();
+            rustix::termios::tcsetattr(&terminal, OptionalActions::Now, &mode)?;
+            let flags = rustix::fs::fcntl_getfl(&controller)?;
+            rustix::fs::fcntl_setfl(&controller, flags | OFlags::NONBLOCK)?;
+            Ok(Self {
+                controller,
+                _terminal: terminal,
+                name,
+            })
+        };
+        open().context("cannot open a pseudo-terminal")
+    }
+}
+
+impl Port for Pty {
+    fn read(&mut self, bytes: &mut [u8]) -> Result<usize> {
+        match rustix::io::read(&self.controller, bytes) {
+            Ok(length) => Ok(length),
+            Err(Errno::AGAIN | Errno::INTR | Errno::IO) => Ok(0),
+            Err(error) => Err(error).context("cannot read from the pseudo-terminal"),
+        }
+    }
+
+    fn write(&mut self, bytes: &[u8]) -> Result<usize> {
+        match rustix::io::write(&self.controller, bytes) {
+            Ok(length) => Ok(length),
+            // Nobody reads, and the terminal is full: what a serial line does with such bytes.
+            Err(Errno::AGAIN) => Ok(bytes.len()),
+            Err(Errno::INTR) => Ok(0),
+            Err(error) => Err(error).context("cannot write to the pseudo-terminal"),
+        }
+    }
+}
+
+/// A listening socket and the sender that is connected.
+struct Tcp {
+    listener: TcpListener,
+    stream: Option<TcpStream>,
+}
+
+impl Port for Tcp {
+    fn read(&mut self, bytes: &mut [u8]) -> Result<usize> {
+        if let Ok((stream, from)) = self.listener.accept() {
+            ensure_nonblocking(&stream)?;
+            ui::status("Connected", &from.to_string());
+            // The newest sender wins: the one before may have gone without saying so.
+            self.stream = Some(stream);
+        }
+        let Some(stream) = &mut self.stream else {
+            return Ok(0);
+        };
+        match stream.read(bytes) {
+            Ok(0) => {}
+            Ok(length) => return Ok(length),
+            Err(error) if is_temporary(error.kind()) => return Ok(0),
+            Err(_) => {}
+        }
+        self.stream = None;
+        ui::status("Left", "the sender has disconnected");
+        Ok(0)
+    }
+
+    fn write(&mut self, bytes: &[u8]) -> Result<usize> {
+        let Some(stream) = &mut self.stream else {
+            return Ok(bytes.len());
+        };
+        match stream.write(bytes) {
+            Ok(length) => Ok(length),
+            Err(error) if is_temporary(error.kind()) => Ok(0),
+            Err(_) => {
+                self.stream = None;
+                Ok(bytes.len())
+            }
+        }
+    }
+}
+
+fn ensure_nonblocking(stream: &TcpStream) -> Result<()> {
+    let set = stream
+        .set_nonblocking(true)
+        .and_then(|()| stream.set_nodelay(true));
+    ensure!(set.is_ok(), "cannot use the connection");
+    Ok(())
+}
+
+fn is_temporary(kind: ErrorKind) -> bool {
+    matches!(kind, ErrorKind::WouldBlock | ErrorKind::Interrupted)
+}

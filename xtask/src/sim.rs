@@ -1,0 +1,361 @@
+//! `cargo xtask sim`: G-code programs on the virtual machine.
+
+use std::{
+    cell::RefCell,
+    collections::VecDeque,
+    path::{Path, PathBuf},
+    process::ExitCode,
+    rc::Rc,
+    time::Instant,
+};
+
+use anstream::println;
+use anyhow::{Context, Result, bail};
+use indicatif::ProgressBar;
+use leadscrew::{
+    machine::State,
+    settings::Settings,
+    sim::{Edge, End, Simulator, Stream, Tally, Watcher},
+    units::TICKS_PER_SECOND,
+};
+use owo_colors::OwoColorize;
+
+use crate::{
+    figures::{self, Figures, Final, Responses, separated},
+    machine::BAUD,
+    on_target, plot,
+    program::Program,
+    refusal::refusal,
+    sender::Response,
+    serve, session, settings,
+    trace::{Motion, Row, Samples, Table, nanoseconds},
+    ui,
+};
+
+/// Run a G-code program on the virtual machine
+///
+/// The machine is the firmware's own code on a virtual clock, so a program runs as fast as the
+/// computer goes and gives the same step edges every time. It is streamed as senders do. The exit
+/// status is 1 when a line was refused or an alarm rose.
+///
+/// With --pty or --tcp the same machine runs in real time, for any sender to connect to.
+#[derive(clap::Args)]
+#[command(group = clap::ArgGroup::new("what").required(true).args(["file", "pty", "tcp", "session"]))]
+pub(crate) struct Options {
+    /// The program
+    file: Option<PathBuf>,
+    /// Change a setting, as '$110=5000'; repeatable
+    #[arg(long, value_name = "$N=VALUE")]
+    set: Vec<String>,
+    /// Read settings from a file of $n=value lines
+    #[arg(long, value_name = "FILE")]
+    settings: Option<PathBuf>,
+    /// Write every step event: time in ns from the first step, steps of each axis after it
+    #[arg(
+        long,
+        value_name = "OUT.csv",
+        requires = "file",
+        conflicts_with = "on_target"
+    )]
+    trace: Option<PathBuf>,
+    /// Draw the tool path, and speed and acceleration over time
+    #[arg(
+        long,
+        value_name = "OUT.svg",
+        requires = "file",
+        conflicts_with = "on_target"
+    )]
+    plot: Option<PathBuf>,
+    /// Write answers, messages and figures
+    #[arg(long, value_name = "OUT.json", requires = "file")]
+    json: Option<PathBuf>,
+    /// Run the virtual machine on the emulated chip instead of this computer
+    #[arg(long, requires = "file")]
+    on_target: bool,
+    /// Serve the machine in real time at a new serial device, until Ctrl-C
+    #[arg(long, value_name = "PATH")]
+    pty: Option<PathBuf>,
+    /// Serve the machine in real time at a TCP address such as 127.0.0.1:2323, until Ctrl-C
+    #[arg(long, value_name = "ADDR:PORT")]
+    tcp: Option<String>,
+    /// Replay recorded exchanges in virtual time
+    #[arg(long, value_name = "IN.json", requires = "out", conflicts_with_all = ["set", "settings"])]
+    session: Option<PathBuf>,
+    /// Where to write what was received
+    #[arg(long, value_name = "OUT.json", requires = "session")]
+    out: Option<PathBuf>,
+}
+
+pub(crate) fn run(options: &Options) -> Result<ExitCode> {
+    if let (Some(input), Some(output)) = (&options.session, &options.out) {
+        let all = session::replay_file(input, output)?;
+        return Ok(ExitCode::from(u8::from(!all)));
+    }
+    let loaded = settings::load(options.settings.as_deref(), &options.set)?;
+    let settings = loaded.settings;
+    if let Some(path) = &options.pty {
+        serve::pty(path, &settings)?;
+        return Ok(ExitCode::SUCCESS);
+    }
+    if let Some(address) = &options.tcp {
+        serve::tcp(address, &settings)?;
+        return Ok(ExitCode::SUCCESS);
+    }
+    let path = options.file.as_deref().context("no program is given")?;
+    let start = Instant::now();
+    let figures = if options.on_target {
+        on_target::play(path, &loaded)?
+    } else {
+        simulate(path, &settings, options)?
+    };
+    figures.print();
+    let took = start.elapsed().as_secs_f64();
+    figures::row("took", &pace(&figures, took));
+    if let Some(path) = &options.json {
+        figures.write_json(path)?;
+    }
+    Ok(ExitCode::from(u8::from(!figures.is_clean())))
+}
+
+/// What a run took.
+fn pace(figures: &Figures, took_s: f64) -> String {
+    let rate = figures.events as f64 / took_s.max(1e-9);
+    let rate = separated(rate as u64);
+    let times = figures.motion_time_s / took_s.max(1e-9);
+    format!("{took_s:.2} s, {rate} step events per second, {times:.0} times real time")
+}
+
+/// Runs a program and says nothing.
+pub(crate) fn play(path: &Path, settings: &Settings) -> Result<Figures> {
+    let program = Program::open(path)?;
+    let observer = Observer::new(ProgressBar::hidden());
+    let (figures, _) = stream(program, settings, observer)?;
+    Ok(figures)
+}
+
+/// Runs a program with everything that is asked for.
+fn simulate(path: &Path, settings: &Settings, options: &Options) -> Result<Figures> {
+    let program = Program::open(path)?;
+    let mut observer = Observer::new(ui::progress(program.length(), "bytes"));
+    observer.prints = true;
+    observer.table = options.trace.as_deref().map(Table::create).transpose()?;
+    observer.samples = options.plot.as_ref().map(|_| Samples::default());
+    let (figures, motion) = stream(program, settings, observer)?;
+    if figures.lines == 0 {
+        ui::warning(&format!("{} is empty", path.display()));
+    }
+    if let (Some(output), Some(motion)) = (&options.plot, motion) {
+        let name = path.file_name().unwrap_or(path.as_os_str());
+        plot::draw(
+            output,
+            &plot::Picture {
+                title: &name.to_string_lossy(),
+                subtitle: &subtitle(&figures),
+                motion: &motion,
+                limits_mm_s2: settings.acceleration_mm_s2.0.map(f64::from),
+            },
+        )?;
+    }
+    Ok(figures)
+}
+
+fn subtitle(figures: &Figures) -> String {
+    let time = figures::duration(figures.motion_time_s);
+    let (lines, events) = (separated(figures.lines), separated(figures.events));
+    format!("{lines} lines, {time}, {events} step events")
+}
+
+/// Streams a program through a fresh machine.
+fn stream(
+    program: Program,
+    settings: &Settings,
+    observer: Observer,
+) -> Result<(Figures, Option<Motion>)> {
+    let source = Source::new(program, observer.bar.clone());
+    let (lines, failure) = (source.lines.clone(), source.failure.clone());
+    let mut watcher = Watched { observer, lines };
+    let mut stream = Box::new(Stream::new(Simulator::new(settings), source, BAUD));
+    let end = stream.run(&mut watcher);
+    let observer = watcher.observer;
+    observer.bar.finish_and_clear();
+    if let Some(error) = failure.borrow_mut().take() {
+        return Err(error);
+    }
+    if let Some(error) = observer.failure {
+        return Err(error);
+    }
+    if let Some(table) = observer.table {
+        table.finish()?;
+    }
+    let answered = observer.responses.iter().count();
+    if end == End::Stuck {
+        bail!("the machine stands still after {answered} answers and does not go on");
+    }
+    let tally = &observer.tally;
+    let snapshot = stream.simulator.snapshot();
+    let scale = settings
+        .steps_per_mm
+        .0
+        .map(|scale| scale.millionths() as f64 * 1e-6);
+    let figures = Figures {
+        lines: stream.lines,
+        responses: observer.responses,
+        messages: observer.messages,
+        end: Final::new(
+            state_name(snapshot.state).into(),
+            &snapshot.steps.0,
+            settings,
+        ),
+        steps_axis: tally.pulses.0.to_vec(),
+        motion_time_s: tally.motion_ticks() as f64 / f64::from(TICKS_PER_SECOND),
+        events: tally.events,
+        late: u64::from(stream.simulator.counts().late()),
+        event_hash: format!("{:016x}", tally.hash),
+    };
+    Ok((
+        figures,
+        observer.samples.map(|samples| samples.finish(scale)),
+    ))
+}
+
+/// Grbl's name of a state.
+pub(crate) fn state_name(state: State) -> &'static str {
+    match state {
+        State::Idle => "Idle",
+        State::Run => "Run",
+        State::HoldSlowing => "Hold:1",
+        State::HoldComplete => "Hold:0",
+        State::Alarm => "Alarm",
+    }
+}
+
+/// Lines that have been read and not yet answered.
+type Lines = Rc<RefCell<VecDeque<Vec<u8>>>>;
+
+/// A program as a stream of bytes.
+struct Source {
+    program: Program,
+    bar: ProgressBar,
+    bytes: std::vec::IntoIter<u8>,
+    lines: Lines,
+    failure: Rc<RefCell<Option<anyhow::Error>>>,
+}
+
+impl Source {
+    fn new(program: Program, bar: ProgressBar) -> Self {
+        Self {
+            program,
+            bar,
+            bytes: Vec::new().into_iter(),
+            lines: Lines::default(),
+            failure: Rc::default(),
+        }
+    }
+}
+
+impl Iterator for Source {
+    type Item = u8;
+
+    fn next(&mut self) -> Option<u8> {
+        loop {
+            if let Some(byte) = self.bytes.next() {
+                return Some(byte);
+            }
+            match self.program.next_line() {
+                Ok(Some(mut line)) => {
+                    self.lines.borrow_mut().push_back(line.clone());
+                    line.push(b'\n');
+                    self.bytes = line.into_iter();
+                }
+                Ok(None) => return None,
+                Err(error) => {
+                    *self.failure.borrow_mut() = Some(error);
+                    return None;
+                }
+            }
+            self.bar.set_position(self.program.read());
+        }
+    }
+}
+
+/// What is kept of a run.
+struct Observer {
+    bar: ProgressBar,
+    tally: Tally,
+    responses: Responses,
+    messages: Vec<(u64, String)>,
+    table: Option<Table<std::io::BufWriter<std::fs::File>>>,
+    samples: Option<Samples>,
+    /// Whether refused lines and alarms are printed.
+    prints: bool,
+    failure: Option<anyhow::Error>,
+}
+
+impl Observer {
+    fn new(bar: ProgressBar) -> Self {
+        Self {
+            bar,
+            tally: Tally::new(),
+            responses: Responses::default(),
+            messages: Vec::new(),
+            table: None,
+            samples: None,
+            prints: false,
+            failure: None,
+        }
+    }
+}
+
+/// An observer and the lines that answers belong to.
+struct Watched {
+    observer: Observer,
+    lines: Lines,
+}
+
+impl Watcher for Watched {
+    fn edge(&mut self, edge: &Edge) {
+        let observer = &mut self.observer;
+        observer.tally.add(edge);
+        let is_traced = observer.table.is_some() || observer.samples.is_some();
+        if edge.raise == 0 || !is_traced {
+            return;
+        }
+        let first = observer.tally.first_ticks.unwrap_or(edge.ticks);
+        let row = Row {
+            time_ns: nanoseconds(edge.ticks - first),
+            steps: observer.tally.steps.0.map(|steps| steps as i32),
+        };
+        if let Some(table) = &mut observer.table
+            && observer.failure.is_none()
+        {
+            observer.failure = table.push(&row).err();
+        }
+        if let Some(samples) = &mut observer.samples {
+            samples.push(&row);
+        }
+    }
+
+    fn answer(&mut self, number: u64, answer: &[u8]) {
+        let line = self.lines.borrow_mut().pop_front().unwrap_or_default();
+        let text = String::from_utf8_lossy(answer);
+        let response = Response::parse(&text).unwrap_or(Response::Error(0));
+        self.observer.responses.push(response);
+        if response != Response::Ok && self.observer.prints {
+            let bar = &self.observer.bar;
+            bar.suspend(|| println!("{}", refusal(number, &line, response)));
+        }
+    }
+
+    fn message(&mut self, answers: u64, message: &[u8]) {
+        let text = String::from_utf8_lossy(message).into_owned();
+        if text.starts_with("Grbl ") {
+            // The welcome belongs to power-up, not to the program.
+            return;
+        }
+        if text.starts_with("ALARM:") && self.observer.prints {
+            let bar = &self.observer.bar;
+            bar.suspend(|| println!("{:>8}  {}", format!("{answers}:"), text.red().bold()));
+        }
+        self.observer.messages.push((answers, text));
+    }
+}

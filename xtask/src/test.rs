@@ -1,0 +1,188 @@
+//! `cargo xtask test`: everything that can be tested without hardware.
+
+use std::{
+    fs,
+    process::ExitCode,
+    time::{Duration, Instant},
+};
+
+use anstream::{eprintln, println};
+use anyhow::{Result, bail};
+use owo_colors::OwoColorize;
+
+use crate::{
+    boards::{self, Board},
+    build,
+    cargo::{self, cargo, for_board, wait},
+    ui,
+};
+
+/// Test everything that needs no hardware
+///
+/// Formatting, lints, host tests with three, four and six axes, the firmware of every board, tests
+/// on the emulated processor, and the firmware over its serial line. Goes on after a failure and
+/// lists what failed. Asks rustup for what rustup can give.
+#[derive(clap::Args)]
+pub(crate) struct Options {
+    /// Only the checks whose name contains this
+    #[arg(value_name = "NAME")]
+    only: Option<String>,
+    /// List the checks and do nothing
+    #[arg(long)]
+    list: bool,
+}
+
+/// One check.
+struct Check {
+    name: String,
+    run: Box<dyn Fn() -> Result<()>>,
+}
+
+impl Check {
+    fn new(name: impl Into<String>, run: impl Fn() -> Result<()> + 'static) -> Self {
+        Self {
+            name: name.into(),
+            run: Box::new(run),
+        }
+    }
+}
+
+/// What became of a check.
+struct Outcome {
+    name: String,
+    took: Duration,
+    result: Result<()>,
+}
+
+pub(crate) fn run(options: &Options) -> Result<ExitCode> {
+    let mut checks = checks()?;
+    if let Some(part) = &options.only {
+        checks.retain(|check| check.name.contains(part.as_str()));
+        if checks.is_empty() {
+            bail!("no check is called {part:?}: see `cargo xtask test --list`");
+        }
+    }
+    if options.list {
+        for check in &checks {
+            println!("{}", check.name);
+        }
+        return Ok(ExitCode::SUCCESS);
+    }
+    let mut outcomes = Vec::new();
+    for (index, check) in checks.into_iter().enumerate() {
+        ui::status("Checking", &format!("{}: {}", index + 1, check.name));
+        let start = Instant::now();
+        let result = (check.run)();
+        if let Err(error) = &result {
+            ui::error(error);
+        }
+        outcomes.push(Outcome {
+            name: check.name,
+            took: start.elapsed(),
+            result,
+        });
+    }
+    Ok(report(&outcomes))
+}
+
+/// Prints the list of outcomes.
+fn report(outcomes: &[Outcome]) -> ExitCode {
+    eprintln!();
+    for outcome in outcomes {
+        let seconds = outcome.took.as_secs_f32();
+        let name = &outcome.name;
+        match &outcome.result {
+            Ok(()) => eprintln!(
+                "{:>12} {name} {:.0}",
+                "ok".green().bold(),
+                format!("({seconds:.0} s)").dimmed()
+            ),
+            Err(error) => eprintln!("{:>12} {name}: {}", "FAILED".red().bold(), error),
+        }
+    }
+    let failed = outcomes.iter().filter(|outcome| outcome.result.is_err());
+    match failed.count() {
+        0 => ExitCode::SUCCESS,
+        count => {
+            eprintln!("\n{} of {} checks failed", count, outcomes.len());
+            ExitCode::FAILURE
+        }
+    }
+}
+
+/// Every check, the quick ones first.
+fn checks() -> Result<Vec<Check>> {
+    let boards = boards::all()?;
+    let mut checks = vec![
+        Check::new("formatting", || {
+            cargo::need_component("fmt", "rustfmt")?;
+            wait(&mut cargo(&["fmt", "--all", "--check"]))
+        }),
+        Check::new("lints, host", || {
+            cargo::need_component("clippy", "clippy")?;
+            wait(cargo(&["clippy", "--workspace", "--all-targets"]).args(["--", "-Dwarnings"]))
+        }),
+        Check::new("host tests", || {
+            wait(&mut cargo(&["test", "--workspace", "--no-fail-fast"]))
+        }),
+    ];
+    for axes in ["axes-4", "axes-6"] {
+        checks.push(Check::new(format!("host tests, {axes}"), move || {
+            wait(cargo(&["test", "--no-fail-fast", "--lib", "--tests"]).args(["--features", axes]))
+        }));
+    }
+    for board in boards.clone() {
+        checks.push(Check::new(format!("lints, {}", board.name), move || {
+            lint(&board)
+        }));
+    }
+    for board in boards {
+        checks.push(Check::new(format!("firmware, {}", board.name), move || {
+            build::firmware(&board).map(drop)
+        }));
+    }
+    checks.push(Check::new("tests on the target", on_target));
+    checks.push(Check::new("firmware over its serial line", over_serial));
+    Ok(checks)
+}
+
+/// Whether the project has tests whose file name starts so.
+fn has_tests(prefix: &str) -> bool {
+    let files = fs::read_dir(cargo::root().join("tests"));
+    files.into_iter().flatten().flatten().any(|file| {
+        let name = file.file_name();
+        name.to_string_lossy().starts_with(prefix)
+    })
+}
+
+/// Clippy over what is compiled for a board.
+fn lint(board: &Board) -> Result<()> {
+    cargo::need_component("clippy", "clippy")?;
+    cargo::need_target()?;
+    let mut command = cargo(&["clippy", "--lib", "--bins"]);
+    if has_tests("target_") {
+        command.args(["--test", "target_*"]);
+    }
+    wait(command.args(for_board(board)).args(["--", "-Dwarnings"]))
+}
+
+/// The tests that run on the emulated processor.
+fn on_target() -> Result<()> {
+    if !has_tests("target_") {
+        bail!("there are no tests/target_*.rs");
+    }
+    cargo::need_qemu()?;
+    cargo::need_target()?;
+    let (board, _) = boards::emulated()?;
+    // Other tests are the host's, and do not compile for the target.
+    let mut command = cargo(&["test", "--release", "--no-fail-fast", "--test", "target_*"]);
+    wait(command.args(for_board(&board)))
+}
+
+/// The firmware in QEMU, driven as a sender drives it.
+fn over_serial() -> Result<()> {
+    cargo::need_qemu()?;
+    let (board, _) = boards::emulated()?;
+    let elf = build::firmware(&board)?;
+    wait(cargo(&["test", "--test", "firmware"]).env("FIRMWARE_ELF", elf))
+}
