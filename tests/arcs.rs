@@ -301,15 +301,25 @@ fn measure(settings: &Settings, trace: &Trace, centre: [f64; 2], window_s: f64) 
             let after = steps.partition_point(|step| step.seconds <= seconds);
             let crossing = |n: usize| {
                 let step = steps[n.min(steps.len() - 1)];
-                (step.seconds, f64::from(step.position) - 0.5 * f64::from(step.sign))
+                (
+                    step.seconds,
+                    f64::from(step.position) - 0.5 * f64::from(step.sign),
+                )
             };
             let ((t0, p0), (t1, p1)) = (crossing(after.max(1) - 1), crossing(after));
-            let share = if t1 > t0 { ((seconds - t0) / (t1 - t0)).clamp(0.0, 1.0) } else { 0.0 };
+            let share = if t1 > t0 {
+                ((seconds - t0) / (t1 - t0)).clamp(0.0, 1.0)
+            } else {
+                0.0
+            };
             (p0 + (p1 - p0) * share) * mm
         }
     });
     let at = |seconds: f64| [axes[0](seconds), axes[1](seconds)];
-    let first = trace.edges.first().map_or(0.0, |e| e.ticks as f64 / support::TICKS_PER_S);
+    let first = trace
+        .edges
+        .first()
+        .map_or(0.0, |e| e.ticks as f64 / support::TICKS_PER_S);
     let end = first + trace.motion_seconds();
     let mut hardest_mm_s2 = 0.0_f64;
     let mut seconds = first + window_s;
@@ -366,7 +376,13 @@ fn a_held_and_resumed_arc_keeps_its_path_and_its_limit() {
         ..with(&[1000.0], &[20_000.0], &[200.0])
     };
     let centre = [0.0, 10.0];
-    let commands = [arc(Plane::Xy, Rotation::Clockwise, &[0.0; 3], centre, 20_000.0)];
+    let commands = [arc(
+        Plane::Xy,
+        Rotation::Clockwise,
+        &[0.0; 3],
+        centre,
+        20_000.0,
+    )];
     let mut rig = Rig::new(&settings);
     rig.run(&commands, &[(40_000_000, b'!'), (70_000_000, b'~')]);
     let peak = measure(&settings, &rig.trace, centre, 0.012).hardest_mm_s2;
