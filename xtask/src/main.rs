@@ -3,6 +3,7 @@
 //! One file per verb; each verb has its options, documented where they are declared, and a `run`.
 
 mod agree;
+mod bench;
 mod boards;
 mod build;
 mod cargo;
@@ -40,6 +41,7 @@ use clap::Parser;
 #[command(bin_name = "cargo xtask", styles = ui::STYLES, disable_help_subcommand = true)]
 #[command(max_term_width = 100, arg_required_else_help = true)]
 enum Verb {
+    Bench(bench::Options),
     Build(build::Options),
     Conformance(conformance::Options),
     Flash(flash::Options),
@@ -60,6 +62,7 @@ fn main() -> ExitCode {
 
 fn run(verb: Verb) -> Result<ExitCode> {
     match verb {
+        Verb::Bench(options) => bench::run(&options),
         Verb::Build(options) => build::run(&options),
         Verb::Conformance(options) => conformance::run(&options),
         Verb::Flash(options) => flash::run(&options),

@@ -1,0 +1,146 @@
+//! The plugin in QEMU: short instruction sequences whose cost is known by hand.
+
+mod support;
+
+use std::{
+    fs,
+    path::Path,
+    process::{Command, Stdio},
+};
+
+/// Own cycles and instructions of each function of `sequences/program.rs`, per run of the program.
+///
+/// The last three cycles of most are `BX LR`: 1, and 2 for the pipeline.
+const EXPECTED: [(&str, u64, u64); 35] = [
+    ("arithmetic", 11 + 3, 12),
+    ("divide", 2 + 7 + 7 + 3, 5),
+    ("load_alone", 2 + 1 + 2 + 1 + 2 + 3, 6),
+    ("load_chain", 2 + 1 + 1 + 1 + 3, 5),
+    ("load_dependent", 1 + 2 + 2 + 1 + 3, 5),
+    ("load_after_skipped", 1 + 1 + 2 + 3, 5),
+    ("stores", 1 + 1 + 1 + 1 + 2 + 2 + 3, 7),
+    ("multiples", 4 + 4 + 1 + 3 + 3 + 3, 6),
+    ("doubles", 3 + 3 + 3, 3),
+    ("exclusives", 2 + 2 + 1 + 3, 4),
+    ("branch_taken", 3 + 3 + 3, 3),
+    ("branch_not_taken", 1 + 1 + 1 + 1 + 3, 5),
+    ("compare_and_branch", 1 + 3 + 3, 3),
+    ("loop_of_three", 1 + 3 + 3 + 3 + 1 + 3, 8),
+    ("table_branch", 1 + 4 + 3, 3),
+    ("if_then_folded", 1 + 1 + 3, 4),
+    ("if_then_unfolded", 1 + 1 + 1 + 1 + 3, 5),
+    ("skipped", 1 + 4 + 3, 7),
+    ("specials", 2 + 2 + 2 + 3, 4),
+    ("barriers", 3 + 3 + 3 + 3, 4),
+    ("calls", 3 + 3 + 2 + 3 + 5, 5),
+    ("pops", 2 + 4, 2),
+    ("tail", 3, 1),
+    ("tail_target", 3, 1),
+    ("float_simple", 8 + 3, 9),
+    ("float_accumulate", 4 * 3 + 3, 5),
+    ("float_divide", 1 + 14 + 14 + 3, 4),
+    ("float_memory", 2 + 2 + 3 + 5 + 5 + 3, 6),
+    ("float_transfer", 1 + 1 + 2 + 2 + 3, 5),
+    ("empty", 5 * 3, 5),
+    ("interrupt_once", 2 + 1 + 1 + 3 + 3 + 1 + 3, 7),
+    (
+        "interrupt_nested",
+        1 + 2 + 1 + 1 + 2 + 1 + 1 + 3 + 3 + 1 + 3,
+        11,
+    ),
+    (
+        "interrupt_chained",
+        1 + 2 + 1 + 1 + 2 + 1 + 1 + 3 + 3 + 1 + 3,
+        11,
+    ),
+    // Once with nothing to do, twice with SysTick to pend.
+    (
+        "PendSV",
+        (3 + 3) + 2 * (1 + 1 + 2 + 1 + 1 + 3 + 3 + 1 + 3),
+        2 + 2 * 9,
+    ),
+    ("SysTick", 2 * (3 + 3 + 5), 2 * 3),
+];
+
+/// Exception entry and exit.
+const EXCEPTION: u64 = 12 + 12;
+
+#[test]
+fn every_class_is_charged_as_the_table_says() {
+    let Some(report) = run() else { return };
+    for (name, cycles, instructions) in EXPECTED {
+        let line = support::line(&report, name);
+        let own = (
+            support::number(line, "cycles"),
+            support::number(line, "instructions"),
+        );
+        assert_eq!(own, (cycles, instructions), "{name}");
+    }
+    assert!(report.contains("\"unknown\": []"));
+    assert!(report.contains("\"unexplained\": 0"));
+}
+
+#[test]
+fn calls_include_what_they_call() {
+    let Some(report) = run() else { return };
+    let line = support::line(&report, "calls");
+    assert_eq!(support::number(line, "calls_cycles"), 16 + 2 * 3);
+    let line = support::line(&report, "tail");
+    assert_eq!(support::number(line, "calls_cycles"), 3 + 3);
+}
+
+#[test]
+fn preemption_is_charged_to_the_preemptor() {
+    let Some(report) = run() else { return };
+    let tasks = report.split("\"functions\"").next().unwrap_or_default();
+    let once = 3 + 3 + EXCEPTION;
+    let pending = 16 + EXCEPTION;
+    let systick = 3 + 3 + 5 + 3 + EXCEPTION;
+
+    let line = support::line(tasks, "PendSV");
+    assert_eq!(support::number(line, "activations"), 3);
+    assert_eq!(support::number(line, "cycles"), once + 2 * pending);
+    assert_eq!(support::number(line, "min_cycles"), once);
+    assert_eq!(support::number(line, "max_cycles"), pending);
+    // Only the nested SysTick lies within PendSV; the chained one follows it.
+    assert_eq!(support::number(line, "max_span_cycles"), pending + systick);
+    assert_eq!(
+        support::number(line, "span_cycles"),
+        once + 2 * pending + systick
+    );
+    assert_eq!(support::number(line, "peripheral_writes"), 2);
+
+    let line = support::line(tasks, "SysTick");
+    assert_eq!(support::number(line, "activations"), 2);
+    assert_eq!(support::number(line, "cycles"), 2 * systick);
+    assert_eq!(support::number(line, "instructions"), 2 * 4);
+    assert!(line.contains(&format!("\"histogram\": [[{systick}, 2]]")));
+}
+
+/// The report of one run; `None`, and a word why, when a tool is missing.
+fn run() -> Option<String> {
+    let directory = support::scratch();
+    let elf = directory.join("sequences.elf");
+    let out = directory.join("sequences.json");
+    let sources = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/sequences");
+    support::compile(&sources.join("program.rs"), &sources.join("link.x"), &elf)?;
+    let plugin = format!(
+        "{},elf={},out={}",
+        support::plugin().display(),
+        elf.display(),
+        out.display()
+    );
+    let status = Command::new("timeout")
+        .args(["--kill-after=1", "20", "qemu-system-arm"])
+        .args(["-M", "netduinoplus2", "-nographic", "-monitor", "none"])
+        .args(["-serial", "null", "-semihosting-config"])
+        .args(["enable=on,target=native", "-plugin", &plugin, "-kernel"])
+        .arg(&elf)
+        .stdin(Stdio::null())
+        .status();
+    if !status.is_ok_and(|status| status.code() != Some(127)) {
+        println!("skipped: qemu-system-arm is not installed");
+        return None;
+    }
+    Some(fs::read_to_string(out).expect("the plugin writes its report when QEMU exits"))
+}

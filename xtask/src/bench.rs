@@ -1,0 +1,116 @@
+//! `cargo xtask bench`: what the firmware costs, in instructions and modelled cycles.
+//!
+//! The firmware itself runs in QEMU, is fed over its serial line, and a plugin (`xtask/cost`)
+//! charges every executed instruction to the exception handler it belongs to. A task is a handler;
+//! what preempts it is not in its cost, and 24 cycles for entry and exit are. Not counted: what
+//! runs outside handlers (initialisation, idling), the handler that stands for the step timer, and
+//! what the workload's settings cost, which a run without the program tells.
+
+mod emulator;
+mod figures;
+mod monitor;
+mod profile;
+mod report;
+mod sender;
+mod tasks;
+mod workload;
+
+use std::{
+    fs,
+    path::{Path, PathBuf},
+    process::ExitCode,
+};
+
+use anstream::println;
+use anyhow::{Context, Result};
+use owo_colors::OwoColorize;
+
+use emulator::Emulator;
+use figures::Run;
+use tasks::Names;
+use workload::{Part, Workload};
+
+use crate::{boards, build, cargo, ui};
+
+/// Count what the firmware costs on the emulated chip, in instructions and modelled cycles
+///
+/// Streams three workloads to the firmware under QEMU: one axis at 100 kHz, three axes at 100, 73
+/// and 51 kHz, and short G1 lines. `docs/benchmarks.md` says what is counted, and how far to trust
+/// it.
+#[derive(clap::Args)]
+pub(crate) struct Options {
+    /// Write the figures to a file
+    #[arg(long, value_name = "FILE")]
+    json: Option<PathBuf>,
+    /// Show where the cycles go: by task, function and source line
+    #[arg(long)]
+    profile: bool,
+    /// Count another program instead: one that ends by semihosting
+    #[arg(long, value_name = "FILE", conflicts_with = "json")]
+    elf: Option<PathBuf>,
+    /// Arguments of that program
+    #[arg(requires = "elf")]
+    arguments: Vec<String>,
+}
+
+pub(crate) fn run(options: &Options) -> Result<ExitCode> {
+    let emulator = Emulator::new()?;
+    match &options.elf {
+        Some(elf) => program(&emulator, elf, options)?,
+        None => firmware(&emulator, options)?,
+    }
+    Ok(ExitCode::SUCCESS)
+}
+
+/// Counts a program that ends by itself.
+fn program(emulator: &Emulator, elf: &Path, options: &Options) -> Result<()> {
+    let report = emulator.run(elf, &options.arguments)?;
+    tasks::print(&report);
+    if options.profile {
+        profile::print(&report, elf)?;
+    }
+    Ok(())
+}
+
+/// Counts the firmware and prints its figures.
+fn firmware(emulator: &Emulator, options: &Options) -> Result<()> {
+    const APPLICATION: &str = "src/app.rs";
+    /// Where the times of the steps are computed.
+    const GENERATOR: &str = "leadscrew::stepper::generator::";
+    let (board, _) = boards::emulated()?;
+    let source = fs::read_to_string(cargo::root().join(APPLICATION))
+        .with_context(|| format!("cannot read {APPLICATION}"))?;
+    let names = Names::of(&source).context(APPLICATION)?;
+    let elf = build::firmware(&board)?;
+    let count = |workload: &Workload| {
+        ui::status("Counting", workload.name);
+        let settings = emulator.stream(&elf, workload, Part::Settings)?;
+        let whole = emulator.stream(&elf, workload, Part::Whole)?;
+        let mut run = Run {
+            step_times: profile::cost_of(&whole, &elf, GENERATOR)?,
+            settings,
+            whole,
+            count: workload.count,
+        };
+        names.apply(&mut run.settings);
+        names.apply(&mut run.whole);
+        println!("\n{}", workload.name.bold());
+        tasks::print(&run.whole);
+        if options.profile {
+            profile::print(&run.whole, &elf)?;
+        }
+        anyhow::Ok(run)
+    };
+    let one = count(&workload::one_axis())?;
+    let three = count(&workload::three_axes())?;
+    let lines = count(&workload::short_lines())?;
+    let figures = figures::all([&one, &three, &lines])?;
+    println!();
+    figures::print(&figures);
+    if let Some(path) = &options.json {
+        let json = figures::json(&figures, &one.whole.model);
+        fs::write(path, format!("{json:#}\n"))
+            .with_context(|| format!("cannot write {}", path.display()))?;
+    }
+    Ok(())
+}

@@ -1,0 +1,311 @@
+//! From the reports of the runs to the figures.
+
+use anstream::println;
+use anyhow::{Context, Result};
+use owo_colors::OwoColorize;
+use serde_json::{Map, Value, json};
+
+use super::{
+    report::{Report, Task},
+    tasks::{STAND_IN, STEP, THREAD},
+};
+
+/// Instructions and cycles, of one run or of the mean one.
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
+pub(super) struct Cost {
+    pub(super) cycles: f64,
+    pub(super) instructions: f64,
+}
+
+impl Cost {
+    fn of(task: &Task) -> Self {
+        Self {
+            cycles: task.cycles as f64,
+            instructions: task.instructions as f64,
+        }
+    }
+
+    fn sum(costs: impl IntoIterator<Item = Self>) -> Self {
+        costs.into_iter().fold(Self::default(), |sum, cost| Self {
+            cycles: sum.cycles + cost.cycles,
+            instructions: sum.instructions + cost.instructions,
+        })
+    }
+
+    fn minus(self, other: Self) -> Self {
+        Self {
+            cycles: self.cycles - other.cycles,
+            instructions: self.instructions - other.instructions,
+        }
+    }
+
+    fn per(self, count: u64) -> Self {
+        Self {
+            cycles: self.cycles / count as f64,
+            instructions: self.instructions / count as f64,
+        }
+    }
+}
+
+/// Reports of a workload, and of its settings alone.
+pub(super) struct Run {
+    pub(super) whole: Report,
+    pub(super) settings: Report,
+    /// What the times of the steps cost, within the whole.
+    pub(super) step_times: Cost,
+    /// What the cost is divided by.
+    pub(super) count: u64,
+}
+
+impl Run {
+    /// What each task cost for the workload without its settings, per step, period or line.
+    fn costs(&self) -> Vec<(&str, Cost)> {
+        let cost = |report: &Report, name: &str| {
+            let found = report.tasks.iter().find(|task| task.name == name);
+            found.map(Cost::of).unwrap_or_default()
+        };
+        let names = self.whole.tasks.iter().map(|task| task.name.as_str());
+        names
+            .filter(|name| ![THREAD, STAND_IN].contains(name))
+            .map(|name| {
+                let spent = cost(&self.whole, name).minus(cost(&self.settings, name));
+                (name, spent.per(self.count))
+            })
+            .collect()
+    }
+
+    fn step(&self) -> Result<&Task> {
+        let mut tasks = self.whole.tasks.iter();
+        let step = tasks.find(|task| task.name == STEP);
+        step.context("the step interrupt never ran")
+    }
+}
+
+/// One figure of the result.
+pub(super) struct Figure {
+    key: &'static str,
+    meaning: &'static str,
+    cost: Cost,
+    /// Cycles it should not exceed.
+    target: Option<f64>,
+    /// What it is the sum of, by task.
+    parts: Vec<(String, Cost)>,
+    /// What of it goes into the times of the steps.
+    step_times: Option<Cost>,
+}
+
+impl Figure {
+    fn new(key: &'static str, meaning: &'static str, target: Option<f64>, cost: Cost) -> Self {
+        Self {
+            key,
+            meaning,
+            cost,
+            target,
+            parts: Vec::new(),
+            step_times: None,
+        }
+    }
+
+    /// The sum over the tasks that `is_counted` chooses.
+    fn sum(
+        key: &'static str,
+        meaning: &'static str,
+        target: Option<f64>,
+        run: &Run,
+        is_counted: fn(&str) -> bool,
+    ) -> Self {
+        let mut parts = run.costs();
+        parts.retain(|(name, _)| is_counted(name));
+        parts.sort_by(|(_, a), (_, b)| b.cycles.total_cmp(&a.cycles));
+        let cost = Cost::sum(parts.iter().map(|&(_, cost)| cost));
+        let parts = parts
+            .into_iter()
+            .map(|(name, cost)| (name.to_owned(), cost));
+        Self {
+            parts: parts.collect(),
+            step_times: Some(run.step_times.per(run.count)),
+            ..Self::new(key, meaning, target, cost)
+        }
+    }
+}
+
+/// The figures, from the runs with one axis, with three axes, and of short lines.
+pub(super) fn all([one, three, lines]: [&Run; 3]) -> Result<Vec<Figure>> {
+    let steps = [one.step()?, three.step()?, lines.step()?];
+    let activations = steps.map(|task| task.activations).into_iter().sum();
+    let mean = Cost::sum(steps.map(Cost::of)).per(activations);
+    let max = |of: fn(&Task) -> u64| steps.map(of).into_iter().max().unwrap_or(0) as f64;
+    let worst = Cost {
+        cycles: max(|task| task.max_cycles),
+        instructions: max(|task| task.max_instructions),
+    };
+    Ok(vec![
+        Figure::new(
+            "step_isr_mean_cycles",
+            "step interrupt, mean of the three workloads",
+            Some(110.0),
+            mean,
+        ),
+        Figure::new(
+            "step_isr_max_cycles",
+            "step interrupt, worst",
+            Some(200.0),
+            worst,
+        ),
+        Figure::sum(
+            "cycles_per_step_1axis",
+            "all tasks, 1 axis at 100 kHz, per step",
+            Some(250.0),
+            one,
+            |_| true,
+        ),
+        Figure::sum(
+            "cycles_per_period_3axis",
+            "all tasks, 3 axes at 100, 73, 51 kHz, per 10 µs",
+            None,
+            three,
+            |_| true,
+        ),
+        Figure::sum(
+            "cycles_per_g1_line",
+            "all but the step interrupt, per short G1 line",
+            Some(8000.0),
+            lines,
+            |name| name != STEP,
+        ),
+    ])
+}
+
+/// Prints the figures.
+pub(super) fn print(figures: &[Figure]) {
+    let head = format!(
+        "{:<50}{:>10}{:>14}{:>9}",
+        "", "cycles", "instructions", "target"
+    );
+    println!("{}", head.bold());
+    for figure in figures {
+        let target = figure
+            .target
+            .map_or_else(String::new, |target| format!("{target:.0}"));
+        let row = row(figure.meaning, figure.cost);
+        match figure.target {
+            Some(most) if figure.cost.cycles > most => {
+                println!("{row}{target:>9} {}", "missed".red());
+            }
+            _ => println!("{row}{target:>9}"),
+        }
+        for (name, cost) in &figure.parts {
+            println!("{}", self::row(&format!("    {name}"), *cost).dimmed());
+        }
+        if let Some(cost) = figure.step_times {
+            println!(
+                "{}",
+                self::row("    of it the times of the steps", cost).dimmed()
+            );
+        }
+    }
+}
+
+fn row(what: &str, cost: Cost) -> String {
+    format!("{what:<50}{:>10.1}{:>14.1}", cost.cycles, cost.instructions)
+}
+
+/// The figures as JSON: each under its key, and the instructions under `…_instructions`.
+pub(super) fn json(figures: &[Figure], model: &str) -> Value {
+    let mut object = Map::new();
+    for figure in figures {
+        let stem = figure.key.strip_suffix("_cycles").unwrap_or(figure.key);
+        object.insert(figure.key.into(), rounded(figure.cost.cycles));
+        object.insert(
+            format!("{stem}_instructions"),
+            rounded(figure.cost.instructions),
+        );
+        if let Some(cost) = figure.step_times {
+            object.insert(format!("{stem}_step_times"), rounded(cost.cycles));
+        }
+        if !figure.parts.is_empty() {
+            let parts = figure.parts.iter();
+            let parts = parts.map(|(name, cost)| (name.clone(), rounded(cost.cycles)));
+            object.insert(format!("{stem}_by_task"), Value::Object(parts.collect()));
+        }
+    }
+    object.insert("model".into(), model.into());
+    object.into()
+}
+
+/// To a tenth.
+fn rounded(value: f64) -> Value {
+    json!((value * 10.0).round() / 10.0)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn report(tasks: &[(&str, u64, u64)]) -> Report {
+        let tasks: Vec<Value> = tasks
+            .iter()
+            .map(|&(name, activations, cycles)| {
+                json!({
+                    "name": name, "activations": activations, "cycles": cycles,
+                    "instructions": cycles / 2, "min_cycles": 50, "max_cycles": 70,
+                    "max_instructions": 35, "peripheral_reads": 0, "peripheral_writes": 0,
+                    "histogram": [],
+                })
+            })
+            .collect();
+        serde_json::from_value(json!({
+            "model": "", "cycles": 0, "tasks": tasks, "sites": [], "functions": [],
+            "unexplained": 0, "unknown": [],
+        }))
+        .unwrap()
+    }
+
+    fn run(count: u64) -> Run {
+        Run {
+            whole: report(&[
+                ("thread", 1, 9999),
+                ("SysTick", 9, 999),
+                ("step", 10, 600),
+                ("prepare", 2, 500),
+            ]),
+            settings: report(&[("thread", 1, 99), ("prepare", 1, 100)]),
+            step_times: Cost {
+                cycles: 200.0,
+                instructions: 100.0,
+            },
+            count,
+        }
+    }
+
+    #[test]
+    fn idling_settings_and_the_stand_in_are_not_counted() {
+        let (one, three, lines) = (run(10), run(20), run(4));
+        let figures = all([&one, &three, &lines]).unwrap();
+        let cycles: Vec<f64> = figures.iter().map(|figure| figure.cost.cycles).collect();
+        assert_eq!(cycles, [60.0, 70.0, 100.0, 50.0, 100.0]);
+    }
+
+    #[test]
+    fn every_figure_has_its_instructions() {
+        let (one, three, lines) = (run(10), run(20), run(4));
+        let json = json(&all([&one, &three, &lines]).unwrap(), "table");
+        assert_eq!(json["step_isr_mean_cycles"], 60.0);
+        assert_eq!(json["step_isr_mean_instructions"], 30.0);
+        assert_eq!(json["step_isr_max_instructions"], 35.0);
+        assert_eq!(json["cycles_per_step_1axis_instructions"], 50.0);
+        assert_eq!(json["cycles_per_period_3axis_instructions"], 25.0);
+        assert_eq!(json["cycles_per_g1_line"], 100.0);
+        assert_eq!(json["cycles_per_g1_line_instructions"], 50.0);
+        assert_eq!(json["cycles_per_g1_line_step_times"], 50.0);
+        assert_eq!(json["cycles_per_g1_line_by_task"]["prepare"], 100.0);
+        assert_eq!(json["model"], "table");
+    }
+
+    #[test]
+    fn a_firmware_that_never_steps_has_no_figures() {
+        let mut one = run(1);
+        one.whole.tasks.retain(|task| task.name != "step");
+        assert!(all([&one, &run(1), &run(1)]).is_err());
+    }
+}

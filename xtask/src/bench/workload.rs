@@ -1,0 +1,131 @@
+//! What the firmware is made to do while it is counted.
+
+use std::f64::consts::TAU;
+
+/// How much of a workload is run.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Part {
+    /// The settings alone: what they cost is not the program's.
+    Settings,
+    /// Settings and program.
+    Whole,
+}
+
+/// A program and what it stands for.
+pub(super) struct Workload {
+    pub(super) name: &'static str,
+    pub(super) settings: &'static [&'static str],
+    pub(super) program: Vec<String>,
+    /// Machine position at the end, mm.
+    pub(super) end_mm: [f64; 3],
+    /// How long it moves when the look-ahead never runs dry, seconds.
+    pub(super) motion_s: f64,
+    /// What its cost is divided by: steps, periods of the fastest axis, or lines.
+    pub(super) count: u64,
+}
+
+/// One axis at 100 kHz for two seconds: 1000 steps/mm at 100 mm/s. Per step.
+pub(super) fn one_axis() -> Workload {
+    Workload {
+        name: "1 axis, 100 kHz",
+        settings: &["$0=3", "$100=1000", "$110=6000", "$120=5000"],
+        program: vec!["G1X200F6000".into()],
+        end_mm: [200.0, 0.0, 0.0],
+        motion_s: 2.0 + 0.02,
+        count: 200_000,
+    }
+}
+
+/// Three axes at 100, 73 and 51 kHz for two seconds. Per step of the fastest.
+pub(super) fn three_axes() -> Workload {
+    // The path is sqrt(100² + 73² + 51²) / 100 times as long as its part in X.
+    Workload {
+        name: "3 axes, 100, 73, 51 kHz",
+        settings: &[
+            "$0=3",
+            "$100=1000",
+            "$101=1000",
+            "$102=1000",
+            "$110=9000",
+            "$111=9000",
+            "$112=9000",
+            "$120=5000",
+            "$121=5000",
+            "$122=5000",
+        ],
+        program: vec!["G1X200Y146Z102F8034".into()],
+        end_mm: [200.0, 146.0, 102.0],
+        motion_s: 2.0 + 0.02,
+        count: 200_000,
+    }
+}
+
+/// Short lines: 24 characters each with its end, 0.3 to 0.45 mm, X Y and Z, at speed. Per line.
+pub(super) fn short_lines() -> Workload {
+    const LINES: u32 = 1200;
+    // A knot in a cube of 8 mm: one coordinate has one digit before the point, so each line has
+    // the same length.
+    let at = |index: u32| {
+        let turn = f64::from(index) * TAU / 60.0;
+        let wave = |frequency: f64, phase: f64| {
+            let amplitude = 3.2;
+            let position = 5.0 + amplitude * (frequency * turn + phase).sin();
+            (position * 1000.0).round() / 1000.0
+        };
+        [wave(1.0, 0.0), wave(1.0, TAU / 4.0), wave(0.37, 1.0)]
+    };
+    let distance = |from: [f64; 3], to: [f64; 3]| {
+        let squares = from.iter().zip(to).map(|(from, to)| (from - to).powi(2));
+        squares.sum::<f64>().sqrt()
+    };
+    let lengths = (1..LINES).map(|index| distance(at(index), at(index + 1)));
+    let length_mm = distance([0.0; 3], at(1)) + lengths.sum::<f64>();
+    let mut program: Vec<String> = vec!["G1F3000".into()];
+    program.extend((1..=LINES).map(|index| {
+        let [x, y, z] = at(index);
+        format!("G1 X{x:.3} Y{y:.3} Z{z:.3}")
+    }));
+    Workload {
+        name: "short G1 lines",
+        settings: &[
+            "$0=3",
+            "$100=320",
+            "$101=320",
+            "$102=400",
+            "$110=6000",
+            "$111=6000",
+            "$112=6000",
+            "$120=500",
+            "$121=500",
+            "$122=500",
+        ],
+        program,
+        end_mm: at(LINES),
+        motion_s: length_mm / 50.0 + 0.1,
+        count: LINES.into(),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn short_lines_are_as_long_as_promised() {
+        let workload = short_lines();
+        let lines = &workload.program[1..];
+        assert_eq!(lines.len() as u64, workload.count);
+        let mut before: Option<Vec<f64>> = None;
+        for line in lines {
+            assert_eq!(line.len() + 1, 24, "{line}");
+            let words = line.split(' ').skip(1);
+            let here: Vec<f64> = words.map(|word| word[1..].parse().unwrap()).collect();
+            if let Some(before) = before {
+                let square: f64 = here.iter().zip(&before).map(|(a, b)| (a - b).powi(2)).sum();
+                let length = square.sqrt();
+                assert!((0.3..0.45).contains(&length), "{length} mm: {line}");
+            }
+            before = Some(here);
+        }
+    }
+}
