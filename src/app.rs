@@ -20,7 +20,7 @@
 
 #[rtic::app(device = crate::board::pac, peripherals = true, dispatchers = [I2C2_EV])]
 mod app {
-    use core::{mem, task::Waker};
+    use core::task::Waker;
 
     use heapless::spsc::{Consumer, Producer, Queue};
     use leadscrew::{
@@ -188,20 +188,20 @@ mod app {
         if prepared.again {
             rtic::pend(PREPARE);
         }
-        let new = *motion.snapshot();
-        if (cx.shared.snapshot).lock(|snapshot| mem::replace(snapshot, new) != new) {
+        if prepared.news {
             rtic::pend(WAKE);
         }
+        cx.shared.snapshot.lock(|snapshot| *snapshot = *motion.snapshot());
     }
 
     /// Wakes the endless tasks.
-    #[task(binds = I2C3_ER, priority = 1, shared = [interpret_waker, report_waker])]
-    fn wake(cx: wake::Context) {
-        (cx.shared.interpret_waker, cx.shared.report_waker).lock(|interpret, report| {
-            for waker in [interpret, report].into_iter().flatten() {
-                waker.wake_by_ref();
-            }
-        });
+    #[task(binds = I2C3_ER, priority = 1, shared = [interpret_waker, report_waker, &requests])]
+    fn wake(mut cx: wake::Context) {
+        let wake = |waker: &mut Option<Waker>| waker.iter().for_each(Waker::wake_by_ref);
+        cx.shared.interpret_waker.lock(wake);
+        if cx.shared.requests.wants_status() {
+            cx.shared.report_waker.lock(wake);
+        }
     }
 
     /// Executes received lines.
@@ -213,12 +213,13 @@ mod app {
         let (requests, entries) = (cx.shared.requests, cx.local.entries_in);
         loop {
             let snapshot = cx.shared.snapshot.lock(|snapshot| *snapshot);
+            let waiting = entries.len();
             let progress = cx.shared.dialogue.lock(|(session, received, sent)| {
                 let progress = session.run(&snapshot, requests, received, sent, entries);
                 serial::start(sent);
                 progress
             });
-            if !entries.is_empty() {
+            if entries.len() != waiting {
                 rtic::pend(PREPARE);
             }
             if progress == Progress::Waiting {

@@ -40,6 +40,7 @@ pub struct Drive {
     /// When the step interrupt is due, and what the pins do then.
     due: Option<Edge>,
     is_prepare_released: bool,
+    has_news: bool,
 }
 
 impl Drive {
@@ -57,6 +58,7 @@ impl Drive {
             infos: Queue::new(),
             due: None,
             is_prepare_released: false,
+            has_news: false,
         }
     }
 
@@ -77,6 +79,11 @@ impl Drive {
         self.is_prepare_released = true;
     }
 
+    /// Whether `prepare` has released `interpret` since this was asked last.
+    pub fn take_news(&mut self) -> bool {
+        core::mem::take(&mut self.has_news)
+    }
+
     /// Runs `prepare` if it has been released; tells whether it ran.
     pub fn prepare(&mut self, requests: &Requests, now: u64) -> bool {
         if !self.is_prepare_released {
@@ -93,6 +100,7 @@ impl Drive {
             &mut infos,
         );
         self.is_prepare_released = prepared.again;
+        self.has_news |= prepared.news;
         if prepared.start && self.due.is_none() {
             self.due = Some(Edge {
                 ticks: now,

@@ -24,6 +24,11 @@ use crate::{
 const SHARE_TICKS: i32 = (10 * TICKS_PER_US).cast_signed();
 /// Events that one step can need: ends of pulses before it, waits, and itself.
 const EVENTS_PER_STEP: u32 = 8;
+/// Binary places of a step's time at an even pace: 2 ms, the longest segment, fill the word, and a
+/// thousand periods are off by a thirtieth of a tick at most.
+const EVEN_BITS: u32 = 14;
+/// What the times of steps at an even pace may be off the true ones, ticks.
+const EVEN_ERROR_TICKS: f32 = 0.25;
 /// A time before anything that still matters, ticks.
 const LONG_AGO: i32 = 1 << 24;
 /// [`EVENT_SPACING_TICKS`] and [`PULSE_LOW_TICKS`] as differences of times.
@@ -72,8 +77,22 @@ struct AxisSteps {
     time: f32,
     /// Inverse of the speed at that time, ticks per step.
     period: f32,
-    /// Whether the speed changes too much from step to step to extrapolate.
-    is_slow: bool,
+    /// The same two in [`Pace::Even`], with [`EVEN_BITS`] binary places.
+    even_time: u32,
+    even_period: u32,
+    pace: Pace,
+}
+
+/// How the time of a step follows from the one before.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+enum Pace {
+    /// By the same period: the speed does not change.
+    #[default]
+    Even,
+    /// By extrapolation: the speed changes little from step to step.
+    Smooth,
+    /// By the quadratic formula.
+    Steep,
 }
 
 const NO_STEPS: AxisSteps = AxisSteps {
@@ -84,7 +103,9 @@ const NO_STEPS: AxisSteps = AxisSteps {
     distance: 0.0,
     time: 0.0,
     period: 0.0,
-    is_slow: false,
+    even_time: 0,
+    even_period: 0,
+    pace: Pace::Even,
 };
 
 impl AxisSteps {
@@ -102,8 +123,13 @@ impl AxisSteps {
             self.next = u32::MAX;
             return;
         }
+        if self.pace == Pace::Even {
+            self.even_time = self.even_time.wrapping_add(self.even_period);
+            self.next = (self.even_time >> EVEN_BITS).min(end);
+            return;
+        }
         self.distance += 1.0;
-        if self.is_slow {
+        if self.pace == Pace::Steep {
             self.time = self.solve();
         } else {
             // One Newton step for the inverse of the speed, one for the time.
@@ -603,13 +629,31 @@ fn plan_axis(
         speed = 2.0 * way * rate;
         acceleration = -speed * rate;
     }
+    // A parabola is off its chord by at most a·T²/8.
+    let mean_period = 1.0 / math::max(way * rate, 1.0e-12);
+    if acceleration.abs() * duration * duration * mean_period < 8.0 * EVEN_ERROR_TICKS {
+        let scale = mean_period * (1 << EVEN_BITS) as f32;
+        let even_time = ((0.5 - offset) * scale) as u32;
+        let axis = AxisSteps {
+            left: steps.unsigned_abs(),
+            next: (even_time >> EVEN_BITS).min(end),
+            even_time,
+            even_period: scale as u32,
+            ..NO_STEPS
+        };
+        return (axis, steps < 0);
+    }
     let slowest = math::min(speed, speed + acceleration * duration);
     let mut axis = AxisSteps {
         left: steps.unsigned_abs(),
         speed,
         half_acceleration: 0.5 * acceleration,
         distance: 0.5 - offset,
-        is_slow: acceleration.abs() > SLOW_CHANGE * slowest * slowest,
+        pace: if acceleration.abs() > SLOW_CHANGE * slowest * slowest {
+            Pace::Steep
+        } else {
+            Pace::Smooth
+        },
         ..NO_STEPS
     };
     axis.time = axis.solve();
