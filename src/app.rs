@@ -185,7 +185,9 @@ mod app {
         if prepared.news {
             rtic::pend(WAKE);
         }
-        cx.shared.snapshot.lock(|snapshot| *snapshot = *motion.snapshot());
+        cx.shared
+            .snapshot
+            .lock(|snapshot| *snapshot = *motion.snapshot());
     }
 
     /// Wakes the endless tasks.

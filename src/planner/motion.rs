@@ -339,10 +339,8 @@ impl Motion {
 
     /// Publishes the machine as it is; tells whether anything changed that a task waits for.
     fn publish(&mut self, counts: &StepCounts) -> bool {
-        let is_at_rest = self.is_still(counts)
-            && self.plan.is_empty()
-            && !self.is_dwelling
-            && !self.is_aborting;
+        let is_at_rest =
+            self.is_still(counts) && self.plan.is_empty() && !self.is_dwelling && !self.is_aborting;
         let new = &mut self.snapshot;
         let changed = new.state != self.state
             || new.finished != self.finished
