@@ -113,6 +113,17 @@ impl AxisSteps {
         2.0 * self.distance / math::max(self.speed + math::sqrt(square), 1.0e-12)
     }
 
+    /// How many steps can follow alike, if any: at an even pace, slow enough for the pulses, the
+    /// last one of the segment apart. The pulse before ends at `ended`.
+    fn evenly(&self, ended: u32, pulse_ticks: u32) -> Option<u32> {
+        let is_on_time = self.next == self.even_time >> EVEN_BITS
+            && self.next.wrapping_sub(ended) < 1 << 30
+            && self.next.wrapping_sub(ended) >= PULSE_LOW_TICKS;
+        let is_slow = self.even_period >> EVEN_BITS >= pulse_ticks + PULSE_LOW_TICKS;
+        let is_even = self.pace == Pace::Even && self.left > 1;
+        (is_even && is_on_time && is_slow).then(|| self.left - 1)
+    }
+
     /// Moves on to the next step.
     #[inline]
     fn advance(&mut self, end: u32) {
@@ -603,6 +614,14 @@ fn fill_one(
     let pulse_end = StepEvent::new(pulse_ticks.cast_unsigned(), 0, mask);
     let mut last = cursor.last;
     let mut out = *events;
+    let many = steps.evenly(
+        (last + pulse_ticks).cast_unsigned(),
+        pulse_ticks.cast_unsigned(),
+    );
+    if let Some(many) = many {
+        let count = many.min(out.room() / 2 - EVENTS_PER_STEP / 2);
+        last = put_evenly(&mut steps, count, last, pulse_end, &mut out);
+    }
     // wcet-bound: 512
     while steps.left != 0 && out.room() >= EVENTS_PER_STEP {
         let ended = last + pulse_ticks;
@@ -620,6 +639,36 @@ fn fill_one(
     cursor.ended = 0;
     cursor.oldest = High::new(mask, last + pulse_ticks);
     steps.left == 0
+}
+
+/// Steps at an even pace, all alike: each ends the pulse before it. The time of the last one.
+fn put_evenly(
+    steps: &mut AxisSteps,
+    count: u32,
+    last: i32,
+    pulse_end: StepEvent,
+    out: &mut EventBatch<'_>,
+) -> i32 {
+    let mask = pulse_end.drop();
+    let pulse_ticks = pulse_end.ticks();
+    let (mut fine, period) = (steps.even_time, steps.even_period);
+    let mut last = last.cast_unsigned();
+    let mut batch = *out;
+    // wcet-bound: 511
+    for _ in 0..count {
+        let time = fine >> EVEN_BITS;
+        let low_ticks = time.wrapping_sub(last).wrapping_sub(pulse_ticks);
+        batch.put(pulse_end);
+        batch.put(StepEvent::new(low_ticks, mask, 0));
+        batch.publish();
+        last = time;
+        fine = fine.wrapping_add(period);
+    }
+    *out = batch;
+    steps.left -= count;
+    steps.even_time = fine;
+    steps.next = fine >> EVEN_BITS;
+    last.cast_signed()
 }
 
 /// The steps of an axis that goes from one position to another, and whether backwards.
