@@ -209,15 +209,16 @@ mod app {
         let (requests, entries) = (cx.shared.requests, cx.local.entries_in);
         loop {
             let snapshot = cx.shared.snapshot.lock(|snapshot| *snapshot);
-            let waiting = entries.len();
             let progress = cx.shared.dialogue.lock(|(session, received, sent)| {
+                let entered = session.entered();
                 let progress = session.run(&snapshot, requests, received, sent, entries);
+                // The length of the queue would not do: `prepare` may take entries meanwhile.
+                if session.entered() != entered {
+                    rtic::pend(PREPARE);
+                }
                 serial::start(sent);
                 progress
             });
-            if entries.len() != waiting {
-                rtic::pend(PREPARE);
-            }
             if progress == Progress::Waiting {
                 released(&mut cx.shared.interpret_waker).await;
             }

@@ -197,7 +197,7 @@ impl StepsPerMm {
 const fn high_word(a: u64, b: u64) -> u64 {
     let (a_low, a_high) = (a & 0xffff_ffff, a >> 32);
     let (b_low, b_high) = (b & 0xffff_ffff, b >> 32);
-    let middle = a_high * b_low + (a_low * b_low >> 32);
+    let middle = a_high * b_low + ((a_low * b_low) >> 32);
     let other = a_low * b_high + (middle & 0xffff_ffff);
     a_high * b_high + (middle >> 32) + (other >> 32)
 }

@@ -106,6 +106,12 @@ impl Session {
         }
     }
 
+    /// Entries given to the machine so far, wrapping.
+    #[must_use]
+    pub fn entered(&self) -> u32 {
+        self.entered
+    }
+
     /// The settings in effect.
     #[must_use]
     pub fn settings(&self) -> &Settings {
