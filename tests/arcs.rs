@@ -154,7 +154,7 @@ fn check_from_start(settings: &Settings, commands: &[Command; 2]) -> f64 {
     let shift = |command: &Command| -> Command {
         let mut command = *command;
         if let Command::Line { target, .. } | Command::Arc { target, .. } = &mut command {
-            *target = target.zip(start, |to, from| to - from);
+            *target = target.position.zip(start, |to, from| to - from).into();
         }
         command
     };
@@ -277,10 +277,115 @@ proptest! {
                     target[axis] = Nm((target[axis].0 as f64 * scale) as i64);
                 }
                 target[axis] = Nm::from_mm_f64(normal);
-                Command::Arc { target, circle, pace, line }
+                Command::Arc { target: target.into(), circle, pace, line }
             }
             _ => unreachable!(),
         };
         check(&settings, &[approach, around]);
     }
+}
+
+/// What a trace shows of an arc around the origin of its plane (mm) in the middle of its time.
+struct Middle {
+    speed_mm_min: f64,
+    /// Greatest acceleration in the plane at any time, mm/s².
+    hardest_mm_s2: f64,
+}
+
+/// Speed and acceleration of an arc in XY around `centre`, from positions `window_s` apart.
+fn measure(settings: &Settings, trace: &Trace, centre: [f64; 2], window_s: f64) -> Middle {
+    let axes = [0, 1].map(|axis| {
+        let mm = 1.0 / f64::from(settings.steps_per_mm[axis].to_f32());
+        let steps = trace.steps(axis);
+        move |seconds: f64| {
+            let after = steps.partition_point(|step| step.seconds <= seconds);
+            let crossing = |n: usize| {
+                let step = steps[n.min(steps.len() - 1)];
+                (
+                    step.seconds,
+                    f64::from(step.position) - 0.5 * f64::from(step.sign),
+                )
+            };
+            let ((t0, p0), (t1, p1)) = (crossing(after.max(1) - 1), crossing(after));
+            let share = if t1 > t0 {
+                ((seconds - t0) / (t1 - t0)).clamp(0.0, 1.0)
+            } else {
+                0.0
+            };
+            (p0 + (p1 - p0) * share) * mm
+        }
+    });
+    let at = |seconds: f64| [axes[0](seconds), axes[1](seconds)];
+    let first = trace
+        .edges
+        .first()
+        .map_or(0.0, |e| e.ticks as f64 / support::TICKS_PER_S);
+    let end = first + trace.motion_seconds();
+    let mut hardest_mm_s2 = 0.0_f64;
+    let mut seconds = first + window_s;
+    while seconds < end - window_s {
+        let [a, b, c] = [-window_s, 0.0, window_s].map(|shift| at(seconds + shift));
+        let second = |n: usize| (a[n] - 2.0 * b[n] + c[n]) / (window_s * window_s);
+        hardest_mm_s2 = hardest_mm_s2.max(second(0).hypot(second(1)));
+        seconds += 0.37 * window_s;
+    }
+    let angle = |seconds: f64| {
+        let [x, y] = at(seconds);
+        (y - centre[1]).atan2(x - centre[0])
+    };
+    let half = 0.05 * (end - first);
+    let middle = 0.5 * (first + end);
+    let turned = (angle(middle + half) - angle(middle - half) + std::f64::consts::PI)
+        .rem_euclid(std::f64::consts::TAU)
+        - std::f64::consts::PI;
+    let radius = f64::hypot(centre[0], centre[1]);
+    Middle {
+        speed_mm_min: turned.abs() * radius / (2.0 * half) * 60.0,
+        hardest_mm_s2,
+    }
+}
+
+#[test]
+fn an_arc_reaches_the_centripetal_limit_and_keeps_within_it() {
+    for (radius, mm_min, steps, window_s) in
+        [(1.0, 848.5, 4000.0, 0.008), (100.0, 8485.3, 400.0, 0.03)]
+    {
+        let settings = Settings {
+            step_pulse_us: 3,
+            ..with(&[steps], &[20_000.0], &[200.0])
+        };
+        for rotation in ROTATIONS {
+            let centre = [0.6 * radius, -0.8 * radius];
+            let commands = [arc(Plane::Xy, rotation, &[0.0; 3], centre, 20_000.0)];
+            let trace = Rig::play(&settings, &commands);
+            let Middle {
+                speed_mm_min,
+                hardest_mm_s2,
+            } = measure(&settings, &trace, centre, window_s);
+            println!("r = {radius} mm: {speed_mm_min:.1} mm/min, {hardest_mm_s2:.1} mm/s²");
+            assert!((speed_mm_min / mm_min - 1.0).abs() < 0.02, "{speed_mm_min}");
+            assert!(hardest_mm_s2 <= 200.0 * 1.05, "{hardest_mm_s2}");
+        }
+    }
+}
+
+#[test]
+fn a_held_and_resumed_arc_keeps_its_path_and_its_limit() {
+    let settings = Settings {
+        step_pulse_us: 3,
+        ..with(&[1000.0], &[20_000.0], &[200.0])
+    };
+    let centre = [0.0, 10.0];
+    let commands = [arc(
+        Plane::Xy,
+        Rotation::Clockwise,
+        &[0.0; 3],
+        centre,
+        20_000.0,
+    )];
+    let mut rig = Rig::new(&settings);
+    rig.run(&commands, &[(40_000_000, b'!'), (70_000_000, b'~')]);
+    let peak = measure(&settings, &rig.trace, centre, 0.012).hardest_mm_s2;
+    assert!(peak <= 200.0 * 1.05, "{peak}");
+    check_path(&settings, &commands, &rig.trace, 0.0);
 }

@@ -11,8 +11,8 @@ use leadscrew::{
 };
 use proptest::prelude::*;
 use support::{
-    Act, RESET, Rig, Trace, arc, cases, check_limits, check_path, fast, line, line_at, number,
-    target, target_steps, with,
+    Act, RESET, Rig, TICKS_PER_S, Trace, arc, cases, check_limits, check_path, fast, line, line_at,
+    number, target, target_steps, with,
 };
 
 /// A move too short for a step becomes part of the next: that one's path begins up to a step off.
@@ -150,4 +150,127 @@ proptest! {
             check_path(&settings, &commands, &rig.trace, slack(&settings, &commands));
         }
     }
+}
+
+/// The exact trapezoid of a move from rest to rest.
+struct Trapezoid {
+    length: f64,
+    speed: f64,
+    acceleration: f64,
+}
+
+impl Trapezoid {
+    fn seconds(&self) -> f64 {
+        self.length / self.speed + self.speed / self.acceleration
+    }
+
+    /// When a way is done, s.
+    fn when(&self, way: f64) -> f64 {
+        let ramp = self.speed * self.speed / (2.0 * self.acceleration);
+        if way <= ramp {
+            (2.0 * way / self.acceleration).sqrt()
+        } else if way <= self.length - ramp {
+            self.speed / self.acceleration + (way - ramp) / self.speed
+        } else {
+            self.seconds() - (2.0 * (self.length - way).max(0.0) / self.acceleration).sqrt()
+        }
+    }
+}
+
+/// RMS of the error of the intervals between steps, relative to the exact interval.
+fn interval_error_rms(times: &[f64], exact: &[f64]) -> f64 {
+    let errors = times.windows(2).zip(exact.windows(2)).map(|(real, ideal)| {
+        let interval = ideal[1] - ideal[0];
+        ((real[1] - real[0]) - interval) / interval
+    });
+    (errors.map(|error| error * error).sum::<f64>() / (times.len() - 1) as f64).sqrt()
+}
+
+#[test]
+fn one_line_of_three_axes_is_the_exact_trapezoid() {
+    let settings = with(&[320.0, 320.0, 400.0], &[6000.0], &[500.0]);
+    let commands = [line(&[100.0, 61.8, 38.2], 6000.0)];
+    let trace = check(&settings, &commands);
+    let way = [100.0_f64, 61.8, 38.2];
+    let length = way.iter().map(|way| way * way).sum::<f64>().sqrt();
+    let ideal = Trapezoid {
+        length,
+        speed: 100.0,
+        acceleration: 500.0 * length / 100.0,
+    };
+    let start = trace.starts[0] as f64 / TICKS_PER_S;
+    for (axis, way) in way.into_iter().enumerate() {
+        let steps = trace.steps(axis);
+        let per_mm = f64::from(settings.steps_per_mm[axis].to_f32());
+        let times: Vec<f64> = steps.iter().map(|step| step.seconds - start).collect();
+        let exact: Vec<f64> = steps
+            .iter()
+            .map(|step| ideal.when((f64::from(step.position) - 0.5) / per_mm * length / way))
+            .collect();
+        let rms = interval_error_rms(&times, &exact);
+        let worst = times
+            .iter()
+            .zip(&exact)
+            .map(|(a, b)| (a - b).abs())
+            .fold(0.0, f64::max);
+        println!(
+            "axis {axis}: interval error {:.3} % rms, step times within {:.1} µs",
+            rms * 100.0,
+            worst * 1.0e6
+        );
+        assert!(rms <= 0.01, "axis {axis}: {rms}");
+    }
+    let whole = trace.whole_seconds();
+    println!("{whole:.6} s of {:.6} s", ideal.seconds());
+    assert!((whole / ideal.seconds() - 1.0).abs() <= 0.001, "{whole}");
+    let off = off_line(&settings, &trace, way);
+    println!("{off:.3} steps off the path at most");
+    let jump = largest_jump(&settings, &trace, way, length);
+    println!("largest jump of the path speed {jump:.3} mm/s");
+    assert!(jump <= 0.7, "{jump}");
+}
+
+/// The most that an axis is off a line from the origin after any step, in steps.
+fn off_line(settings: &Settings, trace: &Trace, way: [f64; 3]) -> f64 {
+    let ends = [0, 1, 2].map(|n| way[n] * f64::from(settings.steps_per_mm[n].to_f32()));
+    let mut position = [0.0; 3];
+    let mut worst = 0.0_f64;
+    for edge in trace.edges.iter().filter(|edge| edge.raise != 0) {
+        for (axis, steps) in position.iter_mut().enumerate() {
+            *steps += f64::from(u8::from(edge.raise & 1 << axis != 0));
+        }
+        let off = |share: f64| {
+            let off = [0, 1, 2].map(|n| (ends[n] * share - position[n]).abs());
+            off.into_iter().fold(0.0, f64::max)
+        };
+        // The nearest point of the line: the largest distance is convex along it.
+        let near = position[0] / ends[0];
+        let (mut low, mut high) = (near - 5.0 / ends[0], near + 5.0 / ends[0]);
+        for _ in 0..60 {
+            let third = (high - low) / 3.0;
+            if off(low + third) < off(high - third) {
+                high -= third;
+            } else {
+                low += third;
+            }
+        }
+        worst = worst.max(off(low));
+    }
+    worst
+}
+
+/// Largest change of the path speed from one interval of the X axis to the next, mm/s, in cruise
+/// and, less what the acceleration makes of it, on the ramps.
+fn largest_jump(settings: &Settings, trace: &Trace, way: [f64; 3], length: f64) -> f64 {
+    let per_mm = f64::from(settings.steps_per_mm[0].to_f32());
+    let to_path = length / way[0];
+    let times: Vec<f64> = trace.steps(0).iter().map(|step| step.seconds).collect();
+    let mut jump = 0.0_f64;
+    for span in times.windows(3) {
+        let speed = |a: f64, b: f64| to_path / per_mm / (b - a);
+        let change = speed(span[1], span[2]) - speed(span[0], span[1]);
+        let explained = 500.0 * to_path * 0.5 * (span[2] - span[0]);
+        jump = jump.max(change.abs() - explained);
+    }
+    jump
 }

@@ -4,7 +4,7 @@
 //! segment begins to be played, when an entry or a request has come. Deadline: the events queued
 //! ahead, [`AHEAD_TICKS`]; a miss starves the step interrupt, which is a fault.
 
-use heapless::spsc::{Consumer, Producer};
+use heapless::spsc::Consumer;
 
 use super::{
     BLOCKS, Entry, LookAhead, Work,
@@ -17,7 +17,7 @@ use crate::{
     settings::Settings,
     stepper::{
         AHEAD_TICKS, AxisMotion, EventWriter, Generator, SEGMENT_RING, SEGMENT_TICKS, Segment,
-        SegmentInfo, StepCounts,
+        StepCounts,
     },
     units::{FineSteps, TICKS_PER_MS},
 };
@@ -116,7 +116,6 @@ impl Motion {
         counts: &StepCounts,
         entries: &mut Consumer<'_, Entry>,
         events: &mut EventWriter<'_>,
-        infos: &mut Producer<'_, SegmentInfo>,
     ) -> Prepared {
         if counts.take_starved() {
             self.fail();
@@ -126,7 +125,7 @@ impl Motion {
         }
         self.hold_or_start(requests);
         let taken = self.take(entries, counts);
-        self.generate(counts, events, infos);
+        self.generate(counts, events);
         self.settle(counts);
         let changed = self.publish(counts);
         Prepared {
@@ -266,12 +265,7 @@ impl Motion {
         true
     }
 
-    fn generate(
-        &mut self,
-        counts: &StepCounts,
-        events: &mut EventWriter<'_>,
-        infos: &mut Producer<'_, SegmentInfo>,
-    ) {
+    fn generate(&mut self, counts: &StepCounts, events: &mut EventWriter<'_>) {
         // wcet-bound: 32
         for _ in 0..SEGMENT_RING {
             if self.generator.is_open() && !self.generator.fill(events) {
@@ -281,15 +275,15 @@ impl Motion {
                 .generator
                 .clock_ticks()
                 .wrapping_sub(counts.played_ticks());
-            if ahead >= AHEAD_TICKS || !infos.ready() {
+            if ahead >= AHEAD_TICKS || !counts.has_room() {
                 return;
             }
             if let Some(segment) = self.next_segment() {
                 self.rest = None;
-                self.generator.begin(&segment, infos);
+                self.generator.begin(&segment, counts);
             } else if self.rest.is_none() {
                 self.rest = Some(self.generator.clock_ticks());
-                self.generator.rest(infos);
+                self.generator.rest(counts);
             } else {
                 return;
             }
@@ -345,10 +339,8 @@ impl Motion {
 
     /// Publishes the machine as it is; tells whether anything changed that a task waits for.
     fn publish(&mut self, counts: &StepCounts) -> bool {
-        let is_at_rest = self.is_still(counts)
-            && self.plan.is_empty()
-            && !self.is_dwelling
-            && !self.is_aborting;
+        let is_at_rest =
+            self.is_still(counts) && self.plan.is_empty() && !self.is_dwelling && !self.is_aborting;
         let new = &mut self.snapshot;
         let changed = new.state != self.state
             || new.finished != self.finished

@@ -19,8 +19,8 @@ const LINEAR: usize = 3;
 const MIN_SPEED_MM_S: f32 = 1.0 / 60.0;
 /// Most steps per second that a segment of the step interrupt can count on one axis.
 const MAX_STEP_RATE_HZ: f32 = 500_000.0;
-/// Cosine of the angle between two blocks above which they are one line.
-const STRAIGHT: f32 = 0.999_999;
+/// Square of the change of direction below which two blocks are one line: 1.4 mrad, as in Grbl.
+const STRAIGHT: f32 = 2.0e-6;
 
 /// What the limits of a move are computed from.
 #[derive(Debug, Clone, Copy)]
@@ -34,7 +34,8 @@ struct Limits {
 impl Limits {
     fn new(settings: &Settings) -> Self {
         // Steps of other axes may delay one: it has to be able to catch up.
-        let pulse_ticks = u32::from(settings.step_pulse_us) * TICKS_PER_US
+        let pulse_ticks = (u32::from(settings.step_pulse_us) * TICKS_PER_US)
+            .max(EVENT_SPACING_TICKS)
             + PULSE_LOW_TICKS
             + EVENT_SPACING_TICKS;
         let step_rate = (TICKS_PER_SECOND as f32 / pulse_ticks as f32).min(MAX_STEP_RATE_HZ);
@@ -62,19 +63,24 @@ impl Limits {
 
     /// Limit of the squared speed in the corner between two directions.
     fn junction_sqr(&self, before: &Axes<f32>, after: &Axes<f32>) -> f32 {
-        let cosine = dot(before, after);
-        if cosine >= STRAIGHT {
+        // Sine and cosine of half the turn: half the difference and half the sum of the directions.
+        let change = after.zip(*before, |after, before| after - before);
+        let change_sqr = dot(&change, &change);
+        let sum = after.zip(*before, |after, before| after + before);
+        let cosine_sqr = 0.25 * dot(&sum, &sum);
+        if change_sqr <= STRAIGHT {
             return f32::MAX;
         }
-        if cosine <= -STRAIGHT {
+        if cosine_sqr <= 0.25 * STRAIGHT {
             return 0.0;
         }
-        // The acceleration in the corner points along the change of direction.
-        let change = after.zip(*before, |after, before| after - before);
-        let length = math::sqrt(dot(&change, &change));
-        let acceleration = Self::along(&self.acceleration_mm_s2, &change) * length;
-        let sine_half = math::sqrt(0.5 * (1.0 + cosine));
-        acceleration * self.junction_deviation_mm * sine_half / (1.0 - sine_half)
+        // The acceleration in the corner points along the change of direction: a unit vector, where
+        // `along` takes the change itself.
+        let acceleration = Self::along(&self.acceleration_mm_s2, &change) * math::sqrt(change_sqr);
+        let cosine = math::sqrt(cosine_sqr);
+        // cos / (1 - cos), without the difference that cancels.
+        let ratio = cosine * (1.0 + cosine) / (0.25 * change_sqr);
+        acceleration * self.junction_deviation_mm * ratio
     }
 }
 

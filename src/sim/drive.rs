@@ -7,7 +7,7 @@ use crate::{
     planner::{Entry, Motion},
     protocol::realtime::Requests,
     settings::Settings,
-    stepper::{EventRing, SEGMENT_RING, SegmentInfo, StepCounts, Stepper},
+    stepper::{EventRing, StepCounts, Stepper},
 };
 
 /// Entries that may wait for `prepare`, and one more.
@@ -36,7 +36,6 @@ pub struct Drive {
     /// Entries for `prepare`.
     pub entries: Queue<Entry, ENTRY_RING>,
     events: EventRing,
-    infos: Queue<SegmentInfo, SEGMENT_RING>,
     /// When the step interrupt is due, and what the pins do then.
     due: Option<Edge>,
     is_prepare_released: bool,
@@ -55,7 +54,6 @@ impl Drive {
             counts: StepCounts::new(),
             entries: Queue::new(),
             events: EventRing::new(),
-            infos: Queue::new(),
             due: None,
             is_prepare_released: false,
             has_news: false,
@@ -91,14 +89,9 @@ impl Drive {
         }
         let (_, mut entries) = self.entries.split();
         let (mut events, _) = self.events.split();
-        let (mut infos, _) = self.infos.split();
-        let prepared = self.motion.run(
-            requests,
-            &self.counts,
-            &mut entries,
-            &mut events,
-            &mut infos,
-        );
+        let prepared = self
+            .motion
+            .run(requests, &self.counts, &mut entries, &mut events);
         self.is_prepare_released = prepared.again;
         self.has_news |= prepared.news;
         if prepared.start && self.due.is_none() {
@@ -117,8 +110,7 @@ impl Drive {
     pub fn step(&mut self) -> Option<Edge> {
         let edge = self.due?;
         let (_, mut events) = self.events.split();
-        let (_, mut infos) = self.infos.split();
-        let advance = self.stepper.advance(&mut events, &mut infos, &self.counts);
+        let advance = self.stepper.advance(&mut events, &self.counts);
         self.is_prepare_released |= advance.releases_prepare();
         self.due = advance.wait.map(|ticks| Edge {
             ticks: edge.ticks + u64::from(ticks),

@@ -8,11 +8,9 @@
 //! Ends of pulses are events of the same list. An end may come late, and then shares the event of
 //! the next step, as long as the axis stays low for [`PULSE_LOW_TICKS`] before its next pulse.
 
-use heapless::spsc::Producer;
-
 use super::{
     DIRECTION_SETUP_TICKS, EVENT_SPACING_TICKS, EventWriter, PULSE_LOW_TICKS, SegmentInfo,
-    StepEvent, ring::EventBatch,
+    StepCounts, StepEvent, ring::EventBatch,
 };
 use crate::{
     axis::{AXES, Axes},
@@ -303,6 +301,8 @@ pub struct Generator {
     is_boundary: bool,
     /// Axes that reverse with the segment, which has no event yet.
     turns: u32,
+    /// The axis with the most steps in the segment.
+    leader: usize,
     /// The segment is the standstill after the last one.
     is_rest: bool,
     directions: u8,
@@ -323,6 +323,7 @@ impl Generator {
             is_open: false,
             is_boundary: false,
             turns: 0,
+            leader: 0,
             is_rest: false,
             directions: 0,
             pulse_ticks: (10 * TICKS_PER_US).cast_signed(),
@@ -330,9 +331,11 @@ impl Generator {
         }
     }
 
-    /// Sets the length of a pulse, µs.
+    /// Sets the length of a pulse, µs. A shorter one than events are apart lasts as long as that.
     pub fn set_pulse_us(&mut self, pulse_us: u8) {
-        self.pulse_ticks = (u32::from(pulse_us) * TICKS_PER_US).cast_signed();
+        self.pulse_ticks = (u32::from(pulse_us) * TICKS_PER_US)
+            .cast_signed()
+            .max(SPACING);
     }
 
     /// Exact position at the end of all segments begun.
@@ -364,11 +367,12 @@ impl Generator {
         self.clock_ticks
     }
 
-    /// Begins a segment. The one before must be finished, and `infos` must have room.
-    pub fn begin(&mut self, segment: &Segment, infos: &mut Producer<'_, SegmentInfo>) {
+    /// Begins a segment. The one before must be finished, and `counts` must have room.
+    pub fn begin(&mut self, segment: &Segment, counts: &StepCounts) {
         let duration = segment.ticks as f32;
         let rate = 1.0 / duration;
         let mut directions = self.directions;
+        let mut most = 0;
         // wcet-bound: 6
         for axis in 0..AXES {
             let motion = segment.axes[axis];
@@ -377,11 +381,15 @@ impl Generator {
             if steps.left != 0 {
                 directions = directions & !(1 << axis) | u8::from(is_negative) << axis;
             }
+            if steps.left > most {
+                most = steps.left;
+                self.leader = axis;
+            }
             self.axes[axis] = steps;
             self.position[axis] = motion.to;
         }
         self.open(segment.ticks, directions);
-        let _ = infos.enqueue(SegmentInfo {
+        counts.announce(&SegmentInfo {
             start_ticks: self.clock_ticks,
             directions,
             is_rest: false,
@@ -392,14 +400,14 @@ impl Generator {
     }
 
     /// Begins the standstill after the last segment: ends all pulses and lets the queue run empty.
-    pub fn rest(&mut self, infos: &mut Producer<'_, SegmentInfo>) {
+    pub fn rest(&mut self, counts: &StepCounts) {
         // wcet-bound: 6
         for axis in &mut self.axes {
             *axis = NO_STEPS;
         }
         self.open(EVENT_SPACING_TICKS, self.directions);
         self.is_rest = true;
-        let _ = infos.enqueue(SegmentInfo {
+        counts.announce(&SegmentInfo {
             start_ticks: self.clock_ticks,
             directions: self.directions,
             is_rest: true,
@@ -505,6 +513,14 @@ impl Generator {
         if first == u32::MAX {
             return None;
         }
+        // The axis with the most steps keeps its time, where an error weighs most. The others keep
+        // clear of the segment's end: its next step may follow at once.
+        let leading = self.axes.get(self.leader).map_or(first, |axis| axis.next);
+        let time = if leading.wrapping_sub(first) < EVENT_SPACING_TICKS {
+            leading
+        } else {
+            first.min(self.ticks.saturating_sub(EVENT_SPACING_TICKS))
+        };
         let mut mask = 0;
         // wcet-bound: 6
         for (index, axis) in self.axes.iter_mut().enumerate() {
@@ -514,7 +530,7 @@ impl Generator {
                 axis.advance(self.ticks);
             }
         }
-        Some((first.cast_signed(), mask))
+        Some((time.cast_signed(), mask))
     }
 
     /// Ends the pulses of axes that reverse, still in the segment before, and holds their steps
@@ -524,7 +540,8 @@ impl Generator {
         if self.cursor.high() & self.turns != 0 {
             self.cursor.end_all(events);
         }
-        let earliest = self.cursor.last + DIRECTION_SETUP_TICKS.cast_signed();
+        // An axis that shares an event may step earlier than it would alone.
+        let earliest = self.cursor.last + DIRECTION_SETUP_TICKS.cast_signed() + SPACING;
         let earliest = earliest.max(0).cast_unsigned();
         // wcet-bound: 6
         for (index, axis) in self.axes.iter_mut().enumerate() {
@@ -549,9 +566,10 @@ impl Generator {
             self.cursor.put(time, 0, 0, events);
             self.publish_first(first, events);
         }
-        // What comes next may come late: pulses do not wait for another segment to end.
+        // What comes next may come late: pulses do not wait for another segment to end, unless they
+        // would be in the way of its first step.
         // wcet-bound: 3
-        while self.cursor.oldest != High::NONE && self.cursor.oldest.due() < end {
+        while self.cursor.oldest != High::NONE && self.cursor.oldest.due() < end - SPACING {
             self.cursor.end_oldest(events);
         }
         events.publish();

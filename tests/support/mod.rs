@@ -17,7 +17,7 @@ pub(crate) use {host::*, limits::*, path::*, rig::*, trace::*};
 mod host {
     use leadscrew::{
         axis::Axes,
-        planner::{Circle, Command, Pace, Plane, Rotation},
+        planner::{Circle, Command, Pace, Plane, Rotation, Target},
         settings::Settings,
         units::{Nm, StepsPerMm},
     };
@@ -53,9 +53,9 @@ mod host {
         line_at(at(mm), Pace::Feed(mm_min))
     }
 
-    pub(crate) fn line_at(target: Axes<Nm>, pace: Pace) -> Command {
+    pub(crate) fn line_at(target: impl Into<Target>, pace: Pace) -> Command {
         Command::Line {
-            target,
+            target: target.into(),
             pace,
             line: 0,
         }
@@ -70,7 +70,7 @@ mod host {
         mm_min: f32,
     ) -> Command {
         Command::Arc {
-            target: at(target),
+            target: at(target).into(),
             circle: Circle {
                 plane,
                 centre: centre.map(Nm::from_mm_f64),
@@ -92,7 +92,7 @@ mod host {
     /// Where a command ends.
     pub(crate) fn target(command: &Command) -> Option<Axes<Nm>> {
         match command {
-            Command::Line { target, .. } | Command::Arc { target, .. } => Some(*target),
+            Command::Line { target, .. } | Command::Arc { target, .. } => Some(target.position),
             _ => None,
         }
     }

@@ -88,6 +88,13 @@ impl Trace {
         (last - first) as f64 / TICKS_PER_S
     }
 
+    /// From the start of the step timer to the end of the last segment, s.
+    pub(crate) fn whole_seconds(&self) -> f64 {
+        let first = self.starts.first().copied().unwrap_or(0);
+        let last = self.edges.last().map_or(first, |edge| edge.ticks);
+        (last - first) as f64 / TICKS_PER_S
+    }
+
     /// FNV-1a over times, steps and directions.
     pub(crate) fn hash(&self) -> u64 {
         let mut hash = 0xcbf2_9ce4_8422_2325_u64;
