@@ -20,7 +20,7 @@
 
 #[rtic::app(device = crate::board::pac, peripherals = true, dispatchers = [I2C2_EV])]
 mod app {
-    use core::{mem, task::Waker};
+    use core::task::Waker;
 
     use heapless::spsc::{Consumer, Producer, Queue};
     use leadscrew::{
@@ -32,9 +32,7 @@ mod app {
         },
         settings::Settings,
         sim::{ENTRY_RING, RECEIVED_RING, SENT_RING},
-        stepper::{
-            EventReader, EventRing, EventWriter, SEGMENT_RING, SegmentInfo, StepCounts, Stepper,
-        },
+        stepper::{EventReader, EventRing, EventWriter, StepCounts, Stepper},
     };
 
     use crate::board::{
@@ -68,8 +66,8 @@ mod app {
         sent_out: Consumer<'static, u8>,
         entries_in: Producer<'static, Entry>,
         entries_out: Consumer<'static, Entry>,
-        steps_in: (EventWriter<'static>, Producer<'static, SegmentInfo>),
-        steps_out: (EventReader<'static>, Consumer<'static, SegmentInfo>),
+        events_in: EventWriter<'static>,
+        events_out: EventReader<'static>,
     }
 
     #[init(local = [
@@ -78,7 +76,6 @@ mod app {
         sent: Queue<u8, SENT_RING> = Queue::new(),
         entries: Queue<Entry, ENTRY_RING> = Queue::new(),
         events: EventRing = EventRing::new(),
-        infos: Queue<SegmentInfo, SEGMENT_RING> = Queue::new(),
     ])]
     fn init(cx: init::Context) -> (Shared, Local) {
         let settings = Settings::default();
@@ -89,7 +86,6 @@ mod app {
         let (sent_in, sent_out) = cx.local.sent.split();
         let (entries_in, entries_out) = cx.local.entries.split();
         let (events_in, events_out) = cx.local.events.split();
-        let (infos_in, infos_out) = cx.local.infos.split();
         interpret::spawn().expect("it has not been spawned before");
         report::spawn().expect("it has not been spawned before");
         let shared = Shared {
@@ -108,8 +104,8 @@ mod app {
             sent_out,
             entries_in,
             entries_out,
-            steps_in: (events_in, infos_in),
-            steps_out: (events_out, infos_out),
+            events_in,
+            events_out,
         };
         (shared, local)
     }
@@ -124,18 +120,16 @@ mod app {
     /// Deadline: before the next event. A miss delays that event, and is counted; no step is lost.
     #[task(
         binds = TIM2, priority = 4, shared = [&counts],
-        local = [output, steps_out, stepper: Stepper = Stepper::new()]
+        local = [output, events_out, stepper: Stepper = Stepper::new()]
     )]
     fn step(cx: step::Context) {
-        let ((events, infos), counts) = (cx.local.steps_out, cx.shared.counts);
+        let (events, counts) = (cx.local.events_out, cx.shared.counts);
         cx.local.output.write();
         let is_late = if let Some(event) = cx.local.stepper.advance_within(events) {
             cx.local.output.set_up(event)
         } else {
             rtic::pend(PREPARE);
-            cx.local
-                .output
-                .turn(cx.local.stepper, events, infos, counts)
+            cx.local.output.turn(cx.local.stepper, events, counts)
         };
         if is_late {
             counts.count_late();
@@ -170,7 +164,7 @@ mod app {
     ///
     /// Deadline: before the events in the queue have been played. A miss is a fault: alarm.
     #[task(
-        binds = I2C3_EV, priority = 2, local = [motion, entries_out, steps_in],
+        binds = I2C3_EV, priority = 2, local = [motion, entries_out, events_in],
         shared = [snapshot, &requests, &counts]
     )]
     fn prepare(mut cx: prepare::Context) {
@@ -180,28 +174,30 @@ mod app {
         {
             step_output::configure(settings);
         }
-        let ((events, infos), counts) = (cx.local.steps_in, cx.shared.counts);
-        let prepared = motion.run(cx.shared.requests, counts, entries, events, infos);
+        let (events, counts) = (cx.local.events_in, cx.shared.counts);
+        let prepared = motion.run(cx.shared.requests, counts, entries, events);
         if prepared.start {
             step_output::start();
         }
         if prepared.again {
             rtic::pend(PREPARE);
         }
-        let new = *motion.snapshot();
-        if (cx.shared.snapshot).lock(|snapshot| mem::replace(snapshot, new) != new) {
+        if prepared.news {
             rtic::pend(WAKE);
         }
+        cx.shared
+            .snapshot
+            .lock(|snapshot| *snapshot = *motion.snapshot());
     }
 
     /// Wakes the endless tasks.
-    #[task(binds = I2C3_ER, priority = 1, shared = [interpret_waker, report_waker])]
-    fn wake(cx: wake::Context) {
-        (cx.shared.interpret_waker, cx.shared.report_waker).lock(|interpret, report| {
-            for waker in [interpret, report].into_iter().flatten() {
-                waker.wake_by_ref();
-            }
-        });
+    #[task(binds = I2C3_ER, priority = 1, shared = [interpret_waker, report_waker, &requests])]
+    fn wake(mut cx: wake::Context) {
+        let wake = |waker: &mut Option<Waker>| waker.iter().for_each(Waker::wake_by_ref);
+        cx.shared.interpret_waker.lock(wake);
+        if cx.shared.requests.wants_status() {
+            cx.shared.report_waker.lock(wake);
+        }
     }
 
     /// Executes received lines.
@@ -214,13 +210,15 @@ mod app {
         loop {
             let snapshot = cx.shared.snapshot.lock(|snapshot| *snapshot);
             let progress = cx.shared.dialogue.lock(|(session, received, sent)| {
+                let entered = session.entered();
                 let progress = session.run(&snapshot, requests, received, sent, entries);
+                // The length of the queue would not do: `prepare` may take entries meanwhile.
+                if session.entered() != entered {
+                    rtic::pend(PREPARE);
+                }
                 serial::start(sent);
                 progress
             });
-            if !entries.is_empty() {
-                rtic::pend(PREPARE);
-            }
             if progress == Progress::Waiting {
                 released(&mut cx.shared.interpret_waker).await;
             }

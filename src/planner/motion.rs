@@ -4,7 +4,7 @@
 //! segment begins to be played, when an entry or a request has come. Deadline: the events queued
 //! ahead, [`AHEAD_TICKS`]; a miss starves the step interrupt, which is a fault.
 
-use heapless::spsc::{Consumer, Producer};
+use heapless::spsc::Consumer;
 
 use super::{
     BLOCKS, Entry, LookAhead, Work,
@@ -17,7 +17,7 @@ use crate::{
     settings::Settings,
     stepper::{
         AHEAD_TICKS, AxisMotion, EventWriter, Generator, SEGMENT_RING, SEGMENT_TICKS, Segment,
-        SegmentInfo, StepCounts,
+        StepCounts,
     },
     units::{FineSteps, TICKS_PER_MS},
 };
@@ -32,6 +32,8 @@ pub struct Prepared {
     pub again: bool,
     /// Pend the step interrupt: it has stopped, and there are events.
     pub start: bool,
+    /// Release `interpret`: there is room, or what it may wait for has changed.
+    pub news: bool,
 }
 
 /// Everything between the entries and the events.
@@ -114,7 +116,6 @@ impl Motion {
         counts: &StepCounts,
         entries: &mut Consumer<'_, Entry>,
         events: &mut EventWriter<'_>,
-        infos: &mut Producer<'_, SegmentInfo>,
     ) -> Prepared {
         if counts.take_starved() {
             self.fail();
@@ -123,13 +124,14 @@ impl Motion {
             self.reset(requests.epoch(), counts);
         }
         self.hold_or_start(requests);
-        let again = self.take(entries, counts);
-        self.generate(counts, events, infos);
+        let taken = self.take(entries, counts);
+        self.generate(counts, events);
         self.settle(counts);
-        self.publish(counts);
+        let changed = self.publish(counts);
         Prepared {
-            again,
+            again: taken == ENTRIES_PER_RUN,
             start: !counts.is_running() && !self.is_still(counts),
+            news: taken != 0 || changed,
         }
     }
 
@@ -205,21 +207,21 @@ impl Motion {
         }
     }
 
-    /// Takes entries; tells whether there may be more to take at once.
-    fn take(&mut self, entries: &mut Consumer<'_, Entry>, counts: &StepCounts) -> bool {
+    /// Takes entries, and tells how many.
+    fn take(&mut self, entries: &mut Consumer<'_, Entry>, counts: &StepCounts) -> usize {
         // wcet-bound: 4
-        for _ in 0..ENTRIES_PER_RUN {
+        for taken in 0..ENTRIES_PER_RUN {
             let Some(entry) = entries.peek() else {
-                return false;
+                return taken;
             };
             if entry.epoch != self.epoch {
                 self.finished = self.finished.wrapping_add(1);
             } else if !self.accept(&entry.work, counts) {
-                return false;
+                return taken;
             }
             let _ = entries.dequeue();
         }
-        true
+        ENTRIES_PER_RUN
     }
 
     /// Begins the work if it can begin now.
@@ -263,12 +265,7 @@ impl Motion {
         true
     }
 
-    fn generate(
-        &mut self,
-        counts: &StepCounts,
-        events: &mut EventWriter<'_>,
-        infos: &mut Producer<'_, SegmentInfo>,
-    ) {
+    fn generate(&mut self, counts: &StepCounts, events: &mut EventWriter<'_>) {
         // wcet-bound: 32
         for _ in 0..SEGMENT_RING {
             if self.generator.is_open() && !self.generator.fill(events) {
@@ -278,15 +275,15 @@ impl Motion {
                 .generator
                 .clock_ticks()
                 .wrapping_sub(counts.played_ticks());
-            if ahead >= AHEAD_TICKS || !infos.ready() {
+            if ahead >= AHEAD_TICKS || !counts.has_room() {
                 return;
             }
             if let Some(segment) = self.next_segment() {
                 self.rest = None;
-                self.generator.begin(&segment, infos);
+                self.generator.begin(&segment, counts);
             } else if self.rest.is_none() {
                 self.rest = Some(self.generator.clock_ticks());
-                self.generator.rest(infos);
+                self.generator.rest(counts);
             } else {
                 return;
             }
@@ -340,22 +337,26 @@ impl Motion {
         };
     }
 
-    fn publish(&mut self, counts: &StepCounts) {
-        self.snapshot = Snapshot {
-            state: self.state,
-            steps: counts.position(),
-            feed_mm_min: counts.feed_mm_min(),
-            spindle_rpm: self.spindle_rpm,
-            line: counts.line(),
-            blocks_free: self.plan.free() as u16,
-            finished: self.finished,
-            is_at_rest: self.is_still(counts)
-                && self.plan.is_empty()
-                && !self.is_dwelling
-                && !self.is_aborting,
-            epoch: self.epoch,
-            reset_in_motion: self.reset_in_motion,
-        };
+    /// Publishes the machine as it is; tells whether anything changed that a task waits for.
+    fn publish(&mut self, counts: &StepCounts) -> bool {
+        let is_at_rest =
+            self.is_still(counts) && self.plan.is_empty() && !self.is_dwelling && !self.is_aborting;
+        let new = &mut self.snapshot;
+        let changed = new.state != self.state
+            || new.finished != self.finished
+            || new.is_at_rest != is_at_rest
+            || new.epoch != self.epoch;
+        new.state = self.state;
+        new.steps = counts.position();
+        new.feed_mm_min = counts.feed_mm_min();
+        new.spindle_rpm = self.spindle_rpm;
+        new.line = counts.line();
+        new.blocks_free = self.plan.free() as u16;
+        new.finished = self.finished;
+        new.is_at_rest = is_at_rest;
+        new.epoch = self.epoch;
+        new.reset_in_motion = self.reset_in_motion;
+        changed
     }
 }
 

@@ -7,6 +7,9 @@ use core::sync::atomic::{AtomicBool, AtomicU32, Ordering};
 
 use heapless::spsc::Producer;
 
+/// Bytes of a line that may wait without its end.
+const UNRELEASED_BYTES: u32 = 256;
+
 /// Requests that the receiver has seen and their readers have not yet acted on.
 ///
 /// Plain loads and stores: each flag is set by the receiver and cleared by exactly one reader.
@@ -22,6 +25,8 @@ pub struct Requests {
     epoch: AtomicU32,
     /// Bytes that found the queue full.
     lost: AtomicU32,
+    /// Bytes of a line since `interpret` was released last; for the receiver alone.
+    unreleased: AtomicU32,
 }
 
 impl Requests {
@@ -34,7 +39,14 @@ impl Requests {
             start: AtomicBool::new(false),
             epoch: AtomicU32::new(0),
             lost: AtomicU32::new(0),
+            unreleased: AtomicU32::new(0),
         }
+    }
+
+    /// Whether a status report is requested.
+    #[must_use]
+    pub fn wants_status(&self) -> bool {
+        self.status.load(Ordering::Relaxed)
     }
 
     /// Takes the request for a status report.
@@ -68,6 +80,22 @@ impl Requests {
     }
 }
 
+impl Requests {
+    /// Whether a byte of a line releases `interpret`: the end of the line does, and so much of a
+    /// line that the queue must not be left to fill up with it.
+    fn line_part(&self, byte: u8) -> Release {
+        let unreleased = self.unreleased.load(Ordering::Relaxed).wrapping_add(1);
+        let is_release = byte == b'\n' || byte == b'\r' || unreleased >= UNRELEASED_BYTES;
+        let unreleased = if is_release { 0 } else { unreleased };
+        self.unreleased.store(unreleased, Ordering::Relaxed);
+        if is_release {
+            Release::Interpret
+        } else {
+            Release::Nobody
+        }
+    }
+}
+
 /// Clears a flag and tells whether it was set. Its setter runs at a higher priority: a request
 /// that arrives between the two accesses is one with the request that is being taken.
 fn take(flag: &AtomicBool) -> bool {
@@ -81,9 +109,9 @@ fn take(flag: &AtomicBool) -> bool {
 /// Who has to run after a byte.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Release {
-    /// The byte was dropped.
+    /// The byte was dropped, or its line goes on.
     Nobody,
-    /// `interpret`: a byte of a line.
+    /// `interpret`: a line has come, or much of one.
     Interpret,
     /// `report`: a status report is wanted.
     Report,
@@ -118,7 +146,7 @@ pub fn receive(byte: u8, requests: &Requests, line: &mut Producer<'_, u8>) -> Re
                 let lost = requests.lost.load(Ordering::Relaxed).wrapping_add(1);
                 requests.lost.store(lost, Ordering::Relaxed);
             }
-            Release::Interpret
+            requests.line_part(byte)
         }
     }
 }

@@ -16,7 +16,7 @@ use super::{
     text::Text,
 };
 use crate::{
-    interpreter::{Interpreter, Outcome},
+    interpreter::{Checked, Interpreter, Outcome},
     machine::{Alarm, Snapshot, State},
     planner::{Entry, Router},
     settings::Settings,
@@ -63,6 +63,8 @@ pub struct Session {
     router: Router,
     line: Line,
     stage: Stage,
+    /// The line as it was checked last.
+    checked: Checked,
     /// What the line in [`Stage::Entering`] asks for, and whether its answer waits for the end.
     outcome: Outcome,
     answers_when_done: bool,
@@ -89,6 +91,7 @@ impl Session {
             router: Router::new(&settings),
             line: Line::new(),
             stage: Stage::Starting,
+            checked: Checked::default(),
             outcome: Outcome {
                 commands: heapless::Vec::new(),
                 message: None,
@@ -101,6 +104,12 @@ impl Session {
             epoch: 0,
             is_position_known: false,
         }
+    }
+
+    /// Entries given to the machine so far, wrapping.
+    #[must_use]
+    pub fn entered(&self) -> u32 {
+        self.entered
     }
 
     /// The settings in effect.

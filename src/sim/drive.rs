@@ -7,7 +7,7 @@ use crate::{
     planner::{Entry, Motion},
     protocol::realtime::Requests,
     settings::Settings,
-    stepper::{EventRing, SEGMENT_RING, SegmentInfo, StepCounts, Stepper},
+    stepper::{EventRing, StepCounts, Stepper},
 };
 
 /// Entries that may wait for `prepare`, and one more.
@@ -36,10 +36,10 @@ pub struct Drive {
     /// Entries for `prepare`.
     pub entries: Queue<Entry, ENTRY_RING>,
     events: EventRing,
-    infos: Queue<SegmentInfo, SEGMENT_RING>,
     /// When the step interrupt is due, and what the pins do then.
     due: Option<Edge>,
     is_prepare_released: bool,
+    has_news: bool,
 }
 
 impl Drive {
@@ -54,9 +54,9 @@ impl Drive {
             counts: StepCounts::new(),
             entries: Queue::new(),
             events: EventRing::new(),
-            infos: Queue::new(),
             due: None,
             is_prepare_released: false,
+            has_news: false,
         }
     }
 
@@ -77,6 +77,11 @@ impl Drive {
         self.is_prepare_released = true;
     }
 
+    /// Whether `prepare` has released `interpret` since this was asked last.
+    pub fn take_news(&mut self) -> bool {
+        core::mem::take(&mut self.has_news)
+    }
+
     /// Runs `prepare` if it has been released; tells whether it ran.
     pub fn prepare(&mut self, requests: &Requests, now: u64) -> bool {
         if !self.is_prepare_released {
@@ -84,15 +89,11 @@ impl Drive {
         }
         let (_, mut entries) = self.entries.split();
         let (mut events, _) = self.events.split();
-        let (mut infos, _) = self.infos.split();
-        let prepared = self.motion.run(
-            requests,
-            &self.counts,
-            &mut entries,
-            &mut events,
-            &mut infos,
-        );
+        let prepared = self
+            .motion
+            .run(requests, &self.counts, &mut entries, &mut events);
         self.is_prepare_released = prepared.again;
+        self.has_news |= prepared.news;
         if prepared.start && self.due.is_none() {
             self.due = Some(Edge {
                 ticks: now,
@@ -109,8 +110,7 @@ impl Drive {
     pub fn step(&mut self) -> Option<Edge> {
         let edge = self.due?;
         let (_, mut events) = self.events.split();
-        let (_, mut infos) = self.infos.split();
-        let advance = self.stepper.advance(&mut events, &mut infos, &self.counts);
+        let advance = self.stepper.advance(&mut events, &self.counts);
         self.is_prepare_released |= advance.releases_prepare();
         self.due = advance.wait.map(|ticks| Edge {
             ticks: edge.ticks + u64::from(ticks),

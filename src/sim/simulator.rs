@@ -116,8 +116,7 @@ impl Simulator {
     pub fn settle(&mut self) {
         loop {
             if self.drive.prepare(&self.requests, self.now) {
-                // Room, rest or a new state: what `interpret` may be waiting for.
-                self.is_interpret_released = true;
+                self.is_interpret_released |= self.drive.take_news();
             } else if self.is_report_released {
                 self.report();
             } else if self.is_interpret_released {

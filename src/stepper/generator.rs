@@ -8,11 +8,9 @@
 //! Ends of pulses are events of the same list. An end may come late, and then shares the event of
 //! the next step, as long as the axis stays low for [`PULSE_LOW_TICKS`] before its next pulse.
 
-use heapless::spsc::Producer;
-
 use super::{
     DIRECTION_SETUP_TICKS, EVENT_SPACING_TICKS, EventWriter, PULSE_LOW_TICKS, SegmentInfo,
-    StepEvent, ring::EventBatch,
+    StepCounts, StepEvent, ring::EventBatch,
 };
 use crate::{
     axis::{AXES, Axes},
@@ -24,6 +22,11 @@ use crate::{
 const SHARE_TICKS: i32 = (10 * TICKS_PER_US).cast_signed();
 /// Events that one step can need: ends of pulses before it, waits, and itself.
 const EVENTS_PER_STEP: u32 = 8;
+/// Binary places of a step's time at an even pace: 2 ms, the longest segment, fill the word, and a
+/// thousand periods are off by a thirtieth of a tick at most.
+const EVEN_BITS: u32 = 14;
+/// What the times of steps at an even pace may be off the true ones, ticks.
+const EVEN_ERROR_TICKS: f32 = 0.25;
 /// A time before anything that still matters, ticks.
 const LONG_AGO: i32 = 1 << 24;
 /// [`EVENT_SPACING_TICKS`] and [`PULSE_LOW_TICKS`] as differences of times.
@@ -72,8 +75,22 @@ struct AxisSteps {
     time: f32,
     /// Inverse of the speed at that time, ticks per step.
     period: f32,
-    /// Whether the speed changes too much from step to step to extrapolate.
-    is_slow: bool,
+    /// The same two in [`Pace::Even`], with [`EVEN_BITS`] binary places.
+    even_time: u32,
+    even_period: u32,
+    pace: Pace,
+}
+
+/// How the time of a step follows from the one before.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+enum Pace {
+    /// By the same period: the speed does not change.
+    #[default]
+    Even,
+    /// By extrapolation: the speed changes little from step to step.
+    Smooth,
+    /// By the quadratic formula.
+    Steep,
 }
 
 const NO_STEPS: AxisSteps = AxisSteps {
@@ -84,7 +101,9 @@ const NO_STEPS: AxisSteps = AxisSteps {
     distance: 0.0,
     time: 0.0,
     period: 0.0,
-    is_slow: false,
+    even_time: 0,
+    even_period: 0,
+    pace: Pace::Even,
 };
 
 impl AxisSteps {
@@ -92,6 +111,17 @@ impl AxisSteps {
     fn solve(&self) -> f32 {
         let square = self.speed * self.speed + 4.0 * self.half_acceleration * self.distance;
         2.0 * self.distance / math::max(self.speed + math::sqrt(square), 1.0e-12)
+    }
+
+    /// How many steps can follow alike, if any: at an even pace, slow enough for the pulses, the
+    /// last one of the segment apart. The pulse before ends at `ended`.
+    fn evenly(&self, ended: u32, pulse_ticks: u32) -> Option<u32> {
+        let is_on_time = self.next == self.even_time >> EVEN_BITS
+            && self.next.wrapping_sub(ended) < 1 << 30
+            && self.next.wrapping_sub(ended) >= PULSE_LOW_TICKS;
+        let is_slow = self.even_period >> EVEN_BITS >= pulse_ticks + PULSE_LOW_TICKS;
+        let is_even = self.pace == Pace::Even && self.left > 1;
+        (is_even && is_on_time && is_slow).then(|| self.left - 1)
     }
 
     /// Moves on to the next step.
@@ -102,8 +132,13 @@ impl AxisSteps {
             self.next = u32::MAX;
             return;
         }
+        if self.pace == Pace::Even {
+            self.even_time = self.even_time.wrapping_add(self.even_period);
+            self.next = (self.even_time >> EVEN_BITS).min(end);
+            return;
+        }
         self.distance += 1.0;
-        if self.is_slow {
+        if self.pace == Pace::Steep {
             self.time = self.solve();
         } else {
             // One Newton step for the inverse of the speed, one for the time.
@@ -343,8 +378,8 @@ impl Generator {
         self.clock_ticks
     }
 
-    /// Begins a segment. The one before must be finished, and `infos` must have room.
-    pub fn begin(&mut self, segment: &Segment, infos: &mut Producer<'_, SegmentInfo>) {
+    /// Begins a segment. The one before must be finished, and `counts` must have room.
+    pub fn begin(&mut self, segment: &Segment, counts: &StepCounts) {
         let duration = segment.ticks as f32;
         let rate = 1.0 / duration;
         let mut directions = self.directions;
@@ -365,7 +400,7 @@ impl Generator {
             self.position[axis] = motion.to;
         }
         self.open(segment.ticks, directions);
-        let _ = infos.enqueue(SegmentInfo {
+        counts.announce(&SegmentInfo {
             start_ticks: self.clock_ticks,
             directions,
             is_rest: false,
@@ -376,14 +411,14 @@ impl Generator {
     }
 
     /// Begins the standstill after the last segment: ends all pulses and lets the queue run empty.
-    pub fn rest(&mut self, infos: &mut Producer<'_, SegmentInfo>) {
+    pub fn rest(&mut self, counts: &StepCounts) {
         // wcet-bound: 6
         for axis in &mut self.axes {
             *axis = NO_STEPS;
         }
         self.open(EVENT_SPACING_TICKS, self.directions);
         self.is_rest = true;
-        let _ = infos.enqueue(SegmentInfo {
+        counts.announce(&SegmentInfo {
             start_ticks: self.clock_ticks,
             directions: self.directions,
             is_rest: true,
@@ -579,6 +614,14 @@ fn fill_one(
     let pulse_end = StepEvent::new(pulse_ticks.cast_unsigned(), 0, mask);
     let mut last = cursor.last;
     let mut out = *events;
+    let many = steps.evenly(
+        (last + pulse_ticks).cast_unsigned(),
+        pulse_ticks.cast_unsigned(),
+    );
+    if let Some(many) = many {
+        let count = many.min(out.room() / 2 - EVENTS_PER_STEP / 2);
+        last = put_evenly(&mut steps, count, last, pulse_end, &mut out);
+    }
     // wcet-bound: 512
     while steps.left != 0 && out.room() >= EVENTS_PER_STEP {
         let ended = last + pulse_ticks;
@@ -596,6 +639,36 @@ fn fill_one(
     cursor.ended = 0;
     cursor.oldest = High::new(mask, last + pulse_ticks);
     steps.left == 0
+}
+
+/// Steps at an even pace, all alike: each ends the pulse before it. The time of the last one.
+fn put_evenly(
+    steps: &mut AxisSteps,
+    count: u32,
+    last: i32,
+    pulse_end: StepEvent,
+    out: &mut EventBatch<'_>,
+) -> i32 {
+    let mask = pulse_end.drop();
+    let pulse_ticks = pulse_end.ticks();
+    let (mut fine, period) = (steps.even_time, steps.even_period);
+    let mut last = last.cast_unsigned();
+    let mut batch = *out;
+    // wcet-bound: 511
+    for _ in 0..count {
+        let time = fine >> EVEN_BITS;
+        let low_ticks = time.wrapping_sub(last).wrapping_sub(pulse_ticks);
+        batch.put(pulse_end);
+        batch.put(StepEvent::new(low_ticks, mask, 0));
+        batch.publish();
+        last = time;
+        fine = fine.wrapping_add(period);
+    }
+    *out = batch;
+    steps.left -= count;
+    steps.even_time = fine;
+    steps.next = fine >> EVEN_BITS;
+    last.cast_signed()
 }
 
 /// The steps of an axis that goes from one position to another, and whether backwards.
@@ -623,13 +696,31 @@ fn plan_axis(
         speed = 2.0 * way * rate;
         acceleration = -speed * rate;
     }
+    // A parabola is off its chord by at most a·T²/8.
+    let mean_period = 1.0 / math::max(way * rate, 1.0e-12);
+    if acceleration.abs() * duration * duration * mean_period < 8.0 * EVEN_ERROR_TICKS {
+        let scale = mean_period * (1 << EVEN_BITS) as f32;
+        let even_time = ((0.5 - offset) * scale) as u32;
+        let axis = AxisSteps {
+            left: steps.unsigned_abs(),
+            next: (even_time >> EVEN_BITS).min(end),
+            even_time,
+            even_period: scale as u32,
+            ..NO_STEPS
+        };
+        return (axis, steps < 0);
+    }
     let slowest = math::min(speed, speed + acceleration * duration);
     let mut axis = AxisSteps {
         left: steps.unsigned_abs(),
         speed,
         half_acceleration: 0.5 * acceleration,
         distance: 0.5 - offset,
-        is_slow: acceleration.abs() > SLOW_CHANGE * slowest * slowest,
+        pace: if acceleration.abs() > SLOW_CHANGE * slowest * slowest {
+            Pace::Steep
+        } else {
+            Pace::Smooth
+        },
         ..NO_STEPS
     };
     axis.time = axis.solve();

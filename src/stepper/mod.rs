@@ -1,21 +1,24 @@
 //! From segments of motion to timed edges on the step pins.
 //!
 //! `prepare` owns the [`Generator`], which turns each segment into [`StepEvent`]s; the step
-//! interrupt owns the [`Stepper`], which plays them. Between them lie two queues.
+//! interrupt owns the [`Stepper`], which plays them. Between them lie the ring of
+//! events and that of segments.
 
+mod counts;
 mod event;
 mod generator;
 mod interrupt;
 mod ring;
 
+pub use counts::StepCounts;
 pub use event::{SegmentInfo, StepEvent};
 pub use generator::{AxisMotion, Generator, Segment};
-pub use interrupt::{Advance, StepCounts, Stepper};
+pub use interrupt::{Advance, Stepper};
 pub use ring::{EVENT_RING, EventReader, EventRing, EventWriter};
 
 use crate::units::{TICKS_PER_MS, TICKS_PER_US};
 
-/// Segments that may wait for the step interrupt, and one more.
+/// Segments that may wait for the step interrupt, and one more: a power of two.
 pub const SEGMENT_RING: usize = 32;
 /// Motion that is prepared ahead: what a feed hold has to wait for, ticks.
 pub const AHEAD_TICKS: u32 = 4 * TICKS_PER_MS;

@@ -6,11 +6,14 @@ use leadscrew::{
 };
 
 /// What is computed, how, and the FNV-1a hash of all results.
-pub(crate) const FINGERPRINTS: [(&str, fn() -> u64, u64); 4] = [
+type Fingerprint = (&'static str, fn() -> u64, u64);
+
+/// All of them.
+pub(crate) const FINGERPRINTS: [Fingerprint; 4] = [
     ("single precision", single_precision, 0x1ac1_5682_c9ee_0ffc),
     ("fixed point", fixed_point, 0x47b4_6c7d_b0c8_8bd6),
     ("double precision", double_precision, 0xb7fe_fa13_ab62_70ff),
-    ("positions", positions, 0xcb5b_f63a_b828_e02b),
+    ("positions", positions, 0x83d1_3f71_4721_f760),
 ];
 
 /// FNV-1a over words.

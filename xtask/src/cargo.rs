@@ -9,6 +9,8 @@ use std::{
 
 use anyhow::{Context, Result, bail, ensure};
 
+use leadscrew::axis::AXES;
+
 use crate::{boards::Board, ui};
 
 /// The only target.
@@ -42,14 +44,18 @@ pub(crate) fn cargo<A: AsRef<str>>(arguments: &[A]) -> Command {
     command
 }
 
-/// The options that make Cargo compile for `board`.
+/// The options that make Cargo compile for `board`, with as many axes as this program has.
 pub(crate) fn for_board(board: &Board) -> [String; 5] {
+    let axes = match AXES {
+        3 => String::new(),
+        axes => format!(",axes-{axes}"),
+    };
     [
         "--target".into(),
         TARGET.into(),
         "--no-default-features".into(),
         "--features".into(),
-        format!("board-{}", board.name),
+        format!("board-{}{axes}", board.name),
     ]
 }
 

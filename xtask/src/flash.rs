@@ -25,7 +25,7 @@ pub(crate) fn run(options: &Options) -> Result<ExitCode> {
 
     let board = boards::named(&options.board)?;
     let what = format!(
-        "for {}: probe-rs goes into xtask, the first time",
+        "for {}: the first time, compiling probe-rs takes some minutes",
         board.chip
     );
     ui::status("Preparing", &what);

@@ -2,6 +2,7 @@
 //!
 //! One file per verb; each verb has its options, documented where they are declared, and a `run`.
 
+mod agree;
 mod bench;
 mod boards;
 mod build;

@@ -3,7 +3,7 @@
 mod emulator;
 
 use std::{
-    path::PathBuf,
+    path::{Path, PathBuf},
     process::ExitCode,
     time::{Duration, Instant},
 };
@@ -51,6 +51,7 @@ pub(crate) struct Options {
 
 pub(crate) fn run(options: &Options) -> Result<ExitCode> {
     let loaded = settings::load(options.settings.as_deref(), &options.set)?;
+    // A file that cannot be read is reported before anything is built.
     let program = Program::open(&options.file)?;
     cargo::need_qemu()?;
     let (board, machine) = boards::emulated()?;
@@ -60,9 +61,9 @@ pub(crate) fn run(options: &Options) -> Result<ExitCode> {
     };
     ui::status("Booting", &format!("{} under QEMU", board.name));
     let start = Instant::now();
-    let mut emulator = Emulator::start(&elf, &machine)?;
     let bar = ui::progress(program.length(), "bytes");
-    let played = play(&mut emulator, program, &loaded, bar.clone());
+    drop(program);
+    let played = play_file(&options.file, &elf, &machine, &loaded, bar.clone());
     bar.finish_and_clear();
     let figures = played?;
     figures.print();
@@ -71,6 +72,19 @@ pub(crate) fn run(options: &Options) -> Result<ExitCode> {
         figures.write_json(path)?;
     }
     Ok(ExitCode::from(u8::from(!figures.is_clean())))
+}
+
+/// Boots a firmware and plays a program on it; prints refused lines where `bar` is shown.
+pub(crate) fn play_file(
+    path: &Path,
+    elf: &Path,
+    machine: &str,
+    loaded: &Loaded,
+    bar: ProgressBar,
+) -> Result<Figures> {
+    let program = Program::open(path)?;
+    let mut emulator = Emulator::start(elf, machine)?;
+    play(&mut emulator, program, loaded, bar)
 }
 
 /// Silence after which the machine is asked for its state.

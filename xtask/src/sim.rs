@@ -110,7 +110,12 @@ pub(crate) fn run(options: &Options) -> Result<ExitCode> {
     };
     figures.print();
     let took = start.elapsed().as_secs_f64();
-    figures::row("took", &pace(&figures, took));
+    let took = if options.on_target {
+        format!("{took:.2} s, with the build")
+    } else {
+        pace(&figures, took)
+    };
+    figures::row("took", &took);
     if let Some(path) = &options.json {
         figures.write_json(path)?;
     }

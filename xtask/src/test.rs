@@ -11,6 +11,7 @@ use anyhow::{Result, bail};
 use owo_colors::OwoColorize;
 
 use crate::{
+    agree,
     boards::{self, Board},
     build,
     cargo::{self, cargo, for_board, wait},
@@ -93,7 +94,7 @@ fn report(outcomes: &[Outcome]) -> ExitCode {
         let name = &outcome.name;
         match &outcome.result {
             Ok(()) => eprintln!(
-                "{:>12} {name} {:.0}",
+                "{:>12} {name} {}",
                 "ok".green().bold(),
                 format!("({seconds:.0} s)").dimmed()
             ),
@@ -143,6 +144,11 @@ fn checks() -> Result<Vec<Check>> {
     }
     checks.push(Check::new("tests on the target", on_target));
     checks.push(Check::new("firmware over its serial line", over_serial));
+    checks.push(Check::new("the same on the chip", agree::on_the_chip));
+    checks.push(Check::new(
+        "the same in the firmware",
+        agree::in_the_firmware,
+    ));
     Ok(checks)
 }
 

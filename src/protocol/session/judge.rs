@@ -77,17 +77,18 @@ impl Session {
         let Ok(line) = self.line.text() else {
             return self.refuse(LineError::LineOverflow);
         };
-        let checked = match self.interpreter.check(line, &self.settings) {
-            Ok(checked) => checked,
-            Err(error) => return self.refuse(error),
-        };
-        if checked.waits_for_rest() && !self.is_done(machine) {
+        let checked = &mut self.checked;
+        if let Err(error) = self.interpreter.check_into(line, &self.settings, checked) {
+            return self.refuse(error);
+        }
+        if self.checked.waits_for_rest() && !self.is_done(machine) {
             return self.rest();
         }
         let offset = self.interpreter.work_offset();
         let coordinates = self.interpreter.modal().coordinates;
-        self.interpreter.commit_into(&checked, &mut self.outcome);
-        self.answers_when_done = checked.answers_when_done();
+        self.interpreter
+            .commit_into(&self.checked, &mut self.outcome);
+        self.answers_when_done = self.checked.answers_when_done();
         if offset != self.interpreter.work_offset()
             || coordinates != self.interpreter.modal().coordinates
             || self.outcome.message == Some(Message::ProgramEnd)

@@ -1,0 +1,99 @@
+//! The same programs on the host, on the chip's processor, and on the firmware: one machine.
+
+use std::{
+    fs,
+    path::{Path, PathBuf},
+};
+
+use anyhow::{Context, Result, ensure};
+use indicatif::ProgressBar;
+
+use crate::{
+    boards, build, cargo,
+    figures::Figures,
+    on_target, qemu,
+    settings::{self, Loaded},
+    sim,
+};
+
+/// A fast machine, on which the examples step often.
+const FAST: [&str; 6] = [
+    "$110=5000",
+    "$111=5000",
+    "$112=3000",
+    "$120=500",
+    "$121=500",
+    "$122=300",
+];
+
+/// The programs of `examples/`.
+fn examples() -> Result<Vec<PathBuf>> {
+    let folder = cargo::root().join("examples");
+    let entries = fs::read_dir(&folder).context("there is no folder examples")?;
+    let mut paths: Vec<_> = entries.flatten().map(|entry| entry.path()).collect();
+    paths.sort();
+    ensure!(!paths.is_empty(), "there are no examples");
+    Ok(paths)
+}
+
+/// Default settings, and fast ones.
+fn machines() -> Result<[Loaded; 2]> {
+    let fast = settings::load(None, &FAST.map(str::to_owned))?;
+    Ok([Loaded::default(), fast])
+}
+
+/// Every figure of the virtual machine is the same on the host and on the emulated processor.
+pub(crate) fn on_the_chip() -> Result<()> {
+    cargo::need_qemu()?;
+    for path in examples()? {
+        for machine in machines()? {
+            let here = sim::play(&path, &machine.settings)?;
+            let there = on_target::play(&path, &machine)?;
+            let name = path.display();
+            ensure!(
+                here == there,
+                "{name}: {} here, {} on the chip",
+                summary(&here),
+                summary(&there)
+            );
+        }
+    }
+    Ok(())
+}
+
+/// The firmware gives the same answers and the same steps as the virtual machine.
+pub(crate) fn in_the_firmware() -> Result<()> {
+    cargo::need_qemu()?;
+    let (board, emulator) = boards::emulated()?;
+    let elf = build::firmware(&board)?;
+    for path in examples()? {
+        for machine in machines()? {
+            let here = sim::play(&path, &machine.settings)?;
+            let bar = ProgressBar::hidden();
+            let there = qemu::play_file(&path, &elf, &emulator, &machine, bar)?;
+            compare(&path, &here, &there)?;
+        }
+    }
+    Ok(())
+}
+
+/// What must be equal although bytes arrive at other times.
+fn compare(path: &Path, here: &Figures, there: &Figures) -> Result<()> {
+    let name = path.display();
+    ensure!(here.responses == there.responses, "{name}: other answers");
+    ensure!(here.messages == there.messages, "{name}: other messages");
+    ensure!(
+        here.end == there.end && here.steps_axis == there.steps_axis,
+        "{name}: {} in the virtual machine, {} in the firmware",
+        summary(here),
+        summary(there)
+    );
+    Ok(())
+}
+
+fn summary(figures: &Figures) -> String {
+    format!(
+        "{} lines, steps {:?}, at {:?}, hash {}",
+        figures.lines, figures.steps_axis, figures.end.steps, figures.event_hash
+    )
+}
