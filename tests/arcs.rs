@@ -389,3 +389,41 @@ fn a_held_and_resumed_arc_keeps_its_path_and_its_limit() {
     assert!(peak <= 200.0 * 1.05, "{peak}");
     check_path(&settings, &commands, &rig.trace, 0.0);
 }
+
+proptest! {
+    #![proptest_config(cases(32))]
+
+    #[test]
+    fn no_arc_exceeds_the_acceleration_in_its_plane(
+        radius in 0.5..20.0_f64,
+        acceleration in 50.0..1000.0_f32,
+        direction in 0.0..std::f64::consts::TAU,
+        to in 0.0..360.0_f64,
+        feed in 300.0..20_000.0_f32,
+        hold in prop::option::of(0..1000_u64),
+        rotation in prop::sample::select(&ROTATIONS[..]),
+    ) {
+        let fastest = (f64::from(acceleration) * radius).sqrt();
+        let settings = Settings {
+            step_pulse_us: 3,
+            ..with(&[(60_000.0 / fastest).min(4000.0)], &[20_000.0], &[acceleration])
+        };
+        let centre = [-radius * direction.cos(), -radius * direction.sin()];
+        let angle = direction + to.to_radians();
+        let end = [centre[0] + radius * angle.cos(), centre[1] + radius * angle.sin()];
+        let commands = [arc(Plane::Xy, rotation, &end, centre, feed)];
+        let acts: Vec<_> = hold
+            .into_iter()
+            .flat_map(|ms| [(ms * 84_000, b'!'), (ms * 84_000 + 84_000_000, b'~')])
+            .collect();
+        let mut rig = Rig::new(&settings);
+        rig.run(&commands, &acts);
+        rig.trace.check_pulses();
+        check_path(&settings, &commands, &rig.trace, 0.0);
+        let window_s = 0.25 * (radius / f64::from(acceleration)).sqrt();
+        if rig.trace.motion_seconds() > 3.0 * window_s {
+            let peak = measure(&settings, &rig.trace, centre, window_s).hardest_mm_s2;
+            prop_assert!(peak <= f64::from(acceleration) * 1.05, "{peak}");
+        }
+    }
+}

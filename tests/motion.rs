@@ -66,6 +66,45 @@ fn the_same_program_twice_makes_the_same_trace() {
     assert_eq!(play(), play());
 }
 
+#[test]
+fn a_hold_stops_as_soon_as_the_limits_allow_and_resumes_on_the_path() {
+    let settings = with(&[320.0], &[6000.0], &[500.0]);
+    let commands = number(&[
+        line(&[40.0], 6000.0),
+        line(&[80.0, 1.0], 6000.0),
+        line(&[120.0, 1.0], 6000.0),
+    ]);
+    for hold_ms in [150_u64, 399, 500, 777, 900, 1100] {
+        let hold = hold_ms * u64::from(TICKS_PER_MS);
+        let mut rig = Rig::new(&settings);
+        rig.run(&commands, &[(hold, b'!'), (hold + 100_000_000, b'~')]);
+        rig.trace.check_pulses();
+        check_path(&settings, &commands, &rig.trace, 0.0);
+        check_limits(&settings, &rig.trace);
+        let resumed = hold + 100_000_000;
+        let before = rig.trace.edges.iter().filter(|edge| edge.ticks < resumed);
+        let stopped = before.map(|edge| edge.ticks).max().unwrap_or(0);
+        // 100 mm/s at 500 mm/s², what is queued ahead, and one segment.
+        let longest = 200 + 4 + 2;
+        let took = (stopped - hold) / u64::from(TICKS_PER_MS);
+        assert!(took <= longest, "{took} ms");
+        assert_eq!(rig.trace.starts.len(), 2);
+    }
+}
+
+#[test]
+fn two_resets_in_a_row_keep_the_position() {
+    let settings = with(&[320.0], &[6000.0], &[500.0]);
+    let commands = number(&[line(&[40.0], 6000.0), line(&[0.0, 3.0], 6000.0)]);
+    for gap in [0, 1_000, 1_000_000, 12_000_000, 20_000_000] {
+        let mut rig = Rig::new(&settings);
+        rig.run(&commands, &[(30_000_000, RESET), (30_000_000 + gap, RESET)]);
+        rig.trace.check_pulses();
+        check_limits(&settings, &rig.trace);
+        assert!(!rig.trace.resets.is_empty());
+    }
+}
+
 fn settings() -> impl Strategy<Value = Settings> {
     let steps = prop::sample::select(vec![
         1.0,
