@@ -125,7 +125,7 @@ mod app {
     fn step(cx: step::Context) {
         let (events, counts) = (cx.local.events_out, cx.shared.counts);
         cx.local.output.write();
-        let is_late = if let Some(event) = cx.local.stepper.advance_within(events) {
+        let is_late = if let Some(event) = events.take_within_segment() {
             cx.local.output.set_up(event)
         } else {
             rtic::pend(PREPARE);

@@ -150,6 +150,8 @@ impl Motion {
         self.finished = self.finished.wrapping_add(self.plan.len() as u32);
         self.plan.clear();
         self.executor.abandon();
+        self.generator.cut();
+        self.settle_on_steps();
         self.state = State::Alarm;
     }
 

@@ -1,5 +1,7 @@
 //! What the step interrupt is given to do.
 
+use crate::axis::Axes;
+
 /// One interrupt's worth of pin changes, and how long to wait for it after the one before.
 ///
 /// Bits 0-5: pins to raise, 6-11: pins to drop, 12: first event of a segment, 13-31: ticks. "Raise"
@@ -74,6 +76,8 @@ impl StepEvent {
 pub struct SegmentInfo {
     /// When it begins, ticks on the generator's clock, wrapping.
     pub start_ticks: u32,
+    /// Step count of each axis where it begins.
+    pub steps: Axes<i32>,
     /// Axes that move in the negative direction, bit 0 = X.
     pub directions: u8,
     /// Whether everything is at rest in it: only then may the event queue run empty.

@@ -366,6 +366,20 @@ impl Generator {
         self.position = position;
     }
 
+    /// Drops the steps that the segment has not come to, after a fault: the position is where the
+    /// events end.
+    pub fn cut(&mut self) {
+        // wcet-bound: 6
+        for (index, axis) in self.axes.iter_mut().enumerate() {
+            let is_negative = self.directions >> index & 1 != 0;
+            let missing = i64::from(axis.left) << 32;
+            let missing = if is_negative { -missing } else { missing };
+            let position = &mut self.position[index].0;
+            *position = position.wrapping_sub(missing);
+            *axis = NO_STEPS;
+        }
+    }
+
     /// Whether a segment is unfinished: call [`Generator::fill`] before the next.
     #[must_use]
     pub const fn is_open(&self) -> bool {
@@ -384,6 +398,7 @@ impl Generator {
         let rate = 1.0 / duration;
         let mut directions = self.directions;
         let mut most = 0;
+        let begin = self.steps();
         // wcet-bound: 6
         for axis in 0..AXES {
             let motion = segment.axes[axis];
@@ -402,6 +417,7 @@ impl Generator {
         self.open(segment.ticks, directions);
         counts.announce(&SegmentInfo {
             start_ticks: self.clock_ticks,
+            steps: begin,
             directions,
             is_rest: false,
             feed_mm_min: segment.feed_mm_min,
@@ -420,6 +436,7 @@ impl Generator {
         self.is_rest = true;
         counts.announce(&SegmentInfo {
             start_ticks: self.clock_ticks,
+            steps: self.steps(),
             directions: self.directions,
             is_rest: true,
             feed_mm_min: 0.0,

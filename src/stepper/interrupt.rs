@@ -1,12 +1,8 @@
-//! The body of the step interrupt: plays events, counts steps.
+//! The body of the step interrupt: plays events.
 //!
-//! The same instructions for any number of axes up to three (and twice the counting for four to
-//! six): steps are counted in ten-bit lanes of one word, and spread over the axes elsewhere, once per segment.
+//! The same instructions for any number of axes: an event holds masks, and nothing is counted here.
 
-use super::{
-    EventReader, StepCounts, StepEvent,
-    counts::{LANE_BITS, LANE_WORDS},
-};
+use super::{EventReader, StepCounts, StepEvent};
 
 /// What the step interrupt does next.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -32,8 +28,6 @@ impl Advance {
 /// The step interrupt's own state.
 #[derive(Debug)]
 pub struct Stepper {
-    /// Steps since the segment began, in lanes of [`LANE_BITS`].
-    lanes: [u32; LANE_WORDS],
     /// The event queue must not run empty.
     is_moving: bool,
 }
@@ -42,10 +36,7 @@ impl Stepper {
     /// At rest, with nothing to play.
     #[must_use]
     pub const fn new() -> Self {
-        Self {
-            lanes: [0; LANE_WORDS],
-            is_moving: false,
-        }
+        Self { is_moving: false }
     }
 
     /// Takes the next event, once the pins have been set for the one before.
@@ -54,7 +45,7 @@ impl Stepper {
     /// timer; no step is lost.
     #[inline]
     pub fn advance(&mut self, events: &mut EventReader<'_>, counts: &StepCounts) -> Advance {
-        let (event, directions) = if let Some(event) = self.advance_within(events) {
+        let (event, directions) = if let Some(event) = events.take_within_segment() {
             (Some(event), None)
         } else {
             let turn = self.begin_or_stop(events, counts);
@@ -69,16 +60,7 @@ impl Stepper {
         }
     }
 
-    /// The first half of [`Stepper::advance`]: takes the next event if it belongs to the segment
-    /// being played. Nearly always so, and then this is all there is to do.
-    #[inline]
-    pub fn advance_within(&mut self, events: &mut EventReader<'_>) -> Option<StepEvent> {
-        let event = events.take_within_segment()?;
-        self.count(event.raise());
-        Some(event)
-    }
-
-    /// The second half: takes the first event of the next segment, and the directions that have to
+    /// What [`EventReader::take_within_segment`] leaves to be done: takes the first event of the next segment, and the directions that have to
     /// be output now, bit 0 = X, 1 = negative. `None` stops the timer: there is no event.
     #[inline]
     pub fn begin_or_stop(
@@ -90,22 +72,9 @@ impl Stepper {
             counts.stop(self.is_moving);
             return None;
         };
-        let (directions, is_moving) = counts.begin(&mut self.lanes);
+        let (directions, is_moving) = counts.begin();
         self.is_moving = is_moving;
-        self.count(event.raise());
         Some((event, directions))
-    }
-
-    /// Adds the steps of an event to the lanes.
-    #[inline]
-    fn count(&mut self, mut raise: u32) {
-        // wcet-bound: 2
-        for lanes in &mut self.lanes {
-            *lanes += raise & 1;
-            *lanes += (raise & 2) << (LANE_BITS - 1);
-            *lanes += (raise & 4) << (2 * (LANE_BITS - 1));
-            raise >>= 3;
-        }
     }
 }
 

@@ -136,7 +136,7 @@ pub struct EventReader<'a> {
 impl EventReader<'_> {
     /// Takes the oldest event unless a segment begins with it.
     #[inline]
-    pub(super) fn take_within_segment(&mut self) -> Option<StepEvent> {
+    pub fn take_within_segment(&mut self) -> Option<StepEvent> {
         let number = self.ring.read.load(Relaxed);
         if number == self.ring.written.load(Relaxed) {
             return None;
