@@ -187,6 +187,28 @@ fn long_pulses_slow_the_machine_and_lose_nothing() {
 }
 
 #[test]
+fn a_fast_block_before_a_very_slow_one_is_left_at_its_speed() {
+    let settings = Settings {
+        step_pulse_us: 168,
+        junction_deviation_mm: 10.0,
+        ..with(
+            &[804.348_388, 66_862.845_954, 56_067.022_895],
+            &[516_871.44, 5.399_190_4, 484_351.53],
+            &[971_887.7, 797_243.06, 888_242.44],
+        )
+    };
+    let commands = number(&[
+        line(&[-0.436_303, -0.002_176, 0.000_834], 661_399.25),
+        line(&[-0.006_392, -0.005_069, 0.001_751], 661_399.25),
+        line(&[0.069_566, 0.005_165, 0.004_263], 661_399.25),
+        line(&[0.293_341, 0.003_496, -0.001_955], 661_399.25),
+    ]);
+    let trace = Rig::play(&settings, &commands);
+    trace.check_pulses();
+    check_path(&settings, &commands, &trace, 0.1);
+}
+
+#[test]
 fn inverse_time_moves_take_their_time() {
     let settings = with(&[250.0], &[6000.0], &[5000.0]);
     for (per_min, seconds) in [(60.0, 1.0), (30.0, 2.0), (600.0, 0.1)] {

@@ -41,12 +41,6 @@ impl Rule {
         }
     }
 
-    /// Acceleration left along the path.
-    fn left(&self, speed_sqr: f64) -> f64 {
-        let used = (speed_sqr / self.limit_sqr).min(1.0);
-        self.acceleration * (1.0 - used * used).sqrt()
-    }
-
     /// The greatest v² after `length` mm from v², in small steps of the differential equation.
     fn reach(&self, speed_sqr: f64, length: f64) -> f64 {
         if self.limit_sqr.is_infinite() {

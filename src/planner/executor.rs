@@ -144,27 +144,34 @@ impl Executor {
         let peak = math::min(top, 0.5 * (measure + exit + per_mm * left_mm));
         let peak_speed = math::sqrt(block.speed_sqr(peak));
         let acceleration = math::max(acceleration_left(block, speed), LEAST_MM_S2);
+        let exit_speed = math::sqrt(exit_sqr);
         let near = SHORTEST_PHASE_S * acceleration;
         if speed <= 0.0 || peak_speed - speed > near {
             let seconds = share((peak_speed - speed) / acceleration);
             let way = (speed + 0.5 * acceleration * seconds) * seconds;
             let reached = block.speed_sqr(math::min(measure + per_mm * way, peak));
             return finish(speed, way, math::sqrt(reached), left_mm, || {
-                math::sqrt(block.speed_sqr(measure + per_mm * left_mm))
+                math::min(
+                    math::sqrt(block.speed_sqr(measure + per_mm * left_mm)),
+                    exit_speed,
+                )
             });
         }
         let cruise_mm = left_mm - (peak - exit) / per_mm;
         let cruises = cruise_mm > peak_speed * SHORTEST_PHASE_S;
         if cruises && speed - peak_speed <= near {
-            // What little is missing comes on the way.
-            let mean = 0.5 * (speed + peak_speed);
+            // What little is missing comes on the way; what little is too much goes at once.
+            let from = math::min(speed, peak_speed);
+            let mean = 0.5 * (from + peak_speed);
             let seconds = share(cruise_mm / mean);
-            return finish(speed, mean * seconds, peak_speed, left_mm, || peak_speed);
+            return finish(from, mean * seconds, peak_speed, left_mm, || {
+                math::min(peak_speed, exit_speed)
+            });
         }
         let slowest = if cruises {
             peak_speed
         } else {
-            math::min(math::sqrt(exit_sqr), speed)
+            math::min(exit_speed, speed)
         };
         let seconds = share((speed - slowest) / acceleration);
         let way = (speed - 0.5 * acceleration * seconds) * seconds;

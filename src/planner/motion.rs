@@ -57,6 +57,8 @@ pub struct Motion {
     spindle_rpm: f32,
     /// The standstill segment has been put, and begins then on the generator's clock.
     rest: Option<u32>,
+    /// When the newest segment begins on the generator's clock.
+    newest: u32,
     snapshot: Snapshot,
 }
 
@@ -78,6 +80,7 @@ impl Motion {
             finished: 0,
             spindle_rpm: 0.0,
             rest: Some(0),
+            newest: 0,
             snapshot: Snapshot {
                 state: State::Idle,
                 steps: Axes([0; AXES]),
@@ -277,18 +280,22 @@ impl Motion {
                 .generator
                 .clock_ticks()
                 .wrapping_sub(counts.played_ticks());
-            if ahead >= AHEAD_TICKS || !counts.has_room() {
+            // A segment that had to be stretched may last longer than that, and still needs another.
+            let is_ahead = ahead >= AHEAD_TICKS && counts.played_ticks() != self.newest;
+            if is_ahead || !counts.has_room() {
                 return;
             }
+            let start = self.generator.clock_ticks();
             if let Some(segment) = self.next_segment() {
                 self.rest = None;
                 self.generator.begin(&segment, counts);
             } else if self.rest.is_none() {
-                self.rest = Some(self.generator.clock_ticks());
+                self.rest = Some(start);
                 self.generator.rest(counts);
             } else {
                 return;
             }
+            self.newest = start;
         }
     }
 

@@ -1,5 +1,5 @@
 //! What the motion tests share: a rig that plays commands, and what its trace must never show.
-#![allow(dead_code, reason = "each test uses a part of it")]
+#![allow(dead_code, unused_imports, reason = "each test uses a part of it")]
 
 #[cfg(not(target_os = "none"))]
 mod limits;

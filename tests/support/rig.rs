@@ -142,7 +142,8 @@ impl Rig {
 
     fn prepare(&mut self) {
         let was_stopped = self.drive.due().is_none();
-        while self.drive.prepare(&self.requests, self.now) {}
+        let runs = (0..10_000).take_while(|_| self.drive.prepare(&self.requests, self.now));
+        assert!(runs.count() < 10_000, "prepare never comes to an end");
         if was_stopped && self.drive.due().is_some() {
             self.trace.starts.push(self.now);
         }
