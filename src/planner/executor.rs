@@ -83,9 +83,10 @@ impl Executor {
         }
     }
 
-    /// Forgets the block in execution: what was left of it is not executed.
+    /// Forgets the block in execution: what was left of it is not executed. At rest, or a fault.
     pub(super) fn abandon(&mut self) {
-        *self = Self::new();
+        self.speed_mm_s = 0.0;
+        self.is_begun = false;
     }
 
     /// The next segment, from `position`; `None` at the end of the plan or, when stopping, at rest.

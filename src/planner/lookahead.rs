@@ -9,7 +9,10 @@
 use core::f32::consts::FRAC_PI_2;
 
 use super::Block;
-use crate::math;
+use crate::{
+    axis::{AXES, Axes},
+    math,
+};
 
 /// Places for blocks, a power of two.
 pub const BLOCKS: usize = 128;
@@ -59,7 +62,7 @@ impl Block {
 }
 
 /// A block with its place in the plan.
-#[derive(Debug, Clone, Copy)]
+#[derive(Debug)]
 struct Planned {
     block: Block,
     /// Limit of the squared entry speed from the junction and both programmed speeds.
@@ -68,10 +71,42 @@ struct Planned {
     entry_sqr: f32,
 }
 
+impl Planned {
+    /// An empty place.
+    const NONE: Self = Self {
+        block: Block {
+            delta: Axes([0; AXES]),
+            steps_per_mm: Axes([0.0; AXES]),
+            length_mm: 0.0,
+            speed_mm_s: 0.0,
+            acceleration_mm_s2: 0.0,
+            junction_sqr: 0.0,
+            curve: None,
+            line: 0,
+        },
+        limit_sqr: 0.0,
+        entry_sqr: 0.0,
+    };
+
+    /// Takes a block over, field by field: as a whole it would be copied by a loop in a library.
+    fn hold(&mut self, block: &Block) {
+        let here = &mut self.block;
+        here.delta = block.delta;
+        here.steps_per_mm = block.steps_per_mm;
+        here.length_mm = block.length_mm;
+        here.speed_mm_s = block.speed_mm_s;
+        here.acceleration_mm_s2 = block.acceleration_mm_s2;
+        here.junction_sqr = block.junction_sqr;
+        here.curve = block.curve;
+        here.line = block.line;
+    }
+}
+
 /// The blocks to be executed, oldest first.
 #[derive(Debug)]
 pub struct LookAhead {
-    ring: [Option<Planned>; BLOCKS],
+    ring: [Planned; BLOCKS],
+    /// Place of the oldest.
     first: usize,
     count: usize,
 }
@@ -81,7 +116,7 @@ impl LookAhead {
     #[must_use]
     pub const fn new() -> Self {
         Self {
-            ring: [None; BLOCKS],
+            ring: [const { Planned::NONE }; BLOCKS],
             first: 0,
             count: 0,
         }
@@ -108,15 +143,17 @@ impl LookAhead {
     /// The block in execution.
     #[must_use]
     pub fn current(&self) -> Option<&Block> {
-        let planned = self.ring[self.first & MASK].as_ref();
-        planned.map(|planned| &planned.block)
+        (self.count != 0).then(|| &self.ring[self.first & MASK].block)
     }
 
     /// Squared speed at which the block in execution may be left: 0 when no other follows.
     #[must_use]
     pub fn exit_sqr(&self) -> f32 {
-        let next = self.ring[(self.first + 1) & MASK].as_ref();
-        next.map_or(0.0, |planned| planned.entry_sqr)
+        if self.count > 1 {
+            self.ring[(self.first + 1) & MASK].entry_sqr
+        } else {
+            0.0
+        }
     }
 
     /// Adds a block, if there is a place, and plans anew what that changes.
@@ -125,17 +162,17 @@ impl LookAhead {
             return;
         }
         let newest = self.first + self.count;
-        let before = self.ring[newest.wrapping_sub(1) & MASK].as_ref();
-        let speed = block.speed_mm_s;
-        let limit_sqr = before.map_or(0.0, |before| {
-            let slower = math::min(speed, before.block.speed_mm_s);
+        let limit_sqr = if self.count == 0 {
+            0.0
+        } else {
+            let before = &self.ring[newest.wrapping_sub(1) & MASK].block;
+            let slower = math::min(block.speed_mm_s, before.speed_mm_s);
             math::min(block.junction_sqr, slower * slower)
-        });
-        self.ring[newest & MASK] = Some(Planned {
-            block: *block,
-            limit_sqr,
-            entry_sqr: -1.0,
-        });
+        };
+        let planned = &mut self.ring[newest & MASK];
+        planned.hold(block);
+        planned.limit_sqr = limit_sqr;
+        planned.entry_sqr = -1.0;
         self.count += 1;
         self.brake();
     }
@@ -143,7 +180,6 @@ impl LookAhead {
     /// Removes the block in execution.
     pub fn pop(&mut self) {
         if self.count != 0 {
-            self.ring[self.first & MASK] = None;
             self.first = (self.first + 1) & MASK;
             self.count -= 1;
         }
@@ -151,10 +187,8 @@ impl LookAhead {
 
     /// Removes all blocks.
     pub fn clear(&mut self) {
-        // wcet-bound: 128
-        while self.count != 0 {
-            self.pop();
-        }
+        self.first = 0;
+        self.count = 0;
     }
 
     /// The backward pass.
@@ -164,9 +198,7 @@ impl LookAhead {
         // wcet-bound: 127
         for back in 1..self.count {
             let place = (self.first + self.count - back) & MASK;
-            let Some(planned) = self.ring[place].as_mut() else {
-                return;
-            };
+            let planned = &mut self.ring[place];
             let entry_sqr = if planned.entry_sqr == planned.limit_sqr {
                 planned.limit_sqr
             } else {
