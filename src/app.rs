@@ -25,7 +25,7 @@ mod app {
     use heapless::spsc::{Consumer, Producer, Queue};
     use leadscrew::{
         machine::Snapshot,
-        planner::{Entry, Motion, Work},
+        planner::{Entry, Motion},
         protocol::{
             Progress, Session,
             realtime::{self, Release, Requests},
@@ -172,11 +172,6 @@ mod app {
     )]
     fn prepare(mut cx: prepare::Context) {
         let (motion, entries) = (cx.local.motion, cx.local.entries_out);
-        if let Some(Work::Configure(settings)) = entries.peek().map(|entry| &entry.work)
-            && motion.snapshot().is_at_rest
-        {
-            step_output::configure(settings);
-        }
         let (events, counts) = (cx.local.events_in, cx.shared.counts);
         let prepared = motion.run(cx.shared.requests, counts, entries, events);
         if prepared.start {
@@ -219,6 +214,8 @@ mod app {
                 if session.entered() != entered {
                     rtic::pend(PREPARE);
                 }
+                // Settings change at rest only, and nothing moves before the session goes on.
+                step_output::follow(session.settings());
                 serial::start(sent);
                 progress
             });

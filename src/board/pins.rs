@@ -3,7 +3,7 @@
 //! The words are looked up by axis mask in tables that already hold each axis's polarity, so the
 //! step interrupt neither shifts nor decides. The tables are rebuilt only at rest.
 
-use core::sync::atomic::{AtomicU8, AtomicU32, Ordering::Relaxed};
+use core::sync::atomic::{AtomicBool, AtomicU8, AtomicU32, Ordering::Relaxed};
 
 use leadscrew::{axis::AXES, settings::Settings};
 
@@ -77,6 +77,12 @@ static NEXT: [AtomicU32; 2] = [const { AtomicU32::new(0) }; 2];
 
 /// The directions output last.
 static DIRECTIONS: AtomicU8 = AtomicU8::new(0);
+
+/// Whether the drivers are enabled.
+static IS_ENABLED: AtomicBool = AtomicBool::new(false);
+
+/// The polarities that the tables are made for, see [`polarity`].
+static POLARITY: AtomicU32 = AtomicU32::new(0);
 
 /// Makes outputs of the pins, with the drivers disabled. The ports' clocks must run.
 pub(super) fn init(settings: &Settings) {
@@ -153,9 +159,24 @@ pub(super) fn pulses_next() -> (u32, u8) {
     (axes, DIRECTIONS.load(Relaxed))
 }
 
-/// Takes over the polarities `$2`, `$3` and `$4`, and disables the drivers. At rest only: no pulse
-/// may end by a new polarity.
-pub(crate) fn configure(settings: &Settings) {
+/// Takes over the polarities `$2`, `$3` and `$4` if they have changed. At rest only: no pulse may
+/// end by a new polarity. A call costs next to nothing when nothing has changed.
+pub(crate) fn follow(settings: &Settings) {
+    if polarity(settings) != POLARITY.load(Relaxed) {
+        configure(settings);
+    }
+}
+
+/// `$2`, `$3` and `$4` in one word.
+fn polarity(settings: &Settings) -> u32 {
+    let [step, direction] = [settings.step_invert, settings.direction_invert].map(u32::from);
+    step | direction << 8 | u32::from(settings.enable_invert) << 16
+}
+
+/// Makes the tables and outputs the levels of standstill. The drivers stay enabled or disabled: an
+/// axis that is held must not fall because a setting changes.
+fn configure(settings: &Settings) {
+    POLARITY.store(polarity(settings), Relaxed);
     let wiring = &chosen::WIRING;
     let active_low = usize::from(settings.step_invert);
     let reversed = usize::from(settings.direction_invert);
@@ -174,11 +195,12 @@ pub(crate) fn configure(settings: &Settings) {
     store(on, &wiring.enable.word(settings.enable_invert));
     let [a, b] = pair(0, u32::MAX);
     write_a_and_b([a.load(Relaxed), b.load(Relaxed)]);
-    enable(false);
+    enable(IS_ENABLED.load(Relaxed));
 }
 
 /// Switches all drivers on or off.
 pub(super) fn enable(on: bool) {
+    IS_ENABLED.store(on, Relaxed);
     let [a, b, c] = &TABLES.enable[usize::from(on)];
     write_a_and_b([a.load(Relaxed), b.load(Relaxed)]);
     write_port_c(c.load(Relaxed));

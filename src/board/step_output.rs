@@ -2,7 +2,7 @@
 
 use leadscrew::stepper::{EventReader, StepCounts, StepEvent, Stepper};
 
-pub(crate) use super::pins::configure;
+pub(crate) use super::pins::follow;
 use super::{pins, step_timer::StepTimer};
 
 /// What the step interrupt drives, and it alone.
