@@ -4,7 +4,7 @@
 //! already passed can be seen, and forced. Its registers are 12 core cycles away, so they are
 //! touched three times an event, after the pins.
 
-use core::sync::atomic::{AtomicU32, Ordering::Relaxed};
+use core::sync::atomic::{AtomicU32, Ordering::Relaxed, Ordering::SeqCst, compiler_fence};
 
 use super::pac;
 
@@ -66,6 +66,8 @@ pub(super) fn start() {
     // there is one caller, the task that prepares motion.
     let timer = unsafe { &*pac::TIM2::ptr() };
     DUE.store(timer.cnt().read().cnt().bits(), Relaxed);
+    // From the next write on, the interrupt owns `DUE`.
+    compiler_fence(SeqCst);
     timer.egr().write(|w| w.cc1g().set_bit());
     timer.dier().write(|w| w.cc1ie().set_bit());
 }

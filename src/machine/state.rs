@@ -42,4 +42,6 @@ pub struct Snapshot {
     pub epoch: u32,
     /// Whether that reset found the machine in motion, so that it rises `ALARM:3`.
     pub reset_in_motion: bool,
+    /// Whether the step events ran out in motion: a fault that only a reset ends.
+    pub is_starved: bool,
 }

@@ -30,7 +30,7 @@ const ENTRIES_PER_RUN: usize = 4;
 pub struct Prepared {
     /// Run it again: there is more to do.
     pub again: bool,
-    /// Pend the step interrupt: it has stopped, and there are events.
+    /// Start the step timer: it has stopped, and there are events.
     pub start: bool,
     /// Release `interpret`: there is room, or what it may wait for has changed.
     pub news: bool,
@@ -46,6 +46,8 @@ pub struct Motion {
     /// The newest reset acted on.
     epoch: u32,
     reset_in_motion: bool,
+    /// The step interrupt ran out of events in motion: nothing is executed before the next reset.
+    is_starved: bool,
     /// Decelerating after a reset; then the plan is dropped.
     is_aborting: bool,
     /// Waiting for cycle start after `M0`.
@@ -73,6 +75,7 @@ impl Motion {
             state: State::Idle,
             epoch: 0,
             reset_in_motion: false,
+            is_starved: false,
             is_aborting: false,
             is_paused: false,
             dwell_ticks: 0,
@@ -92,6 +95,7 @@ impl Motion {
                 is_at_rest: true,
                 epoch: 0,
                 reset_in_motion: false,
+                is_starved: false,
             },
         }
     }
@@ -131,9 +135,13 @@ impl Motion {
         self.generate(counts, events);
         self.settle(counts);
         let changed = self.publish(counts);
+        let start = !counts.is_running() && !self.is_still(counts);
+        if start {
+            counts.start();
+        }
         Prepared {
             again: taken == ENTRIES_PER_RUN,
-            start: !counts.is_running() && !self.is_still(counts),
+            start,
             news: taken != 0 || changed,
         }
     }
@@ -145,18 +153,18 @@ impl Motion {
             && self.rest == Some(counts.played_ticks())
     }
 
-    /// The step interrupt ran out of events in motion: whatever was planned is void.
+    /// The step interrupt ran out of events in motion. The axes stopped dead and may have lost
+    /// steps: whatever was planned is void, and so is what still comes, up to the next reset.
     fn fail(&mut self) {
-        self.finished = self.finished.wrapping_add(self.plan.len() as u32);
-        self.plan.clear();
-        self.executor.abandon();
         self.generator.cut();
-        self.settle_on_steps();
+        self.drop_wait();
+        self.drop_plan();
+        self.is_starved = true;
         self.state = State::Alarm;
     }
 
-    fn reset(&mut self, epoch: u32, counts: &StepCounts) {
-        self.epoch = epoch;
+    /// Ends a program pause or a dwell before its time.
+    fn drop_wait(&mut self) {
         if self.is_paused || self.is_dwelling {
             self.finished = self.finished.wrapping_add(1);
         }
@@ -164,6 +172,12 @@ impl Motion {
         self.is_dwelling = false;
         self.dwell_ticks = 0;
         self.spindle_rpm = 0.0;
+    }
+
+    fn reset(&mut self, epoch: u32, counts: &StepCounts) {
+        self.epoch = epoch;
+        self.is_starved = false;
+        self.drop_wait();
         let moves = matches!(self.state, State::Run | State::HoldSlowing);
         self.reset_in_motion = moves;
         self.is_aborting = moves || !self.is_still(counts);
@@ -219,7 +233,10 @@ impl Motion {
             let Some(entry) = entries.peek() else {
                 return taken;
             };
-            if entry.epoch != self.epoch {
+            // Settings are void for nobody: the session has taken them over already, at rest.
+            let is_void = (entry.epoch != self.epoch || self.is_starved)
+                && !matches!(entry.work, Work::Configure(_));
+            if is_void {
                 self.finished = self.finished.wrapping_add(1);
             } else if !self.accept(&entry.work, counts) {
                 return taken;
@@ -352,9 +369,8 @@ impl Motion {
             self.is_still(counts) && self.plan.is_empty() && !self.is_dwelling && !self.is_aborting;
         let new = &mut self.snapshot;
         // A finished block alone is no news: who waits for all of them waits for rest.
-        let changed = new.state != self.state
-            || new.is_at_rest != is_at_rest
-            || new.epoch != self.epoch;
+        let changed =
+            new.state != self.state || new.is_at_rest != is_at_rest || new.epoch != self.epoch;
         new.state = self.state;
         new.steps = counts.position();
         new.feed_mm_min = counts.feed_mm_min();
@@ -365,6 +381,7 @@ impl Motion {
         new.is_at_rest = is_at_rest;
         new.epoch = self.epoch;
         new.reset_in_motion = self.reset_in_motion;
+        new.is_starved = self.is_starved;
         changed
     }
 }

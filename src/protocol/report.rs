@@ -196,6 +196,8 @@ pub enum Feedback {
     Unlocked,
     /// `M2` or `M30`.
     ProgramEnd,
+    /// Nothing but a reset helps.
+    ResetNeeded,
 }
 
 /// `[MSG:…]`.
@@ -204,6 +206,7 @@ pub fn feedback(text: &mut Text, feedback: Feedback) {
         Feedback::Locked => "'$H'|'$X' to unlock",
         Feedback::Unlocked => "Caution: Unlocked",
         Feedback::ProgramEnd => "Pgm End",
+        Feedback::ResetNeeded => "Reset to continue",
     };
     text.word("[MSG:").word(words).word("]").end();
 }

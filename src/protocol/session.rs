@@ -79,6 +79,8 @@ pub struct Session {
     epoch: u32,
     /// Whether the interpreter knows where the machine is.
     is_position_known: bool,
+    /// The sender has been told that the machine needs a reset.
+    is_fault_told: bool,
 }
 
 impl Session {
@@ -103,6 +105,7 @@ impl Session {
             entered: 0,
             epoch: 0,
             is_position_known: false,
+            is_fault_told: false,
         }
     }
 
@@ -145,7 +148,12 @@ impl Session {
         if self.is_report_due && !self.send_status(machine, received_free, sent) {
             return Progress::Waiting;
         }
-        let progress = self.advance(machine, received, entries);
+        let progress = if machine.is_starved {
+            self.tell_fault();
+            Progress::Waiting
+        } else {
+            self.advance(machine, received, entries)
+        };
         if self.flush(sent) {
             progress
         } else {
@@ -177,6 +185,7 @@ impl Session {
         self.stage = Stage::Starting;
         self.message.clear();
         self.is_position_known = false;
+        self.is_fault_told = false;
     }
 
     /// Welcomes the sender as soon as the machine has acted on the reset; false before.
@@ -206,6 +215,16 @@ impl Session {
         }
         self.stage = Stage::Reading;
         true
+    }
+
+    /// The machine stopped dead in motion. No line is answered any more, as in Grbl; only a reset
+    /// ends this. Grbl's alarm 3 says what it means for the sender: the position may be lost.
+    fn tell_fault(&mut self) {
+        if !self.is_fault_told {
+            report::alarm(&mut self.message, Alarm::ResetInMotion);
+            report::feedback(&mut self.message, Feedback::ResetNeeded);
+            self.is_fault_told = true;
+        }
     }
 
     /// Takes the position from the machine once it is at rest.

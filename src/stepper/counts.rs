@@ -30,7 +30,8 @@ const IS_MOVING: u32 = 1 << 8;
 
 /// What the step interrupt plays.
 ///
-/// Written by `prepare` (announcements) and the step interrupt (the rest).
+/// Written by `prepare` (announcements) and the step interrupt (the rest). `running` is written by
+/// whoever can: by `prepare` while the timer stands, by the step interrupt while it runs.
 #[derive(Debug)]
 pub struct StepCounts {
     slots: [Slot; SEGMENT_RING],
@@ -110,7 +111,6 @@ impl StepCounts {
     pub(super) fn begin(&self) -> (u8, bool) {
         let number = self.begun.load(Relaxed);
         self.begun.store(number.wrapping_add(1), Relaxed);
-        self.running.store(true, Relaxed);
         let flags = self.slot(number).flags.load(Relaxed);
         (flags as u8, flags & IS_MOVING != 0)
     }
@@ -160,7 +160,15 @@ impl StepCounts {
         self.played().line.load(Relaxed)
     }
 
-    /// Whether the step timer runs; when it does not, a new event needs its interrupt pended.
+    /// `prepare` is about to start the step timer, which stands.
+    ///
+    /// Not left to the step interrupt: after a fault the first event may be in the middle of a
+    /// segment, and a timer that runs must not be started.
+    pub(crate) fn start(&self) {
+        self.running.store(true, Relaxed);
+    }
+
+    /// Whether the step timer runs; when it does not, a new event needs it started.
     #[must_use]
     pub fn is_running(&self) -> bool {
         self.running.load(Relaxed)
