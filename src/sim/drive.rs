@@ -94,7 +94,8 @@ impl Drive {
             .run(requests, &self.counts, &mut entries, &mut events);
         self.is_prepare_released = prepared.again;
         self.has_news |= prepared.news;
-        if prepared.start && self.due.is_none() {
+        if prepared.start {
+            debug_assert!(self.due.is_none(), "a timer that runs is started");
             self.due = Some(Edge {
                 ticks: now,
                 raise: 0,

@@ -114,6 +114,24 @@ fn a_reset_in_motion_raises_alarm_3_and_locks() {
 }
 
 #[test]
+fn starved_motion_is_told_and_only_a_reset_helps() {
+    let mut bench = Bench::new();
+    bench.withholds = true;
+    assert_eq!(bench.ask("G1X5F600"), ["ok"]);
+    bench.machine.state = State::Alarm;
+    bench.machine.is_starved = true;
+    let told = ["ALARM:3", "[MSG:Reset to continue]"];
+    assert_eq!(bench.ask("G1X9"), told);
+    assert_eq!(bench.ask("$X"), [""; 0]);
+    assert!(bench.answer("?")[0].starts_with("<Alarm|"));
+    bench.machine.is_starved = false;
+    assert_eq!(bench.answer("\x18"), [WELCOME[0], WELCOME[1], UNLOCK]);
+    bench.withholds = false;
+    assert_eq!(bench.ask("$X"), ["[MSG:Caution: Unlocked]", "ok"]);
+    assert_eq!(bench.ask("G0X1"), ["ok"]);
+}
+
+#[test]
 fn a_reset_at_rest_only_welcomes() {
     let mut bench = Bench::new();
     assert_eq!(bench.ask("G91"), ["ok"]);

@@ -1,0 +1,206 @@
+//! Step events that run out in motion, and clocks that wrap.
+#![cfg(not(target_os = "none"))]
+
+mod support;
+
+use heapless::spsc::Queue;
+use leadscrew::{
+    axis::Axes,
+    machine::State,
+    planner::{Entry, Router, Work},
+    protocol::realtime::{self, Requests},
+    settings::Settings,
+    sim::{Drive, Edge},
+};
+use support::{RESET, TICKS_PER_S, line, with};
+
+/// The drive on a clock of its own; `prepare` runs only when it is told to.
+struct Machine {
+    drive: Drive,
+    router: Router,
+    requests: Requests,
+    now: u64,
+    sent: u32,
+    epoch: u32,
+    steps: Axes<i32>,
+}
+
+impl Machine {
+    fn new(settings: &Settings) -> Self {
+        Self {
+            drive: Drive::new(settings),
+            router: Router::new(settings),
+            requests: Requests::new(),
+            now: 0,
+            sent: 0,
+            epoch: 0,
+            steps: Axes::all(0),
+        }
+    }
+
+    fn send(&mut self, work: Work) {
+        let epoch = self.epoch;
+        assert!(self.drive.entries.enqueue(Entry { epoch, work }).is_ok());
+        self.sent += 1;
+        self.drive.release_prepare();
+    }
+
+    fn go(&mut self, mm: &[f64]) {
+        let work = self.router.work(&line(mm, 60_000.0)).expect("it moves");
+        self.send(work);
+    }
+
+    fn prepare(&mut self) {
+        while self.drive.prepare(&self.requests, self.now) {}
+    }
+
+    fn step(&mut self) -> bool {
+        let Some(edge) = self.drive.step() else {
+            return false;
+        };
+        self.now = edge.ticks;
+        self.count(&edge);
+        self.drive.due().is_some()
+    }
+
+    fn count(&mut self, edge: &Edge) {
+        for (axis, steps) in self.steps.iter_mut().enumerate() {
+            if edge.raise >> axis & 1 != 0 {
+                *steps += if edge.directions >> axis & 1 == 0 {
+                    1
+                } else {
+                    -1
+                };
+            }
+        }
+    }
+
+    /// Plays everything, with `prepare` in time.
+    fn play(&mut self) {
+        self.prepare();
+        while self.step() {
+            self.prepare();
+        }
+        self.prepare();
+        let snapshot = self.drive.snapshot();
+        assert!(snapshot.is_at_rest, "{snapshot:?}");
+        assert_eq!(snapshot.steps, self.steps);
+        assert_eq!(snapshot.finished, self.sent);
+        assert_eq!(self.drive.due(), None);
+    }
+
+    fn reset(&mut self) {
+        let mut line = Queue::<u8, 4>::new();
+        let _ = realtime::receive(RESET, &self.requests, &mut line.split().0);
+        self.epoch += 1;
+        self.drive.release_prepare();
+    }
+}
+
+/// Starves the step interrupt after some events, then looks that nothing but a reset helps.
+fn starve(settings: &Settings, events: usize) {
+    let mut machine = Machine::new(settings);
+    for way in [20.0, -20.0, 30.0, 10.0, 5.0] {
+        machine.go(&[way, way * 0.7, -way * 0.3]);
+    }
+    machine.prepare();
+    for _ in 0..events {
+        assert!(machine.step());
+        machine.prepare();
+    }
+    // From here on `prepare` is too late.
+    while machine.step() {}
+    machine.go(&[11.0, 0.0, 0.0]);
+    machine.play();
+    assert!(machine.drive.snapshot().is_starved);
+    assert_eq!(machine.drive.snapshot().state, State::Alarm);
+    let stopped = machine.steps;
+    machine.send(Work::Unlock);
+    machine.go(&[1.0, 0.0, 0.0]);
+    machine.send(Work::Dwell(10));
+    machine.play();
+    assert_eq!(machine.steps, stopped);
+    assert_eq!(machine.drive.snapshot().state, State::Alarm);
+    machine.reset();
+    machine.play();
+    assert!(!machine.drive.snapshot().is_starved);
+    let position = machine.router.set_steps(machine.drive.snapshot().steps);
+    machine.send(Work::Unlock);
+    machine.go(&[position[0].to_mm_f64() + 1.0, 2.0, 3.0]);
+    machine.play();
+    assert_eq!(machine.drive.snapshot().state, State::Idle);
+    let end = settings.steps_per_mm[1]
+        .steps_at(leadscrew::units::Nm(2_000_000))
+        .0
+        .0;
+    assert_eq!(machine.steps[1], end);
+}
+
+#[test]
+fn nothing_is_executed_after_events_ran_out_until_a_reset() {
+    let slow = with(&[80.0, 100.0, 400.0], &[5000.0], &[500.0]);
+    // Here the queue of events is full before 4 ms are: events run out in the middle of a segment.
+    let quick = Settings {
+        step_pulse_us: 3,
+        ..with(&[2000.0], &[3600.0], &[100_000.0])
+    };
+    for settings in [&slow, &quick] {
+        for events in [0, 1, 2, 3, 10, 100, 1001, 5000, 9999] {
+            starve(settings, events);
+        }
+    }
+}
+
+#[test]
+fn a_starved_dwell_ends_and_locks() {
+    let mut machine = Machine::new(&Settings::default());
+    machine.send(Work::Dwell(1000));
+    machine.prepare();
+    while machine.step() {}
+    machine.play();
+    assert!(machine.drive.snapshot().is_starved);
+}
+
+#[test]
+fn no_clock_that_wraps_is_noticed() {
+    let settings = with(&[80.0, 100.0, 400.0], &[5000.0], &[500.0]);
+    // The clock of 84 MHz wraps after 51.13 s: moves begin, run and end around three of them.
+    let mut machine = Machine::new(&settings);
+    let wrap = u64::from(u32::MAX) + 1;
+    let mut wraps = 0;
+    let mut side = 1.0;
+    while wraps < 3 {
+        let before = machine.now;
+        let left = wrap - before % wrap;
+        let ms = left / (TICKS_PER_S as u64 / 1000);
+        match ms {
+            0..3 => machine.send(Work::Dwell(1)),
+            3..60 => {}
+            _ => machine.send(Work::Dwell((ms - 50).min(20_000) as u32)),
+        }
+        machine.go(&[side, side * 0.3]);
+        side = -side;
+        machine.play();
+        let took = machine.now - before;
+        assert!(took < 21 * TICKS_PER_S as u64, "{took}");
+        wraps += machine.now / wrap - before / wrap;
+    }
+    assert_eq!(machine.drive.counts.late(), 0);
+}
+
+#[test]
+fn an_hour_of_standstill_and_moves_keeps_its_steps() {
+    // Slow axes, so that an hour has few steps; the clock wraps 70 times.
+    let settings = with(&[1.0, 0.5, 2.0], &[300.0, 200.0, 90.0], &[20.0]);
+    let mut machine = Machine::new(&settings);
+    let hour = 3600 * TICKS_PER_S as u64;
+    let mut side = 3.0;
+    while machine.now < hour {
+        machine.send(Work::Dwell(100_003));
+        machine.go(&[side, -side, side * 0.25]);
+        machine.go(&[-side * 2.0, side, -side]);
+        side = -side;
+        machine.play();
+    }
+    assert_eq!(machine.drive.snapshot().state, State::Idle);
+}
