@@ -150,8 +150,11 @@ mod app {
                 Release::Interpret | Release::Report => rtic::pend(WAKE),
                 Release::Prepare => rtic::pend(PREPARE),
             }
-        }
-        if port.can_send() {
+            // One byte in or one out: what is to be sent may have been pended by the same vector.
+            if cx.local.sent_out.ready() {
+                serial::again();
+            }
+        } else if port.can_send() {
             let byte = cx.local.sent_out.dequeue();
             port.send(byte);
             if byte.is_some() && matches!(cx.local.sent_out.len(), 0 | SENT_HALF) {

@@ -25,7 +25,12 @@ impl Nm {
     /// The distance in mm. Exact to 1 nm up to 8 m, within a part in 10^7 beyond.
     #[must_use]
     pub fn to_mm(self) -> f32 {
-        self.0 as f32 * 1.0e-6
+        // Up to 2 m in the FPU, beyond in software.
+        let nm = match i32::try_from(self.0) {
+            Ok(nm) => nm as f32,
+            Err(_) => self.0 as f32,
+        };
+        nm * 1.0e-6
     }
 
     /// The distance in mm, in double precision: once per block, never per segment.

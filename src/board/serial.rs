@@ -46,7 +46,7 @@ impl SerialPort {
             self.usart.dr().write(|w| w.dr().set(u16::from(byte)));
             // The emulator has no interrupt for "ready to send".
             if chosen::is_emulated() {
-                rtic::pend(chosen::USART_VECTOR);
+                again();
                 return;
             }
         }
@@ -67,6 +67,12 @@ impl SerialPort {
 /// Lets the interrupt send what is queued.
 pub(crate) fn start(sent: &Producer<'_, u8>) {
     if !sent.is_empty() {
-        rtic::pend(chosen::USART_VECTOR);
+        again();
     }
+}
+
+/// Runs the interrupt once more.
+#[inline]
+pub(crate) fn again() {
+    rtic::pend(chosen::USART_VECTOR);
 }

@@ -351,8 +351,8 @@ impl Motion {
         let is_at_rest =
             self.is_still(counts) && self.plan.is_empty() && !self.is_dwelling && !self.is_aborting;
         let new = &mut self.snapshot;
+        // A finished block alone is no news: who waits for all of them waits for rest.
         let changed = new.state != self.state
-            || new.finished != self.finished
             || new.is_at_rest != is_at_rest
             || new.epoch != self.epoch;
         new.state = self.state;

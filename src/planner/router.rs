@@ -165,12 +165,13 @@ impl Router {
             .position
             .zip(self.sent, |to, from| (to - from).to_mm());
         let length_mm = length(&way);
-        let direction = way.map(|way| way / length_mm);
+        let per_mm = 1.0 / length_mm;
+        let direction = way.map(|way| way * per_mm);
         let tangent = unit(direction);
-        let per_mm = self.limits.steps_per_mm;
+        let resolution = self.limits.steps_per_mm;
         let block = Block {
             delta: end.fine.zip(self.fine, |to, from| to.0 - from.0),
-            steps_per_mm: direction.zip(per_mm, |share, steps| share * steps),
+            steps_per_mm: direction.zip(resolution, |share, steps| share * steps),
             length_mm,
             speed_mm_s: pace_mm_s(
                 pace,

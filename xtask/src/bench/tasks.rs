@@ -12,6 +12,8 @@ pub(super) const STAND_IN: &str = "SysTick";
 pub(super) const THREAD: &str = "thread";
 /// The step interrupt.
 pub(super) const STEP: &str = "step";
+/// The task that computes the times of the steps.
+pub(super) const PREPARE: &str = "prepare";
 
 /// Vectors and the tasks on them, from the RTIC application's source.
 pub(super) struct Names(Vec<(String, String)>);

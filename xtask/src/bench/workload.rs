@@ -80,7 +80,7 @@ pub(super) fn short_lines() -> Workload {
     };
     let lengths = (1..LINES).map(|index| distance(at(index), at(index + 1)));
     let length_mm = distance([0.0; 3], at(1)) + lengths.sum::<f64>();
-    let mut program: Vec<String> = vec!["G1F3000".into()];
+    let mut program: Vec<String> = vec!["G1F6000".into()];
     program.extend((1..=LINES).map(|index| {
         let [x, y, z] = at(index);
         format!("G1 X{x:.3} Y{y:.3} Z{z:.3}")
@@ -92,16 +92,16 @@ pub(super) fn short_lines() -> Workload {
             "$100=320",
             "$101=320",
             "$102=400",
-            "$110=6000",
-            "$111=6000",
-            "$112=6000",
-            "$120=500",
-            "$121=500",
-            "$122=500",
+            "$110=9000",
+            "$111=9000",
+            "$112=9000",
+            "$120=5000",
+            "$121=5000",
+            "$122=5000",
         ],
         program,
         end_mm: at(LINES),
-        motion_s: length_mm / 50.0 + 0.1,
+        motion_s: length_mm / 100.0 + 0.1,
         count: LINES.into(),
     }
 }
