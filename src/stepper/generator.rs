@@ -636,7 +636,7 @@ fn fill_one(
         pulse_ticks.cast_unsigned(),
     );
     if let Some(many) = many {
-        let count = many.min(out.room() / 2 - EVENTS_PER_STEP / 2);
+        let count = many.min((out.room() / 2).saturating_sub(EVENTS_PER_STEP / 2));
         last = put_evenly(&mut steps, count, last, pulse_end, &mut out);
     }
     // wcet-bound: 512
