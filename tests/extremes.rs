@@ -209,6 +209,29 @@ fn a_fast_block_before_a_very_slow_one_is_left_at_its_speed() {
 }
 
 #[test]
+fn steps_faster_than_the_queue_is_long_lose_no_segment() {
+    let settings = Settings {
+        step_pulse_us: 1,
+        ..with(
+            &[1.0, 1.0, 1280.0],
+            &[11_295.916, 9_002.947, 10_110.096],
+            &[4579.403, 1190.923, 2820.636],
+        )
+    };
+    let commands = number(&[
+        line(&[0.0, -0.002_487, 1.952_611], 60_000.0),
+        line(&[0.0, -0.615_628, 0.056_93], 60_000.0),
+        line(&[0.0, -1.219_31, -2.248_039], 6_402.830_6),
+    ]);
+    let trace = Rig::play(&settings, &commands);
+    trace.check_pulses();
+    assert_eq!(
+        trace.net_steps(),
+        target_steps(&settings, &at(&[0.0, -1.219_31, -2.248_039]))
+    );
+}
+
+#[test]
 fn inverse_time_moves_take_their_time() {
     let settings = with(&[250.0], &[6000.0], &[5000.0]);
     for (per_min, seconds) in [(60.0, 1.0), (30.0, 2.0), (600.0, 0.1)] {

@@ -222,7 +222,7 @@ mod tests {
             announce(&counts, announced);
             announced += 1;
         }
-        assert_eq!(announced, SEGMENT_RING as i32 - 1);
+        assert_eq!(announced, SEGMENT_RING.cast_signed() as i32 - 1);
         counts.begin();
         assert!(counts.has_room());
     }

@@ -1,50 +1,23 @@
 //! Step times: from a segment's motion to the events of the step interrupt.
 //!
-//! Within a segment each axis is a quadratic in time, q(τ) = vτ + aτ²/2 in steps, and step k falls
-//! where q crosses half-way to it. The number of steps comes from exact integer positions, so
-//! rounding moves an edge by a fraction of a tick and never adds or loses one. The axes' steps are
-//! merged in time order; steps closer than [`EVENT_SPACING_TICKS`] share an event.
-//!
-//! Ends of pulses are events of the same list. An end may come late, and then shares the event of
-//! the next step, as long as the axis stays low for [`PULSE_LOW_TICKS`] before its next pulse.
+//! The number of steps comes from exact integer positions, so rounding moves an edge by a fraction
+//! of a tick and never adds or loses one. The axes' steps are merged in time order with the ends of
+//! pulses; steps closer than [`EVENT_SPACING_TICKS`] share an event.
 
 use super::{
-    DIRECTION_SETUP_TICKS, EVENT_SPACING_TICKS, EventWriter, PULSE_LOW_TICKS, SegmentInfo,
-    StepCounts, StepEvent, ring::EventBatch,
+    AxisMotion, DIRECTION_SETUP_TICKS, EVENT_SPACING_TICKS, EventWriter, SegmentInfo, StepCounts,
+    StepEvent,
+    axis_steps::{AxisSteps, EVEN_BITS, NO_STEPS, plan_axis},
+    pulses::{Cursor, High, LOW, SPACING},
+    ring::EventBatch,
 };
 use crate::{
     axis::{AXES, Axes},
-    math,
-    units::{FineSteps, Steps, TICKS_PER_US},
+    units::{FineSteps, TICKS_PER_US},
 };
 
-/// Longest time that the end of a pulse waits to share an event, ticks.
-const SHARE_TICKS: i32 = (10 * TICKS_PER_US).cast_signed();
 /// Events that one step can need: ends of pulses before it, waits, and itself.
 const EVENTS_PER_STEP: u32 = 8;
-/// Binary places of a step's time at an even pace: 2 ms, the longest segment, fill the word, and a
-/// thousand periods are off by a thirtieth of a tick at most.
-const EVEN_BITS: u32 = 14;
-/// What the times of steps at an even pace may be off the true ones, ticks.
-const EVEN_ERROR_TICKS: f32 = 0.25;
-/// A time before anything that still matters, ticks.
-const LONG_AGO: i32 = 1 << 24;
-/// [`EVENT_SPACING_TICKS`] and [`PULSE_LOW_TICKS`] as differences of times.
-const SPACING: i32 = EVENT_SPACING_TICKS.cast_signed();
-const LOW: i32 = PULSE_LOW_TICKS.cast_signed();
-/// Relative change of speed from one step to the next above which a step time is computed by the
-/// quadratic formula instead of from the step before.
-const SLOW_CHANGE: f32 = 0.01;
-
-/// The motion of one axis over a segment.
-#[derive(Debug, Clone, Copy, Default, PartialEq)]
-pub struct AxisMotion {
-    /// Exact position at the end.
-    pub to: FineSteps,
-    /// Acceleration, steps per tick².
-    pub acceleration: f32,
-}
-
 /// A stretch of motion with constant acceleration on every axis.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Segment {
@@ -56,245 +29,6 @@ pub struct Segment {
     pub feed_mm_min: f32,
     /// `N` word of its block, 0 without.
     pub line: u32,
-}
-
-/// The steps of one axis that are still to come in the segment.
-#[derive(Debug, Clone, Copy, Default)]
-struct AxisSteps {
-    /// Steps left.
-    left: u32,
-    /// Time of the next step, ticks from the segment's start; `u32::MAX` when none is left.
-    next: u32,
-    /// Speed at the segment's start, steps per tick.
-    speed: f32,
-    /// Half the acceleration, steps per tick².
-    half_acceleration: f32,
-    /// Distance of the next step from the segment's start, steps.
-    distance: f32,
-    /// Exact time of the next step, ticks.
-    time: f32,
-    /// Inverse of the speed at that time, ticks per step.
-    period: f32,
-    /// The same two in [`Pace::Even`], with [`EVEN_BITS`] binary places.
-    even_time: u32,
-    even_period: u32,
-    pace: Pace,
-}
-
-/// How the time of a step follows from the one before.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
-enum Pace {
-    /// By the same period: the speed does not change.
-    #[default]
-    Even,
-    /// By extrapolation: the speed changes little from step to step.
-    Smooth,
-    /// By the quadratic formula.
-    Steep,
-}
-
-const NO_STEPS: AxisSteps = AxisSteps {
-    left: 0,
-    next: u32::MAX,
-    speed: 0.0,
-    half_acceleration: 0.0,
-    distance: 0.0,
-    time: 0.0,
-    period: 0.0,
-    even_time: 0,
-    even_period: 0,
-    pace: Pace::Even,
-};
-
-impl AxisSteps {
-    /// The crossing at `distance` by the quadratic formula, in the form that never cancels.
-    fn solve(&self) -> f32 {
-        let square = self.speed * self.speed + 4.0 * self.half_acceleration * self.distance;
-        2.0 * self.distance / math::max(self.speed + math::sqrt(square), 1.0e-12)
-    }
-
-    /// How many steps can follow alike, if any: at an even pace, slow enough for the pulses, the
-    /// last one of the segment apart. The pulse before ends at `ended`.
-    fn evenly(&self, ended: u32, pulse_ticks: u32) -> Option<u32> {
-        let is_on_time = self.next == self.even_time >> EVEN_BITS
-            && self.next.wrapping_sub(ended) < 1 << 30
-            && self.next.wrapping_sub(ended) >= PULSE_LOW_TICKS;
-        let is_slow = self.even_period >> EVEN_BITS >= pulse_ticks + PULSE_LOW_TICKS;
-        let is_even = self.pace == Pace::Even && self.left > 1;
-        (is_even && is_on_time && is_slow).then(|| self.left - 1)
-    }
-
-    /// Moves on to the next step.
-    #[inline]
-    fn advance(&mut self, end: u32) {
-        self.left -= 1;
-        if self.left == 0 {
-            self.next = u32::MAX;
-            return;
-        }
-        if self.pace == Pace::Even {
-            self.even_time = self.even_time.wrapping_add(self.even_period);
-            self.next = (self.even_time >> EVEN_BITS).min(end);
-            return;
-        }
-        self.distance += 1.0;
-        if self.pace == Pace::Steep {
-            self.time = self.solve();
-        } else {
-            // One Newton step for the inverse of the speed, one for the time.
-            let speed = self.speed + 2.0 * self.half_acceleration * self.time;
-            self.period *= 2.0 - speed * self.period;
-            let guess = self.time + self.period;
-            let reached = (self.speed + self.half_acceleration * guess) * guess;
-            self.time = guess - (reached - self.distance) * self.period;
-        }
-        self.next = (self.time as u32).min(end);
-    }
-}
-
-/// Pulses that are high and when they may end, in one word: mask and, above it, ticks from the
-/// segment's start. Zero: none.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-struct High(i32);
-
-impl High {
-    const NONE: Self = Self(0);
-    const MASK_BITS: u32 = 6;
-
-    #[inline]
-    fn new(mask: u32, due: i32) -> Self {
-        Self(due << Self::MASK_BITS | mask.cast_signed())
-    }
-
-    #[inline]
-    fn mask(self) -> u32 {
-        self.0.cast_unsigned() & ((1 << Self::MASK_BITS) - 1)
-    }
-
-    #[inline]
-    fn due(self) -> i32 {
-        self.0 >> Self::MASK_BITS
-    }
-
-    /// The same, counted from a start that is later by `ticks`.
-    fn later_by(self, ticks: i32) -> Self {
-        Self::new(self.mask(), self.due().saturating_sub(ticks).max(-LONG_AGO))
-    }
-}
-
-/// Where the list of events has come to: copied into registers while a segment is filled.
-#[derive(Debug, Clone, Copy)]
-struct Cursor {
-    /// Time of the last event, ticks from the segment's start; negative for an earlier segment.
-    last: i32,
-    /// Pulses that the last event ended. Those of the one before have been low for two spacings.
-    ended: u32,
-    /// Pulses that are high, the oldest first: three axes can overlap, each with its own end.
-    oldest: High,
-    middle: High,
-    newest: High,
-}
-
-const _: () = assert!(LOW <= 2 * SPACING, "two events keep a pulse low");
-
-impl Cursor {
-    const NEW: Self = Self {
-        last: 0,
-        ended: 0,
-        oldest: High::NONE,
-        middle: High::NONE,
-        newest: High::NONE,
-    };
-
-    /// All pulses that are high.
-    #[inline]
-    fn high(&self) -> u32 {
-        High(self.oldest.0 | self.middle.0 | self.newest.0).mask()
-    }
-
-    /// Takes the pulses that have been high for the longest time.
-    #[inline]
-    fn take_oldest(&mut self) -> High {
-        let oldest = self.oldest;
-        self.oldest = self.middle;
-        self.middle = self.newest;
-        self.newest = High::NONE;
-        oldest
-    }
-
-    /// Adds pulses that have just begun.
-    #[inline]
-    fn add_newest(&mut self, mask: u32, due: i32) {
-        if self.oldest == High::NONE {
-            self.oldest = High::new(mask, due);
-        } else if self.middle == High::NONE {
-            self.middle = High::new(mask, due);
-        } else {
-            self.newest = High::new(self.newest.mask() | mask, due);
-        }
-    }
-
-    /// Puts one event, and waiting events before it where the time is long.
-    #[inline]
-    fn put(&mut self, time: i32, raise: u32, drop: u32, events: &mut EventBatch<'_>) {
-        let mut ticks = (time - self.last).cast_unsigned();
-        self.last = time;
-        self.ended = drop;
-        // wcet-bound: 2
-        while ticks > StepEvent::MAX_TICKS {
-            ticks -= StepEvent::MAX_TICKS;
-            events.put(StepEvent::new(StepEvent::MAX_TICKS, 0, 0));
-        }
-        events.put(StepEvent::new(ticks, raise, drop));
-    }
-
-    /// Ends the oldest pulses with an event of their own.
-    #[inline]
-    fn end_oldest(&mut self, events: &mut EventBatch<'_>) {
-        let ended = self.take_oldest();
-        let time = ended.due().max(self.last + SPACING);
-        self.put(time, 0, ended.mask(), events);
-    }
-
-    /// Puts a step of the axes in `mask`, and the ends of pulses that have to come before it.
-    #[inline(always)]
-    #[expect(clippy::inline_always, reason = "keeps the cursor in registers")]
-    fn step(&mut self, time: i32, mask: u32, pulse_ticks: i32, events: &mut EventBatch<'_>) {
-        // wcet-bound: 3
-        while self.oldest != High::NONE
-            && (self.high() & mask != 0 || time > self.oldest.due() + SHARE_TICKS)
-        {
-            self.end_oldest(events);
-        }
-        let gap = if self.ended & mask == 0 { SPACING } else { LOW };
-        let time = time.max(self.last + gap);
-        let mut drop = 0;
-        // wcet-bound: 3
-        while self.oldest != High::NONE && time >= self.oldest.due() {
-            drop |= self.take_oldest().mask();
-        }
-        self.put(time, mask, drop, events);
-        self.add_newest(mask, time + pulse_ticks);
-    }
-
-    /// Ends all pulses.
-    fn end_all(&mut self, events: &mut EventBatch<'_>) {
-        // wcet-bound: 3
-        while self.oldest != High::NONE {
-            self.end_oldest(events);
-        }
-    }
-
-    /// The same times, counted from a start that is later by `ticks`.
-    fn later_by(&mut self, ticks: i32) {
-        self.last = self.last.saturating_sub(ticks);
-        // wcet-bound: 3
-        for high in [&mut self.oldest, &mut self.middle, &mut self.newest] {
-            if *high != High::NONE {
-                *high = high.later_by(ticks);
-            }
-        }
-    }
 }
 
 /// Turns segments into events, resumable at any event.
@@ -636,7 +370,7 @@ fn fill_one(
         pulse_ticks.cast_unsigned(),
     );
     if let Some(many) = many {
-        let count = many.min(out.room() / 2 - EVENTS_PER_STEP / 2);
+        let count = many.min((out.room() / 2).saturating_sub(EVENTS_PER_STEP / 2));
         last = put_evenly(&mut steps, count, last, pulse_end, &mut out);
     }
     // wcet-bound: 512
@@ -686,71 +420,4 @@ fn put_evenly(
     steps.even_time = fine;
     steps.next = fine >> EVEN_BITS;
     last.cast_signed()
-}
-
-/// The steps of an axis that goes from one position to another, and whether backwards.
-fn plan_axis(
-    from: FineSteps,
-    motion: AxisMotion,
-    duration: f32,
-    rate: f32,
-    end: u32,
-) -> (AxisSteps, bool) {
-    let Steps(begin) = from.nearest();
-    let steps = motion.to.nearest().0.wrapping_sub(begin);
-    if steps == 0 {
-        return (NO_STEPS, false);
-    }
-    let sign = if steps < 0 { -1.0 } else { 1.0 };
-    let way = to_f32(motion.to.0.wrapping_sub(from.0)) * sign;
-    let offset = to_f32(from.0.wrapping_sub(i64::from(begin) << 32)) * sign;
-    let mut acceleration = motion.acceleration * sign;
-    let mut speed = way * rate - 0.5 * acceleration * duration;
-    if speed < 0.0 {
-        speed = 0.0;
-        acceleration = 2.0 * way * rate * rate;
-    } else if speed + acceleration * duration < 0.0 {
-        speed = 2.0 * way * rate;
-        acceleration = -speed * rate;
-    }
-    // A parabola is off its chord by at most a·T²/8.
-    let mean_period = 1.0 / math::max(way * rate, 1.0e-12);
-    if acceleration.abs() * duration * duration * mean_period < 8.0 * EVEN_ERROR_TICKS {
-        let scale = mean_period * (1 << EVEN_BITS) as f32;
-        let even_time = ((0.5 - offset) * scale) as u32;
-        let axis = AxisSteps {
-            left: steps.unsigned_abs(),
-            next: (even_time >> EVEN_BITS).min(end),
-            even_time,
-            even_period: scale as u32,
-            ..NO_STEPS
-        };
-        return (axis, steps < 0);
-    }
-    let slowest = math::min(speed, speed + acceleration * duration);
-    let mut axis = AxisSteps {
-        left: steps.unsigned_abs(),
-        speed,
-        half_acceleration: 0.5 * acceleration,
-        distance: 0.5 - offset,
-        pace: if acceleration.abs() > SLOW_CHANGE * slowest * slowest {
-            Pace::Steep
-        } else {
-            Pace::Smooth
-        },
-        ..NO_STEPS
-    };
-    axis.time = axis.solve();
-    axis.period = 1.0 / math::max(speed + acceleration * axis.time, 1.0e-12);
-    axis.next = (axis.time as u32).min(end);
-    (axis, steps < 0)
-}
-
-/// A fixed-point distance of at most 2048 steps in floating point, to 24 bits where it is small.
-fn to_f32(fine: i64) -> f32 {
-    if fine >> 31 == fine >> 63 {
-        fine as i32 as f32 * (1.0 / 4_294_967_296.0)
-    } else {
-        (fine >> 12) as i32 as f32 * (1.0 / 1_048_576.0)
-    }
 }

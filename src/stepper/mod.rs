@@ -4,15 +4,18 @@
 //! interrupt owns the [`Stepper`], which plays them. Between them lie the ring of
 //! events and that of segments.
 
+mod axis_steps;
 mod counts;
 mod event;
 mod generator;
 mod interrupt;
+mod pulses;
 mod ring;
 
+pub use axis_steps::AxisMotion;
 pub use counts::StepCounts;
 pub use event::{SegmentInfo, StepEvent};
-pub use generator::{AxisMotion, Generator, Segment};
+pub use generator::{Generator, Segment};
 pub use interrupt::{Advance, Stepper};
 pub use ring::{EVENT_RING, EventReader, EventRing, EventWriter};
 

@@ -212,10 +212,7 @@ pub(super) fn print(figures: &[Figure]) {
             println!("{}", self::row(&format!("    {name}"), *cost).dimmed());
         }
         if let Some(cost) = figure.step_times {
-            println!(
-                "{}",
-                self::row("    the times of the steps", cost).dimmed()
-            );
+            println!("{}", self::row("    the times of the steps", cost).dimmed());
         }
     }
 }
