@@ -30,7 +30,10 @@ const FAST: [&str; 6] = [
 fn examples() -> Result<Vec<PathBuf>> {
     let folder = cargo::root().join("examples");
     let entries = fs::read_dir(&folder).context("there is no folder examples")?;
-    let mut paths: Vec<_> = entries.flatten().map(|entry| entry.path()).collect();
+    let paths = entries.flatten().map(|entry| entry.path());
+    let mut paths: Vec<_> = paths
+        .filter(|path| path.extension().is_some_and(|ending| ending == "nc"))
+        .collect();
     paths.sort();
     ensure!(!paths.is_empty(), "there are no examples");
     Ok(paths)

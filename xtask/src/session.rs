@@ -26,7 +26,7 @@ const POWER_UP_S: f64 = 0.1;
 /// How long the end waits for standstill, s.
 const END_S: f64 = 3.0;
 
-/// One exchange. Fields that this program does not know are kept as they are.
+/// One exchange.
 #[derive(Debug, Deserialize)]
 struct Session {
     id: Value,
@@ -79,6 +79,9 @@ struct Step {
     /// When, seconds from the first step.
     #[serde(skip_deserializing)]
     recv_t: Vec<f64>,
+    /// Why nothing was done.
+    #[serde(skip_deserializing, skip_serializing_if = "Option::is_none")]
+    error: Option<String>,
 }
 
 /// A session that was replayed.
@@ -91,7 +94,7 @@ struct Replayed {
     transcript: Vec<Step>,
     #[serde(rename = "final", skip_serializing_if = "Option::is_none")]
     end: Option<End>,
-    /// Why it could not be replayed.
+    /// Why not all of it could be replayed.
     #[serde(skip_serializing_if = "Option::is_none")]
     error: Option<String>,
 }
@@ -123,13 +126,23 @@ pub(crate) fn replay_file(input: &Path, output: &Path) -> Result<bool> {
     bar.finish_and_clear();
     let mut all = true;
     for session in &replayed {
-        if let Some(error) = &session.error {
+        for error in errors(session) {
             ui::warning(&format!("session {}: {error}", session.id));
             all = false;
         }
     }
     crate::figures::write_json(output, &replayed)?;
     Ok(all)
+}
+
+/// What could not be replayed.
+fn errors(session: &Replayed) -> impl Iterator<Item = String> {
+    let steps = session.transcript.iter().enumerate();
+    let steps = steps.filter_map(|(index, step)| {
+        let error = step.error.as_ref()?;
+        Some(format!("step {}: {error}", index + 1))
+    });
+    session.error.clone().into_iter().chain(steps)
 }
 
 fn replay(session: Session) -> Replayed {
@@ -148,18 +161,14 @@ fn replay(session: Session) -> Replayed {
     replayed
 }
 
-/// Checks everything, then runs the steps.
+/// Runs the steps that can be run; the others say why not.
 fn run(session: &mut Replayed) -> Result<()> {
     let mut values = Settings::default();
     for assignment in &session.settings {
         settings::apply(&mut values, assignment)?;
     }
-    ensure!(
-        session.switches.is_empty(),
-        "switches are not simulated yet"
-    );
-    for (index, step) in session.transcript.iter().enumerate() {
-        check(step).with_context(|| format!("step {}", index + 1))?;
+    if !session.switches.is_empty() {
+        session.error = Some("switches are not simulated yet: these stay open".into());
     }
     let mut player = Player::new(&values);
     session.boot = player
@@ -172,7 +181,10 @@ fn run(session: &mut Replayed) -> Result<()> {
             step.recv.clone_from(&session.boot);
             continue;
         }
-        player.play(step);
+        match check(step) {
+            Ok(()) => player.play(step),
+            Err(error) => step.error = Some(format!("{error:#}")),
+        }
         for (time, text) in player.take_lines() {
             step.recv_t.push((time * 1e4).round() / 1e4);
             step.recv.push(text);
@@ -318,7 +330,7 @@ impl Player {
         self.run_for(step.after.unwrap_or(after));
     }
 
-    /// Runs until the newest line has been answered.
+    /// Runs until an answer comes.
     fn wait_for_answer(&mut self) {
         let before = self.answers;
         let start = self.machine.now_s();
