@@ -210,14 +210,16 @@ impl Motion {
     }
 
     fn hold_or_start(&mut self, requests: &Requests) {
-        if requests.take_hold() {
+        let (is_hold, is_start) = (requests.take_hold(), requests.take_start());
+        if is_hold {
             self.state = match self.state {
                 State::Run => State::HoldSlowing,
                 State::Idle => State::HoldComplete,
                 held => held,
             };
         }
-        if requests.take_start() && self.state == State::HoldComplete {
+        // Of two requests at once the hold counts, as in Grbl: it is the safe one.
+        if is_start && !is_hold && self.state == State::HoldComplete {
             self.state = State::Idle;
             if self.is_paused {
                 self.is_paused = false;
