@@ -225,3 +225,18 @@ fn the_densest_motion_is_prepared_in_time_from_one_segment_to_the_next() {
         }
     }
 }
+
+#[test]
+fn all_axes_at_once_make_no_more_steps_than_can_be_prepared() {
+    let settings = Settings {
+        step_pulse_us: 3,
+        ..with(&[1000.0], &[1.0e6], &[20_000.0])
+    };
+    let mut machine = Machine::new(&settings);
+    machine.go(&[200.0; 6]);
+    machine.play();
+    let seconds = machine.now as f64 / TICKS_PER_S;
+    let steps: i32 = machine.steps.iter().sum();
+    let rate = f64::from(steps) / seconds;
+    assert!((300_000.0..430_000.0).contains(&rate), "{rate} steps/s");
+}

@@ -19,6 +19,12 @@ const LINEAR: usize = 3;
 const MIN_SPEED_MM_S: f32 = 1.0 / 60.0;
 /// Most steps per second that a segment of the step interrupt can count on one axis.
 const MAX_STEP_RATE_HZ: f32 = 500_000.0;
+/// Most steps per second of all axes together: with more, there would be no time to prepare them.
+///
+/// 85 % of 168 MHz. A step costs 140 cycles in the step interrupt, with the waits of its buses, and
+/// 200 in `prepare` with three axes (`cargo xtask bench`, 100, 73 and 51 kHz), 25 of them for each
+/// axis that is looked at (counted in its code).
+const MAX_STEPS_PER_S: f32 = 0.85 * 168.0e6 / (265.0 + 25.0 * AXES as f32);
 /// Square of the change of direction below which two blocks are one line: 1.4 mrad, as in Grbl.
 const STRAIGHT: f32 = 2.0e-6;
 
@@ -59,6 +65,12 @@ impl Limits {
             }
         }
         smallest
+    }
+
+    /// The greatest speed along a direction for the steps of all axes together.
+    fn together(steps_per_mm: &Axes<f32>) -> f32 {
+        let steps_per_mm: f32 = steps_per_mm.iter().map(|steps| steps.abs()).sum();
+        MAX_STEPS_PER_S / steps_per_mm
     }
 
     /// Limit of the squared speed in the corner between two directions.
@@ -169,15 +181,16 @@ impl Router {
         let direction = way.map(|way| way * per_mm);
         let tangent = unit(direction);
         let resolution = self.limits.steps_per_mm;
+        let steps_per_mm = direction.zip(resolution, |share, steps| share * steps);
+        let rate = math::min(
+            Limits::along(&self.limits.speed_mm_s, &direction),
+            Limits::together(&steps_per_mm),
+        );
         let block = Block {
             delta: end.fine.zip(self.fine, |to, from| to.0 - from.0),
-            steps_per_mm: direction.zip(resolution, |share, steps| share * steps),
+            steps_per_mm,
             length_mm,
-            speed_mm_s: pace_mm_s(
-                pace,
-                length_mm,
-                Limits::along(&self.limits.speed_mm_s, &direction),
-            ),
+            speed_mm_s: pace_mm_s(pace, length_mm, rate),
             acceleration_mm_s2: Limits::along(&self.limits.acceleration_mm_s2, &direction),
             junction_sqr: self.limits.junction_sqr(&self.tangent, &tangent),
             curve: None,
@@ -229,10 +242,12 @@ impl Router {
             .min(Limits::along(&self.limits.speed_mm_s, &direction));
         direction[first] = flat;
         direction[second] = flat;
-        let per_mm = self.limits.steps_per_mm;
+        let resolution = self.limits.steps_per_mm;
+        let steps_per_mm = direction.zip(resolution, |share, steps| share * steps);
+        let rate = rate.min(Limits::together(&steps_per_mm));
         let block = Block {
             delta: end.fine.zip(self.fine, |to, from| to.0 - from.0),
-            steps_per_mm: direction.zip(per_mm, |share, steps| share * steps),
+            steps_per_mm,
             length_mm,
             speed_mm_s: pace_mm_s(pace, length_mm, rate.min(math::sqrt(limit_sqr))),
             acceleration_mm_s2: acceleration,
