@@ -6,12 +6,12 @@ mod support;
 use heapless::spsc::Queue;
 use leadscrew::{
     axis::{AXES, Axes},
-    planner::{Circle, Command, Entry, Pace, Plane, Rotation, Router, Target, Work},
+    planner::{Block, Circle, Command, Entry, Pace, Plane, Rotation, Router, Target, Work},
     protocol::realtime::{self, Requests},
     settings::Settings,
     sim::Drive,
     stepper::EVENT_RING,
-    units::{Nm, StepsPerMm, TICKS_PER_SECOND},
+    units::{Nm, StepsPerMm, TICKS_PER_MS, TICKS_PER_SECOND},
 };
 use proptest::prelude::*;
 use support::{RESET, cases};
@@ -141,112 +141,147 @@ fn commands(settings: &Settings, moves: &[Move]) -> Vec<Command> {
     commands
 }
 
-/// Plays commands for so many step events, then resets; the machine must come to rest.
-fn play(settings: &Settings, commands: &[Command], most_events: u32) {
-    let mut drive = Drive::new(settings);
-    let mut router = Router::new(settings);
-    let requests = Requests::new();
-    let mut commands = commands.iter();
-    let mut waiting: Option<Work> = None;
-    let (mut now, mut events, mut sent) = (0, 0_u32, 0_u32);
-    let mut steps = Axes::all(0_i32);
-    let mut times: Axes<[u64; 8]> = Axes::all([0; 8]);
-    let mut number = [0_usize; 6];
-    let (mut longest_s, mut reset_feed) = (0.01, f32::MAX);
-    loop {
-        while waiting.is_some() || commands.len() > 0 {
-            waiting = waiting.or_else(|| commands.next().and_then(|command| router.work(command)));
-            let Some(work) = waiting else { continue };
-            if let Work::Move(block) = &work {
-                assert!(
-                    block.length_mm > 0.0 && block.length_mm.is_finite(),
-                    "{block:?}"
-                );
-                assert!(
-                    block.speed_mm_s > 0.0 && block.speed_mm_s.is_finite(),
-                    "{block:?}"
-                );
-                assert!(block.acceleration_mm_s2 > 0.0, "{block:?}");
-                assert!(block.junction_sqr >= 0.0, "{block:?}");
-            }
-            if drive.entries.enqueue(Entry { epoch: 0, work }).is_err() {
+/// The drive while it plays commands.
+struct Play<'a> {
+    settings: &'a Settings,
+    drive: Drive,
+    router: Router,
+    requests: Requests,
+    waiting: Option<Work>,
+    now: u64,
+    sent: u32,
+    steps: Axes<i32>,
+    /// When each axis made its last steps, and how many.
+    times: Axes<([u64; 8], usize)>,
+    /// What the commands sent may take.
+    longest_s: f64,
+}
+
+impl<'a> Play<'a> {
+    fn new(settings: &'a Settings) -> Self {
+        Self {
+            settings,
+            drive: Drive::new(settings),
+            router: Router::new(settings),
+            requests: Requests::new(),
+            waiting: None,
+            now: 0,
+            sent: 0,
+            steps: Axes::all(0),
+            times: Axes::all(([0; 8], 0)),
+            longest_s: 0.01,
+        }
+    }
+
+    /// Sends commands as long as there is room.
+    fn send(&mut self, commands: &mut core::slice::Iter<'_, Command>) {
+        while self.waiting.is_some() || commands.len() > 0 {
+            let router = &mut self.router;
+            let next = || commands.next().and_then(|command| router.work(command));
+            self.waiting = self.waiting.or_else(next);
+            let Some(work) = self.waiting else { continue };
+            let entry = Entry { epoch: 0, work };
+            if self.drive.entries.enqueue(entry).is_err() {
                 break;
             }
             if let Work::Move(block) = &work {
-                let [length, speed] = [block.length_mm, block.speed_mm_s].map(f64::from);
-                // Cruise and two ramps; on an arc, part of the acceleration goes to the centre.
-                let ramps = speed / f64::from(block.acceleration_mm_s2);
-                let share = if block.curve.is_some() { 2.0 } else { 1.0 };
-                longest_s += length / speed + ramps * share;
+                self.check_block(block);
             }
-            sent += 1;
-            waiting = None;
-            drive.release_prepare();
-        }
-        while drive.prepare(&requests, now) {}
-        let snapshot = *drive.snapshot();
-        if snapshot.is_at_rest && drive.entries.is_empty() {
-            break;
-        }
-        let edge = drive
-            .step()
-            .unwrap_or_else(|| panic!("stuck: {snapshot:?}"));
-        assert!(
-            edge.ticks - now <= 4 * u64::from(TICKS_PER_SECOND) / 1000,
-            "a long wait"
-        );
-        now = edge.ticks;
-        drive.release_prepare();
-        events += 1;
-        if events == most_events {
-            // As from now on, only a stop.
-            commands = [].iter();
-            waiting = None;
-            let mut line = Queue::<u8, 4>::new();
-            let _ = realtime::receive(RESET, &requests, &mut line.split().0);
-        }
-        // What is queued is played first.
-        if events > most_events + EVENT_RING as u32 {
-            let feed = drive.snapshot().feed_mm_min;
-            assert!(feed <= reset_feed, "{feed} after {reset_feed}");
-            reset_feed = feed;
-            if events > most_events + 20_000 {
-                // From a great speed at a small acceleration it takes days to stop.
-                return;
-            }
-        } else if events <= most_events {
-            let seconds = now as f64 / f64::from(TICKS_PER_SECOND);
-            assert!(seconds < 1.1 * longest_s, "{:?}", drive.snapshot());
-        }
-        for axis in 0..AXES {
-            if edge.raise >> axis & 1 == 0 {
-                continue;
-            }
-            steps[axis] += if edge.directions >> axis & 1 == 0 {
-                1
-            } else {
-                -1
-            };
-            let times = &mut times[axis];
-            let place = &mut number[axis];
-            let before = times[*place % 8];
-            times[*place % 8] = now;
-            *place += 1;
-            if *place > 8 {
-                let seconds = (now - before) as f64 / f64::from(TICKS_PER_SECOND);
-                let rate = f64::from(settings.max_rate_mm_min[axis]) / 60.0
-                    * f64::from(settings.steps_per_mm[axis].to_f32());
-                let least = 6.0 / rate;
-                assert!(
-                    seconds + 12.0e-6 > least * 0.9,
-                    "axis {axis}: 8 steps in {seconds} s instead of {least} s"
-                );
-            }
+            self.sent += 1;
+            self.waiting = None;
+            self.drive.release_prepare();
         }
     }
-    assert_eq!(drive.snapshot().finished, sent);
-    assert_eq!(drive.snapshot().steps, steps);
-    assert_eq!(drive.counts.late(), 0);
+
+    fn check_block(&mut self, block: &Block) {
+        let [length, speed] = [block.length_mm, block.speed_mm_s].map(f64::from);
+        assert!(length > 0.0 && length.is_finite(), "{block:?}");
+        assert!(speed > 0.0 && speed.is_finite(), "{block:?}");
+        assert!(block.acceleration_mm_s2 > 0.0, "{block:?}");
+        assert!(block.junction_sqr >= 0.0, "{block:?}");
+        // Cruise and two ramps; on an arc, part of the acceleration goes to the centre.
+        let ramps = speed / f64::from(block.acceleration_mm_s2);
+        let share = if block.curve.is_some() { 2.0 } else { 1.0 };
+        self.longest_s += length / speed + ramps * share;
+    }
+
+    /// Runs `prepare` and plays one event; false at rest with everything done.
+    fn step(&mut self) -> bool {
+        while self.drive.prepare(&self.requests, self.now) {}
+        let snapshot = *self.drive.snapshot();
+        if snapshot.is_at_rest && self.drive.entries.is_empty() {
+            assert_eq!(snapshot.finished, self.sent);
+            assert_eq!(snapshot.steps, self.steps);
+            assert_eq!(self.drive.counts.late(), 0);
+            return false;
+        }
+        let edge = self.drive.step();
+        let edge = edge.unwrap_or_else(|| panic!("stuck: {snapshot:?}"));
+        assert!(edge.ticks - self.now <= 4 * u64::from(TICKS_PER_MS));
+        self.now = edge.ticks;
+        self.drive.release_prepare();
+        for axis in 0..AXES {
+            if edge.raise >> axis & 1 != 0 {
+                self.count(axis, edge.directions >> axis & 1 == 0);
+            }
+        }
+        true
+    }
+
+    /// A step: eight must take their time.
+    fn count(&mut self, axis: usize, is_forward: bool) {
+        self.steps[axis] += if is_forward { 1 } else { -1 };
+        let (times, number) = &mut self.times[axis];
+        let before = core::mem::replace(&mut times[*number % 8], self.now);
+        *number += 1;
+        let per_mm = f64::from(self.settings.steps_per_mm[axis].to_f32());
+        let rate = f64::from(self.settings.max_rate_mm_min[axis]) / 60.0 * per_mm;
+        let least = 0.9 * 6.0 / rate - 12.0e-6;
+        let seconds = (self.now - before) as f64 / f64::from(TICKS_PER_SECOND);
+        assert!(
+            *number <= 8 || seconds > least,
+            "axis {axis}: 8 steps in {seconds} s, not {least} s"
+        );
+    }
+
+    fn reset(&mut self) {
+        self.waiting = None;
+        let mut line = Queue::<u8, 4>::new();
+        let _ = realtime::receive(RESET, &self.requests, &mut line.split().0);
+        self.drive.release_prepare();
+    }
+}
+
+/// Plays commands for so many step events, then resets; the machine must come to rest.
+fn play(settings: &Settings, commands: &[Command], most_events: u32) {
+    let mut play = Play::new(settings);
+    let mut commands = commands.iter();
+    for _ in 0..most_events {
+        play.send(&mut commands);
+        if !play.step() {
+            return;
+        }
+        let seconds = play.now as f64 / f64::from(TICKS_PER_SECOND);
+        assert!(
+            seconds < 1.1 * play.longest_s,
+            "{:?}",
+            play.drive.snapshot()
+        );
+    }
+    play.reset();
+    let mut feed = f32::MAX;
+    // From a great speed at a small acceleration it may take days to stop.
+    for number in 0..20_000 {
+        if !play.step() {
+            return;
+        }
+        // What is queued is played first.
+        let slower = play.drive.snapshot().feed_mm_min;
+        if number > EVENT_RING {
+            assert!(slower <= feed, "{slower} after {feed}");
+            feed = slower;
+        }
+    }
 }
 
 proptest! {
