@@ -13,7 +13,6 @@ use anstream::println;
 use anyhow::{Context, Result, bail};
 use indicatif::ProgressBar;
 use leadscrew::{
-    machine::State,
     settings::Settings,
     sim::{Edge, End, Simulator, Stream, Tally, Watcher},
     units::TICKS_PER_SECOND,
@@ -206,11 +205,7 @@ fn stream(
         lines: stream.lines,
         responses: observer.responses,
         messages: observer.messages,
-        end: Final::new(
-            state_name(snapshot.state).into(),
-            &snapshot.steps.0,
-            settings,
-        ),
+        end: Final::new(snapshot.state.name().into(), &snapshot.steps.0, settings),
         steps_axis: tally.pulses.0.to_vec(),
         motion_time_s: tally.motion_ticks() as f64 / f64::from(TICKS_PER_SECOND),
         events: tally.events,
@@ -221,17 +216,6 @@ fn stream(
         figures,
         observer.samples.map(|samples| samples.finish(scale)),
     ))
-}
-
-/// Grbl's name of a state.
-pub(crate) fn state_name(state: State) -> &'static str {
-    match state {
-        State::Idle => "Idle",
-        State::Run => "Run",
-        State::HoldSlowing => "Hold:1",
-        State::HoldComplete => "Hold:0",
-        State::Alarm => "Alarm",
-    }
 }
 
 /// Lines that have been read and not yet answered.
