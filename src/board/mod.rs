@@ -19,6 +19,7 @@ use nucleo_f446re as chosen;
 #[cfg(feature = "board-nucleo-f446re")]
 pub(crate) use nucleo_f446re::init;
 
+mod panic;
 mod pins;
 pub(crate) mod release;
 pub(crate) mod serial;
@@ -57,15 +58,6 @@ pub(crate) fn idle() -> ! {
             emulation::idle();
             continue;
         }
-        cortex_m::asm::wfi();
-    }
-}
-
-/// Stops every task.
-#[panic_handler]
-fn panic(_: &core::panic::PanicInfo) -> ! {
-    cortex_m::interrupt::disable();
-    loop {
         cortex_m::asm::wfi();
     }
 }

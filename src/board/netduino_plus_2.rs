@@ -61,6 +61,7 @@ pub(super) static WIRING: Wiring = Wiring {
 /// If the baud rate cannot be made from the clocks.
 #[must_use]
 pub(crate) fn init(device: pac::Peripherals, mut core: Core, settings: &Settings) -> Board {
+    super::panic::init();
     // The emulator's PLL would never report ready.
     let is_emulated = emulation::detect(&device.RCC);
     let (config, prescaler) = if is_emulated {

@@ -79,6 +79,7 @@ extern "C" fn USART2() {
 /// If the baud rate cannot be made from the clocks.
 #[must_use]
 pub(crate) fn init(device: pac::Peripherals, mut core: Core, settings: &Settings) -> Board {
+    super::panic::init();
     let config = Config::hse(8.MHz())
         .bypass_hse_oscillator()
         .sysclk(168.MHz());
