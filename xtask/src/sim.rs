@@ -101,19 +101,15 @@ pub(crate) fn run(options: &Options) -> Result<ExitCode> {
         return Ok(ExitCode::SUCCESS);
     }
     let path = options.file.as_deref().context("no program is given")?;
-    let start = Instant::now();
-    let figures = if options.on_target {
-        on_target::play(path, &loaded)?
+    let (figures, took) = if options.on_target {
+        let start = Instant::now();
+        let figures = on_target::play(path, &loaded)?;
+        let took_s = start.elapsed().as_secs_f64();
+        (figures, format!("{took_s:.2} s, with the build"))
     } else {
         simulate(path, &settings, options)?
     };
     figures.print();
-    let took = start.elapsed().as_secs_f64();
-    let took = if options.on_target {
-        format!("{took:.2} s, with the build")
-    } else {
-        pace(&figures, took)
-    };
     figures::row("took", &took);
     if let Some(path) = &options.json {
         figures.write_json(path)?;
@@ -137,14 +133,16 @@ pub(crate) fn play(path: &Path, settings: &Settings) -> Result<Figures> {
     Ok(figures)
 }
 
-/// Runs a program with everything that is asked for.
-fn simulate(path: &Path, settings: &Settings, options: &Options) -> Result<Figures> {
+/// Runs a program with everything that is asked for; also says what the run took.
+fn simulate(path: &Path, settings: &Settings, options: &Options) -> Result<(Figures, String)> {
     let program = Program::open(path)?;
     let mut observer = Observer::new(ui::progress(program.length(), "bytes"));
     observer.prints = true;
     observer.table = options.trace.as_deref().map(Table::create).transpose()?;
     observer.samples = options.plot.as_ref().map(|_| Samples::default());
+    let start = Instant::now();
     let (figures, motion) = stream(program, settings, observer)?;
+    let took = pace(&figures, start.elapsed().as_secs_f64());
     if figures.lines == 0 {
         ui::warning(&format!("{} is empty", path.display()));
     }
@@ -160,7 +158,7 @@ fn simulate(path: &Path, settings: &Settings, options: &Options) -> Result<Figur
             },
         )?;
     }
-    Ok(figures)
+    Ok((figures, took))
 }
 
 fn subtitle(figures: &Figures) -> String {
