@@ -19,6 +19,20 @@ pub enum State {
     Alarm,
 }
 
+impl State {
+    /// Grbl's name, as reports have it.
+    #[must_use]
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Idle => "Idle",
+            Self::Run => "Run",
+            Self::HoldSlowing => "Hold:1",
+            Self::HoldComplete => "Hold:0",
+            Self::Alarm => "Alarm",
+        }
+    }
+}
+
 /// What `prepare` last published: read by copy, under RTIC's lock.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub struct Snapshot {

@@ -98,7 +98,7 @@ pub fn status(text: &mut Text, status: &Status<'_>) {
     } = status;
     let unit = ReportUnit::of(settings);
     let machine_position = machine_position(machine, settings);
-    text.word("<").word(state_name(machine.state));
+    text.word("<").word(machine.state.name());
     if settings.report_mask & 1 != 0 {
         text.word("|MPos:").coordinates(&machine_position, unit);
     } else {
@@ -132,16 +132,6 @@ pub fn machine_position(machine: &Snapshot, settings: &Settings) -> Axes<Nm> {
         .zip(machine.steps, |resolution, steps| {
             resolution.position_of(Steps(steps))
         })
-}
-
-const fn state_name(state: State) -> &'static str {
-    match state {
-        State::Idle => "Idle",
-        State::Run => "Run",
-        State::HoldSlowing => "Hold:1",
-        State::HoldComplete => "Hold:0",
-        State::Alarm => "Alarm",
-    }
 }
 
 /// `|A:SF`, nothing when all is off.

@@ -60,8 +60,9 @@ impl Stepper {
         }
     }
 
-    /// What [`EventReader::take_within_segment`] leaves to be done: takes the first event of the next segment, and the directions that have to
-    /// be output now, bit 0 = X, 1 = negative. `None` stops the timer: there is no event.
+    /// What [`EventReader::take_within_segment`] leaves to be done: takes the first event of the
+    /// next segment, and the directions that have to be output now, bit 0 = X, 1 = negative.
+    /// `None` stops the timer: there is no event.
     #[inline]
     pub fn begin_or_stop(
         &mut self,

@@ -13,7 +13,6 @@ use anstream::println;
 use anyhow::{Context, Result, bail};
 use indicatif::ProgressBar;
 use leadscrew::{
-    machine::State,
     settings::Settings,
     sim::{Edge, End, Simulator, Stream, Tally, Watcher},
     units::TICKS_PER_SECOND,
@@ -102,19 +101,15 @@ pub(crate) fn run(options: &Options) -> Result<ExitCode> {
         return Ok(ExitCode::SUCCESS);
     }
     let path = options.file.as_deref().context("no program is given")?;
-    let start = Instant::now();
-    let figures = if options.on_target {
-        on_target::play(path, &loaded)?
+    let (figures, took) = if options.on_target {
+        let start = Instant::now();
+        let figures = on_target::play(path, &loaded)?;
+        let took_s = start.elapsed().as_secs_f64();
+        (figures, format!("{took_s:.2} s, with the build"))
     } else {
         simulate(path, &settings, options)?
     };
     figures.print();
-    let took = start.elapsed().as_secs_f64();
-    let took = if options.on_target {
-        format!("{took:.2} s, with the build")
-    } else {
-        pace(&figures, took)
-    };
     figures::row("took", &took);
     if let Some(path) = &options.json {
         figures.write_json(path)?;
@@ -138,14 +133,16 @@ pub(crate) fn play(path: &Path, settings: &Settings) -> Result<Figures> {
     Ok(figures)
 }
 
-/// Runs a program with everything that is asked for.
-fn simulate(path: &Path, settings: &Settings, options: &Options) -> Result<Figures> {
+/// Runs a program with everything that is asked for; also says what the run took.
+fn simulate(path: &Path, settings: &Settings, options: &Options) -> Result<(Figures, String)> {
     let program = Program::open(path)?;
     let mut observer = Observer::new(ui::progress(program.length(), "bytes"));
     observer.prints = true;
     observer.table = options.trace.as_deref().map(Table::create).transpose()?;
     observer.samples = options.plot.as_ref().map(|_| Samples::default());
+    let start = Instant::now();
     let (figures, motion) = stream(program, settings, observer)?;
+    let took = pace(&figures, start.elapsed().as_secs_f64());
     if figures.lines == 0 {
         ui::warning(&format!("{} is empty", path.display()));
     }
@@ -161,7 +158,7 @@ fn simulate(path: &Path, settings: &Settings, options: &Options) -> Result<Figur
             },
         )?;
     }
-    Ok(figures)
+    Ok((figures, took))
 }
 
 fn subtitle(figures: &Figures) -> String {
@@ -206,11 +203,7 @@ fn stream(
         lines: stream.lines,
         responses: observer.responses,
         messages: observer.messages,
-        end: Final::new(
-            state_name(snapshot.state).into(),
-            &snapshot.steps.0,
-            settings,
-        ),
+        end: Final::new(snapshot.state.name().into(), &snapshot.steps.0, settings),
         steps_axis: tally.pulses.0.to_vec(),
         motion_time_s: tally.motion_ticks() as f64 / f64::from(TICKS_PER_SECOND),
         events: tally.events,
@@ -221,17 +214,6 @@ fn stream(
         figures,
         observer.samples.map(|samples| samples.finish(scale)),
     ))
-}
-
-/// Grbl's name of a state.
-pub(crate) fn state_name(state: State) -> &'static str {
-    match state {
-        State::Idle => "Idle",
-        State::Run => "Run",
-        State::HoldSlowing => "Hold:1",
-        State::HoldComplete => "Hold:0",
-        State::Alarm => "Alarm",
-    }
 }
 
 /// Lines that have been read and not yet answered.
