@@ -302,6 +302,8 @@ impl Generator {
     fn turn(&mut self, events: &mut EventBatch<'_>) {
         if self.cursor.high() & self.turns != 0 {
             self.cursor.end_all(events);
+            // Whatever becomes of the segment: a pulse whose end were lost would never end.
+            events.publish();
         }
         // An axis that shares an event may step earlier than it would alone.
         let earliest = self.cursor.last + DIRECTION_SETUP_TICKS.cast_signed() + SPACING;
