@@ -204,3 +204,24 @@ fn an_hour_of_standstill_and_moves_keeps_its_steps() {
     }
     assert_eq!(machine.drive.snapshot().state, State::Idle);
 }
+
+#[test]
+fn the_densest_motion_is_prepared_in_time_from_one_segment_to_the_next() {
+    for acceleration in [20_000.0, 1.0e6, 1.0e7] {
+        let settings = Settings {
+            step_pulse_us: 0,
+            ..with(&[1000.0, 970.0, 1010.0], &[1.0e6], &[acceleration])
+        };
+        let mut machine = Machine::new(&settings);
+        for k in 1..40 {
+            let far = f64::from(k * 17 % 40);
+            machine.go(&[far, far * 0.97 - 1.0, 3.0 - far * 0.9]);
+            machine.play();
+            // Rest, and two moves that meet in a corner.
+            machine.go(&[far + 1.0, 0.0, 0.0]);
+            machine.go(&[0.0, far + 1.0, 1.0]);
+            machine.play();
+            assert_eq!(machine.drive.snapshot().state, State::Idle);
+        }
+    }
+}

@@ -309,6 +309,13 @@ fn check_reach(
         centre[first] = centre[first] + circle.centre[0];
         centre[second] = centre[second] + circle.centre[1];
         reach(settings, &centre)?;
+        // Its radius must be a number of steps on both axes, however much finer one of them is.
+        let farthest = settings.farthest();
+        let most = farthest[first].min(farthest[second]).0.unsigned_abs();
+        let is_far = |offset: &Nm| offset.0.unsigned_abs() > 2 * most;
+        if circle.centre.iter().any(is_far) {
+            return Err(LineError::InvalidTarget);
+        }
     }
     Ok(())
 }

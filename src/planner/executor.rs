@@ -27,8 +27,13 @@ const TICKS_PER_S: f32 = TICKS_PER_SECOND as f32;
 const SEGMENT_S: f32 = SEGMENT_TICKS as f32 / TICKS_PER_S;
 /// Phases shorter than this are left out, s.
 const SHORTEST_PHASE_S: f32 = 20.0e-6;
-/// Stands for an acceleration of 0, as at the speed limit of an arc, mm/s².
+/// Stands for an acceleration of 0, as at the speed limit of an arc, mm/s², where the block's own is
+/// not that small.
 const LEAST_MM_S2: f32 = 1.0e-3;
+/// Least part of the block's acceleration that stands for 0.
+const LEAST_PART: f32 = 1.0e-4;
+/// Stands for a speed of 0 in a divisor, mm/s: slower than the slowest.
+const LEAST_MM_S: f32 = 1.0e-20;
 /// A segment that leaves less than this of its own length of the block takes it along.
 const REMNANT: f32 = 0.02;
 
@@ -144,7 +149,7 @@ impl Executor {
         let top = block.measure(block.speed_mm_s * block.speed_mm_s);
         let peak = math::min(top, 0.5 * (measure + exit + per_mm * left_mm));
         let peak_speed = math::sqrt(block.speed_sqr(peak));
-        let acceleration = math::max(acceleration_left(block, speed), LEAST_MM_S2);
+        let acceleration = acceleration_left(block, speed);
         let exit_speed = math::sqrt(exit_sqr);
         let near = SHORTEST_PHASE_S * acceleration;
         if speed <= 0.0 || peak_speed - speed > near {
@@ -193,7 +198,7 @@ impl Executor {
         let measure = block.measure(speed * speed);
         let per_mm = block.measure_per_mm();
         let way_mm = measure / per_mm;
-        let acceleration = math::max(acceleration_left(block, speed), LEAST_MM_S2);
+        let acceleration = acceleration_left(block, speed);
         let all_seconds = speed / acceleration;
         let seconds = share(all_seconds);
         let way = (speed - 0.5 * acceleration * seconds) * seconds;
@@ -229,7 +234,10 @@ impl Executor {
         Stretch {
             length_mm,
             speed_mm_s,
-            seconds: 2.0 * length_mm / math::max(self.speed_mm_s + speed_mm_s, 1.0e-6),
+            seconds: math::min(
+                2.0 * length_mm / math::max(self.speed_mm_s + speed_mm_s, LEAST_MM_S),
+                stretch.seconds,
+            ),
             ends_block: false,
         }
     }
@@ -292,20 +300,22 @@ fn finish(
         length_mm,
         speed_mm_s,
         seconds: math::min(
-            2.0 * length_mm / math::max(from_mm_s + speed_mm_s, 1.0e-6),
+            2.0 * length_mm / math::max(from_mm_s + speed_mm_s, LEAST_MM_S),
             2.0 * SEGMENT_S,
         ),
         ends_block,
     }
 }
 
-/// Acceleration along the path that the block's limits leave at a speed, mm/s².
+/// Acceleration along the path that the block's limits leave at a speed, mm/s²: never 0.
 fn acceleration_left(block: &Block, speed_mm_s: f32) -> f32 {
+    let most = block.acceleration_mm_s2;
     match &block.curve {
-        None => block.acceleration_mm_s2,
+        None => most,
         Some(curve) => {
             let used = math::min(speed_mm_s * speed_mm_s / curve.limit_sqr, 1.0);
-            block.acceleration_mm_s2 * math::sqrt(1.0 - used * used)
+            let left = most * math::sqrt(1.0 - used * used);
+            math::max(left, math::min(LEAST_MM_S2, LEAST_PART * most))
         }
     }
 }

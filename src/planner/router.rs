@@ -365,12 +365,17 @@ impl Arc {
     }
 }
 
-/// Length of a way: over the linear axes, or over the rotary ones when only they move.
+/// Length of a way: over the linear axes, or over the rotary ones when only they move, or so much
+/// farther (a million degrees to the millimetre) that a speed along the linear way means nothing.
 fn length(way: &Axes<f32>) -> f32 {
     let square = |way: &[f32]| way.iter().map(|x| x * x).sum::<f32>();
     let (linear, rotary) = way.0.split_at(LINEAR);
     let linear = square(linear);
-    math::sqrt(if linear > 0.0 { linear } else { square(rotary) })
+    math::sqrt(if linear > 1.0e-12 * square(rotary) {
+        linear
+    } else {
+        square(rotary)
+    })
 }
 
 fn dot(a: &Axes<f32>, b: &Axes<f32>) -> f32 {

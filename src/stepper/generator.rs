@@ -250,7 +250,8 @@ impl Generator {
     fn fill_all(&mut self, cursor: &mut Cursor, events: &mut EventBatch<'_>) -> bool {
         let (mut here, mut out) = (*cursor, *events);
         let mut is_done = false;
-        // wcet-bound: 1024
+        // Steps that are not apart share an event: `SEGMENT_EVENTS`, and the end.
+        // wcet-bound: 1334
         while !is_done && out.room() >= EVENTS_PER_STEP {
             match self.next_steps() {
                 Some((time, mask)) => {

@@ -29,6 +29,8 @@ pub const AHEAD_TICKS: u32 = 4 * TICKS_PER_MS;
 pub const SEGMENT_TICKS: u32 = TICKS_PER_MS;
 /// Shortest time between two events, ticks: longer than the longest run of the step interrupt.
 pub const EVENT_SPACING_TICKS: u32 = TICKS_PER_US * 3 / 2;
+/// Most events of a segment: as one that ends by braking may last twice its time.
+const SEGMENT_EVENTS: u32 = 2 * SEGMENT_TICKS / EVENT_SPACING_TICKS;
 /// Shortest time between the end of a pulse and the next pulse of the axis, ticks.
 ///
 /// 2.5 µs serve a DM542, the slowest of the common drivers; A4988 and DRV8825 need 1 and 1.9 µs.

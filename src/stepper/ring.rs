@@ -7,11 +7,16 @@
 
 use core::sync::atomic::{AtomicU32, Ordering::Relaxed, Ordering::SeqCst, compiler_fence};
 
-use super::StepEvent;
+use super::{SEGMENT_EVENTS, StepEvent};
 
 /// Events that a ring holds: a power of two.
-pub const EVENT_RING: usize = 1024;
+///
+/// The beginning of a segment releases `prepare`, so a full ring must hold one, and enough events
+/// behind it for `prepare` to catch up: at the shortest spacing 1 ms, or 2 ms where no segment is
+/// longer than it is meant to be.
+pub const EVENT_RING: usize = 2048;
 const MASK: u32 = EVENT_RING as u32 - 1;
+const _: () = assert!(EVENT_RING as u32 >= SEGMENT_EVENTS * 3 / 2);
 
 /// The ring itself.
 #[derive(Debug)]
@@ -176,19 +181,19 @@ mod tests {
         let mut ring = EventRing::new();
         let (mut writer, mut reader) = ring.split();
         let (mut put, mut taken) = (0, 0);
-        for batch in (0..5000_u32).map(|k| k * 7 % 1025) {
+        for batch in (0..5000_u32).map(|k| k * 7 % (EVENT_RING as u32 + 1)) {
             for _ in 0..batch.min(writer.room()) {
                 let mut events = writer.begin();
                 events.put(StepEvent::new(put % StepEvent::MAX_TICKS, put, 0));
                 events.publish();
                 put += 1;
             }
-            for _ in 0..(batch * 5 % 1024) {
+            for _ in 0..(batch * 5 % EVENT_RING as u32) {
                 let Some(event) = reader.take() else { break };
                 assert_eq!(event.ticks(), taken % StepEvent::MAX_TICKS);
                 taken += 1;
             }
-            assert_eq!(writer.room(), 1024 - (put - taken));
+            assert_eq!(writer.room(), EVENT_RING as u32 - (put - taken));
         }
         assert!(taken > 100_000);
     }

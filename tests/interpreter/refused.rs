@@ -1,6 +1,8 @@
 //! Lines that are refused.
 
-use leadscrew::{gcode::LineError, interpreter::Interpreter};
+use leadscrew::{
+    gcode::LineError, interpreter::Interpreter, settings::Settings, units::StepsPerMm,
+};
 
 use crate::support::{error, send};
 
@@ -27,6 +29,24 @@ fn what_an_axis_cannot_count_is_no_target() {
     assert_eq!(error(&far), LineError::InvalidTarget);
     let offset = ["G10L2P1X2000000", "X200000"];
     assert_eq!(error(&offset), LineError::InvalidTarget);
+}
+
+#[test]
+fn a_radius_that_the_finer_axis_of_the_plane_cannot_count_is_no_target() {
+    let mut settings = Settings::default();
+    settings.steps_per_mm[2] = StepsPerMm::from_millionths(100_000_000_000).unwrap();
+    let machine = Interpreter::new();
+    // 5.4 m of Z at 100 000 steps/mm.
+    for (line, is_right) in [
+        ("G18G3X0Z0I10000F1", true),
+        ("G18G2X0Z0I-11000F1", false),
+        ("G18G3X0Z0I11000F1", false),
+        ("G2X1R11000F1", true),
+    ] {
+        let checked = machine.check(line.as_bytes(), &settings);
+        let expected = (!is_right).then_some(LineError::InvalidTarget);
+        assert_eq!(checked.err(), expected, "{line}");
+    }
 }
 
 #[test]
