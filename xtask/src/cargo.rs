@@ -46,17 +46,21 @@ pub(crate) fn cargo<A: AsRef<str>>(arguments: &[A]) -> Command {
 
 /// The options that make Cargo compile for `board`, with as many axes as this program has.
 pub(crate) fn for_board(board: &Board) -> [String; 5] {
-    let axes = match AXES {
-        3 => String::new(),
-        axes => format!(",axes-{axes}"),
-    };
     [
         "--target".into(),
         TARGET.into(),
         "--no-default-features".into(),
         "--features".into(),
-        format!("board-{}{axes}", board.name),
+        with_axes(&format!("board-{}", board.name)),
     ]
+}
+
+/// A list of features, and the one for as many axes as this program has.
+pub(crate) fn with_axes(features: &str) -> String {
+    match AXES {
+        3 => features.into(),
+        axes => format!("{features},axes-{axes}"),
+    }
 }
 
 /// Runs a command to its end, and fails when it does.

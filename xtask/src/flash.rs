@@ -30,15 +30,9 @@ pub(crate) fn run(options: &Options) -> Result<ExitCode> {
     );
     ui::status("Preparing", &what);
     let mut command = cargo::cargo(&["run", "--quiet", "--profile", "tools"]);
-    command.args([
-        "--package",
-        "xtask",
-        "--features",
-        "xtask/flash",
-        "--",
-        "flash",
-    ]);
-    command.args(["--board", &options.board]);
+    command.args(["--package", "xtask", "--features"]);
+    command.arg(cargo::with_axes("flash"));
+    command.args(["--", "flash", "--board", &options.board]);
     if let Some(probe) = &options.probe {
         command.args(["--probe", probe]);
     }
