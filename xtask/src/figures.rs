@@ -136,7 +136,10 @@ impl Figures {
         let letters = "XYZABC".chars();
         let axes = letters.zip(&self.end.mpos_mm).zip(&self.end.steps);
         let ends: Vec<_> = axes
-            .map(|((letter, mm), steps)| format!("{letter} {mm:.3} mm ({} steps)", grouped(*steps)))
+            .map(|((letter, position), steps)| {
+                let unit = if "ABC".contains(letter) { "°" } else { "mm" };
+                format!("{letter} {position:.3} {unit} ({} steps)", grouped(*steps))
+            })
             .collect();
         row(
             "final position",
