@@ -24,7 +24,7 @@ mod app {
 
     use heapless::spsc::{Consumer, Producer, Queue};
     use leadscrew::{
-        machine::Snapshot,
+        machine::{Inputs, Snapshot},
         planner::{Entry, Motion},
         protocol::{
             Progress, Session,
@@ -54,6 +54,7 @@ mod app {
         report_waker: Option<Waker>,
         /// Atomics, shared by reference and never locked.
         requests: Requests,
+        inputs: Inputs,
         counts: StepCounts,
     }
 
@@ -94,6 +95,7 @@ mod app {
             interpret_waker: None,
             report_waker: None,
             requests: Requests::new(),
+            inputs: Inputs::new(),
             counts: StepCounts::new(),
         };
         let local = Local {
@@ -168,12 +170,18 @@ mod app {
     /// Deadline: before the events in the queue have been played. A miss is a fault: alarm.
     #[task(
         binds = I2C3_EV, priority = 2, local = [motion, entries_out, events_in],
-        shared = [snapshot, &requests, &counts]
+        shared = [snapshot, &requests, &inputs, &counts]
     )]
     fn prepare(mut cx: prepare::Context) {
         let (motion, entries) = (cx.local.motion, cx.local.entries_out);
         let (events, counts) = (cx.local.events_in, cx.shared.counts);
-        let prepared = motion.run(cx.shared.requests, counts, entries, events);
+        let prepared = motion.run(
+            cx.shared.requests,
+            cx.shared.inputs,
+            counts,
+            entries,
+            events,
+        );
         if prepared.start {
             step_output::start();
         }

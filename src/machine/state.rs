@@ -1,6 +1,10 @@
 //! The state of the machine as every task may read it.
 
-use crate::axis::Axes;
+use super::{Levels, Notices, Overrides};
+use crate::{
+    axis::Axes,
+    planner::{Coolant, Spindle},
+};
 
 /// What the machine does, with Grbl's names.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
@@ -15,6 +19,22 @@ pub enum State {
     HoldSlowing,
     /// Feed hold: at rest (`Hold:0`).
     HoldComplete,
+    /// Jogging.
+    Jog,
+    /// Homing.
+    Home,
+    /// Checking a program without moving.
+    Check,
+    /// The safety door is closed again, ready to resume (`Door:0`).
+    DoorClosed,
+    /// Stopped, the safety door is open (`Door:1`).
+    DoorAjar,
+    /// The safety door was opened: slowing down, or parking (`Door:2`).
+    DoorRetracting,
+    /// Resuming: returning from parking, spindle and coolant starting (`Door:3`).
+    DoorRestoring,
+    /// Everything off until a reset.
+    Sleep,
     /// Locked until unlocked or homed; the machine may still be slowing down.
     Alarm,
 }
@@ -28,9 +48,41 @@ impl State {
             Self::Run => "Run",
             Self::HoldSlowing => "Hold:1",
             Self::HoldComplete => "Hold:0",
+            Self::Jog => "Jog",
+            Self::Home => "Home",
+            Self::Check => "Check",
+            Self::DoorClosed => "Door:0",
+            Self::DoorAjar => "Door:1",
+            Self::DoorRetracting => "Door:2",
+            Self::DoorRestoring => "Door:3",
+            Self::Sleep => "Sleep",
             Self::Alarm => "Alarm",
         }
     }
+
+    /// Whether no line is begun, as in a feed hold, with the door open, and asleep.
+    #[must_use]
+    pub const fn is_suspended(self) -> bool {
+        match self {
+            Self::HoldSlowing
+            | Self::HoldComplete
+            | Self::DoorClosed
+            | Self::DoorAjar
+            | Self::DoorRetracting
+            | Self::DoorRestoring
+            | Self::Sleep => true,
+            Self::Idle | Self::Run | Self::Jog | Self::Home | Self::Check | Self::Alarm => false,
+        }
+    }
+}
+
+/// How the last probing move ended.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+pub struct Probed {
+    /// Where the probe changed; where the machine came to rest when it did not.
+    pub steps: Axes<i32>,
+    /// Whether it changed.
+    pub success: bool,
 }
 
 /// What `prepare` last published: read by copy, under RTIC's lock.
@@ -42,8 +94,24 @@ pub struct Snapshot {
     pub steps: Axes<i32>,
     /// Speed along the path now, mm/min.
     pub feed_mm_min: f32,
-    /// Spindle speed as commanded, rpm; 0 when it is off.
+    /// Spindle speed as commanded, rpm, with its override; 0 when it is off.
     pub spindle_rpm: f32,
+    /// Spindle direction as it is switched now.
+    pub spindle: Spindle,
+    /// Coolant as it is switched now.
+    pub coolant: Coolant,
+    /// Coolant as programmed, or toggled since.
+    pub coolant_asked: Coolant,
+    /// Counts realtime toggles of the coolant, wrapping.
+    pub coolant_toggles: u8,
+    /// The overrides in effect.
+    pub overrides: Overrides,
+    /// Inputs that are active.
+    pub inputs: Levels,
+    /// The last probing move.
+    pub probed: Probed,
+    /// What the sender is to be told.
+    pub notices: Notices,
     /// `N` word of the block in execution, 0 without.
     pub line: u32,
     /// Free places for blocks.
@@ -58,4 +126,6 @@ pub struct Snapshot {
     pub reset_in_motion: bool,
     /// Whether the step events ran out in motion: a fault that only a reset ends.
     pub is_starved: bool,
+    /// Whether an alarm has come that only a reset ends: a hard or soft limit.
+    pub is_critical: bool,
 }

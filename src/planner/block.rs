@@ -1,7 +1,7 @@
 //! What waits in the look-ahead.
 
 use super::{Coolant, Spindle};
-use crate::{axis::Axes, settings::Settings};
+use crate::{axis::Axes, machine::Alarm, settings::Settings};
 
 /// One entry of the queue from `interpret` to `prepare`.
 #[derive(Debug, Clone, Copy)]
@@ -19,6 +19,8 @@ pub enum Work {
     Move(Block),
     /// Standstill, ms.
     Dwell(u32),
+    /// A probing move. Finished when the machine is at rest again.
+    Probe(Block, Probing),
     /// A state of the spindle and its speed, rpm.
     Spindle(Spindle, f32),
     /// A state of the coolant.
@@ -27,8 +29,53 @@ pub enum Work {
     Pause,
     /// Leave the alarm state.
     Unlock,
+    /// Home these axes together, bit 0 = X; 0 homes all, Z first. Finished when done or failed.
+    Home(u8),
+    /// Enter check mode; a reset leaves it.
+    Check,
+    /// Switch everything off until a reset.
+    Sleep,
+    /// Slow down, then lock the machine with this alarm: a target is outside the travel.
+    Fault(Alarm),
+    /// All overrides back to 100 %.
+    EndOverrides,
     /// New settings. Sent at rest only; the machine stays at its whole steps.
     Configure(Settings),
+}
+
+/// What ends a probing move.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+pub struct Probing {
+    /// The probe opens (`G38.4`, `G38.5`), instead of closing.
+    pub is_away: bool,
+    /// It is no error when it does not (`G38.3`, `G38.5`).
+    pub may_miss: bool,
+}
+
+/// Which limits and overrides a move is under.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+pub enum Pacing {
+    /// As fast as the axes can, under the rapid override.
+    Rapid,
+    /// At the programmed feed, under the feed override.
+    #[default]
+    Feed,
+    /// At the programmed feed, under no override: probing.
+    Fixed,
+    /// As `Fixed`; ended by a hold: jogging.
+    Jog,
+}
+
+/// What the laser does during a move, or that there is none.
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
+pub enum Laser {
+    /// Laser mode is off: moves leave the spindle as it is.
+    #[default]
+    None,
+    /// This power, as a spindle speed in rpm.
+    Constant(f32),
+    /// Power in proportion to the actual speed, this at the programmed speed.
+    Proportional(f32),
 }
 
 /// A move: its geometry in steps and mm, its limits along the path.
@@ -41,8 +88,16 @@ pub struct Block {
     pub steps_per_mm: Axes<f32>,
     /// Length of the path, mm; degrees where only rotary axes move.
     pub length_mm: f32,
-    /// Programmed speed along the path, within every axis limit, mm/s.
+    /// Speed along the path under the overrides in effect, within every axis limit, mm/s.
     pub speed_mm_s: f32,
+    /// Programmed speed along the path, mm/s; without meaning for a rapid.
+    pub programmed_mm_s: f32,
+    /// Greatest speed along the path that the axes allow, mm/s.
+    pub limit_mm_s: f32,
+    /// Which overrides it is under.
+    pub pacing: Pacing,
+    /// What the laser does.
+    pub laser: Laser,
     /// Acceleration along the path within every axis limit, mm/s².
     pub acceleration_mm_s2: f32,
     /// Limit of the squared speed where it joins the block before, (mm/s)².

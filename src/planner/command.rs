@@ -1,5 +1,6 @@
 //! What the interpreter asks for, in program order.
 
+use super::{Laser, Probing};
 use crate::{axis::Axes, units::Nm};
 
 /// One thing to do. Positions are machine coordinates.
@@ -25,6 +26,19 @@ pub enum Command {
         /// `N` word of the line, 0 without.
         line: u32,
     },
+    /// A straight move that the probe ends.
+    Probe {
+        /// Where it ends at the latest.
+        target: Target,
+        /// How fast.
+        pace: Pace,
+        /// What ends it.
+        probing: Probing,
+        /// `N` word of the line, 0 without.
+        line: u32,
+    },
+    /// What the laser does during the moves that follow.
+    Power(Laser),
     /// Standstill for a time.
     Dwell {
         /// Its length, ms.
@@ -78,6 +92,8 @@ pub enum Pace {
     Feed(f32),
     /// The time for the whole move, as its inverse in 1/min (`G93`).
     InverseTime(f32),
+    /// A speed along the path, mm/min, of a jog.
+    Jog(f32),
 }
 
 /// The circle that an arc follows.
@@ -146,4 +162,12 @@ pub struct Coolant {
     pub flood: bool,
     /// `M7`.
     pub mist: bool,
+}
+
+impl Coolant {
+    /// `M9`.
+    pub const OFF: Self = Self {
+        flood: false,
+        mist: false,
+    };
 }

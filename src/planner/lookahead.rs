@@ -8,7 +8,7 @@
 
 use core::f32::consts::FRAC_PI_2;
 
-use super::Block;
+use super::{Block, Laser, Pacing};
 use crate::{
     axis::{AXES, Axes},
     math,
@@ -79,6 +79,10 @@ impl Planned {
             steps_per_mm: Axes([0.0; AXES]),
             length_mm: 0.0,
             speed_mm_s: 0.0,
+            programmed_mm_s: 0.0,
+            limit_mm_s: 0.0,
+            pacing: Pacing::Feed,
+            laser: Laser::None,
             acceleration_mm_s2: 0.0,
             junction_sqr: 0.0,
             curve: None,
@@ -95,6 +99,10 @@ impl Planned {
         here.steps_per_mm = block.steps_per_mm;
         here.length_mm = block.length_mm;
         here.speed_mm_s = block.speed_mm_s;
+        here.programmed_mm_s = block.programmed_mm_s;
+        here.limit_mm_s = block.limit_mm_s;
+        here.pacing = block.pacing;
+        here.laser = block.laser;
         here.acceleration_mm_s2 = block.acceleration_mm_s2;
         here.junction_sqr = block.junction_sqr;
         here.curve = block.curve;

@@ -7,7 +7,7 @@ mod lookahead;
 mod motion;
 mod router;
 
-pub use block::{Block, Curve, Entry, Work};
+pub use block::{Block, Curve, Entry, Laser, Pacing, Probing, Work};
 pub use command::{Circle, Command, Coolant, Pace, Plane, Rotation, Spindle, Target};
 pub use lookahead::{BLOCKS, LookAhead};
 pub use motion::{Motion, Prepared};

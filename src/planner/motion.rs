@@ -7,12 +7,12 @@
 use heapless::spsc::Consumer;
 
 use super::{
-    BLOCKS, Entry, LookAhead, Work,
+    BLOCKS, Coolant, Entry, LookAhead, Spindle, Work,
     executor::{Executor, Goal},
 };
 use crate::{
     axis::{AXES, Axes},
-    machine::{Snapshot, State},
+    machine::{Inputs, Levels, Notices, Outputs, Overrides, Probed, Snapshot, State},
     protocol::realtime::Requests,
     settings::Settings,
     stepper::{
@@ -62,6 +62,7 @@ pub struct Motion {
     /// When the newest segment begins on the generator's clock.
     newest: u32,
     snapshot: Snapshot,
+    outputs: Outputs,
 }
 
 impl Motion {
@@ -89,6 +90,17 @@ impl Motion {
                 steps: Axes([0; AXES]),
                 feed_mm_min: 0.0,
                 spindle_rpm: 0.0,
+                spindle: Spindle::Off,
+                coolant: Coolant::OFF,
+                coolant_asked: Coolant::OFF,
+                coolant_toggles: 0,
+                overrides: Overrides::NONE,
+                inputs: Levels::NONE,
+                probed: Probed {
+                    steps: Axes([0; AXES]),
+                    success: false,
+                },
+                notices: Notices::new(),
                 line: 0,
                 blocks_free: BLOCKS as u16,
                 finished: 0,
@@ -96,6 +108,13 @@ impl Motion {
                 epoch: 0,
                 reset_in_motion: false,
                 is_starved: false,
+                is_critical: false,
+            },
+            outputs: Outputs {
+                spindle: Spindle::Off,
+                duty: 0,
+                coolant: Coolant::OFF,
+                drivers: false,
             },
         }
     }
@@ -116,14 +135,22 @@ impl Motion {
         &self.snapshot
     }
 
+    /// What is to be switched; the shell applies it after each run.
+    #[must_use]
+    pub const fn outputs(&self) -> &Outputs {
+        &self.outputs
+    }
+
     /// One run.
     pub fn run(
         &mut self,
         requests: &Requests,
+        inputs: &Inputs,
         counts: &StepCounts,
         entries: &mut Consumer<'_, Entry>,
         events: &mut EventWriter<'_>,
     ) -> Prepared {
+        self.snapshot.inputs = inputs.closed();
         if counts.take_starved() {
             self.fail();
         }
@@ -263,7 +290,14 @@ impl Motion {
             return false;
         }
         match work {
-            Work::Move(_) | Work::Coolant(_) => {}
+            Work::Move(_)
+            | Work::Coolant(_)
+            | Work::Probe(..)
+            | Work::Home(_)
+            | Work::Check
+            | Work::Sleep
+            | Work::Fault(_)
+            | Work::EndOverrides => {}
             Work::Dwell(milliseconds) => {
                 self.dwell_ticks = u64::from(*milliseconds) * u64::from(TICKS_PER_MS);
                 self.is_dwelling = true;
@@ -361,7 +395,7 @@ impl Motion {
             State::Idle | State::Run if self.is_dwelling => State::Idle,
             State::Idle | State::Run if self.plan.is_empty() && is_still => State::Idle,
             State::Idle | State::Run => State::Run,
-            state @ (State::HoldSlowing | State::HoldComplete | State::Alarm) => state,
+            state => state,
         };
     }
 

@@ -4,7 +4,7 @@
 //! Junction speed: S. Jeon, "Improving Grbl's cornering algorithm" (2011): the corner is followed
 //! at the speed at which a circle that leaves it by the junction deviation would be.
 
-use super::{Block, Circle, Command, Curve, Pace, Rotation, Target, Work};
+use super::{Block, Circle, Command, Curve, Laser, Pace, Pacing, Rotation, Target, Work};
 use crate::{
     axis::{AXES, Axes},
     math,
@@ -109,6 +109,8 @@ pub struct Router {
     steps: Axes<Steps>,
     /// Direction at the end of the block before.
     tangent: Axes<f32>,
+    /// What the laser does during moves.
+    laser: Laser,
 }
 
 impl Router {
@@ -123,6 +125,7 @@ impl Router {
             fine: Axes::all(FineSteps(0)),
             steps: Axes::all(Steps(0)),
             tangent: Axes::all(0.0),
+            laser: Laser::None,
         }
     }
 
@@ -160,6 +163,26 @@ impl Router {
                 pace,
                 line,
             } => self.arc(*target, circle, *pace, *line),
+            Command::Probe {
+                target,
+                pace,
+                probing,
+                line,
+            } => match self.line(*target, *pace, *line)? {
+                Work::Move(block) => Some(Work::Probe(
+                    Block {
+                        pacing: Pacing::Fixed,
+                        laser: Laser::None,
+                        ..block
+                    },
+                    *probing,
+                )),
+                work => Some(work),
+            },
+            Command::Power(laser) => {
+                self.laser = *laser;
+                None
+            }
             Command::Dwell { milliseconds } => Some(Work::Dwell(*milliseconds)),
             Command::Spindle { spindle, rpm } => Some(Work::Spindle(*spindle, *rpm)),
             Command::Coolant(coolant) => Some(Work::Coolant(*coolant)),
@@ -186,11 +209,16 @@ impl Router {
             Limits::along(&self.limits.speed_mm_s, &direction),
             Limits::together(&steps_per_mm),
         );
+        let programmed_mm_s = pace_mm_s(pace, length_mm, rate);
         let block = Block {
             delta: end.fine.zip(self.fine, |to, from| to.0 - from.0),
             steps_per_mm,
             length_mm,
-            speed_mm_s: pace_mm_s(pace, length_mm, rate),
+            speed_mm_s: math::min(programmed_mm_s, rate),
+            programmed_mm_s,
+            limit_mm_s: rate,
+            pacing: pacing(pace),
+            laser: self.laser,
             acceleration_mm_s2: Limits::along(&self.limits.acceleration_mm_s2, &direction),
             junction_sqr: self.limits.junction_sqr(&self.tangent, &tangent),
             curve: None,
@@ -244,12 +272,19 @@ impl Router {
         direction[second] = flat;
         let resolution = self.limits.steps_per_mm;
         let steps_per_mm = direction.zip(resolution, |share, steps| share * steps);
-        let rate = rate.min(Limits::together(&steps_per_mm));
+        let rate = rate
+            .min(Limits::together(&steps_per_mm))
+            .min(math::sqrt(limit_sqr));
+        let programmed_mm_s = pace_mm_s(pace, length_mm, rate);
         let block = Block {
             delta: end.fine.zip(self.fine, |to, from| to.0 - from.0),
             steps_per_mm,
             length_mm,
-            speed_mm_s: pace_mm_s(pace, length_mm, rate.min(math::sqrt(limit_sqr))),
+            speed_mm_s: math::min(programmed_mm_s, rate),
+            programmed_mm_s,
+            limit_mm_s: rate,
+            pacing: pacing(pace),
+            laser: self.laser,
             acceleration_mm_s2: acceleration,
             junction_sqr: self.limits.junction_sqr(&self.tangent, &start_tangent),
             curve: Some(self.curve(&arc, [first, second], limit_sqr, length_mm)),
@@ -406,12 +441,20 @@ fn unit(direction: Axes<f32>) -> Axes<f32> {
     direction.map(|share| share / length)
 }
 
-/// The programmed speed within a limit, mm/s.
+/// The programmed speed, mm/s: for a rapid the limit.
 fn pace_mm_s(pace: Pace, length_mm: f32, limit_mm_s: f32) -> f32 {
     let asked = match pace {
         Pace::Rapid => return limit_mm_s,
-        Pace::Feed(mm_min) => mm_min / 60.0,
+        Pace::Feed(mm_min) | Pace::Jog(mm_min) => mm_min / 60.0,
         Pace::InverseTime(per_min) => length_mm * per_min / 60.0,
     };
-    math::min(math::max(asked, MIN_SPEED_MM_S), limit_mm_s)
+    math::max(asked, MIN_SPEED_MM_S)
+}
+
+fn pacing(pace: Pace) -> Pacing {
+    match pace {
+        Pace::Rapid => Pacing::Rapid,
+        Pace::Feed(_) | Pace::InverseTime(_) => Pacing::Feed,
+        Pace::Jog(_) => Pacing::Jog,
+    }
 }

@@ -3,9 +3,11 @@
 //! Owned by `serial_rx`, which stores; every other task only reads or takes. A byte costs O(1) and
 //! may stand inside a line. Read with Grbl 1.1 `serial.c` and the table of realtime commands.
 
-use core::sync::atomic::{AtomicBool, AtomicU32, Ordering};
+use core::sync::atomic::{AtomicBool, AtomicU8, AtomicU32, Ordering};
 
 use heapless::spsc::Producer;
+
+use crate::machine::Override;
 
 /// Bytes of a line that may wait without its end.
 const UNRELEASED_BYTES: u32 = 256;
@@ -21,8 +23,16 @@ pub struct Requests {
     hold: AtomicBool,
     /// `~`: cleared by `prepare`.
     start: AtomicBool,
+    /// 0x84: cleared by `prepare`.
+    door: AtomicBool,
+    /// 0x85: cleared by `prepare`.
+    jog_cancel: AtomicBool,
+    /// Overrides: taken by `prepare`.
+    overrides: OverrideRing,
     /// 0x18: counts up; a reader compares it with the reset it has acted on last.
-    epoch: AtomicU32,
+    resets: AtomicU32,
+    /// Resets that `interpret` has asked for.
+    own_resets: AtomicU32,
     /// Bytes that found the queue full.
     lost: AtomicU32,
     /// Bytes of a line since `interpret` was released last; for the receiver alone.
@@ -37,7 +47,11 @@ impl Requests {
             status: AtomicBool::new(false),
             hold: AtomicBool::new(false),
             start: AtomicBool::new(false),
-            epoch: AtomicU32::new(0),
+            door: AtomicBool::new(false),
+            jog_cancel: AtomicBool::new(false),
+            overrides: OverrideRing::new(),
+            resets: AtomicU32::new(0),
+            own_resets: AtomicU32::new(0),
             lost: AtomicU32::new(0),
             unreleased: AtomicU32::new(0),
         }
@@ -67,10 +81,44 @@ impl Requests {
         take(&self.start)
     }
 
-    /// Number of resets so far.
+    /// Takes the signal that the safety door was opened.
+    #[must_use]
+    pub fn take_door(&self) -> bool {
+        take(&self.door)
+    }
+
+    /// Takes the request to end jogging.
+    #[must_use]
+    pub fn take_jog_cancel(&self) -> bool {
+        take(&self.jog_cancel)
+    }
+
+    /// Takes the oldest override that has come.
+    #[must_use]
+    pub fn take_override(&self) -> Option<Override> {
+        self.overrides.take()
+    }
+
+    /// Number of resets so far, wrapping.
     #[must_use]
     pub fn epoch(&self) -> u32 {
-        self.epoch.load(Ordering::Acquire)
+        let received = self.resets.load(Ordering::Acquire);
+        received.wrapping_add(self.own_resets.load(Ordering::Acquire))
+    }
+
+    /// A reset that a line asks for; for `interpret` alone.
+    pub fn reset(&self) {
+        add_one(&self.own_resets);
+    }
+
+    /// A button, or a byte that does the same; for tasks of the receiver's priority alone.
+    pub fn press(&self, button: Button) {
+        match button {
+            Button::Hold => self.hold.store(true, Ordering::Release),
+            Button::Start => self.start.store(true, Ordering::Release),
+            Button::Reset => add_one(&self.resets),
+            Button::Door => self.door.store(true, Ordering::Release),
+        }
     }
 
     /// Bytes lost so far because nobody had taken the earlier ones.
@@ -106,6 +154,70 @@ fn take(flag: &AtomicBool) -> bool {
     set
 }
 
+/// Counts up; nobody else writes the number.
+fn add_one(count: &AtomicU32) {
+    let next = count.load(Ordering::Relaxed).wrapping_add(1);
+    count.store(next, Ordering::Release);
+}
+
+/// What a button at the machine can ask for, or a byte.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Button {
+    /// Feed hold.
+    Hold,
+    /// Cycle start.
+    Start,
+    /// Soft reset.
+    Reset,
+    /// The safety door has been opened.
+    Door,
+}
+
+/// Overrides on their way to `prepare`, oldest first.
+///
+/// `prepare` runs after each of them, so there is always room; one that found none is dropped.
+#[derive(Debug, Default)]
+struct OverrideRing {
+    bytes: [AtomicU8; OVERRIDES],
+    written: AtomicU32,
+    read: AtomicU32,
+}
+
+/// Overrides that may wait: more than bytes come in 1 ms.
+const OVERRIDES: usize = 16;
+
+impl OverrideRing {
+    const fn new() -> Self {
+        Self {
+            bytes: [const { AtomicU8::new(0) }; OVERRIDES],
+            written: AtomicU32::new(0),
+            read: AtomicU32::new(0),
+        }
+    }
+
+    fn put(&self, command: Override) {
+        let number = self.written.load(Ordering::Relaxed);
+        if number.wrapping_sub(self.read.load(Ordering::Acquire)) < OVERRIDES as u32 {
+            if let Some(place) = self.bytes.get(number as usize % OVERRIDES) {
+                place.store(command as u8, Ordering::Relaxed);
+            }
+            self.written
+                .store(number.wrapping_add(1), Ordering::Release);
+        }
+    }
+
+    fn take(&self) -> Option<Override> {
+        let number = self.read.load(Ordering::Relaxed);
+        if number == self.written.load(Ordering::Acquire) {
+            return None;
+        }
+        let byte = self.bytes.get(number as usize % OVERRIDES)?;
+        let command = Override::of(byte.load(Ordering::Relaxed));
+        self.read.store(number.wrapping_add(1), Ordering::Release);
+        command
+    }
+}
+
 /// Who has to run after a byte.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Release {
@@ -126,21 +238,22 @@ pub fn receive(byte: u8, requests: &Requests, line: &mut Producer<'_, u8>) -> Re
             requests.status.store(true, Ordering::Release);
             Release::Report
         }
-        b'!' => {
-            requests.hold.store(true, Ordering::Release);
+        b'!' => press(requests, Button::Hold),
+        b'~' => press(requests, Button::Start),
+        0x18 => press(requests, Button::Reset),
+        0x84 => press(requests, Button::Door),
+        0x85 => {
+            requests.jog_cancel.store(true, Ordering::Release);
             Release::Prepare
         }
-        b'~' => {
-            requests.start.store(true, Ordering::Release);
-            Release::Prepare
-        }
-        0x18 => {
-            let next = requests.epoch.load(Ordering::Relaxed).wrapping_add(1);
-            requests.epoch.store(next, Ordering::Release);
-            Release::Prepare
-        }
-        // Bytes of realtime commands that are not known, and UTF-8 forms of any.
-        0x80.. => Release::Nobody,
+        // The first byte of the UTF-8 form of a realtime command is one of those without a meaning.
+        0x80.. => match Override::of(byte) {
+            Some(command) => {
+                requests.overrides.put(command);
+                Release::Prepare
+            }
+            None => Release::Nobody,
+        },
         _ => {
             if line.enqueue(byte).is_err() {
                 let lost = requests.lost.load(Ordering::Relaxed).wrapping_add(1);
@@ -149,4 +262,9 @@ pub fn receive(byte: u8, requests: &Requests, line: &mut Producer<'_, u8>) -> Re
             requests.line_part(byte)
         }
     }
+}
+
+fn press(requests: &Requests, button: Button) -> Release {
+    requests.press(button);
+    Release::Prepare
 }

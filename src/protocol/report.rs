@@ -56,8 +56,16 @@ impl Cadence {
     /// What the next report shows; counts it.
     pub fn next(&mut self, state: State) -> Extra {
         let every = |(busy, idle): (u8, u8)| match state {
-            State::Run | State::HoldSlowing | State::HoldComplete => busy - 1,
-            State::Idle | State::Alarm => idle - 1,
+            State::Run
+            | State::HoldSlowing
+            | State::HoldComplete
+            | State::Jog
+            | State::Home
+            | State::DoorClosed
+            | State::DoorAjar
+            | State::DoorRetracting
+            | State::DoorRestoring => busy - 1,
+            State::Idle | State::Alarm | State::Check | State::Sleep => idle - 1,
         };
         if self.until_offset == 0 {
             self.until_offset = every(OFFSET_EVERY);

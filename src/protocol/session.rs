@@ -318,7 +318,7 @@ impl Session {
 }
 
 fn is_held(machine: &Snapshot) -> bool {
-    matches!(machine.state, State::HoldSlowing | State::HoldComplete)
+    machine.state.is_suspended()
 }
 
 /// Sends a message completely or, when there is no room for it, not at all.

@@ -1,8 +1,12 @@
 //! What the user sets with `$n=value`.
 
 mod decimal;
+mod stored;
 mod table;
 
+pub use stored::{
+    COORDINATE_SYSTEMS, Change, Origins, STARTUP_LINES, STORED_LINE, Stored, StoredLine,
+};
 pub use table::{Kind, Row, SettingError, TABLE, Value, assign, listed, set};
 
 use crate::{

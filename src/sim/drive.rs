@@ -3,7 +3,7 @@
 use heapless::spsc::Queue;
 
 use crate::{
-    machine::Snapshot,
+    machine::{Inputs, Snapshot},
     planner::{Entry, Motion},
     protocol::realtime::Requests,
     settings::Settings,
@@ -33,6 +33,8 @@ pub struct Drive {
     stepper: Stepper,
     /// What the step interrupt has counted.
     pub counts: StepCounts,
+    /// Switches, probe and buttons.
+    pub inputs: Inputs,
     /// Entries for `prepare`.
     pub entries: Queue<Entry, ENTRY_RING>,
     events: EventRing,
@@ -52,6 +54,7 @@ impl Drive {
             motion,
             stepper: Stepper::new(),
             counts: StepCounts::new(),
+            inputs: Inputs::new(),
             entries: Queue::new(),
             events: EventRing::new(),
             due: None,
@@ -89,9 +92,13 @@ impl Drive {
         }
         let (_, mut entries) = self.entries.split();
         let (mut events, _) = self.events.split();
-        let prepared = self
-            .motion
-            .run(requests, &self.counts, &mut entries, &mut events);
+        let prepared = self.motion.run(
+            requests,
+            &self.inputs,
+            &self.counts,
+            &mut entries,
+            &mut events,
+        );
         self.is_prepare_released = prepared.again;
         self.has_news |= prepared.news;
         if prepared.start {

@@ -75,7 +75,7 @@ impl Bench {
             machine.reset_in_motion = matches!(machine.state, State::Run | State::HoldSlowing);
             machine.state = match machine.state {
                 State::Run | State::HoldSlowing | State::Alarm => State::Alarm,
-                State::Idle | State::HoldComplete => State::Idle,
+                _ => State::Idle,
             };
             machine.is_at_rest = true;
             machine.finished = machine

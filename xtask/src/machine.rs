@@ -113,6 +113,13 @@ impl Machine {
             State::Alarm => 1,
             State::Run => 8,
             State::HoldSlowing | State::HoldComplete => 16,
+            State::Check => 2,
+            State::Home => 4,
+            State::Jog => 32,
+            State::DoorClosed | State::DoorAjar | State::DoorRetracting | State::DoorRestoring => {
+                64
+            }
+            State::Sleep => 128,
         }
     }
 

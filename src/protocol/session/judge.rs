@@ -65,7 +65,18 @@ impl Session {
         match machine.state {
             State::Alarm => Condition::Alarm,
             State::Idle if machine.finished == self.entered => Condition::Idle,
-            State::Idle | State::Run | State::HoldSlowing | State::HoldComplete => Condition::Busy,
+            State::Idle
+            | State::Run
+            | State::HoldSlowing
+            | State::HoldComplete
+            | State::Jog
+            | State::Home
+            | State::Check
+            | State::DoorClosed
+            | State::DoorAjar
+            | State::DoorRetracting
+            | State::DoorRestoring
+            | State::Sleep => Condition::Busy,
         }
     }
 

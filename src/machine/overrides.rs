@@ -1,0 +1,168 @@
+//! Overrides of feed, rapid and spindle speed, in per cent. Read with Grbl 1.1 `config.h`.
+
+/// Least and most of feed and spindle override, %.
+const RANGE: (u8, u8) = (10, 200);
+
+/// One realtime command that changes an override or an accessory.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[repr(u8)]
+pub enum Override {
+    /// Feed to 100 %.
+    FeedReset = 0x90,
+    /// Feed + 10 %.
+    FeedMore = 0x91,
+    /// Feed - 10 %.
+    FeedLess = 0x92,
+    /// Feed + 1 %.
+    FeedFineMore = 0x93,
+    /// Feed - 1 %.
+    FeedFineLess = 0x94,
+    /// Rapids to 100 %.
+    RapidFull = 0x95,
+    /// Rapids to 50 %.
+    RapidHalf = 0x96,
+    /// Rapids to 25 %.
+    RapidQuarter = 0x97,
+    /// Spindle to 100 %.
+    SpindleReset = 0x99,
+    /// Spindle + 10 %.
+    SpindleMore = 0x9a,
+    /// Spindle - 10 %.
+    SpindleLess = 0x9b,
+    /// Spindle + 1 %.
+    SpindleFineMore = 0x9c,
+    /// Spindle - 1 %.
+    SpindleFineLess = 0x9d,
+    /// Spindle off, or on again, in a hold.
+    SpindleStop = 0x9e,
+    /// Flood on, or off.
+    Flood = 0xa0,
+    /// Mist on, or off.
+    Mist = 0xa1,
+}
+
+impl Override {
+    /// Every one of them, in the order of the bytes.
+    pub const ALL: [Self; 16] = [
+        Self::FeedReset,
+        Self::FeedMore,
+        Self::FeedLess,
+        Self::FeedFineMore,
+        Self::FeedFineLess,
+        Self::RapidFull,
+        Self::RapidHalf,
+        Self::RapidQuarter,
+        Self::SpindleReset,
+        Self::SpindleMore,
+        Self::SpindleLess,
+        Self::SpindleFineMore,
+        Self::SpindleFineLess,
+        Self::SpindleStop,
+        Self::Flood,
+        Self::Mist,
+    ];
+
+    /// The command of a realtime byte.
+    #[must_use]
+    pub fn of(byte: u8) -> Option<Self> {
+        Some(match byte {
+            0x90 => Self::FeedReset,
+            0x91 => Self::FeedMore,
+            0x92 => Self::FeedLess,
+            0x93 => Self::FeedFineMore,
+            0x94 => Self::FeedFineLess,
+            0x95 => Self::RapidFull,
+            0x96 => Self::RapidHalf,
+            0x97 => Self::RapidQuarter,
+            0x99 => Self::SpindleReset,
+            0x9a => Self::SpindleMore,
+            0x9b => Self::SpindleLess,
+            0x9c => Self::SpindleFineMore,
+            0x9d => Self::SpindleFineLess,
+            0x9e => Self::SpindleStop,
+            0xa0 => Self::Flood,
+            0xa1 => Self::Mist,
+            _ => return None,
+        })
+    }
+}
+
+/// The overrides in effect, %.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Overrides {
+    /// Of programmed feeds, 10 to 200.
+    pub feed: u8,
+    /// Of rapids: 25, 50 or 100.
+    pub rapid: u8,
+    /// Of the spindle speed, 10 to 200.
+    pub spindle: u8,
+}
+
+impl Overrides {
+    /// As programmed.
+    pub const NONE: Self = Self {
+        feed: 100,
+        rapid: 100,
+        spindle: 100,
+    };
+
+    /// The overrides after a command; those about accessories change none.
+    #[must_use]
+    pub fn after(self, command: Override) -> Self {
+        let changed = |value: u8, change: i16| {
+            let (least, most) = RANGE;
+            (i16::from(value) + change).clamp(i16::from(least), i16::from(most)) as u8
+        };
+        let mut new = self;
+        match command {
+            Override::FeedReset => new.feed = 100,
+            Override::FeedMore => new.feed = changed(self.feed, 10),
+            Override::FeedLess => new.feed = changed(self.feed, -10),
+            Override::FeedFineMore => new.feed = changed(self.feed, 1),
+            Override::FeedFineLess => new.feed = changed(self.feed, -1),
+            Override::RapidFull => new.rapid = 100,
+            Override::RapidHalf => new.rapid = 50,
+            Override::RapidQuarter => new.rapid = 25,
+            Override::SpindleReset => new.spindle = 100,
+            Override::SpindleMore => new.spindle = changed(self.spindle, 10),
+            Override::SpindleLess => new.spindle = changed(self.spindle, -10),
+            Override::SpindleFineMore => new.spindle = changed(self.spindle, 1),
+            Override::SpindleFineLess => new.spindle = changed(self.spindle, -1),
+            Override::SpindleStop | Override::Flood | Override::Mist => {}
+        }
+        new
+    }
+}
+
+impl Default for Overrides {
+    fn default() -> Self {
+        Self::NONE
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn overrides_stay_within_their_ranges() {
+        let many = |command, times| {
+            (0..times).fold(Overrides::NONE, |overrides, _| overrides.after(command))
+        };
+        assert_eq!(many(Override::FeedMore, 11).feed, 200);
+        assert_eq!(many(Override::FeedLess, 10).feed, 10);
+        assert_eq!(many(Override::FeedFineMore, 3).feed, 103);
+        assert_eq!(many(Override::SpindleFineLess, 95).spindle, 10);
+        assert_eq!(many(Override::RapidQuarter, 1).rapid, 25);
+        assert_eq!(many(Override::Flood, 1), Overrides::NONE);
+    }
+
+    #[test]
+    fn every_command_has_its_byte() {
+        for command in Override::ALL {
+            assert_eq!(Override::of(command as u8), Some(command));
+        }
+        assert_eq!(Override::of(0x98), None);
+        assert_eq!(Override::of(0x9f), None);
+    }
+}

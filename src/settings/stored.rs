@@ -1,0 +1,59 @@
+//! What outlives power: settings, offsets, startup lines and build information.
+
+use heapless::Vec;
+
+use super::Settings;
+use crate::{axis::Axes, units::Nm};
+
+/// Work coordinate systems that are stored: `G54` to `G59`.
+pub const COORDINATE_SYSTEMS: usize = 6;
+/// Lines that are executed after power-up, a reset and homing: `$N0` and `$N1`.
+pub const STARTUP_LINES: usize = 2;
+/// Longest startup line or build information, bytes.
+pub const STORED_LINE: usize = 127;
+
+/// A startup line or build information, as the line assembler leaves it.
+pub type StoredLine = Vec<u8, STORED_LINE>;
+
+/// Offsets and positions that are stored, in the machine frame.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+pub struct Origins {
+    /// Origins of `G54` to `G59`.
+    pub coordinates: [Axes<Nm>; COORDINATE_SYSTEMS],
+    /// Where `G28` leads.
+    pub g28: Axes<Nm>,
+    /// Where `G30` leads.
+    pub g30: Axes<Nm>,
+}
+
+/// Everything that is stored. The default is what a machine has that nothing was ever stored in.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct Stored {
+    /// All settings.
+    pub settings: Settings,
+    /// `G54` to `G59`, `G28`, `G30`.
+    pub origins: Origins,
+    /// `$N0`, `$N1`.
+    pub startup: [StoredLine; STARTUP_LINES],
+    /// `$I=`.
+    pub build_info: StoredLine,
+}
+
+/// A part of [`Stored`] that has changed and is to be stored: all of it, or on a power cut nothing.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Change {
+    /// The settings.
+    Settings,
+    /// The offsets.
+    Origins,
+    /// This startup line.
+    Startup(usize),
+    /// The build information.
+    BuildInfo,
+    /// `$RST=$`: default settings.
+    RestoreSettings,
+    /// `$RST=#`: no offsets.
+    RestoreOrigins,
+    /// `$RST=*`: everything as it was when new.
+    RestoreAll,
+}
