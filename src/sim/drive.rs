@@ -3,11 +3,12 @@
 use heapless::spsc::Queue;
 
 use crate::{
-    machine::{Inputs, Snapshot},
+    machine::{Inputs, Levels, Outputs, Snapshot},
     planner::{Entry, Motion},
     protocol::realtime::Requests,
     settings::Settings,
     stepper::{EventRing, StepCounts, Stepper},
+    units::TICKS_PER_MS,
 };
 
 /// Entries that may wait for `prepare`, and one more.
@@ -24,6 +25,8 @@ pub struct Edge {
     pub drop: u32,
     /// Levels of the direction outputs, bit 0 = X, 1 = negative.
     pub directions: u8,
+    /// Spindle PWM from then on, 0 to [`Outputs::FULL`].
+    pub duty: u16,
 }
 
 /// `prepare`, the step interrupt, and the queues between them.
@@ -40,6 +43,9 @@ pub struct Drive {
     events: EventRing,
     /// When the step interrupt is due, and what the pins do then.
     due: Option<Edge>,
+    /// When `prepare` wants to be woken.
+    wake_due: Option<u64>,
+    outputs: Outputs,
     is_prepare_released: bool,
     has_news: bool,
 }
@@ -49,7 +55,8 @@ impl Drive {
     #[must_use]
     pub fn new(settings: &Settings) -> Self {
         let mut motion = Motion::new();
-        motion.power_up(settings);
+        motion.power_up(settings, Levels::NONE);
+        let outputs = *motion.outputs();
         Self {
             motion,
             stepper: Stepper::new(),
@@ -58,6 +65,8 @@ impl Drive {
             entries: Queue::new(),
             events: EventRing::new(),
             due: None,
+            wake_due: None,
+            outputs,
             is_prepare_released: false,
             has_news: false,
         }
@@ -73,6 +82,25 @@ impl Drive {
     #[must_use]
     pub fn due(&self) -> Option<u64> {
         self.due.map(|edge| edge.ticks)
+    }
+
+    /// When `prepare` wants to be woken, ticks.
+    #[must_use]
+    pub fn wake_due(&self) -> Option<u64> {
+        self.wake_due
+    }
+
+    /// The time for which `prepare` wanted to wait is over.
+    pub fn wake(&mut self, requests: &Requests) {
+        self.wake_due = None;
+        requests.wake();
+        self.release_prepare();
+    }
+
+    /// What is switched now, with the duty that is output.
+    #[must_use]
+    pub fn outputs(&self) -> &Outputs {
+        &self.outputs
     }
 
     /// Releases `prepare`.
@@ -101,6 +129,16 @@ impl Drive {
         );
         self.is_prepare_released = prepared.again;
         self.has_news |= prepared.news;
+        if let Some(milliseconds) = prepared.wake_in_ms {
+            self.wake_due = Some(now + u64::from(milliseconds) * u64::from(TICKS_PER_MS));
+        }
+        let outputs = self.motion.outputs();
+        let duty = if self.counts.is_running() {
+            self.outputs.duty
+        } else {
+            outputs.duty
+        };
+        self.outputs = Outputs { duty, ..*outputs };
         if prepared.start {
             debug_assert!(self.due.is_none(), "a timer that runs is started");
             self.due = Some(Edge {
@@ -108,6 +146,7 @@ impl Drive {
                 raise: 0,
                 drop: 0,
                 directions: 0,
+                duty,
             });
             let _ = self.step();
         }
@@ -117,6 +156,7 @@ impl Drive {
     /// The step interrupt: what the pins do now.
     pub fn step(&mut self) -> Option<Edge> {
         let edge = self.due?;
+        self.outputs.duty = edge.duty;
         let (_, mut events) = self.events.split();
         let advance = self.stepper.advance(&mut events, &self.counts);
         self.is_prepare_released |= advance.releases_prepare();
@@ -124,7 +164,10 @@ impl Drive {
             ticks: edge.ticks + u64::from(ticks),
             raise: advance.raise,
             drop: advance.drop,
-            directions: advance.directions.unwrap_or(edge.directions),
+            directions: advance
+                .begun
+                .map_or(edge.directions, |begun| begun.directions),
+            duty: advance.begun.map_or(edge.duty, |begun| begun.duty),
         });
         Some(edge)
     }

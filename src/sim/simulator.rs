@@ -4,7 +4,7 @@ use heapless::spsc::Queue;
 
 use super::{Drive, Edge};
 use crate::{
-    machine::Snapshot,
+    machine::{Outputs, Snapshot},
     protocol::{
         Progress, Session,
         realtime::{self, Release, Requests},
@@ -106,10 +106,17 @@ impl Simulator {
         !self.sent.is_empty()
     }
 
-    /// When the next pin edge is due, ticks.
+    /// When something happens next without a byte: a pin edge, or the end of a wait of the machine.
     #[must_use]
     pub fn due(&self) -> Option<u64> {
-        self.drive.due()
+        let (edge, wake) = (self.drive.due(), self.drive.wake_due());
+        edge.into_iter().chain(wake).min()
+    }
+
+    /// What is switched now beside the axes, with the spindle PWM that is output.
+    #[must_use]
+    pub fn outputs(&self) -> &Outputs {
+        self.drive.outputs()
     }
 
     /// Runs every task that is released.
@@ -130,10 +137,16 @@ impl Simulator {
     /// Advances the clock to `time`, or to the next edge if that comes first, and runs what is
     /// released then.
     pub fn advance(&mut self, time: u64) -> Option<Edge> {
-        let edge = match self.drive.due() {
-            Some(due) if due <= time => {
+        let wake = self.drive.wake_due().filter(|due| *due <= time);
+        let edge = match (self.drive.due(), wake) {
+            (Some(due), wake) if due <= time && wake.is_none_or(|wake| due <= wake) => {
                 self.now = due;
                 self.drive.step()
+            }
+            (_, Some(wake)) => {
+                self.now = self.now.max(wake);
+                self.drive.wake(&self.requests);
+                None
             }
             _ => {
                 self.now = time;
