@@ -23,7 +23,6 @@ use crate::{
     protocol::realtime::Requests,
     settings::Settings,
     stepper::{EventWriter, Generator, StepCounts},
-    units::FineSteps,
 };
 
 /// What `prepare` asks of its shell after a run.
@@ -72,8 +71,6 @@ pub struct Motion {
     releases_drivers: bool,
     idle_delay_ms: u8,
     hard_limits: bool,
-    /// Inputs that are active while open.
-    inverted: Levels,
     finished: u32,
     /// The standstill segment has been put, and begins then on the generator's clock.
     rest: Option<u32>,
@@ -109,7 +106,6 @@ impl Motion {
             releases_drivers: false,
             idle_delay_ms: 25,
             hard_limits: false,
-            inverted: Levels::NONE,
             finished: 0,
             rest: Some(0),
             newest: 0,
@@ -124,24 +120,24 @@ impl Motion {
         }
     }
 
-    /// Takes over the settings at power-up, and the contacts that are closed then. The machine
-    /// wakes up locked with homing enabled, or on a limit switch with hard limits enabled.
-    pub fn power_up(&mut self, settings: &Settings, closed: Levels) {
-        self.configure(settings);
+    /// Takes over the settings at power-up. The machine wakes up locked with homing enabled, or on
+    /// a limit switch with hard limits enabled.
+    pub fn power_up(&mut self, settings: &Settings, inputs: &Inputs) {
+        self.configure(settings, inputs);
         self.outputs.drivers = settings.idle_delay_ms == rest::ALWAYS_ON;
-        self.snapshot.inputs = closed ^ self.inverted;
+        self.snapshot.inputs = inputs.active();
         if settings.homing || self.is_on_limit() {
             self.control.state = State::Alarm;
             self.snapshot.state = State::Alarm;
         }
     }
 
-    fn configure(&mut self, settings: &Settings) {
+    fn configure(&mut self, settings: &Settings, inputs: &Inputs) {
         self.generator.set_pulse_us(settings.step_pulse_us);
         self.accessories.configure(settings);
         self.idle_delay_ms = settings.idle_delay_ms;
         self.hard_limits = settings.hard_limits;
-        self.inverted = Levels::NONE.active(settings);
+        inputs.configure(settings);
     }
 
     /// Whether a limit switch is active that stops the machine.
@@ -173,7 +169,7 @@ impl Motion {
         events: &mut EventWriter<'_>,
     ) -> Prepared {
         self.wake_in_ms = None;
-        self.snapshot.inputs = inputs.closed() ^ self.inverted;
+        self.snapshot.inputs = inputs.active();
         if counts.take_starved() {
             self.fail();
         }
@@ -181,7 +177,7 @@ impl Motion {
             self.reset(requests.epoch());
         }
         self.hear(requests);
-        let taken = self.take(entries, counts);
+        let taken = self.take(entries, inputs, counts);
         self.begin_moves();
         self.generate(counts, events);
         let was_dwelling = self.is_dwelling;
@@ -216,9 +212,7 @@ impl Motion {
 
     /// Makes the whole steps the exact position: `interpret` goes on from there.
     fn settle_on_steps(&mut self) {
-        let steps = self.generator.steps();
-        self.generator
-            .settle(steps.map(|steps| FineSteps(i64::from(steps) << 32)));
+        self.generator.settle_on(self.generator.steps());
     }
 
     /// Publishes the machine as it is; tells whether anything changed that a task waits for.

@@ -4,7 +4,7 @@ use heapless::spsc::Consumer;
 
 use super::Motion;
 use crate::{
-    machine::{Ending, Event, Notice, State},
+    machine::{Ending, Event, Inputs, Notice, State},
     planner::{Entry, Pacing, Work},
     stepper::StepCounts,
     units::TICKS_PER_MS,
@@ -15,7 +15,12 @@ pub(super) const ENTRIES_PER_RUN: usize = 4;
 
 impl Motion {
     /// Takes entries, and tells how many.
-    pub(super) fn take(&mut self, entries: &mut Consumer<'_, Entry>, counts: &StepCounts) -> usize {
+    pub(super) fn take(
+        &mut self,
+        entries: &mut Consumer<'_, Entry>,
+        inputs: &Inputs,
+        counts: &StepCounts,
+    ) -> usize {
         // wcet-bound: 4
         for taken in 0..ENTRIES_PER_RUN {
             let Some(entry) = entries.peek() else {
@@ -26,7 +31,7 @@ impl Motion {
             let is_void = (is_old || self.is_starved) && !matches!(entry.work, Work::Configure(_));
             if is_void {
                 self.finished = self.finished.wrapping_add(1);
-            } else if !self.accept(&entry.work, counts) {
+            } else if !self.accept(&entry.work, inputs, counts) {
                 return taken;
             }
             let _ = entries.dequeue();
@@ -35,7 +40,7 @@ impl Motion {
     }
 
     /// Begins the work if it can begin now.
-    fn accept(&mut self, work: &Work, counts: &StepCounts) -> bool {
+    fn accept(&mut self, work: &Work, inputs: &Inputs, counts: &StepCounts) -> bool {
         if let Work::Move(block) = work {
             let is_ending = self.control.ending != Ending::None;
             let has_room = !is_ending && !self.is_dwelling && self.plan.free() > 0;
@@ -75,7 +80,7 @@ impl Motion {
             Work::Sleep => self.sleep(),
             Work::EndOverrides => self.end_overrides(),
             Work::Configure(settings) => {
-                self.configure(settings);
+                self.configure(settings, inputs);
                 self.settle_on_steps();
             }
         }
