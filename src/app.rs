@@ -81,7 +81,8 @@ mod app {
         let board = board::init(cx.device, cx.core);
         let settings = board.loaded.stored.settings;
         let motion = cx.local.motion_memory;
-        motion.power_up(&settings);
+        let inputs = Inputs::new();
+        motion.power_up(&settings, &inputs);
         let (received_in, received_out) = cx.local.received.split();
         let (sent_in, sent_out) = cx.local.sent.split();
         let (entries_in, entries_out) = cx.local.entries.split();
@@ -94,7 +95,7 @@ mod app {
             interpret_waker: None,
             report_waker: None,
             requests: Requests::new(),
-            inputs: Inputs::new(),
+            inputs,
             counts: StepCounts::new(),
         };
         let local = Local {
