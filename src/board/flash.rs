@@ -50,9 +50,12 @@ impl Flash {
 
     /// What is stored in the sectors, and the journal that stores there from now on.
     pub(super) fn load(self) -> (Journal<Self>, Loaded) {
+        let is_emulated = self.is_emulated;
         let mut journal = Journal::new(self);
         // Flash that fails is like new: the machine works, and says what it cannot store.
-        let loaded = journal.load().unwrap_or_default();
+        let mut loaded = journal.load().unwrap_or_default();
+        // The emulated one is new at every start, which nobody needs to be told.
+        loaded.is_first_boot &= !is_emulated;
         (journal, loaded)
     }
 
