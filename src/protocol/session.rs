@@ -130,6 +130,8 @@ pub struct Session {
     is_jogging: bool,
     /// The reset that this session has acted on.
     epoch: u32,
+    /// Motions that the machine has ended before their target, as far as the position is known.
+    cuts: u32,
     /// A reset has been asked for that `prepare` does not know of.
     has_request: bool,
     /// Whether the interpreter knows where the machine is.
@@ -172,6 +174,7 @@ impl Session {
             entered: 0,
             is_jogging: false,
             epoch: 0,
+            cuts: 0,
             has_request: false,
             is_position_known: false,
             is_fault_told: false,
@@ -318,10 +321,11 @@ impl Session {
         if !self.is_done(machine) {
             return;
         }
+        self.is_jogging = false;
         // A jog that was cancelled has not come to its end.
-        if self.is_jogging {
-            self.is_jogging = false;
-            self.is_position_known &= self.router.steps() == machine.steps;
+        if self.cuts != machine.cuts {
+            self.cuts = machine.cuts;
+            self.is_position_known = false;
         }
         if !self.is_position_known {
             self.take_position(machine);
@@ -378,8 +382,10 @@ impl Session {
         received: &mut Consumer<'_, u8>,
         entries: &mut Producer<'_, Entry>,
     ) -> Progress {
-        // While the machine is held no line is begun; the bytes stay where the sender counts them.
-        let is_held = machine.state.is_suspended();
+        // While the machine is held, or ends a jog, no line is begun; the bytes stay where the sender
+        // counts them.
+        let is_cut = machine.cuts != self.cuts;
+        let is_held = machine.state.is_suspended() || is_cut;
         match self.stage {
             Stage::Starting | Stage::Faulted | Stage::Asleep => Progress::Waiting,
             Stage::Welcoming => self.welcome(machine),
@@ -394,6 +400,7 @@ impl Session {
                     Progress::Waiting
                 }
             }
+            Stage::Entering(_) if is_cut => Progress::Waiting,
             Stage::Entering(first) => self.enter(machine, first, entries),
             Stage::Completing(after) => self.complete(machine, after),
             Stage::Storing(then) => self.go_on_stored(machine, then, entries),
@@ -427,7 +434,7 @@ impl Session {
 
     /// The caller has made sure of room; after standstill the queue is empty.
     fn send_entry(&mut self, work: Work, entries: &mut Producer<'_, Entry>) {
-        let epoch = self.epoch;
+        let epoch = self.epoch.wrapping_add(self.cuts);
         if entries.enqueue(Entry { epoch, work }).is_ok() {
             self.entered = self.entered.wrapping_add(1);
         }

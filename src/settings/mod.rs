@@ -2,10 +2,15 @@
 
 mod decimal;
 mod described;
+mod journal;
+mod record;
+mod restore;
+mod sectors;
 mod stored;
 mod table;
 
 pub use described::{DataType, Description, GROUPS, Group, described};
+pub use journal::{Journal, Loaded};
 pub use stored::{
     COORDINATE_SYSTEMS, Change, Origins, STARTUP_LINES, STORED_LINE, StoreError, Stored, StoredLine,
 };

@@ -1,13 +1,16 @@
-//! The step timer and its interrupt on a virtual clock.
+//! The step timer, its interrupt and that of the inputs on a virtual clock.
 
 use heapless::spsc::Queue;
 
+use super::{Switch, contacts::Contacts};
 use crate::{
-    machine::{Inputs, Snapshot},
+    axis::Axes,
+    machine::{Cause, Inputs, Levels, Outputs, SAMPLE_TICKS, Snapshot, Watch},
     planner::{Entry, Motion},
     protocol::realtime::Requests,
     settings::Settings,
     stepper::{EventRing, StepCounts, Stepper},
+    units::TICKS_PER_MS,
 };
 
 /// Entries that may wait for `prepare`, and one more.
@@ -24,9 +27,11 @@ pub struct Edge {
     pub drop: u32,
     /// Levels of the direction outputs, bit 0 = X, 1 = negative.
     pub directions: u8,
+    /// Spindle PWM from then on, 0 to [`Outputs::FULL`].
+    pub duty: u16,
 }
 
-/// `prepare`, the step interrupt, and the queues between them.
+/// `prepare`, the interrupts of steps and inputs, and what is between them.
 #[derive(Debug)]
 pub struct Drive {
     pub(super) motion: Motion,
@@ -40,6 +45,15 @@ pub struct Drive {
     events: EventRing,
     /// When the step interrupt is due, and what the pins do then.
     due: Option<Edge>,
+    /// When `prepare` wants to be woken.
+    wake_due: Option<u64>,
+    outputs: Outputs,
+    contacts: Contacts,
+    watch: Watch,
+    /// When the inputs are sampled next, ticks.
+    sample_due: Option<u64>,
+    /// A contact has changed, and the input interrupt has not run since.
+    is_watch_released: bool,
     is_prepare_released: bool,
     has_news: bool,
 }
@@ -49,15 +63,23 @@ impl Drive {
     #[must_use]
     pub fn new(settings: &Settings) -> Self {
         let mut motion = Motion::new();
-        motion.power_up(settings);
+        let inputs = Inputs::new();
+        motion.power_up(settings, &inputs);
+        let outputs = *motion.outputs();
         Self {
             motion,
             stepper: Stepper::new(),
             counts: StepCounts::new(),
-            inputs: Inputs::new(),
+            contacts: Contacts::new(),
+            watch: Watch::new(Levels::NONE, &inputs),
+            sample_due: None,
+            is_watch_released: false,
+            inputs,
             entries: Queue::new(),
             events: EventRing::new(),
             due: None,
+            wake_due: None,
+            outputs,
             is_prepare_released: false,
             has_news: false,
         }
@@ -73,6 +95,79 @@ impl Drive {
     #[must_use]
     pub fn due(&self) -> Option<u64> {
         self.due.map(|edge| edge.ticks)
+    }
+
+    /// When `prepare` wants to be woken, ticks: [`Drive::wake`] does it.
+    #[must_use]
+    pub const fn wake_due(&self) -> Option<u64> {
+        self.wake_due
+    }
+
+    /// Wakes `prepare` if it is time.
+    pub fn wake(&mut self, requests: &Requests, now: u64) {
+        if self.wake_due.is_some_and(|due| due <= now) {
+            self.wake_due = None;
+            requests.wake();
+            self.release_prepare();
+        }
+    }
+
+    /// What is switched now, with the duty that is output.
+    #[must_use]
+    pub const fn outputs(&self) -> &Outputs {
+        &self.outputs
+    }
+
+    /// When the inputs are sampled next, ticks: [`Drive::watch`] does it.
+    #[must_use]
+    pub const fn sample_due(&self) -> Option<u64> {
+        self.sample_due
+    }
+
+    /// Physical steps of each axis since power-up.
+    #[must_use]
+    pub const fn physical_steps(&self) -> Axes<i32> {
+        self.contacts.steps()
+    }
+
+    /// Mounts a switch; whether it fits. It counts from where the axes stood at power-up.
+    pub fn mount(&mut self, switch: Switch) -> bool {
+        let fits = self.contacts.mount(switch);
+        self.look();
+        fits
+    }
+
+    /// Closes contacts, as whoever stands at the machine does, or opens them again.
+    pub fn set_pin(&mut self, inputs: Levels, closed: bool) {
+        self.contacts.hold(inputs, closed);
+        self.look();
+    }
+
+    fn look(&mut self) {
+        self.is_watch_released |= self.contacts.look();
+    }
+
+    /// Runs the input interrupt if it has been released: it comes before `prepare`.
+    pub fn watch(&mut self, requests: &Requests, now: u64) {
+        let cause = if self.is_watch_released {
+            Cause::Edge
+        } else if self.sample_due.is_some_and(|due| due <= now) {
+            self.sample_due = None;
+            Cause::Sample
+        } else {
+            return;
+        };
+        self.is_watch_released = false;
+        let events = self.events.split().0.tap();
+        let closed = self.contacts.closed;
+        let (inputs, counts) = (&self.inputs, &self.counts);
+        let watched = self
+            .watch
+            .run(cause, closed, inputs, requests, counts, &events);
+        if watched.sample && self.sample_due.is_none() {
+            self.sample_due = Some(now + u64::from(SAMPLE_TICKS));
+        }
+        self.is_prepare_released |= watched.prepare;
     }
 
     /// Releases `prepare`.
@@ -101,6 +196,16 @@ impl Drive {
         );
         self.is_prepare_released = prepared.again;
         self.has_news |= prepared.news;
+        if let Some(milliseconds) = prepared.wake_in_ms {
+            self.wake_due = Some(now + u64::from(milliseconds) * u64::from(TICKS_PER_MS));
+        }
+        let outputs = self.motion.outputs();
+        let duty = if self.counts.is_running() {
+            self.outputs.duty
+        } else {
+            outputs.duty
+        };
+        self.outputs = Outputs { duty, ..*outputs };
         if prepared.start {
             debug_assert!(self.due.is_none(), "a timer that runs is started");
             self.due = Some(Edge {
@@ -108,6 +213,7 @@ impl Drive {
                 raise: 0,
                 drop: 0,
                 directions: 0,
+                duty,
             });
             let _ = self.step();
         }
@@ -117,6 +223,7 @@ impl Drive {
     /// The step interrupt: what the pins do now.
     pub fn step(&mut self) -> Option<Edge> {
         let edge = self.due?;
+        self.outputs.duty = edge.duty;
         let (_, mut events) = self.events.split();
         let advance = self.stepper.advance(&mut events, &self.counts);
         self.is_prepare_released |= advance.releases_prepare();
@@ -124,8 +231,15 @@ impl Drive {
             ticks: edge.ticks + u64::from(ticks),
             raise: advance.raise,
             drop: advance.drop,
-            directions: advance.directions.unwrap_or(edge.directions),
+            directions: advance
+                .begun
+                .map_or(edge.directions, |begun| begun.directions),
+            duty: advance.begun.map_or(edge.duty, |begun| begun.duty),
         });
+        if edge.raise != 0 {
+            self.contacts.step(&edge);
+            self.look();
+        }
         Some(edge)
     }
 }

@@ -16,17 +16,35 @@ use crate::axis::{AXES, Axes};
 /// A segment on its way.
 #[derive(Debug)]
 struct Slot {
-    /// Its directions, and [`IS_MOVING`].
+    /// Its directions, [`IS_MOVING`], and from [`DUTY_SHIFT`] on the duty.
     flags: AtomicU32,
     start_ticks: AtomicU32,
     feed_mm_min: AtomicU32,
+    spindle_rpm: AtomicU32,
     line: AtomicU32,
+    /// Number of its first event, or of one before it that begins no pulse.
+    first_event: AtomicU32,
     /// Step count of each axis where it begins.
     steps: [AtomicI32; AXES],
 }
 
 /// Flag of a segment in which not everything is at rest.
 const IS_MOVING: u32 = 1 << 8;
+const DUTY_SHIFT: u32 = 16;
+
+/// What the step interrupt has to do at the first event of a segment.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Begun {
+    /// Direction outputs, bit 0 = X, 1 = negative.
+    pub directions: u8,
+    /// Spindle PWM, 0 to [`crate::machine::Outputs::FULL`].
+    pub duty: u16,
+    /// Whether anything moves.
+    pub(super) is_moving: bool,
+}
+
+/// Slots, a power of two: those of the segments that may wait, and of those played last.
+const SLOTS: usize = 2 * SEGMENT_RING;
 
 /// What the step interrupt plays.
 ///
@@ -34,7 +52,7 @@ const IS_MOVING: u32 = 1 << 8;
 /// whoever can: by `prepare` while the timer stands, by the step interrupt while it runs.
 #[derive(Debug)]
 pub struct StepCounts {
-    slots: [Slot; SEGMENT_RING],
+    slots: [Slot; SLOTS],
     /// Segments announced so far, wrapping.
     announced: AtomicU32,
     /// Segments begun so far, wrapping.
@@ -42,6 +60,9 @@ pub struct StepCounts {
     late: AtomicU32,
     running: AtomicBool,
     starved: AtomicBool,
+    /// The step interrupt is to stop, or has stopped, at once; written by `inputs`, cleared by
+    /// `prepare` when it stands.
+    cut: AtomicBool,
 }
 
 impl StepCounts {
@@ -54,21 +75,24 @@ impl StepCounts {
                     flags: AtomicU32::new(0),
                     start_ticks: AtomicU32::new(0),
                     feed_mm_min: AtomicU32::new(0),
+                    spindle_rpm: AtomicU32::new(0),
                     line: AtomicU32::new(0),
+                    first_event: AtomicU32::new(0),
                     steps: [const { AtomicI32::new(0) }; AXES],
                 }
-            }; SEGMENT_RING],
+            }; SLOTS],
             announced: AtomicU32::new(0),
             begun: AtomicU32::new(0),
             late: AtomicU32::new(0),
             running: AtomicBool::new(false),
             starved: AtomicBool::new(false),
+            cut: AtomicBool::new(false),
         }
     }
 
     #[inline]
     fn slot(&self, number: u32) -> &Slot {
-        &self.slots[number as usize % SEGMENT_RING]
+        &self.slots[number as usize % SLOTS]
     }
 
     /// The segment being played, or played last.
@@ -79,7 +103,7 @@ impl StepCounts {
     /// Whether a segment can be announced.
     #[must_use]
     pub fn has_room(&self) -> bool {
-        // The slot before the first that waits is being played.
+        // The others are those played last, or being played.
         let waiting = self
             .announced
             .load(Relaxed)
@@ -92,11 +116,14 @@ impl StepCounts {
         let number = self.announced.load(Relaxed);
         let slot = self.slot(number);
         let moving = if info.is_rest { 0 } else { IS_MOVING };
+        let duty = u32::from(info.duty) << DUTY_SHIFT;
         slot.flags
-            .store(u32::from(info.directions) | moving, Relaxed);
+            .store(u32::from(info.directions) | moving | duty, Relaxed);
         slot.start_ticks.store(info.start_ticks, Relaxed);
         slot.feed_mm_min.store(info.feed_mm_min.to_bits(), Relaxed);
+        slot.spindle_rpm.store(info.spindle_rpm.to_bits(), Relaxed);
         slot.line.store(info.line, Relaxed);
+        slot.first_event.store(info.first_event, Relaxed);
         // wcet-bound: 6
         for (to, from) in slot.steps.iter().zip(&info.steps) {
             to.store(*from, Relaxed);
@@ -106,22 +133,68 @@ impl StepCounts {
         self.announced.store(number.wrapping_add(1), Relaxed);
     }
 
-    /// The step interrupt begins the next segment. Its directions, and whether anything moves.
+    /// The step interrupt begins the next segment.
     #[inline]
-    pub(super) fn begin(&self) -> (u8, bool) {
+    pub(super) fn begin(&self) -> Begun {
         let number = self.begun.load(Relaxed);
         self.begun.store(number.wrapping_add(1), Relaxed);
         let flags = self.slot(number).flags.load(Relaxed);
-        (flags as u8, flags & IS_MOVING != 0)
+        Begun {
+            directions: flags as u8,
+            duty: (flags >> DUTY_SHIFT) as u16,
+            is_moving: flags & IS_MOVING != 0,
+        }
     }
 
-    /// The step interrupt has stopped: a fault if anything moved.
+    /// The step interrupt has stopped: a fault if anything moved and nobody wanted it.
     #[inline]
     pub(super) fn stop(&self, is_moving: bool) {
         self.running.store(false, Relaxed);
-        if is_moving {
+        if is_moving && !self.is_cut() {
             self.starved.store(true, Relaxed);
         }
+    }
+
+    /// Asks the step interrupt to stop at once; see [`EventTap::cut`](super::EventTap::cut).
+    pub(super) fn ask_cut(&self) {
+        self.cut.store(true, Relaxed);
+    }
+
+    /// Whether the step interrupt has been asked to stop at once and nobody has seen to it yet.
+    #[inline]
+    #[must_use]
+    pub fn is_cut(&self) -> bool {
+        self.cut.load(Relaxed)
+    }
+
+    /// The directions that the pins have: those of the segment being played.
+    pub(super) fn directions(&self) -> u8 {
+        self.played().flags.load(Relaxed) as u8
+    }
+
+    /// Drops the segments that have not begun; ends a cut. For `prepare`, while the step interrupt
+    /// stands.
+    pub(super) fn drop_waiting(&self) {
+        self.announced.store(self.begun.load(Relaxed), Relaxed);
+        self.starved.store(false, Relaxed);
+        self.cut.store(false, Relaxed);
+    }
+
+    /// The segment in which so many events had been output: where it begins, its directions, and
+    /// how many events before its first that was. `None` when that is too long ago.
+    pub(super) fn segment_at(&self, events: u32) -> Option<(Axes<i32>, u8, u32)> {
+        let begun = self.begun.load(Relaxed);
+        // wcet-bound: 32
+        for back in 1..=SEGMENT_RING as u32 {
+            let slot = self.slot(begun.wrapping_sub(back));
+            let first = slot.first_event.load(Relaxed);
+            let since = events.wrapping_sub(first);
+            if since.cast_signed() >= 0 {
+                let steps = Axes::from_fn(|axis| slot.steps[axis].load(Relaxed));
+                return Some((steps, slot.flags.load(Relaxed) as u8, first));
+            }
+        }
+        None
     }
 
     /// Step count of each axis when the segment being played began.
@@ -152,6 +225,18 @@ impl StepCounts {
     #[must_use]
     pub fn feed_mm_min(&self) -> f32 {
         f32::from_bits(self.played().feed_mm_min.load(Relaxed))
+    }
+
+    /// Spindle speed or laser power in the segment being played, rpm.
+    #[must_use]
+    pub fn spindle_rpm(&self) -> f32 {
+        f32::from_bits(self.played().spindle_rpm.load(Relaxed))
+    }
+
+    /// Spindle PWM in the segment being played.
+    #[must_use]
+    pub fn duty(&self) -> u16 {
+        (self.played().flags.load(Relaxed) >> DUTY_SHIFT) as u16
     }
 
     /// `N` word of the block being played, 0 without.
@@ -199,6 +284,7 @@ mod tests {
         counts.announce(&SegmentInfo {
             steps: Axes::all(steps),
             directions: steps as u8,
+            duty: 1020,
             ..SegmentInfo::default()
         });
     }
@@ -209,7 +295,9 @@ mod tests {
         for number in 0..100 {
             announce(&counts, number);
             assert_eq!(counts.position(), Axes::all((number - 1).max(0)));
-            assert_eq!(counts.begin(), (number as u8, true));
+            let begun = counts.begin();
+            assert_eq!((begun.directions, begun.duty), (number as u8, 1020));
+            assert!(begun.is_moving);
             assert_eq!(counts.position(), Axes::all(number));
         }
     }

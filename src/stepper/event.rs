@@ -78,6 +78,8 @@ pub struct SegmentInfo {
     pub start_ticks: u32,
     /// Step count of each axis where it begins.
     pub steps: Axes<i32>,
+    /// Number of its first event, or of one before it that begins no pulse.
+    pub first_event: u32,
     /// Axes that move in the negative direction, bit 0 = X.
     pub directions: u8,
     /// Whether everything is at rest in it: only then may the event queue run empty.
@@ -86,4 +88,8 @@ pub struct SegmentInfo {
     pub feed_mm_min: f32,
     /// `N` word of its block, 0 without.
     pub line: u32,
+    /// Spindle PWM in it, 0 to [`crate::machine::Outputs::FULL`].
+    pub duty: u16,
+    /// Spindle speed or laser power in it, rpm.
+    pub spindle_rpm: f32,
 }

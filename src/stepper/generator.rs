@@ -8,11 +8,13 @@ use super::{
     AxisMotion, DIRECTION_SETUP_TICKS, EVENT_SPACING_TICKS, EventWriter, SegmentInfo, StepCounts,
     StepEvent,
     axis_steps::{AxisSteps, EVEN_BITS, NO_STEPS, plan_axis},
+    history::steps_after,
     pulses::{Cursor, High, LOW, SPACING},
     ring::EventBatch,
 };
 use crate::{
     axis::{AXES, Axes},
+    machine::Power,
     units::{FineSteps, TICKS_PER_US},
 };
 
@@ -29,6 +31,8 @@ pub struct Segment {
     pub feed_mm_min: f32,
     /// `N` word of its block, 0 without.
     pub line: u32,
+    /// Spindle or laser in it.
+    pub power: Power,
 }
 
 /// Turns segments into events, resumable at any event.
@@ -54,6 +58,8 @@ pub struct Generator {
     pulse_ticks: i32,
     /// End of everything generated, on the generator's clock.
     clock_ticks: u32,
+    /// Number of the event that is put next.
+    next_event: u32,
 }
 
 impl Generator {
@@ -73,6 +79,7 @@ impl Generator {
             directions: 0,
             pulse_ticks: (10 * TICKS_PER_US).cast_signed(),
             clock_ticks: 0,
+            next_event: 0,
         }
     }
 
@@ -95,9 +102,35 @@ impl Generator {
         self.position.map(|position| position.nearest().0)
     }
 
-    /// Replaces the position by another with the same whole steps, at rest.
+    /// Replaces the position, at rest. Other whole steps are known everywhere once a standstill has
+    /// been played with them: see [`Generator::rest`].
     pub fn settle(&mut self, position: Axes<FineSteps>) {
         self.position = position;
+    }
+
+    /// Settles on whole steps, at rest.
+    pub fn settle_on(&mut self, steps: Axes<i32>) {
+        self.settle(steps.map(|steps| FineSteps(i64::from(steps) << 32)));
+    }
+
+    /// Ends a cut, when the step interrupt has stopped: what it has not played is dropped, and the
+    /// position is exactly that of the steps output. A standstill must follow, which ends the
+    /// pulses.
+    pub fn cut_off(&mut self, counts: &StepCounts, events: &mut EventWriter<'_>) {
+        let output = events.drop_waiting();
+        if let Some(steps) = steps_after(output, counts, events) {
+            self.settle_on(steps);
+        }
+        self.directions = counts.directions();
+        counts.drop_waiting();
+        self.axes = [NO_STEPS; AXES];
+        self.cursor = Cursor::cut_off((1 << AXES) - 1);
+        self.ticks = 0;
+        self.turns = 0;
+        self.is_open = false;
+        self.is_boundary = false;
+        self.is_rest = false;
+        self.next_event = output;
     }
 
     /// Drops the steps that the segment has not come to, after a fault: the position is where the
@@ -152,16 +185,19 @@ impl Generator {
         counts.announce(&SegmentInfo {
             start_ticks: self.clock_ticks,
             steps: begin,
+            first_event: self.next_event,
             directions,
             is_rest: false,
             feed_mm_min: segment.feed_mm_min,
             line: segment.line,
+            duty: segment.power.duty,
+            spindle_rpm: segment.power.rpm,
         });
         self.clock_ticks = self.clock_ticks.wrapping_add(segment.ticks);
     }
 
     /// Begins the standstill after the last segment: ends all pulses and lets the queue run empty.
-    pub fn rest(&mut self, counts: &StepCounts) {
+    pub fn rest(&mut self, power: Power, counts: &StepCounts) {
         // wcet-bound: 6
         for axis in &mut self.axes {
             *axis = NO_STEPS;
@@ -171,10 +207,13 @@ impl Generator {
         counts.announce(&SegmentInfo {
             start_ticks: self.clock_ticks,
             steps: self.steps(),
+            first_event: self.next_event,
             directions: self.directions,
             is_rest: true,
             feed_mm_min: 0.0,
             line: 0,
+            duty: power.duty,
+            spindle_rpm: power.rpm,
         });
         self.clock_ticks = self.clock_ticks.wrapping_add(EVENT_SPACING_TICKS);
     }
@@ -211,6 +250,7 @@ impl Generator {
         if closes {
             self.close(&mut events);
         }
+        self.next_event = events.number();
         closes
     }
 

@@ -294,11 +294,18 @@ fn a_cancelled_jog_ends_where_the_machine_stands() {
     let mut bench = Bench::new();
     bench.withholds = true;
     assert_eq!(bench.ask("$J=X10F100"), ["ok"]);
+    bench.machine.state = State::Jog;
+    bench.machine.is_at_rest = false;
+    bench.machine.cuts += 1;
+    // While the machine slows down no line is begun.
+    assert!(bench.ask("G91X1").is_empty());
     bench.entries.dequeue();
     bench.machine.finished = bench.session.entered();
     bench.machine.steps.0[0] = 1000;
+    bench.machine.state = State::Idle;
+    bench.machine.is_at_rest = true;
     bench.withholds = false;
-    assert_eq!(bench.ask("G91X1"), ["ok"]);
+    assert_eq!(bench.serve(), ["ok"]);
     assert_eq!(bench.session.interpreter().position()[0].0, 5_000_000);
 }
 
