@@ -30,6 +30,7 @@ mod app {
             Progress, Session,
             realtime::{self, Release, Requests},
         },
+        settings::{Journal, Loaded},
         sim::{ENTRY_RING, RECEIVED_RING, SENT_RING},
         stepper::{EventReader, EventRing, EventWriter, StepCounts, Stepper},
     };
@@ -61,6 +62,7 @@ mod app {
     struct Local {
         output: board::StepOutput,
         port: board::SerialPort,
+        journal: Journal<board::Flash>,
         motion: &'static mut Motion,
         received_in: Producer<'static, u8>,
         sent_out: Consumer<'static, u8>,
@@ -79,10 +81,13 @@ mod app {
     ])]
     fn init(cx: init::Context) -> (Shared, Local) {
         let board = board::init(cx.device, cx.core);
-        let settings = board.loaded.stored.settings;
+        let Loaded {
+            stored,
+            is_first_boot,
+        } = board.loaded;
         let motion = cx.local.motion_memory;
         let inputs = Inputs::new();
-        motion.power_up(&settings, &inputs);
+        motion.power_up(&stored.settings, &inputs);
         let (received_in, received_out) = cx.local.received.split();
         let (sent_in, sent_out) = cx.local.sent.split();
         let (entries_in, entries_out) = cx.local.entries.split();
@@ -91,7 +96,7 @@ mod app {
         report::spawn().expect("it has not been spawned before");
         let shared = Shared {
             snapshot: *motion.snapshot(),
-            dialogue: (Session::new(settings), received_out, sent_in),
+            dialogue: (Session::new(&stored, is_first_boot), received_out, sent_in),
             interpret_waker: None,
             report_waker: None,
             requests: Requests::new(),
@@ -101,6 +106,7 @@ mod app {
         let local = Local {
             output: board.output,
             port: board.serial,
+            journal: board.journal,
             motion,
             received_in,
             sent_out,
@@ -208,24 +214,31 @@ mod app {
 
     /// Executes received lines.
     #[task(
-        priority = 1, local = [entries_in],
+        priority = 1, local = [entries_in, journal],
         shared = [snapshot, dialogue, interpret_waker, &requests]
     )]
     async fn interpret(mut cx: interpret::Context) -> ! {
         let (requests, entries) = (cx.shared.requests, cx.local.entries_in);
+        let journal = cx.local.journal;
         loop {
             let snapshot = cx.shared.snapshot.lock(|snapshot| *snapshot);
             let progress = cx.shared.dialogue.lock(|(session, received, sent)| {
                 let entered = session.entered();
                 let progress = session.run(&snapshot, requests, received, sent, entries);
                 // The length of the queue would not do: `prepare` may take entries meanwhile.
-                if session.entered() != entered {
+                if session.takes_release() | (session.entered() != entered) {
                     rtic::pend(PREPARE);
                 }
-                // Settings change at rest only, and nothing moves before the session goes on.
+                // At rest only, as with settings that change; nothing moves before the session
+                // goes on.
+                let stored = session.wants_store().map(|change| {
+                    let result = journal.write(change, session.stored());
+                    session.has_stored(result);
+                    Progress::Again
+                });
                 step_output::follow(session.settings());
                 serial::start(sent);
-                progress
+                stored.unwrap_or(progress)
             });
             if progress == Progress::Waiting {
                 released(&mut cx.shared.interpret_waker).await;

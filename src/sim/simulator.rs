@@ -10,7 +10,7 @@ use crate::{
         Progress, Session,
         realtime::{self, Release, Requests},
     },
-    settings::{Change, Journal, Loaded, Settings, Stored},
+    settings::{Change, Journal, Settings, Stored},
     stepper::StepCounts,
 };
 
@@ -62,10 +62,10 @@ impl Simulator {
     pub fn power_up(mut flash: Flash) -> Self {
         flash.power_up();
         let mut journal = Journal::new(flash);
-        let Loaded { stored, .. } = journal.load().unwrap_or_default();
+        let loaded = journal.load().unwrap_or_default();
         Self {
-            drive: Drive::new(&stored.settings),
-            session: Session::new(stored.settings),
+            drive: Drive::new(&loaded.stored.settings),
+            session: Session::new(&loaded.stored, loaded.is_first_boot),
             journal,
             requests: Requests::new(),
             received: Queue::new(),
@@ -213,9 +213,24 @@ impl Simulator {
             &mut entries,
         );
         self.is_interpret_released = progress == Progress::Again;
-        if self.drive.entries.len() != waiting {
+        if let Some(change) = self.session.wants_store() {
+            self.store(change);
+        }
+        if self.session.takes_release() | (self.drive.entries.len() != waiting) {
             self.drive.release_prepare();
         }
+    }
+
+    /// Stores what the session wants stored.
+    ///
+    /// # Panics
+    /// If anything moves: the chip could not output steps meanwhile.
+    fn store(&mut self, change: Change) {
+        let is_at_rest = self.drive.due().is_none() && self.drive.snapshot().is_at_rest;
+        assert!(is_at_rest, "the flash is written at rest only");
+        let result = self.journal.write(change, self.session.stored());
+        self.session.has_stored(result);
+        self.is_interpret_released = true;
     }
 
     fn report(&mut self) {
