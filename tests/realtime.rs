@@ -690,6 +690,24 @@ fn a_reset_in_any_motion_is_an_alarm_and_at_rest_it_is_none() {
     }
 }
 
+#[test]
+fn a_reset_switches_everything_off_at_once() {
+    let mut rig = Rig::new(&laser());
+    send(&mut rig, Work::Spindle(Spindle::Clockwise, 500.0));
+    rig.receive(0xa0);
+    burn(&mut rig, &line(&[30.0], 1000.0), Laser::Constant(500.0));
+    rig.run_to(300 * MS);
+    rig.receive(RESET);
+    assert_eq!(rig.drive.outputs().spindle, Spindle::Off);
+    assert_eq!(rig.drive.outputs().coolant, Coolant::OFF);
+    rig.run_to(302 * MS);
+    assert_eq!(rig.drive.outputs().duty, 0);
+    rig.run_to_rest();
+    assert_eq!(state(&rig), State::Alarm);
+    rig.run_to(rig.now + 26 * MS);
+    assert_eq!(*rig.drive.outputs(), Outputs::default());
+}
+
 fn commands(jogs: bool) -> impl Strategy<Value = Vec<Command>> {
     let coordinate = prop_oneof![
         4 => -3_000_000..3_000_000_i64,

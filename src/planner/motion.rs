@@ -156,7 +156,8 @@ impl Motion {
 
     /// What is to be switched; the shell applies it after each run, before it starts the timer.
     ///
-    /// While the step timer runs, the duty is that of the segments instead.
+    /// While the step timer runs, the duty is that of the segments instead: the shell leaves the
+    /// PWM to the step interrupt.
     #[must_use]
     pub const fn outputs(&self) -> &Outputs {
         &self.outputs
@@ -228,7 +229,9 @@ impl Motion {
             && !self.is_dwelling
             && self.control.ending == Ending::None;
         let at_rest = self.accessories.power_at_rest();
-        let power = if counts.is_running() {
+        let is_off = self.accessories.is_spindle_off();
+        counts.mute(is_off);
+        let power = if counts.is_running() && !is_off {
             Power {
                 rpm: counts.spindle_rpm(),
                 duty: counts.duty(),

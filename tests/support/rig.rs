@@ -149,23 +149,21 @@ impl Rig {
 
     /// Runs to a time, with nothing from outside.
     pub(crate) fn run_to(&mut self, time: u64) {
-        loop {
-            self.prepare();
-            let dues = [self.drive.due(), self.drive.wake_due()];
-            match dues.into_iter().flatten().min().filter(|due| *due <= time) {
-                Some(due) => {
-                    self.now = self.now.max(due);
-                    if self.drive.due().is_some_and(|due| due <= self.now) {
-                        self.step();
-                    }
-                    self.wake();
-                }
-                None => {
-                    self.now = time;
-                    return;
-                }
+        self.prepare();
+        while let Some(due) = self.next_due().filter(|due| *due <= time) {
+            self.now = self.now.max(due);
+            if self.drive.due().is_some_and(|due| due <= self.now) {
+                self.step();
             }
+            self.wake();
+            self.prepare();
         }
+        self.now = time;
+    }
+
+    fn next_due(&self) -> Option<u64> {
+        let dues = [self.drive.due(), self.drive.wake_due()];
+        dues.into_iter().flatten().min()
     }
 
     /// Runs until the machine is at rest, or waits for cycle start.
