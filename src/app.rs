@@ -92,7 +92,7 @@ mod app {
         report::spawn().expect("it has not been spawned before");
         let shared = Shared {
             snapshot: *motion.snapshot(),
-            dialogue: (Session::new(settings), received_out, sent_in),
+            dialogue: (Session::with_settings(settings), received_out, sent_in),
             interpret_waker: None,
             report_waker: None,
             requests: Requests::new(),
@@ -220,9 +220,15 @@ mod app {
                 let entered = session.entered();
                 let progress = session.run(&snapshot, requests, received, sent, entries);
                 // The length of the queue would not do: `prepare` may take entries meanwhile.
-                if session.entered() != entered {
+                if session.takes_release() | (session.entered() != entered) {
                     rtic::pend(PREPARE);
                 }
+                let progress = if session.wants_store().is_some() {
+                    session.has_stored(Ok(()));
+                    Progress::Again
+                } else {
+                    progress
+                };
                 // Settings change at rest only, and nothing moves before the session goes on.
                 step_output::follow(session.settings());
                 serial::start(sent);
