@@ -30,7 +30,6 @@ mod app {
             Progress, Session,
             realtime::{self, Release, Requests},
         },
-        settings::Settings,
         sim::{ENTRY_RING, RECEIVED_RING, SENT_RING},
         stepper::{EventReader, EventRing, EventWriter, StepCounts, Stepper},
     };
@@ -79,8 +78,8 @@ mod app {
         events: EventRing = EventRing::new(),
     ])]
     fn init(cx: init::Context) -> (Shared, Local) {
-        let settings = Settings::default();
-        let board = board::init(cx.device, cx.core, &settings);
+        let board = board::init(cx.device, cx.core);
+        let settings = board.loaded.stored.settings;
         let motion = cx.local.motion_memory;
         let inputs = Inputs::new();
         motion.power_up(&settings, &inputs);

@@ -19,6 +19,7 @@ use nucleo_f446re as chosen;
 #[cfg(feature = "board-nucleo-f446re")]
 pub(crate) use nucleo_f446re::init;
 
+mod flash;
 mod panic;
 mod pins;
 pub(crate) mod release;
@@ -26,10 +27,12 @@ pub(crate) mod serial;
 pub(crate) mod step_output;
 mod step_timer;
 
+pub(crate) use flash::Flash;
 pub(crate) use serial::SerialPort;
 pub(crate) use step_output::StepOutput;
 pub(crate) use stm32f4xx_hal::pac;
 
+use leadscrew::settings::{Journal, Loaded};
 use stm32f4xx_hal::rcc::{Config, Rcc, RccExt};
 
 /// The peripherals the tasks drive.
@@ -38,6 +41,10 @@ pub(crate) struct Board {
     pub(crate) output: StepOutput,
     /// Link to the sender.
     pub(crate) serial: SerialPort,
+    /// Where everything is stored.
+    pub(crate) journal: Journal<Flash>,
+    /// What was stored when the power came.
+    pub(crate) loaded: Loaded,
 }
 
 /// Runs the core at the clock that `config` asks for, and flash without prefetch.

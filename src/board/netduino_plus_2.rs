@@ -13,7 +13,6 @@
 //! SDA and SCL. A fifth and a sixth axis take the shield's limit inputs.
 
 use cortex_m::Peripherals as Core;
-use leadscrew::settings::Settings;
 use stm32f4xx_hal::{
     prelude::*,
     rcc::{Config, Enable},
@@ -21,7 +20,7 @@ use stm32f4xx_hal::{
 };
 
 use super::{
-    Board, SerialPort, StepOutput, emulation, pac,
+    Board, Flash, SerialPort, StepOutput, emulation, pac,
     pins::{self, Pin, Wiring},
     step_timer::StepTimer,
 };
@@ -54,13 +53,13 @@ pub(super) static WIRING: Wiring = Wiring {
     enable: Pin::A(0),
 };
 
-/// Sets up clocks and pins: 168 MHz from the 25 MHz crystal.
+/// Sets up clocks and pins, and reads what is stored: 168 MHz from the 25 MHz crystal.
 ///
 /// # Panics
 ///
 /// If the baud rate cannot be made from the clocks.
 #[must_use]
-pub(crate) fn init(device: pac::Peripherals, mut core: Core, settings: &Settings) -> Board {
+pub(crate) fn init(device: pac::Peripherals, mut core: Core) -> Board {
     super::panic::init();
     // The emulator's PLL would never report ready.
     let is_emulated = emulation::detect(&device.RCC);
@@ -80,9 +79,12 @@ pub(crate) fn init(device: pac::Peripherals, mut core: Core, settings: &Settings
     let serial = serial::Serial::<_, u8>::new(device.USART1, pins, config, &mut rcc)
         .expect("115200 baud divides the APB2 clock");
     let (usart, _) = serial.release();
-    pins::init(settings);
+    let (journal, loaded) = Flash::new(device.FLASH, is_emulated).load();
+    pins::init(&loaded.stored.settings);
     Board {
         output: StepOutput::new(StepTimer::new(device.TIM2, prescaler)),
         serial: SerialPort::new(usart),
+        journal,
+        loaded,
     }
 }

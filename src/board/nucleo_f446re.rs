@@ -13,7 +13,6 @@
 //! serial port of the ST-LINK. The last axis is on the Morpho header.
 
 use cortex_m::Peripherals as Core;
-use leadscrew::settings::Settings;
 use stm32f4xx_hal::{
     prelude::*,
     rcc::{Config, Enable},
@@ -21,7 +20,7 @@ use stm32f4xx_hal::{
 };
 
 use super::{
-    Board, SerialPort, StepOutput, pac,
+    Board, Flash, SerialPort, StepOutput, pac,
     pins::{self, Pin, Wiring},
     step_timer::StepTimer,
 };
@@ -72,13 +71,13 @@ extern "C" fn USART2() {
     unsafe { USART1() }
 }
 
-/// Sets up clocks and pins: 168 MHz from the ST-LINK's 8 MHz.
+/// Sets up clocks and pins, and reads what is stored: 168 MHz from the ST-LINK's 8 MHz.
 ///
 /// # Panics
 ///
 /// If the baud rate cannot be made from the clocks.
 #[must_use]
-pub(crate) fn init(device: pac::Peripherals, mut core: Core, settings: &Settings) -> Board {
+pub(crate) fn init(device: pac::Peripherals, mut core: Core) -> Board {
     super::panic::init();
     let config = Config::hse(8.MHz())
         .bypass_hse_oscillator()
@@ -94,10 +93,13 @@ pub(crate) fn init(device: pac::Peripherals, mut core: Core, settings: &Settings
         .expect("115200 baud divides the APB1 clock");
     let (usart, _) = serial.release();
     release_usart2(&mut core.NVIC);
-    pins::init(settings);
+    let (journal, loaded) = Flash::new(device.FLASH, false).load();
+    pins::init(&loaded.stored.settings);
     Board {
         output: StepOutput::new(StepTimer::new(device.TIM2, 0)),
         serial: SerialPort::new(usart),
+        journal,
+        loaded,
     }
 }
 
