@@ -4,14 +4,16 @@
 //! |-------------|-------------------|----------|------------------------------------------|
 //! | `step`      | hardware, TIM2    | 4        | the step timer                           |
 //! | `serial_rx` | hardware, USART   | 3        | a byte in, a byte out, something to send |
-//! | `prepare`   | pended, I2C3\_EV  | 2        | `step`, `serial_rx`, `interpret`         |
+//! | `inputs`    | hardware, TIM7    | 3        | an edge on an input pin, its timer       |
+//! | `prepare`   | pended, TIM6      | 2        | all others, its timer                    |
 //! | `wake`      | pended, I2C3\_ER  | 1        | `serial_rx`, `prepare`                   |
 //! | `interpret` | async, dispatcher | 1        | `wake`                                   |
 //! | `report`    | async, dispatcher | 1        | `wake`                                   |
 //! | `idle`      |                   | 0        |                                          |
 //!
-//! Pended tasks borrow the vectors of a peripheral that the machine does not use: pending a vector
-//! while its task runs makes the task run again, so no release is ever lost. Tasks above priority 1
+//! Pended tasks borrow the vector of a peripheral that the machine does not use, or of a timer that
+//! also releases them: pending a vector while its task runs makes the task run again, so no release
+//! is ever lost. Tasks above priority 1
 //! never touch a waker, which is a pointer to a function; they pend `wake`, which does.
 //!
 //! Tasks only move values between queues, peripherals and the state machines of the library. What
@@ -26,10 +28,7 @@ mod app {
     use leadscrew::{
         machine::{Inputs, Snapshot},
         planner::{Entry, Motion},
-        protocol::{
-            Progress, Session,
-            realtime::{self, Release, Requests},
-        },
+        protocol::{Progress, Session, realtime::Requests},
         settings::Settings,
         sim::{ENTRY_RING, RECEIVED_RING, SENT_RING},
         stepper::{EventReader, EventRing, EventWriter, StepCounts, Stepper},
@@ -37,12 +36,9 @@ mod app {
 
     use crate::board::{
         self,
-        release::{PREPARE, WAKE, released},
+        release::{PREPARE, released},
         serial, step_output,
     };
-
-    /// Bytes left to send when a task that waits for room is woken, besides none.
-    const SENT_HALF: usize = SENT_RING / 2;
 
     #[shared]
     struct Shared {
@@ -62,6 +58,8 @@ mod app {
     struct Local {
         output: board::StepOutput,
         port: board::SerialPort,
+        pins: board::InputPins,
+        after: board::AfterPrepare,
         motion: &'static mut Motion,
         received_in: Producer<'static, u8>,
         sent_out: Consumer<'static, u8>,
@@ -89,18 +87,22 @@ mod app {
         let (events_in, events_out) = cx.local.events.split();
         interpret::spawn().expect("it has not been spawned before");
         report::spawn().expect("it has not been spawned before");
+        let inputs = Inputs::new();
+        let pins = board.inputs.watch(events_in.tap(), &inputs);
         let shared = Shared {
             snapshot: *motion.snapshot(),
             dialogue: (Session::new(settings), received_out, sent_in),
             interpret_waker: None,
             report_waker: None,
             requests: Requests::new(),
-            inputs: Inputs::new(),
+            inputs,
             counts: StepCounts::new(),
         };
         let local = Local {
             output: board.output,
             port: board.serial,
+            pins,
+            after: board.after,
             motion,
             received_in,
             sent_out,
@@ -145,36 +147,30 @@ mod app {
         binds = USART1, priority = 3, local = [port, received_in, sent_out], shared = [&requests]
     )]
     fn serial_rx(cx: serial_rx::Context) {
-        let port = cx.local.port;
-        if let Some(byte) = port.receive() {
-            match realtime::receive(byte, cx.shared.requests, cx.local.received_in) {
-                Release::Nobody => {}
-                Release::Interpret | Release::Report => rtic::pend(WAKE),
-                Release::Prepare => rtic::pend(PREPARE),
-            }
-            // One byte in or one out: what is to be sent may have been pended by the same vector.
-            if cx.local.sent_out.ready() {
-                serial::again();
-            }
-        } else if port.can_send() {
-            let byte = cx.local.sent_out.dequeue();
-            port.send(byte);
-            if byte.is_some() && matches!(cx.local.sent_out.len(), 0 | SENT_HALF) {
-                rtic::pend(WAKE);
-            }
-        }
+        let (received, sent) = (cx.local.received_in, cx.local.sent_out);
+        cx.local.port.serve(cx.shared.requests, received, sent);
+    }
+
+    /// Filters switches, probe and buttons.
+    ///
+    /// Deadline: one step time while probing. A miss tells a position that is as much too late.
+    #[task(binds = TIM7, priority = 3, local = [pins], shared = [&requests, &inputs, &counts])]
+    fn inputs(cx: inputs::Context) {
+        let (requests, inputs) = (cx.shared.requests, cx.shared.inputs);
+        cx.local.pins.serve(requests, inputs, cx.shared.counts);
     }
 
     /// Keeps the event queue filled.
     ///
     /// Deadline: before the events in the queue have been played. A miss is a fault: alarm.
     #[task(
-        binds = I2C3_EV, priority = 2, local = [motion, entries_out, events_in],
+        binds = TIM6_DAC, priority = 2, local = [motion, entries_out, events_in, after],
         shared = [snapshot, &requests, &inputs, &counts]
     )]
     fn prepare(mut cx: prepare::Context) {
         let (motion, entries) = (cx.local.motion, cx.local.entries_out);
         let (events, counts) = (cx.local.events_in, cx.shared.counts);
+        cx.local.after.begin();
         let prepared = motion.run(
             cx.shared.requests,
             cx.shared.inputs,
@@ -182,15 +178,7 @@ mod app {
             entries,
             events,
         );
-        if prepared.start {
-            step_output::start();
-        }
-        if prepared.again {
-            rtic::pend(PREPARE);
-        }
-        if prepared.news {
-            rtic::pend(WAKE);
-        }
+        cx.local.after.follow(prepared, motion.outputs(), counts);
         cx.shared
             .snapshot
             .lock(|snapshot| *snapshot = *motion.snapshot());
