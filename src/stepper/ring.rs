@@ -170,7 +170,7 @@ impl EventTap<'_> {
     /// While the step interrupt runs, the event taken last is only set up.
     #[inline]
     #[must_use]
-    pub fn output(&self, counts: &StepCounts) -> u32 {
+    pub fn output(self, counts: &StepCounts) -> u32 {
         // In this order: an interrupt in between that stops has only output what it had set up.
         let set_up = u32::from(counts.is_running());
         compiler_fence(SeqCst);
@@ -182,7 +182,7 @@ impl EventTap<'_> {
     ///
     /// The step interrupt looks for this only where segments begin, to pay nothing for it
     /// elsewhere; so the events that wait are made to look like that.
-    pub fn cut(&self, counts: &StepCounts) {
+    pub fn cut(self, counts: &StepCounts) {
         counts.ask_cut();
         compiler_fence(SeqCst);
         // It may take events meanwhile.
@@ -201,7 +201,7 @@ impl EventTap<'_> {
     }
 
     /// Makes an event that waits look like the first of a segment.
-    fn mark(&self, number: u32) {
+    fn mark(self, number: u32) {
         let waiting = self.ring.written.load(Relaxed).wrapping_sub(number);
         // What is not published yet, `prepare` may be changing.
         if waiting != 0 && waiting <= EVENT_RING as u32 {
