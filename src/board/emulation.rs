@@ -97,7 +97,9 @@ pub(super) fn sample_every(ticks: u32) {
 
 /// Whether `inputs` was released to take a sample.
 pub(super) fn is_sample() -> bool {
-    IS_SAMPLE.swap(false, Relaxed)
+    let is_sample = IS_SAMPLE.load(Relaxed);
+    IS_SAMPLE.store(false, Relaxed);
+    is_sample
 }
 
 #[cortex_m_rt::exception]
