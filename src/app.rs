@@ -80,7 +80,8 @@ mod app {
         let settings = Settings::default();
         let board = board::init(cx.device, cx.core, &settings);
         let motion = cx.local.motion_memory;
-        motion.power_up(&settings);
+        let inputs = Inputs::new();
+        motion.power_up(&settings, &inputs);
         let (received_in, received_out) = cx.local.received.split();
         let (sent_in, sent_out) = cx.local.sent.split();
         let (entries_in, entries_out) = cx.local.entries.split();
