@@ -80,8 +80,6 @@ mod app {
         let settings = Settings::default();
         let board = board::init(cx.device, cx.core, &settings);
         let motion = cx.local.motion_memory;
-        let inputs = Inputs::new();
-        motion.power_up(&settings, &inputs);
         let (received_in, received_out) = cx.local.received.split();
         let (sent_in, sent_out) = cx.local.sent.split();
         let (entries_in, entries_out) = cx.local.entries.split();
@@ -90,6 +88,7 @@ mod app {
         report::spawn().expect("it has not been spawned before");
         let inputs = Inputs::new();
         let pins = board.inputs.watch(events_in.tap(), &inputs);
+        motion.power_up(&settings, &inputs);
         let shared = Shared {
             snapshot: *motion.snapshot(),
             dialogue: (Session::new(settings), received_out, sent_in),
@@ -171,7 +170,7 @@ mod app {
     fn prepare(mut cx: prepare::Context) {
         let (motion, entries) = (cx.local.motion, cx.local.entries_out);
         let (events, counts) = (cx.local.events_in, cx.shared.counts);
-        cx.local.after.begin();
+        cx.local.after.begin(cx.shared.requests);
         let prepared = motion.run(
             cx.shared.requests,
             cx.shared.inputs,

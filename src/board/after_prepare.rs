@@ -1,12 +1,14 @@
 //! What a run of `prepare` asks for: outputs, the step timer, other tasks, another run.
 
-use leadscrew::{machine::Outputs, planner::Prepared, stepper::StepCounts};
+use leadscrew::{
+    machine::Outputs, planner::Prepared, protocol::realtime::Requests, stepper::StepCounts,
+};
 
 use super::{
     outputs::SwitchOutputs,
     pac,
     release::{PREPARE, WAKE},
-    step_output,
+    step_timer,
     wake::WakeTimer,
 };
 
@@ -17,25 +19,32 @@ pub(crate) struct AfterPrepare {
 }
 
 impl AfterPrepare {
-    /// Sets up the outputs and the timer. The clocks of both must run.
+    /// Sets up the outputs and the timer, and releases `prepare` for what is to be switched at
+    /// power-up. The clocks of both must run.
     pub(super) fn new(timer: pac::TIM6) -> Self {
+        rtic::pend(PREPARE);
         Self {
             switches: SwitchOutputs::new(),
             timer: WakeTimer::new(timer),
         }
     }
 
-    /// Before a run: the timer that may have released it has done so.
+    /// Before a run: tells it whether the time is over that it asked for.
     #[inline]
-    pub(crate) fn begin(&mut self) {
-        self.timer.acknowledge();
+    pub(crate) fn begin(&mut self, requests: &Requests) {
+        if self.timer.take_end() {
+            requests.wake();
+        }
     }
 
     /// After a run. The drivers are switched on before the first step.
     pub(crate) fn follow(&mut self, prepared: Prepared, outputs: &Outputs, counts: &StepCounts) {
         self.switches.apply(outputs, counts);
         if prepared.start {
-            step_output::start();
+            step_timer::start();
+        }
+        if let Some(milliseconds) = prepared.wake_in_ms {
+            self.timer.set(milliseconds);
         }
         if prepared.again {
             rtic::pend(PREPARE);

@@ -39,8 +39,9 @@ static IS_EMULATED: AtomicBool = AtomicBool::new(false);
 /// A host that is busy may let many runs fall due while a task gets nowhere; then time must wait.
 static RUNS_LEFT: AtomicU32 = AtomicU32::new(0);
 
-/// Milliseconds until `prepare` is released; 0: it is not.
+/// Milliseconds until `prepare` is released, or 0, and whether that time is over.
 static WAKE_MS: AtomicU32 = AtomicU32::new(0);
+static IS_WAKE: AtomicBool = AtomicBool::new(false);
 
 /// Ticks between two samples of the contacts, when the next is due on the step timer's clock, and
 /// whether it has been. 0 ticks: no samples.
@@ -85,8 +86,16 @@ pub(super) fn idle() {
 }
 
 /// Releases `prepare` after some milliseconds.
-pub(super) fn wake_in(milliseconds: u32) {
-    WAKE_MS.store(milliseconds, Relaxed);
+pub(super) fn wake_in(milliseconds: u16) {
+    IS_WAKE.store(false, Relaxed);
+    WAKE_MS.store(milliseconds.into(), Relaxed);
+}
+
+/// Whether the time of `prepare` is over: true once.
+pub(super) fn take_wake() -> bool {
+    let is_over = IS_WAKE.load(Relaxed);
+    IS_WAKE.store(false, Relaxed);
+    is_over
 }
 
 /// Sets the time between two samples of the contacts; 0: no samples.
@@ -137,6 +146,7 @@ fn count_millisecond() {
     if left != 0 {
         WAKE_MS.store(left - 1, Relaxed);
         if left == 1 {
+            IS_WAKE.store(true, Relaxed);
             NVIC::pend(PREPARE);
         }
     }

@@ -19,6 +19,9 @@ const SLOW_US: u16 = 1000;
 /// Time between two samples, µs.
 const SAMPLE_US: u16 = (SAMPLE_TICKS / TICKS_PER_US) as u16;
 
+/// Time for the pull-ups, 30 to 50 kΩ, to raise the cables of open contacts: 100 µs.
+const RISE_CYCLES: u32 = 16_800;
+
 /// Priority 3 as the NVIC has it: that of `inputs`, whose timer RTIC knows.
 const PRIORITY: u8 = (16 - 3) << 4;
 
@@ -56,6 +59,7 @@ impl InputTimer {
         for (_, pin) in chosen::WIRING.inputs {
             pin.make_input();
         }
+        cortex_m::asm::delay(RISE_CYCLES);
         choose_ports(syscfg);
         // SAFETY: the bits of lines that exist.
         unsafe {

@@ -24,7 +24,12 @@ pub(super) const fn is_sample() -> bool {
 pub(super) const fn sample_every(_ticks: u32) {}
 
 /// Sets the timer of `prepare`.
-pub(super) const fn wake_in(_milliseconds: u32) {}
+pub(super) const fn wake_in(_milliseconds: u16) {}
+
+/// Whether the time of `prepare` is over.
+pub(super) const fn take_wake() -> bool {
+    false
+}
 
 /// Keeps a record of what is switched.
 pub(super) const fn switched(_outputs: &Outputs) {}

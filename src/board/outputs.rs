@@ -43,6 +43,9 @@ impl SwitchOutputs {
             set_duty(outputs.duty);
         }
         if *outputs != self.0 {
+            if outputs.drivers != self.0.drivers {
+                pins::enable(outputs.drivers);
+            }
             self.0 = *outputs;
             switch(outputs);
             emulation::switched(outputs);

@@ -2,10 +2,10 @@
 
 use super::{emulation, pac};
 
-/// Counts of the timer in a millisecond. A power of two would not divide 84 MHz.
-const COUNTS_PER_MS: u32 = 2;
-/// Longest time, ms: who waits longer asks again.
-const LONGEST_MS: u32 = u16::MAX as u32 / COUNTS_PER_MS;
+/// Counts of the timer in a millisecond: its prescaler has 16 bits.
+const COUNTS_PER_MS: u16 = 2;
+/// Longest time, ms.
+const LONGEST_MS: u16 = u16::MAX / COUNTS_PER_MS;
 
 /// The timer, owned by `prepare`.
 pub(crate) struct WakeTimer(pac::TIM6);
@@ -20,19 +20,27 @@ impl WakeTimer {
         Self(timer)
     }
 
-    /// Ends the interrupt now being served.
+    /// Whether the time is over: true once. Ends the interrupt.
     #[inline]
-    pub(crate) fn acknowledge(&mut self) {
-        self.0.sr().write(|w| w.uif().clear_bit());
+    pub(crate) fn take_end(&mut self) -> bool {
+        if emulation::is_emulated() {
+            return emulation::take_wake();
+        }
+        let is_over = self.0.sr().read().uif().bit_is_set();
+        if is_over {
+            self.0.sr().write(|w| w.uif().clear_bit());
+        }
+        is_over
     }
 
     /// Releases the task after so many milliseconds, at least 1, instead of any earlier wish.
-    pub(crate) fn set(&mut self, milliseconds: u32) {
-        let milliseconds = milliseconds.clamp(1, LONGEST_MS);
-        let counts = milliseconds * COUNTS_PER_MS;
+    pub(crate) fn set(&mut self, milliseconds: u16) {
+        let counts = milliseconds.clamp(1, LONGEST_MS) * COUNTS_PER_MS;
         self.0.cr1().write(|w| w.urs().set_bit());
-        self.0.arr().write(|w| w.arr().set(counts as u16));
+        self.0.arr().write(|w| w.arr().set(counts));
         self.0.egr().write(|w| w.ug().set_bit());
+        // The earlier wish may have come true just now.
+        self.0.sr().write(|w| w.uif().clear_bit());
         self.0
             .cr1()
             .write(|w| w.urs().set_bit().opm().set_bit().cen().set_bit());
