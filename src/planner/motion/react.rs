@@ -32,6 +32,10 @@ impl Motion {
     }
 
     pub(super) fn open_door(&mut self) {
+        if self.control.state == State::Home {
+            self.alarm(Alarm::HomingDoor);
+            return;
+        }
         if self.control.heeds_door() {
             self.notices.push(Notice::CheckDoor);
         }
@@ -190,6 +194,9 @@ impl Motion {
         self.drop_wait();
         self.accessories.switch_off();
         self.end_overrides();
+        if self.control.state == State::Home {
+            self.alarm(Alarm::HomingReset);
+        }
         self.on(Event::Reset);
         if self.control.state == State::Idle {
             if self.is_on_limit() {
