@@ -156,7 +156,7 @@ fn bad_input_gets_one_error_a_line_and_moves_nothing() {
         let length = next() % 100;
         // `Q` makes it an error whatever else it says; realtime bytes would not be part of it.
         let bytes = (0..length).map(|_| next() as u8);
-        let plain = bytes.filter(|byte| !b"?!~\x18\r\n;()".contains(byte));
+        let plain = bytes.filter(|byte| !b"?!~\x18\x84\r\n;()".contains(byte));
         lines.push([b"Q".to_vec(), plain.collect()].concat());
     }
     for line in lines {
