@@ -29,7 +29,6 @@ mod app {
         machine::{Inputs, Snapshot},
         planner::{Entry, Motion},
         protocol::{Progress, Session, realtime::Requests},
-        settings::Settings,
         sim::{ENTRY_RING, RECEIVED_RING, SENT_RING},
         stepper::{EventReader, EventRing, EventWriter, StepCounts, Stepper},
     };
@@ -63,6 +62,7 @@ mod app {
         motion: &'static mut Motion,
         received_in: Producer<'static, u8>,
         sent_out: Consumer<'static, u8>,
+        storage: board::Storage,
         entries_in: Producer<'static, Entry>,
         entries_out: Consumer<'static, Entry>,
         events_in: EventWriter<'static>,
@@ -77,8 +77,7 @@ mod app {
         events: EventRing = EventRing::new(),
     ])]
     fn init(cx: init::Context) -> (Shared, Local) {
-        let settings = Settings::default();
-        let board = board::init(cx.device, cx.core, &settings);
+        let board = board::init(cx.device, cx.core);
         let motion = cx.local.motion_memory;
         let (received_in, received_out) = cx.local.received.split();
         let (sent_in, sent_out) = cx.local.sent.split();
@@ -88,10 +87,11 @@ mod app {
         report::spawn().expect("it has not been spawned before");
         let inputs = Inputs::new();
         let pins = board.inputs.watch(events_in.tap(), &inputs);
-        motion.power_up(&settings, &inputs);
+        motion.power_up(&board.loaded.stored.settings, &inputs);
+        let session = Session::new(&board.loaded.stored, board.loaded.is_first_boot);
         let shared = Shared {
             snapshot: *motion.snapshot(),
-            dialogue: (Session::new(settings), received_out, sent_in),
+            dialogue: (session, received_out, sent_in),
             interpret_waker: None,
             report_waker: None,
             requests: Requests::new(),
@@ -106,6 +106,7 @@ mod app {
             motion,
             received_in,
             sent_out,
+            storage: board.storage,
             entries_in,
             entries_out,
             events_in,
@@ -196,20 +197,22 @@ mod app {
 
     /// Executes received lines.
     #[task(
-        priority = 1, local = [entries_in],
+        priority = 1, local = [entries_in, storage],
         shared = [snapshot, dialogue, interpret_waker, &requests]
     )]
     async fn interpret(mut cx: interpret::Context) -> ! {
         let (requests, entries) = (cx.shared.requests, cx.local.entries_in);
+        let storage = cx.local.storage;
         loop {
             let snapshot = cx.shared.snapshot.lock(|snapshot| *snapshot);
             let progress = cx.shared.dialogue.lock(|(session, received, sent)| {
                 let entered = session.entered();
                 let progress = session.run(&snapshot, requests, received, sent, entries);
                 // The length of the queue would not do: `prepare` may take entries meanwhile.
-                if session.entered() != entered {
+                if session.takes_release() | (session.entered() != entered) {
                     rtic::pend(PREPARE);
                 }
+                let progress = storage.serve(session).unwrap_or(progress);
                 // Settings change at rest only, and nothing moves before the session goes on.
                 step_output::follow(session.settings());
                 serial::start(sent);

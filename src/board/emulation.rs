@@ -22,8 +22,10 @@ use super::{
     step_timer,
 };
 
+mod flash;
 mod memory;
 
+pub(super) use flash::{erase_flash, read_flash, write_flash};
 pub(super) use memory::{contacts, switched};
 
 /// Lets the emulated counter all but stand still between the handler's settings of it.

@@ -23,6 +23,7 @@ use nucleo_f446re as chosen;
 pub(crate) use nucleo_f446re::init;
 
 mod after_prepare;
+mod flash;
 mod inputs;
 mod outputs;
 mod panic;
@@ -31,6 +32,7 @@ pub(crate) mod release;
 pub(crate) mod serial;
 pub(crate) mod step_output;
 mod step_timer;
+mod storage;
 mod wake;
 mod wiring;
 
@@ -39,7 +41,9 @@ pub(crate) use inputs::{InputPins, InputTimer};
 pub(crate) use serial::SerialPort;
 pub(crate) use step_output::StepOutput;
 pub(crate) use stm32f4xx_hal::pac;
+pub(crate) use storage::Storage;
 
+use leadscrew::settings::Loaded;
 use stm32f4xx_hal::rcc::{Config, Enable, Rcc, RccExt};
 
 /// The peripherals the tasks drive.
@@ -52,6 +56,9 @@ pub(crate) struct Board {
     pub(crate) inputs: InputTimer,
     /// Spindle, coolant and drivers, and what releases `prepare` after a time.
     pub(crate) after: AfterPrepare,
+    /// Where settings are stored, and what is stored there.
+    pub(crate) storage: Storage,
+    pub(crate) loaded: Loaded,
 }
 
 /// Runs the core at the clock that `config` asks for, and flash without prefetch.

@@ -27,7 +27,6 @@ use cortex_m::Peripherals as Core;
 use leadscrew::{
     axis::AXES,
     machine::{Levels, Outputs},
-    settings::Settings,
 };
 use stm32f4xx_hal::{
     prelude::*,
@@ -36,7 +35,9 @@ use stm32f4xx_hal::{
 };
 
 use super::{
-    AfterPrepare, Board, InputTimer, SerialPort, StepOutput, emulation, pac, pins,
+    AfterPrepare, Board, InputTimer, SerialPort, StepOutput, Storage, emulation,
+    flash::SettingsFlash,
+    pac, pins,
     step_timer::StepTimer,
     wiring::{Pin, Switches, Wiring, limit_switch},
 };
@@ -119,7 +120,7 @@ pub(super) static WIRING: Wiring = Wiring {
 ///
 /// If the baud rate cannot be made from the clocks.
 #[must_use]
-pub(crate) fn init(device: pac::Peripherals, mut core: Core, settings: &Settings) -> Board {
+pub(crate) fn init(device: pac::Peripherals, mut core: Core) -> Board {
     super::panic::init();
     // The emulator's PLL would never report ready.
     let is_emulated = emulation::detect(&device.RCC);
@@ -139,13 +140,16 @@ pub(crate) fn init(device: pac::Peripherals, mut core: Core, settings: &Settings
     let serial = serial::Serial::<_, u8>::new(device.USART1, pins, config, &mut rcc)
         .expect("115200 baud divides the APB2 clock");
     let (usart, _) = serial.release();
-    pins::init(settings);
+    let (storage, loaded) = Storage::load(SettingsFlash::new(device.FLASH));
+    pins::init(&loaded.stored.settings);
     init_pwm(&device.TIM12, &mut rcc);
     Board {
         output: StepOutput::new(StepTimer::new(device.TIM2, prescaler)),
         serial: SerialPort::new(usart),
         inputs: InputTimer::new(device.TIM7, device.EXTI, &device.SYSCFG, &mut core.NVIC),
         after: AfterPrepare::new(device.TIM6),
+        storage,
+        loaded,
     }
 }
 

@@ -33,3 +33,12 @@ pub(super) const fn take_wake() -> bool {
 
 /// Keeps a record of what is switched.
 pub(super) const fn switched(_outputs: &Outputs) {}
+
+/// Reads emulated flash.
+pub(super) const fn read_flash(_place: usize, _bytes: &mut [u8]) {}
+
+/// Programs emulated flash.
+pub(super) const fn write_flash(_place: usize, _bytes: &[u8]) {}
+
+/// Erases emulated flash.
+pub(super) const fn erase_flash(_place: usize, _length: usize) {}

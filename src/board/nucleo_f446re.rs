@@ -28,7 +28,6 @@ use cortex_m::Peripherals as Core;
 use leadscrew::{
     axis::AXES,
     machine::{Levels, Outputs},
-    settings::Settings,
 };
 use stm32f4xx_hal::{
     prelude::*,
@@ -37,7 +36,9 @@ use stm32f4xx_hal::{
 };
 
 use super::{
-    AfterPrepare, Board, InputTimer, SerialPort, StepOutput, pac, pins,
+    AfterPrepare, Board, InputTimer, SerialPort, StepOutput, Storage,
+    flash::SettingsFlash,
+    pac, pins,
     step_timer::StepTimer,
     wiring::{Pin, Switches, Wiring, limit_switch},
 };
@@ -125,7 +126,7 @@ extern "C" fn USART2() {
 ///
 /// If the baud rate cannot be made from the clocks.
 #[must_use]
-pub(crate) fn init(device: pac::Peripherals, mut core: Core, settings: &Settings) -> Board {
+pub(crate) fn init(device: pac::Peripherals, mut core: Core) -> Board {
     super::panic::init();
     let config = Config::hse(8.MHz())
         .bypass_hse_oscillator()
@@ -141,13 +142,16 @@ pub(crate) fn init(device: pac::Peripherals, mut core: Core, settings: &Settings
         .expect("115200 baud divides the APB1 clock");
     let (usart, _) = serial.release();
     release_usart2(&mut core.NVIC);
-    pins::init(settings);
+    let (storage, loaded) = Storage::load(SettingsFlash::new(device.FLASH));
+    pins::init(&loaded.stored.settings);
     init_pwm(&device.TIM14, &mut rcc);
     Board {
         output: StepOutput::new(StepTimer::new(device.TIM2, 0)),
         serial: SerialPort::new(usart),
         inputs: InputTimer::new(device.TIM7, device.EXTI, &device.SYSCFG, &mut core.NVIC),
         after: AfterPrepare::new(device.TIM6),
+        storage,
+        loaded,
     }
 }
 

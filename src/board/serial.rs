@@ -1,5 +1,7 @@
 //! The link to the sender: one byte each way per interrupt.
 
+use core::sync::atomic::{AtomicU8, AtomicUsize, Ordering::Relaxed};
+
 use heapless::spsc::{Consumer, Producer};
 use leadscrew::{
     protocol::realtime::{self, Release, Requests},
@@ -62,6 +64,10 @@ impl SerialPort {
     /// The byte that has arrived; clears an overrun.
     #[inline]
     fn receive(&mut self) -> Option<u8> {
+        if let Some(byte) = take_kept() {
+            again();
+            return Some(byte);
+        }
         let status = self.usart.sr().read();
         let is_new = status.rxne().bit_is_set();
         if !is_new && status.ore().bit_is_clear() {
@@ -113,4 +119,48 @@ pub(crate) fn start(sent: &Producer<'_, u8>) {
 #[inline]
 fn again() {
     rtic::pend(chosen::USART_VECTOR);
+}
+
+/// Bytes that may come while no task runs: more than senders have on their way.
+const KEPT: usize = 256;
+
+/// Bytes that have come while no task ran, how many they are, and how many have been taken.
+static KEPT_BYTES: [AtomicU8; KEPT] = [const { AtomicU8::new(0) }; KEPT];
+static KEPT_COUNT: AtomicUsize = AtomicUsize::new(0);
+static KEPT_TAKEN: AtomicUsize = AtomicUsize::new(0);
+
+/// Keeps the byte that has arrived, if one has, for the interrupt that is held up.
+///
+/// For code in RAM, with all tasks held up: it is inlined there.
+#[inline(always)]
+#[expect(clippy::inline_always, reason = "nothing in flash may be called")]
+#[expect(unsafe_code, reason = "the interrupt owns the port")]
+pub(super) fn keep() {
+    // SAFETY: the interrupt does not run now.
+    let usart = unsafe { &*Usart::ptr() };
+    if usart.sr().read().rxne().bit_is_clear() {
+        return;
+    }
+    let byte = usart.dr().read().dr().bits() as u8;
+    let count = KEPT_COUNT.load(Relaxed);
+    if let Some(place) = KEPT_BYTES.get(count) {
+        place.store(byte, Relaxed);
+        KEPT_COUNT.store(count + 1, Relaxed);
+        again();
+    }
+}
+
+/// The oldest byte that was kept.
+#[inline]
+fn take_kept() -> Option<u8> {
+    let count = KEPT_COUNT.load(Relaxed);
+    if count == 0 {
+        return None;
+    }
+    let taken = KEPT_TAKEN.load(Relaxed);
+    let byte = KEPT_BYTES.get(taken)?.load(Relaxed);
+    let is_last = taken + 1 >= count;
+    KEPT_COUNT.store(if is_last { 0 } else { count }, Relaxed);
+    KEPT_TAKEN.store(if is_last { 0 } else { taken + 1 }, Relaxed);
+    Some(byte)
 }

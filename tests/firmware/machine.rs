@@ -7,7 +7,7 @@ use std::{
     process::{Child, Command, Stdio},
     sync::mpsc::{Receiver, channel},
     thread,
-    time::Duration,
+    time::{Duration, Instant},
 };
 
 use crate::memory::Memory;
@@ -113,6 +113,40 @@ impl Machine {
             }
             thread::sleep(Duration::from_millis(20));
         }
+    }
+
+    /// Asks for reports until one begins so.
+    pub(crate) fn wait_for(&mut self, beginning: &str) {
+        self.wait_until(|status| status.starts_with(beginning));
+    }
+
+    /// Asks for reports until one has this in it.
+    pub(crate) fn wait_for_part(&mut self, part: &str) {
+        self.wait_until(|status| status.contains(part));
+    }
+
+    fn wait_until(&mut self, is_expected: impl Fn(&str) -> bool) {
+        let start = Instant::now();
+        loop {
+            let status = self.status();
+            if is_expected(&status) {
+                return;
+            }
+            assert!(start.elapsed() < PATIENCE, "{status}");
+            thread::sleep(Duration::from_millis(5));
+        }
+    }
+
+    /// Sends lines that are accepted.
+    pub(crate) fn set(&mut self, lines: &[&str]) {
+        for line in lines {
+            assert_eq!(self.ask(line), ["ok"], "{line}");
+        }
+    }
+
+    /// Ends an alarm.
+    pub(crate) fn unlock(&mut self) {
+        assert_eq!(self.ask("$X"), ["[MSG:Caution: Unlocked]", "ok"]);
     }
 
     /// Fast axes, so that motion takes little of the emulator's time.

@@ -8,3 +8,4 @@ mod lines;
 mod machine;
 mod memory;
 mod sender;
+mod states;

@@ -37,6 +37,18 @@ pub(crate) struct Switched {
     pub(crate) highest_duty: u32,
 }
 
+impl Switched {
+    /// Whether flood is on, 1 or 0.
+    pub(crate) const fn flood(self) -> u32 {
+        self.bits >> 2 & 1
+    }
+
+    /// Whether the drivers are on, 1 or 0.
+    pub(crate) const fn drivers(self) -> u32 {
+        self.bits >> 4
+    }
+}
+
 /// The memory of one emulated board.
 pub(crate) struct Memory {
     socket: PathBuf,
@@ -85,6 +97,11 @@ impl Memory {
         }
     }
 
+    /// Makes the present duty the highest so far.
+    pub(crate) fn forget_duty(&self) {
+        self.write(self.figures + 4 * (SWITCHED + 2), 0);
+    }
+
     /// Closes these contacts and opens all others that no axis closes.
     pub(crate) fn close(&self, contacts: Levels) {
         self.write(self.contacts, u32::from(contacts.0));
@@ -109,6 +126,12 @@ impl Memory {
     /// Puts a plate under the probe, that closes it at this step of Z and below.
     pub(crate) fn put_plate(&self, steps: i32) {
         self.write(self.contacts + 4 * PLATE, steps.cast_unsigned());
+    }
+
+    /// Resets the chip, as its reset pin does; RAM and flash keep what is in them.
+    pub(crate) fn reset_chip(&self) {
+        let command: String = "system_reset".bytes().map(|byte| format!("{byte:02x}")).collect();
+        assert_eq!(self.access(&format!("qRcmd,{command}")), "OK");
     }
 
     fn read<const N: usize>(&self, address: u64) -> [u32; N] {
