@@ -85,8 +85,7 @@ mod app {
         let (events_in, events_out) = cx.local.events.split();
         interpret::spawn().expect("it has not been spawned before");
         report::spawn().expect("it has not been spawned before");
-        let inputs = Inputs::new();
-        let pins = board.inputs.watch(events_in.tap(), &inputs);
+        let (pins, inputs) = board.inputs.watch(events_in.tap());
         motion.power_up(&board.loaded.stored.settings, &inputs);
         let session = Session::new(&board.loaded.stored, board.loaded.is_first_boot);
         let shared = Shared {

@@ -85,15 +85,18 @@ impl InputTimer {
     }
 
     /// Watches the pins from now on.
-    pub(crate) fn watch(self, events: EventTap<'static>, inputs: &Inputs) -> InputPins {
-        InputPins {
+    pub(crate) fn watch(self, events: EventTap<'static>) -> (InputPins, Inputs) {
+        let wired = chosen::WIRING.inputs.iter();
+        let inputs = Inputs::wired(wired.fold(Levels::NONE, |wired, (input, _)| wired | *input));
+        let pins = InputPins {
             timer: self.timer,
             exti: self.exti,
-            watch: Watch::new(read(), inputs),
+            watch: Watch::new(read(), &inputs),
             events,
             is_sampling: false,
             silenced: 0,
-        }
+        };
+        (pins, inputs)
     }
 }
 

@@ -122,7 +122,10 @@ fn a_hard_limit_stops_dead_and_locks() {
     assert_eq!(machine.receive(), "[MSG:Reset to continue]");
     // 10 mm/s for the 0.4 ms of the filter.
     let stopped = machine.memory.steps();
-    assert!((10 * SCALE..10 * SCALE + 3).contains(&stopped[0]), "{stopped:?}");
+    assert!(
+        (10 * SCALE..10 * SCALE + 3).contains(&stopped[0]),
+        "{stopped:?}"
+    );
     assert!(machine.status().starts_with("<Alarm"));
     machine.send(b"G1X0F600\n");
     machine.memory.mount_high(0, i32::MAX);
@@ -144,7 +147,10 @@ fn a_probe_tells_the_very_step_of_its_contact() {
     // Away from it, and a second time from above.
     let answer = machine.ask("G38.4Z0F100");
     assert!(answer[0].ends_with(":1]"), "{answer:?}");
-    assert_eq!(machine.ask("G38.3Z-1F300"), ["[PRB:0.000,0.000,-1.000:0]", "ok"]);
+    assert_eq!(
+        machine.ask("G38.3Z-1F300"),
+        ["[PRB:0.000,0.000,-1.000:0]", "ok"]
+    );
     assert_eq!(machine.ask("G38.2Z-2F300")[0], "ALARM:5");
 }
 

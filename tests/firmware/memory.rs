@@ -130,7 +130,10 @@ impl Memory {
 
     /// Resets the chip, as its reset pin does; RAM and flash keep what is in them.
     pub(crate) fn reset_chip(&self) {
-        let command: String = "system_reset".bytes().map(|byte| format!("{byte:02x}")).collect();
+        let command: String = "system_reset"
+            .bytes()
+            .map(|byte| format!("{byte:02x}"))
+            .collect();
         assert_eq!(self.access(&format!("qRcmd,{command}")), "OK");
     }
 
