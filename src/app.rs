@@ -179,9 +179,8 @@ mod app {
             events,
         );
         cx.local.after.follow(prepared, motion.outputs(), counts);
-        cx.shared
-            .snapshot
-            .lock(|snapshot| *snapshot = *motion.snapshot());
+        let snapshot = motion.snapshot();
+        cx.shared.snapshot.lock(|shared| shared.take_over(snapshot));
     }
 
     /// Wakes the endless tasks.
@@ -202,8 +201,10 @@ mod app {
     async fn interpret(mut cx: interpret::Context) -> ! {
         let (requests, entries) = (cx.shared.requests, cx.local.entries_in);
         let storage = cx.local.storage;
+        let mut snapshot = Snapshot::default();
         loop {
-            let snapshot = cx.shared.snapshot.lock(|snapshot| *snapshot);
+            let read = |shared: &mut Snapshot| snapshot.take_over(shared);
+            cx.shared.snapshot.lock(read);
             let progress = cx.shared.dialogue.lock(|(session, received, sent)| {
                 let entered = session.entered();
                 let progress = session.run(&snapshot, requests, received, sent, entries);
@@ -230,8 +231,10 @@ mod app {
     )]
     async fn report(mut cx: report::Context) -> ! {
         let requests = cx.shared.requests;
+        let mut snapshot = Snapshot::default();
         loop {
-            let snapshot = cx.shared.snapshot.lock(|snapshot| *snapshot);
+            let read = |shared: &mut Snapshot| snapshot.take_over(shared);
+            cx.shared.snapshot.lock(read);
             let progress = cx.shared.dialogue.lock(|(session, received, sent)| {
                 let free = received.capacity() - received.len();
                 let progress = session.report(&snapshot, requests, free, sent);
