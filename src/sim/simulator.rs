@@ -10,7 +10,7 @@ use crate::{
         Progress, Session,
         realtime::{self, Release, Requests},
     },
-    settings::{Change, Journal, Settings, Stored},
+    settings::{Change, Journal, Loaded, Settings, Stored},
     stepper::StepCounts,
 };
 
@@ -62,10 +62,13 @@ impl Simulator {
     pub fn power_up(mut flash: Flash) -> Self {
         flash.power_up();
         let mut journal = Journal::new(flash);
-        let loaded = journal.load().unwrap_or_default();
+        let Loaded {
+            stored,
+            is_first_boot,
+        } = journal.load().unwrap_or_default();
         Self {
-            drive: Drive::new(&loaded.stored.settings),
-            session: Session::new(&loaded.stored, loaded.is_first_boot),
+            drive: Drive::new(&stored.settings),
+            session: Session::new(&stored, is_first_boot),
             journal,
             requests: Requests::new(),
             received: Queue::new(),
@@ -226,7 +229,7 @@ impl Simulator {
     /// # Panics
     /// If anything moves: the chip could not output steps meanwhile.
     fn store(&mut self, change: Change) {
-        let is_at_rest = self.drive.due().is_none() && self.drive.snapshot().is_at_rest;
+        let is_at_rest = self.drive.due().is_none() && self.snapshot().is_at_rest;
         assert!(is_at_rest, "the flash is written at rest only");
         let result = self.journal.write(change, self.session.stored());
         self.session.has_stored(result);
