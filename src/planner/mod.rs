@@ -5,7 +5,7 @@ mod command;
 mod executor;
 mod lookahead;
 mod motion;
-
+mod probe;
 mod router;
 mod travel;
 
