@@ -5,6 +5,7 @@
 //! the events queued ahead, [`AHEAD_TICKS`](crate::stepper::AHEAD_TICKS); a miss starves the step
 //! interrupt, which is a fault.
 
+mod parking;
 mod play;
 mod react;
 mod rest;
@@ -12,7 +13,10 @@ mod work;
 
 use heapless::spsc::Consumer;
 
-use self::rest::{Restoring, Wait};
+use self::{
+    parking::Parking,
+    rest::{Restoring, Wait},
+};
 use super::{BLOCKS, Coolant, Entry, LookAhead, Spindle, executor::Executor};
 use crate::{
     axis::{AXES, Axes},
@@ -46,6 +50,7 @@ pub struct Motion {
     executor: Executor,
     generator: Generator,
     control: Control,
+    parking: Parking,
     accessories: Accessories,
     /// The newest reset acted on.
     epoch: u32,
@@ -92,6 +97,7 @@ impl Motion {
             executor: Executor::new(),
             generator: Generator::new(),
             control: Control::IDLE,
+            parking: Parking::new(),
             accessories: Accessories::new(),
             epoch: 0,
             cuts: 0,
@@ -138,6 +144,7 @@ impl Motion {
     fn configure(&mut self, settings: &Settings, inputs: &Inputs) {
         self.generator.set_pulse_us(settings.step_pulse_us);
         self.accessories.configure(settings);
+        self.parking.configure(settings);
         self.idle_delay_ms = settings.idle_delay_ms;
         self.hard_limits = settings.hard_limits;
         inputs.configure(settings);
@@ -193,7 +200,8 @@ impl Motion {
             counts.start();
         }
         // What has come to rest may go on at once.
-        let goes_on = is_still && !self.plan.is_empty() && self.control.executes();
+        let goes_on = is_still
+            && (!self.plan.is_empty() && self.control.executes() || self.parking.is_moving());
         Prepared {
             again: taken == work::ENTRIES_PER_RUN || changed && entries.ready() || goes_on,
             start,
@@ -214,6 +222,7 @@ impl Motion {
         self.finished = self.finished.wrapping_add(self.plan.len() as u32);
         self.plan.clear();
         self.executor.abandon();
+        self.parking.abandon();
         self.settle_on_steps();
     }
 
@@ -227,6 +236,7 @@ impl Motion {
         let is_at_rest = self.is_still(counts)
             && self.plan.is_empty()
             && !self.is_dwelling
+            && !self.parking.is_away()
             && self.control.ending == Ending::None;
         let at_rest = self.accessories.power_at_rest();
         let is_off = self.accessories.is_spindle_off();
