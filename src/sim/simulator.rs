@@ -41,7 +41,7 @@ impl Simulator {
     pub fn new(settings: &Settings) -> Self {
         Self {
             drive: Drive::new(settings),
-            session: Session::new(*settings),
+            session: Session::with_settings(*settings),
             requests: Requests::new(),
             received: Queue::new(),
             sent: Queue::new(),
@@ -177,7 +177,11 @@ impl Simulator {
             &mut entries,
         );
         self.is_interpret_released = progress == Progress::Again;
-        if self.drive.entries.len() != waiting {
+        if self.session.wants_store().is_some() {
+            self.session.has_stored(Ok(()));
+            self.is_interpret_released = true;
+        }
+        if self.session.takes_release() | (self.drive.entries.len() != waiting) {
             self.drive.release_prepare();
         }
     }
