@@ -6,7 +6,7 @@ use leadscrew::{
     axis::AXES,
     machine::State,
     settings::Settings,
-    sim::{RECEIVED_RING, Simulator},
+    sim::{Flash, RECEIVED_RING, Simulator},
     units::TICKS_PER_SECOND,
 };
 
@@ -27,7 +27,16 @@ pub(crate) struct Machine {
 impl Machine {
     /// Switched on with these settings stored.
     pub(crate) fn new(settings: &Settings) -> Self {
-        let mut simulator = Box::new(Simulator::new(settings));
+        Self::settled(Simulator::new(settings))
+    }
+
+    /// Switched on with what is stored in a flash.
+    pub(crate) fn power_up(flash: Flash) -> Self {
+        Self::settled(Simulator::power_up(flash))
+    }
+
+    fn settled(simulator: Simulator) -> Self {
+        let mut simulator = Box::new(simulator);
         simulator.settle();
         Self {
             simulator,
@@ -36,6 +45,11 @@ impl Machine {
             next_in: 0,
             next_out: 0,
         }
+    }
+
+    /// The flash in which it stores.
+    pub(crate) fn flash(&mut self) -> &mut Flash {
+        self.simulator.flash()
     }
 
     /// Time since power-up, s.

@@ -15,7 +15,7 @@ use std::{
 };
 
 use anyhow::{Context, Result, ensure};
-use leadscrew::settings::Settings;
+use leadscrew::{settings::Settings, sim::Flash};
 use rustix::{
     fs::{Mode, OFlags},
     io::Errno,
@@ -30,6 +30,14 @@ const PERIOD: Duration = Duration::from_millis(1);
 /// Bytes that wait for the machine at most; then the sender waits, as with flow control.
 const BACKLOG: usize = 4096;
 
+/// What is stored in the machine that is served.
+pub(crate) enum Memory {
+    /// These settings, and what is stored is forgotten in the end.
+    Settings(Box<Settings>),
+    /// The contents of this file, and they are kept there.
+    File(PathBuf),
+}
+
 /// The other end of the line.
 trait Port {
     /// Reads what has arrived; 0 for nothing.
@@ -39,7 +47,7 @@ trait Port {
 }
 
 /// Serves a machine at a new pseudo-terminal, to which `path` becomes a link.
-pub(crate) fn pty(path: &Path, settings: &Settings) -> Result<()> {
+pub(crate) fn pty(path: &Path, memory: &Memory) -> Result<()> {
     let is_there = fs::symlink_metadata(path);
     let may_go = is_there.is_ok_and(|metadata| metadata.is_symlink());
     if may_go {
@@ -59,11 +67,11 @@ pub(crate) fn pty(path: &Path, settings: &Settings) -> Result<()> {
         "Serving",
         &format!("{} (115200 baud; Ctrl-C ends)", path.display()),
     );
-    serve(&mut port, settings)
+    serve(&mut port, memory)
 }
 
 /// Serves a machine to whoever connects to `address`, one at a time.
-pub(crate) fn tcp(address: &str, settings: &Settings) -> Result<()> {
+pub(crate) fn tcp(address: &str, memory: &Memory) -> Result<()> {
     let listener = TcpListener::bind(address)
         .with_context(|| format!("cannot listen at {address:?} (an address is 127.0.0.1:2323)"))?;
     listener.set_nonblocking(true)?;
@@ -73,16 +81,17 @@ pub(crate) fn tcp(address: &str, settings: &Settings) -> Result<()> {
         listener,
         stream: None,
     };
-    serve(&mut port, settings)
+    serve(&mut port, memory)
 }
 
 /// Moves bytes and time until Ctrl-C.
-fn serve(port: &mut dyn Port, settings: &Settings) -> Result<()> {
+fn serve(port: &mut dyn Port, memory: &Memory) -> Result<()> {
     let stop = Arc::new(AtomicBool::new(false));
     for signal in [signal_hook::consts::SIGINT, signal_hook::consts::SIGTERM] {
         signal_hook::flag::register(signal, stop.clone()).context("cannot catch Ctrl-C")?;
     }
-    let mut machine = Machine::new(settings);
+    let mut machine = memory.machine()?;
+    let mut stored = machine.flash().operations();
     let start = Instant::now();
     let mut unsent = Vec::new();
     let mut chunk = [0; 1024];
@@ -95,6 +104,12 @@ fn serve(port: &mut dyn Port, settings: &Settings) -> Result<()> {
             machine.send(&chunk[..length]);
         }
         machine.run_until_s(start.elapsed().as_secs_f64());
+        if let Memory::File(path) = memory
+            && stored != machine.flash().operations()
+        {
+            stored = machine.flash().operations();
+            save(path, machine.flash())?;
+        }
         unsent.extend(machine.take_bytes().into_iter().map(|(_, byte)| byte));
         if !unsent.is_empty() {
             let length = port.write(&unsent)?;
@@ -104,6 +119,45 @@ fn serve(port: &mut dyn Port, settings: &Settings) -> Result<()> {
     }
     ui::status("Stopped", "");
     Ok(())
+}
+
+impl Memory {
+    /// A machine that is switched on with what is stored; a file that is not there is a new machine.
+    fn machine(&self) -> Result<Machine> {
+        let path = match self {
+            Self::Settings(settings) => return Ok(Machine::new(settings)),
+            Self::File(path) => path,
+        };
+        let mut flash = Flash::new();
+        let contents = flash.contents_mut();
+        match fs::read(path) {
+            Ok(bytes) => {
+                let (size, wanted) = (bytes.len(), contents.len());
+                let name = path.display();
+                ensure!(
+                    size == wanted,
+                    "{name} has {size} bytes; the flash has {wanted}"
+                );
+                contents.copy_from_slice(&bytes);
+            }
+            Err(error) if error.kind() == ErrorKind::NotFound => {}
+            Err(error) => {
+                return Err(error).with_context(|| format!("cannot read {}", path.display()));
+            }
+        }
+        let mut machine = Machine::power_up(flash);
+        save(path, machine.flash())?;
+        Ok(machine)
+    }
+}
+
+/// Writes a flash to a file, all of it or nothing.
+fn save(path: &Path, flash: &Flash) -> Result<()> {
+    let mut beside = path.as_os_str().to_owned();
+    beside.push(".new");
+    fs::write(&beside, flash.contents())
+        .and_then(|()| fs::rename(&beside, path))
+        .with_context(|| format!("cannot write {}", path.display()))
 }
 
 /// A link that goes when the program ends.

@@ -26,7 +26,8 @@ use crate::{
     program::Program,
     refusal::refusal,
     sender::Response,
-    serve, session, settings,
+    serve::{self, Memory},
+    session, settings,
     trace::{Motion, Row, Samples, Table, nanoseconds},
     ui,
 };
@@ -77,6 +78,9 @@ pub(crate) struct Options {
     /// Serve the machine in real time at a TCP address such as 127.0.0.1:2323, until Ctrl-C
     #[arg(long, value_name = "ADDR:PORT")]
     tcp: Option<String>,
+    /// Keep what is stored in this file, as the machine's flash does; a new file is a new machine
+    #[arg(long, value_name = "FILE", conflicts_with_all = ["file", "session", "set", "settings"])]
+    flash: Option<PathBuf>,
     /// Replay recorded exchanges in virtual time
     #[arg(long, value_name = "IN.json", requires = "out", conflicts_with_all = ["set", "settings"])]
     session: Option<PathBuf>,
@@ -92,12 +96,17 @@ pub(crate) fn run(options: &Options) -> Result<ExitCode> {
     }
     let loaded = settings::load(options.settings.as_deref(), &options.set)?;
     let settings = loaded.settings;
-    if let Some(path) = &options.pty {
-        serve::pty(path, &settings)?;
-        return Ok(ExitCode::SUCCESS);
-    }
-    if let Some(address) = &options.tcp {
-        serve::tcp(address, &settings)?;
+    if options.pty.is_some() || options.tcp.is_some() {
+        let memory = match &options.flash {
+            Some(path) => Memory::File(path.clone()),
+            None => Memory::Settings(Box::new(settings)),
+        };
+        if let Some(path) = &options.pty {
+            serve::pty(path, &memory)?;
+        }
+        if let Some(address) = &options.tcp {
+            serve::tcp(address, &memory)?;
+        }
         return Ok(ExitCode::SUCCESS);
     }
     let path = options.file.as_deref().context("no program is given")?;
