@@ -63,5 +63,5 @@ fn an_input_that_is_active_is_reported() {
     machine.wait_for_part("|Pn:PY");
     machine.memory.put_plate(i32::MIN);
     machine.memory.close(Levels::HOLD);
-    machine.wait_for_part("|Pn:HY");
+    machine.wait_for_part("|Pn:YH");
 }
