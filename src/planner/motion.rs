@@ -159,6 +159,7 @@ impl Motion {
         self.idle_delay_ms = settings.idle_delay_ms;
         self.hard_limits = settings.hard_limits;
         inputs.configure(settings);
+        self.snapshot.inputs = inputs.active();
     }
 
     /// Whether a limit switch is active that stops the machine.
