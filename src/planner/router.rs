@@ -97,6 +97,16 @@ impl Limits {
     }
 }
 
+/// Where a router stands, to return to.
+#[derive(Debug, Clone, Copy, Default)]
+pub struct Mark {
+    position: Axes<Nm>,
+    sent: Axes<Nm>,
+    fine: Axes<FineSteps>,
+    steps: Axes<Steps>,
+    tangent: Axes<f32>,
+}
+
 /// Turns commands into work, from where the one before ended.
 #[derive(Debug)]
 pub struct Router {
@@ -150,6 +160,27 @@ impl Router {
             });
         self.sent = self.position;
         self.position
+    }
+
+    /// Where the last command ended.
+    #[must_use]
+    pub fn mark(&self) -> Mark {
+        Mark {
+            position: self.position,
+            sent: self.sent,
+            fine: self.fine,
+            steps: self.steps,
+            tangent: self.tangent,
+        }
+    }
+
+    /// Takes back the commands since a mark: the machine has not begun them.
+    pub fn return_to(&mut self, mark: &Mark) {
+        self.position = mark.position;
+        self.sent = mark.sent;
+        self.fine = mark.fine;
+        self.steps = mark.steps;
+        self.tangent = mark.tangent;
     }
 
     /// What the laser does during moves.

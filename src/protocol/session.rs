@@ -24,7 +24,7 @@ use crate::{
     axis::Axes,
     interpreter::{Checked, Interpreter, Outcome},
     machine::{Probed, Snapshot},
-    planner::{Entry, Router, Work},
+    planner::{Entry, Mark, Router, Work},
     settings::{Change, Settings, StoreError, Stored},
     units::Nm,
 };
@@ -153,7 +153,7 @@ pub struct Session {
     seen: Seen,
     /// The last probing move, and where it began.
     probed: Probed,
-    probed_from: Axes<Nm>,
+    probed_from: (Axes<Nm>, Mark),
 }
 
 impl Session {
@@ -190,7 +190,7 @@ impl Session {
             is_answer_owed: false,
             seen: Seen::default(),
             probed: Probed::default(),
-            probed_from: Axes::default(),
+            probed_from: (Axes::default(), Mark::default()),
         }
     }
 

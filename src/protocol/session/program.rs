@@ -99,7 +99,7 @@ impl Session {
             None
         } else if self.checked.probe().is_some() {
             self.seen.is_probed = false;
-            self.probed_from = from;
+            self.probed_from = (from, self.router.mark());
             Some(After::Probe)
         } else {
             // What is switched at standstill has been switched when the answer comes.
@@ -235,10 +235,14 @@ impl Session {
     /// The position after a probing move: that of the machine; the target, if it was missed; or that
     /// before, if the move has not been begun.
     fn end_probing(&mut self, machine: &Snapshot) {
-        let position = self.router.set_steps(machine.steps);
         if !self.seen.is_probed {
-            self.interpreter.set_position(self.probed_from);
-        } else if self.probed.success {
+            let (position, mark) = &self.probed_from;
+            self.interpreter.set_position(*position);
+            self.router.return_to(mark);
+            return;
+        }
+        let position = self.router.set_steps(machine.steps);
+        if self.probed.success {
             self.interpreter.set_position(position);
         }
     }
