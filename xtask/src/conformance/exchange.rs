@@ -201,6 +201,14 @@ impl Exchange {
         (begun + after).max(heard.unwrap_or(0.0))
     }
 
+    /// When Grbl told an alarm, s.
+    fn alarms_s(&self) -> impl Iterator<Item = f64> {
+        let heard = self.heard().into_iter();
+        heard
+            .filter(|heard| heard.text.starts_with("ALARM:"))
+            .filter_map(|heard| heard.time_s)
+    }
+
     /// How far ours may be ahead at a time: whenever a motion ends, Grbl waits for the delay of its
     /// drivers before it goes on. Counts the ends that follow each other without another wait.
     fn ahead_s(&self, time_s: f64) -> f64 {

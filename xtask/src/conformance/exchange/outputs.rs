@@ -1,6 +1,6 @@
 //! Spindle, laser, coolant and motor drivers against the recorded ones.
 
-use super::{Exchange, Played, stops::Stops};
+use super::{DEAF_S, Exchange, Played, stops::Stops};
 use crate::{
     conformance::{compare::Difference, deviation::Deviation},
     machine::Event,
@@ -103,6 +103,26 @@ pub(super) fn compare(
     }
 }
 
+/// When the recording of the outputs ended: one that shows a spindle or coolant on, where Grbl says
+/// that it is off, broke off before.
+fn recorded_until(exchange: &Exchange) -> f64 {
+    let same = |time: f64| time;
+    let is_on = |levels: Levels| levels.last().is_some_and(|(_, value)| *value != 0);
+    let power = is_on(power(&exchange.signals, same));
+    let flood = is_on(levels(&exchange.signals, "coolant_flood", same));
+    let off = |group: usize| exchange.end.modal.get(group) == Some(&0);
+    let contradicts = (power && off(SPINDLE)) || (flood && off(COOLANT));
+    let last_s = exchange.signals.last().map(|Event(at_s, ..)| *at_s);
+    match last_s {
+        Some(last_s) if contradicts => last_s,
+        _ => exchange.end_s(),
+    }
+}
+
+/// Places in the list of modes.
+const COOLANT: usize = 8;
+const SPINDLE: usize = 9;
+
 /// The first time at which one of the two has a level that the other has not.
 fn first_difference(
     exchange: &Exchange,
@@ -111,7 +131,7 @@ fn first_difference(
     (ours, theirs): (&Levels, &Levels),
     apart: i64,
 ) -> Option<(String, Option<Deviation>)> {
-    let end_s = exchange.end_s();
+    let end_s = recorded_until(exchange);
     let mut excused = None;
     let mut changes: Vec<(f64, i64, bool)> = Vec::new();
     for (index, levels) in [ours, theirs].into_iter().enumerate() {
@@ -132,6 +152,14 @@ fn first_difference(
         let step = exchange.step_at(time);
         let allowed = stops.allowance(played.own_time_s(step, time));
         let ahead_s = exchange.ahead_s(time);
+        let is_deaf = exchange
+            .alarms_s()
+            .any(|alarm_s| (alarm_s..alarm_s + DEAF_S).contains(&time));
+        if is_deaf && has(other, time, SAME_S + DEAF_S, value, apart) {
+            let text = format!("{value} at {time:.3} s, with the alarm");
+            excused.get_or_insert((text, Some(Deviation::NoDeafness)));
+            continue;
+        }
         let text = format!(
             "{value} at {time:.3} s is {}",
             if is_ours {
