@@ -102,6 +102,12 @@ impl Simulator {
         self.drive.motion.snapshot()
     }
 
+    /// The conversation with the sender.
+    #[must_use]
+    pub const fn session(&self) -> &Session {
+        &self.session
+    }
+
     /// What the step interrupt has counted.
     #[must_use]
     pub const fn counts(&self) -> &StepCounts {
