@@ -5,6 +5,8 @@
 //! the events queued ahead, [`AHEAD_TICKS`](crate::stepper::AHEAD_TICKS); a miss starves the step
 //! interrupt, which is a fault.
 
+mod cycles;
+mod parking;
 mod play;
 mod react;
 mod rest;
@@ -12,13 +14,16 @@ mod work;
 
 use heapless::spsc::Consumer;
 
-use self::rest::{Restoring, Wait};
-use super::{BLOCKS, Coolant, Entry, LookAhead, Spindle, executor::Executor};
+use self::{
+    parking::Parking,
+    rest::{Restoring, Wait},
+};
+use super::{BLOCKS, Coolant, Entry, LookAhead, Spindle, executor::Executor, probe::Probe};
 use crate::{
     axis::{AXES, Axes},
     machine::{
-        Accessories, Alarm, Control, Ending, Inputs, Levels, Notices, Outputs, Overrides, Power,
-        Probed, Snapshot, State,
+        Accessories, Alarm, Control, Ending, Homing, Inputs, Levels, Notices, Outputs, Overrides,
+        Power, Probed, Snapshot, State,
     },
     protocol::realtime::Requests,
     settings::Settings,
@@ -46,6 +51,7 @@ pub struct Motion {
     executor: Executor,
     generator: Generator,
     control: Control,
+    parking: Parking,
     accessories: Accessories,
     /// The newest reset acted on.
     epoch: u32,
@@ -66,6 +72,11 @@ pub struct Motion {
     dwell_ticks: u64,
     is_dwelling: bool,
     restoring: Restoring,
+    homing: Homing,
+    /// A homing cycle has been asked for, and is not finished.
+    is_homing: bool,
+    probe: Probe,
+    probed: Probed,
     /// What the shell's timer has been asked for, and the time to be asked for.
     wait: Wait,
     wake_in_ms: Option<u16>,
@@ -92,6 +103,7 @@ impl Motion {
             executor: Executor::new(),
             generator: Generator::new(),
             control: Control::IDLE,
+            parking: Parking::new(),
             accessories: Accessories::new(),
             epoch: 0,
             cuts: 0,
@@ -104,6 +116,10 @@ impl Motion {
             dwell_ticks: 0,
             is_dwelling: false,
             restoring: Restoring::No,
+            homing: Homing::new(),
+            is_homing: false,
+            probe: Probe::new(),
+            probed: NEW.probed,
             wait: Wait::Nothing,
             wake_in_ms: None,
             releases_drivers: false,
@@ -138,6 +154,8 @@ impl Motion {
     fn configure(&mut self, settings: &Settings, inputs: &Inputs) {
         self.generator.set_pulse_us(settings.step_pulse_us);
         self.accessories.configure(settings);
+        self.homing.configure(settings);
+        self.parking.configure(settings);
         self.idle_delay_ms = settings.idle_delay_ms;
         self.hard_limits = settings.hard_limits;
         inputs.configure(settings);
@@ -178,15 +196,20 @@ impl Motion {
         if counts.take_starved() {
             self.fail();
         }
+        if counts.is_cut() && !counts.is_running() {
+            self.cut(counts, events);
+        }
         if requests.epoch() != self.epoch {
             self.reset(requests.epoch());
         }
         self.hear(requests);
+        self.watch(inputs, counts, events);
         let taken = self.take(entries, inputs, counts);
         self.begin_moves();
-        self.generate(counts, events);
+        self.generate(inputs, counts, events);
         let was_dwelling = self.is_dwelling;
         self.settle(counts);
+        self.guard(inputs);
         let changed = self.publish(counts) || was_dwelling != self.is_dwelling;
         let is_still = self.is_still(counts);
         let start = !counts.is_running() && !is_still;
@@ -194,7 +217,8 @@ impl Motion {
             counts.start();
         }
         // What has come to rest may go on at once.
-        let goes_on = is_still && !self.plan.is_empty() && self.control.executes();
+        let goes_on = is_still
+            && (!self.plan.is_empty() && self.control.executes() || self.parking.is_moving());
         Prepared {
             again: taken == work::ENTRIES_PER_RUN || changed && entries.ready() || goes_on,
             start,
@@ -212,9 +236,16 @@ impl Motion {
 
     /// Drops what has not been executed; the machine is at rest and stays where it is.
     fn drop_plan(&mut self) {
-        self.finished = self.finished.wrapping_add(self.plan.len() as u32);
+        let entries = if self.probe.is_active() {
+            1
+        } else {
+            self.plan.len() as u32
+        };
+        self.finished = self.finished.wrapping_add(entries);
+        self.probe.cancel();
         self.plan.clear();
         self.executor.abandon();
+        self.parking.abandon();
         self.settle_on_steps();
     }
 
@@ -228,6 +259,8 @@ impl Motion {
         let is_at_rest = self.is_still(counts)
             && self.plan.is_empty()
             && !self.is_dwelling
+            && !self.is_in_cycle()
+            && !self.parking.is_away()
             && self.control.ending == Ending::None;
         let at_rest = self.accessories.power_at_rest();
         let is_off = self.accessories.is_spindle_off();
@@ -262,6 +295,7 @@ impl Motion {
         new.coolant_toggles = coolant_toggles;
         new.overrides = self.accessories.overrides();
         new.notices = self.notices;
+        new.probed = self.probed;
         new.line = counts.line();
         new.blocks_free = self.plan.free() as u16;
         new.finished = self.finished;

@@ -9,6 +9,7 @@ mod build;
 mod cargo;
 mod conformance;
 mod curves;
+mod docs;
 mod figures;
 mod flash;
 mod machine;
@@ -44,6 +45,7 @@ enum Verb {
     Bench(bench::Options),
     Build(build::Options),
     Conformance(conformance::Options),
+    Docs(docs::Options),
     Flash(flash::Options),
     Qemu(qemu::Options),
     Run(run::Options),
@@ -65,6 +67,7 @@ fn run(verb: Verb) -> Result<ExitCode> {
         Verb::Bench(options) => bench::run(&options),
         Verb::Build(options) => build::run(&options),
         Verb::Conformance(options) => conformance::run(&options),
+        Verb::Docs(options) => docs::run(&options),
         Verb::Flash(options) => flash::run(&options),
         Verb::Qemu(options) => qemu::run(&options),
         Verb::Run(options) => run::run(&options),

@@ -15,7 +15,7 @@ use crate::{
     boards::{self, Board},
     build,
     cargo::{self, cargo, for_board, wait},
-    ui,
+    docs, ui,
 };
 
 /// Test everything that needs no hardware
@@ -119,6 +119,7 @@ fn checks() -> Result<Vec<Check>> {
             cargo::need_component("fmt", "rustfmt")?;
             wait(&mut cargo(&["fmt", "--all", "--check"]))
         }),
+        Check::new("documents", docs::check),
         Check::new("lints, host", || {
             cargo::need_component("clippy", "clippy")?;
             wait(cargo(&["clippy", "--workspace", "--all-targets"]).args(["--", "-Dwarnings"]))

@@ -1,6 +1,6 @@
 //! From requests to events of the state machine, and what they ask for.
 
-use super::{Motion, Restoring};
+use super::Motion;
 use crate::{
     machine::{Alarm, Control, Effect, Event, Notice, Override, Overrides, State},
     protocol::realtime::{OVERRIDES, Requests},
@@ -33,7 +33,7 @@ impl Motion {
 
     pub(super) fn open_door(&mut self) {
         if self.control.state == State::Home {
-            self.alarm(Alarm::HomingDoor);
+            self.end_homing(Alarm::HomingDoor);
             return;
         }
         if self.control.heeds_door() {
@@ -122,10 +122,18 @@ impl Motion {
                 }
             }
             Effect::SwitchOff => {
-                self.accessories.cut();
                 self.stop_restoring();
+                if event == Event::Sleep {
+                    self.accessories.cut();
+                } else {
+                    self.park();
+                }
             }
-            Effect::Restore => self.restoring = Restoring::Spindle,
+            Effect::Restore => {
+                if !self.unpark() {
+                    self.begin_restoring();
+                }
+            }
             // A reset has its own count.
             Effect::Cancel if event == Event::Reset => {}
             Effect::Cancel => self.cuts = self.cuts.wrapping_add(1),
@@ -161,6 +169,7 @@ impl Motion {
     /// steps: whatever was planned is void, and so is what still comes, up to the next reset.
     pub(super) fn fail(&mut self) {
         self.generator.cut();
+        self.homing.abandon();
         self.drop_wait();
         self.drop_plan();
         self.accessories.switch_off();
@@ -174,7 +183,7 @@ impl Motion {
     }
 
     /// Ends a program pause or a dwell before its time.
-    fn drop_wait(&mut self) {
+    pub(super) fn drop_wait(&mut self) {
         if self.is_paused || self.is_dwelling {
             self.finished = self.finished.wrapping_add(1);
         }
@@ -195,8 +204,9 @@ impl Motion {
         self.accessories.switch_off();
         self.end_overrides();
         if self.control.state == State::Home {
-            self.alarm(Alarm::HomingReset);
+            self.end_homing(Alarm::HomingReset);
         }
+        self.reset_parking();
         self.on(Event::Reset);
         if self.control.state == State::Idle && self.is_on_limit() {
             self.control.state = State::Alarm;
