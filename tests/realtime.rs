@@ -914,7 +914,15 @@ proptest! {
         commands in commands(false),
         acts in acts(&[RESET, b'!', b'~', DOOR, CANCEL, 0x92, 0x91, 0x97]),
         feed_ticks in prop::sample::select(vec![0, 3_000_000_u64]),
+        parking in any::<bool>(),
     ) {
+        let settings = Settings {
+            parking,
+            homing: parking,
+            parking_pull_out_mm: 0.1,
+            parking_target_mm: 1.0,
+            ..settings
+        };
         play(&settings, &commands, &acts, feed_ticks);
     }
 
