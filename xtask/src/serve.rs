@@ -4,7 +4,10 @@ use std::{
     fs,
     io::{ErrorKind, Read, Write},
     net::{TcpListener, TcpStream},
-    os::{fd::OwnedFd, unix::fs::symlink},
+    os::{
+        fd::{AsFd, BorrowedFd, OwnedFd},
+        unix::fs::symlink,
+    },
     path::{Path, PathBuf},
     sync::{
         Arc,
@@ -40,21 +43,7 @@ trait Port {
 
 /// Serves a machine at a new pseudo-terminal, to which `path` becomes a link.
 pub(crate) fn pty(path: &Path, settings: &Settings) -> Result<()> {
-    let is_there = fs::symlink_metadata(path);
-    let may_go = is_there.is_ok_and(|metadata| metadata.is_symlink());
-    if may_go {
-        // A link that an earlier run left behind.
-        fs::remove_file(path).with_context(|| format!("cannot replace {}", path.display()))?;
-    }
-    let mut port = Pty::open()?;
-    symlink(&port.name, path).with_context(|| {
-        format!(
-            "cannot create {} as a link to {}",
-            path.display(),
-            port.name.display()
-        )
-    })?;
-    let _link = Link(path.to_owned());
+    let (mut port, _link) = Pty::at(path)?;
     ui::status(
         "Serving",
         &format!("{} (115200 baud; Ctrl-C ends)", path.display()),
@@ -107,7 +96,7 @@ fn serve(port: &mut dyn Port, settings: &Settings) -> Result<()> {
 }
 
 /// A link that goes when the program ends.
-struct Link(PathBuf);
+pub(crate) struct Link(PathBuf);
 
 impl Drop for Link {
     fn drop(&mut self) {
@@ -116,7 +105,7 @@ impl Drop for Link {
 }
 
 /// A pseudo-terminal in raw mode.
-struct Pty {
+pub(crate) struct Pty {
     controller: OwnedFd,
     /// Kept open so that the line stays up while no sender has it.
     _terminal: OwnedFd,
@@ -124,6 +113,30 @@ struct Pty {
 }
 
 impl Pty {
+    /// Opens a new one, to which `path` becomes a link.
+    pub(crate) fn at(path: &Path) -> Result<(Self, Link)> {
+        let is_there = fs::symlink_metadata(path);
+        let may_go = is_there.is_ok_and(|metadata| metadata.is_symlink());
+        if may_go {
+            // A link that an earlier run left behind.
+            fs::remove_file(path).with_context(|| format!("cannot replace {}", path.display()))?;
+        }
+        let pty = Self::open()?;
+        symlink(&pty.name, path).with_context(|| {
+            format!(
+                "cannot create {} as a link to {}",
+                path.display(),
+                pty.name.display()
+            )
+        })?;
+        Ok((pty, Link(path.to_owned())))
+    }
+
+    /// The end that is not the terminal.
+    pub(crate) fn controller(&self) -> BorrowedFd<'_> {
+        self.controller.as_fd()
+    }
+
     fn open() -> Result<Self> {
         let open = || -> rustix::io::Result<Self> {
             let controller = rustix::pty::openpt(OpenptFlags::RDWR | OpenptFlags::NOCTTY)?;

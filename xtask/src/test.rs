@@ -8,14 +8,14 @@ use std::{
 
 use anstream::{eprintln, println};
 use anyhow::{Result, bail};
-use owo_colors::OwoColorize;
+use owo_colors::{AnsiColors, OwoColorize};
 
 use crate::{
     agree,
     boards::{self, Board},
     build,
     cargo::{self, cargo, for_board, wait},
-    ui,
+    clients, ui,
 };
 
 /// Test everything that needs no hardware
@@ -31,19 +31,33 @@ pub(crate) struct Options {
     /// List the checks and do nothing
     #[arg(long)]
     list: bool,
+    /// Instead, drive sender programs at the simulator and at the firmware: gets them with pip and
+    /// npm, and skips what cannot be had
+    #[arg(long)]
+    clients: bool,
+}
+
+/// What a check that did not fail has to say.
+pub(crate) enum Verdict {
+    /// It passed.
+    Passed,
+    /// It passed, with these figures.
+    Counted(String),
+    /// It was not made, for this reason.
+    Skipped(String),
 }
 
 /// One check.
 struct Check {
     name: String,
-    run: Box<dyn Fn() -> Result<()>>,
+    run: Box<dyn Fn() -> Result<Verdict>>,
 }
 
 impl Check {
     fn new(name: impl Into<String>, run: impl Fn() -> Result<()> + 'static) -> Self {
         Self {
             name: name.into(),
-            run: Box::new(run),
+            run: Box::new(move || run().map(|()| Verdict::Passed)),
         }
     }
 }
@@ -52,11 +66,15 @@ impl Check {
 struct Outcome {
     name: String,
     took: Duration,
-    result: Result<()>,
+    result: Result<Verdict>,
 }
 
 pub(crate) fn run(options: &Options) -> Result<ExitCode> {
-    let mut checks = checks()?;
+    let mut checks = if options.clients {
+        with_clients()
+    } else {
+        checks()?
+    };
     if let Some(part) = &options.only {
         checks.retain(|check| check.name.contains(part.as_str()));
         if checks.is_empty() {
@@ -93,11 +111,22 @@ fn report(outcomes: &[Outcome]) -> ExitCode {
         let seconds = outcome.took.as_secs_f32();
         let name = &outcome.name;
         match &outcome.result {
-            Ok(()) => eprintln!(
-                "{:>12} {name} {}",
-                "ok".green().bold(),
-                format!("({seconds:.0} s)").dimmed()
-            ),
+            Ok(verdict) => {
+                let (word, colour, rest) = match verdict {
+                    Verdict::Passed => ("ok", AnsiColors::Green, String::new()),
+                    Verdict::Counted(figures) => ("ok", AnsiColors::Green, format!(": {figures}")),
+                    Verdict::Skipped(reason) => {
+                        ("skipped", AnsiColors::Yellow, format!(": {reason}"))
+                    }
+                };
+                let word = format!("{word:>12}");
+                let took = format!("({seconds:.0} s)");
+                eprintln!(
+                    "{} {name}{rest} {}",
+                    word.color(colour).bold(),
+                    took.dimmed()
+                );
+            }
             Err(error) => eprintln!("{:>12} {name}: {}", "FAILED".red().bold(), error),
         }
     }
@@ -150,6 +179,15 @@ fn checks() -> Result<Vec<Check>> {
         agree::in_the_firmware,
     ));
     Ok(checks)
+}
+
+/// Every sender program at every machine.
+fn with_clients() -> Vec<Check> {
+    let checks = clients::all().map(|(name, run)| Check {
+        name,
+        run: Box::new(run),
+    });
+    checks.collect()
 }
 
 /// Whether the project has tests whose file name starts so.

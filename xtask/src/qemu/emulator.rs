@@ -3,7 +3,10 @@
 use std::{
     env, fs,
     io::{BufRead, BufReader, ErrorKind, Read, Write},
-    os::unix::net::{UnixListener, UnixStream},
+    os::{
+        fd::OwnedFd,
+        unix::net::{UnixListener, UnixStream},
+    },
     path::{Path, PathBuf},
     process::{self, Child, Command, Stdio},
     thread,
@@ -15,6 +18,8 @@ use leadscrew::{axis::AXES, units::TICKS_PER_SECOND};
 use object::{Object, ObjectSymbol};
 use serde_json::{Value, json};
 
+use crate::sender::Response;
+
 /// Where the firmware keeps what its pins have done: 17 words.
 const FIGURES: &str = "FIGURES";
 const WORDS: usize = 17;
@@ -22,7 +27,7 @@ const WORDS: usize = 17;
 const START: Duration = Duration::from_secs(20);
 
 /// A running emulator.
-pub(super) struct Emulator {
+pub(crate) struct Emulator {
     qemu: Child,
     /// Holds its sockets.
     folder: PathBuf,
@@ -34,22 +39,22 @@ pub(super) struct Emulator {
 
 /// What the pins have done.
 #[derive(Debug, PartialEq)]
-pub(super) struct Pins {
+pub(crate) struct Pins {
     /// Events that began a pulse.
-    pub(super) events: u64,
+    pub(crate) events: u64,
     /// Their hash.
-    pub(super) hash: u64,
+    pub(crate) hash: u64,
     /// From the first of them to the last, s.
-    pub(super) motion_time_s: f64,
+    pub(crate) motion_time_s: f64,
     /// Pulses of each axis.
-    pub(super) pulses: Vec<u64>,
+    pub(crate) pulses: Vec<u64>,
     /// Position of each axis, steps.
-    pub(super) steps: Vec<i32>,
+    pub(crate) steps: Vec<i32>,
 }
 
 impl Emulator {
     /// Boots a firmware.
-    pub(super) fn start(elf: &Path, machine: &str) -> Result<Self> {
+    pub(crate) fn start(elf: &Path, machine: &str) -> Result<Self> {
         let figures = symbol(elf, FIGURES)?;
         let folder = env::temp_dir().join(format!("leadscrew-{}", process::id()));
         fs::create_dir_all(&folder)
@@ -87,13 +92,13 @@ impl Emulator {
     }
 
     /// Sends bytes.
-    pub(super) fn send(&mut self, bytes: &[u8]) -> Result<()> {
+    pub(crate) fn send(&mut self, bytes: &[u8]) -> Result<()> {
         let sent = self.serial.write_all(bytes);
         sent.context("the emulator's serial line is closed")
     }
 
     /// Receives a line, without its end; `None` when none has come in time.
-    pub(super) fn receive(&mut self, patience: Duration) -> Result<Option<String>> {
+    pub(crate) fn receive(&mut self, patience: Duration) -> Result<Option<String>> {
         let end = Instant::now() + patience;
         let mut chunk = [0; 1024];
         loop {
@@ -119,7 +124,7 @@ impl Emulator {
     }
 
     /// Waits for the line with which the firmware says that it is there.
-    pub(super) fn wait_for_welcome(&mut self, patience: Duration) -> Result<()> {
+    pub(crate) fn wait_for_welcome(&mut self, patience: Duration) -> Result<()> {
         loop {
             let line = self.receive(patience)?;
             let line = line.context("the firmware does not start: no welcome line has come")?;
@@ -129,8 +134,32 @@ impl Emulator {
         }
     }
 
+    /// Changes a setting.
+    pub(crate) fn set(&mut self, statement: &str, patience: Duration) -> Result<()> {
+        self.send(format!("${statement}\n").as_bytes())?;
+        loop {
+            let line = self.receive(patience)?;
+            let line = line.context("the firmware does not answer")?;
+            match Response::parse(&line) {
+                Some(Response::Ok) => return Ok(()),
+                Some(error) => bail!("the firmware refuses ${statement}: {error}"),
+                None => {}
+            }
+        }
+    }
+
+    /// The serial line, for another to use.
+    pub(crate) fn line(&self) -> Result<OwnedFd> {
+        ensure!(
+            self.received.is_empty(),
+            "bytes of the firmware would be lost"
+        );
+        let line = self.serial.try_clone();
+        Ok(line.context("the serial line cannot be shared")?.into())
+    }
+
     /// Reads what the pins have done from the firmware's memory.
-    pub(super) fn pins(&mut self) -> Result<Pins> {
+    pub(crate) fn pins(&mut self) -> Result<Pins> {
         let file = self.folder.join("memory");
         let place = json!({
             "val": self.figures,

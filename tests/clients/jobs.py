@@ -1,0 +1,67 @@
+"""Jobs for the senders, and what the scripts that drive them have in common.
+
+Every script gets the path of a serial port and the name of the machine behind it (`sim` or `qemu`),
+checks what its sender makes of the machine, and prints at the end where the machine must be:
+`at X,Y,Z`, machine coordinates in mm. What passes on the line is checked by who starts the script.
+"""
+
+import math
+import sys
+import time
+
+# How long anything may take: a guard for a machine that is stuck, no measure.
+PATIENCE = 60.0
+
+# Where the work coordinates G54 of all jobs begin, machine coordinates in mm.
+ORIGIN = (-100, -100, -50)
+
+
+def place_origin():
+    """The line that sets G54."""
+    x, y, z = ORIGIN
+    return f"G10 L2 P1 X{x} Y{y} Z{z}"
+
+
+def spiral(lines, feed=6000):
+    """A job of short lines, arcs and empty and comment lines, within 25 mm of the origin.
+
+    It begins and ends 10 mm above the origin, whatever position it finds.
+    """
+    yield from ["(a spiral)", "G21 G90 G17 G54", "", "G0 Z10", f"G1 X0 Y0 F{feed}", "Z-1"]
+    for number in range(lines):
+        angle, radius = number * 0.15, 5 + 20 * number / lines
+        x, y = radius * math.cos(angle), radius * math.sin(angle)
+        yield f"G1 X{x:.3f} Y{y:.3f}"
+        if number % 50 == 49:
+            # A full circle about the origin, counter-clockwise from where the spiral is.
+            yield f"G3 X{x:.3f} Y{y:.3f} I{-x:.3f} J{-y:.3f}"
+        if number % 10 == 9:
+            yield f"; after {number + 1}"
+    yield from ["G0 Z10", "X0 Y0"]
+
+
+def until(claim, what, patience=PATIENCE):
+    """Waits until a claim is true, and returns what it says."""
+    end = time.monotonic() + patience
+    while time.monotonic() < end:
+        result = claim()
+        if result:
+            return result
+        time.sleep(0.01)
+    raise TimeoutError(f"not within {patience:.0f} s: {what}")
+
+
+def check(claim, what):
+    """Ends the script when a claim is false."""
+    if not claim:
+        raise AssertionError(what)
+
+
+def arguments():
+    """The port, and whether the machine is the simulator with its switches."""
+    return sys.argv[1], sys.argv[2] == "sim"
+
+
+def finish(x, y, z):
+    """Says where the machine must be."""
+    print(f"at {x},{y},{z}", flush=True)
