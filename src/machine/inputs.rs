@@ -1,100 +1,58 @@
-//! The inputs of the machine: limit switches, probe, buttons and door.
+//! The inputs of the machine as every task may read them, and what `prepare` wants of them.
 //!
-//! Written by the input interrupt alone, after its filter; every other task reads.
+//! Levels are written by the `inputs` interrupt alone, after its filter. `prepare` tells which of
+//! them are inverted, whether limit switches stop the machine, and what change of the probe it waits
+//! for; the interrupt answers with the moment of that change.
 
-use core::{
-    ops::{BitAnd, BitOr, BitXor, Not},
-    sync::atomic::{AtomicU32, Ordering::Relaxed},
+use core::sync::atomic::{
+    AtomicU32,
+    Ordering::{Acquire, Relaxed, Release},
 };
 
+use super::Levels;
 use crate::settings::Settings;
 
-/// One bit for each input, bits 0 to 5 the limit switches of X, Y, Z, A, B and C.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
-#[cfg_attr(target_os = "none", derive(defmt::Format))]
-pub struct Levels(pub u16);
-
-impl Levels {
-    /// Nothing.
-    pub const NONE: Self = Self(0);
-    /// All limit switches.
-    pub const LIMITS: Self = Self(0x3f);
-    /// The probe.
-    pub const PROBE: Self = Self(1 << 6);
-    /// The safety door.
-    pub const DOOR: Self = Self(1 << 7);
-    /// The feed hold button.
-    pub const HOLD: Self = Self(1 << 8);
-    /// The reset button.
-    pub const RESET: Self = Self(1 << 9);
-    /// The cycle start button.
-    pub const START: Self = Self(1 << 10);
-
-    /// Whether it has a bit of another.
-    #[must_use]
-    pub const fn has(self, other: Self) -> bool {
-        self.0 & other.0 != 0
-    }
-
-    /// What is active, of contacts that are closed, under `$5` and `$6`.
-    #[must_use]
-    pub fn active(self, settings: &Settings) -> Self {
-        let mut inverted = Self::NONE;
-        if settings.limit_invert {
-            // Only axes that exist have a switch.
-            inverted = Self((1 << crate::axis::AXES) - 1);
-        }
-        if settings.probe_invert {
-            inverted = inverted | Self::PROBE;
-        }
-        self ^ inverted
-    }
+/// Change of the probe that is waited for.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[repr(u32)]
+pub enum Contact {
+    /// It becomes active.
+    Made = 1,
+    /// It becomes inactive.
+    Broken = 2,
 }
 
-impl BitOr for Levels {
-    type Output = Self;
+/// Nothing is waited for.
+const UNARMED: u32 = 0;
+/// The change has come.
+const LATCHED: u32 = 3;
 
-    fn bitor(self, other: Self) -> Self {
-        Self(self.0 | other.0)
-    }
-}
-
-impl BitAnd for Levels {
-    type Output = Self;
-
-    fn bitand(self, other: Self) -> Self {
-        Self(self.0 & other.0)
-    }
-}
-
-impl BitXor for Levels {
-    type Output = Self;
-
-    fn bitxor(self, other: Self) -> Self {
-        Self(self.0 ^ other.0)
-    }
-}
-
-impl Not for Levels {
-    type Output = Self;
-
-    fn not(self) -> Self {
-        Self(!self.0)
-    }
-}
-
-/// The inputs as every task may read them. A set bit is a closed contact: the pin is low.
+/// The inputs. A set bit of [`Levels`] is a closed contact: the pin is low.
 #[derive(Debug, Default)]
 pub struct Inputs {
+    /// Contacts that are closed; written by `inputs`.
     closed: AtomicU32,
+    /// Inputs that are active while open; written by `prepare`.
+    inverted: AtomicU32,
+    /// Limit switches that stop the machine; written by `prepare`.
+    guarded: AtomicU32,
+    /// A [`Contact`], [`UNARMED`] or [`LATCHED`]; written by `prepare`, but for the last, which
+    /// `inputs` writes over a contact.
+    probing: AtomicU32,
+    /// Events that had been output when the probe changed; written by `inputs`.
+    latched: AtomicU32,
 }
 
 impl Inputs {
-    /// All contacts open.
+    /// All contacts open, none inverted.
     #[must_use]
     pub const fn new() -> Self {
         Self {
             closed: AtomicU32::new(0),
+            inverted: AtomicU32::new(0),
+            guarded: AtomicU32::new(0),
+            probing: AtomicU32::new(UNARMED),
+            latched: AtomicU32::new(0),
         }
     }
 
@@ -107,5 +65,62 @@ impl Inputs {
     /// Stores the contacts that are closed; for the input interrupt alone.
     pub fn set_closed(&self, closed: Levels) {
         self.closed.store(u32::from(closed.0), Relaxed);
+    }
+
+    /// The inputs that are active, under the settings that [`Inputs::configure`] got last.
+    #[must_use]
+    pub fn active(&self) -> Levels {
+        self.closed() ^ self.inverted()
+    }
+
+    pub(super) fn inverted(&self) -> Levels {
+        Levels(self.inverted.load(Relaxed) as u16)
+    }
+
+    /// Takes over `$5` and `$6`; for `prepare` alone.
+    pub fn configure(&self, settings: &Settings) {
+        let inverted = Levels::inverted(settings);
+        self.inverted.store(u32::from(inverted.0), Relaxed);
+    }
+
+    /// Says which limit switches stop the machine as soon as they become active: none while homing
+    /// or in alarm. For `prepare` alone.
+    pub fn guard(&self, limits: Levels) {
+        self.guarded.store(u32::from(limits.0), Relaxed);
+    }
+
+    pub(super) fn guarded(&self) -> Levels {
+        Levels(self.guarded.load(Relaxed) as u16)
+    }
+
+    /// Waits for a change of the probe from now on; for `prepare` alone.
+    pub fn arm_probe(&self, contact: Contact) {
+        self.probing.store(contact as u32, Release);
+    }
+
+    /// Waits no more; for `prepare` alone.
+    pub fn disarm_probe(&self) {
+        self.probing.store(UNARMED, Release);
+    }
+
+    /// How many events had been output when the probe changed, if it has.
+    #[must_use]
+    pub fn contact(&self) -> Option<u32> {
+        let is_latched = self.probing.load(Acquire) == LATCHED;
+        is_latched.then(|| self.latched.load(Relaxed))
+    }
+
+    /// Whether the change of the probe that is waited for has come with these levels.
+    pub(super) fn is_contact(&self, raw: Levels) -> bool {
+        let is_active = (raw ^ self.inverted()).has(Levels::PROBE);
+        let awaited = self.probing.load(Acquire);
+        awaited == Contact::Made as u32 && is_active
+            || awaited == Contact::Broken as u32 && !is_active
+    }
+
+    /// The change has come after so many events; for the input interrupt alone.
+    pub(super) fn latch(&self, events: u32) {
+        self.latched.store(events, Relaxed);
+        self.probing.store(LATCHED, Release);
     }
 }

@@ -1,15 +1,21 @@
 //! The machine's state and what is known of it elsewhere.
 
 mod alarm;
+mod filter;
 mod inputs;
+mod levels;
 mod notice;
 mod outputs;
 mod overrides;
 mod state;
+mod watch;
 
 pub use alarm::Alarm;
-pub use inputs::{Inputs, Levels};
+pub use filter::{Filter, SAMPLE_TICKS, SAMPLES};
+pub use inputs::{Contact, Inputs};
+pub use levels::Levels;
 pub use notice::{Notice, Notices};
 pub use outputs::Outputs;
 pub use overrides::{Override, Overrides};
 pub use state::{Probed, Snapshot, State};
+pub use watch::{Cause, Watch, Watched};

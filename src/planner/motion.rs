@@ -150,7 +150,7 @@ impl Motion {
         entries: &mut Consumer<'_, Entry>,
         events: &mut EventWriter<'_>,
     ) -> Prepared {
-        self.snapshot.inputs = inputs.closed();
+        self.snapshot.inputs = inputs.active();
         if counts.take_starved() {
             self.fail();
         }

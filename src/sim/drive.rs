@@ -1,9 +1,11 @@
-//! The step timer and its interrupt on a virtual clock.
+//! The step timer, its interrupt and that of the inputs on a virtual clock.
 
 use heapless::spsc::Queue;
 
+use super::{Switch, contacts::Contacts};
 use crate::{
-    machine::{Inputs, Snapshot},
+    axis::Axes,
+    machine::{Cause, Inputs, Levels, SAMPLE_TICKS, Snapshot, Watch},
     planner::{Entry, Motion},
     protocol::realtime::Requests,
     settings::Settings,
@@ -26,7 +28,7 @@ pub struct Edge {
     pub directions: u8,
 }
 
-/// `prepare`, the step interrupt, and the queues between them.
+/// `prepare`, the interrupts of steps and inputs, and what is between them.
 #[derive(Debug)]
 pub struct Drive {
     pub(super) motion: Motion,
@@ -40,6 +42,12 @@ pub struct Drive {
     events: EventRing,
     /// When the step interrupt is due, and what the pins do then.
     due: Option<Edge>,
+    contacts: Contacts,
+    watch: Watch,
+    /// When the inputs are sampled next, ticks.
+    sample_due: Option<u64>,
+    /// A contact has changed, and the input interrupt has not run since.
+    is_watch_released: bool,
     is_prepare_released: bool,
     has_news: bool,
 }
@@ -50,11 +58,17 @@ impl Drive {
     pub fn new(settings: &Settings) -> Self {
         let mut motion = Motion::new();
         motion.power_up(settings);
+        let inputs = Inputs::new();
+        inputs.configure(settings);
         Self {
             motion,
             stepper: Stepper::new(),
             counts: StepCounts::new(),
-            inputs: Inputs::new(),
+            contacts: Contacts::new(),
+            watch: Watch::new(Levels::NONE, &inputs),
+            sample_due: None,
+            is_watch_released: false,
+            inputs,
             entries: Queue::new(),
             events: EventRing::new(),
             due: None,
@@ -73,6 +87,58 @@ impl Drive {
     #[must_use]
     pub fn due(&self) -> Option<u64> {
         self.due.map(|edge| edge.ticks)
+    }
+
+    /// When the inputs are sampled next, ticks: [`Drive::watch`] does it.
+    #[must_use]
+    pub const fn sample_due(&self) -> Option<u64> {
+        self.sample_due
+    }
+
+    /// Physical steps of each axis since power-up.
+    #[must_use]
+    pub const fn physical_steps(&self) -> Axes<i32> {
+        self.contacts.steps()
+    }
+
+    /// Mounts a switch; whether it fits. It counts from where the axes stood at power-up.
+    pub fn mount(&mut self, switch: Switch) -> bool {
+        let fits = self.contacts.mount(switch);
+        self.look();
+        fits
+    }
+
+    /// Closes contacts, as whoever stands at the machine does, or opens them again.
+    pub fn set_pin(&mut self, inputs: Levels, closed: bool) {
+        self.contacts.hold(inputs, closed);
+        self.look();
+    }
+
+    fn look(&mut self) {
+        self.is_watch_released |= self.contacts.look();
+    }
+
+    /// Runs the input interrupt if it has been released: it comes before `prepare`.
+    pub fn watch(&mut self, requests: &Requests, now: u64) {
+        let cause = if self.is_watch_released {
+            Cause::Edge
+        } else if self.sample_due.is_some_and(|due| due <= now) {
+            self.sample_due = None;
+            Cause::Sample
+        } else {
+            return;
+        };
+        self.is_watch_released = false;
+        let events = self.events.split().0.tap();
+        let closed = self.contacts.closed;
+        let (inputs, counts) = (&self.inputs, &self.counts);
+        let watched = self
+            .watch
+            .run(cause, closed, inputs, requests, counts, &events);
+        if watched.sample && self.sample_due.is_none() {
+            self.sample_due = Some(now + u64::from(SAMPLE_TICKS));
+        }
+        self.is_prepare_released |= watched.prepare;
     }
 
     /// Releases `prepare`.
@@ -126,6 +192,10 @@ impl Drive {
             drop: advance.drop,
             directions: advance.directions.unwrap_or(edge.directions),
         });
+        if edge.raise != 0 {
+            self.contacts.step(&edge);
+            self.look();
+        }
         Some(edge)
     }
 }

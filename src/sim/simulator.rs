@@ -2,9 +2,10 @@
 
 use heapless::spsc::Queue;
 
-use super::{Drive, Edge};
+use super::{Drive, Edge, Switch};
 use crate::{
-    machine::Snapshot,
+    axis::Axes,
+    machine::{Levels, Snapshot},
     protocol::{
         Progress, Session,
         realtime::{self, Release, Requests},
@@ -106,15 +107,33 @@ impl Simulator {
         !self.sent.is_empty()
     }
 
-    /// When the next pin edge is due, ticks.
+    /// Mounts a switch that an axis closes; whether it fits.
+    pub fn mount(&mut self, switch: Switch) -> bool {
+        self.drive.mount(switch)
+    }
+
+    /// Closes the contacts of inputs, or opens them again; [`Simulator::settle`] acts on it.
+    pub fn set_pin(&mut self, inputs: Levels, closed: bool) {
+        self.drive.set_pin(inputs, closed);
+    }
+
+    /// Physical steps of each axis since power-up: homing does not change them.
+    #[must_use]
+    pub const fn physical_steps(&self) -> Axes<i32> {
+        self.drive.physical_steps()
+    }
+
+    /// When the next pin edge or the next sample of the inputs is due, ticks.
     #[must_use]
     pub fn due(&self) -> Option<u64> {
-        self.drive.due()
+        let dues = [self.drive.due(), self.drive.sample_due()];
+        dues.into_iter().flatten().min()
     }
 
     /// Runs every task that is released.
     pub fn settle(&mut self) {
         loop {
+            self.drive.watch(&self.requests, self.now);
             if self.drive.prepare(&self.requests, self.now) {
                 self.is_interpret_released |= self.drive.take_news();
             } else if self.is_report_released {
@@ -127,19 +146,12 @@ impl Simulator {
         }
     }
 
-    /// Advances the clock to `time`, or to the next edge if that comes first, and runs what is
+    /// Advances the clock to `time`, or to the next edge or sample if that comes first, and runs what is
     /// released then.
     pub fn advance(&mut self, time: u64) -> Option<Edge> {
-        let edge = match self.drive.due() {
-            Some(due) if due <= time => {
-                self.now = due;
-                self.drive.step()
-            }
-            _ => {
-                self.now = time;
-                None
-            }
-        };
+        self.now = self.due().map_or(time, |due| due.min(time));
+        let is_step_due = self.drive.due().is_some_and(|due| due <= self.now);
+        let edge = is_step_due.then(|| self.drive.step()).flatten();
         self.settle();
         edge
     }

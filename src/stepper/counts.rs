@@ -21,6 +21,8 @@ struct Slot {
     start_ticks: AtomicU32,
     feed_mm_min: AtomicU32,
     line: AtomicU32,
+    /// Number of its first event, or of one before it that begins no pulse.
+    first_event: AtomicU32,
     /// Step count of each axis where it begins.
     steps: [AtomicI32; AXES],
 }
@@ -28,13 +30,16 @@ struct Slot {
 /// Flag of a segment in which not everything is at rest.
 const IS_MOVING: u32 = 1 << 8;
 
+/// Slots, a power of two: those of the segments that may wait, and of those played last.
+const SLOTS: usize = 2 * SEGMENT_RING;
+
 /// What the step interrupt plays.
 ///
 /// Written by `prepare` (announcements) and the step interrupt (the rest). `running` is written by
 /// whoever can: by `prepare` while the timer stands, by the step interrupt while it runs.
 #[derive(Debug)]
 pub struct StepCounts {
-    slots: [Slot; SEGMENT_RING],
+    slots: [Slot; SLOTS],
     /// Segments announced so far, wrapping.
     announced: AtomicU32,
     /// Segments begun so far, wrapping.
@@ -42,6 +47,9 @@ pub struct StepCounts {
     late: AtomicU32,
     running: AtomicBool,
     starved: AtomicBool,
+    /// The step interrupt is to stop, or has stopped, at once; written by `inputs`, cleared by
+    /// `prepare` when it stands.
+    cut: AtomicBool,
 }
 
 impl StepCounts {
@@ -55,20 +63,22 @@ impl StepCounts {
                     start_ticks: AtomicU32::new(0),
                     feed_mm_min: AtomicU32::new(0),
                     line: AtomicU32::new(0),
+                    first_event: AtomicU32::new(0),
                     steps: [const { AtomicI32::new(0) }; AXES],
                 }
-            }; SEGMENT_RING],
+            }; SLOTS],
             announced: AtomicU32::new(0),
             begun: AtomicU32::new(0),
             late: AtomicU32::new(0),
             running: AtomicBool::new(false),
             starved: AtomicBool::new(false),
+            cut: AtomicBool::new(false),
         }
     }
 
     #[inline]
     fn slot(&self, number: u32) -> &Slot {
-        &self.slots[number as usize % SEGMENT_RING]
+        &self.slots[number as usize % SLOTS]
     }
 
     /// The segment being played, or played last.
@@ -79,7 +89,7 @@ impl StepCounts {
     /// Whether a segment can be announced.
     #[must_use]
     pub fn has_room(&self) -> bool {
-        // The slot before the first that waits is being played.
+        // The others are those played last, or being played.
         let waiting = self
             .announced
             .load(Relaxed)
@@ -97,6 +107,7 @@ impl StepCounts {
         slot.start_ticks.store(info.start_ticks, Relaxed);
         slot.feed_mm_min.store(info.feed_mm_min.to_bits(), Relaxed);
         slot.line.store(info.line, Relaxed);
+        slot.first_event.store(info.first_event, Relaxed);
         // wcet-bound: 6
         for (to, from) in slot.steps.iter().zip(&info.steps) {
             to.store(*from, Relaxed);
@@ -115,13 +126,55 @@ impl StepCounts {
         (flags as u8, flags & IS_MOVING != 0)
     }
 
-    /// The step interrupt has stopped: a fault if anything moved.
+    /// The step interrupt has stopped: a fault if anything moved and nobody wanted it.
     #[inline]
     pub(super) fn stop(&self, is_moving: bool) {
         self.running.store(false, Relaxed);
-        if is_moving {
+        if is_moving && !self.is_cut() {
             self.starved.store(true, Relaxed);
         }
+    }
+
+    /// Asks the step interrupt to stop at once; see [`EventTap::cut`](super::EventTap::cut).
+    pub(super) fn ask_cut(&self) {
+        self.cut.store(true, Relaxed);
+    }
+
+    /// Whether the step interrupt has been asked to stop at once and nobody has seen to it yet.
+    #[inline]
+    #[must_use]
+    pub fn is_cut(&self) -> bool {
+        self.cut.load(Relaxed)
+    }
+
+    /// The directions that the pins have: those of the segment being played.
+    pub(super) fn directions(&self) -> u8 {
+        self.played().flags.load(Relaxed) as u8
+    }
+
+    /// Drops the segments that have not begun; ends a cut. For `prepare`, while the step interrupt
+    /// stands.
+    pub(super) fn drop_waiting(&self) {
+        self.announced.store(self.begun.load(Relaxed), Relaxed);
+        self.starved.store(false, Relaxed);
+        self.cut.store(false, Relaxed);
+    }
+
+    /// The segment in which so many events had been output: where it begins, its directions, and
+    /// how many events before its first that was. `None` when that is too long ago.
+    pub(super) fn segment_at(&self, events: u32) -> Option<(Axes<i32>, u8, u32)> {
+        let begun = self.begun.load(Relaxed);
+        // wcet-bound: 32
+        for back in 1..=SEGMENT_RING as u32 {
+            let slot = self.slot(begun.wrapping_sub(back));
+            let first = slot.first_event.load(Relaxed);
+            let since = events.wrapping_sub(first);
+            if since.cast_signed() >= 0 {
+                let steps = Axes::from_fn(|axis| slot.steps[axis].load(Relaxed));
+                return Some((steps, slot.flags.load(Relaxed) as u8, first));
+            }
+        }
+        None
     }
 
     /// Step count of each axis when the segment being played began.

@@ -78,6 +78,8 @@ pub struct SegmentInfo {
     pub start_ticks: u32,
     /// Step count of each axis where it begins.
     pub steps: Axes<i32>,
+    /// Number of its first event, or of one before it that begins no pulse.
+    pub first_event: u32,
     /// Axes that move in the negative direction, bit 0 = X.
     pub directions: u8,
     /// Whether everything is at rest in it: only then may the event queue run empty.

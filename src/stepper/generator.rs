@@ -8,6 +8,7 @@ use super::{
     AxisMotion, DIRECTION_SETUP_TICKS, EVENT_SPACING_TICKS, EventWriter, SegmentInfo, StepCounts,
     StepEvent,
     axis_steps::{AxisSteps, EVEN_BITS, NO_STEPS, plan_axis},
+    history::steps_after,
     pulses::{Cursor, High, LOW, SPACING},
     ring::EventBatch,
 };
@@ -54,6 +55,8 @@ pub struct Generator {
     pulse_ticks: i32,
     /// End of everything generated, on the generator's clock.
     clock_ticks: u32,
+    /// Number of the event that is put next.
+    next_event: u32,
 }
 
 impl Generator {
@@ -73,6 +76,7 @@ impl Generator {
             directions: 0,
             pulse_ticks: (10 * TICKS_PER_US).cast_signed(),
             clock_ticks: 0,
+            next_event: 0,
         }
     }
 
@@ -95,9 +99,35 @@ impl Generator {
         self.position.map(|position| position.nearest().0)
     }
 
-    /// Replaces the position by another with the same whole steps, at rest.
+    /// Replaces the position, at rest. Other whole steps are known everywhere once a standstill has
+    /// been played with them: see [`Generator::rest`].
     pub fn settle(&mut self, position: Axes<FineSteps>) {
         self.position = position;
+    }
+
+    /// Settles on whole steps, at rest.
+    pub fn settle_on(&mut self, steps: Axes<i32>) {
+        self.settle(steps.map(|steps| FineSteps(i64::from(steps) << 32)));
+    }
+
+    /// Ends a cut, when the step interrupt has stopped: what it has not played is dropped, and the
+    /// position is exactly that of the steps output. A standstill must follow, which ends the
+    /// pulses.
+    pub fn cut_off(&mut self, counts: &StepCounts, events: &mut EventWriter<'_>) {
+        let output = events.drop_waiting();
+        if let Some(steps) = steps_after(output, counts, events) {
+            self.settle_on(steps);
+        }
+        self.directions = counts.directions();
+        counts.drop_waiting();
+        self.axes = [NO_STEPS; AXES];
+        self.cursor = Cursor::cut_off((1 << AXES) - 1);
+        self.ticks = 0;
+        self.turns = 0;
+        self.is_open = false;
+        self.is_boundary = false;
+        self.is_rest = false;
+        self.next_event = output;
     }
 
     /// Drops the steps that the segment has not come to, after a fault: the position is where the
@@ -152,6 +182,7 @@ impl Generator {
         counts.announce(&SegmentInfo {
             start_ticks: self.clock_ticks,
             steps: begin,
+            first_event: self.next_event,
             directions,
             is_rest: false,
             feed_mm_min: segment.feed_mm_min,
@@ -171,6 +202,7 @@ impl Generator {
         counts.announce(&SegmentInfo {
             start_ticks: self.clock_ticks,
             steps: self.steps(),
+            first_event: self.next_event,
             directions: self.directions,
             is_rest: true,
             feed_mm_min: 0.0,
@@ -211,6 +243,7 @@ impl Generator {
         if closes {
             self.close(&mut events);
         }
+        self.next_event = events.number();
         closes
     }
 

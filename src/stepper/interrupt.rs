@@ -62,14 +62,15 @@ impl Stepper {
 
     /// What [`EventReader::take_within_segment`] leaves to be done: takes the first event of the
     /// next segment, and the directions that have to be output now, bit 0 = X, 1 = negative.
-    /// `None` stops the timer: there is no event.
+    /// `None` stops the timer: there is no event, or no event may follow.
     #[inline]
     pub fn begin_or_stop(
         &mut self,
         events: &mut EventReader<'_>,
         counts: &StepCounts,
     ) -> Option<(StepEvent, u8)> {
-        let Some(event) = events.take() else {
+        let next = if counts.is_cut() { None } else { events.take() };
+        let Some(event) = next else {
             counts.stop(self.is_moving);
             return None;
         };

@@ -8,6 +8,7 @@ mod axis_steps;
 mod counts;
 mod event;
 mod generator;
+mod history;
 mod interrupt;
 mod pulses;
 mod ring;
@@ -16,8 +17,9 @@ pub use axis_steps::AxisMotion;
 pub use counts::StepCounts;
 pub use event::{SegmentInfo, StepEvent};
 pub use generator::{Generator, Segment};
+pub use history::steps_after;
 pub use interrupt::{Advance, Stepper};
-pub use ring::{EVENT_RING, EventReader, EventRing, EventWriter};
+pub use ring::{EVENT_RING, EventReader, EventRing, EventTap, EventWriter};
 
 use crate::units::{TICKS_PER_MS, TICKS_PER_US};
 

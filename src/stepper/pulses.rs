@@ -67,6 +67,14 @@ impl Cursor {
         newest: High::NONE,
     };
 
+    /// After a cut: any pulse may be high, and may end now.
+    pub(super) fn cut_off(mask: u32) -> Self {
+        Self {
+            oldest: High::new(mask, 0),
+            ..Self::NEW
+        }
+    }
+
     /// All pulses that are high.
     #[inline]
     pub(super) fn high(&self) -> u32 {

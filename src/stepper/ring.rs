@@ -7,16 +7,21 @@
 
 use core::sync::atomic::{AtomicU32, Ordering::Relaxed, Ordering::SeqCst, compiler_fence};
 
-use super::{SEGMENT_EVENTS, StepEvent};
+use super::{SEGMENT_EVENTS, StepCounts, StepEvent};
 
-/// Events that a ring holds: a power of two.
+/// Events that may wait in a ring.
 ///
 /// The beginning of a segment releases `prepare`, so a full ring must hold one, and enough events
 /// behind it for `prepare` to catch up: at the shortest spacing 1 ms, or 2 ms where no segment is
 /// longer than it is meant to be.
 pub const EVENT_RING: usize = 2048;
-const MASK: u32 = EVENT_RING as u32 - 1;
 const _: () = assert!(EVENT_RING as u32 >= SEGMENT_EVENTS * 3 / 2);
+/// Words of a ring, a power of two: as many events as may wait, and those played last, from which
+/// `prepare` learns where the machine was at an event.
+const WORDS: usize = 2 * EVENT_RING;
+const MASK: u32 = WORDS as u32 - 1;
+/// Events that a cut marks, so that the step interrupt comes to one even while it preempts.
+const CUT_EVENTS: u32 = 4;
 
 /// The ring itself.
 #[derive(Debug)]
@@ -26,7 +31,7 @@ pub struct EventRing {
     written: AtomicU32,
     /// Events read so far, wrapping.
     read: AtomicU32,
-    words: [AtomicU32; EVENT_RING],
+    words: [AtomicU32; WORDS],
 }
 
 impl EventRing {
@@ -34,7 +39,7 @@ impl EventRing {
     #[must_use]
     pub const fn new() -> Self {
         Self {
-            words: [const { AtomicU32::new(0) }; EVENT_RING],
+            words: [const { AtomicU32::new(0) }; WORDS],
             written: AtomicU32::new(0),
             read: AtomicU32::new(0),
         }
@@ -65,7 +70,26 @@ pub struct EventWriter<'a> {
     ring: &'a EventRing,
 }
 
-impl EventWriter<'_> {
+impl<'a> EventWriter<'a> {
+    /// What the input interrupt sees of the ring.
+    #[must_use]
+    pub const fn tap(&self) -> EventTap<'a> {
+        EventTap { ring: self.ring }
+    }
+
+    /// Drops the events that have not been taken, and tells the number of the next. Only while the
+    /// step interrupt stands.
+    pub(super) fn drop_waiting(&mut self) -> u32 {
+        let read = self.ring.read.load(Relaxed);
+        self.ring.written.store(read, Relaxed);
+        read
+    }
+
+    /// The event of a number, while it is among the last [`EVENT_RING`] taken or waits.
+    pub(super) fn event(&self, number: u32) -> StepEvent {
+        StepEvent::from_bits(self.ring.word(number).load(Relaxed))
+    }
+
     /// Events that can be put now.
     #[inline]
     #[must_use]
@@ -100,6 +124,7 @@ impl EventBatch<'_> {
     /// Events that can still be put.
     #[inline]
     pub(super) fn room(&self) -> u32 {
+        // The others are those played last.
         EVENT_RING as u32 - self.number.wrapping_sub(self.ring.read.load(Relaxed))
     }
 
@@ -129,6 +154,61 @@ impl EventBatch<'_> {
         // The reader must not see the number before the words.
         compiler_fence(SeqCst);
         self.ring.written.store(self.number, Relaxed);
+    }
+}
+
+/// What the input interrupt sees of a ring.
+#[derive(Debug, Clone, Copy)]
+pub struct EventTap<'a> {
+    ring: &'a EventRing,
+}
+
+impl EventTap<'_> {
+    /// How many events have been output, wrapping: at any instant, also between any two
+    /// instructions of `prepare`, and from any task below the step interrupt.
+    ///
+    /// While the step interrupt runs, the event taken last is only set up.
+    #[inline]
+    #[must_use]
+    pub fn output(self, counts: &StepCounts) -> u32 {
+        // In this order: an interrupt in between that stops has only output what it had set up.
+        let set_up = u32::from(counts.is_running());
+        compiler_fence(SeqCst);
+        self.ring.read.load(Relaxed).wrapping_sub(set_up)
+    }
+
+    /// Stops the step interrupt: the event that is set up is the last one. For tasks above
+    /// `prepare`, which then calls [`Generator::cut_off`](super::Generator::cut_off).
+    ///
+    /// The step interrupt looks for this only where segments begin, to pay nothing for it
+    /// elsewhere; so the events that wait are made to look like that.
+    pub fn cut(self, counts: &StepCounts) {
+        counts.ask_cut();
+        compiler_fence(SeqCst);
+        // It may take events meanwhile.
+        // wcet-bound: 4
+        for _ in 0..4 {
+            let next = self.ring.read.load(Relaxed);
+            // wcet-bound: 4
+            for number in (0..CUT_EVENTS).map(|ahead| next.wrapping_add(ahead)) {
+                self.mark(number);
+            }
+            compiler_fence(SeqCst);
+            if self.ring.read.load(Relaxed).wrapping_sub(next) < CUT_EVENTS {
+                return;
+            }
+        }
+    }
+
+    /// Makes an event that waits look like the first of a segment.
+    fn mark(self, number: u32) {
+        let waiting = self.ring.written.load(Relaxed).wrapping_sub(number);
+        // What is not published yet, `prepare` may be changing.
+        if waiting != 0 && waiting <= EVENT_RING as u32 {
+            let word = self.ring.word(number);
+            let event = StepEvent::from_bits(word.load(Relaxed));
+            word.store(event.at_boundary().bits(), Relaxed);
+        }
     }
 }
 

@@ -1,0 +1,113 @@
+//! One bit for each input of the machine.
+
+use core::ops::{BitAnd, BitOr, BitXor, Not};
+
+use crate::{axis::AXES, settings::Settings};
+
+/// One bit for each input, bits 0 to 5 the limit switches of X, Y, Z, A, B and C.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+#[cfg_attr(target_os = "none", derive(defmt::Format))]
+pub struct Levels(pub u16);
+
+impl Levels {
+    /// Nothing.
+    pub const NONE: Self = Self(0);
+    /// All limit switches.
+    pub const LIMITS: Self = Self(0x3f);
+    /// The probe.
+    pub const PROBE: Self = Self(1 << 6);
+    /// The safety door.
+    pub const DOOR: Self = Self(1 << 7);
+    /// The feed hold button.
+    pub const HOLD: Self = Self(1 << 8);
+    /// The reset button.
+    pub const RESET: Self = Self(1 << 9);
+    /// The cycle start button.
+    pub const START: Self = Self(1 << 10);
+
+    /// Whether it has a bit of another.
+    #[must_use]
+    pub const fn has(self, other: Self) -> bool {
+        self.0 & other.0 != 0
+    }
+
+    /// The limit switches of some axes, bit 0 = X.
+    #[must_use]
+    pub const fn limits(axes: u8) -> Self {
+        Self(axes as u16 & Self::LIMITS.0)
+    }
+
+    /// The inputs that are active while their contact is open, under `$5` and `$6`.
+    #[must_use]
+    pub fn inverted(settings: &Settings) -> Self {
+        let mut inverted = Self::NONE;
+        if settings.limit_invert {
+            // Only axes that exist have a switch.
+            inverted = Self((1 << AXES) - 1);
+        }
+        if settings.probe_invert {
+            inverted = inverted | Self::PROBE;
+        }
+        inverted
+    }
+
+    /// What is active, of contacts that are closed, under `$5` and `$6`.
+    #[must_use]
+    pub fn active(self, settings: &Settings) -> Self {
+        self ^ Self::inverted(settings)
+    }
+}
+
+impl BitOr for Levels {
+    type Output = Self;
+
+    fn bitor(self, other: Self) -> Self {
+        Self(self.0 | other.0)
+    }
+}
+
+impl BitAnd for Levels {
+    type Output = Self;
+
+    fn bitand(self, other: Self) -> Self {
+        Self(self.0 & other.0)
+    }
+}
+
+impl BitXor for Levels {
+    type Output = Self;
+
+    fn bitxor(self, other: Self) -> Self {
+        Self(self.0 ^ other.0)
+    }
+}
+
+impl Not for Levels {
+    type Output = Self;
+
+    fn not(self) -> Self {
+        Self(!self.0)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn inverted_limits_and_probe_are_active_while_open() {
+        let mut settings = Settings::default();
+        let closed = Levels(0b1) | Levels::DOOR;
+        assert_eq!(closed.active(&settings), closed);
+        settings.limit_invert = true;
+        let others = Levels::limits((1 << AXES) - 2);
+        assert_eq!(closed.active(&settings), others | Levels::DOOR);
+        settings.probe_invert = true;
+        assert!(closed.active(&settings).has(Levels::PROBE));
+        assert!(
+            !(closed | Levels::PROBE)
+                .active(&settings)
+                .has(Levels::PROBE)
+        );
+    }
+}
