@@ -13,7 +13,7 @@ import termios
 import time
 import tty
 
-from jobs import PATIENCE, ORIGIN, arguments, check, finish, place_origin, spiral
+from jobs import PATIENCE, ORIGIN, arguments, check, place_origin, run, spiral
 
 WINDOW = 128
 POLL = 0.05
@@ -199,8 +199,8 @@ def main():
     machine.ask("G53 G0 X-20 Y-30 Z-10")
     machine.wait_for("Idle")
     machine.position()
-    finish(-20, -30, -10)
+    return -20, -30, -10
 
 
 if __name__ == "__main__":
-    main()
+    run(main)

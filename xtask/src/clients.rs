@@ -151,7 +151,7 @@ fn run(mut command: Command, folder: &Path, machine: &mut Machine) -> Result<Opt
     }
     let _ = child.wait();
     let text = fs::read_to_string(&said).unwrap_or_default();
-    let status = status?;
+    let status = status.with_context(|| text.clone())?;
     if !status.success() {
         let last: Vec<_> = text.lines().rev().take(15).collect();
         let last: Vec<_> = last.into_iter().rev().collect();
