@@ -82,7 +82,8 @@ mod app {
         let settings = Settings::default();
         let board = board::init(cx.device, cx.core, &settings);
         let motion = cx.local.motion_memory;
-        motion.power_up(&settings);
+        let inputs = Inputs::new();
+        motion.power_up(&settings, &inputs);
         let (received_in, received_out) = cx.local.received.split();
         let (sent_in, sent_out) = cx.local.sent.split();
         let (entries_in, entries_out) = cx.local.entries.split();
@@ -95,7 +96,7 @@ mod app {
             interpret_waker: None,
             report_waker: None,
             requests: Requests::new(),
-            inputs: Inputs::new(),
+            inputs,
             counts: StepCounts::new(),
         };
         let local = Local {

@@ -78,10 +78,10 @@ impl Machine {
     /// Plays everything, with `prepare` in time.
     fn play(&mut self) {
         self.prepare();
-        while self.step() {
+        while self.drive.due().is_some() {
+            self.step();
             self.prepare();
         }
-        self.prepare();
         let snapshot = self.drive.snapshot();
         assert!(snapshot.is_at_rest, "{snapshot:?}");
         assert_eq!(snapshot.steps, self.steps);

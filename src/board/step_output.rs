@@ -40,12 +40,12 @@ impl StepOutput {
         events: &mut EventReader<'_>,
         counts: &StepCounts,
     ) -> bool {
-        let Some((event, directions)) = stepper.begin_or_stop(events, counts) else {
+        let Some((event, begun)) = stepper.begin_or_stop(events, counts) else {
             pins::prepare(0, 0);
             self.0.stop();
             return false;
         };
-        pins::set_directions(directions);
+        pins::set_directions(begun.directions);
         self.set_up(event)
     }
 }

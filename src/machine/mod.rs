@@ -1,6 +1,8 @@
 //! The machine's state and what is known of it elsewhere.
 
+mod accessories;
 mod alarm;
+mod control;
 mod filter;
 mod inputs;
 mod levels;
@@ -10,7 +12,9 @@ mod overrides;
 mod state;
 mod watch;
 
+pub use accessories::{Accessories, Power};
 pub use alarm::Alarm;
+pub use control::{Control, Effect, Ending, Event};
 pub use filter::{Filter, SAMPLE_TICKS, SAMPLES};
 pub use inputs::{Contact, Inputs};
 pub use levels::Levels;

@@ -122,6 +122,10 @@ pub struct Snapshot {
     pub is_at_rest: bool,
     /// The newest reset that has been acted on.
     pub epoch: u32,
+    /// Counts motions that were ended before their target otherwise than by a reset, as a cancelled
+    /// jog is, wrapping. The interpreter takes over the position anew, at rest; an entry that was
+    /// made before is void: [`crate::planner::Entry::epoch`].
+    pub cuts: u32,
     /// Whether that reset found the machine in motion, so that it rises `ALARM:3`.
     pub reset_in_motion: bool,
     /// Whether the step events ran out in motion: a fault that only a reset ends.

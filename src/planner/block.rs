@@ -1,12 +1,18 @@
 //! What waits in the look-ahead.
 
 use super::{Coolant, Spindle};
-use crate::{axis::Axes, machine::Alarm, settings::Settings};
+use crate::{
+    axis::Axes,
+    machine::{Alarm, Overrides},
+    math,
+    settings::Settings,
+};
 
 /// One entry of the queue from `interpret` to `prepare`.
 #[derive(Debug, Clone, Copy)]
 pub struct Entry {
-    /// The reset after which it was made: an entry of an older epoch is dropped.
+    /// Resets and cuts after which it was made, `epoch` plus `cuts` of the snapshot: an older entry
+    /// is dropped.
     pub epoch: u32,
     /// What to do.
     pub work: Work,
@@ -106,6 +112,22 @@ pub struct Block {
     pub curve: Option<Curve>,
     /// `N` word of its line, 0 without.
     pub line: u32,
+}
+
+/// Slowest speed along the path, mm/s: 1 mm/min, as in Grbl.
+pub(super) const MIN_SPEED_MM_S: f32 = 1.0 / 60.0;
+
+impl Block {
+    /// Speed along the path under overrides, within every axis limit, mm/s.
+    #[must_use]
+    pub fn speed_under(&self, overrides: Overrides) -> f32 {
+        let speed_mm_s = match self.pacing {
+            Pacing::Rapid => self.limit_mm_s * (0.01 * f32::from(overrides.rapid)),
+            Pacing::Feed => self.programmed_mm_s * (0.01 * f32::from(overrides.feed)),
+            Pacing::Fixed | Pacing::Jog => self.programmed_mm_s,
+        };
+        math::min(math::max(speed_mm_s, MIN_SPEED_MM_S), self.limit_mm_s)
+    }
 }
 
 /// The curved part of an arc or helix.

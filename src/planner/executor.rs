@@ -13,9 +13,10 @@
 //! where an axis reverses. Its phase is decided from the present speed and the way left, so a feed
 //! hold, a new block or a changed limit needs nothing but the next segment.
 
-use super::{Block, Curve, LookAhead};
+use super::{Block, Curve, Laser, LookAhead};
 use crate::{
     axis::Axes,
+    machine::Power,
     math::{self, WHOLE_Q31},
     stepper::{AxisMotion, SEGMENT_TICKS, Segment},
     units::{FineSteps, TICKS_PER_SECOND},
@@ -34,6 +35,8 @@ const LEAST_MM_S2: f32 = 1.0e-3;
 const LEAST_PART: f32 = 1.0e-4;
 /// Stands for a speed of 0 in a divisor, mm/s: slower than the slowest.
 const LEAST_MM_S: f32 = 1.0e-20;
+/// A measure of speed that is that much above the plan's is within it.
+const WITHIN: f32 = 1.0001;
 /// A segment that leaves less than this of its own length of the block takes it along.
 const REMNANT: f32 = 0.02;
 
@@ -74,6 +77,11 @@ pub(super) struct Executor {
     axis_speed: Axes<f32>,
     /// A block has been begun.
     is_begun: bool,
+    /// The plan has become slower: the speed may be more than it allows.
+    is_over: bool,
+    /// What the laser does in the last segment, and the part of the programmed speed that it has.
+    laser: Laser,
+    part: f32,
 }
 
 impl Executor {
@@ -85,13 +93,27 @@ impl Executor {
             start: Axes([FineSteps(0); crate::axis::AXES]),
             axis_speed: Axes([0.0; crate::axis::AXES]),
             is_begun: false,
+            is_over: false,
+            laser: Laser::None,
+            part: 0.0,
         }
+    }
+
+    /// The plan has been made anew, for other speeds.
+    pub(super) fn replanned(&mut self) {
+        self.is_over = self.speed_mm_s > 0.0;
+    }
+
+    /// What the laser does in the last segment, and its mean speed as a part of the programmed one.
+    pub(super) const fn beam(&self) -> (Laser, f32) {
+        (self.laser, self.part)
     }
 
     /// Forgets the block in execution: what was left of it is not executed. At rest, or a fault.
     pub(super) fn abandon(&mut self) {
         self.speed_mm_s = 0.0;
         self.is_begun = false;
+        self.is_over = false;
     }
 
     /// The next segment, from `position`; `None` at the end of the plan or, when stopping, at rest.
@@ -123,6 +145,8 @@ impl Executor {
             stretch = self.cut_at_reversal(curve, stretch);
         }
         let segment = self.segment(block, &stretch);
+        self.laser = block.laser;
+        self.part = 0.5 * (self.speed_mm_s + stretch.speed_mm_s) / block.programmed_mm_s;
         self.speed_mm_s = stretch.speed_mm_s;
         if stretch.ends_block {
             plan.pop();
@@ -140,17 +164,28 @@ impl Executor {
     }
 
     /// A stretch towards the planned exit speed.
-    fn run(&self, block: &Block, left_mm: f32, exit_sqr: f32) -> Stretch {
+    fn run(&mut self, block: &Block, left_mm: f32, exit_sqr: f32) -> Stretch {
         let speed = self.speed_mm_s;
         let measure = block.measure(speed * speed);
-        let exit = block.measure(exit_sqr);
+        let mut exit = block.measure(exit_sqr);
         let per_mm = block.measure_per_mm();
         // Greatest speed from which the exit speed can still be reached.
         let top = block.measure(block.speed_mm_s * block.speed_mm_s);
-        let peak = math::min(top, 0.5 * (measure + exit + per_mm * left_mm));
+        let mut peak = math::min(top, 0.5 * (measure + exit + per_mm * left_mm));
+        let mut exit_speed = math::sqrt(exit_sqr);
+        if self.is_over {
+            // Braking as hard as the limits allow is always within the plan before, and so within
+            // every limit but the new speed.
+            let least = measure - per_mm * left_mm;
+            self.is_over = measure > top * WITHIN || least > exit * WITHIN;
+            if least > exit {
+                exit = least;
+                exit_speed = math::sqrt(block.speed_sqr(exit));
+                peak = math::max(math::min(top, measure), exit);
+            }
+        }
         let peak_speed = math::sqrt(block.speed_sqr(peak));
         let acceleration = acceleration_left(block, speed);
-        let exit_speed = math::sqrt(exit_sqr);
         let near = SHORTEST_PHASE_S * acceleration;
         if speed <= 0.0 || peak_speed - speed > near {
             let seconds = share((peak_speed - speed) / acceleration);
@@ -267,6 +302,7 @@ impl Executor {
             axes,
             feed_mm_min: stretch.speed_mm_s * 60.0,
             line: block.line,
+            power: Power::OFF,
         }
     }
 }

@@ -11,6 +11,7 @@ use core::f32::consts::FRAC_PI_2;
 use super::{Block, Laser, Pacing};
 use crate::{
     axis::{AXES, Axes},
+    machine::Overrides,
     math,
 };
 
@@ -117,6 +118,7 @@ pub struct LookAhead {
     /// Place of the oldest.
     first: usize,
     count: usize,
+    overrides: Overrides,
 }
 
 impl LookAhead {
@@ -127,6 +129,7 @@ impl LookAhead {
             ring: [const { Planned::NONE }; BLOCKS],
             first: 0,
             count: 0,
+            overrides: Overrides::NONE,
         }
     }
 
@@ -170,18 +173,40 @@ impl LookAhead {
             return;
         }
         let newest = self.first + self.count;
+        let planned = &mut self.ring[newest & MASK];
+        planned.hold(block);
+        if self.overrides != Overrides::NONE {
+            planned.block.speed_mm_s = block.speed_under(self.overrides);
+        }
+        let speed_mm_s = planned.block.speed_mm_s;
         let limit_sqr = if self.count == 0 {
             0.0
         } else {
             let before = &self.ring[newest.wrapping_sub(1) & MASK].block;
-            let slower = math::min(block.speed_mm_s, before.speed_mm_s);
+            let slower = math::min(speed_mm_s, before.speed_mm_s);
             math::min(block.junction_sqr, slower * slower)
         };
         let planned = &mut self.ring[newest & MASK];
-        planned.hold(block);
         planned.limit_sqr = limit_sqr;
         planned.entry_sqr = -1.0;
         self.count += 1;
+        self.brake();
+    }
+
+    /// Puts all blocks, and those to come, under other overrides, and plans anew.
+    pub fn pace(&mut self, overrides: Overrides) {
+        self.overrides = overrides;
+        let mut before_mm_s = 0.0;
+        // wcet-bound: 128
+        for number in 0..self.count {
+            let planned = &mut self.ring[(self.first + number) & MASK];
+            let speed_mm_s = planned.block.speed_under(overrides);
+            planned.block.speed_mm_s = speed_mm_s;
+            let slower = math::min(speed_mm_s, before_mm_s);
+            planned.limit_sqr = math::min(planned.block.junction_sqr, slower * slower);
+            planned.entry_sqr = -1.0;
+            before_mm_s = speed_mm_s;
+        }
         self.brake();
     }
 

@@ -4,7 +4,10 @@
 //! Junction speed: S. Jeon, "Improving Grbl's cornering algorithm" (2011): the corner is followed
 //! at the speed at which a circle that leaves it by the junction deviation would be.
 
-use super::{Block, Circle, Command, Curve, Laser, Pace, Pacing, Rotation, Target, Work};
+use super::{
+    Block, Circle, Command, Curve, Laser, Pace, Pacing, Rotation, Target, Work,
+    block::MIN_SPEED_MM_S,
+};
 use crate::{
     axis::{AXES, Axes},
     math,
@@ -15,8 +18,6 @@ use crate::{
 
 /// Axes that are linear: X, Y, Z. The others turn, and give the feed only when alone.
 const LINEAR: usize = 3;
-/// Slowest speed along the path, mm/s: 1 mm/min, as in Grbl.
-const MIN_SPEED_MM_S: f32 = 1.0 / 60.0;
 /// Most steps per second that a segment of the step interrupt can count on one axis.
 const MAX_STEP_RATE_HZ: f32 = 500_000.0;
 /// Most steps per second of all axes together: with more, there would be no time to prepare them.

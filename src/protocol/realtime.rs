@@ -27,6 +27,8 @@ pub struct Requests {
     door: AtomicBool,
     /// 0x85: cleared by `prepare`.
     jog_cancel: AtomicBool,
+    /// The time that `prepare` asked for is over: cleared by it.
+    wake: AtomicBool,
     /// Overrides: taken by `prepare`.
     overrides: OverrideRing,
     /// 0x18: counts up; a reader compares it with the reset it has acted on last.
@@ -49,6 +51,7 @@ impl Requests {
             start: AtomicBool::new(false),
             door: AtomicBool::new(false),
             jog_cancel: AtomicBool::new(false),
+            wake: AtomicBool::new(false),
             overrides: OverrideRing::new(),
             resets: AtomicU32::new(0),
             own_resets: AtomicU32::new(0),
@@ -91,6 +94,17 @@ impl Requests {
     #[must_use]
     pub fn take_jog_cancel(&self) -> bool {
         take(&self.jog_cancel)
+    }
+
+    /// The time that `prepare` asked for is over; for its shell alone.
+    pub fn wake(&self) {
+        self.wake.store(true, Ordering::Release);
+    }
+
+    /// Takes the end of the time that was asked for.
+    #[must_use]
+    pub fn take_wake(&self) -> bool {
+        take(&self.wake)
     }
 
     /// Takes the oldest override that has come.
@@ -184,7 +198,7 @@ struct OverrideRing {
 }
 
 /// Overrides that may wait: more than bytes come in 1 ms.
-const OVERRIDES: usize = 16;
+pub const OVERRIDES: usize = 16;
 
 impl OverrideRing {
     const fn new() -> Self {

@@ -77,6 +77,8 @@ pub struct Session {
     entered: u32,
     /// The reset that this session has acted on.
     epoch: u32,
+    /// Motions that the machine has ended before their target, as far as the position is known.
+    cuts: u32,
     /// Whether the interpreter knows where the machine is.
     is_position_known: bool,
     /// The sender has been told that the machine needs a reset.
@@ -104,6 +106,7 @@ impl Session {
             is_report_due: false,
             entered: 0,
             epoch: 0,
+            cuts: 0,
             is_position_known: false,
             is_fault_told: false,
         }
@@ -229,7 +232,15 @@ impl Session {
 
     /// Takes the position from the machine once it is at rest.
     fn find_position(&mut self, machine: &Snapshot) {
-        if !self.is_position_known && self.is_done(machine) {
+        if !self.is_done(machine) {
+            return;
+        }
+        // A jog that was cancelled has not come to its end.
+        if self.cuts != machine.cuts {
+            self.cuts = machine.cuts;
+            self.is_position_known = false;
+        }
+        if !self.is_position_known {
             let position = self.router.set_steps(machine.steps);
             self.interpreter.set_position(position);
             self.is_position_known = true;

@@ -1,11 +1,16 @@
 //! What the user sets with `$n=value`.
 
 mod decimal;
+mod journal;
+mod record;
+mod restore;
+mod sectors;
 mod stored;
 mod table;
 
+pub use journal::{Journal, Loaded};
 pub use stored::{
-    COORDINATE_SYSTEMS, Change, Origins, STARTUP_LINES, STORED_LINE, Stored, StoredLine,
+    COORDINATE_SYSTEMS, Change, Origins, STARTUP_LINES, STORED_LINE, StoreError, Stored, StoredLine,
 };
 pub use table::{Kind, Row, SettingError, TABLE, Value, assign, listed, set};
 

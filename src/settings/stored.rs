@@ -57,3 +57,12 @@ pub enum Change {
     /// `$RST=*`: everything as it was when new.
     RestoreAll,
 }
+
+/// Why a change could not be stored. What was stored before still is.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum StoreError {
+    /// The flash refused to be read, programmed or erased.
+    Flash,
+    /// There is no room, or no such part.
+    NoRoom,
+}

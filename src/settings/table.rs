@@ -11,7 +11,7 @@ use super::{
 use crate::{axis::AXES, units::StepsPerMm};
 
 /// Largest value of a length, speed or acceleration.
-const LARGEST: f32 = 1.0e7;
+pub(super) const LARGEST: f32 = 1.0e7;
 /// Smallest value of what is divided by: the smallest that `$$` can show.
 const SMALLEST: f32 = 0.001;
 
@@ -213,7 +213,7 @@ fn change(settings: &mut Settings, number: i64, text: &[u8]) -> Result<(), Setti
 }
 
 /// The row of a setting, and the axis.
-fn find(number: u8) -> Option<(&'static Row, usize)> {
+pub(super) fn find(number: u8) -> Option<(&'static Row, usize)> {
     // wcet-bound: 26
     TABLE.iter().find_map(|row| {
         let axis = usize::from(number.checked_sub(row.number)?);
@@ -265,9 +265,7 @@ impl Row {
                 *place(settings).get_mut(axis).ok_or(missing)? = within(value, least, LARGEST)?;
             }
             Kind::AxisResolution(place) => {
-                let resolution = StepsPerMm::from_millionths(value.magnitude_millionths())
-                    .filter(|resolution| resolution.millionths() >= 1000)
-                    .ok_or(SettingError::OutOfRange)?;
+                let resolution = resolution(value.magnitude_millionths())?;
                 *place(settings).get_mut(axis).ok_or(missing)? = resolution;
             }
         }
@@ -280,7 +278,18 @@ fn byte(value: Decimal) -> Result<u8, SettingError> {
 }
 
 fn within(value: Decimal, least: f32, most: f32) -> Result<f32, SettingError> {
-    let number = value.to_f32();
+    in_range(value.to_f32(), least, most)
+}
+
+/// A resolution that the machine can work with.
+pub(super) fn resolution(millionths: u64) -> Result<StepsPerMm, SettingError> {
+    StepsPerMm::from_millionths(millionths)
+        .filter(|resolution| resolution.millionths() >= 1000)
+        .ok_or(SettingError::OutOfRange)
+}
+
+/// A number between two others, both included.
+pub(super) fn in_range(number: f32, least: f32, most: f32) -> Result<f32, SettingError> {
     if number >= least && number <= most {
         Ok(number)
     } else {

@@ -117,6 +117,7 @@ mod tests {
             raise: 1,
             drop: 0,
             directions: 0,
+            duty: 0,
         };
         let back = Edge {
             directions: 1,

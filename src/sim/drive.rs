@@ -5,11 +5,12 @@ use heapless::spsc::Queue;
 use super::{Switch, contacts::Contacts};
 use crate::{
     axis::Axes,
-    machine::{Cause, Inputs, Levels, SAMPLE_TICKS, Snapshot, Watch},
+    machine::{Cause, Inputs, Levels, Outputs, SAMPLE_TICKS, Snapshot, Watch},
     planner::{Entry, Motion},
     protocol::realtime::Requests,
     settings::Settings,
     stepper::{EventRing, StepCounts, Stepper},
+    units::TICKS_PER_MS,
 };
 
 /// Entries that may wait for `prepare`, and one more.
@@ -26,6 +27,8 @@ pub struct Edge {
     pub drop: u32,
     /// Levels of the direction outputs, bit 0 = X, 1 = negative.
     pub directions: u8,
+    /// Spindle PWM from then on, 0 to [`Outputs::FULL`].
+    pub duty: u16,
 }
 
 /// `prepare`, the interrupts of steps and inputs, and what is between them.
@@ -42,6 +45,9 @@ pub struct Drive {
     events: EventRing,
     /// When the step interrupt is due, and what the pins do then.
     due: Option<Edge>,
+    /// When `prepare` wants to be woken.
+    wake_due: Option<u64>,
+    outputs: Outputs,
     contacts: Contacts,
     watch: Watch,
     /// When the inputs are sampled next, ticks.
@@ -57,9 +63,9 @@ impl Drive {
     #[must_use]
     pub fn new(settings: &Settings) -> Self {
         let mut motion = Motion::new();
-        motion.power_up(settings);
         let inputs = Inputs::new();
-        inputs.configure(settings);
+        motion.power_up(settings, &inputs);
+        let outputs = *motion.outputs();
         Self {
             motion,
             stepper: Stepper::new(),
@@ -72,6 +78,8 @@ impl Drive {
             entries: Queue::new(),
             events: EventRing::new(),
             due: None,
+            wake_due: None,
+            outputs,
             is_prepare_released: false,
             has_news: false,
         }
@@ -87,6 +95,27 @@ impl Drive {
     #[must_use]
     pub fn due(&self) -> Option<u64> {
         self.due.map(|edge| edge.ticks)
+    }
+
+    /// When `prepare` wants to be woken, ticks: [`Drive::wake`] does it.
+    #[must_use]
+    pub const fn wake_due(&self) -> Option<u64> {
+        self.wake_due
+    }
+
+    /// Wakes `prepare` if it is time.
+    pub fn wake(&mut self, requests: &Requests, now: u64) {
+        if self.wake_due.is_some_and(|due| due <= now) {
+            self.wake_due = None;
+            requests.wake();
+            self.release_prepare();
+        }
+    }
+
+    /// What is switched now, with the duty that is output.
+    #[must_use]
+    pub const fn outputs(&self) -> &Outputs {
+        &self.outputs
     }
 
     /// When the inputs are sampled next, ticks: [`Drive::watch`] does it.
@@ -167,6 +196,16 @@ impl Drive {
         );
         self.is_prepare_released = prepared.again;
         self.has_news |= prepared.news;
+        if let Some(milliseconds) = prepared.wake_in_ms {
+            self.wake_due = Some(now + u64::from(milliseconds) * u64::from(TICKS_PER_MS));
+        }
+        let outputs = self.motion.outputs();
+        let duty = if self.counts.is_running() {
+            self.outputs.duty
+        } else {
+            outputs.duty
+        };
+        self.outputs = Outputs { duty, ..*outputs };
         if prepared.start {
             debug_assert!(self.due.is_none(), "a timer that runs is started");
             self.due = Some(Edge {
@@ -174,6 +213,7 @@ impl Drive {
                 raise: 0,
                 drop: 0,
                 directions: 0,
+                duty,
             });
             let _ = self.step();
         }
@@ -183,6 +223,7 @@ impl Drive {
     /// The step interrupt: what the pins do now.
     pub fn step(&mut self) -> Option<Edge> {
         let edge = self.due?;
+        self.outputs.duty = edge.duty;
         let (_, mut events) = self.events.split();
         let advance = self.stepper.advance(&mut events, &self.counts);
         self.is_prepare_released |= advance.releases_prepare();
@@ -190,7 +231,10 @@ impl Drive {
             ticks: edge.ticks + u64::from(ticks),
             raise: advance.raise,
             drop: advance.drop,
-            directions: advance.directions.unwrap_or(edge.directions),
+            directions: advance
+                .begun
+                .map_or(edge.directions, |begun| begun.directions),
+            duty: advance.begun.map_or(edge.duty, |begun| begun.duty),
         });
         if edge.raise != 0 {
             self.contacts.step(&edge);

@@ -5,7 +5,7 @@ use heapless::spsc::Queue;
 use super::{Drive, Edge, Switch};
 use crate::{
     axis::Axes,
-    machine::{Levels, Snapshot},
+    machine::{Levels, Outputs, Snapshot},
     protocol::{
         Progress, Session,
         realtime::{self, Release, Requests},
@@ -123,10 +123,18 @@ impl Simulator {
         self.drive.physical_steps()
     }
 
-    /// When the next pin edge or the next sample of the inputs is due, ticks.
+    /// What is switched now beside the axes, with the spindle PWM that is output.
+    #[must_use]
+    pub const fn outputs(&self) -> &Outputs {
+        self.drive.outputs()
+    }
+
+    /// When something happens next without a byte, ticks: a pin edge, a sample of the inputs, or the
+    /// end of a wait of the machine.
     #[must_use]
     pub fn due(&self) -> Option<u64> {
-        let dues = [self.drive.due(), self.drive.sample_due()];
+        let drive = &self.drive;
+        let dues = [drive.due(), drive.sample_due(), drive.wake_due()];
         dues.into_iter().flatten().min()
     }
 
@@ -134,6 +142,7 @@ impl Simulator {
     pub fn settle(&mut self) {
         loop {
             self.drive.watch(&self.requests, self.now);
+            self.drive.wake(&self.requests, self.now);
             if self.drive.prepare(&self.requests, self.now) {
                 self.is_interpret_released |= self.drive.take_news();
             } else if self.is_report_released {
@@ -146,8 +155,7 @@ impl Simulator {
         }
     }
 
-    /// Advances the clock to `time`, or to the next edge or sample if that comes first, and runs what is
-    /// released then.
+    /// Advances the clock to `time`, or to what is due before, and runs what is released then.
     pub fn advance(&mut self, time: u64) -> Option<Edge> {
         self.now = self.due().map_or(time, |due| due.min(time));
         let is_step_due = self.drive.due().is_some_and(|due| due <= self.now);

@@ -16,10 +16,11 @@ use crate::axis::{AXES, Axes};
 /// A segment on its way.
 #[derive(Debug)]
 struct Slot {
-    /// Its directions, and [`IS_MOVING`].
+    /// Its directions, [`IS_MOVING`], and from [`DUTY_SHIFT`] on the duty.
     flags: AtomicU32,
     start_ticks: AtomicU32,
     feed_mm_min: AtomicU32,
+    spindle_rpm: AtomicU32,
     line: AtomicU32,
     /// Number of its first event, or of one before it that begins no pulse.
     first_event: AtomicU32,
@@ -29,6 +30,18 @@ struct Slot {
 
 /// Flag of a segment in which not everything is at rest.
 const IS_MOVING: u32 = 1 << 8;
+const DUTY_SHIFT: u32 = 16;
+
+/// What the step interrupt has to do at the first event of a segment.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Begun {
+    /// Direction outputs, bit 0 = X, 1 = negative.
+    pub directions: u8,
+    /// Spindle PWM, 0 to [`crate::machine::Outputs::FULL`].
+    pub duty: u16,
+    /// Whether anything moves.
+    pub(super) is_moving: bool,
+}
 
 /// Slots, a power of two: those of the segments that may wait, and of those played last.
 const SLOTS: usize = 2 * SEGMENT_RING;
@@ -62,6 +75,7 @@ impl StepCounts {
                     flags: AtomicU32::new(0),
                     start_ticks: AtomicU32::new(0),
                     feed_mm_min: AtomicU32::new(0),
+                    spindle_rpm: AtomicU32::new(0),
                     line: AtomicU32::new(0),
                     first_event: AtomicU32::new(0),
                     steps: [const { AtomicI32::new(0) }; AXES],
@@ -102,10 +116,12 @@ impl StepCounts {
         let number = self.announced.load(Relaxed);
         let slot = self.slot(number);
         let moving = if info.is_rest { 0 } else { IS_MOVING };
+        let duty = u32::from(info.duty) << DUTY_SHIFT;
         slot.flags
-            .store(u32::from(info.directions) | moving, Relaxed);
+            .store(u32::from(info.directions) | moving | duty, Relaxed);
         slot.start_ticks.store(info.start_ticks, Relaxed);
         slot.feed_mm_min.store(info.feed_mm_min.to_bits(), Relaxed);
+        slot.spindle_rpm.store(info.spindle_rpm.to_bits(), Relaxed);
         slot.line.store(info.line, Relaxed);
         slot.first_event.store(info.first_event, Relaxed);
         // wcet-bound: 6
@@ -117,13 +133,17 @@ impl StepCounts {
         self.announced.store(number.wrapping_add(1), Relaxed);
     }
 
-    /// The step interrupt begins the next segment. Its directions, and whether anything moves.
+    /// The step interrupt begins the next segment.
     #[inline]
-    pub(super) fn begin(&self) -> (u8, bool) {
+    pub(super) fn begin(&self) -> Begun {
         let number = self.begun.load(Relaxed);
         self.begun.store(number.wrapping_add(1), Relaxed);
         let flags = self.slot(number).flags.load(Relaxed);
-        (flags as u8, flags & IS_MOVING != 0)
+        Begun {
+            directions: flags as u8,
+            duty: (flags >> DUTY_SHIFT) as u16,
+            is_moving: flags & IS_MOVING != 0,
+        }
     }
 
     /// The step interrupt has stopped: a fault if anything moved and nobody wanted it.
@@ -207,6 +227,18 @@ impl StepCounts {
         f32::from_bits(self.played().feed_mm_min.load(Relaxed))
     }
 
+    /// Spindle speed or laser power in the segment being played, rpm.
+    #[must_use]
+    pub fn spindle_rpm(&self) -> f32 {
+        f32::from_bits(self.played().spindle_rpm.load(Relaxed))
+    }
+
+    /// Spindle PWM in the segment being played.
+    #[must_use]
+    pub fn duty(&self) -> u16 {
+        (self.played().flags.load(Relaxed) >> DUTY_SHIFT) as u16
+    }
+
     /// `N` word of the block being played, 0 without.
     #[must_use]
     pub fn line(&self) -> u32 {
@@ -252,6 +284,7 @@ mod tests {
         counts.announce(&SegmentInfo {
             steps: Axes::all(steps),
             directions: steps as u8,
+            duty: 1020,
             ..SegmentInfo::default()
         });
     }
@@ -262,7 +295,9 @@ mod tests {
         for number in 0..100 {
             announce(&counts, number);
             assert_eq!(counts.position(), Axes::all((number - 1).max(0)));
-            assert_eq!(counts.begin(), (number as u8, true));
+            let begun = counts.begin();
+            assert_eq!((begun.directions, begun.duty), (number as u8, 1020));
+            assert!(begun.is_moving);
             assert_eq!(counts.position(), Axes::all(number));
         }
     }

@@ -88,4 +88,8 @@ pub struct SegmentInfo {
     pub feed_mm_min: f32,
     /// `N` word of its block, 0 without.
     pub line: u32,
+    /// Spindle PWM in it, 0 to [`crate::machine::Outputs::FULL`].
+    pub duty: u16,
+    /// Spindle speed or laser power in it, rpm.
+    pub spindle_rpm: f32,
 }

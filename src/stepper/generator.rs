@@ -14,6 +14,7 @@ use super::{
 };
 use crate::{
     axis::{AXES, Axes},
+    machine::Power,
     units::{FineSteps, TICKS_PER_US},
 };
 
@@ -30,6 +31,8 @@ pub struct Segment {
     pub feed_mm_min: f32,
     /// `N` word of its block, 0 without.
     pub line: u32,
+    /// Spindle or laser in it.
+    pub power: Power,
 }
 
 /// Turns segments into events, resumable at any event.
@@ -187,12 +190,14 @@ impl Generator {
             is_rest: false,
             feed_mm_min: segment.feed_mm_min,
             line: segment.line,
+            duty: segment.power.duty,
+            spindle_rpm: segment.power.rpm,
         });
         self.clock_ticks = self.clock_ticks.wrapping_add(segment.ticks);
     }
 
     /// Begins the standstill after the last segment: ends all pulses and lets the queue run empty.
-    pub fn rest(&mut self, counts: &StepCounts) {
+    pub fn rest(&mut self, power: Power, counts: &StepCounts) {
         // wcet-bound: 6
         for axis in &mut self.axes {
             *axis = NO_STEPS;
@@ -207,6 +212,8 @@ impl Generator {
             is_rest: true,
             feed_mm_min: 0.0,
             line: 0,
+            duty: power.duty,
+            spindle_rpm: power.rpm,
         });
         self.clock_ticks = self.clock_ticks.wrapping_add(EVENT_SPACING_TICKS);
     }

@@ -45,6 +45,7 @@ mod tests {
     use super::*;
     use crate::{
         axis::AXES,
+        machine::Power,
         stepper::{
             Advance, AxisMotion, EventRing, EventTap, Generator, SEGMENT_TICKS, Segment, Stepper,
         },
@@ -84,7 +85,9 @@ mod tests {
                 self.high = self.high & !next.drop | next.raise;
             }
             let advance = self.stepper.advance(&mut ring.split().1, counts);
-            self.directions = advance.directions.unwrap_or(self.directions);
+            self.directions = advance
+                .begun
+                .map_or(self.directions, |begun| begun.directions);
             self.next = advance.wait.map(|_| advance);
             true
         }
@@ -113,6 +116,7 @@ mod tests {
             }),
             feed_mm_min: 0.0,
             line: 0,
+            power: Power::OFF,
         }
     }
 
@@ -150,7 +154,7 @@ mod tests {
                     generator.begin(&segment(&generator, next), &counts);
                 }
                 if moves.len() == 0 && !is_ended && !generator.is_open() && counts.has_room() {
-                    generator.rest(&counts);
+                    generator.rest(Power::OFF, &counts);
                     generator.fill_up(&mut ring, &counts);
                     is_ended = !generator.is_open();
                 }
@@ -207,7 +211,7 @@ mod tests {
             prop_assert!(!counts.is_cut() && !counts.take_starved());
             prop_assert_eq!(generator.steps(), player.steps);
             // A standstill ends the pulses; then it goes on from there.
-            generator.rest(&counts);
+            generator.rest(Power::OFF, &counts);
             generator.fill_up(&mut ring, &counts);
             counts.start();
             while player.play(&mut ring, &counts) {}
@@ -216,7 +220,7 @@ mod tests {
             let on = (vec![7, -5, 3], 20_000);
             generator.begin(&segment(&generator, &on), &counts);
             generator.fill_up(&mut ring, &counts);
-            generator.rest(&counts);
+            generator.rest(Power::OFF, &counts);
             generator.fill_up(&mut ring, &counts);
             counts.start();
             while player.play(&mut ring, &counts) {}

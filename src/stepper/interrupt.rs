@@ -2,7 +2,7 @@
 //!
 //! The same instructions for any number of axes: an event holds masks, and nothing is counted here.
 
-use super::{EventReader, StepCounts, StepEvent};
+use super::{Begun, EventReader, StepCounts, StepEvent};
 
 /// What the step interrupt does next.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -13,15 +13,15 @@ pub struct Advance {
     pub raise: u32,
     /// Pulses to end then.
     pub drop: u32,
-    /// Direction outputs to be set now, bit 0 = X, 1 = negative.
-    pub directions: Option<u8>,
+    /// A segment begins: directions and duty to be set now.
+    pub begun: Option<Begun>,
 }
 
 impl Advance {
     /// Whether a segment has begun or the queue is empty: `prepare` has to run.
     #[must_use]
     pub const fn releases_prepare(&self) -> bool {
-        self.directions.is_some() || self.wait.is_none()
+        self.begun.is_some() || self.wait.is_none()
     }
 }
 
@@ -45,7 +45,7 @@ impl Stepper {
     /// timer; no step is lost.
     #[inline]
     pub fn advance(&mut self, events: &mut EventReader<'_>, counts: &StepCounts) -> Advance {
-        let (event, directions) = if let Some(event) = events.take_within_segment() {
+        let (event, begun) = if let Some(event) = events.take_within_segment() {
             (Some(event), None)
         } else {
             let turn = self.begin_or_stop(events, counts);
@@ -56,27 +56,27 @@ impl Stepper {
             wait: event.map(StepEvent::ticks),
             raise: event_or_none.raise(),
             drop: event_or_none.drop(),
-            directions,
+            begun,
         }
     }
 
     /// What [`EventReader::take_within_segment`] leaves to be done: takes the first event of the
-    /// next segment, and the directions that have to be output now, bit 0 = X, 1 = negative.
+    /// next segment, and the directions and the duty that have to be output now.
     /// `None` stops the timer: there is no event, or no event may follow.
     #[inline]
     pub fn begin_or_stop(
         &mut self,
         events: &mut EventReader<'_>,
         counts: &StepCounts,
-    ) -> Option<(StepEvent, u8)> {
+    ) -> Option<(StepEvent, Begun)> {
         let next = if counts.is_cut() { None } else { events.take() };
         let Some(event) = next else {
             counts.stop(self.is_moving);
             return None;
         };
-        let (directions, is_moving) = counts.begin();
-        self.is_moving = is_moving;
-        Some((event, directions))
+        let begun = counts.begin();
+        self.is_moving = begun.is_moving;
+        Some((event, begun))
     }
 }
 

@@ -14,7 +14,7 @@ mod pulses;
 mod ring;
 
 pub use axis_steps::AxisMotion;
-pub use counts::StepCounts;
+pub use counts::{Begun, StepCounts};
 pub use event::{SegmentInfo, StepEvent};
 pub use generator::{Generator, Segment};
 pub use history::steps_after;

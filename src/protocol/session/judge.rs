@@ -235,7 +235,7 @@ impl Session {
 
     /// The caller has made sure of room; after standstill the queue is empty.
     fn send_entry(&mut self, work: Work, entries: &mut Producer<'_, Entry>) {
-        let epoch = self.epoch;
+        let epoch = self.epoch.wrapping_add(self.cuts);
         if entries.enqueue(Entry { epoch, work }).is_ok() {
             self.entered = self.entered.wrapping_add(1);
         }

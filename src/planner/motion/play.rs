@@ -1,0 +1,119 @@
+//! Keeps the step interrupt's queue filled, and follows what it has played.
+
+use super::Motion;
+use crate::{
+    machine::{Event, Levels, State},
+    planner::executor::Goal,
+    stepper::{
+        AHEAD_TICKS, AxisMotion, EventWriter, SEGMENT_RING, SEGMENT_TICKS, Segment, StepCounts,
+    },
+};
+
+impl Motion {
+    pub(super) fn generate(&mut self, counts: &StepCounts, events: &mut EventWriter<'_>) {
+        // wcet-bound: 32
+        for _ in 0..SEGMENT_RING {
+            if self.generator.is_open() && !self.generator.fill(events) {
+                return;
+            }
+            let ahead = self
+                .generator
+                .clock_ticks()
+                .wrapping_sub(counts.played_ticks());
+            // A segment that had to be stretched may last longer than that, and still needs another.
+            let is_ahead = ahead >= AHEAD_TICKS && counts.played_ticks() != self.newest;
+            if is_ahead || !counts.has_room() {
+                return;
+            }
+            let start = self.generator.clock_ticks();
+            if let Some(segment) = self.next_segment() {
+                self.rest = None;
+                self.generator.begin(&segment, counts);
+            } else if self.rest.is_none() {
+                self.rest = Some(start);
+                let power = self.accessories.power_at_rest();
+                self.generator.rest(power, counts);
+            } else {
+                return;
+            }
+            self.newest = start;
+        }
+    }
+
+    fn next_segment(&mut self) -> Option<Segment> {
+        let executes = self.control.executes();
+        if self.dwell_ticks != 0 && executes {
+            let ticks = self.dwell_ticks.min(u64::from(SEGMENT_TICKS)) as u32;
+            self.dwell_ticks -= u64::from(ticks);
+            return Some(Segment {
+                ticks,
+                axes: self.generator.position().map(|to| AxisMotion {
+                    to,
+                    acceleration: 0.0,
+                }),
+                feed_mm_min: 0.0,
+                line: 0,
+                power: self.accessories.power_at_rest(),
+            });
+        }
+        let goal = if executes { Goal::Run } else { Goal::Stop };
+        let blocks = self.plan.len();
+        let position = self.generator.position();
+        let mut segment = self.executor.next(&mut self.plan, &position, goal)?;
+        let done = blocks - self.plan.len();
+        self.finished = self.finished.wrapping_add(done as u32);
+        let (laser, part) = self.executor.beam();
+        self.accessories.begin(laser);
+        segment.power = self.accessories.power_in_motion(laser, part);
+        self.need_drivers();
+        Some(segment)
+    }
+
+    /// The state that follows from what has been played.
+    pub(super) fn settle(&mut self, counts: &StepCounts) {
+        let is_still = self.is_still(counts);
+        if is_still {
+            if self.is_dwelling && self.dwell_ticks == 0 {
+                self.is_dwelling = false;
+                self.finished = self.finished.wrapping_add(1);
+            }
+            if let Some(alarm) = self.fault.take() {
+                self.alarm(alarm);
+            }
+            self.on(Event::Stopped);
+            if self.control.state == State::DoorRetracting {
+                // The door was opened in a jog, which has just been dropped.
+                self.on(Event::Stopped);
+            }
+            if self.plan.is_empty() {
+                self.on(Event::Done);
+            }
+        }
+        if !self.snapshot.inputs.has(Levels::DOOR) {
+            self.on(Event::DoorShut);
+        }
+        match self.control.state {
+            State::HoldSlowing => self.accessories.begin_hold(),
+            State::HoldComplete => {
+                self.accessories.begin_hold();
+                self.accessories.rest_in_hold();
+            }
+            State::Idle
+            | State::Run
+            | State::Jog
+            | State::Home
+            | State::Check
+            | State::DoorClosed
+            | State::DoorAjar
+            | State::DoorRetracting
+            | State::DoorRestoring
+            | State::Sleep
+            | State::Alarm => {}
+        }
+        self.restore();
+        self.begin_moves();
+        if is_still {
+            self.rest_drivers();
+        }
+    }
+}

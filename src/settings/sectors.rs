@@ -1,0 +1,189 @@
+//! Two flash sectors as the pages of the journal, whose erasing survives a power cut.
+//!
+//! A sector whose erasing was cut off may hold anything, also what looks like a page in use. So the
+//! end of each sector is a log of what is done to the *other* one:
+//!
+//! ```text
+//! sector 0 │ page 0 … │ log: (begun, done) (begun, done) …  of erasing sector 1 │
+//! sector 1 │ page 1 … │ log: (begun, done) (begun, done) …  of erasing sector 0 │
+//! ```
+//!
+//! `begun` is programmed before an erase, `done` after it. The erase that was begun last, if it is
+//! not done, is done again before anything is read.
+//!
+//! A log that is itself half erased may show an old erase as not done, so `begun` is a number, one
+//! higher each time, and its complement: bits that are erased or not yet programmed make it invalid
+//! but never a higher number. No word is programmed twice.
+
+use embedded_storage::nor_flash::{ErrorType, NorFlash};
+use embedded_storage_async::nor_flash as page;
+
+/// Bytes of the log at the end of a sector: 64 erases of the other one before it is itself erased.
+const LOG: usize = 512;
+/// Bytes of an entry of the log.
+const ENTRY: usize = 8;
+/// The second word of an entry whose erase is done.
+const DONE: [u8; 4] = [0; 4];
+/// A word that is not programmed.
+const ERASED: [u8; 4] = [0xff; 4];
+
+/// Two sectors of a flash, from its beginning.
+#[derive(Debug)]
+pub(super) struct Sectors<F> {
+    pub(super) flash: F,
+}
+
+impl<F: NorFlash> Sectors<F> {
+    /// Bytes of a page.
+    pub(super) const PAGE: usize = {
+        assert!(F::READ_SIZE <= 4 && F::WRITE_SIZE <= 4);
+        F::ERASE_SIZE - LOG
+    };
+    /// Bytes of both pages.
+    pub(super) const BOTH: u32 = 2 * Self::PAGE as u32;
+
+    /// Does the erase again that was cut off.
+    pub(super) fn recover(&mut self) -> Result<(), F::Error> {
+        let last = self.last_erase()?;
+        if let Some(last) = last
+            && last.done == ERASED
+        {
+            self.erase_sector(last.sector)?;
+            self.flash.write(last.entry + 4, &DONE)?;
+        }
+        Ok(())
+    }
+
+    /// Erases both sectors.
+    pub(super) fn erase(&mut self) -> Result<(), F::Error> {
+        self.erase_logged(0)?;
+        self.erase_logged(1)
+    }
+
+    /// Whether nothing is programmed.
+    pub(super) fn is_blank(&mut self) -> Result<bool, F::Error> {
+        // wcet-bound: 8192
+        for address in (0..2 * F::ERASE_SIZE as u32).step_by(4) {
+            if self.word(address)? != ERASED {
+                return Ok(false);
+            }
+        }
+        Ok(true)
+    }
+
+    /// Erases a sector so that a power cut cannot leave it half erased.
+    fn erase_logged(&mut self, sector: u32) -> Result<(), F::Error> {
+        let number = self.last_erase()?.map_or(0, |last| last.number);
+        let mut free = None;
+        // wcet-bound: 64
+        for entry in log::<F>(sector).step_by(ENTRY) {
+            if self.word(entry)? == ERASED && self.word(entry + 4)? == ERASED {
+                free = Some(entry);
+                break;
+            }
+        }
+        // A full log takes dozens of power cuts in a row; then the erase is merely not protected.
+        let Some(entry) = free else {
+            return self.erase_sector(sector);
+        };
+        self.flash.write(entry, &begun(number.saturating_add(1)))?;
+        self.erase_sector(sector)?;
+        self.flash.write(entry + 4, &DONE)
+    }
+
+    /// The erase that was begun last.
+    fn last_erase(&mut self) -> Result<Option<Erase>, F::Error> {
+        let mut last: Option<Erase> = None;
+        for sector in [0, 1] {
+            // wcet-bound: 64
+            for entry in log::<F>(sector).step_by(ENTRY) {
+                let word = self.word(entry)?;
+                let number = u16::from_le_bytes([word[0], word[1]]);
+                if word == begun(number) && last.is_none_or(|last| last.number < number) {
+                    let done = self.word(entry + 4)?;
+                    last = Some(Erase {
+                        number,
+                        sector,
+                        entry,
+                        done,
+                    });
+                }
+            }
+        }
+        Ok(last)
+    }
+
+    fn erase_sector(&mut self, sector: u32) -> Result<(), F::Error> {
+        let size = F::ERASE_SIZE as u32;
+        self.flash.erase(sector * size, (sector + 1) * size)
+    }
+
+    fn word(&mut self, address: u32) -> Result<[u8; 4], F::Error> {
+        let mut word = [0; 4];
+        self.flash.read(address, &mut word)?;
+        Ok(word)
+    }
+
+    /// Where a byte of a page is in the flash.
+    fn place(offset: u32) -> u32 {
+        let page = Self::PAGE as u32;
+        offset / page * F::ERASE_SIZE as u32 + offset % page
+    }
+}
+
+/// An entry of the log.
+#[derive(Clone, Copy)]
+struct Erase {
+    number: u16,
+    /// What is erased.
+    sector: u32,
+    /// Where the entry is.
+    entry: u32,
+    done: [u8; 4],
+}
+
+/// The first word of an entry.
+const fn begun(number: u16) -> [u8; 4] {
+    let (number, complement) = (number.to_le_bytes(), (!number).to_le_bytes());
+    [number[0], number[1], complement[0], complement[1]]
+}
+
+/// Where the log of erasing a sector is: in the other one.
+fn log<F: NorFlash>(sector: u32) -> core::ops::Range<u32> {
+    let end = (2 - sector) * F::ERASE_SIZE as u32;
+    end - LOG as u32..end
+}
+
+impl<F: NorFlash> ErrorType for Sectors<F> {
+    type Error = F::Error;
+}
+
+impl<F: NorFlash> page::ReadNorFlash for Sectors<F> {
+    const READ_SIZE: usize = F::READ_SIZE;
+
+    async fn read(&mut self, offset: u32, bytes: &mut [u8]) -> Result<(), F::Error> {
+        self.flash.read(Self::place(offset), bytes)
+    }
+
+    fn capacity(&self) -> usize {
+        Self::BOTH as usize
+    }
+}
+
+impl<F: NorFlash> page::NorFlash for Sectors<F> {
+    const WRITE_SIZE: usize = 4;
+    const ERASE_SIZE: usize = Self::PAGE;
+
+    async fn erase(&mut self, from: u32, to: u32) -> Result<(), F::Error> {
+        let page = Self::PAGE as u32;
+        // wcet-bound: 2
+        for sector in from / page..to / page {
+            self.erase_logged(sector)?;
+        }
+        Ok(())
+    }
+
+    async fn write(&mut self, offset: u32, bytes: &[u8]) -> Result<(), F::Error> {
+        self.flash.write(Self::place(offset), bytes)
+    }
+}

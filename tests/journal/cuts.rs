@@ -1,0 +1,153 @@
+//! Power cuts.
+
+use leadscrew::settings::{Change, Journal, StoreError, Stored};
+
+use crate::history::{History, Small, power_up};
+
+/// How many words and erases a change takes.
+fn operations(flash: &Small, change: Change, stored: &Stored) -> u64 {
+    let (mut journal, _) = power_up(flash.clone());
+    let before = journal.flash().operations();
+    journal.write(change, stored).unwrap();
+    journal.flash().operations() - before
+}
+
+/// What a flash holds after the power was cut during a change.
+fn cut(flash: &Small, change: Change, stored: &Stored, after: u64, seed: u64) -> Small {
+    let (mut journal, _) = power_up(flash.clone());
+    journal.flash().cut_after(after, seed);
+    assert_eq!(journal.write(change, stored), Err(StoreError::Flash));
+    journal.into_flash()
+}
+
+/// A flash in which a change was stored.
+fn stored_in(flash: Small, change: Change, stored: &Stored) -> Small {
+    let (mut journal, _) = power_up(flash);
+    journal.write(change, stored).unwrap();
+    journal.into_flash()
+}
+
+#[test]
+fn a_power_cut_at_any_word_or_erase_leaves_the_old_or_the_new() {
+    let mut history = History::new(1);
+    let mut flash = power_up(Small::new()).0.into_flash();
+    let (mut cuts, mut kept) = (0_u64, 0_u64);
+    for round in 0..250_u64 {
+        let old = history.stored.clone();
+        let change = history.change();
+        let new = history.stored.clone();
+        for after in 0..operations(&flash, change, &new) {
+            let left = cut(&flash, change, &new, after, round * 1000 + after);
+            let (mut journal, loaded) = power_up(left);
+            assert!(!loaded.is_first_boot, "round {round}, after {after}");
+            assert!(
+                loaded.stored == old || loaded.stored == new,
+                "round {round}, {change:?}, after {after}: {:?}",
+                loaded.stored
+            );
+            cuts += 1;
+            kept += u64::from(loaded.stored == old);
+            // It keeps working, with this change and the next.
+            journal.write(change, &new).unwrap();
+            let (_, loaded) = power_up(journal.into_flash());
+            assert_eq!(loaded.stored, new, "round {round}, after {after}");
+        }
+        flash = stored_in(flash, change, &new);
+    }
+    assert!(cuts > 6_000 && kept > 0, "{cuts} cuts, {kept} kept the old");
+    assert!(flash.erases().iter().all(|&erases| erases > 2));
+}
+
+#[test]
+fn a_second_cut_while_the_first_is_made_good_loses_nothing() {
+    let mut history = History::new(2);
+    let mut flash = power_up(Small::new()).0.into_flash();
+    for round in 0..80_u64 {
+        let old = history.stored.clone();
+        let change = history.change();
+        let new = history.stored.clone();
+        for first in 0..operations(&flash, change, &new) {
+            let left = cut(&flash, change, &new, first, round + first);
+            // At most a page is carried over anew: its words, and an erase.
+            for second in [0, 1, 2, 3, 4, 5, 8, 60, 200, 400] {
+                let mut flash = left.clone();
+                flash.power_up();
+                flash.cut_after(second, round * 7 + first * 3 + second);
+                let mut journal = Journal::new(flash);
+                let _ = journal.load().and_then(|_| journal.write(change, &new));
+                let (_, loaded) = power_up(journal.into_flash());
+                assert!(
+                    loaded.stored == old || loaded.stored == new,
+                    "round {round}, {change:?}, after {first} and {second}"
+                );
+            }
+        }
+        flash = stored_in(flash, change, &new);
+    }
+}
+
+#[test]
+fn a_life_of_power_cuts_loses_nothing() {
+    let mut history = History::new(3);
+    let mut flash = power_up(Small::new()).0.into_flash();
+    let (mut cuts, mut latest) = (0, Stored::default());
+    for round in 0..8_000 {
+        history.stored = latest.clone();
+        let change = history.change();
+        let after = history.below(150).into();
+        flash.cut_after(after, round);
+        let mut journal = Journal::new(flash);
+        let _ = journal
+            .load()
+            .and_then(|_| journal.write(change, &history.stored));
+        cuts += u32::from(journal.flash().is_off());
+        let (journal, loaded) = power_up(journal.into_flash());
+        assert!(!loaded.is_first_boot, "round {round}");
+        assert!(
+            loaded.stored == latest || loaded.stored == history.stored,
+            "round {round}, {change:?}, after {after}"
+        );
+        latest = loaded.stored;
+        flash = journal.into_flash();
+    }
+    assert!(cuts > 2_000, "{cuts}");
+}
+
+#[test]
+fn a_power_cut_during_the_first_start_is_another_first_start_or_none() {
+    for after in 0..20 {
+        for seed in 0..20 {
+            let mut flash = Small::new();
+            flash.cut_after(after, seed);
+            let mut journal = Journal::new(flash);
+            let _ = journal.load();
+            let (mut journal, loaded) = power_up(journal.into_flash());
+            assert_eq!(loaded.stored, Stored::default());
+            let mut history = History::new(seed);
+            let change = history.setting();
+            journal.write(change, &history.stored).unwrap();
+            let (_, loaded) = power_up(journal.into_flash());
+            assert_eq!(loaded.stored, history.stored);
+            assert!(!loaded.is_first_boot);
+        }
+    }
+}
+
+#[test]
+fn restoring_everything_is_one_change() {
+    let mut history = History::new(4);
+    let mut flash = power_up(Small::new()).0.into_flash();
+    for _ in 0..30 {
+        let change = history.change();
+        flash = stored_in(flash, change, &history.stored);
+    }
+    let (old, new) = (history.stored, Stored::default());
+    assert_ne!(old, new);
+    for after in 0..operations(&flash, Change::RestoreAll, &new) {
+        let left = cut(&flash, Change::RestoreAll, &new, after, after);
+        let (_, loaded) = power_up(left);
+        assert!(loaded.stored == old || loaded.stored == new);
+    }
+    let flash = stored_in(flash, Change::RestoreAll, &new);
+    assert_eq!(power_up(flash).1.stored, new);
+}

@@ -1,0 +1,125 @@
+//! Random changes of everything that is stored, the same in every run.
+
+use leadscrew::{
+    axis::AXES,
+    settings::{Change, Journal, Loaded, Stored, StoredLine, assign},
+    sim::Flash,
+    units::Nm,
+};
+
+/// A flash whose pages are full after a few dozen changes.
+pub(crate) type Small = Flash<2560>;
+
+/// A random history of changes.
+pub(crate) struct History {
+    random: u64,
+    /// What is stored after the changes so far.
+    pub(crate) stored: Stored,
+}
+
+impl History {
+    pub(crate) fn new(seed: u64) -> Self {
+        Self {
+            random: seed,
+            stored: Stored::default(),
+        }
+    }
+
+    /// A number below `end`.
+    pub(crate) fn below(&mut self, end: u32) -> u32 {
+        self.random = self
+            .random
+            .wrapping_mul(6_364_136_223_846_793_005)
+            .wrapping_add(1_442_695_040_888_963_407);
+        ((self.random >> 33) as u32) % end
+    }
+
+    /// Makes the next change.
+    pub(crate) fn change(&mut self) -> Change {
+        match self.below(20) {
+            0..=7 => self.setting(),
+            8..=13 => self.origin(),
+            14 | 15 => {
+                let line = self.below(2) as usize;
+                self.stored.startup[line] = self.text();
+                Change::Startup(line)
+            }
+            16 => {
+                self.stored.build_info = self.text();
+                Change::BuildInfo
+            }
+            17 => {
+                self.stored.settings = Stored::default().settings;
+                Change::RestoreSettings
+            }
+            18 => {
+                self.stored.origins = Stored::default().origins;
+                Change::RestoreOrigins
+            }
+            _ => {
+                self.stored = Stored::default();
+                Change::RestoreAll
+            }
+        }
+    }
+
+    /// Changes a setting.
+    pub(crate) fn setting(&mut self) -> Change {
+        let value = self.below(1_000_000);
+        let statements = [
+            "22=1".to_owned(),
+            "20=1".to_owned(),
+            "22=0".to_owned(),
+            format!("0={}", 3 + value % 200),
+            format!("23={}", value % 8),
+            format!("11={}.{}", value % 7, value),
+            format!("30={value}"),
+            format!(
+                "{}={}.{}",
+                100 + value as usize % AXES,
+                1 + value % 900,
+                value
+            ),
+            format!(
+                "{}={}.{}",
+                110 + value as usize % AXES,
+                1 + value % 900,
+                value
+            ),
+            format!("{}={}", 130 + value as usize % AXES, value),
+        ];
+        let which = self.below(statements.len() as u32) as usize;
+        // One that is refused, as soft limits without homing, stores what is stored already.
+        let _ = assign(&mut self.stored.settings, statements[which].as_bytes());
+        Change::Settings
+    }
+
+    fn origin(&mut self) -> Change {
+        let axis = self.below(AXES as u32) as usize;
+        let nm = Nm(i64::from(self.below(u32::MAX).cast_signed()) * 1000 - 1);
+        let origins = &mut self.stored.origins;
+        self.random ^= 1;
+        match self.random >> 40 & 7 {
+            6 => origins.g28[axis] = nm,
+            7 => origins.g30[axis] = nm,
+            system => origins.coordinates[system as usize][axis] = nm,
+        }
+        Change::Origins
+    }
+
+    fn text(&mut self) -> StoredLine {
+        let length = if self.below(4) == 0 { 128 } else { 20 };
+        let length = self.below(length);
+        (0..length).map(|_| b' ' + self.below(95) as u8).collect()
+    }
+}
+
+/// Switches the power on and reads what is stored.
+pub(crate) fn power_up<const SIZE: usize>(
+    mut flash: Flash<SIZE>,
+) -> (Journal<Flash<SIZE>>, Loaded) {
+    flash.power_up();
+    let mut journal = Journal::new(flash);
+    let loaded = journal.load().expect("the power is on");
+    (journal, loaded)
+}
