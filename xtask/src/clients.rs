@@ -14,6 +14,7 @@ use std::{
     os::unix::process::CommandExt,
     path::Path,
     process::{Child, Command, ExitStatus, Stdio},
+    sync::Mutex,
     thread,
     time::{Duration, Instant},
 };
@@ -72,7 +73,7 @@ impl Sender {
 }
 
 /// Every sender at every machine: names and what to run.
-pub(crate) fn all() -> impl Iterator<Item = (String, impl Fn() -> Result<Verdict>)> {
+pub(crate) fn all() -> impl Iterator<Item = (String, impl Fn() -> Result<Verdict> + Send)> {
     let places = [
         (Place::Simulator, "simulator"),
         (Place::Firmware, "firmware"),
@@ -87,7 +88,11 @@ pub(crate) fn all() -> impl Iterator<Item = (String, impl Fn() -> Result<Verdict
 
 /// Drives one sender at one machine.
 fn drive(sender: Sender, place: Place) -> Result<Verdict> {
-    let (mut command, script) = match sender.command() {
+    static INSTALLING: Mutex<()> = Mutex::new(());
+    let installing = INSTALLING.lock();
+    let command = sender.command();
+    drop(installing);
+    let (mut command, script) = match command {
         Ok(found) => found,
         Err(reason) => return Ok(Verdict::Skipped(format!("{reason:#}"))),
     };

@@ -4,9 +4,9 @@ use std::collections::VecDeque;
 
 use leadscrew::{
     axis::AXES,
-    machine::State,
+    machine::{Levels, State},
     settings::Settings,
-    sim::{RECEIVED_RING, Simulator},
+    sim::{Closes, RECEIVED_RING, Simulator, Switch},
     units::TICKS_PER_SECOND,
 };
 
@@ -14,6 +14,11 @@ use leadscrew::{
 pub(crate) const BAUD: u32 = 115_200;
 /// Time of one byte on it with start and stop bit, ticks.
 const BYTE_TICKS: u64 = TICKS_PER_SECOND as u64 * 10 / BAUD as u64;
+
+/// How far the lower switches are beyond the travel, mm.
+const BEYOND_MM: f64 = 1.0;
+/// How high the plate for the probe is above the low end of Z, mm.
+const PLATE_MM: f64 = 10.0;
 
 /// A machine on a virtual clock, and the bytes on their way to it and from it.
 pub(crate) struct Machine {
@@ -36,6 +41,41 @@ impl Machine {
             next_in: 0,
             next_out: 0,
         }
+    }
+
+    /// Mounts limit switches at the ends of each axis, in whose middle the machine stands, and a
+    /// plate for the probe above the low end of Z.
+    ///
+    /// The upper switch closes where half of the travel ends. The lower one is farther away than the
+    /// travel: an axis that was homed above has all of its travel.
+    pub(crate) fn mount_switches(&mut self, settings: &Settings) {
+        let steps = |axis: usize, way_mm: f64| {
+            let scale = settings.steps_per_mm[axis].millionths() as f64 * 1e-6;
+            (way_mm * scale).round() as i32
+        };
+        for axis in 0..AXES {
+            let half_mm = f64::from(settings.max_travel_mm[axis]) / 2.0;
+            let lower_mm = -half_mm - BEYOND_MM;
+            for closes in [
+                Closes::From(steps(axis, half_mm)),
+                Closes::DownFrom(steps(axis, lower_mm)),
+            ] {
+                self.mount(axis, closes, Levels::limits(1 << axis));
+            }
+            if axis == 2 {
+                let plate = Closes::DownFrom(steps(axis, -half_mm + PLATE_MM));
+                self.mount(axis, plate, Levels::PROBE);
+            }
+        }
+    }
+
+    fn mount(&mut self, axis: usize, closes: Closes, input: Levels) {
+        let is_mounted = self.simulator.mount(Switch {
+            axis,
+            closes,
+            input,
+        });
+        debug_assert!(is_mounted, "there is room for three switches of each axis");
     }
 
     /// Time since power-up, s.

@@ -18,7 +18,6 @@ use std::{
 };
 
 use anyhow::{Context, Result, ensure};
-use leadscrew::settings::Settings;
 use rustix::{
     fs::{Mode, OFlags},
     io::Errno,
@@ -42,17 +41,17 @@ trait Port {
 }
 
 /// Serves a machine at a new pseudo-terminal, to which `path` becomes a link.
-pub(crate) fn pty(path: &Path, settings: &Settings) -> Result<()> {
+pub(crate) fn pty(path: &Path, machine: Machine) -> Result<()> {
     let (mut port, _link) = Pty::at(path)?;
     ui::status(
         "Serving",
         &format!("{} (115200 baud; Ctrl-C ends)", path.display()),
     );
-    serve(&mut port, settings)
+    serve(&mut port, machine)
 }
 
 /// Serves a machine to whoever connects to `address`, one at a time.
-pub(crate) fn tcp(address: &str, settings: &Settings) -> Result<()> {
+pub(crate) fn tcp(address: &str, machine: Machine) -> Result<()> {
     let listener = TcpListener::bind(address)
         .with_context(|| format!("cannot listen at {address:?} (an address is 127.0.0.1:2323)"))?;
     listener.set_nonblocking(true)?;
@@ -62,16 +61,15 @@ pub(crate) fn tcp(address: &str, settings: &Settings) -> Result<()> {
         listener,
         stream: None,
     };
-    serve(&mut port, settings)
+    serve(&mut port, machine)
 }
 
 /// Moves bytes and time until Ctrl-C.
-fn serve(port: &mut dyn Port, settings: &Settings) -> Result<()> {
+fn serve(port: &mut dyn Port, mut machine: Machine) -> Result<()> {
     let stop = Arc::new(AtomicBool::new(false));
     for signal in [signal_hook::consts::SIGINT, signal_hook::consts::SIGTERM] {
         signal_hook::flag::register(signal, stop.clone()).context("cannot catch Ctrl-C")?;
     }
-    let mut machine = Machine::new(settings);
     let start = Instant::now();
     let mut unsent = Vec::new();
     let mut chunk = [0; 1024];

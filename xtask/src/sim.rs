@@ -21,7 +21,7 @@ use owo_colors::OwoColorize;
 
 use crate::{
     figures::{self, Figures, Final, Responses, separated},
-    machine::BAUD,
+    machine::{BAUD, Machine},
     on_target, plot,
     program::Program,
     refusal::refusal,
@@ -77,6 +77,10 @@ pub(crate) struct Options {
     /// Serve the machine in real time at a TCP address such as 127.0.0.1:2323, until Ctrl-C
     #[arg(long, value_name = "ADDR:PORT")]
     tcp: Option<String>,
+    /// Give the served machine limit switches at the ends of its travel, in whose middle it stands,
+    /// and a probe plate 10 mm above the low end of Z
+    #[arg(long, conflicts_with_all = ["file", "session"])]
+    switches: bool,
     /// Replay recorded exchanges in virtual time
     #[arg(long, value_name = "IN.json", requires = "out", conflicts_with_all = ["set", "settings"])]
     session: Option<PathBuf>,
@@ -92,12 +96,8 @@ pub(crate) fn run(options: &Options) -> Result<ExitCode> {
     }
     let loaded = settings::load(options.settings.as_deref(), &options.set)?;
     let settings = loaded.settings;
-    if let Some(path) = &options.pty {
-        serve::pty(path, &settings)?;
-        return Ok(ExitCode::SUCCESS);
-    }
-    if let Some(address) = &options.tcp {
-        serve::tcp(address, &settings)?;
+    if options.pty.is_some() || options.tcp.is_some() {
+        serve_machine(options, &settings)?;
         return Ok(ExitCode::SUCCESS);
     }
     let path = options.file.as_deref().context("no program is given")?;
@@ -115,6 +115,21 @@ pub(crate) fn run(options: &Options) -> Result<ExitCode> {
         figures.write_json(path)?;
     }
     Ok(ExitCode::from(u8::from(!figures.is_clean())))
+}
+
+/// Serves a machine until Ctrl-C.
+fn serve_machine(options: &Options, settings: &Settings) -> Result<()> {
+    let mut machine = Machine::new(settings);
+    if options.switches {
+        machine.mount_switches(settings);
+    }
+    if let Some(path) = &options.pty {
+        serve::pty(path, machine)
+    } else if let Some(address) = &options.tcp {
+        serve::tcp(address, machine)
+    } else {
+        Ok(())
+    }
 }
 
 /// What a run took.

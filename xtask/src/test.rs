@@ -1,8 +1,10 @@
 //! `cargo xtask test`: everything that can be tested without hardware.
 
 use std::{
-    fs,
+    fs, iter,
     process::ExitCode,
+    sync::{Mutex, PoisonError},
+    thread::{self, ScopedJoinHandle},
     time::{Duration, Instant},
 };
 
@@ -50,11 +52,11 @@ pub(crate) enum Verdict {
 /// One check.
 struct Check {
     name: String,
-    run: Box<dyn Fn() -> Result<Verdict>>,
+    run: Box<dyn Fn() -> Result<Verdict> + Send>,
 }
 
 impl Check {
-    fn new(name: impl Into<String>, run: impl Fn() -> Result<()> + 'static) -> Self {
+    fn new(name: impl Into<String>, run: impl Fn() -> Result<()> + Send + 'static) -> Self {
         Self {
             name: name.into(),
             run: Box::new(move || run().map(|()| Verdict::Passed)),
@@ -87,21 +89,40 @@ pub(crate) fn run(options: &Options) -> Result<ExitCode> {
         }
         return Ok(ExitCode::SUCCESS);
     }
-    let mut outcomes = Vec::new();
-    for (index, check) in checks.into_iter().enumerate() {
-        ui::status("Checking", &format!("{}: {}", index + 1, check.name));
-        let start = Instant::now();
-        let result = (check.run)();
-        if let Err(error) = &result {
-            ui::error(error);
-        }
-        outcomes.push(Outcome {
-            name: check.name,
-            took: start.elapsed(),
-            result,
-        });
+    // Senders wait most of the time.
+    let at_once = if options.clients { 4 } else { 1 };
+    Ok(report(&make_all(checks, at_once)))
+}
+
+/// Makes checks, some of them at the same time; the outcomes are in the order of the checks.
+fn make_all(checks: Vec<Check>, at_once: usize) -> Vec<Outcome> {
+    let left = Mutex::new(checks.into_iter().enumerate());
+    let next = || left.lock().unwrap_or_else(PoisonError::into_inner).next();
+    let mut outcomes: Vec<_> = thread::scope(|scope| {
+        let work = || iter::from_fn(next).map(make).collect::<Vec<_>>();
+        let workers: Vec<_> = (0..at_once).map(|_| scope.spawn(work)).collect();
+        let made = workers.into_iter().map(ScopedJoinHandle::join);
+        made.flat_map(|made| made.expect("checks do not panic"))
+            .collect()
+    });
+    outcomes.sort_by_key(|(index, _)| *index);
+    outcomes.into_iter().map(|(_, outcome)| outcome).collect()
+}
+
+/// Makes one check.
+fn make((index, check): (usize, Check)) -> (usize, Outcome) {
+    ui::status("Checking", &format!("{}: {}", index + 1, check.name));
+    let start = Instant::now();
+    let result = (check.run)();
+    if let Err(error) = &result {
+        ui::error(error);
     }
-    Ok(report(&outcomes))
+    let outcome = Outcome {
+        name: check.name,
+        took: start.elapsed(),
+        result,
+    };
+    (index, outcome)
 }
 
 /// Prints the list of outcomes.

@@ -66,6 +66,8 @@ pub(crate) struct Account {
     after_reset: usize,
     is_reset_asked: bool,
     open_queries: u64,
+    /// `?` was sent since the newest report.
+    is_report_due: bool,
     /// State words seen in reports.
     pub(crate) states: Vec<String>,
 }
@@ -78,6 +80,7 @@ impl Account {
                 b'?' => {
                     self.counts.queries += 1;
                     self.open_queries += 1;
+                    self.is_report_due = true;
                 }
                 0x18 => self.reset_asked(),
                 b'!' | b'~' | 0x80.. => self.counts.realtime += 1,
@@ -104,7 +107,14 @@ impl Account {
         if self.is_reset_asked {
             self.after_reset += 1;
         }
-        let in_flight = self.pending.iter().map(|line| line.bytes).sum();
+        // What was sent before a reset is not in flight any more.
+        let newest = self.pending.iter().rev();
+        let count = if self.is_reset_asked {
+            self.after_reset
+        } else {
+            self.pending.len()
+        };
+        let in_flight = newest.take(count).map(|line| line.bytes).sum();
         self.counts.most_in_flight = self.counts.most_in_flight.max(in_flight);
     }
 
@@ -204,6 +214,7 @@ impl Account {
         }
         // Grbl keeps one question: those that came before this report have had their answer.
         self.open_queries = self.open_queries.saturating_sub(1);
+        self.is_report_due = false;
         let is_whole = text.ends_with('>') && text.contains("|MPos:") && text.contains("|FS:");
         if !is_whole {
             self.fault(format!("a report without its parts: {text}"));
@@ -250,16 +261,19 @@ impl Account {
         if self.is_reset_asked {
             self.fault("no welcome came after a reset".into());
         }
+        if self.is_report_due {
+            self.fault("no report came after the last `?`".into());
+        }
         if !self.received.is_empty() {
             let text = String::from_utf8_lossy(&self.received).into_owned();
             self.fault(format!("half a line: {text:?}"));
         }
     }
 
-    /// Lines that wait for an answer, and questions that wait for a report.
+    /// Whether nothing is owed: no answer, no report, no welcome.
     pub(crate) fn is_quiet(&self) -> bool {
         let waits = self.pending.iter().any(|line| !line.is_uncertain);
-        !waits && !self.is_reset_asked && self.received.is_empty()
+        !waits && !self.is_reset_asked && !self.is_report_due && self.received.is_empty()
     }
 
     fn fault(&mut self, text: String) {

@@ -91,7 +91,7 @@ fn simulator(folder: &Path, settings: &Path) -> Result<(Machine, OwnedFd)> {
     let messages = fs::File::create(folder.join("machine.log"))?;
     let program = env::current_exe().context("this program cannot be found")?;
     let mut process = Command::new(program)
-        .args(["sim", "--pty"])
+        .args(["sim", "--switches", "--pty"])
         .arg(&link)
         .arg("--settings")
         .arg(settings)

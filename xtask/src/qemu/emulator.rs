@@ -9,6 +9,7 @@ use std::{
     },
     path::{Path, PathBuf},
     process::{self, Child, Command, Stdio},
+    sync::atomic::{AtomicU32, Ordering},
     thread,
     time::{Duration, Instant},
 };
@@ -56,7 +57,9 @@ impl Emulator {
     /// Boots a firmware.
     pub(crate) fn start(elf: &Path, machine: &str) -> Result<Self> {
         let figures = symbol(elf, FIGURES)?;
-        let folder = env::temp_dir().join(format!("leadscrew-{}", process::id()));
+        static STARTED: AtomicU32 = AtomicU32::new(0);
+        let number = STARTED.fetch_add(1, Ordering::Relaxed);
+        let folder = env::temp_dir().join(format!("leadscrew-{}-{number}", process::id()));
         fs::create_dir_all(&folder)
             .with_context(|| format!("cannot create {}", folder.display()))?;
         let (serial, control) = (folder.join("serial"), folder.join("control"));
