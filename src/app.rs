@@ -4,14 +4,16 @@
 //! |-------------|-------------------|----------|------------------------------------------|
 //! | `step`      | hardware, TIM2    | 4        | the step timer                           |
 //! | `serial_rx` | hardware, USART   | 3        | a byte in, a byte out, something to send |
-//! | `prepare`   | pended, I2C3\_EV  | 2        | `step`, `serial_rx`, `interpret`         |
+//! | `inputs`    | hardware, TIM7    | 3        | an edge on an input pin, its timer       |
+//! | `prepare`   | pended, TIM6      | 2        | all others, its timer                    |
 //! | `wake`      | pended, I2C3\_ER  | 1        | `serial_rx`, `prepare`                   |
 //! | `interpret` | async, dispatcher | 1        | `wake`                                   |
 //! | `report`    | async, dispatcher | 1        | `wake`                                   |
 //! | `idle`      |                   | 0        |                                          |
 //!
-//! Pended tasks borrow the vectors of a peripheral that the machine does not use: pending a vector
-//! while its task runs makes the task run again, so no release is ever lost. Tasks above priority 1
+//! Pended tasks borrow the vector of a peripheral that the machine does not use, or of a timer that
+//! also releases them: pending a vector while its task runs makes the task run again, so no release
+//! is ever lost. Tasks above priority 1
 //! never touch a waker, which is a pointer to a function; they pend `wake`, which does.
 //!
 //! Tasks only move values between queues, peripherals and the state machines of the library. What
@@ -26,23 +28,16 @@ mod app {
     use leadscrew::{
         machine::{Inputs, Snapshot},
         planner::{Entry, Motion},
-        protocol::{
-            Progress, Session,
-            realtime::{self, Release, Requests},
-        },
-        settings::Settings,
+        protocol::{Progress, Session, realtime::Requests},
         sim::{ENTRY_RING, RECEIVED_RING, SENT_RING},
         stepper::{EventReader, EventRing, EventWriter, StepCounts, Stepper},
     };
 
     use crate::board::{
         self,
-        release::{PREPARE, WAKE, released},
+        release::{PREPARE, released},
         serial, step_output,
     };
-
-    /// Bytes left to send when a task that waits for room is woken, besides none.
-    const SENT_HALF: usize = SENT_RING / 2;
 
     #[shared]
     struct Shared {
@@ -62,9 +57,12 @@ mod app {
     struct Local {
         output: board::StepOutput,
         port: board::SerialPort,
+        pins: board::InputPins,
+        after: board::AfterPrepare,
         motion: &'static mut Motion,
         received_in: Producer<'static, u8>,
         sent_out: Consumer<'static, u8>,
+        storage: board::Storage,
         entries_in: Producer<'static, Entry>,
         entries_out: Consumer<'static, Entry>,
         events_in: EventWriter<'static>,
@@ -79,20 +77,20 @@ mod app {
         events: EventRing = EventRing::new(),
     ])]
     fn init(cx: init::Context) -> (Shared, Local) {
-        let settings = Settings::default();
-        let board = board::init(cx.device, cx.core, &settings);
+        let board = board::init(cx.device, cx.core);
         let motion = cx.local.motion_memory;
-        let inputs = Inputs::new();
-        motion.power_up(&settings, &inputs);
         let (received_in, received_out) = cx.local.received.split();
         let (sent_in, sent_out) = cx.local.sent.split();
         let (entries_in, entries_out) = cx.local.entries.split();
         let (events_in, events_out) = cx.local.events.split();
         interpret::spawn().expect("it has not been spawned before");
         report::spawn().expect("it has not been spawned before");
+        let (pins, inputs) = board.inputs.watch(events_in.tap());
+        motion.power_up(&board.loaded.stored.settings, &inputs);
+        let session = Session::new(&board.loaded.stored, board.loaded.is_first_boot);
         let shared = Shared {
             snapshot: *motion.snapshot(),
-            dialogue: (Session::new(settings), received_out, sent_in),
+            dialogue: (session, received_out, sent_in),
             interpret_waker: None,
             report_waker: None,
             requests: Requests::new(),
@@ -102,9 +100,12 @@ mod app {
         let local = Local {
             output: board.output,
             port: board.serial,
+            pins,
+            after: board.after,
             motion,
             received_in,
             sent_out,
+            storage: board.storage,
             entries_in,
             entries_out,
             events_in,
@@ -146,36 +147,30 @@ mod app {
         binds = USART1, priority = 3, local = [port, received_in, sent_out], shared = [&requests]
     )]
     fn serial_rx(cx: serial_rx::Context) {
-        let port = cx.local.port;
-        if let Some(byte) = port.receive() {
-            match realtime::receive(byte, cx.shared.requests, cx.local.received_in) {
-                Release::Nobody => {}
-                Release::Interpret | Release::Report => rtic::pend(WAKE),
-                Release::Prepare => rtic::pend(PREPARE),
-            }
-            // One byte in or one out: what is to be sent may have been pended by the same vector.
-            if cx.local.sent_out.ready() {
-                serial::again();
-            }
-        } else if port.can_send() {
-            let byte = cx.local.sent_out.dequeue();
-            port.send(byte);
-            if byte.is_some() && matches!(cx.local.sent_out.len(), 0 | SENT_HALF) {
-                rtic::pend(WAKE);
-            }
-        }
+        let (received, sent) = (cx.local.received_in, cx.local.sent_out);
+        cx.local.port.serve(cx.shared.requests, received, sent);
+    }
+
+    /// Filters switches, probe and buttons.
+    ///
+    /// Deadline: one step time while probing. A miss tells a position that is as much too late.
+    #[task(binds = TIM7, priority = 3, local = [pins], shared = [&requests, &inputs, &counts])]
+    fn inputs(cx: inputs::Context) {
+        let (requests, inputs) = (cx.shared.requests, cx.shared.inputs);
+        cx.local.pins.serve(requests, inputs, cx.shared.counts);
     }
 
     /// Keeps the event queue filled.
     ///
     /// Deadline: before the events in the queue have been played. A miss is a fault: alarm.
     #[task(
-        binds = I2C3_EV, priority = 2, local = [motion, entries_out, events_in],
+        binds = TIM6_DAC, priority = 2, local = [motion, entries_out, events_in, after],
         shared = [snapshot, &requests, &inputs, &counts]
     )]
     fn prepare(mut cx: prepare::Context) {
         let (motion, entries) = (cx.local.motion, cx.local.entries_out);
         let (events, counts) = (cx.local.events_in, cx.shared.counts);
+        cx.local.after.begin(cx.shared.requests);
         let prepared = motion.run(
             cx.shared.requests,
             cx.shared.inputs,
@@ -183,18 +178,9 @@ mod app {
             entries,
             events,
         );
-        if prepared.start {
-            step_output::start();
-        }
-        if prepared.again {
-            rtic::pend(PREPARE);
-        }
-        if prepared.news {
-            rtic::pend(WAKE);
-        }
-        cx.shared
-            .snapshot
-            .lock(|snapshot| *snapshot = *motion.snapshot());
+        cx.local.after.follow(prepared, motion.outputs(), counts);
+        let snapshot = motion.snapshot();
+        cx.shared.snapshot.lock(|shared| shared.take_over(snapshot));
     }
 
     /// Wakes the endless tasks.
@@ -209,20 +195,24 @@ mod app {
 
     /// Executes received lines.
     #[task(
-        priority = 1, local = [entries_in],
+        priority = 1, local = [entries_in, storage],
         shared = [snapshot, dialogue, interpret_waker, &requests]
     )]
     async fn interpret(mut cx: interpret::Context) -> ! {
         let (requests, entries) = (cx.shared.requests, cx.local.entries_in);
+        let storage = cx.local.storage;
+        let mut snapshot = Snapshot::default();
         loop {
-            let snapshot = cx.shared.snapshot.lock(|snapshot| *snapshot);
+            let read = |shared: &mut Snapshot| snapshot.take_over(shared);
+            cx.shared.snapshot.lock(read);
             let progress = cx.shared.dialogue.lock(|(session, received, sent)| {
                 let entered = session.entered();
                 let progress = session.run(&snapshot, requests, received, sent, entries);
                 // The length of the queue would not do: `prepare` may take entries meanwhile.
-                if session.entered() != entered {
+                if session.takes_release() | (session.entered() != entered) {
                     rtic::pend(PREPARE);
                 }
+                let progress = storage.serve(session).unwrap_or(progress);
                 // Settings change at rest only, and nothing moves before the session goes on.
                 step_output::follow(session.settings());
                 serial::start(sent);
@@ -241,8 +231,10 @@ mod app {
     )]
     async fn report(mut cx: report::Context) -> ! {
         let requests = cx.shared.requests;
+        let mut snapshot = Snapshot::default();
         loop {
-            let snapshot = cx.shared.snapshot.lock(|snapshot| *snapshot);
+            let read = |shared: &mut Snapshot| snapshot.take_over(shared);
+            cx.shared.snapshot.lock(read);
             let progress = cx.shared.dialogue.lock(|(session, received, sent)| {
                 let free = received.capacity() - received.len();
                 let progress = session.report(&snapshot, requests, free, sent);

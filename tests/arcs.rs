@@ -401,6 +401,10 @@ proptest! {
         to in 0.0..360.0_f64,
         feed in 300.0..20_000.0_f32,
         hold in prop::option::of(0..1000_u64),
+        overrides in prop::collection::vec(
+            (0..1500_u64, prop::sample::select(vec![0x90, 0x91, 0x92, 0x92, 0x92])),
+            0..12,
+        ),
         rotation in prop::sample::select(&ROTATIONS[..]),
     ) {
         let fastest = (f64::from(acceleration) * radius).sqrt();
@@ -412,10 +416,13 @@ proptest! {
         let angle = direction + to.to_radians();
         let end = [centre[0] + radius * angle.cos(), centre[1] + radius * angle.sin()];
         let commands = [arc(Plane::Xy, rotation, &end, centre, feed)];
-        let acts: Vec<_> = hold
+        let overrides = overrides.iter().map(|(ms, byte)| (ms * 84_000, *byte));
+        let mut acts: Vec<_> = hold
             .into_iter()
             .flat_map(|ms| [(ms * 84_000, b'!'), (ms * 84_000 + 84_000_000, b'~')])
+            .chain(overrides)
             .collect();
+        acts.sort_unstable();
         let mut rig = Rig::new(&settings);
         rig.run(&commands, &acts);
         rig.trace.check_pulses();

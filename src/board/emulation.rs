@@ -1,21 +1,32 @@
 //! What the emulator leaves out, and what it is asked for.
 //!
-//! QEMU 7.2's netduinoplus2 has no RCC, no GPIO and no output compare. SysTick's handler stands in
-//! for the compare: it sets the counter to the compare value that the step interrupt has written,
-//! and pends the step interrupt, which preempts it at once. The handler runs when no task has
-//! anything to do, so that time passes as fast as the emulator gets through the events and no event
-//! is ever late because the host was busy; and once in a while on its own, so that steps also
-//! preempt tasks. The firmware's tasks run unchanged.
+//! QEMU 7.2's netduinoplus2 has no RCC, no GPIO, no output compare and no basic timers. SysTick's
+//! handler stands in for the compare: it sets the counter to the compare value that the step
+//! interrupt has written, and pends the step interrupt, which preempts it at once. The handler runs
+//! when no task has anything to do, so that time passes as fast as the emulator gets through the
+//! events and no event is ever late because the host was busy; and once in a while on its own, so
+//! that steps also preempt tasks. The firmware's tasks run unchanged.
 //!
 //! As the handler stands where the hardware would, it also keeps the record of what the pins do,
-//! which a tool reads from memory: [`FIGURES`].
+//! which a tool reads from memory: [`FIGURES`]. The contacts it takes from memory: [`CONTACTS`].
+//! Of the other timers, the one that samples contacts follows the step timer's clock in motion; at
+//! rest, and for `prepare`'s, the handler's own runs count the milliseconds.
 
 use core::sync::atomic::{AtomicBool, AtomicU32, Ordering::Relaxed};
 
 use cortex_m::peripheral::{NVIC, SCB, SYST, scb::SystemHandler, syst::SystClkSource};
-use leadscrew::axis::AXES;
 
-use super::{pac, pins, step_timer};
+use super::{
+    pac,
+    release::{INPUTS, PREPARE},
+    step_timer,
+};
+
+mod flash;
+mod memory;
+
+pub(super) use flash::{erase_flash, read_flash, write_flash};
+pub(super) use memory::{contacts, switched};
 
 /// Lets the emulated counter all but stand still between the handler's settings of it.
 pub(super) const PRESCALER: u16 = u16::MAX;
@@ -30,34 +41,15 @@ static IS_EMULATED: AtomicBool = AtomicBool::new(false);
 /// A host that is busy may let many runs fall due while a task gets nowhere; then time must wait.
 static RUNS_LEFT: AtomicU32 = AtomicU32::new(0);
 
-/// What the pins have done.
-#[repr(C)]
-struct Figures {
-    /// Events that began a pulse.
-    events: AtomicU32,
-    /// Their hash, as [`leadscrew::sim::Tally`] has it, low word first.
-    hash: [AtomicU32; 2],
-    /// Ticks from the first such event to the last, low word first.
-    ticks: [AtomicU32; 2],
-    /// Pulses of each axis.
-    pulses: [AtomicU32; 6],
-    /// Position of each axis, steps.
-    steps: [AtomicU32; 6],
-}
+/// Milliseconds until `prepare` is released, or 0, and whether that time is over.
+static WAKE_MS: AtomicU32 = AtomicU32::new(0);
+static IS_WAKE: AtomicBool = AtomicBool::new(false);
 
-/// Read by `cargo xtask qemu` by its symbol.
-#[unsafe(no_mangle)]
-#[expect(unsafe_code, reason = "a symbol that a tool can find")]
-static FIGURES: Figures = Figures {
-    events: AtomicU32::new(0),
-    hash: [AtomicU32::new(0x8422_2325), AtomicU32::new(0xcbf2_9ce4)],
-    ticks: [const { AtomicU32::new(0) }; 2],
-    pulses: [const { AtomicU32::new(0) }; 6],
-    steps: [const { AtomicU32::new(0) }; 6],
-};
-
-/// When the last event with a pulse was due.
-static LAST: AtomicU32 = AtomicU32::new(0);
+/// Ticks between two samples of the contacts, when the next is due on the step timer's clock, and
+/// whether it has been. 0 ticks: no samples.
+static SAMPLE_TICKS: AtomicU32 = AtomicU32::new(0);
+static SAMPLE_DUE: AtomicU32 = AtomicU32::new(0);
+static IS_SAMPLE: AtomicBool = AtomicBool::new(false);
 
 /// Whether the firmware runs in the emulator.
 pub(super) fn is_emulated() -> bool {
@@ -95,58 +87,92 @@ pub(super) fn idle() {
     }
 }
 
+/// Releases `prepare` after some milliseconds.
+pub(super) fn wake_in(milliseconds: u16) {
+    IS_WAKE.store(false, Relaxed);
+    WAKE_MS.store(milliseconds.into(), Relaxed);
+}
+
+/// Whether the time of `prepare` is over: true once.
+pub(super) fn take_wake() -> bool {
+    let is_over = IS_WAKE.load(Relaxed);
+    IS_WAKE.store(false, Relaxed);
+    is_over
+}
+
+/// Sets the time between two samples of the contacts; 0: no samples.
+pub(super) fn sample_every(ticks: u32) {
+    SAMPLE_DUE.store(step_timer::now().wrapping_add(ticks), Relaxed);
+    SAMPLE_TICKS.store(ticks, Relaxed);
+}
+
+/// Whether `inputs` was released to take a sample.
+pub(super) fn is_sample() -> bool {
+    let is_sample = IS_SAMPLE.load(Relaxed);
+    IS_SAMPLE.store(false, Relaxed);
+    is_sample
+}
+
 #[cortex_m_rt::exception]
 fn SysTick() {
+    if has_counted() {
+        count_millisecond();
+    }
+    memory::record_duty();
+    if memory::have_contacts_changed() {
+        NVIC::pend(INPUTS);
+    } else if !step_timer::is_running() {
+        if SAMPLE_TICKS.load(Relaxed) != 0 {
+            take_sample();
+        }
+    } else if is_sample_first() {
+        take_sample();
+    } else {
+        play();
+    }
+}
+
+/// Lets the event that is due happen, unless time must wait.
+fn play() {
     let runs_left = RUNS_LEFT.load(Relaxed);
-    if runs_left != 0 && step_timer::is_running() {
+    if runs_left != 0 {
         RUNS_LEFT.store(runs_left - 1, Relaxed);
-        step_timer::skip();
-        record();
+        step_timer::set(step_timer::due());
+        memory::record();
         NVIC::pend(pac::Interrupt::TIM2);
     }
 }
 
-/// Adds the event that is due to the figures.
-fn record() {
-    let (axes, directions) = pins::pulses_next();
-    if axes == 0 {
-        return;
-    }
-    let due = step_timer::due();
-    let elapsed = if FIGURES.events.load(Relaxed) == 0 {
-        0
-    } else {
-        due.wrapping_sub(LAST.load(Relaxed))
-    };
-    LAST.store(due, Relaxed);
-    add(&FIGURES.events, 1);
-    store(
-        &FIGURES.ticks,
-        load(&FIGURES.ticks).wrapping_add(elapsed.into()),
-    );
-    let mut hash = load(&FIGURES.hash);
-    for word in [elapsed, axes, directions.into()] {
-        hash = (hash ^ u64::from(word)).wrapping_mul(0x0100_0000_01b3);
-    }
-    store(&FIGURES.hash, hash);
-    for axis in 0..AXES {
-        if axes & 1 << axis != 0 {
-            add(&FIGURES.pulses[axis], 1);
-            let is_negative = directions & 1 << axis != 0;
-            add(&FIGURES.steps[axis], if is_negative { u32::MAX } else { 1 });
+fn count_millisecond() {
+    let left = WAKE_MS.load(Relaxed);
+    if left != 0 {
+        WAKE_MS.store(left - 1, Relaxed);
+        if left == 1 {
+            IS_WAKE.store(true, Relaxed);
+            NVIC::pend(PREPARE);
         }
     }
 }
 
-fn add(word: &AtomicU32, value: u32) {
-    word.store(word.load(Relaxed).wrapping_add(value), Relaxed);
+/// Whether a sample is due before the next event.
+fn is_sample_first() -> bool {
+    let ahead = step_timer::due().wrapping_sub(SAMPLE_DUE.load(Relaxed));
+    SAMPLE_TICKS.load(Relaxed) != 0 && ahead.cast_signed() >= 0
 }
 
-fn load([low, high]: &[AtomicU32; 2]) -> u64 {
-    u64::from(high.load(Relaxed)) << 32 | u64::from(low.load(Relaxed))
+/// Lets the time of a sample come.
+fn take_sample() {
+    let due = SAMPLE_DUE.load(Relaxed);
+    step_timer::set(due);
+    SAMPLE_DUE.store(due.wrapping_add(SAMPLE_TICKS.load(Relaxed)), Relaxed);
+    IS_SAMPLE.store(true, Relaxed);
+    NVIC::pend(INPUTS);
 }
 
-fn store([low, high]: &[AtomicU32; 2], value: u64) {
-    low.store(value as u32, Relaxed);
-    high.store((value >> 32) as u32, Relaxed);
+/// Whether a millisecond has passed since this was asked last.
+#[expect(unsafe_code, reason = "nobody can hand the timer to an exception")]
+fn has_counted() -> bool {
+    const COUNT_FLAG: u32 = 1 << 16;
+    // SAFETY: the register exists; reading it clears the flag, which nobody else looks at.
+    unsafe { (*SYST::PTR).csr.read() & COUNT_FLAG != 0 }
 }

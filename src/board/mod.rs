@@ -13,24 +13,38 @@ use netduino_plus_2 as chosen;
 pub(crate) use netduino_plus_2::init;
 
 #[cfg(feature = "board-nucleo-f446re")]
+#[path = "no_emulation.rs"]
+mod emulation;
+#[cfg(feature = "board-nucleo-f446re")]
 mod nucleo_f446re;
 #[cfg(feature = "board-nucleo-f446re")]
 use nucleo_f446re as chosen;
 #[cfg(feature = "board-nucleo-f446re")]
 pub(crate) use nucleo_f446re::init;
 
+mod after_prepare;
+mod flash;
+mod inputs;
+mod outputs;
 mod panic;
 mod pins;
 pub(crate) mod release;
 pub(crate) mod serial;
 pub(crate) mod step_output;
 mod step_timer;
+mod storage;
+mod wake;
+mod wiring;
 
+pub(crate) use after_prepare::AfterPrepare;
+pub(crate) use inputs::{InputPins, InputTimer};
 pub(crate) use serial::SerialPort;
 pub(crate) use step_output::StepOutput;
 pub(crate) use stm32f4xx_hal::pac;
+pub(crate) use storage::Storage;
 
-use stm32f4xx_hal::rcc::{Config, Rcc, RccExt};
+use leadscrew::settings::Loaded;
+use stm32f4xx_hal::rcc::{Config, Enable, Rcc, RccExt};
 
 /// The peripherals the tasks drive.
 pub(crate) struct Board {
@@ -38,6 +52,13 @@ pub(crate) struct Board {
     pub(crate) output: StepOutput,
     /// Link to the sender.
     pub(crate) serial: SerialPort,
+    /// Switches, probe and buttons.
+    pub(crate) inputs: InputTimer,
+    /// Spindle, coolant and drivers, and what releases `prepare` after a time.
+    pub(crate) after: AfterPrepare,
+    /// Where settings are stored, and what is stored there.
+    pub(crate) storage: Storage,
+    pub(crate) loaded: Loaded,
 }
 
 /// Runs the core at the clock that `config` asks for, and flash without prefetch.
@@ -50,15 +71,22 @@ fn start_clocks(rcc: pac::RCC, flash: &pac::FLASH, config: Config) -> Rcc {
     rcc
 }
 
+/// Lets the clocks of what all boards use run. Ports have theirs already.
+fn enable_clocks(rcc: &mut Rcc) {
+    pac::TIM2::enable(rcc);
+    pac::TIM6::enable(rcc);
+    pac::TIM7::enable(rcc);
+    pac::SYSCFG::enable(rcc);
+}
+
 /// Sleeps whenever no task has anything to do.
 pub(crate) fn idle() -> ! {
     loop {
-        #[cfg(feature = "board-netduino-plus-2")]
-        if chosen::is_emulated() {
+        if emulation::is_emulated() {
             emulation::idle();
-            continue;
+        } else {
+            cortex_m::asm::wfi();
         }
-        cortex_m::asm::wfi();
     }
 }
 

@@ -7,45 +7,13 @@ use core::sync::atomic::{AtomicBool, AtomicU8, AtomicU32, Ordering::Relaxed};
 
 use leadscrew::{axis::AXES, settings::Settings};
 
-use super::{chosen, pac};
+use super::{
+    chosen, pac,
+    wiring::{Pin, Wiring},
+};
 
 /// Masks of axes.
 const MASKS: usize = 1 << AXES;
-
-/// A pin of ports A, B or C.
-#[derive(Clone, Copy, PartialEq, Eq)]
-pub(super) enum Pin {
-    /// Port A.
-    A(u8),
-    /// Port B.
-    B(u8),
-    /// Port C.
-    C(u8),
-}
-
-impl Pin {
-    /// The word for each port's set/reset register that drives the pin.
-    const fn word(self, high: bool) -> [u32; 3] {
-        let (port, number) = match self {
-            Self::A(number) => (0, number),
-            Self::B(number) => (1, number),
-            Self::C(number) => (2, number),
-        };
-        let mut words = [0; 3];
-        words[port] = if high { 1 << number } else { 1 << number << 16 };
-        words
-    }
-}
-
-/// How the outputs of the axes are wired.
-pub(super) struct Wiring {
-    /// Step outputs, on ports A and B only.
-    pub(super) step: [Pin; 6],
-    /// Direction outputs.
-    pub(super) direction: [Pin; 6],
-    /// Enable output of all drivers, active low.
-    pub(super) enable: Pin,
-}
 
 /// Words for ports A and B.
 type Words = [AtomicU32; 2];
@@ -90,10 +58,10 @@ pub(super) fn init(settings: &Settings) {
     configure(settings);
     let wiring = &chosen::WIRING;
     for (&step, &direction) in wiring.step.iter().zip(&wiring.direction).take(AXES) {
-        make_output(step);
-        make_output(direction);
+        step.make_output();
+        direction.make_output();
     }
-    make_output(wiring.enable);
+    wiring.enable.make_output();
 }
 
 /// Outputs what [`prepare`] computed last time. Only the step interrupt calls this and the two
@@ -221,7 +189,7 @@ fn store(to: &[AtomicU32], words: &[u32; 3]) {
 /// Sets and resets pins of ports A and B.
 #[inline]
 #[expect(unsafe_code, reason = "raw words for the ports' set/reset registers")]
-fn write_a_and_b([a, b]: [u32; 2]) {
+pub(super) fn write_a_and_b([a, b]: [u32; 2]) {
     // SAFETY: a write to BSRR is atomic and changes only the pins whose bits are set; the words
     // hold pins of `WIRING` only, which nothing else drives.
     unsafe {
@@ -233,27 +201,9 @@ fn write_a_and_b([a, b]: [u32; 2]) {
 /// Sets and resets pins of port C.
 #[inline]
 #[expect(unsafe_code, reason = "raw words for the port's set/reset register")]
-fn write_port_c(word: u32) {
+pub(super) fn write_port_c(word: u32) {
     // SAFETY: as in `write_a_and_b`.
     unsafe {
         (*pac::GPIOC::ptr()).bsrr().write(|w| w.bits(word));
-    }
-}
-
-/// Makes a pin a push-pull output.
-#[expect(unsafe_code, reason = "pins are chosen by a table, not by type")]
-fn make_output(pin: Pin) {
-    let (number, moder) = match pin {
-        // SAFETY: called by `init` alone, before any task runs, for pins of `WIRING`.
-        Pin::A(number) => (number, unsafe { (*pac::GPIOA::ptr()).moder().as_ptr() }),
-        // SAFETY: as above.
-        Pin::B(number) => (number, unsafe { (*pac::GPIOB::ptr()).moder().as_ptr() }),
-        // SAFETY: as above.
-        Pin::C(number) => (number, unsafe { (*pac::GPIOC::ptr()).moder().as_ptr() }),
-    };
-    let shift = 2 * u32::from(number);
-    // SAFETY: the register exists, and only this pin's field changes.
-    unsafe {
-        moder.write_volatile(moder.read_volatile() & !(0b11 << shift) | 0b01 << shift);
     }
 }

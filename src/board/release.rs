@@ -8,8 +8,11 @@ use core::{
 
 use super::pac::Interrupt;
 
-/// Releases `prepare`.
-pub(crate) const PREPARE: Interrupt = Interrupt::I2C3_EV;
+/// Releases `prepare`, as its timer does.
+pub(crate) const PREPARE: Interrupt = Interrupt::TIM6_DAC;
+/// Releases `inputs`, as its timer does.
+#[cfg(feature = "board-netduino-plus-2")]
+pub(super) const INPUTS: Interrupt = Interrupt::TIM7;
 /// Releases `wake`.
 pub(crate) const WAKE: Interrupt = Interrupt::I2C3_ER;
 

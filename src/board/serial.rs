@@ -1,8 +1,21 @@
 //! The link to the sender: one byte each way per interrupt.
 
-use heapless::spsc::Producer;
+use core::sync::atomic::{AtomicU8, AtomicUsize, Ordering::Relaxed};
 
-use super::chosen::{self, Usart};
+use heapless::spsc::{Consumer, Producer};
+use leadscrew::{
+    protocol::realtime::{self, Release, Requests},
+    sim::SENT_RING,
+};
+
+use super::{
+    chosen::{self, Usart},
+    emulation,
+    release::{PREPARE, WAKE},
+};
+
+/// Bytes left to send when a task that waits for room is woken, besides none.
+const SENT_HALF: usize = SENT_RING / 2;
 
 /// The serial port, owned by its interrupt.
 pub(crate) struct SerialPort {
@@ -21,9 +34,40 @@ impl SerialPort {
         port
     }
 
+    /// Takes one byte in or puts one out, and releases who has to know.
+    #[inline]
+    pub(crate) fn serve(
+        &mut self,
+        requests: &Requests,
+        received: &mut Producer<'_, u8>,
+        sent: &mut Consumer<'_, u8>,
+    ) {
+        if let Some(byte) = self.receive() {
+            match realtime::receive(byte, requests, received) {
+                Release::Nobody => {}
+                Release::Interpret | Release::Report => rtic::pend(WAKE),
+                Release::Prepare => rtic::pend(PREPARE),
+            }
+            // What is to be sent may have been pended by the same vector.
+            if sent.ready() {
+                again();
+            }
+        } else if self.can_send() {
+            let byte = sent.dequeue();
+            self.send(byte);
+            if byte.is_some() && matches!(sent.len(), 0 | SENT_HALF) {
+                rtic::pend(WAKE);
+            }
+        }
+    }
+
     /// The byte that has arrived; clears an overrun.
     #[inline]
-    pub(crate) fn receive(&mut self) -> Option<u8> {
+    fn receive(&mut self) -> Option<u8> {
+        if let Some(byte) = take_kept() {
+            again();
+            return Some(byte);
+        }
         let status = self.usart.sr().read();
         let is_new = status.rxne().bit_is_set();
         if !is_new && status.ore().bit_is_clear() {
@@ -35,17 +79,17 @@ impl SerialPort {
 
     /// Whether a byte can be sent.
     #[inline]
-    pub(crate) fn can_send(&self) -> bool {
+    fn can_send(&self) -> bool {
         self.usart.sr().read().txe().bit_is_set()
     }
 
     /// Sends a byte, or with `None` stops asking for more.
     #[inline]
-    pub(crate) fn send(&mut self, byte: Option<u8>) {
+    fn send(&mut self, byte: Option<u8>) {
         if let Some(byte) = byte {
             self.usart.dr().write(|w| w.dr().set(u16::from(byte)));
             // The emulator has no interrupt for "ready to send".
-            if chosen::is_emulated() {
+            if emulation::is_emulated() {
                 again();
                 return;
             }
@@ -73,6 +117,50 @@ pub(crate) fn start(sent: &Producer<'_, u8>) {
 
 /// Runs the interrupt once more.
 #[inline]
-pub(crate) fn again() {
+fn again() {
     rtic::pend(chosen::USART_VECTOR);
+}
+
+/// Bytes that may come while no task runs: more than senders have on their way.
+const KEPT: usize = 256;
+
+/// Bytes that have come while no task ran, how many they are, and how many have been taken.
+static KEPT_BYTES: [AtomicU8; KEPT] = [const { AtomicU8::new(0) }; KEPT];
+static KEPT_COUNT: AtomicUsize = AtomicUsize::new(0);
+static KEPT_TAKEN: AtomicUsize = AtomicUsize::new(0);
+
+/// Keeps the byte that has arrived, if one has, for the interrupt that is held up.
+///
+/// For code in RAM, with all tasks held up: it is inlined there.
+#[inline(always)]
+#[expect(clippy::inline_always, reason = "nothing in flash may be called")]
+#[expect(unsafe_code, reason = "the interrupt owns the port")]
+pub(super) fn keep() {
+    // SAFETY: the interrupt does not run now.
+    let usart = unsafe { &*Usart::ptr() };
+    if usart.sr().read().rxne().bit_is_clear() {
+        return;
+    }
+    let byte = usart.dr().read().dr().bits() as u8;
+    let count = KEPT_COUNT.load(Relaxed);
+    if let Some(place) = KEPT_BYTES.get(count) {
+        place.store(byte, Relaxed);
+        KEPT_COUNT.store(count + 1, Relaxed);
+        again();
+    }
+}
+
+/// The oldest byte that was kept.
+#[inline]
+fn take_kept() -> Option<u8> {
+    let count = KEPT_COUNT.load(Relaxed);
+    if count == 0 {
+        return None;
+    }
+    let taken = KEPT_TAKEN.load(Relaxed);
+    let byte = KEPT_BYTES.get(taken)?.load(Relaxed);
+    let is_last = taken + 1 >= count;
+    KEPT_COUNT.store(if is_last { 0 } else { count }, Relaxed);
+    KEPT_TAKEN.store(if is_last { 0 } else { taken + 1 }, Relaxed);
+    Some(byte)
 }

@@ -3,7 +3,7 @@
 use leadscrew::stepper::{EventReader, StepCounts, StepEvent, Stepper};
 
 pub(crate) use super::pins::follow;
-use super::{pins, step_timer::StepTimer};
+use super::{outputs, pins, step_timer::StepTimer};
 
 /// What the step interrupt drives, and it alone.
 pub(crate) struct StepOutput(StepTimer);
@@ -46,12 +46,7 @@ impl StepOutput {
             return false;
         };
         pins::set_directions(begun.directions);
+        outputs::set_duty(begun.duty);
         self.set_up(event)
     }
-}
-
-/// Enables the drivers and releases the step interrupt, which has stopped.
-pub(crate) fn start() {
-    pins::enable(true);
-    super::step_timer::start();
 }

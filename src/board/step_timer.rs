@@ -86,10 +86,18 @@ pub(super) fn is_running() -> bool {
     unsafe { (*pac::TIM2::ptr()).dier().read().cc1ie().bit_is_set() }
 }
 
-/// Sets the clock to the time of the event being waited for.
+/// The time on the timer's clock.
 #[cfg(feature = "board-netduino-plus-2")]
 #[expect(unsafe_code, reason = "the interrupt owns the timer")]
-pub(super) fn skip() {
+pub(super) fn now() -> u32 {
+    // SAFETY: reads a register without side effects.
+    unsafe { (*pac::TIM2::ptr()).cnt().read().cnt().bits() }
+}
+
+/// Sets the clock.
+#[cfg(feature = "board-netduino-plus-2")]
+#[expect(unsafe_code, reason = "the interrupt owns the timer")]
+pub(super) fn set(time: u32) {
     // SAFETY: only the emulator's stand-in for the compare calls this.
-    unsafe { (*pac::TIM2::ptr()).cnt().write(|w| w.cnt().set(due())) };
+    unsafe { (*pac::TIM2::ptr()).cnt().write(|w| w.cnt().set(time)) };
 }

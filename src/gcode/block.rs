@@ -131,6 +131,26 @@ impl Block {
         }
     }
 
+    /// The beginning of a jog: in the modes before it, but along a line and at a feed per minute.
+    #[must_use]
+    pub const fn jog(modal: &Modal) -> Self {
+        let mut block = Self::new(modal);
+        block.modal.motion = Motion::Linear;
+        block.modal.feed_mode = FeedMode::PerMinute;
+        block
+    }
+
+    /// Whether a jog may have the line's commands: units, distance mode and `G53`.
+    #[must_use]
+    pub const fn is_joggable(&self) -> bool {
+        let allowed = Group::NonModal as u16 | Group::Distance as u16 | Group::Units as u16;
+        self.groups & !allowed == 0
+            && matches!(
+                self.non_modal,
+                NonModal::None | NonModal::MachineCoordinates
+            )
+    }
+
     /// Adds the words of a line: upper case, without blanks and comments. After an error the block
     /// is of no use.
     ///

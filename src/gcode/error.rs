@@ -4,7 +4,8 @@ use core::fmt;
 
 /// The reason of an `error:N` answer. The discriminant is N.
 ///
-/// Numbers up to 38 are Grbl 1.1's, those above are grblHAL's where its meaning fits.
+/// Numbers up to 38 are Grbl 1.1's, those above are grblHAL's where its meaning fits, and from 200
+/// on this firmware's own.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 #[cfg_attr(target_os = "none", derive(defmt::Format))]
 #[repr(u8)]
@@ -85,11 +86,15 @@ pub enum LineError {
     ValueOutOfRange = 39,
     /// A setting outside its range.
     SettingOutOfRange = 52,
+    /// Homing while a limit switch of an axis to be homed is closed already.
+    LimitsEngaged = 203,
+    /// A change that could not be stored, and has not been made.
+    StorageWrite = 204,
 }
 
 impl LineError {
     /// Every error, in the order of the numbers.
-    pub const ALL: [Self; 38] = [
+    pub const ALL: [Self; 40] = [
         Self::ExpectedLetter,
         Self::BadNumber,
         Self::InvalidStatement,
@@ -128,6 +133,8 @@ impl LineError {
         Self::ToolNumberTooHigh,
         Self::ValueOutOfRange,
         Self::SettingOutOfRange,
+        Self::LimitsEngaged,
+        Self::StorageWrite,
     ];
 
     /// The number after `error:`.
@@ -178,6 +185,8 @@ impl LineError {
             Self::ToolNumberTooHigh => "the tool number exceeds 255",
             Self::ValueOutOfRange => "the value is outside its range",
             Self::SettingOutOfRange => "the setting is outside its range",
+            Self::LimitsEngaged => "a limit switch of an axis to be homed is closed",
+            Self::StorageWrite => "the change could not be stored and has not been made",
         }
     }
 }

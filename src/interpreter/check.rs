@@ -2,14 +2,14 @@
 //!
 //! One function per step of the NIST order of execution that can fail.
 
-use super::{Action, Checked, Interpreter, Path, arc, offsets::TOOL_AXIS};
+use super::{Action, Checked, Interpreter, Kind, Path, arc, offsets::TOOL_AXIS, power};
 use crate::{
     axis::{AXES, Axes, Z},
     gcode::{
         AxisCommand, Block, Distance, FeedMode, LineError, Modal, Motion, NonModal, Number,
         ToolLength, Units, Word, Words, WorkCoordinates,
     },
-    planner::Spindle,
+    planner::Laser,
     settings::Settings,
     units::{Nm, StepsPerMm},
 };
@@ -26,20 +26,27 @@ const NEAR: Nm = match StepsPerMm::from_millionths(StepsPerMm::MAX) {
 pub(super) fn check(
     state: &Interpreter,
     line: &[u8],
+    kind: Kind,
     settings: &Settings,
     checked: &mut Checked,
 ) -> Result<(), LineError> {
-    let mut block = Block::new(&state.modal);
+    let mut block = match kind {
+        Kind::Program => Block::new(&state.modal),
+        Kind::Jog => Block::jog(&state.modal),
+    };
     block.read(line)?;
     let mut words = block.words;
     if block.line > MAX_LINE {
         return Err(LineError::LineNumberTooHigh);
     }
     *checked = Checked {
+        kind,
         modal: block.modal,
         action: Action::None,
         flow: block.flow,
         axes: block.axes,
+        spindle: None,
+        power: Laser::None,
         changes: false,
         line: block.line,
         tool_length: state.offsets.tool_length,
@@ -47,7 +54,10 @@ pub(super) fn check(
         single_mm: state.single_mm,
         path: Path::None,
     };
-    checked.modal.feed = feed(&block, &state.modal)?;
+    checked.modal.feed = match kind {
+        Kind::Program => feed(&block, &state.modal)?,
+        Kind::Jog => jog_feed(&block)?,
+    };
     if block.non_modal == NonModal::Dwell {
         checked.action = dwell(&block, &mut words)?;
     }
@@ -56,21 +66,46 @@ pub(super) fn check(
     }
     check_non_modal(state, &block, &mut words, checked)?;
     check_motion(state, &block, &mut words, checked)?;
-    for word in [Word::N, Word::F, Word::S, Word::T] {
-        words.remove(word);
+    check_words(kind, &block, words)?;
+    check_reach(state, settings, checked)?;
+    let is_motion = block.axes != 0 && block.axis_command == AxisCommand::Motion;
+    power::set(state, settings, is_motion, checked);
+    checked.changes = changes(state, checked);
+    Ok(())
+}
+
+/// Every value word must have been used, and a jog must be nothing but a jog.
+fn check_words(kind: Kind, block: &Block, mut words: Words) -> Result<(), LineError> {
+    words.remove(Word::N);
+    words.remove(Word::F);
+    if kind == Kind::Program {
+        words.remove(Word::S);
+        words.remove(Word::T);
     }
     if !words.is_empty() {
         return Err(LineError::UnusedWords);
     }
-    check_reach(state, settings, checked)?;
-    if block.axis_command == AxisCommand::Motion
-        && let Motion::Probe(_) = block.modal.motion
-    {
-        // The machine cannot probe: the line is right, but it must not be passed over.
-        return Err(LineError::Unsupported);
+    if kind == Kind::Jog {
+        if !block.is_joggable() {
+            return Err(LineError::InvalidJog);
+        }
+        if block.axes == 0 {
+            // Grbl moves to machine zero then.
+            return Err(LineError::NoAxisWords);
+        }
     }
-    checked.changes = changes(state, settings, checked);
     Ok(())
+}
+
+/// The feed of a jog, which each has to have, mm/min.
+fn jog_feed(block: &Block) -> Result<f32, LineError> {
+    if !block.words.contains(Word::F) {
+        return Err(LineError::FeedUndefined);
+    }
+    Ok(match block.modal.units {
+        Units::Millimetres => block.feed,
+        Units::Inches => block.feed * MM_PER_INCH,
+    })
 }
 
 /// Feed rate mode and feed rate. Every `G93` move needs its own; none survives `G93`.
@@ -280,8 +315,9 @@ fn check_motion(
         Motion::Probe(_) if checked.values == state.position => {
             return Err(LineError::InvalidTarget);
         }
+        Motion::Probe(probe) => checked.path = Path::Probe(probe),
         Motion::Rapid | Motion::Linear if block.axes != 0 => checked.path = Path::Straight,
-        Motion::Rapid | Motion::Linear | Motion::Probe(_) | Motion::Cancelled => {}
+        Motion::Rapid | Motion::Linear | Motion::Cancelled => {}
     }
     Ok(())
 }
@@ -334,14 +370,10 @@ fn reach(settings: &Settings, position: &Axes<Nm>) -> Result<(), LineError> {
     }
 }
 
-/// Whether the line changes the spindle, the coolant or the work offset.
-///
-/// In laser mode a new power goes along with the motion.
-fn changes(state: &Interpreter, settings: &Settings, checked: &Checked) -> bool {
+/// Whether the line switches the spindle or the coolant, or changes the work offset.
+fn changes(state: &Interpreter, checked: &Checked) -> bool {
     let (before, after) = (&state.modal, &checked.modal);
-    let runs = after.spindle != Spindle::Off;
-    before.spindle != after.spindle
-        || (runs && before.speed_rpm != after.speed_rpm && !settings.laser)
+    checked.spindle.is_some()
         || before.coolant != after.coolant
         || before.coordinates != after.coordinates
         || state.offsets.tool_length != checked.tool_length

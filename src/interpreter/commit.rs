@@ -1,22 +1,35 @@
 //! The second phase of a line: carrying out what was checked, in the NIST order of execution.
 
-use super::{Action, Checked, Interpreter, Message, Outcome, Path};
+use super::{Action, Checked, Interpreter, Kind, Message, Outcome, Path};
 use crate::{
     axis::Axes,
-    gcode::{Distance, FeedMode, Flow, Modal, Motion, Reference, WorkCoordinates},
-    planner::{Command, Coolant, Pace, Plane, Spindle, Target},
+    gcode::{Distance, FeedMode, Flow, Motion, Probe, Reference, WorkCoordinates},
+    planner::{Command, Coolant, Laser, Pace, Plane, Probing, Spindle, Target},
     units::Nm,
 };
 
 pub(super) fn commit(state: &mut Interpreter, checked: &Checked, outcome: &mut Outcome) {
     outcome.commands.clear();
     outcome.message = None;
-    switch(&state.modal, &checked.modal, outcome);
+    outcome.shows_offset = false;
+    if checked.kind == Kind::Jog {
+        set_power(checked, outcome);
+        let pace = Pace::Jog(checked.modal.feed);
+        outcome.add(line(checked.target(), pace, checked));
+        state.arrive(&checked.target());
+        return;
+    }
+    switch(state, checked, outcome);
     if let Action::Dwell(milliseconds) = checked.action {
         outcome.add(Command::Dwell { milliseconds });
     }
+    outcome.shows_offset = state.modal.coordinates != checked.modal.coordinates
+        || state.offsets.tool_length != checked.tool_length;
     state.modal = checked.modal;
     state.offsets.tool_length = checked.tool_length;
+    if checked.moves() {
+        set_power(checked, outcome);
+    }
     act(state, checked, outcome);
     travel(state, checked, outcome);
     end(state, checked.flow, outcome);
@@ -30,20 +43,19 @@ impl Outcome {
 }
 
 /// Spindle and coolant, where they change.
-fn switch(before: &Modal, after: &Modal, outcome: &mut Outcome) {
-    let new_speed = after.spindle != Spindle::Off && before.speed_rpm != after.speed_rpm;
-    if before.spindle != after.spindle || new_speed {
-        outcome.add(Command::Spindle {
-            spindle: after.spindle,
-            rpm: if after.spindle == Spindle::Off {
-                0.0
-            } else {
-                after.speed_rpm
-            },
-        });
+fn switch(state: &Interpreter, checked: &Checked, outcome: &mut Outcome) {
+    if let Some((spindle, rpm)) = checked.spindle {
+        outcome.add(Command::Spindle { spindle, rpm });
     }
-    if before.coolant != after.coolant {
-        outcome.add(Command::Coolant(after.coolant));
+    if state.modal.coolant != checked.modal.coolant {
+        outcome.add(Command::Coolant(checked.modal.coolant));
+    }
+}
+
+/// The laser power of the moves that follow, in laser mode.
+fn set_power(checked: &Checked, outcome: &mut Outcome) {
+    if checked.power != Laser::None {
+        outcome.add(Command::Power(checked.power));
     }
 }
 
@@ -51,12 +63,21 @@ fn switch(before: &Modal, after: &Modal, outcome: &mut Outcome) {
 fn act(state: &mut Interpreter, checked: &Checked, outcome: &mut Outcome) {
     match checked.action {
         Action::None | Action::Dwell(_) => {}
-        Action::SetOrigin(system) => state.offsets.coordinates[system.index()] = checked.values,
+        Action::SetOrigin(_) | Action::Store(_) => {
+            if let Some(origins) = state.origins_after(checked) {
+                state.offsets.origins = origins;
+            }
+            outcome.shows_offset |= checked.action == Action::SetOrigin(checked.modal.coordinates);
+        }
         Action::GoTo(reference) => go_to(state, checked, reference, outcome),
-        Action::Store(Reference::G28) => state.offsets.g28 = state.position,
-        Action::Store(Reference::G30) => state.offsets.g30 = state.position,
-        Action::SetOffset => state.offsets.work = checked.values,
-        Action::ClearOffset => state.offsets.work = Axes::all(Nm(0)),
+        Action::SetOffset => {
+            state.offsets.work = checked.values;
+            outcome.shows_offset = true;
+        }
+        Action::ClearOffset => {
+            state.offsets.work = Axes::all(Nm(0));
+            outcome.shows_offset = true;
+        }
     }
 }
 
@@ -96,10 +117,29 @@ fn travel(state: &mut Interpreter, checked: &Checked, outcome: &mut Outcome) {
             pace,
             line: checked.line,
         },
+        Path::Probe(probe) => {
+            // Where it ends is the machine's to say.
+            outcome.add(Command::Probe {
+                target,
+                pace,
+                probing: probing(probe),
+                line: checked.line,
+            });
+            return;
+        }
     };
     outcome.add(command);
-    state.position = target.position;
-    state.single_mm = target.single_mm;
+    state.arrive(&target);
+}
+
+const fn probing(probe: Probe) -> Probing {
+    let (is_away, may_miss) = match probe {
+        Probe::Contact => (false, false),
+        Probe::TryContact => (false, true),
+        Probe::Release => (true, false),
+        Probe::TryRelease => (true, true),
+    };
+    Probing { is_away, may_miss }
 }
 
 fn line(target: Target, pace: Pace, checked: &Checked) -> Command {
@@ -130,6 +170,7 @@ fn end(state: &mut Interpreter, flow: Flow, outcome: &mut Outcome) {
             });
             outcome.add(Command::Coolant(Coolant::default()));
             outcome.message = Some(Message::ProgramEnd);
+            outcome.shows_offset = true;
         }
     }
 }

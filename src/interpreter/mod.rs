@@ -9,6 +9,7 @@ mod arc;
 mod check;
 mod commit;
 mod offsets;
+mod power;
 
 pub use offsets::Offsets;
 
@@ -16,15 +17,15 @@ use heapless::Vec;
 
 use crate::{
     axis::Axes,
-    gcode::{Flow, LineError, Modal, Reference, WorkCoordinates},
-    planner::{Circle, Command, Target},
-    settings::Settings,
+    gcode::{Flow, LineError, Modal, Probe, Reference, WorkCoordinates},
+    planner::{Circle, Command, Coolant, Laser, Spindle, Target},
+    settings::{Origins, Settings},
     units::Nm,
 };
 
-/// What one line asks for at most: spindle, coolant, two moves (or a dwell and a move), and at
-/// program end spindle and coolant again.
-pub const COMMANDS: usize = 6;
+/// What one line asks for at most: spindle, coolant, laser power, two moves (or a dwell and a
+/// move), and at program end spindle and coolant again.
+pub const COMMANDS: usize = 7;
 
 /// The state that G-code lines change.
 #[derive(Debug, Clone, PartialEq)]
@@ -36,15 +37,29 @@ pub struct Interpreter {
     single_mm: Axes<f32>,
 }
 
+/// What kind of line it is.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+enum Kind {
+    #[default]
+    Program,
+    /// What follows `$J=`.
+    Jog,
+}
+
 /// A line without errors, ready to be committed. The default asks for nothing, in the power-up modes.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub struct Checked {
+    kind: Kind,
     /// The modal state after the line, but for the end of a program.
     modal: Modal,
     action: Action,
     flow: Flow,
     /// Axes that have a word, bit 0 = X.
     axes: u8,
+    /// What the spindle is switched to, and its speed in rpm.
+    spindle: Option<(Spindle, f32)>,
+    /// What the laser does in the line's moves.
+    power: Laser,
     /// Whether the state of the spindle, the coolant or the work offset changes.
     changes: bool,
     /// `N`.
@@ -84,6 +99,8 @@ enum Path {
     None,
     Straight,
     Arc(Circle),
+    /// To the target at most: where it ends is the machine's to say.
+    Probe(Probe),
 }
 
 /// What a committed line asks for.
@@ -93,6 +110,8 @@ pub struct Outcome {
     pub commands: Vec<Command, COMMANDS>,
     /// What to send before the line's `ok`, after the commands have been executed.
     pub message: Option<Message>,
+    /// Whether the next status report shows the work offset, changed or not.
+    pub shows_offset: bool,
 }
 
 /// A message of a line.
@@ -104,7 +123,8 @@ pub enum Message {
 
 impl Checked {
     /// Where the axis words lead.
-    fn target(&self) -> Target {
+    #[must_use]
+    pub fn target(&self) -> Target {
         Target {
             position: self.values,
             single_mm: self.single_mm,
@@ -114,7 +134,7 @@ impl Checked {
     /// Whether everything before the line must be executed before it is committed.
     ///
     /// As in Grbl: where the work offset, a stored position, the spindle or the coolant changes,
-    /// at a dwell, at a program pause and at a program end.
+    /// at a dwell, at a probing move, at a program pause and at a program end.
     #[must_use]
     pub fn waits_for_rest(&self) -> bool {
         self.answers_when_done()
@@ -131,7 +151,24 @@ impl Checked {
     /// Whether the answer is withheld until the line's commands have been executed.
     #[must_use]
     pub fn answers_when_done(&self) -> bool {
-        self.flow != Flow::Run || matches!(self.action, Action::Dwell(_))
+        self.flow != Flow::Run
+            || matches!(self.action, Action::Dwell(_))
+            || matches!(self.path, Path::Probe(_))
+    }
+
+    /// Whether the program ends with the line.
+    #[must_use]
+    pub fn ends_program(&self) -> bool {
+        self.flow == Flow::End
+    }
+
+    /// Where the probe is to be met, in a line that probes, and what is asked of it.
+    #[must_use]
+    pub fn probe(&self) -> Option<(Target, Probe)> {
+        match self.path {
+            Path::Probe(probe) => Some((self.target(), probe)),
+            Path::None | Path::Straight | Path::Arc(_) => None,
+        }
     }
 
     /// Whether the line moves the machine.
@@ -174,7 +211,41 @@ impl Interpreter {
         settings: &Settings,
         checked: &mut Checked,
     ) -> Result<(), LineError> {
-        check::check(self, line, settings, checked)
+        check::check(self, line, Kind::Program, settings, checked)
+    }
+
+    /// As [`Self::check_into`], but the line is what follows `$J=`: a move along a line at its own
+    /// feed, which leaves nothing behind but the position.
+    ///
+    /// # Errors
+    /// The first that Grbl would find; [`LineError::NoAxisWords`] for a jog without axis words.
+    pub fn check_jog_into(
+        &self,
+        line: &[u8],
+        settings: &Settings,
+        checked: &mut Checked,
+    ) -> Result<(), LineError> {
+        check::check(self, line, Kind::Jog, settings, checked)
+    }
+
+    /// The stored offsets and positions as they are after a line that was checked; `None` where it
+    /// stores none.
+    #[must_use]
+    pub fn origins_after(&self, checked: &Checked) -> Option<Origins> {
+        let mut origins = self.offsets.origins;
+        match checked.action {
+            Action::None
+            | Action::Dwell(_)
+            | Action::GoTo(_)
+            | Action::SetOffset
+            | Action::ClearOffset => return None,
+            Action::SetOrigin(system) => {
+                origins.coordinates[system.index()] = checked.values;
+            }
+            Action::Store(Reference::G28) => origins.g28 = self.position,
+            Action::Store(Reference::G30) => origins.g30 = self.position,
+        }
+        Some(origins)
     }
 
     /// Carries out a line that was checked against the present state.
@@ -201,6 +272,22 @@ impl Interpreter {
     #[must_use]
     pub fn position(&self) -> Axes<Nm> {
         self.position
+    }
+
+    /// Replaces the stored offsets and positions.
+    pub fn set_origins(&mut self, origins: &Origins) {
+        self.offsets.origins = *origins;
+    }
+
+    /// Replaces the coolant's state: it has been switched otherwise.
+    pub fn set_coolant(&mut self, coolant: Coolant) {
+        self.modal.coolant = coolant;
+    }
+
+    /// The machine has arrived at a target.
+    pub fn arrive(&mut self, target: &Target) {
+        self.position = target.position;
+        self.single_mm = target.single_mm;
     }
 
     /// Tells where the machine is.

@@ -5,6 +5,7 @@
 use crate::{
     axis::{Axes, Z},
     gcode::{Reference, WorkCoordinates},
+    settings::Origins,
     units::Nm,
 };
 
@@ -14,12 +15,8 @@ pub(super) const TOOL_AXIS: usize = Z;
 /// Everything that lies between machine and work coordinates, and the stored positions. nm.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub struct Offsets {
-    /// Origins of `G54` to `G59`, in the machine frame.
-    pub coordinates: [Axes<Nm>; WorkCoordinates::ALL.len()],
-    /// The position of `G28`, in the machine frame.
-    pub g28: Axes<Nm>,
-    /// The position of `G30`, in the machine frame.
-    pub g30: Axes<Nm>,
+    /// What outlives power: `G54` to `G59`, `G28` and `G30`.
+    pub origins: Origins,
     /// The offset of `G92`.
     pub work: Axes<Nm>,
     /// The tool length of `G43.1`, along Z.
@@ -30,15 +27,15 @@ impl Offsets {
     /// The origin of a work coordinate system.
     #[must_use]
     pub fn origin(&self, system: WorkCoordinates) -> Axes<Nm> {
-        self.coordinates[system.index()]
+        self.origins.coordinates[system.index()]
     }
 
     /// A stored position.
     #[must_use]
     pub fn stored(&self, reference: Reference) -> Axes<Nm> {
         match reference {
-            Reference::G28 => self.g28,
-            Reference::G30 => self.g30,
+            Reference::G28 => self.origins.g28,
+            Reference::G30 => self.origins.g30,
         }
     }
 

@@ -88,6 +88,12 @@ impl Accessories {
         self.overrides
     }
 
+    /// Whether the spindle is off, whatever segments that wait have.
+    #[must_use]
+    pub fn is_spindle_off(&self) -> bool {
+        self.spindle == Spindle::Off
+    }
+
     /// Whether the spindle is a laser.
     #[must_use]
     pub const fn is_laser(&self) -> bool {

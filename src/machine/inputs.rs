@@ -28,8 +28,10 @@ const UNARMED: u32 = 0;
 const LATCHED: u32 = 3;
 
 /// The inputs. A set bit of [`Levels`] is a closed contact: the pin is low.
-#[derive(Debug, Default)]
+#[derive(Debug)]
 pub struct Inputs {
+    /// Inputs that have a pin. The others are never active.
+    wired: Levels,
     /// Contacts that are closed; written by `inputs`.
     closed: AtomicU32,
     /// Inputs that are active while open; written by `prepare`.
@@ -47,7 +49,15 @@ impl Inputs {
     /// All contacts open, none inverted.
     #[must_use]
     pub const fn new() -> Self {
+        Self::wired(Levels(u16::MAX))
+    }
+
+    /// The same on a board that has pins for these inputs only: an inverted input without a pin
+    /// would be active for ever.
+    #[must_use]
+    pub const fn wired(wired: Levels) -> Self {
         Self {
+            wired,
             closed: AtomicU32::new(0),
             inverted: AtomicU32::new(0),
             guarded: AtomicU32::new(0),
@@ -79,7 +89,7 @@ impl Inputs {
 
     /// Takes over `$5` and `$6`; for `prepare` alone.
     pub fn configure(&self, settings: &Settings) {
-        let inverted = Levels::inverted(settings);
+        let inverted = Levels::inverted(settings) & self.wired;
         self.inverted.store(u32::from(inverted.0), Relaxed);
     }
 
@@ -122,5 +132,11 @@ impl Inputs {
     pub(super) fn latch(&self, events: u32) {
         self.latched.store(events, Relaxed);
         self.probing.store(LATCHED, Release);
+    }
+}
+
+impl Default for Inputs {
+    fn default() -> Self {
+        Self::new()
     }
 }

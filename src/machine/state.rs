@@ -133,3 +133,56 @@ pub struct Snapshot {
     /// Whether an alarm has come that only a reset ends: a hard or soft limit.
     pub is_critical: bool,
 }
+
+impl Snapshot {
+    /// Takes over another one, part by part: that takes a time that is known, as each part is too
+    /// small for the routine that copies memory in a loop. For tasks with a deadline, and for locks
+    /// that they wait for.
+    #[inline]
+    pub fn take_over(&mut self, new: &Self) {
+        let Self {
+            state,
+            steps,
+            feed_mm_min,
+            spindle_rpm,
+            spindle,
+            coolant,
+            coolant_asked,
+            coolant_toggles,
+            overrides,
+            inputs,
+            probed,
+            notices,
+            line,
+            blocks_free,
+            finished,
+            is_at_rest,
+            epoch,
+            cuts,
+            reset_in_motion,
+            is_starved,
+            is_critical,
+        } = new;
+        self.state = *state;
+        self.steps = *steps;
+        self.feed_mm_min = *feed_mm_min;
+        self.spindle_rpm = *spindle_rpm;
+        self.spindle = *spindle;
+        self.coolant = *coolant;
+        self.coolant_asked = *coolant_asked;
+        self.coolant_toggles = *coolant_toggles;
+        self.overrides = *overrides;
+        self.inputs = *inputs;
+        self.probed = *probed;
+        self.notices = *notices;
+        self.line = *line;
+        self.blocks_free = *blocks_free;
+        self.finished = *finished;
+        self.is_at_rest = *is_at_rest;
+        self.epoch = *epoch;
+        self.cuts = *cuts;
+        self.reset_in_motion = *reset_in_motion;
+        self.is_starved = *is_starved;
+        self.is_critical = *is_critical;
+    }
+}

@@ -6,9 +6,11 @@ mod executor;
 mod lookahead;
 mod motion;
 mod router;
+mod travel;
 
 pub use block::{Block, Curve, Entry, Laser, Pacing, Probing, Work};
 pub use command::{Circle, Command, Coolant, Pace, Plane, Rotation, Spindle, Target};
 pub use lookahead::{BLOCKS, LookAhead};
 pub use motion::{Motion, Prepared};
 pub use router::Router;
+pub use travel::{is_outside, leaves_travel};

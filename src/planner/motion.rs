@@ -56,6 +56,8 @@ pub struct Motion {
     is_starved: bool,
     /// An alarm has come that only a reset ends.
     is_critical: bool,
+    /// The door has to be looked at when the reset is over.
+    looks_at_door: bool,
     /// An alarm that comes when the machine is at rest.
     fault: Option<Alarm>,
     /// Waiting for cycle start after `M0`.
@@ -96,6 +98,7 @@ impl Motion {
             reset_in_motion: false,
             is_starved: false,
             is_critical: false,
+            looks_at_door: false,
             fault: None,
             is_paused: false,
             dwell_ticks: 0,
@@ -153,7 +156,8 @@ impl Motion {
 
     /// What is to be switched; the shell applies it after each run, before it starts the timer.
     ///
-    /// While the step timer runs, the duty is that of the segments instead.
+    /// While the step timer runs, the duty is that of the segments instead: the shell leaves the
+    /// PWM to the step interrupt.
     #[must_use]
     pub const fn outputs(&self) -> &Outputs {
         &self.outputs
@@ -183,12 +187,15 @@ impl Motion {
         let was_dwelling = self.is_dwelling;
         self.settle(counts);
         let changed = self.publish(counts) || was_dwelling != self.is_dwelling;
-        let start = !counts.is_running() && !self.is_still(counts);
+        let is_still = self.is_still(counts);
+        let start = !counts.is_running() && !is_still;
         if start {
             counts.start();
         }
+        // What has come to rest may go on at once.
+        let goes_on = is_still && !self.plan.is_empty() && self.control.executes();
         Prepared {
-            again: taken == work::ENTRIES_PER_RUN || changed && entries.ready(),
+            again: taken == work::ENTRIES_PER_RUN || changed && entries.ready() || goes_on,
             start,
             news: taken != 0 || changed,
             wake_in_ms: self.wake_in_ms,
@@ -222,7 +229,9 @@ impl Motion {
             && !self.is_dwelling
             && self.control.ending == Ending::None;
         let at_rest = self.accessories.power_at_rest();
-        let power = if counts.is_running() {
+        let is_off = self.accessories.is_spindle_off();
+        counts.mute(is_off);
+        let power = if counts.is_running() && !is_off {
             Power {
                 rpm: counts.spindle_rpm(),
                 duty: counts.duty(),

@@ -12,14 +12,11 @@ use crate::{
     axis::{AXES, Axes},
     math,
     settings::Settings,
-    stepper::{EVENT_SPACING_TICKS, PULSE_LOW_TICKS},
-    units::{FineSteps, Nm, Steps, StepsPerMm, TICKS_PER_SECOND, TICKS_PER_US},
+    units::{FineSteps, Nm, Steps, StepsPerMm},
 };
 
 /// Axes that are linear: X, Y, Z. The others turn, and give the feed only when alone.
 const LINEAR: usize = 3;
-/// Most steps per second that a segment of the step interrupt can count on one axis.
-const MAX_STEP_RATE_HZ: f32 = 500_000.0;
 /// Most steps per second of all axes together: with more, there would be no time to prepare them.
 ///
 /// 85 % of 168 MHz. A step costs 140 cycles in the step interrupt, with the waits of its buses, and
@@ -40,12 +37,7 @@ struct Limits {
 
 impl Limits {
     fn new(settings: &Settings) -> Self {
-        // Steps of other axes may delay one: it has to be able to catch up.
-        let pulse_ticks = (u32::from(settings.step_pulse_us) * TICKS_PER_US)
-            .max(EVENT_SPACING_TICKS)
-            + PULSE_LOW_TICKS
-            + EVENT_SPACING_TICKS;
-        let step_rate = (TICKS_PER_SECOND as f32 / pulse_ticks as f32).min(MAX_STEP_RATE_HZ);
+        let step_rate = settings.greatest_step_rate_hz();
         let steps_per_mm = settings.steps_per_mm.map(StepsPerMm::to_f32);
         Self {
             steps_per_mm,
@@ -134,6 +126,7 @@ impl Router {
     pub fn configure(&mut self, settings: &Settings, steps: Axes<i32>) -> Axes<Nm> {
         self.settings = *settings;
         self.limits = Limits::new(settings);
+        self.laser = Laser::None;
         self.set_steps(steps)
     }
 
@@ -149,6 +142,12 @@ impl Router {
             });
         self.sent = self.position;
         self.position
+    }
+
+    /// What the laser does during moves.
+    #[must_use]
+    pub fn laser(&self) -> Laser {
+        self.laser
     }
 
     /// The work that a command makes; `None` for a move that makes no step, which becomes part of
@@ -173,7 +172,6 @@ impl Router {
                 Work::Move(block) => Some(Work::Probe(
                     Block {
                         pacing: Pacing::Fixed,
-                        laser: Laser::None,
                         ..block
                     },
                     *probing,

@@ -4,8 +4,9 @@
 //! each wrong statement its number.
 
 use crate::{
+    axis::{AXES, LETTERS},
     gcode::LineError,
-    settings::{SettingError, Settings},
+    settings::{self, Change, STARTUP_LINES, SettingError, Settings},
 };
 
 /// What the machine does, as far as `$` statements are concerned.
@@ -13,8 +14,12 @@ use crate::{
 pub enum Condition {
     /// Nothing is being executed and nothing is waiting to be.
     Idle,
-    /// Something is being executed, or held.
-    Busy,
+    /// Something is being executed.
+    Run,
+    /// Jogging.
+    Jog,
+    /// Checking a program.
+    Check,
     /// Locked by an alarm.
     Alarm,
 }
@@ -26,57 +31,143 @@ pub enum Dollar<'a> {
     Help,
     /// `$$`.
     Settings,
+    /// `$+`: also those settings that Grbl does not have.
+    AllSettings,
+    /// `$ES`, `$EG`, `$EE`, `$EA`: what there is, for programs.
+    Describe(Described),
     /// `$G`.
     Modes,
     /// `$#`.
     Parameters,
     /// `$I`.
     BuildInfo,
+    /// `$I=text`.
+    StoreBuildInfo(&'a [u8]),
     /// `$N`.
     StartupLines,
+    /// `$Nn=line`: the number and the line, which must be executed first.
+    StoreStartup(usize, &'a [u8]),
     /// `$X`.
     Unlock,
+    /// `$C`, where it begins check mode.
+    Check,
+    /// `$C`, where it ends check mode.
+    EndCheck,
+    /// `$H` (0) or `$HX` and so on (bit 0 = X).
+    Home(u8),
+    /// `$J=line`.
+    Jog(&'a [u8]),
+    /// `$SLP`.
+    Sleep,
+    /// `$RST=$`, `$RST=#`, `$RST=*`.
+    Restore(Change),
     /// `$n=value`: everything after the `$`.
     Assign(&'a [u8]),
 }
 
+/// What is described for programs, in grblHAL's format.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Described {
+    /// `$ES`: the settings.
+    Settings,
+    /// `$EG`: their groups.
+    Groups,
+    /// `$EE`: the errors.
+    Errors,
+    /// `$EA`: the alarms.
+    Alarms,
+}
+
 impl<'a> Dollar<'a> {
-    /// Reads the text after the `$`.
+    /// Reads the text after the `$`. `is_door_open` tells what the door's contact says.
     ///
     /// # Errors
-    /// `InvalidStatement`, `NotIdle` or `HomingDisabled`.
+    /// Those of Grbl, in its order; 3 for a startup line that does not exist.
     pub fn read(
         statement: &'a [u8],
         condition: Condition,
         settings: &Settings,
+        is_door_open: bool,
     ) -> Result<Self, LineError> {
+        let described = match statement {
+            [b'E', b'S'] => Some(Described::Settings),
+            [b'E', b'G'] => Some(Described::Groups),
+            [b'E', b'E'] => Some(Described::Errors),
+            [b'E', b'A'] => Some(Described::Alarms),
+            _ => None,
+        };
+        let is_idle = condition == Condition::Idle;
         match statement {
             [] => Ok(Self::Help),
-            [b'G'] => Ok(Self::Modes),
-            [b'X'] => Ok(Self::Unlock),
-            [b'$'] if condition == Condition::Busy => Err(LineError::NotIdle),
+            [b'J', ..] if !is_idle && condition != Condition::Jog => Err(LineError::NotIdle),
+            [b'J', b'=', line @ ..] => Ok(Self::Jog(line)),
+            [b'J' | b'$' | b'G' | b'C' | b'X', _, ..] | [b'J'] => Err(LineError::InvalidStatement),
+            [b'$' | b'+'] if condition == Condition::Run => Err(LineError::NotIdle),
+            _ if described.is_some() && condition == Condition::Run => Err(LineError::NotIdle),
             [b'$'] => Ok(Self::Settings),
-            [b'J', ..] | [b'C'] if condition != Condition::Idle => Err(LineError::NotIdle),
-            [b'$' | b'G' | b'X' | b'C' | b'J', ..] => refuse(),
-            _ if condition == Condition::Busy => Err(LineError::NotIdle),
+            [b'+'] => Ok(Self::AllSettings),
+            [b'G'] => Ok(Self::Modes),
+            [b'C'] if condition == Condition::Check => Ok(Self::EndCheck),
+            [b'C'] if is_idle => Ok(Self::Check),
+            [b'C'] => Err(LineError::NotIdle),
+            [b'X'] if condition == Condition::Alarm && is_door_open => Err(LineError::DoorOpen),
+            [b'X'] => Ok(Self::Unlock),
+            _ => match described {
+                Some(described) => Ok(Self::Describe(described)),
+                None if is_idle || condition == Condition::Alarm => {
+                    Self::read_at_rest(statement, condition, settings, is_door_open)
+                }
+                None => Err(LineError::NotIdle),
+            },
+        }
+    }
+
+    /// The statements that need a machine that does nothing.
+    fn read_at_rest(
+        statement: &'a [u8],
+        condition: Condition,
+        settings: &Settings,
+        is_door_open: bool,
+    ) -> Result<Self, LineError> {
+        match statement {
             [b'#'] => Ok(Self::Parameters),
+            [b'H', ..] if !settings.homing => Err(LineError::HomingDisabled),
+            [b'H', ..] if is_door_open => Err(LineError::DoorOpen),
+            [b'H'] => Ok(Self::Home(0)),
+            [b'H', letter] => axis_mask(*letter).map(Self::Home),
+            [b'S', b'L', b'P'] => Ok(Self::Sleep),
             [b'I'] => Ok(Self::BuildInfo),
+            [b'I', b'=', text @ ..] => Ok(Self::StoreBuildInfo(text)),
+            [b'R', b'S', b'T', b'=', what] => match what {
+                b'$' => Ok(Self::Restore(Change::RestoreSettings)),
+                b'#' => Ok(Self::Restore(Change::RestoreOrigins)),
+                b'*' => Ok(Self::Restore(Change::RestoreAll)),
+                _ => Err(LineError::InvalidStatement),
+            },
             [b'N'] => Ok(Self::StartupLines),
             [b'N', ..] if condition != Condition::Idle => Err(LineError::NotIdle),
-            [b'H', rest @ ..] if rest.is_empty() || !settings.homing => {
-                Err(LineError::HomingDisabled)
-            }
-            [b'#' | b'H' | b'I' | b'N' | b'R' | b'S', ..] => refuse(),
+            [b'N', rest @ ..] => startup(rest),
+            [b'#' | b'H' | b'S' | b'I' | b'R', ..] => Err(LineError::InvalidStatement),
             _ => Ok(Self::Assign(statement)),
         }
     }
 }
 
-/// The answer to statements that are wrong and to those that this firmware does not have:
-/// `$C`, `$J=`, `$SLP`, `$RST=`, `$Nn=` and `$I=`. One that is added gets a variant of [`Dollar`]
-/// and an arm before the one that leads here.
-fn refuse<'a>() -> Result<Dollar<'a>, LineError> {
-    Err(LineError::InvalidStatement)
+/// The bit of an axis that there is.
+fn axis_mask(letter: u8) -> Result<u8, LineError> {
+    // wcet-bound: 6
+    let axis = LETTERS.iter().take(AXES).position(|&known| known == letter);
+    axis.map(|axis| 1 << axis)
+        .ok_or(LineError::InvalidStatement)
+}
+
+/// The number and the text of a startup line that there is.
+fn startup(statement: &[u8]) -> Result<Dollar<'_>, LineError> {
+    let (number, line) = settings::numbered(statement)?;
+    match usize::try_from(number) {
+        Ok(number) if number < STARTUP_LINES => Ok(Dollar::StoreStartup(number, line)),
+        _ => Err(LineError::InvalidStatement),
+    }
 }
 
 impl From<SettingError> for LineError {
@@ -88,6 +179,7 @@ impl From<SettingError> for LineError {
             SettingError::ShortPulse => Self::StepPulseTooShort,
             SettingError::NeedsHoming => Self::SoftLimitsNeedHoming,
             SettingError::OutOfRange => Self::SettingOutOfRange,
+            SettingError::StepRate => Self::StepRateTooHigh,
         }
     }
 }
@@ -96,69 +188,82 @@ impl From<SettingError> for LineError {
 mod tests {
     use super::*;
 
+    const STATES: [Condition; 5] = [
+        Condition::Idle,
+        Condition::Run,
+        Condition::Jog,
+        Condition::Check,
+        Condition::Alarm,
+    ];
+
     fn number(statement: &str, condition: Condition) -> u8 {
         let settings = Settings::default();
-        Dollar::read(statement.as_bytes(), condition, &settings)
+        Dollar::read(statement.as_bytes(), condition, &settings, false)
             .map_or_else(LineError::number, |_| 0)
     }
 
     #[test]
     fn statements_are_allowed_where_grbl_allows_them() {
-        // Statement, then the error number when idle, busy and locked; 0 is none.
-        for (statement, idle, busy, alarm) in [
-            ("", 0, 0, 0),
-            ("$", 0, 8, 0),
-            ("G", 0, 0, 0),
-            ("X", 0, 0, 0),
-            ("#", 0, 8, 0),
-            ("I", 0, 8, 0),
-            ("N", 0, 8, 0),
-            ("0=10", 0, 8, 0),
-            ("L", 0, 8, 0),
-            ("H", 5, 8, 5),
-            ("HX", 5, 8, 5),
-            ("$1", 3, 3, 3),
-            ("GG", 3, 3, 3),
-            ("X1", 3, 3, 3),
-            ("#1", 3, 8, 3),
-            ("IX", 3, 8, 3),
-            ("N0", 3, 8, 8),
-            ("S", 3, 8, 3),
-            ("SLPX", 3, 8, 3),
-            ("RST=", 3, 8, 3),
-            ("RST=$$", 3, 8, 3),
-            ("C1", 3, 3, 3),
+        // Statement, then the error number when idle, running, jogging, checking and locked.
+        for (statement, numbers) in [
+            ("", [0, 0, 0, 0, 0]),
+            ("$", [0, 8, 0, 0, 0]),
+            ("+", [0, 8, 0, 0, 0]),
+            ("ES", [0, 8, 0, 0, 0]),
+            ("EX", [0, 8, 8, 8, 0]),
+            ("G", [0, 0, 0, 0, 0]),
+            ("X", [0, 0, 0, 0, 0]),
+            ("C", [0, 8, 8, 0, 8]),
+            ("J=X1F100", [0, 8, 0, 8, 8]),
+            ("J", [3, 8, 3, 8, 8]),
+            ("JX1", [3, 8, 3, 8, 8]),
+            ("#", [0, 8, 8, 8, 0]),
+            ("I", [0, 8, 8, 8, 0]),
+            ("I=TEXT", [0, 8, 8, 8, 0]),
+            ("N", [0, 8, 8, 8, 0]),
+            ("N0=G21", [0, 8, 8, 8, 8]),
+            ("N0.5=G21", [0, 8, 8, 8, 8]),
+            ("N2=G21", [3, 8, 8, 8, 8]),
+            ("N-1=G21", [3, 8, 8, 8, 8]),
+            ("NX=G21", [2, 8, 8, 8, 8]),
+            ("N0", [3, 8, 8, 8, 8]),
+            ("SLP", [0, 8, 8, 8, 0]),
+            ("RST=$", [0, 8, 8, 8, 0]),
+            ("0=10", [0, 8, 8, 8, 0]),
+            ("L", [0, 8, 8, 8, 0]),
+            ("H", [5, 8, 8, 8, 5]),
+            ("HX", [5, 8, 8, 8, 5]),
+            ("$1", [3, 3, 3, 3, 3]),
+            ("GG", [3, 3, 3, 3, 3]),
+            ("X1", [3, 3, 3, 3, 3]),
+            ("C1", [3, 3, 3, 3, 3]),
+            ("#1", [3, 8, 8, 8, 3]),
+            ("IX", [3, 8, 8, 8, 3]),
+            ("S", [3, 8, 8, 8, 3]),
+            ("SLPX", [3, 8, 8, 8, 3]),
+            ("RST=", [3, 8, 8, 8, 3]),
+            ("RST=X", [3, 8, 8, 8, 3]),
+            ("RST=$$", [3, 8, 8, 8, 3]),
         ] {
-            assert_eq!(number(statement, Condition::Idle), idle, "${statement}");
-            assert_eq!(number(statement, Condition::Busy), busy, "${statement}");
-            assert_eq!(number(statement, Condition::Alarm), alarm, "${statement}");
+            for (state, expected) in STATES.into_iter().zip(numbers) {
+                assert_eq!(number(statement, state), expected, "${statement} {state:?}");
+            }
         }
     }
 
     #[test]
-    fn what_the_firmware_does_not_have_is_refused_after_the_check_of_the_state() {
-        for (statement, busy, alarm) in [
-            ("C", 8, 8),
-            ("J=X1F100", 8, 8),
-            ("N0=G21", 8, 8),
-            ("SLP", 8, 3),
-            ("RST=$", 8, 3),
-            ("I=TEXT", 8, 3),
-        ] {
-            assert_eq!(number(statement, Condition::Idle), 3, "${statement}");
-            assert_eq!(number(statement, Condition::Busy), busy, "${statement}");
-            assert_eq!(number(statement, Condition::Alarm), alarm, "${statement}");
-        }
-    }
-
-    #[test]
-    fn with_homing_switched_on_there_is_no_homing_of_one_axis() {
+    fn homing_needs_to_be_switched_on_a_closed_door_and_an_axis() {
         let settings = Settings {
             homing: true,
             ..Settings::default()
         };
-        let read = |text: &'static [u8]| Dollar::read(text, Condition::Alarm, &settings);
-        assert_eq!(read(b"H"), Err(LineError::HomingDisabled));
-        assert_eq!(read(b"H1"), Err(LineError::InvalidStatement));
+        let read =
+            |text: &'static [u8], door| Dollar::read(text, Condition::Alarm, &settings, door);
+        assert_eq!(read(b"H", false), Ok(Dollar::Home(0)));
+        assert_eq!(read(b"HZ", false), Ok(Dollar::Home(4)));
+        assert_eq!(read(b"H1", false), Err(LineError::InvalidStatement));
+        assert_eq!(read(b"HXY", false), Err(LineError::InvalidStatement));
+        assert_eq!(read(b"H1", true), Err(LineError::DoorOpen));
+        assert_eq!(read(b"X", true), Err(LineError::DoorOpen));
     }
 }

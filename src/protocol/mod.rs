@@ -2,16 +2,17 @@
 //!
 //! `receive` sorts bytes ([`realtime`]); [`Session`] makes lines of them ([`Line`]), judges them
 //! (`$` statements: [`Dollar`], everything else: the interpreter) and answers in Grbl's words
-//! ([`report`], written into a [`Text`]).
+//! ([`report`], [`listing`], written into a [`Text`]).
 
 mod dollar;
 mod line;
+pub mod listing;
 pub mod realtime;
 pub mod report;
 mod session;
 mod text;
 
-pub use dollar::{Condition, Dollar};
+pub use dollar::{Condition, Described, Dollar};
 pub use line::{LINE_BYTES, Line, TooLong};
 pub use session::{Progress, Session};
 pub use text::{MESSAGE_BYTES, ReportUnit, Text};

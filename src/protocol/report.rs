@@ -5,12 +5,11 @@
 
 use super::text::{ReportUnit, Text};
 use crate::{
-    axis::Axes,
-    gcode::{LineError, Modal, WorkCoordinates},
-    interpreter::Offsets,
-    machine::{Alarm, Snapshot, State},
-    planner::{Coolant, Plane, Spindle},
-    settings::{self, Settings, Value},
+    axis::{AXES, Axes, LETTERS},
+    gcode::LineError,
+    machine::{Alarm, Levels, Probed, Snapshot, State},
+    planner::{Coolant, Spindle},
+    settings::Settings,
     units::{Nm, Steps},
 };
 
@@ -89,8 +88,6 @@ pub struct Status<'a> {
     pub machine: &'a Snapshot,
     /// The settings.
     pub settings: &'a Settings,
-    /// Spindle and coolant as programmed.
-    pub modal: &'a Modal,
     /// Work position 0 in machine coordinates.
     pub work_offset: Axes<Nm>,
     /// Free bytes for received lines.
@@ -119,14 +116,18 @@ pub fn status(text: &mut Text, status: &Status<'_>) {
     }
     text.word("|FS:").rate(machine.feed_mm_min, unit);
     text.word(",").number(machine.spindle_rpm, 0);
+    pins(text, machine.inputs);
     match status.extra {
         Extra::None => {}
         Extra::WorkOffset => {
             text.word("|WCO:").coordinates(&status.work_offset, unit);
         }
         Extra::Overrides => {
-            text.word("|Ov:100,100,100");
-            accessories(text, status.modal.spindle, status.modal.coolant);
+            let overrides = machine.overrides;
+            text.word("|Ov:").natural(u32::from(overrides.feed));
+            text.word(",").natural(u32::from(overrides.rapid));
+            text.word(",").natural(u32::from(overrides.spindle));
+            accessories(text, machine.spindle, machine.coolant);
         }
     }
     text.word(">").end();
@@ -135,11 +136,42 @@ pub fn status(text: &mut Text, status: &Status<'_>) {
 /// The position of each axis from its step counter.
 #[must_use]
 pub fn machine_position(machine: &Snapshot, settings: &Settings) -> Axes<Nm> {
-    settings
-        .steps_per_mm
-        .zip(machine.steps, |resolution, steps| {
-            resolution.position_of(Steps(steps))
-        })
+    position(machine.steps, settings)
+}
+
+/// The position of each axis from a number of steps.
+fn position(steps: Axes<i32>, settings: &Settings) -> Axes<Nm> {
+    settings.steps_per_mm.zip(steps, |resolution, steps| {
+        resolution.position_of(Steps(steps))
+    })
+}
+
+/// `|Pn:PXYZ`, nothing when no input is active.
+fn pins(text: &mut Text, inputs: Levels) {
+    if inputs == Levels::NONE {
+        return;
+    }
+    text.word("|Pn:");
+    if inputs.has(Levels::PROBE) {
+        text.byte(b'P');
+    }
+    // wcet-bound: 6
+    for (axis, letter) in LETTERS.iter().enumerate().take(AXES) {
+        if inputs.has(Levels(1 << axis)) {
+            text.byte(*letter);
+        }
+    }
+    // wcet-bound: 4
+    for (input, letter) in [
+        (Levels::DOOR, b'D'),
+        (Levels::RESET, b'R'),
+        (Levels::HOLD, b'H'),
+        (Levels::START, b'S'),
+    ] {
+        if inputs.has(input) {
+            text.byte(letter);
+        }
+    }
 }
 
 /// `|A:SF`, nothing when all is off.
@@ -188,115 +220,57 @@ pub fn alarm(text: &mut Text, alarm: Alarm) {
 /// What is told without having been asked for.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Feedback {
+    /// Nothing but a reset helps.
+    ResetNeeded,
     /// The machine is locked.
     Locked,
     /// The lock has been taken off.
     Unlocked,
+    /// Check mode begins.
+    CheckEnabled,
+    /// Check mode ends.
+    CheckDisabled,
+    /// The safety door has been opened.
+    CheckDoor,
+    /// A limit switch is closed.
+    CheckLimits,
     /// `M2` or `M30`.
     ProgramEnd,
-    /// Nothing but a reset helps.
-    ResetNeeded,
+    /// `$RST=`.
+    RestoringDefaults,
+    /// The spindle is switched on again.
+    RestoringSpindle,
+    /// Everything is off until a reset.
+    Sleeping,
 }
 
 /// `[MSG:…]`.
 pub fn feedback(text: &mut Text, feedback: Feedback) {
     let words = match feedback {
+        Feedback::ResetNeeded => "Reset to continue",
         Feedback::Locked => "'$H'|'$X' to unlock",
         Feedback::Unlocked => "Caution: Unlocked",
+        Feedback::CheckEnabled => "Enabled",
+        Feedback::CheckDisabled => "Disabled",
+        Feedback::CheckDoor => "Check Door",
+        Feedback::CheckLimits => "Check Limits",
         Feedback::ProgramEnd => "Pgm End",
-        Feedback::ResetNeeded => "Reset to continue",
+        Feedback::RestoringDefaults => "Restoring defaults",
+        Feedback::RestoringSpindle => "Restoring spindle",
+        Feedback::Sleeping => "Sleeping",
     };
     text.word("[MSG:").word(words).word("]").end();
 }
 
-/// The answer to `$`, without its `ok`.
-pub fn help(text: &mut Text) {
-    text.word("[HLP:$$ $# $G $I $N $x=val $Nx=line $J=line $SLP $C $X $H ~ ! ? ctrl-x]")
-        .end();
+/// `[PRB:x,y,z:1]`: where the probe changed, in machine coordinates.
+pub fn probed(text: &mut Text, probed: &Probed, settings: &Settings) {
+    let position = position(probed.steps, settings);
+    text.word("[PRB:");
+    text.coordinates(&position, ReportUnit::of(settings));
+    text.word(if probed.success { ":1]" } else { ":0]" }).end();
 }
 
-/// The answer to `$I`, without its `ok`: places for blocks, bytes for received lines.
-pub fn build_info(text: &mut Text, blocks: usize, received: usize) {
-    text.word("[VER:1.1h.20190830:]").end();
-    text.word("[OPT:V,").natural(blocks as u32);
-    text.word(",").natural(received as u32).word("]").end();
-}
-
-/// The answer to `$N`, without its `ok`: no start-up lines are stored.
-pub fn startup_lines(text: &mut Text) {
-    text.word("$N0=").end().word("$N1=").end();
-}
-
-/// The answer to `$G`, without its `ok`.
-pub fn modes(text: &mut Text, modal: &Modal, unit: ReportUnit) {
-    text.word("[GC:").word(modal.motion.word());
-    text.word(" ").word(modal.coordinates.word());
-    text.word(match modal.plane {
-        Plane::Xy => " G17 ",
-        Plane::Zx => " G18 ",
-        Plane::Yz => " G19 ",
-    });
-    text.word(modal.units.word());
-    text.word(" ").word(modal.distance.word());
-    text.word(" ").word(modal.feed_mode.word());
-    text.word(match modal.spindle {
-        Spindle::Clockwise => " M3",
-        Spindle::CounterClockwise => " M4",
-        Spindle::Off => " M5",
-    });
-    text.word(match (modal.coolant.mist, modal.coolant.flood) {
-        (false, false) => " M9",
-        (true, false) => " M7",
-        (false, true) => " M8",
-        (true, true) => " M7 M8",
-    });
-    text.word(" T").natural(u32::from(modal.tool));
-    text.word(" F").rate(modal.feed, unit);
-    text.word(" S").number(modal.speed_rpm, 0).word("]").end();
-}
-
-/// One line of the answer to `$#`, counted from 0; false after the last, when nothing is written.
-pub fn parameters(text: &mut Text, offsets: &Offsets, line: usize, unit: ReportUnit) -> bool {
-    let systems = WorkCoordinates::ALL.len();
-    let (name, values) = match (line, line.checked_sub(systems)) {
-        (_, None) => match (
-            WorkCoordinates::ALL.get(line),
-            offsets.coordinates.get(line),
-        ) {
-            (Some(system), Some(values)) => (system.word(), *values),
-            _ => return false,
-        },
-        (_, Some(0)) => ("G28", offsets.g28),
-        (_, Some(1)) => ("G30", offsets.g30),
-        (_, Some(2)) => ("G92", offsets.work),
-        (_, Some(3)) => {
-            text.word("[TLO:").coordinate(offsets.tool_length, unit);
-            text.word("]").end();
-            return true;
-        }
-        (_, Some(4)) => {
-            text.word("[PRB:").coordinates(&Axes::default(), unit);
-            text.word(":0]").end();
-            return true;
-        }
-        _ => return false,
-    };
-    text.word("[").word(name).word(":");
-    text.coordinates(&values, unit).word("]").end();
-    true
-}
-
-/// One line of the answer to `$$`, counted from 0; false after the last, when nothing is written.
-pub fn setting(text: &mut Text, settings: &Settings, line: usize) -> bool {
-    let Some((number, value)) = settings::listed(settings, line) else {
-        return false;
-    };
-    text.word("$").natural(u32::from(number)).word("=");
-    match value {
-        Value::Whole(whole) => text.natural(u32::from(whole)),
-        Value::Number(number, decimals) => text.number(number, decimals),
-        Value::Resolution(resolution) => text.millionths(resolution.millionths()),
-    };
-    text.end();
-    true
+/// `>line:`, before the answer of a startup line.
+pub fn startup(text: &mut Text, line: &[u8]) {
+    text.byte(b'>').bytes(line).byte(b':');
 }

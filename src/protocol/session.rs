@@ -1,11 +1,16 @@
 //! The conversation with the sender: the body of the `interpret` and `report` tasks.
 //!
-//! Owns the line in the making, the interpreter and what has been asked of the machine. Each line
-//! gets exactly one answer, in order; nothing here ever waits: what a line needs (room, standstill,
-//! the end of its commands, cycle start) is kept as [`Stage`] and looked at again in the next call.
-//! Read with Grbl 1.1 `protocol.c`.
+//! Owns the line in the making, the interpreter, what is stored, and what has been asked of the
+//! machine. Each line gets exactly one answer, in order; nothing here ever waits: what a line needs
+//! (room, standstill, the end of its commands, cycle start, the flash) is kept as [`Stage`] and
+//! looked at again in the next call. Read with Grbl 1.1 `protocol.c`.
 
+mod actions;
 mod judge;
+mod program;
+mod reset;
+mod store;
+mod tell;
 
 use heapless::spsc::{Consumer, Producer};
 
@@ -17,10 +22,13 @@ use super::{
 };
 use crate::{
     interpreter::{Checked, Interpreter, Outcome},
-    machine::{Alarm, Snapshot, State},
-    planner::{Entry, Router},
-    settings::Settings,
+    machine::{Probed, Snapshot},
+    planner::{Entry, Router, Work},
+    settings::{Change, Settings, StoreError, Stored},
 };
+use judge::List;
+use store::Then;
+use tell::Seen;
 
 /// Whether there is more to do.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -36,38 +44,81 @@ pub enum Progress {
 enum Stage {
     /// Power-up, or a reset that the machine has not yet acted on.
     Starting,
+    /// The welcome is next.
+    Welcoming,
+    /// The first startup line from this one on that is not empty is next.
+    StartingUp(usize),
     /// Taking bytes.
     Reading,
     /// A line is complete but needs standstill; it has had no effect, and is judged again then.
     Resting,
     /// The commands of a line go to the machine; this many have gone.
     Entering(usize),
-    /// Everything has gone to the machine; the answer comes when it has been done.
-    Completing(Option<Feedback>),
+    /// Everything has gone to the machine; this is to follow when it has been done.
+    Completing(After),
+    /// The shell stores a change; this is to follow.
+    Storing(Then),
     /// A list is being sent; this line of it is next.
     Listing(List, usize),
+    /// The line has been answered, and ends with a reset.
+    Resetting,
+    /// The line leaves the travel: the machine is to be told.
+    Faulting,
+    /// Only a reset ends the line, and answers it.
+    Faulted,
+    /// Asleep: only a reset helps.
+    Asleep,
 }
 
-/// An answer of many lines.
+/// What follows when the machine has done all that was asked of it.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-enum List {
-    Settings,
-    Parameters,
+enum After {
+    /// The answer.
+    Answer,
+    /// A message and the answer.
+    Tell(Feedback),
+    /// The position, and the answer.
+    Probe,
+    /// What homing has come to, and the startup lines if it was that of all axes.
+    Home {
+        /// All axes.
+        is_all: bool,
+    },
+}
+
+/// Where the line comes from that is being executed.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Source {
+    /// The sender.
+    Line,
+    /// The sender, after `$J=`.
+    Jog,
+    /// The sender, after `$Nn=`: to be stored as startup line `number`, from byte `start` on.
+    NewStartup { number: usize, start: usize },
+    /// This startup line. Afterwards the `ok` of `$H` is due, or nothing.
+    Startup { number: usize, is_homed: bool },
 }
 
 /// The conversation with one sender.
 #[derive(Debug)]
 pub struct Session {
-    settings: Settings,
+    /// What is stored, or is to be.
+    stored: Stored,
+    /// What was stored before the change that is being stored.
+    before: Stored,
+    /// What is to be stored, and what has come of it.
+    change: Option<Change>,
+    store_result: Option<Result<(), StoreError>>,
     interpreter: Interpreter,
     router: Router,
     line: Line,
     stage: Stage,
+    source: Source,
     /// The line as it was checked last.
     checked: Checked,
-    /// What the line in [`Stage::Entering`] asks for, and whether its answer waits for the end.
+    /// What the line in [`Stage::Entering`] asks for, and what follows.
     outcome: Outcome,
-    answers_when_done: bool,
+    after: Option<After>,
     /// A message that still needs room.
     message: Text,
     cadence: Cadence,
@@ -75,41 +126,73 @@ pub struct Session {
     is_report_due: bool,
     /// Entries sent to the machine so far, wrapping.
     entered: u32,
+    /// The entries that have not been done are jogs.
+    is_jogging: bool,
     /// The reset that this session has acted on.
     epoch: u32,
     /// Motions that the machine has ended before their target, as far as the position is known.
     cuts: u32,
+    /// A reset has been asked for that `prepare` does not know of.
+    has_request: bool,
     /// Whether the interpreter knows where the machine is.
     is_position_known: bool,
     /// The sender has been told that the machine needs a reset.
     is_fault_told: bool,
+    /// Nothing was stored: the sender is told so before the welcome.
+    is_first_boot: bool,
+    /// A line that a reset has interrupted gets its `ok` before the welcome.
+    is_answer_owed: bool,
+    /// What has been seen of the machine.
+    seen: Seen,
+    /// The last probing move.
+    probed: Probed,
 }
 
 impl Session {
-    /// A session with a machine that has just been switched on.
+    /// A session with a machine that has just been switched on, and what it has stored. When that
+    /// are defaults because nothing could be read, the sender is told so (`is_first_boot`).
     #[must_use]
-    pub fn new(settings: Settings) -> Self {
+    pub fn new(stored: &Stored, is_first_boot: bool) -> Self {
+        let mut interpreter = Interpreter::new();
+        interpreter.set_origins(&stored.origins);
         Self {
-            settings,
-            interpreter: Interpreter::new(),
-            router: Router::new(&settings),
+            router: Router::new(&stored.settings),
+            stored: stored.clone(),
+            before: Stored::default(),
+            change: None,
+            store_result: None,
+            interpreter,
             line: Line::new(),
             stage: Stage::Starting,
+            source: Source::Line,
             checked: Checked::default(),
-            outcome: Outcome {
-                commands: heapless::Vec::new(),
-                message: None,
-            },
-            answers_when_done: false,
+            outcome: Outcome::default(),
+            after: None,
             message: Text::new(),
             cadence: Cadence::default(),
             is_report_due: false,
             entered: 0,
+            is_jogging: false,
             epoch: 0,
             cuts: 0,
+            has_request: false,
             is_position_known: false,
             is_fault_told: false,
+            is_first_boot,
+            is_answer_owed: false,
+            seen: Seen::default(),
+            probed: Probed::default(),
         }
+    }
+
+    /// A session of a machine that has stored these settings and nothing else.
+    #[must_use]
+    pub fn with_settings(settings: Settings) -> Self {
+        let stored = Stored {
+            settings,
+            ..Stored::default()
+        };
+        Self::new(&stored, false)
     }
 
     /// Entries given to the machine so far, wrapping.
@@ -118,10 +201,41 @@ impl Session {
         self.entered
     }
 
+    /// The modal state, the offsets and the programmed position.
+    #[must_use]
+    pub fn interpreter(&self) -> &Interpreter {
+        &self.interpreter
+    }
+
     /// The settings in effect.
     #[must_use]
     pub fn settings(&self) -> &Settings {
-        &self.settings
+        &self.stored.settings
+    }
+
+    /// What is to be stored now: the shell takes it from [`Self::stored`] and tells what has come
+    /// of it ([`Self::has_stored`]). Only ever asked for at rest; the line's answer waits for it.
+    #[must_use]
+    pub fn wants_store(&self) -> Option<Change> {
+        self.change
+    }
+
+    /// What is stored, with the change that is wanted.
+    #[must_use]
+    pub fn stored(&self) -> &Stored {
+        &self.stored
+    }
+
+    /// The change has been stored, or has not. After an error everything is as it was before.
+    pub fn has_stored(&mut self, result: Result<(), StoreError>) {
+        if self.change.take().is_some() {
+            self.store_result = Some(result);
+        }
+    }
+
+    /// Whether a reset has been asked for since the last call: `prepare` has to run.
+    pub fn takes_release(&mut self) -> bool {
+        core::mem::take(&mut self.has_request)
     }
 
     /// One bounded piece of work: at most one line.
@@ -136,26 +250,35 @@ impl Session {
         sent: &mut Producer<'_, u8>,
         entries: &mut Producer<'_, Entry>,
     ) -> Progress {
+        if self.change.is_some() {
+            return Progress::Waiting;
+        }
+        self.take_store_result();
         let epoch = requests.epoch();
         if epoch != self.epoch {
             self.begin_reset(epoch);
+        }
+        self.look_at(machine);
+        if !self.flush(sent) || !self.tell_notices(machine, sent) {
+            return Progress::Waiting;
         }
         if self.stage == Stage::Starting && !self.start(machine, received) {
             return Progress::Waiting;
         }
         self.find_position(machine);
-        if !self.flush(sent) {
-            return Progress::Waiting;
-        }
         let received_free = received.capacity() - received.len();
-        if self.is_report_due && !self.send_status(machine, received_free, sent) {
+        let may_report = self.flush(sent) && self.is_welcome_told();
+        if may_report && self.is_report_due && !self.send_status(machine, received_free, sent) {
             return Progress::Waiting;
         }
-        let progress = if machine.is_starved {
-            self.tell_fault();
+        if !self.message.is_empty() {
+            return Progress::Waiting;
+        }
+        let progress = if machine.is_starved || machine.is_critical {
+            self.tell_fault(machine);
             Progress::Waiting
         } else {
-            self.advance(machine, received, entries)
+            self.advance(machine, requests, received, entries)
         };
         if self.flush(sent) {
             progress
@@ -173,8 +296,11 @@ impl Session {
         sent: &mut Producer<'_, u8>,
     ) -> Progress {
         self.is_report_due |= requests.take_status();
-        let is_starting = self.stage == Stage::Starting || requests.epoch() != self.epoch;
-        let is_next = !is_starting && self.message.is_empty();
+        self.look_at(machine);
+        let is_next = self.is_welcome_told()
+            && requests.epoch() == self.epoch
+            && self.message.is_empty()
+            && !self.has_notices(machine);
         if self.is_report_due && is_next && self.send_status(machine, received_free, sent) {
             Progress::Again
         } else {
@@ -182,52 +308,12 @@ impl Session {
         }
     }
 
-    /// Drops everything that the reset makes void.
-    fn begin_reset(&mut self, epoch: u32) {
-        self.epoch = epoch;
-        self.stage = Stage::Starting;
-        self.message.clear();
-        self.is_position_known = false;
-        self.is_fault_told = false;
-    }
-
-    /// Welcomes the sender as soon as the machine has acted on the reset; false before.
-    ///
-    /// What is received between the reset and the welcome is lost, as in Grbl.
-    fn start(&mut self, machine: &Snapshot, received: &mut Consumer<'_, u8>) -> bool {
-        if self.epoch != 0 {
-            // As many as the queue holds, at most.
-            for _ in 0..received.capacity() {
-                if received.dequeue().is_none() {
-                    break;
-                }
-            }
-        }
-        if machine.epoch != self.epoch {
-            return false;
-        }
-        self.line.clear();
-        self.interpreter.reset();
-        self.cadence = Cadence::default();
-        if machine.reset_in_motion {
-            report::alarm(&mut self.message, Alarm::ResetInMotion);
-        }
-        report::welcome(&mut self.message);
-        if machine.state == State::Alarm {
-            report::feedback(&mut self.message, Feedback::Locked);
-        }
-        self.stage = Stage::Reading;
-        true
-    }
-
-    /// The machine stopped dead in motion. No line is answered any more, as in Grbl; only a reset
-    /// ends this. Grbl's alarm 3 says what it means for the sender: the position may be lost.
-    fn tell_fault(&mut self) {
-        if !self.is_fault_told {
-            report::alarm(&mut self.message, Alarm::ResetInMotion);
-            report::feedback(&mut self.message, Feedback::ResetNeeded);
-            self.is_fault_told = true;
-        }
+    /// Whether the welcome has been written.
+    fn is_welcome_told(&self) -> bool {
+        !matches!(
+            self.stage,
+            Stage::Starting | Stage::Welcoming | Stage::Listing(List::FirstSettings, _)
+        )
     }
 
     /// Takes the position from the machine once it is at rest.
@@ -235,16 +321,22 @@ impl Session {
         if !self.is_done(machine) {
             return;
         }
+        self.is_jogging = false;
         // A jog that was cancelled has not come to its end.
         if self.cuts != machine.cuts {
             self.cuts = machine.cuts;
             self.is_position_known = false;
         }
         if !self.is_position_known {
-            let position = self.router.set_steps(machine.steps);
-            self.interpreter.set_position(position);
-            self.is_position_known = true;
+            self.take_position(machine);
         }
+    }
+
+    /// The machine's position becomes the programmed one.
+    fn take_position(&mut self, machine: &Snapshot) {
+        let position = self.router.set_steps(machine.steps);
+        self.interpreter.set_position(position);
+        self.is_position_known = true;
     }
 
     /// Sends the message that is waiting; false when there is no room.
@@ -268,8 +360,7 @@ impl Session {
         let mut text = Text::new();
         let status = Status {
             machine,
-            settings: &self.settings,
-            modal: self.interpreter.modal(),
+            settings: &self.stored.settings,
             work_offset: self.interpreter.work_offset(),
             received_free,
             extra: cadence.next(machine.state),
@@ -287,15 +378,21 @@ impl Session {
     fn advance(
         &mut self,
         machine: &Snapshot,
+        requests: &Requests,
         received: &mut Consumer<'_, u8>,
         entries: &mut Producer<'_, Entry>,
     ) -> Progress {
+        // While the machine is held, or ends a jog, no line is begun; the bytes stay where the sender
+        // counts them.
+        let is_cut = machine.cuts != self.cuts;
+        let is_held = machine.state.is_suspended() || is_cut;
         match self.stage {
-            Stage::Starting => Progress::Waiting,
-            // In a feed hold no line is begun; the bytes stay where the sender counts them.
-            Stage::Reading | Stage::Resting if is_held(machine) => Progress::Waiting,
+            Stage::Starting | Stage::Faulted | Stage::Asleep => Progress::Waiting,
+            Stage::Welcoming => self.welcome(machine),
+            Stage::Reading | Stage::Resting | Stage::StartingUp(_) if is_held => Progress::Waiting,
             Stage::Resting if !self.is_done(machine) => Progress::Waiting,
             Stage::Resting => self.judge(machine, received.capacity(), entries),
+            Stage::StartingUp(number) => self.start_up(machine, number, entries),
             Stage::Reading => {
                 if self.read(received) {
                     self.judge(machine, received.capacity(), entries)
@@ -303,9 +400,17 @@ impl Session {
                     Progress::Waiting
                 }
             }
+            Stage::Entering(_) if is_cut => Progress::Waiting,
             Stage::Entering(first) => self.enter(machine, first, entries),
-            Stage::Completing(feedback) => self.complete(machine, feedback),
-            Stage::Listing(list, line) => self.list(list, line),
+            Stage::Completing(after) => self.complete(machine, after),
+            Stage::Storing(then) => self.go_on_stored(machine, then, entries),
+            Stage::Listing(list, line) => self.list(list, line, received.capacity()),
+            Stage::Faulting => self.fault(entries),
+            Stage::Resetting => {
+                requests.reset();
+                self.has_request = true;
+                Progress::Again
+            }
         }
     }
 
@@ -326,10 +431,14 @@ impl Session {
     fn is_done(&self, machine: &Snapshot) -> bool {
         machine.is_at_rest && machine.finished == self.entered
     }
-}
 
-fn is_held(machine: &Snapshot) -> bool {
-    machine.state.is_suspended()
+    /// The caller has made sure of room; after standstill the queue is empty.
+    fn send_entry(&mut self, work: Work, entries: &mut Producer<'_, Entry>) {
+        let epoch = self.epoch.wrapping_add(self.cuts);
+        if entries.enqueue(Entry { epoch, work }).is_ok() {
+            self.entered = self.entered.wrapping_add(1);
+        }
+    }
 }
 
 /// Sends a message completely or, when there is no room for it, not at all.
@@ -338,7 +447,7 @@ fn send(text: &Text, sent: &mut Producer<'_, u8>) -> bool {
     if sent.capacity() - sent.len() < bytes.len() {
         return false;
     }
-    // wcet-bound: 256
+    // wcet-bound: 272
     for &byte in bytes {
         let _ = sent.enqueue(byte);
     }

@@ -12,8 +12,9 @@ use crate::{
     units::Nm,
 };
 
-/// Bytes of the longest message: a status report with every field and large coordinates.
-pub const MESSAGE_BYTES: usize = 64 + 32 * AXES;
+/// Bytes of the longest message: a status report with every field and large coordinates, and the
+/// version with the longest text that a user can store.
+pub const MESSAGE_BYTES: usize = 80 + 32 * AXES;
 
 /// Decimal places that a number is searched for, so at most 16 digits are written.
 const PLACES: usize = 16;
@@ -95,6 +96,29 @@ impl Text {
         // wcet-bound: 96
         for &byte in word.as_bytes() {
             self.byte(byte);
+        }
+        self
+    }
+
+    /// Writes bytes as they are.
+    pub fn bytes(&mut self, bytes: &[u8]) -> &mut Self {
+        // wcet-bound: 127
+        for &byte in bytes {
+            self.byte(byte);
+        }
+        self
+    }
+
+    /// Writes a word in ASCII: `µ` as `u`, `²` as `2`.
+    pub fn plain(&mut self, word: &str) -> &mut Self {
+        // wcet-bound: 96
+        for letter in word.chars() {
+            self.byte(match letter {
+                'µ' => b'u',
+                '²' => b'2',
+                _ if letter.is_ascii() => letter as u8,
+                _ => b'?',
+            });
         }
         self
     }

@@ -1,6 +1,7 @@
 //! What the user sets with `$n=value`.
 
 mod decimal;
+mod described;
 mod journal;
 mod record;
 mod restore;
@@ -8,16 +9,23 @@ mod sectors;
 mod stored;
 mod table;
 
+pub use described::{DataType, Description, GROUPS, Group, described};
 pub use journal::{Journal, Loaded};
 pub use stored::{
     COORDINATE_SYSTEMS, Change, Origins, STARTUP_LINES, STORED_LINE, StoreError, Stored, StoredLine,
 };
-pub use table::{Kind, Row, SettingError, TABLE, Value, assign, listed, set};
+pub use table::{
+    Kind, Row, SettingError, TABLE, Value, assign, listed, listed_of_grbl, numbered, set,
+};
 
 use crate::{
     axis::Axes,
-    units::{Nm, StepsPerMm},
+    stepper::{EVENT_SPACING_TICKS, PULSE_LOW_TICKS},
+    units::{Nm, StepsPerMm, TICKS_PER_SECOND, TICKS_PER_US},
 };
+
+/// Most steps per second that a segment of the step interrupt can count on one axis.
+const MAX_STEP_RATE_HZ: f32 = 500_000.0;
 
 /// All settings, with Grbl's numbers.
 #[expect(
@@ -81,6 +89,16 @@ pub struct Settings {
 }
 
 impl Settings {
+    /// The most steps per second of one axis: what the step pulse leaves room for when those of
+    /// other axes delay it, and what the step interrupt can count.
+    #[must_use]
+    pub fn greatest_step_rate_hz(&self) -> f32 {
+        let pulse_ticks = (u32::from(self.step_pulse_us) * TICKS_PER_US).max(EVENT_SPACING_TICKS)
+            + PULSE_LOW_TICKS
+            + EVENT_SPACING_TICKS;
+        (TICKS_PER_SECOND as f32 / pulse_ticks as f32).min(MAX_STEP_RATE_HZ)
+    }
+
     /// The farthest coordinate of each axis that its step counter can hold.
     #[must_use]
     pub fn farthest(&self) -> Axes<Nm> {

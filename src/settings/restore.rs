@@ -44,7 +44,7 @@ pub(super) fn restore(
         Kind::Number { place, most, .. } => {
             *place(settings) = table::in_range(value.number(), 0.0, most)?;
         }
-        Kind::AxisNumber { place, least } => {
+        Kind::AxisNumber { place, least, .. } => {
             let number = table::in_range(value.number(), least, table::LARGEST)?;
             *place(settings).get_mut(axis).ok_or(missing)? = number;
         }

@@ -62,9 +62,11 @@ impl<F: NorFlash> Sectors<F> {
 
     /// Whether nothing is programmed.
     pub(super) fn is_blank(&mut self) -> Result<bool, F::Error> {
-        // wcet-bound: 8192
-        for address in (0..2 * F::ERASE_SIZE as u32).step_by(4) {
-            if self.word(address)? != ERASED {
+        let mut bytes = [0; 64];
+        // wcet-bound: 512
+        for address in (0..2 * F::ERASE_SIZE as u32).step_by(bytes.len()) {
+            self.flash.read(address, &mut bytes)?;
+            if bytes != [0xff; 64] {
                 return Ok(false);
             }
         }

@@ -30,6 +30,8 @@ pub enum SettingError {
     NeedsHoming,
     /// A value that the setting cannot have.
     OutOfRange,
+    /// A resolution and a largest speed that together are more steps than can be made.
+    StepRate,
 }
 
 /// One row: a setting, or one for each axis.
@@ -69,6 +71,8 @@ pub enum Kind {
         place: fn(&mut Settings) -> &mut [f32; AXES],
         /// Smallest value.
         least: f32,
+        /// Whether it is the largest speed, which has to fit the resolution.
+        is_rate: bool,
     },
     /// The resolution of each axis.
     AxisResolution(fn(&mut Settings) -> &mut [StepsPerMm; AXES]),
@@ -111,7 +115,19 @@ const fn rpm(place: fn(&mut Settings) -> &mut f32) -> Kind {
 }
 
 const fn axis_number(place: fn(&mut Settings) -> &mut [f32; AXES], least: f32) -> Kind {
-    Kind::AxisNumber { place, least }
+    Kind::AxisNumber {
+        place,
+        least,
+        is_rate: false,
+    }
+}
+
+const fn axis_rate(place: fn(&mut Settings) -> &mut [f32; AXES]) -> Kind {
+    Kind::AxisNumber {
+        place,
+        least: SMALLEST,
+        is_rate: true,
+    }
 }
 
 const MM: &str = "mm";
@@ -143,7 +159,7 @@ pub static TABLE: [Row; 26] = [
     row(31, "smallest spindle speed", "rpm", rpm(|s| &mut s.spindle_min_rpm)),
     row(32, "laser mode", "", Kind::Flag(|s| &mut s.laser)),
     row(100, "resolution", "step/mm", Kind::AxisResolution(|s| &mut s.steps_per_mm.0)),
-    row(110, "largest speed", MM_MIN, axis_number(|s| &mut s.max_rate_mm_min.0, SMALLEST)),
+    row(110, "largest speed", MM_MIN, axis_rate(|s| &mut s.max_rate_mm_min.0)),
     row(120, "acceleration", "mm/s²", axis_number(|s| &mut s.acceleration_mm_s2.0, SMALLEST)),
     row(130, "travel", MM, axis_number(|s| &mut s.max_travel_mm.0, 0.0)),
 ];
@@ -152,19 +168,43 @@ pub static TABLE: [Row; 26] = [
 /// from 0; `None` after the last.
 #[must_use]
 pub fn listed(settings: &Settings, place: usize) -> Option<(u8, Value)> {
+    let (row, axis) = at(place, |_| true)?;
+    Some((row.number_of(axis), row.value(settings, axis)?))
+}
+
+/// As [`listed`], but of those settings alone that Grbl 1.1 has too.
+#[must_use]
+pub fn listed_of_grbl(settings: &Settings, place: usize) -> Option<(u8, Value)> {
+    let (row, axis) = at(place, Row::is_of_grbl)?;
+    Some((row.number_of(axis), row.value(settings, axis)?))
+}
+
+/// The row, and the axis, at a place in the list of all settings that are counted.
+pub(super) fn at(place: usize, counts: impl Fn(&Row) -> bool) -> Option<(&'static Row, usize)> {
     let mut left = place;
-    // wcet-bound: 26
+    // wcet-bound: 32
     for row in &TABLE {
-        let rows = row.axes();
-        if left < rows {
-            return Some((
-                row.number.saturating_add(left as u8),
-                row.value(settings, left)?,
-            ));
+        if counts(row) {
+            let rows = row.axes();
+            if left < rows {
+                return Some((row, left));
+            }
+            left -= rows;
         }
-        left -= rows;
     }
     None
+}
+
+/// Reads a number and the `=` after it; gives its whole part, and what follows.
+///
+/// # Errors
+/// `BadNumber` without a number, `BadStatement` without the `=`.
+pub fn numbered(statement: &[u8]) -> Result<(i64, &[u8]), SettingError> {
+    let (number, rest) = decimal::read(statement).ok_or(SettingError::BadNumber)?;
+    match rest.split_first() {
+        Some((b'=', text)) => Ok((number.whole(), text)),
+        _ => Err(SettingError::BadStatement),
+    }
 }
 
 /// Changes a setting, from the text between the `$` and the end of the line: `110=5000`.
@@ -172,11 +212,8 @@ pub fn listed(settings: &Settings, place: usize) -> Option<(u8, Value)> {
 /// # Errors
 /// Every [`SettingError`]; the settings are unchanged then.
 pub fn assign(settings: &mut Settings, statement: &[u8]) -> Result<(), SettingError> {
-    let (number, rest) = decimal::read(statement).ok_or(SettingError::BadNumber)?;
-    let Some((b'=', text)) = rest.split_first() else {
-        return Err(SettingError::BadStatement);
-    };
-    change(settings, number.whole(), text)
+    let (number, text) = numbered(statement)?;
+    change(settings, number, text)
 }
 
 /// Changes the setting with a number to the value in a text.
@@ -208,8 +245,26 @@ fn change(settings: &mut Settings, number: i64, text: &[u8]) -> Result<(), Setti
     if changed.soft_limits && !changed.homing {
         return Err(SettingError::NeedsHoming);
     }
+    if matches!(
+        row.kind,
+        Kind::AxisResolution(_) | Kind::AxisNumber { is_rate: true, .. }
+    ) {
+        check_step_rate(&changed, axis)?;
+    }
     *settings = changed;
     Ok(())
+}
+
+/// An axis must not be asked for more steps than can be made.
+fn check_step_rate(settings: &Settings, axis: usize) -> Result<(), SettingError> {
+    let missing = SettingError::BadStatement;
+    let resolution = settings.steps_per_mm.0.get(axis).ok_or(missing)?;
+    let mm_min = settings.max_rate_mm_min.0.get(axis).ok_or(missing)?;
+    if resolution.to_f32() * (mm_min / 60.0) > settings.greatest_step_rate_hz() {
+        Err(SettingError::StepRate)
+    } else {
+        Ok(())
+    }
 }
 
 /// The row of a setting, and the axis.
@@ -222,6 +277,17 @@ pub(super) fn find(number: u8) -> Option<(&'static Row, usize)> {
 }
 
 impl Row {
+    /// Whether Grbl 1.1 has it too.
+    #[must_use]
+    pub const fn is_of_grbl(&self) -> bool {
+        !matches!(self.number, 33..=99)
+    }
+
+    /// The number of the setting for an axis.
+    pub(super) const fn number_of(&self, axis: usize) -> u8 {
+        self.number.saturating_add(axis as u8)
+    }
+
     /// How many settings the row stands for: 1, or one for each axis.
     #[must_use]
     pub const fn axes(&self) -> usize {
@@ -261,7 +327,7 @@ impl Row {
             Kind::Word(place) => *place(settings) = u16::from(byte(value)?),
             Kind::Flag(place) => *place(settings) = byte(value)? != 0,
             Kind::Number { place, most, .. } => *place(settings) = within(value, 0.0, most)?,
-            Kind::AxisNumber { place, least } => {
+            Kind::AxisNumber { place, least, .. } => {
                 *place(settings).get_mut(axis).ok_or(missing)? = within(value, least, LARGEST)?;
             }
             Kind::AxisResolution(place) => {

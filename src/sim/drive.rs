@@ -27,7 +27,7 @@ pub struct Edge {
     pub drop: u32,
     /// Levels of the direction outputs, bit 0 = X, 1 = negative.
     pub directions: u8,
-    /// Spindle PWM from then on, 0 to [`Outputs::FULL`].
+    /// Spindle PWM then, 0 to [`Outputs::FULL`].
     pub duty: u16,
 }
 
@@ -223,10 +223,12 @@ impl Drive {
     /// The step interrupt: what the pins do now.
     pub fn step(&mut self) -> Option<Edge> {
         let edge = self.due?;
-        self.outputs.duty = edge.duty;
         let (_, mut events) = self.events.split();
         let advance = self.stepper.advance(&mut events, &self.counts);
         self.is_prepare_released |= advance.releases_prepare();
+        if let Some(begun) = advance.begun {
+            self.outputs.duty = begun.duty;
+        }
         self.due = advance.wait.map(|ticks| Edge {
             ticks: edge.ticks + u64::from(ticks),
             raise: advance.raise,
@@ -234,7 +236,7 @@ impl Drive {
             directions: advance
                 .begun
                 .map_or(edge.directions, |begun| begun.directions),
-            duty: advance.begun.map_or(edge.duty, |begun| begun.duty),
+            duty: self.outputs.duty,
         });
         if edge.raise != 0 {
             self.contacts.step(&edge);

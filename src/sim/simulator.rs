@@ -2,7 +2,7 @@
 
 use heapless::spsc::Queue;
 
-use super::{Drive, Edge, Switch};
+use super::{Drive, Edge, Flash, Switch};
 use crate::{
     axis::Axes,
     machine::{Levels, Outputs, Snapshot},
@@ -10,7 +10,7 @@ use crate::{
         Progress, Session,
         realtime::{self, Release, Requests},
     },
-    settings::Settings,
+    settings::{Change, Journal, Loaded, Settings, Stored},
     stepper::StepCounts,
 };
 
@@ -27,6 +27,7 @@ pub const SENT_RING: usize = 1024;
 pub struct Simulator {
     drive: Drive,
     session: Session,
+    journal: Journal<Flash>,
     requests: Requests,
     received: Queue<u8, RECEIVED_RING>,
     sent: Queue<u8, SENT_RING>,
@@ -39,9 +40,36 @@ impl Simulator {
     /// Switched on with these settings stored.
     #[must_use]
     pub fn new(settings: &Settings) -> Self {
+        let stored = Stored {
+            settings: *settings,
+            ..Stored::default()
+        };
+        let mut journal = Journal::new(Flash::new());
+        // A flash that is new and whose power stays on has room for the settings.
+        let _ = journal.load();
+        let _ = journal.write(Change::Settings, &stored);
+        Self::power_up(journal.into_flash())
+    }
+
+    /// Switched on for the first time.
+    #[must_use]
+    pub fn first_boot() -> Self {
+        Self::power_up(Flash::new())
+    }
+
+    /// Switched on with what is stored in a flash.
+    #[must_use]
+    pub fn power_up(mut flash: Flash) -> Self {
+        flash.power_up();
+        let mut journal = Journal::new(flash);
+        let Loaded {
+            stored,
+            is_first_boot,
+        } = journal.load().unwrap_or_default();
         Self {
-            drive: Drive::new(settings),
-            session: Session::new(*settings),
+            drive: Drive::new(&stored.settings),
+            session: Session::new(&stored, is_first_boot),
+            journal,
             requests: Requests::new(),
             received: Queue::new(),
             sent: Queue::new(),
@@ -49,6 +77,17 @@ impl Simulator {
             is_interpret_released: true,
             is_report_released: false,
         }
+    }
+
+    /// Switched off: what is left is the flash.
+    #[must_use]
+    pub fn into_flash(self) -> Flash {
+        self.journal.into_flash()
+    }
+
+    /// The flash, to read what is in it and to cut its power.
+    pub fn flash(&mut self) -> &mut Flash {
+        self.journal.flash()
     }
 
     /// The time, ticks since power-up.
@@ -177,7 +216,12 @@ impl Simulator {
             &mut entries,
         );
         self.is_interpret_released = progress == Progress::Again;
-        if self.drive.entries.len() != waiting {
+        if let Some(change) = self.session.wants_store() {
+            let result = self.journal.write(change, self.session.stored());
+            self.session.has_stored(result);
+            self.is_interpret_released = true;
+        }
+        if self.session.takes_release() | (self.drive.entries.len() != waiting) {
             self.drive.release_prepare();
         }
     }

@@ -58,6 +58,8 @@ pub struct StepCounts {
     /// Segments begun so far, wrapping.
     begun: AtomicU32,
     late: AtomicU32,
+    /// The part of the flags that counts: all, or no duty.
+    mask: AtomicU32,
     running: AtomicBool,
     starved: AtomicBool,
     /// The step interrupt is to stop, or has stopped, at once; written by `inputs`, cleared by
@@ -84,6 +86,7 @@ impl StepCounts {
             announced: AtomicU32::new(0),
             begun: AtomicU32::new(0),
             late: AtomicU32::new(0),
+            mask: AtomicU32::new(u32::MAX),
             running: AtomicBool::new(false),
             starved: AtomicBool::new(false),
             cut: AtomicBool::new(false),
@@ -138,7 +141,7 @@ impl StepCounts {
     pub(super) fn begin(&self) -> Begun {
         let number = self.begun.load(Relaxed);
         self.begun.store(number.wrapping_add(1), Relaxed);
-        let flags = self.slot(number).flags.load(Relaxed);
+        let flags = self.slot(number).flags.load(Relaxed) & self.mask.load(Relaxed);
         Begun {
             directions: flags as u8,
             duty: (flags >> DUTY_SHIFT) as u16,
@@ -236,13 +239,24 @@ impl StepCounts {
     /// Spindle PWM in the segment being played.
     #[must_use]
     pub fn duty(&self) -> u16 {
-        (self.played().flags.load(Relaxed) >> DUTY_SHIFT) as u16
+        let flags = self.played().flags.load(Relaxed) & self.mask.load(Relaxed);
+        (flags >> DUTY_SHIFT) as u16
     }
 
     /// `N` word of the block being played, 0 without.
     #[must_use]
     pub fn line(&self) -> u32 {
         self.played().line.load(Relaxed)
+    }
+
+    /// Whether segments, also those that wait, have no duty from now on; for `prepare` alone.
+    pub(crate) fn mute(&self, is_mute: bool) {
+        let mask = if is_mute {
+            (1 << DUTY_SHIFT) - 1
+        } else {
+            u32::MAX
+        };
+        self.mask.store(mask, Relaxed);
     }
 
     /// `prepare` is about to start the step timer, which stands.

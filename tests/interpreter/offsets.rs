@@ -39,8 +39,11 @@ fn a_reset_keeps_stored_offsets_and_the_position() {
     machine.reset();
     assert_eq!(*machine.modal(), Modal::default());
     assert_eq!(machine.position(), position);
-    assert_eq!(machine.offsets().coordinates, stored.coordinates);
-    assert_eq!(machine.offsets().g28, stored.g28);
+    assert_eq!(
+        machine.offsets().origins.coordinates,
+        stored.origins.coordinates
+    );
+    assert_eq!(machine.offsets().origins.g28, stored.origins.g28);
     assert_eq!(machine.offsets().work, um(0, 0, 0));
     assert_eq!(machine.offsets().tool_length, Nm(0));
 }
@@ -59,8 +62,8 @@ fn g28_goes_by_way_of_the_target_and_moves_the_named_axes_only() {
 #[test]
 fn g28_1_stores_the_position_before_the_move_of_its_line() {
     let machine = after(&["G0X1", "G28.1X3", "G30.1"]);
-    assert_eq!(machine.offsets().g28, um(1000, 0, 0));
-    assert_eq!(machine.offsets().g30, um(3000, 0, 0));
+    assert_eq!(machine.offsets().origins.g28, um(1000, 0, 0));
+    assert_eq!(machine.offsets().origins.g30, um(3000, 0, 0));
     assert_eq!(machine.position(), um(3000, 0, 0));
 }
 

@@ -110,7 +110,7 @@ pub(crate) fn parameters(machine: &Interpreter) -> Vec<String> {
         .iter()
         .map(|&system| (system.word(), offsets.origin(system)))
         .collect();
-    named.extend([("G28", offsets.g28), ("G30", offsets.g30)]);
+    named.extend([("G28", offsets.origins.g28), ("G30", offsets.origins.g30)]);
     named.push(("G92", offsets.work));
     let mut lines: Vec<String> = named
         .iter()

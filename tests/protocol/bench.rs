@@ -3,13 +3,13 @@
 use heapless::spsc::Queue;
 use leadscrew::{
     axis::AXES,
-    machine::{Snapshot, State},
-    planner::{Entry, Work},
+    machine::{Alarm, Levels, Notice, Overrides, Snapshot, State},
+    planner::{Block, Entry, Pacing, Probing, Work},
     protocol::{
         Progress, Session,
         realtime::{self, Release, Requests},
     },
-    settings::Settings,
+    settings::{Change, Settings, StoreError, Stored},
 };
 
 pub(crate) const WELCOME: [&str; 2] = ["", "Grbl 1.1h ['$' for help]"];
@@ -29,26 +29,51 @@ pub(crate) struct Bench {
     pub(crate) withholds: bool,
     /// The sender reads nothing.
     pub(crate) is_deaf: bool,
+    /// The flash refuses to store.
+    pub(crate) flash_fails: bool,
+    /// What homing fails with.
+    pub(crate) homing_fails: Option<Alarm>,
+    /// How a probing move ends; with its alarm where it is one.
+    pub(crate) probe_ends: Result<[i32; 3], Option<Alarm>>,
     output: Vec<u8>,
     pub(crate) done: Vec<Work>,
+    pub(crate) changes: Vec<Change>,
 }
 
 impl Bench {
     /// Switched on, the welcome read.
     pub(crate) fn new() -> Self {
-        let mut bench = Self::booting(Settings::default());
-        assert_eq!(bench.serve(), WELCOME);
+        Self::set(&[])
+    }
+
+    /// Switched on with settings, and unlocked.
+    pub(crate) fn set(assignments: &[&str]) -> Self {
+        let mut settings = Settings::default();
+        for assignment in assignments {
+            leadscrew::settings::assign(&mut settings, assignment.as_bytes()).expect(assignment);
+        }
+        let mut bench = Self::booting(settings);
+        assert_eq!(bench.serve()[..2], WELCOME);
+        bench.machine.state = State::Idle;
         bench
     }
 
     pub(crate) fn booting(settings: Settings) -> Self {
-        let state = if settings.homing {
+        let stored = Stored {
+            settings,
+            ..Stored::default()
+        };
+        Self::booting_with(&stored, false)
+    }
+
+    pub(crate) fn booting_with(stored: &Stored, is_first_boot: bool) -> Self {
+        let state = if stored.settings.homing {
             State::Alarm
         } else {
             State::Idle
         };
         Self {
-            session: Session::new(settings),
+            session: Session::new(stored, is_first_boot),
             requests: Requests::new(),
             received: Queue::new(),
             sent: Queue::new(),
@@ -62,53 +87,129 @@ impl Bench {
             is_paused: false,
             withholds: false,
             is_deaf: false,
+            flash_fails: false,
+            homing_fails: None,
+            probe_ends: Err(None),
             output: Vec::new(),
             done: Vec::new(),
+            changes: Vec::new(),
         }
     }
 
     /// What `prepare` does.
     fn prepare(&mut self) {
-        let machine = &mut self.machine;
-        if machine.epoch != self.requests.epoch() {
-            machine.epoch = self.requests.epoch();
-            machine.reset_in_motion = matches!(machine.state, State::Run | State::HoldSlowing);
-            machine.state = match machine.state {
-                State::Run | State::HoldSlowing | State::Alarm => State::Alarm,
-                _ => State::Idle,
-            };
-            machine.is_at_rest = true;
-            machine.finished = machine
-                .finished
-                .wrapping_add(u32::from(std::mem::take(&mut self.is_paused)));
+        if self.machine.epoch != self.requests.epoch() {
+            self.reset();
         }
+        let machine = &mut self.machine;
         if self.requests.take_hold() && matches!(machine.state, State::Idle | State::Run) {
             machine.state = State::HoldComplete;
         }
         if self.requests.take_start() && machine.state == State::HoldComplete {
             machine.state = State::Idle;
-            machine.finished = machine
-                .finished
-                .wrapping_add(u32::from(std::mem::take(&mut self.is_paused)));
+            let paused = u32::from(std::mem::take(&mut self.is_paused));
+            machine.finished = machine.finished.wrapping_add(paused);
         }
-        while machine.state != State::HoldComplete && !self.withholds {
+        while let Some(command) = self.requests.take_override() {
+            self.machine.overrides = self.machine.overrides.after(command);
+        }
+        while self.machine.state != State::HoldComplete && !self.withholds {
             let Some(entry) = self.entries.dequeue() else {
                 break;
             };
-            machine.finished = machine.finished.wrapping_add(1);
-            if entry.epoch == machine.epoch {
-                match entry.work {
-                    Work::Unlock => machine.state = State::Idle,
-                    Work::Pause => {
-                        machine.state = State::HoldComplete;
-                        machine.finished = machine.finished.wrapping_sub(1);
-                        self.is_paused = true;
-                    }
-                    _ => {}
-                }
+            self.machine.finished = self.machine.finished.wrapping_add(1);
+            if entry.epoch == self.machine.epoch.wrapping_add(self.machine.cuts) {
+                self.execute(&entry.work);
                 self.done.push(entry.work);
             }
         }
+    }
+
+    fn reset(&mut self) {
+        let machine = &mut self.machine;
+        machine.epoch = self.requests.epoch();
+        machine.reset_in_motion =
+            matches!(machine.state, State::Run | State::Jog | State::HoldSlowing);
+        machine.state = match machine.state {
+            State::Run | State::Jog | State::HoldSlowing | State::Alarm | State::Sleep => {
+                State::Alarm
+            }
+            _ => State::Idle,
+        };
+        machine.is_at_rest = true;
+        machine.is_critical = false;
+        machine.overrides = Overrides::NONE;
+        let paused = u32::from(std::mem::take(&mut self.is_paused));
+        machine.finished = machine.finished.wrapping_add(paused);
+    }
+
+    fn execute(&mut self, work: &Work) {
+        let machine = &mut self.machine;
+        match work {
+            Work::Unlock => machine.state = State::Idle,
+            Work::Pause => {
+                machine.state = State::HoldComplete;
+                machine.finished = machine.finished.wrapping_sub(1);
+                self.is_paused = true;
+            }
+            Work::Check => machine.state = State::Check,
+            Work::Sleep => {
+                machine.state = State::Sleep;
+                machine.notices.push(Notice::Sleeping);
+            }
+            Work::Fault(alarm) => {
+                machine.state = State::Alarm;
+                machine.is_critical = true;
+                machine.notices.push(Notice::Alarm(*alarm));
+            }
+            Work::EndOverrides => machine.overrides = Overrides::NONE,
+            Work::Home(_) => {
+                if let Some(alarm) = self.homing_fails {
+                    machine.state = State::Alarm;
+                    machine.notices.push(Notice::Alarm(alarm));
+                } else {
+                    machine.state = State::Idle;
+                    machine.steps.0[..3].copy_from_slice(&[-250, -250, -250]);
+                }
+            }
+            Work::Probe(block, probing) => self.probe(block, *probing),
+            Work::Move(block) => self.travel(block),
+            Work::Spindle(spindle, rpm) => {
+                machine.spindle = *spindle;
+                machine.spindle_rpm = *rpm;
+            }
+            Work::Coolant(coolant) => machine.coolant = *coolant,
+            Work::Dwell(_) | Work::Configure(_) => {}
+        }
+    }
+
+    fn travel(&mut self, block: &Block) {
+        let steps = self.machine.steps.zip(block.delta, |at, delta| {
+            at + ((delta + (1 << 31)) >> 32) as i32
+        });
+        self.machine.steps = steps;
+    }
+
+    fn probe(&mut self, block: &Block, probing: Probing) {
+        assert_eq!(block.pacing, Pacing::Fixed);
+        if self.probe_ends == Err(Some(Alarm::ProbeState)) {
+            self.machine.state = State::Alarm;
+            self.machine.notices.push(Notice::Alarm(Alarm::ProbeState));
+            return;
+        }
+        if let Ok(steps) = self.probe_ends {
+            self.machine.steps.0[..3].copy_from_slice(&steps);
+        } else {
+            self.travel(block);
+        }
+        let machine = &mut self.machine;
+        machine.probed.success = self.probe_ends.is_ok();
+        machine.probed.steps = machine.steps;
+        if self.probe_ends.is_err() && !probing.may_miss {
+            machine.state = State::Alarm;
+            machine.notices.push(Notice::Alarm(Alarm::ProbeContact));
+        }
+        machine.notices.push(Notice::Probed);
     }
 
     /// Runs every task until all wait.
@@ -125,6 +226,17 @@ impl Bench {
                 &mut sent,
                 &mut entries,
             );
+            let change = self.session.wants_store();
+            if let Some(change) = change {
+                assert!(self.machine.is_at_rest, "{change:?}");
+                self.changes.push(change);
+                self.session.has_stored(if self.flash_fails {
+                    Err(StoreError::Flash)
+                } else {
+                    Ok(())
+                });
+            }
+            let has_request = self.session.takes_release();
             let mut has_read = false;
             while !self.is_deaf {
                 let Some(byte) = read.dequeue() else { break };
@@ -133,7 +245,8 @@ impl Bench {
             }
             let is_held = self.withholds || self.machine.state == State::HoldComplete;
             let has_entries = !self.entries.is_empty() && !is_held;
-            if progress == Progress::Waiting && !has_read && !has_entries {
+            let has_news = has_read || has_entries || has_request || change.is_some();
+            if progress == Progress::Waiting && !has_news {
                 return;
             }
         }
@@ -178,6 +291,18 @@ impl Bench {
     /// The answer to one line.
     pub(crate) fn ask(&mut self, line: &str) -> Vec<String> {
         self.answer(&format!("{line}\n"))
+    }
+
+    /// Closes contacts, and opens all others.
+    pub(crate) fn close(&mut self, closed: Levels) {
+        self.machine.inputs = closed;
+    }
+
+    /// What the machine has done, without settings.
+    pub(crate) fn works(&mut self) -> Vec<Work> {
+        let done = std::mem::take(&mut self.done);
+        let is_work = |work: &Work| !matches!(work, Work::Configure(_));
+        done.into_iter().filter(is_work).collect()
     }
 }
 

@@ -3,4 +3,6 @@
 mod bench;
 mod flow;
 mod laws;
+mod program;
 mod reports;
+mod statements;

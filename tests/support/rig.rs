@@ -26,10 +26,12 @@ pub(crate) struct Rig {
     pub(crate) drive: Drive,
     pub(crate) router: Router,
     pub(crate) trace: Trace,
-    requests: Requests,
-    now: u64,
+    pub(crate) requests: Requests,
+    pub(crate) now: u64,
     sent: u32,
-    /// A reset has come, and the position has not been taken since.
+    /// Motions that the machine has ended before their target, as far as the position is known.
+    cuts: u32,
+    /// A reset or a cancelled jog has come, and the position has not been taken since.
     is_recovering: bool,
     /// Least time between two entries, ticks.
     pub(crate) feed_ticks: u64,
@@ -44,6 +46,7 @@ impl Rig {
             requests: Requests::new(),
             now: 0,
             sent: 0,
+            cuts: 0,
             is_recovering: false,
             feed_ticks: 0,
         }
@@ -56,7 +59,7 @@ impl Rig {
         rig.trace
     }
 
-    fn snapshot(&self) -> Snapshot {
+    pub(crate) fn snapshot(&self) -> Snapshot {
         *self.drive.snapshot()
     }
 
@@ -89,6 +92,9 @@ impl Rig {
                 }
             }
             self.prepare();
+            if self.is_recovering {
+                waiting = None;
+            }
             self.recover();
             if self.is_done() && waiting.is_none() && commands.len() == 0 && acts.peek().is_none() {
                 break;
@@ -97,7 +103,8 @@ impl Rig {
             let feed = (waiting.is_some() || commands.len() > 0) && feed_at > self.now;
             let feed = feed.then_some(feed_at);
             let act = acts.peek().map(|act| act.0);
-            let other = feed.into_iter().chain(act).min();
+            let wake = self.drive.wake_due();
+            let other = feed.into_iter().chain(act).chain(wake).min();
             match (self.drive.due(), other) {
                 (Some(due), other) if other.is_none_or(|other| due <= other) => {
                     idle_runs = 0;
@@ -107,6 +114,7 @@ impl Rig {
                 (_, Some(other)) => {
                     idle_runs = 0;
                     self.now = self.now.max(other);
+                    self.wake();
                 }
                 _ => self.go_on(idle_runs),
             }
@@ -117,7 +125,10 @@ impl Rig {
 
     /// Nothing is due: a hold without a resume ends here, anything else is a stall.
     fn go_on(&mut self, idle_runs: u32) {
-        if self.snapshot().state == State::HoldComplete {
+        if matches!(
+            self.snapshot().state,
+            State::HoldComplete | State::DoorClosed
+        ) {
             self.receive(b'~');
         }
         assert!(idle_runs < 100, "stalled: {:?}", self.snapshot());
@@ -132,21 +143,52 @@ impl Rig {
         self.prepare();
     }
 
-    fn enqueue(&mut self, work: Work) -> bool {
-        let epoch = self.requests.epoch();
+    fn wake(&mut self) {
+        self.drive.wake(&self.requests, self.now);
+    }
+
+    /// Runs to a time, with nothing from outside.
+    pub(crate) fn run_to(&mut self, time: u64) {
+        self.prepare();
+        while let Some(due) = self.next_due().filter(|due| *due <= time) {
+            self.now = self.now.max(due);
+            if self.drive.due().is_some_and(|due| due <= self.now) {
+                self.step();
+            }
+            self.wake();
+            self.prepare();
+        }
+        self.now = time;
+    }
+
+    fn next_due(&self) -> Option<u64> {
+        let dues = [self.drive.due(), self.drive.wake_due()];
+        dues.into_iter().flatten().min()
+    }
+
+    /// Runs until the machine is at rest, or waits for cycle start.
+    pub(crate) fn run_to_rest(&mut self) {
+        while self.drive.due().is_some() {
+            self.run_to(self.drive.due().unwrap_or(self.now));
+        }
+    }
+
+    pub(crate) fn enqueue(&mut self, work: Work) -> bool {
+        let epoch = self.requests.epoch().wrapping_add(self.cuts);
         let is_sent = self.drive.entries.enqueue(Entry { epoch, work }).is_ok();
         self.sent += u32::from(is_sent);
         self.drive.release_prepare();
         is_sent
     }
 
-    fn prepare(&mut self) {
+    pub(crate) fn prepare(&mut self) {
         let was_stopped = self.drive.due().is_none();
         let runs = (0..10_000).take_while(|_| self.drive.prepare(&self.requests, self.now));
         assert!(runs.count() < 10_000, "prepare never comes to an end");
         if was_stopped && self.drive.due().is_some() {
             self.trace.starts.push(self.now);
         }
+        self.is_recovering |= self.snapshot().cuts != self.cuts;
         if !self.is_recovering {
             assert_ne!(self.snapshot().state, State::Alarm, "starved");
         }
@@ -164,7 +206,9 @@ impl Rig {
     /// After a reset: takes the position when the machine is at rest.
     fn recover(&mut self) {
         let snapshot = self.snapshot();
-        let is_over = snapshot.is_at_rest && snapshot.epoch == self.requests.epoch();
+        let is_over = snapshot.is_at_rest
+            && snapshot.finished == self.sent
+            && snapshot.epoch == self.requests.epoch();
         if !self.is_recovering || !is_over {
             return;
         }
@@ -175,6 +219,7 @@ impl Rig {
         );
         self.router.set_steps(snapshot.steps);
         self.trace.resets.push(self.trace.edges.len());
+        self.cuts = snapshot.cuts;
         if snapshot.state == State::Alarm {
             assert!(self.enqueue(Work::Unlock));
         }

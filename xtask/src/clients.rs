@@ -34,6 +34,9 @@ const PATIENCE: Duration = Duration::from_secs(150);
 /// Longest time for the last answers after the sender has ended.
 const REST: Duration = Duration::from_secs(5);
 
+/// One thing is installed at a time.
+static INSTALLING: Mutex<()> = Mutex::new(());
+
 /// A sender program.
 #[derive(Debug, Clone, Copy)]
 enum Sender {
@@ -88,7 +91,6 @@ pub(crate) fn all() -> impl Iterator<Item = (String, impl Fn() -> Result<Verdict
 
 /// Drives one sender at one machine.
 fn drive(sender: Sender, place: Place) -> Result<Verdict> {
-    static INSTALLING: Mutex<()> = Mutex::new(());
     let installing = INSTALLING.lock();
     let command = sender.command();
     drop(installing);

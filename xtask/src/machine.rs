@@ -6,7 +6,7 @@ use leadscrew::{
     axis::AXES,
     machine::{Levels, State},
     settings::Settings,
-    sim::{Closes, RECEIVED_RING, Simulator, Switch},
+    sim::{Closes, Flash, RECEIVED_RING, Simulator, Switch},
     units::TICKS_PER_SECOND,
 };
 
@@ -32,7 +32,16 @@ pub(crate) struct Machine {
 impl Machine {
     /// Switched on with these settings stored.
     pub(crate) fn new(settings: &Settings) -> Self {
-        let mut simulator = Box::new(Simulator::new(settings));
+        Self::settled(Simulator::new(settings))
+    }
+
+    /// Switched on with what is stored in a flash.
+    pub(crate) fn power_up(flash: Flash) -> Self {
+        Self::settled(Simulator::power_up(flash))
+    }
+
+    fn settled(simulator: Simulator) -> Self {
+        let mut simulator = Box::new(simulator);
         simulator.settle();
         Self {
             simulator,
@@ -76,6 +85,11 @@ impl Machine {
             input,
         });
         debug_assert!(is_mounted, "there is room for three switches of each axis");
+    }
+
+    /// The flash in which it stores.
+    pub(crate) fn flash(&mut self) -> &mut Flash {
+        self.simulator.flash()
     }
 
     /// Time since power-up, s.

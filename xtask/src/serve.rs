@@ -18,6 +18,7 @@ use std::{
 };
 
 use anyhow::{Context, Result, ensure};
+use leadscrew::{settings::Settings, sim::Flash};
 use rustix::{
     fs::{Mode, OFlags},
     io::Errno,
@@ -32,6 +33,14 @@ const PERIOD: Duration = Duration::from_millis(1);
 /// Bytes that wait for the machine at most; then the sender waits, as with flow control.
 const BACKLOG: usize = 4096;
 
+/// What is stored in the machine that is served.
+pub(crate) enum Memory {
+    /// These settings, and what is stored is forgotten in the end.
+    Settings(Box<Settings>),
+    /// The contents of this file, and they are kept there.
+    File(PathBuf),
+}
+
 /// The other end of the line.
 trait Port {
     /// Reads what has arrived; 0 for nothing.
@@ -40,18 +49,19 @@ trait Port {
     fn write(&mut self, bytes: &[u8]) -> Result<usize>;
 }
 
-/// Serves a machine at a new pseudo-terminal, to which `path` becomes a link.
-pub(crate) fn pty(path: &Path, machine: Machine) -> Result<()> {
+/// Serves a machine at a new pseudo-terminal, to which `path` becomes a link; `switches` are where
+/// these settings have the ends of the travel.
+pub(crate) fn pty(path: &Path, memory: &Memory, switches: Option<&Settings>) -> Result<()> {
     let (mut port, _link) = Pty::at(path)?;
     ui::status(
         "Serving",
         &format!("{} (115200 baud; Ctrl-C ends)", path.display()),
     );
-    serve(&mut port, machine)
+    serve(&mut port, memory, switches)
 }
 
 /// Serves a machine to whoever connects to `address`, one at a time.
-pub(crate) fn tcp(address: &str, machine: Machine) -> Result<()> {
+pub(crate) fn tcp(address: &str, memory: &Memory, switches: Option<&Settings>) -> Result<()> {
     let listener = TcpListener::bind(address)
         .with_context(|| format!("cannot listen at {address:?} (an address is 127.0.0.1:2323)"))?;
     listener.set_nonblocking(true)?;
@@ -61,15 +71,20 @@ pub(crate) fn tcp(address: &str, machine: Machine) -> Result<()> {
         listener,
         stream: None,
     };
-    serve(&mut port, machine)
+    serve(&mut port, memory, switches)
 }
 
 /// Moves bytes and time until Ctrl-C.
-fn serve(port: &mut dyn Port, mut machine: Machine) -> Result<()> {
+fn serve(port: &mut dyn Port, memory: &Memory, switches: Option<&Settings>) -> Result<()> {
     let stop = Arc::new(AtomicBool::new(false));
     for signal in [signal_hook::consts::SIGINT, signal_hook::consts::SIGTERM] {
         signal_hook::flag::register(signal, stop.clone()).context("cannot catch Ctrl-C")?;
     }
+    let mut machine = memory.machine()?;
+    if let Some(settings) = switches {
+        machine.mount_switches(settings);
+    }
+    let mut stored = machine.flash().operations();
     let start = Instant::now();
     let mut unsent = Vec::new();
     let mut chunk = [0; 1024];
@@ -82,6 +97,12 @@ fn serve(port: &mut dyn Port, mut machine: Machine) -> Result<()> {
             machine.send(&chunk[..length]);
         }
         machine.run_until_s(start.elapsed().as_secs_f64());
+        if let Memory::File(path) = memory
+            && stored != machine.flash().operations()
+        {
+            stored = machine.flash().operations();
+            save(path, machine.flash())?;
+        }
         unsent.extend(machine.take_bytes().into_iter().map(|(_, byte)| byte));
         if !unsent.is_empty() {
             let length = port.write(&unsent)?;
@@ -91,6 +112,45 @@ fn serve(port: &mut dyn Port, mut machine: Machine) -> Result<()> {
     }
     ui::status("Stopped", "");
     Ok(())
+}
+
+impl Memory {
+    /// A machine that is switched on with what is stored; a file that is not there is a new machine.
+    fn machine(&self) -> Result<Machine> {
+        let path = match self {
+            Self::Settings(settings) => return Ok(Machine::new(settings)),
+            Self::File(path) => path,
+        };
+        let mut flash = Flash::new();
+        let contents = flash.contents_mut();
+        match fs::read(path) {
+            Ok(bytes) => {
+                let (size, wanted) = (bytes.len(), contents.len());
+                let name = path.display();
+                ensure!(
+                    size == wanted,
+                    "{name} has {size} bytes; the flash has {wanted}"
+                );
+                contents.copy_from_slice(&bytes);
+            }
+            Err(error) if error.kind() == ErrorKind::NotFound => {}
+            Err(error) => {
+                return Err(error).with_context(|| format!("cannot read {}", path.display()));
+            }
+        }
+        let mut machine = Machine::power_up(flash);
+        save(path, machine.flash())?;
+        Ok(machine)
+    }
+}
+
+/// Writes a flash to a file, all of it or nothing.
+fn save(path: &Path, flash: &Flash) -> Result<()> {
+    let mut beside = path.as_os_str().to_owned();
+    beside.push(".new");
+    fs::write(&beside, flash.contents())
+        .and_then(|()| fs::rename(&beside, path))
+        .with_context(|| format!("cannot write {}", path.display()))
 }
 
 /// A link that goes when the program ends.

@@ -47,6 +47,7 @@ fn reason(error: SettingError) -> &'static str {
         SettingError::ShortPulse => "step pulses have at least 3 µs",
         SettingError::NeedsHoming => "soft limits need homing, so set $22=1 first",
         SettingError::OutOfRange => "this is outside the range of the setting",
+        SettingError::StepRate => "this makes more steps per second than the firmware can give",
     }
 }
 

@@ -21,12 +21,13 @@ use owo_colors::OwoColorize;
 
 use crate::{
     figures::{self, Figures, Final, Responses, separated},
-    machine::{BAUD, Machine},
+    machine::BAUD,
     on_target, plot,
     program::Program,
     refusal::refusal,
     sender::Response,
-    serve, session, settings,
+    serve::{self, Memory},
+    session, settings,
     trace::{Motion, Row, Samples, Table, nanoseconds},
     ui,
 };
@@ -79,8 +80,11 @@ pub(crate) struct Options {
     tcp: Option<String>,
     /// Give the served machine limit switches at the ends of its travel, in whose middle it stands,
     /// and a probe plate 10 mm above the low end of Z
-    #[arg(long, conflicts_with_all = ["file", "session"])]
+    #[arg(long, conflicts_with_all = ["file", "session", "flash"])]
     switches: bool,
+    /// Keep what is stored in this file, as the machine's flash does; a new file is a new machine
+    #[arg(long, value_name = "FILE", conflicts_with_all = ["file", "session", "set", "settings"])]
+    flash: Option<PathBuf>,
     /// Replay recorded exchanges in virtual time
     #[arg(long, value_name = "IN.json", requires = "out", conflicts_with_all = ["set", "settings"])]
     session: Option<PathBuf>,
@@ -97,7 +101,17 @@ pub(crate) fn run(options: &Options) -> Result<ExitCode> {
     let loaded = settings::load(options.settings.as_deref(), &options.set)?;
     let settings = loaded.settings;
     if options.pty.is_some() || options.tcp.is_some() {
-        serve_machine(options, &settings)?;
+        let memory = match &options.flash {
+            Some(path) => Memory::File(path.clone()),
+            None => Memory::Settings(Box::new(settings)),
+        };
+        let switches = options.switches.then_some(&settings);
+        if let Some(path) = &options.pty {
+            serve::pty(path, &memory, switches)?;
+        }
+        if let Some(address) = &options.tcp {
+            serve::tcp(address, &memory, switches)?;
+        }
         return Ok(ExitCode::SUCCESS);
     }
     let path = options.file.as_deref().context("no program is given")?;
@@ -115,21 +129,6 @@ pub(crate) fn run(options: &Options) -> Result<ExitCode> {
         figures.write_json(path)?;
     }
     Ok(ExitCode::from(u8::from(!figures.is_clean())))
-}
-
-/// Serves a machine until Ctrl-C.
-fn serve_machine(options: &Options, settings: &Settings) -> Result<()> {
-    let mut machine = Machine::new(settings);
-    if options.switches {
-        machine.mount_switches(settings);
-    }
-    if let Some(path) = &options.pty {
-        serve::pty(path, machine)
-    } else if let Some(address) = &options.tcp {
-        serve::tcp(address, machine)
-    } else {
-        Ok(())
-    }
 }
 
 /// What a run took.

@@ -89,7 +89,11 @@ impl Motion {
                 self.on(Event::Done);
             }
         }
-        if !self.snapshot.inputs.has(Levels::DOOR) {
+        let is_door_open = self.snapshot.inputs.has(Levels::DOOR);
+        if is_still && core::mem::take(&mut self.looks_at_door) && is_door_open {
+            self.open_door();
+        }
+        if !is_door_open {
             self.on(Event::DoorShut);
         }
         match self.control.state {

@@ -2,7 +2,7 @@
 
 use super::{Motion, Restoring};
 use crate::{
-    machine::{Alarm, Control, Effect, Event, Levels, Notice, Override, Overrides, State},
+    machine::{Alarm, Control, Effect, Event, Notice, Override, Overrides, State},
     protocol::realtime::{OVERRIDES, Requests},
 };
 
@@ -198,12 +198,9 @@ impl Motion {
             self.alarm(Alarm::HomingReset);
         }
         self.on(Event::Reset);
-        if self.control.state == State::Idle {
-            if self.is_on_limit() {
-                self.control.state = State::Alarm;
-            } else if self.snapshot.inputs.has(Levels::DOOR) {
-                self.open_door();
-            }
+        if self.control.state == State::Idle && self.is_on_limit() {
+            self.control.state = State::Alarm;
         }
+        self.looks_at_door = true;
     }
 }

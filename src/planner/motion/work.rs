@@ -102,6 +102,9 @@ impl Motion {
             return;
         }
         if let Some(block) = self.plan.current() {
+            if self.control.state == State::Idle {
+                self.releases_drivers = false;
+            }
             let is_jog = block.pacing == Pacing::Jog;
             self.on(if is_jog { Event::Jog } else { Event::Move });
         }

@@ -1,23 +1,49 @@
 //! What becomes of a line: refused, told, or done.
 //!
 //! A line has no effect before everything it needs is there; then it goes to the machine as
-//! entries, and is answered. Read with Grbl 1.1 `protocol.c` and `motion_control.c`.
+//! entries, and is answered. Read with Grbl 1.1 `protocol.c` and `system.c`.
 
 use heapless::spsc::Producer;
 
-use super::{List, Progress, Session, Stage, is_held};
+use super::{Progress, Session, Source, Stage, Then};
 use crate::{
     gcode::LineError,
-    interpreter::Message,
-    machine::{Snapshot, State},
-    planner::{BLOCKS, Command, Entry, Work},
+    machine::{Levels, Snapshot, State},
+    planner::{BLOCKS, Entry},
     protocol::{
-        dollar::{Condition, Dollar},
-        report::{self, Feedback},
+        dollar::{Condition, Described, Dollar},
+        listing, report,
         text::{ReportUnit, Text},
     },
-    settings::{self, Settings},
+    settings::{self, Change, StoredLine},
 };
+
+/// An answer of many lines.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum List {
+    /// `$$`.
+    Settings,
+    /// `$$` before the first welcome.
+    FirstSettings,
+    /// `$+`.
+    AllSettings,
+    /// `$#`.
+    Parameters,
+    /// `$I`.
+    BuildInfo,
+    /// `$N`.
+    StartupLines,
+    /// `$E…`.
+    Described(Described),
+}
+
+/// Writes the answer to a line.
+pub(super) fn answer(text: &mut Text, result: Result<(), LineError>) {
+    match result {
+        Ok(()) => report::ok(text),
+        Err(error) => report::error(text, error),
+    }
+}
 
 impl Session {
     /// Judges the line: an error, a list, or something to do.
@@ -27,177 +53,133 @@ impl Session {
         received_bytes: usize,
         entries: &mut Producer<'_, Entry>,
     ) -> Progress {
+        if self.source != Source::Line {
+            // It was judged before, and has waited.
+            return self.interpret(machine, entries);
+        }
         match self.line.text() {
             Err(_) => self.refuse(LineError::LineOverflow),
             Ok([]) => self.accept(),
-            Ok([b'$', statement @ ..]) => {
-                match Dollar::read(statement, self.condition(machine), &self.settings) {
-                    Err(error) => self.refuse(error),
-                    Ok(Dollar::Assign(assignment)) => {
-                        let mut changed = self.settings;
-                        match settings::assign(&mut changed, assignment) {
-                            Err(error) => self.refuse(error.into()),
-                            Ok(()) => self.configure(machine, changed, entries),
-                        }
-                    }
-                    Ok(Dollar::Unlock) => self.unlock(machine, entries),
-                    Ok(Dollar::Settings) => self.list(List::Settings, 0),
-                    Ok(Dollar::Parameters) => self.list(List::Parameters, 0),
-                    Ok(Dollar::Help) => self.tell(report::help),
-                    Ok(Dollar::StartupLines) => self.tell(report::startup_lines),
-                    Ok(Dollar::Modes) => {
-                        let modal = *self.interpreter.modal();
-                        let unit = ReportUnit::of(&self.settings);
-                        self.tell(|text| report::modes(text, &modal, unit))
-                    }
-                    Ok(Dollar::BuildInfo) => {
-                        self.tell(|text| report::build_info(text, BLOCKS, received_bytes))
-                    }
+            Ok([b'$', ..]) => self.obey(machine, received_bytes, entries),
+            Ok(_) if machine.state == State::Alarm => self.refuse(LineError::Locked),
+            Ok(_) if self.condition(machine) == Condition::Jog => self.refuse(LineError::Locked),
+            Ok(_) => self.interpret(machine, entries),
+        }
+    }
+
+    /// A `$` statement.
+    fn obey(
+        &mut self,
+        machine: &Snapshot,
+        received_bytes: usize,
+        entries: &mut Producer<'_, Entry>,
+    ) -> Progress {
+        let statement = self
+            .line
+            .text()
+            .unwrap_or_default()
+            .get(1..)
+            .unwrap_or_default();
+        let is_door_open = machine.inputs.has(Levels::DOOR);
+        let condition = self.condition(machine);
+        let read = Dollar::read(statement, condition, &self.stored.settings, is_door_open);
+        match read {
+            Err(error) => self.refuse(error),
+            Ok(Dollar::Help) => self.tell(listing::help),
+            Ok(Dollar::Modes) => {
+                let modal = *self.interpreter.modal();
+                let unit = ReportUnit::of(&self.stored.settings);
+                self.tell(|text| listing::modes(text, &modal, unit))
+            }
+            Ok(Dollar::Settings) => self.list(List::Settings, 0, received_bytes),
+            Ok(Dollar::AllSettings) => self.list(List::AllSettings, 0, received_bytes),
+            Ok(Dollar::Parameters) => self.list(List::Parameters, 0, received_bytes),
+            Ok(Dollar::BuildInfo) => self.list(List::BuildInfo, 0, received_bytes),
+            Ok(Dollar::StartupLines) => self.list(List::StartupLines, 0, received_bytes),
+            Ok(Dollar::Describe(what)) => self.list(List::Described(what), 0, received_bytes),
+            Ok(Dollar::Unlock) => self.unlock(machine, entries),
+            Ok(Dollar::Check) => self.begin_check(entries),
+            Ok(Dollar::EndCheck) => self.end_check(),
+            Ok(Dollar::Home(mask)) => self.home(machine, mask, entries),
+            Ok(Dollar::Sleep) => self.sleep(machine, entries),
+            Ok(Dollar::Jog(_)) => {
+                self.source = Source::Jog;
+                self.interpret(machine, entries)
+            }
+            Ok(Dollar::StoreStartup(number, line)) if line.len() <= settings::STORED_LINE => {
+                let start = self.line.text().map_or(0, <[u8]>::len) - line.len();
+                self.source = Source::NewStartup { number, start };
+                self.interpret(machine, entries)
+            }
+            Ok(Dollar::StoreStartup(..)) => self.refuse(LineError::StoredLineTooLong),
+            Ok(Dollar::StoreBuildInfo(text)) => match StoredLine::from_slice(text) {
+                Ok(text) => self.store(machine, Change::BuildInfo, Then::Answer, |stored| {
+                    stored.build_info = text;
+                }),
+                Err(_) => self.refuse(LineError::StoredLineTooLong),
+            },
+            Ok(Dollar::Restore(change)) => self.restore(machine, change),
+            Ok(Dollar::Assign(assignment)) => {
+                let mut changed = self.stored.settings;
+                match settings::assign(&mut changed, assignment) {
+                    Err(error) => self.refuse(error.into()),
+                    Ok(()) => self.store(machine, Change::Settings, Then::Configure, |stored| {
+                        stored.settings = changed;
+                    }),
                 }
             }
-            Ok(_) if machine.state == State::Alarm => self.refuse(LineError::Locked),
-            Ok(_) => self.interpret(machine, entries),
         }
     }
 
     /// What `$` statements may ask of the machine now.
     fn condition(&self, machine: &Snapshot) -> Condition {
+        let is_done = machine.finished == self.entered;
         match machine.state {
             State::Alarm => Condition::Alarm,
-            State::Idle if machine.finished == self.entered => Condition::Idle,
+            State::Check => Condition::Check,
+            State::Jog => Condition::Jog,
+            State::Idle if is_done => Condition::Idle,
+            State::Idle | State::Run if self.is_jogging && !is_done => Condition::Jog,
             State::Idle
             | State::Run
             | State::HoldSlowing
             | State::HoldComplete
-            | State::Jog
             | State::Home
-            | State::Check
             | State::DoorClosed
             | State::DoorAjar
             | State::DoorRetracting
             | State::DoorRestoring
-            | State::Sleep => Condition::Busy,
+            | State::Sleep => Condition::Run,
         }
-    }
-
-    /// A line of G-code.
-    fn interpret(&mut self, machine: &Snapshot, entries: &mut Producer<'_, Entry>) -> Progress {
-        if !self.is_position_known {
-            return self.rest();
-        }
-        let Ok(line) = self.line.text() else {
-            return self.refuse(LineError::LineOverflow);
-        };
-        let checked = &mut self.checked;
-        if let Err(error) = self.interpreter.check_into(line, &self.settings, checked) {
-            return self.refuse(error);
-        }
-        if self.checked.waits_for_rest() && !self.is_done(machine) {
-            return self.rest();
-        }
-        let offset = self.interpreter.work_offset();
-        let coordinates = self.interpreter.modal().coordinates;
-        self.interpreter
-            .commit_into(&self.checked, &mut self.outcome);
-        self.answers_when_done = self.checked.answers_when_done();
-        if offset != self.interpreter.work_offset()
-            || coordinates != self.interpreter.modal().coordinates
-            || self.outcome.message == Some(Message::ProgramEnd)
-        {
-            self.cadence.offset_changed();
-        }
-        self.stage = Stage::Entering(0);
-        self.enter(machine, 0, entries)
-    }
-
-    /// Sends the commands of a line from the given one on to the machine.
-    pub(super) fn enter(
-        &mut self,
-        machine: &Snapshot,
-        first: usize,
-        entries: &mut Producer<'_, Entry>,
-    ) -> Progress {
-        let mut next = first;
-        // wcet-bound: 8
-        while let Some(command) = self.outcome.commands.get(next) {
-            if !entries.ready() {
-                self.stage = Stage::Entering(next);
-                return Progress::Waiting;
-            }
-            if matches!(command, Command::Spindle { .. } | Command::Coolant(_)) {
-                self.cadence.overrides_changed();
-            }
-            if let Some(work) = self.router.work(command) {
-                self.send_entry(work, entries);
-            }
-            next += 1;
-        }
-        if self.answers_when_done {
-            let feedback = self.outcome.message.map(|message| match message {
-                Message::ProgramEnd => Feedback::ProgramEnd,
-            });
-            self.stage = Stage::Completing(feedback);
-            self.complete(machine, feedback)
-        } else {
-            self.accept()
-        }
-    }
-
-    /// Answers a line that everything has been done for, with a message before it.
-    pub(super) fn complete(&mut self, machine: &Snapshot, feedback: Option<Feedback>) -> Progress {
-        if !self.is_done(machine) || is_held(machine) {
-            return Progress::Waiting;
-        }
-        if let Some(feedback) = feedback {
-            report::feedback(&mut self.message, feedback);
-        }
-        self.accept()
-    }
-
-    /// New settings: the machine takes them at standstill.
-    fn configure(
-        &mut self,
-        machine: &Snapshot,
-        changed: Settings,
-        entries: &mut Producer<'_, Entry>,
-    ) -> Progress {
-        if !self.is_done(machine) {
-            return self.rest();
-        }
-        // The steps stay where they are; with another resolution they are another position.
-        let position = self.router.configure(&changed, machine.steps);
-        if changed.steps_per_mm != self.settings.steps_per_mm {
-            self.interpreter.set_position(position);
-        }
-        self.settings = changed;
-        self.send_entry(Work::Configure(changed), entries);
-        self.stage = Stage::Completing(None);
-        Progress::Again
-    }
-
-    /// Takes the lock of an alarm off, once the machine has come to rest.
-    fn unlock(&mut self, machine: &Snapshot, entries: &mut Producer<'_, Entry>) -> Progress {
-        if machine.state != State::Alarm {
-            return self.accept();
-        }
-        if !self.is_done(machine) {
-            return self.rest();
-        }
-        self.send_entry(Work::Unlock, entries);
-        self.stage = Stage::Completing(Some(Feedback::Unlocked));
-        Progress::Again
     }
 
     /// Writes the next line of a list, and the answer after the last.
-    pub(super) fn list(&mut self, list: List, line: usize) -> Progress {
-        let unit = ReportUnit::of(&self.settings);
-        let offsets = self.interpreter.offsets();
+    pub(super) fn list(&mut self, list: List, line: usize, received_bytes: usize) -> Progress {
+        let text = &mut self.message;
+        let settings = &self.stored.settings;
         let has_line = match list {
-            List::Settings => report::setting(&mut self.message, &self.settings, line),
-            List::Parameters => report::parameters(&mut self.message, offsets, line, unit),
+            List::Settings | List::FirstSettings => listing::setting(text, settings, line),
+            List::AllSettings => listing::any_setting(text, settings, line),
+            List::Parameters => {
+                let offsets = self.interpreter.offsets();
+                listing::parameter(text, offsets, &self.probed, line, settings)
+            }
+            List::BuildInfo => {
+                match line {
+                    0 => listing::version(text, &self.stored.build_info),
+                    1 => listing::options(text, BLOCKS, received_bytes),
+                    _ => {}
+                }
+                line < 2
+            }
+            List::StartupLines => listing::startup_line(text, &self.stored.startup, line),
+            List::Described(what) => listing::description(text, what, line),
         };
         if has_line {
             self.stage = Stage::Listing(list, line + 1);
+            Progress::Again
+        } else if list == List::FirstSettings {
+            self.stage = Stage::Welcoming;
             Progress::Again
         } else {
             self.accept()
@@ -206,7 +188,7 @@ impl Session {
 
     /// Leaves the line for when everything before it has been done. What it is judged by is then
     /// never out of date.
-    fn rest(&mut self) -> Progress {
+    pub(super) fn rest(&mut self) -> Progress {
         self.stage = Stage::Resting;
         Progress::Waiting
     }
@@ -217,27 +199,33 @@ impl Session {
         self.accept()
     }
 
-    fn accept(&mut self) -> Progress {
-        report::ok(&mut self.message);
-        self.begin_line()
+    pub(super) fn accept(&mut self) -> Progress {
+        self.end_line(Ok(()))
     }
 
-    fn refuse(&mut self, error: LineError) -> Progress {
-        report::error(&mut self.message, error);
-        self.begin_line()
+    pub(super) fn refuse(&mut self, error: LineError) -> Progress {
+        self.end_line(Err(error))
     }
 
-    fn begin_line(&mut self) -> Progress {
-        self.line.clear();
-        self.stage = Stage::Reading;
+    /// Answers the line, and goes on to the next.
+    fn end_line(&mut self, result: Result<(), LineError>) -> Progress {
+        let Source::Startup { number, is_homed } = self.source else {
+            answer(&mut self.message, result);
+            return self.begin_line();
+        };
+        if let Some(line) = self.stored.startup.get(number) {
+            report::startup(&mut self.message, line);
+        }
+        answer(&mut self.message, result);
+        self.source = Source::Startup { number, is_homed };
+        self.stage = Stage::StartingUp(number + 1);
         Progress::Again
     }
 
-    /// The caller has made sure of room; after standstill the queue is empty.
-    fn send_entry(&mut self, work: Work, entries: &mut Producer<'_, Entry>) {
-        let epoch = self.epoch.wrapping_add(self.cuts);
-        if entries.enqueue(Entry { epoch, work }).is_ok() {
-            self.entered = self.entered.wrapping_add(1);
-        }
+    pub(super) fn begin_line(&mut self) -> Progress {
+        self.line.clear();
+        self.source = Source::Line;
+        self.stage = Stage::Reading;
+        Progress::Again
     }
 }

@@ -301,20 +301,18 @@ const STATES: [&str; 13] = [
 
 /// The `$` line that lists such a line; `None` for what nobody lists.
 fn asked_by(text: &str) -> Option<&'static str> {
-    let inner = text.strip_prefix('[');
-    let key = inner.and_then(|inner| inner.split(':').next());
-    match key {
-        Some("GC") => Some("$G"),
-        Some("VER" | "OPT") => Some("$I"),
-        Some("HLP") => Some("$"),
-        Some("G54" | "G55" | "G56" | "G57" | "G58" | "G59" | "G28" | "G30" | "G92" | "TLO") => {
-            Some("$#")
-        }
-        Some("PRB") => Some(PROBED),
-        Some(_) => None,
-        None if text.starts_with("$N") => Some("$N"),
-        None if text.starts_with('$') => Some("$$"),
-        None => None,
+    let Some(inner) = text.strip_prefix('[') else {
+        let is_startup_line = text.starts_with("$N");
+        let asked = if is_startup_line { "$N" } else { "$$" };
+        return text.starts_with('$').then_some(asked);
+    };
+    match inner.split(':').next().unwrap_or_default() {
+        "GC" => Some("$G"),
+        "VER" | "OPT" => Some("$I"),
+        "HLP" => Some("$"),
+        "G54" | "G55" | "G56" | "G57" | "G58" | "G59" | "G28" | "G30" | "G92" | "TLO" => Some("$#"),
+        "PRB" => Some(PROBED),
+        _ => None,
     }
 }
 

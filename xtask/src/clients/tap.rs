@@ -142,9 +142,13 @@ fn carry(
     let (mut to_machine, mut to_sender) = (Vec::new(), Vec::new());
     let mut chunk = [0; 1024];
     while !is_over.load(Ordering::Relaxed) {
-        let flags = |waiting: &Vec<u8>| match waiting.is_empty() {
-            true => PollFlags::IN,
-            false => PollFlags::IN | PollFlags::OUT,
+        let flags = |waiting: &Vec<u8>| {
+            let out = if waiting.is_empty() {
+                PollFlags::empty()
+            } else {
+                PollFlags::OUT
+            };
+            PollFlags::IN | out
         };
         let mut ends = [
             PollFd::new(&sender, flags(&to_sender)),

@@ -24,6 +24,8 @@ use crate::sender::Response;
 /// Where the firmware keeps what its pins have done: 17 words.
 const FIGURES: &str = "FIGURES";
 const WORDS: usize = 17;
+/// Emulators that this program has started.
+static STARTED: AtomicU32 = AtomicU32::new(0);
 /// How long QEMU may take to start.
 const START: Duration = Duration::from_secs(20);
 
@@ -57,7 +59,6 @@ impl Emulator {
     /// Boots a firmware.
     pub(crate) fn start(elf: &Path, machine: &str) -> Result<Self> {
         let figures = symbol(elf, FIGURES)?;
-        static STARTED: AtomicU32 = AtomicU32::new(0);
         let number = STARTED.fetch_add(1, Ordering::Relaxed);
         let folder = env::temp_dir().join(format!("leadscrew-{}-{number}", process::id()));
         fs::create_dir_all(&folder)

@@ -1,0 +1,56 @@
+//! What a run of `prepare` asks for: outputs, the step timer, other tasks, another run.
+
+use leadscrew::{
+    machine::Outputs, planner::Prepared, protocol::realtime::Requests, stepper::StepCounts,
+};
+
+use super::{
+    outputs::SwitchOutputs,
+    pac,
+    release::{PREPARE, WAKE},
+    step_timer,
+    wake::WakeTimer,
+};
+
+/// What `prepare` drives, and it alone.
+pub(crate) struct AfterPrepare {
+    switches: SwitchOutputs,
+    timer: WakeTimer,
+}
+
+impl AfterPrepare {
+    /// Sets up the outputs and the timer, and releases `prepare` for what is to be switched at
+    /// power-up. The clocks of both must run.
+    pub(super) fn new(timer: pac::TIM6) -> Self {
+        rtic::pend(PREPARE);
+        Self {
+            switches: SwitchOutputs::new(),
+            timer: WakeTimer::new(timer),
+        }
+    }
+
+    /// Before a run: tells it whether the time is over that it asked for.
+    #[inline]
+    pub(crate) fn begin(&mut self, requests: &Requests) {
+        if self.timer.take_end() {
+            requests.wake();
+        }
+    }
+
+    /// After a run. The drivers are switched on before the first step.
+    pub(crate) fn follow(&mut self, prepared: Prepared, outputs: &Outputs, counts: &StepCounts) {
+        self.switches.apply(outputs, counts);
+        if prepared.start {
+            step_timer::start();
+        }
+        if let Some(milliseconds) = prepared.wake_in_ms {
+            self.timer.set(milliseconds);
+        }
+        if prepared.again {
+            rtic::pend(PREPARE);
+        }
+        if prepared.news {
+            rtic::pend(WAKE);
+        }
+    }
+}

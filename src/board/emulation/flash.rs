@@ -1,0 +1,41 @@
+//! Flash for settings: the emulator's cannot be written.
+//!
+//! In its place stands memory that the emulated chip has and no program uses: it keeps its contents
+//! through a reset, and is zero at power-up. The bits are kept inverted, so that this means erased.
+
+use crate::board::flash::BOTH;
+
+/// Behind the RAM that `memory.x` names, in the 192 KiB that the emulated chip has.
+const FIRST: *mut u8 = 0x2001_8000 as *mut u8;
+const _: () = assert!(BOTH <= 96 * 1024);
+
+/// Reads bytes; the caller has checked that they are there, as have those of the others.
+#[expect(unsafe_code, reason = "memory that no program uses")]
+pub(in crate::board) fn read_flash(place: usize, bytes: &mut [u8]) {
+    for (byte, index) in bytes.iter_mut().zip(place..) {
+        // SAFETY: the emulated chip has this memory, the linker does not know it, and only these
+        // functions use it.
+        *byte = !unsafe { FIRST.add(index).read_volatile() };
+    }
+}
+
+/// Programs bytes: clears bits, which stay clear until they are erased.
+#[expect(unsafe_code, reason = "memory that no program uses")]
+pub(in crate::board) fn write_flash(place: usize, bytes: &[u8]) {
+    for (byte, index) in bytes.iter().zip(place..) {
+        // SAFETY: as in `read_flash`.
+        unsafe {
+            let programmed = FIRST.add(index).read_volatile() | !byte;
+            FIRST.add(index).write_volatile(programmed);
+        }
+    }
+}
+
+/// Erases bytes: sets all bits.
+#[expect(unsafe_code, reason = "memory that no program uses")]
+pub(in crate::board) fn erase_flash(place: usize, length: usize) {
+    for index in place..place + length {
+        // SAFETY: as in `read_flash`.
+        unsafe { FIRST.add(index).write_volatile(0) };
+    }
+}

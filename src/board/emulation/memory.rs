@@ -1,0 +1,165 @@
+//! The two blocks of memory by which tools and tests take part: what the pins did, and contacts.
+
+use core::sync::atomic::{AtomicI32, AtomicU32, Ordering::Relaxed};
+
+use leadscrew::{
+    axis::AXES,
+    machine::{Levels, Outputs},
+    planner::Spindle,
+};
+
+use crate::board::{outputs, pins, step_timer};
+
+/// What the pins have done.
+#[repr(C)]
+struct Figures {
+    /// Events that began a pulse.
+    events: AtomicU32,
+    /// Their hash, as [`leadscrew::sim::Tally`] has it, low word first.
+    hash: [AtomicU32; 2],
+    /// Ticks from the first such event to the last, low word first.
+    ticks: [AtomicU32; 2],
+    /// Pulses of each axis.
+    pulses: [AtomicU32; 6],
+    /// Position of each axis, steps.
+    steps: [AtomicI32; 6],
+    /// What is switched on: bit 0 spindle, 1 counter-clockwise, 2 flood, 3 mist, 4 drivers.
+    switched: AtomicU32,
+    /// Duty of the PWM, 0 to [`Outputs::FULL`].
+    duty: AtomicU32,
+    /// The highest duty since the start: a test may look too late for the one it expects.
+    highest_duty: AtomicU32,
+}
+
+/// Contacts to be read in place of pins: written by a test, as a machine would close them.
+#[repr(C)]
+struct Contacts {
+    /// Closed whatever the axes do; the bits of [`Levels`].
+    closed: AtomicU32,
+    /// The limit switch of an axis is closed while its position in [`FIGURES`] is at most this…
+    at_most: [AtomicI32; 6],
+    /// …or at least this.
+    at_least: [AtomicI32; 6],
+    /// The probe is closed while the position of Z is at most this.
+    plate: AtomicI32,
+}
+
+/// Read by its symbol: by `cargo xtask qemu` and `bench`, and by `tests/firmware`.
+#[unsafe(no_mangle)]
+#[expect(unsafe_code, reason = "a symbol that a tool can find")]
+static FIGURES: Figures = Figures {
+    events: AtomicU32::new(0),
+    hash: [AtomicU32::new(0x8422_2325), AtomicU32::new(0xcbf2_9ce4)],
+    ticks: [const { AtomicU32::new(0) }; 2],
+    pulses: [const { AtomicU32::new(0) }; 6],
+    steps: [const { AtomicI32::new(0) }; 6],
+    switched: AtomicU32::new(0),
+    duty: AtomicU32::new(0),
+    highest_duty: AtomicU32::new(0),
+};
+
+/// Written by its symbol, through QEMU's connection for debuggers: by `tests/firmware`.
+#[unsafe(no_mangle)]
+#[expect(unsafe_code, reason = "a symbol that a tool can find")]
+static CONTACTS: Contacts = Contacts {
+    closed: AtomicU32::new(0),
+    at_most: [const { AtomicI32::new(i32::MIN) }; 6],
+    at_least: [const { AtomicI32::new(i32::MAX) }; 6],
+    plate: AtomicI32::new(i32::MIN),
+};
+
+/// When the last event with a pulse was due.
+static LAST: AtomicU32 = AtomicU32::new(0);
+
+/// The contacts that were closed when `inputs` was released last.
+static SEEN: AtomicU32 = AtomicU32::new(0);
+
+/// The contacts that are closed.
+pub(in crate::board) fn contacts() -> Levels {
+    let mut closed = CONTACTS.closed.load(Relaxed);
+    for axis in 0..AXES {
+        let position = FIGURES.steps[axis].load(Relaxed);
+        let is_closed = position <= CONTACTS.at_most[axis].load(Relaxed)
+            || position >= CONTACTS.at_least[axis].load(Relaxed);
+        closed |= u32::from(is_closed) << axis;
+    }
+    let mut levels = Levels(closed as u16);
+    if FIGURES.steps[leadscrew::axis::Z].load(Relaxed) <= CONTACTS.plate.load(Relaxed) {
+        levels = levels | Levels::PROBE;
+    }
+    levels
+}
+
+/// Whether the contacts have changed since this was asked last.
+pub(super) fn have_contacts_changed() -> bool {
+    let closed = u32::from(contacts().0);
+    closed != SEEN.swap(closed, Relaxed)
+}
+
+/// Keeps a record of what is switched.
+pub(in crate::board) fn switched(outputs: &Outputs) {
+    let bits = [
+        outputs.spindle != Spindle::Off,
+        outputs.spindle == Spindle::CounterClockwise,
+        outputs.coolant.flood,
+        outputs.coolant.mist,
+        outputs.drivers,
+    ];
+    let word = (0..).zip(bits).map(|(bit, is_on)| u32::from(is_on) << bit);
+    FIGURES.switched.store(word.sum(), Relaxed);
+}
+
+/// Keeps a record of the duty.
+pub(super) fn record_duty() {
+    let duty = outputs::duty();
+    FIGURES.duty.store(duty, Relaxed);
+    if duty > FIGURES.highest_duty.load(Relaxed) {
+        FIGURES.highest_duty.store(duty, Relaxed);
+    }
+}
+
+/// Adds the event that is due to the figures.
+pub(super) fn record() {
+    let (axes, directions) = pins::pulses_next();
+    if axes == 0 {
+        return;
+    }
+    let due = step_timer::due();
+    let elapsed = if FIGURES.events.load(Relaxed) == 0 {
+        0
+    } else {
+        due.wrapping_sub(LAST.load(Relaxed))
+    };
+    LAST.store(due, Relaxed);
+    add(&FIGURES.events, 1);
+    store(
+        &FIGURES.ticks,
+        load(&FIGURES.ticks).wrapping_add(elapsed.into()),
+    );
+    let mut hash = load(&FIGURES.hash);
+    for word in [elapsed, axes, directions.into()] {
+        hash = (hash ^ u64::from(word)).wrapping_mul(0x0100_0000_01b3);
+    }
+    store(&FIGURES.hash, hash);
+    for axis in 0..AXES {
+        if axes & 1 << axis != 0 {
+            add(&FIGURES.pulses[axis], 1);
+            let step = if directions & 1 << axis != 0 { -1 } else { 1 };
+            let steps = FIGURES.steps[axis].load(Relaxed);
+            FIGURES.steps[axis].store(steps.wrapping_add(step), Relaxed);
+        }
+    }
+}
+
+fn add(word: &AtomicU32, value: u32) {
+    word.store(word.load(Relaxed).wrapping_add(value), Relaxed);
+}
+
+fn load([low, high]: &[AtomicU32; 2]) -> u64 {
+    u64::from(high.load(Relaxed)) << 32 | u64::from(low.load(Relaxed))
+}
+
+fn store([low, high]: &[AtomicU32; 2], value: u64) {
+    low.store(value as u32, Relaxed);
+    high.store((value >> 32) as u32, Relaxed);
+}

@@ -1,0 +1,29 @@
+//! What outlives power: the journal in the chip's flash, and who it is for.
+
+use leadscrew::{
+    protocol::{Progress, Session},
+    settings::{Journal, Loaded},
+};
+
+use super::flash::SettingsFlash;
+
+/// The journal, owned by `interpret`.
+pub(crate) struct Storage(Journal<SettingsFlash>);
+
+impl Storage {
+    /// Reads what is stored. A flash that fails is a new machine's.
+    pub(super) fn load(flash: SettingsFlash) -> (Self, Loaded) {
+        let mut journal = Journal::new(flash);
+        let loaded = journal.load().unwrap_or_default();
+        (Self(journal), loaded)
+    }
+
+    /// Stores what the session asks for; then it has to go on. It asks at rest only: this may take
+    /// 0.8 s.
+    pub(crate) fn serve(&mut self, session: &mut Session) -> Option<Progress> {
+        let change = session.wants_store()?;
+        let result = self.0.write(change, session.stored());
+        session.has_stored(result);
+        Some(Progress::Again)
+    }
+}

@@ -1,0 +1,123 @@
+//! How the machine is wired: which pin does what, and what a pin can be made to do.
+//!
+//! Registers of the ports: RM0090 8.4, the same on all parts.
+
+use leadscrew::machine::Levels;
+
+use super::pac;
+
+/// A pin of ports A, B or C.
+#[derive(Clone, Copy, PartialEq, Eq)]
+pub(super) enum Pin {
+    /// Port A.
+    A(u8),
+    /// Port B.
+    B(u8),
+    /// Port C.
+    C(u8),
+}
+
+/// Everything that is wired.
+pub(super) struct Wiring {
+    /// Step outputs, on ports A and B only.
+    pub(super) step: [Pin; 6],
+    /// Direction outputs.
+    pub(super) direction: [Pin; 6],
+    /// Enable output of all drivers, active low.
+    pub(super) enable: Pin,
+    /// What else is switched, active high.
+    pub(super) switches: Switches,
+    /// Spindle PWM, and the alternate function that brings its timer there.
+    pub(super) pwm: Option<(Pin, u32)>,
+    /// Inputs, closed when low. Of two whose pins have one number, the first alone interrupts.
+    pub(super) inputs: &'static [(Levels, Pin)],
+}
+
+/// Outputs beside those of the axes.
+pub(super) struct Switches {
+    /// High while the spindle turns, or the laser may shine.
+    pub(super) spindle: Option<Pin>,
+    /// High for `M4`.
+    pub(super) counter_clockwise: Option<Pin>,
+    /// `M8`.
+    pub(super) flood: Option<Pin>,
+    /// `M7`.
+    pub(super) mist: Option<Pin>,
+}
+
+/// The limit switch of an axis, 0 = X.
+pub(super) const fn limit_switch(axis: u8) -> Levels {
+    Levels::limits(1 << axis)
+}
+
+impl Pin {
+    /// Port, A = 0, and number in it.
+    pub(super) const fn place(self) -> (usize, u8) {
+        match self {
+            Self::A(number) => (0, number),
+            Self::B(number) => (1, number),
+            Self::C(number) => (2, number),
+        }
+    }
+
+    /// The word for each port's set/reset register that drives the pin.
+    pub(super) const fn word(self, high: bool) -> [u32; 3] {
+        let (port, number) = self.place();
+        let mut words = [0; 3];
+        words[port] = if high { 1 << number } else { 1 << number << 16 };
+        words
+    }
+
+    /// Whether the pin is low, of the levels of the ports.
+    #[inline]
+    pub(super) const fn is_low(self, [a, b, c]: [u32; 3]) -> bool {
+        let (level, number) = match self {
+            Self::A(number) => (a, number),
+            Self::B(number) => (b, number),
+            Self::C(number) => (c, number),
+        };
+        level & 1 << number == 0
+    }
+
+    /// A push-pull output.
+    pub(super) fn make_output(self) {
+        self.set_field(MODER, 2, 0b01);
+    }
+
+    /// An input that an open contact leaves high.
+    pub(super) fn make_input(self) {
+        self.set_field(PUPDR, 2, 0b01);
+        self.set_field(MODER, 2, 0b00);
+    }
+
+    /// What a peripheral drives, by its alternate function.
+    pub(super) fn make_alternate(self, function: u32) {
+        self.set_field(AFR, 4, function);
+        self.set_field(MODER, 2, 0b10);
+    }
+
+    /// Changes a pin's field in a register, or two registers where the fields are wide.
+    #[expect(unsafe_code, reason = "pins are chosen by a table, not by type")]
+    fn set_field(self, register: usize, width: u32, value: u32) {
+        let (port, number) = self.place();
+        let bit = u32::from(number) * width;
+        let first = [
+            pac::GPIOA::ptr().cast::<u32>(),
+            pac::GPIOB::ptr().cast(),
+            pac::GPIOC::ptr().cast(),
+        ][port];
+        let mask = (1 << width) - 1;
+        // SAFETY: the register exists. `init` alone calls this, before any task runs, for pins of
+        // the wiring, which nothing else uses; only the pin's field changes.
+        unsafe {
+            let register = first.cast_mut().add(register + (bit / 32) as usize);
+            let others = register.read_volatile() & !(mask << (bit % 32));
+            register.write_volatile(others | value << (bit % 32));
+        }
+    }
+}
+
+/// Registers of a port, in words from its first.
+const MODER: usize = 0;
+const PUPDR: usize = 3;
+const AFR: usize = 8;

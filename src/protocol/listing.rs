@@ -1,0 +1,186 @@
+//! The answers to `$` statements that ask for something.
+//!
+//! Pure, as `report` is: each function writes one line of an answer, so that none needs more room
+//! than one message has. `$E…` are in the format that grblHAL publishes ("report extensions").
+
+use super::{
+    dollar::Described,
+    report::probed,
+    text::{ReportUnit, Text},
+};
+use crate::{
+    gcode::{LineError, Modal, WorkCoordinates},
+    interpreter::Offsets,
+    machine::{Alarm, Probed},
+    planner::{Plane, Spindle},
+    settings::{self, Description, GROUPS, Settings, StoredLine, Value},
+};
+
+/// The answer to `$`, without its `ok`.
+pub fn help(text: &mut Text) {
+    text.word("[HLP:$$ $# $G $I $N $x=val $Nx=line $J=line $SLP $C $X $H ~ ! ? ctrl-x]")
+        .end();
+}
+
+/// The first line of the answer to `$I`, with what the user has stored.
+pub fn version(text: &mut Text, info: &[u8]) {
+    text.word("[VER:1.1h.20190830:").bytes(info).word("]").end();
+}
+
+/// The second line of the answer to `$I`: places for blocks, bytes for received lines.
+pub fn options(text: &mut Text, blocks: usize, received: usize) {
+    text.word("[OPT:V,").natural(blocks as u32);
+    text.word(",").natural(received as u32).word("]").end();
+}
+
+/// One line of the answer to `$N`, counted from 0; false after the last.
+pub fn startup_line(text: &mut Text, lines: &[StoredLine], number: usize) -> bool {
+    let Some(line) = lines.get(number) else {
+        return false;
+    };
+    text.word("$N").natural(number as u32).byte(b'=');
+    text.bytes(line).end();
+    true
+}
+
+/// The answer to `$G`, without its `ok`.
+pub fn modes(text: &mut Text, modal: &Modal, unit: ReportUnit) {
+    text.word("[GC:").word(modal.motion.word());
+    text.word(" ").word(modal.coordinates.word());
+    text.word(match modal.plane {
+        Plane::Xy => " G17 ",
+        Plane::Zx => " G18 ",
+        Plane::Yz => " G19 ",
+    });
+    text.word(modal.units.word());
+    text.word(" ").word(modal.distance.word());
+    text.word(" ").word(modal.feed_mode.word());
+    text.word(match modal.spindle {
+        Spindle::Clockwise => " M3",
+        Spindle::CounterClockwise => " M4",
+        Spindle::Off => " M5",
+    });
+    text.word(match (modal.coolant.mist, modal.coolant.flood) {
+        (false, false) => " M9",
+        (true, false) => " M7",
+        (false, true) => " M8",
+        (true, true) => " M7 M8",
+    });
+    text.word(" T").natural(u32::from(modal.tool));
+    text.word(" F").rate(modal.feed, unit);
+    text.word(" S").number(modal.speed_rpm, 0).word("]").end();
+}
+
+/// One line of the answer to `$#`, counted from 0; false after the last, when nothing is written.
+pub fn parameter(
+    text: &mut Text,
+    offsets: &Offsets,
+    last: &Probed,
+    line: usize,
+    settings: &Settings,
+) -> bool {
+    let unit = ReportUnit::of(settings);
+    let systems = WorkCoordinates::ALL.len();
+    let (name, values) = match (line, line.checked_sub(systems)) {
+        (_, None) => match (
+            WorkCoordinates::ALL.get(line),
+            offsets.origins.coordinates.get(line),
+        ) {
+            (Some(system), Some(values)) => (system.word(), *values),
+            _ => return false,
+        },
+        (_, Some(0)) => ("G28", offsets.origins.g28),
+        (_, Some(1)) => ("G30", offsets.origins.g30),
+        (_, Some(2)) => ("G92", offsets.work),
+        (_, Some(3)) => {
+            text.word("[TLO:").coordinate(offsets.tool_length, unit);
+            text.word("]").end();
+            return true;
+        }
+        (_, Some(4)) => {
+            probed(text, last, settings);
+            return true;
+        }
+        _ => return false,
+    };
+    text.word("[").word(name).word(":");
+    text.coordinates(&values, unit).word("]").end();
+    true
+}
+
+/// One line of the answer to `$$`, counted from 0; false after the last, when nothing is written.
+pub fn setting(text: &mut Text, settings: &Settings, line: usize) -> bool {
+    write_setting(text, settings::listed_of_grbl(settings, line))
+}
+
+/// One line of the answer to `$+`: as `$$`, with the settings that Grbl does not have.
+pub fn any_setting(text: &mut Text, settings: &Settings, line: usize) -> bool {
+    write_setting(text, settings::listed(settings, line))
+}
+
+fn write_setting(text: &mut Text, setting: Option<(u8, Value)>) -> bool {
+    let Some((number, value)) = setting else {
+        return false;
+    };
+    text.word("$").natural(u32::from(number)).word("=");
+    match value {
+        Value::Whole(whole) => text.natural(u32::from(whole)),
+        Value::Number(number, decimals) => text.number(number, decimals),
+        Value::Resolution(resolution) => text.millionths(resolution.millionths()),
+    };
+    text.end();
+    true
+}
+
+/// One line of the answers to `$ES`, `$EG`, `$EE` and `$EA`; false after the last.
+pub fn description(text: &mut Text, of: Described, line: usize) -> bool {
+    let is_there = match of {
+        Described::Settings => settings::described(line)
+            .map(|setting| describe_setting(text, &setting))
+            .is_some(),
+        Described::Groups => GROUPS
+            .get(line)
+            .map(|(group, name)| {
+                text.word("[SETTINGGROUP:").natural(*group as u32);
+                text.word("|0|").word(name);
+            })
+            .is_some(),
+        Described::Errors => LineError::ALL
+            .get(line)
+            .map(|error| {
+                text.word("[ERRORCODE:").natural(u32::from(error.number()));
+                text.word("||").plain(error.text());
+            })
+            .is_some(),
+        Described::Alarms => Alarm::ALL
+            .get(line)
+            .map(|alarm| {
+                text.word("[ALARMCODE:").natural(u32::from(alarm.number()));
+                text.word("||").plain(alarm.text());
+            })
+            .is_some(),
+    };
+    if is_there {
+        text.word("]").end();
+    }
+    is_there
+}
+
+/// `[SETTING:id|group|name|unit|datatype|format|min|max`.
+fn describe_setting(text: &mut Text, setting: &Description) {
+    text.word("[SETTING:").natural(u32::from(setting.number));
+    text.word("|").natural(setting.group as u32).word("|");
+    if let Some(axis) = setting.axis {
+        text.byte(axis).word("-axis ");
+    }
+    text.plain(setting.name).word("|").plain(setting.unit);
+    text.word("|").natural(setting.data_type as u32);
+    text.word("|").word(setting.format).word("|");
+    if let Some((least, most, decimals)) = setting.range {
+        text.number(least, decimals)
+            .word("|")
+            .number(most, decimals);
+    } else {
+        text.word("|");
+    }
+}

@@ -1,0 +1,272 @@
+//! Lines of G-code: of the sender, of a jog, of the startup lines.
+//!
+//! Checked completely, then carried out: nothing of a line goes to the machine before its whole way
+//! is known to be inside the travel. Read with Grbl 1.1 `gcode.c`, `motion_control.c`, `jog.c`.
+
+use heapless::spsc::Producer;
+
+use super::{After, Progress, Session, Source, Stage, Then};
+use crate::{
+    axis::Axes,
+    gcode::{LineError, Probe},
+    interpreter::{Checked, Message},
+    machine::{Alarm, Snapshot, State},
+    planner::{Command, Entry, Laser, Pace, Spindle, Work, is_outside, leaves_travel},
+    protocol::report::{self, Feedback},
+    settings::{Change, StoredLine},
+    units::Nm,
+};
+
+impl Session {
+    /// The line that [`Session::source`] names: checked, and then carried out or left for later.
+    pub(super) fn interpret(
+        &mut self,
+        machine: &Snapshot,
+        entries: &mut Producer<'_, Entry>,
+    ) -> Progress {
+        if !self.is_position_known {
+            self.checked = Checked::default();
+            return self.rest();
+        }
+        let text = self.line.text().unwrap_or_default();
+        let line = match self.source {
+            Source::Line => text,
+            Source::Jog => text.get(3..).unwrap_or_default(),
+            Source::NewStartup { start, .. } => text.get(start..).unwrap_or_default(),
+            Source::Startup { number, .. } => match self.stored.startup.get(number) {
+                Some(line) => line.as_slice(),
+                None => &[],
+            },
+        };
+        let (settings, checked) = (&self.stored.settings, &mut self.checked);
+        let result = if self.source == Source::Jog {
+            self.interpreter.check_jog_into(line, settings, checked)
+        } else {
+            self.interpreter.check_into(line, settings, checked)
+        };
+        if let Err(error) = result {
+            return self.refuse(error);
+        }
+        if self.source == Source::Jog
+            && settings.soft_limits
+            && is_outside(settings, &self.checked.target().position)
+        {
+            return self.refuse(LineError::JogBeyondTravel);
+        }
+        if self.checked.waits_for_rest() && !self.is_done(machine) {
+            return self.rest();
+        }
+        match self.interpreter.origins_after(&self.checked) {
+            Some(origins) => self.store(machine, Change::Origins, Then::Commit, |stored| {
+                stored.origins = origins;
+            }),
+            None => self.commit(machine, entries),
+        }
+    }
+
+    /// Carries out the line that has been checked.
+    pub(super) fn commit(
+        &mut self,
+        machine: &Snapshot,
+        entries: &mut Producer<'_, Entry>,
+    ) -> Progress {
+        let from = self.interpreter.position();
+        self.interpreter
+            .commit_into(&self.checked, &mut self.outcome);
+        if self.leaves_travel(machine, from) {
+            self.stage = Stage::Faulting;
+            return self.fault(entries);
+        }
+        let is_checking = machine.state == State::Check;
+        let ends_program = self.outcome.message == Some(Message::ProgramEnd);
+        if self.outcome.shows_offset && !(is_checking && ends_program) {
+            self.cadence.offset_changed();
+        }
+        if is_checking {
+            self.outcome.commands.clear();
+        }
+        self.after = if ends_program {
+            Some(After::Tell(Feedback::ProgramEnd))
+        } else if is_checking {
+            None
+        } else if self.checked.probe().is_some() {
+            self.seen.is_probed = false;
+            Some(After::Probe)
+        } else {
+            // What is switched at standstill has been switched when the answer comes.
+            let switches = !self.checked.moves() && !self.outcome.commands.is_empty();
+            (switches || self.checked.answers_when_done()).then_some(After::Answer)
+        };
+        self.stage = Stage::Entering(0);
+        self.enter(machine, 0, entries)
+    }
+
+    /// Makes the machine stop and lock itself: the line's way leaves the travel.
+    pub(super) fn fault(&mut self, entries: &mut Producer<'_, Entry>) -> Progress {
+        if entries.ready() {
+            self.send_entry(Work::Fault(Alarm::SoftLimit), entries);
+            self.stage = Stage::Faulted;
+        }
+        Progress::Waiting
+    }
+
+    /// Whether some move of the line leaves the travel of the machine, where that is an error.
+    fn leaves_travel(&self, machine: &Snapshot, from: Axes<Nm>) -> bool {
+        if !self.stored.settings.soft_limits {
+            return false;
+        }
+        let is_checking = machine.state == State::Check;
+        let mut from = from;
+        // wcet-bound: 7
+        self.outcome.commands.iter().any(|command| {
+            // Check mode ends a probing move before it has begun.
+            let is_skipped = is_checking && matches!(command, Command::Probe { .. });
+            let leaves = !is_skipped && leaves_travel(&self.stored.settings, &from, command);
+            if let Command::Line { target, .. } | Command::Arc { target, .. } = command {
+                from = target.position;
+            }
+            leaves
+        })
+    }
+
+    /// Whether the line in execution ends the program.
+    pub(super) fn ends_program(&self) -> bool {
+        let is_code = match self.source {
+            Source::Line => !self.line.text().unwrap_or_default().starts_with(b"$"),
+            Source::Startup { .. } | Source::NewStartup { .. } => true,
+            Source::Jog => false,
+        };
+        is_code && self.checked.ends_program()
+    }
+
+    /// Sends the commands of a line from the given one on to the machine.
+    pub(super) fn enter(
+        &mut self,
+        machine: &Snapshot,
+        first: usize,
+        entries: &mut Producer<'_, Entry>,
+    ) -> Progress {
+        let mut next = first;
+        // wcet-bound: 7
+        while let Some(command) = self.outcome.commands.get(next) {
+            if !entries.ready() {
+                self.stage = Stage::Entering(next);
+                return Progress::Waiting;
+            }
+            if matches!(command, Command::Spindle { .. } | Command::Coolant(_)) {
+                self.cadence.overrides_changed();
+            }
+            let work = self.router.work(command);
+            let work = work.or_else(|| self.instead(next));
+            if let Some(work) = work {
+                self.is_jogging |= self.source == Source::Jog;
+                self.send_entry(work, entries);
+            }
+            next += 1;
+        }
+        if self.after == Some(After::Tell(Feedback::ProgramEnd)) {
+            if !entries.ready() {
+                self.stage = Stage::Entering(next);
+                return Progress::Waiting;
+            }
+            self.send_entry(Work::EndOverrides, entries);
+        }
+        match self.after {
+            Some(after) => {
+                self.stage = Stage::Completing(after);
+                self.complete(machine, after)
+            }
+            None => self.finish_line(machine),
+        }
+    }
+
+    /// What has to be done where a move makes no step.
+    fn instead(&mut self, number: usize) -> Option<Work> {
+        match self.outcome.commands.get(number)? {
+            // The power of a laser that is on must be switched, as nothing carries it.
+            Command::Line { pace, .. } | Command::Arc { pace, .. } => {
+                let Laser::Constant(rpm) = self.router.laser() else {
+                    return None;
+                };
+                let is_on = self.interpreter.modal().spindle == Spindle::Clockwise;
+                if !is_on || matches!(pace, Pace::Jog(_)) {
+                    return None;
+                }
+                self.cadence.overrides_changed();
+                self.after = self.after.or(Some(After::Answer));
+                Some(Work::Spindle(Spindle::Clockwise, rpm))
+            }
+            // It cannot be met on no way at all.
+            Command::Probe { probing, .. } if !probing.may_miss => {
+                Some(Work::Fault(Alarm::ProbeContact))
+            }
+            Command::Probe { .. }
+            | Command::Power(_)
+            | Command::Dwell { .. }
+            | Command::Spindle { .. }
+            | Command::Coolant(_)
+            | Command::Pause => None,
+        }
+    }
+
+    /// Goes on when everything that was sent has been done.
+    pub(super) fn complete(&mut self, machine: &Snapshot, after: After) -> Progress {
+        if !self.is_done(machine) || machine.state.is_suspended() {
+            return Progress::Waiting;
+        }
+        match after {
+            After::Answer => {}
+            After::Tell(feedback) => report::feedback(&mut self.message, feedback),
+            After::Probe => self.end_probing(machine),
+            After::Home { is_all } => return self.end_homing(machine, is_all),
+        }
+        self.finish_line(machine)
+    }
+
+    /// The position after a probing move: where the machine stands, or the target of a miss.
+    fn end_probing(&mut self, machine: &Snapshot) {
+        let before = self.interpreter.position();
+        let position = self.router.set_steps(machine.steps);
+        match self.checked.probe() {
+            Some((target, _)) if self.seen.is_probed => {
+                if self.probed.success {
+                    self.interpreter.set_position(position);
+                } else {
+                    self.interpreter.arrive(&target);
+                }
+            }
+            // It has not begun.
+            _ => debug_assert_eq!(before, self.interpreter.position()),
+        }
+    }
+
+    /// Whether a miss of the probing move in execution is an alarm.
+    pub(super) fn is_alarmed_by_a_miss(&self) -> bool {
+        match self.checked.probe() {
+            Some((_, Probe::Contact | Probe::Release)) => true,
+            Some((_, Probe::TryContact | Probe::TryRelease)) | None => false,
+        }
+    }
+
+    /// Answers a line that everything has been done for, and stores it if it is to be stored.
+    fn finish_line(&mut self, machine: &Snapshot) -> Progress {
+        let Source::NewStartup { number, start } = self.source else {
+            return self.accept();
+        };
+        if !self.is_done(machine) {
+            // It may have begun to move.
+            self.stage = Stage::Completing(After::Answer);
+            return Progress::Waiting;
+        }
+        let text = self.line.text().unwrap_or_default();
+        let line = StoredLine::from_slice(text.get(start..).unwrap_or_default());
+        match line {
+            Ok(line) => self.store(machine, Change::Startup(number), Then::Answer, |stored| {
+                if let Some(place) = stored.startup.get_mut(number) {
+                    *place = line;
+                }
+            }),
+            Err(_) => self.refuse(LineError::StoredLineTooLong),
+        }
+    }
+}

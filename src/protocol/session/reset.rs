@@ -1,0 +1,140 @@
+//! Resets: what they end, the welcome, and the startup lines after it.
+//!
+//! A line that was begun gets its `ok` before the welcome, as in Grbl, whose waiting loops end with
+//! a reset and then answer. Read with Grbl 1.1 `main.c` and `protocol.c`.
+
+use heapless::spsc::{Consumer, Producer};
+
+use super::{List, Progress, Session, Source, Stage, judge::answer};
+use crate::{
+    machine::{Alarm, Levels, Probed, Snapshot, State},
+    planner::Entry,
+    protocol::report::{self, Cadence, Feedback},
+    settings::STARTUP_LINES,
+};
+
+impl Session {
+    /// Drops everything that the reset makes void.
+    pub(super) fn begin_reset(&mut self, epoch: u32) {
+        self.epoch = epoch;
+        self.is_answer_owed |= self.is_line_begun();
+        self.stage = Stage::Starting;
+        self.is_jogging = false;
+        self.is_position_known = false;
+        self.is_fault_told = false;
+    }
+
+    /// Whether a line has been begun and not been answered.
+    fn is_line_begun(&self) -> bool {
+        match self.stage {
+            Stage::Resting
+            | Stage::Entering(_)
+            | Stage::Completing(_)
+            | Stage::Storing(_)
+            | Stage::Faulting
+            | Stage::Faulted => true,
+            Stage::Starting
+            | Stage::Welcoming
+            | Stage::StartingUp(_)
+            | Stage::Reading
+            | Stage::Listing(..)
+            | Stage::Resetting
+            | Stage::Asleep => false,
+        }
+    }
+
+    /// Ends what was begun before, as soon as the machine has acted on the reset; false before.
+    ///
+    /// What is received between the reset and the welcome is lost, as in Grbl.
+    pub(super) fn start(&mut self, machine: &Snapshot, received: &mut Consumer<'_, u8>) -> bool {
+        if self.epoch != 0 {
+            // As many as the queue holds, at most.
+            for _ in 0..received.capacity() {
+                if received.dequeue().is_none() {
+                    break;
+                }
+            }
+        }
+        if machine.epoch != self.epoch {
+            return false;
+        }
+        if machine.reset_in_motion {
+            report::alarm(&mut self.message, Alarm::ResetInMotion);
+        }
+        if core::mem::take(&mut self.is_answer_owed) {
+            self.answer_interrupted();
+        }
+        self.line.clear();
+        self.source = Source::Line;
+        self.interpreter.reset();
+        self.probed = Probed::default();
+        self.cadence = Cadence::default();
+        self.stage = Stage::Welcoming;
+        if core::mem::take(&mut self.is_first_boot) {
+            report::error(&mut self.message, crate::gcode::LineError::StorageRead);
+            self.stage = Stage::Listing(List::FirstSettings, 0);
+        }
+        true
+    }
+
+    /// The answer to the line that a reset has interrupted.
+    fn answer_interrupted(&mut self) {
+        if self.ends_program() {
+            report::feedback(&mut self.message, Feedback::ProgramEnd);
+        }
+        if let Source::Startup { number, .. } = self.source
+            && let Some(line) = self.stored.startup.get(number)
+        {
+            report::startup(&mut self.message, line);
+        }
+        answer(&mut self.message, Ok(()));
+    }
+
+    /// Welcomes the sender, and says whether the machine is locked.
+    pub(super) fn welcome(&mut self, machine: &Snapshot) -> Progress {
+        report::welcome(&mut self.message);
+        if self.stored.settings.hard_limits && machine.inputs.has(Levels::LIMITS) {
+            report::feedback(&mut self.message, Feedback::CheckLimits);
+        }
+        if machine.state == State::Alarm {
+            report::feedback(&mut self.message, Feedback::Locked);
+            self.stage = Stage::Reading;
+        } else {
+            self.stage = Stage::StartingUp(0);
+        }
+        Progress::Again
+    }
+
+    /// Begins the first startup line from `first` on that is not empty.
+    pub(super) fn start_up(
+        &mut self,
+        machine: &Snapshot,
+        first: usize,
+        entries: &mut Producer<'_, Entry>,
+    ) -> Progress {
+        let is_homed = matches!(self.source, Source::Startup { is_homed: true, .. });
+        if !self.is_position_known {
+            return Progress::Waiting;
+        }
+        // wcet-bound: 2
+        let next = (first..STARTUP_LINES).find(|&number| {
+            self.stored
+                .startup
+                .get(number)
+                .is_some_and(|l| !l.is_empty())
+        });
+        match next {
+            Some(number) if machine.state != State::Alarm => {
+                self.source = Source::Startup { number, is_homed };
+                self.interpret(machine, entries)
+            }
+            _ => {
+                self.source = Source::Line;
+                if is_homed {
+                    answer(&mut self.message, Ok(()));
+                }
+                self.begin_line()
+            }
+        }
+    }
+}

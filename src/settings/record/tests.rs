@@ -1,0 +1,178 @@
+//! Records that this, older and newer firmware has written.
+
+use std::vec;
+
+use super::*;
+use crate::{axis::AXES, settings::Settings, units::StepsPerMm};
+
+fn read(part: Part, contents: &[u8]) -> Stored {
+    let mut stored = Stored::default();
+    part.read(contents, &mut stored);
+    stored
+}
+
+fn written(part: Part, stored: &Stored) -> vec::Vec<u8> {
+    let mut record = Record::new(7);
+    part.write(stored, &mut record).unwrap();
+    let (generation, contents) = open(record.bytes()).unwrap();
+    assert_eq!(generation, 7);
+    contents.to_vec()
+}
+
+/// `$n` as a whole number, in single precision and in millionths.
+fn whole(number: u16, value: u16) -> vec::Vec<u8> {
+    [&number.to_le_bytes()[..], &[0x02], &value.to_le_bytes()].concat()
+}
+
+fn single(number: u16, value: f32) -> vec::Vec<u8> {
+    [&number.to_le_bytes()[..], &[0x14], &value.to_le_bytes()].concat()
+}
+
+fn millionths(number: u16, value: u64) -> vec::Vec<u8> {
+    [&number.to_le_bytes()[..], &[0x28], &value.to_le_bytes()].concat()
+}
+
+#[test]
+fn the_fullest_records_are_read_back_exactly() {
+    let mut stored = Stored::default();
+    stored.settings.junction_deviation_mm = 1.0 / 3.0;
+    stored.settings.steps_per_mm = Axes::all(StepsPerMm::from_millionths(100_000_100).unwrap());
+    stored.settings.homing = true;
+    stored.settings.soft_limits = true;
+    stored.origins.coordinates = [Axes::all(Nm(-1)); 6];
+    stored.origins.g30 = Axes::all(Nm(-9_000_000_000_000_000));
+    stored.startup[1] = [b'~'; STORED_LINE].into_iter().collect();
+    let mut back = Stored::default();
+    for part in Part::ALL {
+        let contents = written(part, &stored);
+        assert!(contents.len() + 5 <= LONGEST);
+        assert!(!contents.windows(8).any(|bytes| bytes == [0xff; 8]));
+        part.read(&contents, &mut back);
+    }
+    assert_eq!(back, stored);
+    // Origins, the longest.
+    assert_eq!(5 + 1 + 8 * (1 + 8 * 6), 398);
+}
+
+#[test]
+fn older_firmware_with_fewer_settings_and_axes_is_understood() {
+    let contents = [
+        whole(0, 5),
+        single(11, 0.25),
+        millionths(100, 80_500_000),
+        single(110, 3000.5),
+    ]
+    .concat();
+    let settings = read(Part::Settings, &contents).settings;
+    let mut expected = Settings {
+        step_pulse_us: 5,
+        junction_deviation_mm: 0.25,
+        ..Settings::default()
+    };
+    expected.steps_per_mm[0] = StepsPerMm::from_millionths(80_500_000).unwrap();
+    expected.max_rate_mm_min[0] = 3000.5;
+    assert_eq!(settings, expected);
+    // One axis, and no G30.
+    let mut contents = vec![1, 54];
+    contents.extend(zigzag(Nm(-5)).to_le_bytes());
+    contents.push(28);
+    contents.extend(zigzag(Nm(7)).to_le_bytes());
+    let origins = read(Part::Origins, &contents).origins;
+    assert_eq!((origins.coordinates[0][0], origins.g28[0]), (Nm(-5), Nm(7)));
+    assert_eq!(origins.coordinates[0][1], Nm(0));
+    assert_eq!(origins.g30, Axes::default());
+}
+
+#[test]
+fn newer_firmware_with_more_settings_axes_and_kinds_is_understood() {
+    let contents = [
+        whole(0, 5),
+        single(107, 4.0),
+        whole(399, 1),
+        vec![1, 0, 0x33, 1, 2, 3],
+        single(27, 2.5),
+    ]
+    .concat();
+    let settings = read(Part::Settings, &contents).settings;
+    assert_eq!((settings.step_pulse_us, settings.idle_delay_ms), (5, 25));
+    assert_eq!(settings.homing_pull_off_mm, 2.5);
+    // Nine axes, and G59.1 before G30.
+    let mut contents = vec![9];
+    for name in [54, 60, 30] {
+        contents.push(name);
+        for axis in 0..9 {
+            contents.extend(zigzag(Nm(i64::from(name) * 10 + axis)).to_le_bytes());
+        }
+    }
+    let origins = read(Part::Origins, &contents).origins;
+    for axis in 0..AXES {
+        assert_eq!(
+            origins.coordinates[0][axis],
+            Nm(540 + i64::from(axis as u8))
+        );
+        assert_eq!(origins.g30[axis], Nm(300 + i64::from(axis as u8)));
+    }
+    assert_eq!(origins.coordinates[1], Axes::default());
+    // More parts have generations.
+    let mut contents = vec![9, 5, 0, 0, 0];
+    contents.extend([1, 6, 0, 0, 0]);
+    assert_eq!(Generations::read(&contents).0, [0, 6, 0, 0, 0]);
+}
+
+#[test]
+fn a_setting_whose_type_has_changed_keeps_its_value() {
+    let contents = [
+        single(0, 5.0),
+        whole(11, 2),
+        millionths(12, 125_000),
+        single(100, 80.5),
+        whole(101, 40),
+        millionths(21, 1_000_000),
+    ]
+    .concat();
+    let settings = read(Part::Settings, &contents).settings;
+    assert_eq!(settings.step_pulse_us, 5);
+    assert_eq!(settings.junction_deviation_mm, 2.0);
+    assert_eq!(settings.arc_tolerance_mm, 0.125);
+    assert_eq!(settings.steps_per_mm[0].millionths(), 80_500_000);
+    assert_eq!(settings.steps_per_mm[1].millionths(), 40_000_000);
+    assert!(settings.hard_limits);
+}
+
+#[test]
+fn a_value_that_a_setting_cannot_have_is_left_out() {
+    let contents = [
+        whole(0, 2),
+        whole(1, 256),
+        single(11, -1.0),
+        single(12, f32::NAN),
+        single(24, f32::INFINITY),
+        millionths(100, 0),
+        millionths(101, u64::MAX),
+        single(102, f32::NAN),
+        single(110, 0.0),
+        single(120, -0.5),
+        whole(20, 1),
+    ]
+    .concat();
+    assert_eq!(read(Part::Settings, &contents), Stored::default());
+    let mut contents = vec![1, 54];
+    contents.extend(u64::MAX.to_le_bytes());
+    assert_eq!(read(Part::Origins, &contents), Stored::default());
+}
+
+#[test]
+fn contents_that_end_anywhere_are_read_as_far_as_they_go() {
+    let mut stored = Stored::default();
+    stored.settings.step_pulse_us = 9;
+    stored.origins.coordinates[0] = Axes::all(Nm(3));
+    for part in [Part::Settings, Part::Origins] {
+        let contents = written(part, &stored);
+        for length in 0..contents.len() {
+            let back = read(part, &contents[..length]);
+            assert!(back.settings.step_pulse_us == 9 || length < 5 || part != Part::Settings);
+        }
+    }
+    assert_eq!(open(&[1, 0, 0, 0]), None);
+    assert_eq!(open(&[2, 0, 0, 0, 0, 9]), None);
+}

@@ -1,0 +1,11 @@
+//! The firmware itself, over its serial line, on the emulated board.
+//!
+//! `cargo xtask test` builds it and names it in `FIRMWARE_ELF`; without that there is nothing to run.
+#![cfg(not(target_os = "none"))]
+
+mod inputs;
+mod lines;
+mod machine;
+mod memory;
+mod sender;
+mod states;

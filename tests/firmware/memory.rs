@@ -1,0 +1,201 @@
+//! The firmware's blocks of memory, `FIGURES` and `CONTACTS` of `src/board/emulation/memory.rs`.
+//!
+//! QEMU's connection for debuggers stops the machine while it lasts, so each access has its own.
+
+use std::{
+    env, fs,
+    io::{Read, Write},
+    os::unix::net::UnixStream,
+    path::{Path, PathBuf},
+    process,
+    sync::atomic::{AtomicU32, Ordering::Relaxed},
+    time::Duration,
+};
+
+use leadscrew::machine::Levels;
+use object::{Object, ObjectSymbol};
+
+/// Words of `FIGURES` before the positions, and before what is switched.
+const STEPS: u64 = 11;
+const SWITCHED: u64 = 17;
+/// Words of `CONTACTS` before the limit switches at the low ends, the high ends, and the plate.
+const AT_MOST: u64 = 1;
+const AT_LEAST: u64 = 7;
+const PLATE: u64 = 13;
+
+/// Number of connections made, for names that differ.
+static COUNT: AtomicU32 = AtomicU32::new(0);
+
+/// What is switched, and the PWM.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) struct Switched {
+    /// Bit 0 spindle, 1 counter-clockwise, 2 flood, 3 mist, 4 drivers.
+    pub(crate) bits: u32,
+    /// Now.
+    pub(crate) duty: u32,
+    /// The highest so far.
+    pub(crate) highest_duty: u32,
+}
+
+impl Switched {
+    /// Whether flood is on, 1 or 0.
+    pub(crate) const fn flood(self) -> u32 {
+        self.bits >> 2 & 1
+    }
+
+    /// Whether the drivers are on, 1 or 0.
+    pub(crate) const fn drivers(self) -> u32 {
+        self.bits >> 4
+    }
+}
+
+/// The memory of one emulated board.
+pub(crate) struct Memory {
+    socket: PathBuf,
+    figures: u64,
+    contacts: u64,
+}
+
+impl Memory {
+    /// The memory of a board that is yet to be started with this firmware.
+    pub(crate) fn of(elf: &Path) -> Self {
+        let bytes = fs::read(elf).expect("the firmware can be read");
+        let file = object::File::parse(&*bytes).expect("the firmware is an ELF file");
+        let address = |name| {
+            let found = file.symbols().find(|symbol| symbol.name() == Ok(name));
+            found.expect("the firmware has the symbol").address()
+        };
+        let name = format!(
+            "leadscrew-{}-{}",
+            process::id(),
+            COUNT.fetch_add(1, Relaxed)
+        );
+        Self {
+            socket: env::temp_dir().join(name),
+            figures: address("FIGURES"),
+            contacts: address("CONTACTS"),
+        }
+    }
+
+    /// What QEMU is told to listen at.
+    pub(crate) fn listen(&self) -> String {
+        format!("unix:{},server=on,wait=off", self.socket.display())
+    }
+
+    /// Where the axes are, physically: steps from where they stood at power-up.
+    pub(crate) fn steps(&self) -> [i32; 6] {
+        self.read(self.figures + 4 * STEPS).map(u32::cast_signed)
+    }
+
+    /// What is switched.
+    pub(crate) fn switched(&self) -> Switched {
+        let [bits, duty, highest_duty] = self.read(self.figures + 4 * SWITCHED);
+        Switched {
+            bits,
+            duty,
+            highest_duty,
+        }
+    }
+
+    /// Makes the present duty the highest so far.
+    pub(crate) fn forget_duty(&self) {
+        self.write(self.figures + 4 * (SWITCHED + 2), 0);
+    }
+
+    /// Closes these contacts and opens all others that no axis closes.
+    pub(crate) fn close(&self, contacts: Levels) {
+        self.write(self.contacts, u32::from(contacts.0));
+    }
+
+    /// Mounts a limit switch that closes at this step and below.
+    pub(crate) fn mount_low(&self, axis: usize, steps: i32) {
+        self.write(
+            self.contacts + 4 * (AT_MOST + axis as u64),
+            steps.cast_unsigned(),
+        );
+    }
+
+    /// Mounts a limit switch that closes at this step and above.
+    pub(crate) fn mount_high(&self, axis: usize, steps: i32) {
+        self.write(
+            self.contacts + 4 * (AT_LEAST + axis as u64),
+            steps.cast_unsigned(),
+        );
+    }
+
+    /// Puts a plate under the probe, that closes it at this step of Z and below.
+    pub(crate) fn put_plate(&self, steps: i32) {
+        self.write(self.contacts + 4 * PLATE, steps.cast_unsigned());
+    }
+
+    /// Resets the chip, as its reset pin does; RAM and flash keep what is in them.
+    pub(crate) fn reset_chip(&self) {
+        let command: String = "system_reset"
+            .bytes()
+            .map(|byte| format!("{byte:02x}"))
+            .collect();
+        assert_eq!(self.access(&format!("qRcmd,{command}")), "OK");
+    }
+
+    fn read<const N: usize>(&self, address: u64) -> [u32; N] {
+        let reply = self.access(&format!("m{address:x},{:x}", 4 * N));
+        std::array::from_fn(|word| {
+            let digits = &reply[8 * word..8 * word + 8];
+            let word =
+                u32::from_str_radix(digits, 16).expect("the debugger replies in hexadecimal");
+            word.swap_bytes()
+        })
+    }
+
+    fn write(&self, address: u64, word: u32) {
+        let reply = self.access(&format!("M{address:x},4:{:08x}", word.swap_bytes()));
+        assert_eq!(reply, "OK");
+    }
+
+    /// Stops the machine, executes a command and lets the machine go on.
+    fn access(&self, command: &str) -> String {
+        let mut stream = UnixStream::connect(&self.socket).expect("QEMU listens to debuggers");
+        let patience = Some(Duration::from_secs(20));
+        stream
+            .set_read_timeout(patience)
+            .expect("a socket can wait");
+        let reply = exchange(&mut stream, command);
+        exchange(&mut stream, "D");
+        reply
+    }
+}
+
+impl Drop for Memory {
+    fn drop(&mut self) {
+        let _ = fs::remove_file(&self.socket);
+    }
+}
+
+/// Sends a command in the debuggers' protocol and returns the reply. That the machine has stopped is
+/// said unasked.
+fn exchange(stream: &mut UnixStream, command: &str) -> String {
+    let sum = command.bytes().fold(0_u8, u8::wrapping_add);
+    write!(stream, "${command}#{sum:02x}").expect("QEMU takes commands");
+    loop {
+        let packet = receive(stream);
+        stream.write_all(b"+").expect("QEMU takes receipts");
+        if !packet.starts_with('T') {
+            return packet;
+        }
+    }
+}
+
+/// Receives a packet: `$text#sum`.
+fn receive(stream: &mut UnixStream) -> String {
+    let mut next = || {
+        let mut byte = [0];
+        stream.read_exact(&mut byte).expect("QEMU replies in time");
+        byte[0]
+    };
+    while next() != b'$' {}
+    let text = std::iter::from_fn(|| Some(next()).filter(|byte| *byte != b'#'));
+    let text = String::from_utf8(text.collect()).expect("replies are text");
+    next();
+    next();
+    text
+}

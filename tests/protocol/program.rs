@@ -1,0 +1,207 @@
+//! Lines of G-code: probing, laser, soft limits, alarms.
+
+use leadscrew::{
+    machine::{Alarm, Notice, State},
+    planner::{Laser, Spindle, Work},
+};
+
+use super::bench::{Bench, UNLOCK, WELCOME};
+
+#[test]
+fn a_probing_move_is_answered_with_its_contact() {
+    let mut bench = Bench::new();
+    bench.probe_ends = Ok([0, 0, -1250]);
+    let told = ["[PRB:0.000,0.000,-5.000:1]", "ok"];
+    assert_eq!(bench.ask("G38.2Z-10F600"), told);
+    assert_eq!(bench.session.interpreter().position()[2].0, -5_000_000);
+    assert!(bench.ask("$#").contains(&told[0].into()));
+    // A miss that is an alarm tells of the contact before it.
+    bench.probe_ends = Err(None);
+    let missed = ["ALARM:5", "[PRB:0.000,0.000,-5.000:0]", "ok"];
+    assert_eq!(bench.ask("G38.4Z-8"), missed);
+    assert_eq!(bench.session.interpreter().position()[2].0, -8_000_000);
+    assert_eq!(bench.ask("G0Z0"), ["error:9"]);
+    assert_eq!(bench.ask("$X")[1], "ok");
+    let missed = ["[PRB:0.000,0.000,-9.000:0]", "ok"];
+    assert_eq!(bench.ask("G38.3Z-9"), missed);
+    assert_eq!(bench.answer("\x18"), WELCOME);
+    assert!(
+        bench
+            .ask("$#")
+            .contains(&"[PRB:0.000,0.000,0.000:0]".into())
+    );
+}
+
+#[test]
+fn a_probe_in_the_wrong_state_is_an_alarm_before_the_move() {
+    let mut bench = Bench::new();
+    bench.probe_ends = Err(Some(Alarm::ProbeState));
+    assert_eq!(bench.ask("G38.2Z-1F100"), ["ALARM:4", "ok"]);
+    assert_eq!(bench.session.interpreter().position()[2].0, 0);
+    assert_eq!(bench.ask("G0Z1"), ["error:9"]);
+}
+
+#[test]
+fn a_way_out_of_the_travel_is_answered_by_a_reset() {
+    let mut bench = Bench::set(&["22=1", "20=1"]);
+    assert_eq!(bench.ask("G0X-10Y-10"), ["ok"]);
+    bench.works();
+    assert_eq!(bench.ask("$J=X1F100"), ["error:15"]);
+    assert_eq!(bench.ask("$J=G91X-500F100"), ["error:15"]);
+    for line in [
+        "G0X0.001",
+        "G1X-201F100",
+        "G3X-12Y-10I-1J100F100",
+        "G28X5",
+        "G38.2Z1F10",
+    ] {
+        let told = ["ALARM:2", "[MSG:Reset to continue]"];
+        assert_eq!(bench.ask(line), told, "{line}");
+        assert!(bench.ask("$X").is_empty());
+        assert!(bench.answer("?")[0].starts_with("<Alarm|"));
+        assert_eq!(bench.answer("\x18"), ["ok", WELCOME[0], WELCOME[1], UNLOCK]);
+        assert_eq!(bench.ask("$X")[1], "ok");
+        assert!(matches!(
+            bench.works()[..],
+            [Work::Fault(Alarm::SoftLimit), Work::Unlock]
+        ));
+    }
+    assert_eq!(bench.ask("$C")[1], "ok");
+    assert_eq!(bench.ask("G0X1")[0], "ALARM:2");
+}
+
+#[test]
+fn a_hard_limit_ends_everything_before_a_reset() {
+    let mut bench = Bench::new();
+    bench.withholds = true;
+    assert_eq!(bench.ask("G1X5F600"), ["ok"]);
+    bench.machine.state = State::Alarm;
+    bench.machine.is_critical = true;
+    bench.machine.notices.push(Notice::Alarm(Alarm::HardLimit));
+    let told = ["ALARM:1", "[MSG:Reset to continue]"];
+    assert_eq!(bench.ask("G1X9"), told);
+    assert!(bench.ask("$X").is_empty());
+    assert_eq!(bench.answer("\x18"), [WELCOME[0], WELCOME[1], UNLOCK]);
+}
+
+#[test]
+fn a_line_that_a_reset_interrupts_is_answered_before_the_welcome() {
+    for (line, told) in [
+        ("G4P10", &["ALARM:3", "ok"][..]),
+        ("M30", &["ALARM:3", "[MSG:Pgm End]", "ok"]),
+        ("G38.2Z-5F10", &["ALARM:3", "ok"]),
+        ("G10L2P1X3", &["ALARM:3", "ok"]),
+        ("", &["ALARM:3"]),
+    ] {
+        let mut bench = Bench::new();
+        bench.withholds = true;
+        assert_eq!(bench.ask("G1X5F600"), ["ok"]);
+        bench.machine.state = State::Run;
+        bench.machine.is_at_rest = false;
+        let answer = bench.ask(line);
+        assert_eq!(answer.len(), usize::from(line.is_empty()), "{line}");
+        let lines = bench.answer("\x18");
+        assert_eq!(lines[..told.len()], *told, "{line}");
+        assert_eq!(lines[told.len()..], [WELCOME[0], WELCOME[1], UNLOCK]);
+    }
+}
+
+#[test]
+fn a_program_end_ends_the_overrides() {
+    let mut bench = Bench::new();
+    bench.answer("\x18");
+    let (mut line, _) = bench.received.split();
+    leadscrew::protocol::realtime::receive(0x91, &bench.requests, &mut line);
+    bench.answer("?");
+    assert!(bench.answer("?")[0].contains("|Ov:110,100,100"));
+    assert_eq!(bench.ask("M30"), ["[MSG:Pgm End]", "ok"]);
+    assert!(bench.answer("?")[0].contains("|WCO:"));
+    assert!(bench.answer("?")[0].contains("|Ov:100,100,100"));
+    assert!(matches!(bench.works()[..], [.., Work::EndOverrides]));
+}
+
+/// What becomes of lines in laser mode: spindle commands, and the laser of moves.
+fn laser(lines: &[&str]) -> Vec<String> {
+    let mut bench = Bench::set(&["32=1"]);
+    let mut seen = Vec::new();
+    for line in lines {
+        assert_eq!(bench.ask(line), ["ok"], "{line}");
+        for work in bench.works() {
+            seen.push(match work {
+                Work::Spindle(spindle, rpm) => format!("{spindle:?} {rpm}"),
+                Work::Move(block) => match block.laser {
+                    Laser::None => "move".to_owned(),
+                    Laser::Constant(rpm) => format!("move {rpm}"),
+                    Laser::Proportional(rpm) => format!("move ~{rpm}"),
+                },
+                other => format!("{other:?}"),
+            });
+        }
+    }
+    seen
+}
+
+#[test]
+fn laser_power_goes_along_with_the_moves() {
+    assert_eq!(
+        laser(&["M3S500", "G1X1F100S800", "X2S300", "G0X3", "G1X4", "M5"]),
+        [
+            "Clockwise 0",
+            "move 800",
+            "move 300",
+            "move 0",
+            "move 300",
+            "Off 0"
+        ]
+    );
+    assert_eq!(
+        laser(&["M4S500", "G1X1F100", "X2S300", "S200", "G0X3", "M3"]),
+        [
+            "CounterClockwise 0",
+            "move ~500",
+            "move ~300",
+            "CounterClockwise 200",
+            "move ~0",
+            "Clockwise 0"
+        ]
+    );
+}
+
+#[test]
+fn constant_laser_power_is_switched_at_standstill_where_no_move_carries_it() {
+    assert_eq!(
+        laser(&["M3S500", "G1F100", "G0", "G1", "S100", "G80", "G1"]),
+        [
+            "Clockwise 0",
+            "Clockwise 500",
+            "Clockwise 0",
+            "Clockwise 500",
+            "Clockwise 100",
+            "Clockwise 0",
+            "Clockwise 100"
+        ]
+    );
+    // A move without a step carries no power.
+    assert_eq!(
+        laser(&["M3S500", "G1X0F100"]),
+        ["Clockwise 0", "Clockwise 500"]
+    );
+}
+
+#[test]
+fn without_laser_mode_a_spindle_speed_is_switched_at_standstill() {
+    let mut bench = Bench::new();
+    assert_eq!(bench.answer("M3S500\nG1X1F100S800\n"), ["ok"; 2]);
+    let done = bench.works();
+    assert!(
+        matches!(
+            done[..],
+            [
+                Work::Spindle(Spindle::Clockwise, 500.0),
+                Work::Spindle(Spindle::Clockwise, 800.0),
+                Work::Move(_)
+            ]
+        ),
+        "{done:?}"
+    );
+}
