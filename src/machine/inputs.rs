@@ -10,7 +10,7 @@ use core::sync::atomic::{
 };
 
 use super::Levels;
-use crate::settings::Settings;
+use crate::{axis::AXES, settings::Settings};
 
 /// Change of the probe that is waited for.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -43,6 +43,8 @@ pub struct Inputs {
     probing: AtomicU32,
     /// Events that had been output when the probe changed; written by `inputs`.
     latched: AtomicU32,
+    /// Events that had been output when each limit switch became active last; written by `inputs`.
+    reached: [AtomicU32; AXES],
 }
 
 impl Inputs {
@@ -63,6 +65,7 @@ impl Inputs {
             guarded: AtomicU32::new(0),
             probing: AtomicU32::new(UNARMED),
             latched: AtomicU32::new(0),
+            reached: [const { AtomicU32::new(0) }; AXES],
         }
     }
 
@@ -132,6 +135,24 @@ impl Inputs {
     pub(super) fn latch(&self, events: u32) {
         self.latched.store(events, Relaxed);
         self.probing.store(LATCHED, Release);
+    }
+
+    /// How many events had been output when the limit switch of an axis became active last.
+    #[must_use]
+    pub fn reached(&self, axis: usize) -> u32 {
+        self.reached
+            .get(axis)
+            .map_or(0, |events| events.load(Relaxed))
+    }
+
+    /// Limit switches have become active after so many events; for the input interrupt alone.
+    pub(super) fn reach(&self, limits: Levels, events: u32) {
+        // wcet-bound: 6
+        for (axis, reached) in self.reached.iter().enumerate() {
+            if limits.has(Levels::limits(1 << axis)) {
+                reached.store(events, Relaxed);
+            }
+        }
     }
 }
 

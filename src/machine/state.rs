@@ -79,7 +79,8 @@ impl State {
 /// How the last probing move ended.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub struct Probed {
-    /// Where the probe changed; where the machine came to rest when it did not.
+    /// Where the probe changed. When it did not, where the machine came to rest; or, where that is
+    /// an error, as after the probing move before.
     pub steps: Axes<i32>,
     /// Whether it changed.
     pub success: bool,

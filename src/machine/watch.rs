@@ -33,6 +33,8 @@ pub struct Watched {
 #[derive(Debug)]
 pub struct Watch {
     filter: Filter,
+    /// The contacts that were closed in the last run.
+    raw: Levels,
 }
 
 impl Watch {
@@ -42,6 +44,7 @@ impl Watch {
         inputs.set_closed(closed);
         Self {
             filter: Filter::new(closed),
+            raw: closed,
         }
     }
 
@@ -62,6 +65,10 @@ impl Watch {
         if is_contact {
             inputs.latch(events.output(counts));
         }
+        // Where a limit switch was reached is where it changed, and counts once the filter agrees.
+        let reached = (raw ^ self.raw) & (raw ^ inputs.inverted());
+        inputs.reach(reached, events.output(counts));
+        self.raw = raw;
         let changed = match cause {
             Cause::Edge => Levels::NONE,
             Cause::Sample => self.filter.sample(raw),

@@ -5,6 +5,7 @@ mod command;
 mod executor;
 mod lookahead;
 mod motion;
+mod probe;
 mod router;
 mod travel;
 
@@ -13,4 +14,5 @@ pub use command::{Circle, Command, Coolant, Pace, Plane, Rotation, Spindle, Targ
 pub use lookahead::{BLOCKS, LookAhead};
 pub use motion::{Motion, Prepared};
 pub use router::Router;
+pub(crate) use router::fastest_mm_s;
 pub use travel::{is_outside, leaves_travel};

@@ -5,6 +5,7 @@
 //! the events queued ahead, [`AHEAD_TICKS`](crate::stepper::AHEAD_TICKS); a miss starves the step
 //! interrupt, which is a fault.
 
+mod cycles;
 mod play;
 mod react;
 mod rest;
@@ -13,12 +14,12 @@ mod work;
 use heapless::spsc::Consumer;
 
 use self::rest::{Restoring, Wait};
-use super::{BLOCKS, Coolant, Entry, LookAhead, Spindle, executor::Executor};
+use super::{BLOCKS, Coolant, Entry, LookAhead, Spindle, executor::Executor, probe::Probe};
 use crate::{
     axis::{AXES, Axes},
     machine::{
-        Accessories, Alarm, Control, Ending, Inputs, Levels, Notices, Outputs, Overrides, Power,
-        Probed, Snapshot, State,
+        Accessories, Alarm, Control, Ending, Homing, Inputs, Levels, Notices, Outputs, Overrides,
+        Power, Probed, Snapshot, State,
     },
     protocol::realtime::Requests,
     settings::Settings,
@@ -66,6 +67,11 @@ pub struct Motion {
     dwell_ticks: u64,
     is_dwelling: bool,
     restoring: Restoring,
+    homing: Homing,
+    /// A homing cycle has been asked for, and is not finished.
+    is_homing: bool,
+    probe: Probe,
+    probed: Probed,
     /// What the shell's timer has been asked for, and the time to be asked for.
     wait: Wait,
     wake_in_ms: Option<u16>,
@@ -104,6 +110,10 @@ impl Motion {
             dwell_ticks: 0,
             is_dwelling: false,
             restoring: Restoring::No,
+            homing: Homing::new(),
+            is_homing: false,
+            probe: Probe::new(),
+            probed: NEW.probed,
             wait: Wait::Nothing,
             wake_in_ms: None,
             releases_drivers: false,
@@ -138,6 +148,7 @@ impl Motion {
     fn configure(&mut self, settings: &Settings, inputs: &Inputs) {
         self.generator.set_pulse_us(settings.step_pulse_us);
         self.accessories.configure(settings);
+        self.homing.configure(settings);
         self.idle_delay_ms = settings.idle_delay_ms;
         self.hard_limits = settings.hard_limits;
         inputs.configure(settings);
@@ -177,15 +188,20 @@ impl Motion {
         if counts.take_starved() {
             self.fail();
         }
+        if counts.is_cut() && !counts.is_running() {
+            self.cut(counts, events);
+        }
         if requests.epoch() != self.epoch {
             self.reset(requests.epoch());
         }
         self.hear(requests);
+        self.watch(inputs, counts, events);
         let taken = self.take(entries, inputs, counts);
         self.begin_moves();
-        self.generate(counts, events);
+        self.generate(inputs, counts, events);
         let was_dwelling = self.is_dwelling;
         self.settle(counts);
+        self.guard(inputs);
         let changed = self.publish(counts) || was_dwelling != self.is_dwelling;
         let is_still = self.is_still(counts);
         let start = !counts.is_running() && !is_still;
@@ -211,7 +227,13 @@ impl Motion {
 
     /// Drops what has not been executed; the machine is at rest and stays where it is.
     fn drop_plan(&mut self) {
-        self.finished = self.finished.wrapping_add(self.plan.len() as u32);
+        let entries = if self.probe.is_active() {
+            1
+        } else {
+            self.plan.len() as u32
+        };
+        self.finished = self.finished.wrapping_add(entries);
+        self.probe.cancel();
         self.plan.clear();
         self.executor.abandon();
         self.settle_on_steps();
@@ -227,6 +249,7 @@ impl Motion {
         let is_at_rest = self.is_still(counts)
             && self.plan.is_empty()
             && !self.is_dwelling
+            && !self.is_in_cycle()
             && self.control.ending == Ending::None;
         let at_rest = self.accessories.power_at_rest();
         let is_off = self.accessories.is_spindle_off();
@@ -261,6 +284,7 @@ impl Motion {
         new.coolant_toggles = coolant_toggles;
         new.overrides = self.accessories.overrides();
         new.notices = self.notices;
+        new.probed = self.probed;
         new.line = counts.line();
         new.blocks_free = self.plan.free() as u16;
         new.finished = self.finished;

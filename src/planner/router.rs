@@ -35,6 +35,14 @@ struct Limits {
     junction_deviation_mm: f32,
 }
 
+/// The fastest that each axis can go, mm/s, while no more than two move.
+pub(crate) fn fastest_mm_s(settings: &Settings) -> Axes<f32> {
+    let limits = Limits::new(settings);
+    limits.speed_mm_s.zip(limits.steps_per_mm, |speed, steps| {
+        math::min(speed, 0.5 * MAX_STEPS_PER_S / steps)
+    })
+}
+
 impl Limits {
     fn new(settings: &Settings) -> Self {
         let step_rate = settings.greatest_step_rate_hz();

@@ -45,6 +45,8 @@ pub struct Drive {
     events: EventRing,
     /// When the step interrupt is due, and what the pins do then.
     due: Option<Edge>,
+    /// Levels of the direction outputs.
+    directions: u8,
     /// When `prepare` wants to be woken.
     wake_due: Option<u64>,
     outputs: Outputs,
@@ -78,6 +80,7 @@ impl Drive {
             entries: Queue::new(),
             events: EventRing::new(),
             due: None,
+            directions: 0,
             wake_due: None,
             outputs,
             is_prepare_released: false,
@@ -212,7 +215,7 @@ impl Drive {
                 ticks: now,
                 raise: 0,
                 drop: 0,
-                directions: 0,
+                directions: self.directions,
                 duty,
             });
             let _ = self.step();
@@ -223,6 +226,7 @@ impl Drive {
     /// The step interrupt: what the pins do now.
     pub fn step(&mut self) -> Option<Edge> {
         let edge = self.due?;
+        self.directions = edge.directions;
         let (_, mut events) = self.events.split();
         let advance = self.stepper.advance(&mut events, &self.counts);
         self.is_prepare_released |= advance.releases_prepare();

@@ -8,7 +8,7 @@ use super::{
     AxisMotion, DIRECTION_SETUP_TICKS, EVENT_SPACING_TICKS, EventWriter, SegmentInfo, StepCounts,
     StepEvent,
     axis_steps::{AxisSteps, EVEN_BITS, NO_STEPS, plan_axis},
-    history::steps_after,
+    history::{high_after, steps_after},
     pulses::{Cursor, High, LOW, SPACING},
     ring::EventBatch,
 };
@@ -124,12 +124,14 @@ impl Generator {
         self.directions = counts.directions();
         counts.drop_waiting();
         self.axes = [NO_STEPS; AXES];
-        self.cursor = Cursor::cut_off((1 << AXES) - 1);
+        self.cursor = Cursor::cut_off(high_after(output, events), self.pulse_ticks);
         self.ticks = 0;
         self.turns = 0;
         self.is_open = false;
         self.is_boundary = false;
         self.is_rest = false;
+        // What was prepared ahead is no more; a later segment must not begin at the same time.
+        self.clock_ticks = counts.played_ticks().wrapping_add(1);
         self.next_event = output;
     }
 

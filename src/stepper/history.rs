@@ -36,6 +36,19 @@ pub fn steps_after(
     Some(steps)
 }
 
+/// Pulses that are high after so many events.
+pub(super) fn high_after(output: u32, events: &EventWriter<'_>) -> u32 {
+    let (mut high, mut known) = (0, 0);
+    // The longest pulse, 255 µs, has no more events.
+    // wcet-bound: 170
+    for back in 1..=170 {
+        let event = events.event(output.wrapping_sub(back));
+        high |= event.raise() & !known;
+        known |= event.raise() | event.drop();
+    }
+    high
+}
+
 #[cfg(test)]
 mod tests {
     use std::{vec, vec::Vec};
@@ -79,6 +92,7 @@ mod tests {
                 return false;
             }
             if let Some(next) = self.next.take() {
+                assert_eq!((next.raise & self.high, next.drop & !self.high), (0, 0));
                 for axis in (0..AXES).filter(|axis| next.raise >> axis & 1 != 0) {
                     self.steps[axis] += 1 - 2 * i32::from(self.directions >> axis & 1);
                 }
@@ -92,7 +106,7 @@ mod tests {
             true
         }
 
-        fn start(&self, counts: &StepCounts) {
+        fn start(counts: &StepCounts) {
             if !counts.is_running() {
                 counts.start();
             }
@@ -158,7 +172,7 @@ mod tests {
                     generator.fill_up(&mut ring, &counts);
                     is_ended = !generator.is_open();
                 }
-                player.start(&counts);
+                Player::start(&counts);
                 for _ in 0..*count {
                     if !player.play(&mut ring, &counts) {
                         break;
@@ -189,7 +203,7 @@ mod tests {
                     let Some(next) = moves.next() else { break };
                     generator.begin(&segment(&generator, next), &counts);
                 }
-                player.start(&counts);
+                Player::start(&counts);
                 let before = played;
                 while played < at && played < before + 100 && player.play(&mut ring, &counts) {
                     played += 1;

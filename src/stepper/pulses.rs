@@ -67,10 +67,15 @@ impl Cursor {
         newest: High::NONE,
     };
 
-    /// After a cut: any pulse may be high, and may end now.
-    pub(super) fn cut_off(mask: u32) -> Self {
+    /// After a cut: these pulses are high, and end after their whole length.
+    pub(super) fn cut_off(mask: u32, pulse_ticks: i32) -> Self {
+        let oldest = if mask == 0 {
+            High::NONE
+        } else {
+            High::new(mask, pulse_ticks)
+        };
         Self {
-            oldest: High::new(mask, 0),
+            oldest,
             ..Self::NEW
         }
     }

@@ -2,6 +2,8 @@
 #![allow(dead_code, unused_imports, reason = "each test uses a part of it")]
 
 #[cfg(not(target_os = "none"))]
+mod cell;
+#[cfg(not(target_os = "none"))]
 mod limits;
 #[cfg(not(target_os = "none"))]
 mod path;
@@ -11,7 +13,7 @@ mod rig;
 mod trace;
 
 #[cfg(not(target_os = "none"))]
-pub(crate) use {host::*, limits::*, path::*, rig::*, trace::*};
+pub(crate) use {cell::*, host::*, limits::*, path::*, rig::*, trace::*};
 
 #[cfg(not(target_os = "none"))]
 mod host {

@@ -119,7 +119,7 @@ impl Trace {
         for edge in &self.edges {
             // Directions are output with the event before, or when the timer starts.
             let mut output_at = before.map_or(0, |before| before.ticks);
-            let start = starts.next_if(|start| *start <= edge.ticks);
+            let start = starts.next_if(|start| *start < edge.ticks);
             output_at = start.map_or(output_at, |start| start.max(output_at));
             if let Some(before) = before {
                 let spacing = edge.ticks - before.ticks;

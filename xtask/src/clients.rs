@@ -10,9 +10,9 @@ mod machine;
 mod tap;
 
 use std::{
-    fs,
+    fs, mem,
     os::unix::process::CommandExt,
-    path::Path,
+    path::{Path, PathBuf},
     process::{Child, Command, ExitStatus, Stdio},
     sync::Mutex,
     thread,
@@ -20,6 +20,7 @@ use std::{
 };
 
 use anyhow::{Context, Result, bail, ensure};
+use leadscrew::settings::Settings;
 use rustix::process::{Pid, Signal};
 
 use self::{
@@ -34,6 +35,12 @@ const PATIENCE: Duration = Duration::from_secs(150);
 /// Longest time for the last answers after the sender has ended.
 const REST: Duration = Duration::from_secs(5);
 
+/// How often it is looked what goes on.
+const GLANCE: Duration = Duration::from_millis(20);
+/// What a script prints.
+const SAID: &str = "script.log";
+/// How much of it is told when it fails.
+const LAST_LINES: usize = 15;
 /// One thing is installed at a time.
 static INSTALLING: Mutex<()> = Mutex::new(());
 
@@ -98,127 +105,166 @@ fn drive(sender: Sender, place: Place) -> Result<Verdict> {
         Ok(found) => found,
         Err(reason) => return Ok(Verdict::Skipped(format!("{reason:#}"))),
     };
-    let stem = Path::new(script)
-        .file_stem()
-        .unwrap_or_default()
-        .to_string_lossy();
-    let folder = install::folder().join(format!("{stem}-{}", place.name()));
-    let _ = fs::remove_dir_all(&folder);
-    fs::create_dir_all(&folder)?;
-    let settings = install::scripts().join(format!("{}.settings", place.name()));
-    let (mut machine, line) = Machine::start(place, &folder, &settings)?;
-    let port = folder.join("port");
-    let mut tap = Tap::open(&port, line)?;
-    command
-        .arg(install::scripts().join(script))
-        .arg(&port)
-        .arg(place.name());
-    let ended = run(command, &folder, &mut machine);
-    // The machine may have bytes on the line still.
-    let start = Instant::now();
-    while !tap.seen().account.is_quiet() && start.elapsed() < REST {
-        thread::sleep(Duration::from_millis(20));
-    }
-    let steps = machine.steps()?;
-    tap.close()?;
-    drop(machine);
-    let mut seen = tap.seen();
-    seen.account.close();
-    seen.write_log(&folder.join("wire.log"))?;
-    let end = ended?;
-    verdict(
-        &seen.account,
-        end.as_deref(),
-        steps.as_deref(),
-        &folder,
-        &settings,
-    )
-}
-
-/// Runs a script to its end, and gives the last line that it prints: where the machine must be.
-fn run(mut command: Command, folder: &Path, machine: &mut Machine) -> Result<Option<String>> {
-    let home = folder.join("home");
-    fs::create_dir_all(&home)?;
-    let said = folder.join("script.log");
-    let output = fs::File::create(&said)?;
-    let mut child = command
-        // What senders keep of their users' settings stays here.
-        .env("HOME", &home)
-        .current_dir(folder)
-        .stdin(Stdio::null())
-        .stdout(output.try_clone()?)
-        .stderr(output)
-        .process_group(0)
-        .spawn()
-        .context("cannot start the script")?;
-    let status = wait(&mut child, machine);
-    // A server that it has started goes with it.
-    if let Some(group) = Pid::from_raw(child.id().cast_signed()) {
-        let _ = rustix::process::kill_process_group(group, Signal::KILL);
-    }
-    let _ = child.wait();
-    let text = fs::read_to_string(&said).unwrap_or_default();
-    let status = status.with_context(|| text.clone())?;
-    if !status.success() {
-        let last: Vec<_> = text.lines().rev().take(15).collect();
-        let last: Vec<_> = last.into_iter().rev().collect();
-        bail!("{}\n(see {})", last.join("\n"), folder.display());
-    }
-    Ok(text.lines().last().map(Into::into))
-}
-
-fn wait(child: &mut Child, machine: &mut Machine) -> Result<ExitStatus> {
-    let start = Instant::now();
-    loop {
-        if let Some(status) = child.try_wait()? {
-            return Ok(status);
-        }
-        machine.check()?;
-        ensure!(
-            start.elapsed() < PATIENCE,
-            "the sender does not come to an end"
-        );
-        thread::sleep(Duration::from_millis(20));
-    }
-}
-
-/// What is to be said of a run whose script is content.
-fn verdict(
-    account: &Account,
-    end: Option<&str>,
-    steps: Option<&[i32]>,
-    folder: &Path,
-    settings: &Path,
-) -> Result<Verdict> {
+    let mut run = Run::start(Path::new(script), place)?;
+    command.arg(install::scripts().join(script));
+    command.arg(run.folder.join("port")).arg(place.name());
+    let ended = run.sender(command);
+    let account = run.end()?;
+    let end = ended.with_context(|| format!("see {}", run.folder.display()))?;
     ensure!(
         account.faults.is_empty(),
         "{}\n(see {})",
         account.faults.join("\n"),
-        folder.join("wire.log").display()
+        run.folder.join("wire.log").display()
     );
-    let end = end.and_then(|line| line.strip_prefix("at "));
-    let end = end.context("the script does not say where the machine is to be")?;
-    let wanted: Result<Vec<f64>, _> = end.split(',').map(str::parse).collect();
-    let wanted = wanted.context("the script does not say where the machine is to be")?;
-    let reported = account.position().context("no report was seen")?;
-    ensure!(
-        reported == wanted,
-        "the machine is at {reported:?} instead of {wanted:?}"
-    );
-    if let Some(steps) = steps {
-        let scale = settings::load(Some(settings), &[])?.settings.steps_per_mm;
-        let scale = scale.0.iter().map(|scale| scale.millionths() as f64 * 1e-6);
-        let made: Vec<f64> = steps
-            .iter()
-            .zip(scale)
-            .map(|(steps, scale)| f64::from(*steps) / scale)
-            .collect();
-        ensure!(
-            made == wanted,
-            "the pins have gone to {made:?} instead of {wanted:?}"
-        );
-    }
+    run.check_end(&account, end.as_deref())?;
     Ok(Verdict::Counted(summary(&account.counts)))
+}
+
+/// One sender at one machine.
+struct Run {
+    /// What it leaves: all that passed, and what the script said.
+    folder: PathBuf,
+    settings: Settings,
+    machine: Machine,
+    tap: Tap,
+    /// Steps that the pins had made more than was reported, after homing.
+    offset: Option<Vec<i32>>,
+}
+
+impl Run {
+    fn start(script: &Path, place: Place) -> Result<Self> {
+        let stem = script.file_stem().unwrap_or_default().to_string_lossy();
+        let folder = install::folder().join(format!("{stem}-{}", place.name()));
+        let _ = fs::remove_dir_all(&folder);
+        fs::create_dir_all(&folder)?;
+        let file = install::scripts().join(format!("{}.settings", place.name()));
+        let loaded = settings::load(Some(&file), &[])?;
+        let (machine, line) = Machine::start(place, &folder, &file, &loaded)?;
+        let tap = Tap::open(&folder.join("port"), line)?;
+        Ok(Self {
+            folder,
+            settings: loaded.settings,
+            machine,
+            tap,
+            offset: None,
+        })
+    }
+
+    /// Runs a script to its end, and gives the last line that it prints.
+    fn sender(&mut self, mut command: Command) -> Result<Option<String>> {
+        let home = self.folder.join("home");
+        fs::create_dir_all(&home)?;
+        let output = fs::File::create(self.folder.join(SAID))?;
+        let mut child = command
+            // What senders keep of their users' settings stays here.
+            .env("HOME", &home)
+            .current_dir(&self.folder)
+            .stdin(Stdio::null())
+            .stdout(output.try_clone()?)
+            .stderr(output)
+            .process_group(0)
+            .spawn()
+            .context("cannot start the script")?;
+        let status = self.wait(&mut child);
+        // A server that it has started goes with it.
+        if let Some(group) = Pid::from_raw(child.id().cast_signed()) {
+            let _ = rustix::process::kill_process_group(group, Signal::KILL);
+        }
+        let _ = child.wait();
+        let said = self.said();
+        let status = status.with_context(|| said.clone())?;
+        if !status.success() {
+            let lines: Vec<_> = said.lines().collect();
+            let last = lines.len().saturating_sub(LAST_LINES);
+            bail!("{}", lines[last..].join("\n"));
+        }
+        Ok(said.lines().last().map(Into::into))
+    }
+
+    fn said(&self) -> String {
+        let said = fs::read(self.folder.join(SAID)).unwrap_or_default();
+        String::from_utf8_lossy(&said).into_owned()
+    }
+
+    fn wait(&mut self, child: &mut Child) -> Result<ExitStatus> {
+        let start = Instant::now();
+        loop {
+            if let Some(status) = child.try_wait()? {
+                return Ok(status);
+            }
+            self.machine.check()?;
+            if self.offset.is_none() && self.said().lines().any(|line| line == "homed") {
+                self.measure()?;
+            }
+            ensure!(
+                start.elapsed() < PATIENCE,
+                "the sender does not come to an end"
+            );
+            thread::sleep(GLANCE);
+        }
+    }
+
+    /// Compares the pins with what is reported, while the script waits for it.
+    fn measure(&mut self) -> Result<()> {
+        let reported = self.steps(&self.reported()?);
+        let made = self.machine.steps()?.unwrap_or_else(|| reported.clone());
+        let offset = made.iter().zip(&reported).map(|(made, told)| made - told);
+        self.offset = Some(offset.collect());
+        fs::write(self.folder.join("measured"), "").context("cannot tell the script to go on")
+    }
+
+    fn reported(&self) -> Result<Vec<f64>> {
+        let seen = self.tap.seen();
+        seen.account.position().context("no report was seen")
+    }
+
+    /// A position in mm as steps.
+    fn steps(&self, position_mm: &[f64]) -> Vec<i32> {
+        let scales = self.settings.steps_per_mm.0.iter();
+        let scaled = scales.zip(position_mm);
+        let steps = scaled.map(|(scale, way)| scale.millionths() as f64 * 1e-6 * way);
+        steps.map(|steps| steps.round() as i32).collect()
+    }
+
+    /// Closes the line when nothing is owed any more, and keeps what passed.
+    fn end(&mut self) -> Result<Account> {
+        let start = Instant::now();
+        while !self.tap.seen().account.is_quiet() && start.elapsed() < REST {
+            thread::sleep(GLANCE);
+        }
+        self.tap.close()?;
+        let mut seen = self.tap.seen();
+        seen.account.close();
+        seen.write_log(&self.folder.join("wire.log"))?;
+        Ok(mem::take(&mut seen.account))
+    }
+
+    /// Checks that the machine is where the script says.
+    fn check_end(&mut self, account: &Account, said: Option<&str>) -> Result<()> {
+        let place = said.and_then(|line| line.strip_prefix("at "));
+        let place = place.context("the script does not say where the machine is to be")?;
+        let wanted: Result<Vec<f64>, _> = place.split(',').map(str::parse).collect();
+        let wanted = wanted.context("the script does not say where the machine is to be")?;
+        let reported = account.position().context("no report was seen")?;
+        ensure!(
+            reported == wanted,
+            "the machine is at {reported:?} instead of {wanted:?}"
+        );
+        if let (Some(made), Some(offset)) = (self.machine.steps()?, &self.offset) {
+            let told = self.steps(&wanted);
+            let expected: Vec<_> = told
+                .iter()
+                .zip(offset)
+                .map(|(told, more)| told + more)
+                .collect();
+            ensure!(
+                made == expected,
+                "the pins have made {made:?} steps instead of {expected:?}"
+            );
+        }
+        Ok(())
+    }
 }
 
 fn summary(counts: &Counts) -> String {

@@ -10,6 +10,7 @@ mod cargo;
 mod clients;
 mod conformance;
 mod curves;
+mod docs;
 mod figures;
 mod flash;
 mod machine;
@@ -45,6 +46,7 @@ enum Verb {
     Bench(bench::Options),
     Build(build::Options),
     Conformance(conformance::Options),
+    Docs(docs::Options),
     Flash(flash::Options),
     Qemu(qemu::Options),
     Run(run::Options),
@@ -66,6 +68,7 @@ fn run(verb: Verb) -> Result<ExitCode> {
         Verb::Bench(options) => bench::run(&options),
         Verb::Build(options) => build::run(&options),
         Verb::Conformance(options) => conformance::run(&options),
+        Verb::Docs(options) => docs::run(&options),
         Verb::Flash(options) => flash::run(&options),
         Verb::Qemu(options) => qemu::run(&options),
         Verb::Run(options) => run::run(&options),

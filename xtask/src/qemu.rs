@@ -1,5 +1,6 @@
 //! `cargo xtask qemu`: the firmware itself, on the emulated board.
 
+mod contacts;
 mod emulator;
 
 use std::{

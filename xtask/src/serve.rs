@@ -26,7 +26,10 @@ use rustix::{
     termios::OptionalActions,
 };
 
-use crate::{machine::Machine, ui};
+use crate::{
+    machine::{Ends, Machine},
+    ui,
+};
 
 /// How often bytes are moved.
 const PERIOD: Duration = Duration::from_millis(1);
@@ -49,9 +52,8 @@ trait Port {
     fn write(&mut self, bytes: &[u8]) -> Result<usize>;
 }
 
-/// Serves a machine at a new pseudo-terminal, to which `path` becomes a link; `switches` are where
-/// these settings have the ends of the travel.
-pub(crate) fn pty(path: &Path, memory: &Memory, switches: Option<&Settings>) -> Result<()> {
+/// Serves a machine at a new pseudo-terminal, to which `path` becomes a link.
+pub(crate) fn pty(path: &Path, memory: &Memory, switches: Option<&Ends>) -> Result<()> {
     let (mut port, _link) = Pty::at(path)?;
     ui::status(
         "Serving",
@@ -61,7 +63,7 @@ pub(crate) fn pty(path: &Path, memory: &Memory, switches: Option<&Settings>) -> 
 }
 
 /// Serves a machine to whoever connects to `address`, one at a time.
-pub(crate) fn tcp(address: &str, memory: &Memory, switches: Option<&Settings>) -> Result<()> {
+pub(crate) fn tcp(address: &str, memory: &Memory, switches: Option<&Ends>) -> Result<()> {
     let listener = TcpListener::bind(address)
         .with_context(|| format!("cannot listen at {address:?} (an address is 127.0.0.1:2323)"))?;
     listener.set_nonblocking(true)?;
@@ -75,14 +77,14 @@ pub(crate) fn tcp(address: &str, memory: &Memory, switches: Option<&Settings>) -
 }
 
 /// Moves bytes and time until Ctrl-C.
-fn serve(port: &mut dyn Port, memory: &Memory, switches: Option<&Settings>) -> Result<()> {
+fn serve(port: &mut dyn Port, memory: &Memory, switches: Option<&Ends>) -> Result<()> {
     let stop = Arc::new(AtomicBool::new(false));
     for signal in [signal_hook::consts::SIGINT, signal_hook::consts::SIGTERM] {
         signal_hook::flag::register(signal, stop.clone()).context("cannot catch Ctrl-C")?;
     }
     let mut machine = memory.machine()?;
-    if let Some(settings) = switches {
-        machine.mount_switches(settings);
+    if let Some(ends) = switches {
+        machine.mount(ends);
     }
     let mut stored = machine.flash().operations();
     let start = Instant::now();

@@ -21,7 +21,7 @@ use owo_colors::OwoColorize;
 
 use crate::{
     figures::{self, Figures, Final, Responses, separated},
-    machine::BAUD,
+    machine::{BAUD, Ends},
     on_target, plot,
     program::Program,
     refusal::refusal,
@@ -105,12 +105,12 @@ pub(crate) fn run(options: &Options) -> Result<ExitCode> {
             Some(path) => Memory::File(path.clone()),
             None => Memory::Settings(Box::new(settings)),
         };
-        let switches = options.switches.then_some(&settings);
+        let switches = options.switches.then(|| Ends::of(&settings));
         if let Some(path) = &options.pty {
-            serve::pty(path, &memory, switches)?;
+            serve::pty(path, &memory, switches.as_ref())?;
         }
         if let Some(address) = &options.tcp {
-            serve::tcp(address, &memory, switches)?;
+            serve::tcp(address, &memory, switches.as_ref())?;
         }
         return Ok(ExitCode::SUCCESS);
     }

@@ -17,7 +17,7 @@ use crate::{
     boards::{self, Board},
     build,
     cargo::{self, cargo, for_board, wait},
-    clients, ui,
+    clients, docs, ui,
 };
 
 /// Test everything that needs no hardware
@@ -169,6 +169,7 @@ fn checks() -> Result<Vec<Check>> {
             cargo::need_component("fmt", "rustfmt")?;
             wait(&mut cargo(&["fmt", "--all", "--check"]))
         }),
+        Check::new("documents", docs::check),
         Check::new("lints, host", || {
             cargo::need_component("clippy", "clippy")?;
             wait(cargo(&["clippy", "--workspace", "--all-targets"]).args(["--", "-Dwarnings"]))

@@ -2,7 +2,7 @@
 
 use super::Motion;
 use crate::{
-    machine::{Event, Levels, State},
+    machine::{Event, Inputs, Levels, State},
     planner::executor::Goal,
     stepper::{
         AHEAD_TICKS, AxisMotion, EventWriter, SEGMENT_RING, SEGMENT_TICKS, Segment, StepCounts,
@@ -10,7 +10,12 @@ use crate::{
 };
 
 impl Motion {
-    pub(super) fn generate(&mut self, counts: &StepCounts, events: &mut EventWriter<'_>) {
+    pub(super) fn generate(
+        &mut self,
+        inputs: &Inputs,
+        counts: &StepCounts,
+        events: &mut EventWriter<'_>,
+    ) {
         // wcet-bound: 32
         for _ in 0..SEGMENT_RING {
             if self.generator.is_open() && !self.generator.fill(events) {
@@ -26,7 +31,7 @@ impl Motion {
                 return;
             }
             let start = self.generator.clock_ticks();
-            if let Some(segment) = self.next_segment() {
+            if let Some(segment) = self.next_segment(inputs) {
                 self.rest = None;
                 self.generator.begin(&segment, counts);
             } else if self.rest.is_none() {
@@ -40,8 +45,11 @@ impl Motion {
         }
     }
 
-    fn next_segment(&mut self) -> Option<Segment> {
-        let executes = self.control.executes();
+    fn next_segment(&mut self, inputs: &Inputs) -> Option<Segment> {
+        if self.homing.is_active() {
+            return self.next_of_homing(inputs);
+        }
+        let executes = self.control.executes() && !self.probe.is_touched();
         if self.dwell_ticks != 0 && executes {
             let ticks = self.dwell_ticks.min(u64::from(SEGMENT_TICKS)) as u32;
             self.dwell_ticks -= u64::from(ticks);
@@ -60,7 +68,11 @@ impl Motion {
         let blocks = self.plan.len();
         let position = self.generator.position();
         let mut segment = self.executor.next(&mut self.plan, &position, goal)?;
-        let done = blocks - self.plan.len();
+        let done = if self.probe.is_active() {
+            0
+        } else {
+            blocks - self.plan.len()
+        };
         self.finished = self.finished.wrapping_add(done as u32);
         let (laser, part) = self.executor.beam();
         self.accessories.begin(laser);
@@ -81,6 +93,7 @@ impl Motion {
                 self.alarm(alarm);
             }
             self.on(Event::Stopped);
+            self.end_cycles();
             if self.control.state == State::DoorRetracting {
                 // The door was opened in a jog, which has just been dropped.
                 self.on(Event::Stopped);

@@ -33,7 +33,7 @@ impl Motion {
 
     pub(super) fn open_door(&mut self) {
         if self.control.state == State::Home {
-            self.alarm(Alarm::HomingDoor);
+            self.end_homing(Alarm::HomingDoor);
             return;
         }
         if self.control.heeds_door() {
@@ -161,6 +161,7 @@ impl Motion {
     /// steps: whatever was planned is void, and so is what still comes, up to the next reset.
     pub(super) fn fail(&mut self) {
         self.generator.cut();
+        self.homing.abandon();
         self.drop_wait();
         self.drop_plan();
         self.accessories.switch_off();
@@ -174,7 +175,7 @@ impl Motion {
     }
 
     /// Ends a program pause or a dwell before its time.
-    fn drop_wait(&mut self) {
+    pub(super) fn drop_wait(&mut self) {
         if self.is_paused || self.is_dwelling {
             self.finished = self.finished.wrapping_add(1);
         }
@@ -195,7 +196,7 @@ impl Motion {
         self.accessories.switch_off();
         self.end_overrides();
         if self.control.state == State::Home {
-            self.alarm(Alarm::HomingReset);
+            self.end_homing(Alarm::HomingReset);
         }
         self.on(Event::Reset);
         if self.control.state == State::Idle && self.is_on_limit() {

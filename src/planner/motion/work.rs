@@ -43,7 +43,8 @@ impl Motion {
     fn accept(&mut self, work: &Work, inputs: &Inputs, counts: &StepCounts) -> bool {
         if let Work::Move(block) = work {
             let is_ending = self.control.ending != Ending::None;
-            let has_room = !is_ending && !self.is_dwelling && self.plan.free() > 0;
+            let has_room =
+                !is_ending && !self.is_dwelling && !self.is_in_cycle() && self.plan.free() > 0;
             if has_room {
                 self.plan.push(block);
             }
@@ -56,12 +57,17 @@ impl Motion {
             self.finished = self.finished.wrapping_add(1);
             return true;
         }
-        let is_busy = !self.plan.is_empty() || self.is_dwelling || !self.is_still(counts);
+        let is_waiting = self.is_dwelling || self.is_in_cycle();
+        let is_busy = !self.plan.is_empty() || is_waiting || !self.is_still(counts);
         let is_ending = self.control.ending != Ending::None;
         if self.control.state.is_suspended() || is_busy || is_ending {
             return false;
         }
         match work {
+            Work::Probe(block, probing) if self.begin_probe(block, *probing, inputs) => {
+                return true;
+            }
+            Work::Home(axes) if self.begin_homing(*axes, inputs) => return true,
             Work::Move(_) | Work::Fault(_) | Work::Probe(..) | Work::Home(_) => {}
             Work::Dwell(milliseconds) => {
                 self.dwell_ticks = u64::from(*milliseconds) * u64::from(TICKS_PER_MS);

@@ -15,7 +15,7 @@ use rustix::{
     process::{Pid, Signal},
 };
 
-use crate::{boards, build, cargo, qemu::Emulator, settings::Loaded};
+use crate::{boards, build, cargo, machine::Ends, qemu::Emulator, settings::Loaded};
 
 /// How long a machine may take to start.
 const START: Duration = Duration::from_secs(30);
@@ -46,16 +46,20 @@ pub(super) enum Machine {
 }
 
 impl Machine {
-    /// Starts one with these settings; also gives the line to it.
-    pub(super) fn start(place: Place, folder: &Path, settings: &Path) -> Result<(Self, OwnedFd)> {
+    /// Starts one with the settings in a file; also gives the line to it.
+    pub(super) fn start(
+        place: Place,
+        folder: &Path,
+        file: &Path,
+        loaded: &Loaded,
+    ) -> Result<(Self, OwnedFd)> {
         match place {
-            Place::Simulator => simulator(folder, settings),
-            Place::Firmware => firmware(&crate::settings::load(Some(settings), &[])?),
+            Place::Simulator => simulator(folder, file),
+            Place::Firmware => firmware(loaded),
         }
     }
 
-    /// Steps of each axis that the pins have made, where the machine is outside this program's
-    /// own simulator.
+    /// Steps of each axis that the pins have made; the simulator does not tell.
     pub(super) fn steps(&mut self) -> Result<Option<Vec<i32>>> {
         match self {
             Self::Simulator { .. } => Ok(None),
@@ -125,6 +129,7 @@ fn firmware(loaded: &Loaded) -> Result<(Machine, OwnedFd)> {
     for statement in &loaded.statements {
         emulator.set(statement, START)?;
     }
+    emulator.mount(&Ends::of(&loaded.settings))?;
     let line = emulator.line()?;
     let emulator = Box::new(emulator);
     Ok((Machine::Firmware { emulator }, line))

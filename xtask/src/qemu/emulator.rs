@@ -19,11 +19,17 @@ use leadscrew::{axis::AXES, units::TICKS_PER_SECOND};
 use object::{Object, ObjectSymbol};
 use serde_json::{Value, json};
 
-use crate::sender::Response;
+use super::contacts;
+use crate::{machine::Ends, sender::Response};
 
 /// Where the firmware keeps what its pins have done: 17 words.
 const FIGURES: &str = "FIGURES";
 const WORDS: usize = 17;
+/// Where it finds which contacts are closed: by hand, then where six limit switches close at their
+/// lower and upper ends, then the plate for the probe.
+const CONTACTS: &str = "CONTACTS";
+/// QEMU's socket for debuggers.
+const DEBUGGER: &str = "debugger";
 /// Emulators that this program has started.
 static STARTED: AtomicU32 = AtomicU32::new(0);
 /// How long QEMU may take to start.
@@ -38,6 +44,7 @@ pub(crate) struct Emulator {
     control: BufReader<UnixStream>,
     received: Vec<u8>,
     figures: u64,
+    contacts: u64,
 }
 
 /// What the pins have done.
@@ -58,18 +65,22 @@ pub(crate) struct Pins {
 impl Emulator {
     /// Boots a firmware.
     pub(crate) fn start(elf: &Path, machine: &str) -> Result<Self> {
-        let figures = symbol(elf, FIGURES)?;
+        let (figures, contacts) = (symbol(elf, FIGURES)?, symbol(elf, CONTACTS)?);
         let number = STARTED.fetch_add(1, Ordering::Relaxed);
         let folder = env::temp_dir().join(format!("leadscrew-{}-{number}", process::id()));
         fs::create_dir_all(&folder)
             .with_context(|| format!("cannot create {}", folder.display()))?;
         let (serial, control) = (folder.join("serial"), folder.join("control"));
+        let debugger = format!(
+            "unix:{},server=on,wait=off",
+            folder.join(DEBUGGER).display()
+        );
         let socket = |path: &Path| format!("unix:{},server=off", path.display());
         let listeners = [listen(&serial)?, listen(&control)?];
         let mut qemu = Command::new("qemu-system-arm")
             .args(["-M", machine, "-nographic", "-monitor", "none"])
             .args(["-qmp", &socket(&control)])
-            .args(["-serial", &socket(&serial)])
+            .args(["-serial", &socket(&serial), "-gdb", &debugger])
             .arg("-kernel")
             .arg(elf)
             .stdin(Stdio::null())
@@ -90,6 +101,7 @@ impl Emulator {
             control: BufReader::new(control),
             received: Vec::new(),
             figures,
+            contacts,
         };
         emulator.execute("qmp_capabilities", &json!({}))?;
         Ok(emulator)
@@ -160,6 +172,18 @@ impl Emulator {
         );
         let line = self.serial.try_clone();
         Ok(line.context("the serial line cannot be shared")?.into())
+    }
+
+    /// Mounts switches and a plate for the probe.
+    pub(crate) fn mount(&self, ends: &Ends) -> Result<()> {
+        const LIMITS: usize = 6;
+        let mut words = [[i32::MIN; LIMITS], [i32::MAX; LIMITS]];
+        words[0][..AXES].copy_from_slice(&ends.low);
+        words[1][..AXES].copy_from_slice(&ends.high);
+        let by_hand = [0];
+        let words = [&by_hand, words.as_flattened(), &[ends.plate]].concat();
+        let words: Vec<u32> = words.into_iter().map(i32::cast_unsigned).collect();
+        contacts::write(&self.folder.join(DEBUGGER), self.contacts, &words)
     }
 
     /// Reads what the pins have done from the firmware's memory.

@@ -1,0 +1,117 @@
+//! Homing, probing and hard limits: how the machine goes through them.
+
+use super::Motion;
+use crate::{
+    axis::AXES,
+    machine::{Alarm, Event, Inputs, Levels, Notice, State},
+    planner::{Block, Probing},
+    stepper::{EventWriter, Segment, StepCounts},
+};
+
+impl Motion {
+    /// Whether a homing cycle or a probing move is going on: nothing else begins.
+    pub(super) const fn is_in_cycle(&self) -> bool {
+        self.is_homing || self.probe.is_active()
+    }
+
+    /// Begins a homing cycle, at rest; whether the state allows it.
+    pub(super) fn begin_homing(&mut self, axes: u8, inputs: &Inputs) -> bool {
+        self.on(Event::Home);
+        if self.control.state != State::Home {
+            return false;
+        }
+        self.is_homing = true;
+        self.homing.begin(axes, inputs, &self.generator);
+        self.need_drivers();
+        true
+    }
+
+    pub(super) fn next_of_homing(&mut self, inputs: &Inputs) -> Option<Segment> {
+        let power = self.accessories.power_at_rest();
+        self.homing.next(inputs, &mut self.generator, power)
+    }
+
+    /// Ends a homing cycle before its time: the axes slow down.
+    pub(super) fn end_homing(&mut self, alarm: Alarm) {
+        self.homing.stop(&self.generator);
+        self.alarm(alarm);
+    }
+
+    /// Begins a probing move, at rest; whether it has begun.
+    pub(super) fn begin_probe(&mut self, block: &Block, probing: Probing, inputs: &Inputs) -> bool {
+        if self.control.state != State::Idle {
+            return false;
+        }
+        self.probed.success = false;
+        if self.probe.begin(probing, inputs) {
+            self.plan.push(block);
+            true
+        } else {
+            self.alarm(Alarm::ProbeState);
+            false
+        }
+    }
+
+    /// Looks at what the input interrupt has seen, before anything is generated.
+    pub(super) fn watch(&mut self, inputs: &Inputs, counts: &StepCounts, events: &EventWriter<'_>) {
+        self.probe.watch(inputs, counts, events);
+        self.homing.watch(inputs, counts, &self.generator, events);
+    }
+
+    /// Ends cycles that are over. The machine is at rest.
+    pub(super) fn end_cycles(&mut self) {
+        if self.is_homing && !self.homing.is_active() {
+            self.is_homing = false;
+            self.finished = self.finished.wrapping_add(1);
+            if self.control.state == State::Home {
+                match self.homing.take_failure() {
+                    Some(alarm) => self.alarm(alarm),
+                    None => self.on(Event::Unlock),
+                }
+            }
+        }
+        let is_over = self.plan.is_empty() || self.probe.is_touched();
+        let goes_on = matches!(self.control.state, State::Idle | State::Run);
+        if self.probe.is_active() && is_over && goes_on {
+            self.end_probe();
+        }
+    }
+
+    fn end_probe(&mut self) {
+        let steps = self.generator.steps();
+        let alarm = self.probe.finish(steps, &mut self.probed);
+        if let Some(alarm) = alarm {
+            self.alarm(alarm);
+        }
+        self.notices.push(Notice::Probed);
+        self.finished = self.finished.wrapping_add(1);
+        // What is left of the move has been counted with it.
+        self.plan.clear();
+        self.executor.abandon();
+        self.settle_on_steps();
+    }
+
+    /// Says whether limit switches stop the machine from now on.
+    pub(super) fn guard(&self, inputs: &Inputs) {
+        let is_locked = matches!(self.control.state, State::Alarm | State::Home);
+        inputs.guard(if self.hard_limits && !is_locked {
+            Levels::limits((1 << AXES) - 1)
+        } else {
+            Levels::NONE
+        });
+    }
+
+    /// A limit switch has stopped the step interrupt: everything is void, and the position is where
+    /// the steps ended.
+    pub(super) fn cut(&mut self, counts: &StepCounts, events: &mut EventWriter<'_>) {
+        self.generator.cut_off(counts, events);
+        self.homing.abandon();
+        self.drop_wait();
+        self.drop_plan();
+        // A standstill that ends the pulses.
+        self.rest = None;
+        if self.control.state != State::Alarm {
+            self.alarm(Alarm::HardLimit);
+        }
+    }
+}

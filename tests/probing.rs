@@ -1,0 +1,272 @@
+//! Probing moves: what they tell, where they end, and what may happen on the way.
+
+mod support;
+
+use leadscrew::{
+    axis::{AXES, Axes, X, Z},
+    machine::{Alarm, Levels, Notice, State},
+    planner::{Probing, Work},
+    settings::Settings,
+    sim::Closes,
+};
+use proptest::prelude::*;
+use support::{Cell, cases, check_limits, fast};
+
+const TOWARDS: Probing = Probing {
+    is_away: false,
+    may_miss: false,
+};
+const TOWARDS_OR_MISS: Probing = Probing {
+    is_away: false,
+    may_miss: true,
+};
+const AWAY: Probing = Probing {
+    is_away: true,
+    may_miss: false,
+};
+const AWAY_OR_MISS: Probing = Probing {
+    is_away: true,
+    may_miss: true,
+};
+
+/// A machine with a plate 5 mm below.
+fn cell() -> Cell {
+    let mut cell = Cell::new(&fast());
+    cell.mount(Z, Closes::DownFrom(-400), Levels::PROBE);
+    cell
+}
+
+/// Where the axes were with the step after which `holds` first.
+fn position_when(cell: &Cell, holds: impl Fn(&Axes<i32>) -> bool) -> Axes<i32> {
+    let mut position = Axes::all(0);
+    for edge in &cell.trace.edges {
+        for axis in (0..AXES).filter(|axis| edge.raise >> axis & 1 != 0) {
+            position[axis] += 1 - 2 * i32::from(edge.directions >> axis & 1);
+        }
+        if edge.raise != 0 && holds(&position) {
+            return position;
+        }
+    }
+    panic!("it never does");
+}
+
+#[test]
+fn the_contact_is_told_and_the_machine_slows_down() {
+    let mut cell = cell();
+    cell.probe(&[0.0, 0.0, -10.0], 600.0, TOWARDS);
+    assert_eq!(cell.state(), State::Run);
+    cell.run_to_end();
+    assert_eq!(cell.state(), State::Idle);
+    assert_eq!(cell.notices(), [Notice::Probed]);
+    let snapshot = cell.snapshot();
+    assert!(snapshot.probed.success);
+    assert_eq!(snapshot.probed.steps.0[..3], [0, 0, -400]);
+    assert_eq!(snapshot.steps, cell.physical());
+    // 10 mm/s at 500 mm/s² need 0.1 mm, and 4 ms are prepared ahead.
+    let beyond = -400 - snapshot.steps[Z];
+    assert!((8..=14).contains(&beyond), "{beyond}");
+    cell.trace.check_pulses();
+    check_limits(&fast(), &cell.trace);
+    // The machine goes on from there, and the plate is no more of interest.
+    cell.router.set_steps(snapshot.steps);
+    cell.go(&[0.0, 0.0, -12.0], 600.0);
+    cell.go(&[0.0, 0.0, 0.0], 600.0);
+    cell.run_to_end();
+    assert_eq!(cell.physical()[Z], 0);
+    assert_eq!(cell.snapshot().probed, snapshot.probed);
+}
+
+#[test]
+fn a_miss_is_an_alarm_where_it_is_an_error() {
+    for (probing, alarm) in [(TOWARDS, true), (TOWARDS_OR_MISS, false)] {
+        let mut cell = Cell::new(&fast());
+        cell.probe(&[0.0, 0.0, -3.0], 600.0, probing);
+        cell.run_to_end();
+        let snapshot = cell.snapshot();
+        assert_eq!(snapshot.steps[Z], -240);
+        assert!(!snapshot.probed.success);
+        if alarm {
+            assert_eq!(snapshot.state, State::Alarm);
+            let told = [Notice::Alarm(Alarm::ProbeContact), Notice::Probed];
+            assert_eq!(cell.notices(), told);
+            assert_eq!(snapshot.probed.steps[Z], 0);
+            assert!(!snapshot.is_critical);
+            cell.send(Work::Unlock);
+            assert_eq!(cell.state(), State::Idle);
+        } else {
+            assert_eq!(snapshot.state, State::Idle);
+            assert_eq!(cell.notices(), [Notice::Probed]);
+            assert_eq!(snapshot.probed.steps[Z], -240);
+        }
+    }
+}
+
+#[test]
+fn a_miss_that_is_an_error_leaves_the_position_of_the_contact_before() {
+    let mut cell = cell();
+    cell.probe(&[0.0, 0.0, -10.0], 600.0, TOWARDS);
+    cell.run_to_end();
+    cell.router.set_steps(cell.snapshot().steps);
+    cell.go(&[0.0; 3], 2000.0);
+    cell.run_to_end();
+    cell.probe(&[0.0, 0.0, -1.0], 600.0, TOWARDS);
+    cell.run_to_end();
+    assert_eq!(cell.alarms(), [Alarm::ProbeContact]);
+    assert_eq!(cell.snapshot().probed.steps[Z], -400);
+    assert!(!cell.snapshot().probed.success);
+}
+
+#[test]
+fn a_probe_that_is_already_there_is_alarm_4() {
+    for (probing, closed) in [
+        (TOWARDS, true),
+        (TOWARDS_OR_MISS, true),
+        (AWAY, false),
+        (AWAY_OR_MISS, false),
+    ] {
+        let mut cell = Cell::new(&fast());
+        cell.set_pin(Levels::PROBE, closed);
+        cell.run_ms(1);
+        cell.probe(&[1.0, 0.0, -3.0], 600.0, probing);
+        cell.run_to_end();
+        assert_eq!(cell.state(), State::Alarm);
+        assert_eq!(cell.notices(), [Notice::Alarm(Alarm::ProbeState)]);
+        assert_eq!(cell.physical(), Axes::all(0));
+        assert!(!cell.snapshot().probed.success);
+    }
+}
+
+#[test]
+fn the_probe_can_be_left() {
+    for probing in [AWAY, AWAY_OR_MISS] {
+        let mut cell = Cell::new(&fast());
+        cell.mount(X, Closes::DownFrom(160), Levels::PROBE);
+        cell.run_ms(1);
+        cell.probe(&[5.0, 0.0, 1.0], 1000.0, probing);
+        cell.run_to_end();
+        let there = position_when(&cell, |steps| steps[X] > 160);
+        assert_eq!(cell.snapshot().probed.steps, there);
+        assert!(cell.snapshot().probed.success);
+    }
+}
+
+#[test]
+fn an_inverted_probe_is_active_while_open() {
+    let settings = Settings {
+        probe_invert: true,
+        ..fast()
+    };
+    let mut cell = Cell::new(&settings);
+    cell.mount(Z, Closes::From(-399), Levels::PROBE);
+    cell.run_ms(1);
+    cell.probe(&[0.0, 0.0, -10.0], 600.0, TOWARDS);
+    cell.run_to_end();
+    assert_eq!(cell.snapshot().probed.steps[Z], -400);
+}
+
+#[test]
+fn a_contact_with_the_last_step_counts() {
+    let mut cell = cell();
+    cell.probe(&[0.0, 0.0, -5.0], 600.0, TOWARDS);
+    cell.run_to_end();
+    assert_eq!(cell.notices(), [Notice::Probed]);
+    assert_eq!(cell.snapshot().probed.steps[Z], -400);
+    assert!(cell.snapshot().probed.success);
+}
+
+#[test]
+fn a_hold_holds_a_probing_move() {
+    let mut cell = cell();
+    cell.probe(&[0.0, 0.0, -10.0], 600.0, TOWARDS);
+    cell.run_ms(200);
+    cell.byte(b'!');
+    cell.run_until(|cell| cell.state() == State::HoldComplete);
+    cell.run_ms(100);
+    assert!(cell.physical()[Z] > -400);
+    cell.byte(b'~');
+    cell.run_to_end();
+    assert_eq!(cell.notices(), [Notice::Probed]);
+    assert_eq!(cell.snapshot().probed.steps[Z], -400);
+}
+
+#[test]
+fn a_contact_while_slowing_down_for_a_hold_ends_the_move_after_it() {
+    let mut cell = cell();
+    cell.probe(&[0.0, 0.0, -10.0], 3000.0, TOWARDS);
+    cell.run_until(|cell| cell.physical()[Z] < -390);
+    cell.byte(b'!');
+    cell.run_until(|cell| cell.state() == State::HoldComplete);
+    assert!(cell.physical()[Z] < -400);
+    cell.run_ms(100);
+    assert_eq!(cell.state(), State::HoldComplete);
+    let rest = cell.physical();
+    cell.byte(b'~');
+    cell.run_to_end();
+    assert_eq!(cell.physical(), rest);
+    assert_eq!(cell.notices(), [Notice::Probed]);
+    assert_eq!(cell.snapshot().probed.steps[Z], -400);
+    assert_eq!(cell.state(), State::Idle);
+}
+
+#[test]
+fn the_door_holds_a_probing_move() {
+    let mut cell = cell();
+    cell.probe(&[0.0, 0.0, -10.0], 600.0, TOWARDS);
+    cell.run_ms(200);
+    cell.byte(0x84);
+    cell.run_ms(200);
+    assert_eq!(cell.state(), State::DoorClosed);
+    cell.byte(b'~');
+    cell.run_to_end();
+    assert_eq!(cell.notices(), [Notice::CheckDoor, Notice::Probed]);
+    assert_eq!(cell.snapshot().probed.steps[Z], -400);
+}
+
+#[test]
+fn a_reset_ends_a_probing_move_without_a_result() {
+    let mut cell = cell();
+    cell.probe(&[0.0, 0.0, -10.0], 600.0, TOWARDS);
+    cell.run_ms(200);
+    cell.byte(0x18);
+    assert!(cell.snapshot().reset_in_motion);
+    cell.run_to_end();
+    assert_eq!(cell.state(), State::Alarm);
+    assert_eq!(cell.snapshot().steps, cell.physical());
+    assert!(!cell.notices().contains(&Notice::Probed));
+    assert!(!cell.snapshot().probed.success);
+    cell.send(Work::Unlock);
+    cell.router.set_steps(cell.snapshot().steps);
+    cell.go(&[0.0, 0.0, -10.0], 600.0);
+    cell.run_to_end();
+    assert_eq!(cell.physical()[Z], -800);
+}
+
+proptest! {
+    #![proptest_config(cases(48))]
+
+    #[test]
+    fn the_contact_is_where_the_probe_closed_at_any_speed(
+        target in prop::array::uniform3(-20.0_f64..20.0),
+        at in 0.02_f64..1.0,
+        axis in 0_usize..3,
+        feed in 10.0_f32..5000.0,
+    ) {
+        prop_assume!(target[axis].abs() > 1.0);
+        let mut cell = Cell::new(&fast());
+        let steps = (target[axis] * 80.0 * at) as i32;
+        prop_assume!(steps != 0);
+        let closes = if steps > 0 { Closes::From(steps) } else { Closes::DownFrom(steps) };
+        cell.mount(axis, closes, Levels::PROBE);
+        cell.probe(&target, feed, TOWARDS);
+        cell.run_to_end();
+        let there = position_when(&cell, |position| {
+            if steps > 0 { position[axis] >= steps } else { position[axis] <= steps }
+        });
+        prop_assert_eq!(cell.snapshot().probed.steps, there);
+        prop_assert_eq!(there[axis], steps);
+        prop_assert!(cell.snapshot().probed.success);
+        prop_assert_eq!(cell.snapshot().steps, cell.physical());
+        cell.trace.check_pulses();
+        check_limits(&fast(), &cell.trace);
+    }
+}

@@ -1,0 +1,135 @@
+//! `cargo xtask docs`: the documents that are made from the code's tables.
+
+use std::{fmt::Write as _, fs, process::ExitCode};
+
+use anyhow::{Context, Result, bail};
+use leadscrew::{
+    axis::AXES,
+    gcode::LineError,
+    machine::Alarm,
+    settings::{self, DataType, Description, Settings, Value},
+};
+
+use crate::{cargo, ui};
+
+/// Write the documents that are made from the code: settings, errors and alarms
+#[derive(clap::Args)]
+pub(crate) struct Options {
+    /// Write nothing; fail when a document is out of date
+    #[arg(long)]
+    check: bool,
+}
+
+/// Where a document lies, and what makes it.
+type Document = (&'static str, fn() -> Result<String>);
+
+/// Every document.
+const DOCUMENTS: [Document; 2] = [
+    ("docs/settings.md", settings_table),
+    ("docs/errors.md", errors_table),
+];
+
+pub(crate) fn run(options: &Options) -> Result<ExitCode> {
+    if AXES != 3 {
+        bail!("the documents are those of three axes: leave the feature away");
+    }
+    if options.check {
+        check()?;
+        return Ok(ExitCode::SUCCESS);
+    }
+    for (path, make) in DOCUMENTS {
+        let text = make()?;
+        fs::write(cargo::root().join(path), text)
+            .with_context(|| format!("cannot write {path}"))?;
+        ui::status("Written", path);
+    }
+    Ok(ExitCode::SUCCESS)
+}
+
+/// Fails when a document is not what the code says.
+pub(crate) fn check() -> Result<()> {
+    if AXES != 3 {
+        ui::status("Skipped", "the documents are those of three axes");
+        return Ok(());
+    }
+    for (path, make) in DOCUMENTS {
+        let found = fs::read_to_string(cargo::root().join(path)).unwrap_or_default();
+        if found != make()? {
+            bail!("{path} is out of date: run `cargo xtask docs`");
+        }
+    }
+    Ok(())
+}
+
+fn settings_table() -> Result<String> {
+    let mut text = String::from(
+        "# Settings\n\n\
+         Made from the code by `cargo xtask docs`. `$n=value` changes one, at rest or in alarm; `$$` lists\n\
+         those of Grbl 1.1, `$+` all, `$ES` describes them to programs, `$RST=$` brings the defaults back.\n\
+         A value that is not allowed is answered with an error, and nothing changes.\n\n\
+         | setting | what | unit | values | default |\n|---|---|---|---|---|\n",
+    );
+    let defaults = Settings::default();
+    for place in 0.. {
+        let Some(description) = settings::described(place) else {
+            break;
+        };
+        let (_, value) = settings::listed(&defaults, place)
+            .with_context(|| format!("${} has no value", description.number))?;
+        let axis = description
+            .axis
+            .map_or(String::new(), |axis| format!(", {}", char::from(axis)));
+        writeln!(
+            text,
+            "| `${}` | {}{axis} | {} | {} | {} |",
+            description.number,
+            description.name,
+            description.unit,
+            values(&description),
+            shown(value),
+        )?;
+    }
+    Ok(text)
+}
+
+/// The values that a setting can have.
+fn values(description: &Description) -> String {
+    match (description.data_type, description.range) {
+        (DataType::Boolean, _) => "0 or 1".into(),
+        (DataType::Bits, _) => {
+            let bits = description.format.split(',').enumerate();
+            let bits: Vec<_> = bits
+                .map(|(bit, name)| format!("{} {name}", 1 << bit))
+                .collect();
+            format!("sum of {}", bits.join(", ").to_lowercase())
+        }
+        (DataType::AxisMask, _) => "sum of 1 X, 2 Y, 4 Z, 8 A, 16 B, 32 C".into(),
+        (_, Some((least, most, decimals))) => format!("{least:.decimals$} to {most:.decimals$}"),
+        (_, None) => String::new(),
+    }
+}
+
+fn shown(value: Value) -> String {
+    match value {
+        Value::Whole(whole) => whole.to_string(),
+        Value::Number(number, decimals) => format!("{number:.decimals$}"),
+        Value::Resolution(resolution) => format!("{:.3}", resolution.to_f32()),
+    }
+}
+
+fn errors_table() -> Result<String> {
+    let mut text = String::from(
+        "# Errors and alarms\n\n\
+         Made from the code by `cargo xtask docs`; `$EE` and `$EA` send the same to programs.\n\n\
+         ## `error:N`\n\n\
+         The line had no effect at all.\n\n| N | what |\n|---|---|\n",
+    );
+    for error in LineError::ALL {
+        writeln!(text, "| {} | {} |", error.number(), error.text())?;
+    }
+    text.push_str("\n## `ALARM:N`\n\n| N | what |\n|---|---|\n");
+    for alarm in Alarm::ALL {
+        writeln!(text, "| {} | {} |", alarm.number(), alarm.text())?;
+    }
+    Ok(text)
+}
