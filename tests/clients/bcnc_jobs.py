@@ -23,7 +23,7 @@ Utils.loadConfiguration()
 from CNC import CNC, WAIT  # noqa: E402
 from Sender import Sender  # noqa: E402
 
-from jobs import ORIGIN, arguments, check, place_origin, run, spiral, until  # noqa: E402
+from jobs import HOME, ORIGIN, check, measured, place_origin, port, run, spiral, until  # noqa: E402
 
 
 class Window(Sender):
@@ -107,6 +107,30 @@ def hold(window):
     until(lambda: state() != "Hold:0", "the machine goes on")
 
 
+def override(window):
+    """The sliders, one after another: bCNC sends the bytes that bring the machine there, in UTF-8."""
+    for name, value in [
+        ("OvFeed", 130),
+        ("OvRapid", 25),
+        ("OvSpindle", 88),
+        ("OvFeed", 95),
+        ("OvRapid", 100),
+        ("OvSpindle", 100),
+        ("OvFeed", 100),
+    ]:
+        CNC.vars["_" + name] = value
+        CNC.vars["_OvChanged"] = True
+        until(lambda: CNC.vars[name] == value, f"{name} is {value}")
+
+
+def jog(window, target):
+    """The arrows: each press is one line; the last comes back."""
+    x, y, z = target
+    for direction, place in [("X5", (x + 5, y, z)), ("Y-5", (x + 5, y - 5, z)), ("X-5Y5", target)]:
+        window.mcontrol.jog(direction)
+        until(lambda: position() == place and state() == "Idle", f"the jog {direction} is done")
+
+
 def finished(window, purges=1):
     """Waits until bCNC has ended its job, reset the machine, and has sent all that it wants."""
     wanted = window.purged + purges
@@ -118,13 +142,12 @@ def finished(window, purges=1):
 
 
 def main():
-    path, has_switches = arguments()
     window = Window()
-    window.open(path, 115200)
+    window.open(port(), 115200)
     until(lambda: state() in ("Idle", "Alarm"), "a report is understood")
-    if state() == "Alarm":
-        window.unlock()
-        until(lambda: state() == "Idle", "the machine is unlocked")
+    window.home()
+    until(lambda: state() == "Idle" and position() == HOME, "the machine is homed")
+    measured()
     window.viewSettings()
     until(lambda: CNC.vars.get("grbl_132"), "the settings are read")
     x, y, z = ORIGIN
@@ -136,10 +159,13 @@ def main():
     window.start()
     until(lambda: state() == "Run", "the job runs")
     hold(window)
+    override(window)
     hold(window)
     finished(window)
     check(position() == (x, y, z + 10), f"the job has ended at {position()}")
     check(not window.errors, f"the machine refuses {window.errors}")
+
+    jog(window, (x, y, z + 10))
 
     # The stop button in the middle of a job: a hold, and a reset when the motion has ended.
     window.start()

@@ -11,6 +11,7 @@
  */
 
 const childProcess = require('child_process');
+const fs = require('fs');
 const http = require('http');
 const net = require('net');
 const path = require('path');
@@ -20,8 +21,10 @@ const PATIENCE_MS = 30000;
 // Where the work coordinates G54 begin, machine coordinates in mm.
 const ORIGIN = { x: -100, y: -100, z: -50 };
 
-const [port, machine] = process.argv.slice(2);
-const hasSwitches = machine === 'sim';
+// Where a machine stands that has been homed: the pull-off away from its switches.
+const HOME = [-1, -1, -1];
+
+const port = process.argv[2];
 
 const delay = (ms) => new Promise((resolve) => setTimeout(resolve, ms));
 
@@ -107,6 +110,10 @@ class Page {
     return (this.state.status || {}).activeState;
   }
 
+  overrides() {
+    return ((this.state.status || {}).ov || []).join(',');
+  }
+
   position() {
     const { x, y, z } = (this.state.status || {}).mpos || {};
     return [Number(x), Number(y), Number(z)];
@@ -149,13 +156,41 @@ async function pause(page) {
   await until(() => page.active() === 'Run', 'the machine goes on');
 }
 
+/** The buttons of the override widgets. */
+async function override(page) {
+  for (const [command, value, shown] of [
+    ['feedOverride', 10, '110,100,100'],
+    ['feedOverride', -1, '109,100,100'],
+    ['rapidOverride', 25, '109,25,100'],
+    ['spindleOverride', -10, '109,25,90'],
+    ['rapidOverride', 100, '109,100,90'],
+    ['spindleOverride', 0, '109,100,100'],
+    ['feedOverride', 0, '100,100,100'],
+  ]) {
+    page.command(command, value);
+    await until(() => page.overrides() === shown, `the overrides are ${shown}`);
+  }
+}
+
+/** The jog buttons: a step there and back, and many that are cancelled. */
+async function jog(page, [x, y, z]) {
+  await page.go('$J=G91 X5 F3000', [x + 5, y, z]);
+  await page.go('$J=G90 X0 F3000', [x, y, z]);
+  // Far more than whoever cancels it would wait for.
+  page.command('gcode', Array(4).fill(['$J=G91 Y90 F1000', '$J=G91 Y-90 F1000']).flat());
+  await until(() => page.active() === 'Jog', 'the machine jogs');
+  page.command('jogCancel');
+  await until(() => page.active() === 'Idle', 'the jogs are cancelled');
+}
+
 async function drive(page) {
   const { x, y, z } = ORIGIN;
   await until(() => page.active(), 'a report is understood');
-  if (page.active() === 'Alarm') {
-    page.command('unlock');
-    await until(() => page.active() === 'Idle', 'the machine is unlocked');
-  }
+  page.command('homing');
+  await until(() => page.active() === 'Idle' && page.isAt(HOME), 'the machine is homed');
+  // Who started this compares the pins with the report.
+  console.log('homed');
+  await until(() => fs.existsSync('measured'), 'the pins are compared with the report');
   await until(() => (page.settings.settings || {}).$132, 'the settings are read');
   page.command('gcode', `G10 L2 P1 X${x} Y${y} Z${z}`);
   await page.go('G54 G0 X0 Y0 Z10', [x, y, z + 10]);
@@ -165,9 +200,12 @@ async function drive(page) {
   page.command('gcode:start');
   await until(() => page.active() === 'Run', 'the job runs');
   await pause(page);
+  await override(page);
   await pause(page);
   await page.finished();
   check(page.isAt([x, y, z + 10]), `the job has ended at ${page.position()}`);
+
+  await jog(page, [x, y, z + 10]);
 
   // Stopped by force: a hold and, half a second later, a reset.
   page.command('gcode:start');

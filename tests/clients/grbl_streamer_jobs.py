@@ -9,7 +9,7 @@ import threading
 
 from grbl_streamer import GrblStreamer
 
-from jobs import ORIGIN, arguments, check, place_origin, run, spiral, until
+from jobs import HOME, ORIGIN, check, measured, place_origin, port, run, spiral, until
 
 
 class Watcher:
@@ -65,18 +65,17 @@ def go(grbl, watcher, line, *target):
 
 
 def main():
-    path, has_switches = arguments()
     watcher = Watcher()
     grbl = GrblStreamer(watcher)
     grbl.poll_interval = 0.1
-    grbl.cnect(path)
+    grbl.cnect(port())
     until(grbl.is_connected, "the library is connected")
     grbl.poll_start()
     until(lambda: watcher.count("on_hash_stateupdate") > 1, "the offsets are read")
     until(lambda: watcher.state, "a report is understood")
-    if watcher.state == "Alarm":
-        grbl.killalarm()
-        until(lambda: watcher.state == "Idle", "the machine is unlocked")
+    grbl.homing()
+    until(lambda: watcher.state == "Idle" and watcher.position == HOME, "the machine is homed")
+    measured()
     x, y, z = ORIGIN
     grbl.send_immediately(place_origin())
     go(grbl, watcher, "G0 X0 Y0 Z10", x, y, z + 10)

@@ -59,9 +59,19 @@ def check(claim, what):
         raise AssertionError(what)
 
 
-def arguments():
-    """The port, and whether the machine is the simulator with its switches."""
-    return sys.argv[1], sys.argv[2] == "sim"
+def port():
+    """The serial port."""
+    return sys.argv[1]
+
+
+# Where a machine stands that has been homed: the pull-off away from its switches.
+HOME = (-1, -1, -1)
+
+
+def measured():
+    """Lets who started the script compare the pins with the report: to be called after homing."""
+    print("homed", flush=True)
+    until(lambda: os.path.exists("measured"), "the pins are compared with the report")
 
 
 def run(main):
