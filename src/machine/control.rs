@@ -35,6 +35,10 @@ pub enum Event {
     Done,
     /// A machine that was to stop is at rest.
     Stopped,
+    /// Z has to be lifted out of the work.
+    Park,
+    /// Z is parked.
+    Parked,
     /// Spindle and coolant run again after the door was open.
     Restored,
     /// A program pause.
@@ -60,7 +64,7 @@ pub enum Effect {
     None,
     /// What waited for cycle start goes on.
     Resume,
-    /// Spindle and coolant are switched off.
+    /// Spindle and coolant are switched off, after parking where the door was opened.
     SwitchOff,
     /// Spindle and coolant are switched on again, one after the other.
     Restore,
@@ -138,6 +142,11 @@ impl Control {
     #[must_use]
     pub fn after(self, event: Event) -> (Self, Effect) {
         let same = (self, Effect::None);
+        let is_ending = self.ending != Ending::None && self.state != State::Jog;
+        if is_ending && !matches!(event, Event::Stopped | Event::Reset | Event::Alarm) {
+            // Nothing else counts before the plan is dropped.
+            return same;
+        }
         match event {
             Event::Hold => self.hold(),
             Event::Start => self.start(),
@@ -146,8 +155,13 @@ impl Control {
             Event::JogCancel if self.state == State::Jog => self.cancel(Ending::Drop),
             Event::Move if self.state == State::Idle => to(State::Run),
             Event::Jog if self.state == State::Idle => to(State::Jog),
-            Event::Done if matches!(self.state, State::Run | State::Jog) => to(State::Idle),
+            Event::Done if self.state == State::Run => to(State::Idle),
+            Event::Done if self.state == State::Jog && self.ending == Ending::None => {
+                to(State::Idle)
+            }
             Event::Stopped => self.stopped(),
+            Event::Park if self.state == State::DoorAjar => to(State::DoorRetracting),
+            Event::Parked if self.state == State::DoorRetracting => to(State::DoorAjar),
             Event::Restored if self.state == State::DoorRestoring => (Self::IDLE, Effect::Resume),
             Event::Pause if self.state == State::Idle => to(State::HoldComplete),
             Event::Reset => self.reset(),
@@ -163,6 +177,8 @@ impl Control {
             | Event::Move
             | Event::Jog
             | Event::Done
+            | Event::Park
+            | Event::Parked
             | Event::Restored
             | Event::Pause
             | Event::Unlock
@@ -325,6 +341,8 @@ mod tests {
         (Is::Jog, On::Done, Is::Idle, Do::None),
         (Is::HoldSlowing, On::Stopped, Is::HoldComplete, Do::None),
         (Is::DoorRetracting, On::Stopped, Is::DoorAjar, Do::SwitchOff),
+        (Is::DoorAjar, On::Park, Is::DoorRetracting, Do::None),
+        (Is::DoorRetracting, On::Parked, Is::DoorAjar, Do::None),
         (Is::DoorRestoring, On::Restored, Is::Idle, Do::Resume),
         (Is::Idle, On::Pause, Is::HoldComplete, Do::None),
         (Is::Run, On::Reset, Is::Alarm, Do::Abort),
@@ -349,7 +367,7 @@ mod tests {
         (Is::Alarm, On::Sleep, Is::Sleep, Do::SwitchOff),
     ];
 
-    const EVENTS: [On; 17] = [
+    const EVENTS: [On; 19] = [
         On::Hold,
         On::Start,
         On::Door,
@@ -359,6 +377,8 @@ mod tests {
         On::Jog,
         On::Done,
         On::Stopped,
+        On::Park,
+        On::Parked,
         On::Restored,
         On::Pause,
         On::Reset,
@@ -398,6 +418,22 @@ mod tests {
             assert_eq!(door.after(first).0, door);
             let (stopped, effect) = door.after(On::Stopped);
             assert_eq!((stopped.state, effect), (Is::DoorRetracting, Do::Drop));
+        }
+    }
+
+    #[test]
+    fn nothing_begins_before_a_plan_that_is_void_is_dropped() {
+        for event in EVENTS {
+            if !matches!(event, On::Stopped | On::Reset | On::Alarm) {
+                for state in [Is::Idle, Is::Alarm] {
+                    let ending = Control::ending(state, Ending::Drop);
+                    assert_eq!(ending.after(event), (ending, Do::None), "{event:?}");
+                }
+            }
+        }
+        let jog = Control::ending(Is::Jog, Ending::Drop);
+        for event in [On::Move, On::Jog, On::Start, On::Hold, On::JogCancel] {
+            assert_eq!(jog.after(event), (jog, Do::None), "{event:?}");
         }
     }
 

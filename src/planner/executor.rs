@@ -13,7 +13,7 @@
 //! where an axis reverses. Its phase is decided from the present speed and the way left, so a feed
 //! hold, a new block or a changed limit needs nothing but the next segment.
 
-use super::{Block, Curve, Laser, LookAhead};
+use super::{Block, Curve, Laser, lookahead::Plan};
 use crate::{
     axis::Axes,
     machine::Power,
@@ -119,9 +119,9 @@ impl Executor {
     /// The next segment, from `position`; `None` at the end of the plan or, when stopping, at rest.
     ///
     /// Removes a block from the plan with its last segment.
-    pub(super) fn next(
+    pub(super) fn next<const N: usize>(
         &mut self,
-        plan: &mut LookAhead,
+        plan: &mut Plan<N>,
         position: &Axes<FineSteps>,
         goal: Goal,
     ) -> Option<Segment> {

@@ -17,7 +17,6 @@ use crate::{
 
 /// Places for blocks, a power of two.
 pub const BLOCKS: usize = 128;
-const MASK: usize = BLOCKS - 1;
 
 impl Block {
     /// The measure of a squared speed that braking changes in proportion to the path.
@@ -111,22 +110,25 @@ impl Planned {
     }
 }
 
-/// The blocks to be executed, oldest first.
+/// The blocks of a program.
+pub type LookAhead = Plan<BLOCKS>;
+
+/// The blocks to be executed, oldest first. `N` is a power of two.
 #[derive(Debug)]
-pub struct LookAhead {
-    ring: [Planned; BLOCKS],
+pub struct Plan<const N: usize> {
+    ring: [Planned; N],
     /// Place of the oldest.
     first: usize,
     count: usize,
     overrides: Overrides,
 }
 
-impl LookAhead {
+impl<const N: usize> Plan<N> {
     /// Empty.
     #[must_use]
     pub const fn new() -> Self {
         Self {
-            ring: [const { Planned::NONE }; BLOCKS],
+            ring: [const { Planned::NONE }; N],
             first: 0,
             count: 0,
             overrides: Overrides::NONE,
@@ -148,20 +150,20 @@ impl LookAhead {
     /// Free places.
     #[must_use]
     pub const fn free(&self) -> usize {
-        BLOCKS - self.count
+        N - self.count
     }
 
     /// The block in execution.
     #[must_use]
     pub fn current(&self) -> Option<&Block> {
-        (self.count != 0).then(|| &self.ring[self.first & MASK].block)
+        (self.count != 0).then(|| &self.ring[self.first & (N - 1)].block)
     }
 
     /// Squared speed at which the block in execution may be left: 0 when no other follows.
     #[must_use]
     pub fn exit_sqr(&self) -> f32 {
         if self.count > 1 {
-            self.ring[(self.first + 1) & MASK].entry_sqr
+            self.ring[(self.first + 1) & (N - 1)].entry_sqr
         } else {
             0.0
         }
@@ -169,11 +171,11 @@ impl LookAhead {
 
     /// Adds a block, if there is a place, and plans anew what that changes.
     pub fn push(&mut self, block: &Block) {
-        if self.count == BLOCKS {
+        if self.count == N {
             return;
         }
         let newest = self.first + self.count;
-        let planned = &mut self.ring[newest & MASK];
+        let planned = &mut self.ring[newest & (N - 1)];
         planned.hold(block);
         if self.overrides != Overrides::NONE {
             planned.block.speed_mm_s = block.speed_under(self.overrides);
@@ -182,11 +184,11 @@ impl LookAhead {
         let limit_sqr = if self.count == 0 {
             0.0
         } else {
-            let before = &self.ring[newest.wrapping_sub(1) & MASK].block;
+            let before = &self.ring[newest.wrapping_sub(1) & (N - 1)].block;
             let slower = math::min(speed_mm_s, before.speed_mm_s);
             math::min(block.junction_sqr, slower * slower)
         };
-        let planned = &mut self.ring[newest & MASK];
+        let planned = &mut self.ring[newest & (N - 1)];
         planned.limit_sqr = limit_sqr;
         planned.entry_sqr = -1.0;
         self.count += 1;
@@ -199,7 +201,7 @@ impl LookAhead {
         let mut before_mm_s = 0.0;
         // wcet-bound: 128
         for number in 0..self.count {
-            let planned = &mut self.ring[(self.first + number) & MASK];
+            let planned = &mut self.ring[(self.first + number) & (N - 1)];
             let speed_mm_s = planned.block.speed_under(overrides);
             planned.block.speed_mm_s = speed_mm_s;
             let slower = math::min(speed_mm_s, before_mm_s);
@@ -213,7 +215,7 @@ impl LookAhead {
     /// Removes the block in execution.
     pub fn pop(&mut self) {
         if self.count != 0 {
-            self.first = (self.first + 1) & MASK;
+            self.first = (self.first + 1) & (N - 1);
             self.count -= 1;
         }
     }
@@ -230,7 +232,7 @@ impl LookAhead {
         // The entry of the block in execution is history.
         // wcet-bound: 127
         for back in 1..self.count {
-            let place = (self.first + self.count - back) & MASK;
+            let place = (self.first + self.count - back) & (N - 1);
             let planned = &mut self.ring[place];
             let entry_sqr = if planned.entry_sqr == planned.limit_sqr {
                 planned.limit_sqr
@@ -246,7 +248,7 @@ impl LookAhead {
     }
 }
 
-impl Default for LookAhead {
+impl<const N: usize> Default for Plan<N> {
     fn default() -> Self {
         Self::new()
     }

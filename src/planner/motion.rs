@@ -6,6 +6,7 @@
 //! interrupt, which is a fault.
 
 mod cycles;
+mod parking;
 mod play;
 mod react;
 mod rest;
@@ -13,7 +14,10 @@ mod work;
 
 use heapless::spsc::Consumer;
 
-use self::rest::{Restoring, Wait};
+use self::{
+    parking::Parking,
+    rest::{Restoring, Wait},
+};
 use super::{BLOCKS, Coolant, Entry, LookAhead, Spindle, executor::Executor, probe::Probe};
 use crate::{
     axis::{AXES, Axes},
@@ -47,6 +51,7 @@ pub struct Motion {
     executor: Executor,
     generator: Generator,
     control: Control,
+    parking: Parking,
     accessories: Accessories,
     /// The newest reset acted on.
     epoch: u32,
@@ -98,6 +103,7 @@ impl Motion {
             executor: Executor::new(),
             generator: Generator::new(),
             control: Control::IDLE,
+            parking: Parking::new(),
             accessories: Accessories::new(),
             epoch: 0,
             cuts: 0,
@@ -149,9 +155,11 @@ impl Motion {
         self.generator.set_pulse_us(settings.step_pulse_us);
         self.accessories.configure(settings);
         self.homing.configure(settings);
+        self.parking.configure(settings);
         self.idle_delay_ms = settings.idle_delay_ms;
         self.hard_limits = settings.hard_limits;
         inputs.configure(settings);
+        self.snapshot.inputs = inputs.active();
     }
 
     /// Whether a limit switch is active that stops the machine.
@@ -209,7 +217,8 @@ impl Motion {
             counts.start();
         }
         // What has come to rest may go on at once.
-        let goes_on = is_still && !self.plan.is_empty() && self.control.executes();
+        let goes_on = is_still
+            && (!self.plan.is_empty() && self.control.executes() || self.parking.is_moving());
         Prepared {
             again: taken == work::ENTRIES_PER_RUN || changed && entries.ready() || goes_on,
             start,
@@ -236,6 +245,7 @@ impl Motion {
         self.probe.cancel();
         self.plan.clear();
         self.executor.abandon();
+        self.parking.abandon();
         self.settle_on_steps();
     }
 
@@ -250,6 +260,7 @@ impl Motion {
             && self.plan.is_empty()
             && !self.is_dwelling
             && !self.is_in_cycle()
+            && !self.parking.is_away()
             && self.control.ending == Ending::None;
         let at_rest = self.accessories.power_at_rest();
         let is_off = self.accessories.is_spindle_off();

@@ -116,7 +116,9 @@ fn value_type(row: &Row) -> ValueType {
         Kind::Number {
             most, decimals: 0, ..
         } => (DataType::Decimal, "#######0", Some((0.0, most, 0))),
-        Kind::Number { most, .. } => (DataType::Decimal, THOUSANDTHS, Some((0.0, most, 3))),
+        Kind::Number { least, most, .. } => {
+            (DataType::Decimal, THOUSANDTHS, Some((least, most, 3)))
+        }
         Kind::AxisNumber { least, .. } => {
             (DataType::Decimal, THOUSANDTHS, Some((least, LARGEST, 3)))
         }

@@ -78,6 +78,16 @@ pub struct Settings {
     pub spindle_min_rpm: f32,
     /// `$32` Laser mode.
     pub laser: bool,
+    /// `$41` Whether Z is parked when the safety door opens.
+    pub parking: bool,
+    /// `$56` Slow pull-out before parking, mm.
+    pub parking_pull_out_mm: f32,
+    /// `$57` Speed of the pull-out, and of the way back, mm/min.
+    pub parking_pull_out_mm_min: f32,
+    /// `$58` Where Z is parked, machine coordinate, mm.
+    pub parking_target_mm: f32,
+    /// `$59` Speed of parking, mm/min.
+    pub parking_mm_min: f32,
     /// `$100`… Resolution of each axis.
     pub steps_per_mm: Axes<StepsPerMm>,
     /// `$110`… Fastest speed of each axis, mm/min.
@@ -136,6 +146,11 @@ impl Default for Settings {
             spindle_max_rpm: 1000.0,
             spindle_min_rpm: 0.0,
             laser: false,
+            parking: false,
+            parking_pull_out_mm: 5.0,
+            parking_pull_out_mm_min: 100.0,
+            parking_target_mm: -5.0,
+            parking_mm_min: 500.0,
             steps_per_mm: Axes::all(RESOLUTION),
             max_rate_mm_min: Axes::all(500.0),
             acceleration_mm_s2: Axes::all(10.0),

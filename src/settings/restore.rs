@@ -41,8 +41,10 @@ pub(super) fn restore(
         }
         Kind::Word(place) => *place(settings) = value.byte()?.into(),
         Kind::Flag(place) => *place(settings) = value.byte()? != 0,
-        Kind::Number { place, most, .. } => {
-            *place(settings) = table::in_range(value.number(), 0.0, most)?;
+        Kind::Number {
+            place, least, most, ..
+        } => {
+            *place(settings) = table::in_range(value.number(), least, most)?;
         }
         Kind::AxisNumber { place, least, .. } => {
             let number = table::in_range(value.number(), least, table::LARGEST)?;

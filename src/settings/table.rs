@@ -60,7 +60,9 @@ pub enum Kind {
     Number {
         /// Where it is stored.
         place: fn(&mut Settings) -> &mut f32,
-        /// Largest value; the smallest is 0.
+        /// Smallest value.
+        least: f32,
+        /// Largest value.
         most: f32,
         /// Digits after the point in `$$`.
         decimals: usize,
@@ -101,6 +103,16 @@ const fn row(number: u8, name: &'static str, unit: &'static str, kind: Kind) -> 
 const fn number(place: fn(&mut Settings) -> &mut f32) -> Kind {
     Kind::Number {
         place,
+        least: 0.0,
+        most: LARGEST,
+        decimals: 3,
+    }
+}
+
+const fn coordinate(place: fn(&mut Settings) -> &mut f32) -> Kind {
+    Kind::Number {
+        place,
+        least: -LARGEST,
         most: LARGEST,
         decimals: 3,
     }
@@ -109,8 +121,18 @@ const fn number(place: fn(&mut Settings) -> &mut f32) -> Kind {
 const fn rpm(place: fn(&mut Settings) -> &mut f32) -> Kind {
     Kind::Number {
         place,
+        least: 0.0,
         most: LARGEST,
         decimals: 0,
+    }
+}
+
+const fn rate(place: fn(&mut Settings) -> &mut f32) -> Kind {
+    Kind::Number {
+        place,
+        least: 1.0,
+        most: LARGEST,
+        decimals: 3,
     }
 }
 
@@ -135,7 +157,7 @@ const MM_MIN: &str = "mm/min";
 
 /// Every setting, in the order of the numbers.
 #[rustfmt::skip]
-pub static TABLE: [Row; 26] = [
+pub static TABLE: [Row; 31] = [
     row(0, "step pulse", "µs", Kind::Byte(|s| &mut s.step_pulse_us)),
     row(1, "delay before idle steppers are released, 255 never", "ms", Kind::Byte(|s| &mut s.idle_delay_ms)),
     row(2, "inverted step outputs", "mask", Kind::Byte(|s| &mut s.step_invert)),
@@ -158,6 +180,11 @@ pub static TABLE: [Row; 26] = [
     row(30, "largest spindle speed", "rpm", rpm(|s| &mut s.spindle_max_rpm)),
     row(31, "smallest spindle speed", "rpm", rpm(|s| &mut s.spindle_min_rpm)),
     row(32, "laser mode", "", Kind::Flag(|s| &mut s.laser)),
+    row(41, "parking when the safety door opens", "", Kind::Flag(|s| &mut s.parking)),
+    row(56, "parking: slow pull-out", MM, number(|s| &mut s.parking_pull_out_mm)),
+    row(57, "parking: speed of the pull-out", MM_MIN, rate(|s| &mut s.parking_pull_out_mm_min)),
+    row(58, "parking: machine coordinate of Z", MM, coordinate(|s| &mut s.parking_target_mm)),
+    row(59, "parking: speed to it", MM_MIN, rate(|s| &mut s.parking_mm_min)),
     row(100, "resolution", "step/mm", Kind::AxisResolution(|s| &mut s.steps_per_mm.0)),
     row(110, "largest speed", MM_MIN, axis_rate(|s| &mut s.max_rate_mm_min.0)),
     row(120, "acceleration", "mm/s²", axis_number(|s| &mut s.acceleration_mm_s2.0, SMALLEST)),
@@ -230,11 +257,13 @@ fn change(settings: &mut Settings, number: i64, text: &[u8]) -> Result<(), Setti
         return Err(SettingError::BadStatement);
     }
     let number = u8::try_from(number).map_err(|_| SettingError::BadStatement)?;
-    if value.is_negative() {
+    let found = find(number);
+    let takes_negative = |row: &Row| matches!(row.kind, Kind::Number { least, .. } if least < 0.0);
+    if value.is_negative() && !found.is_some_and(|(row, _)| takes_negative(row)) {
         return Err(SettingError::Negative);
     }
     let mut changed = *settings;
-    let (row, axis) = find(number).ok_or(SettingError::BadStatement)?;
+    let (row, axis) = found.ok_or(SettingError::BadStatement)?;
     row.store(&mut changed, axis, value)?;
     if changed.step_pulse_us < 3 {
         return Err(SettingError::ShortPulse);
@@ -269,7 +298,7 @@ fn check_step_rate(settings: &Settings, axis: usize) -> Result<(), SettingError>
 
 /// The row of a setting, and the axis.
 pub(super) fn find(number: u8) -> Option<(&'static Row, usize)> {
-    // wcet-bound: 26
+    // wcet-bound: 31
     TABLE.iter().find_map(|row| {
         let axis = usize::from(number.checked_sub(row.number)?);
         (axis < row.axes()).then_some((row, axis))
@@ -314,7 +343,7 @@ impl Row {
         })
     }
 
-    /// Stores a value that is not negative.
+    /// Stores a value.
     fn store(
         &self,
         settings: &mut Settings,
@@ -326,7 +355,9 @@ impl Row {
             Kind::Byte(place) => *place(settings) = byte(value)?,
             Kind::Word(place) => *place(settings) = u16::from(byte(value)?),
             Kind::Flag(place) => *place(settings) = byte(value)? != 0,
-            Kind::Number { place, most, .. } => *place(settings) = within(value, 0.0, most)?,
+            Kind::Number {
+                place, least, most, ..
+            } => *place(settings) = within(value, least, most)?,
             Kind::AxisNumber { place, least, .. } => {
                 *place(settings).get_mut(axis).ok_or(missing)? = within(value, least, LARGEST)?;
             }
@@ -383,7 +414,7 @@ mod tests {
     fn the_list_has_every_number_once_and_in_order() {
         let settings = Settings::default();
         let numbers: Vec<_> = (0..).map_while(|place| listed(&settings, place)).collect();
-        assert_eq!(numbers.len(), 22 + 4 * AXES);
+        assert_eq!(numbers.len(), 27 + 4 * AXES);
         assert!(numbers.is_sorted_by(|a, b| a.0 < b.0));
         for (number, value) in numbers {
             let (row, axis) = find(number).unwrap();

@@ -2,7 +2,7 @@
 
 use super::Motion;
 use crate::{
-    machine::{Event, Inputs, Levels, State},
+    machine::{Ending, Event, Inputs, Levels, State},
     planner::executor::Goal,
     stepper::{
         AHEAD_TICKS, AxisMotion, EventWriter, SEGMENT_RING, SEGMENT_TICKS, Segment, StepCounts,
@@ -49,6 +49,9 @@ impl Motion {
         if self.homing.is_active() {
             return self.next_of_homing(inputs);
         }
+        if self.parking.is_moving() {
+            return self.parking_segment();
+        }
         let executes = self.control.executes() && !self.probe.is_touched();
         if self.dwell_ticks != 0 && executes {
             let ticks = self.dwell_ticks.min(u64::from(SEGMENT_TICKS)) as u32;
@@ -81,6 +84,21 @@ impl Motion {
         Some(segment)
     }
 
+    /// The machine is at rest: what it was stopped for.
+    fn stop(&mut self) {
+        if self.parking.is_moving() && self.control.ending == Ending::None {
+            self.go_on_parking();
+            return;
+        }
+        let before = self.control.ending;
+        self.on(Event::Stopped);
+        if before == Ending::DropThenDoor {
+            // The door was opened in a jog, which has just been dropped: Z is not parked.
+            self.control = self.control.after(Event::Stopped).0;
+            self.accessories.cut();
+        }
+    }
+
     /// The state that follows from what has been played.
     pub(super) fn settle(&mut self, counts: &StepCounts) {
         let is_still = self.is_still(counts);
@@ -92,12 +110,8 @@ impl Motion {
             if let Some(alarm) = self.fault.take() {
                 self.alarm(alarm);
             }
-            self.on(Event::Stopped);
+            self.stop();
             self.end_cycles();
-            if self.control.state == State::DoorRetracting {
-                // The door was opened in a jog, which has just been dropped.
-                self.on(Event::Stopped);
-            }
             if self.plan.is_empty() {
                 self.on(Event::Done);
             }

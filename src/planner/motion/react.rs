@@ -1,6 +1,6 @@
 //! From requests to events of the state machine, and what they ask for.
 
-use super::{Motion, Restoring};
+use super::Motion;
 use crate::{
     machine::{Alarm, Control, Effect, Event, Notice, Override, Overrides, State},
     protocol::realtime::{OVERRIDES, Requests},
@@ -122,10 +122,18 @@ impl Motion {
                 }
             }
             Effect::SwitchOff => {
-                self.accessories.cut();
                 self.stop_restoring();
+                if event == Event::Sleep {
+                    self.accessories.cut();
+                } else {
+                    self.park();
+                }
             }
-            Effect::Restore => self.restoring = Restoring::Spindle,
+            Effect::Restore => {
+                if !self.unpark() {
+                    self.begin_restoring();
+                }
+            }
             // A reset has its own count.
             Effect::Cancel if event == Event::Reset => {}
             Effect::Cancel => self.cuts = self.cuts.wrapping_add(1),
@@ -198,6 +206,7 @@ impl Motion {
         if self.control.state == State::Home {
             self.end_homing(Alarm::HomingReset);
         }
+        self.reset_parking();
         self.on(Event::Reset);
         if self.control.state == State::Idle && self.is_on_limit() {
             self.control.state = State::Alarm;

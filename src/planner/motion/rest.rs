@@ -48,6 +48,11 @@ impl Motion {
         self.wake_in_ms = Some(milliseconds);
     }
 
+    /// The door is closed, and Z where spindle and coolant may run.
+    pub(super) fn begin_restoring(&mut self) {
+        self.restoring = Restoring::Spindle;
+    }
+
     /// Switches on what was on before the door was opened, one after the other; then goes on.
     pub(super) fn restore(&mut self) {
         let (has_spindle, has_coolant) = self.accessories.has_to_restore();
@@ -72,7 +77,9 @@ impl Motion {
         }
         if self.restoring == Restoring::Done {
             self.restoring = Restoring::No;
-            self.on(Event::Restored);
+            if !self.plunge() {
+                self.on(Event::Restored);
+            }
         }
     }
 
