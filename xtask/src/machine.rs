@@ -6,13 +6,14 @@ mod signals;
 pub(crate) use pin::Pin;
 pub(crate) use signals::Event;
 
-use std::collections::VecDeque;
+use std::{array, collections::VecDeque};
 
 use leadscrew::{
-    machine::{Snapshot, State},
+    axis::{AXES, Z},
+    machine::{Levels, Snapshot, State},
     protocol::Session,
     settings::Settings,
-    sim::{Flash, RECEIVED_RING, Simulator, Switch},
+    sim::{Closes, Flash, RECEIVED_RING, Simulator, Switch},
     units::TICKS_PER_SECOND,
 };
 
@@ -22,6 +23,41 @@ use self::signals::Signals;
 pub(crate) const BAUD: u32 = 115_200;
 /// Time of one byte on it with start and stop bit, ticks.
 const BYTE_TICKS: u64 = TICKS_PER_SECOND as u64 * 10 / BAUD as u64;
+
+/// How far the lower switches are beyond the travel, mm.
+const BEYOND_MM: f64 = 1.0;
+/// How high the plate for the probe is above the low end of Z, mm.
+const PLATE_MM: f64 = 10.0;
+
+/// Where switches close, in steps from where the machine stands at power-up: the middle.
+pub(crate) struct Ends {
+    /// The limit switch of each axis at its lower end and below. It is farther away than the travel:
+    /// an axis that was homed above has all of its travel.
+    pub(crate) low: [i32; AXES],
+    /// The limit switch of each axis at its upper end and above.
+    pub(crate) high: [i32; AXES],
+    /// The plate for the probe, above the lower end of Z.
+    pub(crate) plate: i32,
+}
+
+impl Ends {
+    /// Of a machine with as much travel as these settings say.
+    pub(crate) fn of(settings: &Settings) -> Self {
+        let steps = |axis: usize, way_mm: f64| {
+            let scale = settings.steps_per_mm[axis].millionths() as f64 * 1e-6;
+            (way_mm * scale).round() as i32
+        };
+        let half_mm = settings
+            .max_travel_mm
+            .0
+            .map(|travel| f64::from(travel) / 2.0);
+        Self {
+            low: array::from_fn(|axis| steps(axis, -half_mm[axis] - BEYOND_MM)),
+            high: array::from_fn(|axis| steps(axis, half_mm[axis])),
+            plate: steps(Z, -half_mm[Z] + PLATE_MM),
+        }
+    }
+}
 
 /// A machine on a virtual clock, and the bytes on their way to it and from it.
 pub(crate) struct Machine {
@@ -94,6 +130,28 @@ impl Machine {
     /// The conversation as the machine has it.
     pub(crate) fn session(&self) -> &Session {
         self.simulator.session()
+    }
+
+    /// Mounts switches and a plate for the probe.
+    pub(crate) fn mount(&mut self, ends: &Ends) {
+        for axis in 0..AXES {
+            let limit = Levels::limits(1 << axis);
+            self.mount_switch(axis, Closes::From(ends.high[axis]), limit);
+            self.mount_switch(axis, Closes::DownFrom(ends.low[axis]), limit);
+        }
+        self.mount_switch(Z, Closes::DownFrom(ends.plate), Levels::PROBE);
+    }
+
+    fn mount_switch(&mut self, axis: usize, closes: Closes, input: Levels) {
+        let is_mounted = self.simulator.mount(Switch {
+            axis,
+            closes,
+            input,
+        });
+        debug_assert!(
+            is_mounted,
+            "there is room for two switches of each axis and the plate"
+        );
     }
 
     /// The flash in which it stores.

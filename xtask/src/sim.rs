@@ -21,7 +21,7 @@ use owo_colors::OwoColorize;
 
 use crate::{
     figures::{self, Figures, Final, Responses, separated},
-    machine::BAUD,
+    machine::{BAUD, Ends},
     on_target, plot,
     program::Program,
     refusal::refusal,
@@ -78,6 +78,10 @@ pub(crate) struct Options {
     /// Serve the machine in real time at a TCP address such as 127.0.0.1:2323, until Ctrl-C
     #[arg(long, value_name = "ADDR:PORT")]
     tcp: Option<String>,
+    /// Give the served machine limit switches at the ends of its travel, in whose middle it stands,
+    /// and a probe plate 10 mm above the low end of Z
+    #[arg(long, conflicts_with_all = ["file", "session", "flash"])]
+    switches: bool,
     /// Keep what is stored in this file, as the machine's flash does; a new file is a new machine
     #[arg(long, value_name = "FILE", conflicts_with_all = ["file", "session", "set", "settings"])]
     flash: Option<PathBuf>,
@@ -101,11 +105,12 @@ pub(crate) fn run(options: &Options) -> Result<ExitCode> {
             Some(path) => Memory::File(path.clone()),
             None => Memory::Settings(Box::new(settings)),
         };
+        let switches = options.switches.then(|| Ends::of(&settings));
         if let Some(path) = &options.pty {
-            serve::pty(path, &memory)?;
+            serve::pty(path, &memory, switches.as_ref())?;
         }
         if let Some(address) = &options.tcp {
-            serve::tcp(address, &memory)?;
+            serve::tcp(address, &memory, switches.as_ref())?;
         }
         return Ok(ExitCode::SUCCESS);
     }
