@@ -118,14 +118,13 @@ fn travel(state: &mut Interpreter, checked: &Checked, outcome: &mut Outcome) {
             line: checked.line,
         },
         Path::Probe(probe) => {
-            // Where it ends is the machine's to say.
-            outcome.add(Command::Probe {
+            let (probing, line) = (probing(probe), checked.line);
+            Command::Probe {
                 target,
                 pace,
-                probing: probing(probe),
-                line: checked.line,
-            });
-            return;
+                probing,
+                line,
+            }
         }
     };
     outcome.add(command);

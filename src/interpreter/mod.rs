@@ -99,7 +99,7 @@ enum Path {
     None,
     Straight,
     Arc(Circle),
-    /// To the target at most: where it ends is the machine's to say.
+    /// To the target at most: where it ended is the machine's to say, afterwards.
     Probe(Probe),
 }
 
@@ -284,8 +284,8 @@ impl Interpreter {
         self.modal.coolant = coolant;
     }
 
-    /// The machine has arrived at a target.
-    pub fn arrive(&mut self, target: &Target) {
+    /// The next line begins at a target.
+    fn arrive(&mut self, target: &Target) {
         self.position = target.position;
         self.single_mm = target.single_mm;
     }

@@ -97,6 +97,16 @@ impl Limits {
     }
 }
 
+/// Where a router stands, to return to.
+#[derive(Debug, Clone, Copy, Default)]
+pub struct Mark {
+    position: Axes<Nm>,
+    sent: Axes<Nm>,
+    fine: Axes<FineSteps>,
+    steps: Axes<Steps>,
+    tangent: Axes<f32>,
+}
+
 /// Turns commands into work, from where the one before ended.
 #[derive(Debug)]
 pub struct Router {
@@ -150,6 +160,27 @@ impl Router {
             });
         self.sent = self.position;
         self.position
+    }
+
+    /// Where the last command ended.
+    #[must_use]
+    pub fn mark(&self) -> Mark {
+        Mark {
+            position: self.position,
+            sent: self.sent,
+            fine: self.fine,
+            steps: self.steps,
+            tangent: self.tangent,
+        }
+    }
+
+    /// Takes back the commands since a mark: the machine has not begun them.
+    pub fn return_to(&mut self, mark: &Mark) {
+        self.position = mark.position;
+        self.sent = mark.sent;
+        self.fine = mark.fine;
+        self.steps = mark.steps;
+        self.tangent = mark.tangent;
     }
 
     /// What the laser does during moves.
@@ -277,8 +308,7 @@ impl Router {
             .min(Limits::along(&self.limits.speed_mm_s, &direction));
         direction[first] = flat;
         direction[second] = flat;
-        let resolution = self.limits.steps_per_mm;
-        let steps_per_mm = direction.zip(resolution, |share, steps| share * steps);
+        let steps_per_mm = direction.zip(self.limits.steps_per_mm, |share, steps| share * steps);
         let rate = rate
             .min(Limits::together(&steps_per_mm))
             .min(math::sqrt(limit_sqr));

@@ -21,10 +21,12 @@ use super::{
     text::Text,
 };
 use crate::{
+    axis::Axes,
     interpreter::{Checked, Interpreter, Outcome},
     machine::{Probed, Snapshot},
-    planner::{Entry, Router, Work},
+    planner::{Entry, Mark, Router, Work},
     settings::{Change, Settings, StoreError, Stored},
+    units::Nm,
 };
 use judge::List;
 use store::Then;
@@ -93,8 +95,13 @@ enum Source {
     Line,
     /// The sender, after `$J=`.
     Jog,
-    /// The sender, after `$Nn=`: to be stored as startup line `number`, from byte `start` on.
-    NewStartup { number: usize, start: usize },
+    /// The sender, after `$Nn=`: to be stored as startup line `number`, from byte `start` on, and
+    /// then executed.
+    NewStartup {
+        number: usize,
+        start: usize,
+        is_stored: bool,
+    },
     /// This startup line. Afterwards the `ok` of `$H` is due, or nothing.
     Startup { number: usize, is_homed: bool },
 }
@@ -144,8 +151,9 @@ pub struct Session {
     is_answer_owed: bool,
     /// What has been seen of the machine.
     seen: Seen,
-    /// The last probing move.
+    /// The last probing move, and where it began.
     probed: Probed,
+    probed_from: (Axes<Nm>, Mark),
 }
 
 impl Session {
@@ -182,17 +190,8 @@ impl Session {
             is_answer_owed: false,
             seen: Seen::default(),
             probed: Probed::default(),
+            probed_from: (Axes::default(), Mark::default()),
         }
-    }
-
-    /// A session of a machine that has stored these settings and nothing else.
-    #[must_use]
-    pub fn with_settings(settings: Settings) -> Self {
-        let stored = Stored {
-            settings,
-            ..Stored::default()
-        };
-        Self::new(&stored, false)
     }
 
     /// Entries given to the machine so far, wrapping.

@@ -96,4 +96,3 @@ impl Tally {
 }
 
 pub(crate) const TOOL_STAYS: &str = "D13: T stays until the next T word";
-pub(crate) const NO_PROBE: &str = "G38 is refused with error 20 until the machine can probe";

@@ -4,5 +4,6 @@ mod bench;
 mod flow;
 mod laws;
 mod program;
+mod rejected;
 mod reports;
 mod statements;

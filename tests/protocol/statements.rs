@@ -160,7 +160,7 @@ fn check_mode_is_entered_idle_and_left_by_a_reset() {
         assert_eq!(bench.ask(line), [answer], "{line}");
     }
     assert_eq!(bench.session.interpreter().position()[0].0, 20_000_000);
-    assert_eq!(bench.session.interpreter().position()[2].0, 0);
+    assert_eq!(bench.session.interpreter().position()[2].0, -1_000_000);
     assert_eq!(bench.ask("M2"), ["[MSG:Pgm End]", "ok"]);
     let done = bench.works();
     assert!(

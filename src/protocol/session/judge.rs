@@ -108,7 +108,11 @@ impl Session {
             }
             Ok(Dollar::StoreStartup(number, line)) if line.len() <= settings::STORED_LINE => {
                 let start = self.line.text().map_or(0, <[u8]>::len) - line.len();
-                self.source = Source::NewStartup { number, start };
+                self.source = Source::NewStartup {
+                    number,
+                    start,
+                    is_stored: false,
+                };
                 self.interpret(machine, entries)
             }
             Ok(Dollar::StoreStartup(..)) => self.refuse(LineError::StoredLineTooLong),

@@ -13,7 +13,7 @@ use crate::{
     machine::{Alarm, Snapshot, State},
     planner::{Command, Entry, Laser, Pace, Spindle, Work, is_outside, leaves_travel},
     protocol::report::{self, Feedback},
-    settings::{Change, StoredLine},
+    settings::Change,
     units::Nm,
 };
 
@@ -56,6 +56,14 @@ impl Session {
         if self.checked.waits_for_rest() && !self.is_done(machine) {
             return self.rest();
         }
+        if let Source::NewStartup {
+            number,
+            start,
+            is_stored: false,
+        } = self.source
+        {
+            return self.store_startup(machine, number, start);
+        }
         match self.interpreter.origins_after(&self.checked) {
             Some(origins) => self.store(machine, Change::Origins, Then::Commit, |stored| {
                 stored.origins = origins;
@@ -91,6 +99,7 @@ impl Session {
             None
         } else if self.checked.probe().is_some() {
             self.seen.is_probed = false;
+            self.probed_from = (from, self.router.mark());
             Some(After::Probe)
         } else {
             // What is switched at standstill has been switched when the answer comes.
@@ -176,7 +185,7 @@ impl Session {
                 self.stage = Stage::Completing(after);
                 self.complete(machine, after)
             }
-            None => self.finish_line(machine),
+            None => self.accept(),
         }
     }
 
@@ -220,23 +229,21 @@ impl Session {
             After::Probe => self.end_probing(machine),
             After::Home { is_all } => return self.end_homing(machine, is_all),
         }
-        self.finish_line(machine)
+        self.accept()
     }
 
-    /// The position after a probing move: where the machine stands, or the target of a miss.
+    /// The position after a probing move: that of the machine; the target, if it was missed; or that
+    /// before, if the move has not been begun.
     fn end_probing(&mut self, machine: &Snapshot) {
-        let before = self.interpreter.position();
+        if !self.seen.is_probed {
+            let (position, mark) = &self.probed_from;
+            self.interpreter.set_position(*position);
+            self.router.return_to(mark);
+            return;
+        }
         let position = self.router.set_steps(machine.steps);
-        match self.checked.probe() {
-            Some((target, _)) if self.seen.is_probed => {
-                if self.probed.success {
-                    self.interpreter.set_position(position);
-                } else {
-                    self.interpreter.arrive(&target);
-                }
-            }
-            // It has not begun.
-            _ => debug_assert_eq!(before, self.interpreter.position()),
+        if self.probed.success {
+            self.interpreter.set_position(position);
         }
     }
 
@@ -245,28 +252,6 @@ impl Session {
         match self.checked.probe() {
             Some((_, Probe::Contact | Probe::Release)) => true,
             Some((_, Probe::TryContact | Probe::TryRelease)) | None => false,
-        }
-    }
-
-    /// Answers a line that everything has been done for, and stores it if it is to be stored.
-    fn finish_line(&mut self, machine: &Snapshot) -> Progress {
-        let Source::NewStartup { number, start } = self.source else {
-            return self.accept();
-        };
-        if !self.is_done(machine) {
-            // It may have begun to move.
-            self.stage = Stage::Completing(After::Answer);
-            return Progress::Waiting;
-        }
-        let text = self.line.text().unwrap_or_default();
-        let line = StoredLine::from_slice(text.get(start..).unwrap_or_default());
-        match line {
-            Ok(line) => self.store(machine, Change::Startup(number), Then::Answer, |stored| {
-                if let Some(place) = stored.startup.get_mut(number) {
-                    *place = line;
-                }
-            }),
-            Err(_) => self.refuse(LineError::StoredLineTooLong),
         }
     }
 }

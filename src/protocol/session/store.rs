@@ -6,13 +6,13 @@
 
 use heapless::spsc::Producer;
 
-use super::{After, Progress, Session, Stage, judge::answer};
+use super::{After, Progress, Session, Source, Stage, judge::answer};
 use crate::{
     gcode::LineError,
     machine::Snapshot,
     planner::{Entry, Work},
     protocol::report::{self, Feedback},
-    settings::{Change, Settings, Stored},
+    settings::{Change, Settings, Stored, StoredLine},
 };
 
 /// What follows when a change has been stored.
@@ -22,6 +22,8 @@ pub(super) enum Then {
     Answer,
     /// The line that has been checked is carried out.
     Commit,
+    /// So is the startup line that has been stored.
+    Execute,
     /// The settings take effect, and the line is answered.
     Configure,
     /// Everything takes effect; a message, the answer and a reset.
@@ -50,6 +52,24 @@ impl Session {
         }
         self.stage = Stage::Storing(then);
         Progress::Again
+    }
+
+    /// Stores a startup line that has been found right, and then executes it.
+    pub(super) fn store_startup(
+        &mut self,
+        machine: &Snapshot,
+        number: usize,
+        start: usize,
+    ) -> Progress {
+        let text = self.line.text().unwrap_or_default();
+        match StoredLine::from_slice(text.get(start..).unwrap_or_default()) {
+            Ok(line) => self.store(machine, Change::Startup(number), Then::Execute, |stored| {
+                if let Some(place) = stored.startup.get_mut(number) {
+                    *place = line;
+                }
+            }),
+            Err(_) => self.refuse(LineError::StoredLineTooLong),
+        }
     }
 
     /// `$RST=`.
@@ -85,6 +105,12 @@ impl Session {
         match then {
             Then::Answer => self.accept(),
             Then::Commit => self.commit(machine, entries),
+            Then::Execute => {
+                if let Source::NewStartup { is_stored, .. } = &mut self.source {
+                    *is_stored = true;
+                }
+                self.interpret(machine, entries)
+            }
             Then::Configure => {
                 self.configure(machine, entries);
                 self.stage = Stage::Completing(After::Answer);

@@ -33,10 +33,13 @@ impl Session {
     /// Takes over what has changed at the machine, and makes the next status report show it.
     pub(super) fn look_at(&mut self, machine: &Snapshot) {
         let seen = &mut self.seen;
-        // Outside of a hold the session itself has asked for what is switched.
+        // Outside of a hold the session itself has asked for what is switched; and a laser comes on
+        // again with the motion.
         let is_suspended = machine.state.is_suspended();
+        let is_beam = self.stored.settings.laser && machine.spindle != Spindle::Off;
+        let is_spindle_switched = seen.spindle != machine.spindle && !is_beam;
         let is_switched = (is_suspended || seen.is_suspended)
-            && (seen.spindle, seen.coolant) != (machine.spindle, machine.coolant);
+            && (is_spindle_switched || seen.coolant != machine.coolant);
         let is_toggled = seen.coolant_toggles != machine.coolant_toggles;
         if is_switched || is_toggled || seen.overrides != machine.overrides {
             self.cadence.overrides_changed();
