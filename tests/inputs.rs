@@ -1,7 +1,7 @@
 //! Switches, buttons and probe of the virtual machine, through the firmware's own filter.
 
 use leadscrew::{
-    axis::AXES,
+    axis::{AXES, Axes},
     machine::{Levels, State},
     settings::{Settings, assign},
     sim::{Closes, Simulator, Switch},
@@ -55,10 +55,165 @@ impl Bench {
 
 fn fast() -> Settings {
     let mut settings = Settings::default();
-    for statement in ["100=80", "110=5000", "120=500"] {
-        assign(&mut settings, statement.as_bytes()).unwrap();
+    for axis in 0..AXES {
+        for (number, value) in [(100, 80), (110, 5000), (120, 500)] {
+            let statement = format!("{}={value}", number + axis);
+            assign(&mut settings, statement.as_bytes()).unwrap();
+        }
     }
     settings
+}
+
+/// The lines that come within so many ms of a line.
+fn answers(bench: &mut Bench, line: &str, ms: u64) -> Vec<String> {
+    bench.take_sent();
+    bench.line(line);
+    bench.run_us(ms * 1000);
+    bench.take_sent().lines().map(String::from).collect()
+}
+
+/// The status report.
+fn status(bench: &mut Bench) -> String {
+    bench.take_sent();
+    bench.machine.receive(b'?');
+    bench.machine.settle();
+    bench.run_us(5000);
+    bench.take_sent()
+}
+
+/// A machine as recorded, with its switches.
+fn homing_bench(settings: &Settings) -> Bench {
+    let mut bench = Bench::new(&Settings {
+        homing: true,
+        homing_seek_mm_min: 2000.0,
+        homing_feed_mm_min: 200.0,
+        ..*settings
+    });
+    for (axis, steps) in [1600, 1200, 800].into_iter().enumerate() {
+        assert!(bench.machine.mount(Switch {
+            axis,
+            closes: Closes::From(steps),
+            input: Levels::limits(1 << axis),
+        }));
+    }
+    bench
+}
+
+#[test]
+fn homing_is_answered_when_it_is_over() {
+    let mut bench = homing_bench(&fast());
+    assert_eq!(answers(&mut bench, "$H", 1000), [""; 0]);
+    let home = status(&mut bench);
+    assert!(home.starts_with("<Home|MPos:"), "{home:?}");
+    bench.run_us(3_500_000);
+    assert_eq!(bench.take_sent(), "ok\r\n");
+    let idle = status(&mut bench);
+    assert!(idle.starts_with("<Idle|MPos:-1.000,-1.000,-1.000|"));
+    assert_eq!(answers(&mut bench, "G0X-10", 1000), ["ok"]);
+    assert_eq!(bench.machine.physical_steps()[0], 1600 - 800);
+}
+
+#[test]
+fn homing_that_fails_locks_the_machine() {
+    let mut bench = Bench::new(&Settings {
+        homing: true,
+        homing_seek_mm_min: 5000.0,
+        max_travel_mm: Axes::all(50.0),
+        ..fast()
+    });
+    let told = answers(&mut bench, "$H", 3000);
+    let lock = "[MSG:'$H'|'$X' to unlock]";
+    let expected = ["ALARM:9", "ok", "", "Grbl 1.1h ['$' for help]", lock];
+    assert_eq!(told, expected);
+    let alarm = status(&mut bench);
+    assert!(
+        alarm.starts_with("<Alarm|MPos:0.000,0.000,75.000|"),
+        "{alarm:?}"
+    );
+}
+
+#[test]
+fn the_door_ends_homing() {
+    let mut bench = homing_bench(&fast());
+    bench.line("$H");
+    bench.run_us(200_000);
+    bench.take_sent();
+    bench.machine.receive(0x84);
+    bench.machine.settle();
+    bench.run_us(1_000_000);
+    let told = bench.take_sent();
+    assert!(told.starts_with("ALARM:7\r\nok\r\n\r\nGrbl"), "{told}");
+    assert_eq!(bench.machine.snapshot().state, State::Alarm);
+}
+
+#[test]
+fn homing_does_not_start_on_a_switch() {
+    let mut bench = homing_bench(&fast());
+    bench.set(Levels::limits(1), true);
+    bench.run_us(1000);
+    let told = answers(&mut bench, "$H", 100);
+    assert_eq!(told, ["[MSG:Check Limits]", "error:203"]);
+    assert_eq!(bench.machine.snapshot().state, State::Alarm);
+    assert_eq!(bench.machine.physical_steps(), Axes::all(0));
+}
+
+#[test]
+fn probing_is_answered_as_by_grbl() {
+    let plate = Switch {
+        axis: 2,
+        closes: Closes::DownFrom(-400),
+        input: Levels::PROBE,
+    };
+    let mut bench = Bench::new(&fast());
+    assert!(bench.machine.mount(plate));
+    let told = answers(&mut bench, "G38.2 Z-10 F600", 2000);
+    assert_eq!(told, ["[PRB:0.000,0.000,-5.000:1]", "ok"]);
+    // From where it rests, not from where it was to go.
+    let rest = bench.machine.physical_steps()[2];
+    assert_eq!(answers(&mut bench, "G91G0Z1", 2000), ["ok"]);
+    assert_eq!(bench.machine.physical_steps()[2], rest + 80);
+    let told = answers(&mut bench, "G38.3 Z-1", 2000);
+    assert_eq!(told, ["[PRB:0.000,0.000,-5.000:1]", "ok"]);
+    let told = answers(&mut bench, "G38.2 Z-1", 2000);
+    assert_eq!(told, ["ALARM:4", "ok"]);
+}
+
+#[test]
+fn a_missed_probe_is_answered_as_by_grbl() {
+    let mut bench = Bench::new(&fast());
+    let told = answers(&mut bench, "G38.3 Z-1 F600", 2000);
+    assert_eq!(told, ["[PRB:0.000,0.000,-1.000:0]", "ok"]);
+    let told = answers(&mut bench, "G38.2 Z-3 F600", 2000);
+    assert_eq!(told, ["ALARM:5", "[PRB:0.000,0.000,-1.000:0]", "ok"]);
+    assert_eq!(answers(&mut bench, "G0Z0", 50), ["error:9"]);
+}
+
+#[test]
+fn a_hard_limit_is_told_and_waits_for_a_reset() {
+    let mut bench = Bench::new(&Settings {
+        hard_limits: true,
+        ..fast()
+    });
+    assert_eq!(answers(&mut bench, "G1X50F1000", 200), ["ok"]);
+    bench.set(Levels::limits(1), true);
+    bench.run_us(100_000);
+    let told: Vec<_> = bench.take_sent().lines().map(String::from).collect();
+    assert_eq!(told, ["ALARM:1", "[MSG:Reset to continue]"]);
+    let steps = bench.machine.physical_steps();
+    assert_eq!(bench.machine.snapshot().steps, steps);
+    assert_eq!(answers(&mut bench, "$X", 100), [""; 0]);
+    bench.set(Levels::limits(1), false);
+    bench.run_us(1000);
+    bench.machine.receive(0x18);
+    bench.machine.settle();
+    bench.run_us(100_000);
+    bench.take_sent();
+    assert_eq!(
+        answers(&mut bench, "$X", 100),
+        ["[MSG:Caution: Unlocked]", "ok"]
+    );
+    assert_eq!(answers(&mut bench, "G1X0F1000", 5000), ["ok"]);
+    assert_eq!(bench.machine.physical_steps(), Axes::all(0));
 }
 
 #[test]

@@ -26,7 +26,7 @@ const KEYS: [u32; 2] = [0x4567_0123, 0xcdef_89ab];
 #[expect(unsafe_code, reason = "a symbol of the linker script")]
 unsafe extern "C" {
     /// Where the first sector begins.
-    static mut _settings_start: [u8; BOTH];
+    static mut _settings_start: [u32; BOTH / 4];
 }
 
 /// The two sectors, and the flash's registers.

@@ -154,11 +154,12 @@ impl Motion {
     fn configure(&mut self, settings: &Settings, inputs: &Inputs) {
         self.generator.set_pulse_us(settings.step_pulse_us);
         self.accessories.configure(settings);
-        self.parking.configure(settings);
         self.homing.configure(settings);
+        self.parking.configure(settings);
         self.idle_delay_ms = settings.idle_delay_ms;
         self.hard_limits = settings.hard_limits;
         inputs.configure(settings);
+        self.snapshot.inputs = inputs.active();
     }
 
     /// Whether a limit switch is active that stops the machine.
@@ -258,8 +259,8 @@ impl Motion {
         let is_at_rest = self.is_still(counts)
             && self.plan.is_empty()
             && !self.is_dwelling
-            && !self.parking.is_away()
             && !self.is_in_cycle()
+            && !self.parking.is_away()
             && self.control.ending == Ending::None;
         let at_rest = self.accessories.power_at_rest();
         let is_off = self.accessories.is_spindle_off();

@@ -307,8 +307,7 @@ impl Router {
             .min(Limits::along(&self.limits.speed_mm_s, &direction));
         direction[first] = flat;
         direction[second] = flat;
-        let resolution = self.limits.steps_per_mm;
-        let steps_per_mm = direction.zip(resolution, |share, steps| share * steps);
+        let steps_per_mm = direction.zip(self.limits.steps_per_mm, |share, steps| share * steps);
         let rate = rate
             .min(Limits::together(&steps_per_mm))
             .min(math::sqrt(limit_sqr));

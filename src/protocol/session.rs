@@ -194,16 +194,6 @@ impl Session {
         }
     }
 
-    /// A session of a machine that has stored these settings and nothing else.
-    #[must_use]
-    pub fn with_settings(settings: Settings) -> Self {
-        let stored = Stored {
-            settings,
-            ..Stored::default()
-        };
-        Self::new(&stored, false)
-    }
-
     /// Entries given to the machine so far, wrapping.
     #[must_use]
     pub fn entered(&self) -> u32 {

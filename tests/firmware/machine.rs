@@ -61,6 +61,14 @@ impl Machine {
         Some(machine)
     }
 
+    /// Boots a machine with fast axes and 30 mm of travel.
+    pub(crate) fn boot_small() -> Option<Self> {
+        let mut machine = Self::boot()?;
+        machine.make_fast();
+        machine.set(&["$130=30", "$131=30", "$132=30", "$10=1"]);
+        Some(machine)
+    }
+
     pub(crate) fn send(&mut self, bytes: &[u8]) {
         let input = self.qemu.stdin.as_mut().unwrap();
         input.write_all(bytes).unwrap();

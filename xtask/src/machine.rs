@@ -1,14 +1,22 @@
 //! The virtual machine behind its serial line, for whoever talks to it byte by byte.
 
+mod pin;
+mod signals;
+
+pub(crate) use pin::Pin;
+pub(crate) use signals::Event;
+
 use std::collections::VecDeque;
 
 use leadscrew::{
-    axis::AXES,
-    machine::State,
+    machine::{Snapshot, State},
+    protocol::Session,
     settings::Settings,
-    sim::{Flash, RECEIVED_RING, Simulator},
+    sim::{Flash, RECEIVED_RING, Simulator, Switch},
     units::TICKS_PER_SECOND,
 };
+
+use self::signals::Signals;
 
 /// Speed of the serial line, baud.
 pub(crate) const BAUD: u32 = 115_200;
@@ -22,29 +30,70 @@ pub(crate) struct Machine {
     from_machine: Vec<(f64, u8)>,
     next_in: u64,
     next_out: u64,
+    switches: Vec<Switch>,
+    signals: Signals,
 }
 
 impl Machine {
-    /// Switched on with these settings stored.
+    /// Switched on with these settings stored, and no switches.
     pub(crate) fn new(settings: &Settings) -> Self {
-        Self::settled(Simulator::new(settings))
+        Self::amid(Simulator::new(settings), Vec::new())
     }
 
     /// Switched on with what is stored in a flash.
     pub(crate) fn power_up(flash: Flash) -> Self {
-        Self::settled(Simulator::power_up(flash))
+        Self::amid(Simulator::power_up(flash), Vec::new())
     }
 
-    fn settled(simulator: Simulator) -> Self {
-        let mut simulator = Box::new(simulator);
-        simulator.settle();
-        Self {
-            simulator,
+    /// A machine that has just been switched on, amid switches.
+    pub(crate) fn amid(simulator: Simulator, switches: Vec<Switch>) -> Self {
+        let mut machine = Self {
+            simulator: Box::new(simulator),
             to_machine: VecDeque::new(),
             from_machine: Vec::new(),
             next_in: 0,
             next_out: 0,
+            switches,
+            signals: Signals::default(),
+        };
+        for switch in &machine.switches {
+            // More than fit, and axes that do not exist, close nothing.
+            let _ = machine.simulator.mount(*switch);
         }
+        machine.simulator.settle();
+        machine.note();
+        machine
+    }
+
+    /// Notes what the outputs and the switches do.
+    fn note(&mut self) {
+        let position = self.simulator.physical_steps();
+        let switches = self.switches.iter();
+        let closed = switches.map(|switch| switch.is_closed_at(position[switch.axis]));
+        let now_s = self.simulator.now() as f64 / f64::from(TICKS_PER_SECOND);
+        self.signals.note(now_s, *self.simulator.outputs(), closed);
+    }
+
+    /// Opens or closes a contact.
+    pub(crate) fn press(&mut self, pin: Pin, closed: bool) {
+        self.simulator.set_pin(pin.level(), closed);
+        self.simulator.settle();
+        self.note();
+    }
+
+    /// What the outputs and the switches have done, with times from power-up.
+    pub(crate) fn signals(&self) -> &[Event] {
+        self.signals.events()
+    }
+
+    /// The machine as it was published last.
+    pub(crate) fn snapshot(&self) -> &Snapshot {
+        self.simulator.snapshot()
+    }
+
+    /// The conversation as the machine has it.
+    pub(crate) fn session(&self) -> &Session {
+        self.simulator.session()
     }
 
     /// The flash in which it stores.
@@ -112,39 +161,27 @@ impl Machine {
             let events = [self.simulator.due(), out, input];
             let next = events.into_iter().flatten().fold(end, u64::min);
             let _ = self.simulator.advance(next.max(now));
-        }
-    }
-
-    /// Steps of each axis as output so far.
-    pub(crate) fn steps(&self) -> [i32; AXES] {
-        self.simulator.snapshot().steps.0
-    }
-
-    /// Grbl's number of the state.
-    pub(crate) fn state_number(&self) -> u8 {
-        match self.simulator.snapshot().state {
-            State::Idle => 0,
-            State::Alarm => 1,
-            State::Run => 8,
-            State::HoldSlowing | State::HoldComplete => 16,
-            State::Check => 2,
-            State::Home => 4,
-            State::Jog => 32,
-            State::DoorClosed | State::DoorAjar | State::DoorRetracting | State::DoorRestoring => {
-                64
-            }
-            State::Sleep => 128,
+            self.note();
         }
     }
 
     /// Whether nothing moves, and nothing will without another byte.
     pub(crate) fn stands_still(&self) -> bool {
         let snapshot = self.simulator.snapshot();
-        let is_busy = matches!(snapshot.state, State::Run | State::HoldSlowing);
-        snapshot.is_at_rest
-            && !is_busy
-            && self.to_machine.is_empty()
-            && !self.simulator.has_to_send()
-            && self.simulator.received_free() == RECEIVED_RING - 1
+        let line_is_quiet = self.to_machine.is_empty() && !self.simulator.has_to_send();
+        let reads_lines = !snapshot.is_critical && !snapshot.is_starved;
+        let is_done = snapshot.is_at_rest
+            && (!reads_lines || self.simulator.received_free() == RECEIVED_RING - 1);
+        line_is_quiet
+            && match snapshot.state {
+                State::HoldComplete | State::DoorClosed | State::DoorAjar | State::Sleep => true,
+                State::Idle | State::Check | State::Alarm => is_done,
+                State::Run
+                | State::HoldSlowing
+                | State::Jog
+                | State::Home
+                | State::DoorRetracting
+                | State::DoorRestoring => false,
+            }
     }
 }

@@ -96,7 +96,7 @@ pub(super) fn have_contacts_changed() -> bool {
     closed != SEEN.swap(closed, Relaxed)
 }
 
-/// Keeps a record of what is switched.
+/// Keeps a record of what is switched, and of the duty at rest.
 pub(in crate::board) fn switched(outputs: &Outputs) {
     let bits = [
         outputs.spindle != Spindle::Off,
@@ -107,6 +107,7 @@ pub(in crate::board) fn switched(outputs: &Outputs) {
     ];
     let word = (0..).zip(bits).map(|(bit, is_on)| u32::from(is_on) << bit);
     FIGURES.switched.store(word.sum(), Relaxed);
+    record_duty();
 }
 
 /// Keeps a record of the duty.

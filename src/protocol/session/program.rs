@@ -92,6 +92,10 @@ impl Session {
         }
         if is_checking {
             self.outcome.commands.clear();
+            // A probing move ends at its target, as in Grbl.
+            if let Some((target, _)) = self.checked.probe() {
+                self.interpreter.set_position(target.position);
+            }
         }
         self.after = if ends_program {
             Some(After::Tell(Feedback::ProgramEnd))
