@@ -266,7 +266,8 @@ impl Session {
         }
         self.find_position(machine);
         let received_free = received.capacity() - received.len();
-        let may_report = self.flush(sent) && self.is_welcome_told();
+        let has_told = self.flush(sent) && self.tell_notices(machine, sent);
+        let may_report = has_told && self.is_welcome_told();
         if may_report && self.is_report_due && !self.send_status(machine, received_free, sent) {
             return Progress::Waiting;
         }
