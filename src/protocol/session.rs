@@ -81,6 +81,8 @@ enum After {
     Tell(Feedback),
     /// The position, and the answer.
     Probe,
+    /// That a probing move without a step has missed, and the answer.
+    Miss,
     /// What homing has come to, and the startup lines if it was that of all axes.
     Home {
         /// All axes.
