@@ -159,7 +159,7 @@ impl Bench {
             }
             Work::Fault(alarm) => {
                 machine.state = State::Alarm;
-                machine.is_critical = true;
+                machine.is_critical = *alarm == Alarm::SoftLimit;
                 machine.notices.push(Notice::Alarm(*alarm));
             }
             Work::EndOverrides => machine.overrides = Overrides::NONE,

@@ -33,6 +33,17 @@ fn a_probing_move_is_answered_with_its_contact() {
 }
 
 #[test]
+fn a_probing_move_without_a_step_misses() {
+    let mut bench = Bench::new();
+    let missed = ["[PRB:0.000,0.000,0.000:0]", "ok"];
+    assert_eq!(bench.ask("G38.3Z-0.0003F600"), missed);
+    assert_eq!(bench.session.interpreter().position()[2].0, -300);
+    let told = bench.ask("G38.2Z-0.0005F600");
+    assert_eq!(told[0], "ALARM:5");
+    assert_eq!(told[told.len() - 2..], missed);
+}
+
+#[test]
 fn a_probe_in_the_wrong_state_is_an_alarm_before_the_move() {
     let mut bench = Bench::new();
     bench.probe_ends = Err(Some(Alarm::ProbeState));
