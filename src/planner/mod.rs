@@ -13,6 +13,6 @@ pub use block::{Block, Curve, Entry, Laser, Pacing, Probing, Work};
 pub use command::{Circle, Command, Coolant, Pace, Plane, Rotation, Spindle, Target};
 pub use lookahead::{BLOCKS, LookAhead};
 pub use motion::{Motion, Prepared};
-pub use router::Router;
 pub(crate) use router::fastest_mm_s;
+pub use router::{Mark, Router};
 pub use travel::{is_outside, leaves_travel};

@@ -97,6 +97,16 @@ impl Limits {
     }
 }
 
+/// Where a router stands, to return to.
+#[derive(Debug, Clone, Copy, Default)]
+pub struct Mark {
+    position: Axes<Nm>,
+    sent: Axes<Nm>,
+    fine: Axes<FineSteps>,
+    steps: Axes<Steps>,
+    tangent: Axes<f32>,
+}
+
 /// Turns commands into work, from where the one before ended.
 #[derive(Debug)]
 pub struct Router {
@@ -150,6 +160,27 @@ impl Router {
             });
         self.sent = self.position;
         self.position
+    }
+
+    /// Where the last command ended.
+    #[must_use]
+    pub fn mark(&self) -> Mark {
+        Mark {
+            position: self.position,
+            sent: self.sent,
+            fine: self.fine,
+            steps: self.steps,
+            tangent: self.tangent,
+        }
+    }
+
+    /// Takes back the commands since a mark: the machine has not begun them.
+    pub fn return_to(&mut self, mark: &Mark) {
+        self.position = mark.position;
+        self.sent = mark.sent;
+        self.fine = mark.fine;
+        self.steps = mark.steps;
+        self.tangent = mark.tangent;
     }
 
     /// What the laser does during moves.
@@ -250,11 +281,10 @@ impl Router {
             return self.line(target, pace, line);
         }
         let end = self.place(&target);
-        let mut linear = target
+        let linear = target
             .position
             .zip(self.sent, |to, from| (to - from).to_mm());
-        linear[first] = 0.0;
-        linear[second] = 0.0;
+        let linear = without(linear, [first, second]);
         let plane_mm = arc.length_mm() as f32;
         let rest_mm = length(&linear);
         let length_mm = math::sqrt(plane_mm * plane_mm + rest_mm * rest_mm);
@@ -266,7 +296,7 @@ impl Router {
             tangent[second] = y as f32 * flat;
             unit(tangent)
         };
-        let (start_tangent, end_tangent) = (tangent_at(arc.tangent(0)), tangent_at(arc.tangent(1)));
+        let [start_tangent, end_tangent] = [0, 1].map(|end| tangent_at(arc.tangent(end)));
         // Any direction in the plane occurs: the axes share the smaller of their limits.
         let shared = |limits: &Axes<f32>| limits[first].min(limits[second]);
         let acceleration = shared(&self.limits.acceleration_mm_s2)
@@ -432,6 +462,11 @@ fn length(way: &Axes<f32>) -> f32 {
     } else {
         square(rotary)
     })
+}
+
+/// A way without what leads along two axes.
+fn without(way: Axes<f32>, axes: [usize; 2]) -> Axes<f32> {
+    Axes::from_fn(|axis| if axes.contains(&axis) { 0.0 } else { way[axis] })
 }
 
 fn dot(a: &Axes<f32>, b: &Axes<f32>) -> f32 {

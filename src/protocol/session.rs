@@ -24,7 +24,7 @@ use crate::{
     axis::Axes,
     interpreter::{Checked, Interpreter, Outcome},
     machine::{Probed, Snapshot},
-    planner::{Entry, Router, Work},
+    planner::{Entry, Mark, Router, Work},
     settings::{Change, Settings, StoreError, Stored},
     units::Nm,
 };
@@ -81,6 +81,8 @@ enum After {
     Tell(Feedback),
     /// The position, and the answer.
     Probe,
+    /// That a probing move without a step has missed, and the answer.
+    Miss,
     /// What homing has come to, and the startup lines if it was that of all axes.
     Home {
         /// All axes.
@@ -153,7 +155,7 @@ pub struct Session {
     seen: Seen,
     /// The last probing move, and where it began.
     probed: Probed,
-    probed_from: Axes<Nm>,
+    probed_from: (Axes<Nm>, Mark),
 }
 
 impl Session {
@@ -190,18 +192,8 @@ impl Session {
             is_answer_owed: false,
             seen: Seen::default(),
             probed: Probed::default(),
-            probed_from: Axes::default(),
+            probed_from: (Axes::default(), Mark::default()),
         }
-    }
-
-    /// A session of a machine that has stored these settings and nothing else.
-    #[must_use]
-    pub fn with_settings(settings: Settings) -> Self {
-        let stored = Stored {
-            settings,
-            ..Stored::default()
-        };
-        Self::new(&stored, false)
     }
 
     /// Entries given to the machine so far, wrapping.
@@ -276,7 +268,8 @@ impl Session {
         }
         self.find_position(machine);
         let received_free = received.capacity() - received.len();
-        let may_report = self.flush(sent) && self.is_welcome_told();
+        let has_told = self.flush(sent) && self.tell_notices(machine, sent);
+        let may_report = has_told && self.is_welcome_told();
         if may_report && self.is_report_due && !self.send_status(machine, received_free, sent) {
             return Progress::Waiting;
         }

@@ -25,7 +25,7 @@ use crate::{axis::Axes, units::Nm};
 
 /// The format of the records, for the day when it cannot say itself what it holds.
 const FORMAT: u8 = 1;
-/// Bytes of the longest record: origins of 6 axes take 398, settings of 6 axes 377.
+/// Bytes of the longest record: origins of 6 axes take 398, settings of 6 axes 354.
 const LONGEST: usize = 512;
 /// Farthest coordinate that is read, nm: what double precision holds exactly.
 const FARTHEST: u64 = 1 << 53;

@@ -102,6 +102,12 @@ impl Simulator {
         self.drive.motion.snapshot()
     }
 
+    /// The conversation with the sender.
+    #[must_use]
+    pub const fn session(&self) -> &Session {
+        &self.session
+    }
+
     /// What the step interrupt has counted.
     #[must_use]
     pub const fn counts(&self) -> &StepCounts {
@@ -217,13 +223,23 @@ impl Simulator {
         );
         self.is_interpret_released = progress == Progress::Again;
         if let Some(change) = self.session.wants_store() {
-            let result = self.journal.write(change, self.session.stored());
-            self.session.has_stored(result);
-            self.is_interpret_released = true;
+            self.store(change);
         }
         if self.session.takes_release() | (self.drive.entries.len() != waiting) {
             self.drive.release_prepare();
         }
+    }
+
+    /// Stores what the session wants stored.
+    ///
+    /// # Panics
+    /// If anything moves: the chip could not output steps meanwhile.
+    fn store(&mut self, change: Change) {
+        let is_at_rest = self.drive.due().is_none() && self.snapshot().is_at_rest;
+        assert!(is_at_rest, "the flash is written at rest only");
+        let result = self.journal.write(change, self.session.stored());
+        self.session.has_stored(result);
+        self.is_interpret_released = true;
     }
 
     fn report(&mut self) {

@@ -152,6 +152,11 @@ impl Machine {
         }
     }
 
+    /// Ends an alarm.
+    pub(crate) fn unlock(&mut self) {
+        assert_eq!(self.ask("$X"), ["[MSG:Caution: Unlocked]", "ok"]);
+    }
+
     /// Fast axes, so that motion takes little of the emulator's time.
     pub(crate) fn make_fast(&mut self) {
         for axis in 0..3 {

@@ -205,3 +205,17 @@ fn without_laser_mode_a_spindle_speed_is_switched_at_standstill() {
         "{done:?}"
     );
 }
+
+#[test]
+fn a_door_open_at_a_reset_is_told_after_the_welcome_and_holds_the_startup_lines() {
+    let mut bench = Bench::new();
+    assert_eq!(bench.ask("$N0=G20"), ["ok"]);
+    bench.receive(b"\x18");
+    bench.machine.epoch = bench.requests.epoch();
+    bench.machine.state = State::DoorAjar;
+    bench.machine.notices.push(Notice::CheckDoor);
+    let told = [WELCOME[0], WELCOME[1], "[MSG:Check Door]"];
+    assert_eq!(bench.serve(), told);
+    bench.machine.state = State::Idle;
+    assert_eq!(bench.serve(), [">G20:ok"]);
+}

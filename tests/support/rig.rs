@@ -47,7 +47,7 @@ impl Rig {
             now: 0,
             sent: 0,
             cuts: 0,
-            is_recovering: false,
+            is_recovering: settings.homing,
             feed_ticks: 0,
         }
     }

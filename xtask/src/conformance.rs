@@ -1,10 +1,13 @@
-//! `cargo xtask conformance`: recorded programs against the virtual machine.
+//! `cargo xtask conformance`: what Grbl was recorded to do, against the virtual machine.
 
+mod check;
 mod compare;
+mod deviation;
+mod exchange;
 mod golden;
+mod print;
 
 use std::{
-    collections::BTreeMap,
     path::{Path, PathBuf},
     process::ExitCode,
     sync::{
@@ -14,70 +17,75 @@ use std::{
     thread,
 };
 
-use anstream::println;
 use anyhow::{Context, Result, ensure};
-use owo_colors::OwoColorize;
 use serde::Serialize;
 
 use self::{
+    check::Table,
     compare::{Difference, Verdict},
+    exchange::Exchange,
     golden::Case,
 };
 use crate::{figures, sim, ui};
 
-/// Replay recorded programs and compare with what Grbl did
+/// Replay what Grbl was recorded to do, and compare
 ///
-/// DIR holds `golden/CATEGORY/NAME.grbl.json` and the programs that they name. Each program runs
-/// once with each of its recorded sets of settings. Answers, messages, final steps, steps per axis
-/// and motion time are compared; deviations that are by design are named and counted, and any other
-/// difference makes the exit status 1.
+/// DIR holds recordings: programs that were executed (golden/CATEGORY/NAME.grbl.json), programs in
+/// check mode line by line (golden/CATEGORY/NAME.check.csv), single lines
+/// (suites/) and sessions with times (suites/). Answers,
+/// messages, reports, positions, modes, outputs and times are compared. Deliberate deviations are
+/// named and counted; any other difference is printed and makes the exit status 1.
 #[derive(clap::Args)]
 pub(crate) struct Options {
     /// The recorded data
     dir: PathBuf,
-    /// Only this category; repeatable
+    /// Only this category: a folder of golden/, 'check', `error_cases` or 'transcripts'; repeatable
     #[arg(long, value_name = "NAME")]
     category: Vec<String>,
     /// Write every comparison as JSON
     #[arg(long, value_name = "OUT")]
     json: Option<PathBuf>,
+    /// Print every difference, also those that are by design
+    #[arg(long)]
+    all: bool,
 }
 
-/// Differences that are printed, per category.
-const SHOWN: usize = 8;
+/// Something recorded.
+#[derive(Debug)]
+enum Recording {
+    Program(Case),
+    Check(Table),
+    Exchange(Box<Exchange>),
+}
 
 /// One comparison.
 #[derive(Debug, Serialize)]
 struct Outcome {
     category: String,
+    /// The program, or the name of the exchange.
     program: String,
+    #[serde(skip_serializing_if = "String::is_empty")]
     settings: String,
+    /// Lines compared; 1 for what is compared as a whole.
+    rows: usize,
     verdict: Verdict,
-    motion_time_s: f64,
-    recorded_motion_time_s: f64,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    motion_time_s: Option<f64>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    recorded_motion_time_s: Option<f64>,
     differences: Vec<Difference>,
 }
 
 pub(crate) fn run(options: &Options) -> Result<ExitCode> {
-    let cases = golden::load(&options.dir, &options.category)?;
+    let recordings = load(options)?;
     ensure!(
-        !cases.is_empty(),
-        "there is nothing to compare in {}: it should hold golden/CATEGORY/NAME.grbl.json",
+        !recordings.is_empty(),
+        "there is nothing to compare in {}: it should hold golden/CATEGORY/NAME.grbl.json, \
+         golden/CATEGORY/NAME.check.csv or suites/grbl_….json",
         options.dir.display()
     );
-    let outcomes = replay_all(&options.dir, &cases)?;
-    let mut categories: BTreeMap<&str, Vec<&Outcome>> = BTreeMap::new();
-    for outcome in &outcomes {
-        categories
-            .entry(&outcome.category)
-            .or_default()
-            .push(outcome);
-    }
-    print_table(&categories);
-    print_deviations(&outcomes);
-    for (category, outcomes) in &categories {
-        print_differences(category, outcomes);
-    }
+    let outcomes = replay_all(&options.dir, &recordings)?;
+    print::all(&outcomes, options.all);
     if let Some(path) = &options.json {
         figures::write_json(path, &outcomes)?;
     }
@@ -85,19 +93,36 @@ pub(crate) fn run(options: &Options) -> Result<ExitCode> {
     Ok(ExitCode::from(u8::from(outcomes.iter().any(differs))))
 }
 
-/// Runs every case, on every core.
-fn replay_all(dir: &Path, cases: &[Case]) -> Result<Vec<Outcome>> {
-    let bar = ui::progress(cases.len() as u64, "programs");
+/// Everything that is recorded in the folder and asked for.
+fn load(options: &Options) -> Result<Vec<Recording>> {
+    let (dir, categories) = (&options.dir, &options.category);
+    let mut recordings = Vec::new();
+    if dir.join("golden").is_dir() {
+        let cases = golden::load(dir, categories)?;
+        recordings.extend(cases.into_iter().map(Recording::Program));
+        if categories.is_empty() || categories.iter().any(|name| name == CHECK) {
+            recordings.extend(check::load(dir)?.into_iter().map(Recording::Check));
+        }
+    }
+    let exchanges = exchange::load(dir, categories)?.into_iter();
+    recordings.extend(exchanges.map(|exchange| Recording::Exchange(Box::new(exchange))));
+    Ok(recordings)
+}
+
+/// The category of the tables.
+const CHECK: &str = "check";
+
+/// Runs everything, on every core.
+fn replay_all(dir: &Path, recordings: &[Recording]) -> Result<Vec<Outcome>> {
+    let bar = ui::progress(recordings.len() as u64, "recordings");
     let (next, outcomes) = (AtomicUsize::new(0), Mutex::new(Vec::new()));
     let work = || -> Result<()> {
         loop {
             let index = next.fetch_add(1, Ordering::Relaxed);
-            let Some(case) = cases.get(index) else {
+            let Some(recording) = recordings.get(index) else {
                 return Ok(());
             };
-            let outcome = replay(dir, case).with_context(|| {
-                format!("{} with settings {}", case.program, case.settings_name)
-            })?;
+            let outcome = replay(dir, recording)?;
             let mut outcomes = outcomes.lock().expect("no other thread panicked");
             outcomes.push((index, outcome));
             bar.inc(1);
@@ -116,99 +141,54 @@ fn replay_all(dir: &Path, cases: &[Case]) -> Result<Vec<Outcome>> {
     Ok(outcomes.into_iter().map(|(_, outcome)| outcome).collect())
 }
 
-fn replay(dir: &Path, case: &Case) -> Result<Outcome> {
-    let path = dir.join(&case.program);
-    let settings = case.settings()?;
-    let figures = sim::play(&path, &settings)?;
-    let traits = golden::Traits::of(&path, &settings)?;
-    let differences = compare::compare(&case.run, &figures, &traits);
-    Ok(Outcome {
-        category: case.category.clone(),
-        program: case.program.clone(),
-        settings: case.settings_name.clone(),
-        verdict: Verdict::of(&differences),
-        motion_time_s: figures.motion_time_s,
-        recorded_motion_time_s: case.run.motion_time_s,
-        differences,
-    })
-}
-
-fn print_table(categories: &BTreeMap<&str, Vec<&Outcome>>) {
-    let head = format!(
-        "{:<16}{:>6}{:>8}{:>12}{:>9}{:>14}",
-        "category", "runs", "agree", "by design", "differ", "time, median"
-    );
-    println!("{}", head.bold());
-    for (category, outcomes) in categories {
-        let count = |verdict| {
-            let matching = outcomes.iter().filter(|outcome| outcome.verdict == verdict);
-            matching.count()
-        };
-        let differ = count(Verdict::Differs);
-        let differ_text = format!("{differ:>9}");
-        let differ_text = if differ == 0 {
-            differ_text.green().to_string()
-        } else {
-            differ_text.red().bold().to_string()
-        };
-        let ratio = median_ratio(outcomes).map_or("-".into(), |ratio| format!("{ratio:.3}"));
-        println!(
-            "{category:<16}{:>6}{:>8}{:>12}{differ_text}{ratio:>14}",
-            outcomes.len(),
-            count(Verdict::Agrees),
-            count(Verdict::ByDesign),
-        );
-    }
-}
-
-/// Motion time over recorded motion time, in the middle of all runs that move.
-fn median_ratio(outcomes: &[&Outcome]) -> Option<f64> {
-    let moving = outcomes
-        .iter()
-        .filter(|outcome| outcome.recorded_motion_time_s > 0.0);
-    let mut ratios: Vec<_> = moving
-        .map(|outcome| outcome.motion_time_s / outcome.recorded_motion_time_s)
-        .collect();
-    ratios.sort_by(f64::total_cmp);
-    ratios.get(ratios.len() / 2).copied()
-}
-
-/// Names and counts the deviations that are by design.
-fn print_deviations(outcomes: &[Outcome]) {
-    let mut counts: BTreeMap<&str, usize> = BTreeMap::new();
-    for difference in outcomes.iter().flat_map(|outcome| &outcome.differences) {
-        if let Some(reason) = difference.by_design {
-            *counts.entry(reason).or_default() += 1;
+fn replay(dir: &Path, recording: &Recording) -> Result<Outcome> {
+    match recording {
+        Recording::Program(case) => replay_program(dir, case)
+            .with_context(|| format!("{} with settings {}", case.program, case.settings_name)),
+        Recording::Check(table) => {
+            let (rows, differences) = check::replay(table)?;
+            Ok(Outcome::of(CHECK, &table.name, rows, differences))
+        }
+        Recording::Exchange(exchange) => {
+            let differences = exchange
+                .replay()
+                .with_context(|| format!("exchange {}", exchange.name))?;
+            Ok(Outcome::of(
+                exchange.category,
+                &exchange.name,
+                1,
+                differences,
+            ))
         }
     }
-    if !counts.is_empty() {
-        println!("\n{}", "by design:".bold());
-    }
-    for (reason, count) in counts {
-        println!("{count:>6} × {reason}");
+}
+
+impl Outcome {
+    fn of(category: &str, program: &str, rows: usize, differences: Vec<Difference>) -> Self {
+        Self {
+            category: category.into(),
+            program: program.into(),
+            settings: String::new(),
+            rows,
+            verdict: Verdict::of(&differences),
+            motion_time_s: None,
+            recorded_motion_time_s: None,
+            differences,
+        }
     }
 }
 
-fn print_differences(category: &str, outcomes: &[&Outcome]) {
-    let unexplained: Vec<_> = outcomes
-        .iter()
-        .flat_map(|outcome| {
-            outcome
-                .differences
-                .iter()
-                .map(move |found| (outcome, found))
-        })
-        .filter(|(_, difference)| difference.by_design.is_none())
-        .collect();
-    if unexplained.is_empty() {
-        return;
-    }
-    println!("\n{}", format!("{category}:").bold());
-    for (outcome, difference) in unexplained.iter().take(SHOWN) {
-        let place = format!("{} ({})", outcome.program, outcome.settings);
-        println!("  {place}\n      {}: {}", difference.what, difference.text);
-    }
-    if unexplained.len() > SHOWN {
-        println!("  … and {} more", unexplained.len() - SHOWN);
-    }
+fn replay_program(dir: &Path, case: &Case) -> Result<Outcome> {
+    let path = dir.join(&case.program);
+    let settings = case.settings()?;
+    let played = sim::play_recorded(&path, &settings, &case.switches(&settings))?;
+    let traits = golden::Traits::of(&path, &settings)?;
+    let differences = compare::compare(&case.run, &played, &traits);
+    let figures = played.figures;
+    Ok(Outcome {
+        settings: case.settings_name.clone(),
+        motion_time_s: Some(figures.motion_time_s),
+        recorded_motion_time_s: Some(case.run.motion_time_s),
+        ..Outcome::of(&case.category, &case.program, 1, differences)
+    })
 }

@@ -1,19 +1,63 @@
 //! The virtual machine behind its serial line, for whoever talks to it byte by byte.
 
-use std::collections::VecDeque;
+mod pin;
+mod signals;
+
+pub(crate) use pin::Pin;
+pub(crate) use signals::Event;
+
+use std::{array, collections::VecDeque};
 
 use leadscrew::{
-    axis::AXES,
-    machine::State,
+    axis::{AXES, Z},
+    machine::{Levels, Snapshot, State},
+    protocol::Session,
     settings::Settings,
-    sim::{Flash, RECEIVED_RING, Simulator},
+    sim::{Closes, Flash, RECEIVED_RING, Simulator, Switch},
     units::TICKS_PER_SECOND,
 };
+
+use self::signals::Signals;
 
 /// Speed of the serial line, baud.
 pub(crate) const BAUD: u32 = 115_200;
 /// Time of one byte on it with start and stop bit, ticks.
 const BYTE_TICKS: u64 = TICKS_PER_SECOND as u64 * 10 / BAUD as u64;
+
+/// How far the lower switches are beyond the travel, mm.
+const BEYOND_MM: f64 = 1.0;
+/// How high the plate for the probe is above the low end of Z, mm.
+const PLATE_MM: f64 = 10.0;
+
+/// Where switches close, in steps from where the machine stands at power-up: the middle.
+pub(crate) struct Ends {
+    /// The limit switch of each axis at its lower end and below. It is farther away than the travel:
+    /// an axis that was homed above has all of its travel.
+    pub(crate) low: [i32; AXES],
+    /// The limit switch of each axis at its upper end and above.
+    pub(crate) high: [i32; AXES],
+    /// The plate for the probe, above the lower end of Z.
+    pub(crate) plate: i32,
+}
+
+impl Ends {
+    /// Of a machine with as much travel as these settings say.
+    pub(crate) fn of(settings: &Settings) -> Self {
+        let steps = |axis: usize, way_mm: f64| {
+            let scale = settings.steps_per_mm[axis].millionths() as f64 * 1e-6;
+            (way_mm * scale).round() as i32
+        };
+        let half_mm = settings
+            .max_travel_mm
+            .0
+            .map(|travel| f64::from(travel) / 2.0);
+        Self {
+            low: array::from_fn(|axis| steps(axis, -half_mm[axis] - BEYOND_MM)),
+            high: array::from_fn(|axis| steps(axis, half_mm[axis])),
+            plate: steps(Z, -half_mm[Z] + PLATE_MM),
+        }
+    }
+}
 
 /// A machine on a virtual clock, and the bytes on their way to it and from it.
 pub(crate) struct Machine {
@@ -22,29 +66,92 @@ pub(crate) struct Machine {
     from_machine: Vec<(f64, u8)>,
     next_in: u64,
     next_out: u64,
+    switches: Vec<Switch>,
+    signals: Signals,
 }
 
 impl Machine {
-    /// Switched on with these settings stored.
+    /// Switched on with these settings stored, and no switches.
     pub(crate) fn new(settings: &Settings) -> Self {
-        Self::settled(Simulator::new(settings))
+        Self::amid(Simulator::new(settings), Vec::new())
     }
 
     /// Switched on with what is stored in a flash.
     pub(crate) fn power_up(flash: Flash) -> Self {
-        Self::settled(Simulator::power_up(flash))
+        Self::amid(Simulator::power_up(flash), Vec::new())
     }
 
-    fn settled(simulator: Simulator) -> Self {
-        let mut simulator = Box::new(simulator);
-        simulator.settle();
-        Self {
-            simulator,
+    /// A machine that has just been switched on, amid switches.
+    pub(crate) fn amid(simulator: Simulator, switches: Vec<Switch>) -> Self {
+        let mut machine = Self {
+            simulator: Box::new(simulator),
             to_machine: VecDeque::new(),
             from_machine: Vec::new(),
             next_in: 0,
             next_out: 0,
+            switches,
+            signals: Signals::default(),
+        };
+        for switch in &machine.switches {
+            // More than fit, and axes that do not exist, close nothing.
+            let _ = machine.simulator.mount(*switch);
         }
+        machine.simulator.settle();
+        machine.note();
+        machine
+    }
+
+    /// Notes what the outputs and the switches do.
+    fn note(&mut self) {
+        let position = self.simulator.physical_steps();
+        let switches = self.switches.iter();
+        let closed = switches.map(|switch| switch.is_closed_at(position[switch.axis]));
+        let now_s = self.simulator.now() as f64 / f64::from(TICKS_PER_SECOND);
+        self.signals.note(now_s, *self.simulator.outputs(), closed);
+    }
+
+    /// Opens or closes a contact.
+    pub(crate) fn press(&mut self, pin: Pin, closed: bool) {
+        self.simulator.set_pin(pin.level(), closed);
+        self.simulator.settle();
+        self.note();
+    }
+
+    /// What the outputs and the switches have done, with times from power-up.
+    pub(crate) fn signals(&self) -> &[Event] {
+        self.signals.events()
+    }
+
+    /// The machine as it was published last.
+    pub(crate) fn snapshot(&self) -> &Snapshot {
+        self.simulator.snapshot()
+    }
+
+    /// The conversation as the machine has it.
+    pub(crate) fn session(&self) -> &Session {
+        self.simulator.session()
+    }
+
+    /// Mounts switches and a plate for the probe.
+    pub(crate) fn mount(&mut self, ends: &Ends) {
+        for axis in 0..AXES {
+            let limit = Levels::limits(1 << axis);
+            self.mount_switch(axis, Closes::From(ends.high[axis]), limit);
+            self.mount_switch(axis, Closes::DownFrom(ends.low[axis]), limit);
+        }
+        self.mount_switch(Z, Closes::DownFrom(ends.plate), Levels::PROBE);
+    }
+
+    fn mount_switch(&mut self, axis: usize, closes: Closes, input: Levels) {
+        let is_mounted = self.simulator.mount(Switch {
+            axis,
+            closes,
+            input,
+        });
+        debug_assert!(
+            is_mounted,
+            "there is room for two switches of each axis and the plate"
+        );
     }
 
     /// The flash in which it stores.
@@ -112,39 +219,27 @@ impl Machine {
             let events = [self.simulator.due(), out, input];
             let next = events.into_iter().flatten().fold(end, u64::min);
             let _ = self.simulator.advance(next.max(now));
-        }
-    }
-
-    /// Steps of each axis as output so far.
-    pub(crate) fn steps(&self) -> [i32; AXES] {
-        self.simulator.snapshot().steps.0
-    }
-
-    /// Grbl's number of the state.
-    pub(crate) fn state_number(&self) -> u8 {
-        match self.simulator.snapshot().state {
-            State::Idle => 0,
-            State::Alarm => 1,
-            State::Run => 8,
-            State::HoldSlowing | State::HoldComplete => 16,
-            State::Check => 2,
-            State::Home => 4,
-            State::Jog => 32,
-            State::DoorClosed | State::DoorAjar | State::DoorRetracting | State::DoorRestoring => {
-                64
-            }
-            State::Sleep => 128,
+            self.note();
         }
     }
 
     /// Whether nothing moves, and nothing will without another byte.
     pub(crate) fn stands_still(&self) -> bool {
         let snapshot = self.simulator.snapshot();
-        let is_busy = matches!(snapshot.state, State::Run | State::HoldSlowing);
-        snapshot.is_at_rest
-            && !is_busy
-            && self.to_machine.is_empty()
-            && !self.simulator.has_to_send()
-            && self.simulator.received_free() == RECEIVED_RING - 1
+        let line_is_quiet = self.to_machine.is_empty() && !self.simulator.has_to_send();
+        let reads_lines = !snapshot.is_critical && !snapshot.is_starved;
+        let is_done = snapshot.is_at_rest
+            && (!reads_lines || self.simulator.received_free() == RECEIVED_RING - 1);
+        line_is_quiet
+            && match snapshot.state {
+                State::HoldComplete | State::DoorClosed | State::DoorAjar | State::Sleep => true,
+                State::Idle | State::Check | State::Alarm => is_done,
+                State::Run
+                | State::HoldSlowing
+                | State::Jog
+                | State::Home
+                | State::DoorRetracting
+                | State::DoorRestoring => false,
+            }
     }
 }

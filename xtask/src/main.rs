@@ -7,6 +7,7 @@ mod bench;
 mod boards;
 mod build;
 mod cargo;
+mod clients;
 mod conformance;
 mod curves;
 mod docs;

@@ -7,8 +7,8 @@
 
 use std::{
     collections::VecDeque,
-    fs::File,
-    io::{BufRead, BufReader, Read},
+    fs::{self, File},
+    io::{BufRead, BufReader, Cursor, Read},
     path::Path,
 };
 
@@ -49,6 +49,19 @@ impl Program {
             length: metadata.len(),
             ..Self::from_reader(name, BufReader::with_capacity(1 << 16, file))
         })
+    }
+
+    /// Opens a program as the recordings of Grbl had it: without the bytes of realtime commands,
+    /// wherever they stood.
+    ///
+    /// # Errors
+    ///
+    /// The file cannot be read.
+    pub(crate) fn recorded(path: &Path) -> Result<Self> {
+        let name = path.display().to_string();
+        let mut text = fs::read(path).with_context(|| format!("cannot read the program {name}"))?;
+        text.retain(|byte| !is_realtime(*byte));
+        Ok(Self::from_reader(name, Cursor::new(text)))
     }
 
     /// Reads from anything.
@@ -144,8 +157,6 @@ fn is_realtime(byte: u8) -> bool {
 
 #[cfg(test)]
 mod tests {
-    use std::io::Cursor;
-
     use super::*;
 
     fn lines(text: &[u8]) -> Vec<Vec<u8>> {

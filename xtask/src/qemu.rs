@@ -1,5 +1,6 @@
 //! `cargo xtask qemu`: the firmware itself, on the emulated board.
 
+mod contacts;
 mod emulator;
 
 use std::{
@@ -9,12 +10,13 @@ use std::{
 };
 
 use anstream::println;
-use anyhow::{Context, Result, bail, ensure};
+use anyhow::{Result, bail, ensure};
 use indicatif::ProgressBar;
 use leadscrew::settings::Settings;
 use owo_colors::OwoColorize;
 
-use self::emulator::{Emulator, Pins};
+pub(crate) use self::emulator::Emulator;
+use self::emulator::Pins;
 use crate::{
     boards, build, cargo,
     figures::{self, Figures, Final},
@@ -111,7 +113,7 @@ fn play(
         changed: Instant::now(),
     };
     for statement in &loaded.statements {
-        host.set(statement)?;
+        host.emulator.set(statement, PATIENCE)?;
     }
     host.stream(program)?;
     host.wait_for_standstill()?;
@@ -152,20 +154,6 @@ struct Host<'a> {
 }
 
 impl Host<'_> {
-    /// Changes a setting.
-    fn set(&mut self, statement: &str) -> Result<()> {
-        self.emulator.send(format!("${statement}\n").as_bytes())?;
-        loop {
-            let line = self.emulator.receive(PATIENCE)?;
-            let line = line.context("the firmware does not answer")?;
-            match Response::parse(&line) {
-                Some(Response::Ok) => return Ok(()),
-                Some(error) => bail!("the firmware refuses ${statement}: {error}"),
-                None => {}
-            }
-        }
-    }
-
     fn stream(&mut self, mut program: Program) -> Result<()> {
         let mut next = program.next_line()?;
         loop {

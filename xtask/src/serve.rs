@@ -4,7 +4,10 @@ use std::{
     fs,
     io::{ErrorKind, Read, Write},
     net::{TcpListener, TcpStream},
-    os::{fd::OwnedFd, unix::fs::symlink},
+    os::{
+        fd::{AsFd, BorrowedFd, OwnedFd},
+        unix::fs::symlink,
+    },
     path::{Path, PathBuf},
     sync::{
         Arc,
@@ -23,7 +26,10 @@ use rustix::{
     termios::OptionalActions,
 };
 
-use crate::{machine::Machine, ui};
+use crate::{
+    machine::{Ends, Machine},
+    ui,
+};
 
 /// How often bytes are moved.
 const PERIOD: Duration = Duration::from_millis(1);
@@ -47,31 +53,17 @@ trait Port {
 }
 
 /// Serves a machine at a new pseudo-terminal, to which `path` becomes a link.
-pub(crate) fn pty(path: &Path, memory: &Memory) -> Result<()> {
-    let is_there = fs::symlink_metadata(path);
-    let may_go = is_there.is_ok_and(|metadata| metadata.is_symlink());
-    if may_go {
-        // A link that an earlier run left behind.
-        fs::remove_file(path).with_context(|| format!("cannot replace {}", path.display()))?;
-    }
-    let mut port = Pty::open()?;
-    symlink(&port.name, path).with_context(|| {
-        format!(
-            "cannot create {} as a link to {}",
-            path.display(),
-            port.name.display()
-        )
-    })?;
-    let _link = Link(path.to_owned());
+pub(crate) fn pty(path: &Path, memory: &Memory, switches: Option<&Ends>) -> Result<()> {
+    let (mut port, _link) = Pty::at(path)?;
     ui::status(
         "Serving",
         &format!("{} (115200 baud; Ctrl-C ends)", path.display()),
     );
-    serve(&mut port, memory)
+    serve(&mut port, memory, switches)
 }
 
 /// Serves a machine to whoever connects to `address`, one at a time.
-pub(crate) fn tcp(address: &str, memory: &Memory) -> Result<()> {
+pub(crate) fn tcp(address: &str, memory: &Memory, switches: Option<&Ends>) -> Result<()> {
     let listener = TcpListener::bind(address)
         .with_context(|| format!("cannot listen at {address:?} (an address is 127.0.0.1:2323)"))?;
     listener.set_nonblocking(true)?;
@@ -81,16 +73,19 @@ pub(crate) fn tcp(address: &str, memory: &Memory) -> Result<()> {
         listener,
         stream: None,
     };
-    serve(&mut port, memory)
+    serve(&mut port, memory, switches)
 }
 
 /// Moves bytes and time until Ctrl-C.
-fn serve(port: &mut dyn Port, memory: &Memory) -> Result<()> {
+fn serve(port: &mut dyn Port, memory: &Memory, switches: Option<&Ends>) -> Result<()> {
     let stop = Arc::new(AtomicBool::new(false));
     for signal in [signal_hook::consts::SIGINT, signal_hook::consts::SIGTERM] {
         signal_hook::flag::register(signal, stop.clone()).context("cannot catch Ctrl-C")?;
     }
     let mut machine = memory.machine()?;
+    if let Some(ends) = switches {
+        machine.mount(ends);
+    }
     let mut stored = machine.flash().operations();
     let start = Instant::now();
     let mut unsent = Vec::new();
@@ -161,7 +156,7 @@ fn save(path: &Path, flash: &Flash) -> Result<()> {
 }
 
 /// A link that goes when the program ends.
-struct Link(PathBuf);
+pub(crate) struct Link(PathBuf);
 
 impl Drop for Link {
     fn drop(&mut self) {
@@ -170,7 +165,7 @@ impl Drop for Link {
 }
 
 /// A pseudo-terminal in raw mode.
-struct Pty {
+pub(crate) struct Pty {
     controller: OwnedFd,
     /// Kept open so that the line stays up while no sender has it.
     _terminal: OwnedFd,
@@ -178,6 +173,30 @@ struct Pty {
 }
 
 impl Pty {
+    /// Opens a new one, to which `path` becomes a link.
+    pub(crate) fn at(path: &Path) -> Result<(Self, Link)> {
+        let is_there = fs::symlink_metadata(path);
+        let may_go = is_there.is_ok_and(|metadata| metadata.is_symlink());
+        if may_go {
+            // A link that an earlier run left behind.
+            fs::remove_file(path).with_context(|| format!("cannot replace {}", path.display()))?;
+        }
+        let pty = Self::open()?;
+        symlink(&pty.name, path).with_context(|| {
+            format!(
+                "cannot create {} as a link to {}",
+                path.display(),
+                pty.name.display()
+            )
+        })?;
+        Ok((pty, Link(path.to_owned())))
+    }
+
+    /// The end that is not the terminal.
+    pub(crate) fn controller(&self) -> BorrowedFd<'_> {
+        self.controller.as_fd()
+    }
+
     fn open() -> Result<Self> {
         let open = || -> rustix::io::Result<Self> {
             let controller = rustix::pty::openpt(OpenptFlags::RDWR | OpenptFlags::NOCTTY)?;

@@ -98,6 +98,39 @@ pub(crate) fn load(file: Option<&Path>, assignments: &[String]) -> Result<Loaded
     Ok(loaded)
 }
 
+/// The sets of settings that recordings name; everything else is Grbl's default.
+const SETS: [(&str, &[&str]); 2] = [
+    ("grbl_default", &[]),
+    (
+        "fast",
+        &[
+            "$100=80",
+            "$101=80",
+            "$102=80",
+            "$110=5000",
+            "$111=5000",
+            "$112=5000",
+            "$120=500",
+            "$121=500",
+            "$122=500",
+        ],
+    ),
+];
+
+/// Grbl's defaults with a named set of changes.
+pub(crate) fn named_set(name: &str) -> Result<Settings> {
+    let (_, changes) = SETS
+        .iter()
+        .find(|(known, _)| *known == name)
+        .with_context(|| format!("there is no set of settings called {name:?}"))?;
+    let mut values = Settings::default();
+    apply(&mut values, "$10=1")?;
+    for change in *changes {
+        apply(&mut values, change)?;
+    }
+    Ok(values)
+}
+
 #[cfg(test)]
 mod tests {
     use std::{env, process};
@@ -151,5 +184,14 @@ mod tests {
         assert_eq!(loaded.settings.max_rate_mm_min.0[..2], [3000.0, 4000.0]);
         fs::remove_file(&path).unwrap();
         assert!(load(Some(&path), &[]).is_err());
+    }
+
+    #[test]
+    fn every_set_of_settings_is_valid() {
+        for (name, _) in SETS {
+            named_set(name).unwrap();
+        }
+        assert_eq!(named_set("fast").unwrap().max_rate_mm_min[0], 5000.0);
+        assert!(named_set("slow").is_err());
     }
 }

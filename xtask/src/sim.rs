@@ -14,14 +14,14 @@ use anyhow::{Context, Result, bail};
 use indicatif::ProgressBar;
 use leadscrew::{
     settings::Settings,
-    sim::{Edge, End, Simulator, Stream, Tally, Watcher},
+    sim::{Edge, End, Simulator, Stream, Switch, Tally, Watcher},
     units::TICKS_PER_SECOND,
 };
 use owo_colors::OwoColorize;
 
 use crate::{
     figures::{self, Figures, Final, Responses, separated},
-    machine::BAUD,
+    machine::{BAUD, Ends},
     on_target, plot,
     program::Program,
     refusal::refusal,
@@ -78,6 +78,10 @@ pub(crate) struct Options {
     /// Serve the machine in real time at a TCP address such as 127.0.0.1:2323, until Ctrl-C
     #[arg(long, value_name = "ADDR:PORT")]
     tcp: Option<String>,
+    /// Give the served machine limit switches at the ends of its travel, in whose middle it stands,
+    /// and a probe plate 10 mm above the low end of Z
+    #[arg(long, conflicts_with_all = ["file", "session", "flash"])]
+    switches: bool,
     /// Keep what is stored in this file, as the machine's flash does; a new file is a new machine
     #[arg(long, value_name = "FILE", conflicts_with_all = ["file", "session", "set", "settings"])]
     flash: Option<PathBuf>,
@@ -101,11 +105,12 @@ pub(crate) fn run(options: &Options) -> Result<ExitCode> {
             Some(path) => Memory::File(path.clone()),
             None => Memory::Settings(Box::new(settings)),
         };
+        let switches = options.switches.then(|| Ends::of(&settings));
         if let Some(path) = &options.pty {
-            serve::pty(path, &memory)?;
+            serve::pty(path, &memory, switches.as_ref())?;
         }
         if let Some(address) = &options.tcp {
-            serve::tcp(address, &memory)?;
+            serve::tcp(address, &memory, switches.as_ref())?;
         }
         return Ok(ExitCode::SUCCESS);
     }
@@ -138,8 +143,54 @@ fn pace(figures: &Figures, took_s: f64) -> String {
 pub(crate) fn play(path: &Path, settings: &Settings) -> Result<Figures> {
     let program = Program::open(path)?;
     let observer = Observer::new(ProgressBar::hidden());
-    let (figures, _) = stream(program, settings, observer)?;
+    let (figures, _, _) = stream(program, Simulator::new(settings), settings, observer)?;
     Ok(figures)
+}
+
+/// What a recorded program did, and what the machine says of itself at the end.
+pub(crate) struct Played {
+    pub(crate) figures: Figures,
+    /// What `$G`, `$#` and `?` say.
+    pub(crate) said: Vec<String>,
+}
+
+/// Runs a recorded program amid switches and says nothing.
+pub(crate) fn play_recorded(
+    path: &Path,
+    settings: &Settings,
+    switches: &[Switch],
+) -> Result<Played> {
+    let program = Program::recorded(path)?;
+    let mut simulator = Simulator::new(settings);
+    for switch in switches {
+        // Fewer than fit.
+        let _ = simulator.mount(*switch);
+    }
+    let observer = Observer::new(ProgressBar::hidden());
+    let (figures, _, mut simulator) = stream(program, simulator, settings, observer)?;
+    let said = ["$G\n", "$#\n", "?"]
+        .into_iter()
+        .flat_map(|text| ask(&mut simulator, text.as_bytes()))
+        .collect();
+    Ok(Played { figures, said })
+}
+
+/// Sends something to a machine that has come to rest, and returns what it says.
+fn ask(simulator: &mut Simulator, bytes: &[u8]) -> Vec<String> {
+    for byte in bytes {
+        simulator.receive(*byte);
+        simulator.settle();
+    }
+    let mut said = Vec::new();
+    while let Some(byte) = simulator.send() {
+        said.push(byte);
+        simulator.settle();
+    }
+    let said = String::from_utf8_lossy(&said);
+    let lines = said
+        .lines()
+        .filter(|line| !line.is_empty() && *line != "ok");
+    lines.map(str::to_owned).collect()
 }
 
 /// Runs a program with everything that is asked for; also says what the run took.
@@ -150,7 +201,8 @@ fn simulate(path: &Path, settings: &Settings, options: &Options) -> Result<(Figu
     observer.table = options.trace.as_deref().map(Table::create).transpose()?;
     observer.samples = options.plot.as_ref().map(|_| Samples::default());
     let start = Instant::now();
-    let (figures, motion) = stream(program, settings, observer)?;
+    let simulator = Simulator::new(settings);
+    let (figures, motion, _) = stream(program, simulator, settings, observer)?;
     let took = pace(&figures, start.elapsed().as_secs_f64());
     if figures.lines == 0 {
         ui::warning(&format!("{} is empty", path.display()));
@@ -176,16 +228,17 @@ fn subtitle(figures: &Figures) -> String {
     format!("{lines} lines, {time}, {events} step events")
 }
 
-/// Streams a program through a fresh machine.
+/// Streams a program through a fresh machine, which is returned.
 fn stream(
     program: Program,
+    simulator: Simulator,
     settings: &Settings,
     observer: Observer,
-) -> Result<(Figures, Option<Motion>)> {
+) -> Result<(Figures, Option<Motion>, Box<Simulator>)> {
     let source = Source::new(program, observer.bar.clone());
     let (lines, failure) = (source.lines.clone(), source.failure.clone());
     let mut watcher = Watched { observer, lines };
-    let mut stream = Box::new(Stream::new(Simulator::new(settings), source, BAUD));
+    let mut stream = Box::new(Stream::new(simulator, source, BAUD));
     let end = stream.run(&mut watcher);
     let observer = watcher.observer;
     observer.bar.finish_and_clear();
@@ -222,6 +275,7 @@ fn stream(
     Ok((
         figures,
         observer.samples.map(|samples| samples.finish(scale)),
+        Box::new(stream.simulator),
     ))
 }
 

@@ -1,21 +1,23 @@
 //! `cargo xtask test`: everything that can be tested without hardware.
 
 use std::{
-    fs,
+    fs, iter,
     process::ExitCode,
+    sync::{Mutex, PoisonError},
+    thread::{self, ScopedJoinHandle},
     time::{Duration, Instant},
 };
 
 use anstream::{eprintln, println};
 use anyhow::{Result, bail};
-use owo_colors::OwoColorize;
+use owo_colors::{AnsiColors, OwoColorize};
 
 use crate::{
     agree,
     boards::{self, Board},
     build,
     cargo::{self, cargo, for_board, wait},
-    docs, ui,
+    clients, docs, ui,
 };
 
 /// Test everything that needs no hardware
@@ -31,19 +33,33 @@ pub(crate) struct Options {
     /// List the checks and do nothing
     #[arg(long)]
     list: bool,
+    /// Instead, drive sender programs at the simulator and at the firmware: gets them with pip and
+    /// npm, and skips what cannot be had
+    #[arg(long)]
+    clients: bool,
+}
+
+/// What a check that did not fail has to say.
+pub(crate) enum Verdict {
+    /// It passed.
+    Passed,
+    /// It passed, with these figures.
+    Counted(String),
+    /// It was not made, for this reason.
+    Skipped(String),
 }
 
 /// One check.
 struct Check {
     name: String,
-    run: Box<dyn Fn() -> Result<()>>,
+    run: Box<dyn Fn() -> Result<Verdict> + Send>,
 }
 
 impl Check {
-    fn new(name: impl Into<String>, run: impl Fn() -> Result<()> + 'static) -> Self {
+    fn new(name: impl Into<String>, run: impl Fn() -> Result<()> + Send + 'static) -> Self {
         Self {
             name: name.into(),
-            run: Box::new(run),
+            run: Box::new(move || run().map(|()| Verdict::Passed)),
         }
     }
 }
@@ -52,11 +68,15 @@ impl Check {
 struct Outcome {
     name: String,
     took: Duration,
-    result: Result<()>,
+    result: Result<Verdict>,
 }
 
 pub(crate) fn run(options: &Options) -> Result<ExitCode> {
-    let mut checks = checks()?;
+    let mut checks = if options.clients {
+        with_clients()
+    } else {
+        checks()?
+    };
     if let Some(part) = &options.only {
         checks.retain(|check| check.name.contains(part.as_str()));
         if checks.is_empty() {
@@ -69,21 +89,40 @@ pub(crate) fn run(options: &Options) -> Result<ExitCode> {
         }
         return Ok(ExitCode::SUCCESS);
     }
-    let mut outcomes = Vec::new();
-    for (index, check) in checks.into_iter().enumerate() {
-        ui::status("Checking", &format!("{}: {}", index + 1, check.name));
-        let start = Instant::now();
-        let result = (check.run)();
-        if let Err(error) = &result {
-            ui::error(error);
-        }
-        outcomes.push(Outcome {
-            name: check.name,
-            took: start.elapsed(),
-            result,
-        });
+    // Senders wait most of the time.
+    let at_once = if options.clients { 4 } else { 1 };
+    Ok(report(&make_all(checks, at_once)))
+}
+
+/// Makes checks, some of them at the same time; the outcomes are in the order of the checks.
+fn make_all(checks: Vec<Check>, at_once: usize) -> Vec<Outcome> {
+    let left = Mutex::new(checks.into_iter().enumerate());
+    let next = || left.lock().unwrap_or_else(PoisonError::into_inner).next();
+    let mut outcomes: Vec<_> = thread::scope(|scope| {
+        let work = || iter::from_fn(next).map(make).collect::<Vec<_>>();
+        let workers: Vec<_> = (0..at_once).map(|_| scope.spawn(work)).collect();
+        let made = workers.into_iter().map(ScopedJoinHandle::join);
+        made.flat_map(|made| made.expect("checks do not panic"))
+            .collect()
+    });
+    outcomes.sort_by_key(|(index, _)| *index);
+    outcomes.into_iter().map(|(_, outcome)| outcome).collect()
+}
+
+/// Makes one check.
+fn make((index, check): (usize, Check)) -> (usize, Outcome) {
+    ui::status("Checking", &format!("{}: {}", index + 1, check.name));
+    let start = Instant::now();
+    let result = (check.run)();
+    if let Err(error) = &result {
+        ui::error(error);
     }
-    Ok(report(&outcomes))
+    let outcome = Outcome {
+        name: check.name,
+        took: start.elapsed(),
+        result,
+    };
+    (index, outcome)
 }
 
 /// Prints the list of outcomes.
@@ -93,11 +132,22 @@ fn report(outcomes: &[Outcome]) -> ExitCode {
         let seconds = outcome.took.as_secs_f32();
         let name = &outcome.name;
         match &outcome.result {
-            Ok(()) => eprintln!(
-                "{:>12} {name} {}",
-                "ok".green().bold(),
-                format!("({seconds:.0} s)").dimmed()
-            ),
+            Ok(verdict) => {
+                let (word, colour, rest) = match verdict {
+                    Verdict::Passed => ("ok", AnsiColors::Green, String::new()),
+                    Verdict::Counted(figures) => ("ok", AnsiColors::Green, format!(": {figures}")),
+                    Verdict::Skipped(reason) => {
+                        ("skipped", AnsiColors::Yellow, format!(": {reason}"))
+                    }
+                };
+                let word = format!("{word:>12}");
+                let took = format!("({seconds:.0} s)");
+                eprintln!(
+                    "{} {name}{rest} {}",
+                    word.color(colour).bold(),
+                    took.dimmed()
+                );
+            }
             Err(error) => eprintln!("{:>12} {name}: {}", "FAILED".red().bold(), error),
         }
     }
@@ -151,6 +201,15 @@ fn checks() -> Result<Vec<Check>> {
         agree::in_the_firmware,
     ));
     Ok(checks)
+}
+
+/// Every sender program at every machine.
+fn with_clients() -> Vec<Check> {
+    let checks = clients::all().map(|(name, run)| Check {
+        name,
+        run: Box::new(run),
+    });
+    checks.collect()
 }
 
 /// Whether the project has tests whose file name starts so.

@@ -1,6 +1,6 @@
 //! Keeps the step interrupt's queue filled, and follows what it has played.
 
-use super::Motion;
+use super::{Motion, rest::Restoring};
 use crate::{
     machine::{Ending, Event, Inputs, Levels, State},
     planner::executor::Goal,
@@ -120,7 +120,7 @@ impl Motion {
         if is_still && core::mem::take(&mut self.looks_at_door) && is_door_open {
             self.open_door();
         }
-        if !is_door_open {
+        if !is_door_open && self.control.state == State::DoorAjar {
             self.on(Event::DoorShut);
         }
         match self.control.state {
@@ -141,7 +141,9 @@ impl Motion {
             | State::Sleep
             | State::Alarm => {}
         }
-        self.restore();
+        if self.restoring != Restoring::No {
+            self.restore();
+        }
         self.begin_moves();
         if is_still {
             self.rest_drivers();

@@ -45,9 +45,12 @@ impl Motion {
     fn take_overrides(&mut self, requests: &Requests) {
         let before = self.accessories.overrides();
         // wcet-bound: 16
-        for _ in 0..OVERRIDES {
+        for taken in 0..OVERRIDES {
             let Some(command) = requests.take_override() else {
-                break;
+                if taken != 0 {
+                    self.repace(before);
+                }
+                return;
             };
             self.take_override(command);
         }

@@ -104,13 +104,11 @@ impl Motion {
 
     /// Leaves the idle state as soon as there is something to execute.
     pub(super) fn begin_moves(&mut self) {
-        if self.is_dwelling {
+        if self.is_dwelling || self.control.state != State::Idle {
             return;
         }
         if let Some(block) = self.plan.current() {
-            if self.control.state == State::Idle {
-                self.releases_drivers = false;
-            }
+            self.releases_drivers = false;
             let is_jog = block.pacing == Pacing::Jog;
             self.on(if is_jog { Event::Jog } else { Event::Move });
         }

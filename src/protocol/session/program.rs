@@ -10,7 +10,7 @@ use crate::{
     axis::Axes,
     gcode::{LineError, Probe},
     interpreter::{Checked, Message},
-    machine::{Alarm, Snapshot, State},
+    machine::{Alarm, Levels, Snapshot, State},
     planner::{Command, Entry, Laser, Pace, Spindle, Work, is_outside, leaves_travel},
     protocol::report::{self, Feedback},
     settings::Change,
@@ -99,7 +99,7 @@ impl Session {
             None
         } else if self.checked.probe().is_some() {
             self.seen.is_probed = false;
-            self.probed_from = from;
+            self.probed_from = (from, self.router.mark());
             Some(After::Probe)
         } else {
             // What is switched at standstill has been switched when the answer comes.
@@ -166,7 +166,7 @@ impl Session {
                 self.cadence.overrides_changed();
             }
             let work = self.router.work(command);
-            let work = work.or_else(|| self.instead(next));
+            let work = work.or_else(|| self.instead(machine, next));
             if let Some(work) = work {
                 self.is_jogging |= self.source == Source::Jog;
                 self.send_entry(work, entries);
@@ -190,7 +190,7 @@ impl Session {
     }
 
     /// What has to be done where a move makes no step.
-    fn instead(&mut self, number: usize) -> Option<Work> {
+    fn instead(&mut self, machine: &Snapshot, number: usize) -> Option<Work> {
         match self.outcome.commands.get(number)? {
             // The power of a laser that is on must be switched, as nothing carries it.
             Command::Line { pace, .. } | Command::Arc { pace, .. } => {
@@ -205,12 +205,16 @@ impl Session {
                 self.after = self.after.or(Some(After::Answer));
                 Some(Work::Spindle(Spindle::Clockwise, rpm))
             }
-            // It cannot be met on no way at all.
-            Command::Probe { probing, .. } if !probing.may_miss => {
-                Some(Work::Fault(Alarm::ProbeContact))
+            // The probe cannot change on no way at all.
+            Command::Probe { probing, .. } => {
+                let is_early = machine.inputs.has(Levels::PROBE) != probing.is_away;
+                if is_early {
+                    return Some(Work::Fault(Alarm::ProbeState));
+                }
+                self.after = Some(After::Miss);
+                (!probing.may_miss).then_some(Work::Fault(Alarm::ProbeContact))
             }
-            Command::Probe { .. }
-            | Command::Power(_)
+            Command::Power(_)
             | Command::Dwell { .. }
             | Command::Spindle { .. }
             | Command::Coolant(_)
@@ -227,6 +231,7 @@ impl Session {
             After::Answer => {}
             After::Tell(feedback) => report::feedback(&mut self.message, feedback),
             After::Probe => self.end_probing(machine),
+            After::Miss => self.miss(machine),
             After::Home { is_all } => return self.end_homing(machine, is_all),
         }
         self.accept()
@@ -235,12 +240,25 @@ impl Session {
     /// The position after a probing move: that of the machine; the target, if it was missed; or that
     /// before, if the move has not been begun.
     fn end_probing(&mut self, machine: &Snapshot) {
-        let position = self.router.set_steps(machine.steps);
         if !self.seen.is_probed {
-            self.interpreter.set_position(self.probed_from);
-        } else if self.probed.success {
+            let (position, mark) = &self.probed_from;
+            self.interpreter.set_position(*position);
+            self.router.return_to(mark);
+            return;
+        }
+        let position = self.router.set_steps(machine.steps);
+        if self.probed.success {
             self.interpreter.set_position(position);
         }
+    }
+
+    /// Tells that a probing move without a step has missed. The position stays its target.
+    fn miss(&mut self, machine: &Snapshot) {
+        self.probed.success = false;
+        if !self.is_alarmed_by_a_miss() {
+            self.probed.steps = machine.steps;
+        }
+        report::probed(&mut self.message, &self.probed, &self.stored.settings);
     }
 
     /// Whether a miss of the probing move in execution is an alarm.

@@ -60,11 +60,18 @@ impl Session {
     }
 
     /// Tells everything that there is to tell; false when there is no room for it.
+    ///
+    /// Before a welcome that is only why the machine was locked: an open door comes after it.
     pub(super) fn tell_notices(&mut self, machine: &Snapshot, sent: &mut Producer<'_, u8>) -> bool {
         for _ in 0..NOTICES {
-            let Some(notice) = machine.notices.next(&mut self.seen.notices) else {
+            let mut seen = self.seen.notices;
+            let Some(notice) = machine.notices.next(&mut seen) else {
                 break;
             };
+            if !self.is_welcome_told() && !matches!(notice, Notice::Alarm(_)) {
+                break;
+            }
+            self.seen.notices = seen;
             self.tell_notice(machine, notice);
             if !self.flush(sent) {
                 return false;

@@ -2,17 +2,13 @@
 
 use serde::Serialize;
 
-use super::golden::{Run, Traits};
-use crate::figures::Figures;
+use super::{
+    deviation::Deviation,
+    exchange::{differs_in_tool, is_rounded_otherwise},
+    golden::{Run, Traits},
+};
+use crate::{figures::Figures, sim::Played};
 
-/// Positions are integers: Grbl's single precision puts a point that lies half-way between two
-/// steps on either.
-const EXACT_POSITIONS: &str =
-    "points half-way between two steps: exact here, rounded in single precision by Grbl";
-/// What follows from an accepted or refused line that Grbl treats otherwise.
-const FOLLOWS: &str = "follows from a deviation in an answer";
-/// Slow moves take as long as they should.
-const SLOW_STEPS: &str = "moves slower than 30.5 steps per second, which Grbl's timer cannot time";
 /// Longest time between two steps of Grbl: 16 bits of its timer at 16 MHz, and eight interrupts.
 const GRBL_LONGEST_PERIOD_S: f64 = 65_536.0 * 8.0 / 16.0e6;
 /// Grbl's time in a program of straight lines that ours may need.
@@ -28,7 +24,7 @@ pub(super) struct Difference {
     /// How, for the reader.
     pub(super) text: String,
     /// Why it may: a deliberate deviation.
-    pub(super) by_design: Option<&'static str>,
+    pub(super) by_design: Option<Deviation>,
 }
 
 /// How a comparison came out.
@@ -56,19 +52,28 @@ impl Verdict {
 }
 
 /// Every difference between a recording and a run.
-pub(super) fn compare(run: &Run, figures: &Figures, traits: &Traits) -> Vec<Difference> {
+pub(super) fn compare(run: &Run, played: &Played, traits: &Traits) -> Vec<Difference> {
+    let figures = &played.figures;
     let mut found = Vec::new();
     compare_responses(run, figures, traits, &mut found);
     compare_messages(run, figures, &mut found);
-    let answers_differ = !found.is_empty();
+    let follows = follows_from_answers(&found);
+    let answers = found.len();
     compare_steps(run, figures, traits, &mut found);
     compare_time(run, figures, traits, &mut found);
-    if answers_differ && Verdict::of(&found[..1]) == Verdict::ByDesign {
-        for difference in &mut found[1..] {
-            difference.by_design.get_or_insert(FOLLOWS);
-        }
+    compare_end(run, &played.said, &mut found);
+    for difference in &mut found[answers..] {
+        difference.by_design = difference.by_design.or(follows);
     }
     found
+}
+
+/// What excuses the consequences of answers that differ: those are all by design themselves.
+pub(super) fn follows_from_answers(answers: &[Difference]) -> Option<Deviation> {
+    let changes_state = answers
+        .iter()
+        .any(|found| found.by_design.is_some_and(Deviation::has_consequences));
+    changes_state.then_some(Deviation::Follows)
 }
 
 fn compare_responses(run: &Run, figures: &Figures, traits: &Traits, found: &mut Vec<Difference>) {
@@ -94,7 +99,7 @@ fn compare_responses(run: &Run, figures: &Figures, traits: &Traits, found: &mut 
         });
     }
     let surplus = ours.count();
-    if surplus > 0 {
+    if surplus > 0 && run.complete {
         found.push(Difference {
             what: "answer",
             text: format!("{surplus} answers more than Grbl's"),
@@ -142,7 +147,7 @@ fn compare_steps(run: &Run, figures: &Figures, traits: &Traits, found: &mut Vec<
             found.push(Difference {
                 what: "final steps",
                 text: format!("{letter} {ours}, Grbl {recorded}"),
-                by_design: by_design.then_some(EXACT_POSITIONS),
+                by_design: by_design.then_some(Deviation::ExactPositions),
             });
         }
         let (ours, recorded) = (figures.steps_axis[axis], run.steps_axis[axis]);
@@ -159,7 +164,7 @@ fn compare_steps(run: &Run, figures: &Figures, traits: &Traits, found: &mut Vec<
             found.push(Difference {
                 what: "steps",
                 text: format!("{letter} {ours}, Grbl {recorded}"),
-                by_design: by_design.then_some(EXACT_POSITIONS),
+                by_design: by_design.then_some(Deviation::ExactPositions),
             });
         }
     }
@@ -180,8 +185,33 @@ fn compare_time(run: &Run, figures: &Figures, traits: &Traits, found: &mut Vec<D
             "{ours:.3} s, Grbl {recorded:.3} s ({:+.1} %)",
             (ours / recorded - 1.0) * 100.0
         ),
-        by_design: too_slow_for_grbl.then_some(SLOW_STEPS),
+        by_design: too_slow_for_grbl.then_some(Deviation::SlowSteps),
     });
+}
+
+/// What `$G`, `$#` and `?` say after the program.
+fn compare_end(run: &Run, said: &[String], found: &mut Vec<Difference>) {
+    let recorded = run.final_modes.iter().chain(&run.final_params);
+    let recorded: Vec<_> = recorded.chain([&run.final_status]).collect();
+    for index in 0..recorded.len().max(said.len()) {
+        let ours = said.get(index).map_or("nothing", String::as_str);
+        let theirs = recorded.get(index).map_or("nothing", |text| text.as_str());
+        if ours == theirs {
+            continue;
+        }
+        let by_design = if differs_in_tool(ours, theirs) {
+            Some(Deviation::ToolIsModal)
+        } else if is_rounded_otherwise(ours, theirs) {
+            Some(Deviation::Rounding)
+        } else {
+            None
+        };
+        found.push(Difference {
+            what: "end",
+            text: format!("`{ours}`, Grbl `{theirs}`"),
+            by_design,
+        });
+    }
 }
 
 #[cfg(test)]
@@ -196,7 +226,8 @@ mod tests {
         serde_json::from_str(
             r#"{"responses": [["ok", 2], ["error:20", 1]], "messages": [[2, "[MSG:Pgm End]"]],
                 "steps_axis": [1000, 0, 0], "final_steps": [1000, 0, 0],
-                "motion_time_s": 10.0, "planner_low_fraction": 0.0}"#,
+                "motion_time_s": 10.0, "planner_low_fraction": 0.0, "complete": true,
+                "final_status": "<Idle>", "final_GC": ["[GC:G1 T0 F0]"], "final_params": []}"#,
         )
         .unwrap()
     }
@@ -228,14 +259,22 @@ mod tests {
         }
     }
 
+    fn compared(figures: &Figures, traits: &Traits) -> Vec<Difference> {
+        let played = Played {
+            figures: figures.clone(),
+            said: vec!["[GC:G1 T0 F0]".into(), "<Idle>".into()],
+        };
+        compare(&recorded(), &played, traits)
+    }
+
     fn what(figures: &Figures, traits: &Traits) -> Vec<&'static str> {
-        let found = compare(&recorded(), figures, traits);
+        let found = compared(figures, traits);
         found.iter().map(|difference| difference.what).collect()
     }
 
     #[test]
     fn equal_runs_agree() {
-        assert_eq!(compare(&recorded(), &equal(), &lines()), []);
+        assert_eq!(compared(&equal(), &lines()), []);
     }
 
     #[test]
@@ -259,13 +298,26 @@ mod tests {
     }
 
     #[test]
+    fn the_end_must_be_the_same_too() {
+        let mut played = Played {
+            figures: equal(),
+            said: vec!["[GC:G1 T3 F0]".into(), "<Idle>".into()],
+        };
+        let found = compare(&recorded(), &played, &lines());
+        assert_eq!(found[0].by_design, Some(Deviation::ToolIsModal));
+        played.said[1] = "<Alarm>".into();
+        let found = compare(&recorded(), &played, &lines());
+        assert_eq!(Verdict::of(&found), Verdict::Differs);
+    }
+
+    #[test]
     fn arcs_allow_one_step_and_their_own_time() {
         let traits = Traits { arcs: 1, ..lines() };
         let mut figures = equal();
         figures.end.steps[0] = 1001;
         figures.steps_axis[0] = 1003;
         figures.motion_time_s = 20.0;
-        assert_eq!(compare(&recorded(), &figures, &traits), []);
+        assert_eq!(compared(&figures, &traits), []);
         figures.end.steps[0] = 1002;
         assert_eq!(what(&figures, &traits), ["final steps"]);
     }
@@ -276,10 +328,10 @@ mod tests {
         traits.half_way[0].points = 1;
         let mut figures = equal();
         figures.steps_axis[0] = 1002;
-        let found = compare(&recorded(), &figures, &traits);
+        let found = compared(&figures, &traits);
         assert_eq!(Verdict::of(&found), Verdict::ByDesign);
         figures.steps_axis[0] = 1003;
-        let found = compare(&recorded(), &figures, &traits);
+        let found = compared(&figures, &traits);
         assert_eq!(Verdict::of(&found), Verdict::Differs);
     }
 }

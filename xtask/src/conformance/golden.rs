@@ -7,7 +7,13 @@ use std::{
 };
 
 use anyhow::{Context, Result};
-use leadscrew::{axis::AXES, interpreter::Interpreter, settings::Settings};
+use leadscrew::{
+    axis::AXES,
+    interpreter::Interpreter,
+    machine::Levels,
+    settings::Settings,
+    sim::{Closes, Switch},
+};
 use serde::Deserialize;
 
 use crate::{program::Program, sender, settings};
@@ -18,6 +24,9 @@ struct Recording {
     program: String,
     category: String,
     runs: BTreeMap<String, Run>,
+    /// Where the probe closed, in words.
+    #[serde(default)]
+    probe_model: Option<String>,
 }
 
 /// One recorded run.
@@ -35,6 +44,16 @@ pub(super) struct Run {
     pub(super) motion_time_s: f64,
     /// Share of the time in which Grbl's look-ahead had run dry.
     pub(super) planner_low_fraction: f64,
+    /// What `?` said in the end.
+    pub(super) final_status: String,
+    /// What `$G` said.
+    #[serde(rename = "final_GC")]
+    pub(super) final_modes: Vec<String>,
+    /// What `$#` said.
+    pub(super) final_params: Vec<String>,
+    /// Whether the program came to its end.
+    #[serde(default)]
+    pub(super) complete: bool,
     /// Whether laser mode was on.
     #[serde(default)]
     laser_mode: bool,
@@ -51,50 +70,40 @@ pub(super) struct Case {
     pub(super) settings_name: String,
     /// What was recorded.
     pub(super) run: Run,
-}
-
-/// The sets of settings that recordings name; everything else is Grbl's default.
-const SETS: [(&str, &[&str]); 2] = [
-    ("grbl_default", &[]),
-    (
-        "fast",
-        &[
-            "$100=80",
-            "$101=80",
-            "$102=80",
-            "$110=5000",
-            "$111=5000",
-            "$112=5000",
-            "$120=500",
-            "$121=500",
-            "$122=500",
-        ],
-    ),
-];
-
-/// Grbl's defaults with a named set of changes.
-pub(crate) fn settings_set(name: &str) -> Result<Settings> {
-    let (_, changes) = SETS
-        .iter()
-        .find(|(known, _)| *known == name)
-        .with_context(|| format!("there is no set of settings called {name:?}"))?;
-    let mut values = Settings::default();
-    settings::apply(&mut values, "$10=1")?;
-    for change in *changes {
-        settings::apply(&mut values, change)?;
-    }
-    Ok(values)
+    /// Height at and below which the probe is closed, mm.
+    probe_mm: Option<f64>,
 }
 
 impl Case {
     /// The settings of the run.
     pub(super) fn settings(&self) -> Result<Settings> {
-        let mut values = settings_set(&self.settings_name)?;
+        let mut values = settings::named_set(&self.settings_name)?;
         if self.run.laser_mode {
             settings::apply(&mut values, "$32=1")?;
         }
         Ok(values)
     }
+
+    /// The probe's contact.
+    pub(super) fn switches(&self, settings: &Settings) -> Vec<Switch> {
+        let scale = settings.steps_per_mm.0.get(2);
+        let scale = scale.map_or(0.0, |scale| scale.millionths() as f64 * 1e-6);
+        let probe = self.probe_mm.map(|mm| Switch {
+            axis: 2,
+            closes: Closes::DownFrom((mm * scale).round() as i32),
+            input: Levels::PROBE,
+        });
+        probe.into_iter().collect()
+    }
+}
+
+/// Reads the only model of a probe that the recordings have.
+fn probe_height(model: &str) -> Result<f64> {
+    let height = model.split_once("Z <= ").and_then(|(_, rest)| {
+        let end = rest.find(' ').unwrap_or(rest.len());
+        rest[..end].parse().ok()
+    });
+    height.with_context(|| format!("{model:?} does not say where the probe closes"))
 }
 
 /// Reads every recording in `dir`, or those of some categories.
@@ -114,12 +123,15 @@ pub(super) fn load(dir: &Path, categories: &[String]) -> Result<Vec<Case>> {
             let text = fs::read(&file).with_context(|| format!("cannot read {name}"))?;
             let recording: Recording =
                 serde_json::from_slice(&text).with_context(|| format!("{name} is no recording"))?;
+            let probe_mm = recording.probe_model.as_deref().map(probe_height);
+            let probe_mm = probe_mm.transpose().with_context(|| format!("in {name}"))?;
             for (settings_name, run) in recording.runs {
                 cases.push(Case {
                     category: recording.category.clone(),
                     program: recording.program.clone(),
                     settings_name,
                     run,
+                    probe_mm,
                 });
             }
         }
@@ -127,7 +139,8 @@ pub(super) fn load(dir: &Path, categories: &[String]) -> Result<Vec<Case>> {
     Ok(cases)
 }
 
-fn sorted(dir: &Path) -> Result<Vec<PathBuf>> {
+/// What is in a folder, in order.
+pub(super) fn sorted(dir: &Path) -> Result<Vec<PathBuf>> {
     let entries = fs::read_dir(dir).with_context(|| format!("cannot read {}", dir.display()))?;
     let mut paths = entries
         .map(|entry| Ok(entry?.path()))
@@ -164,7 +177,7 @@ pub(super) struct HalfWay {
 impl Traits {
     /// Reads a program.
     pub(super) fn of(path: &Path, settings: &Settings) -> Result<Self> {
-        let mut program = Program::open(path)?;
+        let mut program = Program::recorded(path)?;
         let mut reader = Reader::new(settings);
         while let Some(line) = program.next_line()? {
             reader.look_at(&line);
@@ -266,6 +279,13 @@ mod tests {
     }
 
     #[test]
+    fn the_probe_closes_where_the_recording_says() {
+        let model = "probe pin closes when machine Z <= -5.000 mm";
+        assert_eq!(probe_height(model).unwrap(), -5.0);
+        assert!(probe_height("nowhere").is_err());
+    }
+
+    #[test]
     fn points_between_steps_are_counted() {
         // 250 steps/mm: a step is 4 µm.
         let found = traits("G0 X0.002 Y0.004\nX0.003\nX0.006");
@@ -274,14 +294,5 @@ mod tests {
         // 100 moves of 0.1 mm end 12.5 steps on, give or take what single precision loses.
         let steps = "G91\n".to_owned() + &"X0.1\n".repeat(1000) + "X0.00202";
         assert_eq!(traits(&steps).half_way[0].end, 1);
-    }
-
-    #[test]
-    fn every_set_of_settings_is_valid() {
-        for (name, _) in SETS {
-            settings_set(name).unwrap();
-        }
-        assert_eq!(settings_set("fast").unwrap().max_rate_mm_min[0], 5000.0);
-        assert!(settings_set("slow").is_err());
     }
 }

@@ -3,9 +3,13 @@
 use std::{
     env, fs,
     io::{BufRead, BufReader, ErrorKind, Read, Write},
-    os::unix::net::{UnixListener, UnixStream},
+    os::{
+        fd::OwnedFd,
+        unix::net::{UnixListener, UnixStream},
+    },
     path::{Path, PathBuf},
     process::{self, Child, Command, Stdio},
+    sync::atomic::{AtomicU32, Ordering},
     thread,
     time::{Duration, Instant},
 };
@@ -15,14 +19,24 @@ use leadscrew::{axis::AXES, units::TICKS_PER_SECOND};
 use object::{Object, ObjectSymbol};
 use serde_json::{Value, json};
 
+use super::contacts;
+use crate::{machine::Ends, sender::Response};
+
 /// Where the firmware keeps what its pins have done: 17 words.
 const FIGURES: &str = "FIGURES";
 const WORDS: usize = 17;
+/// Where it finds which contacts are closed: by hand, then where six limit switches close at their
+/// lower and upper ends, then the plate for the probe.
+const CONTACTS: &str = "CONTACTS";
+/// QEMU's socket for debuggers.
+const DEBUGGER: &str = "debugger";
+/// Emulators that this program has started.
+static STARTED: AtomicU32 = AtomicU32::new(0);
 /// How long QEMU may take to start.
 const START: Duration = Duration::from_secs(20);
 
 /// A running emulator.
-pub(super) struct Emulator {
+pub(crate) struct Emulator {
     qemu: Child,
     /// Holds its sockets.
     folder: PathBuf,
@@ -30,37 +44,43 @@ pub(super) struct Emulator {
     control: BufReader<UnixStream>,
     received: Vec<u8>,
     figures: u64,
+    contacts: u64,
 }
 
 /// What the pins have done.
 #[derive(Debug, PartialEq)]
-pub(super) struct Pins {
+pub(crate) struct Pins {
     /// Events that began a pulse.
-    pub(super) events: u64,
+    pub(crate) events: u64,
     /// Their hash.
-    pub(super) hash: u64,
+    pub(crate) hash: u64,
     /// From the first of them to the last, s.
-    pub(super) motion_time_s: f64,
+    pub(crate) motion_time_s: f64,
     /// Pulses of each axis.
-    pub(super) pulses: Vec<u64>,
+    pub(crate) pulses: Vec<u64>,
     /// Position of each axis, steps.
-    pub(super) steps: Vec<i32>,
+    pub(crate) steps: Vec<i32>,
 }
 
 impl Emulator {
     /// Boots a firmware.
-    pub(super) fn start(elf: &Path, machine: &str) -> Result<Self> {
-        let figures = symbol(elf, FIGURES)?;
-        let folder = env::temp_dir().join(format!("leadscrew-{}", process::id()));
+    pub(crate) fn start(elf: &Path, machine: &str) -> Result<Self> {
+        let (figures, contacts) = (symbol(elf, FIGURES)?, symbol(elf, CONTACTS)?);
+        let number = STARTED.fetch_add(1, Ordering::Relaxed);
+        let folder = env::temp_dir().join(format!("leadscrew-{}-{number}", process::id()));
         fs::create_dir_all(&folder)
             .with_context(|| format!("cannot create {}", folder.display()))?;
         let (serial, control) = (folder.join("serial"), folder.join("control"));
+        let debugger = format!(
+            "unix:{},server=on,wait=off",
+            folder.join(DEBUGGER).display()
+        );
         let socket = |path: &Path| format!("unix:{},server=off", path.display());
         let listeners = [listen(&serial)?, listen(&control)?];
         let mut qemu = Command::new("qemu-system-arm")
             .args(["-M", machine, "-nographic", "-monitor", "none"])
             .args(["-qmp", &socket(&control)])
-            .args(["-serial", &socket(&serial)])
+            .args(["-serial", &socket(&serial), "-gdb", &debugger])
             .arg("-kernel")
             .arg(elf)
             .stdin(Stdio::null())
@@ -81,19 +101,20 @@ impl Emulator {
             control: BufReader::new(control),
             received: Vec::new(),
             figures,
+            contacts,
         };
         emulator.execute("qmp_capabilities", &json!({}))?;
         Ok(emulator)
     }
 
     /// Sends bytes.
-    pub(super) fn send(&mut self, bytes: &[u8]) -> Result<()> {
+    pub(crate) fn send(&mut self, bytes: &[u8]) -> Result<()> {
         let sent = self.serial.write_all(bytes);
         sent.context("the emulator's serial line is closed")
     }
 
     /// Receives a line, without its end; `None` when none has come in time.
-    pub(super) fn receive(&mut self, patience: Duration) -> Result<Option<String>> {
+    pub(crate) fn receive(&mut self, patience: Duration) -> Result<Option<String>> {
         let end = Instant::now() + patience;
         let mut chunk = [0; 1024];
         loop {
@@ -119,7 +140,7 @@ impl Emulator {
     }
 
     /// Waits for the line with which the firmware says that it is there.
-    pub(super) fn wait_for_welcome(&mut self, patience: Duration) -> Result<()> {
+    pub(crate) fn wait_for_welcome(&mut self, patience: Duration) -> Result<()> {
         loop {
             let line = self.receive(patience)?;
             let line = line.context("the firmware does not start: no welcome line has come")?;
@@ -129,8 +150,44 @@ impl Emulator {
         }
     }
 
+    /// Changes a setting.
+    pub(crate) fn set(&mut self, statement: &str, patience: Duration) -> Result<()> {
+        self.send(format!("${statement}\n").as_bytes())?;
+        loop {
+            let line = self.receive(patience)?;
+            let line = line.context("the firmware does not answer")?;
+            match Response::parse(&line) {
+                Some(Response::Ok) => return Ok(()),
+                Some(error) => bail!("the firmware refuses ${statement}: {error}"),
+                None => {}
+            }
+        }
+    }
+
+    /// The serial line, for another to use.
+    pub(crate) fn line(&self) -> Result<OwnedFd> {
+        ensure!(
+            self.received.is_empty(),
+            "bytes of the firmware would be lost"
+        );
+        let line = self.serial.try_clone();
+        Ok(line.context("the serial line cannot be shared")?.into())
+    }
+
+    /// Mounts switches and a plate for the probe.
+    pub(crate) fn mount(&self, ends: &Ends) -> Result<()> {
+        const LIMITS: usize = 6;
+        let mut words = [[i32::MIN; LIMITS], [i32::MAX; LIMITS]];
+        words[0][..AXES].copy_from_slice(&ends.low);
+        words[1][..AXES].copy_from_slice(&ends.high);
+        let by_hand = [0];
+        let words = [&by_hand, words.as_flattened(), &[ends.plate]].concat();
+        let words: Vec<u32> = words.into_iter().map(i32::cast_unsigned).collect();
+        contacts::write(&self.folder.join(DEBUGGER), self.contacts, &words)
+    }
+
     /// Reads what the pins have done from the firmware's memory.
-    pub(super) fn pins(&mut self) -> Result<Pins> {
+    pub(crate) fn pins(&mut self) -> Result<Pins> {
         let file = self.folder.join("memory");
         let place = json!({
             "val": self.figures,

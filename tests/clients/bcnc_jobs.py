@@ -1,0 +1,188 @@
+"""bCNC without its window: its own reader and sender thread, its controller for Grbl, its jobs.
+
+The window is what this script stands in for: it watches the counters as bCNC's `monitorSerial` does,
+and presses the same buttons. bCNC keeps 127 bytes in flight, polls `?` eight times a second, asks `$#`
+and `$G` whenever the machine becomes idle, and ends every job with a hold and a reset.
+"""
+
+import os
+import sys
+import threading
+import time
+
+import bCNC
+
+FOLDER = os.path.dirname(bCNC.__file__)
+sys.path += [FOLDER] + [os.path.join(FOLDER, part) for part in ("lib", "plugins", "controllers")]
+
+import Helpers  # noqa: E402, F401  (bCNC is found only now; this gives it its language)
+import Utils  # noqa: E402
+
+Utils.loadConfiguration()
+
+from CNC import CNC, WAIT  # noqa: E402
+from Sender import Sender  # noqa: E402
+
+from jobs import HOME, ORIGIN, check, measured, place_origin, port, run, spiral, until  # noqa: E402
+
+
+class Window(Sender):
+    """What bCNC's main window does for its sender."""
+
+    def __init__(self):
+        super().__init__()
+        self.controllerSet("GRBL1")
+        # All that happens in the window is done by one thread.
+        self.window = threading.RLock()
+        self.errors = []
+        self.purges = self.purged = 0
+        threading.Thread(target=self.watch, daemon=True).start()
+
+    def watch(self):
+        """As `monitorSerial`: empties the log, follows the hold, notices the end of a job."""
+        while True:
+            with self.window:
+                while not self.log.empty():
+                    kind, text = self.log.get_nowait()
+                    if kind == Sender.MSG_ERROR:
+                        self.errors.append(text)
+                if self._posUpdate:
+                    self._pause = "Hold" in CNC.vars["state"]
+                    self._posUpdate = False
+                if self.running and self._gcount >= self._runLines:
+                    self.runEnded()
+            time.sleep(0.1)
+
+    def start(self):
+        """The button that runs the job."""
+        with self.window:
+            self.cleanAfter = True
+            self.initRun()
+            self._runLines = sys.maxsize
+            self._gcount = 0
+            CNC.vars["running"] = True
+            CNC.vars["_OvChanged"] = True
+            paths = self.gcode.compile(self.queue, lambda: self._stop)
+            check(paths, "the job is compiled")
+            self._runLines = len(paths) + 1
+            self.queue.put((WAIT,))
+
+    def purgeController(self):
+        """How bCNC ends a job: a hold, a reset, and everything as it was before."""
+        super().purgeController()
+        self.purges += 1
+
+    def disable(self):
+        """Greys the buttons."""
+
+    def event_generate(self, *_, **__):
+        """Tells other windows."""
+
+
+def state():
+    return CNC.vars["state"]
+
+
+def position():
+    return tuple(CNC.vars[name] for name in ("mx", "my", "mz"))
+
+
+def go(window, line, *target):
+    window.sendGCode(line)
+    until(lambda: position() == target and state() == "Idle", f"{line} is done")
+
+
+def load(window, lines):
+    with open("job.nc", "w") as file:
+        file.write("\n".join(lines))
+    window.gcode.init()
+    window.load("job.nc")
+
+
+def hold(window):
+    """The buttons for a feed hold and for going on."""
+    window.feedHold()
+    until(lambda: state() == "Hold:0", "the machine is held")
+    window.resume()
+    until(lambda: state() != "Hold:0", "the machine goes on")
+
+
+def override(window):
+    """The sliders, one after another: bCNC sends the bytes that bring the machine there, in UTF-8."""
+    for name, value in [
+        ("OvFeed", 130),
+        ("OvRapid", 25),
+        ("OvSpindle", 88),
+        ("OvFeed", 95),
+        ("OvRapid", 100),
+        ("OvSpindle", 100),
+        ("OvFeed", 100),
+    ]:
+        CNC.vars["_" + name] = value
+        CNC.vars["_OvChanged"] = True
+        until(lambda: CNC.vars[name] == value, f"{name} is {value}")
+
+
+def jog(window, target):
+    """The arrows: each press is one line; the last comes back."""
+    x, y, z = target
+    for direction, place in [("X5", (x + 5, y, z)), ("Y-5", (x + 5, y - 5, z)), ("X-5Y5", target)]:
+        window.mcontrol.jog(direction)
+        until(lambda: position() == place and state() == "Idle", f"the jog {direction} is done")
+
+
+def finished(window, purges=1):
+    """Waits until bCNC has ended its job, reset the machine, and has sent all that it wants."""
+    wanted = window.purged + purges
+    until(lambda: window.purges == wanted, "bCNC takes the job for finished")
+    window.purged = wanted
+    # bCNC drops its queue when it sees the welcome: nobody presses the next button that soon.
+    time.sleep(1)
+    until(lambda: window.queue.empty() and state() == "Idle", "the machine is idle after it")
+
+
+def main():
+    window = Window()
+    window.open(port(), 115200)
+    until(lambda: state() in ("Idle", "Alarm"), "a report is understood")
+    window.home()
+    until(lambda: state() == "Idle" and position() == HOME, "the machine is homed")
+    measured()
+    window.viewSettings()
+    until(lambda: CNC.vars.get("grbl_132"), "the settings are read")
+    x, y, z = ORIGIN
+    window.sendGCode(place_origin())
+    go(window, "G54 G0 X0 Y0 Z10", x, y, z + 10)
+
+    # A whole job with two holds. bCNC ends it with `!`, a reset, `$X` and the modes that were active.
+    load(window, spiral(100))
+    window.start()
+    until(lambda: state() == "Run", "the job runs")
+    hold(window)
+    override(window)
+    hold(window)
+    finished(window)
+    check(position() == (x, y, z + 10), f"the job has ended at {position()}")
+    check(not window.errors, f"the machine refuses {window.errors}")
+
+    jog(window, (x, y, z + 10))
+
+    # The stop button in the middle of a job: a hold, and a reset when the motion has ended.
+    window.start()
+    until(lambda: state() == "Run", "the job runs")
+    window.stopRun()
+    # Once for the button, and once more when the machine is idle.
+    finished(window, 2)
+    check(not window.errors, f"the machine refuses {window.errors}")
+
+    # And the whole job again.
+    window.start()
+    until(lambda: state() == "Run", "the job runs")
+    finished(window)
+    check(position() == (x, y, z + 10), f"the job has ended at {position()}")
+    go(window, "G53 G0 X-20 Y-30 Z-10", -20, -30, -10)
+    return -20, -30, -10
+
+
+if __name__ == "__main__":
+    run(main)

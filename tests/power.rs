@@ -1,0 +1,142 @@
+//! The whole machine, switched off and on: what is stored is there again.
+
+use leadscrew::{
+    settings::Settings,
+    sim::{Flash, Simulator},
+    units::TICKS_PER_SECOND,
+};
+
+struct Machine(Box<Simulator>);
+
+impl Machine {
+    fn power_up(flash: Flash) -> Self {
+        Self(Box::new(Simulator::power_up(flash)))
+    }
+
+    /// Sends text and waits until nothing is going on; gives what has come.
+    fn ask(&mut self, text: &str) -> String {
+        let mut received = Vec::new();
+        for byte in text.bytes() {
+            self.0.receive(byte);
+            self.run(&mut received, 0);
+        }
+        self.run(&mut received, u64::from(TICKS_PER_SECOND) * 60);
+        String::from_utf8(received).unwrap()
+    }
+
+    /// Runs to the end of all motion, but no longer than `ticks`.
+    fn run(&mut self, received: &mut Vec<u8>, ticks: u64) {
+        let end = self.0.now() + ticks;
+        self.0.settle();
+        loop {
+            while let Some(byte) = self.0.send() {
+                received.push(byte);
+                self.0.settle();
+            }
+            match self.0.due() {
+                Some(due) if due <= end => drop(self.0.advance(due)),
+                _ => return,
+            }
+        }
+    }
+
+    fn cycle(self) -> Self {
+        Self::power_up(self.0.into_flash())
+    }
+}
+
+#[test]
+fn everything_that_is_stored_outlives_the_power() {
+    let mut machine = Machine::power_up(Flash::new());
+    machine.ask("");
+    for line in [
+        "$100=80.125\n",
+        "$22=1\n",
+        "$20=1\n",
+        "$22=0\n",
+        "G10 L2 P2 X1.5 Y-2.25\n",
+        "G55\n",
+        "G28.1\n",
+        "$N0=G21\n",
+        "$I=red mill\n",
+    ] {
+        assert_eq!(machine.ask(line), "ok\r\n", "{line}");
+    }
+    let (settings, offsets, lines) = (machine.ask("$$\n"), machine.ask("$#\n"), "$N\n$I\n");
+    let lines_before = machine.ask(lines);
+    let mut machine = machine.cycle();
+    let welcome = machine.ask("");
+    assert!(!welcome.contains("error"), "{welcome}");
+    assert!(settings.contains("$100=80.125\r\n$101=250.000"));
+    assert!(settings.contains("$20=0"));
+    assert_eq!(machine.ask("$$\n"), settings);
+    assert_eq!(machine.ask("$#\n"), offsets);
+    assert_eq!(machine.ask(lines), lines_before);
+    assert!(lines_before.contains("REDMILL"));
+}
+
+#[test]
+fn the_first_start_says_so_and_the_second_does_not() {
+    let mut machine = Machine::power_up(Flash::new());
+    assert!(machine.ask("").contains("error:7"));
+    let mut machine = machine.cycle();
+    assert!(!machine.ask("").contains("error:7"));
+}
+
+#[test]
+fn settings_given_to_the_simulator_are_stored_in_it() {
+    let settings = Settings {
+        step_pulse_us: 7,
+        ..Settings::default()
+    };
+    let mut machine = Machine(Box::new(Simulator::new(&settings)));
+    assert!(!machine.ask("").contains("error:7"));
+    let mut machine = machine.cycle();
+    machine.ask("");
+    assert!(machine.ask("$$\n").starts_with("$0=7\r\n"));
+}
+
+#[test]
+fn an_offset_in_a_program_is_stored_when_the_machine_stands_still() {
+    let mut machine = Machine(Box::new(Simulator::new(&Settings::default())));
+    machine.ask("");
+    // The simulator asserts that nothing moves; enough of them that sectors are erased.
+    for index in 0..200 {
+        let line = format!("G1 F500 X{}\nG10 L2 P1 Z{index}\nG1 X0\n", index % 2);
+        assert_eq!(machine.ask(&line), "ok\r\nok\r\nok\r\n", "{index}");
+    }
+    assert!(machine.0.flash().erases()[0] > 0);
+    let mut machine = machine.cycle();
+    machine.ask("");
+    assert!(machine.ask("$#\n").contains("[G54:0.000,0.000,199.000"));
+}
+
+#[test]
+fn a_power_cut_while_storing_leaves_the_old_or_the_new() {
+    for after in 0..70 {
+        let mut machine = Machine(Box::new(Simulator::new(&Settings::default())));
+        machine.ask("");
+        machine.0.flash().cut_after(after, after);
+        machine.ask("$110=700\n");
+        let is_cut = machine.0.flash().is_off();
+        let mut machine = machine.cycle();
+        machine.ask("");
+        let settings = machine.ask("$$\n");
+        let is_new = settings.contains("$110=700.000\r\n$111=500.000");
+        let is_old = settings.contains("$110=500.000\r\n$111=500.000");
+        assert!(is_new || (is_old && is_cut), "after {after}: {settings}");
+    }
+}
+
+#[test]
+fn what_cannot_be_stored_is_refused_and_changes_nothing() {
+    let mut machine = Machine(Box::new(Simulator::new(&Settings::default())));
+    machine.ask("");
+    let before = machine.ask("$$\n$#\n");
+    machine.0.flash().cut_after(0, 1);
+    for line in ["$110=700\n", "G10 L2 P1 X5\n", "$N0=G20\n"] {
+        let answer = machine.ask(line);
+        assert!(answer.starts_with("error:"), "{line}: {answer}");
+    }
+    assert_eq!(machine.ask("$$\n$#\n"), before);
+}

@@ -1,0 +1,283 @@
+//! `cargo xtask test --clients`: sender programs at the simulator and at the firmware.
+//!
+//! Each sender is driven by a script in `tests/clients`, which says what it does and checks what the
+//! sender makes of it. Between the sender and the machine sits a tap, and whatever the script checks,
+//! the account of what passed must be right to the last byte: see [`account`].
+
+mod account;
+mod install;
+mod machine;
+mod tap;
+
+use std::{
+    fs, mem,
+    os::unix::process::CommandExt,
+    path::{Path, PathBuf},
+    process::{Child, Command, ExitStatus, Stdio},
+    sync::Mutex,
+    thread,
+    time::{Duration, Instant},
+};
+
+use anyhow::{Context, Result, bail, ensure};
+use leadscrew::settings::Settings;
+use rustix::process::{Pid, Signal};
+
+use self::{
+    account::{Account, Counts},
+    machine::{Machine, Place},
+    tap::Tap,
+};
+use crate::{settings, test::Verdict};
+
+/// Longest time for one sender's run: a guard, no measure.
+const PATIENCE: Duration = Duration::from_secs(150);
+/// Longest time for the last answers after the sender has ended.
+const REST: Duration = Duration::from_secs(5);
+
+/// How often it is looked what goes on.
+const GLANCE: Duration = Duration::from_millis(20);
+/// What a script prints.
+const SAID: &str = "script.log";
+/// How much of it is told when it fails.
+const LAST_LINES: usize = 15;
+/// One thing is installed at a time.
+static INSTALLING: Mutex<()> = Mutex::new(());
+
+/// A sender program.
+#[derive(Debug, Clone, Copy)]
+enum Sender {
+    /// A client of our own that keeps exactly 128 bytes in flight.
+    Raw,
+    GrblStreamer,
+    Bcnc,
+    Cncjs,
+}
+
+impl Sender {
+    const ALL: [Self; 4] = [Self::Raw, Self::GrblStreamer, Self::Bcnc, Self::Cncjs];
+
+    fn name(self) -> &'static str {
+        match self {
+            Self::Raw => "raw client",
+            Self::GrblStreamer => "grbl-streamer",
+            Self::Bcnc => "bCNC",
+            Self::Cncjs => "cncjs",
+        }
+    }
+
+    /// The script that drives it, and the program that runs the script.
+    fn command(self) -> Result<(Command, &'static str)> {
+        let (program, script) = match self {
+            Self::Raw => (install::plain_python()?, "raw.py"),
+            Self::GrblStreamer => (install::python()?, "grbl_streamer_jobs.py"),
+            Self::Bcnc => (install::python_with_tk()?, "bcnc_jobs.py"),
+            Self::Cncjs => {
+                let mut node = Command::new("node");
+                node.env("NODE_PATH", install::node()?);
+                return Ok((node, "cncjs_jobs.js"));
+            }
+        };
+        Ok((Command::new(program), script))
+    }
+}
+
+/// Every sender at every machine: names and what to run.
+pub(crate) fn all() -> impl Iterator<Item = (String, impl Fn() -> Result<Verdict> + Send)> {
+    let places = [
+        (Place::Simulator, "simulator"),
+        (Place::Firmware, "firmware"),
+    ];
+    places.into_iter().flat_map(|(place, at)| {
+        Sender::ALL.map(|sender| {
+            let name = format!("{} at the {at}", sender.name());
+            (name, move || drive(sender, place))
+        })
+    })
+}
+
+/// Drives one sender at one machine.
+fn drive(sender: Sender, place: Place) -> Result<Verdict> {
+    let installing = INSTALLING.lock();
+    let command = sender.command();
+    drop(installing);
+    let (mut command, script) = match command {
+        Ok(found) => found,
+        Err(reason) => return Ok(Verdict::Skipped(format!("{reason:#}"))),
+    };
+    let mut run = Run::start(Path::new(script), place)?;
+    command.arg(install::scripts().join(script));
+    command.arg(run.folder.join("port")).arg(place.name());
+    let ended = run.sender(command);
+    let account = run.end()?;
+    let end = ended.with_context(|| format!("see {}", run.folder.display()))?;
+    ensure!(
+        account.faults.is_empty(),
+        "{}\n(see {})",
+        account.faults.join("\n"),
+        run.folder.join("wire.log").display()
+    );
+    run.check_end(&account, end.as_deref())?;
+    Ok(Verdict::Counted(summary(&account.counts)))
+}
+
+/// One sender at one machine.
+struct Run {
+    /// What it leaves: all that passed, and what the script said.
+    folder: PathBuf,
+    settings: Settings,
+    machine: Machine,
+    tap: Tap,
+    /// Steps that the pins had made more than was reported, after homing.
+    offset: Option<Vec<i32>>,
+}
+
+impl Run {
+    fn start(script: &Path, place: Place) -> Result<Self> {
+        let stem = script.file_stem().unwrap_or_default().to_string_lossy();
+        let folder = install::folder().join(format!("{stem}-{}", place.name()));
+        let _ = fs::remove_dir_all(&folder);
+        fs::create_dir_all(&folder)?;
+        let file = install::scripts().join(format!("{}.settings", place.name()));
+        let loaded = settings::load(Some(&file), &[])?;
+        let (machine, line) = Machine::start(place, &folder, &file, &loaded)?;
+        let tap = Tap::open(&folder.join("port"), line)?;
+        Ok(Self {
+            folder,
+            settings: loaded.settings,
+            machine,
+            tap,
+            offset: None,
+        })
+    }
+
+    /// Runs a script to its end, and gives the last line that it prints.
+    fn sender(&mut self, mut command: Command) -> Result<Option<String>> {
+        let home = self.folder.join("home");
+        fs::create_dir_all(&home)?;
+        let output = fs::File::create(self.folder.join(SAID))?;
+        let mut child = command
+            // What senders keep of their users' settings stays here.
+            .env("HOME", &home)
+            .current_dir(&self.folder)
+            .stdin(Stdio::null())
+            .stdout(output.try_clone()?)
+            .stderr(output)
+            .process_group(0)
+            .spawn()
+            .context("cannot start the script")?;
+        let status = self.wait(&mut child);
+        // A server that it has started goes with it.
+        if let Some(group) = Pid::from_raw(child.id().cast_signed()) {
+            let _ = rustix::process::kill_process_group(group, Signal::KILL);
+        }
+        let _ = child.wait();
+        let said = self.said();
+        let status = status.with_context(|| said.clone())?;
+        if !status.success() {
+            let lines: Vec<_> = said.lines().collect();
+            let last = lines.len().saturating_sub(LAST_LINES);
+            bail!("{}", lines[last..].join("\n"));
+        }
+        Ok(said.lines().last().map(Into::into))
+    }
+
+    fn said(&self) -> String {
+        let said = fs::read(self.folder.join(SAID)).unwrap_or_default();
+        String::from_utf8_lossy(&said).into_owned()
+    }
+
+    fn wait(&mut self, child: &mut Child) -> Result<ExitStatus> {
+        let start = Instant::now();
+        loop {
+            if let Some(status) = child.try_wait()? {
+                return Ok(status);
+            }
+            self.machine.check()?;
+            if self.offset.is_none() && self.said().lines().any(|line| line == "homed") {
+                self.measure()?;
+            }
+            ensure!(
+                start.elapsed() < PATIENCE,
+                "the sender does not come to an end"
+            );
+            thread::sleep(GLANCE);
+        }
+    }
+
+    /// Compares the pins with what is reported, while the script waits for it.
+    fn measure(&mut self) -> Result<()> {
+        let reported = self.steps(&self.reported()?);
+        let made = self.machine.steps()?.unwrap_or_else(|| reported.clone());
+        let offset = made.iter().zip(&reported).map(|(made, told)| made - told);
+        self.offset = Some(offset.collect());
+        fs::write(self.folder.join("measured"), "").context("cannot tell the script to go on")
+    }
+
+    fn reported(&self) -> Result<Vec<f64>> {
+        let seen = self.tap.seen();
+        seen.account.position().context("no report was seen")
+    }
+
+    /// A position in mm as steps.
+    fn steps(&self, position_mm: &[f64]) -> Vec<i32> {
+        let scales = self.settings.steps_per_mm.0.iter();
+        let scaled = scales.zip(position_mm);
+        let steps = scaled.map(|(scale, way)| scale.millionths() as f64 * 1e-6 * way);
+        steps.map(|steps| steps.round() as i32).collect()
+    }
+
+    /// Closes the line when nothing is owed any more, and keeps what passed.
+    fn end(&mut self) -> Result<Account> {
+        let start = Instant::now();
+        while !self.tap.seen().account.is_quiet() && start.elapsed() < REST {
+            thread::sleep(GLANCE);
+        }
+        self.tap.close()?;
+        let mut seen = self.tap.seen();
+        seen.account.close();
+        seen.write_log(&self.folder.join("wire.log"))?;
+        Ok(mem::take(&mut seen.account))
+    }
+
+    /// Checks that the machine is where the script says.
+    fn check_end(&mut self, account: &Account, said: Option<&str>) -> Result<()> {
+        let place = said.and_then(|line| line.strip_prefix("at "));
+        let place = place.context("the script does not say where the machine is to be")?;
+        let wanted: Result<Vec<f64>, _> = place.split(',').map(str::parse).collect();
+        let wanted = wanted.context("the script does not say where the machine is to be")?;
+        let reported = account.position().context("no report was seen")?;
+        ensure!(
+            reported == wanted,
+            "the machine is at {reported:?} instead of {wanted:?}"
+        );
+        if let (Some(made), Some(offset)) = (self.machine.steps()?, &self.offset) {
+            let told = self.steps(&wanted);
+            let expected: Vec<_> = told
+                .iter()
+                .zip(offset)
+                .map(|(told, more)| told + more)
+                .collect();
+            ensure!(
+                made == expected,
+                "the pins have made {made:?} steps instead of {expected:?}"
+            );
+        }
+        Ok(())
+    }
+}
+
+fn summary(counts: &Counts) -> String {
+    format!(
+        "{} lines, {} answers, {} voided by {} resets, {} `?`, {} reports, {} other realtime bytes, \
+         at most {} bytes in flight",
+        counts.lines,
+        counts.answers,
+        counts.voided,
+        counts.resets,
+        counts.queries,
+        counts.reports,
+        counts.realtime,
+        counts.most_in_flight
+    )
+}

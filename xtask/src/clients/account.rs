@@ -1,0 +1,413 @@
+//! The accounting of a serial line: which answer belongs to which line, and what is wrong.
+//!
+//! Pure: it is told what the sender and the machine have written, in the order in which it passed.
+//! It knows Grbl's protocol and no sender: every line gets exactly one answer, in order; what a `$`
+//! line lists comes right before its answer; `?` gets one report; nothing else is said unasked but
+//! messages, alarms and the welcome. Read with Grbl's notes on its interface.
+
+use std::collections::VecDeque;
+
+/// Stands for the lines that list the position of the probe.
+const PROBED: &str = "PRB";
+/// Faults that are kept; the first ones tell what happened.
+const FAULTS: usize = 20;
+/// The mark in a line that is to be refused, before the number of the error.
+const EXPECTED: &str = "(error:";
+
+/// What has been counted.
+#[derive(Debug, Clone, Default, PartialEq, Eq)]
+pub(crate) struct Counts {
+    /// Lines sent to the machine.
+    pub(crate) lines: u64,
+    /// Answers from the machine.
+    pub(crate) answers: u64,
+    /// Of these, refusals.
+    pub(crate) refusals: u64,
+    /// Lines that a reset has voided.
+    pub(crate) voided: u64,
+    /// Realtime bytes other than `?`.
+    pub(crate) realtime: u64,
+    /// `?` sent.
+    pub(crate) queries: u64,
+    /// Status reports received.
+    pub(crate) reports: u64,
+    /// Resets asked for.
+    pub(crate) resets: u64,
+    /// Welcome lines.
+    pub(crate) welcomes: u64,
+    /// Alarms.
+    pub(crate) alarms: u64,
+    /// Bytes in flight, at most.
+    pub(crate) most_in_flight: usize,
+}
+
+/// A line that has not been answered.
+#[derive(Debug)]
+struct Pending {
+    text: String,
+    bytes: usize,
+    /// A reset came or was asked for since: whether it reached the machine is unknown.
+    is_uncertain: bool,
+    /// Lines of a list that came for it.
+    listed: usize,
+}
+
+/// The books of one serial line.
+#[derive(Debug, Default)]
+pub(crate) struct Account {
+    pub(crate) counts: Counts,
+    pub(crate) faults: Vec<String>,
+    /// The newest status report.
+    pub(crate) report: String,
+    sent: Vec<u8>,
+    received: Vec<u8>,
+    pending: VecDeque<Pending>,
+    /// Lines sent after the newest `0x18`, before its welcome.
+    after_reset: usize,
+    is_reset_asked: bool,
+    open_queries: u64,
+    /// `?` was sent since the newest report.
+    is_report_due: bool,
+    /// State words seen in reports.
+    pub(crate) states: Vec<String>,
+}
+
+impl Account {
+    /// The sender has written bytes.
+    pub(crate) fn sent(&mut self, bytes: &[u8]) {
+        for byte in bytes {
+            match byte {
+                b'?' => {
+                    self.counts.queries += 1;
+                    self.open_queries += 1;
+                    self.is_report_due = true;
+                }
+                0x18 => self.reset_asked(),
+                b'!' | b'~' | 0x80.. => self.counts.realtime += 1,
+                b'\n' => self.line_sent(),
+                byte => self.sent.push(*byte),
+            }
+        }
+    }
+
+    fn line_sent(&mut self) {
+        let bytes = self.sent.len() + 1;
+        let text = String::from_utf8_lossy(&self.sent).into_owned();
+        self.sent.clear();
+        self.counts.lines += 1;
+        if text.contains('\r') {
+            self.fault(format!("a carriage return is sent in {text:?}"));
+        }
+        self.pending.push_back(Pending {
+            text,
+            bytes,
+            is_uncertain: self.is_reset_asked,
+            listed: 0,
+        });
+        if self.is_reset_asked {
+            self.after_reset += 1;
+        }
+        // What was sent before a reset is not in flight any more.
+        let newest = self.pending.iter().rev();
+        let count = if self.is_reset_asked {
+            self.after_reset
+        } else {
+            self.pending.len()
+        };
+        let in_flight = newest.take(count).map(|line| line.bytes).sum();
+        self.counts.most_in_flight = self.counts.most_in_flight.max(in_flight);
+    }
+
+    fn reset_asked(&mut self) {
+        self.counts.resets += 1;
+        self.is_reset_asked = true;
+        self.after_reset = 0;
+        // What had been sent of a line is gone.
+        self.sent.clear();
+    }
+
+    /// The machine has written bytes.
+    pub(crate) fn received(&mut self, bytes: &[u8]) {
+        for byte in bytes {
+            if *byte != b'\n' {
+                self.received.push(*byte);
+                continue;
+            }
+            let line = std::mem::take(&mut self.received);
+            let text = String::from_utf8_lossy(&line).into_owned();
+            match text.strip_suffix('\r') {
+                Some(text) => self.line_received(text),
+                None => self.fault(format!("no carriage return ends {text:?}")),
+            }
+        }
+    }
+
+    fn line_received(&mut self, text: &str) {
+        if text == "ok" || text.starts_with("error:") {
+            self.answered(text);
+        } else if text.starts_with('<') {
+            self.reported(text);
+        } else if text.starts_with("Grbl ") {
+            self.welcomed(text);
+        } else if text.starts_with("ALARM:") {
+            self.counts.alarms += 1;
+        } else if text.starts_with("[MSG:") || text.starts_with('>') || text.is_empty() {
+        } else if let Some(asked) = asked_by(text) {
+            self.listed(text, asked);
+        } else {
+            self.fault(format!("nothing that Grbl says: {text:?}"));
+        }
+    }
+
+    fn answered(&mut self, answer: &str) {
+        self.counts.answers += 1;
+        let Some(line) = self.pending.pop_front() else {
+            return self.fault(format!("{answer} answers nothing"));
+        };
+        let expected = line
+            .text
+            .split_once(EXPECTED)
+            .map_or("ok".into(), |(_, rest)| {
+                format!("error:{}", rest.split(')').next().unwrap_or_default())
+            });
+        let is_refused = answer != "ok";
+        self.counts.refusals += u64::from(is_refused);
+        let is_lawful = answer == expected || may_be_refused(&line.text, answer);
+        if !is_lawful && !line.is_uncertain {
+            self.fault(format!(
+                "{answer} instead of {expected} answers {:?}",
+                line.text
+            ));
+        }
+        let least = listed_at_least(&line.text);
+        if !is_refused && line.listed < least && !line.is_uncertain {
+            self.fault(format!(
+                "{:?} lists {} of {least} lines",
+                line.text, line.listed
+            ));
+        }
+    }
+
+    fn listed(&mut self, text: &str, asked: &str) {
+        // A line that a reset has swallowed stands before the one that was asked.
+        while let Some(line) = self.pending.front()
+            && line.is_uncertain
+            && !asks(&line.text, asked)
+        {
+            self.pending.pop_front();
+            self.counts.voided += 1;
+        }
+        match self.pending.front_mut() {
+            Some(line) if asks(&line.text, asked) => line.listed += 1,
+            Some(line) => {
+                let fault = format!("{text} comes before the answer to {:?}", line.text);
+                self.fault(fault);
+            }
+            None => self.fault(format!("{text} was not asked for")),
+        }
+    }
+
+    fn reported(&mut self, text: &str) {
+        self.counts.reports += 1;
+        if self.open_queries == 0 {
+            self.fault(format!("nobody asked for {text}"));
+        }
+        // Grbl keeps one question: those that came before this report have had their answer.
+        self.open_queries = self.open_queries.saturating_sub(1);
+        self.is_report_due = false;
+        let is_whole = text.ends_with('>') && text.contains("|MPos:") && text.contains("|FS:");
+        if !is_whole {
+            self.fault(format!("a report without its parts: {text}"));
+        }
+        let state = text[1..].split(['|', '>']).next().unwrap_or_default();
+        if !STATES.contains(&state) {
+            self.fault(format!("no such state: {text}"));
+        } else if !self.states.iter().any(|seen| seen == state) {
+            self.states.push(state.into());
+        }
+        self.report = text.into();
+    }
+
+    fn welcomed(&mut self, text: &str) {
+        self.counts.welcomes += 1;
+        if text != "Grbl 1.1h ['$' for help]" {
+            self.fault(format!("an unknown welcome: {text}"));
+        }
+        if self.is_reset_asked {
+            while self.pending.len() > self.after_reset {
+                self.pending.pop_front();
+                self.counts.voided += 1;
+            }
+        }
+        for line in &mut self.pending {
+            line.is_uncertain = true;
+        }
+        self.is_reset_asked = false;
+        self.after_reset = 0;
+    }
+
+    /// The line is closed: what has not been answered never will be.
+    pub(crate) fn close(&mut self) {
+        let uncertain = self.pending.iter().filter(|line| line.is_uncertain).count();
+        self.counts.voided += uncertain as u64;
+        let lost: Vec<_> = self
+            .pending
+            .drain(..)
+            .filter(|line| !line.is_uncertain)
+            .collect();
+        for line in lost {
+            self.fault(format!("{:?} was not answered", line.text));
+        }
+        if self.is_reset_asked {
+            self.fault("no welcome came after a reset".into());
+        }
+        if self.is_report_due {
+            self.fault("no report came after the last `?`".into());
+        }
+        if !self.received.is_empty() {
+            let text = String::from_utf8_lossy(&self.received).into_owned();
+            self.fault(format!("half a line: {text:?}"));
+        }
+    }
+
+    /// Whether nothing is owed: no answer, no report, no welcome.
+    pub(crate) fn is_quiet(&self) -> bool {
+        let waits = self.pending.iter().any(|line| !line.is_uncertain);
+        !waits && !self.is_reset_asked && !self.is_report_due && self.received.is_empty()
+    }
+
+    fn fault(&mut self, text: String) {
+        if self.faults.len() < FAULTS {
+            self.faults.push(text);
+        }
+    }
+
+    /// The machine position in the newest report, mm.
+    pub(crate) fn position(&self) -> Option<Vec<f64>> {
+        let (_, rest) = self.report.split_once("|MPos:")?;
+        let numbers = rest.split(['|', '>']).next()?;
+        numbers
+            .split(',')
+            .map(|number| number.parse().ok())
+            .collect()
+    }
+}
+
+/// Every state word of Grbl 1.1.
+const STATES: [&str; 13] = [
+    "Idle", "Run", "Hold:0", "Hold:1", "Jog", "Alarm", "Door:0", "Door:1", "Door:2", "Door:3",
+    "Check", "Home", "Sleep",
+];
+
+/// The `$` line that lists such a line; `None` for what nobody lists.
+fn asked_by(text: &str) -> Option<&'static str> {
+    let Some(inner) = text.strip_prefix('[') else {
+        let is_startup_line = text.starts_with("$N");
+        let asked = if is_startup_line { "$N" } else { "$$" };
+        return text.starts_with('$').then_some(asked);
+    };
+    match inner.split(':').next().unwrap_or_default() {
+        "GC" => Some("$G"),
+        "VER" | "OPT" => Some("$I"),
+        "HLP" => Some("$"),
+        "G54" | "G55" | "G56" | "G57" | "G58" | "G59" | "G28" | "G30" | "G92" | "TLO" => Some("$#"),
+        "PRB" => Some(PROBED),
+        _ => None,
+    }
+}
+
+/// How many lines a `$` line lists before its `ok`.
+fn listed_at_least(line: &str) -> usize {
+    match line.trim().to_ascii_uppercase().as_str() {
+        "$G" | "$" => 1,
+        "$I" | "$N" => 2,
+        "$#" => 11,
+        "$$" => 34,
+        _ => 0,
+    }
+}
+
+/// Whether Grbl refuses such a line so in some state, and senders send it all the same.
+fn may_be_refused(line: &str, answer: &str) -> bool {
+    answer == "error:8" && line.starts_with('$')
+}
+
+/// Whether a line asks for what is listed before its answer.
+fn asks(line: &str, asked: &str) -> bool {
+    let line = line.trim().to_ascii_uppercase();
+    // A probing move tells where it ended.
+    line == asked || asked == PROBED && (line == "$#" || line.contains("G38"))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// The faults of an exchange: `>` what is sent, `<` a line received.
+    fn faults(exchange: &[&str]) -> Vec<String> {
+        let mut account = Account::default();
+        for step in exchange {
+            match step.split_at(1) {
+                (">", sent) => account.sent(sent.as_bytes()),
+                (_, received) => account.received(format!("{received}\r\n").as_bytes()),
+            }
+        }
+        account.close();
+        account.faults
+    }
+
+    #[test]
+    fn a_lawful_exchange_has_no_faults() {
+        let exchange = [
+            ">G0X1\n?$G\nG9",
+            "<ok",
+            "<<Idle|MPos:0.000,0.000,0.000|FS:0,0>",
+            "<[GC:G0 G54]",
+            "<ok",
+            ">9 (error:20)\n",
+            "<error:20",
+            "<[MSG:Pgm End]",
+        ];
+        assert!(faults(&exchange).is_empty());
+    }
+
+    #[test]
+    fn a_lost_answer_is_a_fault() {
+        assert_eq!(faults(&[">G0\nG1\n", "<ok"]).len(), 1);
+    }
+
+    #[test]
+    fn a_doubled_answer_is_a_fault() {
+        assert_eq!(faults(&[">G0\n", "<ok", "<ok"]).len(), 1);
+    }
+
+    #[test]
+    fn a_misplaced_answer_is_a_fault() {
+        let exchange = [">G0\nG99 (error:20)\n", "<error:20", "<ok"];
+        assert_eq!(faults(&exchange).len(), 2);
+        assert_eq!(faults(&[">G0\n$G\n", "<[GC:G0]", "<ok", "<ok"]).len(), 2);
+    }
+
+    #[test]
+    fn a_report_that_nobody_asked_for_is_a_fault() {
+        let report = "<<Run|MPos:0.000,0.000,0.000|FS:0,0>";
+        assert_eq!(faults(&[">?", report, report]).len(), 1);
+    }
+
+    #[test]
+    fn a_reset_voids_what_was_sent_before_it() {
+        let welcome = "<Grbl 1.1h ['$' for help]";
+        assert!(faults(&[">G0\nG1\n\x18", "<ok", "<ALARM:3", welcome]).is_empty());
+        assert!(faults(&[">G0\n\x18G1\n", welcome, "<ok"]).is_empty());
+        assert_eq!(faults(&[">G0\n\x18", welcome, "<ok"]).len(), 1);
+        assert_eq!(faults(&[">\x18"]).len(), 1);
+    }
+
+    #[test]
+    fn bytes_in_flight_are_counted_with_their_line_feeds() {
+        let mut account = Account::default();
+        account.sent(b"G0X1\n?G0\n!");
+        assert_eq!(account.counts.most_in_flight, 8);
+        assert_eq!(account.counts.realtime, 1);
+    }
+}

@@ -1,0 +1,135 @@
+//! The deliberate deviations from Grbl: what each may explain, and nothing else.
+//!
+//! `docs/grbl-compatibility.md` gives the reasons. Each is found by its cause in the exchange, never
+//! by the name of a recording.
+
+use serde::{Serialize, Serializer};
+
+/// A deliberate deviation.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+pub(crate) enum Deviation {
+    /// D4.
+    Buffers,
+    /// D5.
+    LongLines,
+    /// D6.
+    ExactPositions,
+    /// D7.
+    JogWithoutAxes,
+    /// D8.
+    SettingRanges,
+    /// D9.
+    StartupLines,
+    /// D10.
+    Arcs,
+    /// D13.
+    ToolIsModal,
+    /// Follows from an answer that one of the others explains.
+    Follows,
+    SlowSteps,
+    PromptReports,
+    NoDeafness,
+    QuickStorage,
+    ShortStops,
+    Rounding,
+    RefusedChangesNothing,
+    InverseTimeArcs,
+    HomingMotion,
+    FarTargets,
+    NoPause,
+}
+
+impl Deviation {
+    /// Its short name.
+    pub(crate) fn id(self) -> &'static str {
+        match self {
+            Self::Buffers => "D4",
+            Self::LongLines => "D5",
+            Self::ExactPositions => "D6",
+            Self::JogWithoutAxes => "D7",
+            Self::SettingRanges => "D8",
+            Self::StartupLines => "D9",
+            Self::Arcs => "D10",
+            Self::ToolIsModal => "D13",
+            Self::Follows => "follows",
+            Self::SlowSteps => "D14",
+            Self::PromptReports => "D15",
+            Self::NoDeafness => "D16",
+            Self::QuickStorage => "D17",
+            Self::ShortStops => "D18",
+            Self::Rounding => "D19",
+            Self::RefusedChangesNothing => "D20",
+            Self::InverseTimeArcs => "D21",
+            Self::HomingMotion => "D22",
+            Self::FarTargets => "D23",
+            Self::NoPause => "D24",
+        }
+    }
+
+    /// Whether a line is executed that Grbl refuses, or the other way round, so that what follows
+    /// differs too.
+    pub(crate) fn has_consequences(self) -> bool {
+        match self {
+            Self::LongLines
+            | Self::JogWithoutAxes
+            | Self::SettingRanges
+            | Self::StartupLines
+            | Self::Arcs
+            | Self::FarTargets => true,
+            Self::Buffers
+            | Self::ExactPositions
+            | Self::ToolIsModal
+            | Self::Follows
+            | Self::SlowSteps
+            | Self::PromptReports
+            | Self::NoDeafness
+            | Self::QuickStorage
+            | Self::ShortStops
+            | Self::Rounding
+            | Self::RefusedChangesNothing
+            | Self::InverseTimeArcs
+            | Self::HomingMotion
+            | Self::NoPause => false,
+        }
+    }
+
+    /// What it says.
+    pub(crate) fn text(self) -> &'static str {
+        match self {
+            Self::Buffers => "free bytes and blocks are those of our own, larger buffers",
+            Self::LongLines => "lines of 80 to 255 characters are read",
+            Self::ExactPositions => {
+                "points half-way between two steps: exact here, rounded in single precision by Grbl"
+            }
+            Self::JogWithoutAxes => "a jog without an axis is refused",
+            Self::SettingRanges => "settings out of range are refused, not stored or cut",
+            Self::StartupLines => "there are two startup lines",
+            Self::Arcs => "an arc is one block, not many chords",
+            Self::ToolIsModal => "T stays until the next T",
+            Self::Follows => "follows from a deviation in an answer",
+            Self::SlowSteps => {
+                "moves slower than 30.5 steps per second, which Grbl's timer cannot time"
+            }
+            Self::PromptReports => {
+                "`?` is answered at once, also while homing, dwelling and after an alarm"
+            }
+            Self::NoDeafness => "no pause of 500 ms after an alarm: what is sent then is answered",
+            Self::QuickStorage => "storing takes less time than Grbl's EEPROM",
+            Self::ShortStops => {
+                "holds and overrides act within 5 ms, resets decelerate: the axes are elsewhere then"
+            }
+            Self::Rounding => "the last digit of a number half-way between two",
+            Self::RefusedChangesNothing => "a refused line changes nothing",
+            Self::InverseTimeArcs => "an arc under G93 takes 1/F minutes",
+            Self::HomingMotion => "homing accelerates and decelerates each axis on its own",
+            Self::FarTargets => "a target that the step counters cannot hold is refused",
+            Self::NoPause => "no pause for the drivers ($1) at the end of a motion, or at a reset",
+        }
+    }
+}
+
+impl Serialize for Deviation {
+    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        serializer.collect_str(self.id())
+    }
+}

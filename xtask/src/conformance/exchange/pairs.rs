@@ -1,0 +1,109 @@
+//! Which status report belongs to which `?`.
+
+use super::{
+    Exchange, Played,
+    heard::Heard,
+    reader::{BYTE_S, SAME_S, displacement},
+    status::Report,
+};
+
+/// One `?`, our report and Grbl's.
+#[derive(Debug)]
+pub(super) struct Paired {
+    /// The step that sent the `?`.
+    pub(super) step: usize,
+    /// When our report was sent, in our time; untimed recordings: when the step began.
+    pub(super) own_s: f64,
+    pub(super) ours: Option<Heard>,
+    /// What Grbl sent at once.
+    pub(super) theirs: Option<Heard>,
+    /// What Grbl sent much later.
+    pub(super) late: Option<Heard>,
+    /// Both stand, in the same place.
+    pub(super) is_same_rest: bool,
+}
+
+/// Finds out which reports belong to which `?`.
+pub(super) fn pair(
+    exchange: &Exchange,
+    played: &Played,
+    ours: &[Heard],
+    theirs: &[Heard],
+) -> Vec<Paired> {
+    let mut asked: Vec<Paired> = Vec::new();
+    for (index, step) in exchange.session.steps().enumerate() {
+        let questions = step.sends().into_iter().filter(|byte| *byte == b'?');
+        asked.extend(questions.map(|_| Paired {
+            step: index,
+            own_s: played.began_s[index],
+            ours: None,
+            theirs: None,
+            late: None,
+            is_same_rest: false,
+        }));
+    }
+    let time_of = |step: usize| exchange.session.steps().nth(step).and_then(|step| step.t);
+    for heard in ours {
+        // Each `?` has its own report, in order.
+        let first = asked
+            .iter_mut()
+            .find(|asked| asked.ours.is_none() && asked.step <= heard.step);
+        if let Some(asked) = first {
+            asked.ours = Some(heard.clone());
+        }
+    }
+    let mut from = 0;
+    for heard in theirs {
+        // Grbl answers all `?` so far at once: the latest gets it.
+        let Some(last) = (from..asked.len())
+            .rev()
+            .find(|index| asked[*index].step <= heard.step)
+        else {
+            continue;
+        };
+        let asked = &mut asked[last];
+        let delay = heard
+            .time_s
+            .zip(time_of(asked.step))
+            .map(|(time_s, asked_s)| time_s - asked_s);
+        let is_prompt = delay.map_or(heard.step == asked.step, |delay| {
+            delay <= SAME_S + heard.text.len() as f64 * BYTE_S
+        });
+        if is_prompt {
+            asked.theirs = Some(heard.clone());
+        } else {
+            asked.late = Some(heard.clone());
+        }
+        from = last + 1;
+    }
+    for asked in &mut asked {
+        if let Some(time_s) = asked.ours.as_ref().and_then(|heard| heard.time_s) {
+            asked.own_s = played.own_time_s(asked.step, time_s);
+        }
+        asked.is_same_rest = asked.stands_with(played);
+    }
+    asked
+}
+
+impl Paired {
+    /// Both reports, read.
+    fn read(&self) -> Option<(Report, Report)> {
+        let ours = self.ours.as_ref()?.text.parse().ok()?;
+        let theirs = self.theirs.as_ref().or(self.late.as_ref())?;
+        Some((ours, theirs.text.parse().ok()?))
+    }
+
+    fn stands_with(&self, played: &Played) -> bool {
+        let Some((ours, theirs)) = self.read() else {
+            return false;
+        };
+        let samples = played.track.between(self.own_s - SAME_S, self.own_s);
+        let rests = samples
+            .windows(2)
+            .all(|pair| pair[0].steps == pair[1].steps);
+        rests
+            && theirs.feed_mm_min() == 0.0
+            && displacement(&ours, &theirs)
+                .is_some_and(|by| by.iter().all(|part| part.abs() <= ours.rounding_mm() * 2.0))
+    }
+}
