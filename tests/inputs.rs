@@ -72,6 +72,11 @@ fn answers(bench: &mut Bench, line: &str, ms: u64) -> Vec<String> {
     bench.take_sent().lines().map(String::from).collect()
 }
 
+/// Coordinates as they are told, with those of the other axes.
+fn told(xyz: &str) -> String {
+    xyz.to_owned() + &",0.000".repeat(AXES - 3)
+}
+
 /// The status report.
 fn status(bench: &mut Bench) -> String {
     bench.take_sent();
@@ -108,7 +113,7 @@ fn homing_is_answered_when_it_is_over() {
     bench.run_us(3_500_000);
     assert_eq!(bench.take_sent(), "ok\r\n");
     let idle = status(&mut bench);
-    assert!(idle.starts_with("<Idle|MPos:-1.000,-1.000,-1.000|"));
+    assert!(idle.starts_with(&format!("<Idle|MPos:{}|", told("-1.000,-1.000,-1.000"))));
     assert_eq!(answers(&mut bench, "G0X-10", 1000), ["ok"]);
     assert_eq!(bench.machine.physical_steps()[0], 1600 - 800);
 }
@@ -121,13 +126,13 @@ fn homing_that_fails_locks_the_machine() {
         max_travel_mm: Axes::all(50.0),
         ..fast()
     });
-    let told = answers(&mut bench, "$H", 3000);
+    let lines = answers(&mut bench, "$H", 3000);
     let lock = "[MSG:'$H'|'$X' to unlock]";
     let expected = ["ALARM:9", "ok", "", "Grbl 1.1h ['$' for help]", lock];
-    assert_eq!(told, expected);
+    assert_eq!(lines, expected);
     let alarm = status(&mut bench);
     assert!(
-        alarm.starts_with("<Alarm|MPos:0.000,0.000,75.000|"),
+        alarm.starts_with(&format!("<Alarm|MPos:{}|", told("0.000,0.000,75.000"))),
         "{alarm:?}"
     );
 }
@@ -141,8 +146,8 @@ fn the_door_ends_homing() {
     bench.machine.receive(0x84);
     bench.machine.settle();
     bench.run_us(1_000_000);
-    let told = bench.take_sent();
-    assert!(told.starts_with("ALARM:7\r\nok\r\n\r\nGrbl"), "{told}");
+    let lines = bench.take_sent();
+    assert!(lines.starts_with("ALARM:7\r\nok\r\n\r\nGrbl"), "{lines}");
     assert_eq!(bench.machine.snapshot().state, State::Alarm);
 }
 
@@ -151,8 +156,8 @@ fn homing_does_not_start_on_a_switch() {
     let mut bench = homing_bench(&fast());
     bench.set(Levels::limits(1), true);
     bench.run_us(1000);
-    let told = answers(&mut bench, "$H", 100);
-    assert_eq!(told, ["[MSG:Check Limits]", "error:203"]);
+    let lines = answers(&mut bench, "$H", 100);
+    assert_eq!(lines, ["[MSG:Check Limits]", "error:203"]);
     assert_eq!(bench.machine.snapshot().state, State::Alarm);
     assert_eq!(bench.machine.physical_steps(), Axes::all(0));
 }
@@ -166,25 +171,41 @@ fn probing_is_answered_as_by_grbl() {
     };
     let mut bench = Bench::new(&fast());
     assert!(bench.machine.mount(plate));
-    let told = answers(&mut bench, "G38.2 Z-10 F600", 2000);
-    assert_eq!(told, ["[PRB:0.000,0.000,-5.000:1]", "ok"]);
+    let lines = answers(&mut bench, "G38.2 Z-10 F600", 2000);
+    assert_eq!(
+        lines,
+        [&format!("[PRB:{}:1]", told("0.000,0.000,-5.000")), "ok"]
+    );
     // From where it rests, not from where it was to go.
     let rest = bench.machine.physical_steps()[2];
     assert_eq!(answers(&mut bench, "G91G0Z1", 2000), ["ok"]);
     assert_eq!(bench.machine.physical_steps()[2], rest + 80);
-    let told = answers(&mut bench, "G38.3 Z-1", 2000);
-    assert_eq!(told, ["[PRB:0.000,0.000,-5.000:1]", "ok"]);
-    let told = answers(&mut bench, "G38.2 Z-1", 2000);
-    assert_eq!(told, ["ALARM:4", "ok"]);
+    let lines = answers(&mut bench, "G38.3 Z-1", 2000);
+    assert_eq!(
+        lines,
+        [&format!("[PRB:{}:1]", told("0.000,0.000,-5.000")), "ok"]
+    );
+    let lines = answers(&mut bench, "G38.2 Z-1", 2000);
+    assert_eq!(lines, ["ALARM:4", "ok"]);
 }
 
 #[test]
 fn a_missed_probe_is_answered_as_by_grbl() {
     let mut bench = Bench::new(&fast());
-    let told = answers(&mut bench, "G38.3 Z-1 F600", 2000);
-    assert_eq!(told, ["[PRB:0.000,0.000,-1.000:0]", "ok"]);
-    let told = answers(&mut bench, "G38.2 Z-3 F600", 2000);
-    assert_eq!(told, ["ALARM:5", "[PRB:0.000,0.000,-1.000:0]", "ok"]);
+    let lines = answers(&mut bench, "G38.3 Z-1 F600", 2000);
+    assert_eq!(
+        lines,
+        [&format!("[PRB:{}:0]", told("0.000,0.000,-1.000")), "ok"]
+    );
+    let lines = answers(&mut bench, "G38.2 Z-3 F600", 2000);
+    assert_eq!(
+        lines,
+        [
+            "ALARM:5",
+            &format!("[PRB:{}:0]", told("0.000,0.000,-1.000")),
+            "ok"
+        ]
+    );
     assert_eq!(answers(&mut bench, "G0Z0", 50), ["error:9"]);
 }
 
@@ -197,8 +218,8 @@ fn a_hard_limit_is_told_and_waits_for_a_reset() {
     assert_eq!(answers(&mut bench, "G1X50F1000", 200), ["ok"]);
     bench.set(Levels::limits(1), true);
     bench.run_us(100_000);
-    let told: Vec<_> = bench.take_sent().lines().map(String::from).collect();
-    assert_eq!(told, ["ALARM:1", "[MSG:Reset to continue]"]);
+    let lines: Vec<_> = bench.take_sent().lines().map(String::from).collect();
+    assert_eq!(lines, ["ALARM:1", "[MSG:Reset to continue]"]);
     let steps = bench.machine.physical_steps();
     assert_eq!(bench.machine.snapshot().steps, steps);
     assert_eq!(answers(&mut bench, "$X", 100), [""; 0]);

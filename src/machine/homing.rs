@@ -13,17 +13,20 @@
 //! A pause of `$26` follows each motion, as in Grbl: from when the last switch closed, so that braking
 //! is part of it, or from the end of the pull-off. Read with Grbl 1.1 `limits.c`, `limits_go_home`.
 
+mod rules;
+mod run;
+
+use self::{rules::Rules, run::Run};
 use super::{Alarm, Inputs, Levels, Power};
 use crate::{
-    axis::{AXES, Axes, Z},
+    axis::{AXES, Z},
     math,
-    planner::fastest_mm_s,
     settings::Settings,
     stepper::{
         AHEAD_TICKS, AxisMotion, EventWriter, Generator, SEGMENT_TICKS, Segment, StepCounts,
         steps_after,
     },
-    units::{FineSteps, StepsPerMm, TICKS_PER_MS, TICKS_PER_SECOND},
+    units::FineSteps,
 };
 
 /// How far a switch is searched, in travels, and located, in pull-offs, as in Grbl.
@@ -32,170 +35,8 @@ const LOCATE_PULL_OFFS: f32 = 5.0;
 /// Time from the last segment of a motion to when it has been played and the switches have been
 /// seen: what is prepared ahead, and the filter.
 const SETTLE_TICKS: u64 = (AHEAD_TICKS + 3 * SEGMENT_TICKS) as u64;
-/// Length of a segment, s.
-const SEGMENT_S: f32 = SEGMENT_TICKS as f32 / TICKS_PER_SECOND as f32;
-/// Per s² to per tick².
-const PER_TICK_SQR: f32 = 1.0 / (TICKS_PER_SECOND as f32 * TICKS_PER_SECOND as f32);
 /// The axes that a cycle homes unless it is told others: rotary axes have a switch only sometimes.
 const ALL: u8 = 0b111;
-
-/// What the cycle is made of, from the settings.
-#[derive(Debug, Clone, Copy)]
-struct Rules {
-    /// Axes whose switch is at their negative end, bit 0 = X.
-    negative: u8,
-    /// Speeds, steps/s.
-    search: Axes<f32>,
-    locate: Axes<f32>,
-    /// steps/s².
-    acceleration: Axes<f32>,
-    steps_per_mm: Axes<f32>,
-    travel_mm: Axes<f32>,
-    pull_off_mm: f32,
-    debounce_ticks: u64,
-}
-
-impl Rules {
-    const NONE: Self = Self {
-        negative: 0,
-        search: Axes([0.0; AXES]),
-        locate: Axes([0.0; AXES]),
-        acceleration: Axes([0.0; AXES]),
-        steps_per_mm: Axes([1.0; AXES]),
-        travel_mm: Axes([0.0; AXES]),
-        pull_off_mm: 0.0,
-        debounce_ticks: 0,
-    };
-
-    fn new(settings: &Settings) -> Self {
-        let steps_per_mm = settings.steps_per_mm.map(StepsPerMm::to_f32);
-        let at = |mm_min: f32| {
-            let fastest = fastest_mm_s(settings);
-            fastest.zip(steps_per_mm, |fastest, steps| {
-                math::min(mm_min / 60.0, fastest) * steps
-            })
-        };
-        Self {
-            negative: settings.homing_direction,
-            search: at(settings.homing_seek_mm_min),
-            locate: at(settings.homing_feed_mm_min),
-            acceleration: settings
-                .acceleration_mm_s2
-                .zip(steps_per_mm, |acceleration, steps| acceleration * steps),
-            steps_per_mm,
-            travel_mm: settings.max_travel_mm,
-            pull_off_mm: settings.homing_pull_off_mm,
-            debounce_ticks: u64::from(settings.homing_debounce_ms) * u64::from(TICKS_PER_MS),
-        }
-    }
-
-    const fn is_negative(&self, axis: usize) -> bool {
-        self.negative >> axis & 1 != 0
-    }
-
-    /// A way towards the switch, steps.
-    fn towards(&self, axis: usize, mm: f32) -> i32 {
-        let steps = round(mm * self.steps_per_mm[axis]);
-        if self.is_negative(axis) {
-            -steps
-        } else {
-            steps
-        }
-    }
-
-    /// Where an axis is once it is homed, in Grbl's arithmetic.
-    fn home(&self, axis: usize) -> i32 {
-        let mm = if self.is_negative(axis) {
-            self.pull_off_mm - self.travel_mm[axis]
-        } else {
-            -self.pull_off_mm
-        };
-        round(mm * self.steps_per_mm[axis])
-    }
-}
-
-/// The nearest whole number, halves away from zero.
-fn round(value: f32) -> i32 {
-    (if value < 0.0 {
-        value - 0.5
-    } else {
-        value + 0.5
-    }) as i32
-}
-
-/// The motion of one axis: to a target, at most at a speed.
-#[derive(Debug, Clone, Copy)]
-struct Run {
-    target: FineSteps,
-    /// steps/s, now and at most.
-    speed: f32,
-    limit: f32,
-    /// The switch has been found, and where.
-    is_found: bool,
-    switch: i32,
-}
-
-impl Run {
-    const NONE: Self = Self {
-        target: FineSteps(0),
-        speed: 0.0,
-        limit: 0.0,
-        is_found: false,
-        switch: 0,
-    };
-
-    /// Ends the motion as soon as the acceleration (steps/s²) allows.
-    fn brake(&mut self, from: FineSteps, acceleration: f32) {
-        let way = self.speed * self.speed / (2.0 * acceleration);
-        let way = fine(way);
-        let is_negative = self.target.0 < from.0;
-        self.target = FineSteps(from.0.wrapping_add(if is_negative { -way } else { way }));
-    }
-
-    /// The next segment's motion.
-    fn advance(&mut self, from: FineSteps, acceleration: f32) -> AxisMotion {
-        let way = self.target.0.wrapping_sub(from.0);
-        let sign = if way < 0 { -1.0 } else { 1.0 };
-        let left = steps(way.wrapping_abs());
-        // The speed from which what is left after the segment is just enough to brake:
-        // v²/2a = left - (speed + v)·T/2.
-        let half = 0.5 * acceleration * SEGMENT_S;
-        let room = acceleration * (2.0 * left - self.speed * SEGMENT_S);
-        let brake = math::sqrt(half * half + room) - half;
-        let end = math::min(self.speed + 2.0 * half, math::min(self.limit, brake));
-        let mean = 0.5 * (self.speed + end);
-        if end <= 0.0 || mean * SEGMENT_S >= left {
-            self.speed = 0.0;
-            return AxisMotion {
-                to: self.target,
-                acceleration: -2.0 * sign * left / (SEGMENT_S * SEGMENT_S) * PER_TICK_SQR,
-            };
-        }
-        let acceleration = (end - self.speed) / SEGMENT_S;
-        self.speed = end;
-        let way = fine(mean * SEGMENT_S);
-        AxisMotion {
-            to: FineSteps(from.0.wrapping_add(if sign < 0.0 { -way } else { way })),
-            acceleration: sign * acceleration * PER_TICK_SQR,
-        }
-    }
-}
-
-/// A positive number of steps to 32 binary places.
-fn fine(steps: f32) -> i64 {
-    let whole = steps as i32;
-    let part = steps - whole as f32;
-    (i64::from(whole) << 32) + (i64::from((part * 1_073_741_824.0) as i32) << 2)
-}
-
-/// A positive number of steps with 32 binary places in floating point.
-fn steps(fine: i64) -> f32 {
-    if fine >> 43 == 0 {
-        (fine >> 12) as i32 as f32 * (1.0 / 1_048_576.0)
-    } else {
-        (fine >> 32) as i32 as f32
-    }
-}
 
 /// What the axes are doing.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
