@@ -37,6 +37,8 @@ const REST: Duration = Duration::from_secs(5);
 
 /// How often it is looked what goes on.
 const GLANCE: Duration = Duration::from_millis(20);
+/// How many of these must find nothing owed: the last bytes may still be on their way.
+const QUIET_GLANCES: u32 = 10;
 /// What a script prints.
 const SAID: &str = "script.log";
 /// How much of it is told when it fails.
@@ -230,8 +232,11 @@ impl Run {
     /// Closes the line when nothing is owed any more, and keeps what passed.
     fn end(&mut self) -> Result<Account> {
         let start = Instant::now();
-        while !self.tap.seen().account.is_quiet() && start.elapsed() < REST {
+        let mut quiet = 0;
+        while quiet < QUIET_GLANCES && start.elapsed() < REST {
             thread::sleep(GLANCE);
+            let is_quiet = self.tap.seen().account.is_quiet();
+            quiet = if is_quiet { quiet + 1 } else { 0 };
         }
         self.tap.close()?;
         let mut seen = self.tap.seen();
