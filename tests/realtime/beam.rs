@@ -155,3 +155,20 @@ fn a_beam_that_a_hold_at_rest_ended_comes_back_with_the_next_motion_only() {
     rig.run_to_rest();
     assert!(rig.drive.outputs().duty > 0);
 }
+
+#[test]
+fn a_beam_switched_on_in_a_hold_waits_for_the_motion() {
+    let mut rig = Rig::new(&laser());
+    send(&mut rig, Work::Spindle(Spindle::Clockwise, 500.0));
+    burn(&mut rig, &line(&[20.0], 1000.0), Laser::Constant(500.0));
+    rig.run_to(200 * MS);
+    rig.receive(b'!');
+    rig.run_to(400 * MS);
+    rig.receive(0x9E);
+    assert_eq!(notices(&rig), [Notice::RestoringSpindle]);
+    assert_eq!(state(&rig), State::HoldComplete);
+    assert_eq!(rig.drive.outputs().duty, 0);
+    rig.receive(b'~');
+    rig.run_to(500 * MS);
+    assert!(rig.snapshot().spindle_rpm > 0.0);
+}

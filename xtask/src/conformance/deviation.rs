@@ -37,6 +37,11 @@ pub(crate) enum Deviation {
     HomingMotion,
     FarTargets,
     NoPause,
+    ClosedSwitch,
+    LimitOpens,
+    ArcLimits,
+    SingleAxes,
+    DarkHold,
 }
 
 impl Deviation {
@@ -63,6 +68,11 @@ impl Deviation {
             Self::HomingMotion => "D22",
             Self::FarTargets => "D23",
             Self::NoPause => "D24",
+            Self::ClosedSwitch => "D25",
+            Self::LimitOpens => "D28",
+            Self::ArcLimits => "D31",
+            Self::SingleAxes => "D34",
+            Self::DarkHold => "D35",
         }
     }
 
@@ -75,7 +85,11 @@ impl Deviation {
             | Self::SettingRanges
             | Self::StartupLines
             | Self::Arcs
-            | Self::FarTargets => true,
+            | Self::FarTargets
+            | Self::ClosedSwitch
+            | Self::LimitOpens
+            | Self::ArcLimits
+            | Self::SingleAxes => true,
             Self::Buffers
             | Self::ExactPositions
             | Self::ToolIsModal
@@ -89,8 +103,18 @@ impl Deviation {
             | Self::RefusedChangesNothing
             | Self::InverseTimeArcs
             | Self::HomingMotion
-            | Self::NoPause => false,
+            | Self::NoPause
+            | Self::DarkHold => false,
         }
+    }
+
+    /// Whether the machine is in another state from then on, so that what is answered and reported
+    /// differs too.
+    pub(crate) fn changes_state(self) -> bool {
+        matches!(
+            self,
+            Self::ClosedSwitch | Self::LimitOpens | Self::ArcLimits | Self::SingleAxes
+        )
     }
 
     /// What it says.
@@ -124,6 +148,11 @@ impl Deviation {
             Self::HomingMotion => "homing accelerates and decelerates each axis on its own",
             Self::FarTargets => "a target that the step counters cannot hold is refused",
             Self::NoPause => "no pause for the drivers ($1) at the end of a motion, or at a reset",
+            Self::ClosedSwitch => "homing is refused while a switch of its axes is closed",
+            Self::LimitOpens => "a limit switch that opens is no alarm",
+            Self::ArcLimits => "an arc that leaves the travel is refused before it begins",
+            Self::SingleAxes => "axes can be homed one by one",
+            Self::DarkHold => "a laser stays dark at rest in a hold",
         }
     }
 }

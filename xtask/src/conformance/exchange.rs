@@ -3,6 +3,7 @@
 mod end;
 mod explain;
 mod heard;
+mod known;
 mod outputs;
 mod pairs;
 mod reader;
@@ -372,8 +373,8 @@ fn compare(exchange: &Exchange, played: &Played) -> Vec<Difference> {
     let pairs = pairs::pair(exchange, played, &our_reports, &their_reports);
     let stops = stops::Stops::of(exchange, played, &pairs);
     let judge = explain::Judge::new(exchange, played, &stops);
-    judge.lines(&our_lines, &their_lines, &mut found);
-    reports::compare(exchange, played, &stops, &pairs, &mut found);
+    let changed = judge.lines(&our_lines, &their_lines, &mut found);
+    reports::compare(exchange, played, &stops, &pairs, changed, &mut found);
     end::compare(exchange, played, &stops, &mut found);
     outputs::compare(exchange, played, &stops, &mut found);
     found

@@ -25,6 +25,8 @@ struct Ends<'a> {
     follows: Option<Deviation>,
     /// Whether the axes stand elsewhere because of a stop.
     is_stopped: bool,
+    /// Whether homing has failed: Grbl counts from where the last of its moves began.
+    is_lost: bool,
     /// Whether they still moved in the recording.
     moves: bool,
 }
@@ -41,15 +43,13 @@ pub(super) fn compare(
         .zip(scale)
         .map(|((our, their), scale)| (our - their) as f64 / scale)
         .collect();
-    let step_mm = scale
-        .iter()
-        .fold(0.0_f64, |most, scale| most.max(1.0 / scale));
     let ends = Ends {
         exchange,
         ours,
         theirs,
         follows: follows_from_answers(found),
-        is_stopped: stops.explain(f64::MAX, &by, step_mm),
+        is_stopped: stops.explain(f64::MAX, &by, exchange.step_mm()),
+        is_lost: exchange.has_failed_homing(usize::MAX - 1),
         moves: theirs.idle == Some(false) || [RUN, JOG].contains(&theirs.state),
     };
     let differences = [ends.state(), ends.steps()].into_iter().flatten();
@@ -105,6 +105,8 @@ impl Ends<'_> {
             Some(Deviation::ExactPositions)
         } else if self.is_stopped {
             Some(Deviation::ShortStops)
+        } else if self.is_lost {
+            Some(Deviation::HomingMotion)
         } else {
             self.follows
         };
@@ -119,6 +121,8 @@ impl Ends<'_> {
             if !is_close(*our, *their) {
                 let is_stopped = self.is_stopped && !self.moves;
                 let by_design = is_stopped.then_some(Deviation::ShortStops);
+                let is_lost = self.is_lost.then_some(Deviation::HomingMotion);
+                let by_design = by_design.or(is_lost);
                 let text = format!("programmed position {axis}: {our}, Grbl {their}");
                 found.push((text, by_design.or(self.follows)));
             }

@@ -5,14 +5,18 @@ use leadscrew::gcode::LineError;
 use super::{
     DEAF_S, Exchange, Played,
     heard::{Heard, Pair, align},
-    status::is_rounded_otherwise,
+    status::{is_rounded_otherwise, numbers},
     stops::Stops,
 };
 use crate::{
     conformance::{compare::Difference, deviation::Deviation},
+    machine::Pin,
     sender,
+    session::step::{Act, Step},
 };
 
+/// In a dwell, Grbl looks at requests and at the time every 50 ms; a hold in it takes two looks.
+const GRBL_DWELL_S: f64 = 0.1;
 /// Two times that are the same, s.
 const SAME_S: f64 = 0.05;
 /// The longest that Grbl's EEPROM needs for one line (`$RST=*`), s.
@@ -41,8 +45,15 @@ impl<'a> Judge<'a> {
         }
     }
 
-    /// Compares everything that is no report.
-    pub(super) fn lines(&self, ours: &[Heard], theirs: &[Heard], found: &mut Vec<Difference>) {
+    /// Compares everything that is no report. Tells from which step on the machines are in
+    /// different states by design.
+    pub(super) fn lines(
+        &self,
+        ours: &[Heard],
+        theirs: &[Heard],
+        found: &mut Vec<Difference>,
+    ) -> Option<usize> {
+        let mut changed_at = None;
         for pair in align(ours, theirs) {
             let (what, step, text, by_design) = match pair {
                 Pair::Both(i, j) if ours[i].text == theirs[j].text => {
@@ -62,9 +73,18 @@ impl<'a> Judge<'a> {
                 }
                 Pair::Theirs(j, _) => {
                     let text = format!("nothing, Grbl `{}`", theirs[j].text);
-                    ("line", theirs[j].step, text, None)
+                    ("line", theirs[j].step, text, self.missing(&theirs[j]))
                 }
             };
+            if by_design.is_some_and(Deviation::changes_state) {
+                changed_at.get_or_insert(step);
+            }
+            let follows = || changed_at.map(|_| Deviation::Follows);
+            let overflows = || {
+                let may = self.exchange.may_overflow(step);
+                may.then_some(Deviation::Buffers)
+            };
+            let by_design = by_design.or_else(follows).or_else(overflows);
             let name = self.exchange.step_name(step);
             found.push(Difference {
                 what,
@@ -72,6 +92,7 @@ impl<'a> Judge<'a> {
                 by_design,
             });
         }
+        changed_at
     }
 
     fn line_of(&self, step: usize) -> String {
@@ -92,6 +113,17 @@ impl<'a> Judge<'a> {
         }
         if our.text.starts_with('[') && is_rounded_otherwise(&our.text, &their.text) {
             return Some(Deviation::Rounding);
+        }
+        if our.text.starts_with('[')
+            && let Some(by) = displacement(&our.text, &their.text)
+        {
+            return self.why_elsewhere(our, &by);
+        }
+        if let Some(deviation) = homing(&line, our, their) {
+            return Some(deviation);
+        }
+        if self.is_of_opened_limit(their) {
+            return Some(Deviation::LimitOpens);
         }
         if their.is_error(LineError::LineOverflow) && our.is_answer() {
             let is_read = line.len() > GRBL_LINE && line.len() <= OUR_LINE;
@@ -127,6 +159,41 @@ impl<'a> Judge<'a> {
         None
     }
 
+    /// Other coordinates in a message: those of a place that a stop or a failed homing has changed.
+    fn why_elsewhere(&self, our: &Heard, by: &[f64]) -> Option<Deviation> {
+        if self.exchange.has_failed_homing(our.step) {
+            return Some(Deviation::HomingMotion);
+        }
+        let own_s = our
+            .time_s
+            .map_or(f64::MAX, |time_s| self.played.own_time_s(our.step, time_s));
+        let is_stop = self.stops.explain(own_s, by, self.exchange.step_mm());
+        is_stop.then_some(Deviation::ShortStops)
+    }
+
+    /// Whether this is the alarm of a limit switch that opens.
+    fn is_of_opened_limit(&self, their: &Heard) -> bool {
+        let opened = self.exchange.step(their.step).map(Step::act);
+        let is_limit = matches!(
+            opened,
+            Some(Ok(Act::Pin {
+                pin: Pin::Limit(_),
+                closed: false
+            }))
+        );
+        is_limit && their.text == "ALARM:1"
+    }
+
+    /// Grbl alone said something.
+    fn missing(&self, their: &Heard) -> Option<Deviation> {
+        if self.is_of_opened_limit(their) {
+            return Some(Deviation::LimitOpens);
+        }
+        // A line that waited for room when a reset came.
+        let is_full = self.exchange.may_fill_plan(their.step);
+        (is_full && their.text == "ok").then_some(Deviation::Buffers)
+    }
+
     /// Whether a line has a target that no step counter can hold.
     fn is_far(&self, line: &str) -> bool {
         let most = self
@@ -150,6 +217,12 @@ impl<'a> Judge<'a> {
             .any(|text| text == "ok" || text.starts_with("error:"));
         if unanswered && our.text == "ok" && is_arc(&line) {
             return Some(Deviation::Arcs);
+        }
+        if line.starts_with("$H") && our.text == "[MSG:Check Limits]" {
+            return Some(Deviation::ClosedSwitch);
+        }
+        if our.text == "ok" && self.exchange.may_fill_plan(our.step) {
+            return Some(Deviation::Buffers);
         }
         // What was sent while Grbl did not listen.
         let sent_s = recorded.t?;
@@ -204,6 +277,16 @@ impl<'a> Judge<'a> {
         if late_s < 0.0 && their.text == "ok" && self.is_withheld_for_room(their.step) {
             return Some(Deviation::Arcs);
         }
+        if late_s < 0.0 && their.text == "ok" && self.exchange.may_fill_plan(their.step) {
+            return Some(Deviation::Buffers);
+        }
+        if self.exchange.is_dwelling(their.step) && late_s.abs() <= SAME_S + GRBL_DWELL_S {
+            return Some(Deviation::PromptReports);
+        }
+        let is_soft_limit = our.text == "ALARM:2" || our.text == "[MSG:Reset to continue]";
+        if late_s < 0.0 && is_soft_limit && is_arc(&line) {
+            return Some(Deviation::ArcLimits);
+        }
         if (-SAME_S - self.exchange.ahead_s(their_s)..0.0).contains(&late_s) {
             return Some(Deviation::NoPause);
         }
@@ -250,6 +333,36 @@ impl<'a> Judge<'a> {
         }
         found
     }
+}
+
+/// `$H` where ours refuses it, or homes and Grbl does not.
+fn homing(line: &str, our: &Heard, their: &Heard) -> Option<Deviation> {
+    let axis = line.strip_prefix("$H")?;
+    if our.is_error(LineError::LimitsEngaged) || our.text == "[MSG:Check Limits]" {
+        return Some(Deviation::ClosedSwitch);
+    }
+    let is_axis = ["X", "Y", "Z"].contains(&axis);
+    (is_axis && their.is_error(LineError::InvalidStatement)).then_some(Deviation::SingleAxes)
+}
+
+/// How far the coordinates of two messages of one kind are apart, mm; in inches, what that is.
+fn displacement(ours: &str, theirs: &str) -> Option<Vec<f64>> {
+    let read = |text: &str| -> Option<(String, Vec<f64>, f64)> {
+        let (name, rest) = text.strip_prefix('[')?.strip_suffix(']')?.split_once(':')?;
+        let is_place = name.starts_with('G') && name != "GC" || name == "PRB" || name == "TLO";
+        let (rest, result) = rest.split_once(':').unwrap_or((rest, ""));
+        let decimals = rest.rsplit_once('.')?.1.len();
+        let unit_mm = if decimals == 4 { 25.4 } else { 1.0 };
+        is_place.then(|| numbers(rest).map(|at| (format!("{name}{result}"), at, unit_mm)))?
+    };
+    let (our_name, ours, _) = read(ours)?;
+    let (their_name, theirs, unit_mm) = read(theirs)?;
+    let is_same = our_name == their_name && ours.len() == theirs.len();
+    is_same.then(|| {
+        (ours.iter().zip(&theirs))
+            .map(|(a, b)| (a - b) * unit_mm)
+            .collect()
+    })
 }
 
 /// `[OPT:…]` with Grbl's letters and more, and larger buffers.

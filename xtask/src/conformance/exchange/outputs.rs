@@ -1,5 +1,7 @@
 //! Spindle, laser, coolant and motor drivers against the recorded ones.
 
+use leadscrew::machine::State;
+
 use super::{DEAF_S, Exchange, Played, stops::Stops};
 use crate::{
     conformance::{compare::Difference, deviation::Deviation},
@@ -8,6 +10,8 @@ use crate::{
 
 /// Two times that are the same, s.
 const SAME_S: f64 = 0.05;
+/// How much later Grbl acts on an override of the spindle: its segment buffer, s.
+const GRBL_SEGMENTS_S: f64 = 0.06;
 /// How far two PWM values may be apart, of 255.
 const PWM_SAME: i64 = 1;
 
@@ -123,6 +127,12 @@ fn recorded_until(exchange: &Exchange) -> f64 {
 const COOLANT: usize = 8;
 const SPINDLE: usize = 9;
 
+/// Whether a laser is held at rest, at a time of ours.
+fn is_dark_hold(exchange: &Exchange, played: &Played, own_s: f64) -> bool {
+    let sample = played.track.at(own_s);
+    exchange.is_laser() && sample.is_some_and(|sample| sample.state == State::HoldComplete)
+}
+
 /// The first time at which one of the two has a level that the other has not.
 fn first_difference(
     exchange: &Exchange,
@@ -146,7 +156,9 @@ fn first_difference(
     changes.sort_by(|a, b| a.0.total_cmp(&b.0));
     for (time, value, is_ours) in changes {
         let other = if is_ours { theirs } else { ours };
-        if has(other, time, SAME_S, value, apart) {
+        let has_override = apart == PWM_SAME && exchange.has_spindle_override(time);
+        let lag_s = if has_override { GRBL_SEGMENTS_S } else { 0.0 };
+        if has(other, time, SAME_S + lag_s, value, apart) {
             continue;
         }
         let step = exchange.step_at(time);
@@ -160,14 +172,13 @@ fn first_difference(
             excused.get_or_insert((text, Some(Deviation::NoDeafness)));
             continue;
         }
-        let text = format!(
-            "{value} at {time:.3} s is {}",
-            if is_ours {
-                "not Grbl's"
-            } else {
-                "Grbl's alone"
-            }
-        );
+        if apart == PWM_SAME && is_dark_hold(exchange, played, played.own_time_s(step, time)) {
+            let text = format!("{value} at {time:.3} s, in a hold");
+            excused.get_or_insert((text, Some(Deviation::DarkHold)));
+            continue;
+        }
+        let whose = ["Grbl's alone", "not Grbl's"][usize::from(is_ours)];
+        let text = format!("{value} at {time:.3} s is {whose}");
         if has(
             other,
             time,

@@ -14,6 +14,8 @@ pub(super) const SAME_S: f64 = 0.05;
 const MOTION_S: f64 = 0.03;
 /// How far ahead Grbl's speed is of its position: that of the segment prepared last, s.
 const GRBL_AHEAD_S: f64 = 0.06;
+/// How long before and after a report the way is looked at, s.
+const NEAR_S: f64 = 2.0;
 /// Time of one byte on the line, s.
 pub(super) const BYTE_S: f64 = 10.0 / 115_200.0;
 
@@ -113,6 +115,10 @@ impl Reader<'_> {
         if self.ours.names() == self.theirs.names() {
             return Finding::Same;
         }
+        let is_lit = |names: &[&str]| names.last().is_some_and(|name| *name == "A");
+        if self.is_dark_hold() && is_lit(&self.theirs.names()) && !is_lit(&self.ours.names()) {
+            return Finding::Excused(Deviation::DarkHold);
+        }
         let is_count = is_count_off && self.ours.lasting_names() == self.theirs.lasting_names();
         Finding::excused_if(is_count, Deviation::PromptReports)
     }
@@ -137,10 +143,37 @@ impl Reader<'_> {
             }
         } else if self.rests() {
             let is_stop = self.stops.explain(self.pair.own_s, &by, step_mm);
-            Finding::excused_if(is_stop, Deviation::ShortStops)
+            if !is_stop && self.exchange.has_failed_homing(self.pair.step) {
+                return Finding::Excused(Deviation::HomingMotion);
+            }
+            Finding::excused_if(
+                is_stop || self.passes_by(&by, step_mm),
+                Deviation::ShortStops,
+            )
         } else {
             self.position_in_motion(farthest - step_mm - rounding)
         }
+    }
+
+    /// Whether the axes were or will be where Grbl's stand, not farther off than stops allow: along
+    /// an arc no straight line says so.
+    fn passes_by(&self, by: &[f64], step_mm: f64) -> bool {
+        let allowed_mm = self.stops.allowance(self.pair.own_s).mm;
+        let norm = |by: &[f64]| by.iter().map(|part| part * part).sum::<f64>().sqrt();
+        let Some(theirs) = self.theirs.position_mm() else {
+            return false;
+        };
+        if allowed_mm == 0.0 || norm(by) > allowed_mm + step_mm || self.ours.field("MPos").is_none()
+        {
+            return false;
+        }
+        let scale = self.exchange.scale_at(self.pair.step);
+        self.samples(NEAR_S).iter().any(|sample| {
+            let off: Vec<_> = (theirs.iter().zip(sample.steps).zip(scale))
+                .map(|((at, steps), scale)| at - f64::from(steps) / scale)
+                .collect();
+            norm(&off) <= step_mm * 3.0
+        })
     }
 
     /// The position in motion, this far apart, mm.
@@ -178,11 +211,31 @@ impl Reader<'_> {
                 "WCO" if is_rounded_otherwise(ours, theirs) => {
                     Finding::Excused(Deviation::Rounding)
                 }
+                "WCO" => self.offsets(ours, theirs),
                 _ => Finding::Differs,
             };
             found.push((name.clone(), finding));
         }
         found
+    }
+
+    /// Offsets that were set where the axes stood after a stop.
+    fn offsets(&self, ours: &str, theirs: &str) -> Finding {
+        let (Some(ours), Some(theirs)) = (numbers(ours), numbers(theirs)) else {
+            return Finding::Differs;
+        };
+        let unit_mm = self.ours.mm_per_unit();
+        let by: Vec<_> = (ours.iter().zip(&theirs))
+            .map(|(a, b)| (a - b) * unit_mm)
+            .collect();
+        let step_mm = self.exchange.step_mm();
+        let is_stop = self.stops.explain(self.pair.own_s, &by, step_mm);
+        Finding::excused_if(is_stop, Deviation::ShortStops)
+    }
+
+    /// Whether this is a laser at rest in a hold, where Grbl's can be switched on.
+    fn is_dark_hold(&self) -> bool {
+        self.exchange.is_laser() && self.theirs.state == "Hold:0" && self.ours.speed_rpm() == 0.0
     }
 
     /// Feed and spindle speed: 10 % in ramps, 1 % else.
@@ -195,6 +248,8 @@ impl Reader<'_> {
         let share = if is_ramp { 0.1 } else { 0.01 };
         if self.has_feed(MOTION_S, share) && self.has_spindle(SAME_S) {
             Finding::Same
+        } else if self.is_dark_hold() && self.has_feed(MOTION_S, share) {
+            Finding::Excused(Deviation::DarkHold)
         } else {
             let is_excused = allowed > 0.0
                 && self.has_feed(MOTION_S + allowed, 0.1)

@@ -40,6 +40,7 @@ pub(super) fn compare(
     played: &Played,
     stops: &Stops,
     pairs: &[Paired],
+    changed_at: Option<usize>,
     found: &mut Vec<Difference>,
 ) {
     let mut comparison = Comparison {
@@ -53,10 +54,13 @@ pub(super) fn compare(
     for pair in pairs {
         let name = exchange.step_name(pair.step);
         let differences = comparison.compare(pair).into_iter();
+        // In another state by design: reports show it.
+        let is_changed = changed_at.is_some_and(|step| pair.step >= step);
+        let follows = is_changed.then_some(Deviation::Follows);
         found.extend(differences.map(|(text, by_design)| Difference {
             what: "report",
             text: format!("step {} {name}: {text}", pair.step + 1),
-            by_design,
+            by_design: by_design.or(follows),
         }));
     }
 }
@@ -166,7 +170,7 @@ impl Comparison<'_> {
             return true;
         }
         let samples = self.played.track.between(pair.own_s - 0.03, pair.own_s);
-        let scale = self.exchange.scale();
+        let scale = self.exchange.scale_at(pair.step);
         let Some(shown) = ours.position_mm() else {
             return false;
         };

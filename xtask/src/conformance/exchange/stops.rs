@@ -60,11 +60,12 @@ impl Stops {
                 causes.push((played.began_s[index], cause));
             }
         }
-        for Event(time, name, value) in &played.signals {
-            if name.starts_with("switch") && *value == 1 {
+        for Event(time, name, _) in &played.signals {
+            if name.starts_with("switch") {
                 causes.push((*time, Cause::Hold));
             }
         }
+        causes.extend(soft_limits(exchange, played).map(|at_s| (at_s, Cause::Hold)));
         for heard in played
             .heard
             .iter()
@@ -130,13 +131,24 @@ impl Stops {
     }
 }
 
+/// When lines were sent that leave the travel: the axes slow down before the alarm.
+fn soft_limits(exchange: &Exchange, played: &Played) -> impl Iterator<Item = f64> {
+    let alarms = played.heard.iter().filter(|heard| heard.text == "ALARM:2");
+    alarms.filter_map(|heard| {
+        let line = (0..=heard.step)
+            .rev()
+            .find(|step| exchange.step(*step).is_some_and(|step| step.line.is_some()))?;
+        played.began_s.get(line).copied()
+    })
+}
+
 fn cause(step: &Step) -> Option<Cause> {
     match step.act() {
         Ok(Act::Pin {
             pin: Pin::Reset,
             closed: true,
         }) => Some(Cause::Reset),
-        Ok(Act::Pin { closed: true, .. }) => Some(Cause::Hold),
+        Ok(Act::Pin { pin, closed }) if closed || pin == Pin::Probe => Some(Cause::Hold),
         _ => {
             let bytes = step.sends();
             if bytes.contains(&0x18) {

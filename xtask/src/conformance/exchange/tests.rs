@@ -184,3 +184,94 @@ fn a_hold_may_act_sooner_but_not_anywhere() {
     beside["final"]["mpos_steps"][1] = json!(40);
     assert!(!is_excused(&beside), "{:?}", differences(&beside));
 }
+
+#[test]
+fn an_offset_set_after_a_probe_is_where_the_axes_stand() {
+    let recording = session::recorded(
+        r#"{"id": "probed", "settings_set": "fast", "switches": [[2, -1, -400, "PROBE"]],
+            "transcript": [{"boot": true}, {"line": "G38.2 Z-10 F600", "t": 0.0},
+            {"line": "G92 Z0", "t": 1.0}, {"rt": "3f", "t": 1.1}, {"line": "$#", "t": 1.2}]}"#,
+    );
+    let elsewhere = |steps: i64| {
+        let at = recording["final"]["mpos_steps"][2].as_i64().unwrap();
+        let mm = |steps: i64| format!("0.000,{:.3}", steps as f64 / 80.0);
+        let text = recording.to_string().replace(&mm(at), &mm(at + steps));
+        let mut other: Value = serde_json::from_str(&text).unwrap();
+        other["final"]["mpos_steps"][2] = json!(at + steps);
+        other["final"]["parser_pos_mm"][2] = json!((at + steps) as f64 / 80.0);
+        found(&other)
+    };
+    assert!(elsewhere(-30).len() >= 5);
+    for (what, by) in elsewhere(-30) {
+        assert_eq!(by, Some(Deviation::ShortStops), "{what}");
+    }
+    assert!(elsewhere(-300).contains(&("line", None)));
+    assert!(elsewhere(-300).contains(&("report", None)));
+}
+
+#[test]
+fn where_homing_has_failed_grbl_counts_otherwise() {
+    let recording = session::recorded(
+        r#"{"id": "lost", "settings_set": "fast", "extra_settings": ["$22=1", "$25=2000"],
+            "transcript": [{"boot": true}, {"line": "$H", "t": 0.0, "nowait": 1, "after": 0.3},
+            {"pin": ["ZLIM", 0], "t": 0.3, "after": 2.0}, {"rt": "3f", "t": 3.0}]}"#,
+    );
+    assert!(recording.to_string().contains("ALARM:8"));
+    let at = recording["final"]["mpos_steps"][2].as_i64().unwrap();
+    let shown = format!("0.000,{:.3}", at as f64 / 80.0);
+    let mut other = changed(&recording, &shown, "0.000,-1.000");
+    other["final"]["mpos_steps"][2] = json!(-80);
+    other["final"]["parser_pos_mm"][2] = json!(-1.0);
+    let expected = Some(Deviation::HomingMotion);
+    assert_eq!(
+        found(&other),
+        [("report", expected), ("end", expected), ("end", expected)]
+    );
+}
+
+#[test]
+fn a_full_look_ahead_withholds_answers_and_nothing_less_does() {
+    let late = |moves: usize| {
+        let mut steps = vec![json!({"boot": true})];
+        for number in 0..moves {
+            let line = format!("G1 X{number} F600");
+            let time_s = number as f64 * 0.01;
+            steps.push(json!({"line": line, "t": time_s, "nowait": 1, "after": 0.0}));
+        }
+        steps.push(json!({"idle": 9, "t": 0.5}));
+        let session = json!({"id": "full", "settings_set": "fast", "transcript": steps});
+        let mut recording = session::recorded(&session.to_string());
+        let steps = recording["transcript"].as_array_mut().unwrap();
+        let mut times = steps.iter_mut().filter_map(|step| step.get_mut("recv_t"));
+        *times
+            .next_back()
+            .unwrap()
+            .as_array_mut()
+            .unwrap()
+            .last_mut()
+            .unwrap() = json!(0.7);
+        found(&recording)
+    };
+    assert_eq!(late(18), [("time", Some(Deviation::Buffers))]);
+    assert_eq!(late(5), [("time", None)]);
+}
+
+#[test]
+fn what_follows_another_state_is_excused_from_there_on() {
+    let homed = session::recorded(
+        r#"{"id": "homed", "settings_set": "fast", "extra_settings": ["$22=1", "$25=2000"],
+            "switches": [[0, 1, 800, "XLIM"]],
+            "transcript": [{"boot": true}, {"rt": "3f", "t": 0.0}, {"line": "$HX", "t": 0.1},
+            {"rt": "3f", "t": 5.0}]}"#,
+    );
+    let mut other = homed.clone();
+    other["transcript"][2]["recv"] = json!(["error:3"]);
+    other["transcript"][2]["recv_t"] = json!([0.11]);
+    let home = "<Home|MPos:0.000,0.000,0.000|FS:0,0|Ov:100,100,100>";
+    other["transcript"][3]["recv"] = json!([home]);
+    let causes: Vec<_> = found(&other).into_iter().map(|(_, by)| by).collect();
+    assert_eq!(causes[0], Some(Deviation::SingleAxes));
+    assert!(causes.iter().all(Option::is_some), "{causes:?}");
+    other["transcript"][1]["recv"] = json!([home]);
+    assert!(found(&other).contains(&("report", None)));
+}

@@ -1,0 +1,115 @@
+//! What a recording tells about Grbl's state at one of its steps.
+
+use std::collections::VecDeque;
+
+use leadscrew::{axis::AXES, settings::Settings};
+
+use super::Exchange;
+use crate::session::step::Step;
+
+impl Exchange {
+    /// Steps per mm at a step: as they were set before it.
+    pub(super) fn scale_at(&self, step: usize) -> [f64; AXES] {
+        let mut scale = self.scale();
+        for step in self.session.steps().take(step) {
+            let line = step.line.as_deref().unwrap_or_default();
+            if !step.recv.iter().any(|text| text == "ok") {
+                continue;
+            }
+            if line == "$RST=$" || line == "$RST=*" {
+                let default = Settings::default().steps_per_mm;
+                scale = default.0.map(|scale| scale.millionths() as f64 * 1e-6);
+            }
+            for (axis, known) in scale.iter_mut().enumerate() {
+                let value = line.strip_prefix(&format!("${}=", 100 + axis));
+                if let Some(value) = value.and_then(|value| value.parse::<f64>().ok())
+                    && value > 0.0
+                {
+                    *known = value;
+                }
+            }
+        }
+        scale
+    }
+
+    /// Whether an override of the spindle was sent shortly before a time, which Grbl obeys when the
+    /// segments that it has prepared are over.
+    pub(super) fn has_spindle_override(&self, time_s: f64) -> bool {
+        self.session.steps().any(|step| {
+            let since_s = step.t.map_or(f64::INFINITY, |sent_s| time_s - sent_s);
+            let is_recent = (-0.01..0.15).contains(&since_s);
+            is_recent && step.sends().iter().any(|byte| matches!(byte, 0x99..=0x9d))
+        })
+    }
+
+    /// The largest step of an axis, mm.
+    pub(super) fn step_mm(&self) -> f64 {
+        let scale = self.scale().into_iter();
+        scale.fold(0.0_f64, |most, scale| most.max(1.0 / scale))
+    }
+
+    /// Whether homing had failed before the end of a step, and not succeeded since.
+    pub(super) fn has_failed_homing(&self, step: usize) -> bool {
+        let mut has_failed = false;
+        for step in self.session.steps().take(step.saturating_add(1)) {
+            for text in &step.recv {
+                match text.as_str() {
+                    "ALARM:6" | "ALARM:7" | "ALARM:8" | "ALARM:9" => has_failed = true,
+                    _ => {}
+                }
+            }
+            let homes = step
+                .line
+                .as_deref()
+                .is_some_and(|line| line.starts_with("$H"));
+            let alarmed = step.recv.iter().any(|text| text.starts_with("ALARM:"));
+            if homes && !alarmed && step.recv.last().is_some_and(|text| text == "ok") {
+                has_failed = false;
+            }
+        }
+        has_failed
+    }
+
+    /// Whether Grbl's receive buffer may have overflowed up to the end of a step.
+    pub(super) fn may_overflow(&self, step: usize) -> bool {
+        /// What it holds.
+        const ROOM: usize = 128;
+        let mut waiting = VecDeque::new();
+        let mut length = 0;
+        for step in self.session.steps().take(step.saturating_add(1)) {
+            for byte in step.sends() {
+                length += usize::from(byte < 0x80 && !matches!(byte, b'?' | b'!' | b'~' | 0x18));
+                if byte == b'\n' || byte == b'\r' {
+                    waiting.push_back(length);
+                    length = 0;
+                }
+            }
+            if waiting.iter().sum::<usize>() + length > ROOM {
+                return true;
+            }
+            for text in &step.recv {
+                if text == "ok" || text.starts_with("error:") {
+                    waiting.pop_front();
+                } else if text.starts_with("Grbl ") {
+                    waiting.clear();
+                }
+            }
+        }
+        false
+    }
+
+    /// Whether lines asked for more moves than Grbl's look-ahead has places, up to a step.
+    pub(super) fn may_fill_plan(&self, step: usize) -> bool {
+        /// The places that Grbl uses.
+        const BLOCKS: usize = 15;
+        let lines = self.session.steps().take(step.saturating_add(1));
+        let text: Vec<u8> = lines.flat_map(Step::sends).collect();
+        let lines = text.split(|byte| matches!(byte, b'\n' | b'\r'));
+        let moves = lines.filter(|line| line.iter().any(|byte| b"XYZxyz".contains(byte)));
+        moves.count() > BLOCKS
+    }
+
+    pub(super) fn is_laser(&self) -> bool {
+        self.session.settings().is_ok_and(|settings| settings.laser)
+    }
+}
