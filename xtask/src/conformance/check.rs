@@ -8,7 +8,11 @@ use std::{
 use anyhow::{Context, Result, ensure};
 use leadscrew::sim::Simulator;
 
-use super::{compare::Difference, deviation::Deviation, golden::sorted};
+use super::{
+    compare::{Difference, code, follows_from_answers},
+    deviation::{Deviation, of_answers},
+    golden::sorted,
+};
 use crate::{
     program::Program,
     sender::{self, Response},
@@ -128,7 +132,8 @@ impl Row {
                 found.push((format!("{column} {ours}, Grbl {theirs}"), by_design));
             }
         };
-        push("answer", &self.response, &theirs.response, None);
+        let reason = of_answers(&code(line), &self.response, &theirs.response);
+        push("answer", &self.response, &theirs.response, reason);
         push("modes", &self.modal, &theirs.modal, None);
         let has_tool_word = sender::code(line.as_bytes()).contains(&b'T');
         let is_kept = theirs.tool == 0 && !has_tool_word;
@@ -209,11 +214,16 @@ pub(super) fn replay(table: &Table) -> Result<(usize, Vec<Difference>)> {
         let ours = Row::of(&End::of(&player.machine), heard);
         let line = String::from_utf8_lossy(line);
         let differences = ours.differences(&theirs, &line).into_iter();
+        let before = found.len();
         found.extend(differences.map(|(text, by_design)| Difference {
             what: "row",
             text: format!("line {number} `{line}`: {text}"),
             by_design,
         }));
+        let follows = follows_from_answers(&found);
+        for difference in &mut found[before..] {
+            difference.by_design = difference.by_design.or(follows);
+        }
     }
     Ok((lines.len(), found))
 }

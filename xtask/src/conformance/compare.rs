@@ -3,11 +3,11 @@
 use serde::Serialize;
 
 use super::{
-    deviation::Deviation,
+    deviation::{Deviation, of_answers},
     exchange::{differs_in_tool, is_rounded_otherwise},
     golden::{Run, Traits},
 };
-use crate::{figures::Figures, sim::Played};
+use crate::{figures::Figures, sender, sim::Played};
 
 /// Longest time between two steps of Grbl: 16 bits of its timer at 16 MHz, and eight interrupts.
 const GRBL_LONGEST_PERIOD_S: f64 = 65_536.0 * 8.0 / 16.0e6;
@@ -76,6 +76,11 @@ pub(super) fn follows_from_answers(answers: &[Difference]) -> Option<Deviation> 
     changes_state.then_some(Deviation::Follows)
 }
 
+/// A line without blanks and comments.
+pub(super) fn code(line: &str) -> String {
+    String::from_utf8_lossy(&sender::code(line.as_bytes())).into_owned()
+}
+
 fn compare_responses(run: &Run, figures: &Figures, traits: &Traits, found: &mut Vec<Difference>) {
     let recorded = run
         .responses
@@ -95,7 +100,7 @@ fn compare_responses(run: &Run, figures: &Figures, traits: &Traits, found: &mut 
         found.push(Difference {
             what: "answer",
             text: format!("line {number} `{line}`: {response}, Grbl {expected}"),
-            by_design: None,
+            by_design: of_answers(&code(line), response, expected),
         });
     }
     let surplus = ours.count();

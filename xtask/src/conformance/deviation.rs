@@ -22,6 +22,8 @@ pub(crate) enum Deviation {
     StartupLines,
     /// D10.
     Arcs,
+    /// D11.
+    StepRates,
     /// D13.
     ToolIsModal,
     /// Follows from an answer that one of the others explains.
@@ -42,6 +44,7 @@ pub(crate) enum Deviation {
     ArcLimits,
     SingleAxes,
     DarkHold,
+    ArcTurns,
 }
 
 impl Deviation {
@@ -55,6 +58,7 @@ impl Deviation {
             Self::SettingRanges => "D8",
             Self::StartupLines => "D9",
             Self::Arcs => "D10",
+            Self::StepRates => "D11",
             Self::ToolIsModal => "D13",
             Self::Follows => "follows",
             Self::SlowSteps => "D14",
@@ -73,6 +77,7 @@ impl Deviation {
             Self::ArcLimits => "D31",
             Self::SingleAxes => "D34",
             Self::DarkHold => "D35",
+            Self::ArcTurns => "D36",
         }
     }
 
@@ -89,7 +94,9 @@ impl Deviation {
             | Self::ClosedSwitch
             | Self::LimitOpens
             | Self::ArcLimits
-            | Self::SingleAxes => true,
+            | Self::SingleAxes
+            | Self::ArcTurns
+            | Self::StepRates => true,
             Self::Buffers
             | Self::ExactPositions
             | Self::ToolIsModal
@@ -129,6 +136,7 @@ impl Deviation {
             Self::SettingRanges => "settings out of range are refused, not stored or cut",
             Self::StartupLines => "there are two startup lines",
             Self::Arcs => "an arc is one block, not many chords",
+            Self::StepRates => "a step rate that cannot be played is refused",
             Self::ToolIsModal => "T stays until the next T",
             Self::Follows => "follows from a deviation in an answer",
             Self::SlowSteps => {
@@ -153,12 +161,50 @@ impl Deviation {
             Self::ArcLimits => "an arc that leaves the travel is refused before it begins",
             Self::SingleAxes => "axes can be homed one by one",
             Self::DarkHold => "a laser stays dark at rest in a hold",
+            Self::ArcTurns => "P in an arc is its number of turns",
         }
     }
+}
+
+/// Characters of a line that Grbl reads, without blanks and comments, and that we read.
+const GRBL_LINE: usize = 79;
+const OUR_LINE: usize = 255;
+
+/// Why a line of G-code, without blanks and comments, may have another answer.
+pub(crate) fn of_answers(code: &str, ours: &str, theirs: &str) -> Option<Deviation> {
+    let is_answer = ours == "ok" || ours.starts_with("error:");
+    let is_read = code.len() > GRBL_LINE && code.len() <= OUR_LINE;
+    if theirs == "error:11" && is_answer && is_read {
+        return Some(Deviation::LongLines);
+    }
+    let is_arc = code.contains(['I', 'J', 'K', 'R']) && !code.starts_with('$');
+    let has_turns = is_arc && code.contains('P') && ["ok", "error:23", "error:39"].contains(&ours);
+    (theirs == "error:36" && has_turns).then_some(Deviation::ArcTurns)
 }
 
 impl Serialize for Deviation {
     fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
         serializer.collect_str(self.id())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn answers_differ_for_a_reason_only() {
+        let long = format!("G0X1.{}", "0".repeat(80));
+        assert_eq!(
+            of_answers(&long, "ok", "error:11"),
+            Some(Deviation::LongLines)
+        );
+        assert_eq!(of_answers("G0X1", "ok", "error:11"), None);
+        let turns = Some(Deviation::ArcTurns);
+        assert_eq!(of_answers("G2X2I1P3", "ok", "error:36"), turns);
+        assert_eq!(of_answers("G2X2I1P.5", "error:23", "error:36"), turns);
+        assert_eq!(of_answers("G2X2I1L1", "ok", "error:36"), None);
+        assert_eq!(of_answers("G0X2P1", "ok", "error:36"), None);
+        assert_eq!(of_answers("G2X2I1P3", "error:33", "error:36"), None);
     }
 }

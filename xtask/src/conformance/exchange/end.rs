@@ -101,7 +101,7 @@ impl Ends<'_> {
             let from_half = (exact.abs().fract() - 0.5).abs();
             off == 0 || (off.abs() == 1 && from_half <= exact.abs().max(1.0) * 1e-6)
         });
-        let by_design = if is_half_way {
+        let by_design = if is_half_way || self.exchange.has_long_number() {
             Some(Deviation::ExactPositions)
         } else if self.is_stopped {
             Some(Deviation::ShortStops)
@@ -121,6 +121,8 @@ impl Ends<'_> {
             if !is_close(*our, *their) {
                 let is_stopped = self.is_stopped && !self.moves;
                 let by_design = is_stopped.then_some(Deviation::ShortStops);
+                let is_exact = self.exchange.has_long_number();
+                let by_design = by_design.or(is_exact.then_some(Deviation::ExactPositions));
                 let is_lost = self.is_lost.then_some(Deviation::HomingMotion);
                 let by_design = by_design.or(is_lost);
                 let text = format!("programmed position {axis}: {our}, Grbl {their}");

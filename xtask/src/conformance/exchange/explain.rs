@@ -9,7 +9,10 @@ use super::{
     stops::Stops,
 };
 use crate::{
-    conformance::{compare::Difference, deviation::Deviation},
+    conformance::{
+        compare::Difference,
+        deviation::{Deviation, of_answers},
+    },
     machine::Pin,
     sender,
     session::step::{Act, Step},
@@ -21,9 +24,6 @@ const GRBL_DWELL_S: f64 = 0.1;
 const SAME_S: f64 = 0.05;
 /// The longest that Grbl's EEPROM needs for one line (`$RST=*`), s.
 const STORAGE_S: f64 = 0.3;
-/// Characters of a line that Grbl reads, without blanks and comments, and that we read.
-const GRBL_LINE: usize = 79;
-const OUR_LINE: usize = 255;
 /// Part of the time of a homing cycle by which ours may differ.
 const HOMING_SHARE: f64 = 0.35;
 
@@ -125,9 +125,8 @@ impl<'a> Judge<'a> {
         if self.is_of_opened_limit(their) {
             return Some(Deviation::LimitOpens);
         }
-        if their.is_error(LineError::LineOverflow) && our.is_answer() {
-            let is_read = line.len() > GRBL_LINE && line.len() <= OUR_LINE;
-            return is_read.then_some(Deviation::LongLines);
+        if let Some(deviation) = of_answers(&line, &our.text, &their.text) {
+            return Some(deviation);
         }
         if their_ok && our.is_error(LineError::NoAxisWords) {
             let jog = line.strip_prefix("$J=");
@@ -141,7 +140,13 @@ impl<'a> Judge<'a> {
         if their_ok && our.is_error(LineError::InvalidTarget) {
             return self.is_far(&line).then_some(Deviation::FarTargets);
         }
-        if their_ok && is_setting_out_of_range(&line) {
+        if their_ok && our.is_error(LineError::StepRateTooHigh) {
+            let is_rate = ["$10", "$11"].iter().any(|name| line.starts_with(name));
+            return is_rate.then_some(Deviation::StepRates);
+        }
+        // `$0=256` is 0 for Grbl.
+        let is_taken = their_ok || their.is_error(LineError::StepPulseTooShort);
+        if is_taken && is_setting_out_of_range(&line) {
             let refused = [LineError::NegativeValue, LineError::SettingOutOfRange];
             let is_refused = refused.into_iter().any(|error| our.is_error(error));
             return is_refused.then_some(Deviation::SettingRanges);

@@ -42,6 +42,19 @@ impl Exchange {
         })
     }
 
+    /// Whether a number has more digits than Grbl reads; it takes the others for zeros.
+    pub(super) fn has_long_number(&self) -> bool {
+        /// The digits that Grbl reads.
+        const DIGITS: usize = 8;
+        let lines = self.session.steps().filter_map(|step| step.line.as_deref());
+        let mut numbers =
+            lines.flat_map(|line| line.split(|c: char| !(c.is_ascii_digit() || c == '.')));
+        numbers.any(|number| {
+            let whole = number.split('.').next().unwrap_or_default();
+            whole.len() > DIGITS
+        })
+    }
+
     /// The largest step of an axis, mm.
     pub(super) fn step_mm(&self) -> f64 {
         let scale = self.scale().into_iter();
