@@ -10,7 +10,7 @@ use leadscrew::{
     settings::{self, DataType, Description, Settings, Value},
 };
 
-use crate::{cargo, ui};
+use crate::{cargo, conformance, ui};
 
 /// Write the documents that are made from the code: settings, errors and alarms
 #[derive(clap::Args)]
@@ -24,10 +24,15 @@ pub(crate) struct Options {
 type Document = (&'static str, fn() -> Result<String>);
 
 /// Every document.
-const DOCUMENTS: [Document; 2] = [
+const DOCUMENTS: [Document; 3] = [
     ("docs/settings.md", settings_table),
     ("docs/errors.md", errors_table),
+    ("docs/conformance.md", conformance_table),
 ];
+
+fn conformance_table() -> Result<String> {
+    conformance::document()
+}
 
 pub(crate) fn run(options: &Options) -> Result<ExitCode> {
     if AXES != 3 {

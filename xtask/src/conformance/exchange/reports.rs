@@ -39,7 +39,7 @@ pub(super) fn compare(
     exchange: &Exchange,
     played: &Played,
     stops: &Stops,
-    pairs: &[Paired],
+    pairs: &[&Paired],
     found: &mut Vec<Difference>,
 ) {
     let mut comparison = Comparison {
