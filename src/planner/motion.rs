@@ -141,6 +141,8 @@ impl Motion {
 
     /// Takes over the settings at power-up. The machine wakes up locked with homing enabled, or on
     /// a limit switch with hard limits enabled.
+    ///
+    /// The first run must follow: it looks at the door and arms the limit switches.
     pub fn power_up(&mut self, settings: &Settings, inputs: &Inputs) {
         self.configure(settings, inputs);
         self.outputs.drivers = settings.idle_delay_ms == rest::ALWAYS_ON;
