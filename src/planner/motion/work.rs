@@ -57,7 +57,9 @@ impl Motion {
             self.finished = self.finished.wrapping_add(1);
             return true;
         }
-        let is_waiting = self.is_dwelling || self.is_in_cycle();
+        // A machine that has just come to rest is settled at the end of the run.
+        let is_settled = !matches!(self.control.state, State::Run | State::Jog);
+        let is_waiting = self.is_dwelling || self.is_in_cycle() || !is_settled;
         let is_busy = !self.plan.is_empty() || is_waiting || !self.is_still(counts);
         let is_ending = self.control.ending != Ending::None;
         if self.control.state.is_suspended() || is_busy || is_ending {
