@@ -91,10 +91,25 @@ impl Motion {
         self.settle_on_steps();
     }
 
-    /// Says whether limit switches stop the machine from now on.
-    pub(super) fn guard(&self, inputs: &Inputs) {
-        let is_locked = matches!(self.control.state, State::Alarm | State::Home);
-        inputs.guard(if self.hard_limits && !is_locked {
+    /// Says whether limit switches stop the machine from now on: not those that homing looks for,
+    /// nor at rest in alarm. A machine that slows down in alarm is stopped.
+    pub(super) fn guard(&self, inputs: &Inputs, counts: &StepCounts) {
+        let is_safe = match self.control.state {
+            State::Alarm => self.homing.is_active() || self.is_still(counts),
+            State::Home => true,
+            State::Idle
+            | State::Run
+            | State::HoldSlowing
+            | State::HoldComplete
+            | State::Jog
+            | State::Check
+            | State::DoorClosed
+            | State::DoorAjar
+            | State::DoorRetracting
+            | State::DoorRestoring
+            | State::Sleep => false,
+        };
+        inputs.guard(if self.hard_limits && !is_safe {
             Levels::limits((1 << AXES) - 1)
         } else {
             Levels::NONE
@@ -110,7 +125,7 @@ impl Motion {
         self.drop_plan();
         // A standstill that ends the pulses.
         self.rest = None;
-        if self.control.state != State::Alarm {
+        if !self.is_critical {
             self.alarm(Alarm::HardLimit);
         }
     }
