@@ -3,7 +3,7 @@
 use super::Motion;
 use crate::{
     axis::AXES,
-    machine::{Alarm, Event, Inputs, Levels, Notice, State},
+    machine::{Alarm, Event, Inputs, Levels, Notice, Power, State},
     planner::{Block, Probing},
     stepper::{EventWriter, Segment, StepCounts},
 };
@@ -26,8 +26,13 @@ impl Motion {
         true
     }
 
+    /// The next segment of homing: a laser is dark, as nothing is to be burnt on that way.
     pub(super) fn next_of_homing(&mut self, inputs: &Inputs) -> Option<Segment> {
-        let power = self.accessories.power_at_rest();
+        let power = if self.accessories.is_laser() {
+            Power::OFF
+        } else {
+            self.accessories.power_at_rest()
+        };
         self.homing.next(inputs, &mut self.generator, power)
     }
 

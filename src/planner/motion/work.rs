@@ -28,7 +28,9 @@ impl Motion {
             };
             // Settings are void for nobody: the session has taken them over already, at rest.
             let is_old = entry.epoch != self.epoch.wrapping_add(self.cuts);
-            let is_void = (is_old || self.is_starved) && !matches!(entry.work, Work::Configure(_));
+            let is_move = matches!(entry.work, Work::Move(_));
+            let is_locked = self.is_starved || is_move && self.control.state == State::Alarm;
+            let is_void = (is_old || is_locked) && !matches!(entry.work, Work::Configure(_));
             if is_void {
                 self.finished = self.finished.wrapping_add(1);
             } else if !self.accept(&entry.work, inputs, counts) {
