@@ -100,6 +100,21 @@ fn a_cycle_takes_as_long_as_with_grbl() {
 }
 
 #[test]
+fn a_homing_speed_of_0_is_the_slowest() {
+    let settings = Settings {
+        homing_seek_mm_min: 0.0,
+        ..machine()
+    };
+    let mut cell = Cell::new(&settings);
+    mount(&mut cell, &settings, [1600, 1200, 800]);
+    cell.send(Work::Home(0));
+    cell.run_ms(6000);
+    // 1 mm/min.
+    assert_eq!(cell.physical()[Z], 8);
+    check_limits(&settings, &cell.trace);
+}
+
+#[test]
 fn a_locked_machine_does_not_move() {
     let mut cell = Cell::new(&machine());
     assert_eq!(cell.state(), State::Alarm);

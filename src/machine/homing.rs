@@ -17,7 +17,7 @@ use super::{Alarm, Inputs, Levels, Power};
 use crate::{
     axis::{AXES, Axes, Z},
     math,
-    planner::fastest_mm_s,
+    planner::{MIN_SPEED_MM_S, fastest_mm_s},
     settings::Settings,
     stepper::{
         AHEAD_TICKS, AxisMotion, EventWriter, Generator, SEGMENT_TICKS, Segment, StepCounts,
@@ -71,8 +71,10 @@ impl Rules {
         let steps_per_mm = settings.steps_per_mm.map(StepsPerMm::to_f32);
         let at = |mm_min: f32| {
             let fastest = fastest_mm_s(settings);
+            // `$24` and `$25` may be 0.
+            let speed_mm_s = math::max(mm_min / 60.0, MIN_SPEED_MM_S);
             fastest.zip(steps_per_mm, |fastest, steps| {
-                math::min(mm_min / 60.0, fastest) * steps
+                math::min(speed_mm_s, fastest) * steps
             })
         };
         Self {
@@ -480,7 +482,9 @@ impl Homing {
                 run.switch = here;
             }
             let target = match stage {
-                Stage::Search if !is_closed => here.wrapping_add(rules.towards(axis, farthest_mm)),
+                Stage::Search if !is_closed => {
+                    here.saturating_add(rules.towards(axis, farthest_mm))
+                }
                 Stage::Locate if !is_closed => {
                     here.wrapping_add(rules.towards(axis, LOCATE_PULL_OFFS * rules.pull_off_mm))
                 }
