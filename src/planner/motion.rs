@@ -211,7 +211,7 @@ impl Motion {
         self.generate(inputs, counts, events);
         let was_dwelling = self.is_dwelling;
         self.settle(counts);
-        self.guard(inputs);
+        self.guard(inputs, counts);
         let changed = self.publish(counts) || was_dwelling != self.is_dwelling;
         let is_still = self.is_still(counts);
         let start = !counts.is_running() && !is_still;

@@ -3,7 +3,7 @@
 use super::Motion;
 use crate::{
     axis::AXES,
-    machine::{Alarm, Event, Inputs, Levels, Notice, State},
+    machine::{Alarm, Event, Inputs, Levels, Notice, Power, State},
     planner::{Block, Probing},
     stepper::{EventWriter, Segment, StepCounts},
 };
@@ -26,8 +26,13 @@ impl Motion {
         true
     }
 
+    /// The next segment of homing: a laser is dark, as nothing is to be burnt on that way.
     pub(super) fn next_of_homing(&mut self, inputs: &Inputs) -> Option<Segment> {
-        let power = self.accessories.power_at_rest();
+        let power = if self.accessories.is_laser() {
+            Power::OFF
+        } else {
+            self.accessories.power_at_rest()
+        };
         self.homing.next(inputs, &mut self.generator, power)
     }
 
@@ -91,10 +96,25 @@ impl Motion {
         self.settle_on_steps();
     }
 
-    /// Says whether limit switches stop the machine from now on.
-    pub(super) fn guard(&self, inputs: &Inputs) {
-        let is_locked = matches!(self.control.state, State::Alarm | State::Home);
-        inputs.guard(if self.hard_limits && !is_locked {
+    /// Says whether limit switches stop the machine from now on: not those that homing looks for,
+    /// nor at rest in alarm. A machine that slows down in alarm is stopped.
+    pub(super) fn guard(&self, inputs: &Inputs, counts: &StepCounts) {
+        let is_safe = match self.control.state {
+            State::Alarm => self.homing.is_active() || self.is_still(counts),
+            State::Home => true,
+            State::Idle
+            | State::Run
+            | State::HoldSlowing
+            | State::HoldComplete
+            | State::Jog
+            | State::Check
+            | State::DoorClosed
+            | State::DoorAjar
+            | State::DoorRetracting
+            | State::DoorRestoring
+            | State::Sleep => false,
+        };
+        inputs.guard(if self.hard_limits && !is_safe {
             Levels::limits((1 << AXES) - 1)
         } else {
             Levels::NONE
@@ -110,7 +130,7 @@ impl Motion {
         self.drop_plan();
         // A standstill that ends the pulses.
         self.rest = None;
-        if self.control.state != State::Alarm {
+        if !self.is_critical {
             self.alarm(Alarm::HardLimit);
         }
     }
