@@ -194,3 +194,12 @@ fn a_report_comes_within_5_ms_after_an_alarm_that_only_a_reset_ends() {
     machine.asks("Alarm");
     assert!(machine.simulator.snapshot().is_critical);
 }
+
+#[test]
+fn a_limit_switch_is_guarded_before_the_first_motion() {
+    let mut machine = Machine::new(&["21=1"]);
+    machine.simulator.set_pin(Levels::limits(1 << X), true);
+    machine.run(100);
+    machine.asks("Alarm");
+    assert!(machine.simulator.snapshot().is_critical);
+}

@@ -151,6 +151,7 @@ impl Motion {
             self.control.state = State::Alarm;
             self.snapshot.state = State::Alarm;
         }
+        self.guard(inputs);
     }
 
     fn configure(&mut self, settings: &Settings, inputs: &Inputs) {
@@ -219,8 +220,8 @@ impl Motion {
             counts.start();
         }
         // What has come to rest may go on at once.
-        let goes_on = is_still
-            && (!self.plan.is_empty() && self.control.executes() || self.parking.is_moving());
+        let has_more = !self.plan.is_empty() || self.dwell_ticks != 0;
+        let goes_on = is_still && (has_more && self.control.executes() || self.parking.is_moving());
         Prepared {
             again: taken == work::ENTRIES_PER_RUN || changed && entries.ready() || goes_on,
             start,

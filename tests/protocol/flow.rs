@@ -221,3 +221,13 @@ fn the_position_after_a_reset_is_where_the_machine_has_stopped() {
     assert_eq!(bench.ask("G28.1"), ["ok"]);
     assert!(bench.ask("$#").contains(&"[G28:1.250,0.000,0.000]".into()));
 }
+
+#[test]
+fn a_startup_line_with_a_motion_is_answered_when_it_is_over() {
+    let mut bench = Bench::new();
+    bench.withholds = true;
+    assert!(bench.ask("$N0=G0X5").is_empty());
+    bench.withholds = false;
+    assert_eq!(bench.serve(), ["ok"]);
+    assert_eq!(bench.ask("$N"), ["$N0=G0X5", "$N1=", "ok"]);
+}

@@ -116,7 +116,7 @@ impl Motion {
         match effect {
             Effect::None => {}
             Effect::Resume => {
-                if self.accessories.end_stop() {
+                if self.accessories.end_stop(!self.plan.is_empty()) {
                     self.notices.push(Notice::RestoringSpindle);
                 }
                 if self.is_paused {
