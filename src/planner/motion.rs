@@ -151,7 +151,6 @@ impl Motion {
             self.control.state = State::Alarm;
             self.snapshot.state = State::Alarm;
         }
-        self.guard(inputs);
     }
 
     fn configure(&mut self, settings: &Settings, inputs: &Inputs) {
