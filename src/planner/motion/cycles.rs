@@ -99,21 +99,9 @@ impl Motion {
     /// Says whether limit switches stop the machine from now on: not those that homing looks for,
     /// nor at rest in alarm. A machine that slows down in alarm is stopped.
     pub(super) fn guard(&self, inputs: &Inputs, counts: &StepCounts) {
-        let is_safe = match self.control.state {
-            State::Alarm => self.homing.is_active() || self.is_still(counts),
-            State::Home => true,
-            State::Idle
-            | State::Run
-            | State::HoldSlowing
-            | State::HoldComplete
-            | State::Jog
-            | State::Check
-            | State::DoorClosed
-            | State::DoorAjar
-            | State::DoorRetracting
-            | State::DoorRestoring
-            | State::Sleep => false,
-        };
+        let is_locked = self.control.state == State::Alarm;
+        let is_safe = self.control.state == State::Home
+            || is_locked && (self.homing.is_active() || self.is_still(counts));
         inputs.guard(if self.hard_limits && !is_safe {
             Levels::limits((1 << AXES) - 1)
         } else {

@@ -89,7 +89,7 @@ impl Motion {
         }
     }
 
-    fn is_held(&self) -> bool {
+    pub(super) fn is_held(&self) -> bool {
         matches!(self.control.state, State::HoldSlowing | State::HoldComplete)
     }
 

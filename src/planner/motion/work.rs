@@ -80,8 +80,10 @@ impl Motion {
             }
             Work::Pause => {
                 self.on(Event::Pause);
-                self.is_paused = true;
-                return true;
+                self.is_paused = self.control.state == State::HoldComplete;
+                if self.is_paused {
+                    return true;
+                }
             }
             Work::Spindle(spindle, rpm) => self.accessories.set_spindle(*spindle, *rpm),
             Work::Coolant(coolant) => self.accessories.set_coolant(*coolant),
