@@ -122,6 +122,7 @@ pub(super) static WIRING: Wiring = Wiring {
 #[must_use]
 pub(crate) fn init(device: pac::Peripherals, mut core: Core) -> Board {
     super::panic::init();
+    super::stack::guard(&core.MPU);
     // The emulator's PLL would never report ready.
     let is_emulated = emulation::detect(&device.RCC);
     let (config, prescaler) = if is_emulated {

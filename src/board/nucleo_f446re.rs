@@ -128,6 +128,7 @@ extern "C" fn USART2() {
 #[must_use]
 pub(crate) fn init(device: pac::Peripherals, mut core: Core) -> Board {
     super::panic::init();
+    super::stack::guard(&core.MPU);
     let config = Config::hse(8.MHz())
         .bypass_hse_oscillator()
         .sysclk(168.MHz());
