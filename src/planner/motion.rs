@@ -45,18 +45,27 @@ pub struct Prepared {
 }
 
 /// Everything between the entries and the events.
+///
+/// In this order in memory: what each run looks at is near its beginning, where one instruction
+/// reaches it; the plan, which is large, comes last.
 #[derive(Debug)]
+#[repr(C)]
 pub struct Motion {
-    plan: LookAhead,
-    executor: Executor,
-    generator: Generator,
     control: Control,
-    parking: Parking,
-    accessories: Accessories,
     /// The newest reset acted on.
     epoch: u32,
+    /// The requests acted on, by their count.
+    heard: u32,
     /// Motions ended before their target, wrapping.
     cuts: u32,
+    finished: u32,
+    /// The standstill segment has been put, and begins then on the generator's clock.
+    rest: Option<u32>,
+    /// When the newest segment begins on the generator's clock.
+    newest: u32,
+    /// Standstill still to come, ticks.
+    dwell_ticks: u64,
+    is_dwelling: bool,
     reset_in_motion: bool,
     /// The step interrupt ran out of events in motion: nothing is executed before the next reset.
     is_starved: bool,
@@ -68,15 +77,9 @@ pub struct Motion {
     fault: Option<Alarm>,
     /// Waiting for cycle start after `M0`.
     is_paused: bool,
-    /// Standstill still to come, ticks.
-    dwell_ticks: u64,
-    is_dwelling: bool,
-    restoring: Restoring,
-    homing: Homing,
     /// A homing cycle has been asked for, and is not finished.
     is_homing: bool,
-    probe: Probe,
-    probed: Probed,
+    restoring: Restoring,
     /// What the shell's timer has been asked for, and the time to be asked for.
     wait: Wait,
     wake_in_ms: Option<u16>,
@@ -84,14 +87,17 @@ pub struct Motion {
     releases_drivers: bool,
     idle_delay_ms: u8,
     hard_limits: bool,
-    finished: u32,
-    /// The standstill segment has been put, and begins then on the generator's clock.
-    rest: Option<u32>,
-    /// When the newest segment begins on the generator's clock.
-    newest: u32,
-    notices: Notices,
-    snapshot: Snapshot,
+    accessories: Accessories,
     outputs: Outputs,
+    executor: Executor,
+    generator: Generator,
+    notices: Notices,
+    probe: Probe,
+    probed: Probed,
+    snapshot: Snapshot,
+    homing: Homing,
+    parking: Parking,
+    plan: LookAhead,
 }
 
 impl Motion {
@@ -106,6 +112,7 @@ impl Motion {
             parking: Parking::new(),
             accessories: Accessories::new(),
             epoch: 0,
+            heard: 0,
             cuts: 0,
             reset_in_motion: false,
             is_starved: false,

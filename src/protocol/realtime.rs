@@ -31,6 +31,8 @@ pub struct Requests {
     wake: AtomicBool,
     /// Overrides: taken by `prepare`.
     overrides: OverrideRing,
+    /// Counts requests to `prepare`, other than resets: it looks no further while that is the same.
+    asked: AtomicU32,
     /// 0x18: counts up; a reader compares it with the reset it has acted on last.
     resets: AtomicU32,
     /// Resets that `interpret` has asked for.
@@ -53,6 +55,7 @@ impl Requests {
             jog_cancel: AtomicBool::new(false),
             wake: AtomicBool::new(false),
             overrides: OverrideRing::new(),
+            asked: AtomicU32::new(0),
             resets: AtomicU32::new(0),
             own_resets: AtomicU32::new(0),
             lost: AtomicU32::new(0),
@@ -99,6 +102,14 @@ impl Requests {
     /// The time that `prepare` asked for is over; for its shell alone.
     pub fn wake(&self) {
         self.wake.store(true, Ordering::Release);
+        // Whoever interrupts this counts too: the number is another one in any case.
+        add_one(&self.asked);
+    }
+
+    /// Counts requests to `prepare`, other than resets, wrapping.
+    #[must_use]
+    pub fn asked(&self) -> u32 {
+        self.asked.load(Ordering::Acquire)
     }
 
     /// Takes the end of the time that was asked for.
@@ -133,6 +144,7 @@ impl Requests {
             Button::Reset => add_one(&self.resets),
             Button::Door => self.door.store(true, Ordering::Release),
         }
+        add_one(&self.asked);
     }
 
     /// Bytes lost so far because nobody had taken the earlier ones.
@@ -258,12 +270,14 @@ pub fn receive(byte: u8, requests: &Requests, line: &mut Producer<'_, u8>) -> Re
         0x84 => press(requests, Button::Door),
         0x85 => {
             requests.jog_cancel.store(true, Ordering::Release);
+            add_one(&requests.asked);
             Release::Prepare
         }
         // The first byte of the UTF-8 form of a realtime command is one of those without a meaning.
         0x80.. => match Override::of(byte) {
             Some(command) => {
                 requests.overrides.put(command);
+                add_one(&requests.asked);
                 Release::Prepare
             }
             None => Release::Nobody,

@@ -26,6 +26,7 @@ impl Motion {
         true
     }
 
+    #[inline(never)]
     pub(super) fn next_of_homing(&mut self, inputs: &Inputs) -> Option<Segment> {
         let power = self.accessories.power_at_rest();
         self.homing.next(inputs, &mut self.generator, power)
@@ -53,12 +54,23 @@ impl Motion {
     }
 
     /// Looks at what the input interrupt has seen, before anything is generated.
+    #[inline]
     pub(super) fn watch(&mut self, inputs: &Inputs, counts: &StepCounts, events: &EventWriter<'_>) {
+        if self.probe.is_active() || self.homing.is_active() {
+            self.watch_cycle(inputs, counts, events);
+        } else {
+            inputs.disarm_probe();
+        }
+    }
+
+    #[inline(never)]
+    fn watch_cycle(&mut self, inputs: &Inputs, counts: &StepCounts, events: &EventWriter<'_>) {
         self.probe.watch(inputs, counts, events);
         self.homing.watch(inputs, counts, &self.generator, events);
     }
 
     /// Ends cycles that are over. The machine is at rest.
+    #[inline(never)]
     pub(super) fn end_cycles(&mut self) {
         if self.is_homing && !self.homing.is_active() {
             self.is_homing = false;
@@ -103,6 +115,8 @@ impl Motion {
 
     /// A limit switch has stopped the step interrupt: everything is void, and the position is where
     /// the steps ended.
+    #[cold]
+    #[inline(never)]
     pub(super) fn cut(&mut self, counts: &StepCounts, events: &mut EventWriter<'_>) {
         self.generator.cut_off(counts, events);
         self.homing.abandon();

@@ -240,6 +240,7 @@ impl Motion {
         }
     }
 
+    #[inline(never)]
     pub(super) fn parking_segment(&mut self) -> Option<Segment> {
         let stops = self.control.ending != Ending::None || self.parking.stage == Stage::Stop;
         let goal = if stops { Goal::Stop } else { Goal::Run };

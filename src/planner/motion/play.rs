@@ -54,18 +54,7 @@ impl Motion {
         }
         let executes = self.control.executes() && !self.probe.is_touched();
         if self.dwell_ticks != 0 && executes {
-            let ticks = self.dwell_ticks.min(u64::from(SEGMENT_TICKS)) as u32;
-            self.dwell_ticks -= u64::from(ticks);
-            return Some(Segment {
-                ticks,
-                axes: self.generator.position().map(|to| AxisMotion {
-                    to,
-                    acceleration: 0.0,
-                }),
-                feed_mm_min: 0.0,
-                line: 0,
-                power: self.accessories.power_at_rest(),
-            });
+            return Some(self.standstill());
         }
         let goal = if executes { Goal::Run } else { Goal::Stop };
         let blocks = self.plan.len();
@@ -84,6 +73,23 @@ impl Motion {
         Some(segment)
     }
 
+    /// A piece of a dwell.
+    #[inline(never)]
+    fn standstill(&mut self) -> Segment {
+        let ticks = self.dwell_ticks.min(u64::from(SEGMENT_TICKS)) as u32;
+        self.dwell_ticks -= u64::from(ticks);
+        Segment {
+            ticks,
+            axes: self.generator.position().map(|to| AxisMotion {
+                to,
+                acceleration: 0.0,
+            }),
+            feed_mm_min: 0.0,
+            line: 0,
+            power: self.accessories.power_at_rest(),
+        }
+    }
+
     /// The machine is at rest: what it was stopped for.
     fn stop(&mut self) {
         if self.parking.is_moving() && self.control.ending == Ending::None {
@@ -99,22 +105,29 @@ impl Motion {
         }
     }
 
+    /// What ends, or begins, when the machine is at rest.
+    #[inline(never)]
+    fn come_to_rest(&mut self) {
+        if self.is_dwelling && self.dwell_ticks == 0 {
+            self.is_dwelling = false;
+            self.finished = self.finished.wrapping_add(1);
+        }
+        if let Some(alarm) = self.fault.take() {
+            self.alarm(alarm);
+        }
+        self.stop();
+        self.end_cycles();
+        if self.plan.is_empty() {
+            self.on(Event::Done);
+        }
+    }
+
     /// The state that follows from what has been played.
+    #[inline]
     pub(super) fn settle(&mut self, counts: &StepCounts) {
         let is_still = self.is_still(counts);
         if is_still {
-            if self.is_dwelling && self.dwell_ticks == 0 {
-                self.is_dwelling = false;
-                self.finished = self.finished.wrapping_add(1);
-            }
-            if let Some(alarm) = self.fault.take() {
-                self.alarm(alarm);
-            }
-            self.stop();
-            self.end_cycles();
-            if self.plan.is_empty() {
-                self.on(Event::Done);
-            }
+            self.come_to_rest();
         }
         let is_door_open = self.snapshot.inputs.has(Levels::DOOR);
         if is_still && core::mem::take(&mut self.looks_at_door) && is_door_open {
