@@ -128,6 +128,8 @@ pub struct Session {
     /// What the line in [`Stage::Entering`] asks for, and what follows.
     outcome: Outcome,
     after: Option<After>,
+    /// The entry made last: too large to be copied on its way to the queue.
+    entry: Entry,
     /// A message that still needs room.
     message: Text,
     cadence: Cadence,
@@ -178,6 +180,10 @@ impl Session {
             checked: Checked::default(),
             outcome: Outcome::default(),
             after: None,
+            entry: Entry {
+                epoch: 0,
+                work: Work::Pause,
+            },
             message: Text::new(),
             cadence: Cadence::default(),
             is_report_due: false,
@@ -434,10 +440,16 @@ impl Session {
         machine.is_at_rest && machine.finished == self.entered
     }
 
-    /// The caller has made sure of room; after standstill the queue is empty.
+    /// Sends work. The caller has made sure of room; after standstill the queue is empty.
     fn send_entry(&mut self, work: Work, entries: &mut Producer<'_, Entry>) {
-        let epoch = self.epoch.wrapping_add(self.cuts);
-        if entries.enqueue(Entry { epoch, work }).is_ok() {
+        self.entry.work = work;
+        self.send(entries);
+    }
+
+    /// Sends the entry that has been made.
+    fn send(&mut self, entries: &mut Producer<'_, Entry>) {
+        self.entry.epoch = self.epoch.wrapping_add(self.cuts);
+        if entries.enqueue(self.entry).is_ok() {
             self.entered = self.entered.wrapping_add(1);
         }
     }
