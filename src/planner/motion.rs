@@ -25,7 +25,7 @@ use crate::{
         Accessories, Alarm, Control, Ending, Homing, Inputs, Levels, Notices, Outputs, Overrides,
         Power, Probed, Snapshot, State,
     },
-    protocol::realtime::Requests,
+    protocol::realtime::{Awaited, Requests},
     settings::Settings,
     stepper::{EventWriter, Generator, StepCounts},
 };
@@ -229,7 +229,7 @@ impl Motion {
         Prepared {
             again: taken == work::ENTRIES_PER_RUN || changed && entries.ready() || goes_on,
             start,
-            news: taken != 0 || changed,
+            news: changed || taken != 0 && requests.awaits(Awaited::ENTRIES),
             wake_in_ms: self.wake_in_ms,
         }
     }

@@ -218,7 +218,9 @@ impl Router {
                 line,
             } => {
                 let moves = self.line(target, *pace, *line, work);
-                if let Work::Move(block) = work {
+                if let Work::Move(block) = work
+                    && moves
+                {
                     *work = Work::Probe(
                         Block {
                             pacing: Pacing::Fixed,

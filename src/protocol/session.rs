@@ -16,7 +16,7 @@ use heapless::spsc::{Consumer, Producer};
 
 use super::{
     line::Line,
-    realtime::Requests,
+    realtime::{Awaited, Requests},
     report::{self, Cadence, Feedback, Status},
     text::Text,
 };
@@ -257,6 +257,37 @@ impl Session {
         sent: &mut Producer<'_, u8>,
         entries: &mut Producer<'_, Entry>,
     ) -> Progress {
+        requests.heed(Awaited::ALL);
+        let progress = self.go_on(machine, requests, received, sent, entries);
+        requests.heed(match progress {
+            Progress::Again => Awaited::NONE,
+            Progress::Waiting => self.awaited(),
+        });
+        progress
+    }
+
+    /// What brings the session further, besides a change of the machine's state.
+    fn awaited(&self) -> Awaited {
+        let work = if self.stage == Stage::Reading {
+            Awaited::LINE
+        } else {
+            Awaited::ENTRIES
+        };
+        if self.is_report_due || !self.message.is_empty() {
+            work.and(Awaited::ROOM)
+        } else {
+            work
+        }
+    }
+
+    fn go_on(
+        &mut self,
+        machine: &Snapshot,
+        requests: &Requests,
+        received: &mut Consumer<'_, u8>,
+        sent: &mut Producer<'_, u8>,
+        entries: &mut Producer<'_, Entry>,
+    ) -> Progress {
         if self.change.is_some() {
             return Progress::Waiting;
         }
@@ -303,13 +334,17 @@ impl Session {
         received_free: usize,
         sent: &mut Producer<'_, u8>,
     ) -> Progress {
+        requests.heed(Awaited::ALL);
         self.is_report_due |= requests.take_status();
         self.look_at(machine);
         let is_next = self.is_welcome_told()
             && requests.epoch() == self.epoch
             && self.message.is_empty()
             && !self.has_notices(machine);
-        if self.is_report_due && is_next && self.send_status(machine, received_free, sent) {
+        let has_told =
+            self.is_report_due && is_next && self.send_status(machine, received_free, sent);
+        requests.heed(self.awaited());
+        if has_told {
             Progress::Again
         } else {
             Progress::Waiting
@@ -458,6 +493,9 @@ impl Session {
 /// Sends a message completely or, when there is no room for it, not at all.
 fn send(text: &Text, sent: &mut Producer<'_, u8>) -> bool {
     let bytes = text.as_bytes();
+    if bytes.is_empty() {
+        return true;
+    }
     if sent.capacity() - sent.len() < bytes.len() {
         return false;
     }
