@@ -128,8 +128,6 @@ pub struct Session {
     /// What the line in [`Stage::Entering`] asks for, and what follows.
     outcome: Outcome,
     after: Option<After>,
-    /// The entry made last: too large to be copied on its way to the queue.
-    entry: Entry,
     /// A message that still needs room.
     message: Text,
     cadence: Cadence,
@@ -180,10 +178,6 @@ impl Session {
             checked: Checked::default(),
             outcome: Outcome::default(),
             after: None,
-            entry: Entry {
-                epoch: 0,
-                work: Work::Pause,
-            },
             message: Text::new(),
             cadence: Cadence::default(),
             is_report_due: false,
@@ -477,14 +471,25 @@ impl Session {
 
     /// Sends work. The caller has made sure of room; after standstill the queue is empty.
     fn send_entry(&mut self, work: Work, entries: &mut Producer<'_, Entry>) {
-        self.entry.work = work;
-        self.send(entries);
+        let entry = Entry {
+            work,
+            ..self.entry()
+        };
+        self.send(entry, entries);
     }
 
-    /// Sends the entry that has been made.
-    fn send(&mut self, entries: &mut Producer<'_, Entry>) {
-        self.entry.epoch = self.epoch.wrapping_add(self.cuts);
-        if entries.enqueue(self.entry).is_ok() {
+    /// An entry still to be filled in.
+    fn entry(&self) -> Entry {
+        Entry {
+            epoch: self.epoch.wrapping_add(self.cuts),
+            work: Work::Pause,
+        }
+    }
+
+    /// Sends an entry. It is large: whoever makes it for each line makes it in place.
+    #[inline]
+    fn send(&mut self, entry: Entry, entries: &mut Producer<'_, Entry>) {
+        if entries.enqueue(entry).is_ok() {
             self.entered = self.entered.wrapping_add(1);
         }
     }

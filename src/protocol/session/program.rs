@@ -165,9 +165,10 @@ impl Session {
             if matches!(command, Command::Spindle { .. } | Command::Coolant(_)) {
                 self.cadence.overrides_changed();
             }
-            if self.router.work_into(command, &mut self.entry.work) {
+            let mut entry = self.entry();
+            if self.router.work_into(command, &mut entry.work) {
                 self.is_jogging |= self.source == Source::Jog;
-                self.send(entries);
+                self.send(entry, entries);
             } else if let Some(work) = self.instead(machine, next) {
                 self.is_jogging |= self.source == Source::Jog;
                 self.send_entry(work, entries);
