@@ -22,12 +22,12 @@ use super::{BLOCKS, Coolant, Entry, LookAhead, Spindle, executor::Executor, prob
 use crate::{
     axis::{AXES, Axes},
     machine::{
-        Accessories, Alarm, Control, Ending, Homing, Inputs, Levels, Notices, Outputs, Overrides,
-        Power, Probed, Snapshot, State,
+        Accessories, Alarm, Control, Ending, Homing, Inputs, Levels, Notices, Outputs, Power,
+        Probed, Snapshot, State,
     },
     protocol::realtime::{Awaited, Requests},
     settings::Settings,
-    stepper::{EventWriter, Generator, StepCounts},
+    stepper::{EventWriter, Generator, Segment, StepCounts},
 };
 
 /// What `prepare` asks of its shell after a run.
@@ -90,11 +90,13 @@ pub struct Motion {
     accessories: Accessories,
     outputs: Outputs,
     executor: Executor,
+    /// The segment being made.
+    segment: Segment,
     generator: Generator,
     notices: Notices,
     probe: Probe,
     probed: Probed,
-    snapshot: Snapshot,
+    inputs: Levels,
     homing: Homing,
     parking: Parking,
     plan: LookAhead,
@@ -107,6 +109,7 @@ impl Motion {
         Self {
             plan: LookAhead::new(),
             executor: Executor::new(),
+            segment: Segment::NONE,
             generator: Generator::new(),
             control: Control::IDLE,
             parking: Parking::new(),
@@ -126,7 +129,10 @@ impl Motion {
             homing: Homing::new(),
             is_homing: false,
             probe: Probe::new(),
-            probed: NEW.probed,
+            probed: Probed {
+                steps: Axes([0; AXES]),
+                success: false,
+            },
             wait: Wait::Nothing,
             wake_in_ms: None,
             releases_drivers: false,
@@ -136,7 +142,7 @@ impl Motion {
             rest: Some(0),
             newest: 0,
             notices: Notices::new(),
-            snapshot: NEW,
+            inputs: Levels::NONE,
             outputs: Outputs {
                 spindle: Spindle::Off,
                 duty: 0,
@@ -146,15 +152,20 @@ impl Motion {
         }
     }
 
-    /// Takes over the settings at power-up. The machine wakes up locked with homing enabled, or on
-    /// a limit switch with hard limits enabled.
-    pub fn power_up(&mut self, settings: &Settings, inputs: &Inputs) {
+    /// Takes over the settings at power-up, and tells the machine as it is then. It wakes up locked
+    /// with homing enabled, or on a limit switch with hard limits enabled.
+    pub fn power_up(&mut self, settings: &Settings, inputs: &Inputs) -> Snapshot {
         self.configure(settings, inputs);
         self.outputs.drivers = settings.idle_delay_ms == rest::ALWAYS_ON;
-        self.snapshot.inputs = inputs.active();
         if settings.homing || self.is_on_limit() {
             self.control.state = State::Alarm;
-            self.snapshot.state = State::Alarm;
+        }
+        Snapshot {
+            state: self.control.state,
+            inputs: self.inputs,
+            blocks_free: BLOCKS as u16,
+            is_at_rest: true,
+            ..Snapshot::default()
         }
     }
 
@@ -166,18 +177,12 @@ impl Motion {
         self.idle_delay_ms = settings.idle_delay_ms;
         self.hard_limits = settings.hard_limits;
         inputs.configure(settings);
-        self.snapshot.inputs = inputs.active();
+        self.inputs = inputs.active();
     }
 
     /// Whether a limit switch is active that stops the machine.
     fn is_on_limit(&self) -> bool {
-        self.hard_limits && self.snapshot.inputs.has(Levels::LIMITS)
-    }
-
-    /// The machine as it is after the last run.
-    #[must_use]
-    pub const fn snapshot(&self) -> &Snapshot {
-        &self.snapshot
+        self.hard_limits && self.inputs.has(Levels::LIMITS)
     }
 
     /// What is to be switched; the shell applies it after each run, before it starts the timer.
@@ -189,7 +194,7 @@ impl Motion {
         &self.outputs
     }
 
-    /// One run.
+    /// One run. The machine as it is afterwards replaces the `snapshot` of the run before.
     pub fn run(
         &mut self,
         requests: &Requests,
@@ -197,9 +202,10 @@ impl Motion {
         counts: &StepCounts,
         entries: &mut Consumer<'_, Entry>,
         events: &mut EventWriter<'_>,
+        snapshot: &mut Snapshot,
     ) -> Prepared {
         self.wake_in_ms = None;
-        self.snapshot.inputs = inputs.active();
+        self.inputs = inputs.active();
         if counts.take_starved() {
             self.fail();
         }
@@ -217,7 +223,7 @@ impl Motion {
         let was_dwelling = self.is_dwelling;
         self.settle(counts);
         self.guard(inputs);
-        let changed = self.publish(counts) || was_dwelling != self.is_dwelling;
+        let changed = self.publish(counts, snapshot) || was_dwelling != self.is_dwelling;
         let is_still = self.is_still(counts);
         let start = !counts.is_running() && !is_still;
         if start {
@@ -262,7 +268,7 @@ impl Motion {
     }
 
     /// Publishes the machine as it is; tells whether anything changed that a task waits for.
-    fn publish(&mut self, counts: &StepCounts) -> bool {
+    fn publish(&mut self, counts: &StepCounts, new: &mut Snapshot) -> bool {
         let is_at_rest = self.is_still(counts)
             && self.plan.is_empty()
             && !self.is_dwelling
@@ -284,7 +290,6 @@ impl Motion {
         self.outputs.duty = at_rest.duty;
         self.outputs.coolant = self.accessories.coolant();
         let (coolant_asked, coolant_toggles) = self.accessories.coolant_asked();
-        let new = &mut self.snapshot;
         // A finished block alone is no news: who waits for all of them waits for rest.
         let changed = new.state != self.control.state
             || new.is_at_rest != is_at_rest
@@ -294,6 +299,7 @@ impl Motion {
             || new.notices.count() != self.notices.count();
         new.state = self.control.state;
         new.steps = counts.position();
+        new.inputs = self.inputs;
         new.feed_mm_min = counts.feed_mm_min();
         new.spindle_rpm = power.rpm;
         new.spindle = self.accessories.direction(power);
@@ -321,31 +327,3 @@ impl Default for Motion {
         Self::new()
     }
 }
-
-/// The machine before anything has happened.
-const NEW: Snapshot = Snapshot {
-    state: State::Idle,
-    steps: Axes([0; AXES]),
-    feed_mm_min: 0.0,
-    spindle_rpm: 0.0,
-    spindle: Spindle::Off,
-    coolant: Coolant::OFF,
-    coolant_asked: Coolant::OFF,
-    coolant_toggles: 0,
-    overrides: Overrides::NONE,
-    inputs: Levels::NONE,
-    probed: Probed {
-        steps: Axes([0; AXES]),
-        success: false,
-    },
-    notices: Notices::new(),
-    line: 0,
-    blocks_free: BLOCKS as u16,
-    finished: 0,
-    is_at_rest: true,
-    epoch: 0,
-    cuts: 0,
-    reset_in_motion: false,
-    is_starved: false,
-    is_critical: false,
-};

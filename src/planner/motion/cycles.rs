@@ -5,7 +5,7 @@ use crate::{
     axis::AXES,
     machine::{Alarm, Event, Inputs, Levels, Notice, State},
     planner::{Block, Probing},
-    stepper::{EventWriter, Segment, StepCounts},
+    stepper::{EventWriter, StepCounts},
 };
 
 impl Motion {
@@ -27,9 +27,13 @@ impl Motion {
     }
 
     #[inline(never)]
-    pub(super) fn next_of_homing(&mut self, inputs: &Inputs) -> Option<Segment> {
+    pub(super) fn next_of_homing(&mut self, inputs: &Inputs) -> bool {
         let power = self.accessories.power_at_rest();
-        self.homing.next(inputs, &mut self.generator, power)
+        let segment = self.homing.next(inputs, &mut self.generator, power);
+        segment.is_some_and(|segment| {
+            self.segment = segment;
+            true
+        })
     }
 
     /// Ends a homing cycle before its time: the axes slow down.

@@ -31,9 +31,9 @@ impl Motion {
                 return;
             }
             let start = self.generator.clock_ticks();
-            if let Some(segment) = self.next_segment(inputs) {
+            if self.next_segment(inputs) {
                 self.rest = None;
-                self.generator.begin(&segment, counts);
+                self.generator.begin(&self.segment, counts);
             } else if self.rest.is_none() {
                 self.rest = Some(start);
                 let power = self.accessories.power_at_rest();
@@ -45,7 +45,8 @@ impl Motion {
         }
     }
 
-    fn next_segment(&mut self, inputs: &Inputs) -> Option<Segment> {
+    /// Makes the next segment, in [`Motion::segment`]; false when there is none.
+    fn next_segment(&mut self, inputs: &Inputs) -> bool {
         if self.homing.is_active() {
             return self.next_of_homing(inputs);
         }
@@ -54,12 +55,16 @@ impl Motion {
         }
         let executes = self.control.executes() && !self.probe.is_touched();
         if self.dwell_ticks != 0 && executes {
-            return Some(self.standstill());
+            self.stand_still();
+            return true;
         }
         let goal = if executes { Goal::Run } else { Goal::Stop };
         let blocks = self.plan.len();
         let position = self.generator.position();
-        let mut segment = self.executor.next(&mut self.plan, &position, goal)?;
+        let (plan, segment) = (&mut self.plan, &mut self.segment);
+        if !self.executor.next(plan, &position, goal, segment) {
+            return false;
+        }
         let done = if self.probe.is_active() {
             0
         } else {
@@ -68,17 +73,17 @@ impl Motion {
         self.finished = self.finished.wrapping_add(done as u32);
         let (laser, part) = self.executor.beam();
         self.accessories.begin(laser);
-        segment.power = self.accessories.power_in_motion(laser, part);
+        self.segment.power = self.accessories.power_in_motion(laser, part);
         self.need_drivers();
-        Some(segment)
+        true
     }
 
     /// A piece of a dwell.
     #[inline(never)]
-    fn standstill(&mut self) -> Segment {
+    fn stand_still(&mut self) {
         let ticks = self.dwell_ticks.min(u64::from(SEGMENT_TICKS)) as u32;
         self.dwell_ticks -= u64::from(ticks);
-        Segment {
+        self.segment = Segment {
             ticks,
             axes: self.generator.position().map(|to| AxisMotion {
                 to,
@@ -87,7 +92,7 @@ impl Motion {
             feed_mm_min: 0.0,
             line: 0,
             power: self.accessories.power_at_rest(),
-        }
+        };
     }
 
     /// The machine is at rest: what it was stopped for.
@@ -129,7 +134,7 @@ impl Motion {
         if is_still {
             self.come_to_rest();
         }
-        let is_door_open = self.snapshot.inputs.has(Levels::DOOR);
+        let is_door_open = self.inputs.has(Levels::DOOR);
         if is_still && core::mem::take(&mut self.looks_at_door) && is_door_open {
             self.open_door();
         }
