@@ -9,7 +9,7 @@ use crate::{
 };
 
 /// One entry of the queue from `interpret` to `prepare`.
-#[derive(Debug, Clone, Copy)]
+#[derive(Debug, Clone)]
 pub struct Entry {
     /// Resets and cuts after which it was made, `epoch` plus `cuts` of the snapshot: an older entry
     /// is dropped.
@@ -19,7 +19,10 @@ pub struct Entry {
 }
 
 /// What an entry asks for.
+///
+/// With a whole word for the variant: what follows is copied by words.
 #[derive(Debug, Clone, Copy)]
+#[repr(u32)]
 pub enum Work {
     /// A move along a line or an arc.
     Move(Block),

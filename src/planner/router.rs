@@ -194,45 +194,60 @@ impl Router {
     ///
     /// Targets must not be beyond [`Settings::farthest`].
     pub fn work(&mut self, command: &Command) -> Option<Work> {
+        let mut work = Work::Pause;
+        self.work_into(command, &mut work).then_some(work)
+    }
+
+    /// As [`Self::work`], but replaces what the caller keeps, which is too large to be copied for
+    /// every line; false for a move that makes no step.
+    ///
+    /// Targets must not be beyond [`Settings::farthest`].
+    pub fn work_into(&mut self, command: &Command, work: &mut Work) -> bool {
         match command {
-            Command::Line { target, pace, line } => self.line(*target, *pace, *line),
+            Command::Line { target, pace, line } => return self.line(target, *pace, *line, work),
             Command::Arc {
                 target,
                 circle,
                 pace,
                 line,
-            } => self.arc(*target, circle, *pace, *line),
+            } => return self.arc(target, circle, *pace, *line, work),
             Command::Probe {
                 target,
                 pace,
                 probing,
                 line,
-            } => match self.line(*target, *pace, *line)? {
-                Work::Move(block) => Some(Work::Probe(
-                    Block {
-                        pacing: Pacing::Fixed,
-                        ..block
-                    },
-                    *probing,
-                )),
-                work => Some(work),
-            },
+            } => {
+                let moves = self.line(target, *pace, *line, work);
+                if let Work::Move(block) = work
+                    && moves
+                {
+                    *work = Work::Probe(
+                        Block {
+                            pacing: Pacing::Fixed,
+                            ..*block
+                        },
+                        *probing,
+                    );
+                }
+                return moves;
+            }
             Command::Power(laser) => {
                 self.laser = *laser;
-                None
+                return false;
             }
-            Command::Dwell { milliseconds } => Some(Work::Dwell(*milliseconds)),
-            Command::Spindle { spindle, rpm } => Some(Work::Spindle(*spindle, *rpm)),
-            Command::Coolant(coolant) => Some(Work::Coolant(*coolant)),
-            Command::Pause => Some(Work::Pause),
+            Command::Dwell { milliseconds } => *work = Work::Dwell(*milliseconds),
+            Command::Spindle { spindle, rpm } => *work = Work::Spindle(*spindle, *rpm),
+            Command::Coolant(coolant) => *work = Work::Coolant(*coolant),
+            Command::Pause => *work = Work::Pause,
         }
+        true
     }
 
-    fn line(&mut self, target: Target, pace: Pace, line: u32) -> Option<Work> {
-        let end = self.place(&target);
+    fn line(&mut self, target: &Target, pace: Pace, line: u32, work: &mut Work) -> bool {
+        let end = self.place(target);
         if end.steps == self.steps {
             self.position = target.position;
-            return None;
+            return false;
         }
         let way = target
             .position
@@ -248,7 +263,7 @@ impl Router {
             Limits::together(&steps_per_mm),
         );
         let programmed_mm_s = pace_mm_s(pace, length_mm, rate);
-        let block = Block {
+        *work = Work::Move(Block {
             delta: end.fine.zip(self.fine, |to, from| to.0 - from.0),
             steps_per_mm,
             length_mm,
@@ -261,12 +276,19 @@ impl Router {
             junction_sqr: self.limits.junction_sqr(&self.tangent, &tangent),
             curve: None,
             line,
-        };
+        });
         self.finish(target.position, end, tangent);
-        Some(Work::Move(block))
+        true
     }
 
-    fn arc(&mut self, target: Target, circle: &Circle, pace: Pace, line: u32) -> Option<Work> {
+    fn arc(
+        &mut self,
+        target: &Target,
+        circle: &Circle,
+        pace: Pace,
+        line: u32,
+        work: &mut Work,
+    ) -> bool {
         let (first, second, _) = circle.plane.axes();
         let way = target.position.zip(self.position, |to, from| to - from);
         let behind = self.position.zip(self.sent, |to, from| to - from);
@@ -278,9 +300,9 @@ impl Router {
         let finest = self.limits.steps_per_mm[first].max(self.limits.steps_per_mm[second]);
         if arc.length_mm() as f32 * finest < 0.5 {
             // Shorter than half a step in its plane: what is left of it is a line.
-            return self.line(target, pace, line);
+            return self.line(target, pace, line, work);
         }
-        let end = self.place(&target);
+        let end = self.place(target);
         let linear = target
             .position
             .zip(self.sent, |to, from| (to - from).to_mm());
@@ -312,7 +334,7 @@ impl Router {
             .min(Limits::together(&steps_per_mm))
             .min(math::sqrt(limit_sqr));
         let programmed_mm_s = pace_mm_s(pace, length_mm, rate);
-        let block = Block {
+        *work = Work::Move(Block {
             delta: end.fine.zip(self.fine, |to, from| to.0 - from.0),
             steps_per_mm,
             length_mm,
@@ -325,9 +347,9 @@ impl Router {
             junction_sqr: self.limits.junction_sqr(&self.tangent, &start_tangent),
             curve: Some(self.curve(&arc, [first, second], limit_sqr, length_mm)),
             line,
-        };
+        });
         self.finish(target.position, end, end_tangent);
-        Some(Work::Move(block))
+        true
     }
 
     fn curve(&self, arc: &Arc, axes: [usize; 2], limit_sqr: f32, length_mm: f32) -> Curve {

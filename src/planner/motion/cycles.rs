@@ -5,7 +5,7 @@ use crate::{
     axis::AXES,
     machine::{Alarm, Event, Inputs, Levels, Notice, Power, State},
     planner::{Block, Probing},
-    stepper::{EventWriter, Segment, StepCounts},
+    stepper::{EventWriter, StepCounts},
 };
 
 impl Motion {
@@ -27,13 +27,18 @@ impl Motion {
     }
 
     /// The next segment of homing: a laser is dark, as nothing is to be burnt on that way.
-    pub(super) fn next_of_homing(&mut self, inputs: &Inputs) -> Option<Segment> {
+    #[inline(never)]
+    pub(super) fn next_of_homing(&mut self, inputs: &Inputs) -> bool {
         let power = if self.accessories.is_laser() {
             Power::OFF
         } else {
             self.accessories.power_at_rest()
         };
-        self.homing.next(inputs, &mut self.generator, power)
+        let segment = self.homing.next(inputs, &mut self.generator, power);
+        segment.is_some_and(|segment| {
+            self.segment = segment;
+            true
+        })
     }
 
     /// Ends a homing cycle before its time: the axes slow down.
@@ -58,12 +63,23 @@ impl Motion {
     }
 
     /// Looks at what the input interrupt has seen, before anything is generated.
+    #[inline]
     pub(super) fn watch(&mut self, inputs: &Inputs, counts: &StepCounts, events: &EventWriter<'_>) {
+        if self.probe.is_active() || self.homing.is_active() {
+            self.watch_cycle(inputs, counts, events);
+        } else {
+            inputs.disarm_probe();
+        }
+    }
+
+    #[inline(never)]
+    fn watch_cycle(&mut self, inputs: &Inputs, counts: &StepCounts, events: &EventWriter<'_>) {
         self.probe.watch(inputs, counts, events);
         self.homing.watch(inputs, counts, &self.generator, events);
     }
 
     /// Ends cycles that are over. The machine is at rest.
+    #[inline(never)]
     pub(super) fn end_cycles(&mut self) {
         if self.is_homing && !self.homing.is_active() {
             self.is_homing = false;
@@ -111,6 +127,8 @@ impl Motion {
 
     /// A limit switch has stopped the step interrupt: everything is void, and the position is where
     /// the steps ended.
+    #[cold]
+    #[inline(never)]
     pub(super) fn cut(&mut self, counts: &StepCounts, events: &mut EventWriter<'_>) {
         self.generator.cut_off(counts, events);
         self.homing.abandon();

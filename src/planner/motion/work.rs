@@ -42,6 +42,7 @@ impl Motion {
     }
 
     /// Begins the work if it can begin now.
+    #[inline]
     fn accept(&mut self, work: &Work, inputs: &Inputs, counts: &StepCounts) -> bool {
         if let Work::Move(block) = work {
             let is_ending = self.control.ending != Ending::None;
@@ -52,6 +53,12 @@ impl Motion {
             }
             return has_room;
         }
+        self.begin(work, inputs, counts)
+    }
+
+    /// Begins work other than a move.
+    #[inline(never)]
+    fn begin(&mut self, work: &Work, inputs: &Inputs, counts: &StepCounts) -> bool {
         if let Work::Fault(alarm) = work {
             // Not one more block than is needed to stop.
             self.fault = Some(*alarm);
