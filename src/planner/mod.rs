@@ -1,5 +1,6 @@
 //! From commands to planned blocks: geometry, junctions, look-ahead, speed profile.
 
+mod arc;
 mod block;
 mod command;
 mod executor;
