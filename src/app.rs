@@ -17,8 +17,8 @@
 //! never touch a waker, which is a pointer to a function; they pend `wake`, which does.
 //!
 //! Tasks only move values between queues, peripherals and the state machines of the library. What
-//! flows goes through queues with one writer and one reader; the snapshot alone is locked, for the
-//! time of a copy.
+//! flows goes through queues with one writer and one reader; the snapshot alone is locked: what
+//! `prepare` waits for is the time of a copy.
 
 #[rtic::app(device = crate::board::pac, peripherals = true, dispatchers = [I2C2_EV])]
 mod app {
@@ -86,10 +86,11 @@ mod app {
         interpret::spawn().expect("it has not been spawned before");
         report::spawn().expect("it has not been spawned before");
         let (pins, inputs) = board.inputs.watch(events_in.tap());
-        motion.power_up(&board.loaded.stored.settings, &inputs);
+        let snapshot = motion.power_up(&board.loaded.stored.settings, &inputs);
+        rtic::pend(PREPARE);
         let session = Session::new(&board.loaded.stored, board.loaded.is_first_boot);
         let shared = Shared {
-            snapshot: *motion.snapshot(),
+            snapshot,
             dialogue: (session, received_out, sent_in),
             interpret_waker: None,
             report_waker: None,
@@ -171,16 +172,13 @@ mod app {
         let (motion, entries) = (cx.local.motion, cx.local.entries_out);
         let (events, counts) = (cx.local.events_in, cx.shared.counts);
         cx.local.after.begin(cx.shared.requests);
-        let prepared = motion.run(
-            cx.shared.requests,
-            cx.shared.inputs,
-            counts,
-            entries,
-            events,
-        );
+        let (requests, inputs) = (cx.shared.requests, cx.shared.inputs);
+        // Of those who use it, this task has the highest priority: nobody waits for the lock.
+        let prepared = cx
+            .shared
+            .snapshot
+            .lock(|snapshot| motion.run(requests, inputs, counts, entries, events, snapshot));
         cx.local.after.follow(prepared, motion.outputs(), counts);
-        let snapshot = motion.snapshot();
-        cx.shared.snapshot.lock(|shared| shared.take_over(snapshot));
     }
 
     /// Wakes the endless tasks.
@@ -208,8 +206,9 @@ mod app {
             let progress = cx.shared.dialogue.lock(|(session, received, sent)| {
                 let entered = session.entered();
                 let progress = session.run(&snapshot, requests, received, sent, entries);
-                // The length of the queue would not do: `prepare` may take entries meanwhile.
-                if session.takes_release() | (session.entered() != entered) {
+                let new = session.entered().wrapping_sub(entered) as usize;
+                // While an older entry waits, `prepare` looks again by itself.
+                if session.takes_release() | (new != 0 && entries.len() <= new) {
                     rtic::pend(PREPARE);
                 }
                 let progress = storage.serve(session).unwrap_or(progress);

@@ -108,7 +108,8 @@ fn a_report_comes_within_5_ms_in_every_state_of_a_program() {
     let mut machine = Machine::new(&["110=6000", "120=100"]);
     machine.asks("Idle");
     // More moves than the look-ahead and the queues hold, and bytes behind them.
-    let lines: String = (1..=160).map(|k| format!("G1X{k}F600\n")).collect();
+    let lines = (1..=160).map(|k| format!("G1X{k}F600\n"));
+    let lines = lines.collect::<Vec<_>>().concat();
     let many = lines.len();
     for (sent, byte) in lines.bytes().enumerate() {
         if machine.simulator.received_free() < 2 {

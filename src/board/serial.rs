@@ -4,7 +4,7 @@ use core::sync::atomic::{AtomicU8, AtomicUsize, Ordering::Relaxed};
 
 use heapless::spsc::{Consumer, Producer};
 use leadscrew::{
-    protocol::realtime::{self, Release, Requests},
+    protocol::realtime::{self, Awaited, Release, Requests},
     sim::SENT_RING,
 };
 
@@ -55,7 +55,8 @@ impl SerialPort {
         } else if self.can_send() {
             let byte = sent.dequeue();
             self.send(byte);
-            if byte.is_some() && matches!(sent.len(), 0 | SENT_HALF) {
+            let is_room = byte.is_some() && matches!(sent.len(), 0 | SENT_HALF);
+            if is_room && requests.awaits(Awaited::ROOM) {
                 rtic::pend(WAKE);
             }
         }

@@ -232,20 +232,34 @@ impl Interpreter {
     /// stores none.
     #[must_use]
     pub fn origins_after(&self, checked: &Checked) -> Option<Origins> {
+        let stores = match checked.action {
+            Action::None
+            | Action::Dwell(_)
+            | Action::GoTo(_)
+            | Action::SetOffset
+            | Action::ClearOffset => false,
+            Action::SetOrigin(_) | Action::Store(_) => true,
+        };
+        stores.then(|| self.new_origins(checked))
+    }
+
+    /// Apart from the question whether there are any: a line that stores nothing copies nothing.
+    #[inline(never)]
+    fn new_origins(&self, checked: &Checked) -> Origins {
         let mut origins = self.offsets.origins;
         match checked.action {
             Action::None
             | Action::Dwell(_)
             | Action::GoTo(_)
             | Action::SetOffset
-            | Action::ClearOffset => return None,
+            | Action::ClearOffset => {}
             Action::SetOrigin(system) => {
                 origins.coordinates[system.index()] = checked.values;
             }
             Action::Store(Reference::G28) => origins.g28 = self.position,
             Action::Store(Reference::G30) => origins.g30 = self.position,
         }
-        Some(origins)
+        origins
     }
 
     /// Carries out a line that was checked against the present state.

@@ -9,7 +9,7 @@ use crate::{
 };
 
 /// One entry of the queue from `interpret` to `prepare`.
-#[derive(Debug, Clone, Copy)]
+#[derive(Debug, Clone)]
 pub struct Entry {
     /// Resets and cuts after which it was made, `epoch` plus `cuts` of the snapshot: an older entry
     /// is dropped.
@@ -19,7 +19,10 @@ pub struct Entry {
 }
 
 /// What an entry asks for.
+///
+/// With a whole word for the variant: what follows is copied by words.
 #[derive(Debug, Clone, Copy)]
+#[repr(u32)]
 pub enum Work {
     /// A move along a line or an arc.
     Move(Block),
@@ -115,7 +118,7 @@ pub struct Block {
 }
 
 /// Slowest speed along the path, mm/s: 1 mm/min, as in Grbl.
-pub(super) const MIN_SPEED_MM_S: f32 = 1.0 / 60.0;
+pub(crate) const MIN_SPEED_MM_S: f32 = 1.0 / 60.0;
 
 impl Block {
     /// Speed along the path under overrides, within every axis limit, mm/s.

@@ -116,7 +116,8 @@ impl Executor {
         self.is_over = false;
     }
 
-    /// The next segment, from `position`; `None` at the end of the plan or, when stopping, at rest.
+    /// The next segment, from `position`, is put into `segment`; false at the end of the plan or,
+    /// when stopping, at rest.
     ///
     /// Removes a block from the plan with its last segment.
     pub(super) fn next<const N: usize>(
@@ -124,14 +125,15 @@ impl Executor {
         plan: &mut Plan<N>,
         position: &Axes<FineSteps>,
         goal: Goal,
-    ) -> Option<Segment> {
+        segment: &mut Segment,
+    ) -> bool {
         if goal == Goal::Stop && self.speed_mm_s <= 0.0 {
-            return None;
+            return false;
         }
         let exit_sqr = plan.exit_sqr();
         let Some(block) = plan.current() else {
             self.speed_mm_s = 0.0;
-            return None;
+            return false;
         };
         if !self.is_begun {
             self.begin(block, position);
@@ -144,7 +146,7 @@ impl Executor {
         if let Some(curve) = &block.curve {
             stretch = self.cut_at_reversal(curve, stretch);
         }
-        let segment = self.segment(block, &stretch);
+        self.segment(block, &stretch, segment);
         self.laser = block.laser;
         self.part = 0.5 * (self.speed_mm_s + stretch.speed_mm_s) / block.programmed_mm_s;
         self.speed_mm_s = stretch.speed_mm_s;
@@ -152,7 +154,7 @@ impl Executor {
             plan.pop();
             self.is_begun = false;
         }
-        Some(segment)
+        true
     }
 
     fn begin(&mut self, block: &Block, position: &Axes<FineSteps>) {
@@ -278,7 +280,7 @@ impl Executor {
     }
 
     /// The motion of the axes over a stretch.
-    fn segment(&mut self, block: &Block, stretch: &Stretch) -> Segment {
+    fn segment(&mut self, block: &Block, stretch: &Stretch, segment: &mut Segment) {
         let ticks = ((stretch.seconds * TICKS_PER_S + 0.5) as u32).max(1);
         if stretch.ends_block {
             self.left = 0;
@@ -297,13 +299,13 @@ impl Executor {
             acceleration: (speeds[axis] - self.axis_speed[axis]) * rate,
         });
         self.axis_speed = speeds;
-        Segment {
+        *segment = Segment {
             ticks,
             axes,
             feed_mm_min: stretch.speed_mm_s * 60.0,
             line: block.line,
             power: Power::OFF,
-        }
+        };
     }
 }
 

@@ -114,13 +114,16 @@ impl Planned {
 pub type LookAhead = Plan<BLOCKS>;
 
 /// The blocks to be executed, oldest first. `N` is a power of two.
+///
+/// In this order in memory, so that the small fields are near.
 #[derive(Debug)]
+#[repr(C)]
 pub struct Plan<const N: usize> {
-    ring: [Planned; N],
     /// Place of the oldest.
     first: usize,
     count: usize,
     overrides: Overrides,
+    ring: [Planned; N],
 }
 
 impl<const N: usize> Plan<N> {

@@ -22,12 +22,12 @@ use super::{BLOCKS, Coolant, Entry, LookAhead, Spindle, executor::Executor, prob
 use crate::{
     axis::{AXES, Axes},
     machine::{
-        Accessories, Alarm, Control, Ending, Homing, Inputs, Levels, Notices, Outputs, Overrides,
-        Power, Probed, Snapshot, State,
+        Accessories, Alarm, Control, Ending, Homing, Inputs, Levels, Notices, Outputs, Power,
+        Probed, Snapshot, State,
     },
-    protocol::realtime::Requests,
+    protocol::realtime::{Awaited, Requests},
     settings::Settings,
-    stepper::{EventWriter, Generator, StepCounts},
+    stepper::{EventWriter, Generator, Segment, StepCounts},
 };
 
 /// What `prepare` asks of its shell after a run.
@@ -45,18 +45,27 @@ pub struct Prepared {
 }
 
 /// Everything between the entries and the events.
+///
+/// In this order in memory: what each run looks at is near its beginning, where one instruction
+/// reaches it; the plan, which is large, comes last.
 #[derive(Debug)]
+#[repr(C)]
 pub struct Motion {
-    plan: LookAhead,
-    executor: Executor,
-    generator: Generator,
     control: Control,
-    parking: Parking,
-    accessories: Accessories,
     /// The newest reset acted on.
     epoch: u32,
+    /// The requests acted on, by their count.
+    heard: u32,
     /// Motions ended before their target, wrapping.
     cuts: u32,
+    finished: u32,
+    /// The standstill segment has been put, and begins then on the generator's clock.
+    rest: Option<u32>,
+    /// When the newest segment begins on the generator's clock.
+    newest: u32,
+    /// Standstill still to come, ticks.
+    dwell_ticks: u64,
+    is_dwelling: bool,
     reset_in_motion: bool,
     /// The step interrupt ran out of events in motion: nothing is executed before the next reset.
     is_starved: bool,
@@ -68,15 +77,9 @@ pub struct Motion {
     fault: Option<Alarm>,
     /// Waiting for cycle start after `M0`.
     is_paused: bool,
-    /// Standstill still to come, ticks.
-    dwell_ticks: u64,
-    is_dwelling: bool,
-    restoring: Restoring,
-    homing: Homing,
     /// A homing cycle has been asked for, and is not finished.
     is_homing: bool,
-    probe: Probe,
-    probed: Probed,
+    restoring: Restoring,
     /// What the shell's timer has been asked for, and the time to be asked for.
     wait: Wait,
     wake_in_ms: Option<u16>,
@@ -84,14 +87,19 @@ pub struct Motion {
     releases_drivers: bool,
     idle_delay_ms: u8,
     hard_limits: bool,
-    finished: u32,
-    /// The standstill segment has been put, and begins then on the generator's clock.
-    rest: Option<u32>,
-    /// When the newest segment begins on the generator's clock.
-    newest: u32,
-    notices: Notices,
-    snapshot: Snapshot,
+    accessories: Accessories,
     outputs: Outputs,
+    executor: Executor,
+    /// The segment being made.
+    segment: Segment,
+    generator: Generator,
+    notices: Notices,
+    probe: Probe,
+    probed: Probed,
+    inputs: Levels,
+    homing: Homing,
+    parking: Parking,
+    plan: LookAhead,
 }
 
 impl Motion {
@@ -101,11 +109,13 @@ impl Motion {
         Self {
             plan: LookAhead::new(),
             executor: Executor::new(),
+            segment: Segment::NONE,
             generator: Generator::new(),
             control: Control::IDLE,
             parking: Parking::new(),
             accessories: Accessories::new(),
             epoch: 0,
+            heard: 0,
             cuts: 0,
             reset_in_motion: false,
             is_starved: false,
@@ -119,7 +129,10 @@ impl Motion {
             homing: Homing::new(),
             is_homing: false,
             probe: Probe::new(),
-            probed: NEW.probed,
+            probed: Probed {
+                steps: Axes([0; AXES]),
+                success: false,
+            },
             wait: Wait::Nothing,
             wake_in_ms: None,
             releases_drivers: false,
@@ -129,7 +142,7 @@ impl Motion {
             rest: Some(0),
             newest: 0,
             notices: Notices::new(),
-            snapshot: NEW,
+            inputs: Levels::NONE,
             outputs: Outputs {
                 spindle: Spindle::Off,
                 duty: 0,
@@ -139,17 +152,23 @@ impl Motion {
         }
     }
 
-    /// Takes over the settings at power-up. The machine wakes up locked with homing enabled, or on
-    /// a limit switch with hard limits enabled.
-    pub fn power_up(&mut self, settings: &Settings, inputs: &Inputs) {
+    /// Takes over the settings at power-up, and tells the machine as it is then. It wakes up locked
+    /// with homing enabled, or on a limit switch with hard limits enabled.
+    ///
+    /// The first run must follow: it looks at the door and arms the limit switches.
+    pub fn power_up(&mut self, settings: &Settings, inputs: &Inputs) -> Snapshot {
         self.configure(settings, inputs);
         self.outputs.drivers = settings.idle_delay_ms == rest::ALWAYS_ON;
-        self.snapshot.inputs = inputs.active();
         if settings.homing || self.is_on_limit() {
             self.control.state = State::Alarm;
-            self.snapshot.state = State::Alarm;
         }
-        self.guard(inputs);
+        Snapshot {
+            state: self.control.state,
+            inputs: self.inputs,
+            blocks_free: BLOCKS as u16,
+            is_at_rest: true,
+            ..Snapshot::default()
+        }
     }
 
     fn configure(&mut self, settings: &Settings, inputs: &Inputs) {
@@ -160,18 +179,12 @@ impl Motion {
         self.idle_delay_ms = settings.idle_delay_ms;
         self.hard_limits = settings.hard_limits;
         inputs.configure(settings);
-        self.snapshot.inputs = inputs.active();
+        self.inputs = inputs.active();
     }
 
     /// Whether a limit switch is active that stops the machine.
     fn is_on_limit(&self) -> bool {
-        self.hard_limits && self.snapshot.inputs.has(Levels::LIMITS)
-    }
-
-    /// The machine as it is after the last run.
-    #[must_use]
-    pub const fn snapshot(&self) -> &Snapshot {
-        &self.snapshot
+        self.hard_limits && self.inputs.has(Levels::LIMITS)
     }
 
     /// What is to be switched; the shell applies it after each run, before it starts the timer.
@@ -183,7 +196,7 @@ impl Motion {
         &self.outputs
     }
 
-    /// One run.
+    /// One run. The machine as it is afterwards replaces the `snapshot` of the run before.
     pub fn run(
         &mut self,
         requests: &Requests,
@@ -191,9 +204,10 @@ impl Motion {
         counts: &StepCounts,
         entries: &mut Consumer<'_, Entry>,
         events: &mut EventWriter<'_>,
+        snapshot: &mut Snapshot,
     ) -> Prepared {
         self.wake_in_ms = None;
-        self.snapshot.inputs = inputs.active();
+        self.inputs = inputs.active();
         if counts.take_starved() {
             self.fail();
         }
@@ -210,8 +224,8 @@ impl Motion {
         self.generate(inputs, counts, events);
         let was_dwelling = self.is_dwelling;
         self.settle(counts);
-        self.guard(inputs);
-        let changed = self.publish(counts) || was_dwelling != self.is_dwelling;
+        self.guard(inputs, counts);
+        let changed = self.publish(counts, snapshot) || was_dwelling != self.is_dwelling;
         let is_still = self.is_still(counts);
         let start = !counts.is_running() && !is_still;
         if start {
@@ -223,7 +237,7 @@ impl Motion {
         Prepared {
             again: taken == work::ENTRIES_PER_RUN || changed && entries.ready() || goes_on,
             start,
-            news: taken != 0 || changed,
+            news: changed || taken != 0 && requests.awaits(Awaited::ENTRIES),
             wake_in_ms: self.wake_in_ms,
         }
     }
@@ -256,7 +270,7 @@ impl Motion {
     }
 
     /// Publishes the machine as it is; tells whether anything changed that a task waits for.
-    fn publish(&mut self, counts: &StepCounts) -> bool {
+    fn publish(&mut self, counts: &StepCounts, new: &mut Snapshot) -> bool {
         let is_at_rest = self.is_still(counts)
             && self.plan.is_empty()
             && !self.is_dwelling
@@ -278,7 +292,6 @@ impl Motion {
         self.outputs.duty = at_rest.duty;
         self.outputs.coolant = self.accessories.coolant();
         let (coolant_asked, coolant_toggles) = self.accessories.coolant_asked();
-        let new = &mut self.snapshot;
         // A finished block alone is no news: who waits for all of them waits for rest.
         let changed = new.state != self.control.state
             || new.is_at_rest != is_at_rest
@@ -288,6 +301,7 @@ impl Motion {
             || new.notices.count() != self.notices.count();
         new.state = self.control.state;
         new.steps = counts.position();
+        new.inputs = self.inputs;
         new.feed_mm_min = counts.feed_mm_min();
         new.spindle_rpm = power.rpm;
         new.spindle = self.accessories.direction(power);
@@ -315,31 +329,3 @@ impl Default for Motion {
         Self::new()
     }
 }
-
-/// The machine before anything has happened.
-const NEW: Snapshot = Snapshot {
-    state: State::Idle,
-    steps: Axes([0; AXES]),
-    feed_mm_min: 0.0,
-    spindle_rpm: 0.0,
-    spindle: Spindle::Off,
-    coolant: Coolant::OFF,
-    coolant_asked: Coolant::OFF,
-    coolant_toggles: 0,
-    overrides: Overrides::NONE,
-    inputs: Levels::NONE,
-    probed: Probed {
-        steps: Axes([0; AXES]),
-        success: false,
-    },
-    notices: Notices::new(),
-    line: 0,
-    blocks_free: BLOCKS as u16,
-    finished: 0,
-    is_at_rest: true,
-    epoch: 0,
-    cuts: 0,
-    reset_in_motion: false,
-    is_starved: false,
-    is_critical: false,
-};

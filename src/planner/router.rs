@@ -5,7 +5,8 @@
 //! at the speed at which a circle that leaves it by the junction deviation would be.
 
 use super::{
-    Block, Circle, Command, Curve, Laser, Pace, Pacing, Rotation, Target, Work,
+    Block, Circle, Command, Curve, Laser, Pace, Pacing, Target, Work,
+    arc::{Arc, PHASE_PER_RAD},
     block::MIN_SPEED_MM_S,
 };
 use crate::{
@@ -194,45 +195,60 @@ impl Router {
     ///
     /// Targets must not be beyond [`Settings::farthest`].
     pub fn work(&mut self, command: &Command) -> Option<Work> {
+        let mut work = Work::Pause;
+        self.work_into(command, &mut work).then_some(work)
+    }
+
+    /// As [`Self::work`], but replaces what the caller keeps, which is too large to be copied for
+    /// every line; false for a move that makes no step.
+    ///
+    /// Targets must not be beyond [`Settings::farthest`].
+    pub fn work_into(&mut self, command: &Command, work: &mut Work) -> bool {
         match command {
-            Command::Line { target, pace, line } => self.line(*target, *pace, *line),
+            Command::Line { target, pace, line } => return self.line(target, *pace, *line, work),
             Command::Arc {
                 target,
                 circle,
                 pace,
                 line,
-            } => self.arc(*target, circle, *pace, *line),
+            } => return self.arc(target, circle, *pace, *line, work),
             Command::Probe {
                 target,
                 pace,
                 probing,
                 line,
-            } => match self.line(*target, *pace, *line)? {
-                Work::Move(block) => Some(Work::Probe(
-                    Block {
-                        pacing: Pacing::Fixed,
-                        ..block
-                    },
-                    *probing,
-                )),
-                work => Some(work),
-            },
+            } => {
+                let moves = self.line(target, *pace, *line, work);
+                if let Work::Move(block) = work
+                    && moves
+                {
+                    *work = Work::Probe(
+                        Block {
+                            pacing: Pacing::Fixed,
+                            ..*block
+                        },
+                        *probing,
+                    );
+                }
+                return moves;
+            }
             Command::Power(laser) => {
                 self.laser = *laser;
-                None
+                return false;
             }
-            Command::Dwell { milliseconds } => Some(Work::Dwell(*milliseconds)),
-            Command::Spindle { spindle, rpm } => Some(Work::Spindle(*spindle, *rpm)),
-            Command::Coolant(coolant) => Some(Work::Coolant(*coolant)),
-            Command::Pause => Some(Work::Pause),
+            Command::Dwell { milliseconds } => *work = Work::Dwell(*milliseconds),
+            Command::Spindle { spindle, rpm } => *work = Work::Spindle(*spindle, *rpm),
+            Command::Coolant(coolant) => *work = Work::Coolant(*coolant),
+            Command::Pause => *work = Work::Pause,
         }
+        true
     }
 
-    fn line(&mut self, target: Target, pace: Pace, line: u32) -> Option<Work> {
-        let end = self.place(&target);
+    fn line(&mut self, target: &Target, pace: Pace, line: u32, work: &mut Work) -> bool {
+        let end = self.place(target);
         if end.steps == self.steps {
             self.position = target.position;
-            return None;
+            return false;
         }
         let way = target
             .position
@@ -248,7 +264,7 @@ impl Router {
             Limits::together(&steps_per_mm),
         );
         let programmed_mm_s = pace_mm_s(pace, length_mm, rate);
-        let block = Block {
+        *work = Work::Move(Block {
             delta: end.fine.zip(self.fine, |to, from| to.0 - from.0),
             steps_per_mm,
             length_mm,
@@ -261,12 +277,19 @@ impl Router {
             junction_sqr: self.limits.junction_sqr(&self.tangent, &tangent),
             curve: None,
             line,
-        };
+        });
         self.finish(target.position, end, tangent);
-        Some(Work::Move(block))
+        true
     }
 
-    fn arc(&mut self, target: Target, circle: &Circle, pace: Pace, line: u32) -> Option<Work> {
+    fn arc(
+        &mut self,
+        target: &Target,
+        circle: &Circle,
+        pace: Pace,
+        line: u32,
+        work: &mut Work,
+    ) -> bool {
         let (first, second, _) = circle.plane.axes();
         let way = target.position.zip(self.position, |to, from| to - from);
         let behind = self.position.zip(self.sent, |to, from| to - from);
@@ -278,9 +301,9 @@ impl Router {
         let finest = self.limits.steps_per_mm[first].max(self.limits.steps_per_mm[second]);
         if arc.length_mm() as f32 * finest < 0.5 {
             // Shorter than half a step in its plane: what is left of it is a line.
-            return self.line(target, pace, line);
+            return self.line(target, pace, line, work);
         }
-        let end = self.place(&target);
+        let end = self.place(target);
         let linear = target
             .position
             .zip(self.sent, |to, from| (to - from).to_mm());
@@ -312,7 +335,7 @@ impl Router {
             .min(Limits::together(&steps_per_mm))
             .min(math::sqrt(limit_sqr));
         let programmed_mm_s = pace_mm_s(pace, length_mm, rate);
-        let block = Block {
+        *work = Work::Move(Block {
             delta: end.fine.zip(self.fine, |to, from| to.0 - from.0),
             steps_per_mm,
             length_mm,
@@ -325,9 +348,9 @@ impl Router {
             junction_sqr: self.limits.junction_sqr(&self.tangent, &start_tangent),
             curve: Some(self.curve(&arc, [first, second], limit_sqr, length_mm)),
             line,
-        };
+        });
         self.finish(target.position, end, end_tangent);
-        Some(Work::Move(block))
+        true
     }
 
     fn curve(&self, arc: &Arc, axes: [usize; 2], limit_sqr: f32, length_mm: f32) -> Curve {
@@ -377,78 +400,6 @@ impl Router {
 struct End {
     steps: Axes<Steps>,
     fine: Axes<FineSteps>,
-}
-
-/// 2³² phases to the turn.
-const PHASE_PER_RAD: f64 = 4_294_967_296.0 / core::f64::consts::TAU;
-
-/// An arc in its plane, in double precision.
-struct Arc {
-    /// Radius at the start and at the end, mm.
-    radius: [f64; 2],
-    /// Angle of the start seen from the centre, rad.
-    start: f64,
-    /// Angle travelled, rad, positive counter-clockwise.
-    sweep: f64,
-}
-
-impl Arc {
-    fn new(circle: &Circle, way_first: Nm, way_second: Nm) -> Self {
-        let [x0, y0] = circle.centre.map(|centre| -centre.to_mm_f64());
-        let x1 = (way_first - circle.centre[0]).to_mm_f64();
-        let y1 = (way_second - circle.centre[1]).to_mm_f64();
-        let is_closed = way_first == Nm(0) && way_second == Nm(0);
-        let travel = if is_closed {
-            0.0
-        } else {
-            libm::atan2(x0 * y1 - y0 * x1, x0 * x1 + y0 * y1)
-        };
-        let turns = core::f64::consts::TAU * f64::from(circle.turns.saturating_sub(1));
-        let sweep = match circle.rotation {
-            Rotation::CounterClockwise if travel > 0.0 => travel + turns,
-            Rotation::CounterClockwise => travel + core::f64::consts::TAU + turns,
-            Rotation::Clockwise if travel < 0.0 => travel - turns,
-            Rotation::Clockwise => travel - core::f64::consts::TAU - turns,
-        };
-        Self {
-            radius: [libm::hypot(x0, y0), libm::hypot(x1, y1)],
-            start: libm::atan2(y0, x0),
-            sweep,
-        }
-    }
-
-    /// The same arc from a start that lies behind its own by a way shorter than a step.
-    fn begun_at(self, circle: &Circle, behind_first: Nm, behind_second: Nm) -> Self {
-        if behind_first == Nm(0) && behind_second == Nm(0) {
-            return self;
-        }
-        let [x0, y0] = circle.centre.map(|centre| -centre.to_mm_f64());
-        let (x, y) = (
-            x0 - behind_first.to_mm_f64(),
-            y0 - behind_second.to_mm_f64(),
-        );
-        Self {
-            radius: [libm::hypot(x, y), self.radius[1]],
-            start: libm::atan2(y, x),
-            sweep: self.sweep + libm::atan2(x * y0 - y * x0, x * x0 + y * y0),
-        }
-    }
-
-    /// Length of the path, mm: to the square of the difference of the radii, which is tiny.
-    fn length_mm(&self) -> f64 {
-        libm::fabs(self.sweep) * 0.5 * (self.radius[0] + self.radius[1])
-    }
-
-    /// Unit tangent at the start (0) or the end (1).
-    fn tangent(&self, end: u8) -> [f64; 2] {
-        let angle = self.start + self.sweep * f64::from(end);
-        let (sine, cosine) = (libm::sin(angle), libm::cos(angle));
-        if self.sweep > 0.0 {
-            [-sine, cosine]
-        } else {
-            [sine, -cosine]
-        }
-    }
 }
 
 /// Length of a way: over the linear axes, or over the rotary ones when only they move, or so much

@@ -4,8 +4,6 @@
 //! sender gets one answer for each; what is dropped does not count towards its length. Read with
 //! Grbl 1.1 `protocol.c`, whose rules these are except for the length.
 
-use heapless::Vec;
-
 /// Bytes of the longest line after comments and blanks have been dropped.
 pub const LINE_BYTES: usize = 256;
 
@@ -24,10 +22,27 @@ enum Place {
     Semicolon,
 }
 
+/// What a byte of code becomes; 0 for those that are dropped or mean something else.
+const CODE: [u8; 256] = {
+    let mut code = [0; 256];
+    let mut byte = b' ' + 1;
+    while byte < u8::MAX {
+        code[byte as usize] = match byte {
+            b'(' | b';' | b'/' => 0,
+            _ => byte.to_ascii_uppercase(),
+        };
+        byte += 1;
+    }
+    code[u8::MAX as usize] = u8::MAX;
+    code
+};
+
 /// The line in the making.
-#[derive(Debug, Clone, Default)]
+#[derive(Debug, Clone)]
 pub struct Line {
-    bytes: Vec<u8, LINE_BYTES>,
+    bytes: [u8; LINE_BYTES],
+    /// Bytes of it so far.
+    length: usize,
     place: Place,
     is_too_long: bool,
 }
@@ -37,7 +52,8 @@ impl Line {
     #[must_use]
     pub const fn new() -> Self {
         Self {
-            bytes: Vec::new(),
+            bytes: [0; LINE_BYTES],
+            length: 0,
             place: Place::Code,
             is_too_long: false,
         }
@@ -45,17 +61,31 @@ impl Line {
 
     /// Takes the next byte; true when it ends the line, which [`Line::text`] then has. The line
     /// must be cleared before the byte after.
+    #[inline]
     #[must_use]
     pub fn take(&mut self, byte: u8) -> bool {
+        let code = CODE[usize::from(byte)];
+        if code == 0 || self.place != Place::Code {
+            return self.take_rest(byte);
+        }
+        match self.bytes.get_mut(self.length) {
+            Some(place) => {
+                *place = code;
+                self.length += 1;
+            }
+            None => self.is_too_long = true,
+        }
+        false
+    }
+
+    /// Takes a byte that is no code, or in a comment.
+    fn take_rest(&mut self, byte: u8) -> bool {
         match (byte, self.place) {
             (b'\n' | b'\r', _) => return true,
             (b')', Place::Parentheses) => self.place = Place::Code,
-            (_, Place::Parentheses | Place::Semicolon) | (0..=b' ' | b'/', Place::Code) => {}
             (b'(', Place::Code) => self.place = Place::Parentheses,
             (b';', Place::Code) => self.place = Place::Semicolon,
-            (_, Place::Code) => {
-                self.is_too_long |= self.bytes.push(byte.to_ascii_uppercase()).is_err();
-            }
+            (_, Place::Code | Place::Parentheses | Place::Semicolon) => {}
         }
         false
     }
@@ -68,15 +98,21 @@ impl Line {
         if self.is_too_long {
             Err(TooLong)
         } else {
-            Ok(&self.bytes)
+            Ok(self.bytes.get(..self.length).unwrap_or_default())
         }
     }
 
     /// Begins a new line.
     pub fn clear(&mut self) {
-        self.bytes.clear();
+        self.length = 0;
         self.place = Place::Code;
         self.is_too_long = false;
+    }
+}
+
+impl Default for Line {
+    fn default() -> Self {
+        Self::new()
     }
 }
 

@@ -15,7 +15,7 @@ const UNRELEASED_BYTES: u32 = 256;
 /// Requests that the receiver has seen and their readers have not yet acted on.
 ///
 /// Plain loads and stores: each flag is set by the receiver and cleared by exactly one reader.
-#[derive(Debug, Default)]
+#[derive(Debug)]
 pub struct Requests {
     /// `?`: cleared by `report`.
     status: AtomicBool,
@@ -31,12 +31,16 @@ pub struct Requests {
     wake: AtomicBool,
     /// Overrides: taken by `prepare`.
     overrides: OverrideRing,
+    /// Counts requests to `prepare`, other than resets: it looks no further while that is the same.
+    asked: AtomicU32,
     /// 0x18: counts up; a reader compares it with the reset it has acted on last.
     resets: AtomicU32,
     /// Resets that `interpret` has asked for.
     own_resets: AtomicU32,
     /// Bytes that found the queue full.
     lost: AtomicU32,
+    /// What `interpret` waits for, an [`Awaited`]: whoever brings it releases the task.
+    awaited: AtomicU8,
     /// Bytes of a line since `interpret` was released last; for the receiver alone.
     unreleased: AtomicU32,
 }
@@ -53,9 +57,11 @@ impl Requests {
             jog_cancel: AtomicBool::new(false),
             wake: AtomicBool::new(false),
             overrides: OverrideRing::new(),
+            asked: AtomicU32::new(0),
             resets: AtomicU32::new(0),
             own_resets: AtomicU32::new(0),
             lost: AtomicU32::new(0),
+            awaited: AtomicU8::new(Awaited::ALL.0),
             unreleased: AtomicU32::new(0),
         }
     }
@@ -99,6 +105,14 @@ impl Requests {
     /// The time that `prepare` asked for is over; for its shell alone.
     pub fn wake(&self) {
         self.wake.store(true, Ordering::Release);
+        // Whoever interrupts this counts too: the number is another one in any case.
+        add_one(&self.asked);
+    }
+
+    /// Counts requests to `prepare`, other than resets, wrapping.
+    #[must_use]
+    pub fn asked(&self) -> u32 {
+        self.asked.load(Ordering::Acquire)
     }
 
     /// Takes the end of the time that was asked for.
@@ -133,6 +147,21 @@ impl Requests {
             Button::Reset => add_one(&self.resets),
             Button::Door => self.door.store(true, Ordering::Release),
         }
+        add_one(&self.asked);
+    }
+
+    /// Says what releases `interpret` from now on; for that task alone.
+    ///
+    /// Before it looks for work it awaits all, and then, if it finds none, what it has looked for:
+    /// so nothing that comes meanwhile is missed.
+    pub fn heed(&self, awaited: Awaited) {
+        self.awaited.store(awaited.0, Ordering::Release);
+    }
+
+    /// Whether `interpret` waits for this.
+    #[must_use]
+    pub fn awaits(&self, awaited: Awaited) -> bool {
+        self.awaited.load(Ordering::Relaxed) & awaited.0 != 0
     }
 
     /// Bytes lost so far because nobody had taken the earlier ones.
@@ -143,18 +172,47 @@ impl Requests {
 }
 
 impl Requests {
-    /// Whether a byte of a line releases `interpret`: the end of the line does, and so much of a
-    /// line that the queue must not be left to fill up with it.
+    /// Whether a byte of a line releases `interpret`, if it waits for one: the end of the line does,
+    /// and so much of a line that the queue must not be left to fill up with it.
     fn line_part(&self, byte: u8) -> Release {
         let unreleased = self.unreleased.load(Ordering::Relaxed).wrapping_add(1);
         let is_release = byte == b'\n' || byte == b'\r' || unreleased >= UNRELEASED_BYTES;
         let unreleased = if is_release { 0 } else { unreleased };
         self.unreleased.store(unreleased, Ordering::Relaxed);
-        if is_release {
+        if is_release && self.awaits(Awaited::LINE) {
             Release::Interpret
         } else {
             Release::Nobody
         }
+    }
+}
+
+impl Default for Requests {
+    fn default() -> Self {
+        Self::new()
+    }
+}
+
+/// What releases `interpret`, besides a change of the machine's state: a set.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Awaited(u8);
+
+impl Awaited {
+    /// Nothing.
+    pub const NONE: Self = Self(0);
+    /// The end of a line.
+    pub const LINE: Self = Self(1);
+    /// Room for what is to be sent.
+    pub const ROOM: Self = Self(2);
+    /// Entries that `prepare` takes.
+    pub const ENTRIES: Self = Self(4);
+    /// Everything.
+    pub const ALL: Self = Self(7);
+
+    /// Both.
+    #[must_use]
+    pub const fn and(self, other: Self) -> Self {
+        Self(self.0 | other.0)
     }
 }
 
@@ -258,12 +316,14 @@ pub fn receive(byte: u8, requests: &Requests, line: &mut Producer<'_, u8>) -> Re
         0x84 => press(requests, Button::Door),
         0x85 => {
             requests.jog_cancel.store(true, Ordering::Release);
+            add_one(&requests.asked);
             Release::Prepare
         }
         // The first byte of the UTF-8 form of a realtime command is one of those without a meaning.
         0x80.. => match Override::of(byte) {
             Some(command) => {
                 requests.overrides.put(command);
+                add_one(&requests.asked);
                 Release::Prepare
             }
             None => Release::Nobody,

@@ -16,7 +16,7 @@ use heapless::spsc::{Consumer, Producer};
 
 use super::{
     line::Line,
-    realtime::Requests,
+    realtime::{Awaited, Requests},
     report::{self, Cadence, Feedback, Status},
     text::Text,
 };
@@ -143,6 +143,8 @@ pub struct Session {
     cuts: u32,
     /// A reset has been asked for that `prepare` does not know of.
     has_request: bool,
+    /// A reset has come before what was stored took effect.
+    is_stored_due: bool,
     /// Whether the interpreter knows where the machine is.
     is_position_known: bool,
     /// The sender has been told that the machine needs a reset.
@@ -186,6 +188,7 @@ impl Session {
             epoch: 0,
             cuts: 0,
             has_request: false,
+            is_stored_due: false,
             is_position_known: false,
             is_fault_told: false,
             is_first_boot,
@@ -251,6 +254,37 @@ impl Session {
         sent: &mut Producer<'_, u8>,
         entries: &mut Producer<'_, Entry>,
     ) -> Progress {
+        requests.heed(Awaited::ALL);
+        let progress = self.go_on(machine, requests, received, sent, entries);
+        requests.heed(match progress {
+            Progress::Again => Awaited::NONE,
+            Progress::Waiting => self.awaited(),
+        });
+        progress
+    }
+
+    /// What brings the session further, besides a change of the machine's state.
+    fn awaited(&self) -> Awaited {
+        let work = if self.stage == Stage::Reading {
+            Awaited::LINE
+        } else {
+            Awaited::ENTRIES
+        };
+        if self.is_report_due || !self.message.is_empty() {
+            work.and(Awaited::ROOM)
+        } else {
+            work
+        }
+    }
+
+    fn go_on(
+        &mut self,
+        machine: &Snapshot,
+        requests: &Requests,
+        received: &mut Consumer<'_, u8>,
+        sent: &mut Producer<'_, u8>,
+        entries: &mut Producer<'_, Entry>,
+    ) -> Progress {
         if self.change.is_some() {
             return Progress::Waiting;
         }
@@ -266,6 +300,7 @@ impl Session {
         if self.stage == Stage::Starting && !self.start(machine, received) {
             return Progress::Waiting;
         }
+        self.take_stored(machine, entries);
         self.find_position(machine);
         let received_free = received.capacity() - received.len();
         let has_told = self.flush(sent) && self.tell_notices(machine, sent);
@@ -297,13 +332,17 @@ impl Session {
         received_free: usize,
         sent: &mut Producer<'_, u8>,
     ) -> Progress {
+        requests.heed(Awaited::ALL);
         self.is_report_due |= requests.take_status();
         self.look_at(machine);
         let is_next = self.is_welcome_told()
             && requests.epoch() == self.epoch
             && self.message.is_empty()
             && !self.has_notices(machine);
-        if self.is_report_due && is_next && self.send_status(machine, received_free, sent) {
+        let has_told =
+            self.is_report_due && is_next && self.send_status(machine, received_free, sent);
+        requests.heed(self.awaited());
+        if has_told {
             Progress::Again
         } else {
             Progress::Waiting
@@ -324,10 +363,14 @@ impl Session {
             return;
         }
         self.is_jogging = false;
-        // A jog that was cancelled has not come to its end.
+        // A jog that was cancelled has not come to its end, and one that still waits for room has
+        // none any more.
         if self.cuts != machine.cuts {
             self.cuts = machine.cuts;
             self.is_position_known = false;
+            if self.source == Source::Jog {
+                self.outcome.commands.clear();
+            }
         }
         if !self.is_position_known {
             self.take_position(machine);
@@ -434,10 +477,27 @@ impl Session {
         machine.is_at_rest && machine.finished == self.entered
     }
 
-    /// The caller has made sure of room; after standstill the queue is empty.
+    /// Sends work. The caller has made sure of room; after standstill the queue is empty.
     fn send_entry(&mut self, work: Work, entries: &mut Producer<'_, Entry>) {
-        let epoch = self.epoch.wrapping_add(self.cuts);
-        if entries.enqueue(Entry { epoch, work }).is_ok() {
+        let entry = Entry {
+            work,
+            ..self.entry()
+        };
+        self.send(entry, entries);
+    }
+
+    /// An entry still to be filled in.
+    fn entry(&self) -> Entry {
+        Entry {
+            epoch: self.epoch.wrapping_add(self.cuts),
+            work: Work::Pause,
+        }
+    }
+
+    /// Sends an entry. It is large: whoever makes it for each line makes it in place.
+    #[inline]
+    fn send(&mut self, entry: Entry, entries: &mut Producer<'_, Entry>) {
+        if entries.enqueue(entry).is_ok() {
             self.entered = self.entered.wrapping_add(1);
         }
     }
@@ -446,6 +506,9 @@ impl Session {
 /// Sends a message completely or, when there is no room for it, not at all.
 fn send(text: &Text, sent: &mut Producer<'_, u8>) -> bool {
     let bytes = text.as_bytes();
+    if bytes.is_empty() {
+        return true;
+    }
     if sent.capacity() - sent.len() < bytes.len() {
         return false;
     }

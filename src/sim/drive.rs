@@ -34,7 +34,8 @@ pub struct Edge {
 /// `prepare`, the interrupts of steps and inputs, and what is between them.
 #[derive(Debug)]
 pub struct Drive {
-    pub(super) motion: Motion,
+    motion: Motion,
+    pub(super) snapshot: Snapshot,
     stepper: Stepper,
     /// What the step interrupt has counted.
     pub counts: StepCounts,
@@ -66,10 +67,11 @@ impl Drive {
     pub fn new(settings: &Settings) -> Self {
         let mut motion = Motion::new();
         let inputs = Inputs::new();
-        motion.power_up(settings, &inputs);
+        let snapshot = motion.power_up(settings, &inputs);
         let outputs = *motion.outputs();
         Self {
             motion,
+            snapshot,
             stepper: Stepper::new(),
             counts: StepCounts::new(),
             contacts: Contacts::new(),
@@ -83,15 +85,15 @@ impl Drive {
             directions: 0,
             wake_due: None,
             outputs,
-            is_prepare_released: false,
+            is_prepare_released: true,
             has_news: false,
         }
     }
 
     /// The machine as `prepare` last published it.
     #[must_use]
-    pub fn snapshot(&self) -> &Snapshot {
-        self.motion.snapshot()
+    pub const fn snapshot(&self) -> &Snapshot {
+        &self.snapshot
     }
 
     /// When the step interrupt is due, ticks.
@@ -196,6 +198,7 @@ impl Drive {
             &self.counts,
             &mut entries,
             &mut events,
+            &mut self.snapshot,
         );
         self.is_prepare_released = prepared.again;
         self.has_news |= prepared.news;

@@ -99,7 +99,7 @@ impl Simulator {
     /// The machine as `prepare` last published it.
     #[must_use]
     pub const fn snapshot(&self) -> &Snapshot {
-        self.drive.motion.snapshot()
+        self.drive.snapshot()
     }
 
     /// The conversation with the sender.
@@ -215,7 +215,7 @@ impl Simulator {
         let (mut sent, _) = self.sent.split();
         let (mut entries, _) = self.drive.entries.split();
         let progress = self.session.run(
-            self.drive.motion.snapshot(),
+            &self.drive.snapshot,
             &self.requests,
             &mut received,
             &mut sent,
@@ -245,12 +245,9 @@ impl Simulator {
     fn report(&mut self) {
         let free = self.received_free();
         let (mut sent, _) = self.sent.split();
-        let progress = self.session.report(
-            self.drive.motion.snapshot(),
-            &self.requests,
-            free,
-            &mut sent,
-        );
+        let progress = self
+            .session
+            .report(&self.drive.snapshot, &self.requests, free, &mut sent);
         self.is_report_released = progress == Progress::Again;
     }
 }

@@ -35,6 +35,22 @@ pub struct Segment {
     pub power: Power,
 }
 
+impl Segment {
+    /// A standstill at zero.
+    pub const NONE: Self = Self {
+        ticks: 1,
+        axes: Axes(
+            [AxisMotion {
+                to: FineSteps(0),
+                acceleration: 0.0,
+            }; AXES],
+        ),
+        feed_mm_min: 0.0,
+        line: 0,
+        power: Power::OFF,
+    };
+}
+
 /// Turns segments into events, resumable at any event.
 #[derive(Debug)]
 pub struct Generator {

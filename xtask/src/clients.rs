@@ -54,10 +54,18 @@ enum Sender {
     GrblStreamer,
     Bcnc,
     Cncjs,
+    /// The page that cncjs serves, in a browser without a window.
+    CncjsPage,
 }
 
 impl Sender {
-    const ALL: [Self; 4] = [Self::Raw, Self::GrblStreamer, Self::Bcnc, Self::Cncjs];
+    const ALL: [Self; 5] = [
+        Self::Raw,
+        Self::GrblStreamer,
+        Self::Bcnc,
+        Self::Cncjs,
+        Self::CncjsPage,
+    ];
 
     fn name(self) -> &'static str {
         match self {
@@ -65,6 +73,7 @@ impl Sender {
             Self::GrblStreamer => "grbl-streamer",
             Self::Bcnc => "bCNC",
             Self::Cncjs => "cncjs",
+            Self::CncjsPage => "cncjs' page",
         }
     }
 
@@ -74,14 +83,23 @@ impl Sender {
             Self::Raw => (install::plain_python()?, "raw.py"),
             Self::GrblStreamer => (install::python()?, "grbl_streamer_jobs.py"),
             Self::Bcnc => (install::python_with_tk()?, "bcnc_jobs.py"),
-            Self::Cncjs => {
-                let mut node = Command::new("node");
-                node.env("NODE_PATH", install::node()?);
-                return Ok((node, "cncjs_jobs.js"));
+            Self::Cncjs => return Ok((with_modules()?, "cncjs_jobs.js")),
+            Self::CncjsPage => {
+                let browser = install::browser()?;
+                let mut node = with_modules()?;
+                node.env("CHROMIUM", browser);
+                return Ok((node, "cncjs_page_jobs.js"));
             }
         };
         Ok((Command::new(program), script))
     }
+}
+
+/// Node, which finds the packages of `package.json`.
+fn with_modules() -> Result<Command> {
+    let mut node = Command::new("node");
+    node.env("NODE_PATH", install::node()?);
+    Ok(node)
 }
 
 /// Every sender at every machine: names and what to run.

@@ -3,9 +3,9 @@
 use super::Motion;
 use crate::{
     axis::AXES,
-    machine::{Alarm, Event, Inputs, Levels, Notice, State},
+    machine::{Alarm, Event, Inputs, Levels, Notice, Power, State},
     planner::{Block, Probing},
-    stepper::{EventWriter, Segment, StepCounts},
+    stepper::{EventWriter, StepCounts},
 };
 
 impl Motion {
@@ -26,9 +26,19 @@ impl Motion {
         true
     }
 
-    pub(super) fn next_of_homing(&mut self, inputs: &Inputs) -> Option<Segment> {
-        let power = self.accessories.power_at_rest();
-        self.homing.next(inputs, &mut self.generator, power)
+    /// The next segment of homing: a laser is dark, as nothing is to be burnt on that way.
+    #[inline(never)]
+    pub(super) fn next_of_homing(&mut self, inputs: &Inputs) -> bool {
+        let power = if self.accessories.is_laser() {
+            Power::OFF
+        } else {
+            self.accessories.power_at_rest()
+        };
+        let segment = self.homing.next(inputs, &mut self.generator, power);
+        segment.is_some_and(|segment| {
+            self.segment = segment;
+            true
+        })
     }
 
     /// Ends a homing cycle before its time: the axes slow down.
@@ -53,12 +63,23 @@ impl Motion {
     }
 
     /// Looks at what the input interrupt has seen, before anything is generated.
+    #[inline]
     pub(super) fn watch(&mut self, inputs: &Inputs, counts: &StepCounts, events: &EventWriter<'_>) {
+        if self.probe.is_active() || self.homing.is_active() {
+            self.watch_cycle(inputs, counts, events);
+        } else {
+            inputs.disarm_probe();
+        }
+    }
+
+    #[inline(never)]
+    fn watch_cycle(&mut self, inputs: &Inputs, counts: &StepCounts, events: &EventWriter<'_>) {
         self.probe.watch(inputs, counts, events);
         self.homing.watch(inputs, counts, &self.generator, events);
     }
 
     /// Ends cycles that are over. The machine is at rest.
+    #[inline(never)]
     pub(super) fn end_cycles(&mut self) {
         if self.is_homing && !self.homing.is_active() {
             self.is_homing = false;
@@ -91,10 +112,13 @@ impl Motion {
         self.settle_on_steps();
     }
 
-    /// Says whether limit switches stop the machine from now on.
-    pub(super) fn guard(&self, inputs: &Inputs) {
-        let is_locked = matches!(self.control.state, State::Alarm | State::Home);
-        inputs.guard(if self.hard_limits && !is_locked {
+    /// Says whether limit switches stop the machine from now on: not those that homing looks for,
+    /// nor at rest in alarm. A machine that slows down in alarm is stopped.
+    pub(super) fn guard(&self, inputs: &Inputs, counts: &StepCounts) {
+        let is_locked = self.control.state == State::Alarm;
+        let is_safe = self.control.state == State::Home
+            || is_locked && (self.homing.is_active() || self.is_still(counts));
+        inputs.guard(if self.hard_limits && !is_safe {
             Levels::limits((1 << AXES) - 1)
         } else {
             Levels::NONE
@@ -103,6 +127,8 @@ impl Motion {
 
     /// A limit switch has stopped the step interrupt: everything is void, and the position is where
     /// the steps ended.
+    #[cold]
+    #[inline(never)]
     pub(super) fn cut(&mut self, counts: &StepCounts, events: &mut EventWriter<'_>) {
         self.generator.cut_off(counts, events);
         self.homing.abandon();
@@ -110,7 +136,7 @@ impl Motion {
         self.drop_plan();
         // A standstill that ends the pulses.
         self.rest = None;
-        if self.control.state != State::Alarm {
+        if !self.is_critical {
             self.alarm(Alarm::HardLimit);
         }
     }

@@ -22,7 +22,6 @@ use crate::{
         lookahead::Plan,
     },
     settings::Settings,
-    stepper::Segment,
     units::FineSteps,
 };
 
@@ -240,15 +239,19 @@ impl Motion {
         }
     }
 
-    pub(super) fn parking_segment(&mut self) -> Option<Segment> {
+    #[inline(never)]
+    pub(super) fn parking_segment(&mut self) -> bool {
         let stops = self.control.ending != Ending::None || self.parking.stage == Stage::Stop;
         let goal = if stops { Goal::Stop } else { Goal::Run };
         let position = self.generator.position();
-        let parking = &mut self.parking;
-        let mut segment = parking.executor.next(&mut parking.plan, &position, goal)?;
-        segment.power = self.accessories.power_at_rest();
+        let (parking, segment) = (&mut self.parking, &mut self.segment);
+        let plan = &mut parking.plan;
+        if !parking.executor.next(plan, &position, goal, segment) {
+            return false;
+        }
+        self.segment.power = self.accessories.power_at_rest();
         self.need_drivers();
-        Some(segment)
+        true
     }
 
     /// A reset while Z moves is one in motion, also on the way back.

@@ -31,9 +31,9 @@ impl Motion {
                 return;
             }
             let start = self.generator.clock_ticks();
-            if let Some(segment) = self.next_segment(inputs) {
+            if self.next_segment(inputs) {
                 self.rest = None;
-                self.generator.begin(&segment, counts);
+                self.generator.begin(&self.segment, counts);
             } else if self.rest.is_none() {
                 self.rest = Some(start);
                 let power = self.accessories.power_at_rest();
@@ -45,7 +45,8 @@ impl Motion {
         }
     }
 
-    fn next_segment(&mut self, inputs: &Inputs) -> Option<Segment> {
+    /// Makes the next segment, in [`Motion::segment`]; false when there is none.
+    fn next_segment(&mut self, inputs: &Inputs) -> bool {
         if self.homing.is_active() {
             return self.next_of_homing(inputs);
         }
@@ -54,23 +55,16 @@ impl Motion {
         }
         let executes = self.control.executes() && !self.probe.is_touched();
         if self.dwell_ticks != 0 && executes {
-            let ticks = self.dwell_ticks.min(u64::from(SEGMENT_TICKS)) as u32;
-            self.dwell_ticks -= u64::from(ticks);
-            return Some(Segment {
-                ticks,
-                axes: self.generator.position().map(|to| AxisMotion {
-                    to,
-                    acceleration: 0.0,
-                }),
-                feed_mm_min: 0.0,
-                line: 0,
-                power: self.accessories.power_at_rest(),
-            });
+            self.stand_still();
+            return true;
         }
         let goal = if executes { Goal::Run } else { Goal::Stop };
         let blocks = self.plan.len();
         let position = self.generator.position();
-        let mut segment = self.executor.next(&mut self.plan, &position, goal)?;
+        let (plan, segment) = (&mut self.plan, &mut self.segment);
+        if !self.executor.next(plan, &position, goal, segment) {
+            return false;
+        }
         let done = if self.probe.is_active() {
             0
         } else {
@@ -79,9 +73,26 @@ impl Motion {
         self.finished = self.finished.wrapping_add(done as u32);
         let (laser, part) = self.executor.beam();
         self.accessories.begin(laser);
-        segment.power = self.accessories.power_in_motion(laser, part);
+        self.segment.power = self.accessories.power_in_motion(laser, part);
         self.need_drivers();
-        Some(segment)
+        true
+    }
+
+    /// A piece of a dwell.
+    #[inline(never)]
+    fn stand_still(&mut self) {
+        let ticks = self.dwell_ticks.min(u64::from(SEGMENT_TICKS)) as u32;
+        self.dwell_ticks -= u64::from(ticks);
+        self.segment = Segment {
+            ticks,
+            axes: self.generator.position().map(|to| AxisMotion {
+                to,
+                acceleration: 0.0,
+            }),
+            feed_mm_min: 0.0,
+            line: 0,
+            power: self.accessories.power_at_rest(),
+        };
     }
 
     /// The machine is at rest: what it was stopped for.
@@ -99,47 +110,42 @@ impl Motion {
         }
     }
 
+    /// What ends, or begins, when the machine is at rest.
+    #[inline(never)]
+    fn come_to_rest(&mut self) {
+        if self.is_dwelling && self.dwell_ticks == 0 {
+            self.is_dwelling = false;
+            self.finished = self.finished.wrapping_add(1);
+        }
+        if let Some(alarm) = self.fault.take() {
+            self.alarm(alarm);
+        }
+        self.stop();
+        self.end_cycles();
+        if self.plan.is_empty() {
+            self.on(Event::Done);
+        }
+    }
+
     /// The state that follows from what has been played.
+    #[inline]
     pub(super) fn settle(&mut self, counts: &StepCounts) {
         let is_still = self.is_still(counts);
         if is_still {
-            if self.is_dwelling && self.dwell_ticks == 0 {
-                self.is_dwelling = false;
-                self.finished = self.finished.wrapping_add(1);
-            }
-            if let Some(alarm) = self.fault.take() {
-                self.alarm(alarm);
-            }
-            self.stop();
-            self.end_cycles();
-            if self.plan.is_empty() {
-                self.on(Event::Done);
-            }
+            self.come_to_rest();
         }
-        let is_door_open = self.snapshot.inputs.has(Levels::DOOR);
+        let is_door_open = self.inputs.has(Levels::DOOR);
         if is_still && core::mem::take(&mut self.looks_at_door) && is_door_open {
             self.open_door();
         }
         if !is_door_open && self.control.state == State::DoorAjar {
             self.on(Event::DoorShut);
         }
-        match self.control.state {
-            State::HoldSlowing => self.accessories.begin_hold(),
-            State::HoldComplete => {
-                self.accessories.begin_hold();
-                self.accessories.rest_in_hold();
-            }
-            State::Idle
-            | State::Run
-            | State::Jog
-            | State::Home
-            | State::Check
-            | State::DoorClosed
-            | State::DoorAjar
-            | State::DoorRetracting
-            | State::DoorRestoring
-            | State::Sleep
-            | State::Alarm => {}
+        if self.is_held() {
+            self.accessories.begin_hold();
+        }
+        if self.control.state == State::HoldComplete {
+            self.accessories.rest_in_hold();
         }
         if self.restoring != Restoring::No {
             self.restore();

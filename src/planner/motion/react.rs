@@ -8,7 +8,18 @@ use crate::{
 
 impl Motion {
     /// Acts on everything that has been asked for since the last run.
+    #[inline]
     pub(super) fn hear(&mut self, requests: &Requests) {
+        // Before the requests: one that comes meanwhile counts as new in the next run.
+        let asked = requests.asked();
+        if asked != self.heard {
+            self.heard = asked;
+            self.obey(requests);
+        }
+    }
+
+    #[inline(never)]
+    fn obey(&mut self, requests: &Requests) {
         self.take_overrides(requests);
         if requests.take_wake() {
             self.wake();
@@ -89,7 +100,7 @@ impl Motion {
         }
     }
 
-    fn is_held(&self) -> bool {
+    pub(super) fn is_held(&self) -> bool {
         matches!(self.control.state, State::HoldSlowing | State::HoldComplete)
     }
 
@@ -170,6 +181,8 @@ impl Motion {
 
     /// The step interrupt ran out of events in motion. The axes stopped dead and may have lost
     /// steps: whatever was planned is void, and so is what still comes, up to the next reset.
+    #[cold]
+    #[inline(never)]
     pub(super) fn fail(&mut self) {
         self.generator.cut();
         self.homing.abandon();
@@ -197,6 +210,8 @@ impl Motion {
     }
 
     /// Everything off, everything planned void; an axis that moves slows down.
+    #[cold]
+    #[inline(never)]
     pub(super) fn reset(&mut self, epoch: u32) {
         self.epoch = epoch;
         self.is_starved = false;

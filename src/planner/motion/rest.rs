@@ -54,6 +54,8 @@ impl Motion {
     }
 
     /// Switches on what was on before the door was opened, one after the other; then goes on.
+    #[cold]
+    #[inline(never)]
     pub(super) fn restore(&mut self) {
         let (has_spindle, has_coolant) = self.accessories.has_to_restore();
         if self.restoring == Restoring::Spindle {

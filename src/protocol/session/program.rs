@@ -167,9 +167,11 @@ impl Session {
             if matches!(command, Command::Spindle { .. } | Command::Coolant(_)) {
                 self.cadence.overrides_changed();
             }
-            let work = self.router.work(command);
-            let work = work.or_else(|| self.instead(machine, next));
-            if let Some(work) = work {
+            let mut entry = self.entry();
+            if self.router.work_into(command, &mut entry.work) {
+                self.is_jogging |= self.source == Source::Jog;
+                self.send(entry, entries);
+            } else if let Some(work) = self.instead(machine, next) {
                 self.is_jogging |= self.source == Source::Jog;
                 self.send_entry(work, entries);
             }

@@ -62,7 +62,13 @@ impl Session {
     /// Tells everything that there is to tell; false when there is no room for it.
     ///
     /// Before a welcome that is only why the machine was locked: an open door comes after it.
+    #[inline]
     pub(super) fn tell_notices(&mut self, machine: &Snapshot, sent: &mut Producer<'_, u8>) -> bool {
+        !self.has_notices(machine) || self.tell_all(machine, sent)
+    }
+
+    #[inline(never)]
+    fn tell_all(&mut self, machine: &Snapshot, sent: &mut Producer<'_, u8>) -> bool {
         for _ in 0..NOTICES {
             let mut seen = self.seen.notices;
             let Some(notice) = machine.notices.next(&mut seen) else {

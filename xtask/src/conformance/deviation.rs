@@ -22,8 +22,6 @@ pub(crate) enum Deviation {
     StartupLines,
     /// D10.
     Arcs,
-    /// D11.
-    StepRates,
     /// D13.
     ToolIsModal,
     /// Follows from an answer that one of the others explains.
@@ -39,15 +37,50 @@ pub(crate) enum Deviation {
     HomingMotion,
     FarTargets,
     NoPause,
-    ClosedSwitch,
+    HomingOnSwitch,
+    SingleAxisHoming,
+    LostBytes,
+    /// D11.
+    StepRates,
     LimitOpens,
     ArcLimits,
-    SingleAxes,
     DarkHold,
     ArcTurns,
 }
 
 impl Deviation {
+    /// Every one, in the order of their names.
+    pub(crate) const ALL: [Self; 28] = [
+        Self::Buffers,
+        Self::LongLines,
+        Self::ExactPositions,
+        Self::JogWithoutAxes,
+        Self::SettingRanges,
+        Self::StartupLines,
+        Self::Arcs,
+        Self::ToolIsModal,
+        Self::SlowSteps,
+        Self::PromptReports,
+        Self::NoDeafness,
+        Self::QuickStorage,
+        Self::ShortStops,
+        Self::Rounding,
+        Self::RefusedChangesNothing,
+        Self::InverseTimeArcs,
+        Self::HomingMotion,
+        Self::FarTargets,
+        Self::NoPause,
+        Self::HomingOnSwitch,
+        Self::SingleAxisHoming,
+        Self::LostBytes,
+        Self::StepRates,
+        Self::LimitOpens,
+        Self::ArcLimits,
+        Self::DarkHold,
+        Self::ArcTurns,
+        Self::Follows,
+    ];
+
     /// Its short name.
     pub(crate) fn id(self) -> &'static str {
         match self {
@@ -58,7 +91,6 @@ impl Deviation {
             Self::SettingRanges => "D8",
             Self::StartupLines => "D9",
             Self::Arcs => "D10",
-            Self::StepRates => "D11",
             Self::ToolIsModal => "D13",
             Self::Follows => "follows",
             Self::SlowSteps => "D14",
@@ -72,12 +104,14 @@ impl Deviation {
             Self::HomingMotion => "D22",
             Self::FarTargets => "D23",
             Self::NoPause => "D24",
-            Self::ClosedSwitch => "D25",
+            Self::HomingOnSwitch => "D25",
+            Self::SingleAxisHoming => "D26",
+            Self::LostBytes => "D27",
+            Self::StepRates => "D11",
             Self::LimitOpens => "D28",
             Self::ArcLimits => "D31",
-            Self::SingleAxes => "D34",
-            Self::DarkHold => "D35",
-            Self::ArcTurns => "D36",
+            Self::DarkHold => "D36",
+            Self::ArcTurns => "D37",
         }
     }
 
@@ -91,12 +125,13 @@ impl Deviation {
             | Self::StartupLines
             | Self::Arcs
             | Self::FarTargets
-            | Self::ClosedSwitch
+            | Self::HomingOnSwitch
+            | Self::SingleAxisHoming
+            | Self::LostBytes
+            | Self::StepRates
             | Self::LimitOpens
             | Self::ArcLimits
-            | Self::SingleAxes
-            | Self::ArcTurns
-            | Self::StepRates => true,
+            | Self::ArcTurns => true,
             Self::Buffers
             | Self::ExactPositions
             | Self::ToolIsModal
@@ -115,15 +150,6 @@ impl Deviation {
         }
     }
 
-    /// Whether the machine is in another state from then on, so that what is answered and reported
-    /// differs too.
-    pub(crate) fn changes_state(self) -> bool {
-        matches!(
-            self,
-            Self::ClosedSwitch | Self::LimitOpens | Self::ArcLimits | Self::SingleAxes
-        )
-    }
-
     /// What it says.
     pub(crate) fn text(self) -> &'static str {
         match self {
@@ -136,7 +162,6 @@ impl Deviation {
             Self::SettingRanges => "settings out of range are refused, not stored or cut",
             Self::StartupLines => "there are two startup lines",
             Self::Arcs => "an arc is one block, not many chords",
-            Self::StepRates => "a step rate that cannot be played is refused",
             Self::ToolIsModal => "T stays until the next T",
             Self::Follows => "follows from a deviation in an answer",
             Self::SlowSteps => {
@@ -155,13 +180,73 @@ impl Deviation {
             Self::InverseTimeArcs => "an arc under G93 takes 1/F minutes",
             Self::HomingMotion => "homing accelerates and decelerates each axis on its own",
             Self::FarTargets => "a target that the step counters cannot hold is refused",
-            Self::NoPause => "no pause for the drivers ($1) at the end of a motion, or at a reset",
-            Self::ClosedSwitch => "homing is refused while a switch of its axes is closed",
+            Self::HomingOnSwitch => "homing is refused while a switch of its axes is closed",
+            Self::SingleAxisHoming => "`$HX`, `$HY` and `$HZ` home a single axis",
+            Self::LostBytes => "more than 128 bytes may wait to be read: Grbl loses them",
+            Self::StepRates => "a step rate that cannot be played is refused",
             Self::LimitOpens => "a limit switch that opens is no alarm",
             Self::ArcLimits => "an arc that leaves the travel is refused before it begins",
-            Self::SingleAxes => "axes can be homed one by one",
             Self::DarkHold => "a laser stays dark at rest in a hold",
             Self::ArcTurns => "P in an arc is its number of turns",
+            Self::NoPause => "no pause for the drivers ($1) at the end of a motion, or at a reset",
+        }
+    }
+
+    /// What it lets differ, and when.
+    pub(crate) fn rule(self) -> &'static str {
+        match self {
+            Self::Buffers => {
+                "`Bf:` and the numbers of `[OPT:…]`, where ours are not smaller; an `ok` that comes \
+                 earlier after more than 15 moves"
+            }
+            Self::LongLines => "an answer other than `error:11` to a line of 80 to 255 characters",
+            Self::ExactPositions => {
+                "one step of an axis, where the position lies half-way between two"
+            }
+            Self::JogWithoutAxes => "`error:26` for `ok`, to a `$J=` without an axis word",
+            Self::SettingRanges => {
+                "an error for `ok`, to `$n=` with 0 steps/mm, speed or acceleration, or an integer \
+                 above 255; and what `$$` shows of it"
+            }
+            Self::StartupLines => "`error:3` for `ok`, to `$N2=` and above",
+            Self::Arcs => "an `ok` that comes earlier, to an arc or after one",
+            Self::ToolIsModal => "another T than 0 where Grbl shows 0",
+            Self::Follows => {
+                "the end of an exchange in which one of D5, D7, D8, D9, D10, D23, D25, D26 and D27 \
+                 explains an answer, and locks and lists after it"
+            }
+            Self::SlowSteps => "a time in which Grbl's steps come at 30.5 per second",
+            Self::PromptReports => {
+                "a report that Grbl sends late or never, while it homes or dwells or after an alarm; \
+                 and which report has `WCO` or `Ov` after it"
+            }
+            Self::NoDeafness => {
+                "lines that come up to 600 ms earlier after an alarm, and answers to what was sent \
+                 in that time"
+            }
+            Self::QuickStorage => "lines that come up to 300 ms earlier, to a line that is stored",
+            Self::ShortStops => {
+                "after a hold, door, cancel, override, reset or contact in motion: positions along \
+                 the path, within 80 ms of travel and the way of the deceleration, and the times \
+                 that go with them; at rest the place must stay"
+            }
+            Self::Rounding => "one unit of the last digit of a position or an offset",
+            Self::RefusedChangesNothing => "Grbl's state Home after a refused `$H…`",
+            Self::InverseTimeArcs => "times after an arc under `G93`",
+            Self::HomingMotion => "35 % of the time of a homing cycle",
+            Self::FarTargets => "`error:33` for `ok`, to a word beyond 2^30 steps",
+            Self::NoPause => {
+                "what comes `$1` and 5 ms earlier for each end of a motion that follows another; \
+                 the welcome after a reset"
+            }
+            Self::HomingOnSwitch => "everything after an `$H` that is answered `error:203`",
+            Self::SingleAxisHoming => "everything after an `$HX` to which Grbl says `error:3`",
+            Self::LostBytes => "everything after more than 128 bytes behind an unanswered line",
+            Self::StepRates => "`error:12` for `ok`, to a resolution or a rate",
+            Self::LimitOpens => "everything after `ALARM:1` when a limit switch opens",
+            Self::ArcLimits => "everything after `ALARM:2` that comes earlier, to an arc",
+            Self::DarkHold => "no power of a laser in `Hold:0` where Grbl's has some",
+            Self::ArcTurns => "an answer other than `error:36` to an arc with a P word",
         }
     }
 }
@@ -206,5 +291,13 @@ mod tests {
         assert_eq!(of_answers("G2X2I1L1", "ok", "error:36"), None);
         assert_eq!(of_answers("G0X2P1", "ok", "error:36"), None);
         assert_eq!(of_answers("G2X2I1P3", "error:33", "error:36"), None);
+    }
+
+    #[test]
+    fn no_two_deviations_have_one_name() {
+        for (index, deviation) in Deviation::ALL.iter().enumerate() {
+            let others = &Deviation::ALL[index + 1..];
+            assert!(others.iter().all(|other| other.id() != deviation.id()));
+        }
     }
 }

@@ -1,11 +1,8 @@
 //! What a recording tells about Grbl's state at one of its steps.
 
-use std::collections::VecDeque;
-
 use leadscrew::{axis::AXES, settings::Settings};
 
 use super::Exchange;
-use crate::session::step::Step;
 
 impl Exchange {
     /// Steps per mm at a step: as they were set before it.
@@ -81,45 +78,6 @@ impl Exchange {
             }
         }
         has_failed
-    }
-
-    /// Whether Grbl's receive buffer may have overflowed up to the end of a step.
-    pub(super) fn may_overflow(&self, step: usize) -> bool {
-        /// What it holds.
-        const ROOM: usize = 128;
-        let mut waiting = VecDeque::new();
-        let mut length = 0;
-        for step in self.session.steps().take(step.saturating_add(1)) {
-            for byte in step.sends() {
-                length += usize::from(byte < 0x80 && !matches!(byte, b'?' | b'!' | b'~' | 0x18));
-                if byte == b'\n' || byte == b'\r' {
-                    waiting.push_back(length);
-                    length = 0;
-                }
-            }
-            if waiting.iter().sum::<usize>() + length > ROOM {
-                return true;
-            }
-            for text in &step.recv {
-                if text == "ok" || text.starts_with("error:") {
-                    waiting.pop_front();
-                } else if text.starts_with("Grbl ") {
-                    waiting.clear();
-                }
-            }
-        }
-        false
-    }
-
-    /// Whether lines asked for more moves than Grbl's look-ahead has places, up to a step.
-    pub(super) fn may_fill_plan(&self, step: usize) -> bool {
-        /// The places that Grbl uses.
-        const BLOCKS: usize = 15;
-        let lines = self.session.steps().take(step.saturating_add(1));
-        let text: Vec<u8> = lines.flat_map(Step::sends).collect();
-        let lines = text.split(|byte| matches!(byte, b'\n' | b'\r'));
-        let moves = lines.filter(|line| line.iter().any(|byte| b"XYZxyz".contains(byte)));
-        moves.count() > BLOCKS
     }
 
     pub(super) fn is_laser(&self) -> bool {

@@ -39,8 +39,7 @@ pub(super) fn compare(
     exchange: &Exchange,
     played: &Played,
     stops: &Stops,
-    pairs: &[Paired],
-    changed_at: Option<usize>,
+    pairs: &[&Paired],
     found: &mut Vec<Difference>,
 ) {
     let mut comparison = Comparison {
@@ -54,13 +53,10 @@ pub(super) fn compare(
     for pair in pairs {
         let name = exchange.step_name(pair.step);
         let differences = comparison.compare(pair).into_iter();
-        // In another state by design: reports show it.
-        let is_changed = changed_at.is_some_and(|step| pair.step >= step);
-        let follows = is_changed.then_some(Deviation::Follows);
         found.extend(differences.map(|(text, by_design)| Difference {
             what: "report",
             text: format!("step {} {name}: {text}", pair.step + 1),
-            by_design: by_design.or(follows),
+            by_design,
         }));
     }
 }
@@ -68,7 +64,8 @@ pub(super) fn compare(
 impl Comparison<'_> {
     fn compare(&mut self, pair: &Paired) -> Found {
         let Some(ours) = &pair.ours else {
-            return vec![("no report".into(), None)];
+            let is_missed = !pair.is_followed;
+            return Found::from_iter(is_missed.then(|| ("no report".into(), None)));
         };
         let Ok(report) = ours.text.parse::<Report>() else {
             return vec![(format!("`{}` cannot be read", ours.text), None)];
@@ -192,7 +189,7 @@ impl Comparison<'_> {
         let state = self.played.track.at(pair.own_s)?.state;
         let waits = state == State::Home || self.exchange.is_dwelling(pair.step);
         let is_locked = self.exchange.is_after_alarm(pair.step);
-        (waits || is_locked).then_some(Deviation::PromptReports)
+        (waits || is_locked || pair.is_followed).then_some(Deviation::PromptReports)
     }
 }
 

@@ -225,7 +225,7 @@ fn where_homing_has_failed_grbl_counts_otherwise() {
     let expected = Some(Deviation::HomingMotion);
     assert_eq!(
         found(&other),
-        [("report", expected), ("end", expected), ("end", expected)]
+        [("end", expected), ("end", expected), ("report", expected)]
     );
 }
 
@@ -270,7 +270,7 @@ fn what_follows_another_state_is_excused_from_there_on() {
     let home = "<Home|MPos:0.000,0.000,0.000|FS:0,0|Ov:100,100,100>";
     other["transcript"][3]["recv"] = json!([home]);
     let causes: Vec<_> = found(&other).into_iter().map(|(_, by)| by).collect();
-    assert_eq!(causes[0], Some(Deviation::SingleAxes));
+    assert_eq!(causes[0], Some(Deviation::SingleAxisHoming));
     assert!(causes.iter().all(Option::is_some), "{causes:?}");
     other["transcript"][1]["recv"] = json!([home]);
     assert!(found(&other).contains(&("report", None)));
