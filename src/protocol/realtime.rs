@@ -5,8 +5,7 @@
 
 use core::sync::atomic::{AtomicBool, AtomicU8, AtomicU32, Ordering};
 
-use heapless::spsc::Producer;
-
+use super::ByteWriter;
 use crate::machine::Override;
 
 /// Bytes of a line that may wait without its end.
@@ -304,7 +303,7 @@ pub enum Release {
 }
 
 /// Sorts one received byte.
-pub fn receive(byte: u8, requests: &Requests, line: &mut Producer<'_, u8>) -> Release {
+pub fn receive(byte: u8, requests: &Requests, line: &mut ByteWriter<'_>) -> Release {
     match byte {
         b'?' => {
             requests.status.store(true, Ordering::Release);

@@ -12,9 +12,10 @@ mod reset;
 mod store;
 mod tell;
 
-use heapless::spsc::{Consumer, Producer};
+use heapless::spsc::Producer;
 
 use super::{
+    bytes::{ByteReader, ByteWriter},
     line::Line,
     realtime::{Awaited, Requests},
     report::{self, Cadence, Feedback, Status},
@@ -247,8 +248,8 @@ impl Session {
         &mut self,
         machine: &Snapshot,
         requests: &Requests,
-        received: &mut Consumer<'_, u8>,
-        sent: &mut Producer<'_, u8>,
+        received: &mut ByteReader<'_>,
+        sent: &mut ByteWriter<'_>,
         entries: &mut Producer<'_, Entry>,
     ) -> Progress {
         requests.heed(Awaited::ALL);
@@ -278,8 +279,8 @@ impl Session {
         &mut self,
         machine: &Snapshot,
         requests: &Requests,
-        received: &mut Consumer<'_, u8>,
-        sent: &mut Producer<'_, u8>,
+        received: &mut ByteReader<'_>,
+        sent: &mut ByteWriter<'_>,
         entries: &mut Producer<'_, Entry>,
     ) -> Progress {
         if self.change.is_some() {
@@ -326,7 +327,7 @@ impl Session {
         machine: &Snapshot,
         requests: &Requests,
         received_free: usize,
-        sent: &mut Producer<'_, u8>,
+        sent: &mut ByteWriter<'_>,
     ) -> Progress {
         requests.heed(Awaited::ALL);
         self.is_report_due |= requests.take_status();
@@ -377,7 +378,7 @@ impl Session {
     }
 
     /// Sends the message that is waiting; false when there is no room.
-    fn flush(&mut self, sent: &mut Producer<'_, u8>) -> bool {
+    fn flush(&mut self, sent: &mut ByteWriter<'_>) -> bool {
         let has_room = send(&self.message, sent);
         if has_room {
             self.message.clear();
@@ -390,7 +391,7 @@ impl Session {
         &mut self,
         machine: &Snapshot,
         received_free: usize,
-        sent: &mut Producer<'_, u8>,
+        sent: &mut ByteWriter<'_>,
     ) -> bool {
         // What the report shows is counted only once it has been sent.
         let mut cadence = self.cadence;
@@ -416,7 +417,7 @@ impl Session {
         &mut self,
         machine: &Snapshot,
         requests: &Requests,
-        received: &mut Consumer<'_, u8>,
+        received: &mut ByteReader<'_>,
         entries: &mut Producer<'_, Entry>,
     ) -> Progress {
         // While the machine is held, or ends a jog, no line is begun; the bytes stay where the sender
@@ -452,7 +453,7 @@ impl Session {
     }
 
     /// Takes bytes up to the end of the line; false when it has not come yet.
-    fn read(&mut self, received: &mut Consumer<'_, u8>) -> bool {
+    fn read(&mut self, received: &mut ByteReader<'_>) -> bool {
         // As many as the queue holds, at most.
         for _ in 0..received.capacity() {
             match received.dequeue() {
@@ -496,7 +497,7 @@ impl Session {
 }
 
 /// Sends a message completely or, when there is no room for it, not at all.
-fn send(text: &Text, sent: &mut Producer<'_, u8>) -> bool {
+fn send(text: &Text, sent: &mut ByteWriter<'_>) -> bool {
     let bytes = text.as_bytes();
     if bytes.is_empty() {
         return true;
