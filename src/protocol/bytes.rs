@@ -159,6 +159,21 @@ impl ByteReader<'_> {
         Some(byte)
     }
 
+    /// Lets a function take as many as it wants of the bytes that wait now.
+    #[inline]
+    pub fn take_with<R>(&mut self, take: impl FnOnce(&mut Waiting<'_>) -> R) -> R {
+        let mut waiting = Waiting {
+            bytes: &self.ring.bytes,
+            place: self.ring.read.load(Relaxed),
+            end: self.ring.written.load(Relaxed),
+        };
+        compiler_fence(SeqCst);
+        let result = take(&mut waiting);
+        compiler_fence(SeqCst);
+        self.ring.read.store(waiting.place, Relaxed);
+        result
+    }
+
     /// Bytes that may wait.
     #[must_use]
     pub const fn capacity(&self) -> usize {
@@ -176,6 +191,31 @@ impl ByteReader<'_> {
     #[must_use]
     pub fn is_empty(&self) -> bool {
         self.ring.has_none()
+    }
+}
+
+/// Bytes that waited when [`ByteReader::take_with`] was called.
+#[derive(Debug)]
+pub struct Waiting<'a> {
+    bytes: &'a [AtomicU8],
+    place: usize,
+    end: usize,
+}
+
+impl Iterator for Waiting<'_> {
+    type Item = u8;
+
+    #[inline]
+    fn next(&mut self) -> Option<u8> {
+        if self.place == self.end {
+            return None;
+        }
+        let byte = self.bytes.get(self.place)?.load(Relaxed);
+        self.place += 1;
+        if self.place == self.bytes.len() {
+            self.place = 0;
+        }
+        Some(byte)
     }
 }
 
@@ -200,6 +240,12 @@ mod tests {
                 assert_eq!(byte, (!is_empty).then_some(taken));
                 taken = taken.wrapping_add(u8::from(!is_empty));
             }
+            reader.take_with(|waiting| {
+                for byte in waiting.take(round % 3) {
+                    assert_eq!(byte, taken);
+                    taken = taken.wrapping_add(1);
+                }
+            });
             assert_eq!(reader.len(), usize::from(put.wrapping_sub(taken)));
         }
     }

@@ -13,7 +13,7 @@ pub mod report;
 mod session;
 mod text;
 
-pub use bytes::{ByteReader, ByteRing, ByteWriter, Bytes};
+pub use bytes::{ByteReader, ByteRing, ByteWriter, Bytes, Waiting};
 pub use dollar::{Condition, Described, Dollar};
 pub use line::{LINE_BYTES, Line, TooLong};
 pub use session::{Progress, Session};

@@ -454,15 +454,7 @@ impl Session {
 
     /// Takes bytes up to the end of the line; false when it has not come yet.
     fn read(&mut self, received: &mut ByteReader<'_>) -> bool {
-        // As many as the queue holds, at most.
-        for _ in 0..received.capacity() {
-            match received.dequeue() {
-                Some(byte) if self.line.take(byte) => return true,
-                Some(_) => {}
-                None => return false,
-            }
-        }
-        false
+        received.take_with(|bytes| self.line.take_from(bytes))
     }
 
     /// Whether everything sent to the machine has been done and it stands still.
@@ -472,11 +464,10 @@ impl Session {
 
     /// Sends work. The caller has made sure of room; after standstill the queue is empty.
     fn send_entry(&mut self, work: Work, entries: &mut Producer<'_, Entry>) {
-        let entry = Entry {
-            work,
-            ..self.entry()
-        };
-        self.send(entry, entries);
+        let epoch = self.entry().epoch;
+        if entries.enqueue(Entry { epoch, work }).is_ok() {
+            self.entered = self.entered.wrapping_add(1);
+        }
     }
 
     /// An entry still to be filled in.
@@ -484,14 +475,6 @@ impl Session {
         Entry {
             epoch: self.epoch.wrapping_add(self.cuts),
             work: Work::Pause,
-        }
-    }
-
-    /// Sends an entry. It is large: whoever makes it for each line makes it in place.
-    #[inline]
-    fn send(&mut self, entry: Entry, entries: &mut Producer<'_, Entry>) {
-        if entries.enqueue(entry).is_ok() {
-            self.entered = self.entered.wrapping_add(1);
         }
     }
 }
