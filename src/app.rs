@@ -87,6 +87,7 @@ mod app {
         report::spawn().expect("it has not been spawned before");
         let (pins, inputs) = board.inputs.watch(events_in.tap());
         let snapshot = motion.power_up(&board.loaded.stored.settings, &inputs);
+        rtic::pend(PREPARE);
         let session = Session::new(&board.loaded.stored, board.loaded.is_first_boot);
         let shared = Shared {
             snapshot,

@@ -48,6 +48,28 @@ fn a_switch_stops_the_machine_and_only_a_reset_frees_it() {
 }
 
 #[test]
+fn a_switch_stops_a_machine_that_a_reset_slows_down() {
+    let settings = Settings {
+        acceleration_mm_s2: Axes::all(50.0),
+        ..machine()
+    };
+    let mut cell = Cell::new(&settings);
+    cell.mount(X, Closes::From(2000), Levels::limits(1));
+    cell.go(&[100.0], 3000.0);
+    cell.run_until(|cell| cell.physical()[X] >= 1900);
+    cell.byte(0x18);
+    assert!(cell.snapshot().reset_in_motion);
+    cell.run_to_end();
+    let beyond = cell.physical()[X] - 2000;
+    assert!((0..=4).contains(&beyond), "{beyond}");
+    assert_eq!(cell.alarms(), [Alarm::HardLimit]);
+    assert!(cell.snapshot().is_critical);
+    assert_eq!(cell.state(), State::Alarm);
+    assert_eq!(cell.snapshot().steps, cell.physical());
+    cell.trace.check_pulses();
+}
+
+#[test]
 fn a_switch_closes_at_rest_too() {
     let mut cell = Cell::new(&machine());
     cell.set_pin(Levels::limits(2), true);

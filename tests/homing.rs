@@ -5,7 +5,7 @@ mod support;
 use leadscrew::{
     axis::{AXES, Axes, X, Y, Z},
     machine::{Alarm, Levels, State},
-    planner::Work,
+    planner::{Spindle, Work},
     settings::Settings,
     sim::Closes,
 };
@@ -100,10 +100,52 @@ fn a_cycle_takes_as_long_as_with_grbl() {
 }
 
 #[test]
+fn a_homing_speed_of_0_is_the_slowest() {
+    let settings = Settings {
+        homing_seek_mm_min: 0.0,
+        ..machine()
+    };
+    let mut cell = Cell::new(&settings);
+    mount(&mut cell, &settings, [1600, 1200, 800]);
+    cell.send(Work::Home(0));
+    cell.run_ms(6000);
+    // 1 mm/min.
+    assert_eq!(cell.physical()[Z], 8);
+    check_limits(&settings, &cell.trace);
+}
+
+#[test]
+fn a_locked_machine_does_not_move() {
+    let mut cell = Cell::new(&machine());
+    assert_eq!(cell.state(), State::Alarm);
+    cell.go(&[3.0], 2000.0);
+    cell.run_to_end();
+    assert_eq!(cell.physical(), Axes::all(0));
+}
+
+#[test]
+fn a_laser_is_dark_while_homing() {
+    let settings = Settings {
+        laser: true,
+        ..machine()
+    };
+    let mut cell = Cell::new(&settings);
+    mount(&mut cell, &settings, [1600, 1200, 800]);
+    cell.send(Work::Unlock);
+    cell.send(Work::Spindle(Spindle::Clockwise, 500.0));
+    assert_ne!(cell.drive.outputs().duty, 0);
+    cell.send(Work::Home(0));
+    cell.run_until(|cell| cell.physical()[Z] > 100);
+    assert_eq!(cell.drive.outputs().duty, 0);
+    assert_eq!(cell.drive.outputs().spindle, Spindle::Off);
+}
+
+#[test]
 fn a_single_axis_leaves_the_others_where_they_are() {
     let settings = machine();
     let mut cell = Cell::new(&settings);
     mount(&mut cell, &settings, [1600, 1200, 800]);
+    cell.send(Work::Unlock);
     cell.go(&[3.0, 4.0, 5.0], 2000.0);
     cell.run_to_end();
     home(&mut cell, 1 << Y);

@@ -1,6 +1,7 @@
 //! The whole machine, switched off and on: what is stored is there again.
 
 use leadscrew::{
+    machine::Levels,
     settings::Settings,
     sim::{Flash, Simulator},
     units::TICKS_PER_SECOND,
@@ -139,4 +140,30 @@ fn what_cannot_be_stored_is_refused_and_changes_nothing() {
         assert!(answer.starts_with("error:"), "{line}: {answer}");
     }
     assert_eq!(machine.ask("$$\n$#\n"), before);
+}
+
+#[test]
+fn hard_limits_count_from_the_first_moment() {
+    let settings = Settings {
+        hard_limits: true,
+        ..Settings::default()
+    };
+    let mut machine = Machine(Box::new(Simulator::new(&settings)));
+    machine.ask("");
+    machine.0.set_pin(Levels::limits(1), true);
+    let told = machine.ask("?");
+    assert!(told.contains("ALARM:1"), "{told}");
+    assert!(told.contains("[MSG:Reset to continue]"), "{told}");
+}
+
+#[test]
+fn a_door_that_opens_before_anything_was_sent_is_seen() {
+    let mut machine = Machine(Box::new(Simulator::new(&Settings::default())));
+    machine.0.set_pin(Levels::DOOR, true);
+    let told = machine.ask("");
+    assert!(told.ends_with("[MSG:Check Door]\r\n"), "{told}");
+    let told = machine.ask("?");
+    assert!(told.contains("<Door:1|"), "{told}");
+    let lines = machine.ask("G0X1\n");
+    assert_eq!(lines, "");
 }

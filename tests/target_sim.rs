@@ -26,6 +26,13 @@ mod target {
     };
     use stm32f4xx_hal as _;
 
+    /// The virtual machine is built on the stack and moved, so it needs more than the smallest chip
+    /// has: here the stack begins at the end of the 192 KiB of the emulated one.
+    #[expect(unsafe_code, reason = "a symbol of the linker script")]
+    mod stack {
+        core::arch::global_asm!(".global _stack_start", ".set _stack_start, 0x20030000");
+    }
+
     #[panic_handler]
     fn panic(info: &core::panic::PanicInfo) -> ! {
         semihosting::eprintln!("{info}");

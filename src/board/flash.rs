@@ -11,7 +11,7 @@ use embedded_storage::nor_flash::{
 };
 use stm32f4xx_hal::pac::flash::cr::PSIZE;
 
-use super::{emulation, pac, serial};
+use super::{emulation, pac, serial, step_timer};
 
 /// Bytes of a sector, and of both.
 const SECTOR: usize = 16 * 1024;
@@ -39,7 +39,7 @@ pub(crate) enum FlashError {
     NotAligned,
     /// Beyond the end.
     OutOfBounds,
-    /// The chip refuses.
+    /// The chip refuses, or the machine has begun to move.
     Refused,
 }
 
@@ -59,15 +59,15 @@ impl SettingsFlash {
         Self(flash)
     }
 
-    /// Lets an operation have the unlocked registers, and tells whether the chip was content.
-    fn operate(&mut self, operation: impl FnOnce(&pac::FLASH)) -> Result<(), FlashError> {
+    /// Lets an operation have the unlocked registers, and tells whether it was done and the chip
+    /// content.
+    fn operate(&mut self, operation: impl FnOnce(&pac::FLASH) -> bool) -> Result<(), FlashError> {
         let flash = &self.0;
         for key in KEYS {
             flash.keyr().write(|w| w.key().set(key));
         }
         clear_errors(flash);
-        operation(flash);
-        let is_refused = has_errors(flash);
+        let is_refused = !operation(flash) || has_errors(flash);
         clear_errors(flash);
         flash.cr().write(|w| w.lock().set_bit());
         // What the cache holds of the sector is old.
@@ -146,6 +146,7 @@ impl NorFlash for SettingsFlash {
                 // SAFETY: `place` has made sure that it is in the sectors, which nothing refers to.
                 unsafe { first.add(index).write_volatile(u32::from_le_bytes(word)) };
                 while flash.sr().read().bsy().bit_is_set() {}
+                true
             })?;
         }
         Ok(())
@@ -176,26 +177,31 @@ fn clear_errors(flash: &pac::FLASH) {
     });
 }
 
-/// Erases a sector, and keeps what the sender sends meanwhile.
+/// Erases a sector, and keeps what the sender sends meanwhile; false, with nothing done, when the
+/// step timer runs: the door may have been opened, and Z be on its way to be parked.
 ///
 /// Runs from RAM, and calls nothing that does not. No task runs, as each would wait for the flash
 /// with the receiver's bytes behind it.
 #[inline(never)]
 #[unsafe(link_section = ".data.erase")]
 #[expect(unsafe_code, reason = "a place in RAM, and the tasks' threshold")]
-fn erase(flash: &pac::FLASH, sector: u8) {
+fn erase(flash: &pac::FLASH, sector: u8) -> bool {
     let threshold = basepri::read();
     // SAFETY: the threshold only rises, for the time of this function.
     unsafe { basepri::write(ALL_TASKS) };
-    flash.cr().write(|w| {
-        w.psize().variant(PSIZE::Psize32);
-        // SAFETY: one of the numbers of sectors.
-        unsafe { w.snb().bits(sector) };
-        w.ser().set_bit().strt().set_bit()
-    });
-    while flash.sr().read().bsy().bit_is_set() {
-        serial::keep();
+    let is_still = !step_timer::is_running();
+    if is_still {
+        flash.cr().write(|w| {
+            w.psize().variant(PSIZE::Psize32);
+            // SAFETY: one of the numbers of sectors.
+            unsafe { w.snb().bits(sector) };
+            w.ser().set_bit().strt().set_bit()
+        });
+        while flash.sr().read().bsy().bit_is_set() {
+            serial::keep();
+        }
     }
     // SAFETY: as it was before.
     unsafe { basepri::write(threshold) };
+    is_still
 }

@@ -30,6 +30,7 @@ mod panic;
 mod pins;
 pub(crate) mod release;
 pub(crate) mod serial;
+mod stack;
 pub(crate) mod step_output;
 mod step_timer;
 mod storage;

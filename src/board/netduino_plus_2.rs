@@ -122,6 +122,7 @@ pub(super) static WIRING: Wiring = Wiring {
 #[must_use]
 pub(crate) fn init(device: pac::Peripherals, mut core: Core) -> Board {
     super::panic::init();
+    super::stack::guard(&core.MPU);
     // The emulator's PLL would never report ready.
     let is_emulated = emulation::detect(&device.RCC);
     let (config, prescaler) = if is_emulated {
@@ -140,14 +141,16 @@ pub(crate) fn init(device: pac::Peripherals, mut core: Core) -> Board {
     let serial = serial::Serial::<_, u8>::new(device.USART1, pins, config, &mut rcc)
         .expect("115200 baud divides the APB2 clock");
     let (usart, _) = serial.release();
+    init_pwm(&device.TIM12, &mut rcc);
+    // Before what may take its time: spindle and laser must not be on by chance.
+    let after = AfterPrepare::new(device.TIM6);
     let (storage, loaded) = Storage::load(SettingsFlash::new(device.FLASH));
     pins::init(&loaded.stored.settings);
-    init_pwm(&device.TIM12, &mut rcc);
     Board {
         output: StepOutput::new(StepTimer::new(device.TIM2, prescaler)),
         serial: SerialPort::new(usart),
         inputs: InputTimer::new(device.TIM7, device.EXTI, &device.SYSCFG, &mut core.NVIC),
-        after: AfterPrepare::new(device.TIM6),
+        after,
         storage,
         loaded,
     }

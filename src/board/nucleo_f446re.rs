@@ -128,6 +128,7 @@ extern "C" fn USART2() {
 #[must_use]
 pub(crate) fn init(device: pac::Peripherals, mut core: Core) -> Board {
     super::panic::init();
+    super::stack::guard(&core.MPU);
     let config = Config::hse(8.MHz())
         .bypass_hse_oscillator()
         .sysclk(168.MHz());
@@ -142,14 +143,16 @@ pub(crate) fn init(device: pac::Peripherals, mut core: Core) -> Board {
         .expect("115200 baud divides the APB1 clock");
     let (usart, _) = serial.release();
     release_usart2(&mut core.NVIC);
+    init_pwm(&device.TIM14, &mut rcc);
+    // Before what may take its time: spindle and laser must not be on by chance.
+    let after = AfterPrepare::new(device.TIM6);
     let (storage, loaded) = Storage::load(SettingsFlash::new(device.FLASH));
     pins::init(&loaded.stored.settings);
-    init_pwm(&device.TIM14, &mut rcc);
     Board {
         output: StepOutput::new(StepTimer::new(device.TIM2, 0)),
         serial: SerialPort::new(usart),
         inputs: InputTimer::new(device.TIM7, device.EXTI, &device.SYSCFG, &mut core.NVIC),
-        after: AfterPrepare::new(device.TIM6),
+        after,
         storage,
         loaded,
     }

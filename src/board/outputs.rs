@@ -53,6 +53,12 @@ impl SwitchOutputs {
     }
 }
 
+/// Switches everything off whatever it was: after a fault, when no task runs any more.
+pub(super) fn switch_off() {
+    chosen::set_pulse(0);
+    switch(&Outputs::default());
+}
+
 /// Switches everything but the duty.
 fn switch(outputs: &Outputs) {
     let switches = &chosen::WIRING.switches;

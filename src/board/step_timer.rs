@@ -78,8 +78,9 @@ pub(super) fn due() -> u32 {
     DUE.load(Relaxed)
 }
 
-/// Whether an event is being waited for.
-#[cfg(feature = "board-netduino-plus-2")]
+/// Whether an event is being waited for. Also for code in RAM: it is inlined there.
+#[inline(always)]
+#[expect(clippy::inline_always, reason = "nothing in flash may be called")]
 #[expect(unsafe_code, reason = "the interrupt owns the timer")]
 pub(super) fn is_running() -> bool {
     // SAFETY: reads a register without side effects.

@@ -4,7 +4,7 @@
 //! a new `S` in a line that moves needs no standstill, and moves that must not burn (`G0`, probing)
 //! have none. Read with Grbl 1.1 `laser_mode.md`.
 
-use super::{Checked, Interpreter};
+use super::{Action, Checked, Interpreter};
 use crate::{
     gcode::Motion,
     planner::{Laser, Spindle},
@@ -42,6 +42,9 @@ pub(super) fn set(
         });
     }
     if is_laser {
+        // The rapids of `G28` and `G30` must not burn, whatever the motion mode is.
+        let is_rapid = matches!(checked.action, Action::GoTo(_));
+        let rpm = if is_rapid { 0.0 } else { rpm };
         checked.power = match after.spindle {
             Spindle::Off => Laser::Constant(0.0),
             Spindle::Clockwise => Laser::Constant(rpm),

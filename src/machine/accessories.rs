@@ -115,9 +115,17 @@ impl Accessories {
     /// A new state of the spindle and its speed, rpm. A laser in proportion to the speed is off at
     /// rest.
     pub fn set_spindle(&mut self, spindle: Spindle, rpm: f32) {
+        self.light();
         self.spindle = spindle;
         let is_proportional = self.is_laser && spindle == Spindle::CounterClockwise;
         self.rpm = if is_proportional { 0.0 } else { rpm };
+    }
+
+    /// Ends the wait of a laser for a motion or for a new state.
+    fn light(&mut self) {
+        if self.stop == Stop::Dark {
+            self.stop = Stop::None;
+        }
     }
 
     /// A new state of the coolant.
@@ -178,10 +186,12 @@ impl Accessories {
         }
     }
 
-    /// The spindle runs again, if it was stopped; tells whether it was.
-    pub fn end_stop(&mut self) -> bool {
+    /// The spindle runs again, if it was stopped; tells whether it was. A laser comes on with a
+    /// motion only, now (`moves`) or later.
+    pub fn end_stop(&mut self, moves: bool) -> bool {
         let was_stopped = self.stop == Stop::Stopped;
-        self.stop = Stop::None;
+        let stays_dark = self.is_laser && !moves && self.stop != Stop::None;
+        self.stop = if stays_dark { Stop::Dark } else { Stop::None };
         was_stopped
     }
 
@@ -217,6 +227,7 @@ impl Accessories {
 
     /// A block begins to be executed: what its laser leaves on at rest.
     pub fn begin(&mut self, laser: Laser) {
+        self.light();
         match laser {
             Laser::None => {}
             Laser::Constant(rpm) => self.rpm = rpm,

@@ -119,7 +119,7 @@ impl Control {
         match self.ending {
             Ending::Drop | Ending::DropThenDoor => false,
             Ending::None => match self.state {
-                State::Idle | State::Run | State::Jog | State::Home | State::Alarm => true,
+                State::Idle | State::Run | State::Jog | State::Home => true,
                 State::HoldSlowing
                 | State::HoldComplete
                 | State::Check
@@ -127,7 +127,8 @@ impl Control {
                 | State::DoorAjar
                 | State::DoorRetracting
                 | State::DoorRestoring
-                | State::Sleep => false,
+                | State::Sleep
+                | State::Alarm => false,
             },
         }
     }
@@ -438,10 +439,11 @@ mod tests {
     }
 
     #[test]
-    fn nothing_is_executed_in_a_hold_or_while_the_plan_is_void() {
+    fn nothing_is_executed_in_a_hold_or_an_alarm_or_while_the_plan_is_void() {
         for state in STATES {
-            let is_suspended = state.is_suspended() || state == Is::Check;
-            assert_eq!(Control::new(state).executes(), !is_suspended);
+            let is_locked = matches!(state, Is::Check | Is::Alarm);
+            let executes = !state.is_suspended() && !is_locked;
+            assert_eq!(Control::new(state).executes(), executes);
             assert!(!Control::ending(state, Ending::Drop).executes());
         }
     }

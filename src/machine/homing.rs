@@ -321,7 +321,9 @@ impl Homing {
                 run.switch = here;
             }
             let target = match stage {
-                Stage::Search if !is_closed => here.wrapping_add(rules.towards(axis, farthest_mm)),
+                Stage::Search if !is_closed => {
+                    here.saturating_add(rules.towards(axis, farthest_mm))
+                }
                 Stage::Locate if !is_closed => {
                     here.wrapping_add(rules.towards(axis, LOCATE_PULL_OFFS * rules.pull_off_mm))
                 }

@@ -97,7 +97,7 @@ impl Inputs {
     }
 
     /// Says which limit switches stop the machine as soon as they become active: none while homing
-    /// or in alarm. For `prepare` alone.
+    /// or at rest in alarm. For `prepare` alone.
     pub fn guard(&self, limits: Levels) {
         self.guarded.store(u32::from(limits.0), Relaxed);
     }

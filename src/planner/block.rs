@@ -118,7 +118,7 @@ pub struct Block {
 }
 
 /// Slowest speed along the path, mm/s: 1 mm/min, as in Grbl.
-pub(super) const MIN_SPEED_MM_S: f32 = 1.0 / 60.0;
+pub(crate) const MIN_SPEED_MM_S: f32 = 1.0 / 60.0;
 
 impl Block {
     /// Speed along the path under overrides, within every axis limit, mm/s.

@@ -1,5 +1,6 @@
 //! From commands to planned blocks: geometry, junctions, look-ahead, speed profile.
 
+mod arc;
 mod block;
 mod command;
 mod executor;
@@ -9,6 +10,7 @@ mod probe;
 mod router;
 mod travel;
 
+pub(crate) use block::MIN_SPEED_MM_S;
 pub use block::{Block, Curve, Entry, Laser, Pacing, Probing, Work};
 pub use command::{Circle, Command, Coolant, Pace, Plane, Rotation, Spindle, Target};
 pub use lookahead::{BLOCKS, LookAhead};

@@ -154,6 +154,8 @@ impl Motion {
 
     /// Takes over the settings at power-up, and tells the machine as it is then. It wakes up locked
     /// with homing enabled, or on a limit switch with hard limits enabled.
+    ///
+    /// The first run must follow: it looks at the door and arms the limit switches.
     pub fn power_up(&mut self, settings: &Settings, inputs: &Inputs) -> Snapshot {
         self.configure(settings, inputs);
         self.outputs.drivers = settings.idle_delay_ms == rest::ALWAYS_ON;
@@ -222,7 +224,7 @@ impl Motion {
         self.generate(inputs, counts, events);
         let was_dwelling = self.is_dwelling;
         self.settle(counts);
-        self.guard(inputs);
+        self.guard(inputs, counts);
         let changed = self.publish(counts, snapshot) || was_dwelling != self.is_dwelling;
         let is_still = self.is_still(counts);
         let start = !counts.is_running() && !is_still;
@@ -230,8 +232,8 @@ impl Motion {
             counts.start();
         }
         // What has come to rest may go on at once.
-        let goes_on = is_still
-            && (!self.plan.is_empty() && self.control.executes() || self.parking.is_moving());
+        let has_more = !self.plan.is_empty() || self.dwell_ticks != 0;
+        let goes_on = is_still && (has_more && self.control.executes() || self.parking.is_moving());
         Prepared {
             again: taken == work::ENTRIES_PER_RUN || changed && entries.ready() || goes_on,
             start,

@@ -274,3 +274,30 @@ pub fn probed(text: &mut Text, probed: &Probed, settings: &Settings) {
 pub fn startup(text: &mut Text, line: &[u8]) {
     text.byte(b'>').bytes(line).byte(b':');
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn no_text_that_is_pushed_can_be_taken_for_an_answer() {
+        for one in [
+            Feedback::ResetNeeded,
+            Feedback::Locked,
+            Feedback::Unlocked,
+            Feedback::CheckEnabled,
+            Feedback::CheckDisabled,
+            Feedback::CheckDoor,
+            Feedback::CheckLimits,
+            Feedback::ProgramEnd,
+            Feedback::RestoringDefaults,
+            Feedback::RestoringSpindle,
+            Feedback::Sleeping,
+        ] {
+            let mut text = Text::new();
+            feedback(&mut text, one);
+            let text = std::string::String::from_utf8_lossy(text.as_bytes()).to_lowercase();
+            assert!(!text.contains("ok") && !text.contains("error"), "{text}");
+        }
+    }
+}

@@ -144,6 +144,8 @@ pub struct Session {
     cuts: u32,
     /// A reset has been asked for that `prepare` does not know of.
     has_request: bool,
+    /// A reset has come before what was stored took effect.
+    is_stored_due: bool,
     /// Whether the interpreter knows where the machine is.
     is_position_known: bool,
     /// The sender has been told that the machine needs a reset.
@@ -187,6 +189,7 @@ impl Session {
             epoch: 0,
             cuts: 0,
             has_request: false,
+            is_stored_due: false,
             is_position_known: false,
             is_fault_told: false,
             is_first_boot,
@@ -298,6 +301,7 @@ impl Session {
         if self.stage == Stage::Starting && !self.start(machine, received) {
             return Progress::Waiting;
         }
+        self.take_stored(machine, entries);
         self.find_position(machine);
         let received_free = received.capacity() - received.len();
         let has_told = self.flush(sent) && self.tell_notices(machine, sent);
@@ -360,10 +364,14 @@ impl Session {
             return;
         }
         self.is_jogging = false;
-        // A jog that was cancelled has not come to its end.
+        // A jog that was cancelled has not come to its end, and one that still waits for room has
+        // none any more.
         if self.cuts != machine.cuts {
             self.cuts = machine.cuts;
             self.is_position_known = false;
+            if self.source == Source::Jog {
+                self.outcome.commands.clear();
+            }
         }
         if !self.is_position_known {
             self.take_position(machine);

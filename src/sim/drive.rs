@@ -85,7 +85,7 @@ impl Drive {
             directions: 0,
             wake_due: None,
             outputs,
-            is_prepare_released: false,
+            is_prepare_released: true,
             has_news: false,
         }
     }

@@ -99,10 +99,11 @@ def load(window, lines):
     window.load("job.nc")
 
 
-def hold(window):
-    """The buttons for a feed hold and for going on."""
+def hold(window, during=lambda window: None):
+    """The buttons for a feed hold and for going on, and others between them."""
     window.feedHold()
     until(lambda: state() == "Hold:0", "the machine is held")
+    during(window)
     window.resume()
     until(lambda: state() != "Hold:0", "the machine goes on")
 
@@ -119,8 +120,14 @@ def override(window):
         ("OvFeed", 100),
     ]:
         CNC.vars["_" + name] = value
-        CNC.vars["_OvChanged"] = True
-        until(lambda: CNC.vars[name] == value, f"{name} is {value}")
+        # bCNC counts on reports that are older than its last byte: it may stop one byte too far.
+        for _ in range(10):
+            CNC.vars["_OvChanged"] = True
+            until(lambda: not CNC.vars["_OvChanged"], f"bCNC has set {name}")
+            time.sleep(0.5)
+            if CNC.vars[name] == value:
+                break
+        check(CNC.vars[name] == value, f"{name} is {value}")
 
 
 def jog(window, target):
@@ -159,8 +166,7 @@ def main():
     window.start()
     until(lambda: state() == "Run", "the job runs")
     hold(window)
-    override(window)
-    hold(window)
+    hold(window, override)
     finished(window)
     check(position() == (x, y, z + 10), f"the job has ended at {position()}")
     check(not window.errors, f"the machine refuses {window.errors}")

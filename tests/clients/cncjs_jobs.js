@@ -10,81 +10,11 @@
  * half a second.
  */
 
-const childProcess = require('child_process');
-const fs = require('fs');
-const http = require('http');
-const net = require('net');
-const path = require('path');
-
-// How long anything may take: a guard for a machine that is stuck, no measure.
-const PATIENCE_MS = 30000;
-// Where the work coordinates G54 begin, machine coordinates in mm.
-const ORIGIN = { x: -100, y: -100, z: -50 };
-
-// Where a machine stands that has been homed: the pull-off away from its switches.
-const HOME = [-1, -1, -1];
+const {
+  HOME, ORIGIN, check, delay, measured, run, serve, spiral, until,
+} = require('./cncjs');
 
 const port = process.argv[2];
-
-const delay = (ms) => new Promise((resolve) => setTimeout(resolve, ms));
-
-function check(claim, what) {
-  if (!claim) {
-    throw new Error(what);
-  }
-}
-
-async function until(claim, what) {
-  const end = Date.now() + PATIENCE_MS;
-  while (!claim()) {
-    check(Date.now() < end, `not within ${PATIENCE_MS / 1000} s: ${what}`);
-    await delay(10);
-  }
-}
-
-/** A job of short lines, arcs and comments that begins and ends 10 mm above the origin. */
-function spiral(lines) {
-  const job = ['(a spiral)', 'G21 G90 G17 G54', '', 'G0 Z10', 'G1 X0 Y0 F6000', 'Z-1'];
-  for (let number = 0; number < lines; number += 1) {
-    const angle = number * 0.15;
-    const radius = 5 + 20 * number / lines;
-    const [x, y] = [radius * Math.cos(angle), radius * Math.sin(angle)];
-    job.push(`G1 X${x.toFixed(3)} Y${y.toFixed(3)}`);
-    if (number % 50 === 49) {
-      job.push(`G3 X${x.toFixed(3)} Y${y.toFixed(3)} I${(-x).toFixed(3)} J${(-y).toFixed(3)}`);
-    }
-    if (number % 10 === 9) {
-      job.push(`; after ${number + 1}`);
-    }
-  }
-  return [...job, 'G0 Z10', 'X0 Y0'].join('\n');
-}
-
-/** A TCP port that nobody uses. */
-function freePort() {
-  return new Promise((resolve) => {
-    const server = net.createServer().listen(0, '127.0.0.1', () => {
-      const { port: number } = server.address();
-      server.close(() => resolve(number));
-    });
-  });
-}
-
-/** Signs in as the page does; `undefined` while the server is not up. */
-function signIn(number) {
-  return new Promise((resolve) => {
-    const request = http.request({
-      host: '127.0.0.1', port: number, path: '/api/signin', method: 'POST',
-      headers: { 'Content-Type': 'application/json' },
-    }, (response) => {
-      let text = '';
-      response.on('data', (chunk) => { text += chunk; });
-      response.on('end', () => resolve(JSON.parse(text).token));
-    });
-    request.on('error', () => resolve(undefined));
-    request.end('{}');
-  });
-}
 
 /** The page's side of the socket. */
 class Page {
@@ -149,9 +79,11 @@ class Page {
   }
 }
 
-async function pause(page) {
+/** The buttons that pause and resume, and others between them. */
+async function pause(page, during = async () => {}) {
   page.command('gcode:pause');
   await until(() => page.active() === 'Hold', 'the machine is held');
+  await during(page);
   page.command('gcode:resume');
   await until(() => page.active() === 'Run', 'the machine goes on');
 }
@@ -188,9 +120,7 @@ async function drive(page) {
   await until(() => page.active(), 'a report is understood');
   page.command('homing');
   await until(() => page.active() === 'Idle' && page.isAt(HOME), 'the machine is homed');
-  // Who started this compares the pins with the report.
-  console.log('homed');
-  await until(() => fs.existsSync('measured'), 'the pins are compared with the report');
+  await measured();
   await until(() => (page.settings.settings || {}).$132, 'the settings are read');
   page.command('gcode', `G10 L2 P1 X${x} Y${y} Z${z}`);
   await page.go('G54 G0 X0 Y0 Z10', [x, y, z + 10]);
@@ -200,8 +130,7 @@ async function drive(page) {
   page.command('gcode:start');
   await until(() => page.active() === 'Run', 'the job runs');
   await pause(page);
-  await override(page);
-  await pause(page);
+  await pause(page, override);
   await page.finished();
   check(page.isAt([x, y, z + 10]), `the job has ended at ${page.position()}`);
 
@@ -211,8 +140,11 @@ async function drive(page) {
   page.command('gcode:start');
   await until(() => page.active() === 'Run', 'the job runs');
   const welcomes = page.welcomes();
-  page.command('gcode:stop', { force: true });
-  await until(() => page.welcomes() > welcomes, 'the machine is reset');
+  while (page.welcomes() === welcomes) {
+    // It does not reset when no report has told it of the hold by then: the button is pressed again.
+    page.command('gcode:stop', { force: true });
+    await delay(1500);
+  }
   await until(() => page.active() === 'Idle', 'a reset in a hold keeps the machine unlocked');
 
   // Reset in motion: locked, and after `$X` the whole job again.
@@ -232,20 +164,7 @@ async function drive(page) {
 }
 
 async function main() {
-  const modules = process.env.NODE_PATH;
-  const number = await freePort();
-  childProcess.spawn(
-    process.execPath,
-    [path.join(modules, 'cncjs/bin/cncjs'), '--port', number, '--host', '127.0.0.1',
-      '--config', path.resolve('cncrc'), '--controller', 'Grbl'],
-    { stdio: ['ignore', 'inherit', 'inherit'] },
-  );
-  let token;
-  for (const end = Date.now() + PATIENCE_MS; !token;) {
-    check(Date.now() < end, 'the server does not start');
-    await delay(100);
-    token = await signIn(number);
-  }
+  const { number, token } = await serve();
   const socket = require('socket.io-client')(`http://127.0.0.1:${number}`, { query: { token } });
   await new Promise((resolve) => { socket.on('startup', resolve); });
   const page = new Page(socket);
@@ -256,8 +175,4 @@ async function main() {
   return drive(page);
 }
 
-// Who started this ends the server.
-main().then(
-  (place) => { console.log(`at ${place.join(',')}`); process.exit(0); },
-  (error) => { console.error(error); process.exit(1); },
-);
+run(main);

@@ -95,11 +95,14 @@ class Machine:
         return [text for text in self.messages if not text.startswith("[MSG:")]
 
     def stream(self, lines, at=()):
-        """Streams lines with the window full to the byte; `at` are calls due at line numbers."""
-        due = dict(at)
+        """Streams lines with the window full to the byte.
+
+        `at` are line numbers, and calls due there; one that returns `False` is made again later.
+        """
+        due = list(at)
         for number, line in enumerate(lines):
-            if number in due:
-                due.pop(number)()
+            if due and number >= due[0][0] and due[0][1]() is not False:
+                due.pop(0)
             while len(line) + 1 > self.room():
                 self.fill()
                 self.wait(lambda: self.room() >= 1, "a line is answered")
@@ -128,7 +131,7 @@ class Machine:
         return [float(number) for number in self.report["MPos"].split(",")]
 
     def reset(self):
-        """Resets, and tells the messages with it."""
+        """Resets, and returns the messages until the welcome."""
         welcomes = self.welcomes
         self.messages.clear()
         self.realtime(RESET)
@@ -151,24 +154,41 @@ def home(machine):
     measured()
 
 
-def hold(machine):
-    """A feed hold in motion, and the cycle start after it."""
-    machine.wait_for("Run")
+def hold(machine, during=lambda machine: None):
+    """A feed hold in motion, something done in it, and the cycle start after it.
+
+    `False` if all motion had ended before the byte came.
+    """
     machine.realtime(HOLD)
-    machine.wait_for("Hold:0")
+    machine.wait_for("Hold:0", "Idle")
+    if machine.report["state"] == "Idle":
+        return False
     place = machine.position()
+    during(machine)
     check(machine.position() == place, "nothing moves in a hold")
     machine.realtime(START)
-    machine.wait_for("Run")
+    machine.wait_for("Run", "Idle")
+    return True
 
 
 def open_door(machine):
     """The safety door, which there is no pin for: its byte, and the cycle start after it."""
-    machine.wait_for("Run")
     machine.realtime(DOOR)
     machine.wait_for("Door:0")
     machine.realtime(START)
-    machine.wait_for("Run")
+    machine.wait_for("Run", "Idle")
+
+
+def stuff(machine):
+    """Streams while the machine moves, until it takes nothing more."""
+    for line in itertools.cycle(spiral(150)):
+        while len(line) + 1 > machine.room():
+            machine.fill()
+            reports = machine.reports
+            machine.wait(lambda: machine.room() or machine.reports > reports + 5, "it reports")
+            if not machine.room():
+                return
+        machine.put(line)
 
 
 def override(machine):
@@ -204,7 +224,7 @@ def jog(machine):
     check(machine.position()[0] < x + 40, "a cancelled jog has not reached its end")
     # Beyond the travel, and nothing that jogs.
     machine.ask("$J=G91 X1000 F1000 (error:15)")
-    machine.ask("$J=G91 M3 (error:16)")
+    machine.ask("$J=G91 M3 X1 F100 (error:16)")
 
 
 def probe(machine):
@@ -264,9 +284,10 @@ def main():
     refused = sum("(error:" in line for line in job)
     events = [
         (90, lambda: hold(machine)),
-        (120, lambda: override(machine)),
-        (150, lambda: open_door(machine)),
-        (180, lambda: hold(machine)),
+        (110, lambda: machine.realtime(b"\x91\xc2\x96\x9a")),
+        (130, lambda: open_door(machine)),
+        (160, lambda: machine.realtime(b"\xc2\x90\x95\x99")),
+        (180, lambda: hold(machine, override)),
     ]
     machine.stream(job, events)
     machine.wait(lambda: not machine.in_flight, "the job is answered")
@@ -275,8 +296,11 @@ def main():
     x, y, z = ORIGIN
     check(machine.position() == [x, y, z + 10], "the job ends where it should")
 
-    # A reset in motion: the position stays true, and the next job ends where it should.
-    machine.stream(spiral(150), [(120, lambda: machine.wait_for("Run"))])
+    # A reset in motion, with all buffers full: the position stays true, and the next job ends where
+    # it should.
+    for line in ["G1 X40 F1000", "X-40", "X0"]:
+        machine.ask(line)
+    stuff(machine)
     messages = machine.reset()
     check("ALARM:3" in messages, "a reset in motion is an alarm")
     machine.wait_for("Alarm")

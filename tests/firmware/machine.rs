@@ -21,6 +21,8 @@ pub(crate) struct Machine {
     qemu: Child,
     pub(crate) lines: Receiver<String>,
     pub(crate) memory: Memory,
+    /// Lines that have come.
+    heard: Vec<String>,
 }
 
 impl Machine {
@@ -56,6 +58,7 @@ impl Machine {
             qemu,
             lines,
             memory,
+            heard: Vec::new(),
         };
         machine.wait_for_welcome();
         Some(machine)
@@ -79,8 +82,11 @@ impl Machine {
     pub(crate) fn receive(&mut self) -> String {
         loop {
             let line = self.lines.recv_timeout(PATIENCE);
-            let line = line.expect("the firmware answers in time");
+            let Ok(line) = line else {
+                panic!("the firmware is silent after {:?}", self.heard);
+            };
             if !line.is_empty() {
+                self.heard.push(line.clone());
                 return line;
             }
         }

@@ -133,7 +133,8 @@ fn what_is_stored_outlives_a_reset_of_the_chip() {
     assert!(machine.ask("$$").contains(&"$100=123.456".to_owned()));
     assert!(machine.ask("$I")[0].ends_with(":SHOP7]"));
     assert!(machine.ask("$#")[0].starts_with("[G54:5.000,"));
-    assert_eq!(machine.ask("$RST=*").last().unwrap(), "ok");
+    assert_eq!(machine.ask("$RST=*"), ["[MSG:Restoring defaults]", "ok"]);
+    machine.wait_for_welcome();
     machine.memory.reset_chip();
     machine.wait_for_welcome();
     assert!(machine.ask("$$").contains(&"$100=250.000".to_owned()));

@@ -31,6 +31,8 @@ pub(crate) struct Bench {
     pub(crate) is_deaf: bool,
     /// The flash refuses to store.
     pub(crate) flash_fails: bool,
+    /// A reset comes while the flash stores.
+    pub(crate) resets_in_store: bool,
     /// What homing fails with.
     pub(crate) homing_fails: Option<Alarm>,
     /// How a probing move ends; with its alarm where it is one.
@@ -88,6 +90,7 @@ impl Bench {
             withholds: false,
             is_deaf: false,
             flash_fails: false,
+            resets_in_store: false,
             homing_fails: None,
             probe_ends: Err(None),
             output: Vec::new(),
@@ -230,6 +233,9 @@ impl Bench {
             if let Some(change) = change {
                 assert!(self.machine.is_at_rest, "{change:?}");
                 self.changes.push(change);
+                if std::mem::take(&mut self.resets_in_store) {
+                    self.requests.press(realtime::Button::Reset);
+                }
                 self.session.has_stored(if self.flash_fails {
                     Err(StoreError::Flash)
                 } else {

@@ -75,6 +75,28 @@ fn a_line_that_changes_offsets_waits_for_the_moves_before_it() {
 }
 
 #[test]
+fn a_jog_that_waits_for_room_when_jogging_is_cancelled_is_void() {
+    let mut bench = Bench::new();
+    bench.withholds = true;
+    for line in ["$J=X1F600", "$J=X2F600", "$J=X3F600"] {
+        assert_eq!(bench.ask(line), ["ok"]);
+    }
+    bench.machine.state = State::Jog;
+    bench.machine.is_at_rest = false;
+    assert!(bench.ask("$J=X99F600").is_empty());
+    // The machine has cancelled, and come to rest, before the session looks again.
+    bench.machine.cuts = 1;
+    bench.machine.state = State::Idle;
+    bench.machine.is_at_rest = true;
+    bench.machine.steps[0] = 100;
+    bench.withholds = false;
+    assert_eq!(bench.serve(), ["ok"]);
+    assert!(bench.done.is_empty(), "{:?}", bench.done);
+    assert_eq!(bench.ask("$J=G91X1F600"), ["ok"]);
+    assert_eq!(bench.machine.steps[0], 350);
+}
+
+#[test]
 fn a_dwell_and_a_program_end_are_answered_when_they_are_done() {
     let mut bench = Bench::new();
     bench.withholds = true;
@@ -198,4 +220,14 @@ fn the_position_after_a_reset_is_where_the_machine_has_stopped() {
     assert_eq!(bench.ask("$100=500"), ["ok"]);
     assert_eq!(bench.ask("G28.1"), ["ok"]);
     assert!(bench.ask("$#").contains(&"[G28:1.250,0.000,0.000]".into()));
+}
+
+#[test]
+fn a_startup_line_with_a_motion_is_answered_when_it_is_over() {
+    let mut bench = Bench::new();
+    bench.withholds = true;
+    assert!(bench.ask("$N0=G0X5").is_empty());
+    bench.withholds = false;
+    assert_eq!(bench.serve(), ["ok"]);
+    assert_eq!(bench.ask("$N"), ["$N0=G0X5", "$N1=", "ok"]);
 }

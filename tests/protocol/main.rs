@@ -1,6 +1,7 @@
 //! The conversation with a sender: lines in, answers out.
 
 mod bench;
+mod deviations;
 mod flow;
 mod laws;
 mod program;

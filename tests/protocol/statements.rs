@@ -46,6 +46,25 @@ fn settings_are_stored_before_they_take_effect() {
 }
 
 #[test]
+fn what_was_stored_when_a_reset_came_is_in_effect() {
+    let mut bench = Bench::new();
+    bench.resets_in_store = true;
+    assert_eq!(bench.ask("$100=500"), ["ok", WELCOME[0], WELCOME[1]]);
+    let is_known = |work: &Work| matches!(work, Work::Configure(settings) if settings == bench.session.settings());
+    assert!(bench.done.iter().any(is_known));
+    assert_eq!(bench.ask("G0X2"), ["ok"]);
+    assert_eq!(bench.machine.steps[0], 1000);
+    bench.resets_in_store = true;
+    assert_eq!(bench.ask("G10L2P1X5"), ["ok", WELCOME[0], WELCOME[1]]);
+    assert!(bench.ask("$#").contains(&"[G54:5.000,0.000,0.000]".into()));
+    bench.resets_in_store = true;
+    assert_eq!(bench.ask("$RST=*"), ["ok", WELCOME[0], WELCOME[1]]);
+    assert!(bench.ask("$#").contains(&"[G54:0.000,0.000,0.000]".into()));
+    assert_eq!(bench.ask("G0X2.004"), ["ok"]);
+    assert_eq!(bench.machine.steps[0], 501);
+}
+
+#[test]
 fn offsets_are_stored_where_they_are_set() {
     let mut bench = Bench::new();
     assert_eq!(bench.ask("G10L2P2X5"), ["ok"]);

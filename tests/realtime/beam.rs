@@ -138,3 +138,20 @@ fn a_reset_switches_everything_off_at_once() {
     rig.run_to(rig.now + 26 * MS);
     assert_eq!(*rig.drive.outputs(), Outputs::default());
 }
+
+#[test]
+fn a_beam_that_a_hold_at_rest_ended_comes_back_with_the_next_motion_only() {
+    let mut rig = Rig::new(&laser());
+    let beam = Laser::Constant(500.0);
+    send(&mut rig, Work::Spindle(Spindle::Clockwise, 500.0));
+    assert!(rig.drive.outputs().duty > 0);
+    rig.receive(b'!');
+    assert_eq!(rig.drive.outputs().duty, 0);
+    rig.receive(b'~');
+    assert_eq!(state(&rig), State::Idle);
+    assert_eq!(notices(&rig), [Notice::RestoringSpindle]);
+    assert_eq!(rig.drive.outputs().duty, 0);
+    burn(&mut rig, &line(&[5.0], 1000.0), beam);
+    rig.run_to_rest();
+    assert!(rig.drive.outputs().duty > 0);
+}

@@ -101,3 +101,18 @@ fn a_reset_with_the_door_open_is_in_the_door_state() {
     assert_eq!(state(&rig), State::DoorAjar);
     assert!(rig.snapshot().is_at_rest);
 }
+
+#[test]
+fn a_dwell_goes_on_when_the_door_is_shut_again() {
+    let mut rig = Rig::new(&fast());
+    send(&mut rig, Work::Dwell(500));
+    rig.run_to(100 * MS);
+    rig.receive(DOOR);
+    rig.run_to(2000 * MS);
+    assert_eq!(state(&rig), State::DoorClosed);
+    rig.receive(b'~');
+    rig.run_to(2300 * MS);
+    assert_eq!((state(&rig), rig.snapshot().finished), (State::Idle, 0));
+    rig.run_to(2500 * MS);
+    assert_eq!(rig.snapshot().finished, 1);
+}

@@ -55,6 +55,17 @@ fn a_program_pause_waits_for_cycle_start() {
 }
 
 #[test]
+fn a_program_pause_right_after_a_move_waits_for_cycle_start() {
+    let mut rig = moving(&fast(), &line(&[5.0], 3000.0));
+    send(&mut rig, Work::Pause);
+    rig.run_to_rest();
+    assert_eq!(state(&rig), State::HoldComplete);
+    assert_eq!(rig.snapshot().finished, 1);
+    rig.receive(b'~');
+    assert_eq!((state(&rig), rig.snapshot().finished), (State::Idle, 2));
+}
+
+#[test]
 fn a_limit_switch_that_is_active_locks_at_a_reset() {
     let settings = Settings {
         hard_limits: true,

@@ -37,6 +37,8 @@ const REST: Duration = Duration::from_secs(5);
 
 /// How often it is looked what goes on.
 const GLANCE: Duration = Duration::from_millis(20);
+/// How many of these must find nothing owed: the last bytes may still be on their way.
+const QUIET_GLANCES: u32 = 10;
 /// What a script prints.
 const SAID: &str = "script.log";
 /// How much of it is told when it fails.
@@ -52,10 +54,18 @@ enum Sender {
     GrblStreamer,
     Bcnc,
     Cncjs,
+    /// The page that cncjs serves, in a browser without a window.
+    CncjsPage,
 }
 
 impl Sender {
-    const ALL: [Self; 4] = [Self::Raw, Self::GrblStreamer, Self::Bcnc, Self::Cncjs];
+    const ALL: [Self; 5] = [
+        Self::Raw,
+        Self::GrblStreamer,
+        Self::Bcnc,
+        Self::Cncjs,
+        Self::CncjsPage,
+    ];
 
     fn name(self) -> &'static str {
         match self {
@@ -63,6 +73,7 @@ impl Sender {
             Self::GrblStreamer => "grbl-streamer",
             Self::Bcnc => "bCNC",
             Self::Cncjs => "cncjs",
+            Self::CncjsPage => "cncjs' page",
         }
     }
 
@@ -72,14 +83,23 @@ impl Sender {
             Self::Raw => (install::plain_python()?, "raw.py"),
             Self::GrblStreamer => (install::python()?, "grbl_streamer_jobs.py"),
             Self::Bcnc => (install::python_with_tk()?, "bcnc_jobs.py"),
-            Self::Cncjs => {
-                let mut node = Command::new("node");
-                node.env("NODE_PATH", install::node()?);
-                return Ok((node, "cncjs_jobs.js"));
+            Self::Cncjs => return Ok((with_modules()?, "cncjs_jobs.js")),
+            Self::CncjsPage => {
+                let browser = install::browser()?;
+                let mut node = with_modules()?;
+                node.env("CHROMIUM", browser);
+                return Ok((node, "cncjs_page_jobs.js"));
             }
         };
         Ok((Command::new(program), script))
     }
+}
+
+/// Node, which finds the packages of `package.json`.
+fn with_modules() -> Result<Command> {
+    let mut node = Command::new("node");
+    node.env("NODE_PATH", install::node()?);
+    Ok(node)
 }
 
 /// Every sender at every machine: names and what to run.
@@ -230,8 +250,11 @@ impl Run {
     /// Closes the line when nothing is owed any more, and keeps what passed.
     fn end(&mut self) -> Result<Account> {
         let start = Instant::now();
-        while !self.tap.seen().account.is_quiet() && start.elapsed() < REST {
+        let mut quiet = 0;
+        while quiet < QUIET_GLANCES && start.elapsed() < REST {
             thread::sleep(GLANCE);
+            let is_quiet = self.tap.seen().account.is_quiet();
+            quiet = if is_quiet { quiet + 1 } else { 0 };
         }
         self.tap.close()?;
         let mut seen = self.tap.seen();

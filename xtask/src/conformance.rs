@@ -8,6 +8,7 @@ mod golden;
 mod print;
 
 use std::{
+    fmt::Write as _,
     path::{Path, PathBuf},
     process::ExitCode,
     sync::{
@@ -23,6 +24,7 @@ use serde::Serialize;
 use self::{
     check::Table,
     compare::{Difference, Verdict},
+    deviation::Deviation,
     exchange::Exchange,
     golden::Case,
 };
@@ -108,6 +110,54 @@ fn load(options: &Options) -> Result<Vec<Recording>> {
     recordings.extend(exchanges.map(|exchange| Recording::Exchange(Box::new(exchange))));
     Ok(recordings)
 }
+
+/// What is compared, and every deviation with its rule, as a document.
+pub(crate) fn document() -> Result<String> {
+    let mut text = HEAD.to_owned();
+    for deviation in Deviation::ALL {
+        let (id, what, rule) = (deviation.id(), deviation.text(), deviation.rule());
+        writeln!(text, "| {id} | {what} | {rule} |")?;
+    }
+    Ok(text)
+}
+
+/// The document up to the table's rows.
+const HEAD: &str = "\
+# Compared with Grbl
+
+```sh
+cargo xtask conformance DIR                          # everything that is in the folder
+cargo xtask conformance DIR --category transcripts   # one part; repeatable
+cargo xtask conformance DIR --all --json out.json    # every difference, also those by design
+```
+
+`DIR` holds recordings of Grbl 1.1h; they are not part of this repository, and no other test needs
+them. Everything is replayed on the virtual machine, which is the firmware's own code, over its serial
+line at 115 200 baud and on a virtual clock. The exit status is 1 when a difference has no name.
+
+| files in `DIR` | category | compared |
+|---|---|---|
+| `golden/CATEGORY/NAME.grbl.json` | their folder | programs executed: each answer, messages, final steps, steps per axis, motion time, and what `$G`, `$#` and `?` say in the end |
+| `golden/CATEGORY/NAME.check.csv` | `check` | programs in check mode: answer, position, F, S, T, modes and messages after each line |
+| `suites/grbl_error_cases.json` | `error_cases` | single lines: everything received, and the end |
+| `suites/grbl_transcripts.json` | `transcripts` | sessions: everything received and when, pins and switches, outputs, and the end |
+
+Texts and their order are exact, positions at rest too. Times may differ by 50 ms, positions in motion by
+30 ms of travel, speeds by 1 %, in ramps by 10 %; a state by what the machine was 50 ms before or after.
+Beside the recording, each report is held against the machine: it must show where the axes are, and must
+be sent within 5 ms of its `?`.
+
+`cargo xtask sim --session IN --out OUT` replays the same sessions without comparing, and writes them
+back with what was received.
+
+## Deviations
+
+What differs on purpose. Each is found by its cause in the exchange; the tool counts what each explains
+and names where. [grbl-compatibility.md](grbl-compatibility.md) gives the reasons.
+
+| name | what Leadscrew does | what may differ |
+|---|---|---|
+";
 
 /// The category of the tables.
 const CHECK: &str = "check";

@@ -1,6 +1,6 @@
 //! `cargo xtask docs`: the documents that are made from the code's tables.
 
-use std::{fmt::Write as _, fs, process::ExitCode};
+use std::{fmt::Write as _, fs, path::Path, process::ExitCode};
 
 use anyhow::{Context, Result, bail};
 use leadscrew::{
@@ -10,7 +10,7 @@ use leadscrew::{
     settings::{self, DataType, Description, Settings, Value},
 };
 
-use crate::{cargo, ui};
+use crate::{cargo, conformance, ui};
 
 /// Write the documents that are made from the code: settings, errors and alarms
 #[derive(clap::Args)]
@@ -24,10 +24,15 @@ pub(crate) struct Options {
 type Document = (&'static str, fn() -> Result<String>);
 
 /// Every document.
-const DOCUMENTS: [Document; 2] = [
+const DOCUMENTS: [Document; 3] = [
     ("docs/settings.md", settings_table),
     ("docs/errors.md", errors_table),
+    ("docs/conformance.md", conformance_table),
 ];
+
+fn conformance_table() -> Result<String> {
+    conformance::document()
+}
 
 pub(crate) fn run(options: &Options) -> Result<ExitCode> {
     if AXES != 3 {
@@ -56,6 +61,48 @@ pub(crate) fn check() -> Result<()> {
         let found = fs::read_to_string(cargo::root().join(path)).unwrap_or_default();
         if found != make()? {
             bail!("{path} is out of date: run `cargo xtask docs`");
+        }
+    }
+    check_deviations()
+}
+
+/// Fails when a deviation from Grbl names no test, or one that there is not.
+fn check_deviations() -> Result<()> {
+    const PATH: &str = "docs/grbl-compatibility.md";
+    let text = fs::read_to_string(cargo::root().join(PATH))
+        .with_context(|| format!("cannot read {PATH}"))?;
+    let mut sources = String::new();
+    for folder in ["tests", "src", "xtask/src"] {
+        read_sources(&cargo::root().join(folder), &mut sources)?;
+    }
+    let rows: Vec<_> = text
+        .lines()
+        .filter(|line| line.starts_with("| D"))
+        .collect();
+    if rows.is_empty() {
+        bail!("{PATH} has no deviations");
+    }
+    for row in rows {
+        let cells: Vec<_> = row.trim_matches('|').split('|').map(str::trim).collect();
+        let named = cells.last().copied().unwrap_or_default();
+        for test in named.split(", ") {
+            let name = test.trim_matches('`');
+            if name.is_empty() || !sources.contains(&format!("fn {name}(")) {
+                bail!("{PATH}: there is no test {test} ({})", cells[0]);
+            }
+        }
+    }
+    Ok(())
+}
+
+/// Appends every source file in a folder.
+fn read_sources(folder: &Path, sources: &mut String) -> Result<()> {
+    for entry in fs::read_dir(folder)? {
+        let path = entry?.path();
+        if path.is_dir() {
+            read_sources(&path, sources)?;
+        } else if path.extension().is_some_and(|extension| extension == "rs") {
+            sources.push_str(&fs::read_to_string(&path)?);
         }
     }
     Ok(())

@@ -44,6 +44,9 @@ pub(crate) enum Memory {
     File(PathBuf),
 }
 
+/// Bytes that wait for the sender at most, as many as operating systems keep.
+const UNREAD: usize = 65_536;
+
 /// The other end of the line.
 trait Port {
     /// Reads what has arrived; 0 for nothing.
@@ -109,6 +112,8 @@ fn serve(port: &mut dyn Port, memory: &Memory, switches: Option<&Ends>) -> Resul
         if !unsent.is_empty() {
             let length = port.write(&unsent)?;
             unsent.drain(..length);
+            // Nobody reads: what a serial line does with such bytes.
+            unsent.drain(..unsent.len().saturating_sub(UNREAD));
         }
         thread::sleep(PERIOD);
     }
@@ -232,9 +237,7 @@ impl Port for Pty {
     fn write(&mut self, bytes: &[u8]) -> Result<usize> {
         match rustix::io::write(&self.controller, bytes) {
             Ok(length) => Ok(length),
-            // Nobody reads, and the terminal is full: what a serial line does with such bytes.
-            Err(Errno::AGAIN) => Ok(bytes.len()),
-            Err(Errno::INTR) => Ok(0),
+            Err(Errno::AGAIN | Errno::INTR) => Ok(0),
             Err(error) => Err(error).context("cannot write to the pseudo-terminal"),
         }
     }

@@ -178,6 +178,15 @@ fn checks() -> Result<Vec<Check>> {
             wait(&mut cargo(&["test", "--workspace", "--no-fail-fast"]))
         }),
     ];
+    checks.push(Check::new("a day in virtual time", || {
+        wait(&mut cargo(&[
+            "test",
+            "--profile",
+            "tools",
+            "--test",
+            "endurance",
+        ]))
+    }));
     for axes in ["axes-4", "axes-6"] {
         checks.push(Check::new(format!("host tests, {axes}"), move || {
             wait(cargo(&["test", "--no-fail-fast", "--lib", "--tests"]).args(["--features", axes]))

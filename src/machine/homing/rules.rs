@@ -3,7 +3,7 @@
 use crate::{
     axis::{AXES, Axes},
     math,
-    planner::fastest_mm_s,
+    planner::{MIN_SPEED_MM_S, fastest_mm_s},
     settings::Settings,
     units::{StepsPerMm, TICKS_PER_MS},
 };
@@ -40,8 +40,10 @@ impl Rules {
         let steps_per_mm = settings.steps_per_mm.map(StepsPerMm::to_f32);
         let at = |mm_min: f32| {
             let fastest = fastest_mm_s(settings);
+            // `$24` and `$25` may be 0.
+            let speed_mm_s = math::max(mm_min / 60.0, MIN_SPEED_MM_S);
             fastest.zip(steps_per_mm, |fastest, steps| {
-                math::min(mm_min / 60.0, fastest) * steps
+                math::min(speed_mm_s, fastest) * steps
             })
         };
         Self {

@@ -3,7 +3,7 @@
 use super::Motion;
 use crate::{
     axis::AXES,
-    machine::{Alarm, Event, Inputs, Levels, Notice, State},
+    machine::{Alarm, Event, Inputs, Levels, Notice, Power, State},
     planner::{Block, Probing},
     stepper::{EventWriter, StepCounts},
 };
@@ -26,9 +26,14 @@ impl Motion {
         true
     }
 
+    /// The next segment of homing: a laser is dark, as nothing is to be burnt on that way.
     #[inline(never)]
     pub(super) fn next_of_homing(&mut self, inputs: &Inputs) -> bool {
-        let power = self.accessories.power_at_rest();
+        let power = if self.accessories.is_laser() {
+            Power::OFF
+        } else {
+            self.accessories.power_at_rest()
+        };
         let segment = self.homing.next(inputs, &mut self.generator, power);
         segment.is_some_and(|segment| {
             self.segment = segment;
@@ -107,10 +112,13 @@ impl Motion {
         self.settle_on_steps();
     }
 
-    /// Says whether limit switches stop the machine from now on.
-    pub(super) fn guard(&self, inputs: &Inputs) {
-        let is_locked = matches!(self.control.state, State::Alarm | State::Home);
-        inputs.guard(if self.hard_limits && !is_locked {
+    /// Says whether limit switches stop the machine from now on: not those that homing looks for,
+    /// nor at rest in alarm. A machine that slows down in alarm is stopped.
+    pub(super) fn guard(&self, inputs: &Inputs, counts: &StepCounts) {
+        let is_locked = self.control.state == State::Alarm;
+        let is_safe = self.control.state == State::Home
+            || is_locked && (self.homing.is_active() || self.is_still(counts));
+        inputs.guard(if self.hard_limits && !is_safe {
             Levels::limits((1 << AXES) - 1)
         } else {
             Levels::NONE
@@ -128,7 +136,7 @@ impl Motion {
         self.drop_plan();
         // A standstill that ends the pulses.
         self.rest = None;
-        if self.control.state != State::Alarm {
+        if !self.is_critical {
             self.alarm(Alarm::HardLimit);
         }
     }

@@ -141,23 +141,11 @@ impl Motion {
         if !is_door_open && self.control.state == State::DoorAjar {
             self.on(Event::DoorShut);
         }
-        match self.control.state {
-            State::HoldSlowing => self.accessories.begin_hold(),
-            State::HoldComplete => {
-                self.accessories.begin_hold();
-                self.accessories.rest_in_hold();
-            }
-            State::Idle
-            | State::Run
-            | State::Jog
-            | State::Home
-            | State::Check
-            | State::DoorClosed
-            | State::DoorAjar
-            | State::DoorRetracting
-            | State::DoorRestoring
-            | State::Sleep
-            | State::Alarm => {}
+        if self.is_held() {
+            self.accessories.begin_hold();
+        }
+        if self.control.state == State::HoldComplete {
+            self.accessories.rest_in_hold();
         }
         if self.restoring != Restoring::No {
             self.restore();

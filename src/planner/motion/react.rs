@@ -100,7 +100,7 @@ impl Motion {
         }
     }
 
-    fn is_held(&self) -> bool {
+    pub(super) fn is_held(&self) -> bool {
         matches!(self.control.state, State::HoldSlowing | State::HoldComplete)
     }
 
@@ -127,7 +127,7 @@ impl Motion {
         match effect {
             Effect::None => {}
             Effect::Resume => {
-                if self.accessories.end_stop() {
+                if self.accessories.end_stop(!self.plan.is_empty()) {
                     self.notices.push(Notice::RestoringSpindle);
                 }
                 if self.is_paused {

@@ -28,7 +28,9 @@ impl Motion {
             };
             // Settings are void for nobody: the session has taken them over already, at rest.
             let is_old = entry.epoch != self.epoch.wrapping_add(self.cuts);
-            let is_void = (is_old || self.is_starved) && !matches!(entry.work, Work::Configure(_));
+            let is_move = matches!(entry.work, Work::Move(_));
+            let is_locked = self.is_starved || is_move && self.control.state == State::Alarm;
+            let is_void = (is_old || is_locked) && !matches!(entry.work, Work::Configure(_));
             if is_void {
                 self.finished = self.finished.wrapping_add(1);
             } else if !self.accept(&entry.work, inputs, counts) {
@@ -64,7 +66,9 @@ impl Motion {
             self.finished = self.finished.wrapping_add(1);
             return true;
         }
-        let is_waiting = self.is_dwelling || self.is_in_cycle();
+        // A machine that has just come to rest is settled at the end of the run.
+        let is_settled = !matches!(self.control.state, State::Run | State::Jog);
+        let is_waiting = self.is_dwelling || self.is_in_cycle() || !is_settled;
         let is_busy = !self.plan.is_empty() || is_waiting || !self.is_still(counts);
         let is_ending = self.control.ending != Ending::None;
         if self.control.state.is_suspended() || is_busy || is_ending {
@@ -83,8 +87,10 @@ impl Motion {
             }
             Work::Pause => {
                 self.on(Event::Pause);
-                self.is_paused = true;
-                return true;
+                self.is_paused = self.control.state == State::HoldComplete;
+                if self.is_paused {
+                    return true;
+                }
             }
             Work::Spindle(spindle, rpm) => self.accessories.set_spindle(*spindle, *rpm),
             Work::Coolant(coolant) => self.accessories.set_coolant(*coolant),

@@ -104,7 +104,9 @@ impl Session {
         } else {
             // What is switched at standstill has been switched when the answer comes.
             let switches = !self.checked.moves() && !self.outcome.commands.is_empty();
-            (switches || self.checked.answers_when_done()).then_some(After::Answer)
+            // A startup line is stored when its motion is over.
+            let is_stored = matches!(self.source, Source::NewStartup { .. });
+            (switches || is_stored || self.checked.answers_when_done()).then_some(After::Answer)
         };
         self.stage = Stage::Entering(0);
         self.enter(machine, 0, entries)

@@ -21,6 +21,7 @@ impl Session {
     pub(super) fn begin_reset(&mut self, epoch: u32) {
         self.epoch = epoch;
         self.is_answer_owed |= self.is_line_begun();
+        self.is_stored_due |= matches!(self.stage, Stage::Storing(_));
         self.stage = Stage::Starting;
         self.is_jogging = false;
         self.is_position_known = false;

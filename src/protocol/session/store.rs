@@ -127,6 +127,15 @@ impl Session {
         }
     }
 
+    /// Lets take effect what was stored when a reset came, once the machine is at rest.
+    pub(super) fn take_stored(&mut self, machine: &Snapshot, entries: &mut Producer<'_, Entry>) {
+        if self.is_stored_due && self.is_done(machine) {
+            self.is_stored_due = false;
+            self.configure(machine, entries);
+            self.interpreter.set_origins(&self.stored.origins);
+        }
+    }
+
     /// New settings: the machine takes them at standstill.
     fn configure(&mut self, machine: &Snapshot, entries: &mut Producer<'_, Entry>) {
         let settings: Settings = self.stored.settings;

@@ -65,6 +65,8 @@ pub(crate) struct Account {
     /// Lines sent after the newest `0x18`, before its welcome.
     after_reset: usize,
     is_reset_asked: bool,
+    /// The machine has told that it is locked, and has not been unlocked since.
+    is_locked: bool,
     open_queries: u64,
     /// `?` was sent since the newest report.
     is_report_due: bool,
@@ -84,7 +86,8 @@ impl Account {
                 }
                 0x18 => self.reset_asked(),
                 b'!' | b'~' | 0x80.. => self.counts.realtime += 1,
-                b'\n' => self.line_sent(),
+                // Each of them ends a line, as for Grbl.
+                b'\n' | b'\r' => self.line_sent(),
                 byte => self.sent.push(*byte),
             }
         }
@@ -95,9 +98,6 @@ impl Account {
         let text = String::from_utf8_lossy(&self.sent).into_owned();
         self.sent.clear();
         self.counts.lines += 1;
-        if text.contains('\r') {
-            self.fault(format!("a carriage return is sent in {text:?}"));
-        }
         self.pending.push_back(Pending {
             text,
             bytes,
@@ -151,6 +151,8 @@ impl Account {
             self.welcomed(text);
         } else if text.starts_with("ALARM:") {
             self.counts.alarms += 1;
+        } else if text == LOCKED || text == UNLOCKED {
+            self.is_locked = text == LOCKED;
         } else if text.starts_with("[MSG:") || text.starts_with('>') || text.is_empty() {
         } else if let Some(asked) = asked_by(text) {
             self.listed(text, asked);
@@ -172,7 +174,13 @@ impl Account {
             });
         let is_refused = answer != "ok";
         self.counts.refusals += u64::from(is_refused);
-        let is_lawful = answer == expected || may_be_refused(&line.text, answer);
+        if line.text.trim() == "$H" && answer == "ok" {
+            self.is_locked = false;
+        }
+        // Senders stream on until they have read that the machine is locked.
+        let is_lawful = answer == expected
+            || self.is_locked && answer == "error:9"
+            || may_be_refused(&line.text, answer);
         if !is_lawful && !line.is_uncertain {
             self.fault(format!(
                 "{answer} instead of {expected} answers {:?}",
@@ -293,6 +301,11 @@ impl Account {
     }
 }
 
+/// A machine that must be homed or unlocked says this after its welcome.
+const LOCKED: &str = "[MSG:'$H'|'$X' to unlock]";
+/// The answer to `$X`, before its `ok`.
+const UNLOCKED: &str = "[MSG:Caution: Unlocked]";
+
 /// Every state word of Grbl 1.1.
 const STATES: [&str; 13] = [
     "Idle", "Run", "Hold:0", "Hold:1", "Jog", "Alarm", "Door:0", "Door:1", "Door:2", "Door:3",
@@ -401,6 +414,24 @@ mod tests {
         assert!(faults(&[">G0\n\x18G1\n", welcome, "<ok"]).is_empty());
         assert_eq!(faults(&[">G0\n\x18", welcome, "<ok"]).len(), 1);
         assert_eq!(faults(&[">\x18"]).len(), 1);
+    }
+
+    #[test]
+    fn only_a_locked_machine_may_refuse_all_lines() {
+        let (refused, unlock) = (
+            [">G0\n", "<error:9"],
+            [">$X\n", "<[MSG:Caution: Unlocked]", "<ok"],
+        );
+        let locked = ["<[MSG:'$H'|'$X' to unlock]"];
+        assert!(faults(&[&locked[..], &refused].concat()).is_empty());
+        let faults = faults(&[&locked[..], &unlock, &refused].concat());
+        assert_eq!(faults.len(), 1);
+    }
+
+    #[test]
+    fn a_carriage_return_ends_a_line_too() {
+        assert!(faults(&[">G21\r", "<ok"]).is_empty());
+        assert_eq!(faults(&[">G21\r\n", "<ok"]).len(), 1);
     }
 
     #[test]

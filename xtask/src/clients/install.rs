@@ -1,7 +1,7 @@
 //! Gets the senders from their registries, into the folder of build results.
 
 use std::{
-    fs,
+    env, fs,
     path::{Path, PathBuf},
     process::{Command, Stdio},
 };
@@ -80,28 +80,43 @@ pub(super) fn node() -> Result<PathBuf> {
         number.is_some_and(|number| number >= NODE) && cargo::is_there("npm"),
         "Node {NODE} with npm is not installed (Debian, Ubuntu: `sudo apt-get install nodejs npm`)"
     );
-    let (home, list) = (folder().join("node"), scripts().join("package.json"));
-    let wanted = fs::read_to_string(&list)?;
+    let home = folder().join("node");
+    let lists = ["package.json", "package-lock.json"];
+    let mut wanted = String::new();
+    for list in lists {
+        wanted += &fs::read_to_string(scripts().join(list))?;
+    }
     if is_stamped(&home, &wanted) {
         return Ok(home.join("node_modules"));
     }
     ui::status("Installing", "cncjs with npm");
     let _ = fs::remove_dir_all(&home);
     fs::create_dir_all(&home)?;
-    fs::copy(&list, home.join("package.json"))?;
+    for list in lists {
+        fs::copy(scripts().join(list), home.join(list))?;
+    }
     let mut npm = Command::new("npm");
     npm.args([
-        "install",
+        "ci",
         "--omit=dev",
         "--ignore-scripts",
         "--no-audit",
         "--no-fund",
     ]);
-    npm.args(["--no-package-lock", "--loglevel=error"])
-        .current_dir(&home);
+    npm.arg("--loglevel=error").current_dir(&home);
     quietly(&mut npm).context("npm cannot install cncjs")?;
     stamp(&home, &wanted)?;
     Ok(home.join("node_modules"))
+}
+
+/// The browser for the page of cncjs.
+pub(super) fn browser() -> Result<PathBuf> {
+    let path = env::var_os("PATH").unwrap_or_default();
+    let names = ["chromium", "google-chrome"];
+    let folders = env::split_paths(&path);
+    let mut places = folders.flat_map(|folder| names.map(|name| folder.join(name)));
+    let found = places.find(|place| cargo::is_there(&place.to_string_lossy()));
+    found.context("Chromium is not installed (Debian, Ubuntu: `sudo apt-get install chromium`)")
 }
 
 /// The first number of `v20.1.2`.

@@ -4,7 +4,7 @@ use serde::Serialize;
 
 use super::{
     deviation::Deviation,
-    exchange::{differs_in_tool, is_rounded_otherwise},
+    exchange::{Report, differs_in_tool, is_rounded_otherwise, is_tie},
     golden::{Run, Traits},
 };
 use crate::{figures::Figures, sim::Played};
@@ -61,7 +61,7 @@ pub(super) fn compare(run: &Run, played: &Played, traits: &Traits) -> Vec<Differ
     let answers = found.len();
     compare_steps(run, figures, traits, &mut found);
     compare_time(run, figures, traits, &mut found);
-    compare_end(run, &played.said, &mut found);
+    compare_end(run, played, &mut found);
     for difference in &mut found[answers..] {
         difference.by_design = difference.by_design.or(follows);
     }
@@ -190,7 +190,8 @@ fn compare_time(run: &Run, figures: &Figures, traits: &Traits, found: &mut Vec<D
 }
 
 /// What `$G`, `$#` and `?` say after the program.
-fn compare_end(run: &Run, said: &[String], found: &mut Vec<Difference>) {
+fn compare_end(run: &Run, played: &Played, found: &mut Vec<Difference>) {
+    let said = &played.said;
     let recorded = run.final_modes.iter().chain(&run.final_params);
     let recorded: Vec<_> = recorded.chain([&run.final_status]).collect();
     for index in 0..recorded.len().max(said.len()) {
@@ -201,7 +202,7 @@ fn compare_end(run: &Run, said: &[String], found: &mut Vec<Difference>) {
         }
         let by_design = if differs_in_tool(ours, theirs) {
             Some(Deviation::ToolIsModal)
-        } else if is_rounded_otherwise(ours, theirs) {
+        } else if is_same_place(ours, theirs, &played.figures.end.mpos_mm) {
             Some(Deviation::Rounding)
         } else {
             None
@@ -211,6 +212,25 @@ fn compare_end(run: &Run, said: &[String], found: &mut Vec<Difference>) {
             text: format!("`{ours}`, Grbl `{theirs}`"),
             by_design,
         });
+    }
+}
+
+/// Whether two texts differ in nothing but the last digit of numbers that lie half-way between two.
+fn is_same_place(ours: &str, theirs: &str, exact_mm: &[f64]) -> bool {
+    match (ours.parse::<Report>(), theirs.parse::<Report>()) {
+        (Ok(our), Ok(their)) => {
+            let fields = our.fields.iter().zip(&their.fields);
+            our.state == their.state
+                && our.fields.len() == their.fields.len()
+                && fields
+                    .into_iter()
+                    .all(|((name, our), (their_name, their))| {
+                        let is_tie = name == "MPos" && is_tie(our, their, exact_mm);
+                        name == their_name && (our == their || is_tie)
+                    })
+        }
+        // Offsets are no steps: what lies half-way cannot be told.
+        _ => ours.starts_with('[') && is_rounded_otherwise(ours, theirs),
     }
 }
 

@@ -37,9 +37,39 @@ pub(crate) enum Deviation {
     HomingMotion,
     FarTargets,
     NoPause,
+    HomingOnSwitch,
+    SingleAxisHoming,
+    LostBytes,
 }
 
 impl Deviation {
+    /// Every one, in the order of their names.
+    pub(crate) const ALL: [Self; 23] = [
+        Self::Buffers,
+        Self::LongLines,
+        Self::ExactPositions,
+        Self::JogWithoutAxes,
+        Self::SettingRanges,
+        Self::StartupLines,
+        Self::Arcs,
+        Self::ToolIsModal,
+        Self::SlowSteps,
+        Self::PromptReports,
+        Self::NoDeafness,
+        Self::QuickStorage,
+        Self::ShortStops,
+        Self::Rounding,
+        Self::RefusedChangesNothing,
+        Self::InverseTimeArcs,
+        Self::HomingMotion,
+        Self::FarTargets,
+        Self::NoPause,
+        Self::HomingOnSwitch,
+        Self::SingleAxisHoming,
+        Self::LostBytes,
+        Self::Follows,
+    ];
+
     /// Its short name.
     pub(crate) fn id(self) -> &'static str {
         match self {
@@ -63,6 +93,9 @@ impl Deviation {
             Self::HomingMotion => "D22",
             Self::FarTargets => "D23",
             Self::NoPause => "D24",
+            Self::HomingOnSwitch => "D25",
+            Self::SingleAxisHoming => "D26",
+            Self::LostBytes => "D27",
         }
     }
 
@@ -75,7 +108,10 @@ impl Deviation {
             | Self::SettingRanges
             | Self::StartupLines
             | Self::Arcs
-            | Self::FarTargets => true,
+            | Self::FarTargets
+            | Self::HomingOnSwitch
+            | Self::SingleAxisHoming
+            | Self::LostBytes => true,
             Self::Buffers
             | Self::ExactPositions
             | Self::ToolIsModal
@@ -123,7 +159,63 @@ impl Deviation {
             Self::InverseTimeArcs => "an arc under G93 takes 1/F minutes",
             Self::HomingMotion => "homing accelerates and decelerates each axis on its own",
             Self::FarTargets => "a target that the step counters cannot hold is refused",
+            Self::HomingOnSwitch => "homing is refused while a switch of its axes is closed",
+            Self::SingleAxisHoming => "`$HX`, `$HY` and `$HZ` home a single axis",
+            Self::LostBytes => "more than 128 bytes may wait to be read: Grbl loses them",
             Self::NoPause => "no pause for the drivers ($1) at the end of a motion, or at a reset",
+        }
+    }
+
+    /// What it lets differ, and when.
+    pub(crate) fn rule(self) -> &'static str {
+        match self {
+            Self::Buffers => {
+                "`Bf:` and the numbers of `[OPT:…]`, where ours are not smaller; an `ok` that comes \
+                 earlier after more than 15 moves"
+            }
+            Self::LongLines => "an answer other than `error:11` to a line of 80 to 255 characters",
+            Self::ExactPositions => {
+                "one step of an axis, where the position lies half-way between two"
+            }
+            Self::JogWithoutAxes => "`error:26` for `ok`, to a `$J=` without an axis word",
+            Self::SettingRanges => {
+                "an error for `ok`, to `$n=` with 0 steps/mm, speed or acceleration, or an integer \
+                 above 255; and what `$$` shows of it"
+            }
+            Self::StartupLines => "`error:3` for `ok`, to `$N2=` and above",
+            Self::Arcs => "an `ok` that comes earlier, to an arc or after one",
+            Self::ToolIsModal => "another T than 0 where Grbl shows 0",
+            Self::Follows => {
+                "the end of an exchange in which one of D5, D7, D8, D9, D10, D23, D25, D26 and D27 \
+                 explains an answer, and locks and lists after it"
+            }
+            Self::SlowSteps => "a time in which Grbl's steps come at 30.5 per second",
+            Self::PromptReports => {
+                "a report that Grbl sends late or never, while it homes or dwells or after an alarm; \
+                 and which report has `WCO` or `Ov` after it"
+            }
+            Self::NoDeafness => {
+                "lines that come up to 600 ms earlier after an alarm, and answers to what was sent \
+                 in that time"
+            }
+            Self::QuickStorage => "lines that come up to 300 ms earlier, to a line that is stored",
+            Self::ShortStops => {
+                "after a hold, door, cancel, override, reset or contact in motion: positions along \
+                 the path, within 80 ms of travel and the way of the deceleration, and the times \
+                 that go with them; at rest the place must stay"
+            }
+            Self::Rounding => "one unit of the last digit of a position or an offset",
+            Self::RefusedChangesNothing => "Grbl's state Home after a refused `$H…`",
+            Self::InverseTimeArcs => "times after an arc under `G93`",
+            Self::HomingMotion => "35 % of the time of a homing cycle",
+            Self::FarTargets => "`error:33` for `ok`, to a word beyond 2^30 steps",
+            Self::NoPause => {
+                "what comes `$1` and 5 ms earlier for each end of a motion that follows another; \
+                 the welcome after a reset"
+            }
+            Self::HomingOnSwitch => "everything after an `$H` that is answered `error:203`",
+            Self::SingleAxisHoming => "everything after an `$HX` to which Grbl says `error:3`",
+            Self::LostBytes => "everything after more than 128 bytes behind an unanswered line",
         }
     }
 }
@@ -131,5 +223,18 @@ impl Deviation {
 impl Serialize for Deviation {
     fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
         serializer.collect_str(self.id())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn no_two_deviations_have_one_name() {
+        for (index, deviation) in Deviation::ALL.iter().enumerate() {
+            let others = &Deviation::ALL[index + 1..];
+            assert!(others.iter().all(|other| other.id() != deviation.id()));
+        }
     }
 }

@@ -7,6 +7,7 @@ mod outputs;
 mod pairs;
 mod reader;
 mod reports;
+mod rules;
 mod status;
 mod stops;
 
@@ -17,7 +18,10 @@ use leadscrew::axis::AXES;
 use serde::Deserialize;
 use serde_json::Value;
 
-pub(super) use self::{explain::differs_in_tool, status::is_rounded_otherwise};
+pub(super) use self::{
+    rules::differs_in_tool,
+    status::{Report, is_rounded_otherwise, is_tie},
+};
 
 use self::heard::Heard;
 use super::compare::Difference;
@@ -372,10 +376,16 @@ fn compare(exchange: &Exchange, played: &Played) -> Vec<Difference> {
     let pairs = pairs::pair(exchange, played, &our_reports, &their_reports);
     let stops = stops::Stops::of(exchange, played, &pairs);
     let judge = explain::Judge::new(exchange, played, &stops);
-    judge.lines(&our_lines, &their_lines, &mut found);
-    reports::compare(exchange, played, &stops, &pairs, &mut found);
+    let diverged = judge.lines(&our_lines, &their_lines, &mut found);
     end::compare(exchange, played, &stops, &mut found);
-    outputs::compare(exchange, played, &stops, &mut found);
+    // What the two machines do once they are in different places cannot be compared.
+    let until = diverged.unwrap_or(usize::MAX);
+    let is_before = |pair: &&pairs::Paired| pair.step < until;
+    let pairs: Vec<_> = pairs.iter().filter(is_before).collect();
+    reports::compare(exchange, played, &stops, &pairs, &mut found);
+    if diverged.is_none() {
+        outputs::compare(exchange, played, &stops, &mut found);
+    }
     found
 }
 

@@ -36,7 +36,7 @@ fn values(outputs: Outputs) -> [i64; 6] {
     let duty = i64::from(outputs.duty);
     let full = i64::from(Outputs::FULL);
     [
-        (duty * 255 + full / 2) / full,
+        duty * 255 / full,
         i64::from(duty > 0),
         i64::from(outputs.spindle == Spindle::CounterClockwise),
         i64::from(outputs.coolant.flood),

@@ -2,6 +2,7 @@
 //! debuggers, which stops the machine while it lasts.
 
 use std::{
+    fmt::Write as _,
     io::{Read, Write},
     os::unix::net::UnixStream,
     path::Path,
@@ -17,9 +18,10 @@ const PATIENCE: Duration = Duration::from_secs(20);
 pub(super) fn write(socket: &Path, address: u64, words: &[u32]) -> Result<()> {
     let mut stream = UnixStream::connect(socket).context("QEMU does not listen to debuggers")?;
     stream.set_read_timeout(Some(PATIENCE))?;
-    let bytes = words.iter().flat_map(|word| word.to_le_bytes());
-    let digits: String = bytes.map(|byte| format!("{byte:02x}")).collect();
-    let command = format!("M{address:x},{:x}:{digits}", 4 * words.len());
+    let mut command = format!("M{address:x},{:x}:", 4 * words.len());
+    for word in words {
+        write!(command, "{:08x}", word.swap_bytes())?;
+    }
     let reply = exchange(&mut stream, &command)?;
     ensure!(reply == "OK", "QEMU does not write to memory: {reply}");
     exchange(&mut stream, "D").map(drop)

@@ -43,7 +43,6 @@ pub(crate) struct Step {
     /// Lines that arrived, without line ends.
     pub(crate) recv: Vec<String>,
     /// When, seconds from the first step.
-    #[serde(skip_serializing_if = "Vec::is_empty")]
     pub(crate) recv_t: Vec<f64>,
     /// Why nothing was done.
     #[serde(skip_deserializing, skip_serializing_if = "Option::is_none")]

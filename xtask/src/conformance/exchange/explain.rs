@@ -5,6 +5,9 @@ use leadscrew::gcode::LineError;
 use super::{
     DEAF_S, Exchange, Played,
     heard::{Heard, Pair, align},
+    rules::{
+        differs_in_tool, is_arc, is_build_options, is_consequence, is_setting_out_of_range, stores,
+    },
     status::is_rounded_otherwise,
     stops::Stops,
 };
@@ -20,6 +23,9 @@ const STORAGE_S: f64 = 0.3;
 /// Characters of a line that Grbl reads, without blanks and comments, and that we read.
 const GRBL_LINE: usize = 79;
 const OUR_LINE: usize = 255;
+/// Moves that Grbl's look-ahead holds, and bytes that its receive buffer holds.
+const GRBL_BLOCKS: usize = 15;
+const GRBL_BUFFER: usize = 128;
 /// Part of the time of a homing cycle by which ours may differ.
 const HOMING_SHARE: f64 = 0.35;
 
@@ -41,8 +47,15 @@ impl<'a> Judge<'a> {
         }
     }
 
-    /// Compares everything that is no report.
-    pub(super) fn lines(&self, ours: &[Heard], theirs: &[Heard], found: &mut Vec<Difference>) {
+    /// Compares everything that is no report. Returns the step from which on the two machines are not
+    /// the same any more, by a deviation.
+    pub(super) fn lines(
+        &self,
+        ours: &[Heard],
+        theirs: &[Heard],
+        found: &mut Vec<Difference>,
+    ) -> Option<usize> {
+        let mut diverged = None;
         for pair in align(ours, theirs) {
             let (what, step, text, by_design) = match pair {
                 Pair::Both(i, j) if ours[i].text == theirs[j].text => {
@@ -54,7 +67,8 @@ impl<'a> Judge<'a> {
                 Pair::Both(i, j) | Pair::Changed(i, j) => {
                     let (our, their) = (&ours[i], &theirs[j]);
                     let text = format!("`{}`, Grbl `{}`", our.text, their.text);
-                    ("line", their.step, text, self.changed(our, their))
+                    let reason = self.changed(our, their);
+                    ("line", their.step, text, reason)
                 }
                 Pair::Ours(i, _) => {
                     let text = format!("`{}`, Grbl nothing", ours[i].text);
@@ -65,6 +79,25 @@ impl<'a> Judge<'a> {
                     ("line", theirs[j].step, text, None)
                 }
             };
+            let text_of = |index: usize| theirs.get(index).map_or("", |heard| heard.text.as_str());
+            let apart = self.apart(step);
+            let by_design = by_design
+                .or(apart.map(|(deviation, _)| deviation))
+                .or_else(|| match pair {
+                    Pair::Changed(i, j) | Pair::Both(i, j) if diverged.is_some() => {
+                        is_consequence(&ours[i].text, text_of(j)).then_some(Deviation::Follows)
+                    }
+                    Pair::Ours(i, _) if diverged.is_some() => {
+                        is_consequence(&ours[i].text, "").then_some(Deviation::Follows)
+                    }
+                    Pair::Theirs(j, _) if diverged.is_some() => {
+                        is_consequence("", text_of(j)).then_some(Deviation::Follows)
+                    }
+                    Pair::Both(..) | Pair::Changed(..) | Pair::Ours(..) | Pair::Theirs(..) => None,
+                });
+            if diverged.is_none() && by_design.is_some_and(Deviation::has_consequences) {
+                diverged = Some(apart.map_or(step, |(_, since)| since));
+            }
             let name = self.exchange.step_name(step);
             found.push(Difference {
                 what,
@@ -72,6 +105,59 @@ impl<'a> Judge<'a> {
                 by_design,
             });
         }
+        diverged
+    }
+
+    /// What makes Grbl do something else in a step altogether, and since which step.
+    fn apart(&self, step: usize) -> Option<(Deviation, usize)> {
+        if self.loses_bytes(step) {
+            return Some((Deviation::LostBytes, step));
+        }
+        // The homing that the step belongs to.
+        let home = (0..=step).rev().find(|index| {
+            let has_line = self
+                .exchange
+                .step(*index)
+                .is_some_and(|step| step.line.is_some());
+            has_line || *index == 0
+        })?;
+        let line = self.line_of(home);
+        let axes = line.strip_prefix("$H")?;
+        let refused_by_grbl = self
+            .theirs
+            .iter()
+            .any(|their| their.step == home && their.is_error(LineError::InvalidStatement));
+        if !axes.is_empty() && refused_by_grbl {
+            return Some((Deviation::SingleAxisHoming, home));
+        }
+        let refused_by_us =
+            self.played.heard.iter().any(|our| {
+                (home..=step).contains(&our.step) && our.is_error(LineError::LimitsEngaged)
+            });
+        refused_by_us.then_some((Deviation::HomingOnSwitch, home))
+    }
+
+    /// Whether Grbl has had to keep more bytes than it can, up to a step.
+    fn loses_bytes(&self, step: usize) -> bool {
+        let (mut unanswered, mut bytes) = (0_usize, 0);
+        for (index, step) in self.exchange.session.steps().enumerate().take(step + 1) {
+            let sent = step.sends();
+            if unanswered > 0 {
+                bytes += sent.len();
+            }
+            let ends = sent.iter().filter(|byte| matches!(byte, b'\n' | b'\r'));
+            unanswered += ends.collect::<Vec<_>>().len();
+            if bytes > GRBL_BUFFER {
+                return true;
+            }
+            let answers = self.theirs.iter().filter(|their| their.step == index);
+            let answers = answers.filter(|their| their.is_answer()).count();
+            unanswered = unanswered.saturating_sub(answers);
+            if unanswered == 0 {
+                bytes = 0;
+            }
+        }
+        false
     }
 
     fn line_of(&self, step: usize) -> String {
@@ -109,7 +195,8 @@ impl<'a> Judge<'a> {
         if their_ok && our.is_error(LineError::InvalidTarget) {
             return self.is_far(&line).then_some(Deviation::FarTargets);
         }
-        if their_ok && is_setting_out_of_range(&line) {
+        let was_cut = their_ok || their.is_error(LineError::StepPulseTooShort);
+        if was_cut && is_setting_out_of_range(&line) {
             let refused = [LineError::NegativeValue, LineError::SettingOutOfRange];
             let is_refused = refused.into_iter().any(|error| our.is_error(error));
             return is_refused.then_some(Deviation::SettingRanges);
@@ -150,6 +237,9 @@ impl<'a> Judge<'a> {
             .any(|text| text == "ok" || text.starts_with("error:"));
         if unanswered && our.text == "ok" && is_arc(&line) {
             return Some(Deviation::Arcs);
+        }
+        if our.text == "ok" && self.is_withheld_for_room(our.step) {
+            return Some(Deviation::Buffers);
         }
         // What was sent while Grbl did not listen.
         let sent_s = recorded.t?;
@@ -201,8 +291,11 @@ impl<'a> Judge<'a> {
         {
             return Some(Deviation::HomingMotion);
         }
-        if late_s < 0.0 && their.text == "ok" && self.is_withheld_for_room(their.step) {
+        if late_s < 0.0 && their.text == "ok" && self.follows_an_arc(their.step) {
             return Some(Deviation::Arcs);
+        }
+        if late_s < 0.0 && their.text == "ok" && self.is_withheld_for_room(their.step) {
+            return Some(Deviation::Buffers);
         }
         if (-SAME_S - self.exchange.ahead_s(their_s)..0.0).contains(&late_s) {
             return Some(Deviation::NoPause);
@@ -212,8 +305,17 @@ impl<'a> Judge<'a> {
     }
 
     /// Whether Grbl's look-ahead may have been full of the chords of an arc.
-    fn is_withheld_for_room(&self, step: usize) -> bool {
+    fn follows_an_arc(&self, step: usize) -> bool {
         (0..=step).any(|index| is_arc(&self.line_of(index)))
+    }
+
+    /// Whether Grbl's look-ahead may have been full of lines.
+    fn is_withheld_for_room(&self, step: usize) -> bool {
+        let moves = |line: &str| {
+            (!line.starts_with('$') || line.starts_with("$J=")) && line.contains(['X', 'Y', 'Z'])
+        };
+        let lines = (0..=step).filter(|index| moves(&self.line_of(*index)));
+        lines.count() > GRBL_BLOCKS
     }
 
     /// When the homing began that a step belongs to.
@@ -249,113 +351,5 @@ impl<'a> Judge<'a> {
             found |= is_inverse && is_arc(&line);
         }
         found
-    }
-}
-
-/// `[OPT:…]` with Grbl's letters and more, and larger buffers.
-fn is_build_options(ours: &str, theirs: &str) -> bool {
-    let read = |text: &str| -> Option<(String, u32, u32)> {
-        let inner = text.strip_prefix("[OPT:")?.strip_suffix(']')?.to_owned();
-        let mut parts = inner.split(',');
-        let letters = parts.next()?.to_owned();
-        let (blocks, bytes) = (parts.next()?.parse().ok()?, parts.next()?.parse().ok()?);
-        parts.next().is_none().then_some((letters, blocks, bytes))
-    };
-    match (read(ours), read(theirs)) {
-        (Some((ours, blocks, bytes)), Some((theirs, their_blocks, their_bytes))) => {
-            theirs.chars().all(|letter| ours.contains(letter))
-                && blocks >= their_blocks
-                && bytes >= their_bytes
-        }
-        _ => false,
-    }
-}
-
-/// Two `$G` that differ in nothing but a `T0` of Grbl's.
-pub(in crate::conformance) fn differs_in_tool(ours: &str, theirs: &str) -> bool {
-    let without_tool = |text: &str| -> Option<(String, String)> {
-        let words = text.strip_prefix("[GC:")?.split(' ');
-        let (tool, rest): (Vec<_>, Vec<_>) = words.partition(|word| word.starts_with('T'));
-        Some((rest.join(" "), tool.concat()))
-    };
-    match (without_tool(ours), without_tool(theirs)) {
-        (Some((ours, tool)), Some((theirs, their_tool))) => {
-            ours == theirs && their_tool == "T0" && tool != "T0"
-        }
-        _ => false,
-    }
-}
-
-/// Whether a line moves along an arc: only those have a centre or a radius.
-fn is_arc(line: &str) -> bool {
-    !line.starts_with('$') && line.contains(['I', 'J', 'K', 'R'])
-}
-
-/// Whether Grbl writes its EEPROM for a line.
-fn stores(line: &str) -> bool {
-    let g = |wanted: f64| sender::g_numbers(line.as_bytes()).any(|number| number == wanted);
-    match line.strip_prefix('$') {
-        Some(statement) => statement.contains('=') && !statement.starts_with("J="),
-        None => g(10.0) || g(28.1) || g(30.1),
-    }
-}
-
-/// Whether a line sets what Grbl stores and makes no sense: no steps, no speed, no acceleration,
-/// no travel, or an integer that does not fit.
-fn is_setting_out_of_range(line: &str) -> bool {
-    let Some((number, value)) = line
-        .strip_prefix('$')
-        .and_then(|statement| statement.split_once('='))
-    else {
-        return false;
-    };
-    let (Ok(number), Ok(value)) = (number.parse::<u16>(), value.parse::<f64>()) else {
-        return false;
-    };
-    match number {
-        100..=135 | 24 | 25 => value <= 0.0,
-        0..=10 | 23 | 26 => value > 255.0,
-        _ => false,
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn only_larger_buffers_are_excused() {
-        assert!(is_build_options("[OPT:VNM,127,1024]", "[OPT:V,15,128]"));
-        assert!(!is_build_options("[OPT:VNM,14,1024]", "[OPT:V,15,128]"));
-        assert!(!is_build_options("[OPT:N,127,1024]", "[OPT:V,15,128]"));
-        assert!(!is_build_options("[OPT:V,127]", "[OPT:V,15,128]"));
-    }
-
-    #[test]
-    fn only_a_kept_tool_is_excused() {
-        assert!(differs_in_tool("[GC:G0 M5 T3 F0]", "[GC:G0 M5 T0 F0]"));
-        assert!(!differs_in_tool("[GC:G0 M5 T0 F0]", "[GC:G0 M5 T3 F0]"));
-        assert!(!differs_in_tool("[GC:G1 M5 T3 F0]", "[GC:G0 M5 T0 F0]"));
-        assert!(!differs_in_tool("ok", "ok"));
-    }
-
-    #[test]
-    fn only_senseless_settings_are_excused() {
-        for line in ["$100=0", "$110=0", "$122=0.0", "$1=256", "$26=300"] {
-            assert!(is_setting_out_of_range(line), "{line}");
-        }
-        for line in ["$100=80", "$1=255", "$30=1000", "$27=0", "$N0=G0", "$11=0"] {
-            assert!(!is_setting_out_of_range(line), "{line}");
-        }
-    }
-
-    #[test]
-    fn what_takes_grbl_long_is_known() {
-        for line in ["$110=5", "$N0=G20", "$RST=*", "$I=x", "G10L2P1X1", "G28.1"] {
-            assert!(stores(line), "{line}");
-        }
-        for line in ["$J=X1F100", "$$", "G28", "G0X1"] {
-            assert!(!stores(line), "{line}");
-        }
     }
 }

@@ -21,7 +21,12 @@ pub(super) struct Paired {
     pub(super) late: Option<Heard>,
     /// Both stand, in the same place.
     pub(super) is_same_rest: bool,
+    /// The next `?` comes so soon that one report may be for both.
+    pub(super) is_followed: bool,
 }
+
+/// Time between two `?` that may get one report, s.
+const SOON_S: f64 = 0.02;
 
 /// Finds out which reports belong to which `?`.
 pub(super) fn pair(
@@ -40,7 +45,12 @@ pub(super) fn pair(
             theirs: None,
             late: None,
             is_same_rest: false,
+            is_followed: false,
         }));
+    }
+    for index in 1..asked.len() {
+        let wait_s = asked[index].own_s - asked[index - 1].own_s;
+        asked[index - 1].is_followed = wait_s < SOON_S;
     }
     let time_of = |step: usize| exchange.session.steps().nth(step).and_then(|step| step.t);
     for heard in ours {
@@ -53,14 +63,18 @@ pub(super) fn pair(
         }
     }
     let mut from = 0;
-    for heard in theirs {
-        // Grbl answers all `?` so far at once: the latest gets it.
-        let Some(last) = (from..asked.len())
+    for (number, heard) in theirs.iter().enumerate() {
+        // Grbl answers all `?` so far at once: the latest gets it, and each report its own.
+        let latest = (from..asked.len())
             .rev()
-            .find(|index| asked[*index].step <= heard.step)
-        else {
+            .find(|index| asked[*index].step <= heard.step);
+        let Some(latest) = latest else {
             continue;
         };
+        let more = theirs[number + 1..]
+            .iter()
+            .filter(|next| next.step == heard.step && asked[latest].step == heard.step);
+        let last = latest.saturating_sub(more.count()).max(from);
         let asked = &mut asked[last];
         let delay = heard
             .time_s

@@ -3,7 +3,7 @@
 use super::{
     Exchange, Played,
     pairs::Paired,
-    status::{Report, is_rounded_otherwise, numbers},
+    status::{Report, is_rounded_otherwise, is_tie, numbers},
     stops::{Allowance, Stops},
 };
 use crate::{conformance::deviation::Deviation, session::track::Sample};
@@ -131,7 +131,7 @@ impl Reader<'_> {
         if farthest <= rounding {
             match (self.ours.field("MPos"), self.theirs.field("MPos")) {
                 (Some(a), Some(b)) if self.rests() && a != b => {
-                    Finding::excused_if(is_rounded_otherwise(a, b), Deviation::Rounding)
+                    Finding::excused_if(is_tie(a, b, &self.exact()), Deviation::Rounding)
                 }
                 _ => Finding::Same,
             }
@@ -141,6 +141,16 @@ impl Reader<'_> {
         } else {
             self.position_in_motion(farthest - step_mm - rounding)
         }
+    }
+
+    /// Where the axes are, in the unit of the report.
+    fn exact(&self) -> Vec<f64> {
+        let sample = self.played.track.at(self.pair.own_s);
+        let steps = sample.map(|sample| sample.steps).unwrap_or_default();
+        let unit = self.ours.mm_per_unit();
+        let axes = steps.iter().zip(self.exchange.scale());
+        axes.map(|(steps, scale)| f64::from(*steps) / scale / unit)
+            .collect()
     }
 
     /// The position in motion, this far apart, mm.

@@ -39,7 +39,7 @@ pub(super) fn compare(
     exchange: &Exchange,
     played: &Played,
     stops: &Stops,
-    pairs: &[Paired],
+    pairs: &[&Paired],
     found: &mut Vec<Difference>,
 ) {
     let mut comparison = Comparison {
@@ -64,7 +64,8 @@ pub(super) fn compare(
 impl Comparison<'_> {
     fn compare(&mut self, pair: &Paired) -> Found {
         let Some(ours) = &pair.ours else {
-            return vec![("no report".into(), None)];
+            let is_missed = !pair.is_followed;
+            return Found::from_iter(is_missed.then(|| ("no report".into(), None)));
         };
         let Ok(report) = ours.text.parse::<Report>() else {
             return vec![(format!("`{}` cannot be read", ours.text), None)];
@@ -188,7 +189,7 @@ impl Comparison<'_> {
         let state = self.played.track.at(pair.own_s)?.state;
         let waits = state == State::Home || self.exchange.is_dwelling(pair.step);
         let is_locked = self.exchange.is_after_alarm(pair.step);
-        (waits || is_locked).then_some(Deviation::PromptReports)
+        (waits || is_locked || pair.is_followed).then_some(Deviation::PromptReports)
     }
 }
 

@@ -6,11 +6,11 @@ use anyhow::{Context, Error, Result};
 
 /// A status report, taken apart.
 #[derive(Debug, Clone, PartialEq)]
-pub(super) struct Report {
+pub(in crate::conformance) struct Report {
     /// With its sub-state.
-    pub(super) state: String,
+    pub(in crate::conformance) state: String,
     /// Name and value of every field, in order.
-    pub(super) fields: Vec<(String, String)>,
+    pub(in crate::conformance) fields: Vec<(String, String)>,
 }
 
 impl FromStr for Report {
@@ -102,6 +102,25 @@ impl Report {
     }
 }
 
+/// Whether two positions, as printed, are the same but for the last digit of numbers that lie
+/// half-way between two digits: `exact` has them in the same unit.
+pub(in crate::conformance) fn is_tie(ours: &str, theirs: &str, exact: &[f64]) -> bool {
+    let (ours, theirs): (Vec<_>, Vec<_>) = (ours.split(',').collect(), theirs.split(',').collect());
+    let is_half_way = |text: &str, exact: f64| {
+        let scaled = exact.abs() * 10_f64.powf(decimals(text) as f64);
+        (scaled.fract() - 0.5).abs() < 1e-3
+    };
+    ours.len() == theirs.len()
+        && ours.len() == exact.len()
+        && ours
+            .iter()
+            .zip(&theirs)
+            .zip(exact)
+            .all(|((our, their), exact)| {
+                our == their || (is_rounded_otherwise(our, their) && is_half_way(our, *exact))
+            })
+}
+
 /// Numbers between commas.
 pub(super) fn numbers(text: &str) -> Option<Vec<f64>> {
     text.split(',').map(|part| part.parse().ok()).collect()
@@ -163,6 +182,13 @@ mod tests {
         assert_eq!(inches.position_mm(), Some(vec![25.4, 0.0, 0.0]));
         assert!("<Idle|what>".parse::<Report>().is_err());
         assert!("ok".parse::<Report>().is_err());
+    }
+
+    #[test]
+    fn only_numbers_half_way_are_ties() {
+        assert!(is_tie("1.988,2.000", "1.987,2.000", &[1.9875, 2.0]));
+        assert!(!is_tie("1.988,2.000", "1.987,2.000", &[1.9878, 2.0]));
+        assert!(!is_tie("1.988,2.000", "1.986,2.000", &[1.9875, 2.0]));
     }
 
     #[test]
