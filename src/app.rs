@@ -28,7 +28,7 @@ mod app {
     use leadscrew::{
         machine::{Inputs, Snapshot},
         planner::{Entry, Motion},
-        protocol::{Progress, Session, realtime::Requests},
+        protocol::{ByteReader, ByteWriter, Bytes, Progress, Session, realtime::Requests},
         sim::{ENTRY_RING, RECEIVED_RING, SENT_RING},
         stepper::{EventReader, EventRing, EventWriter, StepCounts, Stepper},
     };
@@ -44,7 +44,7 @@ mod app {
         /// Written by `prepare`, copied by `interpret` and `report`.
         snapshot: Snapshot,
         /// The session and its queues. Priority 1 only, as are the two after it.
-        dialogue: (Session, Consumer<'static, u8>, Producer<'static, u8>),
+        dialogue: (Session, ByteReader<'static>, ByteWriter<'static>),
         interpret_waker: Option<Waker>,
         report_waker: Option<Waker>,
         /// Atomics, shared by reference and never locked.
@@ -60,8 +60,8 @@ mod app {
         pins: board::InputPins,
         after: board::AfterPrepare,
         motion: &'static mut Motion,
-        received_in: Producer<'static, u8>,
-        sent_out: Consumer<'static, u8>,
+        received_in: ByteWriter<'static>,
+        sent_out: ByteReader<'static>,
         storage: board::Storage,
         entries_in: Producer<'static, Entry>,
         entries_out: Consumer<'static, Entry>,
@@ -71,8 +71,8 @@ mod app {
 
     #[init(local = [
         motion_memory: Motion = Motion::new(),
-        received: Queue<u8, RECEIVED_RING> = Queue::new(),
-        sent: Queue<u8, SENT_RING> = Queue::new(),
+        received: Bytes<RECEIVED_RING> = Bytes::new(),
+        sent: Bytes<SENT_RING> = Bytes::new(),
         entries: Queue<Entry, ENTRY_RING> = Queue::new(),
         events: EventRing = EventRing::new(),
     ])]

@@ -28,9 +28,16 @@ impl Nm {
         // Up to 2 m in the FPU, beyond in software.
         let nm = match i32::try_from(self.0) {
             Ok(nm) => nm as f32,
-            Err(_) => self.0 as f32,
+            Err(_) => self.to_f32(),
         };
         nm * 1.0e-6
+    }
+
+    /// Apart, because the compiler would convert first and then ask whether it has to.
+    #[cold]
+    #[inline(never)]
+    fn to_f32(self) -> f32 {
+        self.0 as f32
     }
 
     /// The distance in mm, in double precision: once per block, never per segment.

@@ -3,7 +3,6 @@
 
 mod support;
 
-use heapless::spsc::Queue;
 use leadscrew::{
     axis::Axes,
     machine::State,
@@ -90,7 +89,7 @@ impl Machine {
     }
 
     fn reset(&mut self) {
-        let mut line = Queue::<u8, 4>::new();
+        let mut line = leadscrew::protocol::Bytes::<4>::new();
         let _ = realtime::receive(RESET, &self.requests, &mut line.split().0);
         self.epoch += 1;
         self.drive.release_prepare();

@@ -3,7 +3,6 @@
 
 mod support;
 
-use heapless::spsc::Queue;
 use leadscrew::{
     axis::{AXES, Axes},
     planner::{Block, Circle, Command, Entry, Pace, Plane, Rotation, Router, Target, Work},
@@ -246,7 +245,7 @@ impl<'a> Play<'a> {
 
     fn reset(&mut self) {
         self.waiting = None;
-        let mut line = Queue::<u8, 4>::new();
+        let mut line = leadscrew::protocol::Bytes::<4>::new();
         let _ = realtime::receive(RESET, &self.requests, &mut line.split().0);
         self.drive.release_prepare();
     }

@@ -2,9 +2,11 @@
 
 use core::sync::atomic::{AtomicU8, AtomicUsize, Ordering::Relaxed};
 
-use heapless::spsc::{Consumer, Producer};
 use leadscrew::{
-    protocol::realtime::{self, Awaited, Release, Requests},
+    protocol::{
+        ByteReader, ByteWriter,
+        realtime::{self, Awaited, Release, Requests},
+    },
     sim::SENT_RING,
 };
 
@@ -39,8 +41,8 @@ impl SerialPort {
     pub(crate) fn serve(
         &mut self,
         requests: &Requests,
-        received: &mut Producer<'_, u8>,
-        sent: &mut Consumer<'_, u8>,
+        received: &mut ByteWriter<'_>,
+        sent: &mut ByteReader<'_>,
     ) {
         if let Some(byte) = self.receive() {
             match realtime::receive(byte, requests, received) {
@@ -49,7 +51,7 @@ impl SerialPort {
                 Release::Prepare => rtic::pend(PREPARE),
             }
             // What is to be sent may have been pended by the same vector.
-            if sent.ready() {
+            if !sent.is_empty() {
                 again();
             }
         } else if self.can_send() {
@@ -110,7 +112,7 @@ impl SerialPort {
 }
 
 /// Lets the interrupt send what is queued.
-pub(crate) fn start(sent: &Producer<'_, u8>) {
+pub(crate) fn start(sent: &ByteWriter<'_>) {
     if !sent.is_empty() {
         again();
     }

@@ -85,11 +85,37 @@ impl Number {
     /// A whole part of more than 18 digits saturates.
     #[must_use]
     pub fn parse(text: &[u8]) -> Option<(Self, &[u8])> {
-        let (is_negative, mut rest) = match text.split_first() {
+        let (is_negative, rest) = match text.split_first() {
             Some((b'-', rest)) => (true, rest),
             Some((b'+', rest)) => (false, rest),
             _ => (false, text),
         };
+        Self::parse_short(is_negative, rest).or_else(|| Self::parse_long(is_negative, rest))
+    }
+
+    /// A number of at most nine digits, which fit a word.
+    #[inline]
+    fn parse_short(is_negative: bool, text: &[u8]) -> Option<(Self, &[u8])> {
+        let (mut value, before) = append_digits(0, text);
+        let mut rest = text.get(before..)?;
+        let mut decimals = 0;
+        if let Some((b'.', fraction)) = rest.split_first() {
+            (value, decimals) = append_digits(value, fraction);
+            rest = fraction.get(decimals..)?;
+        }
+        if !(1..=9).contains(&(before + decimals)) {
+            return None;
+        }
+        let value = value.cast_signed();
+        let mantissa = i64::from(if is_negative { -value } else { value });
+        let decimals = decimals as u8;
+        Some((Self { mantissa, decimals }, rest))
+    }
+
+    /// Any number.
+    #[inline(never)]
+    fn parse_long(is_negative: bool, text: &[u8]) -> Option<(Self, &[u8])> {
+        let mut rest = text;
         let mut mantissa = 0_u64;
         let mut has_digits = false;
         while let Some((digit, tail)) = split_digit(rest) {
@@ -242,6 +268,21 @@ impl Number {
             hundredths,
         }
     }
+}
+
+/// A value with the digits at the beginning of a text appended, wrapping, and how many they are.
+#[inline]
+fn append_digits(value: u32, text: &[u8]) -> (u32, usize) {
+    let (mut value, mut count) = (value, 0);
+    for &byte in text {
+        let digit = u32::from(byte).wrapping_sub(u32::from(b'0'));
+        if digit > 9 {
+            break;
+        }
+        value = value.wrapping_mul(10).wrapping_add(digit);
+        count += 1;
+    }
+    (value, count)
 }
 
 /// The value of the digit at the beginning of a text, and the rest.

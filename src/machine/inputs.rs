@@ -113,7 +113,8 @@ impl Inputs {
 
     /// Waits no more; for `prepare` alone.
     pub fn disarm_probe(&self) {
-        self.probing.store(UNARMED, Release);
+        // Nothing goes with it that would have to be seen before.
+        self.probing.store(UNARMED, Relaxed);
     }
 
     /// How many events had been output when the probe changed, if it has.

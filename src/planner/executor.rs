@@ -174,7 +174,7 @@ impl Executor {
         // Greatest speed from which the exit speed can still be reached.
         let top = block.measure(block.speed_mm_s * block.speed_mm_s);
         let mut peak = math::min(top, 0.5 * (measure + exit + per_mm * left_mm));
-        let mut exit_speed = math::sqrt(exit_sqr);
+        let mut exit_speed_sqr = exit_sqr;
         if self.is_over {
             // Braking as hard as the limits allow is always within the plan before, and so within
             // every limit but the new speed.
@@ -182,10 +182,11 @@ impl Executor {
             self.is_over = measure > top * WITHIN || least > exit * WITHIN;
             if least > exit {
                 exit = least;
-                exit_speed = math::sqrt(block.speed_sqr(exit));
+                exit_speed_sqr = block.speed_sqr(exit);
                 peak = math::max(math::min(top, measure), exit);
             }
         }
+        let exit_speed = || math::sqrt(exit_speed_sqr);
         let peak_speed = math::sqrt(block.speed_sqr(peak));
         let acceleration = acceleration_left(block, speed);
         let near = SHORTEST_PHASE_S * acceleration;
@@ -196,7 +197,7 @@ impl Executor {
             return finish(speed, way, math::sqrt(reached), left_mm, || {
                 math::min(
                     math::sqrt(block.speed_sqr(measure + per_mm * left_mm)),
-                    exit_speed,
+                    exit_speed(),
                 )
             });
         }
@@ -208,13 +209,13 @@ impl Executor {
             let mean = 0.5 * (from + peak_speed);
             let seconds = share(cruise_mm / mean);
             return finish(from, mean * seconds, peak_speed, left_mm, || {
-                math::min(peak_speed, exit_speed)
+                math::min(peak_speed, exit_speed())
             });
         }
         let slowest = if cruises {
             peak_speed
         } else {
-            math::min(exit_speed, speed)
+            math::min(exit_speed(), speed)
         };
         let seconds = share((speed - slowest) / acceleration);
         let way = (speed - 0.5 * acceleration * seconds) * seconds;

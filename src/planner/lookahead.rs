@@ -105,7 +105,11 @@ impl Planned {
         here.laser = block.laser;
         here.acceleration_mm_s2 = block.acceleration_mm_s2;
         here.junction_sqr = block.junction_sqr;
-        here.curve = block.curve;
+        // Lines have none: nothing to copy.
+        match &block.curve {
+            Some(curve) => here.curve = Some(*curve),
+            None => here.curve = None,
+        }
         here.line = block.line;
     }
 }

@@ -293,12 +293,13 @@ impl Motion {
         self.outputs.coolant = self.accessories.coolant();
         let (coolant_asked, coolant_toggles) = self.accessories.coolant_asked();
         // A finished block alone is no news: who waits for all of them waits for rest.
+        let has_notices = new.notices.count() != self.notices.count();
         let changed = new.state != self.control.state
             || new.is_at_rest != is_at_rest
             || new.epoch != self.epoch
             || new.cuts != self.cuts
             || new.coolant_toggles != coolant_toggles
-            || new.notices.count() != self.notices.count();
+            || has_notices;
         new.state = self.control.state;
         new.steps = counts.position();
         new.inputs = self.inputs;
@@ -309,7 +310,9 @@ impl Motion {
         new.coolant_asked = coolant_asked;
         new.coolant_toggles = coolant_toggles;
         new.overrides = self.accessories.overrides();
-        new.notices = self.notices;
+        if has_notices {
+            new.notices = self.notices;
+        }
         new.probed = self.probed;
         new.line = counts.line();
         new.blocks_free = self.plan.free() as u16;

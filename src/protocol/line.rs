@@ -59,23 +59,30 @@ impl Line {
         }
     }
 
-    /// Takes the next byte; true when it ends the line, which [`Line::text`] then has. The line
-    /// must be cleared before the byte after.
-    #[inline]
+    /// Takes bytes up to the end of the line; false when they come to an end before. [`Line::text`]
+    /// then has the line, which must be cleared before the byte after.
     #[must_use]
-    pub fn take(&mut self, byte: u8) -> bool {
-        let code = CODE[usize::from(byte)];
-        if code == 0 || self.place != Place::Code {
-            return self.take_rest(byte);
-        }
-        match self.bytes.get_mut(self.length) {
-            Some(place) => {
+    pub fn take_from(&mut self, bytes: impl Iterator<Item = u8>) -> bool {
+        let mut length = self.length;
+        let mut is_code = self.place == Place::Code;
+        let mut is_complete = false;
+        for byte in bytes {
+            let code = CODE[usize::from(byte)];
+            if code == 0 || !is_code {
+                is_complete = self.take_rest(byte);
+                is_code = self.place == Place::Code;
+                if is_complete {
+                    break;
+                }
+            } else if let Some(place) = self.bytes.get_mut(length) {
                 *place = code;
-                self.length += 1;
+                length += 1;
+            } else {
+                self.is_too_long = true;
             }
-            None => self.is_too_long = true,
         }
-        false
+        self.length = length;
+        is_complete
     }
 
     /// Takes a byte that is no code, or in a comment.
@@ -127,12 +134,11 @@ mod tests {
     fn lines(bytes: &[u8]) -> Vec<Result<String, TooLong>> {
         let mut line = Line::new();
         let mut lines = Vec::new();
-        for &byte in bytes {
-            if line.take(byte) {
-                let text = line.text().map(|t| String::from_utf8_lossy(t).into_owned());
-                lines.push(text);
-                line.clear();
-            }
+        let mut rest = bytes.iter().copied();
+        while line.take_from(&mut rest) {
+            let text = line.text().map(|t| String::from_utf8_lossy(t).into_owned());
+            lines.push(text);
+            line.clear();
         }
         lines
     }

@@ -4,6 +4,7 @@
 //! (`$` statements: [`Dollar`], everything else: the interpreter) and answers in Grbl's words
 //! ([`report`], [`listing`], written into a [`Text`]).
 
+mod bytes;
 mod dollar;
 mod line;
 pub mod listing;
@@ -12,6 +13,7 @@ pub mod report;
 mod session;
 mod text;
 
+pub use bytes::{ByteReader, ByteRing, ByteWriter, Bytes, Waiting};
 pub use dollar::{Condition, Described, Dollar};
 pub use line::{LINE_BYTES, Line, TooLong};
 pub use session::{Progress, Session};

@@ -3,10 +3,9 @@
 //! Owned by `serial_rx`, which stores; every other task only reads or takes. A byte costs O(1) and
 //! may stand inside a line. Read with Grbl 1.1 `serial.c` and the table of realtime commands.
 
-use core::sync::atomic::{AtomicBool, AtomicU8, AtomicU32, Ordering};
+use core::sync::atomic::{AtomicBool, AtomicU8, AtomicU32, Ordering, compiler_fence};
 
-use heapless::spsc::Producer;
-
+use super::ByteWriter;
 use crate::machine::Override;
 
 /// Bytes of a line that may wait without its end.
@@ -112,7 +111,9 @@ impl Requests {
     /// Counts requests to `prepare`, other than resets, wrapping.
     #[must_use]
     pub fn asked(&self) -> u32 {
-        self.asked.load(Ordering::Acquire)
+        let asked = self.asked.load(Ordering::Relaxed);
+        compiler_fence(Ordering::SeqCst);
+        asked
     }
 
     /// Takes the end of the time that was asked for.
@@ -130,8 +131,11 @@ impl Requests {
     /// Number of resets so far, wrapping.
     #[must_use]
     pub fn epoch(&self) -> u32 {
-        let received = self.resets.load(Ordering::Acquire);
-        received.wrapping_add(self.own_resets.load(Ordering::Acquire))
+        let received = self.resets.load(Ordering::Relaxed);
+        let epoch = received.wrapping_add(self.own_resets.load(Ordering::Relaxed));
+        // Between the tasks of one core no barrier is needed, but the compiler's order.
+        compiler_fence(Ordering::SeqCst);
+        epoch
     }
 
     /// A reset that a line asks for; for `interpret` alone.
@@ -155,7 +159,9 @@ impl Requests {
     /// Before it looks for work it awaits all, and then, if it finds none, what it has looked for:
     /// so nothing that comes meanwhile is missed.
     pub fn heed(&self, awaited: Awaited) {
-        self.awaited.store(awaited.0, Ordering::Release);
+        compiler_fence(Ordering::SeqCst);
+        self.awaited.store(awaited.0, Ordering::Relaxed);
+        compiler_fence(Ordering::SeqCst);
     }
 
     /// Whether `interpret` waits for this.
@@ -304,7 +310,17 @@ pub enum Release {
 }
 
 /// Sorts one received byte.
-pub fn receive(byte: u8, requests: &Requests, line: &mut Producer<'_, u8>) -> Release {
+#[inline]
+pub fn receive(byte: u8, requests: &Requests, line: &mut ByteWriter<'_>) -> Release {
+    // Most bytes are letters, digits, signs and dots: two comparisons instead of five.
+    if matches!(byte, b'@'..=b'}' | b'"'..=b'>') {
+        put(byte, requests, line)
+    } else {
+        sort(byte, requests, line)
+    }
+}
+
+fn sort(byte: u8, requests: &Requests, line: &mut ByteWriter<'_>) -> Release {
     match byte {
         b'?' => {
             requests.status.store(true, Ordering::Release);
@@ -328,14 +344,18 @@ pub fn receive(byte: u8, requests: &Requests, line: &mut Producer<'_, u8>) -> Re
             }
             None => Release::Nobody,
         },
-        _ => {
-            if line.enqueue(byte).is_err() {
-                let lost = requests.lost.load(Ordering::Relaxed).wrapping_add(1);
-                requests.lost.store(lost, Ordering::Relaxed);
-            }
-            requests.line_part(byte)
-        }
+        _ => put(byte, requests, line),
     }
+}
+
+/// Queues a byte of a line.
+#[inline]
+fn put(byte: u8, requests: &Requests, line: &mut ByteWriter<'_>) -> Release {
+    if line.enqueue(byte).is_err() {
+        let lost = requests.lost.load(Ordering::Relaxed).wrapping_add(1);
+        requests.lost.store(lost, Ordering::Relaxed);
+    }
+    requests.line_part(byte)
 }
 
 fn press(requests: &Requests, button: Button) -> Release {

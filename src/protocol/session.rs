@@ -12,9 +12,10 @@ mod reset;
 mod store;
 mod tell;
 
-use heapless::spsc::{Consumer, Producer};
+use heapless::spsc::Producer;
 
 use super::{
+    bytes::{ByteReader, ByteWriter},
     line::Line,
     realtime::{Awaited, Requests},
     report::{self, Cadence, Feedback, Status},
@@ -250,8 +251,8 @@ impl Session {
         &mut self,
         machine: &Snapshot,
         requests: &Requests,
-        received: &mut Consumer<'_, u8>,
-        sent: &mut Producer<'_, u8>,
+        received: &mut ByteReader<'_>,
+        sent: &mut ByteWriter<'_>,
         entries: &mut Producer<'_, Entry>,
     ) -> Progress {
         requests.heed(Awaited::ALL);
@@ -281,8 +282,8 @@ impl Session {
         &mut self,
         machine: &Snapshot,
         requests: &Requests,
-        received: &mut Consumer<'_, u8>,
-        sent: &mut Producer<'_, u8>,
+        received: &mut ByteReader<'_>,
+        sent: &mut ByteWriter<'_>,
         entries: &mut Producer<'_, Entry>,
     ) -> Progress {
         if self.change.is_some() {
@@ -330,7 +331,7 @@ impl Session {
         machine: &Snapshot,
         requests: &Requests,
         received_free: usize,
-        sent: &mut Producer<'_, u8>,
+        sent: &mut ByteWriter<'_>,
     ) -> Progress {
         requests.heed(Awaited::ALL);
         self.is_report_due |= requests.take_status();
@@ -385,7 +386,7 @@ impl Session {
     }
 
     /// Sends the message that is waiting; false when there is no room.
-    fn flush(&mut self, sent: &mut Producer<'_, u8>) -> bool {
+    fn flush(&mut self, sent: &mut ByteWriter<'_>) -> bool {
         let has_room = send(&self.message, sent);
         if has_room {
             self.message.clear();
@@ -398,7 +399,7 @@ impl Session {
         &mut self,
         machine: &Snapshot,
         received_free: usize,
-        sent: &mut Producer<'_, u8>,
+        sent: &mut ByteWriter<'_>,
     ) -> bool {
         // What the report shows is counted only once it has been sent.
         let mut cadence = self.cadence;
@@ -424,7 +425,7 @@ impl Session {
         &mut self,
         machine: &Snapshot,
         requests: &Requests,
-        received: &mut Consumer<'_, u8>,
+        received: &mut ByteReader<'_>,
         entries: &mut Producer<'_, Entry>,
     ) -> Progress {
         // While the machine is held, or ends a jog, no line is begun; the bytes stay where the sender
@@ -460,16 +461,8 @@ impl Session {
     }
 
     /// Takes bytes up to the end of the line; false when it has not come yet.
-    fn read(&mut self, received: &mut Consumer<'_, u8>) -> bool {
-        // As many as the queue holds, at most.
-        for _ in 0..received.capacity() {
-            match received.dequeue() {
-                Some(byte) if self.line.take(byte) => return true,
-                Some(_) => {}
-                None => return false,
-            }
-        }
-        false
+    fn read(&mut self, received: &mut ByteReader<'_>) -> bool {
+        received.take_with(|bytes| self.line.take_from(bytes))
     }
 
     /// Whether everything sent to the machine has been done and it stands still.
@@ -479,11 +472,10 @@ impl Session {
 
     /// Sends work. The caller has made sure of room; after standstill the queue is empty.
     fn send_entry(&mut self, work: Work, entries: &mut Producer<'_, Entry>) {
-        let entry = Entry {
-            work,
-            ..self.entry()
-        };
-        self.send(entry, entries);
+        let epoch = self.entry().epoch;
+        if entries.enqueue(Entry { epoch, work }).is_ok() {
+            self.entered = self.entered.wrapping_add(1);
+        }
     }
 
     /// An entry still to be filled in.
@@ -493,18 +485,10 @@ impl Session {
             work: Work::Pause,
         }
     }
-
-    /// Sends an entry. It is large: whoever makes it for each line makes it in place.
-    #[inline]
-    fn send(&mut self, entry: Entry, entries: &mut Producer<'_, Entry>) {
-        if entries.enqueue(entry).is_ok() {
-            self.entered = self.entered.wrapping_add(1);
-        }
-    }
 }
 
 /// Sends a message completely or, when there is no room for it, not at all.
-fn send(text: &Text, sent: &mut Producer<'_, u8>) -> bool {
+fn send(text: &Text, sent: &mut ByteWriter<'_>) -> bool {
     let bytes = text.as_bytes();
     if bytes.is_empty() {
         return true;

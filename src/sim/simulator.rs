@@ -1,13 +1,11 @@
 //! The whole virtual machine: bytes in, bytes and pin edges out.
 
-use heapless::spsc::Queue;
-
 use super::{Drive, Edge, Flash, Switch};
 use crate::{
     axis::Axes,
     machine::{Levels, Outputs, Snapshot},
     protocol::{
-        Progress, Session,
+        Bytes, Progress, Session,
         realtime::{self, Release, Requests},
     },
     settings::{Change, Journal, Loaded, Settings, Stored},
@@ -29,8 +27,8 @@ pub struct Simulator {
     session: Session,
     journal: Journal<Flash>,
     requests: Requests,
-    received: Queue<u8, RECEIVED_RING>,
-    sent: Queue<u8, SENT_RING>,
+    received: Bytes<RECEIVED_RING>,
+    sent: Bytes<SENT_RING>,
     now: u64,
     is_interpret_released: bool,
     is_report_released: bool,
@@ -71,8 +69,8 @@ impl Simulator {
             session: Session::new(&stored, is_first_boot),
             journal,
             requests: Requests::new(),
-            received: Queue::new(),
-            sent: Queue::new(),
+            received: Bytes::new(),
+            sent: Bytes::new(),
             now: 0,
             is_interpret_released: true,
             is_report_released: false,
@@ -117,7 +115,7 @@ impl Simulator {
     /// Free places in the receive queue.
     #[must_use]
     pub fn received_free(&self) -> usize {
-        self.received.capacity() - self.received.len()
+        self.received.free()
     }
 
     /// Received bytes lost so far.
@@ -139,7 +137,7 @@ impl Simulator {
 
     /// Takes the next byte that the machine sends.
     pub fn send(&mut self) -> Option<u8> {
-        let byte = self.sent.dequeue();
+        let byte = self.sent.split().1.dequeue();
         // Whoever waits for room may find it.
         self.is_interpret_released |= byte.is_some();
         self.is_report_released |= byte.is_some();

@@ -6,7 +6,7 @@ use leadscrew::{
     machine::{Alarm, Levels, Notice, Overrides, Snapshot, State},
     planner::{Block, Entry, Pacing, Probing, Work},
     protocol::{
-        Progress, Session,
+        Bytes, Progress, Session,
         realtime::{self, Release, Requests},
     },
     settings::{Change, Settings, StoreError, Stored},
@@ -19,8 +19,8 @@ pub(crate) const UNLOCK: &str = "[MSG:'$H'|'$X' to unlock]";
 pub(crate) struct Bench {
     pub(crate) session: Session,
     pub(crate) requests: Requests,
-    pub(crate) received: Queue<u8, 1024>,
-    pub(crate) sent: Queue<u8, 512>,
+    pub(crate) received: Bytes<1024>,
+    pub(crate) sent: Bytes<512>,
     pub(crate) entries: Queue<Entry, 4>,
     pub(crate) machine: Snapshot,
     /// Waiting for cycle start after `M0`.
@@ -77,8 +77,8 @@ impl Bench {
         Self {
             session: Session::new(stored, is_first_boot),
             requests: Requests::new(),
-            received: Queue::new(),
-            sent: Queue::new(),
+            received: Bytes::new(),
+            sent: Bytes::new(),
             entries: Queue::new(),
             machine: Snapshot {
                 state,
@@ -262,12 +262,12 @@ impl Bench {
     /// Hands over bytes, each as the receive interrupt would; false when one found no room.
     pub(crate) fn receive(&mut self, bytes: &[u8]) {
         for &byte in bytes {
-            if self.received.is_full() {
+            if self.received.free() == 0 {
                 self.settle();
             }
             let (mut line, _) = self.received.split();
             if realtime::receive(byte, &self.requests, &mut line) == Release::Report {
-                let free = self.received.capacity() - self.received.len();
+                let free = self.received.free();
                 let (mut sent, _) = self.sent.split();
                 self.session
                     .report(&self.machine, &self.requests, free, &mut sent);

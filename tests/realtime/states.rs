@@ -74,7 +74,7 @@ fn a_limit_switch_that_is_active_locks_at_a_reset() {
     let mut rig = Rig::new(&settings);
     rig.drive.inputs.set_closed(Levels::limits(1));
     for _ in 0..2 {
-        let mut line = heapless::spsc::Queue::<u8, 4>::new();
+        let mut line = leadscrew::protocol::Bytes::<4>::new();
         let (mut line, _) = line.split();
         let _ = leadscrew::protocol::realtime::receive(RESET, &rig.requests, &mut line);
         rig.drive.release_prepare();

@@ -71,7 +71,7 @@ impl Cell {
     }
 
     pub(crate) fn byte(&mut self, byte: u8) {
-        let mut line = heapless::spsc::Queue::<u8, 4>::new();
+        let mut line = leadscrew::protocol::Bytes::<4>::new();
         let _ = realtime::receive(byte, &self.requests, &mut line.split().0);
         self.drive.release_prepare();
         self.settle();

@@ -1,6 +1,5 @@
 //! Plays commands on the drive and records the pins.
 
-use heapless::spsc::Queue;
 use leadscrew::{
     axis::Axes,
     machine::{Snapshot, State},
@@ -135,7 +134,7 @@ impl Rig {
     }
 
     pub(crate) fn receive(&mut self, byte: u8) {
-        let mut line = Queue::<u8, 4>::new();
+        let mut line = leadscrew::protocol::Bytes::<4>::new();
         let (mut producer, _) = line.split();
         let _ = realtime::receive(byte, &self.requests, &mut producer);
         self.is_recovering |= byte == RESET;

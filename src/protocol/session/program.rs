@@ -170,7 +170,9 @@ impl Session {
             let mut entry = self.entry();
             if self.router.work_into(command, &mut entry.work) {
                 self.is_jogging |= self.source == Source::Jog;
-                self.send(entry, entries);
+                if entries.enqueue(entry).is_ok() {
+                    self.entered = self.entered.wrapping_add(1);
+                }
             } else if let Some(work) = self.instead(machine, next) {
                 self.is_jogging |= self.source == Source::Jog;
                 self.send_entry(work, entries);

@@ -3,13 +3,16 @@
 //! A line that was begun gets its `ok` before the welcome, as in Grbl, whose waiting loops end with
 //! a reset and then answer. Read with Grbl 1.1 `main.c` and `protocol.c`.
 
-use heapless::spsc::{Consumer, Producer};
+use heapless::spsc::Producer;
 
 use super::{List, Progress, Session, Source, Stage, judge::answer};
 use crate::{
     machine::{Alarm, Levels, Probed, Snapshot, State},
     planner::Entry,
-    protocol::report::{self, Cadence, Feedback},
+    protocol::{
+        ByteReader,
+        report::{self, Cadence, Feedback},
+    },
     settings::STARTUP_LINES,
 };
 
@@ -47,7 +50,7 @@ impl Session {
     /// Ends what was begun before, as soon as the machine has acted on the reset; false before.
     ///
     /// What is received between the reset and the welcome is lost, as in Grbl.
-    pub(super) fn start(&mut self, machine: &Snapshot, received: &mut Consumer<'_, u8>) -> bool {
+    pub(super) fn start(&mut self, machine: &Snapshot, received: &mut ByteReader<'_>) -> bool {
         if self.epoch != 0 {
             // As many as the queue holds, at most.
             for _ in 0..received.capacity() {

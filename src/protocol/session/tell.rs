@@ -3,13 +3,14 @@
 //! Notices come before whatever the line in execution is answered, as in Grbl, which looks for them
 //! in each of its waiting loops. Read with Grbl 1.1 `protocol.c` and `report.c`.
 
-use heapless::spsc::Producer;
-
 use super::Session;
 use crate::{
     machine::{Alarm, Notice, Overrides, Snapshot},
     planner::{Coolant, Spindle},
-    protocol::report::{self, Feedback},
+    protocol::{
+        ByteWriter,
+        report::{self, Feedback},
+    },
 };
 
 /// Notices that are told in one run: as many as are kept.
@@ -63,12 +64,12 @@ impl Session {
     ///
     /// Before a welcome that is only why the machine was locked: an open door comes after it.
     #[inline]
-    pub(super) fn tell_notices(&mut self, machine: &Snapshot, sent: &mut Producer<'_, u8>) -> bool {
+    pub(super) fn tell_notices(&mut self, machine: &Snapshot, sent: &mut ByteWriter<'_>) -> bool {
         !self.has_notices(machine) || self.tell_all(machine, sent)
     }
 
     #[inline(never)]
-    fn tell_all(&mut self, machine: &Snapshot, sent: &mut Producer<'_, u8>) -> bool {
+    fn tell_all(&mut self, machine: &Snapshot, sent: &mut ByteWriter<'_>) -> bool {
         for _ in 0..NOTICES {
             let mut seen = self.seen.notices;
             let Some(notice) = machine.notices.next(&mut seen) else {

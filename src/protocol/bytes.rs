@@ -1,0 +1,252 @@
+//! The queues of bytes from and to the sender: one writer, one reader, lock-free.
+//!
+//! As the ring of step events, and for the same reasons: a byte is queued and taken for every byte
+//! of a program, so there are no barriers, which a single core does not need between its own tasks
+//! (the compiler is told to keep the order), and no division. Measured in `docs/benchmarks.md`.
+
+use core::sync::atomic::{
+    AtomicU8, AtomicUsize,
+    Ordering::{Relaxed, SeqCst},
+    compiler_fence,
+};
+
+/// A queue of bytes in `B`: see [`Bytes`].
+#[derive(Debug)]
+pub struct ByteRing<B: ?Sized = [AtomicU8]> {
+    /// Place of the next byte to be written.
+    written: AtomicUsize,
+    /// Place of the next byte to be read; the same when there is none.
+    read: AtomicUsize,
+    bytes: B,
+}
+
+/// A queue of up to `N - 1` bytes.
+pub type Bytes<const N: usize> = ByteRing<[AtomicU8; N]>;
+
+impl<const N: usize> Bytes<N> {
+    /// Empty.
+    #[must_use]
+    pub const fn new() -> Self {
+        Self {
+            written: AtomicUsize::new(0),
+            read: AtomicUsize::new(0),
+            bytes: [const { AtomicU8::new(0) }; N],
+        }
+    }
+
+    /// Its two ends, each for one task.
+    pub const fn split(&mut self) -> (ByteWriter<'_>, ByteReader<'_>) {
+        let ring: &ByteRing = self;
+        (ByteWriter { ring }, ByteReader { ring })
+    }
+
+    /// Bytes that there is room for.
+    #[must_use]
+    pub fn free(&self) -> usize {
+        let ring: &ByteRing = self;
+        ring.capacity() - ring.len()
+    }
+
+    /// Whether no byte waits.
+    #[must_use]
+    pub fn is_empty(&self) -> bool {
+        let ring: &ByteRing = self;
+        ring.has_none()
+    }
+}
+
+impl<const N: usize> Default for Bytes<N> {
+    fn default() -> Self {
+        Self::new()
+    }
+}
+
+impl ByteRing {
+    /// The place after another.
+    #[inline]
+    const fn after(&self, place: usize) -> usize {
+        if place + 1 == self.bytes.len() {
+            0
+        } else {
+            place + 1
+        }
+    }
+
+    const fn capacity(&self) -> usize {
+        self.bytes.len().saturating_sub(1)
+    }
+
+    #[inline]
+    fn has_none(&self) -> bool {
+        self.read.load(Relaxed) == self.written.load(Relaxed)
+    }
+
+    fn len(&self) -> usize {
+        let (written, read) = (self.written.load(Relaxed), self.read.load(Relaxed));
+        if written >= read {
+            written - read
+        } else {
+            written + self.bytes.len() - read
+        }
+    }
+}
+
+/// The end that bytes are put in.
+#[derive(Debug)]
+pub struct ByteWriter<'a> {
+    ring: &'a ByteRing,
+}
+
+impl ByteWriter<'_> {
+    /// Puts a byte.
+    ///
+    /// # Errors
+    /// The byte, when there is no room.
+    #[inline]
+    pub fn enqueue(&mut self, byte: u8) -> Result<(), u8> {
+        let place = self.ring.written.load(Relaxed);
+        let next = self.ring.after(place);
+        if next == self.ring.read.load(Relaxed) {
+            return Err(byte);
+        }
+        let slot = self.ring.bytes.get(place).ok_or(byte)?;
+        slot.store(byte, Relaxed);
+        // The reader must not see the place before the byte.
+        compiler_fence(SeqCst);
+        self.ring.written.store(next, Relaxed);
+        Ok(())
+    }
+
+    /// Bytes that may wait.
+    #[must_use]
+    pub const fn capacity(&self) -> usize {
+        self.ring.capacity()
+    }
+
+    /// Bytes that wait.
+    #[must_use]
+    pub fn len(&self) -> usize {
+        self.ring.len()
+    }
+
+    /// Whether no byte waits.
+    #[inline]
+    #[must_use]
+    pub fn is_empty(&self) -> bool {
+        self.ring.has_none()
+    }
+}
+
+/// The end that bytes are taken from, oldest first.
+#[derive(Debug)]
+pub struct ByteReader<'a> {
+    ring: &'a ByteRing,
+}
+
+impl ByteReader<'_> {
+    /// Takes the oldest byte.
+    #[inline]
+    pub fn dequeue(&mut self) -> Option<u8> {
+        let place = self.ring.read.load(Relaxed);
+        if place == self.ring.written.load(Relaxed) {
+            return None;
+        }
+        compiler_fence(SeqCst);
+        let byte = self.ring.bytes.get(place)?.load(Relaxed);
+        // The writer must not reuse the place before the byte has been read.
+        compiler_fence(SeqCst);
+        self.ring.read.store(self.ring.after(place), Relaxed);
+        Some(byte)
+    }
+
+    /// Lets a function take as many as it wants of the bytes that wait now.
+    #[inline]
+    pub fn take_with<R>(&mut self, take: impl FnOnce(&mut Waiting<'_>) -> R) -> R {
+        let mut waiting = Waiting {
+            bytes: &self.ring.bytes,
+            place: self.ring.read.load(Relaxed),
+            end: self.ring.written.load(Relaxed),
+        };
+        compiler_fence(SeqCst);
+        let result = take(&mut waiting);
+        compiler_fence(SeqCst);
+        self.ring.read.store(waiting.place, Relaxed);
+        result
+    }
+
+    /// Bytes that may wait.
+    #[must_use]
+    pub const fn capacity(&self) -> usize {
+        self.ring.capacity()
+    }
+
+    /// Bytes that wait.
+    #[must_use]
+    pub fn len(&self) -> usize {
+        self.ring.len()
+    }
+
+    /// Whether no byte waits.
+    #[inline]
+    #[must_use]
+    pub fn is_empty(&self) -> bool {
+        self.ring.has_none()
+    }
+}
+
+/// Bytes that waited when [`ByteReader::take_with`] was called.
+#[derive(Debug)]
+pub struct Waiting<'a> {
+    bytes: &'a [AtomicU8],
+    place: usize,
+    end: usize,
+}
+
+impl Iterator for Waiting<'_> {
+    type Item = u8;
+
+    #[inline]
+    fn next(&mut self) -> Option<u8> {
+        if self.place == self.end {
+            return None;
+        }
+        let byte = self.bytes.get(self.place)?.load(Relaxed);
+        self.place += 1;
+        if self.place == self.bytes.len() {
+            self.place = 0;
+        }
+        Some(byte)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn bytes_come_out_in_order_and_never_more_wait_than_fit() {
+        let mut ring = Bytes::<7>::new();
+        let (mut writer, mut reader) = ring.split();
+        let (mut put, mut taken) = (0_u8, 0_u8);
+        for round in 0..1000_usize {
+            for _ in 0..round * 5 % 9 {
+                let is_full = writer.len() == writer.capacity();
+                assert_eq!(writer.enqueue(put).is_err(), is_full);
+                put = put.wrapping_add(u8::from(!is_full));
+            }
+            for _ in 0..round * 3 % 8 {
+                let is_empty = reader.is_empty();
+                let byte = reader.dequeue();
+                assert_eq!(byte, (!is_empty).then_some(taken));
+                taken = taken.wrapping_add(u8::from(!is_empty));
+            }
+            reader.take_with(|waiting| {
+                for byte in waiting.take(round % 3) {
+                    assert_eq!(byte, taken);
+                    taken = taken.wrapping_add(1);
+                }
+            });
+            assert_eq!(reader.len(), usize::from(put.wrapping_sub(taken)));
+        }
+    }
+}
