@@ -16,7 +16,7 @@ fn a_checksum_changes_nothing_of_what_a_line_means() {
 #[test]
 fn the_buffers_that_are_told_are_those_there_are() {
     let mut bench = Bench::set(&["10=3"]);
-    let free = bench.received.capacity();
+    let free = bench.received.free();
     assert!(free >= 128, "a sender that counts characters needs 128");
     let report = bench.answer("?");
     assert!(
