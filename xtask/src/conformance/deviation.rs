@@ -196,8 +196,8 @@ impl Deviation {
     pub(crate) fn rule(self) -> &'static str {
         match self {
             Self::Buffers => {
-                "`Bf:` and the numbers of `[OPT:…]`, where ours are not smaller; an `ok` that comes \
-                 earlier after more than 15 moves"
+                "`Bf:`, and in `[OPT:…]` the numbers, where ours are not smaller, and further letters; \
+                 an `ok` that comes earlier after more than 15 moves"
             }
             Self::LongLines => "an answer other than `error:11` to a line of 80 to 255 characters",
             Self::ExactPositions => {
