@@ -335,6 +335,10 @@ impl Block {
                 };
                 Group::Spindle
             }
+            7 => {
+                self.modal.coolant.mist = true;
+                Group::Coolant
+            }
             8 => {
                 self.modal.coolant.flood = true;
                 Group::Coolant

@@ -149,6 +149,12 @@ impl Accessories {
         self.toggles = self.toggles.wrapping_add(1);
     }
 
+    /// Mist on, or off.
+    pub fn toggle_mist(&mut self) {
+        self.coolant.mist = !self.coolant.mist;
+        self.toggles = self.toggles.wrapping_add(1);
+    }
+
     /// The key that stops the spindle in a hold, or starts it again; tells whether it starts.
     pub fn toggle_stop(&mut self) -> bool {
         match self.stop {

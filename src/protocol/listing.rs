@@ -29,8 +29,8 @@ pub fn version(text: &mut Text, info: &[u8]) {
 
 /// The second line of the answer to `$I`: places for blocks, bytes for received lines.
 pub fn options(text: &mut Text, blocks: usize, received: usize) {
-    // Variable spindle, parking, homing of single axes, an input for the door.
-    text.word("[OPT:VPH+,").natural(blocks as u32);
+    // Variable spindle, mist, parking, homing of single axes, an input for the door.
+    text.word("[OPT:VMPH+,").natural(blocks as u32);
     text.word(",").natural(received as u32).word("]").end();
 }
 

@@ -70,11 +70,6 @@ fn numbers_out_of_range_are_errors() {
 }
 
 #[test]
-fn mist_needs_an_output() {
-    assert_eq!(error(&["M7"]), LineError::Unsupported);
-}
-
-#[test]
 fn a_probe_move_is_checked_as_grbl_does() {
     for (line, error_of_line) in [
         ("G38.2", LineError::FeedUndefined),

@@ -62,3 +62,19 @@ fn the_rapids_of_g28_do_not_burn() {
         "{powers:?}"
     );
 }
+
+#[test]
+fn mist_and_flood_are_switched_apart() {
+    let mut bench = Bench::new();
+    let modes = |bench: &mut Bench| bench.ask("$G")[0].clone();
+    assert_eq!(bench.ask("M7"), ["ok"]);
+    assert!(modes(&mut bench).contains(" M7 "));
+    assert!(bench.answer("?")[0].contains("|WCO:"));
+    assert!(bench.answer("?")[0].ends_with("|A:M>"));
+    assert_eq!(bench.ask("M8"), ["ok"]);
+    assert!(modes(&mut bench).contains(" M7 M8 "));
+    assert!(bench.answer("?")[0].ends_with("|A:FM>"));
+    assert_eq!(bench.ask("M7M8"), ["error:21"]);
+    assert_eq!(bench.ask("M9"), ["ok"]);
+    assert!(modes(&mut bench).contains(" M9 "));
+}

@@ -64,6 +64,9 @@ fn coolant_is_toggled_where_grbl_does() {
     assert!(rig.snapshot().coolant.flood && rig.snapshot().coolant_asked.flood);
     assert_eq!(rig.snapshot().coolant_toggles, 1);
     rig.receive(0xa1);
+    assert!(rig.snapshot().coolant.mist && rig.snapshot().coolant_asked.mist);
+    assert_eq!(rig.snapshot().coolant_toggles, 2);
+    rig.receive(0xa1);
     assert!(!rig.snapshot().coolant_asked.mist);
     rig.receive(b'!');
     rig.receive(0xa0);

@@ -68,6 +68,11 @@ impl Motion {
         self.repace(before);
     }
 
+    /// Whether coolant can be switched by its keys now.
+    fn has_coolant_keys(&self) -> bool {
+        matches!(self.control.state, State::Idle | State::Run | State::Jog) || self.is_held()
+    }
+
     fn take_override(&mut self, command: Override) {
         match command {
             Override::SpindleStop => {
@@ -75,15 +80,9 @@ impl Motion {
                     self.notices.push(Notice::RestoringSpindle);
                 }
             }
-            Override::Flood => {
-                let is_idle_or_busy =
-                    matches!(self.control.state, State::Idle | State::Run | State::Jog);
-                if is_idle_or_busy || self.is_held() {
-                    self.accessories.toggle_flood();
-                }
-            }
-            // There is no M7, as in Grbl by default.
-            Override::Mist => {}
+            Override::Flood if self.has_coolant_keys() => self.accessories.toggle_flood(),
+            Override::Mist if self.has_coolant_keys() => self.accessories.toggle_mist(),
+            Override::Flood | Override::Mist => {}
             Override::FeedReset
             | Override::FeedMore
             | Override::FeedLess

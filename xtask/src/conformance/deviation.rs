@@ -46,11 +46,12 @@ pub(crate) enum Deviation {
     ArcLimits,
     DarkHold,
     ArcTurns,
+    Mist,
 }
 
 impl Deviation {
     /// Every one, in the order of their names.
-    pub(crate) const ALL: [Self; 28] = [
+    pub(crate) const ALL: [Self; 29] = [
         Self::Buffers,
         Self::LongLines,
         Self::ExactPositions,
@@ -79,6 +80,7 @@ impl Deviation {
         Self::DarkHold,
         Self::ArcTurns,
         Self::Follows,
+        Self::Mist,
     ];
 
     /// Its short name.
@@ -112,6 +114,7 @@ impl Deviation {
             Self::ArcLimits => "D31",
             Self::DarkHold => "D36",
             Self::ArcTurns => "D37",
+            Self::Mist => "D40",
         }
     }
 
@@ -131,7 +134,8 @@ impl Deviation {
             | Self::StepRates
             | Self::LimitOpens
             | Self::ArcLimits
-            | Self::ArcTurns => true,
+            | Self::ArcTurns
+            | Self::Mist => true,
             Self::Buffers
             | Self::ExactPositions
             | Self::ToolIsModal
@@ -188,6 +192,7 @@ impl Deviation {
             Self::ArcLimits => "an arc that leaves the travel is refused before it begins",
             Self::DarkHold => "a laser stays dark at rest in a hold",
             Self::ArcTurns => "P in an arc is its number of turns",
+            Self::Mist => "there is mist: `M7` and 0xA1",
             Self::NoPause => "no pause for the drivers ($1) at the end of a motion, or at a reset",
         }
     }
@@ -247,6 +252,10 @@ impl Deviation {
             Self::ArcLimits => "everything after `ALARM:2` that comes earlier, to an arc",
             Self::DarkHold => "no power of a laser in `Hold:0` where Grbl's has some",
             Self::ArcTurns => "an answer other than `error:36` to an arc with a P word",
+            Self::Mist => {
+                "an answer other than `error:20` to a line with `M7`; and after it or 0xA1, `M7` in `$G`, \
+                 and `Ov`, `A` and `WCO` of reports"
+            }
         }
     }
 }
@@ -262,9 +271,24 @@ pub(crate) fn of_answers(code: &str, ours: &str, theirs: &str) -> Option<Deviati
     if theirs == "error:11" && is_answer && is_read {
         return Some(Deviation::LongLines);
     }
+    if theirs == "error:20" && ours != theirs && is_answer && has_mist(code) {
+        return Some(Deviation::Mist);
+    }
     let is_arc = code.contains(['I', 'J', 'K', 'R']) && !code.starts_with('$');
     let has_turns = is_arc && code.contains('P') && ["ok", "error:23", "error:39"].contains(&ours);
     (theirs == "error:36" && has_turns).then_some(Deviation::ArcTurns)
+}
+
+/// Whether a line without blanks and comments has an `M7`.
+pub(crate) fn has_mist(code: &str) -> bool {
+    let code = code.to_ascii_uppercase();
+    code.split('M').skip(1).any(|rest| {
+        let number: String = rest
+            .chars()
+            .take_while(|letter| letter.is_ascii_digit() || *letter == '.')
+            .collect();
+        number.parse() == Ok(7.0)
+    })
 }
 
 impl Serialize for Deviation {
@@ -291,6 +315,12 @@ mod tests {
         assert_eq!(of_answers("G2X2I1L1", "ok", "error:36"), None);
         assert_eq!(of_answers("G0X2P1", "ok", "error:36"), None);
         assert_eq!(of_answers("G2X2I1P3", "error:33", "error:36"), None);
+        let mist = Some(Deviation::Mist);
+        assert_eq!(of_answers("M7", "ok", "error:20"), mist);
+        assert_eq!(of_answers("G0X1M07.", "ok", "error:20"), mist);
+        assert_eq!(of_answers("M7.1", "ok", "error:20"), None);
+        assert_eq!(of_answers("M70", "ok", "error:20"), None);
+        assert_eq!(of_answers("M7", "error:20", "ok"), None);
     }
 
     #[test]

@@ -15,7 +15,7 @@ mod stops;
 use std::{fs, path::Path};
 
 use anyhow::{Context, Result};
-use leadscrew::axis::AXES;
+use leadscrew::{axis::AXES, machine::Override};
 use serde::Deserialize;
 use serde_json::Value;
 
@@ -25,7 +25,7 @@ pub(super) use self::{
 };
 
 use self::heard::Heard;
-use super::compare::Difference;
+use super::{compare::Difference, deviation::has_mist};
 use crate::{
     machine::Event,
     sender,
@@ -169,6 +169,14 @@ impl Exchange {
 impl Exchange {
     fn step(&self, index: usize) -> Option<&Step> {
         self.session.steps().nth(index)
+    }
+
+    /// Whether mist may have been switched before a step ends.
+    fn has_mist(&self, until: usize) -> bool {
+        self.session.steps().take(until + 1).any(|step| {
+            let sent = step.sends();
+            sent.contains(&(Override::Mist as u8)) || has_mist(&String::from_utf8_lossy(&sent))
+        })
     }
 
     fn step_name(&self, index: usize) -> String {

@@ -6,7 +6,7 @@ use super::{
     DEAF_S, Exchange, Played,
     heard::{Heard, Pair, align},
     rules::{
-        differs_in_tool, displacement, is_arc, is_build_options, is_consequence,
+        differs_in_mist, differs_in_tool, displacement, is_arc, is_build_options, is_consequence,
         is_setting_out_of_range, stores,
     },
     status::is_rounded_otherwise,
@@ -216,6 +216,9 @@ impl<'a> Judge<'a> {
         }
         if differs_in_tool(&our.text, &their.text) {
             return Some(Deviation::ToolIsModal);
+        }
+        if differs_in_mist(&our.text, &their.text) && self.exchange.has_mist(their.step) {
+            return Some(Deviation::Mist);
         }
         if our.text.starts_with('[') && is_rounded_otherwise(&our.text, &their.text) {
             return Some(Deviation::Rounding);

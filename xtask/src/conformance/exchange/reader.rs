@@ -119,6 +119,11 @@ impl Reader<'_> {
         if self.is_dark_hold() && is_lit(&self.theirs.names()) && !is_lit(&self.ours.names()) {
             return Finding::Excused(Deviation::DarkHold);
         }
+        if self.exchange.has_mist(self.pair.step)
+            && self.ours.lasting_names() == self.theirs.lasting_names()
+        {
+            return Finding::Excused(Deviation::Mist);
+        }
         let is_count = is_count_off && self.ours.lasting_names() == self.theirs.lasting_names();
         Finding::excused_if(is_count, Deviation::PromptReports)
     }
@@ -218,6 +223,9 @@ impl Reader<'_> {
             let finding = match name.as_str() {
                 "FS" | "F" => self.speeds(),
                 "Bf" => buffers(ours, theirs),
+                "A" if ours.replace('M', "") == *theirs => {
+                    Finding::excused_if(self.exchange.has_mist(self.pair.step), Deviation::Mist)
+                }
                 "WCO" if is_rounded_otherwise(ours, theirs) => {
                     Finding::Excused(Deviation::Rounding)
                 }
