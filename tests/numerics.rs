@@ -283,6 +283,37 @@ fn play(settings: &Settings, commands: &[Command], most_events: u32) {
     }
 }
 
+#[test]
+fn a_tiny_arc_behind_a_move_without_a_step_keeps_the_rates() {
+    let mut steps = Axes::all(1_000_000);
+    steps[2] = 100_000_000_000;
+    let settings = Settings {
+        steps_per_mm: steps.map(|millionths| StepsPerMm::from_millionths(millionths).unwrap()),
+        max_rate_mm_min: Axes::all(1.0),
+        acceleration_mm_s2: Axes::all(1.0e7),
+        ..Settings::default()
+    };
+    let mut target = Axes::all(Nm(0));
+    target[0] = Nm(-320_000);
+    let (target, pace, line) = (Target::from(target), Pace::Rapid, 0);
+    let circle = Circle {
+        plane: Plane::Zx,
+        centre: [Nm(3049), Nm(0)],
+        rotation: Rotation::Clockwise,
+        turns: u16::MAX,
+    };
+    let commands = [
+        Command::Line { target, pace, line },
+        Command::Arc {
+            target,
+            circle,
+            pace,
+            line,
+        },
+    ];
+    play(&settings, &commands, 3000);
+}
+
 proptest! {
     #![proptest_config(cases(256))]
 

@@ -8,6 +8,9 @@ use crate::units::Nm;
 /// 2³² phases to the turn.
 pub(super) const PHASE_PER_RAD: f64 = 4_294_967_296.0 / core::f64::consts::TAU;
 
+/// Largest part of the radius by which an arc is bent to begin where the move before it ended.
+const LARGEST_PART: f64 = 0.05;
+
 /// An arc in its plane, in double precision.
 pub(super) struct Arc {
     /// Radius at the start and at the end, mm.
@@ -44,15 +47,19 @@ impl Arc {
     }
 
     /// The same arc from a start that lies behind its own by a way shorter than a step.
+    ///
+    /// Where that way is no small part of the radius, the arc stays as it is, moved by that way: as a
+    /// spiral it would be begun faster than the axes allow, because its angle grows evenly.
     pub(super) fn begun_at(self, circle: &Circle, behind_first: Nm, behind_second: Nm) -> Self {
         if behind_first == Nm(0) && behind_second == Nm(0) {
             return self;
         }
         let [x0, y0] = circle.centre.map(|centre| -centre.to_mm_f64());
-        let (x, y) = (
-            x0 - behind_first.to_mm_f64(),
-            y0 - behind_second.to_mm_f64(),
-        );
+        let behind = [behind_first, behind_second].map(Nm::to_mm_f64);
+        if libm::hypot(behind[0], behind[1]) > LARGEST_PART * self.radius[0] {
+            return self;
+        }
+        let (x, y) = (x0 - behind[0], y0 - behind[1]);
         Self {
             radius: [libm::hypot(x, y), self.radius[1]],
             start: libm::atan2(y, x),
