@@ -160,9 +160,9 @@ impl Cell {
         }
     }
 
-    /// Runs until something holds, for at most a minute.
+    /// Runs until something holds, for at most ten minutes.
     pub(crate) fn run_until(&mut self, holds: impl Fn(&Self) -> bool) {
-        let end = self.now + 60 * u64::from(TICKS_PER_SECOND);
+        let end = self.now + 600 * u64::from(TICKS_PER_SECOND);
         while !holds(self) {
             assert!(self.now < end, "never: {:?}", self.snapshot());
             self.advance(end);
