@@ -237,9 +237,21 @@ async function drive(screen) {
   const end = [-20, -30, -10];
   await screen.type(`G53 G0 X${end[0]} Y${end[1]} Z${end[2]}`);
   await screen.isIdleAt(end, work(end));
-  await screen.click(`${CONNECTION} button:has(.fa-toggle-on)`);
-  await screen.page.waitForSelector(`${CONNECTION} button:has(.fa-toggle-off)`);
+  await close(screen.page);
   return end;
+}
+
+// Closes the port. The page draws its buttons anew with every report, and a click on one that is
+// being replaced is lost: it is pressed again.
+async function close(page) {
+  const isClosed = `${CONNECTION} button:has(.fa-toggle-off)`;
+  for (let press = 0; press < 6; press += 1) {
+    const button = await page.$(`${CONNECTION} button:has(.fa-toggle-on)`);
+    if (button) await button.click().catch(() => {});
+    const seen = await page.waitForSelector(isClosed, { timeout: 5000 }).catch(() => null);
+    if (seen) return;
+  }
+  await page.waitForSelector(isClosed, { timeout: 5000 });
 }
 
 async function main() {
