@@ -1,0 +1,504 @@
+//! The analysis from the ELF file to the report.
+
+use std::{collections::BTreeMap, fmt::Write as _, fs, path::Path};
+
+use sha2::{Digest, Sha256};
+
+use crate::{
+    Annotations, App, Cache, Config, Curve, Flaw, Image, Line, Model, Place, Program, Report,
+    Requirement, Rule, Task,
+    crosscheck::Crosscheck,
+    edge, findings,
+    model::OUTSTANDING_TRANSFER,
+    resident,
+    response::{self, Blocking, Response},
+    sections,
+    subject::{Row, Subject, misconfigured},
+};
+
+/// Steps of the proven step rate, Hz.
+const RATE_STEP: u32 = 100;
+/// No proof is tried above this, Hz.
+const HIGHEST_RATE: u32 = 600_000;
+/// Points of the curve.
+const CURVE_POINTS: u32 = 24;
+/// Lines of a worst path that are told.
+const PATH_LINES: usize = 40;
+
+/// What is to be analysed.
+#[derive(Debug, Clone)]
+pub struct Input<'a> {
+    /// The program.
+    pub elf: &'a Path,
+    /// The project: where `schedule.toml` and `src` are.
+    pub root: &'a Path,
+    /// Name of the board.
+    pub board: &'a str,
+    /// Axes that the program is built for.
+    pub axes: u8,
+    /// Step rate of the table; without it, that of `schedule.toml`.
+    pub step_rate_hz: Option<u32>,
+    /// Baud rate of the table; without it, that of `schedule.toml`.
+    pub baud: Option<u32>,
+    /// What was measured on a board.
+    pub measured: Option<Measured>,
+}
+
+/// Costs that were measured.
+#[derive(Debug, Clone, Default)]
+pub struct Measured {
+    /// The file that they are from.
+    pub file: String,
+    /// Cycles by the names of the classes.
+    pub cycles: BTreeMap<String, u64>,
+}
+
+/// Analyses a program.
+///
+/// # Errors
+///
+/// Only when a file cannot be read or understood; all else is a flaw of the report.
+pub fn analyse(input: &Input<'_>) -> Result<Report, String> {
+    let read = |name: &str| {
+        let path = input.root.join(name);
+        fs::read_to_string(&path).map_err(|error| format!("{}: {error}", path.display()))
+    };
+    let config = Config::parse(&read("schedule.toml")?)?;
+    let app = App::parse(&read("src/app.rs")?).map_err(|error| format!("src/app.rs: {error}"))?;
+    let image = Image::load(input.elf).map_err(|error| error.to_string())?;
+    let annotations = Annotations::read(input.root).map_err(|error| error.to_string())?;
+    let program = Program::new(&image, &annotations);
+    let board = config.board.get(input.board);
+    let board = board.ok_or_else(|| format!("schedule.toml: no board `{}`", input.board))?;
+    let mut model = Model::new(&board.clock);
+    let mut flaws = Vec::new();
+    if let Some(measured) = &input.measured {
+        for class in model.calibrate(&measured.cycles) {
+            let what = format!("{}: there is no class `{class}`", measured.file);
+            flaws.push(misconfigured(what, "Run `cargo xtask calibrate` again."));
+        }
+    }
+    let subject = Subject::new(
+        &program,
+        &app,
+        &config,
+        (board.clock, model),
+        input.axes,
+        &mut flaws,
+    );
+    let elf = fs::read(input.elf).map_err(|error| format!("{}: {error}", input.elf.display()))?;
+    let mut report = Report {
+        board: input.board.to_owned(),
+        elf_sha256: hexadecimal(&Sha256::digest(&elf)),
+        calibrated: input.measured.is_some(),
+        calibration: input
+            .measured
+            .as_ref()
+            .map(|measured| measured.file.clone()),
+        axes: input.axes,
+        clock_hz: board.clock.hclk_hz,
+        step_rate_hz: input.step_rate_hz.unwrap_or(config.table.step_rate_hz),
+        baud: input.baud.unwrap_or(config.table.baud),
+        assumptions: config.table.assumptions.clone(),
+        flaws,
+        ..Report::default()
+    };
+    Analysis::new(&subject, &mut report)?.report(&mut report)?;
+    report.flaws.sort();
+    report.flaws.dedup();
+    Ok(report)
+}
+
+fn hexadecimal(bytes: &[u8]) -> String {
+    bytes.iter().fold(String::new(), |mut text, byte| {
+        // Writing to a string never fails.
+        let _ = write!(text, "{byte:02x}");
+        text
+    })
+}
+
+/// What does not change with the step rate, and the numbers of the table's point.
+struct Analysis<'a> {
+    subject: &'a Subject<'a>,
+    blocking: Vec<Blocking>,
+    named: BTreeMap<String, u64>,
+    /// Whether every row with a deadline has a bound.
+    is_bounded: bool,
+}
+
+impl<'a> Analysis<'a> {
+    /// Looks at the code: sections, contradictions, flaws.
+    fn new(subject: &'a Subject<'a>, report: &mut Report) -> Result<Self, String> {
+        let point = subject.point(report.step_rate_hz, report.baud);
+        let named = subject.config.numbers(&subject.clock, point)?;
+        let any = crate::wcet::Wcets::new(
+            subject.program.functions(),
+            &subject.model,
+            &named,
+            std::collections::BTreeSet::new(),
+        );
+        let held = sections::find(&any);
+        let contexts = findings::contexts(subject);
+        let (found, flaws) = findings::of_sections(subject, &held, &contexts);
+        report.sections = found;
+        report.flaws.extend(flaws);
+        let crosscheck = Crosscheck {
+            image: subject.image,
+            functions: subject.program.functions(),
+            app: subject.app,
+            config: subject.config,
+            sections: &held,
+        };
+        report.flaws.extend(crosscheck.flaws());
+        report.flaws.extend(resident::flaws(subject.program));
+        let mut is_bounded = true;
+        for (index, row) in subject.rows.iter().enumerate() {
+            if row.times.is_some() {
+                let flaws = findings::of_row(subject, row, &named);
+                let has_bound = subject.cost(index, &named).is_some();
+                if !has_bound && flaws.is_empty() {
+                    let what = format!("`{}` has no bound", row.name);
+                    report
+                        .flaws
+                        .push(misconfigured(what, "See that it ends in this mode."));
+                }
+                is_bounded &= has_bound;
+                report.flaws.extend(flaws);
+            } else {
+                report.flaws.extend(holds_up(subject, row));
+            }
+        }
+        Ok(Self {
+            subject,
+            blocking: response::blocking(subject, &held, &contexts),
+            named,
+            is_bounded,
+        })
+    }
+
+    fn report(&self, report: &mut Report) -> Result<(), String> {
+        let point = self.subject.point(report.step_rate_hz, report.baud);
+        let responses = if self.is_bounded {
+            response::all(self.subject, &self.blocking, point)?
+        } else {
+            vec![None; self.subject.rows.len()]
+        };
+        let rows = self.subject.rows.iter().enumerate();
+        let tasks = rows.map(|(index, row)| self.task(index, row, responses[index].as_ref()));
+        report.tasks = tasks.collect();
+        report.utilisation = responses.iter().flatten().map(|it| it.share).sum();
+        if report.utilisation > 1.0 {
+            report.flaws.push(overload(report.utilisation));
+        }
+        for (row, response) in self.subject.rows.iter().zip(&responses) {
+            report
+                .flaws
+                .extend(response.as_ref().and_then(|it| self.missed(row, it)));
+        }
+        let flaws = findings::of_stacks(self.subject, report);
+        report.flaws.extend(flaws);
+        self.edges(report);
+        if self.is_bounded {
+            let mut bauds: Vec<u32> = vec![115_200, 250_000, 500_000, 1_000_000];
+            let required = self.subject.config.require.step_rate_hz.keys();
+            bauds.extend(required.filter_map(|baud| baud.parse::<u32>().ok()));
+            for baud in bauds {
+                let rate = self.proven(baud)?;
+                report.proven_step_rate_hz.insert(baud.to_string(), rate);
+            }
+            self.curve(report)?;
+        }
+        self.require(report);
+        Ok(())
+    }
+
+    fn task(&self, index: usize, row: &Row, response: Option<&Response>) -> Task {
+        let cost = row
+            .times
+            .as_ref()
+            .and_then(|_| self.subject.cost(index, &self.named));
+        let mut task = Task {
+            name: row.name.clone(),
+            vector: row.task.vector.clone(),
+            priority: row.task.priority,
+            wcet: cost.as_ref().map(|cost| cost.wcet),
+            icache_lines: cost.as_ref().map_or(0, |cost| cost.lines.len()),
+            uses_float: self.subject.uses_float(row),
+            apart_from: Subject::apart_from(row),
+            worst_path: self.worst_path(row, response),
+            ..Task::default()
+        };
+        if let (Some(times), Some(it)) = (&row.times, response) {
+            let sustained = it.arrival.sustained;
+            task.period_cycles = Some(sustained.map_or(it.arrival.period, |(rate, _)| 1.0 / rate));
+            task.period_source = times.period.to_string();
+            task.spacing_cycles = sustained.map(|_| it.arrival.period);
+            task.burst = sustained.map_or(0.0, |(_, burst)| burst);
+            task.wcet_cycles = Some(it.cycles);
+            it.via.clone_into(&mut task.via);
+            task.share = it.share;
+            task.blocking_cycles = it.blocking;
+            task.blocking_source.clone_from(&it.blocking_source);
+            task.response_cycles = it.response;
+            task.deadline_cycles = Some(it.deadline);
+            task.slack_us = it
+                .response
+                .map(|response| self.us(it.deadline - response as f64));
+        }
+        task
+    }
+
+    fn us(&self, cycles: f64) -> f64 {
+        cycles * 1e6 / self.subject.clock.hclk_hz as f64
+    }
+
+    /// The source lines of a row's worst path, the dearest first.
+    fn worst_path(&self, row: &Row, response: Option<&Response>) -> Vec<Line> {
+        if row.times.is_none() {
+            return Vec::new();
+        }
+        let cache = match response {
+            Some(response) if response.via == "uncached" => Cache::Uncached,
+            _ => Cache::Warm,
+        };
+        let wcets = self.subject.wcets(row, &self.named);
+        let mut lines: BTreeMap<(String, u32, String), (u64, u64)> = BTreeMap::new();
+        for ((address, block), count) in wcets.executions(row.root, cache) {
+            let Some(function) = self.subject.program.function(address) else {
+                continue;
+            };
+            let mut seen = std::collections::BTreeSet::new();
+            for (at, cycles) in wcets.costs(function, block, cache) {
+                let frames = self.subject.image.frames(at);
+                let Some(frame) = frames.iter().find(|frame| frame.file.starts_with("src/")) else {
+                    continue;
+                };
+                let key = (
+                    frame.file.to_string(),
+                    frame.line,
+                    frame.function.to_string(),
+                );
+                let line = lines.entry(key.clone()).or_default();
+                line.0 += count * cycles;
+                if seen.insert(key) {
+                    line.1 = line.1.max(count);
+                }
+            }
+        }
+        let lines = lines
+            .into_iter()
+            .map(|((file, line, function), (cycles, count))| Line {
+                file,
+                line,
+                function,
+                cycles,
+                count,
+            });
+        let mut lines: Vec<Line> = lines.collect();
+        lines.sort_by_key(|line| std::cmp::Reverse(line.cycles));
+        lines.truncate(PATH_LINES);
+        lines
+    }
+
+    fn missed(&self, row: &Row, it: &Response) -> Option<Flaw> {
+        if it.is_met() {
+            return None;
+        }
+        let response = it.response.map_or("no bound".to_owned(), |response| {
+            format!("{:.1} µs", self.us(response as f64))
+        });
+        Some(Flaw {
+            rule: Rule::DeadlineMissed,
+            what: format!(
+                "`{}` may miss its deadline: response time {response}, deadline {:.1} µs",
+                row.name,
+                self.us(it.deadline),
+            ),
+            place: row.task.place(),
+            remedy: "Shorten the task or those that hold it up: see the worst path.".to_owned(),
+        })
+    }
+
+    /// Cost of the step task, and how far the edges of its pins may move.
+    fn edges(&self, report: &mut Report) {
+        let name = &self.subject.config.table.step_task;
+        let rows = self.subject.rows.iter().enumerate();
+        let Some((index, row)) = { rows }.find(|(_, row)| row.task.name == *name) else {
+            let what = format!("there is no task `{name}`");
+            report.flaws.push(misconfigured(
+                what,
+                "Name the task that drives the step pins.",
+            ));
+            return;
+        };
+        if let Some(cost) = self.subject.cost(index, &self.named) {
+            report.step_wcet_cycles = cost.wcet.warm;
+        }
+        let wcets = self.subject.wcets(row, &self.named);
+        let holding = self
+            .blocking
+            .iter()
+            .filter(|it| it.holds(row.task.priority));
+        let blocking = holding.map(|it| it.cycles).max().unwrap_or(0) + OUTSTANDING_TRANSFER;
+        let latencies = edge::latencies(&wcets, row.root).unwrap_or_default();
+        let jitters = latencies
+            .iter()
+            .map(|it| blocking + it.latest - it.earliest);
+        match jitters.max() {
+            Some(jitter) => report.step_edge_jitter_us = self.us(jitter as f64),
+            None => report.flaws.push(Flaw {
+                rule: Rule::Configuration,
+                what: format!("`{name}` itself stores nothing to a step pin"),
+                place: self.subject.image.place(row.root),
+                remedy: "Write the pins first, to a constant address.".to_owned(),
+            }),
+        }
+    }
+
+    /// The highest step rate at which every deadline is met. Whatever holds at a rate holds at all
+    /// lower ones: they release nothing more often, and lengthen no loop.
+    fn proven(&self, baud: u32) -> Result<u32, String> {
+        let (mut low, mut high) = (0, HIGHEST_RATE / RATE_STEP);
+        while high - low > 1 {
+            let middle = u32::midpoint(low, high);
+            if self.is_met(middle * RATE_STEP, baud)? {
+                low = middle;
+            } else {
+                high = middle;
+            }
+        }
+        Ok(low * RATE_STEP)
+    }
+
+    fn is_met(&self, step_rate_hz: u32, baud: u32) -> Result<bool, String> {
+        let point = self.subject.point(step_rate_hz, baud);
+        response::are_met(self.subject, &self.blocking, point)
+    }
+
+    fn curve(&self, report: &mut Report) -> Result<(), String> {
+        let proven = report
+            .proven_step_rate_hz
+            .values()
+            .max()
+            .copied()
+            .unwrap_or(0);
+        let last = (proven + proven / 5).max(10_000);
+        for index in 1..=CURVE_POINTS {
+            let step_rate_hz = last / CURVE_POINTS * index;
+            let point = self.subject.point(step_rate_hz, report.baud);
+            let responses = response::all(self.subject, &self.blocking, point)?;
+            let mut new = Curve {
+                step_rate_hz,
+                slack_us: BTreeMap::new(),
+                deadline_us: BTreeMap::new(),
+            };
+            for (row, it) in self.subject.rows.iter().zip(responses) {
+                let Some(it) = it else { continue };
+                let slack = it
+                    .response
+                    .map(|response| self.us(it.deadline - response as f64));
+                new.slack_us.insert(row.name.clone(), slack);
+                new.deadline_us
+                    .insert(row.name.clone(), self.us(it.deadline));
+            }
+            report.curve.push(new);
+        }
+        Ok(())
+    }
+
+    fn require(&self, report: &mut Report) {
+        let require = &self.subject.config.require;
+        let mut add = |what: String, unit: &str, required: f64, found: f64, is_met: bool| {
+            report.requirements.push(Requirement {
+                what,
+                unit: unit.to_owned(),
+                required,
+                found,
+                is_met,
+            });
+        };
+        if report.axes <= require.axes {
+            for (baud, rate) in &require.step_rate_hz {
+                let found = report.proven_step_rate_hz.get(baud).copied().unwrap_or(0);
+                let what = format!("step rate at {baud} baud");
+                add(
+                    what,
+                    "Hz",
+                    f64::from(*rate),
+                    f64::from(found),
+                    found >= *rate,
+                );
+            }
+        }
+        let jitter = report.step_edge_jitter_us;
+        let is_met = jitter > 0.0 && jitter <= require.jitter_us;
+        add(
+            "jitter of a step edge".to_owned(),
+            "µs",
+            require.jitter_us,
+            jitter,
+            is_met,
+        );
+        let (most, cycles) = (require.step_wcet_cycles, report.step_wcet_cycles);
+        let is_met = cycles > 0 && cycles <= most;
+        let what = "step interrupt with a warm cache".to_owned();
+        add(what, "cycles", most as f64, cycles as f64, is_met);
+        let limit = self.subject.config.limits.icache_lines;
+        let step = report
+            .tasks
+            .iter()
+            .find(|task| task.name == self.subject.config.table.step_task);
+        let lines = step.map_or(0, |task| task.icache_lines);
+        let what = "instruction cache lines of the step interrupt".to_owned();
+        add(
+            what,
+            "lines",
+            limit as f64,
+            lines as f64,
+            lines > 0 && lines <= limit,
+        );
+        let missed = report.requirements.iter().filter(|it| !it.is_met);
+        let flaws: Vec<Flaw> = missed.map(unmet).collect();
+        report.flaws.extend(flaws);
+    }
+}
+
+fn overload(utilisation: f64) -> Flaw {
+    Flaw {
+        rule: Rule::DeadlineMissed,
+        what: format!(
+            "the tasks may take {:.0} % of the processor",
+            utilisation * 100.0
+        ),
+        place: Place::default(),
+        remedy: "Shorten the tasks, or let them run less often.".to_owned(),
+    }
+}
+
+fn unmet(it: &Requirement) -> Flaw {
+    Flaw {
+        rule: Rule::Requirement,
+        what: format!(
+            "{}: {} {} required, {} found",
+            it.what, it.required, it.unit, it.found
+        ),
+        place: Place::default(),
+        remedy: "See which task has the least slack, and its worst path.".to_owned(),
+    }
+}
+
+/// A task without a deadline must not hold up one that has one.
+fn holds_up(subject: &Subject<'_>, row: &Row) -> Option<Flaw> {
+    let held = subject
+        .rows
+        .iter()
+        .find(|other| other.times.is_some() && other.task.priority <= row.task.priority)?;
+    let what = format!(
+        "`{}` has no deadline, but holds up `{}`",
+        row.name, held.name
+    );
+    Some(misconfigured(
+        what,
+        "Give it a period and a deadline, or a lower priority.",
+    ))
+}

@@ -1,0 +1,209 @@
+//! Bounds of loops that the source states.
+//!
+//! ```text
+//! // wcet-bound: 6          at most six runs each time that the loop is entered
+//! // wcet-total: 170        at most 170 runs in one activation, whatever loops are around it
+//! for axis in axes { … }
+//! ```
+//!
+//! A total with a name is one budget for all loops that give that name. Both may stand in one
+//! comment: `// wcet-bound: axes, wcet-total: segment_steps`.
+//!
+//! A comment belongs to the loop beneath it or on its own line, or to the statement there: then to
+//! the loops of library functions that the statement calls. Instead of a number it may give a name
+//! that `schedule.toml` defines.
+
+mod source;
+
+use std::{
+    collections::HashMap,
+    error::Error,
+    fmt, fs, io,
+    ops::RangeInclusive,
+    path::{Path, PathBuf},
+};
+
+pub(crate) use source::{SourceLoop, Stated};
+
+use crate::Count;
+
+/// Why the annotations cannot be used.
+#[derive(Debug)]
+pub struct AnnotationError(String);
+
+impl fmt::Display for AnnotationError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(&self.0)
+    }
+}
+
+impl Error for AnnotationError {}
+
+/// The loops of the source files, with what is said of them.
+#[derive(Debug, Clone, Default)]
+pub struct Annotations {
+    /// By the file's path from the project's root.
+    files: HashMap<String, Vec<SourceLoop>>,
+}
+
+impl Annotations {
+    /// Reads the Rust files of the folder `src` in `root`.
+    ///
+    /// # Errors
+    ///
+    /// When a file cannot be read or parsed, or a comment has no loop or no number.
+    pub fn read(root: &Path) -> Result<Self, AnnotationError> {
+        let mut paths = Vec::new();
+        list(&root.join("src"), &mut paths)
+            .map_err(|error| AnnotationError(format!("{}/src: {error}", root.display())))?;
+        let mut annotations = Self::default();
+        for path in paths {
+            let shown = path.strip_prefix(root).unwrap_or(&path);
+            let shown = shown.to_string_lossy().into_owned();
+            let text = fs::read_to_string(&path)
+                .map_err(|error| AnnotationError(format!("{shown}: {error}")))?;
+            annotations.add(&shown, &text)?;
+        }
+        Ok(annotations)
+    }
+
+    /// Adds the loops of a file with the contents `text`.
+    ///
+    /// # Errors
+    ///
+    /// When it cannot be parsed, or a comment has no loop or no number.
+    pub fn add(&mut self, file: &str, text: &str) -> Result<(), AnnotationError> {
+        let loops = source::loops(text)
+            .map_err(|(line, error)| AnnotationError(format!("{file}:{line}: {error}")))?;
+        self.files.insert(file.to_owned(), loops);
+        Ok(())
+    }
+
+    /// The loops of a file; `None` when it is none of the project's.
+    pub(crate) fn loops(&self, file: &str) -> Option<&[SourceLoop]> {
+        self.files.get(file).map(Vec::as_slice)
+    }
+
+    /// The names that are used instead of numbers, and where.
+    pub fn names(&self) -> impl Iterator<Item = (&str, String)> {
+        let all = self
+            .files
+            .iter()
+            .flat_map(|(file, loops)| loops.iter().map(move |one| (file, one)));
+        all.flat_map(|(file, one)| {
+            one.bound
+                .iter()
+                .chain(&one.total)
+                .filter_map(move |stated| match &stated.count {
+                    Count::Named(name) => Some((name.as_str(), format!("{file}:{}", stated.line))),
+                    Count::Number(_) => None,
+                })
+        })
+    }
+}
+
+/// All Rust files below `folder`, in order.
+fn list(folder: &Path, found: &mut Vec<PathBuf>) -> io::Result<()> {
+    let mut entries: Vec<PathBuf> = fs::read_dir(folder)?
+        .map(|entry| Ok(entry?.path()))
+        .collect::<io::Result<_>>()?;
+    entries.sort();
+    for path in entries {
+        if path.is_dir() {
+            list(&path, found)?;
+        } else if path.extension().is_some_and(|extension| extension == "rs") {
+            found.push(path);
+        }
+    }
+    Ok(())
+}
+
+/// Lines of a file, from one.
+pub(crate) type Lines = RangeInclusive<u32>;
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn loops(text: &str) -> Result<Vec<SourceLoop>, String> {
+        let mut annotations = Annotations::default();
+        annotations
+            .add("src/a.rs", text)
+            .map_err(|error| error.to_string())?;
+        Ok(annotations.loops("src/a.rs").unwrap().to_vec())
+    }
+
+    fn count(stated: Option<&Stated>) -> Option<Count> {
+        stated.map(|stated| stated.count.clone())
+    }
+
+    #[test]
+    fn a_comment_goes_with_the_loop_beneath_it() {
+        let text = "fn f() {
+            for a in x {
+                // wcet-bound: 7
+                // Why it is seven.
+                while g() {}
+            }
+            loop { break } // wcet-total: many
+        }";
+        let loops = loops(text).unwrap();
+        let bounds: Vec<_> = loops.iter().map(|one| count(one.bound.as_ref())).collect();
+        assert_eq!(bounds, [None, Some(Count::Number(7)), None]);
+        let total = count(loops[2].total.as_ref());
+        assert_eq!(total, Some(Count::Named("many".to_owned())));
+        assert_eq!(loops[1].whole, 5..=5);
+        assert_eq!(loops[0].header, 2..=2);
+    }
+
+    #[test]
+    fn a_comment_without_a_loop_takes_the_statement() {
+        let text = "fn f() {
+            // wcet-bound: 3
+            let a = x.iter()
+                .position(|b| *b == 1);
+        }";
+        let loops = loops(text).unwrap();
+        assert_eq!(loops.len(), 1);
+        assert_eq!(loops[0].whole, 3..=4);
+        assert_eq!(loops[0].header, 3..=4);
+    }
+
+    #[test]
+    fn closures_and_asynchronous_functions_are_counted() {
+        let text = "async fn f() {
+            loop {}
+            x(|| { loop {} });
+        }
+        fn g() { loop {} }";
+        let closures: Vec<usize> = loops(text)
+            .unwrap()
+            .iter()
+            .map(|one| one.closures)
+            .collect();
+        assert_eq!(closures, [1, 2, 0]);
+    }
+
+    #[test]
+    fn a_comment_that_cannot_be_used_is_an_error_with_its_line() {
+        let wrong = [
+            (
+                "fn f() {}\n// wcet-bound: 3\n",
+                "src/a.rs:2: no loop and no statement",
+            ),
+            (
+                "fn f() {\n// wcet-bound: -1\nloop {}\n}",
+                "src/a.rs:2: `-1` is neither",
+            ),
+            (
+                "fn f() {\n// wcet-most: 1\nloop {}\n}",
+                "src/a.rs:2: `wcet-most: 1` is neither",
+            ),
+            ("fn f() {\nlet = 1;\n}", "src/a.rs:2: expected"),
+        ];
+        for (text, expected) in wrong {
+            let error = loops(text).unwrap_err();
+            assert!(error.starts_with(expected), "{error}");
+        }
+    }
+}

@@ -1,0 +1,363 @@
+//! How often loops run: what the source states, and what follows from constants.
+//!
+//! A loop of machine code belongs to the innermost loop of the source that holds the lines of all
+//! its own instructions. These are seen at one level of inlining, the innermost that all of them
+//! share: in the example the loop is that of `for`, whatever `next` and `body` consist of.
+//!
+//! ```text
+//! instructions of the loop    outer function     inlined     inlined
+//!  cmp, beq                   turn (line 20)  ▸  next (…)
+//!  ldr, adds                  turn (line 21)  ▸  body (…)  ▸ add (…)
+//!                             └── shared ───┘
+//! ```
+//!
+//! Where the shared level is a library's, the loop is one inside the library: the statement or the
+//! head of the loop that calls it must say how often it runs.
+
+use std::{
+    collections::{BTreeMap, BTreeSet},
+    rc::Rc,
+};
+
+use crate::{
+    Address, Annotations, Block, Bound, Count, Flaw, Frame, Function, Image, Instruction, Loop,
+    Operation, Rule, Total,
+    annotations::{SourceLoop, Stated},
+    count::{self, Runs},
+    flow::States,
+    values::Surroundings,
+};
+
+/// Gives the loops of `function` their lines and bounds.
+pub(crate) fn find(
+    around: Surroundings<'_>,
+    annotations: &Annotations,
+    function: &mut Function,
+    states: &States,
+) {
+    let own: Vec<BTreeSet<usize>> = function
+        .loops
+        .iter()
+        .map(|one| own_blocks(one, &function.loops))
+        .collect();
+    let sources: Vec<Option<Source>> = own
+        .iter()
+        .map(|own| Source::of(around.image, annotations, function, own))
+        .collect();
+    for (index, own) in own.iter().enumerate() {
+        let lines = lines(around.image, function, own);
+        let mut source = sources[index].as_ref();
+        // Only the outer of two nested loops can be the one of the source.
+        if let Some(found) = source
+            && (0..index).any(|outer| {
+                let is_around = function.loops[outer]
+                    .blocks
+                    .contains(&function.loops[index].head);
+                is_around && sources[outer].as_ref() == Some(found)
+            })
+        {
+            source = None;
+        }
+        let runs = count::runs(around, &function.blocks, states, &function.loops[index]);
+        let one = &function.loops[index];
+        let stated = source.and_then(Source::bound);
+        if let (Some(stated), Some(runs)) = (&stated, runs) {
+            let wrong = wrong(around.image, function, one, stated, runs);
+            function.flaws.extend(wrong);
+        }
+        let counted = runs.map(|runs| Bound {
+            count: Count::Number(runs.returns),
+            origin: "constants".to_owned(),
+        });
+        let retries = is_retry(function, &function.loops[index]).then(|| Bound {
+            count: Count::Number(1),
+            origin: "an exclusive store that is tried again".to_owned(),
+        });
+        let one = &mut function.loops[index];
+        one.lines = lines;
+        one.bound = smaller(stated.or(retries), counted);
+        let blocks = &function.blocks;
+        let in_run = |block: &usize| {
+            source.is_some_and(|source| source.runs_at(around.image, one.head, *block, blocks))
+        };
+        let in_runs: BTreeSet<usize> = own.iter().copied().filter(in_run).collect();
+        one.total = source.and_then(|source| source.total(in_runs));
+        if one.bound.is_none() && one.total.is_none() {
+            let flaw = unbounded(around.image, function, index);
+            function.flaws.push(flaw);
+        }
+    }
+}
+
+/// A loop without a bound.
+fn unbounded(image: &Image, function: &Function, index: usize) -> Flaw {
+    let one = &function.loops[index];
+    let mut place = image.place(function.blocks[one.head].start());
+    let is_new = |line: &&String| !place.frames.iter().any(|frame| frame.contains(*line));
+    let others: Vec<String> = one.lines.iter().filter(is_new).cloned().collect();
+    place.frames.extend(others);
+    Flaw {
+        rule: Rule::UnboundedLoop,
+        what: "a loop has no bound".to_owned(),
+        place,
+        remedy: "Give it a constant number of runs, or write `// wcet-bound: N` above it."
+            .to_owned(),
+    }
+}
+
+/// The smaller of two bounds; a name is not compared.
+fn smaller(stated: Option<Bound>, counted: Option<Bound>) -> Option<Bound> {
+    match (stated, counted) {
+        (Some(stated), Some(counted)) => match (&stated.count, &counted.count) {
+            (Count::Number(number), Count::Number(runs)) if number > runs => Some(counted),
+            _ => Some(stated),
+        },
+        (stated, counted) => stated.or(counted),
+    }
+}
+
+/// A stated bound that is smaller than the number of runs.
+fn wrong(
+    image: &Image,
+    function: &Function,
+    one: &Loop,
+    stated: &Bound,
+    runs: Runs,
+) -> Option<Flaw> {
+    let Count::Number(number) = stated.count else {
+        return None;
+    };
+    (runs.is_exact && number < runs.returns).then(|| Flaw {
+        rule: Rule::WrongBound,
+        what: format!(
+            "a loop runs {} times, but {} says that it runs {number} times at most",
+            runs.returns, stated.origin
+        ),
+        place: image.place(function.blocks[one.head].start()),
+        remedy: format!("Correct the comment in {}.", stated.origin),
+    })
+}
+
+/// The blocks of a loop that are in no inner loop.
+pub(crate) fn own_blocks(one: &Loop, all: &[Loop]) -> BTreeSet<usize> {
+    let mut own = one.blocks.clone();
+    for inner in all {
+        if inner.head != one.head && inner.blocks.is_subset(&one.blocks) {
+            own.retain(|block| !inner.blocks.contains(block));
+        }
+    }
+    own
+}
+
+/// Whether a loop only tries an exclusive store again that an interrupt made fail: whoever
+/// interrupts pays for that.
+fn is_retry(function: &Function, one: &Loop) -> bool {
+    one.back.iter().all(|&back| {
+        let instructions = &function.blocks[back].instructions;
+        let mut result = None;
+        let mut is_compared = false;
+        for instruction in instructions {
+            match instruction.operation {
+                Operation::StoreExclusive { to, .. } => result = Some(to),
+                Operation::JumpOnZero { register, .. } if Some(register) == result => return true,
+                Operation::Jump(_) => return is_compared && instruction.condition == 1,
+                Operation::Compare { left, value: 0 } => is_compared = Some(left) == result,
+                _ => is_compared &= !instruction.sets_flags,
+            }
+        }
+        false
+    })
+}
+
+/// All lines of the instructions of `own`.
+fn lines(image: &Image, function: &Function, own: &BTreeSet<usize>) -> BTreeSet<String> {
+    let instructions = own
+        .iter()
+        .flat_map(|&block| &function.blocks[block].instructions);
+    let mut seen: BTreeMap<Rc<str>, BTreeSet<u32>> = BTreeMap::new();
+    for instruction in instructions {
+        for frame in image.frames(instruction.address).iter() {
+            let lines = seen.entry(Rc::clone(&frame.file)).or_default();
+            lines.insert(frame.line);
+        }
+    }
+    seen.iter()
+        .flat_map(|(file, lines)| lines.iter().map(move |line| format!("{file}:{line}")))
+        .collect()
+}
+
+/// A loop of the source, called from one place.
+#[derive(Debug, Clone, PartialEq, Eq)]
+struct Source {
+    file: Rc<str>,
+    found: SourceLoop,
+    /// Functions and lines through which it is inlined, the outermost first.
+    path: Vec<Frame>,
+}
+
+impl Source {
+    fn of(
+        image: &Image,
+        annotations: &Annotations,
+        function: &Function,
+        own: &BTreeSet<usize>,
+    ) -> Option<Self> {
+        let instructions = || {
+            own.iter()
+                .flat_map(|&block| &function.blocks[block].instructions)
+        };
+        let mut chains = chains(image, instructions().filter(|one| !moves(one)));
+        if chains.is_empty() {
+            chains = self::chains(image, instructions());
+        }
+        let shared = shared(&chains);
+        let mut from_library = false;
+        for level in (0..shared).rev() {
+            let frames: Vec<&Frame> = chains.iter().map(|chain| &chain[level]).collect();
+            let file = &frames[0].file;
+            let Some(loops) = annotations.loops(file) else {
+                from_library = true;
+                continue;
+            };
+            let closures = closures(&frames[0].function);
+            let holds = |found: &&SourceLoop| {
+                found.closures == closures
+                    && frames.iter().all(|frame| found.whole.contains(&frame.line))
+            };
+            let innermost = loops
+                .iter()
+                .filter(holds)
+                .min_by_key(|found| found.whole.clone().count());
+            let source = innermost.map(|found| Self {
+                file: Rc::clone(file),
+                found: found.clone(),
+                path: chains[0][..level].to_vec(),
+            });
+            if from_library {
+                return source.filter(|source| {
+                    let header = &source.found.header;
+                    frames.iter().all(|frame| header.contains(&frame.line))
+                });
+            }
+            if let Some(source) = source {
+                // What has lost its own loop to unrolling may still hold one of a library.
+                let all = self::chains(image, instructions());
+                return Some(source).filter(|source| source.is_headed(&all, level));
+            }
+        }
+        None
+    }
+
+    /// Whether one of the instructions is of the loop's header.
+    fn is_headed(&self, chains: &[Vec<Frame>], level: usize) -> bool {
+        let is_header =
+            |frame: &Frame| frame.file == self.file && self.found.header.contains(&frame.line);
+        !self.found.has_condition
+            || chains
+                .iter()
+                .any(|chain| chain.get(level).is_some_and(is_header))
+    }
+
+    fn stated(&self, stated: &Stated) -> (Count, String) {
+        let origin = format!("{}:{}", self.file, stated.line);
+        (stated.count.clone(), origin)
+    }
+
+    fn bound(&self) -> Option<Bound> {
+        let (count, origin) = self.stated(self.found.bound.as_ref()?);
+        Some(Bound { count, origin })
+    }
+
+    /// Whether a run of the body has begun wherever a block is executed: that of a `loop` begins at
+    /// once, others where something is stored that the body says. Stores are never executed in
+    /// advance, unlike most else; those to the stack may be the compiler's own.
+    fn runs_at(&self, image: &Image, head: usize, block: usize, blocks: &[Block]) -> bool {
+        let stores = |instruction: &&Instruction| match instruction.operation {
+            Operation::Store { address, .. } | Operation::FloatStore { address, .. } => {
+                !matches!(address, Address::Offset { base: 13, .. })
+            }
+            _ => false,
+        };
+        let is_of_body = |chain: &Vec<Frame>| {
+            chain.get(self.path.len()).is_some_and(|frame| {
+                let line = &frame.line;
+                let is_here = frame.file == self.file && self.found.whole.contains(line);
+                is_here && !self.found.header.contains(line)
+            })
+        };
+        let stores = blocks[block].instructions.iter().filter(stores);
+        let begins_at_once = block == head && !self.found.has_condition;
+        begins_at_once || chains(image, stores).iter().any(is_of_body)
+    }
+
+    fn total(&self, in_runs: BTreeSet<usize>) -> Option<Total> {
+        let (count, origin) = self.stated(self.found.total.as_ref()?);
+        Some(Total {
+            count,
+            origin,
+            in_runs,
+        })
+    }
+}
+
+/// Whether the compiler moves such instructions about: constants, copies, what is kept on the
+/// stack. Their lines say little of the loop that they are in.
+fn moves(instruction: &Instruction) -> bool {
+    match instruction.operation {
+        Operation::Constant { .. }
+        | Operation::ConstantTop { .. }
+        | Operation::Copy { .. }
+        | Operation::Nothing
+        | Operation::IfThen(_)
+        | Operation::Jump(_) => true,
+        Operation::Load { address, .. } | Operation::Store { address, .. } => {
+            matches!(
+                address,
+                Address::Offset { base: 13, .. } | Address::Absolute(_)
+            )
+        }
+        _ => false,
+    }
+}
+
+/// The frames of instructions, the outermost first; without those that have no line.
+fn chains<'a>(
+    image: &Image,
+    instructions: impl Iterator<Item = &'a Instruction>,
+) -> Vec<Vec<Frame>> {
+    instructions
+        .map(|instruction| {
+            let frames = image.frames(instruction.address);
+            frames.iter().rev().cloned().collect::<Vec<Frame>>()
+        })
+        .filter(|chain| !chain.is_empty() && chain.iter().all(|frame| frame.line != 0))
+        .collect()
+}
+
+/// How many levels of inlining all chains share: the same functions, called in the same lines.
+fn shared(chains: &[Vec<Frame>]) -> usize {
+    let Some((first, others)) = chains.split_first() else {
+        return 0;
+    };
+    let is_shared = |level: usize| {
+        others.iter().all(|chain| {
+            let same_call = level == 0 || chain.get(level - 1) == first.get(level - 1);
+            same_call
+                && chain.get(level).map(|frame| &frame.function) == Some(&first[level].function)
+        })
+    };
+    (0..first.len())
+        .take_while(|&level| is_shared(level))
+        .count()
+}
+
+/// How many closures a function is in, itself one.
+fn closures(name: &str) -> usize {
+    let mut count = 0;
+    let mut rest = name;
+    while let Some(outer) = rest.strip_suffix("::{{closure}}") {
+        count += 1;
+        rest = outer;
+    }
+    count
+}

@@ -1,0 +1,322 @@
+//! `schedule.toml`: what the analysis cannot know from the program.
+
+use std::collections::BTreeMap;
+
+use serde::Deserialize;
+
+use crate::{Clock, Formula, formula::Names};
+
+/// The file.
+#[derive(Debug, Clone, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Config {
+    /// The boards.
+    pub board: BTreeMap<String, BoardConfig>,
+    /// What the report must show.
+    pub require: Require,
+    /// Limits that are not times.
+    pub limits: Limits,
+    /// What the table is for.
+    pub table: Table,
+    /// Named numbers: loop bounds, and what they are made of.
+    #[serde(default)]
+    pub bounds: BTreeMap<String, Formula>,
+    /// The tasks.
+    pub task: BTreeMap<String, TaskConfig>,
+    /// What is excused, and why.
+    #[serde(default)]
+    pub exempt: Vec<Exempt>,
+    /// Calls through pointers.
+    #[serde(default)]
+    pub pointer: Vec<Pointer>,
+    /// Functions that are called at most so often in one activation.
+    #[serde(default)]
+    pub calls: BTreeMap<String, Formula>,
+    /// What is asked of a replay.
+    #[serde(default)]
+    pub replay: Replay,
+}
+
+/// What is asked of a replay.
+#[derive(Debug, Clone, Default, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Replay {
+    /// Least runs of all tasks with deadlines together.
+    pub activations: u64,
+    /// Most that the bound of a task may be above what is observed of it, each observed cycle.
+    #[serde(default)]
+    pub ratio: BTreeMap<String, f64>,
+}
+
+/// A board.
+#[derive(Debug, Clone, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct BoardConfig {
+    /// Its clocks.
+    pub clock: Clock,
+}
+
+/// What must be reached.
+#[derive(Debug, Clone, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Require {
+    /// Step rate that must be proven at each baud rate, Hz, ...
+    pub step_rate_hz: BTreeMap<String, u32>,
+    /// ... with up to so many axes.
+    pub axes: u8,
+    /// Most jitter of an edge on a step pin.
+    pub jitter_us: f64,
+    /// Longest run of the step task with a warm cache.
+    pub step_wcet_cycles: u64,
+}
+
+/// Limits that are not times.
+#[derive(Debug, Clone, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Limits {
+    /// Longest section in which all interrupts are off.
+    pub critical_section_cycles: u64,
+    /// Most lines of the instruction cache that one task of the two highest priorities touches.
+    pub icache_lines: usize,
+    /// Bytes at the end of the stack that must not be touched.
+    pub stack_guard_bytes: u64,
+}
+
+/// What the table is for, when nothing else is asked for.
+#[derive(Debug, Clone, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Table {
+    /// The task that drives the step pins.
+    pub step_task: String,
+    /// Pulses of all axes together, per second.
+    pub step_rate_hz: u32,
+    /// Bits per second.
+    pub baud: u32,
+    /// What the proof takes for granted, a sentence each.
+    #[serde(default)]
+    pub assumptions: Vec<String>,
+}
+
+/// A task.
+#[derive(Debug, Clone, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct TaskConfig {
+    /// Shortest time between two releases.
+    pub period: Option<Formula>,
+    /// Time until it must have ended.
+    pub deadline: Option<Formula>,
+    /// Releases a second in the long run, ...
+    pub rate: Option<Formula>,
+    /// ... and how many more in any window.
+    pub burst: Option<Formula>,
+    /// Releases that may come together, a period after those before.
+    pub group: Option<u64>,
+    /// Why it has no deadline.
+    pub undeadlined: Option<String>,
+    /// Its kinds of run.
+    #[serde(default)]
+    pub mode: BTreeMap<String, ModeConfig>,
+    /// Vectors apart from its own that call it.
+    #[serde(default)]
+    pub vectors: Vec<String>,
+}
+
+/// A kind of run of a task.
+#[derive(Debug, Clone, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct ModeConfig {
+    /// Functions that are not called in such a run.
+    #[serde(default)]
+    pub excludes: Vec<String>,
+    /// As for the task.
+    pub period: Formula,
+    /// As for the task.
+    pub deadline: Formula,
+    /// As for the task.
+    pub rate: Option<Formula>,
+    /// As for the task.
+    pub burst: Option<Formula>,
+    /// As for the task.
+    pub group: Option<u64>,
+    /// What its cost depends on.
+    pub units: Option<Units>,
+    /// Modes of the task whose runs come first: of this one, no run begins while one of them is
+    /// due, so it holds them up once.
+    #[serde(default)]
+    pub yields_to: Vec<String>,
+    /// Modes of the task of which no run is due while such a run is: neither holds up the other.
+    #[serde(default)]
+    pub apart_from: Vec<String>,
+}
+
+/// Pieces of work of which a run does a varying number: the cost of a run is charged with each run,
+/// that of a piece with each piece.
+#[derive(Debug, Clone, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Units {
+    /// The named bound that is their greatest number in one run.
+    pub bound: String,
+    /// How many there are in a second, of all runs together.
+    pub rate: Formula,
+    /// How many more there may be in each run.
+    pub extra: Formula,
+}
+
+/// A function that is excused.
+#[derive(Debug, Clone, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Exempt {
+    /// How its name ends.
+    pub function: String,
+    /// Why.
+    pub reason: String,
+}
+
+/// What a function may call through pointers: for the stack of tasks without a deadline.
+#[derive(Debug, Clone, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Pointer {
+    /// How its name ends.
+    pub function: String,
+    /// How the names of what it may call begin or end.
+    pub calls: Vec<String>,
+}
+
+/// What formulas are computed for.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Point {
+    /// Pulses of all axes together, per second.
+    pub step_rate_hz: f64,
+    /// Bits per second.
+    pub baud: f64,
+    /// Axes that the firmware has.
+    pub axes: u8,
+}
+
+impl Config {
+    /// Reads the text of the file.
+    ///
+    /// # Errors
+    ///
+    /// Tells what is wrong with it, and where.
+    pub fn parse(text: &str) -> Result<Self, String> {
+        toml::from_str(text).map_err(|error| format!("schedule.toml: {error}"))
+    }
+
+    /// What the names in its formulas mean.
+    #[must_use]
+    pub fn names(&self, clock: &Clock, point: Point) -> Names<'_> {
+        let formulas = self.bounds.iter();
+        Names {
+            values: BTreeMap::from([
+                ("step_rate", point.step_rate_hz),
+                ("baud", point.baud),
+                ("axes", f64::from(point.axes)),
+            ]),
+            formulas: formulas.map(|(name, formula)| (&**name, formula)).collect(),
+            clocks: (clock.hclk_hz as f64, clock.timer_hz as f64),
+        }
+    }
+
+    /// The named bounds, rounded up.
+    ///
+    /// # Errors
+    ///
+    /// Tells which formula is wrong.
+    pub fn numbers(&self, clock: &Clock, point: Point) -> Result<BTreeMap<String, u64>, String> {
+        self.evaluate(&self.names(clock, point))
+    }
+
+    /// The named bounds where one of them is 0, and what is computed from it.
+    ///
+    /// # Errors
+    ///
+    /// Tells which formula is wrong.
+    pub fn numbers_without(
+        &self,
+        clock: &Clock,
+        point: Point,
+        without: &str,
+    ) -> Result<BTreeMap<String, u64>, String> {
+        let mut names = self.names(clock, point);
+        names.formulas.remove(without);
+        names.values.insert(without, 0.0);
+        self.evaluate(&names)
+    }
+
+    fn evaluate(&self, names: &Names<'_>) -> Result<BTreeMap<String, u64>, String> {
+        let is_formula =
+            |(name, _): &(&String, &Formula)| names.formulas.contains_key(name.as_str());
+        let bounds = self
+            .bounds
+            .iter()
+            .filter(is_formula)
+            .map(|(name, formula)| {
+                let value = formula.value(names)?;
+                Ok((name.clone(), value.max(0.0).ceil() as u64))
+            });
+        let calls = self.calls.iter().map(|(function, formula)| {
+            let value = formula.value(names)?;
+            let name = crate::subject::calls_name(function);
+            Ok((name, value.max(0.0).ceil() as u64))
+        });
+        let given = names.values.iter();
+        let given = given.map(|(name, value)| Ok(((*name).to_owned(), value.ceil() as u64)));
+        bounds.chain(calls).chain(given).collect()
+    }
+
+    /// Why a function is excused, if it is.
+    #[must_use]
+    pub fn exemption(&self, function: &str) -> Option<&str> {
+        let exempt = self.exempt.iter();
+        let mut found = exempt.filter(|exempt| is_named(function, &exempt.function));
+        found.next().map(|exempt| exempt.reason.as_str())
+    }
+}
+
+/// Whether a function's full name ends with the given one, which begins at the start of a word.
+pub(crate) fn is_named(full: &str, name: &str) -> bool {
+    full.strip_suffix(name).is_some_and(|before| {
+        before.is_empty() || before.ends_with("::") || before.ends_with(['<', ' '])
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_function_is_named_by_the_end_of_its_path() {
+        assert!(is_named("leadscrew::board::panic::panic", "panic::panic"));
+        assert!(is_named("main", "main"));
+        assert!(!is_named("leadscrew::domain", "main"));
+        assert!(!is_named("main", "app::main"));
+    }
+
+    #[test]
+    fn what_is_computed_from_a_bound_goes_with_it() {
+        let file = concat!(env!("CARGO_MANIFEST_DIR"), "/../../schedule.toml");
+        let mut config = Config::parse(&std::fs::read_to_string(file).unwrap()).unwrap();
+        let formula = |text: &str| Formula::Text(text.to_owned());
+        config.bounds = BTreeMap::from([
+            ("steps".to_owned(), formula("step_rate * 2ms / 1s + axes")),
+            ("events".to_owned(), formula("2 * steps + 4")),
+        ]);
+        let point = Point {
+            step_rate_hz: 1000.0,
+            baud: 1.0,
+            axes: 3,
+        };
+        let clock = crate::testing::CLOCK;
+        let all = config.numbers(&clock, point).unwrap();
+        assert_eq!((all["steps"], all["events"]), (5, 14));
+        let none = config.numbers_without(&clock, point, "steps").unwrap();
+        assert_eq!((none["steps"], none["events"]), (0, 4));
+    }
+
+    #[test]
+    fn an_unknown_key_is_refused() {
+        let error = Config::parse("[task.step]\nperoid = 1\n").unwrap_err();
+        assert!(error.contains("peroid"), "{error}");
+    }
+}

@@ -1,0 +1,178 @@
+//! Loops whose number of runs follows from constants.
+//!
+//! A loop is followed run by run, beginning with what is known where it is entered. When all ways
+//! back to its head are closed by comparisons of known values, it has been run to its end.
+
+use std::collections::{BTreeMap, BTreeSet};
+
+use crate::{
+    Block, Instruction, Loop, Operation,
+    flow::States,
+    values::{State, Surroundings},
+};
+
+/// Most runs that are followed.
+const MOST_RUNS: u64 = 5_000;
+/// Most instructions that are followed for one loop.
+const MOST_STEPS: u64 = 300_000;
+
+/// How often a loop is run again.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) struct Runs {
+    /// Most returns to its head for each entry.
+    pub(crate) returns: u64,
+    /// Whether nothing ends it earlier.
+    pub(crate) is_exact: bool,
+}
+
+/// Follows `one`; `None` when its end is not found.
+pub(crate) fn runs(
+    around: Surroundings<'_>,
+    blocks: &[Block],
+    states: &States,
+    one: &Loop,
+) -> Option<Runs> {
+    let mut run = Run {
+        around,
+        blocks,
+        one,
+        steps: 0,
+        is_exact: true,
+        is_decided: false,
+    };
+    let mut state = entry(around, blocks, states, one)?;
+    for returns in 0..MOST_RUNS {
+        let Some(next) = run.follow(&state)? else {
+            return Some(Runs {
+                returns,
+                is_exact: run.is_exact,
+            });
+        };
+        if next == state || !run.is_decided {
+            return None;
+        }
+        state = next;
+    }
+    None
+}
+
+/// The state where the loop is entered.
+fn entry(around: Surroundings<'_>, blocks: &[Block], states: &States, one: &Loop) -> Option<State> {
+    let outside = blocks
+        .iter()
+        .zip(states)
+        .enumerate()
+        .filter(|(index, _)| !one.blocks.contains(index));
+    let mut joined: Option<State> = None;
+    // The function may begin with the loop.
+    if one.head == 0 {
+        return None;
+    }
+    for (_, (block, state)) in outside {
+        if !block.successors.iter().any(|edge| edge.to == one.head) {
+            continue;
+        }
+        let Some(mut state) = state.clone() else {
+            continue;
+        };
+        for instruction in &block.instructions {
+            state.step(around, instruction);
+        }
+        state.settle();
+        joined = Some(match joined {
+            Some(known) => known.join(&state),
+            None => state,
+        });
+    }
+    joined
+}
+
+/// One loop being followed.
+struct Run<'a> {
+    around: Surroundings<'a>,
+    blocks: &'a [Block],
+    one: &'a Loop,
+    steps: u64,
+    is_exact: bool,
+    /// Whether a branch out of the loop was decided.
+    is_decided: bool,
+}
+
+impl Run<'_> {
+    /// Follows one run from the head; the state in which the head is reached again, if it is.
+    /// `None` when it takes too long.
+    #[expect(
+        clippy::option_option,
+        reason = "no answer, or the answer that there is no state"
+    )]
+    fn follow(&mut self, state: &State) -> Option<Option<State>> {
+        let mut before = BTreeMap::from([(self.one.head, state.clone())]);
+        let mut again: Option<State> = None;
+        let mut work = BTreeSet::from([self.one.head]);
+        while let Some(index) = work.pop_first() {
+            let mut state = before[&index].clone();
+            let block = &self.blocks[index];
+            self.steps += block.instructions.len() as u64;
+            if self.steps > MOST_STEPS {
+                return None;
+            }
+            let Some((last, others)) = block.instructions.split_last() else {
+                continue;
+            };
+            for instruction in others {
+                state.step(self.around, instruction);
+            }
+            let taken = decide(&state, last);
+            state.step(self.around, last);
+            state.settle();
+            self.note_ends(index, block, taken);
+            for edge in &block.successors {
+                if taken.is_some_and(|taken| taken != edge.is_taken) {
+                    continue;
+                }
+                if edge.to == self.one.head {
+                    again = Some(again.map_or_else(|| state.clone(), |known| known.join(&state)));
+                } else if self.one.blocks.contains(&edge.to) {
+                    let joined = match before.get(&edge.to) {
+                        Some(known) => known.join(&state),
+                        None => state.clone(),
+                    };
+                    if before.get(&edge.to) != Some(&joined) {
+                        before.insert(edge.to, joined);
+                        work.insert(edge.to);
+                    }
+                }
+            }
+        }
+        Some(again)
+    }
+
+    /// Notes whether the end of `block` decides if the loop goes on.
+    fn note_ends(&mut self, index: usize, block: &Block, taken: Option<bool>) {
+        let leaves = |to: usize| !self.one.blocks.contains(&to);
+        let mut edges = block.successors.iter();
+        let ends_loop = block.ends || block.traps || edges.clone().any(|edge| leaves(edge.to));
+        let ends_run = edges.any(|edge| edge.to == self.one.head);
+        if block.successors.len() < 2 && !block.ends && !block.traps {
+            return;
+        }
+        self.is_decided |= taken.is_some() && (ends_loop || ends_run);
+        // Every run must come to the branch that ends the loop, and be ended by nothing else.
+        let is_passed = index == self.one.head || self.one.back.iter().eq([&index]);
+        self.is_exact &= !ends_loop || taken.is_some() && is_passed;
+    }
+}
+
+/// Whether the branch at the end of a block is taken, if that is known.
+fn decide(state: &State, last: &Instruction) -> Option<bool> {
+    match last.operation {
+        Operation::Jump(_) => state.flags().holds(last.condition),
+        Operation::JumpOnZero {
+            register, is_zero, ..
+        } => {
+            let value = state.get(register).constant()?;
+            Some((value == 0) == is_zero)
+        }
+        _ => None,
+    }
+}

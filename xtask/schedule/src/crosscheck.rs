@@ -1,0 +1,237 @@
+//! Whether the binary is what the source says: vectors, priorities, ceilings.
+//!
+//! A task's handler must be in its vector, and in no other but those that `schedule.toml` gives it;
+//! the priority that is written for the vector must be the task's; sections must have the ceilings
+//! of resources. A vector that belongs to no task must not interrupt anything.
+
+use std::collections::{BTreeMap, BTreeSet};
+
+use crate::{App, AppTask, Config, Flaw, Image, Place, Rule, sections::Held, wcet::Functions};
+
+/// The first vector that is not the processor's own.
+const FIRST_INTERRUPT: usize = 16;
+/// Vectors of the processor after which the machine goes on: NMI, SVC, the debug monitor, `PendSV`,
+/// `SysTick`. Faults end everything.
+const SYSTEM: [(usize, &str); 5] = [
+    (2, "NonMaskableInt"),
+    (11, "SVCall"),
+    (12, "DebugMonitor"),
+    (14, "PendSV"),
+    (15, "SysTick"),
+];
+/// Registers of the interrupt controller: enables, priorities. ARMv7-M reference manual B3.4.
+const ENABLES: std::ops::Range<u32> = 0xe000_e100..0xe000_e120;
+const PRIORITIES: std::ops::Range<u32> = 0xe000_e400..0xe000_e4f0;
+/// The priorities of the processor's own vectors, from the fourth on: B3.2.
+const SYSTEM_PRIORITIES: std::ops::Range<u32> = 0xe000_ed18..0xe000_ed24;
+const FIRST_SYSTEM: usize = 4;
+
+/// What is compared.
+pub(crate) struct Crosscheck<'a> {
+    pub(crate) image: &'a Image,
+    pub(crate) functions: &'a Functions,
+    pub(crate) app: &'a App,
+    pub(crate) config: &'a Config,
+    pub(crate) sections: &'a [Held],
+}
+
+/// The vector whose priority a register holds, if it is such a register.
+fn slot_of_priority(address: u32) -> Option<usize> {
+    if PRIORITIES.contains(&address) {
+        return Some(FIRST_INTERRUPT + (address - PRIORITIES.start) as usize);
+    }
+    let is_system = SYSTEM_PRIORITIES.contains(&address);
+    is_system.then(|| FIRST_SYSTEM + (address - SYSTEM_PRIORITIES.start) as usize)
+}
+
+/// A contradiction at a task's line.
+fn at(task: &AppTask, flaw: Flaw) -> Flaw {
+    Flaw {
+        place: task.place(),
+        ..flaw
+    }
+}
+
+fn mismatch(what: String, remedy: &str) -> Flaw {
+    Flaw {
+        rule: Rule::Mismatch,
+        what,
+        place: Place::default(),
+        remedy: remedy.to_owned(),
+    }
+}
+
+impl Crosscheck<'_> {
+    /// All contradictions.
+    pub(crate) fn flaws(&self) -> Vec<Flaw> {
+        let mut flaws = Vec::new();
+        let written = self.priorities();
+        let mut known: BTreeSet<usize> = BTreeSet::new();
+        for task in self.app.tasks.iter().filter(|task| task.priority > 0) {
+            let slots = self.task_slots(task, &mut flaws);
+            for slot in &slots {
+                flaws.extend(Self::priority(task, *slot, &written));
+            }
+            known.extend(slots);
+        }
+        flaws.extend(self.strangers(&known));
+        flaws.extend(self.ceilings());
+        flaws
+    }
+
+    /// The slots of the vector table that hold a handler.
+    fn slots(&self, handler: u32) -> BTreeSet<usize> {
+        let vectors = self.image.vectors().iter().enumerate().skip(1);
+        let slots = vectors.filter(|(_, vector)| **vector & !1 == handler);
+        slots.map(|(slot, _)| slot).collect()
+    }
+
+    /// The slots of a task: its own, and those of the vectors that call it.
+    fn task_slots(&self, task: &AppTask, flaws: &mut Vec<Flaw>) -> BTreeSet<usize> {
+        let more = self.config.task.get(&task.name);
+        let more = more.map_or(&[][..], |config| config.vectors.as_slice());
+        let mut slots = BTreeSet::new();
+        let default = self.image.symbol("DefaultHandler");
+        // Another board may have its own vectors besides.
+        let is_used = |vector: &&String| {
+            let handler = self.image.symbol(vector);
+            handler.is_some() && handler != default
+        };
+        let more: Vec<&String> = more.iter().filter(is_used).collect();
+        for vector in [&task.vector].into_iter().chain(more.iter().copied()) {
+            let found = self.image.symbol(vector).map(|handler| self.slots(handler));
+            match found.filter(|found| !found.is_empty()) {
+                Some(found) => slots.extend(found),
+                None => flaws.push(at(
+                    task,
+                    mismatch(
+                        format!(
+                            "no vector of the binary holds `{vector}` of the task `{}`",
+                            task.name
+                        ),
+                        "Build the ELF from this source, or correct the name of the vector.",
+                    ),
+                )),
+            }
+        }
+        if slots.len() > 1 + more.len() {
+            let what = format!(
+                "the handler of `{}` is in {} vectors",
+                task.name,
+                slots.len()
+            );
+            let remedy = "Name the vectors that call it in `schedule.toml`.";
+            flaws.push(at(task, mismatch(what, remedy)));
+        }
+        slots
+    }
+
+    /// The priorities that the program writes, by slot.
+    fn priorities(&self) -> BTreeMap<usize, BTreeSet<Option<u32>>> {
+        let mut written: BTreeMap<usize, BTreeSet<Option<u32>>> = BTreeMap::new();
+        let stores = self
+            .functions
+            .values()
+            .flat_map(|function| &function.stores);
+        for (_, address, value) in stores {
+            let Some(slot) = slot_of_priority(*address) else {
+                continue;
+            };
+            written
+                .entry(slot)
+                .or_default()
+                .insert(value.map(|value| value & 0xff));
+        }
+        written
+    }
+
+    fn priority(
+        task: &AppTask,
+        slot: usize,
+        written: &BTreeMap<usize, BTreeSet<Option<u32>>>,
+    ) -> Option<Flaw> {
+        let expected = u32::from(16_u8.saturating_sub(task.priority)) << 4;
+        let found = written.get(&slot);
+        if found.is_some_and(|found| found.iter().all(|value| *value == Some(expected))) {
+            return None;
+        }
+        let found = found.map_or("nothing".to_owned(), |found| {
+            let values = found.iter().map(|value| match value {
+                Some(value) => format!("{value:#04x}"),
+                None => "something unknown".to_owned(),
+            });
+            values.collect::<Vec<_>>().join(" and ")
+        });
+        let what = format!(
+            "the binary writes {found} as priority of vector {slot}, the source of `{}` says {} \
+             ({expected:#04x})",
+            task.name, task.priority,
+        );
+        let remedy = "Build the ELF from this source; a priority must be written as a constant.";
+        Some(at(task, mismatch(what, remedy)))
+    }
+
+    /// Vectors that may interrupt and belong to no task.
+    fn strangers(&self, known: &BTreeSet<usize>) -> Vec<Flaw> {
+        let default = self.image.symbol("DefaultHandler");
+        let mut flaws = Vec::new();
+        for (slot, vector) in self.image.vectors().iter().enumerate().skip(1) {
+            let handler = vector & !1;
+            let system = SYSTEM.iter().find(|(number, _)| *number == slot);
+            let is_task = known.contains(&slot) || (slot < FIRST_INTERRUPT && system.is_none());
+            if is_task || handler == 0 || Some(handler) == default {
+                continue;
+            }
+            let name =
+                system.map_or_else(|| self.image.name(handler), |(_, name)| (*name).to_owned());
+            if self.config.exemption(&name).is_none() {
+                let what = format!("vector {slot} (`{name}`) belongs to no task");
+                let remedy = "Make it a task, or say in `schedule.toml` to which task it belongs.";
+                flaws.push(mismatch(what, remedy));
+            }
+        }
+        let stores = self
+            .functions
+            .values()
+            .flat_map(|function| &function.stores);
+        for (_, address, value) in stores.filter(|store| ENABLES.contains(&store.1)) {
+            let first = FIRST_INTERRUPT + ((address - ENABLES.start) * 8) as usize;
+            let bits = value.unwrap_or(0);
+            for bit in (0..32).filter(|bit| bits >> bit & 1 != 0) {
+                let handler = self.image.vectors().get(first + bit).copied().unwrap_or(0) & !1;
+                let is_exempt = self.config.exemption(&self.image.name(handler)).is_some();
+                if !known.contains(&(first + bit)) && !is_exempt {
+                    let what = format!("vector {} is enabled and belongs to no task", first + bit);
+                    flaws.push(mismatch(what, "Make it a task, or leave it disabled."));
+                }
+            }
+        }
+        flaws
+    }
+
+    /// Sections with a ceiling that no resource has.
+    fn ceilings(&self) -> Vec<Flaw> {
+        let ceilings: BTreeSet<u8> = self.app.ceilings().into_values().collect();
+        let strange = self.sections.iter().filter(|section| {
+            let is_strange = section
+                .ceiling
+                .is_some_and(|ceiling| !ceilings.contains(&ceiling));
+            is_strange
+                && self
+                    .config
+                    .exemption(&self.image.name(section.function))
+                    .is_none()
+        });
+        let flaws = strange.map(|section| Flaw {
+            place: self.image.place(section.address),
+            ..mismatch(
+                format!(
+                    "a section holds up tasks up to priority {}, which is no resource's ceiling",
+                    section.ceiling.unwrap_or(0),
+                ),
+                "Build the ELF from this source; lock resources with RTIC only.",
+            )
+        });
+        flaws.collect()
+    }
+}

@@ -1,0 +1,222 @@
+//! What stands in the way of a proof in the code: of tasks with deadlines, sections, stacks.
+
+use std::collections::{BTreeMap, BTreeSet};
+
+use crate::{
+    Count, Flaw, Place, Report, Rule, Section, Stack, cause, config,
+    sections::Held,
+    stack::{self, Depths, FLOAT_FRAME_BYTES, FRAME_BYTES},
+    subject::{Row, Subject, misconfigured},
+};
+
+/// Flaws of the code that a row may run.
+pub(crate) fn of_row(subject: &Subject<'_>, row: &Row, named: &BTreeMap<String, u64>) -> Vec<Flaw> {
+    let wcets = subject.wcets(row, named);
+    let reached = wcets.reach(row.root);
+    let mut flaws = cause::flaws(subject.program, &reached);
+    for function in reached
+        .iter()
+        .filter_map(|at| subject.program.function(*at))
+    {
+        for looped in &function.loops {
+            let bound = looped
+                .bound
+                .as_ref()
+                .map(|bound| (&bound.count, &bound.origin));
+            let total = looped
+                .total
+                .as_ref()
+                .map(|total| (&total.count, &total.origin));
+            for (count, origin) in bound.into_iter().chain(total) {
+                if let (Count::Named(name), None) = (count, wcets.number(count)) {
+                    let what = format!("the bound `{name}` at {origin} is not known");
+                    flaws.push(misconfigured(
+                        what,
+                        "Define it in `schedule.toml`, at [bounds].",
+                    ));
+                }
+            }
+        }
+    }
+    flaws
+}
+
+/// For each function the lowest priority that may run it; 0 for initialisation and idle.
+pub(crate) fn contexts(subject: &Subject<'_>) -> BTreeMap<u32, u8> {
+    let mut contexts: BTreeMap<u32, u8> = BTreeMap::new();
+    for row in &subject.rows {
+        for address in subject.program.reach(row.root) {
+            let context = contexts.entry(address).or_insert(u8::MAX);
+            *context = row.task.priority.min(*context);
+        }
+    }
+    for root in ["main", "Reset"]
+        .iter()
+        .filter_map(|name| subject.image.symbol(name))
+    {
+        for address in subject.program.reach(root) {
+            contexts.insert(address, 0);
+        }
+    }
+    contexts
+}
+
+/// Sections for the report, and what is wrong with them.
+pub(crate) fn of_sections(
+    subject: &Subject<'_>,
+    held: &[Held],
+    contexts: &BTreeMap<u32, u8>,
+) -> (Vec<Section>, Vec<Flaw>) {
+    let limit = subject.config.limits.critical_section_cycles;
+    let (mut sections, mut flaws) = (Vec::new(), Vec::new());
+    for section in held {
+        let name = subject.image.name(section.function);
+        let exempt = subject.config.exemption(&name).map(str::to_owned);
+        let frames = subject.image.frames(section.address);
+        let own = frames.iter().find(|frame| frame.file.starts_with("src/"));
+        let place = own.or(frames.first()).map_or(name, ToString::to_string);
+        let is_relevant = subject.rows.iter().any(|row| {
+            let level = row.task.priority;
+            row.times.is_some() && section.ceiling.is_none_or(|ceiling| ceiling >= level)
+        });
+        if exempt.is_none() && is_relevant {
+            let wrong = match (section.ceiling, section.cycles) {
+                (_, None) => Some("has no bound".to_owned()),
+                (None, _) if section.escapes => {
+                    Some("is not over when its function returns".to_owned())
+                }
+                (None, Some(cycles)) if cycles > limit => {
+                    Some(format!("lasts {cycles} cycles, more than {limit}"))
+                }
+                _ => None,
+            };
+            flaws.extend(wrong.map(|wrong| Flaw {
+                rule: Rule::CriticalSection,
+                what: format!("a section with interrupts held back {wrong}"),
+                place: subject.image.place(section.address),
+                remedy:
+                    "Do less in it; or share through atomics, or lock an RTIC resource.".to_owned(),
+            }));
+        }
+        sections.push(Section {
+            place,
+            ceiling: section.ceiling,
+            priority: contexts.get(&section.function).copied().unwrap_or(0),
+            cycles: section.cycles.unwrap_or(0),
+            exempt,
+        });
+    }
+    sections.sort_by(|one, other| {
+        other
+            .cycles
+            .cmp(&one.cycles)
+            .then(one.place.cmp(&other.place))
+    });
+    (sections, flaws)
+}
+
+/// Fills in the stacks; what is wrong with them.
+pub(crate) fn of_stacks(subject: &Subject<'_>, report: &mut Report) -> Vec<Flaw> {
+    let is_panic = |address: u32| subject.program.is_panic(address);
+    let pointers = pointers(subject);
+    let mut depths = Depths::new(subject.program.functions(), &is_panic, &pointers);
+    let mut flaws = Vec::new();
+    let main = subject.image.symbol("Reset").unwrap_or(0);
+    let mut floats = uses_float(subject, main);
+    let mut levels = BTreeMap::from([(0, ("initialisation, idle".to_owned(), 0))]);
+    let mut depth = |root: u32, name: &str| {
+        depths.depth(root).unwrap_or_else(|address| {
+            flaws.push(Flaw {
+                rule: Rule::StackOverflow,
+                what: format!("the depth of the stack of `{name}` is not known"),
+                place: subject.image.place(address),
+                remedy: "Call functions by name, or say in `schedule.toml` what pointers call."
+                    .to_owned(),
+            });
+            0
+        })
+    };
+    levels.entry(0).or_default().1 = depth(main, "Reset");
+    let priorities: BTreeSet<u8> = subject.rows.iter().map(|row| row.task.priority).collect();
+    for priority in priorities {
+        let frame = if floats {
+            FLOAT_FRAME_BYTES
+        } else {
+            FRAME_BYTES
+        };
+        for row in subject
+            .rows
+            .iter()
+            .filter(|row| row.task.priority == priority)
+        {
+            let bytes = frame + depth(row.root, &row.task.name);
+            let level: &mut (String, u64) = levels.entry(priority).or_default();
+            if bytes > level.1 {
+                *level = (row.task.name.clone(), bytes);
+            }
+            floats |= subject.uses_float(row);
+            for task in report.tasks.iter_mut().filter(|task| task.name == row.name) {
+                task.stack_bytes = bytes;
+            }
+        }
+    }
+    let levels = levels.into_iter().rev();
+    let levels = levels.map(|(priority, (task, bytes))| Stack {
+        priority,
+        task,
+        bytes,
+    });
+    report.stack = levels.collect();
+    report.stack_worst_bytes = report.stack.iter().map(|stack| stack.bytes).sum();
+    report.stack_available_bytes = available(subject);
+    flaws.extend(overflow(report));
+    flaws
+}
+
+fn overflow(report: &Report) -> Option<Flaw> {
+    let (worst, available) = (report.stack_worst_bytes, report.stack_available_bytes);
+    (worst > available).then(|| Flaw {
+        rule: Rule::StackOverflow,
+        what: format!("the stacks may take {worst} bytes, there are {available}"),
+        place: Place::default(),
+        remedy: "Make statics smaller, or keep less on the stack.".to_owned(),
+    })
+}
+
+/// What functions may call through pointers, as `schedule.toml` says.
+fn pointers(subject: &Subject<'_>) -> BTreeMap<u32, BTreeSet<u32>> {
+    let functions = subject.program.functions();
+    let mut pointers = BTreeMap::new();
+    for pointer in &subject.config.pointer {
+        let is_called = |name: &str| {
+            let mut calls = pointer.calls.iter();
+            calls.any(|call| name.starts_with(call.as_str()) || config::is_named(name, call))
+        };
+        let called = functions
+            .values()
+            .filter(|function| is_called(&function.name));
+        let called: BTreeSet<u32> = called.map(|function| function.address).collect();
+        let callers = functions
+            .values()
+            .filter(|it| config::is_named(&it.name, &pointer.function));
+        pointers.extend(callers.map(|caller| (caller.address, called.clone())));
+    }
+    pointers
+}
+
+fn uses_float(subject: &Subject<'_>, root: u32) -> bool {
+    let reached = subject.program.reach(root);
+    let mut functions = reached
+        .iter()
+        .filter_map(|address| subject.program.function(*address));
+    functions.any(stack::uses_float)
+}
+
+/// RAM between the guard above the statics and the top.
+fn available(subject: &Subject<'_>) -> u64 {
+    let guard = subject.config.limits.stack_guard_bytes;
+    let top = subject.image.vectors().first().copied().unwrap_or(0);
+    let statics_end = u64::from(subject.image.symbol("__sheap").unwrap_or(0));
+    let guarded = statics_end.next_multiple_of(guard.max(1)) + guard;
+    u64::from(top).saturating_sub(guarded)
+}

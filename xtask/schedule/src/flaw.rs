@@ -1,0 +1,63 @@
+//! What stands in the way of a proof.
+
+use serde::Serialize;
+
+/// What is wrong.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord, Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Rule {
+    /// A deadline is missed.
+    DeadlineMissed,
+    /// A panic can be reached.
+    ReachablePanic,
+    /// A trap can be reached that is no panic.
+    ReachableTrap,
+    /// A loop has no bound.
+    UnboundedLoop,
+    /// A loop runs more often than its comment says.
+    WrongBound,
+    /// A loop has two entries.
+    IrreducibleLoop,
+    /// A function calls itself.
+    Recursion,
+    /// A call or jump to an address that is computed.
+    IndirectCall,
+    /// `SVC`, `WFI` and what else a task must not do.
+    ForbiddenInstruction,
+    /// An encoding that the decoder does not know.
+    UnknownInstruction,
+    /// Interrupts are off for longer than allowed, or the end is not found.
+    CriticalSection,
+    /// The binary contradicts the source: vector, priority, ceiling.
+    Mismatch,
+    /// Code in RAM needs the flash.
+    CodeInRam,
+    /// A task has no entry in `schedule.toml`, or an entry no task.
+    Configuration,
+    /// A requirement of `schedule.toml` is not met.
+    Requirement,
+    /// The stacks do not fit.
+    StackOverflow,
+}
+
+/// A place in the program.
+#[derive(Debug, Clone, PartialEq, Eq, Hash, PartialOrd, Ord, Serialize, Default)]
+pub struct Place {
+    /// The instruction; 0: none.
+    pub address: u32,
+    /// Functions and lines, innermost first: `function (file:line)`.
+    pub frames: Vec<String>,
+}
+
+/// One thing that is wrong, where, and what to do.
+#[derive(Debug, Clone, PartialEq, Eq, Hash, PartialOrd, Ord, Serialize)]
+pub struct Flaw {
+    /// Which rule it breaks.
+    pub rule: Rule,
+    /// What is wrong, in one sentence.
+    pub what: String,
+    /// Where.
+    pub place: Place,
+    /// What to do about it.
+    pub remedy: String,
+}

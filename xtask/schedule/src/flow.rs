@@ -1,0 +1,249 @@
+//! The values of registers at every block of a function.
+
+use std::collections::BTreeSet;
+
+use crate::{
+    Block, Instruction, Operation, Region,
+    values::{ARGUMENTS, Origins, Spans, State, Surroundings, Value, sources},
+};
+
+/// The frame pointer, by convention.
+const FRAME_POINTER: u8 = 7;
+const STACK_POINTER: u8 = 13;
+
+/// The states before each block; `None` where execution does not come.
+pub(crate) type States = Vec<Option<State>>;
+
+/// The states of a function that is entered in the state `entry`.
+pub(crate) fn solve(around: Surroundings<'_>, blocks: &[Block], entry: State) -> States {
+    let mut before = vec![None; blocks.len()];
+    if blocks.is_empty() {
+        return before;
+    }
+    before[0] = Some(entry);
+    let mut work = BTreeSet::from([0]);
+    while let Some(index) = work.pop_first() {
+        let Some(mut state) = before[index].clone() else {
+            continue;
+        };
+        for instruction in &blocks[index].instructions {
+            state.step(around, instruction);
+        }
+        state.settle();
+        for edge in &blocks[index].successors {
+            let joined = match &before[edge.to] {
+                Some(known) => known.join(&state),
+                None => state.clone(),
+            };
+            if before[edge.to].as_ref() != Some(&joined) {
+                before[edge.to] = Some(joined);
+                work.insert(edge.to);
+            }
+        }
+    }
+    before
+}
+
+/// Shows each instruction with the state before it.
+pub(crate) fn visit(
+    around: Surroundings<'_>,
+    blocks: &[Block],
+    before: &States,
+    mut show: impl FnMut(&State, &Instruction),
+) {
+    for (block, state) in blocks.iter().zip(before) {
+        let Some(mut state) = state.clone() else {
+            continue;
+        };
+        for instruction in &block.instructions {
+            show(state.before(instruction), instruction);
+            state.step(around, instruction);
+        }
+    }
+}
+
+/// What a function does with its frame, what it writes, and what it returns.
+#[derive(Debug, Clone)]
+pub(crate) struct Conduct {
+    /// The lowest place of its frame that it makes a pointer to.
+    pub(crate) lowest_pointer: i32,
+    /// Whether it may write to what it was called with on the stack.
+    pub(crate) writes_arguments: bool,
+    /// What it writes behind each of its arguments, as far as that is not through a pointer that
+    /// was kept in memory.
+    pub(crate) writes: Writes,
+    /// The memory that its result points into.
+    pub(crate) result: Region,
+}
+
+impl Conduct {
+    pub(crate) fn of(around: Surroundings<'_>, blocks: &[Block], before: &States) -> Self {
+        let mut lowest_pointer = i32::MAX;
+        let mut highest_written = i32::MIN;
+        let mut result: Option<Value> = None;
+        let mut writes = Writes::default();
+        visit(around, blocks, before, |state, instruction| {
+            match frame_pointer(state, instruction.operation) {
+                Some(Some(pointer)) => {
+                    lowest_pointer = lowest_pointer.min(pointer);
+                    highest_written = highest_written.max(pointer);
+                }
+                Some(None) => (lowest_pointer, highest_written) = (i32::MIN, i32::MAX),
+                None => {}
+            }
+            if let Operation::Store { address, words, .. }
+            | Operation::FloatStore { address, words, .. } = instruction.operation
+                && let Some(slot) = state.address(address).in_frame()
+            {
+                highest_written = highest_written.max(slot + 4 * i32::from(words) - 1);
+            }
+            add_writes(around, state, instruction.operation, &mut writes);
+            if instruction.is_return() {
+                let value = state.get(0).abroad();
+                result = Some(result.map_or(value, |known| known.join(value)));
+            }
+        });
+        // A jump out of the function returns what is not known here.
+        let leaves = blocks
+            .iter()
+            .any(|block| block.ends && block.call.is_some());
+        for spans in &mut writes {
+            merge(spans);
+        }
+        Self {
+            lowest_pointer,
+            writes_arguments: highest_written >= 0,
+            writes,
+            result: match result {
+                Some(value) if !leaves => value.region(),
+                _ => Region::Unknown,
+            },
+        }
+    }
+}
+
+/// Everything behind a pointer, and before it.
+const ALL: (i32, i32) = (i32::MIN, i32::MAX);
+
+/// What a function writes behind each of its arguments.
+type Writes = [Spans; ARGUMENTS as usize];
+
+/// Adds what an instruction writes behind the arguments of its function.
+fn add_writes(around: Surroundings<'_>, state: &State, operation: Operation, writes: &mut Writes) {
+    match operation {
+        Operation::Store {
+            address,
+            words,
+            bytes,
+            ..
+        } => {
+            let length = i32::from(words) * i32::from(bytes);
+            let to = state.address(address);
+            // Words that are put back where they come from do not count.
+            let is_put_back = |distance: i32, source: u8| {
+                let place = to.add(distance).behind_argument();
+                place.is_some_and(|(register, distance)| {
+                    state.get(source).is_from_behind(register, distance)
+                })
+            };
+            let mut stored = (0..).step_by(4).zip(sources(operation)).peekable();
+            if stored.peek().is_none() {
+                add_behind(writes, to, &[(0, length)]);
+            }
+            for (distance, source) in stored {
+                if !is_put_back(distance, source) {
+                    add_behind(writes, to, &[(distance, distance + 4)]);
+                }
+            }
+            // Whoever finds a pointer in memory may write behind it.
+            let slot = to.in_frame();
+            if slot.is_none_or(|slot| slot >= around.lowest_pointer) {
+                for source in sources(operation) {
+                    add_behind(writes, state.get(source), &[ALL]);
+                }
+            }
+        }
+        Operation::FloatStore { address, words, .. } => {
+            let length = 4 * i32::from(words);
+            add_behind(writes, state.address(address), &[(0, length)]);
+        }
+        Operation::StoreExclusive { address, .. } => {
+            add_behind(writes, state.address(address), &[(0, 4)]);
+        }
+        Operation::Call(callee) | Operation::Jump(callee) => {
+            let known = around
+                .callees
+                .and_then(|callees| callees.writes.get(&callee));
+            if let Some(spans) = known {
+                for (register, spans) in (0..).zip(spans) {
+                    add_behind(writes, state.get(register), spans);
+                }
+            } else if matches!(operation, Operation::Call(_)) {
+                add_unknown(writes, state);
+            }
+        }
+        Operation::CallRegister(_) => add_unknown(writes, state),
+        _ => {}
+    }
+}
+
+/// Adds what an unknown function writes.
+fn add_unknown(writes: &mut Writes, state: &State) {
+    for register in 0..ARGUMENTS {
+        add_behind(writes, state.get(register), &[ALL]);
+    }
+}
+
+/// Adds what is written behind a pointer.
+fn add_behind(writes: &mut Writes, pointer: Value, spans: &[(i32, i32)]) {
+    for (register, to) in (0..).zip(writes) {
+        match pointer.behind_argument() {
+            Some((other, base)) if other == register => {
+                let from = |distance: i32| base.saturating_add(distance);
+                to.extend(spans.iter().map(|&(start, end)| (from(start), from(end))));
+            }
+            None if pointer.origins().contains(Origins::argument(register)) => {
+                to.extend(spans.first().map(|_| ALL));
+            }
+            _ => {}
+        }
+    }
+}
+
+/// Puts spans in order and joins those that touch.
+fn merge(spans: &mut Spans) {
+    spans.sort_unstable();
+    let mut merged: Spans = Vec::new();
+    for &(start, end) in spans.iter() {
+        match merged.last_mut() {
+            Some((_, last)) if start <= *last => *last = end.max(*last),
+            _ => merged.push((start, end)),
+        }
+    }
+    *spans = merged;
+}
+
+/// The place in the frame that a register becomes a pointer to, `None` if that is not known; or
+/// that it becomes no such pointer.
+#[expect(
+    clippy::option_option,
+    reason = "a pointer that may be missing, to what may be unknown"
+)]
+fn frame_pointer(state: &State, operation: Operation) -> Option<Option<i32>> {
+    let (to, sources, distance) = match operation {
+        Operation::Copy { to, from } => (to, [Some(from), None], 0),
+        Operation::Add { to, from, value } => (to, [Some(from), None], value),
+        Operation::AddRegister { to, left, right } => (to, [Some(left), right], 0),
+        _ => return None,
+    };
+    if to == STACK_POINTER || to == FRAME_POINTER {
+        return None;
+    }
+    sources.into_iter().flatten().find_map(|source| {
+        let value = state.get(source).add(distance);
+        match value.in_frame() {
+            Some(slot) => Some(Some(slot)),
+            None => (source == STACK_POINTER).then_some(None),
+        }
+    })
+}

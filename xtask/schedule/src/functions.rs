@@ -1,0 +1,122 @@
+//! Functions from their graphs: loops, accesses, and what stands in the way of a bound.
+
+use std::collections::{BTreeMap, BTreeSet};
+
+use crate::{
+    Flaw, Function, Image, Operation, Rule,
+    flow::{self, States},
+    graph::Graph,
+    loops,
+    values::Surroundings,
+};
+
+/// What to do about a panic.
+pub(crate) const PANIC_REMEDY: &str = "Write it so that the compiler sees that it cannot happen: \
+    `get`, a mask, `wrapping_*` or an iterator instead of an index, `unwrap` or a division.";
+
+/// The functions that never return because they panic.
+pub(crate) fn panics(image: &Image, graphs: &BTreeMap<u32, Graph>) -> BTreeSet<u32> {
+    let named = |address: u32| {
+        let name = image.name(address);
+        name.contains("panicking") || name.contains("rust_begin_unwind")
+    };
+    let mut found: BTreeSet<u32> = BTreeSet::new();
+    loop {
+        let before = found.len();
+        for (&address, graph) in graphs {
+            let mut calls = graph.blocks.iter().filter_map(|block| block.call);
+            if !graph.returns && (named(address) || calls.any(|to| found.contains(&to))) {
+                found.insert(address);
+            }
+        }
+        if found.len() == before {
+            return found;
+        }
+    }
+}
+
+/// A function with its loops, and the flaws of its flow.
+pub(crate) fn build(image: &Image, address: u32, graph: Graph, panics: &BTreeSet<u32>) -> Function {
+    let Graph {
+        blocks,
+        mut flaws,
+        returns,
+    } = graph;
+    let loops = loops::find(&blocks);
+    let mut add = |rule, at, what: &str, remedy: &str| {
+        flaws.push(Flaw {
+            rule,
+            what: what.to_owned(),
+            place: image.place(at),
+            remedy: remedy.to_owned(),
+        });
+    };
+    for block in &blocks {
+        if let (Some(call), Some(last)) = (block.call, block.instructions.last())
+            && panics.contains(&call)
+            && !panics.contains(&address)
+        {
+            let what = "a panic can be reached";
+            add(Rule::ReachablePanic, last.address, what, PANIC_REMEDY);
+        }
+    }
+    for &head in &loops.irreducible {
+        let what = "a loop is entered at two places";
+        let remedy = "Write it as one `for` or `while` loop.";
+        add(Rule::IrreducibleLoop, blocks[head].start(), what, remedy);
+    }
+    Function {
+        address,
+        name: image.name(address),
+        blocks,
+        regions: BTreeMap::new(),
+        specials: BTreeMap::new(),
+        stores: Vec::new(),
+        loops: loops.natural,
+        flaws,
+        returns,
+    }
+}
+
+/// Writes what is known of the accesses into `function`.
+pub(crate) fn describe(around: Surroundings<'_>, function: &mut Function, states: &States) {
+    let Function {
+        blocks,
+        regions,
+        specials,
+        stores,
+        ..
+    } = function;
+    flow::visit(around, blocks, states, |state, instruction| {
+        let at = instruction.address;
+        match instruction.operation {
+            Operation::Load { address, .. }
+            | Operation::LoadExclusive { address, .. }
+            | Operation::StoreExclusive { address, .. }
+            | Operation::FloatLoad { address, .. }
+            | Operation::FloatStore { address, .. } => {
+                regions.insert(at, state.address(address).region());
+            }
+            Operation::Store {
+                address,
+                source,
+                words,
+                ..
+            } => {
+                let target = state.address(address);
+                regions.insert(at, target.region());
+                if let (Some(target), Some(source)) = (target.constant(), source)
+                    && words == 1
+                {
+                    stores.push((at, target, state.get(source).constant()));
+                }
+            }
+            Operation::WriteSpecial { from, .. } => {
+                if let Some(value) = state.get(from).constant() {
+                    specials.insert(at, value);
+                }
+            }
+            _ => {}
+        }
+    });
+}

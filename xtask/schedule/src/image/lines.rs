@@ -1,0 +1,130 @@
+//! Source lines of instructions, from the debug information.
+
+use std::{
+    cell::RefCell,
+    collections::{HashMap, HashSet},
+    path::Path,
+    rc::Rc,
+};
+
+use addr2line::{Loader, gimli};
+use object::{Object, ObjectSection};
+
+use super::Frame;
+
+/// See the module. Answers are remembered.
+pub(super) struct Lines {
+    loader: Loader,
+    /// Where the project was compiled.
+    root: Option<String>,
+    known: RefCell<HashMap<u32, Rc<[Frame]>>>,
+    texts: RefCell<HashSet<Rc<str>>>,
+    /// Paths as they are shown, by what the debug information says.
+    paths: RefCell<HashMap<String, Rc<str>>>,
+}
+
+impl Lines {
+    pub(super) fn load(
+        path: &Path,
+        file: &object::read::elf::ElfFile32<'_>,
+    ) -> Result<Self, String> {
+        Ok(Self {
+            loader: Loader::new(path).map_err(|error| error.to_string())?,
+            root: root(file).map_err(|error| error.to_string())?,
+            known: RefCell::default(),
+            texts: RefCell::default(),
+            paths: RefCell::default(),
+        })
+    }
+
+    pub(super) fn frames(&self, address: u32) -> Rc<[Frame]> {
+        if let Some(known) = self.known.borrow().get(&address) {
+            return Rc::clone(known);
+        }
+        let frames: Rc<[Frame]> = self.find(address).unwrap_or_default().into();
+        self.known.borrow_mut().insert(address, Rc::clone(&frames));
+        frames
+    }
+
+    fn find(&self, address: u32) -> Option<Vec<Frame>> {
+        let mut found = self.loader.find_frames(address.into()).ok()?;
+        let mut frames = Vec::new();
+        while let Ok(Some(frame)) = found.next() {
+            let name = frame.function.as_ref().and_then(|name| {
+                let raw = name.raw_name().ok()?;
+                Some(format!("{:#}", rustc_demangle::demangle(&raw)))
+            });
+            let (file, line) = match &frame.location {
+                Some(location) => (
+                    location.file.unwrap_or_default(),
+                    location.line.unwrap_or(0),
+                ),
+                None => ("", 0),
+            };
+            frames.push(Frame {
+                function: self.text(&name.unwrap_or_default()),
+                file: self.path(file),
+                line,
+            });
+        }
+        Some(frames)
+    }
+
+    /// One copy of each text.
+    fn text(&self, text: &str) -> Rc<str> {
+        let mut texts = self.texts.borrow_mut();
+        if let Some(known) = texts.get(text) {
+            return Rc::clone(known);
+        }
+        let new: Rc<str> = text.into();
+        texts.insert(Rc::clone(&new));
+        new
+    }
+
+    fn path(&self, file: &str) -> Rc<str> {
+        if let Some(known) = self.paths.borrow().get(file) {
+            return Rc::clone(known);
+        }
+        let shown = self.text(shorten(file, self.root.as_deref()));
+        let mut paths = self.paths.borrow_mut();
+        paths.insert(file.to_owned(), Rc::clone(&shown));
+        shown
+    }
+}
+
+/// A path from the project's root, or from above the crate that it belongs to.
+fn shorten<'a>(file: &'a str, root: Option<&str>) -> &'a str {
+    let own = root.and_then(|root| file.strip_prefix(root));
+    if let Some(own) = own.and_then(|own| own.strip_prefix('/')) {
+        return own;
+    }
+    if let Some((_, crates)) = file.split_once("/registry/src/") {
+        return crates.split_once('/').map_or(crates, |(_, path)| path);
+    }
+    if file.starts_with("/rustc/") || file.contains("/rustlib/") {
+        return file.split_once("/library/").map_or(file, |(_, path)| path);
+    }
+    file
+}
+
+/// Where the units were compiled that the compiler was given by a relative path: the project's.
+fn root(file: &object::read::elf::ElfFile32<'_>) -> Result<Option<String>, gimli::Error> {
+    let sections = gimli::DwarfSections::load(|section| {
+        let found = file.section_by_name(section.name());
+        let data = found.and_then(|section| section.uncompressed_data().ok());
+        Ok::<_, gimli::Error>(data.unwrap_or_default())
+    })?;
+    let dwarf = sections.borrow(|data| gimli::EndianSlice::new(data, gimli::LittleEndian));
+    let mut units = dwarf.units();
+    while let Some(header) = units.next()? {
+        let unit = dwarf.unit(header)?;
+        let (Some(name), Some(folder)) = (unit.name, unit.comp_dir) else {
+            continue;
+        };
+        let (name, folder) = (name.to_string_lossy(), folder.to_string_lossy());
+        if !name.starts_with('/') && !folder.starts_with("/rustc/") {
+            return Ok(Some(folder.into_owned()));
+        }
+    }
+    Ok(None)
+}

@@ -1,0 +1,62 @@
+//! Worst-case execution and response times of an RTIC application, from its ELF file.
+//!
+//! The ELF is read into an image, decoded into functions of blocks, and each function's longest
+//! path found; with the priorities of the application and the times that are asked of its tasks,
+//! that gives a response time for each task. What cannot be bounded is a [`Flaw`], never a guess.
+#![forbid(unsafe_code)]
+
+mod analyse;
+mod annotations;
+mod bounds;
+mod budget;
+mod calls;
+mod cause;
+mod config;
+mod count;
+mod crosscheck;
+pub mod decode;
+mod edge;
+mod findings;
+mod flaw;
+mod flow;
+mod formula;
+mod functions;
+mod graph;
+mod image;
+mod instruction;
+mod ipet;
+mod keeping;
+mod kept;
+mod loops;
+mod member;
+mod model;
+mod paths;
+mod program;
+pub mod replay;
+mod report;
+mod resident;
+mod response;
+mod rta;
+mod rtic;
+mod sections;
+mod stack;
+mod subject;
+#[cfg(test)]
+mod testing;
+mod values;
+mod wcet;
+
+pub use analyse::{Input, Measured, analyse};
+pub use annotations::{AnnotationError, Annotations};
+pub use config::{Config, Point, Replay};
+pub use decode::Decoder;
+pub use flaw::{Flaw, Place, Rule};
+pub use formula::Formula;
+pub use graph::{raises, restores};
+pub use image::{Extent, Frame, Image, ImageError};
+pub use instruction::{Address, Instruction, Operation, Writeback};
+pub use model::{Cache, Clock, Model, lines};
+pub use program::{Block, Bound, Count, Edge, Function, Loop, Program, Region, Total};
+pub use report::{Curve, Line, Report, Requirement, Section, Stack, Task, Wcet};
+pub use rtic::{App, AppTask};
+pub use wcet::Functions;

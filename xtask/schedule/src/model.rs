@@ -1,0 +1,359 @@
+//! What an instruction costs: the cycle table, the waits of the buses, the flash.
+//!
+//! Cycles: Cortex-M4 technical reference manual (DDI 0439) table 3-1, its ranges at their upper
+//! ends. Waits: what a bus adds to an access, RM0090 chapter 2. Flash: RM0090 chapter 3; without
+//! prefetch a miss costs the wait states. Nothing is credited that the manuals do not promise: no
+//! pipelined loads, no folded `IT`, no tail-chaining, full price for instructions that an `IT` skips.
+
+use std::collections::BTreeMap;
+
+use serde::Deserialize;
+
+use crate::{Block, Instruction, Operation, Region};
+
+/// Bytes of a line of the instruction cache.
+pub(crate) const LINE_BYTES: u32 = 16;
+/// Lines of the instruction cache, which replaces the one that was used least recently.
+pub(crate) const CACHE_LINES: usize = 64;
+/// Bytes that the processor may fetch behind what it executes: three words.
+const LOOK_AHEAD: u32 = 12;
+/// Wait of a peripheral bus, core cycles for each division of its clock: the access is synchronised,
+/// and takes two of its cycles.
+const WAITS_PER_DIVISION: u64 = 3;
+/// Longest transfer that an interrupt waits for: one to a peripheral on the slow bus.
+pub(crate) const OUTSTANDING_TRANSFER: u64 = 15;
+/// What a preemption costs at most apart from the cache: an abandoned `LDM` or division that begins
+/// again, ...
+pub(crate) const RESTART: u64 = 17;
+/// ... and an exclusive store that fails and is tried again, where there is one.
+pub(crate) const RETRY: u64 = 20;
+
+/// The clocks of a board.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Clock {
+    /// Clock of the core, Hz.
+    pub hclk_hz: u64,
+    /// Clock of the step timer, Hz.
+    pub timer_hz: u64,
+    /// Wait states of the flash.
+    pub flash_wait_states: u64,
+    /// Whether the flash prefetches: then lines may be served that never enter the cache.
+    pub prefetch: bool,
+    /// Division of the slow peripherals' clock.
+    pub apb1_div: u64,
+    /// Division of the fast peripherals' clock.
+    pub apb2_div: u64,
+    /// Wait of an access to SRAM or a port while DMA is active.
+    pub dma_wait: u64,
+}
+
+/// What is assumed of the instruction cache.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
+pub enum Cache {
+    /// It holds every instruction.
+    Warm,
+    /// It is empty at first, and loses nothing in one activation.
+    Cold,
+    /// It holds nothing but the line in use.
+    Uncached,
+    /// As [`Cache::Uncached`], but a loop whose code fits it misses each line once for each entry.
+    Loops,
+    /// The part of that outside such loops.
+    Outside,
+    /// No cycles: how often such loops are entered.
+    Visits,
+}
+
+/// Costs by the names of their classes.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Model {
+    table: BTreeMap<&'static str, u64>,
+    /// Whether the flash prefetches.
+    pub prefetch: bool,
+}
+
+impl Model {
+    /// The table of the manuals.
+    #[must_use]
+    pub fn new(clock: &Clock) -> Self {
+        let wait_states = clock.flash_wait_states;
+        let miss = if clock.prefetch {
+            2 * wait_states
+        } else {
+            wait_states
+        };
+        let table = BTreeMap::from([
+            ("plain", 1),
+            ("multiply", 1),
+            ("divide", 12),
+            ("load", 2),
+            ("load_word", 1),
+            ("store", 2),
+            ("store_word", 1),
+            ("exclusive", 2),
+            ("refill", 3),
+            ("table_jump", 2),
+            ("special", 2),
+            ("barrier", 4),
+            ("float_1", 1),
+            ("float_2", 2),
+            ("float_4", 4),
+            ("float_15", 15),
+            ("float_load", 2),
+            ("entry", 12),
+            ("exit", 12),
+            ("lazy_save", 18),
+            ("sram", clock.dma_wait),
+            ("ccm", 0),
+            ("ahb", 1 + clock.dma_wait),
+            ("apb1", WAITS_PER_DIVISION * clock.apb1_div),
+            ("apb2", WAITS_PER_DIVISION * clock.apb2_div),
+            ("private", 1),
+            ("flash_data", 2 * wait_states),
+            ("flash_miss", miss),
+        ]);
+        Self {
+            table,
+            prefetch: clock.prefetch,
+        }
+    }
+
+    /// The table with what was measured where that is more. The names that it does not have.
+    pub fn calibrate(&mut self, measured: &BTreeMap<String, u64>) -> Vec<String> {
+        let mut unknown = Vec::new();
+        for (name, cycles) in measured {
+            match self.table.get_mut(name.as_str()) {
+                Some(cost) => *cost = (*cost).max(*cycles),
+                None => unknown.push(name.clone()),
+            }
+        }
+        unknown
+    }
+
+    /// The table: cycles by the names of the classes.
+    #[must_use]
+    pub const fn classes(&self) -> &BTreeMap<&'static str, u64> {
+        &self.table
+    }
+
+    /// The cost of a class; there is one of each name that this crate uses.
+    fn of(&self, class: &str) -> u64 {
+        self.table.get(class).copied().unwrap_or_default()
+    }
+
+    /// What a miss of the instruction cache costs.
+    #[must_use]
+    pub fn miss(&self) -> u64 {
+        self.of("flash_miss")
+    }
+
+    /// What a taken branch costs.
+    #[must_use]
+    pub fn refill(&self) -> u64 {
+        self.of("refill")
+    }
+
+    /// Entry into an exception and return from it, apart from the cache.
+    #[must_use]
+    pub fn entry_and_exit(&self) -> u64 {
+        self.of("entry") + self.of("exit")
+    }
+
+    /// Entry into an exception alone.
+    #[must_use]
+    pub fn entry(&self) -> u64 {
+        self.of("entry")
+    }
+
+    /// What a task pays that uses floating point, for what it preempts: saved and restored.
+    #[must_use]
+    pub fn lazy_save(&self) -> u64 {
+        2 * self.of("lazy_save")
+    }
+
+    /// What a region adds to each access.
+    #[must_use]
+    pub fn wait(&self, region: Region) -> u64 {
+        match region {
+            Region::Flash => self.of("flash_data"),
+            Region::Sram => self.of("sram"),
+            Region::Ccm => self.of("ccm"),
+            Region::Ahb => self.of("ahb"),
+            Region::Apb1 => self.of("apb1"),
+            Region::Apb2 => self.of("apb2"),
+            Region::Private => self.of("private"),
+            Region::Unknown => self
+                .of("apb1")
+                .max(self.of("apb2"))
+                .max(self.of("flash_data")),
+        }
+    }
+
+    /// Cycles of an instruction that does not branch, without misses of the instruction cache.
+    #[must_use]
+    pub fn cycles(&self, instruction: &Instruction, region: Region) -> u64 {
+        let wait = self.wait(region);
+        let several = |first: u64, each: u64, words: u8| {
+            if words <= 1 {
+                first + wait
+            } else {
+                1 + u64::from(words) * (each + wait)
+            }
+        };
+        match instruction.operation {
+            Operation::Multiply { .. } => self.of("multiply"),
+            Operation::Divide { .. } => self.of("divide"),
+            Operation::Load { words, .. } => several(self.of("load"), self.of("load_word"), words),
+            Operation::Store { words, .. } => {
+                several(self.of("store"), self.of("store_word"), words)
+            }
+            Operation::FloatLoad { words, .. } => {
+                several(self.of("float_load"), self.of("load_word"), words)
+            }
+            Operation::FloatStore { words, .. } => {
+                several(self.of("float_load"), self.of("store_word"), words)
+            }
+            Operation::LoadExclusive { .. } | Operation::StoreExclusive { .. } => {
+                self.of("exclusive") + wait
+            }
+            Operation::TableJump { .. } => self.of("table_jump") + self.wait(Region::Flash),
+            Operation::Interrupts { .. }
+            | Operation::ReadSpecial { .. }
+            | Operation::WriteSpecial { .. } => self.of("special"),
+            Operation::Barrier => self.of("barrier"),
+            Operation::Float { cycles, .. } => self.float(cycles),
+            Operation::Constant { .. }
+            | Operation::ConstantTop { .. }
+            | Operation::Copy { .. }
+            | Operation::Add { .. }
+            | Operation::AddRegister { .. }
+            | Operation::Or { .. }
+            | Operation::Compare { .. }
+            | Operation::CompareRegisters { .. }
+            | Operation::Plain { .. }
+            | Operation::ClearExclusive
+            | Operation::Jump(_)
+            | Operation::Call(_)
+            | Operation::JumpOnZero { .. }
+            | Operation::JumpRegister(_)
+            | Operation::CallRegister(_)
+            | Operation::JumpComputed
+            | Operation::IfThen(_)
+            | Operation::Nothing
+            | Operation::Wait
+            | Operation::Trap
+            | Operation::Supervisor => self.of("plain"),
+        }
+    }
+
+    /// A floating-point operation that the decoder gives so many cycles.
+    fn float(&self, cycles: u8) -> u64 {
+        let class = match cycles {
+            0 | 1 => "float_1",
+            2 => "float_2",
+            3 | 4 => "float_4",
+            _ => "float_15",
+        };
+        self.of(class).max(u64::from(cycles))
+    }
+
+    /// The least that an instruction may take: pipelined, without waits.
+    #[must_use]
+    pub fn least(instruction: &Instruction) -> u64 {
+        match instruction.operation {
+            Operation::Load { words, .. }
+            | Operation::Store { words, .. }
+            | Operation::FloatLoad { words, .. }
+            | Operation::FloatStore { words, .. } => u64::from(words.max(1)),
+            Operation::IfThen(_) | Operation::Nothing => 0,
+            _ => 1,
+        }
+    }
+}
+
+/// The lines of a block, with those that may be fetched behind it.
+pub fn lines(block: &Block) -> std::ops::RangeInclusive<u32> {
+    let begin = block.instructions.first().map_or(0, |first| first.address);
+    let end = block
+        .instructions
+        .last()
+        .map_or(begin + 2, Instruction::end);
+    begin / LINE_BYTES..=(end - 1 + LOOK_AHEAD) / LINE_BYTES
+}
+
+/// Lines of `next` that have to be fetched when execution falls into it from `before`: those apart
+/// from the one in use and the one fetched ahead.
+pub(crate) fn new_lines(before: &Block, next: &Block) -> u64 {
+    let end = before.instructions.last().map_or(0, Instruction::end);
+    let used =
+        (end.saturating_sub(1)) / LINE_BYTES..=(end.saturating_sub(1) + LOOK_AHEAD) / LINE_BYTES;
+    lines(next).filter(|line| !used.contains(line)).count() as u64
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::{
+        Address,
+        testing::{CLOCK, plain},
+    };
+
+    fn with(operation: Operation) -> Instruction {
+        Instruction {
+            operation,
+            ..plain(0x0800_0000)
+        }
+    }
+
+    fn load(words: u8) -> Instruction {
+        with(Operation::Load {
+            writes: 1,
+            first: None,
+            words,
+            bytes: 4,
+            address: Address::Indexed { base: 0, index: 1 },
+            writeback: None,
+        })
+    }
+
+    #[test]
+    fn costs_are_those_of_the_manual() {
+        let model = Model::new(&CLOCK);
+        assert_eq!(model.cycles(&load(1), Region::Sram), 2);
+        assert_eq!(model.cycles(&load(4), Region::Sram), 5);
+        assert_eq!(model.cycles(&load(1), Region::Apb1), 14);
+        assert_eq!(model.cycles(&load(1), Region::Apb2), 8);
+        assert_eq!(model.cycles(&load(1), Region::Unknown), 14);
+        assert_eq!(model.cycles(&load(1), Region::Flash), 12);
+        let divide = with(Operation::Divide { writes: 1 });
+        assert_eq!(model.cycles(&divide, Region::Unknown), 12);
+        assert_eq!((model.miss(), model.refill()), (5, 3));
+    }
+
+    #[test]
+    fn a_measured_cost_counts_only_when_it_is_higher() {
+        let mut model = Model::new(&CLOCK);
+        let measured = [("divide", 9), ("refill", 4), ("nonsense", 1)];
+        let measured = measured.map(|(name, cycles)| (name.to_owned(), cycles));
+        assert_eq!(model.calibrate(&measured.into()), ["nonsense"]);
+        let divide = with(Operation::Divide { writes: 1 });
+        assert_eq!(model.cycles(&divide, Region::Unknown), 12);
+        assert_eq!(model.refill(), 4);
+    }
+
+    #[test]
+    fn a_block_that_is_fallen_into_shares_its_first_line() {
+        let block = |begin: u32, count: u32| Block {
+            instructions: (0..count).map(|index| plain(begin + 2 * index)).collect(),
+            successors: Vec::new(),
+            call: None,
+            ends: false,
+            traps: false,
+        };
+        let (first, second) = (block(0x100, 4), block(0x108, 16));
+        assert_eq!(lines(&first), 0x10..=0x11);
+        assert_eq!(lines(&second), 0x10..=0x13);
+        assert_eq!(new_lines(&first, &second), 2);
+    }
+}

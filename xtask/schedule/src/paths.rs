@@ -1,0 +1,322 @@
+//! The longest path through a function whose loops have bounds, without the solver.
+//!
+//! Where costs lie on blocks and edges only, the linear program of [`crate::ipet`] has this answer:
+//! a reducible graph without its back edges has no circle, and a loop adds its longest way round
+//! for each of the rounds that its bound allows. Time is linear in the size of the graph, so
+//! functions of thousands of blocks take no time; a test compares both.
+
+use std::collections::{BTreeMap, BTreeSet};
+
+/// A graph with costs: what the longest path is looked for in.
+#[derive(Debug, Clone, Default)]
+pub(crate) struct Graph {
+    /// Cost of each block.
+    pub(crate) costs: Vec<u64>,
+    /// Successors of each block with the cost of the way there.
+    pub(crate) edges: Vec<Vec<(usize, u64)>>,
+    /// Blocks where a path may end.
+    pub(crate) ends: Vec<bool>,
+    /// Loops, the inner before the outer.
+    pub(crate) rounds: Vec<Rounds>,
+}
+
+/// A loop of a graph.
+#[derive(Debug, Clone)]
+pub(crate) struct Rounds {
+    pub(crate) head: usize,
+    /// Whether each block belongs to it.
+    pub(crate) blocks: Vec<bool>,
+    /// Rounds for each entry; `None`: they are counted by whoever asks for [`Longest::rounds`].
+    pub(crate) most: Option<u64>,
+    /// Rounds in all, when they are not counted for each entry.
+    pub(crate) total: Option<u64>,
+    /// Blocks that are executed once in a round, and not without: with rounds counted in all, they
+    /// cost nothing where the loop is entered. The head is one when each arrival is a round.
+    pub(crate) in_runs: BTreeSet<usize>,
+}
+
+/// The longest path.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub(crate) struct Longest {
+    pub(crate) cost: u64,
+    /// How often each block is on it.
+    pub(crate) counts: Vec<u64>,
+    /// The loops without a number of rounds: head, cost of the longest round, its blocks' counts.
+    pub(crate) rounds: BTreeMap<usize, (u64, Vec<u64>)>,
+}
+
+/// What is known of the loops looked at so far.
+struct Found {
+    /// By their heads.
+    rounds: BTreeMap<usize, Round>,
+    /// Blocks that are charged with the rounds of their loop only.
+    is_free: Vec<bool>,
+}
+
+/// The longest way round a loop.
+struct Round {
+    cost: u64,
+    /// Its blocks, the head first.
+    path: Vec<usize>,
+    most: u64,
+    /// Blocks of it are charged here only.
+    is_apart: bool,
+}
+
+impl Graph {
+    /// The longest path from block 0; `None` when no end can be reached.
+    pub(crate) fn longest(&self) -> Option<Longest> {
+        let order = self.order();
+        let mut found = Found {
+            rounds: BTreeMap::new(),
+            is_free: vec![false; self.costs.len()],
+        };
+        for rounds in &self.rounds {
+            let way = self.ways(&order, rounds.head, Some(&rounds.blocks), &found);
+            let round = self.round(rounds, &way);
+            found.rounds.insert(rounds.head, round);
+            let is_all = rounds.in_runs.contains(&rounds.head);
+            for (block, is_free) in found.is_free.iter_mut().enumerate() {
+                *is_free |= rounds.in_runs.contains(&block) || is_all && rounds.blocks[block];
+            }
+        }
+        let ways = self.ways(&order, 0, None, &found);
+        let end = (0..self.costs.len())
+            .filter(|block| self.ends[*block])
+            .filter_map(|block| ways[block].map(|(cost, _)| (cost, block)))
+            .max()?;
+        let mut counts = vec![0; self.costs.len()];
+        let path = back(&ways, end.1);
+        expand(&mut counts, &found, &path, 1, None);
+        let open = self.rounds.iter().filter(|rounds| rounds.most.is_none());
+        let rounds = open.filter_map(|rounds| {
+            let round = found.rounds.get(&rounds.head)?;
+            let mut counts = vec![0; self.costs.len()];
+            expand(&mut counts, &found, &round.path, 1, Some(rounds.head));
+            Some((rounds.head, (round.cost, counts)))
+        });
+        Some(Longest {
+            cost: end.0,
+            counts,
+            rounds: rounds.collect(),
+        })
+    }
+
+    /// Blocks in an order in which every edge but those back leads forwards.
+    fn order(&self) -> Vec<usize> {
+        let mut order = Vec::with_capacity(self.costs.len());
+        let mut is_seen = vec![false; self.costs.len()];
+        let mut stack = vec![(0, 0)];
+        is_seen[0] = true;
+        while let Some((block, next)) = stack.pop() {
+            if let Some((to, _)) = self.edges[block].get(next) {
+                stack.push((block, next + 1));
+                if !is_seen[*to] {
+                    is_seen[*to] = true;
+                    stack.push((*to, 0));
+                }
+            } else {
+                order.push(block);
+            }
+        }
+        order.reverse();
+        order
+    }
+
+    /// The longest way to each block from `start`, its own costs included, without back edges, and
+    /// the block before. Only through blocks that `within` names.
+    fn ways(
+        &self,
+        order: &[usize],
+        start: usize,
+        within: Option<&Vec<bool>>,
+        found: &Found,
+    ) -> Vec<Option<(u64, usize)>> {
+        let mut ways: Vec<Option<(u64, usize)>> = vec![None; self.costs.len()];
+        let is_inside = |block: usize| within.is_none_or(|within| within[block]);
+        // The rounds of a loop that is itself looked at are not part of a way round it.
+        let extra = |block: usize| {
+            let is_own = within.is_some() && block == start;
+            let round = found.rounds.get(&block).filter(|_| !is_own);
+            round.map_or(0, |round| round.most * round.cost)
+        };
+        let cost = |block: usize| {
+            if found.is_free[block] {
+                0
+            } else {
+                self.costs[block] + extra(block)
+            }
+        };
+        ways[start] = Some((cost(start), start));
+        for &block in order {
+            let Some((way, _)) = ways[block] else {
+                continue;
+            };
+            for &(to, edge) in &self.edges[block] {
+                if !is_inside(to) || to == start || self.is_back(block, to) {
+                    continue;
+                }
+                let is_free = found.is_free[block] && found.is_free[to];
+                let new = way + if is_free { 0 } else { edge } + cost(to);
+                if ways[to].is_none_or(|(old, _)| old < new) {
+                    ways[to] = Some((new, block));
+                }
+            }
+        }
+        ways
+    }
+
+    /// Whether an edge closes a loop.
+    fn is_back(&self, from: usize, to: usize) -> bool {
+        let loops = &mut self.rounds.iter();
+        loops.any(|rounds| rounds.head == to && rounds.blocks[from])
+    }
+
+    fn round(&self, rounds: &Rounds, ways: &[Option<(u64, usize)>]) -> Round {
+        let blocks = (0..self.costs.len()).filter(|block| rounds.blocks[*block]);
+        let mut longest = blocks
+            .clone()
+            .flat_map(|block| self.edges[block].iter().map(move |edge| (block, edge)))
+            .filter(|(_, (to, _))| *to == rounds.head)
+            .filter_map(|(block, (_, cost))| ways[block].map(|(way, _)| (way + cost, block)))
+            .max();
+        if !rounds.in_runs.is_empty() {
+            let leaves = |block: &usize| {
+                let mut edges = self.edges[*block].iter();
+                self.ends[*block] || edges.any(|(to, _)| !rounds.blocks[*to])
+            };
+            let last = blocks.filter(leaves);
+            let last = last.filter_map(|block| ways[block].map(|(way, _)| (way, block)));
+            longest = longest.max(last.max());
+        }
+        Round {
+            cost: longest.map_or(0, |(cost, _)| cost),
+            path: longest.map_or_else(Vec::new, |(_, block)| back(ways, block)),
+            most: rounds.most.unwrap_or(0),
+            is_apart: !rounds.in_runs.is_empty(),
+        }
+    }
+}
+
+/// The blocks of the longest way to `end`.
+fn back(ways: &[Option<(u64, usize)>], end: usize) -> Vec<usize> {
+    let mut path = vec![end];
+    let mut block = end;
+    while let Some((_, before)) = ways[block].filter(|(_, before)| *before != block) {
+        path.push(before);
+        block = before;
+    }
+    path.reverse();
+    path
+}
+
+/// Counts the blocks of a path, those of the rounds on it too, but for those of the loop `own`.
+fn expand(counts: &mut [u64], found: &Found, path: &[usize], times: u64, own: Option<usize>) {
+    let own_round = own.and_then(|own| found.rounds.get(&own));
+    let is_apart = own_round.is_some_and(|round| round.is_apart);
+    let is_counted = |block: &&usize| is_apart || !found.is_free[**block];
+    for block in path.iter().filter(is_counted) {
+        counts[*block] += times;
+        let round = found.rounds.get(block).filter(|_| own != Some(*block));
+        if let Some(round) = round.filter(|round| round.most > 0) {
+            expand(counts, found, &round.path, times * round.most, Some(*block));
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn rounds(head: usize, blocks: &[usize], most: Option<u64>, size: usize) -> Rounds {
+        let mut is_in = vec![false; size];
+        for block in blocks {
+            is_in[*block] = true;
+        }
+        Rounds {
+            head,
+            blocks: is_in,
+            most,
+            total: None,
+            in_runs: BTreeSet::new(),
+        }
+    }
+
+    /// 0 -> 1 (head) -> 2 (inner head) -> 2, 2 -> 1, 1 -> 3.
+    fn nested(inner: Option<u64>) -> Graph {
+        Graph {
+            costs: vec![1, 10, 100, 1000],
+            edges: vec![
+                vec![(1, 0)],
+                vec![(2, 3), (3, 0)],
+                vec![(2, 3), (1, 3)],
+                vec![],
+            ],
+            ends: vec![false, false, false, true],
+            rounds: vec![rounds(2, &[2], inner, 4), rounds(1, &[1, 2], Some(5), 4)],
+        }
+    }
+
+    #[test]
+    fn loops_within_loops_multiply() {
+        let longest = nested(Some(4)).longest().unwrap();
+        // Five rounds of 10 + 3 + 100 + 4 * 103 + 3, and once more 10.
+        assert_eq!(
+            longest.cost,
+            1 + 10 + 5 * (10 + 3 + 100 + 4 * 103 + 3) + 1000
+        );
+        assert_eq!(longest.counts, [1, 6, 25, 1]);
+    }
+
+    #[test]
+    fn a_loop_without_a_number_is_told_apart() {
+        let longest = nested(None).longest().unwrap();
+        assert_eq!(longest.cost, 1 + 10 + 5 * (10 + 3 + 100 + 3) + 1000);
+        assert_eq!(longest.rounds[&2], (103, vec![0, 0, 1, 0]));
+    }
+
+    #[test]
+    fn passes_count_the_arrivals_too() {
+        let mut graph = nested(None);
+        graph.rounds[0].in_runs = BTreeSet::from([2]);
+        graph.rounds[0].total = Some(7);
+        let longest = graph.longest().unwrap();
+        // The inner loop costs nothing on the way: only the edges into it and out of it.
+        assert_eq!(longest.cost, 1 + 10 + 5 * (10 + 3 + 3) + 1000);
+        assert_eq!(longest.counts, [1, 6, 0, 1]);
+        assert_eq!(longest.rounds[&2], (103, vec![0, 0, 1, 0]));
+    }
+
+    #[test]
+    fn what_is_in_runs_only_costs_nothing_where_the_loop_is_entered() {
+        // 0 -> 1 -> 2 (head, tests) -> 3 (runs) -> 2 or 4; 4 -> 1 or 5.
+        let mut graph = Graph {
+            costs: vec![1, 10, 100, 1000, 10_000, 0],
+            edges: vec![
+                vec![(1, 0)],
+                vec![(2, 0)],
+                vec![(3, 0), (4, 0)],
+                vec![(2, 3), (4, 0)],
+                vec![(1, 0), (5, 0)],
+                vec![],
+            ],
+            ends: vec![false, false, false, false, false, true],
+            rounds: vec![
+                rounds(2, &[2, 3], None, 6),
+                rounds(1, &[1, 2, 3, 4], Some(4), 6),
+            ],
+        };
+        graph.rounds[0].total = Some(7);
+        graph.rounds[0].in_runs = BTreeSet::from([3]);
+        let longest = graph.longest().unwrap();
+        assert_eq!(longest.cost, 1 + 5 * (10 + 100 + 10_000));
+        assert_eq!(longest.rounds[&2].0, 100 + 1000 + 3);
+    }
+
+    #[test]
+    fn without_a_way_out_there_is_no_path() {
+        let mut graph = nested(Some(1));
+        graph.ends[3] = false;
+        assert_eq!(graph.longest(), None);
+    }
+}

@@ -1,0 +1,210 @@
+//! Functions as graphs of blocks.
+
+use std::collections::{BTreeMap, BTreeSet};
+
+use crate::{
+    Annotations, Flaw, Image, Instruction, bounds, calls::Calls, functions, graph::Graphs,
+};
+
+/// A part of the address space with its own access time.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
+pub enum Region {
+    /// Flash, through the data cache of the accelerator.
+    Flash,
+    /// SRAM 1 and 2.
+    Sram,
+    /// Core-coupled memory.
+    Ccm,
+    /// Ports and other peripherals on the fast buses.
+    Ahb,
+    /// Timers 2-7, UARTs 2-5 and others.
+    Apb1,
+    /// Timers 1 and 8, USART 1, EXTI and others.
+    Apb2,
+    /// The processor's own: NVIC, SysTick, DWT.
+    Private,
+    /// Not known: charged as the slowest.
+    Unknown,
+}
+
+/// A way from one block to another.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+pub struct Edge {
+    /// Index of the block it leads to.
+    pub to: usize,
+    /// Whether a branch is taken: the pipeline is refilled.
+    pub is_taken: bool,
+}
+
+/// Instructions that are executed one after another.
+#[derive(Debug, Clone)]
+pub struct Block {
+    /// Never empty.
+    pub instructions: Vec<Instruction>,
+    /// Where execution goes on.
+    pub successors: Vec<Edge>,
+    /// The function called by the last instruction (a call, or a jump out of the function).
+    pub call: Option<u32>,
+    /// The function may end here.
+    pub ends: bool,
+    /// Execution does not come out of it: a trap, or a call that does not return.
+    pub traps: bool,
+}
+
+/// A number, or the name of one that `schedule.toml` defines.
+#[derive(Debug, Clone, PartialEq, Eq, Hash, PartialOrd, Ord)]
+pub enum Count {
+    /// The number.
+    Number(u64),
+    /// The name.
+    Named(String),
+}
+
+/// How often a loop runs.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Bound {
+    /// Most runs of the body for each entry into the loop.
+    pub count: Count,
+    /// Where it is from: `file:line` of the comment, or how it was found.
+    pub origin: String,
+}
+
+/// A comment `// wcet-total: N` on a line: the loop whose own lines it is on runs its body at most
+/// so often in one activation of the task, whatever loops are around it. When it is a name, all
+/// loops that give the name run so often together.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Total {
+    /// Most runs of the body for each activation.
+    pub count: Count,
+    /// `file:line` of the comment.
+    pub origin: String,
+    /// Blocks that are executed in a run of the body only, and so no more often: what the body
+    /// stores is in them. Not those of inner loops.
+    pub in_runs: BTreeSet<usize>,
+}
+
+/// A loop of a function.
+#[derive(Debug, Clone)]
+pub struct Loop {
+    /// Index of the block where it is entered.
+    pub head: usize,
+    /// Indices of all its blocks, those of inner loops too.
+    pub blocks: BTreeSet<usize>,
+    /// Blocks from which it is entered again.
+    pub back: BTreeSet<usize>,
+    /// How often it runs, when that is known.
+    pub bound: Option<Bound>,
+    /// How often it runs in all, when that is said.
+    pub total: Option<Total>,
+    /// Its own lines, `file:line`: for messages.
+    pub lines: BTreeSet<String>,
+}
+
+/// A function.
+#[derive(Debug, Clone)]
+pub struct Function {
+    /// Where it begins.
+    pub address: u32,
+    /// Its demangled name.
+    pub name: String,
+    /// The first is where it begins.
+    pub blocks: Vec<Block>,
+    /// The region of each access, by the address of its instruction.
+    pub regions: BTreeMap<u32, Region>,
+    /// Constants that are written to special registers, by the address of the instruction.
+    pub specials: BTreeMap<u32, u32>,
+    /// Stores to constant addresses: address of the instruction, address, value if it is constant.
+    pub stores: Vec<(u32, u32, Option<u32>)>,
+    /// Its loops, the outer before the inner.
+    pub loops: Vec<Loop>,
+    /// What makes it impossible to bound.
+    pub flaws: Vec<Flaw>,
+    /// Whether it ever returns.
+    pub returns: bool,
+}
+
+impl Block {
+    /// The address of its first instruction.
+    #[must_use]
+    pub fn start(&self) -> u32 {
+        self.instructions.first().map_or(0, |first| first.address)
+    }
+
+    /// The address behind it.
+    #[must_use]
+    pub fn end(&self) -> u32 {
+        self.instructions.last().map_or(0, Instruction::end)
+    }
+}
+
+/// All functions of an image.
+pub struct Program<'a> {
+    /// What it was made from.
+    pub image: &'a Image,
+    functions: BTreeMap<u32, Function>,
+    /// Functions that never return because they panic.
+    panics: BTreeSet<u32>,
+}
+
+impl<'a> Program<'a> {
+    /// Analyses all functions of `image`.
+    #[must_use]
+    pub fn new(image: &'a Image, annotations: &Annotations) -> Self {
+        let graphs = Graphs::new(image).known;
+        let panics = functions::panics(image, &graphs);
+        let calls = Calls::new(image, &graphs);
+        let functions = graphs
+            .into_iter()
+            .map(|(address, graph)| {
+                let mut function = functions::build(image, address, graph, &panics);
+                if let Some(states) = calls.states(address) {
+                    let around = calls.around(image, address);
+                    functions::describe(around, &mut function, states);
+                    bounds::find(around, annotations, &mut function, states);
+                }
+                (address, function)
+            })
+            .collect();
+        Self {
+            image,
+            functions,
+            panics,
+        }
+    }
+
+    /// The function that begins at `address`.
+    #[must_use]
+    pub fn function(&self, address: u32) -> Option<&Function> {
+        self.functions.get(&address)
+    }
+
+    /// All functions by their addresses.
+    #[must_use]
+    pub const fn functions(&self) -> &BTreeMap<u32, Function> {
+        &self.functions
+    }
+
+    /// Whether the function at `address` never returns because it panics.
+    #[must_use]
+    pub fn is_panic(&self, address: u32) -> bool {
+        self.panics.contains(&address)
+    }
+
+    /// The functions that the one at `root` calls, directly or not, and itself. What a panic calls
+    /// is left out: that a panic can be reached is a flaw of its own.
+    #[must_use]
+    pub fn reach(&self, root: u32) -> BTreeSet<u32> {
+        let mut reached = BTreeSet::new();
+        let mut work = vec![root];
+        while let Some(address) = work.pop() {
+            let Some(function) = self.functions.get(&address) else {
+                continue;
+            };
+            if (address != root && self.is_panic(address)) || !reached.insert(address) {
+                continue;
+            }
+            work.extend(function.blocks.iter().filter_map(|block| block.call));
+        }
+        reached
+    }
+}

@@ -1,0 +1,149 @@
+//! What is to be followed.
+
+use std::{
+    collections::{BTreeMap, BTreeSet},
+    fs,
+};
+
+use crate::{Annotations, App, Config, Function, Image, Input, Model, Program, subject::Subject};
+
+/// The emulated board has no step timer. This handler stands for the hardware; it preempts tasks,
+/// so it is followed too, but nothing is asked of it.
+pub const STAND_IN: &str = "TIM2";
+
+/// A kind of run of a task.
+#[derive(Debug, Clone)]
+pub struct Kind {
+    /// Its name: a row of the report.
+    pub name: String,
+    /// Functions that are not called in such a run.
+    pub excluded: BTreeSet<u32>,
+}
+
+/// A task to be followed.
+#[derive(Debug, Clone)]
+pub struct Root {
+    /// Its name.
+    pub name: String,
+    /// The address of its handler.
+    pub handler: u32,
+    /// The functions that it can reach.
+    pub reach: BTreeSet<u32>,
+    /// Its kinds of runs, at least one.
+    pub kinds: Vec<Kind>,
+}
+
+/// See the module.
+pub struct Plan {
+    /// The analysed functions by their address: all that the tasks can reach.
+    pub functions: BTreeMap<u32, Function>,
+    /// The tasks.
+    pub roots: Vec<Root>,
+    /// The bounds of loops that have names.
+    pub named: BTreeMap<String, u64>,
+    /// Functions that are called at most so often in one activation.
+    pub limited: BTreeMap<u32, u64>,
+    /// The cycle table.
+    pub model: Model,
+}
+
+impl Plan {
+    /// Follows the tasks that have deadlines, with the numbers of the point that is asked for.
+    ///
+    /// # Errors
+    ///
+    /// When a file cannot be read or understood.
+    pub fn read(input: &Input<'_>) -> Result<Self, String> {
+        let read = |name: &str| {
+            let path = input.root.join(name);
+            fs::read_to_string(&path).map_err(|error| format!("{}: {error}", path.display()))
+        };
+        let config = Config::parse(&read("schedule.toml")?)?;
+        let app = App::parse(&read("src/app.rs")?)?;
+        let image = Image::load(input.elf).map_err(|error| error.to_string())?;
+        let annotations = Annotations::read(input.root).map_err(|error| error.to_string())?;
+        let program = Program::new(&image, &annotations);
+        let board = config.board.get(input.board);
+        let clock = board.ok_or("schedule.toml: no such board")?.clock;
+        let mut model = Model::new(&clock);
+        if let Some(measured) = &input.measured {
+            model.calibrate(&measured.cycles);
+        }
+        let subject = Subject::new(
+            &program,
+            &app,
+            &config,
+            (clock, model.clone()),
+            input.axes,
+            &mut Vec::new(),
+        );
+        let step_rate_hz = input.step_rate_hz.unwrap_or(config.table.step_rate_hz);
+        let baud = input.baud.unwrap_or(config.table.baud);
+        let mut named = config.numbers(&clock, subject.point(step_rate_hz, baud))?;
+        named.entry("axes".to_owned()).or_insert(input.axes.into());
+        let mut plan = Self::new(&program, tasks(&subject), named, model);
+        let limited = subject.limited.iter();
+        plan.limited = limited
+            .filter_map(|(address, name)| Some((*address, *plan.named.get(name)?)))
+            .collect();
+        Ok(plan)
+    }
+
+    /// Follows tasks of a program: name, handler and kinds of runs of each.
+    pub fn new(
+        program: &Program<'_>,
+        tasks: impl IntoIterator<Item = (String, u32, Vec<Kind>)>,
+        named: BTreeMap<String, u64>,
+        model: Model,
+    ) -> Self {
+        let roots = tasks.into_iter().map(|(name, handler, kinds)| Root {
+            name,
+            handler,
+            reach: program.reach(handler),
+            kinds,
+        });
+        let roots: Vec<Root> = roots.collect();
+        let reached: BTreeSet<u32> = roots.iter().flat_map(|root| &root.reach).copied().collect();
+        let functions = program.functions().iter();
+        let functions = functions.filter(|(address, _)| reached.contains(address));
+        Self {
+            functions: functions
+                .map(|(address, function)| (*address, function.clone()))
+                .collect(),
+            roots,
+            named,
+            limited: BTreeMap::new(),
+            model,
+        }
+    }
+
+    /// Every kind of run, in the order of the tasks.
+    pub(super) fn kinds(&self) -> impl Iterator<Item = &Kind> {
+        self.roots.iter().flat_map(|root| &root.kinds)
+    }
+}
+
+/// The tasks to be followed, as [`Plan::new`] wants them.
+fn tasks(subject: &Subject<'_>) -> Vec<(String, u32, Vec<Kind>)> {
+    let mut tasks: Vec<(String, u32, Vec<Kind>)> = Vec::new();
+    for row in subject.rows.iter().filter(|row| row.times.is_some()) {
+        let kind = Kind {
+            name: row.name.clone(),
+            excluded: row.excluded.clone(),
+        };
+        // Of its vectors the emulator uses the task's own, not those that call that one.
+        let own = subject.image.symbol(&row.task.vector).unwrap_or(row.root);
+        match tasks.last_mut() {
+            Some((_, handler, kinds)) if *handler == own => kinds.push(kind),
+            _ => tasks.push((row.task.name.clone(), own, vec![kind])),
+        }
+    }
+    if let Some(handler) = subject.image.symbol(STAND_IN) {
+        let kind = Kind {
+            name: STAND_IN.to_owned(),
+            excluded: BTreeSet::new(),
+        };
+        tasks.push((STAND_IN.to_owned(), handler, vec![kind]));
+    }
+    tasks
+}

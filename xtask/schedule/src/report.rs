@@ -1,0 +1,182 @@
+//! The result of an analysis, as `--json` tells it.
+
+use std::collections::BTreeMap;
+
+use serde::Serialize;
+
+use crate::Flaw;
+
+/// Everything that was found out.
+#[derive(Debug, Clone, Default, Serialize)]
+pub struct Report {
+    /// Name of the board.
+    pub board: String,
+    /// SHA-256 of the ELF file, in hexadecimal.
+    pub elf_sha256: String,
+    /// Whether the cycle table comes from measurements on a board.
+    pub calibrated: bool,
+    /// The calibration file, when there is one.
+    pub calibration: Option<String>,
+    /// Axes that the firmware is built for.
+    pub axes: u8,
+    /// Clock of the core, Hz.
+    pub clock_hz: u64,
+    /// Step rate that the table is for: pulses of all axes together, per second.
+    pub step_rate_hz: u32,
+    /// Baud rate that the table is for.
+    pub baud: u32,
+    /// The tasks, the highest priority first.
+    pub tasks: Vec<Task>,
+    /// Share of the processor that the tasks with deadlines take at most.
+    pub utilisation: f64,
+    /// The highest proven step rate for each baud rate.
+    pub proven_step_rate_hz: BTreeMap<String, u32>,
+    /// Longest run of the step task with a warm cache, exception entry and exit included, cycles.
+    pub step_wcet_cycles: u64,
+    /// Most by which an edge of a step pin moves, µs.
+    pub step_edge_jitter_us: f64,
+    /// Deepest stack over all priorities, bytes.
+    pub stack_worst_bytes: u64,
+    /// Stack of each level.
+    pub stack: Vec<Stack>,
+    /// RAM that is left for the stack, bytes.
+    pub stack_available_bytes: u64,
+    /// Sections in which tasks are held up.
+    pub sections: Vec<Section>,
+    /// Slack of the tasks by step rate, at [`Report::baud`].
+    pub curve: Vec<Curve>,
+    /// What `schedule.toml` requires, and whether it is so.
+    pub requirements: Vec<Requirement>,
+    /// What the proof takes for granted, a sentence each.
+    pub assumptions: Vec<String>,
+    /// What is wrong; empty: proven.
+    pub flaws: Vec<Flaw>,
+}
+
+/// Worst-case execution times, entry and exit of the exception included, cycles.
+#[derive(Debug, Clone, Copy, Default, Serialize)]
+pub struct Wcet {
+    /// With every instruction in the cache.
+    pub warm: u64,
+    /// From a cold cache, each line missed once.
+    pub cold: u64,
+    /// With a miss for every line of every block.
+    pub uncached: u64,
+}
+
+/// One task.
+#[derive(Debug, Clone, Default, Serialize)]
+pub struct Task {
+    /// Its name in the source.
+    pub name: String,
+    /// Its vector.
+    pub vector: String,
+    /// Its priority, a higher number is more urgent.
+    pub priority: u8,
+    /// Shortest time between two releases, cycles; `None`: no deadline, not analysed.
+    pub period_cycles: Option<f64>,
+    /// Where the period is from.
+    pub period_source: String,
+    /// Shortest time between two releases of a burst, cycles; `None`: the period.
+    ///
+    /// Release number `n`, from 0, comes at the earliest `max(n × spacing, (n - burst) × period)`
+    /// after the first.
+    pub spacing_cycles: Option<f64>,
+    /// Releases that may come before their period.
+    pub burst: f64,
+    /// Execution times.
+    pub wcet: Option<Wcet>,
+    /// The one that the response time is made of.
+    pub wcet_cycles: Option<u64>,
+    /// Which that is: `cold` or `uncached`.
+    pub via: String,
+    /// Share of the processor that it takes at most in the long run.
+    pub share: f64,
+    /// Longest time that lower priorities hold it up, cycles.
+    pub blocking_cycles: u64,
+    /// What holds it up.
+    pub blocking_source: String,
+    /// Response time, cycles; `None`: unbounded.
+    pub response_cycles: Option<u64>,
+    /// Deadline, cycles.
+    pub deadline_cycles: Option<f64>,
+    /// Deadline less response time, µs.
+    pub slack_us: Option<f64>,
+    /// Lines of the instruction cache that it touches.
+    pub icache_lines: usize,
+    /// Stack of one activation, exception frame included, bytes.
+    pub stack_bytes: u64,
+    /// Whether it uses floating point.
+    pub uses_float: bool,
+    /// Rows of the same task that are never due while this one is.
+    pub apart_from: Vec<String>,
+    /// Its worst path by source line, in the order of their cost.
+    pub worst_path: Vec<Line>,
+}
+
+/// A source line on a worst path.
+#[derive(Debug, Clone, Serialize)]
+pub struct Line {
+    /// File, from the root of the project.
+    pub file: String,
+    /// Line number.
+    pub line: u32,
+    /// Function that it is in.
+    pub function: String,
+    /// Cycles that it takes on the path.
+    pub cycles: u64,
+    /// How often it is executed.
+    pub count: u64,
+}
+
+/// A stretch of code in which tasks are held up.
+#[derive(Debug, Clone, Serialize)]
+pub struct Section {
+    /// Where it begins: `function (file:line)`.
+    pub place: String,
+    /// Tasks up to this priority are held up; `None`: all.
+    pub ceiling: Option<u8>,
+    /// Priority of the task it is in; 0: idle and initialisation.
+    pub priority: u8,
+    /// Its longest time, cycles.
+    pub cycles: u64,
+    /// Why it does not count, when it does not.
+    pub exempt: Option<String>,
+}
+
+/// A figure that `schedule.toml` sets a limit to.
+#[derive(Debug, Clone, Serialize)]
+pub struct Requirement {
+    /// What is required, in words: `step rate at 115200 baud`.
+    pub what: String,
+    /// The unit of both figures.
+    pub unit: String,
+    /// The limit.
+    pub required: f64,
+    /// What was found.
+    pub found: f64,
+    /// Whether it is met.
+    pub is_met: bool,
+}
+
+/// Stack of one priority level.
+#[derive(Debug, Clone, Serialize)]
+pub struct Stack {
+    /// The level; 0: idle.
+    pub priority: u8,
+    /// The task that needs most.
+    pub task: String,
+    /// Bytes, exception frame included.
+    pub bytes: u64,
+}
+
+/// The slack of each task at one step rate.
+#[derive(Debug, Clone, Serialize)]
+pub struct Curve {
+    /// The step rate, Hz.
+    pub step_rate_hz: u32,
+    /// Slack of each task that has a deadline, µs; `None`: unbounded.
+    pub slack_us: BTreeMap<String, Option<f64>>,
+    /// Deadline of each of them at this step rate, µs.
+    pub deadline_us: BTreeMap<String, f64>,
+}

@@ -1,0 +1,50 @@
+//! Code in RAM: it runs while the flash cannot be read, so it must not need it.
+//!
+//! A function is put into RAM by its section, but what it calls is not, unless the compiler inlines
+//! it; and a `match` may become a table in flash.
+
+use crate::{Flaw, Function, Place, Program, Region, Rule};
+
+/// What code in RAM needs of the flash.
+pub(crate) fn flaws(program: &Program<'_>) -> Vec<Flaw> {
+    let functions = program.functions().values();
+    let resident = functions.filter(|function| is_in_ram(function.address));
+    resident
+        .flat_map(|function| of_function(program, function))
+        .collect()
+}
+
+fn is_in_ram(address: u32) -> bool {
+    Region::of(address) == Region::Sram
+}
+
+fn of_function(program: &Program<'_>, function: &Function) -> Vec<Flaw> {
+    let image = program.image;
+    let flaw = |place: Place, what: String| Flaw {
+        rule: Rule::CodeInRam,
+        what,
+        place,
+        remedy: "Inline what it calls, and look nothing up in a constant.".to_owned(),
+    };
+    let blocks = function.blocks.iter();
+    let calls = blocks.filter_map(|block| Some((block.instructions.last()?.address, block.call?)));
+    let calls = calls.filter(|(_, called)| leads_to_flash(program, *called));
+    let calls = calls.map(|(address, called)| {
+        let what = format!("code in RAM calls `{}` in flash", image.name(called));
+        flaw(image.place(address), what)
+    });
+    let regions = function.regions.iter();
+    let reads = regions.filter(|(_, region)| **region == Region::Flash);
+    let reads = reads.map(|(address, _)| {
+        let what = "code in RAM reads a constant in flash".to_owned();
+        flaw(image.place(*address), what)
+    });
+    calls.chain(reads).collect()
+}
+
+/// Whether a function is in flash, or is what the linker puts in between because it is so far away.
+fn leads_to_flash(program: &Program<'_>, address: u32) -> bool {
+    let function = program.function(address);
+    let is_computed = |flaw: &Flaw| flaw.rule == Rule::IndirectCall;
+    !is_in_ram(address) || function.is_some_and(|it| it.flaws.iter().any(is_computed))
+}

@@ -1,0 +1,397 @@
+//! Response times of all rows at one step rate and baud rate.
+//!
+//! Several statements about the instruction cache are true at once, each gives a response time that
+//! is safe, and the least of them counts:
+//!
+//! * *uncached*: nothing but the line in use is ever in the cache;
+//! * *cold*: one run misses each of its lines once, if all of them fit the cache. A preemption may
+//!   cost the one that is preempted all its lines again: where the least recently used line is
+//!   replaced, one line too many may push out all others, so what the preempting task touches says
+//!   nothing;
+//! * *persistent*: if the lines of all that may run in a busy window fit the cache together, none is
+//!   pushed out in it, and each is missed once in the whole window;
+//! * *loops*: the same for the loops of a task and those that preempt it most often; see
+//!   [`crate::keeping`].
+
+use std::collections::{BTreeMap, BTreeSet};
+
+use crate::{
+    Point, Wcet,
+    keeping::{Guest, Keeping},
+    member::Member,
+    model::{CACHE_LINES, OUTSTANDING_TRANSFER, RESTART, RETRY},
+    rta::{self, Arrival, Load},
+    subject::{Cost, Subject},
+};
+
+/// Lines that are fetched again when a task goes on behind a preemption without a cache.
+const REFETCHED: u64 = 2;
+/// Response times above so many deadlines are not looked for.
+const HOPELESS: f64 = 4.0;
+
+/// A section that may hold tasks up.
+#[derive(Debug, Clone)]
+pub(crate) struct Blocking {
+    /// Lowest priority that it may be in.
+    pub(crate) priority: u8,
+    pub(crate) ceiling: Option<u8>,
+    pub(crate) cycles: u64,
+    pub(crate) lines: BTreeSet<u32>,
+    pub(crate) place: String,
+}
+
+impl Blocking {
+    /// Whether it holds up a task of this priority.
+    pub(crate) fn holds(&self, priority: u8) -> bool {
+        self.priority < priority && self.ceiling.is_none_or(|ceiling| ceiling >= priority)
+    }
+}
+
+/// A row's response.
+#[derive(Debug, Clone)]
+pub(crate) struct Response {
+    pub(crate) arrival: Arrival,
+    pub(crate) deadline: f64,
+    /// The execution time that counts, and why.
+    pub(crate) cycles: u64,
+    pub(crate) via: &'static str,
+    /// Share of the processor that it takes in the long run.
+    pub(crate) share: f64,
+    pub(crate) blocking: u64,
+    pub(crate) blocking_source: String,
+    /// `None`: it has no end.
+    pub(crate) response: Option<u64>,
+}
+
+impl Response {
+    pub(crate) fn is_met(&self) -> bool {
+        let response = self.response.map(|response| response as f64);
+        response.is_some_and(|response| response <= self.deadline)
+    }
+}
+
+/// The responses by row; `None` for a row without a deadline.
+///
+/// # Errors
+///
+/// Tells which formula is wrong. A row without a bound ends it too.
+pub(crate) fn all(
+    subject: &Subject<'_>,
+    sections: &[Blocking],
+    point: Point,
+) -> Result<Vec<Option<Response>>, String> {
+    up_to(subject, sections, point, HOPELESS)
+}
+
+/// Whether every deadline is met.
+///
+/// # Errors
+///
+/// As [`all`].
+pub(crate) fn are_met(
+    subject: &Subject<'_>,
+    sections: &[Blocking],
+    point: Point,
+) -> Result<bool, String> {
+    let responses = up_to(subject, sections, point, 1.0)?;
+    let share: f64 = responses.iter().flatten().map(|it| it.share).sum();
+    Ok(share <= 1.0 && responses.iter().flatten().all(Response::is_met))
+}
+
+/// The responses that are no longer than so many deadlines.
+fn up_to(
+    subject: &Subject<'_>,
+    sections: &[Blocking],
+    point: Point,
+    deadlines: f64,
+) -> Result<Vec<Option<Response>>, String> {
+    let named = subject.config.numbers(&subject.clock, point)?;
+    let mut members = Vec::new();
+    for row in 0..subject.rows.len() {
+        members.extend(Member::new(subject, row, &named, point)?);
+    }
+    let mut responses: Vec<Option<Response>> = vec![None; subject.rows.len()];
+    for index in 0..members.len() {
+        let row = members[index].row;
+        let mut window = Window::new((subject, &named), sections, &members, index);
+        window.limit = (deadlines * window.own.deadline).clamp(0.0, 1e12) as u64;
+        responses[row] = Some(window.respond());
+    }
+    Ok(responses)
+}
+
+/// A response that holds.
+struct Found {
+    response: Option<u64>,
+    cycles: u64,
+    share: f64,
+    via: &'static str,
+}
+
+/// Which cost of a row counts in a window.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Kind {
+    Warm,
+    Cold,
+    Uncached,
+}
+
+impl Kind {
+    /// The cost, and the kind that it is.
+    fn of(self, wcet: Wcet) -> (u64, Self) {
+        match self {
+            Self::Warm => (wcet.warm, self),
+            Self::Cold if wcet.cold != 0 && wcet.cold <= wcet.uncached => (wcet.cold, self),
+            _ => (wcet.uncached, Self::Uncached),
+        }
+    }
+}
+
+/// The busy window of one row.
+struct Window<'a> {
+    subject: &'a Subject<'a>,
+    named: &'a BTreeMap<String, u64>,
+    own: &'a Member,
+    others: Vec<&'a Member>,
+    /// Runs of the same task that may have begun before this one was due.
+    yielding: Vec<&'a Member>,
+    /// Longer responses are not looked for.
+    limit: u64,
+    miss: u64,
+    is_cached: bool,
+    blocking: u64,
+    blocking_lines: BTreeSet<u32>,
+    blocking_source: String,
+}
+
+impl<'a> Window<'a> {
+    fn new(
+        (subject, named): (&'a Subject<'a>, &'a BTreeMap<String, u64>),
+        sections: &[Blocking],
+        members: &'a [Member],
+        index: usize,
+    ) -> Self {
+        let own = &members[index];
+        let others = members.iter().enumerate();
+        let others = others.filter(|(at, it)| *at != index && it.priority >= own.priority);
+        let others = others.filter(|(_, it)| !subject.are_apart(it.row, own.row));
+        let (yielding, others): (Vec<&Member>, Vec<&Member>) =
+            { others.map(|(_, it)| it) }.partition(|it| subject.yields(it.row, own.row));
+        let holding = sections
+            .iter()
+            .filter(|section| section.holds(own.priority));
+        let worst = holding.clone().max_by_key(|section| section.cycles);
+        Self {
+            subject,
+            named,
+            own,
+            others,
+            limit: 0,
+            miss: subject.model.miss(),
+            is_cached: !subject.model.prefetch,
+            blocking: worst.map_or(0, |section| section.cycles),
+            blocking_lines: holding
+                .flat_map(|section| section.lines.clone())
+                .chain(yielding.iter().flat_map(|it| it.cost.lines.clone()))
+                .collect(),
+            blocking_source: worst.map_or_else(String::new, |section| section.place.clone()),
+            yielding,
+        }
+    }
+
+    fn respond(self) -> Response {
+        let (cycles, share) = self.cost(Kind::Uncached);
+        let found = |response, (cycles, share), via| Found {
+            response,
+            cycles,
+            share,
+            via,
+        };
+        let response = self.response(Kind::Uncached, Kind::Uncached, 0);
+        let mut all = vec![found(response, (cycles, share), "uncached")];
+        if self.is_cached {
+            let response = self.response(Kind::Uncached, Kind::Cold, 0);
+            all.push(found(response, (cycles, share), "uncached"));
+            if self.own.cost.wcet.cold != 0 {
+                let response = self.response(Kind::Cold, Kind::Cold, 0);
+                all.push(found(response, self.cost(Kind::Cold), "cold"));
+            }
+            if let Some(lines) = self.shared_lines() {
+                let response = self.response(Kind::Warm, Kind::Warm, lines as u64 * self.miss);
+                all.push(found(response, self.cost(Kind::Warm), "persistent"));
+            }
+            let preempting = self.preempting();
+            let guests = 1..=preempting.len();
+            all.extend(guests.filter_map(|guests| self.keeping(&preempting, guests)));
+        }
+        // Each is an upper bound.
+        let bounded = all.iter().filter(|found| found.response.is_some());
+        let least_share = bounded.map(|found| found.share).reduce(f64::min);
+        let best = all
+            .into_iter()
+            .min_by_key(|found| found.response.unwrap_or(u64::MAX));
+        let best = best.unwrap_or(found(None, (cycles, share), "uncached"));
+        Response {
+            arrival: self.own.arrival,
+            deadline: self.own.deadline,
+            cycles: best.cycles,
+            via: best.via,
+            share: least_share.unwrap_or(best.share),
+            blocking: self.held_up(),
+            blocking_source: self.source(),
+            response: best.response,
+        }
+    }
+
+    /// What a run costs at most, and the share of the processor of all runs.
+    fn cost(&self, kind: Kind) -> (u64, f64) {
+        let parts = self.own.parts.iter();
+        let shares = parts.map(|part| part.arrival.rate() * kind.of(part.wcet).0 as f64);
+        (kind.of(self.own.cost.wcet).0, shares.sum())
+    }
+
+    /// What preempts the row, the most frequent first.
+    fn preempting(&self) -> Vec<&'a Member> {
+        let others = self.others.iter();
+        let higher = others.filter(|other| other.priority > self.own.priority);
+        let mut higher: Vec<&Member> = higher.copied().collect();
+        higher.sort_by(|one, other| other.arrival.rate().total_cmp(&one.arrival.rate()));
+        higher
+    }
+
+    /// The response where loops keep their code beside that of the first so many
+    /// of those that preempt the row.
+    fn keeping(&self, preempting: &[&Member], guests: usize) -> Option<Found> {
+        let beside = preempting[..guests].iter();
+        let beside: Vec<_> = beside.map(|it| (it.row, it.cost.clone())).collect();
+        let kept = |member: &Member| member.kept(self.subject, self.named, &beside);
+        let (own, mut visit) = kept(self.own)?;
+        let mut equals = Vec::new();
+        let same = self.others.iter();
+        for other in same.filter(|other| other.priority == self.own.priority) {
+            let (kept, other) = kept(other)?;
+            visit = visit.worst(other);
+            equals.extend(kept);
+        }
+        let run = self.subject.kept(self.own.row, self.named, &beside)?.0;
+        let mut yielding = 0;
+        for other in &self.yielding {
+            let (kept, other) = self.subject.kept(other.row, self.named, &beside)?;
+            visit = visit.worst(other);
+            yielding = yielding.max(kept.all);
+        }
+        let guest = |member: &&Member| Guest {
+            arrival: member.arrival,
+            wcet: member.cost.wcet,
+            dear: self.dear(member),
+        };
+        let shares = own.iter();
+        let shares = shares.map(|(arrival, kept)| arrival.rate() * kept.all as f64);
+        let share = shares.sum();
+        let keeping = Keeping {
+            own,
+            equals,
+            guests: preempting[..guests].iter().map(guest).collect(),
+            intruders: preempting[guests..].iter().map(guest).collect(),
+            reload: visit.lines * self.miss,
+            restart: RESTART + if visit.retries { RETRY } else { 0 },
+            once: self.blocking + OUTSTANDING_TRANSFER + yielding,
+        };
+        Some(Found {
+            response: Some(keeping.response(self.limit)?),
+            cycles: run.all,
+            share,
+            via: "loops",
+        })
+    }
+
+    /// Lines of all that may run in the window, if the cache holds them.
+    fn shared_lines(&self) -> Option<usize> {
+        let mut lines = self.blocking_lines.clone();
+        lines.extend(&self.own.cost.lines);
+        lines.extend(self.others.iter().flat_map(|other| &other.cost.lines));
+        (lines.len() <= CACHE_LINES).then_some(lines.len())
+    }
+
+    /// The response time with these costs. `more`: what the window pays once, besides blocking.
+    fn response(&self, own: Kind, others: Kind, more: u64) -> Option<u64> {
+        let (_, own_kind) = own.of(self.own.cost.wcet);
+        let loads = self.others.iter().flat_map(|other| {
+            let preempts = other.priority > self.own.priority;
+            let again = if preempts && own != Kind::Warm {
+                self.reloading(other.priority, own_kind, others)
+            } else {
+                0
+            };
+            let more = again + if preempts { RESTART + RETRY } else { 0 };
+            other.parts.iter().map(move |part| Load {
+                arrival: part.arrival,
+                cost: others.of(part.wcet).0 + more,
+            })
+        });
+        let loads: Vec<Load> = loads.collect();
+        let parts = self.own.parts.iter().map(|part| Load {
+            arrival: part.arrival,
+            cost: own.of(part.wcet).0,
+        });
+        let parts: Vec<Load> = parts.collect();
+        rta::response(&parts, &loads, self.held_up() + more, self.limit)
+    }
+
+    /// What holds the row up.
+    fn source(&self) -> String {
+        let yielding = self.yielding.iter();
+        let names = yielding.map(|it| format!("a run of `{}`", self.subject.rows[it.row].name));
+        let section = Some(self.blocking_source.clone()).filter(|source| !source.is_empty());
+        names.chain(section).collect::<Vec<_>>().join(", ")
+    }
+
+    /// A run that preempts with what it costs those that it preempts. All of them are charged without
+    /// a cache: one that was charged from a cold cache would have to load all its code again.
+    fn dear(&self, member: &Member) -> u64 {
+        let again = self.reloading(member.priority, Kind::Uncached, Kind::Uncached);
+        member.cost.wcet.uncached + RESTART + RETRY + again
+    }
+
+    /// How long lower priorities, or what began before, hold the row up.
+    fn held_up(&self) -> u64 {
+        let yielding = self.yielding.iter().map(|it| it.cost.wcet.uncached);
+        self.blocking + OUTSTANDING_TRANSFER + yielding.max().unwrap_or(0)
+    }
+
+    /// What a preemption by that priority costs those that may be preempted in this window.
+    fn reloading(&self, priority: u8, own: Kind, others: Kind) -> u64 {
+        let lines = |kind: Kind, cost: &Cost| match kind {
+            Kind::Cold => cost.lines.len().min(CACHE_LINES) as u64,
+            Kind::Warm | Kind::Uncached => REFETCHED,
+        };
+        let preempted = self.others.iter().filter(|other| other.priority < priority);
+        let preempted = preempted.map(|other| lines(others.of(other.cost.wcet).1, &other.cost));
+        let own = lines(own, &self.own.cost);
+        self.miss * preempted.fold(own, u64::max)
+    }
+}
+
+/// What the sections mean for the tasks: those that are not exempt and have a length.
+pub(crate) fn blocking(
+    subject: &Subject<'_>,
+    held: &[crate::sections::Held],
+    contexts: &BTreeMap<u32, u8>,
+) -> Vec<Blocking> {
+    let held = held.iter().filter_map(|section| {
+        let name = subject.image.name(section.function);
+        if subject.config.exemption(&name).is_some() {
+            return None;
+        }
+        let frames = subject.image.frames(section.address);
+        let own = frames.iter().find(|frame| frame.file.starts_with("src/"));
+        Some(Blocking {
+            priority: contexts.get(&section.function).copied().unwrap_or(0),
+            ceiling: section.ceiling,
+            cycles: section.cycles?,
+            lines: section.lines.clone(),
+            place: own.or(frames.first()).map_or(name, ToString::to_string),
+        })
+    });
+    held.collect()
+}

@@ -1,0 +1,341 @@
+//! How deep the stack grows.
+//!
+//! Within a function the stack pointer moves by constants only; what a call adds is the depth of
+//! the function called. Tasks of one priority never preempt one another, so the deepest stack is
+//! that of the main program and, for each priority, the deepest task with its exception frame.
+
+use std::collections::{BTreeMap, BTreeSet};
+
+use crate::{Function, Instruction, Operation, wcet::Functions};
+
+/// Frame of an exception with and without the registers of the floating-point unit, and what aligns
+/// it. ARMv7-M reference manual B1.5.7.
+pub(crate) const FRAME_BYTES: u64 = 32 + 4;
+pub(crate) const FLOAT_FRAME_BYTES: u64 = 104 + 4;
+
+const SP: u8 = 13;
+
+/// What a register holds, as far as the stack needs it.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Value {
+    /// So many bytes above the stack pointer at the function's begin.
+    Stack(i64),
+    Constant(u32),
+    Unknown,
+}
+
+type Registers = [Value; 16];
+
+/// Computes depths.
+pub(crate) struct Depths<'a> {
+    functions: &'a Functions,
+    is_ignored: &'a dyn Fn(u32) -> bool,
+    /// What the pointers that a function calls may point to.
+    pointers: &'a BTreeMap<u32, BTreeSet<u32>>,
+    known: BTreeMap<u32, Result<u64, u32>>,
+}
+
+impl<'a> Depths<'a> {
+    /// `is_ignored`: functions whose calls do not count, panics. `pointers`: for each function that
+    /// calls through pointers, what it may call.
+    pub(crate) fn new(
+        functions: &'a Functions,
+        is_ignored: &'a dyn Fn(u32) -> bool,
+        pointers: &'a BTreeMap<u32, BTreeSet<u32>>,
+    ) -> Self {
+        Self {
+            functions,
+            is_ignored,
+            pointers,
+            known: BTreeMap::new(),
+        }
+    }
+
+    /// Bytes that a function takes, with what it calls.
+    ///
+    /// # Errors
+    ///
+    /// The instruction where the stack cannot be followed.
+    pub(crate) fn depth(&mut self, address: u32) -> Result<u64, u32> {
+        if let Some(known) = self.known.get(&address) {
+            return *known;
+        }
+        self.known.insert(address, Err(address));
+        let functions = self.functions;
+        let depth = functions
+            .get(&address)
+            .map_or(Err(address), |it| self.follow(it));
+        self.known.insert(address, depth);
+        depth
+    }
+
+    fn follow(&mut self, function: &Function) -> Result<u64, u32> {
+        if function.blocks.is_empty() {
+            // It could not be decoded.
+            return Err(function.address);
+        }
+        let mut before: Vec<Option<Registers>> = vec![None; function.blocks.len()];
+        let mut entry = [Value::Unknown; 16];
+        entry[usize::from(SP)] = Value::Stack(0);
+        if let Some(first) = before.first_mut() {
+            *first = Some(entry);
+        }
+        let mut work = BTreeSet::from([0]);
+        let mut deepest = 0;
+        let mut rounds = 0;
+        while let Some(index) = work.pop_first() {
+            let (Some(block), Some(mut registers)) = (function.blocks.get(index), before[index])
+            else {
+                continue;
+            };
+            rounds += 1;
+            if rounds > 64 * function.blocks.len() {
+                return Err(block.start());
+            }
+            for instruction in &block.instructions {
+                step(instruction, &mut registers);
+                let Value::Stack(sp) = registers[usize::from(SP)] else {
+                    return Err(instruction.address);
+                };
+                deepest = deepest.max(-sp);
+                if let Some(pointer) = pointer(&instruction.operation) {
+                    let value = registers[usize::from(pointer & 15)];
+                    let called = if let Value::Constant(address) = value {
+                        BTreeSet::from([address & !1])
+                    } else {
+                        let known = self.pointers.get(&function.address);
+                        known.ok_or(instruction.address)?.clone()
+                    };
+                    for callee in called {
+                        deepest = deepest.max(self.depth(callee)?.cast_signed() - sp);
+                    }
+                    clobber(&mut registers);
+                }
+            }
+            if let (Some(call), Value::Stack(sp)) = (block.call, registers[usize::from(SP)])
+                && !(self.is_ignored)(call)
+            {
+                let callee = self.depth(call)?;
+                deepest = deepest.max(callee.cast_signed() - sp);
+                clobber(&mut registers);
+            }
+            for edge in &block.successors {
+                let joined = match before[edge.to] {
+                    None => registers,
+                    Some(old) => join(old, registers),
+                };
+                if before[edge.to] != Some(joined) {
+                    before[edge.to] = Some(joined);
+                    work.insert(edge.to);
+                }
+            }
+        }
+        Ok(deepest.max(0) as u64)
+    }
+}
+
+/// The register that holds where an instruction goes, when it is no return.
+const fn pointer(operation: &Operation) -> Option<u8> {
+    match *operation {
+        Operation::CallRegister(register) => Some(register),
+        Operation::JumpRegister(register) if register != 14 => Some(register),
+        _ => None,
+    }
+}
+
+/// What a call leaves of the registers.
+fn clobber(registers: &mut Registers) {
+    for register in [0, 1, 2, 3, 12, 14] {
+        registers[register] = Value::Unknown;
+    }
+}
+
+/// What is known where two ways meet; of two depths the greater.
+fn join(one: Registers, other: Registers) -> Registers {
+    let mut joined = one;
+    for (value, other) in joined.iter_mut().zip(other) {
+        *value = match (*value, other) {
+            (one, other) if one == other => one,
+            (Value::Stack(one), Value::Stack(other)) => Value::Stack(one.min(other)),
+            _ => Value::Unknown,
+        };
+    }
+    joined
+}
+
+/// What an instruction makes of the registers.
+fn step(instruction: &Instruction, registers: &mut Registers) {
+    let before = *registers;
+    let at = |register: u8| before[usize::from(register & 15)];
+    let mut writes = 0_u16;
+    let mut set = None;
+    let add = |value: Value, to: i64| match value {
+        Value::Stack(offset) => Value::Stack(offset + to),
+        Value::Constant(constant) => Value::Constant(constant.wrapping_add(to as u32)),
+        Value::Unknown => Value::Unknown,
+    };
+    match instruction.operation {
+        Operation::Constant { to, value } => set = Some((to, Value::Constant(value))),
+        Operation::ConstantTop { to, value } => {
+            set = Some(match at(to) {
+                Value::Constant(low) => {
+                    let value = low & 0xffff | u32::from(value) << 16;
+                    (to, Value::Constant(value))
+                }
+                _ => (to, Value::Unknown),
+            });
+        }
+        Operation::Copy { to, from } => set = Some((to, at(from))),
+        Operation::Add { to, from, value } => set = Some((to, add(at(from), value.into()))),
+        Operation::AddRegister { to, left, right } => {
+            let sum = match (at(left), right.map(at)) {
+                (value, Some(Value::Constant(constant)))
+                | (Value::Constant(constant), Some(value)) => {
+                    add(value, i64::from(constant.cast_signed()))
+                }
+                _ => Value::Unknown,
+            };
+            set = Some((to, sum));
+        }
+        Operation::Or { to, .. }
+        | Operation::ReadSpecial { to }
+        | Operation::StoreExclusive { to, .. } => writes = 1 << to,
+        Operation::Plain { writes: to }
+        | Operation::Multiply { writes: to, .. }
+        | Operation::Divide { writes: to }
+        | Operation::Float { writes: to, .. }
+        | Operation::LoadExclusive { writes: to, .. }
+        | Operation::Load { writes: to, .. } => writes = to,
+        _ => {}
+    }
+    for register in (0..15).filter(|register| writes >> register & 1 != 0) {
+        registers[register] = Value::Unknown;
+    }
+    if let Some((register, value)) = set {
+        registers[usize::from(register & 15)] = value;
+    }
+    if let Some((register, by)) = writeback(&instruction.operation) {
+        registers[usize::from(register & 15)] = add(at(register), by.into());
+    }
+    if instruction.is_conditional() && !instruction.is_jump() {
+        // A return that does not happen changes nothing.
+        *registers = if instruction.is_return() {
+            before
+        } else {
+            join(before, *registers)
+        };
+    }
+}
+
+fn writeback(operation: &Operation) -> Option<(u8, i32)> {
+    match *operation {
+        Operation::Load { writeback, .. }
+        | Operation::Store { writeback, .. }
+        | Operation::FloatLoad { writeback, .. }
+        | Operation::FloatStore { writeback, .. } => writeback,
+        _ => None,
+    }
+}
+
+impl Instruction {
+    const fn is_jump(&self) -> bool {
+        matches!(
+            self.operation,
+            Operation::Jump(_) | Operation::JumpOnZero { .. }
+        )
+    }
+}
+
+/// Whether a function uses the floating-point unit.
+pub(crate) fn uses_float(function: &Function) -> bool {
+    let mut instructions = function.blocks.iter().flat_map(|block| &block.instructions);
+    instructions.any(|instruction| {
+        matches!(
+            instruction.operation,
+            Operation::Float { .. } | Operation::FloatLoad { .. } | Operation::FloatStore { .. }
+        )
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::{Address, testing};
+
+    fn push(words: u8) -> Operation {
+        let bytes = -4 * i32::from(words);
+        Operation::Store {
+            words,
+            address: Address::Offset {
+                base: SP,
+                offset: bytes,
+            },
+            writeback: Some((SP, bytes)),
+            source: None,
+            bytes: 4,
+            reads: 0,
+        }
+    }
+
+    fn functions() -> Functions {
+        let shape: &[(u32, &[usize])] = &[(2, &[1, 2]), (1, &[3]), (1, &[3]), (1, &[])];
+        let mut outer = testing::function(shape);
+        let instructions = &mut outer.blocks[0].instructions;
+        instructions[0].operation = push(4);
+        instructions[1].operation = Operation::Add {
+            to: SP,
+            from: SP,
+            value: -64,
+        };
+        outer.blocks[1].call = Some(0x0900_0000);
+        let mut inner = testing::function(&[(1, &[])]);
+        inner.blocks[0].instructions[0].operation = push(8);
+        inner.address = 0x0900_0000;
+        Functions::from([(outer.address, outer), (inner.address, inner)])
+    }
+
+    #[test]
+    fn depths_of_calls_add_up() {
+        let (functions, none) = (functions(), BTreeMap::new());
+        let mut depths = Depths::new(&functions, &|_| false, &none);
+        assert_eq!(depths.depth(0x0900_0000), Ok(32));
+        assert_eq!(depths.depth(0x0800_0000), Ok(16 + 64 + 32));
+    }
+
+    #[test]
+    fn what_moves_the_stack_by_an_unknown_number_is_told() {
+        let (mut functions, none) = (functions(), BTreeMap::new());
+        let inner = functions.get_mut(&0x0900_0000).unwrap();
+        inner.blocks[0].instructions[0].operation = Operation::Plain { writes: 1 << SP };
+        let mut depths = Depths::new(&functions, &|_| false, &none);
+        assert_eq!(depths.depth(0x0800_0000), Err(0x0800_0000));
+    }
+
+    #[test]
+    fn recursion_has_no_depth() {
+        let (mut functions, none) = (functions(), BTreeMap::new());
+        functions.get_mut(&0x0900_0000).unwrap().blocks[0].call = Some(0x0800_0000);
+        assert!(
+            Depths::new(&functions, &|_| false, &none)
+                .depth(0x0800_0000)
+                .is_err()
+        );
+    }
+
+    #[test]
+    fn a_pointer_costs_the_deepest_of_what_it_may_point_to() {
+        let mut functions = functions();
+        let outer = functions.get_mut(&0x0800_0000).unwrap();
+        outer.blocks[1].call = None;
+        outer.blocks[1].instructions[0].operation = Operation::CallRegister(3);
+        let none = BTreeMap::new();
+        assert!(
+            Depths::new(&functions, &|_| false, &none)
+                .depth(0x0800_0000)
+                .is_err()
+        );
+        let pointers = BTreeMap::from([(0x0800_0000, BTreeSet::from([0x0900_0000]))]);
+        let mut depths = Depths::new(&functions, &|_| false, &pointers);
+        assert_eq!(depths.depth(0x0800_0000), Ok(16 + 64 + 32));
+    }
+}

@@ -1,0 +1,474 @@
+//! What is analysed: the program, the application, the file `schedule.toml`, brought together.
+
+use std::{
+    cell::RefCell,
+    collections::{BTreeMap, BTreeSet},
+    rc::Rc,
+};
+
+use crate::{
+    App, AppTask, Cache, Clock, Config, Flaw, Formula, Image, Model, Place, Point, Program, Rule,
+    Wcet,
+    config::{self, ModeConfig, TaskConfig, Units},
+    keeping::{Kept, Visit},
+    model::LINE_BYTES,
+    rta::Arrival,
+    stack,
+    wcet::Wcets,
+};
+
+/// A kind of run of a task: a row of the table.
+#[derive(Debug, Clone)]
+pub(crate) struct Row {
+    /// Name of the task, and of its mode.
+    pub(crate) name: String,
+    pub(crate) task: AppTask,
+    /// Its handler.
+    pub(crate) root: u32,
+    /// Functions that are not called in it.
+    pub(crate) excluded: BTreeSet<u32>,
+    /// When it is released, and must have ended; `None`: it has no deadline.
+    pub(crate) times: Option<Times>,
+}
+
+/// Formulas of a row.
+#[derive(Debug, Clone)]
+pub(crate) struct Times {
+    pub(crate) period: Formula,
+    pub(crate) deadline: Formula,
+    rate: Option<Formula>,
+    burst: Option<Formula>,
+    /// Releases that may come together.
+    group: u64,
+    units: Option<Units>,
+    /// Rows that this one lets go first.
+    yields_to: Vec<String>,
+    apart_from: Vec<String>,
+}
+
+/// What a row costs.
+#[derive(Debug, Clone, Default)]
+pub(crate) struct Cost {
+    /// `cold` is 0 where the cache does not hold the row's code.
+    pub(crate) wcet: Wcet,
+    pub(crate) lines: BTreeSet<u32>,
+}
+
+/// A row, and the values of the bounds that it uses.
+type Key = (usize, Vec<u64>);
+type KeptKey = (usize, Vec<u64>, Vec<usize>);
+
+/// Everything that does not depend on the step rate.
+pub(crate) struct Subject<'a> {
+    pub(crate) image: &'a Image,
+    pub(crate) program: &'a Program<'a>,
+    pub(crate) app: &'a App,
+    pub(crate) config: &'a Config,
+    pub(crate) clock: Clock,
+    pub(crate) model: Model,
+    pub(crate) axes: u8,
+    pub(crate) rows: Vec<Row>,
+    /// Functions that are called at most so often in an activation: the name of the number.
+    pub(crate) limited: BTreeMap<u32, String>,
+    /// Named bounds that each row's code uses.
+    used: Vec<BTreeSet<String>>,
+    /// Costs by row and the values of the bounds that it uses.
+    costs: RefCell<BTreeMap<Key, Option<Rc<Cost>>>>,
+    /// The same with loops that keep their code, and the rows beside which they do.
+    kept: RefCell<BTreeMap<KeptKey, Option<(Kept, Visit)>>>,
+}
+
+impl<'a> Subject<'a> {
+    pub(crate) fn new(
+        program: &'a Program<'a>,
+        app: &'a App,
+        config: &'a Config,
+        (clock, model): (Clock, Model),
+        axes: u8,
+        flaws: &mut Vec<Flaw>,
+    ) -> Self {
+        let mut new = Self {
+            image: program.image,
+            program,
+            app,
+            config,
+            clock,
+            model,
+            axes,
+            rows: Vec::new(),
+            limited: BTreeMap::new(),
+            used: Vec::new(),
+            costs: RefCell::default(),
+            kept: RefCell::default(),
+        };
+        let mut tasks: Vec<&AppTask> = app.tasks.iter().filter(|task| task.priority > 0).collect();
+        tasks.sort_by_key(|task| std::cmp::Reverse(task.priority));
+        for task in tasks {
+            new.add(task, flaws);
+        }
+        for name in config.task.keys() {
+            if !app.tasks.iter().any(|task| task.name == *name) {
+                let what = format!("`schedule.toml` has times for `{name}`, which is no task");
+                flaws.push(misconfigured(what, "Remove them, or correct the name."));
+            }
+        }
+        new.limit(flaws);
+        new.used = new.rows.iter().map(|row| new.names(row)).collect();
+        new
+    }
+
+    fn add(&mut self, task: &AppTask, flaws: &mut Vec<Flaw>) {
+        let Some(config) = self.config.task.get(&task.name) else {
+            let what = format!("`schedule.toml` says nothing of the task `{}`", task.name);
+            let remedy = "Give it a period and a deadline, or say why it has none.";
+            let mut flaw = misconfigured(what, remedy);
+            let place = format!("{} (src/app.rs:{})", task.name, task.line);
+            flaw.place.frames.push(place);
+            flaws.push(flaw);
+            return;
+        };
+        let Some(own) = self.image.symbol(&task.vector) else {
+            return;
+        };
+        // A vector that calls the task's handler takes a little longer than that handler.
+        let default = self.image.symbol("DefaultHandler");
+        let callers = config
+            .vectors
+            .iter()
+            .filter_map(|vector| self.image.symbol(vector));
+        let mut callers = callers.filter(|caller| *caller != own && Some(*caller) != default);
+        let root = callers.next().unwrap_or(own);
+        let mut excluded = BTreeSet::new();
+        for exempt in &self.config.exempt {
+            excluded.extend(self.functions_named(&exempt.function));
+        }
+        let row = |name: String, excluded, times| Row {
+            name,
+            task: task.clone(),
+            root,
+            excluded,
+            times,
+        };
+        let times = times(config);
+        if times.is_some() || config.mode.is_empty() {
+            if times.is_none() && config.undeadlined.is_none() {
+                let what = format!(
+                    "the task `{}` has no deadline and no reason for that",
+                    task.name
+                );
+                flaws.push(misconfigured(what, "Give it a period and a deadline."));
+            }
+            self.rows
+                .push(row(task.name.clone(), excluded.clone(), times));
+        }
+        for (name, mode) in &config.mode {
+            let mut excluded = excluded.clone();
+            for function in &mode.excludes {
+                let found = self.functions_named(function);
+                if found.is_empty() {
+                    let what = format!(
+                        "the mode `{name}` excludes `{function}`, which is no function of the binary"
+                    );
+                    let remedy =
+                        "Correct the name; an excluded function must be `#[inline(never)]`.";
+                    flaws.push(misconfigured(what, remedy));
+                }
+                excluded.extend(found);
+            }
+            let name = format!("{}: {name}", task.name);
+            self.rows
+                .push(row(name, excluded, Some(mode_times(&task.name, mode))));
+        }
+    }
+
+    /// Looks for the functions whose calls are limited.
+    fn limit(&mut self, flaws: &mut Vec<Flaw>) {
+        for name in self.config.calls.keys() {
+            let found = self.functions_named(name);
+            if found.is_empty() {
+                let what =
+                    format!("`schedule.toml` limits calls of `{name}`, which is no function");
+                let remedy = "Correct the name; such a function must be `#[inline(never)]`.";
+                flaws.push(misconfigured(what, remedy));
+            }
+            let found = found.into_iter().map(|address| (address, calls_name(name)));
+            self.limited.extend(found);
+        }
+    }
+
+    fn functions_named(&self, name: &str) -> Vec<u32> {
+        let functions = self.program.functions().values();
+        let named = functions.filter(|function| config::is_named(&function.name, name));
+        named.map(|function| function.address).collect()
+    }
+
+    /// Names of the bounds of the loops that a row may run.
+    fn names(&self, row: &Row) -> BTreeSet<String> {
+        let empty = BTreeMap::new();
+        let wcets = self.wcets(row, &empty);
+        let reached = wcets.reach(row.root);
+        let functions = reached
+            .iter()
+            .filter_map(|address| self.program.function(*address));
+        let loops = functions.flat_map(|function| &function.loops);
+        let counts = loops.flat_map(|looped| {
+            let bound = looped.bound.as_ref().map(|bound| &bound.count);
+            bound
+                .into_iter()
+                .chain(looped.total.as_ref().map(|total| &total.count))
+        });
+        let named = counts.filter_map(|count| match count {
+            crate::Count::Named(name) => Some(name.clone()),
+            crate::Count::Number(_) => None,
+        });
+        let limited = reached
+            .iter()
+            .filter_map(|address| self.limited.get(address).cloned());
+        named.chain(limited).collect()
+    }
+
+    /// The calculator of a row, with these values of the named bounds.
+    pub(crate) fn wcets<'b>(&'b self, row: &Row, named: &'b BTreeMap<String, u64>) -> Wcets<'b> {
+        let functions = self.program.functions();
+        let mut wcets = Wcets::new(functions, &self.model, named, row.excluded.clone());
+        for (address, name) in &self.limited {
+            wcets.limited.insert(*address, named.get(name).copied());
+        }
+        let units = row.times.as_ref().and_then(|times| times.units.as_ref());
+        wcets.varied = units.map(|units| units.bound.clone()).into_iter().collect();
+        wcets
+    }
+
+    pub(crate) fn point(&self, step_rate_hz: u32, baud: u32) -> Point {
+        Point {
+            step_rate_hz: step_rate_hz.into(),
+            baud: baud.into(),
+            axes: self.axes,
+        }
+    }
+
+    /// What a row costs with these values of the named bounds; `None`: that has no bound.
+    pub(crate) fn cost(&self, row: usize, named: &BTreeMap<String, u64>) -> Option<Rc<Cost>> {
+        let values = self.used[row]
+            .iter()
+            .map(|name| named.get(name).copied().unwrap_or(u64::MAX));
+        let key = (row, values.collect::<Vec<_>>());
+        if let Some(known) = self.costs.borrow().get(&key) {
+            return known.clone();
+        }
+        let cost = self.compute(&self.rows[row], named).map(Rc::new);
+        self.costs.borrow_mut().insert(key, cost.clone());
+        cost
+    }
+
+    /// What a row costs where loops keep their code beside that of other rows, and what their visits
+    /// are like.
+    pub(crate) fn kept(
+        &self,
+        row: usize,
+        named: &BTreeMap<String, u64>,
+        beside: &[(usize, Rc<Cost>)],
+    ) -> Option<(Kept, Visit)> {
+        let values = self.used[row]
+            .iter()
+            .map(|name| named.get(name).copied().unwrap_or(u64::MAX));
+        let guests = beside.iter().map(|(row, _)| *row);
+        let key = (row, values.collect::<Vec<_>>(), guests.collect::<Vec<_>>());
+        if let Some(known) = self.kept.borrow().get(&key) {
+            return *known;
+        }
+        let mut wcets = self.wcets(&self.rows[row], named);
+        wcets.beside = beside
+            .iter()
+            .flat_map(|(_, cost)| cost.lines.clone())
+            .collect();
+        let kept = self.compute_kept(&self.rows[row], &wcets);
+        self.kept.borrow_mut().insert(key, kept);
+        kept
+    }
+
+    fn compute_kept(&self, row: &Row, wcets: &Wcets<'_>) -> Option<(Kept, Visit)> {
+        let frame = self.frame(row) + self.model.miss();
+        let bound = |cache| Some(wcets.bound(row.root, cache)?.cycles());
+        let kept = Kept {
+            all: bound(Cache::Loops)? + frame,
+            outside: bound(Cache::Outside)? + frame,
+            visits: bound(Cache::Visits)?,
+        };
+        let reached = wcets.reach(row.root);
+        let functions = reached
+            .iter()
+            .filter_map(|address| self.program.function(*address));
+        let visits = functions.map(|it| Visit {
+            lines: wcets.kept(it).lines.values().copied().max().unwrap_or(0),
+            retries: wcets.kept(it).retries,
+        });
+        Some((kept, visits.fold(Visit::default(), Visit::worst)))
+    }
+
+    /// Entry and exit, and the saving of floating-point registers.
+    fn frame(&self, row: &Row) -> u64 {
+        let float = if self.uses_float(row) {
+            self.model.lazy_save()
+        } else {
+            0
+        };
+        self.model.entry_and_exit() + float
+    }
+
+    fn compute(&self, row: &Row, named: &BTreeMap<String, u64>) -> Option<Cost> {
+        let wcets = self.wcets(row, named);
+        let warm = wcets.bound(row.root, Cache::Warm)?.cycles();
+        let uncached = wcets.bound(row.root, Cache::Uncached)?.cycles();
+        let frame = self.frame(row);
+        let vector = self.model.miss();
+        Some(Cost {
+            wcet: Wcet {
+                warm: warm + frame,
+                cold: wcets.cold(row.root).map_or(0, |cold| cold + frame + vector),
+                uncached: uncached + frame + vector,
+            },
+            lines: self.lines(row, &wcets),
+        })
+    }
+
+    /// Lines of a row's code, and that of its vector.
+    fn lines(&self, row: &Row, wcets: &Wcets<'_>) -> BTreeSet<u32> {
+        let mut lines = (*wcets.lines(row.root)).clone();
+        let mut vectors = self.image.vectors().iter();
+        let slot = vectors
+            .position(|vector| vector & !1 == row.root)
+            .unwrap_or(0) as u32;
+        let table = self.image.symbol("__vector_table").unwrap_or(0x0800_0000);
+        lines.insert((table + 4 * slot) / LINE_BYTES);
+        lines
+    }
+
+    pub(crate) fn uses_float(&self, row: &Row) -> bool {
+        let empty = BTreeMap::new();
+        let reached = self.wcets(row, &empty).reach(row.root);
+        let mut functions = reached
+            .iter()
+            .filter_map(|address| self.program.function(*address));
+        functions.any(stack::uses_float)
+    }
+
+    /// Whether no run of a row begins while one of the other is due.
+    pub(crate) fn yields(&self, row: usize, to: usize) -> bool {
+        let times = self.rows[row].times.as_ref();
+        times.is_some_and(|times| times.yields_to.contains(&self.rows[to].name))
+    }
+
+    /// Names of the rows that are said never to be due while this one is.
+    pub(crate) fn apart_from(row: &Row) -> Vec<String> {
+        let times = row.times.as_ref();
+        times.map_or_else(Vec::new, |times| times.apart_from.clone())
+    }
+
+    /// Whether no run of one row is due while one of the other is.
+    pub(crate) fn are_apart(&self, row: usize, other: usize) -> bool {
+        let is_from = |row: usize, other: usize| {
+            let times = self.rows[row].times.as_ref();
+            times.is_some_and(|times| times.apart_from.contains(&self.rows[other].name))
+        };
+        is_from(row, other) || is_from(other, row)
+    }
+
+    /// The bound that is the number of a row's pieces of work, when they arrive, and how many more
+    /// a run may have.
+    ///
+    /// # Errors
+    ///
+    /// Tells which formula is wrong.
+    pub(crate) fn units(
+        &self,
+        row: &Row,
+        point: Point,
+    ) -> Result<Option<(String, Arrival, u64)>, String> {
+        let Some(units) = row.times.as_ref().and_then(|times| times.units.as_ref()) else {
+            return Ok(None);
+        };
+        let names = self.config.names(&self.clock, point);
+        let rate = units.rate.value(&names)?;
+        let arrival = Arrival {
+            period: self.clock.hclk_hz as f64 / rate.max(1.0),
+            group: 1,
+            sustained: None,
+        };
+        let extra = units.extra.value(&names)?.max(0.0).ceil() as u64;
+        Ok(Some((units.bound.clone(), arrival, extra)))
+    }
+
+    /// When a row is released, and its deadline, cycles.
+    ///
+    /// # Errors
+    ///
+    /// Tells which formula is wrong.
+    pub(crate) fn arrival(
+        &self,
+        row: &Row,
+        point: Point,
+    ) -> Result<Option<(Arrival, f64)>, String> {
+        let Some(times) = &row.times else {
+            return Ok(None);
+        };
+        let names = self.config.names(&self.clock, point);
+        let value = |formula: &Formula| {
+            let value = formula.value(&names);
+            value.map_err(|error| format!("`{}`: {error}", row.name))
+        };
+        let rate = times.rate.as_ref().map(value).transpose()?;
+        let burst = times.burst.as_ref().map(value).transpose()?;
+        let sustained = rate.map(|rate| (rate / self.clock.hclk_hz as f64, burst.unwrap_or(1.0)));
+        let arrival = Arrival {
+            period: value(&times.period)?,
+            group: times.group,
+            sustained,
+        };
+        Ok(Some((arrival, value(&times.deadline)?)))
+    }
+}
+
+/// The name under which the number of calls of a function is kept.
+pub(crate) fn calls_name(function: &str) -> String {
+    format!("calls of {function}")
+}
+
+fn times(config: &TaskConfig) -> Option<Times> {
+    Some(Times {
+        period: config.period.clone()?,
+        deadline: config.deadline.clone()?,
+        rate: config.rate.clone(),
+        burst: config.burst.clone(),
+        group: config.group.unwrap_or(1),
+        units: None,
+        yields_to: Vec::new(),
+        apart_from: Vec::new(),
+    })
+}
+
+fn mode_times(task: &str, mode: &ModeConfig) -> Times {
+    let rows = |modes: &[String]| {
+        let names = modes.iter().map(|name| format!("{task}: {name}"));
+        names.collect()
+    };
+    Times {
+        period: mode.period.clone(),
+        deadline: mode.deadline.clone(),
+        rate: mode.rate.clone(),
+        burst: mode.burst.clone(),
+        group: mode.group.unwrap_or(1),
+        units: mode.units.clone(),
+        yields_to: rows(&mode.yields_to),
+        apart_from: rows(&mode.apart_from),
+    }
+}
+
+pub(crate) fn misconfigured(what: String, remedy: &str) -> Flaw {
+    Flaw {
+        rule: Rule::Configuration,
+        what,
+        place: Place::default(),
+        remedy: remedy.to_owned(),
+    }
+}

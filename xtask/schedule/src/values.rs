@@ -1,0 +1,246 @@
+//! What registers and stack slots hold: constants, distances from one another, kinds of memory.
+//!
+//! Assumed of the program, because it is memory-safe Rust: a pointer is made from another by adding
+//! to it, and stays in its memory; small integers are not addresses; what a function keeps in its
+//! frame changes only through pointers into that frame, each of which reaches what lies above it; a
+//! pointer that is replaced through a pointer kept in memory, or in a static by its address, is
+//! replaced by one into the same kind of memory. (That an `enum` has one of its values is assumed
+//! too, where a jump table would lead to a trap.)
+//! `--replay` checks the outcome.
+
+mod execute;
+mod flags;
+mod memory;
+mod state;
+
+pub(crate) use flags::Flags;
+pub(crate) use memory::sources;
+pub(crate) use state::{Callees, Spans, State, Surroundings};
+
+use crate::Region;
+
+/// Number of registers that hold arguments: R0 to R3.
+pub(crate) const ARGUMENTS: u8 = 4;
+/// Below it there is no memory that a program uses.
+const FIRST_MEMORY: u32 = 0x0800_0000;
+
+impl Region {
+    /// The region of an address.
+    #[must_use]
+    pub const fn of(address: u32) -> Self {
+        match address {
+            FIRST_MEMORY..0x0820_0000 => Self::Flash,
+            0x1000_0000..0x1001_0000 => Self::Ccm,
+            0x2000_0000..0x4000_0000 => Self::Sram,
+            0x4000_0000..0x4001_0000 => Self::Apb1,
+            0x4001_0000..0x4002_0000 => Self::Apb2,
+            0x4002_0000..0x6000_0000 => Self::Ahb,
+            0xe000_0000..0xe010_0000 => Self::Private,
+            _ => Self::Unknown,
+        }
+    }
+
+    fn join(self, other: Self) -> Self {
+        if self == other { self } else { Self::Unknown }
+    }
+}
+
+/// A value that is not known, but that others are a known distance from.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum Base {
+    /// The stack pointer where the function begins.
+    Stack,
+    /// What this register holds where the function begins.
+    Entry(u8),
+    /// What the instruction at this address wrote to this register when it was executed last.
+    Written(u32, u8),
+    /// The word so many bytes behind what this register holds where the function begins, when it
+    /// was loaded last.
+    Behind(u8, i32),
+}
+
+/// What is known of a value.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum Value {
+    Constant(u32),
+    /// `offset` bytes from `base`; if it is a pointer, then into `region`.
+    From {
+        base: Base,
+        offset: i32,
+        region: Region,
+    },
+    /// If it is a pointer, then into `region`, and made from one of `origins`.
+    In {
+        region: Region,
+        origins: Origins,
+    },
+}
+
+/// Where a pointer may be from, apart from constants and memory: the function's frame, and what
+/// it was called with. A mask.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) struct Origins(u8);
+
+impl Origins {
+    pub(crate) const NONE: Self = Self(0);
+    pub(crate) const FRAME: Self = Self(1 << ARGUMENTS);
+    pub(crate) const ALL: Self = Self((1 << (ARGUMENTS + 1)) - 1);
+
+    pub(crate) const fn argument(register: u8) -> Self {
+        if register < ARGUMENTS {
+            Self(1 << register)
+        } else {
+            Self::NONE
+        }
+    }
+
+    pub(crate) const fn contains(self, other: Self) -> bool {
+        self.0 & other.0 != 0
+    }
+
+    const fn and(self, other: Self) -> Self {
+        Self(self.0 | other.0)
+    }
+}
+
+impl Value {
+    pub(crate) const UNKNOWN: Self = Self::of(Region::Unknown, Origins::NONE);
+
+    pub(crate) const fn of(region: Region, origins: Origins) -> Self {
+        Self::In { region, origins }
+    }
+
+    /// What it may be made from.
+    pub(crate) const fn origins(self) -> Origins {
+        match self {
+            Self::Constant(_) => Origins::NONE,
+            Self::In { origins, .. } => origins,
+            Self::From { base, .. } => match base {
+                Base::Stack => Origins::FRAME,
+                Base::Entry(register) => Origins::argument(register),
+                Base::Written(..) | Base::Behind(..) => Origins::NONE,
+            },
+        }
+    }
+
+    /// The memory that it points into.
+    pub(crate) const fn region(self) -> Region {
+        match self {
+            Self::Constant(address) => Region::of(address),
+            Self::From { region, .. } | Self::In { region, .. } => region,
+        }
+    }
+
+    pub(crate) const fn constant(self) -> Option<u32> {
+        match self {
+            Self::Constant(value) => Some(value),
+            Self::From { .. } | Self::In { .. } => None,
+        }
+    }
+
+    /// Where it is behind what the function was called with in a register: which, and how far.
+    pub(crate) const fn behind_argument(self) -> Option<(u8, i32)> {
+        match self {
+            Self::From {
+                base: Base::Entry(register),
+                offset,
+                ..
+            } if register < ARGUMENTS => Some((register, offset)),
+            _ => None,
+        }
+    }
+
+    /// Whether it is what was loaded from behind an argument, so far.
+    pub(crate) fn is_from_behind(self, register: u8, distance: i32) -> bool {
+        let place = Base::Behind(register, distance);
+        matches!(self, Self::From { base, offset: 0, .. } if base == place)
+    }
+
+    /// Where it is in the function's frame, in bytes from the stack pointer at its beginning.
+    pub(crate) const fn in_frame(self) -> Option<i32> {
+        match self {
+            Self::From {
+                base: Base::Stack,
+                offset,
+                ..
+            } => Some(offset),
+            _ => None,
+        }
+    }
+
+    const fn is_no_address(self) -> bool {
+        matches!(self, Self::Constant(0..FIRST_MEMORY))
+    }
+
+    /// What holds whichever of the two it is.
+    pub(crate) fn join(self, other: Self) -> Self {
+        if self == other {
+            return self;
+        }
+        let region = if self.is_no_address() {
+            other.region()
+        } else if other.is_no_address() {
+            self.region()
+        } else {
+            self.region().join(other.region())
+        };
+        match (self, other) {
+            (
+                Self::From { base, offset, .. },
+                Self::From {
+                    base: b, offset: o, ..
+                },
+            ) if (base, offset) == (b, o) => Self::From {
+                base,
+                offset,
+                region,
+            },
+            _ => Self::of(region, self.origins().and(other.origins())),
+        }
+    }
+
+    pub(crate) fn add(self, distance: i32) -> Self {
+        match self {
+            Self::Constant(value) => Self::Constant(value.wrapping_add_signed(distance)),
+            Self::From {
+                base,
+                offset,
+                region,
+            } => Self::From {
+                base,
+                offset: offset.wrapping_add(distance),
+                region,
+            },
+            Self::In { .. } => self,
+        }
+    }
+
+    /// The sum of a pointer and an index, whichever is which.
+    fn sum(self, other: Self) -> Self {
+        let region = match (self.region(), other.region()) {
+            (region, Region::Unknown) | (Region::Unknown, region) => region,
+            _ => Region::Unknown,
+        };
+        match (self, other) {
+            (Self::Constant(index), value) | (value, Self::Constant(index))
+                if value.region() == region =>
+            {
+                value.add(index.cast_signed())
+            }
+            _ => Self::of(region, self.origins().and(other.origins())),
+        }
+    }
+
+    /// Somewhere in the memory that this points into.
+    fn indexed(self) -> Self {
+        Self::of(self.region(), self.origins())
+    }
+
+    /// Without its base: outside the function it has no meaning.
+    pub(crate) fn abroad(self) -> Self {
+        match self {
+            Self::Constant(_) => self,
+            Self::From { region, .. } | Self::In { region, .. } => Self::of(region, Origins::NONE),
+        }
+    }
+}

@@ -1,0 +1,289 @@
+//! What is known of registers, flags and the frame at one place of a function.
+
+use std::collections::{BTreeMap, BTreeSet};
+
+use super::{ARGUMENTS, Base, Flags, Origins, Value};
+use crate::{Address, Image, Instruction, Operation, Region};
+
+const STACK_POINTER: u8 = 13;
+const PROGRAM_COUNTER: u8 = 15;
+/// How far behind an argument its memory is described to the called function, bytes.
+const DESCRIBED: i32 = 256;
+
+/// Bytes behind a pointer: from the first to before the second.
+pub(crate) type Spans = Vec<(i32, i32)>;
+
+/// What a function must know of those it calls.
+#[derive(Debug, Clone, Default)]
+pub(crate) struct Callees {
+    /// Functions that write to the part of their caller's frame that holds their arguments.
+    pub(crate) write_arguments: BTreeSet<u32>,
+    /// What they write behind each of their arguments; those that are not here may write anything.
+    pub(crate) writes: BTreeMap<u32, [Spans; ARGUMENTS as usize]>,
+    /// The memory that their results point into, where it is known.
+    pub(crate) results: BTreeMap<u32, Region>,
+    /// The memory that words at constant addresses point into, where it is known.
+    pub(crate) statics: BTreeMap<u32, Region>,
+}
+
+/// What a state is followed through.
+#[derive(Clone, Copy)]
+pub(crate) struct Surroundings<'a> {
+    pub(crate) image: &'a Image,
+    /// Without it nothing is known of what calls do.
+    pub(crate) callees: Option<&'a Callees>,
+    /// The lowest place in the function's frame that it makes a pointer to, in bytes from the
+    /// stack pointer at its beginning: what is below changes only by its own stores.
+    pub(crate) lowest_pointer: i32,
+}
+
+/// See the module.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub(crate) struct State {
+    registers: [Value; 16],
+    pub(super) flags: Flags,
+    /// Words of the frame, by their distance from the stack pointer at the function's beginning.
+    pub(super) slots: BTreeMap<i32, Value>,
+    /// The memory that words behind arguments point into, by the register and the distance.
+    pub(super) given: BTreeMap<(u8, i32), Region>,
+    /// Behind an `IT` whose condition is not known, this state is that where it holds; the other is
+    /// that where it does not.
+    otherwise: Option<Box<Otherwise>>,
+}
+
+/// The condition that does not hold, and the state then.
+#[derive(Debug, Clone, PartialEq, Eq)]
+struct Otherwise {
+    condition: u8,
+    state: State,
+}
+
+impl State {
+    /// At the beginning of a function of which no call is known.
+    pub(crate) fn at_entry() -> Self {
+        let registers = std::array::from_fn(|register| {
+            let register = register as u8;
+            let (base, region) = match register {
+                STACK_POINTER => (Base::Stack, Region::Sram),
+                _ => (Base::Entry(register), Region::Unknown),
+            };
+            Value::From {
+                base,
+                offset: 0,
+                region,
+            }
+        });
+        Self {
+            registers,
+            flags: Flags::default(),
+            slots: BTreeMap::new(),
+            given: BTreeMap::new(),
+            otherwise: None,
+        }
+    }
+
+    /// At the beginning of a function that is called in this state.
+    pub(crate) fn called(&self) -> Self {
+        let mut state = Self::at_entry();
+        for register in 0..ARGUMENTS {
+            state.registers[usize::from(register)] = match self.get(register).abroad() {
+                Value::In { region, .. } => Value::From {
+                    base: Base::Entry(register),
+                    offset: 0,
+                    region,
+                },
+                known => known,
+            };
+        }
+        if let Some(top) = self.get(STACK_POINTER).in_frame() {
+            let arguments = self.slots.range(top..);
+            state.slots = arguments
+                .map(|(&offset, value)| (offset - top, value.abroad()))
+                .collect();
+        }
+        for register in 0..ARGUMENTS {
+            for (offset, region) in self.behind(self.get(register)) {
+                state.given.insert((register, offset), region);
+            }
+        }
+        state
+    }
+
+    /// The memory that words behind a pointer point into, by their distance.
+    fn behind(&self, pointer: Value) -> Vec<(i32, Region)> {
+        let mut found = Vec::new();
+        if let Some(start) = pointer.in_frame() {
+            let slots = self.slots.range(start..start.saturating_add(DESCRIBED));
+            found.extend(slots.map(|(slot, value)| (slot - start, value.region())));
+        } else if let Some((register, start)) = pointer.behind_argument() {
+            let end = start.saturating_add(DESCRIBED);
+            let given = self.given.range((register, start)..(register, end));
+            found.extend(given.map(|(&(_, offset), &region)| (offset - start, region)));
+        }
+        found.retain(|&(_, region)| region != Region::Unknown);
+        found
+    }
+
+    /// What holds whichever of the two it is.
+    pub(crate) fn join(&self, other: &Self) -> Self {
+        let mut joined = self.clone();
+        for (value, other) in joined.registers.iter_mut().zip(other.registers) {
+            *value = value.join(other);
+        }
+        joined.flags = self.flags.join(other.flags);
+        joined.slots.retain(|offset, value| {
+            let other = other.slots.get(offset);
+            other
+                .inspect(|other| *value = value.join(**other))
+                .is_some()
+        });
+        let other = &other.given;
+        joined
+            .given
+            .retain(|place, region| other.get(place) == Some(region));
+        joined
+    }
+
+    pub(crate) fn get(&self, register: u8) -> Value {
+        self.registers[usize::from(register)]
+    }
+
+    pub(crate) const fn flags(&self) -> Flags {
+        self.flags
+    }
+
+    /// The address of an access, before anything is written back.
+    pub(crate) fn address(&self, address: Address) -> Value {
+        match address {
+            Address::Absolute(address) => Value::Constant(address),
+            Address::Offset { base, offset } => self.get(base).add(offset),
+            Address::Indexed { base, .. } => self.get(base).indexed(),
+        }
+    }
+
+    /// Follows `instruction`: if its condition is not known, both ways.
+    pub(crate) fn step(&mut self, around: Surroundings<'_>, instruction: &Instruction) {
+        if !instruction.in_if_then || matches!(instruction.operation, Operation::Jump(_)) {
+            self.settle();
+            if !matches!(instruction.operation, Operation::Jump(_)) {
+                self.execute(around, instruction);
+            }
+            return;
+        }
+        let condition = instruction.condition;
+        let known = self.otherwise.as_ref().map(|other| other.condition);
+        if known.is_some_and(|known| known | 1 != condition | 1) {
+            self.settle();
+        }
+        if self.otherwise.is_none() {
+            match self.flags.holds(condition) {
+                Some(true) => return self.execute(around, instruction),
+                Some(false) => return,
+                None => {
+                    let state = self.clone();
+                    self.otherwise = Some(Box::new(Otherwise { condition, state }));
+                }
+            }
+        }
+        self.branch(around, instruction);
+    }
+
+    /// Follows an instruction behind an `IT` in the state in which it is executed.
+    fn branch(&mut self, around: Surroundings<'_>, instruction: &Instruction) {
+        let Some(mut other) = self.otherwise.take() else {
+            return;
+        };
+        let is_here = other.condition == instruction.condition;
+        if instruction.is_return() {
+            // What is executed next follows only if it did not return.
+            if is_here {
+                *self = other.state;
+            }
+            return;
+        }
+        if is_here {
+            self.execute(around, instruction);
+        } else {
+            other.state.execute(around, instruction);
+        }
+        self.otherwise = Some(other);
+        if instruction.sets_flags {
+            self.settle();
+        }
+    }
+
+    /// Forgets what an `IT` has told apart.
+    pub(crate) fn settle(&mut self) {
+        if let Some(other) = self.otherwise.take() {
+            *self = self.join(&other.state);
+        }
+    }
+
+    /// The state in which `instruction`, the next, is executed.
+    pub(crate) fn before(&self, instruction: &Instruction) -> &Self {
+        match &self.otherwise {
+            Some(other)
+                if instruction.in_if_then && other.condition ^ 1 == instruction.condition =>
+            {
+                &other.state
+            }
+            _ => self,
+        }
+    }
+
+    pub(super) fn set(&mut self, register: u8, value: Value) {
+        // Wherever the stack pointer comes from, it points to the stack.
+        let value = match value {
+            Value::In { .. } if register == STACK_POINTER => {
+                Value::of(Region::Sram, Origins::FRAME)
+            }
+            value => value,
+        };
+        if register != PROGRAM_COUNTER {
+            self.registers[usize::from(register)] = value;
+        }
+    }
+
+    /// `register` gets a value that is not known; if it is a pointer, then into `region`.
+    pub(super) fn write(&mut self, at: u32, register: u8, region: Region) {
+        self.write_as(Base::Written(at, register), register, region);
+    }
+
+    /// `register` gets the value that is called `base` from now on.
+    pub(super) fn write_as(&mut self, base: Base, register: u8, region: Region) {
+        // What was called so before is not what is called so now.
+        let known = self.registers.iter_mut().chain(self.slots.values_mut());
+        for value in known {
+            match *value {
+                Value::From {
+                    base: other,
+                    region,
+                    ..
+                } if other == base => *value = Value::of(region, Origins::NONE),
+                _ => {}
+            }
+        }
+        let value = if register == STACK_POINTER {
+            Value::UNKNOWN
+        } else {
+            Value::From {
+                base,
+                offset: 0,
+                region,
+            }
+        };
+        self.set(register, value);
+    }
+
+    pub(super) fn write_all(&mut self, at: u32, registers: u16) {
+        for register in (0..16).filter(|register| registers >> register & 1 == 1) {
+            self.write(at, register, Region::Unknown);
+        }
+    }
+
+    pub(super) fn write_back(&mut self, writeback: Option<(u8, i32)>) {
+        if let Some((register, distance)) = writeback {
+            self.set(register, self.get(register).add(distance));
+        }
+    }
+}

@@ -1,0 +1,564 @@
+//! Worst-case execution times of functions, those that they call included.
+//!
+//! Callees first; a callee costs the same wherever it is called. Loops that are bounded over a whole
+//! activation (`// wcet-total`) are kept apart until the task is known: each costs its longest round
+//! so often, on top of the path without those rounds. Those whose total has the same name share one
+//! budget: the dearest round of them all counts.
+
+use std::{
+    cell::RefCell,
+    collections::{BTreeMap, BTreeSet, HashMap},
+    rc::Rc,
+};
+
+use crate::{
+    Block, Cache, Count, Function, Instruction, Loop, Model, Region,
+    budget::{Budget, Budgets, CALLS, Open, add_open, budget, is_on_each_way},
+    ipet::Search,
+    kept::Kept,
+    model::{self, CACHE_LINES},
+    paths::{Graph, Rounds},
+};
+
+/// Functions by their addresses.
+pub type Functions = BTreeMap<u32, Function>;
+/// What a function costs.
+#[derive(Debug, Clone, Default)]
+pub(crate) struct Bound {
+    /// Cycles of the longest path, without the rounds of `open`.
+    pub(crate) path: u64,
+    /// Loops bounded over the activation.
+    pub(crate) open: Budgets,
+    /// How often each block is executed on that path, and in the longest round of each open loop.
+    counts: Vec<u64>,
+    rounds: BTreeMap<usize, Vec<u64>>,
+}
+
+impl Bound {
+    /// Cycles, for an activation in which nothing else runs the same loops.
+    pub(crate) fn cycles(&self) -> u64 {
+        self.path + self.open.values().map(Open::cycles).sum::<u64>()
+    }
+}
+
+/// Known bounds; `None`: there is none.
+type Bounds = HashMap<(u32, Cache), Option<Rc<Bound>>>;
+
+/// Computes bounds.
+pub(crate) struct Wcets<'a> {
+    pub(crate) functions: &'a Functions,
+    pub(crate) model: &'a Model,
+    /// Values of named bounds.
+    pub(crate) named: &'a BTreeMap<String, u64>,
+    /// Functions that are not called.
+    pub(crate) excluded: BTreeSet<u32>,
+    /// Functions that are called at most so often in one activation, when the number is known.
+    pub(crate) limited: BTreeMap<u32, Option<u64>>,
+    /// Lines that are used besides while a loop keeps its code in the cache: of the tasks that
+    /// preempt it.
+    pub(crate) beside: BTreeSet<u32>,
+    /// Named bounds that are looked at with several values.
+    pub(crate) varied: BTreeSet<String>,
+    bounds: RefCell<Bounds>,
+    loops: RefCell<HashMap<u32, Rc<Kept>>>,
+    touched: RefCell<HashMap<u32, Rc<BTreeSet<u32>>>>,
+}
+
+impl<'a> Wcets<'a> {
+    pub(crate) fn new(
+        functions: &'a Functions,
+        model: &'a Model,
+        named: &'a BTreeMap<String, u64>,
+        excluded: BTreeSet<u32>,
+    ) -> Self {
+        Self {
+            functions,
+            model,
+            named,
+            excluded,
+            limited: BTreeMap::new(),
+            beside: BTreeSet::new(),
+            varied: BTreeSet::new(),
+            bounds: RefCell::default(),
+            loops: RefCell::default(),
+            touched: RefCell::default(),
+        }
+    }
+
+    /// Functions that a root calls, directly or not, itself included, but not those that never
+    /// come back.
+    pub(crate) fn reach(&self, root: u32) -> BTreeSet<u32> {
+        let mut reached = BTreeSet::from([root]);
+        let mut work = vec![root];
+        while let Some(address) = work.pop() {
+            let function = self.functions.get(&address);
+            let blocks = function.into_iter().flat_map(|function| &function.blocks);
+            let calls = blocks
+                .filter(|block| !block.traps)
+                .filter_map(|block| block.call);
+            let new = calls.filter(|call| !self.excluded.contains(call) && reached.insert(*call));
+            work.extend(new);
+        }
+        reached
+    }
+
+    /// What a function costs with a warm cache or without one; `None` when that has no bound.
+    pub(crate) fn bound(&self, address: u32, cache: Cache) -> Option<Rc<Bound>> {
+        let cache = if cache == Cache::Cold {
+            Cache::Warm
+        } else {
+            cache
+        };
+        if let Some(known) = self.bounds.borrow().get(&(address, cache)) {
+            return known.clone();
+        }
+        // A function that calls itself finds that it has no bound.
+        self.bounds.borrow_mut().insert((address, cache), None);
+        let bound = self.compute(address, cache).map(Rc::new);
+        self.bounds
+            .borrow_mut()
+            .insert((address, cache), bound.clone());
+        bound
+    }
+
+    fn compute(&self, address: u32, cache: Cache) -> Option<Bound> {
+        let function = self.functions.get(&address)?;
+        let mut bound = Bound::default();
+        let graph = self.graph(function, cache, &mut bound.open, |_| true)?;
+        let longest = graph.longest()?;
+        bound.path = longest.cost + self.first_fetch(function, cache);
+        for (head, (cost, counts)) in longest.rounds {
+            let found = graph.rounds.iter().find(|rounds| rounds.head == head);
+            let times = found.and_then(|rounds| rounds.total).unwrap_or(0);
+            let place = (address, head);
+            let one = Open { times, cost, place };
+            add_open(&mut bound.open, budget(function, head), one);
+            bound.rounds.insert(head, counts);
+        }
+        bound.counts = longest.counts;
+        Some(bound)
+    }
+
+    /// What fetching the first block costs.
+    fn first_fetch(&self, function: &Function, cache: Cache) -> u64 {
+        match cache {
+            Cache::Warm | Cache::Cold => 0,
+            Cache::Uncached => function
+                .blocks
+                .first()
+                .map_or(0, |block| self.fetches(block)),
+            Cache::Loops | Cache::Outside | Cache::Visits => {
+                let kept = self.kept(function);
+                self.way(function, &kept, cache, None, 0, false)
+            }
+        }
+    }
+
+    /// The loops of a function that keep their code in the cache.
+    pub(crate) fn kept(&self, function: &Function) -> Rc<Kept> {
+        if let Some(known) = self.loops.borrow().get(&function.address) {
+            return known.clone();
+        }
+        let kept = Rc::new(Kept::new(self, function));
+        self.loops
+            .borrow_mut()
+            .insert(function.address, kept.clone());
+        kept
+    }
+
+    /// What the way into a block costs apart from the block, where loops keep their code.
+    fn way(
+        &self,
+        function: &Function,
+        kept: &Kept,
+        cache: Cache,
+        from: Option<usize>,
+        to: usize,
+        is_taken: bool,
+    ) -> u64 {
+        let refill = if is_taken { self.model.refill() } else { 0 };
+        let next = &function.blocks[to];
+        let before = from.and_then(|from| kept.of_block[from]);
+        match (kept.of_block[to], cache) {
+            (Some(one), Cache::Loops) if before == Some(one) => refill,
+            (Some(one), _) if before == Some(one) => 0,
+            (Some(one), Cache::Loops) => refill + self.model.miss() * kept.lines[&one],
+            (Some(_), Cache::Outside) => refill,
+            (Some(_), _) => 1,
+            (None, Cache::Visits) => 0,
+            (None, _) => {
+                let falls = from.filter(|from| {
+                    !is_taken && before.is_none() && function.blocks[*from].call.is_none()
+                });
+                refill
+                    + match falls {
+                        Some(from) => {
+                            model::new_lines(&function.blocks[from], next) * self.model.miss()
+                        }
+                        None => self.fetches(next),
+                    }
+            }
+        }
+    }
+
+    fn fetches(&self, block: &Block) -> u64 {
+        model::lines(block).count() as u64 * self.model.miss()
+    }
+
+    /// A function as a graph with costs, or the part of it with the blocks that are wanted. Gathers
+    /// the open loops of what it calls.
+    pub(crate) fn graph(
+        &self,
+        function: &Function,
+        cache: Cache,
+        open: &mut Budgets,
+        is_wanted: impl Fn(usize) -> bool,
+    ) -> Option<Graph> {
+        let mut graph = Graph::default();
+        let kept = match cache {
+            Cache::Loops | Cache::Outside | Cache::Visits => Some(self.kept(function)),
+            Cache::Warm | Cache::Cold | Cache::Uncached => None,
+        };
+        for (index, block) in function.blocks.iter().enumerate() {
+            let is_excluded = block.call.is_some_and(|call| self.excluded.contains(&call));
+            let is_out = is_excluded || !is_wanted(index);
+            let is_kept = kept
+                .as_ref()
+                .is_some_and(|kept| kept.of_block[index].is_some());
+            graph.costs.push(match cache {
+                _ if is_out => 0,
+                Cache::Outside | Cache::Visits if is_kept => 0,
+                Cache::Loops if is_kept => self.block(function, block, Cache::Warm, open)?,
+                _ => self.block(function, block, cache, open)?,
+            });
+            graph.ends.push(block.ends && !is_out);
+            let edges = block.successors.iter();
+            let edges = edges.filter(|edge| !is_out && is_wanted(edge.to));
+            let edges = edges.map(|edge| {
+                if let Some(kept) = &kept {
+                    let way = self.way(function, kept, cache, Some(index), edge.to, edge.is_taken);
+                    return (edge.to, way);
+                }
+                let mut cost = if edge.is_taken {
+                    self.model.refill()
+                } else {
+                    0
+                };
+                let next = &function.blocks[edge.to];
+                if cache == Cache::Uncached {
+                    cost += if edge.is_taken || block.call.is_some() {
+                        self.fetches(next)
+                    } else {
+                        model::new_lines(block, next) * self.model.miss()
+                    };
+                }
+                (edge.to, cost)
+            });
+            graph.edges.push(edges.collect());
+        }
+        let is_closed = |looped: &&Loop| {
+            let mut back = looped.back.iter();
+            back.any(|from| graph.edges[*from].iter().any(|edge| edge.0 == looped.head))
+        };
+        let mut loops: Vec<&Loop> = function.loops.iter().filter(is_closed).collect();
+        loops.sort_by_key(|looped| looped.blocks.len());
+        for looped in loops {
+            graph.rounds.push(self.rounds(function, looped)?);
+        }
+        Some(graph)
+    }
+
+    fn rounds(&self, function: &Function, looped: &Loop) -> Option<Rounds> {
+        let total = looped.total.as_ref().map(|total| self.number(&total.count));
+        let bound = looped.bound.as_ref().map(|bound| self.number(&bound.count));
+        let (total, most) = match (total, bound) {
+            (Some(total), _) => (Some(total?), None),
+            (None, Some(most)) => (None, Some(most?)),
+            (None, None) => return None,
+        };
+        let blocks = 0..function.blocks.len();
+        let in_runs = looped.total.as_ref().map(|total| &total.in_runs);
+        let in_runs = in_runs.filter(|in_runs| is_on_each_way(function, looped, in_runs));
+        Some(Rounds {
+            head: looped.head,
+            blocks: blocks.map(|block| looped.blocks.contains(&block)).collect(),
+            most,
+            total,
+            in_runs: in_runs.cloned().unwrap_or_default(),
+        })
+    }
+
+    /// A bound as a number; `None` when its name is not known.
+    pub(crate) fn number(&self, count: &Count) -> Option<u64> {
+        match count {
+            Count::Number(number) => Some(*number),
+            Count::Named(name) => self.named.get(name).copied(),
+        }
+    }
+
+    /// A block with what it calls, without its fetches.
+    fn block(
+        &self,
+        function: &Function,
+        block: &Block,
+        cache: Cache,
+        open: &mut Budgets,
+    ) -> Option<u64> {
+        let instructions = block.instructions.iter();
+        let mut cycles: u64 = instructions.map(|at| self.cycles(function, at)).sum();
+        let mut refill = self.model.refill();
+        if cache == Cache::Visits {
+            (cycles, refill) = (0, 0);
+        }
+        match block.call {
+            Some(call) if !block.traps && !self.excluded.contains(&call) => {
+                let callee = self.bound(call, cache)?;
+                for (budget, one) in &callee.open {
+                    add_open(open, budget.clone(), *one);
+                }
+                let cost = callee.path + refill;
+                match self.limited.get(&call) {
+                    Some(most) => {
+                        let place = (call, CALLS);
+                        let times = (*most)?;
+                        add_open(open, Budget::Own(place), Open { times, cost, place });
+                    }
+                    None => cycles += cost,
+                }
+            }
+            None if block.ends => cycles += refill,
+            _ => {}
+        }
+        Some(cycles)
+    }
+
+    fn cycles(&self, function: &Function, at: &Instruction) -> u64 {
+        let region = function.regions.get(&at.address).copied();
+        self.model.cycles(at, region.unwrap_or(Region::Unknown))
+    }
+
+    /// Lines that a function touches, with what it calls.
+    pub(crate) fn lines(&self, address: u32) -> Rc<BTreeSet<u32>> {
+        if let Some(known) = self.touched.borrow().get(&address) {
+            return known.clone();
+        }
+        let mut lines = BTreeSet::new();
+        for address in self.reach(address) {
+            let function = self.functions.get(&address);
+            let blocks = function.into_iter().flat_map(|function| &function.blocks);
+            lines.extend(blocks.flat_map(model::lines));
+        }
+        let lines = Rc::new(lines);
+        self.touched.borrow_mut().insert(address, lines.clone());
+        lines
+    }
+
+    /// What a task's function costs from a cold cache, if the cache holds all of it.
+    pub(crate) fn cold(&self, address: u32) -> Option<u64> {
+        if self.lines(address).len() > CACHE_LINES || self.model.prefetch {
+            return None;
+        }
+        let function = self.functions.get(&address)?;
+        let mut open = Budgets::new();
+        let graph = self.graph(function, Cache::Warm, &mut open, |_| true)?;
+        let touched = self.touched_by_blocks(function);
+        let search = Search {
+            graph: &graph,
+            source: 0,
+            touched: &touched,
+            miss: self.model.miss(),
+        };
+        let open: u64 = open.values().map(Open::cycles).sum();
+        Some(search.solve()?.cost + open)
+    }
+
+    /// Lines of each block, with those of what it calls.
+    pub(crate) fn touched_by_blocks(&self, function: &Function) -> Vec<BTreeSet<u32>> {
+        let blocks = function.blocks.iter().map(|block| {
+            let mut lines: BTreeSet<u32> = model::lines(block).collect();
+            let call = block.call.filter(|_| !block.traps);
+            if let Some(call) = call.filter(|call| !self.excluded.contains(call)) {
+                lines.extend(self.lines(call).iter());
+            }
+            lines
+        });
+        blocks.collect()
+    }
+
+    /// How often each block of each function is executed on the worst path of a root.
+    pub(crate) fn executions(&self, root: u32, cache: Cache) -> BTreeMap<(u32, usize), u64> {
+        let mut executions = BTreeMap::new();
+        let Some(bound) = self.bound(root, cache) else {
+            return executions;
+        };
+        self.count(root, cache, 1, None, &mut executions);
+        for one in bound.open.values() {
+            let (address, head) = one.place;
+            let round = Some(head).filter(|head| *head != CALLS);
+            self.count(address, cache, one.times, round, &mut executions);
+        }
+        executions
+    }
+
+    /// Counts a path of a function so many times: the longest, or the longest round of a loop.
+    fn count(
+        &self,
+        address: u32,
+        cache: Cache,
+        times: u64,
+        round: Option<usize>,
+        executions: &mut BTreeMap<(u32, usize), u64>,
+    ) {
+        let Some(bound) = self.bound(address, cache) else {
+            return;
+        };
+        let counts = match round {
+            None => Some(&bound.counts),
+            Some(head) => bound.rounds.get(&head),
+        };
+        let counts = counts.into_iter().flatten().enumerate();
+        for (block, count) in counts.filter(|(_, count)| **count > 0) {
+            *executions.entry((address, block)).or_default() += times * count;
+            let function = self.functions.get(&address);
+            let block = function.and_then(|function| function.blocks.get(block));
+            let call = block
+                .filter(|block| !block.traps)
+                .and_then(|block| block.call);
+            let is_counted =
+                |call: &u32| !self.excluded.contains(call) && !self.limited.contains_key(call);
+            if let Some(call) = call.filter(is_counted) {
+                self.count(call, cache, times * count, None, executions);
+            }
+        }
+    }
+
+    /// Cycles of each instruction of a block, those of its fetches on the first.
+    pub(crate) fn costs(
+        &self,
+        function: &'a Function,
+        block: usize,
+        cache: Cache,
+    ) -> Vec<(u32, u64)> {
+        let Some(block) = function.blocks.get(block) else {
+            return Vec::new();
+        };
+        let instructions = block.instructions.iter();
+        let costs = instructions.map(|at| (at.address, self.cycles(function, at)));
+        let mut costs: Vec<_> = costs.collect();
+        let is_taken = block.ends || block.call.is_some();
+        if let (Some(last), true) = (costs.last_mut(), is_taken) {
+            last.1 += self.model.refill();
+        }
+        if let (Some(first), Cache::Uncached) = (costs.first_mut(), cache) {
+            first.1 += self.fetches(block);
+        }
+        costs
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::{
+        Edge, Total,
+        testing::{self, CLOCK},
+    };
+
+    fn bound(functions: &Functions, named: &[(&str, u64)], excluded: &[u32]) -> Option<u64> {
+        let model = Model::new(&CLOCK);
+        let named = named
+            .iter()
+            .map(|(name, value)| ((*name).to_owned(), *value));
+        let named = named.collect();
+        let excluded = excluded.iter().copied().collect();
+        let wcets = Wcets::new(functions, &model, &named, excluded);
+        wcets
+            .bound(0x0800_0000, Cache::Warm)
+            .map(|bound| bound.cycles())
+    }
+
+    /// `f` calls `g` in a loop of ten rounds; `g` has a loop of its own.
+    fn caller(total: Option<Count>) -> Functions {
+        let mut outer = testing::function(&[(4, &[1]), (2, &[1, 2]), (3, &[])]);
+        outer.loops = vec![testing::counted(1, &[1], &[1], 10)];
+        outer.blocks[1].call = Some(0x0900_0000);
+        let mut inner = testing::function(&[(5, &[1]), (7, &[1, 2]), (1, &[])]);
+        inner.blocks[1].successors[0].is_taken = true;
+        inner.loops = vec![testing::counted(1, &[1], &[1], 3)];
+        if let Some(count) = total {
+            inner.loops[0].total = Some(Total {
+                count,
+                origin: String::new(),
+                in_runs: BTreeSet::from([1]),
+            });
+        }
+        inner.address = 0x0900_0000;
+        Functions::from([(outer.address, outer), (inner.address, inner)])
+    }
+
+    #[test]
+    fn a_callee_costs_what_it_costs_at_each_call() {
+        // Returns and calls refill the pipeline, as a taken branch does.
+        let callee = 5 + 7 + 3 * (7 + 3) + 1 + 3;
+        let expected = 4 + 11 * (2 + 3 + callee) + 3 + 3;
+        assert_eq!(bound(&caller(None), &[], &[]), Some(expected));
+    }
+
+    #[test]
+    fn a_total_counts_once_for_all_calls() {
+        let callee = 5 + 1 + 3;
+        let expected = 4 + 11 * (2 + 3 + callee) + 3 + 3 + 20 * (7 + 3);
+        let functions = caller(Some(Count::Named("pulses".to_owned())));
+        assert_eq!(bound(&functions, &[("pulses", 20)], &[]), Some(expected));
+        assert_eq!(bound(&functions, &[], &[]), None);
+    }
+
+    #[test]
+    fn loops_that_name_a_total_share_it() {
+        let mut functions = caller(Some(Count::Named("pulses".to_owned())));
+        // A round of the callee costs 7 + 3.
+        let total = functions[&0x0900_0000].loops[0].total.clone();
+        functions.get_mut(&0x0800_0000).unwrap().loops[0].total = total;
+        let callee = 5 + 1 + 3;
+        let expected = 4 + 3 + 3 + 20 * (2 + 3 + callee);
+        assert_eq!(bound(&functions, &[("pulses", 20)], &[]), Some(expected));
+    }
+
+    #[test]
+    fn an_excluded_function_is_never_called() {
+        let mut functions = caller(None);
+        let outer = functions.get_mut(&0x0800_0000).unwrap();
+        let way = Edge {
+            to: 2,
+            is_taken: false,
+        };
+        outer.blocks[0].successors.push(way);
+        assert_eq!(bound(&functions, &[], &[0x0900_0000]), Some(4 + 3 + 3));
+    }
+
+    #[test]
+    fn recursion_and_unknown_loops_have_no_bound() {
+        let mut functions = caller(None);
+        let inner = functions.get_mut(&0x0900_0000).unwrap();
+        inner.loops[0].bound = None;
+        assert_eq!(bound(&functions, &[], &[]), None);
+        let mut functions = caller(None);
+        let inner = functions.get_mut(&0x0900_0000).unwrap();
+        inner.blocks[0].call = Some(0x0800_0000);
+        assert_eq!(bound(&functions, &[], &[]), None);
+    }
+
+    #[test]
+    fn without_a_cache_each_block_is_fetched_each_time() {
+        let functions = caller(None);
+        let model = Model::new(&CLOCK);
+        let named = BTreeMap::new();
+        let wcets = Wcets::new(&functions, &model, &named, BTreeSet::new());
+        let warm = wcets.bound(0x0900_0000, Cache::Warm).unwrap().cycles();
+        let uncached = wcets.bound(0x0900_0000, Cache::Uncached).unwrap().cycles();
+        // Blocks of 10, 14 and 2 bytes, with 12 bytes fetched ahead: two, two and one line.
+        assert_eq!(uncached, warm + 5 * (2 + 4 * 2 + 1));
+        let executions = wcets.executions(0x0800_0000, Cache::Warm);
+        assert_eq!(executions[&(0x0900_0000, 1)], 44);
+    }
+}
