@@ -2,23 +2,24 @@
 //!
 //! | task        | kind, vector      | priority | released by                              |
 //! |-------------|-------------------|----------|------------------------------------------|
-//! | `step`      | hardware, TIM2    | 4        | the step timer                           |
-//! | `serial_rx` | hardware, USART   | 3        | a byte in, a byte out, something to send |
+//! | `step`      | hardware, SysTick | 5        | the step timer                           |
+//! | `serial_rx` | hardware, USART   | 4        | a byte has come                          |
+//! | `turn`      | pended, I2C3\_EV  | 3        | `step`: a segment begins, or none        |
 //! | `inputs`    | hardware, TIM7    | 3        | an edge on an input pin, its timer       |
-//! | `prepare`   | pended, TIM6      | 2        | all others, its timer                    |
+//! | `prepare`   | pended, TIM6      | 2        | `turn`, most others, its timer           |
 //! | `wake`      | pended, I2C3\_ER  | 1        | `serial_rx`, `prepare`                   |
 //! | `interpret` | async, dispatcher | 1        | `wake`                                   |
 //! | `report`    | async, dispatcher | 1        | `wake`                                   |
-//! | `idle`      |                   | 0        |                                          |
+//! | `idle`      |                   | 0        | sends what the port did not take at once |
 //!
 //! Pended tasks borrow the vector of a peripheral that the machine does not use, or of a timer that
 //! also releases them: pending a vector while its task runs makes the task run again, so no release
-//! is ever lost. Tasks above priority 1
-//! never touch a waker, which is a pointer to a function; they pend `wake`, which does.
+//! is ever lost. Tasks above priority 1 never touch a waker, which is a pointer to a function; they
+//! pend `wake`, which does.
 //!
 //! Tasks only move values between queues, peripherals and the state machines of the library. What
-//! flows goes through queues with one writer and one reader; the snapshot alone is locked: what
-//! `prepare` waits for is the time of a copy.
+//! flows goes through queues with one writer and one reader. Two things are locked: the snapshot,
+//! where `prepare` waits for a copy, and the switch of `step`, where `turn` and `inputs` wait.
 
 #[rtic::app(device = crate::board::pac, peripherals = true, dispatchers = [I2C2_EV])]
 mod app {
@@ -28,25 +29,27 @@ mod app {
     use leadscrew::{
         machine::{Inputs, Snapshot},
         planner::{Entry, Motion},
-        protocol::{ByteReader, ByteWriter, Bytes, Progress, Session, realtime::Requests},
+        protocol::{ByteWriter, Bytes, Progress, Session, realtime::Requests},
         sim::{ENTRY_RING, RECEIVED_RING, SENT_RING},
-        stepper::{EventReader, EventRing, EventWriter, StepCounts, Stepper},
+        stepper::{EventReader, EventRing, EventTap, EventWriter, StepCounts},
     };
 
     use crate::board::{
-        self,
+        self, Dialogue,
         release::{PREPARE, released},
-        serial, step_output,
+        trace,
     };
 
     #[shared]
     struct Shared {
         /// Written by `prepare`, copied by `interpret` and `report`.
         snapshot: Snapshot,
-        /// The session and its queues. Priority 1 only, as are the two after it.
-        dialogue: (Session, ByteReader<'static>, ByteWriter<'static>),
+        /// Priority 1 at most, as are the two after it.
+        dialogue: Dialogue,
         interpret_waker: Option<Waker>,
         report_waker: Option<Waker>,
+        /// Of `prepare` and `inputs`.
+        step_switch: board::StepSwitch,
         /// Atomics, shared by reference and never locked.
         requests: Requests,
         inputs: Inputs,
@@ -56,17 +59,18 @@ mod app {
     #[local]
     struct Local {
         output: board::StepOutput,
-        port: board::SerialPort,
+        receiver: board::Receiver,
         pins: board::InputPins,
         after: board::AfterPrepare,
         motion: &'static mut Motion,
         received_in: ByteWriter<'static>,
-        sent_out: ByteReader<'static>,
         storage: board::Storage,
+        deputy_in: ByteWriter<'static>,
         entries_in: Producer<'static, Entry>,
         entries_out: Consumer<'static, Entry>,
         events_in: EventWriter<'static>,
         events_out: EventReader<'static>,
+        played: EventTap<'static>,
     }
 
     #[init(local = [
@@ -80,85 +84,100 @@ mod app {
         let board = board::init(cx.device, cx.core);
         let motion = cx.local.motion_memory;
         let (received_in, received_out) = cx.local.received.split();
-        let (sent_in, sent_out) = cx.local.sent.split();
         let (entries_in, entries_out) = cx.local.entries.split();
         let (events_in, events_out) = cx.local.events.split();
+        let played = events_in.tap();
         interpret::spawn().expect("it has not been spawned before");
         report::spawn().expect("it has not been spawned before");
-        let (pins, inputs) = board.inputs.watch(events_in.tap());
+        let (pins, inputs) = board.inputs.watch(played);
         let snapshot = motion.power_up(&board.loaded.stored.settings, &inputs);
         rtic::pend(PREPARE);
         let session = Session::new(&board.loaded.stored, board.loaded.is_first_boot);
         let shared = Shared {
             snapshot,
-            dialogue: (session, received_out, sent_in),
+            dialogue: Dialogue::new(session, received_out, cx.local.sent.split()),
             interpret_waker: None,
             report_waker: None,
+            step_switch: board.step,
             requests: Requests::new(),
             inputs,
             counts: StepCounts::new(),
         };
         let local = Local {
             output: board.output,
-            port: board.serial,
+            receiver: board.receiver,
             pins,
             after: board.after,
             motion,
+            deputy_in: received_in.deputy(),
             received_in,
-            sent_out,
             storage: board.storage,
             entries_in,
             entries_out,
             events_in,
             events_out,
+            played,
         };
         (shared, local)
     }
 
-    #[idle]
-    fn idle(_: idle::Context) -> ! {
-        board::idle()
-    }
-
-    /// Outputs the event that is due and takes the next.
-    ///
-    /// Deadline: before the next event. A miss delays that event, and is counted; no step is lost.
-    #[task(
-        binds = TIM2, priority = 4, shared = [&counts],
-        local = [output, events_out, stepper: Stepper = Stepper::new()]
-    )]
-    fn step(cx: step::Context) {
-        let (events, counts) = (cx.local.events_out, cx.shared.counts);
-        cx.local.output.write();
-        let is_late = if let Some(event) = events.take_within_segment() {
-            cx.local.output.set_up(event)
-        } else {
-            rtic::pend(PREPARE);
-            cx.local.output.turn(cx.local.stepper, events, counts)
-        };
-        if is_late {
-            counts.count_late();
+    /// Sends what the port did not take at once, and sleeps.
+    #[idle(shared = [dialogue, &requests])]
+    fn idle(mut cx: idle::Context) -> ! {
+        let requests = cx.shared.requests;
+        loop {
+            if !cx.shared.dialogue.lock(|on| on.send_rest(requests)) {
+                board::sleep();
+            }
         }
     }
 
-    /// Takes one byte in and puts one out.
+    /// Outputs the event that is due and sets up the next: the same work for any number of axes.
+    ///
+    /// Deadline: before the next event. A miss delays later events, and is counted; no step is lost.
+    #[task(binds = SysTick, priority = 5, local = [output, events_out], shared = [&counts])]
+    fn step(cx: step::Context) {
+        let _activation = trace::step();
+        let (output, events) = (cx.local.output, cx.local.events_out);
+        let counts = cx.shared.counts;
+        output.write();
+        if let Some(upcoming) = events.advance() {
+            output.set_up(upcoming, counts);
+        } else {
+            output.stop(counts);
+        }
+    }
+
+    /// Takes the byte that has come.
     ///
     /// Deadline: one byte time. A miss loses a byte.
-    #[task(
-        binds = USART1, priority = 3, local = [port, received_in, sent_out], shared = [&requests]
-    )]
+    #[task(binds = USART1, priority = 4, local = [receiver, received_in], shared = [&requests])]
     fn serial_rx(cx: serial_rx::Context) {
-        let (received, sent) = (cx.local.received_in, cx.local.sent_out);
-        cx.local.port.serve(cx.shared.requests, received, sent);
+        let _activation = trace::serial_rx();
+        let (receiver, received) = (cx.local.receiver, cx.local.received_in);
+        receiver.serve(cx.shared.requests, received);
+    }
+
+    /// Begins the segment whose first event `step` has set up.
+    ///
+    /// Deadline: before two more segments begin. A miss has the laser's power change late.
+    #[task(binds = I2C3_EV, priority = 3, local = [played], shared = [&counts])]
+    fn turn(cx: turn::Context) {
+        let _activation = trace::turn();
+        board::follow(cx.shared.counts.turn(*cx.local.played));
     }
 
     /// Filters switches, probe and buttons.
     ///
     /// Deadline: one step time while probing. A miss tells a position that is as much too late.
-    #[task(binds = TIM7, priority = 3, local = [pins], shared = [&requests, &inputs, &counts])]
+    #[task(
+        binds = TIM7, priority = 3, local = [pins],
+        shared = [step_switch, &requests, &inputs, &counts]
+    )]
     fn inputs(cx: inputs::Context) {
-        let (requests, inputs) = (cx.shared.requests, cx.shared.inputs);
-        cx.local.pins.serve(requests, inputs, cx.shared.counts);
+        let _activation = trace::inputs();
+        let (on, pins) = (cx.shared, cx.local.pins);
+        pins.serve(on.requests, on.inputs, on.counts, on.step_switch);
     }
 
     /// Keeps the event queue filled.
@@ -166,19 +185,20 @@ mod app {
     /// Deadline: before the events in the queue have been played. A miss is a fault: alarm.
     #[task(
         binds = TIM6_DAC, priority = 2, local = [motion, entries_out, events_in, after],
-        shared = [snapshot, &requests, &inputs, &counts]
+        shared = [snapshot, step_switch, &requests, &inputs, &counts]
     )]
     fn prepare(mut cx: prepare::Context) {
+        let _activation = trace::prepare();
         let (motion, entries) = (cx.local.motion, cx.local.entries_out);
         let (events, counts) = (cx.local.events_in, cx.shared.counts);
-        cx.local.after.begin(cx.shared.requests);
         let (requests, inputs) = (cx.shared.requests, cx.shared.inputs);
+        cx.local.after.begin(requests);
         // Of those who use it, this task has the highest priority: nobody waits for the lock.
-        let prepared = cx
-            .shared
-            .snapshot
-            .lock(|snapshot| motion.run(requests, inputs, counts, entries, events, snapshot));
-        cx.local.after.follow(prepared, motion.outputs(), counts);
+        let run =
+            |shared: &mut Snapshot| motion.run(requests, inputs, counts, entries, events, shared);
+        let prepared = cx.shared.snapshot.lock(run);
+        let (after, step) = (cx.local.after, cx.shared.step_switch);
+        after.follow(prepared, motion.outputs(), events, counts, step);
     }
 
     /// Wakes the endless tasks.
@@ -193,30 +213,19 @@ mod app {
 
     /// Executes received lines.
     #[task(
-        priority = 1, local = [entries_in, storage],
+        priority = 1, local = [entries_in, storage, deputy_in],
         shared = [snapshot, dialogue, interpret_waker, &requests]
     )]
     async fn interpret(mut cx: interpret::Context) -> ! {
         let (requests, entries) = (cx.shared.requests, cx.local.entries_in);
         let storage = cx.local.storage;
+        storage.receive(requests, cx.local.deputy_in.deputy());
         let mut snapshot = Snapshot::default();
         loop {
             let read = |shared: &mut Snapshot| snapshot.take_over(shared);
             cx.shared.snapshot.lock(read);
-            let progress = cx.shared.dialogue.lock(|(session, received, sent)| {
-                let entered = session.entered();
-                let progress = session.run(&snapshot, requests, received, sent, entries);
-                let new = session.entered().wrapping_sub(entered) as usize;
-                // While an older entry waits, `prepare` looks again by itself.
-                if session.takes_release() | (new != 0 && entries.len() <= new) {
-                    rtic::pend(PREPARE);
-                }
-                let progress = storage.serve(session).unwrap_or(progress);
-                // Settings change at rest only, and nothing moves before the session goes on.
-                step_output::follow(session.settings());
-                serial::start(sent);
-                progress
-            });
+            let run = |on: &mut Dialogue| on.run(&snapshot, requests, entries, storage);
+            let progress = cx.shared.dialogue.lock(run);
             if progress == Progress::Waiting {
                 released(&mut cx.shared.interpret_waker).await;
             }
@@ -224,22 +233,15 @@ mod app {
     }
 
     /// Answers `?`, within 5 ms.
-    #[task(
-        priority = 1,
-        shared = [snapshot, dialogue, report_waker, &requests]
-    )]
+    #[task(priority = 1, shared = [snapshot, dialogue, report_waker, &requests])]
     async fn report(mut cx: report::Context) -> ! {
         let requests = cx.shared.requests;
         let mut snapshot = Snapshot::default();
         loop {
             let read = |shared: &mut Snapshot| snapshot.take_over(shared);
             cx.shared.snapshot.lock(read);
-            let progress = cx.shared.dialogue.lock(|(session, received, sent)| {
-                let free = received.capacity() - received.len();
-                let progress = session.report(&snapshot, requests, free, sent);
-                serial::start(sent);
-                progress
-            });
+            let report = |on: &mut Dialogue| on.report(&snapshot, requests);
+            let progress = cx.shared.dialogue.lock(report);
             if progress == Progress::Waiting {
                 released(&mut cx.shared.report_waker).await;
             }

@@ -45,7 +45,8 @@ fn main() -> std::io::Result<()> {
 
     let program = stdin().lock().bytes().map_while(Result::ok);
     let mut printer = Printer(BufWriter::new(stdout().lock()), Ok(()));
-    Stream::new(Simulator::new(&Settings::default()), program, 115_200).run(&mut printer);
+    let mut simulator = Simulator::new(&Settings::default());
+    Stream::new(&mut simulator, program, 115_200).run(&mut printer);
     printer.0.flush()?;
     printer.1
 }

@@ -37,6 +37,21 @@ pub fn sqrt(x: f32) -> f32 {
     x * y
 }
 
+/// Half the square root of twice a number, with one Newton step less; next to 0 for zero and below.
+/// Relative error below 8·10⁻⁷.
+///
+/// The first guess and the two steps balance the error, instead of converging from below (Walczyk,
+/// Moroz and Cieśliński 2019).
+#[inline]
+#[must_use]
+pub fn half_root_of_twice(half: f32) -> f32 {
+    let half = max(half, f32::MIN_POSITIVE);
+    let mut y = f32::from_bits(0x5ef7_6908 - (half.to_bits() >> 1));
+    y *= 1.500_878_9 - half * y * y;
+    y *= 1.500_000_6 - half * y * y;
+    half * y
+}
+
 /// Sine of an angle from 0 to π/2 rad. Error below 3·10⁻⁷ of the result.
 ///
 /// Taylor's series to the 11th power.
@@ -137,15 +152,19 @@ mod tests {
     use super::*;
 
     #[test]
-    fn sqrt_is_right_to_three_parts_in_ten_million() {
+    fn roots_are_as_right_as_they_say() {
         let mut x = 1.0e-12_f32;
         while x < 1.0e12 {
             let exact = f64::from(x).sqrt();
             assert!((f64::from(sqrt(x)) - exact).abs() <= 3.0e-7 * exact, "{x}");
+            let short = 2.0 * f64::from(half_root_of_twice(0.5 * x));
+            assert!((short - exact).abs() <= 8.0e-7 * exact, "{x}");
             x *= 1.003;
         }
-        assert_eq!(sqrt(0.0), 0.0);
-        assert_eq!(sqrt(-1.0), 0.0);
+        assert_eq!([sqrt(0.0), sqrt(-1.0)], [0.0; 2]);
+        for none in [0.0, -1.0] {
+            assert!(half_root_of_twice(none) < 1.0e-18);
+        }
     }
 
     #[test]

@@ -30,7 +30,7 @@ fn a_switch_stops_the_machine_and_only_a_reset_frees_it() {
     assert!(snapshot.is_critical);
     cell.run_to_end();
     assert_eq!(cell.snapshot().steps, cell.physical());
-    // 0.4 ms of the filter at 45 mm/s, and one event.
+    // 1 ms of the filter at 45 mm/s.
     let beyond = cell.physical()[X] - 400;
     assert!((0..=4).contains(&beyond), "{beyond}");
     cell.trace.check_pulses();

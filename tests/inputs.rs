@@ -241,18 +241,18 @@ fn a_hard_limit_is_told_and_waits_for_a_reset() {
 fn a_contact_counts_after_the_filter() {
     let mut bench = Bench::new(&fast());
     bench.set(Levels::PROBE | Levels::limits(1), true);
-    bench.run_us(399);
+    bench.run_us(999);
     assert_eq!(bench.machine.snapshot().inputs, Levels::NONE);
     bench.run_us(2);
     let both = Levels::PROBE | Levels::limits(1);
     assert_eq!(bench.machine.snapshot().inputs, both);
     bench.set(Levels::PROBE, false);
-    bench.run_us(250);
+    bench.run_us(700);
     bench.set(Levels::PROBE, true);
-    bench.run_us(1000);
+    bench.run_us(2000);
     assert_eq!(bench.machine.snapshot().inputs, both);
     bench.set(both, false);
-    bench.run_us(401);
+    bench.run_us(1001);
     assert_eq!(bench.machine.snapshot().inputs, Levels::NONE);
     assert_eq!(bench.machine.due(), None);
 }
@@ -264,7 +264,7 @@ fn inverted_inputs_are_active_while_open() {
         ..fast()
     });
     bench.set(Levels::limits(2), true);
-    bench.run_us(500);
+    bench.run_us(1500);
     let others = Levels::limits((1 << AXES) - 1 - 2);
     assert_eq!(bench.machine.snapshot().inputs, others);
 }

@@ -126,6 +126,9 @@ fn planned(blocks: &[Block]) -> Vec<f32> {
     let mut plan = LookAhead::new();
     for block in blocks {
         plan.push(block);
+        while plan.is_unfinished() {
+            plan.go_on();
+        }
     }
     let mut entries = Vec::new();
     while !plan.is_empty() {

@@ -1,17 +1,18 @@
 //! The whole machine, switched off and on: what is stored is there again.
 
 use leadscrew::{
+    axis::Axes,
     machine::Levels,
-    settings::Settings,
+    settings::{Settings, StepRate},
     sim::{Flash, Simulator},
-    units::TICKS_PER_SECOND,
+    units::{StepsPerMm, TICKS_PER_SECOND},
 };
 
 struct Machine(Box<Simulator>);
 
 impl Machine {
     fn power_up(flash: Flash) -> Self {
-        Self(Box::new(Simulator::power_up(flash)))
+        Self(Box::new(Simulator::power_up(flash, StepRate::Unproven)))
     }
 
     /// Sends text and waits until nothing is going on; gives what has come.
@@ -140,6 +141,32 @@ fn what_cannot_be_stored_is_refused_and_changes_nothing() {
         assert!(answer.starts_with("error:"), "{line}: {answer}");
     }
     assert_eq!(machine.ask("$$\n$#\n"), before);
+}
+
+#[test]
+fn stored_settings_beyond_what_a_new_firmware_is_proven_for_make_it_slower_and_nothing_else() {
+    let settings = Settings {
+        step_pulse_us: 3,
+        steps_per_mm: Axes::all(StepsPerMm::from_millionths(100_000_000).unwrap()),
+        max_rate_mm_min: Axes::all(60_000.0),
+        acceleration_mm_s2: Axes::all(100_000.0),
+        ..Settings::new(StepRate::Proven(100_000))
+    };
+    let machine = Simulator::new(&settings);
+    let flash = machine.into_flash();
+    let mut machine = Machine(Box::new(Simulator::power_up(
+        flash,
+        StepRate::Proven(40_000),
+    )));
+    machine.ask("");
+    assert!(machine.ask("$$\n").contains("$110=60000.000\r\n"));
+    let start = machine.0.now();
+    assert_eq!(machine.ask("G0X100Y100\n"), "ok\r\n");
+    let seconds = (machine.0.now() - start) as f64 / f64::from(TICKS_PER_SECOND);
+    // 20 000 steps, what the acceleration takes, and the delay until the drivers are released.
+    assert!((0.5..0.53).contains(&seconds), "{seconds} s");
+    assert_eq!(machine.ask("$100=99\n"), "error:12\r\n");
+    assert_eq!(machine.ask("$110=24000\n$100=99\n"), "ok\r\nok\r\n");
 }
 
 #[test]

@@ -20,22 +20,25 @@ mod rig {
         sim::{Simulator, Tally},
     };
 
-    pub(crate) struct Rig {
-        machine: Simulator,
+    pub(crate) struct Rig<'a> {
+        machine: &'a mut Simulator,
         pub(crate) tally: Tally,
         pub(crate) answers: u32,
         pub(crate) errors: u32,
         line: heapless::Vec<u8, 128>,
     }
 
-    impl Rig {
-        pub(crate) fn new() -> Self {
-            let settings = Settings {
-                max_rate_mm_min: Axes::all(5000.0),
-                acceleration_mm_s2: Axes::all(500.0),
-                ..Settings::default()
-            };
-            let mut machine = Simulator::new(&settings);
+    /// A machine. It stays where it is made: there is no room for two.
+    pub(crate) fn machine() -> Simulator {
+        Simulator::new(&Settings {
+            max_rate_mm_min: Axes::all(5000.0),
+            acceleration_mm_s2: Axes::all(500.0),
+            ..Settings::default()
+        })
+    }
+
+    impl<'a> Rig<'a> {
+        pub(crate) fn new(machine: &'a mut Simulator) -> Self {
             machine.settle();
             Self {
                 machine,
@@ -96,11 +99,12 @@ mod tests {
     use defmt::{assert, assert_eq};
     use leadscrew::machine::State;
 
-    use crate::rig::Rig;
+    use crate::rig::{Rig, machine};
 
     #[test]
     fn lines_and_arcs_end_on_their_steps() {
-        let mut rig = Rig::new();
+        let mut machine = machine();
+        let mut rig = Rig::new(&mut machine);
         rig.send(b"G21G90\nG1X10Y-5.004F3000\nG3X0Y-5.004I-5J0\nG18G2X2Z2R2\nG91G0X-0.3\n");
         rig.play(usize::MAX);
         assert_eq!(rig.answers, 5);
@@ -111,7 +115,8 @@ mod tests {
 
     #[test]
     fn a_hold_makes_no_step_more_or_less() {
-        let mut rig = Rig::new();
+        let mut machine = machine();
+        let mut rig = Rig::new(&mut machine);
         rig.send(b"G1X8Y3F4000\nX0Y0\n");
         for _ in 0..5 {
             rig.play(400);
@@ -127,7 +132,8 @@ mod tests {
 
     #[test]
     fn a_reset_in_motion_keeps_the_position() {
-        let mut rig = Rig::new();
+        let mut machine = machine();
+        let mut rig = Rig::new(&mut machine);
         rig.send(b"G1X8F4000\n");
         rig.play(1000);
         rig.send(b"\x18");
@@ -139,7 +145,8 @@ mod tests {
 
     #[test]
     fn bad_lines_get_an_error_each_and_move_nothing() {
-        let mut rig = Rig::new();
+        let mut machine = machine();
+        let mut rig = Rig::new(&mut machine);
         rig.send(b"G1X1\nG2X1Y1F100\nG0X1e9\nX\0Y\xffZ\n(\n$7\nG0X99999999999999999999\n");
         rig.play(usize::MAX);
         assert_eq!(rig.errors, 6);

@@ -16,7 +16,7 @@ mod target {
 
     use defmt_semihosting as _;
     use leadscrew::{
-        settings::{self, Settings},
+        settings::{self, Settings, StepRate},
         sim::{Edge, End, Simulator, Stream, Tally, Watcher},
     };
     use semihosting::{
@@ -123,7 +123,16 @@ mod target {
     fn settings(file: File) -> Settings {
         let mut settings = Settings::default();
         let mut statement = heapless::Vec::<u8, 80>::new();
-        for byte in Bytes::new(file) {
+        let mut bytes = Bytes::new(file);
+        // The first line is the step rate.
+        for byte in bytes.by_ref().take_while(|byte| *byte != b'\n') {
+            statement.push(byte).expect("a rate is short");
+        }
+        let rate = str::from_utf8(&statement).ok();
+        let rate = rate.and_then(|rate| rate.parse().ok());
+        settings.step_rate = StepRate::of_image(rate.expect("the host gives a rate"));
+        statement.clear();
+        for byte in bytes {
             if byte == b'\n' {
                 let assigned = settings::assign(&mut settings, &statement);
                 assigned.expect("the host has checked the settings");
@@ -135,7 +144,7 @@ mod target {
         settings
     }
 
-    fn report(witness: &mut Witness, end: End, stream: &Stream<Bytes>) -> fmt::Result {
+    fn report(witness: &mut Witness, end: End, stream: &Stream<'_, Bytes>) -> fmt::Result {
         let Witness { tally, lines } = witness;
         writeln!(lines, "end {end:?}")?;
         writeln!(lines, "lines {}", stream.lines)?;
@@ -169,7 +178,8 @@ mod target {
                 text: heapless::String::new(),
             },
         };
-        let mut stream = Stream::new(Simulator::new(&settings), Bytes::new(program), 115_200);
+        let mut simulator = Simulator::new(&settings);
+        let mut stream = Stream::new(&mut simulator, Bytes::new(program), 115_200);
         let end = stream.run(&mut witness);
         report(&mut witness, end, &stream).expect("the figures can be written");
         process::exit(0)

@@ -1,14 +1,17 @@
 //! What a run of `prepare` asks for: outputs, the step timer, other tasks, another run.
 
 use leadscrew::{
-    machine::Outputs, planner::Prepared, protocol::realtime::Requests, stepper::StepCounts,
+    machine::Outputs,
+    planner::Prepared,
+    protocol::realtime::Requests,
+    stepper::{EventWriter, StepCounts},
 };
 
 use super::{
     outputs::SwitchOutputs,
     pac,
-    release::{PREPARE, WAKE},
-    step_timer,
+    release::{PREPARE, TURN, WAKE, pend},
+    step_output::{self, StepSwitch},
     wake::WakeTimer,
 };
 
@@ -38,16 +41,28 @@ impl AfterPrepare {
     }
 
     /// After a run. The drivers are switched on before the first step.
-    pub(crate) fn follow(&mut self, prepared: Prepared, outputs: &Outputs, counts: &StepCounts) {
-        self.switches.apply(outputs, counts);
-        if prepared.start {
-            step_timer::start();
+    pub(crate) fn follow(
+        &mut self,
+        prepared: Prepared,
+        outputs: &Outputs,
+        events: &mut EventWriter<'_>,
+        counts: &StepCounts,
+        mut step: impl rtic::Mutex<T = StepSwitch>,
+    ) {
+        step_output::go_on(events, counts);
+        let is_at_rest = !counts.is_running() && !prepared.start;
+        self.switches.apply(outputs, is_at_rest);
+        if prepared.start
+            && let Some(then) = step_output::set_up(events)
+        {
+            step.lock(|step| step.start(then, counts));
+            pend(TURN);
         }
         if let Some(milliseconds) = prepared.wake_in_ms {
             self.timer.set(milliseconds);
         }
         if prepared.again {
-            rtic::pend(PREPARE);
+            pend(PREPARE);
         }
         if prepared.news {
             rtic::pend(WAKE);

@@ -1,25 +1,31 @@
 //! What the emulator leaves out, and what it is asked for.
 //!
-//! QEMU 7.2's netduinoplus2 has no RCC, no GPIO, no output compare and no basic timers. SysTick's
-//! handler stands in for the compare: it sets the counter to the compare value that the step
-//! interrupt has written, and pends the step interrupt, which preempts it at once. The handler runs
-//! when no task has anything to do, so that time passes as fast as the emulator gets through the
-//! events and no event is ever late because the host was busy; and once in a while on its own, so
-//! that steps also preempt tasks. The firmware's tasks run unchanged.
+//! QEMU 7.2's netduinoplus2 has no RCC, no GPIO and no basic timers, and its SysTick is no clock for
+//! a hundred thousand events a second. So the step timer does not count there: the handler of a vector
+//! that the machine does not use, TIM2's, stands in for it. It lets the time of the event that is set
+//! up come, takes what the reload register tells of the one behind it, and pends the step interrupt,
+//! which preempts it at once. The handler runs when no task has anything to do, so that time passes as
+//! fast as the emulator gets through the events and no event is ever late because the host was busy;
+//! and each millisecond, by TIM2 itself, so that steps also preempt tasks. The firmware's tasks run
+//! unchanged.
 //!
 //! As the handler stands where the hardware would, it also keeps the record of what the pins do,
 //! which a tool reads from memory: [`FIGURES`]. The contacts it takes from memory: [`CONTACTS`].
-//! Of the other timers, the one that samples contacts follows the step timer's clock in motion; at
+//! Of the other timers, the one that samples contacts follows the events' clock in motion; at
 //! rest, and for `prepare`'s, the handler's own runs count the milliseconds.
 
-use core::sync::atomic::{AtomicBool, AtomicU32, Ordering::Relaxed};
+use core::sync::atomic::{
+    AtomicBool, AtomicU32,
+    Ordering::{Relaxed, SeqCst},
+    compiler_fence,
+};
 
-use cortex_m::peripheral::{NVIC, SCB, SYST, scb::SystemHandler, syst::SystClkSource};
+use cortex_m::peripheral::{NVIC, SCB};
 
 use super::{
     pac,
-    release::{INPUTS, PREPARE},
-    step_timer,
+    release::{INPUTS, PREPARE, pend},
+    step_timer, trace,
 };
 
 mod flash;
@@ -28,10 +34,14 @@ mod memory;
 pub(super) use flash::{erase_flash, read_flash, write_flash};
 pub(super) use memory::{contacts, switched};
 
-/// Lets the emulated counter all but stand still between the handler's settings of it.
-pub(super) const PRESCALER: u16 = u16::MAX;
-/// Time between two runs of the handler without being asked, in the emulator's core cycles: 1 ms.
-const PREEMPTION_CYCLES: u32 = 168_000;
+/// The vector whose handler stands in for the step timer.
+const STAND_IN: pac::Interrupt = pac::Interrupt::TIM2;
+/// Time between two runs of the handler without being asked: 1 ms of the emulated timer, ns.
+const PREEMPTION_NS: u32 = 1_000_000;
+
+/// The time, ticks, and when the event is due that is set up.
+static NOW: AtomicU32 = AtomicU32::new(0);
+static DUE: AtomicU32 = AtomicU32::new(0);
 
 /// Whether the firmware runs in the emulator.
 static IS_EMULATED: AtomicBool = AtomicBool::new(false);
@@ -45,9 +55,10 @@ static RUNS_LEFT: AtomicU32 = AtomicU32::new(0);
 static WAKE_MS: AtomicU32 = AtomicU32::new(0);
 static IS_WAKE: AtomicBool = AtomicBool::new(false);
 
-/// Ticks between two samples of the contacts, when the next is due on the step timer's clock, and
-/// whether it has been. 0 ticks: no samples.
+/// Ticks between two samples of the contacts, whether these are new, when the next sample is due, and
+/// whether one has been. 0 ticks: no samples.
 static SAMPLE_TICKS: AtomicU32 = AtomicU32::new(0);
+static IS_SAMPLING_NEW: AtomicBool = AtomicBool::new(false);
 static SAMPLE_DUE: AtomicU32 = AtomicU32::new(0);
 static IS_SAMPLE: AtomicBool = AtomicBool::new(false);
 
@@ -63,25 +74,55 @@ pub(super) fn detect(rcc: &pac::RCC) -> bool {
     is_emulated
 }
 
-/// Prepares SysTick, one level below the step interrupt and above all others.
-#[expect(unsafe_code, reason = "priorities")]
-pub(super) fn init(syst: &mut SYST, scb: &mut SCB) {
-    /// The step interrupt's level is 0xC0, the next task's 0xD0; the emulator keeps all eight bits.
-    const BETWEEN: u8 = 0xC8;
-    syst.set_clock_source(SystClkSource::Core);
-    syst.set_reload(PREEMPTION_CYCLES - 1);
-    syst.clear_current();
-    syst.enable_interrupt();
-    syst.enable_counter();
-    // SAFETY: before any task runs, and SysTick shares nothing under a lock.
-    unsafe { scb.set_priority(SystemHandler::SysTick, BETWEEN) };
+/// The time, ns: the emulator has no cycle counter, and this timer of it counts its virtual time.
+#[cfg(feature = "trace-emulated")]
+#[inline]
+#[expect(unsafe_code, reason = "a timer that nobody owns")]
+pub(super) fn clock() -> u32 {
+    // SAFETY: reads a register without side effects.
+    unsafe { (*pac::TIM5::ptr()).cnt().read().cnt().bits() }
+}
+
+/// How late an event is: none ever is.
+#[cfg(feature = "trace-emulated")]
+pub(super) const fn behind() -> u32 {
+    0
+}
+
+/// Takes the first look at the contacts, and prepares the handler, one level below the step
+/// interrupt and above all others.
+#[expect(unsafe_code, reason = "a vector that RTIC does not manage")]
+pub(super) fn init(timer: &pac::TIM2, nvic: &mut NVIC) {
+    /// The step interrupt's level is 0xB0, the next task's 0xC0; the emulator keeps all eight bits.
+    const BETWEEN: u8 = 0xB8;
+    let _ = memory::have_contacts_changed();
+    // Its counter must stay as it is: the emulator adds what it has been set back by to each period.
+    timer.dier().write(|w| w.uie().set_bit());
+    timer.cr1().write(|w| w.cen().set_bit());
+    timer.arr().write(|w| w.arr().set(PREEMPTION_NS));
+    // SAFETY: RTIC keeps interrupts off until `init` has returned, and the handler shares nothing
+    // under a lock.
+    unsafe {
+        nvic.set_priority(STAND_IN, BETWEEN);
+        NVIC::unmask(STAND_IN);
+    }
+}
+
+/// The first event is due so many ticks from now.
+pub(super) fn count(ticks: u32) {
+    DUE.store(NOW.load(Relaxed).wrapping_add(ticks), Relaxed);
+}
+
+/// When the event is due that is set up.
+fn due() -> u32 {
+    DUE.load(Relaxed)
 }
 
 /// Lets time pass: for when no task has anything to do.
 pub(super) fn idle() {
     if step_timer::is_running() {
         RUNS_LEFT.store(2, Relaxed);
-        SCB::set_pendst();
+        NVIC::pend(STAND_IN);
     } else {
         cortex_m::asm::wfi();
     }
@@ -102,8 +143,8 @@ pub(super) fn take_wake() -> bool {
 
 /// Sets the time between two samples of the contacts; 0: no samples.
 pub(super) fn sample_every(ticks: u32) {
-    SAMPLE_DUE.store(step_timer::now().wrapping_add(ticks), Relaxed);
     SAMPLE_TICKS.store(ticks, Relaxed);
+    IS_SAMPLING_NEW.store(true, Relaxed);
 }
 
 /// Whether `inputs` was released to take a sample.
@@ -113,14 +154,22 @@ pub(super) fn is_sample() -> bool {
     is_sample
 }
 
-#[cortex_m_rt::exception]
-fn SysTick() {
+#[unsafe(no_mangle)]
+#[expect(unsafe_code, reason = "a vector that RTIC does not manage")]
+extern "C" fn TIM2() {
+    let _activation = trace::stand_in();
     if has_counted() {
         count_millisecond();
     }
     memory::record_duty();
+    // No time has passed since then.
+    if IS_SAMPLING_NEW.load(Relaxed) {
+        IS_SAMPLING_NEW.store(false, Relaxed);
+        let ticks = SAMPLE_TICKS.load(Relaxed);
+        SAMPLE_DUE.store(NOW.load(Relaxed).wrapping_add(ticks), Relaxed);
+    }
     if memory::have_contacts_changed() {
-        NVIC::pend(INPUTS);
+        pend(INPUTS);
     } else if !step_timer::is_running() {
         if SAMPLE_TICKS.load(Relaxed) != 0 {
             take_sample();
@@ -137,9 +186,12 @@ fn play() {
     let runs_left = RUNS_LEFT.load(Relaxed);
     if runs_left != 0 {
         RUNS_LEFT.store(runs_left - 1, Relaxed);
-        step_timer::set(step_timer::due());
-        memory::record();
-        NVIC::pend(pac::Interrupt::TIM2);
+        memory::record(due());
+        NOW.store(due(), Relaxed);
+        // The counter begins again with that; what the step interrupt writes is for the next time.
+        count(step_timer::reload_ticks());
+        compiler_fence(SeqCst);
+        SCB::set_pendst();
     }
 }
 
@@ -149,30 +201,34 @@ fn count_millisecond() {
         WAKE_MS.store(left - 1, Relaxed);
         if left == 1 {
             IS_WAKE.store(true, Relaxed);
-            NVIC::pend(PREPARE);
+            pend(PREPARE);
         }
     }
 }
 
 /// Whether a sample is due before the next event.
 fn is_sample_first() -> bool {
-    let ahead = step_timer::due().wrapping_sub(SAMPLE_DUE.load(Relaxed));
+    let ahead = due().wrapping_sub(SAMPLE_DUE.load(Relaxed));
     SAMPLE_TICKS.load(Relaxed) != 0 && ahead.cast_signed() >= 0
 }
 
 /// Lets the time of a sample come.
 fn take_sample() {
     let due = SAMPLE_DUE.load(Relaxed);
-    step_timer::set(due);
+    NOW.store(due, Relaxed);
     SAMPLE_DUE.store(due.wrapping_add(SAMPLE_TICKS.load(Relaxed)), Relaxed);
     IS_SAMPLE.store(true, Relaxed);
-    NVIC::pend(INPUTS);
+    pend(INPUTS);
 }
 
 /// Whether a millisecond has passed since this was asked last.
-#[expect(unsafe_code, reason = "nobody can hand the timer to an exception")]
+#[expect(unsafe_code, reason = "nobody can hand the timer to a handler")]
 fn has_counted() -> bool {
-    const COUNT_FLAG: u32 = 1 << 16;
-    // SAFETY: the register exists; reading it clears the flag, which nobody else looks at.
-    unsafe { (*SYST::PTR).csr.read() & COUNT_FLAG != 0 }
+    // SAFETY: the handler alone uses the timer.
+    let timer = unsafe { &*pac::TIM2::ptr() };
+    let is_over = timer.sr().read().uif().bit_is_set();
+    if is_over {
+        timer.sr().write(|w| w.uif().clear_bit());
+    }
+    is_over
 }

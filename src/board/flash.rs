@@ -2,8 +2,8 @@
 //!
 //! The chip cannot read its flash while it erases or programs, so everything that runs from flash
 //! stands still: 16 µs for a word, 0.8 s for a sector. That is for times of rest. Meanwhile the
-//! sender goes on, so the waiting is done by code in RAM, which takes its bytes: see
-//! [`super::serial`]. RM0090 3.6, RM0390 3.5.
+//! sender goes on, so the waiting is done by code in RAM, which takes its bytes in. RM0090 3.6, RM0390
+//! 3.5.
 
 use cortex_m::register::basepri;
 use embedded_storage::nor_flash::{
@@ -11,7 +11,7 @@ use embedded_storage::nor_flash::{
 };
 use stm32f4xx_hal::pac::flash::cr::PSIZE;
 
-use super::{emulation, pac, serial, step_timer};
+use super::{emulation, pac, serial::Deputy, step_timer};
 
 /// Bytes of a sector, and of both.
 const SECTOR: usize = 16 * 1024;
@@ -19,7 +19,7 @@ pub(super) const BOTH: usize = 2 * SECTOR;
 /// Number of the first sector.
 const FIRST: u8 = 1;
 /// Level of the step interrupt: as a threshold it keeps every task from running.
-const ALL_TASKS: u8 = (16 - 4) << 4;
+const ALL_TASKS: u8 = (16 - 5) << 4;
 /// The keys that unlock programming and erasing.
 const KEYS: [u32; 2] = [0x4567_0123, 0xcdef_89ab];
 
@@ -29,8 +29,12 @@ unsafe extern "C" {
     static mut _settings_start: [u32; BOTH / 4];
 }
 
-/// The two sectors, and the flash's registers.
-pub(crate) struct SettingsFlash(pac::FLASH);
+/// The two sectors, the flash's registers, and who takes bytes in while a sector is erased: nobody
+/// before tasks run.
+pub(crate) struct SettingsFlash {
+    registers: pac::FLASH,
+    deputy: Option<Deputy>,
+}
 
 /// Why an operation fails.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -55,19 +59,30 @@ impl NorFlashError for FlashError {
 
 impl SettingsFlash {
     /// Takes over the registers.
-    pub(super) const fn new(flash: pac::FLASH) -> Self {
-        Self(flash)
+    pub(super) const fn new(registers: pac::FLASH) -> Self {
+        Self {
+            registers,
+            deputy: None,
+        }
+    }
+
+    /// Says who takes bytes in while a sector is erased.
+    pub(super) fn appoint(&mut self, deputy: Deputy) {
+        self.deputy = Some(deputy);
     }
 
     /// Lets an operation have the unlocked registers, and tells whether it was done and the chip
     /// content.
-    fn operate(&mut self, operation: impl FnOnce(&pac::FLASH) -> bool) -> Result<(), FlashError> {
-        let flash = &self.0;
+    fn operate(
+        &mut self,
+        operation: impl FnOnce(&pac::FLASH, Option<&mut Deputy>) -> bool,
+    ) -> Result<(), FlashError> {
+        let flash = &self.registers;
         for key in KEYS {
             flash.keyr().write(|w| w.key().set(key));
         }
         clear_errors(flash);
-        let is_refused = !operation(flash) || has_errors(flash);
+        let is_refused = !operation(flash, self.deputy.as_mut()) || has_errors(flash);
         clear_errors(flash);
         flash.cr().write(|w| w.lock().set_bit());
         // What the cache holds of the sector is old.
@@ -124,7 +139,7 @@ impl NorFlash for SettingsFlash {
         }
         let sectors = place / SECTOR..(place + length as usize) / SECTOR;
         for sector in sectors {
-            self.operate(|flash| erase(flash, FIRST + sector as u8))?;
+            self.operate(|flash, deputy| erase(flash, FIRST + sector as u8, deputy))?;
         }
         Ok(())
     }
@@ -139,7 +154,7 @@ impl NorFlash for SettingsFlash {
         let first = (&raw mut _settings_start).cast::<u32>();
         let (words, _) = bytes.as_chunks::<4>();
         for (&word, index) in words.iter().zip(place / 4..) {
-            self.operate(|flash| {
+            self.operate(|flash, _| {
                 flash
                     .cr()
                     .write(|w| w.psize().variant(PSIZE::Psize32).pg().set_bit());
@@ -177,7 +192,7 @@ fn clear_errors(flash: &pac::FLASH) {
     });
 }
 
-/// Erases a sector, and keeps what the sender sends meanwhile; false, with nothing done, when the
+/// Erases a sector, and takes in what the sender sends meanwhile; false, with nothing done, when the
 /// step timer runs: the door may have been opened, and Z be on its way to be parked.
 ///
 /// Runs from RAM, and calls nothing that does not. No task runs, as each would wait for the flash
@@ -185,7 +200,7 @@ fn clear_errors(flash: &pac::FLASH) {
 #[inline(never)]
 #[unsafe(link_section = ".data.erase")]
 #[expect(unsafe_code, reason = "a place in RAM, and the tasks' threshold")]
-fn erase(flash: &pac::FLASH, sector: u8) -> bool {
+fn erase(flash: &pac::FLASH, sector: u8, mut deputy: Option<&mut Deputy>) -> bool {
     let threshold = basepri::read();
     // SAFETY: the threshold only rises, for the time of this function.
     unsafe { basepri::write(ALL_TASKS) };
@@ -198,7 +213,9 @@ fn erase(flash: &pac::FLASH, sector: u8) -> bool {
             w.ser().set_bit().strt().set_bit()
         });
         while flash.sr().read().bsy().bit_is_set() {
-            serial::keep();
+            if let Some(deputy) = &mut deputy {
+                deputy.take_in();
+            }
         }
     }
     // SAFETY: as it was before.

@@ -1,18 +1,22 @@
 //! Input pins: what releases `inputs`, and what it reads.
 //!
-//! An edge on a pin releases the task at once. While contacts bounce, a timer releases it for a
-//! sample, and a pin that has had its edge has no other before the task is content: so no noise can
-//! take more of the processor than that. The timer also looks slowly at all times, for pins that
-//! share their interrupt line with another's.
+//! An edge on a pin releases the task at once, and then no other edge does for four samples, nor
+//! before one has found nothing new. The timer releases the task for the samples, 250 µs apart. So
+//! whatever contacts and noise do, there are at most five runs in a millisecond. The timer also looks
+//! slowly at all times, for pins that share their interrupt line with another's.
 
 use leadscrew::{
-    machine::{Cause, Inputs, Levels, SAMPLE_TICKS, Watch, Watched},
+    machine::{Inputs, Levels, SAMPLE_TICKS, SAMPLES, Watch},
     protocol::realtime::Requests,
     stepper::{EventTap, StepCounts},
     units::TICKS_PER_US,
 };
 
-use super::{chosen, emulation, pac, release::PREPARE};
+use super::{
+    chosen, emulation, pac,
+    release::{PREPARE, pend},
+    step_output::StepSwitch,
+};
 
 /// Time between two looks while nothing happens, µs.
 const SLOW_US: u16 = 1000;
@@ -42,8 +46,8 @@ pub(crate) struct InputPins {
     events: EventTap<'static>,
     /// Samples are taken.
     is_sampling: bool,
-    /// Lines that have had their edge since the task was content.
-    silenced: u32,
+    /// Samples before another edge may release the task.
+    silent: u32,
 }
 
 impl InputTimer {
@@ -94,7 +98,7 @@ impl InputTimer {
             watch: Watch::new(read(), &inputs),
             events,
             is_sampling: false,
-            silenced: 0,
+            silent: 0,
         };
         (pins, inputs)
     }
@@ -103,53 +107,127 @@ impl InputTimer {
 impl InputPins {
     /// The body of `inputs`.
     #[inline]
-    pub(crate) fn serve(&mut self, requests: &Requests, inputs: &Inputs, counts: &StepCounts) {
-        let cause = self.cause();
-        let (watch, events) = (&mut self.watch, &self.events);
-        let watched = watch.run(cause, read(), inputs, requests, counts, events);
-        if watched.prepare {
-            rtic::pend(PREPARE);
-        }
-        self.follow(watched);
-    }
-
-    /// Why the task runs. From now on whatever changes releases it again.
-    #[inline]
-    #[expect(unsafe_code, reason = "raw words for a register")]
-    fn cause(&mut self) -> Cause {
-        let is_due = self.timer.sr().read().uif().bit_is_set() || emulation::is_sample();
-        if is_due {
-            self.timer.sr().write(|w| w.uif().clear_bit());
-        }
-        let edges = self.exti.pr().read().bits() & LINES;
-        self.silenced |= edges;
-        // SAFETY: the bits of lines that exist; a one clears.
-        unsafe { self.exti.pr().write(|w| w.bits(edges)) };
-        if is_due && self.is_sampling {
-            Cause::Sample
+    pub(crate) fn serve(
+        &mut self,
+        requests: &Requests,
+        inputs: &Inputs,
+        counts: &StepCounts,
+        mut step: impl rtic::Mutex<T = StepSwitch>,
+    ) {
+        let events = self.events;
+        let is_sample = take_due(&self.timer) && self.is_sampling;
+        // Before the pins are read: what comes later must not be missed.
+        let has_edge = if is_sample {
+            self.forget_edges();
+            false
         } else {
-            Cause::Edge
+            self.silence()
+        };
+        let mut prepare = self.watch.look(read(), inputs, events);
+        // Apart, so that the worst of one is not added to the worst of the other.
+        if is_sample {
+            let watched = self.watch.sample(inputs, requests);
+            if watched.cut {
+                step.lock(|step| step.cut(events, counts));
+            }
+            self.silent = self.silent.saturating_sub(1);
+            if !watched.again && self.silent == 0 {
+                self.stop_sampling();
+            }
+            prepare |= watched.prepare;
+        } else {
+            if (self.watch.edge() || has_edge) && !self.is_sampling {
+                self.start_sampling();
+            }
+            if has_edge {
+                unpend();
+            }
+        }
+        if prepare {
+            pend(PREPARE);
         }
     }
 
-    /// Takes samples from now on if the task asks for them, or else waits for edges.
+    /// Lets no line interrupt any more if one has; whether one has. Then the pins are read: what
+    /// changes later is left for the sample.
+    #[inline]
+    #[expect(unsafe_code, reason = "raw words for registers")]
+    fn silence(&mut self) -> bool {
+        let has_edge = self.exti.pr().read().bits() & LINES != 0;
+        if has_edge {
+            // SAFETY: no line but those of this task interrupts.
+            unsafe { self.exti.imr().write(|w| w.bits(0)) };
+        }
+        has_edge
+    }
+
+    /// Forgets the edges so far. Then the pins are read: what changes later is an edge.
     #[inline]
     #[expect(unsafe_code, reason = "raw words for a register")]
-    fn follow(&mut self, watched: Watched) {
-        if watched.sample != self.is_sampling {
-            self.is_sampling = watched.sample;
-            set_period(
-                &self.timer,
-                if watched.sample { SAMPLE_US } else { SLOW_US },
-            );
-            emulation::sample_every(if watched.sample { SAMPLE_TICKS } else { 0 });
-        }
-        if !watched.sample {
-            self.silenced = 0;
-        }
-        // SAFETY: the bits of lines that exist. An edge on a line that was silenced interrupts now.
-        unsafe { self.exti.imr().write(|w| w.bits(LINES & !self.silenced)) };
+    fn forget_edges(&mut self) {
+        // SAFETY: the bits of lines that exist; a one clears.
+        unsafe { self.exti.pr().write(|w| w.bits(LINES)) };
     }
+
+    /// Lets all lines interrupt again.
+    #[inline]
+    #[expect(unsafe_code, reason = "raw words for a register")]
+    fn listen(&mut self) {
+        // SAFETY: the bits of lines that exist.
+        unsafe { self.exti.imr().write(|w| w.bits(LINES)) };
+    }
+
+    #[inline]
+    fn start_sampling(&mut self) {
+        self.is_sampling = true;
+        self.silent = SAMPLES;
+        set_period(&self.timer, SAMPLE_US);
+        emulation::sample_every(SAMPLE_TICKS);
+    }
+
+    #[inline]
+    fn stop_sampling(&mut self) {
+        self.is_sampling = false;
+        // The counter is below that, and goes on.
+        self.timer.arr().write(|w| w.arr().set(SLOW_US - 1));
+        emulation::sample_every(0);
+        self.listen();
+    }
+}
+
+/// Releases the task no more for other lines' edges: the pins have been read, and all are silent.
+#[inline]
+#[expect(unsafe_code, reason = "raw words for registers")]
+fn unpend() {
+    // SAFETY: only vectors of this task are released no more.
+    unsafe {
+        let nvic = &*pac::NVIC::PTR;
+        nvic.icpr[0].write(PENDING[0]);
+        nvic.icpr[1].write(PENDING[1]);
+    }
+}
+
+/// Whether the timer, or the emulator, releases the task for a sample: true once.
+#[inline]
+fn take_due(timer: &pac::TIM7) -> bool {
+    let is_due = timer.sr().read().uif().bit_is_set() || emulation::is_sample();
+    if is_due {
+        timer.sr().write(|w| w.uif().clear_bit());
+    }
+    is_due
+}
+
+/// Ticks, of a microsecond each, since the timer released the task; `None` if it has not.
+#[cfg(feature = "trace")]
+#[inline]
+#[expect(unsafe_code, reason = "the task owns the timer")]
+pub(super) fn timer_age() -> Option<u16> {
+    // SAFETY: reads registers without side effects.
+    let timer = unsafe { &*pac::TIM7::ptr() };
+    // In this order: the flag of a time that ends in between must not go with the time before it.
+    let is_due = timer.sr().read().uif().bit_is_set();
+    let age = timer.cnt().read().cnt().bits();
+    is_due.then_some(age)
 }
 
 fn set_period(timer: &pac::TIM7, period_us: u16) {
@@ -227,6 +305,18 @@ macro_rules! call_inputs {
         )*
     };
 }
+
+/// The vectors' bits in the registers that release.
+const PENDING: [u32; 2] = {
+    let mut words = [0; 2];
+    let mut index = 0;
+    while index < VECTORS.len() {
+        let number = VECTORS[index] as usize;
+        words[number / 32] |= 1 << (number % 32);
+        index += 1;
+    }
+    words
+};
 
 call_inputs!(EXTI0, EXTI1, EXTI2, EXTI3, EXTI4, EXTI9_5, EXTI15_10);
 

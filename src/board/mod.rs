@@ -23,24 +23,33 @@ use nucleo_f446re as chosen;
 pub(crate) use nucleo_f446re::init;
 
 mod after_prepare;
+mod dialogue;
 mod flash;
 mod inputs;
 mod outputs;
 mod panic;
 mod pins;
+mod proven;
 pub(crate) mod release;
-pub(crate) mod serial;
+mod serial;
 mod stack;
-pub(crate) mod step_output;
+mod step_output;
 mod step_timer;
 mod storage;
+#[cfg(feature = "trace")]
+pub(crate) mod trace;
+#[cfg(not(feature = "trace"))]
+#[path = "no_trace.rs"]
+pub(crate) mod trace;
 mod wake;
 mod wiring;
 
 pub(crate) use after_prepare::AfterPrepare;
+pub(crate) use dialogue::Dialogue;
 pub(crate) use inputs::{InputPins, InputTimer};
-pub(crate) use serial::SerialPort;
-pub(crate) use step_output::StepOutput;
+pub(crate) use outputs::follow;
+pub(crate) use serial::Receiver;
+pub(crate) use step_output::{StepOutput, StepSwitch};
 pub(crate) use stm32f4xx_hal::pac;
 pub(crate) use storage::Storage;
 
@@ -51,8 +60,10 @@ use stm32f4xx_hal::rcc::{Config, Enable, Rcc, RccExt};
 pub(crate) struct Board {
     /// Step and direction pins, and their timer.
     pub(crate) output: StepOutput,
-    /// Link to the sender.
-    pub(crate) serial: SerialPort,
+    /// What starts and stops that.
+    pub(crate) step: StepSwitch,
+    /// What comes from the sender.
+    pub(crate) receiver: Receiver,
     /// Switches, probe and buttons.
     pub(crate) inputs: InputTimer,
     /// Spindle, coolant and drivers, and what releases `prepare` after a time.
@@ -74,20 +85,17 @@ fn start_clocks(rcc: pac::RCC, flash: &pac::FLASH, config: Config) -> Rcc {
 
 /// Lets the clocks of what all boards use run. Ports have theirs already.
 fn enable_clocks(rcc: &mut Rcc) {
-    pac::TIM2::enable(rcc);
     pac::TIM6::enable(rcc);
     pac::TIM7::enable(rcc);
     pac::SYSCFG::enable(rcc);
 }
 
-/// Sleeps whenever no task has anything to do.
-pub(crate) fn idle() -> ! {
-    loop {
-        if emulation::is_emulated() {
-            emulation::idle();
-        } else {
-            cortex_m::asm::wfi();
-        }
+/// Sleeps until an interrupt has come since this was called last.
+pub(crate) fn sleep() {
+    if emulation::is_emulated() {
+        emulation::idle();
+    } else {
+        cortex_m::asm::wfe();
     }
 }
 

@@ -35,7 +35,7 @@ use stm32f4xx_hal::{
 };
 
 use super::{
-    AfterPrepare, Board, InputTimer, SerialPort, StepOutput, Storage, emulation,
+    AfterPrepare, Board, InputTimer, Receiver, StepOutput, StepSwitch, Storage, emulation,
     flash::SettingsFlash,
     pac, pins,
     step_timer::StepTimer,
@@ -44,8 +44,6 @@ use super::{
 
 /// The port of the sender.
 pub(super) type Usart = pac::USART1;
-/// Its vector.
-pub(super) const USART_VECTOR: pac::Interrupt = pac::Interrupt::USART1;
 
 /// The shield's pins.
 pub(super) static WIRING: Wiring = Wiring {
@@ -123,13 +121,14 @@ pub(super) static WIRING: Wiring = Wiring {
 pub(crate) fn init(device: pac::Peripherals, mut core: Core) -> Board {
     super::panic::init();
     super::stack::guard(&core.MPU);
+    super::trace::init(&mut core.DCB, &mut core.DWT);
     // The emulator's PLL would never report ready.
     let is_emulated = emulation::detect(&device.RCC);
-    let (config, prescaler) = if is_emulated {
-        emulation::init(&mut core.SYST, &mut core.SCB);
-        (Config::hsi(), emulation::PRESCALER)
+    let config = if is_emulated {
+        emulation::init(&device.TIM2, &mut core.NVIC);
+        Config::hsi()
     } else {
-        (Config::hse(25.MHz()).sysclk(168.MHz()), 0)
+        Config::hse(25.MHz()).sysclk(168.MHz())
     };
     let mut rcc = super::start_clocks(device.RCC, &device.FLASH, config);
     super::enable_clocks(&mut rcc);
@@ -147,8 +146,9 @@ pub(crate) fn init(device: pac::Peripherals, mut core: Core) -> Board {
     let (storage, loaded) = Storage::load(SettingsFlash::new(device.FLASH));
     pins::init(&loaded.stored.settings);
     Board {
-        output: StepOutput::new(StepTimer::new(device.TIM2, prescaler)),
-        serial: SerialPort::new(usart),
+        step: StepSwitch::new(),
+        output: StepOutput::new(StepTimer::new(core.SYST)),
+        receiver: Receiver::new(usart),
         inputs: InputTimer::new(device.TIM7, device.EXTI, &device.SYSCFG, &mut core.NVIC),
         after,
         storage,

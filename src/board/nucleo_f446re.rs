@@ -7,7 +7,7 @@
 //! | Z    | PB5 (D4)  | PA8 (D7)   | PA6 (D12); from 4 axes PC10 (CN7-1)        |
 //! | A    | PA6 (D12) | PA5 (D13)  | PC11 (CN7-2)                               |
 //! | B    | PB8 (D15) | PB9 (D14)  | PC12 (CN7-3)                               |
-//! | C    | PB14 (CN10-28) | PC8 (CN10-2) | PC2 (CN7-35)                        |
+//! | C    | PB14 (CN10-28) | PB13 (CN10-30) | PC2 (CN7-35)                        |
 //!
 //! | input       | pin          | output                | pin                          |
 //! |-------------|--------------|-----------------------|------------------------------|
@@ -36,7 +36,7 @@ use stm32f4xx_hal::{
 };
 
 use super::{
-    AfterPrepare, Board, InputTimer, SerialPort, StepOutput, Storage,
+    AfterPrepare, Board, InputTimer, Receiver, StepOutput, StepSwitch, Storage,
     flash::SettingsFlash,
     pac, pins,
     step_timer::StepTimer,
@@ -45,11 +45,9 @@ use super::{
 
 /// The port of the sender.
 pub(super) type Usart = pac::USART2;
-/// Its vector.
-pub(super) const USART_VECTOR: pac::Interrupt = pac::Interrupt::USART2;
 
-/// RTIC's priority 3 as the NVIC has it.
-const SERIAL_PRIORITY: u8 = (16 - 3) << 4;
+/// RTIC's priority 4 as the NVIC has it.
+const SERIAL_PRIORITY: u8 = (16 - 4) << 4;
 
 /// The shield's pins.
 pub(super) static WIRING: Wiring = Wiring {
@@ -67,7 +65,7 @@ pub(super) static WIRING: Wiring = Wiring {
         Pin::A(8),
         Pin::A(5),
         Pin::B(9),
-        Pin::C(8),
+        Pin::B(13),
     ],
     enable: Pin::A(9),
     switches: Switches {
@@ -129,6 +127,7 @@ extern "C" fn USART2() {
 pub(crate) fn init(device: pac::Peripherals, mut core: Core) -> Board {
     super::panic::init();
     super::stack::guard(&core.MPU);
+    super::trace::init(&mut core.DCB, &mut core.DWT);
     let config = Config::hse(8.MHz())
         .bypass_hse_oscillator()
         .sysclk(168.MHz());
@@ -149,8 +148,9 @@ pub(crate) fn init(device: pac::Peripherals, mut core: Core) -> Board {
     let (storage, loaded) = Storage::load(SettingsFlash::new(device.FLASH));
     pins::init(&loaded.stored.settings);
     Board {
-        output: StepOutput::new(StepTimer::new(device.TIM2, 0)),
-        serial: SerialPort::new(usart),
+        step: StepSwitch::new(),
+        output: StepOutput::new(StepTimer::new(core.SYST)),
+        receiver: Receiver::new(usart),
         inputs: InputTimer::new(device.TIM7, device.EXTI, &device.SYSCFG, &mut core.NVIC),
         after,
         storage,

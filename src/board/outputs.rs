@@ -1,14 +1,14 @@
 //! Spindle, laser and coolant outputs.
 //!
-//! `prepare` switches; the duty of the PWM alone also changes with the segments, in the step
-//! interrupt.
+//! `prepare` switches; the duty of the PWM alone also changes with the segments, in `turn`.
 
 use core::sync::atomic::{AtomicU32, Ordering::Relaxed};
 
-use leadscrew::{machine::Outputs, planner::Spindle, stepper::StepCounts};
+use leadscrew::{machine::Outputs, planner::Spindle, stepper::Turned};
 
 use super::{
     chosen, emulation, pins,
+    release::{PREPARE, TURN, pend},
     wiring::{Pin, Wiring},
 };
 
@@ -37,9 +37,9 @@ impl SwitchOutputs {
         Self(off)
     }
 
-    /// Switches what has changed. In motion the duty is the step interrupt's.
-    pub(crate) fn apply(&mut self, outputs: &Outputs, counts: &StepCounts) {
-        if !counts.is_running() {
+    /// Switches what has changed, the duty at rest only: in motion that is for `turn`.
+    pub(crate) fn apply(&mut self, outputs: &Outputs, is_at_rest: bool) {
+        if is_at_rest {
             set_duty(outputs.duty);
         }
         if *outputs != self.0 {
@@ -70,12 +70,24 @@ fn switch(outputs: &Outputs) {
     set(switches.mist, outputs.coolant.mist);
 }
 
+/// What is to be done when a segment has begun, or the step interrupt has stopped.
+#[inline]
+pub(crate) fn follow(turned: Turned) {
+    if let Some(duty) = turned.duty {
+        set_duty(duty);
+    }
+    pend(PREPARE);
+    if turned.again {
+        pend(TURN);
+    }
+}
+
 /// Sets the share of time for which the PWM is high, 0 to [`Outputs::FULL`].
 ///
-/// Takes effect with the next period, at most 0.2 ms later. The step interrupt calls it while it
-/// runs, `prepare` while it stands.
+/// Takes effect with the next period, at most 0.2 ms later. `turn` calls it while the step
+/// interrupt runs, `prepare` while it stands.
 #[inline]
-pub(super) fn set_duty(duty: u16) {
+fn set_duty(duty: u16) {
     let duty = u32::from(duty);
     if duty != DUTY.load(Relaxed) {
         DUTY.store(duty, Relaxed);

@@ -6,7 +6,9 @@
 
 use core::{fmt::Write as _, panic::PanicInfo};
 
-use rtt_target::{ChannelMode, UpChannel, rtt_init};
+use rtt_target::UpChannel;
+#[cfg(not(feature = "trace"))]
+use rtt_target::{ChannelMode, rtt_init};
 
 use super::outputs;
 
@@ -15,6 +17,8 @@ const CHANNEL: usize = 0;
 
 /// Lets a debug probe find the channel.
 pub(super) fn init() {
+    // With the feature, its channel is among those of `trace`.
+    #[cfg(not(feature = "trace"))]
     let _ = rtt_init! {
         up: { 0: { size: 256, mode: ChannelMode::NoBlockTrim, name: "panic" } }
     };

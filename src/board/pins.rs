@@ -1,50 +1,107 @@
 //! Step, direction and enable outputs, as words for the ports' set/reset registers.
 //!
-//! The words are looked up by axis mask in tables that already hold each axis's polarity, so the
-//! step interrupt neither shifts nor decides. The tables are rebuilt only at rest.
+//! The words are looked up by what an event says of the pins in a table that already holds each
+//! axis's polarity, so the step interrupt neither shifts nor decides. The table is rebuilt only at
+//! rest.
 
-use core::sync::atomic::{AtomicBool, AtomicU8, AtomicU32, Ordering::Relaxed};
+use core::{
+    cell::UnsafeCell,
+    sync::atomic::{AtomicBool, AtomicU32, Ordering::Relaxed},
+};
 
-use leadscrew::{axis::AXES, settings::Settings};
+use leadscrew::{axis::AXES, settings::Settings, stepper::StepEvent};
 
 use super::{
     chosen, pac,
     wiring::{Pin, Wiring},
 };
 
-/// Masks of axes.
+/// Masks of axes, and the one with all.
 const MASKS: usize = 1 << AXES;
+const ALL_AXES: usize = MASKS - 1;
+/// The axis whose direction is in the second half of [`StepEvent::pins`]; the others' are in the
+/// first.
+const X: usize = 1;
 
-/// Words for ports A and B.
-type Words = [AtomicU32; 2];
+/// Ports that events change: A and B, and C where a direction output has to be there.
+const PORTS: usize = if chosen::WIRING.has_directions_on_c() {
+    3
+} else {
+    2
+};
 
-/// Written at rest by [`configure`], read by the step interrupt.
-struct Tables {
-    /// For each pair of masks, see [`pair`].
-    step: [Words; MASKS * MASKS],
-    /// For each mask of axes that go in the negative direction; port C last.
-    direction: [[AtomicU32; 3]; MASKS],
+/// Whether the two halves of [`StepEvent::pins`] are looked up apart: with six axes a table of all
+/// pairs would take a third of the memory.
+const IS_APART: bool = AXES == 6;
+/// Rows of the table. Apart: first halves, second halves, and both of events that set directions.
+const ROWS: usize = if IS_APART { 4 * MASKS } else { StepEvent::PINS };
+
+/// Words for ports from A on.
+type Words = [u32; PORTS];
+type Row = [AtomicU32; PORTS];
+
+/// What the step interrupt uses, and who changes that while it stands: all in one place, so that one
+/// address is enough for it.
+struct Shared {
+    next: Next,
+    /// Written at rest by [`configure`], read by the step interrupt.
+    events: [Row; ROWS],
     /// To disable and to enable the drivers.
     enable: [[AtomicU32; 3]; 2],
 }
 
-static TABLES: Tables = Tables {
-    step: [const { [const { AtomicU32::new(0) }; 2] }; MASKS * MASKS],
-    direction: [const { [const { AtomicU32::new(0) }; 3] }; MASKS],
+static SHARED: Shared = Shared {
+    next: Next(UnsafeCell::new([0; PORTS])),
+    events: [const { [const { AtomicU32::new(0) }; PORTS] }; ROWS],
     enable: [const { [const { AtomicU32::new(0) }; 3] }; 2],
 };
 
-/// The words for pulses that begin and pulses that end.
+/// The words of an event.
 #[inline]
-fn pair(raise: u32, drop: u32) -> &'static Words {
-    &TABLES.step[(raise as usize % MASKS) | (drop as usize % MASKS) << AXES]
+fn words(event: StepEvent) -> Words {
+    let pins = event.pins();
+    if !IS_APART {
+        return load(&SHARED.events[pins]);
+    }
+    let first = if event.is_turn() { 2 * MASKS } else { 0 };
+    let mut words = load(&SHARED.events[first + pins % MASKS]);
+    let second = load(&SHARED.events[first + MASKS + pins / MASKS % MASKS]);
+    // wcet-bound: 3
+    for (word, second) in words.iter_mut().zip(second) {
+        *word |= second;
+    }
+    words
 }
 
-/// What the next event outputs on ports A and B.
-static NEXT: [AtomicU32; 2] = [const { AtomicU32::new(0) }; 2];
+#[inline]
+fn load(row: &Row) -> Words {
+    row.each_ref().map(|word| word.load(Relaxed))
+}
 
-/// The directions output last.
-static DIRECTIONS: AtomicU8 = AtomicU8::new(0);
+/// What the next event outputs. No atomics: so two words take one instruction.
+struct Next(UnsafeCell<Words>);
+
+#[expect(unsafe_code, reason = "what tasks take turns at")]
+// SAFETY: the step interrupt alone uses it while it may run; who starts it, before that, and others
+// have stopped it before: see `StepSwitch`. The emulator's handler reads it while the step interrupt
+// waits for that handler.
+unsafe impl Sync for Next {}
+
+impl Next {
+    #[inline]
+    #[expect(unsafe_code, reason = "nothing else has it meanwhile")]
+    fn get(&self) -> Words {
+        // SAFETY: see above.
+        unsafe { *self.0.get() }
+    }
+
+    #[inline]
+    #[expect(unsafe_code, reason = "nothing else has it meanwhile")]
+    fn set(&self, words: Words) {
+        // SAFETY: see above.
+        unsafe { *self.0.get() = words };
+    }
+}
 
 /// Whether the drivers are enabled.
 static IS_ENABLED: AtomicBool = AtomicBool::new(false);
@@ -64,30 +121,27 @@ pub(super) fn init(settings: &Settings) {
     wiring.enable.make_output();
 }
 
-/// Outputs what [`prepare`] computed last time. Only the step interrupt calls this and the two
-/// after it.
+/// Outputs what [`prepare`] looked up last time. Only the step interrupt calls these, or who has
+/// stopped it.
 #[inline]
 pub(super) fn write() {
-    write_a_and_b([NEXT[0].load(Relaxed), NEXT[1].load(Relaxed)]);
-}
-
-/// Looks up what the next event outputs: pulses to begin and to end, bit 0 = X.
-#[inline]
-pub(super) fn prepare(raise: u32, drop: u32) {
-    let [a, b] = pair(raise, drop);
-    NEXT[0].store(a.load(Relaxed), Relaxed);
-    NEXT[1].store(b.load(Relaxed), Relaxed);
-}
-
-/// Outputs directions now, bit 0 = X, 1 = negative.
-#[inline]
-pub(super) fn set_directions(directions: u8) {
-    DIRECTIONS.store(directions, Relaxed);
-    let words = &TABLES.direction[usize::from(directions) % MASKS];
-    write_a_and_b([words[0].load(Relaxed), words[1].load(Relaxed)]);
-    if chosen::WIRING.uses_port_c() {
-        write_port_c(words[2].load(Relaxed));
+    let next = SHARED.next.get();
+    write_a_and_b([next[0], next[1]]);
+    if let Some(word) = next.get(2) {
+        write_port_c(*word);
     }
+}
+
+/// The next event outputs nothing.
+#[inline]
+pub(super) fn clear() {
+    SHARED.next.set([0; PORTS]);
+}
+
+/// Looks up what the next event outputs.
+#[inline]
+pub(super) fn prepare(event: StepEvent) {
+    SHARED.next.set(words(event));
 }
 
 impl Wiring {
@@ -103,7 +157,7 @@ impl Wiring {
     }
 
     /// Whether a direction output of an axis is on port C.
-    const fn uses_port_c(&self) -> bool {
+    const fn has_directions_on_c(&self) -> bool {
         let mut axis = 0;
         while axis < AXES {
             if matches!(self.direction[axis], Pin::C(_)) {
@@ -115,16 +169,29 @@ impl Wiring {
     }
 }
 
-/// Axes whose pulse begins with the next event, read back from its port words, and the directions.
+/// What the next event outputs, read back from its port words: axes whose pulse begins, and the
+/// directions, those of before for axes whose output does not change.
 #[cfg(feature = "board-netduino-plus-2")]
-pub(super) fn pulses_next() -> (u32, u8) {
-    let mut axes = 0;
+pub(super) fn read_next(before: u8) -> (u32, u8) {
+    let next = SHARED.next.get();
+    let (mut axes, mut directions) = (0, before);
+    let has = |event: StepEvent, but: StepEvent| {
+        let mut ports = next.into_iter().zip(words(event)).zip(words(but));
+        ports.any(|((next, word), but)| next & word & !but != 0)
+    };
+    let none = StepEvent::default();
+    let forwards = StepEvent::turn(0, 0);
     for axis in 0..AXES {
-        let begins = pair(1 << axis, 0);
-        let is_due = |port: usize| NEXT[port].load(Relaxed) & begins[port].load(Relaxed) != 0;
-        axes |= u32::from(is_due(0) || is_due(1)) << axis;
+        let is_due = has(StepEvent::new(0, 1 << axis, 0), none);
+        axes |= u32::from(is_due) << axis;
+        let backwards = StepEvent::turn(0, 1 << axis);
+        if has(backwards, forwards) {
+            directions |= 1 << axis;
+        } else if has(forwards, backwards) {
+            directions &= !(1 << axis);
+        }
     }
-    (axes, DIRECTIONS.load(Relaxed))
+    (axes, directions)
 }
 
 /// Takes over the polarities `$2`, `$3` and `$4` if they have changed. At rest only: no pulse may
@@ -148,28 +215,45 @@ fn configure(settings: &Settings) {
     let wiring = &chosen::WIRING;
     let active_low = usize::from(settings.step_invert);
     let reversed = usize::from(settings.direction_invert);
-    for (index, words) in TABLES.step.iter().enumerate() {
-        let (raise, drop) = (index % MASKS, index >> AXES);
+    let direct = |axes: usize, negative: u8| {
+        let high = usize::from(negative) ^ reversed;
+        Wiring::words(&wiring.direction, axes, high)
+    };
+    let pulse = |raise: usize, drop: usize| {
         let mut levels = Wiring::words(&wiring.step, raise, !active_low);
         merge(&mut levels, Wiring::words(&wiring.step, drop, active_low));
+        levels
+    };
+    for (row, words) in SHARED.events.iter().enumerate() {
+        let mask = row % MASKS;
+        let levels = match (IS_APART, row / MASKS) {
+            (true, 0) => pulse(mask, 0),
+            (true, 1) => pulse(0, mask),
+            (true, 2) => direct(ALL_AXES & !X, mask as u8),
+            (true, _) => direct(X, mask as u8 >> 1),
+            (false, _) => {
+                let event = StepEvent::from_bits(row as u32);
+                let [raise, drop] = [event.raise(), event.drop()].map(|axes| axes as usize);
+                let turn = event
+                    .directions()
+                    .map(|directions| direct(ALL_AXES, directions));
+                turn.unwrap_or_else(|| pulse(raise, drop))
+            }
+        };
         store(words, &levels);
     }
-    for (negative, words) in TABLES.direction.iter().enumerate() {
-        let high = negative ^ reversed;
-        store(words, &Wiring::words(&wiring.direction, MASKS - 1, high));
-    }
-    let [off, on] = &TABLES.enable;
+    let [off, on] = &SHARED.enable;
     store(off, &wiring.enable.word(!settings.enable_invert));
     store(on, &wiring.enable.word(settings.enable_invert));
-    let [a, b] = pair(0, u32::MAX);
-    write_a_and_b([a.load(Relaxed), b.load(Relaxed)]);
+    let low = words(StepEvent::new(0, 0, u32::MAX));
+    write_a_and_b([low[0], low[1]]);
     enable(IS_ENABLED.load(Relaxed));
 }
 
 /// Switches all drivers on or off.
 pub(super) fn enable(on: bool) {
     IS_ENABLED.store(on, Relaxed);
-    let [a, b, c] = &TABLES.enable[usize::from(on)];
+    let [a, b, c] = &SHARED.enable[usize::from(on)];
     write_a_and_b([a.load(Relaxed), b.load(Relaxed)]);
     write_port_c(c.load(Relaxed));
 }

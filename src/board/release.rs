@@ -6,15 +6,24 @@ use core::{
     task::{Poll, Waker},
 };
 
-use super::pac::Interrupt;
+use super::{pac::Interrupt, trace};
 
 /// Releases `prepare`, as its timer does.
 pub(crate) const PREPARE: Interrupt = Interrupt::TIM6_DAC;
 /// Releases `inputs`, as its timer does.
 #[cfg(feature = "board-netduino-plus-2")]
 pub(super) const INPUTS: Interrupt = Interrupt::TIM7;
+/// Releases `turn`.
+pub(crate) const TURN: Interrupt = Interrupt::I2C3_EV;
 /// Releases `wake`.
 pub(crate) const WAKE: Interrupt = Interrupt::I2C3_ER;
+
+/// Releases a task by its vector.
+#[inline]
+pub(crate) fn pend(vector: Interrupt) {
+    trace::release(vector);
+    rtic::pend(vector);
+}
 
 /// Waits until `wake` has run.
 ///

@@ -1,52 +1,90 @@
 //! The outputs of the step interrupt: pins at the times of the step timer.
 
-use leadscrew::stepper::{EventReader, StepCounts, StepEvent, Stepper};
+use leadscrew::stepper::{EventTap, EventWriter, StepCounts, StepEvent, Upcoming};
 
-pub(crate) use super::pins::follow;
-use super::{outputs, pins, step_timer::StepTimer};
+use super::{pins, release::TURN, step_timer, step_timer::StepTimer};
 
 /// What the step interrupt drives, and it alone.
 pub(crate) struct StepOutput(StepTimer);
 
+#[expect(clippy::unused_self, reason = "whoever has it is the step interrupt")]
 impl StepOutput {
     /// Drives pins and a timer that have been set up.
     pub(super) const fn new(timer: StepTimer) -> Self {
         Self(timer)
     }
 
-    /// Outputs what was set up last time: the first thing to do. Then the timer, which is slow to
-    /// reach, is told that its interrupt is being served.
+    /// Outputs what was set up last time: the first thing to do.
     #[inline]
     pub(crate) fn write(&mut self) {
         pins::write();
-        self.0.acknowledge();
     }
 
-    /// Sets up the next event. Whether it is late.
+    /// Tells the timer how long after the event that comes next the one behind it does; if there is
+    /// none yet, it will be stopped before. Sets up the next event. When a segment begins with it,
+    /// releases `turn`: without a branch, so that no event takes longer than another.
     #[inline]
-    pub(crate) fn set_up(&mut self, event: StepEvent) -> bool {
-        pins::prepare(event.raise(), event.drop());
-        self.0.schedule(event.ticks())
+    pub(crate) fn set_up(&mut self, Upcoming { event, then }: Upcoming, counts: &StepCounts) {
+        let near = self.0.then(then);
+        pins::prepare(event);
+        counts.count_late(near.is_behind());
+        near.pend(TURN, event.is_boundary());
     }
 
-    /// Sets up the first event of a segment, or stops the timer. Whether the event is late.
-    ///
-    /// Apart from the rest, so that the rest needs few registers and no stack frame.
-    #[cold]
-    #[inline(never)]
-    pub(crate) fn turn(
-        &mut self,
-        stepper: &mut Stepper,
-        events: &mut EventReader<'_>,
-        counts: &StepCounts,
-    ) -> bool {
-        let Some((event, begun)) = stepper.begin_or_stop(events, counts) else {
-            pins::prepare(0, 0);
-            self.0.stop();
-            return false;
-        };
-        pins::set_directions(begun.directions);
-        outputs::set_duty(begun.duty);
-        self.set_up(event)
+    /// Sets nothing up: no event will come.
+    #[inline]
+    pub(crate) fn stop(&mut self, counts: &StepCounts) {
+        counts.stop();
+        pins::clear();
+        self.0.stop().pend(TURN, true);
+    }
+}
+
+/// Tells the time of an event that came too late for the step interrupt to know of it.
+#[inline]
+pub(super) fn go_on(events: &mut EventWriter<'_>, counts: &StepCounts) {
+    if let Some(missed) = events.missed(counts) {
+        step_timer::then(missed);
+        events.append(missed);
+    }
+}
+
+/// Sets up the first event, if there is one, and tells the one behind it. Only while the step
+/// interrupt stands.
+#[inline]
+pub(super) fn set_up(events: &mut EventWriter<'_>) -> Option<StepEvent> {
+    let Upcoming { event, then } = events.set_up()?;
+    pins::prepare(event);
+    step_timer::set_up(event);
+    Some(then)
+}
+
+/// Starts the step interrupt, or stops it by force: with a lock around it, as more than one task
+/// does.
+#[expect(unreachable_pub, reason = "RTIC wants what is locked to be public")]
+pub struct StepSwitch(());
+
+#[expect(clippy::unused_self, reason = "whoever has it holds the lock")]
+impl StepSwitch {
+    /// There is one.
+    pub(super) const fn new() -> Self {
+        Self(())
+    }
+
+    /// Starts, when the first event is set up, with the one behind it; but what has been cut meanwhile has to be seen to first.
+    #[inline]
+    pub(crate) fn start(&mut self, then: StepEvent, counts: &StepCounts) {
+        if !counts.is_cut() {
+            counts.start();
+            step_timer::start(then);
+        }
+    }
+
+    /// Stops at once: the event that is set up will not happen.
+    #[inline]
+    pub(crate) fn cut(&mut self, events: EventTap<'_>, counts: &StepCounts) {
+        step_timer::halt();
+        events.cut(counts);
+        pins::clear();
     }
 }

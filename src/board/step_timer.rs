@@ -1,104 +1,219 @@
-//! The step timer: TIM2, 32 bits, running freely at 84 MHz, with output compare.
+//! The step timer: SysTick, which counts core cycles.
 //!
-//! A reload value written too late would make a counter run for a whole wrap; a compare that has
-//! already passed can be seen, and forced. Its registers are 12 core cycles away, so they are
-//! touched three times an event, after the pins.
+//! It is the processor's own: three cycles away, where a timer on the slow bus is fourteen, and its
+//! exception needs no acknowledgement. At zero its counter begins again with what is in its reload
+//! register. So each interrupt writes how long the time from the *next* interrupt to the one behind
+//! that will be, and whenever it comes to do so before the next, events are exactly as far apart as
+//! they are meant to be.
 
-use core::sync::atomic::{AtomicU32, Ordering::Relaxed, Ordering::SeqCst, compiler_fence};
+use core::arch::asm;
 
-use super::pac;
+use cortex_m::{
+    asm::{dsb, isb},
+    peripheral::{SCB, SYST, syst::RegisterBlock},
+};
 
-/// When the event being waited for is due, timer ticks.
-///
-/// Written by the step interrupt while the timer runs, and by [`start`] while it stands.
-static DUE: AtomicU32 = AtomicU32::new(0);
+use leadscrew::stepper::StepEvent;
+
+use super::{emulation, pac::Interrupt, trace};
+
+/// Core cycles in a tick of the events' times: it counts half ticks.
+#[cfg(feature = "board-netduino-plus-2")]
+const CYCLES_PER_TICK: u32 = 2;
+
+/// Bits of SysTick's control register: it counts, it interrupts, what it counts are core cycles.
+const COUNTS: u32 = 1;
+const INTERRUPTS: u32 = 1 << 1;
+const CORE_CYCLES: u32 = 1 << 2;
 
 /// The step interrupt's side of the timer.
-pub(super) struct StepTimer(pac::TIM2);
+pub(super) struct StepTimer(());
 
+#[expect(clippy::unused_self, reason = "whoever has it is the step interrupt")]
 impl StepTimer {
-    /// Lets the counter run, without interrupts. The peripheral's clock must run.
-    pub(super) fn new(timer: pac::TIM2, prescaler: u16) -> Self {
-        timer.psc().write(|w| w.psc().set(prescaler));
-        timer.egr().write(|w| w.ug().set_bit());
-        timer.cr1().write(|w| w.cen().set_bit());
-        Self(timer)
+    /// There is one timer, and it stands after a reset.
+    pub(super) fn new(_: SYST) -> Self {
+        Self(())
     }
 
-    /// Ends the interrupt now being served.
+    /// Makes the time from the next interrupt to the one behind it that of an event. What else the
+    /// interrupt does with the processor's registers goes through what this returns.
     #[inline]
-    pub(super) fn acknowledge(&mut self) {
-        self.0.sr().write(|w| w.cc1if().clear_bit());
+    pub(super) fn then(&mut self, event: StepEvent) -> Near {
+        let near = Near::after(event);
+        near.write(RELOAD, event.half_ticks_less_one());
+        near
     }
 
     /// No interrupt until the next [`start`].
-    pub(super) fn stop(&mut self) {
-        self.0.dier().write(|w| w.cc1ie().clear_bit());
-    }
-
-    /// Interrupts again `ticks` after the event before. Whether that time has already passed: then
-    /// it interrupts at once.
     #[inline]
-    pub(super) fn schedule(&mut self, ticks: u32) -> bool {
-        let due = DUE.load(Relaxed).wrapping_add(ticks);
-        DUE.store(due, Relaxed);
-        self.0.ccr1().write(|w| w.ccr().set(due));
-        let now = self.0.cnt().read().cnt().bits();
-        let is_late = now.wrapping_sub(due).cast_signed() >= 0;
-        if is_late {
-            self.force();
+    pub(super) fn stop(&mut self) -> Near {
+        let near = Near::after(StepEvent::NONE);
+        near.write(CONTROL, CORE_CYCLES);
+        near.write(STATE, NOT_DUE);
+        near
+    }
+}
+
+/// Where registers are that the step interrupt uses, from [`Near`]: control and reload value of the
+/// timer, the state of exceptions, and what releases vectors.
+const CONTROL: usize = 0x10;
+const RELOAD: usize = 0x14;
+const STATE: usize = 0xd04;
+const RELEASE: usize = 0x200;
+/// Bits of the state of exceptions: the timer's interrupt is due, and writing that makes it not due.
+const DUE: u32 = 1 << 26;
+const NOT_DUE: u32 = 1 << 25;
+
+/// The processor's own registers, for the step interrupt.
+///
+/// All that it uses are within reach of one address. The compiler does not see that, and would make
+/// an address for each; this one it cannot look through.
+#[derive(Clone, Copy)]
+pub(super) struct Near(*mut u32);
+
+impl Near {
+    /// Makes the address when an event is known: earlier it would be in the way.
+    #[inline]
+    #[expect(unsafe_code, reason = "an address that is opaque")]
+    fn after(event: StepEvent) -> Self {
+        let base: *mut u32;
+        // SAFETY: makes a number.
+        unsafe {
+            asm!(
+                "mov.w {}, #0xe000e000 /* {} */", out(reg) base, in(reg) event.bits(),
+                options(pure, nomem, nostack, preserves_flags),
+            );
         }
-        is_late
+        Self(base)
     }
 
-    /// Interrupts at once.
-    #[cold]
-    #[inline(never)]
-    fn force(&mut self) {
-        self.0.egr().write(|w| w.cc1g().set_bit());
+    #[inline]
+    #[expect(unsafe_code, reason = "registers by their addresses")]
+    fn write(self, offset: usize, word: u32) {
+        let register = self.0.wrapping_byte_add(offset);
+        // SAFETY: of the registers, the timer's are the step interrupt's own, as this is; for the
+        // others, a one does what it says and a zero nothing.
+        unsafe { register.write_volatile(word) };
+    }
+
+    /// Whether the timer's next interrupt is due already: what it was told last may have come too
+    /// late.
+    #[inline]
+    #[expect(unsafe_code, reason = "a register by its address")]
+    pub(super) fn is_behind(self) -> bool {
+        let register = self.0.wrapping_byte_add(STATE);
+        // SAFETY: reads a register without side effects.
+        unsafe { register.read_volatile() & DUE != 0 }
+    }
+
+    /// Releases a task by its vector, if it `is_due`: in the same time if not.
+    #[inline]
+    pub(super) fn pend(self, vector: Interrupt, is_due: bool) {
+        if is_due {
+            trace::release(vector);
+        }
+        let number = vector as usize;
+        let register = RELEASE + 4 * (number / 32);
+        self.write(register, u32::from(is_due) << (number % 32));
     }
 }
 
-/// Interrupts now and counts from now. Only while the timer is stopped.
-#[expect(unsafe_code, reason = "the interrupt owns the timer")]
-pub(super) fn start() {
-    // SAFETY: the step interrupt touches neither the registers nor `DUE` while it is stopped, and
-    // there is one caller, the task that prepares motion.
-    let timer = unsafe { &*pac::TIM2::ptr() };
-    DUE.store(timer.cnt().read().cnt().bits(), Relaxed);
-    // From the next write on, the interrupt owns `DUE`.
-    compiler_fence(SeqCst);
-    timer.egr().write(|w| w.cc1g().set_bit());
-    timer.dier().write(|w| w.cc1ie().set_bit());
+/// Makes the time from the next interrupt to the one behind it that of the event that the step
+/// interrupt did not know of.
+pub(super) fn then(event: StepEvent) {
+    reload(registers(), event);
+    // An interrupt that has come before that runs before this ends.
+    dsb();
+    isb();
 }
 
-/// When the event being waited for is due.
+/// Before [`start`]: the time to the first interrupt.
+pub(super) fn set_up(event: StepEvent) {
+    let timer = registers();
+    reload(timer, event);
+    clear_counter(timer);
+    if emulation::is_emulated() {
+        emulation::count(event.ticks());
+    }
+}
+
+/// Interrupts for the first time when what has been set up is over; then as [`StepTimer::then`].
+/// Only while the timer stands, and with the lock around it.
+#[inline]
+pub(super) fn start(then: StepEvent) {
+    let timer = registers();
+    let counts = if emulation::is_emulated() {
+        CORE_CYCLES
+    } else {
+        CORE_CYCLES | COUNTS
+    };
+    // It begins with the time that is in the register. Who preempts this may let it go round: then
+    // the first interrupt is later, and the time behind it still right.
+    control(timer, counts);
+    dsb();
+    reload(timer, then);
+    control(timer, counts | INTERRUPTS);
+}
+
+/// No interrupt until the next [`start`], from the next instruction on; whoever interrupted.
+pub(super) fn halt() {
+    control(registers(), CORE_CYCLES);
+    SCB::clear_pendst();
+    // One that was on its way has run by then, and what it uses is used after that.
+    dsb();
+    isb();
+}
+
+/// Core cycles since the event that is served was due: until [`StepTimer::then`], the counter has
+/// begun with what is in the reload register.
+#[cfg(all(feature = "trace", not(feature = "trace-emulated")))]
+#[inline]
+pub(super) fn behind() -> u32 {
+    let timer = registers();
+    timer.rvr.read().wrapping_sub(timer.cvr.read())
+}
+
+/// Ticks from the next interrupt to the one behind it.
 #[cfg(feature = "board-netduino-plus-2")]
-pub(super) fn due() -> u32 {
-    DUE.load(Relaxed)
+pub(super) fn reload_ticks() -> u32 {
+    (registers().rvr.read() + 1) / CYCLES_PER_TICK
 }
 
 /// Whether an event is being waited for. Also for code in RAM: it is inlined there.
 #[inline(always)]
 #[expect(clippy::inline_always, reason = "nothing in flash may be called")]
-#[expect(unsafe_code, reason = "the interrupt owns the timer")]
 pub(super) fn is_running() -> bool {
-    // SAFETY: reads a register without side effects.
-    unsafe { (*pac::TIM2::ptr()).dier().read().cc1ie().bit_is_set() }
+    registers().csr.read() & INTERRUPTS != 0
 }
 
-/// The time on the timer's clock.
-#[cfg(feature = "board-netduino-plus-2")]
-#[expect(unsafe_code, reason = "the interrupt owns the timer")]
-pub(super) fn now() -> u32 {
-    // SAFETY: reads a register without side effects.
-    unsafe { (*pac::TIM2::ptr()).cnt().read().cnt().bits() }
+#[inline]
+#[expect(unsafe_code, reason = "a raw word for a register")]
+fn reload(timer: &RegisterBlock, event: StepEvent) {
+    // SAFETY: any number of 24 bits is legal, and this has 20.
+    unsafe { timer.rvr.write(event.half_ticks_less_one()) };
 }
 
-/// Sets the clock.
-#[cfg(feature = "board-netduino-plus-2")]
+#[inline]
+#[expect(unsafe_code, reason = "a raw word for a register")]
+fn clear_counter(timer: &RegisterBlock) {
+    // SAFETY: whatever is written makes it zero; it stands.
+    unsafe { timer.cvr.write(0) };
+}
+
+#[inline]
+#[expect(unsafe_code, reason = "a raw word for a register")]
+fn control(timer: &RegisterBlock, bits: u32) {
+    // SAFETY: bits that the register has; the exception's handler is a task.
+    unsafe { timer.csr.write(bits) };
+}
+
+/// The timer's registers, for others than the step interrupt: who starts the timer, while it stands;
+/// who stops it, holding the same lock; and who tells it a time while the interrupt has none to tell.
+#[inline(always)]
+#[expect(clippy::inline_always, reason = "nothing in flash may be called")]
 #[expect(unsafe_code, reason = "the interrupt owns the timer")]
-pub(super) fn set(time: u32) {
-    // SAFETY: only the emulator's stand-in for the compare calls this.
-    unsafe { (*pac::TIM2::ptr()).cnt().write(|w| w.cnt().set(time)) };
+fn registers() -> &'static RegisterBlock {
+    // SAFETY: every processor of this kind has them.
+    unsafe { &*SYST::PTR }
 }

@@ -1,11 +1,11 @@
 //! What outlives power: the journal in the chip's flash, and who it is for.
 
 use leadscrew::{
-    protocol::{Progress, Session},
+    protocol::{ByteWriter, Progress, Session, realtime::Requests},
     settings::{Journal, Loaded},
 };
 
-use super::flash::SettingsFlash;
+use super::{flash::SettingsFlash, proven, serial::Deputy};
 
 /// The journal, owned by `interpret`.
 pub(crate) struct Storage(Journal<SettingsFlash>);
@@ -14,8 +14,15 @@ impl Storage {
     /// Reads what is stored. A flash that fails is a new machine's.
     pub(super) fn load(flash: SettingsFlash) -> (Self, Loaded) {
         let mut journal = Journal::new(flash);
-        let loaded = journal.load().unwrap_or_default();
+        let mut loaded = journal.load().unwrap_or_default();
+        loaded.stored.settings.step_rate = proven::step_rate();
         (Self(journal), loaded)
+    }
+
+    /// Says where the bytes go that come while flash is erased.
+    pub(crate) fn receive(&mut self, requests: &'static Requests, received: ByteWriter<'static>) {
+        let flash = self.0.flash();
+        flash.appoint(Deputy::new(requests, received));
     }
 
     /// Stores what the session asks for; then it has to go on. It asks at rest only: this may take

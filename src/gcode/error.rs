@@ -158,7 +158,9 @@ impl LineError {
             Self::Locked => "locked by an alarm or a jog",
             Self::SoftLimitsNeedHoming => "soft limits need homing ($22)",
             Self::LineOverflow => "the line is too long",
-            Self::StepRateTooHigh => "the step rate exceeds what the firmware can give",
+            Self::StepRateTooHigh => {
+                "the step rate exceeds what is proven, or what the step pulse leaves room for"
+            }
             Self::DoorOpen => "the safety door is open",
             Self::StoredLineTooLong => "the line is too long to be stored",
             Self::JogBeyondTravel => "the jog would leave the travel of the machine",

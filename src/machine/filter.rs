@@ -2,14 +2,14 @@
 //!
 //! Owned by the `inputs` interrupt. A change starts the sampling, [`SAMPLE_TICKS`] apart; an input
 //! that returns to its level in between starts anew. So a pulse shorter than three intervals
-//! (0.3 ms) is never seen, and one longer than four (0.4 ms) always is. All inputs at once: two
+//! (0.75 ms) is never seen, and one longer than four (1 ms) always is. All inputs at once: two
 //! words hold the two bits of each input's count.
 
 use super::Levels;
 use crate::units::TICKS_PER_US;
 
-/// Time from one sample to the next, ticks: 100 µs.
-pub const SAMPLE_TICKS: u32 = 100 * TICKS_PER_US;
+/// Time from one sample to the next, ticks: 250 µs.
+pub const SAMPLE_TICKS: u32 = 250 * TICKS_PER_US;
 
 /// Equal samples after which a level counts: the counts have two bits.
 pub const SAMPLES: u32 = 4;
@@ -97,13 +97,13 @@ mod tests {
     #[test]
     fn a_level_counts_with_its_fourth_equal_sample() {
         for (changes, seen) in [
-            (&[1000][..], &[1400][..]),
-            (&[1000, 1299], &[]),
-            (&[1000, 1401], &[1400, 1801]),
+            (&[1000][..], &[2000][..]),
+            (&[1000, 1749], &[]),
+            (&[1000, 2001], &[2000, 3001]),
             // Bouncing: the count starts anew, the sampling goes on.
-            (&[1000, 1050, 1070], &[1400]),
-            (&[1000, 1150, 1170], &[1500]),
-            (&[1000, 1350, 1390], &[1700]),
+            (&[1000, 1100, 1170], &[2000]),
+            (&[1000, 1350, 1370], &[2250]),
+            (&[1000, 1850, 1990], &[2750]),
         ] {
             assert_eq!(play(changes), seen, "{changes:?}");
         }
@@ -130,7 +130,7 @@ mod tests {
     proptest! {
         #[test]
         fn short_pulses_never_get_through(
-            pulses in prop::collection::vec((0_u32..300, 1_u32..2000), 1..40),
+            pulses in prop::collection::vec((0_u32..750, 1_u32..2000), 1..40),
         ) {
             let mut changes = std::vec::Vec::new();
             let mut time = 0;
@@ -145,7 +145,7 @@ mod tests {
 
         #[test]
         fn long_levels_always_get_through(
-            levels in prop::collection::vec(401_u32..3000, 1..40),
+            levels in prop::collection::vec(1001_u32..3000, 1..40),
         ) {
             let mut changes = std::vec::Vec::new();
             let mut time = 0;
@@ -156,7 +156,7 @@ mod tests {
             let seen = play(&changes);
             prop_assert_eq!(seen.len(), changes.len());
             for (seen, change) in seen.iter().zip(&changes) {
-                prop_assert!((300..=400).contains(&(seen - change)));
+                prop_assert!((750..=1000).contains(&(seen - change)));
             }
         }
     }

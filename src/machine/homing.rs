@@ -17,15 +17,12 @@ mod rules;
 mod run;
 
 use self::{rules::Rules, run::Run};
-use super::{Alarm, Inputs, Levels, Power};
+use super::{Alarm, Inputs, Levels, Power, SAMPLE_TICKS, SAMPLES};
 use crate::{
     axis::{AXES, Z},
     math,
     settings::Settings,
-    stepper::{
-        AHEAD_TICKS, AxisMotion, EventWriter, Generator, SEGMENT_TICKS, Segment, StepCounts,
-        steps_after,
-    },
+    stepper::{AHEAD_TICKS, AxisMotion, Generator, SEGMENT_TICKS, Segment, StepCounts},
     units::FineSteps,
 };
 
@@ -134,47 +131,46 @@ impl Homing {
         }
         self.stage = Stage::Stop;
         let position = generator.position();
-        // wcet-bound: 6
+        // wcet-bound: axes
         for (axis, run) in self.axes.iter_mut().enumerate() {
             run.brake(position[axis], self.rules.acceleration[axis]);
         }
     }
 
-    /// Looks at the switches: whatever axis has come to its own slows down. Once in each run of
-    /// `prepare`, before segments are generated.
-    pub fn watch(
-        &mut self,
-        inputs: &Inputs,
-        counts: &StepCounts,
-        generator: &Generator,
-        events: &EventWriter<'_>,
-    ) {
-        if !self.stage.is_approach() || self.is_found() {
-            return;
+    /// An axis that has come to its switch, which is not known yet.
+    #[must_use]
+    pub fn has_found(&self, inputs: &Inputs) -> Option<usize> {
+        if !self.stage.is_approach() {
+            return None;
         }
         let active = inputs.active();
-        let position = generator.position();
-        // wcet-bound: 6
-        for (axis, run) in self.axes.iter_mut().enumerate() {
+        // wcet-bound: axes
+        self.axes.iter().enumerate().position(|(axis, run)| {
             let is_group = self.group >> axis & 1 != 0;
-            if is_group && !run.is_found && active.has(Levels::limits(1 << axis)) {
-                let there = steps_after(inputs.reached(axis), counts, events);
-                run.switch = there.unwrap_or_else(|| counts.position())[axis];
-                run.is_found = true;
-                run.brake(position[axis], self.rules.acceleration[axis]);
-            }
+            is_group && !run.is_found && active.has(Levels::limits(1 << axis))
+        })
+    }
+
+    /// The switch of an axis that has come to it is `there`: the axis slows down.
+    pub fn find(&mut self, axis: usize, there: i32, counts: &StepCounts, generator: &Generator) {
+        let position = generator.position();
+        let acceleration = self.rules.acceleration;
+        if let Some(run) = self.axes.get_mut(axis) {
+            run.switch = there;
+            run.is_found = true;
+            run.brake(position[axis], acceleration[axis]);
         }
         if self.is_found() {
-            // It was found while this much was already prepared.
+            // It was found while this much was already prepared, after the filter's time.
             let ahead = generator.clock_ticks().wrapping_sub(counts.played_ticks());
-            let pause = self.rules.debounce_ticks.saturating_sub(ahead.into());
-            self.pause_ticks = pause;
+            let passed = u64::from(ahead) + u64::from(SAMPLES * SAMPLE_TICKS);
+            self.pause_ticks = self.rules.debounce_ticks.saturating_sub(passed);
         }
     }
 
     /// Whether every axis of the group has found its switch.
     fn is_found(&self) -> bool {
-        // wcet-bound: 6
+        // wcet-bound: axes
         self.axes
             .iter()
             .enumerate()
@@ -187,20 +183,21 @@ impl Homing {
         self.failure = None;
     }
 
-    /// The next segment, with the power that the spindle has; `None` at the end of the cycle. Sets
-    /// the position of axes that are homed.
+    /// Makes the next segment, with the power that the spindle has; false at the end of the cycle.
+    /// Sets the position of axes that are homed.
     pub fn next(
         &mut self,
         inputs: &Inputs,
         generator: &mut Generator,
         power: Power,
-    ) -> Option<Segment> {
+        segment: &mut Segment,
+    ) -> bool {
         if !self.is_moving(generator) {
             self.turn(inputs, generator);
         }
         if self.stage == Stage::Idle || self.stage == Stage::Stop && !self.is_moving(generator) {
             self.stage = Stage::Idle;
-            return None;
+            return false;
         }
         let is_moving = self.is_moving(generator);
         if is_moving {
@@ -213,7 +210,9 @@ impl Homing {
             let pause = self.pause_ticks.saturating_sub(SEGMENT_TICKS.into());
             self.pause_ticks = pause;
         }
-        Some(self.segment(generator, power))
+        segment.power = power;
+        self.make(generator, segment);
+        true
     }
 
     /// Takes why the cycle that has ended failed.
@@ -224,33 +223,29 @@ impl Homing {
 
     fn is_moving(&self, generator: &Generator) -> bool {
         let position = generator.position();
-        // wcet-bound: 6
+        // wcet-bound: axes
         let mut axes = self.axes.iter().zip(&position);
         axes.any(|(run, position)| run.target != *position)
     }
 
-    fn segment(&mut self, generator: &Generator, power: Power) -> Segment {
+    fn make(&mut self, generator: &Generator, segment: &mut Segment) {
         let position = generator.position();
-        let mut axes = position.map(|to| AxisMotion {
-            to,
-            acceleration: 0.0,
-        });
         let mut speed_sqr = 0.0;
-        // wcet-bound: 6
+        // wcet-bound: axes
         for (axis, run) in self.axes.iter_mut().enumerate() {
+            segment.axes[axis] = AxisMotion {
+                to: position[axis],
+                acceleration: 0.0,
+            };
             if run.target != position[axis] {
-                axes[axis] = run.advance(position[axis], self.rules.acceleration[axis]);
+                segment.axes[axis] = run.advance(position[axis], self.rules.acceleration[axis]);
                 let speed_mm_s = run.speed / self.rules.steps_per_mm[axis];
                 speed_sqr += speed_mm_s * speed_mm_s;
             }
         }
-        Segment {
-            ticks: SEGMENT_TICKS,
-            axes,
-            feed_mm_min: math::sqrt(speed_sqr) * 60.0,
-            line: 0,
-            power,
-        }
+        segment.ticks = SEGMENT_TICKS;
+        segment.feed_mm_min = math::sqrt(speed_sqr) * 60.0;
+        segment.line = 0;
     }
 
     /// Goes on to the next stage, if that is due. The axes stand.
@@ -285,7 +280,7 @@ impl Homing {
     /// The axes of the group are at home; the next ones follow.
     fn finish(&mut self, inputs: &Inputs, generator: &mut Generator) {
         let mut steps = generator.steps();
-        // wcet-bound: 6
+        // wcet-bound: axes
         for (axis, steps) in steps.iter_mut().enumerate() {
             if self.group >> axis & 1 != 0 {
                 *steps = self.rules.home(axis);
@@ -311,7 +306,7 @@ impl Homing {
         let farthest_mm = self.farthest_mm();
         let active = inputs.active();
         let rules = self.rules;
-        // wcet-bound: 6
+        // wcet-bound: axes
         for (axis, run) in self.axes.iter_mut().enumerate() {
             let here = position[axis].nearest().0;
             let is_group = self.group >> axis & 1 != 0;
@@ -320,17 +315,17 @@ impl Homing {
                 run.is_found = is_closed;
                 run.switch = here;
             }
-            let target = match stage {
-                Stage::Search if !is_closed => {
-                    here.saturating_add(rules.towards(axis, farthest_mm))
-                }
-                Stage::Locate if !is_closed => {
-                    here.wrapping_add(rules.towards(axis, LOCATE_PULL_OFFS * rules.pull_off_mm))
-                }
-                Stage::Clear | Stage::PullOff => run
-                    .switch
-                    .wrapping_sub(rules.towards(axis, rules.pull_off_mm)),
-                Stage::Search | Stage::Locate | Stage::Idle | Stage::Stop => here,
+            let target = if stage.is_pull_off() {
+                run.switch
+                    .wrapping_sub(rules.towards(axis, rules.pull_off_mm))
+            } else if is_closed {
+                here
+            } else if stage == Stage::Search {
+                here.saturating_add(rules.towards(axis, farthest_mm))
+            } else if stage == Stage::Locate {
+                here.wrapping_add(rules.towards(axis, LOCATE_PULL_OFFS * rules.pull_off_mm))
+            } else {
+                here
             };
             run.speed = 0.0;
             run.limit = if stage == Stage::Locate {
@@ -349,7 +344,7 @@ impl Homing {
     /// How far the switches of the group are searched, mm: as far as the longest axis needs.
     fn farthest_mm(&self) -> f32 {
         let mut travel_mm = 0.0;
-        // wcet-bound: 6
+        // wcet-bound: axes
         for (axis, travel) in self.rules.travel_mm.iter().enumerate() {
             if self.group >> axis & 1 != 0 {
                 travel_mm = math::max(travel_mm, *travel);

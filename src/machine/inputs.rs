@@ -6,7 +6,8 @@
 
 use core::sync::atomic::{
     AtomicU32,
-    Ordering::{Acquire, Relaxed, Release},
+    Ordering::{Relaxed, SeqCst},
+    compiler_fence,
 };
 
 use super::Levels;
@@ -108,7 +109,8 @@ impl Inputs {
 
     /// Waits for a change of the probe from now on; for `prepare` alone.
     pub fn arm_probe(&self, contact: Contact) {
-        self.probing.store(contact as u32, Release);
+        compiler_fence(SeqCst);
+        self.probing.store(contact as u32, Relaxed);
     }
 
     /// Waits no more; for `prepare` alone.
@@ -120,14 +122,15 @@ impl Inputs {
     /// How many events had been output when the probe changed, if it has.
     #[must_use]
     pub fn contact(&self) -> Option<u32> {
-        let is_latched = self.probing.load(Acquire) == LATCHED;
+        let is_latched = self.probing.load(Relaxed) == LATCHED;
+        compiler_fence(SeqCst);
         is_latched.then(|| self.latched.load(Relaxed))
     }
 
     /// Whether the change of the probe that is waited for has come with these levels.
     pub(super) fn is_contact(&self, raw: Levels) -> bool {
         let is_active = (raw ^ self.inverted()).has(Levels::PROBE);
-        let awaited = self.probing.load(Acquire);
+        let awaited = self.probing.load(Relaxed);
         awaited == Contact::Made as u32 && is_active
             || awaited == Contact::Broken as u32 && !is_active
     }
@@ -135,7 +138,8 @@ impl Inputs {
     /// The change has come after so many events; for the input interrupt alone.
     pub(super) fn latch(&self, events: u32) {
         self.latched.store(events, Relaxed);
-        self.probing.store(LATCHED, Release);
+        compiler_fence(SeqCst);
+        self.probing.store(LATCHED, Relaxed);
     }
 
     /// How many events had been output when the limit switch of an axis became active last.
@@ -148,7 +152,7 @@ impl Inputs {
 
     /// Limit switches have become active after so many events; for the input interrupt alone.
     pub(super) fn reach(&self, limits: Levels, events: u32) {
-        // wcet-bound: 6
+        // wcet-bound: axes
         for (axis, reached) in self.reached.iter().enumerate() {
             if limits.has(Levels::limits(1 << axis)) {
                 reached.store(events, Relaxed);

@@ -25,6 +25,9 @@ impl Levels {
     /// The cycle start button.
     pub const START: Self = Self(1 << 10);
 
+    /// What asks for something when it closes.
+    pub const BUTTONS: Self = Self(0xf << 7);
+
     /// Whether it has a bit of another.
     #[must_use]
     pub const fn has(self, other: Self) -> bool {

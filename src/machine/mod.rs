@@ -24,4 +24,4 @@ pub use notice::{Notice, Notices};
 pub use outputs::Outputs;
 pub use overrides::{Override, Overrides};
 pub use state::{Probed, Snapshot, State};
-pub use watch::{Cause, Watch, Watched};
+pub use watch::{Watch, Watched};

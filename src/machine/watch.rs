@@ -5,28 +5,17 @@
 //! tells the position.
 
 use super::{Filter, Inputs, Levels};
-use crate::{
-    protocol::realtime::{Button, Requests},
-    stepper::{EventTap, StepCounts},
-};
+use crate::{protocol::realtime::Requests, stepper::EventTap};
 
-/// Why the interrupt runs.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Cause {
-    /// An input has changed.
-    Edge,
-    /// A sample is due.
-    Sample,
-}
-
-/// What the interrupt asks of its shell.
+/// What a sample asks of the interrupt's shell.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub struct Watched {
-    /// Run again as [`Cause::Sample`], [`SAMPLE_TICKS`](super::SAMPLE_TICKS) after the last sample,
-    /// or from now when none is due.
-    pub sample: bool,
+    /// Take another sample [`SAMPLE_TICKS`](super::SAMPLE_TICKS) after this one.
+    pub again: bool,
     /// Release `prepare`.
     pub prepare: bool,
+    /// Stop the step interrupt at once, and call [`EventTap::cut`].
+    pub cut: bool,
 }
 
 /// The interrupt's own state.
@@ -48,58 +37,44 @@ impl Watch {
         }
     }
 
-    /// One run, with the contacts that are closed now.
+    /// The beginning of each run, with the contacts that are closed now: what an input tells at
+    /// once, without a filter. Limit switches are known to be reached, which counts once the filter
+    /// agrees; whether the probe has changed as it should, and `prepare` is to be released.
     ///
     /// Deadline: the probe's position is that of the run, so one step time where it matters; a miss
     /// tells a position that is as much too late.
-    pub fn run(
-        &mut self,
-        cause: Cause,
-        raw: Levels,
-        inputs: &Inputs,
-        requests: &Requests,
-        counts: &StepCounts,
-        events: &EventTap<'_>,
-    ) -> Watched {
+    #[inline]
+    pub fn look(&mut self, raw: Levels, inputs: &Inputs, events: EventTap<'_>) -> bool {
+        let output = events.output();
         let is_contact = inputs.is_contact(raw);
         if is_contact {
-            inputs.latch(events.output(counts));
+            inputs.latch(output);
         }
-        // Where a limit switch was reached is where it changed, and counts once the filter agrees.
         let reached = (raw ^ self.raw) & (raw ^ inputs.inverted());
-        inputs.reach(reached, events.output(counts));
+        inputs.reach(reached, output);
         self.raw = raw;
-        let changed = match cause {
-            Cause::Edge => Levels::NONE,
-            Cause::Sample => self.filter.sample(raw),
-        };
-        if changed != Levels::NONE {
-            let closed = self.filter.stable();
-            inputs.set_closed(closed);
-            press(changed & closed, requests);
-            let limits = changed & (closed ^ inputs.inverted());
-            if limits.has(inputs.guarded()) {
-                events.cut(counts);
-            }
-        }
-        Watched {
-            sample: self.filter.change(raw),
-            prepare: is_contact || changed != Levels::NONE,
-        }
+        is_contact
     }
-}
 
-/// Presses the buttons whose contact has just closed.
-fn press(closed: Levels, requests: &Requests) {
-    // wcet-bound: 4
-    for (input, button) in [
-        (Levels::HOLD, Button::Hold),
-        (Levels::RESET, Button::Reset),
-        (Levels::START, Button::Start),
-        (Levels::DOOR, Button::Door),
-    ] {
-        if closed.has(input) {
-            requests.press(button);
+    /// A run because an input has changed: whether samples are needed, the first
+    /// [`SAMPLE_TICKS`](super::SAMPLE_TICKS) from now if none is due.
+    #[inline]
+    pub fn edge(&mut self) -> bool {
+        self.filter.change(self.raw)
+    }
+
+    /// A run because a sample is due.
+    #[inline]
+    pub fn sample(&mut self, inputs: &Inputs, requests: &Requests) -> Watched {
+        let changed = self.filter.sample(self.raw);
+        let closed = self.filter.stable();
+        inputs.set_closed(closed);
+        requests.press_all(changed & closed);
+        let limits = changed & (closed ^ inputs.inverted());
+        Watched {
+            again: self.filter.change(self.raw),
+            prepare: changed != Levels::NONE,
+            cut: limits.has(inputs.guarded()),
         }
     }
 }

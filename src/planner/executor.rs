@@ -9,25 +9,39 @@
 //!    entry                  exit
 //! ```
 //!
-//! A segment lies within one block and one phase and lasts at most 1 ms; on an arc it also ends
-//! where an axis reverses. Its phase is decided from the present speed and the way left, so a feed
-//! hold, a new block or a changed limit needs nothing but the next segment.
+//! A *piece* is a block, or the part of an arc between two reversals of an axis. A segment lies
+//! within one piece and has one acceleration. Its end speed is the greatest that the limits, the way
+//! to brake that is left, and the segments to come allow; it follows from the present speed and the
+//! way left, so a feed hold, a new block or a changed limit needs nothing but the next segment.
+//!
+//! Segments cost time to make. A piece that takes 1.5 ms is one segment; of a longer one each takes
+//! 0.75 ms at least, and all but the last two 1 ms. None takes more than 1.5 ms.
 
-use super::{Block, Curve, Laser, lookahead::Plan};
+use super::{
+    Block, Curve, Laser,
+    lookahead::{Plan, Progress},
+};
 use crate::{
     axis::Axes,
     machine::Power,
     math::{self, WHOLE_Q31},
-    stepper::{AxisMotion, SEGMENT_TICKS, Segment},
+    stepper::{AxisMotion, LONGEST_SEGMENT_TICKS, SEGMENT_TICKS, Segment},
     units::{FineSteps, TICKS_PER_SECOND},
 };
 
 /// Timer ticks per second in floating point.
 const TICKS_PER_S: f32 = TICKS_PER_SECOND as f32;
+/// A segment of a long piece, s.
+pub(super) const SEGMENT_S: f32 = SEGMENT_TICKS as f32 / TICKS_PER_S;
 /// Longest segment, s.
-const SEGMENT_S: f32 = SEGMENT_TICKS as f32 / TICKS_PER_S;
-/// Phases shorter than this are left out, s.
-const SHORTEST_PHASE_S: f32 = 20.0e-6;
+pub(super) const LONGEST_S: f32 = LONGEST_SEGMENT_TICKS as f32 / TICKS_PER_S;
+/// Shortest segment of a piece that has several, s.
+pub(super) const SHORTEST_S: f32 = 0.5 * LONGEST_S;
+/// The first segment from rest, s: it makes up for the standstill before it, which is a segment too.
+/// On an arc it may last a little longer than meant.
+const START_S: f32 = 0.97 * LONGEST_S;
+/// What is shorter than that before or after a reversal is no piece of its own, s.
+pub(super) const SLIVER_S: f32 = 1.0e-4;
 /// Stands for an acceleration of 0, as at the speed limit of an arc, mm/s², where the block's own is
 /// not that small.
 const LEAST_MM_S2: f32 = 1.0e-3;
@@ -37,9 +51,6 @@ const LEAST_PART: f32 = 1.0e-4;
 const LEAST_MM_S: f32 = 1.0e-20;
 /// A measure of speed that is that much above the plan's is within it.
 const WITHIN: f32 = 1.0001;
-/// A segment that leaves less than this of its own length of the block takes it along.
-const REMNANT: f32 = 0.02;
-
 /// Whether motion is to go on or to end.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Goal {
@@ -58,8 +69,36 @@ struct Stretch {
     speed_mm_s: f32,
     /// Duration, s.
     seconds: f32,
+    /// Whether it ends its piece.
+    ends_piece: bool,
+}
+
+/// What is left of a piece.
+#[derive(Debug, Clone, Copy)]
+struct Piece {
+    /// Its length, mm.
+    length_mm: f32,
+    /// The measure of the greatest speed at its end.
+    exit: f32,
     /// Whether it ends the block.
     ends_block: bool,
+}
+
+/// The direction from the centre of an arc to a point of it, times 2³⁰.
+#[derive(Debug, Clone, Copy)]
+struct Direction {
+    cosine: i32,
+    sine: i32,
+}
+
+impl Direction {
+    /// That of a line.
+    const NONE: Self = Self { cosine: 0, sine: 0 };
+
+    fn at(phase: u32) -> Self {
+        let (cosine, sine) = math::cos_sin(phase);
+        Self { cosine, sine }
+    }
 }
 
 /// Where on the path the machine is, and how fast.
@@ -71,12 +110,17 @@ pub(super) struct Executor {
     carry: f32,
     /// Speed along the path, mm/s.
     speed_mm_s: f32,
-    /// Exact position at the start of the block.
+    /// Exact position at the start of the block, and the direction from the centre of an arc.
     start: Axes<FineSteps>,
+    from_centre: Direction,
+    /// Angle seen from the centre where the machine is.
+    phase: u32,
     /// Speed of each axis at the end of the last segment, steps per tick.
     axis_speed: Axes<f32>,
     /// A block has been begun.
     is_begun: bool,
+    /// A piece has been begun.
+    is_within: bool,
     /// The plan has become slower: the speed may be more than it allows.
     is_over: bool,
     /// What the laser does in the last segment, and the part of the programmed speed that it has.
@@ -91,17 +135,26 @@ impl Executor {
             carry: 0.0,
             speed_mm_s: 0.0,
             start: Axes([FineSteps(0); crate::axis::AXES]),
+            from_centre: Direction::NONE,
+            phase: 0,
             axis_speed: Axes([0.0; crate::axis::AXES]),
             is_begun: false,
+            is_within: false,
             is_over: false,
             laser: Laser::None,
             part: 0.0,
         }
     }
 
-    /// The plan has been made anew, for other speeds.
-    pub(super) fn replanned(&mut self) {
+    /// The plan is made anew, for other speeds: how far the machine is with the one before.
+    pub(super) fn replanned(&mut self) -> Progress {
+        let was_over = self.is_over;
         self.is_over = self.speed_mm_s > 0.0;
+        if was_over {
+            Progress::Behind
+        } else {
+            Progress::Followed
+        }
     }
 
     /// What the laser does in the last segment, and its mean speed as a part of the programmed one.
@@ -109,10 +162,17 @@ impl Executor {
         (self.laser, self.part)
     }
 
+    /// Whether the last segment ends in motion.
+    #[inline]
+    pub(super) fn is_moving(&self) -> bool {
+        self.speed_mm_s > 0.0
+    }
+
     /// Forgets the block in execution: what was left of it is not executed. At rest, or a fault.
     pub(super) fn abandon(&mut self) {
         self.speed_mm_s = 0.0;
         self.is_begun = false;
+        self.is_within = false;
         self.is_over = false;
     }
 
@@ -138,19 +198,18 @@ impl Executor {
         if !self.is_begun {
             self.begin(block, position);
         }
-        let left_mm = self.left as f32 * (block.length_mm / WHOLE_Q31 as f32);
-        let mut stretch = match goal {
-            Goal::Run => self.run(block, left_mm, exit_sqr),
-            Goal::Stop => self.stop(block, left_mm),
+        let piece = self.piece(block, exit_sqr);
+        let stretch = match goal {
+            Goal::Run => self.run(block, &piece),
+            Goal::Stop => self.stop(block, &piece),
         };
-        if let Some(curve) = &block.curve {
-            stretch = self.cut_at_reversal(curve, stretch);
-        }
-        self.segment(block, &stretch, segment);
+        let ends_block = stretch.ends_piece && piece.ends_block;
+        self.segment(block, &stretch, ends_block, segment);
         self.laser = block.laser;
         self.part = 0.5 * (self.speed_mm_s + stretch.speed_mm_s) / block.programmed_mm_s;
         self.speed_mm_s = stretch.speed_mm_s;
-        if stretch.ends_block {
+        self.is_within = !stretch.ends_piece && self.speed_mm_s > 0.0;
+        if ends_block {
             plan.pop();
             self.is_begun = false;
         }
@@ -159,131 +218,196 @@ impl Executor {
 
     fn begin(&mut self, block: &Block, position: &Axes<FineSteps>) {
         self.is_begun = true;
+        self.is_within = false;
         self.left = WHOLE_Q31;
         self.carry = 0.0;
         self.start = *position;
-        self.axis_speed = axis_speeds(block, 0, self.speed_mm_s);
+        if let Some(curve) = &block.curve {
+            self.phase = curve.phase;
+            self.from_centre = Direction::at(curve.phase);
+        }
+        self.axis_speed = axis_speeds(block, self.from_centre, self.speed_mm_s);
     }
 
-    /// A stretch towards the planned exit speed.
-    fn run(&mut self, block: &Block, left_mm: f32, exit_sqr: f32) -> Stretch {
-        let speed = self.speed_mm_s;
-        let measure = block.measure(speed * speed);
-        let mut exit = block.measure(exit_sqr);
-        let per_mm = block.measure_per_mm();
-        // Greatest speed from which the exit speed can still be reached.
-        let top = block.measure(block.speed_mm_s * block.speed_mm_s);
-        let mut peak = math::min(top, 0.5 * (measure + exit + per_mm * left_mm));
-        let mut exit_speed_sqr = exit_sqr;
-        if self.is_over {
-            // Braking as hard as the limits allow is always within the plan before, and so within
-            // every limit but the new speed.
-            let least = measure - per_mm * left_mm;
-            self.is_over = measure > top * WITHIN || least > exit * WITHIN;
-            if least > exit {
-                exit = least;
-                exit_speed_sqr = block.speed_sqr(exit);
-                peak = math::max(math::min(top, measure), exit);
+    /// What is left of the piece that the machine is in, of a block to be left at a speed.
+    fn piece(&self, block: &Block, exit_sqr: f32) -> Piece {
+        let left_mm = self.left as f32 * (block.length_mm / WHOLE_Q31 as f32);
+        let top_sqr = block.speed_mm_s * block.speed_mm_s;
+        let mut piece = Piece {
+            length_mm: left_mm,
+            exit: block.measure(math::min(exit_sqr, top_sqr)),
+            ends_block: true,
+        };
+        if let Some(curve) = &block.curve {
+            let sliver_mm = SLIVER_S * block.speed_mm_s;
+            let length_mm = self.way_to_reversal(curve, sliver_mm);
+            if length_mm < left_mm - sliver_mm {
+                let rest = block.measure_per_mm() * (left_mm - length_mm);
+                piece = Piece {
+                    length_mm,
+                    exit: piece.exit + rest,
+                    ends_block: false,
+                };
             }
         }
-        let exit_speed = || math::sqrt(exit_speed_sqr);
-        let peak_speed = math::sqrt(block.speed_sqr(peak));
-        let acceleration = acceleration_left(block, speed);
-        let near = SHORTEST_PHASE_S * acceleration;
-        if speed <= 0.0 || peak_speed - speed > near {
-            let seconds = share((peak_speed - speed) / acceleration);
-            let way = (speed + 0.5 * acceleration * seconds) * seconds;
-            let reached = block.speed_sqr(math::min(measure + per_mm * way, peak));
-            return finish(speed, way, math::sqrt(reached), left_mm, || {
-                math::min(
-                    math::sqrt(block.speed_sqr(measure + per_mm * left_mm)),
-                    exit_speed(),
-                )
-            });
-        }
-        let cruise_mm = left_mm - (peak - exit) / per_mm;
-        let cruises = cruise_mm > peak_speed * SHORTEST_PHASE_S;
-        if cruises && speed - peak_speed <= near {
-            // What little is missing comes on the way; what little is too much goes at once.
-            let from = math::min(speed, peak_speed);
-            let mean = 0.5 * (from + peak_speed);
-            let seconds = share(cruise_mm / mean);
-            return finish(from, mean * seconds, peak_speed, left_mm, || {
-                math::min(peak_speed, exit_speed())
-            });
-        }
-        let slowest = if cruises {
-            peak_speed
-        } else {
-            math::min(exit_speed(), speed)
-        };
-        let seconds = share((speed - slowest) / acceleration);
-        let way = (speed - 0.5 * acceleration * seconds) * seconds;
-        if cruises {
-            let reached = block.speed_sqr(math::max(measure - per_mm * way, peak));
-            return finish(speed, way, math::sqrt(reached), left_mm, || slowest);
-        }
-        if seconds < SHORTEST_PHASE_S || way >= left_mm * (1.0 - REMNANT) {
-            return finish(speed, left_mm, slowest, left_mm, || slowest);
-        }
-        let reached = math::sqrt(block.speed_sqr(exit + per_mm * (left_mm - way)));
-        finish(speed, way, math::min(reached, speed), left_mm, || slowest)
+        piece
     }
 
-    /// A stretch towards a standstill.
-    fn stop(&self, block: &Block, left_mm: f32) -> Stretch {
-        let speed = self.speed_mm_s;
-        let measure = block.measure(speed * speed);
-        let per_mm = block.measure_per_mm();
-        let way_mm = measure / per_mm;
-        let acceleration = acceleration_left(block, speed);
-        let all_seconds = speed / acceleration;
-        let seconds = share(all_seconds);
-        let way = (speed - 0.5 * acceleration * seconds) * seconds;
-        let slower = |way: f32| math::sqrt(block.speed_sqr(math::max(measure - per_mm * way, 0.0)));
-        if all_seconds <= SEGMENT_S || way >= way_mm * (1.0 - REMNANT) {
-            return finish(speed, way_mm, 0.0, left_mm, || slower(left_mm));
-        }
-        finish(speed, way, slower(way), left_mm, || slower(left_mm))
-    }
-
-    /// Ends a stretch where an axis of the plane reverses.
-    fn cut_at_reversal(&self, curve: &Curve, stretch: Stretch) -> Stretch {
+    /// The way to where an axis of the plane reverses next, but for one that is very near, mm.
+    fn way_to_reversal(&self, curve: &Curve, sliver_mm: f32) -> f32 {
         const QUARTER: u32 = 1 << 30;
         // Parts of the block are coarser than phases where the arc has many turns.
         let grain = (curve.sweep.unsigned_abs() >> 30) as u32 + 16;
-        let phase = phase_at(curve, WHOLE_Q31 - self.left) & (QUARTER - 1);
-        let mut to_go = if curve.sweep > 0 {
+        let phase = self.phase & (QUARTER - 1);
+        let to_go = if curve.sweep > 0 {
             QUARTER - phase
         } else {
             phase
         };
-        if to_go < grain {
-            to_go += QUARTER;
-        }
         let length_mm = to_go as f32 * curve.mm_per_phase;
-        if length_mm >= stretch.length_mm * (1.0 - REMNANT * 0.5) {
-            return stretch;
+        if to_go < grain || length_mm < sliver_mm {
+            length_mm + QUARTER as f32 * curve.mm_per_phase
+        } else {
+            length_mm
         }
-        let begin = self.speed_mm_s * self.speed_mm_s;
-        let change = stretch.speed_mm_s * stretch.speed_mm_s - begin;
-        let end = begin + change * (length_mm / stretch.length_mm);
-        let speed_mm_s = math::sqrt(end);
+    }
+
+    /// A stretch towards the greatest speed at the piece's end.
+    fn run(&mut self, block: &Block, piece: &Piece) -> Stretch {
+        let speed = self.speed_mm_s;
+        let measure = block.measure(speed * speed);
+        let change = block.measure_per_mm() * piece.length_mm;
+        let mut end = math::min(piece.exit, measure + change);
+        if self.is_over {
+            // Braking as hard as the limits allow is always within the plan before, and so within
+            // every limit but the new speed.
+            end = math::max(end, measure - change);
+            let is_too_near = measure > (piece.exit + change) * WITHIN;
+            self.is_over = speed > block.speed_mm_s * WITHIN || is_too_near;
+        }
+        let end_speed = math::sqrt(block.speed_sqr(end));
+        let end_speed = math::min(end_speed, math::max(block.speed_mm_s, speed));
+        let double_mm = 2.0 * piece.length_mm;
+        if double_mm <= LONGEST_S * (speed + end_speed) {
+            return self.last(piece, end_speed);
+        }
+        let seconds = if speed <= 0.0 {
+            START_S
+        } else {
+            share(double_mm / (speed + end_speed))
+        };
+        let gain = acceleration_left(block, speed) * seconds;
+        // The speed at which braking begins: v² = e² - 2·(v0 + v)/2·gain, with e² as it could be here.
+        let room = block.speed_sqr(piece.exit + change) - gain * speed;
+        let room = math::max(room, 0.0);
+        let half = 0.5 * gain;
+        let braking = room / (half + math::sqrt(half * half + room));
+        // The speed at which the shortest segment is left.
+        let lasting =
+            (double_mm - speed * seconds - SHORTEST_S * end_speed) / (seconds + SHORTEST_S);
+        let top = math::min(speed + gain, block.speed_mm_s);
+        let reached = math::min(top, math::min(braking, lasting));
+        let reached = math::max(reached, math::max(speed - gain, 0.0));
+        let length_mm = 0.5 * (speed + reached) * seconds;
+        if length_mm >= piece.length_mm {
+            return self.last(piece, end_speed);
+        }
+        if block.curve.is_some() {
+            return self.on_arc(block, piece, measure, length_mm, reached);
+        }
+        Stretch {
+            length_mm,
+            speed_mm_s: reached,
+            seconds,
+            ends_piece: false,
+        }
+    }
+
+    /// The last stretch of a piece, to a speed at most: it takes its time after others, or from rest.
+    fn last(&self, piece: &Piece, speed_mm_s: f32) -> Stretch {
+        let speed = self.speed_mm_s;
+        let double_mm = 2.0 * piece.length_mm;
+        let mut end_speed = speed_mm_s;
+        if speed <= 0.0 {
+            end_speed = math::min(end_speed, double_mm * (1.0 / LONGEST_S));
+        } else if self.is_within && !self.is_over {
+            let lasting = double_mm * (1.0 / SHORTEST_S) - speed;
+            end_speed = math::min(end_speed, math::max(lasting, 0.0));
+        }
+        Stretch {
+            length_mm: piece.length_mm,
+            speed_mm_s: end_speed,
+            seconds: lasting_s(double_mm, speed + end_speed),
+            ends_piece: true,
+        }
+    }
+
+    /// A stretch of an arc about to a speed: what that is exactly follows from the way.
+    fn on_arc(
+        &self,
+        block: &Block,
+        piece: &Piece,
+        measure: f32,
+        length_mm: f32,
+        about_mm_s: f32,
+    ) -> Stretch {
+        let change = block.measure_per_mm() * length_mm;
+        let rest = block.measure_per_mm() * (piece.length_mm - length_mm);
+        let mut most = math::min(measure + change, piece.exit + rest);
+        if self.is_over {
+            most = math::max(most, measure - change);
+        }
+        let speed_mm_s = math::min(about_mm_s, math::sqrt(block.speed_sqr(most)));
         Stretch {
             length_mm,
             speed_mm_s,
-            seconds: math::min(
-                2.0 * length_mm / math::max(self.speed_mm_s + speed_mm_s, LEAST_MM_S),
-                stretch.seconds,
-            ),
-            ends_block: false,
+            seconds: lasting_s(2.0 * length_mm, self.speed_mm_s + speed_mm_s),
+            ends_piece: false,
+        }
+    }
+
+    /// A stretch towards a standstill.
+    fn stop(&self, block: &Block, piece: &Piece) -> Stretch {
+        let speed = self.speed_mm_s;
+        let measure = block.measure(speed * speed);
+        let per_mm = block.measure_per_mm();
+        let end = math::max(measure - per_mm * piece.length_mm, 0.0);
+        let end_speed = math::sqrt(block.speed_sqr(end));
+        let way_mm = math::min(measure / per_mm, piece.length_mm);
+        // Not in less time than a segment has to take, if there is the way.
+        let shortest_mm = math::min(0.5 * SHORTEST_S * speed, piece.length_mm);
+        let way_mm = math::max(way_mm, shortest_mm);
+        let whole_s = 2.0 * way_mm / math::max(speed + end_speed, LEAST_MM_S);
+        if whole_s <= LONGEST_S {
+            return Stretch {
+                length_mm: way_mm,
+                speed_mm_s: end_speed,
+                seconds: whole_s,
+                ends_piece: way_mm >= piece.length_mm,
+            };
+        }
+        let gain = acceleration_left(block, speed) * share(whole_s);
+        let length_mm = (speed - 0.5 * gain) * share(whole_s);
+        let reached = math::max(measure - per_mm * length_mm, end);
+        let speed_mm_s = math::sqrt(block.speed_sqr(reached));
+        Stretch {
+            length_mm,
+            speed_mm_s,
+            seconds: lasting_s(2.0 * length_mm, speed + speed_mm_s),
+            ends_piece: false,
         }
     }
 
     /// The motion of the axes over a stretch.
-    fn segment(&mut self, block: &Block, stretch: &Stretch, segment: &mut Segment) {
+    fn segment(
+        &mut self,
+        block: &Block,
+        stretch: &Stretch,
+        ends_block: bool,
+        segment: &mut Segment,
+    ) {
         let ticks = ((stretch.seconds * TICKS_PER_S + 0.5) as u32).max(1);
-        if stretch.ends_block {
+        if ends_block {
             self.left = 0;
         } else {
             let parts = stretch.length_mm * (WHOLE_Q31 as f32 / block.length_mm) + self.carry;
@@ -292,8 +416,13 @@ impl Executor {
             self.left -= whole.min(self.left);
         }
         let done = WHOLE_Q31 - self.left;
-        let way = way_at(block, done);
-        let speeds = axis_speeds(block, done, stretch.speed_mm_s);
+        let mut here = Direction::NONE;
+        if let Some(curve) = &block.curve {
+            self.phase = phase_at(curve, done);
+            here = Direction::at(self.phase);
+        }
+        let way = way_at(block, done, self.from_centre, here);
+        let speeds = axis_speeds(block, here, stretch.speed_mm_s);
         let rate = 1.0 / ticks as f32;
         let axes = Axes::from_fn(|axis| AxisMotion {
             to: FineSteps(self.start[axis].0.wrapping_add(way[axis])),
@@ -310,40 +439,18 @@ impl Executor {
     }
 }
 
-/// The part of a phase of `seconds` that fits a segment: never leaves a sliver for the next.
+/// The part of a time that fits a segment: never leaves a sliver for the next.
 fn share(seconds: f32) -> f32 {
-    if seconds <= SEGMENT_S {
-        seconds
-    } else if seconds < 2.0 * SEGMENT_S {
+    if seconds < SEGMENT_S + LONGEST_S {
         0.5 * seconds
     } else {
         SEGMENT_S
     }
 }
 
-/// A stretch of `length_mm` to `speed_mm_s`, or to the block's end if that comes first or is near.
-fn finish(
-    from_mm_s: f32,
-    length_mm: f32,
-    speed_mm_s: f32,
-    left_mm: f32,
-    speed_at_end: impl Fn() -> f32,
-) -> Stretch {
-    let ends_block = length_mm >= left_mm || left_mm - length_mm < REMNANT * length_mm;
-    let (length_mm, speed_mm_s) = if ends_block {
-        (left_mm, speed_at_end())
-    } else {
-        (length_mm, speed_mm_s)
-    };
-    Stretch {
-        length_mm,
-        speed_mm_s,
-        seconds: math::min(
-            2.0 * length_mm / math::max(from_mm_s + speed_mm_s, LEAST_MM_S),
-            2.0 * SEGMENT_S,
-        ),
-        ends_block,
-    }
+/// The time for half of a way at both speeds' sum; never longer than the longest segment.
+fn lasting_s(double_mm: f32, sum_mm_s: f32) -> f32 {
+    math::min(double_mm / math::max(sum_mm_s, LEAST_MM_S), LONGEST_S)
 }
 
 /// Acceleration along the path that the block's limits leave at a speed, mm/s²: never 0.
@@ -367,14 +474,12 @@ fn phase_at(curve: &Curve, done: u32) -> u32 {
 }
 
 /// The way of each axis from the block's start where a part of it is done.
-fn way_at(block: &Block, done: u32) -> Axes<i64> {
+fn way_at(block: &Block, done: u32, begin: Direction, here: Direction) -> Axes<i64> {
     let mut way = block.delta.map(|delta| math::scale_q31(delta, done));
     if let Some(curve) = &block.curve {
         if done == WHOLE_Q31 {
             return way;
         }
-        let begin = math::cos_sin(curve.phase);
-        let here = math::cos_sin(phase_at(curve, done));
         let [first, second] = curve.radius;
         let [first_change, second_change] = curve.radius_delta;
         let along = |radius: i64, change: i64, begin: i32, here: i32| {
@@ -384,27 +489,26 @@ fn way_at(block: &Block, done: u32) -> Axes<i64> {
         put(
             &mut way,
             curve.first,
-            along(first, first_change, begin.0, here.0),
+            along(first, first_change, begin.cosine, here.cosine),
         );
         put(
             &mut way,
             curve.second,
-            along(second, second_change, begin.1, here.1),
+            along(second, second_change, begin.sine, here.sine),
         );
     }
     way
 }
 
-/// Speed of each axis where a part of the block is done, steps per tick.
-fn axis_speeds(block: &Block, done: u32, speed_mm_s: f32) -> Axes<f32> {
+/// Speed of each axis in a place of the block, steps per tick.
+fn axis_speeds(block: &Block, here: Direction, speed_mm_s: f32) -> Axes<f32> {
     let speed = speed_mm_s * (1.0 / TICKS_PER_S);
     let mut speeds = block.steps_per_mm.map(|steps| steps * speed);
     if let Some(curve) = &block.curve {
-        let (cosine, sine) = math::cos_sin(phase_at(curve, done));
         let sign = if curve.sweep > 0 { 1.0 } else { -1.0 };
         let scale = sign / math::ONE_Q30 as f32;
-        scale_by(&mut speeds, curve.first, -sine as f32 * scale);
-        scale_by(&mut speeds, curve.second, cosine as f32 * scale);
+        scale_by(&mut speeds, curve.first, -here.sine as f32 * scale);
+        scale_by(&mut speeds, curve.second, here.cosine as f32 * scale);
     }
     speeds
 }

@@ -6,8 +6,13 @@
 //!
 //! Braking is planned in a measure of speed that is linear in the path, see [`Block::measure`].
 
-use core::f32::consts::FRAC_PI_2;
+mod braking;
+mod pass;
+mod spare;
 
+pub(crate) use pass::Progress;
+
+use self::{braking::Braking, pass::Pass, spare::in_time};
 use super::{Block, Laser, Pacing};
 use crate::{
     axis::{AXES, Axes},
@@ -17,50 +22,6 @@ use crate::{
 
 /// Places for blocks, a power of two.
 pub const BLOCKS: usize = 128;
-
-impl Block {
-    /// The measure of a squared speed that braking changes in proportion to the path.
-    ///
-    /// On a line that is v² itself. On an arc the acceleration left along the path is
-    /// √(a² − (v²/R)²), so that d(v²)/ds = 2√(a² − (v²/R)²): with v² = aR·sin z it is dz/ds = 2/R.
-    #[must_use]
-    pub fn measure(&self, speed_sqr: f32) -> f32 {
-        match &self.curve {
-            None => speed_sqr,
-            Some(curve) => math::asin(math::min(speed_sqr / curve.limit_sqr, 1.0)),
-        }
-    }
-
-    /// The squared speed of a measure.
-    #[must_use]
-    pub fn speed_sqr(&self, measure: f32) -> f32 {
-        match &self.curve {
-            None => measure,
-            Some(curve) => curve.limit_sqr * math::sin(math::min(measure, FRAC_PI_2)),
-        }
-    }
-
-    /// Change of the measure per mm of path.
-    #[must_use]
-    pub fn measure_per_mm(&self) -> f32 {
-        let double = 2.0 * self.acceleration_mm_s2;
-        match &self.curve {
-            None => double,
-            Some(curve) => double / curve.limit_sqr,
-        }
-    }
-
-    /// Greatest squared entry speed from which the block can be left at `exit_sqr`.
-    fn entry_for(&self, exit_sqr: f32) -> f32 {
-        match &self.curve {
-            None => exit_sqr + 2.0 * self.acceleration_mm_s2 * self.length_mm,
-            Some(_) => {
-                self.speed_sqr(self.measure(exit_sqr) + self.measure_per_mm() * self.length_mm)
-            }
-        }
-    }
-}
-
 /// A block with its place in the plan.
 #[derive(Debug)]
 struct Planned {
@@ -69,6 +30,7 @@ struct Planned {
     limit_sqr: f32,
     /// Planned squared entry speed.
     entry_sqr: f32,
+    braking: Braking,
 }
 
 impl Planned {
@@ -90,6 +52,7 @@ impl Planned {
         },
         limit_sqr: 0.0,
         entry_sqr: 0.0,
+        braking: Braking::NONE,
     };
 
     /// Takes a block over, field by field: as a whole it would be copied by a loop in a library.
@@ -127,6 +90,9 @@ pub struct Plan<const N: usize> {
     first: usize,
     count: usize,
     overrides: Overrides,
+    /// What the blocks up to the newest take longer than they have to, s, [`SPARE_S`] at most.
+    spare_s: f32,
+    pass: Pass,
     ring: [Planned; N],
 }
 
@@ -139,6 +105,8 @@ impl<const N: usize> Plan<N> {
             first: 0,
             count: 0,
             overrides: Overrides::NONE,
+            spare_s: 0.0,
+            pass: Pass::Done,
         }
     }
 
@@ -176,7 +144,8 @@ impl<const N: usize> Plan<N> {
         }
     }
 
-    /// Adds a block, if there is a place, and plans anew what that changes.
+    /// Adds a block, if there is a place, and begins to plan what that changes. The pass before must
+    /// be finished.
     pub fn push(&mut self, block: &Block) {
         if self.count == N {
             return;
@@ -184,10 +153,13 @@ impl<const N: usize> Plan<N> {
         let newest = self.first + self.count;
         let planned = &mut self.ring[newest & (N - 1)];
         planned.hold(block);
+        planned.braking = Braking::new(block);
         if self.overrides != Overrides::NONE {
             planned.block.speed_mm_s = block.speed_under(self.overrides);
         }
-        let speed_mm_s = planned.block.speed_mm_s;
+        let (speed_mm_s, spare_s) = in_time(&planned.block, planned.block.speed_mm_s, self.spare_s);
+        planned.block.speed_mm_s = speed_mm_s;
+        self.spare_s = spare_s;
         let limit_sqr = if self.count == 0 {
             0.0
         } else {
@@ -197,26 +169,20 @@ impl<const N: usize> Plan<N> {
         };
         let planned = &mut self.ring[newest & (N - 1)];
         planned.limit_sqr = limit_sqr;
+        // Lower than any: it changes.
         planned.entry_sqr = -1.0;
         self.count += 1;
-        self.brake();
+        self.brake(1, 0.0, false);
     }
 
-    /// Puts all blocks, and those to come, under other overrides, and plans anew.
-    pub fn pace(&mut self, overrides: Overrides) {
-        self.overrides = overrides;
-        let mut before_mm_s = 0.0;
-        // wcet-bound: 128
-        for number in 0..self.count {
-            let planned = &mut self.ring[(self.first + number) & (N - 1)];
-            let speed_mm_s = planned.block.speed_under(overrides);
-            planned.block.speed_mm_s = speed_mm_s;
-            let slower = math::min(speed_mm_s, before_mm_s);
-            planned.limit_sqr = math::min(planned.block.junction_sqr, slower * slower);
-            planned.entry_sqr = -1.0;
-            before_mm_s = speed_mm_s;
-        }
-        self.brake();
+    /// Adds the only block, to be entered and left at rest.
+    pub fn push_alone(&mut self, block: &Block) {
+        self.clear();
+        let planned = &mut self.ring[0];
+        planned.hold(block);
+        planned.limit_sqr = 0.0;
+        planned.entry_sqr = 0.0;
+        self.count = 1;
     }
 
     /// Removes the block in execution.
@@ -224,6 +190,9 @@ impl<const N: usize> Plan<N> {
         if self.count != 0 {
             self.first = (self.first + 1) & (N - 1);
             self.count -= 1;
+            if let Pass::Pace { number, .. } = &mut self.pass {
+                *number = number.saturating_sub(1);
+            }
         }
     }
 
@@ -231,27 +200,8 @@ impl<const N: usize> Plan<N> {
     pub fn clear(&mut self) {
         self.first = 0;
         self.count = 0;
-    }
-
-    /// The backward pass.
-    fn brake(&mut self) {
-        let mut exit_sqr = 0.0;
-        // The entry of the block in execution is history.
-        // wcet-bound: 127
-        for back in 1..self.count {
-            let place = (self.first + self.count - back) & (N - 1);
-            let planned = &mut self.ring[place];
-            let entry_sqr = if planned.entry_sqr == planned.limit_sqr {
-                planned.limit_sqr
-            } else {
-                math::min(planned.limit_sqr, planned.block.entry_for(exit_sqr))
-            };
-            if entry_sqr == planned.entry_sqr {
-                return;
-            }
-            planned.entry_sqr = entry_sqr;
-            exit_sqr = entry_sqr;
-        }
+        self.spare_s = 0.0;
+        self.pass = Pass::Done;
     }
 }
 

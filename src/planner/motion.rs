@@ -1,15 +1,17 @@
 //! The body of `prepare`: takes entries, plans them, keeps the step interrupt's queue filled.
 //!
 //! Joins the look-ahead, the speed profile, the step generator and the machine's state, and owns
-//! them all. Runs when a segment begins to be played, when an entry or a request has come. Deadline:
-//! the events queued ahead, [`AHEAD_TICKS`](crate::stepper::AHEAD_TICKS); a miss starves the step
-//! interrupt, which is a fault.
+//! them all. Runs when a segment begins to be played, when an entry or a request has come, and again
+//! while there is more to do: each run does one [`Unit`] of work, so that the longest of them bounds
+//! it. Deadline: the events queued ahead, [`URGENT_TICKS`](crate::stepper::URGENT_TICKS); a miss
+//! starves the step interrupt, which is a fault.
 
 mod cycles;
 mod parking;
 mod play;
 mod react;
 mod rest;
+mod unit;
 mod work;
 
 use heapless::spsc::Consumer;
@@ -17,6 +19,7 @@ use heapless::spsc::Consumer;
 use self::{
     parking::Parking,
     rest::{Restoring, Wait},
+    unit::Unit,
 };
 use super::{BLOCKS, Coolant, Entry, LookAhead, Spindle, executor::Executor, probe::Probe};
 use crate::{
@@ -35,7 +38,8 @@ use crate::{
 pub struct Prepared {
     /// Run it again: there is more to do.
     pub again: bool,
-    /// Start the step timer: it has stopped, and there are events.
+    /// Start the step timer, with [`StepCounts::start`]: it has stopped, and there are events. But
+    /// not if there has been a cut meanwhile, to which another run has to see first.
     pub start: bool,
     /// Release `interpret`: there is room, or what it may wait for has changed.
     pub news: bool,
@@ -61,6 +65,8 @@ pub struct Motion {
     finished: u32,
     /// The standstill segment has been put, and begins then on the generator's clock.
     rest: Option<u32>,
+    /// There was no room for a segment while the one with this start was being played.
+    full: Option<u32>,
     /// When the newest segment begins on the generator's clock.
     newest: u32,
     /// Standstill still to come, ticks.
@@ -140,6 +146,7 @@ impl Motion {
             hard_limits: false,
             finished: 0,
             rest: Some(0),
+            full: None,
             newest: 0,
             notices: Notices::new(),
             inputs: Levels::NONE,
@@ -190,7 +197,7 @@ impl Motion {
     /// What is to be switched; the shell applies it after each run, before it starts the timer.
     ///
     /// While the step timer runs, the duty is that of the segments instead: the shell leaves the
-    /// PWM to the step interrupt.
+    /// PWM to `turn`.
     #[must_use]
     pub const fn outputs(&self) -> &Outputs {
         &self.outputs
@@ -208,45 +215,43 @@ impl Motion {
     ) -> Prepared {
         self.wake_in_ms = None;
         self.inputs = inputs.active();
-        if counts.take_starved() {
-            self.fail();
-        }
-        if counts.is_cut() && !counts.is_running() {
-            self.cut(counts, events);
-        }
-        if requests.epoch() != self.epoch {
-            self.reset(requests.epoch());
-        }
-        self.hear(requests);
-        self.watch(inputs, counts, events);
-        let taken = self.take(entries, inputs, counts);
-        self.begin_moves();
-        self.generate(inputs, counts, events);
         let was_dwelling = self.is_dwelling;
-        self.settle(counts);
-        self.guard(inputs, counts);
-        let changed = self.publish(counts, snapshot) || was_dwelling != self.is_dwelling;
-        let is_still = self.is_still(counts);
-        let start = !counts.is_running() && !is_still;
-        if start {
-            counts.start();
+        let is_running = counts.is_running();
+        let unit = self.next_unit(is_running, requests, inputs, counts, entries);
+        match unit {
+            Unit::Nothing => {}
+            Unit::Fail => self.fail(counts),
+            Unit::Cut => self.cut(counts, events),
+            Unit::Reset => self.reset(requests),
+            Unit::Obey => self.obey(requests),
+            Unit::Find => self.find(inputs, counts, events),
+            Unit::Plan => self.plan_on(),
+            Unit::Take => self.take(entries, inputs),
+            Unit::Segment => self.make_segment(inputs, counts, events),
+            Unit::Settle => self.settle(),
         }
-        // What has come to rest may go on at once.
-        let has_more = !self.plan.is_empty() || self.dwell_ticks != 0;
-        let goes_on = is_still && (has_more && self.control.executes() || self.parking.is_moving());
+        if !self.probe.is_active() {
+            inputs.disarm_probe();
+        }
+        let is_running = counts.is_running();
+        let is_still = self.is_still(is_running, counts);
+        self.guard(inputs, is_still);
+        let changed = self.publish(counts, is_still, snapshot) || was_dwelling != self.is_dwelling;
+        let next = self.next_unit(is_running, requests, inputs, counts, entries);
+        // Not before as much is ahead as can be, so that no short segment ends while others are made.
+        let start = !is_running && next == Unit::Nothing && events.is_waiting();
         Prepared {
-            again: taken == work::ENTRIES_PER_RUN || changed && entries.ready() || goes_on,
+            again: self.goes_on(unit, next),
             start,
-            news: changed || taken != 0 && requests.awaits(Awaited::ENTRIES),
+            news: changed || unit == Unit::Take && requests.awaits(Awaited::ENTRIES),
             wake_in_ms: self.wake_in_ms,
         }
     }
 
-    /// Everything generated has been played, and the machine is at rest.
-    fn is_still(&self, counts: &StepCounts) -> bool {
-        !self.generator.is_open()
-            && !counts.is_running()
-            && self.rest == Some(counts.played_ticks())
+    /// Everything generated has been played, and the machine is at rest: when it is known whether
+    /// the step timer runs.
+    fn is_still(&self, is_running: bool, counts: &StepCounts) -> bool {
+        !is_running && !self.generator.is_open() && self.rest == Some(counts.played_ticks())
     }
 
     /// Drops what has not been executed; the machine is at rest and stays where it is.
@@ -270,8 +275,8 @@ impl Motion {
     }
 
     /// Publishes the machine as it is; tells whether anything changed that a task waits for.
-    fn publish(&mut self, counts: &StepCounts, new: &mut Snapshot) -> bool {
-        let is_at_rest = self.is_still(counts)
+    fn publish(&mut self, counts: &StepCounts, is_still: bool, new: &mut Snapshot) -> bool {
+        let is_at_rest = is_still
             && self.plan.is_empty()
             && !self.is_dwelling
             && !self.is_in_cycle()

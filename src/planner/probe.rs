@@ -7,7 +7,6 @@ use super::Probing;
 use crate::{
     axis::Axes,
     machine::{Alarm, Contact, Inputs, Levels, Probed},
-    stepper::{EventWriter, StepCounts, steps_after},
 };
 
 /// The probing move in execution.
@@ -52,18 +51,14 @@ impl Probe {
         self.contact.is_some()
     }
 
-    /// Looks for the change: once in each run of `prepare`, before events are generated.
-    pub(super) fn watch(&mut self, inputs: &Inputs, counts: &StepCounts, events: &EventWriter<'_>) {
-        if !self.is_active() {
-            inputs.disarm_probe();
-            return;
-        }
-        if self.contact.is_none()
-            && let Some(output) = inputs.contact()
-        {
-            let there = steps_after(output, counts, events);
-            self.contact = Some(there.unwrap_or_else(|| counts.position()));
-        }
+    /// Whether it has changed, and where is not known yet.
+    pub(super) fn has_found(&self, inputs: &Inputs) -> bool {
+        self.is_active() && self.contact.is_none() && inputs.contact().is_some()
+    }
+
+    /// It has changed there.
+    pub(super) fn find(&mut self, there: Axes<i32>) {
+        self.contact = Some(there);
     }
 
     /// Ends at rest at `steps`: the alarm if the probe should have changed and has not.

@@ -18,12 +18,10 @@ use crate::{
 
 /// Axes that are linear: X, Y, Z. The others turn, and give the feed only when alone.
 const LINEAR: usize = 3;
-/// Most steps per second of all axes together: with more, there would be no time to prepare them.
-///
-/// 85 % of 168 MHz. A step costs 140 cycles in the step interrupt, with the waits of its buses, and
-/// 200 in `prepare` with three axes (`cargo xtask bench`, 100, 73 and 51 kHz), 25 of them for each
-/// axis that is looked at (counted in its code).
-const MAX_STEPS_PER_S: f32 = 0.85 * 168.0e6 / (265.0 + 25.0 * AXES as f32);
+/// Shortest time for an arc, s, and for each of its quarter turns: it has a segment more for every
+/// axis that reverses. What holds for lines too is in the look-ahead.
+const SHORTEST_ARC_S: f32 = 3.0e-3;
+const SHORTEST_QUARTER_S: f32 = 1.5e-3;
 /// Square of the change of direction below which two blocks are one line: 1.4 mrad, as in Grbl.
 const STRAIGHT: f32 = 2.0e-6;
 
@@ -34,13 +32,15 @@ struct Limits {
     speed_mm_s: Axes<f32>,
     acceleration_mm_s2: Axes<f32>,
     junction_deviation_mm: f32,
+    /// Of all axes together.
+    steps_per_s: f32,
 }
 
 /// The fastest that each axis can go, mm/s, while no more than two move.
 pub(crate) fn fastest_mm_s(settings: &Settings) -> Axes<f32> {
     let limits = Limits::new(settings);
     limits.speed_mm_s.zip(limits.steps_per_mm, |speed, steps| {
-        math::min(speed, 0.5 * MAX_STEPS_PER_S / steps)
+        math::min(speed, 0.5 * limits.steps_per_s / steps)
     })
 }
 
@@ -55,6 +55,7 @@ impl Limits {
             }),
             acceleration_mm_s2: settings.acceleration_mm_s2,
             junction_deviation_mm: settings.junction_deviation_mm,
+            steps_per_s: settings.step_rate.hz() as f32,
         }
     }
 
@@ -70,9 +71,9 @@ impl Limits {
     }
 
     /// The greatest speed along a direction for the steps of all axes together.
-    fn together(steps_per_mm: &Axes<f32>) -> f32 {
+    fn together(&self, steps_per_mm: &Axes<f32>) -> f32 {
         let steps_per_mm: f32 = steps_per_mm.iter().map(|steps| steps.abs()).sum();
-        MAX_STEPS_PER_S / steps_per_mm
+        self.steps_per_s / steps_per_mm
     }
 
     /// Limit of the squared speed in the corner between two directions.
@@ -261,7 +262,7 @@ impl Router {
         let steps_per_mm = direction.zip(resolution, |share, steps| share * steps);
         let rate = math::min(
             Limits::along(&self.limits.speed_mm_s, &direction),
-            Limits::together(&steps_per_mm),
+            self.limits.together(&steps_per_mm),
         );
         let programmed_mm_s = pace_mm_s(pace, length_mm, rate);
         *work = Work::Move(Block {
@@ -332,8 +333,9 @@ impl Router {
         direction[second] = flat;
         let steps_per_mm = direction.zip(self.limits.steps_per_mm, |share, steps| share * steps);
         let rate = rate
-            .min(Limits::together(&steps_per_mm))
-            .min(math::sqrt(limit_sqr));
+            .min(self.limits.together(&steps_per_mm))
+            .min(math::sqrt(limit_sqr))
+            .min(length_mm / shortest_s(&arc));
         let programmed_mm_s = pace_mm_s(pace, length_mm, rate);
         *work = Work::Move(Block {
             delta: end.fine.zip(self.fine, |to, from| to.0 - from.0),
@@ -394,6 +396,12 @@ impl Router {
         self.fine = end.fine;
         self.tangent = tangent;
     }
+}
+
+/// Shortest time for an arc, s.
+fn shortest_s(arc: &Arc) -> f32 {
+    let turns = (libm::fabs(arc.sweep) / core::f64::consts::TAU) as f32;
+    SHORTEST_ARC_S.max(4.0 * turns * SHORTEST_QUARTER_S)
 }
 
 #[derive(Debug, Clone, Copy)]

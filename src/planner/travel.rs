@@ -44,7 +44,7 @@ fn lowest(settings: &Settings, axis: usize) -> i64 {
 /// Whether a position is outside the travel.
 #[must_use]
 pub fn is_outside(settings: &Settings, position: &Axes<Nm>) -> bool {
-    // wcet-bound: 6
+    // wcet-bound: axes
     (0..AXES).any(|axis| position[axis].0 > 0 || position[axis].0 < lowest(settings, axis))
 }
 

@@ -20,13 +20,14 @@ pub struct ByteRing<B: ?Sized = [AtomicU8]> {
     bytes: B,
 }
 
-/// A queue of up to `N - 1` bytes.
+/// A queue of up to `N - 1` bytes; `N` is a power of two.
 pub type Bytes<const N: usize> = ByteRing<[AtomicU8; N]>;
 
 impl<const N: usize> Bytes<N> {
     /// Empty.
     #[must_use]
     pub const fn new() -> Self {
+        const { assert!(N.is_power_of_two(), "places wrap by a mask") };
         Self {
             written: AtomicUsize::new(0),
             read: AtomicUsize::new(0),
@@ -63,13 +64,17 @@ impl<const N: usize> Default for Bytes<N> {
 
 impl ByteRing {
     /// The place after another.
-    #[inline]
+    #[inline(always)]
+    #[expect(clippy::inline_always, reason = "as for `ByteWriter::enqueue`")]
     const fn after(&self, place: usize) -> usize {
-        if place + 1 == self.bytes.len() {
-            0
-        } else {
-            place + 1
-        }
+        (place + 1) & (self.bytes.len() - 1)
+    }
+
+    /// The byte at a place.
+    #[inline(always)]
+    #[expect(clippy::inline_always, reason = "as for `ByteWriter::enqueue`")]
+    fn slot(&self, place: usize) -> Option<&AtomicU8> {
+        self.bytes.get(place & (self.bytes.len() - 1))
     }
 
     const fn capacity(&self) -> usize {
@@ -98,23 +103,33 @@ pub struct ByteWriter<'a> {
 }
 
 impl ByteWriter<'_> {
-    /// Puts a byte.
+    /// The same end once more, for one who may use it while its task cannot run.
+    #[must_use]
+    pub const fn deputy(&self) -> Self {
+        Self { ring: self.ring }
+    }
+
+    /// Puts a byte, and tells the place behind it.
     ///
     /// # Errors
     /// The byte, when there is no room.
-    #[inline]
-    pub fn enqueue(&mut self, byte: u8) -> Result<(), u8> {
+    #[inline(always)]
+    #[expect(
+        clippy::inline_always,
+        reason = "called from RAM, where nothing in flash may be"
+    )]
+    pub fn enqueue(&mut self, byte: u8) -> Result<usize, u8> {
         let place = self.ring.written.load(Relaxed);
         let next = self.ring.after(place);
         if next == self.ring.read.load(Relaxed) {
             return Err(byte);
         }
-        let slot = self.ring.bytes.get(place).ok_or(byte)?;
+        let slot = self.ring.slot(place).ok_or(byte)?;
         slot.store(byte, Relaxed);
         // The reader must not see the place before the byte.
         compiler_fence(SeqCst);
         self.ring.written.store(next, Relaxed);
-        Ok(())
+        Ok(next)
     }
 
     /// Bytes that may wait.
@@ -152,7 +167,7 @@ impl ByteReader<'_> {
             return None;
         }
         compiler_fence(SeqCst);
-        let byte = self.ring.bytes.get(place)?.load(Relaxed);
+        let byte = self.ring.slot(place)?.load(Relaxed);
         // The writer must not reuse the place before the byte has been read.
         compiler_fence(SeqCst);
         self.ring.read.store(self.ring.after(place), Relaxed);
@@ -225,16 +240,16 @@ mod tests {
 
     #[test]
     fn bytes_come_out_in_order_and_never_more_wait_than_fit() {
-        let mut ring = Bytes::<7>::new();
+        let mut ring = Bytes::<8>::new();
         let (mut writer, mut reader) = ring.split();
         let (mut put, mut taken) = (0_u8, 0_u8);
         for round in 0..1000_usize {
-            for _ in 0..round * 5 % 9 {
+            for _ in 0..round * 5 % 10 {
                 let is_full = writer.len() == writer.capacity();
                 assert_eq!(writer.enqueue(put).is_err(), is_full);
                 put = put.wrapping_add(u8::from(!is_full));
             }
-            for _ in 0..round * 3 % 8 {
+            for _ in 0..round * 3 % 9 {
                 let is_empty = reader.is_empty();
                 let byte = reader.dequeue();
                 assert_eq!(byte, (!is_empty).then_some(taken));

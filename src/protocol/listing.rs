@@ -13,7 +13,7 @@ use crate::{
     interpreter::Offsets,
     machine::{Alarm, Probed},
     planner::{Plane, Spindle},
-    settings::{self, Description, GROUPS, Settings, StoredLine, Value},
+    settings::{self, Description, GROUPS, Settings, StepRate, StoredLine, Value},
 };
 
 /// The answer to `$`, without its `ok`.
@@ -32,6 +32,16 @@ pub fn options(text: &mut Text, blocks: usize, received: usize) {
     // Variable spindle, mist, parking, homing of single axes, an input for the door.
     text.word("[OPT:VMPH+,").natural(blocks as u32);
     text.word(",").natural(received as u32).word("]").end();
+}
+
+/// The last line of the answer to `$I`: the step rate that no settings may go beyond.
+pub fn step_rate(text: &mut Text, rate: StepRate) {
+    text.word("[MSG:Step rate: ").natural(rate.hz());
+    text.word(match rate {
+        StepRate::Proven(_) => " Hz, proven]",
+        StepRate::Unproven => " Hz, unproven]",
+    });
+    text.end();
 }
 
 /// One line of the answer to `$N`, counted from 0; false after the last.

@@ -3,17 +3,22 @@
 //! Owned by `serial_rx`, which stores; every other task only reads or takes. A byte costs O(1) and
 //! may stand inside a line. Read with Grbl 1.1 `serial.c` and the table of realtime commands.
 
-use core::sync::atomic::{AtomicBool, AtomicU8, AtomicU32, Ordering, compiler_fence};
+use core::sync::atomic::{
+    AtomicBool, AtomicU8, AtomicU32,
+    Ordering::{Relaxed, SeqCst},
+    compiler_fence,
+};
 
 use super::ByteWriter;
-use crate::machine::Override;
+use crate::machine::{Levels, Override};
 
-/// Bytes of a line that may wait without its end.
-const UNRELEASED_BYTES: u32 = 256;
+/// After so many places of the queue `interpret` is released, also without the end of a line.
+const UNRELEASED_BYTES: usize = 256;
 
 /// Requests that the receiver has seen and their readers have not yet acted on.
 ///
-/// Plain loads and stores: each flag is set by the receiver and cleared by exactly one reader.
+/// Plain loads and stores: each flag is set by the receiver and cleared by exactly one reader. Between
+/// the tasks of one core no barrier is needed, but the compiler's order.
 #[derive(Debug)]
 pub struct Requests {
     /// `?`: cleared by `report`.
@@ -30,7 +35,7 @@ pub struct Requests {
     wake: AtomicBool,
     /// Overrides: taken by `prepare`.
     overrides: OverrideRing,
-    /// Counts requests to `prepare`, other than resets: it looks no further while that is the same.
+    /// Counts requests to `prepare`, other than overrides.
     asked: AtomicU32,
     /// 0x18: counts up; a reader compares it with the reset it has acted on last.
     resets: AtomicU32,
@@ -40,8 +45,6 @@ pub struct Requests {
     lost: AtomicU32,
     /// What `interpret` waits for, an [`Awaited`]: whoever brings it releases the task.
     awaited: AtomicU8,
-    /// Bytes of a line since `interpret` was released last; for the receiver alone.
-    unreleased: AtomicU32,
 }
 
 impl Requests {
@@ -61,14 +64,13 @@ impl Requests {
             own_resets: AtomicU32::new(0),
             lost: AtomicU32::new(0),
             awaited: AtomicU8::new(Awaited::ALL.0),
-            unreleased: AtomicU32::new(0),
         }
     }
 
     /// Whether a status report is requested.
     #[must_use]
     pub fn wants_status(&self) -> bool {
-        self.status.load(Ordering::Relaxed)
+        self.status.load(Relaxed)
     }
 
     /// Takes the request for a status report.
@@ -103,16 +105,17 @@ impl Requests {
 
     /// The time that `prepare` asked for is over; for its shell alone.
     pub fn wake(&self) {
-        self.wake.store(true, Ordering::Release);
+        set(&self.wake);
         // Whoever interrupts this counts too: the number is another one in any case.
         add_one(&self.asked);
     }
 
-    /// Counts requests to `prepare`, other than resets, wrapping.
+    /// Counts requests to `prepare`, wrapping: it looks no further while that is the same.
     #[must_use]
     pub fn asked(&self) -> u32 {
-        let asked = self.asked.load(Ordering::Relaxed);
-        compiler_fence(Ordering::SeqCst);
+        let overrides = self.overrides.written.load(Relaxed);
+        let asked = self.asked.load(Relaxed).wrapping_add(overrides);
+        compiler_fence(SeqCst);
         asked
     }
 
@@ -131,10 +134,9 @@ impl Requests {
     /// Number of resets so far, wrapping.
     #[must_use]
     pub fn epoch(&self) -> u32 {
-        let received = self.resets.load(Ordering::Relaxed);
-        let epoch = received.wrapping_add(self.own_resets.load(Ordering::Relaxed));
-        // Between the tasks of one core no barrier is needed, but the compiler's order.
-        compiler_fence(Ordering::SeqCst);
+        let received = self.resets.load(Relaxed);
+        let epoch = received.wrapping_add(self.own_resets.load(Relaxed));
+        compiler_fence(SeqCst);
         epoch
     }
 
@@ -143,13 +145,40 @@ impl Requests {
         add_one(&self.own_resets);
     }
 
-    /// A button, or a byte that does the same; for tasks of the receiver's priority alone.
+    /// A button, or a byte that does the same; for tasks above the readers alone.
+    ///
+    /// When one of them interrupts another here, two requests may count as one: readers see that
+    /// the number is another one, and find all that is asked.
     pub fn press(&self, button: Button) {
+        self.raise(button);
+        add_one(&self.asked);
+    }
+
+    #[inline]
+    fn raise(&self, button: Button) {
         match button {
-            Button::Hold => self.hold.store(true, Ordering::Release),
-            Button::Start => self.start.store(true, Ordering::Release),
+            Button::Hold => set(&self.hold),
+            Button::Start => set(&self.start),
             Button::Reset => add_one(&self.resets),
-            Button::Door => self.door.store(true, Ordering::Release),
+            Button::Door => set(&self.door),
+        }
+    }
+
+    /// The buttons whose contact has closed; for the input interrupt alone.
+    pub(crate) fn press_all(&self, closed: Levels) {
+        if !closed.has(Levels::BUTTONS) {
+            return;
+        }
+        // wcet-bound: 4
+        for (input, button) in [
+            (Levels::HOLD, Button::Hold),
+            (Levels::RESET, Button::Reset),
+            (Levels::START, Button::Start),
+            (Levels::DOOR, Button::Door),
+        ] {
+            if closed.has(input) {
+                self.raise(button);
+            }
         }
         add_one(&self.asked);
     }
@@ -159,37 +188,22 @@ impl Requests {
     /// Before it looks for work it awaits all, and then, if it finds none, what it has looked for:
     /// so nothing that comes meanwhile is missed.
     pub fn heed(&self, awaited: Awaited) {
-        compiler_fence(Ordering::SeqCst);
-        self.awaited.store(awaited.0, Ordering::Relaxed);
-        compiler_fence(Ordering::SeqCst);
+        compiler_fence(SeqCst);
+        self.awaited.store(awaited.0, Relaxed);
+        compiler_fence(SeqCst);
     }
 
     /// Whether `interpret` waits for this.
+    #[inline]
     #[must_use]
     pub fn awaits(&self, awaited: Awaited) -> bool {
-        self.awaited.load(Ordering::Relaxed) & awaited.0 != 0
+        self.awaited.load(Relaxed) & awaited.0 != 0
     }
 
     /// Bytes lost so far because nobody had taken the earlier ones.
     #[must_use]
     pub fn lost(&self) -> u32 {
-        self.lost.load(Ordering::Relaxed)
-    }
-}
-
-impl Requests {
-    /// Whether a byte of a line releases `interpret`, if it waits for one: the end of the line does,
-    /// and so much of a line that the queue must not be left to fill up with it.
-    fn line_part(&self, byte: u8) -> Release {
-        let unreleased = self.unreleased.load(Ordering::Relaxed).wrapping_add(1);
-        let is_release = byte == b'\n' || byte == b'\r' || unreleased >= UNRELEASED_BYTES;
-        let unreleased = if is_release { 0 } else { unreleased };
-        self.unreleased.store(unreleased, Ordering::Relaxed);
-        if is_release && self.awaits(Awaited::LINE) {
-            Release::Interpret
-        } else {
-            Release::Nobody
-        }
+        self.lost.load(Relaxed)
     }
 }
 
@@ -222,20 +236,31 @@ impl Awaited {
     }
 }
 
+/// Sets a flag.
+#[inline(always)]
+#[expect(clippy::inline_always, reason = "as for `receive`")]
+fn set(flag: &AtomicBool) {
+    flag.store(true, Relaxed);
+}
+
 /// Clears a flag and tells whether it was set. Its setter runs at a higher priority: a request
 /// that arrives between the two accesses is one with the request that is being taken.
 fn take(flag: &AtomicBool) -> bool {
-    let set = flag.load(Ordering::Acquire);
+    let set = flag.load(Relaxed);
     if set {
-        flag.store(false, Ordering::Release);
+        flag.store(false, Relaxed);
     }
+    compiler_fence(SeqCst);
     set
 }
 
-/// Counts up; nobody else writes the number.
+/// Counts up, after what it counts.
+#[inline(always)]
+#[expect(clippy::inline_always, reason = "as for `receive`")]
 fn add_one(count: &AtomicU32) {
-    let next = count.load(Ordering::Relaxed).wrapping_add(1);
-    count.store(next, Ordering::Release);
+    compiler_fence(SeqCst);
+    let next = count.load(Relaxed).wrapping_add(1);
+    count.store(next, Relaxed);
 }
 
 /// What a button at the machine can ask for, or a byte.
@@ -273,25 +298,29 @@ impl OverrideRing {
         }
     }
 
+    #[inline(always)]
+    #[expect(clippy::inline_always, reason = "as for `receive`")]
     fn put(&self, command: Override) {
-        let number = self.written.load(Ordering::Relaxed);
-        if number.wrapping_sub(self.read.load(Ordering::Acquire)) < OVERRIDES as u32 {
+        let number = self.written.load(Relaxed);
+        if number.wrapping_sub(self.read.load(Relaxed)) < OVERRIDES as u32 {
             if let Some(place) = self.bytes.get(number as usize % OVERRIDES) {
-                place.store(command as u8, Ordering::Relaxed);
+                place.store(command as u8, Relaxed);
             }
-            self.written
-                .store(number.wrapping_add(1), Ordering::Release);
+            compiler_fence(SeqCst);
+            self.written.store(number.wrapping_add(1), Relaxed);
         }
     }
 
     fn take(&self) -> Option<Override> {
-        let number = self.read.load(Ordering::Relaxed);
-        if number == self.written.load(Ordering::Acquire) {
+        let number = self.read.load(Relaxed);
+        if number == self.written.load(Relaxed) {
             return None;
         }
+        compiler_fence(SeqCst);
         let byte = self.bytes.get(number as usize % OVERRIDES)?;
-        let command = Override::of(byte.load(Ordering::Relaxed));
-        self.read.store(number.wrapping_add(1), Ordering::Release);
+        let command = Override::of(byte.load(Relaxed));
+        compiler_fence(SeqCst);
+        self.read.store(number.wrapping_add(1), Relaxed);
         command
     }
 }
@@ -310,55 +339,80 @@ pub enum Release {
 }
 
 /// Sorts one received byte.
-#[inline]
+///
+/// Also runs from RAM, where it can call nothing: all of it is inlined, and looks nothing up in a
+/// table.
+#[inline(always)]
+#[expect(clippy::inline_always, reason = "nothing in flash may be called")]
 pub fn receive(byte: u8, requests: &Requests, line: &mut ByteWriter<'_>) -> Release {
-    // Most bytes are letters, digits, signs and dots: two comparisons instead of five.
-    if matches!(byte, b'@'..=b'}' | b'"'..=b'>') {
-        put(byte, requests, line)
-    } else {
-        sort(byte, requests, line)
+    if !matches!(byte, b'?' | b'!' | b'~' | 0x18 | 0x80..) {
+        return put(byte, requests, line);
     }
-}
-
-fn sort(byte: u8, requests: &Requests, line: &mut ByteWriter<'_>) -> Release {
-    match byte {
+    rarely();
+    let flag = match byte {
         b'?' => {
-            requests.status.store(true, Ordering::Release);
-            Release::Report
+            set(&requests.status);
+            return Release::Report;
         }
-        b'!' => press(requests, Button::Hold),
-        b'~' => press(requests, Button::Start),
-        0x18 => press(requests, Button::Reset),
-        0x84 => press(requests, Button::Door),
-        0x85 => {
-            requests.jog_cancel.store(true, Ordering::Release);
-            add_one(&requests.asked);
-            Release::Prepare
+        b'!' => &requests.hold,
+        b'~' => &requests.start,
+        0x18 => {
+            add_one(&requests.resets);
+            return release(requests);
         }
-        // The first byte of the UTF-8 form of a realtime command is one of those without a meaning.
-        0x80.. => match Override::of(byte) {
-            Some(command) => {
+        _ => return receive_high(byte, requests),
+    };
+    set(flag);
+    release(requests)
+}
+
+/// Sorts a byte that is no ASCII. The first one of the UTF-8 form of a realtime command is one of
+/// those without a meaning.
+#[inline(always)]
+#[expect(clippy::inline_always, reason = "as for `receive`")]
+fn receive_high(byte: u8, requests: &Requests) -> Release {
+    match byte {
+        0x84 => set(&requests.door),
+        0x85 => set(&requests.jog_cancel),
+        _ => {
+            return Override::of(byte).map_or(Release::Nobody, |command| {
                 requests.overrides.put(command);
-                add_one(&requests.asked);
                 Release::Prepare
-            }
-            None => Release::Nobody,
-        },
-        _ => put(byte, requests, line),
+            });
+        }
     }
+    release(requests)
 }
 
-/// Queues a byte of a line.
-#[inline]
-fn put(byte: u8, requests: &Requests, line: &mut ByteWriter<'_>) -> Release {
-    if line.enqueue(byte).is_err() {
-        let lost = requests.lost.load(Ordering::Relaxed).wrapping_add(1);
-        requests.lost.store(lost, Ordering::Relaxed);
-    }
-    requests.line_part(byte)
-}
+/// Where a path is that is seldom taken: it is put out of the way.
+#[cold]
+#[inline(always)]
+pub const fn rarely() {}
 
-fn press(requests: &Requests, button: Button) -> Release {
-    requests.press(button);
+/// Something has been asked of `prepare`.
+#[inline(always)]
+#[expect(clippy::inline_always, reason = "as for `receive`")]
+fn release(requests: &Requests) -> Release {
+    add_one(&requests.asked);
     Release::Prepare
+}
+
+/// Queues a byte of a line. The end of the line releases `interpret`, if it waits for one (so does a
+/// tab, for nothing: telling them apart would take longer), and so does so much of a line that the queue must not be left to fill up with it.
+#[inline(always)]
+#[expect(clippy::inline_always, reason = "as for `receive`")]
+fn put(byte: u8, requests: &Requests, line: &mut ByteWriter<'_>) -> Release {
+    let Ok(place) = line.enqueue(byte) else {
+        rarely();
+        // Whoever takes bytes has been released by those that fill the queue.
+        let lost = requests.lost().wrapping_add(1);
+        requests.lost.store(lost, Relaxed);
+        return Release::Nobody;
+    };
+    let is_release = byte <= b'\r' || place.is_multiple_of(UNRELEASED_BYTES);
+    if is_release && requests.awaits(Awaited::LINE) {
+        Release::Interpret
+    } else {
+        Release::Nobody
+    }
 }

@@ -155,7 +155,7 @@ fn pins(text: &mut Text, inputs: Levels) {
     if inputs.has(Levels::PROBE) {
         text.byte(b'P');
     }
-    // wcet-bound: 6
+    // wcet-bound: axes
     for (axis, letter) in LETTERS.iter().enumerate().take(AXES) {
         if inputs.has(Levels(1 << axis)) {
             text.byte(*letter);

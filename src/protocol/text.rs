@@ -147,7 +147,7 @@ impl Text {
 
     /// Writes one coordinate for each axis, with commas between.
     pub fn coordinates(&mut self, values: &Axes<Nm>, unit: ReportUnit) -> &mut Self {
-        // wcet-bound: 6
+        // wcet-bound: axes
         for (axis, &value) in values.iter().enumerate() {
             if axis > 0 {
                 self.byte(b',');

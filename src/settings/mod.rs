@@ -6,11 +6,13 @@ mod journal;
 mod record;
 mod restore;
 mod sectors;
+mod step_rate;
 mod stored;
 mod table;
 
 pub use described::{DataType, Description, GROUPS, Group, described};
 pub use journal::{Journal, Loaded};
+pub use step_rate::StepRate;
 pub use stored::{
     COORDINATE_SYSTEMS, Change, Origins, STARTUP_LINES, STORED_LINE, StoreError, Stored, StoredLine,
 };
@@ -20,7 +22,7 @@ pub use table::{
 
 use crate::{
     axis::Axes,
-    stepper::{EVENT_SPACING_TICKS, PULSE_LOW_TICKS},
+    stepper::{EVENT_SPACING_TICKS, least_period_ticks},
     units::{Nm, StepsPerMm, TICKS_PER_SECOND, TICKS_PER_US},
 };
 
@@ -96,17 +98,21 @@ pub struct Settings {
     pub acceleration_mm_s2: Axes<f32>,
     /// `$130`… Travel of each axis, mm.
     pub max_travel_mm: Axes<f32>,
+    /// What the firmware is proven to keep up with: nothing that the user sets.
+    pub step_rate: StepRate,
 }
 
 impl Settings {
     /// The most steps per second of one axis: what the step pulse leaves room for when those of
-    /// other axes delay it, and what the step interrupt can count.
+    /// other axes delay it, what the step interrupt can count, and what is proven for all axes
+    /// together.
     #[must_use]
     pub fn greatest_step_rate_hz(&self) -> f32 {
-        let pulse_ticks = (u32::from(self.step_pulse_us) * TICKS_PER_US).max(EVENT_SPACING_TICKS)
-            + PULSE_LOW_TICKS
-            + EVENT_SPACING_TICKS;
-        (TICKS_PER_SECOND as f32 / pulse_ticks as f32).min(MAX_STEP_RATE_HZ)
+        let pulse_ticks = (u32::from(self.step_pulse_us) * TICKS_PER_US).max(EVENT_SPACING_TICKS);
+        let proven = self.step_rate.hz() as f32;
+        (TICKS_PER_SECOND as f32 / least_period_ticks(pulse_ticks) as f32)
+            .min(MAX_STEP_RATE_HZ)
+            .min(proven)
     }
 
     /// The farthest coordinate of each axis that its step counter can hold.
@@ -117,8 +123,16 @@ impl Settings {
 }
 
 impl Default for Settings {
-    /// Grbl 1.1h's defaults (`defaults.h`, `DEFAULTS_GENERIC`).
+    /// Those of a machine of whose firmware nothing is proven.
     fn default() -> Self {
+        Self::new(StepRate::Unproven)
+    }
+}
+
+impl Settings {
+    /// Grbl 1.1h's defaults (`defaults.h`, `DEFAULTS_GENERIC`).
+    #[must_use]
+    pub const fn new(step_rate: StepRate) -> Self {
         const RESOLUTION: StepsPerMm = match StepsPerMm::from_millionths(250_000_000) {
             Some(resolution) => resolution,
             None => unreachable!(),
@@ -155,6 +169,7 @@ impl Default for Settings {
             max_rate_mm_min: Axes::all(500.0),
             acceleration_mm_s2: Axes::all(10.0),
             max_travel_mm: Axes::all(200.0),
+            step_rate,
         }
     }
 }

@@ -2,7 +2,7 @@
 
 use heapless::Vec;
 
-use super::Settings;
+use super::{Settings, StepRate};
 use crate::{axis::Axes, units::Nm};
 
 /// Work coordinate systems that are stored: `G54` to `G59`.
@@ -37,6 +37,17 @@ pub struct Stored {
     pub startup: [StoredLine; STARTUP_LINES],
     /// `$I=`.
     pub build_info: StoredLine,
+}
+
+impl Stored {
+    /// What a machine has that nothing was ever stored in.
+    #[must_use]
+    pub fn new(step_rate: StepRate) -> Self {
+        Self {
+            settings: Settings::new(step_rate),
+            ..Self::default()
+        }
+    }
 }
 
 /// A part of [`Stored`] that has changed and is to be stored: all of it, or on a power cut nothing.

@@ -5,11 +5,11 @@ use heapless::spsc::Queue;
 use super::{Switch, contacts::Contacts};
 use crate::{
     axis::Axes,
-    machine::{Cause, Inputs, Levels, Outputs, SAMPLE_TICKS, Snapshot, Watch},
+    machine::{Inputs, Levels, Outputs, SAMPLE_TICKS, Snapshot, Watch},
     planner::{Entry, Motion},
     protocol::realtime::Requests,
     settings::Settings,
-    stepper::{EventRing, StepCounts, Stepper},
+    stepper::{EventRing, StepCounts, StepEvent, Upcoming},
     units::TICKS_PER_MS,
 };
 
@@ -36,15 +36,14 @@ pub struct Edge {
 pub struct Drive {
     motion: Motion,
     pub(super) snapshot: Snapshot,
-    stepper: Stepper,
-    /// What the step interrupt has counted.
+    /// What the step interrupt and `turn` tell of what they have played.
     pub counts: StepCounts,
     /// Switches, probe and buttons.
     pub inputs: Inputs,
     /// Entries for `prepare`.
     pub entries: Queue<Entry, ENTRY_RING>,
     events: EventRing,
-    /// When the step interrupt is due, and what the pins do then.
+    /// When the step interrupt is due, and what the pins do then: what is set up.
     due: Option<Edge>,
     /// Levels of the direction outputs.
     directions: u8,
@@ -72,7 +71,6 @@ impl Drive {
         Self {
             motion,
             snapshot,
-            stepper: Stepper::new(),
             counts: StepCounts::new(),
             contacts: Contacts::new(),
             watch: Watch::new(Levels::NONE, &inputs),
@@ -154,25 +152,29 @@ impl Drive {
 
     /// Runs the input interrupt if it has been released: it comes before `prepare`.
     pub fn watch(&mut self, requests: &Requests, now: u64) {
-        let cause = if self.is_watch_released {
-            Cause::Edge
-        } else if self.sample_due.is_some_and(|due| due <= now) {
-            self.sample_due = None;
-            Cause::Sample
-        } else {
-            return;
-        };
-        self.is_watch_released = false;
         let events = self.events.split().0.tap();
         let closed = self.contacts.closed;
-        let (inputs, counts) = (&self.inputs, &self.counts);
-        let watched = self
-            .watch
-            .run(cause, closed, inputs, requests, counts, &events);
-        if watched.sample && self.sample_due.is_none() {
+        let (watch, inputs) = (&mut self.watch, &self.inputs);
+        let is_edge = core::mem::take(&mut self.is_watch_released);
+        if !is_edge && self.sample_due.is_none_or(|due| due > now) {
+            return;
+        }
+        self.is_prepare_released |= watch.look(closed, inputs, events);
+        let samples = if is_edge {
+            watch.edge()
+        } else {
+            self.sample_due = None;
+            let watched = watch.sample(inputs, requests);
+            if watched.cut {
+                self.due = None;
+                events.cut(&self.counts);
+            }
+            self.is_prepare_released |= watched.prepare;
+            watched.again
+        };
+        if samples && self.sample_due.is_none() {
             self.sample_due = Some(now + u64::from(SAMPLE_TICKS));
         }
-        self.is_prepare_released |= watched.prepare;
     }
 
     /// Releases `prepare`.
@@ -206,49 +208,64 @@ impl Drive {
             self.wake_due = Some(now + u64::from(milliseconds) * u64::from(TICKS_PER_MS));
         }
         let outputs = self.motion.outputs();
-        let duty = if self.counts.is_running() {
+        let duty = if self.counts.is_running() || prepared.start {
             self.outputs.duty
         } else {
             outputs.duty
         };
         self.outputs = Outputs { duty, ..*outputs };
+        if let Some(missed) = events.missed(&self.counts) {
+            events.append(missed);
+        }
         if prepared.start {
-            debug_assert!(self.due.is_none(), "a timer that runs is started");
-            self.due = Some(Edge {
-                ticks: now,
-                raise: 0,
-                drop: 0,
-                directions: self.directions,
-                duty,
-            });
-            let _ = self.step();
+            self.start(now);
         }
         true
     }
 
-    /// The step interrupt: what the pins do now.
+    /// Starts the step timer, which stands.
+    fn start(&mut self, now: u64) {
+        debug_assert!(self.due.is_none(), "a timer that runs is started");
+        let (mut events, _) = self.events.split();
+        let upcoming = events.set_up();
+        self.counts.start();
+        self.set_up(now, upcoming);
+    }
+
+    /// The step interrupt, and `turn` if that is released: what the pins do now.
     pub fn step(&mut self) -> Option<Edge> {
         let edge = self.due?;
         self.directions = edge.directions;
         let (_, mut events) = self.events.split();
-        let advance = self.stepper.advance(&mut events, &self.counts);
-        self.is_prepare_released |= advance.releases_prepare();
-        if let Some(begun) = advance.begun {
-            self.outputs.duty = begun.duty;
+        let upcoming = events.advance();
+        if upcoming.is_none() {
+            self.counts.stop();
         }
-        self.due = advance.wait.map(|ticks| Edge {
-            ticks: edge.ticks + u64::from(ticks),
-            raise: advance.raise,
-            drop: advance.drop,
-            directions: advance
-                .begun
-                .map_or(edge.directions, |begun| begun.directions),
-            duty: self.outputs.duty,
-        });
+        self.set_up(edge.ticks, upcoming);
         if edge.raise != 0 {
             self.contacts.step(&edge);
             self.look();
         }
         Some(edge)
+    }
+
+    /// Sets up what comes after a time, and runs `turn` if that is released.
+    fn set_up(&mut self, before: u64, upcoming: Option<Upcoming>) {
+        let event = upcoming.map(|upcoming| upcoming.event);
+        let mut releases_turn = event.is_none_or(StepEvent::is_boundary);
+        while releases_turn {
+            let (events, _) = self.events.split();
+            let turned = self.counts.turn(events.tap());
+            self.outputs.duty = turned.duty.unwrap_or(self.outputs.duty);
+            self.is_prepare_released = true;
+            releases_turn = turned.again;
+        }
+        self.due = event.map(|event| Edge {
+            ticks: before + u64::from(event.ticks()),
+            raise: event.raise(),
+            drop: event.drop(),
+            directions: event.directions().unwrap_or(self.directions),
+            duty: self.outputs.duty,
+        });
     }
 }

@@ -8,12 +8,12 @@ use crate::{
         Bytes, Progress, Session,
         realtime::{self, Release, Requests},
     },
-    settings::{Change, Journal, Loaded, Settings, Stored},
+    settings::{Change, Journal, Loaded, Settings, StepRate, Stored},
     stepper::StepCounts,
 };
 
 /// Bytes that may wait for `interpret`, and one more.
-pub const RECEIVED_RING: usize = 1152;
+pub const RECEIVED_RING: usize = 1024;
 /// Bytes that may wait to be sent, and one more.
 pub const SENT_RING: usize = 1024;
 
@@ -46,24 +46,25 @@ impl Simulator {
         // A flash that is new and whose power stays on has room for the settings.
         let _ = journal.load();
         let _ = journal.write(Change::Settings, &stored);
-        Self::power_up(journal.into_flash())
+        Self::power_up(journal.into_flash(), settings.step_rate)
     }
 
     /// Switched on for the first time.
     #[must_use]
-    pub fn first_boot() -> Self {
-        Self::power_up(Flash::new())
+    pub fn first_boot(step_rate: StepRate) -> Self {
+        Self::power_up(Flash::new(), step_rate)
     }
 
     /// Switched on with what is stored in a flash.
     #[must_use]
-    pub fn power_up(mut flash: Flash) -> Self {
+    pub fn power_up(mut flash: Flash, step_rate: StepRate) -> Self {
         flash.power_up();
         let mut journal = Journal::new(flash);
         let Loaded {
-            stored,
+            mut stored,
             is_first_boot,
         } = journal.load().unwrap_or_default();
+        stored.settings.step_rate = step_rate;
         Self {
             drive: Drive::new(&stored.settings),
             session: Session::new(&stored, is_first_boot),

@@ -37,9 +37,9 @@ pub enum End {
 
 /// A program on its way into the machine.
 #[derive(Debug)]
-pub struct Stream<P> {
+pub struct Stream<'a, P> {
     /// The machine.
-    pub simulator: Simulator,
+    pub simulator: &'a mut Simulator,
     program: P,
     byte_ticks: u64,
     /// The line to be sent next, with its line feed if it is whole.
@@ -60,9 +60,9 @@ pub struct Stream<P> {
     next_out: u64,
 }
 
-impl<P: Iterator<Item = u8>> Stream<P> {
+impl<'a, P: Iterator<Item = u8>> Stream<'a, P> {
     /// A program to be streamed at a baud rate.
-    pub fn new(simulator: Simulator, program: P, baud: u32) -> Self {
+    pub fn new(simulator: &'a mut Simulator, program: P, baud: u32) -> Self {
         Self {
             simulator,
             program,

@@ -1,7 +1,7 @@
 //! The steps of one axis within a segment: how many, and when.
 //!
-//! q(τ) = vτ + aτ²/2 in steps, and step k falls where q crosses half-way to it. Each time is found
-//! from the one before, in the cheapest way that is exact to a fraction of a tick.
+//! q(τ) = vτ + aτ²/2 in steps, and step k falls where q crosses half-way to it. At an even pace each
+//! time follows from the one before; otherwise it is solved for, so that every step costs the same.
 
 use super::PULSE_LOW_TICKS;
 use crate::{
@@ -9,15 +9,11 @@ use crate::{
     units::{FineSteps, Steps},
 };
 
-/// Binary places of a step's time at an even pace: 2 ms, the longest segment, fill the word, and a
-/// thousand periods are off by a thirtieth of a tick at most.
+/// Binary places of a step's time at an even pace: 1.5 ms, the longest segment, and a period more fit
+/// the word, and a thousand periods are off by a thirtieth of a tick at most.
 pub(super) const EVEN_BITS: u32 = 14;
 /// What the times of steps at an even pace may be off the true ones, ticks.
 const EVEN_ERROR_TICKS: f32 = 0.25;
-/// Relative change of speed from one step to the next above which a step time is computed by the
-/// quadratic formula instead of from the step before.
-const SLOW_CHANGE: f32 = 0.01;
-
 /// The motion of one axis over a segment.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub struct AxisMotion {
@@ -32,93 +28,83 @@ pub struct AxisMotion {
 pub(super) struct AxisSteps {
     /// Steps left.
     pub(super) left: u32,
-    /// Time of the next step, ticks from the segment's start; `u32::MAX` when none is left.
+    /// Time of the next step, ticks from the segment's start, while steps are left.
     pub(super) next: u32,
-    /// Speed at the segment's start, steps per tick.
-    speed: f32,
-    /// Half the acceleration, steps per tick².
-    half_acceleration: f32,
-    /// Distance of the next step from the segment's start, steps.
-    distance: f32,
-    /// Exact time of the next step, ticks.
-    time: f32,
-    /// Inverse of the speed at that time, ticks per step.
-    period: f32,
-    /// The same two in [`Pace::Even`], with [`EVEN_BITS`] binary places.
+    /// The latest that it can be.
+    latest: u32,
+    /// Half of the speed at the segment's start, steps per tick, and half of the speed's square.
+    half_speed: f32,
+    half_sqr: f32,
+    /// Steps per tick².
+    acceleration: f32,
+    /// The way of the next step from the segment's start, steps.
+    way: f32,
+    /// Time of the next step and the time between two, ticks at an even pace, with [`EVEN_BITS`] binary places.
     pub(super) even_time: u32,
     pub(super) even_period: u32,
-    pace: Pace,
-}
-
-/// How the time of a step follows from the one before.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
-pub(super) enum Pace {
-    /// By the same period: the speed does not change.
-    #[default]
-    Even,
-    /// By extrapolation: the speed changes little from step to step.
-    Smooth,
-    /// By the quadratic formula.
-    Steep,
+    is_even: bool,
 }
 
 /// An axis without steps.
 pub(super) const NO_STEPS: AxisSteps = AxisSteps {
     left: 0,
-    next: u32::MAX,
-    speed: 0.0,
-    half_acceleration: 0.0,
-    distance: 0.0,
-    time: 0.0,
-    period: 0.0,
+    next: 0,
+    latest: 0,
+    half_speed: 0.0,
+    half_sqr: 0.0,
+    acceleration: 0.0,
+    way: 0.0,
     even_time: 0,
     even_period: 0,
-    pace: Pace::Even,
+    is_even: true,
 };
 
 impl AxisSteps {
-    /// The crossing at `distance` by the quadratic formula, in the form that never cancels.
-    fn solve(&self) -> f32 {
-        let square = self.speed * self.speed + 4.0 * self.half_acceleration * self.distance;
-        2.0 * self.distance / math::max(self.speed + math::sqrt(square), 1.0e-12)
+    /// Whether it goes at an even pace, slow enough for such pulses.
+    pub(super) fn is_slow(&self, pulse_ticks: u32) -> bool {
+        self.is_even && self.even_period >> EVEN_BITS >= pulse_ticks + PULSE_LOW_TICKS
     }
 
-    /// How many steps can follow alike, if any: at an even pace, slow enough for the pulses, the
-    /// last one of the segment apart. The pulse before ends at `ended`.
-    pub(super) fn evenly(&self, ended: u32, pulse_ticks: u32) -> Option<u32> {
-        let is_on_time = self.next == self.even_time >> EVEN_BITS
-            && self.next.wrapping_sub(ended) < 1 << 30
-            && self.next.wrapping_sub(ended) >= PULSE_LOW_TICKS;
-        let is_slow = self.even_period >> EVEN_BITS >= pulse_ticks + PULSE_LOW_TICKS;
-        let is_even = self.pace == Pace::Even && self.left > 1;
-        (is_even && is_on_time && is_slow).then(|| self.left - 1)
-    }
-
-    /// Moves on to the next step.
+    /// When the axis has come to the next step: 2q/(v + √(v² + 2aq)), the form that never cancels.
+    /// Nothing to divide by is a time without end.
     #[inline]
-    pub(super) fn advance(&mut self, end: u32) {
+    fn solve(&self) -> u32 {
+        let half_reached = math::half_root_of_twice(self.half_sqr + self.acceleration * self.way);
+        (self.way / (self.half_speed + half_reached)) as u32
+    }
+
+    /// Lets the steps come as late as that.
+    pub(super) fn end_at(&mut self, latest: u32) {
+        if self.left != 0 {
+            self.latest = latest;
+            let next = if self.is_even {
+                self.even_time >> EVEN_BITS
+            } else {
+                self.solve()
+            };
+            self.next = next.min(latest);
+        }
+    }
+
+    /// Moves on to the next step, at an even pace.
+    #[inline]
+    pub(super) fn advance_evenly(&mut self) {
         self.left -= 1;
-        if self.left == 0 {
-            self.next = u32::MAX;
-            return;
-        }
-        if self.pace == Pace::Even {
-            self.even_time = self.even_time.wrapping_add(self.even_period);
-            self.next = (self.even_time >> EVEN_BITS).min(end);
-            return;
-        }
-        self.distance += 1.0;
-        if self.pace == Pace::Steep {
-            self.time = self.solve();
-        } else {
-            // One Newton step for the inverse of the speed, one for the time.
-            let speed = self.speed + 2.0 * self.half_acceleration * self.time;
-            self.period *= 2.0 - speed * self.period;
-            let guess = self.time + self.period;
-            let reached = (self.speed + self.half_acceleration * guess) * guess;
-            self.time = guess - (reached - self.distance) * self.period;
-        }
-        self.next = (self.time as u32).min(end);
+        self.even_time = self.even_time.wrapping_add(self.even_period);
+        self.next = (self.even_time >> EVEN_BITS).min(self.latest);
+    }
+
+    /// The same at another pace.
+    #[inline]
+    pub(super) fn advance_exactly(&mut self) {
+        self.left -= 1;
+        self.way += 1.0;
+        self.next = self.solve().min(self.latest);
+    }
+
+    /// Whether all steps come at an even pace.
+    pub(super) const fn is_even(&self) -> bool {
+        self.is_even
     }
 }
 
@@ -128,7 +114,7 @@ pub(super) fn plan_axis(
     motion: AxisMotion,
     duration: f32,
     rate: f32,
-    end: u32,
+    latest: u32,
 ) -> (AxisSteps, bool) {
     let Steps(begin) = from.nearest();
     let steps = motion.to.nearest().0.wrapping_sub(begin);
@@ -154,29 +140,25 @@ pub(super) fn plan_axis(
         let even_time = ((0.5 - offset) * scale) as u32;
         let axis = AxisSteps {
             left: steps.unsigned_abs(),
-            next: (even_time >> EVEN_BITS).min(end),
+            next: (even_time >> EVEN_BITS).min(latest),
+            latest,
             even_time,
             even_period: scale as u32,
             ..NO_STEPS
         };
         return (axis, steps < 0);
     }
-    let slowest = math::min(speed, speed + acceleration * duration);
     let mut axis = AxisSteps {
         left: steps.unsigned_abs(),
-        speed,
-        half_acceleration: 0.5 * acceleration,
-        distance: 0.5 - offset,
-        pace: if acceleration.abs() > SLOW_CHANGE * slowest * slowest {
-            Pace::Steep
-        } else {
-            Pace::Smooth
-        },
+        latest,
+        half_speed: 0.5 * speed,
+        half_sqr: 0.5 * speed * speed,
+        acceleration,
+        way: 0.5 - offset,
+        is_even: false,
         ..NO_STEPS
     };
-    axis.time = axis.solve();
-    axis.period = 1.0 / math::max(speed + acceleration * axis.time, 1.0e-12);
-    axis.next = (axis.time as u32).min(end);
+    axis.next = axis.solve().min(latest);
     (axis, steps < 0)
 }
 
@@ -186,5 +168,60 @@ fn to_f32(fine: i64) -> f32 {
         fine as i32 as f32 * (1.0 / 4_294_967_296.0)
     } else {
         (fine >> 12) as i32 as f32 * (1.0 / 1_048_576.0)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::vec::Vec;
+
+    use proptest::prelude::*;
+
+    use super::*;
+    use crate::units::TICKS_PER_SECOND;
+
+    /// Times of the steps of an axis that speeds up or slows down evenly, and the exact ones, ticks.
+    fn times(begin_hz: f64, end_hz: f64, milliseconds: f64, offset: f64) -> Vec<(u32, f64)> {
+        let per_s = f64::from(TICKS_PER_SECOND);
+        let ticks = (milliseconds * per_s / 1000.0).round();
+        let (begin, end) = (begin_hz / per_s, end_hz / per_s);
+        let acceleration = (end - begin) / ticks;
+        let fine = |steps: f64| FineSteps((steps * 4_294_967_296.0).round() as i64);
+        let from = fine(offset);
+        let to = fine(offset + 0.5 * (begin + end) * ticks);
+        let motion = AxisMotion {
+            to,
+            acceleration: acceleration as f32,
+        };
+        let (mut steps, _) =
+            plan_axis(from, motion, ticks as f32, 1.0 / ticks as f32, ticks as u32);
+        let mut all = Vec::new();
+        while steps.left != 0 {
+            let way = all.len() as f64 + 0.5 - offset;
+            let root = (begin * begin + 2.0 * acceleration * way).max(0.0).sqrt();
+            all.push((steps.next, (2.0 * way / (begin + root)).min(ticks)));
+            if steps.is_even() {
+                steps.advance_evenly();
+            } else {
+                steps.advance_exactly();
+            }
+        }
+        all
+    }
+
+    proptest! {
+        #[test]
+        fn steps_come_within_two_ticks_of_the_exact_parabola(
+            begin_hz in prop_oneof![Just(0.0), 10.0..3000.0_f64, 3000.0..150_000.0],
+            ratio in prop_oneof![Just(0.0), 0.01..0.9_f64, 0.9..1.1, 1.1..20.0],
+            milliseconds in 0.05..1.5_f64,
+            offset in -0.499..0.499_f64,
+        ) {
+            let end_hz = if begin_hz == 0.0 { ratio * 7000.0 } else { begin_hz * ratio };
+            for (step, exact) in times(begin_hz, end_hz.min(150_000.0), milliseconds, offset) {
+                let off = (f64::from(step) - exact).abs();
+                prop_assert!(off < 2.0, "{off} ticks at {exact}");
+            }
+        }
     }
 }

@@ -1,8 +1,9 @@
-//! What `prepare` and the step interrupt tell each other of segments: lock-free, one ring.
+//! What `prepare` is told of what has been played: lock-free, one ring.
 //!
-//! `prepare` announces each segment before its first event, with the steps at which it begins; the
-//! step interrupt says which one it plays. It plays every event exactly once, so nothing needs to be
-//! counted: the position is that of the segment.
+//! `prepare` announces each segment before its first event, with the steps at which it begins;
+//! `turn`, which the step interrupt releases by the first event of each, says which one is played.
+//! Every event is played exactly once, so nothing needs to be counted: the position is that of the
+//! segment.
 
 use core::sync::atomic::{
     AtomicBool, AtomicI32, AtomicU32,
@@ -10,7 +11,7 @@ use core::sync::atomic::{
     compiler_fence,
 };
 
-use super::{SEGMENT_RING, SegmentInfo};
+use super::{EventTap, SEGMENT_RING, SegmentInfo};
 use crate::axis::{AXES, Axes};
 
 /// A segment on its way.
@@ -32,15 +33,13 @@ struct Slot {
 const IS_MOVING: u32 = 1 << 8;
 const DUTY_SHIFT: u32 = 16;
 
-/// What the step interrupt has to do at the first event of a segment.
+/// What `turn` has to do.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct Begun {
-    /// Direction outputs, bit 0 = X, 1 = negative.
-    pub directions: u8,
-    /// Spindle PWM, 0 to [`crate::machine::Outputs::FULL`].
-    pub duty: u16,
-    /// Whether anything moves.
-    pub(super) is_moving: bool,
+pub struct Turned {
+    /// Spindle PWM of the segment that has begun, 0 to [`crate::machine::Outputs::FULL`].
+    pub duty: Option<u16>,
+    /// Run again: another segment has begun meanwhile.
+    pub again: bool,
 }
 
 /// Slots, a power of two: those of the segments that may wait, and of those played last.
@@ -48,8 +47,8 @@ const SLOTS: usize = 2 * SEGMENT_RING;
 
 /// What the step interrupt plays.
 ///
-/// Written by `prepare` (announcements) and the step interrupt (the rest). `running` is written by
-/// whoever can: by `prepare` while the timer stands, by the step interrupt while it runs.
+/// Written by `prepare` (announcements), by `turn` (what has begun, faults) and by the step
+/// interrupt (late events). `running` is written by whoever starts or stops the timer.
 #[derive(Debug)]
 pub struct StepCounts {
     slots: [Slot; SLOTS],
@@ -62,8 +61,7 @@ pub struct StepCounts {
     mask: AtomicU32,
     running: AtomicBool,
     starved: AtomicBool,
-    /// The step interrupt is to stop, or has stopped, at once; written by `inputs`, cleared by
-    /// `prepare` when it stands.
+    /// The step interrupt has been stopped at once; written by `inputs`, cleared by `prepare`.
     cut: AtomicBool,
 }
 
@@ -127,52 +125,65 @@ impl StepCounts {
         slot.spindle_rpm.store(info.spindle_rpm.to_bits(), Relaxed);
         slot.line.store(info.line, Relaxed);
         slot.first_event.store(info.first_event, Relaxed);
-        // wcet-bound: 6
+        // wcet-bound: axes
         for (to, from) in slot.steps.iter().zip(&info.steps) {
             to.store(*from, Relaxed);
         }
-        // The step interrupt comes here by the segment's first event only, which is put later.
+        // `turn` must not see the number before the rest.
         compiler_fence(SeqCst);
         self.announced.store(number.wrapping_add(1), Relaxed);
     }
 
-    /// The step interrupt begins the next segment.
+    /// The body of `turn`: begins the segment whose first event is set up, and looks whether
+    /// the step interrupt has stopped while something moved.
+    ///
+    /// Deadline: before two more segments begin. Until it has run, what is played seems to be the
+    /// segment before.
     #[inline]
-    pub(super) fn begin(&self) -> Begun {
+    pub fn turn(&self, events: EventTap<'_>) -> Turned {
+        let (taken, is_running) = events.taken(self);
         let number = self.begun.load(Relaxed);
-        self.begun.store(number.wrapping_add(1), Relaxed);
-        let flags = self.slot(number).flags.load(Relaxed) & self.mask.load(Relaxed);
-        Begun {
-            directions: flags as u8,
-            duty: (flags >> DUTY_SHIFT) as u16,
-            is_moving: flags & IS_MOVING != 0,
+        let mut turned = Turned {
+            duty: None,
+            again: false,
+        };
+        if self.has_begun(number, taken) {
+            let next = number.wrapping_add(1);
+            self.begun.store(next, Relaxed);
+            turned.duty = Some(self.duty());
+            turned.again = self.has_begun(next, taken);
         }
-    }
-
-    /// The step interrupt has stopped: a fault if anything moved and nobody wanted it.
-    #[inline]
-    pub(super) fn stop(&self, is_moving: bool) {
-        self.running.store(false, Relaxed);
-        if is_moving && !self.is_cut() {
+        let is_moving = self.played().flags.load(Relaxed) & IS_MOVING != 0;
+        if is_moving && !turned.again && !is_running && !self.is_cut() {
             self.starved.store(true, Relaxed);
         }
+        turned
     }
 
-    /// Asks the step interrupt to stop at once; see [`EventTap::cut`](super::EventTap::cut).
-    pub(super) fn ask_cut(&self) {
+    /// Whether an event of a segment is among those that have been output or set up.
+    #[inline]
+    fn has_begun(&self, number: u32, taken: u32) -> bool {
+        let first = self.slot(number).first_event.load(Relaxed);
+        number != self.announced.load(Relaxed) && taken.wrapping_sub(first).cast_signed() > 0
+    }
+
+    /// The step interrupt has stopped, for want of events.
+    #[inline]
+    pub fn stop(&self) {
+        self.running.store(false, Relaxed);
+    }
+
+    /// The step interrupt has been stopped; see [`EventTap::cut`].
+    pub(super) fn cut(&self) {
+        self.running.store(false, Relaxed);
         self.cut.store(true, Relaxed);
     }
 
-    /// Whether the step interrupt has been asked to stop at once and nobody has seen to it yet.
+    /// Whether the step interrupt has been stopped at once and nobody has seen to it yet.
     #[inline]
     #[must_use]
     pub fn is_cut(&self) -> bool {
         self.cut.load(Relaxed)
-    }
-
-    /// The directions that the pins have: those of the segment being played.
-    pub(super) fn directions(&self) -> u8 {
-        self.played().flags.load(Relaxed) as u8
     }
 
     /// Drops the segments that have not begun; ends a cut. For `prepare`, while the step interrupt
@@ -207,15 +218,19 @@ impl StepCounts {
         Axes::from_fn(|axis| played.steps[axis].load(Relaxed))
     }
 
-    /// Events whose time had passed before they could be set up.
+    /// Events that may have come too late, as the step interrupt had come too late to tell the timer
+    /// of them.
     #[must_use]
     pub fn late(&self) -> u32 {
         self.late.load(Relaxed)
     }
 
-    /// Counts a late event; called by the board's step timer, in the step interrupt.
-    pub fn count_late(&self) {
-        self.late.store(self.late().wrapping_add(1), Relaxed);
+    /// Counts an event if it is late; called in the step interrupt, which takes the same time for
+    /// one that is and one that is not.
+    #[inline]
+    pub fn count_late(&self, is_late: bool) {
+        let late = self.late().wrapping_add(u32::from(is_late));
+        self.late.store(late, Relaxed);
     }
 
     /// Start of the segment being played, on the generator's clock.
@@ -259,11 +274,8 @@ impl StepCounts {
         self.mask.store(mask, Relaxed);
     }
 
-    /// `prepare` is about to start the step timer, which stands.
-    ///
-    /// Not left to the step interrupt: after a fault the first event may be in the middle of a
-    /// segment, and a timer that runs must not be started.
-    pub(crate) fn start(&self) {
+    /// `prepare` starts the step timer, which stands.
+    pub fn start(&self) {
         self.running.store(true, Relaxed);
     }
 
@@ -273,14 +285,16 @@ impl StepCounts {
         self.running.load(Relaxed)
     }
 
-    /// Takes the fault that the event queue ran empty in motion; for `prepare` alone.
+    /// Whether the event queue ran empty in motion, and nobody has seen to it yet.
+    #[inline]
     #[must_use]
-    pub fn take_starved(&self) -> bool {
-        let starved = self.starved.load(Relaxed);
-        if starved {
-            self.starved.store(false, Relaxed);
-        }
-        starved
+    pub fn is_starved(&self) -> bool {
+        self.starved.load(Relaxed)
+    }
+
+    /// Takes the fault that the event queue ran empty in motion; for `prepare` alone.
+    pub(crate) fn take_starved(&self) {
+        self.starved.store(false, Relaxed);
     }
 }
 
@@ -293,39 +307,92 @@ impl Default for StepCounts {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::stepper::{EventRing, StepEvent};
 
-    fn announce(counts: &StepCounts, steps: i32) {
+    /// Announces a segment with one event.
+    fn announce(counts: &StepCounts, ring: &mut EventRing, number: u32, is_rest: bool) {
         counts.announce(&SegmentInfo {
-            steps: Axes::all(steps),
-            directions: steps as u8,
+            steps: Axes::all(number.cast_signed()),
+            first_event: number,
             duty: 1020,
+            is_rest,
             ..SegmentInfo::default()
         });
+        let (mut writer, _) = ring.split();
+        let mut events = writer.begin();
+        events.put(StepEvent::new(1000, 0, 0).at_boundary());
+        events.publish();
+    }
+
+    /// Sets up the next event.
+    fn set_up(counts: &StepCounts, ring: &mut EventRing) {
+        let (mut writer, mut reader) = ring.split();
+        let has_event = if counts.is_running() {
+            if let Some(missed) = writer.missed(counts) {
+                writer.append(missed);
+            }
+            reader.advance().is_some()
+        } else {
+            counts.start();
+            writer.set_up().is_some()
+        };
+        assert!(has_event);
+    }
+
+    fn turn(counts: &StepCounts, ring: &mut EventRing) -> Turned {
+        counts.turn(ring.split().0.tap())
     }
 
     #[test]
     fn the_position_is_that_of_the_segment_being_played() {
-        let counts = StepCounts::new();
+        let (counts, mut ring) = (StepCounts::new(), EventRing::new());
+        let begun = Turned {
+            duty: Some(1020),
+            again: false,
+        };
+        let nothing = Turned {
+            duty: None,
+            again: false,
+        };
         for number in 0..100 {
-            announce(&counts, number);
-            assert_eq!(counts.position(), Axes::all((number - 1).max(0)));
-            let begun = counts.begin();
-            assert_eq!((begun.directions, begun.duty), (number as u8, 1020));
-            assert!(begun.is_moving);
-            assert_eq!(counts.position(), Axes::all(number));
+            announce(&counts, &mut ring, number, false);
+            assert_eq!(turn(&counts, &mut ring), nothing);
+            let before = number.cast_signed() - 1;
+            assert_eq!(counts.position(), Axes::all(before.max(0)));
+            set_up(&counts, &mut ring);
+            assert_eq!(turn(&counts, &mut ring), begun);
+            assert_eq!(counts.position(), Axes::all(before + 1));
+        }
+    }
+
+    #[test]
+    fn a_late_turn_catches_up_and_finds_the_stop_a_fault_in_motion_only() {
+        for is_rest in [true, false] {
+            let (counts, mut ring) = (StepCounts::new(), EventRing::new());
+            announce(&counts, &mut ring, 0, false);
+            announce(&counts, &mut ring, 1, is_rest);
+            set_up(&counts, &mut ring);
+            let (_, mut reader) = ring.split();
+            while reader.advance().is_some() {}
+            counts.stop();
+            assert!(turn(&counts, &mut ring).again && !counts.is_starved());
+            assert!(!turn(&counts, &mut ring).again);
+            assert_eq!(counts.is_starved(), !is_rest);
+            assert_eq!(counts.position(), Axes::all(1));
         }
     }
 
     #[test]
     fn no_segment_is_announced_over_one_that_is_played_or_waits() {
-        let counts = StepCounts::new();
+        let (counts, mut ring) = (StepCounts::new(), EventRing::new());
         let mut announced = 0;
         while counts.has_room() {
-            announce(&counts, announced);
+            announce(&counts, &mut ring, announced, false);
             announced += 1;
         }
-        assert_eq!(announced, SEGMENT_RING.cast_signed() as i32 - 1);
-        counts.begin();
+        assert_eq!(announced, SEGMENT_RING as u32 - 1);
+        set_up(&counts, &mut ring);
+        assert!(turn(&counts, &mut ring).duty.is_some());
         assert!(counts.has_room());
     }
 }

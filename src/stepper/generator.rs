@@ -1,16 +1,19 @@
 //! Step times: from a segment's motion to the events of the step interrupt.
 //!
 //! The number of steps comes from exact integer positions, so rounding moves an edge by a fraction
-//! of a tick and never adds or loses one. The axes' steps are merged in time order with the ends of
-//! pulses; steps closer than [`EVENT_SPACING_TICKS`] share an event.
+//! of a tick and never adds or loses one. Steps and ends of pulses are put into the slots of the
+//! segment and become events from there: see [`Slots`]. An axis that moves alone at an even pace needs
+//! no slots: its events are in order as they come.
 
 use super::{
-    AxisMotion, DIRECTION_SETUP_TICKS, EVENT_SPACING_TICKS, EventWriter, SegmentInfo, StepCounts,
-    StepEvent,
-    axis_steps::{AxisSteps, EVEN_BITS, NO_STEPS, plan_axis},
+    AxisMotion, DIRECTION_SETUP_TICKS, EVENT_RING, EventWriter, PULSE_LOW_TICKS, SegmentInfo,
+    StepCounts, StepEvent,
+    alone::Alone,
+    axis_steps::{AxisSteps, NO_STEPS, plan_axis},
     history::{high_after, steps_after},
-    pulses::{Cursor, High, LOW, SPACING},
+    placing::Placing,
     ring::EventBatch,
+    slots::{Cursor, SLOT, SLOT_TICKS, Slots},
 };
 use crate::{
     axis::{AXES, Axes},
@@ -18,8 +21,12 @@ use crate::{
     units::{FineSteps, TICKS_PER_US},
 };
 
-/// Events that one step can need: ends of pulses before it, waits, and itself.
-const EVENTS_PER_STEP: u32 = 8;
+/// Events of a segment besides two for each step: a change of direction, the ends of pulses that
+/// have begun before, and its beginning when it has no others.
+const OTHER_EVENTS: u32 = 2 + AXES as u32;
+/// A bit for each axis.
+const ALL_AXES: u32 = (1 << AXES) - 1;
+
 /// A stretch of motion with constant acceleration on every axis.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Segment {
@@ -51,31 +58,71 @@ impl Segment {
     };
 }
 
-/// Turns segments into events, resumable at any event.
+/// Slots from the end of a pulse to the next step of the axis: an event comes at the end of its slot
+/// at most.
+const LOW_SLOTS: u32 = 1 + PULSE_LOW_TICKS.div_ceil(SLOT_TICKS);
+/// Slots from a change of direction to the next step of the axis.
+const SETUP_SLOTS: u32 = 1 + DIRECTION_SETUP_TICKS.div_ceil(SLOT_TICKS);
+/// So many slots ago, nothing matters any more.
+const LONG_AGO: u32 = 16;
+
+/// Slots from a step to the end of its pulse, of so many ticks.
+#[must_use]
+pub(crate) const fn pulse_slots(pulse_ticks: u32) -> u32 {
+    1 + pulse_ticks.div_ceil(SLOT_TICKS)
+}
+
+/// Shortest time between two steps of an axis, ticks, with pulses of `pulse_ticks`.
+#[must_use]
+pub(crate) const fn least_period_ticks(pulse_ticks: u32) -> u32 {
+    (pulse_slots(pulse_ticks) + LOW_SLOTS) * SLOT_TICKS
+}
+
+/// Turns segments into events, a whole one at a time.
+///
+/// In this order in memory: the slots, which are large, come last.
 #[derive(Debug)]
+#[repr(C)]
 pub struct Generator {
-    axes: [AxisSteps; AXES],
     /// Exact position of each axis at the segment's end.
     position: Axes<FineSteps>,
     /// The segment's duration, ticks.
     ticks: u32,
+    /// The slot in which the segment begins, and how many ticks after that slot.
+    base: u32,
+    offset: u32,
     cursor: Cursor,
-    /// The segment is not finished.
+    /// The segment has begun, and its events have not been put.
     is_open: bool,
-    /// The segment has no event yet.
-    is_boundary: bool,
-    /// Axes that reverse with the segment, which has no event yet.
+    /// It has so many events at most.
+    most_events: u32,
+    /// Axes that step in it.
+    moving: u32,
+    /// The slot in which the segment's last step is, from its first on.
+    last_step: u32,
+    /// The first slot, from the segment's first on, in which a step may be: that of an axis that
+    /// reverses, and of another.
+    first_turned: u32,
+    first: u32,
+    /// Axes that reverse in the segment.
     turns: u32,
+    /// The direction outputs may be others: before the first motion, and after a standstill, in
+    /// which settings may change.
+    is_unsure: bool,
     /// The axis with the most steps in the segment.
     leader: usize,
     /// The segment is the standstill after the last one.
     is_rest: bool,
     directions: u8,
-    pulse_ticks: i32,
+    pulse_ticks: u32,
+    /// The slot in which the last pulse of each axis ends.
+    ends: [u32; AXES],
     /// End of everything generated, on the generator's clock.
     clock_ticks: u32,
     /// Number of the event that is put next.
     next_event: u32,
+    axes: [AxisSteps; AXES],
+    slots: Slots,
 }
 
 impl Generator {
@@ -86,24 +133,35 @@ impl Generator {
             axes: [NO_STEPS; AXES],
             position: Axes([FineSteps(0); AXES]),
             ticks: 0,
-            cursor: Cursor::NEW,
+            base: 0,
+            offset: 0,
+            cursor: Cursor {
+                free: 0,
+                last: 0,
+                is_boundary: false,
+            },
             is_open: false,
-            is_boundary: false,
+            most_events: 0,
+            moving: 0,
+            last_step: 0,
+            first_turned: 0,
+            first: 0,
             turns: 0,
+            is_unsure: true,
             leader: 0,
             is_rest: false,
             directions: 0,
-            pulse_ticks: (10 * TICKS_PER_US).cast_signed(),
+            pulse_ticks: 10 * TICKS_PER_US,
+            ends: [0; AXES],
             clock_ticks: 0,
             next_event: 0,
+            slots: Slots::NONE,
         }
     }
 
     /// Sets the length of a pulse, µs. A shorter one than events are apart lasts as long as that.
     pub fn set_pulse_us(&mut self, pulse_us: u8) {
-        self.pulse_ticks = (u32::from(pulse_us) * TICKS_PER_US)
-            .cast_signed()
-            .max(SPACING);
+        self.pulse_ticks = (u32::from(pulse_us) * TICKS_PER_US).max(SLOT_TICKS);
     }
 
     /// Exact position at the end of all segments begun.
@@ -134,38 +192,74 @@ impl Generator {
     /// pulses.
     pub fn cut_off(&mut self, counts: &StepCounts, events: &mut EventWriter<'_>) {
         let output = events.drop_waiting();
+        let high = high_after(output, events);
         if let Some(steps) = steps_after(output, counts, events) {
             self.settle_on(steps);
         }
-        self.directions = counts.directions();
         counts.drop_waiting();
-        self.axes = [NO_STEPS; AXES];
-        self.cursor = Cursor::cut_off(high_after(output, events), self.pulse_ticks);
-        self.ticks = 0;
-        self.turns = 0;
+        self.forget();
+        // wcet-bound: axes
+        for end in self.ends {
+            self.slots.clear(end);
+        }
+        self.end_all(high);
+        // The time goes on from the event output last, which is as good as at a slot's end.
+        let free = self.cursor.free.wrapping_add(1);
+        self.cursor = Cursor {
+            free,
+            last: 0,
+            is_boundary: false,
+        };
+        (self.base, self.offset, self.ticks) = (free, 0, 0);
         self.is_open = false;
-        self.is_boundary = false;
         self.is_rest = false;
         // What was prepared ahead is no more; a later segment must not begin at the same time.
         self.clock_ticks = counts.played_ticks().wrapping_add(1);
         self.next_event = output;
     }
 
-    /// Drops the steps that the segment has not come to, after a fault: the position is where the
-    /// events end.
+    /// Drops the steps of the segment that has no events yet, after a fault: the position is where
+    /// the events end.
     pub fn cut(&mut self) {
-        // wcet-bound: 6
-        for (index, axis) in self.axes.iter_mut().enumerate() {
-            let is_negative = self.directions >> index & 1 != 0;
-            let missing = i64::from(axis.left) << 32;
-            let missing = if is_negative { -missing } else { missing };
-            let position = &mut self.position[index].0;
-            *position = position.wrapping_sub(missing);
-            *axis = NO_STEPS;
+        if !self.is_open {
+            return;
+        }
+        // wcet-bound: axes
+        for axis in 0..AXES {
+            let is_negative = self.directions >> axis & 1 != 0;
+            self.take_back(axis, is_negative, self.axes[axis].left);
+        }
+        self.forget();
+    }
+
+    /// The segment has no more steps.
+    fn forget(&mut self) {
+        self.axes = [NO_STEPS; AXES];
+        (self.moving, self.turns) = (0, 0);
+    }
+
+    /// Ends these pulses, and no others, when the longest of them may end.
+    fn end_all(&mut self, high: u32) {
+        let free = self.cursor.free.wrapping_add(1);
+        let end = free.wrapping_add(pulse_slots(self.pulse_ticks));
+        if high != 0 {
+            self.slots.end(end, high);
+        }
+        // wcet-bound: axes
+        for (axis, last) in self.ends.iter_mut().enumerate() {
+            *last = if high >> axis & 1 == 0 { free } else { end };
         }
     }
 
-    /// Whether a segment is unfinished: call [`Generator::fill`] before the next.
+    /// The position of an axis without so many steps that it will not make.
+    fn take_back(&mut self, axis: usize, is_negative: bool, missing: u32) {
+        let missing = i64::from(missing) << 32;
+        let missing = if is_negative { -missing } else { missing };
+        let position = &mut self.position[axis].0;
+        *position = position.wrapping_sub(missing);
+    }
+
+    /// Whether a segment has begun that has no events yet: call [`Generator::fill`] before the next.
     #[must_use]
     pub const fn is_open(&self) -> bool {
         self.is_open
@@ -179,27 +273,52 @@ impl Generator {
 
     /// Begins a segment. The one before must be finished, and `counts` must have room.
     pub fn begin(&mut self, segment: &Segment, counts: &StepCounts) {
+        self.open(segment.ticks);
+        let slots = (self.offset + self.ticks) / SLOT_TICKS;
+        let most = slots / (pulse_slots(self.pulse_ticks) + LOW_SLOTS) + 1;
         let duration = segment.ticks as f32;
         let rate = 1.0 / duration;
         let mut directions = self.directions;
-        let mut most = 0;
+        let mut leading = 0;
         let begin = self.steps();
-        // wcet-bound: 6
+        let latest = segment.ticks.saturating_sub(SLOT_TICKS);
+        // wcet-bound: axes
         for axis in 0..AXES {
             let motion = segment.axes[axis];
-            let (steps, is_negative) =
-                plan_axis(self.position[axis], motion, duration, rate, segment.ticks);
+            let (mut steps, is_negative) =
+                plan_axis(self.position[axis], motion, duration, rate, latest);
+            self.position[axis] = motion.to;
             if steps.left != 0 {
                 directions = directions & !(1 << axis) | u8::from(is_negative) << axis;
+                self.moving |= 1 << axis;
             }
+            // Faster than pulses can be: the others come with the next segment. As the pace changes
+            // evenly, the last of these is behind the segment by a quarter of it and two pulses at
+            // most.
             if steps.left > most {
-                most = steps.left;
+                self.take_back(axis, is_negative, steps.left - most);
+                steps.left = most;
+            }
+            if steps.left > leading {
+                leading = steps.left;
                 self.leader = axis;
             }
+            self.most_events += 2 * steps.left;
             self.axes[axis] = steps;
-            self.position[axis] = motion.to;
         }
-        self.open(segment.ticks, directions);
+        // Axes keep clear of the segment's end: its next step may follow at once. But the one with
+        // the most steps keeps its time.
+        if let Some(leader) = self.axes.get_mut(self.leader) {
+            leader.end_at(segment.ticks);
+        }
+        if self.moving != 0 {
+            self.turns = u32::from(directions ^ self.directions);
+            if self.is_unsure {
+                self.turns = ALL_AXES;
+            }
+            self.is_unsure = false;
+            self.directions = directions;
+        }
         counts.announce(&SegmentInfo {
             start_ticks: self.clock_ticks,
             steps: begin,
@@ -216,12 +335,13 @@ impl Generator {
 
     /// Begins the standstill after the last segment: ends all pulses and lets the queue run empty.
     pub fn rest(&mut self, power: Power, counts: &StepCounts) {
-        // wcet-bound: 6
+        // wcet-bound: axes
         for axis in &mut self.axes {
             *axis = NO_STEPS;
         }
-        self.open(EVENT_SPACING_TICKS, self.directions);
+        self.open(SLOT_TICKS);
         self.is_rest = true;
+        self.is_unsure = true;
         counts.announce(&SegmentInfo {
             start_ticks: self.clock_ticks,
             steps: self.steps(),
@@ -233,173 +353,208 @@ impl Generator {
             duty: power.duty,
             spindle_rpm: power.rpm,
         });
-        self.clock_ticks = self.clock_ticks.wrapping_add(EVENT_SPACING_TICKS);
+        self.clock_ticks = self.clock_ticks.wrapping_add(SLOT_TICKS);
     }
 
-    fn open(&mut self, ticks: u32, directions: u8) {
-        self.cursor.later_by(self.ticks.cast_signed());
+    fn open(&mut self, ticks: u32) {
+        let slots = (self.offset + self.ticks) / SLOT_TICKS;
+        self.offset = self.offset + self.ticks - slots * SLOT_TICKS;
+        self.base = self.base.wrapping_add(slots);
+        let passed = slots.wrapping_mul(SLOT_TICKS).cast_signed();
+        self.cursor.last = self.cursor.last.saturating_sub(passed);
+        self.cursor.is_boundary = true;
+        if !is_ahead(self.cursor.free, self.base) {
+            self.cursor.free = self.base;
+        }
+        // wcet-bound: axes
+        for end in &mut self.ends {
+            if !is_ahead(*end, self.base.wrapping_sub(LONG_AGO)) {
+                *end = self.base.wrapping_sub(LONG_AGO);
+            }
+        }
         self.ticks = ticks;
         self.is_open = true;
-        self.is_boundary = true;
-        self.turns = u32::from(directions ^ self.directions);
-        self.directions = directions;
+        self.most_events = OTHER_EVENTS;
+        (self.moving, self.turns) = (0, 0);
+        self.last_step = 0;
+        self.first = self.cursor.free.wrapping_sub(self.base);
+        self.first_turned = self.first;
     }
 
-    /// Generates events until the segment is finished, which it tells, or the queue is full.
-    pub fn fill(&mut self, events: &mut EventWriter<'_>) -> bool {
-        let mut events = events.begin();
-        if events.room() < EVENTS_PER_STEP {
-            return false;
+    /// Puts a change of directions before the steps of the segment, or finds that one axis moves
+    /// alone at an even pace.
+    fn order(&mut self) -> Option<Alone> {
+        let base = self.base;
+        let mut high = 0;
+        let mut slot = self.cursor.free;
+        // wcet-bound: axes
+        for (axis, end) in self.ends.iter().enumerate() {
+            if is_ahead(*end, base) {
+                high |= 1 << axis;
+                let after = end.wrapping_add(1);
+                if self.turns >> axis & 1 != 0 && is_ahead(after, slot) {
+                    slot = after;
+                }
+            }
         }
         if self.turns != 0 {
-            self.turn(&mut events);
+            let turn = self.slots.turn(slot, self.directions);
+            self.first = turn.wrapping_sub(base).wrapping_add(1);
+            self.first_turned = self.first + SETUP_SLOTS - 1;
+            return None;
         }
-        if self.is_boundary {
-            self.first_step(&mut events);
+        if !self.moving.is_power_of_two() || high & !self.moving != 0 {
+            return None;
         }
-        let mut cursor = self.cursor;
-        let (end, pulse_ticks) = (self.ticks, self.pulse_ticks);
-        let is_done = match self.alone(&cursor) {
-            Some(axis) => fill_one(axis, &mut cursor, end, pulse_ticks, &mut events),
-            None => self.fill_all(&mut cursor, &mut events),
-        };
-        self.cursor = cursor;
-        let closes = is_done && events.room() >= EVENTS_PER_STEP;
-        if closes {
-            self.close(&mut events);
+        let (steps, end) = (self.axes.get(self.leader)?, *self.ends.get(self.leader)?);
+        // Nothing may come so shortly before the first step that this has to wait.
+        let earliest = self.time_of(end.wrapping_add(LOW_SLOTS));
+        let earliest = earliest.max(self.cursor.last + SLOT - self.offset.cast_signed());
+        if !steps.is_slow(self.pulse_ticks) || steps.next.cast_signed() < earliest {
+            return None;
         }
+        let due = (high != 0).then(|| {
+            self.slots.clear(end);
+            self.time_of(end)
+        });
+        Some(Alone {
+            mask: self.moving,
+            due,
+        })
+    }
+
+    /// When a slot begins, ticks from the segment's start.
+    fn time_of(&self, slot: u32) -> i32 {
+        let slots = slot.wrapping_sub(self.base).cast_signed();
+        slots * SLOT - self.offset.cast_signed()
+    }
+
+    /// Puts the events of the segment, which tells; or nothing, while there is no room for all. Room
+    /// for two segments of 1.5 ms is there up to 350 000 steps per second of all axes together.
+    pub fn fill(&mut self, events: &mut EventWriter<'_>) -> bool {
+        let mut events = events.begin();
+        if events.room() < self.most_events.min(EVENT_RING as u32) {
+            return false;
+        }
+        if let Some(alone) = self.order() {
+            self.put_alone(alone, &mut events);
+        } else if self.moving != 0 {
+            self.place_all();
+        }
+        self.close(&mut events);
         self.next_event = events.number();
-        closes
+        true
     }
 
-    /// The first event of a segment, if it has a step.
-    fn first_step(&mut self, events: &mut EventBatch<'_>) {
-        if let Some((time, mask)) = self.next_steps() {
-            let first = events.number();
-            let pulse_ticks = self.pulse_ticks;
-            self.cursor.step(time, mask, pulse_ticks, events);
-            self.publish_first(first, events);
-        }
-    }
-
-    fn publish_first(&mut self, first: u32, events: &mut EventBatch<'_>) {
-        events.mark_boundary(first);
-        events.publish();
-        self.is_boundary = false;
-    }
-
-    /// The only axis with steps left, if no pulse of another one is high: with the axis's mask.
-    fn alone(&mut self, cursor: &Cursor) -> Option<(&mut AxisSteps, u32)> {
-        let mut mask = 0;
-        // wcet-bound: 6
-        for (index, axis) in self.axes.iter().enumerate() {
-            mask |= u32::from(axis.left != 0) << index;
-        }
-        let others = cursor.high() & !mask;
-        if !mask.is_power_of_two() || others != 0 {
-            return None;
-        }
-        let axis = self.axes.get_mut(mask.trailing_zeros() as usize)?;
-        Some((axis, mask))
-    }
-
-    /// All axes' events in time order.
-    #[inline(never)]
-    fn fill_all(&mut self, cursor: &mut Cursor, events: &mut EventBatch<'_>) -> bool {
-        let (mut here, mut out) = (*cursor, *events);
-        let mut is_done = false;
-        // Steps that are not apart share an event: `SEGMENT_EVENTS`, and the end.
-        // wcet-bound: 1334
-        while !is_done && out.room() >= EVENTS_PER_STEP {
-            match self.next_steps() {
-                Some((time, mask)) => {
-                    here.step(time, mask, self.pulse_ticks, &mut out);
-                    out.publish();
-                }
-                None => is_done = true,
-            }
-        }
-        (*cursor, *events) = (here, out);
-        is_done
-    }
-
-    /// The axes that step next, moved on, and when.
-    #[inline]
-    fn next_steps(&mut self) -> Option<(i32, u32)> {
-        let mut first = u32::MAX;
-        // wcet-bound: 6
-        for axis in &self.axes {
-            first = first.min(axis.next);
-        }
-        if first == u32::MAX {
-            return None;
-        }
-        // The axis with the most steps keeps its time, where an error weighs most. The others keep
-        // clear of the segment's end: its next step may follow at once.
-        let leading = self.axes.get(self.leader).map_or(first, |axis| axis.next);
-        let time = if leading.wrapping_sub(first) < EVENT_SPACING_TICKS {
-            leading
-        } else {
-            first.min(self.ticks.saturating_sub(EVENT_SPACING_TICKS))
+    /// The events of an axis that moves alone.
+    fn put_alone(&mut self, alone: Alone, events: &mut EventBatch<'_>) {
+        let axes = self
+            .axes
+            .get(self.leader)
+            .zip(self.ends.get_mut(self.leader));
+        let Some((steps, last)) = axes else {
+            return;
         };
-        let mut mask = 0;
-        // wcet-bound: 6
-        for (index, axis) in self.axes.iter_mut().enumerate() {
-            // The time of an axis without steps, wrapped, is never that near.
-            if axis.next.wrapping_sub(first) < EVENT_SPACING_TICKS {
-                mask |= 1 << index;
-                axis.advance(self.ticks);
-            }
-        }
-        Some((time.cast_signed(), mask))
+        let offset = self.offset.cast_signed();
+        let mut cursor = self.cursor;
+        cursor.last -= offset;
+        let due = alone.put(*steps, self.pulse_ticks, &mut cursor, events);
+        cursor.last += offset;
+        // No event of another kind comes before the end of its slot.
+        let slot = (cursor.last.max(0) / SLOT).cast_unsigned();
+        cursor.free = self.base.wrapping_add(slot + 1);
+        self.cursor = cursor;
+        self.last_step = slot;
+        let after = (due + offset).max(0).cast_unsigned().div_ceil(SLOT_TICKS);
+        *last = self.base.wrapping_add(after);
+        self.slots.end(*last, alone.mask);
     }
 
-    /// Ends the pulses of axes that reverse, still in the segment before, and holds their steps
-    /// back. Directions change when the event before the segment's first one is played.
-    #[inline(never)]
-    fn turn(&mut self, events: &mut EventBatch<'_>) {
-        if self.cursor.high() & self.turns != 0 {
-            self.cursor.end_all(events);
-            // Whatever becomes of the segment: a pulse whose end were lost would never end.
-            events.publish();
+    /// Puts the steps of all axes into the slots. The one with the most steps comes last: it keeps
+    /// its time, where an error weighs most. So does what follows the segment.
+    fn place_all(&mut self) {
+        let mut axis = self.leader;
+        // wcet-bound: axes
+        for _ in 0..AXES {
+            axis = if axis + 1 < AXES { axis + 1 } else { 0 };
+            self.place(axis);
         }
-        // An axis that shares an event may step earlier than it would alone.
-        let earliest = self.cursor.last + DIRECTION_SETUP_TICKS.cast_signed() + SPACING;
-        let earliest = earliest.max(0).cast_unsigned();
-        // wcet-bound: 6
-        for (index, axis) in self.axes.iter_mut().enumerate() {
-            if self.turns >> index & 1 != 0 && axis.left != 0 {
-                axis.next = axis.next.max(earliest);
-            }
-        }
-        self.turns = 0;
+        let end = self.offset + self.ticks;
+        let slot = self.base.wrapping_add(end / SLOT_TICKS);
+        self.slots.hurry(slot, 1 << self.leader);
     }
 
-    /// Finishes the segment: one without steps still has an event, at its end.
-    #[inline(never)]
+    /// Puts the steps of an axis into the slots, and the ends of their pulses.
+    #[inline]
+    fn place(&mut self, axis: usize) {
+        let (Some(steps), Some(end)) = (self.axes.get(axis), self.ends.get_mut(axis)) else {
+            return;
+        };
+        if steps.left == 0 {
+            return;
+        }
+        let mask = 1 << axis;
+        let first = if self.turns & mask != 0 {
+            self.first_turned
+        } else {
+            self.first
+        };
+        // What is in its way: for axes that others need not make way for, anything.
+        let stop = if axis == self.leader { mask } else { ALL_AXES };
+        let base = self.base;
+        let low = end.wrapping_add(LOW_SLOTS).wrapping_sub(base);
+        let mut placing = Placing {
+            base,
+            offset: self.offset,
+            mask,
+            stop,
+            pulse: pulse_slots(self.pulse_ticks),
+            low: LOW_SLOTS,
+            earliest: first.cast_signed().max(low.cast_signed()).cast_unsigned(),
+            slot: 0,
+        };
+        if steps.is_even() {
+            placing.put_evenly(&mut self.slots, steps);
+        } else {
+            placing.put_exactly(&mut self.slots, steps);
+        }
+        *end = base.wrapping_add(placing.earliest - LOW_SLOTS);
+        self.last_step = self.last_step.max(placing.slot);
+    }
+
+    /// Puts what is in the slots of the segment. One without steps still has an event, before its end.
     fn close(&mut self, events: &mut EventBatch<'_>) {
-        let end = self.ticks.cast_signed();
+        let mut end = ((self.offset + self.ticks) / SLOT_TICKS).max(self.last_step + 1);
         if self.is_rest {
-            self.is_rest = false;
-            self.cursor.end_all(events);
+            // wcet-bound: axes
+            for last in &self.ends {
+                let after = last.wrapping_add(1).wrapping_sub(self.base).cast_signed();
+                end = end.max(after.max(0).cast_unsigned());
+            }
         }
-        if self.is_boundary {
-            let time = end.max(self.cursor.last + SPACING);
+        let (base, end) = (self.base, self.base.wrapping_add(end));
+        if is_ahead(end, self.cursor.free) {
+            self.slots.sweep(base, end, &mut self.cursor, events);
+        }
+        if self.cursor.is_boundary {
             let first = events.number();
-            self.cursor.put(time, 0, 0, events);
-            self.publish_first(first, events);
+            let before = end.wrapping_sub(1).wrapping_sub(base).cast_signed() * SLOT;
+            self.cursor.put(before, StepEvent::NONE, events);
+            self.cursor.publish(first, events);
+            let slot = (self.cursor.last.max(0) / SLOT).cast_unsigned();
+            self.cursor.free = base.wrapping_add(slot + 1);
         }
-        // What comes next may come late: pulses do not wait for another segment to end, unless they
-        // would be in the way of its first step.
-        // wcet-bound: 3
-        while self.cursor.oldest != High::NONE && self.cursor.oldest.due() < end - SPACING {
-            self.cursor.end_oldest(events);
-        }
-        events.publish();
         // Events that had to wait for others stretch the segment.
-        let over = self.cursor.last.saturating_sub(end).max(0).cast_unsigned();
-        self.ticks += over;
-        self.clock_ticks = self.clock_ticks.wrapping_add(over);
+        let used = self
+            .cursor
+            .free
+            .wrapping_sub(base)
+            .wrapping_sub(1)
+            .cast_signed();
+        let over = (used * SLOT - (self.offset + self.ticks).cast_signed()).max(0);
+        self.ticks += over.cast_unsigned();
+        self.clock_ticks = self.clock_ticks.wrapping_add(over.cast_unsigned());
+        self.is_rest = false;
         self.is_open = false;
     }
 }
@@ -410,75 +565,8 @@ impl Default for Generator {
     }
 }
 
-/// The events of an axis that moves alone: every pulse ends before the next begins.
-fn fill_one(
-    (axis, mask): (&mut AxisSteps, u32),
-    cursor: &mut Cursor,
-    end: u32,
-    pulse_ticks: i32,
-    events: &mut EventBatch<'_>,
-) -> bool {
-    let mut steps = *axis;
-    if cursor.oldest == High::NONE {
-        cursor.step(steps.next.cast_signed(), mask, pulse_ticks, events);
-        steps.advance(end);
-    }
-    let pulse_end = StepEvent::new(pulse_ticks.cast_unsigned(), 0, mask);
-    let mut last = cursor.last;
-    let mut out = *events;
-    let many = steps.evenly(
-        (last + pulse_ticks).cast_unsigned(),
-        pulse_ticks.cast_unsigned(),
-    );
-    if let Some(many) = many {
-        let count = many.min((out.room() / 2).saturating_sub(EVENTS_PER_STEP / 2));
-        last = put_evenly(&mut steps, count, last, pulse_end, &mut out);
-    }
-    // wcet-bound: 512
-    while steps.left != 0 && out.room() >= EVENTS_PER_STEP {
-        let ended = last + pulse_ticks;
-        let time = steps.next.cast_signed().max(ended + LOW);
-        out.put(pulse_end);
-        out.put(StepEvent::new((time - ended).cast_unsigned(), mask, 0));
-        out.publish();
-        last = time;
-        steps.advance(end);
-    }
-    *events = out;
-    events.publish();
-    *axis = steps;
-    cursor.last = last;
-    cursor.ended = 0;
-    cursor.oldest = High::new(mask, last + pulse_ticks);
-    steps.left == 0
-}
-
-/// Steps at an even pace, all alike: each ends the pulse before it. The time of the last one.
-fn put_evenly(
-    steps: &mut AxisSteps,
-    count: u32,
-    last: i32,
-    pulse_end: StepEvent,
-    out: &mut EventBatch<'_>,
-) -> i32 {
-    let mask = pulse_end.drop();
-    let pulse_ticks = pulse_end.ticks();
-    let (mut fine, period) = (steps.even_time, steps.even_period);
-    let mut last = last.cast_unsigned();
-    let mut batch = *out;
-    // wcet-bound: 511
-    for _ in 0..count {
-        let time = fine >> EVEN_BITS;
-        let low_ticks = time.wrapping_sub(last).wrapping_sub(pulse_ticks);
-        batch.put(pulse_end);
-        batch.put(StepEvent::new(low_ticks, mask, 0));
-        batch.publish();
-        last = time;
-        fine = fine.wrapping_add(period);
-    }
-    *out = batch;
-    steps.left -= count;
-    steps.even_time = fine;
-    steps.next = fine >> EVEN_BITS;
-    last.cast_signed()
+/// Whether a slot is not before another.
+#[inline]
+const fn is_ahead(slot: u32, other: u32) -> bool {
+    slot.wrapping_sub(other).cast_signed() >= 0
 }

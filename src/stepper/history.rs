@@ -5,14 +5,43 @@
 //! interrupt that has to know takes one number, [`EventTap::output`](super::EventTap::output), and
 //! `prepare` counts, before it has overwritten so much.
 
-use super::{EVENT_RING, EventWriter, StepCounts};
-use crate::axis::Axes;
+use super::{EVENT_RING, EventWriter, StepCounts, generator::pulse_slots};
+use crate::{
+    axis::{AXES, Axes},
+    units::TICKS_PER_US,
+};
+
+/// How many pulses each axis has: two axes in each word, as a segment has fewer than half of it
+/// counts.
+#[derive(Debug, Clone, Copy)]
+struct Tally([u32; AXES.div_ceil(2)]);
+
+impl Tally {
+    const NONE: Self = Self([0; AXES.div_ceil(2)]);
+
+    /// Counts a pulse of each axis in `mask`.
+    #[inline]
+    fn add(&mut self, mask: u32) {
+        // wcet-bound: 3
+        for (pair, pulses) in self.0.iter_mut().enumerate() {
+            let two = mask >> (2 * pair);
+            *pulses += (two | two << 15) & 0x1_0001;
+        }
+    }
+
+    /// The pulses of an axis.
+    fn of(self, axis: usize) -> i32 {
+        let pair = self.0.get(axis / 2).copied().unwrap_or(0);
+        (pair >> (axis % 2 * 16) & 0xffff).cast_signed()
+    }
+}
 
 /// Step count of each axis when so many events had been output; `None` when that is too long ago.
 ///
 /// The event and its segment must be among the last [`EVENT_RING`] and
 /// [`SEGMENT_RING`](super::SEGMENT_RING): one run of `prepare` does not overwrite more.
 #[must_use]
+#[inline(never)]
 pub fn steps_after(
     output: u32,
     counts: &StepCounts,
@@ -20,28 +49,37 @@ pub fn steps_after(
 ) -> Option<Axes<i32>> {
     let (mut steps, directions, first) = counts.segment_at(output)?;
     let length = output.wrapping_sub(first);
+    // A segment has fewer events; more are void.
     if length > EVENT_RING as u32 {
         return None;
     }
-    // wcet-bound: 2048
-    for number in (0..length).map(|after| first.wrapping_add(after)) {
-        let raise = events.event(number).raise();
-        // wcet-bound: 6
-        for (axis, steps) in steps.iter_mut().enumerate() {
-            let pulse = (raise >> axis & 1).cast_signed();
-            let is_negative = directions >> axis & 1 != 0;
-            *steps = steps.wrapping_add(if is_negative { -pulse } else { pulse });
-        }
+    let mut pulses = Tally::NONE;
+    let mut number = first;
+    // wcet-bound: segment_events
+    while number != output {
+        pulses.add(events.event(number).raise());
+        // Not unrolled: the bound is that of single events.
+        number = core::hint::black_box(number.wrapping_add(1));
+    }
+    // wcet-bound: axes
+    for (axis, steps) in steps.iter_mut().enumerate() {
+        let pulses = pulses.of(axis);
+        let is_negative = directions >> axis & 1 != 0;
+        *steps = steps.wrapping_add(if is_negative { -pulses } else { pulses });
     }
     Some(steps)
 }
 
+/// Events that are looked at for the pulses that are high.
+const LONGEST_PULSE_EVENTS: u32 = 256;
+// Its end is so many slots after its step at most, each with one event, and either waits a slot at most.
+const _: () = assert!(pulse_slots(255 * TICKS_PER_US) + 2 <= LONGEST_PULSE_EVENTS);
+
 /// Pulses that are high after so many events.
 pub(super) fn high_after(output: u32, events: &EventWriter<'_>) -> u32 {
     let (mut high, mut known) = (0, 0);
-    // The longest pulse, 255 µs, has no more events.
-    // wcet-bound: 170
-    for back in 1..=170 {
+    // wcet-bound: 256
+    for back in 1..=LONGEST_PULSE_EVENTS {
         let event = events.event(output.wrapping_sub(back));
         high |= event.raise() & !known;
         known |= event.raise() | event.drop();
@@ -57,19 +95,21 @@ mod tests {
 
     use super::*;
     use crate::{
-        axis::AXES,
         machine::Power,
         stepper::{
-            Advance, AxisMotion, EventRing, EventTap, Generator, SEGMENT_TICKS, Segment, Stepper,
+            AxisMotion, EventRing, EventTap, Generator, SEGMENT_TICKS, Segment, StepEvent, Upcoming,
         },
         units::FineSteps,
     };
 
-    /// The step interrupt and a count of what it has output.
+    /// The step timer, its interrupt, and a count of what it has output.
     struct Player {
-        stepper: Stepper,
-        /// What is set up, and the directions on the pins.
-        next: Option<Advance>,
+        /// What is set up.
+        next: Option<StepEvent>,
+        /// How long the timer counts now, and from its next interrupt on.
+        counted: u32,
+        reload: u32,
+        /// The directions on the pins.
         directions: u8,
         steps: Axes<i32>,
         high: u32,
@@ -78,8 +118,9 @@ mod tests {
     impl Player {
         fn new() -> Self {
             Self {
-                stepper: Stepper::new(),
                 next: None,
+                counted: 0,
+                reload: 0,
                 directions: 0,
                 steps: Axes::all(0),
                 high: 0,
@@ -92,23 +133,50 @@ mod tests {
                 return false;
             }
             if let Some(next) = self.next.take() {
-                assert_eq!((next.raise & self.high, next.drop & !self.high), (0, 0));
-                for axis in (0..AXES).filter(|axis| next.raise >> axis & 1 != 0) {
+                assert_eq!(self.counted, next.ticks());
+                let (raise, drop) = (next.raise(), next.drop());
+                assert_eq!((raise & self.high, drop & !self.high), (0, 0));
+                for axis in (0..AXES).filter(|axis| raise >> axis & 1 != 0) {
                     self.steps[axis] += 1 - 2 * i32::from(self.directions >> axis & 1);
                 }
-                self.high = self.high & !next.drop | next.raise;
+                self.high = self.high & !drop | raise;
+                self.directions = next.directions().unwrap_or(self.directions);
             }
-            let advance = self.stepper.advance(&mut ring.split().1, counts);
-            self.directions = advance
-                .begun
-                .map_or(self.directions, |begun| begun.directions);
-            self.next = advance.wait.map(|_| advance);
+            self.counted = self.reload;
+            let (_, mut events) = ring.split();
+            match events.advance() {
+                Some(upcoming) => self.set_up(upcoming),
+                None => counts.stop(),
+            }
+            while counts.turn(tap(ring)).again {}
             true
         }
 
-        fn start(counts: &StepCounts) {
+        fn set_up(&mut self, upcoming: Upcoming) {
+            self.next = Some(upcoming.event);
+            self.reload = upcoming.then.ticks();
+        }
+
+        /// Stopped by force.
+        fn cut(&mut self, ring: &mut EventRing, counts: &StepCounts) {
+            self.next = None;
+            tap(ring).cut(counts);
+        }
+
+        /// The end of a run of `prepare`.
+        fn follow(&mut self, ring: &mut EventRing, counts: &StepCounts) {
+            let (mut events, _) = ring.split();
+            if let Some(missed) = events.missed(counts) {
+                self.reload = missed.ticks();
+                events.append(missed);
+            }
             if !counts.is_running() {
-                counts.start();
+                if let Some(upcoming) = events.set_up() {
+                    counts.start();
+                    self.counted = upcoming.event.ticks();
+                    self.set_up(upcoming);
+                }
+                while counts.turn(tap(ring)).again {}
             }
         }
     }
@@ -172,12 +240,12 @@ mod tests {
                     generator.fill_up(&mut ring, &counts);
                     is_ended = !generator.is_open();
                 }
-                Player::start(&counts);
+                player.follow(&mut ring, &counts);
                 for _ in 0..*count {
                     if !player.play(&mut ring, &counts) {
                         break;
                     }
-                    latches.push((tap(&mut ring).output(&counts), player.steps));
+                    latches.push((tap(&mut ring).output(), player.steps));
                 }
                 if is_ended && !counts.is_running() {
                     break;
@@ -187,7 +255,38 @@ mod tests {
         }
 
         #[test]
-        fn a_cut_stops_at_the_next_event_and_its_position_is_what_was_output(
+        fn events_that_come_at_the_last_moment_come_at_their_times(
+            steps in prop::collection::vec((0_usize..4, 0_usize..4), 1..400),
+        ) {
+            let mut ring = EventRing::new();
+            let counts = StepCounts::new();
+            let mut player = Player::new();
+            let mut put = 0;
+            for (puts, plays) in steps {
+                for _ in 0..puts {
+                    let (mut writer, _) = ring.split();
+                    let mut events = writer.begin();
+                    // A pulse of X and its end.
+                    let (raise, drop) = (put & 1 ^ 1, put & 1);
+                    events.put(StepEvent::new(1 + put * 7 % 100, raise, drop));
+                    events.publish();
+                    put += 1;
+                }
+                player.follow(&mut ring, &counts);
+                for _ in 0..plays {
+                    if player.play(&mut ring, &counts) && !counts.is_running() {
+                        // All that was there when the last one was set up, or appended since.
+                        prop_assert_eq!(tap(&mut ring).output(), put);
+                    }
+                }
+            }
+            while player.play(&mut ring, &counts) {}
+            prop_assert_eq!(tap(&mut ring).output(), put);
+            prop_assert_eq!(player.steps[0].cast_unsigned(), put.div_ceil(2));
+        }
+
+        #[test]
+        fn a_cut_stops_at_once_and_its_position_is_what_was_output(
             moves in moves(),
             at in 1_usize..3000,
             late in any::<bool>(),
@@ -203,7 +302,7 @@ mod tests {
                     let Some(next) = moves.next() else { break };
                     generator.begin(&segment(&generator, next), &counts);
                 }
-                Player::start(&counts);
+                player.follow(&mut ring, &counts);
                 let before = played;
                 while played < at && played < before + 100 && player.play(&mut ring, &counts) {
                     played += 1;
@@ -212,22 +311,20 @@ mod tests {
                     break;
                 }
             }
-            let is_running = counts.is_running();
-            tap(&mut ring).cut(&counts);
+            player.cut(&mut ring, &counts);
             if late {
                 // `prepare` was interrupted, and puts more.
                 generator.fill_up(&mut ring, &counts);
             }
-            prop_assert_eq!(player.play(&mut ring, &counts), is_running);
             prop_assert!(!player.play(&mut ring, &counts));
             prop_assert!(!counts.is_running());
             generator.cut_off(&counts, &mut ring.split().0);
-            prop_assert!(!counts.is_cut() && !counts.take_starved());
+            prop_assert!(!counts.is_cut() && !counts.is_starved());
             prop_assert_eq!(generator.steps(), player.steps);
             // A standstill ends the pulses; then it goes on from there.
             generator.rest(Power::OFF, &counts);
             generator.fill_up(&mut ring, &counts);
-            counts.start();
+            player.follow(&mut ring, &counts);
             while player.play(&mut ring, &counts) {}
             prop_assert_eq!(player.high, 0);
             prop_assert_eq!(counts.position(), player.steps);
@@ -236,7 +333,7 @@ mod tests {
             generator.fill_up(&mut ring, &counts);
             generator.rest(Power::OFF, &counts);
             generator.fill_up(&mut ring, &counts);
-            counts.start();
+            player.follow(&mut ring, &counts);
             while player.play(&mut ring, &counts) {}
             prop_assert_eq!(player.steps, generator.steps());
             prop_assert_eq!(counts.position(), player.steps);

@@ -4,6 +4,14 @@
 //! type, a constant power of two instead of a length that must be divided by, and no barriers,
 //! which a single core does not need between its own tasks (the compiler is told to keep the
 //! order). Measured against `heapless::spsc` in `docs/decisions.md`.
+//!
+//! The step timer is told in advance when the event comes that follows the one which is set up. So
+//! the reader is two events ahead of the pins, and what it knows is in the ring:
+//!
+//! ```text
+//! output so far          set up      known next        not looked at
+//! …  output-2  output-1 │ output │ output+1 = `next` │ output+2 …  written-1 │
+//! ```
 
 use core::sync::atomic::{AtomicU32, Ordering::Relaxed, Ordering::SeqCst, compiler_fence};
 
@@ -12,16 +20,13 @@ use super::{SEGMENT_EVENTS, StepCounts, StepEvent};
 /// Events that may wait in a ring.
 ///
 /// The beginning of a segment releases `prepare`, so a full ring must hold one, and enough events
-/// behind it for `prepare` to catch up: at the shortest spacing 1 ms, or 2 ms where no segment is
-/// longer than it is meant to be.
+/// behind it for `prepare` to catch up: at the shortest spacing half of the longest segment.
 pub const EVENT_RING: usize = 2048;
 const _: () = assert!(EVENT_RING as u32 >= SEGMENT_EVENTS * 3 / 2);
 /// Words of a ring, a power of two: as many events as may wait, and those played last, from which
 /// `prepare` learns where the machine was at an event.
 const WORDS: usize = 2 * EVENT_RING;
 const MASK: u32 = WORDS as u32 - 1;
-/// Events that a cut marks, so that the step interrupt comes to one even while it preempts.
-const CUT_EVENTS: u32 = 4;
 
 /// The ring itself.
 #[derive(Debug)]
@@ -29,8 +34,10 @@ const CUT_EVENTS: u32 = 4;
 pub struct EventRing {
     /// Events written so far, wrapping.
     written: AtomicU32,
-    /// Events read so far, wrapping.
-    read: AtomicU32,
+    /// Events output so far, wrapping.
+    output: AtomicU32,
+    /// The event behind the one that is set up, or [`StepEvent::NONE`].
+    next: AtomicU32,
     words: [AtomicU32; WORDS],
 }
 
@@ -41,7 +48,8 @@ impl EventRing {
         Self {
             words: [const { AtomicU32::new(0) }; WORDS],
             written: AtomicU32::new(0),
-            read: AtomicU32::new(0),
+            output: AtomicU32::new(0),
+            next: AtomicU32::new(StepEvent::NONE.bits()),
         }
     }
 
@@ -49,6 +57,36 @@ impl EventRing {
     pub const fn split(&mut self) -> (EventWriter<'_>, EventReader<'_>) {
         let ring: &Self = self;
         (EventWriter { ring }, EventReader { ring })
+    }
+
+    /// Events that can be put now. The other places hold those played last.
+    #[inline]
+    fn room(&self) -> u32 {
+        let waiting = self.written.load(Relaxed);
+        EVENT_RING as u32 - waiting.wrapping_sub(self.output.load(Relaxed))
+    }
+
+    /// The event of a number that has not been output, or [`StepEvent::NONE`] if it has not been
+    /// written: it is the one that will be written next at most.
+    #[inline]
+    fn waiting(&self, number: u32) -> StepEvent {
+        // In any case, and masked: so the step interrupt takes the same time. The writer never
+        // interrupts who asks.
+        let word = self.word(number).load(Relaxed);
+        // Negative if it has been written, or else not.
+        let behind = number.wrapping_sub(self.written.load(Relaxed));
+        StepEvent::from_bits(word & (behind.cast_signed() >> 31).cast_unsigned())
+    }
+
+    /// The event behind the one that is set up.
+    #[inline]
+    fn next(&self) -> StepEvent {
+        StepEvent::from_bits(self.next.load(Relaxed))
+    }
+
+    #[inline]
+    fn set_next(&self, event: StepEvent) {
+        self.next.store(event.bits(), Relaxed);
     }
 
     /// The place of an event.
@@ -77,15 +115,58 @@ impl<'a> EventWriter<'a> {
         EventTap { ring: self.ring }
     }
 
-    /// Drops the events that have not been taken, and tells the number of the next. Only while the
+    /// Drops the events that have not been output, and tells the number of the next. Only while the
     /// step interrupt stands.
     pub(super) fn drop_waiting(&mut self) -> u32 {
-        let read = self.ring.read.load(Relaxed);
-        self.ring.written.store(read, Relaxed);
-        read
+        let output = self.ring.output.load(Relaxed);
+        self.ring.written.store(output, Relaxed);
+        output
     }
 
-    /// The event of a number, while it is among the last [`EVENT_RING`] taken or waits.
+    /// Whether there are events that have not been output.
+    #[must_use]
+    pub fn is_waiting(&self) -> bool {
+        self.ring.output.load(Relaxed) != self.ring.written.load(Relaxed)
+    }
+
+    /// Before the step timer is started: what is to be set up, if there is an event.
+    #[must_use]
+    pub fn set_up(&mut self) -> Option<Upcoming> {
+        let number = self.ring.output.load(Relaxed);
+        let event = self.ring.waiting(number);
+        if event == StepEvent::NONE {
+            return None;
+        }
+        let then = self.ring.waiting(number.wrapping_add(1));
+        self.ring.set_next(then);
+        Some(Upcoming { event, then })
+    }
+
+    /// The event that has come too late for the step interrupt to know of it: it takes the one that
+    /// is set up for the last. To be asked once after events have been put; what it tells is for
+    /// the step timer and, after that, for [`EventWriter::append`].
+    #[inline]
+    #[must_use]
+    pub fn missed(&self, counts: &StepCounts) -> Option<StepEvent> {
+        if self.ring.next() != StepEvent::NONE || !counts.is_running() {
+            return None;
+        }
+        // As long as it knows of no more, the step interrupt can only stop.
+        let set_up = self.ring.output.load(Relaxed);
+        let event = self.ring.waiting(set_up.wrapping_add(1));
+        (event != StepEvent::NONE).then_some(event)
+    }
+
+    /// Lets the step interrupt go on with an event, now that the step timer knows its time. If it
+    /// has stopped meanwhile, or is stopped, that is of no effect.
+    #[inline]
+    pub fn append(&mut self, event: StepEvent) {
+        // Not earlier: whoever finds the event relies on the timer.
+        compiler_fence(SeqCst);
+        self.ring.set_next(event);
+    }
+
+    /// The event of a number, while it is among the last [`EVENT_RING`] output or waits.
     pub(super) fn event(&self, number: u32) -> StepEvent {
         StepEvent::from_bits(self.ring.word(number).load(Relaxed))
     }
@@ -94,19 +175,17 @@ impl<'a> EventWriter<'a> {
     #[inline]
     #[must_use]
     pub fn room(&self) -> u32 {
-        EventBatch {
-            ring: self.ring,
-            number: self.ring.written.load(Relaxed),
-        }
-        .room()
+        self.ring.room()
     }
 
     /// Begins to put events.
     #[inline]
     pub(super) fn begin(&mut self) -> EventBatch<'_> {
+        let number = self.ring.written.load(Relaxed);
         EventBatch {
             ring: self.ring,
-            number: self.ring.written.load(Relaxed),
+            number,
+            end: number.wrapping_add(self.ring.room()),
         }
     }
 }
@@ -118,14 +197,15 @@ impl<'a> EventWriter<'a> {
 pub(super) struct EventBatch<'a> {
     ring: &'a EventRing,
     number: u32,
+    /// The number of the first for which there was no room at the beginning.
+    end: u32,
 }
 
 impl EventBatch<'_> {
     /// Events that can still be put.
     #[inline]
     pub(super) fn room(&self) -> u32 {
-        // The others are those played last.
-        EVENT_RING as u32 - self.number.wrapping_sub(self.ring.read.load(Relaxed))
+        self.end.wrapping_sub(self.number)
     }
 
     /// The number of the next event.
@@ -142,6 +222,7 @@ impl EventBatch<'_> {
     }
 
     /// Makes an event that has not been published the first of a segment.
+    #[inline]
     pub(super) fn mark_boundary(&mut self, number: u32) {
         let word = self.ring.word(number);
         let event = StepEvent::from_bits(word.load(Relaxed));
@@ -157,6 +238,15 @@ impl EventBatch<'_> {
     }
 }
 
+/// What is to be set up.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Upcoming {
+    /// The event that comes next: the timer knows when.
+    pub event: StepEvent,
+    /// The one behind it, or [`StepEvent::NONE`]: the timer has to be told now how long after that.
+    pub then: StepEvent,
+}
+
 /// What the input interrupt sees of a ring.
 #[derive(Debug, Clone, Copy)]
 pub struct EventTap<'a> {
@@ -164,51 +254,34 @@ pub struct EventTap<'a> {
 }
 
 impl EventTap<'_> {
-    /// How many events have been output, wrapping: at any instant, also between any two
+    /// How many events have been output, wrapping: exactly, at any instant, also between any two
     /// instructions of `prepare`, and from any task below the step interrupt.
-    ///
-    /// While the step interrupt runs, the event taken last is only set up.
     #[inline]
     #[must_use]
-    pub fn output(self, counts: &StepCounts) -> u32 {
-        // In this order: an interrupt in between that stops has only output what it had set up.
-        let set_up = u32::from(counts.is_running());
-        compiler_fence(SeqCst);
-        self.ring.read.load(Relaxed).wrapping_sub(set_up)
+    pub fn output(self) -> u32 {
+        self.ring.output.load(Relaxed)
     }
 
-    /// Stops the step interrupt: the event that is set up is the last one. For tasks above
-    /// `prepare`, which then calls [`Generator::cut_off`](super::Generator::cut_off).
-    ///
-    /// The step interrupt looks for this only where segments begin, to pay nothing for it
-    /// elsewhere; so the events that wait are made to look like that.
+    /// How many events have been output or are set up, wrapping, and whether the step interrupt
+    /// runs. If it sets up a segment's first event or stops meanwhile, it releases `turn` again.
+    #[inline]
+    pub(super) fn taken(self, counts: &StepCounts) -> (u32, bool) {
+        let output = self.output();
+        compiler_fence(SeqCst);
+        if counts.is_running() {
+            return (output.wrapping_add(1), true);
+        }
+        // It may have stopped in between.
+        compiler_fence(SeqCst);
+        (self.output(), false)
+    }
+
+    /// Ends the motion where it is, the step interrupt having been stopped by force: the event that
+    /// was set up will not happen. For `inputs`; [`Generator::cut_off`](super::Generator::cut_off)
+    /// is `prepare`'s part.
     pub fn cut(self, counts: &StepCounts) {
-        counts.ask_cut();
-        compiler_fence(SeqCst);
-        // It may take events meanwhile.
-        // wcet-bound: 4
-        for _ in 0..4 {
-            let next = self.ring.read.load(Relaxed);
-            // wcet-bound: 4
-            for number in (0..CUT_EVENTS).map(|ahead| next.wrapping_add(ahead)) {
-                self.mark(number);
-            }
-            compiler_fence(SeqCst);
-            if self.ring.read.load(Relaxed).wrapping_sub(next) < CUT_EVENTS {
-                return;
-            }
-        }
-    }
-
-    /// Makes an event that waits look like the first of a segment.
-    fn mark(self, number: u32) {
-        let waiting = self.ring.written.load(Relaxed).wrapping_sub(number);
-        // What is not published yet, `prepare` may be changing.
-        if waiting != 0 && waiting <= EVENT_RING as u32 {
-            let word = self.ring.word(number);
-            let event = StepEvent::from_bits(word.load(Relaxed));
-            word.store(event.at_boundary().bits(), Relaxed);
-        }
+        self.ring.set_next(StepEvent::NONE);
+        counts.cut();
     }
 }
 
@@ -219,36 +292,18 @@ pub struct EventReader<'a> {
 }
 
 impl EventReader<'_> {
-    /// Takes the oldest event unless a segment begins with it.
+    /// What was set up has been output: counts it, and tells what is to be set up next; `None` after
+    /// the last event. An event that is put behind one that was the last when it was set up comes
+    /// too late, but for [`EventWriter::missed`].
     #[inline]
-    pub fn take_within_segment(&mut self) -> Option<StepEvent> {
-        let number = self.ring.read.load(Relaxed);
-        if number == self.ring.written.load(Relaxed) {
-            return None;
-        }
-        compiler_fence(SeqCst);
-        let event = StepEvent::from_bits(self.ring.word(number).load(Relaxed));
-        if event.is_boundary() {
-            return None;
-        }
-        compiler_fence(SeqCst);
-        self.ring.read.store(number.wrapping_add(1), Relaxed);
-        Some(event)
-    }
-
-    /// Takes the oldest event.
-    #[inline]
-    pub fn take(&mut self) -> Option<StepEvent> {
-        let number = self.ring.read.load(Relaxed);
-        if number == self.ring.written.load(Relaxed) {
-            return None;
-        }
-        compiler_fence(SeqCst);
-        let bits = self.ring.word(number).load(Relaxed);
-        // The writer must not reuse the place before the word has been read.
-        compiler_fence(SeqCst);
-        self.ring.read.store(number.wrapping_add(1), Relaxed);
-        Some(StepEvent::from_bits(bits))
+    pub fn advance(&mut self) -> Option<Upcoming> {
+        let ring = self.ring;
+        let set_up = ring.output.load(Relaxed).wrapping_add(1);
+        ring.output.store(set_up, Relaxed);
+        let then = ring.waiting(set_up.wrapping_add(1));
+        let event = ring.next();
+        ring.set_next(then);
+        (event != StepEvent::NONE).then_some(Upcoming { event, then })
     }
 }
 
@@ -256,38 +311,144 @@ impl EventReader<'_> {
 mod tests {
     use super::*;
 
+    fn put(writer: &mut EventWriter<'_>, event: StepEvent) {
+        let mut events = writer.begin();
+        events.put(event);
+        events.publish();
+    }
+
+    /// The event of a number; none is like its neighbours.
+    fn numbered(number: u32) -> StepEvent {
+        StepEvent::new(1 + number % 1000, number, 0)
+    }
+
+    /// An event, and another or none.
+    fn upcoming(event: u32, then: u32) -> Upcoming {
+        Upcoming {
+            event: numbered(event),
+            then: if then == 0 {
+                StepEvent::NONE
+            } else {
+                numbered(then)
+            },
+        }
+    }
+
+    fn start(writer: &mut EventWriter<'_>, counts: &StepCounts) -> Option<Upcoming> {
+        let upcoming = writer.set_up()?;
+        counts.start();
+        Some(upcoming)
+    }
+
     #[test]
     fn events_come_out_in_order_over_many_turns_of_the_ring() {
         let mut ring = EventRing::new();
+        let counts = StepCounts::new();
         let (mut writer, mut reader) = ring.split();
-        let (mut put, mut taken) = (0, 0);
+        let (mut written, mut set_up) = (0, 0);
+        let mut next = None;
         for batch in (0..5000_u32).map(|k| k * 7 % (EVENT_RING as u32 + 1)) {
             for _ in 0..batch.min(writer.room()) {
-                let mut events = writer.begin();
-                events.put(StepEvent::new(put % StepEvent::MAX_TICKS, put, 0));
-                events.publish();
-                put += 1;
+                put(&mut writer, numbered(written));
+                written += 1;
+            }
+            if next.is_none() {
+                counts.stop();
+                next = start(&mut writer, &counts);
+            }
+            if let Some(missed) = writer.missed(&counts) {
+                writer.append(missed);
             }
             for _ in 0..(batch * 5 % EVENT_RING as u32) {
-                let Some(event) = reader.take() else { break };
-                assert_eq!(event.ticks(), taken % StepEvent::MAX_TICKS);
-                taken += 1;
+                let Some(Upcoming { event, then }) = next else {
+                    break;
+                };
+                assert_eq!(event, numbered(set_up));
+                assert!(then == StepEvent::NONE || then == numbered(set_up + 1));
+                set_up += 1;
+                next = reader.advance();
+                assert_eq!(writer.tap().output(), set_up);
             }
-            assert_eq!(writer.room(), EVENT_RING as u32 - (put - taken));
+            assert_eq!(writer.room(), EVENT_RING as u32 - (written - set_up));
         }
-        assert!(taken > 100_000);
+        assert!(set_up > 100_000);
     }
 
     #[test]
     fn a_full_ring_has_no_room_and_an_empty_one_no_event() {
         let mut ring = EventRing::new();
-        let (mut writer, mut reader) = ring.split();
-        assert_eq!(reader.take(), None);
-        for _ in 0..EVENT_RING {
-            let mut events = writer.begin();
-            events.put(StepEvent::default());
-            events.publish();
+        let counts = StepCounts::new();
+        let (mut writer, _) = ring.split();
+        assert!(!writer.is_waiting());
+        assert_eq!(start(&mut writer, &counts), None);
+        assert!(!counts.is_running());
+        for number in 0..EVENT_RING as u32 {
+            put(&mut writer, numbered(number));
         }
+        assert!(writer.is_waiting());
         assert_eq!(writer.room(), 0);
+    }
+
+    #[test]
+    fn an_event_behind_the_last_is_not_played_before_the_timer_is_told_its_time() {
+        for is_told in [false, true] {
+            let mut ring = EventRing::new();
+            let counts = StepCounts::new();
+            let (mut writer, mut reader) = ring.split();
+            put(&mut writer, numbered(0));
+            assert_eq!(start(&mut writer, &counts), Some(upcoming(0, 0)));
+            assert_eq!(writer.missed(&counts), None);
+            put(&mut writer, numbered(1));
+            put(&mut writer, numbered(2));
+            let missed = writer.missed(&counts);
+            assert_eq!(missed, Some(numbered(1)));
+            if is_told {
+                writer.append(missed.unwrap());
+                assert_eq!(writer.missed(&counts), None);
+            }
+            let expected = is_told.then_some(upcoming(1, 2));
+            assert_eq!(reader.advance(), expected);
+            assert_eq!(writer.tap().output(), 1);
+            assert!(writer.is_waiting());
+        }
+    }
+
+    #[test]
+    fn what_is_appended_after_the_stop_is_of_no_effect() {
+        let mut ring = EventRing::new();
+        let counts = StepCounts::new();
+        let (mut writer, mut reader) = ring.split();
+        put(&mut writer, numbered(0));
+        assert!(start(&mut writer, &counts).is_some());
+        put(&mut writer, numbered(1));
+        let missed = writer.missed(&counts).unwrap();
+        // The step interrupt comes in between.
+        assert_eq!(reader.advance(), None);
+        counts.stop();
+        writer.append(missed);
+        assert_eq!(start(&mut writer, &counts), Some(upcoming(1, 0)));
+        assert_eq!(reader.advance(), None);
+        assert_eq!(writer.tap().output(), 2);
+    }
+
+    #[test]
+    fn a_cut_leaves_exactly_what_has_been_output() {
+        for played in 0..4 {
+            let mut ring = EventRing::new();
+            let counts = StepCounts::new();
+            let (mut writer, mut reader) = ring.split();
+            for number in 0..6 {
+                put(&mut writer, numbered(number));
+            }
+            let tap = writer.tap();
+            assert!(start(&mut writer, &counts).is_some());
+            for _ in 0..played {
+                assert!(reader.advance().is_some());
+            }
+            tap.cut(&counts);
+            assert_eq!((tap.output(), counts.is_running()), (played, false));
+            assert_eq!(writer.drop_waiting(), played);
+            assert!(!writer.is_waiting());
+        }
     }
 }

@@ -35,6 +35,7 @@ class Window(Sender):
         # All that happens in the window is done by one thread.
         self.window = threading.RLock()
         self.errors = []
+        self.told = []
         self.purges = self.purged = 0
         threading.Thread(target=self.watch, daemon=True).start()
 
@@ -46,6 +47,8 @@ class Window(Sender):
                     kind, text = self.log.get_nowait()
                     if kind == Sender.MSG_ERROR:
                         self.errors.append(text)
+                    elif kind == Sender.MSG_RECEIVE:
+                        self.told.append(text)
                 if self._posUpdate:
                     self._pause = "Hold" in CNC.vars["state"]
                     self._posUpdate = False
@@ -69,8 +72,25 @@ class Window(Sender):
 
     def purgeController(self):
         """How bCNC ends a job: a hold, a reset, and everything as it was before."""
+        CNC.vars["version"] = ""
         super().purgeController()
         self.purges += 1
+
+    def has_dropped(self):
+        """Whether bCNC has dropped its queue, which it does when it has read the welcome."""
+        return CNC.vars["version"] and not self._stop
+
+    def progress(self):
+        """How far the machine is, and what bCNC makes of it."""
+        counted = f"{self._gcount} of {self._runLines} lines" if self.running else "no job"
+        queued = f"{self.queue.qsize()} lines in the queue, {len(self.errors)} errors"
+        flags = {"paused": self._pause, "stopping": self._stop, "waits for idle": self.sio_wait}
+        set_flags = [name for name, is_set in flags.items() if is_set]
+        place = f"{state()} at {position()}, {self.purges} purges"
+        return ", ".join([place, counted, queued, *set_flags])
+
+    def until(self, claim, what):
+        return until(claim, what, self.progress)
 
     def disable(self):
         """Greys the buttons."""
@@ -89,7 +109,7 @@ def position():
 
 def go(window, line, *target):
     window.sendGCode(line)
-    until(lambda: position() == target and state() == "Idle", f"{line} is done")
+    window.until(lambda: position() == target and state() == "Idle", f"{line} is done")
 
 
 def load(window, lines):
@@ -102,32 +122,27 @@ def load(window, lines):
 def hold(window, during=lambda window: None):
     """The buttons for a feed hold and for going on, and others between them."""
     window.feedHold()
-    until(lambda: state() == "Hold:0", "the machine is held")
+    window.until(lambda: state() == "Hold:0", "the machine is held")
     during(window)
     window.resume()
-    until(lambda: state() != "Hold:0", "the machine goes on")
+    window.until(lambda: state() != "Hold:0", "the machine goes on")
 
 
 def override(window):
-    """The sliders, one after another: bCNC sends the bytes that bring the machine there, in UTF-8."""
-    for name, value in [
-        ("OvFeed", 130),
-        ("OvRapid", 25),
-        ("OvSpindle", 88),
-        ("OvFeed", 95),
-        ("OvRapid", 100),
-        ("OvSpindle", 100),
-        ("OvFeed", 100),
+    """The sliders, moved by as much as one byte does: bCNC sends each of its bytes, in UTF-8.
+
+    Farther, it would send bytes until it reads that the machine is there, and one more for each
+    report that is late: it may go to and fro for ever.
+    """
+    for name, values in [
+        ("OvFeed", [110, 111, 110, 100, 90, 100]),
+        ("OvRapid", [25, 50, 100]),
+        ("OvSpindle", [90, 89, 90, 100, 110, 100]),
     ]:
-        CNC.vars["_" + name] = value
-        # bCNC counts on reports that are older than its last byte: it may stop one byte too far.
-        for _ in range(10):
+        for value in values:
+            CNC.vars["_" + name] = value
             CNC.vars["_OvChanged"] = True
-            until(lambda: not CNC.vars["_OvChanged"], f"bCNC has set {name}")
-            time.sleep(0.5)
-            if CNC.vars[name] == value:
-                break
-        check(CNC.vars[name] == value, f"{name} is {value}")
+            window.until(lambda: CNC.vars[name] == value, f"{name} is {value}")
 
 
 def jog(window, target):
@@ -135,28 +150,37 @@ def jog(window, target):
     x, y, z = target
     for direction, place in [("X5", (x + 5, y, z)), ("Y-5", (x + 5, y - 5, z)), ("X-5Y5", target)]:
         window.mcontrol.jog(direction)
-        until(lambda: position() == place and state() == "Idle", f"the jog {direction} is done")
+        window.until(
+            lambda: position() == place and state() == "Idle", f"the jog {direction} is done"
+        )
 
 
 def finished(window, purges=1):
     """Waits until bCNC has ended its job, reset the machine, and has sent all that it wants."""
     wanted = window.purged + purges
-    until(lambda: window.purges == wanted, "bCNC takes the job for finished")
+    window.until(lambda: window.purges >= wanted, f"bCNC has ended its job, with {wanted} purges")
+    # Nobody presses the next button before bCNC has read the welcome.
+    window.until(window.has_dropped, "bCNC reads the welcome")
+    window.until(lambda: window.queue.empty() and state() == "Idle", "the machine is idle after it")
+    check(window.purges == wanted, f"bCNC has purged {window.purges} times, not {wanted}")
     window.purged = wanted
-    # bCNC drops its queue when it sees the welcome: nobody presses the next button that soon.
-    time.sleep(1)
-    until(lambda: window.queue.empty() and state() == "Idle", "the machine is idle after it")
 
 
 def main():
     window = Window()
     window.open(port(), 115200)
-    until(lambda: state() in ("Idle", "Alarm"), "a report is understood")
+    window.until(lambda: state() in ("Idle", "Alarm"), "a report is understood")
     window.home()
-    until(lambda: state() == "Idle" and position() == HOME, "the machine is homed")
+    window.until(lambda: state() == "Idle" and position() == HOME, "the machine is homed")
     measured()
     window.viewSettings()
-    until(lambda: CNC.vars.get("grbl_132"), "the settings are read")
+    window.until(lambda: CNC.vars.get("grbl_132"), "the settings are read")
+    # It shows the lines of `$I` as they are, and takes its `ok` for that of the line.
+    window.sendGCode("$I")
+    window.until(
+        lambda: any(line.startswith("[MSG:Step rate: ") for line in window.told),
+        "the step rate is shown",
+    )
     x, y, z = ORIGIN
     window.sendGCode(place_origin())
     go(window, "G54 G0 X0 Y0 Z10", x, y, z + 10)
@@ -164,7 +188,7 @@ def main():
     # A whole job with two holds. bCNC ends it with `!`, a reset, `$X` and the modes that were active.
     load(window, spiral(100))
     window.start()
-    until(lambda: state() == "Run", "the job runs")
+    window.until(lambda: state() == "Run", "the job runs")
     hold(window)
     hold(window, override)
     finished(window)
@@ -173,9 +197,12 @@ def main():
 
     jog(window, (x, y, z + 10))
 
-    # The stop button in the middle of a job: a hold, and a reset when the motion has ended.
+    # The stop button in the middle of a job: a hold, and a reset one second later. How much time
+    # that is for the machine is not known; so the motion has ended before.
     window.start()
-    until(lambda: state() == "Run", "the job runs")
+    window.until(lambda: state() == "Run", "the job runs")
+    window.feedHold()
+    window.until(lambda: state() == "Hold:0", "the machine is held")
     window.stopRun()
     # Once for the button, and once more when the machine is idle.
     finished(window, 2)
@@ -183,7 +210,7 @@ def main():
 
     # And the whole job again.
     window.start()
-    until(lambda: state() == "Run", "the job runs")
+    window.until(lambda: state() == "Run", "the job runs")
     finished(window)
     check(position() == (x, y, z + 10), f"the job has ended at {position()}")
     go(window, "G53 G0 X-20 Y-30 Z-10", -20, -30, -10)

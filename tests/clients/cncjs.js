@@ -1,6 +1,6 @@
-'use strict';
-
 /* What the scripts that drive cncjs have in common: jobs, waiting, and cncjs' server. */
+
+'use strict';
 
 const childProcess = require('child_process');
 const fs = require('fs');
@@ -8,7 +8,8 @@ const http = require('http');
 const net = require('net');
 const path = require('path');
 
-// How long anything may take: a guard for a machine that is stuck, no measure.
+// How long nothing may happen: a guard for a machine that is stuck, no measure. How long anything
+// takes is no concern of the scripts: the emulated machine goes as fast as its host lets it.
 const PATIENCE_MS = 30000;
 // Where the work coordinates G54 begin, machine coordinates in mm.
 const ORIGIN = { x: -100, y: -100, z: -50 };
@@ -24,11 +25,21 @@ function check(claim, what) {
   }
 }
 
-async function until(claim, what) {
-  const end = Date.now() + PATIENCE_MS;
+/**
+ * Waits until a claim is true. `progress` tells how far the machine is, in words: as long as they
+ * change, nothing is stuck.
+ */
+async function until(claim, what, progress = () => '') {
+  let [seen, end] = [undefined, 0];
   while (!await claim()) {
-    check(Date.now() < end, `not within ${PATIENCE_MS / 1000} s: ${what}`);
-    await delay(10);
+    const before = seen;
+    seen = await progress();
+    if (seen !== before) {
+      end = Date.now() + PATIENCE_MS;
+    }
+    const silence = `nothing has happened for ${PATIENCE_MS / 1000} s`;
+    check(Date.now() < end, `${silence}: ${what}; ${seen}`);
+    await delay(50);
   }
 }
 
@@ -109,5 +120,5 @@ function run(main) {
 }
 
 module.exports = {
-  HOME, ORIGIN, check, delay, measured, run, serve, spiral, until,
+  HOME, ORIGIN, PATIENCE_MS, check, delay, measured, run, serve, spiral, until,
 };

@@ -1,5 +1,3 @@
-'use strict';
-
 /*
  * cncjs' server, driven over its socket as its web page does it: connect, load, run, pause, resume,
  * stop, reset, unlock, console lines.
@@ -10,8 +8,10 @@
  * half a second.
  */
 
+'use strict';
+
 const {
-  HOME, ORIGIN, check, delay, measured, run, serve, spiral, until,
+  HOME, ORIGIN, check, measured, run, serve, spiral, until,
 } = require('./cncjs');
 
 const port = process.argv[2];
@@ -25,11 +25,13 @@ class Page {
     this.sender = {};
     this.settings = {};
     this.lines = [];
+    this.written = [];
     socket.on('controller:state', (type, state) => { this.state = state; });
     socket.on('controller:settings', (type, settings) => { this.settings = settings; });
     socket.on('workflow:state', (state) => { this.workflow = state; });
     socket.on('sender:status', (status) => { this.sender = status; });
     socket.on('serialport:read', (line) => { this.lines.push(line); });
+    socket.on('serialport:write', (line) => { this.written.push(line); });
   }
 
   command(...parameters) {
@@ -38,6 +40,11 @@ class Page {
 
   active() {
     return (this.state.status || {}).activeState;
+  }
+
+  /** The hold is complete. */
+  isHeld() {
+    return this.active() === 'Hold' && this.state.status.subState === 0;
   }
 
   overrides() {
@@ -57,10 +64,26 @@ class Page {
     return this.lines.filter((line) => line.startsWith('Grbl ')).length;
   }
 
+  /** How many jogs have been sent. */
+  jogs() {
+    return this.written.filter((line) => line.startsWith('$J=')).length;
+  }
+
+  /** How far the machine is, and what cncjs makes of it. */
+  progress() {
+    const { received, total } = this.sender;
+    const place = `${this.active()} at ${this.position()}, overrides ${this.overrides()}`;
+    return `${place}; ${this.workflow}, ${received} of ${total} lines, ${this.welcomes()} welcomes`;
+  }
+
+  until(claim, what) {
+    return until(claim, what, () => this.progress());
+  }
+
   /** Sends a console line, and waits until the machine is at rest there. */
   async go(line, place) {
     this.command('gcode', line);
-    await until(() => this.isAt(place) && this.active() === 'Idle', `${line} is done`);
+    await this.until(() => this.isAt(place) && this.active() === 'Idle', `${line} is done`);
   }
 
   async load(gcode) {
@@ -69,12 +92,12 @@ class Page {
       // The server calls back through nothing when it is driven by a socket.
       resolve();
     });
-    await until(() => this.sender.name === 'job.nc', 'the job is loaded');
+    await this.until(() => this.sender.name === 'job.nc', 'the job is loaded');
   }
 
   async finished() {
-    await until(() => this.workflow === 'idle', 'cncjs takes the job for finished');
-    await until(() => this.active() === 'Idle', 'the machine is idle after it');
+    await this.until(() => this.workflow === 'idle', 'cncjs takes the job for finished');
+    await this.until(() => this.active() === 'Idle', 'the machine is idle after it');
     check(this.sender.received === this.sender.total, 'every line is answered');
   }
 }
@@ -82,10 +105,10 @@ class Page {
 /** The buttons that pause and resume, and others between them. */
 async function pause(page, during = async () => {}) {
   page.command('gcode:pause');
-  await until(() => page.active() === 'Hold', 'the machine is held');
+  await page.until(() => page.active() === 'Hold', 'the machine is held');
   await during(page);
   page.command('gcode:resume');
-  await until(() => page.active() === 'Run', 'the machine goes on');
+  await page.until(() => page.active() === 'Run', 'the machine goes on');
 }
 
 /** The buttons of the override widgets. */
@@ -100,7 +123,7 @@ async function override(page) {
     ['feedOverride', 0, '100,100,100'],
   ]) {
     page.command(command, value);
-    await until(() => page.overrides() === shown, `the overrides are ${shown}`);
+    await page.until(() => page.overrides() === shown, `the overrides are ${shown}`);
   }
 }
 
@@ -108,27 +131,36 @@ async function override(page) {
 async function jog(page, [x, y, z]) {
   await page.go('$J=G91 X5 F3000', [x + 5, y, z]);
   await page.go('$J=G90 X0 F3000', [x, y, z]);
-  // Far more than whoever cancels it would wait for.
+  // Far more than whoever cancels it would wait for. cncjs sends one after the other has been
+  // answered, and goes on with that after the cancel.
+  const jogs = page.jogs() + 8;
   page.command('gcode', Array(4).fill(['$J=G91 Y90 F1000', '$J=G91 Y-90 F1000']).flat());
-  await until(() => page.active() === 'Jog', 'the machine jogs');
+  await page.until(() => page.jogs() === jogs, 'all jogs are sent');
+  await page.until(() => page.active() === 'Jog', 'the machine jogs');
   page.command('jogCancel');
-  await until(() => page.active() === 'Idle', 'the jogs are cancelled');
+  await page.until(() => page.active() === 'Idle', 'the jogs are cancelled');
 }
 
 async function drive(page) {
   const { x, y, z } = ORIGIN;
-  await until(() => page.active(), 'a report is understood');
+  await page.until(() => page.active(), 'a report is understood');
   page.command('homing');
-  await until(() => page.active() === 'Idle' && page.isAt(HOME), 'the machine is homed');
+  await page.until(() => page.active() === 'Idle' && page.isAt(HOME), 'the machine is homed');
   await measured();
-  await until(() => (page.settings.settings || {}).$132, 'the settings are read');
+  await page.until(() => (page.settings.settings || {}).$132, 'the settings are read');
+  // It passes the lines of `$I` on to the page's console.
+  page.command('gcode', '$I');
+  await page.until(
+    () => page.lines.some((line) => line.startsWith('[MSG:Step rate: ')),
+    'the step rate is shown',
+  );
   page.command('gcode', `G10 L2 P1 X${x} Y${y} Z${z}`);
   await page.go('G54 G0 X0 Y0 Z10', [x, y, z + 10]);
 
   // A whole job with two pauses.
   await page.load(spiral(100));
   page.command('gcode:start');
-  await until(() => page.active() === 'Run', 'the job runs');
+  await page.until(() => page.active() === 'Run', 'the job runs');
   await pause(page);
   await pause(page, override);
   await page.finished();
@@ -136,26 +168,26 @@ async function drive(page) {
 
   await jog(page, [x, y, z + 10]);
 
-  // Stopped by force: a hold and, half a second later, a reset.
+  // Stopped by force in a hold: half a second later, a reset. While the machine moves it would hold it
+  // before, and reset it even if that had not come to its end by then.
   page.command('gcode:start');
-  await until(() => page.active() === 'Run', 'the job runs');
+  await page.until(() => page.active() === 'Run', 'the job runs');
+  page.command('feedhold');
+  await page.until(() => page.isHeld(), 'the machine is held');
   const welcomes = page.welcomes();
-  while (page.welcomes() === welcomes) {
-    // It does not reset when no report has told it of the hold by then: the button is pressed again.
-    page.command('gcode:stop', { force: true });
-    await delay(1500);
-  }
-  await until(() => page.active() === 'Idle', 'a reset in a hold keeps the machine unlocked');
+  page.command('gcode:stop', { force: true });
+  await page.until(() => page.welcomes() > welcomes, 'the machine is reset');
+  await page.until(() => page.active() === 'Idle', 'a reset in a hold keeps the machine unlocked');
 
   // Reset in motion: locked, and after `$X` the whole job again.
   page.command('gcode:start');
-  await until(() => page.active() === 'Run', 'the job runs');
+  await page.until(() => page.active() === 'Run', 'the job runs');
   page.command('reset');
-  await until(() => page.active() === 'Alarm', 'a reset in motion locks the machine');
+  await page.until(() => page.active() === 'Alarm', 'a reset in motion locks the machine');
   page.command('unlock');
-  await until(() => page.active() === 'Idle', 'the machine is unlocked');
+  await page.until(() => page.active() === 'Idle', 'the machine is unlocked');
   page.command('gcode:start');
-  await until(() => page.active() === 'Run', 'the job runs');
+  await page.until(() => page.active() === 'Run', 'the job runs');
   await page.finished();
   check(page.isAt([x, y, z + 10]), `the job has ended at ${page.position()}`);
 

@@ -1,5 +1,3 @@
-'use strict';
-
 /*
  * cncjs' web page in a browser without a window: whatever is done is done with the page's widgets and
  * buttons, and whatever is checked is what the page shows.
@@ -8,20 +6,18 @@
  * job with a reset.
  */
 
+'use strict';
+
 const fs = require('fs');
 const path = require('path');
 
 const puppeteer = require('puppeteer-core');
 
 const {
-  HOME, ORIGIN, check, delay, measured, run, serve, spiral, until,
+  HOME, ORIGIN, PATIENCE_MS, check, delay, measured, run, serve, spiral, until,
 } = require('./cncjs');
 
 const port = process.argv[2];
-const JOB = 'job.nc';
-
-// Longest wait for a button that can be clicked: a guard, no measure.
-const BUTTON_MS = 10000;
 
 // How long the console may take to draw what is typed.
 const DRAWN_MS = 500;
@@ -68,57 +64,72 @@ class Screen {
     this.page = page;
   }
 
+  /** Clicks with the mouse: on what stays where it is. */
   async click(selector) {
-    const options = { timeout: BUTTON_MS };
-    const found = await this.page.waitForSelector(`${selector}:not([disabled])`, options);
+    const found = await this.page.waitForSelector(selector, { timeout: PATIENCE_MS });
     await found.click();
     await found.dispose();
   }
 
-  /** The texts of all that a selector finds, without line breaks. */
-  texts(selector) {
-    return this.page.$$eval(selector, (found) => found.map(
-      (element) => element.textContent.trim(),
-    ));
+  /**
+   * Presses a button that can be pressed, at once: the page draws its buttons anew with every report,
+   * and the mouse might be pressed on one and released on another.
+   */
+  async press(selector) {
+    await this.until(() => this.page.evaluate((button) => {
+      const found = document.querySelector(button);
+      if (found) found.click();
+      return Boolean(found);
+    }, `${selector}:not([disabled])`), `${selector} can be pressed`);
   }
 
-  async state() {
-    const texts = await this.texts(`${GRBL} .row:has([title="State"]) [class*="well"]`);
-    return texts[0];
+  /** What the page shows now, in one go: it may be slow. */
+  look() {
+    return this.page.evaluate((grbl, axes, gcode) => {
+      const texts = (selector) => Array.from(
+        document.querySelectorAll(selector),
+        (element) => element.textContent.trim(),
+      );
+      const place = (which) => texts(`${axes} td[class*="${which}-position"] > div:first-child`);
+      const cells = texts(`${gcode} .col-xs-6 > div`);
+      const after = (name) => cells[cells.indexOf(name) + 1];
+      return {
+        state: texts(`${grbl} .row:has([title="State"]) [class*="well"]`)[0],
+        machine: place('machine').map(Number),
+        work: place('work').map(Number),
+        // Of feed, spindle and rapids.
+        overrides: texts(`${grbl} [class*="dro-display"]`).join(' '),
+        // Lines of the job.
+        sent: after('Sent'),
+        received: after('Received'),
+      };
+    }, GRBL, AXES, GCODE);
   }
 
-  /** The feed, spindle and rapid override. */
-  async overrides() {
-    return (await this.texts(`${GRBL} [class*="dro-display"]`)).join(' ');
+  /** Waits until what the page shows is as claimed. */
+  async until(claim, what) {
+    let shown;
+    await until(async () => {
+      shown = await this.look();
+      return claim(shown);
+    }, what, () => JSON.stringify(shown));
   }
 
-  async position(which) {
-    const texts = await this.texts(`${AXES} td[class*="${which}-position"] > div:first-child`);
-    return texts.map(Number);
-  }
-
-  async isState(state) {
-    await until(async () => await this.state() === state, `the page shows ${state}`);
+  async isState(wanted) {
+    await this.until(({ state }) => state === wanted, `the page shows ${wanted}`);
   }
 
   /** The machine is idle at a place, and the work position belongs to it. */
-  async isIdleAt(machine, work) {
-    await until(async () => {
-      const positions = [await this.position('machine'), await this.position('work')];
-      const shown = [await this.state(), ...positions];
-      return JSON.stringify(shown) === JSON.stringify(['Idle', machine, work]);
-    }, `the page shows Idle at ${machine}, ${work}`);
+  async isIdleAt(...places) {
+    const wanted = JSON.stringify(['Idle', ...places]);
+    await this.until(
+      ({ state, machine, work }) => JSON.stringify([state, machine, work]) === wanted,
+      `the page shows ${wanted}`,
+    );
   }
 
-  async showsOverrides(overrides) {
-    await until(async () => await this.overrides() === overrides, `the overrides are ${overrides}`);
-  }
-
-  /** How many lines of the job are sent and received. */
-  async lines() {
-    const cells = await this.texts(`${GCODE} .col-xs-6 > div`);
-    const after = (name) => cells[cells.indexOf(name) + 1];
-    return { sent: after('Sent'), received: after('Received') };
+  async showsOverrides(wanted) {
+    await this.until(({ overrides }) => overrides === wanted, `the overrides are ${wanted}`);
   }
 
   /** Types a line into the console: what is sent is read from what has been drawn. */
@@ -136,27 +147,34 @@ async function connect(screen) {
   await screen.click(`${CONNECTION} .Select:not(.is-disabled) .Select-control`);
   await screen.click(`${CONNECTION} .Select-option`);
   await screen.click(`${CONNECTION} button:has(.fa-toggle-off)`);
-  await until(async () => /^[A-Z]/.test(await screen.state()), 'the page shows a state');
+  await screen.until(({ state }) => /^[A-Z]/.test(state), 'the page shows a state');
 }
 
 /** The jog buttons: 1 mm each way, and back to the origin of the work coordinates. */
 async function jog(screen, [x, y, z]) {
-  await screen.click('[title="Move X+"]');
+  await screen.press('[title="Move X+"]');
   await screen.isIdleAt([x + 1, y, z], [1, 0, 10]);
-  await screen.click('[title="Move X- Y+"]');
+  await screen.press('[title="Move X- Y+"]');
   await screen.isIdleAt([x, y + 1, z], [0, 1, 10]);
-  await screen.click('[title="Move Z-"]');
+  await screen.press('[title="Move Z-"]');
   await screen.isIdleAt([x, y + 1, z - 1], [0, 1, 9]);
-  await screen.click('[title="Move Z+"]');
-  await screen.click('[title="Move To XY Zero (G0 X0 Y0)"]');
+  await screen.press('[title="Move Z+"]');
+  await screen.press('[title="Move To XY Zero (G0 X0 Y0)"]');
   await screen.isIdleAt([x, y, z], [0, 0, 10]);
 }
 
-async function load(screen, lines) {
-  fs.writeFileSync(JOB, lines);
+/** Loads a job; the page does not load the same file twice. */
+async function load(screen, name, lines) {
+  fs.writeFileSync(name, lines);
   const input = await screen.page.$(`${WORKFLOW} input[type=file]`);
-  await input.uploadFile(JOB);
-  await until(async () => /^0 \/ [1-9]/.test((await screen.lines()).sent), 'the job is loaded');
+  await input.uploadFile(name);
+  await screen.until(({ sent }) => /^0 \/ [1-9]/.test(sent), 'the job is loaded');
+}
+
+/** Closes the job, which the page does when it is neither run nor paused. */
+async function unload(screen) {
+  await screen.press(`${WORKFLOW} [title="Close"]`);
+  await screen.until(({ sent }) => !/[1-9]/.test(sent), 'the job is closed');
 }
 
 /** The buttons of the overrides: feed, rapid, spindle. */
@@ -172,48 +190,46 @@ async function override(screen) {
     [rapid, 1, '109% 90% 100%'],
     [spindle, 5, '109% 100% 100%'],
   ]) {
-    await screen.click(button(axis, number));
+    await screen.press(button(axis, number));
     await screen.showsOverrides(shown);
   }
 }
 
-/** A whole job, held by the buttons above the page and paused by those of the job. */
-async function job(screen, place) {
-  await screen.click(`${WORKFLOW} [title="Run"]`);
+/** A job, held by the buttons above the page and paused by those of the job. */
+async function hold(screen) {
+  await screen.press(`${WORKFLOW} [title="Run"]`);
   await screen.isState('Run');
-  await screen.click('[title="Feedhold"]');
+  await screen.press('[title="Feedhold"]');
   await screen.isState('Hold');
   await override(screen);
-  await screen.click('[title="Cycle Start"]');
+  await screen.press('[title="Cycle Start"]');
   await screen.isState('Run');
-  await screen.click(`${WORKFLOW} [title="Pause"]`);
+  await screen.press(`${WORKFLOW} [title="Pause"]`);
   await screen.isState('Hold');
-  await screen.click(`${WORKFLOW} [title="Resume"]`);
+  await screen.press(`${WORKFLOW} [title="Resume"]`);
   await screen.isState('Run');
-  await until(async () => {
-    const { sent, received } = await screen.lines();
-    const [count, total] = received.split(' / ');
-    return sent === received && count === total;
-  }, 'every line is answered');
-  // The page takes the job for finished: it could be closed.
-  await screen.page.waitForSelector(`${WORKFLOW} [title="Close"]:not([disabled])`);
-  await screen.isIdleAt(place, [0, 0, 10]);
 }
 
-/** Paused and stopped, which resets at rest; then reset in motion, and unlocked. */
+/** A job that runs is paused and stopped, which resets at rest; run again, reset, and unlocked. */
 async function stop(screen) {
-  await screen.click(`${WORKFLOW} [title="Run"]`);
-  await screen.isState('Run');
-  await screen.click(`${WORKFLOW} [title="Pause"]`);
+  await screen.press(`${WORKFLOW} [title="Pause"]`);
   await screen.isState('Hold');
-  await screen.click(`${WORKFLOW} [title="Stop"]`);
+  await screen.press(`${WORKFLOW} [title="Stop"]`);
   await screen.isState('Idle');
-  await screen.click(`${WORKFLOW} [title="Run"]`);
+  await screen.press(`${WORKFLOW} [title="Run"]`);
   await screen.isState('Run');
-  await screen.click('[title="Reset"]');
+  await screen.press('[title="Reset"]');
   await screen.isState('Alarm');
-  await screen.click('[title="Unlock"]');
+  await screen.press('[title="Unlock"]');
   await screen.isState('Idle');
+}
+
+/** A whole job: it can be closed when every line is answered. */
+async function finish(screen, place) {
+  await screen.press(`${WORKFLOW} [title="Run"]`);
+  await screen.isState('Run');
+  await screen.isIdleAt(place, [0, 0, 10]);
+  await unload(screen);
 }
 
 async function drive(screen) {
@@ -221,7 +237,7 @@ async function drive(screen) {
   const work = (place) => place.map((value, axis) => value - origin[axis]);
   const start = [ORIGIN.x, ORIGIN.y, ORIGIN.z + 10];
   await connect(screen);
-  await screen.click('[title="Homing"]');
+  await screen.press('[title="Homing"]');
   await screen.isIdleAt(HOME, HOME);
   await measured();
   await screen.type(`G10 L2 P1 X${ORIGIN.x} Y${ORIGIN.y} Z${ORIGIN.z}`);
@@ -230,28 +246,26 @@ async function drive(screen) {
   await screen.isIdleAt(start, [0, 0, 10]);
 
   await jog(screen, start);
-  await load(screen, spiral(100));
-  await job(screen, start);
+  // The page may be slow, and the machine must move as long as it takes: that job is never at its end.
+  await load(screen, 'endless.nc', spiral(2000));
+  await hold(screen);
   await stop(screen);
+  await unload(screen);
+  await load(screen, 'job.nc', spiral(200));
+  await finish(screen, start);
 
   const end = [-20, -30, -10];
   await screen.type(`G53 G0 X${end[0]} Y${end[1]} Z${end[2]}`);
   await screen.isIdleAt(end, work(end));
-  await close(screen.page);
+  await close(screen);
   return end;
 }
 
-// Closes the port. The page draws its buttons anew with every report, and a click on one that is
-// being replaced is lost: it is pressed again.
-async function close(page) {
+/** Closes the port. */
+async function close(screen) {
+  await screen.press(`${CONNECTION} button:has(.fa-toggle-on)`);
   const isClosed = `${CONNECTION} button:has(.fa-toggle-off)`;
-  for (let press = 0; press < 6; press += 1) {
-    const button = await page.$(`${CONNECTION} button:has(.fa-toggle-on)`);
-    if (button) await button.click().catch(() => {});
-    const seen = await page.waitForSelector(isClosed, { timeout: 5000 }).catch(() => null);
-    if (seen) return;
-  }
-  await page.waitForSelector(isClosed, { timeout: 5000 });
+  await screen.page.waitForSelector(isClosed, { timeout: PATIENCE_MS });
 }
 
 async function main() {

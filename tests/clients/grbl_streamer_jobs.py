@@ -34,6 +34,31 @@ class Watcher:
         with self.lock:
             return self.counts[event]
 
+    def progress(self):
+        """How far the machine is."""
+        done, boots = self.count("on_processed_command"), self.count("on_boot")
+        place = f"{self.state} at {self.position}"
+        return f"{place}, {done} lines done, {boots} welcomes, {len(self.errors)} errors"
+
+    def until(self, claim, what):
+        return until(claim, what, self.progress)
+
+
+class Streamer(GrblStreamer):
+    """The library, with one thread that streams at a time.
+
+    It begins a job in the thread that asks for it, and goes on in the one that reads the answers: at
+    the same time they might leave out a line.
+    """
+
+    def __init__(self, callback):
+        self.streams = threading.RLock()
+        super().__init__(callback)
+
+    def _stream(self):
+        with self.streams:
+            super()._stream()
+
 
 def run_job(grbl, watcher, lines, during=None):
     """Runs a job to the end of its last motion; `during` is called while it moves."""
@@ -42,39 +67,39 @@ def run_job(grbl, watcher, lines, during=None):
     grbl.write("\n".join(lines))
     grbl.job_run()
     if during:
-        until(lambda: watcher.state == "Run", "the job runs")
+        watcher.until(lambda: watcher.state == "Run", "the job runs")
         during()
-    until(lambda: grbl.job_finished, "the library takes the job for finished")
-    until(lambda: watcher.state == "Idle", "the machine is idle")
+    watcher.until(lambda: grbl.job_finished, "the library takes the job for finished")
+    watcher.until(lambda: watcher.state == "Idle", "the machine is idle")
     return watcher.count("on_processed_command") - done
 
 
 def hold(grbl, watcher):
     grbl.hold()
-    until(lambda: watcher.state == "Hold:0", "the machine is held")
+    watcher.until(lambda: watcher.state == "Hold:0", "the machine is held")
     place = watcher.position
     grbl.resume()
-    until(lambda: watcher.state != "Hold:0", "the machine goes on")
+    watcher.until(lambda: watcher.state != "Hold:0", "the machine goes on")
     check(len(place) == 3, "the position is known")
 
 
 def go(grbl, watcher, line, *target):
     """Sends a line as from a console, and waits until the machine is there."""
     grbl.send_immediately(line)
-    until(lambda: watcher.position == target and watcher.state == "Idle", f"{line} is done")
+    watcher.until(lambda: watcher.position == target and watcher.state == "Idle", f"{line} is done")
 
 
 def main():
     watcher = Watcher()
-    grbl = GrblStreamer(watcher)
+    grbl = Streamer(watcher)
     grbl.poll_interval = 0.1
     grbl.cnect(port())
-    until(grbl.is_connected, "the library is connected")
+    watcher.until(grbl.is_connected, "the library is connected")
     grbl.poll_start()
-    until(lambda: watcher.count("on_hash_stateupdate") > 1, "the offsets are read")
-    until(lambda: watcher.state, "a report is understood")
+    watcher.until(lambda: watcher.count("on_hash_stateupdate") > 1, "the offsets are read")
+    watcher.until(lambda: watcher.state, "a report is understood")
     grbl.homing()
-    until(lambda: watcher.state == "Idle" and watcher.position == HOME, "the machine is homed")
+    watcher.until(lambda: watcher.state == "Idle" and watcher.position == HOME, "the machine is homed")
     measured()
     x, y, z = ORIGIN
     grbl.send_immediately(place_origin())
@@ -93,14 +118,14 @@ def main():
     grbl.job_new()
     grbl.write("\n".join(lines))
     grbl.job_run()
-    until(lambda: watcher.state == "Run", "the job runs")
-    until(lambda: grbl.current_line_number > 60, "the job is under way")
+    watcher.until(lambda: watcher.state == "Run", "the job runs")
+    watcher.until(lambda: grbl.current_line_number > 60, "the job is under way")
     grbl.softreset()
-    until(lambda: watcher.count("on_boot") > boots, "the library sees the welcome")
+    watcher.until(lambda: watcher.count("on_boot") > boots, "the library sees the welcome")
     check(watcher.count("on_alarm") >= 1, "a reset in motion is an alarm")
-    until(lambda: watcher.state == "Alarm", "the machine is locked")
+    watcher.until(lambda: watcher.state == "Alarm", "the machine is locked")
     grbl.killalarm()
-    until(lambda: watcher.state == "Idle", "the machine is unlocked")
+    watcher.until(lambda: watcher.state == "Idle", "the machine is unlocked")
     # It goes on streaming until it sees the welcome, and a locked machine refuses that.
     watcher.errors.clear()
     processed = run_job(grbl, watcher, lines)

@@ -11,7 +11,8 @@ import sys
 import time
 import traceback
 
-# How long anything may take: a guard for a machine that is stuck, no measure.
+# How long nothing may happen, s: a guard for a machine that is stuck, no measure. How long anything
+# takes is no concern of the scripts: the emulated machine goes as fast as its host lets it.
 PATIENCE = 30.0
 
 # Where the work coordinates G54 of all jobs begin, machine coordinates in mm.
@@ -42,15 +43,23 @@ def spiral(lines, feed=6000):
     yield from ["G0 Z10", "X0 Y0"]
 
 
-def until(claim, what, patience=PATIENCE):
-    """Waits until a claim is true, and returns what it says."""
-    end = time.monotonic() + patience
-    while time.monotonic() < end:
+def until(claim, what, progress, listen=lambda: time.sleep(0.01)):
+    """Waits until a claim is true, and returns what it says.
+
+    `progress` tells how far the machine is, in words: as long as they change, nothing is stuck.
+    """
+    seen, end = None, 0.0
+    while True:
         result = claim()
         if result:
             return result
-        time.sleep(0.01)
-    raise TimeoutError(f"not within {patience:.0f} s: {what}")
+        now, before = time.monotonic(), seen
+        seen = progress()
+        if seen != before:
+            end = now + PATIENCE
+        elif now > end:
+            raise TimeoutError(f"nothing has happened for {PATIENCE:.0f} s: {what}; {seen}")
+        listen()
 
 
 def check(claim, what):
@@ -71,7 +80,7 @@ HOME = (-1, -1, -1)
 def measured():
     """Lets who started the script compare the pins with the report: to be called after homing."""
     print("homed", flush=True)
-    until(lambda: os.path.exists("measured"), "the pins are compared with the report")
+    until(lambda: os.path.exists("measured"), "the pins are compared", lambda: "homed")
 
 
 def run(main):

@@ -13,7 +13,7 @@ import termios
 import time
 import tty
 
-from jobs import HOME, ORIGIN, PATIENCE, check, measured, place_origin, port, run, spiral
+from jobs import HOME, ORIGIN, check, measured, place_origin, port, run, spiral, until
 
 WINDOW = 128
 POLL = 0.05
@@ -30,6 +30,7 @@ class Machine:
         termios.tcflush(self.port, termios.TCIOFLUSH)
         self.received = b""
         self.in_flight = collections.deque()
+        self.answers = 0
         self.messages = []
         self.report = {}
         self.reports = 0
@@ -67,6 +68,7 @@ class Machine:
         if line == "ok" or line.startswith("error:"):
             check(self.in_flight, f"{line} answers nothing")
             self.in_flight.popleft()
+            self.answers += 1
             if line != "ok":
                 self.refused.append(line)
         elif line.startswith("<"):
@@ -80,11 +82,12 @@ class Machine:
                 self.in_flight.clear()
             self.messages.append(line)
 
+    def progress(self):
+        place = f"{self.report.get('state')} at {self.report.get('MPos')}"
+        return f"{place}, {self.answers} answers, {self.welcomes} welcomes"
+
     def wait(self, claim, what):
-        end = time.monotonic() + PATIENCE
-        while not claim():
-            check(time.monotonic() < end, f"{what}; the last report is {self.report}")
-            self.listen()
+        until(claim, what, self.progress, self.listen)
 
     def ask(self, line):
         """Sends a line alone; what comes with its answer."""
@@ -143,7 +146,10 @@ def ask_for_everything(machine):
     check(len(machine.ask("$$")) >= 34, "all settings are listed")
     check(len(machine.ask("$#")) == 11, "all offsets are listed")
     check(machine.ask("$G")[0].startswith("[GC:G0 G54 G17 G21 G90 G94"), "the modes are listed")
-    check(machine.ask("$I")[0].startswith("[VER:1.1h."), "the version is told")
+    version, options = machine.ask("$I")
+    check(version.startswith("[VER:1.1h."), "the version is told")
+    check(options.startswith("[OPT:"), "the options are told")
+    check(machine.messages[-1].startswith("[MSG:Step rate: "), "the step rate is told")
     check(machine.ask("$")[0].startswith("[HLP:"), "the help is listed")
 
 
@@ -215,13 +221,14 @@ def jog(machine):
     machine.wait(lambda: not machine.in_flight, "the jogs are answered")
     machine.wait_for("Idle")
     check(machine.position() == [x, y, z], "jogs come back to where they began")
-    for line in ["$J=G91 X40 F1000", "$J=G91 X-20 F1000"]:
+    # Far more than whoever cancels it would wait for; at their end they would be back, too.
+    for line in ["$J=G91 Y90 F1000", "$J=G91 Y-90 F1000"] * 3:
         machine.put(line)
+    machine.wait(lambda: not machine.in_flight, "the jogs are answered")
     machine.wait_for("Jog")
     machine.realtime(JOG_CANCEL)
     machine.wait_for("Idle")
-    machine.wait(lambda: not machine.in_flight, "cancelled jogs are answered")
-    check(machine.position()[0] < x + 40, "a cancelled jog has not reached its end")
+    check(machine.position() != [x, y, z], "cancelled jogs have not reached their end")
     # Beyond the travel, and nothing that jogs.
     machine.ask("$J=G91 X1000 F1000 (error:15)")
     machine.ask("$J=G91 M3 X1 F100 (error:16)")

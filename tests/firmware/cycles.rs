@@ -67,7 +67,7 @@ fn a_hard_limit_stops_dead_and_locks() {
     assert_eq!(machine.ask("G1X25F600"), ["ok"]);
     assert_eq!(machine.receive(), "ALARM:1");
     assert_eq!(machine.receive(), "[MSG:Reset to continue]");
-    // 10 mm/s for the 0.4 ms of the filter.
+    // 10 mm/s for the 1 ms of the filter.
     let stopped = machine.memory.steps();
     assert!(
         (10 * SCALE..10 * SCALE + 3).contains(&stopped[0]),

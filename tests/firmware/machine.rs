@@ -28,8 +28,13 @@ pub(crate) struct Machine {
 impl Machine {
     /// Boots; the welcome has been read.
     pub(crate) fn boot() -> Option<Self> {
-        let Some(elf) = env::var_os("FIRMWARE_ELF") else {
-            eprintln!("skipped: FIRMWARE_ELF is not set, `cargo xtask test` sets it");
+        Self::boot_image("FIRMWARE_ELF")
+    }
+
+    /// As [`Machine::boot`], with the image that an environment variable names.
+    pub(crate) fn boot_image(variable: &str) -> Option<Self> {
+        let Some(elf) = env::var_os(variable) else {
+            eprintln!("skipped: {variable} is not set, `cargo xtask test` sets it");
             return None;
         };
         let memory = Memory::of(Path::new(&elf));

@@ -8,5 +8,6 @@ mod inputs;
 mod lines;
 mod machine;
 mod memory;
+mod proven;
 mod sender;
 mod states;

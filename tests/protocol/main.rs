@@ -5,6 +5,7 @@ mod deviations;
 mod flow;
 mod laws;
 mod program;
+mod receiving;
 mod rejected;
 mod reports;
 mod statements;

@@ -119,7 +119,12 @@ fn dollar_statements_are_answered_in_grbls_words() {
     );
     assert_eq!(
         bench.ask("$ i"),
-        ["[VER:1.1h.20190830:]", "[OPT:VMPH+,128,1023]", "ok"]
+        [
+            "[VER:1.1h.20190830:]",
+            "[OPT:VMPH+,128,1023]",
+            "[MSG:Step rate: 30000 Hz, unproven]",
+            "ok"
+        ]
     );
     assert_eq!(bench.ask("$n"), ["$N0=", "$N1=", "ok"]);
     let axes = ["0.000"; 3].join(",");

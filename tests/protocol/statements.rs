@@ -3,7 +3,7 @@
 use leadscrew::{
     machine::{Alarm, Levels, State},
     planner::{Pacing, Work},
-    settings::{Change, Settings, Stored, StoredLine},
+    settings::{Change, Settings, StepRate, Stored, StoredLine},
 };
 
 use super::bench::{Bench, UNLOCK, WELCOME};
@@ -356,10 +356,45 @@ fn what_there_is_is_described_for_programs() {
     }
 }
 
+/// A machine at rest whose firmware is proven to keep up with a step rate.
+fn proven(hz: u32) -> Bench {
+    let mut bench = Bench::booting(Settings::new(StepRate::Proven(hz)));
+    assert_eq!(bench.serve()[..2], WELCOME);
+    bench.machine.state = State::Idle;
+    bench
+}
+
 #[test]
-fn more_steps_than_can_be_made_are_refused() {
+fn more_steps_than_are_proven_are_refused() {
+    let mut bench = proven(60_000);
+    assert_eq!(bench.ask("$0=3"), ["ok"]);
+    assert_eq!(bench.ask("$100=40"), ["ok"]);
+    // 40 steps/mm, 1500 mm/s.
+    assert_eq!(bench.ask("$110=90000"), ["ok"]);
+    assert_eq!(bench.ask("$110=90000.02"), ["error:12"]);
+    assert_eq!(bench.ask("$100=40.001"), ["error:12"]);
+    let settings = bench.ask("$$");
+    assert!(settings.contains(&"$100=40.000".into()));
+    assert!(settings.contains(&"$110=90000.000".into()));
+    // What is proven is nothing that a user could bring back or take away.
+    assert_eq!(bench.ask("$RST=*").last().unwrap(), WELCOME[1]);
+    assert_eq!(bench.ask("$I")[2], "[MSG:Step rate: 60000 Hz, proven]");
+}
+
+#[test]
+fn more_steps_than_the_pulse_leaves_room_for_are_refused() {
+    let mut bench = proven(150_000);
+    assert_eq!(bench.ask("$0=100"), ["ok"]);
+    assert_eq!(bench.ask("$100=100"), ["ok"]);
+    assert_eq!(bench.ask("$110=60000"), ["error:12"]);
+    assert_eq!(bench.ask("$110=5000"), ["ok"]);
+}
+
+#[test]
+fn a_firmware_of_which_nothing_is_proven_says_so_and_keeps_to_a_low_rate() {
     let mut bench = Bench::new();
-    assert_eq!(bench.ask("$110=10000000"), ["error:12"]);
-    assert_eq!(bench.ask("$100=100000"), ["error:12"]);
-    assert_eq!(bench.ask("$110=10000"), ["ok"]);
+    assert_eq!(bench.ask("$I")[2], "[MSG:Step rate: 30000 Hz, unproven]");
+    assert_eq!(bench.ask("$100=100"), ["ok"]);
+    assert_eq!(bench.ask("$110=18000"), ["ok"]);
+    assert_eq!(bench.ask("$110=18000.01"), ["error:12"]);
 }

@@ -20,10 +20,13 @@ mod host {
     use leadscrew::{
         axis::Axes,
         planner::{Circle, Command, Pace, Plane, Rotation, Target},
-        settings::Settings,
+        settings::{Settings, StepRate},
         units::{Nm, StepsPerMm},
     };
     use proptest::prelude::ProptestConfig;
+
+    /// What the project asks of its firmware: steps of all axes together, per second.
+    pub(crate) const PROVEN: StepRate = StepRate::Proven(150_000);
 
     /// 80 steps/mm, 5000 mm/min, 500 mm/s² on every axis.
     pub(crate) fn fast() -> Settings {
@@ -42,7 +45,7 @@ mod host {
             }),
             max_rate_mm_min: Axes::from_fn(|axis| pick(rate, axis)),
             acceleration_mm_s2: Axes::from_fn(|axis| pick(acceleration, axis)),
-            ..Settings::default()
+            ..Settings::new(PROVEN)
         }
     }
 

@@ -34,6 +34,8 @@ pub(crate) struct Rig {
     is_recovering: bool,
     /// Least time between two entries, ticks.
     pub(crate) feed_ticks: u64,
+    /// Where the segments that have been played begin, on the generator's clock.
+    pub(crate) segments: Vec<u32>,
 }
 
 impl Rig {
@@ -48,6 +50,7 @@ impl Rig {
             cuts: 0,
             is_recovering: settings.homing,
             feed_ticks: 0,
+            segments: Vec::new(),
         }
     }
 
@@ -198,6 +201,10 @@ impl Rig {
         let line = self.drive.counts.line();
         if let Some(edge) = self.drive.step() {
             self.trace.push(edge, line);
+        }
+        let segment = self.drive.counts.played_ticks();
+        if self.segments.last() != Some(&segment) {
+            self.segments.push(segment);
         }
         self.drive.release_prepare();
     }

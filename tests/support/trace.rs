@@ -115,12 +115,7 @@ impl Trace {
     pub(crate) fn check_pulses(&self) {
         let mut pins = [Pin::default(); AXES];
         let mut before: Option<Edge> = None;
-        let mut starts = self.starts.iter().copied().peekable();
         for edge in &self.edges {
-            // Directions are output with the event before, or when the timer starts.
-            let mut output_at = before.map_or(0, |before| before.ticks);
-            let start = starts.next_if(|start| *start < edge.ticks);
-            output_at = start.map_or(output_at, |start| start.max(output_at));
             if let Some(before) = before {
                 let spacing = edge.ticks - before.ticks;
                 assert!(
@@ -131,7 +126,7 @@ impl Trace {
             for (axis, pin) in pins.iter_mut().enumerate() {
                 let bit = 1 << axis;
                 let is_negative = edge.directions & bit as u8 != 0;
-                pin.turn(is_negative, output_at, edge);
+                pin.turn(is_negative, edge);
                 if edge.drop & bit != 0 {
                     pin.drop(edge, self.pulse_ticks);
                 }
@@ -166,11 +161,11 @@ struct Pin {
 }
 
 impl Pin {
-    fn turn(&mut self, is_negative: bool, at: u64, edge: &Edge) {
+    fn turn(&mut self, is_negative: bool, edge: &Edge) {
         if is_negative != self.is_negative {
             assert!(self.raised.is_none(), "direction in a pulse: {edge:?}");
             self.is_negative = is_negative;
-            self.turned = Some(at);
+            self.turned = Some(edge.ticks);
         }
     }
 

@@ -7,13 +7,10 @@ use std::{
 
 use anyhow::{Context, Result, ensure};
 use indicatif::ProgressBar;
+use leadscrew::settings::StepRate;
 
 use crate::{
-    boards, build, cargo,
-    figures::Figures,
-    on_target, qemu,
-    settings::{self, Loaded},
-    sim,
+    boards, build, cargo, figures::Figures, on_target, proof, qemu, settings::Loaded, sim,
 };
 
 /// A fast machine, on which the examples step often.
@@ -39,17 +36,20 @@ fn examples() -> Result<Vec<PathBuf>> {
     Ok(paths)
 }
 
-/// Default settings, and fast ones.
-fn machines() -> Result<[Loaded; 2]> {
-    let fast = settings::load(None, &FAST.map(str::to_owned))?;
-    Ok([Loaded::default(), fast])
+/// Default settings, and fast ones, for a firmware with a proven step rate.
+fn machines(step_rate: StepRate) -> Result<[Loaded; 2]> {
+    let mut fast = Loaded::new(step_rate);
+    for assignment in FAST {
+        fast.apply(assignment)?;
+    }
+    Ok([Loaded::new(step_rate), fast])
 }
 
 /// Every figure of the virtual machine is the same on the host and on the emulated processor.
 pub(crate) fn on_the_chip() -> Result<()> {
     cargo::need_qemu()?;
     for path in examples()? {
-        for machine in machines()? {
+        for machine in machines(proof::committed())? {
             let here = sim::play(&path, &machine.settings)?;
             let there = on_target::play(&path, &machine)?;
             let name = path.display();
@@ -69,8 +69,9 @@ pub(crate) fn in_the_firmware() -> Result<()> {
     cargo::need_qemu()?;
     let (board, emulator) = boards::emulated()?;
     let elf = build::firmware(&board)?;
+    let step_rate = proof::read(&elf)?;
     for path in examples()? {
-        for machine in machines()? {
+        for machine in machines(step_rate)? {
             let here = sim::play(&path, &machine.settings)?;
             let bar = ProgressBar::hidden();
             let there = qemu::play_file(&path, &elf, &emulator, &machine, bar)?;

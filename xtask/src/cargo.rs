@@ -46,18 +46,27 @@ pub(crate) fn cargo<A: AsRef<str>>(arguments: &[A]) -> Command {
 
 /// The options that make Cargo compile for `board`, with as many axes as this program has.
 pub(crate) fn for_board(board: &Board) -> [String; 5] {
+    for_board_with(board, AXES as u8)
+}
+
+/// The same for another number of axes.
+pub(crate) fn for_board_with(board: &Board, axes: u8) -> [String; 5] {
     [
         "--target".into(),
         TARGET.into(),
         "--no-default-features".into(),
         "--features".into(),
-        with_axes(&format!("board-{}", board.name)),
+        featured(&format!("board-{}", board.name), axes),
     ]
 }
 
 /// A list of features, and the one for as many axes as this program has.
 pub(crate) fn with_axes(features: &str) -> String {
-    match AXES {
+    featured(features, AXES as u8)
+}
+
+fn featured(features: &str, axes: u8) -> String {
+    match axes {
         3 => features.into(),
         axes => format!("{features},axes-{axes}"),
     }

@@ -19,7 +19,7 @@ use std::{
     time::{Duration, Instant},
 };
 
-use anyhow::{Context, Result, bail, ensure};
+use anyhow::{Context, Error, Result, anyhow, bail, ensure};
 use leadscrew::settings::Settings;
 use rustix::process::{Pid, Signal};
 
@@ -28,10 +28,13 @@ use self::{
     machine::{Machine, Place},
     tap::Tap,
 };
-use crate::{settings, test::Verdict};
+use crate::test::Verdict;
 
-/// Longest time for one sender's run: a guard, no measure.
-const PATIENCE: Duration = Duration::from_secs(150);
+/// How long nothing may happen on the line: a guard for a sender that is stuck, no measure. Its script
+/// finds a machine that is stuck before.
+const PATIENCE: Duration = Duration::from_secs(90);
+/// Longest time for one sender's run: a guard for one that goes round in circles.
+const LONGEST: Duration = Duration::from_secs(900);
 /// Longest time for the last answers after the sender has ended.
 const REST: Duration = Duration::from_secs(5);
 
@@ -42,7 +45,9 @@ const QUIET_GLANCES: u32 = 10;
 /// What a script prints.
 const SAID: &str = "script.log";
 /// How much of it is told when it fails.
-const LAST_LINES: usize = 15;
+const LAST_LINES: usize = 25;
+/// How many of the last lines on the line are told then.
+const LAST_PASSED: usize = 12;
 /// One thing is installed at a time.
 static INSTALLING: Mutex<()> = Mutex::new(());
 
@@ -129,6 +134,7 @@ fn drive(sender: Sender, place: Place) -> Result<Verdict> {
     command.arg(install::scripts().join(script));
     command.arg(run.folder.join("port")).arg(place.name());
     let ended = run.sender(command);
+    let ended = ended.map_err(|error| run.with_last_passed(&error));
     let account = run.end()?;
     let end = ended.with_context(|| format!("see {}", run.folder.display()))?;
     ensure!(
@@ -159,12 +165,11 @@ impl Run {
         let _ = fs::remove_dir_all(&folder);
         fs::create_dir_all(&folder)?;
         let file = install::scripts().join(format!("{}.settings", place.name()));
-        let loaded = settings::load(Some(&file), &[])?;
-        let (machine, line) = Machine::start(place, &folder, &file, &loaded)?;
+        let (machine, line, settings) = Machine::start(place, &folder, &file)?;
         let tap = Tap::open(&folder.join("port"), line)?;
         Ok(Self {
             folder,
-            settings: loaded.settings,
+            settings,
             machine,
             tap,
             offset: None,
@@ -207,8 +212,15 @@ impl Run {
         String::from_utf8_lossy(&said).into_owned()
     }
 
+    /// Adds to an error what passed on the line before it.
+    fn with_last_passed(&self, error: &Error) -> Error {
+        let last = self.tap.seen().last(LAST_PASSED).join("\n");
+        anyhow!("{error:#}\nThe last lines on the line:\n{last}")
+    }
+
     fn wait(&mut self, child: &mut Child) -> Result<ExitStatus> {
         let start = Instant::now();
+        let (mut progress, mut went_on) = (String::new(), start);
         loop {
             if let Some(status) = child.try_wait()? {
                 return Ok(status);
@@ -217,9 +229,17 @@ impl Run {
             if self.offset.is_none() && self.said().lines().any(|line| line == "homed") {
                 self.measure()?;
             }
+            let now = self.tap.seen().account.progress();
+            if now != progress {
+                (progress, went_on) = (now, Instant::now());
+            }
             ensure!(
-                start.elapsed() < PATIENCE,
-                "the sender does not come to an end"
+                went_on.elapsed() < PATIENCE,
+                "nothing goes on between sender and machine: {progress}"
+            );
+            ensure!(
+                start.elapsed() < LONGEST,
+                "the sender does not come to an end: {progress}"
             );
             thread::sleep(GLANCE);
         }

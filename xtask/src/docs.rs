@@ -7,10 +7,10 @@ use leadscrew::{
     axis::AXES,
     gcode::LineError,
     machine::Alarm,
-    settings::{self, DataType, Description, Settings, Value},
+    settings::{self, DataType, Description, Settings, StepRate, Value},
 };
 
-use crate::{cargo, conformance, ui};
+use crate::{cargo, conformance, figures::separated, machine::BAUD, proof, ui};
 
 /// Write the documents that are made from the code: settings, errors and alarms
 #[derive(clap::Args)]
@@ -136,7 +136,34 @@ fn settings_table() -> Result<String> {
             shown(value),
         )?;
     }
+    text.push_str(&step_rates());
     Ok(text)
+}
+
+/// What resolution and speed must not be together, and where that is from.
+fn step_rates() -> String {
+    let proven = match proof::committed() {
+        StepRate::Proven(hz) => format!(
+            "The firmware of the emulated board with {AXES} axes is proven for {} steps per second \
+             ([{}]({})).",
+            separated(hz.into()),
+            proof::REPORT,
+            proof::REPORT.trim_start_matches("docs/"),
+        ),
+        StepRate::Unproven => "No rate is proven yet.".into(),
+    };
+    format!(
+        "\n## The step rate\n\n\
+         A resolution times a largest speed, `$100` × `$110` / 60 and so on, is how many steps a second an axis\n\
+         may be asked for. `cargo xtask build` analyses each image that it has built for the highest rate,\n\
+         all axes together, at which every task meets its deadline at {BAUD} baud, and writes it into the\n\
+         image, in whole thousands. {proven} `$I` tells the one of the\n\
+         firmware that runs. An image of which nothing is proven says so and keeps to {} steps per second.\n\n\
+         More for an axis than that, or than the step pulse `$0` leaves room for, is `error:12`. A move of\n\
+         several axes that together would make more is made more slowly. So is every move where settings\n\
+         that were stored earlier, or by another firmware, ask for more.\n",
+        separated(StepRate::UNPROVEN_HZ.into()),
+    )
 }
 
 /// The values that a setting can have.

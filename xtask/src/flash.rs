@@ -1,8 +1,13 @@
 //! `cargo xtask flash`: the firmware onto a board, through a debug probe.
 
-use std::process::ExitCode;
+use std::{path::Path, process::ExitCode};
 
-use anyhow::Result;
+use anyhow::{Context, Result, bail};
+
+use crate::{
+    boards::{self, Board},
+    build, cargo, ui,
+};
 
 /// Build the firmware and write it to the board with a debug probe
 ///
@@ -16,55 +21,76 @@ pub(crate) struct Options {
     /// The probe, as `VID:PID` or `VID:PID:SERIAL`, where there is more than one
     #[arg(long, value_name = "PROBE")]
     probe: Option<String>,
+    /// Write it although nothing is proven: it then keeps to 30 000 steps per second
+    #[arg(long)]
+    unproven: bool,
 }
 
-/// Runs this command again in an xtask that has probe-rs.
-#[cfg(not(feature = "flash"))]
 pub(crate) fn run(options: &Options) -> Result<ExitCode> {
-    use crate::{boards, cargo, ui};
-
     let board = boards::named(&options.board)?;
-    let what = format!(
-        "for {}: the first time, compiling probe-rs takes some minutes",
-        board.chip
+    if !cfg!(feature = "flash") {
+        let mut verb = vec!["flash", "--board", &board.name];
+        if let Some(probe) = &options.probe {
+            verb.extend(["--probe", probe]);
+        }
+        if options.unproven {
+            verb.push("--unproven");
+        }
+        return again(&verb);
+    }
+    let elf = if options.unproven {
+        build::compile(&board)?
+    } else {
+        build::proven(&board)?
+    };
+    start(&board, options.probe.as_deref(), &elf)?;
+    let what = format!("{}: connect a sender at 115200 baud", board.name);
+    ui::status("Started", &what);
+    Ok(ExitCode::SUCCESS)
+}
+
+/// Runs a verb again in an xtask that has probe-rs.
+pub(crate) fn again(verb: &[&str]) -> Result<ExitCode> {
+    ui::status(
+        "Preparing",
+        "to use a debug probe: the first time, compiling probe-rs takes some minutes",
     );
-    ui::status("Preparing", &what);
     let mut command = cargo::cargo(&["run", "--quiet", "--profile", "tools"]);
     command.args(["--package", "xtask", "--features"]);
-    command.arg(cargo::with_axes("flash"));
-    command.args(["--", "flash", "--board", &options.board]);
-    if let Some(probe) = &options.probe {
-        command.args(["--probe", probe]);
-    }
-    let status = command.status()?;
+    command.arg(cargo::with_axes("flash")).arg("--").args(verb);
+    let status = command.status().context("cannot start cargo")?;
     Ok(ExitCode::from(u8::from(!status.success())))
 }
 
+/// Without probe-rs nothing is written.
+#[cfg(not(feature = "flash"))]
+fn start(board: &Board, _probe: Option<&str>, _elf: &Path) -> Result<()> {
+    bail!("this xtask has no probe-rs for a {}", board.chip)
+}
+
 #[cfg(feature = "flash")]
-pub(crate) use with_probe::run;
+pub(crate) use with_probe::start;
 
 #[cfg(feature = "flash")]
 mod with_probe {
-    use anyhow::{Context, bail};
     use probe_rs::{
-        Permissions,
+        Permissions, Session,
         flashing::{DownloadOptions, FlashProgress, ProgressEvent},
         probe::{DebugProbeInfo, DebugProbeSelector, list::Lister},
     };
 
-    use super::{ExitCode, Options, Result};
-    use crate::{boards, build, ui};
+    use super::{Board, Context, Path, Result, bail};
+    use crate::ui;
 
     const NO_PROBE: &str = "no debug probe is attached\n\
         Connect the board by USB (a Nucleo board's own ST-Link, or a probe on its SWD pins).\n\
         On Linux, probes need udev rules: https://probe.rs/docs/getting-started/probe-setup\n\
         If another program (OpenOCD, a debugger) has the probe, stop it.";
 
-    pub(crate) fn run(options: &Options) -> Result<ExitCode> {
-        let board = boards::named(&options.board)?;
+    /// Writes a firmware to a board and starts it.
+    pub(crate) fn start(board: &Board, probe: Option<&str>, elf: &Path) -> Result<Session> {
         let lister = Lister::new();
-        let found = choose(&lister.list_all(), options.probe.as_deref())?;
-        let elf = build::firmware(&board)?;
+        let found = choose(&lister.list_all(), probe)?;
         ui::status("Connecting", &format!("to {} with {found}", board.chip));
         let probe = found
             .open()
@@ -86,7 +112,7 @@ mod with_probe {
         });
         probe_rs::flashing::download_file_with_options(
             &mut session,
-            &elf,
+            elf,
             probe_rs::flashing::Format::Elf(probe_rs::flashing::ElfOptions::default()),
             download,
         )
@@ -96,11 +122,7 @@ mod with_probe {
             .core(0)?
             .reset()
             .context("cannot start the firmware")?;
-        ui::status(
-            "Started",
-            &format!("{}: connect a sender at 115200 baud", board.name),
-        );
-        Ok(ExitCode::SUCCESS)
+        Ok(session)
     }
 
     /// The only probe, or the one asked for.

@@ -17,6 +17,8 @@ use leadscrew::{
     units::TICKS_PER_SECOND,
 };
 
+use crate::proof;
+
 use self::signals::Signals;
 
 /// Speed of the serial line, baud.
@@ -78,7 +80,8 @@ impl Machine {
 
     /// Switched on with what is stored in a flash.
     pub(crate) fn power_up(flash: Flash) -> Self {
-        Self::amid(Simulator::power_up(flash), Vec::new())
+        let simulator = Simulator::power_up(flash, proof::committed());
+        Self::amid(simulator, Vec::new())
     }
 
     /// A machine that has just been switched on, amid switches.

@@ -6,6 +6,7 @@ mod agree;
 mod bench;
 mod boards;
 mod build;
+mod calibrate;
 mod cargo;
 mod clients;
 mod conformance;
@@ -13,13 +14,17 @@ mod curves;
 mod docs;
 mod figures;
 mod flash;
+mod latency;
 mod machine;
 mod on_target;
 mod plot;
 mod program;
+mod proof;
 mod qemu;
 mod refusal;
+mod replay;
 mod run;
+mod schedule;
 mod sender;
 mod serve;
 mod session;
@@ -45,11 +50,14 @@ use clap::Parser;
 enum Verb {
     Bench(bench::Options),
     Build(build::Options),
+    Calibrate(calibrate::Options),
     Conformance(conformance::Options),
     Docs(docs::Options),
     Flash(flash::Options),
+    Latency(latency::Options),
     Qemu(qemu::Options),
     Run(run::Options),
+    Schedule(schedule::Options),
     Sim(sim::Options),
     Size(size::Options),
     Test(test::Options),
@@ -67,11 +75,14 @@ fn run(verb: Verb) -> Result<ExitCode> {
     match verb {
         Verb::Bench(options) => bench::run(&options),
         Verb::Build(options) => build::run(&options),
+        Verb::Calibrate(options) => calibrate::run(&options),
         Verb::Conformance(options) => conformance::run(&options),
         Verb::Docs(options) => docs::run(&options),
         Verb::Flash(options) => flash::run(&options),
+        Verb::Latency(options) => latency::run(&options),
         Verb::Qemu(options) => qemu::run(&options),
         Verb::Run(options) => run::run(&options),
+        Verb::Schedule(options) => schedule::run(&options),
         Verb::Sim(options) => sim::run(&options),
         Verb::Size(options) => size::run(&options),
         Verb::Test(options) => test::run(&options),

@@ -13,7 +13,7 @@ use leadscrew::{axis::AXES, units::TICKS_PER_SECOND};
 use serde_json::Value;
 
 use crate::{
-    boards,
+    boards::{self, Board},
     cargo::{self, cargo, for_board},
     figures::{Figures, Final},
     program::Program,
@@ -30,12 +30,14 @@ const TEST: &str = "target_sim";
 pub(crate) fn play(path: &Path, loaded: &Loaded) -> Result<Figures> {
     let folder = Folder::new()?;
     let lines = write_program(path, &folder.0.join("program.nc"))?;
-    let mut statements = loaded.statements.join("\n");
-    if !statements.is_empty() {
-        statements.push('\n');
+    let mut settings = format!("{}\n", loaded.settings.step_rate.in_image());
+    for statement in &loaded.statements {
+        settings.push_str(statement);
+        settings.push('\n');
     }
-    fs::write(folder.0.join("settings.txt"), statements).context("cannot write the settings")?;
-    let elf = build()?;
+    fs::write(folder.0.join("settings.txt"), settings).context("cannot write the settings")?;
+    let (board, _) = boards::emulated()?;
+    let elf = build(&board, TEST)?;
     ui::status("Emulating", &format!("{} ({lines} lines)", path.display()));
     run::program_in(&elf, &folder.0)?;
     let results = folder.0.join("figures.txt");
@@ -75,23 +77,22 @@ fn write_program(from: &Path, to: &Path) -> Result<u64> {
     Ok(lines)
 }
 
-/// Builds the program for the emulated board, and returns its ELF file.
-fn build() -> Result<PathBuf> {
+/// Builds a test program for a board, and returns its ELF file.
+pub(crate) fn build(board: &Board, test: &str) -> Result<PathBuf> {
     cargo::need_target()?;
-    let (board, _) = boards::emulated()?;
-    ui::status("Building", "the virtual machine for the chip");
-    let mut command = cargo(&["test", "--release", "--no-run", "--test", TEST]);
-    command.args(for_board(&board));
+    ui::status("Building", &format!("tests/{test}.rs for {}", board.name));
+    let mut command = cargo(&["test", "--release", "--no-run", "--test", test]);
+    command.args(for_board(board));
     command.arg("--message-format=json-render-diagnostics");
     let output = command
         .stderr(process::Stdio::inherit())
         .output()
         .context("cannot start cargo")?;
-    ensure!(output.status.success(), "tests/{TEST}.rs does not compile");
+    ensure!(output.status.success(), "tests/{test}.rs does not compile");
     let messages = output.stdout.split(|byte| *byte == b'\n');
     let elf = messages
         .filter_map(|line| serde_json::from_slice::<Value>(line).ok())
-        .find(|message| message["target"]["name"] == TEST && message["executable"].is_string());
+        .find(|message| message["target"]["name"] == test && message["executable"].is_string());
     let elf = elf.context("cargo names no executable")?;
     Ok(PathBuf::from(
         elf["executable"].as_str().unwrap_or_default(),

@@ -1,5 +1,6 @@
 //! The picture of a run: tool path, speed and acceleration, drawn from the step trace.
 
+pub(crate) mod latency;
 mod path;
 
 use std::{fs, ops::Range, path::Path};
@@ -60,46 +61,55 @@ pub(crate) struct Picture<'a> {
 
 /// Draws a picture.
 pub(crate) fn draw(path: &Path, picture: &Picture) -> Result<()> {
-    paint(path, picture)
-        .map_err(|error| anyhow!("{error}"))
-        .with_context(|| format!("cannot draw {}", path.display()))
+    save(path, (WIDTH, HEIGHT), |root| paint(root, picture))
 }
 
 type Drawn<T> = Result<T, Box<dyn std::error::Error>>;
 
-fn paint(path: &Path, picture: &Picture) -> Drawn<()> {
-    let curves = Curves::of(picture.motion);
+/// Writes a file with what is painted on an area of so many pixels.
+fn save(
+    path: &Path,
+    (width, height): (i32, i32),
+    paint: impl FnOnce(&Area) -> Drawn<()>,
+) -> Result<()> {
     let mut text = String::new();
-    let size = ((WIDTH * PX) as u32, (HEIGHT * PX) as u32);
+    let size = ((width * PX) as u32, (height * PX) as u32);
     let root = SVGBackend::with_string(&mut text, size).into_drawing_area();
-    root.fill(&PAPER)?;
-    let (head, body) = root.split_vertically(HEAD * PX);
-    let title = font(24).style(FontStyle::Bold);
-    head.draw(&Text::new(
-        picture.title.to_owned(),
-        ((MARGIN + 4) * PX, 14 * PX),
-        title.color(&INK),
-    ))?;
-    let small = font(15).color(&FAINT_INK);
-    head.draw(&Text::new(
-        picture.subtitle.to_owned(),
-        ((MARGIN + 4) * PX, 43 * PX),
-        small,
-    ))?;
+    root.fill(&PAPER)
+        .map_err(Into::into)
+        .and_then(|()| paint(&root))
+        .and_then(|()| root.present().map_err(Into::into))
+        .map_err(|error| anyhow!("{error}"))
+        .with_context(|| format!("cannot draw {}", path.display()))?;
+    drop(root);
+    // As large on the screen as meant, with the finer units kept in the view box.
+    let fine = format!(r#"width="{}" height="{}""#, size.0, size.1);
+    let meant = format!(
+        r#"width="{width}" height="{height}" stroke-linecap="round" stroke-linejoin="round""#
+    );
+    fs::write(path, text.replacen(&fine, &meant, 1))
+        .with_context(|| format!("cannot write {}", path.display()))
+}
+
+fn paint(root: &Area, picture: &Picture) -> Drawn<()> {
+    let curves = Curves::of(picture.motion);
+    let body = draw_head(root, picture.title, picture.subtitle)?;
     let (left, right) = body.split_horizontally(PATH_WIDTH * PX);
     path::draw(&left, picture.motion, &curves)?;
     let (upper, lower) = right.split_vertically((HEIGHT - HEAD) / 2 * PX);
     draw_speed(&upper, picture.motion, &curves)?;
-    draw_acceleration(&lower, picture, &curves)?;
-    root.present()?;
-    drop((root, head, body, left, right, upper, lower));
-    // As large on the screen as meant, with the finer units kept in the view box.
-    let fine = format!(r#"width="{}" height="{}""#, size.0, size.1);
-    let meant = format!(
-        r#"width="{WIDTH}" height="{HEIGHT}" stroke-linecap="round" stroke-linejoin="round""#
-    );
-    fs::write(path, text.replacen(&fine, &meant, 1))?;
-    Ok(())
+    draw_acceleration(&lower, picture, &curves)
+}
+
+/// Draws title and subtitle, and returns the area below them.
+fn draw_head<'a>(root: &Area<'a>, title: &str, subtitle: &str) -> Drawn<Area<'a>> {
+    let (head, body) = root.split_vertically(HEAD * PX);
+    let style = font(24).style(FontStyle::Bold);
+    let at = |y| ((MARGIN + 4) * PX, y * PX);
+    head.draw(&Text::new(title.to_owned(), at(14), style.color(&INK)))?;
+    let small = font(15).color(&FAINT_INK);
+    head.draw(&Text::new(subtitle.to_owned(), at(43), small))?;
+    Ok(body)
 }
 
 fn draw_speed(area: &Area, motion: &Motion, curves: &Curves) -> Drawn<()> {

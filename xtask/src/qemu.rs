@@ -1,7 +1,8 @@
 //! `cargo xtask qemu`: the firmware itself, on the emulated board.
 
-mod contacts;
+mod debugger;
 mod emulator;
+mod serial;
 
 use std::{
     path::{Path, PathBuf},
@@ -12,15 +13,19 @@ use std::{
 use anstream::println;
 use anyhow::{Result, bail, ensure};
 use indicatif::ProgressBar;
-use leadscrew::settings::Settings;
+use leadscrew::settings::{Settings, StepRate};
 use owo_colors::OwoColorize;
 
-pub(crate) use self::emulator::Emulator;
 use self::emulator::Pins;
+pub(crate) use self::{
+    debugger::Debugger,
+    emulator::{Emulator, symbol},
+};
 use crate::{
     boards, build, cargo,
     figures::{self, Figures, Final},
     program::Program,
+    proof,
     refusal::refusal,
     sender::{Received, Response, Sender},
     settings::{self, Loaded},
@@ -52,8 +57,9 @@ pub(crate) struct Options {
 }
 
 pub(crate) fn run(options: &Options) -> Result<ExitCode> {
-    let loaded = settings::load(options.settings.as_deref(), &options.set)?;
-    // A file that cannot be read is reported before anything is built.
+    // What cannot be read is reported before anything is built.
+    let load = |rate| settings::load_for(rate, options.settings.as_deref(), &options.set);
+    load(StepRate::Proven(u32::MAX))?;
     let program = Program::open(&options.file)?;
     cargo::need_qemu()?;
     let (board, machine) = boards::emulated()?;
@@ -61,6 +67,7 @@ pub(crate) fn run(options: &Options) -> Result<ExitCode> {
         Some(elf) => elf.clone(),
         None => build::firmware(&board)?,
     };
+    let loaded = load(proof::read(&elf)?)?;
     ui::status("Booting", &format!("{} under QEMU", board.name));
     let start = Instant::now();
     let bar = ui::progress(program.length(), "bytes");
@@ -95,7 +102,7 @@ const QUIET: Duration = Duration::from_millis(100);
 const PATIENCE: Duration = Duration::from_secs(30);
 
 /// Streams a program and waits until everything is executed.
-fn play(
+pub(crate) fn play(
     emulator: &mut Emulator,
     program: Program,
     loaded: &Loaded,

@@ -67,6 +67,16 @@ fn program(elf: &Path, arguments: &[String], folder: &Path) -> Result<()> {
     Ok(())
 }
 
+/// Runs `elf` to its end and returns what it prints.
+pub(crate) fn output(elf: &Path) -> Result<String> {
+    let folder = elf.parent().unwrap_or(elf);
+    let qemu = start(elf, &[], folder)?;
+    let output = qemu.wait_with_output().context("cannot wait for QEMU")?;
+    let status = output.status;
+    ensure!(status.success(), "{} failed ({status})", elf.display());
+    Ok(String::from_utf8_lossy(&output.stdout).into_owned())
+}
+
 /// Starts QEMU with semihosting and nothing else: the program ends it.
 fn start(elf: &Path, arguments: &[String], folder: &Path) -> Result<Child> {
     cargo::need_qemu()?;

@@ -26,7 +26,7 @@ use self::{
 };
 use crate::{
     machine::{Event, Pin},
-    settings, ui,
+    proof, settings, ui,
 };
 
 /// How long a line is waited for in a session with times, as its recorder did, s.
@@ -123,7 +123,7 @@ impl Session {
     pub(crate) fn settings(&self) -> Result<Settings> {
         let mut values = match &self.settings_set {
             Some(name) => settings::named_set(name)?,
-            None => Settings::default(),
+            None => Settings::new(proof::committed()),
         };
         for assignment in self.settings.iter().chain(&self.extra_settings) {
             settings::apply(&mut values, assignment)?;

@@ -3,7 +3,9 @@
 use std::{fs, path::Path};
 
 use anyhow::{Context, Result, anyhow, bail};
-use leadscrew::settings::{Row, SettingError, Settings, TABLE, assign};
+use leadscrew::settings::{Row, SettingError, Settings, StepRate, TABLE, assign};
+
+use crate::proof;
 
 /// Changes one setting as `$n=value` says; nothing when it is refused.
 pub(crate) fn apply(settings: &mut Settings, assignment: &str) -> Result<()> {
@@ -47,12 +49,14 @@ fn reason(error: SettingError) -> &'static str {
         SettingError::ShortPulse => "step pulses have at least 3 µs",
         SettingError::NeedsHoming => "soft limits need homing, so set $22=1 first",
         SettingError::OutOfRange => "this is outside the range of the setting",
-        SettingError::StepRate => "this makes more steps per second than the firmware can give",
+        SettingError::StepRate => {
+            "this makes more steps per second than are proven, or than the step pulse leaves room for"
+        }
     }
 }
 
 /// Grbl's defaults with some changes, and the changes.
-#[derive(Debug, Clone, Default)]
+#[derive(Debug, Clone)]
 pub(crate) struct Loaded {
     /// The settings.
     pub(crate) settings: Settings,
@@ -61,7 +65,16 @@ pub(crate) struct Loaded {
 }
 
 impl Loaded {
-    fn apply(&mut self, assignment: &str) -> Result<()> {
+    /// Grbl's defaults, for a firmware with a proven step rate.
+    pub(crate) fn new(step_rate: StepRate) -> Self {
+        Self {
+            settings: Settings::new(step_rate),
+            statements: Vec::new(),
+        }
+    }
+
+    /// Changes one setting.
+    pub(crate) fn apply(&mut self, assignment: &str) -> Result<()> {
         apply(&mut self.settings, assignment)?;
         let text = assignment.split_whitespace().collect::<String>();
         self.statements.push(text.trim_start_matches('$').into());
@@ -69,12 +82,22 @@ impl Loaded {
     }
 }
 
-/// Grbl's defaults, changed by a file of `$n=value` lines and by single assignments.
+/// As [`load_for`], for the step rate that the committed report proves.
+pub(crate) fn load(file: Option<&Path>, assignments: &[String]) -> Result<Loaded> {
+    load_for(proof::committed(), file, assignments)
+}
+
+/// Grbl's defaults, changed by a file of `$n=value` lines and by single assignments, for a firmware
+/// with a proven step rate.
 ///
 /// In the file, empty lines and comments (`;`, `#`, or in parentheses) are allowed; what `$$`
 /// prints can be used as it is.
-pub(crate) fn load(file: Option<&Path>, assignments: &[String]) -> Result<Loaded> {
-    let mut loaded = Loaded::default();
+pub(crate) fn load_for(
+    step_rate: StepRate,
+    file: Option<&Path>,
+    assignments: &[String],
+) -> Result<Loaded> {
+    let mut loaded = Loaded::new(step_rate);
     if let Some(path) = file {
         let name = path.display();
         let text = fs::read(path).with_context(|| format!("cannot read the settings {name}"))?;
@@ -123,7 +146,7 @@ pub(crate) fn named_set(name: &str) -> Result<Settings> {
         .iter()
         .find(|(known, _)| *known == name)
         .with_context(|| format!("there is no set of settings called {name:?}"))?;
-    let mut values = Settings::default();
+    let mut values = Settings::new(proof::committed());
     apply(&mut values, "$10=1")?;
     for change in *changes {
         apply(&mut values, change)?;

@@ -143,7 +143,8 @@ fn pace(figures: &Figures, took_s: f64) -> String {
 pub(crate) fn play(path: &Path, settings: &Settings) -> Result<Figures> {
     let program = Program::open(path)?;
     let observer = Observer::new(ProgressBar::hidden());
-    let (figures, _, _) = stream(program, Simulator::new(settings), settings, observer)?;
+    let mut simulator = Box::new(Simulator::new(settings));
+    let (figures, _) = stream(program, &mut simulator, settings, observer)?;
     Ok(figures)
 }
 
@@ -161,13 +162,13 @@ pub(crate) fn play_recorded(
     switches: &[Switch],
 ) -> Result<Played> {
     let program = Program::recorded(path)?;
-    let mut simulator = Simulator::new(settings);
+    let mut simulator = Box::new(Simulator::new(settings));
     for switch in switches {
         // Fewer than fit.
         let _ = simulator.mount(*switch);
     }
     let observer = Observer::new(ProgressBar::hidden());
-    let (figures, _, mut simulator) = stream(program, simulator, settings, observer)?;
+    let (figures, _) = stream(program, &mut simulator, settings, observer)?;
     let said = ["$G\n", "$#\n", "?"]
         .into_iter()
         .flat_map(|text| ask(&mut simulator, text.as_bytes()))
@@ -201,8 +202,8 @@ fn simulate(path: &Path, settings: &Settings, options: &Options) -> Result<(Figu
     observer.table = options.trace.as_deref().map(Table::create).transpose()?;
     observer.samples = options.plot.as_ref().map(|_| Samples::default());
     let start = Instant::now();
-    let simulator = Simulator::new(settings);
-    let (figures, motion, _) = stream(program, simulator, settings, observer)?;
+    let mut simulator = Box::new(Simulator::new(settings));
+    let (figures, motion) = stream(program, &mut simulator, settings, observer)?;
     let took = pace(&figures, start.elapsed().as_secs_f64());
     if figures.lines == 0 {
         ui::warning(&format!("{} is empty", path.display()));
@@ -228,17 +229,17 @@ fn subtitle(figures: &Figures) -> String {
     format!("{lines} lines, {time}, {events} step events")
 }
 
-/// Streams a program through a fresh machine, which is returned.
+/// Streams a program through a fresh machine.
 fn stream(
     program: Program,
-    simulator: Simulator,
+    simulator: &mut Simulator,
     settings: &Settings,
     observer: Observer,
-) -> Result<(Figures, Option<Motion>, Box<Simulator>)> {
+) -> Result<(Figures, Option<Motion>)> {
     let source = Source::new(program, observer.bar.clone());
     let (lines, failure) = (source.lines.clone(), source.failure.clone());
     let mut watcher = Watched { observer, lines };
-    let mut stream = Box::new(Stream::new(simulator, source, BAUD));
+    let mut stream = Stream::new(simulator, source, BAUD);
     let end = stream.run(&mut watcher);
     let observer = watcher.observer;
     observer.bar.finish_and_clear();
@@ -272,11 +273,8 @@ fn stream(
         late: u64::from(stream.simulator.counts().late()),
         event_hash: format!("{:016x}", tally.hash),
     };
-    Ok((
-        figures,
-        observer.samples.map(|samples| samples.finish(scale)),
-        Box::new(stream.simulator),
-    ))
+    let motion = observer.samples.map(|samples| samples.finish(scale));
+    Ok((figures, motion))
 }
 
 /// Lines that have been read and not yet answered.

@@ -27,7 +27,7 @@ pub(crate) fn run(options: &Options) -> Result<ExitCode> {
     let memory = Memory::parse(&text)?;
     let mut rows = Vec::new();
     for board in boards::chosen(options.board.as_deref())? {
-        let usage = Usage::of(&build::firmware(&board)?, &memory)?;
+        let usage = Usage::of(&build::compile(&board)?, &memory)?;
         rows.push((board.name, usage));
     }
     let head = format!("{:<20}{:>28}{:>28}", "board", "flash", "RAM");

@@ -15,15 +15,15 @@ use owo_colors::{AnsiColors, OwoColorize};
 use crate::{
     agree,
     boards::{self, Board},
-    build,
+    build, calibrate,
     cargo::{self, cargo, for_board, wait},
-    clients, docs, ui,
+    clients, docs, latency, proof, schedule, ui,
 };
 
 /// Test everything that needs no hardware
 ///
-/// Formatting, lints, host tests with three, four and six axes, the firmware of every board, tests
-/// on the emulated processor, and the firmware over its serial line. Goes on after a failure and
+/// Formatting, lints, host tests with three, four and six axes, the firmware of every board and the
+/// proof of its timing, tests on the emulated processor, and the firmware over its serial line. Goes on after a failure and
 /// lists what failed. Asks rustup for what rustup can give.
 #[derive(clap::Args)]
 pub(crate) struct Options {
@@ -199,17 +199,41 @@ fn checks() -> Result<Vec<Check>> {
     }
     for board in boards {
         checks.push(Check::new(format!("firmware, {}", board.name), move || {
+            build::traced(&board)?;
             build::firmware(&board).map(drop)
         }));
     }
+    checks.extend(proofs());
     checks.push(Check::new("tests on the target", on_target));
+    checks.push(Check::new(
+        "calibration without a counter",
+        calibrate::check,
+    ));
     checks.push(Check::new("firmware over its serial line", over_serial));
+    checks.push(Check {
+        name: "records of activations".into(),
+        run: Box::new(latency::check),
+    });
     checks.push(Check::new("the same on the chip", agree::on_the_chip));
     checks.push(Check::new(
         "the same in the firmware",
         agree::in_the_firmware,
     ));
     Ok(checks)
+}
+
+/// The proofs that every deadline is met.
+fn proofs() -> Vec<Check> {
+    let shown = Check {
+        name: "the proof that the documents show".into(),
+        run: Box::new(schedule::check),
+    };
+    let others = [("netduino-plus-2", 4), ("nucleo-f446re", 3)];
+    let others = others.map(|(board, axes)| Check {
+        name: format!("the proof, {board}, {axes} axes"),
+        run: Box::new(move || schedule::prove(board, axes)),
+    });
+    iter::once(shown).chain(others).collect()
 }
 
 /// Every sender program at every machine.
@@ -238,7 +262,14 @@ fn lint(board: &Board) -> Result<()> {
     if has_tests("target_") {
         command.args(["--test", "target_*"]);
     }
-    wait(command.args(for_board(board)).args(["--", "-Dwarnings"]))
+    wait(command.args(for_board(board)).args(["--", "-Dwarnings"]))?;
+    let feature = if board.qemu.is_some() {
+        "trace-emulated"
+    } else {
+        "trace"
+    };
+    let mut traced = cargo(&["clippy", "--bins", "--features", feature]);
+    wait(traced.args(for_board(board)).args(["--", "-Dwarnings"]))
 }
 
 /// The tests that run on the emulated processor.
@@ -259,5 +290,10 @@ fn over_serial() -> Result<()> {
     cargo::need_qemu()?;
     let (board, _) = boards::emulated()?;
     let elf = build::firmware(&board)?;
-    wait(cargo(&["test", "--test", "firmware"]).env("FIRMWARE_ELF", elf))
+    let step_rate = proof::read(&elf)?.in_image();
+    let mut command = cargo(&["test", "--test", "firmware"]);
+    command.env("FIRMWARE_STEP_RATE", step_rate.to_string());
+    command.env("SLOW_FIRMWARE_ELF", build::as_if_proven(&elf, 20_000)?);
+    command.env("UNPROVEN_FIRMWARE_ELF", build::as_if_proven(&elf, 0)?);
+    wait(command.env("FIRMWARE_ELF", elf))
 }

@@ -1,6 +1,6 @@
 //! The two blocks of memory by which tools and tests take part: what the pins did, and contacts.
 
-use core::sync::atomic::{AtomicI32, AtomicU32, Ordering::Relaxed};
+use core::sync::atomic::{AtomicI32, AtomicU8, AtomicU32, Ordering::Relaxed};
 
 use leadscrew::{
     axis::AXES,
@@ -8,7 +8,7 @@ use leadscrew::{
     planner::Spindle,
 };
 
-use crate::board::{outputs, pins, step_timer};
+use crate::board::{outputs, pins};
 
 /// What the pins have done.
 #[repr(C)]
@@ -71,11 +71,19 @@ static CONTACTS: Contacts = Contacts {
 /// When the last event with a pulse was due.
 static LAST: AtomicU32 = AtomicU32::new(0);
 
-/// The contacts that were closed when `inputs` was released last.
+/// The directions output last, bit 0 = X, 1 = negative.
+static DIRECTIONS: AtomicU8 = AtomicU8::new(0);
+
+/// The contacts that were closed when the handler looked last.
 static SEEN: AtomicU32 = AtomicU32::new(0);
 
-/// The contacts that are closed.
+/// The contacts that are closed, as the handler found them last.
 pub(in crate::board) fn contacts() -> Levels {
+    Levels(SEEN.load(Relaxed) as u16)
+}
+
+/// Looks at the contacts: whether they have changed since the last look.
+pub(super) fn have_contacts_changed() -> bool {
     let mut closed = CONTACTS.closed.load(Relaxed);
     for axis in 0..AXES {
         let position = FIGURES.steps[axis].load(Relaxed);
@@ -83,17 +91,12 @@ pub(in crate::board) fn contacts() -> Levels {
             || position >= CONTACTS.at_least[axis].load(Relaxed);
         closed |= u32::from(is_closed) << axis;
     }
-    let mut levels = Levels(closed as u16);
     if FIGURES.steps[leadscrew::axis::Z].load(Relaxed) <= CONTACTS.plate.load(Relaxed) {
-        levels = levels | Levels::PROBE;
+        closed |= u32::from(Levels::PROBE.0);
     }
-    levels
-}
-
-/// Whether the contacts have changed since this was asked last.
-pub(super) fn have_contacts_changed() -> bool {
-    let closed = u32::from(contacts().0);
-    closed != SEEN.swap(closed, Relaxed)
+    let has_changed = closed != SEEN.load(Relaxed);
+    SEEN.store(closed, Relaxed);
+    has_changed
 }
 
 /// Keeps a record of what is switched, and of the duty at rest.
@@ -119,13 +122,13 @@ pub(super) fn record_duty() {
     }
 }
 
-/// Adds the event that is due to the figures.
-pub(super) fn record() {
-    let (axes, directions) = pins::pulses_next();
+/// Adds the event that is set up to the figures, when it is due.
+pub(super) fn record(due: u32) {
+    let (axes, directions) = pins::read_next(DIRECTIONS.load(Relaxed));
+    DIRECTIONS.store(directions, Relaxed);
     if axes == 0 {
         return;
     }
-    let due = step_timer::due();
     let elapsed = if FIGURES.events.load(Relaxed) == 0 {
         0
     } else {

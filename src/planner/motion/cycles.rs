@@ -5,7 +5,7 @@ use crate::{
     axis::AXES,
     machine::{Alarm, Event, Inputs, Levels, Notice, Power, State},
     planner::{Block, Probing},
-    stepper::{EventWriter, StepCounts},
+    stepper::{EventWriter, StepCounts, steps_after},
 };
 
 impl Motion {
@@ -34,11 +34,9 @@ impl Motion {
         } else {
             self.accessories.power_at_rest()
         };
-        let segment = self.homing.next(inputs, &mut self.generator, power);
-        segment.is_some_and(|segment| {
-            self.segment = segment;
-            true
-        })
+        let segment = &mut self.segment;
+        self.homing
+            .next(inputs, &mut self.generator, power, segment)
     }
 
     /// Ends a homing cycle before its time: the axes slow down.
@@ -62,20 +60,27 @@ impl Motion {
         }
     }
 
-    /// Looks at what the input interrupt has seen, before anything is generated.
-    #[inline]
-    pub(super) fn watch(&mut self, inputs: &Inputs, counts: &StepCounts, events: &EventWriter<'_>) {
-        if self.probe.is_active() || self.homing.is_active() {
-            self.watch_cycle(inputs, counts, events);
-        } else {
-            inputs.disarm_probe();
-        }
+    /// Whether the input interrupt has seen what a cycle looks for.
+    #[inline(never)]
+    pub(super) fn has_found(&self, inputs: &Inputs) -> bool {
+        self.probe.has_found(inputs) || self.homing.has_found(inputs).is_some()
     }
 
+    /// Finds where the axes were when the probe or one limit switch changed. Comes before segments
+    /// that are made in advance: these overwrite the events that tell it.
     #[inline(never)]
-    fn watch_cycle(&mut self, inputs: &Inputs, counts: &StepCounts, events: &EventWriter<'_>) {
-        self.probe.watch(inputs, counts, events);
-        self.homing.watch(inputs, counts, &self.generator, events);
+    pub(super) fn find(&mut self, inputs: &Inputs, counts: &StepCounts, events: &EventWriter<'_>) {
+        let axis = self.homing.has_found(inputs);
+        let output = axis.map_or_else(|| inputs.contact(), |axis| Some(inputs.reached(axis)));
+        let Some(output) = output else {
+            return;
+        };
+        let there = steps_after(output, counts, events);
+        let there = there.unwrap_or_else(|| counts.position());
+        match axis {
+            Some(axis) => self.homing.find(axis, there[axis], counts, &self.generator),
+            None => self.probe.find(there),
+        }
     }
 
     /// Ends cycles that are over. The machine is at rest.
@@ -114,10 +119,10 @@ impl Motion {
 
     /// Says whether limit switches stop the machine from now on: not those that homing looks for,
     /// nor at rest in alarm. A machine that slows down in alarm is stopped.
-    pub(super) fn guard(&self, inputs: &Inputs, counts: &StepCounts) {
+    pub(super) fn guard(&self, inputs: &Inputs, is_still: bool) {
         let is_locked = self.control.state == State::Alarm;
-        let is_safe = self.control.state == State::Home
-            || is_locked && (self.homing.is_active() || self.is_still(counts));
+        let is_safe =
+            self.control.state == State::Home || is_locked && (self.homing.is_active() || is_still);
         inputs.guard(if self.hard_limits && !is_safe {
             Levels::limits((1 << AXES) - 1)
         } else {

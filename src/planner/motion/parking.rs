@@ -108,6 +108,17 @@ impl Parking {
         }
     }
 
+    /// Whether there is something to play on the way.
+    pub(super) fn has_motion(&self, ending: Ending) -> bool {
+        let has_way = !self.plan.is_empty();
+        has_way && (!self.stops(ending) || self.executor.is_moving())
+    }
+
+    /// Whether Z is to come to rest on its way.
+    fn stops(&self, ending: Ending) -> bool {
+        ending != Ending::None || self.stage == Stage::Stop
+    }
+
     /// Forgets the way: the machine stays where it is.
     pub(super) fn abandon(&mut self) {
         self.plan.clear();
@@ -170,7 +181,7 @@ impl Parking {
         };
         block.delta[Z] = delta;
         block.steps_per_mm[Z] = along;
-        self.plan.push(&block);
+        self.plan.push_alone(&block);
     }
 }
 
@@ -241,7 +252,7 @@ impl Motion {
 
     #[inline(never)]
     pub(super) fn parking_segment(&mut self) -> bool {
-        let stops = self.control.ending != Ending::None || self.parking.stage == Stage::Stop;
+        let stops = self.parking.stops(self.control.ending);
         let goal = if stops { Goal::Stop } else { Goal::Run };
         let position = self.generator.position();
         let (parking, segment) = (&mut self.parking, &mut self.segment);

@@ -4,45 +4,55 @@ use super::{Motion, rest::Restoring};
 use crate::{
     machine::{Ending, Event, Inputs, Levels, State},
     planner::executor::Goal,
-    stepper::{
-        AHEAD_TICKS, AxisMotion, EventWriter, SEGMENT_RING, SEGMENT_TICKS, Segment, StepCounts,
-    },
+    stepper::{AxisMotion, EventWriter, SEGMENT_TICKS, Segment, StepCounts},
 };
 
 impl Motion {
-    pub(super) fn generate(
+    /// Makes a segment and its events, or those of the one before, for which there was no room.
+    #[inline(never)]
+    pub(super) fn make_segment(
         &mut self,
         inputs: &Inputs,
         counts: &StepCounts,
         events: &mut EventWriter<'_>,
     ) {
-        // wcet-bound: 32
-        for _ in 0..SEGMENT_RING {
-            if self.generator.is_open() && !self.generator.fill(events) {
-                return;
-            }
-            let ahead = self
-                .generator
-                .clock_ticks()
-                .wrapping_sub(counts.played_ticks());
-            // A segment that had to be stretched may last longer than that, and still needs another.
-            let is_ahead = ahead >= AHEAD_TICKS && counts.played_ticks() != self.newest;
-            if is_ahead || !counts.has_room() {
-                return;
-            }
-            let start = self.generator.clock_ticks();
-            if self.next_segment(inputs) {
-                self.rest = None;
-                self.generator.begin(&self.segment, counts);
-            } else if self.rest.is_none() {
-                self.rest = Some(start);
-                let power = self.accessories.power_at_rest();
-                self.generator.rest(power, counts);
-            } else {
-                return;
-            }
-            self.newest = start;
+        if !self.generator.is_open() && !self.begin_segment(inputs, counts) {
+            return;
         }
+        let is_done = self.generator.fill(events);
+        self.full = (!is_done).then(|| counts.played_ticks());
+    }
+
+    /// Begins a segment, or the standstill after the last one; false when there is nothing to play.
+    #[inline]
+    fn begin_segment(&mut self, inputs: &Inputs, counts: &StepCounts) -> bool {
+        let start = self.generator.clock_ticks();
+        if self.next_segment(inputs) {
+            self.rest = None;
+            self.generator.begin(&self.segment, counts);
+        } else if self.rest.is_none() {
+            self.rest = Some(start);
+            let power = self.accessories.power_at_rest();
+            self.generator.rest(power, counts);
+        } else {
+            return false;
+        }
+        self.newest = start;
+        true
+    }
+
+    /// Whether [`Motion::next_segment`] has something to do.
+    #[inline]
+    pub(super) fn has_motion(&self) -> bool {
+        if self.homing.is_active() {
+            return true;
+        }
+        if self.parking.is_moving() {
+            return self.parking.has_motion(self.control.ending);
+        }
+        let executes = self.control.executes() && !self.probe.is_touched();
+        let has_blocks = !self.plan.is_empty() && (executes || self.executor.is_moving());
+        has_blocks || self.dwell_ticks != 0 && executes
     }
 
     /// Makes the next segment, in [`Motion::segment`]; false when there is none.
@@ -127,23 +137,18 @@ impl Motion {
         }
     }
 
-    /// The state that follows from what has been played.
-    #[inline]
-    pub(super) fn settle(&mut self, counts: &StepCounts) {
-        let is_still = self.is_still(counts);
-        if is_still {
-            self.come_to_rest();
-        }
+    /// The state that follows from being at rest, when everything has been played.
+    #[inline(never)]
+    pub(super) fn settle(&mut self) {
+        self.come_to_rest();
         let is_door_open = self.inputs.has(Levels::DOOR);
-        if is_still && core::mem::take(&mut self.looks_at_door) && is_door_open {
+        if core::mem::take(&mut self.looks_at_door) && is_door_open {
             self.open_door();
         }
         if !is_door_open && self.control.state == State::DoorAjar {
             self.on(Event::DoorShut);
         }
-        if self.is_held() {
-            self.accessories.begin_hold();
-        }
+        self.follow();
         if self.control.state == State::HoldComplete {
             self.accessories.rest_in_hold();
         }
@@ -151,8 +156,14 @@ impl Motion {
             self.restore();
         }
         self.begin_moves();
-        if is_still {
-            self.rest_drivers();
+        self.rest_drivers();
+    }
+
+    /// What follows from a new state at once, also in motion.
+    pub(super) fn follow(&mut self) {
+        if self.is_held() {
+            self.accessories.begin_hold();
         }
+        self.begin_moves();
     }
 }

@@ -4,22 +4,15 @@ use super::Motion;
 use crate::{
     machine::{Alarm, Control, Effect, Event, Notice, Override, Overrides, State},
     protocol::realtime::{OVERRIDES, Requests},
+    stepper::StepCounts,
 };
 
 impl Motion {
-    /// Acts on everything that has been asked for since the last run.
-    #[inline]
-    pub(super) fn hear(&mut self, requests: &Requests) {
-        // Before the requests: one that comes meanwhile counts as new in the next run.
-        let asked = requests.asked();
-        if asked != self.heard {
-            self.heard = asked;
-            self.obey(requests);
-        }
-    }
-
+    /// Acts on everything that has been asked for since the last time.
     #[inline(never)]
-    fn obey(&mut self, requests: &Requests) {
+    pub(super) fn obey(&mut self, requests: &Requests) {
+        // Before the requests: one that comes meanwhile counts as new in the next run.
+        self.heard = requests.asked();
         self.take_overrides(requests);
         if requests.take_wake() {
             self.wake();
@@ -40,6 +33,7 @@ impl Motion {
         if is_start && !is_hold && !is_door && !is_cancel {
             self.on(Event::Start);
         }
+        self.follow();
     }
 
     pub(super) fn open_door(&mut self) {
@@ -74,28 +68,21 @@ impl Motion {
     }
 
     fn take_override(&mut self, command: Override) {
-        match command {
-            Override::SpindleStop => {
-                if self.is_held() && self.accessories.toggle_stop() {
-                    self.notices.push(Notice::RestoringSpindle);
-                }
+        // No `match`: a table of jumps has places for values that there are none of.
+        if command == Override::SpindleStop {
+            if self.is_held() && self.accessories.toggle_stop() {
+                self.notices.push(Notice::RestoringSpindle);
             }
-            Override::Flood if self.has_coolant_keys() => self.accessories.toggle_flood(),
-            Override::Mist if self.has_coolant_keys() => self.accessories.toggle_mist(),
-            Override::Flood | Override::Mist => {}
-            Override::FeedReset
-            | Override::FeedMore
-            | Override::FeedLess
-            | Override::FeedFineMore
-            | Override::FeedFineLess
-            | Override::RapidFull
-            | Override::RapidHalf
-            | Override::RapidQuarter
-            | Override::SpindleReset
-            | Override::SpindleMore
-            | Override::SpindleLess
-            | Override::SpindleFineMore
-            | Override::SpindleFineLess => self.accessories.take(command),
+        } else if command == Override::Flood {
+            if self.has_coolant_keys() {
+                self.accessories.toggle_flood();
+            }
+        } else if command == Override::Mist {
+            if self.has_coolant_keys() {
+                self.accessories.toggle_mist();
+            }
+        } else {
+            self.accessories.take(command);
         }
     }
 
@@ -114,7 +101,16 @@ impl Motion {
     fn repace(&mut self, before: Overrides) {
         let now = self.accessories.overrides();
         if now.feed != before.feed || now.rapid != before.rapid {
-            self.plan.pace(now);
+            self.plan.pace(now, self.executor.replanned());
+        }
+    }
+
+    /// A part of planning anew.
+    #[inline(never)]
+    pub(super) fn plan_on(&mut self) {
+        let changes_speeds = self.plan.changes_speeds();
+        self.plan.go_on();
+        if changes_speeds {
             self.executor.replanned();
         }
     }
@@ -123,38 +119,40 @@ impl Motion {
     pub(super) fn on(&mut self, event: Event) {
         let (control, effect) = self.control.after(event);
         self.control = control;
-        match effect {
-            Effect::None => {}
-            Effect::Resume => {
-                if self.accessories.end_stop(!self.plan.is_empty()) {
-                    self.notices.push(Notice::RestoringSpindle);
-                }
-                if self.is_paused {
-                    self.is_paused = false;
-                    self.finished = self.finished.wrapping_add(1);
-                }
+        if effect == Effect::Resume {
+            self.resume();
+        } else if effect == Effect::SwitchOff {
+            self.stop_restoring();
+            if event == Event::Sleep {
+                self.accessories.cut();
+            } else {
+                self.park();
             }
-            Effect::SwitchOff => {
-                self.stop_restoring();
-                if event == Event::Sleep {
-                    self.accessories.cut();
-                } else {
-                    self.park();
-                }
+        } else if effect == Effect::Restore {
+            if !self.unpark() {
+                self.begin_restoring();
             }
-            Effect::Restore => {
-                if !self.unpark() {
-                    self.begin_restoring();
-                }
-            }
+        } else if effect == Effect::Cancel {
             // A reset has its own count.
-            Effect::Cancel if event == Event::Reset => {}
-            Effect::Cancel => self.cuts = self.cuts.wrapping_add(1),
-            Effect::Drop => self.drop_plan(),
-            Effect::Abort => {
-                self.reset_in_motion = true;
-                self.releases_drivers = true;
+            if event != Event::Reset {
+                self.cuts = self.cuts.wrapping_add(1);
             }
+        } else if effect == Effect::Drop {
+            self.drop_plan();
+        } else if effect == Effect::Abort {
+            self.reset_in_motion = true;
+            self.releases_drivers = true;
+        }
+    }
+
+    /// What waited for cycle start goes on.
+    fn resume(&mut self) {
+        if self.accessories.end_stop(!self.plan.is_empty()) {
+            self.notices.push(Notice::RestoringSpindle);
+        }
+        if self.is_paused {
+            self.is_paused = false;
+            self.finished = self.finished.wrapping_add(1);
         }
     }
 
@@ -182,7 +180,8 @@ impl Motion {
     /// steps: whatever was planned is void, and so is what still comes, up to the next reset.
     #[cold]
     #[inline(never)]
-    pub(super) fn fail(&mut self) {
+    pub(super) fn fail(&mut self, counts: &StepCounts) {
+        counts.take_starved();
         self.generator.cut();
         self.homing.abandon();
         self.drop_wait();
@@ -211,8 +210,8 @@ impl Motion {
     /// Everything off, everything planned void; an axis that moves slows down.
     #[cold]
     #[inline(never)]
-    pub(super) fn reset(&mut self, epoch: u32) {
-        self.epoch = epoch;
+    pub(super) fn reset(&mut self, requests: &Requests) {
+        self.epoch = requests.epoch();
         self.is_starved = false;
         self.is_critical = false;
         self.fault = None;
@@ -229,5 +228,6 @@ impl Motion {
             self.control.state = State::Alarm;
         }
         self.looks_at_door = true;
+        self.follow();
     }
 }

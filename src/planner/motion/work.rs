@@ -6,90 +6,92 @@ use super::Motion;
 use crate::{
     machine::{Ending, Event, Inputs, Notice, State},
     planner::{Entry, Pacing, Work},
-    stepper::StepCounts,
     units::TICKS_PER_MS,
 };
 
-/// Entries taken in one run, so that a run stays short.
-pub(super) const ENTRIES_PER_RUN: usize = 4;
-
 impl Motion {
-    /// Takes entries, and tells how many.
-    pub(super) fn take(
-        &mut self,
-        entries: &mut Consumer<'_, Entry>,
-        inputs: &Inputs,
-        counts: &StepCounts,
-    ) -> usize {
-        // wcet-bound: 4
-        for taken in 0..ENTRIES_PER_RUN {
-            let Some(entry) = entries.peek() else {
-                return taken;
-            };
-            // Settings are void for nobody: the session has taken them over already, at rest.
-            let is_old = entry.epoch != self.epoch.wrapping_add(self.cuts);
-            let is_move = matches!(entry.work, Work::Move(_));
-            let is_locked = self.is_starved || is_move && self.control.state == State::Alarm;
-            let is_void = (is_old || is_locked) && !matches!(entry.work, Work::Configure(_));
-            if is_void {
-                self.finished = self.finished.wrapping_add(1);
-            } else if !self.accept(&entry.work, inputs, counts) {
-                return taken;
-            }
-            let _ = entries.dequeue();
+    /// Whether an entry can be taken now: what it asks for begins, or is void.
+    #[inline]
+    pub(super) fn takes(&self, entry: &Entry, is_still: bool) -> bool {
+        if self.is_void(entry) {
+            return true;
         }
-        ENTRIES_PER_RUN
+        let is_ending = self.control.ending != Ending::None;
+        match entry.work {
+            Work::Move(_) => {
+                !is_ending && !self.is_dwelling && !self.is_in_cycle() && self.plan.free() > 0
+            }
+            Work::Fault(_) => true,
+            Work::Dwell(_)
+            | Work::Probe(..)
+            | Work::Spindle(..)
+            | Work::Coolant(_)
+            | Work::Pause
+            | Work::Unlock
+            | Work::Home(_)
+            | Work::Check
+            | Work::Sleep
+            | Work::EndOverrides
+            | Work::Configure(_) => is_still && !is_ending && !self.is_busy(),
+        }
     }
 
-    /// Begins the work if it can begin now.
-    #[inline]
-    fn accept(&mut self, work: &Work, inputs: &Inputs, counts: &StepCounts) -> bool {
-        if let Work::Move(block) = work {
-            let is_ending = self.control.ending != Ending::None;
-            let has_room =
-                !is_ending && !self.is_dwelling && !self.is_in_cycle() && self.plan.free() > 0;
-            if has_room {
-                self.plan.push(block);
-            }
-            return has_room;
+    /// Whether something has to end before work other than a move begins.
+    fn is_busy(&self) -> bool {
+        // A machine that has just come to rest has to be settled.
+        let is_settled = !matches!(self.control.state, State::Run | State::Jog);
+        let is_waiting = self.is_dwelling || self.is_in_cycle() || !is_settled;
+        !self.plan.is_empty() || is_waiting || self.control.state.is_suspended()
+    }
+
+    /// Whether an entry comes too late: after a reset, a cut or an alarm.
+    fn is_void(&self, entry: &Entry) -> bool {
+        // Settings are void for nobody: the session has taken them over already, at rest.
+        let is_old = entry.epoch != self.epoch.wrapping_add(self.cuts);
+        let is_move = matches!(entry.work, Work::Move(_));
+        let is_locked = self.is_starved || is_move && self.control.state == State::Alarm;
+        (is_old || is_locked) && !matches!(entry.work, Work::Configure(_))
+    }
+
+    /// Takes one entry, which can be taken.
+    #[inline(never)]
+    pub(super) fn take(&mut self, entries: &mut Consumer<'_, Entry>, inputs: &Inputs) {
+        let Some(entry) = entries.peek() else {
+            return;
+        };
+        if self.is_void(entry) {
+            self.finished = self.finished.wrapping_add(1);
+        } else if let Work::Move(block) = &entry.work {
+            self.plan.push(block);
+        } else {
+            self.begin(&entry.work, inputs);
         }
-        self.begin(work, inputs, counts)
+        let _ = entries.dequeue();
+        self.follow();
     }
 
     /// Begins work other than a move.
     #[inline(never)]
-    fn begin(&mut self, work: &Work, inputs: &Inputs, counts: &StepCounts) -> bool {
-        if let Work::Fault(alarm) = work {
-            // Not one more block than is needed to stop.
-            self.fault = Some(*alarm);
-            self.on(Event::Hold);
-            self.finished = self.finished.wrapping_add(1);
-            return true;
-        }
-        // A machine that has just come to rest is settled at the end of the run.
-        let is_settled = !matches!(self.control.state, State::Run | State::Jog);
-        let is_waiting = self.is_dwelling || self.is_in_cycle() || !is_settled;
-        let is_busy = !self.plan.is_empty() || is_waiting || !self.is_still(counts);
-        let is_ending = self.control.ending != Ending::None;
-        if self.control.state.is_suspended() || is_busy || is_ending {
-            return false;
-        }
+    fn begin(&mut self, work: &Work, inputs: &Inputs) {
         match work {
-            Work::Probe(block, probing) if self.begin_probe(block, *probing, inputs) => {
-                return true;
+            Work::Fault(alarm) => {
+                // Not one more block than is needed to stop.
+                self.fault = Some(*alarm);
+                self.on(Event::Hold);
             }
-            Work::Home(axes) if self.begin_homing(*axes, inputs) => return true,
-            Work::Move(_) | Work::Fault(_) | Work::Probe(..) | Work::Home(_) => {}
+            Work::Probe(block, probing) if self.begin_probe(block, *probing, inputs) => return,
+            Work::Home(axes) if self.begin_homing(*axes, inputs) => return,
+            Work::Move(_) | Work::Probe(..) | Work::Home(_) => {}
             Work::Dwell(milliseconds) => {
                 self.dwell_ticks = u64::from(*milliseconds) * u64::from(TICKS_PER_MS);
                 self.is_dwelling = true;
-                return true;
+                return;
             }
             Work::Pause => {
                 self.on(Event::Pause);
                 self.is_paused = self.control.state == State::HoldComplete;
                 if self.is_paused {
-                    return true;
+                    return;
                 }
             }
             Work::Spindle(spindle, rpm) => self.accessories.set_spindle(*spindle, *rpm),
@@ -104,7 +106,6 @@ impl Motion {
             }
         }
         self.finished = self.finished.wrapping_add(1);
-        true
     }
 
     fn sleep(&mut self) {

@@ -172,9 +172,10 @@ impl Session {
                 match line {
                     0 => listing::version(text, &self.stored.build_info),
                     1 => listing::options(text, BLOCKS, received_bytes),
+                    2 => listing::step_rate(text, settings.step_rate),
                     _ => {}
                 }
-                line < 2
+                line < 3
             }
             List::StartupLines => listing::startup_line(text, &self.stored.startup, line),
             List::Described(what) => listing::description(text, what, line),

@@ -75,7 +75,7 @@ impl Session {
     /// `$RST=`.
     pub(super) fn restore(&mut self, machine: &Snapshot, change: Change) -> Progress {
         self.store(machine, change, Then::Restore, |stored| {
-            let new = Stored::default();
+            let new = Stored::new(stored.settings.step_rate);
             match change {
                 Change::RestoreSettings => stored.settings = new.settings,
                 Change::RestoreOrigins => stored.origins = new.origins,

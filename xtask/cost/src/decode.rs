@@ -1,10 +1,12 @@
-//! Thumb-2 instructions of the Cortex-M4F, as far as their cost and their flow need.
+//! What the cost and the flow of an instruction depend on.
 //!
-//! Armv7-M Architecture Reference Manual (DDI 0403E), chapters A5 and A6. Encodings that the
-//! processor does not have, and those nobody met yet, are [`None`]: never a guess.
+//! The decoder is that of the timing analysis. What it does not know is [`None`]: never a guess.
 
-mod float;
-mod wide;
+pub use schedule::decode::size;
+use schedule::{
+    Address, Decoder, Operation,
+    decode::{DIVIDE, MOVE_TWO, MULTIPLY_ADD},
+};
 
 /// What an instruction costs depends on this.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -81,134 +83,103 @@ impl Instruction {
             address: 0,
         }
     }
-
-    /// A load of `target` from an address made of the registers in `address`.
-    const fn load(size: u8, target: u32, address: u16) -> Self {
-        Self {
-            size,
-            class: Class::Load,
-            flow: Flow::Next,
-            loaded: 1 << target,
-            address,
-        }
-    }
-}
-
-/// The length in bytes of the instruction that begins with `first`.
-#[must_use]
-pub const fn size(first: u16) -> u8 {
-    if first >> 11 >= 0b11101 { 4 } else { 2 }
 }
 
 /// Decodes the instruction at `address`; `second` is ignored when it is a short one.
 #[must_use]
 pub fn decode(address: u32, first: u16, second: u16) -> Option<Instruction> {
-    let pc = address.wrapping_add(4);
-    if size(first) == 4 {
-        wide::decode(pc, first.into(), second.into())
-    } else {
-        narrow(pc, first.into())
+    let decoded = Decoder::new().decode(address, [first, second]).ok()?;
+    let class = class(&decoded.operation, first);
+    let mut instruction = Instruction::new(decoded.bytes, class, flow(&decoded.operation, first));
+    if let (
+        Class::Load,
+        Operation::Load {
+            writes, address, ..
+        },
+    ) = (class, decoded.operation)
+    {
+        instruction.loaded = writes;
+        instruction.address = registers(address);
+    }
+    Some(instruction)
+}
+
+fn class(operation: &Operation, first: u16) -> Class {
+    match *operation {
+        Operation::Divide { .. } => Class::Divide,
+        Operation::Load { words: 1, .. } if !is_list(first) => Class::Load,
+        Operation::Store {
+            words: 1, address, ..
+        } if !is_list(first) => match address {
+            Address::Indexed { .. } => Class::StoreIndexed,
+            Address::Offset { .. } | Address::Absolute(_) => Class::Store,
+        },
+        Operation::Load { words, .. }
+        | Operation::Store { words, .. }
+        | Operation::FloatLoad { words, .. }
+        | Operation::FloatStore { words, .. } => Class::Multiple(words),
+        Operation::LoadExclusive { .. } | Operation::StoreExclusive { .. } => Class::Exclusive,
+        Operation::Jump(_)
+        | Operation::Call(_)
+        | Operation::JumpOnZero { .. }
+        | Operation::JumpRegister(_)
+        | Operation::CallRegister(_)
+        | Operation::JumpComputed => Class::Branch,
+        Operation::TableJump { .. } => Class::TableBranch,
+        Operation::IfThen(count) => Class::IfThen(count),
+        Operation::Interrupts { .. }
+        | Operation::ReadSpecial { .. }
+        | Operation::WriteSpecial { .. }
+        | Operation::Float {
+            cycles: MOVE_TWO, ..
+        } => Class::Special,
+        Operation::Barrier => Class::Barrier,
+        Operation::Float {
+            cycles: MULTIPLY_ADD,
+            ..
+        } => Class::FloatMultiplyAdd,
+        Operation::Float { cycles: DIVIDE, .. } => Class::FloatDivide,
+        _ => Class::Plain,
     }
 }
 
-/// `count` bits of `word` from bit `low`.
-const fn bits(word: u32, low: u32, count: u32) -> u32 {
-    (word >> low) & ((1 << count) - 1)
-}
-
-/// The low `count` bits of `word` as a signed distance, added to `pc`.
-const fn relative(pc: u32, word: u32, count: u32) -> u32 {
-    let shift = 32 - count;
-    pc.wrapping_add_signed((word << shift).cast_signed() >> shift)
-}
-
-/// A 16-bit instruction.
-fn narrow(pc: u32, code: u32) -> Option<Instruction> {
-    const fn of(class: Class) -> Instruction {
-        Instruction::new(2, class, Flow::Next)
+fn flow(operation: &Operation, first: u16) -> Flow {
+    const MOV_PC_LR: u16 = 0x46f7;
+    match *operation {
+        Operation::Jump(to) | Operation::JumpOnZero { to, .. } => Flow::Jump(to),
+        Operation::Call(to) => Flow::Call(to),
+        Operation::CallRegister(_) => Flow::CallComputed,
+        Operation::JumpRegister(14) => Flow::Return,
+        Operation::JumpComputed if first == MOV_PC_LR => Flow::Return,
+        Operation::JumpRegister(_) | Operation::JumpComputed | Operation::TableJump { .. } => {
+            Flow::JumpComputed
+        }
+        Operation::Load {
+            writes,
+            words,
+            address,
+            ..
+        } if writes & 0x8000 != 0 => match address {
+            Address::Offset { base: 13, .. } => Flow::Return,
+            _ if words > 1 => Flow::Return,
+            _ => Flow::JumpComputed,
+        },
+        _ => Flow::Next,
     }
-    let base = 1 << bits(code, 3, 3);
-    let register = bits(code, 8, 3);
-    Some(match bits(code, 10, 6) {
-        0b01_0001 => special(code)?,
-        // Shifts, additions, moves, comparisons; arithmetic and logic; addresses.
-        0..=0b01_0000 | 0b10_1000..=0b10_1011 => of(Class::Plain),
-        0b01_0010 | 0b01_0011 => Instruction::load(2, register, 0),
-        0b01_0100..=0b01_0111 => match bits(code, 9, 3) {
-            0..=2 => of(Class::StoreIndexed),
-            _ => Instruction::load(2, bits(code, 0, 3), base | 1 << bits(code, 6, 3)),
-        },
-        0b01_1000..=0b10_0011 if bits(code, 11, 1) == 1 => {
-            Instruction::load(2, bits(code, 0, 3), base)
-        }
-        0b10_0110 | 0b10_0111 => Instruction::load(2, register, 1 << 13),
-        0b01_1000..=0b10_0101 => of(Class::Store),
-        0b10_1100..=0b10_1111 => miscellaneous(pc, code)?,
-        0b11_0000..=0b11_0011 => multiple(2, bits(code, 0, 8))?,
-        0b11_0100..=0b11_0111 => match bits(code, 8, 4) {
-            14 | 15 => of(Class::Plain),
-            _ => Instruction::new(2, Class::Branch, Flow::Jump(relative(pc, code << 1, 9))),
-        },
-        0b11_1000 | 0b11_1001 => {
-            Instruction::new(2, Class::Branch, Flow::Jump(relative(pc, code << 1, 12)))
-        }
-        _ => return None,
-    })
 }
 
-/// Operations on all sixteen registers, and branches to one.
-fn special(code: u32) -> Option<Instruction> {
-    let target = bits(code, 0, 3) | bits(code, 7, 1) << 3;
-    let source = bits(code, 3, 4);
-    let computed = if source == 14 {
-        Flow::Return
-    } else {
-        Flow::JumpComputed
-    };
-    let (class, flow) = match (bits(code, 8, 2), target) {
-        (0, 15) => (Class::Branch, Flow::JumpComputed),
-        (2, 15) => (Class::Branch, computed),
-        (0..=2, _) => (Class::Plain, Flow::Next),
-        (_, 0) => (Class::Branch, computed),
-        (_, 8) => (Class::Branch, Flow::CallComputed),
-        _ => return None,
-    };
-    Some(Instruction::new(2, class, flow))
+/// Whether a short instruction loads or stores a list of registers, be it of one.
+const fn is_list(first: u16) -> bool {
+    size(first) == 2 && matches!(first >> 12, 0b1011 | 0b1100)
 }
 
-/// Stack, compare-and-branch, hints, `IT`.
-fn miscellaneous(pc: u32, code: u32) -> Option<Instruction> {
-    let (class, flow) = match bits(code, 8, 4) {
-        0 | 2 | 14 => (Class::Plain, Flow::Next),
-        1 | 3 | 9 | 11 => {
-            let distance = bits(code, 9, 1) << 6 | bits(code, 3, 5) << 1;
-            (Class::Branch, Flow::Jump(pc.wrapping_add(distance)))
-        }
-        4 | 5 => return multiple(2, bits(code, 0, 9)),
-        6 if code & 0xffe8 == 0xb660 => (Class::Special, Flow::Next),
-        10 if bits(code, 6, 2) != 2 => (Class::Plain, Flow::Next),
-        12 | 13 => {
-            let pop = multiple(2, bits(code, 0, 9))?;
-            let flow = match bits(code, 8, 1) {
-                1 => Flow::Return,
-                _ => Flow::Next,
-            };
-            return Some(Instruction { flow, ..pop });
-        }
-        15 if bits(code, 0, 4) != 0 => {
-            let conditional = 4 - bits(code, 0, 4).trailing_zeros();
-            (Class::IfThen(conditional as u8), Flow::Next)
-        }
-        15 if bits(code, 4, 4) <= 4 => (Class::Plain, Flow::Next),
-        _ => return None,
-    };
-    Some(Instruction::new(2, class, flow))
-}
-
-/// A transfer of the registers in `list`.
-fn multiple(size: u8, list: u32) -> Option<Instruction> {
-    let words = list.count_ones() as u8;
-    (words != 0).then_some(Instruction::new(size, Class::Multiple(words), Flow::Next))
+/// The registers that an address is made of.
+const fn registers(address: Address) -> u16 {
+    match address {
+        Address::Absolute(_) => 0,
+        Address::Offset { base, .. } => 1 << base,
+        Address::Indexed { base, index } => 1 << base | 1 << index,
+    }
 }
 
 #[cfg(test)]

@@ -16,6 +16,8 @@
 pub mod books;
 pub mod decode;
 pub mod elf;
+mod follow;
+mod observer;
 mod plugin;
 mod report;
 pub mod table;

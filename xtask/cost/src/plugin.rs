@@ -1,7 +1,9 @@
 //! The interface to QEMU: TCG plugins, version 1 (QEMU 4.2 and later).
 //!
-//! `-plugin libcost.so,elf=PROGRAM,out=REPORT.json`. QEMU calls in from its one processor thread,
-//! and once more when it exits; the report is written then, so it must be left to exit by itself.
+//! `-plugin libcost.so,elf=PROGRAM,out=REPORT.json` keeps the books; what else there is to observe
+//! is said by further arguments, see [`observer`](crate::observer). QEMU calls in from its one
+//! processor thread, and once more when it exits; the report is written then, so it must be left to
+//! exit by itself.
 #![expect(unsafe_code, reason = "QEMU is written in C")]
 
 use std::{
@@ -12,7 +14,7 @@ use std::{
     sync::{Mutex, MutexGuard, PoisonError},
 };
 
-use crate::{books::Books, elf::Program, report};
+use crate::observer::{self, Observer};
 
 /// A translated block of instructions.
 #[repr(C)]
@@ -66,9 +68,9 @@ unsafe extern "C" {
 #[unsafe(no_mangle)]
 pub(crate) static qemu_plugin_version: c_int = 1;
 
-/// The books and where they go.
+/// Who observes, and where the report goes.
 struct Session {
-    books: Books,
+    observer: Box<dyn Observer>,
     out: PathBuf,
 }
 
@@ -98,7 +100,7 @@ extern "C" fn translate(_: u64, block: *mut Block) {
         let code = [half(0).unwrap_or(0), half(2).unwrap_or(0)];
         let Some(number) = session()
             .as_mut()
-            .map(|session| session.books.site(address, code))
+            .map(|session| session.observer.site(address, code))
         else {
             return;
         };
@@ -115,7 +117,7 @@ extern "C" fn translate(_: u64, block: *mut Block) {
                 access,
                 NO_REGISTERS,
                 READ_WRITE,
-                ptr::null_mut(),
+                ptr::without_provenance_mut(number),
             );
         }
     }
@@ -123,15 +125,15 @@ extern "C" fn translate(_: u64, block: *mut Block) {
 
 extern "C" fn execute(_: c_uint, number: *mut c_void) {
     if let Some(session) = session().as_mut() {
-        session.books.execute(number.addr());
+        session.observer.execute(number.addr());
     }
 }
 
-extern "C" fn access(_: c_uint, info: u32, address: u64, _: *mut c_void) {
+extern "C" fn access(_: c_uint, info: u32, address: u64, number: *mut c_void) {
     // SAFETY: the function only looks at the bits of its argument.
     let store = unsafe { qemu_plugin_mem_is_store(info) };
     if let Some(session) = session().as_mut() {
-        session.books.touch(address as u32, store);
+        session.observer.touch(number.addr(), address as u32, store);
     }
 }
 
@@ -139,29 +141,20 @@ extern "C" fn exit(_: u64, _: *mut c_void) {
     let Some(mut session) = session().take() else {
         return;
     };
-    session.books.close();
-    let written = report::write(&session.books)
-        .map_err(|error| error.to_string())
+    let written = session
+        .observer
+        .finish()
         .and_then(|text| fs::write(&session.out, text).map_err(|error| error.to_string()));
     if let Err(error) = written {
         eprintln!("cost: cannot write {}: {error}", session.out.display());
     }
 }
 
-/// Reads the program named in `arguments`, and remembers where the report goes.
+/// Prepares what `arguments` ask for.
 fn open(arguments: &[String]) -> Result<Session, String> {
-    let value = |key: &str| {
-        arguments
-            .iter()
-            .find_map(|argument| argument.strip_prefix(key))
-            .ok_or_else(|| format!("{key}FILE is missing"))
-    };
-    let elf = value("elf=")?;
-    let out = value("out=")?.into();
-    let file = fs::read(elf).map_err(|error| format!("{elf}: {error}"))?;
-    let program = Program::parse(&file).map_err(|error| format!("{elf}: {error}"))?;
-    let books = Books::new(program);
-    Ok(Session { books, out })
+    let observer = observer::asked_for(arguments)?;
+    let out = observer::value(arguments, "out")?.into();
+    Ok(Session { observer, out })
 }
 
 /// Called by QEMU when it loads the plugin; not 0 makes it stop.

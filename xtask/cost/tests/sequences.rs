@@ -2,11 +2,7 @@
 
 mod support;
 
-use std::{
-    fs,
-    path::Path,
-    process::{Command, Stdio},
-};
+use std::{fs, path::Path};
 
 /// Own cycles and instructions of each function of `sequences/program.rs`, per run of the program.
 ///
@@ -130,17 +126,6 @@ fn run() -> Option<String> {
         elf.display(),
         out.display()
     );
-    let status = Command::new("timeout")
-        .args(["--kill-after=1", "20", "qemu-system-arm"])
-        .args(["-M", "netduinoplus2", "-nographic", "-monitor", "none"])
-        .args(["-serial", "null", "-semihosting-config"])
-        .args(["enable=on,target=native", "-plugin", &plugin, "-kernel"])
-        .arg(&elf)
-        .stdin(Stdio::null())
-        .status();
-    if !status.is_ok_and(|status| status.code() != Some(127)) {
-        println!("skipped: qemu-system-arm is not installed");
-        return None;
-    }
+    support::emulate(&elf, &plugin, 20)?;
     Some(fs::read_to_string(out).expect("the plugin writes its report when QEMU exits"))
 }

@@ -276,7 +276,7 @@ mod tests {
         Run {
             whole: report(&[
                 ("thread", 1, 9999),
-                ("SysTick", 9, 999),
+                ("TIM2", 9, 999),
                 ("step", 10, 600),
                 ("prepare", 2, 500),
             ]),

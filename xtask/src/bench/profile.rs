@@ -71,13 +71,14 @@ pub(super) fn print(report: &Report, elf: &Path) -> Result<()> {
     Ok(())
 }
 
-/// What the functions whose paths begin with `prefix` cost, with what is inlined in them.
-pub(super) fn cost_of(report: &Report, elf: &Path, prefix: &str) -> Result<Cost> {
+/// What the functions whose paths begin with one of `prefixes` cost, with what is inlined in them.
+pub(super) fn cost_of(report: &Report, elf: &Path, prefixes: &[&str]) -> Result<Cost> {
     let program = Loader::new(elf).map_err(|error| anyhow!("{error}"))?;
     let mut cost = Cost::default();
     for &(_, address, runs, cycles) in &report.sites {
         let (stack, _) = frames(&program, address);
-        if stack.iter().any(|name| name.starts_with(prefix)) {
+        let is_one = |name: &String| prefixes.iter().any(|prefix| name.starts_with(prefix));
+        if stack.iter().any(is_one) {
             cost.cycles += cycles as f64;
             cost.instructions += runs as f64;
         }

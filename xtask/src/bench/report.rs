@@ -92,7 +92,7 @@ mod tests {
 
     fn task(histogram: &[(u64, u64)]) -> Task {
         Task {
-            name: "TIM2".into(),
+            name: "SysTick".into(),
             activations: histogram.iter().map(|(_, count)| count).sum(),
             instructions: 0,
             cycles: 0,

@@ -16,7 +16,7 @@ const WINDOW: usize = 127;
 const PATIENCE: Duration = Duration::from_secs(60);
 
 /// One conversation.
-pub(super) struct Sender<W> {
+pub(crate) struct Sender<W> {
     to: W,
     from: Receiver<String>,
     in_flight: VecDeque<usize>,
@@ -24,7 +24,7 @@ pub(super) struct Sender<W> {
 
 impl<W: Write> Sender<W> {
     /// Waits for the welcome.
-    pub(super) fn connect(to: W, from: impl Read + Send + 'static) -> Result<Self> {
+    pub(crate) fn connect(to: W, from: impl Read + Send + 'static) -> Result<Self> {
         let (put, lines) = mpsc::channel();
         thread::spawn(move || {
             for line in BufReader::new(from).lines().map_while(Result::ok) {
@@ -43,16 +43,27 @@ impl<W: Write> Sender<W> {
     }
 
     /// Sends lines, each as soon as there is room, and fails when one is rejected.
-    pub(super) fn stream<'a>(&mut self, lines: impl IntoIterator<Item = &'a str>) -> Result<()> {
+    pub(crate) fn stream<'a>(&mut self, lines: impl IntoIterator<Item = &'a str>) -> Result<()> {
         for line in lines {
-            let length = line.len() + 1;
-            while self.in_flight.iter().sum::<usize>() + length > WINDOW {
-                self.answer().with_context(|| format!("before {line:?}"))?;
-            }
-            self.to.write_all(format!("{line}\n").as_bytes())?;
-            self.to.flush()?;
-            self.in_flight.push_back(length);
+            self.send(line)?;
         }
+        self.wait()
+    }
+
+    /// Sends a line as soon as there is room.
+    pub(crate) fn send(&mut self, line: &str) -> Result<()> {
+        let length = line.len() + 1;
+        while self.in_flight.iter().sum::<usize>() + length > WINDOW {
+            self.answer().with_context(|| format!("before {line:?}"))?;
+        }
+        self.to.write_all(format!("{line}\n").as_bytes())?;
+        self.to.flush()?;
+        self.in_flight.push_back(length);
+        Ok(())
+    }
+
+    /// Waits until every line has been answered.
+    pub(crate) fn wait(&mut self) -> Result<()> {
         while !self.in_flight.is_empty() {
             self.answer()?;
         }
@@ -60,7 +71,7 @@ impl<W: Write> Sender<W> {
     }
 
     /// The machine position, mm. To be asked when nothing is in flight.
-    pub(super) fn position(&mut self) -> Result<Vec<f64>> {
+    pub(crate) fn position(&mut self) -> Result<Vec<f64>> {
         self.to.write_all(b"?")?;
         self.to.flush()?;
         let report = loop {

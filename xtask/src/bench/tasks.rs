@@ -7,7 +7,7 @@ use owo_colors::OwoColorize;
 use super::report::Report;
 
 /// The emulated board has no step timer: this handler stands for the hardware.
-pub(super) const STAND_IN: &str = "SysTick";
+pub(super) const STAND_IN: &str = "TIM2";
 /// What runs outside handlers: initialisation and idling.
 pub(super) const THREAD: &str = "thread";
 /// The step interrupt.
@@ -97,7 +97,7 @@ mod tests {
     fn names_come_from_the_application() {
         let source = "
             #[rtic::app(device = pac, dispatchers = [I2C2_EV])]
-            #[task(binds = TIM2, priority = 4)]
+            #[task(binds = SysTick, priority = 4)]
             fn step(cx: step::Context) {}
             #[task(
                 binds = I2C3_EV, priority = 2,
@@ -111,7 +111,7 @@ mod tests {
         ";
         let pair = |vector: &str, task: &str| (vector.to_owned(), task.to_owned());
         let expected = [
-            pair("TIM2", "step"),
+            pair("SysTick", "step"),
             pair("I2C3_EV", "prepare"),
             pair("I2C2_EV", "interpret, report"),
         ];
@@ -120,6 +120,6 @@ mod tests {
 
     #[test]
     fn an_application_without_steps_is_refused() {
-        assert!(Names::of("#[task(binds = TIM2)] fn tick() {}").is_err());
+        assert!(Names::of("#[task(binds = SysTick)] fn tick() {}").is_err());
     }
 }

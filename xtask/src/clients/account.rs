@@ -290,6 +290,18 @@ impl Account {
         }
     }
 
+    /// How far sender and machine are, in words: that changes as long as they go on.
+    pub(crate) fn progress(&self) -> String {
+        let counts = &self.counts;
+        let mut fields = self.report.trim_start_matches('<').split(['|', '>']);
+        let state = fields.next().unwrap_or_default();
+        let place = fields.next().unwrap_or_default();
+        format!(
+            "{state} at {place}, {} lines, {} answers, {} resets, {} welcomes",
+            counts.lines, counts.answers, counts.resets, counts.welcomes
+        )
+    }
+
     /// The machine position in the newest report, mm.
     pub(crate) fn position(&self) -> Option<Vec<f64>> {
         let (_, rest) = self.report.split_once("|MPos:")?;
@@ -382,6 +394,27 @@ mod tests {
             "<[MSG:Pgm End]",
         ];
         assert!(faults(&exchange).is_empty());
+    }
+
+    #[test]
+    fn progress_is_an_answer_or_another_place_and_no_report_of_the_same() {
+        let mut account = Account::default();
+        let mut after = |sent: &str, received: &str| {
+            account.sent(sent.as_bytes());
+            account.received(received.as_bytes());
+            account.progress()
+        };
+        let moved = after("?", "<Run|MPos:1.000,0.000,0.000|FS:1,0>\r\n");
+        let stuck = after(
+            "?",
+            "<Run|MPos:1.000,0.000,0.000|FS:1,0|Ov:100,100,100>\r\n",
+        );
+        assert_eq!(moved, stuck);
+        let asked = after("$G\n", "");
+        let answered = after("", "ok\r\n");
+        let at_rest = after("?", "<Idle|MPos:1.000,0.000,0.000|FS:0,0>\r\n");
+        let all = [stuck, asked, answered, at_rest];
+        assert!(all.windows(2).all(|pair| pair[0] != pair[1]), "{all:?}");
     }
 
     #[test]

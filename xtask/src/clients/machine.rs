@@ -5,17 +5,26 @@ use std::{
     os::fd::OwnedFd,
     path::{Path, PathBuf},
     process::{Child, Command, Stdio},
+    sync::{Mutex, PoisonError},
     thread,
     time::{Duration, Instant},
 };
 
 use anyhow::{Context, Result, bail, ensure};
+use leadscrew::settings::Settings;
 use rustix::{
     fs::{Mode, OFlags},
     process::{Pid, Signal},
 };
 
-use crate::{boards, build, cargo, machine::Ends, qemu::Emulator, settings::Loaded};
+use crate::{
+    boards::{self, Board},
+    build, cargo,
+    machine::Ends,
+    proof,
+    qemu::Emulator,
+    settings,
+};
 
 /// How long a machine may take to start.
 const START: Duration = Duration::from_secs(30);
@@ -46,16 +55,19 @@ pub(super) enum Machine {
 }
 
 impl Machine {
-    /// Starts one with the settings in a file; also gives the line to it.
+    /// Starts one with the settings in a file; also gives the line to it, and its settings.
     pub(super) fn start(
         place: Place,
         folder: &Path,
         file: &Path,
-        loaded: &Loaded,
-    ) -> Result<(Self, OwnedFd)> {
+    ) -> Result<(Self, OwnedFd, Settings)> {
         match place {
-            Place::Simulator => simulator(folder, file),
-            Place::Firmware => firmware(loaded),
+            Place::Simulator => {
+                let loaded = settings::load(Some(file), &[])?;
+                let (machine, line) = simulator(folder, file)?;
+                Ok((machine, line, loaded.settings))
+            }
+            Place::Firmware => firmware(file),
         }
     }
 
@@ -120,10 +132,21 @@ fn simulator(folder: &Path, settings: &Path) -> Result<(Machine, OwnedFd)> {
     ))
 }
 
-fn firmware(loaded: &Loaded) -> Result<(Machine, OwnedFd)> {
+/// The firmware, which is built once for all senders.
+fn built(board: &Board) -> Result<PathBuf> {
+    static BUILT: Mutex<Option<PathBuf>> = Mutex::new(None);
+    let mut built = BUILT.lock().unwrap_or_else(PoisonError::into_inner);
+    if built.is_none() {
+        *built = Some(build::firmware(board)?);
+    }
+    built.clone().context("the firmware has been built")
+}
+
+fn firmware(file: &Path) -> Result<(Machine, OwnedFd, Settings)> {
     cargo::need_qemu()?;
     let (board, machine) = boards::emulated()?;
-    let elf = build::firmware(&board)?;
+    let elf = built(&board)?;
+    let loaded = settings::load_for(proof::read(&elf)?, Some(file), &[])?;
     let mut emulator = Emulator::start(&elf, &machine)?;
     emulator.wait_for_welcome(START)?;
     for statement in &loaded.statements {
@@ -132,5 +155,5 @@ fn firmware(loaded: &Loaded) -> Result<(Machine, OwnedFd)> {
     emulator.mount(&Ends::of(&loaded.settings))?;
     let line = emulator.line()?;
     let emulator = Box::new(emulator);
-    Ok((Machine::Firmware { emulator }, line))
+    Ok((Machine::Firmware { emulator }, line, loaded.settings))
 }

@@ -1,9 +1,10 @@
 //! A pseudo-terminal for the sender, and all that passes between it and the machine.
 //!
-//! One thread moves the bytes both ways as soon as they come, tells the account of them, and keeps
-//! them for the log.
+//! One thread moves the bytes both ways as soon as they come, to the sender by whole lines, tells the
+//! account of them, and keeps them for the log.
 
 use std::{
+    collections::VecDeque,
     fmt::Write as _,
     fs,
     os::fd::{AsFd, OwnedFd},
@@ -33,17 +34,30 @@ const WAIT: Timespec = Timespec {
 };
 
 /// Which way bytes went.
-#[derive(Debug, Clone, Copy)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Way {
     ToMachine,
     FromMachine,
 }
 
 /// Bytes that passed, and when.
+#[derive(Clone)]
 struct Passed {
     at: Duration,
     way: Way,
     bytes: Vec<u8>,
+}
+
+impl Passed {
+    /// As text: the time in s, the way, the bytes.
+    fn line(&self) -> String {
+        let way = match self.way {
+            Way::ToMachine => '>',
+            Way::FromMachine => '<',
+        };
+        let (at_s, bytes) = (self.at.as_secs_f64(), self.bytes.escape_ascii());
+        format!("{at_s:9.4} {way} {bytes}")
+    }
 }
 
 /// What the tap has seen.
@@ -120,18 +134,33 @@ impl Seen {
     pub(super) fn write_log(&self, path: &Path) -> Result<()> {
         let mut text = String::new();
         for passed in &self.passed {
-            let way = match passed.way {
-                Way::ToMachine => '>',
-                Way::FromMachine => '<',
-            };
-            let (at_s, bytes) = (passed.at.as_secs_f64(), passed.bytes.escape_ascii());
-            writeln!(text, "{at_s:9.4} {way} {bytes}").context("text can be written")?;
+            writeln!(text, "{}", passed.line()).context("text can be written")?;
         }
         fs::write(path, text).with_context(|| format!("cannot write {}", path.display()))
     }
+
+    /// The last lines that passed, the oldest first; the bytes of one that came in pieces are together.
+    pub(super) fn last(&self, count: usize) -> Vec<String> {
+        let mut lines: VecDeque<Passed> = VecDeque::new();
+        for passed in self.passed.iter().rev() {
+            let are_enough = lines.len() == count;
+            match lines.front_mut() {
+                Some(next) if next.way == passed.way && !passed.bytes.ends_with(b"\n") => {
+                    next.at = passed.at;
+                    next.bytes.splice(0..0, passed.bytes.iter().copied());
+                }
+                _ if are_enough => break,
+                _ => lines.push_front(passed.clone()),
+            }
+        }
+        lines.iter().map(Passed::line).collect()
+    }
 }
 
-/// Moves bytes until it is told to end.
+/// Moves bytes until it is told to end; to the sender, line by line.
+///
+/// A machine that a busy host has stopped within a line is silent as no serial line is. bCNC takes what
+/// comes before a tenth of a second of silence for a line.
 fn carry(
     sender: impl AsFd,
     machine: impl AsFd,
@@ -141,9 +170,12 @@ fn carry(
     let start = Instant::now();
     let (mut to_machine, mut to_sender) = (Vec::new(), Vec::new());
     let mut chunk = [0; 1024];
-    while !is_over.load(Ordering::Relaxed) {
-        let flags = |waiting: &Vec<u8>| {
-            let out = if waiting.is_empty() {
+    let mut is_done = false;
+    while !is_done {
+        // What has come before the end still counts.
+        is_done = is_over.load(Ordering::Relaxed);
+        let flags = |ready| {
+            let out = if ready == 0 {
                 PollFlags::empty()
             } else {
                 PollFlags::OUT
@@ -151,8 +183,8 @@ fn carry(
             PollFlags::IN | out
         };
         let mut ends = [
-            PollFd::new(&sender, flags(&to_sender)),
-            PollFd::new(&machine, flags(&to_machine)),
+            PollFd::new(&sender, flags(whole_lines(&to_sender))),
+            PollFd::new(&machine, flags(to_machine.len())),
         ];
         match rustix::event::poll(&mut ends, Some(&WAIT)) {
             Ok(_) | Err(Errno::INTR) => {}
@@ -164,22 +196,30 @@ fn carry(
         ] {
             let length = moved(rustix::io::read(from, &mut chunk))?;
             if length > 0 {
+                is_done = false;
                 let mut seen = seen.lock().unwrap_or_else(PoisonError::into_inner);
                 seen.take_note(start.elapsed(), way, &chunk[..length]);
                 waiting.extend(&chunk[..length]);
             }
         }
-        for (to, waiting) in [
-            (machine.as_fd(), &mut to_machine),
-            (sender.as_fd(), &mut to_sender),
+        let (all, whole) = (to_machine.len(), whole_lines(&to_sender));
+        for (to, waiting, ready) in [
+            (machine.as_fd(), &mut to_machine, all),
+            (sender.as_fd(), &mut to_sender, whole),
         ] {
-            if !waiting.is_empty() {
-                let length = moved(rustix::io::write(to, waiting))?;
+            if ready > 0 {
+                let length = moved(rustix::io::write(to, &waiting[..ready]))?;
                 waiting.drain(..length);
             }
         }
     }
     Ok(())
+}
+
+/// How many bytes the whole lines are that wait.
+fn whole_lines(waiting: &[u8]) -> usize {
+    let end = waiting.iter().rposition(|byte| *byte == b'\n');
+    end.map_or(0, |end| end + 1)
 }
 
 /// How many bytes went; none when the other end is not ready.
@@ -188,5 +228,37 @@ fn moved(result: rustix::io::Result<usize>) -> Result<usize> {
         Ok(length) => Ok(length),
         Err(Errno::AGAIN | Errno::INTR) => Ok(0),
         Err(error) => Err(error).context("the line is broken"),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_last_lines_are_told_with_their_pieces_together() {
+        let mut seen = Seen::default();
+        for (ms, way, bytes) in [
+            (1, Way::ToMachine, "G0\n"),
+            (2, Way::FromMachine, "o"),
+            (3, Way::FromMachine, "k\r\n"),
+            (4, Way::ToMachine, "?"),
+            (5, Way::FromMachine, "<Id"),
+            (6, Way::FromMachine, "le"),
+        ] {
+            seen.take_note(Duration::from_millis(ms), way, bytes.as_bytes());
+        }
+        let last = seen.last(3);
+        assert_eq!(
+            last,
+            ["   0.0020 < ok\\r\\n", "   0.0040 > ?", "   0.0050 < <Idle"]
+        );
+        assert_eq!(seen.last(9).len(), 4);
+    }
+    #[test]
+    fn only_whole_lines_go_on() {
+        assert_eq!(whole_lines(b""), 0);
+        assert_eq!(whole_lines(b"<Idle|MPos:0."), 0);
+        assert_eq!(whole_lines(b"ok\r\nok\r\n<Id"), 8);
     }
 }

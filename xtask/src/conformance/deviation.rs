@@ -47,11 +47,13 @@ pub(crate) enum Deviation {
     DarkHold,
     ArcTurns,
     Mist,
+    /// D41.
+    BuildInfo,
 }
 
 impl Deviation {
     /// Every one, in the order of their names.
-    pub(crate) const ALL: [Self; 29] = [
+    pub(crate) const ALL: [Self; 30] = [
         Self::Buffers,
         Self::LongLines,
         Self::ExactPositions,
@@ -81,6 +83,7 @@ impl Deviation {
         Self::ArcTurns,
         Self::Follows,
         Self::Mist,
+        Self::BuildInfo,
     ];
 
     /// Its short name.
@@ -115,6 +118,7 @@ impl Deviation {
             Self::DarkHold => "D36",
             Self::ArcTurns => "D37",
             Self::Mist => "D40",
+            Self::BuildInfo => "D41",
         }
     }
 
@@ -150,7 +154,8 @@ impl Deviation {
             | Self::InverseTimeArcs
             | Self::HomingMotion
             | Self::NoPause
-            | Self::DarkHold => false,
+            | Self::DarkHold
+            | Self::BuildInfo => false,
         }
     }
 
@@ -187,12 +192,13 @@ impl Deviation {
             Self::HomingOnSwitch => "homing is refused while a switch of its axes is closed",
             Self::SingleAxisHoming => "`$HX`, `$HY` and `$HZ` home a single axis",
             Self::LostBytes => "more than 128 bytes may wait to be read: Grbl loses them",
-            Self::StepRates => "a step rate that cannot be played is refused",
+            Self::StepRates => "a step rate that is not proven is refused",
             Self::LimitOpens => "a limit switch that opens is no alarm",
             Self::ArcLimits => "an arc that leaves the travel is refused before it begins",
             Self::DarkHold => "a laser stays dark at rest in a hold",
             Self::ArcTurns => "P in an arc is its number of turns",
             Self::Mist => "there is mist: `M7` and 0xA1",
+            Self::BuildInfo => "`$I` tells the proven step rate",
             Self::NoPause => "no pause for the drivers ($1) at the end of a motion, or at a reset",
         }
     }
@@ -256,6 +262,7 @@ impl Deviation {
                 "an answer other than `error:20` to a line with `M7`; and after it or 0xA1, `M7` in `$G`, \
                  and `Ov`, `A` and `WCO` of reports"
             }
+            Self::BuildInfo => "the line `[MSG:Step rate: …]` of the answer to `$I`",
         }
     }
 }

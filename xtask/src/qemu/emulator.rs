@@ -2,7 +2,7 @@
 
 use std::{
     env, fs,
-    io::{BufRead, BufReader, ErrorKind, Read, Write},
+    io::{BufRead, BufReader, Write},
     os::{
         fd::OwnedFd,
         unix::net::{UnixListener, UnixStream},
@@ -19,7 +19,7 @@ use leadscrew::{axis::AXES, units::TICKS_PER_SECOND};
 use object::{Object, ObjectSymbol};
 use serde_json::{Value, json};
 
-use super::contacts;
+use super::{Debugger, serial::Serial};
 use crate::{machine::Ends, sender::Response};
 
 /// Where the firmware keeps what its pins have done: 17 words.
@@ -32,7 +32,7 @@ const CONTACTS: &str = "CONTACTS";
 const DEBUGGER: &str = "debugger";
 /// Emulators that this program has started.
 static STARTED: AtomicU32 = AtomicU32::new(0);
-/// How long QEMU may take to start.
+/// How long QEMU may take to start, and to answer.
 const START: Duration = Duration::from_secs(20);
 
 /// A running emulator.
@@ -40,9 +40,8 @@ pub(crate) struct Emulator {
     qemu: Child,
     /// Holds its sockets.
     folder: PathBuf,
-    serial: UnixStream,
+    serial: Serial,
     control: BufReader<UnixStream>,
-    received: Vec<u8>,
     figures: u64,
     contacts: u64,
 }
@@ -65,6 +64,11 @@ pub(crate) struct Pins {
 impl Emulator {
     /// Boots a firmware.
     pub(crate) fn start(elf: &Path, machine: &str) -> Result<Self> {
+        Self::start_with(elf, machine, &[])
+    }
+
+    /// Boots a firmware, with more options for QEMU.
+    pub(crate) fn start_with(elf: &Path, machine: &str, options: &[&str]) -> Result<Self> {
         let (figures, contacts) = (symbol(elf, FIGURES)?, symbol(elf, CONTACTS)?);
         let number = STARTED.fetch_add(1, Ordering::Relaxed);
         let folder = env::temp_dir().join(format!("leadscrew-{}-{number}", process::id()));
@@ -81,6 +85,7 @@ impl Emulator {
             .args(["-M", machine, "-nographic", "-monitor", "none"])
             .args(["-qmp", &socket(&control)])
             .args(["-serial", &socket(&serial), "-gdb", &debugger])
+            .args(options)
             .arg("-kernel")
             .arg(elf)
             .stdin(Stdio::null())
@@ -90,6 +95,10 @@ impl Emulator {
         let [serial, control] = listeners;
         let connected = accept(&serial, &mut qemu)
             .and_then(|serial| Ok((serial, accept(&control, &mut qemu)?)));
+        let connected = connected.and_then(|(serial, control)| {
+            control.set_read_timeout(Some(START))?;
+            Ok((Serial::new(serial)?, control))
+        });
         let (serial, control) = connected.inspect_err(|_| {
             let _ = qemu.kill();
             let _ = qemu.wait();
@@ -99,7 +108,6 @@ impl Emulator {
             folder,
             serial,
             control: BufReader::new(control),
-            received: Vec::new(),
             figures,
             contacts,
         };
@@ -109,34 +117,12 @@ impl Emulator {
 
     /// Sends bytes.
     pub(crate) fn send(&mut self, bytes: &[u8]) -> Result<()> {
-        let sent = self.serial.write_all(bytes);
-        sent.context("the emulator's serial line is closed")
+        self.serial.send(bytes)
     }
 
     /// Receives a line, without its end; `None` when none has come in time.
     pub(crate) fn receive(&mut self, patience: Duration) -> Result<Option<String>> {
-        let end = Instant::now() + patience;
-        let mut chunk = [0; 1024];
-        loop {
-            if let Some(length) = self.received.iter().position(|byte| *byte == b'\n') {
-                let line: Vec<u8> = self.received.drain(..=length).collect();
-                let text = String::from_utf8_lossy(&line[..length]);
-                return Ok(Some(text.trim_end_matches('\r').into()));
-            }
-            let left = end.saturating_duration_since(Instant::now());
-            if left.is_zero() {
-                return Ok(None);
-            }
-            self.serial.set_read_timeout(Some(left))?;
-            match self.serial.read(&mut chunk) {
-                Ok(0) => bail!("QEMU has ended"),
-                Ok(length) => self.received.extend(&chunk[..length]),
-                Err(error) => match error.kind() {
-                    ErrorKind::WouldBlock | ErrorKind::TimedOut | ErrorKind::Interrupted => {}
-                    _ => return Err(error).context("the emulator's serial line is broken"),
-                },
-            }
-        }
+        self.serial.receive(patience)
     }
 
     /// Waits for the line with which the firmware says that it is there.
@@ -164,14 +150,9 @@ impl Emulator {
         }
     }
 
-    /// The serial line, for another to use.
-    pub(crate) fn line(&self) -> Result<OwnedFd> {
-        ensure!(
-            self.received.is_empty(),
-            "bytes of the firmware would be lost"
-        );
-        let line = self.serial.try_clone();
-        Ok(line.context("the serial line cannot be shared")?.into())
+    /// The serial line, for another to use, who has to read it at all times.
+    pub(crate) fn line(&mut self) -> Result<OwnedFd> {
+        self.serial.give_away()
     }
 
     /// Mounts switches and a plate for the probe.
@@ -183,7 +164,36 @@ impl Emulator {
         let by_hand = [0];
         let words = [&by_hand, words.as_flattened(), &[ends.plate]].concat();
         let words: Vec<u32> = words.into_iter().map(i32::cast_unsigned).collect();
-        contacts::write(&self.folder.join(DEBUGGER), self.contacts, &words)
+        let mut debugger = Debugger::connect(&self.debugger())?;
+        debugger.write(self.contacts as u32, &words)?;
+        debugger.detach()
+    }
+
+    /// Where it listens to debuggers.
+    pub(crate) fn debugger(&self) -> PathBuf {
+        self.folder.join(DEBUGGER)
+    }
+
+    /// Closes these contacts, the bits of [`leadscrew::machine::Levels`], whatever the axes do.
+    pub(crate) fn close(&self, contacts: u16) -> Result<()> {
+        let mut debugger = Debugger::connect(&self.debugger())?;
+        debugger.write(self.contacts as u32, &[contacts.into()])?;
+        debugger.detach()
+    }
+
+    /// Ends QEMU in an orderly way, as its plugins need it to.
+    pub(crate) fn quit(mut self, patience: Duration) -> Result<()> {
+        self.execute("quit", &json!({}))?;
+        let start = Instant::now();
+        while self.qemu.try_wait()?.is_none() {
+            ensure!(
+                start.elapsed() < patience,
+                "QEMU did not end in {} s",
+                patience.as_secs()
+            );
+            thread::sleep(Duration::from_millis(5));
+        }
+        Ok(())
     }
 
     /// Reads what the pins have done from the firmware's memory.
@@ -201,10 +211,15 @@ impl Emulator {
     /// Has QEMU execute a command of its machine protocol.
     fn execute(&mut self, command: &str, arguments: &Value) -> Result<()> {
         let request = json!({"execute": command, "arguments": arguments});
-        writeln!(self.control.get_mut(), "{request}").context("QEMU cannot be controlled")?;
+        let sent = self
+            .control
+            .get_mut()
+            .write_all(format!("{request}\n").as_bytes());
+        sent.context("QEMU cannot be controlled")?;
         loop {
             let mut line = String::new();
-            let length = self.control.read_line(&mut line)?;
+            let length = self.control.read_line(&mut line);
+            let length = length.context("QEMU does not answer")?;
             ensure!(length > 0, "QEMU has ended");
             let reply: Value = serde_json::from_str(&line).context("QEMU answers nonsense")?;
             ensure!(
@@ -251,7 +266,7 @@ fn accept(listener: &UnixListener, qemu: &mut Child) -> Result<UnixStream> {
 }
 
 /// The address of a symbol.
-fn symbol(elf: &Path, name: &str) -> Result<u64> {
+pub(crate) fn symbol(elf: &Path, name: &str) -> Result<u64> {
     let bytes = fs::read(elf).with_context(|| format!("cannot read {}", elf.display()))?;
     let file = object::File::parse(&*bytes)
         .with_context(|| format!("{} is no ELF file", elf.display()))?;

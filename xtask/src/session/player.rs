@@ -13,6 +13,7 @@ use super::{
 };
 use crate::{
     machine::{Event, Machine},
+    proof,
     sender::Response,
 };
 
@@ -67,7 +68,7 @@ impl Player {
     /// The session's settings or switches make no sense.
     pub(crate) fn new(session: &Session) -> Result<Self> {
         let simulator = if session.virgin_eeprom {
-            Simulator::first_boot()
+            Simulator::first_boot(proof::committed())
         } else {
             Simulator::new(&session.settings()?)
         };

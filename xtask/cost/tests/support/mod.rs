@@ -1,30 +1,17 @@
 //! What the tests share: programs for the target, and reading the report.
 #![allow(dead_code, reason = "each test uses a part")]
 
+#[path = "../../../schedule/tests/support/mod.rs"]
+pub(crate) mod programs;
+
 use std::{
-    env, fs,
+    env,
     path::{Path, PathBuf},
-    process::Command,
-    thread,
+    process::{Command, Stdio},
 };
 
-pub(crate) const TARGET: &str = "thumbv7em-none-eabihf";
-
-/// A folder for this test alone, in Cargo's target folder.
-pub(crate) fn scratch() -> PathBuf {
-    let test = thread::current();
-    let name = test.name().expect("a test's thread has its name");
-    let directory = Path::new(env!("CARGO_TARGET_TMPDIR")).join(name);
-    fs::create_dir_all(&directory).expect("the target folder is writable");
-    directory
-}
-
-/// Where Rust's own files are.
-pub(crate) fn sysroot() -> Option<PathBuf> {
-    let output = Command::new("rustc").args(["--print", "sysroot"]).output();
-    let path = String::from_utf8(output.ok()?.stdout).ok()?;
-    Some(PathBuf::from(path.trim_end()))
-}
+pub(crate) use programs::scratch;
+use programs::{TARGET, sysroot};
 
 /// Compiles a program of one file; `None`, and a word why, when the target is not installed.
 pub(crate) fn compile(source: &Path, script: &Path, elf: &Path) -> Option<()> {
@@ -42,6 +29,25 @@ pub(crate) fn compile(source: &Path, script: &Path, elf: &Path) -> Option<()> {
         .status();
     assert!(status.expect("rustc runs").success());
     Some(())
+}
+
+/// Runs a program under QEMU until it ends, with the plugin that these arguments load; `None`, and
+/// a word why, when QEMU is missing.
+pub(crate) fn emulate(elf: &Path, plugin: &str, patience_s: u32) -> Option<()> {
+    let status = Command::new("timeout")
+        .args(["--kill-after=1", &patience_s.to_string()])
+        .args(["qemu-system-arm", "-M", "netduinoplus2", "-nographic"])
+        .args(["-monitor", "none", "-serial", "null"])
+        .args(["-semihosting-config", "enable=on,target=native"])
+        .args(["-plugin", plugin, "-kernel"])
+        .arg(elf)
+        .stdin(Stdio::null())
+        .status();
+    let is_there = status.is_ok_and(|status| status.code() != Some(127));
+    if !is_there {
+        println!("skipped: qemu-system-arm is not installed");
+    }
+    is_there.then_some(())
 }
 
 /// The plugin that Cargo built beside this test.

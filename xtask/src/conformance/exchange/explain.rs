@@ -282,6 +282,9 @@ impl<'a> Judge<'a> {
     fn surplus(&self, our: &Heard) -> Option<Deviation> {
         let line = self.line_of(our.step);
         let recorded = self.exchange.step(our.step)?;
+        if line == "$I" && our.text.starts_with("[MSG:Step rate: ") {
+            return Some(Deviation::BuildInfo);
+        }
         let unanswered = !recorded
             .recv
             .iter()

@@ -150,6 +150,15 @@ fn a_deviation_explains_only_its_own_kind() {
     assert_eq!(found(&tool)[0], ("line", Some(Deviation::ToolIsModal)));
     let tool = changed(&lines(&["T3", "S100", "$G"]), " T3 ", " T4 ");
     assert_eq!(found(&tool)[0], ("line", None));
+    let without_rate = |line: &str| {
+        let mut recording = lines(&[line, "$G"]);
+        let heard = recording["result"][0]["recv"].as_array_mut().unwrap();
+        heard.retain(|text| !text.as_str().unwrap().contains("Step rate"));
+        recording
+    };
+    let info = found(&without_rate("$I"));
+    assert_eq!(info, [("line", Some(Deviation::BuildInfo))]);
+    assert_eq!(found(&without_rate("$N")), []);
     let refused = changed(&lines(&["$110=0"]), "error:52", "ok");
     assert_eq!(found(&refused), [("line", Some(Deviation::SettingRanges))]);
 }

@@ -1,0 +1,52 @@
+//! Without the feature `trace` nothing is recorded: what `trace` does, as nothing.
+
+/// An activation.
+pub(crate) struct Activation;
+
+/// Begins an activation of `step`.
+#[inline]
+pub(crate) const fn step() -> Activation {
+    Activation
+}
+
+/// Begins an activation of `serial_rx`.
+#[inline]
+pub(crate) const fn serial_rx() -> Activation {
+    Activation
+}
+
+/// Begins an activation of `inputs`.
+#[inline]
+pub(crate) const fn inputs() -> Activation {
+    Activation
+}
+
+/// Begins an activation of `turn`.
+#[inline]
+pub(crate) const fn turn() -> Activation {
+    Activation
+}
+
+/// Begins an activation of `prepare`.
+#[inline]
+pub(crate) const fn prepare() -> Activation {
+    Activation
+}
+
+/// Begins a run of the handler that stands in for hardware.
+#[cfg(feature = "board-netduino-plus-2")]
+#[inline]
+pub(super) const fn stand_in() -> Activation {
+    Activation
+}
+
+/// Keeps the time of a release.
+#[inline]
+pub(super) const fn release(_vector: super::pac::Interrupt) {}
+
+/// Lets the cycle counter run.
+pub(super) const fn init(
+    _control: &mut cortex_m::peripheral::DCB,
+    _watch: &mut cortex_m::peripheral::DWT,
+) {
+}

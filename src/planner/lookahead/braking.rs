@@ -1,0 +1,93 @@
+//! How fast a block can be gone through so that a speed is reached at its end.
+
+use core::f32::consts::FRAC_PI_2;
+
+use super::super::{Block, Curve};
+use crate::math;
+
+impl Block {
+    /// The measure of a squared speed that braking changes in proportion to the path.
+    ///
+    /// On a line that is v² itself. On an arc the acceleration left along the path is
+    /// √(a² − (v²/R)²), so that d(v²)/ds = 2√(a² − (v²/R)²): with v² = aR·sin z it is dz/ds = 2/R.
+    #[must_use]
+    pub fn measure(&self, speed_sqr: f32) -> f32 {
+        match &self.curve {
+            None => speed_sqr,
+            Some(curve) => math::asin(math::min(speed_sqr / curve.limit_sqr, 1.0)),
+        }
+    }
+
+    /// The squared speed of a measure.
+    #[must_use]
+    pub fn speed_sqr(&self, measure: f32) -> f32 {
+        match &self.curve {
+            None => measure,
+            Some(curve) => curve.limit_sqr * math::sin(math::min(measure, FRAC_PI_2)),
+        }
+    }
+
+    /// Change of the measure per mm of path.
+    #[must_use]
+    pub fn measure_per_mm(&self) -> f32 {
+        let double = 2.0 * self.acceleration_mm_s2;
+        match &self.curve {
+            None => double,
+            Some(curve) => double / curve.limit_sqr,
+        }
+    }
+}
+
+/// How fast a block can be entered to be left at a speed: what that takes of its geometry, so that
+/// a pass over all blocks needs a square root for each at most.
+///
+/// On an arc with v² = aR·sin z, a length of z = d turns the exit's z into z + d:
+/// sin(z + d) = sin z·cos d + cos z·sin d.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Braking {
+    /// On a line, what the squared speed changes; on an arc aR·sin d.
+    gain: f32,
+    /// On an arc cos d, and the inverse of aR; 0 on a line.
+    keep: f32,
+    inverse: f32,
+}
+
+impl Braking {
+    pub(super) const NONE: Self = Self {
+        gain: 0.0,
+        keep: 0.0,
+        inverse: 0.0,
+    };
+
+    pub(super) fn new(block: &Block) -> Self {
+        let change = block.measure_per_mm() * block.length_mm;
+        match &block.curve {
+            None => Self {
+                gain: change,
+                ..Self::NONE
+            },
+            Some(curve) => {
+                let change = math::min(change, FRAC_PI_2);
+                Self {
+                    gain: curve.limit_sqr * math::sin(change),
+                    keep: math::sin(FRAC_PI_2 - change),
+                    inverse: 1.0 / curve.limit_sqr,
+                }
+            }
+        }
+    }
+
+    /// Greatest squared entry speed from which the block can be left at `exit_sqr`.
+    #[inline]
+    pub(super) fn entry_for(&self, exit_sqr: f32, curve: Option<&Curve>) -> f32 {
+        let Some(curve) = curve else {
+            return exit_sqr + self.gain;
+        };
+        let part = exit_sqr * self.inverse;
+        if part >= self.keep {
+            // As fast as the arc can be gone through.
+            return curve.limit_sqr;
+        }
+        exit_sqr * self.keep + self.gain * math::sqrt(1.0 - part * part)
+    }
+}

@@ -1,0 +1,159 @@
+//! Passes over the plan, in parts: entry speeds behind a new block, and all speeds under other
+//! overrides.
+//!
+//! Between two parts the plan can be followed. Behind a new block speeds only rise. After a change of
+//! overrides they may fall, from the newest block back: a machine that comes to a place where the
+//! braking before it is not yet planned brakes as hard as it can, which keeps it within the plan
+//! before.
+
+use super::{Plan, spare::in_time};
+use crate::{machine::Overrides, math};
+
+/// Blocks that a part of a pass goes through.
+const PART: usize = 32;
+
+/// Whether the machine has come to the speeds planned, or is still faster after a change of them.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum Progress {
+    /// It is within the plan.
+    Followed,
+    /// It is still braking to the speeds planned.
+    Behind,
+}
+
+/// What is left to be planned anew.
+#[derive(Debug, Clone, Copy)]
+pub(super) enum Pass {
+    Done,
+    /// The speeds of blocks, from this number on, the oldest is 0; that of the block before.
+    Pace {
+        number: usize,
+        before_mm_s: f32,
+        progress: Progress,
+    },
+    /// Entry speeds, from this number back, the newest is 1; that of the block behind, squared.
+    Brake {
+        back: usize,
+        exit_sqr: f32,
+        /// All have to be found, whether they change or not.
+        is_new: bool,
+    },
+}
+
+impl<const N: usize> Plan<N> {
+    /// Whether there is more to be planned, by [`Plan::go_on`].
+    #[must_use]
+    pub const fn is_unfinished(&self) -> bool {
+        !matches!(self.pass, Pass::Done)
+    }
+
+    /// Whether that is because of other overrides: the machine may become faster than is planned.
+    #[must_use]
+    pub const fn changes_speeds(&self) -> bool {
+        match self.pass {
+            Pass::Done => false,
+            Pass::Pace { .. } => true,
+            Pass::Brake { is_new, .. } => is_new,
+        }
+    }
+
+    /// Puts all blocks, and those to come, under other overrides, and begins to plan anew.
+    ///
+    /// A block in execution saves nothing, as nobody knows how much of it is left; the others save
+    /// no more than at the speed before. Nor do they as long as the machine is faster than it.
+    pub(crate) fn pace(&mut self, overrides: Overrides, progress: Progress) {
+        self.overrides = overrides;
+        self.pass = Pass::Pace {
+            number: 0,
+            before_mm_s: 0.0,
+            progress: if self.changes_speeds() {
+                Progress::Behind
+            } else {
+                progress
+            },
+        };
+    }
+
+    /// A part of the pass.
+    #[inline(never)]
+    pub fn go_on(&mut self) {
+        match self.pass {
+            Pass::Done => {}
+            Pass::Pace {
+                number,
+                before_mm_s,
+                progress,
+            } => self.find_speeds(number, before_mm_s, progress),
+            Pass::Brake {
+                back,
+                exit_sqr,
+                is_new,
+            } => self.brake(back, exit_sqr, is_new),
+        }
+    }
+
+    /// Speeds of blocks under the overrides, and the limits of entry speeds that follow.
+    fn find_speeds(&mut self, from: usize, mut before_mm_s: f32, progress: Progress) {
+        let end = self.count.min(from + PART);
+        let mut spare_s = if from == 0 { 0.0 } else { self.spare_s };
+        // wcet-bound: 32
+        for number in from..end {
+            let planned = &mut self.ring[(self.first + number) & (N - 1)];
+            let block = &mut planned.block;
+            let (speed_mm_s, left_s) = in_time(block, block.speed_under(self.overrides), spare_s);
+            let saves = number != 0 && progress == Progress::Followed;
+            spare_s = if saves { left_s } else { 0.0 };
+            block.speed_mm_s = speed_mm_s;
+            let slower = math::min(speed_mm_s, before_mm_s);
+            planned.limit_sqr = math::min(block.junction_sqr, slower * slower);
+            before_mm_s = speed_mm_s;
+        }
+        self.spare_s = spare_s;
+        self.pass = if end == self.count {
+            Pass::Brake {
+                back: 1,
+                exit_sqr: 0.0,
+                is_new: true,
+            }
+        } else {
+            Pass::Pace {
+                number: end,
+                before_mm_s,
+                progress,
+            }
+        };
+    }
+
+    /// A part of the backward pass.
+    pub(super) fn brake(&mut self, from: usize, mut exit_sqr: f32, is_new: bool) {
+        self.pass = Pass::Done;
+        // The entry of the block in execution is history.
+        let end = self.count.min(from + PART);
+        // wcet-bound: 32
+        for back in from..end {
+            let place = (self.first + self.count - back) & (N - 1);
+            let planned = &mut self.ring[place];
+            let entry_sqr = if planned.entry_sqr == planned.limit_sqr && !is_new {
+                planned.limit_sqr
+            } else {
+                let curve = planned.block.curve.as_ref();
+                math::min(
+                    planned.limit_sqr,
+                    planned.braking.entry_for(exit_sqr, curve),
+                )
+            };
+            if entry_sqr == planned.entry_sqr && !is_new {
+                return;
+            }
+            planned.entry_sqr = entry_sqr;
+            exit_sqr = entry_sqr;
+        }
+        if end < self.count {
+            self.pass = Pass::Brake {
+                back: end,
+                exit_sqr,
+                is_new,
+            };
+        }
+    }
+}

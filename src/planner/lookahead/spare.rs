@@ -1,0 +1,54 @@
+//! Time that blocks have to take so that `prepare` keeps up with their segments.
+
+use super::super::{
+    Block,
+    executor::{LONGEST_S, SEGMENT_S, SHORTEST_S, SLIVER_S},
+};
+use crate::math;
+
+/// Shortest mean time of segments, s: what `prepare` keeps up with at the greatest step rate. See
+/// `docs/decisions.md`.
+const MEAN_S: f32 = 0.7e-3;
+/// What a first or a last piece of an arc can cost, s: it may be as short as a piece can be.
+const ARC_END_S: f32 = MEAN_S - SLIVER_S;
+/// What blocks before may have taken longer than that, for one that is shorter, s. The
+/// standstill at the end, or the beginning of an arc, may come on top.
+const SPARE_S: f32 = MEAN_S;
+/// What a line of several segments saves at least, s.
+const LEAST_SAVED_S: f32 = 2.0 * (SHORTEST_S - MEAN_S);
+/// The part of its time that a long piece saves, but for the last two segments: the others take 1 ms.
+const SAVED: f32 = 1.0 - MEAN_S / SEGMENT_S;
+/// What those two take less than two such, of that: they take 1.5 ms together at least.
+const PIECE_END_S: f32 = (1.0 - SAVED) * (2.0 * SEGMENT_S - LONGEST_S);
+
+/// The speed of a block that has to leave `prepare` its time, and what is left to spare then.
+///
+/// Whatever its ramps are: a block that takes longer than it could never saves less. It may still be
+/// gone through at the speed that it has.
+#[inline]
+pub(super) fn in_time(block: &Block, speed_mm_s: f32, spare_s: f32) -> (f32, f32) {
+    let quarters = block
+        .curve
+        .as_ref()
+        .map(|curve| (curve.sweep.unsigned_abs() >> 30) as u32);
+    let (least_s, ends_s) = match quarters {
+        None => (MEAN_S - spare_s, PIECE_END_S),
+        Some(quarters) => {
+            let ends_s = 2.0 * ARC_END_S + PIECE_END_S * quarters as f32;
+            ((ends_s - spare_s) * (1.0 / SAVED), ends_s)
+        }
+    };
+    if block.length_mm < least_s * speed_mm_s {
+        return (block.length_mm / least_s, 0.0);
+    }
+    let seconds = block.length_mm / math::max(speed_mm_s, block.speed_mm_s);
+    let saved_s = SAVED * seconds - ends_s;
+    if quarters.is_some() {
+        // Its last piece alone saves nothing.
+        let spare_s = math::min(spare_s + saved_s, SPARE_S - ARC_END_S);
+        return (speed_mm_s, math::max(spare_s, 0.0));
+    }
+    let saved_s = math::min(seconds - MEAN_S, math::max(saved_s, LEAST_SAVED_S));
+    let spare_s = math::min(spare_s + saved_s, SPARE_S);
+    (speed_mm_s, math::max(spare_s, 0.0))
+}

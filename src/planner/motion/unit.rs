@@ -1,0 +1,124 @@
+//! The units of work of `prepare`: a run does one of them, and another run follows while there is
+//! more to do.
+//!
+//! So a run lasts as long as its longest unit, not as long as all of them, and whatever comes is
+//! looked at between two. In order of precedence: what stops the machine; a segment that is needed
+//! soon; what has been asked for; what the switches say; the plan; entries; a segment in advance; what follows
+//! from being at rest.
+
+use heapless::spsc::Consumer;
+
+use super::Motion;
+use crate::{
+    machine::Inputs,
+    planner::Entry,
+    protocol::realtime::Requests,
+    stepper::{AHEAD_TICKS, StepCounts, URGENT_TICKS},
+};
+
+/// What a run does.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Unit {
+    /// There is nothing to do.
+    Nothing,
+    /// The step interrupt ran out of events in motion.
+    Fail,
+    /// A limit switch has stopped the step interrupt.
+    Cut,
+    /// A reset.
+    Reset,
+    /// Requests.
+    Obey,
+    /// The position where the probe, or a limit switch, has changed.
+    Find,
+    /// A part of planning anew.
+    Plan,
+    /// One entry.
+    Take,
+    /// One segment.
+    Segment,
+    /// The state that follows from being at rest.
+    Settle,
+}
+
+impl Motion {
+    /// What is to be done first, when it is known whether the step timer runs.
+    #[inline]
+    pub(super) fn next_unit(
+        &self,
+        is_running: bool,
+        requests: &Requests,
+        inputs: &Inputs,
+        counts: &StepCounts,
+        entries: &Consumer<'_, Entry>,
+    ) -> Unit {
+        if counts.is_starved() {
+            return Unit::Fail;
+        }
+        if !is_running && counts.is_cut() {
+            return Unit::Cut;
+        }
+        if requests.epoch() != self.epoch {
+            return Unit::Reset;
+        }
+        let played = counts.played_ticks();
+        let ahead = self.generator.clock_ticks().wrapping_sub(played);
+        let makes = self.makes_segment(ahead, played, counts);
+        let is_urgent = is_running && ahead < URGENT_TICKS || self.generator.is_open();
+        if makes && is_urgent {
+            return Unit::Segment;
+        }
+        if requests.asked() != self.heard {
+            return Unit::Obey;
+        }
+        if self.is_in_cycle() && self.has_found(inputs) {
+            return Unit::Find;
+        }
+        if self.plan.is_unfinished() {
+            return Unit::Plan;
+        }
+        let is_still = self.is_still(is_running, counts);
+        if entries
+            .peek()
+            .is_some_and(|entry| self.takes(entry, is_still))
+        {
+            return Unit::Take;
+        }
+        if makes {
+            Unit::Segment
+        } else if is_still {
+            Unit::Settle
+        } else {
+            Unit::Nothing
+        }
+    }
+
+    /// Whether another run has to follow one that did this unit, when this one is the next.
+    #[inline]
+    pub(super) fn goes_on(&self, unit: Unit, next: Unit) -> bool {
+        match next {
+            Unit::Nothing => false,
+            // Z may have to stop nowhere on its way, so that nothing was to be played.
+            Unit::Settle => unit != Unit::Settle || self.parking.is_moving(),
+            Unit::Fail
+            | Unit::Cut
+            | Unit::Reset
+            | Unit::Obey
+            | Unit::Find
+            | Unit::Plan
+            | Unit::Take
+            | Unit::Segment => true,
+        }
+    }
+
+    /// Whether a segment can be made now, and is to be.
+    #[inline]
+    fn makes_segment(&self, ahead: u32, played: u32, counts: &StepCounts) -> bool {
+        if self.generator.is_open() {
+            return self.full != Some(played);
+        }
+        // A segment that had to be stretched may last longer than that, and still needs another.
+        let is_ahead = ahead >= AHEAD_TICKS && played != self.newest;
+        !is_ahead && counts.has_room() && (self.rest.is_none() || self.has_motion())
+    }
+}

@@ -1,0 +1,83 @@
+//! The events of an axis that moves alone at an even pace: every pulse ends before the next begins, so
+//! they are in order as they come.
+
+use super::{
+    PULSE_LOW_TICKS, StepEvent,
+    axis_steps::{AxisSteps, EVEN_BITS},
+    ring::EventBatch,
+    slots::Cursor,
+};
+
+/// [`PULSE_LOW_TICKS`] as a difference of times.
+const LOW: i32 = PULSE_LOW_TICKS.cast_signed();
+
+/// An axis that moves alone. Times are ticks from the segment's start.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Alone {
+    /// Which, as a bit.
+    pub(super) mask: u32,
+    /// When its pulse ends, if it is high: so early that the first step is on time.
+    pub(super) due: Option<i32>,
+}
+
+impl Alone {
+    /// Puts the events of all steps, of which there is one at least. When the last pulse ends.
+    pub(super) fn put(
+        self,
+        mut steps: AxisSteps,
+        pulse_ticks: u32,
+        cursor: &mut Cursor,
+        events: &mut EventBatch<'_>,
+    ) -> i32 {
+        let number = events.number();
+        if let Some(due) = self.due {
+            cursor.put(due, StepEvent::new(0, 0, self.mask), events);
+        }
+        let step = StepEvent::new(0, self.mask, 0);
+        cursor.put(steps.next.cast_signed(), step, events);
+        cursor.publish(number, events);
+        steps.advance_evenly();
+        let pulse_end = StepEvent::new(pulse_ticks, 0, self.mask);
+        if steps.left > 1 {
+            cursor.last = put_evenly(&mut steps, cursor.last, pulse_end, events);
+        }
+        if steps.left != 0 {
+            // The last one is not later than the segment's end.
+            events.put(pulse_end);
+            cursor.last += pulse_ticks.cast_signed();
+            let time = steps.next.cast_signed().max(cursor.last + LOW);
+            cursor.put(time, step, events);
+            events.publish();
+        }
+        cursor.last + pulse_ticks.cast_signed()
+    }
+}
+
+/// All steps but the last one: each ends the pulse before it. The time of the last of them.
+fn put_evenly(
+    steps: &mut AxisSteps,
+    last: i32,
+    pulse_end: StepEvent,
+    out: &mut EventBatch<'_>,
+) -> i32 {
+    let mask = pulse_end.drop();
+    let pulse_ticks = pulse_end.ticks();
+    let (mut fine, period) = (steps.even_time, steps.even_period);
+    let mut last = last.cast_unsigned();
+    let mut batch = *out;
+    // wcet-bound: segment_steps, wcet-total: segment_steps
+    for _ in 1..steps.left {
+        let time = fine >> EVEN_BITS;
+        let low_ticks = time.wrapping_sub(last).wrapping_sub(pulse_ticks);
+        batch.put(pulse_end);
+        batch.put(StepEvent::new(low_ticks, mask, 0));
+        batch.publish();
+        last = time;
+        fine = fine.wrapping_add(period);
+    }
+    *out = batch;
+    steps.left = 1;
+    steps.even_time = fine;
+    steps.next = fine >> EVEN_BITS;
+    last.cast_signed()
+}

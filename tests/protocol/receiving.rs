@@ -1,0 +1,113 @@
+//! Received bytes: what each asks for, and whom it releases.
+
+use leadscrew::{
+    machine::Override,
+    protocol::{
+        Bytes,
+        realtime::{Awaited, Release, Requests, receive},
+    },
+};
+
+/// What waits for bytes, and what they have asked for.
+struct Line {
+    requests: Requests,
+    received: Bytes<1024>,
+}
+
+impl Line {
+    fn new(awaited: Awaited) -> Self {
+        let requests = Requests::new();
+        requests.heed(awaited);
+        Self {
+            requests,
+            received: Bytes::new(),
+        }
+    }
+
+    fn receive(&mut self, byte: u8) -> Release {
+        receive(byte, &self.requests, &mut self.received.split().0)
+    }
+
+    fn take(&mut self) -> Option<u8> {
+        self.received.split().1.dequeue()
+    }
+}
+
+#[test]
+fn every_byte_is_a_request_or_part_of_a_line_or_dropped() {
+    for byte in 0..=u8::MAX {
+        let mut line = Line::new(Awaited::ALL);
+        let (asked, epoch) = (line.requests.asked(), line.requests.epoch());
+        let release = line.receive(byte);
+        let requests = &line.requests;
+        let command = requests.take_override();
+        assert_eq!(command, Override::of(byte), "{byte:#x}");
+        assert_eq!(requests.take_status(), byte == b'?', "{byte:#x}");
+        assert_eq!(requests.take_hold(), byte == b'!', "{byte:#x}");
+        assert_eq!(requests.take_start(), byte == b'~', "{byte:#x}");
+        assert_eq!(requests.take_door(), byte == 0x84, "{byte:#x}");
+        assert_eq!(requests.take_jog_cancel(), byte == 0x85, "{byte:#x}");
+        assert_eq!(requests.epoch() != epoch, byte == 0x18, "{byte:#x}");
+        let is_command = matches!(byte, b'!' | b'~' | 0x18 | 0x84 | 0x85) || command.is_some();
+        assert_eq!(requests.asked() != asked, is_command, "{byte:#x}");
+        assert_eq!(release == Release::Prepare, is_command, "{byte:#x}");
+        assert_eq!(release == Release::Report, byte == b'?', "{byte:#x}");
+        let is_line = byte.is_ascii() && !is_command && byte != b'?';
+        assert_eq!(line.take(), is_line.then_some(byte), "{byte:#x}");
+    }
+}
+
+#[test]
+fn the_end_of_a_line_releases_the_interpreter_if_it_waits_for_one() {
+    for end in [b'\n', b'\r'] {
+        let mut line = Line::new(Awaited::LINE);
+        assert_eq!(line.receive(b'G'), Release::Nobody);
+        assert_eq!(line.receive(end), Release::Interpret);
+        let mut line = Line::new(Awaited::ENTRIES);
+        assert_eq!(line.receive(end), Release::Nobody);
+    }
+}
+
+#[test]
+fn a_line_without_an_end_does_not_fill_the_queue_unheard() {
+    let mut line = Line::new(Awaited::LINE);
+    let mut unheard = 0;
+    for _ in 0..10_000 {
+        unheard += 1;
+        if line.receive(b'0') == Release::Interpret {
+            assert!(unheard <= 256);
+            unheard = 0;
+            while line.take().is_some() {}
+        }
+    }
+    assert_eq!(line.requests.lost(), 0);
+}
+
+#[test]
+fn bytes_that_find_the_queue_full_are_counted_and_those_before_them_stay() {
+    let mut line = Line::new(Awaited::NONE);
+    for byte in (b'A'..=b'Z').cycle().take(1023) {
+        line.receive(byte);
+    }
+    assert_eq!(line.requests.lost(), 0);
+    line.receive(b'#');
+    line.receive(b'\n');
+    assert_eq!(line.requests.lost(), 2);
+    assert_eq!(line.receive(b'!'), Release::Prepare);
+    assert!(line.requests.take_hold());
+    for byte in (b'A'..=b'Z').cycle().take(1023) {
+        assert_eq!(line.take(), Some(byte));
+    }
+    assert_eq!(line.take(), None);
+}
+
+#[test]
+fn a_deputy_goes_on_where_the_other_writer_has_ended() {
+    let mut ring = Bytes::<8>::new();
+    let (mut writer, mut reader) = ring.split();
+    let mut deputy = writer.deputy();
+    assert_eq!(writer.enqueue(1), Ok(1));
+    assert_eq!(deputy.enqueue(2), Ok(2));
+    assert_eq!(writer.enqueue(3), Ok(3));
+    assert_eq!([1, 2, 3].map(Some), [(); 3].map(|()| reader.dequeue()));
+}

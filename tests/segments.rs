@@ -1,0 +1,241 @@
+//! How long segments take: `prepare` is proven to keep up with that.
+#![cfg(not(target_os = "none"))]
+
+mod support;
+
+use leadscrew::{
+    planner::{Command, Plane, Rotation},
+    settings::Settings,
+    stepper::EVENT_SPACING_TICKS,
+    units::TICKS_PER_MS,
+};
+use proptest::prelude::*;
+use support::{Act, Rig, arc, cases, check_limits, line, number, with};
+
+/// `segment` and `saved_segments` in schedule.toml.
+const MEAN_TICKS: u32 = TICKS_PER_MS * 7 / 10;
+const SAVED: u32 = 3;
+/// Longest segment, with a standstill that comes and goes in the same step.
+const LONGEST_TICKS: u32 = TICKS_PER_MS * 3 / 2 + EVENT_SPACING_TICKS;
+
+/// Checks that no segment is too long, and that segments are not too short in any stretch of time.
+fn check(segments: &[u32]) -> Result<(), TestCaseError> {
+    let most = SAVED * MEAN_TICKS;
+    let mut spare = most;
+    for pair in segments.windows(2) {
+        let ticks = pair[1].wrapping_sub(pair[0]);
+        prop_assert!(ticks <= LONGEST_TICKS, "{ticks} at {}", pair[0]);
+        // Rounded to ticks.
+        spare = (spare + ticks + 1).min(most);
+        prop_assert!(spare >= MEAN_TICKS, "at {} of {segments:?}", pair[0]);
+        spare -= MEAN_TICKS;
+    }
+    Ok(())
+}
+
+/// Plays a program; where its segments begin, without the standstills at which it waits.
+fn play(settings: &Settings, commands: &[Command], acts: &[Act], feed_ticks: u64) -> Vec<u32> {
+    let mut rig = Rig::new(settings);
+    rig.feed_ticks = feed_ticks;
+    rig.run(commands, acts);
+    rig.segments
+}
+
+/// Lines, and arcs for a sixth of them, each turned from the one before, mm and rad.
+fn path(ways: &[(f64, f64)], bend: f64, arcs: bool, mm_min: f32) -> Vec<Command> {
+    let (mut angle, mut here) = (0.0, [0.0_f64; 2]);
+    let moves = ways.iter().enumerate().map(|(number, (way, turn))| {
+        angle += (turn - 3.15) * bend;
+        here = [here[0] + way * angle.cos(), here[1] + way * angle.sin()];
+        if arcs && number % 6 == 5 {
+            // Around a centre beside the middle of the way.
+            let bulge = [0.1, 0.5, 3.0][number % 3];
+            let centre = [
+                way * (0.5 * angle.cos() - bulge * angle.sin()),
+                way * (0.5 * angle.sin() + bulge * angle.cos()),
+            ];
+            let rotation = [Rotation::Clockwise, Rotation::CounterClockwise][number / 6 % 2];
+            return arc(Plane::Xy, rotation, &here, centre, mm_min);
+        }
+        line(&here, mm_min)
+    });
+    moves.collect()
+}
+
+fn ways(count: impl Into<prop::collection::SizeRange>) -> impl Strategy<Value = Vec<(f64, f64)>> {
+    let way = prop_oneof![0.001..0.01_f64, 0.01..0.1, 0.1..1.0, 1.0..5.0];
+    prop::collection::vec((way, 0.0..6.3_f64), count)
+}
+
+fn settings(acceleration: f32, junction_deviation_mm: f32) -> Settings {
+    Settings {
+        junction_deviation_mm,
+        ..with(&[400.0; 3], &[60_000.0], &[acceleration])
+    }
+}
+
+fn accelerations() -> impl Strategy<Value = f32> {
+    prop_oneof![Just(100.0_f32), Just(1000.0), Just(20_000.0)]
+}
+
+fn feeds() -> impl Strategy<Value = f32> {
+    prop_oneof![Just(600.0_f32), Just(6000.0), Just(60_000.0)]
+}
+
+fn bends() -> impl Strategy<Value = f64> {
+    prop_oneof![Just(0.01), Just(0.1), Just(1.0)]
+}
+
+proptest! {
+    #![proptest_config(cases(64))]
+
+    #[test]
+    fn lines_make_segments_of_seven_tenths_of_a_millisecond_on_average(
+        ways in ways(30..400),
+        bend in bends(),
+        acceleration in accelerations(),
+        deviation in prop_oneof![Just(0.0_f32), Just(0.01), Just(10.0)],
+        mm_min in feeds(),
+    ) {
+        let commands = path(&ways, bend, false, mm_min);
+        check(&play(&settings(acceleration, deviation), &commands, &[], 0))?;
+    }
+
+    #[test]
+    fn so_do_arcs(
+        ways in ways(30..200),
+        bend in bends(),
+        acceleration in accelerations(),
+        mm_min in feeds(),
+    ) {
+        let commands = path(&ways, bend, true, mm_min);
+        check(&play(&settings(acceleration, 0.01), &commands, &[], 0))?;
+    }
+
+    #[test]
+    fn so_do_holds_and_overrides(
+        ways in ways(30..200),
+        bend in bends(),
+        acceleration in accelerations(),
+        mm_min in feeds(),
+        acts in prop::collection::vec(
+            (0..10_000_000_u64, prop::sample::select(&b"!~!~\x90\x91\x92\x91\x92\x95\x97"[..])),
+            1..60,
+        ),
+    ) {
+        let commands = path(&ways, bend, true, mm_min);
+        let mut now = 0;
+        let acts: Vec<Act> = acts.iter().map(|(wait, byte)| { now += wait; (now, *byte) }).collect();
+        check(&play(&settings(acceleration, 0.01), &commands, &acts, 0))?;
+    }
+
+    #[test]
+    fn overrides_of_a_full_look_ahead_keep_the_limits(
+        ways in ways(150..300),
+        acceleration in prop_oneof![Just(100.0_f32), Just(1000.0)],
+        mm_min in feeds(),
+        acts in prop::collection::vec(
+            (0..10_000_000_u64, prop::sample::select(&b"\x90\x91\x92\x92\x92\x92"[..])),
+            1..60,
+        ),
+    ) {
+        let settings = settings(acceleration, 0.01);
+        let mut now = 0;
+        let acts: Vec<Act> = acts.iter().map(|(wait, byte)| { now += wait; (now, *byte) }).collect();
+        let mut rig = Rig::new(&settings);
+        rig.run(&number(&path(&ways, 0.1, false, mm_min)), &acts);
+        check_limits(&settings, &rig.trace);
+    }
+
+    #[test]
+    fn so_do_blocks_that_come_late(
+        ways in ways(30..100),
+        bend in bends(),
+        acceleration in accelerations(),
+        mm_min in feeds(),
+        feed_ticks in 1_000..1_000_000_u64,
+    ) {
+        let commands = path(&ways, bend, true, mm_min);
+        check(&play(&settings(acceleration, 0.01), &commands, &[], feed_ticks))?;
+    }
+}
+
+#[test]
+fn a_tool_path_of_long_and_very_short_lines_makes_no_burst_of_segments() {
+    let ways = [
+        (0.001, 0.0),
+        (0.001, 0.0),
+        (0.001, 0.0),
+        (0.001, 0.0),
+        (0.001, 0.0),
+        (0.001, 0.0),
+        (0.001, 0.0),
+        (0.001, 0.0),
+        (0.001, 0.0),
+        (0.001, 0.0),
+        (0.001, 5.83),
+        (0.001, 0.0),
+        (0.001, 0.0),
+        (4.469, 2.243),
+        (0.01, 1.979),
+        (0.001, 0.0),
+        (0.079, 1.684),
+        (0.001, 1.339),
+        (4.275, 0.0),
+        (0.1, 2.075),
+        (0.088, 0.0),
+        (0.001, 2.512),
+        (0.01, 0.55),
+        (2.965, 1.128),
+        (0.001, 1.142),
+        (0.06, 2.038),
+        (1.942, 0.722),
+        (0.29, 4.018),
+        (0.001, 2.206),
+        (1.0, 6.05),
+        (0.166, 0.247),
+        (0.01, 1.782),
+        (0.009, 2.587),
+        (0.904, 0.113),
+        (0.001, 3.618),
+        (0.01, 4.095),
+        (1.0, 4.148),
+        (1.562, 0.782),
+        (2.257, 4.775),
+        (1.0, 4.516),
+        (0.066, 4.574),
+        (0.001, 5.854),
+        (0.001, 0.0),
+        (0.308, 3.552),
+        (0.007, 0.0),
+        (0.026, 4.064),
+        (0.001, 0.0),
+        (0.605, 0.0),
+        (0.009, 0.0),
+        (0.053, 4.488),
+        (0.006, 0.0),
+        (0.045, 0.0),
+        (0.05, 0.0),
+        (0.963, 0.0),
+    ];
+    let commands = path(&ways, 0.01, false, 60_000.0);
+    check(&play(&settings(20_000.0, 0.01), &commands, &[], 0)).unwrap();
+}
+
+#[test]
+fn short_lines_after_an_arc_that_ends_behind_a_reversal_make_no_burst_of_segments() {
+    let mut ways = vec![(0.1, 3.15); 53];
+    ways.extend([
+        (1.25, 6.12),
+        (0.0023, 0.0),
+        (0.0034, 0.0),
+        (0.001, 0.0),
+        (0.03, 0.0),
+    ]);
+    // Arcs that end everywhere around the reversal.
+    for turn in 0..200 {
+        ways[53].1 = f64::from(turn) * 0.03;
+        let commands = path(&ways, 0.3, true, 6000.0);
+        check(&play(&settings(20_000.0, 0.01), &commands, &[], 0)).unwrap();
+    }
+}

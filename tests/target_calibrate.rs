@@ -1,0 +1,114 @@
+//! How many cycles instructions, buses and exceptions take: `cargo xtask calibrate --board NAME`.
+//!
+//! Each class of the analysis' cycle table is measured with the processor's cycle counter, as the
+//! difference between so many repetitions in a row and twice as many, from a warm cache, several
+//! times. The results go to RTT channel 0, one line each, as `xtask/src/calibrate` reads them. An
+//! emulator has no cycle counter: then the program says so, there and by semihosting, and ends.
+#![cfg_attr(target_os = "none", no_std, no_main)]
+
+#[cfg(not(target_os = "none"))]
+fn main() {
+    println!("skipped on the host: `cargo xtask calibrate --board NAME` runs it on a board");
+}
+
+#[cfg(target_os = "none")]
+#[path = "calibrate/cycles.rs"]
+mod cycles;
+#[cfg(target_os = "none")]
+#[path = "calibrate/exceptions.rs"]
+mod exceptions;
+#[cfg(target_os = "none")]
+#[path = "calibrate/instructions.rs"]
+mod instructions;
+#[cfg(target_os = "none")]
+#[path = "calibrate/regions.rs"]
+mod regions;
+
+#[cfg(target_os = "none")]
+mod target {
+    use core::fmt::Write as _;
+
+    use cortex_m::peripheral::Peripherals as Core;
+    use defmt_semihosting as _;
+    use rtt_target::{ChannelMode, UpChannel, rtt_init};
+    use stm32f4xx_hal::{
+        pac,
+        prelude::*,
+        rcc::{Config, Enable as _},
+    };
+
+    use super::{cycles::Sample, exceptions, instructions, regions};
+
+    /// Where the samples go.
+    pub(crate) struct Samples(UpChannel);
+
+    impl Samples {
+        /// Writes a sample of a class: `sample CLASS VARIANT REPETITIONS LEAST MOST`.
+        pub(crate) fn put(&mut self, class: &str, variant: &str, sample: &Sample) {
+            let Sample {
+                repetitions,
+                least,
+                most,
+            } = sample;
+            let line = writeln!(
+                self.0,
+                "sample {class} {variant} {repetitions} {least} {most}"
+            );
+            line.expect("the channel takes everything");
+        }
+    }
+
+    #[panic_handler]
+    fn panic(_: &core::panic::PanicInfo) -> ! {
+        // Without the line `end` the host says that the program has failed.
+        loop {
+            cortex_m::asm::nop();
+        }
+    }
+
+    /// The clocks of the firmware: what a bus costs depends on them.
+    fn start_clocks(rcc: pac::RCC, flash: &pac::FLASH) {
+        #[cfg(feature = "board-netduino-plus-2")]
+        let config = Config::hse(25.MHz()).sysclk(168.MHz());
+        #[cfg(feature = "board-nucleo-f446re")]
+        let config = Config::hse(8.MHz())
+            .bypass_hse_oscillator()
+            .sysclk(168.MHz());
+        let mut rcc = rcc.freeze(config);
+        flash.acr().modify(|_, w| w.prften().clear_bit());
+        pac::GPIOA::enable(&mut rcc);
+        pac::TIM2::enable(&mut rcc);
+        pac::SYSCFG::enable(&mut rcc);
+    }
+
+    /// Whether this is the emulator: no chip has all clocks off.
+    fn is_emulated(rcc: &pac::RCC) -> bool {
+        rcc.cr().read().bits() == 0
+    }
+
+    #[cortex_m_rt::entry]
+    fn main() -> ! {
+        let channels = rtt_init! {
+            up: { 0: { size: 8192, mode: ChannelMode::NoBlockTrim, name: "calibrate" } }
+        };
+        let mut samples = Samples(channels.up.0);
+        let device = pac::Peripherals::take().expect("this is the first time");
+        let mut core = Core::take().expect("this is the first time");
+        cortex_m::interrupt::disable();
+        core.DCB.enable_trace();
+        core.DWT.enable_cycle_counter();
+        if is_emulated(&device.RCC) {
+            let _ = writeln!(samples.0, "no cycle counter");
+            semihosting::println!("no cycle counter");
+            semihosting::process::exit(0)
+        }
+        start_clocks(device.RCC, &device.FLASH);
+        instructions::measure(&mut samples);
+        regions::measure(&mut samples);
+        exceptions::measure(&mut samples);
+        let _ = writeln!(samples.0, "end");
+        loop {
+            cortex_m::asm::nop();
+        }
+    }
+}
