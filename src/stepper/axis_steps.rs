@@ -180,8 +180,21 @@ mod tests {
     use super::*;
     use crate::units::TICKS_PER_SECOND;
 
-    /// Times of the steps of an axis that speeds up or slows down evenly, and the exact ones, ticks.
-    fn times(begin_hz: f64, end_hz: f64, milliseconds: f64, offset: f64) -> Vec<(u32, f64)> {
+    /// What the roundings of single precision may take a step off its place, of its way.
+    const SINGLE_PRECISION: f64 = 2.0e-6;
+
+    /// A step of an axis that speeds up or slows down evenly.
+    struct Step {
+        time: u32,
+        /// The exact time, ticks.
+        exact: f64,
+        /// How far the axis has come at `time` by the exact parabola, and how far it should, steps.
+        reached: f64,
+        way: f64,
+    }
+
+    /// Times of the steps of such an axis, beside the exact ones.
+    fn times(begin_hz: f64, end_hz: f64, milliseconds: f64, offset: f64) -> Vec<Step> {
         let per_s = f64::from(TICKS_PER_SECOND);
         let ticks = (milliseconds * per_s / 1000.0).round();
         let (begin, end) = (begin_hz / per_s, end_hz / per_s);
@@ -199,7 +212,13 @@ mod tests {
         while steps.left != 0 {
             let way = all.len() as f64 + 0.5 - offset;
             let root = (begin * begin + 2.0 * acceleration * way).max(0.0).sqrt();
-            all.push((steps.next, (2.0 * way / (begin + root)).min(ticks)));
+            let time = f64::from(steps.next);
+            all.push(Step {
+                time: steps.next,
+                exact: (2.0 * way / (begin + root)).min(ticks),
+                reached: begin * time + 0.5 * acceleration * time * time,
+                way,
+            });
             if steps.is_even() {
                 steps.advance_evenly();
             } else {
@@ -211,16 +230,21 @@ mod tests {
 
     proptest! {
         #[test]
-        fn steps_come_within_two_ticks_of_the_exact_parabola(
+        fn steps_come_within_two_ticks_or_two_millionths_of_their_way(
             begin_hz in prop_oneof![Just(0.0), 10.0..3000.0_f64, 3000.0..150_000.0],
             ratio in prop_oneof![Just(0.0), 0.01..0.9_f64, 0.9..1.1, 1.1..20.0],
             milliseconds in 0.05..1.5_f64,
             offset in -0.499..0.499_f64,
         ) {
             let end_hz = if begin_hz == 0.0 { ratio * 7000.0 } else { begin_hz * ratio };
-            for (step, exact) in times(begin_hz, end_hz.min(150_000.0), milliseconds, offset) {
-                let off = (f64::from(step) - exact).abs();
-                prop_assert!(off < 2.0, "{off} ticks at {exact}");
+            for step in times(begin_hz, end_hz.min(150_000.0), milliseconds, offset) {
+                // Where the axis nearly stands, no arithmetic can tell the time of a place to a tick.
+                let late = (f64::from(step.time) - step.exact).abs();
+                let far = (step.reached - step.way).abs();
+                prop_assert!(
+                    late < 2.0 || far < step.way * SINGLE_PRECISION,
+                    "{late} ticks at {}, {far} of {} steps", step.exact, step.way,
+                );
             }
         }
     }
