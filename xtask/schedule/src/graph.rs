@@ -4,9 +4,14 @@
 //! priority changes: the blocks of a critical section are its own.
 
 mod blocks;
+mod table;
 
-use std::collections::{BTreeMap, BTreeSet, HashMap};
+use std::{
+    cell::OnceCell,
+    collections::{BTreeMap, BTreeSet, HashMap},
+};
 
+use self::table::Sweep;
 use crate::{Block, Decoder, Flaw, Image, Instruction, Operation, Rule};
 
 /// A function's blocks before anything is known of values and loops.
@@ -100,6 +105,8 @@ struct Walk<'w, 'a> {
     traps: BTreeSet<u32>,
     flaws: Vec<Flaw>,
     work: Vec<(u32, Decoder)>,
+    /// All of its code, once a jump table needs it; `None` if it cannot be decoded.
+    sweep: OnceCell<Option<Sweep>>,
 }
 
 impl<'w, 'a> Walk<'w, 'a> {
@@ -119,6 +126,7 @@ impl<'w, 'a> Walk<'w, 'a> {
             traps: BTreeSet::new(),
             flaws: Vec::new(),
             work: vec![(address, Decoder::new())],
+            sweep: OnceCell::new(),
         }
     }
 
@@ -321,21 +329,15 @@ impl<'w, 'a> Walk<'w, 'a> {
     /// The targets of the table at `table`.
     fn table(&mut self, address: u32, table: u32, entry_bytes: u8) -> BTreeSet<u32> {
         let image = self.graphs.image;
-        let end = image.data_end(table).filter(|_| image.is_data(table));
-        let entries = (table..end.unwrap_or(table)).step_by(entry_bytes.into());
-        let targets: BTreeSet<u32> = entries
-            .filter_map(|entry| match entry_bytes {
-                1 => image.byte(entry).map(u32::from),
-                _ => image.half(entry).map(u32::from),
-            })
-            .map(|entry| table + 2 * entry)
-            // What fills the table up leads into it.
-            .filter(|&to| end.is_some_and(|end| to >= end) && self.is_inside(to))
-            .collect();
-        if targets.is_empty() {
+        let (start, end) = (self.start, self.end);
+        let sweep = self.sweep.get_or_init(|| Sweep::new(image, start, end));
+        let targets = sweep
+            .as_ref()
+            .and_then(|it| it.targets(image, table, entry_bytes));
+        targets.unwrap_or_else(|| {
             self.indirect(address, "jumps by a table whose length is not known");
             self.traps.insert(address);
-        }
-        targets
+            BTreeSet::new()
+        })
     }
 }

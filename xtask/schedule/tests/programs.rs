@@ -424,6 +424,35 @@ fn a_match_through_a_table_has_all_its_arms() {
 }
 
 #[test]
+fn constants_behind_a_table_are_no_entries_of_it() {
+    let Some((image, annotations)) = read(
+        "core::arch::global_asm!(
+            \".section .text.picked, \\\"ax\\\"\",
+            \".thumb_func\",
+            \".type picked, %function\",
+            \"picked: tbb [pc, r0]\",
+            \"1: .byte (3f - 1b) / 2, (4f - 1b) / 2, 0, 0\",
+            // Were these entries, they would lead into the middle of an instruction.
+            \"2: .word 0x09090909\",
+            \"3: ldr.w r0, 2b\",
+            \"b.w 5f\",
+            \"4: mov.w r0, #0\",
+            \"5: bx lr\",
+            \".size picked, . - picked\",
+        );
+        unsafe extern \"C\" { fn picked(way: u32) -> u32; }
+        fn task() { output(unsafe { picked(input() & 1) }); }",
+    ) else {
+        return;
+    };
+    let program = Program::new(&image, &annotations);
+    assert_eq!(flaws(&program), []);
+    let picked = image.symbol("picked").expect("it is linked") & !1;
+    let function = program.function(picked).expect("it was decoded");
+    assert_eq!(function.blocks[0].successors.len(), 2, "{function:?}");
+}
+
+#[test]
 fn a_reference_in_a_struct_on_the_stack_keeps_its_memory() {
     let Some((image, annotations)) = read(
         "struct Writer<'a> { ring: &'a [AtomicU32; 64], number: u32 }
