@@ -119,19 +119,11 @@ pub(crate) fn traced_for_emulator(board: &Board) -> Result<PathBuf> {
     proven_if_possible(board, &options, "-trace-emulated")
 }
 
-/// Has functions begin at half a line of the flash cache: with four axes, the loop over the steps then
-/// fits it beside the interrupts. With three it does so where it lies.
-const HALF_LINES: &str = "target.thumbv7em-none-eabihf.rustflags=\
-    ['-C', 'llvm-args=-align-all-functions=3']";
-
 /// Has Cargo build a firmware, and returns the ELF file's contents.
 fn build(board: &Board, axes: u8, options: &[&str]) -> Result<Vec<u8>> {
     cargo::need_target()?;
     let mut command = cargo::cargo(&["build", "--release", "--bin", "leadscrew"]);
     command.args(cargo::for_board_with(board, axes));
-    if axes != 3 {
-        command.args(["--config", HALF_LINES]);
-    }
     cargo::wait(command.args(options))?;
     let built = cargo::target_dir().join(cargo::TARGET);
     read(&built.join("release/leadscrew"))

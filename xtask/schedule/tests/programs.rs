@@ -428,11 +428,14 @@ fn constants_behind_a_table_are_no_entries_of_it() {
     let Some((image, annotations)) = read(
         "core::arch::global_asm!(
             \".section .text.picked, \\\"ax\\\"\",
+            \".p2align 2\",
             \".thumb_func\",
             \".type picked, %function\",
             \"picked: tbb [pc, r0]\",
-            \"1: .byte (3f - 1b) / 2, (4f - 1b) / 2, 0, 0\",
-            // Were these entries, they would lead into the middle of an instruction.
+            \"1: .byte (3f - 1b) / 2, (4f - 1b) / 2, 0, 0, 0, 0\",
+            // What aligns a constant, and the constant: as entries they would lead into the middle
+            // of instructions.
+            \".short 0xbf00\",
             \"2: .word 0x09090909\",
             \"3: ldr.w r0, 2b\",
             \"b.w 5f\",

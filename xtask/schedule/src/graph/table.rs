@@ -47,7 +47,7 @@ impl Sweep {
     ) -> Option<BTreeSet<u32>> {
         let code = image.data_end(table).filter(|_| image.is_data(table))?;
         let constant = self.constants.range(table..code).next();
-        let end = constant.copied().unwrap_or(code);
+        let end = constant.map_or(code, |&constant| without_padding(image, table, constant));
         let entries = (table..end).step_by(entry_bytes.into());
         let targets: BTreeSet<u32> = entries
             .filter_map(|entry| match entry_bytes {
@@ -60,6 +60,16 @@ impl Sweep {
             .collect();
         (!targets.is_empty() && targets.is_subset(&self.starts)).then_some(targets)
     }
+}
+
+/// Where what is before a constant ends without the `NOP`s that align the constant.
+fn without_padding(image: &Image, from: u32, constant: u32) -> u32 {
+    const NOP: u16 = 0xbf00;
+    let halves = (from..constant).rev().skip(1).step_by(2);
+    halves
+        .take_while(|&half| image.half(half) == Some(NOP))
+        .last()
+        .unwrap_or(constant)
 }
 
 /// The constant in the code that an instruction loads or points to.

@@ -3,10 +3,9 @@
 use std::f64::consts::TAU;
 
 use anyhow::Result;
-
-use super::{fast, words};
 use leadscrew::{stepper::EVENT_SPACING_TICKS, units::TICKS_PER_SECOND};
 
+use super::{fast, words};
 use crate::replay::driver::Driver;
 
 /// An acceleration that makes every step another speed, and one that never reaches it, mm/s².
