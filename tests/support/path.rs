@@ -16,7 +16,7 @@ const GRAIN: f64 = 0.05;
 /// What the search leaves out.
 const SEARCH: f64 = 0.03;
 /// Most that a step is early or late so that events keep their distance, s.
-pub(crate) const SHIFT_S: f64 = 2.0e-6;
+pub(crate) const SHIFT_S: f64 = 1.55e-6;
 
 type Point = [f64; AXES];
 
