@@ -43,10 +43,10 @@ pub(crate) struct Options {
     #[arg(long, value_name = "FILE")]
     elf: Option<PathBuf>,
     /// Step rate of the table: pulses of all axes together in a second; without it, the required
-    #[arg(long, value_name = "HZ")]
+    #[arg(long, value_name = "HZ", value_parser = clap::value_parser!(u32).range(1..))]
     step_rate: Option<u32>,
     /// Baud rate of the table; without it, the firmware's
-    #[arg(long, value_name = "N")]
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..))]
     baud: Option<u32>,
     /// Write the report to a file, for programs
     #[arg(long, value_name = "OUT")]
