@@ -1,6 +1,11 @@
 //! The analysis from the ELF file to the report.
 
-use std::{collections::BTreeMap, fmt::Write as _, fs, path::Path};
+use std::{
+    collections::{BTreeMap, BTreeSet},
+    fmt::Write as _,
+    fs,
+    path::Path,
+};
 
 use sha2::{Digest, Sha256};
 
@@ -199,7 +204,7 @@ impl<'a> Analysis<'a> {
         report.flaws.extend(flaws);
         self.edges(report);
         if self.is_bounded {
-            let mut bauds: Vec<u32> = vec![115_200, 250_000, 500_000, 1_000_000];
+            let mut bauds = BTreeSet::from([115_200, 250_000, 500_000, 1_000_000, report.baud]);
             let required = self.subject.config.require.step_rate_hz.keys();
             bauds.extend(required.filter_map(|baud| baud.parse::<u32>().ok()));
             for baud in bauds {
