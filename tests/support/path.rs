@@ -1,6 +1,6 @@
 //! The programmed path in double precision, and how far the steps are from it.
 
-use std::f64::consts::TAU;
+use std::{f64::consts::TAU, ops::Range};
 
 use leadscrew::{
     axis::{AXES, Axes},
@@ -136,7 +136,7 @@ pub(crate) fn step_rates(settings: &Settings) -> Axes<f64> {
 ///
 /// # Panics
 /// When the steps leave the path by more than half a step, what an event's shift makes, and
-/// `slack` steps, or do not end at its end.
+/// `slack` steps, or do not end at its end. An axis that has to wait to step back is a step behind.
 pub(crate) fn check_path(
     settings: &Settings,
     commands: &[Command],
@@ -145,7 +145,8 @@ pub(crate) fn check_path(
 ) -> f64 {
     let pieces = pieces(settings, commands);
     let rates = step_rates(settings);
-    let limit: Point = std::array::from_fn(|n| 0.5 + SEARCH + slack + rates[n] * SHIFT_S);
+    let least: Point = std::array::from_fn(|n| 0.5 + SEARCH + slack + rates[n] * SHIFT_S);
+    let waits: [Vec<Range<u64>>; AXES] = std::array::from_fn(|axis| trace.waits(axis));
     let mut position = Axes::all(0_i32);
     let (mut piece, mut share) = (0, 0.0);
     let mut worst = 0.0_f64;
@@ -156,6 +157,13 @@ pub(crate) fn check_path(
                 position[axis] += if is_negative { -1 } else { 1 };
             }
         }
+        let limit: Point = std::array::from_fn(|n| {
+            let next = waits[n].partition_point(|wait| wait.end <= edge.ticks);
+            let is_waiting = waits[n]
+                .get(next)
+                .is_some_and(|it| it.contains(&edge.ticks));
+            least[n] + if is_waiting { 1.0 } else { 0.0 }
+        });
         let mut tries = 0.0;
         loop {
             let here = pieces[piece].at(share);

@@ -1,5 +1,7 @@
 //! What the step pins did, and the rules that hold for every trace.
 
+use std::ops::Range;
+
 use leadscrew::{
     axis::{AXES, Axes},
     settings::Settings,
@@ -78,6 +80,25 @@ impl Trace {
             }
         }
         steps
+    }
+
+    /// From each step after which the axis turns back to the next, where that has to wait for the
+    /// pulse before it and the change of direction.
+    pub(crate) fn waits(&self, axis: usize) -> Vec<Range<u64>> {
+        const SLOTS: u64 = 4 * EVENT_SPACING_TICKS as u64;
+        let longest = self.pulse_ticks + u64::from(DIRECTION_SETUP_TICKS) + SLOTS;
+        let steps: Vec<&Edge> = self
+            .edges
+            .iter()
+            .filter(|edge| edge.raise & 1 << axis != 0)
+            .collect();
+        let has_turned = |pair: &&[&Edge]| sign(pair[0], axis) != sign(pair[1], axis);
+        steps
+            .windows(2)
+            .filter(has_turned)
+            .map(|pair| pair[0].ticks..pair[1].ticks)
+            .filter(|wait| wait.end - wait.start <= longest)
+            .collect()
     }
 
     /// From the first step to the last, s.
