@@ -82,23 +82,26 @@ impl Trace {
         steps
     }
 
-    /// From each step after which the axis turns back to the next, where that has to wait for the
-    /// pulse before it and the change of direction.
+    /// When the axis is behind because it had to wait to step back: for the pulse before and the
+    /// change of direction, and then as long as steps follow as closely as pulses can.
     pub(crate) fn waits(&self, axis: usize) -> Vec<Range<u64>> {
         const SLOTS: u64 = 4 * EVENT_SPACING_TICKS as u64;
-        let longest = self.pulse_ticks + u64::from(DIRECTION_SETUP_TICKS) + SLOTS;
-        let steps: Vec<&Edge> = self
-            .edges
-            .iter()
-            .filter(|edge| edge.raise & 1 << axis != 0)
-            .collect();
-        let has_turned = |pair: &&[&Edge]| sign(pair[0], axis) != sign(pair[1], axis);
-        steps
-            .windows(2)
-            .filter(has_turned)
-            .map(|pair| pair[0].ticks..pair[1].ticks)
-            .filter(|wait| wait.end - wait.start <= longest)
-            .collect()
+        let closest = self.pulse_ticks + u64::from(PULSE_LOW_TICKS) + SLOTS;
+        let turned = self.pulse_ticks + u64::from(DIRECTION_SETUP_TICKS) + SLOTS;
+        let is_step = |edge: &&Edge| edge.raise & 1 << axis != 0;
+        let mut waits: Vec<Range<u64>> = Vec::new();
+        let mut before: Option<&Edge> = None;
+        for step in self.edges.iter().filter(is_step) {
+            let (from, to) = (before.map_or(0, |edge| edge.ticks), step.ticks);
+            let turns = before.is_some_and(|edge| sign(edge, axis) != sign(step, axis));
+            before = Some(step);
+            match waits.last_mut() {
+                _ if turns && to - from <= turned => waits.push(from..to),
+                Some(wait) if wait.end == from && to - from <= closest => wait.end = to,
+                _ => {}
+            }
+        }
+        waits
     }
 
     /// From the first step to the last, s.
