@@ -30,9 +30,11 @@ pub(crate) fn peaks(settings: &Settings, trace: &Trace, axis: usize, window_s: f
     let mm = 1.0 / f64::from(settings.steps_per_mm[axis].to_f32());
     let mut peaks = Peaks::default();
     let (mut j, mut k) = (0, 0);
+    let waits = trace.waits(axis);
     for (i, first) in steps.iter().enumerate() {
-        // The first step after a reversal may have to wait for the pulse before it.
-        if i > 0 && steps[i - 1].sign != first.sign {
+        // What is late because the axis turned back says nothing of the speed from there on.
+        let next = waits.partition_point(|wait| wait.end < first.ticks);
+        if waits.get(next).is_some_and(|it| it.start < first.ticks) {
             continue;
         }
         let ends_at = |from: usize, index: &mut usize| {

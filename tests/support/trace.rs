@@ -15,6 +15,7 @@ pub(crate) const TICKS_PER_S: f64 = TICKS_PER_SECOND as f64;
 /// One step of one axis.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Step {
+    pub(crate) ticks: u64,
     pub(crate) seconds: f64,
     /// Position after it.
     pub(crate) position: i32,
@@ -72,6 +73,7 @@ impl Trace {
                 let sign = sign(edge, axis);
                 position += sign;
                 steps.push(Step {
+                    ticks: edge.ticks,
                     seconds: edge.ticks as f64 / TICKS_PER_S,
                     position,
                     sign,
