@@ -140,7 +140,7 @@ impl<'a> Analysis<'a> {
             subject.program.functions(),
             &subject.model,
             &named,
-            std::collections::BTreeSet::new(),
+            BTreeSet::new(),
         );
         let held = sections::find(&any);
         let contexts = findings::contexts(subject);
@@ -272,7 +272,7 @@ impl<'a> Analysis<'a> {
             let Some(function) = self.subject.program.function(address) else {
                 continue;
             };
-            let mut seen = std::collections::BTreeSet::new();
+            let mut seen = BTreeSet::new();
             for (at, cycles) in wcets.costs(function, block, cache) {
                 let frames = self.subject.image.frames(at);
                 let Some(frame) = frames.iter().find(|frame| frame.file.starts_with("src/")) else {

@@ -9,6 +9,7 @@ mod table;
 use std::{
     cell::OnceCell,
     collections::{BTreeMap, BTreeSet, HashMap},
+    ops::RangeInclusive,
 };
 
 use self::table::Sweep;
@@ -107,6 +108,8 @@ struct Walk<'w, 'a> {
     work: Vec<(u32, Decoder)>,
     /// All of its code, once a jump table needs it; `None` if it cannot be decoded.
     sweep: OnceCell<Option<Sweep>>,
+    /// From what makes a jump table's address to the jump.
+    made: Vec<RangeInclusive<u32>>,
 }
 
 impl<'w, 'a> Walk<'w, 'a> {
@@ -127,6 +130,7 @@ impl<'w, 'a> Walk<'w, 'a> {
             flaws: Vec::new(),
             work: vec![(address, Decoder::new())],
             sweep: OnceCell::new(),
+            made: Vec::new(),
         }
     }
 
@@ -152,6 +156,7 @@ impl<'w, 'a> Walk<'w, 'a> {
                 address = instruction.end();
             }
         }
+        self.check_tables();
     }
 
     fn decode(&mut self, address: u32, decoder: &mut Decoder) -> Option<Instruction> {
@@ -208,12 +213,11 @@ impl<'w, 'a> Walk<'w, 'a> {
                 self.indirect(address, "calls a function whose address is computed");
                 ways.push((next, false));
             }
-            Operation::TableJump { entry_bytes, .. } => {
-                ways.extend(
-                    self.table(address, next, entry_bytes)
-                        .into_iter()
-                        .map(|to| (to, true)),
-                );
+            Operation::TableJump {
+                base, entry_bytes, ..
+            } => {
+                let targets = self.table(instruction, base, entry_bytes);
+                ways.extend(targets.into_iter().map(|to| (to, true)));
             }
             _ if instruction.is_return() => {
                 self.ends.insert(address);
@@ -326,18 +330,40 @@ impl<'w, 'a> Walk<'w, 'a> {
         }
     }
 
-    /// The targets of the table at `table`.
-    fn table(&mut self, address: u32, table: u32, entry_bytes: u8) -> BTreeSet<u32> {
+    /// The targets of a jump by a table whose address is in a register.
+    fn table(&mut self, jump: &Instruction, base: u8, entry_bytes: u8) -> BTreeSet<u32> {
         let image = self.graphs.image;
         let (start, end) = (self.start, self.end);
         let sweep = self.sweep.get_or_init(|| Sweep::new(image, start, end));
-        let targets = sweep
-            .as_ref()
-            .and_then(|it| it.targets(image, table, entry_bytes));
-        targets.unwrap_or_else(|| {
-            self.indirect(address, "jumps by a table whose length is not known");
-            self.traps.insert(address);
-            BTreeSet::new()
-        })
+        let found = sweep.as_ref().and_then(|sweep| {
+            let table = sweep.table(jump.address, base)?;
+            let targets = sweep.targets(image, &table, jump.end(), entry_bytes)?;
+            Some((table, targets))
+        });
+        let Some((table, targets)) = found else {
+            self.unknown_table(jump.address);
+            return BTreeSet::new();
+        };
+        self.made
+            .extend(table.maker.map(|maker| maker..=jump.address));
+        targets
+    }
+
+    fn unknown_table(&mut self, address: u32) {
+        self.indirect(address, "jumps by a table whose length is not known");
+        self.traps.insert(address);
+    }
+
+    /// Makes sure that nobody comes to a jump by a table but past what makes the table's address.
+    fn check_tables(&mut self) {
+        for made in std::mem::take(&mut self.made) {
+            let enters = |(from, ways): (&u32, &Vec<(u32, bool)>)| {
+                let past = |&(to, _): &(u32, bool)| made.contains(&to) && to != *made.start();
+                !made.contains(from) && ways.iter().any(past)
+            };
+            if self.ways.iter().any(enters) {
+                self.unknown_table(*made.end());
+            }
+        }
     }
 }

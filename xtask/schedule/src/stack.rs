@@ -150,6 +150,24 @@ fn clobber(registers: &mut Registers) {
     }
 }
 
+/// What a register holds after instructions in a row, if it is a constant and nothing is called.
+pub(crate) fn constant<'i>(
+    register: u8,
+    instructions: impl IntoIterator<Item = &'i Instruction>,
+) -> Option<u32> {
+    let mut registers = [Value::Unknown; 16];
+    for instruction in instructions {
+        step(instruction, &mut registers);
+        if let Operation::Call(_) | Operation::CallRegister(_) = instruction.operation {
+            clobber(&mut registers);
+        }
+    }
+    match registers[usize::from(register & 15)] {
+        Value::Constant(value) => Some(value),
+        _ => None,
+    }
+}
+
 /// What is known where two ways meet; of two depths the greater.
 fn join(one: Registers, other: Registers) -> Registers {
     let mut joined = one;

@@ -455,6 +455,63 @@ fn constants_behind_a_table_are_no_entries_of_it() {
     assert_eq!(function.blocks[0].successors.len(), 2, "{function:?}");
 }
 
+/// A jump by a table that does not lie right behind it, with some code before and some behind.
+fn picked_by_register(before: &str, behind: &str) -> Option<(Image, Annotations)> {
+    read(&format!(
+        "core::arch::global_asm!(
+            \".section .text.picked, \\\"ax\\\"\",
+            \".p2align 2\",
+            \".thumb_func\",
+            \".type picked, %function\",
+            \"picked:\",
+            \"adr.w r2, 1f\",
+            \"{before}\",
+            \"6: tbb [r2, r0]\",
+            \"7: .p2align 2\",
+            \"2: .word 0x09090909\",
+            \"1: .byte (3f - 7b) / 2, (4f - 7b) / 2\",
+            \"3: ldr.w r0, 2b\",
+            \"{behind}\",
+            \"b.w 5f\",
+            \"4: mov.w r0, #0\",
+            \"5: bx lr\",
+            \".size picked, . - picked\",
+        );
+        unsafe extern \"C\" {{ fn picked(way: u32) -> u32; }}
+        fn task() {{ output(unsafe {{ picked(input() & 1) }}); }}"
+    ))
+}
+
+#[test]
+fn a_table_may_lie_where_a_register_points() {
+    let Some((image, annotations)) = picked_by_register("nop", "nop") else {
+        return;
+    };
+    let program = Program::new(&image, &annotations);
+    assert_eq!(flaws(&program), []);
+    let picked = image.symbol("picked").expect("it is linked") & !1;
+    let function = program.function(picked).expect("it was decoded");
+    assert_eq!(function.blocks[0].successors.len(), 2, "{function:?}");
+}
+
+#[test]
+fn a_table_that_another_register_may_point_to_is_unknown() {
+    for (before, behind) in [
+        // Another address, one that may be another, and a way past what makes it.
+        ("mov r2, r1", "nop"),
+        ("cmp r1, #0\\nit eq\\nmoveq r2, r1", "nop"),
+        ("nop", "mov r2, r1\\nb 6b"),
+    ] {
+        let Some((image, annotations)) = picked_by_register(before, behind) else {
+            return;
+        };
+        let program = Program::new(&image, &annotations);
+        let flaws = flaws(&program);
+        let is_told = flaws.iter().any(|(rule, _)| *rule == Rule::IndirectCall);
+        assert!(is_told, "{before}, {behind}: {flaws:?}");
+    }
+}
+
 #[test]
 fn a_reference_in_a_struct_on_the_stack_keeps_its_memory() {
     let Some((image, annotations)) = read(

@@ -1,13 +1,23 @@
 //! Jump tables of `TBB` and `TBH`.
 
-use std::collections::BTreeSet;
+use std::collections::{BTreeMap, BTreeSet};
 
-use crate::{Address, Decoder, Image, Operation};
+use crate::{Address, Decoder, Image, Instruction, Operation, stack};
+
+/// The register of the program counter.
+const PC: u8 = 15;
+
+/// A jump table.
+pub(super) struct Table {
+    /// Where its entries lie.
+    pub(super) address: u32,
+    /// The instruction that makes this address, if the jump does not do so itself.
+    pub(super) maker: Option<u32>,
+}
 
 /// A function's code from its first byte to its last, reached or not.
 pub(super) struct Sweep {
-    /// Where instructions begin.
-    starts: BTreeSet<u32>,
+    instructions: BTreeMap<u32, Instruction>,
     /// Where constants lie that instructions load or point to.
     constants: BTreeSet<u32>,
 }
@@ -16,7 +26,7 @@ impl Sweep {
     /// Of the code in `start..end`; `None` if something in it cannot be decoded.
     pub(super) fn new(image: &Image, start: u32, end: u32) -> Option<Self> {
         let mut sweep = Self {
-            starts: BTreeSet::new(),
+            instructions: BTreeMap::new(),
             constants: BTreeSet::new(),
         };
         let mut decoder = Decoder::new();
@@ -28,37 +38,66 @@ impl Sweep {
                 continue;
             }
             let instruction = decoder.decode(address, image.code(address)?).ok()?;
-            sweep.starts.insert(address);
+            sweep.instructions.insert(address, instruction);
             sweep.constants.extend(constant(&instruction.operation));
             address = instruction.end();
         }
         Some(sweep)
     }
 
-    /// Where the table at `table`, whose entries have so many bytes, leads to; `None` if it leads
-    /// anywhere but to instructions.
+    /// The table by which the instruction at `jump` jumps, its address being in register `base`.
+    ///
+    /// The address is known if the instructions before make it, without a call in between; whether
+    /// one can come between them from elsewhere is not looked at.
+    pub(super) fn table(&self, jump: u32, base: u8) -> Option<Table> {
+        if base == PC {
+            let address = self.instructions.get(&jump)?.end();
+            return Some(Table {
+                address,
+                maker: None,
+            });
+        }
+        let makes = |instruction: &Instruction| {
+            matches!(instruction.operation, Operation::Constant { to, .. } if to == base)
+                && !instruction.is_conditional()
+        };
+        let mut before = self.instructions.range(..jump).rev();
+        let (&maker, _) = before.find(|(_, instruction)| makes(instruction))?;
+        let between = self.instructions.range(maker..jump);
+        let address = stack::constant(base, between.map(|(_, instruction)| instruction))?;
+        Some(Table {
+            address,
+            maker: Some(maker),
+        })
+    }
+
+    /// Where a table leads to, whose entries have so many bytes and count from `from`; `None` if it
+    /// leads anywhere but to instructions.
     ///
     /// It ends where code goes on, or where the first constant lies that is kept behind it.
     pub(super) fn targets(
         &self,
         image: &Image,
-        table: u32,
+        table: &Table,
+        from: u32,
         entry_bytes: u8,
     ) -> Option<BTreeSet<u32>> {
-        let code = image.data_end(table).filter(|_| image.is_data(table))?;
-        let constant = self.constants.range(table..code).next();
-        let end = constant.map_or(code, |&constant| without_padding(image, table, constant));
-        let entries = (table..end).step_by(entry_bytes.into());
+        let begin = table.address;
+        let code = image.data_end(begin).filter(|_| image.is_data(begin))?;
+        let constant = self.constants.range(begin + 1..code).next();
+        let end = constant.map_or(code, |&constant| without_padding(image, begin, constant));
+        let entries = (begin..end).step_by(entry_bytes.into());
         let targets: BTreeSet<u32> = entries
             .filter_map(|entry| match entry_bytes {
                 1 => image.byte(entry).map(u32::from),
                 _ => image.half(entry).map(u32::from),
             })
-            .map(|entry| table + 2 * entry)
+            .map(|entry| from + 2 * entry)
             // What fills the table up leads into it.
             .filter(|&to| to >= code)
             .collect();
-        (!targets.is_empty() && targets.is_subset(&self.starts)).then_some(targets)
+        let are_known = targets.iter().all(|to| self.instructions.contains_key(to));
+        (!targets.is_empty() && are_known).then_some(targets)
     }
 }
 
