@@ -139,12 +139,11 @@ mod app {
     fn step(cx: step::Context) {
         let _activation = trace::step();
         let (output, events) = (cx.local.output, cx.local.events_out);
-        let counts = cx.shared.counts;
         output.write();
         if let Some(upcoming) = events.advance() {
-            output.set_up(upcoming, counts);
+            output.set_up(upcoming, events);
         } else {
-            output.stop(counts);
+            output.stop(cx.shared.counts);
         }
     }
 

@@ -335,8 +335,7 @@ fn a_day_of_work_ends_on_the_exact_step() {
     day.stands_at(end, &settings);
     day.run(SECOND);
     assert!(day.asked.is_empty(), "a `?` without a report");
-    let counts = day.simulator.counts();
-    assert_eq!((counts.late(), day.simulator.lost()), (0, 0));
+    assert_eq!((day.simulator.late(), day.simulator.lost()), (0, 0));
     if let (Some(before), Some(after)) = (before, resident_kib()) {
         assert!(after <= before + GROWTH_KIB, "{before} KiB, then {after}");
     }

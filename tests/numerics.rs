@@ -214,7 +214,7 @@ impl<'a> Play<'a> {
         if snapshot.is_at_rest && self.drive.entries.is_empty() {
             assert_eq!(snapshot.finished, self.sent);
             assert_eq!(snapshot.steps, self.steps);
-            assert_eq!(self.drive.counts.late(), 0);
+            assert_eq!(self.drive.late(), 0);
             return false;
         }
         let edge = self.drive.step();

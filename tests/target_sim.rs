@@ -157,7 +157,7 @@ mod target {
         }
         writeln!(lines, "ticks {}", tally.motion_ticks())?;
         writeln!(lines, "events {}", tally.events)?;
-        writeln!(lines, "late {}", stream.simulator.counts().late())?;
+        writeln!(lines, "late {}", stream.simulator.late())?;
         writeln!(lines, "hash {:016x}", tally.hash)?;
         lines.flush();
         Ok(())

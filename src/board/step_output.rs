@@ -1,6 +1,6 @@
 //! The outputs of the step interrupt: pins at the times of the step timer.
 
-use leadscrew::stepper::{EventTap, EventWriter, StepCounts, StepEvent, Upcoming};
+use leadscrew::stepper::{EventReader, EventTap, EventWriter, StepCounts, StepEvent, Upcoming};
 
 use super::{pins, release::TURN, step_timer, step_timer::StepTimer};
 
@@ -24,11 +24,15 @@ impl StepOutput {
     /// none yet, it will be stopped before. Sets up the next event. When a segment begins with it,
     /// releases `turn`: without a branch, so that no event takes longer than another.
     #[inline]
-    pub(crate) fn set_up(&mut self, Upcoming { event, then }: Upcoming, counts: &StepCounts) {
-        let near = self.0.then(then);
+    pub(crate) fn set_up(
+        &mut self,
+        Upcoming { event, then }: Upcoming,
+        events: &mut EventReader<'_>,
+    ) {
+        let is_behind = self.0.then(then).is_behind();
+        events.count_late(is_behind);
         pins::prepare(event);
-        counts.count_late(near.is_behind());
-        near.pend(TURN, event.is_boundary());
+        self.0.pend(TURN, event);
     }
 
     /// Sets nothing up: no event will come.

@@ -45,6 +45,15 @@ impl StepTimer {
         near
     }
 
+    /// Releases a task by its vector if an event is the first of a segment: in the same time if not.
+    ///
+    /// Makes the registers' address once more: to keep it would take a register of the processor
+    /// that has to be saved.
+    #[inline]
+    pub(super) fn pend(&mut self, vector: Interrupt, event: StepEvent) {
+        Near::after(event).pend(vector, event.is_boundary());
+    }
+
     /// No interrupt until the next [`start`].
     #[inline]
     pub(super) fn stop(&mut self) -> Near {

@@ -127,6 +127,12 @@ impl Drive {
         self.sample_due
     }
 
+    /// Events that came too late: the virtual step interrupt never lets any.
+    #[must_use]
+    pub fn late(&self) -> u32 {
+        self.events.late()
+    }
+
     /// Physical steps of each axis since power-up.
     #[must_use]
     pub const fn physical_steps(&self) -> Axes<i32> {

@@ -113,6 +113,12 @@ impl Simulator {
         &self.drive.counts
     }
 
+    /// Events that came too late.
+    #[must_use]
+    pub fn late(&self) -> u32 {
+        self.drive.late()
+    }
+
     /// Free places in the receive queue.
     #[must_use]
     pub fn received_free(&self) -> usize {

@@ -47,8 +47,8 @@ const SLOTS: usize = 2 * SEGMENT_RING;
 
 /// What the step interrupt plays.
 ///
-/// Written by `prepare` (announcements), by `turn` (what has begun, faults) and by the step
-/// interrupt (late events). `running` is written by whoever starts or stops the timer.
+/// Written by `prepare` (announcements) and by `turn` (what has begun, faults). `running` is written
+/// by whoever starts or stops the timer.
 #[derive(Debug)]
 pub struct StepCounts {
     slots: [Slot; SLOTS],
@@ -56,7 +56,6 @@ pub struct StepCounts {
     announced: AtomicU32,
     /// Segments begun so far, wrapping.
     begun: AtomicU32,
-    late: AtomicU32,
     /// The part of the flags that counts: all, or no duty.
     mask: AtomicU32,
     running: AtomicBool,
@@ -83,7 +82,6 @@ impl StepCounts {
             }; SLOTS],
             announced: AtomicU32::new(0),
             begun: AtomicU32::new(0),
-            late: AtomicU32::new(0),
             mask: AtomicU32::new(u32::MAX),
             running: AtomicBool::new(false),
             starved: AtomicBool::new(false),
@@ -216,21 +214,6 @@ impl StepCounts {
     pub fn position(&self) -> Axes<i32> {
         let played = self.played();
         Axes::from_fn(|axis| played.steps[axis].load(Relaxed))
-    }
-
-    /// Events that may have come too late, as the step interrupt had come too late to tell the timer
-    /// of them.
-    #[must_use]
-    pub fn late(&self) -> u32 {
-        self.late.load(Relaxed)
-    }
-
-    /// Counts an event if it is late; called in the step interrupt, which takes the same time for
-    /// one that is and one that is not.
-    #[inline]
-    pub fn count_late(&self, is_late: bool) {
-        let late = self.late().wrapping_add(u32::from(is_late));
-        self.late.store(late, Relaxed);
     }
 
     /// Start of the segment being played, on the generator's clock.

@@ -38,6 +38,9 @@ pub struct EventRing {
     output: AtomicU32,
     /// The event behind the one that is set up, or [`StepEvent::NONE`].
     next: AtomicU32,
+    /// Events that may have come too late, wrapping. Here, because the step interrupt counts them, and
+    /// one address is enough for all that it uses of the ring.
+    late: AtomicU32,
     words: [AtomicU32; WORDS],
 }
 
@@ -50,6 +53,7 @@ impl EventRing {
             written: AtomicU32::new(0),
             output: AtomicU32::new(0),
             next: AtomicU32::new(StepEvent::NONE.bits()),
+            late: AtomicU32::new(0),
         }
     }
 
@@ -57,6 +61,13 @@ impl EventRing {
     pub const fn split(&mut self) -> (EventWriter<'_>, EventReader<'_>) {
         let ring: &Self = self;
         (EventWriter { ring }, EventReader { ring })
+    }
+
+    /// Events that may have come too late, wrapping, as the step interrupt had come too late to tell
+    /// the timer of them.
+    #[must_use]
+    pub fn late(&self) -> u32 {
+        self.late.load(Relaxed)
     }
 
     /// Events that can be put now. The other places hold those played last.
@@ -70,11 +81,11 @@ impl EventRing {
     /// written: it is the one that will be written next at most.
     #[inline]
     fn waiting(&self, number: u32) -> StepEvent {
+        // Negative if it has been written, or else not.
+        let behind = number.wrapping_sub(self.written.load(Relaxed));
         // In any case, and masked: so the step interrupt takes the same time. The writer never
         // interrupts who asks.
         let word = self.word(number).load(Relaxed);
-        // Negative if it has been written, or else not.
-        let behind = number.wrapping_sub(self.written.load(Relaxed));
         StepEvent::from_bits(word & (behind.cast_signed() >> 31).cast_unsigned())
     }
 
@@ -304,6 +315,14 @@ impl EventReader<'_> {
         let event = ring.next();
         ring.set_next(then);
         (event != StepEvent::NONE).then_some(Upcoming { event, then })
+    }
+
+    /// Counts an event if it is late: the step interrupt takes the same time for one that is and one
+    /// that is not.
+    #[inline]
+    pub fn count_late(&mut self, is_late: bool) {
+        let late = self.ring.late().wrapping_add(u32::from(is_late));
+        self.ring.late.store(late, Relaxed);
     }
 }
 

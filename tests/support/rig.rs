@@ -194,7 +194,7 @@ impl Rig {
         if !self.is_recovering {
             assert_ne!(self.snapshot().state, State::Alarm, "starved");
         }
-        assert_eq!(self.drive.counts.late(), 0, "late");
+        assert_eq!(self.drive.late(), 0, "late");
     }
 
     fn step(&mut self) {

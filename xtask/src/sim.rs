@@ -270,7 +270,7 @@ fn stream(
         steps_axis: tally.pulses.0.to_vec(),
         motion_time_s: tally.motion_ticks() as f64 / f64::from(TICKS_PER_SECOND),
         events: tally.events,
-        late: u64::from(stream.simulator.counts().late()),
+        late: u64::from(stream.simulator.late()),
         event_hash: format!("{:016x}", tally.hash),
     };
     let motion = observer.samples.map(|samples| samples.finish(scale));
