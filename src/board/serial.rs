@@ -117,7 +117,7 @@ impl Transmitter {
             return false;
         };
         usart.dr().write(|w| w.dr().set(byte.into()));
-        if matches!(self.0.len(), 0 | SENT_HALF) && requests.awaits(Awaited::ROOM) {
+        if requests.awaits(Awaited::ROOM) && matches!(self.0.len(), 0 | SENT_HALF) {
             rtic::pend(WAKE);
         }
         true

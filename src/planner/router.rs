@@ -283,6 +283,8 @@ impl Router {
         true
     }
 
+    /// Apart: most moves are lines, and it has much to keep.
+    #[inline(never)]
     fn arc(
         &mut self,
         target: &Target,

@@ -4,10 +4,13 @@
 //! of a program, so there are no barriers, which a single core does not need between its own tasks
 //! (the compiler is told to keep the order), and no division. Measured in `docs/benchmarks.md`.
 
-use core::sync::atomic::{
-    AtomicU8, AtomicUsize,
-    Ordering::{Relaxed, SeqCst},
-    compiler_fence,
+use core::{
+    slice::Iter,
+    sync::atomic::{
+        AtomicU8, AtomicUsize,
+        Ordering::{Relaxed, SeqCst},
+        compiler_fence,
+    },
 };
 
 /// A queue of bytes in `B`: see [`Bytes`].
@@ -174,19 +177,32 @@ impl ByteReader<'_> {
         Some(byte)
     }
 
-    /// Lets a function take as many as it wants of the bytes that wait now.
+    /// Lets a function take bytes that wait now, until it has what it wants; whether it has. It is
+    /// called again where the ring begins anew, as the bytes that it gets lie in a row.
     #[inline]
-    pub fn take_with<R>(&mut self, take: impl FnOnce(&mut Waiting<'_>) -> R) -> R {
-        let mut waiting = Waiting {
-            bytes: &self.ring.bytes,
-            place: self.ring.read.load(Relaxed),
-            end: self.ring.written.load(Relaxed),
-        };
+    pub fn take_until(&mut self, mut take: impl FnMut(&mut Waiting<'_>) -> bool) -> bool {
+        let bytes = &self.ring.bytes;
+        let mut place = self.ring.read.load(Relaxed);
+        let written = self.ring.written.load(Relaxed);
         compiler_fence(SeqCst);
-        let result = take(&mut waiting);
+        let mut has_all = false;
+        // wcet-bound: 2
+        while place != written && !has_all {
+            let end = if place < written {
+                written
+            } else {
+                bytes.len()
+            };
+            let mut waiting = Waiting(bytes.get(place..end).unwrap_or_default().iter());
+            has_all = take(&mut waiting);
+            place = (end - waiting.0.len()) & (bytes.len() - 1);
+            if waiting.0.len() != 0 {
+                break;
+            }
+        }
         compiler_fence(SeqCst);
-        self.ring.read.store(waiting.place, Relaxed);
-        result
+        self.ring.read.store(place, Relaxed);
+        has_all
     }
 
     /// Bytes that may wait.
@@ -209,28 +225,16 @@ impl ByteReader<'_> {
     }
 }
 
-/// Bytes that waited when [`ByteReader::take_with`] was called.
+/// Bytes that waited when [`ByteReader::take_until`] was called.
 #[derive(Debug)]
-pub struct Waiting<'a> {
-    bytes: &'a [AtomicU8],
-    place: usize,
-    end: usize,
-}
+pub struct Waiting<'a>(Iter<'a, AtomicU8>);
 
 impl Iterator for Waiting<'_> {
     type Item = u8;
 
     #[inline]
     fn next(&mut self) -> Option<u8> {
-        if self.place == self.end {
-            return None;
-        }
-        let byte = self.bytes.get(self.place)?.load(Relaxed);
-        self.place += 1;
-        if self.place == self.bytes.len() {
-            self.place = 0;
-        }
-        Some(byte)
+        self.0.next().map(|byte| byte.load(Relaxed))
     }
 }
 
@@ -255,12 +259,17 @@ mod tests {
                 assert_eq!(byte, (!is_empty).then_some(taken));
                 taken = taken.wrapping_add(u8::from(!is_empty));
             }
-            reader.take_with(|waiting| {
-                for byte in waiting.take(round % 3) {
+            let mut wanted = round % 3;
+            let waiting = reader.len();
+            let has_all = reader.take_until(|bytes| {
+                for byte in bytes.take(wanted) {
                     assert_eq!(byte, taken);
                     taken = taken.wrapping_add(1);
+                    wanted -= 1;
                 }
+                wanted == 0
             });
+            assert_eq!(has_all, waiting != 0 && waiting >= round % 3);
             assert_eq!(reader.len(), usize::from(put.wrapping_sub(taken)));
         }
     }

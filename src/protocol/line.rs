@@ -22,13 +22,20 @@ enum Place {
     Semicolon,
 }
 
-/// What a byte of code becomes; 0 for those that are dropped or mean something else.
+/// What stands for a byte that is dropped, and for one that ends the line or begins a comment.
+const DROPPED: u8 = 0;
+const OTHER: u8 = 1;
+
+/// What a byte of code becomes.
 const CODE: [u8; 256] = {
-    let mut code = [0; 256];
+    let mut code = [DROPPED; 256];
+    code[b'\n' as usize] = OTHER;
+    code[b'\r' as usize] = OTHER;
     let mut byte = b' ' + 1;
     while byte < u8::MAX {
         code[byte as usize] = match byte {
-            b'(' | b';' | b'/' => 0,
+            b'(' | b';' => OTHER,
+            b'/' => DROPPED,
             _ => byte.to_ascii_uppercase(),
         };
         byte += 1;
@@ -62,30 +69,49 @@ impl Line {
     /// Takes bytes up to the end of the line; false when they come to an end before. [`Line::text`]
     /// then has the line, which must be cleared before the byte after.
     #[must_use]
-    pub fn take_from(&mut self, bytes: impl Iterator<Item = u8>) -> bool {
+    pub fn take_from(&mut self, mut bytes: impl Iterator<Item = u8>) -> bool {
+        loop {
+            let byte = if self.place == Place::Code {
+                self.take_code(&mut bytes)
+            } else {
+                bytes.next()
+            };
+            let Some(byte) = byte else {
+                return false;
+            };
+            if self.take_rest(byte) {
+                return true;
+            }
+        }
+    }
+
+    /// Takes bytes of code up to another, which it tells.
+    #[inline]
+    fn take_code(&mut self, bytes: &mut impl Iterator<Item = u8>) -> Option<u8> {
         let mut length = self.length;
-        let mut is_code = self.place == Place::Code;
-        let mut is_complete = false;
-        for byte in bytes {
+        let other = loop {
+            let Some(byte) = bytes.next() else {
+                break None;
+            };
             let code = CODE[usize::from(byte)];
-            if code == 0 || !is_code {
-                is_complete = self.take_rest(byte);
-                is_code = self.place == Place::Code;
-                if is_complete {
-                    break;
-                }
-            } else if let Some(place) = self.bytes.get_mut(length) {
+            if code == DROPPED {
+                continue;
+            }
+            if code == OTHER {
+                break Some(byte);
+            }
+            if let Some(place) = self.bytes.get_mut(length) {
                 *place = code;
                 length += 1;
             } else {
                 self.is_too_long = true;
             }
-        }
+        };
         self.length = length;
-        is_complete
+        other
     }
 
-    /// Takes a byte that is no code, or in a comment.
+    /// Takes a byte that is neither code nor dropped, or in a comment.
     fn take_rest(&mut self, byte: u8) -> bool {
         match (byte, self.place) {
             (b'\n' | b'\r', _) => return true,

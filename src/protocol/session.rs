@@ -462,7 +462,7 @@ impl Session {
 
     /// Takes bytes up to the end of the line; false when it has not come yet.
     fn read(&mut self, received: &mut ByteReader<'_>) -> bool {
-        received.take_with(|bytes| self.line.take_from(bytes))
+        received.take_until(|bytes| self.line.take_from(bytes))
     }
 
     /// Whether everything sent to the machine has been done and it stands still.
