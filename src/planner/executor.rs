@@ -19,7 +19,7 @@
 
 use super::{
     Block, Curve, Laser,
-    lookahead::{Plan, Progress},
+    lookahead::{Plan, Progress, Shape},
 };
 use crate::{
     axis::Axes,
@@ -157,7 +157,8 @@ impl Executor {
         }
     }
 
-    /// What the laser does in the last segment, and its mean speed as a part of the programmed one.
+    /// What the laser does in the last segment; with power in proportion to the speed also its mean
+    /// speed as a part of the programmed one.
     pub(super) const fn beam(&self) -> (Laser, f32) {
         (self.laser, self.part)
     }
@@ -198,22 +199,68 @@ impl Executor {
         if !self.is_begun {
             self.begin(block, position);
         }
-        let piece = self.piece(block, exit_sqr);
-        let stretch = match goal {
-            Goal::Run => self.run(block, &piece),
-            Goal::Stop => self.stop(block, &piece),
+        let ends_block = if block.curve.is_some() {
+            self.follow_arc(block, exit_sqr, goal, segment)
+        } else {
+            self.follow_line(block, exit_sqr, goal, segment)
         };
-        let ends_block = stretch.ends_piece && piece.ends_block;
-        self.segment(block, &stretch, ends_block, segment);
-        self.laser = block.laser;
-        self.part = 0.5 * (self.speed_mm_s + stretch.speed_mm_s) / block.programmed_mm_s;
-        self.speed_mm_s = stretch.speed_mm_s;
-        self.is_within = !stretch.ends_piece && self.speed_mm_s > 0.0;
         if ends_block {
             plan.pop();
             self.is_begun = false;
         }
         true
+    }
+
+    /// A segment of an arc; whether it ends the block.
+    #[inline(never)]
+    fn follow_arc(
+        &mut self,
+        block: &Block,
+        exit_sqr: f32,
+        goal: Goal,
+        segment: &mut Segment,
+    ) -> bool {
+        self.follow(block.shape(), exit_sqr, goal, segment)
+    }
+
+    /// The same of a line: without a curve, much of it is known when it is compiled.
+    #[inline(never)]
+    fn follow_line(
+        &mut self,
+        block: &Block,
+        exit_sqr: f32,
+        goal: Goal,
+        segment: &mut Segment,
+    ) -> bool {
+        let curve = None;
+        self.follow(Shape { block, curve }, exit_sqr, goal, segment)
+    }
+
+    #[inline(always)]
+    #[expect(clippy::inline_always, reason = "two functions come of this")]
+    fn follow(
+        &mut self,
+        shape: Shape<'_>,
+        exit_sqr: f32,
+        goal: Goal,
+        segment: &mut Segment,
+    ) -> bool {
+        let piece = self.piece(shape, exit_sqr);
+        let stretch = match goal {
+            Goal::Run => self.run(shape, &piece),
+            Goal::Stop => self.stop(shape.block, &piece),
+        };
+        let ends_block = stretch.ends_piece && piece.ends_block;
+        self.segment(shape, &stretch, ends_block, segment);
+        self.laser = shape.block.laser;
+        // Nothing else asks for it, and it takes a division.
+        if matches!(self.laser, Laser::Proportional(_)) {
+            let mean_mm_s = 0.5 * (self.speed_mm_s + stretch.speed_mm_s);
+            self.part = mean_mm_s / shape.block.programmed_mm_s;
+        }
+        self.speed_mm_s = stretch.speed_mm_s;
+        self.is_within = !stretch.ends_piece && self.speed_mm_s > 0.0;
+        ends_block
     }
 
     fn begin(&mut self, block: &Block, position: &Axes<FineSteps>) {
@@ -226,23 +273,26 @@ impl Executor {
             self.phase = curve.phase;
             self.from_centre = Direction::at(curve.phase);
         }
-        self.axis_speed = axis_speeds(block, self.from_centre, self.speed_mm_s);
+        self.axis_speed = axis_speeds(block.shape(), self.from_centre, self.speed_mm_s);
     }
 
     /// What is left of the piece that the machine is in, of a block to be left at a speed.
-    fn piece(&self, block: &Block, exit_sqr: f32) -> Piece {
+    #[inline(always)]
+    #[expect(clippy::inline_always, reason = "as for `follow`")]
+    fn piece(&self, shape: Shape<'_>, exit_sqr: f32) -> Piece {
+        let block = shape.block;
         let left_mm = self.left as f32 * (block.length_mm / WHOLE_Q31 as f32);
         let top_sqr = block.speed_mm_s * block.speed_mm_s;
         let mut piece = Piece {
             length_mm: left_mm,
-            exit: block.measure(math::min(exit_sqr, top_sqr)),
+            exit: shape.measure(math::min(exit_sqr, top_sqr)),
             ends_block: true,
         };
-        if let Some(curve) = &block.curve {
+        if let Some(curve) = shape.curve {
             let sliver_mm = SLIVER_S * block.speed_mm_s;
             let length_mm = self.way_to_reversal(curve, sliver_mm);
             if length_mm < left_mm - sliver_mm {
-                let rest = block.measure_per_mm() * (left_mm - length_mm);
+                let rest = shape.measure_per_mm() * (left_mm - length_mm);
                 piece = Piece {
                     length_mm,
                     exit: piece.exit + rest,
@@ -273,10 +323,13 @@ impl Executor {
     }
 
     /// A stretch towards the greatest speed at the piece's end.
-    fn run(&mut self, block: &Block, piece: &Piece) -> Stretch {
+    #[inline(always)]
+    #[expect(clippy::inline_always, reason = "as for `follow`")]
+    fn run(&mut self, shape: Shape<'_>, piece: &Piece) -> Stretch {
+        let block = shape.block;
         let speed = self.speed_mm_s;
-        let measure = block.measure(speed * speed);
-        let change = block.measure_per_mm() * piece.length_mm;
+        let measure = shape.measure(speed * speed);
+        let change = shape.measure_per_mm() * piece.length_mm;
         let mut end = math::min(piece.exit, measure + change);
         if self.is_over {
             // Braking as hard as the limits allow is always within the plan before, and so within
@@ -285,7 +338,7 @@ impl Executor {
             let is_too_near = measure > (piece.exit + change) * WITHIN;
             self.is_over = speed > block.speed_mm_s * WITHIN || is_too_near;
         }
-        let end_speed = math::sqrt(block.speed_sqr(end));
+        let end_speed = math::sqrt(shape.speed_sqr(end));
         let end_speed = math::min(end_speed, math::max(block.speed_mm_s, speed));
         let double_mm = 2.0 * piece.length_mm;
         if double_mm <= LONGEST_S * (speed + end_speed) {
@@ -296,9 +349,9 @@ impl Executor {
         } else {
             share(double_mm / (speed + end_speed))
         };
-        let gain = acceleration_left(block, speed) * seconds;
+        let gain = acceleration_left(shape, speed) * seconds;
         // The speed at which braking begins: v² = e² - 2·(v0 + v)/2·gain, with e² as it could be here.
-        let room = block.speed_sqr(piece.exit + change) - gain * speed;
+        let room = shape.speed_sqr(piece.exit + change) - gain * speed;
         let room = math::max(room, 0.0);
         let half = 0.5 * gain;
         let braking = room / (half + math::sqrt(half * half + room));
@@ -312,8 +365,8 @@ impl Executor {
         if length_mm >= piece.length_mm {
             return self.last(piece, end_speed);
         }
-        if block.curve.is_some() {
-            return self.on_arc(block, piece, measure, length_mm, reached);
+        if shape.curve.is_some() {
+            return self.on_arc(shape, piece, measure, length_mm, reached);
         }
         Stretch {
             length_mm,
@@ -345,19 +398,19 @@ impl Executor {
     /// A stretch of an arc about to a speed: what that is exactly follows from the way.
     fn on_arc(
         &self,
-        block: &Block,
+        shape: Shape<'_>,
         piece: &Piece,
         measure: f32,
         length_mm: f32,
         about_mm_s: f32,
     ) -> Stretch {
-        let change = block.measure_per_mm() * length_mm;
-        let rest = block.measure_per_mm() * (piece.length_mm - length_mm);
+        let change = shape.measure_per_mm() * length_mm;
+        let rest = shape.measure_per_mm() * (piece.length_mm - length_mm);
         let mut most = math::min(measure + change, piece.exit + rest);
         if self.is_over {
             most = math::max(most, measure - change);
         }
-        let speed_mm_s = math::min(about_mm_s, math::sqrt(block.speed_sqr(most)));
+        let speed_mm_s = math::min(about_mm_s, math::sqrt(shape.speed_sqr(most)));
         Stretch {
             length_mm,
             speed_mm_s,
@@ -367,12 +420,14 @@ impl Executor {
     }
 
     /// A stretch towards a standstill.
+    #[inline(never)]
     fn stop(&self, block: &Block, piece: &Piece) -> Stretch {
+        let shape = block.shape();
         let speed = self.speed_mm_s;
-        let measure = block.measure(speed * speed);
-        let per_mm = block.measure_per_mm();
+        let measure = shape.measure(speed * speed);
+        let per_mm = shape.measure_per_mm();
         let end = math::max(measure - per_mm * piece.length_mm, 0.0);
-        let end_speed = math::sqrt(block.speed_sqr(end));
+        let end_speed = math::sqrt(shape.speed_sqr(end));
         let way_mm = math::min(measure / per_mm, piece.length_mm);
         // Not in less time than a segment has to take, if there is the way.
         let shortest_mm = math::min(0.5 * SHORTEST_S * speed, piece.length_mm);
@@ -386,10 +441,10 @@ impl Executor {
                 ends_piece: way_mm >= piece.length_mm,
             };
         }
-        let gain = acceleration_left(block, speed) * share(whole_s);
+        let gain = acceleration_left(shape, speed) * share(whole_s);
         let length_mm = (speed - 0.5 * gain) * share(whole_s);
         let reached = math::max(measure - per_mm * length_mm, end);
-        let speed_mm_s = math::sqrt(block.speed_sqr(reached));
+        let speed_mm_s = math::sqrt(shape.speed_sqr(reached));
         Stretch {
             length_mm,
             speed_mm_s,
@@ -399,13 +454,16 @@ impl Executor {
     }
 
     /// The motion of the axes over a stretch.
+    #[inline(always)]
+    #[expect(clippy::inline_always, reason = "as for `follow`")]
     fn segment(
         &mut self,
-        block: &Block,
+        shape: Shape<'_>,
         stretch: &Stretch,
         ends_block: bool,
         segment: &mut Segment,
     ) {
+        let block = shape.block;
         let ticks = ((stretch.seconds * TICKS_PER_S + 0.5) as u32).max(1);
         if ends_block {
             self.left = 0;
@@ -417,12 +475,12 @@ impl Executor {
         }
         let done = WHOLE_Q31 - self.left;
         let mut here = Direction::NONE;
-        if let Some(curve) = &block.curve {
+        if let Some(curve) = shape.curve {
             self.phase = phase_at(curve, done);
             here = Direction::at(self.phase);
         }
-        let way = way_at(block, done, self.from_centre, here);
-        let speeds = axis_speeds(block, here, stretch.speed_mm_s);
+        let way = way_at(shape, done, self.from_centre, here);
+        let speeds = axis_speeds(shape, here, stretch.speed_mm_s);
         let rate = 1.0 / ticks as f32;
         let axes = Axes::from_fn(|axis| AxisMotion {
             to: FineSteps(self.start[axis].0.wrapping_add(way[axis])),
@@ -454,9 +512,9 @@ fn lasting_s(double_mm: f32, sum_mm_s: f32) -> f32 {
 }
 
 /// Acceleration along the path that the block's limits leave at a speed, mm/s²: never 0.
-fn acceleration_left(block: &Block, speed_mm_s: f32) -> f32 {
-    let most = block.acceleration_mm_s2;
-    match &block.curve {
+fn acceleration_left(shape: Shape<'_>, speed_mm_s: f32) -> f32 {
+    let most = shape.block.acceleration_mm_s2;
+    match shape.curve {
         None => most,
         Some(curve) => {
             let used = math::min(speed_mm_s * speed_mm_s / curve.limit_sqr, 1.0);
@@ -474,9 +532,11 @@ fn phase_at(curve: &Curve, done: u32) -> u32 {
 }
 
 /// The way of each axis from the block's start where a part of it is done.
-fn way_at(block: &Block, done: u32, begin: Direction, here: Direction) -> Axes<i64> {
-    let mut way = block.delta.map(|delta| math::scale_q31(delta, done));
-    if let Some(curve) = &block.curve {
+#[inline]
+fn way_at(shape: Shape<'_>, done: u32, begin: Direction, here: Direction) -> Axes<i64> {
+    let delta = &shape.block.delta;
+    let mut way = delta.map(|delta| math::scale_q31(delta, done));
+    if let Some(curve) = shape.curve {
         if done == WHOLE_Q31 {
             return way;
         }
@@ -501,10 +561,11 @@ fn way_at(block: &Block, done: u32, begin: Direction, here: Direction) -> Axes<i
 }
 
 /// Speed of each axis in a place of the block, steps per tick.
-fn axis_speeds(block: &Block, here: Direction, speed_mm_s: f32) -> Axes<f32> {
+#[inline]
+fn axis_speeds(shape: Shape<'_>, here: Direction, speed_mm_s: f32) -> Axes<f32> {
     let speed = speed_mm_s * (1.0 / TICKS_PER_S);
-    let mut speeds = block.steps_per_mm.map(|steps| steps * speed);
-    if let Some(curve) = &block.curve {
+    let mut speeds = shape.block.steps_per_mm.map(|steps| steps * speed);
+    if let Some(curve) = shape.curve {
         let sign = if curve.sweep > 0 { 1.0 } else { -1.0 };
         let scale = sign / math::ONE_Q30 as f32;
         scale_by(&mut speeds, curve.first, -here.sine as f32 * scale);

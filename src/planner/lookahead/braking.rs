@@ -5,35 +5,53 @@ use core::f32::consts::FRAC_PI_2;
 use super::super::{Block, Curve};
 use crate::math;
 
-impl Block {
+/// A block with its curve apart: code that is made for a block without one does not ask for it.
+#[derive(Clone, Copy)]
+pub(crate) struct Shape<'a> {
+    pub(crate) block: &'a Block,
+    pub(crate) curve: Option<&'a Curve>,
+}
+
+impl Shape<'_> {
     /// The measure of a squared speed that braking changes in proportion to the path.
     ///
     /// On a line that is v² itself. On an arc the acceleration left along the path is
     /// √(a² − (v²/R)²), so that d(v²)/ds = 2√(a² − (v²/R)²): with v² = aR·sin z it is dz/ds = 2/R.
-    #[must_use]
-    pub fn measure(&self, speed_sqr: f32) -> f32 {
-        match &self.curve {
+    #[inline]
+    pub(crate) fn measure(self, speed_sqr: f32) -> f32 {
+        match self.curve {
             None => speed_sqr,
             Some(curve) => math::asin(math::min(speed_sqr / curve.limit_sqr, 1.0)),
         }
     }
 
     /// The squared speed of a measure.
-    #[must_use]
-    pub fn speed_sqr(&self, measure: f32) -> f32 {
-        match &self.curve {
+    #[inline]
+    pub(crate) fn speed_sqr(self, measure: f32) -> f32 {
+        match self.curve {
             None => measure,
             Some(curve) => curve.limit_sqr * math::sin(math::min(measure, FRAC_PI_2)),
         }
     }
 
     /// Change of the measure per mm of path.
-    #[must_use]
-    pub fn measure_per_mm(&self) -> f32 {
-        let double = 2.0 * self.acceleration_mm_s2;
-        match &self.curve {
+    #[inline]
+    pub(crate) fn measure_per_mm(self) -> f32 {
+        let double = 2.0 * self.block.acceleration_mm_s2;
+        match self.curve {
             None => double,
             Some(curve) => double / curve.limit_sqr,
+        }
+    }
+}
+
+impl Block {
+    /// The block, with its curve if it has one.
+    #[inline]
+    pub(crate) const fn shape(&self) -> Shape<'_> {
+        Shape {
+            block: self,
+            curve: self.curve.as_ref(),
         }
     }
 }
@@ -60,7 +78,7 @@ impl Braking {
     };
 
     pub(super) fn new(block: &Block) -> Self {
-        let change = block.measure_per_mm() * block.length_mm;
+        let change = block.shape().measure_per_mm() * block.length_mm;
         match &block.curve {
             None => Self {
                 gain: change,
