@@ -54,6 +54,8 @@ pub struct Accessories {
     min_rpm: f32,
     max_rpm: f32,
     is_laser: bool,
+    /// Something of all that has changed since it was asked for.
+    is_changed: bool,
 }
 
 impl Accessories {
@@ -72,6 +74,7 @@ impl Accessories {
             min_rpm: 0.0,
             max_rpm: 1000.0,
             is_laser: false,
+            is_changed: true,
         }
     }
 
@@ -80,6 +83,13 @@ impl Accessories {
         self.min_rpm = settings.spindle_min_rpm;
         self.max_rpm = settings.spindle_max_rpm;
         self.is_laser = settings.laser;
+        self.is_changed = true;
+    }
+
+    /// Whether anything has changed since this was asked last; true at first.
+    #[inline]
+    pub fn take_changed(&mut self) -> bool {
+        core::mem::take(&mut self.is_changed)
     }
 
     /// The overrides in effect.
@@ -119,44 +129,52 @@ impl Accessories {
         self.spindle = spindle;
         let is_proportional = self.is_laser && spindle == Spindle::CounterClockwise;
         self.rpm = if is_proportional { 0.0 } else { rpm };
+        self.is_changed = true;
     }
 
     /// Ends the wait of a laser for a motion or for a new state.
     fn light(&mut self) {
         if self.stop == Stop::Dark {
             self.stop = Stop::None;
+            self.is_changed = true;
         }
     }
 
     /// A new state of the coolant.
     pub fn set_coolant(&mut self, coolant: Coolant) {
         self.coolant = coolant;
+        self.is_changed = true;
     }
 
     /// An override. Those of feed and rapids are for the plan.
     pub fn take(&mut self, command: Override) {
         self.overrides = self.overrides.after(command);
+        self.is_changed = true;
     }
 
     /// All overrides back to 100 %.
     pub fn end_overrides(&mut self) {
         self.overrides = Overrides::NONE;
+        self.is_changed = true;
     }
 
     /// Flood on, or off.
     pub fn toggle_flood(&mut self) {
         self.coolant.flood = !self.coolant.flood;
         self.toggles = self.toggles.wrapping_add(1);
+        self.is_changed = true;
     }
 
     /// Mist on, or off.
     pub fn toggle_mist(&mut self) {
         self.coolant.mist = !self.coolant.mist;
         self.toggles = self.toggles.wrapping_add(1);
+        self.is_changed = true;
     }
 
     /// The key that stops the spindle in a hold, or starts it again; tells whether it starts.
     pub fn toggle_stop(&mut self) -> bool {
+        self.is_changed = true;
         match self.stop {
             Stop::None | Stop::Dark => {
                 self.stop = Stop::Asked;
@@ -178,12 +196,14 @@ impl Accessories {
     pub fn begin_hold(&mut self) {
         if self.is_laser && self.stop == Stop::None {
             self.stop = Stop::Asked;
+            self.is_changed = true;
         }
     }
 
     /// At rest in a hold: what was asked for happens.
     pub fn rest_in_hold(&mut self) {
         if self.stop == Stop::Asked {
+            self.is_changed = true;
             self.stop = if self.spindle == Spindle::Off {
                 Stop::None
             } else {
@@ -198,6 +218,7 @@ impl Accessories {
         let was_stopped = self.stop == Stop::Stopped;
         let stays_dark = self.is_laser && !moves && self.stop != Stop::None;
         self.stop = if stays_dark { Stop::Dark } else { Stop::None };
+        self.is_changed = true;
         was_stopped
     }
 
@@ -206,11 +227,13 @@ impl Accessories {
         self.stop = Stop::None;
         self.is_spindle_cut = true;
         self.is_coolant_cut = true;
+        self.is_changed = true;
     }
 
     /// The spindle is no longer cut; a laser stays dark up to the end of the stop.
     pub fn restore_spindle(&mut self) {
         self.is_spindle_cut = false;
+        self.is_changed = true;
         if self.is_laser {
             self.stop = Stop::Dark;
         }
@@ -219,6 +242,7 @@ impl Accessories {
     /// The coolant is no longer cut.
     pub fn restore_coolant(&mut self) {
         self.is_coolant_cut = false;
+        self.is_changed = true;
     }
 
     /// Everything off and forgotten.
@@ -229,16 +253,19 @@ impl Accessories {
         self.stop = Stop::None;
         self.is_spindle_cut = false;
         self.is_coolant_cut = false;
+        self.is_changed = true;
     }
 
     /// A block begins to be executed: what its laser leaves on at rest.
     pub fn begin(&mut self, laser: Laser) {
         self.light();
-        match laser {
-            Laser::None => {}
-            Laser::Constant(rpm) => self.rpm = rpm,
-            Laser::Proportional(_) => self.rpm = 0.0,
-        }
+        let rpm = match laser {
+            Laser::None => return,
+            Laser::Constant(rpm) => rpm,
+            Laser::Proportional(_) => 0.0,
+        };
+        self.is_changed |= rpm != self.rpm;
+        self.rpm = rpm;
     }
 
     /// The power at rest.

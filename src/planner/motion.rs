@@ -94,6 +94,9 @@ pub struct Motion {
     idle_delay_ms: u8,
     hard_limits: bool,
     accessories: Accessories,
+    /// The power at rest, and what has been published.
+    at_rest: Power,
+    power: Power,
     outputs: Outputs,
     executor: Executor,
     /// The segment being made.
@@ -120,6 +123,8 @@ impl Motion {
             control: Control::IDLE,
             parking: Parking::new(),
             accessories: Accessories::new(),
+            at_rest: Power::OFF,
+            power: Power::OFF,
             epoch: 0,
             heard: 0,
             cuts: 0,
@@ -282,44 +287,22 @@ impl Motion {
             && !self.is_in_cycle()
             && !self.parking.is_away()
             && self.control.ending == Ending::None;
-        let at_rest = self.accessories.power_at_rest();
-        let is_off = self.accessories.is_spindle_off();
-        counts.mute(is_off);
-        let power = if counts.is_running() && !is_off {
-            Power {
-                rpm: counts.spindle_rpm(),
-                duty: counts.duty(),
-            }
-        } else {
-            at_rest
-        };
-        self.outputs.spindle = self.accessories.switched(power);
-        self.outputs.duty = at_rest.duty;
-        self.outputs.coolant = self.accessories.coolant();
-        let (coolant_asked, coolant_toggles) = self.accessories.coolant_asked();
+        let is_toggled = self.publish_accessories(counts, new);
         // A finished block alone is no news: who waits for all of them waits for rest.
         let has_notices = new.notices.count() != self.notices.count();
         let changed = new.state != self.control.state
             || new.is_at_rest != is_at_rest
             || new.epoch != self.epoch
             || new.cuts != self.cuts
-            || new.coolant_toggles != coolant_toggles
+            || is_toggled
             || has_notices;
         new.state = self.control.state;
-        new.steps = counts.position();
+        (new.steps, new.feed_mm_min, new.line) = counts.place();
         new.inputs = self.inputs;
-        new.feed_mm_min = counts.feed_mm_min();
-        new.spindle_rpm = power.rpm;
-        new.spindle = self.accessories.direction(power);
-        new.coolant = self.outputs.coolant;
-        new.coolant_asked = coolant_asked;
-        new.coolant_toggles = coolant_toggles;
-        new.overrides = self.accessories.overrides();
         if has_notices {
             new.notices = self.notices;
         }
         new.probed = self.probed;
-        new.line = counts.line();
         new.blocks_free = self.plan.free() as u16;
         new.finished = self.finished;
         new.is_at_rest = is_at_rest;
@@ -329,6 +312,48 @@ impl Motion {
         new.is_starved = self.is_starved;
         new.is_critical = self.is_critical;
         changed
+    }
+
+    /// Publishes spindle, laser and coolant, which rarely change; tells whether coolant has been
+    /// toggled, for which a task waits.
+    #[inline]
+    fn publish_accessories(&mut self, counts: &StepCounts, new: &mut Snapshot) -> bool {
+        let is_changed = self.accessories.take_changed();
+        if is_changed {
+            self.at_rest = self.accessories.power_at_rest();
+        }
+        let power = if counts.is_running() && !self.accessories.is_spindle_off() {
+            Power {
+                rpm: counts.spindle_rpm(),
+                duty: counts.duty(),
+            }
+        } else {
+            self.at_rest
+        };
+        if !is_changed && power == self.power {
+            return false;
+        }
+        self.power = power;
+        self.show(power, counts, new)
+    }
+
+    /// Switches spindle, laser and coolant, and publishes them.
+    #[inline(never)]
+    fn show(&mut self, power: Power, counts: &StepCounts, new: &mut Snapshot) -> bool {
+        let accessories = &self.accessories;
+        counts.mute(accessories.is_spindle_off());
+        self.outputs.spindle = accessories.switched(power);
+        self.outputs.duty = self.at_rest.duty;
+        self.outputs.coolant = accessories.coolant();
+        let (coolant_asked, coolant_toggles) = accessories.coolant_asked();
+        let is_toggled = new.coolant_toggles != coolant_toggles;
+        new.spindle_rpm = power.rpm;
+        new.spindle = accessories.direction(power);
+        new.coolant = self.outputs.coolant;
+        new.coolant_asked = coolant_asked;
+        new.coolant_toggles = coolant_toggles;
+        new.overrides = accessories.overrides();
+        is_toggled
     }
 }
 

@@ -140,29 +140,28 @@ impl StepCounts {
     #[inline]
     pub fn turn(&self, events: EventTap<'_>) -> Turned {
         let (taken, is_running) = events.taken(self);
-        let number = self.begun.load(Relaxed);
-        let mut turned = Turned {
-            duty: None,
-            again: false,
+        let (number, announced) = (self.begun.load(Relaxed), self.announced.load(Relaxed));
+        // Whether an event of a segment is among those that have been output or set up.
+        let has_begun = |number: u32| {
+            let first = self.slot(number).first_event.load(Relaxed);
+            number != announced && taken.wrapping_sub(first).cast_signed() > 0
         };
-        if self.has_begun(number, taken) {
+        let (mut played, mut again) = (number.wrapping_sub(1), false);
+        let begins = has_begun(number);
+        if begins {
+            played = number;
             let next = number.wrapping_add(1);
             self.begun.store(next, Relaxed);
-            turned.duty = Some(self.duty());
-            turned.again = self.has_begun(next, taken);
+            again = has_begun(next);
         }
-        let is_moving = self.played().flags.load(Relaxed) & IS_MOVING != 0;
-        if is_moving && !turned.again && !is_running && !self.is_cut() {
+        let flags = self.slot(played).flags.load(Relaxed);
+        if flags & IS_MOVING != 0 && !again && !is_running && !self.is_cut() {
             self.starved.store(true, Relaxed);
         }
-        turned
-    }
-
-    /// Whether an event of a segment is among those that have been output or set up.
-    #[inline]
-    fn has_begun(&self, number: u32, taken: u32) -> bool {
-        let first = self.slot(number).first_event.load(Relaxed);
-        number != self.announced.load(Relaxed) && taken.wrapping_sub(first).cast_signed() > 0
+        Turned {
+            duty: begins.then(|| self.duty_of(flags)),
+            again,
+        }
     }
 
     /// The step interrupt has stopped, for want of events.
@@ -209,6 +208,19 @@ impl StepCounts {
         None
     }
 
+    /// Of the segment being played: the step count of each axis when it began, the speed along the
+    /// path, mm/min, and the `N` word of its block, 0 without.
+    #[inline]
+    #[must_use]
+    pub fn place(&self) -> (Axes<i32>, f32, u32) {
+        let played = self.played();
+        (
+            Axes::from_fn(|axis| played.steps[axis].load(Relaxed)),
+            f32::from_bits(played.feed_mm_min.load(Relaxed)),
+            played.line.load(Relaxed),
+        )
+    }
+
     /// Step count of each axis when the segment being played began.
     #[must_use]
     pub fn position(&self) -> Axes<i32> {
@@ -237,8 +249,12 @@ impl StepCounts {
     /// Spindle PWM in the segment being played.
     #[must_use]
     pub fn duty(&self) -> u16 {
-        let flags = self.played().flags.load(Relaxed) & self.mask.load(Relaxed);
-        (flags >> DUTY_SHIFT) as u16
+        self.duty_of(self.played().flags.load(Relaxed))
+    }
+
+    #[inline]
+    fn duty_of(&self, flags: u32) -> u16 {
+        ((flags & self.mask.load(Relaxed)) >> DUTY_SHIFT) as u16
     }
 
     /// `N` word of the block being played, 0 without.

@@ -13,15 +13,16 @@ impl Motion {
     /// Whether an entry can be taken now: what it asks for begins, or is void.
     #[inline]
     pub(super) fn takes(&self, entry: &Entry, is_still: bool) -> bool {
+        let is_ending = self.control.ending != Ending::None;
+        if matches!(entry.work, Work::Move(_)) {
+            let waits = is_ending || self.is_dwelling || self.is_in_cycle();
+            return !waits && self.plan.free() != 0 || self.is_void(entry);
+        }
         if self.is_void(entry) {
             return true;
         }
-        let is_ending = self.control.ending != Ending::None;
         match entry.work {
-            Work::Move(_) => {
-                !is_ending && !self.is_dwelling && !self.is_in_cycle() && self.plan.free() > 0
-            }
-            Work::Fault(_) => true,
+            Work::Move(_) | Work::Fault(_) => true,
             Work::Dwell(_)
             | Work::Probe(..)
             | Work::Spindle(..)
