@@ -170,7 +170,7 @@ impl Session {
             let mut entry = self.entry();
             if self.router.work_into(command, &mut entry.work) {
                 self.is_jogging |= self.source == Source::Jog;
-                if entries.enqueue(entry).is_ok() {
+                if put(entry, entries) {
                     self.entered = self.entered.wrapping_add(1);
                 }
             } else if let Some(work) = self.instead(machine, next) {
@@ -274,4 +274,11 @@ impl Session {
             Some((_, Probe::TryContact | Probe::TryRelease)) | None => false,
         }
     }
+}
+
+/// Puts an entry into the queue; whether there was room. Apart, because then what is passed is copied
+/// once only: into its place.
+#[inline(never)]
+fn put(entry: Entry, entries: &mut Producer<'_, Entry>) -> bool {
+    entries.enqueue(entry).is_ok()
 }
