@@ -157,6 +157,7 @@ impl Number {
     }
 
     /// The value in millionths (of a mm: nm), rounded half away from zero, within ±[`Self::BEYOND`].
+    #[inline]
     #[must_use]
     pub fn to_millionths(self) -> i64 {
         self.scaled(1, 6)
@@ -176,6 +177,7 @@ impl Number {
     }
 
     /// The value times `factor` × 10^`exponent`.
+    #[inline]
     fn scaled(self, factor: i32, exponent: u8) -> i64 {
         if self.decimals > exponent {
             return self.scaled_down(factor, self.decimals - exponent);
@@ -191,6 +193,7 @@ impl Number {
     }
 
     /// The digits times `factor` / 10^`excess`.
+    #[inline(never)]
     fn scaled_down(self, factor: i32, excess: u8) -> i64 {
         let factor = i64::from(factor);
         let (whole, rest) = divide(self.mantissa, excess);
@@ -212,6 +215,20 @@ impl Number {
     /// hundredths and a tenth. It decides only between equally near steps.
     #[must_use]
     pub fn to_grbl_f32(self) -> f32 {
+        if let Ok(digits) = i32::try_from(self.mantissa)
+            && digits.unsigned_abs() < 100_000_000
+            && self.decimals <= 4
+        {
+            // As below, for what nearly all coordinates are.
+            let value = digits as f32;
+            return match self.decimals {
+                0 => value,
+                1 => value * 0.1,
+                2 => value * 0.01,
+                3 => value * 0.01 * 0.1,
+                _ => value * 0.01 * 0.01,
+            };
+        }
         let (mut digits, mut decimals) = (self.mantissa.unsigned_abs(), self.decimals);
         while digits >= 100_000_000 && decimals > 0 {
             digits /= 10;

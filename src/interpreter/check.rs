@@ -265,8 +265,14 @@ fn target(state: &Interpreter, block: &Block) -> (Axes<Nm>, Axes<f32>) {
     let (mut target, mut single_mm) = (state.position, state.single_mm);
     for axis in 0..AXES {
         if block.has_axis(axis) {
-            target[axis] = base[axis] + coordinate(block, axis);
-            single_mm[axis] = single_base[axis] + single_coordinate(block, axis);
+            let (exact, single) = if block.modal.units == Units::Millimetres {
+                let number: &Number = &block.coordinates[axis];
+                (Nm(number.to_millionths()), number.to_grbl_f32())
+            } else {
+                (coordinate(block, axis), single_coordinate(block, axis))
+            };
+            target[axis] = base[axis] + exact;
+            single_mm[axis] = single_base[axis] + single;
         }
     }
     (target, single_mm)
