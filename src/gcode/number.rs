@@ -83,6 +83,7 @@ impl Number {
     ///
     /// A sign, digits and one decimal point, each optional, but at least one digit. No exponent.
     /// A whole part of more than 18 digits saturates.
+    #[inline]
     #[must_use]
     pub fn parse(text: &[u8]) -> Option<(Self, &[u8])> {
         let (is_negative, rest) = match text.split_first() {
@@ -90,25 +91,14 @@ impl Number {
             Some((b'+', rest)) => (false, rest),
             _ => (false, text),
         };
-        Self::parse_short(is_negative, rest).or_else(|| Self::parse_long(is_negative, rest))
-    }
-
-    /// A number of at most nine digits, which fit a word.
-    #[inline]
-    fn parse_short(is_negative: bool, text: &[u8]) -> Option<(Self, &[u8])> {
-        let (mut value, before) = append_digits(0, text);
-        let mut rest = text.get(before..)?;
-        let mut decimals = 0;
-        if let Some((b'.', fraction)) = rest.split_first() {
-            (value, decimals) = append_digits(value, fraction);
-            rest = fraction.get(decimals..)?;
-        }
-        if !(1..=9).contains(&(before + decimals)) {
-            return None;
-        }
-        let value = value.cast_signed();
-        let mantissa = i64::from(if is_negative { -value } else { value });
-        let decimals = decimals as u8;
+        // Made of its parts in one place, so that these stay in registers.
+        let (mantissa, decimals, rest) =
+            if let Some((digits, decimals, rest)) = parse_short(is_negative, rest) {
+                (i64::from(digits), decimals, rest)
+            } else {
+                let (number, rest) = Self::parse_long(is_negative, rest)?;
+                (number.mantissa, number.decimals, rest)
+            };
         Some((Self { mantissa, decimals }, rest))
     }
 
@@ -213,6 +203,7 @@ impl Number {
 
     /// The value as Grbl 1.1 computes it in single precision: eight digits at most, scaled down by
     /// hundredths and a tenth. It decides only between equally near steps.
+    #[inline]
     #[must_use]
     pub fn to_grbl_f32(self) -> f32 {
         if let Ok(digits) = i32::try_from(self.mantissa)
@@ -229,6 +220,11 @@ impl Number {
                 _ => value * 0.01 * 0.01,
             };
         }
+        self.long_to_grbl_f32()
+    }
+
+    #[inline(never)]
+    fn long_to_grbl_f32(self) -> f32 {
         let (mut digits, mut decimals) = (self.mantissa.unsigned_abs(), self.decimals);
         while digits >= 100_000_000 && decimals > 0 {
             digits /= 10;
@@ -285,6 +281,24 @@ impl Number {
             hundredths,
         }
     }
+}
+
+/// The digits and the decimals of a number of at most nine digits, which fit a word, and what follows.
+#[inline]
+fn parse_short(is_negative: bool, text: &[u8]) -> Option<(i32, u8, &[u8])> {
+    let (mut value, before) = append_digits(0, text);
+    let mut rest = text.get(before..)?;
+    let mut decimals = 0;
+    if let Some((b'.', fraction)) = rest.split_first() {
+        (value, decimals) = append_digits(value, fraction);
+        rest = fraction.get(decimals..)?;
+    }
+    if !(1..=9).contains(&(before + decimals)) {
+        return None;
+    }
+    let value = value.cast_signed();
+    let value = if is_negative { -value } else { value };
+    Some((value, decimals as u8, rest))
 }
 
 /// A value with the digits at the beginning of a text appended, wrapping, and how many they are.
