@@ -43,7 +43,11 @@ pub(super) enum Unit {
 
 impl Motion {
     /// What is to be done first, when it is known whether the step timer runs.
-    #[inline]
+    #[inline(always)]
+    #[expect(
+        clippy::inline_always,
+        reason = "twice in a run, and a call costs a quarter of it"
+    )]
     pub(super) fn next_unit(
         &self,
         is_running: bool,
@@ -78,9 +82,9 @@ impl Motion {
             return Unit::Plan;
         }
         let is_still = self.is_still(is_running, counts);
-        if entries
-            .peek()
-            .is_some_and(|entry| self.takes(entry, is_still))
+        if let Some(entry) = entries.peek()
+            && !self.has_no_place(entry)
+            && self.takes(entry, is_still)
         {
             return Unit::Take;
         }

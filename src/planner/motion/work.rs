@@ -10,8 +10,14 @@ use crate::{
 };
 
 impl Motion {
-    /// Whether an entry can be taken now: what it asks for begins, or is void.
+    /// Whether an entry is a move for which there is no place: what is so most of the time.
     #[inline]
+    pub(super) fn has_no_place(&self, entry: &Entry) -> bool {
+        self.plan.free() == 0 && matches!(entry.work, Work::Move(_)) && !self.is_void(entry)
+    }
+
+    /// Whether an entry can be taken now: what it asks for begins, or is void.
+    #[inline(never)]
     pub(super) fn takes(&self, entry: &Entry, is_still: bool) -> bool {
         let is_ending = self.control.ending != Ending::None;
         if matches!(entry.work, Work::Move(_)) {
@@ -46,6 +52,7 @@ impl Motion {
     }
 
     /// Whether an entry comes too late: after a reset, a cut or an alarm.
+    #[inline]
     fn is_void(&self, entry: &Entry) -> bool {
         // Settings are void for nobody: the session has taken them over already, at rest.
         let is_old = entry.epoch != self.epoch.wrapping_add(self.cuts);
