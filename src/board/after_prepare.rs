@@ -51,7 +51,10 @@ impl AfterPrepare {
     ) {
         step_output::go_on(events, counts);
         let is_at_rest = !counts.is_running() && !prepared.start;
-        self.switches.apply(outputs, is_at_rest);
+        // At rest the duty is theirs, too, and what has been switched in motion may be still to come.
+        if prepared.switches || is_at_rest {
+            self.switches.apply(outputs, is_at_rest);
+        }
         if prepared.start
             && let Some(then) = step_output::set_up(events)
         {

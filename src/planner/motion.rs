@@ -43,6 +43,8 @@ pub struct Prepared {
     pub start: bool,
     /// Release `interpret`: there is room, or what it may wait for has changed.
     pub news: bool,
+    /// Apply [`Motion::outputs`]: they have changed.
+    pub switches: bool,
     /// Call [`Requests::wake`] and run it again so many ms from now, instead of at the time asked
     /// for before. Without a value, that stays as it is.
     pub wake_in_ms: Option<u16>,
@@ -98,6 +100,8 @@ pub struct Motion {
     at_rest: Power,
     power: Power,
     outputs: Outputs,
+    /// The outputs have changed since the shell was told.
+    switches: bool,
     executor: Executor,
     /// The segment being made.
     segment: Segment,
@@ -161,6 +165,7 @@ impl Motion {
                 coolant: Coolant::OFF,
                 drivers: false,
             },
+            switches: true,
         }
     }
 
@@ -199,7 +204,8 @@ impl Motion {
         self.hard_limits && self.inputs.has(Levels::LIMITS)
     }
 
-    /// What is to be switched; the shell applies it after each run, before it starts the timer.
+    /// What is to be switched; the shell applies it after each run in which it has changed, before it
+    /// starts the timer.
     ///
     /// While the step timer runs, the duty is that of the segments instead: the shell leaves the
     /// PWM to `turn`.
@@ -241,7 +247,8 @@ impl Motion {
         let is_running = counts.is_running();
         let is_still = self.is_still(is_running, counts);
         self.guard(inputs, is_still);
-        let changed = self.publish(counts, is_still, snapshot) || was_dwelling != self.is_dwelling;
+        let changed =
+            self.publish(counts, is_still, snapshot) || was_dwelling != self.is_dwelling;
         let next = self.next_unit(is_running, requests, inputs, counts, entries);
         // Not before as much is ahead as can be, so that no short segment ends while others are made.
         let start = !is_running && next == Unit::Nothing && events.is_waiting();
@@ -249,6 +256,7 @@ impl Motion {
             again: self.goes_on(unit, next),
             start,
             news: changed || unit == Unit::Take && requests.awaits(Awaited::ENTRIES),
+            switches: core::mem::take(&mut self.switches),
             wake_in_ms: self.wake_in_ms,
         }
     }
@@ -340,6 +348,7 @@ impl Motion {
     /// Switches spindle, laser and coolant, and publishes them.
     #[inline(never)]
     fn show(&mut self, power: Power, counts: &StepCounts, new: &mut Snapshot) -> bool {
+        self.switches = true;
         let accessories = &self.accessories;
         counts.mute(accessories.is_spindle_off());
         self.outputs.spindle = accessories.switched(power);

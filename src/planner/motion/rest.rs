@@ -96,6 +96,7 @@ impl Motion {
 
     /// The drivers are switched on: axes are about to move.
     pub(super) fn need_drivers(&mut self) {
+        self.switches |= !self.outputs.drivers;
         self.outputs.drivers = true;
         if self.wait == Wait::Drivers {
             self.wait = Wait::Nothing;
@@ -115,6 +116,7 @@ impl Motion {
     }
 
     pub(super) fn release_drivers(&mut self) {
+        self.switches = true;
         self.outputs.drivers = false;
         self.releases_drivers = false;
         if self.wait == Wait::Drivers {
