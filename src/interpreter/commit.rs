@@ -108,26 +108,26 @@ fn travel(state: &mut Interpreter, checked: &Checked, outcome: &mut Outcome) {
         (_, FeedMode::InverseTime) => Pace::InverseTime(checked.modal.feed),
     };
     let target = checked.target();
-    let command = match checked.path {
+    // Each is added where it is made: joined, they would be copied once more.
+    match checked.path {
         Path::None => return,
-        Path::Straight => line(target, pace, checked),
-        Path::Arc(circle) => Command::Arc {
+        Path::Straight => outcome.add(line(target, pace, checked)),
+        Path::Arc(circle) => outcome.add(Command::Arc {
             target,
             circle,
             pace,
             line: checked.line,
-        },
+        }),
         Path::Probe(probe) => {
             let (probing, line) = (probing(probe), checked.line);
-            Command::Probe {
+            outcome.add(Command::Probe {
                 target,
                 pace,
                 probing,
                 line,
-            }
+            });
         }
-    };
-    outcome.add(command);
+    }
     state.arrive(&target);
 }
 

@@ -247,8 +247,7 @@ impl Motion {
         let is_running = counts.is_running();
         let is_still = self.is_still(is_running, counts);
         self.guard(inputs, is_still);
-        let changed =
-            self.publish(counts, is_still, snapshot) || was_dwelling != self.is_dwelling;
+        let changed = self.publish(counts, is_still, snapshot) || was_dwelling != self.is_dwelling;
         let next = self.next_unit(is_running, requests, inputs, counts, entries);
         // Not before as much is ahead as can be, so that no short segment ends while others are made.
         let start = !is_running && next == Unit::Nothing && events.is_waiting();
