@@ -9,7 +9,8 @@ use super::{
 };
 use crate::{
     axis::{AXES, Axes, LETTERS},
-    planner::{Plane, Rotation, Spindle},
+    planner::{PathControl, Plane, Rotation, Spindle},
+    units::Nm,
 };
 
 /// The words of one line.
@@ -33,6 +34,8 @@ pub struct Block {
     pub offsets: [Number; 3],
     /// `P`.
     pub p: Number,
+    /// `Q`.
+    pub q: Number,
     /// `R`.
     pub radius: Number,
     /// `F`, in the units of the line.
@@ -123,6 +126,7 @@ impl Block {
             coordinates: Axes([Number::ZERO; AXES]),
             offsets: [Number::ZERO; 3],
             p: Number::ZERO,
+            q: Number::ZERO,
             radius: Number::ZERO,
             feed: 0.0,
             l: 0,
@@ -157,6 +161,22 @@ impl Block {
     /// # Errors
     /// What is wrong with the line whatever the state: numbers 1, 2, 4, 20, 21, 23, 24, 25, 38.
     pub fn read(&mut self, line: &[u8]) -> Result<(), LineError> {
+        let result = self.read_words(line);
+        if self.words.contains(Word::Q) && !self.sets_tolerance() {
+            // Unknown anywhere else, so that it comes before whatever is wrong behind it.
+            return Err(LineError::Unsupported);
+        }
+        result
+    }
+
+    /// Whether the line has a `G64`.
+    #[must_use]
+    pub const fn sets_tolerance(&self) -> bool {
+        let has_control = self.groups & Group::Control as u16 != 0;
+        has_control && matches!(self.modal.path, PathControl::Continuous { .. })
+    }
+
+    fn read_words(&mut self, line: &[u8]) -> Result<(), LineError> {
         let mut rest = line;
         while let Some((&letter, text)) = rest.split_first() {
             if !letter.is_ascii_uppercase() {
@@ -176,6 +196,15 @@ impl Block {
         Ok(())
     }
 
+    /// A length in the units of the line.
+    #[must_use]
+    pub fn length(&self, number: Number) -> Nm {
+        Nm(match self.modal.units {
+            Units::Millimetres => number.to_millionths(),
+            Units::Inches => number.inches_to_nm(),
+        })
+    }
+
     /// Whether an axis has a word.
     #[must_use]
     pub const fn has_axis(&self, axis: usize) -> bool {
@@ -188,6 +217,10 @@ impl Block {
             4 | 10 | 28 | 30 | 53 | 92 => self.non_modal_word(code)?,
             43 | 49 => self.tool_length_word(code)?,
             91 if code.hundredths == 10 => Group::ArcDistance,
+            61 if code.hundredths == 10 => {
+                self.modal.path = PathControl::ExactStop;
+                Group::Control
+            }
             61 | 90 | 91 if !code.is_whole() => return Err(LineError::Unsupported),
             _ => {
                 let group = self.mode_word(code.whole)?;
@@ -291,7 +324,17 @@ impl Block {
                     .ok_or(LineError::UnknownCoordinates)?;
                 Group::Coordinates
             }
-            61 => Group::Control,
+            61 => {
+                modal.path = PathControl::ExactPath;
+                Group::Control
+            }
+            64 => {
+                modal.path = PathControl::Continuous {
+                    tolerance_nm: 0,
+                    merging_nm: 0,
+                };
+                Group::Control
+            }
             90 => {
                 modal.distance = Distance::Absolute;
                 Group::Distance
@@ -363,6 +406,7 @@ impl Block {
             b'L' => self.l = number.trunc() as u8,
             b'N' => self.line = u32::try_from(number.trunc()).unwrap_or(u32::MAX),
             b'P' => self.p = number,
+            b'Q' => self.q = number,
             b'R' => self.radius = number,
             b'S' => self.modal.speed_rpm = number.to_f32(),
             b'T' => {
@@ -376,7 +420,7 @@ impl Block {
             _ => return Err(LineError::Unsupported),
         }
         self.note(Word::new(letter))?;
-        if matches!(letter, b'F' | b'N' | b'P' | b'S' | b'T') && number.is_negative() {
+        if matches!(letter, b'F' | b'N' | b'P' | b'Q' | b'S' | b'T') && number.is_negative() {
             return Err(LineError::NegativeValue);
         }
         Ok(())

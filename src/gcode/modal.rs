@@ -1,6 +1,6 @@
 //! The modal state: what a line leaves behind for the lines after it.
 
-use crate::planner::{Coolant, Plane, Rotation, Spindle};
+use crate::planner::{Coolant, PathControl, Plane, Rotation, Spindle};
 
 /// The modes and values that stay until they are changed. The default is the power-up state.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
@@ -19,6 +19,8 @@ pub struct Modal {
     pub tool_length: ToolLength,
     /// The work coordinate system in use.
     pub coordinates: WorkCoordinates,
+    /// How moves follow each other.
+    pub path: PathControl,
     /// State of the spindle.
     pub spindle: Spindle,
     /// State of the coolant.

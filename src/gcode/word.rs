@@ -13,8 +13,10 @@ impl Word {
     pub const L: Self = Self::new(b'L');
     /// Line number.
     pub const N: Self = Self::new(b'N');
-    /// Dwell time, coordinate system, turns.
+    /// Dwell time, coordinate system, turns, path tolerance.
     pub const P: Self = Self::new(b'P');
+    /// Path tolerance of short lines.
+    pub const Q: Self = Self::new(b'Q');
     /// Radius.
     pub const R: Self = Self::new(b'R');
     /// Spindle speed.

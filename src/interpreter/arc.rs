@@ -6,7 +6,7 @@
 use super::Path;
 use crate::{
     axis::Axes,
-    gcode::{Block, LineError, Units, Word, Words},
+    gcode::{Block, LineError, Word, Words},
     planner::{Circle, Rotation},
     units::Nm,
 };
@@ -42,13 +42,13 @@ pub(super) fn path(
     let chord = [target[first] - start[first], target[second] - start[second]];
     let centre = if words.contains(Word::R) {
         words.remove(Word::R);
-        centre_from_radius(chord, length(block, block.radius), rotation)?
+        centre_from_radius(chord, block.length(block.radius), rotation)?
     } else {
         if !words.contains(Word::offset_of(first)) && !words.contains(Word::offset_of(second)) {
             return Err(LineError::NoOffsetsInPlane);
         }
         words.remove(Word::IJK);
-        let centre = [first, second].map(|axis| length(block, offset_word(block, axis)));
+        let centre = [first, second].map(|axis| block.length(offset_word(block, axis)));
         check_radii(chord, centre)?;
         centre
     };
@@ -68,14 +68,6 @@ pub(super) fn path(
 /// The `I`, `J` or `K` word of an axis.
 fn offset_word(block: &Block, axis: usize) -> crate::gcode::Number {
     block.offsets.get(axis).copied().unwrap_or_default()
-}
-
-/// A length in the units of the line.
-fn length(block: &Block, number: crate::gcode::Number) -> Nm {
-    Nm(match block.modal.units {
-        Units::Millimetres => number.to_millionths(),
-        Units::Inches => number.inches_to_nm(),
-    })
 }
 
 /// Turns begun: the `P` word, 1 without.

@@ -9,7 +9,7 @@ use crate::{
         AxisCommand, Block, Distance, FeedMode, LineError, Modal, Motion, NonModal, Number,
         ToolLength, Units, Word, Words, WorkCoordinates,
     },
-    planner::Laser,
+    planner::{Laser, PathControl},
     settings::Settings,
     units::{Nm, StepsPerMm},
 };
@@ -58,6 +58,9 @@ pub(super) fn check(
         Kind::Program => feed(&block, &state.modal)?,
         Kind::Jog => jog_feed(&block)?,
     };
+    if block.sets_tolerance() {
+        checked.modal.path = continuous(&block, &mut words)?;
+    }
     if block.non_modal == NonModal::Dwell {
         checked.action = dwell(&block, &mut words)?;
     }
@@ -140,6 +143,26 @@ fn dwell(block: &Block, words: &mut Words) -> Result<Action, LineError> {
     u32::try_from(block.p.to_thousandths())
         .map(Action::Dwell)
         .map_err(|_| LineError::ValueOutOfRange)
+}
+
+/// `G64`: how far the path may be left, `P`, and short lines, `Q`, which is `P` without the word.
+fn continuous(block: &Block, words: &mut Words) -> Result<PathControl, LineError> {
+    let distance_nm = |number: Number| {
+        let Nm(nm) = block.length(number);
+        u32::try_from(nm).map_err(|_| LineError::ValueOutOfRange)
+    };
+    let tolerance_nm = distance_nm(block.p)?;
+    let merging_nm = if words.contains(Word::Q) {
+        distance_nm(block.q)?
+    } else {
+        tolerance_nm
+    };
+    words.remove(Word::P);
+    words.remove(Word::Q);
+    Ok(PathControl::Continuous {
+        tolerance_nm,
+        merging_nm,
+    })
 }
 
 /// `G43.1`, `G49`: the new tool length.

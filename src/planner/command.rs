@@ -96,6 +96,35 @@ pub enum Pace {
     Jog(f32),
 }
 
+/// How moves follow each other.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+pub enum PathControl {
+    /// `G61`: along the programmed path, as fast as the corners allow.
+    #[default]
+    ExactPath,
+    /// `G61.1`: to a standstill at the end of each move.
+    ExactStop,
+    /// `G64`: near the programmed path, without losing more speed than needed.
+    Continuous {
+        /// Farthest from the programmed path, nm (`P`); 0 for as far as half of each line.
+        tolerance_nm: u32,
+        /// Farthest from short lines that become one, nm (`Q`); 0 when none do.
+        merging_nm: u32,
+    },
+}
+
+impl PathControl {
+    /// The command as reports write it; `None` in the power-up mode, which Grbl does not report.
+    #[must_use]
+    pub const fn word(self) -> Option<&'static str> {
+        match self {
+            Self::ExactPath => None,
+            Self::ExactStop => Some("G61.1"),
+            Self::Continuous { .. } => Some("G64"),
+        }
+    }
+}
+
 /// The circle that an arc follows.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Circle {

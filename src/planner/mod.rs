@@ -12,7 +12,7 @@ mod travel;
 
 pub(crate) use block::MIN_SPEED_MM_S;
 pub use block::{Block, Curve, Entry, Laser, Pacing, Probing, Work};
-pub use command::{Circle, Command, Coolant, Pace, Plane, Rotation, Spindle, Target};
+pub use command::{Circle, Command, Coolant, Pace, PathControl, Plane, Rotation, Spindle, Target};
 pub use lookahead::{BLOCKS, LookAhead};
 pub use motion::{Motion, Prepared};
 pub(crate) use router::fastest_mm_s;

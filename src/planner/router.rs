@@ -124,6 +124,9 @@ pub struct Router {
     tangent: Axes<f32>,
     /// What the laser does during moves.
     laser: Laser,
+    /// Moves end at a standstill (`G61.1`), and the last one does.
+    stops: bool,
+    ends_stopped: bool,
 }
 
 impl Router {
@@ -139,7 +142,14 @@ impl Router {
             steps: Axes::all(Steps(0)),
             tangent: Axes::all(0.0),
             laser: Laser::None,
+            stops: false,
+            ends_stopped: false,
         }
+    }
+
+    /// Whether the moves to come end at a standstill each, as under `G61.1`; a jog never does.
+    pub fn stop_exactly(&mut self, stops: bool) {
+        self.stops = stops;
     }
 
     /// Takes over new settings at standstill at `steps`, and tells the position they mean now.
@@ -275,7 +285,7 @@ impl Router {
             pacing: pacing(pace),
             laser: self.laser,
             acceleration_mm_s2: Limits::along(&self.limits.acceleration_mm_s2, &direction),
-            junction_sqr: self.limits.junction_sqr(&self.tangent, &tangent),
+            junction_sqr: self.junction_sqr(&tangent),
             curve: None,
             line,
         });
@@ -349,12 +359,21 @@ impl Router {
             pacing: pacing(pace),
             laser: self.laser,
             acceleration_mm_s2: acceleration,
-            junction_sqr: self.limits.junction_sqr(&self.tangent, &start_tangent),
+            junction_sqr: self.junction_sqr(&start_tangent),
             curve: Some(self.curve(&arc, [first, second], limit_sqr, length_mm)),
             line,
         });
         self.finish(target.position, end, end_tangent);
         true
+    }
+
+    /// Limit of the squared speed between the move before and one that begins in a direction.
+    fn junction_sqr(&self, tangent: &Axes<f32>) -> f32 {
+        if self.ends_stopped {
+            0.0
+        } else {
+            self.limits.junction_sqr(&self.tangent, tangent)
+        }
     }
 
     fn curve(&self, arc: &Arc, axes: [usize; 2], limit_sqr: f32, length_mm: f32) -> Curve {
@@ -397,6 +416,7 @@ impl Router {
         self.steps = end.steps;
         self.fine = end.fine;
         self.tangent = tangent;
+        self.ends_stopped = self.stops;
     }
 }
 

@@ -66,6 +66,9 @@ pub fn modes(text: &mut Text, modal: &Modal, unit: ReportUnit) {
     text.word(modal.units.word());
     text.word(" ").word(modal.distance.word());
     text.word(" ").word(modal.feed_mode.word());
+    if let Some(word) = modal.path.word() {
+        text.word(" ").word(word);
+    }
     text.word(match modal.spindle {
         Spindle::Clockwise => " M3",
         Spindle::CounterClockwise => " M4",

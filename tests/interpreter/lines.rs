@@ -4,7 +4,7 @@ use leadscrew::{
     axis::{X, Y, Z},
     gcode::{Distance, LineError, Motion, Units, WorkCoordinates},
     interpreter::Message,
-    planner::{Command, Coolant, Pace, Plane, Spindle},
+    planner::{Command, Coolant, Pace, PathControl, Plane, Spindle},
     settings::Settings,
     units::Nm,
 };
@@ -183,5 +183,44 @@ fn what_moves_says_so() {
             .check(line.as_bytes(), &Settings::default())
             .unwrap();
         assert_eq!(checked.moves(), moves, "{line}");
+    }
+}
+
+#[test]
+fn path_control_is_modal_and_its_distances_are_in_the_units_of_the_line() {
+    let path = |lines: &[&str]| after(lines).modal().path;
+    let continuous = |tolerance_nm, merging_nm| PathControl::Continuous {
+        tolerance_nm,
+        merging_nm,
+    };
+    assert_eq!(path(&[]), PathControl::ExactPath);
+    assert_eq!(path(&["G61.1", "G0X1"]), PathControl::ExactStop);
+    assert_eq!(path(&["G61.1", "G61"]), PathControl::ExactPath);
+    assert_eq!(path(&["G64"]), continuous(0, 0));
+    assert_eq!(path(&["G64P0.02", "G0X1"]), continuous(20_000, 20_000));
+    assert_eq!(path(&["G64P0.02Q.005"]), continuous(20_000, 5_000));
+    assert_eq!(path(&["Q0P0.02G64"]), continuous(20_000, 0));
+    assert_eq!(path(&["G20G64P0.001Q0.002"]), continuous(25_400, 50_800));
+    assert_eq!(path(&["G64P0.02", "G64"]), continuous(0, 0));
+    assert_eq!(path(&["G64P0.02", "M2"]), continuous(20_000, 20_000));
+}
+
+#[test]
+fn path_control_is_refused_where_it_makes_no_sense() {
+    for (line, number) in [
+        ("G64P-1", LineError::NegativeValue),
+        ("G64Q-1", LineError::NegativeValue),
+        ("G64P5000", LineError::ValueOutOfRange),
+        ("G64.1", LineError::NotInteger),
+        ("G61.2", LineError::Unsupported),
+        ("G61G64", LineError::ModalGroupViolation),
+        ("G61.1G61", LineError::ModalGroupViolation),
+        ("G61P1", LineError::UnusedWords),
+        ("G61.1Q1", LineError::Unsupported),
+        ("Q1X1X1", LineError::Unsupported),
+        ("Q1", LineError::Unsupported),
+        ("G64P1G4", LineError::MissingWord),
+    ] {
+        assert_eq!(error(&[line]), number, "{line}");
     }
 }

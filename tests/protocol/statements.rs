@@ -398,3 +398,16 @@ fn a_firmware_of_which_nothing_is_proven_says_so_and_keeps_to_a_low_rate() {
     assert_eq!(bench.ask("$110=18000"), ["ok"]);
     assert_eq!(bench.ask("$110=18000.01"), ["error:12"]);
 }
+
+#[test]
+fn path_control_is_shown_where_it_is_not_that_of_power_up() {
+    let mut bench = Bench::new();
+    for (line, shown) in [
+        ("G61", "[GC:G0 G54 G17 G21 G90 G94 M5 M9 T0 F0 S0]"),
+        ("G61.1", "[GC:G0 G54 G17 G21 G90 G94 G61.1 M5 M9 T0 F0 S0]"),
+        ("G64P.02", "[GC:G0 G54 G17 G21 G90 G94 G64 M5 M9 T0 F0 S0]"),
+    ] {
+        assert_eq!(bench.ask(line), ["ok"]);
+        assert_eq!(bench.ask("$G"), [shown, "ok"]);
+    }
+}

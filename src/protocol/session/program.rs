@@ -11,7 +11,7 @@ use crate::{
     gcode::{LineError, Probe},
     interpreter::{Checked, Message},
     machine::{Alarm, Levels, Snapshot, State},
-    planner::{Command, Entry, Laser, Pace, Spindle, Work, is_outside, leaves_travel},
+    planner::{Command, Entry, Laser, Pace, PathControl, Spindle, Work, is_outside, leaves_travel},
     protocol::report::{self, Feedback},
     settings::Change,
     units::Nm,
@@ -157,6 +157,9 @@ impl Session {
         first: usize,
         entries: &mut Producer<'_, Entry>,
     ) -> Progress {
+        let is_jog = self.source == Source::Jog;
+        let stops = self.interpreter.modal().path == PathControl::ExactStop;
+        self.router.stop_exactly(stops && !is_jog);
         let mut next = first;
         // wcet-bound: 7
         while let Some(command) = self.outcome.commands.get(next) {

@@ -49,11 +49,13 @@ pub(crate) enum Deviation {
     Mist,
     /// D41.
     BuildInfo,
+    /// D42.
+    PathControl,
 }
 
 impl Deviation {
     /// Every one, in the order of their names.
-    pub(crate) const ALL: [Self; 30] = [
+    pub(crate) const ALL: [Self; 31] = [
         Self::Buffers,
         Self::LongLines,
         Self::ExactPositions,
@@ -84,6 +86,7 @@ impl Deviation {
         Self::Follows,
         Self::Mist,
         Self::BuildInfo,
+        Self::PathControl,
     ];
 
     /// Its short name.
@@ -119,6 +122,7 @@ impl Deviation {
             Self::ArcTurns => "D37",
             Self::Mist => "D40",
             Self::BuildInfo => "D41",
+            Self::PathControl => "D42",
         }
     }
 
@@ -139,7 +143,8 @@ impl Deviation {
             | Self::LimitOpens
             | Self::ArcLimits
             | Self::ArcTurns
-            | Self::Mist => true,
+            | Self::Mist
+            | Self::PathControl => true,
             Self::Buffers
             | Self::ExactPositions
             | Self::ToolIsModal
@@ -199,6 +204,7 @@ impl Deviation {
             Self::ArcTurns => "P in an arc is its number of turns",
             Self::Mist => "there is mist: `M7` and 0xA1",
             Self::BuildInfo => "`$I` tells the proven step rate",
+            Self::PathControl => "there are the path control modes `G61.1` and `G64`",
             Self::NoPause => "no pause for the drivers ($1) at the end of a motion, or at a reset",
         }
     }
@@ -263,6 +269,9 @@ impl Deviation {
                  and `Ov`, `A` and `WCO` of reports"
             }
             Self::BuildInfo => "the line `[MSG:Step rate: …]` of the answer to `$I`",
+            Self::PathControl => {
+                "an answer other than Grbl's to a line with `G61.1` or `G64`, which it refuses"
+            }
         }
     }
 }
@@ -281,6 +290,10 @@ pub(crate) fn of_answers(code: &str, ours: &str, theirs: &str) -> Option<Deviati
     if theirs == "error:20" && ours != theirs && is_answer && has_mist(code) {
         return Some(Deviation::Mist);
     }
+    let is_refused = ["error:20", "error:23"].contains(&theirs);
+    if is_refused && ours != theirs && is_answer && has_path_control(code) {
+        return Some(Deviation::PathControl);
+    }
     let is_arc = code.contains(['I', 'J', 'K', 'R']) && !code.starts_with('$');
     let has_turns = is_arc && code.contains('P') && ["ok", "error:23", "error:39"].contains(&ours);
     (theirs == "error:36" && has_turns).then_some(Deviation::ArcTurns)
@@ -288,13 +301,23 @@ pub(crate) fn of_answers(code: &str, ours: &str, theirs: &str) -> Option<Deviati
 
 /// Whether a line without blanks and comments has an `M7`.
 pub(crate) fn has_mist(code: &str) -> bool {
+    has_word(code, 'M', &[7.0])
+}
+
+/// Whether a line without blanks and comments has a `G61.1` or a `G64`.
+fn has_path_control(code: &str) -> bool {
+    has_word(code, 'G', &[61.1, 64.0])
+}
+
+/// Whether a line without blanks and comments has a letter with one of some numbers.
+fn has_word(code: &str, letter: char, numbers: &[f64]) -> bool {
     let code = code.to_ascii_uppercase();
-    code.split('M').skip(1).any(|rest| {
+    code.split(letter).skip(1).any(|rest| {
         let number: String = rest
             .chars()
             .take_while(|letter| letter.is_ascii_digit() || *letter == '.')
             .collect();
-        number.parse() == Ok(7.0)
+        number.parse().is_ok_and(|number| numbers.contains(&number))
     })
 }
 
@@ -328,6 +351,12 @@ mod tests {
         assert_eq!(of_answers("M7.1", "ok", "error:20"), None);
         assert_eq!(of_answers("M70", "ok", "error:20"), None);
         assert_eq!(of_answers("M7", "error:20", "ok"), None);
+        let control = Some(Deviation::PathControl);
+        assert_eq!(of_answers("G64P.1", "ok", "error:20"), control);
+        assert_eq!(of_answers("G21G90G64G40", "ok", "error:20"), control);
+        assert_eq!(of_answers("G61.1", "ok", "error:20"), control);
+        assert_eq!(of_answers("G61", "error:20", "ok"), None);
+        assert_eq!(of_answers("G0X64", "ok", "error:20"), None);
     }
 
     #[test]
