@@ -19,7 +19,7 @@
 
 use super::{
     Block, Curve, Laser,
-    lookahead::{Plan, Progress, Shape},
+    lookahead::{Course, Plan, Progress},
 };
 use crate::{
     axis::Axes,
@@ -220,7 +220,7 @@ impl Executor {
         goal: Goal,
         segment: &mut Segment,
     ) -> bool {
-        self.follow(block.shape(), exit_sqr, goal, segment)
+        self.follow(block.course(), exit_sqr, goal, segment)
     }
 
     /// The same of a line: without a curve, much of it is known when it is compiled.
@@ -233,30 +233,30 @@ impl Executor {
         segment: &mut Segment,
     ) -> bool {
         let curve = None;
-        self.follow(Shape { block, curve }, exit_sqr, goal, segment)
+        self.follow(Course { block, curve }, exit_sqr, goal, segment)
     }
 
     #[inline(always)]
     #[expect(clippy::inline_always, reason = "two functions come of this")]
     fn follow(
         &mut self,
-        shape: Shape<'_>,
+        course: Course<'_>,
         exit_sqr: f32,
         goal: Goal,
         segment: &mut Segment,
     ) -> bool {
-        let piece = self.piece(shape, exit_sqr);
+        let piece = self.piece(course, exit_sqr);
         let stretch = match goal {
-            Goal::Run => self.run(shape, &piece),
-            Goal::Stop => self.stop(shape.block, &piece),
+            Goal::Run => self.run(course, &piece),
+            Goal::Stop => self.stop(course.block, &piece),
         };
         let ends_block = stretch.ends_piece && piece.ends_block;
-        self.segment(shape, &stretch, ends_block, segment);
-        self.laser = shape.block.laser;
+        self.segment(course, &stretch, ends_block, segment);
+        self.laser = course.block.laser;
         // Nothing else asks for it, and it takes a division.
         if matches!(self.laser, Laser::Proportional(_)) {
             let mean_mm_s = 0.5 * (self.speed_mm_s + stretch.speed_mm_s);
-            self.part = mean_mm_s / shape.block.programmed_mm_s;
+            self.part = mean_mm_s / course.block.programmed_mm_s;
         }
         self.speed_mm_s = stretch.speed_mm_s;
         self.is_within = !stretch.ends_piece && self.speed_mm_s > 0.0;
@@ -273,26 +273,26 @@ impl Executor {
             self.phase = curve.phase;
             self.from_centre = Direction::at(curve.phase);
         }
-        self.axis_speed = axis_speeds(block.shape(), self.from_centre, self.speed_mm_s);
+        self.axis_speed = axis_speeds(block.course(), self.from_centre, self.speed_mm_s);
     }
 
     /// What is left of the piece that the machine is in, of a block to be left at a speed.
     #[inline(always)]
     #[expect(clippy::inline_always, reason = "as for `follow`")]
-    fn piece(&self, shape: Shape<'_>, exit_sqr: f32) -> Piece {
-        let block = shape.block;
+    fn piece(&self, course: Course<'_>, exit_sqr: f32) -> Piece {
+        let block = course.block;
         let left_mm = self.left as f32 * (block.length_mm / WHOLE_Q31 as f32);
         let top_sqr = block.speed_mm_s * block.speed_mm_s;
         let mut piece = Piece {
             length_mm: left_mm,
-            exit: shape.measure(math::min(exit_sqr, top_sqr)),
+            exit: course.measure(math::min(exit_sqr, top_sqr)),
             ends_block: true,
         };
-        if let Some(curve) = shape.curve {
+        if let Some(curve) = course.curve {
             let sliver_mm = SLIVER_S * block.speed_mm_s;
             let length_mm = self.way_to_reversal(curve, sliver_mm);
             if length_mm < left_mm - sliver_mm {
-                let rest = shape.measure_per_mm() * (left_mm - length_mm);
+                let rest = course.measure_per_mm() * (left_mm - length_mm);
                 piece = Piece {
                     length_mm,
                     exit: piece.exit + rest,
@@ -325,11 +325,11 @@ impl Executor {
     /// A stretch towards the greatest speed at the piece's end.
     #[inline(always)]
     #[expect(clippy::inline_always, reason = "as for `follow`")]
-    fn run(&mut self, shape: Shape<'_>, piece: &Piece) -> Stretch {
-        let block = shape.block;
+    fn run(&mut self, course: Course<'_>, piece: &Piece) -> Stretch {
+        let block = course.block;
         let speed = self.speed_mm_s;
-        let measure = shape.measure(speed * speed);
-        let change = shape.measure_per_mm() * piece.length_mm;
+        let measure = course.measure(speed * speed);
+        let change = course.measure_per_mm() * piece.length_mm;
         let mut end = math::min(piece.exit, measure + change);
         if self.is_over {
             // Braking as hard as the limits allow is always within the plan before, and so within
@@ -338,7 +338,7 @@ impl Executor {
             let is_too_near = measure > (piece.exit + change) * WITHIN;
             self.is_over = speed > block.speed_mm_s * WITHIN || is_too_near;
         }
-        let end_speed = math::sqrt(shape.speed_sqr(end));
+        let end_speed = math::sqrt(course.speed_sqr(end));
         let end_speed = math::min(end_speed, math::max(block.speed_mm_s, speed));
         let double_mm = 2.0 * piece.length_mm;
         if double_mm <= LONGEST_S * (speed + end_speed) {
@@ -349,9 +349,9 @@ impl Executor {
         } else {
             share(double_mm / (speed + end_speed))
         };
-        let gain = acceleration_left(shape, speed) * seconds;
+        let gain = acceleration_left(course, speed) * seconds;
         // The speed at which braking begins: v² = e² - 2·(v0 + v)/2·gain, with e² as it could be here.
-        let room = shape.speed_sqr(piece.exit + change) - gain * speed;
+        let room = course.speed_sqr(piece.exit + change) - gain * speed;
         let room = math::max(room, 0.0);
         let half = 0.5 * gain;
         let braking = room / (half + math::sqrt(half * half + room));
@@ -365,8 +365,8 @@ impl Executor {
         if length_mm >= piece.length_mm {
             return self.last(piece, end_speed);
         }
-        if shape.curve.is_some() {
-            return self.on_arc(shape, piece, measure, length_mm, reached);
+        if course.curve.is_some() {
+            return self.on_arc(course, piece, measure, length_mm, reached);
         }
         Stretch {
             length_mm,
@@ -398,19 +398,19 @@ impl Executor {
     /// A stretch of an arc about to a speed: what that is exactly follows from the way.
     fn on_arc(
         &self,
-        shape: Shape<'_>,
+        course: Course<'_>,
         piece: &Piece,
         measure: f32,
         length_mm: f32,
         about_mm_s: f32,
     ) -> Stretch {
-        let change = shape.measure_per_mm() * length_mm;
-        let rest = shape.measure_per_mm() * (piece.length_mm - length_mm);
+        let change = course.measure_per_mm() * length_mm;
+        let rest = course.measure_per_mm() * (piece.length_mm - length_mm);
         let mut most = math::min(measure + change, piece.exit + rest);
         if self.is_over {
             most = math::max(most, measure - change);
         }
-        let speed_mm_s = math::min(about_mm_s, math::sqrt(shape.speed_sqr(most)));
+        let speed_mm_s = math::min(about_mm_s, math::sqrt(course.speed_sqr(most)));
         Stretch {
             length_mm,
             speed_mm_s,
@@ -422,12 +422,12 @@ impl Executor {
     /// A stretch towards a standstill.
     #[inline(never)]
     fn stop(&self, block: &Block, piece: &Piece) -> Stretch {
-        let shape = block.shape();
+        let course = block.course();
         let speed = self.speed_mm_s;
-        let measure = shape.measure(speed * speed);
-        let per_mm = shape.measure_per_mm();
+        let measure = course.measure(speed * speed);
+        let per_mm = course.measure_per_mm();
         let end = math::max(measure - per_mm * piece.length_mm, 0.0);
-        let end_speed = math::sqrt(shape.speed_sqr(end));
+        let end_speed = math::sqrt(course.speed_sqr(end));
         let way_mm = math::min(measure / per_mm, piece.length_mm);
         // Not in less time than a segment has to take, if there is the way.
         let shortest_mm = math::min(0.5 * SHORTEST_S * speed, piece.length_mm);
@@ -441,10 +441,10 @@ impl Executor {
                 ends_piece: way_mm >= piece.length_mm,
             };
         }
-        let gain = acceleration_left(shape, speed) * share(whole_s);
+        let gain = acceleration_left(course, speed) * share(whole_s);
         let length_mm = (speed - 0.5 * gain) * share(whole_s);
         let reached = math::max(measure - per_mm * length_mm, end);
-        let speed_mm_s = math::sqrt(shape.speed_sqr(reached));
+        let speed_mm_s = math::sqrt(course.speed_sqr(reached));
         Stretch {
             length_mm,
             speed_mm_s,
@@ -458,12 +458,12 @@ impl Executor {
     #[expect(clippy::inline_always, reason = "as for `follow`")]
     fn segment(
         &mut self,
-        shape: Shape<'_>,
+        course: Course<'_>,
         stretch: &Stretch,
         ends_block: bool,
         segment: &mut Segment,
     ) {
-        let block = shape.block;
+        let block = course.block;
         let ticks = ((stretch.seconds * TICKS_PER_S + 0.5) as u32).max(1);
         if ends_block {
             self.left = 0;
@@ -475,12 +475,12 @@ impl Executor {
         }
         let done = WHOLE_Q31 - self.left;
         let mut here = Direction::NONE;
-        if let Some(curve) = shape.curve {
+        if let Some(curve) = course.curve {
             self.phase = phase_at(curve, done);
             here = Direction::at(self.phase);
         }
-        let way = way_at(shape, done, self.from_centre, here);
-        let speeds = axis_speeds(shape, here, stretch.speed_mm_s);
+        let way = way_at(course, done, self.from_centre, here);
+        let speeds = axis_speeds(course, here, stretch.speed_mm_s);
         let rate = 1.0 / ticks as f32;
         let axes = Axes::from_fn(|axis| AxisMotion {
             to: FineSteps(self.start[axis].0.wrapping_add(way[axis])),
@@ -512,9 +512,9 @@ fn lasting_s(double_mm: f32, sum_mm_s: f32) -> f32 {
 }
 
 /// Acceleration along the path that the block's limits leave at a speed, mm/s²: never 0.
-fn acceleration_left(shape: Shape<'_>, speed_mm_s: f32) -> f32 {
-    let most = shape.block.acceleration_mm_s2;
-    match shape.curve {
+fn acceleration_left(course: Course<'_>, speed_mm_s: f32) -> f32 {
+    let most = course.block.acceleration_mm_s2;
+    match course.curve {
         None => most,
         Some(curve) => {
             let used = math::min(speed_mm_s * speed_mm_s / curve.limit_sqr, 1.0);
@@ -533,10 +533,10 @@ fn phase_at(curve: &Curve, done: u32) -> u32 {
 
 /// The way of each axis from the block's start where a part of it is done.
 #[inline]
-fn way_at(shape: Shape<'_>, done: u32, begin: Direction, here: Direction) -> Axes<i64> {
-    let delta = &shape.block.delta;
+fn way_at(course: Course<'_>, done: u32, begin: Direction, here: Direction) -> Axes<i64> {
+    let delta = &course.block.delta;
     let mut way = delta.map(|delta| math::scale_q31(delta, done));
-    if let Some(curve) = shape.curve {
+    if let Some(curve) = course.curve {
         if done == WHOLE_Q31 {
             return way;
         }
@@ -562,10 +562,10 @@ fn way_at(shape: Shape<'_>, done: u32, begin: Direction, here: Direction) -> Axe
 
 /// Speed of each axis in a place of the block, steps per tick.
 #[inline]
-fn axis_speeds(shape: Shape<'_>, here: Direction, speed_mm_s: f32) -> Axes<f32> {
+fn axis_speeds(course: Course<'_>, here: Direction, speed_mm_s: f32) -> Axes<f32> {
     let speed = speed_mm_s * (1.0 / TICKS_PER_S);
-    let mut speeds = shape.block.steps_per_mm.map(|steps| steps * speed);
-    if let Some(curve) = shape.curve {
+    let mut speeds = course.block.steps_per_mm.map(|steps| steps * speed);
+    if let Some(curve) = course.curve {
         let sign = if curve.sweep > 0 { 1.0 } else { -1.0 };
         let scale = sign / math::ONE_Q30 as f32;
         scale_by(&mut speeds, curve.first, -here.sine as f32 * scale);

@@ -4,13 +4,13 @@
 //! the limits let it. A pass ends at the first block whose entry speed does not change, because the
 //! blocks before it cannot change either: a new block costs as many steps as it has influence.
 //!
-//! Braking is planned in a measure of speed that is linear in the path, see [`Shape::measure`].
+//! Braking is planned in a measure of speed that is linear in the path, see [`Course::measure`].
 
 mod braking;
 mod pass;
 mod spare;
 
-pub(crate) use braking::Shape;
+pub(crate) use braking::Course;
 pub(crate) use pass::Progress;
 
 use self::{braking::Braking, pass::Pass, spare::in_time};

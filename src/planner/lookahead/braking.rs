@@ -7,12 +7,12 @@ use crate::math;
 
 /// A block with its curve apart: code that is made for a block without one does not ask for it.
 #[derive(Clone, Copy)]
-pub(crate) struct Shape<'a> {
+pub(crate) struct Course<'a> {
     pub(crate) block: &'a Block,
     pub(crate) curve: Option<&'a Curve>,
 }
 
-impl Shape<'_> {
+impl Course<'_> {
     /// The measure of a squared speed that braking changes in proportion to the path.
     ///
     /// On a line that is v² itself. On an arc the acceleration left along the path is
@@ -48,8 +48,8 @@ impl Shape<'_> {
 impl Block {
     /// The block, with its curve if it has one.
     #[inline]
-    pub(crate) const fn shape(&self) -> Shape<'_> {
-        Shape {
+    pub(crate) const fn course(&self) -> Course<'_> {
+        Course {
             block: self,
             curve: self.curve.as_ref(),
         }
@@ -78,7 +78,7 @@ impl Braking {
     };
 
     pub(super) fn new(block: &Block) -> Self {
-        let change = block.shape().measure_per_mm() * block.length_mm;
+        let change = block.course().measure_per_mm() * block.length_mm;
         match &block.curve {
             None => Self {
                 gain: change,
