@@ -133,23 +133,73 @@ impl Block {
     }
 }
 
-/// The curved part of an arc or helix.
+/// The curved part of an arc, a helix or a rounded corner.
 #[derive(Debug, Clone, Copy)]
 pub struct Curve {
-    /// First axis of the plane.
-    pub first: u8,
-    /// Second axis of the plane.
-    pub second: u8,
     /// Angle of the start seen from the centre, 2³² to the turn.
     pub phase: u32,
     /// Angle travelled, 2³² to the turn, positive counter-clockwise.
     pub sweep: i64,
-    /// Radius at the start along both axes, in steps with 32 binary places.
-    pub radius: [i64; 2],
-    /// Radius at the end minus radius at the start.
-    pub radius_delta: [i64; 2],
     /// Squared speed at which the centripetal acceleration is all that the axes allow, (mm/s)².
     pub limit_sqr: f32,
     /// Path length of one 2³²th of a turn, mm.
     pub mm_per_phase: f32,
+    /// Where its points are.
+    pub shape: Shape,
+}
+
+/// The points of a curve by their angle.
+#[derive(Debug, Clone, Copy)]
+pub enum Shape {
+    /// In the plane of two axes; the other axes move evenly.
+    Flat {
+        /// First axis of the plane.
+        first: u8,
+        /// Second axis of the plane.
+        second: u8,
+        /// Radius at the start along both axes, in steps with 32 binary places.
+        radius: [i64; 2],
+        /// Radius at the end minus radius at the start.
+        radius_delta: [i64; 2],
+    },
+    /// In any plane of the linear axes, from phase 0 on, less than a half turn.
+    Oblique(Oblique),
+}
+
+/// A circle in any plane: from its centre, a point is at `cosine`·cos + `sine`·sin of its angle.
+#[derive(Debug, Clone, Copy)]
+pub struct Oblique {
+    /// Radius towards the start, in steps with 32 - `shift` binary places.
+    pub cosine: [i32; 3],
+    /// Radius a quarter turn from the start.
+    pub sine: [i32; 3],
+    /// Binary places that these have less than 32: 0 to 30.
+    pub shift: u8,
+    /// Steps per mm of path of one unit of these.
+    pub per_mm: f32,
+    /// Where an axis reverses, ascending, as parts of the angle travelled, 2¹⁶ for all of it;
+    /// [`Oblique::NEVER`] for nowhere.
+    pub reversals: [u16; 3],
+}
+
+// What is copied by words and not by a loop in a library: see `Planned::hold`.
+const _: () = assert!(size_of::<Option<Curve>>() <= 64);
+
+impl Oblique {
+    /// No place on the curve.
+    pub const NEVER: u16 = u16::MAX;
+}
+
+impl Curve {
+    /// Pieces between two reversals of an axis, at least.
+    #[must_use]
+    pub fn inner_pieces(&self) -> u32 {
+        match &self.shape {
+            Shape::Flat { .. } => (self.sweep.unsigned_abs() >> 30) as u32,
+            Shape::Oblique(circle) => {
+                let [_, second, third] = circle.reversals;
+                u32::from(second != Oblique::NEVER) + u32::from(third != Oblique::NEVER)
+            }
+        }
+    }
 }

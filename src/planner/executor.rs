@@ -18,7 +18,7 @@
 //! 0.75 ms at least, and all but the last two 1 ms. None takes more than 1.5 ms.
 
 use super::{
-    Block, Curve, Laser,
+    Block, Curve, Laser, Oblique, Shape,
     lookahead::{Course, Plan, Progress},
 };
 use crate::{
@@ -290,7 +290,10 @@ impl Executor {
         };
         if let Some(curve) = course.curve {
             let sliver_mm = SLIVER_S * block.speed_mm_s;
-            let length_mm = self.way_to_reversal(curve, sliver_mm);
+            let length_mm = match &curve.shape {
+                Shape::Flat { .. } => self.way_to_quarter(curve, sliver_mm),
+                Shape::Oblique(circle) => self.way_on(course.block, circle, sliver_mm),
+            };
             if length_mm < left_mm - sliver_mm {
                 let rest = course.measure_per_mm() * (left_mm - length_mm);
                 piece = Piece {
@@ -304,7 +307,7 @@ impl Executor {
     }
 
     /// The way to where an axis of the plane reverses next, but for one that is very near, mm.
-    fn way_to_reversal(&self, curve: &Curve, sliver_mm: f32) -> f32 {
+    fn way_to_quarter(&self, curve: &Curve, sliver_mm: f32) -> f32 {
         const QUARTER: u32 = 1 << 30;
         // Parts of the block are coarser than phases where the arc has many turns.
         let grain = (curve.sweep.unsigned_abs() >> 30) as u32 + 16;
@@ -319,6 +322,24 @@ impl Executor {
             length_mm + QUARTER as f32 * curve.mm_per_phase
         } else {
             length_mm
+        }
+    }
+
+    /// The way to where an axis reverses next, but for one that is very near, mm; no less than to the
+    /// end of the curve where none does.
+    fn way_on(&self, block: &Block, circle: &Oblique, sliver_mm: f32) -> f32 {
+        let done = WHOLE_Q31 - self.left;
+        let scale = block.length_mm / WHOLE_Q31 as f32;
+        let way_mm = |part: u16| (u32::from(part) << 15).saturating_sub(done) as f32 * scale;
+        let [first, second, third] = circle.reversals.map(way_mm);
+        if first > sliver_mm {
+            first
+        } else if second > sliver_mm {
+            second
+        } else if third > sliver_mm {
+            third
+        } else {
+            f32::MAX
         }
     }
 
@@ -534,44 +555,89 @@ fn phase_at(curve: &Curve, done: u32) -> u32 {
 /// The way of each axis from the block's start where a part of it is done.
 #[inline]
 fn way_at(course: Course<'_>, done: u32, begin: Direction, here: Direction) -> Axes<i64> {
+    if let Some(curve) = course.curve
+        && let Shape::Oblique(circle) = &curve.shape
+        && done != WHOLE_Q31
+    {
+        return circle_at(circle, here);
+    }
     let delta = &course.block.delta;
     let mut way = delta.map(|delta| math::scale_q31(delta, done));
-    if let Some(curve) = course.curve {
-        if done == WHOLE_Q31 {
-            return way;
-        }
-        let [first, second] = curve.radius;
-        let [first_change, second_change] = curve.radius_delta;
+    if let Some(curve) = course.curve
+        && let Shape::Flat {
+            first,
+            second,
+            radius: [first_radius, second_radius],
+            radius_delta: [first_change, second_change],
+        } = &curve.shape
+        && done != WHOLE_Q31
+    {
         let along = |radius: i64, change: i64, begin: i32, here: i32| {
             let reached = radius.wrapping_add(math::scale_q31(change, done));
             math::scale_q30(reached, here).wrapping_sub(math::scale_q30(radius, begin))
         };
+        let (begin_1, here_1) = (begin.cosine, here.cosine);
         put(
             &mut way,
-            curve.first,
-            along(first, first_change, begin.cosine, here.cosine),
+            *first,
+            along(*first_radius, *first_change, begin_1, here_1),
         );
+        let (begin_2, here_2) = (begin.sine, here.sine);
         put(
             &mut way,
-            curve.second,
-            along(second, second_change, begin.sine, here.sine),
+            *second,
+            along(*second_radius, *second_change, begin_2, here_2),
         );
     }
     way
+}
+
+/// The way of each axis from the start of a circle in any plane.
+fn circle_at(circle: &Oblique, here: Direction) -> Axes<i64> {
+    // From -2³¹ to 0.
+    let done = here.cosine.wrapping_sub(math::ONE_Q30);
+    let unit = 1_i32.wrapping_shl(u32::from(circle.shift));
+    let product = |a: i32, b: i32| i64::from(a) * i64::from(b);
+    Axes::from_fn(
+        |axis| match (circle.cosine.get(axis), circle.sine.get(axis)) {
+            (Some(outwards), Some(along)) => {
+                let units = product(*outwards, done).wrapping_add(product(*along, here.sine));
+                product((units >> 30) as i32, unit)
+            }
+            _ => 0,
+        },
+    )
 }
 
 /// Speed of each axis in a place of the block, steps per tick.
 #[inline]
 fn axis_speeds(course: Course<'_>, here: Direction, speed_mm_s: f32) -> Axes<f32> {
     let speed = speed_mm_s * (1.0 / TICKS_PER_S);
-    let mut speeds = course.block.steps_per_mm.map(|steps| steps * speed);
-    if let Some(curve) = course.curve {
-        let sign = if curve.sweep > 0 { 1.0 } else { -1.0 };
-        let scale = sign / math::ONE_Q30 as f32;
-        scale_by(&mut speeds, curve.first, -here.sine as f32 * scale);
-        scale_by(&mut speeds, curve.second, here.cosine as f32 * scale);
+    let Some(curve) = course.curve else {
+        return course.block.steps_per_mm.map(|steps| steps * speed);
+    };
+    match &curve.shape {
+        Shape::Flat { first, second, .. } => {
+            let mut speeds = course.block.steps_per_mm.map(|steps| steps * speed);
+            let sign = if curve.sweep > 0 { 1.0 } else { -1.0 };
+            let scale = sign / math::ONE_Q30 as f32;
+            scale_by(&mut speeds, *first, -here.sine as f32 * scale);
+            scale_by(&mut speeds, *second, here.cosine as f32 * scale);
+            speeds
+        }
+        Shape::Oblique(circle) => {
+            let speed = speed * circle.per_mm * (1.0 / math::ONE_Q30 as f32);
+            let (cosine, sine) = (here.cosine as f32 * speed, here.sine as f32 * speed);
+            Axes::from_fn(
+                |axis| match (circle.cosine.get(axis), circle.sine.get(axis)) {
+                    (Some(outwards), Some(along)) => {
+                        *along as f32 * cosine - *outwards as f32 * sine
+                    }
+                    _ => 0.0,
+                },
+            )
+        }
     }
-    speeds
 }
 
 fn put(axes: &mut Axes<i64>, axis: u8, value: i64) {

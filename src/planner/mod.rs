@@ -11,7 +11,7 @@ mod router;
 mod travel;
 
 pub(crate) use block::MIN_SPEED_MM_S;
-pub use block::{Block, Curve, Entry, Laser, Pacing, Probing, Work};
+pub use block::{Block, Curve, Entry, Laser, Oblique, Pacing, Probing, Shape, Work};
 pub use command::{Circle, Command, Coolant, Pace, PathControl, Plane, Rotation, Spindle, Target};
 pub use lookahead::{BLOCKS, LookAhead};
 pub use motion::{Motion, Prepared};

@@ -5,7 +5,7 @@
 //! at the speed at which a circle that leaves it by the junction deviation would be.
 
 use super::{
-    Block, Circle, Command, Curve, Laser, Pace, Pacing, Target, Work,
+    Block, Circle, Command, Curve, Laser, Pace, Pacing, Shape, Target, Work,
     arc::{Arc, PHASE_PER_RAD},
     block::MIN_SPEED_MM_S,
 };
@@ -382,16 +382,17 @@ impl Router {
             let steps_per_mm = self.settings.steps_per_mm[axis].millionths() as f64 * 1.0e-6;
             libm::round(mm * steps_per_mm * FineSteps::ONE as f64) as i64
         };
-        let radius = axes.map(|axis| fine(axis, start));
         Curve {
-            first: axes[0] as u8,
-            second: axes[1] as u8,
             phase: libm::round(arc.start * PHASE_PER_RAD) as i64 as u32,
             sweep: libm::round(arc.sweep * PHASE_PER_RAD) as i64,
-            radius,
-            radius_delta: axes.map(|axis| fine(axis, end - start)),
             limit_sqr,
             mm_per_phase: (f64::from(length_mm) / (libm::fabs(arc.sweep) * PHASE_PER_RAD)) as f32,
+            shape: Shape::Flat {
+                first: axes[0] as u8,
+                second: axes[1] as u8,
+                radius: axes.map(|axis| fine(axis, start)),
+                radius_delta: axes.map(|axis| fine(axis, end - start)),
+            },
         }
     }
 

@@ -1,7 +1,7 @@
 //! Time that blocks have to take so that `prepare` keeps up with their segments.
 
 use super::super::{
-    Block,
+    Block, Curve,
     executor::{LONGEST_S, SEGMENT_S, SHORTEST_S, SLIVER_S},
 };
 use crate::math;
@@ -27,10 +27,7 @@ const PIECE_END_S: f32 = (1.0 - SAVED) * (2.0 * SEGMENT_S - LONGEST_S);
 /// gone through at the speed that it has.
 #[inline]
 pub(super) fn in_time(block: &Block, speed_mm_s: f32, spare_s: f32) -> (f32, f32) {
-    let quarters = block
-        .curve
-        .as_ref()
-        .map(|curve| (curve.sweep.unsigned_abs() >> 30) as u32);
+    let quarters = block.curve.as_ref().map(Curve::inner_pieces);
     let (least_s, ends_s) = match quarters {
         None => (MEAN_S - spare_s, PIECE_END_S),
         Some(quarters) => {
