@@ -6,6 +6,7 @@ mod support;
 use leadscrew::{
     settings::Settings,
     sim::{Edge, End, Simulator, Stream, Watcher},
+    units::TICKS_PER_MS,
 };
 use support::{Trace, check_limits, fast};
 
@@ -109,4 +110,235 @@ fn jogs_do_not_stop_between_each_other() {
     let one = play(&settings, jogs);
     let stops = play(&settings, &format!("G61.1\n{jogs}"));
     assert_eq!(steps(&one), steps(&stops));
+}
+
+/// A machine and a sender that waits where it likes.
+struct Talk {
+    simulator: Simulator,
+    trace: Trace,
+    said: String,
+}
+
+impl Talk {
+    fn new(settings: &Settings) -> Self {
+        let mut talk = Self {
+            simulator: Simulator::new(settings),
+            trace: Trace::new(settings),
+            said: String::new(),
+        };
+        talk.simulator.settle();
+        talk.listen();
+        talk.said.clear();
+        talk
+    }
+
+    fn listen(&mut self) {
+        while let Some(byte) = self.simulator.send() {
+            self.said.push(char::from(byte));
+            self.simulator.settle();
+        }
+    }
+
+    /// Sends bytes, and lets time pass.
+    fn send(&mut self, text: &str, milliseconds: u64) -> &mut Self {
+        for byte in text.bytes() {
+            self.simulator.receive(byte);
+        }
+        self.simulator.settle();
+        self.listen();
+        let end = self.simulator.now() + milliseconds * u64::from(TICKS_PER_MS);
+        while self.simulator.now() < end {
+            if let Some(edge) = self.simulator.advance(end) {
+                self.trace.push(edge, 0);
+            }
+            self.listen();
+        }
+        self
+    }
+
+    /// What the machine has said since the last call.
+    fn heard(&mut self) -> String {
+        std::mem::take(&mut self.said).replace("\r\n", " ")
+    }
+
+    fn is_at_rest(&self) -> bool {
+        let session = self.simulator.session();
+        let snapshot = self.simulator.snapshot();
+        snapshot.is_at_rest && snapshot.finished == session.entered()
+    }
+
+    fn steps(&self) -> [i32; 3] {
+        let steps = self.trace.net_steps();
+        [steps[0], steps[1], steps[2]]
+    }
+
+    /// Whether the machine has been within 0.1 mm of a place, in steps of [`fast`].
+    fn has_been_at(&self, x: i32, y: i32) -> bool {
+        let (mut at, mut is_met) = ([0_i32; 2], false);
+        for edge in &self.trace.edges {
+            for (axis, at) in at.iter_mut().enumerate() {
+                if edge.raise & 1 << axis != 0 {
+                    *at += if edge.directions & 1 << axis == 0 {
+                        1
+                    } else {
+                        -1
+                    };
+                }
+            }
+            is_met |= (at[0] - x).abs() <= 8 && (at[1] - y).abs() <= 8;
+        }
+        is_met
+    }
+}
+
+#[test]
+fn a_line_alone_is_executed_at_once() {
+    for mode in ["G61", "G64", "G64P.02", "G64P.02Q.05"] {
+        let mut talk = Talk::new(&fast());
+        talk.send(&format!("{mode}\nG1X10F1200\n"), 20);
+        assert!(!talk.trace.edges.is_empty(), "{mode}");
+        talk.send("?", 1000);
+        assert!(talk.is_at_rest());
+        assert_eq!(talk.steps(), [800, 0, 0], "{mode}");
+        assert!(talk.heard().starts_with("ok ok <Run|"), "{mode}");
+    }
+}
+
+#[test]
+fn lines_that_are_sent_one_by_one_are_rounded_all_the_same() {
+    let mut talk = Talk::new(&fast());
+    talk.send("G64P.5\nG1X20F1200\n", 100);
+    talk.send("G1Y20\n", 100).send("G1X40\n", 4000);
+    assert_eq!(talk.steps(), [3200, 1600, 0]);
+    assert!(talk.is_at_rest());
+    // The first line has begun before there was another.
+    assert!(talk.has_been_at(1600, 0) && !talk.has_been_at(1600, 1600));
+    let mut exact = Talk::new(&fast());
+    exact.send("G1X20F1200\n", 100);
+    exact.send("G1Y20\n", 100).send("G1X40\n", 4000);
+    assert!(exact.has_been_at(1600, 0) && exact.has_been_at(1600, 1600));
+}
+
+#[test]
+fn what_is_held_back_does_not_slow_the_machine_down() {
+    let settings = fast();
+    let mut exact = Talk::new(&settings);
+    exact.send("G1X20F3000\nX40\n", 3000);
+    // The second line comes long before the end of the first, and nothing after it.
+    let mut talk = Talk::new(&settings);
+    talk.send("G64P.02\nG1X20F3000\n", 100).send("X40\n", 3000);
+    assert_eq!(talk.steps(), exact.steps());
+    let slower_s = talk.trace.motion_seconds() - exact.trace.motion_seconds();
+    assert!(slower_s.abs() < 0.002, "{slower_s} s");
+}
+
+#[test]
+fn whatever_follows_a_line_comes_after_it() {
+    for after in [
+        "M3S100\n",
+        "G4P.01\n",
+        "M8\n",
+        "M0\n",
+        "M2\n",
+        "G92X0\n",
+        "G10L20P1X0\n",
+        "G61\nX11\nX10\n",
+        "G38.3Z-1F100\nG0Z0\n",
+        "G93G1X11F60\nX10F60\n",
+        "G2X10Y0I-1\n",
+        "F100\nG4P0\n",
+        "G28.1\n",
+        "T1\nG4P0\n",
+        "G0X10Y1\nY0\n",
+    ] {
+        let mut talk = Talk::new(&fast());
+        talk.send(&format!("G64P.05\nG1X10F1200\n{after}"), 8000);
+        if after == "M0\n" {
+            talk.send("~", 100);
+        }
+        assert!(talk.is_at_rest(), "{after}");
+        assert_eq!(talk.steps(), [800, 0, 0], "{after}");
+        let heard = talk.heard();
+        let answers = after.matches('\n').count() + 2;
+        assert_eq!(heard.matches("ok").count(), answers, "{after}: {heard}");
+        assert!(
+            !heard.contains("error") && !heard.contains("ALARM"),
+            "{after}: {heard}"
+        );
+    }
+}
+
+#[test]
+fn a_hold_stops_on_the_rounded_path_and_goes_on() {
+    let program = "G64P.5\nG1X20F3000\nY20\nX40\nY40\nX60\n";
+    let mut through = Talk::new(&fast());
+    through.send(program, 6000);
+    for hold_ms in [50, 300, 425, 440, 600, 900] {
+        let mut talk = Talk::new(&fast());
+        talk.send(program, hold_ms).send("!", 500).send("?", 500);
+        assert!(talk.heard().contains("<Hold:0|"), "{hold_ms}");
+        let held = talk.steps();
+        talk.send("?", 100);
+        assert_eq!(talk.steps(), held);
+        talk.send("~", 6000);
+        assert!(talk.is_at_rest(), "{hold_ms}");
+        assert_eq!(talk.steps(), [4800, 3200, 0], "{hold_ms}");
+        // The same steps, at other times.
+        let order = |talk: &Talk| {
+            let raises = talk.trace.edges.iter().filter(|edge| edge.raise != 0);
+            raises.fold([0_u32; 2], |[x, y], edge| {
+                [x + (edge.raise & 1), y + (edge.raise >> 1 & 1)]
+            })
+        };
+        assert_eq!(order(&talk), order(&through), "{hold_ms}");
+    }
+}
+
+#[test]
+fn a_hold_while_nothing_moves_keeps_a_line_until_the_start() {
+    let mut talk = Talk::new(&fast());
+    talk.send("G64P.5\n", 10)
+        .send("!", 10)
+        .send("G1X10F1200\n", 500);
+    assert_eq!(talk.steps(), [0; 3]);
+    talk.send("~", 1500);
+    assert_eq!(talk.steps(), [800, 0, 0]);
+    assert!(talk.is_at_rest());
+}
+
+#[test]
+fn a_reset_forgets_what_is_held_back() {
+    for reset_ms in [5, 100, 400, 800] {
+        let mut talk = Talk::new(&fast());
+        talk.send("G64P.5\nG1X20F1200\nY20\nX40\n", reset_ms);
+        talk.send("\u{18}", 500).send("$X\n", 10);
+        assert!(talk.is_at_rest(), "{reset_ms}");
+        let stopped = talk.steps();
+        talk.send("?", 2000);
+        assert_eq!(talk.steps(), stopped, "{reset_ms}");
+        // G64 is gone, and the position is right.
+        talk.heard();
+        talk.send("$G\nG1X1Y1F1200\n", 4000);
+        assert!(!talk.heard().contains("G64"));
+        assert_eq!(talk.steps(), [80, 80, 0], "{reset_ms}");
+    }
+}
+
+#[test]
+fn the_end_of_a_program_tells_how_far_the_path_was_left() {
+    let program = "G1X20F3000\nX40Y10\nX60\nM2\n";
+    for (mode, least, most) in [("G64P.05", 0.049, 0.05), ("G64P.02", 0.019, 0.02)] {
+        let said = play(&fast(), &format!("{mode}\n{program}")).messages;
+        let told = said.iter().find_map(|text| {
+            let text = text.strip_prefix("[MSG:Path deviation: ")?;
+            text.strip_suffix(" mm]")?.parse::<f64>().ok()
+        });
+        let told = told.unwrap_or_else(|| panic!("{said:?}"));
+        assert!((least..=most).contains(&told), "{told}");
+    }
+    let said = play(&fast(), program).messages;
+    assert!(
+        !said.iter().any(|text| text.contains("deviation")),
+        "{said:?}"
+    );
 }

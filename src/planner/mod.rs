@@ -6,6 +6,7 @@ mod command;
 mod executor;
 mod lookahead;
 mod motion;
+mod path;
 mod probe;
 mod router;
 mod travel;
@@ -15,6 +16,7 @@ pub use block::{Block, Curve, Entry, Laser, Oblique, Pacing, Probing, Shape, Wor
 pub use command::{Circle, Command, Coolant, Pace, PathControl, Plane, Rotation, Spindle, Target};
 pub use lookahead::{BLOCKS, LookAhead};
 pub use motion::{Motion, Prepared};
+pub use path::{Path, Round, Way};
 pub(crate) use router::fastest_mm_s;
 pub use router::{Mark, Router};
 pub use travel::{is_outside, leaves_travel};

@@ -254,9 +254,26 @@ impl Motion {
         Prepared {
             again: self.goes_on(unit, next),
             start,
-            news: changed || unit == Unit::Take && requests.awaits(Awaited::ENTRIES),
+            news: changed || Self::is_awaited(unit, requests),
             switches: core::mem::take(&mut self.switches),
             wake_in_ms: self.wake_in_ms,
+        }
+    }
+
+    /// Whether a unit brings what `interpret` waits for.
+    #[inline]
+    fn is_awaited(unit: Unit, requests: &Requests) -> bool {
+        match unit {
+            Unit::Take => requests.awaits(Awaited::ENTRIES),
+            Unit::Segment => requests.awaits(Awaited::SEGMENTS),
+            Unit::Nothing
+            | Unit::Fail
+            | Unit::Cut
+            | Unit::Reset
+            | Unit::Obey
+            | Unit::Find
+            | Unit::Plan
+            | Unit::Settle => false,
         }
     }
 

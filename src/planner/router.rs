@@ -4,8 +4,11 @@
 //! Junction speed: S. Jeon, "Improving Grbl's cornering algorithm" (2011): the corner is followed
 //! at the speed at which a circle that leaves it by the junction deviation would be.
 
+mod round;
+
 use super::{
-    Block, Circle, Command, Curve, Laser, Pace, Pacing, Shape, Target, Work,
+    Block, Circle, Command, Curve, Laser, Pace, Pacing, Path, PathControl, Shape, Target, Way,
+    Work,
     arc::{Arc, PHASE_PER_RAD},
     block::MIN_SPEED_MM_S,
 };
@@ -27,7 +30,7 @@ const STRAIGHT: f32 = 2.0e-6;
 
 /// What the limits of a move are computed from.
 #[derive(Debug, Clone, Copy)]
-struct Limits {
+pub(super) struct Limits {
     steps_per_mm: Axes<f32>,
     speed_mm_s: Axes<f32>,
     acceleration_mm_s2: Axes<f32>,
@@ -77,7 +80,7 @@ impl Limits {
     }
 
     /// Limit of the squared speed in the corner between two directions.
-    fn junction_sqr(&self, before: &Axes<f32>, after: &Axes<f32>) -> f32 {
+    pub(super) fn junction_sqr(&self, before: &Axes<f32>, after: &Axes<f32>) -> f32 {
         // Sine and cosine of half the turn: half the difference and half the sum of the directions.
         let change = after.zip(*before, |after, before| after - before);
         let change_sqr = dot(&change, &change);
@@ -195,6 +198,19 @@ impl Router {
         self.tangent = mark.tangent;
     }
 
+    /// The way in a straight line from a place to where the last move ends, over the linear axes,
+    /// mm.
+    #[must_use]
+    pub fn way_from_mm(&self, steps: &Axes<i32>) -> f32 {
+        let mut sum_sqr = 0.0;
+        for axis in 0..LINEAR {
+            let way = self.steps[axis].0.wrapping_sub(steps[axis]) as f32;
+            let way_mm = way / self.limits.steps_per_mm[axis];
+            sum_sqr += way_mm * way_mm;
+        }
+        math::sqrt(sum_sqr)
+    }
+
     /// What the laser does during moves.
     #[must_use]
     pub fn laser(&self) -> Laser {
@@ -253,6 +269,24 @@ impl Router {
             Command::Pause => *work = Work::Pause,
         }
         true
+    }
+
+    /// Gives a command to the path: what becomes of it, and when, is [`Path::next`].
+    pub fn lead(&self, path: &mut Path, control: PathControl, command: &Command) {
+        path.take(control, self.position, &self.limits, command);
+    }
+
+    /// Ends what the path holds back.
+    pub fn release(&self, path: &mut Path) {
+        path.end(&self.limits);
+    }
+
+    /// As [`Self::work_into`], for what has come through the path.
+    pub fn follow_into(&mut self, way: &Way, work: &mut Work) -> bool {
+        match way {
+            Way::Command(command) => self.work_into(command, work),
+            Way::Round(round) => self.round_into(round, work),
+        }
     }
 
     fn line(&mut self, target: &Target, pace: Pace, line: u32, work: &mut Work) -> bool {

@@ -226,8 +226,10 @@ impl Awaited {
     pub const ROOM: Self = Self(2);
     /// Entries that `prepare` takes.
     pub const ENTRIES: Self = Self(4);
+    /// Segments that `prepare` makes: the end of the motion that it knows of comes nearer.
+    pub const SEGMENTS: Self = Self(8);
     /// Everything.
-    pub const ALL: Self = Self(7);
+    pub const ALL: Self = Self(15);
 
     /// Both.
     #[must_use]

@@ -262,6 +262,12 @@ pub fn feedback(text: &mut Text, feedback: Feedback) {
     text.word("[MSG:").word(words).word("]").end();
 }
 
+/// `[MSG:Path deviation: … mm]`: the greatest distance from the programmed path, under `G64`.
+pub fn path_deviation(text: &mut Text, deviation_mm: f32) {
+    text.word("[MSG:Path deviation: ");
+    text.number(deviation_mm, 3).word(" mm]").end();
+}
+
 /// `[PRB:x,y,z:1]`: where the probe changed, in machine coordinates.
 pub fn probed(text: &mut Text, probed: &Probed, settings: &Settings) {
     let position = position(probed.steps, settings);

@@ -6,6 +6,7 @@
 //! looked at again in the next call. Read with Grbl 1.1 `protocol.c`.
 
 mod actions;
+mod held;
 mod judge;
 mod program;
 mod reset;
@@ -25,7 +26,7 @@ use crate::{
     axis::Axes,
     interpreter::{Checked, Interpreter, Outcome},
     machine::{Probed, Snapshot},
-    planner::{Entry, Mark, Router, Work},
+    planner::{Entry, Mark, Path, Router, Work},
     settings::{Change, Settings, StoreError, Stored},
     units::Nm,
 };
@@ -121,6 +122,10 @@ pub struct Session {
     store_result: Option<Result<(), StoreError>>,
     interpreter: Interpreter,
     router: Router,
+    /// Moves on their way to the router, and the way that the machine needs to stop after the last
+    /// that it knows of, mm.
+    path: Path,
+    stop_mm: f32,
     line: Line,
     stage: Stage,
     source: Source,
@@ -175,6 +180,8 @@ impl Session {
             change: None,
             store_result: None,
             interpreter,
+            path: Path::new(),
+            stop_mm: 0.0,
             line: Line::new(),
             stage: Stage::Starting,
             source: Source::Line,
@@ -266,7 +273,9 @@ impl Session {
 
     /// What brings the session further, besides a change of the machine's state.
     fn awaited(&self) -> Awaited {
-        let work = if self.stage == Stage::Reading {
+        let work = if self.stage == Stage::Reading && self.path.is_holding() {
+            Awaited::LINE.and(Awaited::ENTRIES).and(Awaited::SEGMENTS)
+        } else if self.stage == Stage::Reading {
             Awaited::LINE
         } else {
             Awaited::ENTRIES
@@ -295,6 +304,7 @@ impl Session {
             self.begin_reset(epoch);
         }
         self.look_at(machine);
+        self.drop_void(machine);
         if !self.flush(sent) || !self.tell_notices(machine, sent) {
             return Progress::Waiting;
         }
@@ -436,13 +446,17 @@ impl Session {
             Stage::Starting | Stage::Faulted | Stage::Asleep => Progress::Waiting,
             Stage::Welcoming => self.welcome(machine),
             Stage::Reading | Stage::Resting | Stage::StartingUp(_) if is_held => Progress::Waiting,
-            Stage::Resting if !self.is_done(machine) => Progress::Waiting,
+            Stage::Resting if !self.is_done(machine) => {
+                self.release(entries);
+                Progress::Waiting
+            }
             Stage::Resting => self.judge(machine, received.capacity(), entries),
             Stage::StartingUp(number) => self.start_up(machine, number, entries),
             Stage::Reading => {
                 if self.read(received) {
                     self.judge(machine, received.capacity(), entries)
                 } else {
+                    self.release_in_time(machine, entries);
                     Progress::Waiting
                 }
             }
@@ -467,7 +481,7 @@ impl Session {
 
     /// Whether everything sent to the machine has been done and it stands still.
     fn is_done(&self, machine: &Snapshot) -> bool {
-        machine.is_at_rest && machine.finished == self.entered
+        machine.is_at_rest && machine.finished == self.entered && !self.path.is_holding()
     }
 
     /// Sends work. The caller has made sure of room; after standstill the queue is empty.

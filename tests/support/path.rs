@@ -4,7 +4,7 @@ use std::{f64::consts::TAU, ops::Range};
 
 use leadscrew::{
     axis::{AXES, Axes},
-    planner::{Circle, Command, Rotation},
+    planner::{Circle, Command, Rotation, Round, Way},
     settings::Settings,
     units::{Nm, Steps},
 };
@@ -25,6 +25,7 @@ pub(crate) struct Piece {
     begin: Point,
     end: Point,
     curve: Option<Turn>,
+    round: Option<Corner>,
     /// Not less than the length, in steps.
     length: f64,
 }
@@ -60,8 +61,49 @@ impl Piece {
             begin,
             end,
             curve,
+            round: None,
             length,
         })
+    }
+
+    /// A rounded corner from where the piece before ended.
+    fn round(settings: &Settings, from: &Axes<Nm>, round: &Round) -> Self {
+        let scale = |axis: usize| settings.steps_per_mm[axis].millionths() as f64 * 1.0e-6;
+        let point = |at: &Axes<Nm>| -> Point {
+            std::array::from_fn(|axis| at[axis].0 as f64 * 1.0e-6 * scale(axis))
+        };
+        let (begin, end) = (point(from), point(&round.target));
+        let arm = |direction: &[f32; 3]| -> Point {
+            std::array::from_fn(|axis| {
+                let share = f64::from(direction.get(axis).copied().unwrap_or(0.0));
+                share * f64::from(round.radius_mm) * scale(axis)
+            })
+        };
+        let corner = Corner {
+            outwards: arm(&round.outwards),
+            along: arm(&round.along),
+            sweep: f64::from(round.sweep_rad),
+        };
+        let length = (0..AXES)
+            .map(|axis| 2.0 * (corner.outwards[axis].abs() + corner.along[axis].abs()))
+            .sum();
+        Self {
+            begin,
+            end,
+            curve: None,
+            round: Some(corner),
+            length,
+        }
+    }
+
+    /// Whether it is straight.
+    pub(crate) fn is_line(&self) -> bool {
+        self.curve.is_none() && self.round.is_none()
+    }
+
+    /// Not less than its length, steps.
+    pub(crate) fn length(&self) -> f64 {
+        self.length
     }
 
     /// Where a share of the way is done, steps.
@@ -74,8 +116,22 @@ impl Piece {
             point[turn.axes[0]] = turn.scale[0] * (turn.centre[0] + radius * cosine);
             point[turn.axes[1]] = turn.scale[1] * (turn.centre[1] + radius * sine);
         }
+        if let Some(corner) = &self.round {
+            let (sine, cosine) = (corner.sweep * share).sin_cos();
+            point = std::array::from_fn(|axis| {
+                let (outwards, along) = (corner.outwards[axis], corner.along[axis]);
+                self.begin[axis] + outwards * (cosine - 1.0) + along * sine
+            });
+        }
         point
     }
+}
+
+/// A rounded corner: its radii to the start and along it, in steps.
+struct Corner {
+    outwards: Point,
+    along: Point,
+    sweep: f64,
 }
 
 impl Turn {
@@ -123,6 +179,25 @@ pub(crate) fn pieces(settings: &Settings, commands: &[Command]) -> Vec<Piece> {
     pieces
 }
 
+/// The path that the router is given, from the origin.
+pub(crate) fn pieces_of_ways(settings: &Settings, ways: &[Way]) -> Vec<Piece> {
+    let mut from = Axes::all(Nm(0));
+    let mut pieces = Vec::new();
+    for way in ways {
+        match way {
+            Way::Command(command) => {
+                pieces.extend(Piece::new(settings, &from, command));
+                from = target(command).unwrap_or(from);
+            }
+            Way::Round(round) => {
+                pieces.push(Piece::round(settings, &from, round));
+                from = round.target;
+            }
+        }
+    }
+    pieces
+}
+
 /// Fastest step rate that the settings allow on each axis, Hz.
 pub(crate) fn step_rates(settings: &Settings) -> Axes<f64> {
     settings
@@ -144,6 +219,28 @@ pub(crate) fn check_path(
     slack: f64,
 ) -> f64 {
     let pieces = pieces(settings, commands);
+    let (worst, position) = follow(settings, &pieces, trace, slack);
+    if let Some(end) = commands.iter().rev().find_map(target) {
+        let steps = settings
+            .steps_per_mm
+            .zip(end, |resolution, nm| resolution.steps_at(nm).0);
+        assert_eq!(position.map(Steps), steps, "final position");
+    }
+    worst
+}
+
+/// Follows pieces of path with the steps; the largest distance of an axis, and the position, in
+/// steps.
+///
+/// # Panics
+/// When the steps leave the path by more than half a step, what an event's shift makes, and `slack`
+/// steps.
+pub(crate) fn follow(
+    settings: &Settings,
+    pieces: &[Piece],
+    trace: &Trace,
+    slack: f64,
+) -> (f64, Axes<i32>) {
     let rates = step_rates(settings);
     let least: Point = std::array::from_fn(|n| 0.5 + SEARCH + slack + rates[n] * SHIFT_S);
     let waits: [Vec<Range<u64>>; AXES] = std::array::from_fn(|axis| trace.waits(axis));
@@ -185,11 +282,5 @@ pub(crate) fn check_path(
             }
         }
     }
-    if let Some(end) = commands.iter().rev().find_map(target) {
-        let steps = settings
-            .steps_per_mm
-            .zip(end, |resolution, nm| resolution.steps_at(nm).0);
-        assert_eq!(position.map(Steps), steps, "final position");
-    }
-    worst
+    (worst, position)
 }

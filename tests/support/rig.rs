@@ -1,9 +1,11 @@
 //! Plays commands on the drive and records the pins.
 
+use std::collections::VecDeque;
+
 use leadscrew::{
     axis::Axes,
     machine::{Snapshot, State},
-    planner::{Command, Entry, Router, Work},
+    planner::{Command, Entry, Path, PathControl, Router, Way, Work},
     protocol::realtime::{self, Requests},
     settings::Settings,
     sim::{Drive, Edge},
@@ -34,6 +36,13 @@ pub(crate) struct Rig {
     is_recovering: bool,
     /// Least time between two entries, ticks.
     pub(crate) feed_ticks: u64,
+    /// How moves follow each other, what has become of them, and the work that it makes, each block
+    /// with a line number of its own.
+    pub(crate) control: PathControl,
+    pub(crate) ways: Vec<Way>,
+    path: Path,
+    works: VecDeque<Work>,
+    blocks: u32,
     /// Where the segments that have been played begin, on the generator's clock.
     pub(crate) segments: Vec<u32>,
 }
@@ -50,7 +59,41 @@ impl Rig {
             cuts: 0,
             is_recovering: settings.homing,
             feed_ticks: 0,
+            control: PathControl::ExactPath,
+            ways: Vec::new(),
+            path: Path::new(),
+            works: VecDeque::new(),
+            blocks: 0,
             segments: Vec::new(),
+        }
+    }
+
+    /// The work of the next command; the last one ends what the path holds back.
+    fn work(&mut self, command: &Command, is_last: bool) -> Option<Work> {
+        if self.control == PathControl::ExactPath {
+            return self.router.work(command);
+        }
+        self.router.lead(&mut self.path, self.control, command);
+        self.drain();
+        if is_last {
+            self.router.release(&mut self.path);
+            self.drain();
+        }
+        self.works.pop_front()
+    }
+
+    fn drain(&mut self) {
+        while let Some(way) = self.path.next().copied() {
+            self.ways.push(way);
+            let mut work = Work::Pause;
+            if self.router.follow_into(&way, &mut work) {
+                self.blocks += 1;
+                if let Work::Move(block) = &mut work {
+                    block.line = self.blocks;
+                }
+                self.works.push_back(work);
+            }
+            self.path.done();
         }
     }
 
@@ -77,11 +120,15 @@ impl Rig {
                 self.receive(byte);
                 if byte == RESET {
                     waiting = None;
+                    self.works.clear();
                 }
             }
             if !self.is_recovering && self.now >= feed_at {
+                waiting = waiting.or_else(|| self.works.pop_front());
                 while waiting.is_none() && commands.len() > 0 {
-                    waiting = commands.next().and_then(|c| self.router.work(c));
+                    let command = commands.next();
+                    let is_last = commands.len() == 0;
+                    waiting = command.and_then(|command| self.work(command, is_last));
                 }
                 let is_fed = waiting.is_some_and(|work| self.enqueue(work));
                 if is_fed {
@@ -98,12 +145,12 @@ impl Rig {
                 waiting = None;
             }
             self.recover();
-            if self.is_done() && waiting.is_none() && commands.len() == 0 && acts.peek().is_none() {
+            let is_all_sent = waiting.is_none() && self.works.is_empty() && commands.len() == 0;
+            if self.is_done() && is_all_sent && acts.peek().is_none() {
                 break;
             }
             idle_runs += 1;
-            let feed = (waiting.is_some() || commands.len() > 0) && feed_at > self.now;
-            let feed = feed.then_some(feed_at);
+            let feed = (!is_all_sent && feed_at > self.now).then_some(feed_at);
             let act = acts.peek().map(|act| act.0);
             let wake = self.drive.wake_due();
             let other = feed.into_iter().chain(act).chain(wake).min();

@@ -137,7 +137,7 @@ impl Session {
 
     /// What `$` statements may ask of the machine now.
     fn condition(&self, machine: &Snapshot) -> Condition {
-        let is_done = machine.finished == self.entered;
+        let is_done = machine.finished == self.entered && !self.path.is_holding();
         match machine.state {
             State::Alarm => Condition::Alarm,
             State::Check => Condition::Check,

@@ -157,30 +157,27 @@ impl Session {
         first: usize,
         entries: &mut Producer<'_, Entry>,
     ) -> Progress {
-        let is_jog = self.source == Source::Jog;
-        let stops = self.interpreter.modal().path == PathControl::ExactStop;
-        self.router.stop_exactly(stops && !is_jog);
+        let control = self.path_control();
         let mut next = first;
         // wcet-bound: 7
         while let Some(command) = self.outcome.commands.get(next) {
-            if !entries.ready() {
+            let is_led = is_led(control, command);
+            if !is_led {
+                self.router.release(&mut self.path);
+            }
+            if !self.drain(entries) || !entries.ready() {
                 self.stage = Stage::Entering(next);
                 return Progress::Waiting;
             }
-            if matches!(command, Command::Spindle { .. } | Command::Coolant(_)) {
-                self.cadence.overrides_changed();
-            }
-            let mut entry = self.entry();
-            if self.router.work_into(command, &mut entry.work) {
-                self.is_jogging |= self.source == Source::Jog;
-                if put(entry, entries) {
-                    self.entered = self.entered.wrapping_add(1);
-                }
-            } else if let Some(work) = self.instead(machine, next) {
-                self.is_jogging |= self.source == Source::Jog;
-                self.send_entry(work, entries);
-            }
+            self.send_command(machine, next, is_led, entries);
             next += 1;
+        }
+        if self.after.is_some() {
+            self.router.release(&mut self.path);
+        }
+        if !self.drain(entries) {
+            self.stage = Stage::Entering(next);
+            return Progress::Waiting;
         }
         if self.after == Some(After::Tell(Feedback::ProgramEnd)) {
             if !entries.ready() {
@@ -195,6 +192,37 @@ impl Session {
                 self.complete(machine, after)
             }
             None => self.accept(),
+        }
+    }
+
+    /// Sends a command of the line to the machine, or to the path before it. There is room.
+    fn send_command(
+        &mut self,
+        machine: &Snapshot,
+        number: usize,
+        is_led: bool,
+        entries: &mut Producer<'_, Entry>,
+    ) {
+        let Some(command) = self.outcome.commands.get(number) else {
+            return;
+        };
+        let control = self.path_control();
+        if is_led {
+            return self.router.lead(&mut self.path, control, command);
+        }
+        self.router.stop_exactly(control == PathControl::ExactStop);
+        if matches!(command, Command::Spindle { .. } | Command::Coolant(_)) {
+            self.cadence.overrides_changed();
+        }
+        let mut entry = self.entry();
+        if self.router.work_into(command, &mut entry.work) {
+            self.is_jogging |= self.source == Source::Jog;
+            if put(entry, entries) {
+                self.entered = self.entered.wrapping_add(1);
+            }
+        } else if let Some(work) = self.instead(machine, number) {
+            self.is_jogging |= self.source == Source::Jog;
+            self.send_entry(work, entries);
         }
     }
 
@@ -238,7 +266,12 @@ impl Session {
         }
         match after {
             After::Answer => {}
-            After::Tell(feedback) => report::feedback(&mut self.message, feedback),
+            After::Tell(feedback) => {
+                if feedback == Feedback::ProgramEnd {
+                    self.tell_deviation();
+                }
+                report::feedback(&mut self.message, feedback);
+            }
             After::Probe => self.end_probing(machine),
             After::Miss => self.miss(machine),
             After::Home { is_all } => return self.end_homing(machine, is_all),
@@ -284,4 +317,25 @@ impl Session {
 #[inline(never)]
 fn put(entry: Entry, entries: &mut Producer<'_, Entry>) -> bool {
     entries.enqueue(entry).is_ok()
+}
+
+/// Whether a command goes through the path, which `G64` may change.
+fn is_led(control: PathControl, command: &Command) -> bool {
+    match (control, command) {
+        (
+            PathControl::Continuous { .. },
+            Command::Line { .. } | Command::Arc { .. } | Command::Power(_),
+        ) => true,
+        (
+            PathControl::ExactPath | PathControl::ExactStop | PathControl::Continuous { .. },
+            Command::Line { .. }
+            | Command::Arc { .. }
+            | Command::Power(_)
+            | Command::Probe { .. }
+            | Command::Dwell { .. }
+            | Command::Spindle { .. }
+            | Command::Coolant(_)
+            | Command::Pause,
+        ) => false,
+    }
 }

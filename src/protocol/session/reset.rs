@@ -23,6 +23,7 @@ impl Session {
         self.is_answer_owed |= self.is_line_begun();
         self.is_stored_due |= matches!(self.stage, Stage::Storing(_));
         self.stage = Stage::Starting;
+        self.path.clear();
         self.is_jogging = false;
         self.is_position_known = false;
         self.is_fault_told = false;

@@ -270,7 +270,8 @@ impl Deviation {
             }
             Self::BuildInfo => "the line `[MSG:Step rate: …]` of the answer to `$I`",
             Self::PathControl => {
-                "an answer other than Grbl's to a line with `G61.1` or `G64`, which it refuses"
+                "an answer other than Grbl's to a line with `G61.1` or `G64`, which it refuses; and \
+                 the message `[MSG:Path deviation: …]`"
             }
         }
     }

@@ -1,0 +1,95 @@
+//! What `G64` holds back of the program, and when the machine gets it.
+//!
+//! A line waits for the one after it, as what becomes of it depends on that; but never longer than
+//! the machine has something to do. It goes to the machine when anything else than a line comes,
+//! when something has to wait for standstill, and, while no line comes, when the machine would soon
+//! begin to brake for the end of the motion that it knows of.
+
+use heapless::spsc::Producer;
+
+use super::{Session, Source};
+use crate::{
+    machine::{Snapshot, State},
+    planner::{Entry, PathControl, Work},
+    protocol::report,
+};
+
+/// More entries than that keep the machine busy, whatever they are.
+const FEW: u32 = 8;
+/// Time for what is held back to reach the machine, s: what is made in advance, and the line.
+const LEAD_S: f32 = 0.03;
+
+impl Session {
+    /// How the moves of the line in execution follow each other: jogs keep to their path.
+    pub(super) fn path_control(&self) -> PathControl {
+        if self.source == Source::Jog {
+            PathControl::ExactPath
+        } else {
+            self.interpreter.modal().path
+        }
+    }
+
+    /// Forgets what a machine would not execute that is locked, or has ended a motion early.
+    pub(super) fn drop_void(&mut self, machine: &Snapshot) {
+        if machine.state == State::Alarm || machine.cuts != self.cuts {
+            self.path.clear();
+        }
+    }
+
+    /// Sends on what is held back, as far as there is room.
+    pub(super) fn release(&mut self, entries: &mut Producer<'_, Entry>) {
+        if self.path.is_holding() {
+            self.router.release(&mut self.path);
+            self.drain(entries);
+        }
+    }
+
+    /// Sends on what is held back, if the machine could use it.
+    pub(super) fn release_in_time(
+        &mut self,
+        machine: &Snapshot,
+        entries: &mut Producer<'_, Entry>,
+    ) {
+        if !self.path.is_holding() {
+            return;
+        }
+        let left = self.entered.wrapping_sub(machine.finished);
+        let is_near = left < FEW && self.router.way_from_mm(&machine.steps) <= self.stop_mm;
+        if left == 0 || is_near {
+            self.router.release(&mut self.path);
+        }
+        self.drain(entries);
+    }
+
+    /// Tells how far the program's path was left, if it was.
+    pub(super) fn tell_deviation(&mut self) {
+        let deviation_mm = self.path.take_deviation_mm();
+        if deviation_mm > 0.0 {
+            report::path_deviation(&mut self.message, deviation_mm);
+        }
+    }
+
+    /// Sends what is ready; false when there is no room for all of it.
+    pub(super) fn drain(&mut self, entries: &mut Producer<'_, Entry>) -> bool {
+        // wcet-bound: 6
+        while let Some(way) = self.path.next() {
+            if !entries.ready() {
+                return false;
+            }
+            let mut entry = self.entry();
+            self.router.stop_exactly(false);
+            if self.router.follow_into(way, &mut entry.work) {
+                if let Work::Move(block) = &entry.work {
+                    let speed = block.limit_mm_s.min(block.programmed_mm_s);
+                    let braking_s = 0.5 * speed / block.acceleration_mm_s2;
+                    self.stop_mm = speed * (braking_s + LEAD_S);
+                }
+                if entries.enqueue(entry).is_ok() {
+                    self.entered = self.entered.wrapping_add(1);
+                }
+            }
+            self.path.done();
+        }
+        true
+    }
+}

@@ -1,0 +1,300 @@
+//! What `G64` makes of paths: never farther from the programmed one than asked for.
+#![cfg(not(target_os = "none"))]
+
+mod support;
+
+use leadscrew::{
+    axis::Axes,
+    planner::{Command, Path, PathControl, Plane, Rotation, Router, Way, Work},
+    settings::Settings,
+    units::Nm,
+};
+use proptest::prelude::*;
+use support::{
+    Piece, Rig, arc, cases, check_limits, fast, follow, line, pieces, pieces_of_ways, target_steps,
+    with,
+};
+
+fn continuous(tolerance_nm: u32, merging_nm: u32) -> PathControl {
+    PathControl::Continuous {
+        tolerance_nm,
+        merging_nm,
+    }
+}
+
+/// What becomes of commands, and the deviation that is told.
+fn ways(settings: &Settings, control: PathControl, commands: &[Command]) -> (Vec<Way>, f32) {
+    let mut router = Router::new(settings);
+    let mut path = Path::new();
+    let mut ways = Vec::new();
+    let mut drain = |router: &mut Router, path: &mut Path| {
+        while let Some(way) = path.next().copied() {
+            router.follow_into(&way, &mut Work::Pause);
+            ways.push(way);
+            path.done();
+        }
+    };
+    for command in commands {
+        router.lead(&mut path, control, command);
+        drain(&mut router, &mut path);
+    }
+    router.release(&mut path);
+    drain(&mut router, &mut path);
+    assert!(!path.is_holding());
+    (ways, path.take_deviation_mm())
+}
+
+fn rounds(ways: &[Way]) -> usize {
+    ways.iter()
+        .filter(|way| matches!(way, Way::Round(_)))
+        .count()
+}
+
+fn lines(ways: &[Way]) -> usize {
+    let is_line = |way: &&Way| matches!(way, Way::Command(Command::Line { .. }));
+    ways.iter().filter(is_line).count()
+}
+
+/// One step is a micrometre, so that points are in micrometres.
+fn fine() -> Settings {
+    with(&[1000.0], &[5000.0], &[500.0])
+}
+
+type Point = [f64; 3];
+
+/// Points along pieces, in order, closer to each other than a grain, micrometres.
+fn samples(pieces: &[Piece], grain: f64) -> Vec<Point> {
+    let mut points = Vec::new();
+    for piece in pieces {
+        // Of a small arc so many that their chords are the arc, to a thousandth of a micrometre.
+        let least = if piece.is_line() { 1.0 } else { 64.0 };
+        let parts = (piece.length() / grain).ceil().max(least);
+        for part in 0..=parts as usize {
+            let at = piece.at(part as f64 / parts);
+            points.push([at[0], at[1], at[2]]);
+        }
+    }
+    points
+}
+
+/// The distance of a point from the stretch between two others.
+fn distance(point: &Point, from: &Point, to: &Point) -> f64 {
+    let way: Point = std::array::from_fn(|n| to[n] - from[n]);
+    let off: Point = std::array::from_fn(|n| point[n] - from[n]);
+    let dot = |a: &Point, b: &Point| a.iter().zip(b).map(|(a, b)| a * b).sum::<f64>();
+    let length_sqr = dot(&way, &way);
+    let share = if length_sqr > 0.0 {
+        (dot(&off, &way) / length_sqr).clamp(0.0, 1.0)
+    } else {
+        0.0
+    };
+    let rest: Point = std::array::from_fn(|n| off[n] - share * way[n]);
+    dot(&rest, &rest).sqrt()
+}
+
+/// The greatest distance of points from a line through others.
+fn farthest(points: &[Point], path: &[Point]) -> f64 {
+    let near = |point: &Point| {
+        path.windows(2)
+            .map(|ends| distance(point, &ends[0], &ends[1]))
+            .fold(f64::MAX, f64::min)
+    };
+    points.iter().map(near).fold(0.0, f64::max)
+}
+
+/// The greatest distance between what is programmed and what becomes of it, in either direction, mm.
+fn deviation_mm(control: PathControl, commands: &[Command], ways: &[Way], grain: f64) -> f64 {
+    let settings = fine();
+    let programmed = samples(&pieces(&settings, commands), grain);
+    let executed = samples(&pieces_of_ways(&settings, ways), grain);
+    assert!(matches!(control, PathControl::Continuous { .. }));
+    1.0e-3 * farthest(&executed, &programmed).max(farthest(&programmed, &executed))
+}
+
+/// A corner after a straight way.
+fn corner(degrees: f64, mm_min: f32) -> [Command; 2] {
+    let (sine, cosine) = degrees.to_radians().sin_cos();
+    [
+        line(&[10.0, 0.0, 0.0], mm_min),
+        line(&[10.0 + 10.0 * cosine, 10.0 * sine, 0.0], mm_min),
+    ]
+}
+
+#[test]
+fn a_corner_is_rounded_as_far_from_it_as_is_asked_for() {
+    for degrees in [15.0, 20.0, 45.0, 60.0] {
+        let commands = corner(degrees, 5000.0);
+        let control = continuous(50_000, 0);
+        let (ways, told_mm) = ways(&fine(), control, &commands);
+        assert_eq!((rounds(&ways), lines(&ways)), (1, 2), "{degrees}");
+        let found_mm = deviation_mm(control, &commands, &ways, 5.0);
+        assert!((found_mm - 0.05).abs() < 0.0002, "{degrees}: {found_mm}");
+        assert!((f64::from(told_mm) - 0.05).abs() < 0.0002, "{degrees}");
+    }
+}
+
+#[test]
+fn a_corner_that_is_no_slower_than_its_rounding_is_kept() {
+    for (degrees, mm_min) in [(0.01, 5000.0), (5.0, 300.0), (179.9, 5000.0)] {
+        let commands = corner(degrees, mm_min);
+        let (ways, told_mm) = ways(&fine(), continuous(50_000, 0), &commands);
+        assert_eq!((rounds(&ways), lines(&ways)), (0, 2), "{degrees}");
+        assert_eq!(told_mm, 0.0);
+    }
+}
+
+#[test]
+fn without_a_tolerance_a_corner_takes_half_of_each_line_at_most() {
+    let commands = [
+        line(&[1.0], 5000.0),
+        line(&[1.0, 1.0], 5000.0),
+        line(&[2.0, 1.0], 5000.0),
+    ];
+    let (ways, _) = ways(&fine(), continuous(0, 0), &commands);
+    // Two quarter circles with nothing of the line between them.
+    let [
+        Way::Command(_),
+        Way::Round(first),
+        Way::Round(second),
+        Way::Command(_),
+    ] = ways[..]
+    else {
+        panic!("{ways:?}");
+    };
+    assert!((first.radius_mm - 0.5).abs() < 1.0e-5);
+    assert_eq!(first.target, support::at(&[1.0, 0.5]));
+    assert!((second.radius_mm - 0.5).abs() < 1.0e-5);
+}
+
+#[test]
+fn short_lines_become_one_within_the_tolerance() {
+    let mut commands = Vec::new();
+    for n in 1..=60 {
+        let off = if n % 2 == 0 { 0.004 } else { -0.004 };
+        commands.push(line(&[0.1 * f64::from(n), off], 1200.0));
+    }
+    let (merged, told_mm) = ways(&fine(), continuous(20_000, 20_000), &commands);
+    assert_eq!(lines(&merged), 1);
+    assert!(told_mm > 0.006 && told_mm < 0.010, "{told_mm}");
+    let (strict, _) = ways(&fine(), continuous(20_000, 2_000), &commands);
+    assert!(lines(&strict) > 30);
+    // Each is shorter than what is asked of the corners, and there is a limit to their number.
+    let commands: Vec<_> = (1..=250)
+        .map(|n| line(&[0.1 * f64::from(n)], 1200.0))
+        .collect();
+    let (merged, told_mm) = ways(&fine(), continuous(20_000, 20_000), &commands);
+    assert_eq!(lines(&merged), 3);
+    assert!(told_mm < 1.0e-5, "{told_mm}");
+}
+
+#[test]
+fn lines_of_other_feeds_axes_and_paces_stay_apart() {
+    let rapid = support::line_at(support::at(&[2.0]), leadscrew::planner::Pace::Rapid);
+    let timed = leadscrew::planner::Pace::InverseTime(10.0);
+    let timed = support::line_at(support::at(&[4.0]), timed);
+    let commands = [
+        line(&[1.0], 600.0),
+        line(&[1.5], 700.0),
+        rapid,
+        line(&[3.0], 600.0),
+        timed,
+        line(&[5.0], 600.0),
+    ];
+    let (merged, _) = ways(&fine(), continuous(20_000, 20_000), &commands);
+    assert_eq!(lines(&merged), 6);
+}
+
+#[test]
+fn flat_arcs_become_lines_and_others_stay() {
+    let flat = arc(
+        Plane::Xy,
+        Rotation::CounterClockwise,
+        &[1.0, 0.0],
+        [0.5, 20.0],
+        600.0,
+    );
+    let round = arc(
+        Plane::Xy,
+        Rotation::CounterClockwise,
+        &[1.0, 0.0],
+        [0.5, 1.0],
+        600.0,
+    );
+    let control = continuous(20_000, 20_000);
+    let (kept, _) = ways(&fine(), control, &[round]);
+    assert_eq!((lines(&kept), kept.len()), (0, 1));
+    let (lines_of, _) = ways(&fine(), control, &[flat]);
+    assert_eq!((lines(&lines_of), lines_of.len()), (1, 1));
+    assert!(deviation_mm(control, &[flat], &lines_of, 2.0) <= 0.01);
+}
+
+/// Random ways: mostly short, some long, some on a curve, at a few feeds.
+fn programs() -> impl Strategy<Value = Vec<Command>> {
+    let turn = prop_oneof![3 => -0.3..0.3, 1 => -3.1..3.1];
+    let length = prop_oneof![4 => 0.02..0.4, 1 => 0.4..4.0];
+    let rise = prop_oneof![2 => Just(0.0), 1 => -0.5..0.5];
+    let feed = prop::sample::select(vec![300.0_f32, 1200.0, 1200.0, 5000.0]);
+    let step = (turn, length, rise, feed, 0..12);
+    prop::collection::vec(step, 2..30).prop_map(|steps| {
+        let (mut at, mut heading) = ([0.0_f64; 3], 0.0_f64);
+        let mut commands = Vec::new();
+        for (turn, length, rise, feed, kind) in steps {
+            heading += turn;
+            at[0] += length * heading.cos();
+            at[1] += length * heading.sin();
+            at[2] += length * rise;
+            if kind == 0 {
+                // A flat arc, to the left.
+                let (x, y) = (length * heading.cos(), length * heading.sin());
+                let centre = [0.5 * x - 3.0 * y, 0.5 * y + 3.0 * x];
+                let way = Rotation::CounterClockwise;
+                commands.push(arc(Plane::Xy, way, &at, centre, feed));
+            } else {
+                commands.push(line(&at, feed));
+            }
+        }
+        commands
+    })
+}
+
+proptest! {
+    #![proptest_config(cases(48))]
+
+    #[test]
+    fn no_path_is_farther_away_than_is_asked_for(
+        commands in programs(),
+        tolerance_um in prop::sample::select(vec![5_u32, 20, 100]),
+        merging_um in prop::sample::select(vec![0_u32, 3, 20, 100]),
+    ) {
+        let control = continuous(1000 * tolerance_um, 1000 * merging_um);
+        let (ways, told_mm) = ways(&fine(), control, &commands);
+        let found_mm = deviation_mm(control, &commands, &ways, 10.0);
+        // Positions are whole nanometres; and points on a curve are this far from their chords.
+        let least_mm = 1.0e-3 * f64::from(tolerance_um);
+        prop_assert!(found_mm <= least_mm + 2.0e-5, "{found_mm} of {least_mm}");
+        prop_assert!(found_mm <= f64::from(told_mm) + 2.0e-5, "{found_mm}, told {told_mm}");
+    }
+
+    #[test]
+    fn steps_follow_the_rounded_path_within_the_limits(
+        commands in programs(),
+        tolerance_um in prop::sample::select(vec![0_u32, 5, 50, 500]),
+        is_uneven in any::<bool>(),
+    ) {
+        let settings = if is_uneven {
+            with(&[80.0, 320.0, 157.48], &[6000.0, 5000.0, 3000.0], &[500.0, 400.0, 300.0])
+        } else {
+            fast()
+        };
+        let mut rig = Rig::new(&settings);
+        rig.control = continuous(1000 * tolerance_um, 0);
+        rig.run(&commands, &[]);
+        rig.trace.check_pulses();
+        let pieces = pieces_of_ways(&settings, &rig.ways);
+        follow(&settings, &pieces, &rig.trace, 1.0);
+        check_limits(&settings, &rig.trace);
+        let end = commands.iter().rev().find_map(support::target);
+        let end = target_steps(&settings, &end.unwrap_or(Axes::all(Nm(0))));
+        prop_assert_eq!(rig.trace.net_steps(), end);
+    }
+}
