@@ -327,6 +327,7 @@ impl Executor {
 
     /// The way to where an axis reverses next, but for one that is very near, mm; no less than to the
     /// end of the curve where none does.
+    #[inline(never)]
     fn way_on(&self, block: &Block, circle: &Oblique, sliver_mm: f32) -> f32 {
         let done = WHOLE_Q31 - self.left;
         let scale = block.length_mm / WHOLE_Q31 as f32;
@@ -593,6 +594,7 @@ fn way_at(course: Course<'_>, done: u32, begin: Direction, here: Direction) -> A
 }
 
 /// The way of each axis from the start of a circle in any plane.
+#[inline(never)]
 fn circle_at(circle: &Oblique, here: Direction) -> Axes<i64> {
     // From -2³¹ to 0.
     let done = here.cosine.wrapping_sub(math::ONE_Q30);
@@ -613,31 +615,34 @@ fn circle_at(circle: &Oblique, here: Direction) -> Axes<i64> {
 #[inline]
 fn axis_speeds(course: Course<'_>, here: Direction, speed_mm_s: f32) -> Axes<f32> {
     let speed = speed_mm_s * (1.0 / TICKS_PER_S);
-    let Some(curve) = course.curve else {
-        return course.block.steps_per_mm.map(|steps| steps * speed);
-    };
-    match &curve.shape {
-        Shape::Flat { first, second, .. } => {
-            let mut speeds = course.block.steps_per_mm.map(|steps| steps * speed);
-            let sign = if curve.sweep > 0 { 1.0 } else { -1.0 };
-            let scale = sign / math::ONE_Q30 as f32;
-            scale_by(&mut speeds, *first, -here.sine as f32 * scale);
-            scale_by(&mut speeds, *second, here.cosine as f32 * scale);
-            speeds
-        }
-        Shape::Oblique(circle) => {
-            let speed = speed * circle.per_mm * (1.0 / math::ONE_Q30 as f32);
-            let (cosine, sine) = (here.cosine as f32 * speed, here.sine as f32 * speed);
-            Axes::from_fn(
-                |axis| match (circle.cosine.get(axis), circle.sine.get(axis)) {
-                    (Some(outwards), Some(along)) => {
-                        *along as f32 * cosine - *outwards as f32 * sine
-                    }
-                    _ => 0.0,
-                },
-            )
+    let mut speeds = course.block.steps_per_mm.map(|steps| steps * speed);
+    if let Some(curve) = course.curve {
+        match &curve.shape {
+            Shape::Flat { first, second, .. } => {
+                let sign = if curve.sweep > 0 { 1.0 } else { -1.0 };
+                let scale = sign / math::ONE_Q30 as f32;
+                scale_by(&mut speeds, *first, -here.sine as f32 * scale);
+                scale_by(&mut speeds, *second, here.cosine as f32 * scale);
+            }
+            Shape::Oblique(circle) => return circle_speeds(circle, here, speed),
         }
     }
+    speeds
+}
+
+/// Speed of each axis in a place of a circle in any plane; `speed` in mm per tick.
+///
+/// Not in line, as `circle_at`: what a flat arc takes shall stay what it is.
+#[inline(never)]
+fn circle_speeds(circle: &Oblique, here: Direction, speed: f32) -> Axes<f32> {
+    let speed = speed * circle.per_mm * (1.0 / math::ONE_Q30 as f32);
+    let (cosine, sine) = (here.cosine as f32 * speed, here.sine as f32 * speed);
+    Axes::from_fn(
+        |axis| match (circle.cosine.get(axis), circle.sine.get(axis)) {
+            (Some(outwards), Some(along)) => *along as f32 * cosine - *outwards as f32 * sine,
+            _ => 0.0,
+        },
+    )
 }
 
 fn put(axes: &mut Axes<i64>, axis: u8, value: i64) {
