@@ -1,36 +1,32 @@
 //! `cargo xtask sim`: G-code programs on the virtual machine.
 
+mod watch;
+
 use std::{
-    cell::RefCell,
-    collections::VecDeque,
     path::{Path, PathBuf},
     process::ExitCode,
-    rc::Rc,
     time::Instant,
 };
 
-use anstream::println;
 use anyhow::{Context, Result, bail};
 use indicatif::ProgressBar;
 use leadscrew::{
     settings::Settings,
-    sim::{Edge, End, Simulator, Stream, Switch, Tally, Watcher},
+    sim::{End, Simulator, Stream, Switch},
     units::TICKS_PER_SECOND,
 };
-use owo_colors::OwoColorize;
 
 use crate::{
-    figures::{self, Figures, Final, Responses, separated},
+    figures::{self, Figures, Final, separated},
     machine::{BAUD, Ends},
     on_target, plot,
     program::Program,
-    refusal::refusal,
-    sender::Response,
     serve::{self, Memory},
     session, settings,
-    trace::{Motion, Row, Samples, Table, nanoseconds},
+    trace::{Motion, Samples, Table},
     ui,
 };
+use watch::{Observer, Source, Watched};
 
 /// Run a G-code program on the virtual machine
 ///
@@ -275,135 +271,4 @@ fn stream(
     };
     let motion = observer.samples.map(|samples| samples.finish(scale));
     Ok((figures, motion))
-}
-
-/// Lines that have been read and not yet answered.
-type Lines = Rc<RefCell<VecDeque<Vec<u8>>>>;
-
-/// A program as a stream of bytes.
-struct Source {
-    program: Program,
-    bar: ProgressBar,
-    bytes: std::vec::IntoIter<u8>,
-    lines: Lines,
-    failure: Rc<RefCell<Option<anyhow::Error>>>,
-}
-
-impl Source {
-    fn new(program: Program, bar: ProgressBar) -> Self {
-        Self {
-            program,
-            bar,
-            bytes: Vec::new().into_iter(),
-            lines: Lines::default(),
-            failure: Rc::default(),
-        }
-    }
-}
-
-impl Iterator for Source {
-    type Item = u8;
-
-    fn next(&mut self) -> Option<u8> {
-        loop {
-            if let Some(byte) = self.bytes.next() {
-                return Some(byte);
-            }
-            match self.program.next_line() {
-                Ok(Some(mut line)) => {
-                    self.lines.borrow_mut().push_back(line.clone());
-                    line.push(b'\n');
-                    self.bytes = line.into_iter();
-                }
-                Ok(None) => return None,
-                Err(error) => {
-                    *self.failure.borrow_mut() = Some(error);
-                    return None;
-                }
-            }
-            self.bar.set_position(self.program.read());
-        }
-    }
-}
-
-/// What is kept of a run.
-struct Observer {
-    bar: ProgressBar,
-    tally: Tally,
-    responses: Responses,
-    messages: Vec<(u64, String)>,
-    table: Option<Table<std::io::BufWriter<std::fs::File>>>,
-    samples: Option<Samples>,
-    /// Whether refused lines and alarms are printed.
-    prints: bool,
-    failure: Option<anyhow::Error>,
-}
-
-impl Observer {
-    fn new(bar: ProgressBar) -> Self {
-        Self {
-            bar,
-            tally: Tally::new(),
-            responses: Responses::default(),
-            messages: Vec::new(),
-            table: None,
-            samples: None,
-            prints: false,
-            failure: None,
-        }
-    }
-}
-
-/// An observer and the lines that answers belong to.
-struct Watched {
-    observer: Observer,
-    lines: Lines,
-}
-
-impl Watcher for Watched {
-    fn edge(&mut self, edge: &Edge) {
-        let observer = &mut self.observer;
-        observer.tally.add(edge);
-        let is_traced = observer.table.is_some() || observer.samples.is_some();
-        if edge.raise == 0 || !is_traced {
-            return;
-        }
-        let first = observer.tally.first_ticks.unwrap_or(edge.ticks);
-        let row = Row {
-            time_ns: nanoseconds(edge.ticks - first),
-            steps: observer.tally.steps.0.map(|steps| steps as i32),
-        };
-        if let Some(table) = &mut observer.table
-            && observer.failure.is_none()
-        {
-            observer.failure = table.push(&row).err();
-        }
-        if let Some(samples) = &mut observer.samples {
-            samples.push(&row);
-        }
-    }
-
-    fn answer(&mut self, number: u64, answer: &[u8]) {
-        let line = self.lines.borrow_mut().pop_front().unwrap_or_default();
-        let text = String::from_utf8_lossy(answer);
-        let response = Response::parse(&text).unwrap_or(Response::Error(0));
-        self.observer.responses.push(response);
-        if response != Response::Ok && self.observer.prints {
-            let bar = &self.observer.bar;
-            bar.suspend(|| println!("{}", refusal(number, &line, response)));
-        }
-    }
-
-    fn message(&mut self, answers: u64, message: &[u8]) {
-        let text = String::from_utf8_lossy(message).into_owned();
-        if text.starts_with("Grbl ") {
-            // The welcome belongs to power-up, not to the program.
-            return;
-        }
-        if text.starts_with("ALARM:") && self.observer.prints {
-            let bar = &self.observer.bar;
-            bar.suspend(|| println!("{:>8}  {}", format!("{answers}:"), text.red().bold()));
-        }
-        self.observer.messages.push((answers, text));
-    }
 }
