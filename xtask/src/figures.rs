@@ -15,7 +15,7 @@ use leadscrew::settings::Settings;
 use owo_colors::OwoColorize;
 use serde::{Serialize, Serializer, ser::SerializeSeq};
 
-use crate::sender::Response;
+use crate::{quality::Quality, sender::Response};
 
 /// The answers to all lines, in order.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
@@ -107,6 +107,9 @@ pub(crate) struct Figures {
     pub(crate) late: u64,
     /// Hash over all step events, 16 hexadecimal digits.
     pub(crate) event_hash: String,
+    /// How good the motion is, where it was asked for.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub(crate) quality: Option<Quality>,
 }
 
 impl Figures {
@@ -235,6 +238,7 @@ mod tests {
             events: 800,
             late: 0,
             event_hash: "cbf29ce484222325".into(),
+            quality: None,
         };
         let expected = r#"{"lines":3,"responses":[[1,"ok"],[2,"ok"],[3,"error:20"]],"messages":[[2,"[MSG:Pgm End]"]],"final":{"state":"Idle","mpos_mm":[1.5,0.0,-2.0],"steps":[375,0,-500]},"steps_axis":[375,0,500],"motion_time_s":0.25,"events":800,"late":0,"event_hash":"cbf29ce484222325"}"#;
         assert_eq!(serde_json::to_string(&figures).unwrap(), expected);

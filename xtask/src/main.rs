@@ -21,6 +21,7 @@ mod plot;
 mod program;
 mod proof;
 mod qemu;
+mod quality;
 mod refusal;
 mod replay;
 mod run;

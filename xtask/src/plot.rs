@@ -2,6 +2,7 @@
 
 pub(crate) mod latency;
 mod path;
+mod quality;
 
 use std::{fs, ops::Range, path::Path};
 
@@ -14,8 +15,10 @@ use plotters::{
 
 use crate::{
     curves::{Curves, thinned},
+    quality::Traces,
     trace::Motion,
 };
+use path::Colouring;
 
 type Area<'a> = DrawingArea<SVGBackend<'a>, Shift>;
 type Chart<'a, 'b> = ChartContext<'a, SVGBackend<'b>, Cartesian2d<RangedCoordf64, RangedCoordf64>>;
@@ -57,11 +60,20 @@ pub(crate) struct Picture<'a> {
     pub(crate) motion: &'a Motion,
     /// Highest acceleration of each axis, mm/s².
     pub(crate) limits_mm_s2: [f64; AXES],
+    /// Highest jerk of each axis, mm/s³; `None` without a limit.
+    pub(crate) limits_mm_s3: [Option<f64>; AXES],
+    /// What was measured, if it was: jerk and distance from the path are drawn too.
+    pub(crate) traces: Option<&'a Traces>,
 }
 
 /// Draws a picture.
 pub(crate) fn draw(path: &Path, picture: &Picture) -> Result<()> {
-    save(path, (WIDTH, HEIGHT), |root| paint(root, picture))
+    match picture.traces {
+        None => save(path, (WIDTH, HEIGHT), |root| paint(root, picture)),
+        Some(traces) => save(path, (WIDTH, quality::HEIGHT), |root| {
+            quality::paint(root, picture, traces)
+        }),
+    }
 }
 
 type Drawn<T> = Result<T, Box<dyn std::error::Error>>;
@@ -95,7 +107,7 @@ fn paint(root: &Area, picture: &Picture) -> Drawn<()> {
     let curves = Curves::of(picture.motion);
     let body = draw_head(root, picture.title, picture.subtitle)?;
     let (left, right) = body.split_horizontally(PATH_WIDTH * PX);
-    path::draw(&left, picture.motion, &curves)?;
+    path::draw(&left, picture.motion, &Colouring::of_speed(&curves))?;
     let (upper, lower) = right.split_vertically((HEIGHT - HEAD) / 2 * PX);
     draw_speed(&upper, picture.motion, &curves)?;
     draw_acceleration(&lower, picture, &curves)
@@ -134,11 +146,7 @@ fn draw_acceleration(area: &Area, picture: &Picture, curves: &Curves) -> Drawn<(
     let top = limits.last().copied().unwrap_or(1.0) * 1.3;
     let labels = ["time, s".to_owned(), "acceleration, mm/s²".to_owned()];
     let mut chart = chart(area, time_range(motion), -top..top, &labels)?;
-    for limit in limits.into_iter().flat_map(|limit| [limit, -limit]) {
-        let ends = [(0.0, limit), (motion.duration_s(), limit)];
-        let style = FAINT_INK.mix(0.5).stroke_width(stroke(1));
-        chart.draw_series(DashedLineSeries::new(ends, 3 * PX, 4 * PX, style))?;
-    }
+    draw_limits(&mut chart, motion, &limits)?;
     for (axis, values) in &curves.accelerations {
         let style = AXIS_COLOURS[*axis].mix(0.85).stroke_width(stroke(2));
         let points = thinned(values, motion.spacing_s, 1.0);
@@ -148,6 +156,16 @@ fn draw_acceleration(area: &Area, picture: &Picture, curves: &Curves) -> Drawn<(
         chart.draw_series(LineSeries::new(clipped, style))?;
     }
     draw_legend(area, axes().collect())
+}
+
+/// Dashed lines at limits, on both sides of 0.
+fn draw_limits(chart: &mut Chart, motion: &Motion, limits: &[f64]) -> Drawn<()> {
+    for limit in limits.iter().flat_map(|limit| [*limit, -*limit]) {
+        let ends = [(0.0, limit), (motion.duration_s(), limit)];
+        let style = FAINT_INK.mix(0.5).stroke_width(stroke(1));
+        chart.draw_series(DashedLineSeries::new(ends, 3 * PX, 4 * PX, style))?;
+    }
+    Ok(())
 }
 
 /// Names the colours of the axes, above the right end of a chart.
@@ -273,6 +291,8 @@ mod tests {
             subtitle: "a test",
             motion: &motion,
             limits_mm_s2: [300.0; AXES],
+            limits_mm_s3: [None; AXES],
+            traces: None,
         };
         draw(&path, &picture).unwrap();
         let text = fs::read_to_string(&path).unwrap();
@@ -302,6 +322,8 @@ mod tests {
             subtitle: "",
             motion: &motion,
             limits_mm_s2: [10.0; AXES],
+            limits_mm_s3: [None; AXES],
+            traces: None,
         };
         draw(&path, &picture).unwrap();
         fs::remove_file(&path).unwrap();

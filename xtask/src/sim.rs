@@ -1,13 +1,18 @@
 //! `cargo xtask sim`: G-code programs on the virtual machine.
 
+#[cfg(test)]
+mod tests;
 mod watch;
 
 use std::{
+    cell::RefCell,
     path::{Path, PathBuf},
     process::ExitCode,
+    rc::Rc,
     time::Instant,
 };
 
+use anstream::println;
 use anyhow::{Context, Result, bail};
 use indicatif::ProgressBar;
 use leadscrew::{
@@ -21,6 +26,7 @@ use crate::{
     machine::{BAUD, Ends},
     on_target, plot,
     program::Program,
+    quality::{self, Meter},
     serve::{self, Memory},
     session, settings,
     trace::{Motion, Samples, Table},
@@ -62,6 +68,11 @@ pub(crate) struct Options {
         conflicts_with = "on_target"
     )]
     plot: Option<PathBuf>,
+    /// Measure how good the motion is: step times, jumps, accelerations and jerks, the distance from
+    /// the programmed path, the speed in its corners; --plot then draws jerk and distance as well, and
+    /// --json has the figures under the key `quality`
+    #[arg(long, requires = "file", conflicts_with = "on_target")]
+    quality: bool,
     /// Write answers, messages and figures
     #[arg(long, value_name = "OUT.json", requires = "file")]
     json: Option<PathBuf>,
@@ -120,6 +131,9 @@ pub(crate) fn run(options: &Options) -> Result<ExitCode> {
         simulate(path, &settings, options)?
     };
     figures.print();
+    if let Some(quality) = &figures.quality {
+        println!("{}", quality::text(quality));
+    }
     figures::row("took", &took);
     if let Some(path) = &options.json {
         figures.write_json(path)?;
@@ -197,9 +211,14 @@ fn simulate(path: &Path, settings: &Settings, options: &Options) -> Result<(Figu
     observer.prints = true;
     observer.table = options.trace.as_deref().map(Table::create).transpose()?;
     observer.samples = options.plot.as_ref().map(|_| Samples::default());
+    let meter = Rc::new(RefCell::new(Meter::new(settings)));
+    observer.meter = options.quality.then(|| meter.clone());
     let start = Instant::now();
     let mut simulator = Box::new(Simulator::new(settings));
-    let (figures, motion) = stream(program, &mut simulator, settings, observer)?;
+    let (mut figures, motion) = stream(program, &mut simulator, settings, observer)?;
+    let (quality, traces) = meter.replace(Meter::new(settings)).finish();
+    let traces = options.quality.then_some(&traces);
+    figures.quality = options.quality.then_some(quality);
     let took = pace(&figures, start.elapsed().as_secs_f64());
     if figures.lines == 0 {
         ui::warning(&format!("{} is empty", path.display()));
@@ -213,6 +232,8 @@ fn simulate(path: &Path, settings: &Settings, options: &Options) -> Result<(Figu
                 subtitle: &subtitle(&figures),
                 motion: &motion,
                 limits_mm_s2: settings.acceleration_mm_s2.0.map(f64::from),
+                limits_mm_s3: quality::jerk_limits(settings),
+                traces,
             },
         )?;
     }
@@ -232,7 +253,7 @@ fn stream(
     settings: &Settings,
     observer: Observer,
 ) -> Result<(Figures, Option<Motion>)> {
-    let source = Source::new(program, observer.bar.clone());
+    let source = Source::new(program, &observer);
     let (lines, failure) = (source.lines.clone(), source.failure.clone());
     let mut watcher = Watched { observer, lines };
     let mut stream = Stream::new(simulator, source, BAUD);
@@ -268,6 +289,7 @@ fn stream(
         events: tally.events,
         late: u64::from(stream.simulator.late()),
         event_hash: format!("{:016x}", tally.hash),
+        quality: None,
     };
     let motion = observer.samples.map(|samples| samples.finish(scale));
     Ok((figures, motion))

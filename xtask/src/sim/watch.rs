@@ -10,10 +10,14 @@ use owo_colors::OwoColorize;
 use crate::{
     figures::Responses,
     program::Program,
+    quality::Meter,
     refusal::refusal,
     sender::Response,
     trace::{Row, Samples, Table, nanoseconds},
 };
+
+/// A meter that is told of lines by the source and of steps by the observer.
+pub(super) type SharedMeter = Rc<RefCell<Meter>>;
 
 /// Lines that have been read and not yet answered.
 pub(super) type Lines = Rc<RefCell<VecDeque<Vec<u8>>>>;
@@ -24,16 +28,19 @@ pub(super) struct Source {
     bar: ProgressBar,
     bytes: std::vec::IntoIter<u8>,
     pub(super) lines: Lines,
+    /// What measures the motion: it is told each line before the line's steps come.
+    meter: Option<SharedMeter>,
     pub(super) failure: Rc<RefCell<Option<anyhow::Error>>>,
 }
 
 impl Source {
-    pub(super) fn new(program: Program, bar: ProgressBar) -> Self {
+    pub(super) fn new(program: Program, observer: &Observer) -> Self {
         Self {
             program,
-            bar,
+            bar: observer.bar.clone(),
             bytes: Vec::new().into_iter(),
             lines: Lines::default(),
+            meter: observer.meter.clone(),
             failure: Rc::default(),
         }
     }
@@ -49,6 +56,9 @@ impl Iterator for Source {
             }
             match self.program.next_line() {
                 Ok(Some(mut line)) => {
+                    if let Some(meter) = &self.meter {
+                        meter.borrow_mut().line(&line);
+                    }
                     self.lines.borrow_mut().push_back(line.clone());
                     line.push(b'\n');
                     self.bytes = line.into_iter();
@@ -72,6 +82,7 @@ pub(super) struct Observer {
     pub(super) messages: Vec<(u64, String)>,
     pub(super) table: Option<Table<std::io::BufWriter<std::fs::File>>>,
     pub(super) samples: Option<Samples>,
+    pub(super) meter: Option<SharedMeter>,
     /// Whether refused lines and alarms are printed.
     pub(super) prints: bool,
     pub(super) failure: Option<anyhow::Error>,
@@ -86,6 +97,7 @@ impl Observer {
             messages: Vec::new(),
             table: None,
             samples: None,
+            meter: None,
             prints: false,
             failure: None,
         }
@@ -102,6 +114,9 @@ impl Watcher for Watched {
     fn edge(&mut self, edge: &Edge) {
         let observer = &mut self.observer;
         observer.tally.add(edge);
+        if let Some(meter) = &observer.meter {
+            meter.borrow_mut().edge(edge);
+        }
         let is_traced = observer.table.is_some() || observer.samples.is_some();
         if edge.raise == 0 || !is_traced {
             return;
@@ -126,6 +141,9 @@ impl Watcher for Watched {
         let text = String::from_utf8_lossy(answer);
         let response = Response::parse(&text).unwrap_or(Response::Error(0));
         self.observer.responses.push(response);
+        if let Some(meter) = &self.observer.meter {
+            meter.borrow_mut().answer(response != Response::Ok);
+        }
         if response != Response::Ok && self.observer.prints {
             let bar = &self.observer.bar;
             bar.suspend(|| println!("{}", refusal(number, &line, response)));

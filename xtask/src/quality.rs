@@ -1,0 +1,377 @@
+//! How good a motion is: figures from the edges on the step pins, and the program beside them.
+//!
+//! Nothing of the planner is asked. The program's lines go to an interpreter of their own
+//! ([`program`]), whose path the steps are compared with ([`follow`]); speeds, accelerations and jerks
+//! are fitted to the step times ([`sweep`]). Everything is taken as it comes, in bounded memory.
+//! `docs/motion-quality.md` has the formulas.
+
+mod axis;
+mod corners;
+mod fit;
+mod follow;
+mod geometry;
+mod intervals;
+mod print;
+mod program;
+mod series;
+mod sweep;
+#[cfg(test)]
+mod tests;
+
+use std::collections::VecDeque;
+
+use leadscrew::{
+    axis::{AXES, LETTERS},
+    settings::{Kind, Settings, TABLE},
+    sim::Edge,
+    stepper::EVENT_SPACING_TICKS,
+    units::TICKS_PER_SECOND,
+};
+use serde::Serialize;
+
+use axis::Track;
+use corners::Corners;
+use fit::Crossing;
+use follow::{Deviation, Follower, Passed, Progress};
+use geometry::Point;
+use intervals::IntervalError;
+pub(crate) use print::text;
+use program::Programmed;
+pub(crate) use series::Series;
+use sweep::Peak;
+
+/// A change of direction at which an axis is not judged across it, rad: half a degree.
+const KINK_RAD: f64 = 0.5 * std::f64::consts::PI / 180.0;
+/// How near to the programmed feed counts as there.
+const AT_FEED: f64 = 0.01;
+/// The number of the first axis's jerk limit, mm/s³.
+const JERK_SETTING: u32 = 800;
+/// Standard deviation of what is spread evenly over 1, and of what is at one end or at the other: beats
+/// between two axes shift many steps in a row the same way.
+const EVEN: f64 = 0.288_675_134_594_813;
+const ENDS: f64 = 0.5;
+/// Events that are no farther from each other than that many spacings may have shifted each other.
+const NEAR: u64 = 4;
+
+/// The figures of one axis, or of the path.
+#[derive(Debug, Clone, Default, PartialEq, Serialize)]
+pub(crate) struct Smoothness {
+    /// Greatest jump of the speed that no acceleration explains, mm/s.
+    pub(crate) speed_jump_mm_s: Peak,
+    /// Greatest acceleration, mm/s².
+    pub(crate) acceleration_mm_s2: Peak,
+    /// Greatest jerk, mm/s³.
+    pub(crate) jerk_mm_s3: Peak,
+}
+
+/// The figures of one axis that moved.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub(crate) struct AxisQuality {
+    /// Its letter.
+    pub(crate) axis: char,
+    /// How far step times are from those of a smooth motion.
+    pub(crate) interval_error: IntervalError,
+    #[serde(flatten)]
+    pub(crate) smoothness: Smoothness,
+    /// Its limits; that of the jerk where there is a setting for it and it is not 0.
+    pub(crate) acceleration_limit_mm_s2: f64,
+    pub(crate) jerk_limit_mm_s3: Option<f64>,
+}
+
+/// Time at the programmed feed.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Serialize)]
+pub(crate) struct FeedTime {
+    /// Within one part in a hundred of it, s.
+    pub(crate) at_feed_s: f64,
+    /// In moves that have one, s.
+    pub(crate) feed_s: f64,
+    /// The one as a part of the other.
+    pub(crate) part: f64,
+}
+
+/// How good a motion is.
+#[derive(Debug, Clone, Default, PartialEq, Serialize)]
+pub(crate) struct Quality {
+    /// From the first to the last step, s.
+    pub(crate) job_time_s: f64,
+    /// The axes that moved.
+    pub(crate) axes: Vec<AxisQuality>,
+    /// Along the path, where the steps are on it.
+    pub(crate) path: Smoothness,
+    /// Between the steps and the programmed path.
+    pub(crate) deviation: Deviation,
+    /// At the corners of the program.
+    pub(crate) corners: Corners,
+    /// At the programmed feed.
+    pub(crate) feed: FeedTime,
+    /// Whether all of the path was known: not behind homing, probing, or a line that the machine
+    /// refused for its own reasons. What is said of the path counts up to there.
+    pub(crate) is_path_known: bool,
+}
+
+/// Curves over time, for a picture.
+#[derive(Debug, Clone, Default)]
+pub(crate) struct Traces {
+    /// Acceleration of each axis, mm/s².
+    pub(crate) accelerations: Vec<(usize, Series)>,
+    /// Jerk of each axis, mm/s³.
+    pub(crate) jerks: Vec<(usize, Series)>,
+    /// Distance from the programmed path, mm.
+    pub(crate) deviation: Series,
+    /// What rounding to steps makes of it, mm.
+    pub(crate) floor_mm: f64,
+}
+
+/// The jerk limit of each axis, mm/s³; `None` without such a setting, or where it is off.
+pub(crate) fn jerk_limits(settings: &Settings) -> [Option<f64>; AXES] {
+    let row = TABLE
+        .iter()
+        .find(|row| u32::from(row.number) == JERK_SETTING);
+    let values = match row.map(|row| &row.kind) {
+        Some(Kind::AxisNumber { place, .. }) => *place(&mut settings.clone()),
+        _ => [0.0; AXES],
+    };
+    values.map(|limit| (limit > 0.0).then_some(f64::from(limit)))
+}
+
+/// Takes a run and measures it.
+pub(crate) struct Meter {
+    programmed: Programmed,
+    /// For each line that is not answered: whether its path is part of what is followed.
+    taken: VecDeque<bool>,
+    follower: Follower,
+    is_path_known: bool,
+    steps_per_mm: Point,
+    accelerations: Point,
+    jerks: [Option<f64>; AXES],
+    tracks: [Track; AXES],
+    path: Track,
+    path_mm: f64,
+    feed_mm_s: Option<f64>,
+    corners: corners::Meter,
+    feed: FeedTime,
+    steps: [i32; AXES],
+    first_ticks: Option<u64>,
+    last_ticks: u64,
+    /// The newest edge that steps: it is taken when the one after it is known.
+    held: Option<Edge>,
+    deviation: Series,
+}
+
+impl Meter {
+    /// A machine at the origin.
+    pub(crate) fn new(settings: &Settings) -> Self {
+        let steps_per_mm = settings
+            .steps_per_mm
+            .0
+            .map(|s| s.millionths() as f64 * 1e-6);
+        let accelerations = settings.acceleration_mm_s2.0.map(f64::from);
+        let jerks = jerk_limits(settings);
+        Self {
+            programmed: Programmed::new(settings),
+            taken: VecDeque::new(),
+            follower: Follower::new(steps_per_mm),
+            is_path_known: true,
+            steps_per_mm,
+            accelerations,
+            jerks,
+            tracks: steps_per_mm.map(Track::of_axis),
+            path: Track::of_path(),
+            path_mm: f64::NEG_INFINITY,
+            feed_mm_s: None,
+            corners: corners::Meter::default(),
+            feed: FeedTime::default(),
+            steps: [0; AXES],
+            first_ticks: None,
+            last_ticks: 0,
+            held: None,
+            deviation: Series::default(),
+        }
+    }
+
+    /// A line is sent: before its steps come.
+    pub(crate) fn line(&mut self, line: &[u8]) {
+        let pieces = self.programmed.line(line);
+        self.taken.push_back(!pieces.is_empty());
+        for piece in pieces {
+            self.follower.push(piece);
+        }
+        if self.programmed.is_lost() {
+            self.follower.end();
+            self.is_path_known = false;
+        }
+    }
+
+    /// A line has been answered.
+    pub(crate) fn answer(&mut self, is_refused: bool) {
+        if self.taken.pop_front() == Some(true) && is_refused {
+            self.is_path_known = false;
+            self.follower.lose();
+        }
+    }
+
+    /// The pins change.
+    pub(crate) fn edge(&mut self, edge: &Edge) {
+        if edge.raise != 0
+            && let Some(held) = self.held.replace(*edge)
+        {
+            self.take(&held, Some(edge.ticks));
+        }
+    }
+
+    /// Takes an edge that steps, with the time of the next one.
+    fn take(&mut self, edge: &Edge, next_ticks: Option<u64>) {
+        let first = *self.first_ticks.get_or_insert(edge.ticks);
+        let seconds = (edge.ticks - first) as f64 / f64::from(TICKS_PER_SECOND);
+        let grain_s = self.grain_s(edge, next_ticks);
+        let signs: [i32; AXES] = std::array::from_fn(|axis| match edge.raise >> axis & 1 {
+            0 => 0,
+            _ if edge.directions >> axis & 1 == 0 => 1,
+            _ => -1,
+        });
+        for (steps, sign) in self.steps.iter_mut().zip(signs) {
+            *steps += sign;
+        }
+        if let Some(followed) = self.follower.step(seconds, &self.steps, &signs) {
+            let distance = followed.distance_mm;
+            self.deviation.push(seconds, seconds, distance);
+            for passed in followed.passed {
+                self.pass(passed, seconds);
+            }
+            if followed.is_beside {
+                self.path.cut();
+                self.corners.cut();
+            } else if let Some(progress) = followed.progress {
+                self.progress(&progress, seconds, grain_s);
+            }
+            for axis in (0..AXES).filter(|axis| signs[*axis] != 0) {
+                let step = (axis, signs[axis]);
+                self.path.step(step, seconds, followed.ways[axis]);
+            }
+        } else {
+            self.path.cut();
+            self.corners.cut();
+        }
+        let here = std::array::from_fn(|n| f64::from(self.steps[n]) / self.steps_per_mm[n]);
+        self.corners.place(seconds, here);
+        for (axis, sign) in signs.into_iter().enumerate().filter(|(_, sign)| *sign != 0) {
+            self.tracks[axis].push(Crossing {
+                seconds,
+                position: f64::from(self.steps[axis]) - 0.5 * f64::from(sign),
+                grain_s,
+                limit: self.limits(axis),
+            });
+        }
+        self.last_ticks = edge.ticks;
+    }
+
+    /// Standard deviation of a step's time, s: a tick, or where another axis steps, their spacing.
+    fn grain_s(&self, edge: &Edge, next_ticks: Option<u64>) -> f64 {
+        let near = NEAR * u64::from(EVENT_SPACING_TICKS);
+        let is_near = |ticks: u64| ticks.abs_diff(edge.ticks) < near;
+        let is_shared = edge.raise.count_ones() > 1
+            || is_near(self.last_ticks)
+            || next_ticks.is_some_and(is_near);
+        let ticks = if is_shared {
+            ENDS * f64::from(EVENT_SPACING_TICKS)
+        } else {
+            EVEN
+        };
+        ticks / f64::from(TICKS_PER_SECOND)
+    }
+
+    /// The limits of an axis.
+    fn limits(&self, axis: usize) -> [f64; 2] {
+        [self.accelerations[axis], self.jerks[axis].unwrap_or(0.0)]
+    }
+
+    /// The limits along a direction: where each axis has its share of what is along the path.
+    fn limits_along(&self, tangent: &Point) -> [f64; 2] {
+        let least = |limit: &dyn Fn(usize) -> Option<f64>| {
+            let axes = (0..AXES).filter(|axis| tangent[*axis].abs() > 1.0e-9);
+            let limits = axes.filter_map(|axis| Some(limit(axis)? / tangent[axis].abs()));
+            limits.fold(f64::INFINITY, f64::min)
+        };
+        let jerk = least(&|axis| self.jerks[axis]);
+        [
+            least(&|axis| Some(self.accelerations[axis])),
+            if jerk.is_finite() { jerk } else { 0.0 },
+        ]
+    }
+
+    fn pass(&mut self, passed: Passed, seconds: f64) {
+        let is_kink = passed.is_exact && passed.corner.turn_rad > KINK_RAD;
+        if is_kink || passed.corner.is_stop {
+            self.tracks.iter_mut().for_each(Track::cut);
+        }
+        if passed.corner.is_stop {
+            self.path.cut();
+        }
+        self.corners.pass(passed, seconds);
+    }
+
+    fn progress(&mut self, progress: &Progress, seconds: f64, grain_s: f64) {
+        if progress.mm <= self.path_mm {
+            return;
+        }
+        self.path_mm = progress.mm;
+        let crossing = Crossing {
+            seconds,
+            position: progress.mm,
+            grain_s,
+            limit: self.limits_along(&progress.tangent),
+        };
+        self.corners.progress(crossing);
+        let feed_mm_s = self.feed_mm_s.filter(|_| progress.feed_mm_s.is_some());
+        self.feed_mm_s = progress.feed_mm_s;
+        if let (Some(speed), Some(feed)) = (self.path.push(crossing), feed_mm_s) {
+            let took_s = speed.to_s - speed.from_s;
+            self.feed.feed_s += took_s;
+            if (speed.value / feed - 1.0).abs() <= AT_FEED {
+                self.feed.at_feed_s += took_s;
+            }
+        }
+    }
+
+    /// What was measured.
+    pub(crate) fn finish(mut self) -> (Quality, Traces) {
+        if let Some(held) = self.held.take() {
+            self.take(&held, None);
+        }
+        self.feed.part = self.feed.at_feed_s / self.feed.feed_s.max(f64::MIN_POSITIVE);
+        let deviation = self.follower.finish();
+        let mut traces = Traces {
+            deviation: self.deviation,
+            floor_mm: deviation.floor_mm,
+            ..Traces::default()
+        };
+        let path = self.path.finish();
+        let mut axes = Vec::new();
+        for (axis, track) in self.tracks.into_iter().enumerate() {
+            if !track.has_moved() {
+                continue;
+            }
+            let finished = track.finish();
+            traces.accelerations.push((axis, finished.accelerations));
+            traces.jerks.push((axis, finished.jerks));
+            axes.push(AxisQuality {
+                axis: char::from(LETTERS[axis]),
+                interval_error: path.interval_errors[axis],
+                smoothness: finished.smoothness,
+                acceleration_limit_mm_s2: self.accelerations[axis],
+                jerk_limit_mm_s3: self.jerks[axis],
+            });
+        }
+        let ticks = self.last_ticks - self.first_ticks.unwrap_or(self.last_ticks);
+        let quality = Quality {
+            job_time_s: ticks as f64 / f64::from(TICKS_PER_SECOND),
+            axes,
+            path: path.smoothness,
+            deviation,
+            corners: self.corners.finish(),
+            feed: self.feed,
+            is_path_known: self.is_path_known,
+        };
+        (quality, traces)
+    }
+}

@@ -1,0 +1,236 @@
+//! From the lines of a program to its path.
+//!
+//! The lines go to an interpreter of their own, which nothing but its text reaches: what is measured
+//! is compared with the program, not with what the motion made of it.
+
+use leadscrew::{
+    axis::{AXES, Axes},
+    interpreter::{Checked, Interpreter},
+    planner::{Circle, Command, Pace, Target},
+    protocol::Line,
+    settings::{Settings, assign},
+    units::{Nm, Steps, StepsPerMm},
+};
+
+use super::geometry::{Corner, Piece, Point, dot, millimetres, minus, norm};
+
+/// Linear axes: a feed counts along them where one of them moves.
+const LINEAR: usize = 3;
+
+/// Reads a program as the machine does.
+pub(crate) struct Programmed {
+    interpreter: Interpreter,
+    settings: Settings,
+    line: Line,
+    /// Where the last piece ends.
+    sent: Axes<Nm>,
+    steps: Axes<Steps>,
+    tangent: Option<Point>,
+    length_mm: f64,
+    is_stop: bool,
+    /// Something has moved the machine that only the machine knows the end of.
+    is_lost: bool,
+}
+
+impl Programmed {
+    /// At the origin.
+    pub(crate) fn new(settings: &Settings) -> Self {
+        Self {
+            interpreter: Interpreter::new(),
+            settings: *settings,
+            line: Line::new(),
+            sent: Axes::all(Nm(0)),
+            steps: Axes::all(Steps(0)),
+            tangent: None,
+            length_mm: 0.0,
+            is_stop: false,
+            is_lost: false,
+        }
+    }
+
+    /// Whether the path is unknown from here on: after homing, probing, or check mode.
+    pub(crate) fn is_lost(&self) -> bool {
+        self.is_lost
+    }
+
+    /// The path of the next line. One that the machine refuses has none.
+    pub(crate) fn line(&mut self, line: &[u8]) -> Vec<Piece> {
+        self.line.clear();
+        let bytes = line.iter().copied().chain([b'\n']);
+        let text = if self.line.take_from(bytes) {
+            self.line.text().unwrap_or_default().to_vec()
+        } else {
+            Vec::new()
+        };
+        if self.is_lost {
+            return Vec::new();
+        }
+        let mut checked = Checked::default();
+        let judged = if let Some(jog) = text.strip_prefix(b"$J=") {
+            self.interpreter
+                .check_jog_into(jog, &self.settings, &mut checked)
+        } else if let Some(statement) = text.strip_prefix(b"$") {
+            // A refused assignment changes nothing here either.
+            let _ = assign(&mut self.settings, statement);
+            self.is_lost = statement.starts_with(b"H") || statement == b"C";
+            return Vec::new();
+        } else {
+            self.interpreter
+                .check_into(&text, &self.settings, &mut checked)
+        };
+        if judged.is_err() {
+            return Vec::new();
+        }
+        let outcome = self.interpreter.commit(&checked);
+        let commands = outcome.commands.iter();
+        commands.filter_map(|command| self.piece(command)).collect()
+    }
+
+    fn piece(&mut self, command: &Command) -> Option<Piece> {
+        match command {
+            Command::Line { target, pace, .. } => self.way(target, *pace, None),
+            Command::Arc {
+                target,
+                circle,
+                pace,
+                ..
+            } => self.way(target, *pace, Some(circle)),
+            Command::Probe { .. } => {
+                self.is_lost = true;
+                None
+            }
+            Command::Dwell { .. }
+            | Command::Spindle { .. }
+            | Command::Coolant(_)
+            | Command::Pause => {
+                self.is_stop = true;
+                None
+            }
+            Command::Power(_) => None,
+        }
+    }
+
+    /// A move; one without a step becomes part of the next.
+    fn way(&mut self, target: &Target, pace: Pace, circle: Option<&Circle>) -> Option<Piece> {
+        let scales = self.settings.steps_per_mm;
+        let steps = scales.zip(target.position, |scale, nm| scale.steps_at(nm).0);
+        let (begin, end) = (millimetres(&self.sent), millimetres(&target.position));
+        let mut piece = Piece::new(begin, end, circle);
+        if steps == self.steps && (circle.is_none() || self.is_tiny(&piece)) {
+            return None;
+        }
+        let way = minus(&end, &begin);
+        let linear = way[..LINEAR].iter().map(|x| x * x).sum::<f64>().sqrt();
+        // A feed is along the linear axes where they move.
+        let factor = if linear > 0.0 && circle.is_none() {
+            norm(&way) / linear
+        } else {
+            1.0
+        };
+        piece.feed_mm_s = match pace {
+            Pace::Rapid => None,
+            Pace::Feed(mm_min) | Pace::Jog(mm_min) => Some(f64::from(mm_min) / 60.0 * factor),
+            Pace::InverseTime(per_min) => Some(piece.length_mm * f64::from(per_min) / 60.0),
+        };
+        piece.from_mm = self.length_mm;
+        piece.corner = self.corner(&piece);
+        self.length_mm += piece.length_mm;
+        self.tangent = Some(piece.tangent(1.0));
+        self.sent = target.position;
+        self.steps = steps;
+        self.is_stop = false;
+        Some(piece)
+    }
+
+    fn is_tiny(&self, piece: &Piece) -> bool {
+        let finest = self.settings.steps_per_mm.map(StepsPerMm::to_f32);
+        let finest = finest.iter().copied().fold(0.0, f32::max);
+        piece.length_mm * f64::from(finest) < 0.5
+    }
+
+    fn corner(&self, piece: &Piece) -> Corner {
+        let Some(before) = self.tangent else {
+            return Corner {
+                is_stop: true,
+                ..Corner::default()
+            };
+        };
+        let after = piece.tangent(0.0);
+        Corner {
+            turn_rad: turn(&before, &after),
+            allowed_mm_s: allowed_mm_s(&self.settings, &before, &after),
+            is_stop: self.is_stop,
+        }
+    }
+}
+
+/// The angle between two directions, rad.
+fn turn(before: &Point, after: &Point) -> f64 {
+    let sum: Point = std::array::from_fn(|axis| before[axis] + after[axis]);
+    2.0 * norm(&minus(after, before)).atan2(norm(&sum))
+}
+
+/// The speed in a corner that the junction deviation allows (S. Jeon 2011): on the circle that
+/// touches both directions and passes the corner at that distance, within the acceleration that the
+/// axes have in the direction of the change.
+fn allowed_mm_s(settings: &Settings, before: &Point, after: &Point) -> f64 {
+    let change = minus(after, before);
+    let size = norm(&change);
+    let cosine = (0.5 * turn(before, after)).cos();
+    if size < 1.0e-9 {
+        return f64::INFINITY;
+    }
+    let limits = &settings.acceleration_mm_s2;
+    let acceleration = (0..AXES)
+        .filter(|axis| change[*axis] != 0.0)
+        .map(|axis| f64::from(limits[axis]) * size / change[axis].abs())
+        .fold(f64::INFINITY, f64::min);
+    let deviation = f64::from(settings.junction_deviation_mm);
+    let sine_sqr = dot(&change, &change) / 4.0;
+    // cos / (1 - cos), without the difference that cancels.
+    let radius = deviation * cosine * (1.0 + cosine) / sine_sqr;
+    (acceleration * radius.max(0.0)).sqrt()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn pieces(lines: &[&str]) -> Vec<Piece> {
+        let mut programmed = Programmed::new(&Settings::default());
+        let lines = lines.iter();
+        lines
+            .flat_map(|line| programmed.line(line.as_bytes()))
+            .collect()
+    }
+
+    #[test]
+    fn lines_become_pieces_and_refused_ones_none() {
+        let pieces = pieces(&[
+            "g1 x10 f600 (right)",
+            "G1 Q7",
+            "y10",
+            "G4 P0",
+            "g2 x20 i5 j0",
+        ]);
+        assert_eq!(pieces.len(), 3);
+        assert_eq!(pieces[0].feed_mm_s, Some(10.0));
+        assert!((pieces[1].corner.turn_rad.to_degrees() - 90.0).abs() < 1.0e-9);
+        assert!((pieces[2].from_mm - 20.0).abs() < 1.0e-12);
+        assert!(pieces[2].is_arc() && pieces[2].corner.is_stop);
+        // 10 mm/s², 0.01 mm, 90°: a·δ·(√½ / (1 - √½)), where both axes have their full limit.
+        let expected = (10.0 * 2.0_f64.sqrt() * 0.01 * 2.414_213_562).sqrt();
+        assert!((pieces[1].corner.allowed_mm_s - expected).abs() < 1.0e-6);
+    }
+
+    #[test]
+    fn the_path_is_lost_where_only_the_machine_knows_its_end() {
+        for text in ["$H", "G38.2 Z-5 F100", "$C"] {
+            let mut programmed = Programmed::new(&Settings::default());
+            programmed.line(b"G1 X1 F100");
+            assert!(!programmed.is_lost());
+            programmed.line(text.as_bytes());
+            assert!(programmed.is_lost(), "{text}");
+        }
+    }
+}
