@@ -46,10 +46,8 @@ const KINK_RAD: f64 = 0.5 * std::f64::consts::PI / 180.0;
 const AT_FEED: f64 = 0.01;
 /// The number of the first axis's jerk limit, mm/s³.
 const JERK_SETTING: u32 = 800;
-/// Standard deviation of what is spread evenly over 1, and of what is at one end or at the other: beats
-/// between two axes shift many steps in a row the same way.
+/// Standard deviation of what is spread evenly over 1.
 const EVEN: f64 = 0.288_675_134_594_813;
-const ENDS: f64 = 0.5;
 /// Events that are no farther from each other than that many spacings may have shifted each other.
 const NEAR: u64 = 4;
 
@@ -134,6 +132,26 @@ pub(crate) fn jerk_limits(settings: &Settings) -> [Option<f64>; AXES] {
     values.map(|limit| (limit > 0.0).then_some(f64::from(limit)))
 }
 
+/// What an acceleration makes within one step from rest, at most over the axes, mm/s: speeds that are
+/// passed for an instant only are known no better.
+fn resolved_mm_s(accelerations: &Point, steps_per_mm: &Point) -> f64 {
+    let axes = accelerations.iter().zip(steps_per_mm);
+    let speeds = axes.map(|(acceleration, scale)| (2.0 * acceleration / scale).sqrt());
+    speeds.fold(0.0, f64::max)
+}
+
+/// Standard deviation of a step's time, s: of a tick, or where other axes begin or end pulses nearby, the
+/// spacing of events. A step makes way by up to two of these, and beats between two axes shift many
+/// steps in a row the same way.
+fn grain_s(is_shared: bool) -> f64 {
+    let ticks = if is_shared {
+        f64::from(EVENT_SPACING_TICKS)
+    } else {
+        EVEN
+    };
+    ticks / f64::from(TICKS_PER_SECOND)
+}
+
 /// Takes a run and measures it.
 pub(crate) struct Meter {
     programmed: Programmed,
@@ -153,8 +171,11 @@ pub(crate) struct Meter {
     steps: [i32; AXES],
     first_ticks: Option<u64>,
     last_ticks: u64,
-    /// The newest edge that steps: it is taken when the one after it is known.
-    held: Option<Edge>,
+    /// The newest edge that steps, and whether other axes do something nearby: it is taken when the
+    /// one after it is known.
+    held: Option<(Edge, bool)>,
+    /// When a pulse of each axis began or ended last, ticks.
+    active: [Option<u64>; AXES],
     deviation: Series,
 }
 
@@ -179,12 +200,13 @@ impl Meter {
             path: Track::of_path(),
             path_mm: f64::NEG_INFINITY,
             feed_mm_s: None,
-            corners: corners::Meter::default(),
+            corners: corners::Meter::new(resolved_mm_s(&accelerations, &steps_per_mm)),
             feed: FeedTime::default(),
             steps: [0; AXES],
             first_ticks: None,
             last_ticks: 0,
             held: None,
+            active: [None; AXES],
             deviation: Series::default(),
         }
     }
@@ -212,18 +234,30 @@ impl Meter {
 
     /// The pins change.
     pub(crate) fn edge(&mut self, edge: &Edge) {
-        if edge.raise != 0
-            && let Some(held) = self.held.replace(*edge)
-        {
-            self.take(&held, Some(edge.ticks));
+        let near = NEAR * u64::from(EVENT_SPACING_TICKS);
+        let bits = edge.raise | edge.drop;
+        if let Some((held, is_shared)) = &mut self.held {
+            *is_shared |= bits & !held.raise != 0 && edge.ticks - held.ticks < near;
+        }
+        if edge.raise != 0 {
+            if let Some((held, is_shared)) = self.held.take() {
+                self.take(&held, is_shared);
+            }
+            let others = (0..AXES).filter(|axis| edge.raise >> axis & 1 == 0);
+            let mut active = others.filter_map(|axis| self.active[axis]);
+            let is_near = active.any(|ticks| edge.ticks - ticks < near);
+            self.held = Some((*edge, is_near || edge.raise.count_ones() > 1));
+        }
+        for axis in (0..AXES).filter(|axis| bits >> axis & 1 != 0) {
+            self.active[axis] = Some(edge.ticks);
         }
     }
 
-    /// Takes an edge that steps, with the time of the next one.
-    fn take(&mut self, edge: &Edge, next_ticks: Option<u64>) {
+    /// Takes an edge that steps; whether events of other axes may have shifted it.
+    fn take(&mut self, edge: &Edge, is_shared: bool) {
         let first = *self.first_ticks.get_or_insert(edge.ticks);
         let seconds = (edge.ticks - first) as f64 / f64::from(TICKS_PER_SECOND);
-        let grain_s = self.grain_s(edge, next_ticks);
+        let grain_s = grain_s(is_shared);
         let signs: [i32; AXES] = std::array::from_fn(|axis| match edge.raise >> axis & 1 {
             0 => 0,
             _ if edge.directions >> axis & 1 == 0 => 1,
@@ -263,21 +297,6 @@ impl Meter {
             });
         }
         self.last_ticks = edge.ticks;
-    }
-
-    /// Standard deviation of a step's time, s: a tick, or where another axis steps, their spacing.
-    fn grain_s(&self, edge: &Edge, next_ticks: Option<u64>) -> f64 {
-        let near = NEAR * u64::from(EVENT_SPACING_TICKS);
-        let is_near = |ticks: u64| ticks.abs_diff(edge.ticks) < near;
-        let is_shared = edge.raise.count_ones() > 1
-            || is_near(self.last_ticks)
-            || next_ticks.is_some_and(is_near);
-        let ticks = if is_shared {
-            ENDS * f64::from(EVENT_SPACING_TICKS)
-        } else {
-            EVEN
-        };
-        ticks / f64::from(TICKS_PER_SECOND)
     }
 
     /// The limits of an axis.
@@ -335,8 +354,8 @@ impl Meter {
 
     /// What was measured.
     pub(crate) fn finish(mut self) -> (Quality, Traces) {
-        if let Some(held) = self.held.take() {
-            self.take(&held, None);
+        if let Some((held, is_shared)) = self.held.take() {
+            self.take(&held, is_shared);
         }
         self.feed.part = self.feed.at_feed_s / self.feed.feed_s.max(f64::MIN_POSITIVE);
         let deviation = self.follower.finish();

@@ -50,7 +50,8 @@ pub(crate) struct Corners {
     /// Slowest and fastest, mm/s.
     pub(crate) slowest_mm_s: Option<f64>,
     pub(crate) fastest_mm_s: Option<f64>,
-    /// The greatest speed of one that was not rounded, as a part of what is allowed there.
+    /// The greatest speed of one that was not rounded, as a part of what is allowed there, of those
+    /// that allow more than an acceleration makes within one step from rest.
     pub(crate) most_of_allowed: Option<f64>,
     /// The first ten thousand of them.
     pub(crate) list: Vec<CornerSpeed>,
@@ -76,10 +77,20 @@ pub(super) struct Meter {
     places: VecDeque<(f64, Point)>,
     open: Option<Open>,
     rounded: VecDeque<Open>,
+    /// Slower corners cannot be told from what is one step beside them, mm/s.
+    resolved_mm_s: f64,
     pub(super) corners: Corners,
 }
 
 impl Meter {
+    /// For steps that tell corners from what is beside them down to a speed.
+    pub(super) fn new(resolved_mm_s: f64) -> Self {
+        Self {
+            resolved_mm_s,
+            ..Self::default()
+        }
+    }
+
     /// The machine is somewhere.
     pub(super) fn place(&mut self, seconds: f64, at: Point) {
         self.places.push_back((seconds, at));
@@ -199,7 +210,7 @@ impl Meter {
         corners.slowest_mm_s = Some(least.min(speed_mm_s));
         corners.fastest_mm_s = Some(corners.fastest_mm_s.unwrap_or(0.0).max(speed_mm_s));
         let allowed_mm_s = open.passed.corner.allowed_mm_s;
-        if open.passed.is_exact && allowed_mm_s > 0.0 {
+        if open.passed.is_exact && allowed_mm_s > self.resolved_mm_s {
             let part = speed_mm_s / allowed_mm_s;
             corners.most_of_allowed = Some(corners.most_of_allowed.unwrap_or(0.0).max(part));
         }
