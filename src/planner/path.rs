@@ -113,11 +113,13 @@ impl Path {
     }
 
     /// Whether there is anything that the router does not know of.
+    #[inline]
     #[must_use]
     pub fn is_holding(&self) -> bool {
         self.holds_line() || !self.ready.is_empty()
     }
 
+    #[inline]
     fn holds_line(&self) -> bool {
         self.held.is_some() || !self.chain.is_empty()
     }
@@ -128,6 +130,7 @@ impl Path {
     }
 
     /// What the router is to do next.
+    #[inline]
     #[must_use]
     pub fn next(&self) -> Option<&Way> {
         self.ready.first()

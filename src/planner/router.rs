@@ -277,8 +277,11 @@ impl Router {
     }
 
     /// Ends what the path holds back.
+    #[inline]
     pub fn release(&self, path: &mut Path) {
-        path.end(&self.limits);
+        if path.is_holding() {
+            path.end(&self.limits);
+        }
     }
 
     /// As [`Self::work_into`], for what has come through the path.
