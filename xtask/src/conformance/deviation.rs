@@ -210,6 +210,7 @@ impl Deviation {
     }
 
     /// What it lets differ, and when.
+    #[expect(clippy::too_many_lines, reason = "a table: a line or a few for each")]
     pub(crate) fn rule(self) -> &'static str {
         match self {
             Self::Buffers => {
