@@ -8,7 +8,8 @@ use leadscrew::{
     sim::{Edge, End, Simulator, Stream, Watcher},
     units::TICKS_PER_MS,
 };
-use support::{Trace, check_limits, fast};
+use proptest::prelude::*;
+use support::{Trace, cases, check_limits, fast};
 
 /// What a program does: its pins, and what the machine says.
 struct Player {
@@ -139,10 +140,14 @@ impl Talk {
         }
     }
 
-    /// Sends bytes, and lets time pass.
+    /// Sends text, and lets time pass.
     fn send(&mut self, text: &str, milliseconds: u64) -> &mut Self {
-        for byte in text.bytes() {
-            self.simulator.receive(byte);
+        self.send_bytes(text.as_bytes(), milliseconds)
+    }
+
+    fn send_bytes(&mut self, bytes: &[u8], milliseconds: u64) -> &mut Self {
+        for byte in bytes {
+            self.simulator.receive(*byte);
         }
         self.simulator.settle();
         self.listen();
@@ -341,4 +346,52 @@ fn the_end_of_a_program_tells_how_far_the_path_was_left() {
         !said.iter().any(|text| text.contains("deviation")),
         "{said:?}"
     );
+}
+
+/// Lines of a program, each with what the sender does after it: how long it waits, and a byte.
+fn lines() -> impl Strategy<Value = Vec<([i32; 3], u64, u8)>> {
+    let place = prop_oneof![4 => -300..300_i32, 1 => Just(0), 2 => -5..5_i32];
+    let wait_ms = prop_oneof![3 => Just(0_u64), 1 => 0..200_u64];
+    // Holds and starts, overrides of feed and rapids, a question.
+    let byte = prop::sample::select(b"!~~?\x90\x91\x92\x93\x94\x95\x96\x97".to_vec());
+    prop::collection::vec((prop::array::uniform3(place), wait_ms, byte), 1..40)
+}
+
+proptest! {
+    #![proptest_config(cases(48))]
+
+    #[test]
+    fn no_order_of_events_loses_a_step_of_what_is_rounded(
+        lines in lines(),
+        tolerance in prop::sample::select(vec!["", "P0.02", "P0.1Q0", "P0.5Q0.2"]),
+    ) {
+        let mut talk = Talk::new(&fast());
+        talk.send(&format!("G64{tolerance}\nF3000\n"), 1);
+        for (number, (place, wait_ms, byte)) in lines.iter().enumerate() {
+            let word = if number % 5 == 4 { "G0" } else { "G1" };
+            let [x, y, z] = place.map(|steps| f64::from(steps) / 100.0);
+            // The receive buffer holds some 128 bytes.
+            while number + 2 - talk.said.matches("ok").count() > 3 {
+                talk.send("~", 20);
+            }
+            talk.send(&format!("{word}X{x}Y{y}Z{z}\n"), *wait_ms);
+            talk.send_bytes(&[*byte], 0);
+        }
+        talk.send_bytes(b"~\x90\x95", 100);
+        // At rest for so long, nothing may be held back any more.
+        let mut rests = 0;
+        for _ in 0..600 {
+            talk.send("~", 100);
+            rests = if talk.is_at_rest() { rests + 1 } else { 0 };
+            if rests == 3 {
+                break;
+            }
+        }
+        prop_assert_eq!(rests, 3);
+        prop_assert!(!talk.said.contains("error"), "{}", talk.said);
+        let (place, ..) = lines[lines.len() - 1];
+        let steps = place.map(|hundredths| (f64::from(hundredths) * 0.8).round() as i32);
+        prop_assert_eq!(talk.steps(), steps);
+        talk.trace.check_pulses();
+    }
 }
