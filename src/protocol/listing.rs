@@ -132,7 +132,7 @@ pub fn any_setting(text: &mut Text, settings: &Settings, line: usize) -> bool {
     write_setting(text, settings::listed(settings, line))
 }
 
-fn write_setting(text: &mut Text, setting: Option<(u8, Value)>) -> bool {
+fn write_setting(text: &mut Text, setting: Option<(u16, Value)>) -> bool {
     let Some((number, value)) = setting else {
         return false;
     };

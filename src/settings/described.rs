@@ -53,7 +53,7 @@ pub enum DataType {
 #[derive(Debug, Clone, Copy)]
 pub struct Description {
     /// Its number.
-    pub number: u8,
+    pub number: u16,
     /// Where it belongs.
     pub group: Group,
     /// The axis that it is of.
@@ -90,7 +90,7 @@ pub fn described(place: usize) -> Option<Description> {
     })
 }
 
-const fn group(number: u8) -> Group {
+const fn group(number: u16) -> Group {
     match number {
         20 | 21 => Group::Limits,
         22..=27 => Group::Homing,

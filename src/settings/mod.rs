@@ -98,6 +98,8 @@ pub struct Settings {
     pub acceleration_mm_s2: Axes<f32>,
     /// `$130`… Travel of each axis, mm.
     pub max_travel_mm: Axes<f32>,
+    /// `$800`… Jerk of each axis, mm/s³; 0 does not limit it.
+    pub jerk_mm_s3: Axes<f32>,
     /// What the firmware is proven to keep up with: nothing that the user sets.
     pub step_rate: StepRate,
 }
@@ -169,6 +171,7 @@ impl Settings {
             max_rate_mm_min: Axes::all(500.0),
             acceleration_mm_s2: Axes::all(10.0),
             max_travel_mm: Axes::all(200.0),
+            jerk_mm_s3: Axes::all(0.0),
             step_rate,
         }
     }

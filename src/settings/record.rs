@@ -25,7 +25,7 @@ use crate::{axis::Axes, units::Nm};
 
 /// The format of the records, for the day when it cannot say itself what it holds.
 const FORMAT: u8 = 1;
-/// Bytes of the longest record: origins of 6 axes take 398, settings of 6 axes 354.
+/// Bytes of the longest record: origins of 6 axes take 398, settings of 6 axes 396.
 const LONGEST: usize = 512;
 /// Farthest coordinate that is read, nm: what double precision holds exactly.
 const FARTHEST: u64 = 1 << 53;
@@ -165,7 +165,7 @@ fn write_settings(stored: &Stored, record: &mut Record) -> Result<(), StoreError
             let Some(value) = row.value(&stored.settings, axis) else {
                 continue;
             };
-            record.put(&(u16::from(row.number) + axis as u16).to_le_bytes())?;
+            record.put(&(row.number_of(axis)).to_le_bytes())?;
             match value {
                 Value::Whole(whole) => {
                     record.put(&[WHOLE])?;

@@ -28,7 +28,6 @@ pub(super) fn restore(
     value: Raw,
 ) -> Result<(), SettingError> {
     let missing = SettingError::BadStatement;
-    let number = u8::try_from(number).or(Err(missing))?;
     let (row, axis) = table::find(number).ok_or(missing)?;
     match row.kind {
         Kind::Byte(place) => {

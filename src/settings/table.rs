@@ -38,7 +38,7 @@ pub enum SettingError {
 #[derive(Debug)]
 pub struct Row {
     /// Its number; that of the X axis where there is one for each axis.
-    pub number: u8,
+    pub number: u16,
     /// What it is.
     pub name: &'static str,
     /// The unit of its value, empty without.
@@ -91,7 +91,7 @@ pub enum Value {
     Resolution(StepsPerMm),
 }
 
-const fn row(number: u8, name: &'static str, unit: &'static str, kind: Kind) -> Row {
+const fn row(number: u16, name: &'static str, unit: &'static str, kind: Kind) -> Row {
     Row {
         number,
         name,
@@ -157,7 +157,7 @@ const MM_MIN: &str = "mm/min";
 
 /// Every setting, in the order of the numbers.
 #[rustfmt::skip]
-pub static TABLE: [Row; 31] = [
+pub static TABLE: [Row; 32] = [
     row(0, "step pulse", "µs", Kind::Byte(|s| &mut s.step_pulse_us)),
     row(1, "delay before idle steppers are released, 255 never", "ms", Kind::Byte(|s| &mut s.idle_delay_ms)),
     row(2, "inverted step outputs", "mask", Kind::Byte(|s| &mut s.step_invert)),
@@ -189,19 +189,20 @@ pub static TABLE: [Row; 31] = [
     row(110, "largest speed", MM_MIN, axis_rate(|s| &mut s.max_rate_mm_min.0)),
     row(120, "acceleration", "mm/s²", axis_number(|s| &mut s.acceleration_mm_s2.0, SMALLEST)),
     row(130, "travel", MM, axis_number(|s| &mut s.max_travel_mm.0, 0.0)),
+    row(800, "jerk, 0 for no limit", "mm/s³", axis_number(|s| &mut s.jerk_mm_s3.0, 0.0)),
 ];
 
 /// The number and the value of the setting that stands at a place in the list of all, counted
 /// from 0; `None` after the last.
 #[must_use]
-pub fn listed(settings: &Settings, place: usize) -> Option<(u8, Value)> {
+pub fn listed(settings: &Settings, place: usize) -> Option<(u16, Value)> {
     let (row, axis) = at(place, |_| true)?;
     Some((row.number_of(axis), row.value(settings, axis)?))
 }
 
 /// As [`listed`], but of those settings alone that Grbl 1.1 has too.
 #[must_use]
-pub fn listed_of_grbl(settings: &Settings, place: usize) -> Option<(u8, Value)> {
+pub fn listed_of_grbl(settings: &Settings, place: usize) -> Option<(u16, Value)> {
     let (row, axis) = at(place, Row::is_of_grbl)?;
     Some((row.number_of(axis), row.value(settings, axis)?))
 }
@@ -247,7 +248,7 @@ pub fn assign(settings: &mut Settings, statement: &[u8]) -> Result<(), SettingEr
 ///
 /// # Errors
 /// Every [`SettingError`]; the settings are unchanged then.
-pub fn set(settings: &mut Settings, number: u8, text: &[u8]) -> Result<(), SettingError> {
+pub fn set(settings: &mut Settings, number: u16, text: &[u8]) -> Result<(), SettingError> {
     change(settings, i64::from(number), text)
 }
 
@@ -256,7 +257,7 @@ fn change(settings: &mut Settings, number: i64, text: &[u8]) -> Result<(), Setti
     if !rest.is_empty() {
         return Err(SettingError::BadStatement);
     }
-    let number = u8::try_from(number).map_err(|_| SettingError::BadStatement)?;
+    let number = u16::try_from(number).map_err(|_| SettingError::BadStatement)?;
     let found = find(number);
     let takes_negative = |row: &Row| matches!(row.kind, Kind::Number { least, .. } if least < 0.0);
     if value.is_negative() && !found.is_some_and(|(row, _)| takes_negative(row)) {
@@ -297,8 +298,8 @@ fn check_step_rate(settings: &Settings, axis: usize) -> Result<(), SettingError>
 }
 
 /// The row of a setting, and the axis.
-pub(super) fn find(number: u8) -> Option<(&'static Row, usize)> {
-    // wcet-bound: 31
+pub(super) fn find(number: u16) -> Option<(&'static Row, usize)> {
+    // wcet-bound: 32
     TABLE.iter().find_map(|row| {
         let axis = usize::from(number.checked_sub(row.number)?);
         (axis < row.axes()).then_some((row, axis))
@@ -309,12 +310,12 @@ impl Row {
     /// Whether Grbl 1.1 has it too.
     #[must_use]
     pub const fn is_of_grbl(&self) -> bool {
-        !matches!(self.number, 33..=99)
+        !matches!(self.number, 33..=99 | 800..)
     }
 
     /// The number of the setting for an axis.
-    pub(super) const fn number_of(&self, axis: usize) -> u8 {
-        self.number.saturating_add(axis as u8)
+    pub(super) const fn number_of(&self, axis: usize) -> u16 {
+        self.number.saturating_add(axis as u16)
     }
 
     /// How many settings the row stands for: 1, or one for each axis.
@@ -414,7 +415,7 @@ mod tests {
     fn the_list_has_every_number_once_and_in_order() {
         let settings = Settings::default();
         let numbers: Vec<_> = (0..).map_while(|place| listed(&settings, place)).collect();
-        assert_eq!(numbers.len(), 27 + 4 * AXES);
+        assert_eq!(numbers.len(), 27 + 5 * AXES);
         assert!(numbers.is_sorted_by(|a, b| a.0 < b.0));
         for (number, value) in numbers {
             let (row, axis) = find(number).unwrap();
@@ -441,6 +442,9 @@ mod tests {
             ("107=1", BadStatement),
             ("136=1", BadStatement),
             ("255=1", BadStatement),
+            ("799=1", BadStatement),
+            ("806=1", BadStatement),
+            ("800=-1", Negative),
             ("1000=1", BadStatement),
             ("-1=5", BadStatement),
             ("3=-1", Negative),
@@ -492,6 +496,7 @@ mod tests {
             "111=0.5",
             "130=0",
             "26=+255",
+            "801=10000.5",
             "12.7=0.25",
         ])
         .unwrap();
@@ -504,6 +509,7 @@ mod tests {
         assert_eq!(settings.steps_per_mm.0[1].millionths(), 100_000_100);
         assert_eq!(settings.max_rate_mm_min.0[1], 0.5);
         assert_eq!(settings.homing_debounce_ms, 255);
+        assert_eq!(settings.jerk_mm_s3.0[..2], [0.0, 10_000.5]);
     }
 
     #[test]

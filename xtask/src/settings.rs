@@ -31,7 +31,7 @@ pub(crate) fn apply(settings: &mut Settings, assignment: &str) -> Result<()> {
 }
 
 /// The row of a setting, and its axis where it has one.
-fn row(number: u8) -> Option<(&'static Row, String)> {
+fn row(number: u16) -> Option<(&'static Row, String)> {
     let row = TABLE.iter().rev().find(|row| row.number <= number)?;
     let axis = usize::from(number - row.number);
     let letter = match row.axes() {
