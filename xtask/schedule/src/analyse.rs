@@ -191,7 +191,7 @@ impl<'a> Analysis<'a> {
         let rows = self.subject.rows.iter().enumerate();
         let tasks = rows.map(|(index, row)| self.task(index, row, responses[index].as_ref()));
         report.tasks = tasks.collect();
-        report.utilisation = responses.iter().flatten().map(|it| it.share).sum();
+        report.utilisation = response::utilisation(self.subject, &responses);
         if report.utilisation > 1.0 {
             report.flaws.push(overload(report.utilisation));
         }

@@ -147,6 +147,9 @@ pub struct ModeConfig {
     /// Modes of the task of which no run is due while such a run is: neither holds up the other.
     #[serde(default)]
     pub apart_from: Vec<String>,
+    /// The task is in one of its regimes at a time, and changes it only when no run is due; without a
+    /// name, such runs are in all of them.
+    pub regime: Option<String>,
 }
 
 /// Pieces of work of which a run does a varying number: the cost of a run is charged with each run,

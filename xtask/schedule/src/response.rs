@@ -94,7 +94,7 @@ pub(crate) fn are_met(
     point: Point,
 ) -> Result<bool, String> {
     let responses = up_to(subject, sections, point, 1.0)?;
-    let share: f64 = responses.iter().flatten().map(|it| it.share).sum();
+    let share = utilisation(subject, &responses);
     Ok(share <= 1.0 && responses.iter().flatten().all(Response::is_met))
 }
 
@@ -113,11 +113,29 @@ fn up_to(
     let mut responses: Vec<Option<Response>> = vec![None; subject.rows.len()];
     for index in 0..members.len() {
         let row = members[index].row;
-        let mut window = Window::new((subject, &named), sections, &members, index);
-        window.limit = (deadlines * window.own.deadline).clamp(0.0, 1e12) as u64;
-        responses[row] = Some(window.respond());
+        let regimes = subject.regimes();
+        let own = subject.regime(row);
+        let regimes = regimes.into_iter().filter(|it| own.is_none() || *it == own);
+        let found = regimes.map(|regime| {
+            let mut window = Window::new((subject, &named), sections, &members, index, regime);
+            window.limit = (deadlines * window.own.deadline).clamp(0.0, 1e12) as u64;
+            window.respond()
+        });
+        responses[row] = found.max_by_key(|found| found.response.unwrap_or(u64::MAX));
     }
     Ok(responses)
+}
+
+/// Share of the processor that all runs take together, in the regime where that is most.
+pub(crate) fn utilisation(subject: &Subject<'_>, responses: &[Option<Response>]) -> f64 {
+    let regimes = subject.regimes().into_iter().map(|regime| {
+        let rows = responses.iter().enumerate();
+        let rows = rows.filter(|(row, _)| subject.regime(*row).is_none_or(|it| Some(it) == regime));
+        rows.filter_map(|(_, it)| it.as_ref())
+            .map(|it| it.share)
+            .sum()
+    });
+    regimes.fold(0.0, f64::max)
 }
 
 /// A response that holds.
@@ -170,11 +188,14 @@ impl<'a> Window<'a> {
         sections: &[Blocking],
         members: &'a [Member],
         index: usize,
+        regime: Option<&str>,
     ) -> Self {
         let own = &members[index];
         let others = members.iter().enumerate();
         let others = others.filter(|(at, it)| *at != index && it.priority >= own.priority);
         let others = others.filter(|(_, it)| !subject.are_apart(it.row, own.row));
+        let others =
+            others.filter(|(_, it)| subject.regime(it.row).is_none_or(|it| Some(it) == regime));
         let (yielding, others): (Vec<&Member>, Vec<&Member>) =
             { others.map(|(_, it)| it) }.partition(|it| subject.yields(it.row, own.row));
         let holding = sections

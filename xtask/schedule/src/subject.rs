@@ -43,6 +43,8 @@ pub(crate) struct Times {
     units: Option<Units>,
     /// Rows that this one lets go first.
     yields_to: Vec<String>,
+    /// The regime that it belongs to, with its task's name.
+    regime: Option<String>,
     apart_from: Vec<String>,
 }
 
@@ -359,6 +361,22 @@ impl<'a> Subject<'a> {
         times.is_some_and(|times| times.yields_to.contains(&self.rows[to].name))
     }
 
+    /// The regime that a row belongs to, if not to all.
+    pub(crate) fn regime(&self, row: usize) -> Option<&str> {
+        self.rows[row].times.as_ref()?.regime.as_deref()
+    }
+
+    /// All regimes; one without a name where there are none.
+    pub(crate) fn regimes(&self) -> BTreeSet<Option<&str>> {
+        let named = (0..self.rows.len()).filter_map(|row| self.regime(row));
+        let named: BTreeSet<_> = named.map(Some).collect();
+        if named.is_empty() {
+            BTreeSet::from([None])
+        } else {
+            named
+        }
+    }
+
     /// Names of the rows that are said never to be due while this one is.
     pub(crate) fn apart_from(row: &Row) -> Vec<String> {
         let times = row.times.as_ref();
@@ -443,6 +461,7 @@ fn times(config: &TaskConfig) -> Option<Times> {
         group: config.group.unwrap_or(1),
         units: None,
         yields_to: Vec::new(),
+        regime: None,
         apart_from: Vec::new(),
     })
 }
@@ -460,6 +479,10 @@ fn mode_times(task: &str, mode: &ModeConfig) -> Times {
         group: mode.group.unwrap_or(1),
         units: mode.units.clone(),
         yields_to: rows(&mode.yields_to),
+        regime: mode
+            .regime
+            .as_ref()
+            .map(|regime| format!("{task}: {regime}")),
         apart_from: rows(&mode.apart_from),
     }
 }
