@@ -4,6 +4,7 @@
 mod support;
 
 use leadscrew::{
+    axis::Axes,
     planner::{Command, Plane, Rotation},
     settings::Settings,
     units::Nm,
@@ -397,6 +398,7 @@ proptest! {
     fn no_arc_exceeds_the_acceleration_in_its_plane(
         radius in 0.5..20.0_f64,
         acceleration in 50.0..1000.0_f32,
+        ramp_s in prop_oneof![Just(0.0_f32), 0.003..0.1_f32],
         direction in 0.0..std::f64::consts::TAU,
         to in 0.0..360.0_f64,
         feed in 300.0..20_000.0_f32,
@@ -410,6 +412,7 @@ proptest! {
         let fastest = (f64::from(acceleration) * radius).sqrt();
         let settings = Settings {
             step_pulse_us: 3,
+            jerk_mm_s3: Axes::all(if ramp_s > 0.0 { acceleration / ramp_s } else { 0.0 }),
             ..with(&[(60_000.0 / fastest).min(4000.0)], &[20_000.0], &[acceleration])
         };
         let centre = [-radius * direction.cos(), -radius * direction.sin()];

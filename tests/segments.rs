@@ -4,6 +4,7 @@
 mod support;
 
 use leadscrew::{
+    axis::Axes,
     planner::{Command, Plane, Rotation},
     settings::Settings,
     stepper::EVENT_SPACING_TICKS,
@@ -12,23 +13,38 @@ use leadscrew::{
 use proptest::prelude::*;
 use support::{Act, Rig, arc, cases, check_limits, line, number, with};
 
-/// `segment` and `saved_segments` in schedule.toml.
+/// `segment`, `smooth_segment` and `saved_segments` in schedule.toml.
 const MEAN_TICKS: u32 = TICKS_PER_MS * 7 / 10;
+const SMOOTH_MEAN_TICKS: u32 = TICKS_PER_MS * 3 / 4;
 const SAVED: u32 = 3;
 /// Longest segment, with a standstill that comes and goes in the same step.
 const LONGEST_TICKS: u32 = TICKS_PER_MS * 3 / 2 + EVENT_SPACING_TICKS;
 
 /// Checks that no segment is too long, and that segments are not too short in any stretch of time.
 fn check(segments: &[u32]) -> Result<(), TestCaseError> {
-    let most = SAVED * MEAN_TICKS;
+    check_mean(segments, MEAN_TICKS)
+}
+
+/// The same with a mean of their own where acceleration is continuous.
+fn check_smooth(segments: &[u32], ramp_s: f32) -> Result<(), TestCaseError> {
+    let mean = if ramp_s > 0.0 {
+        SMOOTH_MEAN_TICKS
+    } else {
+        MEAN_TICKS
+    };
+    check_mean(segments, mean)
+}
+
+fn check_mean(segments: &[u32], mean: u32) -> Result<(), TestCaseError> {
+    let most = SAVED * mean;
     let mut spare = most;
     for pair in segments.windows(2) {
         let ticks = pair[1].wrapping_sub(pair[0]);
         prop_assert!(ticks <= LONGEST_TICKS, "{ticks} at {}", pair[0]);
         // Rounded to ticks.
         spare = (spare + ticks + 1).min(most);
-        prop_assert!(spare >= MEAN_TICKS, "at {} of {segments:?}", pair[0]);
-        spare -= MEAN_TICKS;
+        prop_assert!(spare >= mean, "at {} of {segments:?}", pair[0]);
+        spare -= mean;
     }
     Ok(())
 }
@@ -67,8 +83,14 @@ fn ways(count: impl Into<prop::collection::SizeRange>) -> impl Strategy<Value = 
     prop::collection::vec((way, 0.0..6.3_f64), count)
 }
 
-fn settings(acceleration: f32, junction_deviation_mm: f32) -> Settings {
+/// With acceleration that takes `ramp_s` to be there, or none.
+fn settings(acceleration: f32, ramp_s: f32, junction_deviation_mm: f32) -> Settings {
     Settings {
+        jerk_mm_s3: Axes::all(if ramp_s > 0.0 {
+            acceleration / ramp_s
+        } else {
+            0.0
+        }),
         junction_deviation_mm,
         ..with(&[400.0; 3], &[60_000.0], &[acceleration])
     }
@@ -76,6 +98,10 @@ fn settings(acceleration: f32, junction_deviation_mm: f32) -> Settings {
 
 fn accelerations() -> impl Strategy<Value = f32> {
     prop_oneof![Just(100.0_f32), Just(1000.0), Just(20_000.0)]
+}
+
+fn ramps() -> impl Strategy<Value = f32> {
+    prop_oneof![2 => Just(0.0_f32), 1 => 0.0..0.01_f32, 1 => 0.01..0.15_f32]
 }
 
 fn feeds() -> impl Strategy<Value = f32> {
@@ -94,11 +120,12 @@ proptest! {
         ways in ways(30..400),
         bend in bends(),
         acceleration in accelerations(),
+        ramp_s in ramps(),
         deviation in prop_oneof![Just(0.0_f32), Just(0.01), Just(10.0)],
         mm_min in feeds(),
     ) {
         let commands = path(&ways, bend, false, mm_min);
-        check(&play(&settings(acceleration, deviation), &commands, &[], 0))?;
+        check_smooth(&play(&settings(acceleration, ramp_s, deviation), &commands, &[], 0), ramp_s)?;
     }
 
     #[test]
@@ -106,10 +133,11 @@ proptest! {
         ways in ways(30..200),
         bend in bends(),
         acceleration in accelerations(),
+        ramp_s in ramps(),
         mm_min in feeds(),
     ) {
         let commands = path(&ways, bend, true, mm_min);
-        check(&play(&settings(acceleration, 0.01), &commands, &[], 0))?;
+        check_smooth(&play(&settings(acceleration, ramp_s, 0.01), &commands, &[], 0), ramp_s)?;
     }
 
     #[test]
@@ -117,6 +145,7 @@ proptest! {
         ways in ways(30..200),
         bend in bends(),
         acceleration in accelerations(),
+        ramp_s in ramps(),
         mm_min in feeds(),
         acts in prop::collection::vec(
             (0..10_000_000_u64, prop::sample::select(&b"!~!~\x90\x91\x92\x91\x92\x95\x97"[..])),
@@ -126,20 +155,21 @@ proptest! {
         let commands = path(&ways, bend, true, mm_min);
         let mut now = 0;
         let acts: Vec<Act> = acts.iter().map(|(wait, byte)| { now += wait; (now, *byte) }).collect();
-        check(&play(&settings(acceleration, 0.01), &commands, &acts, 0))?;
+        check_smooth(&play(&settings(acceleration, ramp_s, 0.01), &commands, &acts, 0), ramp_s)?;
     }
 
     #[test]
     fn overrides_of_a_full_look_ahead_keep_the_limits(
         ways in ways(150..300),
         acceleration in prop_oneof![Just(100.0_f32), Just(1000.0)],
+        ramp_s in ramps(),
         mm_min in feeds(),
         acts in prop::collection::vec(
             (0..10_000_000_u64, prop::sample::select(&b"\x90\x91\x92\x92\x92\x92"[..])),
             1..60,
         ),
     ) {
-        let settings = settings(acceleration, 0.01);
+        let settings = settings(acceleration, ramp_s, 0.01);
         let mut now = 0;
         let acts: Vec<Act> = acts.iter().map(|(wait, byte)| { now += wait; (now, *byte) }).collect();
         let mut rig = Rig::new(&settings);
@@ -152,11 +182,12 @@ proptest! {
         ways in ways(30..100),
         bend in bends(),
         acceleration in accelerations(),
+        ramp_s in ramps(),
         mm_min in feeds(),
         feed_ticks in 1_000..1_000_000_u64,
     ) {
         let commands = path(&ways, bend, true, mm_min);
-        check(&play(&settings(acceleration, 0.01), &commands, &[], feed_ticks))?;
+        check_smooth(&play(&settings(acceleration, ramp_s, 0.01), &commands, &[], feed_ticks), ramp_s)?;
     }
 }
 
@@ -219,7 +250,7 @@ fn a_tool_path_of_long_and_very_short_lines_makes_no_burst_of_segments() {
         (0.963, 0.0),
     ];
     let commands = path(&ways, 0.01, false, 60_000.0);
-    check(&play(&settings(20_000.0, 0.01), &commands, &[], 0)).unwrap();
+    check(&play(&settings(20_000.0, 0.0, 0.01), &commands, &[], 0)).unwrap();
 }
 
 #[test]
@@ -236,6 +267,6 @@ fn short_lines_after_an_arc_that_ends_behind_a_reversal_make_no_burst_of_segment
     for turn in 0..200 {
         ways[53].1 = f64::from(turn) * 0.03;
         let commands = path(&ways, 0.3, true, 6000.0);
-        check(&play(&settings(20_000.0, 0.01), &commands, &[], 0)).unwrap();
+        check(&play(&settings(20_000.0, 0.0, 0.01), &commands, &[], 0)).unwrap();
     }
 }

@@ -82,4 +82,10 @@ impl Arc {
             [sine, -cosine]
         }
     }
+
+    /// Unit vector towards the centre at the start (0) or the end (1).
+    pub(super) fn inwards(&self, end: u8) -> [f64; 2] {
+        let angle = self.start + self.sweep * f64::from(end);
+        [-libm::cos(angle), -libm::sin(angle)]
+    }
 }

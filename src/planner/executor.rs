@@ -17,6 +17,8 @@
 //! Segments cost time to make. A piece that takes 1.5 ms is one segment; of a longer one each takes
 //! 0.75 ms at least, and all but the last two 1 ms. None takes more than 1.5 ms.
 
+mod smooth;
+
 use super::{
     Block, Curve, Laser, Oblique, Shape,
     lookahead::{Course, Plan, Progress},
@@ -123,6 +125,8 @@ pub(super) struct Executor {
     is_within: bool,
     /// The plan has become slower: the speed may be more than it allows.
     is_over: bool,
+    /// What has been paced is not played to its end.
+    goes_on: bool,
     /// What the laser does in the last segment, and the part of the programmed speed that it has.
     laser: Laser,
     part: f32,
@@ -141,6 +145,7 @@ impl Executor {
             is_begun: false,
             is_within: false,
             is_over: false,
+            goes_on: false,
             laser: Laser::None,
             part: 0.0,
         }
@@ -166,7 +171,7 @@ impl Executor {
     /// Whether the last segment ends in motion.
     #[inline]
     pub(super) fn is_moving(&self) -> bool {
-        self.speed_mm_s > 0.0
+        self.speed_mm_s > 0.0 || self.goes_on
     }
 
     /// Forgets the block in execution: what was left of it is not executed. At rest, or a fault.
@@ -175,12 +180,14 @@ impl Executor {
         self.is_begun = false;
         self.is_within = false;
         self.is_over = false;
+        self.goes_on = false;
     }
 
     /// The next segment, from `position`, is put into `segment`; false at the end of the plan or,
     /// when stopping, at rest.
     ///
     /// Removes a block from the plan with its last segment.
+    #[inline(never)]
     pub(super) fn next<const N: usize>(
         &mut self,
         plan: &mut Plan<N>,
@@ -288,22 +295,31 @@ impl Executor {
             exit: course.measure(math::min(exit_sqr, top_sqr)),
             ends_block: true,
         };
+        let (length_mm, ends_block) = self.piece_length(course, left_mm);
+        if !ends_block {
+            let rest = course.measure_per_mm() * (left_mm - length_mm);
+            piece = Piece {
+                length_mm,
+                exit: piece.exit + rest,
+                ends_block,
+            };
+        }
+        piece
+    }
+
+    /// The length of what is left of a piece, and whether it ends the block, of which so much is left.
+    fn piece_length(&self, course: Course<'_>, left_mm: f32) -> (f32, bool) {
         if let Some(curve) = course.curve {
-            let sliver_mm = SLIVER_S * block.speed_mm_s;
+            let sliver_mm = SLIVER_S * course.block.speed_mm_s;
             let length_mm = match &curve.shape {
                 Shape::Flat { .. } => self.way_to_quarter(curve, sliver_mm),
                 Shape::Oblique(circle) => self.way_on(course.block, circle, sliver_mm),
             };
             if length_mm < left_mm - sliver_mm {
-                let rest = course.measure_per_mm() * (left_mm - length_mm);
-                piece = Piece {
-                    length_mm,
-                    exit: piece.exit + rest,
-                    ends_block: false,
-                };
+                return (length_mm, false);
             }
         }
-        piece
+        (left_mm, true)
     }
 
     /// The way to where an axis of the plane reverses next, but for one that is very near, mm.

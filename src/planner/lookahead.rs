@@ -7,14 +7,23 @@
 //! Braking is planned in a measure of speed that is linear in the path, see [`Course::measure`].
 
 mod braking;
+mod gates;
 mod pass;
 mod spare;
 
 pub(crate) use braking::Course;
 pub(crate) use pass::Progress;
 
-use self::{braking::Braking, pass::Pass, spare::in_time};
-use super::{Block, Laser, Pacing};
+use self::{
+    braking::Braking,
+    gates::Pace,
+    pass::Pass,
+    spare::{in_cells, in_time},
+};
+use super::{
+    Block, Laser, Pacing,
+    smooth::{gate::Least, pacer::Pacer},
+};
 use crate::{
     axis::{AXES, Axes},
     machine::Overrides,
@@ -32,6 +41,7 @@ struct Planned {
     /// Planned squared entry speed.
     entry_sqr: f32,
     braking: Braking,
+    pace: Pace,
 }
 
 impl Planned {
@@ -54,6 +64,7 @@ impl Planned {
         limit_sqr: 0.0,
         entry_sqr: 0.0,
         braking: Braking::NONE,
+        pace: Pace::NONE,
     };
 
     /// Takes a block over, field by field: as a whole it would be copied by a loop in a library.
@@ -94,6 +105,12 @@ pub struct Plan<const N: usize> {
     /// What the blocks up to the newest take longer than they have to, s, [`SPARE_S`] at most.
     spare_s: f32,
     pass: Pass,
+    /// The window over which acceleration changes, cells and s; 0 where it changes at once.
+    window: usize,
+    window_s: f32,
+    /// The reference, and the accelerations of the newest blocks.
+    pacer: Pacer,
+    least: Least,
     ring: [Planned; N],
 }
 
@@ -108,6 +125,10 @@ impl<const N: usize> Plan<N> {
             overrides: Overrides::NONE,
             spare_s: 0.0,
             pass: Pass::Done,
+            window: 0,
+            window_s: 0.0,
+            pacer: Pacer::START,
+            least: Least::NONE,
         }
     }
 
@@ -158,7 +179,11 @@ impl<const N: usize> Plan<N> {
         if self.overrides != Overrides::NONE {
             planned.block.speed_mm_s = block.speed_under(self.overrides);
         }
-        let (speed_mm_s, spare_s) = in_time(&planned.block, planned.block.speed_mm_s, self.spare_s);
+        let (mut speed_mm_s, spare_s) =
+            in_time(&planned.block, planned.block.speed_mm_s, self.spare_s);
+        if self.window != 0 {
+            speed_mm_s = in_cells(&planned.block, speed_mm_s);
+        }
         planned.block.speed_mm_s = speed_mm_s;
         self.spare_s = spare_s;
         let limit_sqr = if self.count == 0 {
@@ -173,7 +198,12 @@ impl<const N: usize> Plan<N> {
         // Lower than any: it changes.
         planned.entry_sqr = -1.0;
         self.count += 1;
-        self.brake(1, 0.0, false);
+        if self.is_smooth() {
+            self.pace_block(self.count - 1);
+            self.pass = Pass::NEWEST_GATES;
+        } else {
+            self.brake(1, 0.0, false);
+        }
     }
 
     /// Adds the only block, to be entered and left at rest.
@@ -191,7 +221,8 @@ impl<const N: usize> Plan<N> {
         if self.count != 0 {
             self.first = (self.first + 1) & (N - 1);
             self.count -= 1;
-            if let Pass::Pace { number, .. } = &mut self.pass {
+            self.pacer.popped();
+            if let Pass::Pace { number, .. } | Pass::Legs { number } = &mut self.pass {
                 *number = number.saturating_sub(1);
             }
         }
@@ -203,6 +234,7 @@ impl<const N: usize> Plan<N> {
         self.count = 0;
         self.spare_s = 0.0;
         self.pass = Pass::Done;
+        self.pacer = Pacer::START;
     }
 }
 

@@ -9,6 +9,7 @@ mod motion;
 mod path;
 mod probe;
 mod router;
+mod smooth;
 mod travel;
 
 pub(crate) use block::MIN_SPEED_MM_S;

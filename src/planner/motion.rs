@@ -21,7 +21,12 @@ use self::{
     rest::{Restoring, Wait},
     unit::Unit,
 };
-use super::{BLOCKS, Coolant, Entry, LookAhead, Spindle, executor::Executor, probe::Probe};
+use super::{
+    BLOCKS, Coolant, Entry, LookAhead, Spindle,
+    executor::Executor,
+    probe::Probe,
+    smooth::{Smooth, Window},
+};
 use crate::{
     axis::{AXES, Axes},
     machine::{
@@ -112,6 +117,7 @@ pub struct Motion {
     inputs: Levels,
     homing: Homing,
     parking: Parking,
+    smooth: Smooth,
     plan: LookAhead,
 }
 
@@ -121,6 +127,7 @@ impl Motion {
     pub const fn new() -> Self {
         Self {
             plan: LookAhead::new(),
+            smooth: Smooth::new(),
             executor: Executor::new(),
             segment: Segment::NONE,
             generator: Generator::new(),
@@ -189,6 +196,9 @@ impl Motion {
     }
 
     fn configure(&mut self, settings: &Settings, inputs: &Inputs) {
+        let window = Window::new(settings);
+        self.smooth.configure(window);
+        self.plan.set_window(window.cells, window.seconds());
         self.generator.set_pulse_us(settings.step_pulse_us);
         self.accessories.configure(settings);
         self.homing.configure(settings);
@@ -238,6 +248,7 @@ impl Motion {
             Unit::Find => self.find(inputs, counts, events),
             Unit::Plan => self.plan_on(),
             Unit::Take => self.take(entries, inputs),
+            Unit::Pace => self.pace(),
             Unit::Segment => self.make_segment(inputs, counts, events),
             Unit::Settle => self.settle(),
         }
@@ -273,6 +284,7 @@ impl Motion {
             | Unit::Obey
             | Unit::Find
             | Unit::Plan
+            | Unit::Pace
             | Unit::Settle => false,
         }
     }
@@ -294,6 +306,7 @@ impl Motion {
         self.probe.cancel();
         self.plan.clear();
         self.executor.abandon();
+        self.smooth.rest();
         self.parking.abandon();
         self.settle_on_steps();
     }

@@ -4,13 +4,16 @@
 //! Junction speed: S. Jeon, "Improving Grbl's cornering algorithm" (2011): the corner is followed
 //! at the speed at which a circle that leaves it by the junction deviation would be.
 
+mod bends;
 mod round;
 
+use self::bends::Plane as ArcPlane;
 use super::{
     Block, Circle, Command, Curve, Laser, Pace, Pacing, Path, PathControl, Shape, Target, Way,
     Work,
     arc::{Arc, PHASE_PER_RAD},
     block::MIN_SPEED_MM_S,
+    smooth::Window,
 };
 use crate::{
     axis::{AXES, Axes},
@@ -34,6 +37,9 @@ pub(super) struct Limits {
     steps_per_mm: Axes<f32>,
     speed_mm_s: Axes<f32>,
     acceleration_mm_s2: Axes<f32>,
+    /// 0 without a limit.
+    jerk_mm_s3: Axes<f32>,
+    window: Window,
     junction_deviation_mm: f32,
     /// Of all axes together.
     steps_per_s: f32,
@@ -51,12 +57,17 @@ impl Limits {
     fn new(settings: &Settings) -> Self {
         let step_rate = settings.greatest_step_rate_hz();
         let steps_per_mm = settings.steps_per_mm.map(StepsPerMm::to_f32);
+        let window = Window::new(settings);
         Self {
             steps_per_mm,
             speed_mm_s: settings.max_rate_mm_min.zip(steps_per_mm, |rate, steps| {
                 (rate / 60.0).min(step_rate / steps)
             }),
-            acceleration_mm_s2: settings.acceleration_mm_s2,
+            acceleration_mm_s2: settings
+                .acceleration_mm_s2
+                .zip(settings.jerk_mm_s3, |a, jerk| window.acceleration(a, jerk)),
+            jerk_mm_s3: settings.jerk_mm_s3,
+            window,
             junction_deviation_mm: settings.junction_deviation_mm,
             steps_per_s: settings.step_rate.hz() as f32,
         }
@@ -110,6 +121,7 @@ pub struct Mark {
     fine: Axes<FineSteps>,
     steps: Axes<Steps>,
     tangent: Axes<f32>,
+    curvature: Axes<f32>,
 }
 
 /// Turns commands into work, from where the one before ended.
@@ -125,6 +137,8 @@ pub struct Router {
     steps: Axes<Steps>,
     /// Direction at the end of the block before.
     tangent: Axes<f32>,
+    /// Its curvature there, 1/mm, towards the centre.
+    curvature: Axes<f32>,
     /// What the laser does during moves.
     laser: Laser,
     /// Moves end at a standstill (`G61.1`), and the last one does.
@@ -144,6 +158,7 @@ impl Router {
             fine: Axes::all(FineSteps(0)),
             steps: Axes::all(Steps(0)),
             tangent: Axes::all(0.0),
+            curvature: Axes::all(0.0),
             laser: Laser::None,
             stops: false,
             ends_stopped: false,
@@ -186,6 +201,7 @@ impl Router {
             fine: self.fine,
             steps: self.steps,
             tangent: self.tangent,
+            curvature: self.curvature,
         }
     }
 
@@ -196,6 +212,7 @@ impl Router {
         self.fine = mark.fine;
         self.steps = mark.steps;
         self.tangent = mark.tangent;
+        self.curvature = mark.curvature;
     }
 
     /// The way in a straight line from a place to where the last move ends, over the linear axes,
@@ -322,11 +339,11 @@ impl Router {
             pacing: pacing(pace),
             laser: self.laser,
             acceleration_mm_s2: Limits::along(&self.limits.acceleration_mm_s2, &direction),
-            junction_sqr: self.junction_sqr(&tangent),
+            junction_sqr: self.junction_sqr(&tangent, &Axes::all(0.0)),
             curve: None,
             line,
         });
-        self.finish(target.position, end, tangent);
+        self.finish(target.position, end, tangent, Axes::all(0.0));
         true
     }
 
@@ -363,13 +380,9 @@ impl Router {
         let length_mm = math::sqrt(plane_mm * plane_mm + rest_mm * rest_mm);
         let flat = plane_mm / length_mm;
         let mut direction = linear.map(|way| way / length_mm);
-        let tangent_at = |[x, y]: [f64; 2]| {
-            let mut tangent = direction;
-            tangent[first] = x as f32 * flat;
-            tangent[second] = y as f32 * flat;
-            unit(tangent)
-        };
-        let [start_tangent, end_tangent] = [0, 1].map(|end| tangent_at(arc.tangent(end)));
+        let plane = ArcPlane::new([first, second], flat);
+        let [start_tangent, end_tangent] =
+            [0, 1].map(|end| unit(plane.tangent(direction, arc.tangent(end))));
         // Any direction in the plane occurs: the axes share the smaller of their limits.
         let shared = |limits: &Axes<f32>| limits[first].min(limits[second]);
         let acceleration = shared(&self.limits.acceleration_mm_s2)
@@ -385,6 +398,9 @@ impl Router {
             .min(self.limits.together(&steps_per_mm))
             .min(math::sqrt(limit_sqr))
             .min(length_mm / shortest_s(&arc));
+        let paced = |rate| pace_mm_s(pace, length_mm, rate);
+        let ([start_curvature, end_curvature], rate, acceleration) =
+            self.limits.bent(&arc, &plane, rate, acceleration, paced);
         let programmed_mm_s = pace_mm_s(pace, length_mm, rate);
         *work = Work::Move(Block {
             delta: end.fine.zip(self.fine, |to, from| to.0 - from.0),
@@ -396,21 +412,12 @@ impl Router {
             pacing: pacing(pace),
             laser: self.laser,
             acceleration_mm_s2: acceleration,
-            junction_sqr: self.junction_sqr(&start_tangent),
+            junction_sqr: self.junction_sqr(&start_tangent, &start_curvature),
             curve: Some(self.curve(&arc, [first, second], limit_sqr, length_mm)),
             line,
         });
-        self.finish(target.position, end, end_tangent);
+        self.finish(target.position, end, end_tangent, end_curvature);
         true
-    }
-
-    /// Limit of the squared speed between the move before and one that begins in a direction.
-    fn junction_sqr(&self, tangent: &Axes<f32>) -> f32 {
-        if self.ends_stopped {
-            0.0
-        } else {
-            self.limits.junction_sqr(&self.tangent, tangent)
-        }
     }
 
     fn curve(&self, arc: &Arc, axes: [usize; 2], limit_sqr: f32, length_mm: f32) -> Curve {
@@ -448,13 +455,24 @@ impl Router {
         end
     }
 
-    fn finish(&mut self, target: Axes<Nm>, end: End, tangent: Axes<f32>) {
+    /// Limit of the squared speed where a block begins with a tangent and a curvature.
+    fn junction_sqr(&self, tangent: &Axes<f32>, curvature: &Axes<f32>) -> f32 {
+        if self.ends_stopped {
+            return 0.0;
+        }
+        let corner_sqr = self.limits.junction_sqr(&self.tangent, tangent);
+        let change = curvature.zip(self.curvature, |after, before| after - before);
+        math::min(corner_sqr, self.limits.bend_sqr(&change))
+    }
+
+    fn finish(&mut self, target: Axes<Nm>, end: End, tangent: Axes<f32>, curvature: Axes<f32>) {
         self.position = target;
         self.sent = target;
         self.steps = end.steps;
         self.fine = end.fine;
         self.tangent = tangent;
         self.ends_stopped = self.stops;
+        self.curvature = curvature;
     }
 }
 

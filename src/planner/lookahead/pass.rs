@@ -6,7 +6,10 @@
 //! braking before it is not yet planned brakes as hard as it can, which keeps it within the plan
 //! before.
 
-use super::{Plan, spare::in_time};
+use super::{
+    Plan,
+    spare::{in_cells, in_time},
+};
 use crate::{machine::Overrides, math};
 
 /// Blocks that a part of a pass goes through.
@@ -31,6 +34,10 @@ pub(super) enum Pass {
         before_mm_s: f32,
         progress: Progress,
     },
+    /// How blocks are begun where acceleration is continuous, from this number on.
+    Legs {
+        number: usize,
+    },
     /// Entry speeds, from this number back, the newest is 1; that of the block behind, squared.
     Brake {
         back: usize,
@@ -38,6 +45,22 @@ pub(super) enum Pass {
         /// All have to be found, whether they change or not.
         is_new: bool,
     },
+}
+
+impl Pass {
+    /// Entry speeds that a new block changes.
+    pub(super) const NEWEST_GATES: Self = Self::Brake {
+        back: 1,
+        exit_sqr: 0.0,
+        is_new: false,
+    };
+
+    /// Entry speeds of all blocks.
+    pub(super) const ALL_GATES: Self = Self::Brake {
+        back: 1,
+        exit_sqr: 0.0,
+        is_new: true,
+    };
 }
 
 impl<const N: usize> Plan<N> {
@@ -52,7 +75,7 @@ impl<const N: usize> Plan<N> {
     pub const fn changes_speeds(&self) -> bool {
         match self.pass {
             Pass::Done => false,
-            Pass::Pace { .. } => true,
+            Pass::Pace { .. } | Pass::Legs { .. } => true,
             Pass::Brake { is_new, .. } => is_new,
         }
     }
@@ -84,11 +107,18 @@ impl<const N: usize> Plan<N> {
                 before_mm_s,
                 progress,
             } => self.find_speeds(number, before_mm_s, progress),
+            Pass::Legs { number } => self.find_legs(number),
             Pass::Brake {
                 back,
                 exit_sqr,
                 is_new,
-            } => self.brake(back, exit_sqr, is_new),
+            } => {
+                if self.is_smooth() {
+                    self.open_gates(back, is_new);
+                } else {
+                    self.brake(back, exit_sqr, is_new);
+                }
+            }
         }
     }
 
@@ -100,7 +130,11 @@ impl<const N: usize> Plan<N> {
         for number in from..end {
             let planned = &mut self.ring[(self.first + number) & (N - 1)];
             let block = &mut planned.block;
-            let (speed_mm_s, left_s) = in_time(block, block.speed_under(self.overrides), spare_s);
+            let (mut speed_mm_s, left_s) =
+                in_time(block, block.speed_under(self.overrides), spare_s);
+            if self.window != 0 {
+                speed_mm_s = in_cells(block, speed_mm_s);
+            }
             let saves = number != 0 && progress == Progress::Followed;
             spare_s = if saves { left_s } else { 0.0 };
             block.speed_mm_s = speed_mm_s;
@@ -110,10 +144,10 @@ impl<const N: usize> Plan<N> {
         }
         self.spare_s = spare_s;
         self.pass = if end == self.count {
-            Pass::Brake {
-                back: 1,
-                exit_sqr: 0.0,
-                is_new: true,
+            if self.is_smooth() {
+                Pass::Legs { number: 0 }
+            } else {
+                Pass::ALL_GATES
             }
         } else {
             Pass::Pace {

@@ -3,6 +3,7 @@
 use super::super::{
     Block, Curve,
     executor::{LONGEST_S, SEGMENT_S, SHORTEST_S, SLIVER_S},
+    smooth::pacer::CELL_S,
 };
 use crate::math;
 
@@ -48,4 +49,30 @@ pub(super) fn in_time(block: &Block, speed_mm_s: f32, spare_s: f32) -> (f32, f32
     let saved_s = math::min(seconds - MEAN_S, math::max(saved_s, LEAST_SAVED_S));
     let spare_s = math::min(spare_s + saved_s, SPARE_S);
     (speed_mm_s, math::max(spare_s, 0.0))
+}
+
+/// Shortest time of an arc where acceleration is continuous, s, and what each of its quarter turns
+/// adds: so that segments have a mean of [`SMOOTH_MEAN_S`], as lines that take a cell have.
+const SMOOTH_ARC_S: f32 = 2.0 * (SMOOTH_MEAN_S - SLIVER_S) / SMOOTH_SAVED;
+const SMOOTH_QUARTER_S: f32 = (1.0 - SMOOTH_SAVED) * (2.0 * SEGMENT_S - LONGEST_S) / SMOOTH_SAVED;
+/// Shortest mean time of segments there, s.
+const SMOOTH_MEAN_S: f32 = 0.75e-3;
+/// The part of its time that a long piece saves.
+const SMOOTH_SAVED: f32 = 1.0 - SMOOTH_MEAN_S / SEGMENT_S;
+
+/// The speed of a block that takes as long as a cell of the reference at least.
+#[inline]
+pub(super) fn in_cells(block: &Block, speed_mm_s: f32) -> f32 {
+    let least_s = match &block.curve {
+        None => CELL_S,
+        Some(curve) => {
+            let quarters = (curve.sweep.unsigned_abs() >> 30) as u32 as f32;
+            SMOOTH_ARC_S + SMOOTH_QUARTER_S * quarters
+        }
+    };
+    if block.length_mm < least_s * speed_mm_s {
+        block.length_mm / least_s
+    } else {
+        speed_mm_s
+    }
 }

@@ -114,6 +114,7 @@ impl Motion {
         // What is left of the move has been counted with it.
         self.plan.clear();
         self.executor.abandon();
+        self.smooth.rest();
         self.settle_on_steps();
     }
 

@@ -50,9 +50,27 @@ impl Motion {
         if self.parking.is_moving() {
             return self.parking.has_motion(self.control.ending);
         }
-        let executes = self.control.executes() && !self.probe.is_touched();
+        let executes = self.executes();
         let has_blocks = !self.plan.is_empty() && (executes || self.executor.is_moving());
         has_blocks || self.dwell_ticks != 0 && executes
+    }
+
+    /// Whether the next segment follows the plan.
+    #[inline]
+    pub(super) fn follows_plan(&self) -> bool {
+        let stands = self.dwell_ticks != 0 && self.executes();
+        !self.homing.is_active() && !self.parking.is_moving() && !stands && !self.plan.is_empty()
+    }
+
+    fn executes(&self) -> bool {
+        self.control.executes() && !self.probe.is_touched()
+    }
+
+    /// The next cell of the reference.
+    #[inline(never)]
+    pub(super) fn pace(&mut self) {
+        let cell = self.plan.cell(!self.executes(), self.smooth.leaving());
+        self.smooth.push(cell.way, cell.end_mm_s);
     }
 
     /// Makes the next segment, in [`Motion::segment`]; false when there is none.
@@ -63,7 +81,7 @@ impl Motion {
         if self.parking.is_moving() {
             return self.parking_segment();
         }
-        let executes = self.control.executes() && !self.probe.is_touched();
+        let executes = self.executes();
         if self.dwell_ticks != 0 && executes {
             self.stand_still();
             return true;
@@ -72,7 +90,14 @@ impl Motion {
         let blocks = self.plan.len();
         let position = self.generator.position();
         let (plan, segment) = (&mut self.plan, &mut self.segment);
-        if !self.executor.next(plan, &position, goal, segment) {
+        let moves = if self.smooth.is_on() {
+            let smooth = &mut self.smooth;
+            self.executor
+                .next_smooth(plan, smooth, &position, goal, segment)
+        } else {
+            self.executor.next(plan, &position, goal, segment)
+        };
+        if !moves {
             return false;
         }
         let done = if self.probe.is_active() {

@@ -35,6 +35,8 @@ pub(super) enum Unit {
     Plan,
     /// One entry.
     Take,
+    /// One cell of the reference, which the next segment needs.
+    Pace,
     /// One segment.
     Segment,
     /// The state that follows from being at rest.
@@ -70,7 +72,7 @@ impl Motion {
         let makes = self.makes_segment(ahead, played, counts);
         let is_urgent = is_running && ahead < URGENT_TICKS || self.generator.is_open();
         if makes && is_urgent {
-            return Unit::Segment;
+            return self.segment_unit();
         }
         if requests.asked() != self.heard {
             return Unit::Obey;
@@ -89,7 +91,7 @@ impl Motion {
             return Unit::Take;
         }
         if makes {
-            Unit::Segment
+            self.segment_unit()
         } else if is_still {
             Unit::Settle
         } else {
@@ -111,7 +113,18 @@ impl Motion {
             | Unit::Find
             | Unit::Plan
             | Unit::Take
+            | Unit::Pace
             | Unit::Segment => true,
+        }
+    }
+
+    /// What makes the next segment: the segment, or a cell for it first.
+    #[inline]
+    fn segment_unit(&self) -> Unit {
+        if !self.generator.is_open() && self.smooth.needs_cell() && self.follows_plan() {
+            Unit::Pace
+        } else {
+            Unit::Segment
         }
     }
 

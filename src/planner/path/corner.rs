@@ -62,7 +62,8 @@ impl Corner {
             return None;
         }
         let turn = Turn::between(&before.direction, &after.direction)?;
-        let acceleration = limits.acceleration_along(&turn.shares());
+        let shares = turn.shares();
+        let acceleration = limits.acceleration_along(&shares);
         let error_mm = math::max(before.error_mm, after.error_mm);
         let allowed_mm = EXACT * (tolerance_mm - error_mm);
         let half_mm = 0.5 * math::min(before.length_mm, after.length_mm);
@@ -76,7 +77,10 @@ impl Corner {
             // What can be reached between this corner and the middle of the shorter line.
             top_sqr: math::min(wanted_sqr, exact_sqr + 2.0 * acceleration * half_mm),
             exact_sqr,
-            round_sqr: math::min(acceleration * radius_mm, in_time_mm_s * in_time_mm_s),
+            round_sqr: math::min(
+                limits.round_sqr(&shares, radius_mm, acceleration),
+                in_time_mm_s * in_time_mm_s,
+            ),
             acceleration,
         };
         let trimmed_mm = radius_mm * turn.tangent();

@@ -31,6 +31,7 @@ impl Router {
         let limit_sqr = acceleration * round.radius_mm;
         let length_mm = round.radius_mm * round.sweep_rad;
         let steps_per_mm = shares.zip(self.limits.steps_per_mm, |share, steps| share * steps);
+        let inwards = |outwards: &Axes<f32>| (*outwards).map(|part| -part / round.radius_mm);
         let circle = self.oblique(round, &along, &outwards, &end_tangent);
         let pieces = circle
             .reversals
@@ -42,7 +43,11 @@ impl Router {
             .min(self.limits.together(&steps_per_mm))
             .min(math::sqrt(limit_sqr))
             .min(length_mm / shortest_s);
-        let programmed_mm_s = pace_mm_s(round.pace, length_mm, rate);
+        let paced = |rate| pace_mm_s(round.pace, length_mm, rate);
+        let (rate, acceleration) =
+            self.limits
+                .bent_round(&shares, round.radius_mm, rate, acceleration, paced);
+        let programmed_mm_s = paced(rate);
         let sweep = f64::from(round.sweep_rad) * PHASE_PER_RAD;
         *work = Work::Move(Block {
             delta: end.fine.zip(self.fine, |to, from| to.0 - from.0),
@@ -54,7 +59,7 @@ impl Router {
             pacing: pacing(round.pace),
             laser: self.laser,
             acceleration_mm_s2: acceleration,
-            junction_sqr: self.junction_sqr(&along),
+            junction_sqr: self.junction_sqr(&along, &inwards(&outwards)),
             curve: Some(Curve {
                 phase: 0,
                 sweep: sweep as i64,
@@ -64,7 +69,8 @@ impl Router {
             }),
             line: round.line,
         });
-        self.finish(round.target, end, end_tangent);
+        let end_outwards = along.zip(outwards, |along, outwards| along * sine + outwards * cosine);
+        self.finish(round.target, end, end_tangent, inwards(&end_outwards));
         true
     }
 

@@ -1,0 +1,106 @@
+//! Segments where acceleration is continuous: along the blocks, at the pace of the reference's mean.
+
+use super::{Executor, Goal, LONGEST_S, SEGMENT_S, START_S, Stretch, WHOLE_Q31, WITHIN, share};
+use crate::{
+    axis::Axes,
+    math,
+    planner::{lookahead::Plan, smooth::Smooth},
+    stepper::Segment,
+    units::FineSteps,
+};
+
+/// What may be left of a block when the machine has come to rest at its end, mm.
+const NOTHING_MM: f32 = 2.0e-4;
+
+impl Executor {
+    /// As [`Executor::next`], when [`Smooth`] needs no cell.
+    #[inline(never)]
+    pub(in crate::planner) fn next_smooth<const N: usize>(
+        &mut self,
+        plan: &mut Plan<N>,
+        smooth: &mut Smooth,
+        position: &Axes<FineSteps>,
+        goal: Goal,
+        segment: &mut Segment,
+    ) -> bool {
+        let goes_on = !smooth.is_at_rest() || plan.pacer().is_moving();
+        let is_behind = goal == Goal::Run && plan.pacer().has_left_first();
+        let Some(block) = plan.current() else {
+            smooth.rest();
+            self.speed_mm_s = 0.0;
+            self.goes_on = false;
+            return false;
+        };
+        if !goes_on && !is_behind {
+            smooth.rest();
+            self.speed_mm_s = 0.0;
+            self.goes_on = false;
+            return false;
+        }
+        if !self.is_begun {
+            self.begin(block, position);
+        }
+        let left_mm = self.left as f32 * (block.length_mm / WHOLE_Q31 as f32);
+        let (length_mm, ends_block) = self.piece_length(block.course(), left_mm);
+        let stretch = walk(smooth, length_mm, goes_on);
+        let ends_block = stretch.ends_piece && ends_block;
+        self.segment(block.course(), &stretch, ends_block, segment);
+        smooth.play(stretch.seconds);
+        self.laser = block.laser;
+        self.part = 0.5 * (self.speed_mm_s + stretch.speed_mm_s) / block.programmed_mm_s;
+        self.speed_mm_s = stretch.speed_mm_s;
+        self.is_over &= stretch.speed_mm_s > block.speed_mm_s * WITHIN;
+        self.goes_on = goes_on;
+        if ends_block {
+            plan.pop();
+            self.is_begun = false;
+        }
+        true
+    }
+}
+
+/// The next stretch of a piece.
+fn walk(smooth: &Smooth, length_mm: f32, goes_on: bool) -> Stretch {
+    if !goes_on {
+        // At rest at its end, but for what rounding left.
+        return Stretch {
+            length_mm,
+            speed_mm_s: 0.0,
+            seconds: SEGMENT_S,
+            ends_piece: true,
+        };
+    }
+    let known_s = smooth.known_s();
+    let (known_mm, _) = smooth.after(known_s);
+    let ahead_s = if smooth.begins() { START_S } else { SEGMENT_S };
+    let mut seconds = ahead_s;
+    let rest_s = smooth.rest_in();
+    let (rest_mm, _) = smooth.after(rest_s);
+    let rests = rest_s < known_s && rest_mm + NOTHING_MM >= length_mm;
+    if rests || length_mm <= known_mm {
+        let (whole_s, speed_mm_s) = if rests {
+            (rest_s, 0.0)
+        } else {
+            smooth.time_for(length_mm)
+        };
+        if whole_s <= LONGEST_S {
+            return Stretch {
+                length_mm,
+                speed_mm_s,
+                seconds: whole_s,
+                ends_piece: true,
+            };
+        }
+        seconds = math::min(seconds, share(whole_s));
+    }
+    let (way_mm, speed_mm_s) = smooth.after(seconds);
+    Stretch {
+        length_mm: math::min(way_mm, length_mm),
+        speed_mm_s,
+        seconds,
+        ends_piece: false,
+    }
+}
+
+#[cfg(test)]
+mod tests;

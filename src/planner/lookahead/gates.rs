@@ -1,0 +1,200 @@
+//! The plan where acceleration is continuous: the gates between blocks, see [`Gate`].
+
+use super::{Plan, pass::Pass};
+use crate::{
+    math,
+    planner::smooth::{
+        gate::{Gate, Least, Leg},
+        pacer::{Cell, Leaving, Pacer, Road},
+    },
+};
+
+/// Blocks that a part of a pass goes through.
+const PART: usize = 2;
+
+/// What the reference needs of a block besides the block.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Pace {
+    /// Greatest speed where it begins, mm/s; 0 where the machine comes to rest.
+    corner_mm_s: f32,
+    /// Greatest acceleration, mm/s²; at its beginning for a way, mm.
+    acceleration_mm_s2: f32,
+    trail_mm_s2: f32,
+    trail_mm: f32,
+    /// Where it begins.
+    gate: Gate,
+}
+
+impl Pace {
+    pub(super) const NONE: Self = Self {
+        corner_mm_s: 0.0,
+        acceleration_mm_s2: 1.0,
+        trail_mm_s2: 1.0,
+        trail_mm: 0.0,
+        gate: Gate::STOP,
+    };
+}
+
+/// The part of the speed that a window of acceleration makes below which a corner is passed at rest:
+/// to keep so low a speed for so long would take longer.
+const LEAST_CORNER: f32 = 0.25;
+
+impl<const N: usize> Plan<N> {
+    /// At rest: acceleration changes within a window from now on, of so many cells; 0 for at once.
+    pub(crate) fn set_window(&mut self, cells: usize, seconds: f32) {
+        self.window = cells;
+        self.window_s = seconds;
+    }
+
+    /// Whether acceleration is continuous.
+    pub(super) const fn is_smooth(&self) -> bool {
+        self.window != 0
+    }
+
+    /// Where the reference is.
+    pub(crate) const fn pacer(&self) -> &Pacer {
+        &self.pacer
+    }
+
+    /// The next cell of the reference.
+    pub(crate) fn cell(&mut self, stops: bool, leaving: Leaving) -> Cell {
+        let mut pacer = self.pacer;
+        let cell = pacer.cell(self, stops, leaving, self.window_s);
+        self.pacer = pacer;
+        cell
+    }
+
+    /// The leg that a block is, and how it is begun, by those before it: in the order of the blocks.
+    pub(super) fn pace_block(&mut self, number: usize) {
+        let place = self.place(number);
+        let limit_sqr = self.ring[place].limit_sqr;
+        if number == 0 {
+            self.least = Least::NONE;
+        }
+        let before = self.leg(number.wrapping_sub(1)).filter(|_| number != 0);
+        let block = &self.ring[place].block;
+        let mut corner_mm_s = math::sqrt(limit_sqr);
+        let mut leg = Leg {
+            length_mm: block.length_mm,
+            speed_mm_s: block.speed_mm_s,
+            acceleration_mm_s2: block.acceleration_mm_s2,
+            trail_mm_s2: block.acceleration_mm_s2,
+            trail_mm: 0.0,
+        };
+        if let Some(before) = before {
+            let a = math::min(before.acceleration_mm_s2, leg.acceleration_mm_s2);
+            let slow_mm_s = LEAST_CORNER * a * self.window_s;
+            if block.junction_sqr < slow_mm_s * slow_mm_s {
+                corner_mm_s = 0.0;
+                self.least = Least::NONE;
+            } else {
+                let reach_mm = 0.5 * self.window_s * corner_mm_s;
+                let own = Leg {
+                    acceleration_mm_s2: self.ring[self.place(number - 1)].block.acceleration_mm_s2,
+                    ..before
+                };
+                self.least = self.least.after(&own, reach_mm);
+                leg = leg.behind(&self.least, reach_mm);
+            }
+        }
+        let pace = &mut self.ring[place].pace;
+        pace.corner_mm_s = corner_mm_s;
+        pace.acceleration_mm_s2 = leg.acceleration_mm_s2;
+        pace.trail_mm_s2 = leg.trail_mm_s2;
+        pace.trail_mm = leg.trail_mm;
+    }
+
+    /// A part of the pass in the order of the blocks.
+    pub(super) fn find_legs(&mut self, from: usize) {
+        let end = self.count.min(from + PART);
+        // wcet-bound: 2
+        for number in from..end {
+            self.pace_block(number);
+        }
+        self.pass = if end == self.count {
+            Pass::ALL_GATES
+        } else {
+            Pass::Legs { number: end }
+        };
+    }
+
+    /// A part of the backward pass.
+    pub(super) fn open_gates(&mut self, from: usize, is_new: bool) {
+        self.pass = Pass::Done;
+        let end = self.count.min(from + PART);
+        // wcet-bound: 2
+        for back in from..end {
+            let number = self.count - back;
+            let place = self.place(number);
+            let Some(leg) = self.leg(number) else {
+                return;
+            };
+            let corner_mm_s = self.ring[place].pace.corner_mm_s;
+            let gate = self.gate(number).before(&leg, corner_mm_s, self.window_s);
+            let pace = &mut self.ring[place].pace;
+            if gate == pace.gate && !is_new {
+                self.keep_followed(number);
+                return;
+            }
+            pace.gate = gate;
+        }
+        if end < self.count {
+            self.pass = Pass::Brake {
+                back: end,
+                exit_sqr: 0.0,
+                is_new,
+            };
+        } else if !is_new {
+            self.keep_followed(0);
+        }
+    }
+
+    /// A block that came late may ask for lower speeds before it, or softer braking, than the end of the
+    /// path did: then the machine comes to rest there all the same. The gates behind a number are new.
+    fn keep_followed(&mut self, number: usize) {
+        if number > self.pacer.number() {
+            return;
+        }
+        let newest = self.place(self.count.wrapping_sub(1));
+        let is_stop = self.ring[newest].pace.corner_mm_s <= 0.0;
+        if is_stop || !self.pacer.is_over(self, self.window, self.window_s) {
+            return;
+        }
+        self.ring[newest].block.junction_sqr = 0.0;
+        self.ring[newest].limit_sqr = 0.0;
+        self.ring[newest].pace.corner_mm_s = 0.0;
+        self.pass = Pass::NEWEST_GATES;
+    }
+
+    const fn place(&self, number: usize) -> usize {
+        self.first.wrapping_add(number) & (N - 1)
+    }
+}
+
+impl<const N: usize> Road for Plan<N> {
+    #[inline]
+    fn leg(&self, number: usize) -> Option<Leg> {
+        let planned = &self.ring[self.place(number)];
+        (number < self.count).then_some(Leg {
+            length_mm: planned.block.length_mm,
+            speed_mm_s: planned.block.speed_mm_s,
+            acceleration_mm_s2: planned.pace.acceleration_mm_s2,
+            trail_mm_s2: planned.pace.trail_mm_s2,
+            trail_mm: planned.pace.trail_mm,
+        })
+    }
+
+    #[inline]
+    fn gate(&self, number: usize) -> &Gate {
+        if number + 1 < self.count {
+            &self.ring[self.place(number + 1)].pace.gate
+        } else {
+            &Gate::STOP
+        }
+    }
+
+    #[inline]
+    fn corner_mm_s(&self, number: usize) -> f32 {
+        self.ring[self.place(number + 1)].pace.corner_mm_s
+    }
+}

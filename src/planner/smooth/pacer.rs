@@ -1,0 +1,312 @@
+//! How far along the path the reference goes in each cell of time.
+
+use super::{
+    UNIT_MM, UNITS_PER_MM,
+    gate::{Gate, Leg},
+};
+use crate::math;
+
+/// A cell of time, s.
+pub(crate) const CELL_S: f32 = 1.0e-3;
+/// Blocks that a cell touches at most: each takes as long as a cell at least.
+const LEGS: usize = 2;
+/// Stands for no limit of a speed, mm/s.
+const NO_LIMIT: f32 = 1.0e9;
+/// Part of what a cell can brake that is gone through without braking before a place to be passed at
+/// rest: what rounding leaves.
+const SLIVER: f32 = 0.05;
+
+/// The blocks ahead, and the gates at their ends.
+pub(crate) trait Road {
+    /// The leg with a number, the oldest is 0.
+    fn leg(&self, number: usize) -> Option<Leg>;
+    /// The gate at its end.
+    fn gate(&self, number: usize) -> &Gate;
+    /// Greatest speed at its end, mm/s.
+    fn corner_mm_s(&self, number: usize) -> f32;
+}
+
+/// What leaves the window.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Leaving {
+    /// The change of speed in the cell that does, mm/s.
+    pub(crate) change: f32,
+    /// There is no motion in the window.
+    pub(crate) is_rest: bool,
+}
+
+/// The way of a cell, and how fast its end is.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Cell {
+    /// The way, units.
+    pub(crate) way: u32,
+    /// Speed at its end, mm/s.
+    pub(crate) end_mm_s: f32,
+}
+
+/// Where the reference is.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Pacer {
+    /// The block, counted from the oldest.
+    number: usize,
+    is_begun: bool,
+    /// What is left of it, units, and what rounding ways to units left over, units.
+    left: u64,
+    carry: f32,
+    speed_mm_s: f32,
+    /// Cells since it has accelerated.
+    since_gain: usize,
+    /// A speed that is not exceeded for a way behind slower places.
+    cap_mm_s: f32,
+    cap_mm: f32,
+}
+
+/// What a cell can do.
+struct Reach {
+    /// Greatest speed at its end so that there is room to brake, and if it accelerates.
+    brake: f32,
+    free: f32,
+    /// The lowest limit of the blocks.
+    top: f32,
+    /// The greatest change of speed by braking.
+    hardest: f32,
+}
+
+impl Pacer {
+    /// At the beginning of the oldest block.
+    pub(crate) const START: Self = Self {
+        number: 0,
+        is_begun: false,
+        left: 0,
+        carry: 0.0,
+        speed_mm_s: 0.0,
+        since_gain: usize::MAX,
+        cap_mm_s: NO_LIMIT,
+        cap_mm: 0.0,
+    };
+
+    /// Whether it moves.
+    pub(crate) fn is_moving(&self) -> bool {
+        self.speed_mm_s > 0.0
+    }
+
+    /// The number of its block, the oldest is 0.
+    pub(crate) fn number(&self) -> usize {
+        self.number
+    }
+
+    /// Whether nothing of the oldest block is left for it.
+    pub(crate) fn has_left_first(&self) -> bool {
+        self.number > 0 || self.is_begun && self.left == 0
+    }
+
+    fn left_mm(&self) -> f32 {
+        let high = (self.left >> 16) as u32 as f32;
+        let low = (self.left as u32 & 0xffff) as f32;
+        (high * 65_536.0 + low) * UNIT_MM
+    }
+
+    fn enter(&mut self, leg: &Leg) {
+        let high = leg.length_mm * (UNITS_PER_MM / 65_536.0);
+        let whole = high as u32;
+        let low = ((high - whole as f32) * 65_536.0) as u32;
+        self.left = u64::from(whole) << 16 | u64::from(low);
+        self.is_begun = true;
+    }
+
+    /// The next cell.
+    pub(crate) fn cell(
+        &mut self,
+        road: &impl Road,
+        stops: bool,
+        leaving: Leaving,
+        window_s: f32,
+    ) -> Cell {
+        let way = self.way(road, stops, leaving, window_s);
+        Cell {
+            way,
+            end_mm_s: self.speed_mm_s,
+        }
+    }
+
+    fn way(&mut self, road: &impl Road, stops: bool, leaving: Leaving, window_s: f32) -> u32 {
+        self.since_gain = self.since_gain.saturating_add(1);
+        if !self.is_begun {
+            let Some(leg) = road.leg(self.number) else {
+                return 0;
+            };
+            self.enter(&leg);
+        }
+        if self.left == 0 && !self.pass(road, leaving.is_rest, window_s) {
+            self.speed_mm_s = 0.0;
+            return 0;
+        }
+        let Some(leg) = road.leg(self.number) else {
+            return 0;
+        };
+        let gate = road.gate(self.number);
+        let left_mm = self.left_mm();
+        let v = self.speed_mm_s;
+        let gain = gate.acceleration(&leg, left_mm) * CELL_S;
+        let reach = self.reach(road, &leg, gain, window_s);
+        let most = v + math::min(gain, math::max(leaving.change + gain, 0.0));
+        let hardest = reach.hardest;
+        let least = v + math::max(-hardest, math::min(leaving.change - hardest, 0.0));
+        let mut reached = math::min(most, math::min(reach.top, self.cap_mm_s));
+        if reached > v {
+            reached = math::max(v, math::min(reached, reach.free));
+        }
+        reached = if stops {
+            0.0
+        } else {
+            math::min(reached, reach.brake)
+        };
+        reached = math::max(reached, math::max(least, 0.0));
+        let rest_mm = (0.5 * v + SLIVER * gain) * CELL_S;
+        if gate.is_stop() && v <= gain && left_mm <= rest_mm {
+            // Less than a cell of braking is left.
+            self.speed_mm_s = 0.0;
+            self.carry = 0.0;
+            return self.advance(road, self.left, window_s);
+        }
+        if reached > v {
+            self.since_gain = 0;
+        }
+        self.speed_mm_s = reached;
+        let way = 0.5 * (v + reached) * (CELL_S * UNITS_PER_MM) + self.carry;
+        let whole = way as u32;
+        self.carry = way - whole as f32;
+        self.advance(road, u64::from(whole), window_s)
+    }
+
+    /// What a cell can do, by the blocks that it may touch.
+    fn reach(&self, road: &impl Road, leg: &Leg, gain: f32, window_s: f32) -> Reach {
+        let far_mm = (self.speed_mm_s + 0.5 * gain) * CELL_S;
+        let mut way_mm = self.left_mm();
+        let mut leg = *leg;
+        let mut reach = Reach {
+            brake: NO_LIMIT,
+            free: NO_LIMIT,
+            top: leg.speed_mm_s,
+            hardest: gain,
+        };
+        // wcet-bound: 2
+        for number in self.number..self.number + LEGS {
+            let gate = road.gate(number);
+            let (brake, free) = gate.speeds(&leg, way_mm, self.speed_mm_s, CELL_S, window_s);
+            reach.brake = math::min(reach.brake, brake);
+            reach.free = math::min(reach.free, free);
+            if way_mm >= far_mm || gate.is_stop() {
+                break;
+            }
+            let Some(next) = road.leg(number + 1) else {
+                break;
+            };
+            reach.top = math::min(reach.top, next.speed_mm_s);
+            way_mm += next.length_mm;
+            leg = next;
+            let behind = road.gate(number + 1);
+            let next_gain = behind.acceleration(&leg, leg.length_mm) * CELL_S;
+            reach.hardest = math::max(reach.hardest, next_gain);
+        }
+        reach
+    }
+
+    /// Whether it is faster than it may be by the gate ahead, in the leg that it is in.
+    pub(crate) fn is_over(&self, road: &impl Road, window: usize, window_s: f32) -> bool {
+        let Some(leg) = road.leg(self.number) else {
+            return false;
+        };
+        if !self.is_begun || !self.is_moving() {
+            return self.is_begun && self.left == 0;
+        }
+        let gate = road.gate(self.number);
+        let left_mm = self.left_mm();
+        if gate.acceleration(&leg, left_mm) < leg.acceleration(left_mm) {
+            return true;
+        }
+        let (brake, free) = gate.speeds(&leg, left_mm, self.speed_mm_s, 0.0, window_s);
+        let limit = if self.since_gain < window {
+            free
+        } else {
+            brake
+        };
+        self.speed_mm_s > limit * 1.001
+    }
+
+    /// Goes on by a way, and tells how far that was.
+    fn advance(&mut self, road: &impl Road, way: u64, window_s: f32) -> u32 {
+        let mut to_go = way;
+        // wcet-bound: 2
+        for _ in 0..LEGS {
+            if to_go < self.left {
+                self.left -= to_go;
+                self.go(to_go);
+                return way as u32;
+            }
+            to_go -= self.left;
+            self.go(self.left);
+            self.left = 0;
+            if to_go == 0 {
+                return way as u32;
+            }
+            if !self.pass(road, false, window_s) {
+                self.speed_mm_s = 0.0;
+                break;
+            }
+        }
+        (way - to_go) as u32
+    }
+
+    fn go(&mut self, way: u64) {
+        self.cap_mm -= way as u32 as f32 * UNIT_MM;
+        if self.cap_mm <= 0.0 {
+            self.cap_mm_s = NO_LIMIT;
+            self.cap_mm = 0.0;
+        }
+    }
+
+    /// Passes the end of a block, if that may be.
+    fn pass(&mut self, road: &impl Road, is_rest: bool, window_s: f32) -> bool {
+        let gate = road.gate(self.number);
+        let (Some(leg), Some(next)) = (road.leg(self.number), road.leg(self.number + 1)) else {
+            return false;
+        };
+        if gate.is_stop() {
+            if !is_rest {
+                return false;
+            }
+            self.cap_mm_s = NO_LIMIT;
+        } else {
+            let a = math::min(leg.acceleration_mm_s2, next.acceleration_mm_s2);
+            self.limit(leg.speed_mm_s, a, window_s);
+            self.limit(road.corner_mm_s(self.number), a, window_s);
+        }
+        self.number += 1;
+        self.enter(&next);
+        true
+    }
+
+    /// A limit that holds behind the place too.
+    fn limit(&mut self, speed_mm_s: f32, a: f32, window_s: f32) {
+        let reach_mm = 0.5 * window_s * speed_mm_s;
+        let (low, low_mm, high, high_mm) = if speed_mm_s <= self.cap_mm_s {
+            (speed_mm_s, reach_mm, self.cap_mm_s, self.cap_mm)
+        } else {
+            (self.cap_mm_s, self.cap_mm, speed_mm_s, reach_mm)
+        };
+        let way_mm = high_mm - 0.5 / a * (high * high - low * low);
+        self.cap_mm = math::max(low_mm, way_mm);
+        self.cap_mm_s = low;
+    }
+
+    /// The oldest block has been removed.
+    pub(crate) fn popped(&mut self) {
+        if self.number == 0 {
+            // Rounding: what was left of it is nothing.
+            self.is_begun = false;
+        } else {
+            self.number -= 1;
+        }
+    }
+}

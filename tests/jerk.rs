@@ -1,0 +1,236 @@
+//! Motion with limits of jerk, as the step pins show it.
+#![cfg(not(target_os = "none"))]
+
+mod support;
+
+use leadscrew::{
+    axis::Axes,
+    planner::{Command, Pace},
+    settings::Settings,
+    units::{Nm, TICKS_PER_MS},
+};
+use proptest::prelude::*;
+use support::{
+    Act, Rig, Trace, at, cases, check_limits, check_path, line, line_at, number, target,
+    target_steps, with,
+};
+
+const DOOR: u8 = 0x84;
+const RESET: u8 = support::RESET;
+
+fn machine(jerk: f32) -> Settings {
+    Settings {
+        jerk_mm_s3: Axes::all(jerk),
+        ..with(&[320.0, 320.0, 400.0], &[6000.0], &[500.0])
+    }
+}
+
+/// A line from rest to rest whose speed is the mean, over a window, of that of a trapezoid.
+struct Mean {
+    length: f64,
+    speed: f64,
+    acceleration: f64,
+    window: f64,
+}
+
+impl Mean {
+    fn trapezoid_s(&self) -> f64 {
+        self.length / self.speed + self.speed / self.acceleration
+    }
+
+    /// Way of the trapezoid after a time.
+    fn trapezoid(&self, seconds: f64) -> f64 {
+        let (end, ramp) = (self.trapezoid_s(), self.speed / self.acceleration);
+        let ramped = |t: f64| 0.5 * self.acceleration * t.clamp(0.0, ramp).powi(2);
+        let cruised = self.speed * (seconds - ramp).clamp(0.0, end - 2.0 * ramp);
+        ramped(seconds) + cruised + ramped(ramp) - ramped(end - seconds.clamp(end - ramp, end))
+    }
+
+    /// When each way is done, in rising order.
+    fn when(&self, ways: impl Iterator<Item = f64>) -> Vec<f64> {
+        const DT: f64 = 2.0e-6;
+        let speed = |t: f64| (self.trapezoid(t) - self.trapezoid(t - self.window)) / self.window;
+        let (mut t, mut done, mut before) = (0.0, 0.0, 0.0);
+        let mut times = Vec::new();
+        for way in ways {
+            while done < way && t < 10.0 {
+                before = done;
+                done += 0.5 * (speed(t) + speed(t + DT)) * DT;
+                t += DT;
+            }
+            times.push(t - DT * (done - way) / (done - before).max(1.0e-12));
+        }
+        times
+    }
+}
+
+/// RMS of the error of the intervals between steps, relative to the exact interval.
+fn interval_error_rms(times: &[f64], exact: &[f64]) -> f64 {
+    let errors = times.windows(2).zip(exact.windows(2)).map(|(real, ideal)| {
+        let interval = ideal[1] - ideal[0];
+        ((real[1] - real[0]) - interval) / interval
+    });
+    (errors.map(|error| error * error).sum::<f64>() / (times.len() - 1) as f64).sqrt()
+}
+
+/// Greatest change of acceleration over time of an axis, from mean speeds over windows, mm/s³.
+fn hardest_jerk(trace: &Trace, axis: usize, per_mm: f64, window_s: f64) -> f64 {
+    let steps = trace.steps(axis);
+    let mut means = Vec::new();
+    let mut first = 0;
+    for (last, step) in steps.iter().enumerate() {
+        let seconds = step.seconds - steps[first].seconds;
+        if seconds >= window_s {
+            let middle = 0.5 * (step.seconds + steps[first].seconds);
+            means.push((middle, (last - first) as f64 / per_mm / seconds));
+            first = last;
+        }
+    }
+    let slope = |a: (f64, f64), b: (f64, f64)| (0.5 * (a.0 + b.0), (b.1 - a.1) / (b.0 - a.0));
+    let gains: Vec<_> = means.windows(2).map(|two| slope(two[0], two[1])).collect();
+    let jerks = gains.windows(2).map(|two| slope(two[0], two[1]).1.abs());
+    jerks.fold(0.0, f64::max)
+}
+
+#[test]
+fn a_line_is_the_third_order_optimum() {
+    let settings = machine(10_000.0);
+    let way = [100.0_f64, 61.8, 38.2];
+    let trace = Rig::play(&settings, &number(&[line(&way, 6000.0)]));
+    trace.check_pulses();
+    check_limits(&settings, &trace);
+    assert_eq!(trace.net_steps(), target_steps(&settings, &at(&way)));
+    let length = way.iter().map(|way| way * way).sum::<f64>().sqrt();
+    let ideal = Mean {
+        length,
+        speed: 100.0,
+        acceleration: 500.0 * length / 100.0,
+        window: 0.051,
+    };
+    let optimum = ideal.trapezoid_s() + 0.05;
+    let whole = trace.whole_seconds();
+    println!("{whole:.4} s of {optimum:.4} s");
+    assert!(whole <= optimum * 1.005, "{whole}");
+    let start = trace.starts[0] as f64 / support::TICKS_PER_S;
+    for (axis, way) in way.into_iter().enumerate() {
+        let per_mm = f64::from(settings.steps_per_mm[axis].to_f32());
+        let steps = trace.steps(axis);
+        let times: Vec<f64> = steps.iter().map(|step| step.seconds - start).collect();
+        let ways = steps
+            .iter()
+            .map(|step| (f64::from(step.position) - 0.5) / per_mm * length / way);
+        let rms = interval_error_rms(&times, &ideal.when(ways));
+        let jerk = hardest_jerk(&trace, axis, per_mm, 0.004);
+        println!(
+            "axis {axis}: interval error {:.3} % rms, jerk {jerk:.0} mm/s³",
+            rms * 100.0
+        );
+        assert!(rms <= 0.005, "axis {axis}: {rms}");
+        assert!(axis > 0 || jerk <= 10_000.0 * 1.05, "{jerk}");
+    }
+}
+
+#[test]
+fn a_hold_and_a_cancelled_jog_take_a_window_more_than_the_trapezoid() {
+    let settings = machine(10_000.0);
+    let target = || at(&[200.0]);
+    for (pace, byte) in [(Pace::Feed(6000.0), b'!'), (Pace::Jog(6000.0), 0x85)] {
+        for ms in [5, 40, 60, 150, 400, 700] {
+            let asked = ms * u64::from(TICKS_PER_MS);
+            let mut rig = Rig::new(&settings);
+            let resume = (asked + 100_000_000, b'~');
+            let acts = [(asked, byte), resume];
+            rig.run(&number(&[line_at(target(), pace)]), &acts);
+            rig.trace.check_pulses();
+            check_limits(&settings, &rig.trace);
+            let before = rig.trace.edges.iter().filter(|edge| edge.ticks < resume.0);
+            let stopped = before.map(|edge| edge.ticks).max().unwrap_or(0);
+            // 100 mm/s at 500 mm/s², the window to end an acceleration and the one to brake, what is
+            // queued ahead, and the cells.
+            let longest = 200 + 2 * 51 + 4 + 2 + 3;
+            let took = stopped.saturating_sub(asked) / u64::from(TICKS_PER_MS);
+            assert!(took <= longest, "{took} ms");
+        }
+    }
+}
+
+/// Lines, some of them rapid or short.
+fn lines() -> impl Strategy<Value = Vec<Command>> {
+    let coordinate = prop_oneof![
+        4 => -3_000_000..3_000_000_i64,
+        2 => -30_000..30_000_i64,
+        1 => Just(0_i64),
+    ];
+    let pace = prop_oneof![Just(Pace::Rapid), (20.0..12_000.0_f32).prop_map(Pace::Feed),];
+    let line = (prop::array::uniform3(coordinate), pace).prop_map(|(nm, pace)| {
+        line_at(
+            Axes::from_fn(|axis| nm.get(axis).map_or(Nm(0), |nm| Nm(*nm))),
+            pace,
+        )
+    });
+    prop::collection::vec(line, 1..12)
+}
+
+/// Machines whose acceleration takes 1 to 150 ms.
+fn machines() -> impl Strategy<Value = Settings> {
+    let steps = prop::sample::select(vec![78.74, 80.0, 250.0, 320.0, 1000.0 / 3.0]);
+    (
+        prop::array::uniform3(steps),
+        prop::array::uniform3(60.0..12_000.0_f32),
+        prop::array::uniform3(5.0..5000.0_f32),
+        prop::array::uniform3(0.001..0.15_f32),
+    )
+        .prop_map(|(steps, rates, accelerations, seconds)| Settings {
+            jerk_mm_s3: Axes::from_fn(|axis| {
+                let axis = axis.min(2);
+                accelerations[axis] / seconds[axis]
+            }),
+            ..with(&steps, &rates, &accelerations)
+        })
+}
+
+fn acts(bytes: &'static [u8]) -> impl Strategy<Value = Vec<Act>> {
+    let byte = prop::sample::select(bytes);
+    prop::collection::vec((0..700_u64, byte), 0..16).prop_map(|mut acts| {
+        acts.sort_unstable();
+        acts.into_iter()
+            .map(|(ms, byte)| (ms * u64::from(TICKS_PER_MS) + 7919 * ms, byte))
+            .collect()
+    })
+}
+
+/// A move too short for a step becomes part of the next: that one's path begins up to a step off.
+fn slack(settings: &Settings, commands: &[Command]) -> f64 {
+    let mut before = Axes::all(0);
+    let mut has_shifted = false;
+    for target in commands.iter().filter_map(target) {
+        let steps = target_steps(settings, &target);
+        has_shifted |= steps == before;
+        before = steps;
+    }
+    if has_shifted { 1.0 } else { 0.0 }
+}
+
+proptest! {
+    #![proptest_config(cases(48))]
+
+    #[test]
+    fn no_order_of_events_loses_a_step_or_breaks_a_limit(
+        settings in machines(),
+        commands in lines(),
+        acts in acts(&[0x90, 0x91, 0x92, 0x91, 0x92, 0x95, 0x96, 0x97, b'!', b'~', b'~', DOOR, RESET]),
+        feed_ticks in prop::sample::select(vec![0, 100_000, 3_000_000_u64]),
+    ) {
+        let commands = number(&commands);
+        let mut rig = Rig::new(&settings);
+        rig.feed_ticks = feed_ticks;
+        rig.run(&commands, &acts);
+        rig.trace.check_pulses();
+        check_limits(&settings, &rig.trace);
+        if rig.trace.resets.is_empty() {
+            check_path(&settings, &commands, &rig.trace, slack(&settings, &commands));
+            let end = commands.last().and_then(target).unwrap();
+            prop_assert_eq!(rig.trace.net_steps(), target_steps(&settings, &end));
+        }
+    }
+}
