@@ -44,6 +44,8 @@ pub(super) const SHORTEST_S: f32 = 0.5 * LONGEST_S;
 const START_S: f32 = 0.97 * LONGEST_S;
 /// What is shorter than that before or after a reversal is no piece of its own, s.
 pub(super) const SLIVER_S: f32 = 1.0e-4;
+/// The same where acceleration is continuous.
+pub(super) const SMOOTH_SLIVER_S: f32 = 4.0e-4;
 /// Stands for an acceleration of 0, as at the speed limit of an arc, mm/s², where the block's own is
 /// not that small.
 const LEAST_MM_S2: f32 = 1.0e-3;
@@ -295,7 +297,7 @@ impl Executor {
             exit: course.measure(math::min(exit_sqr, top_sqr)),
             ends_block: true,
         };
-        let (length_mm, ends_block) = self.piece_length(course, left_mm);
+        let (length_mm, ends_block) = self.piece_length(course, left_mm, SLIVER_S);
         if !ends_block {
             let rest = course.measure_per_mm() * (left_mm - length_mm);
             piece = Piece {
@@ -307,10 +309,11 @@ impl Executor {
         piece
     }
 
-    /// The length of what is left of a piece, and whether it ends the block, of which so much is left.
-    fn piece_length(&self, course: Course<'_>, left_mm: f32) -> (f32, bool) {
+    /// The length of what is left of a piece, and whether it ends the block, of which so much is left;
+    /// what is shorter than a sliver at the block's speed is no piece of its own.
+    fn piece_length(&self, course: Course<'_>, left_mm: f32, sliver_s: f32) -> (f32, bool) {
         if let Some(curve) = course.curve {
-            let sliver_mm = SLIVER_S * course.block.speed_mm_s;
+            let sliver_mm = sliver_s * course.block.speed_mm_s;
             let length_mm = match &curve.shape {
                 Shape::Flat { .. } => self.way_to_quarter(curve, sliver_mm),
                 Shape::Oblique(circle) => self.way_on(course.block, circle, sliver_mm),

@@ -1,6 +1,9 @@
 //! Segments where acceleration is continuous: along the blocks, at the pace of the reference's mean.
 
-use super::{Executor, Goal, LONGEST_S, SEGMENT_S, START_S, Stretch, WHOLE_Q31, WITHIN, share};
+use super::{
+    Executor, Goal, LONGEST_S, SEGMENT_S, SMOOTH_SLIVER_S, START_S, Stretch, WHOLE_Q31, WITHIN,
+    share,
+};
 use crate::{
     axis::Axes,
     math,
@@ -41,7 +44,7 @@ impl Executor {
             self.begin(block, position);
         }
         let left_mm = self.left as f32 * (block.length_mm / WHOLE_Q31 as f32);
-        let (length_mm, ends_block) = self.piece_length(block.course(), left_mm);
+        let (length_mm, ends_block) = self.piece_length(block.course(), left_mm, SMOOTH_SLIVER_S);
         let stretch = walk(smooth, length_mm, goes_on);
         let ends_block = stretch.ends_piece && ends_block;
         self.segment(block.course(), &stretch, ends_block, segment);

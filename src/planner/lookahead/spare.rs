@@ -2,7 +2,7 @@
 
 use super::super::{
     Block, Curve,
-    executor::{LONGEST_S, SEGMENT_S, SHORTEST_S, SLIVER_S},
+    executor::{LONGEST_S, SEGMENT_S, SHORTEST_S, SLIVER_S, SMOOTH_SLIVER_S},
     smooth::pacer::CELL_S,
 };
 use crate::math;
@@ -53,7 +53,7 @@ pub(super) fn in_time(block: &Block, speed_mm_s: f32, spare_s: f32) -> (f32, f32
 
 /// Shortest time of an arc where acceleration is continuous, s, and what each of its quarter turns
 /// adds: so that segments have a mean of [`SMOOTH_MEAN_S`], as lines that take a cell have.
-const SMOOTH_ARC_S: f32 = 2.0 * (SMOOTH_MEAN_S - SLIVER_S) / SMOOTH_SAVED;
+const SMOOTH_ARC_S: f32 = 2.0 * (SMOOTH_MEAN_S - SMOOTH_SLIVER_S) / SMOOTH_SAVED;
 const SMOOTH_QUARTER_S: f32 = (1.0 - SMOOTH_SAVED) * (2.0 * SEGMENT_S - LONGEST_S) / SMOOTH_SAVED;
 /// Shortest mean time of segments there, s.
 const SMOOTH_MEAN_S: f32 = 0.75e-3;
