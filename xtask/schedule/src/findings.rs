@@ -3,7 +3,7 @@
 use std::collections::{BTreeMap, BTreeSet};
 
 use crate::{
-    Count, Flaw, Place, Report, Rule, Section, Stack, cause, config,
+    Count, Flaw, Function, Place, Report, Rule, Section, Stack, cause, config,
     sections::Held,
     stack::{self, Depths, FLOAT_FRAME_BYTES, FRAME_BYTES},
     subject::{Row, Subject, misconfigured},
@@ -136,7 +136,12 @@ pub(crate) fn of_stacks(subject: &Subject<'_>, report: &mut Report) -> Vec<Flaw>
             0
         })
     };
-    levels.entry(0).or_default().1 = depth(main, "Reset");
+    let alone = depth(main, "Reset");
+    let under_tasks = initialisation(subject).map(|it| {
+        let depths = Depths::new(subject.program.functions(), &is_panic, &pointers);
+        depths.under_tasks(it).depth(main).unwrap_or(alone)
+    });
+    levels.entry(0).or_default().1 = under_tasks.unwrap_or(alone);
     let priorities: BTreeSet<u8> = subject.rows.iter().map(|row| row.task.priority).collect();
     for priority in priorities {
         let frame = if floats {
@@ -167,10 +172,17 @@ pub(crate) fn of_stacks(subject: &Subject<'_>, report: &mut Report) -> Vec<Flaw>
         bytes,
     });
     report.stack = levels.collect();
-    report.stack_worst_bytes = report.stack.iter().map(|stack| stack.bytes).sum();
+    let together: u64 = report.stack.iter().map(|stack| stack.bytes).sum();
+    report.stack_worst_bytes = together.max(alone);
     report.stack_available_bytes = available(subject);
     flaws.extend(overflow(report));
     flaws
+}
+
+/// What RTIC runs first, with interrupts off until its end.
+fn initialisation<'a>(subject: &'a Subject<'_>) -> Option<&'a Function> {
+    let mut functions = subject.program.functions().values();
+    functions.find(|it| config::is_named(&it.name, "main::__rtic_init_resources"))
 }
 
 fn overflow(report: &Report) -> Option<Flaw> {

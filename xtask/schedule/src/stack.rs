@@ -6,7 +6,7 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 
-use crate::{Function, Instruction, Operation, wcet::Functions};
+use crate::{Block, Function, Instruction, Operation, wcet::Functions};
 
 /// Frame of an exception with and without the registers of the floating-point unit, and what aligns
 /// it. ARMv7-M reference manual B1.5.7.
@@ -32,6 +32,8 @@ pub(crate) struct Depths<'a> {
     is_ignored: &'a dyn Fn(u32) -> bool,
     /// What the pointers that a function calls may point to.
     pointers: &'a BTreeMap<u32, BTreeSet<u32>>,
+    /// Blocks of functions whose calls do not count.
+    left_out: BTreeSet<(u32, usize)>,
     known: BTreeMap<u32, Result<u64, u32>>,
 }
 
@@ -47,8 +49,67 @@ impl<'a> Depths<'a> {
             functions,
             is_ignored,
             pointers,
+            left_out: BTreeSet::new(),
             known: BTreeMap::new(),
         }
+    }
+
+    /// The same without what a function calls before it lets interrupts in, as long as nothing of
+    /// that can let them in: no task is on top of it.
+    pub(crate) fn under_tasks(mut self, function: &Function) -> Self {
+        let opens = |block: &Block| (block.instructions.iter()).any(|it| lets_in(function, it));
+        let from = (0..function.blocks.len()).filter(|at| opens(&function.blocks[*at]));
+        let mut behind: BTreeSet<usize> = BTreeSet::new();
+        let mut work: Vec<usize> = from.collect();
+        if work.is_empty() {
+            return self;
+        }
+        while let Some(block) = work.pop() {
+            if behind.insert(block) {
+                work.extend(function.blocks[block].successors.iter().map(|edge| edge.to));
+            }
+        }
+        for (at, block) in function.blocks.iter().enumerate() {
+            let is_quiet = |call| self.is_quiet(call, &mut BTreeSet::new());
+            if !behind.contains(&at) && block.call.is_some_and(is_quiet) {
+                self.left_out.insert((function.address, at));
+            }
+        }
+        self.known.clear();
+        self
+    }
+
+    /// Whether a function, with all that it calls, can let no interrupt in.
+    fn is_quiet(&self, address: u32, seen: &mut BTreeSet<u32>) -> bool {
+        if !seen.insert(address) || (self.is_ignored)(address) {
+            return true;
+        }
+        let Some(function) = self.functions.get(&address) else {
+            return false;
+        };
+        if function.blocks.is_empty() {
+            return false;
+        }
+        let mut instructions = function.blocks.iter().flat_map(|it| &it.instructions);
+        if instructions.any(|it| lets_in(function, it)) {
+            return false;
+        }
+        let mut called: BTreeSet<u32> = function.blocks.iter().filter_map(|it| it.call).collect();
+        for block in &function.blocks {
+            for (at, instruction) in block.instructions.iter().enumerate() {
+                let Some(register) = pointer(&instruction.operation) else {
+                    continue;
+                };
+                if let Some(address) = constant(register, &block.instructions[..at]) {
+                    called.insert(address & !1);
+                } else if let Some(pointed) = self.pointers.get(&address) {
+                    called.extend(pointed);
+                } else {
+                    return false;
+                }
+            }
+        }
+        called.into_iter().all(|call| self.is_quiet(call, seen))
     }
 
     /// Bytes that a function takes, with what it calls.
@@ -115,8 +176,10 @@ impl<'a> Depths<'a> {
             if let (Some(call), Value::Stack(sp)) = (block.call, registers[usize::from(SP)])
                 && !(self.is_ignored)(call)
             {
-                let callee = self.depth(call)?;
-                deepest = deepest.max(callee.cast_signed() - sp);
+                if !self.left_out.contains(&(function.address, index)) {
+                    let callee = self.depth(call)?;
+                    deepest = deepest.max(callee.cast_signed() - sp);
+                }
                 clobber(&mut registers);
             }
             for edge in &block.successors {
@@ -131,6 +194,20 @@ impl<'a> Depths<'a> {
             }
         }
         Ok(deepest.max(0) as u64)
+    }
+}
+
+/// Whether an instruction lets interrupts in that were kept out. What is written back to the mask
+/// is what it was before, and so does not, unless it is known to be otherwise.
+fn lets_in(function: &Function, instruction: &Instruction) -> bool {
+    const PRIMASK: u8 = 16;
+    match instruction.operation {
+        Operation::Interrupts { off } => !off,
+        Operation::WriteSpecial { register, .. } if register == PRIMASK => {
+            let written = function.specials.get(&instruction.address);
+            written.is_some_and(|value| value & 1 == 0)
+        }
+        _ => false,
     }
 }
 
@@ -355,5 +432,35 @@ mod tests {
         let pointers = BTreeMap::from([(0x0800_0000, BTreeSet::from([0x0900_0000]))]);
         let mut depths = Depths::new(&functions, &|_| false, &pointers);
         assert_eq!(depths.depth(0x0800_0000), Ok(16 + 64 + 32));
+    }
+
+    #[test]
+    fn what_is_called_before_interrupts_are_let_in_is_under_no_task() {
+        let (mut functions, none) = (functions(), BTreeMap::new());
+        let opening = |functions: &mut Functions, at: u32, block: usize| {
+            let function = functions.get_mut(&at).unwrap();
+            function.blocks[block].instructions[0].operation = Operation::Interrupts { off: false };
+        };
+        let depth = |functions: &Functions| {
+            let depths = Depths::new(functions, &|_| false, &none);
+            let outer = &functions[&0x0800_0000];
+            depths.under_tasks(outer).depth(0x0800_0000)
+        };
+        assert_eq!(depth(&functions), Ok(16 + 64 + 32));
+        // Behind the call.
+        opening(&mut functions, 0x0800_0000, 3);
+        assert_eq!(depth(&functions), Ok(16 + 64));
+        // What is called may let them in too.
+        let mut both = functions.clone();
+        both.get_mut(&0x0900_0000).unwrap().blocks[0].call = Some(0x0a00_0000);
+        let mut last = testing::function(&[(1, &[])]);
+        last.address = 0x0a00_0000;
+        both.insert(last.address, last);
+        assert_eq!(depth(&both), Ok(16 + 64));
+        opening(&mut both, 0x0a00_0000, 0);
+        assert_eq!(depth(&both), Ok(16 + 64 + 32));
+        // Before the call.
+        opening(&mut functions, 0x0800_0000, 1);
+        assert_eq!(depth(&functions), Ok(16 + 64 + 32));
     }
 }
