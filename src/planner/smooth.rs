@@ -28,6 +28,9 @@ use crate::{axis::AXES, math, settings::Settings};
 
 /// Cells of history, a power of two: the window, and two more.
 const CELLS: usize = 128;
+/// Shortest window, cells: so that a limit of speed that is reached in the middle of a cell is kept by
+/// the mean, and blocks take the time that they have to.
+const SHORTEST_WINDOW: usize = 5;
 /// Longest window, cells. Where the jerk is lower than that needs, so is the acceleration.
 const LONGEST_WINDOW: usize = 120;
 /// Cells known beyond the beginning of the one being played.
@@ -61,7 +64,7 @@ impl Window {
         // One more than it takes: segments are not in step with cells.
         let cells = math::min(longest_s * (1.0 / CELL_S) + 1.999, LONGEST_WINDOW as f32);
         Self {
-            cells: cells as usize,
+            cells: (cells as usize).max(SHORTEST_WINDOW),
         }
     }
 

@@ -150,6 +150,12 @@ impl Gate {
         braking: Least::NONE,
     };
 
+    /// The greatest speeds in the place itself: braking, and of a reference that has just accelerated,
+    /// mm/s.
+    pub(crate) fn there(&self) -> [f32; 2] {
+        [self.brake_mm_s, self.free_mm_s]
+    }
+
     /// Whether it has to be passed at rest.
     pub(crate) fn is_stop(&self) -> bool {
         self.brake_mm_s <= 0.0

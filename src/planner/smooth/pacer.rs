@@ -8,8 +8,6 @@ use crate::math;
 
 /// A cell of time, s.
 pub(crate) const CELL_S: f32 = 1.0e-3;
-/// Blocks that a cell touches at most: each takes as long as a cell at least.
-const LEGS: usize = 2;
 /// Stands for no limit of a speed, mm/s.
 const NO_LIMIT: f32 = 1.0e9;
 /// Part of what a cell can brake that is gone through without braking before a place to be passed at
@@ -182,33 +180,32 @@ impl Pacer {
     /// What a cell can do, by the blocks that it may touch.
     fn reach(&self, road: &impl Road, leg: &Leg, gain: f32, window_s: f32) -> Reach {
         let far_mm = (self.speed_mm_s + 0.5 * gain) * CELL_S;
-        let mut way_mm = self.left_mm();
-        let mut leg = *leg;
+        let gate = road.gate(self.number);
         let mut reach = Reach {
             brake: NO_LIMIT,
             free: NO_LIMIT,
             top: leg.speed_mm_s,
             hardest: gain,
         };
-        // wcet-bound: 2
-        for number in self.number..self.number + LEGS {
-            let gate = road.gate(number);
-            let (brake, free) = gate.speeds(&leg, way_mm, self.speed_mm_s, CELL_S, window_s);
-            reach.brake = math::min(reach.brake, brake);
-            reach.free = math::min(reach.free, free);
-            if way_mm >= far_mm || gate.is_stop() {
-                break;
-            }
-            let Some(next) = road.leg(number + 1) else {
-                break;
-            };
+        let mut way_mm = self.left_mm();
+        let mut leg = *leg;
+        let mut ahead = gate;
+        if way_mm < far_mm
+            && !gate.is_stop()
+            && let Some(next) = road.leg(self.number + 1)
+        {
+            // It may come to the end of the block.
+            [reach.brake, reach.free] = gate.there();
             reach.top = math::min(reach.top, next.speed_mm_s);
             way_mm += next.length_mm;
             leg = next;
-            let behind = road.gate(number + 1);
-            let next_gain = behind.acceleration(&leg, leg.length_mm) * CELL_S;
+            ahead = road.gate(self.number + 1);
+            let next_gain = ahead.acceleration(&leg, leg.length_mm) * CELL_S;
             reach.hardest = math::max(reach.hardest, next_gain);
         }
+        let (brake, free) = ahead.speeds(&leg, way_mm, self.speed_mm_s, CELL_S, window_s);
+        reach.brake = math::min(reach.brake, brake);
+        reach.free = math::min(reach.free, free);
         reach
     }
 
@@ -236,28 +233,25 @@ impl Pacer {
 
     /// Goes on by a way, and tells how far that was.
     fn advance(&mut self, road: &impl Road, way: u64, window_s: f32) -> u32 {
-        let mut to_go = way;
-        // wcet-bound: 2
-        for _ in 0..LEGS {
-            if to_go < self.left {
-                self.left -= to_go;
-                self.go(to_go);
-                return way as u32;
-            }
-            to_go -= self.left;
-            self.go(self.left);
-            self.left = 0;
-            if to_go == 0 {
-                return way as u32;
-            }
-            if !self.pass(road, false, window_s) {
-                self.speed_mm_s = 0.0;
-                break;
-            }
+        let here = way.min(self.left);
+        self.left -= here;
+        self.go(here);
+        let rest = way - here;
+        if rest == 0 {
+            return way as u32;
         }
-        (way - to_go) as u32
+        if !self.pass(road, false, window_s) {
+            self.speed_mm_s = 0.0;
+            return here as u32;
+        }
+        // Every block takes a cell at least.
+        let there = rest.min(self.left);
+        self.left -= there;
+        self.go(there);
+        (here + there) as u32
     }
 
+    #[inline(never)]
     fn go(&mut self, way: u64) {
         self.cap_mm -= way as u32 as f32 * UNIT_MM;
         if self.cap_mm <= 0.0 {
@@ -267,6 +261,7 @@ impl Pacer {
     }
 
     /// Passes the end of a block, if that may be.
+    #[inline(never)]
     fn pass(&mut self, road: &impl Road, is_rest: bool, window_s: f32) -> bool {
         let gate = road.gate(self.number);
         let (Some(leg), Some(next)) = (road.leg(self.number), road.leg(self.number + 1)) else {
@@ -288,6 +283,7 @@ impl Pacer {
     }
 
     /// A limit that holds behind the place too.
+    #[inline(never)]
     fn limit(&mut self, speed_mm_s: f32, a: f32, window_s: f32) {
         let reach_mm = 0.5 * window_s * speed_mm_s;
         let (low, low_mm, high, high_mm) = if speed_mm_s <= self.cap_mm_s {
