@@ -84,8 +84,9 @@ impl Trace {
         steps
     }
 
-    /// When the axis is behind because it had to wait to step back: for the pulse before and the
-    /// change of direction, and then as long as steps follow as closely as pulses can.
+    /// When the axis is behind because it had to wait to step back, or for another that does: for the
+    /// pulse before and the change of direction, and then as long as steps follow as closely as pulses
+    /// can.
     pub(crate) fn waits(&self, axis: usize) -> Vec<Range<u64>> {
         const SLOTS: u64 = 4 * EVENT_SPACING_TICKS as u64;
         let closest = self.pulse_ticks + u64::from(PULSE_LOW_TICKS) + SLOTS;
@@ -93,12 +94,21 @@ impl Trace {
         let is_step = |edge: &&Edge| edge.raise & 1 << axis != 0;
         let mut waits: Vec<Range<u64>> = Vec::new();
         let mut before: Option<&Edge> = None;
-        for step in self.edges.iter().filter(is_step) {
+        // The last change of any direction.
+        let (mut changed, mut directions) = (None, 0);
+        for step in &self.edges {
+            if step.directions != directions {
+                (changed, directions) = (Some(step.ticks), step.directions);
+            }
+            if !is_step(&step) {
+                continue;
+            }
             let (from, to) = (before.map_or(0, |edge| edge.ticks), step.ticks);
             let turns = before.is_some_and(|edge| sign(edge, axis) != sign(step, axis));
+            let stands_by = changed.is_some_and(|at| at >= from && to - at <= turned);
             before = Some(step);
             match waits.last_mut() {
-                _ if turns && to - from <= turned => waits.push(from..to),
+                _ if turns && to - from <= turned || stands_by => waits.push(from..to),
                 Some(wait) if wait.end == from && to - from <= closest => wait.end = to,
                 _ => {}
             }
