@@ -17,13 +17,14 @@ type Scene = fn(&mut Driver, u32) -> Result<()>;
 
 /// All scenes. Each begins at rest and unlocked. Up to homing the machine's zero is where it was
 /// switched on, as contacts count.
-const SCENES: [(&str, Scene); 14] = [
+const SCENES: [(&str, Scene); 15] = [
     ("axes at their full rates", motion::full_rates),
     ("segments as long as they get", motion::long_segments),
     ("short lines under a beam", motion::short_lines),
     ("lines of a few steps", motion::tiny_lines),
     ("arcs and helices", motion::arcs),
     ("holds and overrides", motion::holds),
+    ("limits of jerk", motion::limits_of_jerk),
     ("jogs", motion::jogs),
     ("resets in motion", motion::resets),
     ("probing", contacts::probing),
@@ -57,8 +58,19 @@ fn fast(step_rate_hz: u32, acceleration: f64) -> Vec<String> {
         lines.push(format!("${}={speed_mm_min}", 110 + axis));
         lines.push(format!("${}={acceleration}", 120 + axis));
         lines.push(format!("${}=1000", 130 + axis));
+        lines.push(format!("${}=0", 800 + axis));
     }
     lines
+}
+
+/// The same, with an acceleration that takes a time to be there.
+fn smooth(step_rate_hz: u32, acceleration: f64, seconds: f64) -> Vec<String> {
+    let jerk = acceleration / seconds;
+    let jerks = (0..3).map(|axis| format!("${}={jerk}", 800 + axis));
+    fast(step_rate_hz, acceleration)
+        .into_iter()
+        .chain(jerks)
+        .collect()
 }
 
 /// Lines as the driver takes them.

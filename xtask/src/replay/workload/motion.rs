@@ -5,7 +5,7 @@ use std::f64::consts::TAU;
 use anyhow::Result;
 use leadscrew::{stepper::EVENT_SPACING_TICKS, units::TICKS_PER_SECOND};
 
-use super::{fast, words};
+use super::{fast, smooth, words};
 use crate::replay::driver::Driver;
 
 /// An acceleration that makes every step another speed, and one that never reaches it, mm/s².
@@ -49,6 +49,11 @@ pub(super) fn full_rates(driver: &mut Driver, step_rate_hz: u32) -> Result<()> {
 /// segment is one and a half times as long as others, and all of its steps are apart.
 pub(super) fn long_segments(driver: &mut Driver, step_rate_hz: u32) -> Result<()> {
     driver.set(&fast(step_rate_hz, EXTREME))?;
+    segments(driver, step_rate_hz)?;
+    apart(driver, step_rate_hz)
+}
+
+fn segments(driver: &mut Driver, step_rate_hz: u32) -> Result<()> {
     driver.run(["G91G94", "G1F1000000"])?;
     for shares in [[45, 33, 22], [40, 33, 27], [34, 33, 33], [60, 30, 10]] {
         let steps = step_rate_hz / 1000 * SEGMENT_US / 1000;
@@ -59,7 +64,7 @@ pub(super) fn long_segments(driver: &mut Driver, step_rate_hz: u32) -> Result<()
         driver.finish()?;
         driver.come_to_rest()?;
     }
-    apart(driver, step_rate_hz)
+    Ok(())
 }
 
 /// A segment as dear as it gets: three axes whose steps come one after another, so that each step
@@ -154,35 +159,55 @@ pub(super) fn tiny_lines(driver: &mut Driver, step_rate_hz: u32) -> Result<()> {
 /// Arcs of all planes and sizes, with and without a third axis.
 pub(super) fn arcs(driver: &mut Driver, step_rate_hz: u32) -> Result<()> {
     for acceleration in [5000.0, EXTREME] {
-        driver.set(&fast(step_rate_hz, acceleration))?;
-        driver.run(["G91G94", "F1000000"])?;
-        let mut lines = Vec::new();
-        for plane in ["G17", "G18", "G19"] {
-            let (from, to, along) = match plane {
-                "G17" => ("I", "J", "Z"),
-                "G18" => ("I", "K", "Y"),
-                _ => ("J", "K", "X"),
-            };
-            for radius in ["2", "0.3", "0.02", "0.003"] {
-                lines.push(format!("{plane}G2{from}{radius}"));
-                lines.push(format!("G3{to}-{radius}{along}0.7P2"));
-                lines.push(format!("G2{from}-{radius}{along}-0.7"));
-            }
-        }
-        lines.push("G17G2X1Y1R1.2".into());
-        lines.push("G3X-1Y-1R-1.2Z.1".into());
-        driver.stream(
-            words(&lines),
-            |number| if number % 5 == 0 { b"?" } else { b"" },
-        )?;
-        driver.finish()?;
-        driver.come_to_rest()?;
+        round(driver, &fast(step_rate_hz, acceleration))?;
     }
     Ok(())
 }
 
+fn round(driver: &mut Driver, settings: &[String]) -> Result<()> {
+    driver.set(settings)?;
+    driver.run(["G91G94", "F1000000"])?;
+    let mut lines = Vec::new();
+    for plane in ["G17", "G18", "G19"] {
+        let (from, to, along) = match plane {
+            "G17" => ("I", "J", "Z"),
+            "G18" => ("I", "K", "Y"),
+            _ => ("J", "K", "X"),
+        };
+        for radius in ["2", "0.3", "0.02", "0.003"] {
+            lines.push(format!("{plane}G2{from}{radius}"));
+            lines.push(format!("G3{to}-{radius}{along}0.7P2"));
+            lines.push(format!("G2{from}-{radius}{along}-0.7"));
+        }
+    }
+    lines.push("G17G2X1Y1R1.2".into());
+    lines.push("G3X-1Y-1R-1.2Z.1".into());
+    driver.stream(
+        words(&lines),
+        |number| if number % 5 == 0 { b"?" } else { b"" },
+    )?;
+    driver.finish()?;
+    driver.come_to_rest()
+}
+
+/// Lines, arcs, and what interrupts them, where acceleration is continuous.
+pub(super) fn limits_of_jerk(driver: &mut Driver, step_rate_hz: u32) -> Result<()> {
+    driver.set(&smooth(step_rate_hz, EXTREME, 0.001))?;
+    segments(driver, step_rate_hz)?;
+    round(driver, &smooth(step_rate_hz, 20_000.0, 0.004))?;
+    round(driver, &smooth(step_rate_hz, 5000.0, 0.1))?;
+    hold(driver, &smooth(step_rate_hz, SLOW, 0.05), false)
+}
+
 /// Feed holds, resumes and overrides at all phases of motion.
 pub(super) fn holds(driver: &mut Driver, step_rate_hz: u32) -> Result<()> {
+    for (acceleration, is_beam) in [(SLOW, false), (20_000.0, true)] {
+        hold(driver, &fast(step_rate_hz, acceleration), is_beam)?;
+    }
+    Ok(())
+}
+
+fn hold(driver: &mut Driver, settings: &[String], is_beam: bool) -> Result<()> {
     const OVERRIDES: [&[u8]; 12] = [
         &[0x91],
         &[0x91, 0x91],
@@ -197,40 +222,38 @@ pub(super) fn holds(driver: &mut Driver, step_rate_hz: u32) -> Result<()> {
         &[0x99],
         &[0x9e],
     ];
-    for (acceleration, is_beam) in [(SLOW, false), (20_000.0, true)] {
-        driver.set(&fast(step_rate_hz, acceleration))?;
-        let beam = if is_beam {
-            ["$32=1", "M4S300"]
-        } else {
-            ["$32=0", "M3S300"]
-        };
-        driver.run(beam)?;
-        driver.run(["G91G94", "G1F6000"])?;
-        for round in 0..12_usize {
-            driver.stream(
-                ["X1.7Y.3Z-.2", "X-1.7Y.2", "G0Z.2", "G1Y-.5X.5", "G2X.2I.3"],
-                |number| {
-                    if number % 2 == 1 {
-                        OVERRIDES[round % 12]
-                    } else {
-                        b""
-                    }
-                },
-            )?;
-            driver.wait_for("Run")?;
-            driver.realtime(b"!")?;
-            driver.wait_for("Hold:0")?;
-            driver.realtime(OVERRIDES[(round + 5) % 12])?;
-            driver.realtime(b"?~?")?;
-            driver.stream(["G1X1", "X-1"], |_| b"!~")?;
-            driver.wait_for("Hold:0")?;
-            driver.realtime(b"~")?;
-            driver.finish()?;
-        }
-        driver.realtime(&[0x90, 0x95, 0x99])?;
-        driver.run(["M5"])?;
-        driver.come_to_rest()?;
+    driver.set(settings)?;
+    let beam = if is_beam {
+        ["$32=1", "M4S300"]
+    } else {
+        ["$32=0", "M3S300"]
+    };
+    driver.run(beam)?;
+    driver.run(["G91G94", "G1F6000"])?;
+    for round in 0..12_usize {
+        driver.stream(
+            ["X1.7Y.3Z-.2", "X-1.7Y.2", "G0Z.2", "G1Y-.5X.5", "G2X.2I.3"],
+            |number| {
+                if number % 2 == 1 {
+                    OVERRIDES[round % 12]
+                } else {
+                    b""
+                }
+            },
+        )?;
+        driver.wait_for("Run")?;
+        driver.realtime(b"!")?;
+        driver.wait_for("Hold:0")?;
+        driver.realtime(OVERRIDES[(round + 5) % 12])?;
+        driver.realtime(b"?~?")?;
+        driver.stream(["G1X1", "X-1"], |_| b"!~")?;
+        driver.wait_for("Hold:0")?;
+        driver.realtime(b"~")?;
+        driver.finish()?;
     }
+    driver.realtime(&[0x90, 0x95, 0x99])?;
+    driver.run(["M5"])?;
+    driver.come_to_rest()?;
     driver.run(["$32=0"])
 }
 
