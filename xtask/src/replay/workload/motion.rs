@@ -192,7 +192,7 @@ fn round(driver: &mut Driver, settings: &[String]) -> Result<()> {
 
 /// Lines, arcs, and what interrupts them, where acceleration is continuous.
 pub(super) fn limits_of_jerk(driver: &mut Driver, step_rate_hz: u32) -> Result<()> {
-    driver.set(&smooth(step_rate_hz, EXTREME, 0.001))?;
+    driver.set(&smooth(step_rate_hz, EXTREME, 0.1))?;
     segments(driver, step_rate_hz)?;
     round(driver, &smooth(step_rate_hz, 20_000.0, 0.004))?;
     round(driver, &smooth(step_rate_hz, 5000.0, 0.1))?;
