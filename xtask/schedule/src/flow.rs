@@ -56,7 +56,7 @@ pub(crate) fn visit(
             continue;
         };
         for instruction in &block.instructions {
-            show(state.before(instruction), instruction);
+            show(&state.before(instruction), instruction);
             state.step(around, instruction);
         }
     }

@@ -545,6 +545,38 @@ fn a_reference_in_a_struct_on_the_stack_keeps_its_memory() {
 }
 
 #[test]
+fn a_pointer_that_is_changed_on_a_condition_may_point_to_either() {
+    let Some((image, annotations)) = read(
+        "static TABLE: [u32; 4] = [1, 2, 3, 4];
+        static COUNTS: [AtomicU32; 4] = [const { AtomicU32::new(7) }; 4];
+        fn task() {
+            let mut pointer = TABLE.as_ptr();
+            COUNTS[0].store(input(), Relaxed);
+            unsafe {
+                core::arch::asm!(
+                    \"cmp {number}, #1\", \"it lo\", \"movlo {pointer}, {counts}\",
+                    \"ldr {pointer}, [{pointer}]\",
+                    number = in(reg) input(), pointer = inout(reg) pointer,
+                    counts = in(reg) COUNTS.as_ptr(),
+                );
+            }
+            output(pointer as u32);
+        }",
+    ) else {
+        return;
+    };
+    let program = Program::new(&image, &annotations);
+    let regions = reached(&program)
+        .into_iter()
+        .flat_map(|function| function.regions.values());
+    assert!(
+        regions.clone().any(|region| *region == Region::Unknown),
+        "{:?}",
+        regions.collect::<Vec<_>>()
+    );
+}
+
+#[test]
 fn a_value_that_an_enum_cannot_have_is_no_trap() {
     let Some((image, annotations)) = read(
         "#[derive(Clone, Copy)]

@@ -1,6 +1,9 @@
 //! What is known of registers, flags and the frame at one place of a function.
 
-use std::collections::{BTreeMap, BTreeSet};
+use std::{
+    borrow::Cow,
+    collections::{BTreeMap, BTreeSet},
+};
 
 use super::{ARGUMENTS, Base, Flags, Origins, Value};
 use crate::{Address, Image, Instruction, Operation, Region};
@@ -220,14 +223,15 @@ impl State {
     }
 
     /// The state in which `instruction`, the next, is executed.
-    pub(crate) fn before(&self, instruction: &Instruction) -> &Self {
+    pub(crate) fn before(&self, instruction: &Instruction) -> Cow<'_, Self> {
         match &self.otherwise {
-            Some(other)
-                if instruction.in_if_then && other.condition ^ 1 == instruction.condition =>
-            {
-                &other.state
+            None => Cow::Borrowed(self),
+            Some(other) if !instruction.in_if_then => Cow::Owned(self.join(&other.state)),
+            Some(other) if other.condition == instruction.condition => Cow::Borrowed(self),
+            Some(other) if other.condition ^ 1 == instruction.condition => {
+                Cow::Borrowed(&other.state)
             }
-            _ => self,
+            Some(other) => Cow::Owned(self.join(&other.state)),
         }
     }
 
