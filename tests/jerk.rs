@@ -130,8 +130,38 @@ fn a_line_is_the_third_order_optimum() {
     }
 }
 
+/// What a hold adds at most to the time that the limits allow, ms.
+const HOLD_MS: f64 = 5.0;
+
 #[test]
-fn a_hold_and_a_cancelled_jog_take_a_window_more_than_the_trapezoid() {
+fn a_hold_in_a_cruise_takes_5_ms_more_than_the_limits_allow() {
+    for jerk in [0.0, 10_000.0, 50_000.0] {
+        let settings = machine(jerk);
+        let ramp_s = if jerk > 0.0 {
+            500.0 / f64::from(jerk)
+        } else {
+            0.0
+        };
+        // 100 mm/s at 500 mm/s², and half of the acceleration's own time.
+        let shortest_mm = 10.0 + 100.0 * 0.5 * ramp_s;
+        for instant in 0..400_u64 {
+            let asked = 500 * u64::from(TICKS_PER_MS) + 23_757 * instant;
+            let resume = (asked + 100_000_000, b'~');
+            let mut rig = Rig::new(&settings);
+            let line = line_at(at(&[200.0]), Pace::Feed(6000.0));
+            rig.run(&number(&[line]), &[(asked, b'!'), resume]);
+            let steps = rig.trace.steps(0);
+            let held = steps
+                .iter()
+                .filter(|step| (asked..resume.0).contains(&step.ticks));
+            let late_ms = (held.count() as f64 / 320.0 - shortest_mm) / 0.1;
+            assert!(late_ms <= HOLD_MS, "{late_ms} ms at {asked}, jerk {jerk}");
+        }
+    }
+}
+
+#[test]
+fn a_hold_and_a_cancelled_jog_take_two_windows_more_than_the_trapezoid() {
     let settings = machine(10_000.0);
     let target = || at(&[200.0]);
     for (pace, byte) in [(Pace::Feed(6000.0), b'!'), (Pace::Jog(6000.0), 0x85)] {
@@ -145,9 +175,8 @@ fn a_hold_and_a_cancelled_jog_take_a_window_more_than_the_trapezoid() {
             check_limits(&settings, &rig.trace);
             let before = rig.trace.edges.iter().filter(|edge| edge.ticks < resume.0);
             let stopped = before.map(|edge| edge.ticks).max().unwrap_or(0);
-            // 100 mm/s at 500 mm/s², the window to end an acceleration and the one to brake, what is
-            // queued ahead, and the cells.
-            let longest = 200 + 2 * 51 + 4 + 2 + 3;
+            // 100 mm/s at 500 mm/s², the window to end an acceleration and the one to brake.
+            let longest = 200 + 2 * 51 + 5;
             let took = stopped.saturating_sub(asked) / u64::from(TICKS_PER_MS);
             assert!(took <= longest, "{took} ms");
         }

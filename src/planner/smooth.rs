@@ -24,6 +24,7 @@ pub(super) mod gate;
 pub(super) mod pacer;
 
 use self::pacer::{CELL_S, Leaving};
+use super::executor::LONGEST_S;
 use crate::{axis::AXES, math, settings::Settings};
 
 /// Cells of history, a power of two: the window, and two more.
@@ -33,8 +34,10 @@ const CELLS: usize = 128;
 const SHORTEST_WINDOW: usize = 5;
 /// Longest window, cells. Where the jerk is lower than that needs, so is the acceleration.
 const LONGEST_WINDOW: usize = 120;
-/// Cells known beyond the beginning of the one being played.
+/// Most cells known beyond the beginning of the one being played.
 pub(super) const AHEAD: usize = 3;
+/// The time that is known when a segment is made, s: the longest segment's.
+const KNOWN_S: f32 = LONGEST_S + 1.0e-6;
 /// Units of way in a mm: 1 nm.
 const UNITS_PER_MM: f32 = 1_048_576.0;
 /// The same, mm.
@@ -159,9 +162,10 @@ impl Smooth {
         self.age <= AHEAD && self.played_s <= 0.0
     }
 
-    /// Whether another cell of the reference is needed.
+    /// Whether another cell of the reference is needed: the longest segment is to be known. Not more
+    /// than that, as a hold comes behind it.
     pub(super) fn needs_cell(&self) -> bool {
-        self.is_on() && self.known < AHEAD
+        self.is_on() && self.known_s() < KNOWN_S
     }
 
     /// What leaves the window with the next cell.
@@ -279,7 +283,7 @@ impl Smooth {
             }
             self.played_s -= CELL_S;
             let [_, b, c, d] = self.speeds;
-            self.speeds = [b, c, d, d];
+            self.speeds = [b, c, d, 0.0];
             self.known -= 1;
         }
     }

@@ -134,8 +134,14 @@ impl Motion {
         if self.generator.is_open() {
             return self.full != Some(played);
         }
+        // The cells that are known come on top of that where the jerk is limited.
+        let most = if self.smooth.is_on() {
+            URGENT_TICKS
+        } else {
+            AHEAD_TICKS
+        };
         // A segment that had to be stretched may last longer than that, and still needs another.
-        let is_ahead = ahead >= AHEAD_TICKS && played != self.newest;
+        let is_ahead = ahead >= most && played != self.newest;
         !is_ahead && counts.has_room() && (self.rest.is_none() || self.has_motion())
     }
 }
