@@ -513,7 +513,15 @@ impl Generator {
             earliest: first.cast_signed().max(low.cast_signed()).cast_unsigned(),
             slot: 0,
         };
-        if steps.is_even() {
+        let apart = placing.pulse + placing.low;
+        let slot = (self.offset + steps.next) / SLOT_TICKS;
+        if steps.is_apart(apart * SLOT_TICKS) && slot >= placing.earliest {
+            if axis == self.leader {
+                placing.put_ahead(&mut self.slots, steps);
+            } else {
+                placing.put_behind(&mut self.slots, steps);
+            }
+        } else if steps.is_even() {
             placing.put_evenly(&mut self.slots, steps);
         } else {
             placing.put_exactly(&mut self.slots, steps);
