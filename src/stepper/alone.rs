@@ -29,13 +29,13 @@ impl Alone {
         cursor: &mut Cursor,
         events: &mut EventBatch<'_>,
     ) -> i32 {
-        let number = events.number();
         if let Some(due) = self.due {
-            cursor.put(due, StepEvent::new(0, 0, self.mask), events);
+            let end = cursor.mark(StepEvent::new(0, 0, self.mask));
+            cursor.put(due, end, events);
         }
         let step = StepEvent::new(0, self.mask, 0);
-        cursor.put(steps.next.cast_signed(), step, events);
-        cursor.publish(number, events);
+        let first = cursor.mark(step);
+        cursor.put(steps.next.cast_signed(), first, events);
         steps.advance_evenly();
         let pulse_end = StepEvent::new(pulse_ticks, 0, self.mask);
         if steps.left > 1 {
@@ -47,8 +47,8 @@ impl Alone {
             cursor.last += pulse_ticks.cast_signed();
             let time = steps.next.cast_signed().max(cursor.last + LOW);
             cursor.put(time, step, events);
-            events.publish();
         }
+        events.publish();
         cursor.last + pulse_ticks.cast_signed()
     }
 }
@@ -69,9 +69,7 @@ fn put_evenly(
     for _ in 1..steps.left {
         let time = fine >> EVEN_BITS;
         let low_ticks = time.wrapping_sub(last).wrapping_sub(pulse_ticks);
-        batch.put(pulse_end);
-        batch.put(StepEvent::new(low_ticks, mask, 0));
-        batch.publish();
+        batch.put_both(pulse_end, StepEvent::new(low_ticks, mask, 0));
         last = time;
         fine = fine.wrapping_add(period);
     }

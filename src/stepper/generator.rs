@@ -545,10 +545,10 @@ impl Generator {
             self.slots.sweep(base, end, &mut self.cursor, events);
         }
         if self.cursor.is_boundary {
-            let first = events.number();
             let before = end.wrapping_sub(1).wrapping_sub(base).cast_signed() * SLOT;
-            self.cursor.put(before, StepEvent::NONE, events);
-            self.cursor.publish(first, events);
+            let begin = self.cursor.mark(StepEvent::NONE);
+            self.cursor.put(before, begin, events);
+            events.publish();
             let slot = (self.cursor.last.max(0) / SLOT).cast_unsigned();
             self.cursor.free = base.wrapping_add(slot + 1);
         }

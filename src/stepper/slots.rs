@@ -39,7 +39,7 @@ pub(super) struct Cursor {
     pub(super) free: u32,
     /// Time of the last event, ticks from the start of the slot that the segment begins in.
     pub(super) last: i32,
-    /// No event of the segment has been published.
+    /// No event of the segment has been put.
     pub(super) is_boundary: bool,
 }
 
@@ -58,14 +58,14 @@ impl Cursor {
         events.put(what.after(ticks));
     }
 
-    /// Shows the events from `first` on to the step interrupt.
+    /// The first event of the segment, or another.
     #[inline]
-    pub(super) fn publish(&mut self, first: u32, events: &mut EventBatch<'_>) {
-        if self.is_boundary && events.number() != first {
-            events.mark_boundary(first);
-            self.is_boundary = false;
+    pub(super) fn mark(&mut self, what: StepEvent) -> StepEvent {
+        if core::mem::take(&mut self.is_boundary) {
+            what.at_boundary()
+        } else {
+            what
         }
-        events.publish();
     }
 }
 
@@ -203,6 +203,10 @@ impl Slots {
             let ahead = end.wrapping_sub(first);
             let later = u32::MAX.checked_shr(ahead).unwrap_or(0);
             let (mut bits, marks) = self.take_before(first, later);
+            if let Some(place) = first_of(bits) {
+                let mark = &mut marks[place as usize];
+                *mark = here.mark(*mark);
+            }
             let begin = first.wrapping_sub(base).wrapping_mul(SLOT_TICKS);
             // wcet-bound: 32, wcet-total: segment_events
             while let Some(place) = first_of(bits) {
@@ -215,7 +219,7 @@ impl Slots {
             first = first.wrapping_add(WORD_BITS);
         }
         here.free = end;
-        here.publish(events.number(), &mut out);
+        out.publish();
         (*cursor, *events) = (here, out);
     }
 }
