@@ -547,7 +547,7 @@ impl Generator {
         if self.cursor.is_boundary {
             let before = end.wrapping_sub(1).wrapping_sub(base).cast_signed() * SLOT;
             let begin = self.cursor.mark(StepEvent::NONE);
-            self.cursor.put(before, begin, events);
+            events.put(self.cursor.next(before, begin));
             events.publish();
             let slot = (self.cursor.last.max(0) / SLOT).cast_unsigned();
             self.cursor.free = base.wrapping_add(slot + 1);

@@ -13,8 +13,9 @@
 //! …  output-2  output-1 │ output │ output+1 = `next` │ output+2 …  written-1 │ written
 //! ```
 //!
-//! The word behind the last event is none, and becomes one when there is an event for it and none
-//! behind that: so the step interrupt sees what has been put by the word itself, and counts nothing.
+//! The word behind the last event is none, and becomes one when there is an event for it, and behind
+//! that none or another: so the step interrupt sees what has been put by the word itself, and counts
+//! nothing.
 
 use core::sync::atomic::{AtomicU32, Ordering::Relaxed, Ordering::SeqCst, compiler_fence};
 
@@ -237,16 +238,29 @@ impl EventBatch<'_> {
         self.number = behind;
     }
 
-    /// Puts two events.
+    /// Puts an event that the reader must not see yet: see [`EventBatch::hold`].
     #[inline]
-    pub(super) fn put_both(&mut self, event: StepEvent, then: StepEvent) {
-        let number = self.number.wrapping_add(1);
-        let behind = number.wrapping_add(1);
+    pub(super) fn put_behind(&mut self, event: StepEvent) {
+        self.ring.word(self.number).store(event.bits(), Relaxed);
+        self.number = self.number.wrapping_add(1);
+    }
+
+    /// Begins to put events that the reader is to see together, the first of which will be shown by
+    /// [`EventBatch::release`].
+    #[inline]
+    pub(super) fn hold(&mut self) -> Self {
+        let held = *self;
+        self.number = self.number.wrapping_add(1);
+        held
+    }
+
+    /// Shows the reader what has been put since a [`EventBatch::hold`], which begins with this event.
+    #[inline]
+    pub(super) fn release(&mut self, mut held: Self, event: StepEvent) {
         let ring = self.ring;
-        ring.word(behind).store(StepEvent::NONE.bits(), Relaxed);
-        ring.word(number).store(then.bits(), Relaxed);
-        self.show(event);
-        self.number = behind;
+        ring.word(self.number)
+            .store(StepEvent::NONE.bits(), Relaxed);
+        held.show(event);
     }
 
     #[inline]

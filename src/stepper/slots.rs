@@ -44,10 +44,10 @@ pub(super) struct Cursor {
 }
 
 impl Cursor {
-    /// Puts one event at a time, or as soon after it as it may be.
+    /// An event at a time, or as soon after it as it may be.
     #[inline(always)]
     #[expect(clippy::inline_always, reason = "keeps the cursor in registers")]
-    pub(super) fn put(&mut self, time: i32, what: StepEvent, events: &mut EventBatch<'_>) {
+    pub(super) fn next(&mut self, time: i32, what: StepEvent) -> StepEvent {
         let time = time.max(self.last + SLOT);
         let ticks = (time - self.last).cast_unsigned();
         debug_assert!(
@@ -55,7 +55,7 @@ impl Cursor {
             "{ticks} ticks without an event"
         );
         self.last = time;
-        events.put(what.after(ticks));
+        what.after(ticks)
     }
 
     /// The first event of the segment, or another.
@@ -214,7 +214,7 @@ impl Slots {
                 let what = core::mem::take(&mut marks[place as usize]);
                 let time = begin.wrapping_add(place * SLOT_TICKS);
                 let time = time.wrapping_add(what.ticks()).cast_signed();
-                here.put(time, what, &mut out);
+                out.put(here.next(time, what));
             }
             first = first.wrapping_add(WORD_BITS);
         }
