@@ -29,8 +29,8 @@ impl StepOutput {
         Upcoming { event, then }: Upcoming,
         events: &mut EventReader<'_>,
     ) {
-        let is_behind = self.0.then(then).is_behind();
-        events.count_late(is_behind);
+        let late = self.0.then(then).behind();
+        events.count_late(late);
         pins::prepare(event);
         self.0.pend(TURN, event);
     }

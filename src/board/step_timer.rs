@@ -71,7 +71,7 @@ const RELOAD: usize = 0x14;
 const STATE: usize = 0xd04;
 const RELEASE: usize = 0x200;
 /// Bits of the state of exceptions: the timer's interrupt is due, and writing that makes it not due.
-const DUE: u32 = 1 << 26;
+const DUE: u32 = 26;
 const NOT_DUE: u32 = 1 << 25;
 
 /// The processor's own registers, for the step interrupt.
@@ -106,14 +106,14 @@ impl Near {
         unsafe { register.write_volatile(word) };
     }
 
-    /// Whether the timer's next interrupt is due already: what it was told last may have come too
-    /// late.
+    /// 1 if the timer's next interrupt is due already: what it was told last may have come too late.
+    /// 0 if not: the bits above are of exceptions that nothing here makes due.
     #[inline]
     #[expect(unsafe_code, reason = "a register by its address")]
-    pub(super) fn is_behind(self) -> bool {
+    pub(super) fn behind(self) -> u32 {
         let register = self.0.wrapping_byte_add(STATE);
         // SAFETY: reads a register without side effects.
-        unsafe { register.read_volatile() & DUE != 0 }
+        unsafe { register.read_volatile() >> DUE }
     }
 
     /// Releases a task by its vector, if it `is_due`: in the same time if not.

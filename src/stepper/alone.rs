@@ -29,13 +29,18 @@ impl Alone {
         cursor: &mut Cursor,
         events: &mut EventBatch<'_>,
     ) -> i32 {
-        let number = events.number();
-        if let Some(due) = self.due {
-            cursor.put(due, StepEvent::new(0, 0, self.mask), events);
-        }
         let step = StepEvent::new(0, self.mask, 0);
-        cursor.put(steps.next.cast_signed(), step, events);
-        cursor.publish(number, events);
+        let time = steps.next.cast_signed();
+        let held = events.hold();
+        let first = if let Some(due) = self.due {
+            let end = cursor.mark(StepEvent::new(0, 0, self.mask));
+            let end = cursor.next(due, end);
+            events.put_behind(cursor.next(time, step));
+            end
+        } else {
+            let begin = cursor.mark(step);
+            cursor.next(time, begin)
+        };
         steps.advance_evenly();
         let pulse_end = StepEvent::new(pulse_ticks, 0, self.mask);
         if steps.left > 1 {
@@ -43,12 +48,13 @@ impl Alone {
         }
         if steps.left != 0 {
             // The last one is not later than the segment's end.
-            events.put(pulse_end);
+            events.put_behind(pulse_end);
             cursor.last += pulse_ticks.cast_signed();
             let time = steps.next.cast_signed().max(cursor.last + LOW);
-            cursor.put(time, step, events);
-            events.publish();
+            events.put_behind(cursor.next(time, step));
         }
+        events.release(held, first);
+        events.publish();
         cursor.last + pulse_ticks.cast_signed()
     }
 }
@@ -69,9 +75,8 @@ fn put_evenly(
     for _ in 1..steps.left {
         let time = fine >> EVEN_BITS;
         let low_ticks = time.wrapping_sub(last).wrapping_sub(pulse_ticks);
-        batch.put(pulse_end);
-        batch.put(StepEvent::new(low_ticks, mask, 0));
-        batch.publish();
+        batch.put_behind(pulse_end);
+        batch.put_behind(StepEvent::new(low_ticks, mask, 0));
         last = time;
         fine = fine.wrapping_add(period);
     }

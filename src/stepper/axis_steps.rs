@@ -65,6 +65,14 @@ impl AxisSteps {
         self.is_even && self.even_period >> EVEN_BITS >= pulse_ticks + PULSE_LOW_TICKS
     }
 
+    /// Whether it goes at an even pace, with so many ticks or more from step to step, and no step
+    /// comes too late.
+    pub(super) fn is_apart(&self, ticks: u32) -> bool {
+        let before_last = self.even_period.wrapping_mul(self.left.wrapping_sub(1));
+        let last = self.even_time.wrapping_add(before_last) >> EVEN_BITS;
+        self.is_even && self.even_period >> EVEN_BITS >= ticks && last <= self.latest
+    }
+
     /// When the axis has come to the next step: 2q/(v + √(v² + 2aq)), the form that never cancels.
     /// Nothing to divide by is a time without end.
     #[inline]

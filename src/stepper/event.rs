@@ -1,5 +1,6 @@
 //! What the step interrupt is given to do.
 
+use super::EVENT_SPACING_TICKS;
 use crate::axis::{AXES, Axes};
 
 /// Bits of all axes.
@@ -47,7 +48,15 @@ impl StepEvent {
     #[inline]
     #[must_use]
     pub const fn after(self, ticks: u32) -> Self {
-        Self(ticks << 13 | self.0 & (Self::BOUNDARY | AXIS_BITS << AXES | AXIS_BITS))
+        Self(ticks << 13 | self.0 & (2 * Self::BOUNDARY - 1))
+    }
+
+    /// The same event, whose ticks count in a slot, at other ticks in a slot.
+    #[inline]
+    #[must_use]
+    pub(super) const fn within(self, ticks: u32) -> Self {
+        let all = EVENT_SPACING_TICKS - 1;
+        Self((ticks & all) << 13 | self.0 & !(all << 13))
     }
 
     /// What both events do, after as many ticks as both together in bits: one has none.

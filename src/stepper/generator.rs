@@ -513,7 +513,15 @@ impl Generator {
             earliest: first.cast_signed().max(low.cast_signed()).cast_unsigned(),
             slot: 0,
         };
-        if steps.is_even() {
+        let apart = placing.pulse + placing.low;
+        let slot = (self.offset + steps.next) / SLOT_TICKS;
+        if steps.is_apart(apart * SLOT_TICKS) && slot >= placing.earliest {
+            if axis == self.leader {
+                placing.put_ahead(&mut self.slots, steps);
+            } else {
+                placing.put_behind(&mut self.slots, steps);
+            }
+        } else if steps.is_even() {
             placing.put_evenly(&mut self.slots, steps);
         } else {
             placing.put_exactly(&mut self.slots, steps);
@@ -537,10 +545,10 @@ impl Generator {
             self.slots.sweep(base, end, &mut self.cursor, events);
         }
         if self.cursor.is_boundary {
-            let first = events.number();
             let before = end.wrapping_sub(1).wrapping_sub(base).cast_signed() * SLOT;
-            self.cursor.put(before, StepEvent::NONE, events);
-            self.cursor.publish(first, events);
+            let begin = self.cursor.mark(StepEvent::NONE);
+            events.put(self.cursor.next(before, begin));
+            events.publish();
             let slot = (self.cursor.last.max(0) / SLOT).cast_unsigned();
             self.cursor.free = base.wrapping_add(slot + 1);
         }

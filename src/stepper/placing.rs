@@ -1,9 +1,14 @@
 //! How the steps of an axis get into the slots of a segment.
 
 use super::{
-    axis_steps::AxisSteps,
-    slots::{SLOT_TICKS, Slots},
+    axis_steps::{AxisSteps, EVEN_BITS},
+    slots::{SLOT_TICKS, SLOTS, Slots},
 };
+
+/// Where the slot begins in a time with [`EVEN_BITS`] binary places; the ticks in it are below. Above
+/// are as many bits as tell slots apart.
+const SLOT_SHIFT: u32 = EVEN_BITS + SLOT_TICKS.ilog2();
+const _: () = assert!(SLOTS == 1 << (32 - SLOT_SHIFT));
 
 /// Where the steps of an axis are put. Slots are counted from the one that the segment begins in.
 pub(super) struct Placing {
@@ -22,10 +27,60 @@ pub(super) struct Placing {
 }
 
 impl Placing {
-    /// Puts steps at an even pace.
+    /// Puts steps at an even pace, later where they have to be.
     #[inline(never)]
     pub(super) fn put_evenly(&mut self, slots: &mut Slots, steps: &AxisSteps) {
         self.put(slots, steps, AxisSteps::advance_evenly);
+    }
+
+    /// Puts steps at an even pace, each where it is: see [`AxisSteps::is_apart`]. The first one may
+    /// be there.
+    #[inline(always)]
+    #[expect(clippy::inline_always, reason = "two loops come of this, too")]
+    fn put_apart(
+        &mut self,
+        slots: &mut Slots,
+        steps: &AxisSteps,
+        make_way: impl Fn(&mut Slots, u32),
+    ) {
+        // The slot and the ticks in it are in one word, which wraps as slots do.
+        let begin = (self.offset << EVEN_BITS).wrapping_add(self.base << SLOT_SHIFT);
+        let period = steps.even_period;
+        let mut fine = begin.wrapping_add(steps.even_time);
+        let end = fine.wrapping_add(period.wrapping_mul(steps.left));
+        let (mask, pulse) = (self.mask, self.pulse);
+        let mut put = |fine: u32| {
+            let slot = fine >> SLOT_SHIFT;
+            slots.step(slot, mask, fine >> EVEN_BITS);
+            make_way(slots, fine);
+            slots.end(slot + pulse, mask);
+        };
+        // wcet-bound: segment_steps, wcet-total: segment_steps
+        while fine != end {
+            put(fine);
+            fine = fine.wrapping_add(period);
+        }
+        let last = end.wrapping_sub(period) >> SLOT_SHIFT;
+        self.slot = last.wrapping_sub(self.base) % SLOTS;
+        self.earliest = self.slot + self.pulse + self.low;
+    }
+
+    /// Puts the steps of an axis that nothing makes way for.
+    #[inline(never)]
+    pub(super) fn put_behind(&mut self, slots: &mut Slots, steps: &AxisSteps) {
+        self.put_apart(slots, steps, |_, _| ());
+    }
+
+    /// Puts the steps of the axis that what happens to others makes way for.
+    #[inline(never)]
+    pub(super) fn put_ahead(&mut self, slots: &mut Slots, steps: &AxisSteps) {
+        let stop = self.stop;
+        self.put_apart(slots, steps, |slots, fine| {
+            let slot = fine >> SLOT_SHIFT;
+            if slots.is_used(slot.wrapping_sub(1)) {
+                slots.clear_way(slot, stop, (fine >> EVEN_BITS) % SLOT_TICKS);
+            }
+        });
     }
 
     /// Puts steps whose times have to be solved for.

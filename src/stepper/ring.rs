@@ -9,9 +9,13 @@
 //! the reader is two events ahead of the pins, and what it knows is in the ring:
 //!
 //! ```text
-//! output so far          set up      known next        not looked at
-//! …  output-2  output-1 │ output │ output+1 = `next` │ output+2 …  written-1 │
+//! output so far          set up      known next        not looked at            not an event
+//! …  output-2  output-1 │ output │ output+1 = `next` │ output+2 …  written-1 │ written
 //! ```
+//!
+//! The word behind the last event is none, and becomes one when there is an event for it, and behind
+//! that none or another: so the step interrupt sees what has been put by the word itself, and counts
+//! nothing.
 
 use core::sync::atomic::{AtomicU32, Ordering::Relaxed, Ordering::SeqCst, compiler_fence};
 
@@ -23,8 +27,8 @@ use super::{SEGMENT_EVENTS, StepCounts, StepEvent};
 /// behind it for `prepare` to catch up: at the shortest spacing half of the longest segment.
 pub const EVENT_RING: usize = 2048;
 const _: () = assert!(EVENT_RING as u32 >= SEGMENT_EVENTS * 3 / 2);
-/// Words of a ring, a power of two: as many events as may wait, and those played last, from which
-/// `prepare` learns where the machine was at an event.
+/// Words of a ring, a power of two: as many events as may wait, the word behind them, and those
+/// played last, from which `prepare` learns where the machine was at an event.
 const WORDS: usize = 2 * EVENT_RING;
 const MASK: u32 = WORDS as u32 - 1;
 
@@ -32,7 +36,7 @@ const MASK: u32 = WORDS as u32 - 1;
 #[derive(Debug)]
 #[repr(C)]
 pub struct EventRing {
-    /// Events written so far, wrapping.
+    /// Events written so far, wrapping: for the writer.
     written: AtomicU32,
     /// Events output so far, wrapping.
     output: AtomicU32,
@@ -81,12 +85,7 @@ impl EventRing {
     /// written: it is the one that will be written next at most.
     #[inline]
     fn waiting(&self, number: u32) -> StepEvent {
-        // Negative if it has been written, or else not.
-        let behind = number.wrapping_sub(self.written.load(Relaxed));
-        // In any case, and masked: so the step interrupt takes the same time. The writer never
-        // interrupts who asks.
-        let word = self.word(number).load(Relaxed);
-        StepEvent::from_bits(word & (behind.cast_signed() >> 31).cast_unsigned())
+        StepEvent::from_bits(self.word(number).load(Relaxed))
     }
 
     /// The event behind the one that is set up.
@@ -131,6 +130,9 @@ impl<'a> EventWriter<'a> {
     pub(super) fn drop_waiting(&mut self) -> u32 {
         let output = self.ring.output.load(Relaxed);
         self.ring.written.store(output, Relaxed);
+        self.ring
+            .word(output)
+            .store(StepEvent::NONE.bits(), Relaxed);
         output
     }
 
@@ -177,7 +179,7 @@ impl<'a> EventWriter<'a> {
         self.ring.set_next(event);
     }
 
-    /// The event of a number, while it is among the last [`EVENT_RING`] output or waits.
+    /// The event of a number, while it waits or is among those output last, one less than [`EVENT_RING`].
     pub(super) fn event(&self, number: u32) -> StepEvent {
         StepEvent::from_bits(self.ring.word(number).load(Relaxed))
     }
@@ -225,26 +227,52 @@ impl EventBatch<'_> {
         self.number
     }
 
-    /// Puts an event. The caller has seen to it that there is room.
+    /// Puts an event, for the reader to see. The caller has seen to it that there is room.
     #[inline]
     pub(super) fn put(&mut self, event: StepEvent) {
+        let behind = self.number.wrapping_add(1);
+        self.ring
+            .word(behind)
+            .store(StepEvent::NONE.bits(), Relaxed);
+        self.show(event);
+        self.number = behind;
+    }
+
+    /// Puts an event that the reader must not see yet: see [`EventBatch::hold`].
+    #[inline]
+    pub(super) fn put_behind(&mut self, event: StepEvent) {
         self.ring.word(self.number).store(event.bits(), Relaxed);
         self.number = self.number.wrapping_add(1);
     }
 
-    /// Makes an event that has not been published the first of a segment.
+    /// Begins to put events that the reader is to see together, the first of which will be shown by
+    /// [`EventBatch::release`].
     #[inline]
-    pub(super) fn mark_boundary(&mut self, number: u32) {
-        let word = self.ring.word(number);
-        let event = StepEvent::from_bits(word.load(Relaxed));
-        word.store(event.at_boundary().bits(), Relaxed);
+    pub(super) fn hold(&mut self) -> Self {
+        let held = *self;
+        self.number = self.number.wrapping_add(1);
+        held
     }
 
-    /// Shows the reader all events put.
+    /// Shows the reader what has been put since a [`EventBatch::hold`], which begins with this event.
+    #[inline]
+    pub(super) fn release(&mut self, mut held: Self, event: StepEvent) {
+        let ring = self.ring;
+        ring.word(self.number)
+            .store(StepEvent::NONE.bits(), Relaxed);
+        held.show(event);
+    }
+
+    #[inline]
+    fn show(&mut self, event: StepEvent) {
+        // The reader must not see it before what is behind it.
+        compiler_fence(SeqCst);
+        self.ring.word(self.number).store(event.bits(), Relaxed);
+    }
+
+    /// Counts all events put.
     #[inline]
     pub(super) fn publish(&mut self) {
-        // The reader must not see the number before the words.
-        compiler_fence(SeqCst);
         self.ring.written.store(self.number, Relaxed);
     }
 }
@@ -317,11 +345,10 @@ impl EventReader<'_> {
         (event != StepEvent::NONE).then_some(Upcoming { event, then })
     }
 
-    /// Counts an event if it is late: the step interrupt takes the same time for one that is and one
-    /// that is not.
+    /// Counts so many late events, one or none: the step interrupt takes the same time for both.
     #[inline]
-    pub fn count_late(&mut self, is_late: bool) {
-        let late = self.ring.late().wrapping_add(u32::from(is_late));
+    pub fn count_late(&mut self, late: u32) {
+        let late = self.ring.late().wrapping_add(late);
         self.ring.late.store(late, Relaxed);
     }
 }
@@ -406,6 +433,19 @@ mod tests {
         }
         assert!(writer.is_waiting());
         assert_eq!(writer.room(), 0);
+    }
+
+    #[test]
+    fn a_word_of_an_earlier_turn_is_not_taken_for_an_event() {
+        let mut ring = EventRing::new();
+        let counts = StepCounts::new();
+        let (mut writer, mut reader) = ring.split();
+        for number in 0..3 * WORDS as u32 {
+            put(&mut writer, numbered(number));
+            assert_eq!(start(&mut writer, &counts), Some(upcoming(number, 0)));
+            assert_eq!(reader.advance(), None);
+            counts.stop();
+        }
     }
 
     #[test]

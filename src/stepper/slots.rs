@@ -6,6 +6,8 @@
 //! fall into one slot share an event. A step has its own time within the slot; where an event in
 //! the slot before is too close, it comes later, at the end of the slot at most.
 
+use core::num::NonZeroU32;
+
 use super::{EVENT_SPACING_TICKS, StepEvent, ring::EventBatch};
 
 /// Length of a slot, ticks.
@@ -37,15 +39,15 @@ pub(super) struct Cursor {
     pub(super) free: u32,
     /// Time of the last event, ticks from the start of the slot that the segment begins in.
     pub(super) last: i32,
-    /// No event of the segment has been published.
+    /// No event of the segment has been put.
     pub(super) is_boundary: bool,
 }
 
 impl Cursor {
-    /// Puts one event at a time, or as soon after it as it may be.
+    /// An event at a time, or as soon after it as it may be.
     #[inline(always)]
     #[expect(clippy::inline_always, reason = "keeps the cursor in registers")]
-    pub(super) fn put(&mut self, time: i32, what: StepEvent, events: &mut EventBatch<'_>) {
+    pub(super) fn next(&mut self, time: i32, what: StepEvent) -> StepEvent {
         let time = time.max(self.last + SLOT);
         let ticks = (time - self.last).cast_unsigned();
         debug_assert!(
@@ -53,17 +55,17 @@ impl Cursor {
             "{ticks} ticks without an event"
         );
         self.last = time;
-        events.put(what.after(ticks));
+        what.after(ticks)
     }
 
-    /// Shows the events from `first` on to the step interrupt.
+    /// The first event of the segment, or another.
     #[inline]
-    pub(super) fn publish(&mut self, first: u32, events: &mut EventBatch<'_>) {
-        if self.is_boundary && events.number() != first {
-            events.mark_boundary(first);
-            self.is_boundary = false;
+    pub(super) fn mark(&mut self, what: StepEvent) -> StepEvent {
+        if core::mem::take(&mut self.is_boundary) {
+            what.at_boundary()
+        } else {
+            what
         }
-        events.publish();
     }
 }
 
@@ -91,7 +93,7 @@ impl Slots {
     #[inline]
     pub(super) fn step(&mut self, slot: u32, mask: u32, ticks: u32) {
         let mark = self.mark(slot);
-        *mark = mark.after(ticks).and(StepEvent::new(0, mask, 0));
+        *mark = mark.within(ticks).and(StepEvent::new(0, mask, 0));
         *self.word(slot) |= bit(slot);
     }
 
@@ -103,9 +105,21 @@ impl Slots {
         let mut before = slot.wrapping_sub(1);
         // wcet-bound: 2048, wcet-total: neighbours
         while let Some(mark) = self.in_the_way(before, stop) {
-            *mark = mark.after(mark.ticks().min(ticks));
+            *mark = mark.within(mark.ticks().min(ticks));
             before = before.wrapping_sub(1);
         }
+    }
+
+    /// Whether something happens in a slot.
+    #[inline]
+    pub(super) fn is_used(&mut self, slot: u32) -> bool {
+        *self.mark(slot) != StepEvent::NONE
+    }
+
+    /// [`Slots::make_way`] where something is in the way.
+    #[inline(never)]
+    pub(super) fn clear_way(&mut self, slot: u32, stop: u32, ticks: u32) {
+        self.make_way(slot, stop, ticks);
     }
 
     /// What happens in a slot, if something does and to none of the axes in `stop`.
@@ -158,6 +172,20 @@ impl Slots {
         *self.word(slot) &= !bit(slot);
     }
 
+    /// Takes the bits of a word of slots but for those of `later`, and the marks of all of them.
+    #[inline]
+    fn take_before(
+        &mut self,
+        first: u32,
+        later: u32,
+    ) -> (u32, &mut [StepEvent; WORD_BITS as usize]) {
+        let place = (first % SLOTS / WORD_BITS) as usize;
+        let word = &mut self.used[place];
+        let bits = *word & !later;
+        *word &= later;
+        (bits, &mut self.marks.as_chunks_mut().0[place])
+    }
+
     /// Puts the events of all slots before `end`, for which there is room. Times count from the start
     /// of the slot `base`.
     #[inline(never)]
@@ -174,22 +202,24 @@ impl Slots {
         while first.wrapping_sub(end).cast_signed() < 0 {
             let ahead = end.wrapping_sub(first);
             let later = u32::MAX.checked_shr(ahead).unwrap_or(0);
-            let word = self.word(first);
-            let mut bits = *word & !later;
-            *word &= later;
+            let (mut bits, marks) = self.take_before(first, later);
+            if let Some(place) = first_of(bits) {
+                let mark = &mut marks[place as usize];
+                *mark = here.mark(*mark);
+            }
+            let begin = first.wrapping_sub(base).wrapping_mul(SLOT_TICKS);
             // wcet-bound: 32, wcet-total: segment_events
             while let Some(place) = first_of(bits) {
                 bits &= !bit(place);
-                let slot = first.wrapping_add(place);
-                let what = core::mem::take(self.mark(slot));
-                let time = slot.wrapping_sub(base).wrapping_mul(SLOT_TICKS);
+                let what = core::mem::take(&mut marks[place as usize]);
+                let time = begin.wrapping_add(place * SLOT_TICKS);
                 let time = time.wrapping_add(what.ticks()).cast_signed();
-                here.put(time, what, &mut out);
+                out.put(here.next(time, what));
             }
             first = first.wrapping_add(WORD_BITS);
         }
         here.free = end;
-        here.publish(events.number(), &mut out);
+        out.publish();
         (*cursor, *events) = (here, out);
     }
 }
@@ -197,7 +227,7 @@ impl Slots {
 /// The place of the first bit that is set.
 #[inline]
 fn first_of(bits: u32) -> Option<u32> {
-    (bits != 0).then(|| bits.leading_zeros())
+    NonZeroU32::new(bits).map(NonZeroU32::leading_zeros)
 }
 
 /// The bit of a slot in its word.
