@@ -230,6 +230,7 @@ impl<'a> Analysis<'a> {
             icache_lines: cost.as_ref().map_or(0, |cost| cost.lines.len()),
             uses_float: self.subject.uses_float(row),
             apart_from: Subject::apart_from(row),
+            regime: self.subject.regime(index).map(str::to_owned),
             worst_path: self.worst_path(row, response),
             ..Task::default()
         };

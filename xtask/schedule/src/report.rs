@@ -110,6 +110,8 @@ pub struct Task {
     pub uses_float: bool,
     /// Rows of the same task that are never due while this one is.
     pub apart_from: Vec<String>,
+    /// The regime that it is due in, where its task has several.
+    pub regime: Option<String>,
     /// Its worst path by source line, in the order of their cost.
     pub worst_path: Vec<Line>,
 }

@@ -130,6 +130,14 @@ impl<'a> Depths<'a> {
         depth
     }
 
+    /// The depth of a call in a block, as far as it counts.
+    fn counted(&mut self, function: &Function, block: usize, call: u32) -> Result<u64, u32> {
+        if self.left_out.contains(&(function.address, block)) {
+            return Ok(0);
+        }
+        self.depth(call)
+    }
+
     fn follow(&mut self, function: &Function) -> Result<u64, u32> {
         if function.blocks.is_empty() {
             // It could not be decoded.
@@ -176,10 +184,8 @@ impl<'a> Depths<'a> {
             if let (Some(call), Value::Stack(sp)) = (block.call, registers[usize::from(SP)])
                 && !(self.is_ignored)(call)
             {
-                if !self.left_out.contains(&(function.address, index)) {
-                    let callee = self.depth(call)?;
-                    deepest = deepest.max(callee.cast_signed() - sp);
-                }
+                let callee = self.counted(function, index, call)?;
+                deepest = deepest.max(callee.cast_signed() - sp);
                 clobber(&mut registers);
             }
             for edge in &block.successors {

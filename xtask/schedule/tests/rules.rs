@@ -325,3 +325,27 @@ fn code_in_ram_that_needs_the_flash_is_caught() {
     let project = project.replacing("distant();", inlined);
     assert_eq!(project.flaws(), []);
 }
+
+#[test]
+fn runs_of_another_regime_are_never_in_the_way() {
+    let response = |name: &str, regimes: [&str; 2]| {
+        let mode = |name: &str, regime: &str| {
+            format!(
+                "[task.work.mode.{name}]\nexcludes = []\nperiod = \"10s / baud\"\n\
+                 deadline = \"200us\"\nregime = \"{regime}\"\n"
+            )
+        };
+        let project = Project::new(name)?.configured(
+            "[task.work]\nperiod = \"10s / baud\"\ndeadline = \"200us\"\n",
+            &(mode("one", regimes[0]) + &mode("two", regimes[1])),
+        );
+        let report = project.analyse(&project.build());
+        let task = report.tasks.iter().find(|task| task.name == "work: one");
+        task.and_then(|task| task.response_cycles)
+    };
+    let Some(together) = response("one-regime", ["a", "a"]) else {
+        return;
+    };
+    let alone = response("two-regimes", ["a", "b"]).expect("it is bounded");
+    assert!(alone < together, "{alone} of {together} cycles");
+}

@@ -147,10 +147,19 @@ impl Instant {
 }
 
 /// Every task that is analysed; the modes of a task, `task: mode`, are tasks of one priority. Not
-/// those that are apart from others: they have an instant of their own.
+/// those that are apart from others: they have an instant of their own; and of the regimes of a task
+/// only that which takes most of the processor.
 fn players(report: &Report) -> Vec<Player> {
+    let load = |regime: &str| -> f64 {
+        let tasks = report.tasks.iter();
+        let tasks = tasks.filter(|task| task.regime.as_deref() == Some(regime));
+        tasks.map(|task| task.share).sum()
+    };
+    let regimes = report.tasks.iter().filter_map(|it| it.regime.as_deref());
+    let busiest = regimes.max_by(|one, other| load(one).total_cmp(&load(other)));
     let tasks = report.tasks.iter().enumerate();
     let tasks = tasks.filter(|(_, task)| task.apart_from.is_empty());
+    let tasks = tasks.filter(|(_, it)| it.regime.is_none() || it.regime.as_deref() == busiest);
     let players = tasks.filter_map(|(index, task)| Player::of(task, index));
     players.collect()
 }
