@@ -144,8 +144,8 @@ fn a_hold_in_a_cruise_takes_5_ms_more_than_the_limits_allow() {
         };
         // 100 mm/s at 500 mm/s², and half of the acceleration's own time.
         let shortest_mm = 10.0 + 100.0 * 0.5 * ramp_s;
-        for instant in 0..400_u64 {
-            let asked = 500 * u64::from(TICKS_PER_MS) + 23_757 * instant;
+        for instant in 0..100_u64 {
+            let asked = 500 * u64::from(TICKS_PER_MS) + 95_027 * instant;
             let resume = (asked + 100_000_000, b'~');
             let mut rig = Rig::new(&settings);
             let line = line_at(at(&[200.0]), Pace::Feed(6000.0));
