@@ -246,7 +246,8 @@ impl Meter {
             let others = (0..AXES).filter(|axis| edge.raise >> axis & 1 == 0);
             let mut active = others.filter_map(|axis| self.active[axis]);
             let is_near = active.any(|ticks| edge.ticks - ticks < near);
-            self.held = Some((*edge, is_near || edge.raise.count_ones() > 1));
+            let is_joint = edge.raise.count_ones() > 1 || edge.drop & !edge.raise != 0;
+            self.held = Some((*edge, is_near || is_joint));
         }
         for axis in (0..AXES).filter(|axis| bits >> axis & 1 != 0) {
             self.active[axis] = Some(edge.ticks);
@@ -321,7 +322,7 @@ impl Meter {
     fn pass(&mut self, passed: Passed, seconds: f64) {
         let is_kink = passed.is_exact && passed.corner.turn_rad > KINK_RAD;
         if is_kink || passed.corner.is_stop {
-            self.tracks.iter_mut().for_each(Track::cut);
+            self.tracks.iter_mut().for_each(Track::turn);
         }
         if passed.corner.is_stop {
             self.path.cut();

@@ -19,6 +19,11 @@ const SHORT_S: f64 = 0.001;
 
 /// The crossings of one axis, and what is measured on them.
 pub(super) struct Track {
+    /// Of an axis: the newest crossing, which may already be behind a corner, or the first behind one,
+    /// which may be before it: a path that is rounded to steps does not say it to a step.
+    held: Option<Crossing>,
+    is_first: bool,
+    is_axis: bool,
     last: Option<Crossing>,
     /// Between the last two crossings, s.
     gap_s: Option<f64>,
@@ -47,6 +52,9 @@ impl Track {
     fn new(scale: f64, intervals: Option<Intervals>) -> Self {
         let sweep = |sought| Sweep::new(sought, scale);
         Self {
+            held: None,
+            is_first: false,
+            is_axis: intervals.is_none(),
             last: None,
             gap_s: None,
             has_moved: false,
@@ -81,9 +89,27 @@ impl Track {
         }
     }
 
+    /// The path turns: as [`Self::cut`], and the crossings on both sides of the corner are left out.
+    pub(super) fn turn(&mut self) {
+        self.cut();
+        self.held = None;
+        self.is_first = true;
+    }
+
     /// Takes the next crossing; the speed over the window that ends with it, if one does.
     pub(super) fn push(&mut self, crossing: Crossing) -> Option<Measured> {
         self.has_moved = true;
+        if !self.is_axis {
+            return self.follow(crossing);
+        }
+        if std::mem::take(&mut self.is_first) {
+            return None;
+        }
+        let before = self.held.replace(crossing)?;
+        self.follow(before)
+    }
+
+    fn follow(&mut self, crossing: Crossing) -> Option<Measured> {
         if let Some(last) = self.last {
             let gap_s = crossing.seconds - last.seconds;
             let longer = self.gap_s.is_some_and(|gap| gap_s > STANDSTILL * gap);
