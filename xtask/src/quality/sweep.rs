@@ -2,6 +2,7 @@
 
 use std::collections::VecDeque;
 
+use leadscrew::{stepper::EVENT_SPACING_TICKS, units::TICKS_PER_SECOND};
 use serde::Serialize;
 
 use super::fit::{Crossing, Fit};
@@ -165,7 +166,23 @@ impl Sweep {
             Sought::Jerk => 100_800.0_f64.sqrt() / seconds.powi(3),
             Sought::Jump => 56.0 / seconds,
         };
-        SIGMAS * grain_s * speed * factor / root
+        SIGMAS * grain_s * speed * factor / root + self.outlier(seconds)
+    }
+
+    /// What one step that makes way by two spacings of events can make, mm/s to a power: at the end of
+    /// a segment it may, whatever other axes do. A crossing at either end of N even ones has the weight
+    /// (2m + 1)!/m!/(N·T^m) in the mean of derivative m, the greatest.
+    fn outlier(&self, seconds: f64) -> f64 {
+        const SHIFT_S: f64 = 2.0 * EVENT_SPACING_TICKS as f64 / TICKS_PER_SECOND as f64;
+        let count = self.points.len() as f64;
+        let speed = (count - 1.0) / seconds * self.step_mm();
+        let weight = match self.sought {
+            Sought::Speed => 6.0 / seconds,
+            Sought::Acceleration => 60.0 / seconds.powi(2),
+            Sought::Jerk => 840.0 / seconds.powi(3),
+            Sought::Jump => 150.0 / seconds,
+        };
+        SHIFT_S * speed * weight / count
     }
 
     /// The way between two crossings, mm.
@@ -195,7 +212,8 @@ impl Sweep {
                 (fit.leading(), fit.leading_noise(noise))
             }
         };
-        let (value, mut floor) = (value / self.scale, SIGMAS * noise / self.scale);
+        let value = value / self.scale;
+        let mut floor = SIGMAS * noise / self.scale + self.outlier(seconds);
         let limit = |kind: usize| {
             let limits = self.points.iter().map(|point| point.limit[kind]);
             limits.fold(0.0, f64::max)
