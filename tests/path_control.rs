@@ -4,6 +4,7 @@
 mod support;
 
 use leadscrew::{
+    axis::Axes,
     settings::Settings,
     sim::{Edge, End, Simulator, Stream, Watcher},
     units::TICKS_PER_MS,
@@ -364,8 +365,10 @@ proptest! {
     fn no_order_of_events_loses_a_step_of_what_is_rounded(
         lines in lines(),
         tolerance in prop::sample::select(vec!["", "P0.02", "P0.1Q0", "P0.5Q0.2"]),
+        jerk in prop::sample::select(vec![0.0, 0.0, 10_000.0, 200_000.0]),
     ) {
-        let mut talk = Talk::new(&fast());
+        let settings = Settings { jerk_mm_s3: Axes::all(jerk), ..fast() };
+        let mut talk = Talk::new(&settings);
         talk.send(&format!("G64{tolerance}\nF3000\n"), 1);
         for (number, (place, wait_ms, byte)) in lines.iter().enumerate() {
             let word = if number % 5 == 4 { "G0" } else { "G1" };
