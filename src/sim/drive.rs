@@ -63,29 +63,32 @@ pub struct Drive {
 impl Drive {
     /// At rest, with these settings.
     #[must_use]
+    #[inline(never)]
     pub fn new(settings: &Settings) -> Self {
-        let mut motion = Motion::new();
         let inputs = Inputs::new();
-        let snapshot = motion.power_up(settings, &inputs);
-        let outputs = *motion.outputs();
-        Self {
-            motion,
-            snapshot,
-            counts: StepCounts::new(),
+        // Constants, which are copied to where they stay: an emulated chip has no room for two of them.
+        let mut drive = Self {
+            motion: const { Motion::new() },
+            snapshot: Snapshot::default(),
+            counts: const { StepCounts::new() },
             contacts: Contacts::new(),
             watch: Watch::new(Levels::NONE, &inputs),
             sample_due: None,
             is_watch_released: false,
             inputs,
             entries: Queue::new(),
-            events: EventRing::new(),
+            events: const { EventRing::new() },
             due: None,
             directions: 0,
             wake_due: None,
-            outputs,
+            outputs: Outputs::default(),
             is_prepare_released: true,
             has_news: false,
-        }
+        };
+        drive.snapshot = drive.motion.power_up(settings, &drive.inputs);
+        drive.watch = Watch::new(Levels::NONE, &drive.inputs);
+        drive.outputs = *drive.motion.outputs();
+        drive
     }
 
     /// The machine as `prepare` last published it.

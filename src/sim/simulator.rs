@@ -46,7 +46,7 @@ impl Simulator {
         // A flash that is new and whose power stays on has room for the settings.
         let _ = journal.load();
         let _ = journal.write(Change::Settings, &stored);
-        Self::power_up(journal.into_flash(), settings.step_rate)
+        Self::start(journal, settings.step_rate)
     }
 
     /// Switched on for the first time.
@@ -59,7 +59,11 @@ impl Simulator {
     #[must_use]
     pub fn power_up(mut flash: Flash, step_rate: StepRate) -> Self {
         flash.power_up();
-        let mut journal = Journal::new(flash);
+        Self::start(Journal::new(flash), step_rate)
+    }
+
+    /// With what is stored; once in memory, as an emulated chip has hardly room for two.
+    fn start(mut journal: Journal<Flash>, step_rate: StepRate) -> Self {
         let Loaded {
             mut stored,
             is_first_boot,
