@@ -94,17 +94,16 @@ impl Line {
                 break None;
             };
             let code = CODE[usize::from(byte)];
-            if code == DROPPED {
-                continue;
-            }
             if code == OTHER {
                 break Some(byte);
             }
+            // What is dropped is put too, and the next byte over it: that takes no branch.
+            let is_kept = code != DROPPED;
             if let Some(place) = self.bytes.get_mut(length) {
                 *place = code;
-                length += 1;
+                length += usize::from(is_kept);
             } else {
-                self.is_too_long = true;
+                self.is_too_long |= is_kept;
             }
         };
         self.length = length;
