@@ -289,6 +289,9 @@ impl Router {
     }
 
     /// Gives a command to the path: what becomes of it, and when, is [`Path::next`].
+    ///
+    /// Apart, as is what ends the path: most programs have none.
+    #[inline(never)]
     pub fn lead(&self, path: &mut Path, control: PathControl, command: &Command) {
         path.take(control, self.position, &self.limits, command);
     }
@@ -297,8 +300,13 @@ impl Router {
     #[inline]
     pub fn release(&self, path: &mut Path) {
         if path.is_holding() {
-            path.end(&self.limits);
+            self.end(path);
         }
+    }
+
+    #[inline(never)]
+    fn end(&self, path: &mut Path) {
+        path.end(&self.limits);
     }
 
     /// As [`Self::work_into`], for what has come through the path.
@@ -309,11 +317,25 @@ impl Router {
         }
     }
 
+    #[inline(never)]
     fn line(&mut self, target: &Target, pace: Pace, line: u32, work: &mut Work) -> bool {
+        let block = self.block(target, pace, line);
+        let moves = block.is_some();
+        if let Some(block) = block {
+            *work = Work::Move(block);
+        }
+        moves
+    }
+
+    /// The block of a line; `None` for one that makes no step. It becomes part of its caller, so that
+    /// it is made where it is to be and not copied.
+    #[inline(always)]
+    #[expect(clippy::inline_always, reason = "a call would return by a copy")]
+    pub(crate) fn block(&mut self, target: &Target, pace: Pace, line: u32) -> Option<Block> {
         let end = self.place(target);
         if end.steps == self.steps {
             self.position = target.position;
-            return false;
+            return None;
         }
         let way = target
             .position
@@ -329,7 +351,7 @@ impl Router {
             self.limits.together(&steps_per_mm),
         );
         let programmed_mm_s = pace_mm_s(pace, length_mm, rate);
-        *work = Work::Move(Block {
+        let block = Block {
             delta: end.fine.zip(self.fine, |to, from| to.0 - from.0),
             steps_per_mm,
             length_mm,
@@ -342,9 +364,9 @@ impl Router {
             junction_sqr: self.junction_sqr(&tangent, &Axes::all(0.0)),
             curve: None,
             line,
-        });
+        };
         self.finish(target.position, end, tangent, Axes::all(0.0));
-        true
+        Some(block)
     }
 
     /// Apart: most moves are lines, and it has much to keep.

@@ -11,7 +11,10 @@ use crate::{
     gcode::{LineError, Probe},
     interpreter::{Checked, Message},
     machine::{Alarm, Levels, Snapshot, State},
-    planner::{Command, Entry, Laser, Pace, PathControl, Spindle, Work, is_outside, leaves_travel},
+    planner::{
+        Command, Entry, Laser, Pace, PathControl, Router, Spindle, Target, Work, is_outside,
+        leaves_travel,
+    },
     protocol::report::{self, Feedback},
     settings::Change,
     units::Nm,
@@ -214,12 +217,10 @@ impl Session {
         if matches!(command, Command::Spindle { .. } | Command::Coolant(_)) {
             self.cadence.overrides_changed();
         }
-        let mut entry = self.entry();
-        if self.router.work_into(command, &mut entry.work) {
+        let epoch = self.entry().epoch;
+        if put(&mut self.router, command, epoch, entries) {
             self.is_jogging |= self.source == Source::Jog;
-            if put(entry, entries) {
-                self.entered = self.entered.wrapping_add(1);
-            }
+            self.entered = self.entered.wrapping_add(1);
         } else if let Some(work) = self.instead(machine, number) {
             self.is_jogging |= self.source == Source::Jog;
             self.send_entry(work, entries);
@@ -312,11 +313,46 @@ impl Session {
     }
 }
 
-/// Puts an entry into the queue; whether there was room. Apart, because then what is passed is copied
-/// once only: into its place.
+/// Puts what a command asks for into the queue, which has room; false for a move without a step.
+///
+/// A line is made in its place in the queue: nearly all moves are lines.
+fn put(
+    router: &mut Router,
+    command: &Command,
+    epoch: u32,
+    entries: &mut Producer<'_, Entry>,
+) -> bool {
+    if let Command::Line { target, pace, line } = command {
+        return put_line(router, target, *pace, *line, epoch, entries);
+    }
+    put_other(router, command, epoch, entries)
+}
+
 #[inline(never)]
-fn put(entry: Entry, entries: &mut Producer<'_, Entry>) -> bool {
-    entries.enqueue(entry).is_ok()
+fn put_line(
+    router: &mut Router,
+    target: &Target,
+    pace: Pace,
+    line: u32,
+    epoch: u32,
+    entries: &mut Producer<'_, Entry>,
+) -> bool {
+    let Some(block) = router.block(target, pace, line) else {
+        return false;
+    };
+    let work = Work::Move(block);
+    entries.enqueue(Entry { epoch, work }).is_ok()
+}
+
+#[inline(never)]
+fn put_other(
+    router: &mut Router,
+    command: &Command,
+    epoch: u32,
+    entries: &mut Producer<'_, Entry>,
+) -> bool {
+    let mut work = Work::Pause;
+    router.work_into(command, &mut work) && entries.enqueue(Entry { epoch, work }).is_ok()
 }
 
 /// Whether a command goes through the path, which `G64` may change.
