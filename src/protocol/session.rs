@@ -250,7 +250,8 @@ impl Session {
         core::mem::take(&mut self.has_request)
     }
 
-    /// One bounded piece of work: at most one line.
+    /// One bounded piece of work: at most one line, and before it the rest of one that has waited
+    /// for room.
     ///
     /// The first call welcomes the sender. Room in `sent` must be possible for one message of
     /// [`super::MESSAGE_BYTES`].
@@ -322,16 +323,22 @@ impl Session {
         if !self.message.is_empty() {
             return Progress::Waiting;
         }
-        let progress = if machine.is_starved || machine.is_critical {
+        if machine.is_starved || machine.is_critical {
             self.tell_fault(machine);
-            Progress::Waiting
-        } else {
-            self.advance(machine, requests, received, entries)
-        };
-        if self.flush(sent) {
-            progress
-        } else {
-            Progress::Waiting
+            self.flush(sent);
+            return Progress::Waiting;
+        }
+        // wcet-bound: 2
+        loop {
+            let was_entering = matches!(self.stage, Stage::Entering(_));
+            let progress = self.advance(machine, requests, received, entries);
+            if !self.flush(sent) {
+                return Progress::Waiting;
+            }
+            // Where a line that waited for room has ended, the next begins at once.
+            if !was_entering || self.stage != Stage::Reading {
+                return progress;
+            }
         }
     }
 
