@@ -88,25 +88,23 @@ impl Line {
     /// Takes bytes of code up to another, which it tells.
     #[inline]
     fn take_code(&mut self, bytes: &mut impl Iterator<Item = u8>) -> Option<u8> {
-        let mut length = self.length;
+        let places = self.bytes.get_mut(self.length..).unwrap_or_default();
+        let mut places = places.iter_mut();
         let other = loop {
             let Some(byte) = bytes.next() else {
                 break None;
             };
             let code = CODE[usize::from(byte)];
-            if code == OTHER {
+            if code > OTHER {
+                match places.next() {
+                    Some(place) => *place = code,
+                    None => self.is_too_long = true,
+                }
+            } else if code == OTHER {
                 break Some(byte);
             }
-            // What is dropped is put too, and the next byte over it: that takes no branch.
-            let is_kept = code != DROPPED;
-            if let Some(place) = self.bytes.get_mut(length) {
-                *place = code;
-                length += usize::from(is_kept);
-            } else {
-                self.is_too_long |= is_kept;
-            }
         };
-        self.length = length;
+        self.length = LINE_BYTES - places.len();
         other
     }
 
