@@ -23,8 +23,11 @@ const DIAMETER_SLACK: f64 = 1.0e-6;
 
 /// The path of an arc from `start` to `target`, and the words it uses taken out.
 ///
+/// Apart: what it keeps in registers, lines do not need.
+///
 /// # Errors
 /// Grbl's 26 and 32 to 35; 23 and 39 for the number of turns.
+#[inline(never)]
 pub(super) fn path(
     block: &Block,
     words: &mut Words,
