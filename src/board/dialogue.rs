@@ -13,13 +13,14 @@ use super::{
     serial::Transmitter,
 };
 
-/// The session and its queues.
+/// The session and its queues, which are small and come first in memory.
 #[expect(unreachable_pub, reason = "RTIC wants what is locked to be public")]
+#[repr(C)]
 pub struct Dialogue {
-    session: Session,
     received: ByteReader<'static>,
     sent: ByteWriter<'static>,
     transmitter: Transmitter,
+    session: Session,
 }
 
 impl Dialogue {
@@ -30,10 +31,10 @@ impl Dialogue {
         (sent, sent_out): (ByteWriter<'static>, ByteReader<'static>),
     ) -> Self {
         Self {
-            session,
             received,
             sent,
             transmitter: Transmitter::new(sent_out),
+            session,
         }
     }
 

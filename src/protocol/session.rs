@@ -111,42 +111,29 @@ enum Source {
 }
 
 /// The conversation with one sender.
+///
+/// In this order in memory, so that what each line needs is within the reach of one instruction.
 #[derive(Debug)]
+#[repr(C)]
 pub struct Session {
-    /// What is stored, or is to be.
-    stored: Stored,
-    /// What was stored before the change that is being stored.
-    before: Stored,
+    stage: Stage,
+    source: Source,
     /// What is to be stored, and what has come of it.
     change: Option<Change>,
     store_result: Option<Result<(), StoreError>>,
-    interpreter: Interpreter,
-    router: Router,
-    /// Moves on their way to the router, and the way that the machine needs to stop after the last
-    /// that it knows of, mm.
-    path: Path,
-    stop_mm: f32,
-    line: Line,
-    stage: Stage,
-    source: Source,
-    /// The line as it was checked last.
-    checked: Checked,
-    /// What the line in [`Stage::Entering`] asks for, and what follows.
-    outcome: Outcome,
-    after: Option<After>,
-    /// A message that still needs room.
-    message: Text,
-    cadence: Cadence,
-    /// `?` that still needs room.
-    is_report_due: bool,
     /// Entries sent to the machine so far, wrapping.
     entered: u32,
-    /// The entries that have not been done are jogs.
-    is_jogging: bool,
     /// The reset that this session has acted on.
     epoch: u32,
     /// Motions that the machine has ended before their target, as far as the position is known.
     cuts: u32,
+    /// What has been seen of the machine.
+    seen: Seen,
+    cadence: Cadence,
+    /// `?` that still needs room.
+    is_report_due: bool,
+    /// The entries that have not been done are jogs.
+    is_jogging: bool,
     /// A reset has been asked for that `prepare` does not know of.
     has_request: bool,
     /// A reset has come before what was stored took effect.
@@ -159,8 +146,25 @@ pub struct Session {
     is_first_boot: bool,
     /// A line that a reset has interrupted gets its `ok` before the welcome.
     is_answer_owed: bool,
-    /// What has been seen of the machine.
-    seen: Seen,
+    /// The way that the machine needs to stop after the last move that it knows of, mm.
+    stop_mm: f32,
+    /// What follows the line in [`Stage::Entering`].
+    after: Option<After>,
+    router: Router,
+    interpreter: Interpreter,
+    /// The line as it was checked last.
+    checked: Checked,
+    line: Line,
+    /// A message that still needs room.
+    message: Text,
+    /// What the line in [`Stage::Entering`] asks for.
+    outcome: Outcome,
+    /// Moves on their way to the router.
+    path: Path,
+    /// What is stored, or is to be.
+    stored: Stored,
+    /// What was stored before the change that is being stored.
+    before: Stored,
     /// The last probing move, and where it began.
     probed: Probed,
     probed_from: (Axes<Nm>, Mark),
