@@ -207,7 +207,7 @@ fn check_non_modal(
         NonModal::None | NonModal::Dwell => {}
     }
     if block.axes != 0 && block.axis_command != AxisCommand::ToolLength {
-        (checked.values, checked.single_mm) = target(state, block);
+        move_target(state, block, checked);
     }
     Ok(())
 }
@@ -266,8 +266,9 @@ fn new_work_offset(state: &Interpreter, block: &Block) -> Axes<Nm> {
     })
 }
 
-/// Where the axis words lead, in the machine frame: exactly, and in Grbl's single precision.
-fn target(state: &Interpreter, block: &Block) -> (Axes<Nm>, Axes<f32>) {
+/// Moves the target from the present position to where the axis words lead, in the machine frame:
+/// exactly, and in Grbl's single precision.
+fn move_target(state: &Interpreter, block: &Block, checked: &mut Checked) {
     let (base, single_base) = if block.non_modal == NonModal::MachineCoordinates {
         (Axes::all(Nm(0)), Axes::all(0.0))
     } else {
@@ -285,7 +286,6 @@ fn target(state: &Interpreter, block: &Block) -> (Axes<Nm>, Axes<f32>) {
             Distance::Incremental => (state.position, state.single_mm),
         }
     };
-    let (mut target, mut single_mm) = (state.position, state.single_mm);
     for axis in 0..AXES {
         if block.has_axis(axis) {
             let (exact, single) = if block.modal.units == Units::Millimetres {
@@ -294,11 +294,10 @@ fn target(state: &Interpreter, block: &Block) -> (Axes<Nm>, Axes<f32>) {
             } else {
                 (coordinate(block, axis), single_coordinate(block, axis))
             };
-            target[axis] = base[axis] + exact;
-            single_mm[axis] = single_base[axis] + single;
+            checked.values[axis] = base[axis] + exact;
+            checked.single_mm[axis] = single_base[axis] + single;
         }
     }
-    (target, single_mm)
 }
 
 /// An axis word in mm as Grbl has it.

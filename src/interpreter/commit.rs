@@ -107,13 +107,13 @@ fn travel(state: &mut Interpreter, checked: &Checked, outcome: &mut Outcome) {
         (_, FeedMode::PerMinute) => Pace::Feed(checked.modal.feed),
         (_, FeedMode::InverseTime) => Pace::InverseTime(checked.modal.feed),
     };
-    let target = checked.target();
-    // Each is added where it is made: joined, they would be copied once more.
+    // Each is added where it is made: joined, they would be copied once more, as a target would that
+    // is kept.
     match checked.path {
         Path::None => return,
-        Path::Straight => outcome.add(line(target, pace, checked)),
+        Path::Straight => outcome.add(line(checked.target(), pace, checked)),
         Path::Arc(circle) => outcome.add(Command::Arc {
-            target,
+            target: checked.target(),
             circle,
             pace,
             line: checked.line,
@@ -121,14 +121,14 @@ fn travel(state: &mut Interpreter, checked: &Checked, outcome: &mut Outcome) {
         Path::Probe(probe) => {
             let (probing, line) = (probing(probe), checked.line);
             outcome.add(Command::Probe {
-                target,
+                target: checked.target(),
                 pace,
                 probing,
                 line,
             });
         }
     }
-    state.arrive(&target);
+    state.arrive(&checked.target());
 }
 
 const fn probing(probe: Probe) -> Probing {

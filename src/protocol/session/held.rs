@@ -50,9 +50,14 @@ impl Session {
         machine: &Snapshot,
         entries: &mut Producer<'_, Entry>,
     ) {
-        if !self.path.is_holding() {
-            return;
+        if self.path.is_holding() {
+            self.release_if_near(machine, entries);
         }
+    }
+
+    /// Apart, as what is ready is: its registers are saved only where something is held back.
+    #[inline(never)]
+    fn release_if_near(&mut self, machine: &Snapshot, entries: &mut Producer<'_, Entry>) {
         let left = self.entered.wrapping_sub(machine.finished);
         let is_near = left < FEW && self.router.way_from_mm(&machine.steps) <= self.stop_mm;
         if left == 0 || is_near {
