@@ -183,8 +183,9 @@ impl StepsPerMm {
             whole += 1;
             rest -= Self::ONE_STEP;
         }
-        // rest / 10^12 of a step to 32 binary places: times 2^66 / 10^12, a bit coarser than that.
-        let fraction = ((rest >> 10) * 73_786_976) >> 24;
+        // rest / 10^12 of a step to 32 binary places: times 2^66 / 10^12, a bit coarser than that:
+        // it is below 2 × 10^12, and fits a word so.
+        let fraction = (i64::from((rest >> 10) as i32) * 73_786_976) >> 24;
         let (whole, fraction) = if position.0 < 0 {
             (-whole, -fraction)
         } else {
