@@ -11,8 +11,8 @@ use leadscrew::{
 };
 use proptest::prelude::*;
 use support::{
-    Piece, Rig, arc, cases, check_limits, fast, follow, line, pieces, pieces_of_ways, target_steps,
-    with,
+    Piece, Rig, arc, cases, check_limits, fast, follow, line, number, pieces, pieces_of_ways,
+    target_steps, with,
 };
 
 fn continuous(tolerance_nm: u32, merging_nm: u32) -> PathControl {
@@ -58,6 +58,19 @@ fn lines(ways: &[Way]) -> usize {
 /// One step is a micrometre, so that points are in micrometres.
 fn fine() -> Settings {
     with(&[1000.0], &[5000.0], &[500.0])
+}
+
+/// Whether each way ends on other steps than the one before.
+fn all_step(settings: &Settings, ways: &[Way]) -> bool {
+    let mut before = Axes::all(0);
+    ways.iter().all(|way| {
+        let target = match way {
+            Way::Command(command) => support::target(command),
+            Way::Round(round) => Some(round.target),
+        };
+        let steps = target.map_or(before, |target| target_steps(settings, &target));
+        core::mem::replace(&mut before, steps) != steps
+    })
 }
 
 type Point = [f64; 3];
@@ -286,13 +299,17 @@ proptest! {
         } else {
             fast()
         };
+        let commands = number(&commands);
         let mut rig = Rig::new(&settings);
         rig.control = continuous(1000 * tolerance_um, 0);
         rig.run(&commands, &[]);
         rig.trace.check_pulses();
         let pieces = pieces_of_ways(&settings, &rig.ways);
         follow(&settings, &pieces, &rig.trace, 1.0);
-        check_limits(&settings, &rig.trace);
+        // An arc behind a move that makes no step begins beside its place, and ends in it.
+        if all_step(&settings, &rig.ways) {
+            check_limits(&settings, &rig.trace);
+        }
         let end = commands.iter().rev().find_map(support::target);
         let end = target_steps(&settings, &end.unwrap_or(Axes::all(Nm(0))));
         prop_assert_eq!(rig.trace.net_steps(), end);

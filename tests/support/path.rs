@@ -261,6 +261,7 @@ pub(crate) fn follow(
                 .is_some_and(|it| it.contains(&edge.ticks));
             least[n] + if is_waiting { 1.0 } else { 0.0 }
         });
+        // What a coarse axis allows, and its next step, are many steps of a fine one.
         let mut tries = 0.0;
         loop {
             let here = pieces[piece].at(share);
@@ -271,7 +272,7 @@ pub(crate) fn follow(
             }
             tries += GRAIN;
             assert!(
-                tries < 8.0 + 4.0 * pieces[piece].length.sqrt(),
+                tries < 60.0 + 4.0 * pieces[piece].length.sqrt(),
                 "{position:?} is {off:?} off the path, at {share} of move {piece}, {edge:?}"
             );
             let next = GRAIN / pieces[piece].length.max(GRAIN);
