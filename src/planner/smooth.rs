@@ -162,10 +162,15 @@ impl Smooth {
         self.age <= AHEAD && self.played_s <= 0.0
     }
 
-    /// Whether another cell of the reference is needed: the longest segment is to be known. Not more
-    /// than that, as a hold comes behind it.
+    /// Whether another cell of the reference is needed: the longest segment is to be known, and from
+    /// rest one more cell. Not more than that, as a hold comes behind it.
     pub(super) fn needs_cell(&self) -> bool {
-        self.is_on() && self.known_s() < KNOWN_S
+        let least_s = if self.begins() {
+            AHEAD as f32 * CELL_S
+        } else {
+            KNOWN_S
+        };
+        self.is_on() && self.known < AHEAD && self.known_s() < least_s
     }
 
     /// What leaves the window with the next cell.

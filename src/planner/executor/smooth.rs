@@ -1,8 +1,8 @@
 //! Segments where acceleration is continuous: along the blocks, at the pace of the reference's mean.
 
 use super::{
-    Executor, Goal, LONGEST_S, SEGMENT_S, SMOOTH_SLIVER_S, START_S, Stretch, WHOLE_Q31, WITHIN,
-    share,
+    Executor, Goal, LONGEST_S, SEGMENT_S, SHORTEST_S, SMOOTH_SLIVER_S, START_S, Stretch, WHOLE_Q31,
+    WITHIN, share,
 };
 use crate::{
     axis::Axes,
@@ -75,7 +75,12 @@ fn walk(smooth: &Smooth, length_mm: f32, goes_on: bool) -> Stretch {
     }
     let known_s = smooth.known_s();
     let (known_mm, _) = smooth.after(known_s);
-    let ahead_s = if smooth.begins() { START_S } else { SEGMENT_S };
+    let ahead_s = if smooth.begins() {
+        START_S
+    } else {
+        // If it stops just behind what is known, there is to be enough left for a segment.
+        math::min(SEGMENT_S, known_s - SHORTEST_S)
+    };
     let mut seconds = ahead_s;
     let rest_s = smooth.rest_in();
     let (rest_mm, _) = smooth.after(rest_s);
