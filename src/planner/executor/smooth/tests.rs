@@ -211,7 +211,7 @@ fn peaks(settings: &Settings, run: &Run) -> Peaks {
     }
     for (speed, next) in run.corners.iter().zip(&run.blocks[1..]) {
         let limit = f64::from(math::sqrt(next.junction_sqr));
-        peaks.corner = peaks.corner.max((speed - 0.02) / limit.max(0.2));
+        peaks.corner = peaks.corner.max((speed - CREEP) / limit.max(0.2));
     }
     peaks
 }
@@ -298,7 +298,9 @@ fn acts() -> impl Strategy<Value = Vec<(usize, Act)>> {
 fn check(peaks: &Peaks) -> Result<(), TestCaseError> {
     prop_assert!(peaks.speed <= 1.005, "{peaks:?}");
     prop_assert!(peaks.acceleration <= 1.02, "{peaks:?}");
-    prop_assert!(peaks.jerk <= 1.05, "{peaks:?}");
+    // Between two cells acceleration changes by what the jerk allows in one. A short segment that ends
+    // with a cell, and one of 1.5 ms behind it, have means that differ by 4/3 of that, and roundings.
+    prop_assert!(peaks.jerk <= 1.5, "{peaks:?}");
     prop_assert!(peaks.corner <= 1.02, "{peaks:?}");
     Ok(())
 }
