@@ -19,8 +19,8 @@ use super::TASKS;
 /// Words of a record: start, duration, latency, and how many were dropped before.
 const WORDS: usize = 4;
 const RECORD_BYTES: u32 = 4 * WORDS as u32;
-/// Places in a ring, one of which is always free: what `step` leaves in 0.4 ms at 300 kHz.
-const SLOTS: usize = 128;
+/// Places in a ring, one of which is always free: what `step` leaves in 0.2 ms at 300 kHz.
+const SLOTS: usize = 64;
 const RING_BYTES: u32 = RECORD_BYTES * SLOTS as u32;
 const _: () = assert!(SLOTS.is_power_of_two(), "places wrap by a mask");
 
