@@ -11,8 +11,8 @@ use leadscrew::{
 };
 use proptest::prelude::*;
 use support::{
-    Act, Rig, Trace, at, cases, check_limits, check_path, line, line_at, number, target,
-    target_steps, with,
+    Act, Rig, Trace, Trapezoid, at, cases, check_limits, check_path, interval_error_rms, line,
+    line_at, number, slack, target, target_steps, with,
 };
 
 const DOOR: u8 = 0x84;
@@ -27,29 +27,16 @@ fn machine(jerk: f32) -> Settings {
 
 /// A line from rest to rest whose speed is the mean, over a window, of that of a trapezoid.
 struct Mean {
-    length: f64,
-    speed: f64,
-    acceleration: f64,
+    trapezoid: Trapezoid,
     window: f64,
 }
 
 impl Mean {
-    fn trapezoid_s(&self) -> f64 {
-        self.length / self.speed + self.speed / self.acceleration
-    }
-
-    /// Way of the trapezoid after a time.
-    fn trapezoid(&self, seconds: f64) -> f64 {
-        let (end, ramp) = (self.trapezoid_s(), self.speed / self.acceleration);
-        let ramped = |t: f64| 0.5 * self.acceleration * t.clamp(0.0, ramp).powi(2);
-        let cruised = self.speed * (seconds - ramp).clamp(0.0, end - 2.0 * ramp);
-        ramped(seconds) + cruised + ramped(ramp) - ramped(end - seconds.clamp(end - ramp, end))
-    }
-
     /// When each way is done, in rising order.
     fn when(&self, ways: impl Iterator<Item = f64>) -> Vec<f64> {
         const DT: f64 = 2.0e-6;
-        let speed = |t: f64| (self.trapezoid(t) - self.trapezoid(t - self.window)) / self.window;
+        let way = |t: f64| self.trapezoid.way(t);
+        let speed = |t: f64| (way(t) - way(t - self.window)) / self.window;
         let (mut t, mut done, mut before) = (0.0, 0.0, 0.0);
         let mut times = Vec::new();
         for way in ways {
@@ -62,15 +49,6 @@ impl Mean {
         }
         times
     }
-}
-
-/// RMS of the error of the intervals between steps, relative to the exact interval.
-fn interval_error_rms(times: &[f64], exact: &[f64]) -> f64 {
-    let errors = times.windows(2).zip(exact.windows(2)).map(|(real, ideal)| {
-        let interval = ideal[1] - ideal[0];
-        ((real[1] - real[0]) - interval) / interval
-    });
-    (errors.map(|error| error * error).sum::<f64>() / (times.len() - 1) as f64).sqrt()
 }
 
 /// Greatest change of acceleration over time of an axis, from mean speeds over windows, mm/s³.
@@ -102,12 +80,14 @@ fn a_line_is_the_third_order_optimum() {
     assert_eq!(trace.net_steps(), target_steps(&settings, &at(&way)));
     let length = way.iter().map(|way| way * way).sum::<f64>().sqrt();
     let ideal = Mean {
-        length,
-        speed: 100.0,
-        acceleration: 500.0 * length / 100.0,
+        trapezoid: Trapezoid {
+            length,
+            speed: 100.0,
+            acceleration: 500.0 * length / 100.0,
+        },
         window: 0.051,
     };
-    let optimum = ideal.trapezoid_s() + 0.05;
+    let optimum = ideal.trapezoid.seconds() + 0.05;
     let whole = trace.whole_seconds();
     println!("{whole:.4} s of {optimum:.4} s");
     assert!(whole <= optimum * 1.005, "{whole}");
@@ -226,18 +206,6 @@ fn acts(bytes: &'static [u8]) -> impl Strategy<Value = Vec<Act>> {
             .map(|(ms, byte)| (ms * u64::from(TICKS_PER_MS) + 7919 * ms, byte))
             .collect()
     })
-}
-
-/// A move too short for a step becomes part of the next: that one's path begins up to a step off.
-fn slack(settings: &Settings, commands: &[Command]) -> f64 {
-    let mut before = Axes::all(0);
-    let mut has_shifted = false;
-    for target in commands.iter().filter_map(target) {
-        let steps = target_steps(settings, &target);
-        has_shifted |= steps == before;
-        before = steps;
-    }
-    if has_shifted { 1.0 } else { 0.0 }
 }
 
 proptest! {

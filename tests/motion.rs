@@ -11,21 +11,9 @@ use leadscrew::{
 };
 use proptest::prelude::*;
 use support::{
-    Act, RESET, Rig, TICKS_PER_S, Trace, arc, cases, check_limits, check_path, fast, line, line_at,
-    number, target, target_steps, with,
+    Act, RESET, Rig, TICKS_PER_S, Trace, Trapezoid, arc, cases, check_limits, check_path, fast,
+    interval_error_rms, line, line_at, number, slack, target, target_steps, with,
 };
-
-/// A move too short for a step becomes part of the next: that one's path begins up to a step off.
-fn slack(settings: &Settings, commands: &[Command]) -> f64 {
-    let mut before = Axes::all(0);
-    let mut has_shifted = false;
-    for target in commands.iter().filter_map(target) {
-        let steps = target_steps(settings, &target);
-        has_shifted |= steps == before;
-        before = steps;
-    }
-    if has_shifted { 1.0 } else { 0.0 }
-}
 
 /// Plays numbered commands; checks counts, pulses, path and limits.
 fn check(settings: &Settings, commands: &[Command]) -> Trace {
@@ -189,40 +177,6 @@ proptest! {
             check_path(&settings, &commands, &rig.trace, slack(&settings, &commands));
         }
     }
-}
-
-/// The exact trapezoid of a move from rest to rest.
-struct Trapezoid {
-    length: f64,
-    speed: f64,
-    acceleration: f64,
-}
-
-impl Trapezoid {
-    fn seconds(&self) -> f64 {
-        self.length / self.speed + self.speed / self.acceleration
-    }
-
-    /// When a way is done, s.
-    fn when(&self, way: f64) -> f64 {
-        let ramp = self.speed * self.speed / (2.0 * self.acceleration);
-        if way <= ramp {
-            (2.0 * way / self.acceleration).sqrt()
-        } else if way <= self.length - ramp {
-            self.speed / self.acceleration + (way - ramp) / self.speed
-        } else {
-            self.seconds() - (2.0 * (self.length - way).max(0.0) / self.acceleration).sqrt()
-        }
-    }
-}
-
-/// RMS of the error of the intervals between steps, relative to the exact interval.
-fn interval_error_rms(times: &[f64], exact: &[f64]) -> f64 {
-    let errors = times.windows(2).zip(exact.windows(2)).map(|(real, ideal)| {
-        let interval = ideal[1] - ideal[0];
-        ((real[1] - real[0]) - interval) / interval
-    });
-    (errors.map(|error| error * error).sum::<f64>() / (times.len() - 1) as f64).sqrt()
 }
 
 #[test]

@@ -8,12 +8,14 @@ mod limits;
 #[cfg(not(target_os = "none"))]
 mod path;
 #[cfg(not(target_os = "none"))]
+mod profile;
+#[cfg(not(target_os = "none"))]
 mod rig;
 #[cfg(not(target_os = "none"))]
 mod trace;
 
 #[cfg(not(target_os = "none"))]
-pub(crate) use {cell::*, host::*, limits::*, path::*, rig::*, trace::*};
+pub(crate) use {cell::*, host::*, limits::*, path::*, profile::*, rig::*, trace::*};
 
 #[cfg(not(target_os = "none"))]
 mod host {

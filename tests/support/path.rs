@@ -9,7 +9,7 @@ use leadscrew::{
     units::{Nm, Steps},
 };
 
-use super::{Trace, target};
+use super::{Trace, target, target_steps};
 
 /// Grain of the search along the path, steps.
 const GRAIN: f64 = 0.05;
@@ -284,4 +284,16 @@ pub(crate) fn follow(
         }
     }
     (worst, position)
+}
+
+/// A move too short for a step becomes part of the next: that one's path begins up to a step off.
+pub(crate) fn slack(settings: &Settings, commands: &[Command]) -> f64 {
+    let mut before = Axes::all(0);
+    let mut has_shifted = false;
+    for target in commands.iter().filter_map(target) {
+        let steps = target_steps(settings, &target);
+        has_shifted |= steps == before;
+        before = steps;
+    }
+    if has_shifted { 1.0 } else { 0.0 }
 }
