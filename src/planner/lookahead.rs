@@ -199,7 +199,7 @@ impl<const N: usize> Plan<N> {
         planned.entry_sqr = -1.0;
         self.count += 1;
         if self.is_smooth() {
-            self.pace_block(self.count - 1);
+            self.pace_block(self.count - 1, true);
             self.pass = Pass::NEWEST_GATES;
         } else {
             self.brake(1, 0.0, false);

@@ -17,6 +17,8 @@ const PART: usize = 2;
 pub(super) struct Pace {
     /// Greatest speed where it begins, mm/s; 0 where the machine comes to rest.
     corner_mm_s: f32,
+    /// The greatest that this has been: the machine may still come as fast.
+    fastest_mm_s: f32,
     /// Greatest acceleration, mm/s²; at its beginning for a way, mm.
     acceleration_mm_s2: f32,
     trail_mm_s2: f32,
@@ -28,6 +30,7 @@ pub(super) struct Pace {
 impl Pace {
     pub(super) const NONE: Self = Self {
         corner_mm_s: 0.0,
+        fastest_mm_s: 0.0,
         acceleration_mm_s2: 1.0,
         trail_mm_s2: 1.0,
         trail_mm: 0.0,
@@ -65,15 +68,19 @@ impl<const N: usize> Plan<N> {
     }
 
     /// The leg that a block is, and how it is begun, by those before it: in the order of the blocks.
-    pub(super) fn pace_block(&mut self, number: usize) {
+    ///
+    /// Of a block that is not new, accelerations only become lower: blocks before it that are no longer
+    /// known, and speeds of before, may still have their say.
+    pub(super) fn pace_block(&mut self, number: usize, is_new: bool) {
         let place = self.place(number);
-        let limit_sqr = self.ring[place].limit_sqr;
         if number == 0 {
             self.least = Least::NONE;
         }
         let before = self.leg(number.wrapping_sub(1)).filter(|_| number != 0);
-        let block = &self.ring[place].block;
-        let mut corner_mm_s = math::sqrt(limit_sqr);
+        let planned = &self.ring[place];
+        let old = planned.pace;
+        let block = &planned.block;
+        let mut corner_mm_s = math::sqrt(planned.limit_sqr);
         let mut leg = Leg {
             length_mm: block.length_mm,
             speed_mm_s: block.speed_mm_s,
@@ -81,14 +88,22 @@ impl<const N: usize> Plan<N> {
             trail_mm_s2: block.acceleration_mm_s2,
             trail_mm: 0.0,
         };
+        let mut fastest_mm_s = corner_mm_s;
+        if !is_new {
+            fastest_mm_s = math::max(fastest_mm_s, old.fastest_mm_s);
+            leg.acceleration_mm_s2 = old.acceleration_mm_s2;
+            leg.trail_mm_s2 = old.trail_mm_s2;
+            leg.trail_mm = old.trail_mm;
+        }
         if let Some(before) = before {
             let a = math::min(before.acceleration_mm_s2, leg.acceleration_mm_s2);
             let slow_mm_s = LEAST_CORNER * a * self.window_s;
-            if block.junction_sqr < slow_mm_s * slow_mm_s {
+            let is_slow = block.junction_sqr < slow_mm_s * slow_mm_s;
+            if is_new && is_slow || !is_new && old.corner_mm_s <= 0.0 {
                 corner_mm_s = 0.0;
                 self.least = Least::NONE;
             } else {
-                let reach_mm = 0.5 * self.window_s * corner_mm_s;
+                let reach_mm = 0.5 * self.window_s * fastest_mm_s;
                 let own = Leg {
                     acceleration_mm_s2: self.ring[self.place(number - 1)].block.acceleration_mm_s2,
                     ..before
@@ -99,6 +114,7 @@ impl<const N: usize> Plan<N> {
         }
         let pace = &mut self.ring[place].pace;
         pace.corner_mm_s = corner_mm_s;
+        pace.fastest_mm_s = fastest_mm_s;
         pace.acceleration_mm_s2 = leg.acceleration_mm_s2;
         pace.trail_mm_s2 = leg.trail_mm_s2;
         pace.trail_mm = leg.trail_mm;
@@ -109,7 +125,7 @@ impl<const N: usize> Plan<N> {
         let end = self.count.min(from + PART);
         // wcet-bound: 2
         for number in from..end {
-            self.pace_block(number);
+            self.pace_block(number, false);
         }
         self.pass = if end == self.count {
             Pass::ALL_GATES
@@ -129,8 +145,12 @@ impl<const N: usize> Plan<N> {
             let Some(leg) = self.leg(number) else {
                 return;
             };
-            let corner_mm_s = self.ring[place].pace.corner_mm_s;
-            let gate = self.gate(number).before(&leg, corner_mm_s, self.window_s);
+            let pace = &self.ring[place].pace;
+            let reach_mm = 0.5 * self.window_s * pace.fastest_mm_s;
+            let corner_mm_s = pace.corner_mm_s;
+            let gate = self
+                .gate(number)
+                .before(&leg, corner_mm_s, reach_mm, self.window_s);
             let pace = &mut self.ring[place].pace;
             if gate == pace.gate && !is_new {
                 self.keep_followed(number);

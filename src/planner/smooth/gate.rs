@@ -40,8 +40,8 @@ impl Leg {
             if self.length_mm < LONG * reach_mm {
                 self.acceleration_mm_s2 = low;
             } else {
-                self.trail_mm_s2 = low;
-                self.trail_mm = reach_mm;
+                self.trail_mm_s2 = math::min(self.trail_mm_s2, low);
+                self.trail_mm = math::max(self.trail_mm, reach_mm);
             }
         }
         self
@@ -162,8 +162,8 @@ impl Gate {
     }
 
     /// The gate at the beginning of a leg of which this is the end; `corner_mm_s` is the greatest speed
-    /// there, 0 for rest.
-    pub(crate) fn before(&self, leg: &Leg, corner_mm_s: f32, window_s: f32) -> Self {
+    /// there, 0 for rest, and `reach_mm` how far before it accelerations behind it hold.
+    pub(crate) fn before(&self, leg: &Leg, corner_mm_s: f32, reach_mm: f32, window_s: f32) -> Self {
         if corner_mm_s <= 0.0 {
             return Self::STOP;
         }
@@ -183,7 +183,7 @@ impl Gate {
             cap_mm_s: self.cap_mm_s,
             cap_mm: capped - leg.length_mm,
             least: self.least.after(leg, 2.0 * self.reach_mm),
-            reach_mm: 0.5 * window_s * corner_mm_s,
+            reach_mm,
             braking: self.braking.after(
                 &Leg {
                     acceleration_mm_s2: approach.acceleration_mm_s2,
