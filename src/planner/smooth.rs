@@ -16,14 +16,15 @@
 //! stays what it is. Read with the moving average as an interpolator of acceleration and deceleration
 //! in numerical controls; for what the reference owes its mean, see [`gate`].
 //!
-//! The reference is computed in *cells* of 1 ms, between which its mean's speed changes evenly. What
-//! makes the machine hold, go on, or change its speed, does so to the reference.
+//! The reference is computed in *cells* of 1 ms, in which its speed changes evenly, so that in each of
+//! them the mean's acceleration does. What makes the machine hold, go on, or change its speed, does so to
+//! the reference.
 
 pub(super) mod bend;
 pub(super) mod gate;
 pub(super) mod pacer;
 
-use self::pacer::{CELL_S, Leaving};
+use self::pacer::{CELL_S, Cell, Leaving};
 use super::executor::LONGEST_S;
 use crate::{axis::AXES, math, settings::Settings};
 
@@ -40,6 +41,8 @@ pub(super) const AHEAD: usize = 3;
 const KNOWN_S: f32 = LONGEST_S + 1.0e-6;
 /// Units of way in a mm: 1 nm.
 const UNITS_PER_MM: f32 = 1_048_576.0;
+/// Stands for a speed of 0 in a divisor, mm/s.
+const LEAST_MM_S: f32 = 1.0e-12;
 /// The same, mm.
 const UNIT_MM: f32 = 1.0 / UNITS_PER_MM;
 
@@ -64,8 +67,7 @@ impl Window {
         if longest_s <= 0.0 {
             return Self { cells: 0 };
         }
-        // One more than it takes: segments are not in step with cells.
-        let cells = math::min(longest_s * (1.0 / CELL_S) + 1.999, LONGEST_WINDOW as f32);
+        let cells = math::min(longest_s * (1.0 / CELL_S) + 0.999, LONGEST_WINDOW as f32);
         Self {
             cells: (cells as usize).max(SHORTEST_WINDOW),
         }
@@ -79,8 +81,7 @@ impl Window {
     /// The acceleration of an axis that keeps its jerk, mm/s².
     pub(super) fn acceleration(self, acceleration_mm_s2: f32, jerk_mm_s3: f32) -> f32 {
         if jerk_mm_s3 > 0.0 {
-            let longest_s = (self.cells - 1) as f32 * CELL_S;
-            math::min(acceleration_mm_s2, jerk_mm_s3 * longest_s)
+            math::min(acceleration_mm_s2, jerk_mm_s3 * self.seconds())
         } else {
             acceleration_mm_s2
         }
@@ -93,19 +94,45 @@ pub(super) struct Smooth {
     window: usize,
     /// Speed at the beginnings of cells, mm/s, the one being played first.
     speeds: [f32; AHEAD + 1],
-    /// How many of them follow the first.
+    /// Half the change of acceleration in each, mm/s³: how the speed bends between its ends.
+    bends: [f32; AHEAD],
+    /// How many of them are known.
     known: usize,
     /// What has been played of the first cell, s.
     played_s: f32,
-    /// Way of the reference in the window, units, and its inverse length.
+    /// Another cell is needed for the next segment.
+    is_short: bool,
+    /// Way of the reference in the window, units, and its inverse length: 1/units, and 0.5/(cell · s).
     sum: u32,
     per_unit: f32,
-    /// The newest cell of the reference, and how many there have been since rest, one more than the
-    /// window at most.
+    per_bend: f32,
+    /// The newest cell of the reference, its speed at the end, and how many there have been since
+    /// rest, as many as the window has at most.
     newest: usize,
+    end_mm_s: f32,
     age: usize,
     ways: [u32; CELLS],
-    ends_mm_s: [f32; CELLS],
+    changes_mm_s: [f32; CELLS],
+}
+
+/// A place on the way ahead.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Place {
+    /// When, s from now on.
+    pub(super) seconds: f32,
+    /// How far, mm.
+    pub(super) way_mm: f32,
+    /// How fast, mm/s.
+    pub(super) speed_mm_s: f32,
+}
+
+/// What is known of the way ahead: where the machine is now, and will be at the ends of cells.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Outlook {
+    places: [Place; AHEAD + 1],
+    /// The last of them, and the first standstill before it.
+    pub(super) end: Place,
+    pub(super) rest: Option<Place>,
 }
 
 impl Smooth {
@@ -113,14 +140,18 @@ impl Smooth {
         Self {
             window: 0,
             speeds: [0.0; AHEAD + 1],
+            bends: [0.0; AHEAD],
             known: 0,
             played_s: 0.0,
+            is_short: false,
             sum: 0,
             per_unit: 0.0,
+            per_bend: 0.0,
             newest: 0,
+            end_mm_s: 0.0,
             age: 0,
             ways: [0; CELLS],
-            ends_mm_s: [0.0; CELLS],
+            changes_mm_s: [0.0; CELLS],
         }
     }
 
@@ -129,6 +160,7 @@ impl Smooth {
         self.window = window.cells;
         if window.cells != 0 {
             self.per_unit = UNIT_MM / window.seconds();
+            self.per_bend = 0.5 / (CELL_S * window.seconds());
         }
         self.rest();
     }
@@ -144,7 +176,9 @@ impl Smooth {
         self.known = 0;
         self.played_s = 0.0;
         self.sum = 0;
+        self.end_mm_s = 0.0;
         self.age = 0;
+        self.is_short = self.is_on();
     }
 
     /// Whether nothing of the reference's motion is left to be played.
@@ -164,118 +198,149 @@ impl Smooth {
 
     /// Whether another cell of the reference is needed: the longest segment is to be known, and from
     /// rest one more cell. Not more than that, as a hold comes behind it.
+    #[inline]
     pub(super) fn needs_cell(&self) -> bool {
+        self.is_short
+    }
+
+    /// What [`Smooth::needs_cell`] tells from now on.
+    fn look(&mut self) {
         let least_s = if self.begins() {
             AHEAD as f32 * CELL_S
         } else {
             KNOWN_S
         };
-        self.is_on() && self.known < AHEAD && self.known_s() < least_s
+        self.is_short = self.known < AHEAD && self.known_s() < least_s;
     }
 
     /// What leaves the window with the next cell.
     pub(super) fn leaving(&self) -> Leaving {
-        let end = |back: usize| {
-            if back < self.age {
-                self.ends_mm_s[self.newest.wrapping_sub(back) & (CELLS - 1)]
-            } else {
-                0.0
-            }
+        let change = if self.age < self.window {
+            0.0
+        } else {
+            self.changes_mm_s[self.oldest()]
         };
         Leaving {
-            change: end(self.window - 1) - end(self.window),
+            change,
             is_rest: self.sum == 0,
         }
     }
 
-    /// The way of the reference in the next cell, units, and its speed at the end.
-    pub(super) fn push(&mut self, way: u32, end_mm_s: f32) {
+    /// The place of the cell that leaves the window with the next one.
+    fn oldest(&self) -> usize {
+        self.newest.wrapping_sub(self.window).wrapping_add(1) & (CELLS - 1)
+    }
+
+    /// The next cell of the reference.
+    pub(super) fn push(&mut self, cell: Cell, leaving: Leaving) {
         let oldest = if self.age < self.window {
+            self.age += 1;
             0
         } else {
-            self.ways[self.newest.wrapping_sub(self.window - 1) & (CELLS - 1)]
+            self.ways[self.oldest()]
         };
-        if self.age <= self.window {
-            self.age += 1;
-        }
+        let change = cell.end_mm_s - self.end_mm_s;
+        self.end_mm_s = cell.end_mm_s;
         self.newest = (self.newest + 1) & (CELLS - 1);
-        self.ways[self.newest] = way;
-        self.ends_mm_s[self.newest] = end_mm_s;
-        self.sum = self.sum.wrapping_add(way).wrapping_sub(oldest);
+        self.ways[self.newest] = cell.way;
+        self.changes_mm_s[self.newest] = change;
+        self.sum = self.sum.wrapping_add(cell.way).wrapping_sub(oldest);
+        if let Some(bend) = self.bends.get_mut(self.known) {
+            *bend = (change - leaving.change) * self.per_bend;
+        }
         self.known += 1;
         if let Some(speed) = self.speeds.get_mut(self.known) {
             *speed = self.sum as f32 * self.per_unit;
         }
+        self.look();
     }
 
     /// What is known, s.
-    pub(super) fn known_s(&self) -> f32 {
+    fn known_s(&self) -> f32 {
         self.known as f32 * CELL_S - self.played_s
     }
 
-    /// The time from now on to the first standstill, s, or all that is known.
-    pub(super) fn rest_in(&self) -> f32 {
-        let mut cells = 0;
+    /// What is known of the way ahead, at a speed now.
+    pub(super) fn outlook(&self, speed_mm_s: f32) -> Outlook {
+        let mut end = Place {
+            seconds: 0.0,
+            way_mm: 0.0,
+            speed_mm_s,
+        };
+        let mut outlook = Outlook {
+            places: [end; AHEAD + 1],
+            end,
+            rest: None,
+        };
+        let mut cell_s = CELL_S - self.played_s;
         // wcet-bound: 3
-        for [_, to] in self.cells() {
-            cells += 1;
-            if to <= 0.0 {
-                return cells as f32 * CELL_S - self.played_s;
+        for (place, to) in outlook.places[1..]
+            .iter_mut()
+            .zip(&self.speeds[1..])
+            .take(self.known)
+        {
+            if end.speed_mm_s <= 0.0 && end.seconds > 0.0 && outlook.rest.is_none() {
+                outlook.rest = Some(end);
             }
+            end = Place {
+                seconds: end.seconds + cell_s,
+                way_mm: end.way_mm + 0.5 * (end.speed_mm_s + to) * cell_s,
+                speed_mm_s: *to,
+            };
+            *place = end;
+            cell_s = CELL_S;
         }
-        self.known_s()
+        outlook.end = end;
+        outlook
     }
 
-    /// The way from now on in a time, which is known, and the speed after it.
-    pub(super) fn after(&self, seconds: f32) -> (f32, f32) {
-        let mut left_s = seconds;
-        let mut way_mm = 0.0;
-        let mut begin_s = self.played_s;
-        // wcet-bound: 3
-        for [from, to] in self.cells() {
-            let change = (to - from) * (1.0 / CELL_S);
-            let speed = from + change * begin_s;
-            let cell_s = CELL_S - begin_s;
-            if left_s <= cell_s {
-                let end = speed + change * left_s;
-                return (way_mm + 0.5 * (speed + end) * left_s, math::max(end, 0.0));
-            }
-            way_mm += 0.5 * (speed + to) * cell_s;
-            left_s -= cell_s;
-            begin_s = 0.0;
+    /// The place after a time, which is known.
+    pub(super) fn after(&self, outlook: &Outlook, seconds: f32) -> Place {
+        let speed_mm_s = self.speed_at(self.played_s + seconds);
+        let [now, ..] = &outlook.places;
+        Place {
+            seconds,
+            way_mm: 0.5 * (now.speed_mm_s + speed_mm_s) * seconds,
+            speed_mm_s,
         }
-        (way_mm, 0.0)
     }
 
-    /// The time from now on for a way, s, and the speed after it; not more than is known.
-    pub(super) fn time_for(&self, way_mm: f32) -> (f32, f32) {
-        let mut left_mm = way_mm;
-        let mut seconds = 0.0;
-        let mut begin_s = self.played_s;
-        let mut reached = 0.0;
-        // wcet-bound: 3
-        for [from, to] in self.cells() {
-            let change = (to - from) * (1.0 / CELL_S);
-            let speed = from + change * begin_s;
-            let cell_s = CELL_S - begin_s;
-            let cell_mm = 0.5 * (speed + to) * cell_s;
-            if left_mm <= cell_mm {
-                let end = math::sqrt(speed * speed + 2.0 * change * left_mm);
-                let sum = math::max(speed + end, 1.0e-12);
-                return (seconds + math::min(2.0 * left_mm / sum, cell_s), end);
-            }
-            left_mm -= cell_mm;
-            seconds += cell_s;
-            begin_s = 0.0;
-            reached = to;
+    /// The place after a way, which is known.
+    pub(super) fn at(&self, outlook: &Outlook, way_mm: f32) -> Place {
+        let [now, a, b, c] = &outlook.places;
+        let (from, to) = if way_mm <= a.way_mm || self.known <= 1 {
+            (now, a)
+        } else if way_mm <= b.way_mm || self.known <= 2 {
+            (a, b)
+        } else {
+            (b, c)
+        };
+        let speed = from.speed_mm_s;
+        let time_s = to.seconds - from.seconds;
+        let left_mm = way_mm - from.way_mm;
+        let square = speed * speed + 2.0 * left_mm * (to.speed_mm_s - speed) / time_s;
+        let sum = speed + math::sqrt(math::max(square, 0.0));
+        let about_s = math::min(2.0 * left_mm / math::max(sum, LEAST_MM_S), time_s);
+        let speed_mm_s = self.speed_at(self.played_s + from.seconds + about_s);
+        // What takes the way between these speeds, as the acceleration is constant then.
+        let sum = math::max(now.speed_mm_s + speed_mm_s, LEAST_MM_S);
+        Place {
+            seconds: math::min(2.0 * way_mm / sum, outlook.end.seconds),
+            way_mm,
+            speed_mm_s,
         }
-        (seconds, reached)
     }
 
-    /// The speeds at both ends of the cells that are known.
-    fn cells(&self) -> impl Iterator<Item = [f32; 2]> {
-        let [a, b, c, d] = self.speeds;
-        [[a, b], [b, c], [c, d]].into_iter().take(self.known)
+    /// The speed at a time from the beginning of the cell that is being played, mm/s.
+    fn speed_at(&self, seconds: f32) -> f32 {
+        let cell = ((seconds * (1.0 / CELL_S)) as usize).min(AHEAD - 1);
+        let within_s = seconds - cell as f32 * CELL_S;
+        let [from, to] = [self.speeds[cell], self.speeds[cell + 1]];
+        let evenly = from + (to - from) * (1.0 / CELL_S) * within_s;
+        math::max(
+            evenly - self.bends[cell] * within_s * (CELL_S - within_s),
+            0.0,
+        )
     }
 
     /// Goes on by a time that is known.
@@ -284,12 +349,15 @@ impl Smooth {
         // wcet-bound: 3
         for _ in 0..AHEAD {
             if self.played_s < CELL_S || self.known == 0 {
-                return;
+                break;
             }
             self.played_s -= CELL_S;
             let [_, b, c, d] = self.speeds;
             self.speeds = [b, c, d, 0.0];
+            let [_, b, c] = self.bends;
+            self.bends = [b, c, 0.0];
             self.known -= 1;
         }
+        self.look();
     }
 }

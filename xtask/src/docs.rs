@@ -148,7 +148,7 @@ const JERK: &str = "\n## Limits of jerk\n\n\
     longer takes every ramp. That is quieter, and leaves no ringing on a machine whose frame swings.\n\n\
     As soon as one axis has a limit, all motion but homing and parking changes its acceleration evenly, within\n\
     the same time for all axes: the longest of `$120` / `$800`, `$121` / `$801` and so on, in whole\n\
-    milliseconds and one more, 5 at least. If that is more than 120 ms, the acceleration is lowered\n\
+    milliseconds, 5 at least. If that is more than 120 ms, the acceleration is lowered\n\
     instead. So is the speed of arcs whose direction would change too fast, and of the places where a small\n\
     arc begins or ends. Corners are passed as `$11` has it. A feed hold takes that time longer, too.\n\
     [decisions.md](decisions.md) says how it works.\n";

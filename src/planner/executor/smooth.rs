@@ -28,24 +28,28 @@ impl Executor {
     ) -> bool {
         let goes_on = !smooth.is_at_rest() || plan.pacer().is_moving();
         let is_behind = goal == Goal::Run && plan.pacer().has_left_first();
-        let Some(block) = plan.current() else {
+        let Some(block) = plan.current().filter(|_| goes_on || is_behind) else {
             smooth.rest();
             self.speed_mm_s = 0.0;
             self.goes_on = false;
             return false;
         };
-        if !goes_on && !is_behind {
-            smooth.rest();
-            self.speed_mm_s = 0.0;
-            self.goes_on = false;
-            return false;
-        }
         if !self.is_begun {
             self.begin(block, position);
         }
         let left_mm = self.left as f32 * (block.length_mm / WHOLE_Q31 as f32);
         let (length_mm, ends_block) = self.piece_length(block.course(), left_mm, SMOOTH_SLIVER_S);
-        let stretch = walk(smooth, length_mm, goes_on);
+        let stretch = if goes_on {
+            walk(smooth, length_mm, self.speed_mm_s)
+        } else {
+            // At rest at its end, but for what rounding left.
+            Stretch {
+                length_mm,
+                speed_mm_s: 0.0,
+                seconds: SEGMENT_S,
+                ends_piece: true,
+            }
+        };
         let ends_block = stretch.ends_piece && ends_block;
         self.segment(block.course(), &stretch, ends_block, segment);
         smooth.play(stretch.seconds);
@@ -62,49 +66,35 @@ impl Executor {
     }
 }
 
-/// The next stretch of a piece.
-fn walk(smooth: &Smooth, length_mm: f32, goes_on: bool) -> Stretch {
-    if !goes_on {
-        // At rest at its end, but for what rounding left.
-        return Stretch {
-            length_mm,
-            speed_mm_s: 0.0,
-            seconds: SEGMENT_S,
-            ends_piece: true,
-        };
-    }
-    let known_s = smooth.known_s();
-    let (known_mm, _) = smooth.after(known_s);
-    let ahead_s = if smooth.begins() {
+/// The next stretch of a piece, at a speed.
+fn walk(smooth: &Smooth, length_mm: f32, speed_mm_s: f32) -> Stretch {
+    let outlook = smooth.outlook(speed_mm_s);
+    let known_s = outlook.end.seconds;
+    let mut seconds = if smooth.begins() {
         START_S
     } else {
         // If it stops just behind what is known, there is to be enough left for a segment.
         math::min(SEGMENT_S, known_s - SHORTEST_S)
     };
-    let mut seconds = ahead_s;
-    let rest_s = smooth.rest_in();
-    let (rest_mm, _) = smooth.after(rest_s);
-    let rests = rest_s < known_s && rest_mm + NOTHING_MM >= length_mm;
-    if rests || length_mm <= known_mm {
-        let (whole_s, speed_mm_s) = if rests {
-            (rest_s, 0.0)
-        } else {
-            smooth.time_for(length_mm)
-        };
-        if whole_s <= LONGEST_S {
+    let rest = outlook
+        .rest
+        .filter(|rest| rest.way_mm + NOTHING_MM >= length_mm);
+    if rest.is_some() || length_mm <= outlook.end.way_mm {
+        let last = rest.unwrap_or_else(|| smooth.at(&outlook, length_mm));
+        if last.seconds <= LONGEST_S {
             return Stretch {
                 length_mm,
-                speed_mm_s,
-                seconds: whole_s,
+                speed_mm_s: last.speed_mm_s,
+                seconds: last.seconds,
                 ends_piece: true,
             };
         }
-        seconds = math::min(seconds, share(whole_s));
+        seconds = math::min(seconds, share(last.seconds));
     }
-    let (way_mm, speed_mm_s) = smooth.after(seconds);
+    let place = smooth.after(&outlook, seconds);
     Stretch {
-        length_mm: math::min(way_mm, length_mm),
-        speed_mm_s,
+        length_mm: math::min(place.way_mm, length_mm),
+        speed_mm_s: place.speed_mm_s,
         seconds,
         ends_piece: false,
     }

@@ -69,8 +69,9 @@ impl Motion {
     /// The next cell of the reference.
     #[inline(never)]
     pub(super) fn pace(&mut self) {
-        let cell = self.plan.cell(!self.executes(), self.smooth.leaving());
-        self.smooth.push(cell.way, cell.end_mm_s);
+        let leaving = self.smooth.leaving();
+        let cell = self.plan.cell(!self.executes(), leaving);
+        self.smooth.push(cell, leaving);
     }
 
     /// Makes the next segment, in [`Motion::segment`]; false when there is none.
