@@ -199,7 +199,7 @@ impl<const N: usize> Plan<N> {
         planned.entry_sqr = -1.0;
         self.count += 1;
         if self.is_smooth() {
-            self.pace_block(self.count - 1, true);
+            self.pace_block(self.count - 1, None);
             self.pass = Pass::NEWEST_GATES;
         } else {
             self.brake(1, 0.0, false);
@@ -222,7 +222,7 @@ impl<const N: usize> Plan<N> {
             self.first = (self.first + 1) & (N - 1);
             self.count -= 1;
             self.pacer.popped();
-            if let Pass::Pace { number, .. } | Pass::Legs { number } = &mut self.pass {
+            if let Pass::Pace { number, .. } | Pass::Legs { number, .. } = &mut self.pass {
                 *number = number.saturating_sub(1);
             }
         }

@@ -4,7 +4,7 @@ use super::{Plan, pass::Pass};
 use crate::{
     math,
     planner::smooth::{
-        gate::{Gate, Least, Leg},
+        gate::{Gate, Least, Leg, reach_mm},
         pacer::{Cell, Leaving, Pacer, Road},
     },
 };
@@ -69,9 +69,11 @@ impl<const N: usize> Plan<N> {
 
     /// The leg that a block is, and how it is begun, by those before it: in the order of the blocks.
     ///
-    /// Of a block that is not new, accelerations only become lower: blocks before it that are no longer
-    /// known, and speeds of before, may still have their say.
-    pub(super) fn pace_block(&mut self, number: usize, is_new: bool) {
+    /// Of a block that is not new, it is known how far ahead of the reference it begins, mm, or nearer.
+    /// Accelerations only become lower then: blocks before it that are no longer known, and speeds of
+    /// before, may still have their say. Nor is it begun faster where it should have been braked for
+    /// otherwise.
+    pub(super) fn pace_block(&mut self, number: usize, ahead_mm: Option<f32>) {
         let place = self.place(number);
         if number == 0 {
             self.least = Least::NONE;
@@ -89,8 +91,11 @@ impl<const N: usize> Plan<N> {
             trail_mm: 0.0,
         };
         let mut fastest_mm_s = corner_mm_s;
-        if !is_new {
-            fastest_mm_s = math::max(fastest_mm_s, old.fastest_mm_s);
+        if let Some(ahead_mm) = ahead_mm {
+            if ahead_mm < reach_mm(corner_mm_s, self.window_s) {
+                corner_mm_s = math::min(corner_mm_s, old.corner_mm_s);
+            }
+            fastest_mm_s = math::max(corner_mm_s, old.fastest_mm_s);
             leg.acceleration_mm_s2 = old.acceleration_mm_s2;
             leg.trail_mm_s2 = old.trail_mm_s2;
             leg.trail_mm = old.trail_mm;
@@ -99,11 +104,15 @@ impl<const N: usize> Plan<N> {
             let a = math::min(before.acceleration_mm_s2, leg.acceleration_mm_s2);
             let slow_mm_s = LEAST_CORNER * a * self.window_s;
             let is_slow = block.junction_sqr < slow_mm_s * slow_mm_s;
-            if is_new && is_slow || !is_new && old.corner_mm_s <= 0.0 {
+            let is_rest = match ahead_mm {
+                None => is_slow,
+                Some(_) => old.corner_mm_s <= 0.0,
+            };
+            if is_rest {
                 corner_mm_s = 0.0;
                 self.least = Least::NONE;
             } else {
-                let reach_mm = 0.5 * self.window_s * fastest_mm_s;
+                let reach_mm = reach_mm(fastest_mm_s, self.window_s);
                 let own = Leg {
                     acceleration_mm_s2: self.ring[self.place(number - 1)].block.acceleration_mm_s2,
                     ..before
@@ -120,17 +129,27 @@ impl<const N: usize> Plan<N> {
         pace.trail_mm = leg.trail_mm;
     }
 
-    /// A part of the pass in the order of the blocks.
-    pub(super) fn find_legs(&mut self, from: usize) {
+    /// A part of the pass in the order of the blocks, of which the first begins so far ahead of the
+    /// reference, mm.
+    pub(super) fn find_legs(&mut self, from: usize, mut ahead_mm: f32) {
         let end = self.count.min(from + PART);
         // wcet-bound: 2
         for number in from..end {
-            self.pace_block(number, false);
+            self.pace_block(number, Some(ahead_mm));
+            let here = self.pacer.number();
+            if number == here {
+                ahead_mm = self.pacer.left_mm();
+            } else if number > here {
+                ahead_mm += self.ring[self.place(number)].block.length_mm;
+            }
         }
         self.pass = if end == self.count {
             Pass::ALL_GATES
         } else {
-            Pass::Legs { number: end }
+            Pass::Legs {
+                number: end,
+                ahead_mm,
+            }
         };
     }
 
@@ -146,7 +165,7 @@ impl<const N: usize> Plan<N> {
                 return;
             };
             let pace = &self.ring[place].pace;
-            let reach_mm = 0.5 * self.window_s * pace.fastest_mm_s;
+            let reach_mm = reach_mm(pace.fastest_mm_s, self.window_s);
             let corner_mm_s = pace.corner_mm_s;
             let gate = self
                 .gate(number)
@@ -177,7 +196,9 @@ impl<const N: usize> Plan<N> {
         }
         let newest = self.place(self.count.wrapping_sub(1));
         let is_stop = self.ring[newest].pace.corner_mm_s <= 0.0;
-        if is_stop || !self.pacer.is_over(self, self.window, self.window_s) {
+        let here = self.pacer.number();
+        let was_over = here + 2 == self.count && self.pacer.was_over(self, self.window_s);
+        if is_stop || !was_over && !self.pacer.is_over(self, self.window, self.window_s) {
             return;
         }
         self.ring[newest].block.junction_sqr = 0.0;

@@ -34,9 +34,11 @@ pub(super) enum Pass {
         before_mm_s: f32,
         progress: Progress,
     },
-    /// How blocks are begun where acceleration is continuous, from this number on.
+    /// How blocks are begun where acceleration is continuous, from this number on, and how far ahead
+    /// of the reference that is.
     Legs {
         number: usize,
+        ahead_mm: f32,
     },
     /// Entry speeds, from this number back, the newest is 1; that of the block behind, squared.
     Brake {
@@ -107,7 +109,7 @@ impl<const N: usize> Plan<N> {
                 before_mm_s,
                 progress,
             } => self.find_speeds(number, before_mm_s, progress),
-            Pass::Legs { number } => self.find_legs(number),
+            Pass::Legs { number, ahead_mm } => self.find_legs(number, ahead_mm),
             Pass::Brake {
                 back,
                 exit_sqr,
@@ -145,7 +147,10 @@ impl<const N: usize> Plan<N> {
         self.spare_s = spare_s;
         self.pass = if end == self.count {
             if self.is_smooth() {
-                Pass::Legs { number: 0 }
+                Pass::Legs {
+                    number: 0,
+                    ahead_mm: 0.0,
+                }
             } else {
                 Pass::ALL_GATES
             }

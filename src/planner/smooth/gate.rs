@@ -18,6 +18,14 @@ const LEAST_MM_S: f32 = 1.0e-20;
 /// A block that is that many times as long as the place around its end is more than a part of it.
 const LONG: f32 = 4.0;
 
+/// Added to the window where a limit holds around a place, s: cells do not begin in places.
+const AROUND_S: f32 = 3.0e-3;
+
+/// How far before a place, and behind it, what holds for a mean that passes it at a speed does, mm.
+pub(crate) fn reach_mm(speed_mm_s: f32, window_s: f32) -> f32 {
+    0.5 * (window_s + AROUND_S) * speed_mm_s
+}
+
 /// What of a block matters to the reference.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Leg {
@@ -238,7 +246,7 @@ impl Gate {
     fn limit(&mut self, speed_mm_s: f32, acceleration_mm_s2: f32, window_s: f32) {
         let half = 0.5 / acceleration_mm_s2;
         let limit_sqr = speed_mm_s * speed_mm_s;
-        let reach_mm = 0.5 * window_s * speed_mm_s;
+        let reach_mm = reach_mm(speed_mm_s, window_s);
         // The way in which braking makes up a difference of squared speeds.
         let way = |sqr: f32| half * sqr;
         if speed_mm_s < self.free_mm_s {

@@ -2,7 +2,7 @@
 
 use super::{
     UNIT_MM, UNITS_PER_MM,
-    gate::{Gate, Leg},
+    gate::{Gate, Leg, reach_mm},
 };
 use crate::math;
 
@@ -98,7 +98,8 @@ impl Pacer {
         self.number > 0 || self.is_begun && self.left == 0
     }
 
-    fn left_mm(&self) -> f32 {
+    /// What is left of its block for it, mm.
+    pub(crate) fn left_mm(&self) -> f32 {
         let high = (self.left >> 16) as u32 as f32;
         let low = (self.left as u32 & 0xffff) as f32;
         (high * 65_536.0 + low) * UNIT_MM
@@ -231,6 +232,18 @@ impl Pacer {
         self.speed_mm_s > limit * 1.001
     }
 
+    /// Whether it has been faster before the end of its leg than a corner there allows that was not
+    /// known then: it has braked by what the leg allows at most.
+    pub(crate) fn was_over(&self, road: &impl Road, window_s: f32) -> bool {
+        let Some(leg) = road.leg(self.number) else {
+            return false;
+        };
+        let corner = road.corner_mm_s(self.number);
+        let within_mm = reach_mm(corner, window_s) - self.left_mm();
+        let gained = 2.0 * leg.acceleration_mm_s2 * math::max(within_mm, 0.0);
+        within_mm > 0.0 && self.speed_mm_s * self.speed_mm_s + gained > corner * corner
+    }
+
     /// Goes on by a way, and tells how far that was.
     fn advance(&mut self, road: &impl Road, way: u64, window_s: f32) -> u32 {
         let here = way.min(self.left);
@@ -285,7 +298,7 @@ impl Pacer {
     /// A limit that holds behind the place too.
     #[inline(never)]
     fn limit(&mut self, speed_mm_s: f32, a: f32, window_s: f32) {
-        let reach_mm = 0.5 * window_s * speed_mm_s;
+        let reach_mm = reach_mm(speed_mm_s, window_s);
         let (low, low_mm, high, high_mm) = if speed_mm_s <= self.cap_mm_s {
             (speed_mm_s, reach_mm, self.cap_mm_s, self.cap_mm)
         } else {
