@@ -71,8 +71,8 @@ impl<const N: usize> Plan<N> {
     ///
     /// Of a block that is not new, it is known how far ahead of the reference it begins, mm, or nearer.
     /// Accelerations only become lower then: blocks before it that are no longer known, and speeds of
-    /// before, may still have their say. Nor is it begun faster where it should have been braked for
-    /// otherwise.
+    /// before, may still have their say. Nor is it begun faster where the reference might have had to
+    /// brake otherwise for that.
     pub(super) fn pace_block(&mut self, number: usize, ahead_mm: Option<f32>) {
         let place = self.place(number);
         if number == 0 {
@@ -92,7 +92,11 @@ impl<const N: usize> Plan<N> {
         };
         let mut fastest_mm_s = corner_mm_s;
         if let Some(ahead_mm) = ahead_mm {
-            if ahead_mm < reach_mm(corner_mm_s, self.window_s) {
+            let speed = self.pacer.speed_mm_s();
+            let a = before.map_or(block.acceleration_mm_s2, |leg| leg.acceleration_mm_s2);
+            let a = math::min(a, block.acceleration_mm_s2);
+            let braking_mm = speed * (2.0 * self.window_s + 0.5 * speed / a);
+            if ahead_mm < reach_mm(corner_mm_s, self.window_s) + braking_mm {
                 corner_mm_s = math::min(corner_mm_s, old.corner_mm_s);
             }
             fastest_mm_s = math::max(corner_mm_s, old.fastest_mm_s);

@@ -88,6 +88,11 @@ impl Pacer {
         self.speed_mm_s > 0.0
     }
 
+    /// Its speed, mm/s.
+    pub(crate) fn speed_mm_s(&self) -> f32 {
+        self.speed_mm_s
+    }
+
     /// The number of its block, the oldest is 0.
     pub(crate) fn number(&self) -> usize {
         self.number
