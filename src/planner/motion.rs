@@ -248,7 +248,17 @@ impl Motion {
             Unit::Find => self.find(inputs, counts, events),
             Unit::Plan => self.plan_on(),
             Unit::Take => self.take(entries, inputs),
-            Unit::Pace => self.pace(),
+            Unit::Pace => {
+                // Nothing that anybody sees changes, and what needs the cell follows.
+                self.pace();
+                return Prepared {
+                    again: true,
+                    start: false,
+                    news: false,
+                    switches: false,
+                    wake_in_ms: None,
+                };
+            }
             Unit::Segment => self.make_segment(inputs, counts, events),
             Unit::Settle => self.settle(),
         }

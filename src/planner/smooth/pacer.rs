@@ -141,7 +141,7 @@ impl Pacer {
             };
             self.enter(&leg);
         }
-        if self.left == 0 && !self.pass(road, leaving.is_rest, window_s) {
+        if self.left == 0 && !self.begin(road, leaving.is_rest) {
             self.speed_mm_s = 0.0;
             return 0;
         }
@@ -254,16 +254,15 @@ impl Pacer {
         let here = way.min(self.left);
         self.left -= here;
         self.go(here);
-        let rest = way - here;
-        if rest == 0 {
+        if self.left != 0 {
             return way as u32;
         }
-        if !self.pass(road, false, window_s) {
+        if !self.pass(road, window_s) {
             self.speed_mm_s = 0.0;
             return here as u32;
         }
         // Every block takes a cell at least.
-        let there = rest.min(self.left);
+        let there = (way - here).min(self.left);
         self.left -= there;
         self.go(there);
         (here + there) as u32
@@ -278,38 +277,43 @@ impl Pacer {
         }
     }
 
-    /// Passes the end of a block, if that may be.
-    #[inline(never)]
-    fn pass(&mut self, road: &impl Road, is_rest: bool, window_s: f32) -> bool {
-        let gate = road.gate(self.number);
+    /// Goes through the end of a block, if that may be.
+    fn pass(&mut self, road: &impl Road, window_s: f32) -> bool {
         let (Some(leg), Some(next)) = (road.leg(self.number), road.leg(self.number + 1)) else {
             return false;
         };
-        if gate.is_stop() {
-            if !is_rest {
-                return false;
-            }
-            self.cap_mm_s = NO_LIMIT;
-        } else {
-            let a = math::min(leg.acceleration_mm_s2, next.acceleration_mm_s2);
-            self.limit(leg.speed_mm_s, a, window_s);
-            self.limit(road.corner_mm_s(self.number), a, window_s);
+        if road.gate(self.number).is_stop() {
+            return false;
         }
+        let half = 0.5 / math::min(leg.acceleration_mm_s2, next.acceleration_mm_s2);
+        self.limit(leg.speed_mm_s, half, window_s);
+        self.limit(road.corner_mm_s(self.number), half, window_s);
         self.number += 1;
         self.enter(&next);
         true
     }
 
-    /// A limit that holds behind the place too.
+    /// Begins the next block, from rest, if there is one.
+    fn begin(&mut self, road: &impl Road, is_rest: bool) -> bool {
+        let Some(next) = road.leg(self.number + 1).filter(|_| is_rest) else {
+            return false;
+        };
+        self.cap_mm_s = NO_LIMIT;
+        self.number += 1;
+        self.enter(&next);
+        true
+    }
+
+    /// A limit that holds behind the place too; `half` of the inverse acceleration there.
     #[inline(never)]
-    fn limit(&mut self, speed_mm_s: f32, a: f32, window_s: f32) {
+    fn limit(&mut self, speed_mm_s: f32, half: f32, window_s: f32) {
         let reach_mm = reach_mm(speed_mm_s, window_s);
         let (low, low_mm, high, high_mm) = if speed_mm_s <= self.cap_mm_s {
             (speed_mm_s, reach_mm, self.cap_mm_s, self.cap_mm)
         } else {
             (self.cap_mm_s, self.cap_mm, speed_mm_s, reach_mm)
         };
-        let way_mm = high_mm - 0.5 / a * (high * high - low * low);
+        let way_mm = high_mm - half * (high * high - low * low);
         self.cap_mm = math::max(low_mm, way_mm);
         self.cap_mm_s = low;
     }
