@@ -37,7 +37,7 @@ pub(super) struct Limits {
     steps_per_mm: Axes<f32>,
     speed_mm_s: Axes<f32>,
     acceleration_mm_s2: Axes<f32>,
-    /// 0 without a limit.
+    /// Greater than any without a limit.
     jerk_mm_s3: Axes<f32>,
     window: Window,
     junction_deviation_mm: f32,
@@ -66,7 +66,7 @@ impl Limits {
             acceleration_mm_s2: settings
                 .acceleration_mm_s2
                 .zip(settings.jerk_mm_s3, |a, jerk| window.acceleration(a, jerk)),
-            jerk_mm_s3: settings.jerk_mm_s3,
+            jerk_mm_s3: (settings.jerk_mm_s3).map(|jerk| if jerk > 0.0 { jerk } else { f32::MAX }),
             window,
             junction_deviation_mm: settings.junction_deviation_mm,
             steps_per_s: settings.step_rate.hz() as f32,

@@ -43,13 +43,10 @@ impl Limits {
             return f32::MAX;
         }
         let per_mm = math::sqrt(square);
-        let mut jerk_mm_s3 = f32::MAX;
-        for (jerk, change) in self.jerk_mm_s3.iter().zip(change_per_mm) {
-            if *change != 0.0 && *jerk > 0.0 {
-                jerk_mm_s3 = math::min(jerk_mm_s3, jerk * per_mm / change.abs());
-            }
-        }
-        jump_sqr(per_mm, jerk_mm_s3)
+        jump_sqr(
+            per_mm,
+            per_mm * Self::along(&self.jerk_mm_s3, change_per_mm),
+        )
     }
 
     /// The curvature at both ends of an arc, 1/mm, the greatest speed on it, and the acceleration along
@@ -119,31 +116,20 @@ impl Limits {
     }
 
     fn round_bend(&self, shares: &Axes<f32>, radius_mm: f32, acceleration_mm_s2: f32) -> Bend {
-        let mut jerk_mm_s3 = f32::MAX;
-        for (jerk, share) in self.jerk_mm_s3.iter().zip(shares) {
-            if *jerk > 0.0 && *share > 0.0 {
-                jerk_mm_s3 = math::min(jerk_mm_s3, jerk / share);
-            }
-        }
         Bend {
             acceleration_mm_s2,
-            jerk_mm_s3,
+            jerk_mm_s3: Self::along(&self.jerk_mm_s3, shares),
             per_mm: 1.0 / f64::from(radius_mm),
         }
     }
 
     /// An end (0 or 1) of an arc.
     fn bend(&self, arc: &Arc, plane: &Plane, end: u8, acceleration_mm_s2: f32) -> Bend {
-        let mut jerk_mm_s3 = f32::MAX;
-        for axis in plane.axes {
-            if self.jerk_mm_s3[axis] > 0.0 {
-                jerk_mm_s3 = jerk_mm_s3.min(self.jerk_mm_s3[axis]);
-            }
-        }
+        let [first, second] = plane.axes;
         let flat = f64::from(plane.flat);
         Bend {
             acceleration_mm_s2,
-            jerk_mm_s3,
+            jerk_mm_s3: math::min(self.jerk_mm_s3[first], self.jerk_mm_s3[second]),
             per_mm: flat * flat / arc.radius[usize::from(end)],
         }
     }
