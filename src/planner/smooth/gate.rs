@@ -19,7 +19,7 @@ const LEAST_MM_S: f32 = 1.0e-20;
 const LONG: f32 = 4.0;
 
 /// Added to the window where a limit holds around a place, s: cells do not begin in places.
-const AROUND_S: f32 = 3.0e-3;
+const AROUND_S: f32 = 1.0e-3;
 
 /// How far before a place, and behind it, what holds for a mean that passes it at a speed does, mm.
 pub(crate) fn reach_mm(speed_mm_s: f32, window_s: f32) -> f32 {
