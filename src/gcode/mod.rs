@@ -7,6 +7,7 @@ mod block;
 mod error;
 mod modal;
 mod number;
+mod short;
 mod word;
 
 pub use block::{AxisCommand, Block, NonModal, Reference};
@@ -15,4 +16,5 @@ pub use modal::{
     Distance, FeedMode, Flow, Modal, Motion, Probe, ToolLength, Units, WorkCoordinates,
 };
 pub use number::{Code, Number};
+pub use short::{Short, ShortWords};
 pub use word::{Word, Words};

@@ -1,10 +1,21 @@
-//! Value words by their letters, and sets of them.
+//! Words by their letters, and sets of them.
 
-/// A value word by its letter.
+use crate::axis::{AXES, LETTERS};
+
+/// A word by its letter.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Word(u32);
 
 impl Word {
+    /// The axes that there are.
+    pub const AXES: Self = {
+        let (mut axes, mut axis) = (0, 0);
+        while axis < AXES {
+            axes |= Self::axis(axis).0;
+            axis += 1;
+        }
+        Self(axes)
+    };
     /// Feed rate.
     pub const F: Self = Self::new(b'F');
     /// Offsets of an arc's centre.
@@ -30,6 +41,12 @@ impl Word {
         Self(1 << (letter & 31))
     }
 
+    /// The word of an axis.
+    #[must_use]
+    pub const fn axis(axis: usize) -> Self {
+        Self::new(LETTERS[axis])
+    }
+
     /// The word of an `I`, `J` or `K` by the axis it belongs to.
     #[must_use]
     pub const fn offset_of(axis: usize) -> Self {
@@ -37,7 +54,7 @@ impl Word {
     }
 }
 
-/// A set of value words.
+/// A set of words.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub struct Words(u32);
 

@@ -15,7 +15,7 @@ use crate::{
 };
 
 /// Highest line number.
-const MAX_LINE: u32 = 10_000_000;
+pub(super) const MAX_LINE: u32 = 10_000_000;
 const MM_PER_INCH: f32 = 25.4;
 /// Every axis reaches this far, whatever its resolution: no need to divide.
 const NEAR: Nm = match StepsPerMm::from_millionths(StepsPerMm::MAX) {
@@ -385,8 +385,7 @@ fn check_reach(
 }
 
 fn reach(settings: &Settings, position: &Axes<Nm>) -> Result<(), LineError> {
-    let is_near = |value: &Nm| -NEAR.0 <= value.0 && value.0 <= NEAR.0;
-    if position.iter().all(is_near) {
+    if is_near(position) {
         return Ok(());
     }
     let farthest = settings.farthest();
@@ -396,6 +395,13 @@ fn reach(settings: &Settings, position: &Axes<Nm>) -> Result<(), LineError> {
     } else {
         Err(LineError::InvalidTarget)
     }
+}
+
+/// Whether a position is one that every axis reaches.
+#[inline]
+pub(super) fn is_near(position: &Axes<Nm>) -> bool {
+    let is_near = |value: &Nm| -NEAR.0 <= value.0 && value.0 <= NEAR.0;
+    position.iter().all(is_near)
 }
 
 /// Whether the line switches the spindle or the coolant, or changes the work offset.

@@ -9,9 +9,7 @@ use crate::{
 };
 
 pub(super) fn commit(state: &mut Interpreter, checked: &Checked, outcome: &mut Outcome) {
-    outcome.commands.clear();
-    outcome.message = None;
-    outcome.shows_offset = false;
+    outcome.begin();
     if checked.kind == Kind::Jog {
         set_power(checked, outcome);
         let pace = Pace::Jog(checked.modal.feed);
@@ -36,7 +34,14 @@ pub(super) fn commit(state: &mut Interpreter, checked: &Checked, outcome: &mut O
 }
 
 impl Outcome {
-    fn add(&mut self, command: Command) {
+    /// Nothing is asked for yet.
+    pub(super) fn begin(&mut self) {
+        self.commands.clear();
+        self.message = None;
+        self.shows_offset = false;
+    }
+
+    pub(super) fn add(&mut self, command: Command) {
         let is_full = self.commands.push(command).is_err();
         debug_assert!(!is_full, "a line makes fewer commands than COMMANDS");
     }

@@ -9,6 +9,7 @@ mod arc;
 mod check;
 mod commit;
 mod offsets;
+mod plain;
 mod power;
 
 pub use offsets::Offsets;
@@ -273,6 +274,21 @@ impl Interpreter {
     /// copied for every line.
     pub fn commit_into(&mut self, checked: &Checked, outcome: &mut Outcome) {
         commit::commit(self, checked, outcome);
+    }
+
+    /// Checks and carries out a line in one go, if it is as most are: a straight move in the modes
+    /// before it. Then that is what `checked` and `outcome` tell, and what [`Self::check_into`] and
+    /// [`Self::commit_into`] would have done. False for any other line, and for one that is wrong:
+    /// nothing has changed then.
+    #[must_use]
+    pub fn carry_out_plain(
+        &mut self,
+        line: &[u8],
+        settings: &Settings,
+        checked: &mut Checked,
+        outcome: &mut Outcome,
+    ) -> bool {
+        plain::carry_out(self, line, settings, checked, outcome)
     }
 
     /// Back to the power-up modes; the position, `G54` to `G59`, `G28` and `G30` stay.

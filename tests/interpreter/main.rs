@@ -6,5 +6,6 @@ mod arcs;
 mod laws;
 mod lines;
 mod offsets;
+mod plain;
 mod refused;
 mod support;

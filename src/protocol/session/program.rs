@@ -32,6 +32,15 @@ impl Session {
             return self.rest();
         }
         let text = self.line.text().unwrap_or_default();
+        let from = self.interpreter.position();
+        let (checked, outcome) = (&mut self.checked, &mut self.outcome);
+        if self.source == Source::Line
+            && self
+                .interpreter
+                .carry_out_plain(text, &self.stored.settings, checked, outcome)
+        {
+            return self.send(machine, from, entries);
+        }
         let line = match self.source {
             Source::Line => text,
             Source::Jog => text.get(3..).unwrap_or_default(),
@@ -84,6 +93,16 @@ impl Session {
         let from = self.interpreter.position();
         self.interpreter
             .commit_into(&self.checked, &mut self.outcome);
+        self.send(machine, from, entries)
+    }
+
+    /// Sends what the line asks for that began at a position, unless it leaves the travel.
+    fn send(
+        &mut self,
+        machine: &Snapshot,
+        from: Axes<Nm>,
+        entries: &mut Producer<'_, Entry>,
+    ) -> Progress {
         if self.leaves_travel(machine, from) {
             self.stage = Stage::Faulting;
             return self.fault(entries);

@@ -1,0 +1,173 @@
+//! Plain lines: what is done in one go is what checking and committing do.
+
+use leadscrew::{
+    interpreter::{Checked, Interpreter, Outcome},
+    planner::Command,
+    settings::Settings,
+};
+use proptest::prelude::*;
+
+use crate::support::{after, send};
+
+/// Does a line in one go, if it is plain.
+fn plain(machine: &mut Interpreter, line: &str, settings: &Settings) -> Option<(Checked, Outcome)> {
+    // Nothing of the line before may be left.
+    let before = "M3S500G43.1Z3M30";
+    let mut checked = Interpreter::new()
+        .check(before.as_bytes(), settings)
+        .unwrap();
+    let mut outcome = Interpreter::new().commit(&checked);
+    let is_plain = machine.carry_out_plain(line.as_bytes(), settings, &mut checked, &mut outcome);
+    is_plain.then_some((checked, outcome))
+}
+
+/// Where a line ends in Grbl's single precision, which no comparison of targets looks at.
+fn single_mm(outcome: &Outcome) -> Vec<u32> {
+    match outcome.commands.as_slice() {
+        [Command::Line { target, .. }] => target.single_mm.iter().map(|mm| mm.to_bits()).collect(),
+        other => panic!("{other:?} is not one line"),
+    }
+}
+
+/// Lines that leave modes and offsets behind.
+fn any_mode() -> impl Strategy<Value = String> {
+    prop_oneof![
+        "G(0|1|20|21|5[4-9]|61|61\\.1|64|80|90|91|92\\.1|93|94)(F[1-9][0-9]{0,3})?",
+        "G10L(2|20)P[0-6]X-?[0-9]{1,4}(\\.[0-9]{1,6})?",
+        "(G92|G43\\.1)Z-?[0-9]{1,3}(\\.[0-9]{1,6})?",
+        "G92X-?[0-9]{1,3}Y-?[0-9]{1,9}",
+        "G1X[0-9]{1,3}\\.[0-9]{1,9}Y-?[0-9]{1,10}F100",
+        "G2X10I5F100",
+        "M(3|4|5|8|9)S[0-9]{1,4}",
+    ]
+}
+
+/// Numbers short and long, right and wrong.
+fn any_number() -> impl Strategy<Value = String> {
+    prop_oneof![
+        8 => "[-+]?[0-9]{1,4}(\\.[0-9]{0,4})?",
+        4 => "-?\\.?[0-9]{1,5}",
+        1 => "[-+]?[0-9]{0,12}\\.?[0-9]{0,10}",
+        1 => "[-+]{0,2}[0-9]{0,3}\\.{0,2}[0-9]{0,3}",
+    ]
+}
+
+fn any_line() -> impl Strategy<Value = String> {
+    let word = (
+        prop_oneof![
+            12 => "[XYZ]",
+            4 => "[FN]",
+            1 => "[A-Z]",
+            1 => "[ -~]",
+        ],
+        any_number(),
+    )
+        .prop_map(|(letter, number)| letter + &number);
+    let motion = prop_oneof![
+        6 => Just(String::new()),
+        4 => Just("G1".to_owned()),
+        4 => Just("G0".to_owned()),
+        1 => "G[0-9]{1,2}(\\.[0-9])?",
+    ];
+    (motion, prop::collection::vec(word, 0..6)).prop_map(|(motion, words)| motion + &words.concat())
+}
+
+#[test]
+fn straight_moves_are_plain_and_nothing_else_is() {
+    let is_plain = |before: &[&str], line: &str| {
+        plain(&mut after(before), line, &Settings::default()).is_some()
+    };
+    for line in [
+        "G1X5.000Y8.200Z7.693F600",
+        "G0X1",
+        "G01Y-.5F10",
+        "X+1.",
+        "N10G0X1Y2",
+        "G1F5X00001.0000",
+    ] {
+        assert!(is_plain(&[], line), "{line}");
+    }
+    for (before, line) in [("G91", "X1"), ("G55", "X1"), ("F10", "G1X1"), ("G64", "X1")] {
+        assert!(is_plain(&[before], line), "{before} {line}");
+    }
+    for line in [
+        "",
+        "G1",
+        "F10",
+        "G1X1",
+        "G2X1I1F1",
+        "G1X1S1F1",
+        "X1X2",
+        "G0G1X1F1",
+        "G1X1F-1",
+        "X1.12345",
+        "X123456789",
+        "X",
+        "X-",
+        "X1P1",
+        "G1.0X1F1",
+        "N1.0X1",
+        "N10000001X1",
+        "G90X1",
+        "x1",
+        "X1\0",
+        "X60000000",
+    ] {
+        assert!(!is_plain(&[], line), "{line}");
+    }
+    for (before, line) in [
+        ("G20", "X1"),
+        ("G93", "G1X1F1"),
+        ("G80", "X1"),
+        ("G2X10I5F1", "X1"),
+    ] {
+        assert!(!is_plain(&[before], line), "{before} {line}");
+    }
+    let settings = Settings {
+        laser: true,
+        ..Settings::default()
+    };
+    assert!(plain(&mut after(&[]), "X1", &settings).is_none());
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(2000))]
+
+    #[test]
+    fn a_plain_line_does_what_checking_and_committing_do(
+        modes in prop::collection::vec(any_mode(), 0..6),
+        lines in prop::collection::vec(any_line(), 1..20),
+        laser in prop::bool::weighted(0.1),
+    ) {
+        let settings = Settings { laser, ..Settings::default() };
+        let mut machine = Interpreter::new();
+        for mode in modes {
+            let _ = send(&mut machine, &mode);
+        }
+        for line in lines {
+            let before = machine.clone();
+            let checked = machine.check(line.as_bytes(), &settings);
+            let Some((way, short)) = plain(&mut machine, &line, &settings) else {
+                prop_assert_eq!(&machine, &before, "{}", line);
+                if let Ok(checked) = checked {
+                    machine.commit(&checked);
+                }
+                continue;
+            };
+            let checked = checked.map_err(|error| {
+                TestCaseError::fail(format!("{line:?} is plain and {error}"))
+            })?;
+            let mut other = before;
+            let long = other.commit(&checked);
+            prop_assert_eq!(&machine, &other, "{}", line);
+            prop_assert_eq!(&short, &long, "{}", line);
+            prop_assert_eq!(single_mm(&short), single_mm(&long), "{}", line);
+            prop_assert!(checked.moves() && way.moves());
+            for checked in [&checked, &way] {
+                prop_assert!(!checked.waits_for_rest() && !checked.answers_when_done());
+                prop_assert!(!checked.ends_program() && checked.probe().is_none());
+                prop_assert!(machine.origins_after(checked).is_none());
+            }
+        }
+    }
+}
