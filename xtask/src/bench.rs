@@ -22,11 +22,11 @@ use std::{
 };
 
 use anstream::println;
-use anyhow::{Context, Result};
+use anyhow::{Context, Result, ensure};
 use owo_colors::OwoColorize;
 
 use emulator::Emulator;
-use figures::Run;
+use figures::{Parts, Run};
 #[cfg(feature = "flash")]
 pub(crate) use sender::Sender;
 use tasks::Names;
@@ -36,9 +36,9 @@ use crate::{boards, build, cargo, ui};
 
 /// Count what the firmware costs on the emulated chip, in instructions and modelled cycles
 ///
-/// Streams three workloads to the firmware under QEMU: one axis at 100 kHz, three axes at 100, 73
-/// and 51 kHz, and short G1 lines. `docs/benchmarks.md` says what is counted, and how far to trust
-/// it.
+/// Streams four workloads to the firmware under QEMU: one axis at 100 kHz, three axes at 100, 73
+/// and 51 kHz, short G1 lines, and lines that re-plan 100 blocks each. `docs/benchmarks.md` says what
+/// is counted, and how far to trust it.
 #[derive(clap::Args)]
 pub(crate) struct Options {
     /// Write the figures to a file
@@ -86,6 +86,10 @@ fn firmware(emulator: &Emulator, options: &Options) -> Result<()> {
         "leadscrew::stepper::placing::",
         "leadscrew::stepper::slots::",
     ];
+    /// What makes a change of the state, and commands, of a line without blanks.
+    const PARSE: [&str; 2] = ["leadscrew::gcode::", "leadscrew::interpreter::"];
+    /// What finds entry speeds, from the newest block back.
+    const PASS: [&str; 1] = ["leadscrew::planner::lookahead::pass::"];
     let (board, _) = boards::emulated()?;
     let source = fs::read_to_string(cargo::root().join(APPLICATION))
         .with_context(|| format!("cannot read {APPLICATION}"))?;
@@ -114,7 +118,19 @@ fn firmware(emulator: &Emulator, options: &Options) -> Result<()> {
     let one = count(&workload::one_axis())?;
     let three = count(&workload::three_axes())?;
     let lines = count(&workload::short_lines())?;
-    let figures = figures::all([&one, &three, &lines])?;
+    let replanned = count(&workload::replanned())?;
+    // The sender may be too late for one block or another.
+    let blocks = profile::rounds_of(&replanned.whole, &elf, &PASS)?;
+    let blocks_a_line = blocks as f64 / replanned.count as f64;
+    ensure!(
+        (90.0..110.0).contains(&blocks_a_line),
+        "each line re-planned {blocks_a_line:.0} blocks, not 100"
+    );
+    let parts = Parts {
+        parse: profile::cost_of(&lines.whole, &elf, &PARSE)?.per(lines.count),
+        pass: profile::cost_of(&replanned.whole, &elf, &PASS)?.per(blocks.div_ceil(100)),
+    };
+    let figures = figures::all([&one, &three, &lines], parts)?;
     println!();
     figures::print(&figures);
     if let Some(path) = &options.json {

@@ -39,7 +39,7 @@ impl Cost {
         }
     }
 
-    fn per(self, count: u64) -> Self {
+    pub(super) fn per(self, count: u64) -> Self {
         Self {
             cycles: self.cycles / count as f64,
             instructions: self.instructions / count as f64,
@@ -141,8 +141,18 @@ impl Figure {
     }
 }
 
-/// The figures, from the runs with one axis, with three axes, and of short lines.
-pub(super) fn all([one, three, lines]: [&Run; 3]) -> Result<Vec<Figure>> {
+/// Parts of what a line costs.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Parts {
+    /// From a short line without blanks to a command.
+    pub(super) parse: Cost,
+    /// The backward pass for a block that re-plans 100.
+    pub(super) pass: Cost,
+}
+
+/// The figures, from the runs with one axis, with three axes, and of short lines, and from parts of
+/// those and others.
+pub(super) fn all([one, three, lines]: [&Run; 3], parts: Parts) -> Result<Vec<Figure>> {
     let steps = [one.step()?, three.step()?, lines.step()?];
     let activations = steps.map(|task| task.activations).into_iter().sum();
     let mean = Cost::sum(steps.map(Cost::of)).per(activations);
@@ -187,6 +197,18 @@ pub(super) fn all([one, three, lines]: [&Run; 3]) -> Result<Vec<Figure>> {
             |name| name != STEP,
         )
         .without_step_times(),
+        Figure::new(
+            "cycles_parse_g1_line",
+            "    parsing: words, checks and the modal state",
+            Some(1200.0),
+            parts.parse,
+        ),
+        Figure::new(
+            "cycles_replan_100_blocks",
+            "backward pass, per new block that re-plans 100",
+            Some(3000.0),
+            parts.pass,
+        ),
     ])
 }
 
@@ -272,6 +294,17 @@ mod tests {
         .unwrap()
     }
 
+    fn parts() -> Parts {
+        let cost = |cycles| Cost {
+            cycles,
+            instructions: 0.5 * cycles,
+        };
+        Parts {
+            parse: cost(20.0),
+            pass: cost(30.0),
+        }
+    }
+
     fn run(count: u64) -> Run {
         Run {
             whole: report(&[
@@ -292,15 +325,15 @@ mod tests {
     #[test]
     fn idling_settings_and_the_stand_in_are_not_counted() {
         let (one, three, lines) = (run(10), run(20), run(4));
-        let figures = all([&one, &three, &lines]).unwrap();
+        let figures = all([&one, &three, &lines], parts()).unwrap();
         let cycles: Vec<f64> = figures.iter().map(|figure| figure.cost.cycles).collect();
-        assert_eq!(cycles, [60.0, 70.0, 100.0, 50.0, 50.0]);
+        assert_eq!(cycles, [60.0, 70.0, 100.0, 50.0, 50.0, 20.0, 30.0]);
     }
 
     #[test]
     fn every_figure_has_its_instructions() {
         let (one, three, lines) = (run(10), run(20), run(4));
-        let json = json(&all([&one, &three, &lines]).unwrap(), "table");
+        let json = json(&all([&one, &three, &lines], parts()).unwrap(), "table");
         assert_eq!(json["step_isr_mean_cycles"], 60.0);
         assert_eq!(json["step_isr_mean_instructions"], 30.0);
         assert_eq!(json["step_isr_max_instructions"], 35.0);
@@ -310,6 +343,8 @@ mod tests {
         assert_eq!(json["cycles_per_g1_line_instructions"], 25.0);
         assert_eq!(json["cycles_per_g1_line_step_times"], 50.0);
         assert_eq!(json["cycles_per_g1_line_by_task"]["prepare"], 50.0);
+        assert_eq!(json["cycles_parse_g1_line"], 20.0);
+        assert_eq!(json["cycles_replan_100_blocks_instructions"], 15.0);
         assert_eq!(json["model"], "table");
     }
 
@@ -317,6 +352,6 @@ mod tests {
     fn a_firmware_that_never_steps_has_no_figures() {
         let mut one = run(1);
         one.whole.tasks.retain(|task| task.name != "step");
-        assert!(all([&one, &run(1), &run(1)]).is_err());
+        assert!(all([&one, &run(1), &run(1)], parts()).is_err());
     }
 }

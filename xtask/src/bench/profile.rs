@@ -73,17 +73,32 @@ pub(super) fn print(report: &Report, elf: &Path) -> Result<()> {
 
 /// What the functions whose paths begin with one of `prefixes` cost, with what is inlined in them.
 pub(super) fn cost_of(report: &Report, elf: &Path, prefixes: &[&str]) -> Result<Cost> {
-    let program = Loader::new(elf).map_err(|error| anyhow!("{error}"))?;
     let mut cost = Cost::default();
+    for (runs, cycles) in sites_of(report, elf, prefixes)? {
+        cost.cycles += cycles as f64;
+        cost.instructions += runs as f64;
+    }
+    Ok(cost)
+}
+
+/// How often the instruction of those functions was executed that was executed most.
+pub(super) fn rounds_of(report: &Report, elf: &Path, prefixes: &[&str]) -> Result<u64> {
+    let sites = sites_of(report, elf, prefixes)?;
+    Ok(sites.iter().map(|&(runs, _)| runs).max().unwrap_or(0))
+}
+
+/// Executions and cycles of each instruction of the functions whose paths begin like that.
+fn sites_of(report: &Report, elf: &Path, prefixes: &[&str]) -> Result<Vec<(u64, u64)>> {
+    let program = Loader::new(elf).map_err(|error| anyhow!("{error}"))?;
+    let mut sites = Vec::new();
     for &(_, address, runs, cycles) in &report.sites {
         let (stack, _) = frames(&program, address);
         let is_one = |name: &String| prefixes.iter().any(|prefix| name.starts_with(prefix));
         if stack.iter().any(is_one) {
-            cost.cycles += cycles as f64;
-            cost.instructions += runs as f64;
+            sites.push((runs, cycles));
         }
     }
-    Ok(cost)
+    Ok(sites)
 }
 
 /// Prints what one task spent where.

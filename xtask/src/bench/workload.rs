@@ -106,9 +106,44 @@ pub(super) fn short_lines() -> Workload {
     }
 }
 
+/// Blocks that each new block of [`replanned`] re-plans, but for the first ones, which have fewer
+/// before them.
+const REPLANNED: f64 = 105.0;
+
+/// Short lines in a row, too fast to be stopped in fewer than 105 of them: each that comes lets those
+/// before it be faster. Per line.
+pub(super) fn replanned() -> Workload {
+    const LINES: u32 = 1200;
+    const LINE_MM: f64 = 0.05;
+    const ACCELERATION_MM_S2: f64 = 100.0;
+    let braking_mm = REPLANNED * LINE_MM;
+    // As a whole number of mm/min, no faster.
+    let feed = (60.0 * (2.0 * ACCELERATION_MM_S2 * braking_mm).sqrt()).floor();
+    let speed_mm_s = feed / 60.0;
+    let length_mm = f64::from(LINES) * LINE_MM;
+    let mut program = vec![format!("G1F{feed}")];
+    program.extend((1..=LINES).map(|index| format!("X{:.2}", f64::from(index) * LINE_MM)));
+    Workload {
+        name: "lines that re-plan 100 blocks",
+        settings: &["$0=3", "$100=3000", "$110=2100", "$120=100"],
+        program,
+        end_mm: [length_mm, 0.0, 0.0],
+        motion_s: length_mm / speed_mm_s + speed_mm_s / ACCELERATION_MM_S2,
+        count: LINES.into(),
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn lines_in_a_row_re_plan_a_hundred_blocks_in_the_mean() {
+        let lines = replanned().count as f64;
+        let missing = REPLANNED * REPLANNED / 2.0;
+        let mean = REPLANNED - missing / lines;
+        assert!((100.0..102.0).contains(&mean), "{mean}");
+    }
 
     #[test]
     fn short_lines_are_as_long_as_promised() {
