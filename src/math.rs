@@ -26,6 +26,14 @@ pub fn max(a: f32, b: f32) -> f32 {
 /// multiplications instead of a division loop, as the FPU's square root has no safe name here.
 #[must_use]
 pub fn sqrt(x: f32) -> f32 {
+    sqrt_here(x)
+}
+
+/// [`sqrt`], for loops that must not call anything.
+#[inline(always)]
+#[expect(clippy::inline_always, reason = "that is what it is for")]
+#[must_use]
+pub fn sqrt_here(x: f32) -> f32 {
     if x <= f32::MIN_POSITIVE {
         return 0.0;
     }

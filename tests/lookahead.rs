@@ -5,7 +5,7 @@ mod support;
 
 use leadscrew::{
     axis::Axes,
-    planner::{Block, Command, LookAhead, Pace, Plane, Rotation, Router, Work},
+    planner::{BLOCKS, Block, Command, LookAhead, Pace, Plane, Rotation, Router, Work},
     settings::Settings,
     units::Nm,
 };
@@ -123,7 +123,20 @@ fn blocks(settings: &Settings, commands: &[Command]) -> Vec<Block> {
 
 /// Entry speeds squared as the look-ahead plans them, which brakes only; from the second on.
 fn planned(blocks: &[Block]) -> Vec<f32> {
+    planned_by(LookAhead::new(), blocks)
+}
+
+/// The same by a look-ahead through which so many blocks have gone before.
+fn planned_after(before: &Block, times: usize, blocks: &[Block]) -> Vec<f32> {
     let mut plan = LookAhead::new();
+    for _ in 0..times {
+        plan.push(before);
+        plan.pop();
+    }
+    planned_by(plan, blocks)
+}
+
+fn planned_by(mut plan: LookAhead, blocks: &[Block]) -> Vec<f32> {
     for block in blocks {
         plan.push(block);
         while plan.is_unfinished() {
@@ -209,6 +222,19 @@ proptest! {
                 "block {k} is left at {} instead of {}", entry.sqrt(), exact.sqrt()
             );
         }
+    }
+
+    #[test]
+    fn the_plan_is_the_same_wherever_its_ring_begins(
+        settings in machines(),
+        commands in programs(120),
+        times in 2..BLOCKS,
+    ) {
+        let slow = blocks(&settings, &[line(&[100.0, 0.0, 0.0], 100.0)])[0];
+        let blocks = blocks(&settings, &commands);
+        prop_assume!(blocks.len() < BLOCKS);
+        let once = planned_after(&slow, 1, &blocks);
+        prop_assert_eq!(planned_after(&slow, times, &blocks), once);
     }
 
     #[test]

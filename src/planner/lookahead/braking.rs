@@ -95,17 +95,24 @@ impl Braking {
         }
     }
 
-    /// Greatest squared entry speed from which the block can be left at `exit_sqr`.
+    /// Greatest squared entry speed from which a line can be left at `exit_sqr`.
     #[inline]
-    pub(super) fn entry_for(&self, exit_sqr: f32, curve: Option<&Curve>) -> f32 {
-        let Some(curve) = curve else {
-            return exit_sqr + self.gain;
-        };
+    pub(super) fn line_entry_for(&self, exit_sqr: f32) -> f32 {
+        exit_sqr + self.gain
+    }
+
+    /// The same for a curve.
+    #[inline(always)]
+    #[expect(
+        clippy::inline_always,
+        reason = "a call in a loop is charged for each round"
+    )]
+    pub(super) fn curve_entry_for(&self, exit_sqr: f32, curve: &Curve) -> f32 {
         let part = exit_sqr * self.inverse;
         if part >= self.keep {
             // As fast as the arc can be gone through.
             return curve.limit_sqr;
         }
-        exit_sqr * self.keep + self.gain * math::sqrt(1.0 - part * part)
+        exit_sqr * self.keep + self.gain * math::sqrt_here(1.0 - part * part)
     }
 }

@@ -6,14 +6,17 @@
 //! braking before it is not yet planned brakes as hard as it can, which keeps it within the plan
 //! before.
 
+use core::sync::atomic::{Ordering::SeqCst, compiler_fence};
+
 use super::{
     Plan,
     spare::{in_cells, in_time},
 };
 use crate::{machine::Overrides, math};
 
-/// Blocks that a part of a pass goes through.
+/// Blocks that a part of a pass goes through, and one of a backward pass.
 const PART: usize = 32;
+const BRAKING_PART: usize = 64;
 
 /// Whether the machine has come to the speeds planned, or is still faster after a change of them.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -109,22 +112,37 @@ impl<const N: usize> Plan<N> {
                 before_mm_s,
                 progress,
             } => self.find_speeds(number, before_mm_s, progress),
-            Pass::Legs { number, ahead_mm } => self.find_legs(number, ahead_mm),
+            Pass::Legs { number, ahead_mm } => self.find(number, ahead_mm),
             Pass::Brake {
                 back,
                 exit_sqr,
                 is_new,
             } => {
                 if self.is_smooth() {
-                    self.open_gates(back, is_new);
+                    self.open(back, is_new);
                 } else {
                     self.brake(back, exit_sqr, is_new);
                 }
             }
         }
+        // So that none of these calls becomes a jump under a condition, which the proof would charge
+        // to both of its ways.
+        compiler_fence(SeqCst);
+    }
+
+    /// Apart, as is what other overrides need: its registers are saved only where it is needed.
+    #[inline(never)]
+    fn open(&mut self, back: usize, is_new: bool) {
+        self.open_gates(back, is_new);
+    }
+
+    #[inline(never)]
+    fn find(&mut self, number: usize, ahead_mm: f32) {
+        self.find_legs(number, ahead_mm);
     }
 
     /// Speeds of blocks under the overrides, and the limits of entry speeds that follow.
+    #[inline(never)]
     fn find_speeds(&mut self, from: usize, mut before_mm_s: f32, progress: Progress) {
         let end = self.count.min(from + PART);
         let mut spare_s = if from == 0 { 0.0 } else { self.spare_s };
@@ -164,35 +182,54 @@ impl<const N: usize> Plan<N> {
     }
 
     /// A part of the backward pass.
-    pub(super) fn brake(&mut self, from: usize, mut exit_sqr: f32, is_new: bool) {
+    pub(super) fn brake(&mut self, from: usize, exit_sqr: f32, is_new: bool) {
+        if is_new {
+            self.brake_part::<true>(from, exit_sqr);
+        } else {
+            self.brake_part::<false>(from, exit_sqr);
+        }
+    }
+
+    /// The same for each of the two passes, as it is asked for each block which of them it is.
+    #[inline(never)]
+    fn brake_part<const IS_NEW: bool>(&mut self, from: usize, mut exit_sqr: f32) {
         self.pass = Pass::Done;
-        // The entry of the block in execution is history.
-        let end = self.count.min(from + PART);
-        // wcet-bound: 32
-        for back in from..end {
-            let place = (self.first + self.count - back) & (N - 1);
-            let planned = &mut self.ring[place];
-            let entry_sqr = if planned.entry_sqr == planned.limit_sqr && !is_new {
-                planned.limit_sqr
-            } else {
-                let curve = planned.block.curve.as_ref();
-                math::min(
-                    planned.limit_sqr,
-                    planned.braking.entry_for(exit_sqr, curve),
-                )
+        // A part ends where the ring does, so that its blocks are in a row; and before the block in
+        // execution, whose entry is history.
+        let newest = (self.first + self.count).wrapping_sub(from) & (N - 1);
+        let left = self.count.saturating_sub(from);
+        let blocks = left.min(BRAKING_PART).min(newest + 1);
+        let row = self.ring.get_mut(newest + 1 - blocks..=newest);
+        // wcet-bound: 64
+        for planned in row.unwrap_or_default().iter_mut().rev() {
+            let braked_sqr = match &planned.block.curve {
+                None => planned.braking.line_entry_for(exit_sqr),
+                Some(curve) => {
+                    rarely();
+                    if planned.entry_sqr == planned.limit_sqr && !IS_NEW {
+                        // It cannot rise; a root could round it down.
+                        return;
+                    }
+                    planned.braking.curve_entry_for(exit_sqr, curve)
+                }
             };
-            if entry_sqr == planned.entry_sqr && !is_new {
+            exit_sqr = math::min(planned.limit_sqr, braked_sqr);
+            if exit_sqr == planned.entry_sqr && !IS_NEW {
                 return;
             }
-            planned.entry_sqr = entry_sqr;
-            exit_sqr = entry_sqr;
+            planned.entry_sqr = exit_sqr;
         }
-        if end < self.count {
+        if blocks < left {
             self.pass = Pass::Brake {
-                back: end,
+                back: from + blocks,
                 exit_sqr,
-                is_new,
+                is_new: IS_NEW,
             };
         }
     }
 }
+
+/// Where a path is that is seldom taken: it is put out of the way.
+#[cold]
+#[inline(always)]
+const fn rarely() {}
