@@ -462,7 +462,9 @@ impl Router {
         }
     }
 
-    /// Where a move to `target` ends.
+    /// Where a move to `target` ends. It becomes part of its callers, as what it tells would be copied.
+    #[inline(always)]
+    #[expect(clippy::inline_always, reason = "a call would return by a copy")]
     fn place(&self, target: &Target) -> End {
         let mut end = End {
             steps: self.steps,
