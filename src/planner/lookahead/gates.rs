@@ -135,6 +135,7 @@ impl<const N: usize> Plan<N> {
 
     /// A part of the pass in the order of the blocks, of which the first begins so far ahead of the
     /// reference, mm.
+    #[inline(never)]
     pub(super) fn find_legs(&mut self, from: usize, mut ahead_mm: f32) {
         let end = self.count.min(from + PART);
         // wcet-bound: 2
@@ -158,6 +159,7 @@ impl<const N: usize> Plan<N> {
     }
 
     /// A part of the backward pass.
+    #[inline(never)]
     pub(super) fn open_gates(&mut self, from: usize, is_new: bool) {
         self.pass = Pass::Done;
         let end = self.count.min(from + PART);

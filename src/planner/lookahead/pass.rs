@@ -112,14 +112,14 @@ impl<const N: usize> Plan<N> {
                 before_mm_s,
                 progress,
             } => self.find_speeds(number, before_mm_s, progress),
-            Pass::Legs { number, ahead_mm } => self.find(number, ahead_mm),
+            Pass::Legs { number, ahead_mm } => self.find_legs(number, ahead_mm),
             Pass::Brake {
                 back,
                 exit_sqr,
                 is_new,
             } => {
                 if self.is_smooth() {
-                    self.open(back, is_new);
+                    self.open_gates(back, is_new);
                 } else {
                     self.brake(back, exit_sqr, is_new);
                 }
@@ -130,18 +130,8 @@ impl<const N: usize> Plan<N> {
         compiler_fence(SeqCst);
     }
 
-    /// Apart, as is what other overrides need: its registers are saved only where it is needed.
-    #[inline(never)]
-    fn open(&mut self, back: usize, is_new: bool) {
-        self.open_gates(back, is_new);
-    }
-
-    #[inline(never)]
-    fn find(&mut self, number: usize, ahead_mm: f32) {
-        self.find_legs(number, ahead_mm);
-    }
-
-    /// Speeds of blocks under the overrides, and the limits of entry speeds that follow.
+    /// Speeds of blocks under the overrides, and the limits of entry speeds that follow. Apart, as the
+    /// passes of gates are: registers are saved only where they are needed.
     #[inline(never)]
     fn find_speeds(&mut self, from: usize, mut before_mm_s: f32, progress: Progress) {
         let end = self.count.min(from + PART);
