@@ -11,7 +11,7 @@ use leadscrew::{
 };
 use proptest::prelude::*;
 use support::{
-    Act, RESET, Rig, TICKS_PER_S, Trace, Trapezoid, arc, cases, check_limits, check_path, fast,
+    Act, RESET, Rig, TICKS_PER_S, Trace, Trapezoid, arc, at, cases, check_limits, check_path, fast,
     interval_error_rms, line, line_at, number, slack, target, target_steps, with,
 };
 
@@ -78,6 +78,27 @@ fn a_hold_stops_as_soon_as_the_limits_allow_and_resumes_on_the_path() {
         assert!(took <= longest, "{took} ms");
         assert_eq!(rig.trace.starts.len(), 2);
     }
+}
+
+#[test]
+fn steps_at_the_ends_of_segments_are_not_taken_for_acceleration() {
+    let settings = Settings {
+        step_pulse_us: 1,
+        ..with(
+            &[1000.0 / 3.0, 1.0, 1280.0],
+            &[11_108.821, 3_586.483_4, 5_633.020_5],
+            &[28.262_499, 3440.8, 4106.18],
+        )
+    };
+    let commands = [
+        [0.130_496, -0.013_328, -0.632_043],
+        [0.0, 0.0, 0.519_999],
+        [1.744_416, 0.027_760, -2.195_237],
+        [1.402_672, -0.023_180, 1.866_646],
+        [-0.026_824, 0.003_357, -0.025_850],
+        [2.262_495, -1.743_626, -1.113_529],
+    ];
+    check(&settings, &commands.map(|to| line_at(at(&to), Pace::Rapid)));
 }
 
 #[test]

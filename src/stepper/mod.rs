@@ -13,6 +13,7 @@ mod generator;
 mod history;
 mod placing;
 mod ring;
+mod shift;
 mod slots;
 
 pub use axis_steps::AxisMotion;
@@ -22,6 +23,7 @@ pub(crate) use generator::least_period_ticks;
 pub use generator::{Generator, Segment};
 pub use history::steps_after;
 pub use ring::{EVENT_RING, EventReader, EventRing, EventTap, EventWriter, Upcoming};
+pub use shift::SHIFT_TICKS;
 
 use crate::units::{TICKS_PER_MS, TICKS_PER_US};
 

@@ -82,7 +82,7 @@ pub(crate) fn peaks(settings: &Settings, trace: &Trace, axis: usize, window_s: f
 /// No axis exceeds its rate or its acceleration within a block.
 pub(crate) fn check_limits(settings: &Settings, trace: &Trace) {
     for axis in 0..AXES {
-        for window_s in [0.001, 0.008] {
+        for window_s in [0.001, 0.003, 0.008] {
             let peaks = peaks(settings, trace, axis, window_s);
             let rate = f64::from(settings.max_rate_mm_min[axis]) / 60.0;
             let acceleration = f64::from(settings.acceleration_mm_s2[axis]);

@@ -6,17 +6,19 @@ use leadscrew::{
     axis::{AXES, Axes},
     planner::{Circle, Command, Rotation, Round, Way},
     settings::Settings,
+    stepper::SHIFT_TICKS,
     units::{Nm, Steps},
 };
 
-use super::{Trace, target, target_steps};
+use super::{TICKS_PER_S, Trace, target, target_steps};
 
 /// Grain of the search along the path, steps.
 const GRAIN: f64 = 0.05;
 /// What the search leaves out.
 const SEARCH: f64 = 0.03;
-/// Most that a step is early or late so that events keep their distance, s.
-pub(crate) const SHIFT_S: f64 = 1.55e-6;
+/// Most that a step is early or late so that events keep their distance, with what its time is rounded
+/// by, s.
+pub(crate) const SHIFT_S: f64 = (SHIFT_TICKS + 2) as f64 / TICKS_PER_S;
 
 type Point = [f64; AXES];
 
