@@ -3,6 +3,8 @@
 
 mod support;
 
+use std::f64::consts::TAU;
+
 use leadscrew::{
     axis::Axes,
     planner::{Command, Plane, Rotation},
@@ -10,7 +12,9 @@ use leadscrew::{
     units::Nm,
 };
 use proptest::prelude::*;
-use support::{Rig, Trace, arc, at, cases, check_path, line, target_steps, with};
+use support::{
+    Rig, Trace, arc, at, cases, check_limits, check_path, line, number, target_steps, with,
+};
 
 const ROTATIONS: [Rotation; 2] = [Rotation::Clockwise, Rotation::CounterClockwise];
 const PLANES: [Plane; 3] = [Plane::Xy, Plane::Zx, Plane::Yz];
@@ -286,6 +290,82 @@ proptest! {
     }
 }
 
+/// Steps/mm of what is nudged.
+const NUDGED: f64 = 160.0;
+
+/// An arc from one angle on, rad, between two lines, behind a line of so many steps, less than half of
+/// one.
+fn behind_a_nudge(
+    nudge: [f64; 2],
+    radius: f64,
+    [from, travel]: [f64; 2],
+    rotation: Rotation,
+    turns: u16,
+) -> Vec<Command> {
+    let begin = nudge.map(|steps| 2.0 + steps / NUDGED);
+    let centre = [-radius * from.cos(), -radius * from.sin()];
+    let angle = match rotation {
+        Rotation::Clockwise => from - travel,
+        Rotation::CounterClockwise => from + travel,
+    };
+    let end = [
+        begin[0] + centre[0] + radius * angle.cos(),
+        begin[1] + centre[1] + radius * angle.sin(),
+    ];
+    let mut around = arc(Plane::Xy, rotation, &end, centre, 12_000.0);
+    if let Command::Arc { circle, .. } = &mut around {
+        circle.turns = turns;
+    }
+    number(&[
+        line(&[2.0, 2.0], 6000.0),
+        line(&begin, 6000.0),
+        around,
+        line(&[end[0] + 2.0, end[1] - 1.0], 6000.0),
+    ])
+}
+
+fn check_nudged(acceleration: f32, ramp_s: f32, commands: &[Command]) {
+    let settings = Settings {
+        step_pulse_us: 3,
+        jerk_mm_s3: Axes::all(if ramp_s > 0.0 {
+            acceleration / ramp_s
+        } else {
+            0.0
+        }),
+        ..with(&[NUDGED], &[12_000.0], &[acceleration])
+    };
+    let trace = Rig::play(&settings, commands);
+    trace.check_pulses();
+    check_path(&settings, commands, &trace, 1.0);
+    check_limits(&settings, &trace);
+}
+
+#[test]
+fn a_small_arc_behind_a_move_without_a_step_ends_without_a_jump() {
+    let angles = [0.0, 0.3];
+    let commands = behind_a_nudge([0.0, -0.436], 0.050_66, angles, Rotation::Clockwise, 1);
+    check_nudged(100.0, 0.0, &commands);
+}
+
+proptest! {
+    #![proptest_config(cases(96))]
+
+    #[test]
+    fn arcs_behind_a_move_without_a_step_keep_the_limits(
+        nudge in prop::array::uniform2(-0.49..0.49_f64),
+        radius in prop_oneof![0.005..0.1_f64, 0.1..1.0, 1.0..20.0],
+        from in 0.0..TAU,
+        travel in prop_oneof![0.01..0.3_f64, 0.3..TAU],
+        turns in 1_u16..3,
+        acceleration in 100.0..5000.0_f32,
+        ramp_s in prop_oneof![Just(0.0_f32), 0.003..0.1_f32],
+        rotation in prop::sample::select(&ROTATIONS[..]),
+    ) {
+        let commands = behind_a_nudge(nudge, radius, [from, travel], rotation, turns);
+        check_nudged(acceleration, ramp_s, &commands);
+    }
+}
+
 /// What a trace shows of an arc around the origin of its plane (mm) in the middle of its time.
 struct Middle {
     speed_mm_min: f64,
@@ -337,7 +417,7 @@ fn measure(settings: &Settings, trace: &Trace, centre: [f64; 2], window_s: f64) 
     let half = 0.05 * (end - first);
     let middle = 0.5 * (first + end);
     let turned = (angle(middle + half) - angle(middle - half) + std::f64::consts::PI)
-        .rem_euclid(std::f64::consts::TAU)
+        .rem_euclid(TAU)
         - std::f64::consts::PI;
     let radius = f64::hypot(centre[0], centre[1]);
     Middle {
@@ -399,7 +479,7 @@ proptest! {
         radius in 0.5..20.0_f64,
         acceleration in 50.0..1000.0_f32,
         ramp_s in prop_oneof![Just(0.0_f32), 0.003..0.1_f32],
-        direction in 0.0..std::f64::consts::TAU,
+        direction in 0.0..TAU,
         to in 0.0..360.0_f64,
         feed in 300.0..20_000.0_f32,
         hold in prop::option::of(0..1000_u64),

@@ -8,8 +8,13 @@ use crate::units::Nm;
 /// 2³² phases to the turn.
 pub(super) const PHASE_PER_RAD: f64 = 4_294_967_296.0 / core::f64::consts::TAU;
 
-/// Largest part of the radius by which an arc is bent to begin where the move before it ended.
-const LARGEST_PART: f64 = 0.05;
+/// Parts of the radius behind which an arc can begin that becomes a spiral: a small one; or a great one,
+/// if it is no more than these steps of either axis.
+const LITTLE_BEHIND: f64 = 0.05;
+const FARTHEST_BEHIND: f64 = 2.0;
+const FARTHEST_STEPS: f64 = 1.5;
+/// How much more than the mean a spiral's radius may be, and its growth count for, until that matters.
+const UNEVEN: f64 = 1.01;
 
 /// An arc in its plane, in double precision.
 pub(super) struct Arc {
@@ -46,19 +51,24 @@ impl Arc {
         }
     }
 
-    /// The same arc from a start that lies behind its own by a way shorter than a step.
+    /// The same arc, as a spiral, from a start that lies behind its own by a way shorter than a step,
+    /// in nm and of axes with so many steps/mm at most.
     ///
-    /// Where that way is no small part of the radius, the arc stays as it is, moved by that way: as a
-    /// spiral it would be begun faster than the axes allow, because its angle grows evenly.
-    pub(super) fn begun_at(self, circle: &Circle, behind_first: Nm, behind_second: Nm) -> Self {
-        if behind_first == Nm(0) && behind_second == Nm(0) {
+    /// One that is smaller than that way, or bends one axis by the coarser steps of the other, stays as
+    /// it is, moved by that way.
+    pub(super) fn begun_at(self, circle: &Circle, behind: [Nm; 2], steps_per_mm: f64) -> Self {
+        if behind == [Nm(0); 2] {
+            return self;
+        }
+        let behind = behind.map(Nm::to_mm_f64);
+        let behind_mm = libm::hypot(behind[0], behind[1]);
+        let is_bent = behind_mm <= LITTLE_BEHIND * self.radius[0]
+            || behind_mm <= FARTHEST_BEHIND * self.radius[0]
+                && behind_mm * steps_per_mm <= FARTHEST_STEPS;
+        if !is_bent {
             return self;
         }
         let [x0, y0] = circle.centre.map(|centre| -centre.to_mm_f64());
-        let behind = [behind_first, behind_second].map(Nm::to_mm_f64);
-        if libm::hypot(behind[0], behind[1]) > LARGEST_PART * self.radius[0] {
-            return self;
-        }
         let (x, y) = (x0 - behind[0], y0 - behind[1]);
         Self {
             radius: [libm::hypot(x, y), self.radius[1]],
@@ -67,20 +77,75 @@ impl Arc {
         }
     }
 
-    /// Length of the path, mm: to the square of the difference of the radii, which is tiny.
+    /// Growth of the radius, mm/rad.
+    fn growth(&self) -> f64 {
+        (self.radius[1] - self.radius[0]) / self.sweep
+    }
+
+    fn mean_mm(&self) -> f64 {
+        0.5 * (self.radius[0] + self.radius[1])
+    }
+
+    /// The part that a limit on a circle of the mean radius leaves for the spiral: its angle grows
+    /// evenly, so that the axes are faster than the mean where the radius is great or grows.
+    ///
+    /// With the angle's speed w, the radius r and its growth c, the speed is w·√(r² + c²) and the
+    /// acceleration w²·√(r² + 4c²).
+    pub(super) fn evenness(&self) -> f64 {
+        let greatest = self.radius[0].max(self.radius[1]);
+        let most = libm::hypot(greatest, 2.0 * self.growth());
+        let mean = self.mean_mm();
+        if most < UNEVEN * mean {
+            1.0
+        } else {
+            mean / most
+        }
+    }
+
+    fn is_spiral(&self) -> bool {
+        self.evenness() < 1.0
+    }
+
+    /// The radius of a circle on which the same speed of the mean asks for as much acceleration, mm.
+    pub(super) fn tightest_mm(&self) -> f64 {
+        if self.is_spiral() {
+            self.mean_mm() * self.evenness()
+        } else {
+            self.radius[0].min(self.radius[1])
+        }
+    }
+
+    /// The curvature at the start (0) or the end (1), 1/mm.
+    pub(super) fn curvature(&self, end: u8) -> f64 {
+        let radius = self.radius[usize::from(end)];
+        if !self.is_spiral() {
+            return 1.0 / radius;
+        }
+        let growth = self.growth();
+        let (radius_sqr, growth_sqr) = (radius * radius, growth * growth);
+        let speed_sqr = radius_sqr + growth_sqr;
+        (radius_sqr + 2.0 * growth_sqr) / (speed_sqr * libm::sqrt(speed_sqr))
+    }
+
+    /// Length of the path, mm: to the square of the growth of its radius.
     pub(super) fn length_mm(&self) -> f64 {
-        libm::fabs(self.sweep) * 0.5 * (self.radius[0] + self.radius[1])
+        libm::fabs(self.sweep) * self.mean_mm()
     }
 
     /// Unit tangent at the start (0) or the end (1).
     pub(super) fn tangent(&self, end: u8) -> [f64; 2] {
         let angle = self.start + self.sweep * f64::from(end);
         let (sine, cosine) = (libm::sin(angle), libm::cos(angle));
-        if self.sweep > 0.0 {
-            [-sine, cosine]
-        } else {
-            [sine, -cosine]
+        let mut tangent = [-sine, cosine];
+        if self.is_spiral() {
+            let (radius, growth) = (self.radius[usize::from(end)], self.growth());
+            let speed = libm::hypot(radius, growth);
+            tangent = [
+                (growth * cosine - radius * sine) / speed,
+                (growth * sine + radius * cosine) / speed,
+            ];
         }
+        tangent.map(|part| if self.sweep > 0.0 { part } else { -part })
     }
 
     /// Unit vector towards the centre at the start (0) or the end (1).

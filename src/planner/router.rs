@@ -382,12 +382,12 @@ impl Router {
         let (first, second, _) = circle.plane.axes();
         let way = target.position.zip(self.position, |to, from| to - from);
         let behind = self.position.zip(self.sent, |to, from| to - from);
+        let finest = self.limits.steps_per_mm[first].max(self.limits.steps_per_mm[second]);
         let arc = Arc::new(circle, way[first], way[second]).begun_at(
             circle,
-            behind[first],
-            behind[second],
+            [behind[first], behind[second]],
+            f64::from(finest),
         );
-        let finest = self.limits.steps_per_mm[first].max(self.limits.steps_per_mm[second]);
         if arc.length_mm() as f32 * finest < 0.5 {
             // Shorter than half a step in its plane: what is left of it is a line.
             return self.line(target, pace, line, work);
@@ -409,8 +409,7 @@ impl Router {
         let shared = |limits: &Axes<f32>| limits[first].min(limits[second]);
         let acceleration = shared(&self.limits.acceleration_mm_s2)
             .min(Limits::along(&self.limits.acceleration_mm_s2, &direction));
-        let limit_sqr = acceleration * arc.radius.iter().fold(f64::MAX, |a, b| a.min(*b)) as f32
-            / (flat * flat);
+        let limit_sqr = acceleration * arc.tightest_mm() as f32 / (flat * flat);
         let rate = (shared(&self.limits.speed_mm_s) / flat)
             .min(Limits::along(&self.limits.speed_mm_s, &direction));
         direction[first] = flat;
@@ -423,6 +422,8 @@ impl Router {
         let paced = |rate| pace_mm_s(pace, length_mm, rate);
         let ([start_curvature, end_curvature], rate, acceleration) =
             self.limits.bent(&arc, &plane, rate, acceleration, paced);
+        let even = arc.evenness() as f32;
+        let (rate, acceleration) = (rate * even, acceleration * even);
         let programmed_mm_s = pace_mm_s(pace, length_mm, rate);
         *work = Work::Move(Block {
             delta: end.fine.zip(self.fine, |to, from| to.0 - from.0),

@@ -130,7 +130,7 @@ impl Limits {
         Bend {
             acceleration_mm_s2,
             jerk_mm_s3: math::min(self.jerk_mm_s3[first], self.jerk_mm_s3[second]),
-            per_mm: flat * flat / arc.radius[usize::from(end)],
+            per_mm: flat * flat * arc.curvature(end),
         }
     }
 }

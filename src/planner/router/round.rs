@@ -7,10 +7,13 @@ use crate::{
     axis::{Axes, X, Y, Z},
     math,
     planner::{Block, Curve, Oblique, Round, Shape, Work, arc::PHASE_PER_RAD},
+    units::Nm,
 };
 
 /// Linear axes.
 const LINEAR: usize = super::LINEAR;
+/// Square of the shortest way round a corner, mm²: a nanometre.
+const LEAST_SQR: f32 = 1.0e-12;
 
 impl Router {
     /// The work that a rounded corner makes; false where it makes no step, and is part of the next
@@ -21,6 +24,7 @@ impl Router {
             self.position = round.target;
             return false;
         }
+        let round = &self.begun_here(round);
         let share = |directions: &[f32; LINEAR], axis| directions.get(axis).copied().unwrap_or(0.0);
         let outwards = Axes::from_fn(|axis| share(&round.outwards, axis));
         let along = Axes::from_fn(|axis| share(&round.along, axis));
@@ -59,7 +63,7 @@ impl Router {
             pacing: pacing(round.pace),
             laser: self.laser,
             acceleration_mm_s2: acceleration,
-            junction_sqr: self.junction_sqr(&along, &inwards(&outwards)),
+            junction_sqr: self.junction_sqr(&of_length_one(along), &inwards(&outwards)),
             curve: Some(Curve {
                 phase: 0,
                 sweep: sweep as i64,
@@ -70,8 +74,40 @@ impl Router {
             line: round.line,
         });
         let end_outwards = along.zip(outwards, |along, outwards| along * sine + outwards * cosine);
+        let end_tangent = of_length_one(end_tangent);
         self.finish(round.target, end, end_tangent, inwards(&end_outwards));
         true
+    }
+
+    /// A corner behind a way that made no step: it begins where the machine is, and ends where it did.
+    /// Each axis is drawn out by what it is behind; then its directions are no unit vectors.
+    ///
+    /// Its points are C·(cos φ - 1) + S·sin φ from its start. With b/2 less in C and b·cot(θ/2)/2 more in S
+    /// a part of b is added that grows steadily, from none to b at the whole angle θ.
+    fn begun_here(&self, round: &Round) -> Round {
+        let mm = |from: &Axes<Nm>, to: &Axes<Nm>| -> [f32; LINEAR] {
+            core::array::from_fn(|axis| (to[axis] - from[axis]).to_mm())
+        };
+        let behind = mm(&self.sent, &self.position);
+        if behind == [0.0; LINEAR] {
+            return *round;
+        }
+        let half_rad = 0.5 * round.sweep_rad;
+        let cotangent = libm::cosf(half_rad) / libm::sinf(half_rad);
+        let [way, whole] = [&self.position, &self.sent].map(|from| mm(from, &round.target));
+        let [way_sqr, whole_sqr] = [way, whole].map(|way| way.iter().map(|way| way * way).sum());
+        // No longer than it is, so that the feed is kept.
+        let stretch = math::sqrt(math::max(whole_sqr / math::max(way_sqr, LEAST_SQR), 1.0));
+        let radius_mm = round.radius_mm * stretch;
+        let drawn = |axis: usize, direction: f32, part: f32| {
+            (direction * round.radius_mm + part * behind[axis]) / radius_mm
+        };
+        Round {
+            radius_mm,
+            outwards: core::array::from_fn(|axis| drawn(axis, round.outwards[axis], -0.5)),
+            along: core::array::from_fn(|axis| drawn(axis, round.along[axis], 0.5 * cotangent)),
+            ..*round
+        }
     }
 
     /// The circle of an arc that goes from a direction to another.
@@ -87,8 +123,12 @@ impl Router {
             .iter()
             .take(LINEAR)
             .fold(0.0, |a, b| math::max(a, *b));
+        let greatest = along
+            .zip(*outwards, |a, b| math::sqrt(a * a + b * b))
+            .iter()
+            .fold(1.0, |a, b| math::max(a, *b));
         // Two to this power is more than any coordinate, in steps.
-        let steps = math::max(round.radius_mm * finest, 0.25);
+        let steps = math::max(round.radius_mm * greatest * finest, 0.25);
         let places = (steps.to_bits() >> 23).cast_signed() - 126;
         // In 2³⁰ parts of that.
         let unit_steps = power_of_two(places - 30);
@@ -121,6 +161,16 @@ impl Router {
             reversals: [first, second, third],
         }
     }
+}
+
+/// A direction as a unit vector; one that is near to it stays as it is.
+fn of_length_one(direction: Axes<f32>) -> Axes<f32> {
+    let square: f32 = direction.iter().map(|part| part * part).sum();
+    if (square - 1.0).abs() < 1.0e-5 {
+        return direction;
+    }
+    let length = math::sqrt(square);
+    direction.map(|part| part / length)
 }
 
 /// 2 to a power from -126 to 127.
