@@ -62,6 +62,9 @@ pub(crate) struct Account {
     sent: Vec<u8>,
     received: Vec<u8>,
     pending: VecDeque<Pending>,
+    /// Answers that were taken for those of uncertain lines since the last welcome. Where a reset has
+    /// swallowed such a line, they are those of lines behind it.
+    doubtful: usize,
     /// Lines sent after the newest `0x18`, before its welcome.
     after_reset: usize,
     is_reset_asked: bool,
@@ -163,27 +166,23 @@ impl Account {
 
     fn answered(&mut self, answer: &str) {
         self.counts.answers += 1;
+        let is_locked = self.is_locked;
+        self.skip_answered(|line| line.is_uncertain || may_have(&line.text, answer, is_locked));
         let Some(line) = self.pending.pop_front() else {
             return self.fault(format!("{answer} answers nothing"));
         };
-        let expected = line
-            .text
-            .split_once(EXPECTED)
-            .map_or("ok".into(), |(_, rest)| {
-                format!("error:{}", rest.split(')').next().unwrap_or_default())
-            });
+        if line.is_uncertain {
+            self.doubtful += 1;
+        }
         let is_refused = answer != "ok";
         self.counts.refusals += u64::from(is_refused);
         if line.text.trim() == "$H" && answer == "ok" {
             self.is_locked = false;
         }
-        // Senders stream on until they have read that the machine is locked.
-        let is_lawful = answer == expected
-            || self.is_locked && answer == "error:9"
-            || may_be_refused(&line.text, answer);
-        if !is_lawful && !line.is_uncertain {
+        if !may_have(&line.text, answer, is_locked) && !line.is_uncertain {
             self.fault(format!(
-                "{answer} instead of {expected} answers {:?}",
+                "{answer} instead of {} answers {:?}",
+                expected(&line.text),
                 line.text
             ));
         }
@@ -196,17 +195,30 @@ impl Account {
         }
     }
 
-    fn listed(&mut self, text: &str, asked: &str) {
-        // A line that a reset has swallowed stands before the one that was asked.
+    /// Passes by lines that cannot be the one that the machine is at, as far as they may have been
+    /// swallowed by a reset, or answered in the place of one that was.
+    fn skip_answered(&mut self, may_be: impl Fn(&Pending) -> bool) {
         while let Some(line) = self.pending.front()
-            && line.is_uncertain
-            && !asks(&line.text, asked)
+            && (line.is_uncertain || self.doubtful > 0)
+            && !may_be(line)
+            && self.pending.iter().any(&may_be)
         {
+            if !line.is_uncertain {
+                self.doubtful -= 1;
+            }
             self.pending.pop_front();
             self.counts.voided += 1;
         }
+    }
+
+    fn listed(&mut self, text: &str, asked: &str) {
+        self.skip_answered(|line| asks(&line.text, asked));
         match self.pending.front_mut() {
-            Some(line) if asks(&line.text, asked) => line.listed += 1,
+            Some(line) if asks(&line.text, asked) => {
+                line.listed += 1;
+                // Whatever was swallowed stood before it.
+                self.doubtful = 0;
+            }
             Some(line) => {
                 let fault = format!("{text} comes before the answer to {:?}", line.text);
                 self.fault(fault);
@@ -250,6 +262,7 @@ impl Account {
         for line in &mut self.pending {
             line.is_uncertain = true;
         }
+        self.doubtful = 0;
         self.is_reset_asked = false;
         self.after_reset = 0;
     }
@@ -263,7 +276,9 @@ impl Account {
             .drain(..)
             .filter(|line| !line.is_uncertain)
             .collect();
-        for line in lost {
+        let answered = self.doubtful.min(lost.len());
+        self.counts.voided += answered as u64;
+        for line in &lost[answered..] {
             self.fault(format!("{:?} was not answered", line.text));
         }
         if self.is_reset_asked {
@@ -280,7 +295,8 @@ impl Account {
 
     /// Whether nothing is owed: no answer, no report, no welcome.
     pub(crate) fn is_quiet(&self) -> bool {
-        let waits = self.pending.iter().any(|line| !line.is_uncertain);
+        let certain = self.pending.iter().filter(|line| !line.is_uncertain);
+        let waits = certain.count() > self.doubtful;
         !waits && !self.is_reset_asked && !self.is_report_due && self.received.is_empty()
     }
 
@@ -350,6 +366,20 @@ fn listed_at_least(line: &str) -> usize {
         "$$" => 34,
         _ => 0,
     }
+}
+
+/// The answer that a line is to have.
+fn expected(line: &str) -> String {
+    let marked = line.split_once(EXPECTED);
+    marked.map_or("ok".into(), |(_, rest)| {
+        format!("error:{}", rest.split(')').next().unwrap_or_default())
+    })
+}
+
+/// Whether a line may have such an answer. Senders stream on until they have read that the machine is
+/// locked.
+fn may_have(line: &str, answer: &str, is_locked: bool) -> bool {
+    answer == expected(line) || is_locked && answer == "error:9" || may_be_refused(line, answer)
 }
 
 /// Whether Grbl refuses such a line so in some state, and senders send it all the same.
@@ -447,6 +477,29 @@ mod tests {
         assert!(faults(&[">G0\n\x18G1\n", welcome, "<ok"]).is_empty());
         assert_eq!(faults(&[">G0\n\x18", welcome, "<ok"]).len(), 1);
         assert_eq!(faults(&[">\x18"]).len(), 1);
+    }
+
+    #[test]
+    fn what_is_streamed_before_a_welcome_is_read_may_be_answered_for_what_was_swallowed() {
+        let asked = [">G0\n\x18", ">G1\n", "<Grbl 1.1h ['$' for help]"];
+        let locked = ["<[MSG:'$H'|'$X' to unlock]", ">G2\n"];
+        // The answer is that of `G2`, if the reset came after `G1`.
+        let listed = ["<error:9", ">$G\n", "<[GC:G0]", "<ok"];
+        assert!(faults(&[&asked[..], &locked, &listed].concat()).is_empty());
+        assert!(faults(&[&asked[..], &locked, &["<error:9"]].concat()).is_empty());
+        let both = ["<error:9", "<error:9", ">$G\n", "<[GC:G0]", "<ok"];
+        assert!(faults(&[&asked[..], &locked, &both].concat()).is_empty());
+        // A list tells where the machine is: from there on an answer that is missing is lost.
+        let lost = [&asked[..], &locked, &listed, &[">G3\nG4\n", "<error:9"]].concat();
+        assert_eq!(faults(&lost).len(), 1);
+        let late = [
+            &asked[..],
+            &locked,
+            &both,
+            &[">G3\n$G\n", "<[GC:G0]", "<ok", "<ok"],
+        ]
+        .concat();
+        assert_eq!(faults(&late).len(), 2);
     }
 
     #[test]
