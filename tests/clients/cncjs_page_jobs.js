@@ -144,6 +144,10 @@ class Screen {
 async function connect(screen) {
   // The page regrets that it has no WebGL.
   await screen.click('[class*="modal-footer"] button');
+  // Or it opens the port again by itself, when it has looked which ports there are after a close.
+  const isAutomatic = `${CONNECTION} input[type="checkbox"]:checked`;
+  await screen.press(isAutomatic);
+  await screen.page.waitForSelector(isAutomatic, { hidden: true, timeout: PATIENCE_MS });
   await screen.click(`${CONNECTION} .Select:not(.is-disabled) .Select-control`);
   await screen.click(`${CONNECTION} .Select-option`);
   await screen.click(`${CONNECTION} button:has(.fa-toggle-off)`);
