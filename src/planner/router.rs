@@ -90,14 +90,18 @@ impl Limits {
         self.steps_per_s / steps_per_mm
     }
 
-    /// Limit of the squared speed in the corner between two directions.
+    /// Limit of the squared speed in the corner between two directions, each as what the axes move for
+    /// one mm of the path.
+    ///
+    /// Where rotary axes turn farther for that behind the corner than before it, their speed jumps as
+    /// that of others in a turn does: the change counts, whatever it is due to.
     pub(super) fn junction_sqr(&self, before: &Axes<f32>, after: &Axes<f32>) -> f32 {
         // Sine and cosine of half the turn: half the difference and half the sum of the directions.
         let change = after.zip(*before, |after, before| after - before);
         let change_sqr = dot(&change, &change);
-        let sum = after.zip(*before, |after, before| after + before);
+        let sum = unit(*after).zip(unit(*before), |after, before| after + before);
         let cosine_sqr = 0.25 * dot(&sum, &sum);
-        if change_sqr <= STRAIGHT {
+        if change_sqr <= STRAIGHT * greatest_sqr(before, after) {
             return f32::MAX;
         }
         if cosine_sqr <= 0.25 * STRAIGHT {
@@ -135,7 +139,7 @@ pub struct Router {
     sent: Axes<Nm>,
     fine: Axes<FineSteps>,
     steps: Axes<Steps>,
-    /// Direction at the end of the block before.
+    /// Direction at the end of the block before: what the axes move for one mm of its path.
     tangent: Axes<f32>,
     /// Its curvature there, 1/mm, towards the centre.
     curvature: Axes<f32>,
@@ -343,7 +347,6 @@ impl Router {
         let length_mm = length(&way);
         let per_mm = 1.0 / length_mm;
         let direction = way.map(|way| way * per_mm);
-        let tangent = unit(direction);
         let resolution = self.limits.steps_per_mm;
         let steps_per_mm = direction.zip(resolution, |share, steps| share * steps);
         let rate = math::min(
@@ -361,11 +364,11 @@ impl Router {
             pacing: pacing(pace),
             laser: self.laser,
             acceleration_mm_s2: Limits::along(&self.limits.acceleration_mm_s2, &direction),
-            junction_sqr: self.junction_sqr(&tangent, &Axes::all(0.0)),
+            junction_sqr: self.junction_sqr(&direction, &Axes::all(0.0)),
             curve: None,
             line,
         };
-        self.finish(target.position, end, tangent, Axes::all(0.0));
+        self.finish(target.position, end, direction, Axes::all(0.0));
         Some(block)
     }
 
@@ -398,13 +401,13 @@ impl Router {
             .zip(self.sent, |to, from| (to - from).to_mm());
         let linear = without(linear, [first, second]);
         let plane_mm = arc.length_mm() as f32;
-        let rest_mm = length(&linear);
+        let rest_mm = linear_length(&linear);
         let length_mm = math::sqrt(plane_mm * plane_mm + rest_mm * rest_mm);
         let flat = plane_mm / length_mm;
         let mut direction = linear.map(|way| way / length_mm);
         let plane = ArcPlane::new([first, second], flat);
         let [start_tangent, end_tangent] =
-            [0, 1].map(|end| unit(plane.tangent(direction, arc.tangent(end))));
+            [0, 1].map(|end| plane.tangent(direction, arc.tangent(end)));
         // Any direction in the plane occurs: the axes share the smaller of their limits.
         let shared = |limits: &Axes<f32>| limits[first].min(limits[second]);
         let acceleration = shared(&self.limits.acceleration_mm_s2)
@@ -526,6 +529,11 @@ fn length(way: &Axes<f32>) -> f32 {
     })
 }
 
+/// Length of a way over the linear axes.
+fn linear_length(way: &Axes<f32>) -> f32 {
+    math::sqrt(way.iter().take(LINEAR).map(|way| way * way).sum())
+}
+
 /// A way without what leads along two axes.
 fn without(way: Axes<f32>, axes: [usize; 2]) -> Axes<f32> {
     Axes::from_fn(|axis| if axes.contains(&axis) { 0.0 } else { way[axis] })
@@ -535,13 +543,22 @@ fn dot(a: &Axes<f32>, b: &Axes<f32>) -> f32 {
     a.iter().zip(b).map(|(a, b)| a * b).sum()
 }
 
-/// The unit vector of a direction. With linear axes alone, directions are unit vectors already.
+/// The unit vector of a direction, or none. With linear axes alone, directions are unit vectors already.
 fn unit(direction: Axes<f32>) -> Axes<f32> {
-    if AXES == LINEAR {
+    let length_sqr = dot(&direction, &direction);
+    if AXES == LINEAR || length_sqr <= 0.0 {
         return direction;
     }
-    let length = math::sqrt(dot(&direction, &direction));
+    let length = math::sqrt(length_sqr);
     direction.map(|share| share / length)
+}
+
+/// The greater square of two directions: 1 with linear axes alone.
+fn greatest_sqr(one: &Axes<f32>, other: &Axes<f32>) -> f32 {
+    if AXES == LINEAR {
+        return 1.0;
+    }
+    math::max(dot(one, one), dot(other, other))
 }
 
 /// The programmed speed, mm/s: for a rapid the limit.

@@ -324,7 +324,7 @@ impl Meter {
         if is_kink || passed.corner.is_stop {
             self.tracks.iter_mut().for_each(Track::turn);
         }
-        if passed.corner.is_stop {
+        if passed.corner.is_stop || passed.corner.is_regeared {
             self.path.cut();
         }
         self.corners.pass(passed, seconds);

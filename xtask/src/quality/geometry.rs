@@ -28,6 +28,20 @@ pub(crate) fn norm(a: &Point) -> f64 {
     dot(a, a).sqrt()
 }
 
+/// Linear axes: the way along a path counts along them where one of them moves.
+const LINEAR: usize = 3;
+
+/// Length of a way as a feed counts: over the linear axes, or over the rotary ones when only they move.
+pub(crate) fn length(way: &Point) -> f64 {
+    let (linear, rotary) = way.split_at(LINEAR);
+    let [linear, rotary] = [linear, rotary].map(|way| way.iter().map(|x| x * x).sum::<f64>());
+    if linear > 1.0e-12 * rotary {
+        linear.sqrt()
+    } else {
+        rotary.sqrt()
+    }
+}
+
 /// Distance of a point from the stretch between two others.
 pub(crate) fn distance_to_stretch(point: &Point, from: &Point, to: &Point) -> f64 {
     let way = minus(to, from);
@@ -49,11 +63,11 @@ pub(crate) struct Piece {
     begin: Point,
     end: Point,
     turn: Option<Turn>,
-    /// Length over all axes, mm.
+    /// Its length, mm; degrees where only rotary axes move.
     pub(crate) length_mm: f64,
     /// Length of the path before it, mm.
     pub(crate) from_mm: f64,
-    /// Programmed speed along this length, mm/s; `None` for a rapid.
+    /// Programmed speed, mm/s; `None` for a rapid.
     pub(crate) feed_mm_s: Option<f64>,
     /// How it joins the piece before.
     pub(crate) corner: Corner,
@@ -68,6 +82,9 @@ pub(crate) struct Corner {
     pub(crate) allowed_mm_s: f64,
     /// Something that stops the machine is programmed between the two.
     pub(crate) is_stop: bool,
+    /// All axes together move more than twice as far for one mm of the path as before, or less than
+    /// half as far: so much more, or less, of it is a rotary axis.
+    pub(crate) is_regeared: bool,
 }
 
 /// The circular part of an arc.
@@ -119,18 +136,16 @@ impl Piece {
     pub(crate) fn new(begin: Point, end: Point, circle: Option<&Circle>) -> Self {
         let turn = circle.map(|circle| Turn::new(circle, &begin, &end));
         let mut way = minus(&end, &begin);
-        let mut curved = 0.0;
         if let Some(turn) = &turn {
-            for axis in turn.axes {
-                way[axis] = 0.0;
-            }
-            curved = turn.sweep * (turn.radius[0] + turn.radius[1] / 2.0);
+            let [first, second] = turn.axes;
+            way[first] = turn.sweep * (turn.radius[0] + turn.radius[1] / 2.0);
+            way[second] = 0.0;
         }
         Self {
             begin,
             end,
             turn,
-            length_mm: norm(&way).hypot(curved),
+            length_mm: length(&way),
             from_mm: 0.0,
             feed_mm_s: None,
             corner: Corner::default(),
@@ -167,10 +182,10 @@ impl Piece {
         slope
     }
 
-    /// The direction where a share of its length is done, a unit vector.
+    /// The direction where a share of its length is done: what the axes move for one mm of it.
     pub(crate) fn tangent(&self, share: f64) -> Point {
         let slope = self.slope(share);
-        let length = norm(&slope).max(f64::MIN_POSITIVE);
+        let length = length(&slope).max(f64::MIN_POSITIVE);
         slope.map(|part| part / length)
     }
 
@@ -247,6 +262,20 @@ mod tests {
         let crossing = quarter().crossing(1, 50.0_f64.sqrt(), 0.4, 0.1).unwrap();
         assert!((crossing - 0.5).abs() < 1.0e-6);
         assert_eq!(quarter().crossing(0, 10.0, 0.0, 0.1), None);
+    }
+
+    #[test]
+    #[cfg(feature = "axes-4")]
+    fn the_way_counts_along_the_linear_axes_where_one_of_them_moves() {
+        let turned = |x: f64, y: f64, a: f64| {
+            let mut point = point(x, y, 0.0);
+            point[3] = a;
+            point
+        };
+        let both = Piece::new(turned(0.0, 0.0, 0.0), turned(3.0, 4.0, 100.0), None);
+        assert_eq!((both.length_mm, both.tangent(0.5)[3]), (5.0, 20.0));
+        let alone = Piece::new(turned(3.0, 4.0, 0.0), turned(3.0, 4.0, -100.0), None);
+        assert_eq!((alone.length_mm, alone.tangent(0.5)[3]), (100.0, -1.0));
     }
 
     #[test]

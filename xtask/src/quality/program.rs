@@ -14,9 +14,6 @@ use leadscrew::{
 
 use super::geometry::{Corner, Piece, Point, dot, millimetres, minus, norm};
 
-/// Linear axes: a feed counts along them where one of them moves.
-const LINEAR: usize = 3;
-
 /// Reads a program as the machine does.
 pub(crate) struct Programmed {
     interpreter: Interpreter,
@@ -119,17 +116,9 @@ impl Programmed {
         if steps == self.steps && (circle.is_none() || self.is_tiny(&piece)) {
             return None;
         }
-        let way = minus(&end, &begin);
-        let linear = way[..LINEAR].iter().map(|x| x * x).sum::<f64>().sqrt();
-        // A feed is along the linear axes where they move.
-        let factor = if linear > 0.0 && circle.is_none() {
-            norm(&way) / linear
-        } else {
-            1.0
-        };
         piece.feed_mm_s = match pace {
             Pace::Rapid => None,
-            Pace::Feed(mm_min) | Pace::Jog(mm_min) => Some(f64::from(mm_min) / 60.0 * factor),
+            Pace::Feed(mm_min) | Pace::Jog(mm_min) => Some(f64::from(mm_min) / 60.0),
             Pace::InverseTime(per_min) => Some(piece.length_mm * f64::from(per_min) / 60.0),
         };
         piece.from_mm = self.length_mm;
@@ -160,19 +149,21 @@ impl Programmed {
             turn_rad: turn(&before, &after),
             allowed_mm_s: allowed_mm_s(&self.settings, &before, &after),
             is_stop: self.is_stop,
+            is_regeared: !(0.5..=2.0).contains(&(norm(&after) / norm(&before))),
         }
     }
 }
 
 /// The angle between two directions, rad.
 fn turn(before: &Point, after: &Point) -> f64 {
+    let [before, after] = [before, after].map(|way| way.map(|part| part / norm(way)));
     let sum: Point = std::array::from_fn(|axis| before[axis] + after[axis]);
-    2.0 * norm(&minus(after, before)).atan2(norm(&sum))
+    2.0 * norm(&minus(&after, &before)).atan2(norm(&sum))
 }
 
 /// The speed in a corner that the junction deviation allows (S. Jeon 2011): on the circle that
 /// touches both directions and passes the corner at that distance, within the acceleration that the
-/// axes have in the direction of the change.
+/// axes have in the direction of the change. Another share of a rotary axis is a change, too.
 fn allowed_mm_s(settings: &Settings, before: &Point, after: &Point) -> f64 {
     let change = minus(after, before);
     let size = norm(&change);
