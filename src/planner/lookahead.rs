@@ -108,6 +108,8 @@ pub struct Plan<const N: usize> {
     /// The window over which acceleration changes, cells and s; 0 where it changes at once.
     window: usize,
     window_s: f32,
+    /// The length of the blocks behind the one that the reference is in, mm.
+    beyond_mm: f32,
     /// The reference, and the accelerations of the newest blocks.
     pacer: Pacer,
     least: Least,
@@ -127,6 +129,7 @@ impl<const N: usize> Plan<N> {
             pass: Pass::Done,
             window: 0,
             window_s: 0.0,
+            beyond_mm: 0.0,
             pacer: Pacer::START,
             least: Least::NONE,
         }
@@ -199,6 +202,9 @@ impl<const N: usize> Plan<N> {
         planned.entry_sqr = -1.0;
         self.count += 1;
         if self.is_smooth() {
+            if self.count > 1 {
+                self.beyond_mm += block.length_mm;
+            }
             self.pace_block(self.count - 1, None);
             self.pass = Pass::NEWEST_GATES;
         } else {
@@ -221,6 +227,9 @@ impl<const N: usize> Plan<N> {
         if self.count != 0 {
             self.first = (self.first + 1) & (N - 1);
             self.count -= 1;
+            if self.is_smooth() && self.pacer.number() == 0 && self.count != 0 {
+                self.enter(0);
+            }
             self.pacer.popped();
             if let Pass::Pace { number, .. } | Pass::Legs { number, .. } = &mut self.pass {
                 *number = number.saturating_sub(1);
@@ -235,6 +244,7 @@ impl<const N: usize> Plan<N> {
         self.spare_s = 0.0;
         self.pass = Pass::Done;
         self.pacer = Pacer::START;
+        self.beyond_mm = 0.0;
     }
 }
 

@@ -28,7 +28,7 @@ use self::pacer::{CELL_S, Cell, Leaving};
 use super::executor::LONGEST_S;
 use crate::{axis::AXES, math, settings::Settings};
 
-/// Cells of history, a power of two: the window, and two more.
+/// Cells of history, a power of two: the longest window fits.
 const CELLS: usize = 128;
 /// Shortest window, cells: so that a limit of speed that is reached in the middle of a cell is kept by
 /// the mean, and blocks take the time that they have to.
@@ -41,10 +41,12 @@ pub(super) const AHEAD: usize = 3;
 const KNOWN_S: f32 = LONGEST_S + 1.0e-6;
 /// Units of way in a mm: 1 nm.
 const UNITS_PER_MM: f32 = 1_048_576.0;
-/// Stands for a speed of 0 in a divisor, mm/s.
-const LEAST_MM_S: f32 = 1.0e-12;
 /// The same, mm.
 const UNIT_MM: f32 = 1.0 / UNITS_PER_MM;
+/// Stands for a speed of 0 in a divisor, mm/s.
+const LEAST_MM_S: f32 = 1.0e-12;
+/// Rounds in which the time for a way is found.
+const ROUNDS: usize = 2;
 
 /// What the jerk limits make of the acceleration limits.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -96,15 +98,21 @@ pub(super) struct Smooth {
     speeds: [f32; AHEAD + 1],
     /// Half the change of acceleration in each, mm/s³: how the speed bends between its ends.
     bends: [f32; AHEAD],
-    /// How many of them are known.
+    /// The way in each, mm; of the first, what is left of it. 0 where none is known.
+    ways_mm: [f32; AHEAD],
+    /// Cells known, the one being played first.
     known: usize,
     /// What has been played of the first cell, s.
     played_s: f32,
-    /// Another cell is needed for the next segment.
+    /// Another cell is needed for the next segment: found when that changes, as each run of `prepare`
+    /// asks for it twice.
     is_short: bool,
-    /// Way of the reference in the window, units, and its inverse length: 1/units, and 0.5/(cell · s).
+    /// Way of the reference in the window, units; of a cell's, what dividing it left over; and the
+    /// mean's speed for each of them, mm/s.
     sum: u32,
+    over: u32,
     per_unit: f32,
+    /// The bend of a cell for a difference of speed, 1/s²: 0.5/(cell · window).
     per_bend: f32,
     /// The newest cell of the reference, its speed at the end, and how many there have been since
     /// rest, as many as the window has at most.
@@ -126,6 +134,11 @@ pub(super) struct Place {
     pub(super) speed_mm_s: f32,
 }
 
+/// By how much a bend makes the way shorter in a time, mm.
+fn bent_mm(bend: f32, seconds: f32) -> f32 {
+    (1.0 / 6.0) * bend * seconds * seconds * seconds
+}
+
 /// What is known of the way ahead: where the machine is now, and will be at the ends of cells.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Outlook {
@@ -141,10 +154,12 @@ impl Smooth {
             window: 0,
             speeds: [0.0; AHEAD + 1],
             bends: [0.0; AHEAD],
+            ways_mm: [0.0; AHEAD],
             known: 0,
             played_s: 0.0,
             is_short: false,
             sum: 0,
+            over: 0,
             per_unit: 0.0,
             per_bend: 0.0,
             newest: 0,
@@ -173,9 +188,11 @@ impl Smooth {
     /// Forgets the motion.
     pub(super) fn rest(&mut self) {
         self.speeds = [0.0; AHEAD + 1];
+        self.ways_mm = [0.0; AHEAD];
         self.known = 0;
         self.played_s = 0.0;
         self.sum = 0;
+        self.over = 0;
         self.end_mm_s = 0.0;
         self.age = 0;
         self.is_short = self.is_on();
@@ -203,8 +220,8 @@ impl Smooth {
         self.is_short
     }
 
-    /// What [`Smooth::needs_cell`] tells from now on.
-    fn look(&mut self) {
+    /// Finds out whether another cell is needed.
+    fn refresh(&mut self) {
         let least_s = if self.begins() {
             AHEAD as f32 * CELL_S
         } else {
@@ -244,15 +261,24 @@ impl Smooth {
         self.newest = (self.newest + 1) & (CELLS - 1);
         self.ways[self.newest] = cell.way;
         self.changes_mm_s[self.newest] = change;
+        let before = self.sum.wrapping_add(self.over);
         self.sum = self.sum.wrapping_add(cell.way).wrapping_sub(oldest);
-        if let Some(bend) = self.bends.get_mut(self.known) {
-            *bend = (change - leaving.change) * self.per_bend;
+        let double = before.wrapping_add(self.sum);
+        let shares = 2 * self.window.max(1) as u32;
+        let way = double / shares;
+        self.over = double - way * shares;
+        let bend = (change - leaving.change) * self.per_bend;
+        if let Some(place) = self.bends.get_mut(self.known) {
+            *place = bend;
+        }
+        if let Some(place) = self.ways_mm.get_mut(self.known) {
+            *place += way as f32 * UNIT_MM - bent_mm(bend, CELL_S);
         }
         self.known += 1;
         if let Some(speed) = self.speeds.get_mut(self.known) {
             *speed = self.sum as f32 * self.per_unit;
         }
-        self.look();
+        self.refresh();
     }
 
     /// What is known, s.
@@ -273,18 +299,15 @@ impl Smooth {
             rest: None,
         };
         let mut cell_s = CELL_S - self.played_s;
+        let ends = self.speeds[1..].iter().zip(&self.ways_mm);
         // wcet-bound: 3
-        for (place, to) in outlook.places[1..]
-            .iter_mut()
-            .zip(&self.speeds[1..])
-            .take(self.known)
-        {
+        for (place, (to, way)) in outlook.places[1..].iter_mut().zip(ends).take(self.known) {
             if end.speed_mm_s <= 0.0 && end.seconds > 0.0 && outlook.rest.is_none() {
                 outlook.rest = Some(end);
             }
             end = Place {
                 seconds: end.seconds + cell_s,
-                way_mm: end.way_mm + 0.5 * (end.speed_mm_s + to) * cell_s,
+                way_mm: end.way_mm + way,
                 speed_mm_s: *to,
             };
             *place = end;
@@ -296,56 +319,64 @@ impl Smooth {
 
     /// The place after a time, which is known.
     pub(super) fn after(&self, outlook: &Outlook, seconds: f32) -> Place {
-        let speed_mm_s = self.speed_at(self.played_s + seconds);
-        let [now, ..] = &outlook.places;
-        Place {
-            seconds,
-            way_mm: 0.5 * (now.speed_mm_s + speed_mm_s) * seconds,
-            speed_mm_s,
-        }
+        let cell = ((self.played_s + seconds) * (1.0 / CELL_S)) as usize;
+        let cell = cell.min(AHEAD - 1);
+        self.within(outlook, cell, seconds - outlook.places[cell].seconds)
     }
 
     /// The place after a way, which is known.
     pub(super) fn at(&self, outlook: &Outlook, way_mm: f32) -> Place {
-        let [now, a, b, c] = &outlook.places;
-        let (from, to) = if way_mm <= a.way_mm || self.known <= 1 {
-            (now, a)
+        let [_, a, b, _] = &outlook.places;
+        let cell = if way_mm <= a.way_mm || self.known <= 1 {
+            0
         } else if way_mm <= b.way_mm || self.known <= 2 {
-            (a, b)
+            1
         } else {
-            (b, c)
+            2
         };
-        let speed = from.speed_mm_s;
-        let time_s = to.seconds - from.seconds;
+        let [from, to] = [&outlook.places[cell], &outlook.places[cell + 1]];
+        let most_s = to.seconds - from.seconds;
         let left_mm = way_mm - from.way_mm;
-        let square = speed * speed + 2.0 * left_mm * (to.speed_mm_s - speed) / time_s;
-        let sum = speed + math::sqrt(math::max(square, 0.0));
-        let about_s = math::min(2.0 * left_mm / math::max(sum, LEAST_MM_S), time_s);
-        let speed_mm_s = self.speed_at(self.played_s + from.seconds + about_s);
-        // What takes the way between these speeds, as the acceleration is constant then.
-        let sum = math::max(now.speed_mm_s + speed_mm_s, LEAST_MM_S);
+        // As if its speed changed evenly, ...
+        let (v, change) = (from.speed_mm_s, to.speed_mm_s - from.speed_mm_s);
+        let square = v * v + 2.0 * left_mm * change / most_s;
+        let sum = v + math::sqrt(math::max(square, 0.0));
+        let mut seconds = math::min(2.0 * left_mm / math::max(sum, LEAST_MM_S), most_s);
+        // ... and nearer by Newton's method.
+        // wcet-bound: 2
+        for _ in 0..ROUNDS {
+            let place = self.within(outlook, cell, seconds);
+            let late_s = (place.way_mm - way_mm) / math::max(place.speed_mm_s, LEAST_MM_S);
+            seconds = math::min(math::max(seconds - late_s, 0.5 * seconds), most_s);
+        }
         Place {
-            seconds: math::min(2.0 * way_mm / sum, outlook.end.seconds),
             way_mm,
+            ..self.within(outlook, cell, seconds)
+        }
+    }
+
+    /// The place so long after the beginning of what is left of a cell: so far before its end.
+    fn within(&self, outlook: &Outlook, cell: usize, seconds: f32) -> Place {
+        let [from, to] = [&outlook.places[cell], &outlook.places[cell + 1]];
+        let seconds = from.seconds + seconds;
+        let rest_s = to.seconds - seconds;
+        let bend = self.bends[cell];
+        let change = (self.speeds[cell + 1] - self.speeds[cell]) * (1.0 / CELL_S);
+        let evenly = to.speed_mm_s - change * rest_s;
+        let speed_mm_s = math::max(evenly - bend * rest_s * (CELL_S - rest_s), 0.0);
+        let rest_mm = 0.5 * (speed_mm_s + to.speed_mm_s) * rest_s - bent_mm(bend, rest_s);
+        Place {
+            seconds,
+            way_mm: to.way_mm - rest_mm,
             speed_mm_s,
         }
     }
 
-    /// The speed at a time from the beginning of the cell that is being played, mm/s.
-    fn speed_at(&self, seconds: f32) -> f32 {
-        let cell = ((seconds * (1.0 / CELL_S)) as usize).min(AHEAD - 1);
-        let within_s = seconds - cell as f32 * CELL_S;
-        let [from, to] = [self.speeds[cell], self.speeds[cell + 1]];
-        let evenly = from + (to - from) * (1.0 / CELL_S) * within_s;
-        math::max(
-            evenly - self.bends[cell] * within_s * (CELL_S - within_s),
-            0.0,
-        )
-    }
-
-    /// Goes on by a time that is known.
-    pub(super) fn play(&mut self, seconds: f32) {
+    /// Goes on by a time that is known, and a way.
+    pub(super) fn play(&mut self, seconds: f32, way_mm: f32) {
         self.played_s += seconds;
+        let [first, ..] = &mut self.ways_mm;
+        *first -= way_mm;
         // wcet-bound: 3
         for _ in 0..AHEAD {
             if self.played_s < CELL_S || self.known == 0 {
@@ -356,8 +387,10 @@ impl Smooth {
             self.speeds = [b, c, d, 0.0];
             let [_, b, c] = self.bends;
             self.bends = [b, c, 0.0];
+            let [rest, b, c] = self.ways_mm;
+            self.ways_mm = [rest + b, c, 0.0];
             self.known -= 1;
         }
-        self.look();
+        self.refresh();
     }
 }

@@ -40,7 +40,9 @@ impl Executor {
         let left_mm = self.left as f32 * (block.length_mm / WHOLE_Q31 as f32);
         let (length_mm, ends_block) = self.piece_length(block.course(), left_mm, SMOOTH_SLIVER_S);
         let stretch = if goes_on {
-            walk(smooth, length_mm, self.speed_mm_s)
+            let (stretch, way_mm) = walk(smooth, length_mm, self.speed_mm_s);
+            smooth.play(stretch.seconds, way_mm);
+            stretch
         } else {
             // At rest at its end, but for what rounding left.
             Stretch {
@@ -52,7 +54,6 @@ impl Executor {
         };
         let ends_block = stretch.ends_piece && ends_block;
         self.segment(block.course(), &stretch, ends_block, segment);
-        smooth.play(stretch.seconds);
         self.laser = block.laser;
         self.part = 0.5 * (self.speed_mm_s + stretch.speed_mm_s) / block.programmed_mm_s;
         self.speed_mm_s = stretch.speed_mm_s;
@@ -66,8 +67,8 @@ impl Executor {
     }
 }
 
-/// The next stretch of a piece, at a speed.
-fn walk(smooth: &Smooth, length_mm: f32, speed_mm_s: f32) -> Stretch {
+/// The next stretch of a piece, at a speed, and how far the mean goes in it.
+fn walk(smooth: &Smooth, length_mm: f32, speed_mm_s: f32) -> (Stretch, f32) {
     let outlook = smooth.outlook(speed_mm_s);
     let known_s = outlook.end.seconds;
     let mut seconds = if smooth.begins() {
@@ -82,22 +83,24 @@ fn walk(smooth: &Smooth, length_mm: f32, speed_mm_s: f32) -> Stretch {
     if rest.is_some() || length_mm <= outlook.end.way_mm {
         let last = rest.unwrap_or_else(|| smooth.at(&outlook, length_mm));
         if last.seconds <= LONGEST_S {
-            return Stretch {
+            let stretch = Stretch {
                 length_mm,
                 speed_mm_s: last.speed_mm_s,
                 seconds: last.seconds,
                 ends_piece: true,
             };
+            return (stretch, last.way_mm);
         }
         seconds = math::min(seconds, share(last.seconds));
     }
     let place = smooth.after(&outlook, seconds);
-    Stretch {
+    let stretch = Stretch {
         length_mm: math::min(place.way_mm, length_mm),
         speed_mm_s: place.speed_mm_s,
         seconds,
         ends_piece: false,
-    }
+    };
+    (stretch, place.way_mm)
 }
 
 #[cfg(test)]

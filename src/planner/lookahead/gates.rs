@@ -63,8 +63,22 @@ impl<const N: usize> Plan<N> {
     pub(crate) fn cell(&mut self, stops: bool, leaving: Leaving) -> Cell {
         let mut pacer = self.pacer;
         let cell = pacer.cell(self, stops, leaving, self.window_s);
+        // From rest it does not come to the end of a block, so it enters one at most.
+        if pacer.number() != self.pacer.number() {
+            self.enter(pacer.number());
+        }
         self.pacer = pacer;
         cell
+    }
+
+    /// The reference enters a block: it is no longer behind it.
+    pub(super) fn enter(&mut self, number: usize) {
+        let length_mm = self.ring[self.place(number)].block.length_mm;
+        self.beyond_mm = if number + 1 < self.count {
+            self.beyond_mm - length_mm
+        } else {
+            0.0
+        };
     }
 
     /// The leg that a block is, and how it is begun, by those before it: in the order of the blocks.
@@ -126,6 +140,10 @@ impl<const N: usize> Plan<N> {
             }
         }
         let pace = &mut self.ring[place].pace;
+        if ahead_mm.is_none() {
+            // The path has ended there.
+            pace.gate = Gate::STOP;
+        }
         pace.corner_mm_s = corner_mm_s;
         pace.fastest_mm_s = fastest_mm_s;
         pace.acceleration_mm_s2 = leg.acceleration_mm_s2;
@@ -202,15 +220,23 @@ impl<const N: usize> Plan<N> {
         }
         let newest = self.place(self.count.wrapping_sub(1));
         let is_stop = self.ring[newest].pace.corner_mm_s <= 0.0;
-        let here = self.pacer.number();
-        let was_over = here + 2 == self.count && self.pacer.was_over(self, self.window_s);
-        if is_stop || !was_over && !self.pacer.is_over(self, self.window, self.window_s) {
+        if is_stop
+            || !self.was_over(newest) && !self.pacer.is_over(self, self.window, self.window_s)
+        {
             return;
         }
         self.ring[newest].block.junction_sqr = 0.0;
         self.ring[newest].limit_sqr = 0.0;
         self.ring[newest].pace.corner_mm_s = 0.0;
         self.pass = Pass::NEWEST_GATES;
+    }
+
+    /// Whether the reference has been too fast for the newest corner.
+    fn was_over(&self, newest: usize) -> bool {
+        let planned = &self.ring[newest];
+        let ahead_mm = self.pacer.left_mm() + self.beyond_mm - planned.block.length_mm;
+        let corner_mm_s = planned.pace.corner_mm_s;
+        (self.pacer).was_over(self, ahead_mm, corner_mm_s, self.window_s)
     }
 
     const fn place(&self, number: usize) -> usize {

@@ -14,6 +14,10 @@ const NO_LIMIT: f32 = 1.0e9;
 /// rest: what rounding leaves.
 const SLIVER: f32 = 0.05;
 
+/// What the way from a standstill to the next is shorter for the reference, units: so that rounding
+/// never lets the machine be at its end before it is at rest, and all is even there.
+const SHORTER: u64 = 16;
+
 /// The blocks ahead, and the gates at their ends.
 pub(crate) trait Road {
     /// The leg with a number, the oldest is 0.
@@ -51,6 +55,8 @@ pub(crate) struct Pacer {
     /// What is left of it, units, and what rounding ways to units left over, units.
     left: u64,
     carry: f32,
+    /// What rounding lengths to units left over, units.
+    over: f32,
     speed_mm_s: f32,
     /// Cells since it has accelerated.
     since_gain: usize,
@@ -77,6 +83,7 @@ impl Pacer {
         is_begun: false,
         left: 0,
         carry: 0.0,
+        over: 0.0,
         speed_mm_s: 0.0,
         since_gain: usize::MAX,
         cap_mm_s: NO_LIMIT,
@@ -113,8 +120,9 @@ impl Pacer {
     fn enter(&mut self, leg: &Leg) {
         let high = leg.length_mm * (UNITS_PER_MM / 65_536.0);
         let whole = high as u32;
-        let low = ((high - whole as f32) * 65_536.0) as u32;
-        self.left = u64::from(whole) << 16 | u64::from(low);
+        let low = (high - whole as f32) * 65_536.0 + self.over;
+        self.over = low - low as u32 as f32;
+        self.left = (u64::from(whole) << 16) + u64::from(low as u32);
         self.is_begun = true;
     }
 
@@ -140,6 +148,7 @@ impl Pacer {
                 return 0;
             };
             self.enter(&leg);
+            self.left = self.left.saturating_sub(SHORTER);
         }
         if self.left == 0 && !self.begin(road, leaving.is_rest) {
             self.speed_mm_s = 0.0;
@@ -237,16 +246,22 @@ impl Pacer {
         self.speed_mm_s > limit * 1.001
     }
 
-    /// Whether it has been faster before the end of its leg than a corner there allows that was not
-    /// known then: it has braked by what the leg allows at most.
-    pub(crate) fn was_over(&self, road: &impl Road, window_s: f32) -> bool {
+    /// Whether it has been faster near a corner so far ahead than that allows, which was not known
+    /// then: it has braked by what its leg allows at most.
+    pub(crate) fn was_over(
+        &self,
+        road: &impl Road,
+        ahead_mm: f32,
+        corner_mm_s: f32,
+        window_s: f32,
+    ) -> bool {
         let Some(leg) = road.leg(self.number) else {
             return false;
         };
-        let corner = road.corner_mm_s(self.number);
-        let within_mm = reach_mm(corner, window_s) - self.left_mm();
+        let within_mm = reach_mm(corner_mm_s, window_s) - ahead_mm;
         let gained = 2.0 * leg.acceleration_mm_s2 * math::max(within_mm, 0.0);
-        within_mm > 0.0 && self.speed_mm_s * self.speed_mm_s + gained > corner * corner
+        let fastest_sqr = self.speed_mm_s * self.speed_mm_s + gained;
+        within_mm > 0.0 && fastest_sqr > corner_mm_s * corner_mm_s
     }
 
     /// Goes on by a way, and tells how far that was.
@@ -261,8 +276,9 @@ impl Pacer {
             self.speed_mm_s = 0.0;
             return here as u32;
         }
-        // Every block takes a cell at least.
-        let there = (way - here).min(self.left);
+        // A block takes a cell at least: not more than one is passed. What rounding makes longer
+        // than the block is left out, so that its end is passed in motion, too.
+        let there = (way - here).min(self.left.saturating_sub(1));
         self.left -= there;
         self.go(there);
         (here + there) as u32
@@ -301,6 +317,7 @@ impl Pacer {
         self.cap_mm_s = NO_LIMIT;
         self.number += 1;
         self.enter(&next);
+        self.left = self.left.saturating_sub(SHORTER);
         true
     }
 

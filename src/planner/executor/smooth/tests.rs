@@ -305,6 +305,68 @@ fn check(peaks: &Peaks) -> Result<(), TestCaseError> {
     Ok(())
 }
 
+/// Equal axes with an acceleration that takes so long to be there.
+fn machine(acceleration: f32, ramp_s: f32) -> Settings {
+    Settings {
+        max_rate_mm_min: Axes::all(10_000.0),
+        acceleration_mm_s2: Axes::all(acceleration),
+        jerk_mm_s3: Axes::all(acceleration / ramp_s),
+        ..Settings::default()
+    }
+}
+
+#[test]
+fn thousands_of_blocks_end_at_rest() -> Result<(), TestCaseError> {
+    for (acceleration, ramp_s, lengths, feeds) in [
+        (2000.0, 0.005, [3.1, 2.7], [6000.0, 2000.0]),
+        (2000.0, 0.005, [1.0, 1.3], [6000.0, 2000.0]),
+        (5000.0, 0.005, [3.1, 2.7], [6000.0, 2000.0]),
+        // Each takes a cell.
+        (500.0, 0.05, [0.005, 0.005], [6000.0, 6000.0]),
+        (500.0, 0.05, [0.00333, 0.00333], [6000.0, 6000.0]),
+    ] {
+        let settings = machine(acceleration, ramp_s);
+        let ways: Vec<_> = (0..3000)
+            .map(|number| ([lengths[number % 2], 0.0, 0.0], feeds[number % 2]))
+            .collect();
+        let run = play(&settings, &blocks(&settings, &ways), 0, &[]);
+        check(&peaks(&settings, &run))?;
+        let (end, corners) = run.corners.split_last().expect("corners");
+        assert!(*end <= CREEP, "{lengths:?} mm end at {end} mm/s");
+        let inner = &corners[200..corners.len() - 200];
+        let slowest = inner.iter().copied().fold(f64::MAX, f64::min);
+        assert!(slowest >= 1.0, "{lengths:?} mm at {slowest} mm/s");
+    }
+    Ok(())
+}
+
+#[test]
+fn a_corner_that_comes_late_is_the_same_in_every_round() -> Result<(), TestCaseError> {
+    let settings = machine(500.0, 0.05);
+    let side = |number: u32| {
+        let angle = f64::from(number % 8) * core::f64::consts::FRAC_PI_4;
+        ([20.0 * angle.cos(), 20.0 * angle.sin(), 0.0], 3000.0)
+    };
+    let ways: Vec<_> = (0..160).map(side).collect();
+    for every in [380, 400, 420] {
+        let run = play(&settings, &blocks(&settings, &ways), every, &[]);
+        check(&peaks(&settings, &run))?;
+    }
+    // A short block between the reference and the corner.
+    for (short, turn) in [(0.03, 0.5), (0.05, 0.7), (0.1, 0.9)] {
+        let ways = [
+            ([10.0, 0.0, 0.0], 6000.0),
+            ([short, 0.0, 0.0], 6000.0),
+            ([10.0 * f64::cos(turn), 10.0 * f64::sin(turn), 0.0], 6000.0),
+        ];
+        let blocks = blocks(&settings, &ways);
+        for every in 60..200 {
+            check(&peaks(&settings, &play(&settings, &blocks, every, &[])))?;
+        }
+    }
+    Ok(())
+}
+
 proptest! {
     #![proptest_config(ProptestConfig {
         cases: 64,
