@@ -37,7 +37,7 @@ pub(super) struct Limits {
     steps_per_mm: Axes<f32>,
     speed_mm_s: Axes<f32>,
     acceleration_mm_s2: Axes<f32>,
-    /// Greater than any without a limit.
+    /// [`f32::MAX`] without a limit.
     jerk_mm_s3: Axes<f32>,
     window: Window,
     junction_deviation_mm: f32,

@@ -45,8 +45,6 @@ const UNITS_PER_MM: f32 = 1_048_576.0;
 const UNIT_MM: f32 = 1.0 / UNITS_PER_MM;
 /// Stands for a speed of 0 in a divisor, mm/s.
 const LEAST_MM_S: f32 = 1.0e-12;
-/// Rounds in which the time for a way is found.
-const ROUNDS: usize = 2;
 
 /// What the jerk limits make of the acceleration limits.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -341,14 +339,11 @@ impl Smooth {
         let (v, change) = (from.speed_mm_s, to.speed_mm_s - from.speed_mm_s);
         let square = v * v + 2.0 * left_mm * change / most_s;
         let sum = v + math::sqrt(math::max(square, 0.0));
-        let mut seconds = math::min(2.0 * left_mm / math::max(sum, LEAST_MM_S), most_s);
+        let about_s = math::min(2.0 * left_mm / math::max(sum, LEAST_MM_S), most_s);
         // ... and nearer by Newton's method.
-        // wcet-bound: 2
-        for _ in 0..ROUNDS {
-            let place = self.within(outlook, cell, seconds);
-            let late_s = (place.way_mm - way_mm) / math::max(place.speed_mm_s, LEAST_MM_S);
-            seconds = math::min(math::max(seconds - late_s, 0.5 * seconds), most_s);
-        }
+        let about = self.within(outlook, cell, about_s);
+        let late_s = (about.way_mm - way_mm) / math::max(about.speed_mm_s, LEAST_MM_S);
+        let seconds = math::min(math::max(about_s - late_s, 0.5 * about_s), most_s);
         Place {
             way_mm,
             ..self.within(outlook, cell, seconds)

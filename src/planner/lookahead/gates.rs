@@ -17,7 +17,7 @@ const PART: usize = 2;
 pub(super) struct Pace {
     /// Greatest speed where it begins, mm/s; 0 where the machine comes to rest.
     corner_mm_s: f32,
-    /// The greatest that this has been: the machine may still come as fast.
+    /// The greatest that this has ever been: the machine may still come as fast.
     fastest_mm_s: f32,
     /// Greatest acceleration, mm/s²; at its beginning for a way, mm.
     acceleration_mm_s2: f32,
@@ -83,7 +83,8 @@ impl<const N: usize> Plan<N> {
 
     /// The leg that a block is, and how it is begun, by those before it: in the order of the blocks.
     ///
-    /// Of a block that is not new, it is known how far ahead of the reference it begins, mm, or nearer.
+    /// Of a block that is not new, it is known how far ahead of the reference it begins, mm. That may
+    /// have become less since by some cells, which is in the second window of the way to brake.
     /// Accelerations only become lower then: blocks before it that are no longer known, and speeds of
     /// before, may still have their say. Nor is it begun faster where the reference might have had to
     /// brake otherwise for that.

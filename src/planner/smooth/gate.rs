@@ -18,7 +18,7 @@ const LEAST_MM_S: f32 = 1.0e-20;
 /// A block that is that many times as long as the place around its end is more than a part of it.
 const LONG: f32 = 4.0;
 
-/// Added to the window where a limit holds around a place, s: cells do not begin in places.
+/// Added to the window where a limit holds around a place, s: the cell that the place lies in.
 const AROUND_S: f32 = 1.0e-3;
 
 /// How far before a place, and behind it, what holds for a mean that passes it at a speed does, mm.
