@@ -262,7 +262,7 @@ impl Smooth {
         let before = self.sum.wrapping_add(self.over);
         self.sum = self.sum.wrapping_add(cell.way).wrapping_sub(oldest);
         let double = before.wrapping_add(self.sum);
-        let shares = 2 * self.window.max(1) as u32;
+        let shares = (2 * self.window as u32).max(1);
         let way = double / shares;
         self.over = double - way * shares;
         let bend = (change - leaving.change) * self.per_bend;
