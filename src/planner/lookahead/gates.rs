@@ -221,9 +221,8 @@ impl<const N: usize> Plan<N> {
         }
         let newest = self.place(self.count.wrapping_sub(1));
         let is_stop = self.ring[newest].pace.corner_mm_s <= 0.0;
-        if is_stop
-            || !self.was_over(newest) && !self.pacer.is_over(self, self.window, self.window_s)
-        {
+        let is_over = self.pacer.is_over(self, self.window, self.window_s);
+        if is_stop || !is_over && !self.was_over(newest) {
             return;
         }
         self.ring[newest].block.junction_sqr = 0.0;

@@ -18,6 +18,9 @@ const SLIVER: f32 = 0.05;
 /// never lets the machine be at its end before it is at rest, and all is even there.
 const SHORTER: u64 = 16;
 
+/// An acceleration that is so many times another is no greater: what a small turn makes of it.
+const SOFTER: f32 = 1.005;
+
 /// The blocks ahead, and the gates at their ends.
 pub(crate) trait Road {
     /// The leg with a number, the oldest is 0.
@@ -234,9 +237,6 @@ impl Pacer {
         }
         let gate = road.gate(self.number);
         let left_mm = self.left_mm();
-        if gate.acceleration(&leg, left_mm) < leg.acceleration(left_mm) {
-            return true;
-        }
         let (brake, free) = gate.speeds(&leg, left_mm, self.speed_mm_s, 0.0, window_s);
         let limit = if self.since_gain < window {
             free
@@ -246,8 +246,8 @@ impl Pacer {
         self.speed_mm_s > limit * 1.001
     }
 
-    /// Whether it has been faster near a corner so far ahead than that allows, which was not known
-    /// then: it has braked by what its leg allows at most.
+    /// Whether a corner so far ahead that was not known asks for what it has not done: for less speed near
+    /// it, as far as it may have braked in its leg, or for less acceleration.
     pub(crate) fn was_over(
         &self,
         road: &impl Road,
@@ -255,13 +255,19 @@ impl Pacer {
         corner_mm_s: f32,
         window_s: f32,
     ) -> bool {
+        let within_mm = reach_mm(corner_mm_s, window_s) - ahead_mm;
         let Some(leg) = road.leg(self.number) else {
             return false;
         };
-        let within_mm = reach_mm(corner_mm_s, window_s) - ahead_mm;
-        let gained = 2.0 * leg.acceleration_mm_s2 * math::max(within_mm, 0.0);
+        if !self.is_moving() || within_mm <= 0.0 {
+            return false;
+        }
+        let left_mm = self.left_mm();
+        let gate = road.gate(self.number);
+        let is_softer = gate.acceleration(&leg, left_mm) * SOFTER < leg.acceleration(left_mm);
+        let gained = 2.0 * leg.acceleration_mm_s2 * within_mm;
         let fastest_sqr = self.speed_mm_s * self.speed_mm_s + gained;
-        within_mm > 0.0 && fastest_sqr > corner_mm_s * corner_mm_s
+        is_softer || fastest_sqr > corner_mm_s * corner_mm_s
     }
 
     /// Goes on by a way, and tells how far that was.

@@ -324,6 +324,7 @@ fn thousands_of_blocks_end_at_rest() -> Result<(), TestCaseError> {
         // Each takes a cell.
         (500.0, 0.05, [0.005, 0.005], [6000.0, 6000.0]),
         (500.0, 0.05, [0.00333, 0.00333], [6000.0, 6000.0]),
+        (500.0, 0.05, [0.002, 0.002], [6000.0, 6000.0]),
     ] {
         let settings = machine(acceleration, ramp_s);
         let ways: Vec<_> = (0..3000)
@@ -333,9 +334,32 @@ fn thousands_of_blocks_end_at_rest() -> Result<(), TestCaseError> {
         check(&peaks(&settings, &run))?;
         let (end, corners) = run.corners.split_last().expect("corners");
         assert!(*end <= CREEP, "{lengths:?} mm end at {end} mm/s");
-        let inner = &corners[200..corners.len() - 200];
+        let inner = &corners[60..corners.len() - 60];
         let slowest = inner.iter().copied().fold(f64::MAX, f64::min);
         assert!(slowest >= 1.0, "{lengths:?} mm at {slowest} mm/s");
+    }
+    Ok(())
+}
+
+#[test]
+fn a_circle_of_short_lines_is_gone_through_without_a_rest() -> Result<(), TestCaseError> {
+    for (length, turn, ramp_s) in [
+        (0.02, 0.001, 0.02),
+        (0.05, 0.02, 0.05),
+        (0.2, 0.02, 0.01),
+        (1.0, 0.02, 0.02),
+    ] {
+        let settings = machine(500.0, ramp_s);
+        let way = |number: u32| {
+            let angle = turn * f64::from(number);
+            ([length * angle.cos(), length * angle.sin(), 0.0], 3000.0)
+        };
+        let ways: Vec<_> = (0..1000).map(way).collect();
+        let run = play(&settings, &blocks(&settings, &ways), 0, &[]);
+        check(&peaks(&settings, &run))?;
+        let inner = &run.corners[100..900];
+        let slowest = inner.iter().copied().fold(f64::MAX, f64::min);
+        assert!(slowest >= 15.0, "{length} mm at {slowest} mm/s");
     }
     Ok(())
 }
