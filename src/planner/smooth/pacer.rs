@@ -308,8 +308,12 @@ impl Pacer {
             return false;
         }
         let half = 0.5 / math::min(leg.acceleration_mm_s2, next.acceleration_mm_s2);
-        self.limit(leg.speed_mm_s, half, window_s);
-        self.limit(road.corner_mm_s(self.number), half, window_s);
+        // After a change of overrides it may be faster than what holds now: then it could not brake, and
+        // what held before still does around the place.
+        let limits = [leg.speed_mm_s, road.corner_mm_s(self.number)];
+        let [speed, corner] = limits.map(|limit| math::max(limit, self.speed_mm_s));
+        self.limit(speed, half, window_s);
+        self.limit(corner, half, window_s);
         self.number += 1;
         self.enter(&next);
         true

@@ -390,6 +390,29 @@ fn a_corner_that_comes_late_is_the_same_in_every_round() -> Result<(), TestCaseE
     Ok(())
 }
 
+#[test]
+fn an_override_just_before_a_corner_leaves_its_limit_behind_it() -> Result<(), TestCaseError> {
+    let by = |values: [f32; 3]| Axes::from_fn(|axis| values[axis.min(2)]);
+    let settings = Settings {
+        max_rate_mm_min: by([2000.0; 3]),
+        acceleration_mm_s2: by([100.0, 210.0, 446.0]),
+        jerk_mm_s3: by([33_000.0, 70_000.0, 4768.0]),
+        junction_deviation_mm: 0.029,
+        ..Settings::default()
+    };
+    // What comes behind the corner is faster, and under no override.
+    let ways = [
+        ([0.766, -0.47, -0.038], 840.0),
+        ([1.645, -2.164, 1.154], -1.0),
+    ];
+    let blocks = blocks(&settings, &ways);
+    for instant in 1..200 {
+        let acts = [(instant, Act::Feed(10))];
+        check(&peaks(&settings, &play(&settings, &blocks, 0, &acts)))?;
+    }
+    Ok(())
+}
+
 proptest! {
     #![proptest_config(ProptestConfig {
         cases: 64,
