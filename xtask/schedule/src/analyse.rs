@@ -192,6 +192,9 @@ impl<'a> Analysis<'a> {
         let tasks = rows.map(|(index, row)| self.task(index, row, responses[index].as_ref()));
         report.tasks = tasks.collect();
         report.utilisation = response::utilisation(self.subject, &responses);
+        let prices = responses.iter().flatten().filter_map(|it| it.price);
+        let costs = prices.reduce(f64::max);
+        report.trade = response::traded(self.subject, point, costs.unwrap_or(0.0))?;
         if report.utilisation > 1.0 {
             report.flaws.push(overload(report.utilisation));
         }
@@ -230,6 +233,7 @@ impl<'a> Analysis<'a> {
             icache_lines: cost.as_ref().map_or(0, |cost| cost.lines.len()),
             uses_float: self.subject.uses_float(row),
             apart_from: Subject::apart_from(row),
+            kind_of: row.kind_of.map(|of| self.subject.rows[of].name.clone()),
             regime: self.subject.regime(index).map(str::to_owned),
             worst_path: self.worst_path(row, response),
             ..Task::default()

@@ -32,9 +32,34 @@ pub struct Config {
     /// Functions that are called at most so often in one activation.
     #[serde(default)]
     pub calls: BTreeMap<String, Formula>,
+    /// What may come instead of pieces of work.
+    pub trade: Option<Trade>,
     /// What is asked of a replay.
     #[serde(default)]
     pub replay: Replay,
+}
+
+/// More runs of a mode instead of pieces of work, its units, that their rate would allow.
+#[derive(Debug, Clone, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Trade {
+    /// The row: name of the task, and of the mode.
+    pub row: String,
+    /// What the runs are called that come instead, ...
+    pub kind: String,
+    /// ... and functions that are not called in them.
+    #[serde(default)]
+    pub excludes: Vec<String>,
+    /// Pieces for which one run more may come.
+    pub pieces: Formula,
+    /// Pieces that a window may have beside those that its runs are known to have.
+    pub rounding: Formula,
+    /// Runs of other tasks that come with each such run, ...
+    #[serde(default)]
+    pub with_run: BTreeMap<String, u64>,
+    /// ... and with each piece.
+    #[serde(default)]
+    pub with_piece: BTreeMap<String, u64>,
 }
 
 /// What is asked of a replay.

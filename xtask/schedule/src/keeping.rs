@@ -65,6 +65,9 @@ pub(crate) struct Keeping {
     pub(crate) restart: u64,
     /// What the window pays once.
     pub(crate) once: u64,
+    /// All runs of guests are dear, wherever they fall: then the demand is a sum, of so much for each
+    /// run and piece.
+    pub(crate) is_linear: bool,
 }
 
 impl Keeping {
@@ -115,8 +118,11 @@ impl Keeping {
         let parts = visits + intrusions + 1;
         let base = self.once + outside + self.intruding(window);
         let count = |guest: &Guest, time: u64| {
-            let outside = guest.arrival.count_in_parts(time, parts);
-            outside.min(guest.arrival.count(window).max(1))
+            let all = guest.arrival.count(window).max(1);
+            if self.is_linear {
+                return all;
+            }
+            guest.arrival.count_in_parts(time, parts).min(all)
         };
         let time = rta::fixed_point(base, u64::MAX / 2, |time| {
             let guests = self.guests.iter();
@@ -163,6 +169,7 @@ mod tests {
             reload: 300,
             restart: 37,
             once: 0,
+            is_linear: false,
         }
     }
 

@@ -43,6 +43,7 @@ mod stack;
 mod subject;
 #[cfg(test)]
 mod testing;
+mod trade;
 mod values;
 mod wcet;
 
@@ -57,6 +58,6 @@ pub use image::{Extent, Frame, Image, ImageError};
 pub use instruction::{Address, Instruction, Operation, Writeback};
 pub use model::{Cache, Clock, Model, lines};
 pub use program::{Block, Bound, Count, Edge, Function, Loop, Program, Region, Total};
-pub use report::{Curve, Line, Report, Requirement, Section, Stack, Task, Wcet};
+pub use report::{Curve, Line, Report, Requirement, Section, Stack, Task, Traded, Wcet};
 pub use rtic::{App, AppTask};
 pub use wcet::Functions;

@@ -13,6 +13,7 @@ use crate::{
 };
 
 /// A row with a deadline at one point.
+#[derive(Clone)]
 pub(crate) struct Member {
     pub(crate) row: usize,
     pub(crate) priority: u8,
@@ -35,6 +36,7 @@ pub(crate) struct Part {
 
 /// How many pieces of work a run may have at most, and how many more than their rate says; and the
 /// values of the bounds for a run without any.
+#[derive(Clone)]
 pub(crate) struct UnitCount {
     pub(crate) most: u64,
     pub(crate) extra: u64,
@@ -102,6 +104,29 @@ impl Member {
             parts,
             units: counted,
         }))
+    }
+
+    /// The same row with so many more runs in any window, as far as they are apart enough.
+    pub(crate) fn with_more(&self, count: f64) -> Self {
+        let more = |arrival: &mut Arrival| {
+            arrival.sustained = arrival.sustained.map(|(rate, burst)| (rate, burst + count));
+        };
+        let mut new = self.clone();
+        more(&mut new.arrival);
+        if let Some(runs) = new.parts.first_mut() {
+            more(&mut runs.arrival);
+        }
+        new
+    }
+
+    /// What a run costs without any pieces of work, not even those that it may have beside its share,
+    /// and what a piece costs, by the costs of its parts.
+    pub(crate) fn run_and_piece(&self, costs: &[u64]) -> (u64, u64) {
+        match (costs, &self.units) {
+            ([run, piece], Some(units)) => (run.saturating_sub(units.extra * piece), *piece),
+            ([run, ..], _) => (*run, 0),
+            ([], _) => (0, 0),
+        }
     }
 
     /// The streams of its work where loops keep their code, and what its visits are like.

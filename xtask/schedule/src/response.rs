@@ -16,12 +16,13 @@
 use std::collections::{BTreeMap, BTreeSet};
 
 use crate::{
-    Point, Wcet,
+    Point, Traded, Wcet,
     keeping::{Guest, Keeping},
     member::Member,
     model::{CACHE_LINES, OUTSTANDING_TRANSFER, RESTART, RETRY},
     rta::{self, Arrival, Load},
     subject::{Cost, Subject},
+    trade::{Price, Trade},
 };
 
 /// Lines that are fetched again when a task goes on behind a preemption without a cache.
@@ -61,6 +62,8 @@ pub(crate) struct Response {
     pub(crate) blocking_source: String,
     /// `None`: it has no end.
     pub(crate) response: Option<u64>,
+    /// How many pieces of work a traded run costs, where runs are traded.
+    pub(crate) price: Option<f64>,
 }
 
 impl Response {
@@ -110,20 +113,53 @@ fn up_to(
     for row in 0..subject.rows.len() {
         members.extend(Member::new(subject, row, &named, point)?);
     }
+    let trades = Trade::all(subject, point)?.into_iter();
+    let trades = trades.map(|trade| (trade.rounded(&members), trade));
+    let trades: Vec<(Vec<Member>, Trade)> = trades.collect();
     let mut responses: Vec<Option<Response>> = vec![None; subject.rows.len()];
     for index in 0..members.len() {
         let row = members[index].row;
+        if subject.rows[row].kind_of.is_some() {
+            continue;
+        }
         let regimes = subject.regimes();
         let own = subject.regime(row);
         let regimes = regimes.into_iter().filter(|it| own.is_none() || *it == own);
         let found = regimes.map(|regime| {
-            let mut window = Window::new((subject, &named), sections, &members, index, regime);
-            window.limit = (deadlines * window.own.deadline).clamp(0.0, 1e12) as u64;
-            window.respond()
+            let respond = |members, trade| {
+                let mut window = Window::new((subject, &named), sections, members, index, regime);
+                window.trade = trade;
+                window.limit = (deadlines * window.own.deadline).clamp(0.0, 1e12) as u64;
+                window.respond()
+            };
+            let trades = { trades.iter() }.filter(|(_, trade)| trade.is_in(subject, regime));
+            let found = trades.map(|(members, trade)| respond(members, Some(trade)));
+            // Each is an upper bound.
+            let best = found.min_by_key(|found| found.response.unwrap_or(u64::MAX));
+            best.unwrap_or_else(|| respond(&members, None))
         });
         responses[row] = found.max_by_key(|found| found.response.unwrap_or(u64::MAX));
     }
     Ok(responses)
+}
+
+/// What is traded, and what that costs.
+///
+/// # Errors
+///
+/// Tells which formula is wrong.
+pub(crate) fn traded(
+    subject: &Subject<'_>,
+    point: Point,
+    costs: f64,
+) -> Result<Option<Traded>, String> {
+    let trades = Trade::all(subject, point)?;
+    let largest = trades.iter().max_by_key(|trade| trade.pieces());
+    Ok(largest.map(|trade| Traded {
+        row: subject.rows[trade.kind()].name.clone(),
+        pieces: trade.pieces(),
+        costs,
+    }))
 }
 
 /// Share of the processor that all runs take together, in the regime where that is most.
@@ -144,6 +180,7 @@ struct Found {
     cycles: u64,
     share: f64,
     via: &'static str,
+    price: Option<f64>,
 }
 
 /// Which cost of a row counts in a window.
@@ -169,6 +206,8 @@ impl Kind {
 struct Window<'a> {
     subject: &'a Subject<'a>,
     named: &'a BTreeMap<String, u64>,
+    members: &'a [Member],
+    trade: Option<&'a Trade>,
     own: &'a Member,
     others: Vec<&'a Member>,
     /// Runs of the same task that may have begun before this one was due.
@@ -205,6 +244,8 @@ impl<'a> Window<'a> {
         Self {
             subject,
             named,
+            members,
+            trade: None,
             own,
             others,
             limit: 0,
@@ -222,11 +263,12 @@ impl<'a> Window<'a> {
 
     fn respond(self) -> Response {
         let (cycles, share) = self.cost(Kind::Uncached);
-        let found = |response, (cycles, share), via| Found {
+        let found = |(response, price), (cycles, share), via| Found {
             response,
             cycles,
             share,
             via,
+            price,
         };
         let response = self.response(Kind::Uncached, Kind::Uncached, 0);
         let mut all = vec![found(response, (cycles, share), "uncached")];
@@ -251,7 +293,7 @@ impl<'a> Window<'a> {
         let best = all
             .into_iter()
             .min_by_key(|found| found.response.unwrap_or(u64::MAX));
-        let best = best.unwrap_or(found(None, (cycles, share), "uncached"));
+        let best = best.unwrap_or(found((None, None), (cycles, share), "uncached"));
         Response {
             arrival: self.own.arrival,
             deadline: self.own.deadline,
@@ -261,6 +303,7 @@ impl<'a> Window<'a> {
             blocking: self.held_up(),
             blocking_source: self.source(),
             response: best.response,
+            price: best.price,
         }
     }
 
@@ -309,21 +352,46 @@ impl<'a> Window<'a> {
         let shares = own.iter();
         let shares = shares.map(|(arrival, kept)| arrival.rate() * kept.all as f64);
         let share = shares.sum();
+        let reload = visit.lines * self.miss;
+        let price = self.price(|member| {
+            if member.priority == self.own.priority {
+                let streams = kept(member)?.0;
+                return Some(streams.iter().map(|(_, kept)| kept.all).collect());
+            }
+            let is_guest = preempting[..guests].iter().any(|it| it.row == member.row);
+            Some(vec![self.dear(member) + if is_guest { 0 } else { reload }])
+        })?;
         let keeping = Keeping {
             own,
             equals,
             guests: preempting[..guests].iter().map(guest).collect(),
             intruders: preempting[guests..].iter().map(guest).collect(),
-            reload: visit.lines * self.miss,
+            reload,
             restart: RESTART + if visit.retries { RETRY } else { 0 },
-            once: self.blocking + OUTSTANDING_TRANSFER + yielding,
+            once: self.blocking + OUTSTANDING_TRANSFER + yielding + price.once,
+            is_linear: self.trade.is_some(),
         };
         Some(Found {
             response: Some(keeping.response(self.limit)?),
             cycles: run.all,
             share,
             via: "loops",
+            price: self.trade.map(|_| price.pieces),
         })
+    }
+
+    /// What a run that is traded costs in this window, by what the parts of a row cost; nothing without
+    /// a trade.
+    fn price(&self, cost: impl Fn(&Member) -> Option<Vec<u64>>) -> Option<Price> {
+        let none = Price {
+            pieces: 0.0,
+            once: 0,
+        };
+        let rows: Vec<&Member> = { [self.own].into_iter() }
+            .chain(self.others.iter().copied())
+            .collect();
+        let trade = self.trade;
+        trade.map_or(Some(none), |it| it.price(&rows, self.members, cost))
     }
 
     /// Lines of all that may run in the window, if the cache holds them.
@@ -334,29 +402,36 @@ impl<'a> Window<'a> {
         (lines.len() <= CACHE_LINES).then_some(lines.len())
     }
 
-    /// The response time with these costs. `more`: what the window pays once, besides blocking.
-    fn response(&self, own: Kind, others: Kind, more: u64) -> Option<u64> {
+    /// The response time with these costs, and what a run that is traded costs. `more`: what the
+    /// window pays once, besides blocking.
+    fn response(&self, own: Kind, others: Kind, more: u64) -> (Option<u64>, Option<f64>) {
         let (_, own_kind) = own.of(self.own.cost.wcet);
-        let loads = self.others.iter().flat_map(|other| {
-            let preempts = other.priority > self.own.priority;
+        let loads = |member: &Member| {
+            let is_kind = self.subject.rows[member.row].kind_of == Some(self.own.row);
+            let is_own = is_kind || member.row == self.own.row;
+            let preempts = member.priority > self.own.priority;
             let again = if preempts && own != Kind::Warm {
-                self.reloading(other.priority, own_kind, others)
+                self.reloading(member.priority, own_kind, others)
             } else {
                 0
             };
             let more = again + if preempts { RESTART + RETRY } else { 0 };
-            other.parts.iter().map(move |part| Load {
+            let kind = if is_own { own } else { others };
+            let parts = member.parts.iter().map(|part| Load {
                 arrival: part.arrival,
-                cost: others.of(part.wcet).0 + more,
-            })
-        });
-        let loads: Vec<Load> = loads.collect();
-        let parts = self.own.parts.iter().map(|part| Load {
-            arrival: part.arrival,
-            cost: own.of(part.wcet).0,
-        });
-        let parts: Vec<Load> = parts.collect();
-        rta::response(&parts, &loads, self.held_up() + more, self.limit)
+                cost: kind.of(part.wcet).0 + more,
+            });
+            parts.collect::<Vec<_>>()
+        };
+        let costs = |member: &Member| loads(member).iter().map(|load| load.cost).collect();
+        let Some(price) = self.price(|member| Some(costs(member))) else {
+            return (None, None);
+        };
+        let others = self.others.iter().flat_map(|other| loads(other));
+        let others: Vec<Load> = others.collect();
+        let once = self.held_up() + more + price.once;
+        let response = rta::response(&loads(self.own), &others, once, self.limit);
+        (response, self.trade.map(|_| price.pieces))
     }
 
     /// What holds the row up.

@@ -29,6 +29,8 @@ pub(crate) struct Row {
     pub(crate) excluded: BTreeSet<u32>,
     /// When it is released, and must have ended; `None`: it has no deadline.
     pub(crate) times: Option<Times>,
+    /// The row of which its runs are a special kind: they are among that one's.
+    pub(crate) kind_of: Option<usize>,
 }
 
 /// Formulas of a row.
@@ -115,6 +117,7 @@ impl<'a> Subject<'a> {
             }
         }
         new.limit(flaws);
+        new.trade(flaws);
         new.used = new.rows.iter().map(|row| new.names(row)).collect();
         new
     }
@@ -150,6 +153,7 @@ impl<'a> Subject<'a> {
             root,
             excluded,
             times,
+            kind_of: None,
         };
         let times = times(config);
         if times.is_some() || config.mode.is_empty() {
@@ -165,22 +169,51 @@ impl<'a> Subject<'a> {
         }
         for (name, mode) in &config.mode {
             let mut excluded = excluded.clone();
-            for function in &mode.excludes {
-                let found = self.functions_named(function);
-                if found.is_empty() {
-                    let what = format!(
-                        "the mode `{name}` excludes `{function}`, which is no function of the binary"
-                    );
-                    let remedy =
-                        "Correct the name; an excluded function must be `#[inline(never)]`.";
-                    flaws.push(misconfigured(what, remedy));
-                }
-                excluded.extend(found);
-            }
+            excluded.extend(self.excluded(name, &mode.excludes, flaws));
             let name = format!("{}: {name}", task.name);
             self.rows
                 .push(row(name, excluded, Some(mode_times(&task.name, mode))));
         }
+    }
+
+    /// The functions that a mode excludes.
+    fn excluded(&self, mode: &str, names: &[String], flaws: &mut Vec<Flaw>) -> BTreeSet<u32> {
+        let mut excluded = BTreeSet::new();
+        for function in names {
+            let found = self.functions_named(function);
+            if found.is_empty() {
+                let what = format!(
+                    "the mode `{mode}` excludes `{function}`, which is no function of the binary"
+                );
+                let remedy = "Correct the name; an excluded function must be `#[inline(never)]`.";
+                flaws.push(misconfigured(what, remedy));
+            }
+            excluded.extend(found);
+        }
+        excluded
+    }
+
+    /// Adds the row of the runs that may come instead of pieces of work.
+    fn trade(&mut self, flaws: &mut Vec<Flaw>) {
+        let Some(trade) = &self.config.trade else {
+            return;
+        };
+        let of = { self.rows.iter() }.position(|row| row.name == trade.row);
+        let with = trade.with_run.keys().chain(trade.with_piece.keys());
+        let names = with.chain([&trade.row]);
+        for name in names.filter(|name| !self.rows.iter().any(|row| row.name == **name)) {
+            let what = format!("`schedule.toml` trades runs of `{name}`, which is no row");
+            flaws.push(misconfigured(what, "Correct the name."));
+        }
+        let Some(of) = of else {
+            return;
+        };
+        let mut row = self.rows[of].clone();
+        row.excluded
+            .extend(self.excluded(&trade.kind, &trade.excludes, flaws));
+        row.name = format!("{}: {}", row.task.name, trade.kind);
+        row.kind_of = Some(of);
+        self.rows.insert(of + 1, row);
     }
 
     /// Looks for the functions whose calls are limited.
@@ -389,7 +422,8 @@ impl<'a> Subject<'a> {
             let times = self.rows[row].times.as_ref();
             times.is_some_and(|times| times.apart_from.contains(&self.rows[other].name))
         };
-        is_from(row, other) || is_from(other, row)
+        let is_kind = |row: usize| self.rows[row].kind_of.is_some();
+        is_kind(row) || is_kind(other) || is_from(row, other) || is_from(other, row)
     }
 
     /// The bound that is the number of a row's pieces of work, when they arrive, and how many more

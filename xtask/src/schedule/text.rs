@@ -145,7 +145,7 @@ pub(super) fn tasks(report: &Report) -> String {
         let _ = write!(text, "{unit:>width$}");
     }
     text.push('\n');
-    for task in &report.tasks {
+    for task in report.tasks.iter().filter(|task| task.kind_of.is_none()) {
         text += &row(report, task);
     }
     text
@@ -237,7 +237,14 @@ pub(super) fn figures(report: &Report) -> Vec<(&'static str, String)> {
         .tasks
         .iter()
         .map(|task| format!("{} {}", task.name, task.icache_lines));
-    vec![
+    let trade = report.trade.as_ref().map(|trade| {
+        format!(
+            "{} may come instead of {} steps, and costs as much as {:.2} at most",
+            trade.row, trade.pieces, trade.costs
+        )
+    });
+    let trade = trade.map(|trade| ("trade", trade));
+    let facts = [
         (
             "utilisation",
             utilisation(report).map_or("unknown".into(), |share| format!("{share:.1} %")),
@@ -271,7 +278,8 @@ pub(super) fn figures(report: &Report) -> Vec<(&'static str, String)> {
                 stack * 100.0
             ),
         ),
-    ]
+    ];
+    facts.into_iter().chain(trade).collect()
 }
 
 /// One flaw: what, where, and what to do.

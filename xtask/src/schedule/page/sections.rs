@@ -46,7 +46,8 @@ pub(super) fn tasks(report: &Report) -> String {
     text += "<div class=\"scroll\"><table class=\"tasks\">\n<tr><th>task</th><th>priority</th><th>period µs</th>\
              <th>execution cycles</th><th>blocked cycles</th><th>response µs</th><th>deadline µs</th>\
              <th>slack µs</th><th>cache lines</th><th>stack bytes</th></tr>\n";
-    for (index, task) in report.tasks.iter().enumerate() {
+    let tasks = report.tasks.iter().enumerate();
+    for (index, task) in tasks.filter(|(_, task)| task.kind_of.is_none()) {
         row(&mut text, report, task, &colour(index));
     }
     text += "</table></div>\n<ul class=\"note\">\n";
