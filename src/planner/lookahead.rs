@@ -18,7 +18,7 @@ use self::{
     braking::Braking,
     gates::Pace,
     pass::Pass,
-    spare::{in_cells, in_time},
+    spare::{in_cells, in_time, step_s, traded_s},
 };
 use super::{
     Block, Laser, Pacing,
@@ -40,6 +40,8 @@ struct Planned {
     limit_sqr: f32,
     /// Planned squared entry speed.
     entry_sqr: f32,
+    /// What it may take where other blocks have to take longer, s.
+    traded_s: f32,
     braking: Braking,
     pace: Pace,
 }
@@ -63,6 +65,7 @@ impl Planned {
         },
         limit_sqr: 0.0,
         entry_sqr: 0.0,
+        traded_s: f32::MAX,
         braking: Braking::NONE,
         pace: Pace::NONE,
     };
@@ -113,6 +116,8 @@ pub struct Plan<const N: usize> {
     /// The reference, and the accelerations of the newest blocks.
     pacer: Pacer,
     least: Least,
+    /// What a step adds to the shortest time of a line, s.
+    step_s: f32,
     ring: [Planned; N],
 }
 
@@ -126,6 +131,7 @@ impl<const N: usize> Plan<N> {
             count: 0,
             overrides: Overrides::NONE,
             spare_s: 0.0,
+            step_s: step_s(0),
             pass: Pass::Done,
             window: 0,
             window_s: 0.0,
@@ -133,6 +139,11 @@ impl<const N: usize> Plan<N> {
             pacer: Pacer::START,
             least: Least::NONE,
         }
+    }
+
+    /// At rest: the greatest step rate of all axes together is that from now on, Hz.
+    pub(crate) const fn set_step_rate(&mut self, hz: u32) {
+        self.step_s = step_s(hz);
     }
 
     /// Blocks in it, the one in execution included.
@@ -182,8 +193,13 @@ impl<const N: usize> Plan<N> {
         if self.overrides != Overrides::NONE {
             planned.block.speed_mm_s = block.speed_under(self.overrides);
         }
-        let (mut speed_mm_s, spare_s) =
-            in_time(&planned.block, planned.block.speed_mm_s, self.spare_s);
+        planned.traded_s = traded_s(block, self.step_s);
+        let (mut speed_mm_s, spare_s) = in_time(
+            &planned.block,
+            planned.block.speed_mm_s,
+            planned.traded_s,
+            self.spare_s,
+        );
         if self.window != 0 {
             speed_mm_s = in_cells(&planned.block, speed_mm_s);
         }

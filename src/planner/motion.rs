@@ -199,6 +199,7 @@ impl Motion {
         let window = Window::new(settings);
         self.smooth.configure(window);
         self.plan.set_window(window.cells, window.seconds());
+        self.plan.set_step_rate(settings.step_rate.hz());
         self.generator.set_pulse_us(settings.step_pulse_us);
         self.accessories.configure(settings);
         self.homing.configure(settings);

@@ -43,8 +43,19 @@ pub(crate) struct Rig {
     path: Path,
     works: VecDeque<Work>,
     blocks: u32,
-    /// Where the segments that have been played begin, on the generator's clock.
-    pub(crate) segments: Vec<u32>,
+    /// Where the segments that have been played begin.
+    pub(crate) segments: Vec<Begin>,
+    /// Steps of all axes, in both directions.
+    steps: u32,
+}
+
+/// Where a segment begins.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) struct Begin {
+    /// On the generator's clock.
+    pub(crate) ticks: u32,
+    /// Steps of all axes before it.
+    pub(crate) steps: u32,
 }
 
 impl Rig {
@@ -65,6 +76,7 @@ impl Rig {
             works: VecDeque::new(),
             blocks: 0,
             segments: Vec::new(),
+            steps: 0,
         }
     }
 
@@ -246,12 +258,19 @@ impl Rig {
 
     fn step(&mut self) {
         let line = self.drive.counts.line();
+        let steps = self.steps;
         if let Some(edge) = self.drive.step() {
+            self.steps += edge.raise.count_ones();
             self.trace.push(edge, line);
         }
-        let segment = self.drive.counts.played_ticks();
-        if self.segments.last() != Some(&segment) {
-            self.segments.push(segment);
+        // The first event of a segment begins it.
+        let ticks = self.drive.counts.played_ticks();
+        if self
+            .segments
+            .last()
+            .is_none_or(|begin| begin.ticks != ticks)
+        {
+            self.segments.push(Begin { ticks, steps });
         }
         self.drive.release_prepare();
     }

@@ -36,9 +36,9 @@ use crate::{boards, build, cargo, ui};
 
 /// Count what the firmware costs on the emulated chip, in instructions and modelled cycles
 ///
-/// Streams four workloads to the firmware under QEMU: one axis at 100 kHz, three axes at 100, 73
-/// and 51 kHz, short G1 lines, and lines that re-plan 100 blocks each. `docs/benchmarks.md` says what
-/// is counted, and how far to trust it.
+/// Streams five workloads to the firmware under QEMU: one axis at 100 kHz, three axes at 100, 73
+/// and 51 kHz, short G1 lines, lines of 10 steps as in a raster, and lines that re-plan 100 blocks each.
+/// `docs/benchmarks.md` says what is counted, and how far to trust it.
 #[derive(clap::Args)]
 pub(crate) struct Options {
     /// Write the figures to a file
@@ -118,6 +118,7 @@ fn firmware(emulator: &Emulator, options: &Options) -> Result<()> {
     let one = count(&workload::one_axis())?;
     let three = count(&workload::three_axes())?;
     let lines = count(&workload::short_lines())?;
+    let raster = count(&workload::raster())?;
     let replanned = count(&workload::replanned())?;
     // The sender may be too late for one block or another.
     let blocks = profile::rounds_of(&replanned.whole, &elf, &PASS)?;
@@ -130,7 +131,7 @@ fn firmware(emulator: &Emulator, options: &Options) -> Result<()> {
         parse: profile::cost_of(&lines.whole, &elf, &PARSE)?.per(lines.count),
         pass: profile::cost_of(&replanned.whole, &elf, &PASS)?.per(blocks.div_ceil(100)),
     };
-    let figures = figures::all([&one, &three, &lines], parts)?;
+    let figures = figures::all([&one, &three, &lines, &raster], parts)?;
     println!();
     figures::print(&figures);
     if let Some(path) = &options.json {

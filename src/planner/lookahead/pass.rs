@@ -140,8 +140,12 @@ impl<const N: usize> Plan<N> {
         for number in from..end {
             let planned = &mut self.ring[(self.first + number) & (N - 1)];
             let block = &mut planned.block;
-            let (mut speed_mm_s, left_s) =
-                in_time(block, block.speed_under(self.overrides), spare_s);
+            let (mut speed_mm_s, left_s) = in_time(
+                block,
+                block.speed_under(self.overrides),
+                planned.traded_s,
+                spare_s,
+            );
             if self.window != 0 {
                 speed_mm_s = in_cells(block, speed_mm_s);
             }

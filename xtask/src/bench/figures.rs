@@ -150,9 +150,9 @@ pub(super) struct Parts {
     pub(super) pass: Cost,
 }
 
-/// The figures, from the runs with one axis, with three axes, and of short lines, and from parts of
-/// those and others.
-pub(super) fn all([one, three, lines]: [&Run; 3], parts: Parts) -> Result<Vec<Figure>> {
+/// The figures, from the runs with one axis, with three axes, of short lines, and of lines of 10 steps,
+/// and from parts of those and others.
+pub(super) fn all([one, three, lines, raster]: [&Run; 4], parts: Parts) -> Result<Vec<Figure>> {
     let steps = [one.step()?, three.step()?, lines.step()?];
     let activations = steps.map(|task| task.activations).into_iter().sum();
     let mean = Cost::sum(steps.map(Cost::of)).per(activations);
@@ -161,7 +161,7 @@ pub(super) fn all([one, three, lines]: [&Run; 3], parts: Parts) -> Result<Vec<Fi
         cycles: max(|task| task.max_cycles),
         instructions: max(|task| task.max_instructions),
     };
-    Ok(vec![
+    let steps = [
         Figure::new(
             "step_isr_mean_cycles",
             "step interrupt, mean of the three workloads",
@@ -188,6 +188,16 @@ pub(super) fn all([one, three, lines]: [&Run; 3], parts: Parts) -> Result<Vec<Fi
             three,
             |_| true,
         ),
+    ];
+    Ok(steps
+        .into_iter()
+        .chain(of_lines(lines, raster, parts))
+        .collect())
+}
+
+/// The figures of lines.
+fn of_lines(lines: &Run, raster: &Run, parts: Parts) -> [Figure; 4] {
+    [
         // The times of a line's steps go with its steps, and are in the figures per step.
         Figure::sum(
             "cycles_per_g1_line",
@@ -203,13 +213,20 @@ pub(super) fn all([one, three, lines]: [&Run; 3], parts: Parts) -> Result<Vec<Fi
             Some(1200.0),
             parts.parse,
         ),
+        Figure::sum(
+            "cycles_per_raster_line",
+            "all tasks, per line of 10 steps at 50 kHz",
+            Some(168.0e6 / 5000.0),
+            raster,
+            |_| true,
+        ),
         Figure::new(
             "cycles_replan_100_blocks",
             "backward pass, per new block that re-plans 100",
             Some(3000.0),
             parts.pass,
         ),
-    ])
+    ]
 }
 
 /// Prints the figures.
@@ -324,16 +341,19 @@ mod tests {
 
     #[test]
     fn idling_settings_and_the_stand_in_are_not_counted() {
-        let (one, three, lines) = (run(10), run(20), run(4));
-        let figures = all([&one, &three, &lines], parts()).unwrap();
+        let [one, three, lines, raster] = [10, 20, 4, 5].map(run);
+        let figures = all([&one, &three, &lines, &raster], parts()).unwrap();
         let cycles: Vec<f64> = figures.iter().map(|figure| figure.cost.cycles).collect();
-        assert_eq!(cycles, [60.0, 70.0, 100.0, 50.0, 50.0, 20.0, 30.0]);
+        assert_eq!(cycles, [60.0, 70.0, 100.0, 50.0, 50.0, 20.0, 200.0, 30.0]);
     }
 
     #[test]
     fn every_figure_has_its_instructions() {
-        let (one, three, lines) = (run(10), run(20), run(4));
-        let json = json(&all([&one, &three, &lines], parts()).unwrap(), "table");
+        let [one, three, lines, raster] = [10, 20, 4, 5].map(run);
+        let json = json(
+            &all([&one, &three, &lines, &raster], parts()).unwrap(),
+            "table",
+        );
         assert_eq!(json["step_isr_mean_cycles"], 60.0);
         assert_eq!(json["step_isr_mean_instructions"], 30.0);
         assert_eq!(json["step_isr_max_instructions"], 35.0);
@@ -344,6 +364,7 @@ mod tests {
         assert_eq!(json["cycles_per_g1_line_step_times"], 50.0);
         assert_eq!(json["cycles_per_g1_line_by_task"]["prepare"], 50.0);
         assert_eq!(json["cycles_parse_g1_line"], 20.0);
+        assert_eq!(json["cycles_per_raster_line"], 200.0);
         assert_eq!(json["cycles_replan_100_blocks_instructions"], 15.0);
         assert_eq!(json["model"], "table");
     }
@@ -352,6 +373,6 @@ mod tests {
     fn a_firmware_that_never_steps_has_no_figures() {
         let mut one = run(1);
         one.whole.tasks.retain(|task| task.name != "step");
-        assert!(all([&one, &run(1), &run(1)], parts()).is_err());
+        assert!(all([&one, &run(1), &run(1), &run(1)], parts()).is_err());
     }
 }
