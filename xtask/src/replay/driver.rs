@@ -31,9 +31,10 @@ pub(super) struct Driver {
     refused: u64,
     alarms: u64,
     reports: u64,
-    /// The state in the last report.
+    /// The state and the position in the last report.
     state: String,
-    /// When the last line was answered or sent.
+    position: String,
+    /// When the last line was answered or sent, or the machine was found somewhere else.
     progress: Instant,
     /// A message of the machine that only a reset answers.
     is_locked: bool,
@@ -52,6 +53,7 @@ impl Driver {
             alarms: 0,
             reports: 0,
             state: String::new(),
+            position: String::new(),
             progress: Instant::now(),
             is_locked: false,
         })
@@ -216,7 +218,13 @@ impl Driver {
             self.refused += u64::from(response != Response::Ok);
         } else if let Some(report) = line.strip_prefix('<') {
             self.reports += 1;
-            self.state = report.split(['|', '>']).next().unwrap_or_default().into();
+            let mut fields = report.split(['|', '>']);
+            self.state = fields.next().unwrap_or_default().into();
+            let position = fields.next().unwrap_or_default();
+            if self.position != position {
+                self.position = position.into();
+                self.progress = Instant::now();
+            }
         } else if line.starts_with("ALARM:") {
             self.alarms += 1;
             self.is_locked = true;
