@@ -76,6 +76,8 @@ pub(super) struct Meter {
     /// Positions of all axes after each event, mm.
     places: VecDeque<(f64, Point)>,
     open: Option<Open>,
+    /// Where the newest corner is on the path, mm.
+    begun_mm: Option<f64>,
     rounded: VecDeque<Open>,
     /// Slower corners cannot be told from what is one step beside them, mm/s.
     resolved_mm_s: f64,
@@ -112,7 +114,7 @@ impl Meter {
         if passed.corner.turn_rad < CORNER_RAD || passed.corner.is_stop {
             return;
         }
-        self.close();
+        self.close(Some(passed.mm));
         self.corners.count += 1;
         let open = Open {
             way_in: self.way_in(passed.mm),
@@ -120,6 +122,7 @@ impl Meter {
             way_out: Vec::new(),
             at_s: seconds,
         };
+        self.begun_mm = Some(passed.mm);
         if passed.is_exact {
             self.open = Some(open);
             self.way.clear();
@@ -139,22 +142,29 @@ impl Meter {
         if let Some(open) = &mut self.open {
             open.way_out.push(crossing);
             let count = open.way_out.len();
-            let is_long = crossing.seconds - open.way_out[0].seconds >= SIDE_S;
-            if count >= MOST || (count >= FEWEST && is_long) {
-                self.close();
+            // Twice what is asked for: another corner that comes before that matters.
+            let is_long = crossing.seconds - open.way_out[0].seconds >= 2.0 * SIDE_S;
+            if count >= 2 * MOST || (count >= 2 * FEWEST && is_long) {
+                self.close(None);
             }
         }
     }
 
     /// The way along the path is interrupted.
     pub(super) fn cut(&mut self) {
-        self.close();
+        self.close(None);
         self.way.clear();
+        self.begun_mm = None;
     }
 
-    /// When, and how fast, the way so far comes to a place.
+    /// When, and how fast, the way so far comes to a place: by the half behind the middle between the
+    /// corner before and this one, as that half may be braked in and the other accelerated.
     fn way_in(&self, mm: f64) -> Option<(f64, f64)> {
-        let fit = fitted(&self.way.iter())?;
+        let from = self
+            .begun_mm
+            .map_or(f64::MIN, |begun| f64::midpoint(begun, mm));
+        let near = self.way.iter().filter(|crossing| crossing.position >= from);
+        let fit = fitted(&near)?;
         let last = self.way.back()?;
         let mut seconds = last.seconds;
         for _ in 0..3 {
@@ -167,12 +177,19 @@ impl Meter {
         Some((seconds, fit.speed(seconds).max(0.0)))
     }
 
-    fn close(&mut self) {
+    /// The way out is over; so far ahead is the next corner, if that is known.
+    fn close(&mut self, next_mm: Option<f64>) {
         let Some(open) = self.open.take() else {
             return;
         };
-        let out = fitted(&open.way_out.iter());
+        let to = next_mm.map_or(f64::MAX, |next| f64::midpoint(open.passed.mm, next));
         let first = open.way_out.first();
+        let until = first.map_or(0.0, |first| first.seconds + SIDE_S);
+        let near = open.way_out.iter().enumerate().filter(|(index, crossing)| {
+            let is_near = *index < FEWEST || *index < MOST && crossing.seconds <= until;
+            is_near && crossing.position <= to
+        });
+        let out = fitted(&near.map(|(_, crossing)| crossing));
         let out = out.zip(first).map(|(fit, first)| {
             let at = open
                 .way_in
@@ -226,7 +243,7 @@ impl Meter {
     }
 
     pub(super) fn finish(mut self) -> Corners {
-        self.close();
+        self.close(None);
         while !self.rounded.is_empty() {
             self.close_rounded();
         }

@@ -278,6 +278,33 @@ fn the_speed_in_a_corner_is_measured() {
 }
 
 #[test]
+fn corners_a_few_steps_apart_are_told_from_what_is_between_them() {
+    // 10 mm/s at both ends of 10 steps in Y, accelerated and braked at 500 mm/s² between them.
+    let (length, speed, acceleration) = (0.125, 10.0_f64, 500.0);
+    let half = ((speed * speed + acceleration * length).sqrt() - speed) / acceleration;
+    let ramp = |t: f64| speed * t + 0.5 * acceleration * t * t;
+    let at = |t: f64| {
+        let before = (1.0 - t).max(0.0);
+        let behind = (t - 1.0 - 2.0 * half).max(0.0);
+        let between = (t - 1.0).clamp(0.0, 2.0 * half);
+        let y = if between < half {
+            ramp(between)
+        } else {
+            length - ramp(2.0 * half - between)
+        };
+        let x = 15.0 - (10.0 * before + 5.0 * before * before);
+        [x + 10.0 * behind + 5.0 * behind * behind, y]
+    };
+    let steps = steps_of(2.0 + 2.0 * half, at);
+    let quality = measured(&settings(), &["G1 X15 F1200", "Y0.125", "X30"], &steps);
+    let speeds = quality.corners.list.iter().map(|corner| corner.speed_mm_s);
+    let speeds: Vec<f64> = speeds.collect();
+    assert_eq!(speeds.len(), 2);
+    let is_right = |speed: &f64| (speed - 10.0).abs() < 0.1;
+    assert!(speeds.iter().all(is_right), "{speeds:?}");
+}
+
+#[test]
 fn a_smooth_jerk_is_found() {
     // sin² speed: 20 mm in 1 s, jerk at most 2·20·(2π)²/2.
     let way = |t: f64| 20.0 * (t - (std::f64::consts::TAU * t).sin() / std::f64::consts::TAU);
