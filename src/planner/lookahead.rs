@@ -235,6 +235,7 @@ impl<const N: usize> Plan<N> {
         planned.hold(block);
         planned.limit_sqr = 0.0;
         planned.entry_sqr = 0.0;
+        planned.traded_s = f32::MAX;
         self.count = 1;
     }
 
