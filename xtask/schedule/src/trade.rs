@@ -1,9 +1,12 @@
 //! Runs that may come instead of pieces of work: `[trade]` of `schedule.toml`.
 //!
 //! Runs of a row come at their rate, and pieces of work in them at theirs. Where fewer pieces come
-//! than that rate allows, more runs may: in any window, one for so many pieces. If one such run with
-//! all that comes with it costs no more than these pieces with all that comes with them, no window
+//! than that rate allows, more runs may: in any window, one for so many pieces. If one such run
+//! costs no more than these pieces, and what comes with it no more than what comes with them, no window
 //! demands more than one in which both come at their rates, and whatever is proven of that one holds.
+//!
+//! Each of the two by itself: the row is ahead of what comes with its runs, so a window may have the
+//! runs of one stretch of time and what came with those of another.
 //!
 //! That is said of a sum: so much for each run and each piece, wherever in the window it falls.
 
@@ -101,28 +104,29 @@ impl Trade {
     }
 
     /// What a run costs in a window of these rows, by what the parts of a row cost there; `None` where
-    /// it costs more than the pieces that it comes for.
+    /// it costs more than the pieces that it comes for, or what comes with it more than what comes with
+    /// them.
     pub(crate) fn price(
         &self,
         rows: &[&Member],
         all: &[Member],
         cost: impl Fn(&Member) -> Option<Vec<u64>>,
     ) -> Option<Price> {
-        let (mut run, mut piece, mut once) = (0, 0, 0);
+        let (mut own, mut with) = ((0, 0), (0, 0));
         for member in rows {
-            let (whole, each) = member.run_and_piece(&cost(member)?);
-            run += whole * self.with_run.get(&member.row).unwrap_or(&0);
-            piece += whole * self.with_piece.get(&member.row).unwrap_or(&0);
+            let (run, piece) = member.run_and_piece(&cost(member)?);
+            with.0 += run * self.with_run.get(&member.row).unwrap_or(&0);
+            with.1 += run * self.with_piece.get(&member.row).unwrap_or(&0);
             if member.row == self.row {
-                piece += each;
-                once += self.rounding * each;
                 let kind = all.iter().find(|it| it.row == self.kind)?;
-                run += kind.run_and_piece(&cost(kind)?).0;
+                own = (kind.run_and_piece(&cost(kind)?).0, piece);
             }
         }
-        (run <= self.pieces * piece).then(|| Price {
-            pieces: run as f64 / piece.max(1) as f64,
-            once,
+        let is_paid = |(run, piece)| run <= self.pieces * piece;
+        let pieces = |(run, piece): (u64, u64)| run as f64 / piece.max(1) as f64;
+        (is_paid(own) && is_paid(with)).then(|| Price {
+            pieces: pieces(own).max(pieces(with)),
+            once: self.rounding * own.1,
         })
     }
 }
@@ -186,10 +190,13 @@ mod tests {
             let rows: Vec<&Member> = rows.iter().map(|row| &all[*row]).collect();
             trade(pieces).price(&rows, &all, |it| Some(costs[it.row].clone()))
         };
-        // 800 + 100 + 2 * 20 for pieces of 10 + 2 * 20.
-        let found = price(25, &[0, 2, 3]).unwrap();
-        assert_eq!((found.pieces, found.once), (940.0 / 50.0, 30));
-        assert_eq!(price(18, &[0, 2, 3]), None);
+        // 800 for pieces of 10, and 100 + 2 * 20 for pieces of 2 * 20.
+        let found = price(80, &[0, 2, 3]).unwrap();
+        assert_eq!((found.pieces, found.once), (80.0, 30));
+        assert_eq!(price(79, &[0, 2, 3]), None);
+        let found = price(80, &[2, 3]).unwrap();
+        assert_eq!((found.pieces, found.once), (140.0 / 40.0, 0));
+        assert_eq!(price(3, &[2, 3]), None);
         // Where neither the runs nor their pieces matter.
         let found = price(25, &[3]).unwrap();
         assert_eq!((found.pieces, found.once), (1.0, 0));

@@ -215,7 +215,7 @@ fn of_lines(lines: &Run, raster: &Run, parts: Parts) -> [Figure; 4] {
         ),
         Figure::sum(
             "cycles_per_raster_line",
-            "all tasks, per line of 10 steps at 50 kHz",
+            "all tasks, per line of 10 steps",
             Some(168.0e6 / 5000.0),
             raster,
             |_| true,

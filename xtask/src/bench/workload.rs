@@ -106,18 +106,18 @@ pub(super) fn short_lines() -> Workload {
     }
 }
 
-/// Lines of 10 steps, as in a raster, at 50 000 steps a second. Per line.
+/// Lines of 10 steps, as in a raster, 3750 of them a second. Per line.
 pub(super) fn raster() -> Workload {
     const LINES: u32 = 2400;
     let at = |index: u32| f64::from(index) * 0.04;
-    let mut program = vec!["G1F12000".into()];
+    let mut program = vec!["G1F9000".into()];
     program.extend((1..=LINES).map(|index| format!("X{:.2}", at(index))));
     Workload {
         name: "lines of 10 steps",
-        settings: &["$0=3", "$100=250", "$110=12000", "$120=20000"],
+        settings: &["$0=3", "$100=250", "$110=9000", "$120=20000"],
         program,
         end_mm: [at(LINES), 0.0, 0.0],
-        motion_s: at(LINES) / 200.0 + 0.1,
+        motion_s: at(LINES) / 150.0 + 0.1,
         count: LINES.into(),
     }
 }
