@@ -92,6 +92,20 @@ impl Machine {
         )
     }
 
+    /// Sends bytes, and what the report after them shows behind the speeds.
+    fn extra_after(&mut self, bytes: &[u8]) -> String {
+        self.send(bytes);
+        self.run(150);
+        let _ = self.ask();
+        let text: Vec<u8> = self.received.iter().map(|(_, byte)| *byte).collect();
+        let text = String::from_utf8(text).expect("ASCII");
+        let fields = text
+            .trim_end()
+            .trim_start_matches('<')
+            .trim_end_matches('>');
+        fields.split('|').skip(3).collect::<Vec<_>>().join("|")
+    }
+
     /// Asks again and again, at odd times, while the machine is in a state.
     fn asks(&mut self, state: &str) {
         for pause in [0, 1, 3, 7, 2] {
@@ -202,4 +216,51 @@ fn a_limit_switch_is_guarded_before_the_first_motion() {
     machine.run(100);
     machine.asks("Alarm");
     assert!(machine.simulator.snapshot().is_critical);
+}
+
+#[test]
+fn spindle_coolant_and_overrides_are_shown_after_each_command_to_them() {
+    const OVERRIDES: &str = "Ov:100,100,100";
+    let mut machine = Machine::new(&["32=1"]);
+    for (bytes, shown) in [
+        (&b""[..], "WCO:0.000,0.000,0.000"),
+        (b"", OVERRIDES),
+        (b"", ""),
+        // Changed and back again, between two reports.
+        (b"\x93\x94", OVERRIDES),
+        (b"\x90", ""),
+        (b"\x9a", "Ov:100,100,110"),
+        (b"\x99", OVERRIDES),
+        (b"\x95", ""),
+        // The door switches off what is off.
+        (b"\x84", OVERRIDES),
+        (b"\x84", ""),
+        (b"\x91\x92", "WCO:0.000,0.000,0.000"),
+        (b"~", OVERRIDES),
+        (b"$C\n", ""),
+        (b"M2\n", ""),
+        (b"$C\n", "WCO:0.000,0.000,0.000"),
+        (b"", OVERRIDES),
+        (b"M2\n", "WCO:0.000,0.000,0.000"),
+        (b"", OVERRIDES),
+        (b"$SLP\n", OVERRIDES),
+        (b"", ""),
+    ] {
+        let found = machine.extra_after(bytes);
+        let text = String::from_utf8_lossy(bytes);
+        assert_eq!(found, shown, "after {text:?}");
+    }
+}
+
+#[test]
+fn what_a_line_switches_is_shown_once_it_is_switched() {
+    let mut machine = Machine::new(&["110=6000", "120=100"]);
+    for _ in 0..2 {
+        let _ = machine.extra_after(b"");
+    }
+    assert_eq!(machine.extra_after(b"G1X5F600\n"), "");
+    assert_eq!(machine.extra_after(b"M3S500\n"), "");
+    machine.run(1000);
+    assert_eq!(machine.extra_after(b""), "Ov:100,100,100|A:S");
+    assert_eq!(machine.extra_after(b""), "");
 }

@@ -46,6 +46,8 @@ pub struct Accessories {
     coolant: Coolant,
     /// Counts toggles, wrapping.
     toggles: u8,
+    /// Counts what the next status report has to show, wrapping.
+    news: u8,
     stop: Stop,
     /// Off whatever is programmed: the door is open.
     is_spindle_cut: bool,
@@ -67,6 +69,7 @@ impl Accessories {
             rpm: 0.0,
             coolant: Coolant::OFF,
             toggles: 0,
+            news: 0,
             stop: Stop::None,
             is_spindle_cut: false,
             is_coolant_cut: false,
@@ -116,6 +119,19 @@ impl Accessories {
         (self.coolant, self.toggles)
     }
 
+    /// Counts what the next status report has to show, wrapping: each command to the spindle and the
+    /// coolant, whether it changes anything or not, and each change of an override.
+    #[must_use]
+    pub const fn news(&self) -> u8 {
+        self.news
+    }
+
+    /// The next status report has to show the overrides, the spindle and the coolant.
+    fn note(&mut self) {
+        self.news = self.news.wrapping_add(1);
+        self.is_changed = true;
+    }
+
     /// Whether the spindle, and the coolant, have to be switched on again after the door was open.
     #[must_use]
     pub fn has_to_restore(&self) -> (bool, bool) {
@@ -129,7 +145,7 @@ impl Accessories {
         self.spindle = spindle;
         let is_proportional = self.is_laser && spindle == Spindle::CounterClockwise;
         self.rpm = if is_proportional { 0.0 } else { rpm };
-        self.is_changed = true;
+        self.note();
     }
 
     /// Ends the wait of a laser for a motion or for a new state.
@@ -143,33 +159,39 @@ impl Accessories {
     /// A new state of the coolant.
     pub fn set_coolant(&mut self, coolant: Coolant) {
         self.coolant = coolant;
-        self.is_changed = true;
+        self.note();
     }
 
     /// An override. Those of feed and rapids are for the plan.
     pub fn take(&mut self, command: Override) {
-        self.overrides = self.overrides.after(command);
-        self.is_changed = true;
+        let overrides = self.overrides.after(command);
+        if overrides != self.overrides {
+            self.overrides = overrides;
+            self.note();
+        }
     }
 
-    /// All overrides back to 100 %.
-    pub fn end_overrides(&mut self) {
+    /// All overrides back to 100 %, and whether the next status report shows it.
+    pub fn end_overrides(&mut self, is_shown: bool) {
         self.overrides = Overrides::NONE;
         self.is_changed = true;
+        if is_shown {
+            self.note();
+        }
     }
 
     /// Flood on, or off.
     pub fn toggle_flood(&mut self) {
         self.coolant.flood = !self.coolant.flood;
         self.toggles = self.toggles.wrapping_add(1);
-        self.is_changed = true;
+        self.note();
     }
 
     /// Mist on, or off.
     pub fn toggle_mist(&mut self) {
         self.coolant.mist = !self.coolant.mist;
         self.toggles = self.toggles.wrapping_add(1);
-        self.is_changed = true;
+        self.note();
     }
 
     /// The key that stops the spindle in a hold, or starts it again; tells whether it starts.
@@ -182,6 +204,7 @@ impl Accessories {
             }
             Stop::Asked => false,
             Stop::Stopped => {
+                self.note();
                 self.stop = if self.is_laser {
                     Stop::Dark
                 } else {
@@ -207,6 +230,7 @@ impl Accessories {
             self.stop = if self.spindle == Spindle::Off {
                 Stop::None
             } else {
+                self.note();
                 Stop::Stopped
             };
         }
@@ -219,6 +243,9 @@ impl Accessories {
         let stays_dark = self.is_laser && !moves && self.stop != Stop::None;
         self.stop = if stays_dark { Stop::Dark } else { Stop::None };
         self.is_changed = true;
+        if was_stopped && !self.is_laser {
+            self.note();
+        }
         was_stopped
     }
 
@@ -227,7 +254,7 @@ impl Accessories {
         self.stop = Stop::None;
         self.is_spindle_cut = true;
         self.is_coolant_cut = true;
-        self.is_changed = true;
+        self.note();
     }
 
     /// The spindle is no longer cut; a laser stays dark up to the end of the stop.
@@ -236,6 +263,8 @@ impl Accessories {
         self.is_changed = true;
         if self.is_laser {
             self.stop = Stop::Dark;
+        } else if self.spindle != Spindle::Off {
+            self.note();
         }
     }
 
@@ -243,6 +272,9 @@ impl Accessories {
     pub fn restore_coolant(&mut self) {
         self.is_coolant_cut = false;
         self.is_changed = true;
+        if self.coolant != Coolant::OFF {
+            self.note();
+        }
     }
 
     /// Everything off and forgotten.
@@ -391,7 +423,7 @@ mod tests {
         accessories.take(Override::SpindleMore);
         assert_eq!(accessories.power_at_rest().rpm, 550.0);
         assert_eq!(accessories.power_at_rest().duty / 4, 140);
-        accessories.end_overrides();
+        accessories.end_overrides(true);
         assert_eq!(accessories.power_at_rest().rpm, 500.0);
     }
 

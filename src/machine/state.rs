@@ -105,6 +105,8 @@ pub struct Snapshot {
     pub coolant_asked: Coolant,
     /// Counts realtime toggles of the coolant, wrapping.
     pub coolant_toggles: u8,
+    /// Counts what the next status report has to show of spindle, coolant and overrides, wrapping.
+    pub news: u8,
     /// The overrides in effect.
     pub overrides: Overrides,
     /// Inputs that are active.
@@ -150,6 +152,7 @@ impl Snapshot {
             coolant,
             coolant_asked,
             coolant_toggles,
+            news,
             overrides,
             inputs,
             probed,
@@ -172,6 +175,7 @@ impl Snapshot {
         self.coolant = *coolant;
         self.coolant_asked = *coolant_asked;
         self.coolant_toggles = *coolant_toggles;
+        self.news = *news;
         self.overrides = *overrides;
         self.inputs = *inputs;
         self.probed = *probed;

@@ -401,6 +401,7 @@ impl Motion {
         new.coolant = self.outputs.coolant;
         new.coolant_asked = coolant_asked;
         new.coolant_toggles = coolant_toggles;
+        new.news = accessories.news();
         new.overrides = accessories.overrides();
         is_toggled
     }

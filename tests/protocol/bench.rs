@@ -115,6 +115,7 @@ impl Bench {
         }
         while let Some(command) = self.requests.take_override() {
             self.machine.overrides = self.machine.overrides.after(command);
+            self.machine.news = self.machine.news.wrapping_add(1);
         }
         while self.machine.state != State::HoldComplete && !self.withholds {
             let Some(entry) = self.entries.dequeue() else {
@@ -165,7 +166,10 @@ impl Bench {
                 machine.is_critical = *alarm == Alarm::SoftLimit;
                 machine.notices.push(Notice::Alarm(*alarm));
             }
-            Work::EndOverrides => machine.overrides = Overrides::NONE,
+            Work::EndOverrides => {
+                machine.overrides = Overrides::NONE;
+                machine.news = machine.news.wrapping_add(1);
+            }
             Work::Home(_) => {
                 if let Some(alarm) = self.homing_fails {
                     machine.state = State::Alarm;
@@ -180,8 +184,12 @@ impl Bench {
             Work::Spindle(spindle, rpm) => {
                 machine.spindle = *spindle;
                 machine.spindle_rpm = *rpm;
+                machine.news = machine.news.wrapping_add(1);
             }
-            Work::Coolant(coolant) => machine.coolant = *coolant,
+            Work::Coolant(coolant) => {
+                machine.coolant = *coolant;
+                machine.news = machine.news.wrapping_add(1);
+            }
             Work::Dwell(_) | Work::Configure(_) => {}
         }
     }

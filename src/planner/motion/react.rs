@@ -93,7 +93,9 @@ impl Motion {
     /// All overrides back to 100 %.
     pub(super) fn end_overrides(&mut self) {
         let before = self.accessories.overrides();
-        self.accessories.end_overrides();
+        // The end of a program that is only checked shows nothing, as in Grbl.
+        let is_shown = self.control.state != State::Check;
+        self.accessories.end_overrides(is_shown);
         self.repace(before);
     }
 

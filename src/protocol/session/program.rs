@@ -233,9 +233,6 @@ impl Session {
             return self.router.lead(&mut self.path, control, command);
         }
         self.router.stop_exactly(control == PathControl::ExactStop);
-        if matches!(command, Command::Spindle { .. } | Command::Coolant(_)) {
-            self.cadence.overrides_changed();
-        }
         let epoch = self.entry().epoch;
         if put(&mut self.router, command, epoch, entries) {
             self.is_jogging |= self.source == Source::Jog;
@@ -258,7 +255,6 @@ impl Session {
                 if !is_on || matches!(pace, Pace::Jog(_)) {
                     return None;
                 }
-                self.cadence.overrides_changed();
                 self.after = self.after.or(Some(After::Answer));
                 Some(Work::Spindle(Spindle::Clockwise, rpm))
             }

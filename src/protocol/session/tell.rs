@@ -5,8 +5,7 @@
 
 use super::Session;
 use crate::{
-    machine::{Alarm, Notice, Overrides, Snapshot},
-    planner::{Coolant, Spindle},
+    machine::{Alarm, Notice, Snapshot},
     protocol::{
         ByteWriter,
         report::{self, Feedback},
@@ -21,11 +20,8 @@ const NOTICES: usize = 8;
 pub(super) struct Seen {
     /// Notices, wrapping.
     notices: u32,
-    overrides: Overrides,
+    news: u8,
     coolant_toggles: u8,
-    spindle: Spindle,
-    coolant: Coolant,
-    is_suspended: bool,
     /// A probing move has ended since it was asked for.
     pub(super) is_probed: bool,
 }
@@ -34,25 +30,14 @@ impl Session {
     /// Takes over what has changed at the machine, and makes the next status report show it.
     pub(super) fn look_at(&mut self, machine: &Snapshot) {
         let seen = &mut self.seen;
-        // Outside of a hold the session itself has asked for what is switched; and a laser comes on
-        // again with the motion.
-        let is_suspended = machine.state.is_suspended();
-        let is_beam = self.stored.settings.laser && machine.spindle != Spindle::Off;
-        let is_spindle_switched = seen.spindle != machine.spindle && !is_beam;
-        let is_switched = (is_suspended || seen.is_suspended)
-            && (is_spindle_switched || seen.coolant != machine.coolant);
-        let is_toggled = seen.coolant_toggles != machine.coolant_toggles;
-        if is_switched || is_toggled || seen.overrides != machine.overrides {
+        if seen.news != machine.news {
+            seen.news = machine.news;
             self.cadence.overrides_changed();
         }
-        if is_toggled {
+        if seen.coolant_toggles != machine.coolant_toggles {
+            seen.coolant_toggles = machine.coolant_toggles;
             self.interpreter.set_coolant(machine.coolant_asked);
         }
-        seen.overrides = machine.overrides;
-        seen.coolant_toggles = machine.coolant_toggles;
-        seen.spindle = machine.spindle;
-        seen.coolant = machine.coolant;
-        seen.is_suspended = is_suspended;
     }
 
     /// Whether there is something that the sender has not been told.
