@@ -52,6 +52,7 @@ fn a_changed_offset_is_reported_at_once() {
         ("M9", "|Ov:100,100,100>"),
         ("M4S100", "|Ov:100,100,100|A:C>"),
         ("M3", "|Ov:100,100,100|A:S>"),
+        ("$13=0", "|WCO:3.000,0.000,0.000>"),
     ] {
         assert_eq!(extra(line), expected, "after {line:?}");
     }
@@ -78,7 +79,7 @@ fn the_report_mask_and_the_unit_choose_what_a_report_shows() {
     bench.machine.spindle_rpm = 999.5;
     assert_eq!(
         bench.answer("?"),
-        ["<Idle|MPos:0.3937,0.0000,0.0000|FS:19.7,1000>"]
+        ["<Idle|MPos:0.3937,0.0000,0.0000|FS:19.7,1000|WCO:0.1969,-0.2362,0.0000>"]
     );
     assert_eq!(bench.ask("F254")[0], "ok");
     assert_eq!(

@@ -15,8 +15,11 @@ use crate::{
         listing, report,
         text::{ReportUnit, Text},
     },
-    settings::{self, Change, StoredLine},
+    settings::{self, Change, Settings, StoredLine},
 };
+
+/// `$13`.
+const REPORT_INCHES: i64 = 13;
 
 /// An answer of many lines.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -125,14 +128,25 @@ impl Session {
             Ok(Dollar::Restore(change)) => self.restore(machine, change),
             Ok(Dollar::Assign(assignment)) => {
                 let mut changed = self.stored.settings;
-                match settings::assign(&mut changed, assignment) {
+                let assigned = settings::assign(&mut changed, assignment);
+                let number = settings::numbered(assignment).map_or(0, |(number, _)| number);
+                match assigned {
                     Err(error) => self.refuse(error.into()),
-                    Ok(()) => self.store(machine, Change::Settings, Then::Configure, |stored| {
-                        stored.settings = changed;
-                    }),
+                    Ok(()) => self.store_settings(machine, number, changed),
                 }
             }
         }
+    }
+
+    /// Keeps settings of which the one with this number has been assigned.
+    fn store_settings(&mut self, machine: &Snapshot, number: i64, changed: Settings) -> Progress {
+        if number == REPORT_INCHES {
+            // Whoever reads reports is told the offset in the new unit.
+            self.cadence.offset_changed();
+        }
+        self.store(machine, Change::Settings, Then::Configure, |stored| {
+            stored.settings = changed;
+        })
     }
 
     /// What `$` statements may ask of the machine now.
