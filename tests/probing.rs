@@ -223,6 +223,29 @@ fn the_door_holds_a_probing_move() {
 }
 
 #[test]
+fn a_miss_that_is_held_at_its_end_is_told_when_it_goes_on() {
+    const DOOR: u8 = 0x84;
+    // At 10 mm/s, 0.1 mm before the target the machine slows down in any case.
+    for stop in [b'!', DOOR] {
+        let mut cell = cell();
+        cell.probe(&[0.0, 0.0, -3.0], 600.0, TOWARDS);
+        cell.run_until(|cell| cell.physical()[Z] < -236);
+        cell.byte(stop);
+        cell.run_ms(500);
+        assert_eq!(cell.physical()[Z], -240);
+        assert!(!cell.notices().contains(&Notice::Probed));
+        cell.byte(b'~');
+        cell.run_ms(500);
+        assert_eq!(cell.state(), State::Alarm);
+        let notices = cell.notices();
+        let told = [Notice::Alarm(Alarm::ProbeContact), Notice::Probed];
+        assert!(notices.ends_with(&told), "{notices:?}");
+        // The answer of the line waits for that.
+        assert!(cell.snapshot().is_at_rest);
+    }
+}
+
+#[test]
 fn a_reset_ends_a_probing_move_without_a_result() {
     let mut cell = cell();
     cell.probe(&[0.0, 0.0, -10.0], 600.0, TOWARDS);

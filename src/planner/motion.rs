@@ -100,6 +100,8 @@ pub struct Motion {
     releases_drivers: bool,
     idle_delay_ms: u8,
     hard_limits: bool,
+    /// The state has changed at rest, so that something more may follow from it.
+    is_unsettled: bool,
     accessories: Accessories,
     /// The power at rest, and what has been published.
     at_rest: Power,
@@ -133,6 +135,7 @@ impl Motion {
             generator: Generator::new(),
             control: Control::IDLE,
             parking: Parking::new(),
+            is_unsettled: false,
             accessories: Accessories::new(),
             at_rest: Power::OFF,
             power: Power::OFF,
@@ -261,7 +264,11 @@ impl Motion {
                 };
             }
             Unit::Segment => self.make_segment(inputs, counts, events),
-            Unit::Settle => self.settle(),
+            Unit::Settle => {
+                let before = self.control;
+                self.settle();
+                self.is_unsettled = self.control != before;
+            }
         }
         if !self.probe.is_active() {
             inputs.disarm_probe();

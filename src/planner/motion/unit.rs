@@ -105,7 +105,7 @@ impl Motion {
         match next {
             Unit::Nothing => false,
             // Z may have to stop nowhere on its way, so that nothing was to be played.
-            Unit::Settle => unit != Unit::Settle || self.parking.is_moving(),
+            Unit::Settle => unit != Unit::Settle || self.parking.is_moving() || self.is_unsettled,
             Unit::Fail
             | Unit::Cut
             | Unit::Reset
