@@ -21,6 +21,9 @@ pub struct Code {
 }
 
 impl Code {
+    /// Hundredths that no command has.
+    const NONE: u8 = 100;
+
     /// Whether there is no fraction.
     #[must_use]
     pub const fn is_whole(self) -> bool {
@@ -260,25 +263,33 @@ impl Number {
         self.decimals == 0 || divide(self.mantissa, self.decimals).1 == 0
     }
 
-    /// The value as the number of a command.
+    /// The value as the number of a command, in the single precision of Grbl: it decides whether half
+    /// a hundredth counts.
     #[must_use]
     pub fn code(self) -> Code {
-        let (whole, rest) = if self.decimals == 0 {
-            (self.mantissa, 0)
-        } else {
-            divide(self.mantissa, self.decimals)
-        };
-        let hundredths = if u8::try_from(whole).is_err() || rest < 0 {
-            100
-        } else if rest == 0 {
-            0
-        } else {
-            let half = i64::from(power(self.decimals)) / 2;
-            divide(rest * 100 + half, self.decimals).0 as u8
-        };
+        if self.decimals == 0 {
+            return Code {
+                whole: self.mantissa as u8,
+                hundredths: if u8::try_from(self.mantissa).is_ok() {
+                    0
+                } else {
+                    Code::NONE
+                },
+            };
+        }
+        let value = self.to_grbl_f32();
+        let whole = value as i32;
+        let hundredths = 100.0 * (value - whole as f32);
+        let is_code = u8::try_from(whole).is_ok() && hundredths >= 0.0;
+        let below = hundredths as u8;
+        let rounds_up = hundredths - f32::from(below) >= 0.5;
         Code {
             whole: whole as u8,
-            hundredths,
+            hundredths: if is_code {
+                below + u8::from(rounds_up)
+            } else {
+                Code::NONE
+            },
         }
     }
 }
@@ -413,6 +424,15 @@ mod tests {
             ("-1", 255, 100),
             ("-0.5", 0, 100),
             ("-0", 0, 0),
+            ("3.005", 3, 0),
+            ("0.005", 0, 1),
+            ("17.005", 17, 1),
+            ("1.005", 1, 0),
+            ("28.095", 28, 9),
+            ("38.195", 38, 19),
+            ("43.105", 43, 10),
+            ("3.006", 3, 1),
+            ("1.99999999", 2, 0),
         ] {
             let code = number(text).code();
             assert_eq!((code.whole, code.hundredths), (whole, hundredths), "{text}");

@@ -220,12 +220,12 @@ fn coordinates_to_set(block: &Block, words: &mut Words) -> Result<WorkCoordinate
     if !words.contains(Word::P) && !words.contains(Word::L) {
         return Err(LineError::MissingWord);
     }
-    let system = match usize::try_from(block.p.trunc()) {
-        Ok(0) => block.modal.coordinates,
-        Ok(number) => *WorkCoordinates::ALL
-            .get(number - 1)
+    // Grbl keeps it in eight bits, so that 256 is 0.
+    let system = match block.p.trunc() as u8 {
+        0 => block.modal.coordinates,
+        number => *WorkCoordinates::ALL
+            .get(usize::from(number - 1))
             .ok_or(LineError::UnknownCoordinates)?,
-        Err(_) => return Err(LineError::UnknownCoordinates),
     };
     match block.l {
         20 => {}

@@ -85,3 +85,15 @@ fn axes_beyond_the_third_are_degrees() {
         assert_eq!(error(&[&format!("{letter}1")]), LineError::Unsupported);
     }
 }
+
+#[test]
+fn g10_takes_eight_bits_of_p_as_grbl_does() {
+    for (p, origin_um) in [("256", 1000), ("257.9", 1000), ("258", 0)] {
+        let machine = after(&[&format!("G10L2P{p}X1")]);
+        assert_eq!(machine.work_offset(), um(origin_um, 0, 0), "P{p}");
+    }
+    for p in ["7", "255", "263"] {
+        let line = format!("G10L2P{p}X1");
+        assert_eq!(error(&[&line]), LineError::UnknownCoordinates, "{line}");
+    }
+}
