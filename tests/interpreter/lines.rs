@@ -224,3 +224,38 @@ fn path_control_is_refused_where_it_makes_no_sense() {
         assert_eq!(error(&[line]), number, "{line}");
     }
 }
+
+#[test]
+fn every_digit_of_a_number_counts() {
+    for text in ["X00000001.5", "X0000000001.500", "X1.5000000000"] {
+        assert_eq!(
+            commands(&[text]),
+            [line(um(1500, 0, 0), Pace::Rapid)],
+            "{text}"
+        );
+    }
+    let far = commands(&["X123456.789"]);
+    assert_eq!(far, [line(um(123_456_789, 0, 0), Pace::Rapid)]);
+}
+
+#[test]
+fn a_dwell_is_programmed_in_milliseconds() {
+    for (text, milliseconds) in [("G4P0.001", 1), ("G4P.05", 50), ("G4P4000", 4_000_000)] {
+        assert_eq!(
+            commands(&[text]),
+            [Command::Dwell { milliseconds }],
+            "{text}"
+        );
+    }
+    assert_eq!(error(&["G4P4294968"]), LineError::ValueOutOfRange);
+}
+
+#[test]
+fn a_feed_after_inverse_time_is_in_the_units_of_its_line() {
+    for (lines, feed) in [
+        (["G20G93", "G94G1X1F10"], 254.0),
+        (["G93", "G94G1X1F10"], 10.0),
+    ] {
+        assert_eq!(after(&lines).modal().feed, feed, "{lines:?}");
+    }
+}

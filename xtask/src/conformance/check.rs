@@ -10,7 +10,7 @@ use leadscrew::sim::Simulator;
 
 use super::{
     compare::{Difference, code, follows_from_answers},
-    deviation::{Deviation, of_answers},
+    deviation::{Deviation, has_long_number, of_answers},
     golden::sorted,
 };
 use crate::{
@@ -136,7 +136,9 @@ impl Row {
         push("answer", &self.response, &theirs.response, reason);
         push("modes", &self.modal, &theirs.modal, None);
         let has_tool_word = sender::code(line.as_bytes()).contains(&b'T');
-        let is_kept = theirs.tool == 0 && !has_tool_word;
+        // A refused line leaves another tool than the line before it in Grbl only.
+        let is_refused = theirs.response != "ok";
+        let is_kept = theirs.tool == 0 && (is_refused || !has_tool_word);
         push(
             "T",
             &self.tool.to_string(),
@@ -161,7 +163,12 @@ impl Row {
         ];
         for (column, ours, theirs) in numbers {
             if (ours - theirs).abs() > 0.002_f64.max(theirs.abs() * 1e-6) {
-                push(column, &ours.to_string(), &theirs.to_string(), None);
+                let is_by_inches = column == "F" && (ours - theirs * 25.4).abs() <= ours * 1e-6;
+                let is_long = has_long_number(&code(line));
+                let reason = is_by_inches
+                    .then_some(Deviation::FeedUnits)
+                    .or(is_long.then_some(Deviation::Digits));
+                push(column, &ours.to_string(), &theirs.to_string(), reason);
             }
         }
         found
@@ -279,5 +286,17 @@ mod tests {
         assert_eq!(found[0].1, Some(Deviation::ToolIsModal));
         let found = ours.differences(&theirs, "T0");
         assert_eq!(found[0].1, None);
+        let refused = Row::read(&ROW.replace("ok", "error:20")).unwrap();
+        ours.response = "error:20".into();
+        let found = ours.differences(&refused, "T5G99");
+        assert_eq!(found[0].1, Some(Deviation::ToolIsModal));
+        let mut ours = theirs.clone();
+        ours.feed = 2540.0;
+        let found = ours.differences(&theirs, "G94F100");
+        assert_eq!(found[0].1, Some(Deviation::FeedUnits));
+        let mut ours = theirs.clone();
+        ours.position[0] = 1.5;
+        let found = ours.differences(&theirs, "G0X00000001.5");
+        assert_eq!(found[0].1, Some(Deviation::Digits));
     }
 }

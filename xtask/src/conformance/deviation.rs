@@ -51,11 +51,17 @@ pub(crate) enum Deviation {
     BuildInfo,
     /// D42.
     PathControl,
+    /// D43.
+    Digits,
+    /// D44.
+    Dwells,
+    /// D45.
+    FeedUnits,
 }
 
 impl Deviation {
     /// Every one, in the order of their names.
-    pub(crate) const ALL: [Self; 31] = [
+    pub(crate) const ALL: [Self; 34] = [
         Self::Buffers,
         Self::LongLines,
         Self::ExactPositions,
@@ -87,6 +93,9 @@ impl Deviation {
         Self::Mist,
         Self::BuildInfo,
         Self::PathControl,
+        Self::Digits,
+        Self::Dwells,
+        Self::FeedUnits,
     ];
 
     /// Its short name.
@@ -123,6 +132,9 @@ impl Deviation {
             Self::Mist => "D40",
             Self::BuildInfo => "D41",
             Self::PathControl => "D42",
+            Self::Digits => "D43",
+            Self::Dwells => "D44",
+            Self::FeedUnits => "D45",
         }
     }
 
@@ -144,7 +156,8 @@ impl Deviation {
             | Self::ArcLimits
             | Self::ArcTurns
             | Self::Mist
-            | Self::PathControl => true,
+            | Self::PathControl
+            | Self::Digits => true,
             Self::Buffers
             | Self::ExactPositions
             | Self::ToolIsModal
@@ -160,7 +173,9 @@ impl Deviation {
             | Self::HomingMotion
             | Self::NoPause
             | Self::DarkHold
-            | Self::BuildInfo => false,
+            | Self::BuildInfo
+            | Self::Dwells
+            | Self::FeedUnits => false,
         }
     }
 
@@ -168,7 +183,7 @@ impl Deviation {
     pub(crate) fn text(self) -> &'static str {
         match self {
             Self::Buffers => "free bytes and blocks are those of our own, larger buffers",
-            Self::LongLines => "lines of 80 to 255 characters are read",
+            Self::LongLines => "lines of 80 to 256 characters are read",
             Self::ExactPositions => {
                 "points half-way between two steps: exact here, rounded in single precision by Grbl"
             }
@@ -205,6 +220,9 @@ impl Deviation {
             Self::Mist => "there is mist: `M7` and 0xA1",
             Self::BuildInfo => "`$I` tells the proven step rate",
             Self::PathControl => "there are the path control modes `G61.1` and `G64`",
+            Self::Digits => "every digit of a number counts, not the first eight",
+            Self::Dwells => "a dwell of more than 49 days is refused",
+            Self::FeedUnits => "F is in the units of the line, also when G94 follows G93",
             Self::NoPause => "no pause for the drivers ($1) at the end of a motion, or at a reset",
         }
     }
@@ -217,7 +235,7 @@ impl Deviation {
                 "`Bf:`, and in `[OPT:…]` the numbers, where ours are not smaller, and further letters; \
                  an `ok` that comes earlier after more than 15 moves"
             }
-            Self::LongLines => "an answer other than `error:11` to a line of 80 to 255 characters",
+            Self::LongLines => "an answer other than `error:11` to a line of 80 to 256 characters",
             Self::ExactPositions => {
                 "one step of an axis, where the position lies half-way between two"
             }
@@ -270,6 +288,11 @@ impl Deviation {
                  and `Ov`, `A` and `WCO` of reports"
             }
             Self::BuildInfo => "the line `[MSG:Step rate: …]` of the answer to `$I`",
+            Self::Digits => {
+                "a line that has a number of more than eight digits, and what follows in a table"
+            }
+            Self::Dwells => "`error:39` for `ok`, to a `G4`",
+            Self::FeedUnits => "an F in a table that is 25.4 times Grbl's",
             Self::PathControl => {
                 "an answer other than Grbl's to a line with `G61.1` or `G64`, which it refuses; and \
                  the message `[MSG:Path deviation: …]`"
@@ -280,7 +303,7 @@ impl Deviation {
 
 /// Characters of a line that Grbl reads, without blanks and comments, and that we read.
 const GRBL_LINE: usize = 79;
-const OUR_LINE: usize = 255;
+const OUR_LINE: usize = 256;
 
 /// Why a line of G-code, without blanks and comments, may have another answer.
 pub(crate) fn of_answers(code: &str, ours: &str, theirs: &str) -> Option<Deviation> {
@@ -296,9 +319,25 @@ pub(crate) fn of_answers(code: &str, ours: &str, theirs: &str) -> Option<Deviati
     if is_refused && ours != theirs && is_answer && has_path_control(code) {
         return Some(Deviation::PathControl);
     }
+    if theirs == "ok" && ours == "error:39" && has_word(code, 'G', &[4.0]) {
+        return Some(Deviation::Dwells);
+    }
+    if ours != theirs && is_answer && has_long_number(code) {
+        return Some(Deviation::Digits);
+    }
     let is_arc = code.contains(['I', 'J', 'K', 'R']) && !code.starts_with('$');
     let has_turns = is_arc && code.contains('P') && ["ok", "error:23", "error:39"].contains(&ours);
     (theirs == "error:36" && has_turns).then_some(Deviation::ArcTurns)
+}
+
+/// Digits of a number that Grbl reads.
+const GRBL_DIGITS: usize = 8;
+
+/// Whether a line without blanks and comments has a number with more digits than Grbl reads.
+pub(crate) fn has_long_number(code: &str) -> bool {
+    let numbers = code.split(|letter: char| !letter.is_ascii_digit() && letter != '.');
+    let digits = |number: &str| number.bytes().filter(u8::is_ascii_digit).count();
+    numbers.map(digits).any(|count| count > GRBL_DIGITS)
 }
 
 /// Whether a line without blanks and comments has an `M7`.
@@ -359,6 +398,12 @@ mod tests {
         assert_eq!(of_answers("G61.1", "ok", "error:20"), control);
         assert_eq!(of_answers("G61", "error:20", "ok"), None);
         assert_eq!(of_answers("G0X64", "ok", "error:20"), None);
+        let digits = Some(Deviation::Digits);
+        assert_eq!(of_answers("G1X1F0.00000001", "ok", "error:22"), digits);
+        assert_eq!(of_answers("G1X1F0.0000001", "ok", "error:22"), None);
+        let dwells = Some(Deviation::Dwells);
+        assert_eq!(of_answers("G4P9999999", "error:39", "ok"), dwells);
+        assert_eq!(of_answers("G64P9999999", "error:39", "ok"), None);
     }
 
     #[test]
