@@ -238,6 +238,40 @@ fn what_is_held_back_does_not_slow_the_machine_down() {
     assert!(slower_s.abs() < 0.002, "{slower_s} s");
 }
 
+/// Lines that wait until everything before them has been done.
+const RESTS: [&str; 5] = ["M2\n", "G4P0\n", "M8\n", "G92X0\n", "G10L20P2X0\n"];
+
+#[test]
+fn a_line_before_a_rest_goes_on_without_a_stop() {
+    let settings = fast();
+    let mut exact = Talk::new(&settings);
+    exact.send("G1X20F3000\nX40\n", 3000);
+    for rest in RESTS {
+        let mut talk = Talk::new(&settings);
+        // Nothing else comes, nor is anything sent, after the line that waits.
+        talk.send("G1X20F3000\nG64P.02\nX40\n", 100)
+            .send(rest, 3000);
+        assert_eq!(talk.steps(), exact.steps(), "{rest}");
+        let slower_s = talk.trace.motion_seconds() - exact.trace.motion_seconds();
+        assert!(slower_s.abs() < 0.002, "{rest}: {slower_s} s");
+    }
+}
+
+#[test]
+fn a_line_without_a_step_does_not_hold_up_what_waits_for_it() {
+    for rest in RESTS {
+        for before_ms in [0, 100, 1000] {
+            let mut talk = Talk::new(&fast());
+            talk.send("G1X10F1200\nG64\nX10.001\n", before_ms);
+            talk.send(rest, 2000);
+            assert!(talk.is_at_rest(), "{rest}");
+            assert_eq!(talk.steps(), [800, 0, 0], "{rest}");
+            let heard = talk.heard();
+            assert_eq!(heard.matches("ok").count(), 4, "{rest}: {heard}");
+        }
+    }
+}
+
 #[test]
 fn whatever_follows_a_line_comes_after_it() {
     for after in [

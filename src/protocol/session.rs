@@ -457,11 +457,13 @@ impl Session {
             Stage::Starting | Stage::Faulted | Stage::Asleep => Progress::Waiting,
             Stage::Welcoming => self.welcome(machine),
             Stage::Reading | Stage::Resting | Stage::StartingUp(_) if is_held => Progress::Waiting,
-            Stage::Resting if !self.is_done(machine) => {
-                self.release(entries);
-                Progress::Waiting
+            Stage::Resting => {
+                if self.comes_to_rest(machine, entries) {
+                    self.judge(machine, received.capacity(), entries)
+                } else {
+                    Progress::Waiting
+                }
             }
-            Stage::Resting => self.judge(machine, received.capacity(), entries),
             Stage::StartingUp(number) => self.start_up(machine, number, entries),
             Stage::Reading => {
                 if self.read(received) {

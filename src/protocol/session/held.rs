@@ -44,6 +44,17 @@ impl Session {
         }
     }
 
+    /// Whether everything before the line in execution has been done. What is held back is not, and
+    /// is sent on; but where it makes no step, nobody will tell of its end.
+    pub(super) fn comes_to_rest(
+        &mut self,
+        machine: &Snapshot,
+        entries: &mut Producer<'_, Entry>,
+    ) -> bool {
+        self.release(entries);
+        self.is_done(machine)
+    }
+
     /// Sends on what is held back, if the machine could use it.
     pub(super) fn release_in_time(
         &mut self,

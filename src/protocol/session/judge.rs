@@ -209,7 +209,12 @@ impl Session {
     /// never out of date.
     pub(super) fn rest(&mut self) -> Progress {
         self.stage = Stage::Resting;
-        Progress::Waiting
+        // What is held back is sent on at once: the machine would stop before it otherwise.
+        if self.path.is_holding() {
+            Progress::Again
+        } else {
+            Progress::Waiting
+        }
     }
 
     /// Answers with a text and `ok`.
