@@ -59,7 +59,7 @@ pub(super) fn check(
         Kind::Jog => jog_feed(&block)?,
     };
     if block.sets_tolerance() {
-        checked.modal.path = continuous(&block, &mut words)?;
+        checked.modal.path = continuous(&block)?;
     }
     if block.non_modal == NonModal::Dwell {
         checked.action = dwell(&block, &mut words)?;
@@ -69,6 +69,11 @@ pub(super) fn check(
     }
     check_non_modal(state, &block, &mut words, checked)?;
     check_motion(state, &block, &mut words, checked)?;
+    if block.sets_tolerance() {
+        // Only now: a P belongs to every command of its line that takes one.
+        words.remove(Word::P);
+        words.remove(Word::Q);
+    }
     check_words(kind, &block, words)?;
     check_reach(state, settings, checked)?;
     let is_motion = block.axes != 0 && block.axis_command == AxisCommand::Motion;
@@ -146,19 +151,17 @@ fn dwell(block: &Block, words: &mut Words) -> Result<Action, LineError> {
 }
 
 /// `G64`: how far the path may be left, `P`, and short lines, `Q`, which is `P` without the word.
-fn continuous(block: &Block, words: &mut Words) -> Result<PathControl, LineError> {
+fn continuous(block: &Block) -> Result<PathControl, LineError> {
     let distance_nm = |number: Number| {
         let Nm(nm) = block.length(number);
         u32::try_from(nm).map_err(|_| LineError::ValueOutOfRange)
     };
     let tolerance_nm = distance_nm(block.p)?;
-    let merging_nm = if words.contains(Word::Q) {
+    let merging_nm = if block.words.contains(Word::Q) {
         distance_nm(block.q)?
     } else {
         tolerance_nm
     };
-    words.remove(Word::P);
-    words.remove(Word::Q);
     Ok(PathControl::Continuous {
         tolerance_nm,
         merging_nm,

@@ -206,6 +206,31 @@ fn path_control_is_modal_and_its_distances_are_in_the_units_of_the_line() {
 }
 
 #[test]
+fn a_p_word_belongs_to_every_command_of_its_line_that_takes_one() {
+    let continuous = PathControl::Continuous {
+        tolerance_nm: 2_000_000,
+        merging_nm: 2_000_000,
+    };
+    let turns = |line: &str| {
+        assert_eq!(after(&[line]).modal().path, continuous, "{line}");
+        match commands(&[line])[..] {
+            [Command::Arc { circle, .. }] => circle.turns,
+            ref others => panic!("{line}: {others:?}"),
+        }
+    };
+    assert_eq!(turns("G64P2G2X0I1F10"), 2);
+    assert_eq!(turns("G3X0I1P2F10G64"), 2);
+    let dwell = Command::Dwell { milliseconds: 2000 };
+    for line in ["G64G4P2", "G4P2G64"] {
+        assert_eq!(after(&[line]).modal().path, continuous, "{line}");
+        assert_eq!(commands(&[line]), [dwell], "{line}");
+    }
+    let origin = after(&["G64G10L2P2X1"]);
+    assert_eq!(origin.modal().path, continuous);
+    assert_eq!(origin.offsets().origins.coordinates[1], um(1000, 0, 0));
+}
+
+#[test]
 fn path_control_is_refused_where_it_makes_no_sense() {
     for (line, number) in [
         ("G64P-1", LineError::NegativeValue),
@@ -219,7 +244,9 @@ fn path_control_is_refused_where_it_makes_no_sense() {
         ("G61.1Q1", LineError::Unsupported),
         ("Q1X1X1", LineError::Unsupported),
         ("Q1", LineError::Unsupported),
-        ("G64P1G4", LineError::MissingWord),
+        ("G64Q1G4", LineError::MissingWord),
+        ("G64G2X0I1F10P1.5", LineError::NotInteger),
+        ("G64G0X1P1L2", LineError::UnusedWords),
     ] {
         assert_eq!(error(&[line]), number, "{line}");
     }
