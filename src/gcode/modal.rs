@@ -29,6 +29,8 @@ pub struct Modal {
     pub tool: u8,
     /// `F`: mm/min, or 1/min with [`FeedMode::InverseTime`]. 0: not set.
     pub feed: f32,
+    /// What `F` was given in: degrees have no inches.
+    pub feed_units: Units,
     /// `S`: programmed spindle speed, rpm.
     pub speed_rpm: f32,
 }

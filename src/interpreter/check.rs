@@ -16,7 +16,7 @@ use crate::{
 
 /// Highest line number.
 pub(super) const MAX_LINE: u32 = 10_000_000;
-const MM_PER_INCH: f32 = 25.4;
+pub(super) const MM_PER_INCH: f32 = 25.4;
 /// Every axis reaches this far, whatever its resolution: no need to divide.
 const NEAR: Nm = match StepsPerMm::from_millionths(StepsPerMm::MAX) {
     Some(finest) => finest.farthest(),
@@ -58,6 +58,9 @@ pub(super) fn check(
         Kind::Program => feed(&block, &state.modal)?,
         Kind::Jog => jog_feed(&block)?,
     };
+    if block.words.contains(Word::F) {
+        checked.modal.feed_units = block.modal.units;
+    }
     if block.sets_tolerance() {
         checked.modal.path = continuous(&block)?;
     }

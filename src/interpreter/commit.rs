@@ -1,9 +1,9 @@
 //! The second phase of a line: carrying out what was checked, in the NIST order of execution.
 
-use super::{Action, Checked, Interpreter, Kind, Message, Outcome, Path};
+use super::{Action, Checked, Interpreter, Kind, Message, Outcome, Path, check::MM_PER_INCH};
 use crate::{
-    axis::Axes,
-    gcode::{Distance, FeedMode, Flow, Motion, Probe, Reference, WorkCoordinates},
+    axis::{Axes, Z},
+    gcode::{Distance, FeedMode, Flow, Motion, Probe, Reference, Units, WorkCoordinates},
     planner::{Command, Coolant, Laser, Pace, Plane, Probing, Spindle, Target},
     units::Nm,
 };
@@ -12,7 +12,7 @@ pub(super) fn commit(state: &mut Interpreter, checked: &Checked, outcome: &mut O
     outcome.begin();
     if checked.kind == Kind::Jog {
         set_power(checked, outcome);
-        let pace = Pace::Jog(checked.modal.feed);
+        let pace = Pace::Jog(feed(state, checked));
         outcome.add(line(checked.target(), pace, checked));
         state.arrive(&checked.target());
         return;
@@ -105,11 +105,26 @@ fn go_to(state: &mut Interpreter, checked: &Checked, reference: Reference, outco
     state.set_position(target);
 }
 
+/// The feed of a move per minute: mm, or degrees where only rotary axes move, which have no inches.
+fn feed(state: &Interpreter, checked: &Checked) -> f32 {
+    let modal = &checked.modal;
+    let only_turns = || {
+        let mut linear = 0..=Z;
+        !matches!(checked.path, Path::Arc(_))
+            && linear.all(|axis| state.position[axis] == checked.values[axis])
+    };
+    if modal.feed_units == Units::Inches && only_turns() {
+        modal.feed / MM_PER_INCH
+    } else {
+        modal.feed
+    }
+}
+
 /// The move of the motion mode.
 fn travel(state: &mut Interpreter, checked: &Checked, outcome: &mut Outcome) {
     let pace = match (checked.modal.motion, checked.modal.feed_mode) {
         (Motion::Rapid, _) => Pace::Rapid,
-        (_, FeedMode::PerMinute) => Pace::Feed(checked.modal.feed),
+        (_, FeedMode::PerMinute) => Pace::Feed(feed(state, checked)),
         (_, FeedMode::InverseTime) => Pace::InverseTime(checked.modal.feed),
     };
     // Each is added where it is made: joined, they would be copied once more, as a target would that

@@ -36,6 +36,7 @@ pub(super) fn carry_out(
 ) -> bool {
     let modal = &state.modal;
     let is_usual = modal.units == Units::Millimetres
+        && modal.feed_units == Units::Millimetres
         && modal.feed_mode == FeedMode::PerMinute
         && !settings.laser;
     if !is_usual {

@@ -1,7 +1,7 @@
 //! Motion, feeds, order of execution, program flow.
 
 use leadscrew::{
-    axis::{X, Y, Z},
+    axis::{AXES, X, Y, Z},
     gcode::{Distance, LineError, Motion, Units, WorkCoordinates},
     interpreter::Message,
     planner::{Command, Coolant, Pace, PathControl, Plane, Spindle},
@@ -53,6 +53,44 @@ fn feed_after_inverse_time_is_undefined() {
     assert_eq!(error(&["G93G1X1F100", "G94X2"]), LineError::FeedUndefined);
     let machine = after(&["G93G1X1F100", "G20G94X2F10"]);
     assert_eq!(machine.modal().feed, 254.0);
+}
+
+#[test]
+fn a_feed_is_degrees_where_only_rotary_axes_move() {
+    let feed = |lines: &[&str]| match commands(lines)[..] {
+        [
+            Command::Line {
+                pace: Pace::Feed(feed),
+                ..
+            }
+            | Command::Arc {
+                pace: Pace::Feed(feed),
+                ..
+            }
+            | Command::Probe {
+                pace: Pace::Feed(feed),
+                ..
+            },
+        ] => feed,
+        ref others => panic!("{lines:?}: {others:?}"),
+    };
+    for letter in &["A", "B", "C"][..AXES - 3] {
+        let turn = |before: &str| feed(&[before, &format!("G1{letter}90")]);
+        assert_eq!(turn("G21F100"), 100.0);
+        assert_eq!(turn("G20F100"), 100.0);
+        assert_eq!(feed(&[&format!("G20G1F100X0{letter}90")]), 100.0);
+        assert_eq!(feed(&[&format!("G20G1F100X1{letter}90")]), 2540.0);
+        // It is what was written, whatever unit comes after it.
+        let changed = |first, second| feed(&[first, second, &format!("G1{letter}90")]);
+        assert_eq!(changed("G20F100", "G21"), 100.0);
+        assert_eq!(changed("G21F100", "G20"), 100.0);
+        assert_eq!(changed("G20F100", "G21G1X5"), 100.0);
+        assert_eq!(changed("G20F100", "G21F50"), 50.0);
+        assert_eq!(feed(&["G20F100", "G21", "G1X5"]), 2540.0);
+        // A full circle goes along linear axes, though it ends where it begins.
+        assert_eq!(feed(&[&format!("G20G2X0I1F100{letter}90")]), 2540.0);
+        assert_eq!(feed(&[&format!("G20G38.3F100{letter}90")]), 100.0);
+    }
 }
 
 #[test]
