@@ -24,6 +24,12 @@ fn continuous(tolerance_nm: u32, merging_nm: u32) -> PathControl {
 
 /// What becomes of commands, and the deviation that is told.
 fn ways(settings: &Settings, control: PathControl, commands: &[Command]) -> (Vec<Way>, f32) {
+    let led: Vec<_> = commands.iter().map(|command| (control, *command)).collect();
+    ways_of(settings, &led)
+}
+
+/// The same where each command has a path control of its own.
+fn ways_of(settings: &Settings, commands: &[(PathControl, Command)]) -> (Vec<Way>, f32) {
     let mut router = Router::new(settings);
     let mut path = Path::new();
     let mut ways = Vec::new();
@@ -34,8 +40,8 @@ fn ways(settings: &Settings, control: PathControl, commands: &[Command]) -> (Vec
             path.done();
         }
     };
-    for command in commands {
-        router.lead(&mut path, control, command);
+    for (control, command) in commands {
+        router.lead(&mut path, *control, command);
         drain(&mut router, &mut path);
     }
     router.release(&mut path);
@@ -103,11 +109,10 @@ fn farthest(points: &[Point], path: &[Point]) -> f64 {
 }
 
 /// The greatest distance between what is programmed and what becomes of it, in either direction, mm.
-fn deviation_mm(control: PathControl, commands: &[Command], ways: &[Way], grain: f64) -> f64 {
+fn deviation_mm(commands: &[Command], ways: &[Way], grain: f64) -> f64 {
     let settings = fine();
     let programmed = samples(&pieces(&settings, commands), grain);
     let executed = samples(&pieces_of_ways(&settings, ways), grain);
-    assert!(matches!(control, PathControl::Continuous { .. }));
     1.0e-3 * farthest(&executed, &programmed).max(farthest(&programmed, &executed))
 }
 
@@ -127,10 +132,31 @@ fn a_corner_is_rounded_as_far_from_it_as_is_asked_for() {
         let control = continuous(50_000, 0);
         let (ways, told_mm) = ways(&fine(), control, &commands);
         assert_eq!((rounds(&ways), lines(&ways)), (1, 2), "{degrees}");
-        let found_mm = deviation_mm(control, &commands, &ways, 5.0);
+        let found_mm = deviation_mm(&commands, &ways, 5.0);
         assert!((found_mm - 0.05).abs() < 0.0002, "{degrees}: {found_mm}");
         assert!((f64::from(told_mm) - 0.05).abs() < 0.0002, "{degrees}");
     }
+}
+
+#[test]
+fn a_corner_behind_another_tolerance_is_where_its_lines_meet() {
+    let (sine, cosine) = 60.0_f64.to_radians().sin_cos();
+    let commands = [
+        line(&[0.0, 10.0], 5000.0),
+        line(&[10.0, 10.0], 5000.0),
+        line(&[10.0 + 10.0 * cosine, 10.0 + 10.0 * sine], 5000.0),
+    ];
+    let (wide, narrow) = (continuous(500_000, 0), continuous(50_000, 0));
+    let led = [
+        (wide, commands[0]),
+        (narrow, commands[1]),
+        (narrow, commands[2]),
+    ];
+    let (ways, told_mm) = ways_of(&fine(), &led);
+    assert_eq!((rounds(&ways), lines(&ways)), (1, 3));
+    let found_mm = deviation_mm(&commands, &ways, 5.0);
+    assert!((found_mm - 0.05).abs() < 0.0002, "{found_mm}");
+    assert!((f64::from(told_mm) - 0.05).abs() < 0.0002);
 }
 
 #[test]
@@ -225,7 +251,7 @@ fn flat_arcs_become_lines_and_others_stay() {
     assert_eq!((lines(&kept), kept.len()), (0, 1));
     let (lines_of, _) = ways(&fine(), control, &[flat]);
     assert_eq!((lines(&lines_of), lines_of.len()), (1, 1));
-    assert!(deviation_mm(control, &[flat], &lines_of, 2.0) <= 0.01);
+    assert!(deviation_mm(&[flat], &lines_of, 2.0) <= 0.01);
 }
 
 #[test]
@@ -309,9 +335,27 @@ proptest! {
     ) {
         let control = continuous(1000 * tolerance_um, 1000 * merging_um);
         let (ways, told_mm) = ways(&fine(), control, &commands);
-        let found_mm = deviation_mm(control, &commands, &ways, 10.0);
+        let found_mm = deviation_mm(&commands, &ways, 10.0);
         // Positions are whole nanometres; and points on a curve are this far from their chords.
         let least_mm = 1.0e-3 * f64::from(tolerance_um);
+        prop_assert!(found_mm <= least_mm + 2.0e-5, "{found_mm} of {least_mm}");
+        prop_assert!(found_mm <= f64::from(told_mm) + 2.0e-5, "{found_mm}, told {told_mm}");
+    }
+
+    #[test]
+    fn no_path_is_farther_away_than_is_asked_for_where_that_changes(
+        commands in programs(),
+        controls in prop::collection::vec((0_u32..100, 0_u32..100, 1_usize..6), 1..8),
+    ) {
+        let most_um = controls.iter().map(|(tolerance_um, ..)| 1 + tolerance_um).max();
+        let mut controls = controls.iter().cycle().flat_map(|(tolerance_um, merging_um, lines)| {
+            let control = continuous(1000 * (1 + tolerance_um), 1000 * merging_um);
+            std::iter::repeat_n(control, *lines)
+        });
+        let led: Vec<_> = commands.iter().map(|command| (controls.next().unwrap(), *command)).collect();
+        let (ways, told_mm) = ways_of(&fine(), &led);
+        let found_mm = deviation_mm(&commands, &ways, 10.0);
+        let least_mm = 1.0e-3 * f64::from(most_um.unwrap());
         prop_assert!(found_mm <= least_mm + 2.0e-5, "{found_mm} of {least_mm}");
         prop_assert!(found_mm <= f64::from(told_mm) + 2.0e-5, "{found_mm}, told {told_mm}");
     }

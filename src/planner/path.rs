@@ -151,11 +151,12 @@ impl Path {
         limits: &Limits,
         command: &Command,
     ) {
+        // Where the router will stand when it has done what is held back, which ends here or later.
+        let from = self.position().unwrap_or(from);
         if control != self.control {
             self.end(limits);
             self.control = control;
         }
-        let from = self.position().unwrap_or(from);
         let PathControl::Continuous { .. } = control else {
             return self.pass(limits, command);
         };
