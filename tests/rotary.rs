@@ -103,6 +103,39 @@ fn the_feed_of_an_arc_is_that_of_its_linear_axes() {
     );
 }
 
+#[test]
+fn a_turn_with_next_to_no_linear_way_reaches_its_end() {
+    for ramp_s in [0.0, 0.05] {
+        let settings = settings(ramp_s);
+        for target in [
+            [0.0001, 0.0, 0.0, 50.0],
+            [0.00625, 0.0, 0.0, 500.0],
+            [0.0125, 0.0, 0.0, 2000.0],
+            [0.0, 0.1, 0.0, 2000.0],
+        ] {
+            let trace = check(&settings, &[line(&target, 1000.0)]);
+            assert_eq!(trace.net_steps(), target_steps(&settings, &at(&target)));
+        }
+    }
+}
+
+#[test]
+fn a_feed_is_along_the_linear_axes_where_they_make_steps() {
+    let seconds = |target: &[f64], feed| {
+        // What is left of a way shorter than a step is no linear move.
+        let commands = [line(&[0.0001], 600.0), line(target, feed)];
+        check(&settings(0.0), &commands).motion_seconds()
+    };
+    for (target, feed, expected) in [
+        ([0.0001, 0.0, 0.0, 50.0], 600.0, 5.0),
+        ([0.1, 0.0, 0.0, 200.0], 1.5, 4.0),
+        ([0.1, 0.0, 0.0, 50.0], 1.5, 4.0),
+    ] {
+        let found = seconds(&target, feed);
+        assert!((found - expected).abs() < 0.15, "{target:?}: {found}");
+    }
+}
+
 /// Ways of the linear and the rotary axes, and how fast.
 fn moves() -> impl Strategy<Value = Vec<Command>> {
     let way = prop_oneof![Just(0.0), 1.0..5.0_f64, -5.0..-1.0_f64];

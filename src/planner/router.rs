@@ -24,6 +24,11 @@ use crate::{
 
 /// Axes that are linear: X, Y, Z. The others turn, and give the feed only when alone.
 const LINEAR: usize = 3;
+/// Farthest that rotary axes turn for each mm of a way that is measured along the linear axes,
+/// degrees: with limits of jerk a way is counted in nanometres, and these would be too coarse.
+const MOST_TURN_PER_MM: f32 = 1.0e3;
+/// As far as that, a speed along the linear axes means nothing, degrees.
+const MEANINGLESS_PER_MM: f32 = 1.0e6;
 /// Shortest time for an arc, s, and for each of its quarter turns: it has a segment more for every
 /// axis that reverses. What holds for lines too is in the look-ahead.
 const SHORTEST_ARC_S: f32 = 3.0e-3;
@@ -344,7 +349,9 @@ impl Router {
         let way = target
             .position
             .zip(self.sent, |to, from| (to - from).to_mm());
-        let length_mm = length(&way);
+        let makes_linear_steps =
+            AXES == LINEAR || (0..LINEAR).any(|axis| end.steps[axis] != self.steps[axis]);
+        let (length_mm, per_feed) = length(&way, makes_linear_steps);
         let per_mm = 1.0 / length_mm;
         let direction = way.map(|way| way * per_mm);
         let resolution = self.limits.steps_per_mm;
@@ -353,7 +360,7 @@ impl Router {
             Limits::along(&self.limits.speed_mm_s, &direction),
             self.limits.together(&steps_per_mm),
         );
-        let programmed_mm_s = pace_mm_s(pace, length_mm, rate);
+        let programmed_mm_s = pace_mm_s(scaled(pace, per_feed), length_mm, rate);
         let block = Block {
             delta: end.fine.zip(self.fine, |to, from| to.0 - from.0),
             steps_per_mm,
@@ -516,17 +523,22 @@ struct End {
     fine: Axes<FineSteps>,
 }
 
-/// Length of a way: over the linear axes, or over the rotary ones when only they move, or so much
-/// farther (a million degrees to the millimetre) that a speed along the linear way means nothing.
-fn length(way: &Axes<f32>) -> f32 {
-    let square = |way: &[f32]| way.iter().map(|x| x * x).sum::<f32>();
-    let (linear, rotary) = way.0.split_at(LINEAR);
-    let linear = square(linear);
-    math::sqrt(if linear > 1.0e-12 * square(rotary) {
-        linear
+/// Length of a way: over the linear axes, or over the rotary ones when only they make steps, or turn
+/// so far that a linear way is too short to be divided. And how much of it goes by for each unit of
+/// a feed, which is along the linear axes where these make steps.
+fn length(way: &Axes<f32>, makes_linear_steps: bool) -> (f32, f32) {
+    let linear_mm = linear_length(way);
+    if AXES == LINEAR {
+        return (linear_mm, 1.0);
+    }
+    let rotary = math::sqrt(way.iter().skip(LINEAR).map(|way| way * way).sum());
+    if rotary <= 0.0 || makes_linear_steps && rotary <= MOST_TURN_PER_MM * linear_mm {
+        (linear_mm, 1.0)
+    } else if makes_linear_steps && rotary <= MEANINGLESS_PER_MM * linear_mm {
+        (rotary, rotary / linear_mm)
     } else {
-        square(rotary)
-    })
+        (rotary, 1.0)
+    }
 }
 
 /// Length of a way over the linear axes.
@@ -559,6 +571,15 @@ fn greatest_sqr(one: &Axes<f32>, other: &Axes<f32>) -> f32 {
         return 1.0;
     }
     math::max(dot(one, one), dot(other, other))
+}
+
+/// A pace for a way of which so much goes by for each mm of a feed.
+fn scaled(pace: Pace, per_feed: f32) -> Pace {
+    match pace {
+        Pace::Feed(mm_min) => Pace::Feed(mm_min * per_feed),
+        Pace::Jog(mm_min) => Pace::Jog(mm_min * per_feed),
+        Pace::Rapid | Pace::InverseTime(_) => pace,
+    }
 }
 
 /// The programmed speed, mm/s: for a rapid the limit.
