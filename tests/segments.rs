@@ -18,7 +18,7 @@ const MEAN_TICKS: u32 = TICKS_PER_MS * 7 / 10;
 const SMOOTH_MEAN_TICKS: u32 = TICKS_PER_MS * 3 / 4;
 const SMOOTH_SAVED: u32 = 2;
 /// `[trade]` there: a segment may come instead of so many steps.
-const TRADED_STEPS: f64 = (65 + 20 * (AXES - 3)) as f64;
+const TRADED_STEPS: f64 = (70 + 15 * (AXES - 3)) as f64;
 /// As `saved_segments`, of which one is what is begun before those that are saved.
 const SAVED: f64 = 2.0;
 /// Longest segment, with a standstill that comes and goes in the same step.

@@ -17,7 +17,7 @@ use crate::{
 const MEAN_S: f32 = 0.7e-3;
 /// Steps that cost no less than a segment of a line: where so many fewer are made than could be, one
 /// more may be. `[trade]` in `schedule.toml`.
-const TRADED_STEPS: u32 = 65 + 20 * (AXES as u32 - 3);
+const TRADED_STEPS: u32 = 70 + 15 * (AXES as u32 - 3);
 /// The greatest step rate that is reckoned with for that, Hz: so that the ring of segments always holds
 /// as much time as `prepare` needs.
 const TRADED_HZ: u32 = 200_000;
