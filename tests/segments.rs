@@ -248,6 +248,32 @@ fn lines_of_few_steps_follow_each_other_faster() -> Result<(), TestCaseError> {
 }
 
 #[test]
+fn an_axis_that_turns_at_each_line_makes_no_more_steps_than_are_proven() {
+    for hz in [60_000, 143_400] {
+        let settings = Settings {
+            step_rate: StepRate::Proven(hz),
+            step_pulse_us: 1,
+            ..with(&[3200.0, 80.0, 3200.0], &[60_000.0], &[5000.0])
+        };
+        // X and Z at the full rate; Y goes back and forth where a step is due.
+        let length = f64::from(hz) / 2.0 / 3200.0 * 0.701e-3;
+        let commands = (0..2000).map(|number: u32| {
+            let y = 0.00625 + [0.0001, -0.0001][number as usize % 2];
+            let x = length * f64::from(number);
+            line(&[x, y, x], 60_000.0)
+        });
+        let segments = play(&settings, &commands.collect::<Vec<_>>(), &[], 0);
+        let fast = &segments[segments.len() / 4..segments.len() * 3 / 4];
+        let [first, last] = [fast[0], fast[fast.len() - 1]];
+        let seconds = f64::from(last.ticks - first.ticks) / TICKS_PER_S;
+        let steps = f64::from(last.steps - first.steps);
+        let most = seconds * f64::from(hz) + AXES as f64;
+        assert!(steps > 0.98 * most, "{steps} of {most}");
+        assert!(steps <= most, "{steps} of {most}");
+    }
+}
+
+#[test]
 fn a_tool_path_of_long_and_very_short_lines_makes_no_burst_of_segments() {
     let ways = [
         (0.001, 0.0),

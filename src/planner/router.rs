@@ -95,6 +95,17 @@ impl Limits {
         self.steps_per_s / steps_per_mm
     }
 
+    /// The greatest speed of a line for all the steps that it makes: an axis that turns at each line may
+    /// make one in each of them, however short its ways are.
+    fn for_steps(&self, steps: f32, length_mm: f32, speed_mm_s: f32) -> f32 {
+        let room = self.steps_per_s * length_mm;
+        if steps * speed_mm_s > room {
+            room / steps
+        } else {
+            speed_mm_s
+        }
+    }
+
     /// Limit of the squared speed in the corner between two directions, each as what the axes move for
     /// one mm of the path.
     ///
@@ -360,6 +371,9 @@ impl Router {
             Limits::along(&self.limits.speed_mm_s, &direction),
             self.limits.together(&steps_per_mm),
         );
+        let rate = self
+            .limits
+            .for_steps(self.steps_to(&end) as f32, length_mm, rate);
         let programmed_mm_s = pace_mm_s(scaled(pace, per_feed), length_mm, rate);
         let block = Block {
             delta: end.fine.zip(self.fine, |to, from| to.0 - from.0),
@@ -377,6 +391,14 @@ impl Router {
         };
         self.finish(target.position, end, direction, Axes::all(0.0));
         Some(block)
+    }
+
+    /// Steps of all axes to a place.
+    fn steps_to(&self, end: &End) -> u32 {
+        let steps = end
+            .steps
+            .zip(self.steps, |to, from| to.0.wrapping_sub(from.0));
+        { steps.iter() }.fold(0, |sum, way| way.unsigned_abs().saturating_add(sum))
     }
 
     /// Apart: most moves are lines, and it has much to keep.
