@@ -188,6 +188,8 @@ pub struct Units {
     pub rate: Formula,
     /// How many more there may be in each run.
     pub extra: Formula,
+    /// How many more may have to be done at once in any window; without it, each comes by itself.
+    pub burst: Option<Formula>,
 }
 
 /// A function that is excused.

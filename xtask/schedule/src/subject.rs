@@ -441,11 +441,13 @@ impl<'a> Subject<'a> {
             return Ok(None);
         };
         let names = self.config.names(&self.clock, point);
-        let rate = units.rate.value(&names)?;
+        let rate = units.rate.value(&names)?.max(1.0) / self.clock.hclk_hz as f64;
+        let burst = units.burst.as_ref().map(|burst| burst.value(&names));
+        let burst = burst.transpose()?;
         let arrival = Arrival {
-            period: self.clock.hclk_hz as f64 / rate.max(1.0),
+            period: burst.map_or(1.0 / rate, |_| 1.0),
             group: 1,
-            sustained: None,
+            sustained: burst.map(|burst| (rate, burst)),
         };
         let extra = units.extra.value(&names)?.max(0.0).ceil() as u64;
         Ok(Some((units.bound.clone(), arrival, extra)))
