@@ -163,6 +163,8 @@ pub struct ModeConfig {
     pub burst: Option<Formula>,
     /// As for the task.
     pub group: Option<u64>,
+    /// How long after it is due such a run may be released.
+    pub jitter: Option<Formula>,
     /// What its cost depends on.
     pub units: Option<Units>,
     /// Modes of the task whose runs come first: of this one, no run begins while one of them is

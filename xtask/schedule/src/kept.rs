@@ -1,8 +1,15 @@
-//! Loops that keep their code in the instruction cache, although the whole task does not.
+//! Loops that keep their code in the instruction cache, although the whole task does not, and what
+//! the rest of its code costs the tasks that preempt it.
 //!
 //! While a loop runs, nothing but its own lines and those of the tasks that preempt it are used. If
 //! all of them together fit the cache, none is pushed out before the loop is left, whatever order
 //! they are used in: each is missed at most once.
+//!
+//! The rest of the code goes from line to line, and so pushes those of the tasks that preempt it out
+//! now and then. Cut it into *stretches*, each of which uses as many different lines as the cache
+//! holds beside those of these tasks: then in a stretch, too, each of theirs is missed at most once.
+//! All but the last of the stretches before a visit of a loop, or before the end, fetch that many
+//! lines: so a visit ends one, and each line that is fetched has its share in another.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -11,6 +18,37 @@ use crate::{Block, Count, Function, Loop, Operation, model::CACHE_LINES, wcet::W
 /// Rounds that a loop is taken to have whose bound varies with the step rate.
 const VARIED_ROUNDS: u64 = 100;
 
+/// Lines that are in use where a stretch begins: an interrupted instruction goes on in them.
+const IN_USE: usize = 2;
+
+/// What code costs the tasks that preempt it, where their lines are fetched once in each stretch.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, PartialOrd, Ord)]
+pub(crate) struct Share {
+    /// Cycles for each line that is fetched outside of visits.
+    pub(crate) of_line: u64,
+    /// Cycles for each visit: of the stretch that it ends.
+    pub(crate) of_visit: u64,
+}
+
+impl Share {
+    /// For guests that have so many lines, beside so many of all that a stretch stands; `None` where
+    /// they leave no room in the cache.
+    pub(crate) fn new(guests: usize, beside: usize, miss: u64) -> Option<Self> {
+        let of_visit = guests as u64 * miss;
+        let room = CACHE_LINES.checked_sub(beside + IN_USE)?;
+        (room > 0).then(|| Self {
+            of_line: of_visit.div_ceil(room as u64),
+            of_visit,
+        })
+    }
+
+    /// Of code of which nothing is known but that it takes so long without a cache: each line that it
+    /// fetches costs it a miss.
+    pub(crate) fn of_uncached(self, cycles: u64, miss: u64) -> u64 {
+        cycles.div_ceil(miss.max(1)) * self.of_line
+    }
+}
+
 /// The loops of a function that keep their code, the outermost of those within each other.
 #[derive(Debug, Clone, Default)]
 pub(crate) struct Kept {
@@ -18,8 +56,6 @@ pub(crate) struct Kept {
     pub(crate) of_block: Vec<Option<usize>>,
     /// For each head, how many lines are missed in one visit.
     pub(crate) lines: BTreeMap<usize, u64>,
-    /// Whether an exclusive store is in any of them.
-    pub(crate) retries: bool,
 }
 
 impl Kept {
@@ -27,7 +63,6 @@ impl Kept {
         let mut new = Self {
             of_block: vec![None; function.blocks.len()],
             lines: BTreeMap::new(),
-            retries: false,
         };
         if wcets.model.prefetch || function.loops.is_empty() {
             return new;
@@ -48,27 +83,25 @@ impl Kept {
             new.lines.insert(looped.head, all as u64);
             for block in &looped.blocks {
                 new.of_block[*block] = Some(looped.head);
-                new.retries |= has_exclusive_store(wcets, &function.blocks[*block]);
             }
         }
         new
     }
 }
 
-/// Whether a block, or what it calls, has an exclusive store.
-fn has_exclusive_store(wcets: &Wcets<'_>, block: &Block) -> bool {
-    let stores = |block: &Block| {
-        let mut instructions = block.instructions.iter();
-        instructions.any(|it| matches!(it.operation, Operation::StoreExclusive { .. }))
-    };
-    let call = block
-        .call
-        .filter(|call| !block.traps && !wcets.excluded.contains(call));
-    let called = call.map(|call| wcets.reach(call)).unwrap_or_default();
-    let called = called
+/// Whether there is an exclusive store in any of these functions.
+pub(crate) fn has_exclusive_store(wcets: &Wcets<'_>, functions: &BTreeSet<u32>) -> bool {
+    let functions = functions
         .iter()
         .filter_map(|address| wcets.functions.get(address));
-    stores(block) || called.flat_map(|function| &function.blocks).any(stores)
+    let mut blocks = functions.flat_map(|function| &function.blocks);
+    blocks.any(stores_exclusively)
+}
+
+/// Whether there is an exclusive store in a block.
+pub(crate) fn stores_exclusively(block: &Block) -> bool {
+    let mut instructions = block.instructions.iter();
+    instructions.any(|it| matches!(it.operation, Operation::StoreExclusive { .. }))
 }
 
 /// Whether loading all lines for a visit costs less than fetching those of the loop each round.
@@ -88,9 +121,15 @@ fn pays(wcets: &Wcets<'_>, looped: &Loop, own: usize, all: usize) -> bool {
 mod tests {
     use super::*;
     use crate::{Cache, Model, testing, wcet::Functions};
+    use proptest::prelude::*;
+
+    const SHARE: Share = Share {
+        of_line: 3,
+        of_visit: 50,
+    };
 
     /// One loop of 20 rounds of 4 + 6 instructions, and code before and behind it.
-    fn bounds(beside: usize) -> [u64; 3] {
+    fn bounds(beside: usize) -> [u64; 2] {
         let shape: &[(u32, &[usize])] = &[(3, &[1]), (4, &[2, 3]), (6, &[1]), (2, &[])];
         let mut function = testing::function(shape);
         function.loops = vec![testing::counted(1, &[1, 2], &[2], 20)];
@@ -99,22 +138,124 @@ mod tests {
         let named = BTreeMap::new();
         let mut wcets = Wcets::new(&functions, &model, &named, BTreeSet::new());
         wcets.beside = (0..beside as u32).collect();
-        [Cache::Loops, Cache::Outside, Cache::Visits]
-            .map(|cache| wcets.bound(0x0800_0000, cache).unwrap().cycles())
+        wcets.share = SHARE;
+        [Cache::Loops, Cache::Shared].map(|cache| wcets.bound(0x0800_0000, cache).unwrap().cycles())
     }
 
     #[test]
     fn a_loop_that_fits_is_loaded_once() {
         // Blocks of one or two lines: 2, 2, 2 and 1; the refill of the return.
         let outside = 3 + 5 * 2 + 2 + 5 + 3;
-        let inside = 21 * 4 + 20 * 6;
-        assert_eq!(bounds(10), [outside + inside + 5 * (4 + 10), outside, 1]);
+        let alone = outside + 21 * 4 + 20 * 6 + 5 * (4 + 10);
+        assert_eq!(bounds(10), [alone, alone + 50 + 3 * (2 + 1)]);
     }
 
     #[test]
     fn a_loop_that_does_not_fit_beside_the_others_is_fetched_each_round() {
-        let found = bounds(61);
-        let all = 3 + 10 + 21 * (4 + 10) + 20 * (6 + 10) + 2 + 5 + 3;
-        assert_eq!(found, [all, all, 0]);
+        let alone = 3 + 10 + 21 * (4 + 10) + 20 * (6 + 10) + 2 + 5 + 3;
+        assert_eq!(bounds(61), [alone, alone + 3 * (2 + 21 * 2 + 20 * 2 + 1)]);
+    }
+
+    /// A cache of that many lines: the line used last comes last.
+    #[derive(Default)]
+    struct Lru(Vec<u32>);
+
+    impl Lru {
+        /// Uses a line; 1 if it was not there.
+        fn touch(&mut self, line: u32) -> u64 {
+            let place = self.0.iter().position(|it| *it == line);
+            place.map(|place| self.0.remove(place));
+            self.0.push(line);
+            if self.0.len() > CACHE_LINES {
+                self.0.remove(0);
+            }
+            u64::from(place.is_none())
+        }
+    }
+
+    /// What happens: code goes to a line, or through a loop of so many lines; a guest runs, or another task
+    /// that is stood.
+    #[derive(Debug, Clone)]
+    enum Act {
+        Line(u32),
+        Visit(u32, Vec<(u32, bool)>),
+        Guest(Vec<u32>),
+        Stood(Vec<u32>),
+    }
+
+    const MISS: u64 = 100;
+    const GUESTS: u32 = 12;
+    const STOOD: u32 = 20;
+
+    fn act() -> impl Strategy<Value = Act> {
+        let guest = || proptest::collection::vec(0..GUESTS, 1..20);
+        let in_visit = proptest::collection::vec((0..32_u32, any::<bool>()), 1..60);
+        prop_oneof![
+            20 => (0..2000_u32).prop_map(Act::Line),
+            20 => (0..40_u32).prop_map(Act::Line),
+            1 => (1..=64 - GUESTS - STOOD, in_visit).prop_map(|(lines, rounds)| Act::Visit(lines, rounds)),
+            3 => guest().prop_map(Act::Guest),
+            1 => Just(Act::Guest((0..GUESTS).collect())),
+            2 => proptest::collection::vec(0..STOOD, 1..30).prop_map(Act::Stood),
+        ]
+    }
+
+    /// Code that pushes a guest out again and again, with as few lines as it can.
+    fn pushing_out() -> impl Strategy<Value = Vec<Act>> {
+        (25..40_u32, 1..40_u32).prop_map(|(lines, times)| {
+            let round = |time| {
+                let code = (0..lines).map(move |line| Act::Line(time * lines + line));
+                code.chain([
+                    Act::Stood((0..STOOD).collect()),
+                    Act::Guest((0..GUESTS).collect()),
+                ])
+            };
+            (0..times).flat_map(round).collect()
+        })
+    }
+
+    proptest! {
+        #[test]
+        fn guests_miss_no_more_lines_than_are_charged(
+            acts in prop_oneof![proptest::collection::vec(act(), 1..1500), pushing_out()],
+        ) {
+            let share = Share::new(GUESTS as usize, (GUESTS + STOOD) as usize, MISS).unwrap();
+            let mut cache = Lru::default();
+            let (mut missed, mut again, mut charged) = (0, 0, share.of_visit);
+            let mut in_use = Vec::new();
+            for act in &acts {
+                match act {
+                    Act::Line(line) => {
+                        cache.touch(1000 + line);
+                        charged += share.of_line;
+                        in_use.push(1000 + line);
+                    }
+                    Act::Visit(lines, rounds) => {
+                        // Its own lines, and once those beside.
+                        charged += share.of_visit + u64::from(GUESTS) * MISS;
+                        for (line, preempts) in rounds {
+                            cache.touch(5000 + line % lines);
+                            if *preempts {
+                                missed += (0..GUESTS).map(|line| cache.touch(line)).sum::<u64>();
+                            }
+                        }
+                        in_use.clear();
+                    }
+                    Act::Guest(lines) => {
+                        missed += lines.iter().map(|line| cache.touch(*line)).sum::<u64>();
+                    }
+                    Act::Stood(lines) => {
+                        for line in lines {
+                            cache.touch(100 + line);
+                        }
+                    }
+                }
+                // What was preempted goes on.
+                let begin = in_use.len().saturating_sub(IN_USE);
+                again += in_use[begin..].iter().map(|line| cache.touch(*line)).sum::<u64>();
+            }
+            prop_assert!(missed * MISS <= charged, "{} misses, {} charged", missed, charged);
+            prop_assert_eq!(again, 0);
+        }
     }
 }

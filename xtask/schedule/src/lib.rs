@@ -11,6 +11,7 @@ mod bounds;
 mod budget;
 mod calls;
 mod cause;
+mod company;
 mod config;
 mod count;
 mod crosscheck;

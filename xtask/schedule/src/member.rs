@@ -7,7 +7,7 @@ use std::{collections::BTreeMap, rc::Rc};
 
 use crate::{
     Point, Wcet,
-    keeping::{Kept, Visit},
+    keeping::{Beside, Kept},
     rta::Arrival,
     subject::{Cost, Subject},
 };
@@ -129,26 +129,24 @@ impl Member {
         }
     }
 
-    /// The streams of its work where loops keep their code, and what its visits are like.
+    /// The streams of its work where loops keep their code, and how many lines a visit loads at most.
     pub(crate) fn kept(
         &self,
         subject: &Subject<'_>,
         named: &BTreeMap<String, u64>,
-        beside: &[(usize, Rc<Cost>)],
-    ) -> Option<(Vec<(Arrival, Kept)>, Visit)> {
+        beside: &Beside,
+    ) -> Option<(Vec<(Arrival, Kept)>, u64)> {
         let (all, visit) = subject.kept(self.row, named, beside)?;
         let Some(units) = &self.units else {
             return Some((vec![(self.arrival, all)], visit));
         };
         let (none, _) = subject.kept(self.row, &units.without, beside)?;
+        let alone = units.split(none.alone, all.alone);
         let cycles = units.split(none.all, all.all);
-        let outside = units.split(none.outside, all.outside);
-        let visits = units.split(none.visits, all.visits);
         let parts = self.parts.iter().enumerate().map(|(index, part)| {
             let kept = Kept {
+                alone: alone[index],
                 all: cycles[index],
-                outside: outside[index],
-                visits: visits[index],
             };
             (part.arrival, kept)
         });

@@ -59,10 +59,8 @@ pub enum Cache {
     Uncached,
     /// As [`Cache::Uncached`], but a loop whose code fits it misses each line once for each entry.
     Loops,
-    /// The part of that outside such loops.
-    Outside,
-    /// No cycles: how often such loops are entered.
-    Visits,
+    /// The same with what the code costs those that preempt it, whose lines it pushes out.
+    Shared,
 }
 
 /// Costs by the names of their classes.

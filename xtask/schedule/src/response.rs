@@ -17,7 +17,8 @@ use std::collections::{BTreeMap, BTreeSet};
 
 use crate::{
     Point, Traded, Wcet,
-    keeping::{Guest, Keeping},
+    company::{Company, Streams},
+    keeping::{Keeping, Kept},
     member::Member,
     model::{CACHE_LINES, OUTSTANDING_TRANSFER, RESTART, RETRY},
     rta::{self, Arrival, Load},
@@ -38,6 +39,7 @@ pub(crate) struct Blocking {
     pub(crate) ceiling: Option<u8>,
     pub(crate) cycles: u64,
     pub(crate) lines: BTreeSet<u32>,
+    pub(crate) retries: bool,
     pub(crate) place: String,
 }
 
@@ -218,6 +220,7 @@ struct Window<'a> {
     is_cached: bool,
     blocking: u64,
     blocking_lines: BTreeSet<u32>,
+    blocking_retries: bool,
     blocking_source: String,
 }
 
@@ -253,9 +256,11 @@ impl<'a> Window<'a> {
             is_cached: !subject.model.prefetch,
             blocking: worst.map_or(0, |section| section.cycles),
             blocking_lines: holding
+                .clone()
                 .flat_map(|section| section.lines.clone())
                 .chain(yielding.iter().flat_map(|it| it.cost.lines.clone()))
                 .collect(),
+            blocking_retries: { holding }.any(|section| section.retries),
             blocking_source: worst.map_or_else(String::new, |section| section.place.clone()),
             yielding,
         }
@@ -284,8 +289,11 @@ impl<'a> Window<'a> {
                 all.push(found(response, self.cost(Kind::Warm), "persistent"));
             }
             let preempting = self.preempting();
-            let guests = 1..=preempting.len();
-            all.extend(guests.filter_map(|guests| self.keeping(&preempting, guests)));
+            for beside in 1..=preempting.len() {
+                let guests = 0..=beside;
+                let found = guests.filter_map(|it| self.keeping(&preempting, it, beside - it));
+                all.extend(found);
+            }
         }
         // Each is an upper bound.
         let bounded = all.iter().filter(|found| found.response.is_some());
@@ -323,61 +331,67 @@ impl<'a> Window<'a> {
         higher
     }
 
-    /// The response where loops keep their code beside that of the first so many
-    /// of those that preempt the row.
-    fn keeping(&self, preempting: &[&Member], guests: usize) -> Option<Found> {
-        let beside = preempting[..guests].iter();
-        let beside: Vec<_> = beside.map(|it| (it.row, it.cost.clone())).collect();
-        let kept = |member: &Member| member.kept(self.subject, self.named, &beside);
-        let (own, mut visit) = kept(self.own)?;
-        let mut equals = Vec::new();
+    /// The response where loops keep their code beside that of guests and of tasks that they stand: the
+    /// first so many of those that preempt the row.
+    fn keeping(&self, preempting: &[&Member], guests: usize, stood: usize) -> Option<Found> {
+        let company = Company::new(self.subject, self.named, preempting, (guests, stood))?;
+        let own = company.kept(self.own)?;
         let same = self.others.iter();
-        for other in same.filter(|other| other.priority == self.own.priority) {
-            let (kept, other) = kept(other)?;
-            visit = visit.worst(other);
-            equals.extend(kept);
-        }
-        let run = self.subject.kept(self.own.row, self.named, &beside)?.0;
-        let mut yielding = 0;
-        for other in &self.yielding {
-            let (kept, other) = self.subject.kept(other.row, self.named, &beside)?;
-            visit = visit.worst(other);
-            yielding = yielding.max(kept.all);
-        }
-        let guest = |member: &&Member| Guest {
-            arrival: member.arrival,
-            wcet: member.cost.wcet,
-            dear: self.dear(member),
+        let same = same.filter(|other| other.priority == self.own.priority);
+        let equals: Vec<Streams> = same.map(|it| company.kept(it)).collect::<Option<_>>()?;
+        let yielding = self.yielding.iter();
+        let yielding: Vec<(Kept, u64)> = yielding
+            .map(|it| company.run(it.row))
+            .collect::<Option<_>>()?;
+        let visits = equals.iter().map(|it| it.1);
+        let visits = visits.chain(yielding.iter().map(|it| it.1));
+        let visit = visits.fold(own.1, u64::max);
+        let restart = RESTART + if self.retries() { RETRY } else { 0 };
+        let cost = |member: &Member| {
+            let again = self.reloading(member.priority, Kind::Uncached, Kind::Uncached);
+            company.cost(member, visit, (restart, again))
         };
-        let shares = own.iter();
-        let shares = shares.map(|(arrival, kept)| arrival.rate() * kept.all as f64);
-        let share = shares.sum();
-        let reload = visit.lines * self.miss;
         let price = self.price(|member| {
             if member.priority == self.own.priority {
-                let streams = kept(member)?.0;
+                let (streams, _) = company.kept(member)?;
                 return Some(streams.iter().map(|(_, kept)| kept.all).collect());
             }
-            let is_guest = preempting[..guests].iter().any(|it| it.row == member.row);
-            Some(vec![self.dear(member) + if is_guest { 0 } else { reload }])
+            Some(vec![cost(member)?])
         })?;
+        let loads = preempting.iter().map(|member| {
+            Some(Load {
+                arrival: member.arrival,
+                cost: cost(member)?,
+            })
+        });
+        let once = self.blocking + company.beside.share.of_uncached(self.blocking, self.miss);
+        let shares = own.0.iter();
+        let share = shares.map(|(arrival, kept)| arrival.rate() * kept.alone as f64);
+        let share = share.sum();
         let keeping = Keeping {
-            own,
-            equals,
-            guests: preempting[..guests].iter().map(guest).collect(),
-            intruders: preempting[guests..].iter().map(guest).collect(),
-            reload,
-            restart: RESTART + if visit.retries { RETRY } else { 0 },
-            once: self.blocking + OUTSTANDING_TRANSFER + yielding + price.once,
-            is_linear: self.trade.is_some(),
+            own: own.0,
+            equals: equals.into_iter().flat_map(|it| it.0).collect(),
+            preempting: loads.collect::<Option<_>>()?,
+            once: once
+                + OUTSTANDING_TRANSFER
+                + company.beside.share.of_visit
+                + yielding.iter().map(|it| it.0.all).max().unwrap_or(0)
+                + price.once,
         };
         Some(Found {
             response: Some(keeping.response(self.limit)?),
-            cycles: run.all,
+            cycles: company.run(self.own.row)?.0.alone,
             share,
             via: "loops",
             price: self.trade.map(|_| price.pieces),
         })
+    }
+
+    /// Whether what may be preempted in this window stores exclusively.
+    fn retries(&self) -> bool {
+        let rows = [self.own].into_iter().chain(self.others.iter().copied());
+        let mut rows = rows.chain(self.yielding.iter().copied());
+        self.blocking_retries || rows.any(|it| it.cost.retries)
     }
 
     /// What a run that is traded costs in this window, by what the parts of a row cost; nothing without
@@ -442,13 +456,6 @@ impl<'a> Window<'a> {
         names.chain(section).collect::<Vec<_>>().join(", ")
     }
 
-    /// A run that preempts with what it costs those that it preempts. All of them are charged without
-    /// a cache: one that was charged from a cold cache would have to load all its code again.
-    fn dear(&self, member: &Member) -> u64 {
-        let again = self.reloading(member.priority, Kind::Uncached, Kind::Uncached);
-        member.cost.wcet.uncached + RESTART + RETRY + again
-    }
-
     /// How long lower priorities, or what began before, hold the row up.
     fn held_up(&self) -> u64 {
         let yielding = self.yielding.iter().map(|it| it.cost.wcet.uncached);
@@ -486,6 +493,7 @@ pub(crate) fn blocking(
             ceiling: section.ceiling,
             cycles: section.cycles?,
             lines: section.lines.clone(),
+            retries: section.retries,
             place: own.or(frames.first()).map_or(name, ToString::to_string),
         })
     });

@@ -11,7 +11,7 @@ use crate::{
     budget::{Budgets, Open},
     graph,
     ipet::Search,
-    model,
+    kept, model,
     wcet::Wcets,
 };
 
@@ -30,6 +30,8 @@ pub(crate) struct Held {
     pub(crate) escapes: bool,
     /// Lines that its code touches.
     pub(crate) lines: BTreeSet<u32>,
+    /// Whether it stores exclusively.
+    pub(crate) retries: bool,
 }
 
 /// The kind of register that holds interrupts back.
@@ -56,9 +58,15 @@ fn of_function(wcets: &Wcets<'_>, function: &Function) -> Vec<Held> {
             let called = blocks
                 .iter()
                 .filter_map(|block| function.blocks[*block].call);
+            let called: BTreeSet<u32> = called.collect();
             let mut lines: BTreeSet<u32> = called
-                .flat_map(|call| (*wcets.lines(call)).clone())
+                .iter()
+                .flat_map(|call| (*wcets.lines(*call)).clone())
                 .collect();
+            let reached = called.iter().flat_map(|call| wcets.reach(*call)).collect();
+            let mut own = blocks.iter().map(|block| &function.blocks[*block]);
+            let retries =
+                own.any(kept::stores_exclusively) || kept::has_exclusive_store(wcets, &reached);
             lines.extend(
                 blocks
                     .iter()
@@ -71,6 +79,7 @@ fn of_function(wcets: &Wcets<'_>, function: &Function) -> Vec<Held> {
                 cycles: longest(wcets, function, block, &blocks, &ends),
                 escapes: blocks.iter().any(escaping),
                 lines,
+                retries,
             }
         })
         .collect()

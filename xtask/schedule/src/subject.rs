@@ -10,7 +10,8 @@ use crate::{
     App, AppTask, Cache, Clock, Config, Flaw, Formula, Image, Model, Place, Point, Program, Rule,
     Wcet,
     config::{self, ModeConfig, TaskConfig, Units},
-    keeping::{Kept, Visit},
+    keeping::{Beside, Kept},
+    kept::{self, Share},
     model::LINE_BYTES,
     rta::Arrival,
     stack,
@@ -42,6 +43,7 @@ pub(crate) struct Times {
     burst: Option<Formula>,
     /// Releases that may come together.
     group: u64,
+    jitter: Option<Formula>,
     units: Option<Units>,
     /// Rows that this one lets go first.
     yields_to: Vec<String>,
@@ -56,11 +58,13 @@ pub(crate) struct Cost {
     /// `cold` is 0 where the cache does not hold the row's code.
     pub(crate) wcet: Wcet,
     pub(crate) lines: BTreeSet<u32>,
+    /// Whether it stores exclusively: a store that is preempted is tried again.
+    pub(crate) retries: bool,
 }
 
 /// A row, and the values of the bounds that it uses.
 type Key = (usize, Vec<u64>);
-type KeptKey = (usize, Vec<u64>, Vec<usize>);
+type KeptKey = (usize, Vec<u64>, Vec<usize>, Share);
 
 /// Everything that does not depend on the step rate.
 pub(crate) struct Subject<'a> {
@@ -78,8 +82,9 @@ pub(crate) struct Subject<'a> {
     used: Vec<BTreeSet<String>>,
     /// Costs by row and the values of the bounds that it uses.
     costs: RefCell<BTreeMap<Key, Option<Rc<Cost>>>>,
-    /// The same with loops that keep their code, and the rows beside which they do.
-    kept: RefCell<BTreeMap<KeptKey, Option<(Kept, Visit)>>>,
+    /// The same with loops that keep their code, the rows beside which they do, and the most lines that
+    /// a visit loads.
+    kept: RefCell<BTreeMap<KeptKey, Option<(Kept, u64)>>>,
 }
 
 impl<'a> Subject<'a> {
@@ -296,49 +301,43 @@ impl<'a> Subject<'a> {
         cost
     }
 
-    /// What a row costs where loops keep their code beside that of other rows, and what their visits
-    /// are like.
+    /// What a row costs where loops keep their code beside that of other rows, and how many lines one
+    /// of their visits loads at most.
     pub(crate) fn kept(
         &self,
         row: usize,
         named: &BTreeMap<String, u64>,
-        beside: &[(usize, Rc<Cost>)],
-    ) -> Option<(Kept, Visit)> {
+        beside: &Beside,
+    ) -> Option<(Kept, u64)> {
         let values = self.used[row]
             .iter()
             .map(|name| named.get(name).copied().unwrap_or(u64::MAX));
-        let guests = beside.iter().map(|(row, _)| *row);
-        let key = (row, values.collect::<Vec<_>>(), guests.collect::<Vec<_>>());
+        let key = (row, values.collect(), beside.rows.clone(), beside.share);
         if let Some(known) = self.kept.borrow().get(&key) {
             return *known;
         }
         let mut wcets = self.wcets(&self.rows[row], named);
-        wcets.beside = beside
-            .iter()
-            .flat_map(|(_, cost)| cost.lines.clone())
-            .collect();
+        wcets.beside.clone_from(&beside.lines);
+        wcets.share = beside.share;
         let kept = self.compute_kept(&self.rows[row], &wcets);
         self.kept.borrow_mut().insert(key, kept);
         kept
     }
 
-    fn compute_kept(&self, row: &Row, wcets: &Wcets<'_>) -> Option<(Kept, Visit)> {
+    fn compute_kept(&self, row: &Row, wcets: &Wcets<'_>) -> Option<(Kept, u64)> {
         let frame = self.frame(row) + self.model.miss();
         let bound = |cache| Some(wcets.bound(row.root, cache)?.cycles());
         let kept = Kept {
-            all: bound(Cache::Loops)? + frame,
-            outside: bound(Cache::Outside)? + frame,
-            visits: bound(Cache::Visits)?,
+            alone: bound(Cache::Loops)? + frame,
+            // The vector is a line, too.
+            all: bound(Cache::Shared)? + frame + wcets.share.of_line,
         };
         let reached = wcets.reach(row.root);
         let functions = reached
             .iter()
             .filter_map(|address| self.program.function(*address));
-        let visits = functions.map(|it| Visit {
-            lines: wcets.kept(it).lines.values().copied().max().unwrap_or(0),
-            retries: wcets.kept(it).retries,
-        });
-        Some((kept, visits.fold(Visit::default(), Visit::worst)))
+        let most = functions.filter_map(|it| wcets.kept(it).lines.values().copied().max());
+        Some((kept, most.max().unwrap_or(0)))
     }
 
     /// Entry and exit, and the saving of floating-point registers.
@@ -364,6 +363,7 @@ impl<'a> Subject<'a> {
                 uncached: uncached + frame + vector,
             },
             lines: self.lines(row, &wcets),
+            retries: kept::has_exclusive_store(&wcets, &wcets.reach(row.root)),
         })
     }
 
@@ -444,10 +444,13 @@ impl<'a> Subject<'a> {
         let rate = units.rate.value(&names)?.max(1.0) / self.clock.hclk_hz as f64;
         let burst = units.burst.as_ref().map(|burst| burst.value(&names));
         let burst = burst.transpose()?;
+        let jitter = row.times.as_ref().and_then(|times| times.jitter.as_ref());
+        let jitter = jitter.map(|jitter| jitter.value(&names));
         let arrival = Arrival {
             period: burst.map_or(1.0 / rate, |_| 1.0),
             group: 1,
             sustained: burst.map(|burst| (rate, burst)),
+            jitter: jitter.transpose()?.unwrap_or(0.0),
         };
         let extra = units.extra.value(&names)?.max(0.0).ceil() as u64;
         Ok(Some((units.bound.clone(), arrival, extra)))
@@ -478,6 +481,7 @@ impl<'a> Subject<'a> {
             period: value(&times.period)?,
             group: times.group,
             sustained,
+            jitter: times.jitter.as_ref().map_or(Ok(0.0), value)?,
         };
         Ok(Some((arrival, value(&times.deadline)?)))
     }
@@ -495,6 +499,7 @@ fn times(config: &TaskConfig) -> Option<Times> {
         rate: config.rate.clone(),
         burst: config.burst.clone(),
         group: config.group.unwrap_or(1),
+        jitter: None,
         units: None,
         yields_to: Vec::new(),
         regime: None,
@@ -513,6 +518,7 @@ fn mode_times(task: &str, mode: &ModeConfig) -> Times {
         rate: mode.rate.clone(),
         burst: mode.burst.clone(),
         group: mode.group.unwrap_or(1),
+        jitter: mode.jitter.clone(),
         units: mode.units.clone(),
         yields_to: rows(&mode.yields_to),
         regime: mode

@@ -150,6 +150,7 @@ mod tests {
             period: 10.0,
             group: 1,
             sustained: Some((0.1, 2.0)),
+            jitter: 0.0,
         };
         let part = Part {
             arrival,

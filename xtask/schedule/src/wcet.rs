@@ -15,7 +15,7 @@ use crate::{
     Block, Cache, Count, Function, Instruction, Loop, Model, Region,
     budget::{Budget, Budgets, CALLS, Open, add_open, budget, is_on_each_way},
     ipet::Search,
-    kept::Kept,
+    kept::{Kept, Share},
     model::{self, CACHE_LINES},
     paths::{Graph, Rounds},
 };
@@ -57,6 +57,8 @@ pub(crate) struct Wcets<'a> {
     /// Lines that are used besides while a loop keeps its code in the cache: of the tasks that
     /// preempt it.
     pub(crate) beside: BTreeSet<u32>,
+    /// What code outside of such loops costs these.
+    pub(crate) share: Share,
     /// Named bounds that are looked at with several values.
     pub(crate) varied: BTreeSet<String>,
     bounds: RefCell<Bounds>,
@@ -78,6 +80,7 @@ impl<'a> Wcets<'a> {
             excluded,
             limited: BTreeMap::new(),
             beside: BTreeSet::new(),
+            share: Share::default(),
             varied: BTreeSet::new(),
             bounds: RefCell::default(),
             loops: RefCell::default(),
@@ -147,7 +150,7 @@ impl<'a> Wcets<'a> {
                 .blocks
                 .first()
                 .map_or(0, |block| self.fetches(block)),
-            Cache::Loops | Cache::Outside | Cache::Visits => {
+            Cache::Loops | Cache::Shared => {
                 let kept = self.kept(function);
                 self.way(function, &kept, cache, None, 0, false)
             }
@@ -179,26 +182,26 @@ impl<'a> Wcets<'a> {
         let refill = if is_taken { self.model.refill() } else { 0 };
         let next = &function.blocks[to];
         let before = from.and_then(|from| kept.of_block[from]);
-        match (kept.of_block[to], cache) {
-            (Some(one), Cache::Loops) if before == Some(one) => refill,
-            (Some(one), _) if before == Some(one) => 0,
-            (Some(one), Cache::Loops) => refill + self.model.miss() * kept.lines[&one],
-            (Some(_), Cache::Outside) => refill,
-            (Some(_), _) => 1,
-            (None, Cache::Visits) => 0,
-            (None, _) => {
-                let falls = from.filter(|from| {
-                    !is_taken && before.is_none() && function.blocks[*from].call.is_none()
-                });
-                refill
-                    + match falls {
-                        Some(from) => {
-                            model::new_lines(&function.blocks[from], next) * self.model.miss()
-                        }
-                        None => self.fetches(next),
-                    }
+        let share = if cache == Cache::Shared {
+            self.share
+        } else {
+            Share::default()
+        };
+        refill
+            + match kept.of_block[to] {
+                Some(one) if before == Some(one) => 0,
+                Some(one) => self.model.miss() * kept.lines[&one] + share.of_visit,
+                None => {
+                    let falls = from.filter(|from| {
+                        !is_taken && before.is_none() && function.blocks[*from].call.is_none()
+                    });
+                    let lines = match falls {
+                        Some(from) => model::new_lines(&function.blocks[from], next),
+                        None => model::lines(next).count() as u64,
+                    };
+                    lines * (self.model.miss() + share.of_line)
+                }
             }
-        }
     }
 
     fn fetches(&self, block: &Block) -> u64 {
@@ -216,7 +219,7 @@ impl<'a> Wcets<'a> {
     ) -> Option<Graph> {
         let mut graph = Graph::default();
         let kept = match cache {
-            Cache::Loops | Cache::Outside | Cache::Visits => Some(self.kept(function)),
+            Cache::Loops | Cache::Shared => Some(self.kept(function)),
             Cache::Warm | Cache::Cold | Cache::Uncached => None,
         };
         for (index, block) in function.blocks.iter().enumerate() {
@@ -227,8 +230,9 @@ impl<'a> Wcets<'a> {
                 .is_some_and(|kept| kept.of_block[index].is_some());
             graph.costs.push(match cache {
                 _ if is_out => 0,
-                Cache::Outside | Cache::Visits if is_kept => 0,
-                Cache::Loops if is_kept => self.block(function, block, Cache::Warm, open)?,
+                Cache::Loops | Cache::Shared if is_kept => {
+                    self.block(function, block, Cache::Warm, open)?
+                }
                 _ => self.block(function, block, cache, open)?,
             });
             graph.ends.push(block.ends && !is_out);
@@ -306,10 +310,7 @@ impl<'a> Wcets<'a> {
     ) -> Option<u64> {
         let instructions = block.instructions.iter();
         let mut cycles: u64 = instructions.map(|at| self.cycles(function, at)).sum();
-        let mut refill = self.model.refill();
-        if cache == Cache::Visits {
-            (cycles, refill) = (0, 0);
-        }
+        let refill = self.model.refill();
         match block.call {
             Some(call) if !block.traps && !self.excluded.contains(&call) => {
                 let callee = self.bound(call, cache)?;
