@@ -190,13 +190,11 @@ impl Executor {
             self.speed_mm_s = 0.0;
             return false;
         };
-        if !self.is_begun {
-            self.begin(block, position);
-        }
+        let way = (position, exit_sqr);
         let ends_block = if block.curve.is_some() {
-            self.follow_arc(block, exit_sqr, goal, segment)
+            self.follow_arc(block, way, goal, segment)
         } else {
-            self.follow_line(block, exit_sqr, goal, segment)
+            self.follow_line(block, way, goal, segment)
         };
         if ends_block {
             plan.pop();
@@ -210,11 +208,11 @@ impl Executor {
     fn follow_arc(
         &mut self,
         block: &Block,
-        exit_sqr: f32,
+        way: (&Axes<FineSteps>, f32),
         goal: Goal,
         segment: &mut Segment,
     ) -> bool {
-        self.follow(block.course(), exit_sqr, goal, segment)
+        self.follow(block.course(), way, goal, segment)
     }
 
     /// The same of a line: without a curve, much of it is known when it is compiled.
@@ -222,12 +220,12 @@ impl Executor {
     fn follow_line(
         &mut self,
         block: &Block,
-        exit_sqr: f32,
+        way: (&Axes<FineSteps>, f32),
         goal: Goal,
         segment: &mut Segment,
     ) -> bool {
         let curve = None;
-        self.follow(Course { block, curve }, exit_sqr, goal, segment)
+        self.follow(Course { block, curve }, way, goal, segment)
     }
 
     #[inline(always)]
@@ -235,14 +233,17 @@ impl Executor {
     fn follow(
         &mut self,
         course: Course<'_>,
-        exit_sqr: f32,
+        (position, exit_sqr): (&Axes<FineSteps>, f32),
         goal: Goal,
         segment: &mut Segment,
     ) -> bool {
+        if !self.is_begun {
+            self.begin(course, position);
+        }
         let piece = self.piece(course, exit_sqr);
         let stretch = match goal {
             Goal::Run => self.run(course, &piece),
-            Goal::Stop => self.stop(course.block, &piece),
+            Goal::Stop => self.stop(course, &piece),
         };
         let ends_block = stretch.ends_piece && piece.ends_block;
         self.segment(course, &stretch, ends_block, segment);
@@ -257,17 +258,19 @@ impl Executor {
         ends_block
     }
 
-    fn begin(&mut self, block: &Block, position: &Axes<FineSteps>) {
+    #[inline(always)]
+    #[expect(clippy::inline_always, reason = "as for `follow`")]
+    fn begin(&mut self, course: Course<'_>, position: &Axes<FineSteps>) {
         self.is_begun = true;
         self.is_within = false;
         self.left = WHOLE_Q31;
         self.carry = 0.0;
         self.start = *position;
-        if let Some(curve) = &block.curve {
+        if let Some(curve) = course.curve {
             self.phase = curve.phase;
             self.from_centre = Direction::at(curve.phase);
         }
-        self.axis_speed = axis_speeds(block.course(), self.from_centre, self.speed_mm_s);
+        self.axis_speed = axis_speeds(course, self.from_centre, self.speed_mm_s);
     }
 
     /// What is left of the piece that the machine is in, of a block to be left at a speed.
@@ -446,9 +449,9 @@ impl Executor {
     }
 
     /// A stretch towards a standstill.
-    #[inline(never)]
-    fn stop(&self, block: &Block, piece: &Piece) -> Stretch {
-        let course = block.course();
+    #[inline(always)]
+    #[expect(clippy::inline_always, reason = "as for `follow`")]
+    fn stop(&self, course: Course<'_>, piece: &Piece) -> Stretch {
         let speed = self.speed_mm_s;
         let measure = course.measure(speed * speed);
         let per_mm = course.measure_per_mm();

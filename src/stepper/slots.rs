@@ -198,27 +198,54 @@ impl Slots {
     ) {
         let (mut here, mut out) = (*cursor, *events);
         let mut first = here.free / WORD_BITS * WORD_BITS;
-        // wcet-bound: segment_words
-        while first.wrapping_sub(end).cast_signed() < 0 {
+        here.free = end;
+        let is_before = |first: u32| first.wrapping_sub(end).cast_signed() < 0;
+        let later = |first: u32| {
             let ahead = end.wrapping_sub(first);
-            let later = u32::MAX.checked_shr(ahead).unwrap_or(0);
-            let (mut bits, marks) = self.take_before(first, later);
-            if let Some(place) = first_of(bits) {
-                let mark = &mut marks[place as usize];
-                *mark = here.mark(*mark);
-            }
-            let begin = first.wrapping_sub(base).wrapping_mul(SLOT_TICKS);
-            // wcet-bound: 32, wcet-total: segment_events
-            while let Some(place) = first_of(bits) {
-                bits &= !bit(place);
-                let what = core::mem::take(&mut marks[place as usize]);
-                let time = begin.wrapping_add(place * SLOT_TICKS);
-                let time = time.wrapping_add(what.ticks()).cast_signed();
-                out.put(here.next(time, what));
+            u32::MAX.checked_shr(ahead).unwrap_or(0)
+        };
+        let mut bits = 0;
+        // wcet-bound: segment_words, wcet-total: segment_words
+        while is_before(first) {
+            bits = *self.word(first) & !later(first);
+            if bits != 0 {
+                break;
             }
             first = first.wrapping_add(WORD_BITS);
         }
-        here.free = end;
+        let Some(place) = first_of(bits) else {
+            *cursor = here;
+            return;
+        };
+        // The reader sees them together: so none has to tell that there is none behind it.
+        let held = out.hold();
+        let slot = first.wrapping_add(place);
+        let begin = core::mem::take(self.mark(slot));
+        let time = slot.wrapping_sub(base).wrapping_mul(SLOT_TICKS);
+        let time = time.wrapping_add(begin.ticks()).cast_signed();
+        let begin = here.next(time, begin);
+        let begin = here.mark(begin);
+        *self.word(slot) &= !bit(slot);
+        let mut put =
+            |first: u32, (mut bits, marks): (u32, &mut [StepEvent; WORD_BITS as usize])| {
+                let begin = first.wrapping_sub(base).wrapping_mul(SLOT_TICKS);
+                // wcet-bound: 32, wcet-total: segment_events
+                while let Some(place) = first_of(bits) {
+                    bits &= !bit(place);
+                    let what = core::mem::take(&mut marks[place as usize]);
+                    let time = begin.wrapping_add(place * SLOT_TICKS);
+                    let time = time.wrapping_add(what.ticks()).cast_signed();
+                    out.put_behind(here.next(time, what));
+                }
+            };
+        let last = end / WORD_BITS * WORD_BITS;
+        // wcet-bound: segment_words, wcet-total: segment_words
+        while first != last {
+            put(first, self.take_before(first, 0));
+            first = first.wrapping_add(WORD_BITS);
+        }
+        put(first, self.take_before(first, later(first)));
+        out.release(held, begin);
         out.publish();
         (*cursor, *events) = (here, out);
     }

@@ -35,7 +35,7 @@ impl Executor {
             return false;
         };
         if !self.is_begun {
-            self.begin(block, position);
+            self.begin(block.course(), position);
         }
         let left_mm = self.left as f32 * (block.length_mm / WHOLE_Q31 as f32);
         let (length_mm, ends_block) = self.piece_length(block.course(), left_mm, SMOOTH_SLIVER_S);

@@ -114,7 +114,9 @@ fn pays(wcets: &Wcets<'_>, looped: &Loop, own: usize, all: usize) -> bool {
         Count::Named(name) if wcets.varied.contains(name) => VARIED_ROUNDS,
         Count::Named(_) => wcets.number(count).unwrap_or(0),
     });
-    rounds.saturating_mul(own as u64) > 2 * all as u64
+    let (miss, share) = (wcets.model.miss(), wcets.share);
+    let each_round = rounds.saturating_mul(own as u64 * (miss + share.of_line));
+    each_round > all as u64 * miss + share.of_visit
 }
 
 #[cfg(test)]
