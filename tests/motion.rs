@@ -5,6 +5,7 @@ mod support;
 
 use leadscrew::{
     axis::Axes,
+    machine::State,
     planner::{Command, Pace, Plane, Rotation},
     settings::Settings,
     units::{Nm, TICKS_PER_MS},
@@ -99,6 +100,29 @@ fn steps_at_the_ends_of_segments_are_not_taken_for_acceleration() {
         [2.262_495, -1.743_626, -1.113_529],
     ];
     check(&settings, &commands.map(|to| line_at(at(&to), Pace::Rapid)));
+}
+
+#[test]
+fn a_flood_of_requests_does_not_have_the_queue_run_dry() {
+    let settings = with(&[320.0], &[6000.0], &[500.0]);
+    let commands = number(&[line(&[40.0], 6000.0)]);
+    // Up, down, up, down; and resets, of which the first one has the machine slow down.
+    for flood in [[0x91, 0x92], [RESET, RESET]] {
+        let mut rig = Rig::new(&settings);
+        for command in &commands {
+            let work = rig.router.work(command).expect("it moves");
+            assert!(rig.enqueue(work));
+        }
+        rig.run_to(250 * u64::from(TICKS_PER_MS));
+        assert_eq!(rig.snapshot().state, State::Run);
+        rig.run_flooded(&flood.repeat(1000), u64::from(TICKS_PER_MS) * 2 / 5);
+        let snapshot = rig.snapshot();
+        assert!(!snapshot.is_starved);
+        assert!(snapshot.is_at_rest);
+        assert_eq!(snapshot.steps, rig.trace.net_steps());
+        rig.trace.check_pulses();
+        check_limits(&settings, &rig.trace);
+    }
 }
 
 #[test]

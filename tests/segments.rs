@@ -18,7 +18,7 @@ const MEAN_TICKS: u32 = TICKS_PER_MS * 7 / 10;
 const SMOOTH_MEAN_TICKS: u32 = TICKS_PER_MS * 3 / 4;
 const SMOOTH_SAVED: u32 = 2;
 /// `[trade]` there: a segment may come instead of so many steps.
-const TRADED_STEPS: f64 = (70 + 15 * (AXES - 3)) as f64;
+const TRADED_STEPS: f64 = (78 + 12 * (AXES - 3)) as f64;
 /// As `saved_segments`, of which one is what is begun before those that are saved.
 const SAVED: f64 = 2.0;
 /// Longest segment, with a standstill that comes and goes in the same step.
@@ -236,8 +236,8 @@ fn short_lines_s(step_rate: StepRate) -> Result<f64, TestCaseError> {
 #[test]
 fn lines_of_few_steps_follow_each_other_faster() -> Result<(), TestCaseError> {
     // What is proven at 1 Mbaud with three axes.
-    let seconds = short_lines_s(StepRate::Proven(143_400))?;
-    let steps_per_s = 143_400.0;
+    let seconds = short_lines_s(StepRate::Proven(155_000))?;
+    let steps_per_s = 155_000.0;
     let expected = (TRADED_STEPS + 10.0) / (TRADED_STEPS / 0.7e-3 + steps_per_s);
     assert!((seconds / expected - 1.0).abs() < 0.01, "{seconds} s");
     assert!(AXES > 3 || seconds <= 1.0 / 3000.0, "{seconds} s");
@@ -249,7 +249,7 @@ fn lines_of_few_steps_follow_each_other_faster() -> Result<(), TestCaseError> {
 
 #[test]
 fn an_axis_that_turns_at_each_line_makes_no_more_steps_than_are_proven() {
-    for hz in [60_000, 143_400] {
+    for hz in [60_000, 155_000] {
         let settings = Settings {
             step_rate: StepRate::Proven(hz),
             step_pulse_us: 1,

@@ -3,7 +3,7 @@
 //! Joins the look-ahead, the speed profile, the step generator and the machine's state, and owns
 //! them all. Runs when a segment begins to be played, when an entry or a request has come, and again
 //! while there is more to do: each run does one [`Unit`] of work, so that the longest of them bounds
-//! it. Deadline: the events queued ahead, [`URGENT_TICKS`](crate::stepper::URGENT_TICKS); a miss
+//! it. Deadline: the events queued ahead, [`AHEAD_TICKS`](crate::stepper::AHEAD_TICKS); a miss
 //! starves the step interrupt, which is a fault.
 
 mod cycles;
@@ -67,6 +67,8 @@ pub struct Motion {
     epoch: u32,
     /// The requests acted on, by their count.
     heard: u32,
+    /// When that was, by the motion played.
+    heard_ticks: u32,
     /// Motions ended before their target, wrapping.
     cuts: u32,
     finished: u32,
@@ -141,6 +143,7 @@ impl Motion {
             power: Power::OFF,
             epoch: 0,
             heard: 0,
+            heard_ticks: 0,
             cuts: 0,
             reset_in_motion: false,
             is_starved: false,
@@ -247,8 +250,8 @@ impl Motion {
             Unit::Nothing => {}
             Unit::Fail => self.fail(counts),
             Unit::Cut => self.cut(counts, events),
-            Unit::Reset => self.reset(requests),
-            Unit::Obey => self.obey(requests),
+            Unit::Reset => self.reset(requests, counts),
+            Unit::Obey => self.obey(requests, counts),
             Unit::Find => self.find(inputs, counts, events),
             Unit::Plan => self.plan_on(),
             Unit::Take => self.take(entries, inputs),

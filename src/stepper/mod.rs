@@ -29,13 +29,10 @@ use crate::units::{TICKS_PER_MS, TICKS_PER_US};
 
 /// Segments that may wait for the step interrupt, and one more: a power of two.
 pub const SEGMENT_RING: usize = 32;
-/// Motion ahead below which another segment is made, ticks, counted from where the segment being
-/// played begins. A feed hold waits for that and for a segment more: 5 ms.
+/// Motion ahead below which `prepare` makes another segment before anything else, ticks, counted from
+/// where the segment being played begins. At the end of that one, 2 ms are left, for one other unit of
+/// work and the next segment. A feed hold waits for it and for a segment more: 5 ms.
 pub const AHEAD_TICKS: u32 = 7 * TICKS_PER_MS / 2;
-/// Motion ahead below which `prepare` makes a segment before anything else, ticks, counted from
-/// where the segment being played begins: half of it is left at the end of that one, for one other
-/// unit of work and the beginning of a segment.
-pub const URGENT_TICKS: u32 = 3 * TICKS_PER_MS;
 /// A segment of a long motion, ticks.
 pub const SEGMENT_TICKS: u32 = TICKS_PER_MS;
 /// Longest segment, ticks.

@@ -196,12 +196,34 @@ impl Rig {
     }
 
     pub(crate) fn receive(&mut self, byte: u8) {
+        self.ask(byte);
+        self.prepare();
+    }
+
+    /// A realtime byte comes; `prepare` has not run yet.
+    fn ask(&mut self, byte: u8) {
         let mut line = leadscrew::protocol::Bytes::<4>::new();
         let (mut producer, _) = line.split();
         let _ = realtime::receive(byte, &self.requests, &mut producer);
         self.is_recovering |= byte == RESET;
         self.drive.release_prepare();
+    }
+
+    /// These bytes come one after another, each before a run of `prepare`, which takes so many ticks.
+    pub(crate) fn run_flooded(&mut self, bytes: &[u8], run_ticks: u64) {
+        for byte in bytes {
+            self.ask(*byte);
+            self.drive.prepare(&self.requests, self.now);
+            let end = self.now + run_ticks;
+            while let Some(due) = self.drive.due().filter(|due| *due <= end) {
+                self.now = due;
+                self.step();
+            }
+            self.now = end;
+        }
+        self.run_to_rest();
         self.prepare();
+        self.recover();
     }
 
     fn wake(&mut self) {

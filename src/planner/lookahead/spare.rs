@@ -8,7 +8,7 @@ use super::super::{
 use crate::{
     axis::AXES,
     math,
-    stepper::{SEGMENT_RING, URGENT_TICKS},
+    stepper::{AHEAD_TICKS, SEGMENT_RING},
     units::{FineSteps, TICKS_PER_SECOND},
 };
 
@@ -17,13 +17,13 @@ use crate::{
 const MEAN_S: f32 = 0.7e-3;
 /// Steps that cost no less than a segment of a line: where so many fewer are made than could be, one
 /// more may be. `[trade]` in `schedule.toml`.
-const TRADED_STEPS: u32 = 70 + 15 * (AXES as u32 - 3);
+const TRADED_STEPS: u32 = 78 + 12 * (AXES as u32 - 3);
 /// The greatest step rate that is reckoned with for that, Hz: so that the ring of segments always holds
 /// as much time as `prepare` needs.
-const TRADED_HZ: u32 = 200_000;
+const TRADED_HZ: u32 = 250_000;
 const _: () = {
-    let urgent_s = URGENT_TICKS as f32 / TICKS_PER_SECOND as f32;
-    let segments = urgent_s / MEAN_S + urgent_s * TRADED_HZ as f32 / TRADED_STEPS as f32;
+    let ahead_s = AHEAD_TICKS as f32 / TICKS_PER_SECOND as f32;
+    let segments = ahead_s / MEAN_S + ahead_s * TRADED_HZ as f32 / TRADED_STEPS as f32;
     assert!(segments + 3.0 <= SEGMENT_RING as f32);
 };
 /// What a first or a last piece of an arc can cost, s: it may be as short as a piece can be.

@@ -10,9 +10,10 @@ use crate::{
 impl Motion {
     /// Acts on everything that has been asked for since the last time.
     #[inline(never)]
-    pub(super) fn obey(&mut self, requests: &Requests) {
+    pub(super) fn obey(&mut self, requests: &Requests, counts: &StepCounts) {
         // Before the requests: one that comes meanwhile counts as new in the next run.
         self.heard = requests.asked();
+        self.heard_ticks = counts.played_ticks();
         self.take_overrides(requests);
         if requests.take_wake() {
             self.wake();
@@ -212,8 +213,9 @@ impl Motion {
     /// Everything off, everything planned void; an axis that moves slows down.
     #[cold]
     #[inline(never)]
-    pub(super) fn reset(&mut self, requests: &Requests) {
+    pub(super) fn reset(&mut self, requests: &Requests, counts: &StepCounts) {
         self.epoch = requests.epoch();
+        self.heard_ticks = counts.played_ticks();
         self.is_starved = false;
         self.is_critical = false;
         self.fault = None;

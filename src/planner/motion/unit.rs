@@ -2,9 +2,9 @@
 //! more to do.
 //!
 //! So a run lasts as long as its longest unit, not as long as all of them, and whatever comes is
-//! looked at between two. In order of precedence: what stops the machine; a segment that is needed
-//! soon; what has been asked for; what the switches say; the plan; entries; a segment in advance; what follows
-//! from being at rest.
+//! looked at between two. In order of precedence: what stops the machine; what has been asked for, but
+//! not again and again; a segment that is needed; what the switches say; the plan; entries; a first
+//! segment; what follows from being at rest.
 
 use heapless::spsc::Consumer;
 
@@ -13,8 +13,13 @@ use crate::{
     machine::Inputs,
     planner::Entry,
     protocol::realtime::Requests,
-    stepper::{AHEAD_TICKS, StepCounts, URGENT_TICKS},
+    stepper::{AHEAD_TICKS, StepCounts},
+    units::TICKS_PER_MS,
 };
+
+/// Motion played from one look at what has been asked for to the next that comes before a segment which
+/// is needed, ticks: so a flood of bytes does not have the queue run dry. Others come where there is time.
+const PATIENCE_TICKS: u32 = 5 * TICKS_PER_MS;
 
 /// What a run does.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -64,18 +69,17 @@ impl Motion {
         if !is_running && counts.is_cut() {
             return Unit::Cut;
         }
-        if requests.epoch() != self.epoch {
-            return Unit::Reset;
-        }
         let played = counts.played_ticks();
         let ahead = self.generator.clock_ticks().wrapping_sub(played);
         let makes = self.makes_segment(ahead, played, counts);
-        let is_urgent = is_running && ahead < URGENT_TICKS || self.generator.is_open();
-        if makes && is_urgent {
+        let is_due = makes && (is_running || self.generator.is_open());
+        let asked = self.asked(requests);
+        let waits = played.wrapping_sub(self.heard_ticks) < PATIENCE_TICKS;
+        if is_due && (asked.is_none() || waits) {
             return self.segment_unit();
         }
-        if requests.asked() != self.heard {
-            return Unit::Obey;
+        if let Some(unit) = asked {
+            return unit;
         }
         if self.is_in_cycle() && self.has_found(inputs) {
             return Unit::Find;
@@ -96,6 +100,18 @@ impl Motion {
             Unit::Settle
         } else {
             Unit::Nothing
+        }
+    }
+
+    /// What has been asked for.
+    #[inline]
+    fn asked(&self, requests: &Requests) -> Option<Unit> {
+        if requests.epoch() != self.epoch {
+            Some(Unit::Reset)
+        } else if requests.asked() != self.heard {
+            Some(Unit::Obey)
+        } else {
+            None
         }
     }
 
@@ -134,14 +150,8 @@ impl Motion {
         if self.generator.is_open() {
             return self.full != Some(played);
         }
-        // The cells that are known come on top of that where the jerk is limited.
-        let most = if self.smooth.is_on() {
-            URGENT_TICKS
-        } else {
-            AHEAD_TICKS
-        };
         // A segment that had to be stretched may last longer than that, and still needs another.
-        let is_ahead = ahead >= most && played != self.newest;
+        let is_ahead = ahead >= AHEAD_TICKS && played != self.newest;
         !is_ahead && counts.has_room() && (self.rest.is_none() || self.has_motion())
     }
 }
