@@ -20,7 +20,7 @@ const MEAN_S: f32 = 0.7e-3;
 const TRADED_STEPS: u32 = 78 + 12 * (AXES as u32 - 3);
 /// The greatest step rate that is reckoned with for that, Hz: so that the ring of segments always holds
 /// as much time as `prepare` needs.
-const TRADED_HZ: u32 = 250_000;
+const TRADED_HZ: u32 = 200_000;
 const _: () = {
     let ahead_s = AHEAD_TICKS as f32 / TICKS_PER_SECOND as f32;
     let segments = ahead_s / MEAN_S + ahead_s * TRADED_HZ as f32 / TRADED_STEPS as f32;

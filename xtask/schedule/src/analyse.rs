@@ -368,7 +368,9 @@ impl<'a> Analysis<'a> {
     /// The highest step rate at which every deadline is met. Whatever holds at a rate holds at all
     /// lower ones: they release nothing more often, and lengthen no loop.
     fn proven(&self, baud: u32) -> Result<u32, String> {
-        let (mut low, mut high) = (0, HIGHEST_RATE / RATE_STEP);
+        let highest = self.subject.config.limits.step_rate_hz;
+        let highest = highest.unwrap_or(HIGHEST_RATE);
+        let (mut low, mut high) = (0, highest / RATE_STEP + 1);
         while high - low > 1 {
             let middle = u32::midpoint(low, high);
             if self.is_met(middle * RATE_STEP, baud)? {

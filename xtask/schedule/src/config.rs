@@ -1,6 +1,6 @@
 //! `schedule.toml`: what the analysis cannot know from the program.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 
 use serde::Deserialize;
 
@@ -105,6 +105,8 @@ pub struct Limits {
     pub icache_lines: usize,
     /// Bytes at the end of the stack that must not be touched.
     pub stack_guard_bytes: u64,
+    /// Step rate above which none is looked for, a second: what the queues of the program are made for.
+    pub step_rate_hz: Option<u32>,
 }
 
 /// What the table is for, when nothing else is asked for.
@@ -274,6 +276,26 @@ impl Config {
         names.formulas.remove(without);
         names.values.insert(without, 0.0);
         self.evaluate(&names)
+    }
+
+    /// A named bound and all whose formulas name it, directly or not.
+    pub(crate) fn following(&self, bound: &str) -> BTreeSet<String> {
+        let mut found = BTreeSet::from([bound.to_owned()]);
+        loop {
+            let names = |formula: &Formula| {
+                let text = formula.to_string();
+                let mut words = text.split(|c: char| !c.is_alphanumeric() && c != '_');
+                words.any(|word| found.contains(word))
+            };
+            let more: Vec<String> = { self.bounds.iter() }
+                .filter(|(name, formula)| !found.contains(*name) && names(formula))
+                .map(|(name, _)| name.clone())
+                .collect();
+            if more.is_empty() {
+                return found;
+            }
+            found.extend(more);
+        }
     }
 
     fn evaluate(&self, names: &Names<'_>) -> Result<BTreeMap<String, u64>, String> {

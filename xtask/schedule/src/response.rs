@@ -345,6 +345,12 @@ impl<'a> Window<'a> {
             .collect::<Option<_>>()?;
         let visits = equals.iter().map(|it| it.1);
         let visits = visits.chain(yielding.iter().map(|it| it.1));
+        // One that preempts may be preempted in a visit, too.
+        let preempted = preempting.iter().skip(guests + stood);
+        let preempted: Vec<u64> = preempted
+            .map(|it| Some(company.run(it.row)?.1))
+            .collect::<Option<_>>()?;
+        let visits = visits.chain(preempted);
         let visit = visits.fold(own.1, u64::max);
         let restart = RESTART + if self.retries() { RETRY } else { 0 };
         let cost = |member: &Member| {

@@ -80,17 +80,16 @@ pub(crate) fn response(own: &[Load], others: &[Load], once: u64, limit: u64) -> 
     })
 }
 
-/// How many jobs of each stream of a task have arrived when the last stream has had so many.
+/// How many jobs of each stream of a task have arrived when the last stream has had so many, and before
+/// it has the next one.
 pub(crate) fn arrived(streams: impl Iterator<Item = Arrival>, jobs: u64) -> Vec<u64> {
     let streams: Vec<Arrival> = streams.collect();
-    let time = streams
-        .last()
-        .map_or(0.0, |last| last.release(jobs.saturating_sub(1)));
+    let time = streams.last().map_or(0.0, |last| last.release(jobs));
     let count = |(index, arrival): (usize, &Arrival)| {
         if index + 1 == streams.len() {
             jobs
         } else {
-            arrival.due(time + 1.0).max(1)
+            arrival.due(time).max(1)
         }
     };
     streams.iter().enumerate().map(count).collect()
@@ -210,10 +209,11 @@ mod tests {
             sustained: None,
             jitter: 0.0,
         };
-        // Runs each 100 cycles, pieces each 30: with the fifth piece, at 120, two runs are there.
+        // Runs each 100 cycles, pieces each 30: before the fifth piece, at 120, two runs are there.
         let counts = |jobs| arrived([every(100.0), every(30.0)].into_iter(), jobs);
         assert_eq!(counts(1), [1, 1]);
-        assert_eq!(counts(4), [1, 4]);
+        assert_eq!(counts(3), [1, 3]);
+        assert_eq!(counts(4), [2, 4]);
         assert_eq!(counts(5), [2, 5]);
         let loads = [
             Load {

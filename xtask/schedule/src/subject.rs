@@ -275,7 +275,8 @@ impl<'a> Subject<'a> {
             wcets.limited.insert(*address, named.get(name).copied());
         }
         let units = row.times.as_ref().and_then(|times| times.units.as_ref());
-        wcets.varied = units.map(|units| units.bound.clone()).into_iter().collect();
+        wcets.varied =
+            units.map_or_else(BTreeSet::new, |units| self.config.following(&units.bound));
         wcets
     }
 
