@@ -430,7 +430,8 @@ impl Generator {
     }
 
     /// Puts the events of the segment, which tells; or nothing, while there is no room for all. Room
-    /// for two segments of 1.5 ms is there up to 350 000 steps per second of all axes together.
+    /// for 3.5 ms of events and a segment of 1.5 ms is there up to 200 000 steps per second of all axes
+    /// together: the proof looks for no higher rate.
     pub fn fill(&mut self, events: &mut EventWriter<'_>) -> bool {
         let mut events = events.begin();
         if events.room() < self.most_events.min(EVENT_RING as u32) {
