@@ -67,7 +67,7 @@ pub struct Motion {
     epoch: u32,
     /// The requests acted on, by their count.
     heard: u32,
-    /// When that was, by the motion played.
+    /// When that was, by the motion played, or so long ago that it no longer matters.
     heard_ticks: u32,
     /// Motions ended before their target, wrapping.
     cuts: u32,

@@ -22,8 +22,11 @@ use crate::{
 };
 
 /// Events of a segment besides two for each step: a change of direction, the ends of pulses that
-/// have begun before, and its beginning when it has no others.
+/// have begun before, and its end when the last of the others comes long before.
 const OTHER_EVENTS: u32 = 2 + AXES as u32;
+/// The queue runs dry with a segment's last event: so that comes less than so many slots before the
+/// segment's end. The deadline of segments in `schedule.toml` counts with it.
+const END_SLOTS: u32 = 16;
 /// A bit for each axis.
 const ALL_AXES: u32 = (1 << AXES) - 1;
 
@@ -531,7 +534,7 @@ impl Generator {
         self.last_step = self.last_step.max(placing.slot);
     }
 
-    /// Puts what is in the slots of the segment. One without steps still has an event, before its end.
+    /// Puts what is in the slots of the segment, and an event before its end if there is none.
     fn close(&mut self, events: &mut EventBatch<'_>) {
         let mut end = ((self.offset + self.ticks) / SLOT_TICKS).max(self.last_step + 1);
         if self.is_rest {
@@ -545,10 +548,12 @@ impl Generator {
         if is_ahead(end, self.cursor.free) {
             self.slots.sweep(base, end, &mut self.cursor, events);
         }
-        if self.cursor.is_boundary {
-            let before = end.wrapping_sub(1).wrapping_sub(base).cast_signed() * SLOT;
-            let begin = self.cursor.mark(StepEvent::NONE);
-            events.put(self.cursor.next(before, begin));
+        let before = end.wrapping_sub(1).wrapping_sub(base).cast_signed() * SLOT;
+        // The segment ends less than two slots after that.
+        let is_early = before - self.cursor.last >= (END_SLOTS - 2).cast_signed() * SLOT;
+        if self.cursor.is_boundary || is_early && !self.is_rest {
+            let what = self.cursor.mark(StepEvent::NONE);
+            events.put(self.cursor.next(before, what));
             events.publish();
             let slot = (self.cursor.last.max(0) / SLOT).cast_unsigned();
             self.cursor.free = base.wrapping_add(slot + 1);

@@ -19,7 +19,9 @@ mod tests {
     use super::*;
     use crate::{
         axis::{AXES, Axes},
-        stepper::{AxisMotion, EventRing, Generator, Segment, StepCounts, generator},
+        stepper::{
+            AxisMotion, EVENT_SPACING_TICKS, EventRing, Generator, Segment, StepCounts, generator,
+        },
         units::{FineSteps, TICKS_PER_US},
     };
 
@@ -41,9 +43,16 @@ mod tests {
         2.0 * way / (speed + (speed * speed + 2.0 * acceleration * way).max(0.0).sqrt())
     }
 
-    /// Times at which the steps of each axis are due and come, in segments of some length, at the end
-    /// of which the axes have parts of the highest speed. All go forwards.
-    fn play(pulse_us: u8, segments: &[(u32, [f64; 3])]) -> [Vec<(f64, f64)>; 3] {
+    struct Played {
+        /// Times at which the steps of each axis are due and come.
+        steps: [Vec<(f64, f64)>; 3],
+        /// From the last event of each segment to the segment's end, ticks.
+        ends: Vec<f64>,
+    }
+
+    /// Segments of some length, at the end of which the axes have parts of the highest speed. All go
+    /// forwards.
+    fn play(pulse_us: u8, segments: &[(u32, [f64; 3])]) -> Played {
         let mut generator = Generator::new();
         generator.set_pulse_us(pulse_us);
         let (mut ring, counts) = (EventRing::new(), StepCounts::new());
@@ -53,7 +62,7 @@ mod tests {
             speed: 0.0,
         }; 3];
         let (mut due, mut come): ([Vec<f64>; 3], [Vec<f64>; 3]) = Default::default();
-        let mut now = 0.0;
+        let (mut now, mut ends) = (0.0, Vec::new());
         for (ticks, parts) in segments {
             let begin = f64::from(generator.clock_ticks());
             let length = f64::from(*ticks);
@@ -93,13 +102,15 @@ mod tests {
                     }
                 }
             }
+            ends.push(f64::from(generator.clock_ticks()) - now);
             writer.drop_waiting();
             counts.drop_waiting();
         }
-        from_fn(|axis| {
+        let steps = from_fn(|axis| {
             let times = due[axis].iter().zip(&come[axis]);
             times.map(|(due, come)| (*due, *come)).collect()
-        })
+        });
+        Played { steps, ends }
     }
 
     fn speeds() -> impl Strategy<Value = [f64; 3]> {
@@ -117,7 +128,7 @@ mod tests {
             const _: () = assert!(AXES >= 3);
             // The direction is set in the first segment.
             let first = f64::from(segments[0].0);
-            for (axis, steps) in play(pulse_us, &segments).iter().enumerate() {
+            for (axis, steps) in play(pulse_us, &segments).steps.iter().enumerate() {
                 for (due, come) in steps.iter().filter(|(due, _)| *due > first) {
                     let late = come - due;
                     prop_assert!(
@@ -125,6 +136,17 @@ mod tests {
                         "axis {axis}: {late} ticks at {due}"
                     );
                 }
+            }
+        }
+
+        #[test]
+        fn the_last_event_of_a_segment_comes_shortly_before_its_end(
+            pulse_us in 1_u8..20,
+            segments in prop::collection::vec((60_000_u32..120_000, speeds()), 2..20),
+        ) {
+            // `schedule.toml` counts with 16 spacings.
+            for left in play(pulse_us, &segments).ends {
+                prop_assert!(left < 16.0 * f64::from(EVENT_SPACING_TICKS), "{left} ticks");
             }
         }
     }

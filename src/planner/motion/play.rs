@@ -27,6 +27,7 @@ impl Motion {
     #[inline]
     fn begin_segment(&mut self, inputs: &Inputs, counts: &StepCounts) -> bool {
         let start = self.generator.clock_ticks();
+        self.forget_heard(counts.played_ticks());
         if self.next_segment(inputs) {
             self.rest = None;
             self.generator.begin(&self.segment, counts);

@@ -71,10 +71,10 @@ impl Motion {
         }
         let played = counts.played_ticks();
         let ahead = self.generator.clock_ticks().wrapping_sub(played);
-        let makes = self.makes_segment(ahead, played, counts);
+        let makes = self.makes_segment(ahead, played, is_running, counts);
         let is_due = makes && (is_running || self.generator.is_open());
         let asked = self.asked(requests);
-        let waits = played.wrapping_sub(self.heard_ticks) < PATIENCE_TICKS;
+        let waits = self.has_just_heard(played);
         if is_due && (asked.is_none() || waits) {
             return self.segment_unit();
         }
@@ -100,6 +100,21 @@ impl Motion {
             Unit::Settle
         } else {
             Unit::Nothing
+        }
+    }
+
+    /// Whether what is asked for waits for segments.
+    #[inline]
+    fn has_just_heard(&self, played: u32) -> bool {
+        played.wrapping_sub(self.heard_ticks) < PATIENCE_TICKS
+    }
+
+    /// Lets the last request seem no longer ago than matters: the clock of the motion comes round. Once
+    /// in a segment.
+    #[inline]
+    pub(super) fn forget_heard(&mut self, played: u32) {
+        if !self.has_just_heard(played) {
+            self.heard_ticks = played.wrapping_sub(PATIENCE_TICKS);
         }
     }
 
@@ -144,14 +159,21 @@ impl Motion {
         }
     }
 
-    /// Whether a segment can be made now, and is to be.
+    /// Whether a segment can be made now, and is to be. Behind a standstill that is still to be played
+    /// none is: what follows begins with as much ahead as any start has.
     #[inline]
-    fn makes_segment(&self, ahead: u32, played: u32, counts: &StepCounts) -> bool {
+    fn makes_segment(
+        &self,
+        ahead: u32,
+        played: u32,
+        is_running: bool,
+        counts: &StepCounts,
+    ) -> bool {
         if self.generator.is_open() {
             return self.full != Some(played);
         }
         // A segment that had to be stretched may last longer than that, and still needs another.
         let is_ahead = ahead >= AHEAD_TICKS && played != self.newest;
-        !is_ahead && counts.has_room() && (self.rest.is_none() || self.has_motion())
+        !is_ahead && counts.has_room() && (self.rest.is_none() || !is_running && self.has_motion())
     }
 }
