@@ -126,6 +126,25 @@ fn a_flood_of_requests_does_not_have_the_queue_run_dry() {
 }
 
 #[test]
+fn a_move_that_comes_before_a_standstill_is_over_begins_with_a_start() {
+    let settings = with(&[320.0], &[6000.0], &[500.0]);
+    let commands = number(&[line(&[1.0], 6000.0), line(&[2.0], 6000.0)]);
+    let mut rig = Rig::new(&settings);
+    // It takes 89.4 ms, and its standstill is in the queue 2 ms before that.
+    for (command, until_ms) in commands.iter().zip([88, 88]) {
+        let work = rig.router.work(command).expect("it moves");
+        assert!(rig.enqueue(work));
+        rig.run_to(until_ms * u64::from(TICKS_PER_MS));
+    }
+    assert!(!rig.snapshot().is_at_rest);
+    rig.run_to_rest();
+    assert_eq!(rig.trace.starts.len(), 2);
+    assert_eq!(rig.snapshot().steps.0[0], 640);
+    rig.trace.check_pulses();
+    check_limits(&settings, &rig.trace);
+}
+
+#[test]
 fn two_resets_in_a_row_keep_the_position() {
     let settings = with(&[320.0], &[6000.0], &[500.0]);
     let commands = number(&[line(&[40.0], 6000.0), line(&[0.0, 3.0], 6000.0)]);
