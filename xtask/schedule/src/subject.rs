@@ -26,12 +26,22 @@ pub(crate) struct Row {
     pub(crate) task: AppTask,
     /// Its handler.
     pub(crate) root: u32,
+    /// That, and what else vectors call which call it.
+    entries: Vec<u32>,
     /// Functions that are not called in it.
     pub(crate) excluded: BTreeSet<u32>,
     /// When it is released, and must have ended; `None`: it has no deadline.
     pub(crate) times: Option<Times>,
     /// The row of which its runs are a special kind: they are among that one's.
     pub(crate) kind_of: Option<usize>,
+}
+
+impl Row {
+    /// The longest of its entries, if the time of each is known.
+    fn longest(&self, time: impl Fn(u32) -> Option<u64>) -> Option<u64> {
+        let times: Option<Vec<_>> = self.entries.iter().map(|entry| time(*entry)).collect();
+        times?.into_iter().max()
+    }
 }
 
 /// Formulas of a row.
@@ -146,8 +156,10 @@ impl<'a> Subject<'a> {
             .vectors
             .iter()
             .filter_map(|vector| self.image.symbol(vector));
-        let mut callers = callers.filter(|caller| *caller != own && Some(*caller) != default);
-        let root = callers.next().unwrap_or(own);
+        let callers = callers.filter(|caller| *caller != own && Some(*caller) != default);
+        let mut entries: Vec<_> = callers.collect();
+        entries.push(own);
+        let root = entries[0];
         let mut excluded = BTreeSet::new();
         for exempt in &self.config.exempt {
             excluded.extend(self.functions_named(&exempt.function));
@@ -156,6 +168,7 @@ impl<'a> Subject<'a> {
             name,
             task: task.clone(),
             root,
+            entries: entries.clone(),
             excluded,
             times,
             kind_of: None,
@@ -327,7 +340,7 @@ impl<'a> Subject<'a> {
 
     fn compute_kept(&self, row: &Row, wcets: &Wcets<'_>) -> Option<(Kept, u64)> {
         let frame = self.frame(row) + self.model.miss();
-        let bound = |cache| Some(wcets.bound(row.root, cache)?.cycles());
+        let bound = |cache| row.longest(|entry| Some(wcets.bound(entry, cache)?.cycles()));
         let kept = Kept {
             alone: bound(Cache::Loops)? + frame,
             // The vector is a line, too.
@@ -353,14 +366,15 @@ impl<'a> Subject<'a> {
 
     fn compute(&self, row: &Row, named: &BTreeMap<String, u64>) -> Option<Cost> {
         let wcets = self.wcets(row, named);
-        let warm = wcets.bound(row.root, Cache::Warm)?.cycles();
-        let uncached = wcets.bound(row.root, Cache::Uncached)?.cycles();
+        let bound = |cache| row.longest(|entry| Some(wcets.bound(entry, cache)?.cycles()));
+        let (warm, uncached) = (bound(Cache::Warm)?, bound(Cache::Uncached)?);
+        let cold = row.longest(|entry| wcets.cold(entry));
         let frame = self.frame(row);
         let vector = self.model.miss();
         Some(Cost {
             wcet: Wcet {
                 warm: warm + frame,
-                cold: wcets.cold(row.root).map_or(0, |cold| cold + frame + vector),
+                cold: cold.map_or(0, |cold| cold + frame + vector),
                 uncached: uncached + frame + vector,
             },
             lines: self.lines(row, &wcets),
@@ -368,15 +382,15 @@ impl<'a> Subject<'a> {
         })
     }
 
-    /// Lines of a row's code, and that of its vector.
+    /// Lines of a row's code, and those of its vectors.
     fn lines(&self, row: &Row, wcets: &Wcets<'_>) -> BTreeSet<u32> {
-        let mut lines = (*wcets.lines(row.root)).clone();
-        let mut vectors = self.image.vectors().iter();
-        let slot = vectors
-            .position(|vector| vector & !1 == row.root)
-            .unwrap_or(0) as u32;
         let table = self.image.symbol("__vector_table").unwrap_or(0x0800_0000);
-        lines.insert((table + 4 * slot) / LINE_BYTES);
+        let slots = (table..).step_by(4).zip(self.image.vectors());
+        let own = slots.filter(|(_, vector)| row.entries.contains(&(**vector & !1)));
+        let mut lines: BTreeSet<_> = own.map(|(slot, _)| slot / LINE_BYTES).collect();
+        for entry in &row.entries {
+            lines.extend(wcets.lines(*entry).iter());
+        }
         lines
     }
 
