@@ -321,6 +321,28 @@ fn a_tiny_arc_behind_a_move_without_a_step_keeps_the_rates() {
     play(&settings, &commands, 3000);
 }
 
+#[test]
+fn a_stop_in_front_of_a_corner_to_be_stopped_in_does_not_go_round_it() {
+    let by = |values: [f32; 2]| Axes::from_fn(|axis| values[axis.min(1)]);
+    let steps = |axis| [1_000_000_000, 1_000_000][usize::min(axis, 1)];
+    // What is left of 100 mm/s there, as it was rounded, is much for an axis that is that slow.
+    let settings = Settings {
+        junction_deviation_mm: 0.0,
+        steps_per_mm: Axes::from_fn(|axis| StepsPerMm::from_millionths(steps(axis)).unwrap()),
+        max_rate_mm_min: by([0.001, 6000.0]),
+        acceleration_mm_s2: by([0.01, 100.0]),
+        ..Settings::default()
+    };
+    let commands = [[0, 100_000_000], [1_000_000, 100_000_000]].map(|to| Command::Line {
+        target: Axes::from_fn(|axis| Nm(to.get(axis).copied().unwrap_or(0))).into(),
+        pace: Pace::Rapid,
+        line: 0,
+    });
+    for events in (10..3000).step_by(10) {
+        play(&settings, &commands, events);
+    }
+}
+
 proptest! {
     #![proptest_config(cases(256))]
 

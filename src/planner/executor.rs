@@ -455,7 +455,12 @@ impl Executor {
         let speed = self.speed_mm_s;
         let measure = course.measure(speed * speed);
         let per_mm = course.measure_per_mm();
-        let end = math::max(measure - per_mm * piece.length_mm, 0.0);
+        let change = per_mm * piece.length_mm;
+        let mut end = math::max(measure - change, 0.0);
+        if !self.is_over || measure <= (piece.exit + change) * WITHIN {
+            // The plan has a way to brake to that: more is what was rounded.
+            end = math::min(end, piece.exit);
+        }
         let end_speed = math::sqrt(course.speed_sqr(end));
         let way_mm = math::min(measure / per_mm, piece.length_mm);
         // Not in less time than a segment has to take, if there is the way.
