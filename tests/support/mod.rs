@@ -122,10 +122,13 @@ mod host {
     /// A number of random cases, times `LEADSCREW_CASES` for a longer search.
     pub(crate) fn cases(cases: u32) -> ProptestConfig {
         let factor = std::env::var("LEADSCREW_CASES").map_or(1, |text| text.parse().unwrap());
+        let config = ProptestConfig::default();
         ProptestConfig {
             cases: cases * factor,
+            max_local_rejects: config.max_local_rejects.saturating_mul(factor),
+            max_global_rejects: config.max_global_rejects.saturating_mul(factor),
             failure_persistence: None,
-            ..ProptestConfig::default()
+            ..config
         }
     }
 }
