@@ -63,12 +63,13 @@ pub(super) fn measure(options: &Options) -> Result<Outcome> {
 /// Executes a short program on the emulated board and compares what is recorded with what the pins
 /// did: a check of `cargo xtask test`.
 pub(crate) fn check() -> Result<Verdict> {
-    const PULSES: u64 = 5000;
+    /// Of a way of 2 s, in which the host finds the time to read however busy it is.
+    const PULSES: u64 = 25_000;
     /// Events in which no pulse begins or ends: the start, the stop, and very long waits.
     const OTHERS: u64 = 20;
     cargo::need_qemu()?;
     let (board, machine) = boards::emulated()?;
-    let workload = Workload::of(b"G1X20F3000\n");
+    let workload = Workload::of(b"G1X100F3000\n");
     let assignments = ["$100=250", "$110=6000", "$120=1000"].map(str::to_owned);
     let run = Run {
         elf: &build::traced_for_emulator(&board)?,
@@ -107,7 +108,14 @@ pub(crate) fn check() -> Result<Verdict> {
         let count = values.summary().count;
         ensure!(count > 10, "{count} times the {name} of prepare is known");
     }
-    ensure!(prepare.dropped() == 0, "records of prepare were dropped");
+    // How many are dropped is a matter of when a busy host comes to read them.
+    for task in [step, prepare] {
+        ensure!(
+            task.drops_for_want_of_room(),
+            "records of {} were dropped though there was room",
+            task.name
+        );
+    }
     Ok(Verdict::Counted(format!(
         "{interrupts} step interrupts, {} recorded",
         step.recorded

@@ -70,6 +70,10 @@ pub(crate) struct Task {
     pub(crate) activations: u32,
     /// Records that were read.
     pub(crate) recorded: u64,
+    /// Most of them that were read at one time.
+    pub(crate) most_at_once: usize,
+    /// Fewest that were read when others had been dropped.
+    pub(crate) fewest_with_drops: Option<usize>,
     /// From release to start, where the release is known.
     pub(crate) latency: Distribution,
     /// Time that the task took for itself, where every preemption is known.
@@ -84,6 +88,24 @@ impl Task {
     /// Activations whose records were dropped.
     pub(crate) fn dropped(&self) -> u64 {
         u64::from(self.activations).saturating_sub(self.recorded)
+    }
+
+    /// Whether records were dropped only where the ring was full, so that no other time brought more;
+    /// of a chip that stands still while they are read.
+    pub(crate) fn drops_for_want_of_room(&self) -> bool {
+        let fewest = self.fewest_with_drops;
+        fewest.is_none_or(|fewest| fewest == self.most_at_once)
+    }
+
+    /// Counts records that were read at one time, and the activations by then.
+    fn count(&mut self, records: usize, activations: u32) {
+        let new = activations.wrapping_sub(self.activations);
+        self.activations = activations;
+        self.most_at_once = self.most_at_once.max(records);
+        if new as usize > records {
+            let fewest = self.fewest_with_drops.unwrap_or(records);
+            self.fewest_with_drops = Some(fewest.min(records));
+        }
     }
 
     fn add(&mut self, one: &Activation, clock: Clock) {
@@ -129,8 +151,8 @@ impl Measurement {
 
     /// Takes what was read at one time.
     pub(super) fn push(&mut self, batch: &Batch) {
-        for (task, (_, activations)) in self.tasks.iter_mut().zip(&batch.tasks) {
-            task.activations = *activations;
+        for (task, (records, activations)) in self.tasks.iter_mut().zip(&batch.tasks) {
+            task.count(records.len(), *activations);
         }
         let settled = self.nesting.push(batch);
         self.add(&settled);
@@ -182,6 +204,17 @@ mod tests {
         let mut measurement = Measurement::new(["step", "prepare"].into_iter(), clock);
         measurement.push(&batch(scale));
         measurement.finish()
+    }
+
+    #[test]
+    fn a_record_that_was_dropped_though_there_was_room_is_noticed() {
+        let mut task = Task::default();
+        for (records, activations, is_right) in
+            [(2, 2, true), (3, 9, true), (3, 12, true), (2, 15, false)]
+        {
+            task.count(records, activations);
+            assert_eq!(task.drops_for_want_of_room(), is_right, "{activations}");
+        }
     }
 
     #[test]
