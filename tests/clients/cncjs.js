@@ -120,5 +120,5 @@ function run(main) {
 }
 
 module.exports = {
-  HOME, ORIGIN, PATIENCE_MS, check, delay, measured, run, serve, spiral, until,
+  HOME, ORIGIN, PATIENCE_MS, check, measured, run, serve, spiral, until,
 };

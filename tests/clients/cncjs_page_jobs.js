@@ -14,12 +14,12 @@ const path = require('path');
 const puppeteer = require('puppeteer-core');
 
 const {
-  HOME, ORIGIN, PATIENCE_MS, check, delay, measured, run, serve, spiral, until,
+  HOME, ORIGIN, PATIENCE_MS, check, measured, run, serve, spiral, until,
 } = require('./cncjs');
 
 const port = process.argv[2];
 
-// How long the console may take to draw what is typed.
+// How long the console may take to draw what is typed, by the page's own clock.
 const DRAWN_MS = 500;
 
 const CONNECTION = '[data-widget-id="connection"]';
@@ -136,7 +136,8 @@ class Screen {
   async type(line) {
     await this.click('[data-widget-id="console"] .xterm');
     await this.page.keyboard.type(line);
-    await delay(DRAWN_MS);
+    // What the console has put off until then comes first, however long the page stands still.
+    await this.page.evaluate((ms) => new Promise((drawn) => { setTimeout(drawn, ms); }), DRAWN_MS);
     await this.page.keyboard.press('Enter');
   }
 }
