@@ -152,11 +152,17 @@ impl Driver {
             );
             // The emulated machine moves while it is asked nothing.
             thread::sleep(PAUSE);
-            self.state.clear();
-            self.realtime(b"?")?;
-            while self.state.is_empty() {
-                self.listen()?;
-            }
+            self.ask()?;
+        }
+        Ok(())
+    }
+
+    /// Asks for the state, and waits for it.
+    fn ask(&mut self) -> Result<()> {
+        self.state.clear();
+        self.realtime(b"?")?;
+        while self.state.is_empty() {
+            self.listen()?;
         }
         Ok(())
     }
@@ -165,9 +171,13 @@ impl Driver {
     pub(super) fn reset(&mut self) -> Result<()> {
         self.realtime(b"\x18")?;
         self.emulator.wait_for_welcome(PATIENCE)?;
-        // After some alarms it has reset itself: then there is a second welcome.
-        while self.emulator.receive(QUIET)?.is_some() {}
+        // After some alarms it has reset itself: then there is a second welcome. It stands already, so
+        // that one comes before the answers to what it is asked behind the byte.
         self.in_flight.clear();
+        for _ in 0..2 {
+            self.ask()?;
+        }
+        while self.emulator.receive(QUIET)?.is_some() {}
         self.is_locked = false;
         self.run(["$X", "G21G90G94G17", "M5M9"])
     }
