@@ -197,7 +197,7 @@ mod app {
             |shared: &mut Snapshot| motion.run(requests, inputs, counts, entries, events, shared);
         let prepared = cx.shared.snapshot.lock(run);
         let (after, step) = (cx.local.after, cx.shared.step_switch);
-        after.follow(prepared, motion.outputs(), events, counts, step);
+        after.follow(prepared, motion, events, counts, step);
     }
 
     /// Wakes the endless tasks.
@@ -213,15 +213,16 @@ mod app {
     /// Executes received lines.
     #[task(
         priority = 1, local = [entries_in, storage, deputy_in],
-        shared = [snapshot, dialogue, interpret_waker, &requests]
+        shared = [snapshot, dialogue, interpret_waker, &requests, &inputs, &counts]
     )]
     async fn interpret(mut cx: interpret::Context) -> ! {
         let (requests, entries) = (cx.shared.requests, cx.local.entries_in);
+        let (inputs, counts) = (cx.shared.inputs, cx.shared.counts);
         let storage = cx.local.storage;
         storage.receive(requests, cx.local.deputy_in.deputy());
         let mut snapshot = Snapshot::default();
         loop {
-            let read = |shared: &mut Snapshot| snapshot.take_over(shared);
+            let read = |shared: &mut Snapshot| snapshot.take_over(shared, counts, inputs);
             cx.shared.snapshot.lock(read);
             let run = |on: &mut Dialogue| on.run(&snapshot, requests, entries, storage);
             let progress = cx.shared.dialogue.lock(run);
@@ -232,12 +233,13 @@ mod app {
     }
 
     /// Answers `?`, within 5 ms.
-    #[task(priority = 1, shared = [snapshot, dialogue, report_waker, &requests])]
+    #[task(priority = 1, shared = [snapshot, dialogue, report_waker, &requests, &inputs, &counts])]
     async fn report(mut cx: report::Context) -> ! {
         let requests = cx.shared.requests;
+        let (inputs, counts) = (cx.shared.inputs, cx.shared.counts);
         let mut snapshot = Snapshot::default();
         loop {
-            let read = |shared: &mut Snapshot| snapshot.take_over(shared);
+            let read = |shared: &mut Snapshot| snapshot.take_over(shared, counts, inputs);
             cx.shared.snapshot.lock(read);
             let report = |on: &mut Dialogue| on.report(&snapshot, requests);
             let progress = cx.shared.dialogue.lock(report);

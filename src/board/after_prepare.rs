@@ -1,8 +1,7 @@
 //! What a run of `prepare` asks for: outputs, the step timer, other tasks, another run.
 
 use leadscrew::{
-    machine::Outputs,
-    planner::Prepared,
+    planner::{Motion, Prepared},
     protocol::realtime::Requests,
     stepper::{EventWriter, StepCounts},
 };
@@ -44,7 +43,7 @@ impl AfterPrepare {
     pub(crate) fn follow(
         &mut self,
         prepared: Prepared,
-        outputs: &Outputs,
+        motion: &mut Motion,
         events: &mut EventWriter<'_>,
         counts: &StepCounts,
         mut step: impl rtic::Mutex<T = StepSwitch>,
@@ -53,7 +52,7 @@ impl AfterPrepare {
         let is_at_rest = !counts.is_running() && !prepared.start;
         // At rest the duty is theirs, too, and what has been switched in motion may be still to come.
         if prepared.switches || is_at_rest {
-            self.switches.apply(outputs, is_at_rest);
+            self.switches.apply(motion.outputs(), is_at_rest);
         }
         if prepared.start
             && let Some(then) = step_output::set_up(events)
@@ -61,7 +60,9 @@ impl AfterPrepare {
             step.lock(|step| step.start(then, counts));
             pend(TURN);
         }
-        if let Some(milliseconds) = prepared.wake_in_ms {
+        if prepared.switches
+            && let Some(milliseconds) = motion.take_wait()
+        {
             self.timer.set(milliseconds);
         }
         if prepared.again {

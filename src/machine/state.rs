@@ -1,9 +1,10 @@
 //! The state of the machine as every task may read it.
 
-use super::{Levels, Notices, Overrides};
+use super::{Inputs, Levels, Notices, Overrides};
 use crate::{
     axis::Axes,
     planner::{Coolant, Spindle},
+    stepper::StepCounts,
 };
 
 /// What the machine does, with Grbl's names.
@@ -86,7 +87,7 @@ pub struct Probed {
     pub success: bool,
 }
 
-/// What `prepare` last published: read by copy, under RTIC's lock.
+/// What `prepare` last published: read by copy, under RTIC's lock; and where the machine is.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub struct Snapshot {
     /// The state.
@@ -138,15 +139,24 @@ pub struct Snapshot {
 }
 
 impl Snapshot {
+    /// Takes over where the machine is, and its inputs. That is not published, but looked up by whoever
+    /// reads the rest: with the same lock, so that nothing begins meanwhile that is not in the rest yet.
+    #[inline]
+    pub fn observe(&mut self, counts: &StepCounts, inputs: &Inputs) {
+        (self.steps, self.feed_mm_min, self.line) = counts.place();
+        self.inputs = inputs.active();
+    }
+
     /// Takes over another one, part by part: that takes a time that is known, as each part is too
     /// small for the routine that copies memory in a loop. For tasks with a deadline, and for locks
-    /// that they wait for.
+    /// that they wait for. Looks the rest up.
     #[inline]
-    pub fn take_over(&mut self, new: &Self) {
+    pub fn take_over(&mut self, new: &Self, counts: &StepCounts, inputs: &Inputs) {
+        self.observe(counts, inputs);
         let Self {
             state,
-            steps,
-            feed_mm_min,
+            steps: _,
+            feed_mm_min: _,
             spindle_rpm,
             spindle,
             coolant,
@@ -154,10 +164,10 @@ impl Snapshot {
             coolant_toggles,
             news,
             overrides,
-            inputs,
+            inputs: _,
             probed,
             notices,
-            line,
+            line: _,
             blocks_free,
             finished,
             is_at_rest,
@@ -168,8 +178,6 @@ impl Snapshot {
             is_critical,
         } = new;
         self.state = *state;
-        self.steps = *steps;
-        self.feed_mm_min = *feed_mm_min;
         self.spindle_rpm = *spindle_rpm;
         self.spindle = *spindle;
         self.coolant = *coolant;
@@ -177,10 +185,8 @@ impl Snapshot {
         self.coolant_toggles = *coolant_toggles;
         self.news = *news;
         self.overrides = *overrides;
-        self.inputs = *inputs;
         self.probed = *probed;
         self.notices = *notices;
-        self.line = *line;
         self.blocks_free = *blocks_free;
         self.finished = *finished;
         self.is_at_rest = *is_at_rest;

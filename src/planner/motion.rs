@@ -19,7 +19,7 @@ use heapless::spsc::Consumer;
 use self::{
     parking::Parking,
     rest::{Restoring, Wait},
-    unit::Unit,
+    unit::{Look, Unit},
 };
 use super::{
     BLOCKS, Coolant, Entry, LookAhead, Spindle,
@@ -48,11 +48,19 @@ pub struct Prepared {
     pub start: bool,
     /// Release `interpret`: there is room, or what it may wait for has changed.
     pub news: bool,
-    /// Apply [`Motion::outputs`]: they have changed.
+    /// Apply [`Motion::outputs`], and set the timer if [`Motion::take_wait`] tells a time: one of
+    /// them has changed.
     pub switches: bool,
-    /// Call [`Requests::wake`] and run it again so many ms from now, instead of at the time asked
-    /// for before. Without a value, that stays as it is.
-    pub wake_in_ms: Option<u16>,
+}
+
+impl Prepared {
+    /// There is more to do, and nothing else.
+    const AGAIN: Self = Self {
+        again: true,
+        start: false,
+        news: false,
+        switches: false,
+    };
 }
 
 /// Everything between the entries and the events.
@@ -104,6 +112,8 @@ pub struct Motion {
     hard_limits: bool,
     /// The state has changed at rest, so that something more may follow from it.
     is_unsettled: bool,
+    /// At rest: the next run makes a segment.
+    begins: bool,
     accessories: Accessories,
     /// The power at rest, and what has been published.
     at_rest: Power,
@@ -111,14 +121,14 @@ pub struct Motion {
     outputs: Outputs,
     /// The outputs have changed since the shell was told.
     switches: bool,
-    executor: Executor,
-    /// The segment being made.
-    segment: Segment,
-    generator: Generator,
     notices: Notices,
     probe: Probe,
     probed: Probed,
     inputs: Levels,
+    executor: Executor,
+    /// The segment being made.
+    segment: Segment,
+    generator: Generator,
     homing: Homing,
     parking: Parking,
     smooth: Smooth,
@@ -138,6 +148,7 @@ impl Motion {
             control: Control::IDLE,
             parking: Parking::new(),
             is_unsettled: false,
+            begins: false,
             accessories: Accessories::new(),
             at_rest: Power::OFF,
             power: Power::OFF,
@@ -231,6 +242,12 @@ impl Motion {
         &self.outputs
     }
 
+    /// The time from now, ms, at which the shell is to call [`Requests::wake`] and run it again, instead
+    /// of at the time asked for before. Without a value, that stays as it is.
+    pub fn take_wait(&mut self) -> Option<u16> {
+        self.wake_in_ms.take()
+    }
+
     /// One run. The machine as it is afterwards replaces the `snapshot` of the run before.
     pub fn run(
         &mut self,
@@ -241,13 +258,50 @@ impl Motion {
         events: &mut EventWriter<'_>,
         snapshot: &mut Snapshot,
     ) -> Prepared {
-        self.wake_in_ms = None;
+        let look = self.look(requests, counts);
+        if !self.is_segment_due(look, counts) {
+            return self.attend(requests, inputs, counts, entries, events, snapshot);
+        }
+        if self.needs_cell() {
+            // Nothing that anybody sees changes, and what needs the cell follows.
+            self.pace();
+            return Prepared::AGAIN;
+        }
+        self.make_segment(inputs, counts, events);
+        // Nothing else that is published has changed.
+        let is_still = self.is_still(look);
+        if self.control.state == State::Alarm {
+            self.guard(inputs, is_still);
+        }
+        let is_toggled = self.publish_accessories(counts, snapshot);
+        let has_rested = self.publish_progress(is_still, snapshot);
+        let again = is_still || self.goes_on(look, counts) || self.has_more(look, inputs, entries);
+        Prepared {
+            again,
+            start: look.starts(again, events),
+            news: is_toggled || has_rested || requests.awaits(Awaited::SEGMENTS),
+            switches: core::mem::take(&mut self.switches),
+        }
+    }
+
+    /// A run in which no segment is due.
+    #[inline(never)]
+    fn attend(
+        &mut self,
+        requests: &Requests,
+        inputs: &Inputs,
+        counts: &StepCounts,
+        entries: &mut Consumer<'_, Entry>,
+        events: &mut EventWriter<'_>,
+        snapshot: &mut Snapshot,
+    ) -> Prepared {
+        let look = self.look(requests, counts);
         self.inputs = inputs.active();
         let was_dwelling = self.is_dwelling;
-        let is_running = counts.is_running();
-        let unit = self.next_unit(is_running, requests, inputs, counts, entries);
+        let unit = self.next_unit(look, requests, inputs, counts, entries);
+        self.begins = unit == Unit::Begin;
         match unit {
-            Unit::Nothing => {}
+            Unit::Nothing | Unit::Begin => {}
             Unit::Fail => self.fail(counts),
             Unit::Cut => self.cut(counts, events),
             Unit::Reset => self.reset(requests, counts),
@@ -255,65 +309,46 @@ impl Motion {
             Unit::Find => self.find(inputs, counts, events),
             Unit::Plan => self.plan_on(),
             Unit::Take => self.take(entries, inputs),
-            Unit::Pace => {
-                // Nothing that anybody sees changes, and what needs the cell follows.
-                self.pace();
-                return Prepared {
-                    again: true,
-                    start: false,
-                    news: false,
-                    switches: false,
-                    wake_in_ms: None,
-                };
-            }
-            Unit::Segment => self.make_segment(inputs, counts, events),
             Unit::Settle => {
                 let before = self.control;
                 self.settle();
                 self.is_unsettled = self.control != before;
             }
         }
+        let is_still = self.is_still(look);
+        self.guard(inputs, is_still);
         if !self.probe.is_active() {
             inputs.disarm_probe();
         }
-        let is_running = counts.is_running();
-        let is_still = self.is_still(is_running, counts);
-        self.guard(inputs, is_still);
-        let changed = self.publish(counts, is_still, snapshot) || was_dwelling != self.is_dwelling;
-        let next = self.next_unit(is_running, requests, inputs, counts, entries);
-        // Not before as much is ahead as can be, so that no short segment ends while others are made.
-        let start = !is_running && next == Unit::Nothing && events.is_waiting();
+        let is_toggled = self.publish_accessories(counts, snapshot);
+        let has_rested = self.publish_progress(is_still, snapshot);
+        let has_changed = self.publish_state(snapshot);
+        let is_awaited = unit == Unit::Take && requests.awaits(Awaited::ENTRIES);
+        let again = match unit {
+            Unit::Nothing => false,
+            // What is seldom done: another run looks what follows.
+            Unit::Fail | Unit::Cut | Unit::Reset | Unit::Obey | Unit::Find | Unit::Begin => true,
+            Unit::Plan | Unit::Take | Unit::Settle => {
+                // Z may have to stop nowhere on its way, so that nothing was to be played.
+                let settles = unit != Unit::Settle || self.parking.is_moving() || self.is_unsettled;
+                is_still && settles
+                    || self.makes_segment(look, counts)
+                    || self.has_more(look, inputs, entries)
+            }
+        };
+        let has_waited = was_dwelling != self.is_dwelling;
         Prepared {
-            again: self.goes_on(unit, next),
-            start,
-            news: changed || Self::is_awaited(unit, requests),
+            again,
+            start: look.starts(again, events),
+            news: is_toggled || has_rested || has_changed || has_waited || is_awaited,
             switches: core::mem::take(&mut self.switches),
-            wake_in_ms: self.wake_in_ms,
         }
     }
 
-    /// Whether a unit brings what `interpret` waits for.
+    /// Everything generated has been played, and the machine is at rest.
     #[inline]
-    fn is_awaited(unit: Unit, requests: &Requests) -> bool {
-        match unit {
-            Unit::Take => requests.awaits(Awaited::ENTRIES),
-            Unit::Segment => requests.awaits(Awaited::SEGMENTS),
-            Unit::Nothing
-            | Unit::Fail
-            | Unit::Cut
-            | Unit::Reset
-            | Unit::Obey
-            | Unit::Find
-            | Unit::Plan
-            | Unit::Pace
-            | Unit::Settle => false,
-        }
-    }
-
-    /// Everything generated has been played, and the machine is at rest: when it is known whether
-    /// the step timer runs.
-    fn is_still(&self, is_running: bool, counts: &StepCounts) -> bool {
-        !is_running && !self.generator.is_open() && self.rest == Some(counts.played_ticks())
+    fn is_still(&self, look: Look) -> bool {
+        !look.is_running && !self.generator.is_open() && self.rest == Some(look.played)
     }
 
     /// Drops what has not been executed; the machine is at rest and stays where it is.
@@ -337,33 +372,36 @@ impl Motion {
         self.generator.settle_on(self.generator.steps());
     }
 
-    /// Publishes the machine as it is; tells whether anything changed that a task waits for.
-    fn publish(&mut self, counts: &StepCounts, is_still: bool, new: &mut Snapshot) -> bool {
+    /// Publishes how far the machine has come; tells whether it has come to rest, or left it.
+    #[inline]
+    fn publish_progress(&mut self, is_still: bool, new: &mut Snapshot) -> bool {
         let is_at_rest = is_still
             && self.plan.is_empty()
             && !self.is_dwelling
             && !self.is_in_cycle()
             && !self.parking.is_away()
             && self.control.ending == Ending::None;
-        let is_toggled = self.publish_accessories(counts, new);
+        let changed = new.is_at_rest != is_at_rest;
+        new.is_at_rest = is_at_rest;
+        new.blocks_free = self.plan.free() as u16;
         // A finished block alone is no news: who waits for all of them waits for rest.
+        new.finished = self.finished;
+        changed
+    }
+
+    /// Publishes the machine as it is; tells whether anything changed that a task waits for.
+    #[inline]
+    fn publish_state(&mut self, new: &mut Snapshot) -> bool {
         let has_notices = new.notices.count() != self.notices.count();
         let changed = new.state != self.control.state
-            || new.is_at_rest != is_at_rest
             || new.epoch != self.epoch
             || new.cuts != self.cuts
-            || is_toggled
             || has_notices;
         new.state = self.control.state;
-        (new.steps, new.feed_mm_min, new.line) = counts.place();
-        new.inputs = self.inputs;
         if has_notices {
             new.notices = self.notices;
         }
         new.probed = self.probed;
-        new.blocks_free = self.plan.free() as u16;
-        new.finished = self.finished;
-        new.is_at_rest = is_at_rest;
         new.epoch = self.epoch;
         new.cuts = self.cuts;
         new.reset_in_motion = self.reset_in_motion;
@@ -376,7 +414,15 @@ impl Motion {
     /// toggled, for which a task waits.
     #[inline]
     fn publish_accessories(&mut self, counts: &StepCounts, new: &mut Snapshot) -> bool {
+        // Off, a spindle has no power at rest nor in motion.
         let is_changed = self.accessories.take_changed();
+        (is_changed || !self.accessories.is_spindle_off())
+            && self.publish_power(is_changed, counts, new)
+    }
+
+    /// The same for a spindle that is on, or where something has changed.
+    #[inline(never)]
+    fn publish_power(&mut self, is_changed: bool, counts: &StepCounts, new: &mut Snapshot) -> bool {
         if is_changed {
             self.at_rest = self.accessories.power_at_rest();
         }
@@ -396,7 +442,7 @@ impl Motion {
     }
 
     /// Switches spindle, laser and coolant, and publishes them.
-    #[inline(never)]
+    #[inline]
     fn show(&mut self, power: Power, counts: &StepCounts, new: &mut Snapshot) -> bool {
         self.switches = true;
         let accessories = &self.accessories;

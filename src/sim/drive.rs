@@ -211,9 +211,12 @@ impl Drive {
             &mut events,
             &mut self.snapshot,
         );
+        self.snapshot.observe(&self.counts, &self.inputs);
         self.is_prepare_released = prepared.again;
         self.has_news |= prepared.news;
-        if let Some(milliseconds) = prepared.wake_in_ms {
+        if prepared.switches
+            && let Some(milliseconds) = self.motion.take_wait()
+        {
             self.wake_due = Some(now + u64::from(milliseconds) * u64::from(TICKS_PER_MS));
         }
         let outputs = self.motion.outputs();

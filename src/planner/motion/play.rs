@@ -26,6 +26,7 @@ impl Motion {
     /// Begins a segment, or the standstill after the last one; false when there is nothing to play.
     #[inline]
     fn begin_segment(&mut self, inputs: &Inputs, counts: &StepCounts) -> bool {
+        self.begins = false;
         let start = self.generator.clock_ticks();
         self.forget_heard(counts.played_ticks());
         if self.next_segment(inputs) {

@@ -46,6 +46,7 @@ impl Motion {
     fn wait(&mut self, wait: Wait, milliseconds: u16) {
         self.wait = wait;
         self.wake_in_ms = Some(milliseconds);
+        self.switches = true;
     }
 
     /// The door is closed, and Z where spindle and coolant may run.
