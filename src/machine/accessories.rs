@@ -309,6 +309,9 @@ impl Accessories {
     /// The power while a block is executed at this part of its programmed speed.
     #[must_use]
     pub fn power_in_motion(&self, laser: Laser, part: f32) -> Power {
+        if self.spindle == Spindle::Off {
+            return Power::OFF;
+        }
         match laser {
             Laser::None => self.power(self.rpm),
             Laser::Constant(rpm) => self.power(rpm),
@@ -317,9 +320,13 @@ impl Accessories {
     }
 
     /// The power of a programmed speed, under the override and within the limits.
+    #[inline]
     fn power(&self, rpm: f32) -> Power {
+        if self.spindle == Spindle::Off {
+            return Power::OFF;
+        }
         let rpm = rpm * (0.01 * f32::from(self.overrides.spindle));
-        if self.is_stopped() || self.spindle == Spindle::Off || rpm <= 0.0 {
+        if self.is_stopped() || rpm <= 0.0 {
             return Power::OFF;
         }
         if rpm >= self.max_rpm || self.min_rpm >= self.max_rpm {

@@ -224,7 +224,7 @@ impl Homing {
     fn is_moving(&self, generator: &Generator) -> bool {
         let position = generator.position();
         // wcet-bound: axes
-        let mut axes = self.axes.iter().zip(&position);
+        let mut axes = self.axes.iter().zip(position);
         axes.any(|(run, position)| run.target != *position)
     }
 

@@ -169,8 +169,8 @@ impl Generator {
 
     /// Exact position at the end of all segments begun.
     #[must_use]
-    pub fn position(&self) -> Axes<FineSteps> {
-        self.position
+    pub const fn position(&self) -> &Axes<FineSteps> {
+        &self.position
     }
 
     /// Whole steps at the end of all segments begun.

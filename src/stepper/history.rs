@@ -189,7 +189,7 @@ mod tests {
     type Move = (Vec<i64>, u32);
 
     fn segment(generator: &Generator, (way, ticks): &Move) -> Segment {
-        let from = generator.position();
+        let from = *generator.position();
         Segment {
             ticks: *ticks,
             axes: Axes::from_fn(|axis| AxisMotion {

@@ -257,7 +257,7 @@ impl Motion {
         let position = self.generator.position();
         let (parking, segment) = (&mut self.parking, &mut self.segment);
         let plan = &mut parking.plan;
-        if !parking.executor.next(plan, &position, goal, segment) {
+        if !parking.executor.next(plan, position, goal, segment) {
             return false;
         }
         self.segment.power = self.accessories.power_at_rest();

@@ -96,9 +96,9 @@ impl Motion {
         let moves = if self.smooth.is_on() {
             let smooth = &mut self.smooth;
             self.executor
-                .next_smooth(plan, smooth, &position, goal, segment)
+                .next_smooth(plan, smooth, position, goal, segment)
         } else {
-            self.executor.next(plan, &position, goal, segment)
+            self.executor.next(plan, position, goal, segment)
         };
         if !moves {
             return false;
