@@ -55,6 +55,11 @@ const LEAST_MM_S2: f32 = 1.0e-3;
 const LEAST_PART: f32 = 1.0e-4;
 /// Stands for a speed of 0 in a divisor, mm/s: slower than the slowest.
 const LEAST_MM_S: f32 = 1.0e-20;
+/// A piece that takes so long at the greatest speed that it may have has surely room for more than two
+/// segments behind one, s, whatever rounding does.
+const FAR_S: f32 = 1.01 * (SEGMENT_S + LONGEST_S);
+/// Way to brake beyond what is needed that is surely enough.
+const FREE: f32 = 1.001;
 /// A measure of speed that is that much above the plan's is within it.
 const WITHIN: f32 = 1.0001;
 /// Whether motion is to go on or to end.
@@ -67,7 +72,7 @@ pub(super) enum Goal {
 }
 
 /// A segment's way along the path.
-#[derive(Debug, Clone, Copy)]
+#[derive(Debug, Clone, Copy, PartialEq)]
 struct Stretch {
     /// Length, mm.
     length_mm: f32,
@@ -191,10 +196,9 @@ impl Executor {
             return false;
         };
         let way = (position, exit_sqr);
-        let ends_block = if block.curve.is_some() {
-            self.follow_arc(block, way, goal, segment)
-        } else {
-            self.follow_line(block, way, goal, segment)
+        let ends_block = match &block.curve {
+            Some(curve) => self.follow_arc(block, curve, way, goal, segment),
+            None => self.follow_line(block, way, goal, segment),
         };
         if ends_block {
             plan.pop();
@@ -208,14 +212,16 @@ impl Executor {
     fn follow_arc(
         &mut self,
         block: &Block,
+        curve: &Curve,
         way: (&Axes<FineSteps>, f32),
         goal: Goal,
         segment: &mut Segment,
     ) -> bool {
-        self.follow(block.course(), way, goal, segment)
+        let curve = Some(curve);
+        self.follow(Course { block, curve }, way, goal, segment)
     }
 
-    /// The same of a line: without a curve, much of it is known when it is compiled.
+    /// The same of a line: whether there is a curve is known when either is compiled.
     #[inline(never)]
     fn follow_line(
         &mut self,
@@ -355,10 +361,34 @@ impl Executor {
     #[inline(always)]
     #[expect(clippy::inline_always, reason = "as for `follow`")]
     fn run(&mut self, course: Course<'_>, piece: &Piece) -> Stretch {
-        let block = course.block;
         let speed = self.speed_mm_s;
         let measure = course.measure(speed * speed);
         let change = course.measure_per_mm() * piece.length_mm;
+        if course.curve.is_none()
+            && let Some(stretch) = self.run_freely(course, piece, change)
+        {
+            debug_assert_eq!(
+                stretch,
+                self.run_to_end(course, piece, measure, change),
+                "a short cut that leads elsewhere"
+            );
+            return stretch;
+        }
+        self.run_to_end(course, piece, measure, change)
+    }
+
+    /// The same, however near the end is.
+    #[inline(always)]
+    #[expect(clippy::inline_always, reason = "as for `follow`")]
+    fn run_to_end(
+        &mut self,
+        course: Course<'_>,
+        piece: &Piece,
+        measure: f32,
+        change: f32,
+    ) -> Stretch {
+        let block = course.block;
+        let speed = self.speed_mm_s;
         let mut end = math::min(piece.exit, measure + change);
         if self.is_over {
             // Braking as hard as the limits allow is always within the plan before, and so within
@@ -403,6 +433,32 @@ impl Executor {
             seconds,
             ends_piece: false,
         }
+    }
+
+    /// The same where the end of a line is so far away that nothing but the limits decides: two roots
+    /// and three divisions less.
+    #[inline(always)]
+    #[expect(clippy::inline_always, reason = "as for `follow`")]
+    fn run_freely(&self, course: Course<'_>, piece: &Piece, change: f32) -> Option<Stretch> {
+        let (speed, block) = (self.speed_mm_s, course.block);
+        let most = math::max(block.speed_mm_s, speed);
+        let is_far = 2.0 * piece.length_mm >= FAR_S * (speed + most);
+        if self.is_over || speed <= 0.0 || !is_far {
+            return None;
+        }
+        let gain = block.acceleration_mm_s2 * SEGMENT_S;
+        let top = math::min(speed + gain, block.speed_mm_s);
+        let room = piece.exit + change - gain * speed;
+        if room < top * (top + gain) * FREE {
+            return None;
+        }
+        let reached = math::max(top, math::max(speed - gain, 0.0));
+        Some(Stretch {
+            length_mm: 0.5 * (speed + reached) * SEGMENT_S,
+            speed_mm_s: reached,
+            seconds: SEGMENT_S,
+            ends_piece: false,
+        })
     }
 
     /// The last stretch of a piece, to a speed at most: it takes its time after others, or from rest.

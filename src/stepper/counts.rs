@@ -146,21 +146,32 @@ impl StepCounts {
             let first = self.slot(number).first_event.load(Relaxed);
             number != announced && taken.wrapping_sub(first).cast_signed() > 0
         };
-        let (mut played, mut again) = (number.wrapping_sub(1), false);
-        let begins = has_begun(number);
-        if begins {
-            played = number;
-            let next = number.wrapping_add(1);
-            self.begun.store(next, Relaxed);
-            again = has_begun(next);
+        if !has_begun(number) {
+            if !is_running {
+                self.fail_in_motion(self.played());
+            }
+            return Turned {
+                duty: None,
+                again: false,
+            };
         }
-        let flags = self.slot(played).flags.load(Relaxed);
-        if flags & IS_MOVING != 0 && !again && !is_running && !self.is_cut() {
-            self.starved.store(true, Relaxed);
+        let (slot, next) = (self.slot(number), number.wrapping_add(1));
+        self.begun.store(next, Relaxed);
+        let again = has_begun(next);
+        if !is_running && !again {
+            self.fail_in_motion(slot);
         }
         Turned {
-            duty: begins.then(|| self.duty_of(flags)),
+            duty: Some(self.duty_of(slot.flags.load(Relaxed))),
             again,
+        }
+    }
+
+    /// The step interrupt has stopped in a segment: a fault if something moved, and nobody stopped it.
+    #[inline]
+    fn fail_in_motion(&self, slot: &Slot) {
+        if slot.flags.load(Relaxed) & IS_MOVING != 0 && !self.is_cut() {
+            self.starved.store(true, Relaxed);
         }
     }
 
