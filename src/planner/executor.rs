@@ -179,7 +179,7 @@ impl Executor {
     /// when stopping, at rest.
     ///
     /// Removes a block from the plan with its last segment.
-    #[inline(never)]
+    #[inline]
     pub(super) fn next<const N: usize>(
         &mut self,
         plan: &mut Plan<N>,
