@@ -62,6 +62,17 @@ impl Override {
         Self::Mist,
     ];
 
+    /// Whether a byte is one of them: what [`Self::of`] says, in few instructions.
+    #[inline(always)]
+    #[expect(
+        clippy::inline_always,
+        reason = "called from RAM, where nothing in flash may be"
+    )]
+    #[must_use]
+    pub const fn is(byte: u8) -> bool {
+        matches!(byte, 0x90..=0xa1) && byte != 0x98 && byte != 0x9f
+    }
+
     /// The command of a realtime byte.
     #[must_use]
     pub fn of(byte: u8) -> Option<Self> {
@@ -166,5 +177,8 @@ mod tests {
         }
         assert_eq!(Override::of(0x98), None);
         assert_eq!(Override::of(0x9f), None);
+        for byte in 0..=u8::MAX {
+            assert_eq!(Override::is(byte), Override::of(byte).is_some(), "{byte}");
+        }
     }
 }

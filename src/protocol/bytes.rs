@@ -13,13 +13,16 @@ use core::{
     },
 };
 
+use super::realtime::rarely;
+
 /// A queue of bytes in `B`: see [`Bytes`].
 #[derive(Debug)]
 pub struct ByteRing<B: ?Sized = [AtomicU8]> {
-    /// Place of the next byte to be written.
+    /// Bytes written so far, wrapping: the next one's place is its number, modulo the places.
     written: AtomicUsize,
-    /// Place of the next byte to be read; the same when there is none.
-    read: AtomicUsize,
+    /// The number of the byte for which there is no room: bytes read so far and what may wait,
+    /// wrapping.
+    limit: AtomicUsize,
     bytes: B,
 }
 
@@ -33,7 +36,7 @@ impl<const N: usize> Bytes<N> {
         const { assert!(N.is_power_of_two(), "places wrap by a mask") };
         Self {
             written: AtomicUsize::new(0),
-            read: AtomicUsize::new(0),
+            limit: AtomicUsize::new(N - 1),
             bytes: [const { AtomicU8::new(0) }; N],
         }
     }
@@ -48,7 +51,7 @@ impl<const N: usize> Bytes<N> {
     #[must_use]
     pub fn free(&self) -> usize {
         let ring: &ByteRing = self;
-        ring.capacity() - ring.len()
+        ring.room()
     }
 
     /// Whether no byte waits.
@@ -66,36 +69,40 @@ impl<const N: usize> Default for Bytes<N> {
 }
 
 impl ByteRing {
-    /// The place after another.
+    /// The place of a byte by its number.
     #[inline(always)]
     #[expect(clippy::inline_always, reason = "as for `ByteWriter::enqueue`")]
-    const fn after(&self, place: usize) -> usize {
-        (place + 1) & (self.bytes.len() - 1)
+    fn slot(&self, number: usize) -> Option<&AtomicU8> {
+        self.bytes.get(number & self.bytes.len().wrapping_sub(1))
     }
 
-    /// The byte at a place.
     #[inline(always)]
     #[expect(clippy::inline_always, reason = "as for `ByteWriter::enqueue`")]
-    fn slot(&self, place: usize) -> Option<&AtomicU8> {
-        self.bytes.get(place & (self.bytes.len() - 1))
-    }
-
     const fn capacity(&self) -> usize {
         self.bytes.len().saturating_sub(1)
     }
 
+    /// Bytes that there is room for.
     #[inline]
-    fn has_none(&self) -> bool {
-        self.read.load(Relaxed) == self.written.load(Relaxed)
+    fn room(&self) -> usize {
+        let limit = self.limit.load(Relaxed);
+        limit.wrapping_sub(self.written.load(Relaxed))
     }
 
+    /// The number of the oldest byte.
+    #[inline]
+    fn oldest(&self) -> usize {
+        self.limit.load(Relaxed).wrapping_sub(self.capacity())
+    }
+
+    #[inline]
+    fn has_none(&self) -> bool {
+        self.room() == self.capacity()
+    }
+
+    #[inline]
     fn len(&self) -> usize {
-        let (written, read) = (self.written.load(Relaxed), self.read.load(Relaxed));
-        if written >= read {
-            written - read
-        } else {
-            written + self.bytes.len() - read
-        }
+        self.capacity().wrapping_sub(self.room())
     }
 }
 
@@ -112,7 +119,7 @@ impl ByteWriter<'_> {
         Self { ring: self.ring }
     }
 
-    /// Puts a byte, and tells the place behind it.
+    /// Puts a byte, and tells how many have been put so far, wrapping.
     ///
     /// # Errors
     /// The byte, when there is no room.
@@ -122,17 +129,37 @@ impl ByteWriter<'_> {
         reason = "called from RAM, where nothing in flash may be"
     )]
     pub fn enqueue(&mut self, byte: u8) -> Result<usize, u8> {
-        let place = self.ring.written.load(Relaxed);
-        let next = self.ring.after(place);
-        if next == self.ring.read.load(Relaxed) {
+        let number = self.ring.written.load(Relaxed);
+        if number == self.ring.limit.load(Relaxed) {
+            rarely();
             return Err(byte);
         }
-        let slot = self.ring.slot(place).ok_or(byte)?;
+        let slot = self.ring.slot(number).ok_or(byte)?;
         slot.store(byte, Relaxed);
-        // The reader must not see the place before the byte.
+        // The reader must not see the number before the byte.
         compiler_fence(SeqCst);
+        let next = number.wrapping_add(1);
         self.ring.written.store(next, Relaxed);
         Ok(next)
+    }
+
+    /// Puts all of some bytes, or none where there is no room for all; whether it has.
+    pub fn append(&mut self, bytes: &[u8]) -> bool {
+        if self.ring.room() < bytes.len() {
+            return false;
+        }
+        let mut number = self.ring.written.load(Relaxed);
+        // wcet-bound: 272
+        for &byte in bytes {
+            if let Some(slot) = self.ring.slot(number) {
+                slot.store(byte, Relaxed);
+            }
+            number = number.wrapping_add(1);
+        }
+        // The reader must not see the number before the bytes.
+        compiler_fence(SeqCst);
+        self.ring.written.store(number, Relaxed);
+        true
     }
 
     /// Bytes that may wait.
@@ -165,15 +192,16 @@ impl ByteReader<'_> {
     /// Takes the oldest byte.
     #[inline]
     pub fn dequeue(&mut self) -> Option<u8> {
-        let place = self.ring.read.load(Relaxed);
-        if place == self.ring.written.load(Relaxed) {
+        if self.ring.has_none() {
             return None;
         }
         compiler_fence(SeqCst);
-        let byte = self.ring.slot(place)?.load(Relaxed);
+        let number = self.ring.oldest();
+        let byte = self.ring.slot(number)?.load(Relaxed);
         // The writer must not reuse the place before the byte has been read.
         compiler_fence(SeqCst);
-        self.ring.read.store(self.ring.after(place), Relaxed);
+        let limit = self.ring.limit.load(Relaxed).wrapping_add(1);
+        self.ring.limit.store(limit, Relaxed);
         Some(byte)
     }
 
@@ -182,26 +210,26 @@ impl ByteReader<'_> {
     #[inline]
     pub fn take_until(&mut self, mut take: impl FnMut(&mut Waiting<'_>) -> bool) -> bool {
         let bytes = &self.ring.bytes;
-        let mut place = self.ring.read.load(Relaxed);
-        let written = self.ring.written.load(Relaxed);
+        let mut number = self.ring.oldest();
+        let mut left = self.ring.len();
         compiler_fence(SeqCst);
         let mut has_all = false;
         // wcet-bound: 2
-        while place != written && !has_all {
-            let end = if place < written {
-                written
-            } else {
-                bytes.len()
-            };
-            let mut waiting = Waiting(bytes.get(place..end).unwrap_or_default().iter());
+        while left != 0 && !has_all {
+            let rest = bytes.get(number & (bytes.len() - 1)..).unwrap_or_default();
+            let in_a_row = rest.get(..left).unwrap_or(rest);
+            let mut waiting = Waiting(in_a_row.iter());
             has_all = take(&mut waiting);
-            place = (end - waiting.0.len()) & (bytes.len() - 1);
+            let taken = in_a_row.len() - waiting.0.len();
+            number = number.wrapping_add(taken);
+            left -= taken;
             if waiting.0.len() != 0 {
                 break;
             }
         }
         compiler_fence(SeqCst);
-        self.ring.read.store(place, Relaxed);
+        let limit = number.wrapping_add(self.ring.capacity());
+        self.ring.limit.store(limit, Relaxed);
         has_all
     }
 

@@ -302,11 +302,11 @@ impl OverrideRing {
 
     #[inline(always)]
     #[expect(clippy::inline_always, reason = "as for `receive`")]
-    fn put(&self, command: Override) {
+    fn put(&self, byte: u8) {
         let number = self.written.load(Relaxed);
         if number.wrapping_sub(self.read.load(Relaxed)) < OVERRIDES as u32 {
             if let Some(place) = self.bytes.get(number as usize % OVERRIDES) {
-                place.store(command as u8, Relaxed);
+                place.store(byte, Relaxed);
             }
             compiler_fence(SeqCst);
             self.written.store(number.wrapping_add(1), Relaxed);
@@ -347,10 +347,12 @@ pub enum Release {
 #[inline(always)]
 #[expect(clippy::inline_always, reason = "nothing in flash may be called")]
 pub fn receive(byte: u8, requests: &Requests, line: &mut ByteWriter<'_>) -> Release {
-    if !matches!(byte, b'?' | b'!' | b'~' | 0x18 | 0x80..) {
+    let is_request = matches!(byte, b'~' | 0x80..) || matches!(byte, b'!' | b'?' | 0x18);
+    if !is_request {
         return put(byte, requests, line);
     }
     rarely();
+    // The first byte of the UTF-8 form of a realtime command is one of those without a meaning.
     let flag = match byte {
         b'?' => {
             set(&requests.status);
@@ -358,31 +360,19 @@ pub fn receive(byte: u8, requests: &Requests, line: &mut ByteWriter<'_>) -> Rele
         }
         b'!' => &requests.hold,
         b'~' => &requests.start,
+        0x84 => &requests.door,
+        0x85 => &requests.jog_cancel,
         0x18 => {
             add_one(&requests.resets);
             return release(requests);
         }
-        _ => return receive_high(byte, requests),
+        _ if Override::is(byte) => {
+            requests.overrides.put(byte);
+            return Release::Prepare;
+        }
+        _ => return Release::Nobody,
     };
     set(flag);
-    release(requests)
-}
-
-/// Sorts a byte that is no ASCII. The first one of the UTF-8 form of a realtime command is one of
-/// those without a meaning.
-#[inline(always)]
-#[expect(clippy::inline_always, reason = "as for `receive`")]
-fn receive_high(byte: u8, requests: &Requests) -> Release {
-    match byte {
-        0x84 => set(&requests.door),
-        0x85 => set(&requests.jog_cancel),
-        _ => {
-            return Override::of(byte).map_or(Release::Nobody, |command| {
-                requests.overrides.put(command);
-                Release::Prepare
-            });
-        }
-    }
     release(requests)
 }
 
@@ -404,17 +394,18 @@ fn release(requests: &Requests) -> Release {
 #[inline(always)]
 #[expect(clippy::inline_always, reason = "as for `receive`")]
 fn put(byte: u8, requests: &Requests, line: &mut ByteWriter<'_>) -> Release {
-    let Ok(place) = line.enqueue(byte) else {
-        rarely();
+    let Ok(number) = line.enqueue(byte) else {
         // Whoever takes bytes has been released by those that fill the queue.
         let lost = requests.lost().wrapping_add(1);
         requests.lost.store(lost, Relaxed);
         return Release::Nobody;
     };
-    let is_release = byte <= b'\r' || place.is_multiple_of(UNRELEASED_BYTES);
-    if is_release && requests.awaits(Awaited::LINE) {
-        Release::Interpret
-    } else {
-        Release::Nobody
+    let is_release = byte <= b'\r' || number.is_multiple_of(UNRELEASED_BYTES);
+    if is_release {
+        rarely();
+        if requests.awaits(Awaited::LINE) {
+            return Release::Interpret;
+        }
     }
+    Release::Nobody
 }

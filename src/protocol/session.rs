@@ -516,16 +516,5 @@ impl Session {
 
 /// Sends a message completely or, when there is no room for it, not at all.
 fn send(text: &Text, sent: &mut ByteWriter<'_>) -> bool {
-    let bytes = text.as_bytes();
-    if bytes.is_empty() {
-        return true;
-    }
-    if sent.capacity() - sent.len() < bytes.len() {
-        return false;
-    }
-    // wcet-bound: 272
-    for &byte in bytes {
-        let _ = sent.enqueue(byte);
-    }
-    true
+    sent.append(text.as_bytes())
 }
