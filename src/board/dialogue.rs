@@ -58,7 +58,7 @@ impl Dialogue {
         let progress = storage.serve(session).unwrap_or(progress);
         // Settings change at rest only, and nothing moves before the session goes on.
         pins::follow(session.settings());
-        self.send(requests);
+        self.transmitter.send_all(requests);
         progress
     }
 
@@ -67,14 +67,8 @@ impl Dialogue {
         let free = self.received.capacity() - self.received.len();
         let sent = &mut self.sent;
         let progress = self.session.report(snapshot, requests, free, sent);
-        self.send(requests);
+        self.transmitter.send_all(requests);
         progress
-    }
-
-    /// Sends what the port takes at once.
-    fn send(&mut self, requests: &Requests) {
-        // wcet-bound: 1024
-        while self.transmitter.send_next(requests) {}
     }
 
     /// The body of `idle`: sends a byte if any are left and the port takes one; whether any were.

@@ -104,22 +104,38 @@ impl Transmitter {
         self.0.is_empty()
     }
 
-    /// Puts out the next byte if the port takes one now; whether it did.
+    /// Puts out the next byte, if the port takes one now.
+    pub(super) fn send_next(&mut self, requests: &Requests) {
+        self.send(1, requests);
+    }
+
+    /// Puts out what the port takes now.
+    pub(super) fn send_all(&mut self, requests: &Requests) {
+        self.send(SENT_RING, requests);
+    }
+
     #[expect(unsafe_code, reason = "the interrupt owns the receiver")]
-    pub(super) fn send_next(&mut self, requests: &Requests) -> bool {
+    fn send(&mut self, most: usize, requests: &Requests) {
         // SAFETY: the interrupt neither writes the data register, nor does it depend on when its
         // status is read.
         let usart = unsafe { &*Usart::ptr() };
-        if usart.sr().read().txe().bit_is_clear() {
-            return false;
-        }
-        let Some(byte) = self.0.dequeue() else {
-            return false;
-        };
-        usart.dr().write(|w| w.dr().set(byte.into()));
-        if requests.awaits(Awaited::ROOM) && matches!(self.0.len(), 0 | SENT_HALF) {
+        let before = self.0.len();
+        let mut left = most;
+        self.0.take_until(|bytes| {
+            // wcet-bound: 1024
+            while left != 0 && usart.sr().read().txe().bit_is_set() {
+                let Some(byte) = bytes.next() else {
+                    return false;
+                };
+                usart.dr().write(|w| w.dr().set(byte.into()));
+                left -= 1;
+            }
+            true
+        });
+        let after = self.0.len();
+        let has_come_to = |waiting| after <= waiting && waiting < before;
+        if (has_come_to(0) || has_come_to(SENT_HALF)) && requests.awaits(Awaited::ROOM) {
             rtic::pend(WAKE);
         }
-        true
     }
 }
