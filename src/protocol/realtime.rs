@@ -15,6 +15,10 @@ use crate::machine::{Levels, Override};
 /// After so many places of the queue `interpret` is released, also without the end of a line.
 const UNRELEASED_BYTES: usize = 256;
 
+/// Four entries taken, or one and 48 segments made after it, end the wait for [`Awaited::PLACES`].
+const PATIENCE: u8 = 64;
+const ENTRY_PATIENCE: u8 = 16;
+
 /// Requests that the receiver has seen and their readers have not yet acted on.
 ///
 /// Plain loads and stores: each flag is set by the receiver and cleared by exactly one reader. Between
@@ -45,6 +49,8 @@ pub struct Requests {
     lost: AtomicU32,
     /// What `interpret` waits for, an [`Awaited`]: whoever brings it releases the task.
     awaited: AtomicU8,
+    /// How much longer it waits for more than one place to become free; below [`PATIENCE`], one is.
+    patience: AtomicU8,
 }
 
 impl Requests {
@@ -64,6 +70,7 @@ impl Requests {
             own_resets: AtomicU32::new(0),
             lost: AtomicU32::new(0),
             awaited: AtomicU8::new(Awaited::ALL.0),
+            patience: AtomicU8::new(PATIENCE),
         }
     }
 
@@ -193,11 +200,38 @@ impl Requests {
         compiler_fence(SeqCst);
     }
 
-    /// Whether `interpret` waits for this.
+    /// Begins to wait for [`Awaited::PLACES`]; for `interpret` alone, before it looks for work.
+    pub fn be_patient(&self) {
+        self.patience.store(PATIENCE, Relaxed);
+    }
+
+    /// Whether `interpret` waits for this, which has come; for the task that brings it alone.
     #[inline]
     #[must_use]
-    pub fn awaits(&self, awaited: Awaited) -> bool {
-        self.awaited.load(Relaxed) & awaited.0 != 0
+    pub fn awaits(&self, brought: Awaited) -> bool {
+        let awaited = self.awaited.load(Relaxed);
+        awaited & brought.0 != 0 || awaited & Awaited::PLACES.0 != 0 && self.ends_patience(brought)
+    }
+
+    /// Whether there are several free places, or one for a while.
+    #[inline]
+    fn ends_patience(&self, brought: Awaited) -> bool {
+        let patience = self.patience.load(Relaxed);
+        let cost = match brought {
+            Awaited::ENTRIES => ENTRY_PATIENCE,
+            Awaited::SEGMENTS if patience < PATIENCE => 1,
+            _ => return false,
+        };
+        let left = patience.saturating_sub(cost);
+        self.patience.store(left, Relaxed);
+        left == 0
+    }
+
+    /// As [`Self::awaits`], for the receiver: in few instructions.
+    #[inline(always)]
+    #[expect(clippy::inline_always, reason = "as for `receive`")]
+    fn awaits_line(&self) -> bool {
+        self.awaited.load(Relaxed) & Awaited::LINE.0 != 0
     }
 
     /// Bytes lost so far because nobody had taken the earlier ones.
@@ -228,6 +262,9 @@ impl Awaited {
     pub const ENTRIES: Self = Self(4);
     /// Segments that `prepare` makes: the end of the motion that it knows of comes nearer.
     pub const SEGMENTS: Self = Self(8);
+    /// A few entries that `prepare` takes, or one and then some time: who has many to give need not
+    /// run for each.
+    pub const PLACES: Self = Self(16);
     /// Everything.
     pub const ALL: Self = Self(15);
 
@@ -403,7 +440,7 @@ fn put(byte: u8, requests: &Requests, line: &mut ByteWriter<'_>) -> Release {
     let is_release = byte <= b'\r' || number.is_multiple_of(UNRELEASED_BYTES);
     if is_release {
         rarely();
-        if requests.awaits(Awaited::LINE) {
+        if requests.awaits_line() {
             return Release::Interpret;
         }
     }

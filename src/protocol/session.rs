@@ -34,6 +34,9 @@ use judge::List;
 use store::Then;
 use tell::Seen;
 
+/// Lines that are executed in one run, at most.
+const LINES: usize = 8;
+
 /// Whether there is more to do.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Progress {
@@ -254,8 +257,7 @@ impl Session {
         core::mem::take(&mut self.has_request)
     }
 
-    /// One bounded piece of work: at most one line, and before it the rest of one that has waited
-    /// for room.
+    /// One bounded piece of work: a line, or a few while the machine has something to take.
     ///
     /// The first call welcomes the sender. Room in `sent` must be possible for one message of
     /// [`super::MESSAGE_BYTES`].
@@ -267,6 +269,7 @@ impl Session {
         sent: &mut ByteWriter<'_>,
         entries: &mut Producer<'_, Entry>,
     ) -> Progress {
+        requests.be_patient();
         requests.heed(Awaited::ALL);
         let progress = self.go_on(machine, requests, received, sent, entries);
         requests.heed(match progress {
@@ -280,10 +283,12 @@ impl Session {
     fn awaited(&self) -> Awaited {
         let work = if self.stage == Stage::Reading && self.path.is_holding() {
             Awaited::LINE.and(Awaited::ENTRIES).and(Awaited::SEGMENTS)
-        } else if self.stage == Stage::Reading {
-            Awaited::LINE
         } else {
-            Awaited::ENTRIES
+            match self.stage {
+                Stage::Reading => Awaited::LINE,
+                Stage::Entering(_) => Awaited::PLACES,
+                _ => Awaited::ENTRIES,
+            }
         };
         if self.is_report_due || !self.message.is_empty() {
             work.and(Awaited::ROOM)
@@ -332,18 +337,20 @@ impl Session {
             self.flush(sent);
             return Progress::Waiting;
         }
-        // wcet-bound: 2
-        loop {
-            let was_entering = matches!(self.stage, Stage::Entering(_));
+        // wcet-bound: 8
+        for _ in 0..LINES {
+            let is_busy = !entries.is_empty();
             let progress = self.advance(machine, requests, received, entries);
             if !self.flush(sent) {
                 return Progress::Waiting;
             }
-            // Where a line that waited for room has ended, the next begins at once.
-            if !was_entering || self.stage != Stage::Reading {
+            // While the machine has something to take, it need not look at what there is for each line.
+            let goes_on = is_busy && self.stage == Stage::Reading && progress == Progress::Again;
+            if !goes_on || requests.epoch() != self.epoch {
                 return progress;
             }
         }
+        Progress::Again
     }
 
     /// Answers a `?`. Where it must wait, for room or for the welcome, [`Session::run`] does it.

@@ -111,3 +111,24 @@ fn a_deputy_goes_on_where_the_other_writer_has_ended() {
     assert_eq!(writer.enqueue(3), Ok(3));
     assert_eq!([1, 2, 3].map(Some), [(); 3].map(|()| reader.dequeue()));
 }
+
+#[test]
+fn who_waits_for_places_is_released_by_four_entries_or_some_time_after_one() {
+    let requests = Requests::new();
+    let wait = || {
+        requests.be_patient();
+        requests.heed(Awaited::PLACES);
+    };
+    wait();
+    let mut takes = (1..).map(|_| requests.awaits(Awaited::ENTRIES));
+    assert_eq!(takes.position(|is_released| is_released), Some(3));
+    wait();
+    assert!((0..1000).all(|_| !requests.awaits(Awaited::SEGMENTS)));
+    assert!(!requests.awaits(Awaited::ENTRIES));
+    assert!((1..48).all(|_| !requests.awaits(Awaited::SEGMENTS)));
+    // Whoever reports meanwhile changes nothing.
+    requests.heed(Awaited::ALL);
+    requests.heed(Awaited::PLACES);
+    assert!(!requests.awaits(Awaited::ROOM));
+    assert!(requests.awaits(Awaited::SEGMENTS));
+}
