@@ -3,8 +3,6 @@
 //! A shorter way to the same values as [`Number`] has, with its grammar, for who can leave all other
 //! words to it.
 
-use core::slice::Iter;
-
 use super::Number;
 
 /// A number of at most eight digits, with four of them behind the point.
@@ -62,30 +60,48 @@ impl Short {
 
 /// The words of a line, as far as they are short.
 #[derive(Debug, Clone)]
-pub struct ShortWords<'a> {
+pub struct ShortWords<I> {
     /// The byte that is next, or [`END`], and those after it.
     next: u32,
-    rest: Iter<'a, u8>,
+    rest: I,
 }
 
-impl<'a> ShortWords<'a> {
-    /// The words of a line: upper case, without blanks and comments.
+impl<I: Iterator<Item = u8>> ShortWords<I> {
+    /// The words of the line that begins with these bytes: upper case, without comments, with blanks
+    /// between the words at most, and with the end of the line.
     #[inline]
     #[must_use]
-    pub fn of(line: &'a [u8]) -> Self {
+    pub fn of(bytes: I) -> Self {
         let mut words = Self {
             next: END,
-            rest: line.iter(),
+            rest: bytes,
         };
         words.advance();
         words
     }
 
-    /// Whether no word is left.
+    /// Goes on to what is no blank, and tells whether the line ends there.
     #[inline]
     #[must_use]
-    pub fn is_empty(&self) -> bool {
+    pub fn skips_to_end(&mut self) -> bool {
+        while self.next == u32::from(b' ') {
+            self.advance();
+        }
+        self.next == u32::from(b'\n') || self.next == u32::from(b'\r')
+    }
+
+    /// Whether there are no more bytes, and no end of the line was among them.
+    #[inline]
+    #[must_use]
+    pub fn is_cut_off(&self) -> bool {
         self.next == END
+    }
+
+    /// What is behind the byte that is next: the next line, where this one ends.
+    #[inline]
+    #[must_use]
+    pub fn rest(self) -> I {
+        self.rest
     }
 
     /// The letter that is next, or whatever stands there.
@@ -136,6 +152,6 @@ impl<'a> ShortWords<'a> {
 
     #[inline]
     fn advance(&mut self) {
-        self.next = self.rest.next().map_or(END, |&byte| u32::from(byte));
+        self.next = self.rest.next().map_or(END, u32::from);
     }
 }

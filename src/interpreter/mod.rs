@@ -13,6 +13,7 @@ mod plain;
 mod power;
 
 pub use offsets::Offsets;
+pub use plain::Refusal;
 
 use heapless::Vec;
 
@@ -278,17 +279,19 @@ impl Interpreter {
 
     /// Checks and carries out a line in one go, if it is as most are: a straight move in the modes
     /// before it. Then that is what `checked` and `outcome` tell, and what [`Self::check_into`] and
-    /// [`Self::commit_into`] would have done. False for any other line, and for one that is wrong:
-    /// nothing has changed then.
-    #[must_use]
-    pub fn carry_out_plain(
+    /// [`Self::commit_into`] would have done, which do not want the blanks that may stand between its
+    /// words. The bytes go on behind the end of the line: what is left of them is told.
+    ///
+    /// # Errors
+    /// [`Refusal`] for any other line, and for one that is wrong: nothing has changed then.
+    pub fn carry_out_plain<I: Iterator<Item = u8>>(
         &mut self,
-        line: &[u8],
+        bytes: I,
         settings: &Settings,
         checked: &mut Checked,
         outcome: &mut Outcome,
-    ) -> bool {
-        plain::carry_out(self, line, settings, checked, outcome)
+    ) -> Result<I, Refusal> {
+        plain::carry_out(self, bytes, settings, checked, outcome)
     }
 
     /// Back to the power-up modes; the position, `G54` to `G59`, `G28` and `G30` stay.

@@ -14,6 +14,15 @@ use crate::{
     units::Nm,
 };
 
+/// Why a line has not been carried out as a plain one.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Refusal {
+    /// It is another one, or wrong.
+    Unusual,
+    /// The bytes come to an end before the line does, and it might be a plain one up to there.
+    CutOff,
+}
+
 /// What a plain line says.
 struct Plain {
     /// Letters of its words.
@@ -25,22 +34,22 @@ struct Plain {
     line: u32,
 }
 
-/// Carries out a plain line; false, and nothing has changed, for another one.
+/// Carries out a plain line, and tells what follows it. Nothing has changed after a refusal.
 #[inline(never)]
-pub(super) fn carry_out(
+pub(super) fn carry_out<I: Iterator<Item = u8>>(
     state: &mut Interpreter,
-    line: &[u8],
+    bytes: I,
     settings: &Settings,
     checked: &mut Checked,
     outcome: &mut Outcome,
-) -> bool {
+) -> Result<I, Refusal> {
     let modal = &state.modal;
     let is_usual = modal.units == Units::Millimetres
         && modal.feed_units == Units::Millimetres
         && modal.feed_mode == FeedMode::PerMinute
         && !settings.laser;
     if !is_usual {
-        return false;
+        return Err(Refusal::Unusual);
     }
     let mut plain = Plain {
         words: Words::NONE,
@@ -49,19 +58,17 @@ pub(super) fn carry_out(
         feed: modal.feed,
         line: 0,
     };
-    if plain.read(line).is_none() {
-        return false;
-    }
+    let rest = plain.read(bytes)?;
     let pace = match plain.motion {
         Motion::Rapid => Pace::Rapid,
         Motion::Linear if plain.feed != 0.0 => Pace::Feed(plain.feed),
-        Motion::Linear | Motion::Arc(_) | Motion::Probe(_) | Motion::Cancelled => return false,
+        Motion::Linear | Motion::Arc(_) | Motion::Probe(_) | Motion::Cancelled => {
+            return Err(Refusal::Unusual);
+        }
     };
-    let Some(target) = plain.target(state) else {
-        return false;
-    };
+    let target = plain.target(state).ok_or(Refusal::Unusual)?;
     if !plain.words.contains(Word::AXES) || !check::is_near(&target.position) {
-        return false;
+        return Err(Refusal::Unusual);
     }
     state.modal.motion = plain.motion;
     state.modal.feed = plain.feed;
@@ -78,44 +85,59 @@ pub(super) fn carry_out(
         pace,
         line: plain.line,
     });
-    true
+    Ok(rest)
 }
 
 impl Plain {
-    /// Reads the words of a line; `None` where one of them is not plain.
+    /// Reads the words of a line, and tells what follows it.
     #[inline]
-    fn read(&mut self, line: &[u8]) -> Option<()> {
-        let mut words = ShortWords::of(line);
-        while !words.is_empty() {
-            let letter = words.letter();
-            let number = words.take()?;
-            match letter {
-                b'G' => {
-                    self.motion = match number.natural()? {
-                        0 => Motion::Rapid,
-                        1 => Motion::Linear,
-                        _ => return None,
-                    }
-                }
-                b'F' => self.feed = number.amount()?,
-                b'N' => self.line = number.natural().filter(|line| *line <= check::MAX_LINE)?,
-                letter => {
-                    let mut axes = LETTERS.iter().take(AXES);
-                    let axis = axes.position(|known| *known == letter)?;
-                    *self.coordinates.0.get_mut(axis)? = number;
-                }
+    fn read<I: Iterator<Item = u8>>(&mut self, bytes: I) -> Result<I, Refusal> {
+        let mut words = ShortWords::of(bytes);
+        while !words.skips_to_end() {
+            if self.read_word(&mut words).is_none() {
+                return Err(if words.is_cut_off() {
+                    Refusal::CutOff
+                } else {
+                    Refusal::Unusual
+                });
             }
-            let word = Word::new(letter);
-            if self.words.contains(word) {
-                return None;
-            }
-            self.words.insert(word);
         }
+        Ok(words.rest())
+    }
+
+    /// Reads a word; `None` where it is not plain.
+    #[inline(always)]
+    #[expect(clippy::inline_always, reason = "for each word")]
+    fn read_word<I: Iterator<Item = u8>>(&mut self, words: &mut ShortWords<I>) -> Option<()> {
+        let letter = words.letter();
+        let number = words.take()?;
+        match letter {
+            b'G' => {
+                self.motion = match number.natural()? {
+                    0 => Motion::Rapid,
+                    1 => Motion::Linear,
+                    _ => return None,
+                }
+            }
+            b'F' => self.feed = number.amount()?,
+            b'N' => self.line = number.natural().filter(|line| *line <= check::MAX_LINE)?,
+            letter => {
+                let mut axes = LETTERS.iter().take(AXES);
+                let axis = axes.position(|known| *known == letter)?;
+                *self.coordinates.0.get_mut(axis)? = number;
+            }
+        }
+        let word = Word::new(letter);
+        if self.words.contains(word) {
+            return None;
+        }
+        self.words.insert(word);
         Some(())
     }
 
     /// Where it leads; `None` where a coordinate has too many decimals.
-    #[inline]
+    #[inline(always)]
+    #[expect(clippy::inline_always, reason = "a call would return by a copy")]
     fn target(&self, state: &Interpreter) -> Option<Target> {
         let mut target = Target {
             position: state.position,

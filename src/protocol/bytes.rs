@@ -254,8 +254,24 @@ impl ByteReader<'_> {
 }
 
 /// Bytes that waited when [`ByteReader::take_until`] was called.
-#[derive(Debug)]
+#[derive(Debug, Clone)]
 pub struct Waiting<'a>(Iter<'a, AtomicU8>);
+
+impl Waiting<'_> {
+    /// How many they are.
+    #[inline]
+    #[must_use]
+    pub fn len(&self) -> usize {
+        self.0.len()
+    }
+
+    /// Whether there are none.
+    #[inline]
+    #[must_use]
+    pub fn is_empty(&self) -> bool {
+        self.0.len() == 0
+    }
+}
 
 impl Iterator for Waiting<'_> {
     type Item = u8;

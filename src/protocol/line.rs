@@ -66,6 +66,12 @@ impl Line {
         }
     }
 
+    /// Whether nothing of the line has been taken that counts.
+    #[must_use]
+    pub fn is_empty(&self) -> bool {
+        self.length == 0 && self.place == Place::Code && !self.is_too_long
+    }
+
     /// Takes bytes up to the end of the line; false when they come to an end before. [`Line::text`]
     /// then has the line, which must be cleared before the byte after.
     #[must_use]

@@ -24,7 +24,7 @@ use super::{
 };
 use crate::{
     axis::Axes,
-    interpreter::{Checked, Interpreter, Outcome},
+    interpreter::{Checked, Interpreter, Outcome, Refusal},
     machine::{Probed, Snapshot},
     planner::{Entry, Mark, Path, Router, Work},
     settings::{Change, Settings, StoreError, Stored},
@@ -472,14 +472,16 @@ impl Session {
                 }
             }
             Stage::StartingUp(number) => self.start_up(machine, number, entries),
-            Stage::Reading => {
-                if self.read(received) {
+            Stage::Reading => match self.carry_out_plain(machine, received) {
+                Ok(()) => self.send_plain(machine, entries),
+                Err(Refusal::Unusual) if self.read(received) => {
                     self.judge(machine, received.capacity(), entries)
-                } else {
+                }
+                Err(Refusal::Unusual | Refusal::CutOff) => {
                     self.release_in_time(machine, entries);
                     Progress::Waiting
                 }
-            }
+            },
             Stage::Entering(_) if is_cut => Progress::Waiting,
             Stage::Entering(first) => self.enter(machine, first, entries),
             Stage::Completing(after) => self.complete(machine, after),

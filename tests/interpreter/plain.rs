@@ -1,7 +1,7 @@
 //! Plain lines: what is done in one go is what checking and committing do.
 
 use leadscrew::{
-    interpreter::{Checked, Interpreter, Outcome},
+    interpreter::{Checked, Interpreter, Outcome, Refusal},
     planner::Command,
     settings::Settings,
 };
@@ -17,8 +17,12 @@ fn plain(machine: &mut Interpreter, line: &str, settings: &Settings) -> Option<(
         .check(before.as_bytes(), settings)
         .unwrap();
     let mut outcome = Interpreter::new().commit(&checked);
-    let is_plain = machine.carry_out_plain(line.as_bytes(), settings, &mut checked, &mut outcome);
-    is_plain.then_some((checked, outcome))
+    let bytes = line.bytes().chain(*b"\nG0");
+    let rest = machine
+        .carry_out_plain(bytes, settings, &mut checked, &mut outcome)
+        .ok()?;
+    assert_eq!(rest.collect::<Vec<_>>(), b"G0", "{line}");
+    Some((checked, outcome))
 }
 
 /// Where a line ends in Grbl's single precision, which no comparison of targets looks at.
@@ -84,6 +88,7 @@ fn straight_moves_are_plain_and_nothing_else_is() {
         "X+1.",
         "N10G0X1Y2",
         "G1F5X00001.0000",
+        "  G1 F5  X1 ",
     ] {
         assert!(is_plain(&[], line), "{line}");
     }
@@ -110,6 +115,8 @@ fn straight_moves_are_plain_and_nothing_else_is() {
         "N10000001X1",
         "G90X1",
         "x1",
+        "G0X 1",
+        "G0X1 1",
         "X1\0",
         "X60000000",
     ] {
@@ -130,6 +137,24 @@ fn straight_moves_are_plain_and_nothing_else_is() {
     assert!(plain(&mut after(&[]), "X1", &settings).is_none());
 }
 
+#[test]
+fn a_line_that_is_cut_off_changes_nothing_and_may_be_plain_yet() {
+    let line = "G1 F100 X-1.5 Y2\nG0";
+    let settings = Settings::default();
+    let mut machine = Interpreter::new();
+    let (mut checked, mut outcome) = Default::default();
+    for length in 0..line.len() {
+        let bytes = line.bytes().take(length);
+        let result = machine.carry_out_plain(bytes, &settings, &mut checked, &mut outcome);
+        if line[..length].contains('\n') {
+            assert!(result.is_ok(), "{length}");
+            return;
+        }
+        assert_eq!(result.err(), Some(Refusal::CutOff), "{length}");
+        assert_eq!(machine, Interpreter::new(), "{length}");
+    }
+}
+
 proptest! {
     #![proptest_config(ProptestConfig::with_cases(2000))]
 
@@ -146,7 +171,9 @@ proptest! {
         }
         for line in lines {
             let before = machine.clone();
-            let checked = machine.check(line.as_bytes(), &settings);
+            // Blanks may be left in a plain line, and in no other.
+            let stripped = line.replace(' ', "");
+            let checked = machine.check(stripped.as_bytes(), &settings);
             let Some((way, short)) = plain(&mut machine, &line, &settings) else {
                 prop_assert_eq!(&machine, &before, "{}", line);
                 if let Ok(checked) = checked {

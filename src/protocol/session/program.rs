@@ -9,18 +9,77 @@ use super::{After, Progress, Session, Source, Stage, Then};
 use crate::{
     axis::Axes,
     gcode::{LineError, Probe},
-    interpreter::{Checked, Message},
+    interpreter::{Checked, Message, Refusal},
     machine::{Alarm, Levels, Snapshot, State},
     planner::{
         Command, Entry, Laser, Pace, PathControl, Router, Spindle, Target, Work, is_outside,
         leaves_travel,
     },
-    protocol::report::{self, Feedback},
+    protocol::{
+        ByteReader,
+        report::{self, Feedback},
+    },
     settings::Change,
     units::Nm,
 };
 
+/// As many bytes of a line may wait in their queue for its end. Fewer than release the session
+/// without one.
+const FEW_BYTES: usize = 128;
+
 impl Session {
+    /// Carries out the next line where it waits, if it is a plain one. Nothing has been taken, and
+    /// nothing has changed, for any other, where more is to be asked than its words, and while it is
+    /// not all there.
+    pub(super) fn carry_out_plain(
+        &mut self,
+        machine: &Snapshot,
+        received: &mut ByteReader<'_>,
+    ) -> Result<(), Refusal> {
+        let may_be_locked = matches!(machine.state, State::Alarm | State::Jog) || self.is_jogging;
+        if !self.is_position_known || may_be_locked || !self.line.is_empty() {
+            return Err(Refusal::Unusual);
+        }
+        let waiting = received.len();
+        let (settings, interpreter) = (&self.stored.settings, &mut self.interpreter);
+        let (checked, outcome) = (&mut self.checked, &mut self.outcome);
+        let mut result = Err(Refusal::CutOff);
+        received.take_until(|bytes| {
+            match interpreter.carry_out_plain(bytes.clone(), settings, checked, outcome) {
+                Ok(rest) => {
+                    *bytes = rest;
+                    result = Ok(());
+                }
+                // The ring begins anew within the line, or so much of it waits that it must be taken.
+                Err(Refusal::CutOff) if bytes.len() < waiting || waiting > FEW_BYTES => {
+                    result = Err(Refusal::Unusual);
+                }
+                Err(refusal) => result = Err(refusal),
+            }
+            result.is_ok()
+        });
+        result
+    }
+
+    /// Sends the one move that a plain line asks for, unless it leaves the travel.
+    pub(super) fn send_plain(
+        &mut self,
+        machine: &Snapshot,
+        entries: &mut Producer<'_, Entry>,
+    ) -> Progress {
+        let settings = &self.stored.settings;
+        if settings.soft_limits && is_outside(settings, &self.interpreter.position()) {
+            self.stage = Stage::Faulting;
+            return self.fault(entries);
+        }
+        if machine.state == State::Check {
+            self.outcome.commands.clear();
+        }
+        self.after = None;
+        self.stage = Stage::Entering(0);
+        self.enter(machine, 0, entries)
+    }
+
     /// The line that [`Session::source`] names: checked, and then carried out or left for later.
     pub(super) fn interpret(
         &mut self,
@@ -34,10 +93,12 @@ impl Session {
         let text = self.line.text().unwrap_or_default();
         let from = self.interpreter.position();
         let (checked, outcome) = (&mut self.checked, &mut self.outcome);
+        let bytes = text.iter().copied().chain([b'\n']);
         if self.source == Source::Line
             && self
                 .interpreter
-                .carry_out_plain(text, &self.stored.settings, checked, outcome)
+                .carry_out_plain(bytes, &self.stored.settings, checked, outcome)
+                .is_ok()
         {
             return self.send(machine, from, entries);
         }
