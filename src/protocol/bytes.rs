@@ -23,6 +23,8 @@ pub struct ByteRing<B: ?Sized = [AtomicU8]> {
     /// The number of the byte for which there is no room: bytes read so far and what may wait,
     /// wrapping.
     limit: AtomicUsize,
+    /// Bytes written up to the last one that may end a line, wrapping.
+    ended: AtomicUsize,
     bytes: B,
 }
 
@@ -37,6 +39,7 @@ impl<const N: usize> Bytes<N> {
         Self {
             written: AtomicUsize::new(0),
             limit: AtomicUsize::new(N - 1),
+            ended: AtomicUsize::new(0),
             bytes: [const { AtomicU8::new(0) }; N],
         }
     }
@@ -143,6 +146,13 @@ impl ByteWriter<'_> {
         Ok(next)
     }
 
+    /// Has the reader know that a line may end with the byte put last, which this is the number of.
+    #[inline(always)]
+    #[expect(clippy::inline_always, reason = "as for `enqueue`")]
+    pub fn end_line(&mut self, number: usize) {
+        self.ring.ended.store(number, Relaxed);
+    }
+
     /// Puts all of some bytes, or none where there is no room for all; whether it has.
     pub fn append(&mut self, bytes: &[u8]) -> bool {
         if self.ring.room() < bytes.len() {
@@ -203,6 +213,15 @@ impl ByteReader<'_> {
         let limit = self.ring.limit.load(Relaxed).wrapping_add(1);
         self.ring.limit.store(limit, Relaxed);
         Some(byte)
+    }
+
+    /// Whether a byte may wait that ends a line.
+    #[inline]
+    #[must_use]
+    pub fn may_have_line(&self) -> bool {
+        let ended = self.ring.ended.load(Relaxed);
+        let ahead = ended.wrapping_sub(self.ring.oldest()).cast_signed();
+        ahead > 0
     }
 
     /// Lets a function take bytes that wait now, until it has what it wants; whether it has. It is

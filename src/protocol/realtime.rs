@@ -440,6 +440,7 @@ fn put(byte: u8, requests: &Requests, line: &mut ByteWriter<'_>) -> Release {
     let is_release = byte <= b'\r' || number.is_multiple_of(UNRELEASED_BYTES);
     if is_release {
         rarely();
+        line.end_line(number);
         if requests.awaits_line() {
             return Release::Interpret;
         }

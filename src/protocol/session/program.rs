@@ -41,6 +41,9 @@ impl Session {
             return Err(Refusal::Unusual);
         }
         let waiting = received.len();
+        if waiting <= FEW_BYTES && !received.may_have_line() {
+            return Err(Refusal::CutOff);
+        }
         let (settings, interpreter) = (&self.stored.settings, &mut self.interpreter);
         let (checked, outcome) = (&mut self.checked, &mut self.outcome);
         let mut result = Err(Refusal::CutOff);
