@@ -18,6 +18,10 @@ const SLIVER: f32 = 0.05;
 /// never lets the machine be at its end before it is at rest, and all is even there.
 const SHORTER: u64 = 16;
 
+/// Braking that is late may be so many times as hard as the block allows. Each cell's speed is rounded
+/// alike: that adds up to some 20 nm, which the last cell would have to make up for.
+const HARDER: f32 = 1.001;
+
 /// An acceleration that is so many times another is no greater: what a small turn makes of it.
 const SOFTER: f32 = 1.005;
 
@@ -166,7 +170,7 @@ impl Pacer {
         let gain = gate.acceleration(&leg, left_mm) * CELL_S;
         let reach = self.reach(road, &leg, gain, window_s);
         let most = v + math::min(gain, math::max(leaving.change + gain, 0.0));
-        let hardest = reach.hardest;
+        let hardest = reach.hardest * HARDER;
         let least = v + math::max(-hardest, math::min(leaving.change - hardest, 0.0));
         let mut reached = math::min(most, math::min(reach.top, self.cap_mm_s));
         if reached > v {

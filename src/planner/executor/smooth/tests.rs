@@ -413,6 +413,19 @@ fn an_override_just_before_a_corner_leaves_its_limit_behind_it() -> Result<(), T
     Ok(())
 }
 
+#[test]
+fn what_rounding_lets_a_long_line_go_on_is_braked_before_its_end() -> Result<(), TestCaseError> {
+    for acceleration in 0..200_u16 {
+        let settings = machine(100.0 + 0.01 * f32::from(acceleration), 0.003);
+        let line = [([12.0, 0.0, 0.0], 2000.0)];
+        check(&peaks(
+            &settings,
+            &play(&settings, &blocks(&settings, &line), 0, &[]),
+        ))?;
+    }
+    Ok(())
+}
+
 proptest! {
     #![proptest_config(ProptestConfig {
         cases: 64,
