@@ -56,6 +56,14 @@ fn the_same_program_twice_makes_the_same_trace() {
 }
 
 #[test]
+fn an_end_half_way_between_two_steps_is_where_grbl_goes() {
+    let settings = with(&[250.0], &[6000.0], &[500.0]);
+    // In single precision it is a little less than half-way.
+    let trace = check(&settings, &[line(&[-0.014], 3000.0)]);
+    assert_eq!(trace.net_steps()[0], -3);
+}
+
+#[test]
 fn a_hold_stops_as_soon_as_the_limits_allow_and_resumes_on_the_path() {
     let settings = with(&[320.0], &[6000.0], &[500.0]);
     let commands = number(&[

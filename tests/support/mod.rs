@@ -92,8 +92,7 @@ mod host {
     /// The steps at which commands end.
     pub(crate) fn target_steps(settings: &Settings, target: &Axes<Nm>) -> Axes<i32> {
         settings.steps_per_mm.zip(*target, |resolution, nm| {
-            let single_mm = (nm.0 as f64 * 1.0e-6) as f32;
-            resolution.steps_as_grbl(nm, single_mm).0.0
+            resolution.steps_as_grbl(nm, nm.to_mm()).0.0
         })
     }
 

@@ -7,7 +7,7 @@ use leadscrew::{
     planner::{Circle, Command, Rotation, Round, Way},
     settings::Settings,
     stepper::SHIFT_TICKS,
-    units::{Nm, Steps},
+    units::Nm,
 };
 
 use super::{TICKS_PER_S, Trace, target, target_steps};
@@ -223,10 +223,7 @@ pub(crate) fn check_path(
     let pieces = pieces(settings, commands);
     let (worst, position) = follow(settings, &pieces, trace, slack);
     if let Some(end) = commands.iter().rev().find_map(target) {
-        let steps = settings
-            .steps_per_mm
-            .zip(end, |resolution, nm| resolution.steps_at(nm).0);
-        assert_eq!(position.map(Steps), steps, "final position");
+        assert_eq!(position, target_steps(settings, &end), "final position");
     }
     worst
 }
