@@ -163,6 +163,11 @@ impl NorFlash for SettingsFlash {
                 while flash.sr().read().bsy().bit_is_set() {}
                 true
             })?;
+            // The chip says nothing of a bit that was to be set and stays clear.
+            // SAFETY: see above.
+            if unsafe { first.add(index).read_volatile() } != u32::from_le_bytes(word) {
+                return Err(FlashError::Refused);
+            }
         }
         Ok(())
     }

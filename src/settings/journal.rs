@@ -289,7 +289,17 @@ impl<F: NorFlash> Journal<F> {
         self.operate(|map| Ok(complete(map.fetch_item(buffer, &key))?))
     }
 
+    /// Stores a record. A word that has lost a bit without being programmed spoils the first one that is
+    /// put there: then it is put once more, behind that place.
     fn store(&mut self, key: u8, record: &Record) -> Result<(), Fault> {
+        match self.append(key, record) {
+            Err(Fault::Refused(StoreError::Flash)) => self.append(key, record),
+            result => result,
+        }
+    }
+
+    #[inline(never)]
+    fn append(&mut self, key: u8, record: &Record) -> Result<(), Fault> {
         let mut buffer = [0; LONGEST];
         self.operate(|map| {
             Ok(complete(map.store_item(
