@@ -87,11 +87,11 @@ pub(crate) fn check() -> Result<Verdict> {
             .with_context(|| format!("no records of {name}"))
     };
     let (step, prepare) = (task("step")?, task("prepare")?);
-    // Each pulse begins with an interrupt and ends with another.
-    let interrupts = u64::from(step.activations);
+    // Each pulse begins with an interrupt and ends with another, and a segment may end with one more.
+    let (interrupts, segments) = (u64::from(step.activations), task("turn")?.activations);
     ensure!(
-        (2 * PULSES..=2 * PULSES + OTHERS).contains(&interrupts),
-        "{interrupts} step interrupts for {PULSES} pulses"
+        (2 * PULSES..=2 * PULSES + u64::from(segments) + OTHERS).contains(&interrupts),
+        "{interrupts} step interrupts for {PULSES} pulses in {segments} segments"
     );
     ensure!(
         step.recorded + step.dropped() == interrupts && step.recorded > 127,
