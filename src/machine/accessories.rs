@@ -309,9 +309,6 @@ impl Accessories {
     /// The power while a block is executed at this part of its programmed speed.
     #[must_use]
     pub fn power_in_motion(&self, laser: Laser, part: f32) -> Power {
-        if self.spindle == Spindle::Off {
-            return Power::OFF;
-        }
         match laser {
             Laser::None => self.power(self.rpm),
             Laser::Constant(rpm) => self.power(rpm),

@@ -1,8 +1,8 @@
 //! Segments where acceleration is continuous: along the blocks, at the pace of the reference's mean.
 
 use super::{
-    Executor, Goal, LONGEST_S, SEGMENT_S, SHORTEST_S, SMOOTH_SLIVER_S, START_S, Stretch, WHOLE_Q31,
-    WITHIN, share,
+    Executor, Goal, LONGEST_S, SEGMENT_S, SHORTEST_S, SMOOTH_SLIVER_S, START_S, WHOLE_Q31,
+    stretch::{Stretch, WITHIN, share},
 };
 use crate::{
     axis::Axes,
