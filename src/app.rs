@@ -28,9 +28,13 @@ mod app {
     use heapless::spsc::{Consumer, Producer, Queue};
     use leadscrew::{
         machine::{Inputs, Snapshot},
-        planner::{Entry, Motion},
-        protocol::{ByteWriter, Bytes, Progress, Session, realtime::Requests},
-        sim::{ENTRY_RING, RECEIVED_RING, SENT_RING},
+        model::{
+            Requests,
+            queues::{ENTRY_RING, RECEIVED_RING, SENT_RING},
+        },
+        motion::Motion,
+        path::Entry,
+        protocol::{ByteWriter, Bytes, Progress, Session},
         stepper::{EventReader, EventRing, EventTap, EventWriter, StepCounts},
     };
 

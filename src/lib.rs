@@ -1,4 +1,7 @@
 //! Motion control without hardware: the same code runs in the firmware, the simulator and the tests.
+//!
+//! Modules are listed from the bottom up: each uses those above it in this list, and none below
+//! (`tests/layers.rs`).
 #![no_std]
 #![forbid(unsafe_code)]
 #![warn(clippy::unwrap_used)]
@@ -7,13 +10,22 @@
 extern crate std;
 
 pub mod axis;
-pub mod gcode;
-pub mod interpreter;
-pub mod machine;
 pub mod math;
-pub mod planner;
-pub mod protocol;
-pub mod settings;
-pub mod sim;
-pub mod stepper;
 pub mod units;
+
+pub mod model;
+
+pub mod settings;
+
+pub mod gcode;
+pub mod stepper;
+
+pub mod path;
+
+pub mod machine;
+
+pub mod motion;
+
+pub mod protocol;
+
+pub mod sim;

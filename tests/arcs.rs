@@ -7,7 +7,7 @@ use std::f64::consts::TAU;
 
 use leadscrew::{
     axis::Axes,
-    planner::{Command, Plane, Rotation},
+    model::{Command, Plane, Rotation},
     settings::Settings,
     units::Nm,
 };

@@ -9,9 +9,9 @@ use std::collections::VecDeque;
 
 use leadscrew::{
     axis::Axes,
-    machine::State,
+    model::{State, queues::RECEIVED_RING},
     settings::Settings,
-    sim::{RECEIVED_RING, Simulator},
+    sim::Simulator,
     units::TICKS_PER_SECOND,
 };
 

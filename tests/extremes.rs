@@ -5,7 +5,7 @@ mod support;
 
 use leadscrew::{
     axis::{AXES, Axes},
-    planner::{Command, Pace, Plane, Rotation},
+    model::{Command, Pace, Plane, Rotation},
     settings::Settings,
     units::Nm,
 };

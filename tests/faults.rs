@@ -5,9 +5,9 @@ mod support;
 
 use leadscrew::{
     axis::Axes,
-    machine::State,
-    planner::{Entry, Router, Work},
-    protocol::realtime::{self, Requests},
+    model::{Requests, State},
+    path::{Entry, Router, Work},
+    protocol::realtime,
     settings::{Settings, StepRate},
     sim::{Drive, Edge},
 };

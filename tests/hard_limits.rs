@@ -4,8 +4,8 @@ mod support;
 
 use leadscrew::{
     axis::{Axes, X},
-    machine::{Alarm, Levels, Notice, State},
-    planner::Work,
+    model::{Alarm, Levels, Notice, State},
+    path::Work,
     settings::Settings,
     sim::Closes,
 };

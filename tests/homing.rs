@@ -4,8 +4,8 @@ mod support;
 
 use leadscrew::{
     axis::{AXES, Axes, X, Y, Z},
-    machine::{Alarm, Levels, State},
-    planner::{Spindle, Work},
+    model::{Alarm, Levels, Spindle, State},
+    path::Work,
     settings::Settings,
     sim::Closes,
 };

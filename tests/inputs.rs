@@ -2,7 +2,7 @@
 
 use leadscrew::{
     axis::{AXES, Axes},
-    machine::{Levels, State},
+    model::{Levels, State},
     settings::{Settings, assign},
     sim::{Closes, Simulator, Switch},
     units::{TICKS_PER_MS, TICKS_PER_US},

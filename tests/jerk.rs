@@ -5,7 +5,7 @@ mod support;
 
 use leadscrew::{
     axis::Axes,
-    planner::{Command, Pace},
+    model::{Command, Pace},
     settings::Settings,
     units::{Nm, TICKS_PER_MS},
 };

@@ -5,7 +5,9 @@ mod support;
 
 use leadscrew::{
     axis::Axes,
-    planner::{BLOCKS, Block, Command, LookAhead, Pace, Plane, Rotation, Router, Work},
+    model::{Command, Pace, Plane, Rotation},
+    motion::{BLOCKS, LookAhead},
+    path::{Block, Router, Work},
     settings::Settings,
     units::Nm,
 };

@@ -5,8 +5,7 @@ mod support;
 
 use leadscrew::{
     axis::Axes,
-    machine::State,
-    planner::{Command, Pace, Plane, Rotation},
+    model::{Command, Pace, Plane, Rotation, State},
     settings::Settings,
     units::{Nm, TICKS_PER_MS},
 };

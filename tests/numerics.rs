@@ -5,11 +5,11 @@ mod support;
 
 use leadscrew::{
     axis::{AXES, Axes},
-    planner::{Block, Circle, Command, Entry, Pace, Plane, Rotation, Router, Target, Work},
-    protocol::realtime::{self, Requests},
+    model::{Circle, Command, Pace, Plane, Requests, Rotation, Target, queues::EVENT_RING},
+    path::{Block, Entry, Router, Work},
+    protocol::realtime,
     settings::Settings,
     sim::Drive,
-    stepper::EVENT_RING,
     units::{Nm, StepsPerMm, TICKS_PER_MS, TICKS_PER_SECOND},
 };
 use proptest::prelude::*;

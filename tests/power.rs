@@ -2,7 +2,7 @@
 
 use leadscrew::{
     axis::Axes,
-    machine::Levels,
+    model::Levels,
     settings::{Settings, StepRate},
     sim::{Flash, Simulator},
     units::{StepsPerMm, TICKS_PER_SECOND},

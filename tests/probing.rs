@@ -4,8 +4,8 @@ mod support;
 
 use leadscrew::{
     axis::{AXES, Axes, X, Z},
-    machine::{Alarm, Levels, Notice, State},
-    planner::{Probing, Work},
+    model::{Alarm, Levels, Notice, Probing, State},
+    path::Work,
     settings::Settings,
     sim::Closes,
 };

@@ -5,7 +5,7 @@ mod support;
 
 use leadscrew::{
     axis::{AXES, Axes},
-    planner::{Circle, Command, Pace, Plane, Rotation},
+    model::{Circle, Command, Pace, Plane, Rotation},
     settings::Settings,
     units::Nm,
 };

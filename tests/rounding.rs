@@ -5,7 +5,8 @@ mod support;
 
 use leadscrew::{
     axis::Axes,
-    planner::{Command, Path, PathControl, Plane, Rotation, Router, Way, Work},
+    model::{Command, PathControl, Plane, Rotation},
+    path::{Path, Router, Way, Work},
     settings::Settings,
     units::Nm,
 };
@@ -215,8 +216,8 @@ fn short_lines_become_one_within_the_tolerance() {
 
 #[test]
 fn lines_of_other_feeds_axes_and_paces_stay_apart() {
-    let rapid = support::line_at(support::at(&[2.0]), leadscrew::planner::Pace::Rapid);
-    let timed = leadscrew::planner::Pace::InverseTime(10.0);
+    let rapid = support::line_at(support::at(&[2.0]), leadscrew::model::Pace::Rapid);
+    let timed = leadscrew::model::Pace::InverseTime(10.0);
     let timed = support::line_at(support::at(&[4.0]), timed);
     let commands = [
         line(&[1.0], 600.0),

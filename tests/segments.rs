@@ -5,9 +5,8 @@ mod support;
 
 use leadscrew::{
     axis::{AXES, Axes},
-    planner::{Command, Plane, Rotation},
+    model::{Command, Plane, Rotation, timing::EVENT_SPACING_TICKS},
     settings::{Settings, StepRate},
-    stepper::EVENT_SPACING_TICKS,
     units::TICKS_PER_MS,
 };
 use proptest::prelude::*;

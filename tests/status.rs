@@ -2,7 +2,7 @@
 
 use leadscrew::{
     axis::{AXES, X},
-    machine::{Levels, State},
+    model::{Levels, State},
     settings::{Settings, assign},
     sim::{Closes, Simulator, Switch},
     units::{TICKS_PER_MS, TICKS_PER_SECOND},

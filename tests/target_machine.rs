@@ -15,7 +15,7 @@ fn main() {
 mod rig {
     use leadscrew::{
         axis::Axes,
-        machine::State,
+        model::State,
         settings::Settings,
         sim::{Simulator, Tally},
     };
@@ -97,7 +97,7 @@ mod rig {
 #[defmt_test::tests]
 mod tests {
     use defmt::{assert, assert_eq};
-    use leadscrew::machine::State;
+    use leadscrew::model::State;
 
     use crate::rig::{Rig, machine};
 

@@ -1,8 +1,8 @@
 //! What a run of `prepare` asks for: outputs, the step timer, other tasks, another run.
 
 use leadscrew::{
-    planner::{Motion, Prepared},
-    protocol::realtime::Requests,
+    model::Requests,
+    motion::{Motion, Prepared},
     stepper::{EventWriter, StepCounts},
 };
 

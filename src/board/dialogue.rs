@@ -3,8 +3,9 @@
 use heapless::spsc::Producer;
 use leadscrew::{
     machine::Snapshot,
-    planner::Entry,
-    protocol::{ByteReader, ByteWriter, Progress, Session, realtime::Requests},
+    model::Requests,
+    path::Entry,
+    protocol::{ByteReader, ByteWriter, Progress, Session},
 };
 
 use super::{

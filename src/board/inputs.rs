@@ -6,8 +6,8 @@
 //! slowly at all times, for pins that share their interrupt line with another's.
 
 use leadscrew::{
-    machine::{Inputs, Levels, SAMPLE_TICKS, SAMPLES, Watch},
-    protocol::realtime::Requests,
+    machine::{Inputs, SAMPLE_TICKS, SAMPLES, Watch},
+    model::{Levels, Requests},
     stepper::{EventTap, StepCounts},
     units::TICKS_PER_US,
 };

@@ -1,6 +1,6 @@
 //! Boards that no emulator stands for: what `emulation` does for the one it does.
 
-use leadscrew::machine::{Levels, Outputs};
+use leadscrew::model::{Levels, Outputs};
 
 /// Whether the firmware runs in the emulator.
 pub(super) const fn is_emulated() -> bool {

@@ -27,7 +27,7 @@
 use cortex_m::Peripherals as Core;
 use leadscrew::{
     axis::AXES,
-    machine::{Levels, Outputs},
+    model::{Levels, Outputs},
 };
 use stm32f4xx_hal::{
     prelude::*,

@@ -4,7 +4,10 @@
 
 use core::sync::atomic::{AtomicU32, Ordering::Relaxed};
 
-use leadscrew::{machine::Outputs, planner::Spindle, stepper::Turned};
+use leadscrew::{
+    model::{Outputs, Spindle},
+    stepper::Turned,
+};
 
 use super::{
     chosen, emulation, pins,

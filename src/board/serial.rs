@@ -7,11 +7,8 @@
 //! interrupt in the time of a byte.
 
 use leadscrew::{
-    protocol::{
-        ByteReader, ByteWriter,
-        realtime::{self, Awaited, Release, Requests},
-    },
-    sim::SENT_RING,
+    model::{Awaited, Release, Requests, queues::SENT_RING},
+    protocol::{ByteReader, ByteWriter, realtime},
 };
 
 use super::{
@@ -51,7 +48,7 @@ impl Receiver {
 fn take_in(usart: &UsartRegisters, requests: &Requests, received: &mut ByteWriter<'_>) {
     let status = usart.sr().read();
     if status.rxne().bit_is_clear() {
-        realtime::rarely();
+        core::hint::cold_path();
         // The data register must not be read for nothing, as a byte might come just then; but an
         // overrun, which may come without a byte, is cleared like this. RM0090 30.6.1.
         if status.ore().bit_is_set() {

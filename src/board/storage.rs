@@ -1,7 +1,8 @@
 //! What outlives power: the journal in the chip's flash, and who it is for.
 
 use leadscrew::{
-    protocol::{ByteWriter, Progress, Session, realtime::Requests},
+    model::Requests,
+    protocol::{ByteWriter, Progress, Session},
     settings::{Journal, Loaded},
 };
 

@@ -2,7 +2,7 @@
 //!
 //! Registers of the ports: RM0090 8.4, the same on all parts.
 
-use leadscrew::machine::Levels;
+use leadscrew::model::Levels;
 
 use super::pac;
 

@@ -5,11 +5,11 @@
 
 use super::{
     Code, Distance, FeedMode, Flow, LineError, Modal, Motion, Number, Probe, ToolLength, Units,
-    Word, Words, WorkCoordinates,
+    Word, Words,
 };
 use crate::{
     axis::{AXES, Axes, LETTERS},
-    planner::{PathControl, Plane, Rotation, Spindle},
+    model::{PathControl, Plane, Rotation, Spindle, WorkCoordinates},
     units::Nm,
 };
 

@@ -5,6 +5,7 @@
 
 mod block;
 mod error;
+pub mod interpreter;
 mod modal;
 mod number;
 mod short;
@@ -12,9 +13,7 @@ mod word;
 
 pub use block::{AxisCommand, Block, NonModal, Reference};
 pub use error::LineError;
-pub use modal::{
-    Distance, FeedMode, Flow, Modal, Motion, Probe, ToolLength, Units, WorkCoordinates,
-};
+pub use modal::{Distance, FeedMode, Flow, Modal, Motion, Probe, ToolLength, Units};
 pub use number::{Code, Number};
 pub use short::{Short, ShortWords};
 pub use word::{Word, Words};

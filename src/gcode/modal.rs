@@ -1,6 +1,6 @@
 //! The modal state: what a line leaves behind for the lines after it.
 
-use crate::planner::{Coolant, PathControl, Plane, Rotation, Spindle};
+use crate::model::{Coolant, PathControl, Plane, Rotation, Spindle, WorkCoordinates};
 
 /// The modes and values that stay until they are changed. The default is the power-up state.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
@@ -153,56 +153,6 @@ pub enum ToolLength {
     None,
     /// `G43.1`.
     Dynamic,
-}
-
-/// A work coordinate system.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
-#[repr(u8)]
-pub enum WorkCoordinates {
-    /// `G54`, number 1 of `G10`.
-    #[default]
-    G54,
-    /// `G55`.
-    G55,
-    /// `G56`.
-    G56,
-    /// `G57`.
-    G57,
-    /// `G58`.
-    G58,
-    /// `G59`.
-    G59,
-}
-
-impl WorkCoordinates {
-    /// All of them, in order.
-    pub const ALL: [Self; 6] = [
-        Self::G54,
-        Self::G55,
-        Self::G56,
-        Self::G57,
-        Self::G58,
-        Self::G59,
-    ];
-
-    /// Its place in [`Self::ALL`].
-    #[must_use]
-    pub const fn index(self) -> usize {
-        self as usize
-    }
-
-    /// The command as reports write it.
-    #[must_use]
-    pub const fn word(self) -> &'static str {
-        match self {
-            Self::G54 => "G54",
-            Self::G55 => "G55",
-            Self::G56 => "G56",
-            Self::G57 => "G57",
-            Self::G58 => "G58",
-            Self::G59 => "G59",
-        }
-    }
 }
 
 /// What happens to the program after the line.

@@ -3,26 +3,11 @@
 //! Grbl 1.1's `spindle_control.c` sets the arithmetic: 255 steps of the PWM, of which each has four
 //! parts here.
 
-use super::{Outputs, Override, Overrides};
 use crate::{
     math,
-    planner::{Coolant, Laser, Spindle},
+    model::{Coolant, Laser, Outputs, Override, Overrides, Power, Spindle},
     settings::Settings,
 };
-
-/// What the spindle or the laser gets.
-#[derive(Debug, Clone, Copy, Default, PartialEq)]
-pub struct Power {
-    /// Speed, rpm, within `$30` and `$31`, with the override; 0 when off.
-    pub rpm: f32,
-    /// PWM, 0 to [`Outputs::FULL`].
-    pub duty: u16,
-}
-
-impl Power {
-    /// Off.
-    pub const OFF: Self = Self { rpm: 0.0, duty: 0 };
-}
 
 /// Stop of the spindle in a feed hold.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

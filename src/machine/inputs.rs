@@ -10,8 +10,7 @@ use core::sync::atomic::{
     compiler_fence,
 };
 
-use super::Levels;
-use crate::{axis::AXES, settings::Settings};
+use crate::{axis::AXES, model::Levels, settings::Settings};
 
 /// Change of the probe that is waited for.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -93,7 +92,7 @@ impl Inputs {
 
     /// Takes over `$5` and `$6`; for `prepare` alone.
     pub fn configure(&self, settings: &Settings) {
-        let inverted = Levels::inverted(settings) & self.wired;
+        let inverted = inverted(settings) & self.wired;
         self.inverted.store(u32::from(inverted.0), Relaxed);
     }
 
@@ -164,5 +163,41 @@ impl Inputs {
 impl Default for Inputs {
     fn default() -> Self {
         Self::new()
+    }
+}
+
+/// The inputs that are active while their contact is open, under `$5` and `$6`.
+fn inverted(settings: &Settings) -> Levels {
+    let mut inverted = Levels::NONE;
+    if settings.limit_invert {
+        // Only axes that exist have a switch.
+        inverted = Levels((1 << AXES) - 1);
+    }
+    if settings.probe_invert {
+        inverted = inverted | Levels::PROBE;
+    }
+    inverted
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn inverted_limits_and_probe_are_active_while_open() {
+        let inputs = Inputs::new();
+        let mut settings = Settings::default();
+        let closed = Levels(0b1) | Levels::DOOR;
+        inputs.set_closed(closed);
+        assert_eq!(inputs.active(), closed);
+        settings.limit_invert = true;
+        inputs.configure(&settings);
+        let others = Levels::limits((1 << AXES) - 2);
+        assert_eq!(inputs.active(), others | Levels::DOOR);
+        settings.probe_invert = true;
+        inputs.configure(&settings);
+        assert!(inputs.active().has(Levels::PROBE));
+        inputs.set_closed(closed | Levels::PROBE);
+        assert!(!inputs.active().has(Levels::PROBE));
     }
 }

@@ -1,27 +1,15 @@
-//! The machine's state and what is known of it elsewhere.
+//! The machine's state, and its inputs and accessories: pure, makes no motion.
 
 mod accessories;
-mod alarm;
-mod control;
-mod filter;
-mod homing;
+mod input_filter;
 mod inputs;
-mod levels;
-mod notice;
-mod outputs;
-mod overrides;
-mod state;
+mod snapshot;
+mod state_machine;
 mod watch;
 
-pub use accessories::{Accessories, Power};
-pub use alarm::Alarm;
-pub use control::{Control, Effect, Ending, Event};
-pub use filter::{Filter, SAMPLE_TICKS, SAMPLES};
-pub use homing::Homing;
+pub use accessories::Accessories;
+pub use input_filter::{Filter, SAMPLE_TICKS, SAMPLES};
 pub use inputs::{Contact, Inputs};
-pub use levels::Levels;
-pub use notice::{Notice, Notices};
-pub use outputs::Outputs;
-pub use overrides::{Override, Overrides};
-pub use state::{Probed, Snapshot, State};
+pub use snapshot::Snapshot;
+pub use state_machine::{Control, Effect, Ending, Event};
 pub use watch::{Watch, Watched};

@@ -4,8 +4,11 @@
 //! for it. Every input passes the filter, but for the probe while it is waited for: its first edge
 //! tells the position.
 
-use super::{Filter, Inputs, Levels};
-use crate::{protocol::realtime::Requests, stepper::EventTap};
+use super::{Filter, Inputs};
+use crate::{
+    model::{Levels, Requests},
+    stepper::EventTap,
+};
 
 /// What a sample asks of the interrupt's shell.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]

@@ -5,6 +5,7 @@
 //! (the compiler is told to keep the order), and no division. Measured in `docs/benchmarks.md`.
 
 use core::{
+    hint::cold_path,
     slice::Iter,
     sync::atomic::{
         AtomicU8, AtomicUsize,
@@ -12,8 +13,6 @@ use core::{
         compiler_fence,
     },
 };
-
-use super::realtime::rarely;
 
 /// A queue of bytes in `B`: see [`Bytes`].
 #[derive(Debug)]
@@ -134,7 +133,7 @@ impl ByteWriter<'_> {
     pub fn enqueue(&mut self, byte: u8) -> Result<usize, u8> {
         let number = self.ring.written.load(Relaxed);
         if number == self.ring.limit.load(Relaxed) {
-            rarely();
+            cold_path();
             return Err(byte);
         }
         let slot = self.ring.slot(number).ok_or(byte)?;

@@ -9,10 +9,8 @@ use super::{
     text::{ReportUnit, Text},
 };
 use crate::{
-    gcode::{LineError, Modal, WorkCoordinates},
-    interpreter::Offsets,
-    machine::{Alarm, Probed},
-    planner::{Plane, Spindle},
+    gcode::{LineError, Modal, interpreter::Offsets},
+    model::{Alarm, Plane, Probed, Spindle, WorkCoordinates},
     settings::{self, Description, GROUPS, Settings, StepRate, StoredLine, Value},
 };
 

@@ -7,8 +7,8 @@ use super::text::{ReportUnit, Text};
 use crate::{
     axis::{AXES, Axes, LETTERS},
     gcode::LineError,
-    machine::{Alarm, Levels, Probed, Snapshot, State},
-    planner::{Coolant, Spindle},
+    machine::Snapshot,
+    model::{Alarm, Coolant, Levels, Probed, Spindle, State},
     settings::Settings,
     units::{Nm, Steps},
 };

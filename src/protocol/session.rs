@@ -18,15 +18,15 @@ use heapless::spsc::Producer;
 use super::{
     bytes::{ByteReader, ByteWriter},
     line::Line,
-    realtime::{Awaited, Requests},
     report::{self, Cadence, Feedback, Status},
     text::Text,
 };
 use crate::{
     axis::Axes,
-    interpreter::{Checked, Interpreter, Outcome, Refusal},
-    machine::{Probed, Snapshot},
-    planner::{Entry, Mark, Path, Router, Work},
+    gcode::interpreter::{Checked, Interpreter, Outcome, Refusal},
+    machine::Snapshot,
+    model::{Awaited, Probed, Requests},
+    path::{Entry, Mark, Path, Router, Work},
     settings::{Change, Settings, StoreError, Stored},
     units::Nm,
 };

@@ -2,17 +2,14 @@
 
 mod decimal;
 mod described;
-mod journal;
-mod record;
-mod restore;
-mod sectors;
 mod step_rate;
+mod storage;
 mod stored;
 mod table;
 
 pub use described::{DataType, Description, GROUPS, Group, described};
-pub use journal::{Journal, Loaded};
 pub use step_rate::StepRate;
+pub use storage::{Journal, Loaded};
 pub use stored::{
     COORDINATE_SYSTEMS, Change, Origins, STARTUP_LINES, STORED_LINE, StoreError, Stored, StoredLine,
 };
@@ -22,7 +19,7 @@ pub use table::{
 
 use crate::{
     axis::Axes,
-    stepper::{EVENT_SPACING_TICKS, least_period_ticks},
+    model::timing::{EVENT_SPACING_TICKS, least_period_ticks},
     units::{Nm, StepsPerMm, TICKS_PER_SECOND, TICKS_PER_US},
 };
 

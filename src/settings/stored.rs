@@ -3,10 +3,10 @@
 use heapless::Vec;
 
 use super::{Settings, StepRate};
-use crate::{axis::Axes, units::Nm};
+use crate::{axis::Axes, model::WorkCoordinates, units::Nm};
 
 /// Work coordinate systems that are stored: `G54` to `G59`.
-pub const COORDINATE_SYSTEMS: usize = 6;
+pub const COORDINATE_SYSTEMS: usize = WorkCoordinates::ALL.len();
 /// Lines that are executed after power-up, a reset and homing: `$N0` and `$N1`.
 pub const STARTUP_LINES: usize = 2;
 /// Longest startup line or build information, bytes.

@@ -5,7 +5,7 @@ use heapless::Vec;
 use super::Edge;
 use crate::{
     axis::{AXES, Axes},
-    machine::Levels,
+    model::Levels,
 };
 
 /// Switches that can be mounted.

@@ -5,16 +5,14 @@ use heapless::spsc::Queue;
 use super::{Switch, contacts::Contacts};
 use crate::{
     axis::Axes,
-    machine::{Inputs, Levels, Outputs, SAMPLE_TICKS, Snapshot, Watch},
-    planner::{Entry, Motion},
-    protocol::realtime::Requests,
+    machine::{Inputs, SAMPLE_TICKS, Snapshot, Watch},
+    model::{Levels, Outputs, Requests, queues::ENTRY_RING},
+    motion::Motion,
+    path::Entry,
     settings::Settings,
     stepper::{EventRing, StepCounts, StepEvent, Upcoming},
     units::TICKS_PER_MS,
 };
-
-/// Entries that may wait for `prepare`, and one more.
-pub const ENTRY_RING: usize = 8;
 
 /// What the step pins do at one instant.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

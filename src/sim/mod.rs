@@ -8,8 +8,8 @@ mod stream;
 mod tally;
 
 pub use contacts::{Closes, Switch};
-pub use drive::{Drive, ENTRY_RING, Edge};
+pub use drive::{Drive, Edge};
 pub use flash::{Flash, FlashError, SECTOR, SECTORS};
-pub use simulator::{RECEIVED_RING, SENT_RING, Simulator};
+pub use simulator::Simulator;
 pub use stream::{End, Stream, Watcher};
 pub use tally::Tally;

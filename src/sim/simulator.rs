@@ -3,19 +3,15 @@
 use super::{Drive, Edge, Flash, Switch};
 use crate::{
     axis::Axes,
-    machine::{Levels, Outputs, Snapshot},
-    protocol::{
-        Bytes, Progress, Session,
-        realtime::{self, Release, Requests},
+    machine::Snapshot,
+    model::{
+        Levels, Outputs, Release, Requests,
+        queues::{RECEIVED_RING, SENT_RING},
     },
+    protocol::{Bytes, Progress, Session, realtime},
     settings::{Change, Journal, Loaded, Settings, StepRate, Stored},
     stepper::StepCounts,
 };
-
-/// Bytes that may wait for `interpret`, and one more.
-pub const RECEIVED_RING: usize = 1024;
-/// Bytes that may wait to be sent, and one more.
-pub const SENT_RING: usize = 1024;
 
 /// The machine behind its serial line, on a virtual clock of timer ticks.
 ///

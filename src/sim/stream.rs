@@ -7,7 +7,7 @@
 use heapless::{Deque, Vec};
 
 use super::{Edge, Simulator};
-use crate::{machine::State, units::TICKS_PER_SECOND};
+use crate::{model::State, units::TICKS_PER_SECOND};
 
 /// Bytes that may be on their way unanswered.
 const WINDOW: usize = 127;

@@ -2,11 +2,12 @@
 //! they are in order as they come.
 
 use super::{
-    PULSE_LOW_TICKS, StepEvent,
+    StepEvent,
     axis_steps::{AxisSteps, EVEN_BITS},
     ring::EventBatch,
     slots::Cursor,
 };
+use crate::model::timing::PULSE_LOW_TICKS;
 
 /// [`PULSE_LOW_TICKS`] as a difference of times.
 const LOW: i32 = PULSE_LOW_TICKS.cast_signed();

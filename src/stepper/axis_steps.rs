@@ -3,9 +3,9 @@
 //! q(τ) = vτ + aτ²/2 in steps, and step k falls where q crosses half-way to it. At an even pace each
 //! time follows from the one before; otherwise it is solved for, so that every step costs the same.
 
-use super::PULSE_LOW_TICKS;
 use crate::{
     math,
+    model::timing::PULSE_LOW_TICKS,
     units::{FineSteps, Steps},
 };
 

@@ -11,8 +11,11 @@ use core::sync::atomic::{
     compiler_fence,
 };
 
-use super::{EventTap, SEGMENT_RING, SegmentInfo};
-use crate::axis::{AXES, Axes};
+use super::{EventTap, SegmentInfo};
+use crate::{
+    axis::{AXES, Axes},
+    model::queues::SEGMENT_RING,
+};
 
 /// A segment on its way.
 #[derive(Debug)]
@@ -36,7 +39,7 @@ const DUTY_SHIFT: u32 = 16;
 /// What `turn` has to do.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Turned {
-    /// Spindle PWM of the segment that has begun, 0 to [`crate::machine::Outputs::FULL`].
+    /// Spindle PWM of the segment that has begun, 0 to [`crate::model::Outputs::FULL`].
     pub duty: Option<u16>,
     /// Run again: another segment has begun meanwhile.
     pub again: bool,

@@ -1,7 +1,9 @@
 //! What the step interrupt is given to do.
 
-use super::EVENT_SPACING_TICKS;
-use crate::axis::{AXES, Axes};
+use crate::{
+    axis::{AXES, Axes},
+    model::timing::EVENT_SPACING_TICKS,
+};
 
 /// Bits of all axes.
 const AXIS_BITS: u32 = (1 << AXES) - 1;
@@ -175,7 +177,7 @@ pub struct SegmentInfo {
     pub feed_mm_min: f32,
     /// `N` word of its block, 0 without.
     pub line: u32,
-    /// Spindle PWM in it, 0 to [`crate::machine::Outputs::FULL`].
+    /// Spindle PWM in it, 0 to [`crate::model::Outputs::FULL`].
     pub duty: u16,
     /// Spindle speed or laser power in it, rpm.
     pub spindle_rpm: f32,

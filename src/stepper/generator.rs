@@ -6,18 +6,21 @@
 //! no slots: its events are in order as they come.
 
 use super::{
-    AxisMotion, DIRECTION_SETUP_TICKS, EVENT_RING, EventWriter, PULSE_LOW_TICKS, SegmentInfo,
-    StepCounts, StepEvent,
+    AxisMotion, EventWriter, SegmentInfo, StepCounts, StepEvent,
     alone::Alone,
     axis_steps::{AxisSteps, NO_STEPS, plan_axis},
     history::{high_after, steps_after},
     placing::Placing,
     ring::EventBatch,
-    slots::{Cursor, SLOT, SLOT_TICKS, Slots},
+    slots::{Cursor, SLOT, Slots},
 };
 use crate::{
     axis::{AXES, Axes},
-    machine::Power,
+    model::{
+        Power,
+        queues::EVENT_RING,
+        timing::{DIRECTION_SETUP_TICKS, LOW_SLOTS, SLOT_TICKS, pulse_slots},
+    },
     units::{FineSteps, TICKS_PER_US},
 };
 
@@ -61,25 +64,10 @@ impl Segment {
     };
 }
 
-/// Slots from the end of a pulse to the next step of the axis: an event comes at the end of its slot
-/// at most.
-const LOW_SLOTS: u32 = 1 + PULSE_LOW_TICKS.div_ceil(SLOT_TICKS);
 /// Slots from a change of direction to the next step of the axis.
 const SETUP_SLOTS: u32 = 1 + DIRECTION_SETUP_TICKS.div_ceil(SLOT_TICKS);
 /// So many slots ago, nothing matters any more.
 const LONG_AGO: u32 = 16;
-
-/// Slots from a step to the end of its pulse, of so many ticks.
-#[must_use]
-pub(crate) const fn pulse_slots(pulse_ticks: u32) -> u32 {
-    1 + pulse_ticks.div_ceil(SLOT_TICKS)
-}
-
-/// Shortest time between two steps of an axis, ticks, with pulses of `pulse_ticks`.
-#[must_use]
-pub(crate) const fn least_period_ticks(pulse_ticks: u32) -> u32 {
-    (pulse_slots(pulse_ticks) + LOW_SLOTS) * SLOT_TICKS
-}
 
 /// Turns segments into events, a whole one at a time.
 ///

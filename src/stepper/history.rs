@@ -5,9 +5,10 @@
 //! interrupt that has to know takes one number, [`EventTap::output`](super::EventTap::output), and
 //! `prepare` counts, before it has overwritten so much.
 
-use super::{EVENT_RING, EventWriter, StepCounts, generator::pulse_slots};
+use super::{EventWriter, StepCounts};
 use crate::{
     axis::{AXES, Axes},
+    model::{queues::EVENT_RING, timing::pulse_slots},
     units::TICKS_PER_US,
 };
 
@@ -95,10 +96,8 @@ mod tests {
 
     use super::*;
     use crate::{
-        machine::Power,
-        stepper::{
-            AxisMotion, EventRing, EventTap, Generator, SEGMENT_TICKS, Segment, StepEvent, Upcoming,
-        },
+        model::{Power, timing::SEGMENT_TICKS},
+        stepper::{AxisMotion, EventRing, EventTap, Generator, Segment, StepEvent, Upcoming},
         units::FineSteps,
     };
 

@@ -1,8 +1,10 @@
 //! How the steps of an axis get into the slots of a segment.
 
+use crate::model::timing::SLOT_TICKS;
+
 use super::{
     axis_steps::{AxisSteps, EVEN_BITS},
-    slots::{SLOT_TICKS, SLOTS, Slots},
+    slots::{SLOTS, Slots},
 };
 
 /// Where the slot begins in a time with [`EVEN_BITS`] binary places; the ticks in it are below. Above

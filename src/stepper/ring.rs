@@ -19,14 +19,9 @@
 
 use core::sync::atomic::{AtomicU32, Ordering::Relaxed, Ordering::SeqCst, compiler_fence};
 
-use super::{SEGMENT_EVENTS, StepCounts, StepEvent};
+use super::{StepCounts, StepEvent};
+use crate::model::queues::EVENT_RING;
 
-/// Events that may wait in a ring.
-///
-/// The beginning of a segment releases `prepare`, so a full ring must hold one, and enough events
-/// behind it for `prepare` to catch up: at the shortest spacing half of the longest segment.
-pub const EVENT_RING: usize = 2048;
-const _: () = assert!(EVENT_RING as u32 >= SEGMENT_EVENTS * 3 / 2);
 /// Words of a ring, a power of two: as many events as may wait, the word behind them, and those
 /// played last, from which `prepare` learns where the machine was at an event.
 const WORDS: usize = 2 * EVENT_RING;

@@ -1,6 +1,6 @@
 //! How far steps are from the times at which they are due.
 
-use super::EVENT_SPACING_TICKS;
+use crate::model::timing::EVENT_SPACING_TICKS;
 
 /// Most that a step comes before or after its time, ticks, besides roundings.
 ///
@@ -19,9 +19,8 @@ mod tests {
     use super::*;
     use crate::{
         axis::{AXES, Axes},
-        stepper::{
-            AxisMotion, EVENT_SPACING_TICKS, EventRing, Generator, Segment, StepCounts, generator,
-        },
+        model::timing::{EVENT_SPACING_TICKS, least_period_ticks},
+        stepper::{AxisMotion, EventRing, Generator, Segment, StepCounts},
         units::{FineSteps, TICKS_PER_US},
     };
 
@@ -56,7 +55,7 @@ mod tests {
         let mut generator = Generator::new();
         generator.set_pulse_us(pulse_us);
         let (mut ring, counts) = (EventRing::new(), StepCounts::new());
-        let period = generator::least_period_ticks(u32::from(pulse_us) * TICKS_PER_US);
+        let period = least_period_ticks(u32::from(pulse_us) * TICKS_PER_US);
         let mut exact = [Exact {
             position: 0.0,
             speed: 0.0,

@@ -8,10 +8,9 @@
 
 use core::num::NonZeroU32;
 
-use super::{EVENT_SPACING_TICKS, StepEvent, ring::EventBatch};
+use super::{StepEvent, ring::EventBatch};
+use crate::model::timing::SLOT_TICKS;
 
-/// Length of a slot, ticks.
-pub(super) const SLOT_TICKS: u32 = EVENT_SPACING_TICKS;
 /// The same as a difference of times.
 pub(super) const SLOT: i32 = SLOT_TICKS.cast_signed();
 /// Slots, a power of two: for a segment with what it may be stretched by, and the pulses after it.

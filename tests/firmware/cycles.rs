@@ -1,6 +1,6 @@
 //! Limit switches and the probe.
 
-use leadscrew::machine::Levels;
+use leadscrew::model::Levels;
 
 use crate::machine::{Machine, RESET};
 

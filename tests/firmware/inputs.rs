@@ -1,6 +1,6 @@
 //! Buttons, the door, and what is reported of inputs.
 
-use leadscrew::machine::Levels;
+use leadscrew::model::Levels;
 
 use crate::machine::{Machine, RESET};
 

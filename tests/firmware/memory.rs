@@ -12,7 +12,7 @@ use std::{
     time::Duration,
 };
 
-use leadscrew::machine::Levels;
+use leadscrew::model::Levels;
 use object::{Object, ObjectSymbol};
 
 /// Words of `FIGURES` before the positions, and before what is switched.

@@ -3,7 +3,7 @@
 use leadscrew::{
     axis::{Axes, X, Y, Z},
     gcode::LineError,
-    planner::{Circle, Command, Plane, Rotation},
+    model::{Circle, Command, Plane, Rotation},
     units::Nm,
 };
 use proptest::prelude::*;

@@ -2,8 +2,8 @@
 
 use leadscrew::{
     axis::{AXES, X, Z},
-    interpreter::Interpreter,
-    planner::Command,
+    gcode::interpreter::Interpreter,
+    model::Command,
     settings::Settings,
     units::Nm,
 };

@@ -2,9 +2,8 @@
 
 use leadscrew::{
     axis::{AXES, X, Y, Z},
-    gcode::{Distance, LineError, Motion, Units, WorkCoordinates},
-    interpreter::Message,
-    planner::{Command, Coolant, Pace, PathControl, Plane, Spindle},
+    gcode::{Distance, LineError, Motion, Units, interpreter::Message},
+    model::{Command, Coolant, Pace, PathControl, Plane, Spindle, WorkCoordinates},
     settings::Settings,
     units::Nm,
 };

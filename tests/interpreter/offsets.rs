@@ -3,7 +3,7 @@
 use leadscrew::{
     axis::{AXES, X},
     gcode::{LineError, Modal},
-    planner::Pace,
+    model::Pace,
     units::Nm,
 };
 

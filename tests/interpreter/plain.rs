@@ -1,8 +1,8 @@
 //! Plain lines: what is done in one go is what checking and committing do.
 
 use leadscrew::{
-    interpreter::{Checked, Interpreter, Outcome, Refusal},
-    planner::Command,
+    gcode::interpreter::{Checked, Interpreter, Outcome, Refusal},
+    model::Command,
     settings::Settings,
 };
 use proptest::prelude::*;

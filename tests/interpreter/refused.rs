@@ -1,7 +1,9 @@
 //! Lines that are refused.
 
 use leadscrew::{
-    gcode::LineError, interpreter::Interpreter, settings::Settings, units::StepsPerMm,
+    gcode::{LineError, interpreter::Interpreter},
+    settings::Settings,
+    units::StepsPerMm,
 };
 
 use crate::support::{error, send};

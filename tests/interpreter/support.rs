@@ -2,9 +2,11 @@
 
 use leadscrew::{
     axis::Axes,
-    gcode::LineError,
-    interpreter::{Interpreter, Outcome},
-    planner::{Command, Pace},
+    gcode::{
+        LineError,
+        interpreter::{Interpreter, Outcome},
+    },
+    model::{Command, Pace},
     settings::Settings,
     units::Nm,
 };

@@ -3,12 +3,10 @@
 use heapless::spsc::Queue;
 use leadscrew::{
     axis::AXES,
-    machine::{Alarm, Levels, Notice, Overrides, Snapshot, State},
-    planner::{Block, Entry, Pacing, Probing, Work},
-    protocol::{
-        Bytes, Progress, Session,
-        realtime::{self, Release, Requests},
-    },
+    machine::Snapshot,
+    model::{Alarm, Button, Levels, Notice, Overrides, Probing, Release, Requests, State},
+    path::{Block, Entry, Pacing, Work},
+    protocol::{Bytes, Progress, Session, realtime},
     settings::{Change, Settings, StoreError, Stored},
 };
 
@@ -242,7 +240,7 @@ impl Bench {
                 assert!(self.machine.is_at_rest, "{change:?}");
                 self.changes.push(change);
                 if std::mem::take(&mut self.resets_in_store) {
-                    self.requests.press(realtime::Button::Reset);
+                    self.requests.press(Button::Reset);
                 }
                 self.session.has_stored(if self.flash_fails {
                     Err(StoreError::Flash)

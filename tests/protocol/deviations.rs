@@ -1,6 +1,6 @@
 //! What is otherwise than in Grbl, on purpose: `docs/grbl-compatibility.md`.
 
-use leadscrew::planner::{Laser, Work};
+use leadscrew::{model::Laser, path::Work};
 
 use super::bench::Bench;
 
@@ -33,7 +33,7 @@ fn the_buffers_that_are_told_are_those_there_are() {
 #[test]
 fn what_is_sent_after_the_welcome_is_answered_at_once() {
     let mut bench = Bench::new();
-    bench.machine.state = leadscrew::machine::State::Run;
+    bench.machine.state = leadscrew::model::State::Run;
     let lines = bench.answer("\x18");
     assert_eq!(lines[0], "ALARM:3");
     assert_eq!(bench.ask("$X")[1], "ok");

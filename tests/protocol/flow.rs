@@ -1,6 +1,6 @@
 //! Answers: when they come, when they are withheld, what a reset does.
 
-use leadscrew::{machine::State, protocol::Progress, settings::Settings};
+use leadscrew::{model::State, protocol::Progress, settings::Settings};
 
 use super::bench::{Bench, UNLOCK, WELCOME, answers};
 

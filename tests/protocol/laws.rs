@@ -1,6 +1,6 @@
 //! What holds for any input.
 
-use leadscrew::machine::State;
+use leadscrew::model::State;
 use proptest::prelude::*;
 
 use super::bench::{Bench, WELCOME, answers};

@@ -1,8 +1,8 @@
 //! Lines of G-code: probing, laser, soft limits, alarms.
 
 use leadscrew::{
-    machine::{Alarm, Notice, State},
-    planner::{Laser, Spindle, Work},
+    model::{Alarm, Laser, Notice, Spindle, State},
+    path::Work,
 };
 
 use super::bench::{Bench, UNLOCK, WELCOME};

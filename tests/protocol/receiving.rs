@@ -1,11 +1,8 @@
 //! Received bytes: what each asks for, and whom it releases.
 
 use leadscrew::{
-    machine::Override,
-    protocol::{
-        Bytes,
-        realtime::{Awaited, Release, Requests, receive},
-    },
+    model::{Awaited, Override, Release, Requests},
+    protocol::{Bytes, realtime::receive},
 };
 
 /// What waits for bytes, and what they have asked for.

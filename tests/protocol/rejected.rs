@@ -1,6 +1,6 @@
 //! What is refused leaves everything as it was.
 
-use leadscrew::machine::{Levels, State};
+use leadscrew::model::{Levels, State};
 use proptest::prelude::*;
 
 use super::bench::{Bench, answers};

@@ -1,6 +1,6 @@
 //! Reports and `$` statements, in Grbl's words.
 
-use leadscrew::{axis::AXES, machine::State, planner::Work};
+use leadscrew::{axis::AXES, model::State, path::Work};
 
 use super::bench::{Bench, WELCOME, answers};
 

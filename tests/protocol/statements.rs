@@ -1,8 +1,8 @@
 //! `$` statements that store, switch or move something.
 
 use leadscrew::{
-    machine::{Alarm, Levels, State},
-    planner::{Pacing, Work},
+    model::{Alarm, Levels, State},
+    path::{Pacing, Work},
     settings::{Change, Settings, StepRate, Stored, StoredLine},
 };
 

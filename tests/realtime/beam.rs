@@ -1,8 +1,8 @@
 //! The laser.
 
 use leadscrew::{
-    machine::{Notice, Outputs, State},
-    planner::{Block, Command, Coolant, Laser, Pace, Spindle, Work},
+    model::{Command, Coolant, Laser, Notice, Outputs, Pace, Spindle, State},
+    path::{Block, Work},
     settings::Settings,
 };
 

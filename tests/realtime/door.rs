@@ -1,8 +1,8 @@
 //! The safety door.
 
 use leadscrew::{
-    machine::{Levels, Notice, Outputs, State},
-    planner::{Coolant, Spindle, Work},
+    model::{Coolant, Levels, Notice, Outputs, Spindle, State},
+    path::Work,
 };
 
 use crate::{

@@ -1,6 +1,6 @@
 //! Jogs, queued and cancelled.
 
-use leadscrew::machine::{Notice, State};
+use leadscrew::model::{Notice, State};
 
 use crate::{
     CANCEL, DOOR, MS, go, jog, moving, notices, state,

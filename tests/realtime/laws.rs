@@ -2,7 +2,7 @@
 
 use leadscrew::{
     axis::Axes,
-    planner::{Command, Pace},
+    model::{Command, Pace},
     settings::Settings,
     units::Nm,
 };

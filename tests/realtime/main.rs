@@ -13,8 +13,8 @@ mod support;
 mod switches;
 
 use leadscrew::{
-    machine::{Notice, Notices, State},
-    planner::{Command, Pace, Work},
+    model::{Command, Notice, Notices, Pace, State},
+    path::Work,
     settings::Settings,
     units::TICKS_PER_MS,
 };

@@ -1,8 +1,8 @@
 //! Parking while the safety door is open.
 
 use leadscrew::{
-    machine::State,
-    planner::{Spindle, Work},
+    model::{Spindle, State},
+    path::Work,
     settings::Settings,
 };
 

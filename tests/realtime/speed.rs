@@ -1,8 +1,8 @@
 //! How soon and how far overrides and holds change the speed.
 
 use leadscrew::{
-    machine::Overrides,
-    planner::{Pace, Work},
+    model::{Overrides, Pace},
+    path::Work,
 };
 
 use crate::{

@@ -1,8 +1,8 @@
 //! Holds, pauses, sleep, check mode, alarms and resets.
 
 use leadscrew::{
-    machine::{Alarm, Levels, Notice, Outputs, State},
-    planner::{Command, Pace, Spindle, Work},
+    model::{Alarm, Command, Levels, Notice, Outputs, Pace, Spindle, State},
+    path::Work,
     settings::Settings,
 };
 

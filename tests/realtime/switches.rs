@@ -1,8 +1,8 @@
 //! Spindle, coolant and stepper drivers.
 
 use leadscrew::{
-    machine::{Notice, State},
-    planner::{Spindle, Work},
+    model::{Notice, Spindle, State},
+    path::Work,
     settings::Settings,
 };
 

@@ -2,9 +2,10 @@
 
 use leadscrew::{
     axis::{AXES, Axes},
-    machine::{Alarm, Levels, Notice, Snapshot, State},
-    planner::{Command, Entry, Probing, Router, Work},
-    protocol::realtime::{self, Requests},
+    machine::Snapshot,
+    model::{Alarm, Command, Levels, Notice, Probing, Requests, State},
+    path::{Entry, Router, Work},
+    protocol::realtime,
     settings::Settings,
     sim::{Closes, Drive, Switch},
     units::{TICKS_PER_SECOND, TICKS_PER_US},
@@ -94,7 +95,7 @@ impl Cell {
     pub(crate) fn probe(&mut self, mm: &[f64], mm_min: f32, probing: Probing) {
         let command = Command::Probe {
             target: at(mm).into(),
-            pace: leadscrew::planner::Pace::Feed(mm_min),
+            pace: leadscrew::model::Pace::Feed(mm_min),
             probing,
             line: 0,
         };

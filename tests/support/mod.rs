@@ -21,7 +21,7 @@ pub(crate) use {cell::*, host::*, limits::*, path::*, profile::*, rig::*, trace:
 mod host {
     use leadscrew::{
         axis::Axes,
-        planner::{Circle, Command, Pace, Plane, Rotation, Target},
+        model::{Circle, Command, Pace, Plane, Rotation, Target},
         settings::{Settings, StepRate},
         units::{Nm, StepsPerMm},
     };

@@ -4,7 +4,8 @@ use std::{f64::consts::TAU, ops::Range};
 
 use leadscrew::{
     axis::{AXES, Axes},
-    planner::{Circle, Command, Rotation, Round, Way},
+    model::{Circle, Command, Rotation},
+    path::{Round, Way},
     settings::Settings,
     stepper::SHIFT_TICKS,
     units::Nm,

@@ -4,9 +4,10 @@ use std::collections::VecDeque;
 
 use leadscrew::{
     axis::Axes,
-    machine::{Snapshot, State},
-    planner::{Command, Entry, Path, PathControl, Router, Way, Work},
-    protocol::realtime::{self, Requests},
+    machine::Snapshot,
+    model::{Command, PathControl, Requests, State},
+    path::{Entry, Path, Router, Way, Work},
+    protocol::realtime,
     settings::Settings,
     sim::{Drive, Edge},
     units::TICKS_PER_SECOND,

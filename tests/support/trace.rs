@@ -4,9 +4,9 @@ use std::ops::Range;
 
 use leadscrew::{
     axis::{AXES, Axes},
+    model::timing::{DIRECTION_SETUP_TICKS, EVENT_SPACING_TICKS, PULSE_LOW_TICKS},
     settings::Settings,
     sim::Edge,
-    stepper::{DIRECTION_SETUP_TICKS, EVENT_SPACING_TICKS, PULSE_LOW_TICKS},
     units::{TICKS_PER_SECOND, TICKS_PER_US},
 };
 

@@ -34,7 +34,7 @@ use crate::test::Verdict;
 /// finds a machine that is stuck before.
 const PATIENCE: Duration = Duration::from_secs(90);
 /// Longest time for one sender's run: a guard for one that goes round in circles.
-const LONGEST: Duration = Duration::from_secs(900);
+const LONGEST: Duration = Duration::from_mins(15);
 /// Longest time for the last answers after the sender has ended.
 const REST: Duration = Duration::from_secs(5);
 

@@ -6,7 +6,7 @@ use anyhow::{Context, Result, bail};
 use leadscrew::{
     axis::AXES,
     gcode::LineError,
-    machine::Alarm,
+    model::Alarm,
     settings::{self, DataType, Description, Settings, StepRate, Value},
 };
 

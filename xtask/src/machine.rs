@@ -10,10 +10,11 @@ use std::{array, collections::VecDeque};
 
 use leadscrew::{
     axis::{AXES, Z},
-    machine::{Levels, Snapshot, State},
+    machine::Snapshot,
+    model::{Levels, State, queues::RECEIVED_RING},
     protocol::Session,
     settings::Settings,
-    sim::{Closes, Flash, RECEIVED_RING, Simulator, Switch},
+    sim::{Closes, Flash, Simulator, Switch},
     units::TICKS_PER_SECOND,
 };
 

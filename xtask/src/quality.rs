@@ -22,9 +22,9 @@ use std::collections::VecDeque;
 
 use leadscrew::{
     axis::{AXES, LETTERS},
+    model::timing::EVENT_SPACING_TICKS,
     settings::{Kind, Settings, TABLE},
     sim::Edge,
-    stepper::EVENT_SPACING_TICKS,
     units::TICKS_PER_SECOND,
 };
 use serde::Serialize;

@@ -4,8 +4,7 @@ use core::sync::atomic::{AtomicI32, AtomicU8, AtomicU32, Ordering::Relaxed};
 
 use leadscrew::{
     axis::AXES,
-    machine::{Levels, Outputs},
-    planner::Spindle,
+    model::{Levels, Outputs, Spindle},
 };
 
 use crate::board::{outputs, pins};

@@ -8,8 +8,9 @@ use super::{After, Progress, Session, Source, Stage, judge::answer};
 use crate::{
     axis::AXES,
     gcode::LineError,
-    machine::{Levels, Snapshot, State},
-    planner::{Entry, Work},
+    machine::Snapshot,
+    model::{Levels, State},
+    path::{Entry, Work},
     protocol::report::{self, Feedback},
 };
 

@@ -9,8 +9,9 @@ use heapless::spsc::Producer;
 
 use super::{Session, Source};
 use crate::{
-    machine::{Snapshot, State},
-    planner::{Entry, PathControl, Work},
+    machine::Snapshot,
+    model::{PathControl, State},
+    path::{Entry, Work},
     protocol::report,
 };
 

@@ -8,8 +8,10 @@ use heapless::spsc::Producer;
 use super::{Progress, Session, Source, Stage, Then};
 use crate::{
     gcode::LineError,
-    machine::{Levels, Snapshot, State},
-    planner::{BLOCKS, Entry},
+    machine::Snapshot,
+    model::{Levels, State},
+    motion::BLOCKS,
+    path::Entry,
     protocol::{
         dollar::{Condition, Described, Dollar},
         listing, report,

@@ -8,13 +8,13 @@ use heapless::spsc::Producer;
 use super::{After, Progress, Session, Source, Stage, Then};
 use crate::{
     axis::Axes,
-    gcode::{LineError, Probe},
-    interpreter::{Checked, Message, Refusal},
-    machine::{Alarm, Levels, Snapshot, State},
-    planner::{
-        Command, Entry, Laser, Pace, PathControl, Router, Spindle, Target, Work, is_outside,
-        leaves_travel,
+    gcode::{
+        LineError, Probe,
+        interpreter::{Checked, Message, Refusal},
     },
+    machine::Snapshot,
+    model::{Alarm, Command, Laser, Levels, Pace, PathControl, Spindle, State, Target},
+    path::{Entry, Router, Work, is_outside, leaves_travel},
     protocol::{
         ByteReader,
         report::{self, Feedback},

@@ -7,8 +7,9 @@ use heapless::spsc::Producer;
 
 use super::{List, Progress, Session, Source, Stage, judge::answer};
 use crate::{
-    machine::{Alarm, Levels, Probed, Snapshot, State},
-    planner::Entry,
+    machine::Snapshot,
+    model::{Alarm, Levels, Probed, State},
+    path::Entry,
     protocol::{
         ByteReader,
         report::{self, Cadence, Feedback},

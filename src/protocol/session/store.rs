@@ -10,7 +10,7 @@ use super::{After, Progress, Session, Source, Stage, judge::answer};
 use crate::{
     gcode::LineError,
     machine::Snapshot,
-    planner::{Entry, Work},
+    path::{Entry, Work},
     protocol::report::{self, Feedback},
     settings::{Change, Settings, Stored, StoredLine},
 };

@@ -5,7 +5,8 @@
 
 use super::Session;
 use crate::{
-    machine::{Alarm, Notice, Snapshot},
+    machine::Snapshot,
+    model::{Alarm, Notice},
     protocol::{
         ByteWriter,
         report::{self, Feedback},

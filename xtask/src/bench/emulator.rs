@@ -19,7 +19,7 @@ use super::{
 use crate::{boards, cargo, ui};
 
 /// Longest time that a program may take, and then QEMU to end, host time.
-const PATIENCE: Duration = Duration::from_secs(600);
+const PATIENCE: Duration = Duration::from_mins(10);
 const GRACE: Duration = Duration::from_secs(20);
 /// Runs of a workload before this machine is called too busy.
 const TRIES: u32 = 5;

@@ -272,11 +272,11 @@ mod tests {
         let inlined = [
             "core::cmp::Ord::min",
             "leadscrew::stepper::generator::Generator::step",
-            "leadscrew::planner::motion::Motion::run",
+            "leadscrew::motion::prepare::Motion::run",
         ];
         assert_eq!(module(&stack(&inlined)), "stepper::generator");
         assert_eq!(module(&stack(&["leadscrew::math::sqrt"])), "math");
-        let derived = "<leadscrew::machine::state::Snapshot as core::cmp::PartialEq>::eq";
+        let derived = "<leadscrew::machine::snapshot::Snapshot as core::cmp::PartialEq>::eq";
         assert_eq!(module(&stack(&[derived])), "machine::state");
         assert_eq!(
             module(&stack(&["compiler_builtins::mem::memcpy"])),

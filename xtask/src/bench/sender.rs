@@ -13,7 +13,7 @@ use anyhow::{Context, Result, bail, ensure};
 /// Bytes in flight, as Grbl's receive buffer allows.
 const WINDOW: usize = 127;
 /// Longest silence, host time.
-const PATIENCE: Duration = Duration::from_secs(60);
+const PATIENCE: Duration = Duration::from_mins(1);
 
 /// One conversation.
 pub(crate) struct Sender<W> {

@@ -15,7 +15,7 @@ mod stops;
 use std::{fs, path::Path};
 
 use anyhow::{Context, Result};
-use leadscrew::{axis::AXES, machine::Override};
+use leadscrew::{axis::AXES, model::Override};
 use serde::Deserialize;
 use serde_json::Value;
 

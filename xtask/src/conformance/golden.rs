@@ -9,8 +9,8 @@ use std::{
 use anyhow::{Context, Result};
 use leadscrew::{
     axis::AXES,
-    interpreter::Interpreter,
-    machine::Levels,
+    gcode::interpreter::Interpreter,
+    model::Levels,
     settings::Settings,
     sim::{Closes, Switch},
 };

@@ -3,7 +3,7 @@
 use std::{fmt, str::FromStr};
 
 use anyhow::{Result, bail};
-use leadscrew::{axis::LETTERS, machine::Levels};
+use leadscrew::{axis::LETTERS, model::Levels};
 
 /// An input of the machine.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

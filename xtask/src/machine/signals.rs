@@ -1,6 +1,6 @@
 //! What the machine's outputs and the switches do over time.
 
-use leadscrew::{machine::Outputs, planner::Spindle};
+use leadscrew::model::{Outputs, Spindle};
 use serde::{Deserialize, Serialize};
 
 /// A signal that has changed.

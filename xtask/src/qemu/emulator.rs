@@ -174,7 +174,7 @@ impl Emulator {
         self.folder.join(DEBUGGER)
     }
 
-    /// Closes these contacts, the bits of [`leadscrew::machine::Levels`], whatever the axes do.
+    /// Closes these contacts, the bits of [`leadscrew::model::Levels`], whatever the axes do.
     pub(crate) fn close(&self, contacts: u16) -> Result<()> {
         let mut debugger = Debugger::connect(&self.debugger())?;
         debugger.write(self.contacts as u32, &[contacts.into()])?;

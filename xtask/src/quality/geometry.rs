@@ -4,7 +4,7 @@ use std::f64::consts::TAU;
 
 use leadscrew::{
     axis::{AXES, Axes},
-    planner::{Circle, Rotation},
+    model::{Circle, Rotation},
     units::Nm,
 };
 
@@ -227,7 +227,7 @@ impl Piece {
 
 #[cfg(test)]
 mod tests {
-    use leadscrew::planner::Plane;
+    use leadscrew::model::Plane;
 
     use super::*;
 

@@ -5,8 +5,8 @@
 
 use leadscrew::{
     axis::{AXES, Axes},
-    interpreter::{Checked, Interpreter},
-    planner::{Circle, Command, Pace, Target},
+    gcode::interpreter::{Checked, Interpreter},
+    model::{Circle, Command, Pace, Target},
     protocol::Line,
     settings::{Settings, assign},
     units::{Nm, Steps, StepsPerMm},

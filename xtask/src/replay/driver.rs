@@ -16,7 +16,7 @@ use crate::{
 };
 
 /// How long the firmware may be silent, host time.
-const PATIENCE: Duration = Duration::from_secs(60);
+const PATIENCE: Duration = Duration::from_mins(1);
 /// Time between two questions for the state.
 const PAUSE: Duration = Duration::from_millis(2);
 /// After this silence it is asked for its state.

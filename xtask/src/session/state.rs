@@ -2,10 +2,8 @@
 
 use leadscrew::{
     axis::AXES,
-    gcode::{Distance, FeedMode, Motion, Probe, ToolLength, Units},
-    interpreter::Interpreter,
-    machine::State,
-    planner::{Plane, Rotation, Spindle},
+    gcode::{Distance, FeedMode, Motion, Probe, ToolLength, Units, interpreter::Interpreter},
+    model::{Plane, Rotation, Spindle, State},
 };
 use serde::{Deserialize, Serialize};
 

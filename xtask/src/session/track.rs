@@ -1,6 +1,6 @@
 //! What the machine did over time: for whoever has to judge a report from in between.
 
-use leadscrew::{axis::AXES, machine::State};
+use leadscrew::{axis::AXES, model::State};
 
 /// The machine from one instant to the next sample.
 #[derive(Debug, Clone, Copy, PartialEq)]

@@ -1,6 +1,6 @@
 //! Spindle, laser, coolant and motor drivers against the recorded ones.
 
-use leadscrew::machine::State;
+use leadscrew::model::State;
 
 use super::{DEAF_S, Exchange, Played, stops::Stops};
 use crate::{

@@ -1,6 +1,6 @@
 //! Status reports against recorded ones.
 
-use leadscrew::{axis::AXES, machine::State};
+use leadscrew::{axis::AXES, model::State};
 
 use super::{
     Exchange, Played,

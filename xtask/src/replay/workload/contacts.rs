@@ -1,7 +1,7 @@
 //! What contacts do: switches, probe, door and buttons.
 
 use anyhow::Result;
-use leadscrew::{axis::AXES, machine::Levels};
+use leadscrew::{axis::AXES, model::Levels};
 
 use super::{
     fast,

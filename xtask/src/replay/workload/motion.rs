@@ -3,7 +3,7 @@
 use std::f64::consts::TAU;
 
 use anyhow::Result;
-use leadscrew::{stepper::EVENT_SPACING_TICKS, units::TICKS_PER_SECOND};
+use leadscrew::{model::timing::EVENT_SPACING_TICKS, units::TICKS_PER_SECOND};
 
 use super::{fast, smooth, words};
 use crate::replay::driver::Driver;

@@ -1,0 +1,143 @@
+//! Arcs: from the words of a line to a circle.
+//!
+//! The circle's centre relative to the start is exact where it is programmed (`I J K`) and rounded
+//! to the nanometre where it is computed (`R`). Double precision, once per arc.
+
+use super::Path;
+use crate::{
+    axis::Axes,
+    gcode::{Block, LineError, Word, Words},
+    model::{Circle, Rotation},
+    units::Nm,
+};
+
+/// Differences of the radii at both ends up to this are always accepted, mm (Grbl, NIST).
+const RADIUS_TOLERANCE_MM: f32 = 0.005;
+/// Differences above this never are, mm.
+const RADIUS_LIMIT_MM: f32 = 0.5;
+/// In between they are up to this part of the radius.
+const RADIUS_PART: f32 = 0.001;
+/// A diameter may be so much shorter than the distance, as a part of its square: less than the
+/// single precision of Grbl can tell apart.
+const DIAMETER_SLACK: f64 = 1.0e-6;
+
+/// The path of an arc from `start` to `target`, and the words it uses taken out.
+///
+/// Apart: what it keeps in registers, lines do not need.
+///
+/// # Errors
+/// Grbl's 26 and 32 to 35; 23 and 39 for the number of turns.
+#[inline(never)]
+pub(super) fn path(
+    block: &Block,
+    words: &mut Words,
+    rotation: Rotation,
+    start: Axes<Nm>,
+    target: Axes<Nm>,
+) -> Result<Path, LineError> {
+    let (first, second, _) = block.modal.plane.axes();
+    if block.axes == 0 {
+        return Err(LineError::NoAxisWords);
+    }
+    if !block.has_axis(first) && !block.has_axis(second) {
+        return Err(LineError::NoAxisWordsInPlane);
+    }
+    let chord = [target[first] - start[first], target[second] - start[second]];
+    let centre = if words.contains(Word::R) {
+        words.remove(Word::R);
+        centre_from_radius(chord, block.length(block.radius), rotation)?
+    } else {
+        if !words.contains(Word::offset_of(first)) && !words.contains(Word::offset_of(second)) {
+            return Err(LineError::NoOffsetsInPlane);
+        }
+        words.remove(Word::IJK);
+        let centre = [first, second].map(|axis| block.length(offset_word(block, axis)));
+        check_radii(chord, centre)?;
+        centre
+    };
+    let turns = turns(block, words)?;
+    // Without a radius at its start or end there is no angle: Grbl moves straight to the target.
+    if centre == [Nm(0); 2] || centre == chord {
+        return Ok(Path::Straight);
+    }
+    Ok(Path::Arc(Circle {
+        plane: block.modal.plane,
+        centre,
+        rotation,
+        turns,
+    }))
+}
+
+/// The `I`, `J` or `K` word of an axis.
+fn offset_word(block: &Block, axis: usize) -> crate::gcode::Number {
+    block.offsets.get(axis).copied().unwrap_or_default()
+}
+
+/// Turns begun: the `P` word, 1 without.
+fn turns(block: &Block, words: &mut Words) -> Result<u16, LineError> {
+    if !words.contains(Word::P) {
+        return Ok(1);
+    }
+    words.remove(Word::P);
+    if !block.p.is_whole() {
+        return Err(LineError::NotInteger);
+    }
+    match u16::try_from(block.p.trunc()) {
+        Ok(turns @ 1..) => Ok(turns),
+        _ => Err(LineError::ValueOutOfRange),
+    }
+}
+
+/// The centre of the arc of a given radius, relative to its start.
+///
+/// Of the two circles through both ends, a positive radius takes the one with the shorter arc.
+fn centre_from_radius(
+    chord: [Nm; 2],
+    radius: Nm,
+    rotation: Rotation,
+) -> Result<[Nm; 2], LineError> {
+    if chord == [Nm(0); 2] {
+        return Err(LineError::InvalidTarget);
+    }
+    let [x, y] = chord.map(Nm::to_mm_f64);
+    let r = radius.to_mm_f64();
+    let chord_sqr = x * x + y * y;
+    let diameter_sqr = 4.0 * r * r;
+    let mut rest = diameter_sqr - chord_sqr;
+    if rest < 0.0 {
+        if rest < -DIAMETER_SLACK * diameter_sqr {
+            return Err(LineError::ArcRadius);
+        }
+        rest = 0.0;
+    }
+    // Distance of the centre from the middle of the chord, as a part of the chord's length. The
+    // centre of the shorter counter-clockwise arc lies to the left of the chord.
+    let part = libm::sqrt(rest / chord_sqr);
+    let to_left = (rotation == Rotation::CounterClockwise) == (radius >= Nm(0));
+    let part = if to_left { part } else { -part };
+    Ok([
+        Nm::from_mm_f64(0.5 * (x - y * part)),
+        Nm::from_mm_f64(0.5 * (y + x * part)),
+    ])
+}
+
+/// Checks that both ends are equally far from the centre, within Grbl's tolerance.
+fn check_radii(chord: [Nm; 2], centre: [Nm; 2]) -> Result<(), LineError> {
+    let [x, y] = chord.map(Nm::to_mm_f64);
+    let [i, j] = centre.map(Nm::to_mm_f64);
+    // Difference of the squared radii without the cancellation of large squares.
+    let difference_sqr = x * (x - 2.0 * i) + y * (y - 2.0 * j);
+    if difference_sqr == 0.0 {
+        return Ok(());
+    }
+    let radius = libm::hypotf(i as f32, j as f32);
+    let end_radius = libm::hypotf((x - i) as f32, (y - j) as f32);
+    let difference = (difference_sqr as f32).abs() / (radius + end_radius);
+    let is_accepted = difference <= RADIUS_TOLERANCE_MM
+        || (difference <= RADIUS_LIMIT_MM && difference <= RADIUS_PART * radius);
+    if is_accepted {
+        Ok(())
+    } else {
+        Err(LineError::InvalidTarget)
+    }
+}

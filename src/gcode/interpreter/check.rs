@@ -1,0 +1,420 @@
+//! The first phase of a line: every check, in the order in which Grbl finds errors.
+//!
+//! One function per step of the NIST order of execution that can fail.
+
+use super::{Action, Checked, Interpreter, Kind, Path, arc, offsets::TOOL_AXIS, power};
+use crate::{
+    axis::{AXES, Axes, Z},
+    gcode::{
+        AxisCommand, Block, Distance, FeedMode, LineError, Modal, Motion, NonModal, Number,
+        ToolLength, Units, Word, Words,
+    },
+    model::{Laser, PathControl, WorkCoordinates},
+    settings::Settings,
+    units::{Nm, StepsPerMm},
+};
+
+/// Highest line number.
+pub(super) const MAX_LINE: u32 = 10_000_000;
+pub(super) const MM_PER_INCH: f32 = 25.4;
+/// Every axis reaches this far, whatever its resolution: no need to divide.
+const NEAR: Nm = match StepsPerMm::from_millionths(StepsPerMm::MAX) {
+    Some(finest) => finest.farthest(),
+    None => Nm(0),
+};
+
+pub(super) fn check(
+    state: &Interpreter,
+    line: &[u8],
+    kind: Kind,
+    settings: &Settings,
+    checked: &mut Checked,
+) -> Result<(), LineError> {
+    let mut block = match kind {
+        Kind::Program => Block::new(&state.modal),
+        Kind::Jog => Block::jog(&state.modal),
+    };
+    block.read(line)?;
+    let mut words = block.words;
+    if block.line > MAX_LINE {
+        return Err(LineError::LineNumberTooHigh);
+    }
+    *checked = Checked {
+        kind,
+        modal: block.modal,
+        action: Action::None,
+        flow: block.flow,
+        axes: block.axes,
+        spindle: None,
+        power: Laser::None,
+        changes: false,
+        line: block.line,
+        tool_length: state.offsets.tool_length,
+        values: state.position,
+        single_mm: state.single_mm,
+        path: Path::None,
+    };
+    checked.modal.feed = match kind {
+        Kind::Program => feed(&block, &state.modal)?,
+        Kind::Jog => jog_feed(&block)?,
+    };
+    if block.words.contains(Word::F) {
+        checked.modal.feed_units = block.modal.units;
+    }
+    if block.sets_tolerance() {
+        checked.modal.path = continuous(&block)?;
+    }
+    if block.non_modal == NonModal::Dwell {
+        checked.action = dwell(&block, &mut words)?;
+    }
+    if block.axis_command == AxisCommand::ToolLength {
+        checked.tool_length = tool_length(&block)?;
+    }
+    check_non_modal(state, &block, &mut words, checked)?;
+    check_motion(state, &block, &mut words, checked)?;
+    if block.sets_tolerance() {
+        // Only now: a P belongs to every command of its line that takes one.
+        words.remove(Word::P);
+        words.remove(Word::Q);
+    }
+    check_words(kind, &block, words)?;
+    check_reach(state, settings, checked)?;
+    let is_motion = block.axes != 0 && block.axis_command == AxisCommand::Motion;
+    power::set(state, settings, is_motion, checked);
+    checked.changes = changes(state, checked);
+    Ok(())
+}
+
+/// Every value word must have been used, and a jog must be nothing but a jog.
+fn check_words(kind: Kind, block: &Block, mut words: Words) -> Result<(), LineError> {
+    words.remove(Word::N);
+    words.remove(Word::F);
+    if kind == Kind::Program {
+        words.remove(Word::S);
+        words.remove(Word::T);
+    }
+    if !words.is_empty() {
+        return Err(LineError::UnusedWords);
+    }
+    if kind == Kind::Jog {
+        if !block.is_joggable() {
+            return Err(LineError::InvalidJog);
+        }
+        if block.axes == 0 {
+            // Grbl moves to machine zero then.
+            return Err(LineError::NoAxisWords);
+        }
+    }
+    Ok(())
+}
+
+/// The feed of a jog, which each has to have, mm/min.
+fn jog_feed(block: &Block) -> Result<f32, LineError> {
+    if !block.words.contains(Word::F) {
+        return Err(LineError::FeedUndefined);
+    }
+    Ok(match block.modal.units {
+        Units::Millimetres => block.feed,
+        Units::Inches => block.feed * MM_PER_INCH,
+    })
+}
+
+/// Feed rate mode and feed rate. Every `G93` move needs its own; none survives `G93`.
+fn feed(block: &Block, before: &Modal) -> Result<f32, LineError> {
+    let has_feed = block.words.contains(Word::F);
+    match block.modal.feed_mode {
+        FeedMode::InverseTime => {
+            let needs_feed = block.axis_command == AxisCommand::Motion
+                && !matches!(block.modal.motion, Motion::Cancelled | Motion::Rapid);
+            if needs_feed && !has_feed {
+                return Err(LineError::FeedUndefined);
+            }
+            Ok(block.feed)
+        }
+        FeedMode::PerMinute if has_feed => Ok(match block.modal.units {
+            Units::Millimetres => block.feed,
+            Units::Inches => block.feed * MM_PER_INCH,
+        }),
+        FeedMode::PerMinute => Ok(match before.feed_mode {
+            FeedMode::PerMinute => before.feed,
+            FeedMode::InverseTime => 0.0,
+        }),
+    }
+}
+
+/// `G4`: the `P` word, in seconds.
+fn dwell(block: &Block, words: &mut Words) -> Result<Action, LineError> {
+    if !words.contains(Word::P) {
+        return Err(LineError::MissingWord);
+    }
+    words.remove(Word::P);
+    u32::try_from(block.p.to_thousandths())
+        .map(Action::Dwell)
+        .map_err(|_| LineError::ValueOutOfRange)
+}
+
+/// `G64`: how far the path may be left, `P`, and short lines, `Q`, which is `P` without the word.
+fn continuous(block: &Block) -> Result<PathControl, LineError> {
+    let distance_nm = |number: Number| {
+        let Nm(nm) = block.length(number);
+        u32::try_from(nm).map_err(|_| LineError::ValueOutOfRange)
+    };
+    let tolerance_nm = distance_nm(block.p)?;
+    let merging_nm = if block.words.contains(Word::Q) {
+        distance_nm(block.q)?
+    } else {
+        tolerance_nm
+    };
+    Ok(PathControl::Continuous {
+        tolerance_nm,
+        merging_nm,
+    })
+}
+
+/// `G43.1`, `G49`: the new tool length.
+fn tool_length(block: &Block) -> Result<Nm, LineError> {
+    match block.modal.tool_length {
+        ToolLength::None => Ok(Nm(0)),
+        ToolLength::Dynamic if block.axes == 1 << TOOL_AXIS => Ok(coordinate(block, TOOL_AXIS)),
+        ToolLength::Dynamic => Err(LineError::ToolLengthAxis),
+    }
+}
+
+/// The commands of modal group 0, and with them what the axis words mean.
+fn check_non_modal(
+    state: &Interpreter,
+    block: &Block,
+    words: &mut Words,
+    checked: &mut Checked,
+) -> Result<(), LineError> {
+    match block.non_modal {
+        NonModal::SetCoordinates => {
+            let system = coordinates_to_set(block, words)?;
+            checked.values = new_origin(state, block, system);
+            checked.action = Action::SetOrigin(system);
+            return Ok(());
+        }
+        NonModal::SetOffset => {
+            if block.axes == 0 {
+                return Err(LineError::NoAxisWords);
+            }
+            checked.values = new_work_offset(state, block);
+            checked.action = Action::SetOffset;
+            return Ok(());
+        }
+        NonModal::GoTo(reference) => checked.action = Action::GoTo(reference),
+        NonModal::Store(reference) => checked.action = Action::Store(reference),
+        NonModal::ClearOffset => checked.action = Action::ClearOffset,
+        NonModal::MachineCoordinates => {
+            if !matches!(block.modal.motion, Motion::Rapid | Motion::Linear) {
+                return Err(LineError::MachineCoordinatesMotion);
+            }
+        }
+        NonModal::None | NonModal::Dwell => {}
+    }
+    if block.axes != 0 && block.axis_command != AxisCommand::ToolLength {
+        move_target(state, block, checked);
+    }
+    Ok(())
+}
+
+/// `G10`: the coordinate system that `P` names; 0 and none name the one in use.
+fn coordinates_to_set(block: &Block, words: &mut Words) -> Result<WorkCoordinates, LineError> {
+    if block.axes == 0 {
+        return Err(LineError::NoAxisWords);
+    }
+    if !words.contains(Word::P) && !words.contains(Word::L) {
+        return Err(LineError::MissingWord);
+    }
+    // Grbl keeps it in eight bits, so that 256 is 0.
+    let system = match block.p.trunc() as u8 {
+        0 => block.modal.coordinates,
+        number => *WorkCoordinates::ALL
+            .get(usize::from(number - 1))
+            .ok_or(LineError::UnknownCoordinates)?,
+    };
+    match block.l {
+        20 => {}
+        2 if !words.contains(Word::R) => {}
+        _ => return Err(LineError::Unsupported),
+    }
+    words.remove(Word::P);
+    words.remove(Word::L);
+    Ok(system)
+}
+
+/// `G10 L2`: the values themselves. `G10 L20`: what makes the values the present work position.
+fn new_origin(state: &Interpreter, block: &Block, system: WorkCoordinates) -> Axes<Nm> {
+    let origin = state.offsets.origin(system);
+    let mut others = state.offsets.work;
+    others[TOOL_AXIS] = others[TOOL_AXIS] + state.offsets.tool_length;
+    Axes::from_fn(|axis| {
+        if !block.has_axis(axis) {
+            origin[axis]
+        } else if block.l == 2 {
+            coordinate(block, axis)
+        } else {
+            state.position[axis] - others[axis] - coordinate(block, axis)
+        }
+    })
+}
+
+/// `G92`: what makes the values the present work position.
+fn new_work_offset(state: &Interpreter, block: &Block) -> Axes<Nm> {
+    let mut others = state.offsets.origin(block.modal.coordinates);
+    others[TOOL_AXIS] = others[TOOL_AXIS] + state.offsets.tool_length;
+    Axes::from_fn(|axis| {
+        if block.has_axis(axis) {
+            state.position[axis] - others[axis] - coordinate(block, axis)
+        } else {
+            state.offsets.work[axis]
+        }
+    })
+}
+
+/// Moves the target from the present position to where the axis words lead, in the machine frame:
+/// exactly, and in Grbl's single precision.
+fn move_target(state: &Interpreter, block: &Block, checked: &mut Checked) {
+    let (base, single_base) = if block.non_modal == NonModal::MachineCoordinates {
+        (Axes::all(Nm(0)), Axes::all(0.0))
+    } else {
+        match block.modal.distance {
+            Distance::Absolute => {
+                let total = state.offsets.total(block.modal.coordinates);
+                let is_none = total == Axes::all(Nm(0));
+                let single = if is_none {
+                    Axes::all(0.0)
+                } else {
+                    total.map(Nm::to_mm)
+                };
+                (total, single)
+            }
+            Distance::Incremental => (state.position, state.single_mm),
+        }
+    };
+    for axis in 0..AXES {
+        if block.has_axis(axis) {
+            let (exact, single) = if block.modal.units == Units::Millimetres {
+                let number: &Number = &block.coordinates[axis];
+                (Nm(number.to_millionths()), number.to_grbl_f32())
+            } else {
+                (coordinate(block, axis), single_coordinate(block, axis))
+            };
+            checked.values[axis] = base[axis] + exact;
+            checked.single_mm[axis] = single_base[axis] + single;
+        }
+    }
+}
+
+/// An axis word in mm as Grbl has it.
+fn single_coordinate(block: &Block, axis: usize) -> f32 {
+    let value = block.coordinates[axis].to_grbl_f32();
+    match block.modal.units {
+        Units::Inches if axis <= Z => value * MM_PER_INCH,
+        Units::Inches | Units::Millimetres => value,
+    }
+}
+
+/// An axis word in nm. Rotary axes have no inches.
+fn coordinate(block: &Block, axis: usize) -> Nm {
+    let number: Number = block.coordinates[axis];
+    Nm(match block.modal.units {
+        Units::Inches if axis <= Z => number.inches_to_nm(),
+        Units::Inches | Units::Millimetres => number.to_millionths(),
+    })
+}
+
+/// The motion mode, where it is the one that uses the axis words.
+fn check_motion(
+    state: &Interpreter,
+    block: &Block,
+    words: &mut Words,
+    checked: &mut Checked,
+) -> Result<(), LineError> {
+    let motion = block.modal.motion;
+    if motion == Motion::Cancelled && block.axes != 0 {
+        return Err(LineError::UnusedAxisWords);
+    }
+    if motion == Motion::Cancelled || block.axis_command != AxisCommand::Motion {
+        return Ok(());
+    }
+    if motion != Motion::Rapid && checked.modal.feed == 0.0 {
+        return Err(LineError::FeedUndefined);
+    }
+    match motion {
+        Motion::Arc(rotation) => {
+            checked.path = arc::path(block, words, rotation, state.position, checked.values)?;
+        }
+        Motion::Probe(_) if block.axes == 0 => return Err(LineError::NoAxisWords),
+        Motion::Probe(_) if checked.values == state.position => {
+            return Err(LineError::InvalidTarget);
+        }
+        Motion::Probe(probe) => checked.path = Path::Probe(probe),
+        Motion::Rapid | Motion::Linear if block.axes != 0 => checked.path = Path::Straight,
+        Motion::Rapid | Motion::Linear | Motion::Cancelled => {}
+    }
+    Ok(())
+}
+
+/// Whether the axes can count as far as the line wants them to.
+fn check_reach(
+    state: &Interpreter,
+    settings: &Settings,
+    checked: &Checked,
+) -> Result<(), LineError> {
+    if checked.axes != 0 {
+        reach(settings, &checked.values)?;
+    }
+    if let Action::GoTo(reference) = checked.action {
+        reach(settings, &state.offsets.stored(reference))?;
+    }
+    if checked.tool_length != state.offsets.tool_length {
+        let mut lengths = Axes::all(Nm(0));
+        lengths[TOOL_AXIS] = checked.tool_length;
+        reach(settings, &lengths)?;
+    }
+    if let Path::Arc(circle) = checked.path {
+        let (first, second, _) = circle.plane.axes();
+        let mut centre = state.position;
+        centre[first] = centre[first] + circle.centre[0];
+        centre[second] = centre[second] + circle.centre[1];
+        reach(settings, &centre)?;
+        // Its radius must be a number of steps on both axes, however much finer one of them is.
+        let farthest = settings.farthest();
+        let most = farthest[first].min(farthest[second]).0.unsigned_abs();
+        let is_far = |offset: &Nm| offset.0.unsigned_abs() > 2 * most;
+        if circle.centre.iter().any(is_far) {
+            return Err(LineError::InvalidTarget);
+        }
+    }
+    Ok(())
+}
+
+fn reach(settings: &Settings, position: &Axes<Nm>) -> Result<(), LineError> {
+    if is_near(position) {
+        return Ok(());
+    }
+    let farthest = settings.farthest();
+    let mut both = position.iter().zip(&farthest);
+    if both.all(|(value, farthest)| -farthest.0 <= value.0 && value.0 <= farthest.0) {
+        Ok(())
+    } else {
+        Err(LineError::InvalidTarget)
+    }
+}
+
+/// Whether a position is one that every axis reaches.
+#[inline]
+pub(super) fn is_near(position: &Axes<Nm>) -> bool {
+    let is_near = |value: &Nm| -NEAR.0 <= value.0 && value.0 <= NEAR.0;
+    position.iter().all(is_near)
+}
+
+/// Whether the line switches the spindle or the coolant, or changes the work offset.
+fn changes(state: &Interpreter, checked: &Checked) -> bool {
+    let (before, after) = (&state.modal, &checked.modal);
+    checked.spindle.is_some()
+        || before.coolant != after.coolant
+        || before.coordinates != after.coordinates
+        || state.offsets.tool_length != checked.tool_length
+}

@@ -1,0 +1,195 @@
+//! The second phase of a line: carrying out what was checked, in the NIST order of execution.
+
+use super::{Action, Checked, Interpreter, Kind, Message, Outcome, Path, check::MM_PER_INCH};
+use crate::{
+    axis::{Axes, Z},
+    gcode::{Distance, FeedMode, Flow, Motion, Probe, Reference, Units},
+    model::{Command, Coolant, Laser, Pace, Plane, Probing, Spindle, Target, WorkCoordinates},
+    units::Nm,
+};
+
+pub(super) fn commit(state: &mut Interpreter, checked: &Checked, outcome: &mut Outcome) {
+    outcome.begin();
+    if checked.kind == Kind::Jog {
+        set_power(checked, outcome);
+        let pace = Pace::Jog(feed(state, checked));
+        outcome.add(line(checked.target(), pace, checked));
+        state.arrive(&checked.target());
+        return;
+    }
+    switch(state, checked, outcome);
+    if let Action::Dwell(milliseconds) = checked.action {
+        outcome.add(Command::Dwell { milliseconds });
+    }
+    outcome.shows_offset = state.modal.coordinates != checked.modal.coordinates
+        || state.offsets.tool_length != checked.tool_length;
+    state.modal = checked.modal;
+    state.offsets.tool_length = checked.tool_length;
+    if checked.moves() {
+        set_power(checked, outcome);
+    }
+    act(state, checked, outcome);
+    travel(state, checked, outcome);
+    end(state, checked.flow, outcome);
+}
+
+impl Outcome {
+    /// Nothing is asked for yet.
+    pub(super) fn begin(&mut self) {
+        self.commands.clear();
+        self.message = None;
+        self.shows_offset = false;
+    }
+
+    pub(super) fn add(&mut self, command: Command) {
+        let is_full = self.commands.push(command).is_err();
+        debug_assert!(!is_full, "a line makes fewer commands than COMMANDS");
+    }
+}
+
+/// Spindle and coolant, where they change.
+fn switch(state: &Interpreter, checked: &Checked, outcome: &mut Outcome) {
+    if let Some((spindle, rpm)) = checked.spindle {
+        outcome.add(Command::Spindle { spindle, rpm });
+    }
+    if state.modal.coolant != checked.modal.coolant {
+        outcome.add(Command::Coolant(checked.modal.coolant));
+    }
+}
+
+/// The laser power of the moves that follow, in laser mode.
+fn set_power(checked: &Checked, outcome: &mut Outcome) {
+    if checked.power != Laser::None {
+        outcome.add(Command::Power(checked.power));
+    }
+}
+
+/// The command of modal group 0.
+fn act(state: &mut Interpreter, checked: &Checked, outcome: &mut Outcome) {
+    match checked.action {
+        Action::None | Action::Dwell(_) => {}
+        Action::SetOrigin(_) | Action::Store(_) => {
+            if let Some(origins) = state.origins_after(checked) {
+                state.offsets.origins = origins;
+            }
+            outcome.shows_offset |= checked.action == Action::SetOrigin(checked.modal.coordinates);
+        }
+        Action::GoTo(reference) => go_to(state, checked, reference, outcome),
+        Action::SetOffset => {
+            state.offsets.work = checked.values;
+            outcome.shows_offset = true;
+        }
+        Action::ClearOffset => {
+            state.offsets.work = Axes::all(Nm(0));
+            outcome.shows_offset = true;
+        }
+    }
+}
+
+/// To a stored position: all axes at once, or first to the target and then the named axes.
+fn go_to(state: &mut Interpreter, checked: &Checked, reference: Reference, outcome: &mut Outcome) {
+    let stored = state.offsets.stored(reference);
+    let target = if checked.axes == 0 {
+        stored
+    } else {
+        outcome.add(line(checked.target(), Pace::Rapid, checked));
+        Axes::from_fn(|axis| {
+            if checked.axes >> axis & 1 == 0 {
+                checked.values[axis]
+            } else {
+                stored[axis]
+            }
+        })
+    };
+    outcome.add(line(target.into(), Pace::Rapid, checked));
+    state.set_position(target);
+}
+
+/// The feed of a move per minute: mm, or degrees where only rotary axes move, which have no inches.
+fn feed(state: &Interpreter, checked: &Checked) -> f32 {
+    let modal = &checked.modal;
+    let only_turns = || {
+        let mut linear = 0..=Z;
+        !matches!(checked.path, Path::Arc(_))
+            && linear.all(|axis| state.position[axis] == checked.values[axis])
+    };
+    if modal.feed_units == Units::Inches && only_turns() {
+        modal.feed / MM_PER_INCH
+    } else {
+        modal.feed
+    }
+}
+
+/// The move of the motion mode.
+fn travel(state: &mut Interpreter, checked: &Checked, outcome: &mut Outcome) {
+    let pace = match (checked.modal.motion, checked.modal.feed_mode) {
+        (Motion::Rapid, _) => Pace::Rapid,
+        (_, FeedMode::PerMinute) => Pace::Feed(feed(state, checked)),
+        (_, FeedMode::InverseTime) => Pace::InverseTime(checked.modal.feed),
+    };
+    // Each is added where it is made: joined, they would be copied once more, as a target would that
+    // is kept.
+    match checked.path {
+        Path::None => return,
+        Path::Straight => outcome.add(line(checked.target(), pace, checked)),
+        Path::Arc(circle) => outcome.add(Command::Arc {
+            target: checked.target(),
+            circle,
+            pace,
+            line: checked.line,
+        }),
+        Path::Probe(probe) => {
+            let (probing, line) = (probing(probe), checked.line);
+            outcome.add(Command::Probe {
+                target: checked.target(),
+                pace,
+                probing,
+                line,
+            });
+        }
+    }
+    state.arrive(&checked.target());
+}
+
+const fn probing(probe: Probe) -> Probing {
+    let (is_away, may_miss) = match probe {
+        Probe::Contact => (false, false),
+        Probe::TryContact => (false, true),
+        Probe::Release => (true, false),
+        Probe::TryRelease => (true, true),
+    };
+    Probing { is_away, may_miss }
+}
+
+fn line(target: Target, pace: Pace, checked: &Checked) -> Command {
+    Command::Line {
+        target,
+        pace,
+        line: checked.line,
+    }
+}
+
+/// Program pause and program end. `F`, `S`, `T`, the unit, `G92` and the tool length stay.
+fn end(state: &mut Interpreter, flow: Flow, outcome: &mut Outcome) {
+    match flow {
+        Flow::Run => {}
+        Flow::Pause => outcome.add(Command::Pause),
+        Flow::End => {
+            let modal = &mut state.modal;
+            modal.motion = Motion::Linear;
+            modal.plane = Plane::default();
+            modal.distance = Distance::default();
+            modal.feed_mode = FeedMode::default();
+            modal.coordinates = WorkCoordinates::default();
+            modal.spindle = Spindle::Off;
+            modal.coolant = Coolant::default();
+            outcome.add(Command::Spindle {
+                spindle: Spindle::Off,
+                rpm: 0.0,
+            });
+            outcome.add(Command::Coolant(Coolant::default()));
+            outcome.message = Some(Message::ProgramEnd);
+            outcome.shows_offset = true;
+        }
+    }
+}

@@ -1,0 +1,355 @@
+//! Blocks to commands: units, offsets, planes, arcs, program flow.
+//!
+//! Owns the modal state, the offsets and the programmed position. A line is taken in two phases:
+//! [`Interpreter::check`] finds every error and changes nothing, [`Interpreter::commit`] cannot
+//! fail. Between them the caller waits for what the line needs: room, or standstill. Read with
+//! NIST RS274NGC 3 (order of execution: table 8) and Grbl 1.1's errors.
+
+mod arc;
+mod check;
+mod commit;
+mod offsets;
+mod plain;
+mod power;
+
+pub use offsets::Offsets;
+pub use plain::Refusal;
+
+use heapless::Vec;
+
+use super::{Flow, LineError, Modal, Probe, Reference};
+use crate::{
+    axis::Axes,
+    model::{Circle, Command, Coolant, Laser, Spindle, Target, WorkCoordinates},
+    settings::{Origins, Settings},
+    units::Nm,
+};
+
+/// What one line asks for at most: spindle, coolant, laser power, two moves (or a dwell and a
+/// move), and at program end spindle and coolant again.
+pub const COMMANDS: usize = 7;
+
+/// The state that G-code lines change.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Interpreter {
+    modal: Modal,
+    offsets: Offsets,
+    position: Axes<Nm>,
+    /// The position in Grbl's single precision, mm: see [`Target::single_mm`].
+    single_mm: Axes<f32>,
+}
+
+/// What kind of line it is.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+enum Kind {
+    #[default]
+    Program,
+    /// What follows `$J=`.
+    Jog,
+}
+
+/// A line without errors, ready to be committed. The default asks for nothing, in the power-up modes.
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
+pub struct Checked {
+    kind: Kind,
+    /// The modal state after the line, but for the end of a program.
+    modal: Modal,
+    action: Action,
+    flow: Flow,
+    /// Axes that have a word, bit 0 = X.
+    axes: u8,
+    /// What the spindle is switched to, and its speed in rpm.
+    spindle: Option<(Spindle, f32)>,
+    /// What the laser does in the line's moves.
+    power: Laser,
+    /// Whether the state of the spindle, the coolant or the work offset changes.
+    changes: bool,
+    /// `N`.
+    line: u32,
+    /// The tool length after the line.
+    tool_length: Nm,
+    /// Target of the move, or what the action sets.
+    values: Axes<Nm>,
+    /// A target in Grbl's single precision, mm.
+    single_mm: Axes<f32>,
+    path: Path,
+}
+
+/// What a line does beside its motion.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+enum Action {
+    #[default]
+    None,
+    /// `G4`, ms.
+    Dwell(u32),
+    /// `G10`.
+    SetOrigin(WorkCoordinates),
+    /// `G28`, `G30`.
+    GoTo(Reference),
+    /// `G28.1`, `G30.1`.
+    Store(Reference),
+    /// `G92`.
+    SetOffset,
+    /// `G92.1`.
+    ClearOffset,
+}
+
+/// The move of a line's motion mode.
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
+enum Path {
+    #[default]
+    None,
+    Straight,
+    Arc(Circle),
+    /// To the target at most: where it ended is the machine's to say, afterwards.
+    Probe(Probe),
+}
+
+/// What a committed line asks for.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct Outcome {
+    /// What to execute, in order.
+    pub commands: Vec<Command, COMMANDS>,
+    /// What to send before the line's `ok`, after the commands have been executed.
+    pub message: Option<Message>,
+    /// Whether the next status report shows the work offset, changed or not.
+    pub shows_offset: bool,
+}
+
+/// A message of a line.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Message {
+    /// `[MSG:Pgm End]`.
+    ProgramEnd,
+}
+
+impl Checked {
+    /// Where the axis words lead.
+    #[must_use]
+    pub fn target(&self) -> Target {
+        Target {
+            position: self.values,
+            single_mm: self.single_mm,
+        }
+    }
+
+    /// Whether everything before the line must be executed before it is committed.
+    ///
+    /// As in Grbl: where the work offset, a stored position, the spindle or the coolant changes,
+    /// at a dwell, at a probing move, at a program pause and at a program end.
+    #[must_use]
+    pub fn waits_for_rest(&self) -> bool {
+        self.answers_when_done()
+            || self.changes
+            || match self.action {
+                Action::None | Action::Dwell(_) | Action::GoTo(_) => false,
+                Action::SetOrigin(_)
+                | Action::Store(_)
+                | Action::SetOffset
+                | Action::ClearOffset => true,
+            }
+    }
+
+    /// Whether the answer is withheld until the line's commands have been executed.
+    #[must_use]
+    pub fn answers_when_done(&self) -> bool {
+        self.flow != Flow::Run
+            || matches!(self.action, Action::Dwell(_))
+            || matches!(self.path, Path::Probe(_))
+    }
+
+    /// Whether the program ends with the line.
+    #[must_use]
+    pub fn ends_program(&self) -> bool {
+        self.flow == Flow::End
+    }
+
+    /// Where the probe is to be met, in a line that probes, and what is asked of it.
+    #[must_use]
+    pub fn probe(&self) -> Option<(Target, Probe)> {
+        match self.path {
+            Path::Probe(probe) => Some((self.target(), probe)),
+            Path::None | Path::Straight | Path::Arc(_) => None,
+        }
+    }
+
+    /// Whether the line moves the machine.
+    #[must_use]
+    pub fn moves(&self) -> bool {
+        self.path != Path::None || matches!(self.action, Action::GoTo(_))
+    }
+}
+
+impl Interpreter {
+    /// The power-up state: at the origin, all offsets zero.
+    #[must_use]
+    pub fn new() -> Self {
+        Self {
+            modal: Modal::default(),
+            offsets: Offsets::default(),
+            position: Axes::all(Nm(0)),
+            single_mm: Axes::all(0.0),
+        }
+    }
+
+    /// Checks a line: upper case, without blanks and comments. Nothing changes.
+    ///
+    /// # Errors
+    /// The first that Grbl would find. A target or offset that an axis cannot count
+    /// ([`Settings::farthest`]) is [`LineError::InvalidTarget`].
+    pub fn check(&self, line: &[u8], settings: &Settings) -> Result<Checked, LineError> {
+        let mut checked = Checked::default();
+        self.check_into(line, settings, &mut checked)?;
+        Ok(checked)
+    }
+
+    /// As [`Self::check`], but replaces what the caller keeps, which is of no use after an error.
+    ///
+    /// # Errors
+    /// As [`Self::check`].
+    pub fn check_into(
+        &self,
+        line: &[u8],
+        settings: &Settings,
+        checked: &mut Checked,
+    ) -> Result<(), LineError> {
+        check::check(self, line, Kind::Program, settings, checked)
+    }
+
+    /// As [`Self::check_into`], but the line is what follows `$J=`: a move along a line at its own
+    /// feed, which leaves nothing behind but the position.
+    ///
+    /// # Errors
+    /// The first that Grbl would find; [`LineError::NoAxisWords`] for a jog without axis words.
+    pub fn check_jog_into(
+        &self,
+        line: &[u8],
+        settings: &Settings,
+        checked: &mut Checked,
+    ) -> Result<(), LineError> {
+        check::check(self, line, Kind::Jog, settings, checked)
+    }
+
+    /// The stored offsets and positions as they are after a line that was checked; `None` where it
+    /// stores none.
+    #[must_use]
+    pub fn origins_after(&self, checked: &Checked) -> Option<Origins> {
+        let stores = match checked.action {
+            Action::None
+            | Action::Dwell(_)
+            | Action::GoTo(_)
+            | Action::SetOffset
+            | Action::ClearOffset => false,
+            Action::SetOrigin(_) | Action::Store(_) => true,
+        };
+        stores.then(|| self.new_origins(checked))
+    }
+
+    /// Apart from the question whether there are any: a line that stores nothing copies nothing.
+    #[inline(never)]
+    fn new_origins(&self, checked: &Checked) -> Origins {
+        let mut origins = self.offsets.origins;
+        match checked.action {
+            Action::None
+            | Action::Dwell(_)
+            | Action::GoTo(_)
+            | Action::SetOffset
+            | Action::ClearOffset => {}
+            Action::SetOrigin(system) => {
+                origins.coordinates[system.index()] = checked.values;
+            }
+            Action::Store(Reference::G28) => origins.g28 = self.position,
+            Action::Store(Reference::G30) => origins.g30 = self.position,
+        }
+        origins
+    }
+
+    /// Carries out a line that was checked against the present state.
+    pub fn commit(&mut self, checked: &Checked) -> Outcome {
+        let mut outcome = Outcome::default();
+        self.commit_into(checked, &mut outcome);
+        outcome
+    }
+
+    /// As [`Self::commit`], but replaces an outcome that the caller keeps: it is too large to be
+    /// copied for every line.
+    pub fn commit_into(&mut self, checked: &Checked, outcome: &mut Outcome) {
+        commit::commit(self, checked, outcome);
+    }
+
+    /// Checks and carries out a line in one go, if it is as most are: a straight move in the modes
+    /// before it. Then that is what `checked` and `outcome` tell, and what [`Self::check_into`] and
+    /// [`Self::commit_into`] would have done, which do not want the blanks that may stand between its
+    /// words. The bytes go on behind the end of the line: what is left of them is told.
+    ///
+    /// # Errors
+    /// [`Refusal`] for any other line, and for one that is wrong: nothing has changed then.
+    pub fn carry_out_plain<I: Iterator<Item = u8>>(
+        &mut self,
+        bytes: I,
+        settings: &Settings,
+        checked: &mut Checked,
+        outcome: &mut Outcome,
+    ) -> Result<I, Refusal> {
+        plain::carry_out(self, bytes, settings, checked, outcome)
+    }
+
+    /// Back to the power-up modes; the position, `G54` to `G59`, `G28` and `G30` stay.
+    pub fn reset(&mut self) {
+        self.modal = Modal::default();
+        self.offsets.work = Axes::all(Nm(0));
+        self.offsets.tool_length = Nm(0);
+    }
+
+    /// The programmed position, in the machine frame.
+    #[must_use]
+    pub fn position(&self) -> Axes<Nm> {
+        self.position
+    }
+
+    /// Replaces the stored offsets and positions.
+    pub fn set_origins(&mut self, origins: &Origins) {
+        self.offsets.origins = *origins;
+    }
+
+    /// Replaces the coolant's state: it has been switched otherwise.
+    pub fn set_coolant(&mut self, coolant: Coolant) {
+        self.modal.coolant = coolant;
+    }
+
+    /// The next line begins at a target.
+    fn arrive(&mut self, target: &Target) {
+        self.position = target.position;
+        self.single_mm = target.single_mm;
+    }
+
+    /// Tells where the machine is.
+    pub fn set_position(&mut self, position: Axes<Nm>) {
+        self.position = position;
+        self.single_mm = position.map(Nm::to_mm);
+    }
+
+    /// Machine position minus work position: work coordinate system, `G92` and tool length.
+    #[must_use]
+    pub fn work_offset(&self) -> Axes<Nm> {
+        self.offsets.total(self.modal.coordinates)
+    }
+
+    /// The modal state.
+    #[must_use]
+    pub fn modal(&self) -> &Modal {
+        &self.modal
+    }
+
+    /// The offsets and stored positions.
+    #[must_use]
+    pub fn offsets(&self) -> &Offsets {
+        &self.offsets
+    }
+}
+
+impl Default for Interpreter {
+    fn default() -> Self {
+        Self::new()
+    }
+}

@@ -1,0 +1,173 @@
+//! The lines that programs are made of: `G0`, `G1` or neither, axes, `F`, `N`, and nothing else.
+//!
+//! Such a line changes the position, the motion mode and the feed, and asks for one command. So it
+//! is checked and carried out at once, without a copy of all that a line could change. What is out
+//! of the ordinary, or wrong, is refused without a word and left to [`check`](super::check): the
+//! errors and their order are found there alone. Whatever is accepted here does the same there.
+
+use super::{Action, Checked, Interpreter, Kind, Outcome, Path, check, offsets::TOOL_AXIS};
+use crate::{
+    axis::{AXES, Axes, LETTERS},
+    gcode::{Distance, FeedMode, Flow, Motion, Short, ShortWords, Units, Word, Words},
+    model::{Command, Pace, Target},
+    settings::Settings,
+    units::Nm,
+};
+
+/// Why a line has not been carried out as a plain one.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Refusal {
+    /// It is another one, or wrong.
+    Unusual,
+    /// The bytes come to an end before the line does, and it might be a plain one up to there.
+    CutOff,
+}
+
+/// What a plain line says.
+struct Plain {
+    /// Letters of its words.
+    words: Words,
+    coordinates: Axes<Short>,
+    motion: Motion,
+    /// mm/min.
+    feed: f32,
+    line: u32,
+}
+
+/// Carries out a plain line, and tells what follows it. Nothing has changed after a refusal.
+#[inline(never)]
+pub(super) fn carry_out<I: Iterator<Item = u8>>(
+    state: &mut Interpreter,
+    bytes: I,
+    settings: &Settings,
+    checked: &mut Checked,
+    outcome: &mut Outcome,
+) -> Result<I, Refusal> {
+    let modal = &state.modal;
+    let is_usual = modal.units == Units::Millimetres
+        && modal.feed_units == Units::Millimetres
+        && modal.feed_mode == FeedMode::PerMinute
+        && !settings.laser;
+    if !is_usual {
+        return Err(Refusal::Unusual);
+    }
+    let mut plain = Plain {
+        words: Words::NONE,
+        coordinates: Axes::default(),
+        motion: modal.motion,
+        feed: modal.feed,
+        line: 0,
+    };
+    let rest = plain.read(bytes)?;
+    let pace = match plain.motion {
+        Motion::Rapid => Pace::Rapid,
+        Motion::Linear if plain.feed != 0.0 => Pace::Feed(plain.feed),
+        Motion::Linear | Motion::Arc(_) | Motion::Probe(_) | Motion::Cancelled => {
+            return Err(Refusal::Unusual);
+        }
+    };
+    let target = plain.target(state).ok_or(Refusal::Unusual)?;
+    if !plain.words.contains(Word::AXES) || !check::is_near(&target.position) {
+        return Err(Refusal::Unusual);
+    }
+    state.modal.motion = plain.motion;
+    state.modal.feed = plain.feed;
+    state.arrive(&target);
+    // What is asked of the line before.
+    checked.kind = Kind::Program;
+    checked.action = Action::None;
+    checked.flow = Flow::Run;
+    checked.changes = false;
+    checked.path = Path::Straight;
+    outcome.begin();
+    outcome.add(Command::Line {
+        target,
+        pace,
+        line: plain.line,
+    });
+    Ok(rest)
+}
+
+impl Plain {
+    /// Reads the words of a line, and tells what follows it.
+    #[inline]
+    fn read<I: Iterator<Item = u8>>(&mut self, bytes: I) -> Result<I, Refusal> {
+        let mut words = ShortWords::of(bytes);
+        while !words.skips_to_end() {
+            if self.read_word(&mut words).is_none() {
+                return Err(if words.is_cut_off() {
+                    Refusal::CutOff
+                } else {
+                    Refusal::Unusual
+                });
+            }
+        }
+        Ok(words.rest())
+    }
+
+    /// Reads a word; `None` where it is not plain.
+    #[inline(always)]
+    #[expect(clippy::inline_always, reason = "for each word")]
+    fn read_word<I: Iterator<Item = u8>>(&mut self, words: &mut ShortWords<I>) -> Option<()> {
+        let letter = words.letter();
+        let number = words.take()?;
+        match letter {
+            b'G' => {
+                self.motion = match number.natural()? {
+                    0 => Motion::Rapid,
+                    1 => Motion::Linear,
+                    _ => return None,
+                }
+            }
+            b'F' => self.feed = number.amount()?,
+            b'N' => self.line = number.natural().filter(|line| *line <= check::MAX_LINE)?,
+            letter => {
+                let mut axes = LETTERS.iter().take(AXES);
+                let axis = axes.position(|known| *known == letter)?;
+                *self.coordinates.0.get_mut(axis)? = number;
+            }
+        }
+        let word = Word::new(letter);
+        if self.words.contains(word) {
+            return None;
+        }
+        self.words.insert(word);
+        Some(())
+    }
+
+    /// Where it leads; `None` where a coordinate has too many decimals.
+    #[inline(always)]
+    #[expect(clippy::inline_always, reason = "a call would return by a copy")]
+    fn target(&self, state: &Interpreter) -> Option<Target> {
+        let mut target = Target {
+            position: state.position,
+            single_mm: state.single_mm,
+        };
+        for axis in 0..AXES {
+            if self.words.contains(Word::axis(axis)) {
+                let (exact, single) = self.coordinates[axis].coordinate()?;
+                let (base, single_base) = base(state, axis);
+                target.position[axis] = base + Nm(exact);
+                target.single_mm[axis] = single_base + single;
+            }
+        }
+        Some(target)
+    }
+}
+
+/// What a coordinate of an axis is added to, and the same in Grbl's single precision.
+#[inline]
+fn base(state: &Interpreter, axis: usize) -> (Nm, f32) {
+    match state.modal.distance {
+        Distance::Absolute => {
+            let offsets = &state.offsets;
+            let origin = &offsets.origins.coordinates[state.modal.coordinates.index()];
+            let mut total = origin[axis] + offsets.work[axis];
+            if axis == TOOL_AXIS {
+                total = total + offsets.tool_length;
+            }
+            (total, if total == Nm(0) { 0.0 } else { total.to_mm() })
+        }
+        Distance::Incremental => (state.position[axis], state.single_mm[axis]),
+    }
+}

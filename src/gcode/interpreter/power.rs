@@ -1,0 +1,62 @@
+//! What a line does to the spindle, and to the laser where the spindle is one.
+//!
+//! A spindle changes at standstill. In laser mode the power goes along with the moves instead:
+//! a new `S` in a line that moves needs no standstill, and moves that must not burn (`G0`, probing)
+//! have none. Read with Grbl 1.1 `laser_mode.md`.
+
+use super::{Action, Checked, Interpreter};
+use crate::{
+    gcode::Motion,
+    model::{Laser, Spindle},
+    settings::Settings,
+};
+
+/// Sets the spindle command and the laser power of a line that is otherwise right; `is_motion`
+/// tells whether its axis words belong to its motion mode.
+pub(super) fn set(
+    state: &Interpreter,
+    settings: &Settings,
+    is_motion: bool,
+    checked: &mut Checked,
+) {
+    let (before, after) = (&state.modal, &checked.modal);
+    let is_laser = settings.laser;
+    // What is switched at standstill, and what moves have.
+    let rpm = if is_laser && !burns(after.motion) {
+        0.0
+    } else {
+        after.speed_rpm
+    };
+    let is_switched = before.spindle != after.spindle;
+    // Constant power has to be switched where the motion mode alone begins or ends it.
+    let is_forced = is_laser
+        && !is_motion
+        && before.spindle == Spindle::Clockwise
+        && burns(before.motion) != burns(after.motion);
+    let is_new = before.speed_rpm != after.speed_rpm || is_forced;
+    let goes_along = is_laser && is_motion;
+    if is_switched || (is_new && before.spindle != Spindle::Off && !goes_along) {
+        checked.spindle = Some(match after.spindle {
+            Spindle::Off => (Spindle::Off, 0.0),
+            spindle => (spindle, rpm),
+        });
+    }
+    if is_laser {
+        // The rapids of `G28` and `G30` must not burn, whatever the motion mode is.
+        let is_rapid = matches!(checked.action, Action::GoTo(_));
+        let rpm = if is_rapid { 0.0 } else { rpm };
+        checked.power = match after.spindle {
+            Spindle::Off => Laser::Constant(0.0),
+            Spindle::Clockwise => Laser::Constant(rpm),
+            Spindle::CounterClockwise => Laser::Proportional(rpm),
+        };
+    }
+}
+
+/// Whether the laser is on in a motion mode.
+const fn burns(motion: Motion) -> bool {
+    match motion {
+        Motion::Linear | Motion::Arc(_) => true,
+        Motion::Rapid | Motion::Probe(_) | Motion::Cancelled => false,
+    }
+}

@@ -1,0 +1,119 @@
+//! The state of the machine as every task may read it.
+
+use super::Inputs;
+use crate::{
+    axis::Axes,
+    model::{Coolant, Levels, Notices, Overrides, Probed, Spindle, State},
+    stepper::StepCounts,
+};
+
+/// What `prepare` last published: read by copy, under RTIC's lock; and where the machine is.
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
+pub struct Snapshot {
+    /// The state.
+    pub state: State,
+    /// Step count of each axis, as output so far.
+    pub steps: Axes<i32>,
+    /// Speed along the path now, mm/min.
+    pub feed_mm_min: f32,
+    /// Spindle speed as commanded, rpm, with its override; 0 when it is off.
+    pub spindle_rpm: f32,
+    /// Spindle direction as it is switched now.
+    pub spindle: Spindle,
+    /// Coolant as it is switched now.
+    pub coolant: Coolant,
+    /// Coolant as programmed, or toggled since.
+    pub coolant_asked: Coolant,
+    /// Counts realtime toggles of the coolant, wrapping.
+    pub coolant_toggles: u8,
+    /// Counts what the next status report has to show of spindle, coolant and overrides, wrapping.
+    pub news: u8,
+    /// The overrides in effect.
+    pub overrides: Overrides,
+    /// Inputs that are active.
+    pub inputs: Levels,
+    /// The last probing move.
+    pub probed: Probed,
+    /// What the sender is to be told.
+    pub notices: Notices,
+    /// `N` word of the block in execution, 0 without.
+    pub line: u32,
+    /// Free places for blocks.
+    pub blocks_free: u16,
+    /// Entries taken from the queue and finished, wrapping. Equal to the number sent: all is done.
+    pub finished: u32,
+    /// No axis moves and no event is queued.
+    pub is_at_rest: bool,
+    /// The newest reset that has been acted on.
+    pub epoch: u32,
+    /// Counts motions that were ended before their target otherwise than by a reset, as a cancelled
+    /// jog is, wrapping. The interpreter takes over the position anew, at rest; an entry that was
+    /// made before is void: [`crate::path::Entry::epoch`].
+    pub cuts: u32,
+    /// Whether that reset found the machine in motion, so that it rises `ALARM:3`.
+    pub reset_in_motion: bool,
+    /// Whether the step events ran out in motion: a fault that only a reset ends.
+    pub is_starved: bool,
+    /// Whether an alarm has come that only a reset ends: a hard or soft limit.
+    pub is_critical: bool,
+}
+
+impl Snapshot {
+    /// Takes over where the machine is, and its inputs. That is not published, but looked up by whoever
+    /// reads the rest: with the same lock, so that nothing begins meanwhile that is not in the rest yet.
+    #[inline]
+    pub fn observe(&mut self, counts: &StepCounts, inputs: &Inputs) {
+        (self.steps, self.feed_mm_min, self.line) = counts.place();
+        self.inputs = inputs.active();
+    }
+
+    /// Takes over another one, part by part: that takes a time that is known, as each part is too
+    /// small for the routine that copies memory in a loop. For tasks with a deadline, and for locks
+    /// that they wait for. Looks the rest up.
+    #[inline]
+    pub fn take_over(&mut self, new: &Self, counts: &StepCounts, inputs: &Inputs) {
+        self.observe(counts, inputs);
+        let Self {
+            state,
+            steps: _,
+            feed_mm_min: _,
+            spindle_rpm,
+            spindle,
+            coolant,
+            coolant_asked,
+            coolant_toggles,
+            news,
+            overrides,
+            inputs: _,
+            probed,
+            notices,
+            line: _,
+            blocks_free,
+            finished,
+            is_at_rest,
+            epoch,
+            cuts,
+            reset_in_motion,
+            is_starved,
+            is_critical,
+        } = new;
+        self.state = *state;
+        self.spindle_rpm = *spindle_rpm;
+        self.spindle = *spindle;
+        self.coolant = *coolant;
+        self.coolant_asked = *coolant_asked;
+        self.coolant_toggles = *coolant_toggles;
+        self.news = *news;
+        self.overrides = *overrides;
+        self.probed = *probed;
+        self.notices = *notices;
+        self.blocks_free = *blocks_free;
+        self.finished = *finished;
+        self.is_at_rest = *is_at_rest;
+        self.epoch = *epoch;
+        self.cuts = *cuts;
+        self.reset_in_motion = *reset_in_motion;
+        self.is_starved = *is_starved;
+        self.is_critical = *is_critical;
+    }
+}

@@ -1,0 +1,27 @@
+//! The vocabulary that all layers share: modes, commands, states, requests, queue sizes, times.
+//!
+//! Plain values and the atomics that carry requests; nothing here acts on anything.
+
+mod alarm;
+mod command;
+mod levels;
+mod modes;
+mod notice;
+mod outputs;
+mod overrides;
+mod power;
+pub mod queues;
+mod requests;
+mod state;
+pub mod timing;
+
+pub use alarm::Alarm;
+pub use command::{Circle, Command, Laser, Pace, Probing, Target};
+pub use levels::Levels;
+pub use modes::{Coolant, PathControl, Plane, Rotation, Spindle, WorkCoordinates};
+pub use notice::{Notice, Notices};
+pub use outputs::Outputs;
+pub use overrides::{Override, Overrides};
+pub use power::Power;
+pub use requests::{Awaited, Button, OVERRIDES, Release, Requests};
+pub use state::{Probed, State};

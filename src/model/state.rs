@@ -1,0 +1,83 @@
+//! The states of the machine, with Grbl's names, and how a probing move ended.
+
+use crate::axis::Axes;
+
+/// What the machine does, with Grbl's names.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+#[cfg_attr(target_os = "none", derive(defmt::Format))]
+pub enum State {
+    /// Nothing to do, everything at rest.
+    #[default]
+    Idle,
+    /// Executing blocks.
+    Run,
+    /// Feed hold: still slowing down (`Hold:1`).
+    HoldSlowing,
+    /// Feed hold: at rest (`Hold:0`).
+    HoldComplete,
+    /// Jogging.
+    Jog,
+    /// Homing.
+    Home,
+    /// Checking a program without moving.
+    Check,
+    /// The safety door is closed again, ready to resume (`Door:0`).
+    DoorClosed,
+    /// Stopped, the safety door is open (`Door:1`).
+    DoorAjar,
+    /// The safety door was opened: slowing down, or parking (`Door:2`).
+    DoorRetracting,
+    /// Resuming: returning from parking, spindle and coolant starting (`Door:3`).
+    DoorRestoring,
+    /// Everything off until a reset.
+    Sleep,
+    /// Locked until unlocked or homed; the machine may still be slowing down.
+    Alarm,
+}
+
+impl State {
+    /// Grbl's name, as reports have it.
+    #[must_use]
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Idle => "Idle",
+            Self::Run => "Run",
+            Self::HoldSlowing => "Hold:1",
+            Self::HoldComplete => "Hold:0",
+            Self::Jog => "Jog",
+            Self::Home => "Home",
+            Self::Check => "Check",
+            Self::DoorClosed => "Door:0",
+            Self::DoorAjar => "Door:1",
+            Self::DoorRetracting => "Door:2",
+            Self::DoorRestoring => "Door:3",
+            Self::Sleep => "Sleep",
+            Self::Alarm => "Alarm",
+        }
+    }
+
+    /// Whether no line is begun, as in a feed hold, with the door open, and asleep.
+    #[must_use]
+    pub const fn is_suspended(self) -> bool {
+        match self {
+            Self::HoldSlowing
+            | Self::HoldComplete
+            | Self::DoorClosed
+            | Self::DoorAjar
+            | Self::DoorRetracting
+            | Self::DoorRestoring
+            | Self::Sleep => true,
+            Self::Idle | Self::Run | Self::Jog | Self::Home | Self::Check | Self::Alarm => false,
+        }
+    }
+}
+
+/// How the last probing move ended.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+pub struct Probed {
+    /// Where the probe changed. When it did not, where the machine came to rest; or, where that is
+    /// an error, as after the probing move before.
+    pub steps: Axes<i32>,
+    /// Whether it changed.
+    pub success: bool,
+}

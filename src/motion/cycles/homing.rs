@@ -1,0 +1,365 @@
+//! The homing cycle: finds the limit switches and sets the machine position.
+//!
+//! ```text
+//!   search, $25        |switch|    pull-off, $25       locate, $24       pull-off, $25
+//!   ------------------>|---\  |
+//!                      |<--/--|------------------>
+//!                      |      |                   ---->|\
+//!                      |<-----|-----------------------/ ------> $27 from the switch
+//! ```
+//!
+//! Each axis has a speed of its own, so that one that finds its switch slows down while the others
+//! go on; a switch stops nothing dead. How far it is pulled off counts from where the switch closed.
+//! A pause of `$26` follows each motion, as in Grbl: from when the last switch closed, so that braking
+//! is part of it, or from the end of the pull-off. Read with Grbl 1.1 `limits.c`, `limits_go_home`.
+
+mod rules;
+mod run;
+
+use self::{rules::Rules, run::Run};
+use crate::{
+    axis::{AXES, Z},
+    machine::{Inputs, SAMPLE_TICKS, SAMPLES},
+    math,
+    model::{
+        Alarm, Levels, Power,
+        timing::{AHEAD_TICKS, SEGMENT_TICKS},
+    },
+    settings::Settings,
+    stepper::{AxisMotion, Generator, Segment, StepCounts},
+    units::FineSteps,
+};
+
+/// How far a switch is searched, in travels, and located, in pull-offs, as in Grbl.
+const SEARCH_TRAVELS: f32 = 1.5;
+const LOCATE_PULL_OFFS: f32 = 5.0;
+/// Time from the last segment of a motion to when it has been played and the switches have been
+/// seen: what is prepared ahead, and the filter.
+const SETTLE_TICKS: u64 = (AHEAD_TICKS + 3 * SEGMENT_TICKS) as u64;
+/// The axes that a cycle homes unless it is told others: rotary axes have a switch only sometimes.
+const ALL: u8 = 0b111;
+
+/// What the axes are doing.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Stage {
+    /// Nothing.
+    Idle,
+    /// Approaching the switch.
+    Search,
+    /// Away from it, to come back slowly.
+    Clear,
+    /// Approaching it again, slowly.
+    Locate,
+    /// Away from it, to the home position.
+    PullOff,
+    /// Coming to rest: the cycle has failed.
+    Stop,
+}
+
+impl Stage {
+    const fn is_approach(self) -> bool {
+        match self {
+            Self::Search | Self::Locate => true,
+            Self::Idle | Self::Clear | Self::PullOff | Self::Stop => false,
+        }
+    }
+
+    const fn is_pull_off(self) -> bool {
+        match self {
+            Self::Clear | Self::PullOff => true,
+            Self::Idle | Self::Search | Self::Locate | Self::Stop => false,
+        }
+    }
+}
+
+/// The homing cycle.
+#[derive(Debug)]
+pub struct Homing {
+    rules: Rules,
+    axes: [Run; AXES],
+    /// Axes that are homed now, and those to be homed after them.
+    group: u8,
+    later: u8,
+    stage: Stage,
+    /// Standstill generated since the last motion, ticks.
+    rest_ticks: u64,
+    /// What is left of the pause before the next stage, ticks.
+    pause_ticks: u64,
+    failure: Option<Alarm>,
+}
+
+impl Homing {
+    /// Nothing to do.
+    #[must_use]
+    pub const fn new() -> Self {
+        Self {
+            rules: Rules::NONE,
+            axes: [Run::NONE; AXES],
+            group: 0,
+            later: 0,
+            stage: Stage::Idle,
+            rest_ticks: 0,
+            pause_ticks: 0,
+            failure: None,
+        }
+    }
+
+    /// Takes over the settings.
+    pub fn configure(&mut self, settings: &Settings) {
+        self.rules = Rules::new(settings);
+    }
+
+    /// Begins a cycle, at rest: these axes together, bit 0 = X; with 0, Z and then X and Y.
+    pub fn begin(&mut self, axes: u8, inputs: &Inputs, generator: &Generator) {
+        self.failure = None;
+        if axes == 0 {
+            self.group = 1 << Z;
+            self.later = ALL & !self.group;
+        } else {
+            self.group = axes & ((1 << AXES) - 1);
+            self.later = 0;
+        }
+        self.enter(Stage::Search, inputs, generator);
+    }
+
+    /// Whether a cycle is going on.
+    #[must_use]
+    pub fn is_active(&self) -> bool {
+        self.stage != Stage::Idle
+    }
+
+    /// Ends the cycle as soon as the axes can come to rest: a reset, or the door.
+    pub fn stop(&mut self, generator: &Generator) {
+        if !self.is_active() {
+            return;
+        }
+        self.stage = Stage::Stop;
+        let position = generator.position();
+        // wcet-bound: axes
+        for (axis, run) in self.axes.iter_mut().enumerate() {
+            run.brake(position[axis], self.rules.acceleration[axis]);
+        }
+    }
+
+    /// An axis that has come to its switch, which is not known yet.
+    #[must_use]
+    pub fn has_found(&self, inputs: &Inputs) -> Option<usize> {
+        if !self.stage.is_approach() {
+            return None;
+        }
+        let active = inputs.active();
+        // wcet-bound: axes
+        self.axes.iter().enumerate().position(|(axis, run)| {
+            let is_group = self.group >> axis & 1 != 0;
+            is_group && !run.is_found && active.has(Levels::limits(1 << axis))
+        })
+    }
+
+    /// The switch of an axis that has come to it is `there`: the axis slows down.
+    pub fn find(&mut self, axis: usize, there: i32, counts: &StepCounts, generator: &Generator) {
+        let position = generator.position();
+        let acceleration = self.rules.acceleration;
+        if let Some(run) = self.axes.get_mut(axis) {
+            run.switch = there;
+            run.is_found = true;
+            run.brake(position[axis], acceleration[axis]);
+        }
+        if self.is_found() {
+            // It was found while this much was already prepared, after the filter's time.
+            let ahead = generator.clock_ticks().wrapping_sub(counts.played_ticks());
+            let passed = u64::from(ahead) + u64::from(SAMPLES * SAMPLE_TICKS);
+            self.pause_ticks = self.rules.debounce_ticks.saturating_sub(passed);
+        }
+    }
+
+    /// Whether every axis of the group has found its switch.
+    fn is_found(&self) -> bool {
+        // wcet-bound: axes
+        self.axes
+            .iter()
+            .enumerate()
+            .all(|(axis, run)| run.is_found || self.group >> axis & 1 == 0)
+    }
+
+    /// Ends the cycle at once: after a fault.
+    pub fn abandon(&mut self) {
+        self.stage = Stage::Idle;
+        self.failure = None;
+    }
+
+    /// Makes the next segment, with the power that the spindle has; false at the end of the cycle.
+    /// Sets the position of axes that are homed.
+    pub fn next(
+        &mut self,
+        inputs: &Inputs,
+        generator: &mut Generator,
+        power: Power,
+        segment: &mut Segment,
+    ) -> bool {
+        if !self.is_moving(generator) {
+            self.turn(inputs, generator);
+        }
+        if self.stage == Stage::Idle || self.stage == Stage::Stop && !self.is_moving(generator) {
+            self.stage = Stage::Idle;
+            return false;
+        }
+        let is_moving = self.is_moving(generator);
+        if is_moving {
+            self.rest_ticks = 0;
+        } else {
+            self.rest_ticks += u64::from(SEGMENT_TICKS);
+        }
+        // From when the switches closed, or from rest.
+        if self.is_found() && (self.stage.is_approach() || !is_moving) {
+            let pause = self.pause_ticks.saturating_sub(SEGMENT_TICKS.into());
+            self.pause_ticks = pause;
+        }
+        segment.power = power;
+        self.make(generator, segment);
+        true
+    }
+
+    /// Takes why the cycle that has ended failed.
+    #[must_use]
+    pub fn take_failure(&mut self) -> Option<Alarm> {
+        self.failure.take()
+    }
+
+    fn is_moving(&self, generator: &Generator) -> bool {
+        let position = generator.position();
+        // wcet-bound: axes
+        let mut axes = self.axes.iter().zip(position);
+        axes.any(|(run, position)| run.target != *position)
+    }
+
+    fn make(&mut self, generator: &Generator, segment: &mut Segment) {
+        let position = generator.position();
+        let mut speed_sqr = 0.0;
+        // wcet-bound: axes
+        for (axis, run) in self.axes.iter_mut().enumerate() {
+            segment.axes[axis] = AxisMotion {
+                to: position[axis],
+                acceleration: 0.0,
+            };
+            if run.target != position[axis] {
+                segment.axes[axis] = run.advance(position[axis], self.rules.acceleration[axis]);
+                let speed_mm_s = run.speed / self.rules.steps_per_mm[axis];
+                speed_sqr += speed_mm_s * speed_mm_s;
+            }
+        }
+        segment.ticks = SEGMENT_TICKS;
+        segment.feed_mm_min = math::sqrt(speed_sqr) * 60.0;
+        segment.line = 0;
+    }
+
+    /// Goes on to the next stage, if that is due. The axes stand.
+    fn turn(&mut self, inputs: &Inputs, generator: &mut Generator) {
+        if self.rest_ticks < SETTLE_TICKS {
+            return;
+        }
+        let is_closed = inputs.active().has(Levels::limits(self.group));
+        if self.stage.is_approach() && !self.is_found() {
+            self.fail(Alarm::HomingNotFound);
+        }
+        if self.stage.is_pull_off() && is_closed {
+            self.fail(Alarm::HomingPullOff);
+        }
+        if self.pause_ticks > 0 {
+            return;
+        }
+        match self.stage {
+            Stage::Idle | Stage::Stop => {}
+            Stage::Search => self.enter(Stage::Clear, inputs, generator),
+            Stage::Clear => self.enter(Stage::Locate, inputs, generator),
+            Stage::Locate => self.enter(Stage::PullOff, inputs, generator),
+            Stage::PullOff => self.finish(inputs, generator),
+        }
+    }
+
+    fn fail(&mut self, alarm: Alarm) {
+        self.failure = Some(alarm);
+        self.stage = Stage::Stop;
+    }
+
+    /// The axes of the group are at home; the next ones follow.
+    fn finish(&mut self, inputs: &Inputs, generator: &mut Generator) {
+        let mut steps = generator.steps();
+        // wcet-bound: axes
+        for (axis, steps) in steps.iter_mut().enumerate() {
+            if self.group >> axis & 1 != 0 {
+                *steps = self.rules.home(axis);
+            }
+        }
+        generator.settle_on(steps);
+        self.group = self.later;
+        self.later = 0;
+        let next = if self.group == 0 {
+            Stage::Idle
+        } else {
+            Stage::Search
+        };
+        self.enter(next, inputs, generator);
+    }
+
+    /// Begins a stage: gives every axis its target.
+    fn enter(&mut self, stage: Stage, inputs: &Inputs, generator: &Generator) {
+        self.stage = stage;
+        self.rest_ticks = 0;
+        self.pause_ticks = self.rules.debounce_ticks;
+        let position = generator.position();
+        let farthest_mm = self.farthest_mm();
+        let active = inputs.active();
+        let rules = self.rules;
+        // wcet-bound: axes
+        for (axis, run) in self.axes.iter_mut().enumerate() {
+            let here = position[axis].nearest().0;
+            let is_group = self.group >> axis & 1 != 0;
+            let is_closed = active.has(Levels::limits(1 << axis));
+            if stage.is_approach() {
+                run.is_found = is_closed;
+                run.switch = here;
+            }
+            let target = if stage.is_pull_off() {
+                run.switch
+                    .wrapping_sub(rules.towards(axis, rules.pull_off_mm))
+            } else if is_closed {
+                here
+            } else if stage == Stage::Search {
+                here.saturating_add(rules.towards(axis, farthest_mm))
+            } else if stage == Stage::Locate {
+                here.wrapping_add(rules.towards(axis, LOCATE_PULL_OFFS * rules.pull_off_mm))
+            } else {
+                here
+            };
+            run.speed = 0.0;
+            run.limit = if stage == Stage::Locate {
+                rules.locate[axis]
+            } else {
+                rules.search[axis]
+            };
+            run.target = if is_group {
+                FineSteps(i64::from(target) << 32)
+            } else {
+                position[axis]
+            };
+        }
+    }
+
+    /// How far the switches of the group are searched, mm: as far as the longest axis needs.
+    fn farthest_mm(&self) -> f32 {
+        let mut travel_mm = 0.0;
+        // wcet-bound: axes
+        for (axis, travel) in self.rules.travel_mm.iter().enumerate() {
+            if self.group >> axis & 1 != 0 {
+                travel_mm = math::max(travel_mm, *travel);
+            }
+        }
+        SEARCH_TRAVELS * travel_mm
+    }
+}
+
+impl Default for Homing {
+    fn default() -> Self {
+        Self::new()
+    }
+}

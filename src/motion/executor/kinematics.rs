@@ -1,0 +1,142 @@
+//! Places on a block: where they are, and how fast each axis is there.
+
+use super::TICKS_PER_S;
+use crate::{
+    axis::Axes,
+    math::{self, WHOLE_Q31},
+    motion::lookahead::Course,
+    path::{Curve, Oblique, Shape},
+};
+
+/// The direction from the centre of an arc to a point of it, times 2³⁰.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Direction {
+    cosine: i32,
+    sine: i32,
+}
+
+impl Direction {
+    /// That of a line.
+    pub(super) const NONE: Self = Self { cosine: 0, sine: 0 };
+
+    pub(super) fn at(phase: u32) -> Self {
+        let (cosine, sine) = math::cos_sin(phase);
+        Self { cosine, sine }
+    }
+}
+
+/// Angle seen from the centre where a part of the arc is done.
+pub(super) fn phase_at(curve: &Curve, done: u32) -> u32 {
+    curve
+        .phase
+        .wrapping_add(math::scale_q31(curve.sweep, done) as u32)
+}
+
+/// The way of each axis from the block's start where a part of it is done.
+#[inline]
+pub(super) fn way_at(
+    course: Course<'_>,
+    done: u32,
+    begin: Direction,
+    here: Direction,
+) -> Axes<i64> {
+    if let Some(curve) = course.curve
+        && let Shape::Oblique(circle) = &curve.shape
+        && done != WHOLE_Q31
+    {
+        return circle_at(circle, here);
+    }
+    let delta = &course.block.delta;
+    let mut way = delta.map(|delta| math::scale_q31(delta, done));
+    if let Some(curve) = course.curve
+        && let Shape::Flat {
+            first,
+            second,
+            radius: [first_radius, second_radius],
+            radius_delta: [first_change, second_change],
+        } = &curve.shape
+        && done != WHOLE_Q31
+    {
+        let along = |radius: i64, change: i64, begin: i32, here: i32| {
+            let reached = radius.wrapping_add(math::scale_q31(change, done));
+            math::scale_q30(reached, here).wrapping_sub(math::scale_q30(radius, begin))
+        };
+        let (begin_1, here_1) = (begin.cosine, here.cosine);
+        put(
+            &mut way,
+            *first,
+            along(*first_radius, *first_change, begin_1, here_1),
+        );
+        let (begin_2, here_2) = (begin.sine, here.sine);
+        put(
+            &mut way,
+            *second,
+            along(*second_radius, *second_change, begin_2, here_2),
+        );
+    }
+    way
+}
+
+/// The way of each axis from the start of a circle in any plane.
+#[inline(never)]
+fn circle_at(circle: &Oblique, here: Direction) -> Axes<i64> {
+    // From -2³¹ to 0.
+    let done = here.cosine.wrapping_sub(math::ONE_Q30);
+    let unit = 1_i32.wrapping_shl(u32::from(circle.shift));
+    let product = |a: i32, b: i32| i64::from(a) * i64::from(b);
+    Axes::from_fn(
+        |axis| match (circle.cosine.get(axis), circle.sine.get(axis)) {
+            (Some(outwards), Some(along)) => {
+                let units = product(*outwards, done).wrapping_add(product(*along, here.sine));
+                product((units >> 30) as i32, unit)
+            }
+            _ => 0,
+        },
+    )
+}
+
+/// Speed of each axis in a place of the block, steps per tick.
+#[inline]
+pub(super) fn axis_speeds(course: Course<'_>, here: Direction, speed_mm_s: f32) -> Axes<f32> {
+    let speed = speed_mm_s * (1.0 / TICKS_PER_S);
+    let mut speeds = course.block.steps_per_mm.map(|steps| steps * speed);
+    if let Some(curve) = course.curve {
+        match &curve.shape {
+            Shape::Flat { first, second, .. } => {
+                let sign = if curve.sweep > 0 { 1.0 } else { -1.0 };
+                let scale = sign / math::ONE_Q30 as f32;
+                scale_by(&mut speeds, *first, -here.sine as f32 * scale);
+                scale_by(&mut speeds, *second, here.cosine as f32 * scale);
+            }
+            Shape::Oblique(circle) => return circle_speeds(circle, here, speed),
+        }
+    }
+    speeds
+}
+
+/// Speed of each axis in a place of a circle in any plane; `speed` in mm per tick.
+///
+/// Not in line, as `circle_at`: what a flat arc takes shall stay what it is.
+#[inline(never)]
+fn circle_speeds(circle: &Oblique, here: Direction, speed: f32) -> Axes<f32> {
+    let speed = speed * circle.per_mm * (1.0 / math::ONE_Q30 as f32);
+    let (cosine, sine) = (here.cosine as f32 * speed, here.sine as f32 * speed);
+    Axes::from_fn(
+        |axis| match (circle.cosine.get(axis), circle.sine.get(axis)) {
+            (Some(outwards), Some(along)) => *along as f32 * cosine - *outwards as f32 * sine,
+            _ => 0.0,
+        },
+    )
+}
+
+fn put(axes: &mut Axes<i64>, axis: u8, value: i64) {
+    if let Some(place) = axes.0.get_mut(usize::from(axis)) {
+        *place = value;
+    }
+}
+
+fn scale_by(axes: &mut Axes<f32>, axis: u8, factor: f32) {
+    if let Some(place) = axes.0.get_mut(usize::from(axis)) {
+        *place *= factor;
+    }
+}

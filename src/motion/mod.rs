@@ -1,0 +1,11 @@
+//! From blocks to segments: look-ahead, speed profile, motion cycles, and the task that runs them.
+
+mod cycles;
+mod executor;
+mod jerk_limited;
+mod lookahead;
+mod prepare;
+
+pub use cycles::homing::Homing;
+pub use lookahead::{BLOCKS, LookAhead};
+pub use prepare::{Motion, Prepared};

@@ -1,0 +1,150 @@
+//! Homing, probing and hard limits: how the machine goes through them.
+
+use super::Motion;
+use crate::{
+    axis::AXES,
+    machine::{Event, Inputs},
+    model::{Alarm, Levels, Notice, Power, Probing, State},
+    path::Block,
+    stepper::{EventWriter, StepCounts, steps_after},
+};
+
+impl Motion {
+    /// Whether a homing cycle or a probing move is going on: nothing else begins.
+    pub(super) const fn is_in_cycle(&self) -> bool {
+        self.is_homing || self.probe.is_active()
+    }
+
+    /// Begins a homing cycle, at rest; whether the state allows it.
+    pub(super) fn begin_homing(&mut self, axes: u8, inputs: &Inputs) -> bool {
+        self.on(Event::Home);
+        if self.control.state != State::Home {
+            return false;
+        }
+        self.is_homing = true;
+        self.homing.begin(axes, inputs, &self.generator);
+        self.need_drivers();
+        true
+    }
+
+    /// The next segment of homing: a laser is dark, as nothing is to be burnt on that way.
+    #[inline(never)]
+    pub(super) fn next_of_homing(&mut self, inputs: &Inputs) -> bool {
+        let power = if self.accessories.is_laser() {
+            Power::OFF
+        } else {
+            self.accessories.power_at_rest()
+        };
+        let segment = &mut self.segment;
+        self.homing
+            .next(inputs, &mut self.generator, power, segment)
+    }
+
+    /// Ends a homing cycle before its time: the axes slow down.
+    pub(super) fn end_homing(&mut self, alarm: Alarm) {
+        self.homing.stop(&self.generator);
+        self.alarm(alarm);
+    }
+
+    /// Begins a probing move, at rest; whether it has begun.
+    pub(super) fn begin_probe(&mut self, block: &Block, probing: Probing, inputs: &Inputs) -> bool {
+        if self.control.state != State::Idle {
+            return false;
+        }
+        self.probed.success = false;
+        if self.probe.begin(probing, inputs) {
+            self.plan.push(block);
+            true
+        } else {
+            self.alarm(Alarm::ProbeState);
+            false
+        }
+    }
+
+    /// Whether the input interrupt has seen what a cycle looks for.
+    #[inline(never)]
+    pub(super) fn has_found(&self, inputs: &Inputs) -> bool {
+        self.probe.has_found(inputs) || self.homing.has_found(inputs).is_some()
+    }
+
+    /// Finds where the axes were when the probe or one limit switch changed. Comes before segments
+    /// that are made in advance: these overwrite the events that tell it.
+    #[inline(never)]
+    pub(super) fn find(&mut self, inputs: &Inputs, counts: &StepCounts, events: &EventWriter<'_>) {
+        let axis = self.homing.has_found(inputs);
+        let output = axis.map_or_else(|| inputs.contact(), |axis| Some(inputs.reached(axis)));
+        let Some(output) = output else {
+            return;
+        };
+        let there = steps_after(output, counts, events);
+        let there = there.unwrap_or_else(|| counts.position());
+        match axis {
+            Some(axis) => self.homing.find(axis, there[axis], counts, &self.generator),
+            None => self.probe.find(there),
+        }
+    }
+
+    /// Ends cycles that are over. The machine is at rest.
+    #[inline(never)]
+    pub(super) fn end_cycles(&mut self) {
+        if self.is_homing && !self.homing.is_active() {
+            self.is_homing = false;
+            self.finished = self.finished.wrapping_add(1);
+            if self.control.state == State::Home {
+                match self.homing.take_failure() {
+                    Some(alarm) => self.alarm(alarm),
+                    None => self.on(Event::Unlock),
+                }
+            }
+        }
+        let is_over = self.plan.is_empty() || self.probe.is_touched();
+        let goes_on = matches!(self.control.state, State::Idle | State::Run);
+        if self.probe.is_active() && is_over && goes_on {
+            self.end_probe();
+        }
+    }
+
+    fn end_probe(&mut self) {
+        let steps = self.generator.steps();
+        let alarm = self.probe.finish(steps, &mut self.probed);
+        if let Some(alarm) = alarm {
+            self.alarm(alarm);
+        }
+        self.notices.push(Notice::Probed);
+        self.finished = self.finished.wrapping_add(1);
+        // What is left of the move has been counted with it.
+        self.plan.clear();
+        self.executor.abandon();
+        self.smooth.rest();
+        self.settle_on_steps();
+    }
+
+    /// Says whether limit switches stop the machine from now on: not those that homing looks for,
+    /// nor at rest in alarm. A machine that slows down in alarm is stopped.
+    pub(super) fn guard(&self, inputs: &Inputs, is_still: bool) {
+        let is_locked = self.control.state == State::Alarm;
+        let is_safe =
+            self.control.state == State::Home || is_locked && (self.homing.is_active() || is_still);
+        inputs.guard(if self.hard_limits && !is_safe {
+            Levels::limits((1 << AXES) - 1)
+        } else {
+            Levels::NONE
+        });
+    }
+
+    /// A limit switch has stopped the step interrupt: everything is void, and the position is where
+    /// the steps ended.
+    #[cold]
+    #[inline(never)]
+    pub(super) fn cut(&mut self, counts: &StepCounts, events: &mut EventWriter<'_>) {
+        self.generator.cut_off(counts, events);
+        self.homing.abandon();
+        self.drop_wait();
+        self.drop_plan();
+        // A standstill that ends the pulses.
+        self.rest = None;
+        if !self.is_critical {
+            self.alarm(Alarm::HardLimit);
+        }
+    }
+}

@@ -1,0 +1,198 @@
+//! Keeps the step interrupt's queue filled, and follows what it has played.
+
+use super::{Motion, standstill::Restoring};
+use crate::{
+    machine::{Ending, Event, Inputs},
+    model::{Levels, State, timing::SEGMENT_TICKS},
+    motion::executor::Goal,
+    stepper::{AxisMotion, EventWriter, Segment, StepCounts},
+};
+
+impl Motion {
+    /// Makes a segment and its events, or those of the one before, for which there was no room.
+    #[inline(never)]
+    pub(super) fn make_segment(
+        &mut self,
+        inputs: &Inputs,
+        counts: &StepCounts,
+        events: &mut EventWriter<'_>,
+    ) {
+        if !self.generator.is_open() && !self.begin_segment(inputs, counts) {
+            return;
+        }
+        let is_done = self.generator.fill(events);
+        self.full = (!is_done).then(|| counts.played_ticks());
+    }
+
+    /// Begins a segment, or the standstill after the last one; false when there is nothing to play.
+    #[inline]
+    fn begin_segment(&mut self, inputs: &Inputs, counts: &StepCounts) -> bool {
+        self.begins = false;
+        let start = self.generator.clock_ticks();
+        self.forget_heard(counts.played_ticks());
+        if self.next_segment(inputs) {
+            self.rest = None;
+            self.generator.begin(&self.segment, counts);
+        } else if self.rest.is_none() {
+            self.rest = Some(start);
+            let power = self.accessories.power_at_rest();
+            self.generator.rest(power, counts);
+        } else {
+            return false;
+        }
+        self.newest = start;
+        true
+    }
+
+    /// Whether [`Motion::next_segment`] has something to do.
+    #[inline]
+    pub(super) fn has_motion(&self) -> bool {
+        if self.homing.is_active() {
+            return true;
+        }
+        if self.parking.is_moving() {
+            return self.parking.has_motion(self.control.ending);
+        }
+        let executes = self.executes();
+        let has_blocks = !self.plan.is_empty() && (executes || self.executor.is_moving());
+        has_blocks || self.dwell_ticks != 0 && executes
+    }
+
+    /// Whether the next segment follows the plan.
+    #[inline]
+    pub(super) fn follows_plan(&self) -> bool {
+        let stands = self.dwell_ticks != 0 && self.executes();
+        !self.homing.is_active() && !self.parking.is_moving() && !stands && !self.plan.is_empty()
+    }
+
+    fn executes(&self) -> bool {
+        self.control.executes() && !self.probe.is_touched()
+    }
+
+    /// The next cell of the reference.
+    #[inline(never)]
+    pub(super) fn pace(&mut self) {
+        let leaving = self.smooth.leaving();
+        let cell = self.plan.cell(!self.executes(), leaving);
+        self.smooth.push(cell, leaving);
+    }
+
+    /// Makes the next segment, in [`Motion::segment`]; false when there is none.
+    fn next_segment(&mut self, inputs: &Inputs) -> bool {
+        if self.homing.is_active() {
+            return self.next_of_homing(inputs);
+        }
+        if self.parking.is_moving() {
+            return self.parking_segment();
+        }
+        let executes = self.executes();
+        if self.dwell_ticks != 0 && executes {
+            self.stand_still();
+            return true;
+        }
+        let goal = if executes { Goal::Run } else { Goal::Stop };
+        let blocks = self.plan.len();
+        let position = self.generator.position();
+        let (plan, segment) = (&mut self.plan, &mut self.segment);
+        let moves = if self.smooth.is_on() {
+            let smooth = &mut self.smooth;
+            self.executor
+                .next_smooth(plan, smooth, position, goal, segment)
+        } else {
+            self.executor.next(plan, position, goal, segment)
+        };
+        if !moves {
+            return false;
+        }
+        let done = if self.probe.is_active() {
+            0
+        } else {
+            blocks - self.plan.len()
+        };
+        self.finished = self.finished.wrapping_add(done as u32);
+        let (laser, part) = self.executor.beam();
+        self.accessories.begin(laser);
+        self.segment.power = self.accessories.power_in_motion(laser, part);
+        self.need_drivers();
+        true
+    }
+
+    /// A piece of a dwell.
+    #[inline(never)]
+    fn stand_still(&mut self) {
+        let ticks = self.dwell_ticks.min(u64::from(SEGMENT_TICKS)) as u32;
+        self.dwell_ticks -= u64::from(ticks);
+        self.segment = Segment {
+            ticks,
+            axes: self.generator.position().map(|to| AxisMotion {
+                to,
+                acceleration: 0.0,
+            }),
+            feed_mm_min: 0.0,
+            line: 0,
+            power: self.accessories.power_at_rest(),
+        };
+    }
+
+    /// The machine is at rest: what it was stopped for.
+    fn stop(&mut self) {
+        if self.parking.is_moving() && self.control.ending == Ending::None {
+            self.go_on_parking();
+            return;
+        }
+        let before = self.control.ending;
+        self.on(Event::Stopped);
+        if before == Ending::DropThenDoor {
+            // The door was opened in a jog, which has just been dropped: Z is not parked.
+            self.control = self.control.after(Event::Stopped).0;
+            self.accessories.cut();
+        }
+    }
+
+    /// What ends, or begins, when the machine is at rest.
+    #[inline(never)]
+    fn come_to_rest(&mut self) {
+        if self.is_dwelling && self.dwell_ticks == 0 {
+            self.is_dwelling = false;
+            self.finished = self.finished.wrapping_add(1);
+        }
+        if let Some(alarm) = self.fault.take() {
+            self.alarm(alarm);
+        }
+        self.stop();
+        self.end_cycles();
+        if self.plan.is_empty() {
+            self.on(Event::Done);
+        }
+    }
+
+    /// The state that follows from being at rest, when everything has been played.
+    #[inline(never)]
+    pub(super) fn settle(&mut self) {
+        self.come_to_rest();
+        let is_door_open = self.inputs.has(Levels::DOOR);
+        if core::mem::take(&mut self.looks_at_door) && is_door_open {
+            self.open_door();
+        }
+        if !is_door_open && self.control.state == State::DoorAjar {
+            self.on(Event::DoorShut);
+        }
+        self.follow();
+        if self.control.state == State::HoldComplete {
+            self.accessories.rest_in_hold();
+        }
+        if self.restoring != Restoring::No {
+            self.restore();
+        }
+        self.begin_moves();
+        self.rest_drivers();
+    }
+
+    /// What follows from a new state at once, also in motion.
+    pub(super) fn follow(&mut self) {
+        if self.is_held() {
+            self.accessories.begin_hold();
+        }
+        self.begin_moves();
+    }
+}

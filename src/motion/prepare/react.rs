@@ -1,0 +1,237 @@
+//! From requests to events of the state machine, and what they ask for.
+
+use super::Motion;
+use crate::{
+    machine::{Control, Effect, Event},
+    model::{Alarm, Notice, OVERRIDES, Override, Overrides, Requests, State},
+    stepper::StepCounts,
+};
+
+impl Motion {
+    /// Acts on everything that has been asked for since the last time.
+    #[inline(never)]
+    pub(super) fn obey(&mut self, requests: &Requests, counts: &StepCounts) {
+        // Before the requests: one that comes meanwhile counts as new in the next run.
+        self.heard = requests.asked();
+        self.heard_ticks = counts.played_ticks();
+        self.take_overrides(requests);
+        if requests.take_wake() {
+            self.wake();
+        }
+        let is_cancel = requests.take_jog_cancel() && self.control.state == State::Jog;
+        let (is_hold, is_start) = (requests.take_hold(), requests.take_start());
+        let is_door = requests.take_door();
+        if is_cancel {
+            self.on(Event::JogCancel);
+        }
+        if is_hold {
+            self.on(Event::Hold);
+        }
+        if is_door {
+            self.open_door();
+        }
+        // Of requests at once the one that stops counts, as in Grbl: it is the safe one.
+        if is_start && !is_hold && !is_door && !is_cancel {
+            self.on(Event::Start);
+        }
+        self.follow();
+    }
+
+    pub(super) fn open_door(&mut self) {
+        if self.control.state == State::Home {
+            self.end_homing(Alarm::HomingDoor);
+            return;
+        }
+        if self.control.heeds_door() {
+            self.notices.push(Notice::CheckDoor);
+        }
+        self.on(Event::Door);
+    }
+
+    fn take_overrides(&mut self, requests: &Requests) {
+        let before = self.accessories.overrides();
+        // wcet-bound: 16
+        for taken in 0..OVERRIDES {
+            let Some(command) = requests.take_override() else {
+                if taken != 0 {
+                    self.repace(before);
+                }
+                return;
+            };
+            self.take_override(command);
+        }
+        self.repace(before);
+    }
+
+    /// Whether coolant can be switched by its keys now.
+    fn has_coolant_keys(&self) -> bool {
+        matches!(self.control.state, State::Idle | State::Run | State::Jog) || self.is_held()
+    }
+
+    fn take_override(&mut self, command: Override) {
+        // No `match`: a table of jumps has places for values that there are none of.
+        if command == Override::SpindleStop {
+            if self.is_held() && self.accessories.toggle_stop() {
+                self.notices.push(Notice::RestoringSpindle);
+            }
+        } else if command == Override::Flood {
+            if self.has_coolant_keys() {
+                self.accessories.toggle_flood();
+            }
+        } else if command == Override::Mist {
+            if self.has_coolant_keys() {
+                self.accessories.toggle_mist();
+            }
+        } else {
+            self.accessories.take(command);
+        }
+    }
+
+    pub(super) fn is_held(&self) -> bool {
+        matches!(self.control.state, State::HoldSlowing | State::HoldComplete)
+    }
+
+    /// All overrides back to 100 %.
+    pub(super) fn end_overrides(&mut self) {
+        let before = self.accessories.overrides();
+        // The end of a program that is only checked shows nothing, as in Grbl.
+        let is_shown = self.control.state != State::Check;
+        self.accessories.end_overrides(is_shown);
+        self.repace(before);
+    }
+
+    /// Plans anew if the overrides of the speed along the path have changed.
+    fn repace(&mut self, before: Overrides) {
+        let now = self.accessories.overrides();
+        if now.feed != before.feed || now.rapid != before.rapid {
+            self.plan.pace(now, self.executor.replanned());
+        }
+    }
+
+    /// A part of planning anew.
+    #[inline(never)]
+    pub(super) fn plan_on(&mut self) {
+        let changes_speeds = self.plan.changes_speeds();
+        self.plan.go_on();
+        if changes_speeds {
+            self.executor.replanned();
+        }
+    }
+
+    /// An event of the state machine, and what has to be done for it.
+    pub(super) fn on(&mut self, event: Event) {
+        let (control, effect) = self.control.after(event);
+        self.control = control;
+        if effect == Effect::Resume {
+            self.resume();
+        } else if effect == Effect::SwitchOff {
+            self.stop_restoring();
+            if event == Event::Sleep {
+                self.accessories.cut();
+            } else {
+                self.park();
+            }
+        } else if effect == Effect::Restore {
+            if !self.unpark() {
+                self.begin_restoring();
+            }
+        } else if effect == Effect::Cancel {
+            // A reset has its own count.
+            if event != Event::Reset {
+                self.cuts = self.cuts.wrapping_add(1);
+            }
+        } else if effect == Effect::Drop {
+            self.drop_plan();
+        } else if effect == Effect::Abort {
+            self.reset_in_motion = true;
+            self.releases_drivers = true;
+        }
+    }
+
+    /// What waited for cycle start goes on.
+    fn resume(&mut self) {
+        if self.accessories.end_stop(!self.plan.is_empty()) {
+            self.notices.push(Notice::RestoringSpindle);
+        }
+        if self.is_paused {
+            self.is_paused = false;
+            self.finished = self.finished.wrapping_add(1);
+        }
+    }
+
+    /// Locks the machine. It slows down if it moves, and drops its plan.
+    pub(super) fn alarm(&mut self, alarm: Alarm) {
+        self.on(Event::Alarm);
+        self.notices.push(Notice::Alarm(alarm));
+        self.drop_wait();
+        self.releases_drivers = true;
+        match alarm {
+            Alarm::ProbeState | Alarm::ProbeContact => {}
+            Alarm::HardLimit
+            | Alarm::SoftLimit
+            | Alarm::ResetInMotion
+            | Alarm::HomingReset
+            | Alarm::HomingDoor
+            | Alarm::HomingPullOff
+            | Alarm::HomingNotFound
+            | Alarm::HomingDualAxis => self.accessories.switch_off(),
+        }
+        self.is_critical |= matches!(alarm, Alarm::HardLimit | Alarm::SoftLimit);
+    }
+
+    /// The step interrupt ran out of events in motion. The axes stopped dead and may have lost
+    /// steps: whatever was planned is void, and so is what still comes, up to the next reset.
+    #[cold]
+    #[inline(never)]
+    pub(super) fn fail(&mut self, counts: &StepCounts) {
+        counts.take_starved();
+        self.generator.cut();
+        self.homing.abandon();
+        self.drop_wait();
+        self.drop_plan();
+        self.accessories.switch_off();
+        self.fault = None;
+        self.is_starved = true;
+        self.releases_drivers = true;
+        self.control = Control {
+            state: State::Alarm,
+            ..Control::IDLE
+        };
+    }
+
+    /// Ends a program pause or a dwell before its time.
+    pub(super) fn drop_wait(&mut self) {
+        if self.is_paused || self.is_dwelling {
+            self.finished = self.finished.wrapping_add(1);
+        }
+        self.is_paused = false;
+        self.is_dwelling = false;
+        self.dwell_ticks = 0;
+        self.stop_restoring();
+    }
+
+    /// Everything off, everything planned void; an axis that moves slows down.
+    #[cold]
+    #[inline(never)]
+    pub(super) fn reset(&mut self, requests: &Requests, counts: &StepCounts) {
+        self.epoch = requests.epoch();
+        self.heard_ticks = counts.played_ticks();
+        self.is_starved = false;
+        self.is_critical = false;
+        self.fault = None;
+        self.reset_in_motion = false;
+        self.drop_wait();
+        self.accessories.switch_off();
+        self.end_overrides();
+        if self.control.state == State::Home {
+            self.end_homing(Alarm::HomingReset);
+        }
+        self.reset_parking();
+        self.on(Event::Reset);
+        if self.control.state == State::Idle && self.is_on_limit() {
+            self.control.state = State::Alarm;
+        }
+        self.looks_at_door = true;
+        self.follow();
+    }
+}

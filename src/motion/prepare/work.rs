@@ -1,0 +1,139 @@
+//! Takes entries from `interpret` and begins what they ask for.
+
+use heapless::spsc::Consumer;
+
+use super::Motion;
+use crate::{
+    machine::{Ending, Event, Inputs},
+    model::{Notice, State},
+    path::{Entry, Pacing, Work},
+    units::TICKS_PER_MS,
+};
+
+impl Motion {
+    /// Whether an entry is a move for which there is no place: what is so most of the time.
+    #[inline]
+    pub(super) fn has_no_place(&self, entry: &Entry) -> bool {
+        self.plan.free() == 0 && matches!(entry.work, Work::Move(_)) && !self.is_void(entry)
+    }
+
+    /// Whether an entry can be taken now: what it asks for begins, or is void.
+    #[inline(never)]
+    pub(super) fn takes(&self, entry: &Entry, is_still: bool) -> bool {
+        let is_ending = self.control.ending != Ending::None;
+        if matches!(entry.work, Work::Move(_)) {
+            let waits = is_ending || self.is_dwelling || self.is_in_cycle();
+            return !waits && self.plan.free() != 0 || self.is_void(entry);
+        }
+        if self.is_void(entry) {
+            return true;
+        }
+        match entry.work {
+            Work::Move(_) | Work::Fault(_) => true,
+            Work::Dwell(_)
+            | Work::Probe(..)
+            | Work::Spindle(..)
+            | Work::Coolant(_)
+            | Work::Pause
+            | Work::Unlock
+            | Work::Home(_)
+            | Work::Check
+            | Work::Sleep
+            | Work::EndOverrides
+            | Work::Configure(_) => is_still && !is_ending && !self.is_busy(),
+        }
+    }
+
+    /// Whether something has to end before work other than a move begins.
+    fn is_busy(&self) -> bool {
+        // A machine that has just come to rest has to be settled.
+        let is_settled = !matches!(self.control.state, State::Run | State::Jog);
+        let is_waiting = self.is_dwelling || self.is_in_cycle() || !is_settled;
+        !self.plan.is_empty() || is_waiting || self.control.state.is_suspended()
+    }
+
+    /// Whether an entry comes too late: after a reset, a cut or an alarm.
+    #[inline]
+    fn is_void(&self, entry: &Entry) -> bool {
+        // Settings are void for nobody: the session has taken them over already, at rest.
+        let is_old = entry.epoch != self.epoch.wrapping_add(self.cuts);
+        let is_move = matches!(entry.work, Work::Move(_));
+        let is_locked = self.is_starved || is_move && self.control.state == State::Alarm;
+        (is_old || is_locked) && !matches!(entry.work, Work::Configure(_))
+    }
+
+    /// Takes one entry, which can be taken.
+    #[inline(never)]
+    pub(super) fn take(&mut self, entries: &mut Consumer<'_, Entry>, inputs: &Inputs) {
+        let Some(entry) = entries.peek() else {
+            return;
+        };
+        if self.is_void(entry) {
+            self.finished = self.finished.wrapping_add(1);
+        } else if let Work::Move(block) = &entry.work {
+            self.plan.push(block);
+        } else {
+            self.begin(&entry.work, inputs);
+        }
+        let _ = entries.dequeue();
+        self.follow();
+    }
+
+    /// Begins work other than a move.
+    #[inline(never)]
+    fn begin(&mut self, work: &Work, inputs: &Inputs) {
+        match work {
+            Work::Fault(alarm) => {
+                // Not one more block than is needed to stop.
+                self.fault = Some(*alarm);
+                self.on(Event::Hold);
+            }
+            Work::Probe(block, probing) if self.begin_probe(block, *probing, inputs) => return,
+            Work::Home(axes) if self.begin_homing(*axes, inputs) => return,
+            Work::Move(_) | Work::Probe(..) | Work::Home(_) => {}
+            Work::Dwell(milliseconds) => {
+                self.dwell_ticks = u64::from(*milliseconds) * u64::from(TICKS_PER_MS);
+                self.is_dwelling = true;
+                return;
+            }
+            Work::Pause => {
+                self.on(Event::Pause);
+                self.is_paused = self.control.state == State::HoldComplete;
+                if self.is_paused {
+                    return;
+                }
+            }
+            Work::Spindle(spindle, rpm) => self.accessories.set_spindle(*spindle, *rpm),
+            Work::Coolant(coolant) => self.accessories.set_coolant(*coolant),
+            Work::Unlock => self.on(Event::Unlock),
+            Work::Check => self.on(Event::Check),
+            Work::Sleep => self.sleep(),
+            Work::EndOverrides => self.end_overrides(),
+            Work::Configure(settings) => {
+                self.configure(settings, inputs);
+                self.settle_on_steps();
+            }
+        }
+        self.finished = self.finished.wrapping_add(1);
+    }
+
+    fn sleep(&mut self) {
+        self.on(Event::Sleep);
+        if self.control.state == State::Sleep {
+            self.notices.push(Notice::Sleeping);
+            self.release_drivers();
+        }
+    }
+
+    /// Leaves the idle state as soon as there is something to execute.
+    pub(super) fn begin_moves(&mut self) {
+        if self.is_dwelling || self.control.state != State::Idle {
+            return;
+        }
+        if let Some(block) = self.plan.current() {
+            self.releases_drivers = false;
+            let is_jog = block.pacing == Pacing::Jog;
+            self.on(if is_jog { Event::Jog } else { Event::Move });
+        }
+    }
+}

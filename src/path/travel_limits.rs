@@ -1,0 +1,244 @@
+//! Whether a move stays within the travel of the machine: `$20` soft limits.
+//!
+//! A machine reaches from 0 down to minus its travel, on each axis. The extremes of an arc are those
+//! of the arc itself, not of chords: on a spiral they lie a little beside the quadrants, where the
+//! growing radius and the turning away balance. Runs once per line, in `interpret`.
+
+use core::f64::consts::{FRAC_PI_2, TAU};
+
+use crate::{
+    axis::{AXES, Axes},
+    model::{Circle, Command, Rotation},
+    settings::Settings,
+    units::Nm,
+};
+
+/// How far a computed extreme may be off, nm: a centre is rounded to 1 nm.
+const ROUNDING: i64 = 5;
+
+/// Whether some part of a command's way from a position is outside the travel.
+#[must_use]
+pub fn leaves_travel(settings: &Settings, from: &Axes<Nm>, command: &Command) -> bool {
+    match command {
+        Command::Line { target, .. } | Command::Probe { target, .. } => {
+            is_outside(settings, &target.position)
+        }
+        Command::Arc { target, circle, .. } => {
+            is_outside(settings, from)
+                || is_outside(settings, &target.position)
+                || arc_leaves(settings, from, &target.position, circle)
+        }
+        Command::Power(_)
+        | Command::Dwell { .. }
+        | Command::Spindle { .. }
+        | Command::Coolant(_)
+        | Command::Pause => false,
+    }
+}
+
+/// The lowest coordinate of an axis.
+fn lowest(settings: &Settings, axis: usize) -> i64 {
+    -Nm::from_mm_f64(f64::from(settings.max_travel_mm[axis])).0
+}
+
+/// Whether a position is outside the travel.
+#[must_use]
+pub fn is_outside(settings: &Settings, position: &Axes<Nm>) -> bool {
+    // wcet-bound: axes
+    (0..AXES).any(|axis| position[axis].0 > 0 || position[axis].0 < lowest(settings, axis))
+}
+
+/// Whether an arc whose ends are inside has a part that is not.
+fn arc_leaves(settings: &Settings, from: &Axes<Nm>, to: &Axes<Nm>, circle: &Circle) -> bool {
+    let (first, second, _) = circle.plane.axes();
+    let spiral = Spiral::new(circle, to[first] - from[first], to[second] - from[second]);
+    // wcet-bound: 4
+    (0_u8..4).any(|quadrant| {
+        let (axis, centre) = if quadrant & 1 == 0 {
+            (first, from[first] + circle.centre[0])
+        } else {
+            (second, from[second] + circle.centre[1])
+        };
+        let Some(radius) = spiral.farthest(f64::from(quadrant) * FRAC_PI_2) else {
+            return false;
+        };
+        let radius = Nm::from_mm_f64(radius).0;
+        if quadrant < 2 {
+            centre.0.saturating_add(radius) > ROUNDING
+        } else {
+            centre.0.saturating_sub(radius) < lowest(settings, axis) - ROUNDING
+        }
+    })
+}
+
+/// An arc whose radius changes in proportion to the angle.
+struct Spiral {
+    /// Angle of the start seen from the centre, rad.
+    start: f64,
+    /// Angle travelled, rad, positive counter-clockwise.
+    sweep: f64,
+    /// Radius at the start, mm.
+    radius: f64,
+    /// Growth of the radius, mm/rad of signed angle.
+    growth: f64,
+}
+
+impl Spiral {
+    fn new(circle: &Circle, way_first: Nm, way_second: Nm) -> Self {
+        let [x0, y0] = circle.centre.map(|centre| -centre.to_mm_f64());
+        let x1 = (way_first - circle.centre[0]).to_mm_f64();
+        let y1 = (way_second - circle.centre[1]).to_mm_f64();
+        let travel = if way_first == Nm(0) && way_second == Nm(0) {
+            0.0
+        } else {
+            libm::atan2(x0 * y1 - y0 * x1, x0 * x1 + y0 * y1)
+        };
+        let turns = TAU * f64::from(circle.turns.saturating_sub(1));
+        let sweep = match circle.rotation {
+            Rotation::CounterClockwise if travel > 0.0 => travel + turns,
+            Rotation::CounterClockwise => travel + TAU + turns,
+            Rotation::Clockwise if travel < 0.0 => travel - turns,
+            Rotation::Clockwise => travel - TAU - turns,
+        };
+        let (radius, end_radius) = (libm::hypot(x0, y0), libm::hypot(x1, y1));
+        Self {
+            start: libm::atan2(y0, x0),
+            sweep,
+            radius,
+            growth: (end_radius - radius) / sweep,
+        }
+    }
+
+    /// How far the arc reaches from its centre in a direction, mm; `None` where its ends reach
+    /// farther than everything in between.
+    fn farthest(&self, direction: f64) -> Option<f64> {
+        // The first and the last time that the arc points there: in between, it is in between.
+        let turn = if self.sweep > 0.0 { TAU } else { -TAU };
+        let ahead = libm::fmod(direction - self.start, TAU);
+        let first = if ahead * turn < 0.0 {
+            ahead + turn
+        } else {
+            ahead
+        };
+        let whole = libm::floor((self.sweep - first) / turn);
+        let reach = |angle: f64| {
+            // Where the radius grows, the extreme is a little beside the direction.
+            let beside = libm::atan2(self.growth, self.radius + self.growth * angle);
+            let angle = angle + beside;
+            let is_on_arc = angle * turn >= 0.0 && (self.sweep - angle) * turn >= 0.0;
+            is_on_arc.then(|| (self.radius + self.growth * angle) * libm::cos(beside))
+        };
+        let (near, far) = (reach(first), reach(first + whole * turn));
+        match (near, far) {
+            (Some(near), Some(far)) => Some(near.max(far)),
+            (one, None) | (None, one) => one,
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use proptest::prelude::*;
+
+    use super::*;
+    use crate::model::{Pace, Plane};
+
+    fn machine() -> Settings {
+        Settings::default()
+    }
+
+    fn at(x: f64, y: f64) -> Axes<Nm> {
+        Axes::from_fn(|axis| match axis {
+            0 => Nm::from_mm_f64(x),
+            1 => Nm::from_mm_f64(y),
+            _ => Nm(0),
+        })
+    }
+
+    fn arc(rotation: Rotation, centre: [f64; 2], to: Axes<Nm>, turns: u16) -> Command {
+        Command::Arc {
+            target: to.into(),
+            circle: Circle {
+                plane: Plane::Xy,
+                centre: centre.map(Nm::from_mm_f64),
+                rotation,
+                turns,
+            },
+            pace: Pace::Feed(100.0),
+            line: 0,
+        }
+    }
+
+    #[test]
+    fn an_end_outside_the_travel_is_found() {
+        let line = |target: Axes<Nm>| Command::Line {
+            target: target.into(),
+            pace: Pace::Rapid,
+            line: 0,
+        };
+        let from = at(0.0, 0.0);
+        for (x, y, is_outside) in [
+            (0.0, 0.0, false),
+            (-200.0, -200.0, false),
+            (0.000_001, 0.0, true),
+            (0.0, -200.000_001, true),
+        ] {
+            assert_eq!(
+                leaves_travel(&machine(), &from, &line(at(x, y))),
+                is_outside
+            );
+        }
+    }
+
+    #[test]
+    fn only_the_quadrants_that_an_arc_passes_count() {
+        use Rotation::{Clockwise, CounterClockwise};
+        let from = at(-10.0, -5.0);
+        // Both ends 5 mm from the centre at X-5: over the top, or under the bottom.
+        for (rotation, y, is_outside) in [
+            (Clockwise, -5.0, false),
+            (CounterClockwise, -5.0, false),
+            (Clockwise, -4.999, true),
+            (CounterClockwise, -4.999, false),
+            (CounterClockwise, -195.0, false),
+            (CounterClockwise, -195.001, true),
+            (Clockwise, -195.001, false),
+        ] {
+            let from = at(from.0[0].to_mm_f64(), y);
+            let half = arc(rotation, [5.0, 0.0], at(0.0, y), 1);
+            assert_eq!(leaves_travel(&machine(), &from, &half), is_outside, "{y}");
+        }
+    }
+
+    proptest! {
+        #[test]
+        fn an_arc_is_refused_exactly_where_a_point_of_it_is_outside(
+            centre in prop::array::uniform2(-40.0..0.0_f64),
+            radius in 1.0..30.0_f64,
+            growth in -0.4..0.4_f64,
+            angles in prop::array::uniform2(0.0..TAU),
+            turns in 1_u16..4,
+            clockwise: bool,
+        ) {
+            let point = |r: f64, angle: f64| at(centre[0] + r * angle.cos(), centre[1] + r * angle.sin());
+            let (from, to) = (point(radius, angles[0]), point(radius + growth, angles[1]));
+            let rotation = if clockwise { Rotation::Clockwise } else { Rotation::CounterClockwise };
+            let offset = [centre[0] - from[0].to_mm_f64(), centre[1] - from[1].to_mm_f64()];
+            let command = arc(rotation, offset, to, turns);
+            let Command::Arc { circle, .. } = command else { unreachable!() };
+            let spiral = Spiral::new(&circle, to[0] - from[0], to[1] - from[1]);
+            // The largest violation among many points, mm.
+            let mut worst = f64::MIN;
+            for part in 0..=20_000 {
+                let angle = spiral.sweep * f64::from(part) / 20_000.0;
+                let r = spiral.radius + spiral.growth * angle;
+                let x = centre[0] + r * (spiral.start + angle).cos();
+                let y = centre[1] + r * (spiral.start + angle).sin();
+                worst = worst.max(x).max(y).max(-200.0 - x).max(-200.0 - y);
+            }
+            let leaves = leaves_travel(&machine(), &from, &command);
+            prop_assert!(leaves || worst < 1.0e-5, "{worst} mm");
+            prop_assert!(!leaves || worst > -1.0e-4, "{worst} mm");
+        }
+    }
+}

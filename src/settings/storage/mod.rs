@@ -1,0 +1,8 @@
+//! What outlives power: records in a journal of two flash sectors.
+
+mod journal;
+mod record;
+mod restore;
+mod sectors;
+
+pub use journal::{Journal, Loaded};
