@@ -1,16 +1,16 @@
 //! The application: which task owns what, and at which priority.
 //!
-//! | task        | kind, vector      | priority | released by                              |
-//! |-------------|-------------------|----------|------------------------------------------|
-//! | `step`      | hardware, SysTick | 5        | the step timer                           |
-//! | `serial_rx` | hardware, USART   | 4        | a byte has come                          |
-//! | `turn`      | pended, I2C3\_EV  | 3        | `step`: a segment begins, or none        |
-//! | `inputs`    | hardware, TIM7    | 3        | an edge on an input pin, its timer       |
-//! | `prepare`   | pended, TIM6      | 2        | `turn`, most others, its timer           |
-//! | `wake`      | pended, I2C3\_ER  | 1        | `serial_rx`, `prepare`                   |
-//! | `interpret` | async, dispatcher | 1        | `wake`                                   |
-//! | `report`    | async, dispatcher | 1        | `wake`                                   |
-//! | `idle`      |                   | 0        | sends what the port did not take at once |
+//! | task            | kind, vector      | priority | released by                              |
+//! |-----------------|-------------------|----------|------------------------------------------|
+//! | `step`          | hardware, SysTick | 5        | the step timer                           |
+//! | `serial_rx`     | hardware, USART   | 4        | a byte has come                          |
+//! | `segment_start` | pended, I2C3\_EV  | 3        | `step`: a segment begins, or none        |
+//! | `inputs`        | hardware, TIM7    | 3        | an edge on an input pin, its timer       |
+//! | `prepare`       | pended, TIM6      | 2        | `segment_start`, most others, its timer  |
+//! | `wake`          | pended, I2C3\_ER  | 1        | `serial_rx`, `prepare`                   |
+//! | `interpret`     | async, dispatcher | 1        | `wake`                                   |
+//! | `report`        | async, dispatcher | 1        | `wake`                                   |
+//! | `idle`          |                   | 0        | sends what the port did not take at once |
 //!
 //! Pended tasks borrow the vector of a peripheral that the machine does not use, or of a timer that
 //! also releases them: pending a vector while its task runs makes the task run again, so no release
@@ -19,7 +19,7 @@
 //!
 //! Tasks only move values between queues, peripherals and the state machines of the library. What
 //! flows goes through queues with one writer and one reader. Two things are locked: the snapshot,
-//! where `prepare` waits for a copy, and the switch of `step`, where `turn` and `inputs` wait.
+//! where `prepare` waits for a copy, and the switch of `step`, where `segment_start` and `inputs` wait.
 
 #[rtic::app(device = crate::board::pac, peripherals = true, dispatchers = [I2C2_EV])]
 mod app {
@@ -35,7 +35,7 @@ mod app {
         motion::Motion,
         path::Entry,
         protocol::{ByteWriter, Bytes, Progress, Session},
-        stepper::{EventReader, EventRing, EventTap, EventWriter, StepCounts},
+        stepper::{EventReader, EventRing, EventTap, EventWriter, SegmentRing},
     };
 
     use crate::board::{
@@ -57,7 +57,7 @@ mod app {
         /// Atomics, shared by reference and never locked.
         requests: Requests,
         inputs: Inputs,
-        counts: StepCounts,
+        counts: SegmentRing,
     }
 
     #[local]
@@ -105,7 +105,7 @@ mod app {
             step_switch: board.step,
             requests: Requests::new(),
             inputs,
-            counts: StepCounts::new(),
+            counts: SegmentRing::new(),
         };
         let local = Local {
             output: board.output,
@@ -113,7 +113,7 @@ mod app {
             pins,
             after: board.after,
             motion,
-            deputy_in: received_in.deputy(),
+            deputy_in: received_in.second_writer(),
             received_in,
             storage: board.storage,
             entries_in,
@@ -165,9 +165,9 @@ mod app {
     ///
     /// Deadline: before two more segments begin. A miss has the laser's power change late.
     #[task(binds = I2C3_EV, priority = 3, local = [played], shared = [&counts])]
-    fn turn(cx: turn::Context) {
-        let _activation = trace::turn();
-        board::follow(cx.shared.counts.turn(*cx.local.played));
+    fn segment_start(cx: segment_start::Context) {
+        let _activation = trace::segment_start();
+        board::follow(cx.shared.counts.start_segment(*cx.local.played));
     }
 
     /// Filters switches, probe and buttons.
@@ -223,7 +223,7 @@ mod app {
         let (requests, entries) = (cx.shared.requests, cx.local.entries_in);
         let (inputs, counts) = (cx.shared.inputs, cx.shared.counts);
         let storage = cx.local.storage;
-        storage.receive(requests, cx.local.deputy_in.deputy());
+        storage.receive(requests, cx.local.deputy_in.second_writer());
         let mut snapshot = Snapshot::default();
         loop {
             let read = |shared: &mut Snapshot| snapshot.take_over(shared, counts, inputs);

@@ -5,7 +5,7 @@ mod support;
 
 use leadscrew::{
     axis::{AXES, Axes},
-    model::{Command, Pace, Plane, Rotation},
+    model::{Command, FeedRate, Plane, Rotation},
     settings::Settings,
     units::Nm,
 };
@@ -236,7 +236,7 @@ fn inverse_time_moves_take_their_time() {
     let settings = with(&[250.0], &[6000.0], &[5000.0]);
     for (per_min, seconds) in [(60.0, 1.0), (30.0, 2.0), (600.0, 0.1)] {
         for command in [
-            line_at(at(&[1.0, 0.5]), Pace::InverseTime(per_min)),
+            line_at(at(&[1.0, 0.5]), FeedRate::InverseTime(per_min)),
             match arc(Plane::Xy, Rotation::Clockwise, &[0.0], [0.3, 0.0], 1.0) {
                 Command::Arc {
                     target,
@@ -246,7 +246,7 @@ fn inverse_time_moves_take_their_time() {
                 } => Command::Arc {
                     target,
                     circle,
-                    pace: Pace::InverseTime(per_min),
+                    pace: FeedRate::InverseTime(per_min),
                     line,
                 },
                 other => other,
@@ -276,9 +276,9 @@ fn all_axes_together_end_on_their_steps() {
         }
     });
     let commands = [
-        line_at(target, Pace::Feed(2000.0)),
-        line_at(rotary, Pace::Feed(2000.0)),
-        line_at(rotary, Pace::Rapid),
+        line_at(target, FeedRate::Feed(2000.0)),
+        line_at(rotary, FeedRate::Feed(2000.0)),
+        line_at(rotary, FeedRate::Rapid),
     ];
     let trace = Rig::play(&settings, &number(&commands));
     trace.check_pulses();
@@ -297,7 +297,7 @@ proptest! {
         step_pulse_us in prop_oneof![0..6_u8, 100..=255_u8],
         junction_deviation_mm in prop_oneof![Just(0.0_f32), Just(10.0_f32)],
         shares in prop::collection::vec(prop::array::uniform3(-1.0..1.0_f64), 1..6),
-        pace in prop_oneof![Just(Pace::Rapid), (0.0..1.0e6_f32).prop_map(Pace::Feed)],
+        pace in prop_oneof![Just(FeedRate::Rapid), (0.0..1.0e6_f32).prop_map(FeedRate::Feed)],
         reset_at in prop::option::of(0..2_000_000_000_u64),
     ) {
         let settings = Settings {
@@ -314,7 +314,7 @@ proptest! {
                     shares[n] * reach.min(f64::from(accelerations[n]) * 20.0)
                 });
                 line_at(at(&mm), match pace {
-                    Pace::Feed(feed) => Pace::Feed(feed.max(reach_mm_min(&mm))),
+                    FeedRate::Feed(feed) => FeedRate::Feed(feed.max(reach_mm_min(&mm))),
                     pace => pace,
                 })
             })

@@ -39,7 +39,15 @@ impl Machine {
 
     fn send(&mut self, work: Work) {
         let epoch = self.epoch;
-        assert!(self.drive.entries.enqueue(Entry { epoch, work }).is_ok());
+        assert!(
+            self.drive
+                .entries
+                .enqueue(Entry {
+                    reset_count: epoch,
+                    work
+                })
+                .is_ok()
+        );
         self.sent += 1;
         self.drive.release_prepare();
     }

@@ -5,7 +5,7 @@ mod support;
 
 use leadscrew::{
     axis::Axes,
-    model::{Command, Pace},
+    model::{Command, FeedRate},
     settings::Settings,
     units::{Nm, TICKS_PER_MS},
 };
@@ -128,7 +128,7 @@ fn a_hold_in_a_cruise_takes_5_ms_more_than_the_limits_allow() {
             let asked = 500 * u64::from(TICKS_PER_MS) + 95_027 * instant;
             let resume = (asked + 100_000_000, b'~');
             let mut rig = Rig::new(&settings);
-            let line = line_at(at(&[200.0]), Pace::Feed(6000.0));
+            let line = line_at(at(&[200.0]), FeedRate::Feed(6000.0));
             rig.run(&number(&[line]), &[(asked, b'!'), resume]);
             let steps = rig.trace.steps(0);
             let held = steps
@@ -149,7 +149,10 @@ fn a_hold_in_a_cruise_takes_5_ms_more_than_the_limits_allow() {
 fn a_hold_and_a_cancelled_jog_take_two_windows_more_than_the_trapezoid() {
     let settings = machine(10_000.0);
     let target = || at(&[200.0]);
-    for (pace, byte) in [(Pace::Feed(6000.0), b'!'), (Pace::Jog(6000.0), 0x85)] {
+    for (pace, byte) in [
+        (FeedRate::Feed(6000.0), b'!'),
+        (FeedRate::Jog(6000.0), 0x85),
+    ] {
         for ms in [5, 40, 60, 150, 400, 700] {
             let asked = ms * u64::from(TICKS_PER_MS);
             let mut rig = Rig::new(&settings);
@@ -175,7 +178,10 @@ fn lines() -> impl Strategy<Value = Vec<Command>> {
         2 => -30_000..30_000_i64,
         1 => Just(0_i64),
     ];
-    let pace = prop_oneof![Just(Pace::Rapid), (20.0..12_000.0_f32).prop_map(Pace::Feed),];
+    let pace = prop_oneof![
+        Just(FeedRate::Rapid),
+        (20.0..12_000.0_f32).prop_map(FeedRate::Feed),
+    ];
     let line = (prop::array::uniform3(coordinate), pace).prop_map(|(nm, pace)| {
         line_at(
             Axes::from_fn(|axis| nm.get(axis).map_or(Nm(0), |nm| Nm(*nm))),

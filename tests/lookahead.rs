@@ -5,7 +5,7 @@ mod support;
 
 use leadscrew::{
     axis::Axes,
-    model::{Command, Pace, Plane, Rotation},
+    model::{Command, FeedRate, Plane, Rotation},
     motion::{BLOCKS, LookAhead},
     path::{Block, Router, Work},
     settings::Settings,
@@ -282,7 +282,7 @@ fn a_full_look_ahead_is_as_good_as_the_reference() {
             let mm = [20.0 * angle.sin(), 20.0 - 20.0 * angle.cos()];
             line_at(
                 Axes::from_fn(|axis| mm.get(axis).map_or(Nm(0), |mm| Nm::from_mm_f64(*mm))),
-                Pace::Feed(6000.0),
+                FeedRate::Feed(6000.0),
             )
         })
         .collect();

@@ -5,7 +5,7 @@ mod support;
 
 use leadscrew::{
     axis::Axes,
-    model::{Command, Pace, Plane, Rotation, State},
+    model::{Command, FeedRate, Plane, Rotation, State},
     settings::Settings,
     units::{Nm, TICKS_PER_MS},
 };
@@ -106,7 +106,10 @@ fn steps_at_the_ends_of_segments_are_not_taken_for_acceleration() {
         [-0.026_824, 0.003_357, -0.025_850],
         [2.262_495, -1.743_626, -1.113_529],
     ];
-    check(&settings, &commands.map(|to| line_at(at(&to), Pace::Rapid)));
+    check(
+        &settings,
+        &commands.map(|to| line_at(at(&to), FeedRate::Rapid)),
+    );
 }
 
 #[test]
@@ -197,9 +200,9 @@ fn lines() -> impl Strategy<Value = Vec<Command>> {
         1 => Just(0_i64),
     ];
     let pace = prop_oneof![
-        Just(Pace::Rapid),
-        (20.0..12_000.0_f32).prop_map(Pace::Feed),
-        (30.0..3000.0_f32).prop_map(Pace::InverseTime),
+        Just(FeedRate::Rapid),
+        (20.0..12_000.0_f32).prop_map(FeedRate::Feed),
+        (30.0..3000.0_f32).prop_map(FeedRate::InverseTime),
     ];
     let line = (prop::array::uniform3(coordinate), pace).prop_map(|(nm, pace)| {
         line_at(

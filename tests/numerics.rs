@@ -5,7 +5,7 @@ mod support;
 
 use leadscrew::{
     axis::{AXES, Axes},
-    model::{Circle, Command, Pace, Plane, Requests, Rotation, Target, queues::EVENT_RING},
+    model::{Circle, Command, FeedRate, Plane, Requests, Rotation, Target, queues::EVENT_RING},
     path::{Block, Entry, Router, Work},
     protocol::realtime,
     settings::Settings,
@@ -53,7 +53,7 @@ fn settings() -> impl Strategy<Value = Settings> {
 struct Move {
     /// Parts of the way to the farthest point, as powers of ten, and signs; 0 stays.
     to: [f64; 6],
-    pace: Pace,
+    pace: FeedRate,
     /// Plane, rotation, centre, turns.
     arc: Option<(Plane, Rotation, [f64; 2], u16)>,
 }
@@ -70,19 +70,19 @@ fn share() -> impl Strategy<Value = f64> {
 
 fn moves() -> impl Strategy<Value = Vec<Move>> {
     let pace = prop_oneof![
-        Just(Pace::Rapid),
+        Just(FeedRate::Rapid),
         prop_oneof![
             Just(0.0),
             Just(f32::MAX),
             (-6.0..9.0_f32).prop_map(|ten| 10.0_f32.powf(ten))
         ]
-        .prop_map(Pace::Feed),
+        .prop_map(FeedRate::Feed),
         prop_oneof![
             Just(0.0),
             Just(f32::MAX),
             (-6.0..9.0_f32).prop_map(|ten| 10.0_f32.powf(ten))
         ]
-        .prop_map(Pace::InverseTime),
+        .prop_map(FeedRate::InverseTime),
     ];
     let plane = prop_oneof![Just(Plane::Xy), Just(Plane::Zx), Just(Plane::Yz)];
     let rotation = prop_oneof![Just(Rotation::Clockwise), Just(Rotation::CounterClockwise)];
@@ -179,7 +179,10 @@ impl<'a> Play<'a> {
             let next = || commands.next().and_then(|command| router.work(command));
             self.waiting = self.waiting.or_else(next);
             let Some(work) = self.waiting else { continue };
-            let entry = Entry { epoch: 0, work };
+            let entry = Entry {
+                reset_count: 0,
+                work,
+            };
             if self.drive.entries.enqueue(entry).is_err() {
                 break;
             }
@@ -302,7 +305,7 @@ fn a_tiny_arc_behind_a_move_without_a_step_keeps_the_rates() {
     };
     let mut target = Axes::all(Nm(0));
     target[0] = Nm(-320_000);
-    let (target, pace, line) = (Target::from(target), Pace::Rapid, 0);
+    let (target, pace, line) = (Target::from(target), FeedRate::Rapid, 0);
     let circle = Circle {
         plane: Plane::Zx,
         centre: [Nm(3049), Nm(0)],
@@ -335,7 +338,7 @@ fn a_stop_in_front_of_a_corner_to_be_stopped_in_does_not_go_round_it() {
     };
     let commands = [[0, 100_000_000], [1_000_000, 100_000_000]].map(|to| Command::Line {
         target: Axes::from_fn(|axis| Nm(to.get(axis).copied().unwrap_or(0))).into(),
-        pace: Pace::Rapid,
+        pace: FeedRate::Rapid,
         line: 0,
     });
     for events in (10..3000).step_by(10) {

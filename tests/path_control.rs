@@ -6,7 +6,7 @@ mod support;
 use leadscrew::{
     axis::Axes,
     settings::Settings,
-    sim::{Edge, End, Simulator, Stream, Watcher},
+    sim::{Edge, Simulator, Stream, StreamEnd, Watcher},
     units::TICKS_PER_MS,
 };
 use proptest::prelude::*;
@@ -47,7 +47,7 @@ fn play(settings: &Settings, program: &str) -> Player {
     };
     let bytes = program.bytes();
     let end = Stream::new(&mut simulator, bytes, 1_000_000).run(&mut player);
-    assert_eq!(end, End::Complete);
+    assert_eq!(end, StreamEnd::Complete);
     assert_eq!(player.refused, [""; 0]);
     player.trace.check_pulses();
     player

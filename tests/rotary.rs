@@ -5,7 +5,7 @@ mod support;
 
 use leadscrew::{
     axis::{AXES, Axes},
-    model::{Circle, Command, Pace, Plane, Rotation},
+    model::{Circle, Command, FeedRate, Plane, Rotation},
     settings::Settings,
     units::Nm,
 };

@@ -6,7 +6,7 @@ mod support;
 use leadscrew::{
     axis::Axes,
     model::{Command, PathControl, Plane, Rotation},
-    path::{Path, Router, Way, Work},
+    path::{BlendOutput, Blender, Router, Work},
     settings::Settings,
     units::Nm,
 };
@@ -24,17 +24,21 @@ fn continuous(tolerance_nm: u32, merging_nm: u32) -> PathControl {
 }
 
 /// What becomes of commands, and the deviation that is told.
-fn ways(settings: &Settings, control: PathControl, commands: &[Command]) -> (Vec<Way>, f32) {
+fn ways(
+    settings: &Settings,
+    control: PathControl,
+    commands: &[Command],
+) -> (Vec<BlendOutput>, f32) {
     let led: Vec<_> = commands.iter().map(|command| (control, *command)).collect();
     ways_of(settings, &led)
 }
 
 /// The same where each command has a path control of its own.
-fn ways_of(settings: &Settings, commands: &[(PathControl, Command)]) -> (Vec<Way>, f32) {
+fn ways_of(settings: &Settings, commands: &[(PathControl, Command)]) -> (Vec<BlendOutput>, f32) {
     let mut router = Router::new(settings);
-    let mut path = Path::new();
+    let mut path = Blender::new();
     let mut ways = Vec::new();
-    let mut drain = |router: &mut Router, path: &mut Path| {
+    let mut drain = |router: &mut Router, path: &mut Blender| {
         while let Some(way) = path.next().copied() {
             router.follow_into(&way, &mut Work::Pause);
             ways.push(way);
@@ -42,7 +46,7 @@ fn ways_of(settings: &Settings, commands: &[(PathControl, Command)]) -> (Vec<Way
         }
     };
     for (control, command) in commands {
-        router.lead(&mut path, *control, command);
+        router.blend(&mut path, *control, command);
         drain(&mut router, &mut path);
     }
     router.release(&mut path);
@@ -51,14 +55,14 @@ fn ways_of(settings: &Settings, commands: &[(PathControl, Command)]) -> (Vec<Way
     (ways, path.take_deviation_mm())
 }
 
-fn rounds(ways: &[Way]) -> usize {
+fn rounds(ways: &[BlendOutput]) -> usize {
     ways.iter()
-        .filter(|way| matches!(way, Way::Round(_)))
+        .filter(|way| matches!(way, BlendOutput::CornerArc(_)))
         .count()
 }
 
-fn lines(ways: &[Way]) -> usize {
-    let is_line = |way: &&Way| matches!(way, Way::Command(Command::Line { .. }));
+fn lines(ways: &[BlendOutput]) -> usize {
+    let is_line = |way: &&BlendOutput| matches!(way, BlendOutput::Command(Command::Line { .. }));
     ways.iter().filter(is_line).count()
 }
 
@@ -110,7 +114,7 @@ fn farthest(points: &[Point], path: &[Point]) -> f64 {
 }
 
 /// The greatest distance between what is programmed and what becomes of it, in either direction, mm.
-fn deviation_mm(commands: &[Command], ways: &[Way], grain: f64) -> f64 {
+fn deviation_mm(commands: &[Command], ways: &[BlendOutput], grain: f64) -> f64 {
     let settings = fine();
     let programmed = samples(&pieces(&settings, commands), grain);
     let executed = samples(&pieces_of_ways(&settings, ways), grain);
@@ -180,10 +184,10 @@ fn without_a_tolerance_a_corner_takes_half_of_each_line_at_most() {
     let (ways, _) = ways(&fine(), continuous(0, 0), &commands);
     // Two quarter circles with nothing of the line between them.
     let [
-        Way::Command(_),
-        Way::Round(first),
-        Way::Round(second),
-        Way::Command(_),
+        BlendOutput::Command(_),
+        BlendOutput::CornerArc(first),
+        BlendOutput::CornerArc(second),
+        BlendOutput::Command(_),
     ] = ways[..]
     else {
         panic!("{ways:?}");
@@ -216,8 +220,8 @@ fn short_lines_become_one_within_the_tolerance() {
 
 #[test]
 fn lines_of_other_feeds_axes_and_paces_stay_apart() {
-    let rapid = support::line_at(support::at(&[2.0]), leadscrew::model::Pace::Rapid);
-    let timed = leadscrew::model::Pace::InverseTime(10.0);
+    let rapid = support::line_at(support::at(&[2.0]), leadscrew::model::FeedRate::Rapid);
+    let timed = leadscrew::model::FeedRate::InverseTime(10.0);
     let timed = support::line_at(support::at(&[4.0]), timed);
     let commands = [
         line(&[1.0], 600.0),
@@ -279,8 +283,8 @@ fn a_corner_behind_a_line_without_a_step_ends_without_a_jump() {
         let mut before = Axes::all(0);
         let stepless = rig.ways.iter().filter(|way| {
             let end = match way {
-                Way::Command(command) => support::target(command),
-                Way::Round(round) => Some(round.target),
+                BlendOutput::Command(command) => support::target(command),
+                BlendOutput::CornerArc(round) => Some(round.target),
             };
             let steps = end.map_or(before, |end| target_steps(&settings, &end));
             core::mem::replace(&mut before, steps) == steps

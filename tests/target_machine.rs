@@ -17,7 +17,7 @@ mod rig {
         axis::Axes,
         model::State,
         settings::Settings,
-        sim::{Simulator, Tally},
+        sim::{Simulator, StepStatistics},
     };
 
     pub(crate) struct Rig<'a> {

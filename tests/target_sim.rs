@@ -17,7 +17,7 @@ mod target {
     use defmt_semihosting as _;
     use leadscrew::{
         settings::{self, Settings, StepRate},
-        sim::{Edge, End, Simulator, Stream, Tally, Watcher},
+        sim::{Edge, Simulator, StepStatistics, Stream, StreamEnd, Watcher},
     };
     use semihosting::{
         fs::File,

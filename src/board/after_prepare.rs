@@ -3,13 +3,13 @@
 use leadscrew::{
     model::Requests,
     motion::{Motion, Prepared},
-    stepper::{EventWriter, StepCounts},
+    stepper::{EventWriter, SegmentRing},
 };
 
 use super::{
     outputs::SwitchOutputs,
     pac,
-    release::{PREPARE, TURN, WAKE, pend},
+    release::{PREPARE, SEGMENT_START, WAKE, pend},
     step_output::{self, StepSwitch},
     wake::WakeTimer,
 };
@@ -45,7 +45,7 @@ impl AfterPrepare {
         prepared: Prepared,
         motion: &mut Motion,
         events: &mut EventWriter<'_>,
-        counts: &StepCounts,
+        counts: &SegmentRing,
         mut step: impl rtic::Mutex<T = StepSwitch>,
     ) {
         step_output::go_on(events, counts);
@@ -58,7 +58,7 @@ impl AfterPrepare {
             && let Some(then) = step_output::set_up(events)
         {
             step.lock(|step| step.start(then, counts));
-            pend(TURN);
+            pend(SEGMENT_START);
         }
         if prepared.switches
             && let Some(milliseconds) = motion.take_wait()

@@ -8,7 +8,7 @@
 use leadscrew::{
     machine::{Inputs, SAMPLE_TICKS, SAMPLES, Watch},
     model::{Levels, Requests},
-    stepper::{EventTap, StepCounts},
+    stepper::{EventTap, SegmentRing},
     units::TICKS_PER_US,
 };
 
@@ -111,7 +111,7 @@ impl InputPins {
         &mut self,
         requests: &Requests,
         inputs: &Inputs,
-        counts: &StepCounts,
+        counts: &SegmentRing,
         mut step: impl rtic::Mutex<T = StepSwitch>,
     ) {
         let events = self.events;
@@ -127,8 +127,8 @@ impl InputPins {
         // Apart, so that the worst of one is not added to the worst of the other.
         if is_sample {
             let watched = self.watch.sample(inputs, requests);
-            if watched.cut {
-                step.lock(|step| step.cut(events, counts));
+            if watched.halt {
+                step.lock(|step| step.halt(events, counts));
             }
             self.silent = self.silent.saturating_sub(1);
             if !watched.again && self.silent == 0 {

@@ -21,9 +21,9 @@ pub(crate) const fn inputs() -> Activation {
     Activation
 }
 
-/// Begins an activation of `turn`.
+/// Begins an activation of `segment_start`.
 #[inline]
-pub(crate) const fn turn() -> Activation {
+pub(crate) const fn segment_start() -> Activation {
     Activation
 }
 

@@ -1,17 +1,17 @@
 //! Spindle, laser and coolant outputs.
 //!
-//! `prepare` switches; the duty of the PWM alone also changes with the segments, in `turn`.
+//! `prepare` switches; the duty of the PWM alone also changes with the segments, in `segment_start`.
 
 use core::sync::atomic::{AtomicU32, Ordering::Relaxed};
 
 use leadscrew::{
     model::{Outputs, Spindle},
-    stepper::Turned,
+    stepper::SegmentStart,
 };
 
 use super::{
     chosen, emulation, pins,
-    release::{PREPARE, TURN, pend},
+    release::{PREPARE, SEGMENT_START, pend},
     wiring::{Pin, Wiring},
 };
 
@@ -40,7 +40,7 @@ impl SwitchOutputs {
         Self(off)
     }
 
-    /// Switches what has changed, the duty at rest only: in motion that is for `turn`.
+    /// Switches what has changed, the duty at rest only: in motion that is for `segment_start`.
     pub(crate) fn apply(&mut self, outputs: &Outputs, is_at_rest: bool) {
         if is_at_rest {
             set_duty(outputs.duty);
@@ -75,19 +75,19 @@ fn switch(outputs: &Outputs) {
 
 /// What is to be done when a segment has begun, or the step interrupt has stopped.
 #[inline]
-pub(crate) fn follow(turned: Turned) {
+pub(crate) fn follow(turned: SegmentStart) {
     if let Some(duty) = turned.duty {
         set_duty(duty);
     }
     pend(PREPARE);
     if turned.again {
-        pend(TURN);
+        pend(SEGMENT_START);
     }
 }
 
 /// Sets the share of time for which the PWM is high, 0 to [`Outputs::FULL`].
 ///
-/// Takes effect with the next period, at most 0.2 ms later. `turn` calls it while the step
+/// Takes effect with the next period, at most 0.2 ms later. `segment_start` calls it while the step
 /// interrupt runs, `prepare` while it stands.
 #[inline]
 fn set_duty(duty: u16) {

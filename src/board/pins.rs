@@ -185,11 +185,11 @@ pub(super) fn read_next(before: u8) -> (u32, u8) {
         ports.any(|((next, word), but)| next & word & !but != 0)
     };
     let none = StepEvent::default();
-    let forwards = StepEvent::turn(0, 0);
+    let forwards = StepEvent::set_directions(0, 0);
     for axis in 0..AXES {
         let is_due = has(StepEvent::new(0, 1 << axis, 0), none);
         axes |= u32::from(is_due) << axis;
-        let backwards = StepEvent::turn(0, 1 << axis);
+        let backwards = StepEvent::set_directions(0, 1 << axis);
         if has(backwards, forwards) {
             directions |= 1 << axis;
         } else if has(forwards, backwards) {

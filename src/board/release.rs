@@ -13,8 +13,8 @@ pub(crate) const PREPARE: Interrupt = Interrupt::TIM6_DAC;
 /// Releases `inputs`, as its timer does.
 #[cfg(feature = "board-netduino-plus-2")]
 pub(super) const INPUTS: Interrupt = Interrupt::TIM7;
-/// Releases `turn`.
-pub(crate) const TURN: Interrupt = Interrupt::I2C3_EV;
+/// Releases `segment_start`.
+pub(crate) const SEGMENT_START: Interrupt = Interrupt::I2C3_EV;
 /// Releases `wake`.
 pub(crate) const WAKE: Interrupt = Interrupt::I2C3_ER;
 

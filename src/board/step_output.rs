@@ -1,8 +1,8 @@
 //! The outputs of the step interrupt: pins at the times of the step timer.
 
-use leadscrew::stepper::{EventReader, EventTap, EventWriter, StepCounts, StepEvent, Upcoming};
+use leadscrew::stepper::{EventReader, EventTap, EventWriter, SegmentRing, StepEvent, Upcoming};
 
-use super::{pins, release::TURN, step_timer, step_timer::StepTimer};
+use super::{pins, release::SEGMENT_START, step_timer, step_timer::StepTimer};
 
 /// What the step interrupt drives, and it alone.
 pub(crate) struct StepOutput(StepTimer);
@@ -22,7 +22,7 @@ impl StepOutput {
 
     /// Tells the timer how long after the event that comes next the one behind it does; if there is
     /// none yet, it will be stopped before. Sets up the next event. When a segment begins with it,
-    /// releases `turn`: without a branch, so that no event takes longer than another.
+    /// releases `segment_start`: without a branch, so that no event takes longer than another.
     #[inline]
     pub(crate) fn set_up(
         &mut self,
@@ -32,24 +32,24 @@ impl StepOutput {
         let late = self.0.then(then).behind();
         events.count_late(late);
         pins::prepare(event);
-        self.0.pend(TURN, event);
+        self.0.pend(SEGMENT_START, event);
     }
 
     /// Sets nothing up: no event will come.
     #[inline]
-    pub(crate) fn stop(&mut self, counts: &StepCounts) {
+    pub(crate) fn stop(&mut self, counts: &SegmentRing) {
         counts.stop();
         pins::clear();
-        self.0.stop().pend(TURN, true);
+        self.0.stop().pend(SEGMENT_START, true);
     }
 }
 
 /// Tells the time of an event that came too late for the step interrupt to know of it.
 #[inline]
-pub(super) fn go_on(events: &mut EventWriter<'_>, counts: &StepCounts) {
-    if let Some(missed) = events.missed(counts) {
-        step_timer::then(missed);
-        events.append(missed);
+pub(super) fn go_on(events: &mut EventWriter<'_>, counts: &SegmentRing) {
+    if let Some(event) = events.appended_late(counts) {
+        step_timer::then(event);
+        events.append(event);
     }
 }
 
@@ -77,8 +77,8 @@ impl StepSwitch {
 
     /// Starts, when the first event is set up, with the one behind it; but what has been cut meanwhile has to be seen to first.
     #[inline]
-    pub(crate) fn start(&mut self, then: StepEvent, counts: &StepCounts) {
-        if !counts.is_cut() {
+    pub(crate) fn start(&mut self, then: StepEvent, counts: &SegmentRing) {
+        if !counts.is_halted() {
             counts.start();
             step_timer::start(then);
         }
@@ -86,9 +86,9 @@ impl StepSwitch {
 
     /// Stops at once: the event that is set up will not happen.
     #[inline]
-    pub(crate) fn cut(&mut self, events: EventTap<'_>, counts: &StepCounts) {
+    pub(crate) fn halt(&mut self, events: EventTap<'_>, counts: &SegmentRing) {
         step_timer::halt();
-        events.cut(counts);
+        events.halt(counts);
         pins::clear();
     }
 }

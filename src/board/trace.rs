@@ -18,7 +18,7 @@ use cortex_m::peripheral::{DCB, DWT};
 use super::{
     inputs,
     pac::Interrupt,
-    release::{PREPARE, TURN},
+    release::{PREPARE, SEGMENT_START},
 };
 
 mod rings;
@@ -35,7 +35,7 @@ const STEP: usize = 0;
 #[cfg(feature = "board-netduino-plus-2")]
 const STAND_IN: usize = 1;
 const SERIAL_RX: usize = 2;
-const TURN_TASK: usize = 3;
+const SEGMENT_START_TASK: usize = 3;
 const INPUTS: usize = 4;
 const PREPARE_TASK: usize = 5;
 /// How many there are.
@@ -80,9 +80,9 @@ pub(crate) fn inputs() -> Activation<INPUTS> {
     Activation::begin(age.map(|ticks| u32::from(ticks) * CYCLES_PER_INPUT_TICK))
 }
 
-/// Begins an activation of `turn`.
+/// Begins an activation of `segment_start`.
 #[inline]
-pub(crate) fn turn() -> Activation<TURN_TASK> {
+pub(crate) fn segment_start() -> Activation<SEGMENT_START_TASK> {
     Activation::begin(None)
 }
 
@@ -106,7 +106,7 @@ pub(super) fn stand_in() -> Activation<STAND_IN> {
 #[inline]
 pub(super) fn release(vector: Interrupt) {
     let task = match vector {
-        TURN => TURN_TASK,
+        SEGMENT_START => SEGMENT_START_TASK,
         Interrupt::TIM7 => INPUTS,
         PREPARE => PREPARE_TASK,
         _ => return,

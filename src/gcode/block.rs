@@ -4,8 +4,8 @@
 //! by word from the left. The modes of the line are put over those before it, in a copy.
 
 use super::{
-    Code, Distance, FeedMode, Flow, LineError, Modal, Motion, Number, Probe, ToolLength, Units,
-    Word, Words,
+    Code, Distance, FeedMode, Flow, LineError, Modal, MotionMode, Number, ProbeMode, ToolLength,
+    Units, Word, Words,
 };
 use crate::{
     axis::{AXES, Axes, LETTERS},
@@ -15,7 +15,7 @@ use crate::{
 
 /// The words of one line.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Block {
+pub struct ParsedLine {
     /// The modal state before the line, with the line's modes, `S` and `T` put in. `F` is not.
     pub modal: Modal,
     /// The command of modal group 0.
@@ -112,7 +112,7 @@ enum Group {
     Coolant = 1 << 13,
 }
 
-impl Block {
+impl ParsedLine {
     /// A line without words, after lines that left a modal state behind.
     #[must_use]
     pub const fn new(modal: &Modal) -> Self {
@@ -139,7 +139,7 @@ impl Block {
     #[must_use]
     pub const fn jog(modal: &Modal) -> Self {
         let mut block = Self::new(modal);
-        block.modal.motion = Motion::Linear;
+        block.modal.motion = MotionMode::Linear;
         block.modal.feed_mode = FeedMode::PerMinute;
         block
     }
@@ -242,17 +242,17 @@ impl Block {
             self.axis_command = AxisCommand::Motion;
         }
         self.modal.motion = match (code.whole, code.hundredths) {
-            (38, 20) => Motion::Probe(Probe::Contact),
-            (38, 30) => Motion::Probe(Probe::TryContact),
-            (38, 40) => Motion::Probe(Probe::Release),
-            (38, 50) => Motion::Probe(Probe::TryRelease),
+            (38, 20) => MotionMode::Probe(ProbeMode::Contact),
+            (38, 30) => MotionMode::Probe(ProbeMode::TryContact),
+            (38, 40) => MotionMode::Probe(ProbeMode::Release),
+            (38, 50) => MotionMode::Probe(ProbeMode::TryRelease),
             (38, _) => return Err(LineError::Unsupported),
             (_, 1..) => return Err(LineError::NotInteger),
-            (0, 0) => Motion::Rapid,
-            (1, 0) => Motion::Linear,
-            (2, 0) => Motion::Arc(Rotation::Clockwise),
-            (3, 0) => Motion::Arc(Rotation::CounterClockwise),
-            _ => Motion::Cancelled,
+            (0, 0) => MotionMode::Rapid,
+            (1, 0) => MotionMode::Linear,
+            (2, 0) => MotionMode::Arc(Rotation::Clockwise),
+            (3, 0) => MotionMode::Arc(Rotation::CounterClockwise),
+            _ => MotionMode::Cancelled,
         };
         Ok(Group::Motion)
     }

@@ -11,9 +11,9 @@ mod number;
 mod short;
 mod word;
 
-pub use block::{AxisCommand, Block, NonModal, Reference};
+pub use block::{AxisCommand, NonModal, ParsedLine, Reference};
 pub use error::LineError;
-pub use modal::{Distance, FeedMode, Flow, Modal, Motion, Probe, ToolLength, Units};
+pub use modal::{Distance, FeedMode, Flow, Modal, MotionMode, ProbeMode, ToolLength, Units};
 pub use number::{Code, Number};
-pub use short::{Short, ShortWords};
+pub use short::{PlainWords, SmallDecimal};
 pub use word::{Word, Words};

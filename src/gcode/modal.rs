@@ -6,7 +6,7 @@ use crate::model::{Coolant, PathControl, Plane, Rotation, Spindle, WorkCoordinat
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub struct Modal {
     /// What axis words alone do.
-    pub motion: Motion,
+    pub motion: MotionMode,
     /// What an `F` word means.
     pub feed_mode: FeedMode,
     /// The unit of coordinates.
@@ -37,7 +37,7 @@ pub struct Modal {
 
 /// What axis words alone do.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
-pub enum Motion {
+pub enum MotionMode {
     /// `G0`.
     #[default]
     Rapid,
@@ -46,12 +46,12 @@ pub enum Motion {
     /// `G2`, `G3`.
     Arc(Rotation),
     /// `G38.2` to `G38.5`.
-    Probe(Probe),
+    Probe(ProbeMode),
     /// `G80`: nothing, they are an error.
     Cancelled,
 }
 
-impl Motion {
+impl MotionMode {
     /// The command as reports write it.
     #[must_use]
     pub const fn word(self) -> &'static str {
@@ -60,10 +60,10 @@ impl Motion {
             Self::Linear => "G1",
             Self::Arc(Rotation::Clockwise) => "G2",
             Self::Arc(Rotation::CounterClockwise) => "G3",
-            Self::Probe(Probe::Contact) => "G38.2",
-            Self::Probe(Probe::TryContact) => "G38.3",
-            Self::Probe(Probe::Release) => "G38.4",
-            Self::Probe(Probe::TryRelease) => "G38.5",
+            Self::Probe(ProbeMode::Contact) => "G38.2",
+            Self::Probe(ProbeMode::TryContact) => "G38.3",
+            Self::Probe(ProbeMode::Release) => "G38.4",
+            Self::Probe(ProbeMode::TryRelease) => "G38.5",
             Self::Cancelled => "G80",
         }
     }
@@ -71,7 +71,7 @@ impl Motion {
 
 /// What a probe move waits for.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Probe {
+pub enum ProbeMode {
     /// `G38.2`: contact, an alarm without.
     Contact,
     /// `G38.3`: contact, if there is any.

@@ -7,7 +7,7 @@ use super::Number;
 
 /// A number of at most eight digits, with four of them behind the point.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
-pub struct Short {
+pub struct SmallDecimal {
     digits: i32,
     decimals: u32,
 }
@@ -30,7 +30,7 @@ const DIGITS: u32 = 9;
 /// What is next where no byte is left.
 const END: u32 = u32::MAX;
 
-impl Short {
+impl SmallDecimal {
     /// The value in millionths, as [`Number::to_millionths`], and as [`Number::to_grbl_f32`]; `None`
     /// with too many decimals.
     #[inline]
@@ -60,13 +60,13 @@ impl Short {
 
 /// The words of a line, as far as they are short.
 #[derive(Debug, Clone)]
-pub struct ShortWords<I> {
+pub struct PlainWords<I> {
     /// The byte that is next, or [`END`], and those after it.
     next: u32,
     rest: I,
 }
 
-impl<I: Iterator<Item = u8>> ShortWords<I> {
+impl<I: Iterator<Item = u8>> PlainWords<I> {
     /// The words of the line that begins with these bytes: upper case, without comments, with blanks
     /// between the words at most, and with the end of the line.
     #[inline]
@@ -114,7 +114,7 @@ impl<I: Iterator<Item = u8>> ShortWords<I> {
     /// The number behind that; `None` where there is none, or it is not short.
     #[inline]
     #[must_use]
-    pub fn take(&mut self) -> Option<Short> {
+    pub fn take(&mut self) -> Option<SmallDecimal> {
         self.advance();
         let is_negative = self.next == u32::from(b'-');
         if is_negative || self.next == u32::from(b'+') {
@@ -129,7 +129,7 @@ impl<I: Iterator<Item = u8>> ShortWords<I> {
         }
         let digits = value.cast_signed();
         let is_short = (1..=DIGITS).contains(&length) && digits < LONG;
-        is_short.then_some(Short {
+        is_short.then_some(SmallDecimal {
             digits: if is_negative { -digits } else { digits },
             decimals,
         })

@@ -235,7 +235,7 @@ impl Accessories {
     }
 
     /// Switches everything off, and keeps in mind what was on.
-    pub fn cut(&mut self) {
+    pub fn suspend(&mut self) {
         self.stop = Stop::None;
         self.is_spindle_cut = true;
         self.is_coolant_cut = true;
@@ -457,7 +457,7 @@ mod tests {
     fn everything_cut_comes_back_one_after_the_other() {
         let mut accessories = spindle(&Settings::default(), 1000.0);
         accessories.toggle_flood();
-        accessories.cut();
+        accessories.suspend();
         assert_eq!(accessories.power_at_rest(), Power::OFF);
         assert_eq!(accessories.coolant(), Coolant::OFF);
         assert_eq!(accessories.has_to_restore(), (true, true));

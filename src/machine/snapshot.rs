@@ -4,7 +4,7 @@ use super::Inputs;
 use crate::{
     axis::Axes,
     model::{Coolant, Levels, Notices, Overrides, Probed, Spindle, State},
-    stepper::StepCounts,
+    stepper::SegmentRing,
 };
 
 /// What `prepare` last published: read by copy, under RTIC's lock; and where the machine is.
@@ -45,11 +45,11 @@ pub struct Snapshot {
     /// No axis moves and no event is queued.
     pub is_at_rest: bool,
     /// The newest reset that has been acted on.
-    pub epoch: u32,
+    pub reset_count: u32,
     /// Counts motions that were ended before their target otherwise than by a reset, as a cancelled
     /// jog is, wrapping. The interpreter takes over the position anew, at rest; an entry that was
     /// made before is void: [`crate::path::Entry::epoch`].
-    pub cuts: u32,
+    pub cancelled_motions: u32,
     /// Whether that reset found the machine in motion, so that it rises `ALARM:3`.
     pub reset_in_motion: bool,
     /// Whether the step events ran out in motion: a fault that only a reset ends.
@@ -62,7 +62,7 @@ impl Snapshot {
     /// Takes over where the machine is, and its inputs. That is not published, but looked up by whoever
     /// reads the rest: with the same lock, so that nothing begins meanwhile that is not in the rest yet.
     #[inline]
-    pub fn observe(&mut self, counts: &StepCounts, inputs: &Inputs) {
+    pub fn observe(&mut self, counts: &SegmentRing, inputs: &Inputs) {
         (self.steps, self.feed_mm_min, self.line) = counts.place();
         self.inputs = inputs.active();
     }
@@ -71,7 +71,7 @@ impl Snapshot {
     /// small for the routine that copies memory in a loop. For tasks with a deadline, and for locks
     /// that they wait for. Looks the rest up.
     #[inline]
-    pub fn take_over(&mut self, new: &Self, counts: &StepCounts, inputs: &Inputs) {
+    pub fn take_over(&mut self, new: &Self, counts: &SegmentRing, inputs: &Inputs) {
         self.observe(counts, inputs);
         let Self {
             state,
@@ -91,8 +91,8 @@ impl Snapshot {
             blocks_free,
             finished,
             is_at_rest,
-            epoch,
-            cuts,
+            reset_count: epoch,
+            cancelled_motions: cuts,
             reset_in_motion,
             is_starved,
             is_critical,
@@ -110,8 +110,8 @@ impl Snapshot {
         self.blocks_free = *blocks_free;
         self.finished = *finished;
         self.is_at_rest = *is_at_rest;
-        self.epoch = *epoch;
-        self.cuts = *cuts;
+        self.reset_count = *epoch;
+        self.cancelled_motions = *cuts;
         self.reset_in_motion = *reset_in_motion;
         self.is_starved = *is_starved;
         self.is_critical = *is_critical;

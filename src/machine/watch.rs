@@ -18,7 +18,7 @@ pub struct Watched {
     /// Release `prepare`.
     pub prepare: bool,
     /// Stop the step interrupt at once, and call [`EventTap::cut`].
-    pub cut: bool,
+    pub halt: bool,
 }
 
 /// The interrupt's own state.
@@ -77,7 +77,7 @@ impl Watch {
         Watched {
             again: self.filter.change(self.raw),
             prepare: changed != Levels::NONE,
-            cut: limits.has(inputs.guarded()),
+            halt: limits.has(inputs.guarded()),
         }
     }
 }

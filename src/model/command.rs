@@ -12,7 +12,7 @@ pub enum Command {
         /// Where it ends.
         target: Target,
         /// How fast.
-        pace: Pace,
+        pace: FeedRate,
         /// `N` word of the line, 0 without.
         line: u32,
     },
@@ -23,7 +23,7 @@ pub enum Command {
         /// Its circle.
         circle: Circle,
         /// How fast along the path.
-        pace: Pace,
+        pace: FeedRate,
         /// `N` word of the line, 0 without.
         line: u32,
     },
@@ -32,7 +32,7 @@ pub enum Command {
         /// Where it ends at the latest.
         target: Target,
         /// How fast.
-        pace: Pace,
+        pace: FeedRate,
         /// What ends it.
         probing: Probing,
         /// `N` word of the line, 0 without.
@@ -86,7 +86,7 @@ impl From<Axes<Nm>> for Target {
 
 /// How fast a move is asked to go.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub enum Pace {
+pub enum FeedRate {
     /// As fast as the axes allow.
     Rapid,
     /// A speed along the path, mm/min.

@@ -16,7 +16,7 @@ mod state;
 pub mod timing;
 
 pub use alarm::Alarm;
-pub use command::{Circle, Command, Laser, Pace, Probing, Target};
+pub use command::{Circle, Command, FeedRate, Laser, Probing, Target};
 pub use levels::Levels;
 pub use modes::{Coolant, PathControl, Plane, Rotation, Spindle, WorkCoordinates};
 pub use notice::{Notice, Notices};

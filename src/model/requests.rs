@@ -135,7 +135,7 @@ impl Requests {
 
     /// Number of resets so far, wrapping.
     #[must_use]
-    pub fn epoch(&self) -> u32 {
+    pub fn reset_count(&self) -> u32 {
         let received = self.resets.load(Relaxed);
         let epoch = received.wrapping_add(self.own_resets.load(Relaxed));
         compiler_fence(SeqCst);
@@ -234,14 +234,14 @@ impl Requests {
     ///
     /// Before it looks for work it awaits all, and then, if it finds none, what it has looked for:
     /// so nothing that comes meanwhile is missed.
-    pub fn heed(&self, awaited: Awaited) {
+    pub fn wake_on(&self, awaited: Awaited) {
         compiler_fence(SeqCst);
         self.awaited.store(awaited.0, Relaxed);
         compiler_fence(SeqCst);
     }
 
     /// Begins to wait for [`Awaited::PLACES`]; for `interpret` alone, before it looks for work.
-    pub fn be_patient(&self) {
+    pub fn coalesce(&self) {
         self.patience.store(PATIENCE, Relaxed);
     }
 
@@ -250,7 +250,8 @@ impl Requests {
     #[must_use]
     pub fn awaits(&self, brought: Awaited) -> bool {
         let awaited = self.awaited.load(Relaxed);
-        awaited & brought.0 != 0 || awaited & Awaited::PLACES.0 != 0 && self.ends_patience(brought)
+        awaited & brought.0 != 0
+            || awaited & Awaited::ENTRIES_BATCHED.0 != 0 && self.ends_patience(brought)
     }
 
     /// Whether there are several free places, or one for a while.
@@ -304,7 +305,7 @@ impl Awaited {
     pub const SEGMENTS: Self = Self(8);
     /// A few entries that `prepare` takes, or one and then some time: who has many to give need not
     /// run for each.
-    pub const PLACES: Self = Self(16);
+    pub const ENTRIES_BATCHED: Self = Self(16);
     /// Everything.
     pub const ALL: Self = Self(15);
 

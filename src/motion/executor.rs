@@ -25,7 +25,7 @@ use self::{
     kinematics::{Direction, axis_speeds, phase_at, way_at},
     segment_profile::Stretch,
 };
-use super::lookahead::{Course, Plan, Progress};
+use super::lookahead::{Course, PassProgress, Plan};
 use crate::{
     axis::Axes,
     math::{self, WHOLE_Q31},
@@ -33,7 +33,7 @@ use crate::{
         Laser, Power,
         timing::{LONGEST_SEGMENT_TICKS, SEGMENT_TICKS},
     },
-    path::{Block, Curve, Oblique, Shape},
+    path::{Block, Curve, Shape, SpatialArc},
     stepper::{AxisMotion, Segment},
     units::{FineSteps, TICKS_PER_SECOND},
 };
@@ -123,13 +123,13 @@ impl Executor {
     }
 
     /// The plan is made anew, for other speeds: how far the machine is with the one before.
-    pub(super) fn replanned(&mut self) -> Progress {
+    pub(super) fn replanned(&mut self) -> PassProgress {
         let was_over = self.is_over;
         self.is_over = self.speed_mm_s > 0.0;
         if was_over {
-            Progress::Behind
+            PassProgress::Behind
         } else {
-            Progress::Followed
+            PassProgress::Followed
         }
     }
 
@@ -289,7 +289,7 @@ impl Executor {
             let sliver_mm = sliver_s * course.block.speed_mm_s;
             let length_mm = match &curve.shape {
                 Shape::Flat { .. } => self.way_to_quarter(curve, sliver_mm),
-                Shape::Oblique(circle) => self.way_on(course.block, circle, sliver_mm),
+                Shape::Spatial(circle) => self.way_on(course.block, circle, sliver_mm),
             };
             if length_mm < left_mm - sliver_mm {
                 return (length_mm, false);
@@ -320,7 +320,7 @@ impl Executor {
     /// The way to where an axis reverses next, but for one that is very near, mm; no less than to the
     /// end of the curve where none does.
     #[inline(never)]
-    fn way_on(&self, block: &Block, circle: &Oblique, sliver_mm: f32) -> f32 {
+    fn way_on(&self, block: &Block, circle: &SpatialArc, sliver_mm: f32) -> f32 {
         let done = WHOLE_Q31 - self.left;
         let scale = block.length_mm / WHOLE_Q31 as f32;
         let way_mm = |part: u16| (u32::from(part) << 15).saturating_sub(done) as f32 * scale;

@@ -12,7 +12,7 @@ mod pass;
 mod segment_rate;
 
 pub(crate) use braking::Course;
-pub(crate) use pass::Progress;
+pub(crate) use pass::PassProgress;
 
 use self::{
     braking::Braking,

@@ -17,12 +17,13 @@ mod work;
 use heapless::spsc::Consumer;
 
 use self::{
-    job::{Look, Unit},
+    job::{Context, Job},
     parking::Parking,
     standstill::{Restoring, Wait},
 };
 use super::{
-    BLOCKS, Homing, LookAhead, cycles::probing::Probe, executor::Executor, jerk_limited::Smooth,
+    BLOCKS, Homing, LookAhead, cycles::probing::ProbingCycle, executor::Executor,
+    jerk_limited::Smooth,
 };
 use crate::{
     axis::{AXES, Axes},
@@ -32,7 +33,7 @@ use crate::{
     },
     path::{Entry, Window},
     settings::Settings,
-    stepper::{EventWriter, Generator, Segment, StepCounts},
+    stepper::{EventWriter, Generator, Segment, SegmentRing},
 };
 
 /// What `prepare` asks of its shell after a run.
@@ -69,13 +70,13 @@ impl Prepared {
 pub struct Motion {
     control: Control,
     /// The newest reset acted on.
-    epoch: u32,
+    reset_count: u32,
     /// The requests acted on, by their count.
     heard: u32,
     /// When that was, by the motion played, or so long ago that it no longer matters.
     heard_ticks: u32,
     /// Motions ended before their target, wrapping.
-    cuts: u32,
+    cancelled_motions: u32,
     finished: u32,
     /// The standstill segment has been put, and begins then on the generator's clock.
     rest: Option<u32>,
@@ -119,7 +120,7 @@ pub struct Motion {
     /// The outputs have changed since the shell was told.
     switches: bool,
     notices: Notices,
-    probe: Probe,
+    probe: ProbingCycle,
     probed: Probed,
     inputs: Levels,
     executor: Executor,
@@ -149,10 +150,10 @@ impl Motion {
             accessories: Accessories::new(),
             at_rest: Power::OFF,
             power: Power::OFF,
-            epoch: 0,
+            reset_count: 0,
             heard: 0,
             heard_ticks: 0,
-            cuts: 0,
+            cancelled_motions: 0,
             reset_in_motion: false,
             is_starved: false,
             is_critical: false,
@@ -164,7 +165,7 @@ impl Motion {
             restoring: Restoring::No,
             homing: Homing::new(),
             is_homing: false,
-            probe: Probe::new(),
+            probe: ProbingCycle::new(),
             probed: Probed {
                 steps: Axes([0; AXES]),
                 success: false,
@@ -233,7 +234,7 @@ impl Motion {
     /// starts the timer.
     ///
     /// While the step timer runs, the duty is that of the segments instead: the shell leaves the
-    /// PWM to `turn`.
+    /// PWM to `segment_start`.
     #[must_use]
     pub const fn outputs(&self) -> &Outputs {
         &self.outputs
@@ -250,7 +251,7 @@ impl Motion {
         &mut self,
         requests: &Requests,
         inputs: &Inputs,
-        counts: &StepCounts,
+        counts: &SegmentRing,
         entries: &mut Consumer<'_, Entry>,
         events: &mut EventWriter<'_>,
         snapshot: &mut Snapshot,
@@ -287,7 +288,7 @@ impl Motion {
         &mut self,
         requests: &Requests,
         inputs: &Inputs,
-        counts: &StepCounts,
+        counts: &SegmentRing,
         entries: &mut Consumer<'_, Entry>,
         events: &mut EventWriter<'_>,
         snapshot: &mut Snapshot,
@@ -296,17 +297,17 @@ impl Motion {
         self.inputs = inputs.active();
         let was_dwelling = self.is_dwelling;
         let unit = self.next_unit(look, requests, inputs, counts, entries);
-        self.begins = unit == Unit::Begin;
+        self.begins = unit == Job::Begin;
         match unit {
-            Unit::Nothing | Unit::Begin => {}
-            Unit::Fail => self.fail(counts),
-            Unit::Cut => self.cut(counts, events),
-            Unit::Reset => self.reset(requests, counts),
-            Unit::Obey => self.obey(requests, counts),
-            Unit::Find => self.find(inputs, counts, events),
-            Unit::Plan => self.plan_on(),
-            Unit::Take => self.take(entries, inputs),
-            Unit::Settle => {
+            Job::Nothing | Job::Begin => {}
+            Job::Fail => self.fail(counts),
+            Job::Cut => self.cut(counts, events),
+            Job::Reset => self.reset(requests, counts),
+            Job::Obey => self.obey(requests, counts),
+            Job::Find => self.find(inputs, counts, events),
+            Job::Plan => self.plan_on(),
+            Job::Take => self.take(entries, inputs),
+            Job::Settle => {
                 let before = self.control;
                 self.settle();
                 self.is_unsettled = self.control != before;
@@ -320,14 +321,14 @@ impl Motion {
         let is_toggled = self.publish_accessories(counts, snapshot);
         let has_rested = self.publish_progress(is_still, snapshot);
         let has_changed = self.publish_state(snapshot);
-        let is_awaited = unit == Unit::Take && requests.awaits(Awaited::ENTRIES);
+        let is_awaited = unit == Job::Take && requests.awaits(Awaited::ENTRIES);
         let again = match unit {
-            Unit::Nothing => false,
+            Job::Nothing => false,
             // What is seldom done: another run looks what follows.
-            Unit::Fail | Unit::Cut | Unit::Reset | Unit::Obey | Unit::Find | Unit::Begin => true,
-            Unit::Plan | Unit::Take | Unit::Settle => {
+            Job::Fail | Job::Cut | Job::Reset | Job::Obey | Job::Find | Job::Begin => true,
+            Job::Plan | Job::Take | Job::Settle => {
                 // Z may have to stop nowhere on its way, so that nothing was to be played.
-                let settles = unit != Unit::Settle || self.parking.is_moving() || self.is_unsettled;
+                let settles = unit != Job::Settle || self.parking.is_moving() || self.is_unsettled;
                 is_still && settles
                     || self.makes_segment(look, counts)
                     || self.has_more(look, inputs, entries)
@@ -344,7 +345,7 @@ impl Motion {
 
     /// Everything generated has been played, and the machine is at rest.
     #[inline]
-    fn is_still(&self, look: Look) -> bool {
+    fn is_still(&self, look: Context) -> bool {
         !look.is_running && !self.generator.is_open() && self.rest == Some(look.played)
     }
 
@@ -391,16 +392,16 @@ impl Motion {
     fn publish_state(&mut self, new: &mut Snapshot) -> bool {
         let has_notices = new.notices.count() != self.notices.count();
         let changed = new.state != self.control.state
-            || new.epoch != self.epoch
-            || new.cuts != self.cuts
+            || new.reset_count != self.reset_count
+            || new.cancelled_motions != self.cancelled_motions
             || has_notices;
         new.state = self.control.state;
         if has_notices {
             new.notices = self.notices;
         }
         new.probed = self.probed;
-        new.epoch = self.epoch;
-        new.cuts = self.cuts;
+        new.reset_count = self.reset_count;
+        new.cancelled_motions = self.cancelled_motions;
         new.reset_in_motion = self.reset_in_motion;
         new.is_starved = self.is_starved;
         new.is_critical = self.is_critical;
@@ -410,7 +411,7 @@ impl Motion {
     /// Publishes spindle, laser and coolant, which rarely change; tells whether coolant has been
     /// toggled, for which a task waits.
     #[inline]
-    fn publish_accessories(&mut self, counts: &StepCounts, new: &mut Snapshot) -> bool {
+    fn publish_accessories(&mut self, counts: &SegmentRing, new: &mut Snapshot) -> bool {
         // Off, a spindle has no power at rest nor in motion.
         let is_changed = self.accessories.take_changed();
         (is_changed || !self.accessories.is_spindle_off())
@@ -419,7 +420,12 @@ impl Motion {
 
     /// The same for a spindle that is on, or where something has changed.
     #[inline(never)]
-    fn publish_power(&mut self, is_changed: bool, counts: &StepCounts, new: &mut Snapshot) -> bool {
+    fn publish_power(
+        &mut self,
+        is_changed: bool,
+        counts: &SegmentRing,
+        new: &mut Snapshot,
+    ) -> bool {
         if is_changed {
             self.at_rest = self.accessories.power_at_rest();
         }
@@ -440,7 +446,7 @@ impl Motion {
 
     /// Switches spindle, laser and coolant, and publishes them.
     #[inline]
-    fn show(&mut self, power: Power, counts: &StepCounts, new: &mut Snapshot) -> bool {
+    fn show(&mut self, power: Power, counts: &SegmentRing, new: &mut Snapshot) -> bool {
         self.switches = true;
         let accessories = &self.accessories;
         counts.mute(accessories.is_spindle_off());

@@ -25,7 +25,7 @@ use super::router::Limits;
 use crate::{
     axis::{AXES, Axes},
     math,
-    model::{Command, Laser, Pace, PathControl, Target},
+    model::{Command, FeedRate, Laser, PathControl, Target},
     units::Nm,
 };
 
@@ -37,16 +37,16 @@ const LINEAR: usize = 3;
 
 /// One thing for the router to do.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub enum Way {
+pub enum BlendOutput {
     /// As the interpreter asks for it, or a line that is shorter or stands for several.
     Command(Command),
     /// A corner that is rounded.
-    Round(Round),
+    CornerArc(CornerArc),
 }
 
 /// An arc between two lines, from where the one before ended, in any plane.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Round {
+pub struct CornerArc {
     /// Where it ends.
     pub target: Axes<Nm>,
     /// Its radius, mm.
@@ -58,7 +58,7 @@ pub struct Round {
     /// Direction at its start.
     pub along: [f32; LINEAR],
     /// How fast.
-    pub pace: Pace,
+    pub pace: FeedRate,
     /// `N` word of the line after it, 0 without.
     pub line: u32,
 }
@@ -74,23 +74,23 @@ struct Straight {
     length_mm: f32,
     /// How far it is from the lines that it stands for, mm.
     error_mm: f32,
-    pace: Pace,
+    pace: FeedRate,
     line: u32,
 }
 
 /// What is held back, and what is ready.
 #[derive(Debug)]
-pub struct Path {
+pub struct Blender {
     control: PathControl,
     /// What the laser does in the lines held back.
     laser: Option<Laser>,
     chain: Chain,
     held: Option<Straight>,
-    ready: Vec<Way, READY>,
+    ready: Vec<BlendOutput, READY>,
     deviation_mm: f32,
 }
 
-impl Path {
+impl Blender {
     /// Nothing held back.
     #[must_use]
     pub const fn new() -> Self {
@@ -133,7 +133,7 @@ impl Path {
     /// What the router is to do next.
     #[inline]
     #[must_use]
-    pub fn next(&self) -> Option<&Way> {
+    pub fn next(&self) -> Option<&BlendOutput> {
         self.ready.first()
     }
 
@@ -200,7 +200,7 @@ impl Path {
     /// What is held back, and then a command as it is.
     fn pass(&mut self, limits: &Limits, command: &Command) {
         self.end(limits);
-        self.put(Way::Command(*command));
+        self.put(BlendOutput::Command(*command));
     }
 
     /// Where what is held back ends.
@@ -215,12 +215,12 @@ impl Path {
         limits: &Limits,
         from: Axes<Nm>,
         target: Target,
-        pace: Pace,
+        pace: FeedRate,
         line: u32,
         error_mm: f32,
     ) {
         let merging_mm = self.merging_mm();
-        let is_cut = matches!(pace, Pace::Feed(_));
+        let is_cut = matches!(pace, FeedRate::Feed(_));
         let is_extended = is_cut
             && self.keeps_speed(limits, &target, pace)
             && self.chain.extend(&target, pace, line, error_mm, merging_mm);
@@ -237,7 +237,7 @@ impl Path {
     /// Whether the corner before the chain does not become slower by a line more.
     ///
     /// Along a curve, few long lines make sharper corners than many short ones.
-    fn keeps_speed(&self, limits: &Limits, target: &Target, pace: Pace) -> bool {
+    fn keeps_speed(&self, limits: &Limits, target: &Target, pace: FeedRate) -> bool {
         let Some(before) = &self.held else {
             return true;
         };
@@ -263,7 +263,7 @@ impl Path {
             match corner {
                 Some(corner) => {
                     self.put_line(before.start, corner.start.into(), &before);
-                    self.put(Way::Round(corner.round));
+                    self.put(BlendOutput::CornerArc(corner.round));
                     next.start = corner.round.target;
                     self.deviation_mm = math::max(self.deviation_mm, corner.deviation_mm);
                 }
@@ -281,7 +281,7 @@ impl Path {
             way.0.abs() > corner::NOTHING_NM
         };
         if (0..AXES).any(is_left) {
-            self.put(Way::Command(Command::Line {
+            self.put(BlendOutput::Command(Command::Line {
                 target,
                 pace: straight.pace,
                 line: straight.line,
@@ -289,7 +289,7 @@ impl Path {
         }
     }
 
-    fn put(&mut self, way: Way) {
+    fn put(&mut self, way: BlendOutput) {
         let is_full = self.ready.push(way).is_err();
         debug_assert!(!is_full, "a command makes fewer ways ready than READY");
     }
@@ -317,18 +317,18 @@ impl Path {
     }
 }
 
-impl Default for Path {
+impl Default for Blender {
     fn default() -> Self {
         Self::new()
     }
 }
 
 /// Whether a move is one of the linear axes alone, at a speed that does not depend on its length.
-fn is_plain(from: &Axes<Nm>, target: &Target, pace: Pace) -> bool {
+fn is_plain(from: &Axes<Nm>, target: &Target, pace: FeedRate) -> bool {
     let moves = |axis: &usize| target.position[*axis] != from[*axis];
     let is_paced = match pace {
-        Pace::Rapid | Pace::Feed(_) => true,
-        Pace::InverseTime(_) | Pace::Jog(_) => false,
+        FeedRate::Rapid | FeedRate::Feed(_) => true,
+        FeedRate::InverseTime(_) | FeedRate::Jog(_) => false,
     };
     let way = |axis: usize| target.position[axis] - from[axis];
     let is_near = (0..LINEAR).all(|axis| way(axis).0.abs() < FARTHEST_NM);

@@ -12,7 +12,7 @@ use crate::{
 pub struct Entry {
     /// Resets and cuts after which it was made, `epoch` plus `cuts` of the snapshot: an older entry
     /// is dropped.
-    pub epoch: u32,
+    pub reset_count: u32,
     /// What to do.
     pub work: Work,
 }
@@ -141,12 +141,12 @@ pub enum Shape {
         radius_delta: [i64; 2],
     },
     /// In any plane of the linear axes, from phase 0 on, less than a half turn.
-    Oblique(Oblique),
+    Spatial(SpatialArc),
 }
 
 /// A circle in any plane: from its centre, a point is at `cosine`·cos + `sine`·sin of its angle.
 #[derive(Debug, Clone, Copy)]
-pub struct Oblique {
+pub struct SpatialArc {
     /// Radius towards the start, in steps with 32 - `shift` binary places.
     pub cosine: [i32; 3],
     /// Radius a quarter turn from the start.
@@ -163,7 +163,7 @@ pub struct Oblique {
 // What is copied by words and not by a loop in a library: see `Planned::hold`.
 const _: () = assert!(size_of::<Option<Curve>>() <= 64);
 
-impl Oblique {
+impl SpatialArc {
     /// No place on the curve.
     pub const NEVER: u16 = u16::MAX;
 }
@@ -174,9 +174,9 @@ impl Curve {
     pub fn inner_pieces(&self) -> u32 {
         match &self.shape {
             Shape::Flat { .. } => (self.sweep.unsigned_abs() >> 30) as u32,
-            Shape::Oblique(circle) => {
+            Shape::Spatial(circle) => {
                 let [_, second, third] = circle.reversals;
-                u32::from(second != Oblique::NEVER) + u32::from(third != Oblique::NEVER)
+                u32::from(second != SpatialArc::NEVER) + u32::from(third != SpatialArc::NEVER)
             }
         }
     }

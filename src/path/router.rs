@@ -10,16 +10,16 @@ mod limits;
 
 pub(super) use self::limits::Limits;
 
-use self::arc_limits::Plane as ArcPlane;
+use self::arc_limits::ArcPlane;
 use super::{
-    Block, Curve, Pacing, Path, Shape, Way, Work,
+    BlendOutput, Blender, Block, Curve, Pacing, Shape, Work,
     arc::{Arc, PHASE_PER_RAD},
     block::MIN_SPEED_MM_S,
 };
 use crate::{
     axis::{AXES, Axes},
     math,
-    model::{Circle, Command, Laser, Pace, PathControl, Target},
+    model::{Circle, Command, FeedRate, Laser, PathControl, Target},
     settings::Settings,
     units::{FineSteps, Nm, Steps},
 };
@@ -46,7 +46,7 @@ pub(crate) fn fastest_mm_s(settings: &Settings) -> Axes<f32> {
 
 /// Where a router stands, to return to.
 #[derive(Debug, Clone, Copy, Default)]
-pub struct Mark {
+pub struct Checkpoint {
     position: Axes<Nm>,
     sent: Axes<Nm>,
     fine: Axes<FineSteps>,
@@ -125,8 +125,8 @@ impl Router {
 
     /// Where the last command ended.
     #[must_use]
-    pub fn mark(&self) -> Mark {
-        Mark {
+    pub fn checkpoint(&self) -> Checkpoint {
+        Checkpoint {
             position: self.position,
             sent: self.sent,
             fine: self.fine,
@@ -137,7 +137,7 @@ impl Router {
     }
 
     /// Takes back the commands since a mark: the machine has not begun them.
-    pub fn return_to(&mut self, mark: &Mark) {
+    pub fn return_to(&mut self, mark: &Checkpoint) {
         self.position = mark.position;
         self.sent = mark.sent;
         self.fine = mark.fine;
@@ -223,33 +223,33 @@ impl Router {
     ///
     /// Apart, as is what ends the path: most programs have none.
     #[inline(never)]
-    pub fn lead(&self, path: &mut Path, control: PathControl, command: &Command) {
+    pub fn blend(&self, path: &mut Blender, control: PathControl, command: &Command) {
         path.take(control, self.position, &self.limits, command);
     }
 
     /// Ends what the path holds back.
     #[inline]
-    pub fn release(&self, path: &mut Path) {
+    pub fn release(&self, path: &mut Blender) {
         if path.is_holding() {
             self.end(path);
         }
     }
 
     #[inline(never)]
-    fn end(&self, path: &mut Path) {
+    fn end(&self, path: &mut Blender) {
         path.end(&self.limits);
     }
 
     /// As [`Self::work_into`], for what has come through the path.
-    pub fn follow_into(&mut self, way: &Way, work: &mut Work) -> bool {
+    pub fn follow_into(&mut self, way: &BlendOutput, work: &mut Work) -> bool {
         match way {
-            Way::Command(command) => self.work_into(command, work),
-            Way::Round(round) => self.round_into(round, work),
+            BlendOutput::Command(command) => self.work_into(command, work),
+            BlendOutput::CornerArc(round) => self.corner_arc_into(round, work),
         }
     }
 
     #[inline(never)]
-    fn line(&mut self, target: &Target, pace: Pace, line: u32, work: &mut Work) -> bool {
+    fn line(&mut self, target: &Target, pace: FeedRate, line: u32, work: &mut Work) -> bool {
         let block = self.block(target, pace, line);
         let moves = block.is_some();
         if let Some(block) = block {
@@ -262,7 +262,7 @@ impl Router {
     /// it is made where it is to be and not copied.
     #[inline(always)]
     #[expect(clippy::inline_always, reason = "a call would return by a copy")]
-    pub(crate) fn block(&mut self, target: &Target, pace: Pace, line: u32) -> Option<Block> {
+    pub(crate) fn block(&mut self, target: &Target, pace: FeedRate, line: u32) -> Option<Block> {
         let end = self.place(target);
         if end.steps == self.steps {
             self.position = target.position;
@@ -305,7 +305,7 @@ impl Router {
     }
 
     /// Steps of all axes to a place.
-    fn steps_to(&self, end: &End) -> u32 {
+    fn steps_to(&self, end: &BlockEnd) -> u32 {
         let steps = end
             .steps
             .zip(self.steps, |to, from| to.0.wrapping_sub(from.0));
@@ -318,7 +318,7 @@ impl Router {
         &mut self,
         target: &Target,
         circle: &Circle,
-        pace: Pace,
+        pace: FeedRate,
         line: u32,
         work: &mut Work,
     ) -> bool {
@@ -409,8 +409,8 @@ impl Router {
     /// Where a move to `target` ends. It becomes part of its callers, as what it tells would be copied.
     #[inline(always)]
     #[expect(clippy::inline_always, reason = "a call would return by a copy")]
-    fn place(&self, target: &Target) -> End {
-        let mut end = End {
+    fn place(&self, target: &Target) -> BlockEnd {
+        let mut end = BlockEnd {
             steps: self.steps,
             fine: self.fine,
         };
@@ -433,7 +433,13 @@ impl Router {
         math::min(corner_sqr, self.limits.bend_sqr(&change))
     }
 
-    fn finish(&mut self, target: Axes<Nm>, end: End, tangent: Axes<f32>, curvature: Axes<f32>) {
+    fn finish(
+        &mut self,
+        target: Axes<Nm>,
+        end: BlockEnd,
+        tangent: Axes<f32>,
+        curvature: Axes<f32>,
+    ) {
         self.position = target;
         self.sent = target;
         self.steps = end.steps;
@@ -451,7 +457,7 @@ fn shortest_s(arc: &Arc) -> f32 {
 }
 
 #[derive(Debug, Clone, Copy)]
-struct End {
+struct BlockEnd {
     steps: Axes<Steps>,
     fine: Axes<FineSteps>,
 }
@@ -489,28 +495,28 @@ fn dot(a: &Axes<f32>, b: &Axes<f32>) -> f32 {
 }
 
 /// A pace for a way of which so much goes by for each mm of a feed.
-fn scaled(pace: Pace, per_feed: f32) -> Pace {
+fn scaled(pace: FeedRate, per_feed: f32) -> FeedRate {
     match pace {
-        Pace::Feed(mm_min) => Pace::Feed(mm_min * per_feed),
-        Pace::Jog(mm_min) => Pace::Jog(mm_min * per_feed),
-        Pace::Rapid | Pace::InverseTime(_) => pace,
+        FeedRate::Feed(mm_min) => FeedRate::Feed(mm_min * per_feed),
+        FeedRate::Jog(mm_min) => FeedRate::Jog(mm_min * per_feed),
+        FeedRate::Rapid | FeedRate::InverseTime(_) => pace,
     }
 }
 
 /// The programmed speed, mm/s: for a rapid the limit.
-fn pace_mm_s(pace: Pace, length_mm: f32, limit_mm_s: f32) -> f32 {
+fn pace_mm_s(pace: FeedRate, length_mm: f32, limit_mm_s: f32) -> f32 {
     let asked = match pace {
-        Pace::Rapid => return limit_mm_s,
-        Pace::Feed(mm_min) | Pace::Jog(mm_min) => mm_min / 60.0,
-        Pace::InverseTime(per_min) => length_mm * per_min / 60.0,
+        FeedRate::Rapid => return limit_mm_s,
+        FeedRate::Feed(mm_min) | FeedRate::Jog(mm_min) => mm_min / 60.0,
+        FeedRate::InverseTime(per_min) => length_mm * per_min / 60.0,
     };
     math::max(asked, MIN_SPEED_MM_S)
 }
 
-fn pacing(pace: Pace) -> Pacing {
+fn pacing(pace: FeedRate) -> Pacing {
     match pace {
-        Pace::Rapid => Pacing::Rapid,
-        Pace::Feed(_) | Pace::InverseTime(_) => Pacing::Feed,
-        Pace::Jog(_) => Pacing::Jog,
+        FeedRate::Rapid => Pacing::Rapid,
+        FeedRate::Feed(_) | FeedRate::InverseTime(_) => Pacing::Feed,
+        FeedRate::Jog(_) => Pacing::Jog,
     }
 }

@@ -141,7 +141,7 @@ mod tests {
     use proptest::prelude::*;
 
     use super::*;
-    use crate::model::{Pace, Plane};
+    use crate::model::{FeedRate, Plane};
 
     fn machine() -> Settings {
         Settings::default()
@@ -164,7 +164,7 @@ mod tests {
                 rotation,
                 turns,
             },
-            pace: Pace::Feed(100.0),
+            pace: FeedRate::Feed(100.0),
             line: 0,
         }
     }
@@ -173,7 +173,7 @@ mod tests {
     fn an_end_outside_the_travel_is_found() {
         let line = |target: Axes<Nm>| Command::Line {
             target: target.into(),
-            pace: Pace::Rapid,
+            pace: FeedRate::Rapid,
             line: 0,
         };
         let from = at(0.0, 0.0);

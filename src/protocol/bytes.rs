@@ -117,7 +117,7 @@ pub struct ByteWriter<'a> {
 impl ByteWriter<'_> {
     /// The same end once more, for one who may use it while its task cannot run.
     #[must_use]
-    pub const fn deputy(&self) -> Self {
+    pub const fn second_writer(&self) -> Self {
         Self { ring: self.ring }
     }
 

@@ -26,7 +26,7 @@ use crate::{
     gcode::interpreter::{Checked, Interpreter, Outcome, Refusal},
     machine::Snapshot,
     model::{Awaited, Probed, Requests},
-    path::{Entry, Mark, Path, Router, Work},
+    path::{Blender, Checkpoint, Entry, Router, Work},
     settings::{Change, Settings, StoreError, Stored},
     units::Nm,
 };
@@ -48,7 +48,7 @@ pub enum Progress {
 
 /// What the session is doing.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-enum Stage {
+enum LineStage {
     /// Power-up, or a reset that the machine has not yet acted on.
     Starting,
     /// The welcome is next.
@@ -119,7 +119,7 @@ enum Source {
 #[derive(Debug)]
 #[repr(C)]
 pub struct Session {
-    stage: Stage,
+    stage: LineStage,
     source: Source,
     /// What is to be stored, and what has come of it.
     change: Option<Change>,
@@ -127,9 +127,9 @@ pub struct Session {
     /// Entries sent to the machine so far, wrapping.
     entered: u32,
     /// The reset that this session has acted on.
-    epoch: u32,
+    reset_count: u32,
     /// Motions that the machine has ended before their target, as far as the position is known.
-    cuts: u32,
+    cancelled_motions: u32,
     /// What has been seen of the machine.
     seen: Seen,
     cadence: Cadence,
@@ -163,14 +163,14 @@ pub struct Session {
     /// What the line in [`Stage::Entering`] asks for.
     outcome: Outcome,
     /// Moves on their way to the router.
-    path: Path,
+    path: Blender,
     /// What is stored, or is to be.
     stored: Stored,
     /// What was stored before the change that is being stored.
     before: Stored,
     /// The last probing move, and where it began.
     probed: Probed,
-    probed_from: (Axes<Nm>, Mark),
+    probed_from: (Axes<Nm>, Checkpoint),
 }
 
 impl Session {
@@ -187,10 +187,10 @@ impl Session {
             change: None,
             store_result: None,
             interpreter,
-            path: Path::new(),
+            path: Blender::new(),
             stop_mm: 0.0,
             line: Line::new(),
-            stage: Stage::Starting,
+            stage: LineStage::Starting,
             source: Source::Line,
             checked: Checked::default(),
             outcome: Outcome::default(),
@@ -200,8 +200,8 @@ impl Session {
             is_report_due: false,
             entered: 0,
             is_jogging: false,
-            epoch: 0,
-            cuts: 0,
+            reset_count: 0,
+            cancelled_motions: 0,
             has_request: false,
             is_stored_due: false,
             is_position_known: false,
@@ -210,7 +210,7 @@ impl Session {
             is_answer_owed: false,
             seen: Seen::default(),
             probed: Probed::default(),
-            probed_from: (Axes::default(), Mark::default()),
+            probed_from: (Axes::default(), Checkpoint::default()),
         }
     }
 
@@ -269,10 +269,10 @@ impl Session {
         sent: &mut ByteWriter<'_>,
         entries: &mut Producer<'_, Entry>,
     ) -> Progress {
-        requests.be_patient();
-        requests.heed(Awaited::ALL);
+        requests.coalesce();
+        requests.wake_on(Awaited::ALL);
         let progress = self.go_on(machine, requests, received, sent, entries);
-        requests.heed(match progress {
+        requests.wake_on(match progress {
             Progress::Again => Awaited::NONE,
             Progress::Waiting => self.awaited(),
         });
@@ -281,12 +281,12 @@ impl Session {
 
     /// What brings the session further, besides a change of the machine's state.
     fn awaited(&self) -> Awaited {
-        let work = if self.stage == Stage::Reading && self.path.is_holding() {
+        let work = if self.stage == LineStage::Reading && self.path.is_holding() {
             Awaited::LINE.and(Awaited::ENTRIES).and(Awaited::SEGMENTS)
         } else {
             match self.stage {
-                Stage::Reading => Awaited::LINE,
-                Stage::Entering(_) => Awaited::PLACES,
+                LineStage::Reading => Awaited::LINE,
+                LineStage::Entering(_) => Awaited::ENTRIES_BATCHED,
                 _ => Awaited::ENTRIES,
             }
         };
@@ -309,8 +309,8 @@ impl Session {
             return Progress::Waiting;
         }
         self.take_store_result();
-        let epoch = requests.epoch();
-        if epoch != self.epoch {
+        let epoch = requests.reset_count();
+        if epoch != self.reset_count {
             self.begin_reset(epoch);
         }
         self.look_at(machine);
@@ -318,7 +318,7 @@ impl Session {
         if !self.flush(sent) || !self.tell_notices(machine, sent) {
             return Progress::Waiting;
         }
-        if self.stage == Stage::Starting && !self.start(machine, received) {
+        if self.stage == LineStage::Starting && !self.start(machine, received) {
             return Progress::Waiting;
         }
         self.take_stored(machine, entries);
@@ -345,8 +345,9 @@ impl Session {
                 return Progress::Waiting;
             }
             // While the machine has something to take, it need not look at what there is for each line.
-            let goes_on = is_busy && self.stage == Stage::Reading && progress == Progress::Again;
-            if !goes_on || requests.epoch() != self.epoch {
+            let goes_on =
+                is_busy && self.stage == LineStage::Reading && progress == Progress::Again;
+            if !goes_on || requests.reset_count() != self.reset_count {
                 return progress;
             }
         }
@@ -361,16 +362,16 @@ impl Session {
         received_free: usize,
         sent: &mut ByteWriter<'_>,
     ) -> Progress {
-        requests.heed(Awaited::ALL);
+        requests.wake_on(Awaited::ALL);
         self.is_report_due |= requests.take_status();
         self.look_at(machine);
         let is_next = self.is_welcome_told()
-            && requests.epoch() == self.epoch
+            && requests.reset_count() == self.reset_count
             && self.message.is_empty()
             && !self.has_notices(machine);
         let has_told =
             self.is_report_due && is_next && self.send_status(machine, received_free, sent);
-        requests.heed(self.awaited());
+        requests.wake_on(self.awaited());
         if has_told {
             Progress::Again
         } else {
@@ -382,7 +383,7 @@ impl Session {
     fn is_welcome_told(&self) -> bool {
         !matches!(
             self.stage,
-            Stage::Starting | Stage::Welcoming | Stage::Listing(List::FirstSettings, _)
+            LineStage::Starting | LineStage::Welcoming | LineStage::Listing(List::FirstSettings, _)
         )
     }
 
@@ -394,8 +395,8 @@ impl Session {
         self.is_jogging = false;
         // A jog that was cancelled has not come to its end, and one that still waits for room has
         // none any more.
-        if self.cuts != machine.cuts {
-            self.cuts = machine.cuts;
+        if self.cancelled_motions != machine.cancelled_motions {
+            self.cancelled_motions = machine.cancelled_motions;
             self.is_position_known = false;
             if self.source == Source::Jog {
                 self.outcome.commands.clear();
@@ -458,37 +459,39 @@ impl Session {
     ) -> Progress {
         // While the machine is held, or ends a jog, no line is begun; the bytes stay where the sender
         // counts them.
-        let is_cut = machine.cuts != self.cuts;
+        let is_cut = machine.cancelled_motions != self.cancelled_motions;
         let is_held = machine.state.is_suspended() || is_cut;
         match self.stage {
-            Stage::Starting | Stage::Faulted | Stage::Asleep => Progress::Waiting,
-            Stage::Welcoming => self.welcome(machine),
-            Stage::Reading | Stage::Resting | Stage::StartingUp(_) if is_held => Progress::Waiting,
-            Stage::Resting => {
+            LineStage::Starting | LineStage::Faulted | LineStage::Asleep => Progress::Waiting,
+            LineStage::Welcoming => self.welcome(machine),
+            LineStage::Reading | LineStage::Resting | LineStage::StartingUp(_) if is_held => {
+                Progress::Waiting
+            }
+            LineStage::Resting => {
                 if self.comes_to_rest(machine, entries) {
                     self.judge(machine, received.capacity(), entries)
                 } else {
                     Progress::Waiting
                 }
             }
-            Stage::StartingUp(number) => self.start_up(machine, number, entries),
-            Stage::Reading => match self.carry_out_plain(machine, received) {
+            LineStage::StartingUp(number) => self.start_up(machine, number, entries),
+            LineStage::Reading => match self.carry_out_plain(machine, received) {
                 Ok(()) => self.send_plain(machine, entries),
-                Err(Refusal::Unusual) if self.read(received) => {
+                Err(Refusal::NotPlain) if self.read(received) => {
                     self.judge(machine, received.capacity(), entries)
                 }
-                Err(Refusal::Unusual | Refusal::CutOff) => {
+                Err(Refusal::NotPlain | Refusal::Incomplete) => {
                     self.release_in_time(machine, entries);
                     Progress::Waiting
                 }
             },
-            Stage::Entering(_) if is_cut => Progress::Waiting,
-            Stage::Entering(first) => self.enter(machine, first, entries),
-            Stage::Completing(after) => self.complete(machine, after),
-            Stage::Storing(then) => self.go_on_stored(machine, then, entries),
-            Stage::Listing(list, line) => self.list(list, line, received.capacity()),
-            Stage::Faulting => self.fault(entries),
-            Stage::Resetting => {
+            LineStage::Entering(_) if is_cut => Progress::Waiting,
+            LineStage::Entering(first) => self.enter(machine, first, entries),
+            LineStage::Completing(after) => self.complete(machine, after),
+            LineStage::Storing(then) => self.go_on_stored(machine, then, entries),
+            LineStage::Listing(list, line) => self.list(list, line, received.capacity()),
+            LineStage::Faulting => self.fault(entries),
+            LineStage::Resetting => {
                 requests.reset();
                 self.has_request = true;
                 Progress::Again
@@ -508,8 +511,14 @@ impl Session {
 
     /// Sends work. The caller has made sure of room; after standstill the queue is empty.
     fn send_entry(&mut self, work: Work, entries: &mut Producer<'_, Entry>) {
-        let epoch = self.entry().epoch;
-        if entries.enqueue(Entry { epoch, work }).is_ok() {
+        let epoch = self.entry().reset_count;
+        if entries
+            .enqueue(Entry {
+                reset_count: epoch,
+                work,
+            })
+            .is_ok()
+        {
             self.entered = self.entered.wrapping_add(1);
         }
     }
@@ -517,7 +526,7 @@ impl Session {
     /// An entry still to be filled in.
     fn entry(&self) -> Entry {
         Entry {
-            epoch: self.epoch.wrapping_add(self.cuts),
+            reset_count: self.reset_count.wrapping_add(self.cancelled_motions),
             work: Work::Pause,
         }
     }

@@ -10,7 +10,7 @@ use crate::{
     motion::Motion,
     path::Entry,
     settings::Settings,
-    stepper::{EventRing, StepCounts, StepEvent, Upcoming},
+    stepper::{EventRing, SegmentRing, StepEvent, Upcoming},
     units::TICKS_PER_MS,
 };
 
@@ -34,8 +34,8 @@ pub struct Edge {
 pub struct Drive {
     motion: Motion,
     pub(super) snapshot: Snapshot,
-    /// What the step interrupt and `turn` tell of what they have played.
-    pub counts: StepCounts,
+    /// What the step interrupt and `segment_start` tell of what they have played.
+    pub counts: SegmentRing,
     /// Switches, probe and buttons.
     pub inputs: Inputs,
     /// Entries for `prepare`.
@@ -68,7 +68,7 @@ impl Drive {
         let mut drive = Self {
             motion: const { Motion::new() },
             snapshot: Snapshot::default(),
-            counts: const { StepCounts::new() },
+            counts: const { SegmentRing::new() },
             contacts: Contacts::new(),
             watch: Watch::new(Levels::NONE, &inputs),
             sample_due: None,
@@ -172,9 +172,9 @@ impl Drive {
         } else {
             self.sample_due = None;
             let watched = watch.sample(inputs, requests);
-            if watched.cut {
+            if watched.halt {
                 self.due = None;
-                events.cut(&self.counts);
+                events.halt(&self.counts);
             }
             self.is_prepare_released |= watched.prepare;
             watched.again
@@ -224,7 +224,7 @@ impl Drive {
             outputs.duty
         };
         self.outputs = Outputs { duty, ..*outputs };
-        if let Some(missed) = events.missed(&self.counts) {
+        if let Some(missed) = events.appended_late(&self.counts) {
             events.append(missed);
         }
         if prepared.start {
@@ -242,7 +242,7 @@ impl Drive {
         self.set_up(now, upcoming);
     }
 
-    /// The step interrupt, and `turn` if that is released: what the pins do now.
+    /// The step interrupt, and `segment_start` if that is released: what the pins do now.
     pub fn step(&mut self) -> Option<Edge> {
         let edge = self.due?;
         self.directions = edge.directions;
@@ -259,13 +259,13 @@ impl Drive {
         Some(edge)
     }
 
-    /// Sets up what comes after a time, and runs `turn` if that is released.
+    /// Sets up what comes after a time, and runs `segment_start` if that is released.
     fn set_up(&mut self, before: u64, upcoming: Option<Upcoming>) {
         let event = upcoming.map(|upcoming| upcoming.event);
         let mut releases_turn = event.is_none_or(StepEvent::is_boundary);
         while releases_turn {
             let (events, _) = self.events.split();
-            let turned = self.counts.turn(events.tap());
+            let turned = self.counts.start_segment(events.tap());
             self.outputs.duty = turned.duty.unwrap_or(self.outputs.duty);
             self.is_prepare_released = true;
             releases_turn = turned.again;

@@ -11,5 +11,5 @@ pub use contacts::{Closes, Switch};
 pub use drive::{Drive, Edge};
 pub use flash::{Flash, FlashError, SECTOR, SECTORS};
 pub use simulator::Simulator;
-pub use stream::{End, Stream, Watcher};
-pub use tally::Tally;
+pub use stream::{Stream, StreamEnd, Watcher};
+pub use tally::StepStatistics;

@@ -10,7 +10,7 @@ use crate::{
     },
     protocol::{Bytes, Progress, Session, realtime},
     settings::{Change, Journal, Loaded, Settings, StepRate, Stored},
-    stepper::StepCounts,
+    stepper::SegmentRing,
 };
 
 /// The machine behind its serial line, on a virtual clock of timer ticks.
@@ -109,7 +109,7 @@ impl Simulator {
 
     /// What the step interrupt has counted.
     #[must_use]
-    pub const fn counts(&self) -> &StepCounts {
+    pub const fn counts(&self) -> &SegmentRing {
         &self.drive.counts
     }
 

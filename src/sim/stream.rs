@@ -28,7 +28,7 @@ pub trait Watcher {
 
 /// How a stream ended.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum End {
+pub enum StreamEnd {
     /// Every line was answered and the machine is at rest.
     Complete,
     /// The machine stands still and does not answer any more.
@@ -82,7 +82,7 @@ impl<'a, P: Iterator<Item = u8>> Stream<'a, P> {
     }
 
     /// Streams until everything is executed.
-    pub fn run(&mut self, watcher: &mut impl Watcher) -> End {
+    pub fn run(&mut self, watcher: &mut impl Watcher) -> StreamEnd {
         self.simulator.settle();
         loop {
             let now = self.simulator.now();
@@ -106,14 +106,14 @@ impl<'a, P: Iterator<Item = u8>> Stream<'a, P> {
                     }
                 }
                 None if self.unanswered.is_empty() && self.simulator.snapshot().is_at_rest => {
-                    return End::Complete;
+                    return StreamEnd::Complete;
                 }
                 None if self.simulator.snapshot().state == State::HoldComplete => {
                     // A program pause: whoever stands at the machine presses cycle start.
                     self.simulator.receive(b'~');
                     self.simulator.settle();
                 }
-                None => return End::Stuck,
+                None => return StreamEnd::Stuck,
             }
         }
     }

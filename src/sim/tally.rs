@@ -5,7 +5,7 @@ use crate::axis::{AXES, Axes};
 
 /// Counts and hashes the steps of a run.
 #[derive(Debug, Clone, PartialEq, Eq)]
-pub struct Tally {
+pub struct StepStatistics {
     /// Pulses of each axis, in either direction.
     pub pulses: Axes<u64>,
     /// Net steps of each axis.
@@ -20,7 +20,7 @@ pub struct Tally {
     pub hash: u64,
 }
 
-impl Tally {
+impl StepStatistics {
     /// Nothing counted.
     #[must_use]
     pub const fn new() -> Self {
@@ -68,7 +68,7 @@ impl Tally {
     }
 }
 
-impl Default for Tally {
+impl Default for StepStatistics {
     fn default() -> Self {
         Self::new()
     }

@@ -1,7 +1,7 @@
 //! What `prepare` is told of what has been played: lock-free, one ring.
 //!
 //! `prepare` announces each segment before its first event, with the steps at which it begins;
-//! `turn`, which the step interrupt releases by the first event of each, says which one is played.
+//! `segment_start`, which the step interrupt releases by the first event of each, says which one is played.
 //! Every event is played exactly once, so nothing needs to be counted: the position is that of the
 //! segment.
 
@@ -36,9 +36,9 @@ struct Slot {
 const IS_MOVING: u32 = 1 << 8;
 const DUTY_SHIFT: u32 = 16;
 
-/// What `turn` has to do.
+/// What `segment_start` has to do.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct Turned {
+pub struct SegmentStart {
     /// Spindle PWM of the segment that has begun, 0 to [`crate::model::Outputs::FULL`].
     pub duty: Option<u16>,
     /// Run again: another segment has begun meanwhile.
@@ -50,10 +50,10 @@ const SLOTS: usize = 2 * SEGMENT_RING;
 
 /// What the step interrupt plays.
 ///
-/// Written by `prepare` (announcements) and by `turn` (what has begun, faults). `running` is written
+/// Written by `prepare` (announcements) and by `segment_start` (what has begun, faults). `running` is written
 /// by whoever starts or stops the timer.
 #[derive(Debug)]
-pub struct StepCounts {
+pub struct SegmentRing {
     slots: [Slot; SLOTS],
     /// Segments announced so far, wrapping.
     announced: AtomicU32,
@@ -67,7 +67,7 @@ pub struct StepCounts {
     cut: AtomicBool,
 }
 
-impl StepCounts {
+impl SegmentRing {
     /// Nothing played yet.
     #[must_use]
     pub const fn new() -> Self {
@@ -130,18 +130,18 @@ impl StepCounts {
         for (to, from) in slot.steps.iter().zip(&info.steps) {
             to.store(*from, Relaxed);
         }
-        // `turn` must not see the number before the rest.
+        // `segment_start` must not see the number before the rest.
         compiler_fence(SeqCst);
         self.announced.store(number.wrapping_add(1), Relaxed);
     }
 
-    /// The body of `turn`: begins the segment whose first event is set up, and looks whether
+    /// The body of `segment_start`: begins the segment whose first event is set up, and looks whether
     /// the step interrupt has stopped while something moved.
     ///
     /// Deadline: before two more segments begin. Until it has run, what is played seems to be the
     /// segment before.
     #[inline]
-    pub fn turn(&self, events: EventTap<'_>) -> Turned {
+    pub fn start_segment(&self, events: EventTap<'_>) -> SegmentStart {
         let (taken, is_running) = events.taken(self);
         let (number, announced) = (self.begun.load(Relaxed), self.announced.load(Relaxed));
         // Whether an event of a segment is among those that have been output or set up.
@@ -153,7 +153,7 @@ impl StepCounts {
             if !is_running {
                 self.fail_in_motion(self.played());
             }
-            return Turned {
+            return SegmentStart {
                 duty: None,
                 again: false,
             };
@@ -164,7 +164,7 @@ impl StepCounts {
         if !is_running && !again {
             self.fail_in_motion(slot);
         }
-        Turned {
+        SegmentStart {
             duty: Some(self.duty_of(slot.flags.load(Relaxed))),
             again,
         }
@@ -173,7 +173,7 @@ impl StepCounts {
     /// The step interrupt has stopped in a segment: a fault if something moved, and nobody stopped it.
     #[inline]
     fn fail_in_motion(&self, slot: &Slot) {
-        if slot.flags.load(Relaxed) & IS_MOVING != 0 && !self.is_cut() {
+        if slot.flags.load(Relaxed) & IS_MOVING != 0 && !self.is_halted() {
             self.starved.store(true, Relaxed);
         }
     }
@@ -185,7 +185,7 @@ impl StepCounts {
     }
 
     /// The step interrupt has been stopped; see [`EventTap::cut`].
-    pub(super) fn cut(&self) {
+    pub(super) fn halt(&self) {
         self.running.store(false, Relaxed);
         self.cut.store(true, Relaxed);
     }
@@ -193,7 +193,7 @@ impl StepCounts {
     /// Whether the step interrupt has been stopped at once and nobody has seen to it yet.
     #[inline]
     #[must_use]
-    pub fn is_cut(&self) -> bool {
+    pub fn is_halted(&self) -> bool {
         self.cut.load(Relaxed)
     }
 
@@ -311,7 +311,7 @@ impl StepCounts {
     }
 }
 
-impl Default for StepCounts {
+impl Default for SegmentRing {
     fn default() -> Self {
         Self::new()
     }
@@ -323,7 +323,7 @@ mod tests {
     use crate::stepper::{EventRing, StepEvent};
 
     /// Announces a segment with one event.
-    fn announce(counts: &StepCounts, ring: &mut EventRing, number: u32, is_rest: bool) {
+    fn announce(counts: &SegmentRing, ring: &mut EventRing, number: u32, is_rest: bool) {
         counts.announce(&SegmentInfo {
             steps: Axes::all(number.cast_signed()),
             first_event: number,
@@ -338,10 +338,10 @@ mod tests {
     }
 
     /// Sets up the next event.
-    fn set_up(counts: &StepCounts, ring: &mut EventRing) {
+    fn set_up(counts: &SegmentRing, ring: &mut EventRing) {
         let (mut writer, mut reader) = ring.split();
         let has_event = if counts.is_running() {
-            if let Some(missed) = writer.missed(counts) {
+            if let Some(missed) = writer.appended_late(counts) {
                 writer.append(missed);
             }
             reader.advance().is_some()
@@ -352,18 +352,18 @@ mod tests {
         assert!(has_event);
     }
 
-    fn turn(counts: &StepCounts, ring: &mut EventRing) -> Turned {
-        counts.turn(ring.split().0.tap())
+    fn turn(counts: &SegmentRing, ring: &mut EventRing) -> SegmentStart {
+        counts.start_segment(ring.split().0.tap())
     }
 
     #[test]
     fn the_position_is_that_of_the_segment_being_played() {
-        let (counts, mut ring) = (StepCounts::new(), EventRing::new());
-        let begun = Turned {
+        let (counts, mut ring) = (SegmentRing::new(), EventRing::new());
+        let begun = SegmentStart {
             duty: Some(1020),
             again: false,
         };
-        let nothing = Turned {
+        let nothing = SegmentStart {
             duty: None,
             again: false,
         };
@@ -381,7 +381,7 @@ mod tests {
     #[test]
     fn a_late_turn_catches_up_and_finds_the_stop_a_fault_in_motion_only() {
         for is_rest in [true, false] {
-            let (counts, mut ring) = (StepCounts::new(), EventRing::new());
+            let (counts, mut ring) = (SegmentRing::new(), EventRing::new());
             announce(&counts, &mut ring, 0, false);
             announce(&counts, &mut ring, 1, is_rest);
             set_up(&counts, &mut ring);
@@ -397,7 +397,7 @@ mod tests {
 
     #[test]
     fn no_segment_is_announced_over_one_that_is_played_or_waits() {
-        let (counts, mut ring) = (StepCounts::new(), EventRing::new());
+        let (counts, mut ring) = (SegmentRing::new(), EventRing::new());
         let mut announced = 0;
         while counts.has_room() {
             announce(&counts, &mut ring, announced, false);

@@ -40,7 +40,7 @@ impl StepEvent {
     /// An event that sets the direction outputs, bit 0 = X, 1 = negative.
     #[inline]
     #[must_use]
-    pub const fn turn(ticks: u32, directions: u8) -> Self {
+    pub const fn set_directions(ticks: u32, directions: u8) -> Self {
         let directions = directions as u32;
         let x = (directions & 1) << 1;
         Self(Self::new(ticks, directions & !1, x).0 | Self::TURN)
@@ -201,7 +201,7 @@ mod tests {
     #[test]
     fn pulses_and_directions_share_a_word_and_are_never_taken_for_each_other() {
         for directions in 0..=AXIS_BITS as u8 {
-            let event = StepEvent::turn(StepEvent::MAX_TICKS, directions).at_boundary();
+            let event = StepEvent::set_directions(StepEvent::MAX_TICKS, directions).at_boundary();
             assert_eq!(event.directions(), Some(directions));
             assert_eq!((event.raise(), event.drop()), (0, 0));
             assert_eq!(event.ticks(), StepEvent::MAX_TICKS);

@@ -6,7 +6,7 @@
 //! no slots: its events are in order as they come.
 
 use super::{
-    AxisMotion, EventWriter, SegmentInfo, StepCounts, StepEvent,
+    AxisMotion, EventWriter, SegmentInfo, SegmentRing, StepEvent,
     alone::Alone,
     axis_steps::{AxisSteps, NO_STEPS, plan_axis},
     history::{high_after, steps_after},
@@ -181,7 +181,7 @@ impl Generator {
     /// Ends a cut, when the step interrupt has stopped: what it has not played is dropped, and the
     /// position is exactly that of the steps output. A standstill must follow, which ends the
     /// pulses.
-    pub fn cut_off(&mut self, counts: &StepCounts, events: &mut EventWriter<'_>) {
+    pub fn cut_off(&mut self, counts: &SegmentRing, events: &mut EventWriter<'_>) {
         let output = events.drop_waiting();
         let high = high_after(output, events);
         if let Some(steps) = steps_after(output, counts, events) {
@@ -211,7 +211,7 @@ impl Generator {
 
     /// Drops the steps of the segment that has no events yet, after a fault: the position is where
     /// the events end.
-    pub fn cut(&mut self) {
+    pub fn halt(&mut self) {
         if !self.is_open {
             return;
         }
@@ -263,7 +263,7 @@ impl Generator {
     }
 
     /// Begins a segment. The one before must be finished, and `counts` must have room.
-    pub fn begin(&mut self, segment: &Segment, counts: &StepCounts) {
+    pub fn begin(&mut self, segment: &Segment, counts: &SegmentRing) {
         self.open(segment.ticks);
         let slots = (self.offset + self.ticks) / SLOT_TICKS;
         let most = slots / (pulse_slots(self.pulse_ticks) + LOW_SLOTS) + 1;
@@ -325,7 +325,7 @@ impl Generator {
     }
 
     /// Begins the standstill after the last segment: ends all pulses and lets the queue run empty.
-    pub fn rest(&mut self, power: Power, counts: &StepCounts) {
+    pub fn rest(&mut self, power: Power, counts: &SegmentRing) {
         // wcet-bound: axes
         for axis in &mut self.axes {
             *axis = NO_STEPS;

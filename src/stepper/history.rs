@@ -5,7 +5,7 @@
 //! interrupt that has to know takes one number, [`EventTap::output`](super::EventTap::output), and
 //! `prepare` counts, before it has overwritten so much.
 
-use super::{EventWriter, StepCounts};
+use super::{EventWriter, SegmentRing};
 use crate::{
     axis::{AXES, Axes},
     model::{queues::EVENT_RING, timing::pulse_slots},
@@ -45,7 +45,7 @@ impl Tally {
 #[inline(never)]
 pub fn steps_after(
     output: u32,
-    counts: &StepCounts,
+    counts: &SegmentRing,
     events: &EventWriter<'_>,
 ) -> Option<Axes<i32>> {
     let (mut steps, directions, first) = counts.segment_at(output)?;
@@ -127,7 +127,7 @@ mod tests {
         }
 
         /// One interrupt; whether it had anything to do.
-        fn play(&mut self, ring: &mut EventRing, counts: &StepCounts) -> bool {
+        fn play(&mut self, ring: &mut EventRing, counts: &SegmentRing) -> bool {
             if !counts.is_running() {
                 return false;
             }
@@ -147,7 +147,7 @@ mod tests {
                 Some(upcoming) => self.set_up(upcoming),
                 None => counts.stop(),
             }
-            while counts.turn(tap(ring)).again {}
+            while counts.start_segment(tap(ring)).again {}
             true
         }
 
@@ -157,15 +157,15 @@ mod tests {
         }
 
         /// Stopped by force.
-        fn cut(&mut self, ring: &mut EventRing, counts: &StepCounts) {
+        fn cut(&mut self, ring: &mut EventRing, counts: &SegmentRing) {
             self.next = None;
-            tap(ring).cut(counts);
+            tap(ring).halt(counts);
         }
 
         /// The end of a run of `prepare`.
-        fn follow(&mut self, ring: &mut EventRing, counts: &StepCounts) {
+        fn follow(&mut self, ring: &mut EventRing, counts: &SegmentRing) {
             let (mut events, _) = ring.split();
-            if let Some(missed) = events.missed(counts) {
+            if let Some(missed) = events.appended_late(counts) {
                 self.reload = missed.ticks();
                 events.append(missed);
             }
@@ -175,7 +175,7 @@ mod tests {
                     self.counted = upcoming.event.ticks();
                     self.set_up(upcoming);
                 }
-                while counts.turn(tap(ring)).again {}
+                while counts.start_segment(tap(ring)).again {}
             }
         }
     }
@@ -218,7 +218,7 @@ mod tests {
             plays in prop::collection::vec(0_usize..400, 1..50),
         ) {
             let mut ring = EventRing::new();
-            let counts = StepCounts::new();
+            let counts = SegmentRing::new();
             let mut generator = Generator::new();
             let mut player = Player::new();
             let mut moves = moves.iter();
@@ -258,7 +258,7 @@ mod tests {
             steps in prop::collection::vec((0_usize..4, 0_usize..4), 1..400),
         ) {
             let mut ring = EventRing::new();
-            let counts = StepCounts::new();
+            let counts = SegmentRing::new();
             let mut player = Player::new();
             let mut put = 0;
             for (puts, plays) in steps {
@@ -291,7 +291,7 @@ mod tests {
             late in any::<bool>(),
         ) {
             let mut ring = EventRing::new();
-            let counts = StepCounts::new();
+            let counts = SegmentRing::new();
             let mut generator = Generator::new();
             let mut player = Player::new();
             let mut moves = moves.iter();
@@ -318,7 +318,7 @@ mod tests {
             prop_assert!(!player.play(&mut ring, &counts));
             prop_assert!(!counts.is_running());
             generator.cut_off(&counts, &mut ring.split().0);
-            prop_assert!(!counts.is_cut() && !counts.is_starved());
+            prop_assert!(!counts.is_halted() && !counts.is_starved());
             prop_assert_eq!(generator.steps(), player.steps);
             // A standstill ends the pulses; then it goes on from there.
             generator.rest(Power::OFF, &counts);
@@ -341,7 +341,7 @@ mod tests {
 
     impl Generator {
         /// Fills the ring; whether a segment can begin.
-        fn fill_up(&mut self, ring: &mut EventRing, counts: &StepCounts) -> bool {
+        fn fill_up(&mut self, ring: &mut EventRing, counts: &SegmentRing) -> bool {
             (!self.is_open() || self.fill(&mut ring.split().0)) && counts.has_room()
         }
     }

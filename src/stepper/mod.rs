@@ -3,7 +3,7 @@
 //! `prepare` owns the [`Generator`], which turns each segment into [`StepEvent`]s. The step
 //! interrupt takes them from a ring, [`EventReader`], and has its pins set by them, whatever the
 //! number of axes: an event is one word, and no step is counted. What has to be done once in a
-//! segment is left to `turn`, [`StepCounts::turn`], which it releases.
+//! segment is left to `segment_start`, [`SegmentRing::start_segment`], which it releases.
 
 mod alone;
 mod axis_steps;
@@ -17,7 +17,7 @@ mod shift;
 mod slots;
 
 pub use axis_steps::AxisMotion;
-pub use counts::{StepCounts, Turned};
+pub use counts::{SegmentRing, SegmentStart};
 pub use event::{SegmentInfo, StepEvent};
 pub use generator::{Generator, Segment};
 pub use history::steps_after;

@@ -19,7 +19,7 @@
 
 use core::sync::atomic::{AtomicU32, Ordering::Relaxed, Ordering::SeqCst, compiler_fence};
 
-use super::{StepCounts, StepEvent};
+use super::{SegmentRing, StepEvent};
 use crate::model::queues::EVENT_RING;
 
 /// Words of a ring, a power of two: as many events as may wait, the word behind them, and those
@@ -155,7 +155,7 @@ impl<'a> EventWriter<'a> {
     /// the step timer and, after that, for [`EventWriter::append`].
     #[inline]
     #[must_use]
-    pub fn missed(&self, counts: &StepCounts) -> Option<StepEvent> {
+    pub fn appended_late(&self, counts: &SegmentRing) -> Option<StepEvent> {
         if self.ring.next() != StepEvent::NONE || !counts.is_running() {
             return None;
         }
@@ -297,9 +297,9 @@ impl EventTap<'_> {
     }
 
     /// How many events have been output or are set up, wrapping, and whether the step interrupt
-    /// runs. If it sets up a segment's first event or stops meanwhile, it releases `turn` again.
+    /// runs. If it sets up a segment's first event or stops meanwhile, it releases `segment_start` again.
     #[inline]
-    pub(super) fn taken(self, counts: &StepCounts) -> (u32, bool) {
+    pub(super) fn taken(self, counts: &SegmentRing) -> (u32, bool) {
         let output = self.output();
         compiler_fence(SeqCst);
         if counts.is_running() {
@@ -313,9 +313,9 @@ impl EventTap<'_> {
     /// Ends the motion where it is, the step interrupt having been stopped by force: the event that
     /// was set up will not happen. For `inputs`; [`Generator::cut_off`](super::Generator::cut_off)
     /// is `prepare`'s part.
-    pub fn cut(self, counts: &StepCounts) {
+    pub fn halt(self, counts: &SegmentRing) {
         self.ring.set_next(StepEvent::NONE);
-        counts.cut();
+        counts.halt();
     }
 }
 
@@ -375,7 +375,7 @@ mod tests {
         }
     }
 
-    fn start(writer: &mut EventWriter<'_>, counts: &StepCounts) -> Option<Upcoming> {
+    fn start(writer: &mut EventWriter<'_>, counts: &SegmentRing) -> Option<Upcoming> {
         let upcoming = writer.set_up()?;
         counts.start();
         Some(upcoming)
@@ -384,7 +384,7 @@ mod tests {
     #[test]
     fn events_come_out_in_order_over_many_turns_of_the_ring() {
         let mut ring = EventRing::new();
-        let counts = StepCounts::new();
+        let counts = SegmentRing::new();
         let (mut writer, mut reader) = ring.split();
         let (mut written, mut set_up) = (0, 0);
         let mut next = None;
@@ -397,7 +397,7 @@ mod tests {
                 counts.stop();
                 next = start(&mut writer, &counts);
             }
-            if let Some(missed) = writer.missed(&counts) {
+            if let Some(missed) = writer.appended_late(&counts) {
                 writer.append(missed);
             }
             for _ in 0..(batch * 5 % EVENT_RING as u32) {
@@ -418,7 +418,7 @@ mod tests {
     #[test]
     fn a_full_ring_has_no_room_and_an_empty_one_no_event() {
         let mut ring = EventRing::new();
-        let counts = StepCounts::new();
+        let counts = SegmentRing::new();
         let (mut writer, _) = ring.split();
         assert!(!writer.is_waiting());
         assert_eq!(start(&mut writer, &counts), None);
@@ -433,7 +433,7 @@ mod tests {
     #[test]
     fn a_word_of_an_earlier_turn_is_not_taken_for_an_event() {
         let mut ring = EventRing::new();
-        let counts = StepCounts::new();
+        let counts = SegmentRing::new();
         let (mut writer, mut reader) = ring.split();
         for number in 0..3 * WORDS as u32 {
             put(&mut writer, numbered(number));
@@ -447,18 +447,18 @@ mod tests {
     fn an_event_behind_the_last_is_not_played_before_the_timer_is_told_its_time() {
         for is_told in [false, true] {
             let mut ring = EventRing::new();
-            let counts = StepCounts::new();
+            let counts = SegmentRing::new();
             let (mut writer, mut reader) = ring.split();
             put(&mut writer, numbered(0));
             assert_eq!(start(&mut writer, &counts), Some(upcoming(0, 0)));
-            assert_eq!(writer.missed(&counts), None);
+            assert_eq!(writer.appended_late(&counts), None);
             put(&mut writer, numbered(1));
             put(&mut writer, numbered(2));
-            let missed = writer.missed(&counts);
+            let missed = writer.appended_late(&counts);
             assert_eq!(missed, Some(numbered(1)));
             if is_told {
                 writer.append(missed.unwrap());
-                assert_eq!(writer.missed(&counts), None);
+                assert_eq!(writer.appended_late(&counts), None);
             }
             let expected = is_told.then_some(upcoming(1, 2));
             assert_eq!(reader.advance(), expected);
@@ -470,12 +470,12 @@ mod tests {
     #[test]
     fn what_is_appended_after_the_stop_is_of_no_effect() {
         let mut ring = EventRing::new();
-        let counts = StepCounts::new();
+        let counts = SegmentRing::new();
         let (mut writer, mut reader) = ring.split();
         put(&mut writer, numbered(0));
         assert!(start(&mut writer, &counts).is_some());
         put(&mut writer, numbered(1));
-        let missed = writer.missed(&counts).unwrap();
+        let missed = writer.appended_late(&counts).unwrap();
         // The step interrupt comes in between.
         assert_eq!(reader.advance(), None);
         counts.stop();
@@ -489,7 +489,7 @@ mod tests {
     fn a_cut_leaves_exactly_what_has_been_output() {
         for played in 0..4 {
             let mut ring = EventRing::new();
-            let counts = StepCounts::new();
+            let counts = SegmentRing::new();
             let (mut writer, mut reader) = ring.split();
             for number in 0..6 {
                 put(&mut writer, numbered(number));
@@ -499,7 +499,7 @@ mod tests {
             for _ in 0..played {
                 assert!(reader.advance().is_some());
             }
-            tap.cut(&counts);
+            tap.halt(&counts);
             assert_eq!((tap.output(), counts.is_running()), (played, false));
             assert_eq!(writer.drop_waiting(), played);
             assert!(!writer.is_waiting());

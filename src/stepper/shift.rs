@@ -20,7 +20,7 @@ mod tests {
     use crate::{
         axis::{AXES, Axes},
         model::timing::{EVENT_SPACING_TICKS, least_period_ticks},
-        stepper::{AxisMotion, EventRing, Generator, Segment, StepCounts},
+        stepper::{AxisMotion, EventRing, Generator, Segment, SegmentRing},
         units::{FineSteps, TICKS_PER_US},
     };
 
@@ -54,7 +54,7 @@ mod tests {
     fn play(pulse_us: u8, segments: &[(u32, [f64; 3])]) -> Played {
         let mut generator = Generator::new();
         generator.set_pulse_us(pulse_us);
-        let (mut ring, counts) = (EventRing::new(), StepCounts::new());
+        let (mut ring, counts) = (EventRing::new(), SegmentRing::new());
         let period = least_period_ticks(u32::from(pulse_us) * TICKS_PER_US);
         let mut exact = [Exact {
             position: 0.0,

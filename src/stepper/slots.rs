@@ -154,7 +154,7 @@ impl Slots {
         while *self.word(slot) & bit(slot) != 0 {
             slot = slot.wrapping_add(1);
         }
-        self.add(slot, StepEvent::turn(0, directions));
+        self.add(slot, StepEvent::set_directions(0, directions));
         slot
     }
 

@@ -2,8 +2,8 @@
 
 use leadscrew::{
     axis::{AXES, X, Y, Z},
-    gcode::{Distance, LineError, Motion, Units, interpreter::Message},
-    model::{Command, Coolant, Pace, PathControl, Plane, Spindle, WorkCoordinates},
+    gcode::{Distance, LineError, MotionMode, Units, interpreter::Message},
+    model::{Command, Coolant, FeedRate, PathControl, Plane, Spindle, WorkCoordinates},
     settings::Settings,
     units::Nm,
 };
@@ -16,14 +16,14 @@ fn a_move_has_target_pace_and_line_number() {
         commands(&["N7 G1 X1.5 Y-2 F100".replace(' ', "").as_str()]),
         [Command::Line {
             target: um(1500, -2000, 0).into(),
-            pace: Pace::Feed(100.0),
+            pace: FeedRate::Feed(100.0),
             line: 7,
         }]
     );
-    assert_eq!(commands(&["X1"]), [line(um(1000, 0, 0), Pace::Rapid)]);
+    assert_eq!(commands(&["X1"]), [line(um(1000, 0, 0), FeedRate::Rapid)]);
     assert_eq!(
         commands(&["G93G1X1F2"]),
-        [line(um(1000, 0, 0), Pace::InverseTime(2.0))]
+        [line(um(1000, 0, 0), FeedRate::InverseTime(2.0))]
     );
 }
 
@@ -59,15 +59,15 @@ fn a_feed_is_degrees_where_only_rotary_axes_move() {
     let feed = |lines: &[&str]| match commands(lines)[..] {
         [
             Command::Line {
-                pace: Pace::Feed(feed),
+                pace: FeedRate::Feed(feed),
                 ..
             }
             | Command::Arc {
-                pace: Pace::Feed(feed),
+                pace: FeedRate::Feed(feed),
                 ..
             }
             | Command::Probe {
-                pace: Pace::Feed(feed),
+                pace: FeedRate::Feed(feed),
                 ..
             },
         ] => feed,
@@ -106,7 +106,7 @@ fn commands_come_in_nist_order() {
                 mist: false
             }),
             Command::Dwell { milliseconds: 2 },
-            line(um(1000, 0, 0), Pace::Feed(10.0)),
+            line(um(1000, 0, 0), FeedRate::Feed(10.0)),
             Command::Spindle {
                 spindle: Spindle::Off,
                 rpm: 0.0
@@ -116,7 +116,7 @@ fn commands_come_in_nist_order() {
     );
     assert_eq!(
         commands(&["M0X1"]),
-        [line(um(1000, 0, 0), Pace::Rapid), Command::Pause]
+        [line(um(1000, 0, 0), FeedRate::Rapid), Command::Pause]
     );
 }
 
@@ -143,7 +143,7 @@ fn program_end_restores_some_modes_and_keeps_the_rest() {
     let outcome = send(&mut machine, "M30").unwrap();
     assert_eq!(outcome.message, Some(Message::ProgramEnd));
     let modal = *machine.modal();
-    assert_eq!(modal.motion, Motion::Linear);
+    assert_eq!(modal.motion, MotionMode::Linear);
     assert_eq!(modal.distance, Distance::Absolute);
     assert_eq!(modal.plane, Plane::Xy);
     assert_eq!(modal.coordinates, WorkCoordinates::G54);
@@ -294,12 +294,12 @@ fn every_digit_of_a_number_counts() {
     for text in ["X00000001.5", "X0000000001.500", "X1.5000000000"] {
         assert_eq!(
             commands(&[text]),
-            [line(um(1500, 0, 0), Pace::Rapid)],
+            [line(um(1500, 0, 0), FeedRate::Rapid)],
             "{text}"
         );
     }
     let far = commands(&["X123456.789"]);
-    assert_eq!(far, [line(um(123_456_789, 0, 0), Pace::Rapid)]);
+    assert_eq!(far, [line(um(123_456_789, 0, 0), FeedRate::Rapid)]);
 }
 
 #[test]

@@ -3,7 +3,7 @@
 use leadscrew::{
     axis::{AXES, X},
     gcode::{LineError, Modal},
-    model::Pace,
+    model::FeedRate,
     units::Nm,
 };
 
@@ -12,7 +12,10 @@ use crate::support::{after, commands, error, line, um};
 #[test]
 fn machine_coordinates_ignore_every_offset_and_incremental_distance() {
     let lines = ["G10L2P1X10", "G92Y5", "G43.1Z3", "G91", "G53G0X1Y2Z3"];
-    assert_eq!(commands(&lines), [line(um(1000, 2000, 3000), Pace::Rapid)]);
+    assert_eq!(
+        commands(&lines),
+        [line(um(1000, 2000, 3000), FeedRate::Rapid)]
+    );
 }
 
 #[test]
@@ -52,10 +55,10 @@ fn a_reset_keeps_stored_offsets_and_the_position() {
 fn g28_goes_by_way_of_the_target_and_moves_the_named_axes_only() {
     let lines = ["G0X1Y2Z3", "G28.1", "G0X10Y20Z30"];
     let all = commands(&[&lines[..], &["G28"]].concat());
-    assert_eq!(all, [line(um(1000, 2000, 3000), Pace::Rapid)]);
+    assert_eq!(all, [line(um(1000, 2000, 3000), FeedRate::Rapid)]);
     let named = commands(&[&lines[..], &["G91G28Z5"]].concat());
-    let by_way_of = line(um(10_000, 20_000, 35_000), Pace::Rapid);
-    let end = line(um(10_000, 20_000, 3_000), Pace::Rapid);
+    let by_way_of = line(um(10_000, 20_000, 35_000), FeedRate::Rapid);
+    let end = line(um(10_000, 20_000, 3_000), FeedRate::Rapid);
     assert_eq!(named, [by_way_of, end]);
 }
 

@@ -150,7 +150,7 @@ fn a_line_that_is_cut_off_changes_nothing_and_may_be_plain_yet() {
             assert!(result.is_ok(), "{length}");
             return;
         }
-        assert_eq!(result.err(), Some(Refusal::CutOff), "{length}");
+        assert_eq!(result.err(), Some(Refusal::Incomplete), "{length}");
         assert_eq!(machine, Interpreter::new(), "{length}");
     }
 }

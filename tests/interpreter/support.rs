@@ -6,7 +6,7 @@ use leadscrew::{
         LineError,
         interpreter::{Interpreter, Outcome},
     },
-    model::{Command, Pace},
+    model::{Command, FeedRate},
     settings::Settings,
     units::Nm,
 };
@@ -48,7 +48,7 @@ pub(crate) fn um(x: i64, y: i64, z: i64) -> Axes<Nm> {
     Axes::from_fn(|axis| Nm([x, y, z].get(axis).copied().unwrap_or(0) * 1000))
 }
 
-pub(crate) fn line(target: Axes<Nm>, pace: Pace) -> Command {
+pub(crate) fn line(target: Axes<Nm>, pace: FeedRate) -> Command {
     Command::Line {
         target: target.into(),
         pace,

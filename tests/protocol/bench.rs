@@ -99,7 +99,7 @@ impl Bench {
 
     /// What `prepare` does.
     fn prepare(&mut self) {
-        if self.machine.epoch != self.requests.epoch() {
+        if self.machine.reset_count != self.requests.reset_count() {
             self.reset();
         }
         let machine = &mut self.machine;
@@ -120,7 +120,12 @@ impl Bench {
                 break;
             };
             self.machine.finished = self.machine.finished.wrapping_add(1);
-            if entry.epoch == self.machine.epoch.wrapping_add(self.machine.cuts) {
+            if entry.reset_count
+                == self
+                    .machine
+                    .reset_count
+                    .wrapping_add(self.machine.cancelled_motions)
+            {
                 self.execute(&entry.work);
                 self.done.push(entry.work);
             }
@@ -129,7 +134,7 @@ impl Bench {
 
     fn reset(&mut self) {
         let machine = &mut self.machine;
-        machine.epoch = self.requests.epoch();
+        machine.reset_count = self.requests.reset_count();
         machine.reset_in_motion =
             matches!(machine.state, State::Run | State::Jog | State::HoldSlowing);
         machine.state = match machine.state {

@@ -85,7 +85,7 @@ fn a_jog_that_waits_for_room_when_jogging_is_cancelled_is_void() {
     bench.machine.is_at_rest = false;
     assert!(bench.ask("$J=X99F600").is_empty());
     // The machine has cancelled, and come to rest, before the session looks again.
-    bench.machine.cuts = 1;
+    bench.machine.cancelled_motions = 1;
     bench.machine.state = State::Idle;
     bench.machine.is_at_rest = true;
     bench.machine.steps[0] = 100;

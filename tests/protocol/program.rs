@@ -222,7 +222,7 @@ fn a_door_open_at_a_reset_is_told_after_the_welcome_and_holds_the_startup_lines(
     let mut bench = Bench::new();
     assert_eq!(bench.ask("$N0=G20"), ["ok"]);
     bench.receive(b"\x18");
-    bench.machine.epoch = bench.requests.epoch();
+    bench.machine.reset_count = bench.requests.reset_count();
     bench.machine.state = State::DoorAjar;
     bench.machine.notices.push(Notice::CheckDoor);
     let told = [WELCOME[0], WELCOME[1], "[MSG:Check Door]"];

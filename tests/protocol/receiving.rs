@@ -14,7 +14,7 @@ struct Line {
 impl Line {
     fn new(awaited: Awaited) -> Self {
         let requests = Requests::new();
-        requests.heed(awaited);
+        requests.wake_on(awaited);
         Self {
             requests,
             received: Bytes::new(),
@@ -34,7 +34,7 @@ impl Line {
 fn every_byte_is_a_request_or_part_of_a_line_or_dropped() {
     for byte in 0..=u8::MAX {
         let mut line = Line::new(Awaited::ALL);
-        let (asked, epoch) = (line.requests.asked(), line.requests.epoch());
+        let (asked, epoch) = (line.requests.asked(), line.requests.reset_count());
         let release = line.receive(byte);
         let requests = &line.requests;
         let command = requests.take_override();
@@ -44,7 +44,7 @@ fn every_byte_is_a_request_or_part_of_a_line_or_dropped() {
         assert_eq!(requests.take_start(), byte == b'~', "{byte:#x}");
         assert_eq!(requests.take_door(), byte == 0x84, "{byte:#x}");
         assert_eq!(requests.take_jog_cancel(), byte == 0x85, "{byte:#x}");
-        assert_eq!(requests.epoch() != epoch, byte == 0x18, "{byte:#x}");
+        assert_eq!(requests.reset_count() != epoch, byte == 0x18, "{byte:#x}");
         let is_command = matches!(byte, b'!' | b'~' | 0x18 | 0x84 | 0x85) || command.is_some();
         assert_eq!(requests.asked() != asked, is_command, "{byte:#x}");
         assert_eq!(release == Release::Prepare, is_command, "{byte:#x}");
@@ -102,7 +102,7 @@ fn bytes_that_find_the_queue_full_are_counted_and_those_before_them_stay() {
 fn a_deputy_goes_on_where_the_other_writer_has_ended() {
     let mut ring = Bytes::<8>::new();
     let (mut writer, mut reader) = ring.split();
-    let mut deputy = writer.deputy();
+    let mut deputy = writer.second_writer();
     assert_eq!(writer.enqueue(1), Ok(1));
     assert_eq!(deputy.enqueue(2), Ok(2));
     assert_eq!(writer.enqueue(3), Ok(3));
@@ -113,8 +113,8 @@ fn a_deputy_goes_on_where_the_other_writer_has_ended() {
 fn who_waits_for_places_is_released_by_four_entries_or_some_time_after_one() {
     let requests = Requests::new();
     let wait = || {
-        requests.be_patient();
-        requests.heed(Awaited::PLACES);
+        requests.coalesce();
+        requests.wake_on(Awaited::ENTRIES_BATCHED);
     };
     wait();
     let mut takes = (1..).map(|_| requests.awaits(Awaited::ENTRIES));
@@ -124,8 +124,8 @@ fn who_waits_for_places_is_released_by_four_entries_or_some_time_after_one() {
     assert!(!requests.awaits(Awaited::ENTRIES));
     assert!((1..48).all(|_| !requests.awaits(Awaited::SEGMENTS)));
     // Whoever reports meanwhile changes nothing.
-    requests.heed(Awaited::ALL);
-    requests.heed(Awaited::PLACES);
+    requests.wake_on(Awaited::ALL);
+    requests.wake_on(Awaited::ENTRIES_BATCHED);
     assert!(!requests.awaits(Awaited::ROOM));
     assert!(requests.awaits(Awaited::SEGMENTS));
 }

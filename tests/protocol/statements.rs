@@ -315,7 +315,7 @@ fn a_cancelled_jog_ends_where_the_machine_stands() {
     assert_eq!(bench.ask("$J=X10F100"), ["ok"]);
     bench.machine.state = State::Jog;
     bench.machine.is_at_rest = false;
-    bench.machine.cuts += 1;
+    bench.machine.cancelled_motions += 1;
     // While the machine slows down no line is begun.
     assert!(bench.ask("G91X1").is_empty());
     bench.entries.dequeue();

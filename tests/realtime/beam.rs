@@ -1,7 +1,7 @@
 //! The laser.
 
 use leadscrew::{
-    model::{Command, Coolant, Laser, Notice, Outputs, Pace, Spindle, State},
+    model::{Command, Coolant, FeedRate, Laser, Notice, Outputs, Spindle, State},
     path::{Block, Work},
     settings::Settings,
 };
@@ -58,7 +58,7 @@ fn a_constant_beam_stays_after_a_feed_move_and_is_off_in_rapids() {
     send(&mut rig, Work::Spindle(Spindle::Clockwise, 0.0));
     burn(
         &mut rig,
-        &line_at(at(&[10.0]), Pace::Rapid),
+        &line_at(at(&[10.0]), FeedRate::Rapid),
         Laser::Constant(0.0),
     );
     rig.run_to(20 * MS);
@@ -70,7 +70,7 @@ fn a_constant_beam_stays_after_a_feed_move_and_is_off_in_rapids() {
     assert_eq!(rig.drive.outputs().duty / 4, 128);
     burn(
         &mut rig,
-        &line_at(at(&[0.0]), Pace::Rapid),
+        &line_at(at(&[0.0]), FeedRate::Rapid),
         Laser::Constant(0.0),
     );
     rig.run_to_rest();

@@ -27,7 +27,7 @@ fn a_jog_is_cancelled_by_its_byte_a_hold_and_the_door() {
             State::Idle
         };
         assert_eq!(snapshot.state, expected);
-        assert_eq!((snapshot.finished, snapshot.cuts), (3, 1));
+        assert_eq!((snapshot.finished, snapshot.cancelled_motions), (3, 1));
         assert!(snapshot.is_at_rest);
         assert_eq!(snapshot.steps, rig.trace.net_steps());
         assert!((700..1000).contains(&snapshot.steps[0]), "{snapshot:?}");

@@ -2,7 +2,7 @@
 
 use leadscrew::{
     axis::Axes,
-    model::{Command, Pace},
+    model::{Command, FeedRate},
     settings::Settings,
     units::Nm,
 };
@@ -23,9 +23,9 @@ fn commands(jogs: bool) -> impl Strategy<Value = Vec<Command>> {
         1 => Just(0_i64),
     ];
     let pace = (0..4_u8, 20.0..12_000.0_f32).prop_map(move |(kind, mm_min)| match kind {
-        _ if jogs => Pace::Jog(mm_min),
-        0 => Pace::Rapid,
-        _ => Pace::Feed(mm_min),
+        _ if jogs => FeedRate::Jog(mm_min),
+        0 => FeedRate::Rapid,
+        _ => FeedRate::Feed(mm_min),
     });
     let line = (prop::array::uniform3(coordinate), pace).prop_map(|(nm, pace)| {
         line_at(

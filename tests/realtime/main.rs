@@ -13,7 +13,7 @@ mod support;
 mod switches;
 
 use leadscrew::{
-    model::{Command, Notice, Notices, Pace, State},
+    model::{Command, FeedRate, Notice, Notices, State},
     path::Work,
     settings::Settings,
     units::TICKS_PER_MS,
@@ -25,7 +25,7 @@ const DOOR: u8 = 0x84;
 const CANCEL: u8 = 0x85;
 
 fn jog(mm: &[f64], mm_min: f32) -> Command {
-    line_at(at(mm), Pace::Jog(mm_min))
+    line_at(at(mm), FeedRate::Jog(mm_min))
 }
 
 /// The rig, moving.

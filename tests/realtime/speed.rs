@@ -1,7 +1,7 @@
 //! How soon and how far overrides and holds change the speed.
 
 use leadscrew::{
-    model::{Overrides, Pace},
+    model::{FeedRate, Overrides},
     path::Work,
 };
 
@@ -57,9 +57,9 @@ fn a_hold_or_an_override_changes_the_speed_within_5_ms() {
 #[test]
 fn a_rapid_override_changes_rapids_and_no_feed() {
     for (pace, reached) in [
-        (Pace::Rapid, 1250.0),
-        (Pace::Feed(5000.0), 5000.0),
-        (Pace::Jog(5000.0), 5000.0),
+        (FeedRate::Rapid, 1250.0),
+        (FeedRate::Feed(5000.0), 5000.0),
+        (FeedRate::Jog(5000.0), 5000.0),
     ] {
         let mut rig = moving(&fast(), &line_at(at(&[100.0]), pace));
         rig.receive(0x97);

@@ -1,7 +1,7 @@
 //! Holds, pauses, sleep, check mode, alarms and resets.
 
 use leadscrew::{
-    model::{Alarm, Command, Levels, Notice, Outputs, Pace, Spindle, State},
+    model::{Alarm, Command, FeedRate, Levels, Notice, Outputs, Spindle, State},
     path::Work,
     settings::Settings,
 };
@@ -161,7 +161,7 @@ fn a_reset_in_any_motion_is_an_alarm_and_at_rest_it_is_none() {
             let is_jog = matches!(
                 command,
                 Command::Line {
-                    pace: Pace::Jog(_),
+                    pace: FeedRate::Jog(_),
                     ..
                 }
             );

@@ -79,8 +79,14 @@ impl Cell {
     }
 
     pub(crate) fn send(&mut self, work: Work) {
-        let epoch = self.snapshot().epoch.wrapping_add(self.snapshot().cuts);
-        let entry = Entry { epoch, work };
+        let epoch = self
+            .snapshot()
+            .reset_count
+            .wrapping_add(self.snapshot().cancelled_motions);
+        let entry = Entry {
+            reset_count: epoch,
+            work,
+        };
         assert!(self.drive.entries.enqueue(entry).is_ok());
         self.sent += 1;
         self.drive.release_prepare();
@@ -95,7 +101,7 @@ impl Cell {
     pub(crate) fn probe(&mut self, mm: &[f64], mm_min: f32, probing: Probing) {
         let command = Command::Probe {
             target: at(mm).into(),
-            pace: leadscrew::model::Pace::Feed(mm_min),
+            pace: leadscrew::model::FeedRate::Feed(mm_min),
             probing,
             line: 0,
         };

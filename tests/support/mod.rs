@@ -21,7 +21,7 @@ pub(crate) use {cell::*, host::*, limits::*, path::*, profile::*, rig::*, trace:
 mod host {
     use leadscrew::{
         axis::Axes,
-        model::{Circle, Command, Pace, Plane, Rotation, Target},
+        model::{Circle, Command, FeedRate, Plane, Rotation, Target},
         settings::{Settings, StepRate},
         units::{Nm, StepsPerMm},
     };
@@ -57,10 +57,10 @@ mod host {
     }
 
     pub(crate) fn line(mm: &[f64], mm_min: f32) -> Command {
-        line_at(at(mm), Pace::Feed(mm_min))
+        line_at(at(mm), FeedRate::Feed(mm_min))
     }
 
-    pub(crate) fn line_at(target: impl Into<Target>, pace: Pace) -> Command {
+    pub(crate) fn line_at(target: impl Into<Target>, pace: FeedRate) -> Command {
         Command::Line {
             target: target.into(),
             pace,
@@ -84,7 +84,7 @@ mod host {
                 rotation,
                 turns: 1,
             },
-            pace: Pace::Feed(mm_min),
+            pace: FeedRate::Feed(mm_min),
             line: 0,
         }
     }

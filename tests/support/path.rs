@@ -5,7 +5,7 @@ use std::{f64::consts::TAU, ops::Range};
 use leadscrew::{
     axis::{AXES, Axes},
     model::{Circle, Command, Rotation},
-    path::{Round, Way},
+    path::{BlendOutput, CornerArc},
     settings::Settings,
     stepper::SHIFT_TICKS,
     units::Nm,
@@ -70,7 +70,7 @@ impl Piece {
     }
 
     /// A rounded corner from where the piece before ended.
-    fn round(settings: &Settings, from: &Axes<Nm>, round: &Round) -> Self {
+    fn round(settings: &Settings, from: &Axes<Nm>, round: &CornerArc) -> Self {
         let scale = |axis: usize| settings.steps_per_mm[axis].millionths() as f64 * 1.0e-6;
         let point = |at: &Axes<Nm>| -> Point {
             std::array::from_fn(|axis| at[axis].0 as f64 * 1.0e-6 * scale(axis))
@@ -183,16 +183,16 @@ pub(crate) fn pieces(settings: &Settings, commands: &[Command]) -> Vec<Piece> {
 }
 
 /// The path that the router is given, from the origin.
-pub(crate) fn pieces_of_ways(settings: &Settings, ways: &[Way]) -> Vec<Piece> {
+pub(crate) fn pieces_of_ways(settings: &Settings, ways: &[BlendOutput]) -> Vec<Piece> {
     let mut from = Axes::all(Nm(0));
     let mut pieces = Vec::new();
     for way in ways {
         match way {
-            Way::Command(command) => {
+            BlendOutput::Command(command) => {
                 pieces.extend(Piece::new(settings, &from, command));
                 from = target(command).unwrap_or(from);
             }
-            Way::Round(round) => {
+            BlendOutput::CornerArc(round) => {
                 pieces.push(Piece::round(settings, &from, round));
                 from = round.target;
             }

@@ -6,7 +6,7 @@ use leadscrew::{
     axis::Axes,
     machine::Snapshot,
     model::{Command, PathControl, Requests, State},
-    path::{Entry, Path, Router, Way, Work},
+    path::{BlendOutput, Blender, Entry, Router, Work},
     protocol::realtime,
     settings::Settings,
     sim::{Drive, Edge},
@@ -40,8 +40,8 @@ pub(crate) struct Rig {
     /// How moves follow each other, what has become of them, and the work that it makes, each block
     /// with a line number of its own.
     pub(crate) control: PathControl,
-    pub(crate) ways: Vec<Way>,
-    path: Path,
+    pub(crate) ways: Vec<BlendOutput>,
+    path: Blender,
     works: VecDeque<Work>,
     blocks: u32,
     /// Where the segments that have been played begin.
@@ -73,7 +73,7 @@ impl Rig {
             feed_ticks: 0,
             control: PathControl::ExactPath,
             ways: Vec::new(),
-            path: Path::new(),
+            path: Blender::new(),
             works: VecDeque::new(),
             blocks: 0,
             segments: Vec::new(),
@@ -86,7 +86,7 @@ impl Rig {
         if self.control == PathControl::ExactPath {
             return self.router.work(command);
         }
-        self.router.lead(&mut self.path, self.control, command);
+        self.router.blend(&mut self.path, self.control, command);
         self.drain();
         if is_last {
             self.router.release(&mut self.path);
@@ -258,8 +258,15 @@ impl Rig {
     }
 
     pub(crate) fn enqueue(&mut self, work: Work) -> bool {
-        let epoch = self.requests.epoch().wrapping_add(self.cuts);
-        let is_sent = self.drive.entries.enqueue(Entry { epoch, work }).is_ok();
+        let epoch = self.requests.reset_count().wrapping_add(self.cuts);
+        let is_sent = self
+            .drive
+            .entries
+            .enqueue(Entry {
+                reset_count: epoch,
+                work,
+            })
+            .is_ok();
         self.sent += u32::from(is_sent);
         self.drive.release_prepare();
         is_sent
@@ -272,7 +279,7 @@ impl Rig {
         if was_stopped && self.drive.due().is_some() {
             self.trace.starts.push(self.now);
         }
-        self.is_recovering |= self.snapshot().cuts != self.cuts;
+        self.is_recovering |= self.snapshot().cancelled_motions != self.cuts;
         if !self.is_recovering {
             assert_ne!(self.snapshot().state, State::Alarm, "starved");
         }
@@ -303,7 +310,7 @@ impl Rig {
         let snapshot = self.snapshot();
         let is_over = snapshot.is_at_rest
             && snapshot.finished == self.sent
-            && snapshot.epoch == self.requests.epoch();
+            && snapshot.reset_count == self.requests.reset_count();
         if !self.is_recovering || !is_over {
             return;
         }
@@ -314,7 +321,7 @@ impl Rig {
         );
         self.router.set_steps(snapshot.steps);
         self.trace.resets.push(self.trace.edges.len());
-        self.cuts = snapshot.cuts;
+        self.cuts = snapshot.cancelled_motions;
         if snapshot.state == State::Alarm {
             assert!(self.enqueue(Work::Unlock));
         }

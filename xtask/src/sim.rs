@@ -17,7 +17,7 @@ use anyhow::{Context, Result, bail};
 use indicatif::ProgressBar;
 use leadscrew::{
     settings::Settings,
-    sim::{End, Simulator, Stream, Switch},
+    sim::{Simulator, Stream, StreamEnd, Switch},
     units::TICKS_PER_SECOND,
 };
 
@@ -270,7 +270,7 @@ fn stream(
         table.finish()?;
     }
     let answered = observer.responses.iter().count();
-    if end == End::Stuck {
+    if end == StreamEnd::Stuck {
         bail!("the machine stands still after {answered} answers and does not go on");
     }
     let tally = &observer.tally;

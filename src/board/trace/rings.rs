@@ -69,7 +69,7 @@ static _SEGGER_RTT: ControlBlock = ControlBlock {
         ring(c"step", 0),
         ring(c"stand-in", 1),
         ring(c"serial_rx", 2),
-        ring(c"turn", 3),
+        ring(c"segment_start", 3),
         ring(c"inputs", 4),
         ring(c"prepare", 5),
     ],

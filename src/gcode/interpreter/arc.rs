@@ -3,10 +3,10 @@
 //! The circle's centre relative to the start is exact where it is programmed (`I J K`) and rounded
 //! to the nanometre where it is computed (`R`). Double precision, once per arc.
 
-use super::Path;
+use super::Move;
 use crate::{
     axis::Axes,
-    gcode::{Block, LineError, Word, Words},
+    gcode::{LineError, ParsedLine, Word, Words},
     model::{Circle, Rotation},
     units::Nm,
 };
@@ -29,12 +29,12 @@ const DIAMETER_SLACK: f64 = 1.0e-6;
 /// Grbl's 26 and 32 to 35; 23 and 39 for the number of turns.
 #[inline(never)]
 pub(super) fn path(
-    block: &Block,
+    block: &ParsedLine,
     words: &mut Words,
     rotation: Rotation,
     start: Axes<Nm>,
     target: Axes<Nm>,
-) -> Result<Path, LineError> {
+) -> Result<Move, LineError> {
     let (first, second, _) = block.modal.plane.axes();
     if block.axes == 0 {
         return Err(LineError::NoAxisWords);
@@ -58,9 +58,9 @@ pub(super) fn path(
     let turns = turns(block, words)?;
     // Without a radius at its start or end there is no angle: Grbl moves straight to the target.
     if centre == [Nm(0); 2] || centre == chord {
-        return Ok(Path::Straight);
+        return Ok(Move::Straight);
     }
-    Ok(Path::Arc(Circle {
+    Ok(Move::Arc(Circle {
         plane: block.modal.plane,
         centre,
         rotation,
@@ -69,12 +69,12 @@ pub(super) fn path(
 }
 
 /// The `I`, `J` or `K` word of an axis.
-fn offset_word(block: &Block, axis: usize) -> crate::gcode::Number {
+fn offset_word(block: &ParsedLine, axis: usize) -> crate::gcode::Number {
     block.offsets.get(axis).copied().unwrap_or_default()
 }
 
 /// Turns begun: the `P` word, 1 without.
-fn turns(block: &Block, words: &mut Words) -> Result<u16, LineError> {
+fn turns(block: &ParsedLine, words: &mut Words) -> Result<u16, LineError> {
     if !words.contains(Word::P) {
         return Ok(1);
     }

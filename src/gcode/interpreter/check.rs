@@ -2,12 +2,12 @@
 //!
 //! One function per step of the NIST order of execution that can fail.
 
-use super::{Action, Checked, Interpreter, Kind, Path, arc, offsets::TOOL_AXIS, power};
+use super::{Action, Checked, Interpreter, LineKind, Move, arc, offsets::TOOL_AXIS, power};
 use crate::{
     axis::{AXES, Axes, Z},
     gcode::{
-        AxisCommand, Block, Distance, FeedMode, LineError, Modal, Motion, NonModal, Number,
-        ToolLength, Units, Word, Words,
+        AxisCommand, Distance, FeedMode, LineError, Modal, MotionMode, NonModal, Number,
+        ParsedLine, ToolLength, Units, Word, Words,
     },
     model::{Laser, PathControl, WorkCoordinates},
     settings::Settings,
@@ -26,13 +26,13 @@ const NEAR: Nm = match StepsPerMm::from_millionths(StepsPerMm::MAX) {
 pub(super) fn check(
     state: &Interpreter,
     line: &[u8],
-    kind: Kind,
+    kind: LineKind,
     settings: &Settings,
     checked: &mut Checked,
 ) -> Result<(), LineError> {
     let mut block = match kind {
-        Kind::Program => Block::new(&state.modal),
-        Kind::Jog => Block::jog(&state.modal),
+        LineKind::Program => ParsedLine::new(&state.modal),
+        LineKind::Jog => ParsedLine::jog(&state.modal),
     };
     block.read(line)?;
     let mut words = block.words;
@@ -52,11 +52,11 @@ pub(super) fn check(
         tool_length: state.offsets.tool_length,
         values: state.position,
         single_mm: state.single_mm,
-        path: Path::None,
+        path: Move::None,
     };
     checked.modal.feed = match kind {
-        Kind::Program => feed(&block, &state.modal)?,
-        Kind::Jog => jog_feed(&block)?,
+        LineKind::Program => feed(&block, &state.modal)?,
+        LineKind::Jog => jog_feed(&block)?,
     };
     if block.words.contains(Word::F) {
         checked.modal.feed_units = block.modal.units;
@@ -86,17 +86,17 @@ pub(super) fn check(
 }
 
 /// Every value word must have been used, and a jog must be nothing but a jog.
-fn check_words(kind: Kind, block: &Block, mut words: Words) -> Result<(), LineError> {
+fn check_words(kind: LineKind, block: &ParsedLine, mut words: Words) -> Result<(), LineError> {
     words.remove(Word::N);
     words.remove(Word::F);
-    if kind == Kind::Program {
+    if kind == LineKind::Program {
         words.remove(Word::S);
         words.remove(Word::T);
     }
     if !words.is_empty() {
         return Err(LineError::UnusedWords);
     }
-    if kind == Kind::Jog {
+    if kind == LineKind::Jog {
         if !block.is_joggable() {
             return Err(LineError::InvalidJog);
         }
@@ -109,7 +109,7 @@ fn check_words(kind: Kind, block: &Block, mut words: Words) -> Result<(), LineEr
 }
 
 /// The feed of a jog, which each has to have, mm/min.
-fn jog_feed(block: &Block) -> Result<f32, LineError> {
+fn jog_feed(block: &ParsedLine) -> Result<f32, LineError> {
     if !block.words.contains(Word::F) {
         return Err(LineError::FeedUndefined);
     }
@@ -120,12 +120,15 @@ fn jog_feed(block: &Block) -> Result<f32, LineError> {
 }
 
 /// Feed rate mode and feed rate. Every `G93` move needs its own; none survives `G93`.
-fn feed(block: &Block, before: &Modal) -> Result<f32, LineError> {
+fn feed(block: &ParsedLine, before: &Modal) -> Result<f32, LineError> {
     let has_feed = block.words.contains(Word::F);
     match block.modal.feed_mode {
         FeedMode::InverseTime => {
             let needs_feed = block.axis_command == AxisCommand::Motion
-                && !matches!(block.modal.motion, Motion::Cancelled | Motion::Rapid);
+                && !matches!(
+                    block.modal.motion,
+                    MotionMode::Cancelled | MotionMode::Rapid
+                );
             if needs_feed && !has_feed {
                 return Err(LineError::FeedUndefined);
             }
@@ -143,7 +146,7 @@ fn feed(block: &Block, before: &Modal) -> Result<f32, LineError> {
 }
 
 /// `G4`: the `P` word, in seconds.
-fn dwell(block: &Block, words: &mut Words) -> Result<Action, LineError> {
+fn dwell(block: &ParsedLine, words: &mut Words) -> Result<Action, LineError> {
     if !words.contains(Word::P) {
         return Err(LineError::MissingWord);
     }
@@ -154,7 +157,7 @@ fn dwell(block: &Block, words: &mut Words) -> Result<Action, LineError> {
 }
 
 /// `G64`: how far the path may be left, `P`, and short lines, `Q`, which is `P` without the word.
-fn continuous(block: &Block) -> Result<PathControl, LineError> {
+fn continuous(block: &ParsedLine) -> Result<PathControl, LineError> {
     let distance_nm = |number: Number| {
         let Nm(nm) = block.length(number);
         u32::try_from(nm).map_err(|_| LineError::ValueOutOfRange)
@@ -172,7 +175,7 @@ fn continuous(block: &Block) -> Result<PathControl, LineError> {
 }
 
 /// `G43.1`, `G49`: the new tool length.
-fn tool_length(block: &Block) -> Result<Nm, LineError> {
+fn tool_length(block: &ParsedLine) -> Result<Nm, LineError> {
     match block.modal.tool_length {
         ToolLength::None => Ok(Nm(0)),
         ToolLength::Dynamic if block.axes == 1 << TOOL_AXIS => Ok(coordinate(block, TOOL_AXIS)),
@@ -183,7 +186,7 @@ fn tool_length(block: &Block) -> Result<Nm, LineError> {
 /// The commands of modal group 0, and with them what the axis words mean.
 fn check_non_modal(
     state: &Interpreter,
-    block: &Block,
+    block: &ParsedLine,
     words: &mut Words,
     checked: &mut Checked,
 ) -> Result<(), LineError> {
@@ -206,7 +209,7 @@ fn check_non_modal(
         NonModal::Store(reference) => checked.action = Action::Store(reference),
         NonModal::ClearOffset => checked.action = Action::ClearOffset,
         NonModal::MachineCoordinates => {
-            if !matches!(block.modal.motion, Motion::Rapid | Motion::Linear) {
+            if !matches!(block.modal.motion, MotionMode::Rapid | MotionMode::Linear) {
                 return Err(LineError::MachineCoordinatesMotion);
             }
         }
@@ -219,7 +222,7 @@ fn check_non_modal(
 }
 
 /// `G10`: the coordinate system that `P` names; 0 and none name the one in use.
-fn coordinates_to_set(block: &Block, words: &mut Words) -> Result<WorkCoordinates, LineError> {
+fn coordinates_to_set(block: &ParsedLine, words: &mut Words) -> Result<WorkCoordinates, LineError> {
     if block.axes == 0 {
         return Err(LineError::NoAxisWords);
     }
@@ -244,7 +247,7 @@ fn coordinates_to_set(block: &Block, words: &mut Words) -> Result<WorkCoordinate
 }
 
 /// `G10 L2`: the values themselves. `G10 L20`: what makes the values the present work position.
-fn new_origin(state: &Interpreter, block: &Block, system: WorkCoordinates) -> Axes<Nm> {
+fn new_origin(state: &Interpreter, block: &ParsedLine, system: WorkCoordinates) -> Axes<Nm> {
     let origin = state.offsets.origin(system);
     let mut others = state.offsets.work;
     others[TOOL_AXIS] = others[TOOL_AXIS] + state.offsets.tool_length;
@@ -260,7 +263,7 @@ fn new_origin(state: &Interpreter, block: &Block, system: WorkCoordinates) -> Ax
 }
 
 /// `G92`: what makes the values the present work position.
-fn new_work_offset(state: &Interpreter, block: &Block) -> Axes<Nm> {
+fn new_work_offset(state: &Interpreter, block: &ParsedLine) -> Axes<Nm> {
     let mut others = state.offsets.origin(block.modal.coordinates);
     others[TOOL_AXIS] = others[TOOL_AXIS] + state.offsets.tool_length;
     Axes::from_fn(|axis| {
@@ -274,7 +277,7 @@ fn new_work_offset(state: &Interpreter, block: &Block) -> Axes<Nm> {
 
 /// Moves the target from the present position to where the axis words lead, in the machine frame:
 /// exactly, and in Grbl's single precision.
-fn move_target(state: &Interpreter, block: &Block, checked: &mut Checked) {
+fn move_target(state: &Interpreter, block: &ParsedLine, checked: &mut Checked) {
     let (base, single_base) = if block.non_modal == NonModal::MachineCoordinates {
         (Axes::all(Nm(0)), Axes::all(0.0))
     } else {
@@ -307,7 +310,7 @@ fn move_target(state: &Interpreter, block: &Block, checked: &mut Checked) {
 }
 
 /// An axis word in mm as Grbl has it.
-fn single_coordinate(block: &Block, axis: usize) -> f32 {
+fn single_coordinate(block: &ParsedLine, axis: usize) -> f32 {
     let value = block.coordinates[axis].to_grbl_f32();
     match block.modal.units {
         Units::Inches if axis <= Z => value * MM_PER_INCH,
@@ -316,7 +319,7 @@ fn single_coordinate(block: &Block, axis: usize) -> f32 {
 }
 
 /// An axis word in nm. Rotary axes have no inches.
-fn coordinate(block: &Block, axis: usize) -> Nm {
+fn coordinate(block: &ParsedLine, axis: usize) -> Nm {
     let number: Number = block.coordinates[axis];
     Nm(match block.modal.units {
         Units::Inches if axis <= Z => number.inches_to_nm(),
@@ -327,31 +330,31 @@ fn coordinate(block: &Block, axis: usize) -> Nm {
 /// The motion mode, where it is the one that uses the axis words.
 fn check_motion(
     state: &Interpreter,
-    block: &Block,
+    block: &ParsedLine,
     words: &mut Words,
     checked: &mut Checked,
 ) -> Result<(), LineError> {
     let motion = block.modal.motion;
-    if motion == Motion::Cancelled && block.axes != 0 {
+    if motion == MotionMode::Cancelled && block.axes != 0 {
         return Err(LineError::UnusedAxisWords);
     }
-    if motion == Motion::Cancelled || block.axis_command != AxisCommand::Motion {
+    if motion == MotionMode::Cancelled || block.axis_command != AxisCommand::Motion {
         return Ok(());
     }
-    if motion != Motion::Rapid && checked.modal.feed == 0.0 {
+    if motion != MotionMode::Rapid && checked.modal.feed == 0.0 {
         return Err(LineError::FeedUndefined);
     }
     match motion {
-        Motion::Arc(rotation) => {
+        MotionMode::Arc(rotation) => {
             checked.path = arc::path(block, words, rotation, state.position, checked.values)?;
         }
-        Motion::Probe(_) if block.axes == 0 => return Err(LineError::NoAxisWords),
-        Motion::Probe(_) if checked.values == state.position => {
+        MotionMode::Probe(_) if block.axes == 0 => return Err(LineError::NoAxisWords),
+        MotionMode::Probe(_) if checked.values == state.position => {
             return Err(LineError::InvalidTarget);
         }
-        Motion::Probe(probe) => checked.path = Path::Probe(probe),
-        Motion::Rapid | Motion::Linear if block.axes != 0 => checked.path = Path::Straight,
-        Motion::Rapid | Motion::Linear | Motion::Cancelled => {}
+        MotionMode::Probe(probe) => checked.path = Move::Probe(probe),
+        MotionMode::Rapid | MotionMode::Linear if block.axes != 0 => checked.path = Move::Straight,
+        MotionMode::Rapid | MotionMode::Linear | MotionMode::Cancelled => {}
     }
     Ok(())
 }
@@ -373,7 +376,7 @@ fn check_reach(
         lengths[TOOL_AXIS] = checked.tool_length;
         reach(settings, &lengths)?;
     }
-    if let Path::Arc(circle) = checked.path {
+    if let Move::Arc(circle) = checked.path {
         let (first, second, _) = circle.plane.axes();
         let mut centre = state.position;
         centre[first] = centre[first] + circle.centre[0];

@@ -1,18 +1,18 @@
 //! The second phase of a line: carrying out what was checked, in the NIST order of execution.
 
-use super::{Action, Checked, Interpreter, Kind, Message, Outcome, Path, check::MM_PER_INCH};
+use super::{Action, Checked, Interpreter, LineKind, Message, Move, Outcome, check::MM_PER_INCH};
 use crate::{
     axis::{Axes, Z},
-    gcode::{Distance, FeedMode, Flow, Motion, Probe, Reference, Units},
-    model::{Command, Coolant, Laser, Pace, Plane, Probing, Spindle, Target, WorkCoordinates},
+    gcode::{Distance, FeedMode, Flow, MotionMode, ProbeMode, Reference, Units},
+    model::{Command, Coolant, FeedRate, Laser, Plane, Probing, Spindle, Target, WorkCoordinates},
     units::Nm,
 };
 
 pub(super) fn commit(state: &mut Interpreter, checked: &Checked, outcome: &mut Outcome) {
     outcome.begin();
-    if checked.kind == Kind::Jog {
+    if checked.kind == LineKind::Jog {
         set_power(checked, outcome);
-        let pace = Pace::Jog(feed(state, checked));
+        let pace = FeedRate::Jog(feed(state, checked));
         outcome.add(line(checked.target(), pace, checked));
         state.arrive(&checked.target());
         return;
@@ -92,7 +92,7 @@ fn go_to(state: &mut Interpreter, checked: &Checked, reference: Reference, outco
     let target = if checked.axes == 0 {
         stored
     } else {
-        outcome.add(line(checked.target(), Pace::Rapid, checked));
+        outcome.add(line(checked.target(), FeedRate::Rapid, checked));
         Axes::from_fn(|axis| {
             if checked.axes >> axis & 1 == 0 {
                 checked.values[axis]
@@ -101,7 +101,7 @@ fn go_to(state: &mut Interpreter, checked: &Checked, reference: Reference, outco
             }
         })
     };
-    outcome.add(line(target.into(), Pace::Rapid, checked));
+    outcome.add(line(target.into(), FeedRate::Rapid, checked));
     state.set_position(target);
 }
 
@@ -110,7 +110,7 @@ fn feed(state: &Interpreter, checked: &Checked) -> f32 {
     let modal = &checked.modal;
     let only_turns = || {
         let mut linear = 0..=Z;
-        !matches!(checked.path, Path::Arc(_))
+        !matches!(checked.path, Move::Arc(_))
             && linear.all(|axis| state.position[axis] == checked.values[axis])
     };
     if modal.feed_units == Units::Inches && only_turns() {
@@ -123,22 +123,22 @@ fn feed(state: &Interpreter, checked: &Checked) -> f32 {
 /// The move of the motion mode.
 fn travel(state: &mut Interpreter, checked: &Checked, outcome: &mut Outcome) {
     let pace = match (checked.modal.motion, checked.modal.feed_mode) {
-        (Motion::Rapid, _) => Pace::Rapid,
-        (_, FeedMode::PerMinute) => Pace::Feed(feed(state, checked)),
-        (_, FeedMode::InverseTime) => Pace::InverseTime(checked.modal.feed),
+        (MotionMode::Rapid, _) => FeedRate::Rapid,
+        (_, FeedMode::PerMinute) => FeedRate::Feed(feed(state, checked)),
+        (_, FeedMode::InverseTime) => FeedRate::InverseTime(checked.modal.feed),
     };
     // Each is added where it is made: joined, they would be copied once more, as a target would that
     // is kept.
     match checked.path {
-        Path::None => return,
-        Path::Straight => outcome.add(line(checked.target(), pace, checked)),
-        Path::Arc(circle) => outcome.add(Command::Arc {
+        Move::None => return,
+        Move::Straight => outcome.add(line(checked.target(), pace, checked)),
+        Move::Arc(circle) => outcome.add(Command::Arc {
             target: checked.target(),
             circle,
             pace,
             line: checked.line,
         }),
-        Path::Probe(probe) => {
+        Move::Probe(probe) => {
             let (probing, line) = (probing(probe), checked.line);
             outcome.add(Command::Probe {
                 target: checked.target(),
@@ -151,17 +151,17 @@ fn travel(state: &mut Interpreter, checked: &Checked, outcome: &mut Outcome) {
     state.arrive(&checked.target());
 }
 
-const fn probing(probe: Probe) -> Probing {
+const fn probing(probe: ProbeMode) -> Probing {
     let (is_away, may_miss) = match probe {
-        Probe::Contact => (false, false),
-        Probe::TryContact => (false, true),
-        Probe::Release => (true, false),
-        Probe::TryRelease => (true, true),
+        ProbeMode::Contact => (false, false),
+        ProbeMode::TryContact => (false, true),
+        ProbeMode::Release => (true, false),
+        ProbeMode::TryRelease => (true, true),
     };
     Probing { is_away, may_miss }
 }
 
-fn line(target: Target, pace: Pace, checked: &Checked) -> Command {
+fn line(target: Target, pace: FeedRate, checked: &Checked) -> Command {
     Command::Line {
         target,
         pace,
@@ -176,7 +176,7 @@ fn end(state: &mut Interpreter, flow: Flow, outcome: &mut Outcome) {
         Flow::Pause => outcome.add(Command::Pause),
         Flow::End => {
             let modal = &mut state.modal;
-            modal.motion = Motion::Linear;
+            modal.motion = MotionMode::Linear;
             modal.plane = Plane::default();
             modal.distance = Distance::default();
             modal.feed_mode = FeedMode::default();

@@ -17,7 +17,7 @@ pub use plain::Refusal;
 
 use heapless::Vec;
 
-use super::{Flow, LineError, Modal, Probe, Reference};
+use super::{Flow, LineError, Modal, ProbeMode, Reference};
 use crate::{
     axis::Axes,
     model::{Circle, Command, Coolant, Laser, Spindle, Target, WorkCoordinates},
@@ -41,7 +41,7 @@ pub struct Interpreter {
 
 /// What kind of line it is.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
-enum Kind {
+enum LineKind {
     #[default]
     Program,
     /// What follows `$J=`.
@@ -51,7 +51,7 @@ enum Kind {
 /// A line without errors, ready to be committed. The default asks for nothing, in the power-up modes.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub struct Checked {
-    kind: Kind,
+    kind: LineKind,
     /// The modal state after the line, but for the end of a program.
     modal: Modal,
     action: Action,
@@ -72,7 +72,7 @@ pub struct Checked {
     values: Axes<Nm>,
     /// A target in Grbl's single precision, mm.
     single_mm: Axes<f32>,
-    path: Path,
+    path: Move,
 }
 
 /// What a line does beside its motion.
@@ -96,13 +96,13 @@ enum Action {
 
 /// The move of a line's motion mode.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
-enum Path {
+enum Move {
     #[default]
     None,
     Straight,
     Arc(Circle),
     /// To the target at most: where it ended is the machine's to say, afterwards.
-    Probe(Probe),
+    Probe(ProbeMode),
 }
 
 /// What a committed line asks for.
@@ -155,7 +155,7 @@ impl Checked {
     pub fn answers_when_done(&self) -> bool {
         self.flow != Flow::Run
             || matches!(self.action, Action::Dwell(_))
-            || matches!(self.path, Path::Probe(_))
+            || matches!(self.path, Move::Probe(_))
     }
 
     /// Whether the program ends with the line.
@@ -166,17 +166,17 @@ impl Checked {
 
     /// Where the probe is to be met, in a line that probes, and what is asked of it.
     #[must_use]
-    pub fn probe(&self) -> Option<(Target, Probe)> {
+    pub fn probe(&self) -> Option<(Target, ProbeMode)> {
         match self.path {
-            Path::Probe(probe) => Some((self.target(), probe)),
-            Path::None | Path::Straight | Path::Arc(_) => None,
+            Move::Probe(probe) => Some((self.target(), probe)),
+            Move::None | Move::Straight | Move::Arc(_) => None,
         }
     }
 
     /// Whether the line moves the machine.
     #[must_use]
     pub fn moves(&self) -> bool {
-        self.path != Path::None || matches!(self.action, Action::GoTo(_))
+        self.path != Move::None || matches!(self.action, Action::GoTo(_))
     }
 }
 
@@ -213,7 +213,7 @@ impl Interpreter {
         settings: &Settings,
         checked: &mut Checked,
     ) -> Result<(), LineError> {
-        check::check(self, line, Kind::Program, settings, checked)
+        check::check(self, line, LineKind::Program, settings, checked)
     }
 
     /// As [`Self::check_into`], but the line is what follows `$J=`: a move along a line at its own
@@ -227,7 +227,7 @@ impl Interpreter {
         settings: &Settings,
         checked: &mut Checked,
     ) -> Result<(), LineError> {
-        check::check(self, line, Kind::Jog, settings, checked)
+        check::check(self, line, LineKind::Jog, settings, checked)
     }
 
     /// The stored offsets and positions as they are after a line that was checked; `None` where it

@@ -5,11 +5,11 @@
 //! of the ordinary, or wrong, is refused without a word and left to [`check`](super::check): the
 //! errors and their order are found there alone. Whatever is accepted here does the same there.
 
-use super::{Action, Checked, Interpreter, Kind, Outcome, Path, check, offsets::TOOL_AXIS};
+use super::{Action, Checked, Interpreter, LineKind, Move, Outcome, check, offsets::TOOL_AXIS};
 use crate::{
     axis::{AXES, Axes, LETTERS},
-    gcode::{Distance, FeedMode, Flow, Motion, Short, ShortWords, Units, Word, Words},
-    model::{Command, Pace, Target},
+    gcode::{Distance, FeedMode, Flow, MotionMode, PlainWords, SmallDecimal, Units, Word, Words},
+    model::{Command, FeedRate, Target},
     settings::Settings,
     units::Nm,
 };
@@ -18,17 +18,17 @@ use crate::{
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Refusal {
     /// It is another one, or wrong.
-    Unusual,
+    NotPlain,
     /// The bytes come to an end before the line does, and it might be a plain one up to there.
-    CutOff,
+    Incomplete,
 }
 
 /// What a plain line says.
 struct Plain {
     /// Letters of its words.
     words: Words,
-    coordinates: Axes<Short>,
-    motion: Motion,
+    coordinates: Axes<SmallDecimal>,
+    motion: MotionMode,
     /// mm/min.
     feed: f32,
     line: u32,
@@ -49,7 +49,7 @@ pub(super) fn carry_out<I: Iterator<Item = u8>>(
         && modal.feed_mode == FeedMode::PerMinute
         && !settings.laser;
     if !is_usual {
-        return Err(Refusal::Unusual);
+        return Err(Refusal::NotPlain);
     }
     let mut plain = Plain {
         words: Words::NONE,
@@ -60,25 +60,25 @@ pub(super) fn carry_out<I: Iterator<Item = u8>>(
     };
     let rest = plain.read(bytes)?;
     let pace = match plain.motion {
-        Motion::Rapid => Pace::Rapid,
-        Motion::Linear if plain.feed != 0.0 => Pace::Feed(plain.feed),
-        Motion::Linear | Motion::Arc(_) | Motion::Probe(_) | Motion::Cancelled => {
-            return Err(Refusal::Unusual);
+        MotionMode::Rapid => FeedRate::Rapid,
+        MotionMode::Linear if plain.feed != 0.0 => FeedRate::Feed(plain.feed),
+        MotionMode::Linear | MotionMode::Arc(_) | MotionMode::Probe(_) | MotionMode::Cancelled => {
+            return Err(Refusal::NotPlain);
         }
     };
-    let target = plain.target(state).ok_or(Refusal::Unusual)?;
+    let target = plain.target(state).ok_or(Refusal::NotPlain)?;
     if !plain.words.contains(Word::AXES) || !check::is_near(&target.position) {
-        return Err(Refusal::Unusual);
+        return Err(Refusal::NotPlain);
     }
     state.modal.motion = plain.motion;
     state.modal.feed = plain.feed;
     state.arrive(&target);
     // What is asked of the line before.
-    checked.kind = Kind::Program;
+    checked.kind = LineKind::Program;
     checked.action = Action::None;
     checked.flow = Flow::Run;
     checked.changes = false;
-    checked.path = Path::Straight;
+    checked.path = Move::Straight;
     outcome.begin();
     outcome.add(Command::Line {
         target,
@@ -92,13 +92,13 @@ impl Plain {
     /// Reads the words of a line, and tells what follows it.
     #[inline]
     fn read<I: Iterator<Item = u8>>(&mut self, bytes: I) -> Result<I, Refusal> {
-        let mut words = ShortWords::of(bytes);
+        let mut words = PlainWords::of(bytes);
         while !words.skips_to_end() {
             if self.read_word(&mut words).is_none() {
                 return Err(if words.is_cut_off() {
-                    Refusal::CutOff
+                    Refusal::Incomplete
                 } else {
-                    Refusal::Unusual
+                    Refusal::NotPlain
                 });
             }
         }
@@ -108,14 +108,14 @@ impl Plain {
     /// Reads a word; `None` where it is not plain.
     #[inline(always)]
     #[expect(clippy::inline_always, reason = "for each word")]
-    fn read_word<I: Iterator<Item = u8>>(&mut self, words: &mut ShortWords<I>) -> Option<()> {
+    fn read_word<I: Iterator<Item = u8>>(&mut self, words: &mut PlainWords<I>) -> Option<()> {
         let letter = words.letter();
         let number = words.take()?;
         match letter {
             b'G' => {
                 self.motion = match number.natural()? {
-                    0 => Motion::Rapid,
-                    1 => Motion::Linear,
+                    0 => MotionMode::Rapid,
+                    1 => MotionMode::Linear,
                     _ => return None,
                 }
             }

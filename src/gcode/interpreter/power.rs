@@ -6,7 +6,7 @@
 
 use super::{Action, Checked, Interpreter};
 use crate::{
-    gcode::Motion,
+    gcode::MotionMode,
     model::{Laser, Spindle},
     settings::Settings,
 };
@@ -54,9 +54,9 @@ pub(super) fn set(
 }
 
 /// Whether the laser is on in a motion mode.
-const fn burns(motion: Motion) -> bool {
+const fn burns(motion: MotionMode) -> bool {
     match motion {
-        Motion::Linear | Motion::Arc(_) => true,
-        Motion::Rapid | Motion::Probe(_) | Motion::Cancelled => false,
+        MotionMode::Linear | MotionMode::Arc(_) => true,
+        MotionMode::Rapid | MotionMode::Probe(_) | MotionMode::Cancelled => false,
     }
 }

@@ -26,7 +26,7 @@ use crate::{
         timing::{AHEAD_TICKS, SEGMENT_TICKS},
     },
     settings::Settings,
-    stepper::{AxisMotion, Generator, Segment, StepCounts},
+    stepper::{AxisMotion, Generator, Segment, SegmentRing},
     units::FineSteps,
 };
 
@@ -41,7 +41,7 @@ const ALL: u8 = 0b111;
 
 /// What the axes are doing.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-enum Stage {
+enum HomingStage {
     /// Nothing.
     Idle,
     /// Approaching the switch.
@@ -56,7 +56,7 @@ enum Stage {
     Stop,
 }
 
-impl Stage {
+impl HomingStage {
     const fn is_approach(self) -> bool {
         match self {
             Self::Search | Self::Locate => true,
@@ -80,7 +80,7 @@ pub struct Homing {
     /// Axes that are homed now, and those to be homed after them.
     group: u8,
     later: u8,
-    stage: Stage,
+    stage: HomingStage,
     /// Standstill generated since the last motion, ticks.
     rest_ticks: u64,
     /// What is left of the pause before the next stage, ticks.
@@ -97,7 +97,7 @@ impl Homing {
             axes: [Run::NONE; AXES],
             group: 0,
             later: 0,
-            stage: Stage::Idle,
+            stage: HomingStage::Idle,
             rest_ticks: 0,
             pause_ticks: 0,
             failure: None,
@@ -119,13 +119,13 @@ impl Homing {
             self.group = axes & ((1 << AXES) - 1);
             self.later = 0;
         }
-        self.enter(Stage::Search, inputs, generator);
+        self.enter(HomingStage::Search, inputs, generator);
     }
 
     /// Whether a cycle is going on.
     #[must_use]
     pub fn is_active(&self) -> bool {
-        self.stage != Stage::Idle
+        self.stage != HomingStage::Idle
     }
 
     /// Ends the cycle as soon as the axes can come to rest: a reset, or the door.
@@ -133,7 +133,7 @@ impl Homing {
         if !self.is_active() {
             return;
         }
-        self.stage = Stage::Stop;
+        self.stage = HomingStage::Stop;
         let position = generator.position();
         // wcet-bound: axes
         for (axis, run) in self.axes.iter_mut().enumerate() {
@@ -156,7 +156,7 @@ impl Homing {
     }
 
     /// The switch of an axis that has come to it is `there`: the axis slows down.
-    pub fn find(&mut self, axis: usize, there: i32, counts: &StepCounts, generator: &Generator) {
+    pub fn find(&mut self, axis: usize, there: i32, counts: &SegmentRing, generator: &Generator) {
         let position = generator.position();
         let acceleration = self.rules.acceleration;
         if let Some(run) = self.axes.get_mut(axis) {
@@ -183,7 +183,7 @@ impl Homing {
 
     /// Ends the cycle at once: after a fault.
     pub fn abandon(&mut self) {
-        self.stage = Stage::Idle;
+        self.stage = HomingStage::Idle;
         self.failure = None;
     }
 
@@ -199,8 +199,10 @@ impl Homing {
         if !self.is_moving(generator) {
             self.turn(inputs, generator);
         }
-        if self.stage == Stage::Idle || self.stage == Stage::Stop && !self.is_moving(generator) {
-            self.stage = Stage::Idle;
+        if self.stage == HomingStage::Idle
+            || self.stage == HomingStage::Stop && !self.is_moving(generator)
+        {
+            self.stage = HomingStage::Idle;
             return false;
         }
         let is_moving = self.is_moving(generator);
@@ -268,17 +270,17 @@ impl Homing {
             return;
         }
         match self.stage {
-            Stage::Idle | Stage::Stop => {}
-            Stage::Search => self.enter(Stage::Clear, inputs, generator),
-            Stage::Clear => self.enter(Stage::Locate, inputs, generator),
-            Stage::Locate => self.enter(Stage::PullOff, inputs, generator),
-            Stage::PullOff => self.finish(inputs, generator),
+            HomingStage::Idle | HomingStage::Stop => {}
+            HomingStage::Search => self.enter(HomingStage::Clear, inputs, generator),
+            HomingStage::Clear => self.enter(HomingStage::Locate, inputs, generator),
+            HomingStage::Locate => self.enter(HomingStage::PullOff, inputs, generator),
+            HomingStage::PullOff => self.finish(inputs, generator),
         }
     }
 
     fn fail(&mut self, alarm: Alarm) {
         self.failure = Some(alarm);
-        self.stage = Stage::Stop;
+        self.stage = HomingStage::Stop;
     }
 
     /// The axes of the group are at home; the next ones follow.
@@ -294,15 +296,15 @@ impl Homing {
         self.group = self.later;
         self.later = 0;
         let next = if self.group == 0 {
-            Stage::Idle
+            HomingStage::Idle
         } else {
-            Stage::Search
+            HomingStage::Search
         };
         self.enter(next, inputs, generator);
     }
 
     /// Begins a stage: gives every axis its target.
-    fn enter(&mut self, stage: Stage, inputs: &Inputs, generator: &Generator) {
+    fn enter(&mut self, stage: HomingStage, inputs: &Inputs, generator: &Generator) {
         self.stage = stage;
         self.rest_ticks = 0;
         self.pause_ticks = self.rules.debounce_ticks;
@@ -324,15 +326,15 @@ impl Homing {
                     .wrapping_sub(rules.towards(axis, rules.pull_off_mm))
             } else if is_closed {
                 here
-            } else if stage == Stage::Search {
+            } else if stage == HomingStage::Search {
                 here.saturating_add(rules.towards(axis, farthest_mm))
-            } else if stage == Stage::Locate {
+            } else if stage == HomingStage::Locate {
                 here.wrapping_add(rules.towards(axis, LOCATE_PULL_OFFS * rules.pull_off_mm))
             } else {
                 here
             };
             run.speed = 0.0;
-            run.limit = if stage == Stage::Locate {
+            run.limit = if stage == HomingStage::Locate {
                 rules.locate[axis]
             } else {
                 rules.search[axis]

@@ -11,13 +11,13 @@ use crate::{
 
 /// The probing move in execution.
 #[derive(Debug)]
-pub(crate) struct Probe {
+pub(crate) struct ProbingCycle {
     probing: Option<Probing>,
     /// Where the probe changed.
     contact: Option<Axes<i32>>,
 }
 
-impl Probe {
+impl ProbingCycle {
     pub(crate) const fn new() -> Self {
         Self {
             probing: None,

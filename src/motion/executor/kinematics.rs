@@ -5,7 +5,7 @@ use crate::{
     axis::Axes,
     math::{self, WHOLE_Q31},
     motion::lookahead::Course,
-    path::{Curve, Oblique, Shape},
+    path::{Curve, Shape, SpatialArc},
 };
 
 /// The direction from the centre of an arc to a point of it, times 2³⁰.
@@ -41,7 +41,7 @@ pub(super) fn way_at(
     here: Direction,
 ) -> Axes<i64> {
     if let Some(curve) = course.curve
-        && let Shape::Oblique(circle) = &curve.shape
+        && let Shape::Spatial(circle) = &curve.shape
         && done != WHOLE_Q31
     {
         return circle_at(circle, here);
@@ -79,7 +79,7 @@ pub(super) fn way_at(
 
 /// The way of each axis from the start of a circle in any plane.
 #[inline(never)]
-fn circle_at(circle: &Oblique, here: Direction) -> Axes<i64> {
+fn circle_at(circle: &SpatialArc, here: Direction) -> Axes<i64> {
     // From -2³¹ to 0.
     let done = here.cosine.wrapping_sub(math::ONE_Q30);
     let unit = 1_i32.wrapping_shl(u32::from(circle.shift));
@@ -108,7 +108,7 @@ pub(super) fn axis_speeds(course: Course<'_>, here: Direction, speed_mm_s: f32) 
                 scale_by(&mut speeds, *first, -here.sine as f32 * scale);
                 scale_by(&mut speeds, *second, here.cosine as f32 * scale);
             }
-            Shape::Oblique(circle) => return circle_speeds(circle, here, speed),
+            Shape::Spatial(circle) => return circle_speeds(circle, here, speed),
         }
     }
     speeds
@@ -118,7 +118,7 @@ pub(super) fn axis_speeds(course: Course<'_>, here: Direction, speed_mm_s: f32) 
 ///
 /// Not in line, as `circle_at`: what a flat arc takes shall stay what it is.
 #[inline(never)]
-fn circle_speeds(circle: &Oblique, here: Direction, speed: f32) -> Axes<f32> {
+fn circle_speeds(circle: &SpatialArc, here: Direction, speed: f32) -> Axes<f32> {
     let speed = speed * circle.per_mm * (1.0 / math::ONE_Q30 as f32);
     let (cosine, sine) = (here.cosine as f32 * speed, here.sine as f32 * speed);
     Axes::from_fn(

@@ -20,7 +20,7 @@ const BRAKING_PART: usize = 64;
 
 /// Whether the machine has come to the speeds planned, or is still faster after a change of them.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(crate) enum Progress {
+pub(crate) enum PassProgress {
     /// It is within the plan.
     Followed,
     /// It is still braking to the speeds planned.
@@ -35,7 +35,7 @@ pub(super) enum Pass {
     Pace {
         number: usize,
         before_mm_s: f32,
-        progress: Progress,
+        progress: PassProgress,
     },
     /// How blocks are begun where acceleration is continuous, from this number on, and how far ahead
     /// of the reference that is.
@@ -89,13 +89,13 @@ impl<const N: usize> Plan<N> {
     ///
     /// A block in execution saves nothing, as nobody knows how much of it is left; the others save
     /// no more than at the speed before. Nor do they as long as the machine is faster than it.
-    pub(crate) fn pace(&mut self, overrides: Overrides, progress: Progress) {
+    pub(crate) fn pace(&mut self, overrides: Overrides, progress: PassProgress) {
         self.overrides = overrides;
         self.pass = Pass::Pace {
             number: 0,
             before_mm_s: 0.0,
             progress: if self.changes_speeds() {
-                Progress::Behind
+                PassProgress::Behind
             } else {
                 progress
             },
@@ -133,7 +133,7 @@ impl<const N: usize> Plan<N> {
     /// Speeds of blocks under the overrides, and the limits of entry speeds that follow. Apart, as the
     /// passes of gates are: registers are saved only where they are needed.
     #[inline(never)]
-    fn find_speeds(&mut self, from: usize, mut before_mm_s: f32, progress: Progress) {
+    fn find_speeds(&mut self, from: usize, mut before_mm_s: f32, progress: PassProgress) {
         let end = self.count.min(from + PART);
         let mut spare_s = if from == 0 { 0.0 } else { self.spare_s };
         // wcet-bound: 32
@@ -149,7 +149,7 @@ impl<const N: usize> Plan<N> {
             if self.window != 0 {
                 speed_mm_s = in_cells(block, speed_mm_s);
             }
-            let saves = number != 0 && progress == Progress::Followed;
+            let saves = number != 0 && progress == PassProgress::Followed;
             spare_s = if saves { left_s } else { 0.0 };
             block.speed_mm_s = speed_mm_s;
             let slower = math::min(speed_mm_s, before_mm_s);

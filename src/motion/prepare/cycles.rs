@@ -6,7 +6,7 @@ use crate::{
     machine::{Event, Inputs},
     model::{Alarm, Levels, Notice, Power, Probing, State},
     path::Block,
-    stepper::{EventWriter, StepCounts, steps_after},
+    stepper::{EventWriter, SegmentRing, steps_after},
 };
 
 impl Motion {
@@ -70,7 +70,7 @@ impl Motion {
     /// Finds where the axes were when the probe or one limit switch changed. Comes before segments
     /// that are made in advance: these overwrite the events that tell it.
     #[inline(never)]
-    pub(super) fn find(&mut self, inputs: &Inputs, counts: &StepCounts, events: &EventWriter<'_>) {
+    pub(super) fn find(&mut self, inputs: &Inputs, counts: &SegmentRing, events: &EventWriter<'_>) {
         let axis = self.homing.has_found(inputs);
         let output = axis.map_or_else(|| inputs.contact(), |axis| Some(inputs.reached(axis)));
         let Some(output) = output else {
@@ -136,7 +136,7 @@ impl Motion {
     /// the steps ended.
     #[cold]
     #[inline(never)]
-    pub(super) fn cut(&mut self, counts: &StepCounts, events: &mut EventWriter<'_>) {
+    pub(super) fn cut(&mut self, counts: &SegmentRing, events: &mut EventWriter<'_>) {
         self.generator.cut_off(counts, events);
         self.homing.abandon();
         self.drop_wait();

@@ -17,7 +17,7 @@ use crate::{
     machine::Inputs,
     model::{Requests, timing::AHEAD_TICKS},
     path::Entry,
-    stepper::{EventWriter, StepCounts},
+    stepper::{EventWriter, SegmentRing},
     units::TICKS_PER_MS,
 };
 
@@ -27,7 +27,7 @@ const PATIENCE_TICKS: u32 = 5 * TICKS_PER_MS;
 
 /// What a run does that makes neither a segment nor a cell of the reference for one.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) enum Unit {
+pub(super) enum Job {
     /// There is nothing to do.
     Nothing,
     /// The step interrupt ran out of events in motion.
@@ -52,7 +52,7 @@ pub(super) enum Unit {
 
 /// What a run finds at its beginning: whoever changes it later releases another run.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct Look {
+pub(super) struct Context {
     /// Start of the segment being played.
     pub(super) played: u32,
     /// The step timer runs.
@@ -61,7 +61,7 @@ pub(super) struct Look {
     is_asked: bool,
 }
 
-impl Look {
+impl Context {
     /// Whether the step timer is to be started: not before as much is ahead as can be, so that no
     /// short segment ends while others are made.
     #[inline]
@@ -73,23 +73,23 @@ impl Look {
 impl Motion {
     /// What a run begins with.
     #[inline]
-    pub(super) fn look(&self, requests: &Requests, counts: &StepCounts) -> Look {
-        Look {
+    pub(super) fn look(&self, requests: &Requests, counts: &SegmentRing) -> Context {
+        Context {
             played: counts.played_ticks(),
             is_running: counts.is_running(),
-            is_asked: requests.epoch() != self.epoch || requests.asked() != self.heard,
+            is_asked: requests.reset_count() != self.reset_count || requests.asked() != self.heard,
         }
     }
 
     /// Whether a segment is needed, before everything else.
     #[inline]
-    pub(super) fn is_segment_due(&self, look: Look, counts: &StepCounts) -> bool {
+    pub(super) fn is_segment_due(&self, look: Context, counts: &SegmentRing) -> bool {
         let precedes = if look.is_running || self.generator.is_open() {
             !look.is_asked || self.has_just_heard(look.played)
         } else {
             self.begins && !look.is_asked
         };
-        let is_stopped = counts.is_starved() || !look.is_running && counts.is_cut();
+        let is_stopped = counts.is_starved() || !look.is_running && counts.is_halted();
         precedes && !is_stopped && (self.is_begun() || self.begins) && self.has_room(look, counts)
     }
 
@@ -97,35 +97,35 @@ impl Motion {
     #[inline]
     pub(super) fn next_unit(
         &self,
-        look: Look,
+        look: Context,
         requests: &Requests,
         inputs: &Inputs,
-        counts: &StepCounts,
+        counts: &SegmentRing,
         entries: &Consumer<'_, Entry>,
-    ) -> Unit {
+    ) -> Job {
         if counts.is_starved() {
-            Unit::Fail
-        } else if !look.is_running && counts.is_cut() {
-            Unit::Cut
-        } else if requests.epoch() != self.epoch {
-            Unit::Reset
+            Job::Fail
+        } else if !look.is_running && counts.is_halted() {
+            Job::Cut
+        } else if requests.reset_count() != self.reset_count {
+            Job::Reset
         } else if look.is_asked {
-            Unit::Obey
+            Job::Obey
         } else if self.is_in_cycle() && self.has_found(inputs) {
-            Unit::Find
+            Job::Find
         } else if self.plan.is_unfinished() {
-            Unit::Plan
+            Job::Plan
         } else if self.takes_next(look, entries) {
-            Unit::Take
+            Job::Take
         } else if look.is_running || self.generator.is_open() {
             // It would be due.
-            Unit::Nothing
+            Job::Nothing
         } else if self.makes_segment(look, counts) {
-            Unit::Begin
+            Job::Begin
         } else if self.is_still(look) {
-            Unit::Settle
+            Job::Settle
         } else {
-            Unit::Nothing
+            Job::Nothing
         }
     }
 
@@ -152,7 +152,7 @@ impl Motion {
     )]
     pub(super) fn has_more(
         &self,
-        look: Look,
+        look: Context,
         inputs: &Inputs,
         entries: &Consumer<'_, Entry>,
     ) -> bool {
@@ -165,7 +165,7 @@ impl Motion {
     /// Whether there is an entry that can be taken now.
     #[inline(always)]
     #[expect(clippy::inline_always, reason = "as for `has_more`")]
-    fn takes_next(&self, look: Look, entries: &Consumer<'_, Entry>) -> bool {
+    fn takes_next(&self, look: Context, entries: &Consumer<'_, Entry>) -> bool {
         let Some(entry) = entries.peek() else {
             return false;
         };
@@ -180,7 +180,7 @@ impl Motion {
 
     /// Whether a segment can be made now, if there is motion for it.
     #[inline]
-    pub(super) fn has_room(&self, look: Look, counts: &StepCounts) -> bool {
+    pub(super) fn has_room(&self, look: Context, counts: &SegmentRing) -> bool {
         if self.generator.is_open() {
             return self.full != Some(look.played);
         }
@@ -193,13 +193,13 @@ impl Motion {
     /// Whether another segment may have to be made after one: not behind a standstill that is still to
     /// be played, so that what follows begins with as much ahead as any start has.
     #[inline]
-    pub(super) fn goes_on(&self, look: Look, counts: &StepCounts) -> bool {
+    pub(super) fn goes_on(&self, look: Context, counts: &SegmentRing) -> bool {
         (self.is_begun() || !look.is_running) && self.has_room(look, counts)
     }
 
     /// Whether a segment can be made now, and is to be.
     #[inline]
-    pub(super) fn makes_segment(&self, look: Look, counts: &StepCounts) -> bool {
+    pub(super) fn makes_segment(&self, look: Context, counts: &SegmentRing) -> bool {
         self.goes_on(look, counts) && (self.is_begun() || self.has_motion())
     }
 

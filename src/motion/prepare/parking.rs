@@ -28,7 +28,7 @@ use crate::{
 
 /// Where Z is on its way.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-enum Stage {
+enum ParkingStage {
     /// Where the work is.
     Work,
     PullOut,
@@ -46,7 +46,7 @@ enum Stage {
 pub(super) struct Parking {
     plan: Plan<2>,
     executor: Executor,
-    stage: Stage,
+    stage: ParkingStage,
     is_enabled: bool,
     target: FineSteps,
     /// Way of the pull-out, steps with 32 binary places.
@@ -65,7 +65,7 @@ impl Parking {
         Self {
             plan: Plan::new(),
             executor: Executor::new(),
-            stage: Stage::Work,
+            stage: ParkingStage::Work,
             is_enabled: false,
             target: FineSteps(0),
             pull_out: 0,
@@ -98,14 +98,18 @@ impl Parking {
 
     /// Whether Z is not where the work is.
     pub(super) fn is_away(&self) -> bool {
-        self.stage != Stage::Work
+        self.stage != ParkingStage::Work
     }
 
     /// Whether Z is on its way.
     pub(super) fn is_moving(&self) -> bool {
         match self.stage {
-            Stage::Work | Stage::Parked | Stage::Waypoint => false,
-            Stage::PullOut | Stage::Away | Stage::Back | Stage::Plunge | Stage::Stop => true,
+            ParkingStage::Work | ParkingStage::Parked | ParkingStage::Waypoint => false,
+            ParkingStage::PullOut
+            | ParkingStage::Away
+            | ParkingStage::Back
+            | ParkingStage::Plunge
+            | ParkingStage::Stop => true,
         }
     }
 
@@ -117,20 +121,20 @@ impl Parking {
 
     /// Whether Z is to come to rest on its way.
     fn stops(&self, ending: Ending) -> bool {
-        ending != Ending::None || self.stage == Stage::Stop
+        ending != Ending::None || self.stage == ParkingStage::Stop
     }
 
     /// Forgets the way: the machine stays where it is.
     pub(super) fn abandon(&mut self) {
         self.plan.clear();
         self.executor.abandon();
-        self.stage = Stage::Work;
+        self.stage = ParkingStage::Work;
     }
 
     /// Begins to park from `z`, if that is possible.
     fn begin(&mut self, z: FineSteps) -> bool {
         match self.stage {
-            Stage::Work => {
+            ParkingStage::Work => {
                 if !self.is_enabled || z.0 >= self.target.0 {
                     return false;
                 }
@@ -139,15 +143,18 @@ impl Parking {
                 self.waypoint = FineSteps(waypoint.min(self.target.0));
                 self.pull_out_from(z);
             }
-            Stage::Back | Stage::Plunge => self.stage = Stage::Stop,
-            Stage::Waypoint => self.pull_out_from(z),
-            Stage::PullOut | Stage::Away | Stage::Parked | Stage::Stop => {}
+            ParkingStage::Back | ParkingStage::Plunge => self.stage = ParkingStage::Stop,
+            ParkingStage::Waypoint => self.pull_out_from(z),
+            ParkingStage::PullOut
+            | ParkingStage::Away
+            | ParkingStage::Parked
+            | ParkingStage::Stop => {}
         }
         true
     }
 
     fn pull_out_from(&mut self, z: FineSteps) {
-        self.stage = Stage::PullOut;
+        self.stage = ParkingStage::PullOut;
         if z.0 < self.waypoint.0 {
             self.go(z, self.waypoint, self.slow_mm_s);
         }
@@ -194,16 +201,16 @@ impl Motion {
             // Spindle and coolant stay on until Z is out of the work.
             self.control = self.control.after(Event::Park).0;
         } else {
-            self.accessories.cut();
+            self.accessories.suspend();
         }
     }
 
     /// Brings Z back as far as the waypoint; false where it is not away.
     pub(super) fn unpark(&mut self) -> bool {
-        let is_parked = self.parking.stage == Stage::Parked;
+        let is_parked = self.parking.stage == ParkingStage::Parked;
         if is_parked {
             let (z, to) = (self.generator.position()[Z], self.parking.waypoint);
-            self.parking.stage = Stage::Back;
+            self.parking.stage = ParkingStage::Back;
             self.parking.go(z, to, self.parking.fast_mm_s);
         }
         is_parked
@@ -211,10 +218,10 @@ impl Motion {
 
     /// Brings Z from the waypoint into the work; false where it is there.
     pub(super) fn plunge(&mut self) -> bool {
-        let is_above = self.parking.stage == Stage::Waypoint;
+        let is_above = self.parking.stage == ParkingStage::Waypoint;
         if is_above {
             let (z, to) = (self.generator.position()[Z], self.parking.work);
-            self.parking.stage = Stage::Plunge;
+            self.parking.stage = ParkingStage::Plunge;
             self.parking.go(z, to, self.parking.slow_mm_s);
         }
         is_above
@@ -224,26 +231,26 @@ impl Motion {
     pub(super) fn go_on_parking(&mut self) {
         let z = self.generator.position()[Z];
         match self.parking.stage {
-            Stage::Work | Stage::Parked | Stage::Waypoint => {}
-            Stage::PullOut => {
-                self.accessories.cut();
-                self.parking.stage = Stage::Away;
+            ParkingStage::Work | ParkingStage::Parked | ParkingStage::Waypoint => {}
+            ParkingStage::PullOut => {
+                self.accessories.suspend();
+                self.parking.stage = ParkingStage::Away;
                 let (to, speed) = (self.parking.target, self.parking.fast_mm_s);
                 self.parking.go(z, to, speed);
             }
-            Stage::Away => {
-                self.parking.stage = Stage::Parked;
+            ParkingStage::Away => {
+                self.parking.stage = ParkingStage::Parked;
                 self.on(Event::Parked);
             }
-            Stage::Back => {
-                self.parking.stage = Stage::Waypoint;
+            ParkingStage::Back => {
+                self.parking.stage = ParkingStage::Waypoint;
                 self.begin_restoring();
             }
-            Stage::Plunge => {
+            ParkingStage::Plunge => {
                 self.parking.abandon();
                 self.on(Event::Restored);
             }
-            Stage::Stop => {
+            ParkingStage::Stop => {
                 self.parking.plan.clear();
                 self.parking.executor.abandon();
                 self.parking.pull_out_from(z);

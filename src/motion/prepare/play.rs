@@ -5,7 +5,7 @@ use crate::{
     machine::{Ending, Event, Inputs},
     model::{Levels, State, timing::SEGMENT_TICKS},
     motion::executor::Goal,
-    stepper::{AxisMotion, EventWriter, Segment, StepCounts},
+    stepper::{AxisMotion, EventWriter, Segment, SegmentRing},
 };
 
 impl Motion {
@@ -14,7 +14,7 @@ impl Motion {
     pub(super) fn make_segment(
         &mut self,
         inputs: &Inputs,
-        counts: &StepCounts,
+        counts: &SegmentRing,
         events: &mut EventWriter<'_>,
     ) {
         if !self.generator.is_open() && !self.begin_segment(inputs, counts) {
@@ -26,7 +26,7 @@ impl Motion {
 
     /// Begins a segment, or the standstill after the last one; false when there is nothing to play.
     #[inline]
-    fn begin_segment(&mut self, inputs: &Inputs, counts: &StepCounts) -> bool {
+    fn begin_segment(&mut self, inputs: &Inputs, counts: &SegmentRing) -> bool {
         self.begins = false;
         let start = self.generator.clock_ticks();
         self.forget_heard(counts.played_ticks());
@@ -145,7 +145,7 @@ impl Motion {
         if before == Ending::DropThenDoor {
             // The door was opened in a jog, which has just been dropped: Z is not parked.
             self.control = self.control.after(Event::Stopped).0;
-            self.accessories.cut();
+            self.accessories.suspend();
         }
     }
 

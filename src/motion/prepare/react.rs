@@ -4,13 +4,13 @@ use super::Motion;
 use crate::{
     machine::{Control, Effect, Event},
     model::{Alarm, Notice, OVERRIDES, Override, Overrides, Requests, State},
-    stepper::StepCounts,
+    stepper::SegmentRing,
 };
 
 impl Motion {
     /// Acts on everything that has been asked for since the last time.
     #[inline(never)]
-    pub(super) fn obey(&mut self, requests: &Requests, counts: &StepCounts) {
+    pub(super) fn obey(&mut self, requests: &Requests, counts: &SegmentRing) {
         // Before the requests: one that comes meanwhile counts as new in the next run.
         self.heard = requests.asked();
         self.heard_ticks = counts.played_ticks();
@@ -127,7 +127,7 @@ impl Motion {
         } else if effect == Effect::SwitchOff {
             self.stop_restoring();
             if event == Event::Sleep {
-                self.accessories.cut();
+                self.accessories.suspend();
             } else {
                 self.park();
             }
@@ -138,7 +138,7 @@ impl Motion {
         } else if effect == Effect::Cancel {
             // A reset has its own count.
             if event != Event::Reset {
-                self.cuts = self.cuts.wrapping_add(1);
+                self.cancelled_motions = self.cancelled_motions.wrapping_add(1);
             }
         } else if effect == Effect::Drop {
             self.drop_plan();
@@ -183,9 +183,9 @@ impl Motion {
     /// steps: whatever was planned is void, and so is what still comes, up to the next reset.
     #[cold]
     #[inline(never)]
-    pub(super) fn fail(&mut self, counts: &StepCounts) {
+    pub(super) fn fail(&mut self, counts: &SegmentRing) {
         counts.take_starved();
-        self.generator.cut();
+        self.generator.halt();
         self.homing.abandon();
         self.drop_wait();
         self.drop_plan();
@@ -213,8 +213,8 @@ impl Motion {
     /// Everything off, everything planned void; an axis that moves slows down.
     #[cold]
     #[inline(never)]
-    pub(super) fn reset(&mut self, requests: &Requests, counts: &StepCounts) {
-        self.epoch = requests.epoch();
+    pub(super) fn reset(&mut self, requests: &Requests, counts: &SegmentRing) {
+        self.reset_count = requests.reset_count();
         self.heard_ticks = counts.played_ticks();
         self.is_starved = false;
         self.is_critical = false;

@@ -8,7 +8,7 @@ use super::{LINEAR, Straight, direction, dot, linear_mm};
 use crate::{
     axis::Axes,
     math,
-    model::{Circle, Pace, Rotation, Target},
+    model::{Circle, FeedRate, Rotation, Target},
     units::Nm,
 };
 
@@ -27,7 +27,7 @@ pub(super) struct Chain {
     /// is from what was programmed.
     error_mm: f32,
     given_mm: f32,
-    pace: Pace,
+    pace: FeedRate,
     line: u32,
 }
 
@@ -43,7 +43,7 @@ impl Chain {
             count: 0,
             error_mm: 0.0,
             given_mm: 0.0,
-            pace: Pace::Rapid,
+            pace: FeedRate::Rapid,
             line: 0,
         }
     }
@@ -77,7 +77,7 @@ impl Chain {
         &mut self,
         from: Axes<Nm>,
         target: Target,
-        pace: Pace,
+        pace: FeedRate,
         line: u32,
         error_mm: f32,
     ) {
@@ -95,7 +95,7 @@ impl Chain {
     pub(super) fn extend(
         &mut self,
         target: &Target,
-        pace: Pace,
+        pace: FeedRate,
         line: u32,
         error_mm: f32,
         most_mm: f32,

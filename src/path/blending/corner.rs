@@ -12,8 +12,8 @@
 //! ways, in either direction. Of each line at most half is trimmed, whatever is trimmed at its other
 //! end.
 
-use super::{LINEAR, Round, Straight, chain::nm, dot};
-use crate::{axis::Axes, math, model::Pace, path::router::Limits, units::Nm};
+use super::{CornerArc, LINEAR, Straight, chain::nm, dot};
+use crate::{axis::Axes, math, model::FeedRate, path::router::Limits, units::Nm};
 
 /// A way that is nothing but rounding, nm.
 pub(super) const NOTHING_NM: i64 = 50;
@@ -32,7 +32,7 @@ const EXACT: f32 = 0.9999;
 pub(super) struct Corner {
     /// Where the line before ends.
     pub(super) start: Axes<Nm>,
-    pub(super) round: Round,
+    pub(super) round: CornerArc,
     /// The greatest distance from the programmed path, mm, the lines' own included.
     pub(super) deviation_mm: f32,
 }
@@ -85,7 +85,7 @@ impl Corner {
         let corner = before.target.position;
         Some(Self {
             start: beside(corner, &before.direction, -trimmed_mm),
-            round: Round {
+            round: CornerArc {
                 target: beside(corner, &after.direction, trimmed_mm),
                 radius_mm,
                 sweep_rad: turn.radians(),
@@ -201,10 +201,10 @@ pub(super) fn spread(direction: &[f32; LINEAR]) -> Axes<f32> {
 }
 
 /// The pace of two that is under the stricter limit.
-fn slower(before: Pace, after: Pace) -> Pace {
+fn slower(before: FeedRate, after: FeedRate) -> FeedRate {
     match (before, after) {
-        (Pace::Rapid, after) => after,
-        (Pace::Feed(a), Pace::Feed(b)) => Pace::Feed(math::min(a, b)),
+        (FeedRate::Rapid, after) => after,
+        (FeedRate::Feed(a), FeedRate::Feed(b)) => FeedRate::Feed(math::min(a, b)),
         (before, _) => before,
     }
 }

@@ -14,14 +14,14 @@ use crate::{
 const FASTEST_FEED: f32 = 2.0;
 
 /// Where an arc lies.
-pub(super) struct Plane {
+pub(super) struct ArcPlane {
     /// The axes of its plane.
     pub(super) axes: [usize; 2],
     /// The part of its length that is in the plane.
     pub(super) flat: f32,
 }
 
-impl Plane {
+impl ArcPlane {
     pub(super) fn new(axes: [usize; 2], flat: f32) -> Self {
         Self { axes, flat }
     }
@@ -54,7 +54,7 @@ impl Limits {
     pub(super) fn bent(
         &self,
         arc: &Arc,
-        plane: &Plane,
+        plane: &ArcPlane,
         mut rate: f32,
         mut acceleration: f32,
         pace_mm_s: impl Fn(f32) -> f32,
@@ -119,7 +119,7 @@ impl Limits {
     }
 
     /// An end (0 or 1) of an arc.
-    fn bend(&self, arc: &Arc, plane: &Plane, end: u8, acceleration_mm_s2: f32) -> Bend {
+    fn bend(&self, arc: &Arc, plane: &ArcPlane, end: u8, acceleration_mm_s2: f32) -> Bend {
         let [first, second] = plane.axes;
         let flat = f64::from(plane.flat);
         Bend {

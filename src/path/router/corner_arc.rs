@@ -6,7 +6,7 @@ use core::f32::consts::PI;
 use crate::{
     axis::{Axes, X, Y, Z},
     math,
-    path::{Block, Curve, Oblique, Round, Shape, Work, arc::PHASE_PER_RAD},
+    path::{Block, CornerArc, Curve, Shape, SpatialArc, Work, arc::PHASE_PER_RAD},
     units::Nm,
 };
 
@@ -18,7 +18,7 @@ const LEAST_SQR: f32 = 1.0e-12;
 impl Router {
     /// The work that a rounded corner makes; false where it makes no step, and is part of the next
     /// move.
-    pub fn round_into(&mut self, round: &Round, work: &mut Work) -> bool {
+    pub fn corner_arc_into(&mut self, round: &CornerArc, work: &mut Work) -> bool {
         let end = self.place(&round.target.into());
         if end.steps == self.steps {
             self.position = round.target;
@@ -40,7 +40,7 @@ impl Router {
         let pieces = circle
             .reversals
             .iter()
-            .filter(|part| **part != Oblique::NEVER);
+            .filter(|part| **part != SpatialArc::NEVER);
         let shortest_s = Limits::SHORTEST_ROUND_S
             .max(0.5 * Limits::SHORTEST_ROUND_S * (1 + pieces.count()) as f32);
         let rate = Limits::along(&self.limits.speed_mm_s, &shares)
@@ -69,7 +69,7 @@ impl Router {
                 sweep: sweep as i64,
                 limit_sqr,
                 mm_per_phase: (f64::from(length_mm) / sweep) as f32,
-                shape: Shape::Oblique(circle),
+                shape: Shape::Spatial(circle),
             }),
             line: round.line,
         });
@@ -84,7 +84,7 @@ impl Router {
     ///
     /// Its points are C·(cos φ - 1) + S·sin φ from its start. With b/2 less in C and b·cot(θ/2)/2 more in S
     /// a part of b is added that grows steadily, from none to b at the whole angle θ.
-    fn begun_here(&self, round: &Round) -> Round {
+    fn begun_here(&self, round: &CornerArc) -> CornerArc {
         let mm = |from: &Axes<Nm>, to: &Axes<Nm>| -> [f32; LINEAR] {
             core::array::from_fn(|axis| (to[axis] - from[axis]).to_mm())
         };
@@ -102,7 +102,7 @@ impl Router {
         let drawn = |axis: usize, direction: f32, part: f32| {
             (direction * round.radius_mm + part * behind[axis]) / radius_mm
         };
-        Round {
+        CornerArc {
             radius_mm,
             outwards: core::array::from_fn(|axis| drawn(axis, round.outwards[axis], -0.5)),
             along: core::array::from_fn(|axis| drawn(axis, round.along[axis], 0.5 * cotangent)),
@@ -113,11 +113,11 @@ impl Router {
     /// The circle of an arc that goes from a direction to another.
     fn oblique(
         &self,
-        round: &Round,
+        round: &CornerArc,
         along: &Axes<f32>,
         outwards: &Axes<f32>,
         end: &Axes<f32>,
-    ) -> Oblique {
+    ) -> SpatialArc {
         let resolution = &self.limits.steps_per_mm;
         let finest = resolution
             .iter()
@@ -142,18 +142,18 @@ impl Router {
         let reversal = |axis: usize| {
             // Less than a half turn: an axis reverses once, or not at all.
             if along[axis] * end[axis] >= 0.0 {
-                return Oblique::NEVER;
+                return SpatialArc::NEVER;
             }
             let angle = libm::atanf(along[axis] / outwards[axis]);
             let angle = if angle < 0.0 { angle + PI } else { angle };
-            let part = math::min(angle / round.sweep_rad, 1.0) * f32::from(Oblique::NEVER);
+            let part = math::min(angle / round.sweep_rad, 1.0) * f32::from(SpatialArc::NEVER);
             part as u16
         };
         let [first, second, third] = [X, Y, Z].map(reversal);
         let (first, second) = (first.min(second), first.max(second));
         let (second, third) = (second.min(third), second.max(third));
         let (first, second) = (first.min(second), first.max(second));
-        Oblique {
+        SpatialArc {
             cosine: scaled(outwards),
             sine: scaled(along),
             shift: (places + 2).clamp(0, 30) as u8,
@@ -194,7 +194,7 @@ impl Limits {
     }
 
     /// Speed of a line at a pace, mm/s.
-    pub(crate) fn paced_mm_s(&self, pace: super::Pace, direction: &Axes<f32>) -> f32 {
+    pub(crate) fn paced_mm_s(&self, pace: super::FeedRate, direction: &Axes<f32>) -> f32 {
         let rate = Self::along(&self.speed_mm_s, direction);
         // Neither depends on a length.
         math::min(pace_mm_s(pace, 0.0, rate), rate)

@@ -4,7 +4,7 @@
 
 use heapless::spsc::Producer;
 
-use super::{After, Progress, Session, Source, Stage, judge::answer};
+use super::{After, LineStage, Progress, Session, Source, judge::answer};
 use crate::{
     axis::AXES,
     gcode::LineError,
@@ -28,7 +28,7 @@ impl Session {
             return self.rest();
         }
         self.send_entry(Work::Unlock, entries);
-        self.stage = Stage::Completing(After::Tell(Feedback::Unlocked));
+        self.stage = LineStage::Completing(After::Tell(Feedback::Unlocked));
         Progress::Again
     }
 
@@ -53,7 +53,7 @@ impl Session {
             return self.refuse(LineError::LimitsEngaged);
         }
         self.send_entry(Work::Home(mask), entries);
-        self.stage = Stage::Completing(After::Home { is_all });
+        self.stage = LineStage::Completing(After::Home { is_all });
         Progress::Again
     }
 
@@ -61,7 +61,7 @@ impl Session {
     pub(super) fn end_homing(&mut self, machine: &Snapshot, is_all: bool) -> Progress {
         if machine.state == State::Alarm {
             answer(&mut self.message, Ok(()));
-            self.stage = Stage::Resetting;
+            self.stage = LineStage::Resetting;
             return Progress::Again;
         }
         self.take_position(machine);
@@ -72,14 +72,14 @@ impl Session {
             number: 0,
             is_homed: true,
         };
-        self.stage = Stage::StartingUp(0);
+        self.stage = LineStage::StartingUp(0);
         Progress::Again
     }
 
     /// From here on programs are checked and not executed.
     pub(super) fn begin_check(&mut self, entries: &mut Producer<'_, Entry>) -> Progress {
         self.send_entry(Work::Check, entries);
-        self.stage = Stage::Completing(After::Tell(Feedback::CheckEnabled));
+        self.stage = LineStage::Completing(After::Tell(Feedback::CheckEnabled));
         Progress::Again
     }
 
@@ -87,7 +87,7 @@ impl Session {
     pub(super) fn end_check(&mut self) -> Progress {
         report::feedback(&mut self.message, Feedback::CheckDisabled);
         answer(&mut self.message, Ok(()));
-        self.stage = Stage::Resetting;
+        self.stage = LineStage::Resetting;
         Progress::Again
     }
 
@@ -102,7 +102,7 @@ impl Session {
         }
         self.send_entry(Work::Sleep, entries);
         answer(&mut self.message, Ok(()));
-        self.stage = Stage::Asleep;
+        self.stage = LineStage::Asleep;
         Progress::Again
     }
 }

@@ -32,7 +32,7 @@ impl Session {
 
     /// Forgets what a machine would not execute that is locked, or has ended a motion early.
     pub(super) fn drop_void(&mut self, machine: &Snapshot) {
-        if machine.state == State::Alarm || machine.cuts != self.cuts {
+        if machine.state == State::Alarm || machine.cancelled_motions != self.cancelled_motions {
             self.path.clear();
         }
     }

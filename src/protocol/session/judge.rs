@@ -5,7 +5,7 @@
 
 use heapless::spsc::Producer;
 
-use super::{Progress, Session, Source, Stage, Then};
+use super::{LineStage, Progress, Session, Source, Then};
 use crate::{
     gcode::LineError,
     machine::Snapshot,
@@ -197,10 +197,10 @@ impl Session {
             List::Described(what) => listing::description(text, what, line),
         };
         if has_line {
-            self.stage = Stage::Listing(list, line + 1);
+            self.stage = LineStage::Listing(list, line + 1);
             Progress::Again
         } else if list == List::FirstSettings {
-            self.stage = Stage::Welcoming;
+            self.stage = LineStage::Welcoming;
             Progress::Again
         } else {
             self.accept()
@@ -210,7 +210,7 @@ impl Session {
     /// Leaves the line for when everything before it has been done. What it is judged by is then
     /// never out of date.
     pub(super) fn rest(&mut self) -> Progress {
-        self.stage = Stage::Resting;
+        self.stage = LineStage::Resting;
         // What is held back is sent on at once: the machine would stop before it otherwise.
         if self.path.is_holding() {
             Progress::Again
@@ -244,14 +244,14 @@ impl Session {
         }
         answer(&mut self.message, result);
         self.source = Source::Startup { number, is_homed };
-        self.stage = Stage::StartingUp(number + 1);
+        self.stage = LineStage::StartingUp(number + 1);
         Progress::Again
     }
 
     pub(super) fn begin_line(&mut self) -> Progress {
         self.line.clear();
         self.source = Source::Line;
-        self.stage = Stage::Reading;
+        self.stage = LineStage::Reading;
         Progress::Again
     }
 }

@@ -5,15 +5,15 @@
 
 use heapless::spsc::Producer;
 
-use super::{After, Progress, Session, Source, Stage, Then};
+use super::{After, LineStage, Progress, Session, Source, Then};
 use crate::{
     axis::Axes,
     gcode::{
-        LineError, Probe,
+        LineError, ProbeMode,
         interpreter::{Checked, Message, Refusal},
     },
     machine::Snapshot,
-    model::{Alarm, Command, Laser, Levels, Pace, PathControl, Spindle, State, Target},
+    model::{Alarm, Command, FeedRate, Laser, Levels, PathControl, Spindle, State, Target},
     path::{Entry, Router, Work, is_outside, leaves_travel},
     protocol::{
         ByteReader,
@@ -38,15 +38,15 @@ impl Session {
     ) -> Result<(), Refusal> {
         let may_be_locked = matches!(machine.state, State::Alarm | State::Jog) || self.is_jogging;
         if !self.is_position_known || may_be_locked || !self.line.is_empty() {
-            return Err(Refusal::Unusual);
+            return Err(Refusal::NotPlain);
         }
         let waiting = received.len();
         if waiting <= FEW_BYTES && !received.may_have_line() {
-            return Err(Refusal::CutOff);
+            return Err(Refusal::Incomplete);
         }
         let (settings, interpreter) = (&self.stored.settings, &mut self.interpreter);
         let (checked, outcome) = (&mut self.checked, &mut self.outcome);
-        let mut result = Err(Refusal::CutOff);
+        let mut result = Err(Refusal::Incomplete);
         received.take_until(|bytes| {
             match interpreter.carry_out_plain(bytes.clone(), settings, checked, outcome) {
                 Ok(rest) => {
@@ -54,8 +54,8 @@ impl Session {
                     result = Ok(());
                 }
                 // The ring begins anew within the line, or so much of it waits that it must be taken.
-                Err(Refusal::CutOff) if bytes.len() < waiting || waiting > FEW_BYTES => {
-                    result = Err(Refusal::Unusual);
+                Err(Refusal::Incomplete) if bytes.len() < waiting || waiting > FEW_BYTES => {
+                    result = Err(Refusal::NotPlain);
                 }
                 Err(refusal) => result = Err(refusal),
             }
@@ -72,14 +72,14 @@ impl Session {
     ) -> Progress {
         let settings = &self.stored.settings;
         if settings.soft_limits && is_outside(settings, &self.interpreter.position()) {
-            self.stage = Stage::Faulting;
+            self.stage = LineStage::Faulting;
             return self.fault(entries);
         }
         if machine.state == State::Check {
             self.outcome.commands.clear();
         }
         self.after = None;
-        self.stage = Stage::Entering(0);
+        self.stage = LineStage::Entering(0);
         self.enter(machine, 0, entries)
     }
 
@@ -168,7 +168,7 @@ impl Session {
         entries: &mut Producer<'_, Entry>,
     ) -> Progress {
         if self.leaves_travel(machine, from) {
-            self.stage = Stage::Faulting;
+            self.stage = LineStage::Faulting;
             return self.fault(entries);
         }
         let is_checking = machine.state == State::Check;
@@ -185,7 +185,7 @@ impl Session {
             None
         } else if self.checked.probe().is_some() {
             self.seen.is_probed = false;
-            self.probed_from = (from, self.router.mark());
+            self.probed_from = (from, self.router.checkpoint());
             Some(After::Probe)
         } else {
             // What is switched at standstill has been switched when the answer comes.
@@ -194,7 +194,7 @@ impl Session {
             let is_stored = matches!(self.source, Source::NewStartup { .. });
             (switches || is_stored || self.checked.answers_when_done()).then_some(After::Answer)
         };
-        self.stage = Stage::Entering(0);
+        self.stage = LineStage::Entering(0);
         self.enter(machine, 0, entries)
     }
 
@@ -202,7 +202,7 @@ impl Session {
     pub(super) fn fault(&mut self, entries: &mut Producer<'_, Entry>) -> Progress {
         if entries.ready() {
             self.send_entry(Work::Fault(Alarm::SoftLimit), entries);
-            self.stage = Stage::Faulted;
+            self.stage = LineStage::Faulted;
         }
         Progress::Waiting
     }
@@ -252,7 +252,7 @@ impl Session {
                 self.router.release(&mut self.path);
             }
             if !self.drain(entries) || !entries.ready() {
-                self.stage = Stage::Entering(next);
+                self.stage = LineStage::Entering(next);
                 return Progress::Waiting;
             }
             self.send_command(machine, next, is_led, entries);
@@ -262,19 +262,19 @@ impl Session {
             self.router.release(&mut self.path);
         }
         if !self.drain(entries) {
-            self.stage = Stage::Entering(next);
+            self.stage = LineStage::Entering(next);
             return Progress::Waiting;
         }
         if self.after == Some(After::Tell(Feedback::ProgramEnd)) {
             if !entries.ready() {
-                self.stage = Stage::Entering(next);
+                self.stage = LineStage::Entering(next);
                 return Progress::Waiting;
             }
             self.send_entry(Work::EndOverrides, entries);
         }
         match self.after {
             Some(after) => {
-                self.stage = Stage::Completing(after);
+                self.stage = LineStage::Completing(after);
                 self.complete(machine, after)
             }
             None => self.accept(),
@@ -294,10 +294,10 @@ impl Session {
         };
         let control = self.path_control();
         if is_led {
-            return self.router.lead(&mut self.path, control, command);
+            return self.router.blend(&mut self.path, control, command);
         }
         self.router.stop_exactly(control == PathControl::ExactStop);
-        let epoch = self.entry().epoch;
+        let epoch = self.entry().reset_count;
         if put(&mut self.router, command, epoch, entries) {
             self.is_jogging |= self.source == Source::Jog;
             self.entered = self.entered.wrapping_add(1);
@@ -316,7 +316,7 @@ impl Session {
                     return None;
                 };
                 let is_on = self.interpreter.modal().spindle == Spindle::Clockwise;
-                if !is_on || matches!(pace, Pace::Jog(_)) {
+                if !is_on || matches!(pace, FeedRate::Jog(_)) {
                     return None;
                 }
                 self.after = self.after.or(Some(After::Answer));
@@ -386,8 +386,8 @@ impl Session {
     /// Whether a miss of the probing move in execution is an alarm.
     pub(super) fn is_alarmed_by_a_miss(&self) -> bool {
         match self.checked.probe() {
-            Some((_, Probe::Contact | Probe::Release)) => true,
-            Some((_, Probe::TryContact | Probe::TryRelease)) | None => false,
+            Some((_, ProbeMode::Contact | ProbeMode::Release)) => true,
+            Some((_, ProbeMode::TryContact | ProbeMode::TryRelease)) | None => false,
         }
     }
 }
@@ -411,7 +411,7 @@ fn put(
 fn put_line(
     router: &mut Router,
     target: &Target,
-    pace: Pace,
+    pace: FeedRate,
     line: u32,
     epoch: u32,
     entries: &mut Producer<'_, Entry>,
@@ -420,7 +420,12 @@ fn put_line(
         return false;
     };
     let work = Work::Move(block);
-    entries.enqueue(Entry { epoch, work }).is_ok()
+    entries
+        .enqueue(Entry {
+            reset_count: epoch,
+            work,
+        })
+        .is_ok()
 }
 
 #[inline(never)]
@@ -431,7 +436,13 @@ fn put_other(
     entries: &mut Producer<'_, Entry>,
 ) -> bool {
     let mut work = Work::Pause;
-    router.work_into(command, &mut work) && entries.enqueue(Entry { epoch, work }).is_ok()
+    router.work_into(command, &mut work)
+        && entries
+            .enqueue(Entry {
+                reset_count: epoch,
+                work,
+            })
+            .is_ok()
 }
 
 /// Whether a command goes through the path, which `G64` may change.

@@ -5,7 +5,7 @@
 
 use heapless::spsc::Producer;
 
-use super::{List, Progress, Session, Source, Stage, judge::answer};
+use super::{LineStage, List, Progress, Session, Source, judge::answer};
 use crate::{
     machine::Snapshot,
     model::{Alarm, Levels, Probed, State},
@@ -20,10 +20,10 @@ use crate::{
 impl Session {
     /// Drops everything that the reset makes void.
     pub(super) fn begin_reset(&mut self, epoch: u32) {
-        self.epoch = epoch;
+        self.reset_count = epoch;
         self.is_answer_owed |= self.is_line_begun();
-        self.is_stored_due |= matches!(self.stage, Stage::Storing(_));
-        self.stage = Stage::Starting;
+        self.is_stored_due |= matches!(self.stage, LineStage::Storing(_));
+        self.stage = LineStage::Starting;
         self.path.clear();
         self.is_jogging = false;
         self.is_position_known = false;
@@ -33,19 +33,19 @@ impl Session {
     /// Whether a line has been begun and not been answered.
     fn is_line_begun(&self) -> bool {
         match self.stage {
-            Stage::Resting
-            | Stage::Entering(_)
-            | Stage::Completing(_)
-            | Stage::Storing(_)
-            | Stage::Faulting
-            | Stage::Faulted => true,
-            Stage::Starting
-            | Stage::Welcoming
-            | Stage::StartingUp(_)
-            | Stage::Reading
-            | Stage::Listing(..)
-            | Stage::Resetting
-            | Stage::Asleep => false,
+            LineStage::Resting
+            | LineStage::Entering(_)
+            | LineStage::Completing(_)
+            | LineStage::Storing(_)
+            | LineStage::Faulting
+            | LineStage::Faulted => true,
+            LineStage::Starting
+            | LineStage::Welcoming
+            | LineStage::StartingUp(_)
+            | LineStage::Reading
+            | LineStage::Listing(..)
+            | LineStage::Resetting
+            | LineStage::Asleep => false,
         }
     }
 
@@ -53,7 +53,7 @@ impl Session {
     ///
     /// What is received between the reset and the welcome is lost, as in Grbl.
     pub(super) fn start(&mut self, machine: &Snapshot, received: &mut ByteReader<'_>) -> bool {
-        if self.epoch != 0 {
+        if self.reset_count != 0 {
             // As many as the queue holds, at most.
             for _ in 0..received.capacity() {
                 if received.dequeue().is_none() {
@@ -61,7 +61,7 @@ impl Session {
                 }
             }
         }
-        if machine.epoch != self.epoch {
+        if machine.reset_count != self.reset_count {
             return false;
         }
         if machine.reset_in_motion {
@@ -75,10 +75,10 @@ impl Session {
         self.interpreter.reset();
         self.probed = Probed::default();
         self.cadence = Cadence::default();
-        self.stage = Stage::Welcoming;
+        self.stage = LineStage::Welcoming;
         if core::mem::take(&mut self.is_first_boot) {
             report::error(&mut self.message, crate::gcode::LineError::StorageRead);
-            self.stage = Stage::Listing(List::FirstSettings, 0);
+            self.stage = LineStage::Listing(List::FirstSettings, 0);
         }
         true
     }
@@ -104,9 +104,9 @@ impl Session {
         }
         if machine.state == State::Alarm {
             report::feedback(&mut self.message, Feedback::Locked);
-            self.stage = Stage::Reading;
+            self.stage = LineStage::Reading;
         } else {
-            self.stage = Stage::StartingUp(0);
+            self.stage = LineStage::StartingUp(0);
         }
         Progress::Again
     }

@@ -6,7 +6,7 @@
 
 use heapless::spsc::Producer;
 
-use super::{After, Progress, Session, Source, Stage, judge::answer};
+use super::{After, LineStage, Progress, Session, Source, judge::answer};
 use crate::{
     gcode::LineError,
     machine::Snapshot,
@@ -50,7 +50,7 @@ impl Session {
         } else {
             self.change = Some(change);
         }
-        self.stage = Stage::Storing(then);
+        self.stage = LineStage::Storing(then);
         Progress::Again
     }
 
@@ -89,7 +89,7 @@ impl Session {
     pub(super) fn take_store_result(&mut self) {
         if let Some(Err(_)) = self.store_result.take() {
             self.stored.clone_from(&self.before);
-            if matches!(self.stage, Stage::Storing(_)) {
+            if matches!(self.stage, LineStage::Storing(_)) {
                 self.refuse(LineError::StorageWrite);
             }
         }
@@ -113,7 +113,7 @@ impl Session {
             }
             Then::Configure => {
                 self.configure(machine, entries);
-                self.stage = Stage::Completing(After::Answer);
+                self.stage = LineStage::Completing(After::Answer);
                 Progress::Again
             }
             Then::Restore => {
@@ -121,7 +121,7 @@ impl Session {
                 self.interpreter.set_origins(&self.stored.origins);
                 report::feedback(&mut self.message, Feedback::RestoringDefaults);
                 answer(&mut self.message, Ok(()));
-                self.stage = Stage::Resetting;
+                self.stage = LineStage::Resetting;
                 Progress::Again
             }
         }

@@ -88,7 +88,10 @@ pub(crate) fn check() -> Result<Verdict> {
     };
     let (step, prepare) = (task("step")?, task("prepare")?);
     // Each pulse begins with an interrupt and ends with another, and a segment may end with one more.
-    let (interrupts, segments) = (u64::from(step.activations), task("turn")?.activations);
+    let (interrupts, segments) = (
+        u64::from(step.activations),
+        task("segment_start")?.activations,
+    );
     ensure!(
         (2 * PULSES..=2 * PULSES + u64::from(segments) + OTHERS).contains(&interrupts),
         "{interrupts} step interrupts for {PULSES} pulses in {segments} segments"

@@ -6,7 +6,7 @@
 use leadscrew::{
     axis::{AXES, Axes},
     gcode::interpreter::{Checked, Interpreter},
-    model::{Circle, Command, Pace, Target},
+    model::{Circle, Command, FeedRate, Target},
     protocol::Line,
     settings::{Settings, assign},
     units::{Nm, Steps, StepsPerMm},
@@ -108,7 +108,7 @@ impl Programmed {
     }
 
     /// A move; one without a step becomes part of the next.
-    fn way(&mut self, target: &Target, pace: Pace, circle: Option<&Circle>) -> Option<Piece> {
+    fn way(&mut self, target: &Target, pace: FeedRate, circle: Option<&Circle>) -> Option<Piece> {
         let scales = self.settings.steps_per_mm;
         let steps = scales.zip(target.position, |scale, nm| scale.steps_at(nm).0);
         let (begin, end) = (millimetres(&self.sent), millimetres(&target.position));
@@ -117,9 +117,9 @@ impl Programmed {
             return None;
         }
         piece.feed_mm_s = match pace {
-            Pace::Rapid => None,
-            Pace::Feed(mm_min) | Pace::Jog(mm_min) => Some(f64::from(mm_min) / 60.0),
-            Pace::InverseTime(per_min) => Some(piece.length_mm * f64::from(per_min) / 60.0),
+            FeedRate::Rapid => None,
+            FeedRate::Feed(mm_min) | FeedRate::Jog(mm_min) => Some(f64::from(mm_min) / 60.0),
+            FeedRate::InverseTime(per_min) => Some(piece.length_mm * f64::from(per_min) / 60.0),
         };
         piece.from_mm = self.length_mm;
         piece.corner = self.corner(&piece);

@@ -107,7 +107,7 @@ fn tasks() -> Vec<Task> {
     step.spacing_cycles = Some(336.0);
     step.burst = 8.0;
     let serial = task("serial_rx", "USART1", 4, 14_583.3, [190, 260, 300]);
-    let turn = task("turn", "I2C1_EV", 3, 33_600.0, [280, 390, 450]);
+    let start = task("segment_start", "I2C1_EV", 3, 33_600.0, [280, 390, 450]);
     let mut inputs = task("inputs", "TIM7", 3, 16_800.0, [310, 480, 560]);
     inputs.blocking_cycles = 66;
     let mut prepare = task(
@@ -130,7 +130,7 @@ fn tasks() -> Vec<Task> {
     vec![
         answers(step, 311, 336.0),
         answers(serial, 1_031, 14_583.3),
-        answers(turn, 3_760, 16_800.0),
+        answers(start, 3_760, 16_800.0),
         answers(inputs, 3_760, 16_800.0),
         answers(prepare, 82_300, 134_400.0),
         wake,
@@ -198,7 +198,7 @@ fn curve() -> Vec<Curve> {
     let tasks = [
         ("step", 2.0, 0.37),
         ("serial_rx", 86.8, 80.5),
-        ("turn", 100.0, 83.4),
+        ("segment_start", 100.0, 83.4),
         ("inputs", 100.0, 83.4),
         ("prepare", 800.0, 560.0),
     ];

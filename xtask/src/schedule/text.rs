@@ -343,7 +343,7 @@ mod tests {
     #[test]
     fn tasks_that_wait_for_the_same_are_told_together() {
         let rows = blocking(&sample::report());
-        assert_eq!(rows[0].0, "step, serial_rx, turn");
+        assert_eq!(rows[0].0, "step, serial_rx, segment_start");
         assert!(rows[0].1.starts_with("54 cycles: rtic::pend in"));
         assert_eq!(rows.len(), 3);
     }

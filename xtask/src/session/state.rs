@@ -2,7 +2,9 @@
 
 use leadscrew::{
     axis::AXES,
-    gcode::{Distance, FeedMode, Motion, Probe, ToolLength, Units, interpreter::Interpreter},
+    gcode::{
+        Distance, FeedMode, MotionMode, ProbeMode, ToolLength, Units, interpreter::Interpreter,
+    },
     model::{Plane, Rotation, Spindle, State},
 };
 use serde::{Deserialize, Serialize};
@@ -71,15 +73,15 @@ pub(crate) fn state_number(state: State) -> u8 {
 pub(crate) fn modal_numbers(interpreter: &Interpreter) -> [u8; 10] {
     let modal = interpreter.modal();
     let motion = match modal.motion {
-        Motion::Rapid => 0,
-        Motion::Linear => 1,
-        Motion::Arc(Rotation::Clockwise) => 2,
-        Motion::Arc(Rotation::CounterClockwise) => 3,
-        Motion::Cancelled => 80,
-        Motion::Probe(Probe::Contact) => 140,
-        Motion::Probe(Probe::TryContact) => 141,
-        Motion::Probe(Probe::Release) => 142,
-        Motion::Probe(Probe::TryRelease) => 143,
+        MotionMode::Rapid => 0,
+        MotionMode::Linear => 1,
+        MotionMode::Arc(Rotation::Clockwise) => 2,
+        MotionMode::Arc(Rotation::CounterClockwise) => 3,
+        MotionMode::Cancelled => 80,
+        MotionMode::Probe(ProbeMode::Contact) => 140,
+        MotionMode::Probe(ProbeMode::TryContact) => 141,
+        MotionMode::Probe(ProbeMode::Release) => 142,
+        MotionMode::Probe(ProbeMode::TryRelease) => 143,
     };
     let plane = match modal.plane {
         Plane::Xy => 0,

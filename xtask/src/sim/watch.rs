@@ -4,7 +4,7 @@ use std::{cell::RefCell, collections::VecDeque, rc::Rc};
 
 use anstream::println;
 use indicatif::ProgressBar;
-use leadscrew::sim::{Edge, Tally, Watcher};
+use leadscrew::sim::{Edge, StepStatistics, Watcher};
 use owo_colors::OwoColorize;
 
 use crate::{
@@ -77,7 +77,7 @@ impl Iterator for Source {
 /// What is kept of a run.
 pub(super) struct Observer {
     pub(super) bar: ProgressBar,
-    pub(super) tally: Tally,
+    pub(super) tally: StepStatistics,
     pub(super) responses: Responses,
     pub(super) messages: Vec<(u64, String)>,
     pub(super) table: Option<Table<std::io::BufWriter<std::fs::File>>>,
@@ -92,7 +92,7 @@ impl Observer {
     pub(super) fn new(bar: ProgressBar) -> Self {
         Self {
             bar,
-            tally: Tally::new(),
+            tally: StepStatistics::new(),
             responses: Responses::default(),
             messages: Vec::new(),
             table: None,

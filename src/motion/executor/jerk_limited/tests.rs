@@ -7,7 +7,7 @@ use proptest::prelude::*;
 use super::*;
 use crate::{
     axis::AXES,
-    model::{Command, Overrides, Pace},
+    model::{Command, FeedRate, Overrides},
     motion::{LookAhead, jerk_limited::Smooth},
     path::{Block, Router, Window, Work},
     settings::Settings,
@@ -225,9 +225,9 @@ fn blocks(settings: &Settings, ways: &[([f64; 3], f32)]) -> Vec<Block> {
         let command = Command::Line {
             target: position.into(),
             pace: if *feed < 0.0 {
-                Pace::Rapid
+                FeedRate::Rapid
             } else {
-                Pace::Feed(*feed)
+                FeedRate::Feed(*feed)
             },
             line: 0,
         };
