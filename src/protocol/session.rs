@@ -5,13 +5,13 @@
 //! (room, standstill, the end of its commands, cycle start, the flash) is kept as [`Stage`] and
 //! looked at again in the next call. Read with Grbl 1.1 `protocol.c`.
 
-mod actions;
-mod held;
-mod judge;
+mod blending;
+mod commands;
+mod dispatch;
+mod notifications;
+mod persistence;
 mod program;
 mod reset;
-mod store;
-mod tell;
 
 use heapless::spsc::Producer;
 
@@ -30,9 +30,9 @@ use crate::{
     settings::{Change, Settings, StoreError, Stored},
     units::Nm,
 };
-use judge::List;
-use store::Then;
-use tell::Seen;
+use dispatch::List;
+use notifications::Seen;
+use persistence::Then;
 
 /// Lines that are executed in one run, at most.
 const LINES: usize = 8;

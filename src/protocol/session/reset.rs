@@ -5,7 +5,7 @@
 
 use heapless::spsc::Producer;
 
-use super::{LineStage, List, Progress, Session, Source, judge::answer};
+use super::{LineStage, List, Progress, Session, Source, dispatch::answer};
 use crate::{
     machine::Snapshot,
     model::{Alarm, Levels, Probed, State},

@@ -4,7 +4,7 @@
 
 use heapless::spsc::Producer;
 
-use super::{After, LineStage, Progress, Session, Source, judge::answer};
+use super::{After, LineStage, Progress, Session, Source, dispatch::answer};
 use crate::{
     axis::AXES,
     gcode::LineError,

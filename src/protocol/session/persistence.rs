@@ -6,7 +6,7 @@
 
 use heapless::spsc::Producer;
 
-use super::{After, LineStage, Progress, Session, Source, judge::answer};
+use super::{After, LineStage, Progress, Session, Source, dispatch::answer};
 use crate::{
     gcode::LineError,
     machine::Snapshot,
