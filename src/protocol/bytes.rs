@@ -158,7 +158,6 @@ impl ByteWriter<'_> {
             return false;
         }
         let mut number = self.ring.written.load(Relaxed);
-        // wcet-bound: 272
         for &byte in bytes {
             if let Some(slot) = self.ring.slot(number) {
                 slot.store(byte, Relaxed);
@@ -232,7 +231,6 @@ impl ByteReader<'_> {
         let mut left = self.ring.len();
         compiler_fence(SeqCst);
         let mut has_all = false;
-        // wcet-bound: 2
         while left != 0 && !has_all {
             let rest = bytes.get(number & (bytes.len() - 1)..).unwrap_or_default();
             let in_a_row = rest.get(..left).unwrap_or(rest);

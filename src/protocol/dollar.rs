@@ -155,7 +155,6 @@ impl<'a> Dollar<'a> {
 
 /// The bit of an axis that there is.
 fn axis_mask(letter: u8) -> Result<u8, LineError> {
-    // wcet-bound: axes
     let axis = LETTERS.iter().take(AXES).position(|&known| known == letter);
     axis.map(|axis| 1 << axis)
         .ok_or(LineError::InvalidStatement)

@@ -155,13 +155,11 @@ fn pins(text: &mut Text, inputs: Levels) {
     if inputs.has(Levels::PROBE) {
         text.byte(b'P');
     }
-    // wcet-bound: axes
     for (axis, letter) in LETTERS.iter().enumerate().take(AXES) {
         if inputs.has(Levels(1 << axis)) {
             text.byte(*letter);
         }
     }
-    // wcet-bound: 4
     for (input, letter) in [
         (Levels::DOOR, b'D'),
         (Levels::RESET, b'R'),

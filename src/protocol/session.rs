@@ -337,7 +337,6 @@ impl Session {
             self.flush(sent);
             return Progress::Waiting;
         }
-        // wcet-bound: 8
         for _ in 0..LINES {
             let is_busy = !entries.is_empty();
             let progress = self.advance(machine, requests, received, entries);

@@ -93,7 +93,6 @@ impl Text {
 
     /// Writes a word.
     pub fn word(&mut self, word: &str) -> &mut Self {
-        // wcet-bound: 96
         for &byte in word.as_bytes() {
             self.byte(byte);
         }
@@ -102,7 +101,6 @@ impl Text {
 
     /// Writes bytes as they are.
     pub fn bytes(&mut self, bytes: &[u8]) -> &mut Self {
-        // wcet-bound: 127
         for &byte in bytes {
             self.byte(byte);
         }
@@ -111,7 +109,6 @@ impl Text {
 
     /// Writes a word in ASCII: `µ` as `u`, `²` as `2`.
     pub fn plain(&mut self, word: &str) -> &mut Self {
-        // wcet-bound: 96
         for letter in word.chars() {
             self.byte(match letter {
                 'µ' => b'u',
@@ -147,7 +144,6 @@ impl Text {
 
     /// Writes one coordinate for each axis, with commas between.
     pub fn coordinates(&mut self, values: &Axes<Nm>, unit: ReportUnit) -> &mut Self {
-        // wcet-bound: axes
         for (axis, &value) in values.iter().enumerate() {
             if axis > 0 {
                 self.byte(b',');
@@ -194,10 +190,8 @@ impl Text {
     fn digits(&mut self, value: u64, places: &[u64; PLACES], decimals: usize) -> &mut Self {
         let mut rest = value;
         let mut begun = false;
-        // wcet-bound: 16
         for (place, left) in places.iter().zip((0..PLACES).rev()) {
             let mut digit = b'0';
-            // wcet-bound: 9
             while rest >= *place && digit < b'9' {
                 rest -= place;
                 digit += 1;

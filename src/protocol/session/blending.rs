@@ -95,7 +95,6 @@ impl Session {
     /// Apart, so that a line under `G61` does not pay for it.
     #[inline(never)]
     fn drain_ready(&mut self, entries: &mut Producer<'_, Entry>) -> bool {
-        // wcet-bound: 6
         while let Some(way) = self.path.next() {
             if !entries.ready() {
                 return false;

@@ -214,7 +214,6 @@ impl Session {
         }
         let is_checking = machine.state == State::Check;
         let mut from = from;
-        // wcet-bound: 7
         self.outcome.commands.iter().any(|command| {
             // Check mode ends a probing move before it has begun.
             let is_skipped = is_checking && matches!(command, Command::Probe { .. });
@@ -245,7 +244,6 @@ impl Session {
     ) -> Progress {
         let control = self.path_control();
         let mut next = first;
-        // wcet-bound: 7
         while let Some(command) = self.outcome.commands.get(next) {
             let is_led = is_led(control, command);
             if !is_led {

@@ -122,7 +122,6 @@ impl Session {
         if !self.is_position_known {
             return Progress::Waiting;
         }
-        // wcet-bound: 2
         let next = (first..STARTUP_LINES).find(|&number| {
             self.stored
                 .startup
