@@ -57,7 +57,7 @@ mod app {
         /// Atomics, shared by reference and never locked.
         requests: Requests,
         inputs: Inputs,
-        counts: SegmentRing,
+        segments: SegmentRing,
     }
 
     #[local]
@@ -105,7 +105,7 @@ mod app {
             step_switch: board.step,
             requests: Requests::new(),
             inputs,
-            counts: SegmentRing::new(),
+            segments: SegmentRing::new(),
         };
         let local = Local {
             output: board.output,
@@ -139,7 +139,7 @@ mod app {
     /// Outputs the event that is due and sets up the next: the same work for any number of axes.
     ///
     /// Deadline: before the next event. A miss delays later events, and is counted; no step is lost.
-    #[task(binds = SysTick, priority = 5, local = [output, events_out], shared = [&counts])]
+    #[task(binds = SysTick, priority = 5, local = [output, events_out], shared = [&segments])]
     fn step(cx: step::Context) {
         let _activation = trace::step();
         let (output, events) = (cx.local.output, cx.local.events_out);
@@ -147,7 +147,7 @@ mod app {
         if let Some(upcoming) = events.advance() {
             output.set_up(upcoming, events);
         } else {
-            output.stop(cx.shared.counts);
+            output.stop(cx.shared.segments);
         }
     }
 
@@ -164,10 +164,10 @@ mod app {
     /// Begins the segment whose first event `step` has set up.
     ///
     /// Deadline: before two more segments begin. A miss has the laser's power change late.
-    #[task(binds = I2C3_EV, priority = 3, local = [played], shared = [&counts])]
+    #[task(binds = I2C3_EV, priority = 3, local = [played], shared = [&segments])]
     fn segment_start(cx: segment_start::Context) {
         let _activation = trace::segment_start();
-        board::follow(cx.shared.counts.start_segment(*cx.local.played));
+        board::follow(cx.shared.segments.start_segment(*cx.local.played));
     }
 
     /// Filters switches, probe and buttons.
@@ -175,12 +175,12 @@ mod app {
     /// Deadline: one step time while probing. A miss tells a position that is as much too late.
     #[task(
         binds = TIM7, priority = 3, local = [pins],
-        shared = [step_switch, &requests, &inputs, &counts]
+        shared = [step_switch, &requests, &inputs, &segments]
     )]
     fn inputs(cx: inputs::Context) {
         let _activation = trace::inputs();
         let (on, pins) = (cx.shared, cx.local.pins);
-        pins.serve(on.requests, on.inputs, on.counts, on.step_switch);
+        pins.serve(on.requests, on.inputs, on.segments, on.step_switch);
     }
 
     /// Keeps the event queue filled.
@@ -188,20 +188,20 @@ mod app {
     /// Deadline: before the events in the queue have been played. A miss is a fault: alarm.
     #[task(
         binds = TIM6_DAC, priority = 2, local = [motion, entries_out, events_in, after],
-        shared = [snapshot, step_switch, &requests, &inputs, &counts]
+        shared = [snapshot, step_switch, &requests, &inputs, &segments]
     )]
     fn prepare(mut cx: prepare::Context) {
         let _activation = trace::prepare();
         let (motion, entries) = (cx.local.motion, cx.local.entries_out);
-        let (events, counts) = (cx.local.events_in, cx.shared.counts);
+        let (events, segments) = (cx.local.events_in, cx.shared.segments);
         let (requests, inputs) = (cx.shared.requests, cx.shared.inputs);
         cx.local.after.begin(requests);
         // Of those who use it, this task has the highest priority: nobody waits for the lock.
         let run =
-            |shared: &mut Snapshot| motion.run(requests, inputs, counts, entries, events, shared);
+            |shared: &mut Snapshot| motion.run(requests, inputs, segments, entries, events, shared);
         let prepared = cx.shared.snapshot.lock(run);
         let (after, step) = (cx.local.after, cx.shared.step_switch);
-        after.follow(prepared, motion, events, counts, step);
+        after.follow(prepared, motion, events, segments, step);
     }
 
     /// Wakes the endless tasks.
@@ -217,16 +217,16 @@ mod app {
     /// Executes received lines.
     #[task(
         priority = 1, local = [entries_in, storage, deputy_in],
-        shared = [snapshot, dialogue, interpret_waker, &requests, &inputs, &counts]
+        shared = [snapshot, dialogue, interpret_waker, &requests, &inputs, &segments]
     )]
     async fn interpret(mut cx: interpret::Context) -> ! {
         let (requests, entries) = (cx.shared.requests, cx.local.entries_in);
-        let (inputs, counts) = (cx.shared.inputs, cx.shared.counts);
+        let (inputs, segments) = (cx.shared.inputs, cx.shared.segments);
         let storage = cx.local.storage;
         storage.receive(requests, cx.local.deputy_in.second_writer());
         let mut snapshot = Snapshot::default();
         loop {
-            let read = |shared: &mut Snapshot| snapshot.take_over(shared, counts, inputs);
+            let read = |shared: &mut Snapshot| snapshot.take_over(shared, segments, inputs);
             cx.shared.snapshot.lock(read);
             let run = |on: &mut Dialogue| on.run(&snapshot, requests, entries, storage);
             let progress = cx.shared.dialogue.lock(run);
@@ -237,13 +237,13 @@ mod app {
     }
 
     /// Answers `?`, within 5 ms.
-    #[task(priority = 1, shared = [snapshot, dialogue, report_waker, &requests, &inputs, &counts])]
+    #[task(priority = 1, shared = [snapshot, dialogue, report_waker, &requests, &inputs, &segments])]
     async fn report(mut cx: report::Context) -> ! {
         let requests = cx.shared.requests;
-        let (inputs, counts) = (cx.shared.inputs, cx.shared.counts);
+        let (inputs, segments) = (cx.shared.inputs, cx.shared.segments);
         let mut snapshot = Snapshot::default();
         loop {
-            let read = |shared: &mut Snapshot| snapshot.take_over(shared, counts, inputs);
+            let read = |shared: &mut Snapshot| snapshot.take_over(shared, segments, inputs);
             cx.shared.snapshot.lock(read);
             let report = |on: &mut Dialogue| on.report(&snapshot, requests);
             let progress = cx.shared.dialogue.lock(report);

@@ -119,7 +119,7 @@ fn starve(settings: &Settings, events: usize) {
     while machine.step() {}
     machine.go(&[11.0, 0.0, 0.0]);
     machine.play();
-    assert!(machine.drive.snapshot().is_starved);
+    assert!(machine.drive.snapshot().has_underrun);
     assert_eq!(machine.drive.snapshot().state, State::Alarm);
     let stopped = machine.steps;
     machine.send(Work::Unlock);
@@ -130,7 +130,7 @@ fn starve(settings: &Settings, events: usize) {
     assert_eq!(machine.drive.snapshot().state, State::Alarm);
     machine.reset();
     machine.play();
-    assert!(!machine.drive.snapshot().is_starved);
+    assert!(!machine.drive.snapshot().has_underrun);
     let position = machine.router.set_steps(machine.drive.snapshot().steps);
     machine.send(Work::Unlock);
     machine.go(&[position[0].to_mm_f64() + 1.0, 2.0, 3.0]);
@@ -165,7 +165,7 @@ fn a_starved_dwell_ends_and_locks() {
     machine.prepare();
     while machine.step() {}
     machine.play();
-    assert!(machine.drive.snapshot().is_starved);
+    assert!(machine.drive.snapshot().has_underrun);
 }
 
 #[test]

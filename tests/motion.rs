@@ -127,7 +127,7 @@ fn a_flood_of_requests_does_not_have_the_queue_run_dry() {
         assert_eq!(rig.snapshot().state, State::Run);
         rig.run_flooded(&flood.repeat(1000), u64::from(TICKS_PER_MS) * 2 / 5);
         let snapshot = rig.snapshot();
-        assert!(!snapshot.is_starved);
+        assert!(!snapshot.has_underrun);
         assert!(snapshot.is_at_rest);
         assert_eq!(snapshot.steps, rig.trace.net_steps());
         rig.trace.check_pulses();

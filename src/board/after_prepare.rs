@@ -45,11 +45,11 @@ impl AfterPrepare {
         prepared: Prepared,
         motion: &mut Motion,
         events: &mut EventWriter<'_>,
-        counts: &SegmentRing,
+        segments: &SegmentRing,
         mut step: impl rtic::Mutex<T = StepSwitch>,
     ) {
-        step_output::go_on(events, counts);
-        let is_at_rest = !counts.is_running() && !prepared.start;
+        step_output::go_on(events, segments);
+        let is_at_rest = !segments.is_running() && !prepared.start;
         // At rest the duty is theirs, too, and what has been switched in motion may be still to come.
         if prepared.switches || is_at_rest {
             self.switches.apply(motion.outputs(), is_at_rest);
@@ -57,7 +57,7 @@ impl AfterPrepare {
         if prepared.start
             && let Some(then) = step_output::set_up(events)
         {
-            step.lock(|step| step.start(then, counts));
+            step.lock(|step| step.start(then, segments));
             pend(SEGMENT_START);
         }
         if prepared.switches

@@ -111,7 +111,7 @@ impl InputPins {
         &mut self,
         requests: &Requests,
         inputs: &Inputs,
-        counts: &SegmentRing,
+        segments: &SegmentRing,
         mut step: impl rtic::Mutex<T = StepSwitch>,
     ) {
         let events = self.events;
@@ -128,7 +128,7 @@ impl InputPins {
         if is_sample {
             let watched = self.watch.sample(inputs, requests);
             if watched.halt {
-                step.lock(|step| step.halt(events, counts));
+                step.lock(|step| step.halt(events, segments));
             }
             self.silent = self.silent.saturating_sub(1);
             if !watched.again && self.silent == 0 {

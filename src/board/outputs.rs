@@ -80,7 +80,7 @@ pub(crate) fn follow(turned: SegmentStart) {
         set_duty(duty);
     }
     pend(PREPARE);
-    if turned.again {
+    if turned.has_more {
         pend(SEGMENT_START);
     }
 }

@@ -63,7 +63,11 @@ fn words(event: StepEvent) -> Words {
     if !IS_APART {
         return load(&SHARED.events[pins]);
     }
-    let first = if event.is_turn() { 2 * MASKS } else { 0 };
+    let first = if event.sets_directions() {
+        2 * MASKS
+    } else {
+        0
+    };
     let mut words = load(&SHARED.events[first + pins % MASKS]);
     let second = load(&SHARED.events[first + MASKS + pins / MASKS % MASKS]);
     // wcet-bound: 3

@@ -26,10 +26,10 @@ impl StepOutput {
     #[inline]
     pub(crate) fn set_up(
         &mut self,
-        Upcoming { event, then }: Upcoming,
+        Upcoming { event, following }: Upcoming,
         events: &mut EventReader<'_>,
     ) {
-        let late = self.0.then(then).behind();
+        let late = self.0.then(following).behind();
         events.count_late(late);
         pins::prepare(event);
         self.0.pend(SEGMENT_START, event);
@@ -37,8 +37,8 @@ impl StepOutput {
 
     /// Sets nothing up: no event will come.
     #[inline]
-    pub(crate) fn stop(&mut self, counts: &SegmentRing) {
-        counts.stop();
+    pub(crate) fn stop(&mut self, segments: &SegmentRing) {
+        segments.stop();
         pins::clear();
         self.0.stop().pend(SEGMENT_START, true);
     }
@@ -46,8 +46,8 @@ impl StepOutput {
 
 /// Tells the time of an event that came too late for the step interrupt to know of it.
 #[inline]
-pub(super) fn go_on(events: &mut EventWriter<'_>, counts: &SegmentRing) {
-    if let Some(event) = events.appended_late(counts) {
+pub(super) fn go_on(events: &mut EventWriter<'_>, segments: &SegmentRing) {
+    if let Some(event) = events.appended_late(segments) {
         step_timer::then(event);
         events.append(event);
     }
@@ -57,10 +57,10 @@ pub(super) fn go_on(events: &mut EventWriter<'_>, counts: &SegmentRing) {
 /// interrupt stands.
 #[inline]
 pub(super) fn set_up(events: &mut EventWriter<'_>) -> Option<StepEvent> {
-    let Upcoming { event, then } = events.set_up()?;
+    let Upcoming { event, following } = events.set_up()?;
     pins::prepare(event);
     step_timer::set_up(event);
-    Some(then)
+    Some(following)
 }
 
 /// Starts the step interrupt, or stops it by force: with a lock around it, as more than one task
@@ -77,18 +77,18 @@ impl StepSwitch {
 
     /// Starts, when the first event is set up, with the one behind it; but what has been cut meanwhile has to be seen to first.
     #[inline]
-    pub(crate) fn start(&mut self, then: StepEvent, counts: &SegmentRing) {
-        if !counts.is_halted() {
-            counts.start();
-            step_timer::start(then);
+    pub(crate) fn start(&mut self, following: StepEvent, segments: &SegmentRing) {
+        if !segments.is_halted() {
+            segments.start();
+            step_timer::start(following);
         }
     }
 
     /// Stops at once: the event that is set up will not happen.
     #[inline]
-    pub(crate) fn halt(&mut self, events: EventTap<'_>, counts: &SegmentRing) {
+    pub(crate) fn halt(&mut self, events: EventTap<'_>, segments: &SegmentRing) {
         step_timer::halt();
-        events.halt(counts);
+        events.halt(segments);
         pins::clear();
     }
 }

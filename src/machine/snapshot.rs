@@ -53,7 +53,7 @@ pub struct Snapshot {
     /// Whether that reset found the machine in motion, so that it rises `ALARM:3`.
     pub reset_in_motion: bool,
     /// Whether the step events ran out in motion: a fault that only a reset ends.
-    pub is_starved: bool,
+    pub has_underrun: bool,
     /// Whether an alarm has come that only a reset ends: a hard or soft limit.
     pub is_critical: bool,
 }
@@ -62,8 +62,8 @@ impl Snapshot {
     /// Takes over where the machine is, and its inputs. That is not published, but looked up by whoever
     /// reads the rest: with the same lock, so that nothing begins meanwhile that is not in the rest yet.
     #[inline]
-    pub fn observe(&mut self, counts: &SegmentRing, inputs: &Inputs) {
-        (self.steps, self.feed_mm_min, self.line) = counts.place();
+    pub fn observe(&mut self, segments: &SegmentRing, inputs: &Inputs) {
+        (self.steps, self.feed_mm_min, self.line) = segments.status();
         self.inputs = inputs.active();
     }
 
@@ -71,8 +71,8 @@ impl Snapshot {
     /// small for the routine that copies memory in a loop. For tasks with a deadline, and for locks
     /// that they wait for. Looks the rest up.
     #[inline]
-    pub fn take_over(&mut self, new: &Self, counts: &SegmentRing, inputs: &Inputs) {
-        self.observe(counts, inputs);
+    pub fn take_over(&mut self, new: &Self, segments: &SegmentRing, inputs: &Inputs) {
+        self.observe(segments, inputs);
         let Self {
             state,
             steps: _,
@@ -94,7 +94,7 @@ impl Snapshot {
             reset_count: epoch,
             cancelled_motions: cuts,
             reset_in_motion,
-            is_starved,
+            has_underrun,
             is_critical,
         } = new;
         self.state = *state;
@@ -113,7 +113,7 @@ impl Snapshot {
         self.reset_count = *epoch;
         self.cancelled_motions = *cuts;
         self.reset_in_motion = *reset_in_motion;
-        self.is_starved = *is_starved;
+        self.has_underrun = *has_underrun;
         self.is_critical = *is_critical;
     }
 }

@@ -17,7 +17,7 @@ pub struct Watched {
     pub again: bool,
     /// Release `prepare`.
     pub prepare: bool,
-    /// Stop the step interrupt at once, and call [`EventTap::cut`].
+    /// Stop the step interrupt at once, and call [`EventTap::halt`].
     pub halt: bool,
 }
 
@@ -48,7 +48,7 @@ impl Watch {
     /// tells a position that is as much too late.
     #[inline]
     pub fn look(&mut self, raw: Levels, inputs: &Inputs, events: EventTap<'_>) -> bool {
-        let output = events.output();
+        let output = events.output_count();
         let is_contact = inputs.is_contact(raw);
         if is_contact {
             inputs.latch(output);

@@ -1,6 +1,6 @@
 //! Sizes of the queues between the tasks.
 
-use super::timing::SEGMENT_EVENTS;
+use super::timing::MAX_SEGMENT_EVENTS;
 
 /// Bytes that may wait for `interpret`, and one more.
 pub const RECEIVED_RING: usize = 1024;
@@ -15,4 +15,4 @@ pub const SEGMENT_RING: usize = 32;
 /// The beginning of a segment releases `prepare`, so a full ring must hold one, and enough events
 /// behind it for `prepare` to catch up: at the shortest spacing half of the longest segment.
 pub const EVENT_RING: usize = 2048;
-const _: () = assert!(EVENT_RING as u32 >= SEGMENT_EVENTS * 3 / 2);
+const _: () = assert!(EVENT_RING as u32 >= MAX_SEGMENT_EVENTS * 3 / 2);

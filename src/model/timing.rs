@@ -5,16 +5,16 @@ use crate::units::{TICKS_PER_MS, TICKS_PER_US};
 /// Motion ahead below which `prepare` makes another segment before anything else, ticks, counted from
 /// where the segment being played begins. At the end of that one, 2 ms are left, for one other unit of
 /// work and the next segment. A feed hold waits for it and for a segment more: 5 ms.
-pub const AHEAD_TICKS: u32 = 7 * TICKS_PER_MS / 2;
+pub const QUEUED_AHEAD_TICKS: u32 = 7 * TICKS_PER_MS / 2;
 /// A segment of a long motion, ticks.
 pub const SEGMENT_TICKS: u32 = TICKS_PER_MS;
 /// Longest segment, ticks.
-pub const LONGEST_SEGMENT_TICKS: u32 = 3 * TICKS_PER_MS / 2;
+pub const MAX_SEGMENT_TICKS: u32 = 3 * TICKS_PER_MS / 2;
 /// Shortest time between two events, ticks, 1.5 µs: longer than the step interrupt takes to serve
 /// one, by `cargo xtask schedule`. A power of two, as times are divided by it.
 pub const EVENT_SPACING_TICKS: u32 = 128;
 /// Most events of a segment.
-pub(crate) const SEGMENT_EVENTS: u32 = LONGEST_SEGMENT_TICKS / EVENT_SPACING_TICKS;
+pub(crate) const MAX_SEGMENT_EVENTS: u32 = MAX_SEGMENT_TICKS / EVENT_SPACING_TICKS;
 /// Shortest time between the end of a pulse and the next pulse of the axis, ticks.
 ///
 /// 2.5 µs serve a DM542, the slowest of the common drivers; A4988 and DRV8825 need 1 and 1.9 µs.
@@ -25,7 +25,7 @@ pub const DIRECTION_SETUP_TICKS: u32 = TICKS_PER_US * 5;
 pub(crate) const SLOT_TICKS: u32 = EVENT_SPACING_TICKS;
 /// Slots from the end of a pulse to the next step of the axis: an event comes at the end of its slot
 /// at most.
-pub(crate) const LOW_SLOTS: u32 = 1 + PULSE_LOW_TICKS.div_ceil(SLOT_TICKS);
+pub(crate) const PULSE_LOW_SLOTS: u32 = 1 + PULSE_LOW_TICKS.div_ceil(SLOT_TICKS);
 /// A cell of time, s.
 pub(crate) const CELL_S: f32 = 1.0e-3;
 
@@ -37,6 +37,6 @@ pub(crate) const fn pulse_slots(pulse_ticks: u32) -> u32 {
 
 /// Shortest time between two steps of an axis, ticks, with pulses of `pulse_ticks`.
 #[must_use]
-pub(crate) const fn least_period_ticks(pulse_ticks: u32) -> u32 {
-    (pulse_slots(pulse_ticks) + LOW_SLOTS) * SLOT_TICKS
+pub(crate) const fn min_period_ticks(pulse_ticks: u32) -> u32 {
+    (pulse_slots(pulse_ticks) + PULSE_LOW_SLOTS) * SLOT_TICKS
 }

@@ -31,7 +31,7 @@ use crate::{
     math::{self, WHOLE_Q31},
     model::{
         Laser, Power,
-        timing::{LONGEST_SEGMENT_TICKS, SEGMENT_TICKS},
+        timing::{MAX_SEGMENT_TICKS, SEGMENT_TICKS},
     },
     path::{Block, Curve, Shape, SpatialArc},
     stepper::{AxisMotion, Segment},
@@ -43,7 +43,7 @@ const TICKS_PER_S: f32 = TICKS_PER_SECOND as f32;
 /// A segment of a long piece, s.
 pub(super) const SEGMENT_S: f32 = SEGMENT_TICKS as f32 / TICKS_PER_S;
 /// Longest segment, s.
-pub(super) const LONGEST_S: f32 = LONGEST_SEGMENT_TICKS as f32 / TICKS_PER_S;
+pub(super) const LONGEST_S: f32 = MAX_SEGMENT_TICKS as f32 / TICKS_PER_S;
 /// Shortest segment of a piece that has several, s.
 pub(super) const SHORTEST_S: f32 = 0.5 * LONGEST_S;
 /// The first segment from rest, s: it makes up for the standstill before it, which is a segment too.

@@ -89,7 +89,7 @@ pub struct Motion {
     is_dwelling: bool,
     reset_in_motion: bool,
     /// The step interrupt ran out of events in motion: nothing is executed before the next reset.
-    is_starved: bool,
+    has_underrun: bool,
     /// An alarm has come that only a reset ends.
     is_critical: bool,
     /// The door has to be looked at when the reset is over.
@@ -155,7 +155,7 @@ impl Motion {
             heard_ticks: 0,
             cancelled_motions: 0,
             reset_in_motion: false,
-            is_starved: false,
+            has_underrun: false,
             is_critical: false,
             looks_at_door: false,
             fault: None,
@@ -251,29 +251,30 @@ impl Motion {
         &mut self,
         requests: &Requests,
         inputs: &Inputs,
-        counts: &SegmentRing,
+        segments: &SegmentRing,
         entries: &mut Consumer<'_, Entry>,
         events: &mut EventWriter<'_>,
         snapshot: &mut Snapshot,
     ) -> Prepared {
-        let look = self.look(requests, counts);
-        if !self.is_segment_due(look, counts) {
-            return self.attend(requests, inputs, counts, entries, events, snapshot);
+        let look = self.look(requests, segments);
+        if !self.is_segment_due(look, segments) {
+            return self.attend(requests, inputs, segments, entries, events, snapshot);
         }
         if self.needs_cell() {
             // Nothing that anybody sees changes, and what needs the cell follows.
             self.pace();
             return Prepared::AGAIN;
         }
-        self.make_segment(inputs, counts, events);
+        self.make_segment(inputs, segments, events);
         // Nothing else that is published has changed.
         let is_still = self.is_still(look);
         if self.control.state == State::Alarm {
             self.guard(inputs, is_still);
         }
-        let is_toggled = self.publish_accessories(counts, snapshot);
+        let is_toggled = self.publish_accessories(segments, snapshot);
         let has_rested = self.publish_progress(is_still, snapshot);
-        let again = is_still || self.goes_on(look, counts) || self.has_more(look, inputs, entries);
+        let again =
+            is_still || self.goes_on(look, segments) || self.has_more(look, inputs, entries);
         Prepared {
             again,
             start: look.starts(again, events),
@@ -288,23 +289,23 @@ impl Motion {
         &mut self,
         requests: &Requests,
         inputs: &Inputs,
-        counts: &SegmentRing,
+        segments: &SegmentRing,
         entries: &mut Consumer<'_, Entry>,
         events: &mut EventWriter<'_>,
         snapshot: &mut Snapshot,
     ) -> Prepared {
-        let look = self.look(requests, counts);
+        let look = self.look(requests, segments);
         self.inputs = inputs.active();
         let was_dwelling = self.is_dwelling;
-        let unit = self.next_unit(look, requests, inputs, counts, entries);
+        let unit = self.next_unit(look, requests, inputs, segments, entries);
         self.begins = unit == Job::Begin;
         match unit {
             Job::Nothing | Job::Begin => {}
-            Job::Fail => self.fail(counts),
-            Job::Cut => self.cut(counts, events),
-            Job::Reset => self.reset(requests, counts),
-            Job::Obey => self.obey(requests, counts),
-            Job::Find => self.find(inputs, counts, events),
+            Job::Fail => self.fail(segments),
+            Job::Cut => self.cut(segments, events),
+            Job::Reset => self.reset(requests, segments),
+            Job::Obey => self.obey(requests, segments),
+            Job::Find => self.find(inputs, segments, events),
             Job::Plan => self.plan_on(),
             Job::Take => self.take(entries, inputs),
             Job::Settle => {
@@ -318,7 +319,7 @@ impl Motion {
         if !self.probe.is_active() {
             inputs.disarm_probe();
         }
-        let is_toggled = self.publish_accessories(counts, snapshot);
+        let is_toggled = self.publish_accessories(segments, snapshot);
         let has_rested = self.publish_progress(is_still, snapshot);
         let has_changed = self.publish_state(snapshot);
         let is_awaited = unit == Job::Take && requests.awaits(Awaited::ENTRIES);
@@ -330,7 +331,7 @@ impl Motion {
                 // Z may have to stop nowhere on its way, so that nothing was to be played.
                 let settles = unit != Job::Settle || self.parking.is_moving() || self.is_unsettled;
                 is_still && settles
-                    || self.makes_segment(look, counts)
+                    || self.makes_segment(look, segments)
                     || self.has_more(look, inputs, entries)
             }
         };
@@ -367,7 +368,7 @@ impl Motion {
 
     /// Makes the whole steps the exact position: `interpret` goes on from there.
     fn settle_on_steps(&mut self) {
-        self.generator.settle_on(self.generator.steps());
+        self.generator.set_steps(self.generator.steps());
     }
 
     /// Publishes how far the machine has come; tells whether it has come to rest, or left it.
@@ -403,7 +404,7 @@ impl Motion {
         new.reset_count = self.reset_count;
         new.cancelled_motions = self.cancelled_motions;
         new.reset_in_motion = self.reset_in_motion;
-        new.is_starved = self.is_starved;
+        new.has_underrun = self.has_underrun;
         new.is_critical = self.is_critical;
         changed
     }
@@ -411,11 +412,11 @@ impl Motion {
     /// Publishes spindle, laser and coolant, which rarely change; tells whether coolant has been
     /// toggled, for which a task waits.
     #[inline]
-    fn publish_accessories(&mut self, counts: &SegmentRing, new: &mut Snapshot) -> bool {
+    fn publish_accessories(&mut self, segments: &SegmentRing, new: &mut Snapshot) -> bool {
         // Off, a spindle has no power at rest nor in motion.
         let is_changed = self.accessories.take_changed();
         (is_changed || !self.accessories.is_spindle_off())
-            && self.publish_power(is_changed, counts, new)
+            && self.publish_power(is_changed, segments, new)
     }
 
     /// The same for a spindle that is on, or where something has changed.
@@ -423,16 +424,16 @@ impl Motion {
     fn publish_power(
         &mut self,
         is_changed: bool,
-        counts: &SegmentRing,
+        segments: &SegmentRing,
         new: &mut Snapshot,
     ) -> bool {
         if is_changed {
             self.at_rest = self.accessories.power_at_rest();
         }
-        let power = if counts.is_running() && !self.accessories.is_spindle_off() {
+        let power = if segments.is_running() && !self.accessories.is_spindle_off() {
             Power {
-                rpm: counts.spindle_rpm(),
-                duty: counts.duty(),
+                rpm: segments.spindle_rpm(),
+                duty: segments.duty(),
             }
         } else {
             self.at_rest
@@ -441,15 +442,15 @@ impl Motion {
             return false;
         }
         self.power = power;
-        self.show(power, counts, new)
+        self.show(power, segments, new)
     }
 
     /// Switches spindle, laser and coolant, and publishes them.
     #[inline]
-    fn show(&mut self, power: Power, counts: &SegmentRing, new: &mut Snapshot) -> bool {
+    fn show(&mut self, power: Power, segments: &SegmentRing, new: &mut Snapshot) -> bool {
         self.switches = true;
         let accessories = &self.accessories;
-        counts.mute(accessories.is_spindle_off());
+        segments.inhibit_spindle(accessories.is_spindle_off());
         self.outputs.spindle = accessories.switched(power);
         self.outputs.duty = self.at_rest.duty;
         self.outputs.coolant = accessories.coolant();

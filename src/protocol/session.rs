@@ -332,7 +332,7 @@ impl Session {
         if !self.message.is_empty() {
             return Progress::Waiting;
         }
-        if machine.is_starved || machine.is_critical {
+        if machine.has_underrun || machine.is_critical {
             self.tell_fault(machine);
             self.flush(sent);
             return Progress::Waiting;

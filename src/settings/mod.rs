@@ -19,7 +19,7 @@ pub use table::{
 
 use crate::{
     axis::Axes,
-    model::timing::{EVENT_SPACING_TICKS, least_period_ticks},
+    model::timing::{EVENT_SPACING_TICKS, min_period_ticks},
     units::{Nm, StepsPerMm, TICKS_PER_SECOND, TICKS_PER_US},
 };
 
@@ -109,7 +109,7 @@ impl Settings {
     pub fn greatest_step_rate_hz(&self) -> f32 {
         let pulse_ticks = (u32::from(self.step_pulse_us) * TICKS_PER_US).max(EVENT_SPACING_TICKS);
         let proven = self.step_rate.hz() as f32;
-        (TICKS_PER_SECOND as f32 / least_period_ticks(pulse_ticks) as f32)
+        (TICKS_PER_SECOND as f32 / min_period_ticks(pulse_ticks) as f32)
             .min(MAX_STEP_RATE_HZ)
             .min(proven)
     }

@@ -35,7 +35,7 @@ pub struct Drive {
     motion: Motion,
     pub(super) snapshot: Snapshot,
     /// What the step interrupt and `segment_start` tell of what they have played.
-    pub counts: SegmentRing,
+    pub segments: SegmentRing,
     /// Switches, probe and buttons.
     pub inputs: Inputs,
     /// Entries for `prepare`.
@@ -68,7 +68,7 @@ impl Drive {
         let mut drive = Self {
             motion: const { Motion::new() },
             snapshot: Snapshot::default(),
-            counts: const { SegmentRing::new() },
+            segments: const { SegmentRing::new() },
             contacts: Contacts::new(),
             watch: Watch::new(Levels::NONE, &inputs),
             sample_due: None,
@@ -174,7 +174,7 @@ impl Drive {
             let watched = watch.sample(inputs, requests);
             if watched.halt {
                 self.due = None;
-                events.halt(&self.counts);
+                events.halt(&self.segments);
             }
             self.is_prepare_released |= watched.prepare;
             watched.again
@@ -204,12 +204,12 @@ impl Drive {
         let prepared = self.motion.run(
             requests,
             &self.inputs,
-            &self.counts,
+            &self.segments,
             &mut entries,
             &mut events,
             &mut self.snapshot,
         );
-        self.snapshot.observe(&self.counts, &self.inputs);
+        self.snapshot.observe(&self.segments, &self.inputs);
         self.is_prepare_released = prepared.again;
         self.has_news |= prepared.news;
         if prepared.switches
@@ -218,13 +218,13 @@ impl Drive {
             self.wake_due = Some(now + u64::from(milliseconds) * u64::from(TICKS_PER_MS));
         }
         let outputs = self.motion.outputs();
-        let duty = if self.counts.is_running() || prepared.start {
+        let duty = if self.segments.is_running() || prepared.start {
             self.outputs.duty
         } else {
             outputs.duty
         };
         self.outputs = Outputs { duty, ..*outputs };
-        if let Some(missed) = events.appended_late(&self.counts) {
+        if let Some(missed) = events.appended_late(&self.segments) {
             events.append(missed);
         }
         if prepared.start {
@@ -238,7 +238,7 @@ impl Drive {
         debug_assert!(self.due.is_none(), "a timer that runs is started");
         let (mut events, _) = self.events.split();
         let upcoming = events.set_up();
-        self.counts.start();
+        self.segments.start();
         self.set_up(now, upcoming);
     }
 
@@ -249,7 +249,7 @@ impl Drive {
         let (_, mut events) = self.events.split();
         let upcoming = events.advance();
         if upcoming.is_none() {
-            self.counts.stop();
+            self.segments.stop();
         }
         self.set_up(edge.ticks, upcoming);
         if edge.raise != 0 {
@@ -265,10 +265,10 @@ impl Drive {
         let mut releases_turn = event.is_none_or(StepEvent::is_boundary);
         while releases_turn {
             let (events, _) = self.events.split();
-            let turned = self.counts.start_segment(events.tap());
+            let turned = self.segments.start_segment(events.tap());
             self.outputs.duty = turned.duty.unwrap_or(self.outputs.duty);
             self.is_prepare_released = true;
-            releases_turn = turned.again;
+            releases_turn = turned.has_more;
         }
         self.due = event.map(|event| Edge {
             ticks: before + u64::from(event.ticks()),

@@ -109,8 +109,8 @@ impl Simulator {
 
     /// What the step interrupt has counted.
     #[must_use]
-    pub const fn counts(&self) -> &SegmentRing {
-        &self.drive.counts
+    pub const fn segments(&self) -> &SegmentRing {
+        &self.drive.segments
     }
 
     /// Events that came too late.

@@ -3,9 +3,9 @@
 
 use super::{
     StepEvent,
-    axis_steps::{AxisSteps, EVEN_BITS},
     ring::EventBatch,
     slots::Cursor,
+    step_times::{AxisSteps, EVEN_BITS},
 };
 use crate::model::timing::PULSE_LOW_TICKS;
 

@@ -26,7 +26,7 @@ impl StepEvent {
     /// Different outputs that events can have: see [`StepEvent::pins`].
     pub const PINS: usize = 1 << (2 * AXES);
     /// Raises and drops X.
-    const TURN: u32 = 1 << AXES | 1;
+    const SET_DIRECTIONS: u32 = 1 << AXES | 1;
     const BOUNDARY: u32 = 1 << 12;
 
     /// An event. Masks have a bit for each axis, bit 0 = X; `ticks` is at most
@@ -43,20 +43,20 @@ impl StepEvent {
     pub const fn set_directions(ticks: u32, directions: u8) -> Self {
         let directions = directions as u32;
         let x = (directions & 1) << 1;
-        Self(Self::new(ticks, directions & !1, x).0 | Self::TURN)
+        Self(Self::new(ticks, directions & !1, x).0 | Self::SET_DIRECTIONS)
     }
 
     /// The same event, so many ticks after the one before.
     #[inline]
     #[must_use]
-    pub const fn after(self, ticks: u32) -> Self {
+    pub const fn with_ticks(self, ticks: u32) -> Self {
         Self(ticks << 13 | self.0 & (2 * Self::BOUNDARY - 1))
     }
 
     /// The same event, whose ticks count in a slot, at other ticks in a slot.
     #[inline]
     #[must_use]
-    pub(super) const fn within(self, ticks: u32) -> Self {
+    pub(super) const fn with_slot_ticks(self, ticks: u32) -> Self {
         let all = EVENT_SPACING_TICKS - 1;
         Self((ticks & all) << 13 | self.0 & !(all << 13))
     }
@@ -64,7 +64,7 @@ impl StepEvent {
     /// What both events do, after as many ticks as both together in bits: one has none.
     #[inline]
     #[must_use]
-    pub const fn and(self, other: Self) -> Self {
+    pub const fn merged_with(self, other: Self) -> Self {
         Self(self.0 | other.0)
     }
 
@@ -115,7 +115,7 @@ impl StepEvent {
     #[inline]
     #[must_use]
     pub const fn raise(self) -> u32 {
-        if self.is_turn() {
+        if self.sets_directions() {
             0
         } else {
             self.0 & AXIS_BITS
@@ -126,7 +126,7 @@ impl StepEvent {
     #[inline]
     #[must_use]
     pub const fn drop(self) -> u32 {
-        if self.is_turn() {
+        if self.sets_directions() {
             0
         } else {
             self.0 >> AXES & AXIS_BITS
@@ -137,7 +137,7 @@ impl StepEvent {
     #[inline]
     #[must_use]
     pub const fn directions(self) -> Option<u8> {
-        if !self.is_turn() {
+        if !self.sets_directions() {
             return None;
         }
         let x = self.0 >> (AXES + 1) & 1;
@@ -147,8 +147,8 @@ impl StepEvent {
     /// Whether it sets the direction outputs.
     #[inline]
     #[must_use]
-    pub const fn is_turn(self) -> bool {
-        self.0 & Self::TURN == Self::TURN
+    pub const fn sets_directions(self) -> bool {
+        self.0 & Self::SET_DIRECTIONS == Self::SET_DIRECTIONS
     }
 
     /// Whether a new segment begins with it.
@@ -172,7 +172,7 @@ pub struct SegmentInfo {
     /// Axes that move in the negative direction, bit 0 = X.
     pub directions: u8,
     /// Whether everything is at rest in it: only then may the event queue run empty.
-    pub is_rest: bool,
+    pub is_standstill: bool,
     /// Speed along the path at its end, mm/min.
     pub feed_mm_min: f32,
     /// `N` word of its block, 0 without.

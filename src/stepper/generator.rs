@@ -8,18 +8,18 @@
 use super::{
     AxisMotion, EventWriter, SegmentInfo, SegmentRing, StepEvent,
     alone::Alone,
-    axis_steps::{AxisSteps, NO_STEPS, plan_axis},
-    history::{high_after, steps_after},
     placing::Placing,
+    position::{high_after, steps_after},
     ring::EventBatch,
     slots::{Cursor, SLOT, Slots},
+    step_times::{AxisSteps, NO_STEPS, plan_axis},
 };
 use crate::{
     axis::{AXES, Axes},
     model::{
         Power,
         queues::EVENT_RING,
-        timing::{DIRECTION_SETUP_TICKS, LOW_SLOTS, SLOT_TICKS, pulse_slots},
+        timing::{DIRECTION_SETUP_TICKS, PULSE_LOW_SLOTS, SLOT_TICKS, pulse_slots},
     },
     units::{FineSteps, TICKS_PER_US},
 };
@@ -168,26 +168,26 @@ impl Generator {
     }
 
     /// Replaces the position, at rest. Other whole steps are known everywhere once a standstill has
-    /// been played with them: see [`Generator::rest`].
-    pub fn settle(&mut self, position: Axes<FineSteps>) {
+    /// been played with them: see [`Generator::begin_standstill`].
+    pub fn set_position(&mut self, position: Axes<FineSteps>) {
         self.position = position;
     }
 
     /// Settles on whole steps, at rest.
-    pub fn settle_on(&mut self, steps: Axes<i32>) {
-        self.settle(steps.map(|steps| FineSteps(i64::from(steps) << 32)));
+    pub fn set_steps(&mut self, steps: Axes<i32>) {
+        self.set_position(steps.map(|steps| FineSteps(i64::from(steps) << 32)));
     }
 
     /// Ends a cut, when the step interrupt has stopped: what it has not played is dropped, and the
     /// position is exactly that of the steps output. A standstill must follow, which ends the
     /// pulses.
-    pub fn cut_off(&mut self, counts: &SegmentRing, events: &mut EventWriter<'_>) {
-        let output = events.drop_waiting();
+    pub fn discard_unplayed(&mut self, segments: &SegmentRing, events: &mut EventWriter<'_>) {
+        let output = events.discard_pending();
         let high = high_after(output, events);
-        if let Some(steps) = steps_after(output, counts, events) {
-            self.settle_on(steps);
+        if let Some(steps) = steps_after(output, segments, events) {
+            self.set_steps(steps);
         }
-        counts.drop_waiting();
+        segments.discard_pending();
         self.forget();
         // wcet-bound: axes
         for end in self.ends {
@@ -205,13 +205,13 @@ impl Generator {
         self.is_open = false;
         self.is_rest = false;
         // What was prepared ahead is no more; a later segment must not begin at the same time.
-        self.clock_ticks = counts.played_ticks().wrapping_add(1);
+        self.clock_ticks = segments.played_start_ticks().wrapping_add(1);
         self.next_event = output;
     }
 
     /// Drops the steps of the segment that has no events yet, after a fault: the position is where
     /// the events end.
-    pub fn halt(&mut self) {
+    pub fn discard_open_segment(&mut self) {
         if !self.is_open {
             return;
         }
@@ -250,7 +250,7 @@ impl Generator {
         *position = position.wrapping_sub(missing);
     }
 
-    /// Whether a segment has begun that has no events yet: call [`Generator::fill`] before the next.
+    /// Whether a segment has begun that has no events yet: call [`Generator::push_events`] before the next.
     #[must_use]
     pub const fn is_open(&self) -> bool {
         self.is_open
@@ -262,11 +262,11 @@ impl Generator {
         self.clock_ticks
     }
 
-    /// Begins a segment. The one before must be finished, and `counts` must have room.
-    pub fn begin(&mut self, segment: &Segment, counts: &SegmentRing) {
+    /// Begins a segment. The one before must be finished, and `segments` must have room.
+    pub fn begin(&mut self, segment: &Segment, segments: &SegmentRing) {
         self.open(segment.ticks);
         let slots = (self.offset + self.ticks) / SLOT_TICKS;
-        let most = slots / (pulse_slots(self.pulse_ticks) + LOW_SLOTS) + 1;
+        let most = slots / (pulse_slots(self.pulse_ticks) + PULSE_LOW_SLOTS) + 1;
         let duration = segment.ticks as f32;
         let rate = 1.0 / duration;
         let mut directions = self.directions;
@@ -310,12 +310,12 @@ impl Generator {
             self.is_unsure = false;
             self.directions = directions;
         }
-        counts.announce(&SegmentInfo {
+        segments.push(&SegmentInfo {
             start_ticks: self.clock_ticks,
             steps: begin,
             first_event: self.next_event,
             directions,
-            is_rest: false,
+            is_standstill: false,
             feed_mm_min: segment.feed_mm_min,
             line: segment.line,
             duty: segment.power.duty,
@@ -325,7 +325,7 @@ impl Generator {
     }
 
     /// Begins the standstill after the last segment: ends all pulses and lets the queue run empty.
-    pub fn rest(&mut self, power: Power, counts: &SegmentRing) {
+    pub fn begin_standstill(&mut self, power: Power, segments: &SegmentRing) {
         // wcet-bound: axes
         for axis in &mut self.axes {
             *axis = NO_STEPS;
@@ -333,12 +333,12 @@ impl Generator {
         self.open(SLOT_TICKS);
         self.is_rest = true;
         self.is_unsure = true;
-        counts.announce(&SegmentInfo {
+        segments.push(&SegmentInfo {
             start_ticks: self.clock_ticks,
             steps: self.steps(),
             first_event: self.next_event,
             directions: self.directions,
-            is_rest: true,
+            is_standstill: true,
             feed_mm_min: 0.0,
             line: 0,
             duty: power.duty,
@@ -399,7 +399,7 @@ impl Generator {
         }
         let (steps, end) = (self.axes.get(self.leader)?, *self.ends.get(self.leader)?);
         // Nothing may come so shortly before the first step that this has to wait.
-        let earliest = self.time_of(end.wrapping_add(LOW_SLOTS));
+        let earliest = self.time_of(end.wrapping_add(PULSE_LOW_SLOTS));
         let earliest = earliest.max(self.cursor.last + SLOT - self.offset.cast_signed());
         if !steps.is_slow(self.pulse_ticks) || steps.next.cast_signed() < earliest {
             return None;
@@ -423,7 +423,7 @@ impl Generator {
     /// Puts the events of the segment, which tells; or nothing, while there is no room for all. Room
     /// for 3.5 ms of events and a segment of 1.5 ms is there up to 200 000 steps per second of all axes
     /// together: the proof looks for no higher rate.
-    pub fn fill(&mut self, events: &mut EventWriter<'_>) -> bool {
+    pub fn push_events(&mut self, events: &mut EventWriter<'_>) -> bool {
         let mut events = events.begin();
         if events.room() < self.most_events.min(EVENT_RING as u32) {
             return false;
@@ -494,14 +494,14 @@ impl Generator {
         // What is in its way: for axes that others need not make way for, anything.
         let stop = if axis == self.leader { mask } else { ALL_AXES };
         let base = self.base;
-        let low = end.wrapping_add(LOW_SLOTS).wrapping_sub(base);
+        let low = end.wrapping_add(PULSE_LOW_SLOTS).wrapping_sub(base);
         let mut placing = Placing {
             base,
             offset: self.offset,
             mask,
             stop,
             pulse: pulse_slots(self.pulse_ticks),
-            low: LOW_SLOTS,
+            low: PULSE_LOW_SLOTS,
             earliest: first.cast_signed().max(low.cast_signed()).cast_unsigned(),
             slot: 0,
         };
@@ -518,7 +518,7 @@ impl Generator {
         } else {
             placing.put_exactly(&mut self.slots, steps);
         }
-        *end = base.wrapping_add(placing.earliest - LOW_SLOTS);
+        *end = base.wrapping_add(placing.earliest - PULSE_LOW_SLOTS);
         self.last_step = self.last_step.max(placing.slot);
     }
 

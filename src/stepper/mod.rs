@@ -6,20 +6,20 @@
 //! segment is left to `segment_start`, [`SegmentRing::start_segment`], which it releases.
 
 mod alone;
-mod axis_steps;
-mod counts;
 mod event;
 mod generator;
-mod history;
 mod placing;
+mod position;
 mod ring;
+mod segment_ring;
 mod shift;
 mod slots;
+mod step_times;
 
-pub use axis_steps::AxisMotion;
-pub use counts::{SegmentRing, SegmentStart};
 pub use event::{SegmentInfo, StepEvent};
 pub use generator::{Generator, Segment};
-pub use history::steps_after;
+pub use position::steps_after;
 pub use ring::{EventReader, EventRing, EventTap, EventWriter, Upcoming};
-pub use shift::SHIFT_TICKS;
+pub use segment_ring::{SegmentRing, SegmentStart};
+pub use shift::STEP_JITTER_TICKS;
+pub use step_times::AxisMotion;

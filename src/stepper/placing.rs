@@ -3,8 +3,8 @@
 use crate::model::timing::SLOT_TICKS;
 
 use super::{
-    axis_steps::{AxisSteps, EVEN_BITS},
     slots::{SLOTS, Slots},
+    step_times::{AxisSteps, EVEN_BITS},
 };
 
 /// Where the slot begins in a time with [`EVEN_BITS`] binary places; the ticks in it are below. Above

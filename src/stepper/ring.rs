@@ -122,7 +122,7 @@ impl<'a> EventWriter<'a> {
 
     /// Drops the events that have not been output, and tells the number of the next. Only while the
     /// step interrupt stands.
-    pub(super) fn drop_waiting(&mut self) -> u32 {
+    pub(super) fn discard_pending(&mut self) -> u32 {
         let output = self.ring.output.load(Relaxed);
         self.ring.written.store(output, Relaxed);
         self.ring
@@ -133,7 +133,7 @@ impl<'a> EventWriter<'a> {
 
     /// Whether there are events that have not been output.
     #[must_use]
-    pub fn is_waiting(&self) -> bool {
+    pub fn has_pending(&self) -> bool {
         self.ring.output.load(Relaxed) != self.ring.written.load(Relaxed)
     }
 
@@ -147,7 +147,10 @@ impl<'a> EventWriter<'a> {
         }
         let then = self.ring.waiting(number.wrapping_add(1));
         self.ring.set_next(then);
-        Some(Upcoming { event, then })
+        Some(Upcoming {
+            event,
+            following: then,
+        })
     }
 
     /// The event that has come too late for the step interrupt to know of it: it takes the one that
@@ -155,8 +158,8 @@ impl<'a> EventWriter<'a> {
     /// the step timer and, after that, for [`EventWriter::append`].
     #[inline]
     #[must_use]
-    pub fn appended_late(&self, counts: &SegmentRing) -> Option<StepEvent> {
-        if self.ring.next() != StepEvent::NONE || !counts.is_running() {
+    pub fn appended_late(&self, segments: &SegmentRing) -> Option<StepEvent> {
+        if self.ring.next() != StepEvent::NONE || !segments.is_running() {
             return None;
         }
         // As long as it knows of no more, the step interrupt can only stop.
@@ -278,7 +281,7 @@ pub struct Upcoming {
     /// The event that comes next: the timer knows when.
     pub event: StepEvent,
     /// The one behind it, or [`StepEvent::NONE`]: the timer has to be told now how long after that.
-    pub then: StepEvent,
+    pub following: StepEvent,
 }
 
 /// What the input interrupt sees of a ring.
@@ -292,30 +295,30 @@ impl EventTap<'_> {
     /// instructions of `prepare`, and from any task below the step interrupt.
     #[inline]
     #[must_use]
-    pub fn output(self) -> u32 {
+    pub fn output_count(self) -> u32 {
         self.ring.output.load(Relaxed)
     }
 
     /// How many events have been output or are set up, wrapping, and whether the step interrupt
     /// runs. If it sets up a segment's first event or stops meanwhile, it releases `segment_start` again.
     #[inline]
-    pub(super) fn taken(self, counts: &SegmentRing) -> (u32, bool) {
-        let output = self.output();
+    pub(super) fn committed(self, segments: &SegmentRing) -> (u32, bool) {
+        let output = self.output_count();
         compiler_fence(SeqCst);
-        if counts.is_running() {
+        if segments.is_running() {
             return (output.wrapping_add(1), true);
         }
         // It may have stopped in between.
         compiler_fence(SeqCst);
-        (self.output(), false)
+        (self.output_count(), false)
     }
 
     /// Ends the motion where it is, the step interrupt having been stopped by force: the event that
-    /// was set up will not happen. For `inputs`; [`Generator::cut_off`](super::Generator::cut_off)
+    /// was set up will not happen. For `inputs`; [`Generator::discard_unplayed`](super::Generator::discard_unplayed)
     /// is `prepare`'s part.
-    pub fn halt(self, counts: &SegmentRing) {
+    pub fn halt(self, segments: &SegmentRing) {
         self.ring.set_next(StepEvent::NONE);
-        counts.halt();
+        segments.halt();
     }
 }
 
@@ -328,7 +331,7 @@ pub struct EventReader<'a> {
 impl EventReader<'_> {
     /// What was set up has been output: counts it, and tells what is to be set up next; `None` after
     /// the last event. An event that is put behind one that was the last when it was set up comes
-    /// too late, but for [`EventWriter::missed`].
+    /// too late, but for [`EventWriter::append`].
     #[inline]
     pub fn advance(&mut self) -> Option<Upcoming> {
         let ring = self.ring;
@@ -337,7 +340,10 @@ impl EventReader<'_> {
         let then = ring.waiting(set_up.wrapping_add(1));
         let event = ring.next();
         ring.set_next(then);
-        (event != StepEvent::NONE).then_some(Upcoming { event, then })
+        (event != StepEvent::NONE).then_some(Upcoming {
+            event,
+            following: then,
+        })
     }
 
     /// Counts so many late events, one or none: the step interrupt takes the same time for both.
@@ -367,7 +373,7 @@ mod tests {
     fn upcoming(event: u32, then: u32) -> Upcoming {
         Upcoming {
             event: numbered(event),
-            then: if then == 0 {
+            following: if then == 0 {
                 StepEvent::NONE
             } else {
                 numbered(then)
@@ -375,16 +381,16 @@ mod tests {
         }
     }
 
-    fn start(writer: &mut EventWriter<'_>, counts: &SegmentRing) -> Option<Upcoming> {
+    fn start(writer: &mut EventWriter<'_>, segments: &SegmentRing) -> Option<Upcoming> {
         let upcoming = writer.set_up()?;
-        counts.start();
+        segments.start();
         Some(upcoming)
     }
 
     #[test]
     fn events_come_out_in_order_over_many_turns_of_the_ring() {
         let mut ring = EventRing::new();
-        let counts = SegmentRing::new();
+        let segments = SegmentRing::new();
         let (mut writer, mut reader) = ring.split();
         let (mut written, mut set_up) = (0, 0);
         let mut next = None;
@@ -394,21 +400,25 @@ mod tests {
                 written += 1;
             }
             if next.is_none() {
-                counts.stop();
-                next = start(&mut writer, &counts);
+                segments.stop();
+                next = start(&mut writer, &segments);
             }
-            if let Some(missed) = writer.appended_late(&counts) {
+            if let Some(missed) = writer.appended_late(&segments) {
                 writer.append(missed);
             }
             for _ in 0..(batch * 5 % EVENT_RING as u32) {
-                let Some(Upcoming { event, then }) = next else {
+                let Some(Upcoming {
+                    event,
+                    following: then,
+                }) = next
+                else {
                     break;
                 };
                 assert_eq!(event, numbered(set_up));
                 assert!(then == StepEvent::NONE || then == numbered(set_up + 1));
                 set_up += 1;
                 next = reader.advance();
-                assert_eq!(writer.tap().output(), set_up);
+                assert_eq!(writer.tap().output_count(), set_up);
             }
             assert_eq!(writer.room(), EVENT_RING as u32 - (written - set_up));
         }
@@ -418,28 +428,28 @@ mod tests {
     #[test]
     fn a_full_ring_has_no_room_and_an_empty_one_no_event() {
         let mut ring = EventRing::new();
-        let counts = SegmentRing::new();
+        let segments = SegmentRing::new();
         let (mut writer, _) = ring.split();
-        assert!(!writer.is_waiting());
-        assert_eq!(start(&mut writer, &counts), None);
-        assert!(!counts.is_running());
+        assert!(!writer.has_pending());
+        assert_eq!(start(&mut writer, &segments), None);
+        assert!(!segments.is_running());
         for number in 0..EVENT_RING as u32 {
             put(&mut writer, numbered(number));
         }
-        assert!(writer.is_waiting());
+        assert!(writer.has_pending());
         assert_eq!(writer.room(), 0);
     }
 
     #[test]
     fn a_word_of_an_earlier_turn_is_not_taken_for_an_event() {
         let mut ring = EventRing::new();
-        let counts = SegmentRing::new();
+        let segments = SegmentRing::new();
         let (mut writer, mut reader) = ring.split();
         for number in 0..3 * WORDS as u32 {
             put(&mut writer, numbered(number));
-            assert_eq!(start(&mut writer, &counts), Some(upcoming(number, 0)));
+            assert_eq!(start(&mut writer, &segments), Some(upcoming(number, 0)));
             assert_eq!(reader.advance(), None);
-            counts.stop();
+            segments.stop();
         }
     }
 
@@ -447,62 +457,62 @@ mod tests {
     fn an_event_behind_the_last_is_not_played_before_the_timer_is_told_its_time() {
         for is_told in [false, true] {
             let mut ring = EventRing::new();
-            let counts = SegmentRing::new();
+            let segments = SegmentRing::new();
             let (mut writer, mut reader) = ring.split();
             put(&mut writer, numbered(0));
-            assert_eq!(start(&mut writer, &counts), Some(upcoming(0, 0)));
-            assert_eq!(writer.appended_late(&counts), None);
+            assert_eq!(start(&mut writer, &segments), Some(upcoming(0, 0)));
+            assert_eq!(writer.appended_late(&segments), None);
             put(&mut writer, numbered(1));
             put(&mut writer, numbered(2));
-            let missed = writer.appended_late(&counts);
+            let missed = writer.appended_late(&segments);
             assert_eq!(missed, Some(numbered(1)));
             if is_told {
                 writer.append(missed.unwrap());
-                assert_eq!(writer.appended_late(&counts), None);
+                assert_eq!(writer.appended_late(&segments), None);
             }
             let expected = is_told.then_some(upcoming(1, 2));
             assert_eq!(reader.advance(), expected);
-            assert_eq!(writer.tap().output(), 1);
-            assert!(writer.is_waiting());
+            assert_eq!(writer.tap().output_count(), 1);
+            assert!(writer.has_pending());
         }
     }
 
     #[test]
     fn what_is_appended_after_the_stop_is_of_no_effect() {
         let mut ring = EventRing::new();
-        let counts = SegmentRing::new();
+        let segments = SegmentRing::new();
         let (mut writer, mut reader) = ring.split();
         put(&mut writer, numbered(0));
-        assert!(start(&mut writer, &counts).is_some());
+        assert!(start(&mut writer, &segments).is_some());
         put(&mut writer, numbered(1));
-        let missed = writer.appended_late(&counts).unwrap();
+        let missed = writer.appended_late(&segments).unwrap();
         // The step interrupt comes in between.
         assert_eq!(reader.advance(), None);
-        counts.stop();
+        segments.stop();
         writer.append(missed);
-        assert_eq!(start(&mut writer, &counts), Some(upcoming(1, 0)));
+        assert_eq!(start(&mut writer, &segments), Some(upcoming(1, 0)));
         assert_eq!(reader.advance(), None);
-        assert_eq!(writer.tap().output(), 2);
+        assert_eq!(writer.tap().output_count(), 2);
     }
 
     #[test]
     fn a_cut_leaves_exactly_what_has_been_output() {
         for played in 0..4 {
             let mut ring = EventRing::new();
-            let counts = SegmentRing::new();
+            let segments = SegmentRing::new();
             let (mut writer, mut reader) = ring.split();
             for number in 0..6 {
                 put(&mut writer, numbered(number));
             }
             let tap = writer.tap();
-            assert!(start(&mut writer, &counts).is_some());
+            assert!(start(&mut writer, &segments).is_some());
             for _ in 0..played {
                 assert!(reader.advance().is_some());
             }
-            tap.halt(&counts);
-            assert_eq!((tap.output(), counts.is_running()), (played, false));
-            assert_eq!(writer.drop_waiting(), played);
-            assert!(!writer.is_waiting());
+            tap.halt(&segments);
+            assert_eq!((tap.output_count(), segments.is_running()), (played, false));
+            assert_eq!(writer.discard_pending(), played);
+            assert!(!writer.has_pending());
         }
     }
 }

@@ -8,7 +8,7 @@ use crate::model::timing::EVENT_SPACING_TICKS;
 /// it keeps clear of the next one first, and where a step at the end of a segment has had the slot, it
 /// comes in the next: either takes as much again. One that waits for a change of direction comes when
 /// it can.
-pub const SHIFT_TICKS: u32 = 2 * EVENT_SPACING_TICKS;
+pub const STEP_JITTER_TICKS: u32 = 2 * EVENT_SPACING_TICKS;
 
 #[cfg(test)]
 mod tests {
@@ -19,7 +19,7 @@ mod tests {
     use super::*;
     use crate::{
         axis::{AXES, Axes},
-        model::timing::{EVENT_SPACING_TICKS, least_period_ticks},
+        model::timing::{EVENT_SPACING_TICKS, min_period_ticks},
         stepper::{AxisMotion, EventRing, Generator, Segment, SegmentRing},
         units::{FineSteps, TICKS_PER_US},
     };
@@ -54,8 +54,8 @@ mod tests {
     fn play(pulse_us: u8, segments: &[(u32, [f64; 3])]) -> Played {
         let mut generator = Generator::new();
         generator.set_pulse_us(pulse_us);
-        let (mut ring, counts) = (EventRing::new(), SegmentRing::new());
-        let period = least_period_ticks(u32::from(pulse_us) * TICKS_PER_US);
+        let (mut ring, segment_ring) = (EventRing::new(), SegmentRing::new());
+        let period = min_period_ticks(u32::from(pulse_us) * TICKS_PER_US);
         let mut exact = [Exact {
             position: 0.0,
             speed: 0.0,
@@ -89,9 +89,9 @@ mod tests {
                 axes: Axes(from_fn(|axis| axes.get(axis).copied().unwrap_or_default())),
                 ..Segment::NONE
             };
-            generator.begin(&segment, &counts);
+            generator.begin(&segment, &segment_ring);
             let (mut writer, _) = ring.split();
-            assert!(generator.fill(&mut writer));
+            assert!(generator.push_events(&mut writer));
             for number in 0..writer.begin().number() {
                 let event = writer.event(number);
                 now += f64::from(event.ticks());
@@ -102,8 +102,8 @@ mod tests {
                 }
             }
             ends.push(f64::from(generator.clock_ticks()) - now);
-            writer.drop_waiting();
-            counts.drop_waiting();
+            writer.discard_pending();
+            segment_ring.discard_pending();
         }
         let steps = from_fn(|axis| {
             let times = due[axis].iter().zip(&come[axis]);
@@ -131,7 +131,7 @@ mod tests {
                 for (due, come) in steps.iter().filter(|(due, _)| *due > first) {
                     let late = come - due;
                     prop_assert!(
-                        late.abs() <= f64::from(SHIFT_TICKS) + ROUNDING,
+                        late.abs() <= f64::from(STEP_JITTER_TICKS) + ROUNDING,
                         "axis {axis}: {late} ticks at {due}"
                     );
                 }

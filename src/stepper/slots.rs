@@ -54,7 +54,7 @@ impl Cursor {
             "{ticks} ticks without an event"
         );
         self.last = time;
-        what.after(ticks)
+        what.with_ticks(ticks)
     }
 
     /// The first event of the segment, or another.
@@ -92,7 +92,9 @@ impl Slots {
     #[inline]
     pub(super) fn step(&mut self, slot: u32, mask: u32, ticks: u32) {
         let mark = self.mark(slot);
-        *mark = mark.within(ticks).and(StepEvent::new(0, mask, 0));
+        *mark = mark
+            .with_slot_ticks(ticks)
+            .merged_with(StepEvent::new(0, mask, 0));
         *self.word(slot) |= bit(slot);
     }
 
@@ -104,7 +106,7 @@ impl Slots {
         let mut before = slot.wrapping_sub(1);
         // wcet-bound: 2048, wcet-total: neighbours
         while let Some(mark) = self.in_the_way(before, stop) {
-            *mark = mark.within(mark.ticks().min(ticks));
+            *mark = mark.with_slot_ticks(mark.ticks().min(ticks));
             before = before.wrapping_sub(1);
         }
     }
@@ -136,7 +138,7 @@ impl Slots {
             let Some(mark) = self.in_the_way(slot.wrapping_sub(before), stop) else {
                 break;
             };
-            *mark = mark.after(0);
+            *mark = mark.with_ticks(0);
         }
     }
 
@@ -161,7 +163,7 @@ impl Slots {
     #[inline]
     fn add(&mut self, slot: u32, what: StepEvent) {
         let mark = self.mark(slot);
-        *mark = mark.and(what);
+        *mark = mark.merged_with(what);
         *self.word(slot) |= bit(slot);
     }
 

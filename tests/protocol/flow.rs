@@ -141,12 +141,12 @@ fn starved_motion_is_told_and_only_a_reset_helps() {
     bench.withholds = true;
     assert_eq!(bench.ask("G1X5F600"), ["ok"]);
     bench.machine.state = State::Alarm;
-    bench.machine.is_starved = true;
+    bench.machine.has_underrun = true;
     let told = ["ALARM:3", "[MSG:Reset to continue]"];
     assert_eq!(bench.ask("G1X9"), told);
     assert_eq!(bench.ask("$X"), [""; 0]);
     assert!(bench.answer("?")[0].starts_with("<Alarm|"));
-    bench.machine.is_starved = false;
+    bench.machine.has_underrun = false;
     assert_eq!(bench.answer("\x18"), [WELCOME[0], WELCOME[1], UNLOCK]);
     bench.withholds = false;
     assert_eq!(bench.ask("$X"), ["[MSG:Caution: Unlocked]", "ok"]);

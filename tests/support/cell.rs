@@ -147,7 +147,7 @@ impl Cell {
         let dues = [step, self.drive.sample_due(), self.drive.wake_due()];
         self.now = dues.into_iter().flatten().fold(end, u64::min).max(self.now);
         if step.is_some_and(|due| due <= self.now) {
-            let line = self.drive.counts.line();
+            let line = self.drive.segments.line();
             if let Some(edge) = self.drive.step() {
                 self.trace.push(edge, line);
             }

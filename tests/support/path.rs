@@ -7,7 +7,7 @@ use leadscrew::{
     model::{Circle, Command, Rotation},
     path::{BlendOutput, CornerArc},
     settings::Settings,
-    stepper::SHIFT_TICKS,
+    stepper::STEP_JITTER_TICKS,
     units::Nm,
 };
 
@@ -19,7 +19,7 @@ const GRAIN: f64 = 0.05;
 const SEARCH: f64 = 0.03;
 /// Most that a step is early or late so that events keep their distance, with what its time is rounded
 /// by, s.
-pub(crate) const SHIFT_S: f64 = (SHIFT_TICKS + 2) as f64 / TICKS_PER_S;
+pub(crate) const SHIFT_S: f64 = (STEP_JITTER_TICKS + 2) as f64 / TICKS_PER_S;
 
 type Point = [f64; AXES];
 

@@ -287,14 +287,14 @@ impl Rig {
     }
 
     fn step(&mut self) {
-        let line = self.drive.counts.line();
+        let line = self.drive.segments.line();
         let steps = self.steps;
         if let Some(edge) = self.drive.step() {
             self.steps += edge.raise.count_ones();
             self.trace.push(edge, line);
         }
         // The first event of a segment begins it.
-        let ticks = self.drive.counts.played_ticks();
+        let ticks = self.drive.segments.played_start_ticks();
         if self
             .segments
             .last()

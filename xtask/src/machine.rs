@@ -231,7 +231,7 @@ impl Machine {
     pub(crate) fn stands_still(&self) -> bool {
         let snapshot = self.simulator.snapshot();
         let line_is_quiet = self.to_machine.is_empty() && !self.simulator.has_to_send();
-        let reads_lines = !snapshot.is_critical && !snapshot.is_starved;
+        let reads_lines = !snapshot.is_critical && !snapshot.has_underrun;
         let is_done = snapshot.is_at_rest
             && (!reads_lines || self.simulator.received_free() == RECEIVED_RING - 1);
         line_is_quiet

@@ -23,7 +23,7 @@ use crate::{
     math,
     model::{
         Alarm, Levels, Power,
-        timing::{AHEAD_TICKS, SEGMENT_TICKS},
+        timing::{QUEUED_AHEAD_TICKS, SEGMENT_TICKS},
     },
     settings::Settings,
     stepper::{AxisMotion, Generator, Segment, SegmentRing},
@@ -35,7 +35,7 @@ const SEARCH_TRAVELS: f32 = 1.5;
 const LOCATE_PULL_OFFS: f32 = 5.0;
 /// Time from the last segment of a motion to when it has been played and the switches have been
 /// seen: what is prepared ahead, and the filter.
-const SETTLE_TICKS: u64 = (AHEAD_TICKS + 3 * SEGMENT_TICKS) as u64;
+const SETTLE_TICKS: u64 = (QUEUED_AHEAD_TICKS + 3 * SEGMENT_TICKS) as u64;
 /// The axes that a cycle homes unless it is told others: rotary axes have a switch only sometimes.
 const ALL: u8 = 0b111;
 
@@ -156,7 +156,7 @@ impl Homing {
     }
 
     /// The switch of an axis that has come to it is `there`: the axis slows down.
-    pub fn find(&mut self, axis: usize, there: i32, counts: &SegmentRing, generator: &Generator) {
+    pub fn find(&mut self, axis: usize, there: i32, segments: &SegmentRing, generator: &Generator) {
         let position = generator.position();
         let acceleration = self.rules.acceleration;
         if let Some(run) = self.axes.get_mut(axis) {
@@ -166,7 +166,9 @@ impl Homing {
         }
         if self.is_found() {
             // It was found while this much was already prepared, after the filter's time.
-            let ahead = generator.clock_ticks().wrapping_sub(counts.played_ticks());
+            let ahead = generator
+                .clock_ticks()
+                .wrapping_sub(segments.played_start_ticks());
             let passed = u64::from(ahead) + u64::from(SAMPLES * SAMPLE_TICKS);
             self.pause_ticks = self.rules.debounce_ticks.saturating_sub(passed);
         }
@@ -292,7 +294,7 @@ impl Homing {
                 *steps = self.rules.home(axis);
             }
         }
-        generator.settle_on(steps);
+        generator.set_steps(steps);
         self.group = self.later;
         self.later = 0;
         let next = if self.group == 0 {

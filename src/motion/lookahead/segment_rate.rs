@@ -5,7 +5,7 @@ use crate::{
     math,
     model::{
         queues::SEGMENT_RING,
-        timing::{AHEAD_TICKS, CELL_S},
+        timing::{CELL_S, QUEUED_AHEAD_TICKS},
     },
     motion::executor::{LONGEST_S, SEGMENT_S, SHORTEST_S, SLIVER_S, SMOOTH_SLIVER_S},
     path::{Block, Curve},
@@ -22,7 +22,7 @@ const TRADED_STEPS: u32 = 78 + 12 * (AXES as u32 - 3);
 /// as much time as `prepare` needs.
 const TRADED_HZ: u32 = 200_000;
 const _: () = {
-    let ahead_s = AHEAD_TICKS as f32 / TICKS_PER_SECOND as f32;
+    let ahead_s = QUEUED_AHEAD_TICKS as f32 / TICKS_PER_SECOND as f32;
     let segments = ahead_s / MEAN_S + ahead_s * TRADED_HZ as f32 / TRADED_STEPS as f32;
     assert!(segments + 3.0 <= SEGMENT_RING as f32);
 };

@@ -70,16 +70,23 @@ impl Motion {
     /// Finds where the axes were when the probe or one limit switch changed. Comes before segments
     /// that are made in advance: these overwrite the events that tell it.
     #[inline(never)]
-    pub(super) fn find(&mut self, inputs: &Inputs, counts: &SegmentRing, events: &EventWriter<'_>) {
+    pub(super) fn find(
+        &mut self,
+        inputs: &Inputs,
+        segments: &SegmentRing,
+        events: &EventWriter<'_>,
+    ) {
         let axis = self.homing.has_found(inputs);
         let output = axis.map_or_else(|| inputs.contact(), |axis| Some(inputs.reached(axis)));
         let Some(output) = output else {
             return;
         };
-        let there = steps_after(output, counts, events);
-        let there = there.unwrap_or_else(|| counts.position());
+        let there = steps_after(output, segments, events);
+        let there = there.unwrap_or_else(|| segments.position());
         match axis {
-            Some(axis) => self.homing.find(axis, there[axis], counts, &self.generator),
+            Some(axis) => self
+                .homing
+                .find(axis, there[axis], segments, &self.generator),
             None => self.probe.find(there),
         }
     }
@@ -136,8 +143,8 @@ impl Motion {
     /// the steps ended.
     #[cold]
     #[inline(never)]
-    pub(super) fn cut(&mut self, counts: &SegmentRing, events: &mut EventWriter<'_>) {
-        self.generator.cut_off(counts, events);
+    pub(super) fn cut(&mut self, segments: &SegmentRing, events: &mut EventWriter<'_>) {
+        self.generator.discard_unplayed(segments, events);
         self.homing.abandon();
         self.drop_wait();
         self.drop_plan();

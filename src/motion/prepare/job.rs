@@ -15,7 +15,7 @@ use heapless::spsc::Consumer;
 use super::Motion;
 use crate::{
     machine::Inputs,
-    model::{Requests, timing::AHEAD_TICKS},
+    model::{Requests, timing::QUEUED_AHEAD_TICKS},
     path::Entry,
     stepper::{EventWriter, SegmentRing},
     units::TICKS_PER_MS,
@@ -66,31 +66,31 @@ impl Context {
     /// short segment ends while others are made.
     #[inline]
     pub(super) fn starts(self, again: bool, events: &EventWriter<'_>) -> bool {
-        !self.is_running && !again && events.is_waiting()
+        !self.is_running && !again && events.has_pending()
     }
 }
 
 impl Motion {
     /// What a run begins with.
     #[inline]
-    pub(super) fn look(&self, requests: &Requests, counts: &SegmentRing) -> Context {
+    pub(super) fn look(&self, requests: &Requests, segments: &SegmentRing) -> Context {
         Context {
-            played: counts.played_ticks(),
-            is_running: counts.is_running(),
+            played: segments.played_start_ticks(),
+            is_running: segments.is_running(),
             is_asked: requests.reset_count() != self.reset_count || requests.asked() != self.heard,
         }
     }
 
     /// Whether a segment is needed, before everything else.
     #[inline]
-    pub(super) fn is_segment_due(&self, look: Context, counts: &SegmentRing) -> bool {
+    pub(super) fn is_segment_due(&self, look: Context, segments: &SegmentRing) -> bool {
         let precedes = if look.is_running || self.generator.is_open() {
             !look.is_asked || self.has_just_heard(look.played)
         } else {
             self.begins && !look.is_asked
         };
-        let is_stopped = counts.is_starved() || !look.is_running && counts.is_halted();
-        precedes && !is_stopped && (self.is_begun() || self.begins) && self.has_room(look, counts)
+        let is_stopped = segments.has_underrun() || !look.is_running && segments.is_halted();
+        precedes && !is_stopped && (self.is_begun() || self.begins) && self.has_room(look, segments)
     }
 
     /// What is to be done when no segment is due.
@@ -100,12 +100,12 @@ impl Motion {
         look: Context,
         requests: &Requests,
         inputs: &Inputs,
-        counts: &SegmentRing,
+        segments: &SegmentRing,
         entries: &Consumer<'_, Entry>,
     ) -> Job {
-        if counts.is_starved() {
+        if segments.has_underrun() {
             Job::Fail
-        } else if !look.is_running && counts.is_halted() {
+        } else if !look.is_running && segments.is_halted() {
             Job::Cut
         } else if requests.reset_count() != self.reset_count {
             Job::Reset
@@ -120,7 +120,7 @@ impl Motion {
         } else if look.is_running || self.generator.is_open() {
             // It would be due.
             Job::Nothing
-        } else if self.makes_segment(look, counts) {
+        } else if self.makes_segment(look, segments) {
             Job::Begin
         } else if self.is_still(look) {
             Job::Settle
@@ -180,27 +180,27 @@ impl Motion {
 
     /// Whether a segment can be made now, if there is motion for it.
     #[inline]
-    pub(super) fn has_room(&self, look: Context, counts: &SegmentRing) -> bool {
+    pub(super) fn has_room(&self, look: Context, segments: &SegmentRing) -> bool {
         if self.generator.is_open() {
             return self.full != Some(look.played);
         }
         let ahead = self.generator.clock_ticks().wrapping_sub(look.played);
         // A segment that had to be stretched may last longer than that, and still needs another.
-        let is_ahead = ahead >= AHEAD_TICKS && look.played != self.newest;
-        !is_ahead && counts.has_room()
+        let is_ahead = ahead >= QUEUED_AHEAD_TICKS && look.played != self.newest;
+        !is_ahead && segments.has_room()
     }
 
     /// Whether another segment may have to be made after one: not behind a standstill that is still to
     /// be played, so that what follows begins with as much ahead as any start has.
     #[inline]
-    pub(super) fn goes_on(&self, look: Context, counts: &SegmentRing) -> bool {
-        (self.is_begun() || !look.is_running) && self.has_room(look, counts)
+    pub(super) fn goes_on(&self, look: Context, segments: &SegmentRing) -> bool {
+        (self.is_begun() || !look.is_running) && self.has_room(look, segments)
     }
 
     /// Whether a segment can be made now, and is to be.
     #[inline]
-    pub(super) fn makes_segment(&self, look: Context, counts: &SegmentRing) -> bool {
-        self.goes_on(look, counts) && (self.is_begun() || self.has_motion())
+    pub(super) fn makes_segment(&self, look: Context, segments: &SegmentRing) -> bool {
+        self.goes_on(look, segments) && (self.is_begun() || self.has_motion())
     }
 
     /// Whether the last segment has been begun only, or is none of standstill.

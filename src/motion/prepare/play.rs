@@ -14,29 +14,29 @@ impl Motion {
     pub(super) fn make_segment(
         &mut self,
         inputs: &Inputs,
-        counts: &SegmentRing,
+        segments: &SegmentRing,
         events: &mut EventWriter<'_>,
     ) {
-        if !self.generator.is_open() && !self.begin_segment(inputs, counts) {
+        if !self.generator.is_open() && !self.begin_segment(inputs, segments) {
             return;
         }
-        let is_done = self.generator.fill(events);
-        self.full = (!is_done).then(|| counts.played_ticks());
+        let is_done = self.generator.push_events(events);
+        self.full = (!is_done).then(|| segments.played_start_ticks());
     }
 
     /// Begins a segment, or the standstill after the last one; false when there is nothing to play.
     #[inline]
-    fn begin_segment(&mut self, inputs: &Inputs, counts: &SegmentRing) -> bool {
+    fn begin_segment(&mut self, inputs: &Inputs, segments: &SegmentRing) -> bool {
         self.begins = false;
         let start = self.generator.clock_ticks();
-        self.forget_heard(counts.played_ticks());
+        self.forget_heard(segments.played_start_ticks());
         if self.next_segment(inputs) {
             self.rest = None;
-            self.generator.begin(&self.segment, counts);
+            self.generator.begin(&self.segment, segments);
         } else if self.rest.is_none() {
             self.rest = Some(start);
             let power = self.accessories.power_at_rest();
-            self.generator.rest(power, counts);
+            self.generator.begin_standstill(power, segments);
         } else {
             return false;
         }

@@ -10,10 +10,10 @@ use crate::{
 impl Motion {
     /// Acts on everything that has been asked for since the last time.
     #[inline(never)]
-    pub(super) fn obey(&mut self, requests: &Requests, counts: &SegmentRing) {
+    pub(super) fn obey(&mut self, requests: &Requests, segments: &SegmentRing) {
         // Before the requests: one that comes meanwhile counts as new in the next run.
         self.heard = requests.asked();
-        self.heard_ticks = counts.played_ticks();
+        self.heard_ticks = segments.played_start_ticks();
         self.take_overrides(requests);
         if requests.take_wake() {
             self.wake();
@@ -183,15 +183,15 @@ impl Motion {
     /// steps: whatever was planned is void, and so is what still comes, up to the next reset.
     #[cold]
     #[inline(never)]
-    pub(super) fn fail(&mut self, counts: &SegmentRing) {
-        counts.take_starved();
-        self.generator.halt();
+    pub(super) fn fail(&mut self, segments: &SegmentRing) {
+        segments.clear_underrun();
+        self.generator.discard_open_segment();
         self.homing.abandon();
         self.drop_wait();
         self.drop_plan();
         self.accessories.switch_off();
         self.fault = None;
-        self.is_starved = true;
+        self.has_underrun = true;
         self.releases_drivers = true;
         self.control = Control {
             state: State::Alarm,
@@ -213,10 +213,10 @@ impl Motion {
     /// Everything off, everything planned void; an axis that moves slows down.
     #[cold]
     #[inline(never)]
-    pub(super) fn reset(&mut self, requests: &Requests, counts: &SegmentRing) {
+    pub(super) fn reset(&mut self, requests: &Requests, segments: &SegmentRing) {
         self.reset_count = requests.reset_count();
-        self.heard_ticks = counts.played_ticks();
-        self.is_starved = false;
+        self.heard_ticks = segments.played_start_ticks();
+        self.has_underrun = false;
         self.is_critical = false;
         self.fault = None;
         self.reset_in_motion = false;

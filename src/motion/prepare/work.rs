@@ -58,7 +58,7 @@ impl Motion {
         // Settings are void for nobody: the session has taken them over already, at rest.
         let is_old = entry.reset_count != self.reset_count.wrapping_add(self.cancelled_motions);
         let is_move = matches!(entry.work, Work::Move(_));
-        let is_locked = self.is_starved || is_move && self.control.state == State::Alarm;
+        let is_locked = self.has_underrun || is_move && self.control.state == State::Alarm;
         (is_old || is_locked) && !matches!(entry.work, Work::Configure(_))
     }
 

@@ -104,7 +104,7 @@ impl Session {
     /// The machine stopped dead in motion. No line is answered any more, as in Grbl; only a reset
     /// ends this. Grbl's alarm 3 says what it means for the sender: the position may be lost.
     pub(super) fn tell_fault(&mut self, machine: &Snapshot) {
-        if machine.is_starved && !self.is_fault_told {
+        if machine.has_underrun && !self.is_fault_told {
             report::alarm(&mut self.message, Alarm::ResetInMotion);
             report::feedback(&mut self.message, Feedback::ResetNeeded);
             self.is_fault_told = true;

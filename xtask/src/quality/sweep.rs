@@ -2,7 +2,7 @@
 
 use std::collections::VecDeque;
 
-use leadscrew::{stepper::SHIFT_TICKS, units::TICKS_PER_SECOND};
+use leadscrew::{stepper::STEP_JITTER_TICKS, units::TICKS_PER_SECOND};
 use serde::Serialize;
 
 use super::fit::{Crossing, Fit};
@@ -173,7 +173,7 @@ impl Sweep {
     /// a segment it may, whatever other axes do. A crossing at either end of N even ones has the weight
     /// (2m + 1)!/m!/(N·T^m) in the mean of derivative m, the greatest.
     fn outlier(&self, seconds: f64) -> f64 {
-        const SHIFT_S: f64 = SHIFT_TICKS as f64 / TICKS_PER_SECOND as f64;
+        const SHIFT_S: f64 = STEP_JITTER_TICKS as f64 / TICKS_PER_SECOND as f64;
         let count = self.points.len() as f64;
         let speed = (count - 1.0) / seconds * self.step_mm();
         let weight = match self.sought {

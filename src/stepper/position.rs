@@ -2,7 +2,7 @@
 //!
 //! The step interrupt counts nothing. But the ring keeps the events it has played, and each segment
 //! the position at which it began; what was output in between are the pulses of these events. The
-//! interrupt that has to know takes one number, [`EventTap::output`](super::EventTap::output), and
+//! interrupt that has to know takes one number, [`EventTap::output_count`](super::EventTap::output_count), and
 //! `prepare` counts, before it has overwritten so much.
 
 use super::{EventWriter, SegmentRing};
@@ -15,9 +15,9 @@ use crate::{
 /// How many pulses each axis has: two axes in each word, as a segment has fewer than half of it
 /// counts.
 #[derive(Debug, Clone, Copy)]
-struct Tally([u32; AXES.div_ceil(2)]);
+struct PulseCounts([u32; AXES.div_ceil(2)]);
 
-impl Tally {
+impl PulseCounts {
     const NONE: Self = Self([0; AXES.div_ceil(2)]);
 
     /// Counts a pulse of each axis in `mask`.
@@ -45,16 +45,16 @@ impl Tally {
 #[inline(never)]
 pub fn steps_after(
     output: u32,
-    counts: &SegmentRing,
+    segments: &SegmentRing,
     events: &EventWriter<'_>,
 ) -> Option<Axes<i32>> {
-    let (mut steps, directions, first) = counts.segment_at(output)?;
+    let (mut steps, directions, first) = segments.segment_at(output)?;
     let length = output.wrapping_sub(first);
     // A segment has fewer events; more are void.
     if length > EVENT_RING as u32 {
         return None;
     }
-    let mut pulses = Tally::NONE;
+    let mut pulses = PulseCounts::NONE;
     let mut number = first;
     // wcet-bound: segment_events
     while number != output {
@@ -127,8 +127,8 @@ mod tests {
         }
 
         /// One interrupt; whether it had anything to do.
-        fn play(&mut self, ring: &mut EventRing, counts: &SegmentRing) -> bool {
-            if !counts.is_running() {
+        fn play(&mut self, ring: &mut EventRing, segments: &SegmentRing) -> bool {
+            if !segments.is_running() {
                 return false;
             }
             if let Some(next) = self.next.take() {
@@ -145,37 +145,37 @@ mod tests {
             let (_, mut events) = ring.split();
             match events.advance() {
                 Some(upcoming) => self.set_up(upcoming),
-                None => counts.stop(),
+                None => segments.stop(),
             }
-            while counts.start_segment(tap(ring)).again {}
+            while segments.start_segment(tap(ring)).has_more {}
             true
         }
 
         fn set_up(&mut self, upcoming: Upcoming) {
             self.next = Some(upcoming.event);
-            self.reload = upcoming.then.ticks();
+            self.reload = upcoming.following.ticks();
         }
 
         /// Stopped by force.
-        fn cut(&mut self, ring: &mut EventRing, counts: &SegmentRing) {
+        fn cut(&mut self, ring: &mut EventRing, segments: &SegmentRing) {
             self.next = None;
-            tap(ring).halt(counts);
+            tap(ring).halt(segments);
         }
 
         /// The end of a run of `prepare`.
-        fn follow(&mut self, ring: &mut EventRing, counts: &SegmentRing) {
+        fn follow(&mut self, ring: &mut EventRing, segments: &SegmentRing) {
             let (mut events, _) = ring.split();
-            if let Some(missed) = events.appended_late(counts) {
+            if let Some(missed) = events.appended_late(segments) {
                 self.reload = missed.ticks();
                 events.append(missed);
             }
-            if !counts.is_running() {
+            if !segments.is_running() {
                 if let Some(upcoming) = events.set_up() {
-                    counts.start();
+                    segments.start();
                     self.counted = upcoming.event.ticks();
                     self.set_up(upcoming);
                 }
-                while counts.start_segment(tap(ring)).again {}
+                while segments.start_segment(tap(ring)).has_more {}
             }
         }
     }
@@ -218,7 +218,7 @@ mod tests {
             plays in prop::collection::vec(0_usize..400, 1..50),
         ) {
             let mut ring = EventRing::new();
-            let counts = SegmentRing::new();
+            let segments = SegmentRing::new();
             let mut generator = Generator::new();
             let mut player = Player::new();
             let mut moves = moves.iter();
@@ -227,26 +227,26 @@ mod tests {
             for count in plays.iter().cycle() {
                 // A run of `prepare`: latches of the run before are looked at first.
                 for (output, steps) in latches.drain(..) {
-                    let found = steps_after(output, &counts, &ring.split().0);
+                    let found = steps_after(output, &segments, &ring.split().0);
                     prop_assert_eq!(found, Some(steps));
                 }
-                while generator.fill_up(&mut ring, &counts) {
+                while generator.fill_up(&mut ring, &segments) {
                     let Some(next) = moves.next() else { break };
-                    generator.begin(&segment(&generator, next), &counts);
+                    generator.begin(&segment(&generator, next), &segments);
                 }
-                if moves.len() == 0 && !is_ended && !generator.is_open() && counts.has_room() {
-                    generator.rest(Power::OFF, &counts);
-                    generator.fill_up(&mut ring, &counts);
+                if moves.len() == 0 && !is_ended && !generator.is_open() && segments.has_room() {
+                    generator.begin_standstill(Power::OFF, &segments);
+                    generator.fill_up(&mut ring, &segments);
                     is_ended = !generator.is_open();
                 }
-                player.follow(&mut ring, &counts);
+                player.follow(&mut ring, &segments);
                 for _ in 0..*count {
-                    if !player.play(&mut ring, &counts) {
+                    if !player.play(&mut ring, &segments) {
                         break;
                     }
-                    latches.push((tap(&mut ring).output(), player.steps));
+                    latches.push((tap(&mut ring).output_count(), player.steps));
                 }
-                if is_ended && !counts.is_running() {
+                if is_ended && !segments.is_running() {
                     break;
                 }
             }
@@ -258,7 +258,7 @@ mod tests {
             steps in prop::collection::vec((0_usize..4, 0_usize..4), 1..400),
         ) {
             let mut ring = EventRing::new();
-            let counts = SegmentRing::new();
+            let segments = SegmentRing::new();
             let mut player = Player::new();
             let mut put = 0;
             for (puts, plays) in steps {
@@ -271,16 +271,16 @@ mod tests {
                     events.publish();
                     put += 1;
                 }
-                player.follow(&mut ring, &counts);
+                player.follow(&mut ring, &segments);
                 for _ in 0..plays {
-                    if player.play(&mut ring, &counts) && !counts.is_running() {
+                    if player.play(&mut ring, &segments) && !segments.is_running() {
                         // All that was there when the last one was set up, or appended since.
-                        prop_assert_eq!(tap(&mut ring).output(), put);
+                        prop_assert_eq!(tap(&mut ring).output_count(), put);
                     }
                 }
             }
-            while player.play(&mut ring, &counts) {}
-            prop_assert_eq!(tap(&mut ring).output(), put);
+            while player.play(&mut ring, &segments) {}
+            prop_assert_eq!(tap(&mut ring).output_count(), put);
             prop_assert_eq!(player.steps[0].cast_unsigned(), put.div_ceil(2));
         }
 
@@ -291,58 +291,58 @@ mod tests {
             late in any::<bool>(),
         ) {
             let mut ring = EventRing::new();
-            let counts = SegmentRing::new();
+            let segments = SegmentRing::new();
             let mut generator = Generator::new();
             let mut player = Player::new();
             let mut moves = moves.iter();
             let mut played = 0;
             while played < at {
-                while generator.fill_up(&mut ring, &counts) {
+                while generator.fill_up(&mut ring, &segments) {
                     let Some(next) = moves.next() else { break };
-                    generator.begin(&segment(&generator, next), &counts);
+                    generator.begin(&segment(&generator, next), &segments);
                 }
-                player.follow(&mut ring, &counts);
+                player.follow(&mut ring, &segments);
                 let before = played;
-                while played < at && played < before + 100 && player.play(&mut ring, &counts) {
+                while played < at && played < before + 100 && player.play(&mut ring, &segments) {
                     played += 1;
                 }
                 if played == before {
                     break;
                 }
             }
-            player.cut(&mut ring, &counts);
+            player.cut(&mut ring, &segments);
             if late {
                 // `prepare` was interrupted, and puts more.
-                generator.fill_up(&mut ring, &counts);
+                generator.fill_up(&mut ring, &segments);
             }
-            prop_assert!(!player.play(&mut ring, &counts));
-            prop_assert!(!counts.is_running());
-            generator.cut_off(&counts, &mut ring.split().0);
-            prop_assert!(!counts.is_halted() && !counts.is_starved());
+            prop_assert!(!player.play(&mut ring, &segments));
+            prop_assert!(!segments.is_running());
+            generator.discard_unplayed(&segments, &mut ring.split().0);
+            prop_assert!(!segments.is_halted() && !segments.has_underrun());
             prop_assert_eq!(generator.steps(), player.steps);
             // A standstill ends the pulses; then it goes on from there.
-            generator.rest(Power::OFF, &counts);
-            generator.fill_up(&mut ring, &counts);
-            player.follow(&mut ring, &counts);
-            while player.play(&mut ring, &counts) {}
+            generator.begin_standstill(Power::OFF, &segments);
+            generator.fill_up(&mut ring, &segments);
+            player.follow(&mut ring, &segments);
+            while player.play(&mut ring, &segments) {}
             prop_assert_eq!(player.high, 0);
-            prop_assert_eq!(counts.position(), player.steps);
+            prop_assert_eq!(segments.position(), player.steps);
             let on = (vec![7, -5, 3], 20_000);
-            generator.begin(&segment(&generator, &on), &counts);
-            generator.fill_up(&mut ring, &counts);
-            generator.rest(Power::OFF, &counts);
-            generator.fill_up(&mut ring, &counts);
-            player.follow(&mut ring, &counts);
-            while player.play(&mut ring, &counts) {}
+            generator.begin(&segment(&generator, &on), &segments);
+            generator.fill_up(&mut ring, &segments);
+            generator.begin_standstill(Power::OFF, &segments);
+            generator.fill_up(&mut ring, &segments);
+            player.follow(&mut ring, &segments);
+            while player.play(&mut ring, &segments) {}
             prop_assert_eq!(player.steps, generator.steps());
-            prop_assert_eq!(counts.position(), player.steps);
+            prop_assert_eq!(segments.position(), player.steps);
         }
     }
 
     impl Generator {
         /// Fills the ring; whether a segment can begin.
-        fn fill_up(&mut self, ring: &mut EventRing, counts: &SegmentRing) -> bool {
-            (!self.is_open() || self.fill(&mut ring.split().0)) && counts.has_room()
+        fn fill_up(&mut self, ring: &mut EventRing, segments: &SegmentRing) -> bool {
+            (!self.is_open() || self.push_events(&mut ring.split().0)) && segments.has_room()
         }
     }
 }

@@ -42,7 +42,7 @@ pub struct SegmentStart {
     /// Spindle PWM of the segment that has begun, 0 to [`crate::model::Outputs::FULL`].
     pub duty: Option<u16>,
     /// Run again: another segment has begun meanwhile.
-    pub again: bool,
+    pub has_more: bool,
 }
 
 /// Slots, a power of two: those of the segments that may wait, and of those played last.
@@ -56,15 +56,15 @@ const SLOTS: usize = 2 * SEGMENT_RING;
 pub struct SegmentRing {
     slots: [Slot; SLOTS],
     /// Segments announced so far, wrapping.
-    announced: AtomicU32,
+    pushed: AtomicU32,
     /// Segments begun so far, wrapping.
     begun: AtomicU32,
     /// The part of the flags that counts: all, or no duty.
     mask: AtomicU32,
     running: AtomicBool,
-    starved: AtomicBool,
+    underrun: AtomicBool,
     /// The step interrupt has been stopped at once; written by `inputs`, cleared by `prepare`.
-    cut: AtomicBool,
+    halted: AtomicBool,
 }
 
 impl SegmentRing {
@@ -83,12 +83,12 @@ impl SegmentRing {
                     steps: [const { AtomicI32::new(0) }; AXES],
                 }
             }; SLOTS],
-            announced: AtomicU32::new(0),
+            pushed: AtomicU32::new(0),
             begun: AtomicU32::new(0),
             mask: AtomicU32::new(u32::MAX),
             running: AtomicBool::new(false),
-            starved: AtomicBool::new(false),
-            cut: AtomicBool::new(false),
+            underrun: AtomicBool::new(false),
+            halted: AtomicBool::new(false),
         }
     }
 
@@ -107,17 +107,17 @@ impl SegmentRing {
     pub fn has_room(&self) -> bool {
         // The others are those played last, or being played.
         let waiting = self
-            .announced
+            .pushed
             .load(Relaxed)
             .wrapping_sub(self.begun.load(Relaxed));
         waiting < SEGMENT_RING as u32 - 1
     }
 
     /// Announces a segment, before its first event; there must be room.
-    pub(super) fn announce(&self, info: &SegmentInfo) {
-        let number = self.announced.load(Relaxed);
+    pub(super) fn push(&self, info: &SegmentInfo) {
+        let number = self.pushed.load(Relaxed);
         let slot = self.slot(number);
-        let moving = if info.is_rest { 0 } else { IS_MOVING };
+        let moving = if info.is_standstill { 0 } else { IS_MOVING };
         let duty = u32::from(info.duty) << DUTY_SHIFT;
         slot.flags
             .store(u32::from(info.directions) | moving | duty, Relaxed);
@@ -132,7 +132,7 @@ impl SegmentRing {
         }
         // `segment_start` must not see the number before the rest.
         compiler_fence(SeqCst);
-        self.announced.store(number.wrapping_add(1), Relaxed);
+        self.pushed.store(number.wrapping_add(1), Relaxed);
     }
 
     /// The body of `segment_start`: begins the segment whose first event is set up, and looks whether
@@ -142,8 +142,8 @@ impl SegmentRing {
     /// segment before.
     #[inline]
     pub fn start_segment(&self, events: EventTap<'_>) -> SegmentStart {
-        let (taken, is_running) = events.taken(self);
-        let (number, announced) = (self.begun.load(Relaxed), self.announced.load(Relaxed));
+        let (taken, is_running) = events.committed(self);
+        let (number, announced) = (self.begun.load(Relaxed), self.pushed.load(Relaxed));
         // Whether an event of a segment is among those that have been output or set up.
         let has_begun = |number: u32| {
             let first = self.slot(number).first_event.load(Relaxed);
@@ -151,30 +151,30 @@ impl SegmentRing {
         };
         if !has_begun(number) {
             if !is_running {
-                self.fail_in_motion(self.played());
+                self.record_underrun(self.played());
             }
             return SegmentStart {
                 duty: None,
-                again: false,
+                has_more: false,
             };
         }
         let (slot, next) = (self.slot(number), number.wrapping_add(1));
         self.begun.store(next, Relaxed);
         let again = has_begun(next);
         if !is_running && !again {
-            self.fail_in_motion(slot);
+            self.record_underrun(slot);
         }
         SegmentStart {
             duty: Some(self.duty_of(slot.flags.load(Relaxed))),
-            again,
+            has_more: again,
         }
     }
 
     /// The step interrupt has stopped in a segment: a fault if something moved, and nobody stopped it.
     #[inline]
-    fn fail_in_motion(&self, slot: &Slot) {
+    fn record_underrun(&self, slot: &Slot) {
         if slot.flags.load(Relaxed) & IS_MOVING != 0 && !self.is_halted() {
-            self.starved.store(true, Relaxed);
+            self.underrun.store(true, Relaxed);
         }
     }
 
@@ -184,25 +184,25 @@ impl SegmentRing {
         self.running.store(false, Relaxed);
     }
 
-    /// The step interrupt has been stopped; see [`EventTap::cut`].
+    /// The step interrupt has been stopped; see [`EventTap::halt`].
     pub(super) fn halt(&self) {
         self.running.store(false, Relaxed);
-        self.cut.store(true, Relaxed);
+        self.halted.store(true, Relaxed);
     }
 
     /// Whether the step interrupt has been stopped at once and nobody has seen to it yet.
     #[inline]
     #[must_use]
     pub fn is_halted(&self) -> bool {
-        self.cut.load(Relaxed)
+        self.halted.load(Relaxed)
     }
 
     /// Drops the segments that have not begun; ends a cut. For `prepare`, while the step interrupt
     /// stands.
-    pub(super) fn drop_waiting(&self) {
-        self.announced.store(self.begun.load(Relaxed), Relaxed);
-        self.starved.store(false, Relaxed);
-        self.cut.store(false, Relaxed);
+    pub(super) fn discard_pending(&self) {
+        self.pushed.store(self.begun.load(Relaxed), Relaxed);
+        self.underrun.store(false, Relaxed);
+        self.halted.store(false, Relaxed);
     }
 
     /// The segment in which so many events had been output: where it begins, its directions, and
@@ -226,7 +226,7 @@ impl SegmentRing {
     /// path, mm/min, and the `N` word of its block, 0 without.
     #[inline]
     #[must_use]
-    pub fn place(&self) -> (Axes<i32>, f32, u32) {
+    pub fn status(&self) -> (Axes<i32>, f32, u32) {
         let played = self.played();
         (
             Axes::from_fn(|axis| played.steps[axis].load(Relaxed)),
@@ -244,7 +244,7 @@ impl SegmentRing {
 
     /// Start of the segment being played, on the generator's clock.
     #[must_use]
-    pub fn played_ticks(&self) -> u32 {
+    pub fn played_start_ticks(&self) -> u32 {
         self.played().start_ticks.load(Relaxed)
     }
 
@@ -278,7 +278,7 @@ impl SegmentRing {
     }
 
     /// Whether segments, also those that wait, have no duty from now on; for `prepare` alone.
-    pub(crate) fn mute(&self, is_mute: bool) {
+    pub(crate) fn inhibit_spindle(&self, is_mute: bool) {
         let mask = if is_mute {
             (1 << DUTY_SHIFT) - 1
         } else {
@@ -301,13 +301,13 @@ impl SegmentRing {
     /// Whether the event queue ran empty in motion, and nobody has seen to it yet.
     #[inline]
     #[must_use]
-    pub fn is_starved(&self) -> bool {
-        self.starved.load(Relaxed)
+    pub fn has_underrun(&self) -> bool {
+        self.underrun.load(Relaxed)
     }
 
     /// Takes the fault that the event queue ran empty in motion; for `prepare` alone.
-    pub(crate) fn take_starved(&self) {
-        self.starved.store(false, Relaxed);
+    pub(crate) fn clear_underrun(&self) {
+        self.underrun.store(false, Relaxed);
     }
 }
 
@@ -323,12 +323,12 @@ mod tests {
     use crate::stepper::{EventRing, StepEvent};
 
     /// Announces a segment with one event.
-    fn announce(counts: &SegmentRing, ring: &mut EventRing, number: u32, is_rest: bool) {
-        counts.announce(&SegmentInfo {
+    fn announce(segments: &SegmentRing, ring: &mut EventRing, number: u32, is_rest: bool) {
+        segments.push(&SegmentInfo {
             steps: Axes::all(number.cast_signed()),
             first_event: number,
             duty: 1020,
-            is_rest,
+            is_standstill: is_rest,
             ..SegmentInfo::default()
         });
         let (mut writer, _) = ring.split();
@@ -338,74 +338,74 @@ mod tests {
     }
 
     /// Sets up the next event.
-    fn set_up(counts: &SegmentRing, ring: &mut EventRing) {
+    fn set_up(segments: &SegmentRing, ring: &mut EventRing) {
         let (mut writer, mut reader) = ring.split();
-        let has_event = if counts.is_running() {
-            if let Some(missed) = writer.appended_late(counts) {
+        let has_event = if segments.is_running() {
+            if let Some(missed) = writer.appended_late(segments) {
                 writer.append(missed);
             }
             reader.advance().is_some()
         } else {
-            counts.start();
+            segments.start();
             writer.set_up().is_some()
         };
         assert!(has_event);
     }
 
-    fn turn(counts: &SegmentRing, ring: &mut EventRing) -> SegmentStart {
-        counts.start_segment(ring.split().0.tap())
+    fn turn(segments: &SegmentRing, ring: &mut EventRing) -> SegmentStart {
+        segments.start_segment(ring.split().0.tap())
     }
 
     #[test]
     fn the_position_is_that_of_the_segment_being_played() {
-        let (counts, mut ring) = (SegmentRing::new(), EventRing::new());
+        let (segments, mut ring) = (SegmentRing::new(), EventRing::new());
         let begun = SegmentStart {
             duty: Some(1020),
-            again: false,
+            has_more: false,
         };
         let nothing = SegmentStart {
             duty: None,
-            again: false,
+            has_more: false,
         };
         for number in 0..100 {
-            announce(&counts, &mut ring, number, false);
-            assert_eq!(turn(&counts, &mut ring), nothing);
+            announce(&segments, &mut ring, number, false);
+            assert_eq!(turn(&segments, &mut ring), nothing);
             let before = number.cast_signed() - 1;
-            assert_eq!(counts.position(), Axes::all(before.max(0)));
-            set_up(&counts, &mut ring);
-            assert_eq!(turn(&counts, &mut ring), begun);
-            assert_eq!(counts.position(), Axes::all(before + 1));
+            assert_eq!(segments.position(), Axes::all(before.max(0)));
+            set_up(&segments, &mut ring);
+            assert_eq!(turn(&segments, &mut ring), begun);
+            assert_eq!(segments.position(), Axes::all(before + 1));
         }
     }
 
     #[test]
     fn a_late_turn_catches_up_and_finds_the_stop_a_fault_in_motion_only() {
         for is_rest in [true, false] {
-            let (counts, mut ring) = (SegmentRing::new(), EventRing::new());
-            announce(&counts, &mut ring, 0, false);
-            announce(&counts, &mut ring, 1, is_rest);
-            set_up(&counts, &mut ring);
+            let (segments, mut ring) = (SegmentRing::new(), EventRing::new());
+            announce(&segments, &mut ring, 0, false);
+            announce(&segments, &mut ring, 1, is_rest);
+            set_up(&segments, &mut ring);
             let (_, mut reader) = ring.split();
             while reader.advance().is_some() {}
-            counts.stop();
-            assert!(turn(&counts, &mut ring).again && !counts.is_starved());
-            assert!(!turn(&counts, &mut ring).again);
-            assert_eq!(counts.is_starved(), !is_rest);
-            assert_eq!(counts.position(), Axes::all(1));
+            segments.stop();
+            assert!(turn(&segments, &mut ring).has_more && !segments.has_underrun());
+            assert!(!turn(&segments, &mut ring).has_more);
+            assert_eq!(segments.has_underrun(), !is_rest);
+            assert_eq!(segments.position(), Axes::all(1));
         }
     }
 
     #[test]
     fn no_segment_is_announced_over_one_that_is_played_or_waits() {
-        let (counts, mut ring) = (SegmentRing::new(), EventRing::new());
+        let (segments, mut ring) = (SegmentRing::new(), EventRing::new());
         let mut announced = 0;
-        while counts.has_room() {
-            announce(&counts, &mut ring, announced, false);
+        while segments.has_room() {
+            announce(&segments, &mut ring, announced, false);
             announced += 1;
         }
         assert_eq!(announced, SEGMENT_RING as u32 - 1);
-        set_up(&counts, &mut ring);
-        assert!(turn(&counts, &mut ring).duty.is_some());
-        assert!(counts.has_room());
+        set_up(&segments, &mut ring);
+        assert!(turn(&segments, &mut ring).duty.is_some());
+        assert!(segments.has_room());
     }
 }
