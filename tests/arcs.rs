@@ -275,14 +275,14 @@ proptest! {
         let settings = with(&steps, &[6000.0], &[acceleration]);
         let [approach, around] = around_origin(plane, rotation, radius, from, from + travel, feed);
         let around = match (around, support::target(&around)) {
-            (Command::Arc { circle, pace, line, .. }, Some(mut target)) => {
+            (Command::Arc { circle, feed_rate, line, .. }, Some(mut target)) => {
                 let (first, second, axis) = plane.axes();
                 let scale = 1.0 + mismatch.min(radius) / radius;
                 for axis in [first, second] {
                     target[axis] = Nm((target[axis].0 as f64 * scale) as i64);
                 }
                 target[axis] = Nm::from_mm_f64(normal);
-                Command::Arc { target: target.into(), circle, pace, line }
+                Command::Arc { target: target.into(), circle, feed_rate, line }
             }
             _ => unreachable!(),
         };

@@ -246,7 +246,7 @@ fn inverse_time_moves_take_their_time() {
                 } => Command::Arc {
                     target,
                     circle,
-                    pace: FeedRate::InverseTime(per_min),
+                    feed_rate: FeedRate::InverseTime(per_min),
                     line,
                 },
                 other => other,
@@ -297,7 +297,7 @@ proptest! {
         step_pulse_us in prop_oneof![0..6_u8, 100..=255_u8],
         junction_deviation_mm in prop_oneof![Just(0.0_f32), Just(10.0_f32)],
         shares in prop::collection::vec(prop::array::uniform3(-1.0..1.0_f64), 1..6),
-        pace in prop_oneof![Just(FeedRate::Rapid), (0.0..1.0e6_f32).prop_map(FeedRate::Feed)],
+        feed_rate in prop_oneof![Just(FeedRate::Rapid), (0.0..1.0e6_f32).prop_map(FeedRate::Feed)],
         reset_at in prop::option::of(0..2_000_000_000_u64),
     ) {
         let settings = Settings {
@@ -313,9 +313,9 @@ proptest! {
                     let reach = (400.0 / steps[n]).min(f64::from(rates[n]) * 0.2);
                     shares[n] * reach.min(f64::from(accelerations[n]) * 20.0)
                 });
-                line_at(at(&mm), match pace {
+                line_at(at(&mm), match feed_rate {
                     FeedRate::Feed(feed) => FeedRate::Feed(feed.max(reach_mm_min(&mm))),
-                    pace => pace,
+                    feed_rate => feed_rate,
                 })
             })
             .collect();

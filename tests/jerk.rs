@@ -149,7 +149,7 @@ fn a_hold_in_a_cruise_takes_5_ms_more_than_the_limits_allow() {
 fn a_hold_and_a_cancelled_jog_take_two_windows_more_than_the_trapezoid() {
     let settings = machine(10_000.0);
     let target = || at(&[200.0]);
-    for (pace, byte) in [
+    for (feed_rate, byte) in [
         (FeedRate::Feed(6000.0), b'!'),
         (FeedRate::Jog(6000.0), 0x85),
     ] {
@@ -158,7 +158,7 @@ fn a_hold_and_a_cancelled_jog_take_two_windows_more_than_the_trapezoid() {
             let mut rig = Rig::new(&settings);
             let resume = (asked + 100_000_000, b'~');
             let acts = [(asked, byte), resume];
-            rig.run(&number(&[line_at(target(), pace)]), &acts);
+            rig.run(&number(&[line_at(target(), feed_rate)]), &acts);
             rig.trace.check_pulses();
             check_limits(&settings, &rig.trace);
             let before = rig.trace.edges.iter().filter(|edge| edge.ticks < resume.0);
@@ -178,14 +178,14 @@ fn lines() -> impl Strategy<Value = Vec<Command>> {
         2 => -30_000..30_000_i64,
         1 => Just(0_i64),
     ];
-    let pace = prop_oneof![
+    let feed_rate = prop_oneof![
         Just(FeedRate::Rapid),
         (20.0..12_000.0_f32).prop_map(FeedRate::Feed),
     ];
-    let line = (prop::array::uniform3(coordinate), pace).prop_map(|(nm, pace)| {
+    let line = (prop::array::uniform3(coordinate), feed_rate).prop_map(|(nm, feed_rate)| {
         line_at(
             Axes::from_fn(|axis| nm.get(axis).map_or(Nm(0), |nm| Nm(*nm))),
-            pace,
+            feed_rate,
         )
     });
     prop::collection::vec(line, 1..12)

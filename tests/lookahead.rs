@@ -34,7 +34,7 @@ impl Rule {
     fn new(block: &Block) -> Self {
         Self {
             length: f64::from(block.length_mm),
-            top_sqr: f64::from(block.speed_mm_s).powi(2),
+            top_sqr: f64::from(block.nominal_mm_s).powi(2),
             acceleration: f64::from(block.acceleration_mm_s2),
             limit_sqr: block
                 .curve

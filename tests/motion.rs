@@ -199,15 +199,15 @@ fn lines() -> impl Strategy<Value = Vec<Command>> {
         2 => -30_000..30_000_i64,
         1 => Just(0_i64),
     ];
-    let pace = prop_oneof![
+    let feed_rate = prop_oneof![
         Just(FeedRate::Rapid),
         (20.0..12_000.0_f32).prop_map(FeedRate::Feed),
         (30.0..3000.0_f32).prop_map(FeedRate::InverseTime),
     ];
-    let line = (prop::array::uniform3(coordinate), pace).prop_map(|(nm, pace)| {
+    let line = (prop::array::uniform3(coordinate), feed_rate).prop_map(|(nm, feed_rate)| {
         line_at(
             Axes::from_fn(|axis| nm.get(axis).map_or(Nm(0), |nm| Nm(*nm))),
-            pace,
+            feed_rate,
         )
     });
     prop::collection::vec(line, 1..12)

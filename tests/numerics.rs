@@ -53,7 +53,7 @@ fn settings() -> impl Strategy<Value = Settings> {
 struct Move {
     /// Parts of the way to the farthest point, as powers of ten, and signs; 0 stays.
     to: [f64; 6],
-    pace: FeedRate,
+    feed_rate: FeedRate,
     /// Plane, rotation, centre, turns.
     arc: Option<(Plane, Rotation, [f64; 2], u16)>,
 }
@@ -69,7 +69,7 @@ fn share() -> impl Strategy<Value = f64> {
 }
 
 fn moves() -> impl Strategy<Value = Vec<Move>> {
-    let pace = prop_oneof![
+    let feed_rate = prop_oneof![
         Just(FeedRate::Rapid),
         prop_oneof![
             Just(0.0),
@@ -88,8 +88,12 @@ fn moves() -> impl Strategy<Value = Vec<Move>> {
     let rotation = prop_oneof![Just(Rotation::Clockwise), Just(Rotation::CounterClockwise)];
     let turns = prop_oneof![4 => Just(1_u16), 1 => Just(u16::MAX), 2 => 1..1000_u16];
     let arc = (plane, rotation, [share(), share()], turns);
-    let one = (prop::array::uniform6(share()), pace, prop::option::of(arc))
-        .prop_map(|(to, pace, arc)| Move { to, pace, arc });
+    let one = (
+        prop::array::uniform6(share()),
+        feed_rate,
+        prop::option::of(arc),
+    )
+        .prop_map(|(to, feed_rate, arc)| Move { to, feed_rate, arc });
     prop::collection::vec(one, 1..8)
 }
 
@@ -101,8 +105,12 @@ fn commands(settings: &Settings, moves: &[Move]) -> Vec<Command> {
     for one in moves {
         let position = Axes::from_fn(|axis| Nm((farthest[axis].0 as f64 * one.to[axis]) as i64));
         let target: Target = position.into();
-        let (pace, line) = (one.pace, 0);
-        let mut command = Command::Line { target, pace, line };
+        let (feed_rate, line) = (one.feed_rate, 0);
+        let mut command = Command::Line {
+            target,
+            feed_rate,
+            line,
+        };
         if let Some((plane, rotation, shares, turns)) = one.arc {
             let (first, second, _) = plane.axes();
             let reach = farthest[first].0.min(farthest[second].0) as f64 * 2.0;
@@ -126,7 +134,7 @@ fn commands(settings: &Settings, moves: &[Move]) -> Vec<Command> {
                         rotation,
                         turns,
                     },
-                    pace,
+                    feed_rate,
                     line,
                 };
                 at = to;
@@ -196,7 +204,7 @@ impl<'a> Play<'a> {
     }
 
     fn check_block(&mut self, block: &Block) {
-        let [length, speed] = [block.length_mm, block.speed_mm_s].map(f64::from);
+        let [length, speed] = [block.length_mm, block.nominal_mm_s].map(f64::from);
         assert!(length > 0.0 && length.is_finite(), "{block:?}");
         assert!(speed > 0.0 && speed.is_finite(), "{block:?}");
         assert!(block.acceleration_mm_s2 > 0.0, "{block:?}");
@@ -305,7 +313,7 @@ fn a_tiny_arc_behind_a_move_without_a_step_keeps_the_rates() {
     };
     let mut target = Axes::all(Nm(0));
     target[0] = Nm(-320_000);
-    let (target, pace, line) = (Target::from(target), FeedRate::Rapid, 0);
+    let (target, feed_rate, line) = (Target::from(target), FeedRate::Rapid, 0);
     let circle = Circle {
         plane: Plane::Zx,
         centre: [Nm(3049), Nm(0)],
@@ -313,11 +321,15 @@ fn a_tiny_arc_behind_a_move_without_a_step_keeps_the_rates() {
         turns: u16::MAX,
     };
     let commands = [
-        Command::Line { target, pace, line },
+        Command::Line {
+            target,
+            feed_rate,
+            line,
+        },
         Command::Arc {
             target,
             circle,
-            pace,
+            feed_rate,
             line,
         },
     ];
@@ -338,7 +350,7 @@ fn a_stop_in_front_of_a_corner_to_be_stopped_in_does_not_go_round_it() {
     };
     let commands = [[0, 100_000_000], [1_000_000, 100_000_000]].map(|to| Command::Line {
         target: Axes::from_fn(|axis| Nm(to.get(axis).copied().unwrap_or(0))).into(),
-        pace: FeedRate::Rapid,
+        feed_rate: FeedRate::Rapid,
         line: 0,
     });
     for events in (10..3000).step_by(10) {

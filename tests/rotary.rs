@@ -91,7 +91,7 @@ fn the_feed_of_an_arc_is_that_of_its_linear_axes() {
             rotation: Rotation::Clockwise,
             turns: 1,
         },
-        pace: Pace::Feed(600.0),
+        feed_rate: FeedRate::Feed(600.0),
         line: 0,
     };
     let trace = check(&settings(0.0), &[arc]);
@@ -140,22 +140,22 @@ fn a_feed_is_along_the_linear_axes_where_they_make_steps() {
 fn moves() -> impl Strategy<Value = Vec<Command>> {
     let way = prop_oneof![Just(0.0), 1.0..5.0_f64, -5.0..-1.0_f64];
     let turn = prop_oneof![2 => Just(0.0), 2 => -SHARE..SHARE, 1 => -2.0..2.0_f64];
-    let pace = prop_oneof![
-        Just(Pace::Rapid),
-        (100.0..6000.0_f32).prop_map(Pace::Feed),
-        (30.0..600.0_f32).prop_map(Pace::InverseTime),
+    let feed_rate = prop_oneof![
+        Just(FeedRate::Rapid),
+        (100.0..6000.0_f32).prop_map(FeedRate::Feed),
+        (30.0..600.0_f32).prop_map(FeedRate::InverseTime),
     ];
     let bulge = prop::option::weighted(0.2, 0.2..3.0_f64);
     let one = (
         prop::array::uniform3(way),
         prop::array::uniform3(turn),
-        pace,
+        feed_rate,
         bulge,
     );
     prop::collection::vec(one, 1..12).prop_map(|moves| {
         let mut position = [0.0; 6];
         let mut commands = Vec::new();
-        for (ways, turns, pace, bulge) in moves {
+        for (ways, turns, feed_rate, bulge) in moves {
             for (axis, way) in ways.into_iter().chain(turns).enumerate() {
                 position[axis] += way;
             }
@@ -170,10 +170,10 @@ fn moves() -> impl Strategy<Value = Vec<Command>> {
                         rotation: Rotation::Clockwise,
                         turns: 1,
                     },
-                    pace,
+                    feed_rate,
                     line: 0,
                 },
-                _ => support::line_at(target, pace),
+                _ => support::line_at(target, feed_rate),
             });
         }
         commands

@@ -39,19 +39,19 @@ fn ways_of(settings: &Settings, commands: &[(PathControl, Command)]) -> (Vec<Ble
     let mut path = Blender::new();
     let mut ways = Vec::new();
     let mut drain = |router: &mut Router, path: &mut Blender| {
-        while let Some(way) = path.next().copied() {
-            router.follow_into(&way, &mut Work::Pause);
+        while let Some(way) = path.front().copied() {
+            router.route_blended(&way, &mut Work::Pause);
             ways.push(way);
-            path.done();
+            path.dequeue();
         }
     };
     for (control, command) in commands {
         router.blend(&mut path, *control, command);
         drain(&mut router, &mut path);
     }
-    router.release(&mut path);
+    router.flush(&mut path);
     drain(&mut router, &mut path);
-    assert!(!path.is_holding());
+    assert!(!path.has_pending());
     (ways, path.take_deviation_mm())
 }
 

@@ -12,7 +12,7 @@ pub enum Command {
         /// Where it ends.
         target: Target,
         /// How fast.
-        pace: FeedRate,
+        feed_rate: FeedRate,
         /// `N` word of the line, 0 without.
         line: u32,
     },
@@ -23,7 +23,7 @@ pub enum Command {
         /// Its circle.
         circle: Circle,
         /// How fast along the path.
-        pace: FeedRate,
+        feed_rate: FeedRate,
         /// `N` word of the line, 0 without.
         line: u32,
     },
@@ -32,7 +32,7 @@ pub enum Command {
         /// Where it ends at the latest.
         target: Target,
         /// How fast.
-        pace: FeedRate,
+        feed_rate: FeedRate,
         /// What ends it.
         probing: Probing,
         /// `N` word of the line, 0 without.

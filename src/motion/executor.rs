@@ -264,7 +264,7 @@ impl Executor {
     fn piece(&self, course: Course<'_>, exit_sqr: f32) -> Piece {
         let block = course.block;
         let left_mm = self.left as f32 * (block.length_mm / WHOLE_Q31 as f32);
-        let top_sqr = block.speed_mm_s * block.speed_mm_s;
+        let top_sqr = block.nominal_mm_s * block.nominal_mm_s;
         let mut piece = Piece {
             length_mm: left_mm,
             exit: course.measure(math::min(exit_sqr, top_sqr)),
@@ -286,9 +286,9 @@ impl Executor {
     /// what is shorter than a sliver at the block's speed is no piece of its own.
     fn piece_length(&self, course: Course<'_>, left_mm: f32, sliver_s: f32) -> (f32, bool) {
         if let Some(curve) = course.curve {
-            let sliver_mm = sliver_s * course.block.speed_mm_s;
+            let sliver_mm = sliver_s * course.block.nominal_mm_s;
             let length_mm = match &curve.shape {
-                Shape::Flat { .. } => self.way_to_quarter(curve, sliver_mm),
+                Shape::Planar { .. } => self.way_to_quarter(curve, sliver_mm),
                 Shape::Spatial(circle) => self.way_on(course.block, circle, sliver_mm),
             };
             if length_mm < left_mm - sliver_mm {

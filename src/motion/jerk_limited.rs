@@ -25,7 +25,7 @@ pub(super) mod reference;
 
 use self::reference::{Cell, Leaving};
 use super::executor::LONGEST_S;
-use crate::{math, model::timing::CELL_S, path::Window};
+use crate::{math, model::timing::CELL_S, path::AveragingWindow};
 
 /// Cells of history, a power of two: the longest window fits.
 const CELLS: usize = 128;
@@ -121,9 +121,9 @@ impl Smooth {
     }
 
     /// At rest: takes a window over.
-    pub(super) fn configure(&mut self, window: Window) {
-        self.window = window.cells;
-        if window.cells != 0 {
+    pub(super) fn configure(&mut self, window: AveragingWindow) {
+        self.window = window.samples;
+        if window.samples != 0 {
             self.per_unit = UNIT_MM / window.seconds();
             self.per_bend = 0.5 / (CELL_S * window.seconds());
         }

@@ -25,7 +25,7 @@ use crate::{
     axis::{AXES, Axes},
     math,
     model::{Laser, Overrides},
-    path::{Block, Pacing},
+    path::{Block, MoveKind},
 };
 
 /// Places for blocks, a power of two.
@@ -51,10 +51,10 @@ impl Planned {
             delta: Axes([0; AXES]),
             steps_per_mm: Axes([0.0; AXES]),
             length_mm: 0.0,
-            speed_mm_s: 0.0,
+            nominal_mm_s: 0.0,
             programmed_mm_s: 0.0,
             limit_mm_s: 0.0,
-            pacing: Pacing::Feed,
+            kind: MoveKind::Feed,
             laser: Laser::None,
             acceleration_mm_s2: 0.0,
             junction_sqr: 0.0,
@@ -74,10 +74,10 @@ impl Planned {
         here.delta = block.delta;
         here.steps_per_mm = block.steps_per_mm;
         here.length_mm = block.length_mm;
-        here.speed_mm_s = block.speed_mm_s;
+        here.nominal_mm_s = block.nominal_mm_s;
         here.programmed_mm_s = block.programmed_mm_s;
         here.limit_mm_s = block.limit_mm_s;
-        here.pacing = block.pacing;
+        here.kind = block.kind;
         here.laser = block.laser;
         here.acceleration_mm_s2 = block.acceleration_mm_s2;
         here.junction_sqr = block.junction_sqr;
@@ -189,25 +189,25 @@ impl<const N: usize> Plan<N> {
         planned.hold(block);
         planned.braking = Braking::new(block);
         if self.overrides != Overrides::NONE {
-            planned.block.speed_mm_s = block.speed_under(self.overrides);
+            planned.block.nominal_mm_s = block.nominal_under(self.overrides);
         }
         planned.traded_s = traded_s(block, self.step_s);
         let (mut speed_mm_s, spare_s) = in_time(
             &planned.block,
-            planned.block.speed_mm_s,
+            planned.block.nominal_mm_s,
             planned.traded_s,
             self.spare_s,
         );
         if self.window != 0 {
             speed_mm_s = in_cells(&planned.block, speed_mm_s);
         }
-        planned.block.speed_mm_s = speed_mm_s;
+        planned.block.nominal_mm_s = speed_mm_s;
         self.spare_s = spare_s;
         let limit_sqr = if self.count == 0 {
             0.0
         } else {
             let before = &self.ring[newest.wrapping_sub(1) & (N - 1)].block;
-            let slower = math::min(speed_mm_s, before.speed_mm_s);
+            let slower = math::min(speed_mm_s, before.nominal_mm_s);
             math::min(block.junction_sqr, slower * slower)
         };
         let planned = &mut self.ring[newest & (N - 1)];

@@ -31,7 +31,7 @@ use crate::{
     model::{
         Alarm, Awaited, Coolant, Levels, Notices, Outputs, Power, Probed, Requests, Spindle, State,
     },
-    path::{Entry, Window},
+    path::{AveragingWindow, Entry},
     settings::Settings,
     stepper::{EventWriter, Generator, Segment, SegmentRing},
 };
@@ -211,9 +211,9 @@ impl Motion {
     }
 
     fn configure(&mut self, settings: &Settings, inputs: &Inputs) {
-        let window = Window::new(settings);
+        let window = AveragingWindow::new(settings);
         self.smooth.configure(window);
-        self.plan.set_window(window.cells, window.seconds());
+        self.plan.set_window(window.samples, window.seconds());
         self.plan.set_step_rate(settings.step_rate.hz());
         self.generator.set_pulse_us(settings.step_pulse_us);
         self.accessories.configure(settings);

@@ -5,7 +5,7 @@
 //!
 //! In double precision, once per arc, in the task that has no deadline.
 
-use super::Window;
+use super::AveragingWindow;
 
 /// The part of the acceleration that may point towards the centre: what is left along the path is
 /// the other leg of the triangle.
@@ -38,7 +38,7 @@ impl Bend {
     }
 
     /// The acceleration along the path up to a speed, mm/s².
-    pub(crate) fn along_mm_s2(&self, speed_mm_s: f32, window: Window) -> f32 {
+    pub(crate) fn along_mm_s2(&self, speed_mm_s: f32, window: AveragingWindow) -> f32 {
         let speed = f64::from(speed_mm_s);
         let most = f64::from(self.acceleration_mm_s2);
         let jerk = f64::from(self.jerk_mm_s3);

@@ -54,11 +54,11 @@ pub struct CornerArc {
     /// The angle it turns, rad: less than a half turn.
     pub sweep_rad: f32,
     /// Direction from the centre to its start.
-    pub outwards: [f32; LINEAR],
+    pub radial: [f32; LINEAR],
     /// Direction at its start.
-    pub along: [f32; LINEAR],
+    pub tangent: [f32; LINEAR],
     /// How fast.
-    pub pace: FeedRate,
+    pub feed_rate: FeedRate,
     /// `N` word of the line after it, 0 without.
     pub line: u32,
 }
@@ -74,7 +74,7 @@ struct Straight {
     length_mm: f32,
     /// How far it is from the lines that it stands for, mm.
     error_mm: f32,
-    pace: FeedRate,
+    feed_rate: FeedRate,
     line: u32,
 }
 
@@ -116,7 +116,7 @@ impl Blender {
     /// Whether there is anything that the router does not know of.
     #[inline]
     #[must_use]
-    pub fn is_holding(&self) -> bool {
+    pub fn has_pending(&self) -> bool {
         self.holds_line() || !self.ready.is_empty()
     }
 
@@ -133,19 +133,19 @@ impl Blender {
     /// What the router is to do next.
     #[inline]
     #[must_use]
-    pub fn next(&self) -> Option<&BlendOutput> {
+    pub fn front(&self) -> Option<&BlendOutput> {
         self.ready.first()
     }
 
     /// That has been done.
-    pub fn done(&mut self) {
+    pub fn dequeue(&mut self) {
         if !self.ready.is_empty() {
             self.ready.remove(0);
         }
     }
 
     /// Takes a command, from where the router stands if nothing is held back. Nothing may be ready.
-    pub(super) fn take(
+    pub(super) fn push(
         &mut self,
         control: PathControl,
         from: Axes<Nm>,
@@ -155,28 +155,32 @@ impl Blender {
         // Where the router will stand when it has done what is held back, which ends here or later.
         let from = self.position().unwrap_or(from);
         if control != self.control {
-            self.end(limits);
+            self.flush(limits);
             self.control = control;
         }
         let PathControl::Continuous { .. } = control else {
             return self.pass(limits, command);
         };
         match *command {
-            Command::Line { target, pace, line } if is_plain(&from, &target, pace) => {
-                self.line(limits, from, target, pace, line, 0.0);
+            Command::Line {
+                target,
+                feed_rate,
+                line,
+            } if is_plain(&from, &target, feed_rate) => {
+                self.line(limits, from, target, feed_rate, line, 0.0);
             }
             Command::Arc {
                 target,
                 circle,
-                pace,
+                feed_rate,
                 line,
-            } if is_plain(&from, &target, pace) => {
+            } if is_plain(&from, &target, feed_rate) => {
                 let way = target.position.zip(from, |to, from| to - from);
                 match chain::halves(&circle, &way, self.merging_mm()) {
                     Some((half, error_mm)) => {
                         let middle = from.zip(half, |from, half| from + half);
-                        self.line(limits, from, middle.into(), pace, line, error_mm);
-                        self.line(limits, middle, target, pace, line, error_mm);
+                        self.line(limits, from, middle.into(), feed_rate, line, error_mm);
+                        self.line(limits, middle, target, feed_rate, line, error_mm);
                     }
                     None => self.pass(limits, command),
                 }
@@ -190,7 +194,7 @@ impl Blender {
     }
 
     /// Makes everything ready that is held back.
-    pub(super) fn end(&mut self, limits: &Limits) {
+    pub(super) fn flush(&mut self, limits: &Limits) {
         self.end_chain(limits);
         if let Some(straight) = self.held.take() {
             self.put_line(straight.start, straight.target, &straight);
@@ -199,7 +203,7 @@ impl Blender {
 
     /// What is held back, and then a command as it is.
     fn pass(&mut self, limits: &Limits, command: &Command) {
-        self.end(limits);
+        self.flush(limits);
         self.put(BlendOutput::Command(*command));
     }
 
@@ -215,20 +219,22 @@ impl Blender {
         limits: &Limits,
         from: Axes<Nm>,
         target: Target,
-        pace: FeedRate,
+        feed_rate: FeedRate,
         line: u32,
         error_mm: f32,
     ) {
         let merging_mm = self.merging_mm();
-        let is_cut = matches!(pace, FeedRate::Feed(_));
+        let is_cut = matches!(feed_rate, FeedRate::Feed(_));
         let is_extended = is_cut
-            && self.keeps_speed(limits, &target, pace)
-            && self.chain.extend(&target, pace, line, error_mm, merging_mm);
+            && self.keeps_speed(limits, &target, feed_rate)
+            && self
+                .chain
+                .extend(&target, feed_rate, line, error_mm, merging_mm);
         if is_extended {
             return;
         }
         self.end_chain(limits);
-        self.chain.begin(from, target, pace, line, error_mm);
+        self.chain.begin(from, target, feed_rate, line, error_mm);
         if !is_cut || merging_mm <= 0.0 {
             self.end_chain(limits);
         }
@@ -237,7 +243,7 @@ impl Blender {
     /// Whether the corner before the chain does not become slower by a line more.
     ///
     /// Along a curve, few long lines make sharper corners than many short ones.
-    fn keeps_speed(&self, limits: &Limits, target: &Target, pace: FeedRate) -> bool {
+    fn keeps_speed(&self, limits: &Limits, target: &Target, feed_rate: FeedRate) -> bool {
         let Some(before) = &self.held else {
             return true;
         };
@@ -247,7 +253,7 @@ impl Blender {
         };
         let before = corner::spread(&before.direction);
         let [now, then] = [now, then].map(|direction| corner::spread(&direction));
-        let speed_mm_s = limits.paced_mm_s(pace, &then);
+        let speed_mm_s = limits.paced_mm_s(feed_rate, &then);
         let enough_sqr = math::min(limits.junction_sqr(&before, &now), speed_mm_s * speed_mm_s);
         limits.junction_sqr(&before, &then) >= enough_sqr
     }
@@ -283,7 +289,7 @@ impl Blender {
         if (0..AXES).any(is_left) {
             self.put(BlendOutput::Command(Command::Line {
                 target,
-                pace: straight.pace,
+                feed_rate: straight.feed_rate,
                 line: straight.line,
             }));
         }
@@ -324,9 +330,9 @@ impl Default for Blender {
 }
 
 /// Whether a move is one of the linear axes alone, at a speed that does not depend on its length.
-fn is_plain(from: &Axes<Nm>, target: &Target, pace: FeedRate) -> bool {
+fn is_plain(from: &Axes<Nm>, target: &Target, feed_rate: FeedRate) -> bool {
     let moves = |axis: &usize| target.position[*axis] != from[*axis];
-    let is_paced = match pace {
+    let is_paced = match feed_rate {
         FeedRate::Rapid | FeedRate::Feed(_) => true,
         FeedRate::InverseTime(_) | FeedRate::Jog(_) => false,
     };

@@ -53,7 +53,7 @@ pub enum Work {
 
 /// Which limits and overrides a move is under.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
-pub enum Pacing {
+pub enum MoveKind {
     /// As fast as the axes can, under the rapid override.
     Rapid,
     /// At the programmed feed, under the feed override.
@@ -76,13 +76,13 @@ pub struct Block {
     /// Length of the path, mm; degrees where only rotary axes move.
     pub length_mm: f32,
     /// Speed along the path under the overrides in effect, within every axis limit, mm/s.
-    pub speed_mm_s: f32,
+    pub nominal_mm_s: f32,
     /// Programmed speed along the path, mm/s; without meaning for a rapid.
     pub programmed_mm_s: f32,
     /// Greatest speed along the path that the axes allow, mm/s.
     pub limit_mm_s: f32,
     /// Which overrides it is under.
-    pub pacing: Pacing,
+    pub kind: MoveKind,
     /// What the laser does.
     pub laser: Laser,
     /// Acceleration along the path within every axis limit, mm/s².
@@ -101,11 +101,11 @@ pub(crate) const MIN_SPEED_MM_S: f32 = 1.0 / 60.0;
 impl Block {
     /// Speed along the path under overrides, within every axis limit, mm/s.
     #[must_use]
-    pub fn speed_under(&self, overrides: Overrides) -> f32 {
-        let speed_mm_s = match self.pacing {
-            Pacing::Rapid => self.limit_mm_s * (0.01 * f32::from(overrides.rapid)),
-            Pacing::Feed => self.programmed_mm_s * (0.01 * f32::from(overrides.feed)),
-            Pacing::Fixed | Pacing::Jog => self.programmed_mm_s,
+    pub fn nominal_under(&self, overrides: Overrides) -> f32 {
+        let speed_mm_s = match self.kind {
+            MoveKind::Rapid => self.limit_mm_s * (0.01 * f32::from(overrides.rapid)),
+            MoveKind::Feed => self.programmed_mm_s * (0.01 * f32::from(overrides.feed)),
+            MoveKind::Fixed | MoveKind::Jog => self.programmed_mm_s,
         };
         math::min(math::max(speed_mm_s, MIN_SPEED_MM_S), self.limit_mm_s)
     }
@@ -130,7 +130,7 @@ pub struct Curve {
 #[derive(Debug, Clone, Copy)]
 pub enum Shape {
     /// In the plane of two axes; the other axes move evenly.
-    Flat {
+    Planar {
         /// First axis of the plane.
         first: u8,
         /// Second axis of the plane.
@@ -171,9 +171,9 @@ impl SpatialArc {
 impl Curve {
     /// Pieces between two reversals of an axis, at least.
     #[must_use]
-    pub fn inner_pieces(&self) -> u32 {
+    pub fn inner_sections(&self) -> u32 {
         match &self.shape {
-            Shape::Flat { .. } => (self.sweep.unsigned_abs() >> 30) as u32,
+            Shape::Planar { .. } => (self.sweep.unsigned_abs() >> 30) as u32,
             Shape::Spatial(circle) => {
                 let [_, second, third] = circle.reversals;
                 u32::from(second != SpatialArc::NEVER) + u32::from(third != SpatialArc::NEVER)

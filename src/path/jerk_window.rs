@@ -11,12 +11,12 @@ const LONGEST_WINDOW: usize = 120;
 
 /// What the jerk limits make of the acceleration limits.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(crate) struct Window {
+pub(crate) struct AveragingWindow {
     /// Its length, cells; 0 without any limit of jerk.
-    pub(crate) cells: usize,
+    pub(crate) samples: usize,
 }
 
-impl Window {
+impl AveragingWindow {
     /// Long enough for every axis.
     pub(crate) fn new(settings: &Settings) -> Self {
         let mut longest_s = 0.0;
@@ -28,17 +28,17 @@ impl Window {
             }
         }
         if longest_s <= 0.0 {
-            return Self { cells: 0 };
+            return Self { samples: 0 };
         }
         let cells = math::min(longest_s * (1.0 / CELL_S) + 0.999, LONGEST_WINDOW as f32);
         Self {
-            cells: (cells as usize).max(SHORTEST_WINDOW),
+            samples: (cells as usize).max(SHORTEST_WINDOW),
         }
     }
 
     /// Its length, s; 0 without any limit of jerk.
     pub(crate) fn seconds(self) -> f32 {
-        self.cells as f32 * CELL_S
+        self.samples as f32 * CELL_S
     }
 
     /// The acceleration of an axis that keeps its jerk, mm/s².

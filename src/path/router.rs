@@ -12,7 +12,7 @@ pub(super) use self::limits::Limits;
 
 use self::arc_limits::ArcPlane;
 use super::{
-    BlendOutput, Blender, Block, Curve, Pacing, Shape, Work,
+    BlendOutput, Blender, Block, Curve, MoveKind, Shape, Work,
     arc::{Arc, PHASE_PER_RAD},
     block::MIN_SPEED_MM_S,
 };
@@ -97,7 +97,7 @@ impl Router {
     }
 
     /// Whether the moves to come end at a standstill each, as under `G61.1`; a jog never does.
-    pub fn stop_exactly(&mut self, stops: bool) {
+    pub fn set_exact_stop(&mut self, stops: bool) {
         self.stops = stops;
     }
 
@@ -137,7 +137,7 @@ impl Router {
     }
 
     /// Takes back the commands since a mark: the machine has not begun them.
-    pub fn return_to(&mut self, mark: &Checkpoint) {
+    pub fn restore(&mut self, mark: &Checkpoint) {
         self.position = mark.position;
         self.sent = mark.sent;
         self.fine = mark.fine;
@@ -149,7 +149,7 @@ impl Router {
     /// The way in a straight line from a place to where the last move ends, over the linear axes,
     /// mm.
     #[must_use]
-    pub fn way_from_mm(&self, steps: &Axes<i32>) -> f32 {
+    pub fn distance_from_mm(&self, steps: &Axes<i32>) -> f32 {
         let mut sum_sqr = 0.0;
         for axis in 0..LINEAR {
             let way = self.steps[axis].0.wrapping_sub(steps[axis]) as f32;
@@ -171,35 +171,39 @@ impl Router {
     /// Targets must not be beyond [`Settings::farthest`].
     pub fn work(&mut self, command: &Command) -> Option<Work> {
         let mut work = Work::Pause;
-        self.work_into(command, &mut work).then_some(work)
+        self.route(command, &mut work).then_some(work)
     }
 
     /// As [`Self::work`], but replaces what the caller keeps, which is too large to be copied for
     /// every line; false for a move that makes no step.
     ///
     /// Targets must not be beyond [`Settings::farthest`].
-    pub fn work_into(&mut self, command: &Command, work: &mut Work) -> bool {
+    pub fn route(&mut self, command: &Command, work: &mut Work) -> bool {
         match command {
-            Command::Line { target, pace, line } => return self.line(target, *pace, *line, work),
+            Command::Line {
+                target,
+                feed_rate,
+                line,
+            } => return self.line(target, *feed_rate, *line, work),
             Command::Arc {
                 target,
                 circle,
-                pace,
+                feed_rate,
                 line,
-            } => return self.arc(target, circle, *pace, *line, work),
+            } => return self.arc(target, circle, *feed_rate, *line, work),
             Command::Probe {
                 target,
-                pace,
+                feed_rate,
                 probing,
                 line,
             } => {
-                let moves = self.line(target, *pace, *line, work);
+                let moves = self.line(target, *feed_rate, *line, work);
                 if let Work::Move(block) = work
                     && moves
                 {
                     *work = Work::Probe(
                         Block {
-                            pacing: Pacing::Fixed,
+                            kind: MoveKind::Fixed,
                             ..*block
                         },
                         *probing,
@@ -224,33 +228,33 @@ impl Router {
     /// Apart, as is what ends the path: most programs have none.
     #[inline(never)]
     pub fn blend(&self, path: &mut Blender, control: PathControl, command: &Command) {
-        path.take(control, self.position, &self.limits, command);
+        path.push(control, self.position, &self.limits, command);
     }
 
     /// Ends what the path holds back.
     #[inline]
-    pub fn release(&self, path: &mut Blender) {
-        if path.is_holding() {
+    pub fn flush(&self, path: &mut Blender) {
+        if path.has_pending() {
             self.end(path);
         }
     }
 
     #[inline(never)]
     fn end(&self, path: &mut Blender) {
-        path.end(&self.limits);
+        path.flush(&self.limits);
     }
 
     /// As [`Self::work_into`], for what has come through the path.
-    pub fn follow_into(&mut self, way: &BlendOutput, work: &mut Work) -> bool {
+    pub fn route_blended(&mut self, way: &BlendOutput, work: &mut Work) -> bool {
         match way {
-            BlendOutput::Command(command) => self.work_into(command, work),
+            BlendOutput::Command(command) => self.route(command, work),
             BlendOutput::CornerArc(round) => self.corner_arc_into(round, work),
         }
     }
 
     #[inline(never)]
-    fn line(&mut self, target: &Target, pace: FeedRate, line: u32, work: &mut Work) -> bool {
-        let block = self.block(target, pace, line);
+    fn line(&mut self, target: &Target, feed_rate: FeedRate, line: u32, work: &mut Work) -> bool {
+        let block = self.line_block(target, feed_rate, line);
         let moves = block.is_some();
         if let Some(block) = block {
             *work = Work::Move(block);
@@ -262,7 +266,12 @@ impl Router {
     /// it is made where it is to be and not copied.
     #[inline(always)]
     #[expect(clippy::inline_always, reason = "a call would return by a copy")]
-    pub(crate) fn block(&mut self, target: &Target, pace: FeedRate, line: u32) -> Option<Block> {
+    pub(crate) fn line_block(
+        &mut self,
+        target: &Target,
+        feed_rate: FeedRate,
+        line: u32,
+    ) -> Option<Block> {
         let end = self.place(target);
         if end.steps == self.steps {
             self.position = target.position;
@@ -285,15 +294,15 @@ impl Router {
         let rate = self
             .limits
             .for_steps(self.steps_to(&end) as f32, length_mm, rate);
-        let programmed_mm_s = pace_mm_s(scaled(pace, per_feed), length_mm, rate);
+        let programmed_mm_s = pace_mm_s(scaled(feed_rate, per_feed), length_mm, rate);
         let block = Block {
             delta: end.fine.zip(self.fine, |to, from| to.0 - from.0),
             steps_per_mm,
             length_mm,
-            speed_mm_s: math::min(programmed_mm_s, rate),
+            nominal_mm_s: math::min(programmed_mm_s, rate),
             programmed_mm_s,
             limit_mm_s: rate,
-            pacing: pacing(pace),
+            kind: pacing(feed_rate),
             laser: self.laser,
             acceleration_mm_s2: Limits::along(&self.limits.acceleration_mm_s2, &direction),
             junction_sqr: self.junction_sqr(&direction, &Axes::all(0.0)),
@@ -318,7 +327,7 @@ impl Router {
         &mut self,
         target: &Target,
         circle: &Circle,
-        pace: FeedRate,
+        feed_rate: FeedRate,
         line: u32,
         work: &mut Work,
     ) -> bool {
@@ -333,7 +342,7 @@ impl Router {
         );
         if arc.length_mm() as f32 * finest < 0.5 {
             // Shorter than half a step in its plane: what is left of it is a line.
-            return self.line(target, pace, line, work);
+            return self.line(target, feed_rate, line, work);
         }
         let end = self.place(target);
         let linear = target
@@ -362,20 +371,20 @@ impl Router {
             .min(self.limits.together(&steps_per_mm))
             .min(math::sqrt(limit_sqr))
             .min(length_mm / shortest_s(&arc));
-        let paced = |rate| pace_mm_s(pace, length_mm, rate);
+        let paced = |rate| pace_mm_s(feed_rate, length_mm, rate);
         let ([start_curvature, end_curvature], rate, acceleration) =
             self.limits.bent(&arc, &plane, rate, acceleration, paced);
         let even = arc.evenness() as f32;
         let (rate, acceleration) = (rate * even, acceleration * even);
-        let programmed_mm_s = pace_mm_s(pace, length_mm, rate);
+        let programmed_mm_s = pace_mm_s(feed_rate, length_mm, rate);
         *work = Work::Move(Block {
             delta: end.fine.zip(self.fine, |to, from| to.0 - from.0),
             steps_per_mm,
             length_mm,
-            speed_mm_s: math::min(programmed_mm_s, rate),
+            nominal_mm_s: math::min(programmed_mm_s, rate),
             programmed_mm_s,
             limit_mm_s: rate,
-            pacing: pacing(pace),
+            kind: pacing(feed_rate),
             laser: self.laser,
             acceleration_mm_s2: acceleration,
             junction_sqr: self.junction_sqr(&start_tangent, &start_curvature),
@@ -397,7 +406,7 @@ impl Router {
             sweep: libm::round(arc.sweep * PHASE_PER_RAD) as i64,
             limit_sqr,
             mm_per_phase: (f64::from(length_mm) / (libm::fabs(arc.sweep) * PHASE_PER_RAD)) as f32,
-            shape: Shape::Flat {
+            shape: Shape::Planar {
                 first: axes[0] as u8,
                 second: axes[1] as u8,
                 radius: axes.map(|axis| fine(axis, start)),
@@ -494,18 +503,18 @@ fn dot(a: &Axes<f32>, b: &Axes<f32>) -> f32 {
     a.iter().zip(b).map(|(a, b)| a * b).sum()
 }
 
-/// A pace for a way of which so much goes by for each mm of a feed.
-fn scaled(pace: FeedRate, per_feed: f32) -> FeedRate {
-    match pace {
+/// A feed rate for a way of which so much goes by for each mm of a feed.
+fn scaled(feed_rate: FeedRate, per_feed: f32) -> FeedRate {
+    match feed_rate {
         FeedRate::Feed(mm_min) => FeedRate::Feed(mm_min * per_feed),
         FeedRate::Jog(mm_min) => FeedRate::Jog(mm_min * per_feed),
-        FeedRate::Rapid | FeedRate::InverseTime(_) => pace,
+        FeedRate::Rapid | FeedRate::InverseTime(_) => feed_rate,
     }
 }
 
 /// The programmed speed, mm/s: for a rapid the limit.
-fn pace_mm_s(pace: FeedRate, length_mm: f32, limit_mm_s: f32) -> f32 {
-    let asked = match pace {
+fn pace_mm_s(feed_rate: FeedRate, length_mm: f32, limit_mm_s: f32) -> f32 {
+    let asked = match feed_rate {
         FeedRate::Rapid => return limit_mm_s,
         FeedRate::Feed(mm_min) | FeedRate::Jog(mm_min) => mm_min / 60.0,
         FeedRate::InverseTime(per_min) => length_mm * per_min / 60.0,
@@ -513,10 +522,10 @@ fn pace_mm_s(pace: FeedRate, length_mm: f32, limit_mm_s: f32) -> f32 {
     math::max(asked, MIN_SPEED_MM_S)
 }
 
-fn pacing(pace: FeedRate) -> Pacing {
-    match pace {
-        FeedRate::Rapid => Pacing::Rapid,
-        FeedRate::Feed(_) | FeedRate::InverseTime(_) => Pacing::Feed,
-        FeedRate::Jog(_) => Pacing::Jog,
+fn pacing(feed_rate: FeedRate) -> MoveKind {
+    match feed_rate {
+        FeedRate::Rapid => MoveKind::Rapid,
+        FeedRate::Feed(_) | FeedRate::InverseTime(_) => MoveKind::Feed,
+        FeedRate::Jog(_) => MoveKind::Jog,
     }
 }

@@ -164,7 +164,7 @@ mod tests {
                 rotation,
                 turns,
             },
-            pace: FeedRate::Feed(100.0),
+            feed_rate: FeedRate::Feed(100.0),
             line: 0,
         }
     }
@@ -173,7 +173,7 @@ mod tests {
     fn an_end_outside_the_travel_is_found() {
         let line = |target: Axes<Nm>| Command::Line {
             target: target.into(),
-            pace: FeedRate::Rapid,
+            feed_rate: FeedRate::Rapid,
             line: 0,
         };
         let from = at(0.0, 0.0);

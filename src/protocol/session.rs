@@ -281,7 +281,7 @@ impl Session {
 
     /// What brings the session further, besides a change of the machine's state.
     fn awaited(&self) -> Awaited {
-        let work = if self.stage == LineStage::Reading && self.path.is_holding() {
+        let work = if self.stage == LineStage::Reading && self.path.has_pending() {
             Awaited::LINE.and(Awaited::ENTRIES).and(Awaited::SEGMENTS)
         } else {
             match self.stage {
@@ -505,7 +505,7 @@ impl Session {
 
     /// Whether everything sent to the machine has been done and it stands still.
     fn is_done(&self, machine: &Snapshot) -> bool {
-        machine.is_at_rest && machine.finished == self.entered && !self.path.is_holding()
+        machine.is_at_rest && machine.finished == self.entered && !self.path.has_pending()
     }
 
     /// Sends work. The caller has made sure of room; after standstill the queue is empty.

@@ -16,7 +16,7 @@ fn a_move_has_target_pace_and_line_number() {
         commands(&["N7 G1 X1.5 Y-2 F100".replace(' ', "").as_str()]),
         [Command::Line {
             target: um(1500, -2000, 0).into(),
-            pace: FeedRate::Feed(100.0),
+            feed_rate: FeedRate::Feed(100.0),
             line: 7,
         }]
     );
@@ -59,15 +59,15 @@ fn a_feed_is_degrees_where_only_rotary_axes_move() {
     let feed = |lines: &[&str]| match commands(lines)[..] {
         [
             Command::Line {
-                pace: FeedRate::Feed(feed),
+                feed_rate: FeedRate::Feed(feed),
                 ..
             }
             | Command::Arc {
-                pace: FeedRate::Feed(feed),
+                feed_rate: FeedRate::Feed(feed),
                 ..
             }
             | Command::Probe {
-                pace: FeedRate::Feed(feed),
+                feed_rate: FeedRate::Feed(feed),
                 ..
             },
         ] => feed,

@@ -48,10 +48,10 @@ pub(crate) fn um(x: i64, y: i64, z: i64) -> Axes<Nm> {
     Axes::from_fn(|axis| Nm([x, y, z].get(axis).copied().unwrap_or(0) * 1000))
 }
 
-pub(crate) fn line(target: Axes<Nm>, pace: FeedRate) -> Command {
+pub(crate) fn line(target: Axes<Nm>, feed_rate: FeedRate) -> Command {
     Command::Line {
         target: target.into(),
-        pace,
+        feed_rate,
         line: 0,
     }
 }

@@ -5,7 +5,7 @@ use leadscrew::{
     axis::AXES,
     machine::Snapshot,
     model::{Alarm, Button, Levels, Notice, Overrides, Probing, Release, Requests, State},
-    path::{Block, Entry, Pacing, Work},
+    path::{Block, Entry, MoveKind, Work},
     protocol::{Bytes, Progress, Session, realtime},
     settings::{Change, Settings, StoreError, Stored},
 };
@@ -205,7 +205,7 @@ impl Bench {
     }
 
     fn probe(&mut self, block: &Block, probing: Probing) {
-        assert_eq!(block.pacing, Pacing::Fixed);
+        assert_eq!(block.kind, MoveKind::Fixed);
         if self.probe_ends == Err(Some(Alarm::ProbeState)) {
             self.machine.state = State::Alarm;
             self.machine.notices.push(Notice::Alarm(Alarm::ProbeState));

@@ -2,7 +2,7 @@
 
 use leadscrew::{
     model::{Alarm, Levels, State},
-    path::{Pacing, Work},
+    path::{MoveKind, Work},
     settings::{Change, Settings, StepRate, Stored, StoredLine},
 };
 
@@ -259,7 +259,7 @@ fn a_jog_leaves_nothing_behind_but_the_position() {
     let [Work::Move(block)] = jogs[..] else {
         panic!("{jogs:?}")
     };
-    assert_eq!(block.pacing, Pacing::Jog);
+    assert_eq!(block.kind, MoveKind::Jog);
     assert_eq!(block.programmed_mm_s, 500.0 / 60.0);
     // In the units before it.
     assert_eq!(bench.ask("$J=X0.1F10"), ["ok"]);

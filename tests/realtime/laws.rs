@@ -22,15 +22,15 @@ fn commands(jogs: bool) -> impl Strategy<Value = Vec<Command>> {
         2 => -30_000..30_000_i64,
         1 => Just(0_i64),
     ];
-    let pace = (0..4_u8, 20.0..12_000.0_f32).prop_map(move |(kind, mm_min)| match kind {
+    let feed_rate = (0..4_u8, 20.0..12_000.0_f32).prop_map(move |(kind, mm_min)| match kind {
         _ if jogs => FeedRate::Jog(mm_min),
         0 => FeedRate::Rapid,
         _ => FeedRate::Feed(mm_min),
     });
-    let line = (prop::array::uniform3(coordinate), pace).prop_map(|(nm, pace)| {
+    let line = (prop::array::uniform3(coordinate), feed_rate).prop_map(|(nm, feed_rate)| {
         line_at(
             Axes::from_fn(|axis| nm.get(axis).map_or(Nm(0), |nm| Nm(*nm))),
-            pace,
+            feed_rate,
         )
     });
     prop::collection::vec(line, 1..16)

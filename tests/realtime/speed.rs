@@ -56,12 +56,12 @@ fn a_hold_or_an_override_changes_the_speed_within_5_ms() {
 
 #[test]
 fn a_rapid_override_changes_rapids_and_no_feed() {
-    for (pace, reached) in [
+    for (feed_rate, reached) in [
         (FeedRate::Rapid, 1250.0),
         (FeedRate::Feed(5000.0), 5000.0),
         (FeedRate::Jog(5000.0), 5000.0),
     ] {
-        let mut rig = moving(&fast(), &line_at(at(&[100.0]), pace));
+        let mut rig = moving(&fast(), &line_at(at(&[100.0]), feed_rate));
         rig.receive(0x97);
         rig.run_to(300 * MS);
         let feed = rig.snapshot().feed_mm_min;

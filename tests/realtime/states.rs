@@ -161,7 +161,7 @@ fn a_reset_in_any_motion_is_an_alarm_and_at_rest_it_is_none() {
             let is_jog = matches!(
                 command,
                 Command::Line {
-                    pace: FeedRate::Jog(_),
+                    feed_rate: FeedRate::Jog(_),
                     ..
                 }
             );

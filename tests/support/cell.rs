@@ -101,7 +101,7 @@ impl Cell {
     pub(crate) fn probe(&mut self, mm: &[f64], mm_min: f32, probing: Probing) {
         let command = Command::Probe {
             target: at(mm).into(),
-            pace: leadscrew::model::FeedRate::Feed(mm_min),
+            feed_rate: leadscrew::model::FeedRate::Feed(mm_min),
             probing,
             line: 0,
         };

@@ -60,10 +60,10 @@ mod host {
         line_at(at(mm), FeedRate::Feed(mm_min))
     }
 
-    pub(crate) fn line_at(target: impl Into<Target>, pace: FeedRate) -> Command {
+    pub(crate) fn line_at(target: impl Into<Target>, feed_rate: FeedRate) -> Command {
         Command::Line {
             target: target.into(),
-            pace,
+            feed_rate,
             line: 0,
         }
     }
@@ -84,7 +84,7 @@ mod host {
                 rotation,
                 turns: 1,
             },
-            pace: FeedRate::Feed(mm_min),
+            feed_rate: FeedRate::Feed(mm_min),
             line: 0,
         }
     }

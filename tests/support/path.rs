@@ -83,8 +83,8 @@ impl Piece {
             })
         };
         let corner = Corner {
-            outwards: arm(&round.outwards),
-            along: arm(&round.along),
+            outwards: arm(&round.radial),
+            along: arm(&round.tangent),
             sweep: f64::from(round.sweep_rad),
         };
         let length = (0..AXES)

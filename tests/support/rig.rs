@@ -89,24 +89,24 @@ impl Rig {
         self.router.blend(&mut self.path, self.control, command);
         self.drain();
         if is_last {
-            self.router.release(&mut self.path);
+            self.router.flush(&mut self.path);
             self.drain();
         }
         self.works.pop_front()
     }
 
     fn drain(&mut self) {
-        while let Some(way) = self.path.next().copied() {
+        while let Some(way) = self.path.front().copied() {
             self.ways.push(way);
             let mut work = Work::Pause;
-            if self.router.follow_into(&way, &mut work) {
+            if self.router.route_blended(&way, &mut work) {
                 self.blocks += 1;
                 if let Work::Move(block) = &mut work {
                     block.line = self.blocks;
                 }
                 self.works.push_back(work);
             }
-            self.path.done();
+            self.path.dequeue();
         }
     }
 

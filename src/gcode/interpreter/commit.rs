@@ -12,8 +12,8 @@ pub(super) fn commit(state: &mut Interpreter, checked: &Checked, outcome: &mut O
     outcome.begin();
     if checked.kind == LineKind::Jog {
         set_power(checked, outcome);
-        let pace = FeedRate::Jog(feed(state, checked));
-        outcome.add(line(checked.target(), pace, checked));
+        let feed_rate = FeedRate::Jog(feed(state, checked));
+        outcome.add(line(checked.target(), feed_rate, checked));
         state.arrive(&checked.target());
         return;
     }
@@ -122,7 +122,7 @@ fn feed(state: &Interpreter, checked: &Checked) -> f32 {
 
 /// The move of the motion mode.
 fn travel(state: &mut Interpreter, checked: &Checked, outcome: &mut Outcome) {
-    let pace = match (checked.modal.motion, checked.modal.feed_mode) {
+    let feed_rate = match (checked.modal.motion, checked.modal.feed_mode) {
         (MotionMode::Rapid, _) => FeedRate::Rapid,
         (_, FeedMode::PerMinute) => FeedRate::Feed(feed(state, checked)),
         (_, FeedMode::InverseTime) => FeedRate::InverseTime(checked.modal.feed),
@@ -131,18 +131,18 @@ fn travel(state: &mut Interpreter, checked: &Checked, outcome: &mut Outcome) {
     // is kept.
     match checked.path {
         Move::None => return,
-        Move::Straight => outcome.add(line(checked.target(), pace, checked)),
+        Move::Straight => outcome.add(line(checked.target(), feed_rate, checked)),
         Move::Arc(circle) => outcome.add(Command::Arc {
             target: checked.target(),
             circle,
-            pace,
+            feed_rate,
             line: checked.line,
         }),
         Move::Probe(probe) => {
             let (probing, line) = (probing(probe), checked.line);
             outcome.add(Command::Probe {
                 target: checked.target(),
-                pace,
+                feed_rate,
                 probing,
                 line,
             });
@@ -161,10 +161,10 @@ const fn probing(probe: ProbeMode) -> Probing {
     Probing { is_away, may_miss }
 }
 
-fn line(target: Target, pace: FeedRate, checked: &Checked) -> Command {
+fn line(target: Target, feed_rate: FeedRate, checked: &Checked) -> Command {
     Command::Line {
         target,
-        pace,
+        feed_rate,
         line: checked.line,
     }
 }

@@ -59,7 +59,7 @@ pub(super) fn carry_out<I: Iterator<Item = u8>>(
         line: 0,
     };
     let rest = plain.read(bytes)?;
-    let pace = match plain.motion {
+    let feed_rate = match plain.motion {
         MotionMode::Rapid => FeedRate::Rapid,
         MotionMode::Linear if plain.feed != 0.0 => FeedRate::Feed(plain.feed),
         MotionMode::Linear | MotionMode::Arc(_) | MotionMode::Probe(_) | MotionMode::Cancelled => {
@@ -82,7 +82,7 @@ pub(super) fn carry_out<I: Iterator<Item = u8>>(
     outcome.begin();
     outcome.add(Command::Line {
         target,
-        pace,
+        feed_rate,
         line: plain.line,
     });
     Ok(rest)

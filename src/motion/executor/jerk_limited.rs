@@ -57,7 +57,7 @@ impl Executor {
         self.laser = block.laser;
         self.part = 0.5 * (self.speed_mm_s + stretch.speed_mm_s) / block.programmed_mm_s;
         self.speed_mm_s = stretch.speed_mm_s;
-        self.is_over &= stretch.speed_mm_s > block.speed_mm_s * WITHIN;
+        self.is_over &= stretch.speed_mm_s > block.nominal_mm_s * WITHIN;
         self.goes_on = goes_on;
         if ends_block {
             plan.pop();

@@ -49,7 +49,7 @@ pub(super) fn way_at(
     let delta = &course.block.delta;
     let mut way = delta.map(|delta| math::scale_q31(delta, done));
     if let Some(curve) = course.curve
-        && let Shape::Flat {
+        && let Shape::Planar {
             first,
             second,
             radius: [first_radius, second_radius],
@@ -102,7 +102,7 @@ pub(super) fn axis_speeds(course: Course<'_>, here: Direction, speed_mm_s: f32) 
     let mut speeds = course.block.steps_per_mm.map(|steps| steps * speed);
     if let Some(curve) = course.curve {
         match &curve.shape {
-            Shape::Flat { first, second, .. } => {
+            Shape::Planar { first, second, .. } => {
                 let sign = if curve.sweep > 0 { 1.0 } else { -1.0 };
                 let scale = sign / math::ONE_Q30 as f32;
                 scale_by(&mut speeds, *first, -here.sine as f32 * scale);

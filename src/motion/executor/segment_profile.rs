@@ -70,10 +70,10 @@ impl Executor {
             // every limit but the new speed.
             end = math::max(end, measure - change);
             let is_too_near = measure > (piece.exit + change) * WITHIN;
-            self.is_over = speed > block.speed_mm_s * WITHIN || is_too_near;
+            self.is_over = speed > block.nominal_mm_s * WITHIN || is_too_near;
         }
         let end_speed = math::sqrt(course.speed_sqr(end));
-        let end_speed = math::min(end_speed, math::max(block.speed_mm_s, speed));
+        let end_speed = math::min(end_speed, math::max(block.nominal_mm_s, speed));
         let double_mm = 2.0 * piece.length_mm;
         if double_mm <= LONGEST_S * (speed + end_speed) {
             return self.last(piece, end_speed);
@@ -92,7 +92,7 @@ impl Executor {
         // The speed at which the shortest segment is left.
         let lasting =
             (double_mm - speed * seconds - SHORTEST_S * end_speed) / (seconds + SHORTEST_S);
-        let top = math::min(speed + gain, block.speed_mm_s);
+        let top = math::min(speed + gain, block.nominal_mm_s);
         let reached = math::min(top, math::min(braking, lasting));
         let reached = math::max(reached, math::max(speed - gain, 0.0));
         let length_mm = 0.5 * (speed + reached) * seconds;
@@ -116,13 +116,13 @@ impl Executor {
     #[expect(clippy::inline_always, reason = "as for `follow`")]
     fn run_freely(&self, course: Course<'_>, piece: &Piece, change: f32) -> Option<Stretch> {
         let (speed, block) = (self.speed_mm_s, course.block);
-        let most = math::max(block.speed_mm_s, speed);
+        let most = math::max(block.nominal_mm_s, speed);
         let is_far = 2.0 * piece.length_mm >= FAR_S * (speed + most);
         if self.is_over || speed <= 0.0 || !is_far {
             return None;
         }
         let gain = block.acceleration_mm_s2 * SEGMENT_S;
-        let top = math::min(speed + gain, block.speed_mm_s);
+        let top = math::min(speed + gain, block.nominal_mm_s);
         let room = piece.exit + change - gain * speed;
         if room < top * (top + gain) * FREE {
             return None;

@@ -100,7 +100,7 @@ impl<const N: usize> Plan<N> {
         let mut corner_mm_s = math::sqrt(planned.limit_sqr);
         let mut leg = Leg {
             length_mm: block.length_mm,
-            speed_mm_s: block.speed_mm_s,
+            speed_mm_s: block.nominal_mm_s,
             acceleration_mm_s2: block.acceleration_mm_s2,
             trail_mm_s2: block.acceleration_mm_s2,
             trail_mm: 0.0,
@@ -250,7 +250,7 @@ impl<const N: usize> Road for Plan<N> {
         let planned = &self.ring[self.place(number)];
         (number < self.count).then_some(Leg {
             length_mm: planned.block.length_mm,
-            speed_mm_s: planned.block.speed_mm_s,
+            speed_mm_s: planned.block.nominal_mm_s,
             acceleration_mm_s2: planned.pace.acceleration_mm_s2,
             trail_mm_s2: planned.pace.trail_mm_s2,
             trail_mm: planned.pace.trail_mm,

@@ -142,7 +142,7 @@ impl<const N: usize> Plan<N> {
             let block = &mut planned.block;
             let (mut speed_mm_s, left_s) = in_time(
                 block,
-                block.speed_under(self.overrides),
+                block.nominal_under(self.overrides),
                 planned.traded_s,
                 spare_s,
             );
@@ -151,7 +151,7 @@ impl<const N: usize> Plan<N> {
             }
             let saves = number != 0 && progress == PassProgress::Followed;
             spare_s = if saves { left_s } else { 0.0 };
-            block.speed_mm_s = speed_mm_s;
+            block.nominal_mm_s = speed_mm_s;
             let slower = math::min(speed_mm_s, before_mm_s);
             planned.limit_sqr = math::min(block.junction_sqr, slower * slower);
             before_mm_s = speed_mm_s;

@@ -74,7 +74,7 @@ pub(super) fn traded_s(block: &Block, step_s: f32) -> f32 {
 /// gone through at the speed that it has.
 #[inline]
 pub(super) fn in_time(block: &Block, speed_mm_s: f32, traded_s: f32, spare_s: f32) -> (f32, f32) {
-    let quarters = block.curve.as_ref().map(Curve::inner_pieces);
+    let quarters = block.curve.as_ref().map(Curve::inner_sections);
     let (least_s, ends_s) = match quarters {
         None => (MEAN_S - spare_s, PIECE_END_S),
         Some(quarters) => {
@@ -89,7 +89,7 @@ pub(super) fn in_time(block: &Block, speed_mm_s: f32, traded_s: f32, spare_s: f3
         }
         return (block.length_mm / least_s, 0.0);
     }
-    let seconds = block.length_mm / math::max(speed_mm_s, block.speed_mm_s);
+    let seconds = block.length_mm / math::max(speed_mm_s, block.nominal_mm_s);
     let saved_s = SAVED * seconds - ends_s;
     if quarters.is_some() {
         // Its last piece alone saves nothing.

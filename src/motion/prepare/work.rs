@@ -6,7 +6,7 @@ use super::Motion;
 use crate::{
     machine::{Ending, Event, Inputs},
     model::{Notice, State},
-    path::{Entry, Pacing, Work},
+    path::{Entry, MoveKind, Work},
     units::TICKS_PER_MS,
 };
 
@@ -132,7 +132,7 @@ impl Motion {
         }
         if let Some(block) = self.plan.current() {
             self.releases_drivers = false;
-            let is_jog = block.pacing == Pacing::Jog;
+            let is_jog = block.kind == MoveKind::Jog;
             self.on(if is_jog { Event::Jog } else { Event::Move });
         }
     }

@@ -27,7 +27,7 @@ pub(super) struct Chain {
     /// is from what was programmed.
     error_mm: f32,
     given_mm: f32,
-    pace: FeedRate,
+    feed_rate: FeedRate,
     line: u32,
 }
 
@@ -43,7 +43,7 @@ impl Chain {
             count: 0,
             error_mm: 0.0,
             given_mm: 0.0,
-            pace: FeedRate::Rapid,
+            feed_rate: FeedRate::Rapid,
             line: 0,
         }
     }
@@ -77,7 +77,7 @@ impl Chain {
         &mut self,
         from: Axes<Nm>,
         target: Target,
-        pace: FeedRate,
+        feed_rate: FeedRate,
         line: u32,
         error_mm: f32,
     ) {
@@ -87,7 +87,7 @@ impl Chain {
         self.count = 1;
         self.error_mm = 0.0;
         self.given_mm = error_mm;
-        self.pace = pace;
+        self.feed_rate = feed_rate;
         self.line = line;
     }
 
@@ -95,12 +95,12 @@ impl Chain {
     pub(super) fn extend(
         &mut self,
         target: &Target,
-        pace: FeedRate,
+        feed_rate: FeedRate,
         line: u32,
         error_mm: f32,
         most_mm: f32,
     ) -> bool {
-        if self.count == 0 || self.count == POINTS || pace != self.pace {
+        if self.count == 0 || self.count == POINTS || feed_rate != self.feed_rate {
             return false;
         }
         let given_mm = math::max(self.given_mm, error_mm);
@@ -154,7 +154,7 @@ impl Chain {
             direction: way.map(|way| way / length_mm),
             length_mm,
             error_mm: self.error_mm + self.given_mm,
-            pace: self.pace,
+            feed_rate: self.feed_rate,
             line: self.line,
         })
     }

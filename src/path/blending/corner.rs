@@ -48,8 +48,8 @@ impl Corner {
     ) -> Option<Self> {
         let [from, to] = [before, after].map(|line| spread(&line.direction));
         let speed_mm_s = math::min(
-            limits.paced_mm_s(before.pace, &from),
-            limits.paced_mm_s(after.pace, &to),
+            limits.paced_mm_s(before.feed_rate, &from),
+            limits.paced_mm_s(after.feed_rate, &to),
         );
         let wanted_sqr = speed_mm_s * speed_mm_s;
         let exact_sqr = limits.junction_sqr(&from, &to);
@@ -89,9 +89,9 @@ impl Corner {
                 target: beside(corner, &after.direction, trimmed_mm),
                 radius_mm,
                 sweep_rad: turn.radians(),
-                outwards: turn.outwards_at_start(),
-                along: before.direction,
-                pace: slower(before.pace, after.pace),
+                radial: turn.outwards_at_start(),
+                tangent: before.direction,
+                feed_rate: slower(before.feed_rate, after.feed_rate),
                 line: after.line,
             },
             deviation_mm: radius_mm * turn.excess() + error_mm,
@@ -200,7 +200,7 @@ pub(super) fn spread(direction: &[f32; LINEAR]) -> Axes<f32> {
     Axes::from_fn(|axis| direction.get(axis).copied().unwrap_or(0.0))
 }
 
-/// The pace of two that is under the stricter limit.
+/// The feed rate of two that is under the stricter limit.
 fn slower(before: FeedRate, after: FeedRate) -> FeedRate {
     match (before, after) {
         (FeedRate::Rapid, after) => after,

@@ -39,7 +39,7 @@ impl Limits {
     /// Limit of the squared speed where the curvature changes by so much, (mm/s)².
     pub(super) fn bend_sqr(&self, change_per_mm: &Axes<f32>) -> f32 {
         let square: f32 = change_per_mm.iter().map(|change| change * change).sum();
-        if self.window.cells == 0 || square <= 0.0 {
+        if self.window.samples == 0 || square <= 0.0 {
             return f32::MAX;
         }
         let per_mm = math::sqrt(square);
@@ -50,7 +50,7 @@ impl Limits {
     }
 
     /// The curvature at both ends of an arc, 1/mm, the greatest speed on it, and the acceleration along
-    /// it, from those without a limit of jerk. What the pace asks for is told for a greatest speed.
+    /// it, from those without a limit of jerk. What the feed rate asks for is told for a greatest speed.
     pub(super) fn bent(
         &self,
         arc: &Arc,
@@ -60,7 +60,7 @@ impl Limits {
         pace_mm_s: impl Fn(f32) -> f32,
     ) -> ([Axes<f32>; 2], f32, f32) {
         let mut curvatures = [Axes::all(0.0); 2];
-        if self.window.cells == 0 {
+        if self.window.samples == 0 {
             return (curvatures, rate, acceleration);
         }
         let bends = [0, 1].map(|end| self.bend(arc, plane, end, acceleration));
@@ -88,7 +88,7 @@ impl Limits {
         mut acceleration: f32,
         pace_mm_s: impl Fn(f32) -> f32,
     ) -> (f32, f32) {
-        if self.window.cells != 0 {
+        if self.window.samples != 0 {
             let bend = self.round_bend(shares, radius_mm, acceleration);
             rate = rate.min(bend.speed_mm_s());
             let fastest = rate.min(FASTEST_FEED * pace_mm_s(rate));
@@ -99,7 +99,7 @@ impl Limits {
 
     /// The greatest squared speed into and round such an arc, (mm/s)².
     pub(crate) fn round_sqr(&self, shares: &Axes<f32>, radius_mm: f32, acceleration: f32) -> f32 {
-        if self.window.cells == 0 {
+        if self.window.samples == 0 {
             return acceleration * radius_mm;
         }
         let bend = self.round_bend(shares, radius_mm, acceleration);

@@ -26,8 +26,8 @@ impl Router {
         }
         let round = &self.begun_here(round);
         let share = |directions: &[f32; LINEAR], axis| directions.get(axis).copied().unwrap_or(0.0);
-        let outwards = Axes::from_fn(|axis| share(&round.outwards, axis));
-        let along = Axes::from_fn(|axis| share(&round.along, axis));
+        let outwards = Axes::from_fn(|axis| share(&round.radial, axis));
+        let along = Axes::from_fn(|axis| share(&round.tangent, axis));
         let shares = outwards.zip(along, |a, b| math::sqrt(a * a + b * b));
         let (sine, cosine) = (libm::sinf(round.sweep_rad), libm::cosf(round.sweep_rad));
         let end_tangent = along.zip(outwards, |along, outwards| along * cosine - outwards * sine);
@@ -47,7 +47,7 @@ impl Router {
             .min(self.limits.together(&steps_per_mm))
             .min(math::sqrt(limit_sqr))
             .min(length_mm / shortest_s);
-        let paced = |rate| pace_mm_s(round.pace, length_mm, rate);
+        let paced = |rate| pace_mm_s(round.feed_rate, length_mm, rate);
         let (rate, acceleration) =
             self.limits
                 .bent_round(&shares, round.radius_mm, rate, acceleration, paced);
@@ -57,10 +57,10 @@ impl Router {
             delta: end.fine.zip(self.fine, |to, from| to.0 - from.0),
             steps_per_mm,
             length_mm,
-            speed_mm_s: math::min(programmed_mm_s, rate),
+            nominal_mm_s: math::min(programmed_mm_s, rate),
             programmed_mm_s,
             limit_mm_s: rate,
-            pacing: pacing(round.pace),
+            kind: pacing(round.feed_rate),
             laser: self.laser,
             acceleration_mm_s2: acceleration,
             junction_sqr: self.junction_sqr(&of_length_one(along), &inwards(&outwards)),
@@ -104,8 +104,8 @@ impl Router {
         };
         CornerArc {
             radius_mm,
-            outwards: core::array::from_fn(|axis| drawn(axis, round.outwards[axis], -0.5)),
-            along: core::array::from_fn(|axis| drawn(axis, round.along[axis], 0.5 * cotangent)),
+            radial: core::array::from_fn(|axis| drawn(axis, round.radial[axis], -0.5)),
+            tangent: core::array::from_fn(|axis| drawn(axis, round.tangent[axis], 0.5 * cotangent)),
             ..*round
         }
     }
@@ -193,10 +193,10 @@ impl Limits {
         steps / finest.fold(f32::MIN_POSITIVE, |a, b| math::max(a, *b))
     }
 
-    /// Speed of a line at a pace, mm/s.
-    pub(crate) fn paced_mm_s(&self, pace: super::FeedRate, direction: &Axes<f32>) -> f32 {
+    /// Speed of a line at a feed rate, mm/s.
+    pub(crate) fn paced_mm_s(&self, feed_rate: super::FeedRate, direction: &Axes<f32>) -> f32 {
         let rate = Self::along(&self.speed_mm_s, direction);
         // Neither depends on a length.
-        math::min(pace_mm_s(pace, 0.0, rate), rate)
+        math::min(pace_mm_s(feed_rate, 0.0, rate), rate)
     }
 }

@@ -4,7 +4,7 @@ use super::{LINEAR, dot};
 use crate::{
     axis::{AXES, Axes},
     math,
-    path::Window,
+    path::AveragingWindow,
     settings::Settings,
     units::StepsPerMm,
 };
@@ -20,7 +20,7 @@ pub(crate) struct Limits {
     pub(super) acceleration_mm_s2: Axes<f32>,
     /// [`f32::MAX`] without a limit.
     pub(super) jerk_mm_s3: Axes<f32>,
-    pub(super) window: Window,
+    pub(super) window: AveragingWindow,
     pub(super) junction_deviation_mm: f32,
     /// Of all axes together.
     pub(super) steps_per_s: f32,
@@ -30,7 +30,7 @@ impl Limits {
     pub(super) fn new(settings: &Settings) -> Self {
         let step_rate = settings.greatest_step_rate_hz();
         let steps_per_mm = settings.steps_per_mm.map(StepsPerMm::to_f32);
-        let window = Window::new(settings);
+        let window = AveragingWindow::new(settings);
         Self {
             steps_per_mm,
             speed_mm_s: settings.max_rate_mm_min.zip(steps_per_mm, |rate, steps| {

@@ -39,8 +39,8 @@ impl Session {
 
     /// Sends on what is held back, as far as there is room.
     pub(super) fn release(&mut self, entries: &mut Producer<'_, Entry>) {
-        if self.path.is_holding() {
-            self.router.release(&mut self.path);
+        if self.path.has_pending() {
+            self.router.flush(&mut self.path);
             self.drain(entries);
         }
     }
@@ -62,7 +62,7 @@ impl Session {
         machine: &Snapshot,
         entries: &mut Producer<'_, Entry>,
     ) {
-        if self.path.is_holding() {
+        if self.path.has_pending() {
             self.release_if_near(machine, entries);
         }
     }
@@ -71,9 +71,9 @@ impl Session {
     #[inline(never)]
     fn release_if_near(&mut self, machine: &Snapshot, entries: &mut Producer<'_, Entry>) {
         let left = self.entered.wrapping_sub(machine.finished);
-        let is_near = left < FEW && self.router.way_from_mm(&machine.steps) <= self.stop_mm;
+        let is_near = left < FEW && self.router.distance_from_mm(&machine.steps) <= self.stop_mm;
         if left == 0 || is_near {
-            self.router.release(&mut self.path);
+            self.router.flush(&mut self.path);
         }
         self.drain(entries);
     }
@@ -89,19 +89,19 @@ impl Session {
     /// Sends what is ready; false when there is no room for all of it.
     #[inline]
     pub(super) fn drain(&mut self, entries: &mut Producer<'_, Entry>) -> bool {
-        self.path.next().is_none() || self.drain_ready(entries)
+        self.path.front().is_none() || self.drain_ready(entries)
     }
 
     /// Apart, so that a line under `G61` does not pay for it.
     #[inline(never)]
     fn drain_ready(&mut self, entries: &mut Producer<'_, Entry>) -> bool {
-        while let Some(way) = self.path.next() {
+        while let Some(way) = self.path.front() {
             if !entries.ready() {
                 return false;
             }
             let mut entry = self.entry();
-            self.router.stop_exactly(false);
-            if self.router.follow_into(way, &mut entry.work) {
+            self.router.set_exact_stop(false);
+            if self.router.route_blended(way, &mut entry.work) {
                 if let Work::Move(block) = &entry.work {
                     let speed = block.limit_mm_s.min(block.programmed_mm_s);
                     let braking_s = 0.5 * speed / block.acceleration_mm_s2;
@@ -111,7 +111,7 @@ impl Session {
                     self.entered = self.entered.wrapping_add(1);
                 }
             }
-            self.path.done();
+            self.path.dequeue();
         }
         true
     }

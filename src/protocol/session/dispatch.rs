@@ -153,7 +153,7 @@ impl Session {
 
     /// What `$` statements may ask of the machine now.
     fn condition(&self, machine: &Snapshot) -> Condition {
-        let is_done = machine.finished == self.entered && !self.path.is_holding();
+        let is_done = machine.finished == self.entered && !self.path.has_pending();
         match machine.state {
             State::Alarm => Condition::Alarm,
             State::Check => Condition::Check,
@@ -212,7 +212,7 @@ impl Session {
     pub(super) fn rest(&mut self) -> Progress {
         self.stage = LineStage::Resting;
         // What is held back is sent on at once: the machine would stop before it otherwise.
-        if self.path.is_holding() {
+        if self.path.has_pending() {
             Progress::Again
         } else {
             Progress::Waiting

@@ -247,7 +247,7 @@ impl Session {
         while let Some(command) = self.outcome.commands.get(next) {
             let is_led = is_led(control, command);
             if !is_led {
-                self.router.release(&mut self.path);
+                self.router.flush(&mut self.path);
             }
             if !self.drain(entries) || !entries.ready() {
                 self.stage = LineStage::Entering(next);
@@ -257,7 +257,7 @@ impl Session {
             next += 1;
         }
         if self.after.is_some() {
-            self.router.release(&mut self.path);
+            self.router.flush(&mut self.path);
         }
         if !self.drain(entries) {
             self.stage = LineStage::Entering(next);
@@ -294,7 +294,8 @@ impl Session {
         if is_led {
             return self.router.blend(&mut self.path, control, command);
         }
-        self.router.stop_exactly(control == PathControl::ExactStop);
+        self.router
+            .set_exact_stop(control == PathControl::ExactStop);
         let epoch = self.entry().reset_count;
         if put(&mut self.router, command, epoch, entries) {
             self.is_jogging |= self.source == Source::Jog;
@@ -309,12 +310,12 @@ impl Session {
     fn instead(&mut self, machine: &Snapshot, number: usize) -> Option<Work> {
         match self.outcome.commands.get(number)? {
             // The power of a laser that is on must be switched, as nothing carries it.
-            Command::Line { pace, .. } | Command::Arc { pace, .. } => {
+            Command::Line { feed_rate, .. } | Command::Arc { feed_rate, .. } => {
                 let Laser::Constant(rpm) = self.router.laser() else {
                     return None;
                 };
                 let is_on = self.interpreter.modal().spindle == Spindle::Clockwise;
-                if !is_on || matches!(pace, FeedRate::Jog(_)) {
+                if !is_on || matches!(feed_rate, FeedRate::Jog(_)) {
                     return None;
                 }
                 self.after = self.after.or(Some(After::Answer));
@@ -363,7 +364,7 @@ impl Session {
         if !self.seen.is_probed {
             let (position, mark) = &self.probed_from;
             self.interpreter.set_position(*position);
-            self.router.return_to(mark);
+            self.router.restore(mark);
             return;
         }
         let position = self.router.set_steps(machine.steps);
@@ -399,8 +400,13 @@ fn put(
     epoch: u32,
     entries: &mut Producer<'_, Entry>,
 ) -> bool {
-    if let Command::Line { target, pace, line } = command {
-        return put_line(router, target, *pace, *line, epoch, entries);
+    if let Command::Line {
+        target,
+        feed_rate,
+        line,
+    } = command
+    {
+        return put_line(router, target, *feed_rate, *line, epoch, entries);
     }
     put_other(router, command, epoch, entries)
 }
@@ -409,12 +415,12 @@ fn put(
 fn put_line(
     router: &mut Router,
     target: &Target,
-    pace: FeedRate,
+    feed_rate: FeedRate,
     line: u32,
     epoch: u32,
     entries: &mut Producer<'_, Entry>,
 ) -> bool {
-    let Some(block) = router.block(target, pace, line) else {
+    let Some(block) = router.line_block(target, feed_rate, line) else {
         return false;
     };
     let work = Work::Move(block);
@@ -434,7 +440,7 @@ fn put_other(
     entries: &mut Producer<'_, Entry>,
 ) -> bool {
     let mut work = Work::Pause;
-    router.work_into(command, &mut work)
+    router.route(command, &mut work)
         && entries
             .enqueue(Entry {
                 reset_count: epoch,

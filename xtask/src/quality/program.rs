@@ -85,13 +85,15 @@ impl Programmed {
 
     fn piece(&mut self, command: &Command) -> Option<Piece> {
         match command {
-            Command::Line { target, pace, .. } => self.way(target, *pace, None),
+            Command::Line {
+                target, feed_rate, ..
+            } => self.way(target, *feed_rate, None),
             Command::Arc {
                 target,
                 circle,
-                pace,
+                feed_rate,
                 ..
-            } => self.way(target, *pace, Some(circle)),
+            } => self.way(target, *feed_rate, Some(circle)),
             Command::Probe { .. } => {
                 self.is_lost = true;
                 None
@@ -108,7 +110,12 @@ impl Programmed {
     }
 
     /// A move; one without a step becomes part of the next.
-    fn way(&mut self, target: &Target, pace: FeedRate, circle: Option<&Circle>) -> Option<Piece> {
+    fn way(
+        &mut self,
+        target: &Target,
+        feed_rate: FeedRate,
+        circle: Option<&Circle>,
+    ) -> Option<Piece> {
         let scales = self.settings.steps_per_mm;
         let steps = scales.zip(target.position, |scale, nm| scale.steps_at(nm).0);
         let (begin, end) = (millimetres(&self.sent), millimetres(&target.position));
@@ -116,7 +123,7 @@ impl Programmed {
         if steps == self.steps && (circle.is_none() || self.is_tiny(&piece)) {
             return None;
         }
-        piece.feed_mm_s = match pace {
+        piece.feed_mm_s = match feed_rate {
             FeedRate::Rapid => None,
             FeedRate::Feed(mm_min) | FeedRate::Jog(mm_min) => Some(f64::from(mm_min) / 60.0),
             FeedRate::InverseTime(per_min) => Some(piece.length_mm * f64::from(per_min) / 60.0),

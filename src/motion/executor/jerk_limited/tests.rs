@@ -9,7 +9,7 @@ use crate::{
     axis::AXES,
     model::{Command, FeedRate, Overrides},
     motion::{LookAhead, jerk_limited::Smooth},
-    path::{Block, Router, Window, Work},
+    path::{AveragingWindow, Block, Router, Work},
     settings::Settings,
     units::{Nm, TICKS_PER_SECOND},
 };
@@ -48,7 +48,7 @@ struct Run {
 
 impl Run {
     fn new(settings: &Settings, blocks: &[Block]) -> Self {
-        let window = Window::new(settings);
+        let window = AveragingWindow::new(settings);
         let mut run = Self {
             plan: LookAhead::new(),
             smooth: Smooth::new(),
@@ -63,7 +63,7 @@ impl Run {
             corners: Vec::new(),
         };
         run.smooth.configure(window);
-        run.plan.set_window(window.cells, window.seconds());
+        run.plan.set_window(window.samples, window.seconds());
         run.sample(0.0, 0.0);
         run
     }
@@ -224,7 +224,7 @@ fn blocks(settings: &Settings, ways: &[([f64; 3], f32)]) -> Vec<Block> {
         let position = Axes::from_fn(|axis| at.get(axis).map_or(Nm(0), |mm| Nm::from_mm_f64(*mm)));
         let command = Command::Line {
             target: position.into(),
-            pace: if *feed < 0.0 {
+            feed_rate: if *feed < 0.0 {
                 FeedRate::Rapid
             } else {
                 FeedRate::Feed(*feed)
