@@ -216,6 +216,11 @@ impl ParsedLine {
             0..=3 | 38 | 80 => self.motion_word(code)?,
             4 | 10 | 28 | 30 | 53 | 92 => self.non_modal_word(code)?,
             43 | 49 => self.tool_length_word(code)?,
+            54..=59 => {
+                self.modal.coordinates = WorkCoordinates::of_code(code.whole, code.hundredths)
+                    .ok_or(LineError::NotInteger)?;
+                Group::Coordinates
+            }
             91 if code.hundredths == 10 => Group::ArcDistance,
             61 if code.hundredths == 10 => {
                 self.modal.path = PathControl::ExactStop;
@@ -317,13 +322,6 @@ impl ParsedLine {
                 Group::Units
             }
             40 => Group::CutterCompensation,
-            54..=59 => {
-                let index = usize::from(whole - 54);
-                modal.coordinates = *WorkCoordinates::ALL
-                    .get(index)
-                    .ok_or(LineError::UnknownCoordinates)?;
-                Group::Coordinates
-            }
             61 => {
                 modal.path = PathControl::ExactPath;
                 Group::Control

@@ -18,7 +18,7 @@ pub mod timing;
 pub use alarm::Alarm;
 pub use command::{Circle, Command, FeedRate, Laser, Probing, Target};
 pub use levels::Levels;
-pub use modes::{Coolant, PathControl, Plane, Rotation, Spindle, WorkCoordinates};
+pub use modes::{Coolant, PathControl, PerSystem, Plane, Rotation, Spindle, WorkCoordinates};
 pub use notice::{Notice, Notices};
 pub use outputs::Outputs;
 pub use overrides::{Override, Overrides};

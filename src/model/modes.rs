@@ -1,5 +1,7 @@
 //! What the modal groups of G-code choose between, as far as more than the interpreter knows it.
 
+use core::ops::{Index, IndexMut};
+
 /// What the spindle does.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub enum Spindle {
@@ -92,52 +94,72 @@ impl PathControl {
     }
 }
 
-/// A work coordinate system.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
-#[repr(u8)]
-pub enum WorkCoordinates {
-    /// `G54`, number 1 of `G10`.
-    #[default]
-    G54,
-    /// `G55`.
-    G55,
-    /// `G56`.
-    G56,
-    /// `G57`.
-    G57,
-    /// `G58`.
-    G58,
-    /// `G59`.
-    G59,
+/// Makes the work coordinate systems from one row each, in the order of their `G10` numbers: name,
+/// command, and the number of the command with its fraction in hundredths.
+macro_rules! work_coordinates {
+    ($($(#[$attribute:meta])* $name:ident $word:literal ($whole:literal, $hundredths:literal),)*) => {
+        /// A work coordinate system.
+        #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+        #[repr(u8)]
+        pub enum WorkCoordinates {
+            $(#[doc = concat!("`", $word, "`.")] $(#[$attribute])* $name,)*
+        }
+
+        impl WorkCoordinates {
+            /// All systems, in the order of their `G10` numbers, which begin with 1.
+            pub const ALL: [Self; [$($word),*].len()] = [$(Self::$name),*];
+
+            /// The command as reports write it.
+            #[must_use]
+            pub const fn word(self) -> &'static str {
+                match self {
+                    $(Self::$name => $word,)*
+                }
+            }
+
+            /// The system of a command, from its number and its fraction in hundredths.
+            #[must_use]
+            pub const fn of_code(whole: u8, hundredths: u8) -> Option<Self> {
+                match (whole, hundredths) {
+                    $(($whole, $hundredths) => Some(Self::$name),)*
+                    _ => None,
+                }
+            }
+        }
+    };
+}
+
+work_coordinates! {
+    #[default] G54 "G54" (54, 0),
+    G55 "G55" (55, 0),
+    G56 "G56" (56, 0),
+    G57 "G57" (57, 0),
+    G58 "G58" (58, 0),
+    G59 "G59" (59, 0),
 }
 
 impl WorkCoordinates {
-    /// All of them, in order.
-    pub const ALL: [Self; 6] = [
-        Self::G54,
-        Self::G55,
-        Self::G56,
-        Self::G57,
-        Self::G58,
-        Self::G59,
-    ];
-
-    /// Its place in [`Self::ALL`].
+    /// The index in [`Self::ALL`].
     #[must_use]
     pub const fn index(self) -> usize {
         self as usize
     }
+}
 
-    /// The command as reports write it.
-    #[must_use]
-    pub const fn word(self) -> &'static str {
-        match self {
-            Self::G54 => "G54",
-            Self::G55 => "G55",
-            Self::G56 => "G56",
-            Self::G57 => "G57",
-            Self::G58 => "G58",
-            Self::G59 => "G59",
-        }
+/// A value for each work coordinate system.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+pub struct PerSystem<T>(pub [T; WorkCoordinates::ALL.len()]);
+
+impl<T> Index<WorkCoordinates> for PerSystem<T> {
+    type Output = T;
+
+    fn index(&self, system: WorkCoordinates) -> &T {
+        &self.0[system.index()]
+    }
+}
+
+impl<T> IndexMut<WorkCoordinates> for PerSystem<T> {
+    fn index_mut(&mut self, system: WorkCoordinates) -> &mut T {
+        &mut self.0[system.index()]
     }
 }

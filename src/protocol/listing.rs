@@ -92,28 +92,23 @@ pub fn parameter(
     settings: &Settings,
 ) -> bool {
     let unit = ReportUnit::of(settings);
-    let systems = WorkCoordinates::ALL.len();
-    let (name, values) = match (line, line.checked_sub(systems)) {
-        (_, None) => match (
-            WorkCoordinates::ALL.get(line),
-            offsets.origins.coordinates.get(line),
-        ) {
-            (Some(system), Some(values)) => (system.word(), *values),
+    let (name, values) = match WorkCoordinates::ALL.get(line) {
+        Some(system) => (system.word(), offsets.origin(*system)),
+        None => match line - WorkCoordinates::ALL.len() {
+            0 => ("G28", offsets.origins.g28),
+            1 => ("G30", offsets.origins.g30),
+            2 => ("G92", offsets.work),
+            3 => {
+                text.word("[TLO:").coordinate(offsets.tool_length, unit);
+                text.word("]").end();
+                return true;
+            }
+            4 => {
+                probed(text, last, settings);
+                return true;
+            }
             _ => return false,
         },
-        (_, Some(0)) => ("G28", offsets.origins.g28),
-        (_, Some(1)) => ("G30", offsets.origins.g30),
-        (_, Some(2)) => ("G92", offsets.work),
-        (_, Some(3)) => {
-            text.word("[TLO:").coordinate(offsets.tool_length, unit);
-            text.word("]").end();
-            return true;
-        }
-        (_, Some(4)) => {
-            probed(text, last, settings);
-            return true;
-        }
-        _ => return false,
     };
     text.word("[").word(name).word(":");
     text.coordinates(&values, unit).word("]").end();

@@ -10,9 +10,7 @@ mod table;
 pub use described::{DataType, Description, GROUPS, Group, described};
 pub use step_rate::StepRate;
 pub use storage::{Journal, Loaded};
-pub use stored::{
-    COORDINATE_SYSTEMS, Change, Origins, STARTUP_LINES, STORED_LINE, StoreError, Stored, StoredLine,
-};
+pub use stored::{Change, Origins, STARTUP_LINES, STORED_LINE, StoreError, Stored, StoredLine};
 pub use table::{
     Kind, Row, SettingError, TABLE, Value, assign, listed, listed_of_grbl, numbered, set,
 };

@@ -3,10 +3,8 @@
 use heapless::Vec;
 
 use super::{Settings, StepRate};
-use crate::{axis::Axes, model::WorkCoordinates, units::Nm};
+use crate::{axis::Axes, model::PerSystem, units::Nm};
 
-/// Work coordinate systems that are stored: `G54` to `G59`.
-pub const COORDINATE_SYSTEMS: usize = WorkCoordinates::ALL.len();
 /// Lines that are executed after power-up, a reset and homing: `$N0` and `$N1`.
 pub const STARTUP_LINES: usize = 2;
 /// Longest startup line or build information, bytes.
@@ -18,8 +16,8 @@ pub type StoredLine = Vec<u8, STORED_LINE>;
 /// Offsets and positions that are stored, in the machine frame.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub struct Origins {
-    /// Origins of `G54` to `G59`.
-    pub coordinates: [Axes<Nm>; COORDINATE_SYSTEMS],
+    /// Origins of the work coordinate systems.
+    pub coordinates: PerSystem<Axes<Nm>>,
     /// Where `G28` leads.
     pub g28: Axes<Nm>,
     /// Where `G30` leads.

@@ -264,7 +264,7 @@ fn a_p_word_belongs_to_every_command_of_its_line_that_takes_one() {
     }
     let origin = after(&["G64G10L2P2X1"]);
     assert_eq!(origin.modal().path, continuous);
-    assert_eq!(origin.offsets().origins.coordinates[1], um(1000, 0, 0));
+    assert_eq!(origin.offsets().origins.coordinates.0[1], um(1000, 0, 0));
 }
 
 #[test]

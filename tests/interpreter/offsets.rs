@@ -3,7 +3,7 @@
 use leadscrew::{
     axis::{AXES, X},
     gcode::{LineError, Modal},
-    model::FeedRate,
+    model::{FeedRate, WorkCoordinates},
     units::Nm,
 };
 
@@ -95,7 +95,8 @@ fn g10_takes_eight_bits_of_p_as_grbl_does() {
         let machine = after(&[&format!("G10L2P{p}X1")]);
         assert_eq!(machine.work_offset(), um(origin_um, 0, 0), "P{p}");
     }
-    for p in ["7", "255", "263"] {
+    let beyond = WorkCoordinates::ALL.len() + 1;
+    for p in [beyond, 255, 256 + beyond] {
         let line = format!("G10L2P{p}X1");
         assert_eq!(error(&[&line]), LineError::UnknownCoordinates, "{line}");
     }

@@ -102,7 +102,7 @@ impl History {
         match self.random >> 40 & 7 {
             6 => origins.g28[axis] = nm,
             7 => origins.g30[axis] = nm,
-            system => origins.coordinates[system as usize][axis] = nm,
+            system => origins.coordinates.0[system as usize][axis] = nm,
         }
         Change::Origins
     }

@@ -1,6 +1,10 @@
 //! Reports and `$` statements, in Grbl's words.
 
-use leadscrew::{axis::AXES, model::State, path::Work};
+use leadscrew::{
+    axis::AXES,
+    model::{State, WorkCoordinates},
+    path::Work,
+};
 
 use super::bench::{Bench, WELCOME, answers};
 
@@ -129,12 +133,12 @@ fn dollar_statements_are_answered_in_grbls_words() {
     );
     assert_eq!(bench.ask("$n"), ["$N0=", "$N1=", "ok"]);
     let axes = ["0.000"; 3].join(",");
-    let mut expected: Vec<_> = [
-        "G54", "G55", "G56", "G57", "G58", "G59", "G28", "G30", "G92",
-    ]
-    .iter()
-    .map(|name| format!("[{name}:{axes}]"))
-    .collect();
+    let systems = WorkCoordinates::ALL.map(WorkCoordinates::word);
+    let mut expected: Vec<_> = systems
+        .iter()
+        .chain(&["G28", "G30", "G92"])
+        .map(|name| format!("[{name}:{axes}]"))
+        .collect();
     expected.extend(["[TLO:0.000]".into(), format!("[PRB:{axes}:0]"), "ok".into()]);
     assert_eq!(bench.ask("$#"), expected);
     for (line, number) in [

@@ -77,7 +77,7 @@ fn offsets_are_stored_where_they_are_set() {
         "G28.1 changes nothing at 0"
     );
     let stored = bench.session.stored().clone();
-    assert_eq!(stored.origins.coordinates[1].0[0].0, 5_000_000);
+    assert_eq!(stored.origins.coordinates.0[1].0[0].0, 5_000_000);
     let mut other = Bench::booting_with(&stored, false);
     assert_eq!(other.serve(), WELCOME);
     assert!(other.ask("$#").contains(&"[G30:1.000,0.000,0.000]".into()));

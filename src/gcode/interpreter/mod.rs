@@ -256,7 +256,7 @@ impl Interpreter {
             | Action::SetOffset
             | Action::ClearOffset => {}
             Action::SetOrigin(system) => {
-                origins.coordinates[system.index()] = checked.values;
+                origins.coordinates[system] = checked.values;
             }
             Action::Store(Reference::G28) => origins.g28 = self.position,
             Action::Store(Reference::G30) => origins.g30 = self.position,

@@ -28,7 +28,7 @@ impl Offsets {
     /// The origin of a work coordinate system.
     #[must_use]
     pub fn origin(&self, system: WorkCoordinates) -> Axes<Nm> {
-        self.origins.coordinates[system.index()]
+        self.origins.coordinates[system]
     }
 
     /// A stored position.

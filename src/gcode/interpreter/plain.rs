@@ -161,7 +161,7 @@ fn base(state: &Interpreter, axis: usize) -> (Nm, f32) {
     match state.modal.distance {
         Distance::Absolute => {
             let offsets = &state.offsets;
-            let origin = &offsets.origins.coordinates[state.modal.coordinates.index()];
+            let origin = &offsets.origins.coordinates[state.modal.coordinates];
             let mut total = origin[axis] + offsets.work[axis];
             if axis == TOOL_AXIS {
                 total = total + offsets.tool_length;

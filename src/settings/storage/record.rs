@@ -216,7 +216,7 @@ fn raw(kind: u8, mut value: &[u8]) -> Option<Raw> {
 fn positions(stored: &mut Stored) -> impl Iterator<Item = (u8, &mut Axes<Nm>)> {
     let origins = &mut stored.origins;
     let references = [(28, &mut origins.g28), (30, &mut origins.g30)];
-    (54..).zip(&mut origins.coordinates).chain(references)
+    (54..).zip(&mut origins.coordinates.0).chain(references)
 }
 
 fn write_origins(stored: &Stored, record: &mut Record) -> Result<(), StoreError> {

@@ -39,7 +39,7 @@ fn the_fullest_records_are_read_back_exactly() {
     stored.settings.steps_per_mm = Axes::all(StepsPerMm::from_millionths(100_000_100).unwrap());
     stored.settings.homing = true;
     stored.settings.soft_limits = true;
-    stored.origins.coordinates = [Axes::all(Nm(-1)); 6];
+    stored.origins.coordinates.0.fill(Axes::all(Nm(-1)));
     stored.origins.g30 = Axes::all(Nm(-9_000_000_000_000_000));
     stored.startup[1] = [b'~'; STORED_LINE].into_iter().collect();
     let mut back = Stored::default();
@@ -78,8 +78,11 @@ fn older_firmware_with_fewer_settings_and_axes_is_understood() {
     contents.push(28);
     contents.extend(zigzag(Nm(7)).to_le_bytes());
     let origins = read(Part::Origins, &contents).origins;
-    assert_eq!((origins.coordinates[0][0], origins.g28[0]), (Nm(-5), Nm(7)));
-    assert_eq!(origins.coordinates[0][1], Nm(0));
+    assert_eq!(
+        (origins.coordinates.0[0][0], origins.g28[0]),
+        (Nm(-5), Nm(7))
+    );
+    assert_eq!(origins.coordinates.0[0][1], Nm(0));
     assert_eq!(origins.g30, Axes::default());
 }
 
@@ -107,12 +110,12 @@ fn newer_firmware_with_more_settings_axes_and_kinds_is_understood() {
     let origins = read(Part::Origins, &contents).origins;
     for axis in 0..AXES {
         assert_eq!(
-            origins.coordinates[0][axis],
+            origins.coordinates.0[0][axis],
             Nm(540 + i64::from(axis as u8))
         );
         assert_eq!(origins.g30[axis], Nm(300 + i64::from(axis as u8)));
     }
-    assert_eq!(origins.coordinates[1], Axes::default());
+    assert_eq!(origins.coordinates.0[1], Axes::default());
     // More parts have generations.
     let mut contents = vec![9, 5, 0, 0, 0];
     contents.extend([1, 6, 0, 0, 0]);
@@ -165,7 +168,7 @@ fn a_value_that_a_setting_cannot_have_is_left_out() {
 fn contents_that_end_anywhere_are_read_as_far_as_they_go() {
     let mut stored = Stored::default();
     stored.settings.step_pulse_us = 9;
-    stored.origins.coordinates[0] = Axes::all(Nm(3));
+    stored.origins.coordinates.0[0] = Axes::all(Nm(3));
     for part in [Part::Settings, Part::Origins] {
         let contents = written(part, &stored);
         for length in 0..contents.len() {
