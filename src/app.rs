@@ -226,7 +226,7 @@ mod app {
         storage.receive(requests, cx.local.deputy_in.second_writer());
         let mut snapshot = Snapshot::default();
         loop {
-            let read = |shared: &mut Snapshot| snapshot.take_over(shared, segments, inputs);
+            let read = |shared: &mut Snapshot| snapshot.copy_from(shared, segments, inputs);
             cx.shared.snapshot.lock(read);
             let run = |on: &mut Dialogue| on.run(&snapshot, requests, entries, storage);
             let progress = cx.shared.dialogue.lock(run);
@@ -243,7 +243,7 @@ mod app {
         let (inputs, segments) = (cx.shared.inputs, cx.shared.segments);
         let mut snapshot = Snapshot::default();
         loop {
-            let read = |shared: &mut Snapshot| snapshot.take_over(shared, segments, inputs);
+            let read = |shared: &mut Snapshot| snapshot.copy_from(shared, segments, inputs);
             cx.shared.snapshot.lock(read);
             let report = |on: &mut Dialogue| on.report(&snapshot, requests);
             let progress = cx.shared.dialogue.lock(report);

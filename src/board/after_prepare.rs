@@ -49,26 +49,26 @@ impl AfterPrepare {
         mut step: impl rtic::Mutex<T = StepSwitch>,
     ) {
         step_output::go_on(events, segments);
-        let is_at_rest = !segments.is_running() && !prepared.start;
+        let is_at_rest = !segments.is_running() && !prepared.start_steps;
         // At rest the duty is theirs, too, and what has been switched in motion may be still to come.
-        if prepared.switches || is_at_rest {
+        if prepared.outputs_changed || is_at_rest {
             self.switches.apply(motion.outputs(), is_at_rest);
         }
-        if prepared.start
+        if prepared.start_steps
             && let Some(then) = step_output::set_up(events)
         {
             step.lock(|step| step.start(then, segments));
             pend(SEGMENT_START);
         }
-        if prepared.switches
-            && let Some(milliseconds) = motion.take_wait()
+        if prepared.outputs_changed
+            && let Some(milliseconds) = motion.take_delay_ms()
         {
             self.timer.set(milliseconds);
         }
-        if prepared.again {
+        if prepared.run_again {
             pend(PREPARE);
         }
-        if prepared.news {
+        if prepared.wake_interpret {
             rtic::pend(WAKE);
         }
     }

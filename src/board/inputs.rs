@@ -123,18 +123,18 @@ impl InputPins {
         } else {
             self.silence()
         };
-        let mut prepare = self.watch.look(read(), inputs, events);
+        let mut prepare = self.watch.latch(read(), inputs, events);
         // Apart, so that the worst of one is not added to the worst of the other.
         if is_sample {
             let watched = self.watch.sample(inputs, requests);
-            if watched.halt {
+            if watched.halt_steps {
                 step.lock(|step| step.halt(events, segments));
             }
             self.silent = self.silent.saturating_sub(1);
-            if !watched.again && self.silent == 0 {
+            if !watched.sample_again && self.silent == 0 {
                 self.stop_sampling();
             }
-            prepare |= watched.prepare;
+            prepare |= watched.release_prepare;
         } else {
             if (self.watch.edge() || has_edge) && !self.is_sampling {
                 self.start_sampling();

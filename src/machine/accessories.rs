@@ -32,11 +32,11 @@ pub struct Accessories {
     /// Counts toggles, wrapping.
     toggles: u8,
     /// Counts what the next status report has to show, wrapping.
-    news: u8,
+    changes: u8,
     stop: Stop,
     /// Off whatever is programmed: the door is open.
-    is_spindle_cut: bool,
-    is_coolant_cut: bool,
+    is_spindle_suspended: bool,
+    is_coolant_suspended: bool,
     overrides: Overrides,
     min_rpm: f32,
     max_rpm: f32,
@@ -54,10 +54,10 @@ impl Accessories {
             rpm: 0.0,
             coolant: Coolant::OFF,
             toggles: 0,
-            news: 0,
+            changes: 0,
             stop: Stop::None,
-            is_spindle_cut: false,
-            is_coolant_cut: false,
+            is_spindle_suspended: false,
+            is_coolant_suspended: false,
             overrides: Overrides::NONE,
             min_rpm: 0.0,
             max_rpm: 1000.0,
@@ -107,13 +107,13 @@ impl Accessories {
     /// Counts what the next status report has to show, wrapping: each command to the spindle and the
     /// coolant, whether it changes anything or not, and each change of an override.
     #[must_use]
-    pub const fn news(&self) -> u8 {
-        self.news
+    pub const fn changes(&self) -> u8 {
+        self.changes
     }
 
     /// The next status report has to show the overrides, the spindle and the coolant.
-    fn note(&mut self) {
-        self.news = self.news.wrapping_add(1);
+    fn count_change(&mut self) {
+        self.changes = self.changes.wrapping_add(1);
         self.is_changed = true;
     }
 
@@ -126,15 +126,15 @@ impl Accessories {
     /// A new state of the spindle and its speed, rpm. A laser in proportion to the speed is off at
     /// rest.
     pub fn set_spindle(&mut self, spindle: Spindle, rpm: f32) {
-        self.light();
+        self.end_dark();
         self.spindle = spindle;
         let is_proportional = self.is_laser && spindle == Spindle::CounterClockwise;
         self.rpm = if is_proportional { 0.0 } else { rpm };
-        self.note();
+        self.count_change();
     }
 
     /// Ends the wait of a laser for a motion or for a new state.
-    fn light(&mut self) {
+    fn end_dark(&mut self) {
         if self.stop == Stop::Dark {
             self.stop = Stop::None;
             self.is_changed = true;
@@ -144,15 +144,15 @@ impl Accessories {
     /// A new state of the coolant.
     pub fn set_coolant(&mut self, coolant: Coolant) {
         self.coolant = coolant;
-        self.note();
+        self.count_change();
     }
 
     /// An override. Those of feed and rapids are for the plan.
-    pub fn take(&mut self, command: Override) {
+    pub fn override_by(&mut self, command: Override) {
         let overrides = self.overrides.after(command);
         if overrides != self.overrides {
             self.overrides = overrides;
-            self.note();
+            self.count_change();
         }
     }
 
@@ -161,7 +161,7 @@ impl Accessories {
         self.overrides = Overrides::NONE;
         self.is_changed = true;
         if is_shown {
-            self.note();
+            self.count_change();
         }
     }
 
@@ -169,14 +169,14 @@ impl Accessories {
     pub fn toggle_flood(&mut self) {
         self.coolant.flood = !self.coolant.flood;
         self.toggles = self.toggles.wrapping_add(1);
-        self.note();
+        self.count_change();
     }
 
     /// Mist on, or off.
     pub fn toggle_mist(&mut self) {
         self.coolant.mist = !self.coolant.mist;
         self.toggles = self.toggles.wrapping_add(1);
-        self.note();
+        self.count_change();
     }
 
     /// The key that stops the spindle in a hold, or starts it again; tells whether it starts.
@@ -189,7 +189,7 @@ impl Accessories {
             }
             Stop::Asked => false,
             Stop::Stopped => {
-                self.note();
+                self.count_change();
                 self.stop = if self.is_laser {
                     Stop::Dark
                 } else {
@@ -209,13 +209,13 @@ impl Accessories {
     }
 
     /// At rest in a hold: what was asked for happens.
-    pub fn rest_in_hold(&mut self) {
+    pub fn stop_in_hold(&mut self) {
         if self.stop == Stop::Asked {
             self.is_changed = true;
             self.stop = if self.spindle == Spindle::Off {
                 Stop::None
             } else {
-                self.note();
+                self.count_change();
                 Stop::Stopped
             };
         }
@@ -229,7 +229,7 @@ impl Accessories {
         self.stop = if stays_dark { Stop::Dark } else { Stop::None };
         self.is_changed = true;
         if was_stopped && !self.is_laser {
-            self.note();
+            self.count_change();
         }
         was_stopped
     }
@@ -237,28 +237,28 @@ impl Accessories {
     /// Switches everything off, and keeps in mind what was on.
     pub fn suspend(&mut self) {
         self.stop = Stop::None;
-        self.is_spindle_cut = true;
-        self.is_coolant_cut = true;
-        self.note();
+        self.is_spindle_suspended = true;
+        self.is_coolant_suspended = true;
+        self.count_change();
     }
 
     /// The spindle is no longer cut; a laser stays dark up to the end of the stop.
     pub fn restore_spindle(&mut self) {
-        self.is_spindle_cut = false;
+        self.is_spindle_suspended = false;
         self.is_changed = true;
         if self.is_laser {
             self.stop = Stop::Dark;
         } else if self.spindle != Spindle::Off {
-            self.note();
+            self.count_change();
         }
     }
 
     /// The coolant is no longer cut.
     pub fn restore_coolant(&mut self) {
-        self.is_coolant_cut = false;
+        self.is_coolant_suspended = false;
         self.is_changed = true;
         if self.coolant != Coolant::OFF {
-            self.note();
+            self.count_change();
         }
     }
 
@@ -268,14 +268,14 @@ impl Accessories {
         self.rpm = 0.0;
         self.coolant = Coolant::OFF;
         self.stop = Stop::None;
-        self.is_spindle_cut = false;
-        self.is_coolant_cut = false;
+        self.is_spindle_suspended = false;
+        self.is_coolant_suspended = false;
         self.is_changed = true;
     }
 
     /// A block begins to be executed: what its laser leaves on at rest.
-    pub fn begin(&mut self, laser: Laser) {
-        self.light();
+    pub fn begin_block(&mut self, laser: Laser) {
+        self.end_dark();
         let rpm = match laser {
             Laser::None => return,
             Laser::Constant(rpm) => rpm,
@@ -318,13 +318,13 @@ impl Accessories {
             };
         }
         let rpm = math::max(rpm, self.min_rpm);
-        let gradient = RANGE / (self.max_rpm - self.min_rpm);
-        let duty = ((rpm - self.min_rpm) * gradient) as u16 + LEAST;
+        let gradient = DUTY_RANGE / (self.max_rpm - self.min_rpm);
+        let duty = ((rpm - self.min_rpm) * gradient) as u16 + MIN_DUTY;
         Power { rpm, duty }
     }
 
     const fn is_stopped(&self) -> bool {
-        self.is_spindle_cut || matches!(self.stop, Stop::Stopped | Stop::Dark)
+        self.is_spindle_suspended || matches!(self.stop, Stop::Stopped | Stop::Dark)
     }
 
     /// The direction as it is switched with a power: off where the power is.
@@ -350,7 +350,7 @@ impl Accessories {
     /// The coolant as it is switched.
     #[must_use]
     pub const fn coolant(&self) -> Coolant {
-        if self.is_coolant_cut {
+        if self.is_coolant_suspended {
             Coolant::OFF
         } else {
             self.coolant
@@ -365,9 +365,9 @@ impl Default for Accessories {
 }
 
 /// Duty at the smallest speed: one of Grbl's steps.
-const LEAST: u16 = 4;
+const MIN_DUTY: u16 = 4;
 /// From the smallest to the largest speed, in the parts of a duty.
-const RANGE: f32 = (Outputs::FULL - LEAST) as f32;
+const DUTY_RANGE: f32 = (Outputs::FULL - MIN_DUTY) as f32;
 
 #[cfg(test)]
 mod tests {
@@ -396,7 +396,7 @@ mod tests {
             ..settings
         };
         let least = spindle(&narrow, 100.0).power_at_rest();
-        assert_eq!((least.rpm, least.duty), (200.0, LEAST));
+        assert_eq!((least.rpm, least.duty), (200.0, MIN_DUTY));
         assert_eq!(spindle(&narrow, 0.0).power_at_rest(), Power::OFF);
         let switched = Settings {
             spindle_min_rpm: 1000.0,
@@ -409,7 +409,7 @@ mod tests {
     #[test]
     fn the_override_scales_the_speed() {
         let mut accessories = spindle(&Settings::default(), 500.0);
-        accessories.take(Override::SpindleMore);
+        accessories.override_by(Override::SpindleMore);
         assert_eq!(accessories.power_at_rest().rpm, 550.0);
         assert_eq!(accessories.power_at_rest().duty / 4, 140);
         accessories.end_overrides(true);
@@ -426,14 +426,14 @@ mod tests {
         laser.configure(&settings);
         laser.set_spindle(Spindle::CounterClockwise, 500.0);
         let beam = Laser::Proportional(500.0);
-        laser.begin(beam);
+        laser.begin_block(beam);
         assert_eq!(laser.power_at_rest(), Power::OFF);
         assert_eq!(laser.switched(Power::OFF), Spindle::Off);
         assert_eq!(laser.power_in_motion(beam, 0.3).rpm, 150.0);
         laser.set_spindle(Spindle::Clockwise, 0.0);
-        laser.begin(Laser::Constant(800.0));
+        laser.begin_block(Laser::Constant(800.0));
         assert_eq!(laser.power_at_rest().rpm, 800.0);
-        laser.begin(Laser::Constant(0.0));
+        laser.begin_block(Laser::Constant(0.0));
         assert_eq!(laser.power_at_rest(), Power::OFF);
     }
 
@@ -441,10 +441,10 @@ mod tests {
     fn a_spindle_that_is_off_is_not_stopped() {
         let mut accessories = Accessories::new();
         assert!(!accessories.toggle_stop());
-        accessories.rest_in_hold();
+        accessories.stop_in_hold();
         assert!(!accessories.toggle_stop());
         accessories.set_spindle(Spindle::Clockwise, 500.0);
-        accessories.rest_in_hold();
+        accessories.stop_in_hold();
         assert_eq!(
             accessories.switched(accessories.power_at_rest()),
             Spindle::Off

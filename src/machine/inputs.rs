@@ -37,14 +37,14 @@ pub struct Inputs {
     /// Inputs that are active while open; written by `prepare`.
     inverted: AtomicU32,
     /// Limit switches that stop the machine; written by `prepare`.
-    guarded: AtomicU32,
+    armed: AtomicU32,
     /// A [`Contact`], [`UNARMED`] or [`LATCHED`]; written by `prepare`, but for the last, which
     /// `inputs` writes over a contact.
     probing: AtomicU32,
     /// Events that had been output when the probe changed; written by `inputs`.
-    latched: AtomicU32,
+    probe_latch: AtomicU32,
     /// Events that had been output when each limit switch became active last; written by `inputs`.
-    reached: [AtomicU32; AXES],
+    limit_latches: [AtomicU32; AXES],
 }
 
 impl Inputs {
@@ -62,10 +62,10 @@ impl Inputs {
             wired,
             closed: AtomicU32::new(0),
             inverted: AtomicU32::new(0),
-            guarded: AtomicU32::new(0),
+            armed: AtomicU32::new(0),
             probing: AtomicU32::new(UNARMED),
-            latched: AtomicU32::new(0),
-            reached: [const { AtomicU32::new(0) }; AXES],
+            probe_latch: AtomicU32::new(0),
+            limit_latches: [const { AtomicU32::new(0) }; AXES],
         }
     }
 
@@ -98,12 +98,12 @@ impl Inputs {
 
     /// Says which limit switches stop the machine as soon as they become active: none while homing
     /// or at rest in alarm. For `prepare` alone.
-    pub fn guard(&self, limits: Levels) {
-        self.guarded.store(u32::from(limits.0), Relaxed);
+    pub fn arm_limits(&self, limits: Levels) {
+        self.armed.store(u32::from(limits.0), Relaxed);
     }
 
-    pub(super) fn guarded(&self) -> Levels {
-        Levels(self.guarded.load(Relaxed) as u16)
+    pub(super) fn armed_limits(&self) -> Levels {
+        Levels(self.armed.load(Relaxed) as u16)
     }
 
     /// Waits for a change of the probe from now on; for `prepare` alone.
@@ -120,10 +120,10 @@ impl Inputs {
 
     /// How many events had been output when the probe changed, if it has.
     #[must_use]
-    pub fn contact(&self) -> Option<u32> {
+    pub fn probe_latch(&self) -> Option<u32> {
         let is_latched = self.probing.load(Relaxed) == LATCHED;
         compiler_fence(SeqCst);
-        is_latched.then(|| self.latched.load(Relaxed))
+        is_latched.then(|| self.probe_latch.load(Relaxed))
     }
 
     /// Whether the change of the probe that is waited for has come with these levels.
@@ -135,24 +135,24 @@ impl Inputs {
     }
 
     /// The change has come after so many events; for the input interrupt alone.
-    pub(super) fn latch(&self, events: u32) {
-        self.latched.store(events, Relaxed);
+    pub(super) fn latch_probe(&self, events: u32) {
+        self.probe_latch.store(events, Relaxed);
         compiler_fence(SeqCst);
         self.probing.store(LATCHED, Relaxed);
     }
 
     /// How many events had been output when the limit switch of an axis became active last.
     #[must_use]
-    pub fn reached(&self, axis: usize) -> u32 {
-        self.reached
+    pub fn limit_latch(&self, axis: usize) -> u32 {
+        self.limit_latches
             .get(axis)
             .map_or(0, |events| events.load(Relaxed))
     }
 
     /// Limit switches have become active after so many events; for the input interrupt alone.
-    pub(super) fn reach(&self, limits: Levels, events: u32) {
+    pub(super) fn latch_limits(&self, limits: Levels, events: u32) {
         // wcet-bound: axes
-        for (axis, reached) in self.reached.iter().enumerate() {
+        for (axis, reached) in self.limit_latches.iter().enumerate() {
             if limits.has(Levels::limits(1 << axis)) {
                 reached.store(events, Relaxed);
             }

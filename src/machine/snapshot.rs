@@ -27,7 +27,7 @@ pub struct Snapshot {
     /// Counts realtime toggles of the coolant, wrapping.
     pub coolant_toggles: u8,
     /// Counts what the next status report has to show of spindle, coolant and overrides, wrapping.
-    pub news: u8,
+    pub accessory_changes: u8,
     /// The overrides in effect.
     pub overrides: Overrides,
     /// Inputs that are active.
@@ -71,7 +71,7 @@ impl Snapshot {
     /// small for the routine that copies memory in a loop. For tasks with a deadline, and for locks
     /// that they wait for. Looks the rest up.
     #[inline]
-    pub fn take_over(&mut self, new: &Self, segments: &SegmentRing, inputs: &Inputs) {
+    pub fn copy_from(&mut self, new: &Self, segments: &SegmentRing, inputs: &Inputs) {
         self.observe(segments, inputs);
         let Self {
             state,
@@ -82,7 +82,7 @@ impl Snapshot {
             coolant,
             coolant_asked,
             coolant_toggles,
-            news,
+            accessory_changes: news,
             overrides,
             inputs: _,
             probed,
@@ -91,8 +91,8 @@ impl Snapshot {
             blocks_free,
             finished,
             is_at_rest,
-            reset_count: epoch,
-            cancelled_motions: cuts,
+            reset_count,
+            cancelled_motions,
             reset_in_motion,
             has_underrun,
             is_critical,
@@ -103,15 +103,15 @@ impl Snapshot {
         self.coolant = *coolant;
         self.coolant_asked = *coolant_asked;
         self.coolant_toggles = *coolant_toggles;
-        self.news = *news;
+        self.accessory_changes = *news;
         self.overrides = *overrides;
         self.probed = *probed;
         self.notices = *notices;
         self.blocks_free = *blocks_free;
         self.finished = *finished;
         self.is_at_rest = *is_at_rest;
-        self.reset_count = *epoch;
-        self.cancelled_motions = *cuts;
+        self.reset_count = *reset_count;
+        self.cancelled_motions = *cancelled_motions;
         self.reset_in_motion = *reset_in_motion;
         self.has_underrun = *has_underrun;
         self.is_critical = *is_critical;

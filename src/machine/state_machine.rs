@@ -18,13 +18,13 @@ use crate::model::State;
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Event {
     /// A feed hold is asked for.
-    Hold,
+    FeedHold,
     /// Cycle start is asked for.
-    Start,
+    CycleStart,
     /// The safety door has been opened.
-    Door,
+    SafetyDoor,
     /// The safety door is closed.
-    DoorShut,
+    DoorClosed,
     /// The end of jogging is asked for.
     JogCancel,
     /// There is a block of a program to execute.
@@ -32,9 +32,9 @@ pub enum Event {
     /// There is a block of a jog to execute.
     Jog,
     /// Every block has been executed and the machine is at rest.
-    Done,
+    CycleStop,
     /// A machine that was to stop is at rest.
-    Stopped,
+    MotionStopped,
     /// Z has to be lifted out of the work.
     Park,
     /// Z is parked.
@@ -65,14 +65,14 @@ pub enum Effect {
     /// What waited for cycle start goes on.
     Resume,
     /// Spindle and coolant are switched off, after parking where the door was opened.
-    SwitchOff,
+    Suspend,
     /// Spindle and coolant are switched on again, one after the other.
     Restore,
     /// The plan is void from now on: it is dropped at rest, and so is what was sent before the
     /// interpreter knows of it.
-    Cancel,
+    MotionCancel,
     /// The plan is dropped.
-    Drop,
+    DropPlan,
     /// A reset found the machine in motion.
     Abort,
 }
@@ -135,7 +135,7 @@ impl Control {
 
     /// Whether the state takes notice of the safety door.
     #[must_use]
-    pub const fn heeds_door(self) -> bool {
+    pub const fn reacts_to_door(self) -> bool {
         !matches!(self.state, State::Alarm | State::Check | State::Home)
     }
 
@@ -147,34 +147,37 @@ impl Control {
     pub fn after(self, event: Event) -> (Self, Effect) {
         let same = (self, Effect::None);
         let is_ending = self.ending != Ending::None && self.state != State::Jog;
-        if is_ending && !matches!(event, Event::Stopped | Event::Reset | Event::Alarm) {
+        if is_ending && !matches!(event, Event::MotionStopped | Event::Reset | Event::Alarm) {
             // Nothing else counts before the plan is dropped.
             return same;
         }
         match event {
-            Event::Hold => self.hold(),
-            Event::Start => self.start(),
-            Event::Door => self.door(),
-            Event::DoorShut if self.state == State::DoorAjar => to(State::DoorClosed),
+            Event::FeedHold => self.hold(),
+            Event::CycleStart => self.start(),
+            Event::SafetyDoor => self.door(),
+            Event::DoorClosed if self.state == State::DoorAjar => to(State::DoorClosed),
             Event::JogCancel if self.state == State::Jog => self.cancel(Ending::Drop),
             Event::Move if self.state == State::Idle => to(State::Run),
             Event::Jog if self.state == State::Idle => to(State::Jog),
-            Event::Done if self.state == State::Run => to(State::Idle),
-            Event::Done if self.state == State::Jog && self.ending == Ending::None => {
+            Event::CycleStop if self.state == State::Run => to(State::Idle),
+            Event::CycleStop if self.state == State::Jog && self.ending == Ending::None => {
                 to(State::Idle)
             }
-            Event::Stopped => self.stopped(),
+            Event::MotionStopped => self.stopped(),
             Event::Park if self.state == State::DoorAjar => to(State::DoorRetracting),
             Event::Parked if self.state == State::DoorRetracting => to(State::DoorAjar),
             Event::Restored if self.state == State::DoorRestoring => (Self::IDLE, Effect::Resume),
             Event::Pause if self.state == State::Idle => to(State::HoldComplete),
             Event::Reset => self.reset(),
-            Event::Alarm => (Self::ending(State::Alarm, Ending::Drop), Effect::Cancel),
+            Event::Alarm => (
+                Self::ending(State::Alarm, Ending::Drop),
+                Effect::MotionCancel,
+            ),
             Event::Unlock if matches!(self.state, State::Alarm | State::Home) => to(State::Idle),
             Event::Home if matches!(self.state, State::Idle | State::Alarm) => to(State::Home),
             Event::Check if self.state == State::Idle => to(State::Check),
             Event::Sleep if matches!(self.state, State::Idle | State::Alarm) => {
-                (Self::new(State::Sleep), Effect::SwitchOff)
+                (Self::new(State::Sleep), Effect::Suspend)
             }
             // Not named: a table of jumps would have places for values that there are none of, which
             // trap, in a task with a deadline.
@@ -223,7 +226,7 @@ impl Control {
         match self.state {
             State::Run | State::HoldSlowing => to(State::DoorRetracting),
             State::Idle | State::HoldComplete | State::DoorRestoring => {
-                (Self::new(State::DoorAjar), Effect::SwitchOff)
+                (Self::new(State::DoorAjar), Effect::Suspend)
             }
             State::DoorClosed => to(State::DoorAjar),
             State::Jog => self.cancel(Ending::DropThenDoor),
@@ -239,7 +242,7 @@ impl Control {
     /// Ends a jog; what has been asked for before stays.
     fn cancel(self, ending: Ending) -> (Self, Effect) {
         match self.ending {
-            Ending::None => (Self::ending(self.state, ending), Effect::Cancel),
+            Ending::None => (Self::ending(self.state, ending), Effect::MotionCancel),
             Ending::Drop => (Self::ending(self.state, ending), Effect::None),
             Ending::DropThenDoor => (self, Effect::None),
         }
@@ -249,7 +252,7 @@ impl Control {
         let next = match self.state {
             State::HoldSlowing => State::HoldComplete,
             State::DoorRetracting => {
-                return (Self::new(State::DoorAjar), Effect::SwitchOff);
+                return (Self::new(State::DoorAjar), Effect::Suspend);
             }
             State::Jog if self.ending == Ending::DropThenDoor => State::DoorRetracting,
             State::Jog if self.ending == Ending::Drop => State::Idle,
@@ -267,7 +270,7 @@ impl Control {
         };
         match self.ending {
             Ending::None => to(next),
-            Ending::Drop | Ending::DropThenDoor => (Self::new(next), Effect::Drop),
+            Ending::Drop | Ending::DropThenDoor => (Self::new(next), Effect::DropPlan),
         }
     }
 
@@ -276,15 +279,19 @@ impl Control {
             State::Run | State::HoldSlowing | State::Jog | State::Home | State::DoorRetracting => {
                 (Self::ending(State::Alarm, Ending::Drop), Effect::Abort)
             }
-            State::Alarm | State::Sleep => {
-                (Self::ending(State::Alarm, Ending::Drop), Effect::Cancel)
-            }
+            State::Alarm | State::Sleep => (
+                Self::ending(State::Alarm, Ending::Drop),
+                Effect::MotionCancel,
+            ),
             State::Idle
             | State::HoldComplete
             | State::Check
             | State::DoorClosed
             | State::DoorAjar
-            | State::DoorRestoring => (Self::ending(State::Idle, Ending::Drop), Effect::Cancel),
+            | State::DoorRestoring => (
+                Self::ending(State::Idle, Ending::Drop),
+                Effect::MotionCancel,
+            ),
         }
     }
 }
@@ -315,26 +322,46 @@ mod tests {
 
     /// Every change there is: before, event, after, effect. Whatever is not here changes nothing.
     const CHANGES: &[(Is, On, Is, Do)] = &[
-        (Is::Run, On::Hold, Is::HoldSlowing, Do::None),
-        (Is::Idle, On::Hold, Is::HoldComplete, Do::None),
-        (Is::Jog, On::Hold, Is::Jog, Do::Cancel),
-        (Is::HoldComplete, On::Start, Is::Idle, Do::Resume),
-        (Is::DoorClosed, On::Start, Is::DoorRestoring, Do::Restore),
-        (Is::Run, On::Door, Is::DoorRetracting, Do::None),
-        (Is::HoldSlowing, On::Door, Is::DoorRetracting, Do::None),
-        (Is::Idle, On::Door, Is::DoorAjar, Do::SwitchOff),
-        (Is::HoldComplete, On::Door, Is::DoorAjar, Do::SwitchOff),
-        (Is::DoorRestoring, On::Door, Is::DoorAjar, Do::SwitchOff),
-        (Is::DoorClosed, On::Door, Is::DoorAjar, Do::None),
-        (Is::Jog, On::Door, Is::Jog, Do::Cancel),
-        (Is::DoorAjar, On::DoorShut, Is::DoorClosed, Do::None),
-        (Is::Jog, On::JogCancel, Is::Jog, Do::Cancel),
+        (Is::Run, On::FeedHold, Is::HoldSlowing, Do::None),
+        (Is::Idle, On::FeedHold, Is::HoldComplete, Do::None),
+        (Is::Jog, On::FeedHold, Is::Jog, Do::MotionCancel),
+        (Is::HoldComplete, On::CycleStart, Is::Idle, Do::Resume),
+        (
+            Is::DoorClosed,
+            On::CycleStart,
+            Is::DoorRestoring,
+            Do::Restore,
+        ),
+        (Is::Run, On::SafetyDoor, Is::DoorRetracting, Do::None),
+        (
+            Is::HoldSlowing,
+            On::SafetyDoor,
+            Is::DoorRetracting,
+            Do::None,
+        ),
+        (Is::Idle, On::SafetyDoor, Is::DoorAjar, Do::Suspend),
+        (Is::HoldComplete, On::SafetyDoor, Is::DoorAjar, Do::Suspend),
+        (Is::DoorRestoring, On::SafetyDoor, Is::DoorAjar, Do::Suspend),
+        (Is::DoorClosed, On::SafetyDoor, Is::DoorAjar, Do::None),
+        (Is::Jog, On::SafetyDoor, Is::Jog, Do::MotionCancel),
+        (Is::DoorAjar, On::DoorClosed, Is::DoorClosed, Do::None),
+        (Is::Jog, On::JogCancel, Is::Jog, Do::MotionCancel),
         (Is::Idle, On::Move, Is::Run, Do::None),
         (Is::Idle, On::Jog, Is::Jog, Do::None),
-        (Is::Run, On::Done, Is::Idle, Do::None),
-        (Is::Jog, On::Done, Is::Idle, Do::None),
-        (Is::HoldSlowing, On::Stopped, Is::HoldComplete, Do::None),
-        (Is::DoorRetracting, On::Stopped, Is::DoorAjar, Do::SwitchOff),
+        (Is::Run, On::CycleStop, Is::Idle, Do::None),
+        (Is::Jog, On::CycleStop, Is::Idle, Do::None),
+        (
+            Is::HoldSlowing,
+            On::MotionStopped,
+            Is::HoldComplete,
+            Do::None,
+        ),
+        (
+            Is::DoorRetracting,
+            On::MotionStopped,
+            Is::DoorAjar,
+            Do::Suspend,
+        ),
         (Is::DoorAjar, On::Park, Is::DoorRetracting, Do::None),
         (Is::DoorRetracting, On::Parked, Is::DoorAjar, Do::None),
         (Is::DoorRestoring, On::Restored, Is::Idle, Do::Resume),
@@ -344,33 +371,33 @@ mod tests {
         (Is::Jog, On::Reset, Is::Alarm, Do::Abort),
         (Is::Home, On::Reset, Is::Alarm, Do::Abort),
         (Is::DoorRetracting, On::Reset, Is::Alarm, Do::Abort),
-        (Is::Alarm, On::Reset, Is::Alarm, Do::Cancel),
-        (Is::Sleep, On::Reset, Is::Alarm, Do::Cancel),
-        (Is::Idle, On::Reset, Is::Idle, Do::Cancel),
-        (Is::HoldComplete, On::Reset, Is::Idle, Do::Cancel),
-        (Is::Check, On::Reset, Is::Idle, Do::Cancel),
-        (Is::DoorClosed, On::Reset, Is::Idle, Do::Cancel),
-        (Is::DoorAjar, On::Reset, Is::Idle, Do::Cancel),
-        (Is::DoorRestoring, On::Reset, Is::Idle, Do::Cancel),
+        (Is::Alarm, On::Reset, Is::Alarm, Do::MotionCancel),
+        (Is::Sleep, On::Reset, Is::Alarm, Do::MotionCancel),
+        (Is::Idle, On::Reset, Is::Idle, Do::MotionCancel),
+        (Is::HoldComplete, On::Reset, Is::Idle, Do::MotionCancel),
+        (Is::Check, On::Reset, Is::Idle, Do::MotionCancel),
+        (Is::DoorClosed, On::Reset, Is::Idle, Do::MotionCancel),
+        (Is::DoorAjar, On::Reset, Is::Idle, Do::MotionCancel),
+        (Is::DoorRestoring, On::Reset, Is::Idle, Do::MotionCancel),
         (Is::Alarm, On::Unlock, Is::Idle, Do::None),
         (Is::Home, On::Unlock, Is::Idle, Do::None),
         (Is::Idle, On::Home, Is::Home, Do::None),
         (Is::Alarm, On::Home, Is::Home, Do::None),
         (Is::Idle, On::Check, Is::Check, Do::None),
-        (Is::Idle, On::Sleep, Is::Sleep, Do::SwitchOff),
-        (Is::Alarm, On::Sleep, Is::Sleep, Do::SwitchOff),
+        (Is::Idle, On::Sleep, Is::Sleep, Do::Suspend),
+        (Is::Alarm, On::Sleep, Is::Sleep, Do::Suspend),
     ];
 
     const EVENTS: [On; 19] = [
-        On::Hold,
-        On::Start,
-        On::Door,
-        On::DoorShut,
+        On::FeedHold,
+        On::CycleStart,
+        On::SafetyDoor,
+        On::DoorClosed,
         On::JogCancel,
         On::Move,
         On::Jog,
-        On::Done,
-        On::Stopped,
+        On::CycleStop,
+        On::MotionStopped,
         On::Park,
         On::Parked,
         On::Restored,
@@ -390,12 +417,12 @@ mod tests {
                 let (after, effect) = Control::new(state).after(event);
                 let row = CHANGES.iter().find(|row| row.0 == state && row.1 == event);
                 let expected = match (event, row) {
-                    (On::Alarm, _) => (Is::Alarm, Do::Cancel),
+                    (On::Alarm, _) => (Is::Alarm, Do::MotionCancel),
                     (_, Some(row)) => (row.2, row.3),
                     (_, None) => (state, Do::None),
                 };
                 assert_eq!((after.state, effect), expected, "{state:?}, {event:?}");
-                let drops = matches!(effect, Do::Cancel | Do::Abort);
+                let drops = matches!(effect, Do::MotionCancel | Do::Abort);
                 assert_eq!(after.ending != Ending::None, drops, "{state:?}, {event:?}");
             }
         }
@@ -404,21 +431,24 @@ mod tests {
     #[test]
     fn a_jog_that_is_ended_ends_in_rest_or_with_the_door_open() {
         let jog = Control::new(Is::Jog);
-        for first in [On::Hold, On::JogCancel] {
+        for first in [On::FeedHold, On::JogCancel] {
             let (ending, _) = jog.after(first);
-            assert_eq!(ending.after(On::Stopped), (Control::IDLE, Do::Drop));
-            let (door, effect) = ending.after(On::Door);
+            assert_eq!(
+                ending.after(On::MotionStopped),
+                (Control::IDLE, Do::DropPlan)
+            );
+            let (door, effect) = ending.after(On::SafetyDoor);
             assert_eq!(effect, Do::None);
             assert_eq!(door.after(first).0, door);
-            let (stopped, effect) = door.after(On::Stopped);
-            assert_eq!((stopped.state, effect), (Is::DoorRetracting, Do::Drop));
+            let (stopped, effect) = door.after(On::MotionStopped);
+            assert_eq!((stopped.state, effect), (Is::DoorRetracting, Do::DropPlan));
         }
     }
 
     #[test]
     fn nothing_begins_before_a_plan_that_is_void_is_dropped() {
         for event in EVENTS {
-            if !matches!(event, On::Stopped | On::Reset | On::Alarm) {
+            if !matches!(event, On::MotionStopped | On::Reset | On::Alarm) {
                 for state in [Is::Idle, Is::Alarm] {
                     let ending = Control::ending(state, Ending::Drop);
                     assert_eq!(ending.after(event), (ending, Do::None), "{event:?}");
@@ -426,7 +456,13 @@ mod tests {
             }
         }
         let jog = Control::ending(Is::Jog, Ending::Drop);
-        for event in [On::Move, On::Jog, On::Start, On::Hold, On::JogCancel] {
+        for event in [
+            On::Move,
+            On::Jog,
+            On::CycleStart,
+            On::FeedHold,
+            On::JogCancel,
+        ] {
             assert_eq!(jog.after(event), (jog, Do::None), "{event:?}");
         }
     }

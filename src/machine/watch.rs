@@ -14,11 +14,11 @@ use crate::{
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub struct Watched {
     /// Take another sample [`SAMPLE_TICKS`](super::SAMPLE_TICKS) after this one.
-    pub again: bool,
+    pub sample_again: bool,
     /// Release `prepare`.
-    pub prepare: bool,
+    pub release_prepare: bool,
     /// Stop the step interrupt at once, and call [`EventTap::halt`].
-    pub halt: bool,
+    pub halt_steps: bool,
 }
 
 /// The interrupt's own state.
@@ -30,7 +30,7 @@ pub struct Watch {
 }
 
 impl Watch {
-    /// Begins with the contacts that are closed at power-up: none of them counts as pressed then.
+    /// Begins with the contacts that are closed at power-up: none of them segments as pressed then.
     #[must_use]
     pub fn new(closed: Levels, inputs: &Inputs) -> Self {
         inputs.set_closed(closed);
@@ -41,20 +41,20 @@ impl Watch {
     }
 
     /// The beginning of each run, with the contacts that are closed now: what an input tells at
-    /// once, without a filter. Limit switches are known to be reached, which counts once the filter
+    /// once, without a filter. Limit switches are known to be reached, which segments once the filter
     /// agrees; whether the probe has changed as it should, and `prepare` is to be released.
     ///
     /// Deadline: the probe's position is that of the run, so one step time where it matters; a miss
     /// tells a position that is as much too late.
     #[inline]
-    pub fn look(&mut self, raw: Levels, inputs: &Inputs, events: EventTap<'_>) -> bool {
+    pub fn latch(&mut self, raw: Levels, inputs: &Inputs, events: EventTap<'_>) -> bool {
         let output = events.output_count();
         let is_contact = inputs.is_contact(raw);
         if is_contact {
-            inputs.latch(output);
+            inputs.latch_probe(output);
         }
         let reached = (raw ^ self.raw) & (raw ^ inputs.inverted());
-        inputs.reach(reached, output);
+        inputs.latch_limits(reached, output);
         self.raw = raw;
         is_contact
     }
@@ -75,9 +75,9 @@ impl Watch {
         requests.press_all(changed & closed);
         let limits = changed & (closed ^ inputs.inverted());
         Watched {
-            again: self.filter.change(self.raw),
-            prepare: changed != Levels::NONE,
-            halt: limits.has(inputs.guarded()),
+            sample_again: self.filter.change(self.raw),
+            release_prepare: changed != Levels::NONE,
+            halt_steps: limits.has(inputs.armed_limits()),
         }
     }
 }

@@ -2,24 +2,24 @@
 //!
 //! Joins the look-ahead, the speed profile, the step generator and the machine's state, and owns
 //! them all. Runs when a segment begins to be played, when an entry or a request has come, and again
-//! while there is more to do: each run does one [`Unit`] of work, so that the longest of them bounds
-//! it. Deadline: the events queued ahead, [`AHEAD_TICKS`](crate::model::timing::AHEAD_TICKS); a miss
+//! while there is more to do: each run does one [`Job`] of work, so that the longest of them bounds
+//! it. Deadline: the events queued ahead, [`QUEUED_AHEAD_TICKS`](crate::model::timing::QUEUED_AHEAD_TICKS); a miss
 //! starves the step interrupt, which is a fault.
 
 mod cycles;
+mod delays;
+mod entries;
 mod job;
 mod parking;
-mod play;
-mod react;
-mod standstill;
-mod work;
+mod requests;
+mod segments;
 
 use heapless::spsc::Consumer;
 
 use self::{
+    delays::{Delay, Restoring},
     job::{Context, Job},
     parking::Parking,
-    standstill::{Restoring, Wait},
 };
 use super::{
     BLOCKS, Homing, LookAhead, cycles::probing::ProbingCycle, executor::Executor,
@@ -40,24 +40,24 @@ use crate::{
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Prepared {
     /// Run it again: there is more to do.
-    pub again: bool,
+    pub run_again: bool,
     /// Start the step timer, with [`StepCounts::start`]: it has stopped, and there are events. But
     /// not if there has been a cut meanwhile, to which another run has to see first.
-    pub start: bool,
+    pub start_steps: bool,
     /// Release `interpret`: there is room, or what it may wait for has changed.
-    pub news: bool,
-    /// Apply [`Motion::outputs`], and set the timer if [`Motion::take_wait`] tells a time: one of
+    pub wake_interpret: bool,
+    /// Apply [`Motion::outputs`], and set the timer if [`Motion::take_delay_ms`] tells a time: one of
     /// them has changed.
-    pub switches: bool,
+    pub outputs_changed: bool,
 }
 
 impl Prepared {
     /// There is more to do, and nothing else.
     const AGAIN: Self = Self {
-        again: true,
-        start: false,
-        news: false,
-        switches: false,
+        run_again: true,
+        start_steps: false,
+        wake_interpret: false,
+        outputs_changed: false,
     };
 }
 
@@ -72,14 +72,14 @@ pub struct Motion {
     /// The newest reset acted on.
     reset_count: u32,
     /// The requests acted on, by their count.
-    heard: u32,
+    handled: u32,
     /// When that was, by the motion played, or so long ago that it no longer matters.
-    heard_ticks: u32,
+    handled_ticks: u32,
     /// Motions ended before their target, wrapping.
     cancelled_motions: u32,
     finished: u32,
     /// The standstill segment has been put, and begins then on the generator's clock.
-    rest: Option<u32>,
+    standstill: Option<u32>,
     /// There was no room for a segment while the one with this start was being played.
     full: Option<u32>,
     /// When the newest segment begins on the generator's clock.
@@ -93,7 +93,7 @@ pub struct Motion {
     /// An alarm has come that only a reset ends.
     is_critical: bool,
     /// The door has to be looked at when the reset is over.
-    looks_at_door: bool,
+    checks_door: bool,
     /// An alarm that comes when the machine is at rest.
     fault: Option<Alarm>,
     /// Waiting for cycle start after `M0`.
@@ -102,23 +102,23 @@ pub struct Motion {
     is_homing: bool,
     restoring: Restoring,
     /// What the shell's timer has been asked for, and the time to be asked for.
-    wait: Wait,
-    wake_in_ms: Option<u16>,
+    delay: Delay,
+    delay_ms: Option<u16>,
     /// Drivers are released after an alarm whatever `$1` says.
-    releases_drivers: bool,
+    disables_drivers: bool,
     idle_delay_ms: u8,
     hard_limits: bool,
     /// The state has changed at rest, so that something more may follow from it.
-    is_unsettled: bool,
+    changed_at_standstill: bool,
     /// At rest: the next run makes a segment.
-    begins: bool,
+    is_first_segment_next: bool,
     accessories: Accessories,
     /// The power at rest, and what has been published.
     at_rest: Power,
     power: Power,
     outputs: Outputs,
     /// The outputs have changed since the shell was told.
-    switches: bool,
+    outputs_changed: bool,
     notices: Notices,
     probe: ProbingCycle,
     probed: Probed,
@@ -145,24 +145,24 @@ impl Motion {
             generator: Generator::new(),
             control: Control::IDLE,
             parking: Parking::new(),
-            is_unsettled: false,
-            begins: false,
+            changed_at_standstill: false,
+            is_first_segment_next: false,
             accessories: Accessories::new(),
             at_rest: Power::OFF,
             power: Power::OFF,
             reset_count: 0,
-            heard: 0,
-            heard_ticks: 0,
+            handled: 0,
+            handled_ticks: 0,
             cancelled_motions: 0,
             reset_in_motion: false,
             has_underrun: false,
             is_critical: false,
-            looks_at_door: false,
+            checks_door: false,
             fault: None,
             is_paused: false,
             dwell_ticks: 0,
             is_dwelling: false,
-            restoring: Restoring::No,
+            restoring: Restoring::None,
             homing: Homing::new(),
             is_homing: false,
             probe: ProbingCycle::new(),
@@ -170,13 +170,13 @@ impl Motion {
                 steps: Axes([0; AXES]),
                 success: false,
             },
-            wait: Wait::Nothing,
-            wake_in_ms: None,
-            releases_drivers: false,
+            delay: Delay::None,
+            delay_ms: None,
+            disables_drivers: false,
             idle_delay_ms: 25,
             hard_limits: false,
             finished: 0,
-            rest: Some(0),
+            standstill: Some(0),
             full: None,
             newest: 0,
             notices: Notices::new(),
@@ -187,7 +187,7 @@ impl Motion {
                 coolant: Coolant::OFF,
                 drivers: false,
             },
-            switches: true,
+            outputs_changed: true,
         }
     }
 
@@ -197,7 +197,7 @@ impl Motion {
     /// The first run must follow: it looks at the door and arms the limit switches.
     pub fn power_up(&mut self, settings: &Settings, inputs: &Inputs) -> Snapshot {
         self.configure(settings, inputs);
-        self.outputs.drivers = settings.idle_delay_ms == standstill::ALWAYS_ON;
+        self.outputs.drivers = settings.idle_delay_ms == delays::ALWAYS_ENABLED;
         if settings.homing || self.is_on_limit() {
             self.control.state = State::Alarm;
         }
@@ -242,8 +242,8 @@ impl Motion {
 
     /// The time from now, ms, at which the shell is to call [`Requests::wake`] and run it again, instead
     /// of at the time asked for before. Without a value, that stays as it is.
-    pub fn take_wait(&mut self) -> Option<u16> {
-        self.wake_in_ms.take()
+    pub fn take_delay_ms(&mut self) -> Option<u16> {
+        self.delay_ms.take()
     }
 
     /// One run. The machine as it is afterwards replaces the `snapshot` of the run before.
@@ -256,36 +256,37 @@ impl Motion {
         events: &mut EventWriter<'_>,
         snapshot: &mut Snapshot,
     ) -> Prepared {
-        let look = self.look(requests, segments);
-        if !self.is_segment_due(look, segments) {
-            return self.attend(requests, inputs, segments, entries, events, snapshot);
+        let context = self.context(requests, segments);
+        if !self.is_segment_due(context, segments) {
+            return self.run_job(requests, inputs, segments, entries, events, snapshot);
         }
-        if self.needs_cell() {
+        if self.needs_sample() {
             // Nothing that anybody sees changes, and what needs the cell follows.
-            self.pace();
+            self.sample_reference();
             return Prepared::AGAIN;
         }
         self.make_segment(inputs, segments, events);
         // Nothing else that is published has changed.
-        let is_still = self.is_still(look);
+        let is_still = self.is_at_standstill(context);
         if self.control.state == State::Alarm {
-            self.guard(inputs, is_still);
+            self.arm_hard_limits(inputs, is_still);
         }
         let is_toggled = self.publish_accessories(segments, snapshot);
         let has_rested = self.publish_progress(is_still, snapshot);
-        let again =
-            is_still || self.goes_on(look, segments) || self.has_more(look, inputs, entries);
+        let again = is_still
+            || self.may_need_segment(context, segments)
+            || self.has_more(context, inputs, entries);
         Prepared {
-            again,
-            start: look.starts(again, events),
-            news: is_toggled || has_rested || requests.awaits(Awaited::SEGMENTS),
-            switches: core::mem::take(&mut self.switches),
+            run_again: again,
+            start_steps: context.starts_steps(again, events),
+            wake_interpret: is_toggled || has_rested || requests.awaits(Awaited::SEGMENTS),
+            outputs_changed: core::mem::take(&mut self.outputs_changed),
         }
     }
 
     /// A run in which no segment is due.
     #[inline(never)]
-    fn attend(
+    fn run_job(
         &mut self,
         requests: &Requests,
         inputs: &Inputs,
@@ -294,60 +295,67 @@ impl Motion {
         events: &mut EventWriter<'_>,
         snapshot: &mut Snapshot,
     ) -> Prepared {
-        let look = self.look(requests, segments);
+        let context = self.context(requests, segments);
         self.inputs = inputs.active();
         let was_dwelling = self.is_dwelling;
-        let unit = self.next_unit(look, requests, inputs, segments, entries);
-        self.begins = unit == Job::Begin;
-        match unit {
-            Job::Nothing | Job::Begin => {}
-            Job::Fail => self.fail(segments),
-            Job::Cut => self.cut(segments, events),
-            Job::Reset => self.reset(requests, segments),
-            Job::Obey => self.obey(requests, segments),
-            Job::Find => self.find(inputs, segments, events),
-            Job::Plan => self.plan_on(),
-            Job::Take => self.take(entries, inputs),
-            Job::Settle => {
+        let job = self.next_job(context, requests, inputs, segments, entries);
+        self.is_first_segment_next = job == Job::FirstSegment;
+        match job {
+            Job::None | Job::FirstSegment => {}
+            Job::Underrun => self.handle_underrun(segments),
+            Job::Halted => self.handle_halted(segments, events),
+            Job::Reset => self.handle_reset(requests, segments),
+            Job::Requests => self.handle_requests(requests, segments),
+            Job::LatchPosition => self.latch_position(inputs, segments, events),
+            Job::Plan => self.continue_planning(),
+            Job::Dequeue => self.dequeue_entry(entries, inputs),
+            Job::Standstill => {
                 let before = self.control;
-                self.settle();
-                self.is_unsettled = self.control != before;
+                self.enter_standstill();
+                self.changed_at_standstill = self.control != before;
             }
         }
-        let is_still = self.is_still(look);
-        self.guard(inputs, is_still);
+        let is_still = self.is_at_standstill(context);
+        self.arm_hard_limits(inputs, is_still);
         if !self.probe.is_active() {
             inputs.disarm_probe();
         }
         let is_toggled = self.publish_accessories(segments, snapshot);
         let has_rested = self.publish_progress(is_still, snapshot);
         let has_changed = self.publish_state(snapshot);
-        let is_awaited = unit == Job::Take && requests.awaits(Awaited::ENTRIES);
-        let again = match unit {
-            Job::Nothing => false,
+        let is_awaited = job == Job::Dequeue && requests.awaits(Awaited::ENTRIES);
+        let again = match job {
+            Job::None => false,
             // What is seldom done: another run looks what follows.
-            Job::Fail | Job::Cut | Job::Reset | Job::Obey | Job::Find | Job::Begin => true,
-            Job::Plan | Job::Take | Job::Settle => {
+            Job::Underrun
+            | Job::Halted
+            | Job::Reset
+            | Job::Requests
+            | Job::LatchPosition
+            | Job::FirstSegment => true,
+            Job::Plan | Job::Dequeue | Job::Standstill => {
                 // Z may have to stop nowhere on its way, so that nothing was to be played.
-                let settles = unit != Job::Settle || self.parking.is_moving() || self.is_unsettled;
+                let settles = job != Job::Standstill
+                    || self.parking.is_moving()
+                    || self.changed_at_standstill;
                 is_still && settles
-                    || self.makes_segment(look, segments)
-                    || self.has_more(look, inputs, entries)
+                    || self.needs_segment(context, segments)
+                    || self.has_more(context, inputs, entries)
             }
         };
         let has_waited = was_dwelling != self.is_dwelling;
         Prepared {
-            again,
-            start: look.starts(again, events),
-            news: is_toggled || has_rested || has_changed || has_waited || is_awaited,
-            switches: core::mem::take(&mut self.switches),
+            run_again: again,
+            start_steps: context.starts_steps(again, events),
+            wake_interpret: is_toggled || has_rested || has_changed || has_waited || is_awaited,
+            outputs_changed: core::mem::take(&mut self.outputs_changed),
         }
     }
 
     /// Everything generated has been played, and the machine is at rest.
     #[inline]
-    fn is_still(&self, look: Context) -> bool {
-        !look.is_running && !self.generator.is_open() && self.rest == Some(look.played)
+    fn is_at_standstill(&self, context: Context) -> bool {
+        !context.is_running && !self.generator.is_open() && self.standstill == Some(context.played)
     }
 
     /// Drops what has not been executed; the machine is at rest and stays where it is.
@@ -363,11 +371,11 @@ impl Motion {
         self.executor.abandon();
         self.smooth.rest();
         self.parking.abandon();
-        self.settle_on_steps();
+        self.snap_to_steps();
     }
 
     /// Makes the whole steps the exact position: `interpret` goes on from there.
-    fn settle_on_steps(&mut self) {
+    fn snap_to_steps(&mut self) {
         self.generator.set_steps(self.generator.steps());
     }
 
@@ -442,13 +450,13 @@ impl Motion {
             return false;
         }
         self.power = power;
-        self.show(power, segments, new)
+        self.switch_outputs(power, segments, new)
     }
 
     /// Switches spindle, laser and coolant, and publishes them.
     #[inline]
-    fn show(&mut self, power: Power, segments: &SegmentRing, new: &mut Snapshot) -> bool {
-        self.switches = true;
+    fn switch_outputs(&mut self, power: Power, segments: &SegmentRing, new: &mut Snapshot) -> bool {
+        self.outputs_changed = true;
         let accessories = &self.accessories;
         segments.inhibit_spindle(accessories.is_spindle_off());
         self.outputs.spindle = accessories.switched(power);
@@ -461,7 +469,7 @@ impl Motion {
         new.coolant = self.outputs.coolant;
         new.coolant_asked = coolant_asked;
         new.coolant_toggles = coolant_toggles;
-        new.news = accessories.news();
+        new.accessory_changes = accessories.changes();
         new.overrides = accessories.overrides();
         is_toggled
     }

@@ -166,18 +166,18 @@ impl Drive {
         if !is_edge && self.sample_due.is_none_or(|due| due > now) {
             return;
         }
-        self.is_prepare_released |= watch.look(closed, inputs, events);
+        self.is_prepare_released |= watch.latch(closed, inputs, events);
         let samples = if is_edge {
             watch.edge()
         } else {
             self.sample_due = None;
             let watched = watch.sample(inputs, requests);
-            if watched.halt {
+            if watched.halt_steps {
                 self.due = None;
                 events.halt(&self.segments);
             }
-            self.is_prepare_released |= watched.prepare;
-            watched.again
+            self.is_prepare_released |= watched.release_prepare;
+            watched.sample_again
         };
         if samples && self.sample_due.is_none() {
             self.sample_due = Some(now + u64::from(SAMPLE_TICKS));
@@ -210,15 +210,15 @@ impl Drive {
             &mut self.snapshot,
         );
         self.snapshot.observe(&self.segments, &self.inputs);
-        self.is_prepare_released = prepared.again;
-        self.has_news |= prepared.news;
-        if prepared.switches
-            && let Some(milliseconds) = self.motion.take_wait()
+        self.is_prepare_released = prepared.run_again;
+        self.has_news |= prepared.wake_interpret;
+        if prepared.outputs_changed
+            && let Some(milliseconds) = self.motion.take_delay_ms()
         {
             self.wake_due = Some(now + u64::from(milliseconds) * u64::from(TICKS_PER_MS));
         }
         let outputs = self.motion.outputs();
-        let duty = if self.segments.is_running() || prepared.start {
+        let duty = if self.segments.is_running() || prepared.start_steps {
             self.outputs.duty
         } else {
             outputs.duty
@@ -227,7 +227,7 @@ impl Drive {
         if let Some(missed) = events.appended_late(&self.segments) {
             events.append(missed);
         }
-        if prepared.start {
+        if prepared.start_steps {
             self.start(now);
         }
         true

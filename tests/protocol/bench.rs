@@ -113,7 +113,7 @@ impl Bench {
         }
         while let Some(command) = self.requests.take_override() {
             self.machine.overrides = self.machine.overrides.after(command);
-            self.machine.news = self.machine.news.wrapping_add(1);
+            self.machine.accessory_changes = self.machine.accessory_changes.wrapping_add(1);
         }
         while self.machine.state != State::HoldComplete && !self.withholds {
             let Some(entry) = self.entries.dequeue() else {
@@ -171,7 +171,7 @@ impl Bench {
             }
             Work::EndOverrides => {
                 machine.overrides = Overrides::NONE;
-                machine.news = machine.news.wrapping_add(1);
+                machine.accessory_changes = machine.accessory_changes.wrapping_add(1);
             }
             Work::Home(_) => {
                 if let Some(alarm) = self.homing_fails {
@@ -187,11 +187,11 @@ impl Bench {
             Work::Spindle(spindle, rpm) => {
                 machine.spindle = *spindle;
                 machine.spindle_rpm = *rpm;
-                machine.news = machine.news.wrapping_add(1);
+                machine.accessory_changes = machine.accessory_changes.wrapping_add(1);
             }
             Work::Coolant(coolant) => {
                 machine.coolant = *coolant;
-                machine.news = machine.news.wrapping_add(1);
+                machine.accessory_changes = machine.accessory_changes.wrapping_add(1);
             }
             Work::Dwell(_) | Work::Configure(_) => {}
         }

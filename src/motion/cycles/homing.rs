@@ -9,14 +9,14 @@
 //! ```
 //!
 //! Each axis has a speed of its own, so that one that finds its switch slows down while the others
-//! go on; a switch stops nothing dead. How far it is pulled off counts from where the switch closed.
+//! go on; a switch stops nothing dead. How far it is pulled off segments from where the switch closed.
 //! A pause of `$26` follows each motion, as in Grbl: from when the last switch closed, so that braking
 //! is part of it, or from the end of the pull-off. Read with Grbl 1.1 `limits.c`, `limits_go_home`.
 
-mod rules;
-mod run;
+mod axis_profile;
+mod parameters;
 
-use self::{rules::Rules, run::Run};
+use self::{axis_profile::AxisProfile, parameters::HomingParameters};
 use crate::{
     axis::{AXES, Z},
     machine::{Inputs, SAMPLE_TICKS, SAMPLES},
@@ -35,9 +35,9 @@ const SEARCH_TRAVELS: f32 = 1.5;
 const LOCATE_PULL_OFFS: f32 = 5.0;
 /// Time from the last segment of a motion to when it has been played and the switches have been
 /// seen: what is prepared ahead, and the filter.
-const SETTLE_TICKS: u64 = (QUEUED_AHEAD_TICKS + 3 * SEGMENT_TICKS) as u64;
+const LATENCY_TICKS: u64 = (QUEUED_AHEAD_TICKS + 3 * SEGMENT_TICKS) as u64;
 /// The axes that a cycle homes unless it is told others: rotary axes have a switch only sometimes.
-const ALL: u8 = 0b111;
+const LINEAR_AXES: u8 = 0b111;
 
 /// What the axes are doing.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -75,17 +75,17 @@ impl HomingStage {
 /// The homing cycle.
 #[derive(Debug)]
 pub struct Homing {
-    rules: Rules,
-    axes: [Run; AXES],
+    parameters: HomingParameters,
+    axes: [AxisProfile; AXES],
     /// Axes that are homed now, and those to be homed after them.
-    group: u8,
-    later: u8,
+    current_axes: u8,
+    later_axes: u8,
     stage: HomingStage,
     /// Standstill generated since the last motion, ticks.
-    rest_ticks: u64,
+    standstill_ticks: u64,
     /// What is left of the pause before the next stage, ticks.
-    pause_ticks: u64,
-    failure: Option<Alarm>,
+    debounce_ticks: u64,
+    alarm: Option<Alarm>,
 }
 
 impl Homing {
@@ -93,31 +93,31 @@ impl Homing {
     #[must_use]
     pub const fn new() -> Self {
         Self {
-            rules: Rules::NONE,
-            axes: [Run::NONE; AXES],
-            group: 0,
-            later: 0,
+            parameters: HomingParameters::NONE,
+            axes: [AxisProfile::NONE; AXES],
+            current_axes: 0,
+            later_axes: 0,
             stage: HomingStage::Idle,
-            rest_ticks: 0,
-            pause_ticks: 0,
-            failure: None,
+            standstill_ticks: 0,
+            debounce_ticks: 0,
+            alarm: None,
         }
     }
 
     /// Takes over the settings.
     pub fn configure(&mut self, settings: &Settings) {
-        self.rules = Rules::new(settings);
+        self.parameters = HomingParameters::new(settings);
     }
 
     /// Begins a cycle, at rest: these axes together, bit 0 = X; with 0, Z and then X and Y.
     pub fn begin(&mut self, axes: u8, inputs: &Inputs, generator: &Generator) {
-        self.failure = None;
+        self.alarm = None;
         if axes == 0 {
-            self.group = 1 << Z;
-            self.later = ALL & !self.group;
+            self.current_axes = 1 << Z;
+            self.later_axes = LINEAR_AXES & !self.current_axes;
         } else {
-            self.group = axes & ((1 << AXES) - 1);
-            self.later = 0;
+            self.current_axes = axes & ((1 << AXES) - 1);
+            self.later_axes = 0;
         }
         self.enter(HomingStage::Search, inputs, generator);
     }
@@ -137,28 +137,34 @@ impl Homing {
         let position = generator.position();
         // wcet-bound: axes
         for (axis, run) in self.axes.iter_mut().enumerate() {
-            run.brake(position[axis], self.rules.acceleration[axis]);
+            run.brake(position[axis], self.parameters.acceleration[axis]);
         }
     }
 
     /// An axis that has come to its switch, which is not known yet.
     #[must_use]
-    pub fn has_found(&self, inputs: &Inputs) -> Option<usize> {
+    pub fn latched_axis(&self, inputs: &Inputs) -> Option<usize> {
         if !self.stage.is_approach() {
             return None;
         }
         let active = inputs.active();
         // wcet-bound: axes
         self.axes.iter().enumerate().position(|(axis, run)| {
-            let is_group = self.group >> axis & 1 != 0;
+            let is_group = self.current_axes >> axis & 1 != 0;
             is_group && !run.is_found && active.has(Levels::limits(1 << axis))
         })
     }
 
     /// The switch of an axis that has come to it is `there`: the axis slows down.
-    pub fn find(&mut self, axis: usize, there: i32, segments: &SegmentRing, generator: &Generator) {
+    pub fn latch(
+        &mut self,
+        axis: usize,
+        there: i32,
+        segments: &SegmentRing,
+        generator: &Generator,
+    ) {
         let position = generator.position();
-        let acceleration = self.rules.acceleration;
+        let acceleration = self.parameters.acceleration;
         if let Some(run) = self.axes.get_mut(axis) {
             run.switch = there;
             run.is_found = true;
@@ -170,7 +176,7 @@ impl Homing {
                 .clock_ticks()
                 .wrapping_sub(segments.played_start_ticks());
             let passed = u64::from(ahead) + u64::from(SAMPLES * SAMPLE_TICKS);
-            self.pause_ticks = self.rules.debounce_ticks.saturating_sub(passed);
+            self.debounce_ticks = self.parameters.debounce_ticks.saturating_sub(passed);
         }
     }
 
@@ -180,13 +186,13 @@ impl Homing {
         self.axes
             .iter()
             .enumerate()
-            .all(|(axis, run)| run.is_found || self.group >> axis & 1 == 0)
+            .all(|(axis, run)| run.is_found || self.current_axes >> axis & 1 == 0)
     }
 
     /// Ends the cycle at once: after a fault.
     pub fn abandon(&mut self) {
         self.stage = HomingStage::Idle;
-        self.failure = None;
+        self.alarm = None;
     }
 
     /// Makes the next segment, with the power that the spindle has; false at the end of the cycle.
@@ -199,7 +205,7 @@ impl Homing {
         segment: &mut Segment,
     ) -> bool {
         if !self.is_moving(generator) {
-            self.turn(inputs, generator);
+            self.next_stage(inputs, generator);
         }
         if self.stage == HomingStage::Idle
             || self.stage == HomingStage::Stop && !self.is_moving(generator)
@@ -209,24 +215,24 @@ impl Homing {
         }
         let is_moving = self.is_moving(generator);
         if is_moving {
-            self.rest_ticks = 0;
+            self.standstill_ticks = 0;
         } else {
-            self.rest_ticks += u64::from(SEGMENT_TICKS);
+            self.standstill_ticks += u64::from(SEGMENT_TICKS);
         }
         // From when the switches closed, or from rest.
         if self.is_found() && (self.stage.is_approach() || !is_moving) {
-            let pause = self.pause_ticks.saturating_sub(SEGMENT_TICKS.into());
-            self.pause_ticks = pause;
+            let pause = self.debounce_ticks.saturating_sub(SEGMENT_TICKS.into());
+            self.debounce_ticks = pause;
         }
         segment.power = power;
-        self.make(generator, segment);
+        self.move_axes(generator, segment);
         true
     }
 
     /// Takes why the cycle that has ended failed.
     #[must_use]
-    pub fn take_failure(&mut self) -> Option<Alarm> {
-        self.failure.take()
+    pub fn take_alarm(&mut self) -> Option<Alarm> {
+        self.alarm.take()
     }
 
     fn is_moving(&self, generator: &Generator) -> bool {
@@ -236,7 +242,7 @@ impl Homing {
         axes.any(|(run, position)| run.target != *position)
     }
 
-    fn make(&mut self, generator: &Generator, segment: &mut Segment) {
+    fn move_axes(&mut self, generator: &Generator, segment: &mut Segment) {
         let position = generator.position();
         let mut speed_sqr = 0.0;
         // wcet-bound: axes
@@ -246,8 +252,9 @@ impl Homing {
                 acceleration: 0.0,
             };
             if run.target != position[axis] {
-                segment.axes[axis] = run.advance(position[axis], self.rules.acceleration[axis]);
-                let speed_mm_s = run.speed / self.rules.steps_per_mm[axis];
+                segment.axes[axis] =
+                    run.advance(position[axis], self.parameters.acceleration[axis]);
+                let speed_mm_s = run.speed / self.parameters.steps_per_mm[axis];
                 speed_sqr += speed_mm_s * speed_mm_s;
             }
         }
@@ -257,18 +264,18 @@ impl Homing {
     }
 
     /// Goes on to the next stage, if that is due. The axes stand.
-    fn turn(&mut self, inputs: &Inputs, generator: &mut Generator) {
-        if self.rest_ticks < SETTLE_TICKS {
+    fn next_stage(&mut self, inputs: &Inputs, generator: &mut Generator) {
+        if self.standstill_ticks < LATENCY_TICKS {
             return;
         }
-        let is_closed = inputs.active().has(Levels::limits(self.group));
+        let is_closed = inputs.active().has(Levels::limits(self.current_axes));
         if self.stage.is_approach() && !self.is_found() {
             self.fail(Alarm::HomingNotFound);
         }
         if self.stage.is_pull_off() && is_closed {
             self.fail(Alarm::HomingPullOff);
         }
-        if self.pause_ticks > 0 {
+        if self.debounce_ticks > 0 {
             return;
         }
         match self.stage {
@@ -281,7 +288,7 @@ impl Homing {
     }
 
     fn fail(&mut self, alarm: Alarm) {
-        self.failure = Some(alarm);
+        self.alarm = Some(alarm);
         self.stage = HomingStage::Stop;
     }
 
@@ -290,14 +297,14 @@ impl Homing {
         let mut steps = generator.steps();
         // wcet-bound: axes
         for (axis, steps) in steps.iter_mut().enumerate() {
-            if self.group >> axis & 1 != 0 {
-                *steps = self.rules.home(axis);
+            if self.current_axes >> axis & 1 != 0 {
+                *steps = self.parameters.home(axis);
             }
         }
         generator.set_steps(steps);
-        self.group = self.later;
-        self.later = 0;
-        let next = if self.group == 0 {
+        self.current_axes = self.later_axes;
+        self.later_axes = 0;
+        let next = if self.current_axes == 0 {
             HomingStage::Idle
         } else {
             HomingStage::Search
@@ -308,16 +315,16 @@ impl Homing {
     /// Begins a stage: gives every axis its target.
     fn enter(&mut self, stage: HomingStage, inputs: &Inputs, generator: &Generator) {
         self.stage = stage;
-        self.rest_ticks = 0;
-        self.pause_ticks = self.rules.debounce_ticks;
+        self.standstill_ticks = 0;
+        self.debounce_ticks = self.parameters.debounce_ticks;
         let position = generator.position();
-        let farthest_mm = self.farthest_mm();
+        let farthest_mm = self.search_mm();
         let active = inputs.active();
-        let rules = self.rules;
+        let rules = self.parameters;
         // wcet-bound: axes
         for (axis, run) in self.axes.iter_mut().enumerate() {
             let here = position[axis].nearest().0;
-            let is_group = self.group >> axis & 1 != 0;
+            let is_group = self.current_axes >> axis & 1 != 0;
             let is_closed = active.has(Levels::limits(1 << axis));
             if stage.is_approach() {
                 run.is_found = is_closed;
@@ -325,13 +332,13 @@ impl Homing {
             }
             let target = if stage.is_pull_off() {
                 run.switch
-                    .wrapping_sub(rules.towards(axis, rules.pull_off_mm))
+                    .wrapping_sub(rules.towards_switch(axis, rules.pull_off_mm))
             } else if is_closed {
                 here
             } else if stage == HomingStage::Search {
-                here.saturating_add(rules.towards(axis, farthest_mm))
+                here.saturating_add(rules.towards_switch(axis, farthest_mm))
             } else if stage == HomingStage::Locate {
-                here.wrapping_add(rules.towards(axis, LOCATE_PULL_OFFS * rules.pull_off_mm))
+                here.wrapping_add(rules.towards_switch(axis, LOCATE_PULL_OFFS * rules.pull_off_mm))
             } else {
                 here
             };
@@ -350,11 +357,11 @@ impl Homing {
     }
 
     /// How far the switches of the group are searched, mm: as far as the longest axis needs.
-    fn farthest_mm(&self) -> f32 {
+    fn search_mm(&self) -> f32 {
         let mut travel_mm = 0.0;
         // wcet-bound: axes
-        for (axis, travel) in self.rules.travel_mm.iter().enumerate() {
-            if self.group >> axis & 1 != 0 {
+        for (axis, travel) in self.parameters.travel_mm.iter().enumerate() {
+            if self.current_axes >> axis & 1 != 0 {
                 travel_mm = math::max(travel_mm, *travel);
             }
         }

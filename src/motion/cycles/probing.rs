@@ -52,12 +52,12 @@ impl ProbingCycle {
     }
 
     /// Whether it has changed, and where is not known yet.
-    pub(crate) fn has_found(&self, inputs: &Inputs) -> bool {
-        self.is_active() && self.contact.is_none() && inputs.contact().is_some()
+    pub(crate) fn has_latched(&self, inputs: &Inputs) -> bool {
+        self.is_active() && self.contact.is_none() && inputs.probe_latch().is_some()
     }
 
     /// It has changed there.
-    pub(crate) fn find(&mut self, there: Axes<i32>) {
+    pub(crate) fn latch(&mut self, there: Axes<i32>) {
         self.contact = Some(there);
     }
 

@@ -17,19 +17,19 @@ impl Motion {
 
     /// Begins a homing cycle, at rest; whether the state allows it.
     pub(super) fn begin_homing(&mut self, axes: u8, inputs: &Inputs) -> bool {
-        self.on(Event::Home);
+        self.transition(Event::Home);
         if self.control.state != State::Home {
             return false;
         }
         self.is_homing = true;
         self.homing.begin(axes, inputs, &self.generator);
-        self.need_drivers();
+        self.enable_drivers();
         true
     }
 
     /// The next segment of homing: a laser is dark, as nothing is to be burnt on that way.
     #[inline(never)]
-    pub(super) fn next_of_homing(&mut self, inputs: &Inputs) -> bool {
+    pub(super) fn homing_segment(&mut self, inputs: &Inputs) -> bool {
         let power = if self.accessories.is_laser() {
             Power::OFF
         } else {
@@ -63,21 +63,24 @@ impl Motion {
 
     /// Whether the input interrupt has seen what a cycle looks for.
     #[inline(never)]
-    pub(super) fn has_found(&self, inputs: &Inputs) -> bool {
-        self.probe.has_found(inputs) || self.homing.has_found(inputs).is_some()
+    pub(super) fn has_latched(&self, inputs: &Inputs) -> bool {
+        self.probe.has_latched(inputs) || self.homing.latched_axis(inputs).is_some()
     }
 
     /// Finds where the axes were when the probe or one limit switch changed. Comes before segments
     /// that are made in advance: these overwrite the events that tell it.
     #[inline(never)]
-    pub(super) fn find(
+    pub(super) fn latch_position(
         &mut self,
         inputs: &Inputs,
         segments: &SegmentRing,
         events: &EventWriter<'_>,
     ) {
-        let axis = self.homing.has_found(inputs);
-        let output = axis.map_or_else(|| inputs.contact(), |axis| Some(inputs.reached(axis)));
+        let axis = self.homing.latched_axis(inputs);
+        let output = axis.map_or_else(
+            || inputs.probe_latch(),
+            |axis| Some(inputs.limit_latch(axis)),
+        );
         let Some(output) = output else {
             return;
         };
@@ -86,8 +89,8 @@ impl Motion {
         match axis {
             Some(axis) => self
                 .homing
-                .find(axis, there[axis], segments, &self.generator),
-            None => self.probe.find(there),
+                .latch(axis, there[axis], segments, &self.generator),
+            None => self.probe.latch(there),
         }
     }
 
@@ -98,9 +101,9 @@ impl Motion {
             self.is_homing = false;
             self.finished = self.finished.wrapping_add(1);
             if self.control.state == State::Home {
-                match self.homing.take_failure() {
+                match self.homing.take_alarm() {
                     Some(alarm) => self.alarm(alarm),
-                    None => self.on(Event::Unlock),
+                    None => self.transition(Event::Unlock),
                 }
             }
         }
@@ -123,16 +126,16 @@ impl Motion {
         self.plan.clear();
         self.executor.abandon();
         self.smooth.rest();
-        self.settle_on_steps();
+        self.snap_to_steps();
     }
 
     /// Says whether limit switches stop the machine from now on: not those that homing looks for,
     /// nor at rest in alarm. A machine that slows down in alarm is stopped.
-    pub(super) fn guard(&self, inputs: &Inputs, is_still: bool) {
+    pub(super) fn arm_hard_limits(&self, inputs: &Inputs, is_still: bool) {
         let is_locked = self.control.state == State::Alarm;
         let is_safe =
             self.control.state == State::Home || is_locked && (self.homing.is_active() || is_still);
-        inputs.guard(if self.hard_limits && !is_safe {
+        inputs.arm_limits(if self.hard_limits && !is_safe {
             Levels::limits((1 << AXES) - 1)
         } else {
             Levels::NONE
@@ -143,13 +146,13 @@ impl Motion {
     /// the steps ended.
     #[cold]
     #[inline(never)]
-    pub(super) fn cut(&mut self, segments: &SegmentRing, events: &mut EventWriter<'_>) {
+    pub(super) fn handle_halted(&mut self, segments: &SegmentRing, events: &mut EventWriter<'_>) {
         self.generator.discard_unplayed(segments, events);
         self.homing.abandon();
-        self.drop_wait();
+        self.cancel_pause();
         self.drop_plan();
         // A standstill that ends the pulses.
-        self.rest = None;
+        self.standstill = None;
         if !self.is_critical {
             self.alarm(Alarm::HardLimit);
         }

@@ -8,7 +8,7 @@
 //!
 //! Segments are what most runs make, and what the proof of the timing is about. So these runs look at
 //! little besides ([`Motion::is_segment_due`]) and publish little; all others are one function apart
-//! ([`Motion::attend`]). At rest no segment is due: one of the others says that the next run makes one.
+//! ([`Motion::run_job`]). At rest no segment is due: one of the others says that the next run makes one.
 
 use heapless::spsc::Consumer;
 
@@ -23,31 +23,31 @@ use crate::{
 
 /// Motion played from one look at what has been asked for to the next that comes before a segment which
 /// is needed, ticks: so a flood of bytes does not have the queue run dry. Others come where there is time.
-const PATIENCE_TICKS: u32 = 5 * TICKS_PER_MS;
+const REQUEST_INTERVAL_TICKS: u32 = 5 * TICKS_PER_MS;
 
 /// What a run does that makes neither a segment nor a cell of the reference for one.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Job {
     /// There is nothing to do.
-    Nothing,
+    None,
     /// The step interrupt ran out of events in motion.
-    Fail,
+    Underrun,
     /// A limit switch has stopped the step interrupt.
-    Cut,
+    Halted,
     /// A reset.
     Reset,
     /// Requests.
-    Obey,
+    Requests,
     /// The position where the probe, or a limit switch, has changed.
-    Find,
+    LatchPosition,
     /// A part of planning anew.
     Plan,
     /// One entry.
-    Take,
+    Dequeue,
     /// A first segment comes next.
-    Begin,
+    FirstSegment,
     /// The state that follows from being at rest.
-    Settle,
+    Standstill,
 }
 
 /// What a run finds at its beginning: whoever changes it later releases another run.
@@ -58,14 +58,14 @@ pub(super) struct Context {
     /// The step timer runs.
     pub(super) is_running: bool,
     /// Something has been asked for.
-    is_asked: bool,
+    has_requests: bool,
 }
 
 impl Context {
     /// Whether the step timer is to be started: not before as much is ahead as can be, so that no
     /// short segment ends while others are made.
     #[inline]
-    pub(super) fn starts(self, again: bool, events: &EventWriter<'_>) -> bool {
+    pub(super) fn starts_steps(self, again: bool, events: &EventWriter<'_>) -> bool {
         !self.is_running && !again && events.has_pending()
     }
 }
@@ -73,74 +73,78 @@ impl Context {
 impl Motion {
     /// What a run begins with.
     #[inline]
-    pub(super) fn look(&self, requests: &Requests, segments: &SegmentRing) -> Context {
+    pub(super) fn context(&self, requests: &Requests, segments: &SegmentRing) -> Context {
         Context {
             played: segments.played_start_ticks(),
             is_running: segments.is_running(),
-            is_asked: requests.reset_count() != self.reset_count || requests.asked() != self.heard,
+            has_requests: requests.reset_count() != self.reset_count
+                || requests.asked() != self.handled,
         }
     }
 
     /// Whether a segment is needed, before everything else.
     #[inline]
-    pub(super) fn is_segment_due(&self, look: Context, segments: &SegmentRing) -> bool {
-        let precedes = if look.is_running || self.generator.is_open() {
-            !look.is_asked || self.has_just_heard(look.played)
+    pub(super) fn is_segment_due(&self, context: Context, segments: &SegmentRing) -> bool {
+        let precedes = if context.is_running || self.generator.is_open() {
+            !context.has_requests || self.has_just_handled(context.played)
         } else {
-            self.begins && !look.is_asked
+            self.is_first_segment_next && !context.has_requests
         };
-        let is_stopped = segments.has_underrun() || !look.is_running && segments.is_halted();
-        precedes && !is_stopped && (self.is_begun() || self.begins) && self.has_room(look, segments)
+        let is_stopped = segments.has_underrun() || !context.is_running && segments.is_halted();
+        precedes
+            && !is_stopped
+            && (self.is_in_motion() || self.is_first_segment_next)
+            && self.has_room(context, segments)
     }
 
     /// What is to be done when no segment is due.
     #[inline]
-    pub(super) fn next_unit(
+    pub(super) fn next_job(
         &self,
-        look: Context,
+        context: Context,
         requests: &Requests,
         inputs: &Inputs,
         segments: &SegmentRing,
         entries: &Consumer<'_, Entry>,
     ) -> Job {
         if segments.has_underrun() {
-            Job::Fail
-        } else if !look.is_running && segments.is_halted() {
-            Job::Cut
+            Job::Underrun
+        } else if !context.is_running && segments.is_halted() {
+            Job::Halted
         } else if requests.reset_count() != self.reset_count {
             Job::Reset
-        } else if look.is_asked {
-            Job::Obey
-        } else if self.is_in_cycle() && self.has_found(inputs) {
-            Job::Find
+        } else if context.has_requests {
+            Job::Requests
+        } else if self.is_in_cycle() && self.has_latched(inputs) {
+            Job::LatchPosition
         } else if self.plan.is_unfinished() {
             Job::Plan
-        } else if self.takes_next(look, entries) {
-            Job::Take
-        } else if look.is_running || self.generator.is_open() {
+        } else if self.can_dequeue_next(context, entries) {
+            Job::Dequeue
+        } else if context.is_running || self.generator.is_open() {
             // It would be due.
-            Job::Nothing
-        } else if self.makes_segment(look, segments) {
-            Job::Begin
-        } else if self.is_still(look) {
-            Job::Settle
+            Job::None
+        } else if self.needs_segment(context, segments) {
+            Job::FirstSegment
+        } else if self.is_at_standstill(context) {
+            Job::Standstill
         } else {
-            Job::Nothing
+            Job::None
         }
     }
 
     /// Whether what is asked for waits for segments.
     #[inline]
-    fn has_just_heard(&self, played: u32) -> bool {
-        played.wrapping_sub(self.heard_ticks) < PATIENCE_TICKS
+    fn has_just_handled(&self, played: u32) -> bool {
+        played.wrapping_sub(self.handled_ticks) < REQUEST_INTERVAL_TICKS
     }
 
     /// Lets the last request seem no longer ago than matters: the clock of the motion comes round. Once
     /// in a segment.
     #[inline]
-    pub(super) fn forget_heard(&mut self, played: u32) {
-        if !self.has_just_heard(played) {
-            self.heard_ticks = played.wrapping_sub(PATIENCE_TICKS);
+    pub(super) fn age_handled(&mut self, played: u32) {
+        if !self.has_just_handled(played) {
+            self.handled_ticks = played.wrapping_sub(REQUEST_INTERVAL_TICKS);
         }
     }
 
@@ -152,60 +156,60 @@ impl Motion {
     )]
     pub(super) fn has_more(
         &self,
-        look: Context,
+        context: Context,
         inputs: &Inputs,
         entries: &Consumer<'_, Entry>,
     ) -> bool {
-        look.is_asked
+        context.has_requests
             || self.plan.is_unfinished()
-            || self.is_in_cycle() && self.has_found(inputs)
-            || self.takes_next(look, entries)
+            || self.is_in_cycle() && self.has_latched(inputs)
+            || self.can_dequeue_next(context, entries)
     }
 
     /// Whether there is an entry that can be taken now.
     #[inline(always)]
     #[expect(clippy::inline_always, reason = "as for `has_more`")]
-    fn takes_next(&self, look: Context, entries: &Consumer<'_, Entry>) -> bool {
+    fn can_dequeue_next(&self, context: Context, entries: &Consumer<'_, Entry>) -> bool {
         let Some(entry) = entries.peek() else {
             return false;
         };
-        !self.has_no_place(entry) && self.takes(entry, self.is_still(look))
+        !self.is_move_without_room(entry) && self.can_dequeue(entry, self.is_at_standstill(context))
     }
 
     /// Whether a cell has to be made for the next segment first.
     #[inline]
-    pub(super) fn needs_cell(&self) -> bool {
+    pub(super) fn needs_sample(&self) -> bool {
         !self.generator.is_open() && self.smooth.needs_cell() && self.follows_plan()
     }
 
     /// Whether a segment can be made now, if there is motion for it.
     #[inline]
-    pub(super) fn has_room(&self, look: Context, segments: &SegmentRing) -> bool {
+    pub(super) fn has_room(&self, context: Context, segments: &SegmentRing) -> bool {
         if self.generator.is_open() {
-            return self.full != Some(look.played);
+            return self.full != Some(context.played);
         }
-        let ahead = self.generator.clock_ticks().wrapping_sub(look.played);
+        let ahead = self.generator.clock_ticks().wrapping_sub(context.played);
         // A segment that had to be stretched may last longer than that, and still needs another.
-        let is_ahead = ahead >= QUEUED_AHEAD_TICKS && look.played != self.newest;
+        let is_ahead = ahead >= QUEUED_AHEAD_TICKS && context.played != self.newest;
         !is_ahead && segments.has_room()
     }
 
     /// Whether another segment may have to be made after one: not behind a standstill that is still to
     /// be played, so that what follows begins with as much ahead as any start has.
     #[inline]
-    pub(super) fn goes_on(&self, look: Context, segments: &SegmentRing) -> bool {
-        (self.is_begun() || !look.is_running) && self.has_room(look, segments)
+    pub(super) fn may_need_segment(&self, context: Context, segments: &SegmentRing) -> bool {
+        (self.is_in_motion() || !context.is_running) && self.has_room(context, segments)
     }
 
     /// Whether a segment can be made now, and is to be.
     #[inline]
-    pub(super) fn makes_segment(&self, look: Context, segments: &SegmentRing) -> bool {
-        self.goes_on(look, segments) && (self.is_begun() || self.has_motion())
+    pub(super) fn needs_segment(&self, context: Context, segments: &SegmentRing) -> bool {
+        self.may_need_segment(context, segments) && (self.is_in_motion() || self.has_motion())
     }
 
     /// Whether the last segment has been begun only, or is none of standstill.
     #[inline]
-    const fn is_begun(&self) -> bool {
-        self.generator.is_open() || self.rest.is_none()
+    const fn is_in_motion(&self) -> bool {
+        self.generator.is_open() || self.standstill.is_none()
     }
 }

@@ -30,11 +30,11 @@ use crate::{
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum ParkingStage {
     /// Where the work is.
-    Work,
+    AtWork,
     PullOut,
-    Away,
+    ToTarget,
     Parked,
-    Back,
+    AtWaypoint,
     Waypoint,
     Plunge,
     /// The door was opened on the way back: coming to rest, to be parked again.
@@ -65,7 +65,7 @@ impl Parking {
         Self {
             plan: Plan::new(),
             executor: Executor::new(),
-            stage: ParkingStage::Work,
+            stage: ParkingStage::AtWork,
             is_enabled: false,
             target: FineSteps(0),
             pull_out: 0,
@@ -98,23 +98,23 @@ impl Parking {
 
     /// Whether Z is not where the work is.
     pub(super) fn is_away(&self) -> bool {
-        self.stage != ParkingStage::Work
+        self.stage != ParkingStage::AtWork
     }
 
     /// Whether Z is on its way.
     pub(super) fn is_moving(&self) -> bool {
         match self.stage {
-            ParkingStage::Work | ParkingStage::Parked | ParkingStage::Waypoint => false,
+            ParkingStage::AtWork | ParkingStage::Parked | ParkingStage::Waypoint => false,
             ParkingStage::PullOut
-            | ParkingStage::Away
-            | ParkingStage::Back
+            | ParkingStage::ToTarget
+            | ParkingStage::AtWaypoint
             | ParkingStage::Plunge
             | ParkingStage::Stop => true,
         }
     }
 
     /// Whether there is something to play on the way.
-    pub(super) fn has_motion(&self, ending: Ending) -> bool {
+    pub(super) fn has_segment(&self, ending: Ending) -> bool {
         let has_way = !self.plan.is_empty();
         has_way && (!self.stops(ending) || self.executor.is_moving())
     }
@@ -128,13 +128,13 @@ impl Parking {
     pub(super) fn abandon(&mut self) {
         self.plan.clear();
         self.executor.abandon();
-        self.stage = ParkingStage::Work;
+        self.stage = ParkingStage::AtWork;
     }
 
     /// Begins to park from `z`, if that is possible.
     fn begin(&mut self, z: FineSteps) -> bool {
         match self.stage {
-            ParkingStage::Work => {
+            ParkingStage::AtWork => {
                 if !self.is_enabled || z.0 >= self.target.0 {
                     return false;
                 }
@@ -143,10 +143,10 @@ impl Parking {
                 self.waypoint = FineSteps(waypoint.min(self.target.0));
                 self.pull_out_from(z);
             }
-            ParkingStage::Back | ParkingStage::Plunge => self.stage = ParkingStage::Stop,
+            ParkingStage::AtWaypoint | ParkingStage::Plunge => self.stage = ParkingStage::Stop,
             ParkingStage::Waypoint => self.pull_out_from(z),
             ParkingStage::PullOut
-            | ParkingStage::Away
+            | ParkingStage::ToTarget
             | ParkingStage::Parked
             | ParkingStage::Stop => {}
         }
@@ -156,11 +156,11 @@ impl Parking {
     fn pull_out_from(&mut self, z: FineSteps) {
         self.stage = ParkingStage::PullOut;
         if z.0 < self.waypoint.0 {
-            self.go(z, self.waypoint, self.slow_mm_s);
+            self.move_to(z, self.waypoint, self.slow_mm_s);
         }
     }
 
-    fn go(&mut self, from: FineSteps, to: FineSteps, mm_s: f32) {
+    fn move_to(&mut self, from: FineSteps, to: FineSteps, mm_s: f32) {
         let delta = to.0.wrapping_sub(from.0);
         // To a 4096th of a step: the length only sets the pace.
         let steps = (delta.unsigned_abs() >> 20) as u32 as f32 / 4096.0;
@@ -210,8 +210,8 @@ impl Motion {
         let is_parked = self.parking.stage == ParkingStage::Parked;
         if is_parked {
             let (z, to) = (self.generator.position()[Z], self.parking.waypoint);
-            self.parking.stage = ParkingStage::Back;
-            self.parking.go(z, to, self.parking.fast_mm_s);
+            self.parking.stage = ParkingStage::AtWaypoint;
+            self.parking.move_to(z, to, self.parking.fast_mm_s);
         }
         is_parked
     }
@@ -222,33 +222,33 @@ impl Motion {
         if is_above {
             let (z, to) = (self.generator.position()[Z], self.parking.work);
             self.parking.stage = ParkingStage::Plunge;
-            self.parking.go(z, to, self.parking.slow_mm_s);
+            self.parking.move_to(z, to, self.parking.slow_mm_s);
         }
         is_above
     }
 
     /// Z has come to rest.
-    pub(super) fn go_on_parking(&mut self) {
+    pub(super) fn next_parking_stage(&mut self) {
         let z = self.generator.position()[Z];
         match self.parking.stage {
-            ParkingStage::Work | ParkingStage::Parked | ParkingStage::Waypoint => {}
+            ParkingStage::AtWork | ParkingStage::Parked | ParkingStage::Waypoint => {}
             ParkingStage::PullOut => {
                 self.accessories.suspend();
-                self.parking.stage = ParkingStage::Away;
+                self.parking.stage = ParkingStage::ToTarget;
                 let (to, speed) = (self.parking.target, self.parking.fast_mm_s);
-                self.parking.go(z, to, speed);
+                self.parking.move_to(z, to, speed);
             }
-            ParkingStage::Away => {
+            ParkingStage::ToTarget => {
                 self.parking.stage = ParkingStage::Parked;
-                self.on(Event::Parked);
+                self.transition(Event::Parked);
             }
-            ParkingStage::Back => {
+            ParkingStage::AtWaypoint => {
                 self.parking.stage = ParkingStage::Waypoint;
                 self.begin_restoring();
             }
             ParkingStage::Plunge => {
                 self.parking.abandon();
-                self.on(Event::Restored);
+                self.transition(Event::Restored);
             }
             ParkingStage::Stop => {
                 self.parking.plan.clear();
@@ -269,7 +269,7 @@ impl Motion {
             return false;
         }
         self.segment.power = self.accessories.power_at_rest();
-        self.need_drivers();
+        self.enable_drivers();
         true
     }
 

@@ -31,8 +31,8 @@ impl Session {
     /// Takes over what has changed at the machine, and makes the next status report show it.
     pub(super) fn look_at(&mut self, machine: &Snapshot) {
         let seen = &mut self.seen;
-        if seen.news != machine.news {
-            seen.news = machine.news;
+        if seen.news != machine.accessory_changes {
+            seen.news = machine.accessory_changes;
             self.cadence.overrides_changed();
         }
         if seen.coolant_toggles != machine.coolant_toggles {

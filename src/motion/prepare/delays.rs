@@ -4,49 +4,49 @@ use super::Motion;
 use crate::machine::Event;
 
 /// `$1` of drivers that are never released.
-pub(super) const ALWAYS_ON: u8 = 255;
+pub(super) const ALWAYS_ENABLED: u8 = 255;
 /// Time for the spindle to come up to speed after the safety door was open, ms, as in Grbl.
-const SPINDLE_MS: u16 = 4000;
+const SPINDLE_DELAY_MS: u16 = 4000;
 /// Time for the coolant to flow after the safety door was open, ms, as in Grbl.
-const COOLANT_MS: u16 = 1000;
+const COOLANT_DELAY_MS: u16 = 1000;
 
 /// What has to be switched on next after the safety door was open.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Restoring {
-    No,
+    None,
     Spindle,
     Coolant,
     Done,
     /// Something has been switched on, and the time for it is not yet over.
-    Waits,
+    Delay,
 }
 
 /// What the shell's timer tells the end of.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) enum Wait {
-    Nothing,
+pub(super) enum Delay {
+    None,
     /// The time for which the drivers stay on at rest.
-    Drivers,
+    StepIdle,
     Spindle,
     Coolant,
 }
 
 impl Motion {
     /// The time that was asked for is over.
-    pub(super) fn wake(&mut self) {
-        match self.wait {
-            Wait::Nothing => {}
-            Wait::Drivers => self.release_drivers(),
-            Wait::Spindle => self.restoring = Restoring::Coolant,
-            Wait::Coolant => self.restoring = Restoring::Done,
+    pub(super) fn end_delay(&mut self) {
+        match self.delay {
+            Delay::None => {}
+            Delay::StepIdle => self.disable_drivers(),
+            Delay::Spindle => self.restoring = Restoring::Coolant,
+            Delay::Coolant => self.restoring = Restoring::Done,
         }
-        self.wait = Wait::Nothing;
+        self.delay = Delay::None;
     }
 
-    fn wait(&mut self, wait: Wait, milliseconds: u16) {
-        self.wait = wait;
-        self.wake_in_ms = Some(milliseconds);
-        self.switches = true;
+    fn start_delay(&mut self, wait: Delay, milliseconds: u16) {
+        self.delay = wait;
+        self.delay_ms = Some(milliseconds);
+        self.outputs_changed = true;
     }
 
     /// The door is closed, and Z where spindle and coolant may run.
@@ -63,8 +63,8 @@ impl Motion {
             self.accessories.restore_spindle();
             // A laser comes on with the motion, and at once.
             if has_spindle && !self.accessories.is_laser() {
-                self.restoring = Restoring::Waits;
-                self.wait(Wait::Spindle, SPINDLE_MS);
+                self.restoring = Restoring::Delay;
+                self.start_delay(Delay::Spindle, SPINDLE_DELAY_MS);
             } else {
                 self.restoring = Restoring::Coolant;
             }
@@ -72,56 +72,56 @@ impl Motion {
         if self.restoring == Restoring::Coolant {
             self.accessories.restore_coolant();
             if has_coolant {
-                self.restoring = Restoring::Waits;
-                self.wait(Wait::Coolant, COOLANT_MS);
+                self.restoring = Restoring::Delay;
+                self.start_delay(Delay::Coolant, COOLANT_DELAY_MS);
             } else {
                 self.restoring = Restoring::Done;
             }
         }
         if self.restoring == Restoring::Done {
-            self.restoring = Restoring::No;
+            self.restoring = Restoring::None;
             if !self.plunge() {
-                self.on(Event::Restored);
+                self.transition(Event::Restored);
             }
         }
     }
 
     /// The door has been opened again, or it is no longer of interest.
     pub(super) fn stop_restoring(&mut self) {
-        self.restoring = Restoring::No;
-        match self.wait {
-            Wait::Spindle | Wait::Coolant => self.wait = Wait::Nothing,
-            Wait::Nothing | Wait::Drivers => {}
+        self.restoring = Restoring::None;
+        match self.delay {
+            Delay::Spindle | Delay::Coolant => self.delay = Delay::None,
+            Delay::None | Delay::StepIdle => {}
         }
     }
 
     /// The drivers are switched on: axes are about to move.
-    pub(super) fn need_drivers(&mut self) {
-        self.switches |= !self.outputs.drivers;
+    pub(super) fn enable_drivers(&mut self) {
+        self.outputs_changed |= !self.outputs.drivers;
         self.outputs.drivers = true;
-        if self.wait == Wait::Drivers {
-            self.wait = Wait::Nothing;
+        if self.delay == Delay::StepIdle {
+            self.delay = Delay::None;
         }
     }
 
     /// At rest: the drivers stay on for a while.
-    pub(super) fn rest_drivers(&mut self) {
+    pub(super) fn start_idle_delay(&mut self) {
         let moves = !self.plan.is_empty() && self.control.executes();
-        let stays = self.idle_delay_ms == ALWAYS_ON && !self.releases_drivers;
-        if self.wait != Wait::Nothing || !self.outputs.drivers || moves || stays {
+        let stays = self.idle_delay_ms == ALWAYS_ENABLED && !self.disables_drivers;
+        if self.delay != Delay::None || !self.outputs.drivers || moves || stays {
             return;
         }
-        if self.restoring == Restoring::No {
-            self.wait(Wait::Drivers, u16::from(self.idle_delay_ms));
+        if self.restoring == Restoring::None {
+            self.start_delay(Delay::StepIdle, u16::from(self.idle_delay_ms));
         }
     }
 
-    pub(super) fn release_drivers(&mut self) {
-        self.switches = true;
+    pub(super) fn disable_drivers(&mut self) {
+        self.outputs_changed = true;
         self.outputs.drivers = false;
-        self.releases_drivers = false;
-        if self.wait == Wait::Drivers {
-            self.wait = Wait::Nothing;
+        self.disables_drivers = false;
+        if self.delay == Delay::StepIdle {
+            self.delay = Delay::None;
         }
     }
 }

@@ -10,7 +10,7 @@ use crate::{
 
 /// What the cycle is made of, from the settings.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct Rules {
+pub(super) struct HomingParameters {
     /// Axes whose switch is at their negative end, bit 0 = X.
     pub(super) negative: u8,
     /// Speeds, steps/s.
@@ -24,7 +24,7 @@ pub(super) struct Rules {
     pub(super) debounce_ticks: u64,
 }
 
-impl Rules {
+impl HomingParameters {
     pub(super) const NONE: Self = Self {
         negative: 0,
         search: Axes([0.0; AXES]),
@@ -65,7 +65,7 @@ impl Rules {
     }
 
     /// A way towards the switch, steps.
-    pub(super) fn towards(&self, axis: usize, mm: f32) -> i32 {
+    pub(super) fn towards_switch(&self, axis: usize, mm: f32) -> i32 {
         let steps = round(mm * self.steps_per_mm[axis]);
         if self.is_negative(axis) {
             -steps

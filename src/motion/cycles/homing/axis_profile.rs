@@ -14,7 +14,7 @@ const PER_TICK_SQR: f32 = 1.0 / (TICKS_PER_SECOND as f32 * TICKS_PER_SECOND as f
 
 /// The motion of one axis: to a target, at most at a speed.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct Run {
+pub(super) struct AxisProfile {
     pub(super) target: FineSteps,
     /// steps/s, now and at most.
     pub(super) speed: f32,
@@ -24,7 +24,7 @@ pub(super) struct Run {
     pub(super) switch: i32,
 }
 
-impl Run {
+impl AxisProfile {
     pub(super) const NONE: Self = Self {
         target: FineSteps(0),
         speed: 0.0,

@@ -13,13 +13,13 @@ use crate::{
 impl Motion {
     /// Whether an entry is a move for which there is no place: what is so most of the time.
     #[inline]
-    pub(super) fn has_no_place(&self, entry: &Entry) -> bool {
+    pub(super) fn is_move_without_room(&self, entry: &Entry) -> bool {
         self.plan.free() == 0 && matches!(entry.work, Work::Move(_)) && !self.is_void(entry)
     }
 
     /// Whether an entry can be taken now: what it asks for begins, or is void.
     #[inline(never)]
-    pub(super) fn takes(&self, entry: &Entry, is_still: bool) -> bool {
+    pub(super) fn can_dequeue(&self, entry: &Entry, is_still: bool) -> bool {
         let is_ending = self.control.ending != Ending::None;
         if matches!(entry.work, Work::Move(_)) {
             let waits = is_ending || self.is_dwelling || self.is_in_cycle();
@@ -64,7 +64,7 @@ impl Motion {
 
     /// Takes one entry, which can be taken.
     #[inline(never)]
-    pub(super) fn take(&mut self, entries: &mut Consumer<'_, Entry>, inputs: &Inputs) {
+    pub(super) fn dequeue_entry(&mut self, entries: &mut Consumer<'_, Entry>, inputs: &Inputs) {
         let Some(entry) = entries.peek() else {
             return;
         };
@@ -73,20 +73,20 @@ impl Motion {
         } else if let Work::Move(block) = &entry.work {
             self.plan.push(block);
         } else {
-            self.begin(&entry.work, inputs);
+            self.begin_work(&entry.work, inputs);
         }
         let _ = entries.dequeue();
-        self.follow();
+        self.apply_state();
     }
 
     /// Begins work other than a move.
     #[inline(never)]
-    fn begin(&mut self, work: &Work, inputs: &Inputs) {
+    fn begin_work(&mut self, work: &Work, inputs: &Inputs) {
         match work {
             Work::Fault(alarm) => {
                 // Not one more block than is needed to stop.
                 self.fault = Some(*alarm);
-                self.on(Event::Hold);
+                self.transition(Event::FeedHold);
             }
             Work::Probe(block, probing) if self.begin_probe(block, *probing, inputs) => return,
             Work::Home(axes) if self.begin_homing(*axes, inputs) => return,
@@ -97,7 +97,7 @@ impl Motion {
                 return;
             }
             Work::Pause => {
-                self.on(Event::Pause);
+                self.transition(Event::Pause);
                 self.is_paused = self.control.state == State::HoldComplete;
                 if self.is_paused {
                     return;
@@ -105,23 +105,23 @@ impl Motion {
             }
             Work::Spindle(spindle, rpm) => self.accessories.set_spindle(*spindle, *rpm),
             Work::Coolant(coolant) => self.accessories.set_coolant(*coolant),
-            Work::Unlock => self.on(Event::Unlock),
-            Work::Check => self.on(Event::Check),
+            Work::Unlock => self.transition(Event::Unlock),
+            Work::Check => self.transition(Event::Check),
             Work::Sleep => self.sleep(),
             Work::EndOverrides => self.end_overrides(),
             Work::Configure(settings) => {
                 self.configure(settings, inputs);
-                self.settle_on_steps();
+                self.snap_to_steps();
             }
         }
         self.finished = self.finished.wrapping_add(1);
     }
 
     fn sleep(&mut self) {
-        self.on(Event::Sleep);
+        self.transition(Event::Sleep);
         if self.control.state == State::Sleep {
             self.notices.push(Notice::Sleeping);
-            self.release_drivers();
+            self.disable_drivers();
         }
     }
 
@@ -131,9 +131,9 @@ impl Motion {
             return;
         }
         if let Some(block) = self.plan.current() {
-            self.releases_drivers = false;
+            self.disables_drivers = false;
             let is_jog = block.kind == MoveKind::Jog;
-            self.on(if is_jog { Event::Jog } else { Event::Move });
+            self.transition(if is_jog { Event::Jog } else { Event::Move });
         }
     }
 }

@@ -10,31 +10,31 @@ use crate::{
 impl Motion {
     /// Acts on everything that has been asked for since the last time.
     #[inline(never)]
-    pub(super) fn obey(&mut self, requests: &Requests, segments: &SegmentRing) {
-        // Before the requests: one that comes meanwhile counts as new in the next run.
-        self.heard = requests.asked();
-        self.heard_ticks = segments.played_start_ticks();
-        self.take_overrides(requests);
+    pub(super) fn handle_requests(&mut self, requests: &Requests, segments: &SegmentRing) {
+        // Before the requests: one that comes meanwhile segments as new in the next run.
+        self.handled = requests.asked();
+        self.handled_ticks = segments.played_start_ticks();
+        self.apply_overrides(requests);
         if requests.take_wake() {
-            self.wake();
+            self.end_delay();
         }
         let is_cancel = requests.take_jog_cancel() && self.control.state == State::Jog;
         let (is_hold, is_start) = (requests.take_hold(), requests.take_start());
         let is_door = requests.take_door();
         if is_cancel {
-            self.on(Event::JogCancel);
+            self.transition(Event::JogCancel);
         }
         if is_hold {
-            self.on(Event::Hold);
+            self.transition(Event::FeedHold);
         }
         if is_door {
             self.open_door();
         }
-        // Of requests at once the one that stops counts, as in Grbl: it is the safe one.
+        // Of requests at once the one that stops segments, as in Grbl: it is the safe one.
         if is_start && !is_hold && !is_door && !is_cancel {
-            self.on(Event::Start);
+            self.transition(Event::CycleStart);
         }
-        self.follow();
+        self.apply_state();
     }
 
     pub(super) fn open_door(&mut self) {
@@ -42,25 +42,25 @@ impl Motion {
             self.end_homing(Alarm::HomingDoor);
             return;
         }
-        if self.control.heeds_door() {
+        if self.control.reacts_to_door() {
             self.notices.push(Notice::CheckDoor);
         }
-        self.on(Event::Door);
+        self.transition(Event::SafetyDoor);
     }
 
-    fn take_overrides(&mut self, requests: &Requests) {
+    fn apply_overrides(&mut self, requests: &Requests) {
         let before = self.accessories.overrides();
         // wcet-bound: 16
         for taken in 0..OVERRIDES {
             let Some(command) = requests.take_override() else {
                 if taken != 0 {
-                    self.repace(before);
+                    self.replan_after_override(before);
                 }
                 return;
             };
-            self.take_override(command);
+            self.apply_override(command);
         }
-        self.repace(before);
+        self.replan_after_override(before);
     }
 
     /// Whether coolant can be switched by its keys now.
@@ -68,7 +68,7 @@ impl Motion {
         matches!(self.control.state, State::Idle | State::Run | State::Jog) || self.is_held()
     }
 
-    fn take_override(&mut self, command: Override) {
+    fn apply_override(&mut self, command: Override) {
         // No `match`: a table of jumps has places for values that there are none of.
         if command == Override::SpindleStop {
             if self.is_held() && self.accessories.toggle_stop() {
@@ -83,7 +83,7 @@ impl Motion {
                 self.accessories.toggle_mist();
             }
         } else {
-            self.accessories.take(command);
+            self.accessories.override_by(command);
         }
     }
 
@@ -97,11 +97,11 @@ impl Motion {
         // The end of a program that is only checked shows nothing, as in Grbl.
         let is_shown = self.control.state != State::Check;
         self.accessories.end_overrides(is_shown);
-        self.repace(before);
+        self.replan_after_override(before);
     }
 
     /// Plans anew if the overrides of the speed along the path have changed.
-    fn repace(&mut self, before: Overrides) {
+    fn replan_after_override(&mut self, before: Overrides) {
         let now = self.accessories.overrides();
         if now.feed != before.feed || now.rapid != before.rapid {
             self.plan.pace(now, self.executor.replanned());
@@ -110,7 +110,7 @@ impl Motion {
 
     /// A part of planning anew.
     #[inline(never)]
-    pub(super) fn plan_on(&mut self) {
+    pub(super) fn continue_planning(&mut self) {
         let changes_speeds = self.plan.changes_speeds();
         self.plan.go_on();
         if changes_speeds {
@@ -119,12 +119,12 @@ impl Motion {
     }
 
     /// An event of the state machine, and what has to be done for it.
-    pub(super) fn on(&mut self, event: Event) {
+    pub(super) fn transition(&mut self, event: Event) {
         let (control, effect) = self.control.after(event);
         self.control = control;
         if effect == Effect::Resume {
             self.resume();
-        } else if effect == Effect::SwitchOff {
+        } else if effect == Effect::Suspend {
             self.stop_restoring();
             if event == Event::Sleep {
                 self.accessories.suspend();
@@ -135,16 +135,16 @@ impl Motion {
             if !self.unpark() {
                 self.begin_restoring();
             }
-        } else if effect == Effect::Cancel {
+        } else if effect == Effect::MotionCancel {
             // A reset has its own count.
             if event != Event::Reset {
                 self.cancelled_motions = self.cancelled_motions.wrapping_add(1);
             }
-        } else if effect == Effect::Drop {
+        } else if effect == Effect::DropPlan {
             self.drop_plan();
         } else if effect == Effect::Abort {
             self.reset_in_motion = true;
-            self.releases_drivers = true;
+            self.disables_drivers = true;
         }
     }
 
@@ -161,10 +161,10 @@ impl Motion {
 
     /// Locks the machine. It slows down if it moves, and drops its plan.
     pub(super) fn alarm(&mut self, alarm: Alarm) {
-        self.on(Event::Alarm);
+        self.transition(Event::Alarm);
         self.notices.push(Notice::Alarm(alarm));
-        self.drop_wait();
-        self.releases_drivers = true;
+        self.cancel_pause();
+        self.disables_drivers = true;
         match alarm {
             Alarm::ProbeState | Alarm::ProbeContact => {}
             Alarm::HardLimit
@@ -183,16 +183,16 @@ impl Motion {
     /// steps: whatever was planned is void, and so is what still comes, up to the next reset.
     #[cold]
     #[inline(never)]
-    pub(super) fn fail(&mut self, segments: &SegmentRing) {
+    pub(super) fn handle_underrun(&mut self, segments: &SegmentRing) {
         segments.clear_underrun();
         self.generator.discard_open_segment();
         self.homing.abandon();
-        self.drop_wait();
+        self.cancel_pause();
         self.drop_plan();
         self.accessories.switch_off();
         self.fault = None;
         self.has_underrun = true;
-        self.releases_drivers = true;
+        self.disables_drivers = true;
         self.control = Control {
             state: State::Alarm,
             ..Control::IDLE
@@ -200,7 +200,7 @@ impl Motion {
     }
 
     /// Ends a program pause or a dwell before its time.
-    pub(super) fn drop_wait(&mut self) {
+    pub(super) fn cancel_pause(&mut self) {
         if self.is_paused || self.is_dwelling {
             self.finished = self.finished.wrapping_add(1);
         }
@@ -213,25 +213,25 @@ impl Motion {
     /// Everything off, everything planned void; an axis that moves slows down.
     #[cold]
     #[inline(never)]
-    pub(super) fn reset(&mut self, requests: &Requests, segments: &SegmentRing) {
+    pub(super) fn handle_reset(&mut self, requests: &Requests, segments: &SegmentRing) {
         self.reset_count = requests.reset_count();
-        self.heard_ticks = segments.played_start_ticks();
+        self.handled_ticks = segments.played_start_ticks();
         self.has_underrun = false;
         self.is_critical = false;
         self.fault = None;
         self.reset_in_motion = false;
-        self.drop_wait();
+        self.cancel_pause();
         self.accessories.switch_off();
         self.end_overrides();
         if self.control.state == State::Home {
             self.end_homing(Alarm::HomingReset);
         }
         self.reset_parking();
-        self.on(Event::Reset);
+        self.transition(Event::Reset);
         if self.control.state == State::Idle && self.is_on_limit() {
             self.control.state = State::Alarm;
         }
-        self.looks_at_door = true;
-        self.follow();
+        self.checks_door = true;
+        self.apply_state();
     }
 }

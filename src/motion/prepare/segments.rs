@@ -1,6 +1,6 @@
 //! Keeps the step interrupt's queue filled, and follows what it has played.
 
-use super::{Motion, standstill::Restoring};
+use super::{Motion, delays::Restoring};
 use crate::{
     machine::{Ending, Event, Inputs},
     model::{Levels, State, timing::SEGMENT_TICKS},
@@ -27,14 +27,14 @@ impl Motion {
     /// Begins a segment, or the standstill after the last one; false when there is nothing to play.
     #[inline]
     fn begin_segment(&mut self, inputs: &Inputs, segments: &SegmentRing) -> bool {
-        self.begins = false;
+        self.is_first_segment_next = false;
         let start = self.generator.clock_ticks();
-        self.forget_heard(segments.played_start_ticks());
+        self.age_handled(segments.played_start_ticks());
         if self.next_segment(inputs) {
-            self.rest = None;
+            self.standstill = None;
             self.generator.begin(&self.segment, segments);
-        } else if self.rest.is_none() {
-            self.rest = Some(start);
+        } else if self.standstill.is_none() {
+            self.standstill = Some(start);
             let power = self.accessories.power_at_rest();
             self.generator.begin_standstill(power, segments);
         } else {
@@ -51,7 +51,7 @@ impl Motion {
             return true;
         }
         if self.parking.is_moving() {
-            return self.parking.has_motion(self.control.ending);
+            return self.parking.has_segment(self.control.ending);
         }
         let executes = self.executes();
         let has_blocks = !self.plan.is_empty() && (executes || self.executor.is_moving());
@@ -71,7 +71,7 @@ impl Motion {
 
     /// The next cell of the reference.
     #[inline(never)]
-    pub(super) fn pace(&mut self) {
+    pub(super) fn sample_reference(&mut self) {
         let leaving = self.smooth.leaving();
         let cell = self.plan.cell(!self.executes(), leaving);
         self.smooth.push(cell, leaving);
@@ -80,14 +80,14 @@ impl Motion {
     /// Makes the next segment, in [`Motion::segment`]; false when there is none.
     fn next_segment(&mut self, inputs: &Inputs) -> bool {
         if self.homing.is_active() {
-            return self.next_of_homing(inputs);
+            return self.homing_segment(inputs);
         }
         if self.parking.is_moving() {
             return self.parking_segment();
         }
         let executes = self.executes();
         if self.dwell_ticks != 0 && executes {
-            self.stand_still();
+            self.dwell_segment();
             return true;
         }
         let goal = if executes { Goal::Run } else { Goal::Stop };
@@ -111,15 +111,15 @@ impl Motion {
         };
         self.finished = self.finished.wrapping_add(done as u32);
         let (laser, part) = self.executor.beam();
-        self.accessories.begin(laser);
+        self.accessories.begin_block(laser);
         self.segment.power = self.accessories.power_in_motion(laser, part);
-        self.need_drivers();
+        self.enable_drivers();
         true
     }
 
     /// A piece of a dwell.
     #[inline(never)]
-    fn stand_still(&mut self) {
+    fn dwell_segment(&mut self) {
         let ticks = self.dwell_ticks.min(u64::from(SEGMENT_TICKS)) as u32;
         self.dwell_ticks -= u64::from(ticks);
         self.segment = Segment {
@@ -135,23 +135,23 @@ impl Motion {
     }
 
     /// The machine is at rest: what it was stopped for.
-    fn stop(&mut self) {
+    fn finish_stop(&mut self) {
         if self.parking.is_moving() && self.control.ending == Ending::None {
-            self.go_on_parking();
+            self.next_parking_stage();
             return;
         }
         let before = self.control.ending;
-        self.on(Event::Stopped);
+        self.transition(Event::MotionStopped);
         if before == Ending::DropThenDoor {
             // The door was opened in a jog, which has just been dropped: Z is not parked.
-            self.control = self.control.after(Event::Stopped).0;
+            self.control = self.control.after(Event::MotionStopped).0;
             self.accessories.suspend();
         }
     }
 
     /// What ends, or begins, when the machine is at rest.
     #[inline(never)]
-    fn come_to_rest(&mut self) {
+    fn end_motion(&mut self) {
         if self.is_dwelling && self.dwell_ticks == 0 {
             self.is_dwelling = false;
             self.finished = self.finished.wrapping_add(1);
@@ -159,37 +159,37 @@ impl Motion {
         if let Some(alarm) = self.fault.take() {
             self.alarm(alarm);
         }
-        self.stop();
+        self.finish_stop();
         self.end_cycles();
         if self.plan.is_empty() {
-            self.on(Event::Done);
+            self.transition(Event::CycleStop);
         }
     }
 
     /// The state that follows from being at rest, when everything has been played.
     #[inline(never)]
-    pub(super) fn settle(&mut self) {
-        self.come_to_rest();
+    pub(super) fn enter_standstill(&mut self) {
+        self.end_motion();
         let is_door_open = self.inputs.has(Levels::DOOR);
-        if core::mem::take(&mut self.looks_at_door) && is_door_open {
+        if core::mem::take(&mut self.checks_door) && is_door_open {
             self.open_door();
         }
         if !is_door_open && self.control.state == State::DoorAjar {
-            self.on(Event::DoorShut);
+            self.transition(Event::DoorClosed);
         }
-        self.follow();
+        self.apply_state();
         if self.control.state == State::HoldComplete {
-            self.accessories.rest_in_hold();
+            self.accessories.stop_in_hold();
         }
-        if self.restoring != Restoring::No {
+        if self.restoring != Restoring::None {
             self.restore();
         }
         self.begin_moves();
-        self.rest_drivers();
+        self.start_idle_delay();
     }
 
     /// What follows from a new state at once, also in motion.
-    pub(super) fn follow(&mut self) {
+    pub(super) fn apply_state(&mut self) {
         if self.is_held() {
             self.accessories.begin_hold();
         }
