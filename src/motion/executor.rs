@@ -17,15 +17,12 @@
 //! Segments cost time to make. A piece that takes 1.5 ms is one segment; of a longer one each takes
 //! 0.75 ms at least, and all but the last two 1 ms. None takes more than 1.5 ms.
 
-mod jerk_limited;
-mod kinematics;
-mod segment_profile;
-
-use self::{
+use super::{
     kinematics::{Direction, axis_speeds, phase_at, way_at},
-    segment_profile::Stretch,
+    lookahead::Plan,
+    pass::PassProgress,
+    trapezoid::{Course, Stretch},
 };
-use super::lookahead::{Course, PassProgress, Plan};
 use crate::{
     axis::Axes,
     math::{self, WHOLE_Q31},
@@ -39,7 +36,7 @@ use crate::{
 };
 
 /// Timer ticks per second in floating point.
-const TICKS_PER_S: f32 = TICKS_PER_SECOND as f32;
+pub(super) const TICKS_PER_S: f32 = TICKS_PER_SECOND as f32;
 /// A segment of a long piece, s.
 pub(super) const SEGMENT_S: f32 = SEGMENT_TICKS as f32 / TICKS_PER_S;
 /// Longest segment, s.
@@ -48,7 +45,7 @@ pub(super) const LONGEST_S: f32 = MAX_SEGMENT_TICKS as f32 / TICKS_PER_S;
 pub(super) const SHORTEST_S: f32 = 0.5 * LONGEST_S;
 /// The first segment from rest, s: it makes up for the standstill before it, which is a segment too.
 /// On an arc it may last a little longer than meant.
-const START_S: f32 = 0.97 * LONGEST_S;
+pub(super) const START_S: f32 = 0.97 * LONGEST_S;
 /// What is shorter than that before or after a reversal is no piece of its own, s.
 pub(super) const SLIVER_S: f32 = 1.0e-4;
 /// The same where acceleration is continuous.
@@ -65,42 +62,42 @@ pub(super) enum Goal {
 
 /// What is left of a piece.
 #[derive(Debug, Clone, Copy)]
-struct Piece {
+pub(super) struct Piece {
     /// Its length, mm.
-    length_mm: f32,
+    pub(super) length_mm: f32,
     /// The measure of the greatest speed at its end.
-    exit: f32,
+    pub(super) exit: f32,
     /// Whether it ends the block.
-    ends_block: bool,
+    pub(super) ends_block: bool,
 }
 
 /// Where on the path the machine is, and how fast.
 #[derive(Debug)]
 pub(super) struct Executor {
     /// Part of the block that is still to go, 2³¹ for all of it.
-    left: u32,
+    pub(super) left: u32,
     /// What rounding the last segment's way to such parts left over.
-    carry: f32,
+    pub(super) carry: f32,
     /// Speed along the path, mm/s.
-    speed_mm_s: f32,
+    pub(super) speed_mm_s: f32,
     /// Exact position at the start of the block, and the direction from the centre of an arc.
-    start: Axes<FineSteps>,
-    from_centre: Direction,
+    pub(super) start: Axes<FineSteps>,
+    pub(super) from_centre: Direction,
     /// Angle seen from the centre where the machine is.
-    phase: u32,
+    pub(super) phase: u32,
     /// Speed of each axis at the end of the last segment, steps per tick.
-    axis_speed: Axes<f32>,
+    pub(super) axis_speed: Axes<f32>,
     /// A block has been begun.
-    is_begun: bool,
+    pub(super) is_begun: bool,
     /// A piece has been begun.
-    is_within: bool,
+    pub(super) is_within: bool,
     /// The plan has become slower: the speed may be more than it allows.
-    is_over: bool,
+    pub(super) is_over: bool,
     /// What has been paced is not played to its end.
-    goes_on: bool,
+    pub(super) goes_on: bool,
     /// What the laser does in the last segment, and the part of the programmed speed that it has.
-    laser: Laser,
-    part: f32,
+    pub(super) laser: Laser,
+    pub(super) part: f32,
 }
 
 impl Executor {
@@ -245,7 +242,7 @@ impl Executor {
 
     #[inline(always)]
     #[expect(clippy::inline_always, reason = "as for `follow`")]
-    fn begin(&mut self, course: Course<'_>, position: &Axes<FineSteps>) {
+    pub(super) fn begin(&mut self, course: Course<'_>, position: &Axes<FineSteps>) {
         self.is_begun = true;
         self.is_within = false;
         self.left = WHOLE_Q31;
@@ -284,7 +281,12 @@ impl Executor {
 
     /// The length of what is left of a piece, and whether it ends the block, of which so much is left;
     /// what is shorter than a sliver at the block's speed is no piece of its own.
-    fn piece_length(&self, course: Course<'_>, left_mm: f32, sliver_s: f32) -> (f32, bool) {
+    pub(super) fn piece_length(
+        &self,
+        course: Course<'_>,
+        left_mm: f32,
+        sliver_s: f32,
+    ) -> (f32, bool) {
         if let Some(curve) = course.curve {
             let sliver_mm = sliver_s * course.block.nominal_mm_s;
             let length_mm = match &curve.shape {
@@ -339,7 +341,7 @@ impl Executor {
     /// The motion of the axes over a stretch.
     #[inline(always)]
     #[expect(clippy::inline_always, reason = "as for `follow`")]
-    fn segment(
+    pub(super) fn segment(
         &mut self,
         course: Course<'_>,
         stretch: &Stretch,

@@ -6,21 +6,12 @@
 //!
 //! Braking is planned in a measure of speed that is linear in the path, see [`Course::measure`].
 
-mod braking;
-mod junction_limits;
-mod pass;
-mod segment_rate;
-
-pub(crate) use braking::Course;
-pub(crate) use pass::PassProgress;
-
-use self::{
-    braking::Braking,
-    junction_limits::Pace,
+use super::{
+    jerk_limited::{Least, Pace, Pacer},
     pass::Pass,
     segment_rate::{in_cells, in_time, step_s, traded_s},
+    trapezoid::Braking,
 };
-use super::jerk_limited::{junction_limit::Least, reference::Pacer};
 use crate::{
     axis::{AXES, Axes},
     math,
@@ -32,16 +23,16 @@ use crate::{
 pub const BLOCKS: usize = 128;
 /// A block with its place in the plan.
 #[derive(Debug)]
-struct Planned {
-    block: Block,
+pub(super) struct Planned {
+    pub(super) block: Block,
     /// Limit of the squared entry speed from the junction and both programmed speeds.
-    limit_sqr: f32,
+    pub(super) limit_sqr: f32,
     /// Planned squared entry speed.
-    entry_sqr: f32,
+    pub(super) entry_sqr: f32,
     /// What it may take where other blocks have to take longer, s.
-    traded_s: f32,
-    braking: Braking,
-    pace: Pace,
+    pub(super) traded_s: f32,
+    pub(super) braking: Braking,
+    pub(super) pace: Pace,
 }
 
 impl Planned {
@@ -100,23 +91,23 @@ pub type LookAhead = Plan<BLOCKS>;
 #[repr(C)]
 pub struct Plan<const N: usize> {
     /// Place of the oldest.
-    first: usize,
-    count: usize,
-    overrides: Overrides,
+    pub(super) first: usize,
+    pub(super) count: usize,
+    pub(super) overrides: Overrides,
     /// What the blocks up to the newest take longer than they have to, s, [`SPARE_S`] at most.
-    spare_s: f32,
-    pass: Pass,
+    pub(super) spare_s: f32,
+    pub(super) pass: Pass,
     /// The window over which acceleration changes, cells and s; 0 where it changes at once.
-    window: usize,
-    window_s: f32,
+    pub(super) window: usize,
+    pub(super) window_s: f32,
     /// The length of the blocks behind the one that the reference is in, mm.
-    beyond_mm: f32,
+    pub(super) beyond_mm: f32,
     /// The reference, and the accelerations of the newest blocks.
-    pacer: Pacer,
-    least: Least,
+    pub(super) pacer: Pacer,
+    pub(super) least: Least,
     /// What a step adds to the shortest time of a line, s.
     step_s: f32,
-    ring: [Planned; N],
+    pub(super) ring: [Planned; N],
 }
 
 impl<const N: usize> Plan<N> {

@@ -3,8 +3,12 @@
 mod cycles;
 mod executor;
 mod jerk_limited;
+mod kinematics;
 mod lookahead;
+mod pass;
 mod prepare;
+mod segment_rate;
+mod trapezoid;
 
 pub use cycles::homing::Homing;
 pub use lookahead::{BLOCKS, LookAhead};

@@ -1,8 +1,8 @@
 //! How far along the path the reference goes in each cell of time.
 
 use super::{
-    UNIT_MM, UNITS_PER_MM,
-    junction_limit::{Gate, Leg, reach_mm},
+    average::{UNIT_MM, UNITS_PER_MM},
+    junctions::{Gate, Leg, reach_mm},
 };
 use crate::{math, model::timing::CELL_S};
 
@@ -24,7 +24,7 @@ const HARDER: f32 = 1.001;
 const SOFTER: f32 = 1.005;
 
 /// The blocks ahead, and the gates at their ends.
-pub(crate) trait Road {
+pub(in crate::motion) trait Road {
     /// The leg with a number, the oldest is 0.
     fn leg(&self, number: usize) -> Option<Leg>;
     /// The gate at its end.
@@ -35,25 +35,25 @@ pub(crate) trait Road {
 
 /// What leaves the window.
 #[derive(Debug, Clone, Copy)]
-pub(crate) struct Leaving {
+pub(in crate::motion) struct Leaving {
     /// The change of speed in the cell that does, mm/s.
-    pub(crate) change: f32,
+    pub(in crate::motion) change: f32,
     /// There is no motion in the window.
-    pub(crate) is_rest: bool,
+    pub(in crate::motion) is_rest: bool,
 }
 
 /// The way of a cell, and how fast its end is.
 #[derive(Debug, Clone, Copy)]
-pub(crate) struct Cell {
+pub(in crate::motion) struct Cell {
     /// The way, units.
-    pub(crate) way: u32,
+    pub(in crate::motion) way: u32,
     /// Speed at its end, mm/s.
-    pub(crate) end_mm_s: f32,
+    pub(in crate::motion) end_mm_s: f32,
 }
 
 /// Where the reference is.
 #[derive(Debug, Clone, Copy)]
-pub(crate) struct Pacer {
+pub(in crate::motion) struct Pacer {
     /// The block, counted from the oldest.
     number: usize,
     is_begun: bool,
@@ -83,7 +83,7 @@ struct Reach {
 
 impl Pacer {
     /// At the beginning of the oldest block.
-    pub(crate) const START: Self = Self {
+    pub(in crate::motion) const START: Self = Self {
         number: 0,
         is_begun: false,
         left: 0,
@@ -96,27 +96,27 @@ impl Pacer {
     };
 
     /// Whether it moves.
-    pub(crate) fn is_moving(&self) -> bool {
+    pub(in crate::motion) fn is_moving(&self) -> bool {
         self.speed_mm_s > 0.0
     }
 
     /// Its speed, mm/s.
-    pub(crate) fn speed_mm_s(&self) -> f32 {
+    pub(in crate::motion) fn speed_mm_s(&self) -> f32 {
         self.speed_mm_s
     }
 
     /// The number of its block, the oldest is 0.
-    pub(crate) fn number(&self) -> usize {
+    pub(in crate::motion) fn number(&self) -> usize {
         self.number
     }
 
     /// Whether nothing of the oldest block is left for it.
-    pub(crate) fn has_left_first(&self) -> bool {
+    pub(in crate::motion) fn has_left_first(&self) -> bool {
         self.number > 0 || self.is_begun && self.left == 0
     }
 
     /// What is left of its block for it, mm.
-    pub(crate) fn left_mm(&self) -> f32 {
+    pub(in crate::motion) fn left_mm(&self) -> f32 {
         let high = (self.left >> 16) as u32 as f32;
         let low = (self.left as u32 & 0xffff) as f32;
         (high * 65_536.0 + low) * UNIT_MM
@@ -132,7 +132,7 @@ impl Pacer {
     }
 
     /// The next cell.
-    pub(crate) fn cell(
+    pub(in crate::motion) fn cell(
         &mut self,
         road: &impl Road,
         stops: bool,
@@ -230,7 +230,12 @@ impl Pacer {
     }
 
     /// Whether it is faster than it may be by the gate ahead, in the leg that it is in.
-    pub(crate) fn is_over(&self, road: &impl Road, window: usize, window_s: f32) -> bool {
+    pub(in crate::motion) fn is_over(
+        &self,
+        road: &impl Road,
+        window: usize,
+        window_s: f32,
+    ) -> bool {
         let Some(leg) = road.leg(self.number) else {
             return false;
         };
@@ -250,7 +255,7 @@ impl Pacer {
 
     /// Whether a corner so far ahead that was not known asks for what it has not done: for less speed near
     /// it, as far as it may have braked in its leg, or for less acceleration.
-    pub(crate) fn was_over(
+    pub(in crate::motion) fn was_over(
         &self,
         road: &impl Road,
         ahead_mm: f32,
@@ -348,7 +353,7 @@ impl Pacer {
     }
 
     /// The oldest block has been removed.
-    pub(crate) fn popped(&mut self) {
+    pub(in crate::motion) fn popped(&mut self) {
         if self.number == 0 {
             // Rounding: what was left of it is nothing.
             self.is_begun = false;

@@ -1,7 +1,10 @@
 //! How fast a piece is gone through: the next stretch of it, a segment's way and the speed at its end.
 
-use super::{Executor, LONGEST_S, Piece, SEGMENT_S, SHORTEST_S, START_S};
-use crate::{math, motion::lookahead::Course};
+use super::Course;
+use crate::{
+    math,
+    motion::executor::{Executor, LONGEST_S, Piece, SEGMENT_S, SHORTEST_S, START_S},
+};
 
 /// Stands for an acceleration of 0, as at the speed limit of an arc, mm/s², where the block's own is
 /// not that small.
@@ -16,26 +19,26 @@ const FAR_S: f32 = 1.01 * (SEGMENT_S + LONGEST_S);
 /// Way to brake beyond what is needed that is surely enough.
 const FREE: f32 = 1.001;
 /// A measure of speed that is that much above the plan's is within it.
-pub(super) const WITHIN: f32 = 1.0001;
+pub(in crate::motion) const WITHIN: f32 = 1.0001;
 
 /// A segment's way along the path.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(super) struct Stretch {
+pub(in crate::motion) struct Stretch {
     /// Length, mm.
-    pub(super) length_mm: f32,
+    pub(in crate::motion) length_mm: f32,
     /// Speed at its end, mm/s.
-    pub(super) speed_mm_s: f32,
+    pub(in crate::motion) speed_mm_s: f32,
     /// Duration, s.
-    pub(super) seconds: f32,
+    pub(in crate::motion) seconds: f32,
     /// Whether it ends its piece.
-    pub(super) ends_piece: bool,
+    pub(in crate::motion) ends_piece: bool,
 }
 
 impl Executor {
     /// A stretch towards the greatest speed at the piece's end.
     #[inline(always)]
     #[expect(clippy::inline_always, reason = "as for `follow`")]
-    pub(super) fn run(&mut self, course: Course<'_>, piece: &Piece) -> Stretch {
+    pub(in crate::motion) fn run(&mut self, course: Course<'_>, piece: &Piece) -> Stretch {
         let speed = self.speed_mm_s;
         let measure = course.measure(speed * speed);
         let change = course.measure_per_mm() * piece.length_mm;
@@ -182,7 +185,7 @@ impl Executor {
     /// A stretch towards a standstill.
     #[inline(always)]
     #[expect(clippy::inline_always, reason = "as for `follow`")]
-    pub(super) fn stop(&self, course: Course<'_>, piece: &Piece) -> Stretch {
+    pub(in crate::motion) fn stop(&self, course: Course<'_>, piece: &Piece) -> Stretch {
         let speed = self.speed_mm_s;
         let measure = course.measure(speed * speed);
         let per_mm = course.measure_per_mm();
@@ -220,7 +223,7 @@ impl Executor {
 }
 
 /// The part of a time that fits a segment: never leaves a sliver for the next.
-pub(super) fn share(seconds: f32) -> f32 {
+pub(in crate::motion) fn share(seconds: f32) -> f32 {
     if seconds < SEGMENT_S + LONGEST_S {
         0.5 * seconds
     } else {

@@ -14,35 +14,31 @@
 //! in T at most, so that the jerk is a/T. That is as fast as a motion with this jerk can be wherever
 //! the acceleration reaches a. It is the way along the path that is averaged, so that the path itself
 //! stays what it is. Read with the moving average as an interpolator of acceleration and deceleration
-//! in numerical controls; for what the reference owes its mean, see [`junction_limit`].
+//! in numerical controls; for what the reference owes its mean, see [`super::junctions`].
 //!
 //! The reference is computed in *cells* of 1 ms, in which its speed changes evenly, so that in each of
 //! them the mean's acceleration does. What makes the machine hold, go on, or change its speed, does so to
 //! the reference.
 
-pub(super) mod junction_limit;
-pub(super) mod reference;
-
-use self::reference::{Cell, Leaving};
-use super::executor::LONGEST_S;
-use crate::{math, model::timing::CELL_S, path::AveragingWindow};
+use super::reference::{Cell, Leaving};
+use crate::{math, model::timing::CELL_S, motion::executor::LONGEST_S, path::AveragingWindow};
 
 /// Cells of history, a power of two: the longest window fits.
 const CELLS: usize = 128;
 /// Most cells known beyond the beginning of the one being played.
-pub(super) const AHEAD: usize = 3;
+pub(in crate::motion) const AHEAD: usize = 3;
 /// The time that is known when a segment is made, s: the longest segment's.
 const KNOWN_S: f32 = LONGEST_S + 1.0e-6;
 /// Units of way in a mm: 1 nm.
-const UNITS_PER_MM: f32 = 1_048_576.0;
+pub(super) const UNITS_PER_MM: f32 = 1_048_576.0;
 /// The same, mm.
-const UNIT_MM: f32 = 1.0 / UNITS_PER_MM;
+pub(super) const UNIT_MM: f32 = 1.0 / UNITS_PER_MM;
 /// Stands for a speed of 0 in a divisor, mm/s.
 const LEAST_MM_S: f32 = 1.0e-12;
 
 /// The reference's mean: its speed at the beginnings of the cell being played and of those after it.
 #[derive(Debug)]
-pub(super) struct Smooth {
+pub(in crate::motion) struct Smooth {
     window: usize,
     /// Speed at the beginnings of cells, mm/s, the one being played first.
     speeds: [f32; AHEAD + 1],
@@ -75,13 +71,13 @@ pub(super) struct Smooth {
 
 /// A place on the way ahead.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct Place {
+pub(in crate::motion) struct Place {
     /// When, s from now on.
-    pub(super) seconds: f32,
+    pub(in crate::motion) seconds: f32,
     /// How far, mm.
-    pub(super) way_mm: f32,
+    pub(in crate::motion) way_mm: f32,
     /// How fast, mm/s.
-    pub(super) speed_mm_s: f32,
+    pub(in crate::motion) speed_mm_s: f32,
 }
 
 /// By how much a bend makes the way shorter in a time, mm.
@@ -91,15 +87,15 @@ fn bent_mm(bend: f32, seconds: f32) -> f32 {
 
 /// What is known of the way ahead: where the machine is now, and will be at the ends of cells.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct Outlook {
+pub(in crate::motion) struct Outlook {
     places: [Place; AHEAD + 1],
     /// The last of them, and the first standstill before it.
-    pub(super) end: Place,
-    pub(super) rest: Option<Place>,
+    pub(in crate::motion) end: Place,
+    pub(in crate::motion) rest: Option<Place>,
 }
 
 impl Smooth {
-    pub(super) const fn new() -> Self {
+    pub(in crate::motion) const fn new() -> Self {
         Self {
             window: 0,
             speeds: [0.0; AHEAD + 1],
@@ -121,7 +117,7 @@ impl Smooth {
     }
 
     /// At rest: takes a window over.
-    pub(super) fn configure(&mut self, window: AveragingWindow) {
+    pub(in crate::motion) fn configure(&mut self, window: AveragingWindow) {
         self.window = window.samples;
         if window.samples != 0 {
             self.per_unit = UNIT_MM / window.seconds();
@@ -131,12 +127,12 @@ impl Smooth {
     }
 
     /// Whether it is in use.
-    pub(super) fn is_on(&self) -> bool {
+    pub(in crate::motion) fn is_on(&self) -> bool {
         self.window != 0
     }
 
     /// Forgets the motion.
-    pub(super) fn rest(&mut self) {
+    pub(in crate::motion) fn rest(&mut self) {
         self.speeds = [0.0; AHEAD + 1];
         self.ways_mm = [0.0; AHEAD];
         self.known = 0;
@@ -149,7 +145,7 @@ impl Smooth {
     }
 
     /// Whether nothing of the reference's motion is left to be played.
-    pub(super) fn is_at_rest(&self) -> bool {
+    pub(in crate::motion) fn is_at_rest(&self) -> bool {
         let mut sum = 0.0;
         // wcet-bound: 4
         for speed in &self.speeds {
@@ -159,14 +155,14 @@ impl Smooth {
     }
 
     /// Whether nothing has been played since rest.
-    pub(super) fn begins(&self) -> bool {
+    pub(in crate::motion) fn begins(&self) -> bool {
         self.age <= AHEAD && self.played_s <= 0.0
     }
 
     /// Whether another cell of the reference is needed: the longest segment is to be known, and from
     /// rest one more cell. Not more than that, as a hold comes behind it.
     #[inline]
-    pub(super) fn needs_cell(&self) -> bool {
+    pub(in crate::motion) fn needs_cell(&self) -> bool {
         self.is_short
     }
 
@@ -181,7 +177,7 @@ impl Smooth {
     }
 
     /// What leaves the window with the next cell.
-    pub(super) fn leaving(&self) -> Leaving {
+    pub(in crate::motion) fn leaving(&self) -> Leaving {
         let change = if self.age < self.window {
             0.0
         } else {
@@ -199,7 +195,7 @@ impl Smooth {
     }
 
     /// The next cell of the reference.
-    pub(super) fn push(&mut self, cell: Cell, leaving: Leaving) {
+    pub(in crate::motion) fn push(&mut self, cell: Cell, leaving: Leaving) {
         let oldest = if self.age < self.window {
             self.age += 1;
             0
@@ -237,7 +233,7 @@ impl Smooth {
     }
 
     /// What is known of the way ahead, at a speed now.
-    pub(super) fn outlook(&self, speed_mm_s: f32) -> Outlook {
+    pub(in crate::motion) fn outlook(&self, speed_mm_s: f32) -> Outlook {
         let mut end = Place {
             seconds: 0.0,
             way_mm: 0.0,
@@ -268,14 +264,14 @@ impl Smooth {
     }
 
     /// The place after a time, which is known.
-    pub(super) fn after(&self, outlook: &Outlook, seconds: f32) -> Place {
+    pub(in crate::motion) fn after(&self, outlook: &Outlook, seconds: f32) -> Place {
         let cell = ((self.played_s + seconds) * (1.0 / CELL_S)) as usize;
         let cell = cell.min(AHEAD - 1);
         self.within(outlook, cell, seconds - outlook.places[cell].seconds)
     }
 
     /// The place after a way, which is known.
-    pub(super) fn at(&self, outlook: &Outlook, way_mm: f32) -> Place {
+    pub(in crate::motion) fn at(&self, outlook: &Outlook, way_mm: f32) -> Place {
         let [_, a, b, _] = &outlook.places;
         let cell = if way_mm <= a.way_mm || self.known <= 1 {
             0
@@ -320,7 +316,7 @@ impl Smooth {
     }
 
     /// Goes on by a time that is known, and a way.
-    pub(super) fn play(&mut self, seconds: f32, way_mm: f32) {
+    pub(in crate::motion) fn play(&mut self, seconds: f32, way_mm: f32) {
         self.played_s += seconds;
         let [first, ..] = &mut self.ways_mm;
         *first -= way_mm;

@@ -9,7 +9,7 @@
 use core::sync::atomic::{Ordering::SeqCst, compiler_fence};
 
 use super::{
-    Plan,
+    lookahead::Plan,
     segment_rate::{in_cells, in_time},
 };
 use crate::{math, model::Overrides};
@@ -20,7 +20,7 @@ const BRAKING_PART: usize = 64;
 
 /// Whether the machine has come to the speeds planned, or is still faster after a change of them.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(crate) enum PassProgress {
+pub(in crate::motion) enum PassProgress {
     /// It is within the plan.
     Followed,
     /// It is still braking to the speeds planned.
@@ -89,7 +89,7 @@ impl<const N: usize> Plan<N> {
     ///
     /// A block in execution saves nothing, as nobody knows how much of it is left; the others save
     /// no more than at the speed before. Nor do they as long as the machine is faster than it.
-    pub(crate) fn pace(&mut self, overrides: Overrides, progress: PassProgress) {
+    pub(in crate::motion) fn pace(&mut self, overrides: Overrides, progress: PassProgress) {
         self.overrides = overrides;
         self.pass = Pass::Pace {
             number: 0,

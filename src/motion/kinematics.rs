@@ -1,10 +1,9 @@
 //! Places on a block: where they are, and how fast each axis is there.
 
-use super::TICKS_PER_S;
+use super::{executor::TICKS_PER_S, trapezoid::Course};
 use crate::{
     axis::Axes,
     math::{self, WHOLE_Q31},
-    motion::lookahead::Course,
     path::{Curve, Shape, SpatialArc},
 };
 

@@ -1,13 +1,14 @@
 //! Segments where acceleration is continuous: along the blocks, at the pace of the reference's mean.
 
-use super::{
-    Executor, Goal, LONGEST_S, SEGMENT_S, SHORTEST_S, SMOOTH_SLIVER_S, START_S, WHOLE_Q31,
-    segment_profile::{Stretch, WITHIN, share},
-};
+use super::Smooth;
 use crate::{
     axis::Axes,
-    math,
-    motion::{jerk_limited::Smooth, lookahead::Plan},
+    math::{self, WHOLE_Q31},
+    motion::{
+        executor::{Executor, Goal, LONGEST_S, SEGMENT_S, SHORTEST_S, SMOOTH_SLIVER_S, START_S},
+        lookahead::Plan,
+        trapezoid::{Stretch, WITHIN, share},
+    },
     stepper::Segment,
     units::FineSteps,
 };

@@ -1,12 +1,12 @@
 //! The plan where acceleration is continuous: the gates between blocks, see [`Gate`].
 
-use super::{Plan, pass::Pass};
+use super::{
+    junctions::{Gate, Least, Leg, reach_mm},
+    reference::{Cell, Leaving, Pacer, Road},
+};
 use crate::{
     math,
-    motion::jerk_limited::{
-        junction_limit::{Gate, Least, Leg, reach_mm},
-        reference::{Cell, Leaving, Pacer, Road},
-    },
+    motion::{lookahead::Plan, pass::Pass},
 };
 
 /// Blocks that a part of a pass goes through.
@@ -14,7 +14,7 @@ const PART: usize = 2;
 
 /// What the reference needs of a block besides the block.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct Pace {
+pub(in crate::motion) struct Pace {
     /// Greatest speed where it begins, mm/s; 0 where the machine comes to rest.
     corner_mm_s: f32,
     /// The greatest that this has ever been: the machine may still come as fast.
@@ -28,7 +28,7 @@ pub(super) struct Pace {
 }
 
 impl Pace {
-    pub(super) const NONE: Self = Self {
+    pub(in crate::motion) const NONE: Self = Self {
         corner_mm_s: 0.0,
         fastest_mm_s: 0.0,
         acceleration_mm_s2: 1.0,
@@ -44,23 +44,23 @@ const LEAST_CORNER: f32 = 0.25;
 
 impl<const N: usize> Plan<N> {
     /// At rest: acceleration changes within a window from now on, of so many cells; 0 for at once.
-    pub(crate) fn set_window(&mut self, cells: usize, seconds: f32) {
+    pub(in crate::motion) fn set_window(&mut self, cells: usize, seconds: f32) {
         self.window = cells;
         self.window_s = seconds;
     }
 
     /// Whether acceleration is continuous.
-    pub(super) const fn is_smooth(&self) -> bool {
+    pub(in crate::motion) const fn is_smooth(&self) -> bool {
         self.window != 0
     }
 
     /// Where the reference is.
-    pub(crate) const fn pacer(&self) -> &Pacer {
+    pub(in crate::motion) const fn pacer(&self) -> &Pacer {
         &self.pacer
     }
 
     /// The next cell of the reference.
-    pub(crate) fn cell(&mut self, stops: bool, leaving: Leaving) -> Cell {
+    pub(in crate::motion) fn cell(&mut self, stops: bool, leaving: Leaving) -> Cell {
         let mut pacer = self.pacer;
         let cell = pacer.cell(self, stops, leaving, self.window_s);
         // From rest it does not come to the end of a block, so it enters one at most.
@@ -72,7 +72,7 @@ impl<const N: usize> Plan<N> {
     }
 
     /// The reference enters a block: it is no longer behind it.
-    pub(super) fn enter(&mut self, number: usize) {
+    pub(in crate::motion) fn enter(&mut self, number: usize) {
         let length_mm = self.ring[self.place(number)].block.length_mm;
         self.beyond_mm = if number + 1 < self.count {
             self.beyond_mm - length_mm
@@ -88,7 +88,7 @@ impl<const N: usize> Plan<N> {
     /// Accelerations only become lower then: blocks before it that are no longer known, and speeds of
     /// before, may still have their say. Nor is it begun faster where the reference might have had to
     /// brake otherwise for that.
-    pub(super) fn pace_block(&mut self, number: usize, ahead_mm: Option<f32>) {
+    pub(in crate::motion) fn pace_block(&mut self, number: usize, ahead_mm: Option<f32>) {
         let place = self.place(number);
         if number == 0 {
             self.least = Least::NONE;
@@ -155,7 +155,7 @@ impl<const N: usize> Plan<N> {
     /// A part of the pass in the order of the blocks, of which the first begins so far ahead of the
     /// reference, mm.
     #[inline(never)]
-    pub(super) fn find_legs(&mut self, from: usize, mut ahead_mm: f32) {
+    pub(in crate::motion) fn find_legs(&mut self, from: usize, mut ahead_mm: f32) {
         let end = self.count.min(from + PART);
         // wcet-bound: 2
         for number in from..end {
@@ -179,7 +179,7 @@ impl<const N: usize> Plan<N> {
 
     /// A part of the backward pass.
     #[inline(never)]
-    pub(super) fn open_gates(&mut self, from: usize, is_new: bool) {
+    pub(in crate::motion) fn open_gates(&mut self, from: usize, is_new: bool) {
         self.pass = Pass::Done;
         let end = self.count.min(from + PART);
         // wcet-bound: 2

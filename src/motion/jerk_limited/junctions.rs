@@ -22,27 +22,27 @@ const LONG: f32 = 4.0;
 const AROUND_S: f32 = 1.0e-3;
 
 /// How far before a place, and behind it, what holds for a mean that passes it at a speed does, mm.
-pub(crate) fn reach_mm(speed_mm_s: f32, window_s: f32) -> f32 {
+pub(in crate::motion) fn reach_mm(speed_mm_s: f32, window_s: f32) -> f32 {
     0.5 * (window_s + AROUND_S) * speed_mm_s
 }
 
 /// What of a block matters to the reference.
 #[derive(Debug, Clone, Copy)]
-pub(crate) struct Leg {
+pub(in crate::motion) struct Leg {
     /// Length, mm.
-    pub(crate) length_mm: f32,
+    pub(in crate::motion) length_mm: f32,
     /// Greatest speed, mm/s.
-    pub(crate) speed_mm_s: f32,
+    pub(in crate::motion) speed_mm_s: f32,
     /// Greatest acceleration along it, mm/s².
-    pub(crate) acceleration_mm_s2: f32,
+    pub(in crate::motion) acceleration_mm_s2: f32,
     /// Where it begins, blocks before still have their say: a lower acceleration, mm/s², and how far, mm.
-    pub(crate) trail_mm_s2: f32,
-    pub(crate) trail_mm: f32,
+    pub(in crate::motion) trail_mm_s2: f32,
+    pub(in crate::motion) trail_mm: f32,
 }
 
 impl Leg {
     /// A leg behind another, of which the least acceleration is known that still counts for a way.
-    pub(crate) fn behind(mut self, least: &Least, reach_mm: f32) -> Self {
+    pub(in crate::motion) fn behind(mut self, least: &Least, reach_mm: f32) -> Self {
         let low = least.mm_s2();
         if low < self.acceleration_mm_s2 {
             if self.length_mm < LONG * reach_mm {
@@ -56,7 +56,7 @@ impl Leg {
     }
 
     /// Its acceleration so far before its end, mm/s².
-    pub(crate) fn acceleration(&self, way_mm: f32) -> f32 {
+    pub(in crate::motion) fn acceleration(&self, way_mm: f32) -> f32 {
         if way_mm > self.length_mm - self.trail_mm {
             math::min(self.acceleration_mm_s2, self.trail_mm_s2)
         } else {
@@ -74,25 +74,25 @@ impl Leg {
 ///
 /// Two at a time, each for at least the way: so that none has to be remembered longer.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(crate) struct Least {
+pub(in crate::motion) struct Least {
     before: f32,
     now: f32,
     passed_mm: f32,
 }
 
 impl Least {
-    pub(crate) const NONE: Self = Self {
+    pub(in crate::motion) const NONE: Self = Self {
         before: NO_ACCELERATION,
         now: NO_ACCELERATION,
         passed_mm: 0.0,
     };
 
-    pub(crate) fn mm_s2(&self) -> f32 {
+    pub(in crate::motion) fn mm_s2(&self) -> f32 {
         math::min(self.before, self.now)
     }
 
     /// After a block with an acceleration.
-    pub(crate) fn after(&self, leg: &Leg, reach_mm: f32) -> Self {
+    pub(in crate::motion) fn after(&self, leg: &Leg, reach_mm: f32) -> Self {
         let passed_mm = self.passed_mm + leg.length_mm;
         let here = leg.acceleration_mm_s2;
         if leg.length_mm > reach_mm {
@@ -119,7 +119,7 @@ impl Least {
 
 /// The reference's speeds before a place, seen from there backwards.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(crate) struct Gate {
+pub(in crate::motion) struct Gate {
     /// Greatest speed there, mm/s, and for how far before it does not change, mm.
     brake_mm_s: f32,
     brake_flat_mm: f32,
@@ -146,7 +146,7 @@ struct Approach {
 
 impl Gate {
     /// The end of what is known, or a place that is passed at rest.
-    pub(crate) const STOP: Self = Self {
+    pub(in crate::motion) const STOP: Self = Self {
         brake_mm_s: 0.0,
         brake_flat_mm: 0.0,
         free_mm_s: 0.0,
@@ -160,18 +160,24 @@ impl Gate {
 
     /// The greatest speeds in the place itself: braking, and of a reference that has just accelerated,
     /// mm/s.
-    pub(crate) fn there(&self) -> [f32; 2] {
+    pub(in crate::motion) fn there(&self) -> [f32; 2] {
         [self.brake_mm_s, self.free_mm_s]
     }
 
     /// Whether it has to be passed at rest.
-    pub(crate) fn is_stop(&self) -> bool {
+    pub(in crate::motion) fn is_stop(&self) -> bool {
         self.brake_mm_s <= 0.0
     }
 
     /// The gate at the beginning of a leg of which this is the end; `corner_mm_s` is the greatest speed
     /// there, 0 for rest, and `reach_mm` how far before it accelerations behind it hold.
-    pub(crate) fn before(&self, leg: &Leg, corner_mm_s: f32, reach_mm: f32, window_s: f32) -> Self {
+    pub(in crate::motion) fn before(
+        &self,
+        leg: &Leg,
+        corner_mm_s: f32,
+        reach_mm: f32,
+        window_s: f32,
+    ) -> Self {
         if corner_mm_s <= 0.0 {
             return Self::STOP;
         }
@@ -283,7 +289,7 @@ impl Gate {
     }
 
     /// The acceleration of the reference in a leg, so far before this gate at its end, mm/s².
-    pub(crate) fn acceleration(&self, leg: &Leg, way_mm: f32) -> f32 {
+    pub(in crate::motion) fn acceleration(&self, leg: &Leg, way_mm: f32) -> f32 {
         let approach = self.approach(leg);
         let here = math::min(leg.acceleration(way_mm), approach.acceleration_mm_s2);
         if way_mm < approach.flat_mm {
@@ -299,7 +305,7 @@ impl Gate {
     /// The way until then is the mean speed times the cell's time, so that the speed v is the root of
     /// v² + (v₀ + v)·g = e² with the gain g in a cell, where e is what could be reached at once.
     #[inline(never)]
-    pub(crate) fn speeds(
+    pub(in crate::motion) fn speeds(
         &self,
         leg: &Leg,
         way_mm: f32,

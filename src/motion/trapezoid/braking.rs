@@ -9,9 +9,9 @@ use crate::{
 
 /// A block with its curve apart: code that is made for a block without one does not ask for it.
 #[derive(Clone, Copy)]
-pub(crate) struct Course<'a> {
-    pub(crate) block: &'a Block,
-    pub(crate) curve: Option<&'a Curve>,
+pub(in crate::motion) struct Course<'a> {
+    pub(in crate::motion) block: &'a Block,
+    pub(in crate::motion) curve: Option<&'a Curve>,
 }
 
 impl Course<'_> {
@@ -20,7 +20,7 @@ impl Course<'_> {
     /// On a line that is v² itself. On an arc the acceleration left along the path is
     /// √(a² − (v²/R)²), so that d(v²)/ds = 2√(a² − (v²/R)²): with v² = aR·sin z it is dz/ds = 2/R.
     #[inline]
-    pub(crate) fn measure(self, speed_sqr: f32) -> f32 {
+    pub(in crate::motion) fn measure(self, speed_sqr: f32) -> f32 {
         match self.curve {
             None => speed_sqr,
             Some(curve) => math::asin(math::min(speed_sqr / curve.limit_sqr, 1.0)),
@@ -29,7 +29,7 @@ impl Course<'_> {
 
     /// The squared speed of a measure.
     #[inline]
-    pub(crate) fn speed_sqr(self, measure: f32) -> f32 {
+    pub(in crate::motion) fn speed_sqr(self, measure: f32) -> f32 {
         match self.curve {
             None => measure,
             Some(curve) => curve.limit_sqr * math::sin(math::min(measure, FRAC_PI_2)),
@@ -38,7 +38,7 @@ impl Course<'_> {
 
     /// Change of the measure per mm of path.
     #[inline]
-    pub(crate) fn measure_per_mm(self) -> f32 {
+    pub(in crate::motion) fn measure_per_mm(self) -> f32 {
         let double = 2.0 * self.block.acceleration_mm_s2;
         match self.curve {
             None => double,
@@ -50,7 +50,7 @@ impl Course<'_> {
 impl Block {
     /// The block, with its curve if it has one.
     #[inline]
-    pub(crate) const fn course(&self) -> Course<'_> {
+    pub(in crate::motion) const fn course(&self) -> Course<'_> {
         Course {
             block: self,
             curve: self.curve.as_ref(),
@@ -64,7 +64,7 @@ impl Block {
 /// On an arc with v² = aR·sin z, a length of z = d turns the exit's z into z + d:
 /// sin(z + d) = sin z·cos d + cos z·sin d.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct Braking {
+pub(in crate::motion) struct Braking {
     /// On a line, what the squared speed changes; on an arc aR·sin d.
     gain: f32,
     /// On an arc cos d, and the inverse of aR; 0 on a line.
@@ -73,13 +73,13 @@ pub(super) struct Braking {
 }
 
 impl Braking {
-    pub(super) const NONE: Self = Self {
+    pub(in crate::motion) const NONE: Self = Self {
         gain: 0.0,
         keep: 0.0,
         inverse: 0.0,
     };
 
-    pub(super) fn new(block: &Block) -> Self {
+    pub(in crate::motion) fn new(block: &Block) -> Self {
         let change = block.course().measure_per_mm() * block.length_mm;
         match &block.curve {
             None => Self {
@@ -99,7 +99,7 @@ impl Braking {
 
     /// Greatest squared entry speed from which a line can be left at `exit_sqr`.
     #[inline]
-    pub(super) fn line_entry_for(&self, exit_sqr: f32) -> f32 {
+    pub(in crate::motion) fn line_entry_for(&self, exit_sqr: f32) -> f32 {
         exit_sqr + self.gain
     }
 
@@ -109,7 +109,7 @@ impl Braking {
         clippy::inline_always,
         reason = "a call in a loop is charged for each round"
     )]
-    pub(super) fn curve_entry_for(&self, exit_sqr: f32, curve: &Curve) -> f32 {
+    pub(in crate::motion) fn curve_entry_for(&self, exit_sqr: f32, curve: &Curve) -> f32 {
         let part = exit_sqr * self.inverse;
         if part >= self.keep {
             // As fast as the arc can be gone through.

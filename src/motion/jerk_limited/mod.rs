@@ -1,0 +1,9 @@
+//! The jerk-limited profile: acceleration is continuous.
+
+mod average;
+mod junctions;
+mod plan;
+mod profile;
+mod reference;
+
+pub(super) use self::{average::Smooth, junctions::Least, plan::Pace, reference::Pacer};
