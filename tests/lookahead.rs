@@ -142,7 +142,7 @@ fn planned_by(mut plan: LookAhead, blocks: &[Block]) -> Vec<f32> {
     for block in blocks {
         plan.push(block);
         while plan.is_unfinished() {
-            plan.go_on();
+            plan.continue_pass();
         }
     }
     let mut entries = Vec::new();

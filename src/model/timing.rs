@@ -27,7 +27,7 @@ pub(crate) const SLOT_TICKS: u32 = EVENT_SPACING_TICKS;
 /// at most.
 pub(crate) const PULSE_LOW_SLOTS: u32 = 1 + PULSE_LOW_TICKS.div_ceil(SLOT_TICKS);
 /// A cell of time, s.
-pub(crate) const CELL_S: f32 = 1.0e-3;
+pub(crate) const SAMPLE_S: f32 = 1.0e-3;
 
 /// Slots from a step to the end of its pulse, of so many ticks.
 #[must_use]

@@ -1,6 +1,6 @@
 //! Places on a block: where they are, and how fast each axis is there.
 
-use super::{executor::TICKS_PER_S, trapezoid::Course};
+use super::{executor::TICKS_PER_S, trapezoid::BlockGeometry};
 use crate::{
     axis::Axes,
     math::{self, WHOLE_Q31},
@@ -33,8 +33,8 @@ pub(super) fn phase_at(curve: &Curve, done: u32) -> u32 {
 
 /// The way of each axis from the block's start where a part of it is done.
 #[inline]
-pub(super) fn way_at(
-    course: Course<'_>,
+pub(super) fn displacement_at(
+    course: BlockGeometry<'_>,
     done: u32,
     begin: Direction,
     here: Direction,
@@ -43,7 +43,7 @@ pub(super) fn way_at(
         && let Shape::Spatial(circle) = &curve.shape
         && done != WHOLE_Q31
     {
-        return circle_at(circle, here);
+        return circle_displacement(circle, here);
     }
     let delta = &course.block.delta;
     let mut way = delta.map(|delta| math::scale_q31(delta, done));
@@ -61,13 +61,13 @@ pub(super) fn way_at(
             math::scale_q30(reached, here).wrapping_sub(math::scale_q30(radius, begin))
         };
         let (begin_1, here_1) = (begin.cosine, here.cosine);
-        put(
+        set_axis(
             &mut way,
             *first,
             along(*first_radius, *first_change, begin_1, here_1),
         );
         let (begin_2, here_2) = (begin.sine, here.sine);
-        put(
+        set_axis(
             &mut way,
             *second,
             along(*second_radius, *second_change, begin_2, here_2),
@@ -78,7 +78,7 @@ pub(super) fn way_at(
 
 /// The way of each axis from the start of a circle in any plane.
 #[inline(never)]
-fn circle_at(circle: &SpatialArc, here: Direction) -> Axes<i64> {
+fn circle_displacement(circle: &SpatialArc, here: Direction) -> Axes<i64> {
     // From -2³¹ to 0.
     let done = here.cosine.wrapping_sub(math::ONE_Q30);
     let unit = 1_i32.wrapping_shl(u32::from(circle.shift));
@@ -96,7 +96,11 @@ fn circle_at(circle: &SpatialArc, here: Direction) -> Axes<i64> {
 
 /// Speed of each axis in a place of the block, steps per tick.
 #[inline]
-pub(super) fn axis_speeds(course: Course<'_>, here: Direction, speed_mm_s: f32) -> Axes<f32> {
+pub(super) fn axis_speeds(
+    course: BlockGeometry<'_>,
+    here: Direction,
+    speed_mm_s: f32,
+) -> Axes<f32> {
     let speed = speed_mm_s * (1.0 / TICKS_PER_S);
     let mut speeds = course.block.steps_per_mm.map(|steps| steps * speed);
     if let Some(curve) = course.curve {
@@ -104,8 +108,8 @@ pub(super) fn axis_speeds(course: Course<'_>, here: Direction, speed_mm_s: f32) 
             Shape::Planar { first, second, .. } => {
                 let sign = if curve.sweep > 0 { 1.0 } else { -1.0 };
                 let scale = sign / math::ONE_Q30 as f32;
-                scale_by(&mut speeds, *first, -here.sine as f32 * scale);
-                scale_by(&mut speeds, *second, here.cosine as f32 * scale);
+                scale_axis(&mut speeds, *first, -here.sine as f32 * scale);
+                scale_axis(&mut speeds, *second, here.cosine as f32 * scale);
             }
             Shape::Spatial(circle) => return circle_speeds(circle, here, speed),
         }
@@ -128,13 +132,13 @@ fn circle_speeds(circle: &SpatialArc, here: Direction, speed: f32) -> Axes<f32> 
     )
 }
 
-fn put(axes: &mut Axes<i64>, axis: u8, value: i64) {
+fn set_axis(axes: &mut Axes<i64>, axis: u8, value: i64) {
     if let Some(place) = axes.0.get_mut(usize::from(axis)) {
         *place = value;
     }
 }
 
-fn scale_by(axes: &mut Axes<f32>, axis: u8, factor: f32) {
+fn scale_axis(axes: &mut Axes<f32>, axis: u8, factor: f32) {
     if let Some(place) = axes.0.get_mut(usize::from(axis)) {
         *place *= factor;
     }

@@ -7,9 +7,9 @@
 //! Braking is planned in a measure of speed that is linear in the path, see [`Course::measure`].
 
 use super::{
-    jerk_limited::{Least, Pace, Pacer},
+    jerk_limited::{JunctionPlan, ReferenceMotion, RunningMin},
     pass::Pass,
-    segment_rate::{in_cells, in_time, step_s, traded_s},
+    segment_rate::{duration_per_step_s, limit_block_rate, limit_segment_rate, min_duration_s},
     trapezoid::Braking,
 };
 use crate::{
@@ -23,19 +23,19 @@ use crate::{
 pub const BLOCKS: usize = 128;
 /// A block with its place in the plan.
 #[derive(Debug)]
-pub(super) struct Planned {
+pub(super) struct QueuedBlock {
     pub(super) block: Block,
     /// Limit of the squared entry speed from the junction and both programmed speeds.
     pub(super) limit_sqr: f32,
     /// Planned squared entry speed.
     pub(super) entry_sqr: f32,
     /// What it may take where other blocks have to take longer, s.
-    pub(super) traded_s: f32,
+    pub(super) min_duration_s: f32,
     pub(super) braking: Braking,
-    pub(super) pace: Pace,
+    pub(super) limits: JunctionPlan,
 }
 
-impl Planned {
+impl QueuedBlock {
     /// An empty place.
     const NONE: Self = Self {
         block: Block {
@@ -54,13 +54,13 @@ impl Planned {
         },
         limit_sqr: 0.0,
         entry_sqr: 0.0,
-        traded_s: f32::MAX,
+        min_duration_s: f32::MAX,
         braking: Braking::NONE,
-        pace: Pace::NONE,
+        limits: JunctionPlan::NONE,
     };
 
     /// Takes a block over, field by field: as a whole it would be copied by a loop in a library.
-    fn hold(&mut self, block: &Block) {
+    fn copy_from(&mut self, block: &Block) {
         let here = &mut self.block;
         here.delta = block.delta;
         here.steps_per_mm = block.steps_per_mm;
@@ -95,7 +95,7 @@ pub struct Plan<const N: usize> {
     pub(super) count: usize,
     pub(super) overrides: Overrides,
     /// What the blocks up to the newest take longer than they have to, s, [`SPARE_S`] at most.
-    pub(super) spare_s: f32,
+    pub(super) slack_s: f32,
     pub(super) pass: Pass,
     /// The window over which acceleration changes, cells and s; 0 where it changes at once.
     pub(super) window: usize,
@@ -103,11 +103,11 @@ pub struct Plan<const N: usize> {
     /// The length of the blocks behind the one that the reference is in, mm.
     pub(super) beyond_mm: f32,
     /// The reference, and the accelerations of the newest blocks.
-    pub(super) pacer: Pacer,
-    pub(super) least: Least,
+    pub(super) reference: ReferenceMotion,
+    pub(super) running_min: RunningMin,
     /// What a step adds to the shortest time of a line, s.
-    step_s: f32,
-    pub(super) ring: [Planned; N],
+    duration_per_step_s: f32,
+    pub(super) ring: [QueuedBlock; N],
 }
 
 impl<const N: usize> Plan<N> {
@@ -115,24 +115,24 @@ impl<const N: usize> Plan<N> {
     #[must_use]
     pub const fn new() -> Self {
         Self {
-            ring: [const { Planned::NONE }; N],
+            ring: [const { QueuedBlock::NONE }; N],
             first: 0,
             count: 0,
             overrides: Overrides::NONE,
-            spare_s: 0.0,
-            step_s: step_s(0),
+            slack_s: 0.0,
+            duration_per_step_s: duration_per_step_s(0),
             pass: Pass::Done,
             window: 0,
             window_s: 0.0,
             beyond_mm: 0.0,
-            pacer: Pacer::START,
-            least: Least::NONE,
+            reference: ReferenceMotion::START,
+            running_min: RunningMin::NONE,
         }
     }
 
     /// At rest: the greatest step rate of all axes together is that from now on, Hz.
     pub(crate) const fn set_step_rate(&mut self, hz: u32) {
-        self.step_s = step_s(hz);
+        self.duration_per_step_s = duration_per_step_s(hz);
     }
 
     /// Blocks in it, the one in execution included.
@@ -177,23 +177,23 @@ impl<const N: usize> Plan<N> {
         }
         let newest = self.first + self.count;
         let planned = &mut self.ring[newest & (N - 1)];
-        planned.hold(block);
+        planned.copy_from(block);
         planned.braking = Braking::new(block);
         if self.overrides != Overrides::NONE {
             planned.block.nominal_mm_s = block.nominal_under(self.overrides);
         }
-        planned.traded_s = traded_s(block, self.step_s);
-        let (mut speed_mm_s, spare_s) = in_time(
+        planned.min_duration_s = min_duration_s(block, self.duration_per_step_s);
+        let (mut speed_mm_s, spare_s) = limit_segment_rate(
             &planned.block,
             planned.block.nominal_mm_s,
-            planned.traded_s,
-            self.spare_s,
+            planned.min_duration_s,
+            self.slack_s,
         );
         if self.window != 0 {
-            speed_mm_s = in_cells(&planned.block, speed_mm_s);
+            speed_mm_s = limit_block_rate(&planned.block, speed_mm_s);
         }
         planned.block.nominal_mm_s = speed_mm_s;
-        self.spare_s = spare_s;
+        self.slack_s = spare_s;
         let limit_sqr = if self.count == 0 {
             0.0
         } else {
@@ -206,14 +206,14 @@ impl<const N: usize> Plan<N> {
         // Lower than any: it changes.
         planned.entry_sqr = -1.0;
         self.count += 1;
-        if self.is_smooth() {
+        if self.is_jerk_limited() {
             if self.count > 1 {
                 self.beyond_mm += block.length_mm;
             }
-            self.pace_block(self.count - 1, None);
-            self.pass = Pass::NEWEST_GATES;
+            self.plan_block(self.count - 1, None);
+            self.pass = Pass::NEWEST_ENTRIES;
         } else {
-            self.brake(1, 0.0, false);
+            self.plan_braking_part(1, 0.0, false);
         }
     }
 
@@ -221,10 +221,10 @@ impl<const N: usize> Plan<N> {
     pub fn push_alone(&mut self, block: &Block) {
         self.clear();
         let planned = &mut self.ring[0];
-        planned.hold(block);
+        planned.copy_from(block);
         planned.limit_sqr = 0.0;
         planned.entry_sqr = 0.0;
-        planned.traded_s = f32::MAX;
+        planned.min_duration_s = f32::MAX;
         self.count = 1;
     }
 
@@ -233,11 +233,11 @@ impl<const N: usize> Plan<N> {
         if self.count != 0 {
             self.first = (self.first + 1) & (N - 1);
             self.count -= 1;
-            if self.is_smooth() && self.pacer.number() == 0 && self.count != 0 {
-                self.enter(0);
+            if self.is_jerk_limited() && self.reference.number() == 0 && self.count != 0 {
+                self.enter_block(0);
             }
-            self.pacer.popped();
-            if let Pass::Pace { number, .. } | Pass::Legs { number, .. } = &mut self.pass {
+            self.reference.block_removed();
+            if let Pass::Speeds { number, .. } | Pass::BlockLimits { number, .. } = &mut self.pass {
                 *number = number.saturating_sub(1);
             }
         }
@@ -247,9 +247,9 @@ impl<const N: usize> Plan<N> {
     pub fn clear(&mut self) {
         self.first = 0;
         self.count = 0;
-        self.spare_s = 0.0;
+        self.slack_s = 0.0;
         self.pass = Pass::Done;
-        self.pacer = Pacer::START;
+        self.reference = ReferenceMotion::START;
         self.beyond_mm = 0.0;
     }
 }

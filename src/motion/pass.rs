@@ -10,13 +10,13 @@ use core::sync::atomic::{Ordering::SeqCst, compiler_fence};
 
 use super::{
     lookahead::Plan,
-    segment_rate::{in_cells, in_time},
+    segment_rate::{limit_block_rate, limit_segment_rate},
 };
 use crate::{math, model::Overrides};
 
 /// Blocks that a part of a pass goes through, and one of a backward pass.
-const PART: usize = 32;
-const BRAKING_PART: usize = 64;
+const SPEEDS_PER_PART: usize = 32;
+const BRAKING_PER_PART: usize = 64;
 
 /// Whether the machine has come to the speeds planned, or is still faster after a change of them.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -32,14 +32,14 @@ pub(in crate::motion) enum PassProgress {
 pub(super) enum Pass {
     Done,
     /// The speeds of blocks, from this number on, the oldest is 0; that of the block before.
-    Pace {
+    Speeds {
         number: usize,
         before_mm_s: f32,
         progress: PassProgress,
     },
     /// How blocks are begun where acceleration is continuous, from this number on, and how far ahead
     /// of the reference that is.
-    Legs {
+    BlockLimits {
         number: usize,
         ahead_mm: f32,
     },
@@ -54,14 +54,14 @@ pub(super) enum Pass {
 
 impl Pass {
     /// Entry speeds that a new block changes.
-    pub(super) const NEWEST_GATES: Self = Self::Brake {
+    pub(super) const NEWEST_ENTRIES: Self = Self::Brake {
         back: 1,
         exit_sqr: 0.0,
         is_new: false,
     };
 
     /// Entry speeds of all blocks.
-    pub(super) const ALL_GATES: Self = Self::Brake {
+    pub(super) const ALL_ENTRIES: Self = Self::Brake {
         back: 1,
         exit_sqr: 0.0,
         is_new: true,
@@ -80,7 +80,7 @@ impl<const N: usize> Plan<N> {
     pub const fn changes_speeds(&self) -> bool {
         match self.pass {
             Pass::Done => false,
-            Pass::Pace { .. } | Pass::Legs { .. } => true,
+            Pass::Speeds { .. } | Pass::BlockLimits { .. } => true,
             Pass::Brake { is_new, .. } => is_new,
         }
     }
@@ -89,9 +89,9 @@ impl<const N: usize> Plan<N> {
     ///
     /// A block in execution saves nothing, as nobody knows how much of it is left; the others save
     /// no more than at the speed before. Nor do they as long as the machine is faster than it.
-    pub(in crate::motion) fn pace(&mut self, overrides: Overrides, progress: PassProgress) {
+    pub(in crate::motion) fn replan(&mut self, overrides: Overrides, progress: PassProgress) {
         self.overrides = overrides;
-        self.pass = Pass::Pace {
+        self.pass = Pass::Speeds {
             number: 0,
             before_mm_s: 0.0,
             progress: if self.changes_speeds() {
@@ -104,24 +104,24 @@ impl<const N: usize> Plan<N> {
 
     /// A part of the pass.
     #[inline(never)]
-    pub fn go_on(&mut self) {
+    pub fn continue_pass(&mut self) {
         match self.pass {
             Pass::Done => {}
-            Pass::Pace {
+            Pass::Speeds {
                 number,
                 before_mm_s,
                 progress,
-            } => self.find_speeds(number, before_mm_s, progress),
-            Pass::Legs { number, ahead_mm } => self.find_legs(number, ahead_mm),
+            } => self.plan_speeds_part(number, before_mm_s, progress),
+            Pass::BlockLimits { number, ahead_mm } => self.plan_blocks_part(number, ahead_mm),
             Pass::Brake {
                 back,
                 exit_sqr,
                 is_new,
             } => {
-                if self.is_smooth() {
-                    self.open_gates(back, is_new);
+                if self.is_jerk_limited() {
+                    self.plan_junctions_part(back, is_new);
                 } else {
-                    self.brake(back, exit_sqr, is_new);
+                    self.plan_braking_part(back, exit_sqr, is_new);
                 }
             }
         }
@@ -133,21 +133,21 @@ impl<const N: usize> Plan<N> {
     /// Speeds of blocks under the overrides, and the limits of entry speeds that follow. Apart, as the
     /// passes of gates are: registers are saved only where they are needed.
     #[inline(never)]
-    fn find_speeds(&mut self, from: usize, mut before_mm_s: f32, progress: PassProgress) {
-        let end = self.count.min(from + PART);
-        let mut spare_s = if from == 0 { 0.0 } else { self.spare_s };
+    fn plan_speeds_part(&mut self, from: usize, mut before_mm_s: f32, progress: PassProgress) {
+        let end = self.count.min(from + SPEEDS_PER_PART);
+        let mut spare_s = if from == 0 { 0.0 } else { self.slack_s };
         // wcet-bound: 32
         for number in from..end {
             let planned = &mut self.ring[(self.first + number) & (N - 1)];
             let block = &mut planned.block;
-            let (mut speed_mm_s, left_s) = in_time(
+            let (mut speed_mm_s, left_s) = limit_segment_rate(
                 block,
                 block.nominal_under(self.overrides),
-                planned.traded_s,
+                planned.min_duration_s,
                 spare_s,
             );
             if self.window != 0 {
-                speed_mm_s = in_cells(block, speed_mm_s);
+                speed_mm_s = limit_block_rate(block, speed_mm_s);
             }
             let saves = number != 0 && progress == PassProgress::Followed;
             spare_s = if saves { left_s } else { 0.0 };
@@ -156,18 +156,18 @@ impl<const N: usize> Plan<N> {
             planned.limit_sqr = math::min(block.junction_sqr, slower * slower);
             before_mm_s = speed_mm_s;
         }
-        self.spare_s = spare_s;
+        self.slack_s = spare_s;
         self.pass = if end == self.count {
-            if self.is_smooth() {
-                Pass::Legs {
+            if self.is_jerk_limited() {
+                Pass::BlockLimits {
                     number: 0,
                     ahead_mm: 0.0,
                 }
             } else {
-                Pass::ALL_GATES
+                Pass::ALL_ENTRIES
             }
         } else {
-            Pass::Pace {
+            Pass::Speeds {
                 number: end,
                 before_mm_s,
                 progress,
@@ -176,7 +176,7 @@ impl<const N: usize> Plan<N> {
     }
 
     /// A part of the backward pass.
-    pub(super) fn brake(&mut self, from: usize, exit_sqr: f32, is_new: bool) {
+    pub(super) fn plan_braking_part(&mut self, from: usize, exit_sqr: f32, is_new: bool) {
         if is_new {
             self.brake_part::<true>(from, exit_sqr);
         } else {
@@ -192,7 +192,7 @@ impl<const N: usize> Plan<N> {
         // execution, whose entry is history.
         let newest = (self.first + self.count).wrapping_sub(from) & (N - 1);
         let left = self.count.saturating_sub(from);
-        let blocks = left.min(BRAKING_PART).min(newest + 1);
+        let blocks = left.min(BRAKING_PER_PART).min(newest + 1);
         let row = self.ring.get_mut(newest + 1 - blocks..=newest);
         // wcet-bound: 64
         for planned in row.unwrap_or_default().iter_mut().rev() {

@@ -23,7 +23,7 @@ use self::{
 };
 use super::{
     BLOCKS, Homing, LookAhead, cycles::probing::ProbingCycle, executor::Executor,
-    jerk_limited::Smooth,
+    jerk_limited::MovingAverage,
 };
 use crate::{
     axis::{AXES, Axes},
@@ -129,7 +129,7 @@ pub struct Motion {
     generator: Generator,
     homing: Homing,
     parking: Parking,
-    smooth: Smooth,
+    smooth: MovingAverage,
     plan: LookAhead,
 }
 
@@ -139,7 +139,7 @@ impl Motion {
     pub const fn new() -> Self {
         Self {
             plan: LookAhead::new(),
-            smooth: Smooth::new(),
+            smooth: MovingAverage::new(),
             executor: Executor::new(),
             segment: Segment::NONE,
             generator: Generator::new(),
@@ -369,7 +369,7 @@ impl Motion {
         self.probe.cancel();
         self.plan.clear();
         self.executor.abandon();
-        self.smooth.rest();
+        self.smooth.reset();
         self.parking.abandon();
         self.snap_to_steps();
     }

@@ -1,6 +1,6 @@
 //! What limits of jerk make of limits of acceleration.
 
-use crate::{axis::AXES, math, model::timing::CELL_S, settings::Settings};
+use crate::{axis::AXES, math, model::timing::SAMPLE_S, settings::Settings};
 
 /// Shortest window, cells: so that a limit of speed that is reached in the middle of a cell is kept by
 /// the mean, and blocks take the time that they have to.
@@ -30,7 +30,7 @@ impl AveragingWindow {
         if longest_s <= 0.0 {
             return Self { samples: 0 };
         }
-        let cells = math::min(longest_s * (1.0 / CELL_S) + 0.999, LONGEST_WINDOW as f32);
+        let cells = math::min(longest_s * (1.0 / SAMPLE_S) + 0.999, LONGEST_WINDOW as f32);
         Self {
             samples: (cells as usize).max(SHORTEST_WINDOW),
         }
@@ -38,7 +38,7 @@ impl AveragingWindow {
 
     /// Its length, s; 0 without any limit of jerk.
     pub(crate) fn seconds(self) -> f32 {
-        self.samples as f32 * CELL_S
+        self.samples as f32 * SAMPLE_S
     }
 
     /// The acceleration of an axis that keeps its jerk, mm/s².

@@ -20,15 +20,17 @@
 //! them the mean's acceleration does. What makes the machine hold, go on, or change its speed, does so to
 //! the reference.
 
-use super::reference::{Cell, Leaving};
-use crate::{math, model::timing::CELL_S, motion::executor::LONGEST_S, path::AveragingWindow};
+use super::reference::{LeavingSample, Sample};
+use crate::{
+    math, model::timing::SAMPLE_S, motion::executor::LONGEST_SEGMENT_S, path::AveragingWindow,
+};
 
 /// Cells of history, a power of two: the longest window fits.
-const CELLS: usize = 128;
+const WINDOW_SAMPLES: usize = 128;
 /// Most cells known beyond the beginning of the one being played.
-pub(in crate::motion) const AHEAD: usize = 3;
+pub(in crate::motion) const SAMPLES_AHEAD: usize = 3;
 /// The time that is known when a segment is made, s: the longest segment's.
-const KNOWN_S: f32 = LONGEST_S + 1.0e-6;
+const KNOWN_S: f32 = LONGEST_SEGMENT_S + 1.0e-6;
 /// Units of way in a mm: 1 nm.
 pub(super) const UNITS_PER_MM: f32 = 1_048_576.0;
 /// The same, mm.
@@ -38,40 +40,40 @@ const LEAST_MM_S: f32 = 1.0e-12;
 
 /// The reference's mean: its speed at the beginnings of the cell being played and of those after it.
 #[derive(Debug)]
-pub(in crate::motion) struct Smooth {
+pub(in crate::motion) struct MovingAverage {
     window: usize,
     /// Speed at the beginnings of cells, mm/s, the one being played first.
-    speeds: [f32; AHEAD + 1],
+    speeds: [f32; SAMPLES_AHEAD + 1],
     /// Half the change of acceleration in each, mm/s³: how the speed bends between its ends.
-    bends: [f32; AHEAD],
+    half_jerks: [f32; SAMPLES_AHEAD],
     /// The way in each, mm; of the first, what is left of it. 0 where none is known.
-    ways_mm: [f32; AHEAD],
+    distances_mm: [f32; SAMPLES_AHEAD],
     /// Cells known, the one being played first.
     known: usize,
     /// What has been played of the first cell, s.
     played_s: f32,
     /// Another cell is needed for the next segment: found when that changes, as each run of `prepare`
     /// asks for it twice.
-    is_short: bool,
+    needs_sample: bool,
     /// Way of the reference in the window, units; of a cell's, what dividing it left over; and the
     /// mean's speed for each of them, mm/s.
     sum: u32,
-    over: u32,
-    per_unit: f32,
+    remainder: u32,
+    speed_per_unit: f32,
     /// The bend of a cell for a difference of speed, 1/s²: 0.5/(cell · window).
-    per_bend: f32,
+    half_jerk_per_speed: f32,
     /// The newest cell of the reference, its speed at the end, and how many there have been since
     /// rest, as many as the window has at most.
     newest: usize,
     end_mm_s: f32,
     age: usize,
-    ways: [u32; CELLS],
-    changes_mm_s: [f32; CELLS],
+    distances: [u32; WINDOW_SAMPLES],
+    speed_changes_mm_s: [f32; WINDOW_SAMPLES],
 }
 
 /// A place on the way ahead.
 #[derive(Debug, Clone, Copy)]
-pub(in crate::motion) struct Place {
+pub(in crate::motion) struct PathPoint {
     /// When, s from now on.
     pub(in crate::motion) seconds: f32,
     /// How far, mm.
@@ -81,38 +83,38 @@ pub(in crate::motion) struct Place {
 }
 
 /// By how much a bend makes the way shorter in a time, mm.
-fn bent_mm(bend: f32, seconds: f32) -> f32 {
+fn jerk_distance_mm(bend: f32, seconds: f32) -> f32 {
     (1.0 / 6.0) * bend * seconds * seconds * seconds
 }
 
 /// What is known of the way ahead: where the machine is now, and will be at the ends of cells.
 #[derive(Debug, Clone, Copy)]
-pub(in crate::motion) struct Outlook {
-    places: [Place; AHEAD + 1],
+pub(in crate::motion) struct Forecast {
+    points: [PathPoint; SAMPLES_AHEAD + 1],
     /// The last of them, and the first standstill before it.
-    pub(in crate::motion) end: Place,
-    pub(in crate::motion) rest: Option<Place>,
+    pub(in crate::motion) end: PathPoint,
+    pub(in crate::motion) standstill: Option<PathPoint>,
 }
 
-impl Smooth {
+impl MovingAverage {
     pub(in crate::motion) const fn new() -> Self {
         Self {
             window: 0,
-            speeds: [0.0; AHEAD + 1],
-            bends: [0.0; AHEAD],
-            ways_mm: [0.0; AHEAD],
+            speeds: [0.0; SAMPLES_AHEAD + 1],
+            half_jerks: [0.0; SAMPLES_AHEAD],
+            distances_mm: [0.0; SAMPLES_AHEAD],
             known: 0,
             played_s: 0.0,
-            is_short: false,
+            needs_sample: false,
             sum: 0,
-            over: 0,
-            per_unit: 0.0,
-            per_bend: 0.0,
+            remainder: 0,
+            speed_per_unit: 0.0,
+            half_jerk_per_speed: 0.0,
             newest: 0,
             end_mm_s: 0.0,
             age: 0,
-            ways: [0; CELLS],
-            changes_mm_s: [0.0; CELLS],
+            distances: [0; WINDOW_SAMPLES],
+            speed_changes_mm_s: [0.0; WINDOW_SAMPLES],
         }
     }
 
@@ -120,32 +122,32 @@ impl Smooth {
     pub(in crate::motion) fn configure(&mut self, window: AveragingWindow) {
         self.window = window.samples;
         if window.samples != 0 {
-            self.per_unit = UNIT_MM / window.seconds();
-            self.per_bend = 0.5 / (CELL_S * window.seconds());
+            self.speed_per_unit = UNIT_MM / window.seconds();
+            self.half_jerk_per_speed = 0.5 / (SAMPLE_S * window.seconds());
         }
-        self.rest();
+        self.reset();
     }
 
     /// Whether it is in use.
-    pub(in crate::motion) fn is_on(&self) -> bool {
+    pub(in crate::motion) fn is_active(&self) -> bool {
         self.window != 0
     }
 
     /// Forgets the motion.
-    pub(in crate::motion) fn rest(&mut self) {
-        self.speeds = [0.0; AHEAD + 1];
-        self.ways_mm = [0.0; AHEAD];
+    pub(in crate::motion) fn reset(&mut self) {
+        self.speeds = [0.0; SAMPLES_AHEAD + 1];
+        self.distances_mm = [0.0; SAMPLES_AHEAD];
         self.known = 0;
         self.played_s = 0.0;
         self.sum = 0;
-        self.over = 0;
+        self.remainder = 0;
         self.end_mm_s = 0.0;
         self.age = 0;
-        self.is_short = self.is_on();
+        self.needs_sample = self.is_active();
     }
 
     /// Whether nothing of the reference's motion is left to be played.
-    pub(in crate::motion) fn is_at_rest(&self) -> bool {
+    pub(in crate::motion) fn is_at_standstill(&self) -> bool {
         let mut sum = 0.0;
         // wcet-bound: 4
         for speed in &self.speeds {
@@ -155,124 +157,124 @@ impl Smooth {
     }
 
     /// Whether nothing has been played since rest.
-    pub(in crate::motion) fn begins(&self) -> bool {
-        self.age <= AHEAD && self.played_s <= 0.0
+    pub(in crate::motion) fn is_first_segment(&self) -> bool {
+        self.age <= SAMPLES_AHEAD && self.played_s <= 0.0
     }
 
     /// Whether another cell of the reference is needed: the longest segment is to be known, and from
     /// rest one more cell. Not more than that, as a hold comes behind it.
     #[inline]
-    pub(in crate::motion) fn needs_cell(&self) -> bool {
-        self.is_short
+    pub(in crate::motion) fn needs_sample(&self) -> bool {
+        self.needs_sample
     }
 
     /// Finds out whether another cell is needed.
-    fn refresh(&mut self) {
-        let least_s = if self.begins() {
-            AHEAD as f32 * CELL_S
+    fn update_needs_sample(&mut self) {
+        let least_s = if self.is_first_segment() {
+            SAMPLES_AHEAD as f32 * SAMPLE_S
         } else {
             KNOWN_S
         };
-        self.is_short = self.known < AHEAD && self.known_s() < least_s;
+        self.needs_sample = self.known < SAMPLES_AHEAD && self.known_s() < least_s;
     }
 
     /// What leaves the window with the next cell.
-    pub(in crate::motion) fn leaving(&self) -> Leaving {
+    pub(in crate::motion) fn leaving_sample(&self) -> LeavingSample {
         let change = if self.age < self.window {
             0.0
         } else {
-            self.changes_mm_s[self.oldest()]
+            self.speed_changes_mm_s[self.oldest()]
         };
-        Leaving {
+        LeavingSample {
             change,
-            is_rest: self.sum == 0,
+            is_standstill: self.sum == 0,
         }
     }
 
     /// The place of the cell that leaves the window with the next one.
     fn oldest(&self) -> usize {
-        self.newest.wrapping_sub(self.window).wrapping_add(1) & (CELLS - 1)
+        self.newest.wrapping_sub(self.window).wrapping_add(1) & (WINDOW_SAMPLES - 1)
     }
 
     /// The next cell of the reference.
-    pub(in crate::motion) fn push(&mut self, cell: Cell, leaving: Leaving) {
+    pub(in crate::motion) fn push(&mut self, cell: Sample, leaving: LeavingSample) {
         let oldest = if self.age < self.window {
             self.age += 1;
             0
         } else {
-            self.ways[self.oldest()]
+            self.distances[self.oldest()]
         };
         let change = cell.end_mm_s - self.end_mm_s;
         self.end_mm_s = cell.end_mm_s;
-        self.newest = (self.newest + 1) & (CELLS - 1);
-        self.ways[self.newest] = cell.way;
-        self.changes_mm_s[self.newest] = change;
-        let before = self.sum.wrapping_add(self.over);
-        self.sum = self.sum.wrapping_add(cell.way).wrapping_sub(oldest);
+        self.newest = (self.newest + 1) & (WINDOW_SAMPLES - 1);
+        self.distances[self.newest] = cell.distance;
+        self.speed_changes_mm_s[self.newest] = change;
+        let before = self.sum.wrapping_add(self.remainder);
+        self.sum = self.sum.wrapping_add(cell.distance).wrapping_sub(oldest);
         let double = before.wrapping_add(self.sum);
         let shares = (2 * self.window as u32).max(1);
         let way = double / shares;
-        self.over = double - way * shares;
-        let bend = (change - leaving.change) * self.per_bend;
-        if let Some(place) = self.bends.get_mut(self.known) {
+        self.remainder = double - way * shares;
+        let bend = (change - leaving.change) * self.half_jerk_per_speed;
+        if let Some(place) = self.half_jerks.get_mut(self.known) {
             *place = bend;
         }
-        if let Some(place) = self.ways_mm.get_mut(self.known) {
-            *place += way as f32 * UNIT_MM - bent_mm(bend, CELL_S);
+        if let Some(place) = self.distances_mm.get_mut(self.known) {
+            *place += way as f32 * UNIT_MM - jerk_distance_mm(bend, SAMPLE_S);
         }
         self.known += 1;
         if let Some(speed) = self.speeds.get_mut(self.known) {
-            *speed = self.sum as f32 * self.per_unit;
+            *speed = self.sum as f32 * self.speed_per_unit;
         }
-        self.refresh();
+        self.update_needs_sample();
     }
 
     /// What is known, s.
     fn known_s(&self) -> f32 {
-        self.known as f32 * CELL_S - self.played_s
+        self.known as f32 * SAMPLE_S - self.played_s
     }
 
     /// What is known of the way ahead, at a speed now.
-    pub(in crate::motion) fn outlook(&self, speed_mm_s: f32) -> Outlook {
-        let mut end = Place {
+    pub(in crate::motion) fn forecast(&self, speed_mm_s: f32) -> Forecast {
+        let mut end = PathPoint {
             seconds: 0.0,
             way_mm: 0.0,
             speed_mm_s,
         };
-        let mut outlook = Outlook {
-            places: [end; AHEAD + 1],
+        let mut outlook = Forecast {
+            points: [end; SAMPLES_AHEAD + 1],
             end,
-            rest: None,
+            standstill: None,
         };
-        let mut cell_s = CELL_S - self.played_s;
-        let ends = self.speeds[1..].iter().zip(&self.ways_mm);
+        let mut cell_s = SAMPLE_S - self.played_s;
+        let ends = self.speeds[1..].iter().zip(&self.distances_mm);
         // wcet-bound: 3
-        for (place, (to, way)) in outlook.places[1..].iter_mut().zip(ends).take(self.known) {
-            if end.speed_mm_s <= 0.0 && end.seconds > 0.0 && outlook.rest.is_none() {
-                outlook.rest = Some(end);
+        for (place, (to, way)) in outlook.points[1..].iter_mut().zip(ends).take(self.known) {
+            if end.speed_mm_s <= 0.0 && end.seconds > 0.0 && outlook.standstill.is_none() {
+                outlook.standstill = Some(end);
             }
-            end = Place {
+            end = PathPoint {
                 seconds: end.seconds + cell_s,
                 way_mm: end.way_mm + way,
                 speed_mm_s: *to,
             };
             *place = end;
-            cell_s = CELL_S;
+            cell_s = SAMPLE_S;
         }
         outlook.end = end;
         outlook
     }
 
     /// The place after a time, which is known.
-    pub(in crate::motion) fn after(&self, outlook: &Outlook, seconds: f32) -> Place {
-        let cell = ((self.played_s + seconds) * (1.0 / CELL_S)) as usize;
-        let cell = cell.min(AHEAD - 1);
-        self.within(outlook, cell, seconds - outlook.places[cell].seconds)
+    pub(in crate::motion) fn point_after(&self, outlook: &Forecast, seconds: f32) -> PathPoint {
+        let cell = ((self.played_s + seconds) * (1.0 / SAMPLE_S)) as usize;
+        let cell = cell.min(SAMPLES_AHEAD - 1);
+        self.point_within(outlook, cell, seconds - outlook.points[cell].seconds)
     }
 
     /// The place after a way, which is known.
-    pub(in crate::motion) fn at(&self, outlook: &Outlook, way_mm: f32) -> Place {
-        let [_, a, b, _] = &outlook.places;
+    pub(in crate::motion) fn point_at(&self, outlook: &Forecast, way_mm: f32) -> PathPoint {
+        let [_, a, b, _] = &outlook.points;
         let cell = if way_mm <= a.way_mm || self.known <= 1 {
             0
         } else if way_mm <= b.way_mm || self.known <= 2 {
@@ -280,7 +282,7 @@ impl Smooth {
         } else {
             2
         };
-        let [from, to] = [&outlook.places[cell], &outlook.places[cell + 1]];
+        let [from, to] = [&outlook.points[cell], &outlook.points[cell + 1]];
         let most_s = to.seconds - from.seconds;
         let left_mm = way_mm - from.way_mm;
         // As if its speed changed evenly, ...
@@ -289,26 +291,26 @@ impl Smooth {
         let sum = v + math::sqrt(math::max(square, 0.0));
         let about_s = math::min(2.0 * left_mm / math::max(sum, LEAST_MM_S), most_s);
         // ... and nearer by Newton's method.
-        let about = self.within(outlook, cell, about_s);
+        let about = self.point_within(outlook, cell, about_s);
         let late_s = (about.way_mm - way_mm) / math::max(about.speed_mm_s, LEAST_MM_S);
         let seconds = math::min(math::max(about_s - late_s, 0.5 * about_s), most_s);
-        Place {
+        PathPoint {
             way_mm,
-            ..self.within(outlook, cell, seconds)
+            ..self.point_within(outlook, cell, seconds)
         }
     }
 
     /// The place so long after the beginning of what is left of a cell: so far before its end.
-    fn within(&self, outlook: &Outlook, cell: usize, seconds: f32) -> Place {
-        let [from, to] = [&outlook.places[cell], &outlook.places[cell + 1]];
+    fn point_within(&self, outlook: &Forecast, cell: usize, seconds: f32) -> PathPoint {
+        let [from, to] = [&outlook.points[cell], &outlook.points[cell + 1]];
         let seconds = from.seconds + seconds;
         let rest_s = to.seconds - seconds;
-        let bend = self.bends[cell];
-        let change = (self.speeds[cell + 1] - self.speeds[cell]) * (1.0 / CELL_S);
+        let bend = self.half_jerks[cell];
+        let change = (self.speeds[cell + 1] - self.speeds[cell]) * (1.0 / SAMPLE_S);
         let evenly = to.speed_mm_s - change * rest_s;
-        let speed_mm_s = math::max(evenly - bend * rest_s * (CELL_S - rest_s), 0.0);
-        let rest_mm = 0.5 * (speed_mm_s + to.speed_mm_s) * rest_s - bent_mm(bend, rest_s);
-        Place {
+        let speed_mm_s = math::max(evenly - bend * rest_s * (SAMPLE_S - rest_s), 0.0);
+        let rest_mm = 0.5 * (speed_mm_s + to.speed_mm_s) * rest_s - jerk_distance_mm(bend, rest_s);
+        PathPoint {
             seconds,
             way_mm: to.way_mm - rest_mm,
             speed_mm_s,
@@ -316,24 +318,24 @@ impl Smooth {
     }
 
     /// Goes on by a time that is known, and a way.
-    pub(in crate::motion) fn play(&mut self, seconds: f32, way_mm: f32) {
+    pub(in crate::motion) fn advance(&mut self, seconds: f32, way_mm: f32) {
         self.played_s += seconds;
-        let [first, ..] = &mut self.ways_mm;
+        let [first, ..] = &mut self.distances_mm;
         *first -= way_mm;
         // wcet-bound: 3
-        for _ in 0..AHEAD {
-            if self.played_s < CELL_S || self.known == 0 {
+        for _ in 0..SAMPLES_AHEAD {
+            if self.played_s < SAMPLE_S || self.known == 0 {
                 break;
             }
-            self.played_s -= CELL_S;
+            self.played_s -= SAMPLE_S;
             let [_, b, c, d] = self.speeds;
             self.speeds = [b, c, d, 0.0];
-            let [_, b, c] = self.bends;
-            self.bends = [b, c, 0.0];
-            let [rest, b, c] = self.ways_mm;
-            self.ways_mm = [rest + b, c, 0.0];
+            let [_, b, c] = self.half_jerks;
+            self.half_jerks = [b, c, 0.0];
+            let [rest, b, c] = self.distances_mm;
+            self.distances_mm = [rest + b, c, 0.0];
             self.known -= 1;
         }
-        self.refresh();
+        self.update_needs_sample();
     }
 }

@@ -16,19 +16,19 @@ const GAP_S: f32 = 1.0e-3;
 /// Stands for a speed of 0 in a divisor, mm/s.
 const LEAST_MM_S: f32 = 1.0e-20;
 /// A block that is that many times as long as the place around its end is more than a part of it.
-const LONG: f32 = 4.0;
+const LONG_BLOCK_INFLUENCES: f32 = 4.0;
 
 /// Added to the window where a limit holds around a place, s: the cell that the place lies in.
 const AROUND_S: f32 = 1.0e-3;
 
 /// How far before a place, and behind it, what holds for a mean that passes it at a speed does, mm.
-pub(in crate::motion) fn reach_mm(speed_mm_s: f32, window_s: f32) -> f32 {
+pub(in crate::motion) fn influence_mm(speed_mm_s: f32, window_s: f32) -> f32 {
     0.5 * (window_s + AROUND_S) * speed_mm_s
 }
 
 /// What of a block matters to the reference.
 #[derive(Debug, Clone, Copy)]
-pub(in crate::motion) struct Leg {
+pub(in crate::motion) struct BlockLimits {
     /// Length, mm.
     pub(in crate::motion) length_mm: f32,
     /// Greatest speed, mm/s.
@@ -40,12 +40,12 @@ pub(in crate::motion) struct Leg {
     pub(in crate::motion) trail_mm: f32,
 }
 
-impl Leg {
+impl BlockLimits {
     /// A leg behind another, of which the least acceleration is known that still counts for a way.
-    pub(in crate::motion) fn behind(mut self, least: &Least, reach_mm: f32) -> Self {
+    pub(in crate::motion) fn behind(mut self, least: &RunningMin, reach_mm: f32) -> Self {
         let low = least.mm_s2();
         if low < self.acceleration_mm_s2 {
-            if self.length_mm < LONG * reach_mm {
+            if self.length_mm < LONG_BLOCK_INFLUENCES * reach_mm {
                 self.acceleration_mm_s2 = low;
             } else {
                 self.trail_mm_s2 = math::min(self.trail_mm_s2, low);
@@ -65,7 +65,7 @@ impl Leg {
     }
 
     /// The part of a way before its end in which its own acceleration counts, mm.
-    fn own_mm(&self, way_mm: f32) -> f32 {
+    fn beyond_trail_mm(&self, way_mm: f32) -> f32 {
         math::min(way_mm, self.length_mm - self.trail_mm)
     }
 }
@@ -74,13 +74,13 @@ impl Leg {
 ///
 /// Two at a time, each for at least the way: so that none has to be remembered longer.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(in crate::motion) struct Least {
+pub(in crate::motion) struct RunningMin {
     before: f32,
     now: f32,
     passed_mm: f32,
 }
 
-impl Least {
+impl RunningMin {
     pub(in crate::motion) const NONE: Self = Self {
         before: NO_ACCELERATION,
         now: NO_ACCELERATION,
@@ -92,7 +92,7 @@ impl Least {
     }
 
     /// After a block with an acceleration.
-    pub(in crate::motion) fn after(&self, leg: &Leg, reach_mm: f32) -> Self {
+    pub(in crate::motion) fn after(&self, leg: &BlockLimits, reach_mm: f32) -> Self {
         let passed_mm = self.passed_mm + leg.length_mm;
         let here = leg.acceleration_mm_s2;
         if leg.length_mm > reach_mm {
@@ -119,7 +119,7 @@ impl Least {
 
 /// The reference's speeds before a place, seen from there backwards.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(in crate::motion) struct Gate {
+pub(in crate::motion) struct JunctionLimit {
     /// Greatest speed there, mm/s, and for how far before it does not change, mm.
     brake_mm_s: f32,
     brake_flat_mm: f32,
@@ -130,10 +130,10 @@ pub(in crate::motion) struct Gate {
     cap_mm_s: f32,
     cap_mm: f32,
     /// Accelerations behind the place, and for how far before it they hold too, mm.
-    least: Least,
+    behind: RunningMin,
     reach_mm: f32,
     /// Accelerations with which the reference brakes behind the place.
-    braking: Least,
+    braking: RunningMin,
 }
 
 /// How a distance before a gate is gone through.
@@ -144,7 +144,7 @@ struct Approach {
     flat_mm: f32,
 }
 
-impl Gate {
+impl JunctionLimit {
     /// The end of what is known, or a place that is passed at rest.
     pub(in crate::motion) const STOP: Self = Self {
         brake_mm_s: 0.0,
@@ -153,14 +153,14 @@ impl Gate {
         free_flat_mm: 0.0,
         cap_mm_s: NO_LIMIT,
         cap_mm: 0.0,
-        least: Least::NONE,
+        behind: RunningMin::NONE,
         reach_mm: 0.0,
-        braking: Least::NONE,
+        braking: RunningMin::NONE,
     };
 
     /// The greatest speeds in the place itself: braking, and of a reference that has just accelerated,
     /// mm/s.
-    pub(in crate::motion) fn there(&self) -> [f32; 2] {
+    pub(in crate::motion) fn speeds_at_junction(&self) -> [f32; 2] {
         [self.brake_mm_s, self.free_mm_s]
     }
 
@@ -173,7 +173,7 @@ impl Gate {
     /// there, 0 for rest, and `reach_mm` how far before it accelerations behind it hold.
     pub(in crate::motion) fn before(
         &self,
-        leg: &Leg,
+        leg: &BlockLimits,
         corner_mm_s: f32,
         reach_mm: f32,
         window_s: f32,
@@ -196,10 +196,10 @@ impl Gate {
             free_flat_mm: math::max(free_flat - leg.length_mm, 0.0),
             cap_mm_s: self.cap_mm_s,
             cap_mm: capped - leg.length_mm,
-            least: self.least.after(leg, 2.0 * self.reach_mm),
+            behind: self.behind.after(leg, 2.0 * self.reach_mm),
             reach_mm,
             braking: self.braking.after(
-                &Leg {
+                &BlockLimits {
                     acceleration_mm_s2: approach.acceleration_mm_s2,
                     ..*leg
                 },
@@ -213,20 +213,20 @@ impl Gate {
             gate.cap_mm_s = NO_LIMIT;
             gate.cap_mm = 0.0;
         }
-        gate.limit(top, approach.acceleration_mm_s2, window_s);
-        gate.limit(corner_mm_s, approach.acceleration_mm_s2, window_s);
+        gate.cap(top, approach.acceleration_mm_s2, window_s);
+        gate.cap(corner_mm_s, approach.acceleration_mm_s2, window_s);
         gate
     }
 
     /// The acceleration in a leg before the gate.
-    fn approach(&self, leg: &Leg) -> Approach {
-        let least = self.least.mm_s2();
+    fn approach(&self, leg: &BlockLimits) -> Approach {
+        let least = self.behind.mm_s2();
         if leg.acceleration_mm_s2 <= least {
             Approach {
                 acceleration_mm_s2: leg.acceleration_mm_s2,
                 flat_mm: 0.0,
             }
-        } else if leg.length_mm < LONG * self.reach_mm {
+        } else if leg.length_mm < LONG_BLOCK_INFLUENCES * self.reach_mm {
             Approach {
                 acceleration_mm_s2: least,
                 flat_mm: 0.0,
@@ -249,10 +249,10 @@ impl Gate {
     }
 
     /// A limit on both sides of the gate.
-    fn limit(&mut self, speed_mm_s: f32, acceleration_mm_s2: f32, window_s: f32) {
+    fn cap(&mut self, speed_mm_s: f32, acceleration_mm_s2: f32, window_s: f32) {
         let half = 0.5 / acceleration_mm_s2;
         let limit_sqr = speed_mm_s * speed_mm_s;
-        let reach_mm = reach_mm(speed_mm_s, window_s);
+        let reach_mm = influence_mm(speed_mm_s, window_s);
         // The way in which braking makes up a difference of squared speeds.
         let way = |sqr: f32| half * sqr;
         if speed_mm_s < self.free_mm_s {
@@ -289,11 +289,11 @@ impl Gate {
     }
 
     /// The acceleration of the reference in a leg, so far before this gate at its end, mm/s².
-    pub(in crate::motion) fn acceleration(&self, leg: &Leg, way_mm: f32) -> f32 {
+    pub(in crate::motion) fn acceleration(&self, leg: &BlockLimits, way_mm: f32) -> f32 {
         let approach = self.approach(leg);
         let here = math::min(leg.acceleration(way_mm), approach.acceleration_mm_s2);
         if way_mm < approach.flat_mm {
-            math::min(here, self.least.mm_s2())
+            math::min(here, self.behind.mm_s2())
         } else {
             here
         }
@@ -307,14 +307,14 @@ impl Gate {
     #[inline(never)]
     pub(in crate::motion) fn speeds(
         &self,
-        leg: &Leg,
+        leg: &BlockLimits,
         way_mm: f32,
         speed_mm_s: f32,
         cell_s: f32,
         window_s: f32,
     ) -> (f32, f32) {
         let approach = self.approach(leg);
-        let way_mm = leg.own_mm(way_mm);
+        let way_mm = leg.beyond_trail_mm(way_mm);
         let a = approach.acceleration_mm_s2;
         let gap_s = window_s + GAP_S;
         let flat = |flat_mm: f32| math::max(flat_mm, approach.flat_mm);

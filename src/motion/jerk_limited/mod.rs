@@ -6,4 +6,6 @@ mod plan;
 mod profile;
 mod reference;
 
-pub(super) use self::{average::Smooth, junctions::Least, plan::Pace, reference::Pacer};
+pub(super) use self::{
+    average::MovingAverage, junctions::RunningMin, plan::JunctionPlan, reference::ReferenceMotion,
+};

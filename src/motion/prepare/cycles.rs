@@ -125,7 +125,7 @@ impl Motion {
         // What is left of the move has been counted with it.
         self.plan.clear();
         self.executor.abandon();
-        self.smooth.rest();
+        self.smooth.reset();
         self.snap_to_steps();
     }
 

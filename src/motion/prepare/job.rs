@@ -179,7 +179,7 @@ impl Motion {
     /// Whether a cell has to be made for the next segment first.
     #[inline]
     pub(super) fn needs_sample(&self) -> bool {
-        !self.generator.is_open() && self.smooth.needs_cell() && self.follows_plan()
+        !self.generator.is_open() && self.smooth.needs_sample() && self.follows_plan()
     }
 
     /// Whether a segment can be made now, if there is motion for it.

@@ -104,7 +104,7 @@ impl Motion {
     fn replan_after_override(&mut self, before: Overrides) {
         let now = self.accessories.overrides();
         if now.feed != before.feed || now.rapid != before.rapid {
-            self.plan.pace(now, self.executor.replanned());
+            self.plan.replan(now, self.executor.replanned());
         }
     }
 
@@ -112,7 +112,7 @@ impl Motion {
     #[inline(never)]
     pub(super) fn continue_planning(&mut self) {
         let changes_speeds = self.plan.changes_speeds();
-        self.plan.go_on();
+        self.plan.continue_pass();
         if changes_speeds {
             self.executor.replanned();
         }

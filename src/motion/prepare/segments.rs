@@ -72,8 +72,8 @@ impl Motion {
     /// The next cell of the reference.
     #[inline(never)]
     pub(super) fn sample_reference(&mut self) {
-        let leaving = self.smooth.leaving();
-        let cell = self.plan.cell(!self.executes(), leaving);
+        let leaving = self.smooth.leaving_sample();
+        let cell = self.plan.next_sample(!self.executes(), leaving);
         self.smooth.push(cell, leaving);
     }
 
@@ -94,10 +94,10 @@ impl Motion {
         let blocks = self.plan.len();
         let position = self.generator.position();
         let (plan, segment) = (&mut self.plan, &mut self.segment);
-        let moves = if self.smooth.is_on() {
+        let moves = if self.smooth.is_active() {
             let smooth = &mut self.smooth;
             self.executor
-                .next_smooth(plan, smooth, position, goal, segment)
+                .next_jerk_limited(plan, smooth, position, goal, segment)
         } else {
             self.executor.next(plan, position, goal, segment)
         };
@@ -110,7 +110,7 @@ impl Motion {
             blocks - self.plan.len()
         };
         self.finished = self.finished.wrapping_add(done as u32);
-        let (laser, part) = self.executor.beam();
+        let (laser, part) = self.executor.laser();
         self.accessories.begin_block(laser);
         self.segment.power = self.accessories.power_in_motion(laser, part);
         self.enable_drivers();

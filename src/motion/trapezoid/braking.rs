@@ -9,12 +9,12 @@ use crate::{
 
 /// A block with its curve apart: code that is made for a block without one does not ask for it.
 #[derive(Clone, Copy)]
-pub(in crate::motion) struct Course<'a> {
+pub(in crate::motion) struct BlockGeometry<'a> {
     pub(in crate::motion) block: &'a Block,
     pub(in crate::motion) curve: Option<&'a Curve>,
 }
 
-impl Course<'_> {
+impl BlockGeometry<'_> {
     /// The measure of a squared speed that braking changes in proportion to the path.
     ///
     /// On a line that is v² itself. On an arc the acceleration left along the path is
@@ -50,8 +50,8 @@ impl Course<'_> {
 impl Block {
     /// The block, with its curve if it has one.
     #[inline]
-    pub(in crate::motion) const fn course(&self) -> Course<'_> {
-        Course {
+    pub(in crate::motion) const fn geometry(&self) -> BlockGeometry<'_> {
+        BlockGeometry {
             block: self,
             curve: self.curve.as_ref(),
         }
@@ -68,19 +68,19 @@ pub(in crate::motion) struct Braking {
     /// On a line, what the squared speed changes; on an arc aR·sin d.
     gain: f32,
     /// On an arc cos d, and the inverse of aR; 0 on a line.
-    keep: f32,
-    inverse: f32,
+    cosine: f32,
+    inverse_limit: f32,
 }
 
 impl Braking {
     pub(in crate::motion) const NONE: Self = Self {
         gain: 0.0,
-        keep: 0.0,
-        inverse: 0.0,
+        cosine: 0.0,
+        inverse_limit: 0.0,
     };
 
     pub(in crate::motion) fn new(block: &Block) -> Self {
-        let change = block.course().measure_per_mm() * block.length_mm;
+        let change = block.geometry().measure_per_mm() * block.length_mm;
         match &block.curve {
             None => Self {
                 gain: change,
@@ -90,8 +90,8 @@ impl Braking {
                 let change = math::min(change, FRAC_PI_2);
                 Self {
                     gain: curve.limit_sqr * math::sin(change),
-                    keep: math::sin(FRAC_PI_2 - change),
-                    inverse: 1.0 / curve.limit_sqr,
+                    cosine: math::sin(FRAC_PI_2 - change),
+                    inverse_limit: 1.0 / curve.limit_sqr,
                 }
             }
         }
@@ -110,11 +110,11 @@ impl Braking {
         reason = "a call in a loop is charged for each round"
     )]
     pub(in crate::motion) fn curve_entry_for(&self, exit_sqr: f32, curve: &Curve) -> f32 {
-        let part = exit_sqr * self.inverse;
-        if part >= self.keep {
+        let part = exit_sqr * self.inverse_limit;
+        if part >= self.cosine {
             // As fast as the arc can be gone through.
             return curve.limit_sqr;
         }
-        exit_sqr * self.keep + self.gain * math::sqrt_here(1.0 - part * part)
+        exit_sqr * self.cosine + self.gain * math::sqrt_here(1.0 - part * part)
     }
 }

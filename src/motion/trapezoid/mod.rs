@@ -4,6 +4,6 @@ mod braking;
 mod profile;
 
 pub(super) use self::{
-    braking::{Braking, Course},
-    profile::{Stretch, WITHIN, share},
+    braking::{BlockGeometry, Braking},
+    profile::{SPEED_TOLERANCE, SegmentProfile, segment_share_s},
 };

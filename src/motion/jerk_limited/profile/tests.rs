@@ -8,7 +8,7 @@ use super::*;
 use crate::{
     axis::AXES,
     model::{Command, FeedRate, Overrides},
-    motion::{LookAhead, jerk_limited::Smooth},
+    motion::{LookAhead, jerk_limited::MovingAverage},
     path::{AveragingWindow, Block, Router, Work},
     settings::Settings,
     units::{Nm, TICKS_PER_SECOND},
@@ -33,7 +33,7 @@ struct Sample {
 /// Segment after segment, and what they did.
 struct Run {
     plan: LookAhead,
-    smooth: Smooth,
+    smooth: MovingAverage,
     executor: Executor,
     position: Axes<FineSteps>,
     goal: Goal,
@@ -51,7 +51,7 @@ impl Run {
         let window = AveragingWindow::new(settings);
         let mut run = Self {
             plan: LookAhead::new(),
-            smooth: Smooth::new(),
+            smooth: MovingAverage::new(),
             executor: Executor::new(),
             position: Axes([FineSteps(0); AXES]),
             goal: Goal::Run,
@@ -79,7 +79,7 @@ impl Run {
 
     fn finish_plan(&mut self) {
         while self.plan.is_unfinished() {
-            self.plan.go_on();
+            self.plan.continue_pass();
         }
     }
 
@@ -98,7 +98,7 @@ impl Run {
                     feed,
                     ..Overrides::NONE
                 };
-                self.plan.pace(overrides, self.executor.replanned());
+                self.plan.replan(overrides, self.executor.replanned());
                 self.finish_plan();
             }
         }
@@ -107,15 +107,15 @@ impl Run {
     /// The next segment; false at rest.
     fn segment(&mut self) -> bool {
         let (plan, smooth) = (&mut self.plan, &mut self.smooth);
-        while smooth.needs_cell() && !plan.is_empty() {
-            let leaving = smooth.leaving();
-            let cell = plan.cell(self.goal == Goal::Stop, leaving);
+        while smooth.needs_sample() && !plan.is_empty() {
+            let leaving = smooth.leaving_sample();
+            let cell = plan.next_sample(self.goal == Goal::Stop, leaving);
             smooth.push(cell, leaving);
         }
         let before = plan.len();
         let mut segment = Segment::NONE;
         let position = self.position;
-        if !(self.executor).next_smooth(plan, smooth, &position, self.goal, &mut segment) {
+        if !(self.executor).next_jerk_limited(plan, smooth, &position, self.goal, &mut segment) {
             assert!(!self.executor.is_moving());
             self.sample(1.0e-3, 0.0);
             return false;
