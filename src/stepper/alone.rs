@@ -5,7 +5,7 @@ use super::{
     StepEvent,
     ring::EventBatch,
     slots::Cursor,
-    step_times::{AxisSteps, EVEN_BITS},
+    step_times::{AxisSteps, TIME_FRACTION_BITS},
 };
 use crate::model::timing::PULSE_LOW_TICKS;
 
@@ -31,32 +31,32 @@ impl Alone {
         events: &mut EventBatch<'_>,
     ) -> i32 {
         let step = StepEvent::new(0, self.mask, 0);
-        let time = steps.next.cast_signed();
-        let held = events.hold();
+        let time = steps.next_ticks.cast_signed();
+        let held = events.reserve_first();
         let first = if let Some(due) = self.due {
-            let end = cursor.mark(StepEvent::new(0, 0, self.mask));
-            let end = cursor.next(due, end);
-            events.put_behind(cursor.next(time, step));
+            let end = cursor.mark_boundary(StepEvent::new(0, 0, self.mask));
+            let end = cursor.schedule(due, end);
+            events.push_uncommitted(cursor.schedule(time, step));
             end
         } else {
-            let begin = cursor.mark(step);
-            cursor.next(time, begin)
+            let begin = cursor.mark_boundary(step);
+            cursor.schedule(time, begin)
         };
-        steps.advance_evenly();
+        steps.advance_periodic();
         let pulse_end = StepEvent::new(pulse_ticks, 0, self.mask);
-        if steps.left > 1 {
-            cursor.last = put_evenly(&mut steps, cursor.last, pulse_end, events);
+        if steps.remaining > 1 {
+            cursor.last_ticks = put_evenly(&mut steps, cursor.last_ticks, pulse_end, events);
         }
-        if steps.left != 0 {
+        if steps.remaining != 0 {
             // The last one is not later than the segment's end.
-            events.put_behind(pulse_end);
-            cursor.last += pulse_ticks.cast_signed();
-            let time = steps.next.cast_signed().max(cursor.last + LOW);
-            events.put_behind(cursor.next(time, step));
+            events.push_uncommitted(pulse_end);
+            cursor.last_ticks += pulse_ticks.cast_signed();
+            let time = steps.next_ticks.cast_signed().max(cursor.last_ticks + LOW);
+            events.push_uncommitted(cursor.schedule(time, step));
         }
-        events.release(held, first);
+        events.commit_first(held, first);
         events.publish();
-        cursor.last + pulse_ticks.cast_signed()
+        cursor.last_ticks + pulse_ticks.cast_signed()
     }
 }
 
@@ -69,21 +69,21 @@ fn put_evenly(
 ) -> i32 {
     let mask = pulse_end.drop();
     let pulse_ticks = pulse_end.ticks();
-    let (mut fine, period) = (steps.even_time, steps.even_period);
+    let (mut fine, period) = (steps.time_fixed, steps.period_fixed);
     let mut last = last.cast_unsigned();
     let mut batch = *out;
     // wcet-bound: segment_steps, wcet-total: segment_steps
-    for _ in 1..steps.left {
-        let time = fine >> EVEN_BITS;
+    for _ in 1..steps.remaining {
+        let time = fine >> TIME_FRACTION_BITS;
         let low_ticks = time.wrapping_sub(last).wrapping_sub(pulse_ticks);
-        batch.put_behind(pulse_end);
-        batch.put_behind(StepEvent::new(low_ticks, mask, 0));
+        batch.push_uncommitted(pulse_end);
+        batch.push_uncommitted(StepEvent::new(low_ticks, mask, 0));
         last = time;
         fine = fine.wrapping_add(period);
     }
     *out = batch;
-    steps.left = 1;
-    steps.even_time = fine;
-    steps.next = fine >> EVEN_BITS;
+    steps.remaining = 1;
+    steps.time_fixed = fine;
+    steps.next_ticks = fine >> TIME_FRACTION_BITS;
     last.cast_signed()
 }

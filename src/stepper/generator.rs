@@ -9,9 +9,9 @@ use super::{
     AxisMotion, EventWriter, SegmentInfo, SegmentRing, StepEvent,
     alone::Alone,
     placing::Placing,
-    position::{high_after, steps_after},
+    position::{pulses_high_after, steps_after},
     ring::EventBatch,
-    slots::{Cursor, SLOT, Slots},
+    slots::{Cursor, SLOT_TICKS_SIGNED, Slots},
     step_times::{AxisSteps, NO_STEPS, plan_axis},
 };
 use crate::{
@@ -65,9 +65,9 @@ impl Segment {
 }
 
 /// Slots from a change of direction to the next step of the axis.
-const SETUP_SLOTS: u32 = 1 + DIRECTION_SETUP_TICKS.div_ceil(SLOT_TICKS);
+const DIRECTION_SETUP_SLOTS: u32 = 1 + DIRECTION_SETUP_TICKS.div_ceil(SLOT_TICKS);
 /// So many slots ago, nothing matters any more.
-const LONG_AGO: u32 = 16;
+const PAST_SLOTS: u32 = 16;
 
 /// Turns segments into events, a whole one at a time.
 ///
@@ -80,38 +80,38 @@ pub struct Generator {
     /// The segment's duration, ticks.
     ticks: u32,
     /// The slot in which the segment begins, and how many ticks after that slot.
-    base: u32,
-    offset: u32,
+    base_slot: u32,
+    offset_ticks: u32,
     cursor: Cursor,
     /// The segment has begun, and its events have not been put.
     is_open: bool,
     /// It has so many events at most.
-    most_events: u32,
+    max_events: u32,
     /// Axes that step in it.
-    moving: u32,
+    moving_axes: u32,
     /// The slot in which the segment's last step is, from its first on.
-    last_step: u32,
+    last_step_slot: u32,
     /// The first slot, from the segment's first on, in which a step may be: that of an axis that
     /// reverses, and of another.
-    first_turned: u32,
-    first: u32,
+    first_slot_reversing: u32,
+    first_slot: u32,
     /// Axes that reverse in the segment.
-    turns: u32,
+    reversing_axes: u32,
     /// The direction outputs may be others: before the first motion, and after a standstill, in
     /// which settings may change.
-    is_unsure: bool,
+    directions_unknown: bool,
     /// The axis with the most steps in the segment.
-    leader: usize,
+    dominant_axis: usize,
     /// The segment is the standstill after the last one.
-    is_rest: bool,
+    is_standstill: bool,
     directions: u8,
     pulse_ticks: u32,
     /// The slot in which the last pulse of each axis ends.
-    ends: [u32; AXES],
+    pulse_end_slots: [u32; AXES],
     /// End of everything generated, on the generator's clock.
     clock_ticks: u32,
     /// Number of the event that is put next.
-    next_event: u32,
+    next_event_number: u32,
     axes: [AxisSteps; AXES],
     slots: Slots,
 }
@@ -124,28 +124,28 @@ impl Generator {
             axes: [NO_STEPS; AXES],
             position: Axes([FineSteps(0); AXES]),
             ticks: 0,
-            base: 0,
-            offset: 0,
+            base_slot: 0,
+            offset_ticks: 0,
             cursor: Cursor {
-                free: 0,
-                last: 0,
-                is_boundary: false,
+                free_slot: 0,
+                last_ticks: 0,
+                is_at_boundary: false,
             },
             is_open: false,
-            most_events: 0,
-            moving: 0,
-            last_step: 0,
-            first_turned: 0,
-            first: 0,
-            turns: 0,
-            is_unsure: true,
-            leader: 0,
-            is_rest: false,
+            max_events: 0,
+            moving_axes: 0,
+            last_step_slot: 0,
+            first_slot_reversing: 0,
+            first_slot: 0,
+            reversing_axes: 0,
+            directions_unknown: true,
+            dominant_axis: 0,
+            is_standstill: false,
             directions: 0,
             pulse_ticks: 10 * TICKS_PER_US,
-            ends: [0; AXES],
+            pulse_end_slots: [0; AXES],
             clock_ticks: 0,
-            next_event: 0,
+            next_event_number: 0,
             slots: Slots::NONE,
         }
     }
@@ -183,30 +183,30 @@ impl Generator {
     /// pulses.
     pub fn discard_unplayed(&mut self, segments: &SegmentRing, events: &mut EventWriter<'_>) {
         let output = events.discard_pending();
-        let high = high_after(output, events);
+        let high = pulses_high_after(output, events);
         if let Some(steps) = steps_after(output, segments, events) {
             self.set_steps(steps);
         }
         segments.discard_pending();
-        self.forget();
+        self.clear_steps();
         // wcet-bound: axes
-        for end in self.ends {
-            self.slots.clear(end);
+        for end in self.pulse_end_slots {
+            self.slots.remove(end);
         }
-        self.end_all(high);
+        self.add_all_pulse_ends(high);
         // The time goes on from the event output last, which is as good as at a slot's end.
-        let free = self.cursor.free.wrapping_add(1);
+        let free = self.cursor.free_slot.wrapping_add(1);
         self.cursor = Cursor {
-            free,
-            last: 0,
-            is_boundary: false,
+            free_slot: free,
+            last_ticks: 0,
+            is_at_boundary: false,
         };
-        (self.base, self.offset, self.ticks) = (free, 0, 0);
+        (self.base_slot, self.offset_ticks, self.ticks) = (free, 0, 0);
         self.is_open = false;
-        self.is_rest = false;
+        self.is_standstill = false;
         // What was prepared ahead is no more; a later segment must not begin at the same time.
         self.clock_ticks = segments.played_start_ticks().wrapping_add(1);
-        self.next_event = output;
+        self.next_event_number = output;
     }
 
     /// Drops the steps of the segment that has no events yet, after a fault: the position is where
@@ -218,32 +218,32 @@ impl Generator {
         // wcet-bound: axes
         for axis in 0..AXES {
             let is_negative = self.directions >> axis & 1 != 0;
-            self.take_back(axis, is_negative, self.axes[axis].left);
+            self.withdraw_steps(axis, is_negative, self.axes[axis].remaining);
         }
-        self.forget();
+        self.clear_steps();
     }
 
     /// The segment has no more steps.
-    fn forget(&mut self) {
+    fn clear_steps(&mut self) {
         self.axes = [NO_STEPS; AXES];
-        (self.moving, self.turns) = (0, 0);
+        (self.moving_axes, self.reversing_axes) = (0, 0);
     }
 
     /// Ends these pulses, and no others, when the longest of them may end.
-    fn end_all(&mut self, high: u32) {
-        let free = self.cursor.free.wrapping_add(1);
+    fn add_all_pulse_ends(&mut self, high: u32) {
+        let free = self.cursor.free_slot.wrapping_add(1);
         let end = free.wrapping_add(pulse_slots(self.pulse_ticks));
         if high != 0 {
-            self.slots.end(end, high);
+            self.slots.add_pulse_end(end, high);
         }
         // wcet-bound: axes
-        for (axis, last) in self.ends.iter_mut().enumerate() {
+        for (axis, last) in self.pulse_end_slots.iter_mut().enumerate() {
             *last = if high >> axis & 1 == 0 { free } else { end };
         }
     }
 
     /// The position of an axis without so many steps that it will not make.
-    fn take_back(&mut self, axis: usize, is_negative: bool, missing: u32) {
+    fn withdraw_steps(&mut self, axis: usize, is_negative: bool, missing: u32) {
         let missing = i64::from(missing) << 32;
         let missing = if is_negative { -missing } else { missing };
         let position = &mut self.position[axis].0;
@@ -264,8 +264,8 @@ impl Generator {
 
     /// Begins a segment. The one before must be finished, and `segments` must have room.
     pub fn begin(&mut self, segment: &Segment, segments: &SegmentRing) {
-        self.open(segment.ticks);
-        let slots = (self.offset + self.ticks) / SLOT_TICKS;
+        self.begin_at_end(segment.ticks);
+        let slots = (self.offset_ticks + self.ticks) / SLOT_TICKS;
         let most = slots / (pulse_slots(self.pulse_ticks) + PULSE_LOW_SLOTS) + 1;
         let duration = segment.ticks as f32;
         let rate = 1.0 / duration;
@@ -279,41 +279,41 @@ impl Generator {
             let (mut steps, is_negative) =
                 plan_axis(self.position[axis], motion, duration, rate, latest);
             self.position[axis] = motion.to;
-            if steps.left != 0 {
+            if steps.remaining != 0 {
                 directions = directions & !(1 << axis) | u8::from(is_negative) << axis;
-                self.moving |= 1 << axis;
+                self.moving_axes |= 1 << axis;
             }
             // Faster than pulses can be: the others come with the next segment. As the pace changes
             // evenly, the last of these is behind the segment by a quarter of it and two pulses at
             // most.
-            if steps.left > most {
-                self.take_back(axis, is_negative, steps.left - most);
-                steps.left = most;
+            if steps.remaining > most {
+                self.withdraw_steps(axis, is_negative, steps.remaining - most);
+                steps.remaining = most;
             }
-            if steps.left > leading {
-                leading = steps.left;
-                self.leader = axis;
+            if steps.remaining > leading {
+                leading = steps.remaining;
+                self.dominant_axis = axis;
             }
-            self.most_events += 2 * steps.left;
+            self.max_events += 2 * steps.remaining;
             self.axes[axis] = steps;
         }
         // Axes keep clear of the segment's end: its next step may follow at once. But the one with
         // the most steps keeps its time.
-        if let Some(leader) = self.axes.get_mut(self.leader) {
-            leader.end_at(segment.ticks);
+        if let Some(leader) = self.axes.get_mut(self.dominant_axis) {
+            leader.set_latest(segment.ticks);
         }
-        if self.moving != 0 {
-            self.turns = u32::from(directions ^ self.directions);
-            if self.is_unsure {
-                self.turns = ALL_AXES;
+        if self.moving_axes != 0 {
+            self.reversing_axes = u32::from(directions ^ self.directions);
+            if self.directions_unknown {
+                self.reversing_axes = ALL_AXES;
             }
-            self.is_unsure = false;
+            self.directions_unknown = false;
             self.directions = directions;
         }
         segments.push(&SegmentInfo {
             start_ticks: self.clock_ticks,
             steps: begin,
-            first_event: self.next_event,
+            first_event: self.next_event_number,
             directions,
             is_standstill: false,
             feed_mm_min: segment.feed_mm_min,
@@ -330,13 +330,13 @@ impl Generator {
         for axis in &mut self.axes {
             *axis = NO_STEPS;
         }
-        self.open(SLOT_TICKS);
-        self.is_rest = true;
-        self.is_unsure = true;
+        self.begin_at_end(SLOT_TICKS);
+        self.is_standstill = true;
+        self.directions_unknown = true;
         segments.push(&SegmentInfo {
             start_ticks: self.clock_ticks,
             steps: self.steps(),
-            first_event: self.next_event,
+            first_event: self.next_event_number,
             directions: self.directions,
             is_standstill: true,
             feed_mm_min: 0.0,
@@ -347,77 +347,81 @@ impl Generator {
         self.clock_ticks = self.clock_ticks.wrapping_add(SLOT_TICKS);
     }
 
-    fn open(&mut self, ticks: u32) {
-        let slots = (self.offset + self.ticks) / SLOT_TICKS;
-        self.offset = self.offset + self.ticks - slots * SLOT_TICKS;
-        self.base = self.base.wrapping_add(slots);
+    fn begin_at_end(&mut self, ticks: u32) {
+        let slots = (self.offset_ticks + self.ticks) / SLOT_TICKS;
+        self.offset_ticks = self.offset_ticks + self.ticks - slots * SLOT_TICKS;
+        self.base_slot = self.base_slot.wrapping_add(slots);
         let passed = slots.wrapping_mul(SLOT_TICKS).cast_signed();
-        self.cursor.last = self.cursor.last.saturating_sub(passed);
-        self.cursor.is_boundary = true;
-        if !is_ahead(self.cursor.free, self.base) {
-            self.cursor.free = self.base;
+        self.cursor.last_ticks = self.cursor.last_ticks.saturating_sub(passed);
+        self.cursor.is_at_boundary = true;
+        if !is_not_before(self.cursor.free_slot, self.base_slot) {
+            self.cursor.free_slot = self.base_slot;
         }
         // wcet-bound: axes
-        for end in &mut self.ends {
-            if !is_ahead(*end, self.base.wrapping_sub(LONG_AGO)) {
-                *end = self.base.wrapping_sub(LONG_AGO);
+        for end in &mut self.pulse_end_slots {
+            if !is_not_before(*end, self.base_slot.wrapping_sub(PAST_SLOTS)) {
+                *end = self.base_slot.wrapping_sub(PAST_SLOTS);
             }
         }
         self.ticks = ticks;
         self.is_open = true;
-        self.most_events = OTHER_EVENTS;
-        (self.moving, self.turns) = (0, 0);
-        self.last_step = 0;
-        self.first = self.cursor.free.wrapping_sub(self.base);
-        self.first_turned = self.first;
+        self.max_events = OTHER_EVENTS;
+        (self.moving_axes, self.reversing_axes) = (0, 0);
+        self.last_step_slot = 0;
+        self.first_slot = self.cursor.free_slot.wrapping_sub(self.base_slot);
+        self.first_slot_reversing = self.first_slot;
     }
 
     /// Puts a change of directions before the steps of the segment, or finds that one axis moves
     /// alone at an even pace.
     fn order(&mut self) -> Option<Alone> {
-        let base = self.base;
+        let base = self.base_slot;
         let mut high = 0;
-        let mut slot = self.cursor.free;
+        let mut slot = self.cursor.free_slot;
         // wcet-bound: axes
-        for (axis, end) in self.ends.iter().enumerate() {
-            if is_ahead(*end, base) {
+        for (axis, end) in self.pulse_end_slots.iter().enumerate() {
+            if is_not_before(*end, base) {
                 high |= 1 << axis;
                 let after = end.wrapping_add(1);
-                if self.turns >> axis & 1 != 0 && is_ahead(after, slot) {
+                if self.reversing_axes >> axis & 1 != 0 && is_not_before(after, slot) {
                     slot = after;
                 }
             }
         }
-        if self.turns != 0 {
-            let turn = self.slots.turn(slot, self.directions);
-            self.first = turn.wrapping_sub(base).wrapping_add(1);
-            self.first_turned = self.first + SETUP_SLOTS - 1;
+        if self.reversing_axes != 0 {
+            let turn = self.slots.add_direction_change(slot, self.directions);
+            self.first_slot = turn.wrapping_sub(base).wrapping_add(1);
+            self.first_slot_reversing = self.first_slot + DIRECTION_SETUP_SLOTS - 1;
             return None;
         }
-        if !self.moving.is_power_of_two() || high & !self.moving != 0 {
+        if !self.moving_axes.is_power_of_two() || high & !self.moving_axes != 0 {
             return None;
         }
-        let (steps, end) = (self.axes.get(self.leader)?, *self.ends.get(self.leader)?);
+        let (steps, end) = (
+            self.axes.get(self.dominant_axis)?,
+            *self.pulse_end_slots.get(self.dominant_axis)?,
+        );
         // Nothing may come so shortly before the first step that this has to wait.
         let earliest = self.time_of(end.wrapping_add(PULSE_LOW_SLOTS));
-        let earliest = earliest.max(self.cursor.last + SLOT - self.offset.cast_signed());
-        if !steps.is_slow(self.pulse_ticks) || steps.next.cast_signed() < earliest {
+        let earliest = earliest
+            .max(self.cursor.last_ticks + SLOT_TICKS_SIGNED - self.offset_ticks.cast_signed());
+        if !steps.is_slow(self.pulse_ticks) || steps.next_ticks.cast_signed() < earliest {
             return None;
         }
         let due = (high != 0).then(|| {
-            self.slots.clear(end);
+            self.slots.remove(end);
             self.time_of(end)
         });
         Some(Alone {
-            mask: self.moving,
+            mask: self.moving_axes,
             due,
         })
     }
 
     /// When a slot begins, ticks from the segment's start.
     fn time_of(&self, slot: u32) -> i32 {
-        let slots = slot.wrapping_sub(self.base).cast_signed();
-        slots * SLOT - self.offset.cast_signed()
+        let slots = slot.wrapping_sub(self.base_slot).cast_signed();
+        slots * SLOT_TICKS_SIGNED - self.offset_ticks.cast_signed()
     }
 
     /// Puts the events of the segment, which tells; or nothing, while there is no room for all. Room
@@ -425,16 +429,16 @@ impl Generator {
     /// together: the proof looks for no higher rate.
     pub fn push_events(&mut self, events: &mut EventWriter<'_>) -> bool {
         let mut events = events.begin();
-        if events.room() < self.most_events.min(EVENT_RING as u32) {
+        if events.room() < self.max_events.min(EVENT_RING as u32) {
             return false;
         }
         if let Some(alone) = self.order() {
             self.put_alone(alone, &mut events);
-        } else if self.moving != 0 {
+        } else if self.moving_axes != 0 {
             self.place_all();
         }
         self.close(&mut events);
-        self.next_event = events.number();
+        self.next_event_number = events.number();
         true
     }
 
@@ -442,62 +446,68 @@ impl Generator {
     fn put_alone(&mut self, alone: Alone, events: &mut EventBatch<'_>) {
         let axes = self
             .axes
-            .get(self.leader)
-            .zip(self.ends.get_mut(self.leader));
+            .get(self.dominant_axis)
+            .zip(self.pulse_end_slots.get_mut(self.dominant_axis));
         let Some((steps, last)) = axes else {
             return;
         };
-        let offset = self.offset.cast_signed();
+        let offset = self.offset_ticks.cast_signed();
         let mut cursor = self.cursor;
-        cursor.last -= offset;
+        cursor.last_ticks -= offset;
         let due = alone.put(*steps, self.pulse_ticks, &mut cursor, events);
-        cursor.last += offset;
+        cursor.last_ticks += offset;
         // No event of another kind comes before the end of its slot.
-        let slot = (cursor.last.max(0) / SLOT).cast_unsigned();
-        cursor.free = self.base.wrapping_add(slot + 1);
+        let slot = (cursor.last_ticks.max(0) / SLOT_TICKS_SIGNED).cast_unsigned();
+        cursor.free_slot = self.base_slot.wrapping_add(slot + 1);
         self.cursor = cursor;
-        self.last_step = slot;
+        self.last_step_slot = slot;
         let after = (due + offset).max(0).cast_unsigned().div_ceil(SLOT_TICKS);
-        *last = self.base.wrapping_add(after);
-        self.slots.end(*last, alone.mask);
+        *last = self.base_slot.wrapping_add(after);
+        self.slots.add_pulse_end(*last, alone.mask);
     }
 
     /// Puts the steps of all axes into the slots. The one with the most steps comes last: it keeps
     /// its time, where an error weighs most. So does what follows the segment.
     fn place_all(&mut self) {
-        let mut axis = self.leader;
+        let mut axis = self.dominant_axis;
         // wcet-bound: axes
         for _ in 0..AXES {
             axis = if axis + 1 < AXES { axis + 1 } else { 0 };
             self.place(axis);
         }
-        let end = self.offset + self.ticks;
-        let slot = self.base.wrapping_add(end / SLOT_TICKS);
-        self.slots.hurry(slot, 1 << self.leader);
+        let end = self.offset_ticks + self.ticks;
+        let slot = self.base_slot.wrapping_add(end / SLOT_TICKS);
+        self.slots
+            .move_neighbours_to_slot_start(slot, 1 << self.dominant_axis);
     }
 
     /// Puts the steps of an axis into the slots, and the ends of their pulses.
     #[inline]
     fn place(&mut self, axis: usize) {
-        let (Some(steps), Some(end)) = (self.axes.get(axis), self.ends.get_mut(axis)) else {
+        let (Some(steps), Some(end)) = (self.axes.get(axis), self.pulse_end_slots.get_mut(axis))
+        else {
             return;
         };
-        if steps.left == 0 {
+        if steps.remaining == 0 {
             return;
         }
         let mask = 1 << axis;
-        let first = if self.turns & mask != 0 {
-            self.first_turned
+        let first = if self.reversing_axes & mask != 0 {
+            self.first_slot_reversing
         } else {
-            self.first
+            self.first_slot
         };
         // What is in its way: for axes that others need not make way for, anything.
-        let stop = if axis == self.leader { mask } else { ALL_AXES };
-        let base = self.base;
+        let stop = if axis == self.dominant_axis {
+            mask
+        } else {
+            ALL_AXES
+        };
+        let base = self.base_slot;
         let low = end.wrapping_add(PULSE_LOW_SLOTS).wrapping_sub(base);
         let mut placing = Placing {
             base,
-            offset: self.offset,
+            offset: self.offset_ticks,
             mask,
             stop,
             pulse: pulse_slots(self.pulse_ticks),
@@ -506,57 +516,62 @@ impl Generator {
             slot: 0,
         };
         let apart = placing.pulse + placing.low;
-        let slot = (self.offset + steps.next) / SLOT_TICKS;
+        let slot = (self.offset_ticks + steps.next_ticks) / SLOT_TICKS;
         if steps.is_apart(apart * SLOT_TICKS) && slot >= placing.earliest {
-            if axis == self.leader {
+            if axis == self.dominant_axis {
                 placing.put_ahead(&mut self.slots, steps);
             } else {
                 placing.put_behind(&mut self.slots, steps);
             }
-        } else if steps.is_even() {
+        } else if steps.is_periodic() {
             placing.put_evenly(&mut self.slots, steps);
         } else {
             placing.put_exactly(&mut self.slots, steps);
         }
         *end = base.wrapping_add(placing.earliest - PULSE_LOW_SLOTS);
-        self.last_step = self.last_step.max(placing.slot);
+        self.last_step_slot = self.last_step_slot.max(placing.slot);
     }
 
     /// Puts what is in the slots of the segment, and an event before its end if there is none.
     fn close(&mut self, events: &mut EventBatch<'_>) {
-        let mut end = ((self.offset + self.ticks) / SLOT_TICKS).max(self.last_step + 1);
-        if self.is_rest {
+        let mut end = ((self.offset_ticks + self.ticks) / SLOT_TICKS).max(self.last_step_slot + 1);
+        if self.is_standstill {
             // wcet-bound: axes
-            for last in &self.ends {
-                let after = last.wrapping_add(1).wrapping_sub(self.base).cast_signed();
+            for last in &self.pulse_end_slots {
+                let after = last
+                    .wrapping_add(1)
+                    .wrapping_sub(self.base_slot)
+                    .cast_signed();
                 end = end.max(after.max(0).cast_unsigned());
             }
         }
-        let (base, end) = (self.base, self.base.wrapping_add(end));
-        if is_ahead(end, self.cursor.free) {
-            self.slots.sweep(base, end, &mut self.cursor, events);
+        let (base, end) = (self.base_slot, self.base_slot.wrapping_add(end));
+        if is_not_before(end, self.cursor.free_slot) {
+            self.slots.drain(base, end, &mut self.cursor, events);
         }
-        let before = end.wrapping_sub(1).wrapping_sub(base).cast_signed() * SLOT;
+        let before = end.wrapping_sub(1).wrapping_sub(base).cast_signed() * SLOT_TICKS_SIGNED;
         // The segment ends less than two slots after that.
-        let is_early = before - self.cursor.last >= (END_SLOTS - 2).cast_signed() * SLOT;
-        if self.cursor.is_boundary || is_early && !self.is_rest {
-            let what = self.cursor.mark(StepEvent::NONE);
-            events.put(self.cursor.next(before, what));
+        let is_early =
+            before - self.cursor.last_ticks >= (END_SLOTS - 2).cast_signed() * SLOT_TICKS_SIGNED;
+        if self.cursor.is_at_boundary || is_early && !self.is_standstill {
+            let what = self.cursor.mark_boundary(StepEvent::NONE);
+            events.push(self.cursor.schedule(before, what));
             events.publish();
-            let slot = (self.cursor.last.max(0) / SLOT).cast_unsigned();
-            self.cursor.free = base.wrapping_add(slot + 1);
+            let slot = (self.cursor.last_ticks.max(0) / SLOT_TICKS_SIGNED).cast_unsigned();
+            self.cursor.free_slot = base.wrapping_add(slot + 1);
         }
         // Events that had to wait for others stretch the segment.
         let used = self
             .cursor
-            .free
+            .free_slot
             .wrapping_sub(base)
             .wrapping_sub(1)
             .cast_signed();
-        let over = (used * SLOT - (self.offset + self.ticks).cast_signed()).max(0);
+        let over =
+            (used * SLOT_TICKS_SIGNED - (self.offset_ticks + self.ticks).cast_signed()).max(0);
         self.ticks += over.cast_unsigned();
         self.clock_ticks = self.clock_ticks.wrapping_add(over.cast_unsigned());
-        self.is_rest = false;
+        self.is_standstill = false;
         self.is_open = false;
     }
 }
@@ -569,6 +584,6 @@ impl Default for Generator {
 
 /// Whether a slot is not before another.
 #[inline]
-const fn is_ahead(slot: u32, other: u32) -> bool {
+const fn is_not_before(slot: u32, other: u32) -> bool {
     slot.wrapping_sub(other).cast_signed() >= 0
 }

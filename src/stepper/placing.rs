@@ -4,12 +4,12 @@ use crate::model::timing::SLOT_TICKS;
 
 use super::{
     slots::{SLOTS, Slots},
-    step_times::{AxisSteps, EVEN_BITS},
+    step_times::{AxisSteps, TIME_FRACTION_BITS},
 };
 
 /// Where the slot begins in a time with [`EVEN_BITS`] binary places; the ticks in it are below. Above
 /// are as many bits as tell slots apart.
-const SLOT_SHIFT: u32 = EVEN_BITS + SLOT_TICKS.ilog2();
+const SLOT_SHIFT: u32 = TIME_FRACTION_BITS + SLOT_TICKS.ilog2();
 const _: () = assert!(SLOTS == 1 << (32 - SLOT_SHIFT));
 
 /// Where the steps of an axis are put. Slots are counted from the one that the segment begins in.
@@ -32,7 +32,7 @@ impl Placing {
     /// Puts steps at an even pace, later where they have to be.
     #[inline(never)]
     pub(super) fn put_evenly(&mut self, slots: &mut Slots, steps: &AxisSteps) {
-        self.put(slots, steps, AxisSteps::advance_evenly);
+        self.put(slots, steps, AxisSteps::advance_periodic);
     }
 
     /// Puts steps at an even pace, each where it is: see [`AxisSteps::is_apart`]. The first one may
@@ -46,16 +46,16 @@ impl Placing {
         make_way: impl Fn(&mut Slots, u32),
     ) {
         // The slot and the ticks in it are in one word, which wraps as slots do.
-        let begin = (self.offset << EVEN_BITS).wrapping_add(self.base << SLOT_SHIFT);
-        let period = steps.even_period;
-        let mut fine = begin.wrapping_add(steps.even_time);
-        let end = fine.wrapping_add(period.wrapping_mul(steps.left));
+        let begin = (self.offset << TIME_FRACTION_BITS).wrapping_add(self.base << SLOT_SHIFT);
+        let period = steps.period_fixed;
+        let mut fine = begin.wrapping_add(steps.time_fixed);
+        let end = fine.wrapping_add(period.wrapping_mul(steps.remaining));
         let (mask, pulse) = (self.mask, self.pulse);
         let mut put = |fine: u32| {
             let slot = fine >> SLOT_SHIFT;
-            slots.step(slot, mask, fine >> EVEN_BITS);
+            slots.add_step(slot, mask, fine >> TIME_FRACTION_BITS);
             make_way(slots, fine);
-            slots.end(slot + pulse, mask);
+            slots.add_pulse_end(slot + pulse, mask);
         };
         // wcet-bound: segment_steps, wcet-total: segment_steps
         while fine != end {
@@ -79,8 +79,12 @@ impl Placing {
         let stop = self.stop;
         self.put_apart(slots, steps, |slots, fine| {
             let slot = fine >> SLOT_SHIFT;
-            if slots.is_used(slot.wrapping_sub(1)) {
-                slots.clear_way(slot, stop, (fine >> EVEN_BITS) % SLOT_TICKS);
+            if slots.is_occupied(slot.wrapping_sub(1)) {
+                slots.move_neighbours_earlier_out_of_line(
+                    slot,
+                    stop,
+                    (fine >> TIME_FRACTION_BITS) % SLOT_TICKS,
+                );
             }
         });
     }
@@ -88,7 +92,7 @@ impl Placing {
     /// Puts steps whose times have to be solved for.
     #[inline(never)]
     pub(super) fn put_exactly(&mut self, slots: &mut Slots, steps: &AxisSteps) {
-        self.put(slots, steps, AxisSteps::advance_exactly);
+        self.put(slots, steps, AxisSteps::advance_solved);
     }
 
     /// Two loops come of this, each so short that it stays in the instruction cache beside the
@@ -99,17 +103,17 @@ impl Placing {
         let mut left = *steps;
         let (mut slot, mut earliest) = (0, self.earliest);
         // wcet-bound: segment_steps, wcet-total: segment_steps
-        while left.left != 0 {
-            let time = self.offset + left.next;
+        while left.remaining != 0 {
+            let time = self.offset + left.next_ticks;
             slot = time / SLOT_TICKS;
             let mut ticks = time % SLOT_TICKS;
             if slot < earliest {
                 (slot, ticks) = (earliest, 0);
             }
             let at = self.base.wrapping_add(slot);
-            slots.step(at, self.mask, ticks);
-            slots.make_way(at, self.stop, ticks);
-            slots.end(at.wrapping_add(self.pulse), self.mask);
+            slots.add_step(at, self.mask, ticks);
+            slots.move_neighbours_earlier(at, self.stop, ticks);
+            slots.add_pulse_end(at.wrapping_add(self.pulse), self.mask);
             earliest = slot + self.pulse + self.low;
             advance(&mut left);
         }

@@ -77,7 +77,7 @@ const LONGEST_PULSE_EVENTS: u32 = 256;
 const _: () = assert!(pulse_slots(255 * TICKS_PER_US) + 2 <= LONGEST_PULSE_EVENTS);
 
 /// Pulses that are high after so many events.
-pub(super) fn high_after(output: u32, events: &EventWriter<'_>) -> u32 {
+pub(super) fn pulses_high_after(output: u32, events: &EventWriter<'_>) -> u32 {
     let (mut high, mut known) = (0, 0);
     // wcet-bound: 256
     for back in 1..=LONGEST_PULSE_EVENTS {
@@ -267,7 +267,7 @@ mod tests {
                     let mut events = writer.begin();
                     // A pulse of X and its end.
                     let (raise, drop) = (put & 1 ^ 1, put & 1);
-                    events.put(StepEvent::new(1 + put * 7 % 100, raise, drop));
+                    events.push(StepEvent::new(1 + put * 7 % 100, raise, drop));
                     events.publish();
                     put += 1;
                 }

@@ -32,14 +32,14 @@ const MASK: u32 = WORDS as u32 - 1;
 #[repr(C)]
 pub struct EventRing {
     /// Events written so far, wrapping: for the writer.
-    written: AtomicU32,
+    written_count: AtomicU32,
     /// Events output so far, wrapping.
-    output: AtomicU32,
+    output_count: AtomicU32,
     /// The event behind the one that is set up, or [`StepEvent::NONE`].
-    next: AtomicU32,
+    following: AtomicU32,
     /// Events that may have come too late, wrapping. Here, because the step interrupt counts them, and
     /// one address is enough for all that it uses of the ring.
-    late: AtomicU32,
+    late_count: AtomicU32,
     words: [AtomicU32; WORDS],
 }
 
@@ -49,10 +49,10 @@ impl EventRing {
     pub const fn new() -> Self {
         Self {
             words: [const { AtomicU32::new(0) }; WORDS],
-            written: AtomicU32::new(0),
-            output: AtomicU32::new(0),
-            next: AtomicU32::new(StepEvent::NONE.bits()),
-            late: AtomicU32::new(0),
+            written_count: AtomicU32::new(0),
+            output_count: AtomicU32::new(0),
+            following: AtomicU32::new(StepEvent::NONE.bits()),
+            late_count: AtomicU32::new(0),
         }
     }
 
@@ -66,32 +66,32 @@ impl EventRing {
     /// the timer of them.
     #[must_use]
     pub fn late(&self) -> u32 {
-        self.late.load(Relaxed)
+        self.late_count.load(Relaxed)
     }
 
     /// Events that can be put now. The other places hold those played last.
     #[inline]
     fn room(&self) -> u32 {
-        let waiting = self.written.load(Relaxed);
-        EVENT_RING as u32 - waiting.wrapping_sub(self.output.load(Relaxed))
+        let waiting = self.written_count.load(Relaxed);
+        EVENT_RING as u32 - waiting.wrapping_sub(self.output_count.load(Relaxed))
     }
 
     /// The event of a number that has not been output, or [`StepEvent::NONE`] if it has not been
     /// written: it is the one that will be written next at most.
     #[inline]
-    fn waiting(&self, number: u32) -> StepEvent {
+    fn pending_event(&self, number: u32) -> StepEvent {
         StepEvent::from_bits(self.word(number).load(Relaxed))
     }
 
     /// The event behind the one that is set up.
     #[inline]
-    fn next(&self) -> StepEvent {
-        StepEvent::from_bits(self.next.load(Relaxed))
+    fn following(&self) -> StepEvent {
+        StepEvent::from_bits(self.following.load(Relaxed))
     }
 
     #[inline]
-    fn set_next(&self, event: StepEvent) {
-        self.next.store(event.bits(), Relaxed);
+    fn set_following(&self, event: StepEvent) {
+        self.following.store(event.bits(), Relaxed);
     }
 
     /// The place of an event.
@@ -123,8 +123,8 @@ impl<'a> EventWriter<'a> {
     /// Drops the events that have not been output, and tells the number of the next. Only while the
     /// step interrupt stands.
     pub(super) fn discard_pending(&mut self) -> u32 {
-        let output = self.ring.output.load(Relaxed);
-        self.ring.written.store(output, Relaxed);
+        let output = self.ring.output_count.load(Relaxed);
+        self.ring.written_count.store(output, Relaxed);
         self.ring
             .word(output)
             .store(StepEvent::NONE.bits(), Relaxed);
@@ -134,19 +134,19 @@ impl<'a> EventWriter<'a> {
     /// Whether there are events that have not been output.
     #[must_use]
     pub fn has_pending(&self) -> bool {
-        self.ring.output.load(Relaxed) != self.ring.written.load(Relaxed)
+        self.ring.output_count.load(Relaxed) != self.ring.written_count.load(Relaxed)
     }
 
     /// Before the step timer is started: what is to be set up, if there is an event.
     #[must_use]
     pub fn set_up(&mut self) -> Option<Upcoming> {
-        let number = self.ring.output.load(Relaxed);
-        let event = self.ring.waiting(number);
+        let number = self.ring.output_count.load(Relaxed);
+        let event = self.ring.pending_event(number);
         if event == StepEvent::NONE {
             return None;
         }
-        let then = self.ring.waiting(number.wrapping_add(1));
-        self.ring.set_next(then);
+        let then = self.ring.pending_event(number.wrapping_add(1));
+        self.ring.set_following(then);
         Some(Upcoming {
             event,
             following: then,
@@ -159,12 +159,12 @@ impl<'a> EventWriter<'a> {
     #[inline]
     #[must_use]
     pub fn appended_late(&self, segments: &SegmentRing) -> Option<StepEvent> {
-        if self.ring.next() != StepEvent::NONE || !segments.is_running() {
+        if self.ring.following() != StepEvent::NONE || !segments.is_running() {
             return None;
         }
         // As long as it knows of no more, the step interrupt can only stop.
-        let set_up = self.ring.output.load(Relaxed);
-        let event = self.ring.waiting(set_up.wrapping_add(1));
+        let set_up = self.ring.output_count.load(Relaxed);
+        let event = self.ring.pending_event(set_up.wrapping_add(1));
         (event != StepEvent::NONE).then_some(event)
     }
 
@@ -174,7 +174,7 @@ impl<'a> EventWriter<'a> {
     pub fn append(&mut self, event: StepEvent) {
         // Not earlier: whoever finds the event relies on the timer.
         compiler_fence(SeqCst);
-        self.ring.set_next(event);
+        self.ring.set_following(event);
     }
 
     /// The event of a number, while it waits or is among those output last, one less than [`EVENT_RING`].
@@ -192,11 +192,11 @@ impl<'a> EventWriter<'a> {
     /// Begins to put events.
     #[inline]
     pub(super) fn begin(&mut self) -> EventBatch<'_> {
-        let number = self.ring.written.load(Relaxed);
+        let number = self.ring.written_count.load(Relaxed);
         EventBatch {
             ring: self.ring,
             number,
-            end: number.wrapping_add(self.ring.room()),
+            end_number: number.wrapping_add(self.ring.room()),
         }
     }
 }
@@ -209,14 +209,14 @@ pub(super) struct EventBatch<'a> {
     ring: &'a EventRing,
     number: u32,
     /// The number of the first for which there was no room at the beginning.
-    end: u32,
+    end_number: u32,
 }
 
 impl EventBatch<'_> {
     /// Events that can still be put.
     #[inline]
     pub(super) fn room(&self) -> u32 {
-        self.end.wrapping_sub(self.number)
+        self.end_number.wrapping_sub(self.number)
     }
 
     /// The number of the next event.
@@ -227,18 +227,18 @@ impl EventBatch<'_> {
 
     /// Puts an event, for the reader to see. The caller has seen to it that there is room.
     #[inline]
-    pub(super) fn put(&mut self, event: StepEvent) {
+    pub(super) fn push(&mut self, event: StepEvent) {
         let behind = self.number.wrapping_add(1);
         self.ring
             .word(behind)
             .store(StepEvent::NONE.bits(), Relaxed);
-        self.show(event);
+        self.commit(event);
         self.number = behind;
     }
 
     /// Puts an event that the reader must not see yet: see [`EventBatch::hold`].
     #[inline]
-    pub(super) fn put_behind(&mut self, event: StepEvent) {
+    pub(super) fn push_uncommitted(&mut self, event: StepEvent) {
         self.ring.word(self.number).store(event.bits(), Relaxed);
         self.number = self.number.wrapping_add(1);
     }
@@ -246,7 +246,7 @@ impl EventBatch<'_> {
     /// Begins to put events that the reader is to see together, the first of which will be shown by
     /// [`EventBatch::release`].
     #[inline]
-    pub(super) fn hold(&mut self) -> Self {
+    pub(super) fn reserve_first(&mut self) -> Self {
         let held = *self;
         self.number = self.number.wrapping_add(1);
         held
@@ -254,15 +254,15 @@ impl EventBatch<'_> {
 
     /// Shows the reader what has been put since a [`EventBatch::hold`], which begins with this event.
     #[inline]
-    pub(super) fn release(&mut self, mut held: Self, event: StepEvent) {
+    pub(super) fn commit_first(&mut self, mut held: Self, event: StepEvent) {
         let ring = self.ring;
         ring.word(self.number)
             .store(StepEvent::NONE.bits(), Relaxed);
-        held.show(event);
+        held.commit(event);
     }
 
     #[inline]
-    fn show(&mut self, event: StepEvent) {
+    fn commit(&mut self, event: StepEvent) {
         // The reader must not see it before what is behind it.
         compiler_fence(SeqCst);
         self.ring.word(self.number).store(event.bits(), Relaxed);
@@ -271,7 +271,7 @@ impl EventBatch<'_> {
     /// Counts all events put.
     #[inline]
     pub(super) fn publish(&mut self) {
-        self.ring.written.store(self.number, Relaxed);
+        self.ring.written_count.store(self.number, Relaxed);
     }
 }
 
@@ -296,7 +296,7 @@ impl EventTap<'_> {
     #[inline]
     #[must_use]
     pub fn output_count(self) -> u32 {
-        self.ring.output.load(Relaxed)
+        self.ring.output_count.load(Relaxed)
     }
 
     /// How many events have been output or are set up, wrapping, and whether the step interrupt
@@ -317,7 +317,7 @@ impl EventTap<'_> {
     /// was set up will not happen. For `inputs`; [`Generator::discard_unplayed`](super::Generator::discard_unplayed)
     /// is `prepare`'s part.
     pub fn halt(self, segments: &SegmentRing) {
-        self.ring.set_next(StepEvent::NONE);
+        self.ring.set_following(StepEvent::NONE);
         segments.halt();
     }
 }
@@ -335,11 +335,11 @@ impl EventReader<'_> {
     #[inline]
     pub fn advance(&mut self) -> Option<Upcoming> {
         let ring = self.ring;
-        let set_up = ring.output.load(Relaxed).wrapping_add(1);
-        ring.output.store(set_up, Relaxed);
-        let then = ring.waiting(set_up.wrapping_add(1));
-        let event = ring.next();
-        ring.set_next(then);
+        let set_up = ring.output_count.load(Relaxed).wrapping_add(1);
+        ring.output_count.store(set_up, Relaxed);
+        let then = ring.pending_event(set_up.wrapping_add(1));
+        let event = ring.following();
+        ring.set_following(then);
         (event != StepEvent::NONE).then_some(Upcoming {
             event,
             following: then,
@@ -350,7 +350,7 @@ impl EventReader<'_> {
     #[inline]
     pub fn count_late(&mut self, late: u32) {
         let late = self.ring.late().wrapping_add(late);
-        self.ring.late.store(late, Relaxed);
+        self.ring.late_count.store(late, Relaxed);
     }
 }
 
@@ -360,7 +360,7 @@ mod tests {
 
     fn put(writer: &mut EventWriter<'_>, event: StepEvent) {
         let mut events = writer.begin();
-        events.put(event);
+        events.push(event);
         events.publish();
     }
 

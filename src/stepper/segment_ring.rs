@@ -333,7 +333,7 @@ mod tests {
         });
         let (mut writer, _) = ring.split();
         let mut events = writer.begin();
-        events.put(StepEvent::new(1000, 0, 0).at_boundary());
+        events.push(StepEvent::new(1000, 0, 0).at_boundary());
         events.publish();
     }
 

@@ -11,9 +11,9 @@ use crate::{
 
 /// Binary places of a step's time at an even pace: 1.5 ms, the longest segment, and a period more fit
 /// the word, and a thousand periods are off by a thirtieth of a tick at most.
-pub(super) const EVEN_BITS: u32 = 14;
+pub(super) const TIME_FRACTION_BITS: u32 = 14;
 /// What the times of steps at an even pace may be off the true ones, ticks.
-const EVEN_ERROR_TICKS: f32 = 0.25;
+const PERIODIC_ERROR_TICKS: f32 = 0.25;
 /// The motion of one axis over a segment.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub struct AxisMotion {
@@ -27,92 +27,97 @@ pub struct AxisMotion {
 #[derive(Debug, Clone, Copy, Default)]
 pub(super) struct AxisSteps {
     /// Steps left.
-    pub(super) left: u32,
+    pub(super) remaining: u32,
     /// Time of the next step, ticks from the segment's start, while steps are left.
-    pub(super) next: u32,
+    pub(super) next_ticks: u32,
     /// The latest that it can be.
-    latest: u32,
+    latest_ticks: u32,
     /// Half of the speed at the segment's start, steps per tick, and half of the speed's square.
     half_speed: f32,
-    half_sqr: f32,
+    half_speed_sqr: f32,
     /// Steps per tick².
     acceleration: f32,
     /// The way of the next step from the segment's start, steps.
-    way: f32,
+    distance_steps: f32,
     /// Time of the next step and the time between two, ticks at an even pace, with [`EVEN_BITS`] binary places.
-    pub(super) even_time: u32,
-    pub(super) even_period: u32,
-    is_even: bool,
+    pub(super) time_fixed: u32,
+    pub(super) period_fixed: u32,
+    is_periodic: bool,
 }
 
 /// An axis without steps.
 pub(super) const NO_STEPS: AxisSteps = AxisSteps {
-    left: 0,
-    next: 0,
-    latest: 0,
+    remaining: 0,
+    next_ticks: 0,
+    latest_ticks: 0,
     half_speed: 0.0,
-    half_sqr: 0.0,
+    half_speed_sqr: 0.0,
     acceleration: 0.0,
-    way: 0.0,
-    even_time: 0,
-    even_period: 0,
-    is_even: true,
+    distance_steps: 0.0,
+    time_fixed: 0,
+    period_fixed: 0,
+    is_periodic: true,
 };
 
 impl AxisSteps {
     /// Whether it goes at an even pace, slow enough for such pulses.
     pub(super) fn is_slow(&self, pulse_ticks: u32) -> bool {
-        self.is_even && self.even_period >> EVEN_BITS >= pulse_ticks + PULSE_LOW_TICKS
+        self.is_periodic && self.period_fixed >> TIME_FRACTION_BITS >= pulse_ticks + PULSE_LOW_TICKS
     }
 
     /// Whether it goes at an even pace, with so many ticks or more from step to step, and no step
     /// comes too late.
     pub(super) fn is_apart(&self, ticks: u32) -> bool {
-        let before_last = self.even_period.wrapping_mul(self.left.wrapping_sub(1));
-        let last = self.even_time.wrapping_add(before_last) >> EVEN_BITS;
-        self.is_even && self.even_period >> EVEN_BITS >= ticks && last <= self.latest
+        let before_last = self
+            .period_fixed
+            .wrapping_mul(self.remaining.wrapping_sub(1));
+        let last = self.time_fixed.wrapping_add(before_last) >> TIME_FRACTION_BITS;
+        self.is_periodic
+            && self.period_fixed >> TIME_FRACTION_BITS >= ticks
+            && last <= self.latest_ticks
     }
 
     /// When the axis has come to the next step: 2q/(v + √(v² + 2aq)), the form that never cancels.
     /// Nothing to divide by is a time without end.
     #[inline]
     fn solve(&self) -> u32 {
-        let half_reached = math::half_root_of_twice(self.half_sqr + self.acceleration * self.way);
-        (self.way / (self.half_speed + half_reached)) as u32
+        let half_reached =
+            math::half_root_of_twice(self.half_speed_sqr + self.acceleration * self.distance_steps);
+        (self.distance_steps / (self.half_speed + half_reached)) as u32
     }
 
     /// Lets the steps come as late as that.
-    pub(super) fn end_at(&mut self, latest: u32) {
-        if self.left != 0 {
-            self.latest = latest;
-            let next = if self.is_even {
-                self.even_time >> EVEN_BITS
+    pub(super) fn set_latest(&mut self, latest: u32) {
+        if self.remaining != 0 {
+            self.latest_ticks = latest;
+            let next = if self.is_periodic {
+                self.time_fixed >> TIME_FRACTION_BITS
             } else {
                 self.solve()
             };
-            self.next = next.min(latest);
+            self.next_ticks = next.min(latest);
         }
     }
 
     /// Moves on to the next step, at an even pace.
     #[inline]
-    pub(super) fn advance_evenly(&mut self) {
-        self.left -= 1;
-        self.even_time = self.even_time.wrapping_add(self.even_period);
-        self.next = (self.even_time >> EVEN_BITS).min(self.latest);
+    pub(super) fn advance_periodic(&mut self) {
+        self.remaining -= 1;
+        self.time_fixed = self.time_fixed.wrapping_add(self.period_fixed);
+        self.next_ticks = (self.time_fixed >> TIME_FRACTION_BITS).min(self.latest_ticks);
     }
 
     /// The same at another pace.
     #[inline]
-    pub(super) fn advance_exactly(&mut self) {
-        self.left -= 1;
-        self.way += 1.0;
-        self.next = self.solve().min(self.latest);
+    pub(super) fn advance_solved(&mut self) {
+        self.remaining -= 1;
+        self.distance_steps += 1.0;
+        self.next_ticks = self.solve().min(self.latest_ticks);
     }
 
     /// Whether all steps come at an even pace.
-    pub(super) const fn is_even(&self) -> bool {
-        self.is_even
+    pub(super) const fn is_periodic(&self) -> bool {
+        self.is_periodic
     }
 }
 
@@ -143,30 +148,30 @@ pub(super) fn plan_axis(
     }
     // A parabola is off its chord by at most a·T²/8.
     let mean_period = 1.0 / math::max(way * rate, 1.0e-12);
-    if acceleration.abs() * duration * duration * mean_period < 8.0 * EVEN_ERROR_TICKS {
-        let scale = mean_period * (1 << EVEN_BITS) as f32;
+    if acceleration.abs() * duration * duration * mean_period < 8.0 * PERIODIC_ERROR_TICKS {
+        let scale = mean_period * (1 << TIME_FRACTION_BITS) as f32;
         let even_time = ((0.5 - offset) * scale) as u32;
         let axis = AxisSteps {
-            left: steps.unsigned_abs(),
-            next: (even_time >> EVEN_BITS).min(latest),
-            latest,
-            even_time,
-            even_period: scale as u32,
+            remaining: steps.unsigned_abs(),
+            next_ticks: (even_time >> TIME_FRACTION_BITS).min(latest),
+            latest_ticks: latest,
+            time_fixed: even_time,
+            period_fixed: scale as u32,
             ..NO_STEPS
         };
         return (axis, steps < 0);
     }
     let mut axis = AxisSteps {
-        left: steps.unsigned_abs(),
-        latest,
+        remaining: steps.unsigned_abs(),
+        latest_ticks: latest,
         half_speed: 0.5 * speed,
-        half_sqr: 0.5 * speed * speed,
+        half_speed_sqr: 0.5 * speed * speed,
         acceleration,
-        way: 0.5 - offset,
-        is_even: false,
+        distance_steps: 0.5 - offset,
+        is_periodic: false,
         ..NO_STEPS
     };
-    axis.next = axis.solve().min(latest);
+    axis.next_ticks = axis.solve().min(latest);
     (axis, steps < 0)
 }
 
@@ -217,20 +222,20 @@ mod tests {
         let (mut steps, _) =
             plan_axis(from, motion, ticks as f32, 1.0 / ticks as f32, ticks as u32);
         let mut all = Vec::new();
-        while steps.left != 0 {
+        while steps.remaining != 0 {
             let way = all.len() as f64 + 0.5 - offset;
             let root = (begin * begin + 2.0 * acceleration * way).max(0.0).sqrt();
-            let time = f64::from(steps.next);
+            let time = f64::from(steps.next_ticks);
             all.push(Step {
-                time: steps.next,
+                time: steps.next_ticks,
                 exact: (2.0 * way / (begin + root)).min(ticks),
                 reached: begin * time + 0.5 * acceleration * time * time,
                 way,
             });
-            if steps.is_even() {
-                steps.advance_evenly();
+            if steps.is_periodic() {
+                steps.advance_periodic();
             } else {
-                steps.advance_exactly();
+                steps.advance_solved();
             }
         }
         all
