@@ -1,35 +1,32 @@
-//! What the step interrupt is given to do.
+//! The event: what one step interrupt does.
 
-use crate::{
-    axis::{AXES, Axes},
-    model::timing::EVENT_SPACING_TICKS,
-};
+use crate::{axis::AXES, model::timing::EVENT_SPACING_TICKS};
 
 /// Bits of all axes.
 const AXIS_BITS: u32 = (1 << AXES) - 1;
 
-/// One interrupt's worth of pin changes, and how long to wait for it after the one before.
+/// The pin changes of one interrupt, and the time since the interrupt before.
 ///
 /// From bit 0: pins to raise, pins to drop, one bit each for every axis. Bit 12: first event of a
 /// segment, 13-31: ticks. "Raise" begins a pulse, whatever level the driver calls active. An event
-/// that raises and drops X, which none ever has to, sets the direction outputs instead: the bits of
-/// the other axes tell how. So whatever an event outputs is found in one table, by one number.
+/// that raises and drops X, which no pulse does, sets the direction outputs instead: the bits of the
+/// other axes are their levels. So one table has the outputs of every event, by one number.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 #[cfg_attr(target_os = "none", derive(defmt::Format))]
 pub struct StepEvent(u32);
 
 impl StepEvent {
-    /// No event: each has ticks.
+    /// No event: every event has ticks.
     pub const NONE: Self = Self(0);
     /// Longest wait, ticks (6.2 ms).
     pub const MAX_TICKS: u32 = (1 << 19) - 1;
-    /// Different outputs that events can have: see [`StepEvent::pins`].
+    /// Number of different outputs of events: see [`StepEvent::pins`].
     pub const PINS: usize = 1 << (2 * AXES);
     /// Raises and drops X.
     const SET_DIRECTIONS: u32 = 1 << AXES | 1;
     const BOUNDARY: u32 = 1 << 12;
 
-    /// An event. Masks have a bit for each axis, bit 0 = X; `ticks` is at most
+    /// Returns an event. Masks have a bit for each axis, bit 0 = X; `ticks` is at most
     /// [`Self::MAX_TICKS`].
     #[inline]
     #[must_use]
@@ -37,7 +34,7 @@ impl StepEvent {
         Self(ticks << 13 | (drop & AXIS_BITS) << AXES | raise & AXIS_BITS)
     }
 
-    /// An event that sets the direction outputs, bit 0 = X, 1 = negative.
+    /// Returns an event that sets the direction outputs, bit 0 = X, 1 = negative.
     #[inline]
     #[must_use]
     pub const fn set_directions(ticks: u32, directions: u8) -> Self {
@@ -46,14 +43,14 @@ impl StepEvent {
         Self(Self::new(ticks, directions & !1, x).0 | Self::SET_DIRECTIONS)
     }
 
-    /// The same event, so many ticks after the one before.
+    /// Returns the same event, `ticks` after the one before.
     #[inline]
     #[must_use]
     pub const fn with_ticks(self, ticks: u32) -> Self {
         Self(ticks << 13 | self.0 & (2 * Self::BOUNDARY - 1))
     }
 
-    /// The same event, whose ticks count in a slot, at other ticks in a slot.
+    /// Returns the same event at other ticks from the start of a slot.
     #[inline]
     #[must_use]
     pub(super) const fn with_slot_ticks(self, ticks: u32) -> Self {
@@ -61,42 +58,42 @@ impl StepEvent {
         Self((ticks & all) << 13 | self.0 & !(all << 13))
     }
 
-    /// What both events do, after as many ticks as both together in bits: one has none.
+    /// Returns an event that does what both do, one of which has no ticks.
     #[inline]
     #[must_use]
     pub const fn merged_with(self, other: Self) -> Self {
         Self(self.0 | other.0)
     }
 
-    /// The event in one word.
+    /// Returns the event as a word.
     #[inline]
     #[must_use]
     pub const fn bits(self) -> u32 {
         self.0
     }
 
-    /// The event of a word.
+    /// Returns the event of a word.
     #[inline]
     #[must_use]
     pub const fn from_bits(bits: u32) -> Self {
         Self(bits)
     }
 
-    /// The same event as the first of a segment.
+    /// Returns the same event as the first of a segment.
     #[must_use]
     pub const fn at_boundary(self) -> Self {
         Self(self.0 | Self::BOUNDARY)
     }
 
-    /// Ticks after the event before.
+    /// Returns the ticks since the event before.
     #[inline]
     #[must_use]
     pub const fn ticks(self) -> u32 {
         self.0 >> 13
     }
 
-    /// Half ticks after the event before, less one: what a timer that counts them begins with. Of
-    /// none, the most that an event can have.
+    /// Returns the half ticks since the event before, less one: where a timer that counts half ticks
+    /// begins. Of [`Self::NONE`], the most that an event can have.
     #[inline]
     #[must_use]
     pub const fn half_ticks_less_one(self) -> u32 {
@@ -104,14 +101,14 @@ impl StepEvent {
         (self.0 | Self::BOUNDARY).wrapping_sub(2 * Self::BOUNDARY) >> 12
     }
 
-    /// What the pins do, as a number below [`Self::PINS`].
+    /// Returns what the pins do, as a number below [`Self::PINS`].
     #[inline]
     #[must_use]
     pub const fn pins(self) -> usize {
         self.0 as usize % Self::PINS
     }
 
-    /// Pulses that begin, bit 0 = X.
+    /// Returns the axes whose pulses begin, bit 0 = X.
     #[inline]
     #[must_use]
     pub const fn raise(self) -> u32 {
@@ -122,7 +119,7 @@ impl StepEvent {
         }
     }
 
-    /// Pulses that end, bit 0 = X.
+    /// Returns the axes whose pulses end, bit 0 = X.
     #[inline]
     #[must_use]
     pub const fn drop(self) -> u32 {
@@ -133,7 +130,7 @@ impl StepEvent {
         }
     }
 
-    /// How the direction outputs are set, if they are: bit 0 = X, 1 = negative.
+    /// Returns the levels of the direction outputs, if the event sets them: bit 0 = X, 1 = negative.
     #[inline]
     #[must_use]
     pub const fn directions(self) -> Option<u8> {
@@ -144,43 +141,19 @@ impl StepEvent {
         Some((self.0 & AXIS_BITS & !1 | x) as u8)
     }
 
-    /// Whether it sets the direction outputs.
+    /// Returns whether the event sets the direction outputs.
     #[inline]
     #[must_use]
     pub const fn sets_directions(self) -> bool {
         self.0 & Self::SET_DIRECTIONS == Self::SET_DIRECTIONS
     }
 
-    /// Whether a new segment begins with it.
+    /// Returns whether the event is the first of a segment.
     #[inline]
     #[must_use]
     pub const fn is_boundary(self) -> bool {
         self.0 & Self::BOUNDARY != 0
     }
-}
-
-/// What holds for a whole segment.
-#[derive(Debug, Clone, Copy, Default, PartialEq)]
-#[cfg_attr(target_os = "none", derive(defmt::Format))]
-pub struct SegmentInfo {
-    /// When it begins, ticks on the generator's clock, wrapping.
-    pub start_ticks: u32,
-    /// Step count of each axis where it begins.
-    pub steps: Axes<i32>,
-    /// Number of its first event, or of one before it that begins no pulse.
-    pub first_event: u32,
-    /// Axes that move in the negative direction, bit 0 = X.
-    pub directions: u8,
-    /// Whether everything is at rest in it: only then may the event queue run empty.
-    pub is_standstill: bool,
-    /// Speed along the path at its end, mm/min.
-    pub feed_mm_min: f32,
-    /// `N` word of its block, 0 without.
-    pub line: u32,
-    /// Spindle PWM in it, 0 to [`crate::model::Outputs::FULL`].
-    pub duty: u16,
-    /// Spindle speed or laser power in it, rpm.
-    pub spindle_rpm: f32,
 }
 
 #[cfg(test)]

@@ -1,25 +1,32 @@
 //! From segments of motion to timed edges on the step pins.
 //!
-//! `prepare` owns the [`Generator`], which turns each segment into [`StepEvent`]s. The step
-//! interrupt takes them from a ring, [`EventReader`], and has its pins set by them, whatever the
-//! number of axes: an event is one word, and no step is counted. What has to be done once in a
-//! segment is left to `segment_start`, [`SegmentRing::start_segment`], which it releases.
+//! `prepare` owns the [`Generator`], which makes [`StepEvent`]s of each [`Segment`]:
+//!
+//! ```text
+//! segment ─▶ step_times ─▶ method ─┬─────▶ direct ─────┬─▶ ring ─▶ step interrupt
+//!               per axis           └─▶ slots ─▶ drain ─┘
+//! ```
+//!
+//! The step interrupt reads the events with [`EventReader`] and sets pins by them: an event is one
+//! word for any number of axes, and no step is counted. `segment_start`, which the step interrupt
+//! releases, does what is due once in a segment: [`SegmentRing::start_segment`].
 
-mod alone;
+mod direct;
 mod event;
 mod generator;
-mod placing;
+mod jitter;
+mod method;
 mod position;
 mod ring;
+mod segment;
 mod segment_ring;
-mod shift;
 mod slots;
 mod step_times;
 
-pub use event::{SegmentInfo, StepEvent};
-pub use generator::{Generator, Segment};
+pub use event::StepEvent;
+pub use generator::Generator;
+pub use jitter::STEP_JITTER_TICKS;
 pub use position::steps_after;
 pub use ring::{EventReader, EventRing, EventTap, EventWriter, Upcoming};
+pub use segment::{AxisMotion, Segment, SegmentInfo};
 pub use segment_ring::{SegmentRing, SegmentStart};
-pub use shift::STEP_JITTER_TICKS;
-pub use step_times::AxisMotion;

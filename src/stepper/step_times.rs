@@ -1,45 +1,42 @@
 //! The steps of one axis within a segment: how many, and when.
 //!
-//! q(τ) = vτ + aτ²/2 in steps, and step k falls where q crosses half-way to it. At an even pace each
-//! time follows from the one before; otherwise it is solved for, so that every step costs the same.
+//! q(τ) = vτ + aτ²/2 in steps, and step k falls where q crosses half-way to it. At a constant
+//! rate each time is a period after the one before; otherwise it is solved for, so that every step
+//! costs the same.
 
 use crate::{
     math,
-    model::timing::PULSE_LOW_TICKS,
+    stepper::AxisMotion,
     units::{FineSteps, Steps},
 };
 
-/// Binary places of a step's time at an even pace: 1.5 ms, the longest segment, and a period more fit
-/// the word, and a thousand periods are off by a thirtieth of a tick at most.
+/// Binary places of a step's time at a constant rate: 1.5 ms, the longest segment, and a period more
+/// fit the word. A thousand periods, each rounded down, are off by a sixteenth of a tick at most.
 pub(super) const TIME_FRACTION_BITS: u32 = 14;
-/// What the times of steps at an even pace may be off the true ones, ticks.
+/// Bounds the error of the times of steps that are taken to come at a constant rate, ticks: an eighth
+/// of what `steps_come_within_two_ticks_or_two_millionths_of_their_way` allows.
 const PERIODIC_ERROR_TICKS: f32 = 0.25;
-/// The motion of one axis over a segment.
-#[derive(Debug, Clone, Copy, Default, PartialEq)]
-pub struct AxisMotion {
-    /// Exact position at the end.
-    pub to: FineSteps,
-    /// Acceleration, steps per tick².
-    pub acceleration: f32,
-}
+/// Bounds the mean period from above, steps per tick: far below one step in the longest segment.
+const MIN_RATE: f32 = 1.0e-12;
 
 /// The steps of one axis that are still to come in the segment.
 #[derive(Debug, Clone, Copy, Default)]
 pub(super) struct AxisSteps {
-    /// Steps left.
+    /// Steps that remain.
     pub(super) remaining: u32,
-    /// Time of the next step, ticks from the segment's start, while steps are left.
+    /// Time of the next step, ticks from the segment's start, while steps remain.
     pub(super) next_ticks: u32,
-    /// The latest that it can be.
+    /// The latest time of a step.
     latest_ticks: u32,
     /// Half of the speed at the segment's start, steps per tick, and half of the speed's square.
     half_speed: f32,
     half_speed_sqr: f32,
     /// Steps per tick².
     acceleration: f32,
-    /// The way of the next step from the segment's start, steps.
+    /// Distance of the next step from where the segment starts, steps.
     distance_steps: f32,
-    /// Time of the next step and the time between two, ticks at an even pace, with [`EVEN_BITS`] binary places.
+    /// Time of the next step and the period at a constant rate, ticks with [`TIME_FRACTION_BITS`]
+    /// binary places.
     pub(super) time_fixed: u32,
     pub(super) period_fixed: u32,
     is_periodic: bool,
@@ -60,25 +57,20 @@ pub(super) const NO_STEPS: AxisSteps = AxisSteps {
 };
 
 impl AxisSteps {
-    /// Whether it goes at an even pace, slow enough for such pulses.
-    pub(super) fn is_slow(&self, pulse_ticks: u32) -> bool {
-        self.is_periodic && self.period_fixed >> TIME_FRACTION_BITS >= pulse_ticks + PULSE_LOW_TICKS
+    /// Returns whether the rate is constant, with a period of `min_ticks` or more.
+    pub(super) fn has_period(&self, min_ticks: u32) -> bool {
+        self.is_periodic && self.period_fixed >> TIME_FRACTION_BITS >= min_ticks
     }
 
-    /// Whether it goes at an even pace, with so many ticks or more from step to step, and no step
-    /// comes too late.
-    pub(super) fn is_apart(&self, ticks: u32) -> bool {
-        let before_last = self
-            .period_fixed
-            .wrapping_mul(self.remaining.wrapping_sub(1));
-        let last = self.time_fixed.wrapping_add(before_last) >> TIME_FRACTION_BITS;
-        self.is_periodic
-            && self.period_fixed >> TIME_FRACTION_BITS >= ticks
-            && last <= self.latest_ticks
+    /// Returns whether the last step comes in time, one period after the other.
+    pub(super) fn is_in_time(&self) -> bool {
+        let periods = self.remaining.wrapping_sub(1);
+        let last = self.period_fixed.wrapping_mul(periods);
+        self.time_fixed.wrapping_add(last) >> TIME_FRACTION_BITS <= self.latest_ticks
     }
 
-    /// When the axis has come to the next step: 2q/(v + √(v² + 2aq)), the form that never cancels.
-    /// Nothing to divide by is a time without end.
+    /// Returns the time of the next step: 2q/(v + √(v² + 2aq)), the form that never cancels.
+    /// Without speed the time is the longest there is.
     #[inline]
     fn solve(&self) -> u32 {
         let half_reached =
@@ -86,7 +78,7 @@ impl AxisSteps {
         (self.distance_steps / (self.half_speed + half_reached)) as u32
     }
 
-    /// Lets the steps come as late as that.
+    /// Sets the latest time of a step.
     pub(super) fn set_latest(&mut self, latest: u32) {
         if self.remaining != 0 {
             self.latest_ticks = latest;
@@ -99,7 +91,7 @@ impl AxisSteps {
         }
     }
 
-    /// Moves on to the next step, at an even pace.
+    /// Moves on to the next step at a constant rate.
     #[inline]
     pub(super) fn advance_periodic(&mut self) {
         self.remaining -= 1;
@@ -107,7 +99,7 @@ impl AxisSteps {
         self.next_ticks = (self.time_fixed >> TIME_FRACTION_BITS).min(self.latest_ticks);
     }
 
-    /// The same at another pace.
+    /// Moves on to the next step where the rate changes.
     #[inline]
     pub(super) fn advance_solved(&mut self) {
         self.remaining -= 1;
@@ -115,13 +107,13 @@ impl AxisSteps {
         self.next_ticks = self.solve().min(self.latest_ticks);
     }
 
-    /// Whether all steps come at an even pace.
+    /// Returns whether all steps come at a constant rate.
     pub(super) const fn is_periodic(&self) -> bool {
         self.is_periodic
     }
 }
 
-/// The steps of an axis that goes from one position to another, and whether backwards.
+/// Returns the steps of an axis from a position to that of `motion`, and whether they are negative.
 pub(super) fn plan_axis(
     from: FineSteps,
     motion: AxisMotion,
@@ -135,19 +127,19 @@ pub(super) fn plan_axis(
         return (NO_STEPS, false);
     }
     let sign = if steps < 0 { -1.0 } else { 1.0 };
-    let way = to_f32(motion.to.0.wrapping_sub(from.0)) * sign;
+    let distance = to_f32(motion.to.0.wrapping_sub(from.0)) * sign;
     let offset = to_f32(from.0.wrapping_sub(i64::from(begin) << 32)) * sign;
     let mut acceleration = motion.acceleration * sign;
-    let mut speed = way * rate - 0.5 * acceleration * duration;
+    let mut speed = distance * rate - 0.5 * acceleration * duration;
     if speed < 0.0 {
         speed = 0.0;
-        acceleration = 2.0 * way * rate * rate;
+        acceleration = 2.0 * distance * rate * rate;
     } else if speed + acceleration * duration < 0.0 {
-        speed = 2.0 * way * rate;
+        speed = 2.0 * distance * rate;
         acceleration = -speed * rate;
     }
     // A parabola is off its chord by at most a·T²/8.
-    let mean_period = 1.0 / math::max(way * rate, 1.0e-12);
+    let mean_period = 1.0 / math::max(distance * rate, MIN_RATE);
     if acceleration.abs() * duration * duration * mean_period < 8.0 * PERIODIC_ERROR_TICKS {
         let scale = mean_period * (1 << TIME_FRACTION_BITS) as f32;
         let even_time = ((0.5 - offset) * scale) as u32;
@@ -175,7 +167,8 @@ pub(super) fn plan_axis(
     (axis, steps < 0)
 }
 
-/// A fixed-point distance of at most 2048 steps in floating point, to 24 bits where it is small.
+/// Returns a fixed-point distance of at most 2048 steps in floating point, to 24 bits where it is
+/// small.
 fn to_f32(fine: i64) -> f32 {
     if fine >> 31 == fine >> 63 {
         fine as i32 as f32 * (1.0 / 4_294_967_296.0)

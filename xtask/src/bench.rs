@@ -82,8 +82,8 @@ fn firmware(emulator: &Emulator, options: &Options) -> Result<()> {
     /// Where the times of the steps are computed.
     const STEP_TIMES: [&str; 4] = [
         "leadscrew::stepper::generator::",
-        "leadscrew::stepper::alone::",
-        "leadscrew::stepper::placing::",
+        "leadscrew::stepper::direct::",
+        "leadscrew::stepper::method::",
         "leadscrew::stepper::slots::",
     ];
     /// What makes a change of the state, and commands, of a line without blanks.

@@ -1,0 +1,166 @@
+//! How the steps of an axis become events: the cheapest of four methods that keeps their times.
+//!
+//! ```text
+//! one axis has steps, at a constant rate, each pulse
+//! ends before the next, nothing delays the first      ──▶ Direct:   straight into the ring
+//!   │ else each axis on its own, into the slots:
+//!   ├─ a constant rate, nothing delays a step         ──▶ Periodic: add the period to the slot
+//!   ├─ a constant rate                                ──▶ Delayed:  compare with the pulse before
+//!   └─ the rate changes                               ──▶ Solved:   a root and a division for each
+//! ```
+//!
+//! [`Direct::is_possible`](super::direct::Direct::is_possible) makes the first choice,
+//! [`Placement::method`] the others. A step of the dominant axis, the one with most steps, keeps its
+//! time: the events right before it move.
+//!
+//! # Cost
+//! A step takes 50 cycles at most by `Periodic`, 70 of the dominant axis, and 83 by `Delayed`
+//! (`docs/decisions.md`). Each method is a loop of its own, so short that it stays in the instruction
+//! cache beside the tasks that interrupt it most: hence `inline(always)` on what two loops are made
+//! from, and `inline(never)` on the loops.
+
+use super::{
+    slots::{SLOTS, Slots},
+    step_times::{AxisSteps, TIME_FRACTION_BITS},
+};
+use crate::model::timing::SLOT_TICKS;
+
+/// Where the slot begins in a time with [`TIME_FRACTION_BITS`] binary places, with the ticks in the
+/// slot below it. Above are as many bits as number the slots.
+const SLOT_SHIFT: u32 = TIME_FRACTION_BITS + SLOT_TICKS.ilog2();
+const _: () = assert!(SLOTS == 1 << (32 - SLOT_SHIFT));
+
+/// How the steps of an axis get into the slots.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Method {
+    /// One period after the other, each step at its time.
+    Periodic,
+    /// One period after the other, steps later where the pulse before demands it.
+    Delayed,
+    /// Times solved for, steps later where the pulse before demands it.
+    Solved,
+}
+
+/// Where the steps of an axis go. Slots count from the one that the segment begins in.
+pub(super) struct Placement {
+    /// The slot that the segment begins in, and how many ticks after that slot.
+    pub(super) base_slot: u32,
+    pub(super) offset_ticks: u32,
+    /// The axis, and the axes whose events do not move for it.
+    pub(super) axis_mask: u32,
+    pub(super) fixed_axes: u32,
+    /// From a step to the end of its pulse, and from there to the next step at least.
+    pub(super) pulse_slots: u32,
+    pub(super) low_slots: u32,
+    /// The first slot in which the next step may be, and that of the last step.
+    pub(super) earliest_slot: u32,
+    pub(super) last_step_slot: u32,
+}
+
+impl Placement {
+    /// Returns the method for the steps of the axis.
+    #[inline]
+    pub(super) fn method(&self, steps: &AxisSteps) -> Method {
+        let min_period = (self.pulse_slots + self.low_slots) * SLOT_TICKS;
+        let slot = (self.offset_ticks + steps.next_ticks) / SLOT_TICKS;
+        if steps.has_period(min_period) && steps.is_in_time() && slot >= self.earliest_slot {
+            Method::Periodic
+        } else if steps.is_periodic() {
+            Method::Delayed
+        } else {
+            Method::Solved
+        }
+    }
+
+    /// Adds steps by [`Method::Periodic`].
+    #[inline(never)]
+    pub(super) fn add_periodic(&mut self, slots: &mut Slots, steps: &AxisSteps) {
+        self.add_in_time(slots, steps, |_, _| ());
+    }
+
+    /// Adds the steps of the dominant axis by [`Method::Periodic`].
+    #[inline(never)]
+    pub(super) fn add_periodic_dominant(&mut self, slots: &mut Slots, steps: &AxisSteps) {
+        let fixed_axes = self.fixed_axes;
+        self.add_in_time(slots, steps, |slots, time_fixed| {
+            let slot = time_fixed >> SLOT_SHIFT;
+            if slots.is_occupied(slot.wrapping_sub(1)) {
+                let ticks = (time_fixed >> TIME_FRACTION_BITS) % SLOT_TICKS;
+                slots.move_neighbours_earlier_out_of_line(slot, fixed_axes, ticks);
+            }
+        });
+    }
+
+    /// Adds steps by [`Method::Delayed`].
+    #[inline(never)]
+    pub(super) fn add_delayed(&mut self, slots: &mut Slots, steps: &AxisSteps) {
+        self.add_later(slots, steps, AxisSteps::advance_periodic);
+    }
+
+    /// Adds steps by [`Method::Solved`].
+    #[inline(never)]
+    pub(super) fn add_solved(&mut self, slots: &mut Slots, steps: &AxisSteps) {
+        self.add_later(slots, steps, AxisSteps::advance_solved);
+    }
+
+    /// Adds steps at their times. The slot and the ticks in it are in one word, which wraps as slots
+    /// do.
+    #[inline(always)]
+    #[expect(clippy::inline_always, reason = "two loops are made from it")]
+    fn add_in_time(
+        &mut self,
+        slots: &mut Slots,
+        steps: &AxisSteps,
+        move_neighbours: impl Fn(&mut Slots, u32),
+    ) {
+        let base_fixed = self.base_slot << SLOT_SHIFT;
+        let begin_fixed = (self.offset_ticks << TIME_FRACTION_BITS).wrapping_add(base_fixed);
+        let period_fixed = steps.period_fixed;
+        let mut time_fixed = begin_fixed.wrapping_add(steps.time_fixed);
+        let end_fixed = time_fixed.wrapping_add(period_fixed.wrapping_mul(steps.remaining));
+        let (axis_mask, pulse_slots) = (self.axis_mask, self.pulse_slots);
+        let mut add = |time_fixed: u32| {
+            let slot = time_fixed >> SLOT_SHIFT;
+            slots.add_step(slot, axis_mask, time_fixed >> TIME_FRACTION_BITS);
+            move_neighbours(slots, time_fixed);
+            slots.add_pulse_end(slot + pulse_slots, axis_mask);
+        };
+        // wcet-bound: segment_steps, wcet-total: segment_steps
+        while time_fixed != end_fixed {
+            add(time_fixed);
+            time_fixed = time_fixed.wrapping_add(period_fixed);
+        }
+        let last = end_fixed.wrapping_sub(period_fixed) >> SLOT_SHIFT;
+        self.last_step_slot = last.wrapping_sub(self.base_slot) % SLOTS;
+        self.earliest_slot = self.last_step_slot + self.pulse_slots + self.low_slots;
+    }
+
+    /// Adds steps at their times, or as soon after them as the pulse before allows.
+    #[inline(always)]
+    #[expect(clippy::inline_always, reason = "two loops are made from it")]
+    fn add_later(
+        &mut self,
+        slots: &mut Slots,
+        steps: &AxisSteps,
+        advance: impl Fn(&mut AxisSteps),
+    ) {
+        let mut steps = *steps;
+        let (mut slot, mut earliest) = (0, self.earliest_slot);
+        // wcet-bound: segment_steps, wcet-total: segment_steps
+        while steps.remaining != 0 {
+            let time = self.offset_ticks + steps.next_ticks;
+            slot = time / SLOT_TICKS;
+            let mut ticks = time % SLOT_TICKS;
+            if slot < earliest {
+                (slot, ticks) = (earliest, 0);
+            }
+            let at = self.base_slot.wrapping_add(slot);
+            slots.add_step(at, self.axis_mask, ticks);
+            slots.move_neighbours_earlier(at, self.fixed_axes, ticks);
+            slots.add_pulse_end(at.wrapping_add(self.pulse_slots), self.axis_mask);
+            earliest = slot + self.pulse_slots + self.low_slots;
+            advance(&mut steps);
+        }
+        (self.last_step_slot, self.earliest_slot) = (slot, earliest);
+    }
+}
