@@ -1,13 +1,13 @@
-//! How far steps are from the times at which they are due.
+//! The step jitter: how far steps are from the times at which they are due.
 
 use crate::model::timing::EVENT_SPACING_TICKS;
 
-/// Most that a step comes before or after its time, ticks, besides roundings.
+/// Bounds how far a step comes before or after its time, ticks, besides roundings; tested below.
 ///
-/// In its slot it makes way for others, shares their event or waits for one. Near the end of a segment
-/// it keeps clear of the next one first, and where a step at the end of a segment has had the slot, it
-/// comes in the next: either takes as much again. One that waits for a change of direction comes when
-/// it can.
+/// A step moves within its slot where it precedes a step of the dominant axis, shares an event or
+/// waits for the event before: a spacing at most. Near the end of a segment it first moves away from
+/// the next one; and where a step at the end of a segment has the slot, it comes in the next: either
+/// takes another spacing. A step behind a change of direction comes when the change allows.
 pub const STEP_JITTER_TICKS: u32 = 2 * EVENT_SPACING_TICKS;
 
 #[cfg(test)]
@@ -37,9 +37,13 @@ mod tests {
         speed: f64,
     }
 
-    /// When an axis that speeds up or slows down evenly has gone a way, ticks.
-    fn when(way: f64, speed: f64, acceleration: f64) -> f64 {
-        2.0 * way / (speed + (speed * speed + 2.0 * acceleration * way).max(0.0).sqrt())
+    /// Returns when an axis with a constant acceleration has moved a distance, ticks.
+    fn when(distance: f64, speed: f64, acceleration: f64) -> f64 {
+        2.0 * distance
+            / (speed
+                + (speed * speed + 2.0 * acceleration * distance)
+                    .max(0.0)
+                    .sqrt())
     }
 
     struct Played {
@@ -49,8 +53,8 @@ mod tests {
         ends: Vec<f64>,
     }
 
-    /// Segments of some length, at the end of which the axes have parts of the highest speed. All go
-    /// forwards.
+    /// Plays segments of given lengths, at whose ends the axes have parts of the highest speed. All
+    /// axes move in the positive direction.
     fn play(pulse_us: u8, segments: &[(u32, [f64; 3])]) -> Played {
         let mut generator = Generator::new();
         generator.set_pulse_us(pulse_us);

@@ -1,52 +1,56 @@
 //! The steps of a segment in order of time, without sorting.
 //!
-//! Time is cut into slots as long as events must be apart, so a slot has room for one event. Each
-//! axis marks the slots of its steps and of the ends of its pulses; then one sweep turns the marks
-//! into events. So a step costs the same with any number of axes, and steps of several axes that
-//! fall into one slot share an event. A step has its own time within the slot; where an event in
-//! the slot before is too close, it comes later, at the end of the slot at most.
+//! Time is divided into slots as long as the shortest time between two events, so a slot has room for
+//! one event. Each axis adds its steps and the ends of its pulses to their slots; then
+//! [`Slots::drain`] makes the list of events. Steps of several axes in one slot share an event. A
+//! step has its own time within the slot; where an event in the slot before is too close, the step
+//! comes later, at the end of its slot at most.
+//!
+//! # Cost
+//! A step costs the same with any number of axes. The order of the fields of [`Slots`] in memory is
+//! fixed: the bits are where one instruction reaches them. [`Cursor::schedule`] is inline so that a
+//! loop keeps the cursor in registers.
 
 use core::num::NonZeroU32;
 
 use super::{StepEvent, ring::EventBatch};
 use crate::model::timing::SLOT_TICKS;
 
-/// The same as a difference of times.
+/// [`SLOT_TICKS`] as a difference of times.
 pub(super) const SLOT_TICKS_SIGNED: i32 = SLOT_TICKS.cast_signed();
-/// Slots, a power of two: for a segment with what it may be stretched by, and the pulses after it.
+/// Number of slots: for a segment of 1.5 ms, 985 slots, that delayed events make longer, and the
+/// pulses after it. `method` relies on the power of two.
 pub(super) const SLOTS: u32 = 2048;
-/// Slots that a word tells of.
+/// Slots of a word of bits.
 const WORD_BITS: u32 = 32;
 const WORDS: u32 = SLOTS / WORD_BITS;
 
-/// Slots and what is to happen in them: a ring, in which numbers wrap.
-///
-/// In this order in memory: the bits are where one instruction reaches them.
+/// The slots with their events: a ring, in which slot numbers wrap.
 #[derive(Debug)]
 #[repr(C)]
 pub(super) struct Slots {
-    /// A bit for each slot that is marked, the first one in the highest bit.
+    /// A bit for each slot that has an event, the first slot in the highest bit.
     occupied: [u32; WORDS as usize],
-    /// What happens, with ticks from the slot's start.
+    /// The events, with ticks from the slot's start.
     events: [StepEvent; SLOTS as usize],
 }
 
-/// Where the list of events has come to.
+/// The end of the list of events.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Cursor {
     /// The first slot after that of the last event.
     pub(super) free_slot: u32,
     /// Time of the last event, ticks from the start of the slot that the segment begins in.
     pub(super) last_ticks: i32,
-    /// No event of the segment has been put.
+    /// No event of the segment has been pushed.
     pub(super) is_at_boundary: bool,
 }
 
 impl Cursor {
-    /// An event at a time, or as soon after it as it may be.
+    /// Returns an event at a time, or as soon after it as the event before allows.
     #[inline(always)]
-    #[expect(clippy::inline_always, reason = "keeps the cursor in registers")]
-    pub(super) fn schedule(&mut self, time: i32, what: StepEvent) -> StepEvent {
+    #[expect(clippy::inline_always, reason = "see `Cost`")]
+    pub(super) fn schedule(&mut self, time: i32, event: StepEvent) -> StepEvent {
         let time = time.max(self.last_ticks + SLOT_TICKS_SIGNED);
         let ticks = (time - self.last_ticks).cast_unsigned();
         debug_assert!(
@@ -54,104 +58,108 @@ impl Cursor {
             "{ticks} ticks without an event"
         );
         self.last_ticks = time;
-        what.with_ticks(ticks)
+        event.with_ticks(ticks)
     }
 
-    /// The first event of the segment, or another.
+    /// Returns an event, marked if it is the first of the segment.
     #[inline]
-    pub(super) fn mark_boundary(&mut self, what: StepEvent) -> StepEvent {
+    pub(super) fn mark_boundary(&mut self, event: StepEvent) -> StepEvent {
         if core::mem::take(&mut self.is_at_boundary) {
-            what.at_boundary()
+            event.at_boundary()
         } else {
-            what
+            event
         }
     }
 }
 
 impl Slots {
-    /// Without a mark.
+    /// Slots without events.
     pub(super) const NONE: Self = Self {
         occupied: [0; WORDS as usize],
         events: [StepEvent::NONE; SLOTS as usize],
     };
 
-    /// What happens in a slot.
+    /// The event of a slot, or none.
     #[inline]
     fn event_in(&mut self, slot: u32) -> &mut StepEvent {
         &mut self.events[(slot % SLOTS) as usize]
     }
 
-    /// The bits of a slot and its neighbours.
+    /// The bits of a slot and its neighbours in a word.
     #[inline]
     fn occupied_word(&mut self, slot: u32) -> &mut u32 {
         &mut self.occupied[(slot % SLOTS / WORD_BITS) as usize]
     }
 
-    /// Marks a step of the axes in `mask`, so many ticks from the slot's start: those of other axes
-    /// in the slot come then, too.
+    /// Adds a step of the axes in `axes` at `ticks` from the slot's start: steps of other axes in the
+    /// slot move there, too.
     #[inline]
-    pub(super) fn add_step(&mut self, slot: u32, mask: u32, ticks: u32) {
-        let mark = self.event_in(slot);
-        *mark = mark
+    pub(super) fn add_step(&mut self, slot: u32, axes: u32, ticks: u32) {
+        let event = self.event_in(slot);
+        *event = event
             .with_slot_ticks(ticks)
-            .merged_with(StepEvent::new(0, mask, 0));
+            .merged_with(StepEvent::new(0, axes, 0));
         *self.occupied_word(slot) |= bit(slot);
     }
 
-    /// Has what happens in the slots next before a step happen so early that the step need not wait:
-    /// no later in its slot than the step in its own. As far as nothing happens to the axes in
-    /// `stop`.
+    /// Moves the events in the slots right before a step, so that the step need not wait: each comes
+    /// no later in its slot than the step in its own. An event of `fixed_axes` ends the row.
     #[inline]
-    pub(super) fn move_neighbours_earlier(&mut self, slot: u32, stop: u32, ticks: u32) {
+    pub(super) fn move_neighbours_earlier(&mut self, slot: u32, fixed_axes: u32, ticks: u32) {
         let mut before = slot.wrapping_sub(1);
         // wcet-bound: 2048, wcet-total: neighbours
-        while let Some(mark) = self.movable_event(before, stop) {
-            *mark = mark.with_slot_ticks(mark.ticks().min(ticks));
+        while let Some(event) = self.movable_event(before, fixed_axes) {
+            *event = event.with_slot_ticks(event.ticks().min(ticks));
             before = before.wrapping_sub(1);
         }
     }
 
-    /// Whether something happens in a slot.
+    /// Returns whether a slot has an event.
     #[inline]
     pub(super) fn is_occupied(&mut self, slot: u32) -> bool {
         *self.event_in(slot) != StepEvent::NONE
     }
 
-    /// [`Slots::make_way`] where something is in the way.
+    /// [`Slots::move_neighbours_earlier`], out of line.
     #[inline(never)]
-    pub(super) fn move_neighbours_earlier_out_of_line(&mut self, slot: u32, stop: u32, ticks: u32) {
-        self.move_neighbours_earlier(slot, stop, ticks);
+    pub(super) fn move_neighbours_earlier_out_of_line(
+        &mut self,
+        slot: u32,
+        fixed_axes: u32,
+        ticks: u32,
+    ) {
+        self.move_neighbours_earlier(slot, fixed_axes, ticks);
     }
 
-    /// What happens in a slot, if something does and to none of the axes in `stop`.
+    /// Returns the event of a slot, if there is one and it is of none of `fixed_axes`.
     #[inline]
-    fn movable_event(&mut self, slot: u32, stop: u32) -> Option<&mut StepEvent> {
-        let mark = self.event_in(slot);
-        let stops = mark.bits() & StepEvent::new(0, stop, stop).bits() != 0;
-        (*mark != StepEvent::NONE && !stops).then_some(mark)
+    fn movable_event(&mut self, slot: u32, fixed_axes: u32) -> Option<&mut StepEvent> {
+        let event = self.event_in(slot);
+        let is_fixed = event.bits() & StepEvent::new(0, fixed_axes, fixed_axes).bits() != 0;
+        (*event != StepEvent::NONE && !is_fixed).then_some(event)
     }
 
-    /// Has what happens in the slots next before another happen as early as it can.
-    pub(super) fn move_neighbours_to_slot_start(&mut self, slot: u32, stop: u32) {
+    /// Moves the events in the slots right before another to the start of their slots, 8 at most: with
+    /// these, steps keep within [`STEP_JITTER_TICKS`](super::STEP_JITTER_TICKS) in its test.
+    pub(super) fn move_neighbours_to_slot_start(&mut self, slot: u32, fixed_axes: u32) {
         // wcet-bound: 8
         for before in 1..=8 {
-            let Some(mark) = self.movable_event(slot.wrapping_sub(before), stop) else {
+            let Some(event) = self.movable_event(slot.wrapping_sub(before), fixed_axes) else {
                 break;
             };
-            *mark = mark.with_ticks(0);
+            *event = event.with_ticks(0);
         }
     }
 
-    /// Marks the end of pulses.
+    /// Adds the end of pulses.
     #[inline]
-    pub(super) fn add_pulse_end(&mut self, slot: u32, mask: u32) {
-        self.add(slot, StepEvent::new(0, 0, mask));
+    pub(super) fn add_pulse_end(&mut self, slot: u32, axes: u32) {
+        self.add(slot, StepEvent::new(0, 0, axes));
     }
 
-    /// Marks a change of the direction outputs, alone in the first of a few slots that is not
-    /// marked. That slot.
-    pub(super) fn add_direction_change(&mut self, slot: u32, directions: u8) -> u32 {
-        let mut slot = slot;
+    /// Adds a change of the direction outputs, alone in the first slot from `slot` on without an event,
+    /// and returns that slot.
+    pub(super) fn add_direction_change(&mut self, mut slot: u32, directions: u8) -> u32 {
         // wcet-bound: axes
         while *self.occupied_word(slot) & bit(slot) != 0 {
             slot = slot.wrapping_add(1);
@@ -160,35 +168,37 @@ impl Slots {
         slot
     }
 
+    /// Adds an event to a slot.
     #[inline]
-    fn add(&mut self, slot: u32, what: StepEvent) {
-        let mark = self.event_in(slot);
-        *mark = mark.merged_with(what);
+    fn add(&mut self, slot: u32, event: StepEvent) {
+        let slot_event = self.event_in(slot);
+        *slot_event = slot_event.merged_with(event);
         *self.occupied_word(slot) |= bit(slot);
     }
 
-    /// Takes away what happens in a slot.
+    /// Removes the event of a slot.
     pub(super) fn remove(&mut self, slot: u32) {
         *self.event_in(slot) = StepEvent::NONE;
         *self.occupied_word(slot) &= !bit(slot);
     }
 
-    /// Takes the bits of a word of slots but for those of `later`, and the marks of all of them.
+    /// Clears the bits of a word of slots but for those of `later`. Returns the bits cleared and the
+    /// events of the word's slots.
     #[inline]
     fn drain_word(
         &mut self,
         first: u32,
         later: u32,
     ) -> (u32, &mut [StepEvent; WORD_BITS as usize]) {
-        let place = (first % SLOTS / WORD_BITS) as usize;
-        let word = &mut self.occupied[place];
+        let index = (first % SLOTS / WORD_BITS) as usize;
+        let word = &mut self.occupied[index];
         let bits = *word & !later;
         *word &= later;
-        (bits, &mut self.events.as_chunks_mut().0[place])
+        (bits, &mut self.events.as_chunks_mut().0[index])
     }
 
-    /// Puts the events of all slots before `end`, for which there is room. Times count from the start
-    /// of the slot `base`.
+    /// Moves the events of all slots before `end` to the ring, which has room for them. Times count
+    /// from the start of the slot `base`.
     #[inline(never)]
     pub(super) fn drain(
         &mut self,
@@ -214,51 +224,51 @@ impl Slots {
             }
             first = first.wrapping_add(WORD_BITS);
         }
-        let Some(place) = first_set(bits) else {
+        let Some(index) = first_set(bits) else {
             *cursor = here;
             return;
         };
-        // The reader sees them together: so none has to tell that there is none behind it.
-        let held = out.reserve_first();
-        let slot = first.wrapping_add(place);
+        // The reader sees them together: no event needs the mark that none follows.
+        let reserved = out.reserve_first();
+        let slot = first.wrapping_add(index);
         let begin = core::mem::take(self.event_in(slot));
         let time = slot.wrapping_sub(base).wrapping_mul(SLOT_TICKS);
         let time = time.wrapping_add(begin.ticks()).cast_signed();
         let begin = here.schedule(time, begin);
         let begin = here.mark_boundary(begin);
         *self.occupied_word(slot) &= !bit(slot);
-        let mut put =
-            |first: u32, (mut bits, marks): (u32, &mut [StepEvent; WORD_BITS as usize])| {
+        let mut push =
+            |first: u32, (mut bits, events): (u32, &mut [StepEvent; WORD_BITS as usize])| {
                 let begin = first.wrapping_sub(base).wrapping_mul(SLOT_TICKS);
                 // wcet-bound: 32, wcet-total: segment_events
-                while let Some(place) = first_set(bits) {
-                    bits &= !bit(place);
-                    let what = core::mem::take(&mut marks[place as usize]);
-                    let time = begin.wrapping_add(place * SLOT_TICKS);
-                    let time = time.wrapping_add(what.ticks()).cast_signed();
-                    out.push_uncommitted(here.schedule(time, what));
+                while let Some(index) = first_set(bits) {
+                    bits &= !bit(index);
+                    let event = core::mem::take(&mut events[index as usize]);
+                    let time = begin.wrapping_add(index * SLOT_TICKS);
+                    let time = time.wrapping_add(event.ticks()).cast_signed();
+                    out.push_uncommitted(here.schedule(time, event));
                 }
             };
         let last = end / WORD_BITS * WORD_BITS;
         // wcet-bound: segment_words, wcet-total: segment_words
         while first != last {
-            put(first, self.drain_word(first, 0));
+            push(first, self.drain_word(first, 0));
             first = first.wrapping_add(WORD_BITS);
         }
-        put(first, self.drain_word(first, later(first)));
-        out.commit_first(held, begin);
+        push(first, self.drain_word(first, later(first)));
+        out.commit_first(reserved, begin);
         out.publish();
         (*cursor, *events) = (here, out);
     }
 }
 
-/// The place of the first bit that is set.
+/// Returns the index of the first bit that is set, from the highest.
 #[inline]
 fn first_set(bits: u32) -> Option<u32> {
     NonZeroU32::new(bits).map(NonZeroU32::leading_zeros)
 }
 
-/// The bit of a slot in its word.
+/// Returns the bit of a slot in its word.
 #[inline]
 const fn bit(slot: u32) -> u32 {
     1 << (WORD_BITS - 1) >> (slot % WORD_BITS)
