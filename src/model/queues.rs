@@ -12,7 +12,7 @@ pub const ENTRY_RING: usize = 8;
 pub const SEGMENT_RING: usize = 32;
 /// Events that may wait in a ring.
 ///
-/// The beginning of a segment releases `prepare`, so a full ring must hold one, and enough events
-/// behind it for `prepare` to catch up: at the shortest spacing half of the longest segment.
+/// The start of a segment releases `prepare`, so a full ring must hold one start, and behind it the
+/// events of half of the longest segment at the shortest spacing, in which `prepare` catches up.
 pub const EVENT_RING: usize = 2048;
 const _: () = assert!(EVENT_RING as u32 >= MAX_SEGMENT_EVENTS * 3 / 2);

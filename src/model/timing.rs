@@ -2,16 +2,17 @@
 
 use crate::units::{TICKS_PER_MS, TICKS_PER_US};
 
-/// Motion ahead below which `prepare` makes another segment before anything else, ticks, counted from
-/// where the segment being played begins. At the end of that one, 2 ms are left, for one other unit of
-/// work and the next segment. A feed hold waits for it and for a segment more: 5 ms.
+/// Bounds the motion queued ahead below which `prepare` makes another segment before anything else,
+/// ticks, counted from the start of the segment being played. At the end of a segment of 1.5 ms, 2 ms
+/// remain for one other job and the next segment, which `cargo xtask schedule` proves. A feed hold
+/// waits for the motion queued and one more segment: 5 ms.
 pub const QUEUED_AHEAD_TICKS: u32 = 7 * TICKS_PER_MS / 2;
-/// A segment of a long motion, ticks.
+/// Length of a segment of a long motion, ticks.
 pub const SEGMENT_TICKS: u32 = TICKS_PER_MS;
 /// Longest segment, ticks.
 pub const MAX_SEGMENT_TICKS: u32 = 3 * TICKS_PER_MS / 2;
-/// Shortest time between two events, ticks, 1.5 µs: longer than the step interrupt takes to serve
-/// one, by `cargo xtask schedule`. A power of two, as times are divided by it.
+/// Shortest time between two events, ticks, 1.5 µs: longer than the step interrupt takes for one, by
+/// `cargo xtask schedule`. A power of two, as times are divided by it.
 pub const EVENT_SPACING_TICKS: u32 = 128;
 /// Most events of a segment.
 pub(crate) const MAX_SEGMENT_EVENTS: u32 = MAX_SEGMENT_TICKS / EVENT_SPACING_TICKS;
@@ -29,13 +30,13 @@ pub(crate) const PULSE_LOW_SLOTS: u32 = 1 + PULSE_LOW_TICKS.div_ceil(SLOT_TICKS)
 /// A cell of time, s.
 pub(crate) const SAMPLE_S: f32 = 1.0e-3;
 
-/// Slots from a step to the end of its pulse, of so many ticks.
+/// Returns the slots from a step to the end of its pulse.
 #[must_use]
 pub(crate) const fn pulse_slots(pulse_ticks: u32) -> u32 {
     1 + pulse_ticks.div_ceil(SLOT_TICKS)
 }
 
-/// Shortest time between two steps of an axis, ticks, with pulses of `pulse_ticks`.
+/// Returns the shortest time between two steps of an axis, ticks.
 #[must_use]
 pub(crate) const fn min_period_ticks(pulse_ticks: u32) -> u32 {
     (pulse_slots(pulse_ticks) + PULSE_LOW_SLOTS) * SLOT_TICKS

@@ -1,9 +1,13 @@
-//! Where the axes were at any instant: from the events that had been output by then.
+//! Position lookup: where the axes were at any instant, from the events that had been output by then.
 //!
-//! The step interrupt counts nothing. But the ring keeps the events it has played, and each segment
-//! the position at which it began; what was output in between are the pulses of these events. The
-//! interrupt that has to know takes one number, [`EventTap::output_count`](super::EventTap::output_count), and
-//! `prepare` counts, before it has overwritten so much.
+//! The step interrupt counts no steps. But the ring keeps the events played last, and each segment has
+//! the position at its start; between the two are the pulses of these events. An interrupt that needs
+//! the position reads one number, [`EventTap::output_count`](super::EventTap::output_count), and
+//! `prepare` counts the pulses before it overwrites the events.
+//!
+//! # Cost
+//! The pulses of two axes are counted in one word. The loop over events is kept from being unrolled,
+//! as its bound is that of single events.
 
 use super::{EventWriter, SegmentRing};
 use crate::{
@@ -12,8 +16,7 @@ use crate::{
     units::TICKS_PER_US,
 };
 
-/// How many pulses each axis has: two axes in each word, as a segment has fewer than half of it
-/// counts.
+/// Pulses of each axis: two axes in each word, as a segment has fewer pulses than half a word counts.
 #[derive(Debug, Clone, Copy)]
 struct PulseCounts([u32; AXES.div_ceil(2)]);
 
@@ -30,14 +33,15 @@ impl PulseCounts {
         }
     }
 
-    /// The pulses of an axis.
+    /// Returns the pulses of an axis.
     fn of(self, axis: usize) -> i32 {
         let pair = self.0.get(axis / 2).copied().unwrap_or(0);
         (pair >> (axis % 2 * 16) & 0xffff).cast_signed()
     }
 }
 
-/// Step count of each axis when so many events had been output; `None` when that is too long ago.
+/// Returns the step count of each axis when `output` events had been output; `None` when that is too
+/// long ago.
 ///
 /// The event and its segment must be among the last [`EVENT_RING`] and
 /// [`SEGMENT_RING`](super::SEGMENT_RING): one run of `prepare` does not overwrite more.
@@ -50,7 +54,7 @@ pub fn steps_after(
 ) -> Option<Axes<i32>> {
     let (mut steps, directions, first) = segments.segment_at(output)?;
     let length = output.wrapping_sub(first);
-    // A segment has fewer events; more are void.
+    // A segment has fewer events.
     if length > EVENT_RING as u32 {
         return None;
     }
@@ -59,7 +63,6 @@ pub fn steps_after(
     // wcet-bound: segment_events
     while number != output {
         pulses.add(events.event(number).raise());
-        // Not unrolled: the bound is that of single events.
         number = core::hint::black_box(number.wrapping_add(1));
     }
     // wcet-bound: axes
@@ -71,12 +74,12 @@ pub fn steps_after(
     Some(steps)
 }
 
-/// Events that are looked at for the pulses that are high.
+/// Bounds the events from the beginning of a pulse to its end: as many slots, each with one event, and
+/// a slot that either of them may be delayed by.
 const LONGEST_PULSE_EVENTS: u32 = 256;
-// Its end is so many slots after its step at most, each with one event, and either waits a slot at most.
 const _: () = assert!(pulse_slots(255 * TICKS_PER_US) + 2 <= LONGEST_PULSE_EVENTS);
 
-/// Pulses that are high after so many events.
+/// Returns the axes whose pulses are high after `output` events.
 pub(super) fn pulses_high_after(output: u32, events: &EventWriter<'_>) -> u32 {
     let (mut high, mut known) = (0, 0);
     // wcet-bound: 256
@@ -101,11 +104,11 @@ mod tests {
         units::FineSteps,
     };
 
-    /// The step timer, its interrupt, and a count of what it has output.
+    /// The step timer, its interrupt, and a count of its output.
     struct Player {
-        /// What is set up.
+        /// The event that is set up.
         next: Option<StepEvent>,
-        /// How long the timer counts now, and from its next interrupt on.
+        /// Ticks that the timer counts now, and from its next interrupt on.
         counted: u32,
         reload: u32,
         /// The directions on the pins.
@@ -126,7 +129,7 @@ mod tests {
             }
         }
 
-        /// One interrupt; whether it had anything to do.
+        /// Runs one interrupt. Returns false when the step timer is stopped.
         fn play(&mut self, ring: &mut EventRing, segments: &SegmentRing) -> bool {
             if !segments.is_running() {
                 return false;
@@ -156,8 +159,8 @@ mod tests {
             self.reload = upcoming.following.ticks();
         }
 
-        /// Stopped by force.
-        fn cut(&mut self, ring: &mut EventRing, segments: &SegmentRing) {
+        /// Halts the step timer.
+        fn halt(&mut self, ring: &mut EventRing, segments: &SegmentRing) {
             self.next = None;
             tap(ring).halt(segments);
         }
@@ -285,7 +288,7 @@ mod tests {
         }
 
         #[test]
-        fn a_cut_stops_at_once_and_its_position_is_what_was_output(
+        fn a_halt_stops_at_once_and_its_position_is_what_was_output(
             moves in moves(),
             at in 1_usize..3000,
             late in any::<bool>(),
@@ -310,7 +313,7 @@ mod tests {
                     break;
                 }
             }
-            player.cut(&mut ring, &segments);
+            player.halt(&mut ring, &segments);
             if late {
                 // `prepare` was interrupted, and puts more.
                 generator.fill_up(&mut ring, &segments);
@@ -340,7 +343,7 @@ mod tests {
     }
 
     impl Generator {
-        /// Fills the ring; whether a segment can begin.
+        /// Fills the ring. Returns whether a segment can begin.
         fn fill_up(&mut self, ring: &mut EventRing, segments: &SegmentRing) -> bool {
             (!self.is_open() || self.push_events(&mut ring.split().0)) && segments.has_room()
         }

@@ -2,7 +2,7 @@
 
 use super::*;
 
-fn put(writer: &mut EventWriter<'_>, event: StepEvent) {
+fn push(writer: &mut EventWriter<'_>, event: StepEvent) {
     let mut events = writer.begin();
     events.push(event);
     events.publish();
@@ -14,13 +14,13 @@ fn numbered(number: u32) -> StepEvent {
 }
 
 /// An event, and another or none.
-fn upcoming(event: u32, then: u32) -> Upcoming {
+fn upcoming(event: u32, following: u32) -> Upcoming {
     Upcoming {
         event: numbered(event),
-        following: if then == 0 {
+        following: if following == 0 {
             StepEvent::NONE
         } else {
-            numbered(then)
+            numbered(following)
         },
     }
 }
@@ -32,7 +32,7 @@ fn start(writer: &mut EventWriter<'_>, segments: &SegmentRing) -> Option<Upcomin
 }
 
 #[test]
-fn events_come_out_in_order_over_many_turns_of_the_ring() {
+fn events_come_out_in_order_over_many_rounds_of_the_ring() {
     let mut ring = EventRing::new();
     let segments = SegmentRing::new();
     let (mut writer, mut reader) = ring.split();
@@ -40,15 +40,15 @@ fn events_come_out_in_order_over_many_turns_of_the_ring() {
     let mut next = None;
     for batch in (0..5000_u32).map(|k| k * 7 % (EVENT_RING as u32 + 1)) {
         for _ in 0..batch.min(writer.room()) {
-            put(&mut writer, numbered(written));
+            push(&mut writer, numbered(written));
             written += 1;
         }
         if next.is_none() {
             segments.stop();
             next = start(&mut writer, &segments);
         }
-        if let Some(missed) = writer.appended_late(&segments) {
-            writer.append(missed);
+        if let Some(late) = writer.appended_late(&segments) {
+            writer.append(late);
         }
         for _ in 0..(batch * 5 % EVENT_RING as u32) {
             let Some(Upcoming {
@@ -78,19 +78,19 @@ fn a_full_ring_has_no_room_and_an_empty_one_no_event() {
     assert_eq!(start(&mut writer, &segments), None);
     assert!(!segments.is_running());
     for number in 0..EVENT_RING as u32 {
-        put(&mut writer, numbered(number));
+        push(&mut writer, numbered(number));
     }
     assert!(writer.has_pending());
     assert_eq!(writer.room(), 0);
 }
 
 #[test]
-fn a_word_of_an_earlier_turn_is_not_taken_for_an_event() {
+fn a_word_of_an_earlier_round_is_not_taken_for_an_event() {
     let mut ring = EventRing::new();
     let segments = SegmentRing::new();
     let (mut writer, mut reader) = ring.split();
     for number in 0..3 * WORDS as u32 {
-        put(&mut writer, numbered(number));
+        push(&mut writer, numbered(number));
         assert_eq!(start(&mut writer, &segments), Some(upcoming(number, 0)));
         assert_eq!(reader.advance(), None);
         segments.stop();
@@ -98,23 +98,23 @@ fn a_word_of_an_earlier_turn_is_not_taken_for_an_event() {
 }
 
 #[test]
-fn an_event_behind_the_last_is_not_played_before_the_timer_is_told_its_time() {
-    for is_told in [false, true] {
+fn an_event_behind_the_last_is_not_played_before_the_timer_is_appended_its_time() {
+    for is_appended in [false, true] {
         let mut ring = EventRing::new();
         let segments = SegmentRing::new();
         let (mut writer, mut reader) = ring.split();
-        put(&mut writer, numbered(0));
+        push(&mut writer, numbered(0));
         assert_eq!(start(&mut writer, &segments), Some(upcoming(0, 0)));
         assert_eq!(writer.appended_late(&segments), None);
-        put(&mut writer, numbered(1));
-        put(&mut writer, numbered(2));
-        let missed = writer.appended_late(&segments);
-        assert_eq!(missed, Some(numbered(1)));
-        if is_told {
-            writer.append(missed.unwrap());
+        push(&mut writer, numbered(1));
+        push(&mut writer, numbered(2));
+        let late = writer.appended_late(&segments);
+        assert_eq!(late, Some(numbered(1)));
+        if is_appended {
+            writer.append(late.unwrap());
             assert_eq!(writer.appended_late(&segments), None);
         }
-        let expected = is_told.then_some(upcoming(1, 2));
+        let expected = is_appended.then_some(upcoming(1, 2));
         assert_eq!(reader.advance(), expected);
         assert_eq!(writer.tap().output_count(), 1);
         assert!(writer.has_pending());
@@ -126,27 +126,27 @@ fn what_is_appended_after_the_stop_is_of_no_effect() {
     let mut ring = EventRing::new();
     let segments = SegmentRing::new();
     let (mut writer, mut reader) = ring.split();
-    put(&mut writer, numbered(0));
+    push(&mut writer, numbered(0));
     assert!(start(&mut writer, &segments).is_some());
-    put(&mut writer, numbered(1));
-    let missed = writer.appended_late(&segments).unwrap();
+    push(&mut writer, numbered(1));
+    let late = writer.appended_late(&segments).unwrap();
     // The step interrupt comes in between.
     assert_eq!(reader.advance(), None);
     segments.stop();
-    writer.append(missed);
+    writer.append(late);
     assert_eq!(start(&mut writer, &segments), Some(upcoming(1, 0)));
     assert_eq!(reader.advance(), None);
     assert_eq!(writer.tap().output_count(), 2);
 }
 
 #[test]
-fn a_cut_leaves_exactly_what_has_been_output() {
+fn a_halt_leaves_exactly_what_has_been_output() {
     for played in 0..4 {
         let mut ring = EventRing::new();
         let segments = SegmentRing::new();
         let (mut writer, mut reader) = ring.split();
         for number in 0..6 {
-            put(&mut writer, numbered(number));
+            push(&mut writer, numbered(number));
         }
         let tap = writer.tap();
         assert!(start(&mut writer, &segments).is_some());
