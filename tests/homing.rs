@@ -307,7 +307,7 @@ proptest! {
         feed in 20.0_f32..400.0,
         acceleration in prop::array::uniform3(20.0_f32..2000.0),
         pull_off in 0.5_f32..5.0,
-        debounce in 0_u16..300,
+        debounce in 0_u8..,
     ) {
         let settings = Settings {
             homing_direction: direction,

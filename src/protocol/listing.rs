@@ -11,7 +11,7 @@ use super::{
 use crate::{
     gcode::{LineError, Modal, interpreter::Offsets},
     model::{Alarm, Plane, Probed, Spindle, WorkCoordinates},
-    settings::{self, Description, GROUPS, Settings, StepRate, StoredLine, Value},
+    settings::{Setting, SettingGroup, Settings, StepRate, StoredLine, Value},
 };
 
 /// The answer to `$`, without its `ok`.
@@ -117,23 +117,25 @@ pub fn parameter(
 
 /// One line of the answer to `$$`, counted from 0; false after the last, when nothing is written.
 pub fn setting(text: &mut Text, settings: &Settings, line: usize) -> bool {
-    write_setting(text, settings::listed_of_grbl(settings, line))
+    let mut settings_of_grbl = Setting::all().filter(Setting::is_of_grbl);
+    write_setting(text, settings, settings_of_grbl.nth(line))
 }
 
 /// One line of the answer to `$+`: as `$$`, with the settings that Grbl does not have.
 pub fn any_setting(text: &mut Text, settings: &Settings, line: usize) -> bool {
-    write_setting(text, settings::listed(settings, line))
+    write_setting(text, settings, Setting::all().nth(line))
 }
 
-fn write_setting(text: &mut Text, setting: Option<(u16, Value)>) -> bool {
-    let Some((number, value)) = setting else {
+fn write_setting(text: &mut Text, settings: &Settings, setting: Option<Setting>) -> bool {
+    let Some(setting) = setting else {
         return false;
     };
-    text.word("$").natural(u32::from(number)).word("=");
-    match value {
+    text.word("$").natural(u32::from(setting.number()));
+    text.word("=");
+    match setting.value(settings) {
         Value::Whole(whole) => text.natural(u32::from(whole)),
-        Value::Number(number, decimals) => text.number(number, decimals),
-        Value::Resolution(resolution) => text.millionths(resolution.millionths()),
+        Value::Number(number) => text.number(number, setting.row.kind.decimals()),
+        Value::Millionths(millionths) => text.millionths(millionths.unsigned_abs()),
     };
     text.end();
     true
@@ -142,14 +144,15 @@ fn write_setting(text: &mut Text, setting: Option<(u16, Value)>) -> bool {
 /// One line of the answers to `$ES`, `$EG`, `$EE` and `$EA`; false after the last.
 pub fn description(text: &mut Text, of: Described, line: usize) -> bool {
     let is_there = match of {
-        Described::Settings => settings::described(line)
-            .map(|setting| describe_setting(text, &setting))
+        Described::Settings => Setting::all()
+            .nth(line)
+            .map(|setting| describe_setting(text, setting))
             .is_some(),
-        Described::Groups => GROUPS
+        Described::Groups => SettingGroup::ALL
             .get(line)
-            .map(|(group, name)| {
+            .map(|group| {
                 text.word("[SETTINGGROUP:").natural(*group as u32);
-                text.word("|0|").word(name);
+                text.word("|0|").word(group.name());
             })
             .is_some(),
         Described::Errors => LineError::ALL
@@ -174,19 +177,19 @@ pub fn description(text: &mut Text, of: Described, line: usize) -> bool {
 }
 
 /// `[SETTING:id|group|name|unit|datatype|format|min|max`.
-fn describe_setting(text: &mut Text, setting: &Description) {
-    text.word("[SETTING:").natural(u32::from(setting.number));
-    text.word("|").natural(setting.group as u32).word("|");
-    if let Some(axis) = setting.axis {
-        text.byte(axis).word("-axis ");
+fn describe_setting(text: &mut Text, setting: Setting) {
+    let row = setting.row;
+    text.word("[SETTING:").natural(u32::from(setting.number()));
+    text.word("|").natural(row.group as u32).word("|");
+    if let Some(letter) = setting.letter() {
+        text.byte(letter).word("-axis ");
     }
-    text.plain(setting.name).word("|").plain(setting.unit);
-    text.word("|").natural(setting.data_type as u32);
-    text.word("|").word(setting.format).word("|");
-    if let Some((least, most, decimals)) = setting.range {
-        text.number(least, decimals)
-            .word("|")
-            .number(most, decimals);
+    text.plain(row.name).word("|").plain(row.unit);
+    text.word("|").natural(row.kind.data_type() as u32);
+    text.word("|").word(row.kind.format()).word("|");
+    if let Some(range) = row.kind.range() {
+        text.number(range.least, range.decimals);
+        text.word("|").number(range.most, range.decimals);
     } else {
         text.word("|");
     }

@@ -21,16 +21,10 @@ impl Decimal {
         self.millionths / 1_000_000
     }
 
-    /// The number in millionths, without its sign.
+    /// The number in millionths.
     #[must_use]
-    pub(super) const fn magnitude_millionths(self) -> u64 {
-        self.millionths.unsigned_abs()
-    }
-
-    /// The nearest number in single precision.
-    #[must_use]
-    pub(super) fn to_f32(self) -> f32 {
-        (self.millionths as f64 / 1.0e6) as f32
+    pub(super) const fn millionths(self) -> i64 {
+        self.millionths
     }
 }
 
@@ -47,7 +41,6 @@ pub(super) fn read(text: &[u8]) -> Option<(Decimal, &[u8])> {
     let mut digits = 0_usize;
     // What one digit after the point is worth, in millionths; `None` before the point.
     let mut place: Option<i64> = None;
-    // wcet-bound: 256
     while let Some((&byte, after)) = rest.split_first() {
         match (byte, place) {
             (b'0'..=b'9', _) => {

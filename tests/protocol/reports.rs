@@ -1,9 +1,9 @@
 //! Reports and `$` statements, in Grbl's words.
 
 use leadscrew::{
-    axis::AXES,
     model::{State, WorkCoordinates},
     path::Work,
+    settings::Setting,
 };
 
 use super::bench::{Bench, WELCOME, answers};
@@ -211,5 +211,5 @@ fn a_sender_that_does_not_read_loses_nothing() {
     assert_eq!(answers(&lines), ["ok", "ok", "ok", "error:20"]);
     assert!(lines.iter().any(|line| line.starts_with("<Idle|")));
     let settings = lines.iter().filter(|line| line.starts_with('$')).count();
-    assert_eq!(settings, 22 + 4 * AXES);
+    assert_eq!(settings, Setting::all().filter(Setting::is_of_grbl).count());
 }

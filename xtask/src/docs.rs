@@ -7,7 +7,7 @@ use leadscrew::{
     axis::AXES,
     gcode::LineError,
     model::Alarm,
-    settings::{self, DataType, Description, Settings, StepRate, Value},
+    settings::{DataType, Kind, Setting, Settings, StepRate, Value},
 };
 
 use crate::{cargo, conformance, figures::separated, machine::BAUD, proof, ui};
@@ -117,23 +117,19 @@ fn settings_table() -> Result<String> {
          | setting | what | unit | values | default |\n|---|---|---|---|---|\n",
     );
     let defaults = Settings::default();
-    for place in 0.. {
-        let Some(description) = settings::described(place) else {
-            break;
-        };
-        let (_, value) = settings::listed(&defaults, place)
-            .with_context(|| format!("${} has no value", description.number))?;
-        let axis = description
-            .axis
-            .map_or(String::new(), |axis| format!(", {}", char::from(axis)));
+    for setting in Setting::all() {
+        let row = setting.row;
+        let axis = setting
+            .letter()
+            .map_or(String::new(), |letter| format!(", {}", char::from(letter)));
         writeln!(
             text,
             "| `${}` | {}{axis} | {} | {} | {} |",
-            description.number,
-            description.name,
-            description.unit,
-            values(&description),
-            shown(value),
+            setting.number(),
+            row.name,
+            row.unit,
+            values(&row.kind),
+            shown(setting.value(&defaults), row.kind.decimals()),
         )?;
     }
     text.push_str(&step_rates());
@@ -170,7 +166,7 @@ fn step_rates() -> String {
          A resolution times a largest speed, `$100` × `$110` / 60 and so on, is how many steps a second an axis\n\
          may be asked for. `cargo xtask build` analyses each image that it has built for the highest rate,\n\
          all axes together, at which every task meets its deadline at {BAUD} baud, and writes it into the\n\
-         image, in whole thousands. {proven} `$I` tells the one of the\n\
+         image, in whole thousands. {proven} `$I` shows the rate of the\n\
          firmware that runs. An image of which nothing is proven says so and keeps to {} steps per second.\n\n\
          More for an axis than that, or than the step pulse `$0` leaves room for, is `error:12`. A move of\n\
          several axes that together would make more is made more slowly. So is every move where settings\n\
@@ -180,27 +176,30 @@ fn step_rates() -> String {
 }
 
 /// The values that a setting can have.
-fn values(description: &Description) -> String {
-    match (description.data_type, description.range) {
+fn values(kind: &Kind) -> String {
+    match (kind.data_type(), kind.range()) {
         (DataType::Boolean, _) => "0 or 1".into(),
         (DataType::Bits, _) => {
-            let bits = description.format.split(',').enumerate();
+            let bits = kind.format().split(',').enumerate();
             let bits: Vec<_> = bits
                 .map(|(bit, name)| format!("{} {name}", 1 << bit))
                 .collect();
             format!("sum of {}", bits.join(", ").to_lowercase())
         }
         (DataType::AxisMask, _) => "sum of 1 X, 2 Y, 4 Z, 8 A, 16 B, 32 C".into(),
-        (_, Some((least, most, decimals))) => format!("{least:.decimals$} to {most:.decimals$}"),
+        (_, Some(range)) => {
+            let decimals = range.decimals;
+            format!("{:.decimals$} to {:.decimals$}", range.least, range.most)
+        }
         (_, None) => String::new(),
     }
 }
 
-fn shown(value: Value) -> String {
+fn shown(value: Value, decimals: usize) -> String {
     match value {
         Value::Whole(whole) => whole.to_string(),
-        Value::Number(number, decimals) => format!("{number:.decimals$}"),
-        Value::Resolution(resolution) => format!("{:.3}", resolution.to_f32()),
+        Value::Number(number) => format!("{number:.decimals$}"),
+        Value::Millionths(millionths) => format!("{:.3}", millionths as f64 / 1.0e6),
     }
 }
 

@@ -23,7 +23,7 @@ use std::collections::VecDeque;
 use leadscrew::{
     axis::{AXES, LETTERS},
     model::timing::EVENT_SPACING_TICKS,
-    settings::{Kind, Settings, TABLE},
+    settings::Settings,
     sim::Edge,
     units::TICKS_PER_SECOND,
 };
@@ -44,8 +44,6 @@ use sweep::Peak;
 const KINK_RAD: f64 = 0.5 * std::f64::consts::PI / 180.0;
 /// How near to the programmed feed counts as there.
 const AT_FEED: f64 = 0.01;
-/// The number of the first axis's jerk limit, mm/s³.
-const JERK_SETTING: u32 = 800;
 /// Standard deviation of what is spread evenly over 1.
 const EVEN: f64 = 0.288_675_134_594_813;
 /// Events that are no farther from each other than that many spacings may have shifted each other.
@@ -120,16 +118,10 @@ pub(crate) struct Traces {
     pub(crate) floor_mm: f64,
 }
 
-/// The jerk limit of each axis, mm/s³; `None` without such a setting, or where it is off.
+/// The jerk limit of each axis, mm/s³; `None` where there is none.
 pub(crate) fn jerk_limits(settings: &Settings) -> [Option<f64>; AXES] {
-    let row = TABLE
-        .iter()
-        .find(|row| u32::from(row.number) == JERK_SETTING);
-    let values = match row.map(|row| &row.kind) {
-        Some(Kind::AxisNumber { place, .. }) => *place(&mut settings.clone()),
-        _ => [0.0; AXES],
-    };
-    values.map(|limit| (limit > 0.0).then_some(f64::from(limit)))
+    let limits = settings.jerk_mm_s3.0;
+    limits.map(|limit| (limit > 0.0).then_some(f64::from(limit)))
 }
 
 /// What an acceleration makes within one step from rest, at most over the axes, mm/s: speeds that are

@@ -3,7 +3,7 @@
 use std::{fs, path::Path};
 
 use anyhow::{Context, Result, anyhow, bail};
-use leadscrew::settings::{Row, SettingError, Settings, StepRate, TABLE, assign};
+use leadscrew::settings::{Setting, SettingError, Settings, StepRate, assign};
 
 use crate::proof;
 
@@ -15,11 +15,14 @@ pub(crate) fn apply(settings: &mut Settings, assignment: &str) -> Result<()> {
             "{assignment:?} is no setting: write it as '$110=5000' (the quotes keep the shell out)"
         );
     };
-    let row = number.parse().ok().and_then(row);
-    let (row, letter) =
-        row.with_context(|| format!("there is no setting ${number} (in {assignment:?})"))?;
+    let setting = number.parse().ok().and_then(Setting::with_number);
+    let setting =
+        setting.with_context(|| format!("there is no setting ${number} (in {assignment:?})"))?;
     assign(settings, &text.as_bytes()[1..]).map_err(|error| {
-        let (name, unit) = (row.name, row.unit);
+        let (name, unit) = (setting.row.name, setting.row.unit);
+        let letter = setting.letter().map_or(String::new(), |letter| {
+            format!(" of {}", char::from(letter))
+        });
         let unit = if unit.is_empty() {
             String::new()
         } else {
@@ -28,17 +31,6 @@ pub(crate) fn apply(settings: &mut Settings, assignment: &str) -> Result<()> {
         let reason = reason(error);
         anyhow!("${number}={value}: {reason} (${number} is {name}{letter}{unit})")
     })
-}
-
-/// The row of a setting, and its axis where it has one.
-fn row(number: u16) -> Option<(&'static Row, String)> {
-    let row = TABLE.iter().rev().find(|row| row.number <= number)?;
-    let axis = usize::from(number - row.number);
-    let letter = match row.axes() {
-        1 => String::new(),
-        _ => format!(" of {}", char::from(*leadscrew::axis::LETTERS.get(axis)?)),
-    };
-    (axis < row.axes()).then_some((row, letter))
 }
 
 fn reason(error: SettingError) -> &'static str {

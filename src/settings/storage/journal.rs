@@ -1,13 +1,12 @@
-//! What is stored, in two sectors of flash: each change is a new record after the old ones.
+//! The journal: two sectors of flash in which each change is a new record after the old ones.
 //!
-//! Owns the flash. The newest record of a part that is whole counts; `sequential-storage` finds it
-//! by a CRC-32 of its contents, a CRC-16 of its length, and closes a full page and carries the
-//! newest records over before it erases the old page. What it leaves open, a page half erased, is
-//! closed by `sectors.rs`.
+//! Owns the flash. Of each key the newest whole record counts: `sequential-storage` finds it by a
+//! CRC-32 of its contents and a CRC-16 of its length, and copies the newest records to the other
+//! page before it erases a full one. `sectors.rs` protects that erase against a power cut.
 //!
-//! `$RST` touches several parts and must happen at once: every record bears the generation of its
-//! group of parts, one record says which generations count, and older ones count as absent. So a
-//! `$RST` is one record as well.
+//! `$RST` concerns several keys and must happen at once: each record bears a generation of its key,
+//! one record says which generations count, and older ones count as absent. So a `$RST` is one
+//! record as well.
 
 use core::{
     fmt,
@@ -27,25 +26,25 @@ use sequential_storage::{
 };
 
 use super::{
-    record::{self, GENERATIONS, Generations, KEYS, Part, Record},
+    record::{self, GENERATIONS, Generations, KEYS, Key, Record},
     sectors::Sectors,
 };
 use crate::settings::{Change, StoreError, Stored};
 
-/// Bytes of the longest record that can be read; newer firmware may write longer ones than this.
-const LONGEST: usize = 1024;
+/// Bytes of the longest record that can be read; newer firmware may write longer ones than this one.
+const BUFFER_BYTES: usize = 1024;
 
-type Found = Cache<ArrayPageStates<2>, ArrayPagePointers<2>, ArrayKeyPointers<u8, KEYS>, u8>;
-type Map<'a, F> = MapStorage<u8, &'a mut Sectors<F>, Found>;
+type RecordCache = Cache<ArrayPageStates<2>, ArrayPagePointers<2>, ArrayKeyPointers<u8, KEYS>, u8>;
+type Map<'a, F> = MapStorage<u8, &'a mut Sectors<F>, RecordCache>;
 
 /// The journal in the first two sectors of a flash.
 ///
-/// A change may take long, an erase stops some chips for up to 0.8 s: only at rest.
+/// Changes are for standstill only: an erase stops some chips for up to 0.8 s.
 pub struct Journal<F: NorFlash> {
     sectors: Sectors<F>,
-    /// Where the newest records are, so that a full page is carried over in one pass.
-    found: Found,
-    /// Of each group the newest generation that was ever seen; `None` until it is read.
+    /// Addresses of the newest records, so that a full page is copied in one pass.
+    cache: RecordCache,
+    /// Of each key the newest generation ever seen; `None` until it is read.
     generations: Option<Generations>,
 }
 
@@ -57,12 +56,12 @@ impl<F: NorFlash> fmt::Debug for Journal<F> {
     }
 }
 
-/// What was stored when the power came.
+/// What is stored at power-up.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Loaded {
     /// Everything stored.
     pub stored: Stored,
-    /// Whether nothing was ever stored, or nothing of it can be read.
+    /// Whether nothing was ever stored, or nothing that is stored can be read.
     pub is_first_boot: bool,
 }
 
@@ -79,16 +78,16 @@ impl Default for Loaded {
 /// Why the pages cannot be used.
 #[derive(Debug)]
 enum Fault {
-    /// They hold no journal, or one damaged beyond repair.
+    /// The pages hold no journal, or one damaged beyond repair.
     Unreadable,
-    /// The flash fails, or what is asked for is impossible.
+    /// The flash fails, or the change is impossible.
     Refused(StoreError),
 }
 
 impl Fault {
-    /// The reason that is told to the user. A journal that was just made anew is readable, so
-    /// if it is not, there was no room.
-    fn reason(self) -> StoreError {
+    /// Returns the reason that is reported. A journal that was just made anew is readable, so if it
+    /// is not, there was no room.
+    fn into_store_error(self) -> StoreError {
         match self {
             Self::Unreadable => StoreError::NoRoom,
             Self::Refused(error) => error,
@@ -118,7 +117,7 @@ impl<F: NorFlash> Journal<F> {
     pub fn new(flash: F) -> Self {
         Self {
             sectors: Sectors { flash },
-            found: nothing_found(),
+            cache: empty_cache(),
             generations: None,
         }
     }
@@ -128,93 +127,94 @@ impl<F: NorFlash> Journal<F> {
         &mut self.sectors.flash
     }
 
-    /// The flash, given back.
+    /// Returns the flash.
     #[must_use]
     pub fn into_flash(self) -> F {
         self.sectors.flash
     }
 
-    /// Reads everything and makes good what a power cut has left undone; once, after power-up.
+    /// Reads everything and completes what a power cut has interrupted; once, after power-up.
     ///
-    /// A flash without a journal is made one.
+    /// A flash without a journal gets an empty one.
     ///
     /// # Errors
     /// [`StoreError::Flash`] when the flash fails.
     pub fn load(&mut self) -> Result<Loaded, StoreError> {
-        let is_new = match self.read_all() {
+        let prepared = match self.read_all() {
             Ok(Some(stored)) => {
                 return Ok(Loaded {
                     stored,
                     is_first_boot: false,
                 });
             }
-            // A record of nothing, so that there is no second first boot.
-            Ok(None) if self.is_blank()? => self.put_generations(Generations::default()),
+            // One record, so that there is no second first boot.
+            Ok(None) if self.is_blank()? => self.write_generations(Generations::default()),
             Ok(None) | Err(Fault::Unreadable) => self.format(),
             Err(refused @ Fault::Refused(_)) => Err(refused),
         };
-        is_new.map(|()| Loaded::default()).map_err(Fault::reason)
+        prepared
+            .map(|()| Loaded::default())
+            .map_err(Fault::into_store_error)
     }
 
-    /// Stores what has changed; `stored` is everything as it shall be.
+    /// Stores a change; `stored` is everything as it shall be.
     ///
     /// A power cut at any time leaves what was stored before, or all of the change.
     ///
     /// # Errors
     /// [`StoreError::Flash`] when the flash fails, [`StoreError::NoRoom`] for a startup line that
-    /// there is not.
+    /// does not exist.
     pub fn write(&mut self, change: Change, stored: &Stored) -> Result<(), StoreError> {
         match self.write_change(change, stored) {
-            // Whatever the pages hold, everything is at hand.
+            // Whatever the pages hold, `stored` is complete.
             Err(Fault::Unreadable) => self.rewrite(stored),
             result @ (Ok(()) | Err(Fault::Refused(_))) => result,
         }
-        .map_err(Fault::reason)
+        .map_err(Fault::into_store_error)
     }
 
     fn write_change(&mut self, change: Change, stored: &Stored) -> Result<(), Fault> {
         match change {
-            Change::Settings => self.put(Part::Settings, stored),
-            Change::Origins => self.put(Part::Origins, stored),
+            Change::Settings => self.write_key(Key::Settings, stored),
+            Change::Origins => self.write_key(Key::Origins, stored),
             Change::Startup(line) => {
-                let part = Part::startup(line).ok_or(StoreError::NoRoom)?;
-                self.put(part, stored)
+                let key = Key::startup(line).ok_or(StoreError::NoRoom)?;
+                self.write_key(key, stored)
             }
-            Change::BuildInfo => self.put(Part::BuildInfo, stored),
-            Change::RestoreSettings => self.restore(&[Part::Settings]),
-            Change::RestoreOrigins => self.restore(&[Part::Origins]),
-            Change::RestoreAll => self.restore(&Part::ALL),
+            Change::BuildInfo => self.write_key(Key::BuildInfo, stored),
+            Change::RestoreSettings => self.outdate(&[Key::Settings]),
+            Change::RestoreOrigins => self.outdate(&[Key::Origins]),
+            Change::RestoreAll => self.outdate(&Key::ALL),
         }
     }
 
-    /// Everything that is stored; `None` when nothing ever was.
+    /// Returns everything that is stored; `None` when nothing ever was.
     fn read_all(&mut self) -> Result<Option<Stored>, Fault> {
         self.sectors.recover().or(Err(StoreError::Flash))?;
         let valid = self.fetch_generations()?;
         let mut newest = valid.unwrap_or_default();
         let mut is_empty = valid.is_none();
         let mut stored = Stored::default();
-        // wcet-bound: 5
-        for part in Part::ALL {
-            let mut buffer = [0; LONGEST];
-            let Some(record) = self.fetch(part as u8, &mut buffer)? else {
+        for key in Key::ALL {
+            let mut buffer = [0; BUFFER_BYTES];
+            let Some(record) = self.fetch(key as u8, &mut buffer)? else {
                 continue;
             };
             is_empty = false;
-            let known = newest.of(part);
-            // A newer one than is known: the record of generations was lost, this one was not.
+            let known = newest.of(key);
+            // A newer generation than is known: the record of generations was lost, this one not.
             if let Some((generation, contents)) = record::open(record)
                 && generation >= *known
             {
                 *known = generation;
-                part.read(contents, &mut stored);
+                key.read(contents, &mut stored);
             }
         }
         self.generations = Some(newest);
         Ok((!is_empty).then_some(stored))
     }
 
-    /// The generations that count. They are known after [`Journal::load`].
+    /// Returns the generations that count, which are known after [`Journal::load`].
     fn generations(&mut self) -> Result<Generations, Fault> {
         if self.generations.is_none() {
             self.read_all()?;
@@ -223,45 +223,45 @@ impl<F: NorFlash> Journal<F> {
     }
 
     fn fetch_generations(&mut self) -> Result<Option<Generations>, Fault> {
-        let mut buffer = [0; LONGEST];
+        let mut buffer = [0; BUFFER_BYTES];
         let record = self.fetch(GENERATIONS, &mut buffer)?;
         Ok(record
             .and_then(record::open)
             .map(|(_, contents)| Generations::read(contents)))
     }
 
-    /// Makes records of these parts older than any that counts.
-    fn restore(&mut self, parts: &[Part]) -> Result<(), Fault> {
+    /// Makes all records of these keys older than any that counts.
+    fn outdate(&mut self, keys: &[Key]) -> Result<(), Fault> {
         let mut generations = self.generations()?;
-        for &part in parts {
-            let generation = generations.of(part);
+        for &key in keys {
+            let generation = generations.of(key);
             *generation = generation.wrapping_add(1);
         }
-        // Also if this fails, for it may have come as far as to count.
+        // Also if this fails, for the record may be complete enough to count.
         self.generations = Some(generations);
-        self.put_generations(generations)
+        self.write_generations(generations)
     }
 
-    fn put_generations(&mut self, generations: Generations) -> Result<(), Fault> {
+    fn write_generations(&mut self, generations: Generations) -> Result<(), Fault> {
         self.generations = Some(generations);
         let mut record = Record::new(0);
         generations.write(&mut record)?;
         self.store(GENERATIONS, &record)
     }
 
-    /// Stores a part, unless just this is stored.
-    fn put(&mut self, part: Part, stored: &Stored) -> Result<(), Fault> {
-        let generation = *self.generations()?.of(part);
+    /// Stores the record of a key, unless the same is stored.
+    fn write_key(&mut self, key: Key, stored: &Stored) -> Result<(), Fault> {
+        let generation = *self.generations()?.of(key);
         let mut record = Record::new(generation);
-        part.write(stored, &mut record)?;
-        if self.is_newest(part as u8, &record)? {
+        key.write(stored, &mut record)?;
+        if self.is_newest(key as u8, &record)? {
             return Ok(());
         }
-        self.store(part as u8, &record)
+        self.store(key as u8, &record)
     }
 
     fn is_newest(&mut self, key: u8, record: &Record) -> Result<bool, Fault> {
-        let mut buffer = [0; LONGEST];
+        let mut buffer = [0; BUFFER_BYTES];
         Ok(self.fetch(key, &mut buffer)? == Some(record.bytes()))
     }
 
@@ -269,28 +269,27 @@ impl<F: NorFlash> Journal<F> {
         self.sectors.is_blank().or(Err(StoreError::Flash))
     }
 
-    /// Gives up what the pages hold and stores everything anew.
+    /// Erases what the pages hold and stores everything anew.
     fn rewrite(&mut self, stored: &Stored) -> Result<(), Fault> {
         self.format()?;
-        // wcet-bound: 5
-        Part::ALL
+        Key::ALL
             .iter()
-            .try_for_each(|&part| self.put(part, stored))
+            .try_for_each(|&key| self.write_key(key, stored))
     }
 
-    /// Gives up what the pages hold.
+    /// Erases what the pages hold.
     fn format(&mut self) -> Result<(), Fault> {
-        self.found = nothing_found();
+        self.cache = empty_cache();
         self.sectors.erase().or(Err(StoreError::Flash))?;
-        self.put_generations(Generations::default())
+        self.write_generations(Generations::default())
     }
 
     fn fetch<'a>(&mut self, key: u8, buffer: &'a mut [u8]) -> Result<Option<&'a [u8]>, Fault> {
-        self.operate(|map| Ok(complete(map.fetch_item(buffer, &key))?))
+        self.operate(|map| Ok(poll_once(map.fetch_item(buffer, &key))?))
     }
 
-    /// Stores a record. A word that has lost a bit without being programmed spoils the first one that is
-    /// put there: then it is put once more, behind that place.
+    /// Stores a record. A word that has lost a bit without being programmed spoils the first record
+    /// that is written there: then it is written once more, behind that word.
     fn store(&mut self, key: u8, record: &Record) -> Result<(), Fault> {
         match self.append(key, record) {
             Err(Fault::Refused(StoreError::Flash)) => self.append(key, record),
@@ -300,9 +299,9 @@ impl<F: NorFlash> Journal<F> {
 
     #[inline(never)]
     fn append(&mut self, key: u8, record: &Record) -> Result<(), Fault> {
-        let mut buffer = [0; LONGEST];
+        let mut buffer = [0; BUFFER_BYTES];
         self.operate(|map| {
-            Ok(complete(map.store_item(
+            Ok(poll_once(map.store_item(
                 &mut buffer,
                 &key,
                 &record.bytes(),
@@ -311,16 +310,16 @@ impl<F: NorFlash> Journal<F> {
     }
 
     fn operate<T>(&mut self, operation: impl FnOnce(&mut Map<'_, F>) -> T) -> T {
-        let pages = const { MapConfig::new(0..Sectors::<F>::BOTH) };
-        let found = core::mem::replace(&mut self.found, nothing_found());
-        let mut map = MapStorage::new(&mut self.sectors, pages, found);
+        let pages = const { MapConfig::new(0..Sectors::<F>::PAGES_BYTES) };
+        let cache = core::mem::replace(&mut self.cache, empty_cache());
+        let mut map = MapStorage::new(&mut self.sectors, pages, cache);
         let result = operation(&mut map);
-        self.found = map.destroy().1;
+        self.cache = map.destroy().1;
         result
     }
 }
 
-fn nothing_found() -> Found {
+fn empty_cache() -> RecordCache {
     Cache::new(
         ArrayPageStates::new(),
         ArrayPagePointers::new(),
@@ -328,11 +327,10 @@ fn nothing_found() -> Found {
     )
 }
 
-/// Runs a future that never waits, because no operation of the flash does.
-fn complete<T>(future: impl Future<Output = T>) -> T {
+/// Runs a future that never waits, because no operation of the flash waits.
+fn poll_once<T>(future: impl Future<Output = T>) -> T {
     let mut future = pin!(future);
     let mut context = Context::from_waker(Waker::noop());
-    // wcet-bound: 1
     loop {
         if let Poll::Ready(value) = future.as_mut().poll(&mut context) {
             return value;

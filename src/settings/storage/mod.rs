@@ -2,7 +2,6 @@
 
 mod journal;
 mod record;
-mod restore;
 mod sectors;
 
 pub use journal::{Journal, Loaded};

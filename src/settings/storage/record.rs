@@ -1,14 +1,14 @@
-//! What a record of the journal holds.
+//! Records of the journal: what is stored, as bytes.
 //!
 //! ```text
 //! record      format: 1 │ generation: u32 │ contents
-//! generations (part: u8, generation: u32)…
-//! settings    (number: u16, kind: u8, value)…
+//! generations (key: u8, generation: u32)…
+//! settings    (number: u16, type: u8, value)…
 //! origins     axes: u8, (name: u8, (nm: i64 as zigzag) for each axis)…
 //! lines       the text
 //! ```
 //!
-//! Numbers have their low byte first. Each value says what it is, so that other firmware can read
+//! Numbers have their low byte first. Each value bears its type, so that other firmware can read
 //! it: one with other settings, other axes, other types of the same setting. What is unknown or out
 //! of range is left out, what is missing keeps its default.
 //!
@@ -16,32 +16,64 @@
 
 use heapless::Vec;
 
-use super::restore::{Raw, restore};
 use crate::{
-    axis::Axes,
+    axis::{AXES, Axes, LETTERS},
+    model::WorkCoordinates,
     settings::{
-        STARTUP_LINES, STORED_LINE, StoreError, Stored, StoredLine,
-        table::{TABLE, Value},
+        Kind, STARTUP_LINES, STORED_LINE, Setting, StoreError, Stored, StoredLine, Value, setting,
+        table::TABLE,
     },
     units::Nm,
 };
 
-/// The format of the records, for the day when it cannot say itself what it holds.
+/// The format of the records, for the day when a record cannot say itself what it holds.
 const FORMAT: u8 = 1;
-/// Bytes of the longest record: origins of 6 axes take 398, settings of 6 axes 396.
-const LONGEST: usize = 512;
+/// Bytes of the format and the generation.
+const HEADER_BYTES: usize = 1 + 4;
+/// Bytes of the longest record.
+const RECORD_BYTES: usize = 512;
 /// Farthest coordinate that is read, nm: what double precision holds exactly.
 const FARTHEST: u64 = 1 << 53;
 
+const _: () = assert!(
+    HEADER_BYTES + settings_bytes(LETTERS.len()) <= RECORD_BYTES,
+    "all settings of six axes fit into a record: else make RECORD_BYTES larger"
+);
+const _: () = assert!(
+    HEADER_BYTES + origins_bytes(LETTERS.len()) <= RECORD_BYTES,
+    "all origins of six axes fit into a record: else make RECORD_BYTES larger"
+);
+
+/// Bytes of all settings of a machine with `axes` axes.
+const fn settings_bytes(axes: usize) -> usize {
+    let (mut bytes, mut index) = (0, 0);
+    while index < TABLE.len() {
+        let row = &TABLE[index];
+        let value_type = match row.kind {
+            Kind::Flag(_) | Kind::Bits(..) | Kind::AxisMask(_) | Kind::Byte { .. } => WHOLE,
+            Kind::Number(..) | Kind::AxisNumber(..) => NUMBER,
+            Kind::AxisResolution(_) => MILLIONTHS,
+        };
+        bytes += row.settings(axes) * (2 + 1 + value_bytes(value_type));
+        index += 1;
+    }
+    bytes
+}
+
+/// Bytes of all origins and positions of a machine with `axes` axes.
+const fn origins_bytes(axes: usize) -> usize {
+    1 + (WorkCoordinates::ALL.len() + 2) * (1 + 8 * axes)
+}
+
 /// Key of the record of generations.
 pub(super) const GENERATIONS: u8 = 0x10;
-/// How many keys there are.
-pub(super) const KEYS: usize = Part::ALL.len() + 1;
+/// Number of keys.
+pub(super) const KEYS: usize = Key::ALL.len() + 1;
 
-/// A part that has a record of its own; its key.
+/// The key of each record that holds something of [`Stored`].
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 #[repr(u8)]
-pub(super) enum Part {
+pub(super) enum Key {
     Settings = 0,
     Origins = 1,
     Startup0 = 2,
@@ -49,22 +81,21 @@ pub(super) enum Part {
     BuildInfo = 4,
 }
 
-/// The generation of each part whose records count; those of older ones count as absent.
+/// The generation of each key whose records count; those of older ones count as absent.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
-pub(super) struct Generations([u32; Part::ALL.len()]);
+pub(super) struct Generations([u32; Key::ALL.len()]);
 
 impl Generations {
-    /// That of a part.
-    pub(super) fn of(&mut self, part: Part) -> &mut u32 {
-        &mut self.0[part as usize]
+    /// The generation of a key.
+    pub(super) fn of(&mut self, key: Key) -> &mut u32 {
+        &mut self.0[key as usize]
     }
 
     /// Reads the contents of their record.
     pub(super) fn read(mut contents: &[u8]) -> Self {
         let mut generations = Self::default();
-        // wcet-bound: 128
-        while let (Some([part]), Some(generation)) = (take(&mut contents), take(&mut contents)) {
-            if let Some(known) = generations.0.get_mut(usize::from(part)) {
+        while let (Some([key]), Some(generation)) = (next(&mut contents), next(&mut contents)) {
+            if let Some(known) = generations.0.get_mut(usize::from(key)) {
                 *known = u32::from_le_bytes(generation);
             }
         }
@@ -73,20 +104,19 @@ impl Generations {
 
     /// Writes the contents of their record.
     pub(super) fn write(&self, record: &mut Record) -> Result<(), StoreError> {
-        // wcet-bound: 5
-        for (part, generation) in (0..).zip(self.0) {
-            record.put(&[part])?;
-            record.put(&generation.to_le_bytes())?;
+        for (key, generation) in (0..).zip(self.0) {
+            record.append(&[key])?;
+            record.append(&generation.to_le_bytes())?;
         }
         Ok(())
     }
 }
 
 /// A record being written.
-pub(super) struct Record(Vec<u8, LONGEST>);
+pub(super) struct Record(Vec<u8, RECORD_BYTES>);
 
 impl Record {
-    /// One without contents.
+    /// A record without contents.
     pub(super) fn new(generation: u32) -> Self {
         let mut bytes = Vec::new();
         let _ = bytes.push(FORMAT);
@@ -94,25 +124,25 @@ impl Record {
         Self(bytes)
     }
 
-    /// All of it.
+    /// All bytes.
     pub(super) fn bytes(&self) -> &[u8] {
         &self.0
     }
 
-    fn put(&mut self, bytes: &[u8]) -> Result<(), StoreError> {
+    fn append(&mut self, bytes: &[u8]) -> Result<(), StoreError> {
         self.0.extend_from_slice(bytes).or(Err(StoreError::NoRoom))
     }
 }
 
-/// The generation and the contents of a record; `None` of a format that is not known.
+/// Returns the generation and the contents of a record; `None` of an unknown format.
 pub(super) fn open(mut record: &[u8]) -> Option<(u32, &[u8])> {
-    let [format] = take(&mut record)?;
-    let generation = take(&mut record)?;
+    let [format] = next(&mut record)?;
+    let generation = next(&mut record)?;
     (format == FORMAT).then_some((u32::from_le_bytes(generation), record))
 }
 
-impl Part {
-    /// Every part.
+impl Key {
+    /// Every key.
     pub(super) const ALL: [Self; 5] = [
         Self::Settings,
         Self::Origins,
@@ -121,9 +151,9 @@ impl Part {
         Self::BuildInfo,
     ];
 
-    /// The part of a startup line.
+    /// The key of a startup line.
     pub(super) fn startup(line: usize) -> Option<Self> {
-        const LINES: [Part; STARTUP_LINES] = [Part::Startup0, Part::Startup1];
+        const LINES: [Key; STARTUP_LINES] = [Key::Startup0, Key::Startup1];
         LINES.get(line).copied()
     }
 
@@ -132,9 +162,9 @@ impl Part {
         match self {
             Self::Settings => write_settings(stored, record),
             Self::Origins => write_origins(stored, record),
-            Self::Startup0 => record.put(&stored.startup[0]),
-            Self::Startup1 => record.put(&stored.startup[1]),
-            Self::BuildInfo => record.put(&stored.build_info),
+            Self::Startup0 => record.append(&stored.startup[0]),
+            Self::Startup1 => record.append(&stored.startup[1]),
+            Self::BuildInfo => record.append(&stored.build_info),
         }
     }
 
@@ -152,36 +182,31 @@ impl Part {
     }
 }
 
-/// The kinds of values: a whole number of 16 bits, one in single precision, millionths of 64 bits.
+/// The types of values: a whole number of 16 bits, one in single precision, millionths of 64 bits.
 const WHOLE: u8 = 0x02;
 const NUMBER: u8 = 0x14;
 const MILLIONTHS: u8 = 0x28;
 
-/// Bytes of a value: the low digit of its kind, so that what is unknown can be left out.
-fn length(kind: u8) -> usize {
-    usize::from(kind & 0xf)
+/// Bytes of a value: the low digit of its type, so that what is unknown can be left out.
+const fn value_bytes(value_type: u8) -> usize {
+    (value_type & 0xf) as usize
 }
 
 fn write_settings(stored: &Stored, record: &mut Record) -> Result<(), StoreError> {
-    for row in &TABLE {
-        for axis in 0..row.axes() {
-            let Some(value) = row.value(&stored.settings, axis) else {
-                continue;
-            };
-            record.put(&(row.number_of(axis)).to_le_bytes())?;
-            match value {
-                Value::Whole(whole) => {
-                    record.put(&[WHOLE])?;
-                    record.put(&whole.to_le_bytes())?;
-                }
-                Value::Number(number, _) => {
-                    record.put(&[NUMBER])?;
-                    record.put(&number.to_le_bytes())?;
-                }
-                Value::Resolution(resolution) => {
-                    record.put(&[MILLIONTHS])?;
-                    record.put(&resolution.millionths().to_le_bytes())?;
-                }
+    for setting in Setting::all() {
+        record.append(&setting.number().to_le_bytes())?;
+        match setting.value(&stored.settings) {
+            Value::Whole(whole) => {
+                record.append(&[WHOLE])?;
+                record.append(&whole.to_le_bytes())?;
+            }
+            Value::Number(number) => {
+                record.append(&[NUMBER])?;
+                record.append(&number.to_le_bytes())?;
+            }
+            Value::Millionths(millionths) => {
+                record.append(&[MILLIONTHS])?;
+                record.append(&millionths.to_le_bytes())?;
             }
         }
     }
@@ -189,30 +214,32 @@ fn write_settings(stored: &Stored, record: &mut Record) -> Result<(), StoreError
 }
 
 fn read_settings(mut contents: &[u8], stored: &mut Stored) {
-    // wcet-bound: 256
-    while let (Some(number), Some([kind])) = (take(&mut contents), take(&mut contents)) {
-        let Some((value, rest)) = contents.split_at_checked(length(kind)) else {
+    while let (Some(number), Some([value_type])) = (next(&mut contents), next(&mut contents)) {
+        let Some((value, others)) = contents.split_at_checked(value_bytes(value_type)) else {
             break;
         };
-        contents = rest;
-        if let Some(raw) = raw(kind, value) {
-            let _ = restore(&mut stored.settings, u16::from_le_bytes(number), raw);
+        contents = others;
+        let setting = Setting::with_number(u16::from_le_bytes(number));
+        if let (Some(setting), Some(value)) = (setting, read_value(value_type, value)) {
+            let _ = setting.restore(&mut stored.settings, value);
         }
     }
-    // Only together do they make sense, and either may have been left out.
-    stored.settings.soft_limits &= stored.settings.homing;
+    setting::adjust_all(&mut stored.settings);
 }
 
-fn raw(kind: u8, mut value: &[u8]) -> Option<Raw> {
-    Some(match kind {
-        WHOLE => Raw::Whole(u16::from_le_bytes(take(&mut value)?)),
-        NUMBER => Raw::Number(f32::from_le_bytes(take(&mut value)?)),
-        MILLIONTHS => Raw::Millionths(u64::from_le_bytes(take(&mut value)?)),
+fn read_value(value_type: u8, mut bytes: &[u8]) -> Option<Value> {
+    Some(match value_type {
+        WHOLE => Value::Whole(u16::from_le_bytes(next(&mut bytes)?)),
+        NUMBER => Value::Number(f32::from_le_bytes(next(&mut bytes)?)),
+        MILLIONTHS => {
+            let millionths = u64::from_le_bytes(next(&mut bytes)?);
+            Value::Millionths(i64::try_from(millionths).unwrap_or(i64::MAX))
+        }
         _ => return None,
     })
 }
 
-/// The stored positions with their names: 54 to 59 for `G54` to `G59`, 28 and 30.
+/// The stored positions with their names: 54 and on for `G54` and on, 28 and 30.
 fn positions(stored: &mut Stored) -> impl Iterator<Item = (u8, &mut Axes<Nm>)> {
     let origins = &mut stored.origins;
     let references = [(28, &mut origins.g28), (30, &mut origins.g30)];
@@ -220,32 +247,29 @@ fn positions(stored: &mut Stored) -> impl Iterator<Item = (u8, &mut Axes<Nm>)> {
 }
 
 fn write_origins(stored: &Stored, record: &mut Record) -> Result<(), StoreError> {
-    record.put(&[crate::axis::AXES as u8])?;
+    record.append(&[AXES as u8])?;
     // One list for reading and writing: writing is done from a copy.
     for (name, position) in positions(&mut stored.clone()) {
-        record.put(&[name])?;
+        record.append(&[name])?;
         for &nm in position.iter() {
-            record.put(&zigzag(nm).to_le_bytes())?;
+            record.append(&zigzag(nm).to_le_bytes())?;
         }
     }
     Ok(())
 }
 
 fn read_origins(mut contents: &[u8], stored: &mut Stored) -> Option<()> {
-    let [axes] = take(&mut contents)?;
-    // wcet-bound: 256
-    while let Some([name]) = take(&mut contents) {
+    let [axes] = next(&mut contents)?;
+    while let Some([name]) = next(&mut contents) {
         let mut read = Axes::default();
-        // wcet-bound: 255
         for axis in 0..usize::from(axes) {
-            let nm = unzigzag(u64::from_le_bytes(take(&mut contents)?));
-            if let Some(place) = read.0.get_mut(axis)
+            let nm = unzigzag(u64::from_le_bytes(next(&mut contents)?));
+            if let Some(coordinate) = read.0.get_mut(axis)
                 && nm.0.unsigned_abs() <= FARTHEST
             {
-                *place = nm;
+                *coordinate = nm;
             }
         }
-        // wcet-bound: 8
         if let Some((_, position)) = positions(stored).find(|(known, _)| *known == name) {
             *position = read;
         }
@@ -269,10 +293,10 @@ const fn unzigzag(code: u64) -> Nm {
     Nm((code >> 1).cast_signed() ^ -(code & 1).cast_signed())
 }
 
-/// Takes the first bytes; `None` when there are not so many.
-fn take<const N: usize>(bytes: &mut &[u8]) -> Option<[u8; N]> {
-    let (first, rest) = bytes.split_first_chunk()?;
-    *bytes = rest;
+/// Returns the first `N` bytes and removes them; `None` when there are fewer.
+fn next<const N: usize>(bytes: &mut &[u8]) -> Option<[u8; N]> {
+    let (first, others) = bytes.split_first_chunk()?;
+    *bytes = others;
     Some(*first)
 }
 

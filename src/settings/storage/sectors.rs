@@ -8,20 +8,20 @@
 //! sector 1 │ page 1 … │ log: (begun, done) (begun, done) …  of erasing sector 0 │
 //! ```
 //!
-//! `begun` is programmed before an erase, `done` after it. The erase that was begun last, if it is
-//! not done, is done again before anything is read.
+//! `begun` is programmed before an erase, `done` after it. If the erase that was begun last is not
+//! done, it is repeated before anything is read.
 //!
-//! A log that is itself half erased may show an old erase as not done, so `begun` is a number, one
-//! higher each time, and its complement: bits that are erased or not yet programmed make it invalid
-//! but never a higher number. No word is programmed twice.
+//! A log that is itself half erased may show an old erase as not done. So `begun` is a number, one
+//! higher each time, and its complement: bits that are erased or not yet programmed make the word
+//! invalid but never a higher number. No word is programmed twice.
 
 use embedded_storage::nor_flash::{ErrorType, NorFlash};
 use embedded_storage_async::nor_flash as page;
 
-/// Bytes of the log at the end of a sector: 64 erases of the other one before it is itself erased.
-const LOG: usize = 512;
+/// Bytes of the log at the end of a sector: 64 erases of the other sector before its own.
+const LOG_BYTES: usize = 512;
 /// Bytes of an entry of the log.
-const ENTRY: usize = 8;
+const ENTRY_BYTES: usize = 8;
 /// The second word of an entry whose erase is done.
 const DONE: [u8; 4] = [0; 4];
 /// A word that is not programmed.
@@ -35,14 +35,14 @@ pub(super) struct Sectors<F> {
 
 impl<F: NorFlash> Sectors<F> {
     /// Bytes of a page.
-    pub(super) const PAGE: usize = {
+    pub(super) const PAGE_BYTES: usize = {
         assert!(F::READ_SIZE <= 4 && F::WRITE_SIZE <= 4);
-        F::ERASE_SIZE - LOG
+        F::ERASE_SIZE - LOG_BYTES
     };
     /// Bytes of both pages.
-    pub(super) const BOTH: u32 = 2 * Self::PAGE as u32;
+    pub(super) const PAGES_BYTES: u32 = 2 * Self::PAGE_BYTES as u32;
 
-    /// Does the erase again that was cut off.
+    /// Repeats the erase that a power cut has interrupted.
     pub(super) fn recover(&mut self) -> Result<(), F::Error> {
         let last = self.last_erase()?;
         if let Some(last) = last
@@ -63,7 +63,6 @@ impl<F: NorFlash> Sectors<F> {
     /// Whether nothing is programmed.
     pub(super) fn is_blank(&mut self) -> Result<bool, F::Error> {
         let mut bytes = [0; 64];
-        // wcet-bound: 512
         for address in (0..2 * F::ERASE_SIZE as u32).step_by(bytes.len()) {
             self.flash.read(address, &mut bytes)?;
             if bytes != [0xff; 64] {
@@ -76,16 +75,15 @@ impl<F: NorFlash> Sectors<F> {
     /// Erases a sector so that a power cut cannot leave it half erased.
     fn erase_logged(&mut self, sector: u32) -> Result<(), F::Error> {
         let number = self.last_erase()?.map_or(0, |last| last.number);
-        let mut free = None;
-        // wcet-bound: 64
-        for entry in log::<F>(sector).step_by(ENTRY) {
+        let mut free_entry = None;
+        for entry in log::<F>(sector).step_by(ENTRY_BYTES) {
             if self.word(entry)? == ERASED && self.word(entry + 4)? == ERASED {
-                free = Some(entry);
+                free_entry = Some(entry);
                 break;
             }
         }
-        // A full log takes dozens of power cuts in a row; then the erase is merely not protected.
-        let Some(entry) = free else {
+        // A log is full after dozens of power cuts in a row; then the erase is not protected.
+        let Some(entry) = free_entry else {
             return self.erase_sector(sector);
         };
         self.flash.write(entry, &begun(number.saturating_add(1)))?;
@@ -93,17 +91,16 @@ impl<F: NorFlash> Sectors<F> {
         self.flash.write(entry + 4, &DONE)
     }
 
-    /// The erase that was begun last.
-    fn last_erase(&mut self) -> Result<Option<Erase>, F::Error> {
-        let mut last: Option<Erase> = None;
+    /// Returns the erase that was begun last.
+    fn last_erase(&mut self) -> Result<Option<LoggedErase>, F::Error> {
+        let mut last: Option<LoggedErase> = None;
         for sector in [0, 1] {
-            // wcet-bound: 64
-            for entry in log::<F>(sector).step_by(ENTRY) {
+            for entry in log::<F>(sector).step_by(ENTRY_BYTES) {
                 let word = self.word(entry)?;
                 let number = u16::from_le_bytes([word[0], word[1]]);
                 if word == begun(number) && last.is_none_or(|last| last.number < number) {
                     let done = self.word(entry + 4)?;
-                    last = Some(Erase {
+                    last = Some(LoggedErase {
                         number,
                         sector,
                         entry,
@@ -126,20 +123,20 @@ impl<F: NorFlash> Sectors<F> {
         Ok(word)
     }
 
-    /// Where a byte of a page is in the flash.
-    fn place(offset: u32) -> u32 {
-        let page = Self::PAGE as u32;
+    /// Returns the address of a byte of the pages.
+    fn address(offset: u32) -> u32 {
+        let page = Self::PAGE_BYTES as u32;
         offset / page * F::ERASE_SIZE as u32 + offset % page
     }
 }
 
 /// An entry of the log.
 #[derive(Clone, Copy)]
-struct Erase {
+struct LoggedErase {
     number: u16,
-    /// What is erased.
+    /// The sector that is erased.
     sector: u32,
-    /// Where the entry is.
+    /// Address of the entry.
     entry: u32,
     done: [u8; 4],
 }
@@ -150,10 +147,10 @@ const fn begun(number: u16) -> [u8; 4] {
     [number[0], number[1], complement[0], complement[1]]
 }
 
-/// Where the log of erasing a sector is: in the other one.
+/// Addresses of the log of erasing a sector: in the other sector.
 fn log<F: NorFlash>(sector: u32) -> core::ops::Range<u32> {
     let end = (2 - sector) * F::ERASE_SIZE as u32;
-    end - LOG as u32..end
+    end - LOG_BYTES as u32..end
 }
 
 impl<F: NorFlash> ErrorType for Sectors<F> {
@@ -164,21 +161,20 @@ impl<F: NorFlash> page::ReadNorFlash for Sectors<F> {
     const READ_SIZE: usize = F::READ_SIZE;
 
     async fn read(&mut self, offset: u32, bytes: &mut [u8]) -> Result<(), F::Error> {
-        self.flash.read(Self::place(offset), bytes)
+        self.flash.read(Self::address(offset), bytes)
     }
 
     fn capacity(&self) -> usize {
-        Self::BOTH as usize
+        Self::PAGES_BYTES as usize
     }
 }
 
 impl<F: NorFlash> page::NorFlash for Sectors<F> {
     const WRITE_SIZE: usize = 4;
-    const ERASE_SIZE: usize = Self::PAGE;
+    const ERASE_SIZE: usize = Self::PAGE_BYTES;
 
     async fn erase(&mut self, from: u32, to: u32) -> Result<(), F::Error> {
-        let page = Self::PAGE as u32;
-        // wcet-bound: 2
+        let page = Self::PAGE_BYTES as u32;
         for sector in from / page..to / page {
             self.erase_logged(sector)?;
         }
@@ -186,6 +182,6 @@ impl<F: NorFlash> page::NorFlash for Sectors<F> {
     }
 
     async fn write(&mut self, offset: u32, bytes: &[u8]) -> Result<(), F::Error> {
-        self.flash.write(Self::place(offset), bytes)
+        self.flash.write(Self::address(offset), bytes)
     }
 }

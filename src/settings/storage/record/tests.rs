@@ -5,15 +5,15 @@ use std::vec;
 use super::*;
 use crate::{axis::AXES, settings::Settings, units::StepsPerMm};
 
-fn read(part: Part, contents: &[u8]) -> Stored {
+fn read(key: Key, contents: &[u8]) -> Stored {
     let mut stored = Stored::default();
-    part.read(contents, &mut stored);
+    key.read(contents, &mut stored);
     stored
 }
 
-fn written(part: Part, stored: &Stored) -> vec::Vec<u8> {
+fn written(key: Key, stored: &Stored) -> vec::Vec<u8> {
     let mut record = Record::new(7);
-    part.write(stored, &mut record).unwrap();
+    key.write(stored, &mut record).unwrap();
     let (generation, contents) = open(record.bytes()).unwrap();
     assert_eq!(generation, 7);
     contents.to_vec()
@@ -43,15 +43,13 @@ fn the_fullest_records_are_read_back_exactly() {
     stored.origins.g30 = Axes::all(Nm(-9_000_000_000_000_000));
     stored.startup[1] = [b'~'; STORED_LINE].into_iter().collect();
     let mut back = Stored::default();
-    for part in Part::ALL {
-        let contents = written(part, &stored);
-        assert!(contents.len() + 5 <= LONGEST);
+    for key in Key::ALL {
+        let contents = written(key, &stored);
+        assert!(contents.len() + 5 <= RECORD_BYTES);
         assert!(!contents.windows(8).any(|bytes| bytes == [0xff; 8]));
-        part.read(&contents, &mut back);
+        key.read(&contents, &mut back);
     }
     assert_eq!(back, stored);
-    // Origins, the longest.
-    assert_eq!(5 + 1 + 8 * (1 + 8 * 6), 398);
 }
 
 #[test]
@@ -63,7 +61,7 @@ fn older_firmware_with_fewer_settings_and_axes_is_understood() {
         single(110, 3000.5),
     ]
     .concat();
-    let settings = read(Part::Settings, &contents).settings;
+    let settings = read(Key::Settings, &contents).settings;
     let mut expected = Settings {
         step_pulse_us: 5,
         junction_deviation_mm: 0.25,
@@ -77,7 +75,7 @@ fn older_firmware_with_fewer_settings_and_axes_is_understood() {
     contents.extend(zigzag(Nm(-5)).to_le_bytes());
     contents.push(28);
     contents.extend(zigzag(Nm(7)).to_le_bytes());
-    let origins = read(Part::Origins, &contents).origins;
+    let origins = read(Key::Origins, &contents).origins;
     assert_eq!(
         (origins.coordinates.0[0][0], origins.g28[0]),
         (Nm(-5), Nm(7))
@@ -96,7 +94,7 @@ fn newer_firmware_with_more_settings_axes_and_kinds_is_understood() {
         single(27, 2.5),
     ]
     .concat();
-    let settings = read(Part::Settings, &contents).settings;
+    let settings = read(Key::Settings, &contents).settings;
     assert_eq!((settings.step_pulse_us, settings.idle_delay_ms), (5, 25));
     assert_eq!(settings.homing_pull_off_mm, 2.5);
     // Nine axes, and G59.1 before G30.
@@ -107,7 +105,7 @@ fn newer_firmware_with_more_settings_axes_and_kinds_is_understood() {
             contents.extend(zigzag(Nm(i64::from(name) * 10 + axis)).to_le_bytes());
         }
     }
-    let origins = read(Part::Origins, &contents).origins;
+    let origins = read(Key::Origins, &contents).origins;
     for axis in 0..AXES {
         assert_eq!(
             origins.coordinates.0[0][axis],
@@ -133,7 +131,7 @@ fn a_setting_whose_type_has_changed_keeps_its_value() {
         millionths(21, 1_000_000),
     ]
     .concat();
-    let settings = read(Part::Settings, &contents).settings;
+    let settings = read(Key::Settings, &contents).settings;
     assert_eq!(settings.step_pulse_us, 5);
     assert_eq!(settings.junction_deviation_mm, 2.0);
     assert_eq!(settings.arc_tolerance_mm, 0.125);
@@ -158,10 +156,10 @@ fn a_value_that_a_setting_cannot_have_is_left_out() {
         whole(20, 1),
     ]
     .concat();
-    assert_eq!(read(Part::Settings, &contents), Stored::default());
+    assert_eq!(read(Key::Settings, &contents), Stored::default());
     let mut contents = vec![1, 54];
     contents.extend(u64::MAX.to_le_bytes());
-    assert_eq!(read(Part::Origins, &contents), Stored::default());
+    assert_eq!(read(Key::Origins, &contents), Stored::default());
 }
 
 #[test]
@@ -169,11 +167,11 @@ fn contents_that_end_anywhere_are_read_as_far_as_they_go() {
     let mut stored = Stored::default();
     stored.settings.step_pulse_us = 9;
     stored.origins.coordinates.0[0] = Axes::all(Nm(3));
-    for part in [Part::Settings, Part::Origins] {
-        let contents = written(part, &stored);
+    for key in [Key::Settings, Key::Origins] {
+        let contents = written(key, &stored);
         for length in 0..contents.len() {
-            let back = read(part, &contents[..length]);
-            assert!(back.settings.step_pulse_us == 9 || length < 5 || part != Part::Settings);
+            let back = read(key, &contents[..length]);
+            assert!(back.settings.step_pulse_us == 9 || length < 5 || key != Key::Settings);
         }
     }
     assert_eq!(open(&[1, 0, 0, 0]), None);

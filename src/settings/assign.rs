@@ -1,0 +1,178 @@
+//! `$n=value`: a setting's number and its new value as text.
+
+use super::{Setting, Settings, Value, decimal};
+
+/// Why a setting is refused. Nothing has been changed then.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum SettingError {
+    /// No number where one must be.
+    BadNumber,
+    /// No such setting, or text that does not belong there.
+    BadStatement,
+    /// A value below 0.
+    Negative,
+    /// A step pulse shorter than 3 µs.
+    ShortPulse,
+    /// Soft limits without homing.
+    NeedsHoming,
+    /// A value that the setting cannot have.
+    OutOfRange,
+    /// A resolution and a largest speed that together are more steps than can be made.
+    StepRate,
+}
+
+/// Reads a number and the `=` after it. Returns its whole part and the text behind.
+///
+/// # Errors
+/// `BadNumber` without a number, `BadStatement` without the `=`.
+pub fn numbered(statement: &[u8]) -> Result<(i64, &[u8]), SettingError> {
+    let (number, rest) = decimal::read(statement).ok_or(SettingError::BadNumber)?;
+    match rest.split_first() {
+        Some((b'=', text)) => Ok((number.whole(), text)),
+        _ => Err(SettingError::BadStatement),
+    }
+}
+
+/// Changes a setting, from the text between the `$` and the end of the line: `110=5000`.
+///
+/// # Errors
+/// Every [`SettingError`]; the settings are unchanged then.
+pub fn assign(settings: &mut Settings, statement: &[u8]) -> Result<(), SettingError> {
+    let (number, text) = numbered(statement)?;
+    let (value, rest) = decimal::read(text).ok_or(SettingError::BadNumber)?;
+    if !rest.is_empty() {
+        return Err(SettingError::BadStatement);
+    }
+    let number = u16::try_from(number).map_err(|_| SettingError::BadStatement)?;
+    let setting = Setting::with_number(number);
+    if value.is_negative() && !setting.is_some_and(|setting| setting.row.kind.has_negative()) {
+        return Err(SettingError::Negative);
+    }
+    let setting = setting.ok_or(SettingError::BadStatement)?;
+    setting.assign(settings, Value::Millionths(value.millionths()))
+}
+
+#[cfg(test)]
+mod tests {
+    use proptest::prelude::*;
+
+    use super::*;
+
+    fn assigned(statements: &[&str]) -> Result<Settings, SettingError> {
+        let mut settings = Settings::default();
+        for statement in statements {
+            assign(&mut settings, statement.as_bytes())?;
+        }
+        Ok(settings)
+    }
+
+    #[test]
+    fn what_is_no_setting_is_refused_with_grbls_reason() {
+        use SettingError::*;
+        for (statement, error) in [
+            ("0=abc", BadNumber),
+            ("0=", BadNumber),
+            ("100==10", BadNumber),
+            ("L", BadNumber),
+            ("%", BadNumber),
+            ("300=abc", BadNumber),
+            ("100", BadStatement),
+            ("100=10X", BadStatement),
+            ("0=1.2.3", BadStatement),
+            ("7=1", BadStatement),
+            ("99=1", BadStatement),
+            ("107=1", BadStatement),
+            ("136=1", BadStatement),
+            ("255=1", BadStatement),
+            ("799=1", BadStatement),
+            ("806=1", BadStatement),
+            ("800=-1", Negative),
+            ("1000=1", BadStatement),
+            ("-1=5", BadStatement),
+            ("3=-1", Negative),
+            ("7=-1", Negative),
+            ("100=-1", Negative),
+            ("30=-5", Negative),
+            ("0=-1", Negative),
+            ("0=2", ShortPulse),
+            ("20=1", NeedsHoming),
+        ] {
+            assert_eq!(assigned(&[statement]), Err(error), "${statement}");
+        }
+    }
+
+    #[test]
+    fn what_the_machine_could_not_work_with_is_refused() {
+        for statement in [
+            "100=0",
+            "110=0",
+            "120=0",
+            "1=256",
+            "26=300",
+            "4=256",
+            "0=256",
+            "100=100001",
+            "110=99999999999999999999",
+            "11=99999999999999999999",
+        ] {
+            let refused = assigned(&[statement]);
+            assert_eq!(refused, Err(SettingError::OutOfRange), "${statement}");
+        }
+    }
+
+    #[test]
+    fn values_are_stored_as_grbl_stores_them() {
+        let settings = assigned(&[
+            "0=3",
+            "1=255",
+            "2=7",
+            "4=2",
+            "10=3.9",
+            "11=0",
+            "12=0",
+            "25=0",
+            "27=0",
+            "32=1",
+            "100=250.5",
+            "101=100.0001",
+            "111=0.5",
+            "130=0",
+            "26=+255",
+            "801=10000.5",
+            "12.7=0.25",
+        ])
+        .unwrap();
+        assert_eq!(settings.step_pulse_us, 3);
+        assert_eq!(settings.step_invert, 7);
+        assert!(settings.enable_invert && settings.laser);
+        assert_eq!(settings.report_mask, 3);
+        assert_eq!(settings.arc_tolerance_mm, 0.25);
+        assert_eq!(settings.steps_per_mm.0[0].millionths(), 250_500_000);
+        assert_eq!(settings.steps_per_mm.0[1].millionths(), 100_000_100);
+        assert_eq!(settings.max_rate_mm_min.0[1], 0.5);
+        assert_eq!(settings.homing_debounce_ms, 255);
+        assert_eq!(settings.jerk_mm_s3.0[..2], [0.0, 10_000.5]);
+    }
+
+    #[test]
+    fn soft_limits_end_with_homing() {
+        assert!(assigned(&["22=1", "20=1"]).unwrap().soft_limits);
+        assert!(!assigned(&["22=1", "20=1", "22=0"]).unwrap().soft_limits);
+        assert!(assigned(&["22=1", "20=1", "22=1"]).unwrap().soft_limits);
+    }
+
+    proptest! {
+        #[test]
+        fn a_refused_statement_changes_nothing(
+            first in "[0-9]{1,3}=[0-9]{1,4}",
+            statement in "[-+.0-9=A-Z]{0,3}[0-9]{0,3}=?[-+.0-9]{0,6}[0-9A-Z]{0,3}",
+        ) {
+            let mut settings = Settings::default();
+            let _ = assign(&mut settings, first.as_bytes());
+            let before = settings;
+            if assign(&mut settings, statement.as_bytes()).is_err() {
+                prop_assert_eq!(settings, before);
+            }
+        }
+    }
+}
