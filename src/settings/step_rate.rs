@@ -1,24 +1,24 @@
-//! How many steps a second the machine may be asked for.
+//! The step rate that the machine may be asked for.
 
 /// Pulses of all axes together, per second, that the machine may be asked for.
 ///
-/// Not a setting, and never stored: it belongs to the image of the firmware. The build finds the
-/// highest rate at which every task is proven to meet its deadline, and writes it there.
+/// Not a setting, and never stored: the rate belongs to the image of the firmware. The build finds
+/// the highest rate at which every task is proven to meet its deadline, and writes it there.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub enum StepRate {
-    /// So many are proven.
+    /// The proven rate.
     Proven(u32),
-    /// Nothing is proven of this image.
+    /// No rate is proven of this image.
     #[default]
     Unproven,
 }
 
 impl StepRate {
-    /// What an image keeps to that nothing is proven of, steps per second: as many as Grbl 1.1
-    /// makes on a processor of 16 MHz and 8 bits.
+    /// The rate of an image of which nothing is proven, steps per second: that of Grbl 1.1 on a
+    /// processor of 16 MHz and 8 bits.
     pub const UNPROVEN_HZ: u32 = 30_000;
 
-    /// From the number in an image, in which 0 stands for none.
+    /// Returns the rate that a number in an image stands for; 0 stands for none.
     #[must_use]
     pub const fn of_image(hz: u32) -> Self {
         match hz {
@@ -27,7 +27,7 @@ impl StepRate {
         }
     }
 
-    /// The number in an image, in which 0 stands for none.
+    /// Returns the number in an image; 0 stands for none.
     #[must_use]
     pub const fn in_image(self) -> u32 {
         match self {

@@ -18,13 +18,13 @@ pub type StoredLine = Vec<u8, STORED_LINE>;
 pub struct Origins {
     /// Origins of the work coordinate systems.
     pub coordinates: PerSystem<Axes<Nm>>,
-    /// Where `G28` leads.
+    /// The target of `G28`.
     pub g28: Axes<Nm>,
-    /// Where `G30` leads.
+    /// The target of `G30`.
     pub g30: Axes<Nm>,
 }
 
-/// Everything that is stored. The default is what a machine has that nothing was ever stored in.
+/// Everything that is stored. The default is that of a new machine.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct Stored {
     /// All settings.
@@ -38,7 +38,7 @@ pub struct Stored {
 }
 
 impl Stored {
-    /// What a machine has that nothing was ever stored in.
+    /// Returns what is stored in a new machine.
     #[must_use]
     pub fn new(step_rate: StepRate) -> Self {
         Self {
@@ -48,14 +48,14 @@ impl Stored {
     }
 }
 
-/// A part of [`Stored`] that has changed and is to be stored: all of it, or on a power cut nothing.
+/// A change of [`Stored`] that is to be stored: all of it, or on a power cut nothing.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Change {
     /// The settings.
     Settings,
     /// The offsets.
     Origins,
-    /// This startup line.
+    /// The startup line with a number.
     Startup(usize),
     /// The build information.
     BuildInfo,
@@ -67,11 +67,11 @@ pub enum Change {
     RestoreAll,
 }
 
-/// Why a change could not be stored. What was stored before still is.
+/// Why a change is not stored. What was stored before still is.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum StoreError {
     /// The flash refused to be read, programmed or erased.
     Flash,
-    /// There is no room, or no such part.
+    /// There is no room, or no startup line with that number.
     NoRoom,
 }

@@ -97,13 +97,12 @@ impl History {
     fn origin(&mut self) -> Change {
         let axis = self.below(AXES as u32) as usize;
         let nm = Nm(i64::from(self.below(u32::MAX).cast_signed()) * 1000 - 1);
-        let origins = &mut self.stored.origins;
         self.random ^= 1;
-        match self.random >> 40 & 7 {
-            6 => origins.g28[axis] = nm,
-            7 => origins.g30[axis] = nm,
-            system => origins.coordinates.0[system as usize][axis] = nm,
-        }
+        let origins = &mut self.stored.origins;
+        let references = [&mut origins.g28, &mut origins.g30];
+        let mut positions: Vec<_> = origins.coordinates.0.iter_mut().chain(references).collect();
+        let which = (self.random >> 40) as usize % positions.len();
+        positions[which][axis] = nm;
         Change::Origins
     }
 
