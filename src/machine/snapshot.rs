@@ -73,21 +73,23 @@ impl Snapshot {
     #[inline]
     pub fn copy_from(&mut self, new: &Self, segments: &SegmentRing, inputs: &Inputs) {
         self.observe(segments, inputs);
-        let Self {
+        macro_rules! copy {
+            ($($field:ident),* $(,)?) => {
+                let Self { steps: _, feed_mm_min: _, inputs: _, line: _, $($field),* } = new;
+                $(self.$field = *$field;)*
+            };
+        }
+        copy!(
             state,
-            steps: _,
-            feed_mm_min: _,
             spindle_rpm,
             spindle,
             coolant,
             coolant_asked,
             coolant_toggles,
-            accessory_changes: news,
+            accessory_changes,
             overrides,
-            inputs: _,
             probed,
             notices,
-            line: _,
             blocks_free,
             finished,
             is_at_rest,
@@ -96,24 +98,6 @@ impl Snapshot {
             reset_in_motion,
             has_underrun,
             is_critical,
-        } = new;
-        self.state = *state;
-        self.spindle_rpm = *spindle_rpm;
-        self.spindle = *spindle;
-        self.coolant = *coolant;
-        self.coolant_asked = *coolant_asked;
-        self.coolant_toggles = *coolant_toggles;
-        self.accessory_changes = *news;
-        self.overrides = *overrides;
-        self.probed = *probed;
-        self.notices = *notices;
-        self.blocks_free = *blocks_free;
-        self.finished = *finished;
-        self.is_at_rest = *is_at_rest;
-        self.reset_count = *reset_count;
-        self.cancelled_motions = *cancelled_motions;
-        self.reset_in_motion = *reset_in_motion;
-        self.has_underrun = *has_underrun;
-        self.is_critical = *is_critical;
+        );
     }
 }
