@@ -11,26 +11,25 @@ mod delays;
 mod entries;
 mod job;
 mod parking;
+mod publish;
 mod requests;
 mod segments;
 
 use heapless::spsc::Consumer;
 
 use self::{
-    delays::{Delay, Restoring},
+    delays::Delays,
     job::{Context, Job},
     parking::Parking,
+    publish::Published,
 };
 use super::{
     BLOCKS, Homing, LookAhead, cycles::probing::ProbingCycle, executor::Executor,
     jerk_limited::MovingAverage,
 };
 use crate::{
-    axis::{AXES, Axes},
-    machine::{Accessories, Control, Ending, Inputs, Snapshot},
-    model::{
-        Alarm, Awaited, Coolant, Levels, Notices, Outputs, Power, Probed, Requests, Spindle, State,
-    },
+    machine::{Accessories, Control, Inputs, Snapshot},
+    model::{Alarm, Awaited, Levels, Outputs, Requests, State},
     path::{AveragingWindow, Entry},
     settings::Settings,
     stepper::{EventWriter, Generator, Segment, SegmentRing},
@@ -62,67 +61,19 @@ impl Prepared {
 }
 
 /// Everything between the entries and the events.
-///
-/// In this order in memory: what each run looks at is near its beginning, where one instruction
-/// reaches it; the plan, which is large, comes last.
 #[derive(Debug)]
 #[repr(C)]
 pub struct Motion {
     control: Control,
-    /// The newest reset acted on.
-    reset_count: u32,
-    /// The requests acted on, by their count.
-    handled: u32,
-    /// When that was, by the motion played, or so long ago that it no longer matters.
-    handled_ticks: u32,
-    /// Motions ended before their target, wrapping.
-    cancelled_motions: u32,
-    finished: u32,
-    /// The standstill segment has been put, and begins then on the generator's clock.
-    standstill: Option<u32>,
-    /// There was no room for a segment while the one with this start was being played.
-    full: Option<u32>,
-    /// When the newest segment begins on the generator's clock.
-    newest: u32,
-    /// Standstill still to come, ticks.
-    dwell_ticks: u64,
-    is_dwelling: bool,
-    reset_in_motion: bool,
-    /// The step interrupt ran out of events in motion: nothing is executed before the next reset.
-    has_underrun: bool,
-    /// An alarm has come that only a reset ends.
-    is_critical: bool,
-    /// The door has to be looked at when the reset is over.
-    checks_door: bool,
-    /// An alarm that comes when the machine is at rest.
-    fault: Option<Alarm>,
-    /// Waiting for cycle start after `M0`.
-    is_paused: bool,
-    /// A homing cycle has been asked for, and is not finished.
-    is_homing: bool,
-    restoring: Restoring,
-    /// What the shell's timer has been asked for, and the time to be asked for.
-    delay: Delay,
-    delay_ms: Option<u16>,
-    /// Drivers are released after an alarm whatever `$1` says.
-    disables_drivers: bool,
-    idle_delay_ms: u8,
+    handled: Handled,
+    queue: SegmentQueue,
+    activity: Activity,
+    faults: Faults,
+    delays: Delays,
     hard_limits: bool,
-    /// The state has changed at rest, so that something more may follow from it.
-    changed_at_standstill: bool,
-    /// At rest: the next run makes a segment.
-    is_first_segment_next: bool,
-    accessories: Accessories,
-    /// The power at rest, and what has been published.
-    at_rest: Power,
-    power: Power,
-    outputs: Outputs,
-    /// The outputs have changed since the shell was told.
-    outputs_changed: bool,
-    notices: Notices,
-    probe: ProbingCycle,
-    probed: Probed,
     inputs: Levels,
+    accessories: Accessories,
+    published: Published,
     executor: Executor,
     /// The segment being made.
     segment: Segment,
@@ -133,61 +84,94 @@ pub struct Motion {
     plan: LookAhead,
 }
 
+/// The entry in execution other than a move of the plan.
+#[derive(Debug)]
+enum Activity {
+    /// None: the plan is executed.
+    Path,
+    /// A dwell: standstill still to come, ticks.
+    Dwell(u64),
+    /// A program pause: it ends with cycle start.
+    Pause,
+    Homing,
+    Probing(ProbingCycle),
+}
+
+/// The requests that have been acted on.
+#[derive(Debug)]
+struct Handled {
+    /// The newest reset.
+    reset_count: u32,
+    /// All requests, by their count.
+    requests: u32,
+    /// Start of the segment played then, or of any that is longer ago than matters.
+    ticks: u32,
+}
+
+/// What has been made for the step interrupt, as starts of segments on the generator's clock.
+#[derive(Debug)]
+struct SegmentQueue {
+    /// The newest segment.
+    newest: u32,
+    /// The standstill after the last motion.
+    standstill: Option<u32>,
+    /// The segment that was played when there was no room for another.
+    full: Option<u32>,
+    /// At standstill: the next run makes a segment.
+    is_first_next: bool,
+}
+
+/// What keeps the machine from executing its entries.
+#[derive(Debug)]
+struct Faults {
+    /// An alarm that comes when the machine is at rest.
+    at_standstill: Option<Alarm>,
+    /// The step interrupt ran out of events in motion: nothing is executed before the next reset.
+    has_underrun: bool,
+    /// An alarm has come that only a reset ends.
+    is_critical: bool,
+    reset_in_motion: bool,
+    /// The state of the door counts when the reset is over.
+    checks_door: bool,
+}
+
 impl Motion {
     /// At rest at zero, not yet configured: a constant, so that it is built in place.
     #[must_use]
     pub const fn new() -> Self {
         Self {
-            plan: LookAhead::new(),
-            smooth: MovingAverage::new(),
+            control: Control::IDLE,
+            handled: Handled {
+                reset_count: 0,
+                requests: 0,
+                ticks: 0,
+            },
+            queue: SegmentQueue {
+                newest: 0,
+                standstill: Some(0),
+                full: None,
+                is_first_next: false,
+            },
+            activity: Activity::Path,
+            faults: Faults {
+                at_standstill: None,
+                has_underrun: false,
+                is_critical: false,
+                reset_in_motion: false,
+                checks_door: false,
+            },
+            delays: Delays::new(),
+            hard_limits: false,
+            inputs: Levels::NONE,
+            accessories: Accessories::new(),
+            published: Published::new(),
             executor: Executor::new(),
             segment: Segment::NONE,
             generator: Generator::new(),
-            control: Control::IDLE,
-            parking: Parking::new(),
-            changed_at_standstill: false,
-            is_first_segment_next: false,
-            accessories: Accessories::new(),
-            at_rest: Power::OFF,
-            power: Power::OFF,
-            reset_count: 0,
-            handled: 0,
-            handled_ticks: 0,
-            cancelled_motions: 0,
-            reset_in_motion: false,
-            has_underrun: false,
-            is_critical: false,
-            checks_door: false,
-            fault: None,
-            is_paused: false,
-            dwell_ticks: 0,
-            is_dwelling: false,
-            restoring: Restoring::None,
             homing: Homing::new(),
-            is_homing: false,
-            probe: ProbingCycle::new(),
-            probed: Probed {
-                steps: Axes([0; AXES]),
-                success: false,
-            },
-            delay: Delay::None,
-            delay_ms: None,
-            disables_drivers: false,
-            idle_delay_ms: 25,
-            hard_limits: false,
-            finished: 0,
-            standstill: Some(0),
-            full: None,
-            newest: 0,
-            notices: Notices::new(),
-            inputs: Levels::NONE,
-            outputs: Outputs {
-                spindle: Spindle::Off,
-                duty: 0,
-                coolant: Coolant::OFF,
-                drivers: false,
-            },
-            outputs_changed: true,
+            parking: Parking::new(),
+            smooth: MovingAverage::new(),
+            plan: LookAhead::new(),
         }
     }
 
@@ -197,7 +181,7 @@ impl Motion {
     /// The first run must follow: it looks at the door and arms the limit switches.
     pub fn power_up(&mut self, settings: &Settings, inputs: &Inputs) -> Snapshot {
         self.configure(settings, inputs);
-        self.outputs.drivers = settings.idle_delay_ms == delays::ALWAYS_ENABLED;
+        self.published.outputs.drivers = settings.idle_delay_ms == delays::ALWAYS_ENABLED;
         if settings.homing || self.is_on_limit() {
             self.control.state = State::Alarm;
         }
@@ -219,7 +203,7 @@ impl Motion {
         self.accessories.configure(settings);
         self.homing.configure(settings);
         self.parking.configure(settings);
-        self.idle_delay_ms = settings.idle_delay_ms;
+        self.delays.idle_ms = settings.idle_delay_ms;
         self.hard_limits = settings.hard_limits;
         inputs.configure(settings);
         self.inputs = inputs.active();
@@ -237,13 +221,13 @@ impl Motion {
     /// PWM to `segment_start`.
     #[must_use]
     pub const fn outputs(&self) -> &Outputs {
-        &self.outputs
+        &self.published.outputs
     }
 
     /// The time from now, ms, at which the shell is to call [`Requests::wake`] and run it again, instead
     /// of at the time asked for before. Without a value, that stays as it is.
     pub fn take_delay_ms(&mut self) -> Option<u16> {
-        self.delay_ms.take()
+        self.delays.requested_ms.take()
     }
 
     /// One run. The machine as it is afterwards replaces the `snapshot` of the run before.
@@ -266,21 +250,19 @@ impl Motion {
             return Prepared::AGAIN;
         }
         self.make_segment(inputs, segments, events);
-        // Nothing else that is published has changed.
         let is_still = self.is_at_standstill(context);
         if self.control.state == State::Alarm {
             self.arm_hard_limits(inputs, is_still);
         }
-        let is_toggled = self.publish_accessories(segments, snapshot);
-        let has_rested = self.publish_progress(is_still, snapshot);
-        let again = is_still
+        let changed = self.publish_motion(is_still, segments, snapshot);
+        let run_again = is_still
             || self.may_need_segment(context, segments)
             || self.has_more(context, inputs, entries);
         Prepared {
-            run_again: again,
-            start_steps: context.starts_steps(again, events),
-            wake_interpret: is_toggled || has_rested || requests.awaits(Awaited::SEGMENTS),
-            outputs_changed: core::mem::take(&mut self.outputs_changed),
+            run_again,
+            start_steps: context.starts_steps(run_again, events),
+            wake_interpret: changed || requests.awaits(Awaited::SEGMENTS),
+            outputs_changed: self.published.take_outputs_changed(),
         }
     }
 
@@ -297,9 +279,10 @@ impl Motion {
     ) -> Prepared {
         let context = self.context(requests, segments);
         self.inputs = inputs.active();
-        let was_dwelling = self.is_dwelling;
+        let was_dwelling = self.is_dwelling();
         let job = self.next_job(context, requests, inputs, segments, entries);
-        self.is_first_segment_next = job == Job::FirstSegment;
+        self.queue.is_first_next = job == Job::FirstSegment;
+        let mut is_settled = false;
         match job {
             Job::None | Job::FirstSegment => {}
             Job::Underrun => self.handle_underrun(segments),
@@ -312,21 +295,22 @@ impl Motion {
             Job::Standstill => {
                 let before = self.control;
                 self.enter_standstill();
-                self.changed_at_standstill = self.control != before;
+                // Z may have to stop nowhere on its way, so that nothing was to be played.
+                is_settled = self.control == before && !self.parking.is_moving();
             }
         }
         let is_still = self.is_at_standstill(context);
         self.arm_hard_limits(inputs, is_still);
-        if !self.probe.is_active() {
+        if !self.is_probing() {
             inputs.disarm_probe();
         }
-        let is_toggled = self.publish_accessories(segments, snapshot);
-        let has_rested = self.publish_progress(is_still, snapshot);
-        let has_changed = self.publish_state(snapshot);
-        let is_awaited = job == Job::Dequeue && requests.awaits(Awaited::ENTRIES);
-        let again = match job {
+        let changed = self.publish_motion(is_still, segments, snapshot)
+            | self.publish_state(snapshot)
+            | (was_dwelling != self.is_dwelling())
+            | (job == Job::Dequeue && requests.awaits(Awaited::ENTRIES));
+        let run_again = match job {
             Job::None => false,
-            // What is seldom done: another run looks what follows.
+            // What is seldom done: another run finds what follows.
             Job::Underrun
             | Job::Halted
             | Job::Reset
@@ -334,39 +318,34 @@ impl Motion {
             | Job::LatchPosition
             | Job::FirstSegment => true,
             Job::Plan | Job::Dequeue | Job::Standstill => {
-                // Z may have to stop nowhere on its way, so that nothing was to be played.
-                let settles = job != Job::Standstill
-                    || self.parking.is_moving()
-                    || self.changed_at_standstill;
-                is_still && settles
+                is_still && !is_settled
                     || self.needs_segment(context, segments)
                     || self.has_more(context, inputs, entries)
             }
         };
-        let has_waited = was_dwelling != self.is_dwelling;
         Prepared {
-            run_again: again,
-            start_steps: context.starts_steps(again, events),
-            wake_interpret: is_toggled || has_rested || has_changed || has_waited || is_awaited,
-            outputs_changed: core::mem::take(&mut self.outputs_changed),
+            run_again,
+            start_steps: context.starts_steps(run_again, events),
+            wake_interpret: changed,
+            outputs_changed: self.published.take_outputs_changed(),
         }
     }
 
     /// Everything generated has been played, and the machine is at rest.
     #[inline]
     fn is_at_standstill(&self, context: Context) -> bool {
-        !context.is_running && !self.generator.is_open() && self.standstill == Some(context.played)
+        !context.is_running
+            && !self.generator.is_open()
+            && self.queue.standstill == Some(context.played)
     }
 
     /// Drops what has not been executed; the machine is at rest and stays where it is.
     fn drop_plan(&mut self) {
-        let entries = if self.probe.is_active() {
-            1
+        if self.is_probing() {
+            self.finish_activity();
         } else {
-            self.plan.len() as u32
-        };
-        self.finished = self.finished.wrapping_add(entries);
-        self.probe.cancel();
+            self.finish_entries(self.plan.len());
+        }
         self.plan.clear();
         self.executor.abandon();
         self.smooth.reset();
@@ -374,104 +353,28 @@ impl Motion {
         self.snap_to_steps();
     }
 
+    /// Counts entries that are finished, executed or not.
+    fn finish_entries(&mut self, n: usize) {
+        self.published.finished = self.published.finished.wrapping_add(n as u32);
+    }
+
+    /// Ends the entry in execution.
+    fn finish_activity(&mut self) {
+        self.activity = Activity::Path;
+        self.finish_entries(1);
+    }
+
+    const fn is_dwelling(&self) -> bool {
+        matches!(self.activity, Activity::Dwell(_))
+    }
+
+    const fn is_probing(&self) -> bool {
+        matches!(self.activity, Activity::Probing(_))
+    }
+
     /// Makes the whole steps the exact position: `interpret` goes on from there.
     fn snap_to_steps(&mut self) {
         self.generator.set_steps(self.generator.steps());
-    }
-
-    /// Publishes how far the machine has come; tells whether it has come to rest, or left it.
-    #[inline]
-    fn publish_progress(&mut self, is_still: bool, new: &mut Snapshot) -> bool {
-        let is_at_rest = is_still
-            && self.plan.is_empty()
-            && !self.is_dwelling
-            && !self.is_in_cycle()
-            && !self.parking.is_away()
-            && self.control.ending == Ending::None;
-        let changed = new.is_at_rest != is_at_rest;
-        new.is_at_rest = is_at_rest;
-        new.blocks_free = self.plan.free() as u16;
-        // A finished block alone is no news: who waits for all of them waits for rest.
-        new.finished = self.finished;
-        changed
-    }
-
-    /// Publishes the machine as it is; tells whether anything changed that a task waits for.
-    #[inline]
-    fn publish_state(&mut self, new: &mut Snapshot) -> bool {
-        let has_notices = new.notices.count() != self.notices.count();
-        let changed = new.state != self.control.state
-            || new.reset_count != self.reset_count
-            || new.cancelled_motions != self.cancelled_motions
-            || has_notices;
-        new.state = self.control.state;
-        if has_notices {
-            new.notices = self.notices;
-        }
-        new.probed = self.probed;
-        new.reset_count = self.reset_count;
-        new.cancelled_motions = self.cancelled_motions;
-        new.reset_in_motion = self.reset_in_motion;
-        new.has_underrun = self.has_underrun;
-        new.is_critical = self.is_critical;
-        changed
-    }
-
-    /// Publishes spindle, laser and coolant, which rarely change; tells whether coolant has been
-    /// toggled, for which a task waits.
-    #[inline]
-    fn publish_accessories(&mut self, segments: &SegmentRing, new: &mut Snapshot) -> bool {
-        // Off, a spindle has no power at rest nor in motion.
-        let is_changed = self.accessories.take_changed();
-        (is_changed || !self.accessories.is_spindle_off())
-            && self.publish_power(is_changed, segments, new)
-    }
-
-    /// The same for a spindle that is on, or where something has changed.
-    #[inline(never)]
-    fn publish_power(
-        &mut self,
-        is_changed: bool,
-        segments: &SegmentRing,
-        new: &mut Snapshot,
-    ) -> bool {
-        if is_changed {
-            self.at_rest = self.accessories.power_at_rest();
-        }
-        let power = if segments.is_running() && !self.accessories.is_spindle_off() {
-            Power {
-                rpm: segments.spindle_rpm(),
-                duty: segments.duty(),
-            }
-        } else {
-            self.at_rest
-        };
-        if !is_changed && power == self.power {
-            return false;
-        }
-        self.power = power;
-        self.switch_outputs(power, segments, new)
-    }
-
-    /// Switches spindle, laser and coolant, and publishes them.
-    #[inline]
-    fn switch_outputs(&mut self, power: Power, segments: &SegmentRing, new: &mut Snapshot) -> bool {
-        self.outputs_changed = true;
-        let accessories = &self.accessories;
-        segments.inhibit_spindle(accessories.is_spindle_off());
-        self.outputs.spindle = accessories.switched(power);
-        self.outputs.duty = self.at_rest.duty;
-        self.outputs.coolant = accessories.coolant();
-        let (coolant_asked, coolant_toggles) = accessories.coolant_asked();
-        let is_toggled = new.coolant_toggles != coolant_toggles;
-        new.spindle_rpm = power.rpm;
-        new.spindle = accessories.direction(power);
-        new.coolant = self.outputs.coolant;
-        new.coolant_asked = coolant_asked;
-        new.coolant_toggles = coolant_toggles;
-        new.accessory_changes = accessories.changes();
-        new.overrides = accessories.overrides();
-        is_toggled
     }
 }
 

@@ -1,18 +1,27 @@
 //! Homing, probing and hard limits: how the machine goes through them.
 
-use super::Motion;
+use super::{Activity, Motion};
 use crate::{
     axis::AXES,
     machine::{Event, Inputs},
     model::{Alarm, Levels, Notice, Power, Probing, State},
+    motion::cycles::probing::ProbingCycle,
     path::Block,
     stepper::{EventWriter, SegmentRing, steps_after},
 };
 
 impl Motion {
-    /// Whether a homing cycle or a probing move is going on: nothing else begins.
+    /// Whether an entry is in execution that moves have to wait for.
+    pub(super) const fn is_occupied(&self) -> bool {
+        match self.activity {
+            Activity::Dwell(_) | Activity::Homing | Activity::Probing(_) => true,
+            Activity::Path | Activity::Pause => false,
+        }
+    }
+
+    /// Whether a homing cycle or a probing move is going on.
     pub(super) const fn is_in_cycle(&self) -> bool {
-        self.is_homing || self.probe.is_active()
+        matches!(self.activity, Activity::Homing | Activity::Probing(_))
     }
 
     /// Begins a homing cycle, at rest; whether the state allows it.
@@ -21,7 +30,7 @@ impl Motion {
         if self.control.state != State::Home {
             return false;
         }
-        self.is_homing = true;
+        self.activity = Activity::Homing;
         self.homing.begin(axes, inputs, &self.generator);
         self.enable_drivers();
         true
@@ -51,20 +60,24 @@ impl Motion {
         if self.control.state != State::Idle {
             return false;
         }
-        self.probed.success = false;
-        if self.probe.begin(probing, inputs) {
-            self.plan.push(block);
-            true
-        } else {
+        self.published.probed.success = false;
+        let Some(cycle) = ProbingCycle::begin(probing, inputs) else {
             self.alarm(Alarm::ProbeState);
-            false
-        }
+            return false;
+        };
+        self.activity = Activity::Probing(cycle);
+        self.plan.push(block);
+        true
     }
 
     /// Whether the input interrupt has seen what a cycle looks for.
     #[inline(never)]
     pub(super) fn has_latched(&self, inputs: &Inputs) -> bool {
-        self.probe.has_latched(inputs) || self.homing.latched_axis(inputs).is_some()
+        match &self.activity {
+            Activity::Probing(cycle) => cycle.has_latched(inputs),
+            Activity::Homing => self.homing.latched_axis(inputs).is_some(),
+            Activity::Path | Activity::Dwell(_) | Activity::Pause => false,
+        }
     }
 
     /// Finds where the axes were when the probe or one limit switch changed. Comes before segments
@@ -86,20 +99,20 @@ impl Motion {
         };
         let there = steps_after(output, segments, events);
         let there = there.unwrap_or_else(|| segments.position());
-        match axis {
-            Some(axis) => self
+        match (axis, &mut self.activity) {
+            (Some(axis), _) => self
                 .homing
                 .latch(axis, there[axis], segments, &self.generator),
-            None => self.probe.latch(there),
+            (None, Activity::Probing(cycle)) => cycle.latch(there),
+            (None, Activity::Path | Activity::Dwell(_) | Activity::Pause | Activity::Homing) => {}
         }
     }
 
     /// Ends cycles that are over. The machine is at rest.
     #[inline(never)]
     pub(super) fn end_cycles(&mut self) {
-        if self.is_homing && !self.homing.is_active() {
-            self.is_homing = false;
-            self.finished = self.finished.wrapping_add(1);
+        if matches!(self.activity, Activity::Homing) && !self.homing.is_active() {
+            self.finish_activity();
             if self.control.state == State::Home {
                 match self.homing.take_alarm() {
                     Some(alarm) => self.alarm(alarm),
@@ -107,21 +120,21 @@ impl Motion {
                 }
             }
         }
-        let is_over = self.plan.is_empty() || self.probe.is_touched();
-        let goes_on = matches!(self.control.state, State::Idle | State::Run);
-        if self.probe.is_active() && is_over && goes_on {
-            self.end_probe();
+        if let Activity::Probing(cycle) = &self.activity
+            && (self.plan.is_empty() || cycle.is_touched())
+            && matches!(self.control.state, State::Idle | State::Run)
+        {
+            let alarm = cycle.finish(self.generator.steps(), &mut self.published.probed);
+            self.end_probe(alarm);
         }
     }
 
-    fn end_probe(&mut self) {
-        let steps = self.generator.steps();
-        let alarm = self.probe.finish(steps, &mut self.probed);
+    fn end_probe(&mut self, alarm: Option<Alarm>) {
+        self.finish_activity();
         if let Some(alarm) = alarm {
             self.alarm(alarm);
         }
-        self.notices.push(Notice::Probed);
-        self.finished = self.finished.wrapping_add(1);
+        self.published.notices.push(Notice::Probed);
         // What is left of the move has been counted with it.
         self.plan.clear();
         self.executor.abandon();
@@ -152,8 +165,8 @@ impl Motion {
         self.cancel_pause();
         self.drop_plan();
         // A standstill that ends the pulses.
-        self.standstill = None;
-        if !self.is_critical {
+        self.queue.standstill = None;
+        if !self.faults.is_critical {
             self.alarm(Alarm::HardLimit);
         }
     }

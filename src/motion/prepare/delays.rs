@@ -31,27 +31,52 @@ pub(super) enum Delay {
     Coolant,
 }
 
+/// What is waited for at standstill.
+#[derive(Debug)]
+pub(super) struct Delays {
+    pub(super) restoring: Restoring,
+    /// The delay that the shell's timer measures, and the one to be asked for.
+    pub(super) running: Delay,
+    pub(super) requested_ms: Option<u16>,
+    /// `$1`.
+    pub(super) idle_ms: u8,
+    /// The drivers are disabled after an alarm whatever `$1` says.
+    pub(super) disables_drivers: bool,
+}
+
+impl Delays {
+    pub(super) const fn new() -> Self {
+        Self {
+            restoring: Restoring::None,
+            running: Delay::None,
+            requested_ms: None,
+            idle_ms: 25,
+            disables_drivers: false,
+        }
+    }
+}
+
 impl Motion {
     /// The time that was asked for is over.
     pub(super) fn end_delay(&mut self) {
-        match self.delay {
+        match self.delays.running {
             Delay::None => {}
             Delay::StepIdle => self.disable_drivers(),
-            Delay::Spindle => self.restoring = Restoring::Coolant,
-            Delay::Coolant => self.restoring = Restoring::Done,
+            Delay::Spindle => self.delays.restoring = Restoring::Coolant,
+            Delay::Coolant => self.delays.restoring = Restoring::Done,
         }
-        self.delay = Delay::None;
+        self.delays.running = Delay::None;
     }
 
     fn start_delay(&mut self, wait: Delay, milliseconds: u16) {
-        self.delay = wait;
-        self.delay_ms = Some(milliseconds);
-        self.outputs_changed = true;
+        self.delays.running = wait;
+        self.delays.requested_ms = Some(milliseconds);
+        self.published.outputs_changed = true;
     }
 
     /// The door is closed, and Z where spindle and coolant may run.
     pub(super) fn begin_restoring(&mut self) {
-        self.restoring = Restoring::Spindle;
+        self.delays.restoring = Restoring::Spindle;
     }
 
     /// Switches on what was on before the door was opened, one after the other; then goes on.
@@ -59,27 +84,27 @@ impl Motion {
     #[inline(never)]
     pub(super) fn restore(&mut self) {
         let (has_spindle, has_coolant) = self.accessories.has_to_restore();
-        if self.restoring == Restoring::Spindle {
+        if self.delays.restoring == Restoring::Spindle {
             self.accessories.restore_spindle();
             // A laser comes on with the motion, and at once.
             if has_spindle && !self.accessories.is_laser() {
-                self.restoring = Restoring::Delay;
+                self.delays.restoring = Restoring::Delay;
                 self.start_delay(Delay::Spindle, SPINDLE_DELAY_MS);
             } else {
-                self.restoring = Restoring::Coolant;
+                self.delays.restoring = Restoring::Coolant;
             }
         }
-        if self.restoring == Restoring::Coolant {
+        if self.delays.restoring == Restoring::Coolant {
             self.accessories.restore_coolant();
             if has_coolant {
-                self.restoring = Restoring::Delay;
+                self.delays.restoring = Restoring::Delay;
                 self.start_delay(Delay::Coolant, COOLANT_DELAY_MS);
             } else {
-                self.restoring = Restoring::Done;
+                self.delays.restoring = Restoring::Done;
             }
         }
-        if self.restoring == Restoring::Done {
-            self.restoring = Restoring::None;
+        if self.delays.restoring == Restoring::Done {
+            self.delays.restoring = Restoring::None;
             if !self.plunge() {
                 self.transition(Event::Restored);
             }
@@ -88,40 +113,40 @@ impl Motion {
 
     /// The door has been opened again, or it is no longer of interest.
     pub(super) fn stop_restoring(&mut self) {
-        self.restoring = Restoring::None;
-        match self.delay {
-            Delay::Spindle | Delay::Coolant => self.delay = Delay::None,
+        self.delays.restoring = Restoring::None;
+        match self.delays.running {
+            Delay::Spindle | Delay::Coolant => self.delays.running = Delay::None,
             Delay::None | Delay::StepIdle => {}
         }
     }
 
     /// The drivers are switched on: axes are about to move.
     pub(super) fn enable_drivers(&mut self) {
-        self.outputs_changed |= !self.outputs.drivers;
-        self.outputs.drivers = true;
-        if self.delay == Delay::StepIdle {
-            self.delay = Delay::None;
+        self.published.outputs_changed |= !self.published.outputs.drivers;
+        self.published.outputs.drivers = true;
+        if self.delays.running == Delay::StepIdle {
+            self.delays.running = Delay::None;
         }
     }
 
     /// At rest: the drivers stay on for a while.
     pub(super) fn start_idle_delay(&mut self) {
         let moves = !self.plan.is_empty() && self.control.executes();
-        let stays = self.idle_delay_ms == ALWAYS_ENABLED && !self.disables_drivers;
-        if self.delay != Delay::None || !self.outputs.drivers || moves || stays {
+        let stays = self.delays.idle_ms == ALWAYS_ENABLED && !self.delays.disables_drivers;
+        if self.delays.running != Delay::None || !self.published.outputs.drivers || moves || stays {
             return;
         }
-        if self.restoring == Restoring::None {
-            self.start_delay(Delay::StepIdle, u16::from(self.idle_delay_ms));
+        if self.delays.restoring == Restoring::None {
+            self.start_delay(Delay::StepIdle, u16::from(self.delays.idle_ms));
         }
     }
 
     pub(super) fn disable_drivers(&mut self) {
-        self.outputs_changed = true;
-        self.outputs.drivers = false;
-        self.disables_drivers = false;
-        if self.delay == Delay::StepIdle {
-            self.delay = Delay::None;
+        self.published.outputs_changed = true;
+        self.published.outputs.drivers = false;
+        self.delays.disables_drivers = false;
+        if self.delays.running == Delay::StepIdle {
+            self.delays.running = Delay::None;
         }
     }
 }

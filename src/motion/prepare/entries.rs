@@ -2,7 +2,7 @@
 
 use heapless::spsc::Consumer;
 
-use super::Motion;
+use super::{Activity, Motion};
 use crate::{
     machine::{Ending, Event, Inputs},
     model::{Notice, State},
@@ -22,7 +22,7 @@ impl Motion {
     pub(super) fn can_dequeue(&self, entry: &Entry, is_still: bool) -> bool {
         let is_ending = self.control.ending != Ending::None;
         if matches!(entry.work, Work::Move(_)) {
-            let waits = is_ending || self.is_dwelling || self.is_in_cycle();
+            let waits = is_ending || self.is_occupied();
             return !waits && self.plan.free() != 0 || self.is_void(entry);
         }
         if self.is_void(entry) {
@@ -48,7 +48,7 @@ impl Motion {
     fn is_busy(&self) -> bool {
         // A machine that has just come to rest has to be settled.
         let is_settled = !matches!(self.control.state, State::Run | State::Jog);
-        let is_waiting = self.is_dwelling || self.is_in_cycle() || !is_settled;
+        let is_waiting = self.is_occupied() || !is_settled;
         !self.plan.is_empty() || is_waiting || self.control.state.is_suspended()
     }
 
@@ -56,9 +56,13 @@ impl Motion {
     #[inline]
     fn is_void(&self, entry: &Entry) -> bool {
         // Settings are void for nobody: the session has taken them over already, at rest.
-        let is_old = entry.reset_count != self.reset_count.wrapping_add(self.cancelled_motions);
+        let is_old = entry.reset_count
+            != self
+                .handled
+                .reset_count
+                .wrapping_add(self.published.cancelled_motions);
         let is_move = matches!(entry.work, Work::Move(_));
-        let is_locked = self.has_underrun || is_move && self.control.state == State::Alarm;
+        let is_locked = self.faults.has_underrun || is_move && self.control.state == State::Alarm;
         (is_old || is_locked) && !matches!(entry.work, Work::Configure(_))
     }
 
@@ -69,7 +73,7 @@ impl Motion {
             return;
         };
         if self.is_void(entry) {
-            self.finished = self.finished.wrapping_add(1);
+            self.finish_entries(1);
         } else if let Work::Move(block) = &entry.work {
             self.plan.push(block);
         } else {
@@ -85,21 +89,21 @@ impl Motion {
         match work {
             Work::Fault(alarm) => {
                 // Not one more block than is needed to stop.
-                self.fault = Some(*alarm);
+                self.faults.at_standstill = Some(*alarm);
                 self.transition(Event::FeedHold);
             }
             Work::Probe(block, probing) if self.begin_probe(block, *probing, inputs) => return,
             Work::Home(axes) if self.begin_homing(*axes, inputs) => return,
             Work::Move(_) | Work::Probe(..) | Work::Home(_) => {}
             Work::Dwell(milliseconds) => {
-                self.dwell_ticks = u64::from(*milliseconds) * u64::from(TICKS_PER_MS);
-                self.is_dwelling = true;
+                let ticks = u64::from(*milliseconds) * u64::from(TICKS_PER_MS);
+                self.activity = Activity::Dwell(ticks);
                 return;
             }
             Work::Pause => {
                 self.transition(Event::Pause);
-                self.is_paused = self.control.state == State::HoldComplete;
-                if self.is_paused {
+                if self.control.state == State::HoldComplete {
+                    self.activity = Activity::Pause;
                     return;
                 }
             }
@@ -114,24 +118,24 @@ impl Motion {
                 self.snap_to_steps();
             }
         }
-        self.finished = self.finished.wrapping_add(1);
+        self.finish_entries(1);
     }
 
     fn sleep(&mut self) {
         self.transition(Event::Sleep);
         if self.control.state == State::Sleep {
-            self.notices.push(Notice::Sleeping);
+            self.published.notices.push(Notice::Sleeping);
             self.disable_drivers();
         }
     }
 
     /// Leaves the idle state as soon as there is something to execute.
     pub(super) fn begin_moves(&mut self) {
-        if self.is_dwelling || self.control.state != State::Idle {
+        if self.is_dwelling() || self.control.state != State::Idle {
             return;
         }
         if let Some(block) = self.plan.current() {
-            self.disables_drivers = false;
+            self.delays.disables_drivers = false;
             let is_jog = block.kind == MoveKind::Jog;
             self.transition(if is_jog { Event::Jog } else { Event::Move });
         }

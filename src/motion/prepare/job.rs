@@ -77,8 +77,8 @@ impl Motion {
         Context {
             played: segments.played_start_ticks(),
             is_running: segments.is_running(),
-            has_requests: requests.reset_count() != self.reset_count
-                || requests.asked() != self.handled,
+            has_requests: requests.reset_count() != self.handled.reset_count
+                || requests.asked() != self.handled.requests,
         }
     }
 
@@ -88,12 +88,12 @@ impl Motion {
         let precedes = if context.is_running || self.generator.is_open() {
             !context.has_requests || self.has_just_handled(context.played)
         } else {
-            self.is_first_segment_next && !context.has_requests
+            self.queue.is_first_next && !context.has_requests
         };
         let is_stopped = segments.has_underrun() || !context.is_running && segments.is_halted();
         precedes
             && !is_stopped
-            && (self.is_in_motion() || self.is_first_segment_next)
+            && (self.is_in_motion() || self.queue.is_first_next)
             && self.has_room(context, segments)
     }
 
@@ -111,7 +111,7 @@ impl Motion {
             Job::Underrun
         } else if !context.is_running && segments.is_halted() {
             Job::Halted
-        } else if requests.reset_count() != self.reset_count {
+        } else if requests.reset_count() != self.handled.reset_count {
             Job::Reset
         } else if context.has_requests {
             Job::Requests
@@ -136,7 +136,7 @@ impl Motion {
     /// Whether what is asked for waits for segments.
     #[inline]
     fn has_just_handled(&self, played: u32) -> bool {
-        played.wrapping_sub(self.handled_ticks) < REQUEST_INTERVAL_TICKS
+        played.wrapping_sub(self.handled.ticks) < REQUEST_INTERVAL_TICKS
     }
 
     /// Lets the last request seem no longer ago than matters: the clock of the motion comes round. Once
@@ -144,7 +144,7 @@ impl Motion {
     #[inline]
     pub(super) fn age_handled(&mut self, played: u32) {
         if !self.has_just_handled(played) {
-            self.handled_ticks = played.wrapping_sub(REQUEST_INTERVAL_TICKS);
+            self.handled.ticks = played.wrapping_sub(REQUEST_INTERVAL_TICKS);
         }
     }
 
@@ -186,11 +186,11 @@ impl Motion {
     #[inline]
     pub(super) fn has_room(&self, context: Context, segments: &SegmentRing) -> bool {
         if self.generator.is_open() {
-            return self.full != Some(context.played);
+            return self.queue.full != Some(context.played);
         }
         let ahead = self.generator.clock_ticks().wrapping_sub(context.played);
         // A segment that had to be stretched may last longer than that, and still needs another.
-        let is_ahead = ahead >= QUEUED_AHEAD_TICKS && context.played != self.newest;
+        let is_ahead = ahead >= QUEUED_AHEAD_TICKS && context.played != self.queue.newest;
         !is_ahead && segments.has_room()
     }
 
@@ -210,6 +210,6 @@ impl Motion {
     /// Whether the last segment has been begun only, or is none of standstill.
     #[inline]
     const fn is_in_motion(&self) -> bool {
-        self.generator.is_open() || self.standstill.is_none()
+        self.generator.is_open() || self.queue.standstill.is_none()
     }
 }

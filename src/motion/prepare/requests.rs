@@ -1,6 +1,6 @@
 //! From requests to events of the state machine, and what they ask for.
 
-use super::Motion;
+use super::{Activity, Motion};
 use crate::{
     machine::{Control, Effect, Event},
     model::{Alarm, Notice, OVERRIDES, Override, Overrides, Requests, State},
@@ -12,8 +12,8 @@ impl Motion {
     #[inline(never)]
     pub(super) fn handle_requests(&mut self, requests: &Requests, segments: &SegmentRing) {
         // Before the requests: one that comes meanwhile segments as new in the next run.
-        self.handled = requests.asked();
-        self.handled_ticks = segments.played_start_ticks();
+        self.handled.requests = requests.asked();
+        self.handled.ticks = segments.played_start_ticks();
         self.apply_overrides(requests);
         if requests.take_wake() {
             self.end_delay();
@@ -43,7 +43,7 @@ impl Motion {
             return;
         }
         if self.control.reacts_to_door() {
-            self.notices.push(Notice::CheckDoor);
+            self.published.notices.push(Notice::CheckDoor);
         }
         self.transition(Event::SafetyDoor);
     }
@@ -72,7 +72,7 @@ impl Motion {
         // No `match`: a table of jumps has places for values that there are none of.
         if command == Override::SpindleStop {
             if self.is_held() && self.accessories.toggle_stop() {
-                self.notices.push(Notice::RestoringSpindle);
+                self.published.notices.push(Notice::RestoringSpindle);
             }
         } else if command == Override::Flood {
             if self.has_coolant_keys() {
@@ -138,33 +138,32 @@ impl Motion {
         } else if effect == Effect::MotionCancel {
             // A reset has its own count.
             if event != Event::Reset {
-                self.cancelled_motions = self.cancelled_motions.wrapping_add(1);
+                self.published.cancelled_motions = self.published.cancelled_motions.wrapping_add(1);
             }
         } else if effect == Effect::DropPlan {
             self.drop_plan();
         } else if effect == Effect::Abort {
-            self.reset_in_motion = true;
-            self.disables_drivers = true;
+            self.faults.reset_in_motion = true;
+            self.delays.disables_drivers = true;
         }
     }
 
     /// What waited for cycle start goes on.
     fn resume(&mut self) {
         if self.accessories.end_stop(!self.plan.is_empty()) {
-            self.notices.push(Notice::RestoringSpindle);
+            self.published.notices.push(Notice::RestoringSpindle);
         }
-        if self.is_paused {
-            self.is_paused = false;
-            self.finished = self.finished.wrapping_add(1);
+        if matches!(self.activity, Activity::Pause) {
+            self.finish_activity();
         }
     }
 
     /// Locks the machine. It slows down if it moves, and drops its plan.
     pub(super) fn alarm(&mut self, alarm: Alarm) {
         self.transition(Event::Alarm);
-        self.notices.push(Notice::Alarm(alarm));
+        self.published.notices.push(Notice::Alarm(alarm));
         self.cancel_pause();
-        self.disables_drivers = true;
+        self.delays.disables_drivers = true;
         match alarm {
             Alarm::ProbeState | Alarm::ProbeContact => {}
             Alarm::HardLimit
@@ -176,7 +175,7 @@ impl Motion {
             | Alarm::HomingNotFound
             | Alarm::HomingDualAxis => self.accessories.switch_off(),
         }
-        self.is_critical |= matches!(alarm, Alarm::HardLimit | Alarm::SoftLimit);
+        self.faults.is_critical |= matches!(alarm, Alarm::HardLimit | Alarm::SoftLimit);
     }
 
     /// The step interrupt ran out of events in motion. The axes stopped dead and may have lost
@@ -190,9 +189,9 @@ impl Motion {
         self.cancel_pause();
         self.drop_plan();
         self.accessories.switch_off();
-        self.fault = None;
-        self.has_underrun = true;
-        self.disables_drivers = true;
+        self.faults.at_standstill = None;
+        self.faults.has_underrun = true;
+        self.delays.disables_drivers = true;
         self.control = Control {
             state: State::Alarm,
             ..Control::IDLE
@@ -201,12 +200,10 @@ impl Motion {
 
     /// Ends a program pause or a dwell before its time.
     pub(super) fn cancel_pause(&mut self) {
-        if self.is_paused || self.is_dwelling {
-            self.finished = self.finished.wrapping_add(1);
+        match self.activity {
+            Activity::Pause | Activity::Dwell(_) => self.finish_activity(),
+            Activity::Path | Activity::Homing | Activity::Probing(_) => {}
         }
-        self.is_paused = false;
-        self.is_dwelling = false;
-        self.dwell_ticks = 0;
         self.stop_restoring();
     }
 
@@ -214,12 +211,12 @@ impl Motion {
     #[cold]
     #[inline(never)]
     pub(super) fn handle_reset(&mut self, requests: &Requests, segments: &SegmentRing) {
-        self.reset_count = requests.reset_count();
-        self.handled_ticks = segments.played_start_ticks();
-        self.has_underrun = false;
-        self.is_critical = false;
-        self.fault = None;
-        self.reset_in_motion = false;
+        self.handled.reset_count = requests.reset_count();
+        self.handled.ticks = segments.played_start_ticks();
+        self.faults.has_underrun = false;
+        self.faults.is_critical = false;
+        self.faults.at_standstill = None;
+        self.faults.reset_in_motion = false;
         self.cancel_pause();
         self.accessories.switch_off();
         self.end_overrides();
@@ -231,7 +228,7 @@ impl Motion {
         if self.control.state == State::Idle && self.is_on_limit() {
             self.control.state = State::Alarm;
         }
-        self.checks_door = true;
+        self.faults.checks_door = true;
         self.apply_state();
     }
 }

@@ -1,12 +1,22 @@
 //! Keeps the step interrupt's queue filled, and follows what it has played.
 
-use super::{Motion, delays::Restoring};
+use super::{Activity, Motion, delays::Restoring};
 use crate::{
     machine::{Ending, Event, Inputs},
     model::{Levels, State, timing::SEGMENT_TICKS},
     motion::executor::Goal,
     stepper::{AxisMotion, EventWriter, Segment, SegmentRing},
 };
+
+/// What a segment is made of.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Source {
+    Homing,
+    Parking,
+    /// A dwell, with what is left of it, ticks.
+    Dwell(u64),
+    Plan,
+}
 
 impl Motion {
     /// Makes a segment and its events, or those of the one before, for which there was no room.
@@ -21,52 +31,67 @@ impl Motion {
             return;
         }
         let is_done = self.generator.push_events(events);
-        self.full = (!is_done).then(|| segments.played_start_ticks());
+        self.queue.full = (!is_done).then(|| segments.played_start_ticks());
     }
 
     /// Begins a segment, or the standstill after the last one; false when there is nothing to play.
     #[inline]
     fn begin_segment(&mut self, inputs: &Inputs, segments: &SegmentRing) -> bool {
-        self.is_first_segment_next = false;
+        self.queue.is_first_next = false;
         let start = self.generator.clock_ticks();
         self.age_handled(segments.played_start_ticks());
         if self.next_segment(inputs) {
-            self.standstill = None;
+            self.queue.standstill = None;
             self.generator.begin(&self.segment, segments);
-        } else if self.standstill.is_none() {
-            self.standstill = Some(start);
+        } else if self.queue.standstill.is_none() {
+            self.queue.standstill = Some(start);
             let power = self.accessories.power_at_rest();
             self.generator.begin_standstill(power, segments);
         } else {
             return false;
         }
-        self.newest = start;
+        self.queue.newest = start;
         true
+    }
+
+    /// What the next segment is made of.
+    #[inline]
+    fn source(&self) -> Source {
+        if self.homing.is_active() {
+            Source::Homing
+        } else if self.parking.is_moving() {
+            Source::Parking
+        } else if let Activity::Dwell(ticks @ 1..) = self.activity
+            && self.executes()
+        {
+            Source::Dwell(ticks)
+        } else {
+            Source::Plan
+        }
     }
 
     /// Whether [`Motion::next_segment`] has something to do.
     #[inline]
     pub(super) fn has_motion(&self) -> bool {
-        if self.homing.is_active() {
-            return true;
+        match self.source() {
+            Source::Homing | Source::Dwell(_) => true,
+            Source::Parking => self.parking.has_segment(self.control.ending),
+            Source::Plan => !self.plan.is_empty() && (self.executes() || self.executor.is_moving()),
         }
-        if self.parking.is_moving() {
-            return self.parking.has_segment(self.control.ending);
-        }
-        let executes = self.executes();
-        let has_blocks = !self.plan.is_empty() && (executes || self.executor.is_moving());
-        has_blocks || self.dwell_ticks != 0 && executes
     }
 
     /// Whether the next segment follows the plan.
     #[inline]
     pub(super) fn follows_plan(&self) -> bool {
-        let stands = self.dwell_ticks != 0 && self.executes();
-        !self.homing.is_active() && !self.parking.is_moving() && !stands && !self.plan.is_empty()
+        self.source() == Source::Plan && !self.plan.is_empty()
     }
 
     fn executes(&self) -> bool {
-        self.control.executes() && !self.probe.is_touched()
+        let is_touched = match &self.activity {
+            Activity::Probing(cycle) => cycle.is_touched(),
+            Activity::Path | Activity::Dwell(_) | Activity::Pause | Activity::Homing => false,
+        };
+        self.control.executes() && !is_touched
     }
 
     /// The next cell of the reference.
@@ -79,18 +104,22 @@ impl Motion {
 
     /// Makes the next segment, in [`Motion::segment`]; false when there is none.
     fn next_segment(&mut self, inputs: &Inputs) -> bool {
-        if self.homing.is_active() {
-            return self.homing_segment(inputs);
+        match self.source() {
+            Source::Homing => self.homing_segment(inputs),
+            Source::Parking => self.parking_segment(),
+            Source::Dwell(ticks) => self.dwell_segment(ticks),
+            Source::Plan => self.plan_segment(),
         }
-        if self.parking.is_moving() {
-            return self.parking_segment();
-        }
-        let executes = self.executes();
-        if self.dwell_ticks != 0 && executes {
-            self.dwell_segment();
-            return true;
-        }
-        let goal = if executes { Goal::Run } else { Goal::Stop };
+    }
+
+    /// The next segment of the plan.
+    #[inline]
+    fn plan_segment(&mut self) -> bool {
+        let goal = if self.executes() {
+            Goal::Run
+        } else {
+            Goal::Stop
+        };
         let blocks = self.plan.len();
         let position = self.generator.position();
         let (plan, segment) = (&mut self.plan, &mut self.segment);
@@ -104,12 +133,9 @@ impl Motion {
         if !moves {
             return false;
         }
-        let done = if self.probe.is_active() {
-            0
-        } else {
-            blocks - self.plan.len()
-        };
-        self.finished = self.finished.wrapping_add(done as u32);
+        if !self.is_probing() {
+            self.finish_entries(blocks - self.plan.len());
+        }
         let (laser, part) = self.executor.laser();
         self.accessories.begin_block(laser);
         self.segment.power = self.accessories.power_in_motion(laser, part);
@@ -117,11 +143,11 @@ impl Motion {
         true
     }
 
-    /// A piece of a dwell.
+    /// The next segment of a dwell that has these ticks left.
     #[inline(never)]
-    fn dwell_segment(&mut self) {
-        let ticks = self.dwell_ticks.min(u64::from(SEGMENT_TICKS)) as u32;
-        self.dwell_ticks -= u64::from(ticks);
+    fn dwell_segment(&mut self, left: u64) -> bool {
+        let ticks = left.min(u64::from(SEGMENT_TICKS)) as u32;
+        self.activity = Activity::Dwell(left - u64::from(ticks));
         self.segment = Segment {
             ticks,
             axes: self.generator.position().map(|to| AxisMotion {
@@ -132,6 +158,7 @@ impl Motion {
             line: 0,
             power: self.accessories.power_at_rest(),
         };
+        true
     }
 
     /// The machine is at rest: what it was stopped for.
@@ -152,11 +179,10 @@ impl Motion {
     /// What ends, or begins, when the machine is at rest.
     #[inline(never)]
     fn end_motion(&mut self) {
-        if self.is_dwelling && self.dwell_ticks == 0 {
-            self.is_dwelling = false;
-            self.finished = self.finished.wrapping_add(1);
+        if matches!(self.activity, Activity::Dwell(0)) {
+            self.finish_activity();
         }
-        if let Some(alarm) = self.fault.take() {
+        if let Some(alarm) = self.faults.at_standstill.take() {
             self.alarm(alarm);
         }
         self.finish_stop();
@@ -171,7 +197,7 @@ impl Motion {
     pub(super) fn enter_standstill(&mut self) {
         self.end_motion();
         let is_door_open = self.inputs.has(Levels::DOOR);
-        if core::mem::take(&mut self.checks_door) && is_door_open {
+        if core::mem::take(&mut self.faults.checks_door) && is_door_open {
             self.open_door();
         }
         if !is_door_open && self.control.state == State::DoorAjar {
@@ -181,7 +207,7 @@ impl Motion {
         if self.control.state == State::HoldComplete {
             self.accessories.stop_in_hold();
         }
-        if self.restoring != Restoring::None {
+        if self.delays.restoring != Restoring::None {
             self.restore();
         }
         self.begin_moves();
