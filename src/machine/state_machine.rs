@@ -139,9 +139,7 @@ impl Control {
         !matches!(self.state, State::Alarm | State::Check | State::Home)
     }
 
-    /// The state after an event, and what has to be done.
-    ///
-    /// Not inlined: what a caller can rule out would trap in its tables of jumps.
+    /// Returns the state after an event, and what has to be done.
     #[inline(never)]
     #[must_use]
     pub fn after(self, event: Event) -> (Self, Effect) {
@@ -179,9 +177,19 @@ impl Control {
             Event::Sleep if matches!(self.state, State::Idle | State::Alarm) => {
                 (Self::new(State::Sleep), Effect::Suspend)
             }
-            // Not named: a table of jumps would have places for values that there are none of, which
-            // trap, in a task with a deadline.
-            _ => same,
+            Event::DoorClosed
+            | Event::JogCancel
+            | Event::Move
+            | Event::Jog
+            | Event::CycleStop
+            | Event::Park
+            | Event::Parked
+            | Event::Restored
+            | Event::Pause
+            | Event::Unlock
+            | Event::Home
+            | Event::Check
+            | Event::Sleep => same,
         }
     }
 

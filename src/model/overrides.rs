@@ -139,9 +139,7 @@ impl Overrides {
             Override::SpindleLess => new.spindle = changed(self.spindle, -10),
             Override::SpindleFineMore => new.spindle = changed(self.spindle, 1),
             Override::SpindleFineLess => new.spindle = changed(self.spindle, -1),
-            // Those about accessories. Not named: a table of jumps would have places for values that
-            // there are none of, which trap, in a task with a deadline.
-            _ => {}
+            Override::SpindleStop | Override::Flood | Override::Mist => {}
         }
         new
     }

@@ -69,21 +69,28 @@ impl Motion {
     }
 
     fn apply_override(&mut self, command: Override) {
-        // No `match`: a table of jumps has places for values that there are none of.
-        if command == Override::SpindleStop {
-            if self.is_held() && self.accessories.toggle_stop() {
-                self.published.notices.push(Notice::RestoringSpindle);
+        match command {
+            Override::SpindleStop => {
+                if self.is_held() && self.accessories.toggle_stop() {
+                    self.published.notices.push(Notice::RestoringSpindle);
+                }
             }
-        } else if command == Override::Flood {
-            if self.has_coolant_keys() {
-                self.accessories.toggle_flood();
-            }
-        } else if command == Override::Mist {
-            if self.has_coolant_keys() {
-                self.accessories.toggle_mist();
-            }
-        } else {
-            self.accessories.override_by(command);
+            Override::Flood if self.has_coolant_keys() => self.accessories.toggle_flood(),
+            Override::Mist if self.has_coolant_keys() => self.accessories.toggle_mist(),
+            Override::Flood | Override::Mist => {}
+            Override::FeedReset
+            | Override::FeedMore
+            | Override::FeedLess
+            | Override::FeedFineMore
+            | Override::FeedFineLess
+            | Override::RapidFull
+            | Override::RapidHalf
+            | Override::RapidQuarter
+            | Override::SpindleReset
+            | Override::SpindleMore
+            | Override::SpindleLess
+            | Override::SpindleFineMore
+            | Override::SpindleFineLess => self.accessories.override_by(command),
         }
     }
 
@@ -122,29 +129,34 @@ impl Motion {
     pub(super) fn transition(&mut self, event: Event) {
         let (control, effect) = self.control.after(event);
         self.control = control;
-        if effect == Effect::Resume {
-            self.resume();
-        } else if effect == Effect::Suspend {
-            self.stop_restoring();
-            if event == Event::Sleep {
-                self.accessories.suspend();
-            } else {
-                self.park();
+        match effect {
+            Effect::None => {}
+            Effect::Resume => self.resume(),
+            Effect::Suspend => {
+                self.stop_restoring();
+                if event == Event::Sleep {
+                    self.accessories.suspend();
+                } else {
+                    self.park();
+                }
             }
-        } else if effect == Effect::Restore {
-            if !self.unpark() {
-                self.begin_restoring();
+            Effect::Restore => {
+                if !self.unpark() {
+                    self.begin_restoring();
+                }
             }
-        } else if effect == Effect::MotionCancel {
-            // A reset has its own count.
-            if event != Event::Reset {
-                self.published.cancelled_motions = self.published.cancelled_motions.wrapping_add(1);
+            Effect::MotionCancel => {
+                // A reset has its own count.
+                if event != Event::Reset {
+                    let cancelled = &mut self.published.cancelled_motions;
+                    *cancelled = cancelled.wrapping_add(1);
+                }
             }
-        } else if effect == Effect::DropPlan {
-            self.drop_plan();
-        } else if effect == Effect::Abort {
-            self.faults.reset_in_motion = true;
-            self.delays.disables_drivers = true;
+            Effect::DropPlan => self.drop_plan(),
+            Effect::Abort => {
+                self.faults.reset_in_motion = true;
+                self.delays.disables_drivers = true;
+            }
         }
     }
 
