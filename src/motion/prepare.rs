@@ -10,7 +10,6 @@ mod cycles;
 mod delays;
 mod entries;
 mod job;
-mod parking;
 mod publish;
 mod requests;
 mod segments;
@@ -20,11 +19,12 @@ use heapless::spsc::Consumer;
 use self::{
     delays::Delays,
     job::{Context, Job},
-    parking::Parking,
     publish::Published,
 };
 use super::{
-    BLOCKS, Homing, LookAhead, cycles::probing::ProbingCycle, executor::Executor,
+    BLOCKS, Homing, LookAhead,
+    cycles::{parking::Parking, probing::ProbingCycle},
+    executor::Executor,
     jerk_limited::MovingAverage,
 };
 use crate::{

@@ -1,4 +1,5 @@
-//! Motions that are not blocks of a program: homing and probing.
+//! Motions that are not blocks of a program: homing, parking and probing.
 
 pub(super) mod homing;
+pub(super) mod parking;
 pub(super) mod probing;

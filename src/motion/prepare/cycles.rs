@@ -1,11 +1,11 @@
-//! Homing, probing and hard limits: how the machine goes through them.
+//! Homing, probing, parking and hard limits: what they do to the machine.
 
 use super::{Activity, Motion};
 use crate::{
-    axis::AXES,
+    axis::{AXES, Z},
     machine::{Event, Inputs},
     model::{Alarm, Levels, Notice, Power, Probing, State},
-    motion::cycles::probing::ProbingCycle,
+    motion::cycles::{parking::Reached, probing::ProbingCycle},
     path::Block,
     stepper::{EventWriter, SegmentRing, steps_after},
 };
@@ -168,6 +168,47 @@ impl Motion {
         self.queue.standstill = None;
         if !self.faults.is_critical {
             self.alarm(Alarm::HardLimit);
+        }
+    }
+
+    /// The door is open and the machine at rest: parks, or only switches everything off.
+    pub(super) fn park(&mut self) {
+        if self.parking.begin(self.generator.position()[Z]) {
+            // Spindle and coolant stay on until Z is out of the work.
+            self.control = self.control.after(Event::Park).0;
+        } else {
+            self.accessories.suspend();
+        }
+    }
+
+    /// Continues parking where Z has come to rest.
+    pub(super) fn next_parking_stage(&mut self) {
+        match self.parking.next_stage(self.generator.position()[Z]) {
+            None => {}
+            Some(Reached::PulledOut) => self.accessories.suspend(),
+            Some(Reached::Target) => self.transition(Event::Parked),
+            Some(Reached::Waypoint) => self.begin_restoring(),
+            Some(Reached::Work) => self.transition(Event::Restored),
+        }
+    }
+
+    /// The next segment of parking.
+    #[inline(never)]
+    pub(super) fn parking_segment(&mut self) -> bool {
+        let position = self.generator.position();
+        let ending = self.control.ending;
+        if !self.parking.next(position, ending, &mut self.segment) {
+            return false;
+        }
+        self.segment.power = self.accessories.power_at_rest();
+        self.enable_drivers();
+        true
+    }
+
+    /// A reset while Z moves is one in motion, also on the way back.
+    pub(super) fn reset_parking(&mut self) {
+        if self.parking.is_moving() {
+            self.control.state = State::DoorRetracting;
         }
     }
 }

@@ -1,7 +1,7 @@
 //! What takes its time at standstill: spindle and coolant after the door, drivers after a motion.
 
 use super::Motion;
-use crate::machine::Event;
+use crate::{axis::Z, machine::Event};
 
 /// `$1` of drivers that are never released.
 pub(super) const ALWAYS_ENABLED: u8 = 255;
@@ -105,7 +105,7 @@ impl Motion {
         }
         if self.delays.restoring == Restoring::Done {
             self.delays.restoring = Restoring::None;
-            if !self.plunge() {
+            if !self.parking.begin_plunge(self.generator.position()[Z]) {
                 self.transition(Event::Restored);
             }
         }

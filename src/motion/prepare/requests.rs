@@ -2,6 +2,7 @@
 
 use super::{Activity, Motion};
 use crate::{
+    axis::Z,
     machine::{Control, Effect, Event},
     model::{Alarm, Notice, OVERRIDES, Override, Overrides, Requests, State},
     stepper::SegmentRing,
@@ -141,7 +142,7 @@ impl Motion {
                 }
             }
             Effect::Restore => {
-                if !self.unpark() {
+                if !self.parking.begin_return(self.generator.position()[Z]) {
                     self.begin_restoring();
                 }
             }

@@ -11,39 +11,49 @@
 //! The plan is untouched meanwhile: Z comes back to exactly where it was. Read with Grbl 1.1
 //! `PARKING_ENABLE`.
 
-use super::Motion;
 use crate::{
     axis::{AXES, Axes, Z},
-    machine::{Ending, Event},
+    machine::Ending,
     math,
-    model::{Laser, State},
+    model::Laser,
     motion::{
         executor::{Executor, Goal},
         lookahead::Plan,
     },
     path::{Block, MoveKind},
     settings::Settings,
+    stepper::Segment,
     units::FineSteps,
 };
 
-/// Where Z is on its way.
+/// Where Z is.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum ParkingStage {
-    /// Where the work is.
     AtWork,
     PullOut,
     ToTarget,
     Parked,
+    ToWaypoint,
     AtWaypoint,
-    Waypoint,
     Plunge,
-    /// The door was opened on the way back: coming to rest, to be parked again.
+    /// Coming to rest, to be parked again: the door was opened while Z came back.
     Stop,
+}
+
+/// What Z has reached at the end of a motion.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum Reached {
+    /// The waypoint, on the way out: the tool is out of the work.
+    PulledOut,
+    Target,
+    /// The waypoint, on the way back.
+    Waypoint,
+    Work,
 }
 
 /// The motion of Z.
 #[derive(Debug)]
-pub(super) struct Parking {
+pub(crate) struct Parking {
     plan: Plan<2>,
     executor: Executor,
     stage: ParkingStage,
@@ -61,7 +71,7 @@ pub(super) struct Parking {
 }
 
 impl Parking {
-    pub(super) const fn new() -> Self {
+    pub(crate) const fn new() -> Self {
         Self {
             plan: Plan::new(),
             executor: Executor::new(),
@@ -81,7 +91,7 @@ impl Parking {
 
     /// Takes over the settings. A machine that is not homed knows no place to park; a laser must
     /// not burn on its way.
-    pub(super) fn configure(&mut self, settings: &Settings) {
+    pub(crate) fn configure(&mut self, settings: &Settings) {
         let steps_per_mm = settings.steps_per_mm[Z].to_f32();
         self.is_enabled = settings.parking && settings.homing && !settings.laser;
         self.steps_per_mm = steps_per_mm;
@@ -97,42 +107,56 @@ impl Parking {
     }
 
     /// Whether Z is not where the work is.
-    pub(super) fn is_away(&self) -> bool {
+    pub(crate) fn is_away(&self) -> bool {
         self.stage != ParkingStage::AtWork
     }
 
     /// Whether Z is on its way.
-    pub(super) fn is_moving(&self) -> bool {
+    pub(crate) fn is_moving(&self) -> bool {
         match self.stage {
-            ParkingStage::AtWork | ParkingStage::Parked | ParkingStage::Waypoint => false,
+            ParkingStage::AtWork | ParkingStage::Parked | ParkingStage::AtWaypoint => false,
             ParkingStage::PullOut
             | ParkingStage::ToTarget
-            | ParkingStage::AtWaypoint
+            | ParkingStage::ToWaypoint
             | ParkingStage::Plunge
             | ParkingStage::Stop => true,
         }
     }
 
-    /// Whether there is something to play on the way.
-    pub(super) fn has_segment(&self, ending: Ending) -> bool {
-        let has_way = !self.plan.is_empty();
-        has_way && (!self.stops(ending) || self.executor.is_moving())
+    /// Whether there is a next segment.
+    pub(crate) fn has_segment(&self, ending: Ending) -> bool {
+        !self.plan.is_empty() && (!self.stops(ending) || self.executor.is_moving())
     }
 
-    /// Whether Z is to come to rest on its way.
+    /// Whether Z is to come to rest before the end of its motion.
     fn stops(&self, ending: Ending) -> bool {
         ending != Ending::None || self.stage == ParkingStage::Stop
     }
 
-    /// Forgets the way: the machine stays where it is.
-    pub(super) fn abandon(&mut self) {
+    /// Makes the next segment, from `position`; returns false when there is none.
+    pub(crate) fn next(
+        &mut self,
+        position: &Axes<FineSteps>,
+        ending: Ending,
+        segment: &mut Segment,
+    ) -> bool {
+        let goal = if self.stops(ending) {
+            Goal::Stop
+        } else {
+            Goal::Run
+        };
+        self.executor.next(&mut self.plan, position, goal, segment)
+    }
+
+    /// Ends the motion: the machine stays where it is.
+    pub(crate) fn abandon(&mut self) {
         self.plan.clear();
         self.executor.abandon();
         self.stage = ParkingStage::AtWork;
     }
 
     /// Begins to park from `z`, if that is possible.
-    fn begin(&mut self, z: FineSteps) -> bool {
+    pub(crate) fn begin(&mut self, z: FineSteps) -> bool {
         match self.stage {
             ParkingStage::AtWork => {
                 if !self.is_enabled || z.0 >= self.target.0 {
@@ -143,14 +167,64 @@ impl Parking {
                 self.waypoint = FineSteps(waypoint.min(self.target.0));
                 self.pull_out_from(z);
             }
-            ParkingStage::AtWaypoint | ParkingStage::Plunge => self.stage = ParkingStage::Stop,
-            ParkingStage::Waypoint => self.pull_out_from(z),
+            ParkingStage::ToWaypoint | ParkingStage::Plunge => self.stage = ParkingStage::Stop,
+            ParkingStage::AtWaypoint => self.pull_out_from(z),
             ParkingStage::PullOut
             | ParkingStage::ToTarget
             | ParkingStage::Parked
             | ParkingStage::Stop => {}
         }
         true
+    }
+
+    /// Begins to bring Z back from the target to the waypoint; returns false where Z is not parked.
+    pub(crate) fn begin_return(&mut self, z: FineSteps) -> bool {
+        let is_parked = self.stage == ParkingStage::Parked;
+        if is_parked {
+            self.stage = ParkingStage::ToWaypoint;
+            self.move_to(z, self.waypoint, self.fast_mm_s);
+        }
+        is_parked
+    }
+
+    /// Begins to bring Z from the waypoint into the work; returns false where Z is not there.
+    pub(crate) fn begin_plunge(&mut self, z: FineSteps) -> bool {
+        let is_above = self.stage == ParkingStage::AtWaypoint;
+        if is_above {
+            self.stage = ParkingStage::Plunge;
+            self.move_to(z, self.work, self.slow_mm_s);
+        }
+        is_above
+    }
+
+    /// Goes on to the next stage from `z`, where Z has come to rest; returns what has been reached.
+    pub(crate) fn next_stage(&mut self, z: FineSteps) -> Option<Reached> {
+        match self.stage {
+            ParkingStage::AtWork | ParkingStage::Parked | ParkingStage::AtWaypoint => None,
+            ParkingStage::PullOut => {
+                self.stage = ParkingStage::ToTarget;
+                self.move_to(z, self.target, self.fast_mm_s);
+                Some(Reached::PulledOut)
+            }
+            ParkingStage::ToTarget => {
+                self.stage = ParkingStage::Parked;
+                Some(Reached::Target)
+            }
+            ParkingStage::ToWaypoint => {
+                self.stage = ParkingStage::AtWaypoint;
+                Some(Reached::Waypoint)
+            }
+            ParkingStage::Plunge => {
+                self.abandon();
+                Some(Reached::Work)
+            }
+            ParkingStage::Stop => {
+                self.plan.clear();
+                self.executor.abandon();
+                self.pull_out_from(z);
+                None
+            }
+        }
     }
 
     fn pull_out_from(&mut self, z: FineSteps) {
@@ -190,94 +264,6 @@ impl Parking {
         block.delta[Z] = delta;
         block.steps_per_mm[Z] = along;
         self.plan.push_alone(&block);
-    }
-}
-
-impl Motion {
-    /// The door is open and the machine at rest: parks, or only switches everything off.
-    pub(super) fn park(&mut self) {
-        let z = self.generator.position()[Z];
-        if self.parking.begin(z) {
-            // Spindle and coolant stay on until Z is out of the work.
-            self.control = self.control.after(Event::Park).0;
-        } else {
-            self.accessories.suspend();
-        }
-    }
-
-    /// Brings Z back as far as the waypoint; false where it is not away.
-    pub(super) fn unpark(&mut self) -> bool {
-        let is_parked = self.parking.stage == ParkingStage::Parked;
-        if is_parked {
-            let (z, to) = (self.generator.position()[Z], self.parking.waypoint);
-            self.parking.stage = ParkingStage::AtWaypoint;
-            self.parking.move_to(z, to, self.parking.fast_mm_s);
-        }
-        is_parked
-    }
-
-    /// Brings Z from the waypoint into the work; false where it is there.
-    pub(super) fn plunge(&mut self) -> bool {
-        let is_above = self.parking.stage == ParkingStage::Waypoint;
-        if is_above {
-            let (z, to) = (self.generator.position()[Z], self.parking.work);
-            self.parking.stage = ParkingStage::Plunge;
-            self.parking.move_to(z, to, self.parking.slow_mm_s);
-        }
-        is_above
-    }
-
-    /// Z has come to rest.
-    pub(super) fn next_parking_stage(&mut self) {
-        let z = self.generator.position()[Z];
-        match self.parking.stage {
-            ParkingStage::AtWork | ParkingStage::Parked | ParkingStage::Waypoint => {}
-            ParkingStage::PullOut => {
-                self.accessories.suspend();
-                self.parking.stage = ParkingStage::ToTarget;
-                let (to, speed) = (self.parking.target, self.parking.fast_mm_s);
-                self.parking.move_to(z, to, speed);
-            }
-            ParkingStage::ToTarget => {
-                self.parking.stage = ParkingStage::Parked;
-                self.transition(Event::Parked);
-            }
-            ParkingStage::AtWaypoint => {
-                self.parking.stage = ParkingStage::Waypoint;
-                self.begin_restoring();
-            }
-            ParkingStage::Plunge => {
-                self.parking.abandon();
-                self.transition(Event::Restored);
-            }
-            ParkingStage::Stop => {
-                self.parking.plan.clear();
-                self.parking.executor.abandon();
-                self.parking.pull_out_from(z);
-            }
-        }
-    }
-
-    #[inline(never)]
-    pub(super) fn parking_segment(&mut self) -> bool {
-        let stops = self.parking.stops(self.control.ending);
-        let goal = if stops { Goal::Stop } else { Goal::Run };
-        let position = self.generator.position();
-        let (parking, segment) = (&mut self.parking, &mut self.segment);
-        let plan = &mut parking.plan;
-        if !parking.executor.next(plan, position, goal, segment) {
-            return false;
-        }
-        self.segment.power = self.accessories.power_at_rest();
-        self.enable_drivers();
-        true
-    }
-
-    /// A reset while Z moves is one in motion, also on the way back.
-    pub(super) fn reset_parking(&mut self) {
-        if self.parking.is_moving() {
-            self.control.state = State::DoorRetracting;
-        }
     }
 }
 
