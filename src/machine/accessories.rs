@@ -31,7 +31,7 @@ pub struct Accessories {
     coolant: Coolant,
     /// Counts toggles, wrapping.
     toggles: u8,
-    /// Counts what the next status report has to show, wrapping.
+    /// Counts changes that the next status report has to show, wrapping.
     changes: u8,
     stop: Stop,
     /// Off whatever is programmed: the door is open.
@@ -41,7 +41,7 @@ pub struct Accessories {
     min_rpm: f32,
     max_rpm: f32,
     is_laser: bool,
-    /// Something of all that has changed since it was asked for.
+    /// Set by each change, cleared by [`Accessories::take_changed`].
     is_changed: bool,
 }
 
@@ -74,7 +74,7 @@ impl Accessories {
         self.is_changed = true;
     }
 
-    /// Whether anything has changed since this was asked last; true at first.
+    /// Returns whether anything has changed since the last call; true at first.
     #[inline]
     pub fn take_changed(&mut self) -> bool {
         core::mem::take(&mut self.is_changed)
@@ -179,7 +179,7 @@ impl Accessories {
         self.count_change();
     }
 
-    /// The key that stops the spindle in a hold, or starts it again; tells whether it starts.
+    /// Stops the spindle in a hold, or starts it again, by its key. Returns whether it starts.
     pub fn toggle_stop(&mut self) -> bool {
         self.is_changed = true;
         match self.stop {
@@ -208,7 +208,7 @@ impl Accessories {
         }
     }
 
-    /// At rest in a hold: what was asked for happens.
+    /// Stops the spindle at rest in a hold, if that was asked for.
     pub fn stop_in_hold(&mut self) {
         if self.stop == Stop::Asked {
             self.is_changed = true;
@@ -221,8 +221,8 @@ impl Accessories {
         }
     }
 
-    /// The spindle runs again, if it was stopped; tells whether it was. A laser comes on with a
-    /// motion only, now (`moves`) or later.
+    /// Lets the spindle run again, and returns whether it was stopped. A laser comes on with a motion
+    /// only, now (`moves`) or later.
     pub fn end_stop(&mut self, moves: bool) -> bool {
         let was_stopped = self.stop == Stop::Stopped;
         let stays_dark = self.is_laser && !moves && self.stop != Stop::None;
@@ -234,7 +234,7 @@ impl Accessories {
         was_stopped
     }
 
-    /// Switches everything off, and keeps in mind what was on.
+    /// Switches everything off; what was on can be restored.
     pub fn suspend(&mut self) {
         self.stop = Stop::None;
         self.is_spindle_suspended = true;
@@ -242,7 +242,7 @@ impl Accessories {
         self.count_change();
     }
 
-    /// The spindle is no longer cut; a laser stays dark up to the end of the stop.
+    /// Ends the suspension of the spindle; a laser stays dark up to the end of the stop.
     pub fn restore_spindle(&mut self) {
         self.is_spindle_suspended = false;
         self.is_changed = true;
@@ -253,7 +253,7 @@ impl Accessories {
         }
     }
 
-    /// The coolant is no longer cut.
+    /// Ends the suspension of the coolant.
     pub fn restore_coolant(&mut self) {
         self.is_coolant_suspended = false;
         self.is_changed = true;
@@ -273,7 +273,7 @@ impl Accessories {
         self.is_changed = true;
     }
 
-    /// A block begins to be executed: what its laser leaves on at rest.
+    /// Begins a block: its laser sets the power that is left on at rest.
     pub fn begin_block(&mut self, laser: Laser) {
         self.end_dark();
         let rpm = match laser {
@@ -454,7 +454,7 @@ mod tests {
     }
 
     #[test]
-    fn everything_cut_comes_back_one_after_the_other() {
+    fn everything_suspended_comes_back_one_after_the_other() {
         let mut accessories = spindle(&Settings::default(), 1000.0);
         accessories.toggle_flood();
         accessories.suspend();

@@ -13,7 +13,7 @@ pub const SAMPLE_TICKS: u32 = 250 * TICKS_PER_US;
 /// Equal samples after which a level counts: the counts have two bits.
 pub const SAMPLES: u32 = 4;
 
-/// What is known of the inputs.
+/// The filter of all inputs.
 #[derive(Debug)]
 pub struct Filter {
     /// The levels that count.
@@ -38,7 +38,7 @@ impl Filter {
         self.stable
     }
 
-    /// A level has changed: whether sampling is needed now.
+    /// Begins anew for levels that have changed. Returns whether samples are needed.
     pub fn change(&mut self, raw: Levels) -> bool {
         let differing = raw ^ self.stable;
         let [low, high] = self.counts;
@@ -46,7 +46,7 @@ impl Filter {
         differing != Levels::NONE
     }
 
-    /// Takes a sample: what of it has come to count.
+    /// Takes a sample. Returns the inputs whose new level counts from now on.
     pub fn sample(&mut self, raw: Levels) -> Levels {
         let differing = raw ^ self.stable;
         let [low, high] = self.counts;

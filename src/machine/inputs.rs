@@ -1,8 +1,8 @@
 //! The inputs of the machine as every task may read them, and what `prepare` wants of them.
 //!
-//! Levels are written by the `inputs` interrupt alone, after its filter. `prepare` tells which of
-//! them are inverted, whether limit switches stop the machine, and what change of the probe it waits
-//! for; the interrupt answers with the moment of that change.
+//! Levels are written by the `inputs` interrupt alone, after its filter. `prepare` sets which of
+//! them are inverted, which limit switches stop the machine, and which change of the probe is awaited;
+//! the interrupt latches the moment of that change.
 
 use core::sync::atomic::{
     AtomicU32,
@@ -12,17 +12,17 @@ use core::sync::atomic::{
 
 use crate::{axis::AXES, model::Levels, settings::Settings};
 
-/// Change of the probe that is waited for.
+/// An awaited change of the probe.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 #[repr(u32)]
 pub enum Contact {
-    /// It becomes active.
+    /// The probe becomes active.
     Made = 1,
-    /// It becomes inactive.
+    /// The probe becomes inactive.
     Broken = 2,
 }
 
-/// Nothing is waited for.
+/// No change is awaited.
 const UNARMED: u32 = 0;
 /// The change has come.
 const LATCHED: u32 = 3;
@@ -54,7 +54,7 @@ impl Inputs {
         Self::wired(Levels(u16::MAX))
     }
 
-    /// The same on a board that has pins for these inputs only: an inverted input without a pin
+    /// All contacts open on a board that has pins for these inputs only: an inverted input without a pin
     /// would be active for ever.
     #[must_use]
     pub const fn wired(wired: Levels) -> Self {
@@ -96,7 +96,7 @@ impl Inputs {
         self.inverted.store(u32::from(inverted.0), Relaxed);
     }
 
-    /// Says which limit switches stop the machine as soon as they become active: none while homing
+    /// Sets which limit switches stop the machine as soon as they become active: none while homing
     /// or at rest in alarm. For `prepare` alone.
     pub fn arm_limits(&self, limits: Levels) {
         self.armed.store(u32::from(limits.0), Relaxed);
@@ -106,19 +106,19 @@ impl Inputs {
         Levels(self.armed.load(Relaxed) as u16)
     }
 
-    /// Waits for a change of the probe from now on; for `prepare` alone.
+    /// Awaits a change of the probe from now on; for `prepare` alone.
     pub fn arm_probe(&self, contact: Contact) {
         compiler_fence(SeqCst);
         self.probing.store(contact as u32, Relaxed);
     }
 
-    /// Waits no more; for `prepare` alone.
+    /// Awaits no change any more; for `prepare` alone.
     pub fn disarm_probe(&self) {
         // Nothing goes with it that would have to be seen before.
         self.probing.store(UNARMED, Relaxed);
     }
 
-    /// How many events had been output when the probe changed, if it has.
+    /// Returns the number of events that had been output when the probe changed, if it has.
     #[must_use]
     pub fn probe_latch(&self) -> Option<u32> {
         let is_latched = self.probing.load(Relaxed) == LATCHED;
@@ -126,7 +126,7 @@ impl Inputs {
         is_latched.then(|| self.probe_latch.load(Relaxed))
     }
 
-    /// Whether the change of the probe that is waited for has come with these levels.
+    /// Whether the awaited change of the probe has come with these levels.
     pub(super) fn is_contact(&self, raw: Levels) -> bool {
         let is_active = (raw ^ self.inverted()).has(Levels::PROBE);
         let awaited = self.probing.load(Relaxed);
@@ -134,14 +134,15 @@ impl Inputs {
             || awaited == Contact::Broken as u32 && !is_active
     }
 
-    /// The change has come after so many events; for the input interrupt alone.
+    /// Latches the change of the probe after n events; for the input interrupt alone.
     pub(super) fn latch_probe(&self, events: u32) {
         self.probe_latch.store(events, Relaxed);
         compiler_fence(SeqCst);
         self.probing.store(LATCHED, Relaxed);
     }
 
-    /// How many events had been output when the limit switch of an axis became active last.
+    /// Returns the number of events that had been output when the limit switch of an axis became
+    /// active last.
     #[must_use]
     pub fn limit_latch(&self, axis: usize) -> u32 {
         self.limit_latches
@@ -149,7 +150,7 @@ impl Inputs {
             .map_or(0, |events| events.load(Relaxed))
     }
 
-    /// Limit switches have become active after so many events; for the input interrupt alone.
+    /// Latches limit switches that have become active after n events; for the input interrupt alone.
     pub(super) fn latch_limits(&self, limits: Levels, events: u32) {
         // wcet-bound: axes
         for (axis, reached) in self.limit_latches.iter().enumerate() {

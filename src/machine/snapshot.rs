@@ -1,4 +1,8 @@
 //! The state of the machine as every task may read it.
+//!
+//! # Cost
+//! [`Snapshot::copy_from`] copies field by field: each is too small for the library's loop over
+//! memory, whose time is not known.
 
 use super::Inputs;
 use crate::{
@@ -7,7 +11,7 @@ use crate::{
     stepper::SegmentRing,
 };
 
-/// What `prepare` last published: read by copy, under RTIC's lock; and where the machine is.
+/// The machine as `prepare` last published it, and its position. Read by copy, under RTIC's lock.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub struct Snapshot {
     /// The state.
@@ -34,7 +38,7 @@ pub struct Snapshot {
     pub inputs: Levels,
     /// The last probing move.
     pub probed: Probed,
-    /// What the sender is to be told.
+    /// Notices to the sender.
     pub notices: Notices,
     /// `N` word of the block in execution, 0 without.
     pub line: u32,
@@ -59,17 +63,16 @@ pub struct Snapshot {
 }
 
 impl Snapshot {
-    /// Takes over where the machine is, and its inputs. That is not published, but looked up by whoever
-    /// reads the rest: with the same lock, so that nothing begins meanwhile that is not in the rest yet.
+    /// Looks up the position and the inputs, which are not published. A reader does so under the lock
+    /// of all other fields, so that no motion begins meanwhile that these do not show yet.
     #[inline]
     pub fn observe(&mut self, segments: &SegmentRing, inputs: &Inputs) {
         (self.steps, self.feed_mm_min, self.line) = segments.status();
         self.inputs = inputs.active();
     }
 
-    /// Takes over another one, part by part: that takes a time that is known, as each part is too
-    /// small for the routine that copies memory in a loop. For tasks with a deadline, and for locks
-    /// that they wait for. Looks the rest up.
+    /// Copies the published fields of another snapshot, and looks the others up. For tasks with a
+    /// deadline, and for locks that they wait for.
     #[inline]
     pub fn copy_from(&mut self, new: &Self, segments: &SegmentRing, inputs: &Inputs) {
         self.observe(segments, inputs);

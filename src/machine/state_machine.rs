@@ -1,7 +1,7 @@
 //! The state machine: what each event makes of each state.
 //!
-//! Pure: [`Control::after`] is the whole of it. It knows nothing of plans and pins; what has to be
-//! done beside the new state is told as an [`Effect`]. Read with Grbl 1.1 `protocol.c`,
+//! Pure: [`Control::after`] is the whole of it, without plans and pins. What has to be done beside
+//! the new state is returned as an [`Effect`]. Read with Grbl 1.1 `protocol.c`,
 //! `protocol_exec_rt_system`.
 //!
 //! ```text
@@ -133,7 +133,7 @@ impl Control {
         }
     }
 
-    /// Whether the state takes notice of the safety door.
+    /// Whether the opened safety door changes the state.
     #[must_use]
     pub const fn reacts_to_door(self) -> bool {
         !matches!(self.state, State::Alarm | State::Check | State::Home)

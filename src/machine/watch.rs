@@ -1,8 +1,8 @@
 //! The body of the `inputs` interrupt: watches switches, probe and buttons.
 //!
 //! Runs when any input changes, and [`SAMPLE_TICKS`](super::SAMPLE_TICKS) after a run that asked
-//! for it. Every input passes the filter, but for the probe while it is waited for: its first edge
-//! tells the position.
+//! for a sample. Every input passes the filter, but for the probe while its change is awaited: the
+//! first edge gives the position.
 
 use super::{Filter, Inputs};
 use crate::{
@@ -30,7 +30,7 @@ pub struct Watch {
 }
 
 impl Watch {
-    /// Begins with the contacts that are closed at power-up: none of them segments as pressed then.
+    /// Begins with the contacts that are closed at power-up: none of them counts as pressed then.
     #[must_use]
     pub fn new(closed: Levels, inputs: &Inputs) -> Self {
         inputs.set_closed(closed);
@@ -40,12 +40,12 @@ impl Watch {
         }
     }
 
-    /// The beginning of each run, with the contacts that are closed now: what an input tells at
-    /// once, without a filter. Limit switches are known to be reached, which segments once the filter
-    /// agrees; whether the probe has changed as it should, and `prepare` is to be released.
+    /// Latches the positions of the probe and of limit switches at the beginning of each run, with
+    /// the contacts that are closed now. A limit switch counts once the filter agrees. Returns whether
+    /// the awaited change of the probe has come, so that `prepare` is to be released.
     ///
     /// Deadline: the probe's position is that of the run, so one step time where it matters; a miss
-    /// tells a position that is as much too late.
+    /// gives a position that is as much too late.
     #[inline]
     pub fn latch(&mut self, raw: Levels, inputs: &Inputs, events: EventTap<'_>) -> bool {
         let output = events.output_count();
@@ -59,14 +59,14 @@ impl Watch {
         is_contact
     }
 
-    /// A run because an input has changed: whether samples are needed, the first
+    /// Acts on an input that has changed. Returns whether samples are needed, the first
     /// [`SAMPLE_TICKS`](super::SAMPLE_TICKS) from now if none is due.
     #[inline]
     pub fn edge(&mut self) -> bool {
         self.filter.change(self.raw)
     }
 
-    /// A run because a sample is due.
+    /// Takes a sample that is due.
     #[inline]
     pub fn sample(&mut self, inputs: &Inputs, requests: &Requests) -> Watched {
         let changed = self.filter.sample(self.raw);

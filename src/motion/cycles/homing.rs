@@ -9,7 +9,7 @@
 //! ```
 //!
 //! Each axis has a speed of its own, so that one that finds its switch slows down while the others
-//! go on; a switch stops nothing dead. How far it is pulled off segments from where the switch closed.
+//! go on; a switch stops nothing dead. How far it is pulled off counts from where the switch closed.
 //! A pause of `$26` follows each motion, as in Grbl: from when the last switch closed, so that braking
 //! is part of it, or from the end of the pull-off. Read with Grbl 1.1 `limits.c`, `limits_go_home`.
 
@@ -36,10 +36,10 @@ const LOCATE_PULL_OFFS: f32 = 5.0;
 /// Time from the last segment of a motion to when it has been played and the switches have been
 /// seen: what is prepared ahead, and the filter.
 const LATENCY_TICKS: u64 = (QUEUED_AHEAD_TICKS + 3 * SEGMENT_TICKS) as u64;
-/// The axes that a cycle homes unless it is told others: rotary axes have a switch only sometimes.
+/// The axes that a cycle homes unless others are named: rotary axes have a switch only sometimes.
 const LINEAR_AXES: u8 = 0b111;
 
-/// What the axes are doing.
+/// The motion that the axes make.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum HomingStage {
     /// Nothing.
@@ -77,13 +77,13 @@ impl HomingStage {
 pub struct Homing {
     parameters: HomingParameters,
     axes: [AxisProfile; AXES],
-    /// Axes that are homed now, and those to be homed after them.
+    /// The axes that are homed now, and those that follow.
     current_axes: u8,
     later_axes: u8,
     stage: HomingStage,
     /// Standstill generated since the last motion, ticks.
     standstill_ticks: u64,
-    /// What is left of the pause before the next stage, ticks.
+    /// Remainder of the pause of `$26` before the next stage, ticks.
     debounce_ticks: u64,
     alarm: Option<Alarm>,
 }
@@ -141,7 +141,7 @@ impl Homing {
         }
     }
 
-    /// An axis that has come to its switch, which is not known yet.
+    /// Returns an axis that has come to its switch, at a position that is not known yet.
     #[must_use]
     pub fn latched_axis(&self, inputs: &Inputs) -> Option<usize> {
         if !self.stage.is_approach() {
@@ -155,7 +155,7 @@ impl Homing {
         })
     }
 
-    /// The switch of an axis that has come to it is `there`: the axis slows down.
+    /// Takes over the position of the switch of an axis that has come to it: the axis slows down.
     pub fn latch(
         &mut self,
         axis: usize,
@@ -171,7 +171,7 @@ impl Homing {
             run.brake(position[axis], acceleration[axis]);
         }
         if self.is_found() {
-            // It was found while this much was already prepared, after the filter's time.
+            // Since the switch closed, the filter's time and the motion prepared ahead have passed.
             let ahead = generator
                 .clock_ticks()
                 .wrapping_sub(segments.played_start_ticks());
@@ -195,8 +195,8 @@ impl Homing {
         self.alarm = None;
     }
 
-    /// Makes the next segment, with the power that the spindle has; false at the end of the cycle.
-    /// Sets the position of axes that are homed.
+    /// Makes the next segment, with the power that the spindle has; returns false at the end of the
+    /// cycle. Sets the position of axes that are homed.
     pub fn next(
         &mut self,
         inputs: &Inputs,
@@ -229,7 +229,7 @@ impl Homing {
         true
     }
 
-    /// Takes why the cycle that has ended failed.
+    /// Takes the alarm of a cycle that has failed.
     #[must_use]
     pub fn take_alarm(&mut self) -> Option<Alarm> {
         self.alarm.take()
@@ -263,7 +263,7 @@ impl Homing {
         segment.line = 0;
     }
 
-    /// Goes on to the next stage, if that is due. The axes stand.
+    /// Enters the next stage, if that is due. The axes are at standstill.
     fn next_stage(&mut self, inputs: &Inputs, generator: &mut Generator) {
         if self.standstill_ticks < LATENCY_TICKS {
             return;
@@ -356,7 +356,7 @@ impl Homing {
         }
     }
 
-    /// How far the switches of the group are searched, mm: as far as the longest axis needs.
+    /// Returns how far the switches are searched, mm: as far as the longest axis needs.
     fn search_mm(&self) -> f32 {
         let mut travel_mm = 0.0;
         // wcet-bound: axes

@@ -51,7 +51,7 @@ pub(crate) enum Reached {
     Work,
 }
 
-/// The motion of Z.
+/// Parking: Z, its motion and its parameters.
 #[derive(Debug)]
 pub(crate) struct Parking {
     plan: Plan<2>,
@@ -59,7 +59,7 @@ pub(crate) struct Parking {
     stage: ParkingStage,
     is_enabled: bool,
     target: FineSteps,
-    /// Way of the pull-out, steps with 32 binary places.
+    /// Distance of the pull-out, steps with 32 binary places.
     pull_out: i64,
     slow_mm_s: f32,
     fast_mm_s: f32,
@@ -89,8 +89,8 @@ impl Parking {
         }
     }
 
-    /// Takes over the settings. A machine that is not homed knows no place to park; a laser must
-    /// not burn on its way.
+    /// Takes over the settings. A machine that is not homed has no target to park at; a laser
+    /// must not burn meanwhile.
     pub(crate) fn configure(&mut self, settings: &Settings) {
         let steps_per_mm = settings.steps_per_mm[Z].to_f32();
         self.is_enabled = settings.parking && settings.homing && !settings.laser;
@@ -106,12 +106,12 @@ impl Parking {
         self.acceleration_mm_s2 = settings.acceleration_mm_s2[Z];
     }
 
-    /// Whether Z is not where the work is.
+    /// Whether Z is away from the work.
     pub(crate) fn is_away(&self) -> bool {
         self.stage != ParkingStage::AtWork
     }
 
-    /// Whether Z is on its way.
+    /// Whether Z is in motion.
     pub(crate) fn is_moving(&self) -> bool {
         match self.stage {
             ParkingStage::AtWork | ParkingStage::Parked | ParkingStage::AtWaypoint => false,
@@ -236,7 +236,7 @@ impl Parking {
 
     fn move_to(&mut self, from: FineSteps, to: FineSteps, mm_s: f32) {
         let delta = to.0.wrapping_sub(from.0);
-        // To a 4096th of a step: the length only sets the pace.
+        // To a 4096th of a step: the length only sets the speed.
         let steps = (delta.unsigned_abs() >> 20) as u32 as f32 / 4096.0;
         if delta == 0 || steps <= 0.0 {
             return;
@@ -267,7 +267,7 @@ impl Parking {
     }
 }
 
-/// The nearest whole number of steps, with 32 binary places.
+/// Returns the nearest whole number of steps, with 32 binary places.
 fn whole(steps: f32) -> i64 {
     let half = if steps < 0.0 { -0.5 } else { 0.5 };
     i64::from((steps + half) as i32) << 32

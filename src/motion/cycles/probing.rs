@@ -1,6 +1,6 @@
 //! Probing: a move that a change of the probe ends.
 //!
-//! The `inputs` interrupt latches the moment of the change; here it becomes a position. Read with
+//! The `inputs` interrupt latches the moment of the change, which becomes a position here. Read with
 //! Grbl 1.1 `motion_control.c`, `mc_probe_cycle`.
 
 use crate::{

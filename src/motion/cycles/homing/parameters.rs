@@ -1,4 +1,4 @@
-//! What the settings make of the homing cycle.
+//! The parameters of the homing cycle, from the settings.
 
 use crate::{
     axis::{AXES, Axes},
@@ -8,7 +8,7 @@ use crate::{
     units::{StepsPerMm, TICKS_PER_MS},
 };
 
-/// What the cycle is made of, from the settings.
+/// Speeds, distances and times of the cycle.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct HomingParameters {
     /// Axes whose switch is at their negative end, bit 0 = X.
@@ -64,7 +64,7 @@ impl HomingParameters {
         self.negative >> axis & 1 != 0
     }
 
-    /// A way towards the switch, steps.
+    /// Returns a distance as steps towards the switch.
     pub(super) fn towards_switch(&self, axis: usize, mm: f32) -> i32 {
         let steps = round(mm * self.steps_per_mm[axis]);
         if self.is_negative(axis) {
@@ -74,7 +74,7 @@ impl HomingParameters {
         }
     }
 
-    /// Where an axis is once it is homed, in Grbl's arithmetic.
+    /// Returns the position of an axis once it is homed, steps, in Grbl's arithmetic.
     pub(super) fn home(&self, axis: usize) -> i32 {
         let mm = if self.is_negative(axis) {
             self.pull_off_mm - self.travel_mm[axis]
@@ -85,7 +85,7 @@ impl HomingParameters {
     }
 }
 
-/// The nearest whole number, halves away from zero.
+/// Returns the nearest whole number, halves away from zero.
 fn round(value: f32) -> i32 {
     (if value < 0.0 {
         value - 0.5
