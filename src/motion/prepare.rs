@@ -1,10 +1,16 @@
-//! The body of `prepare`: takes entries, plans them, keeps the step interrupt's queue filled.
+//! The body of `prepare`: dequeues entries, plans them, keeps the step interrupt's queue filled.
 //!
-//! Joins the look-ahead, the speed profile, the step generator and the machine's state, and owns
-//! them all. Runs when a segment begins to be played, when an entry or a request has come, and again
-//! while there is more to do: each run does one [`Job`] of work, so that the longest of them bounds
-//! it. Deadline: the events queued ahead, [`QUEUED_AHEAD_TICKS`](crate::model::timing::QUEUED_AHEAD_TICKS); a miss
-//! starves the step interrupt, which is a fault.
+//! Owns the look-ahead, the speed profile, the step generator and the machine's state. Runs when a
+//! segment begins to be played, when an entry or a request has come, and again while there is more to
+//! do. Deadline: the events queued ahead,
+//! [`QUEUED_AHEAD_TICKS`](crate::model::timing::QUEUED_AHEAD_TICKS); a miss is an underrun of the step
+//! interrupt, which is a fault.
+//!
+//! # Cost
+//! Each run makes one segment or does one [`Job`], so that the longest of them bounds it. Segments are
+//! what most runs make: such a run reads and publishes little, and all jobs are out of line. The fields
+//! of [`Motion`] are in this order in memory: those that each run reads are near its beginning, where one
+//! instruction reaches them; the plan, which is large, comes last.
 
 mod cycles;
 mod delays;
@@ -40,13 +46,13 @@ use crate::{
 pub struct Prepared {
     /// Run it again: there is more to do.
     pub run_again: bool,
-    /// Start the step timer, with [`StepCounts::start`]: it has stopped, and there are events. But
-    /// not if there has been a cut meanwhile, to which another run has to see first.
+    /// Start the step timer, which has stopped: there are events. But not after a halt meanwhile, on
+    /// which another run has to act first.
     pub start_steps: bool,
     /// Release `interpret`: there is room, or what it may wait for has changed.
     pub wake_interpret: bool,
-    /// Apply [`Motion::outputs`], and set the timer if [`Motion::take_delay_ms`] tells a time: one of
-    /// them has changed.
+    /// Apply [`Motion::outputs`], and set the timer if [`Motion::take_delay_ms`] returns a time: one
+    /// of them has changed.
     pub outputs_changed: bool,
 }
 
@@ -175,10 +181,10 @@ impl Motion {
         }
     }
 
-    /// Takes over the settings at power-up, and tells the machine as it is then. It wakes up locked
-    /// with homing enabled, or on a limit switch with hard limits enabled.
+    /// Takes over the settings at power-up, and returns the machine as it is then: locked with homing
+    /// enabled, or on a limit switch with hard limits enabled.
     ///
-    /// The first run must follow: it looks at the door and arms the limit switches.
+    /// The first run must follow: it reads the door and arms the limit switches.
     pub fn power_up(&mut self, settings: &Settings, inputs: &Inputs) -> Snapshot {
         self.configure(settings, inputs);
         self.published.outputs.drivers = settings.idle_delay_ms == delays::ALWAYS_ENABLED;
@@ -214,8 +220,8 @@ impl Motion {
         self.hard_limits && self.inputs.has(Levels::LIMITS)
     }
 
-    /// What is to be switched; the shell applies it after each run in which it has changed, before it
-    /// starts the timer.
+    /// Returns the outputs to be switched; the shell applies them after each run in which they have
+    /// changed, before it starts the timer.
     ///
     /// While the step timer runs, the duty is that of the segments instead: the shell leaves the
     /// PWM to `segment_start`.
@@ -224,13 +230,13 @@ impl Motion {
         &self.published.outputs
     }
 
-    /// The time from now, ms, at which the shell is to call [`Requests::wake`] and run it again, instead
-    /// of at the time asked for before. Without a value, that stays as it is.
+    /// Takes the delay from now, ms, after which the shell is to call [`Requests::wake`] and run
+    /// `prepare` again, instead of after the delay asked for before. Without a value, that stays.
     pub fn take_delay_ms(&mut self) -> Option<u16> {
         self.delays.requested_ms.take()
     }
 
-    /// One run. The machine as it is afterwards replaces the `snapshot` of the run before.
+    /// Does one run, and publishes the machine in `snapshot`.
     pub fn run(
         &mut self,
         requests: &Requests,
@@ -245,7 +251,7 @@ impl Motion {
             return self.run_job(requests, inputs, segments, entries, events, snapshot);
         }
         if self.needs_sample() {
-            // Nothing that anybody sees changes, and what needs the cell follows.
+            // Nothing that is published changes, and the segment that needs the sample follows.
             self.sample_reference();
             return Prepared::AGAIN;
         }
@@ -266,7 +272,7 @@ impl Motion {
         }
     }
 
-    /// A run in which no segment is due.
+    /// Does one run in which no segment is due.
     #[inline(never)]
     fn run_job(
         &mut self,
@@ -310,7 +316,7 @@ impl Motion {
             | (job == Job::Dequeue && requests.awaits(Awaited::ENTRIES));
         let run_again = match job {
             Job::None => false,
-            // What is seldom done: another run finds what follows.
+            // These are rare: another run finds what follows.
             Job::Underrun
             | Job::Halted
             | Job::Reset
@@ -331,7 +337,7 @@ impl Motion {
         }
     }
 
-    /// Everything generated has been played, and the machine is at rest.
+    /// Whether everything generated has been played, and the machine is at rest.
     #[inline]
     fn is_at_standstill(&self, context: Context) -> bool {
         !context.is_running

@@ -159,14 +159,14 @@ impl Homing {
     pub fn latch(
         &mut self,
         axis: usize,
-        there: i32,
+        switch: i32,
         segments: &SegmentRing,
         generator: &Generator,
     ) {
         let position = generator.position();
         let acceleration = self.parameters.acceleration;
         if let Some(run) = self.axes.get_mut(axis) {
-            run.switch = there;
+            run.switch = switch;
             run.is_found = true;
             run.brake(position[axis], acceleration[axis]);
         }

@@ -24,7 +24,7 @@ impl Motion {
         matches!(self.activity, Activity::Homing | Activity::Probing(_))
     }
 
-    /// Begins a homing cycle, at rest; whether the state allows it.
+    /// Begins a homing cycle, at rest; returns whether the state allows it.
     pub(super) fn begin_homing(&mut self, axes: u8, inputs: &Inputs) -> bool {
         self.transition(Event::Home);
         if self.control.state != State::Home {
@@ -36,7 +36,7 @@ impl Motion {
         true
     }
 
-    /// The next segment of homing: a laser is dark, as nothing is to be burnt on that way.
+    /// Makes the next segment of homing: a laser is dark, as nothing is to be burnt.
     #[inline(never)]
     pub(super) fn homing_segment(&mut self, inputs: &Inputs) -> bool {
         let power = if self.accessories.is_laser() {
@@ -55,7 +55,7 @@ impl Motion {
         self.alarm(alarm);
     }
 
-    /// Begins a probing move, at rest; whether it has begun.
+    /// Begins a probing move, at rest; returns whether it has begun.
     pub(super) fn begin_probe(&mut self, block: &Block, probing: Probing, inputs: &Inputs) -> bool {
         if self.control.state != State::Idle {
             return false;
@@ -70,7 +70,7 @@ impl Motion {
         true
     }
 
-    /// Whether the input interrupt has seen what a cycle looks for.
+    /// Whether the input interrupt has latched the contact that a cycle waits for.
     #[inline(never)]
     pub(super) fn has_latched(&self, inputs: &Inputs) -> bool {
         match &self.activity {
@@ -80,8 +80,8 @@ impl Motion {
         }
     }
 
-    /// Finds where the axes were when the probe or one limit switch changed. Comes before segments
-    /// that are made in advance: these overwrite the events that tell it.
+    /// Takes over the position at which the probe or one limit switch changed. Precedes segments that
+    /// are made in advance: these overwrite the events from which the position is computed.
     #[inline(never)]
     pub(super) fn latch_position(
         &mut self,
@@ -97,13 +97,13 @@ impl Motion {
         let Some(output) = output else {
             return;
         };
-        let there = steps_after(output, segments, events);
-        let there = there.unwrap_or_else(|| segments.position());
+        let position = steps_after(output, segments, events);
+        let position = position.unwrap_or_else(|| segments.position());
         match (axis, &mut self.activity) {
             (Some(axis), _) => self
                 .homing
-                .latch(axis, there[axis], segments, &self.generator),
-            (None, Activity::Probing(cycle)) => cycle.latch(there),
+                .latch(axis, position[axis], segments, &self.generator),
+            (None, Activity::Probing(cycle)) => cycle.latch(position),
             (None, Activity::Path | Activity::Dwell(_) | Activity::Pause | Activity::Homing) => {}
         }
     }
@@ -135,15 +135,15 @@ impl Motion {
             self.alarm(alarm);
         }
         self.published.notices.push(Notice::Probed);
-        // What is left of the move has been counted with it.
+        // The remainder of the move has been counted with it.
         self.plan.clear();
         self.executor.abandon();
         self.smooth.reset();
         self.snap_to_steps();
     }
 
-    /// Says whether limit switches stop the machine from now on: not those that homing looks for,
-    /// nor at rest in alarm. A machine that slows down in alarm is stopped.
+    /// Sets whether limit switches stop the machine from now on: not while homing, nor at rest in
+    /// alarm. A machine that slows down in alarm is stopped.
     pub(super) fn arm_hard_limits(&self, inputs: &Inputs, is_still: bool) {
         let is_locked = self.control.state == State::Alarm;
         let is_safe =
@@ -155,8 +155,8 @@ impl Motion {
         });
     }
 
-    /// A limit switch has stopped the step interrupt: everything is void, and the position is where
-    /// the steps ended.
+    /// Handles a limit switch that has stopped the step interrupt: everything is void, and the position
+    /// is where the steps ended.
     #[cold]
     #[inline(never)]
     pub(super) fn handle_halted(&mut self, segments: &SegmentRing, events: &mut EventWriter<'_>) {
@@ -192,7 +192,7 @@ impl Motion {
         }
     }
 
-    /// The next segment of parking.
+    /// Makes the next segment of parking.
     #[inline(never)]
     pub(super) fn parking_segment(&mut self) -> bool {
         let position = self.generator.position();

@@ -1,41 +1,41 @@
-//! What takes its time at standstill: spindle and coolant after the door, drivers after a motion.
+//! Delays at standstill: of spindle and coolant after the door, of the drivers after a motion.
 
 use super::Motion;
 use crate::{axis::Z, machine::Event};
 
-/// `$1` of drivers that are never released.
+/// `$1` of drivers that are never disabled.
 pub(super) const ALWAYS_ENABLED: u8 = 255;
 /// Time for the spindle to come up to speed after the safety door was open, ms, as in Grbl.
 const SPINDLE_DELAY_MS: u16 = 4000;
 /// Time for the coolant to flow after the safety door was open, ms, as in Grbl.
 const COOLANT_DELAY_MS: u16 = 1000;
 
-/// What has to be switched on next after the safety door was open.
+/// The next step of switching on again after the safety door was open.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Restoring {
     None,
     Spindle,
     Coolant,
     Done,
-    /// Something has been switched on, and the time for it is not yet over.
+    /// Spindle or coolant has been switched on, and the delay for it is not yet over.
     Delay,
 }
 
-/// What the shell's timer tells the end of.
+/// The delay that the shell's timer measures.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Delay {
     None,
-    /// The time for which the drivers stay on at rest.
+    /// `$1`: the drivers stay enabled at rest.
     StepIdle,
     Spindle,
     Coolant,
 }
 
-/// What is waited for at standstill.
+/// The delays at standstill.
 #[derive(Debug)]
 pub(super) struct Delays {
     pub(super) restoring: Restoring,
-    /// The delay that the shell's timer measures, and the one to be asked for.
+    /// The delay that is measured, and one to be begun, ms.
     pub(super) running: Delay,
     pub(super) requested_ms: Option<u16>,
     /// `$1`.
@@ -57,7 +57,7 @@ impl Delays {
 }
 
 impl Motion {
-    /// The time that was asked for is over.
+    /// Ends the delay.
     pub(super) fn end_delay(&mut self) {
         match self.delays.running {
             Delay::None => {}
@@ -68,13 +68,13 @@ impl Motion {
         self.delays.running = Delay::None;
     }
 
-    fn start_delay(&mut self, wait: Delay, milliseconds: u16) {
-        self.delays.running = wait;
+    fn start_delay(&mut self, delay: Delay, milliseconds: u16) {
+        self.delays.running = delay;
         self.delays.requested_ms = Some(milliseconds);
         self.published.outputs_changed = true;
     }
 
-    /// The door is closed, and Z where spindle and coolant may run.
+    /// Begins to switch on again: the door is closed, and Z where spindle and coolant may run.
     pub(super) fn begin_restoring(&mut self) {
         self.delays.restoring = Restoring::Spindle;
     }
@@ -111,7 +111,7 @@ impl Motion {
         }
     }
 
-    /// The door has been opened again, or it is no longer of interest.
+    /// Ends switching on: the door has been opened again, or no longer matters.
     pub(super) fn stop_restoring(&mut self) {
         self.delays.restoring = Restoring::None;
         match self.delays.running {
@@ -120,7 +120,7 @@ impl Motion {
         }
     }
 
-    /// The drivers are switched on: axes are about to move.
+    /// Enables the drivers: axes are about to move.
     pub(super) fn enable_drivers(&mut self) {
         self.published.outputs_changed |= !self.published.outputs.drivers;
         self.published.outputs.drivers = true;
@@ -129,7 +129,7 @@ impl Motion {
         }
     }
 
-    /// At rest: the drivers stay on for a while.
+    /// Begins the delay after which the drivers are disabled, at rest.
     pub(super) fn start_idle_delay(&mut self) {
         let moves = !self.plan.is_empty() && self.control.executes();
         let stays = self.delays.idle_ms == ALWAYS_ENABLED && !self.delays.disables_drivers;

@@ -1,4 +1,4 @@
-//! Takes entries from `interpret` and begins what they ask for.
+//! Dequeues the entries of `interpret` and begins their work.
 
 use heapless::spsc::Consumer;
 
@@ -11,13 +11,13 @@ use crate::{
 };
 
 impl Motion {
-    /// Whether an entry is a move for which there is no place: what is so most of the time.
+    /// Whether an entry is a move for which the plan has no room, as it is most of the time.
     #[inline]
     pub(super) fn is_move_without_room(&self, entry: &Entry) -> bool {
         self.plan.free() == 0 && matches!(entry.work, Work::Move(_)) && !self.is_void(entry)
     }
 
-    /// Whether an entry can be taken now: what it asks for begins, or is void.
+    /// Whether an entry can be dequeued now: its work can begin, or is void.
     #[inline(never)]
     pub(super) fn can_dequeue(&self, entry: &Entry, is_still: bool) -> bool {
         let is_ending = self.control.ending != Ending::None;
@@ -46,16 +46,16 @@ impl Motion {
 
     /// Whether something has to end before work other than a move begins.
     fn is_busy(&self) -> bool {
-        // A machine that has just come to rest has to be settled.
+        // A machine that has just come to rest has to enter the state of standstill first.
         let is_settled = !matches!(self.control.state, State::Run | State::Jog);
         let is_waiting = self.is_occupied() || !is_settled;
         !self.plan.is_empty() || is_waiting || self.control.state.is_suspended()
     }
 
-    /// Whether an entry comes too late: after a reset, a cut or an alarm.
+    /// Whether an entry comes too late: after a reset, a cancelled motion or an alarm.
     #[inline]
     fn is_void(&self, entry: &Entry) -> bool {
-        // Settings are void for nobody: the session has taken them over already, at rest.
+        // Settings are never void: the session has taken them over already, at rest.
         let is_old = entry.reset_count
             != self
                 .handled
@@ -66,7 +66,7 @@ impl Motion {
         (is_old || is_locked) && !matches!(entry.work, Work::Configure(_))
     }
 
-    /// Takes one entry, which can be taken.
+    /// Dequeues one entry, for which that is possible.
     #[inline(never)]
     pub(super) fn dequeue_entry(&mut self, entries: &mut Consumer<'_, Entry>, inputs: &Inputs) {
         let Some(entry) = entries.peek() else {

@@ -1,14 +1,10 @@
-//! The units of work of `prepare`: a run does one of them, and another run follows while there is
-//! more to do.
+//! The jobs of `prepare`: a run does one of them, or makes a segment, and another run follows while
+//! there is more to do.
 //!
-//! So a run lasts as long as its longest unit, not as long as all of them, and whatever comes is
-//! looked at between two. In order of precedence: what stops the machine; what has been asked for, but
-//! not again and again; a segment that is needed; what the switches say; the plan; entries; a first
-//! segment; what follows from being at rest.
-//!
-//! Segments are what most runs make, and what the proof of the timing is about. So these runs look at
-//! little besides ([`Motion::is_segment_due`]) and publish little; all others are one function apart
-//! ([`Motion::run_job`]). At rest no segment is due: one of the others says that the next run makes one.
+//! In order of precedence: what stops the machine; requests, but not again and again; a segment that is
+//! due; positions to be latched; the plan; entries; a first segment; standstill. Whatever comes
+//! meanwhile counts in the next run. At standstill no segment is due: [`Job::FirstSegment`] has the next
+//! run make one.
 
 use heapless::spsc::Consumer;
 
@@ -21,14 +17,15 @@ use crate::{
     units::TICKS_PER_MS,
 };
 
-/// Motion played from one look at what has been asked for to the next that comes before a segment which
-/// is needed, ticks: so a flood of bytes does not have the queue run dry. Others come where there is time.
+/// Motion played between two runs for requests that precede a segment which is due, ticks: bounds how
+/// much a flood of bytes delays segments (`task.prepare.mode.asked` in schedule.toml). Other requests
+/// wait until no segment is due.
 const REQUEST_INTERVAL_TICKS: u32 = 5 * TICKS_PER_MS;
 
-/// What a run does that makes neither a segment nor a cell of the reference for one.
+/// The work of a run that makes neither a segment nor a sample of the reference.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Job {
-    /// There is nothing to do.
+    /// Nothing.
     None,
     /// The step interrupt ran out of events in motion.
     Underrun,
@@ -50,7 +47,7 @@ pub(super) enum Job {
     Standstill,
 }
 
-/// What a run finds at its beginning: whoever changes it later releases another run.
+/// The state at the beginning of a run: each later change of it releases another run.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Context {
     /// Start of the segment being played.
@@ -62,8 +59,8 @@ pub(super) struct Context {
 }
 
 impl Context {
-    /// Whether the step timer is to be started: not before as much is ahead as can be, so that no
-    /// short segment ends while others are made.
+    /// Whether the step timer is to be started: not before the queue is full, so that no short segment
+    /// ends while others are made.
     #[inline]
     pub(super) fn starts_steps(self, again: bool, events: &EventWriter<'_>) -> bool {
         !self.is_running && !again && events.has_pending()
@@ -71,7 +68,7 @@ impl Context {
 }
 
 impl Motion {
-    /// What a run begins with.
+    /// Returns the state at the beginning of a run.
     #[inline]
     pub(super) fn context(&self, requests: &Requests, segments: &SegmentRing) -> Context {
         Context {
@@ -82,7 +79,7 @@ impl Motion {
         }
     }
 
-    /// Whether a segment is needed, before everything else.
+    /// Whether a segment is due, before any job.
     #[inline]
     pub(super) fn is_segment_due(&self, context: Context, segments: &SegmentRing) -> bool {
         let precedes = if context.is_running || self.generator.is_open() {
@@ -97,7 +94,7 @@ impl Motion {
             && self.has_room(context, segments)
     }
 
-    /// What is to be done when no segment is due.
+    /// Returns the job of a run in which no segment is due.
     #[inline]
     pub(super) fn next_job(
         &self,
@@ -122,7 +119,7 @@ impl Motion {
         } else if self.can_dequeue_next(context, entries) {
             Job::Dequeue
         } else if context.is_running || self.generator.is_open() {
-            // It would be due.
+            // A segment would be due.
             Job::None
         } else if self.needs_segment(context, segments) {
             Job::FirstSegment
@@ -133,14 +130,14 @@ impl Motion {
         }
     }
 
-    /// Whether what is asked for waits for segments.
+    /// Whether requests wait for segments, as the last ones were handled a short time ago.
     #[inline]
     fn has_just_handled(&self, played: u32) -> bool {
         played.wrapping_sub(self.handled.ticks) < REQUEST_INTERVAL_TICKS
     }
 
-    /// Lets the last request seem no longer ago than matters: the clock of the motion comes round. Once
-    /// in a segment.
+    /// Keeps the last handled request from being older than matters, as the clock of the motion wraps.
+    /// Once in a segment.
     #[inline]
     pub(super) fn age_handled(&mut self, played: u32) {
         if !self.has_just_handled(played) {
@@ -148,7 +145,7 @@ impl Motion {
         }
     }
 
-    /// Whether there is more to be done, but for segments and what follows from being at rest.
+    /// Whether there is another job, other than a first segment and standstill.
     #[inline(always)]
     #[expect(
         clippy::inline_always,
@@ -166,7 +163,7 @@ impl Motion {
             || self.can_dequeue_next(context, entries)
     }
 
-    /// Whether there is an entry that can be taken now.
+    /// Whether there is an entry that can be dequeued now.
     #[inline(always)]
     #[expect(clippy::inline_always, reason = "as for `has_more`")]
     fn can_dequeue_next(&self, context: Context, entries: &Consumer<'_, Entry>) -> bool {
@@ -176,7 +173,7 @@ impl Motion {
         !self.is_move_without_room(entry) && self.can_dequeue(entry, self.is_at_standstill(context))
     }
 
-    /// Whether a cell has to be made for the next segment first.
+    /// Whether the next segment needs another sample of the reference first.
     #[inline]
     pub(super) fn needs_sample(&self) -> bool {
         !self.generator.is_open() && self.smooth.needs_sample() && self.follows_plan()
@@ -189,25 +186,25 @@ impl Motion {
             return self.queue.full != Some(context.played);
         }
         let ahead = self.generator.clock_ticks().wrapping_sub(context.played);
-        // A segment that had to be stretched may last longer than that, and still needs another.
+        // A segment may last longer than that, and still needs another after it.
         let is_ahead = ahead >= QUEUED_AHEAD_TICKS && context.played != self.queue.newest;
         !is_ahead && segments.has_room()
     }
 
-    /// Whether another segment may have to be made after one: not behind a standstill that is still to
-    /// be played, so that what follows begins with as much ahead as any start has.
+    /// Whether another segment may have to be made after one: not after a standstill that is still to
+    /// be played, so that the next motion begins with as much ahead as any start has.
     #[inline]
     pub(super) fn may_need_segment(&self, context: Context, segments: &SegmentRing) -> bool {
         (self.is_in_motion() || !context.is_running) && self.has_room(context, segments)
     }
 
-    /// Whether a segment can be made now, and is to be.
+    /// Whether a segment can be made now, and there is motion for it.
     #[inline]
     pub(super) fn needs_segment(&self, context: Context, segments: &SegmentRing) -> bool {
         self.may_need_segment(context, segments) && (self.is_in_motion() || self.has_motion())
     }
 
-    /// Whether the last segment has been begun only, or is none of standstill.
+    /// Whether the last segment is not finished, or is none of standstill.
     #[inline]
     const fn is_in_motion(&self) -> bool {
         self.generator.is_open() || self.queue.standstill.is_none()

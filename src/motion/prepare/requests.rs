@@ -1,4 +1,4 @@
-//! From requests to events of the state machine, and what they ask for.
+//! Handles requests as events of the state machine, and applies their effects.
 
 use super::{Activity, Motion};
 use crate::{
@@ -9,10 +9,10 @@ use crate::{
 };
 
 impl Motion {
-    /// Acts on everything that has been asked for since the last time.
+    /// Handles all requests since the last time.
     #[inline(never)]
     pub(super) fn handle_requests(&mut self, requests: &Requests, segments: &SegmentRing) {
-        // Before the requests: one that comes meanwhile segments as new in the next run.
+        // Before the requests: one that comes meanwhile counts as new in the next run.
         self.handled.requests = requests.asked();
         self.handled.ticks = segments.played_start_ticks();
         self.apply_overrides(requests);
@@ -31,7 +31,7 @@ impl Motion {
         if is_door {
             self.open_door();
         }
-        // Of requests at once the one that stops segments, as in Grbl: it is the safe one.
+        // Of requests at the same time the one that stops counts, as in Grbl: it is the safe one.
         if is_start && !is_hold && !is_door && !is_cancel {
             self.transition(Event::CycleStart);
         }
@@ -99,7 +99,7 @@ impl Motion {
         matches!(self.control.state, State::HoldSlowing | State::HoldComplete)
     }
 
-    /// All overrides back to 100 %.
+    /// Sets all overrides back to 100 %.
     pub(super) fn end_overrides(&mut self) {
         let before = self.accessories.overrides();
         // The end of a program that is only checked shows nothing, as in Grbl.
@@ -116,7 +116,7 @@ impl Motion {
         }
     }
 
-    /// A part of planning anew.
+    /// Continues a pass over the plan.
     #[inline(never)]
     pub(super) fn continue_planning(&mut self) {
         let changes_speeds = self.plan.changes_speeds();
@@ -126,7 +126,7 @@ impl Motion {
         }
     }
 
-    /// An event of the state machine, and what has to be done for it.
+    /// Takes the state machine through an event, and applies the effect.
     pub(super) fn transition(&mut self, event: Event) {
         let (control, effect) = self.control.after(event);
         self.control = control;
@@ -161,7 +161,7 @@ impl Motion {
         }
     }
 
-    /// What waited for cycle start goes on.
+    /// Resumes what waited for cycle start.
     fn resume(&mut self) {
         if self.accessories.end_stop(!self.plan.is_empty()) {
             self.published.notices.push(Notice::RestoringSpindle);
@@ -191,8 +191,8 @@ impl Motion {
         self.faults.is_critical |= matches!(alarm, Alarm::HardLimit | Alarm::SoftLimit);
     }
 
-    /// The step interrupt ran out of events in motion. The axes stopped dead and may have lost
-    /// steps: whatever was planned is void, and so is what still comes, up to the next reset.
+    /// Handles an underrun of the step interrupt in motion. The axes stopped dead and may have lost
+    /// steps: the plan is void, and so are entries up to the next reset.
     #[cold]
     #[inline(never)]
     pub(super) fn handle_underrun(&mut self, segments: &SegmentRing) {
@@ -220,7 +220,7 @@ impl Motion {
         self.stop_restoring();
     }
 
-    /// Everything off, everything planned void; an axis that moves slows down.
+    /// Handles a reset: everything off, the plan void; an axis that moves slows down.
     #[cold]
     #[inline(never)]
     pub(super) fn handle_reset(&mut self, requests: &Requests, segments: &SegmentRing) {

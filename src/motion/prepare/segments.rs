@@ -1,4 +1,4 @@
-//! Keeps the step interrupt's queue filled, and follows what it has played.
+//! Makes segments for the step interrupt, and ends the motion after the last one.
 
 use super::{Activity, Motion, delays::Restoring};
 use crate::{
@@ -19,7 +19,7 @@ enum Source {
 }
 
 impl Motion {
-    /// Makes a segment and its events, or those of the one before, for which there was no room.
+    /// Makes a segment and its events, or the events of the last one for which there was no room.
     #[inline(never)]
     pub(super) fn make_segment(
         &mut self,
@@ -34,7 +34,7 @@ impl Motion {
         self.queue.full = (!is_done).then(|| segments.played_start_ticks());
     }
 
-    /// Begins a segment, or the standstill after the last one; false when there is nothing to play.
+    /// Begins a segment, or the standstill after the last one; returns false when there is neither.
     #[inline]
     fn begin_segment(&mut self, inputs: &Inputs, segments: &SegmentRing) -> bool {
         self.queue.is_first_next = false;
@@ -70,7 +70,7 @@ impl Motion {
         }
     }
 
-    /// Whether [`Motion::next_segment`] has something to do.
+    /// Whether there is a next segment.
     #[inline]
     pub(super) fn has_motion(&self) -> bool {
         match self.source() {
@@ -102,7 +102,7 @@ impl Motion {
         self.smooth.push(cell, leaving);
     }
 
-    /// Makes the next segment, in [`Motion::segment`]; false when there is none.
+    /// Makes the next segment, in [`Motion::segment`]; returns false when there is none.
     fn next_segment(&mut self, inputs: &Inputs) -> bool {
         match self.source() {
             Source::Homing => self.homing_segment(inputs),
@@ -112,7 +112,7 @@ impl Motion {
         }
     }
 
-    /// The next segment of the plan.
+    /// Makes the next segment of the plan.
     #[inline]
     fn plan_segment(&mut self) -> bool {
         let goal = if self.executes() {
@@ -143,7 +143,7 @@ impl Motion {
         true
     }
 
-    /// The next segment of a dwell that has these ticks left.
+    /// Makes the next segment of a dwell that has these ticks left.
     #[inline(never)]
     fn dwell_segment(&mut self, left: u64) -> bool {
         let ticks = left.min(u64::from(SEGMENT_TICKS)) as u32;
@@ -161,7 +161,7 @@ impl Motion {
         true
     }
 
-    /// The machine is at rest: what it was stopped for.
+    /// Enters the state for which the machine was stopped, at rest.
     fn finish_stop(&mut self) {
         if self.parking.is_moving() && self.control.ending == Ending::None {
             self.next_parking_stage();
@@ -176,7 +176,7 @@ impl Motion {
         }
     }
 
-    /// What ends, or begins, when the machine is at rest.
+    /// Ends what has been executed, at rest.
     #[inline(never)]
     fn end_motion(&mut self) {
         if matches!(self.activity, Activity::Dwell(0)) {
@@ -192,7 +192,7 @@ impl Motion {
         }
     }
 
-    /// The state that follows from being at rest, when everything has been played.
+    /// Enters the state of standstill, when everything has been played.
     #[inline(never)]
     pub(super) fn enter_standstill(&mut self) {
         self.end_motion();
@@ -214,7 +214,7 @@ impl Motion {
         self.start_idle_delay();
     }
 
-    /// What follows from a new state at once, also in motion.
+    /// Applies a new state at once, also in motion.
     pub(super) fn apply_state(&mut self) {
         if self.is_held() {
             self.accessories.begin_hold();
