@@ -52,7 +52,7 @@ pub struct Snapshot {
     pub reset_count: u32,
     /// Counts motions that were ended before their target otherwise than by a reset, as a cancelled
     /// jog is, wrapping. The interpreter takes over the position anew, at rest; an entry that was
-    /// made before is void: [`crate::path::Entry::epoch`].
+    /// made before is void: [`crate::path::Entry::reset_count`].
     pub cancelled_motions: u32,
     /// Whether that reset found the machine in motion, so that it rises `ALARM:3`.
     pub reset_in_motion: bool,

@@ -10,7 +10,7 @@ use crate::{
 
 /// What a segment is made of.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-enum Source {
+enum SegmentSource {
     Homing,
     Parking,
     /// A dwell, with what is left of it, ticks.
@@ -56,17 +56,17 @@ impl Motion {
 
     /// What the next segment is made of.
     #[inline]
-    fn source(&self) -> Source {
+    fn source(&self) -> SegmentSource {
         if self.homing.is_active() {
-            Source::Homing
+            SegmentSource::Homing
         } else if self.parking.is_moving() {
-            Source::Parking
+            SegmentSource::Parking
         } else if let Activity::Dwell(ticks @ 1..) = self.activity
             && self.executes()
         {
-            Source::Dwell(ticks)
+            SegmentSource::Dwell(ticks)
         } else {
-            Source::Plan
+            SegmentSource::Plan
         }
     }
 
@@ -74,16 +74,18 @@ impl Motion {
     #[inline]
     pub(super) fn has_motion(&self) -> bool {
         match self.source() {
-            Source::Homing | Source::Dwell(_) => true,
-            Source::Parking => self.parking.has_segment(self.control.ending),
-            Source::Plan => !self.plan.is_empty() && (self.executes() || self.executor.is_moving()),
+            SegmentSource::Homing | SegmentSource::Dwell(_) => true,
+            SegmentSource::Parking => self.parking.has_segment(self.control.ending),
+            SegmentSource::Plan => {
+                !self.plan.is_empty() && (self.executes() || self.executor.is_moving())
+            }
         }
     }
 
     /// Whether the next segment follows the plan.
     #[inline]
     pub(super) fn follows_plan(&self) -> bool {
-        self.source() == Source::Plan && !self.plan.is_empty()
+        self.source() == SegmentSource::Plan && !self.plan.is_empty()
     }
 
     fn executes(&self) -> bool {
@@ -105,10 +107,10 @@ impl Motion {
     /// Makes the next segment, in [`Motion::segment`]; returns false when there is none.
     fn next_segment(&mut self, inputs: &Inputs) -> bool {
         match self.source() {
-            Source::Homing => self.homing_segment(inputs),
-            Source::Parking => self.parking_segment(),
-            Source::Dwell(ticks) => self.dwell_segment(ticks),
-            Source::Plan => self.plan_segment(),
+            SegmentSource::Homing => self.homing_segment(inputs),
+            SegmentSource::Parking => self.parking_segment(),
+            SegmentSource::Dwell(ticks) => self.dwell_segment(ticks),
+            SegmentSource::Plan => self.plan_segment(),
         }
     }
 
