@@ -34,7 +34,7 @@ pub enum Event {
     /// Every block has been executed and the machine is at rest.
     CycleStop,
     /// A machine that was to stop is at rest.
-    MotionStopped,
+    Stopped,
     /// Z has to be lifted out of the work.
     Park,
     /// Z is parked.
@@ -145,7 +145,7 @@ impl Control {
     pub fn after(self, event: Event) -> (Self, Effect) {
         let same = (self, Effect::None);
         let is_ending = self.ending != Ending::None && self.state != State::Jog;
-        if is_ending && !matches!(event, Event::MotionStopped | Event::Reset | Event::Alarm) {
+        if is_ending && !matches!(event, Event::Stopped | Event::Reset | Event::Alarm) {
             // Nothing else counts before the plan is dropped.
             return same;
         }
@@ -161,7 +161,7 @@ impl Control {
             Event::CycleStop if self.state == State::Jog && self.ending == Ending::None => {
                 to(State::Idle)
             }
-            Event::MotionStopped => self.stopped(),
+            Event::Stopped => self.stopped(),
             Event::Park if self.state == State::DoorAjar => to(State::DoorRetracting),
             Event::Parked if self.state == State::DoorRetracting => to(State::DoorAjar),
             Event::Restored if self.state == State::DoorRestoring => (Self::IDLE, Effect::Resume),
@@ -329,24 +329,15 @@ mod tests {
     ];
 
     /// Every change there is: before, event, after, effect. Whatever is not here changes nothing.
+    #[rustfmt::skip]
     const CHANGES: &[(Is, On, Is, Do)] = &[
         (Is::Run, On::FeedHold, Is::HoldSlowing, Do::None),
         (Is::Idle, On::FeedHold, Is::HoldComplete, Do::None),
         (Is::Jog, On::FeedHold, Is::Jog, Do::MotionCancel),
         (Is::HoldComplete, On::CycleStart, Is::Idle, Do::Resume),
-        (
-            Is::DoorClosed,
-            On::CycleStart,
-            Is::DoorRestoring,
-            Do::Restore,
-        ),
+        (Is::DoorClosed, On::CycleStart, Is::DoorRestoring, Do::Restore),
         (Is::Run, On::SafetyDoor, Is::DoorRetracting, Do::None),
-        (
-            Is::HoldSlowing,
-            On::SafetyDoor,
-            Is::DoorRetracting,
-            Do::None,
-        ),
+        (Is::HoldSlowing, On::SafetyDoor, Is::DoorRetracting, Do::None),
         (Is::Idle, On::SafetyDoor, Is::DoorAjar, Do::Suspend),
         (Is::HoldComplete, On::SafetyDoor, Is::DoorAjar, Do::Suspend),
         (Is::DoorRestoring, On::SafetyDoor, Is::DoorAjar, Do::Suspend),
@@ -358,18 +349,8 @@ mod tests {
         (Is::Idle, On::Jog, Is::Jog, Do::None),
         (Is::Run, On::CycleStop, Is::Idle, Do::None),
         (Is::Jog, On::CycleStop, Is::Idle, Do::None),
-        (
-            Is::HoldSlowing,
-            On::MotionStopped,
-            Is::HoldComplete,
-            Do::None,
-        ),
-        (
-            Is::DoorRetracting,
-            On::MotionStopped,
-            Is::DoorAjar,
-            Do::Suspend,
-        ),
+        (Is::HoldSlowing, On::Stopped, Is::HoldComplete, Do::None),
+        (Is::DoorRetracting, On::Stopped, Is::DoorAjar, Do::Suspend),
         (Is::DoorAjar, On::Park, Is::DoorRetracting, Do::None),
         (Is::DoorRetracting, On::Parked, Is::DoorAjar, Do::None),
         (Is::DoorRestoring, On::Restored, Is::Idle, Do::Resume),
@@ -405,7 +386,7 @@ mod tests {
         On::Move,
         On::Jog,
         On::CycleStop,
-        On::MotionStopped,
+        On::Stopped,
         On::Park,
         On::Parked,
         On::Restored,
@@ -441,14 +422,11 @@ mod tests {
         let jog = Control::new(Is::Jog);
         for first in [On::FeedHold, On::JogCancel] {
             let (ending, _) = jog.after(first);
-            assert_eq!(
-                ending.after(On::MotionStopped),
-                (Control::IDLE, Do::DropPlan)
-            );
+            assert_eq!(ending.after(On::Stopped), (Control::IDLE, Do::DropPlan));
             let (door, effect) = ending.after(On::SafetyDoor);
             assert_eq!(effect, Do::None);
             assert_eq!(door.after(first).0, door);
-            let (stopped, effect) = door.after(On::MotionStopped);
+            let (stopped, effect) = door.after(On::Stopped);
             assert_eq!((stopped.state, effect), (Is::DoorRetracting, Do::DropPlan));
         }
     }
@@ -456,7 +434,7 @@ mod tests {
     #[test]
     fn nothing_begins_before_a_plan_that_is_void_is_dropped() {
         for event in EVENTS {
-            if !matches!(event, On::MotionStopped | On::Reset | On::Alarm) {
+            if !matches!(event, On::Stopped | On::Reset | On::Alarm) {
                 for state in [Is::Idle, Is::Alarm] {
                     let ending = Control::ending(state, Ending::Drop);
                     assert_eq!(ending.after(event), (ending, Do::None), "{event:?}");

@@ -170,10 +170,10 @@ impl Motion {
             return;
         }
         let before = self.control.ending;
-        self.transition(Event::MotionStopped);
+        self.transition(Event::Stopped);
         if before == Ending::DropThenDoor {
             // The door was opened in a jog, which has just been dropped: Z is not parked.
-            self.control = self.control.after(Event::MotionStopped).0;
+            self.control = self.control.after(Event::Stopped).0;
             self.accessories.suspend();
         }
     }
