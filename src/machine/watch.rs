@@ -72,7 +72,7 @@ impl Watch {
         let changed = self.filter.sample(self.raw);
         let closed = self.filter.stable();
         inputs.set_closed(closed);
-        requests.press_all(changed & closed);
+        requests.press(changed & closed);
         let limits = changed & (closed ^ inputs.inverted());
         Watched {
             sample_again: self.filter.change(self.raw),

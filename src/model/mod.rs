@@ -23,5 +23,5 @@ pub use notice::{Notice, Notices};
 pub use outputs::Outputs;
 pub use overrides::{Override, Overrides};
 pub use power::Power;
-pub use requests::{Awaited, Button, OVERRIDES, Release, Requests};
+pub use requests::{Awaited, OVERRIDES, Release, Requests};
 pub use state::{Probed, State};

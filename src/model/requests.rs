@@ -1,6 +1,14 @@
 //! Requests in real time, from the receiver and the buttons to the tasks that act on them.
 //!
-//! Written by `serial_rx` and `inputs`; every other task only reads or takes.
+//! Written by `serial_rx` and `inputs`; every other task only reads them or clears them.
+//!
+//! # Cost
+//! Plain loads and stores: each flag is set at one priority and cleared by exactly one reader below.
+//! Between the tasks of one core no barrier is needed, only the compiler's order. The receiver also
+//! runs from RAM while the flash is erased, and can call nothing there: all of it is inlined.
+
+mod override_ring;
+mod wakeups;
 
 use core::sync::atomic::{
     AtomicBool, AtomicU8, AtomicU32,
@@ -9,15 +17,11 @@ use core::sync::atomic::{
 };
 
 use super::{Levels, Override};
+pub use override_ring::OVERRIDES;
+use override_ring::OverrideRing;
+pub use wakeups::Awaited;
 
-/// Four entries taken, or one and 48 segments made after it, end the wait for [`Awaited::PLACES`].
-const PATIENCE: u8 = 64;
-const ENTRY_PATIENCE: u8 = 16;
-
-/// Requests that the receiver has seen and their readers have not yet acted on.
-///
-/// Plain loads and stores: each flag is set by the receiver and cleared by exactly one reader. Between
-/// the tasks of one core no barrier is needed, but the compiler's order.
+/// Requests that the receiver or a button has made and their readers have not yet acted on.
 #[derive(Debug)]
 pub struct Requests {
     /// `?`: cleared by `report`.
@@ -30,26 +34,27 @@ pub struct Requests {
     door: AtomicBool,
     /// 0x85: cleared by `prepare`.
     jog_cancel: AtomicBool,
-    /// The time that `prepare` asked for is over: cleared by it.
+    /// End of the delay that `prepare` asked for: cleared by `prepare`.
     wake: AtomicBool,
-    /// Overrides: taken by `prepare`.
+    /// Overrides: dequeued by `prepare`.
     overrides: OverrideRing,
-    /// Counts requests to `prepare`, other than overrides.
+    /// Number of requests to `prepare` other than overrides, wrapping.
     asked: AtomicU32,
-    /// 0x18: counts up; a reader compares it with the reset it has acted on last.
+    /// Number of 0x18 and of reset buttons, wrapping: a reader compares it with the last reset it has
+    /// acted on.
     resets: AtomicU32,
-    /// Resets that `interpret` has asked for.
+    /// Number of resets by `interpret`, wrapping.
     own_resets: AtomicU32,
-    /// Bytes that found the queue full.
+    /// Number of bytes that found the queue full, wrapping.
     lost: AtomicU32,
-    /// What `interpret` waits for, an [`Awaited`]: whoever brings it releases the task.
+    /// The events that release `interpret`, an [`Awaited`].
     awaited: AtomicU8,
-    /// How much longer it waits for more than one place to become free; below [`PATIENCE`], one is.
-    patience: AtomicU8,
+    /// What remains of the budget of a wait for several entries.
+    batch_budget: AtomicU8,
 }
 
 impl Requests {
-    /// Nothing requested.
+    /// No request.
     #[must_use]
     pub const fn new() -> Self {
         Self {
@@ -65,11 +70,11 @@ impl Requests {
             own_resets: AtomicU32::new(0),
             lost: AtomicU32::new(0),
             awaited: AtomicU8::new(Awaited::ALL.0),
-            patience: AtomicU8::new(PATIENCE),
+            batch_budget: AtomicU8::new(wakeups::BATCH_BUDGET),
         }
     }
 
-    /// Whether a status report is requested.
+    /// Returns whether a status report is requested.
     #[must_use]
     pub fn wants_status(&self) -> bool {
         self.status.load(Relaxed)
@@ -105,90 +110,74 @@ impl Requests {
         take(&self.jog_cancel)
     }
 
-    /// The time that `prepare` asked for is over; for its shell alone.
+    /// Signals the end of the delay that `prepare` asked for; for its shell alone.
     pub fn wake(&self) {
         set(&self.wake);
-        // Whoever interrupts this counts too: the number is another one in any case.
+        // Interrupted by another request, two may count as one: the number differs in any case.
         add_one(&self.asked);
     }
 
-    /// Counts requests to `prepare`, wrapping: it looks no further while that is the same.
-    #[must_use]
-    pub fn asked(&self) -> u32 {
-        let overrides = self.overrides.written.load(Relaxed);
-        let asked = self.asked.load(Relaxed).wrapping_add(overrides);
-        compiler_fence(SeqCst);
-        asked
-    }
-
-    /// Takes the end of the time that was asked for.
+    /// Takes the end of the delay.
     #[must_use]
     pub fn take_wake(&self) -> bool {
         take(&self.wake)
     }
 
-    /// Takes the oldest override that has come.
+    /// Returns the number of requests to `prepare`, wrapping: while it is the same, none is new.
     #[must_use]
-    pub fn take_override(&self) -> Option<Override> {
-        self.overrides.take()
+    pub fn asked(&self) -> u32 {
+        let overrides = self.overrides.written();
+        let asked = self.asked.load(Relaxed).wrapping_add(overrides);
+        compiler_fence(SeqCst);
+        asked
     }
 
-    /// Number of resets so far, wrapping.
+    /// Takes the oldest override.
+    #[must_use]
+    pub fn take_override(&self) -> Option<Override> {
+        self.overrides.dequeue()
+    }
+
+    /// Returns the number of resets so far, wrapping.
     #[must_use]
     pub fn reset_count(&self) -> u32 {
         let received = self.resets.load(Relaxed);
-        let epoch = received.wrapping_add(self.own_resets.load(Relaxed));
+        let count = received.wrapping_add(self.own_resets.load(Relaxed));
         compiler_fence(SeqCst);
-        epoch
+        count
     }
 
-    /// A reset that a line asks for; for `interpret` alone.
+    /// Resets after a line that ends with a reset; for `interpret` alone.
     pub fn reset(&self) {
         add_one(&self.own_resets);
     }
 
-    /// A button, or a byte that does the same; for tasks above the readers alone.
+    /// Requests what the buttons ask for whose contact has closed; for the input interrupt alone.
     ///
-    /// When one of them interrupts another here, two requests may count as one: readers see that
-    /// the number is another one, and find all that is asked.
-    pub fn press(&self, button: Button) {
-        self.raise(button);
-        add_one(&self.asked);
-    }
-
-    #[inline]
-    fn raise(&self, button: Button) {
-        match button {
-            Button::Hold => set(&self.hold),
-            Button::Start => set(&self.start),
-            Button::Reset => add_one(&self.resets),
-            Button::Door => set(&self.door),
-        }
-    }
-
-    /// The buttons whose contact has closed; for the input interrupt alone.
-    pub(crate) fn press_all(&self, closed: Levels) {
+    /// Interrupted by a received byte, two requests may count as one: readers see that the number
+    /// differs, and find both flags.
+    pub fn press(&self, closed: Levels) {
         if !closed.has(Levels::BUTTONS) {
             return;
         }
-        // wcet-bound: 4
-        for (input, button) in [
-            (Levels::HOLD, Button::Hold),
-            (Levels::RESET, Button::Reset),
-            (Levels::START, Button::Start),
-            (Levels::DOOR, Button::Door),
-        ] {
-            if closed.has(input) {
-                self.raise(button);
-            }
+        if closed.has(Levels::HOLD) {
+            set(&self.hold);
+        }
+        if closed.has(Levels::RESET) {
+            add_one(&self.resets);
+        }
+        if closed.has(Levels::START) {
+            set(&self.start);
+        }
+        if closed.has(Levels::DOOR) {
+            set(&self.door);
         }
         add_one(&self.asked);
     }
 
-    /// Requests what a realtime byte asks for; for the receiver alone. Returns who has to run.
+    /// Requests what a realtime byte asks for; for the receiver alone. Returns the task to release.
     ///
-    /// Also runs from RAM, where it can call nothing: all of it is inlined, and looks nothing up in a
-    /// table. The first byte of the UTF-8 form of a realtime command is one of those without a meaning.
+    /// The first byte of the UTF-8 form of a realtime command is one of those without a meaning.
     #[inline(always)]
     #[expect(clippy::inline_always, reason = "nothing in flash may be called")]
     pub(crate) fn accept(&self, byte: u8) -> Release {
@@ -206,7 +195,7 @@ impl Requests {
                 return self.release();
             }
             _ if Override::is(byte) => {
-                self.overrides.put(byte);
+                self.overrides.enqueue(byte);
                 return Release::Prepare;
             }
             _ => return Release::Nobody,
@@ -215,7 +204,7 @@ impl Requests {
         self.release()
     }
 
-    /// Something has been asked of `prepare`.
+    /// Counts a request to `prepare`.
     #[inline(always)]
     #[expect(clippy::inline_always, reason = "as for `accept`")]
     fn release(&self) -> Release {
@@ -223,59 +212,14 @@ impl Requests {
         Release::Prepare
     }
 
-    /// Counts a byte that is lost; for the receiver alone.
+    /// Counts a lost byte; for the receiver alone.
     #[inline(always)]
     #[expect(clippy::inline_always, reason = "as for `accept`")]
     pub(crate) fn lose(&self) {
         self.lost.store(self.lost().wrapping_add(1), Relaxed);
     }
 
-    /// Says what releases `interpret` from now on; for that task alone.
-    ///
-    /// Before it looks for work it awaits all, and then, if it finds none, what it has looked for:
-    /// so nothing that comes meanwhile is missed.
-    pub fn wake_on(&self, awaited: Awaited) {
-        compiler_fence(SeqCst);
-        self.awaited.store(awaited.0, Relaxed);
-        compiler_fence(SeqCst);
-    }
-
-    /// Begins to wait for [`Awaited::PLACES`]; for `interpret` alone, before it looks for work.
-    pub fn coalesce(&self) {
-        self.patience.store(PATIENCE, Relaxed);
-    }
-
-    /// Whether `interpret` waits for this, which has come; for the task that brings it alone.
-    #[inline]
-    #[must_use]
-    pub fn awaits(&self, brought: Awaited) -> bool {
-        let awaited = self.awaited.load(Relaxed);
-        awaited & brought.0 != 0
-            || awaited & Awaited::ENTRIES_BATCHED.0 != 0 && self.ends_patience(brought)
-    }
-
-    /// Whether there are several free places, or one for a while.
-    #[inline]
-    fn ends_patience(&self, brought: Awaited) -> bool {
-        let patience = self.patience.load(Relaxed);
-        let cost = match brought {
-            Awaited::ENTRIES => ENTRY_PATIENCE,
-            Awaited::SEGMENTS if patience < PATIENCE => 1,
-            _ => return false,
-        };
-        let left = patience.saturating_sub(cost);
-        self.patience.store(left, Relaxed);
-        left == 0
-    }
-
-    /// As [`Self::awaits`], for the receiver: in few instructions.
-    #[inline(always)]
-    #[expect(clippy::inline_always, reason = "as for `accept`")]
-    pub(crate) fn awaits_line(&self) -> bool {
-        self.awaited.load(Relaxed) & Awaited::LINE.0 != 0
-    }
-
-    /// Bytes lost so far because nobody had taken the earlier ones.
+    /// Returns the number of bytes lost so far because the queue was full, wrapping.
     #[must_use]
     pub fn lost(&self) -> u32 {
         self.lost.load(Relaxed)
@@ -288,34 +232,6 @@ impl Default for Requests {
     }
 }
 
-/// What releases `interpret`, besides a change of the machine's state: a set.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct Awaited(u8);
-
-impl Awaited {
-    /// Nothing.
-    pub const NONE: Self = Self(0);
-    /// The end of a line.
-    pub const LINE: Self = Self(1);
-    /// Room for what is to be sent.
-    pub const ROOM: Self = Self(2);
-    /// Entries that `prepare` takes.
-    pub const ENTRIES: Self = Self(4);
-    /// Segments that `prepare` makes: the end of the motion that it knows of comes nearer.
-    pub const SEGMENTS: Self = Self(8);
-    /// A few entries that `prepare` takes, or one and then some time: who has many to give need not
-    /// run for each.
-    pub const ENTRIES_BATCHED: Self = Self(16);
-    /// Everything.
-    pub const ALL: Self = Self(15);
-
-    /// Both.
-    #[must_use]
-    pub const fn and(self, other: Self) -> Self {
-        Self(self.0 | other.0)
-    }
-}
-
 /// Sets a flag.
 #[inline(always)]
 #[expect(clippy::inline_always, reason = "as for `accept`")]
@@ -323,8 +239,8 @@ fn set(flag: &AtomicBool) {
     flag.store(true, Relaxed);
 }
 
-/// Clears a flag and tells whether it was set. Its setter runs at a higher priority: a request
-/// that arrives between the two accesses is one with the request that is being taken.
+/// Clears a flag. Returns whether it was set. Its setter runs at a higher priority: a request that
+/// arrives between the two accesses is one with the request being taken.
 fn take(flag: &AtomicBool) -> bool {
     let set = flag.load(Relaxed);
     if set {
@@ -334,7 +250,7 @@ fn take(flag: &AtomicBool) -> bool {
     set
 }
 
-/// Counts up, after what it counts.
+/// Increments a count, after the request that it counts.
 #[inline(always)]
 #[expect(clippy::inline_always, reason = "as for `accept`")]
 fn add_one(count: &AtomicU32) {
@@ -343,77 +259,15 @@ fn add_one(count: &AtomicU32) {
     count.store(next, Relaxed);
 }
 
-/// What a button at the machine can ask for, or a byte.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Button {
-    /// Feed hold.
-    Hold,
-    /// Cycle start.
-    Start,
-    /// Soft reset.
-    Reset,
-    /// The safety door has been opened.
-    Door,
-}
-
-/// Overrides on their way to `prepare`, oldest first.
-///
-/// `prepare` runs after each of them, so there is always room; one that found none is dropped.
-#[derive(Debug, Default)]
-struct OverrideRing {
-    bytes: [AtomicU8; OVERRIDES],
-    written: AtomicU32,
-    read: AtomicU32,
-}
-
-/// Overrides that may wait: more than bytes come in 1 ms.
-pub const OVERRIDES: usize = 16;
-
-impl OverrideRing {
-    const fn new() -> Self {
-        Self {
-            bytes: [const { AtomicU8::new(0) }; OVERRIDES],
-            written: AtomicU32::new(0),
-            read: AtomicU32::new(0),
-        }
-    }
-
-    #[inline(always)]
-    #[expect(clippy::inline_always, reason = "as for `accept`")]
-    fn put(&self, byte: u8) {
-        let number = self.written.load(Relaxed);
-        if number.wrapping_sub(self.read.load(Relaxed)) < OVERRIDES as u32 {
-            if let Some(place) = self.bytes.get(number as usize % OVERRIDES) {
-                place.store(byte, Relaxed);
-            }
-            compiler_fence(SeqCst);
-            self.written.store(number.wrapping_add(1), Relaxed);
-        }
-    }
-
-    fn take(&self) -> Option<Override> {
-        let number = self.read.load(Relaxed);
-        if number == self.written.load(Relaxed) {
-            return None;
-        }
-        compiler_fence(SeqCst);
-        let byte = self.bytes.get(number as usize % OVERRIDES)?;
-        let command = Override::of(byte.load(Relaxed));
-        compiler_fence(SeqCst);
-        self.read.store(number.wrapping_add(1), Relaxed);
-        command
-    }
-}
-
-/// Who has to run after a byte.
+/// The task to release after a byte.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Release {
-    /// The byte was dropped, or its line goes on.
+    /// None: the byte was dropped, or its line goes on.
     Nobody,
-    /// `interpret`: a line has come, or much of one.
+    /// `interpret`: a line has come, or a large part of one.
     Interpret,
-    /// `report`: a status report is wanted.
+    /// `report`: a status report is requested.
     Report,
-    /// `prepare`: the motion has to change; and `interpret` after it.
+    /// `prepare`: the motion has to change; `interpret` runs after it.
     Prepare,
 }

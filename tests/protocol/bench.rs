@@ -4,7 +4,7 @@ use heapless::spsc::Queue;
 use leadscrew::{
     axis::AXES,
     machine::Snapshot,
-    model::{Alarm, Button, Levels, Notice, Overrides, Probing, Release, Requests, State},
+model::{Alarm, Levels, Notice, Overrides, Probing, Release, Requests, State},
     path::{Block, Entry, MoveKind, Work},
     protocol::{Bytes, Progress, Session, realtime},
     settings::{Change, Settings, StoreError, Stored},
@@ -245,7 +245,7 @@ impl Bench {
                 assert!(self.machine.is_at_rest, "{change:?}");
                 self.changes.push(change);
                 if std::mem::take(&mut self.resets_in_store) {
-                    self.requests.press(Button::Reset);
+                    self.requests.press(Levels::RESET);
                 }
                 self.session.has_stored(if self.flash_fails {
                     Err(StoreError::Flash)

@@ -66,14 +66,14 @@ fn the_end_of_a_line_releases_the_interpreter_if_it_waits_for_one() {
 }
 
 #[test]
-fn a_line_without_an_end_does_not_fill_the_queue_unheard() {
+fn a_line_without_an_end_does_not_fill_the_queue_before_a_release() {
     let mut line = Line::new(Awaited::LINE);
-    let mut unheard = 0;
+    let mut unreleased = 0;
     for _ in 0..10_000 {
-        unheard += 1;
+        unreleased += 1;
         if line.receive(b'0') == Release::Interpret {
-            assert!(unheard <= 256);
-            unheard = 0;
+            assert!(unreleased <= 256);
+            unreleased = 0;
             while line.take().is_some() {}
         }
     }
@@ -99,18 +99,18 @@ fn bytes_that_find_the_queue_full_are_counted_and_those_before_them_stay() {
 }
 
 #[test]
-fn a_deputy_goes_on_where_the_other_writer_has_ended() {
+fn a_second_writer_continues_where_the_first_has_ended() {
     let mut ring = Bytes::<8>::new();
     let (mut writer, mut reader) = ring.split();
-    let mut deputy = writer.second_writer();
+    let mut second = writer.second_writer();
     assert_eq!(writer.enqueue(1), Ok(1));
-    assert_eq!(deputy.enqueue(2), Ok(2));
+    assert_eq!(second.enqueue(2), Ok(2));
     assert_eq!(writer.enqueue(3), Ok(3));
     assert_eq!([1, 2, 3].map(Some), [(); 3].map(|()| reader.dequeue()));
 }
 
 #[test]
-fn who_waits_for_places_is_released_by_four_entries_or_some_time_after_one() {
+fn a_wait_for_several_entries_ends_with_four_or_some_time_after_one() {
     let requests = Requests::new();
     let wait = || {
         requests.coalesce();
