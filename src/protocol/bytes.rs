@@ -1,8 +1,9 @@
 //! The queues of bytes from and to the sender: one writer, one reader, lock-free.
 //!
-//! As the ring of step events, and for the same reasons: a byte is queued and taken for every byte
-//! of a program, so there are no barriers, which a single core does not need between its own tasks
-//! (the compiler is told to keep the order), and no division. Measured in `docs/benchmarks.md`.
+//! # Cost
+//! As the ring of step events: no barriers, which a single core does not need between its own tasks
+//! (compiler fences keep the order), and no division. The receiver also enqueues from RAM, where it
+//! can call nothing in flash. Measured in `docs/benchmarks.md`.
 
 use core::{
     hint::cold_path,
@@ -14,15 +15,15 @@ use core::{
     },
 };
 
-/// A queue of bytes in `B`: see [`Bytes`].
+/// A queue of bytes stored in `B`: see [`Bytes`].
 #[derive(Debug)]
 pub struct ByteRing<B: ?Sized = [AtomicU8]> {
-    /// Bytes written so far, wrapping: the next one's place is its number, modulo the places.
+    /// Number of bytes written so far, wrapping: the next byte's number. Its slot is the number modulo
+    /// the slots.
     written: AtomicUsize,
-    /// The number of the byte for which there is no room: bytes read so far and what may wait,
-    /// wrapping.
+    /// Number of the first byte without room: bytes read so far plus the capacity, wrapping.
     limit: AtomicUsize,
-    /// Bytes written up to the last one that may end a line, wrapping.
+    /// Number of bytes written up to the last possible line end, wrapping.
     ended: AtomicUsize,
     bytes: B,
 }
@@ -31,10 +32,10 @@ pub struct ByteRing<B: ?Sized = [AtomicU8]> {
 pub type Bytes<const N: usize> = ByteRing<[AtomicU8; N]>;
 
 impl<const N: usize> Bytes<N> {
-    /// Empty.
+    /// An empty queue.
     #[must_use]
     pub const fn new() -> Self {
-        const { assert!(N.is_power_of_two(), "places wrap by a mask") };
+        const { assert!(N.is_power_of_two(), "slots wrap by a mask") };
         Self {
             written: AtomicUsize::new(0),
             limit: AtomicUsize::new(N - 1),
@@ -43,20 +44,20 @@ impl<const N: usize> Bytes<N> {
         }
     }
 
-    /// Its two ends, each for one task.
+    /// Returns the two ends, each for one task.
     pub const fn split(&mut self) -> (ByteWriter<'_>, ByteReader<'_>) {
         let ring: &ByteRing = self;
         (ByteWriter { ring }, ByteReader { ring })
     }
 
-    /// Bytes that there is room for.
+    /// Returns the number of bytes that there is room for.
     #[must_use]
     pub fn free(&self) -> usize {
         let ring: &ByteRing = self;
         ring.room()
     }
 
-    /// Whether no byte waits.
+    /// Returns whether no byte waits.
     #[must_use]
     pub fn is_empty(&self) -> bool {
         let ring: &ByteRing = self;
@@ -71,7 +72,7 @@ impl<const N: usize> Default for Bytes<N> {
 }
 
 impl ByteRing {
-    /// The place of a byte by its number.
+    /// Returns the slot of a byte by its number.
     #[inline(always)]
     #[expect(clippy::inline_always, reason = "as for `ByteWriter::enqueue`")]
     fn slot(&self, number: usize) -> Option<&AtomicU8> {
@@ -84,14 +85,14 @@ impl ByteRing {
         self.bytes.len().saturating_sub(1)
     }
 
-    /// Bytes that there is room for.
+    /// Returns the number of bytes that there is room for.
     #[inline]
     fn room(&self) -> usize {
         let limit = self.limit.load(Relaxed);
         limit.wrapping_sub(self.written.load(Relaxed))
     }
 
-    /// The number of the oldest byte.
+    /// Returns the number of the oldest byte.
     #[inline]
     fn oldest(&self) -> usize {
         self.limit.load(Relaxed).wrapping_sub(self.capacity())
@@ -108,23 +109,23 @@ impl ByteRing {
     }
 }
 
-/// The end that bytes are put in.
+/// The writing end.
 #[derive(Debug)]
 pub struct ByteWriter<'a> {
     ring: &'a ByteRing,
 }
 
 impl ByteWriter<'_> {
-    /// The same end once more, for one who may use it while its task cannot run.
+    /// Returns a second writer, for the time in which the owner of the first cannot run.
     #[must_use]
     pub const fn second_writer(&self) -> Self {
         Self { ring: self.ring }
     }
 
-    /// Puts a byte, and tells how many have been put so far, wrapping.
+    /// Enqueues a byte. Returns the number of bytes enqueued so far, wrapping.
     ///
     /// # Errors
-    /// The byte, when there is no room.
+    /// The byte, when the queue is full.
     #[inline(always)]
     #[expect(
         clippy::inline_always,
@@ -145,14 +146,14 @@ impl ByteWriter<'_> {
         Ok(next)
     }
 
-    /// Has the reader know that a line may end with the byte put last, which this is the number of.
+    /// Marks the byte enqueued last, of this number, as a possible line end.
     #[inline(always)]
     #[expect(clippy::inline_always, reason = "as for `enqueue`")]
     pub fn end_line(&mut self, number: usize) {
         self.ring.ended.store(number, Relaxed);
     }
 
-    /// Puts all of some bytes, or none where there is no room for all; whether it has.
+    /// Enqueues all bytes, or none when there is no room for all. Returns whether there was room.
     pub fn append(&mut self, bytes: &[u8]) -> bool {
         if self.ring.room() < bytes.len() {
             return false;
@@ -170,19 +171,19 @@ impl ByteWriter<'_> {
         true
     }
 
-    /// Bytes that may wait.
+    /// Returns the number of bytes that may wait.
     #[must_use]
     pub const fn capacity(&self) -> usize {
         self.ring.capacity()
     }
 
-    /// Bytes that wait.
+    /// Returns the number of bytes that wait.
     #[must_use]
     pub fn len(&self) -> usize {
         self.ring.len()
     }
 
-    /// Whether no byte waits.
+    /// Returns whether no byte waits.
     #[inline]
     #[must_use]
     pub fn is_empty(&self) -> bool {
@@ -190,14 +191,14 @@ impl ByteWriter<'_> {
     }
 }
 
-/// The end that bytes are taken from, oldest first.
+/// The reading end, oldest byte first.
 #[derive(Debug)]
 pub struct ByteReader<'a> {
     ring: &'a ByteRing,
 }
 
 impl ByteReader<'_> {
-    /// Takes the oldest byte.
+    /// Dequeues the oldest byte.
     #[inline]
     pub fn dequeue(&mut self) -> Option<u8> {
         if self.ring.has_none() {
@@ -206,14 +207,14 @@ impl ByteReader<'_> {
         compiler_fence(SeqCst);
         let number = self.ring.oldest();
         let byte = self.ring.slot(number)?.load(Relaxed);
-        // The writer must not reuse the place before the byte has been read.
+        // The writer must not reuse the slot before the byte has been read.
         compiler_fence(SeqCst);
         let limit = self.ring.limit.load(Relaxed).wrapping_add(1);
         self.ring.limit.store(limit, Relaxed);
         Some(byte)
     }
 
-    /// Whether a byte may wait that ends a line.
+    /// Returns whether a possible line end waits.
     #[inline]
     #[must_use]
     pub fn may_have_line(&self) -> bool {
@@ -222,23 +223,24 @@ impl ByteReader<'_> {
         ahead > 0
     }
 
-    /// Lets a function take bytes that wait now, until it has what it wants; whether it has. It is
-    /// called again where the ring begins anew, as the bytes that it gets lie in a row.
+    /// Dequeues the bytes that a function consumes from those that wait. Returns whether the function
+    /// returned true. The function gets contiguous bytes: it is called a second time where the ring
+    /// wraps, unless it returned true or left bytes.
     #[inline]
-    pub fn take_until(&mut self, mut take: impl FnMut(&mut Waiting<'_>) -> bool) -> bool {
+    pub fn take_until(&mut self, mut consume: impl FnMut(&mut Waiting<'_>) -> bool) -> bool {
         let bytes = &self.ring.bytes;
         let mut number = self.ring.oldest();
-        let mut left = self.ring.len();
+        let mut remaining = self.ring.len();
         compiler_fence(SeqCst);
-        let mut has_all = false;
-        while left != 0 && !has_all {
-            let rest = bytes.get(number & (bytes.len() - 1)..).unwrap_or_default();
-            let in_a_row = rest.get(..left).unwrap_or(rest);
-            let mut waiting = Waiting(in_a_row.iter());
-            has_all = take(&mut waiting);
-            let taken = in_a_row.len() - waiting.0.len();
-            number = number.wrapping_add(taken);
-            left -= taken;
+        let mut is_complete = false;
+        while remaining != 0 && !is_complete {
+            let to_end = bytes.get(number & (bytes.len() - 1)..).unwrap_or_default();
+            let contiguous = to_end.get(..remaining).unwrap_or(to_end);
+            let mut waiting = Waiting(contiguous.iter());
+            is_complete = consume(&mut waiting);
+            let consumed = contiguous.len() - waiting.0.len();
+            number = number.wrapping_add(consumed);
+            remaining -= consumed;
             if waiting.0.len() != 0 {
                 break;
             }
@@ -246,22 +248,22 @@ impl ByteReader<'_> {
         compiler_fence(SeqCst);
         let limit = number.wrapping_add(self.ring.capacity());
         self.ring.limit.store(limit, Relaxed);
-        has_all
+        is_complete
     }
 
-    /// Bytes that may wait.
+    /// Returns the number of bytes that may wait.
     #[must_use]
     pub const fn capacity(&self) -> usize {
         self.ring.capacity()
     }
 
-    /// Bytes that wait.
+    /// Returns the number of bytes that wait.
     #[must_use]
     pub fn len(&self) -> usize {
         self.ring.len()
     }
 
-    /// Whether no byte waits.
+    /// Returns whether no byte waits.
     #[inline]
     #[must_use]
     pub fn is_empty(&self) -> bool {
@@ -269,19 +271,19 @@ impl ByteReader<'_> {
     }
 }
 
-/// Bytes that waited when [`ByteReader::take_until`] was called.
+/// Contiguous bytes that waited when [`ByteReader::take_until`] was called.
 #[derive(Debug, Clone)]
 pub struct Waiting<'a>(Iter<'a, AtomicU8>);
 
 impl Waiting<'_> {
-    /// How many they are.
+    /// Returns the number of bytes left.
     #[inline]
     #[must_use]
     pub fn len(&self) -> usize {
         self.0.len()
     }
 
-    /// Whether there are none.
+    /// Returns whether no byte is left.
     #[inline]
     #[must_use]
     pub fn is_empty(&self) -> bool {

@@ -1,19 +1,19 @@
 //! Bytes to lines: comments and blanks dropped, letters in upper case.
 //!
-//! Owns the line in the making. Each carriage return and each line feed ends a line, so that a
-//! sender gets one answer for each; what is dropped does not count towards its length. Read with
-//! Grbl 1.1 `protocol.c`, whose rules these are except for the length.
+//! Each carriage return and each line feed ends a line, so that a sender gets one answer for each;
+//! dropped characters do not count towards the length. Read with Grbl 1.1 `protocol.c`: its rules,
+//! except for the length.
 
-/// Bytes of the longest line after comments and blanks have been dropped.
+/// Length of the longest line, without comments and blanks, bytes.
 pub const LINE_BYTES: usize = 256;
 
-/// A line longer than [`LINE_BYTES`]: all of it is refused.
+/// The line is longer than [`LINE_BYTES`]: all of it is refused.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct TooLong;
 
-/// Where in the text the next byte stands.
+/// The part of a line to which the next byte belongs.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
-enum Place {
+enum Region {
     #[default]
     Code,
     /// Between `(` and `)`.
@@ -22,19 +22,19 @@ enum Place {
     Semicolon,
 }
 
-/// What stands for a byte that is dropped, and for one that ends the line or begins a comment.
+/// Marks of a byte that is dropped, and of a byte that ends the line or begins a comment.
 const DROPPED: u8 = 0;
-const OTHER: u8 = 1;
+const DELIMITER: u8 = 1;
 
-/// What a byte of code becomes.
+/// The character, or the mark, that replaces each byte of code.
 const CODE: [u8; 256] = {
     let mut code = [DROPPED; 256];
-    code[b'\n' as usize] = OTHER;
-    code[b'\r' as usize] = OTHER;
+    code[b'\n' as usize] = DELIMITER;
+    code[b'\r' as usize] = DELIMITER;
     let mut byte = b' ' + 1;
     while byte < u8::MAX {
         code[byte as usize] = match byte {
-            b'(' | b';' => OTHER,
+            b'(' | b';' => DELIMITER,
             b'/' => DROPPED,
             _ => byte.to_ascii_uppercase(),
         };
@@ -44,13 +44,13 @@ const CODE: [u8; 256] = {
     code
 };
 
-/// The line in the making.
+/// The line being received.
 #[derive(Debug, Clone)]
 pub struct Line {
     bytes: [u8; LINE_BYTES],
-    /// Bytes of it so far.
+    /// Bytes so far.
     length: usize,
-    place: Place,
+    region: Region,
     is_too_long: bool,
 }
 
@@ -61,75 +61,75 @@ impl Line {
         Self {
             bytes: [0; LINE_BYTES],
             length: 0,
-            place: Place::Code,
+            region: Region::Code,
             is_too_long: false,
         }
     }
 
-    /// Whether nothing of the line has been taken that counts.
+    /// Returns whether the line has neither a character nor an open comment.
     #[must_use]
     pub fn is_empty(&self) -> bool {
-        self.length == 0 && self.place == Place::Code && !self.is_too_long
+        self.length == 0 && self.region == Region::Code && !self.is_too_long
     }
 
-    /// Takes bytes up to the end of the line; false when they come to an end before. [`Line::text`]
-    /// then has the line, which must be cleared before the byte after.
+    /// Consumes bytes up to the end of the line. Returns false when the bytes end before the line.
+    /// After the end, [`Line::text`] is the line, which must be cleared before the next byte.
     #[must_use]
     pub fn take_from(&mut self, mut bytes: impl Iterator<Item = u8>) -> bool {
         loop {
-            let byte = if self.place == Place::Code {
-                self.take_code(&mut bytes)
+            let byte = if self.region == Region::Code {
+                self.push_code(&mut bytes)
             } else {
                 bytes.next()
             };
             let Some(byte) = byte else {
                 return false;
             };
-            if self.take_rest(byte) {
+            if self.ends_with(byte) {
                 return true;
             }
         }
     }
 
-    /// Takes bytes of code up to another, which it tells.
+    /// Appends bytes of code. Returns the delimiter that ends them.
     #[inline]
-    fn take_code(&mut self, bytes: &mut impl Iterator<Item = u8>) -> Option<u8> {
-        let places = self.bytes.get_mut(self.length..).unwrap_or_default();
-        let mut places = places.iter_mut();
-        let other = loop {
+    fn push_code(&mut self, bytes: &mut impl Iterator<Item = u8>) -> Option<u8> {
+        let free = self.bytes.get_mut(self.length..).unwrap_or_default();
+        let mut free = free.iter_mut();
+        let delimiter = loop {
             let Some(byte) = bytes.next() else {
                 break None;
             };
             let code = CODE[usize::from(byte)];
-            if code > OTHER {
-                match places.next() {
-                    Some(place) => *place = code,
+            if code > DELIMITER {
+                match free.next() {
+                    Some(slot) => *slot = code,
                     None => self.is_too_long = true,
                 }
-            } else if code == OTHER {
+            } else if code == DELIMITER {
                 break Some(byte);
             }
         };
-        self.length = LINE_BYTES - places.len();
-        other
+        self.length = LINE_BYTES - free.len();
+        delimiter
     }
 
-    /// Takes a byte that is neither code nor dropped, or in a comment.
-    fn take_rest(&mut self, byte: u8) -> bool {
-        match (byte, self.place) {
+    /// Enters or leaves a comment at a byte. Returns whether the byte ends the line.
+    fn ends_with(&mut self, byte: u8) -> bool {
+        match (byte, self.region) {
             (b'\n' | b'\r', _) => return true,
-            (b')', Place::Parentheses) => self.place = Place::Code,
-            (b'(', Place::Code) => self.place = Place::Parentheses,
-            (b';', Place::Code) => self.place = Place::Semicolon,
-            (_, Place::Code | Place::Parentheses | Place::Semicolon) => {}
+            (b')', Region::Parentheses) => self.region = Region::Code,
+            (b'(', Region::Code) => self.region = Region::Parentheses,
+            (b';', Region::Code) => self.region = Region::Semicolon,
+            (_, Region::Code | Region::Parentheses | Region::Semicolon) => {}
         }
         false
     }
 
-    /// The text of the line so far.
+    /// Returns the text of the line so far.
     ///
     /// # Errors
-    /// [`TooLong`] when more was taken than a line may have.
+    /// [`TooLong`] when the line is longer than [`LINE_BYTES`].
     pub fn text(&self) -> Result<&[u8], TooLong> {
         if self.is_too_long {
             Err(TooLong)
@@ -141,7 +141,7 @@ impl Line {
     /// Begins a new line.
     pub fn clear(&mut self) {
         self.length = 0;
-        self.place = Place::Code;
+        self.region = Region::Code;
         self.is_too_long = false;
     }
 }

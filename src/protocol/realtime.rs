@@ -1,42 +1,45 @@
 //! Realtime bytes: taken out of the stream by the receive interrupt, never part of a line.
 //!
-//! A byte costs O(1) and may stand inside a line. Read with Grbl 1.1 `serial.c` and the table of
-//! realtime commands.
+//! A realtime byte may stand inside a line. Read with Grbl 1.1 `serial.c` and the table of realtime
+//! commands.
+//!
+//! # Cost
+//! A byte costs O(1). The receiver also runs from RAM while the flash is erased, and can call nothing
+//! there: all of it is inlined, and looks nothing up in a table.
 
 use core::hint::cold_path;
 
 use super::ByteWriter;
 use crate::model::{Release, Requests};
 
-/// After so many places of the queue `interpret` is released, also without the end of a line.
-const UNRELEASED_BYTES: usize = 256;
+/// Bytes between two releases of `interpret` without the end of a line, at most: a quarter of the
+/// receive queue (`tests/protocol/receiving.rs`).
+const MAX_UNRELEASED_BYTES: usize = 256;
 
-/// Sorts one received byte.
-///
-/// Also runs from RAM, where it can call nothing: all of it is inlined, and looks nothing up in a
-/// table.
+/// Sorts one received byte. Returns the task to release.
 #[inline(always)]
 #[expect(clippy::inline_always, reason = "nothing in flash may be called")]
 pub fn receive(byte: u8, requests: &Requests, line: &mut ByteWriter<'_>) -> Release {
     let is_request = matches!(byte, b'~' | 0x80..) || matches!(byte, b'!' | b'?' | 0x18);
     if !is_request {
-        return put(byte, requests, line);
+        return enqueue(byte, requests, line);
     }
     cold_path();
     requests.accept(byte)
 }
 
-/// Queues a byte of a line. The end of the line releases `interpret`, if it waits for one (so does a
-/// tab, for nothing: telling them apart would take longer), and so does so much of a line that the queue must not be left to fill up with it.
+/// Enqueues a byte of a line. A line end releases `interpret` if the task waits for one, and so does
+/// every [`MAX_UNRELEASED_BYTES`]th byte. Control characters up to 13 count as line ends: a tab
+/// releases the task for nothing.
 #[inline(always)]
 #[expect(clippy::inline_always, reason = "as for `receive`")]
-fn put(byte: u8, requests: &Requests, line: &mut ByteWriter<'_>) -> Release {
+fn enqueue(byte: u8, requests: &Requests, line: &mut ByteWriter<'_>) -> Release {
     let Ok(number) = line.enqueue(byte) else {
-        // Whoever takes bytes has been released by those that fill the queue.
+        // The bytes that fill the queue have released `interpret`.
         requests.lose();
         return Release::Nobody;
     };
-    let is_release = byte <= b'\r' || number.is_multiple_of(UNRELEASED_BYTES);
+    let is_release = byte <= b'\r' || number.is_multiple_of(MAX_UNRELEASED_BYTES);
     if is_release {
         cold_path();
         line.end_line(number);
