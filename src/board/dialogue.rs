@@ -44,7 +44,7 @@ impl Dialogue {
         &mut self,
         snapshot: &Snapshot,
         requests: &Requests,
-        entries: &mut Producer<'_, Entry>,
+        entries: &mut Producer<'static, Entry>,
         storage: &mut Storage,
     ) -> Progress {
         let session = &mut self.session;

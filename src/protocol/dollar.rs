@@ -1,6 +1,6 @@
-//! `$` statements: what one asks for, and whether the machine's state allows it.
+//! `$` statements: their meaning, and whether the machine's state allows them.
 //!
-//! Pure: `session` does what is asked. Read with Grbl 1.1 `system.c`, whose order of checks gives
+//! Pure: `session` executes them. Read with Grbl 1.1 `system.c`, whose order of checks gives
 //! each wrong statement its number.
 
 use crate::{
@@ -9,7 +9,7 @@ use crate::{
     settings::{self, Change, STARTUP_LINES, SettingError, Settings},
 };
 
-/// What the machine does, as far as `$` statements are concerned.
+/// The state of the machine, as far as `$` statements are concerned.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Condition {
     /// Nothing is being executed and nothing is waiting to be.
@@ -29,22 +29,12 @@ pub enum Condition {
 pub enum Dollar<'a> {
     /// `$`.
     Help,
-    /// `$$`.
-    Settings,
-    /// `$+`: also those settings that Grbl does not have.
-    AllSettings,
-    /// `$ES`, `$EG`, `$EE`, `$EA`: what there is, for programs.
-    Describe(Described),
+    /// A statement whose answer is a list.
+    List(List),
     /// `$G`.
     Modes,
-    /// `$#`.
-    Parameters,
-    /// `$I`.
-    BuildInfo,
     /// `$I=text`.
     StoreBuildInfo(&'a [u8]),
-    /// `$N`.
-    StartupLines,
     /// `$Nn=line`: the number and the line, which must be executed first.
     StoreStartup(usize, &'a [u8]),
     /// `$X`.
@@ -65,6 +55,23 @@ pub enum Dollar<'a> {
     Assign(&'a [u8]),
 }
 
+/// An answer of many lines.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum List {
+    /// `$$`.
+    Settings,
+    /// `$+`: also the settings that Grbl does not have.
+    AllSettings,
+    /// `$#`.
+    Parameters,
+    /// `$I`.
+    BuildInfo,
+    /// `$N`.
+    StartupLines,
+    /// `$ES`, `$EG`, `$EE`, `$EA`: descriptions for programs.
+    Described(Described),
+}
+
 /// What is described for programs, in grblHAL's format.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Described {
@@ -79,7 +86,7 @@ pub enum Described {
 }
 
 impl<'a> Dollar<'a> {
-    /// Reads the text after the `$`. `is_door_open` tells what the door's contact says.
+    /// Reads the text after the `$`. `is_door_open` is the state of the door's contact.
     ///
     /// # Errors
     /// Those of Grbl, in its order; 3 for a startup line that does not exist.
@@ -104,8 +111,8 @@ impl<'a> Dollar<'a> {
             [b'J' | b'$' | b'G' | b'C' | b'X', _, ..] | [b'J'] => Err(LineError::InvalidStatement),
             [b'$' | b'+'] if condition == Condition::Run => Err(LineError::NotIdle),
             _ if described.is_some() && condition == Condition::Run => Err(LineError::NotIdle),
-            [b'$'] => Ok(Self::Settings),
-            [b'+'] => Ok(Self::AllSettings),
+            [b'$'] => Ok(Self::List(List::Settings)),
+            [b'+'] => Ok(Self::List(List::AllSettings)),
             [b'G'] => Ok(Self::Modes),
             [b'C'] if condition == Condition::Check => Ok(Self::EndCheck),
             [b'C'] if is_idle => Ok(Self::Check),
@@ -113,30 +120,30 @@ impl<'a> Dollar<'a> {
             [b'X'] if condition == Condition::Alarm && is_door_open => Err(LineError::DoorOpen),
             [b'X'] => Ok(Self::Unlock),
             _ => match described {
-                Some(described) => Ok(Self::Describe(described)),
+                Some(described) => Ok(Self::List(List::Described(described))),
                 None if is_idle || condition == Condition::Alarm => {
-                    Self::read_at_rest(statement, condition, settings, is_door_open)
+                    Self::read_when_idle(statement, condition, settings, is_door_open)
                 }
                 None => Err(LineError::NotIdle),
             },
         }
     }
 
-    /// The statements that need a machine that does nothing.
-    fn read_at_rest(
+    /// Reads the statements that need an idle machine.
+    fn read_when_idle(
         statement: &'a [u8],
         condition: Condition,
         settings: &Settings,
         is_door_open: bool,
     ) -> Result<Self, LineError> {
         match statement {
-            [b'#'] => Ok(Self::Parameters),
+            [b'#'] => Ok(Self::List(List::Parameters)),
             [b'H', ..] if !settings.homing => Err(LineError::HomingDisabled),
             [b'H', ..] if is_door_open => Err(LineError::DoorOpen),
             [b'H'] => Ok(Self::Home(0)),
             [b'H', letter] => axis_mask(*letter).map(Self::Home),
             [b'S', b'L', b'P'] => Ok(Self::Sleep),
-            [b'I'] => Ok(Self::BuildInfo),
+            [b'I'] => Ok(Self::List(List::BuildInfo)),
             [b'I', b'=', text @ ..] => Ok(Self::StoreBuildInfo(text)),
             [b'R', b'S', b'T', b'=', what] => match what {
                 b'$' => Ok(Self::Restore(Change::RestoreSettings)),
@@ -144,23 +151,23 @@ impl<'a> Dollar<'a> {
                 b'*' => Ok(Self::Restore(Change::RestoreAll)),
                 _ => Err(LineError::InvalidStatement),
             },
-            [b'N'] => Ok(Self::StartupLines),
+            [b'N'] => Ok(Self::List(List::StartupLines)),
             [b'N', ..] if condition != Condition::Idle => Err(LineError::NotIdle),
-            [b'N', rest @ ..] => startup(rest),
+            [b'N', text @ ..] => startup(text),
             [b'#' | b'H' | b'S' | b'I' | b'R', ..] => Err(LineError::InvalidStatement),
             _ => Ok(Self::Assign(statement)),
         }
     }
 }
 
-/// The bit of an axis that there is.
+/// Returns the bit of an axis, if the machine has it.
 fn axis_mask(letter: u8) -> Result<u8, LineError> {
     let axis = LETTERS.iter().take(AXES).position(|&known| known == letter);
     axis.map(|axis| 1 << axis)
         .ok_or(LineError::InvalidStatement)
 }
 
-/// The number and the text of a startup line that there is.
+/// Returns the number and the text of a startup line, if the number exists.
 fn startup(statement: &[u8]) -> Result<Dollar<'_>, LineError> {
     let (number, line) = settings::numbered(statement)?;
     match usize::try_from(number) {

@@ -1,6 +1,6 @@
 //! Bytes to lines and back: realtime bytes, lines, `$` commands, reports.
 //!
-//! `receive` sorts bytes ([`realtime`]); [`Session`] makes lines of them ([`Line`]), judges them
+//! `serial_rx` sorts bytes ([`realtime`]); [`Session`] makes lines of them ([`Line`]), dispatches them
 //! (`$` statements: [`Dollar`], everything else: the interpreter) and answers in Grbl's words
 //! ([`report`], [`listing`], written into a [`Text`]).
 
@@ -14,7 +14,7 @@ mod session;
 mod text;
 
 pub use bytes::{ByteReader, ByteRing, ByteWriter, Bytes, Waiting};
-pub use dollar::{Condition, Described, Dollar};
+pub use dollar::{Condition, Described, Dollar, List};
 pub use line::{LINE_BYTES, Line, TooLong};
 pub use session::{Progress, Session};
 pub use text::{MESSAGE_BYTES, ReportUnit, Text};

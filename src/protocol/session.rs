@@ -1,41 +1,47 @@
 //! The conversation with the sender: the body of the `interpret` and `report` tasks.
 //!
-//! Owns the line in the making, the interpreter, what is stored, and what has been asked of the
-//! machine. Each line gets exactly one answer, in order; nothing here ever waits: what a line needs
-//! (room, standstill, the end of its commands, cycle start, the flash) is kept as [`Stage`] and
-//! looked at again in the next call. Read with Grbl 1.1 `protocol.c`.
+//! Each line gets exactly one answer, in order. Nothing here ever waits: what a line needs (room,
+//! standstill, the end of its commands, cycle start, the flash) is kept as [`LineStage`] and checked
+//! again in the next run. Read with Grbl 1.1 `protocol.c`.
+//!
+//! # Cost
+//! [`Session`] is laid out in the order of its fields: those that each line needs come first.
 
 mod blending;
 mod commands;
+mod connection;
 mod dispatch;
 mod notifications;
 mod persistence;
 mod program;
 mod reset;
+mod sending;
+
+use core::ops::ControlFlow;
 
 use heapless::spsc::Producer;
 
 use super::{
     bytes::{ByteReader, ByteWriter},
+    dollar::List,
     line::Line,
-    report::{self, Cadence, Feedback, Status},
-    text::Text,
+    report::Feedback,
 };
 use crate::{
     axis::Axes,
-    gcode::interpreter::{Checked, Interpreter, Outcome, Refusal},
+    gcode::interpreter::{Checked, Interpreter, Outcome},
     machine::Snapshot,
     model::{Awaited, Probed, Requests},
-    path::{Blender, Checkpoint, Entry, Router, Work},
+    path::{Blender, Checkpoint, Entry, Router},
     settings::{Change, Settings, StoreError, Stored},
     units::Nm,
 };
-use dispatch::List;
-use notifications::Seen;
-use persistence::Then;
+use connection::Connection;
+use notifications::Reports;
+use persistence::{AfterStore, Persistence};
 
-/// Lines that are executed in one run, at most.
-const LINES: usize = 8;
+/// Lines that one run executes, at most. `report` has the same priority and waits for the run.
+const MAX_LINES: usize = 8;
 
 /// Whether there is more to do.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -50,52 +56,59 @@ pub enum Progress {
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum LineStage {
     /// Power-up, or a reset that the machine has not yet acted on.
-    Starting,
+    Starting {
+        /// Nothing was stored: the sender gets an error and the defaults before the welcome.
+        is_first_boot: bool,
+        /// The reset has interrupted a line, which gets its `ok` before the welcome.
+        owes_answer: bool,
+    },
+    /// The defaults are being listed before the first welcome; this line is next.
+    ListingDefaults(usize),
     /// The welcome is next.
     Welcoming,
     /// The first startup line from this one on that is not empty is next.
     StartingUp(usize),
-    /// Taking bytes.
+    /// Receiving a line.
     Reading,
-    /// A line is complete but needs standstill; it has had no effect, and is judged again then.
-    Resting,
-    /// The commands of a line go to the machine; this many have gone.
-    Entering(usize),
-    /// Everything has gone to the machine; this is to follow when it has been done.
-    Completing(After),
-    /// The shell stores a change; this is to follow.
-    Storing(Then),
+    /// A line is complete but needs standstill; it has had no effect, and is dispatched again then.
+    AwaitingStandstill,
+    /// The commands of a line go to the machine; this one is next.
+    Sending(usize),
+    /// All commands have gone to the machine; this follows when they are done.
+    Completing(Completion),
+    /// The shell stores a change; this follows.
+    Storing(AfterStore),
     /// A list is being sent; this line of it is next.
     Listing(List, usize),
     /// The line has been answered, and ends with a reset.
     Resetting,
-    /// The line leaves the travel: the machine is to be told.
+    /// The line leaves the travel: the alarm is to be sent to the machine.
     Faulting,
     /// Only a reset ends the line, and answers it.
     Faulted,
-    /// Asleep: only a reset helps.
+    /// Asleep: only a reset ends it.
     Asleep,
 }
 
-/// What follows when the machine has done all that was asked of it.
+/// What follows when the machine has done everything that a line asked for.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-enum After {
+enum Completion {
     /// The answer.
     Answer,
     /// A message and the answer.
-    Tell(Feedback),
-    /// The position, and the answer.
+    Message(Feedback),
+    /// The position after a probing move, and the answer.
     Probe,
-    /// That a probing move without a step has missed, and the answer.
+    /// The report of a missed probing move without a step, and the answer.
     Miss,
-    /// What homing has come to, and the startup lines if it was that of all axes.
+    /// The result of homing, and the startup lines after homing all axes.
     Home {
         /// All axes.
         is_all: bool,
     },
 }
 
-/// Where the line comes from that is being executed.
+/// The origin of the line in execution.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Source {
     /// The sender.
@@ -113,165 +126,151 @@ enum Source {
     Startup { number: usize, is_homed: bool },
 }
 
+/// The line in execution.
+#[derive(Debug)]
+struct LineExecution {
+    source: Source,
+    /// What follows the commands of the line.
+    completion: Option<Completion>,
+    /// The result of the last check.
+    checked: Checked,
+    /// The line as received.
+    input: Line,
+    /// The commands of the line.
+    outcome: Outcome,
+}
+
+/// The last probing move.
+#[derive(Debug, Default)]
+struct ProbeRecord {
+    /// What the sender was told last.
+    reported: Probed,
+    /// Where the move in execution began.
+    start: (Axes<Nm>, Checkpoint),
+    /// Whether the move in execution has ended.
+    has_ended: bool,
+}
+
+/// The state and the ends of queues that one run of the session works with.
+struct Links<'a, 'q> {
+    machine: &'a Snapshot,
+    requests: &'a Requests,
+    received: &'a mut ByteReader<'q>,
+    sent: &'a mut ByteWriter<'q>,
+    entries: &'a mut Producer<'q, Entry>,
+}
+
 /// The conversation with one sender.
-///
-/// In this order in memory, so that what each line needs is within the reach of one instruction.
 #[derive(Debug)]
 #[repr(C)]
 pub struct Session {
     stage: LineStage,
-    source: Source,
-    /// What is to be stored, and what has come of it.
-    change: Option<Change>,
-    store_result: Option<Result<(), StoreError>>,
-    /// Entries sent to the machine so far, wrapping.
-    entered: u32,
-    /// The reset that this session has acted on.
-    reset_count: u32,
-    /// Motions that the machine has ended before their target, as far as the position is known.
-    cancelled_motions: u32,
-    /// What has been seen of the machine.
-    seen: Seen,
-    cadence: Cadence,
-    /// `?` that still needs room.
-    is_report_due: bool,
-    /// The entries that have not been done are jogs.
-    is_jogging: bool,
-    /// A reset has been asked for that `prepare` does not know of.
-    has_request: bool,
-    /// A reset has come before what was stored took effect.
-    is_stored_due: bool,
-    /// Whether the interpreter knows where the machine is.
-    is_position_known: bool,
-    /// The sender has been told that the machine needs a reset.
-    is_fault_told: bool,
-    /// Nothing was stored: the sender is told so before the welcome.
-    is_first_boot: bool,
-    /// A line that a reset has interrupted gets its `ok` before the welcome.
-    is_answer_owed: bool,
-    /// The way that the machine needs to stop after the last move that it knows of, mm.
-    stop_mm: f32,
-    /// What follows the line in [`Stage::Entering`].
-    after: Option<After>,
+    connection: Connection,
     router: Router,
     interpreter: Interpreter,
-    /// The line as it was checked last.
-    checked: Checked,
-    line: Line,
-    /// A message that still needs room.
-    message: Text,
-    /// What the line in [`Stage::Entering`] asks for.
-    outcome: Outcome,
-    /// Moves on their way to the router.
-    path: Blender,
-    /// What is stored, or is to be.
-    stored: Stored,
-    /// What was stored before the change that is being stored.
-    before: Stored,
-    /// The last probing move, and where it began.
-    probed: Probed,
-    probed_from: (Axes<Nm>, Checkpoint),
+    line: LineExecution,
+    reports: Reports,
+    /// Moves that `G64` may still change.
+    blender: Blender,
+    persistence: Persistence,
+    probing: ProbeRecord,
 }
 
 impl Session {
-    /// A session with a machine that has just been switched on, and what it has stored. When that
-    /// are defaults because nothing could be read, the sender is told so (`is_first_boot`).
+    /// A session with a machine that has just been switched on, and what is stored: the defaults when
+    /// nothing could be read, which the sender is told (`is_first_boot`).
     #[must_use]
     pub fn new(stored: &Stored, is_first_boot: bool) -> Self {
         let mut interpreter = Interpreter::new();
         interpreter.set_origins(&stored.origins);
         Self {
+            stage: LineStage::Starting {
+                is_first_boot,
+                owes_answer: false,
+            },
+            connection: Connection::default(),
             router: Router::new(&stored.settings),
-            stored: stored.clone(),
-            before: Stored::default(),
-            change: None,
-            store_result: None,
             interpreter,
-            path: Blender::new(),
-            stop_mm: 0.0,
-            line: Line::new(),
-            stage: LineStage::Starting,
-            source: Source::Line,
-            checked: Checked::default(),
-            outcome: Outcome::default(),
-            after: None,
-            message: Text::new(),
-            cadence: Cadence::default(),
-            is_report_due: false,
-            entered: 0,
-            is_jogging: false,
-            reset_count: 0,
-            cancelled_motions: 0,
-            has_request: false,
-            is_stored_due: false,
-            is_position_known: false,
-            is_fault_told: false,
-            is_first_boot,
-            is_answer_owed: false,
-            seen: Seen::default(),
-            probed: Probed::default(),
-            probed_from: (Axes::default(), Checkpoint::default()),
+            line: LineExecution {
+                source: Source::Line,
+                completion: None,
+                checked: Checked::default(),
+                input: Line::new(),
+                outcome: Outcome::default(),
+            },
+            reports: Reports::default(),
+            blender: Blender::new(),
+            persistence: Persistence::new(stored),
+            probing: ProbeRecord::default(),
         }
     }
 
-    /// Entries given to the machine so far, wrapping.
+    /// Returns the number of entries sent to the machine so far, wrapping.
     #[must_use]
     pub fn entered(&self) -> u32 {
-        self.entered
+        self.connection.entered
     }
 
-    /// The modal state, the offsets and the programmed position.
+    /// Returns the modal state, the offsets and the programmed position.
     #[must_use]
     pub fn interpreter(&self) -> &Interpreter {
         &self.interpreter
     }
 
-    /// The settings in effect.
+    /// Returns the settings in effect.
     #[must_use]
     pub fn settings(&self) -> &Settings {
-        &self.stored.settings
+        &self.persistence.stored.settings
     }
 
-    /// What is to be stored now: the shell takes it from [`Self::stored`] and tells what has come
-    /// of it ([`Self::has_stored`]). Only ever asked for at rest; the line's answer waits for it.
+    /// Returns the change to be stored now: the shell writes [`Self::stored`] and reports the result
+    /// with [`Self::has_stored`]. Only ever requested at standstill; the line's answer waits for it.
     #[must_use]
     pub fn wants_store(&self) -> Option<Change> {
-        self.change
+        self.persistence.requested()
     }
 
-    /// What is stored, with the change that is wanted.
+    /// Returns what is stored, with the requested change.
     #[must_use]
     pub fn stored(&self) -> &Stored {
-        &self.stored
+        &self.persistence.stored
     }
 
-    /// The change has been stored, or has not. After an error everything is as it was before.
+    /// Ends the requested change. After an error everything is as before.
     pub fn has_stored(&mut self, result: Result<(), StoreError>) {
-        if self.change.take().is_some() {
-            self.store_result = Some(result);
-        }
+        self.persistence.finish(result);
     }
 
-    /// Whether a reset has been asked for since the last call: `prepare` has to run.
+    /// Takes the request for a reset since the last call: `prepare` has to run.
     pub fn takes_release(&mut self) -> bool {
-        core::mem::take(&mut self.has_request)
+        core::mem::take(&mut self.connection.has_reset_request)
     }
 
-    /// One bounded piece of work: a line, or a few while the machine has something to take.
+    /// One bounded piece of work: a line, or a few while entries wait for the machine.
     ///
     /// The first call welcomes the sender. Room in `sent` must be possible for one message of
     /// [`super::MESSAGE_BYTES`].
-    pub fn run(
+    pub fn run<'q>(
         &mut self,
         machine: &Snapshot,
         requests: &Requests,
-        received: &mut ByteReader<'_>,
-        sent: &mut ByteWriter<'_>,
-        entries: &mut Producer<'_, Entry>,
+        received: &mut ByteReader<'q>,
+        sent: &mut ByteWriter<'q>,
+        entries: &mut Producer<'q, Entry>,
     ) -> Progress {
         requests.coalesce();
         requests.wake_on(Awaited::ALL);
-        let progress = self.go_on(machine, requests, received, sent, entries);
+        let mut links = Links {
+            machine,
+            requests,
+            received,
+            sent,
+            entries,
+        };
+        let progress = match self.attend_machine(&mut links) {
+            ControlFlow::Continue(()) => self.execute_lines(&mut links),
+            ControlFlow::Break(()) => Progress::Waiting,
+        };
         requests.wake_on(match progress {
             Progress::Again => Awaited::NONE,
             Progress::Waiting => self.awaited(),
@@ -279,81 +278,7 @@ impl Session {
         progress
     }
 
-    /// What brings the session further, besides a change of the machine's state.
-    fn awaited(&self) -> Awaited {
-        let work = if self.stage == LineStage::Reading && self.path.has_pending() {
-            Awaited::LINE.and(Awaited::ENTRIES).and(Awaited::SEGMENTS)
-        } else {
-            match self.stage {
-                LineStage::Reading => Awaited::LINE,
-                LineStage::Entering(_) => Awaited::ENTRIES_BATCHED,
-                _ => Awaited::ENTRIES,
-            }
-        };
-        if self.is_report_due || !self.message.is_empty() {
-            work.and(Awaited::ROOM)
-        } else {
-            work
-        }
-    }
-
-    fn go_on(
-        &mut self,
-        machine: &Snapshot,
-        requests: &Requests,
-        received: &mut ByteReader<'_>,
-        sent: &mut ByteWriter<'_>,
-        entries: &mut Producer<'_, Entry>,
-    ) -> Progress {
-        if self.change.is_some() {
-            return Progress::Waiting;
-        }
-        self.take_store_result();
-        let epoch = requests.reset_count();
-        if epoch != self.reset_count {
-            self.begin_reset(epoch);
-        }
-        self.look_at(machine);
-        self.drop_void(machine);
-        if !self.flush(sent) || !self.tell_notices(machine, sent) {
-            return Progress::Waiting;
-        }
-        if self.stage == LineStage::Starting && !self.start(machine, received) {
-            return Progress::Waiting;
-        }
-        self.take_stored(machine, entries);
-        self.find_position(machine);
-        let received_free = received.capacity() - received.len();
-        let has_told = self.flush(sent) && self.tell_notices(machine, sent);
-        let may_report = has_told && self.is_welcome_told();
-        if may_report && self.is_report_due && !self.send_status(machine, received_free, sent) {
-            return Progress::Waiting;
-        }
-        if !self.message.is_empty() {
-            return Progress::Waiting;
-        }
-        if machine.has_underrun || machine.is_critical {
-            self.tell_fault(machine);
-            self.flush(sent);
-            return Progress::Waiting;
-        }
-        for _ in 0..LINES {
-            let is_busy = !entries.is_empty();
-            let progress = self.advance(machine, requests, received, entries);
-            if !self.flush(sent) {
-                return Progress::Waiting;
-            }
-            // While the machine has something to take, it need not look at what there is for each line.
-            let goes_on =
-                is_busy && self.stage == LineStage::Reading && progress == Progress::Again;
-            if !goes_on || requests.reset_count() != self.reset_count {
-                return progress;
-            }
-        }
-        Progress::Again
-    }
-
-    /// Answers a `?`. Where it must wait, for room or for the welcome, [`Session::run`] does it.
+    /// Answers a `?`. When the report must wait, for room or for the welcome, [`Session::run`] sends it.
     pub fn report(
         &mut self,
         machine: &Snapshot,
@@ -362,176 +287,127 @@ impl Session {
         sent: &mut ByteWriter<'_>,
     ) -> Progress {
         requests.wake_on(Awaited::ALL);
-        self.is_report_due |= requests.take_status();
-        self.look_at(machine);
-        let is_next = self.is_welcome_told()
-            && requests.reset_count() == self.reset_count
-            && self.message.is_empty()
-            && !self.has_notices(machine);
-        let has_told =
-            self.is_report_due && is_next && self.send_status(machine, received_free, sent);
+        self.reports.is_status_due |= requests.take_status();
+        self.observe(machine);
+        let is_next = self.is_welcome_sent()
+            && requests.reset_count() == self.connection.reset_count
+            && self.reports.message.is_empty()
+            && !self.reports.has_notices(machine);
+        let is_sent =
+            self.reports.is_status_due && is_next && self.send_status(machine, received_free, sent);
         requests.wake_on(self.awaited());
-        if has_told {
+        if is_sent {
             Progress::Again
         } else {
             Progress::Waiting
         }
     }
 
-    /// Whether the welcome has been written.
-    fn is_welcome_told(&self) -> bool {
-        !matches!(
-            self.stage,
-            LineStage::Starting | LineStage::Welcoming | LineStage::Listing(List::FirstSettings, _)
-        )
+    /// Returns the events that let the session continue, besides a change of the machine's state.
+    fn awaited(&self) -> Awaited {
+        let work = match self.stage {
+            LineStage::Reading if self.blender.has_pending() => {
+                Awaited::LINE.and(Awaited::ENTRIES).and(Awaited::SEGMENTS)
+            }
+            LineStage::Reading => Awaited::LINE,
+            LineStage::Sending(_) => Awaited::ENTRIES_BATCHED,
+            LineStage::Starting { .. }
+            | LineStage::ListingDefaults(_)
+            | LineStage::Welcoming
+            | LineStage::StartingUp(_)
+            | LineStage::AwaitingStandstill
+            | LineStage::Completing(_)
+            | LineStage::Storing(_)
+            | LineStage::Listing(..)
+            | LineStage::Resetting
+            | LineStage::Faulting
+            | LineStage::Faulted
+            | LineStage::Asleep => Awaited::ENTRIES,
+        };
+        if self.reports.is_pending() {
+            work.and(Awaited::ROOM)
+        } else {
+            work
+        }
     }
 
-    /// Takes the position from the machine once it is at rest.
-    fn find_position(&mut self, machine: &Snapshot) {
-        if !self.is_done(machine) {
-            return;
-        }
-        self.is_jogging = false;
-        // A jog that was cancelled has not come to its end, and one that still waits for room has
-        // none any more.
-        if self.cancelled_motions != machine.cancelled_motions {
-            self.cancelled_motions = machine.cancelled_motions;
-            self.is_position_known = false;
-            if self.source == Source::Jog {
-                self.outcome.commands.clear();
+    /// What comes before each line, in Grbl's order: the flash, resets, notices, the welcome, the
+    /// position, a status report, faults. Breaks when the session has to wait.
+    fn attend_machine(&mut self, links: &mut Links<'_, '_>) -> ControlFlow<()> {
+        let machine = links.machine;
+        continue_if(self.persistence.requested().is_none())?;
+        self.end_store();
+        self.begin_reset(links.requests.reset_count());
+        self.observe(machine);
+        self.drop_cancelled(machine);
+        continue_if(self.send_pending(links))?;
+        continue_if(self.start(links))?;
+        self.apply_stored(links);
+        self.latch_position(machine);
+        continue_if(self.send_pending(links))?;
+        continue_if(self.answer_status(links))?;
+        continue_if(!(machine.has_underrun || machine.is_critical) || self.report_fault(links))
+    }
+
+    /// Executes lines while entries wait for the machine, else one stage of one line.
+    fn execute_lines(&mut self, links: &mut Links<'_, '_>) -> Progress {
+        for _ in 0..MAX_LINES {
+            let is_busy = !links.entries.is_empty();
+            let progress = self.advance(links);
+            if !self.reports.flush(links.sent) {
+                return Progress::Waiting;
+            }
+            // With entries waiting, the machine need not be attended to before each line.
+            let continues =
+                is_busy && self.stage == LineStage::Reading && progress == Progress::Again;
+            if !continues || links.requests.reset_count() != self.connection.reset_count {
+                return progress;
             }
         }
-        if !self.is_position_known {
-            self.take_position(machine);
-        }
+        Progress::Again
     }
 
-    /// The machine's position becomes the programmed one.
-    fn take_position(&mut self, machine: &Snapshot) {
-        let position = self.router.set_steps(machine.steps);
-        self.interpreter.set_position(position);
-        self.is_position_known = true;
-    }
-
-    /// Sends the message that is waiting; false when there is no room.
-    fn flush(&mut self, sent: &mut ByteWriter<'_>) -> bool {
-        let has_room = send(&self.message, sent);
-        if has_room {
-            self.message.clear();
-        }
-        has_room
-    }
-
-    /// Sends a status report; false when there is no room.
-    fn send_status(
-        &mut self,
-        machine: &Snapshot,
-        received_free: usize,
-        sent: &mut ByteWriter<'_>,
-    ) -> bool {
-        // What the report shows is counted only once it has been sent.
-        let mut cadence = self.cadence;
-        let mut text = Text::new();
-        let status = Status {
-            machine,
-            settings: &self.stored.settings,
-            work_offset: self.interpreter.work_offset(),
-            received_free,
-            extra: cadence.next(machine.state),
-        };
-        report::status(&mut text, &status);
-        let has_room = send(&text, sent);
-        if has_room {
-            self.cadence = cadence;
-            self.is_report_due = false;
-        }
-        has_room
-    }
-
-    /// Goes on from the present stage.
-    fn advance(
-        &mut self,
-        machine: &Snapshot,
-        requests: &Requests,
-        received: &mut ByteReader<'_>,
-        entries: &mut Producer<'_, Entry>,
-    ) -> Progress {
+    /// Continues the present stage.
+    fn advance(&mut self, links: &mut Links<'_, '_>) -> Progress {
+        let machine = links.machine;
         // While the machine is held, or ends a jog, no line is begun; the bytes stay where the sender
         // counts them.
-        let is_cut = machine.cancelled_motions != self.cancelled_motions;
-        let is_held = machine.state.is_suspended() || is_cut;
+        let is_cancelled = self.connection.is_cancelled(machine);
+        let is_held = machine.state.is_suspended() || is_cancelled;
         match self.stage {
-            LineStage::Starting | LineStage::Faulted | LineStage::Asleep => Progress::Waiting,
-            LineStage::Welcoming => self.welcome(machine),
-            LineStage::Reading | LineStage::Resting | LineStage::StartingUp(_) if is_held => {
+            LineStage::Reading | LineStage::AwaitingStandstill | LineStage::StartingUp(_)
+                if is_held =>
+            {
                 Progress::Waiting
             }
-            LineStage::Resting => {
-                if self.comes_to_rest(machine, entries) {
-                    self.judge(machine, received.capacity(), entries)
-                } else {
-                    Progress::Waiting
-                }
+            LineStage::Sending(_) if is_cancelled => Progress::Waiting,
+            LineStage::Starting { .. } | LineStage::Faulted | LineStage::Asleep => {
+                Progress::Waiting
             }
-            LineStage::StartingUp(number) => self.start_up(machine, number, entries),
-            LineStage::Reading => match self.carry_out_plain(machine, received) {
-                Ok(()) => self.send_plain(machine, entries),
-                Err(Refusal::NotPlain) if self.read(received) => {
-                    self.judge(machine, received.capacity(), entries)
-                }
-                Err(Refusal::NotPlain | Refusal::Incomplete) => {
-                    self.release_in_time(machine, entries);
-                    Progress::Waiting
-                }
-            },
-            LineStage::Entering(_) if is_cut => Progress::Waiting,
-            LineStage::Entering(first) => self.enter(machine, first, entries),
-            LineStage::Completing(after) => self.complete(machine, after),
-            LineStage::Storing(then) => self.go_on_stored(machine, then, entries),
-            LineStage::Listing(list, line) => self.list(list, line, received.capacity()),
-            LineStage::Faulting => self.fault(entries),
+            LineStage::Reading => self.read_line(links),
+            LineStage::Sending(first) => self.send_commands(first, links),
+            LineStage::ListingDefaults(line) => self.list_defaults(line),
+            LineStage::Welcoming => self.welcome(machine),
+            LineStage::StartingUp(number) => self.start_up(number, links),
+            LineStage::AwaitingStandstill => self.dispatch_at_standstill(links),
+            LineStage::Completing(completion) => self.complete(machine, completion),
+            LineStage::Storing(then) => self.continue_stored(then, links),
+            LineStage::Listing(list, line) => self.list(list, line, links.received.capacity()),
+            LineStage::Faulting => self.send_fault(links),
             LineStage::Resetting => {
-                requests.reset();
-                self.has_request = true;
+                links.requests.reset();
+                self.connection.has_reset_request = true;
                 Progress::Again
             }
         }
     }
-
-    /// Takes bytes up to the end of the line; false when it has not come yet.
-    fn read(&mut self, received: &mut ByteReader<'_>) -> bool {
-        received.take_until(|bytes| self.line.take_from(bytes))
-    }
-
-    /// Whether everything sent to the machine has been done and it stands still.
-    fn is_done(&self, machine: &Snapshot) -> bool {
-        machine.is_at_rest && machine.finished == self.entered && !self.path.has_pending()
-    }
-
-    /// Sends work. The caller has made sure of room; after standstill the queue is empty.
-    fn send_entry(&mut self, work: Work, entries: &mut Producer<'_, Entry>) {
-        let epoch = self.entry().reset_count;
-        if entries
-            .enqueue(Entry {
-                reset_count: epoch,
-                work,
-            })
-            .is_ok()
-        {
-            self.entered = self.entered.wrapping_add(1);
-        }
-    }
-
-    /// An entry still to be filled in.
-    fn entry(&self) -> Entry {
-        Entry {
-            reset_count: self.reset_count.wrapping_add(self.cancelled_motions),
-            work: Work::Pause,
-        }
-    }
 }
 
-/// Sends a message completely or, when there is no room for it, not at all.
-fn send(text: &Text, sent: &mut ByteWriter<'_>) -> bool {
-    sent.append(text.as_bytes())
+/// Returns `Continue` where a condition holds.
+const fn continue_if(condition: bool) -> ControlFlow<()> {
+    if condition {
+        ControlFlow::Continue(())
+    } else {
+        ControlFlow::Break(())
+    }
 }

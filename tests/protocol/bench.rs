@@ -4,7 +4,7 @@ use heapless::spsc::Queue;
 use leadscrew::{
     axis::AXES,
     machine::Snapshot,
-model::{Alarm, Levels, Notice, Overrides, Probing, Release, Requests, State},
+    model::{Alarm, Levels, Notice, Overrides, Probing, Release, Requests, State},
     path::{Block, Entry, MoveKind, Work},
     protocol::{Bytes, Progress, Session, realtime},
     settings::{Change, Settings, StoreError, Stored},

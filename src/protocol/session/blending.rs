@@ -1,13 +1,16 @@
-//! What `G64` holds back of the program, and when the machine gets it.
+//! Moves that `G64` holds back, and when the machine gets them.
 //!
-//! A line waits for the one after it, as what becomes of it depends on that; but never longer than
-//! the machine has something to do. It goes to the machine when anything else than a line comes,
-//! when something has to wait for standstill, and, while no line comes, when the machine would soon
-//! begin to brake for the end of the motion that it knows of.
+//! A move waits for the next line, which may change it; but never longer than the machine has
+//! something to do. It goes to the machine when anything else than a line comes, when something waits
+//! for standstill, and, while no line comes, when the machine would soon begin to brake for the end of
+//! the known motion: docs/path-control.md.
+//!
+//! # Cost
+//! Sending a blended move is out of line, so that a line under `G61` does not pay for it.
 
 use heapless::spsc::Producer;
 
-use super::{Session, Source};
+use super::{Links, Session, Source};
 use crate::{
     machine::Snapshot,
     model::{PathControl, State},
@@ -15,103 +18,92 @@ use crate::{
     protocol::report,
 };
 
-/// More entries than that keep the machine busy, whatever they are.
-const FEW: u32 = 8;
-/// Time for what is held back to reach the machine, s: what is made in advance, and the line.
-const LEAD_S: f32 = 0.03;
+/// Entries with which the machine is busy for long enough, whatever they are.
+const BUSY_ENTRIES: u32 = 8;
+/// Time for a move that is held back to reach the machine, s: the segments made in advance (3.5 ms),
+/// and the transfer and execution of a line. `tests/path_control.rs` measures that no stop results.
+const HANDOVER_S: f32 = 0.03;
 
 impl Session {
-    /// How the moves of the line in execution follow each other: jogs keep to their path.
+    /// Returns the path control of the line in execution: jogs keep to their path.
     pub(super) fn path_control(&self) -> PathControl {
-        if self.source == Source::Jog {
+        if self.line.source == Source::Jog {
             PathControl::ExactPath
         } else {
             self.interpreter.modal().path
         }
     }
 
-    /// Forgets what a machine would not execute that is locked, or has ended a motion early.
-    pub(super) fn drop_void(&mut self, machine: &Snapshot) {
-        if machine.state == State::Alarm || machine.cancelled_motions != self.cancelled_motions {
-            self.path.clear();
+    /// Drops moves that the machine would not execute: it is locked, or has ended a motion early.
+    pub(super) fn drop_cancelled(&mut self, machine: &Snapshot) {
+        if machine.state == State::Alarm || self.connection.is_cancelled(machine) {
+            self.blender.clear();
         }
     }
 
-    /// Sends on what is held back, as far as there is room.
+    /// Sends the moves that are held back, as far as there is room.
     pub(super) fn release(&mut self, entries: &mut Producer<'_, Entry>) {
-        if self.path.has_pending() {
-            self.router.flush(&mut self.path);
+        if self.blender.has_pending() {
+            self.router.flush(&mut self.blender);
             self.drain(entries);
         }
     }
 
-    /// Whether everything before the line in execution has been done. What is held back is not, and
-    /// is sent on; but where it makes no step, nobody will tell of its end.
-    pub(super) fn comes_to_rest(
-        &mut self,
-        machine: &Snapshot,
-        entries: &mut Producer<'_, Entry>,
-    ) -> bool {
-        self.release(entries);
-        self.is_done(machine)
-    }
-
-    /// Sends on what is held back, if the machine could use it.
-    pub(super) fn release_in_time(
-        &mut self,
-        machine: &Snapshot,
-        entries: &mut Producer<'_, Entry>,
-    ) {
-        if self.path.has_pending() {
-            self.release_if_near(machine, entries);
+    /// Sends the moves that are held back, if the machine would soon brake without them.
+    pub(super) fn release_in_time(&mut self, links: &mut Links<'_, '_>) {
+        if self.blender.has_pending() {
+            self.release_near_end(links);
         }
     }
 
-    /// Apart, as what is ready is: its registers are saved only where something is held back.
     #[inline(never)]
-    fn release_if_near(&mut self, machine: &Snapshot, entries: &mut Producer<'_, Entry>) {
-        let left = self.entered.wrapping_sub(machine.finished);
-        let is_near = left < FEW && self.router.distance_from_mm(&machine.steps) <= self.stop_mm;
-        if left == 0 || is_near {
-            self.router.flush(&mut self.path);
+    fn release_near_end(&mut self, links: &mut Links<'_, '_>) {
+        let machine = links.machine;
+        let waiting = self.connection.entered.wrapping_sub(machine.finished);
+        let is_near_end = waiting < BUSY_ENTRIES
+            && self.router.distance_from_mm(&machine.steps) <= self.connection.handover_mm;
+        if waiting == 0 || is_near_end {
+            self.router.flush(&mut self.blender);
         }
-        self.drain(entries);
+        self.drain(links.entries);
     }
 
-    /// Tells how far the program's path was left, if it was.
-    pub(super) fn tell_deviation(&mut self) {
-        let deviation_mm = self.path.take_deviation_mm();
+    /// Reports the greatest deviation from the programmed path, if there was any.
+    pub(super) fn report_deviation(&mut self) {
+        let deviation_mm = self.blender.take_deviation_mm();
         if deviation_mm > 0.0 {
-            report::path_deviation(&mut self.message, deviation_mm);
+            report::path_deviation(&mut self.reports.message, deviation_mm);
         }
     }
 
-    /// Sends what is ready; false when there is no room for all of it.
+    /// Sends the moves that are ready. Returns false when there is no room for all of them.
     #[inline]
     pub(super) fn drain(&mut self, entries: &mut Producer<'_, Entry>) -> bool {
-        self.path.front().is_none() || self.drain_ready(entries)
+        self.blender.front().is_none() || self.drain_ready(entries)
     }
 
-    /// Apart, so that a line under `G61` does not pay for it.
     #[inline(never)]
     fn drain_ready(&mut self, entries: &mut Producer<'_, Entry>) -> bool {
-        while let Some(way) = self.path.front() {
+        while let Some(output) = self.blender.front() {
             if !entries.ready() {
                 return false;
             }
-            let mut entry = self.entry();
+            let mut entry = Entry {
+                reset_count: self.connection.entry_reset_count(),
+                work: Work::Pause,
+            };
             self.router.set_exact_stop(false);
-            if self.router.route_blended(way, &mut entry.work) {
+            if self.router.route_blended(output, &mut entry.work) {
                 if let Work::Move(block) = &entry.work {
                     let speed = block.limit_mm_s.min(block.programmed_mm_s);
                     let braking_s = 0.5 * speed / block.acceleration_mm_s2;
-                    self.stop_mm = speed * (braking_s + LEAD_S);
+                    self.connection.handover_mm = speed * (braking_s + HANDOVER_S);
                 }
                 if entries.enqueue(entry).is_ok() {
-                    self.entered = self.entered.wrapping_add(1);
+                    self.connection.count_entry();
                 }
             }
-            self.path.dequeue();
+            self.blender.dequeue();
         }
         true
     }

@@ -1,113 +1,186 @@
-//! What the sender is told without having asked: notices of the machine.
+//! Messages to the sender: notices of the machine, status reports, and room for all of them.
 //!
-//! Notices come before whatever the line in execution is answered, as in Grbl, which looks for them
-//! in each of its waiting loops. Read with Grbl 1.1 `protocol.c` and `report.c`.
+//! Notices come before the answer to the line in execution, as in Grbl, which looks for them in each
+//! of its waiting loops. Read with Grbl 1.1 `protocol.c` and `report.c`.
 
-use super::Session;
+use super::{LineStage, Links, Session};
 use crate::{
     machine::Snapshot,
     model::{Alarm, Notice},
     protocol::{
         ByteWriter,
-        report::{self, Feedback},
+        report::{self, Cadence, Feedback, Status},
+        text::Text,
     },
 };
 
-/// Notices that are told in one run: as many as are kept.
-const NOTICES: usize = 8;
+/// Notices that one run sends, at most: the capacity of [`crate::model::Notices`].
+const MAX_NOTICES: usize = 8;
 
-/// What has been seen of the machine.
-#[derive(Debug, Clone, Copy, Default)]
-pub(super) struct Seen {
-    /// Notices, wrapping.
+/// What the sender has been told, and is to be told.
+#[derive(Debug, Default)]
+pub(super) struct Reports {
+    /// A message that still needs room.
+    pub(super) message: Text,
+    pub(super) cadence: Cadence,
+    /// A `?` has not been answered.
+    pub(super) is_status_due: bool,
+    /// The sender has been told that the machine needs a reset.
+    pub(super) has_reported_fault: bool,
+    /// Number of notices seen, wrapping.
     notices: u32,
-    news: u8,
+    /// [`Snapshot::accessory_changes`] as seen last.
+    accessory_changes: u8,
+    /// [`Snapshot::coolant_toggles`] as seen last.
     coolant_toggles: u8,
-    /// A probing move has ended since it was asked for.
-    pub(super) is_probed: bool,
+}
+
+impl Reports {
+    /// Returns whether a message or a status report waits.
+    pub(super) fn is_pending(&self) -> bool {
+        self.is_status_due || !self.message.is_empty()
+    }
+
+    /// Returns whether there is a notice that the sender has not been told.
+    pub(super) fn has_notices(&self, machine: &Snapshot) -> bool {
+        machine.notices.count() != self.notices
+    }
+
+    /// Sends the message that waits. Returns false when there is no room.
+    pub(super) fn flush(&mut self, sent: &mut ByteWriter<'_>) -> bool {
+        let has_room = sent.append(self.message.as_bytes());
+        if has_room {
+            self.message.clear();
+        }
+        has_room
+    }
 }
 
 impl Session {
-    /// Takes over what has changed at the machine, and makes the next status report show it.
-    pub(super) fn look_at(&mut self, machine: &Snapshot) {
-        let seen = &mut self.seen;
-        if seen.news != machine.accessory_changes {
-            seen.news = machine.accessory_changes;
-            self.cadence.overrides_changed();
+    /// Returns whether the welcome has been written.
+    pub(super) fn is_welcome_sent(&self) -> bool {
+        !matches!(
+            self.stage,
+            LineStage::Starting { .. } | LineStage::ListingDefaults(_) | LineStage::Welcoming
+        )
+    }
+
+    /// Adopts what has changed at the machine, and makes the next status report show it.
+    pub(super) fn observe(&mut self, machine: &Snapshot) {
+        let reports = &mut self.reports;
+        if reports.accessory_changes != machine.accessory_changes {
+            reports.accessory_changes = machine.accessory_changes;
+            reports.cadence.overrides_changed();
         }
-        if seen.coolant_toggles != machine.coolant_toggles {
-            seen.coolant_toggles = machine.coolant_toggles;
+        if reports.coolant_toggles != machine.coolant_toggles {
+            reports.coolant_toggles = machine.coolant_toggles;
             self.interpreter.set_coolant(machine.coolant_asked);
         }
     }
 
-    /// Whether there is something that the sender has not been told.
-    pub(super) fn has_notices(&self, machine: &Snapshot) -> bool {
-        machine.notices.count() != self.seen.notices
-    }
-
-    /// Tells everything that there is to tell; false when there is no room for it.
-    ///
-    /// Before a welcome that is only why the machine was locked: an open door comes after it.
+    /// Sends the message that waits, and all notices. Returns false when there is no room.
     #[inline]
-    pub(super) fn tell_notices(&mut self, machine: &Snapshot, sent: &mut ByteWriter<'_>) -> bool {
-        !self.has_notices(machine) || self.tell_all(machine, sent)
+    pub(super) fn send_pending(&mut self, links: &mut Links<'_, '_>) -> bool {
+        self.reports.flush(links.sent)
+            && (!self.reports.has_notices(links.machine) || self.send_notices(links))
     }
 
+    /// Sends all notices. Returns false when there is no room.
+    ///
+    /// Before a welcome these are only alarms, the reason of the lock: an open door comes after it.
     #[inline(never)]
-    fn tell_all(&mut self, machine: &Snapshot, sent: &mut ByteWriter<'_>) -> bool {
-        for _ in 0..NOTICES {
-            let mut seen = self.seen.notices;
-            let Some(notice) = machine.notices.next(&mut seen) else {
+    fn send_notices(&mut self, links: &mut Links<'_, '_>) -> bool {
+        for _ in 0..MAX_NOTICES {
+            let mut seen = self.reports.notices;
+            let Some(notice) = links.machine.notices.next(&mut seen) else {
                 break;
             };
-            if !self.is_welcome_told() && !matches!(notice, Notice::Alarm(_)) {
+            if !self.is_welcome_sent() && !matches!(notice, Notice::Alarm(_)) {
                 break;
             }
-            self.seen.notices = seen;
-            self.tell_notice(machine, notice);
-            if !self.flush(sent) {
+            self.reports.notices = seen;
+            self.write_notice(links.machine, notice);
+            if !self.reports.flush(links.sent) {
                 return false;
             }
         }
         true
     }
 
-    fn tell_notice(&mut self, machine: &Snapshot, notice: Notice) {
+    fn write_notice(&mut self, machine: &Snapshot, notice: Notice) {
         let is_miss = !machine.probed.success && self.is_alarmed_by_a_miss();
-        let text = &mut self.message;
+        let text = &mut self.reports.message;
         match notice {
-            // Told with the welcome.
+            // Sent with the welcome.
             Notice::Alarm(Alarm::ResetInMotion) => {}
             Notice::Alarm(alarm) => {
                 report::alarm(text, alarm);
                 if machine.is_critical {
                     report::feedback(text, Feedback::ResetNeeded);
-                    self.is_fault_told = true;
+                    self.reports.has_reported_fault = true;
                 }
             }
             Notice::CheckDoor => report::feedback(text, Feedback::CheckDoor),
             Notice::RestoringSpindle => report::feedback(text, Feedback::RestoringSpindle),
             Notice::Sleeping => report::feedback(text, Feedback::Sleeping),
             Notice::Probed => {
+                let probing = &mut self.probing;
                 // A miss that is an alarm leaves the position of the last contact, as in Grbl.
-                self.probed.success = machine.probed.success;
+                probing.reported.success = machine.probed.success;
                 if !is_miss {
-                    self.probed.steps = machine.probed.steps;
+                    probing.reported.steps = machine.probed.steps;
                 }
-                self.seen.is_probed = true;
-                report::probed(text, &self.probed, &self.stored.settings);
+                probing.has_ended = true;
+                report::probed(text, &probing.reported, &self.persistence.stored.settings);
             }
         }
     }
 
-    /// The machine stopped dead in motion. No line is answered any more, as in Grbl; only a reset
-    /// ends this. Grbl's alarm 3 says what it means for the sender: the position may be lost.
-    pub(super) fn tell_fault(&mut self, machine: &Snapshot) {
-        if machine.has_underrun && !self.is_fault_told {
-            report::alarm(&mut self.message, Alarm::ResetInMotion);
-            report::feedback(&mut self.message, Feedback::ResetNeeded);
-            self.is_fault_told = true;
+    /// Sends a status report that is due. Returns false when there is no room.
+    pub(super) fn answer_status(&mut self, links: &mut Links<'_, '_>) -> bool {
+        if !self.reports.is_status_due || !self.is_welcome_sent() {
+            return true;
         }
+        let received_free = links.received.capacity() - links.received.len();
+        self.send_status(links.machine, received_free, links.sent)
+    }
+
+    /// Sends a status report. Returns false when there is no room.
+    pub(super) fn send_status(
+        &mut self,
+        machine: &Snapshot,
+        received_free: usize,
+        sent: &mut ByteWriter<'_>,
+    ) -> bool {
+        // A report counts only once it has been sent.
+        let mut cadence = self.reports.cadence;
+        let mut text = Text::new();
+        let status = Status {
+            machine,
+            settings: &self.persistence.stored.settings,
+            work_offset: self.interpreter.work_offset(),
+            received_free,
+            extra: cadence.next(machine.state),
+        };
+        report::status(&mut text, &status);
+        let has_room = sent.append(text.as_bytes());
+        if has_room {
+            self.reports.cadence = cadence;
+            self.reports.is_status_due = false;
+        }
+        has_room
+    }
+
+    /// Reports a fault that only a reset ends. Returns false: no line is answered any more, as in Grbl.
+    ///
+    /// When the step events ran out in motion, this is Grbl's alarm 3: the position may be lost.
+    pub(super) fn report_fault(&mut self, links: &mut Links<'_, '_>) -> bool {
+        if links.machine.has_underrun && !self.reports.has_reported_fault {
+            report::alarm(&mut self.reports.message, Alarm::ResetInMotion);
+            report::feedback(&mut self.reports.message, Feedback::ResetNeeded);
+            self.reports.has_reported_fault = true;
+        }
+        self.reports.flush(links.sent);
+        false
     }
 }

@@ -1,54 +1,107 @@
 //! What a line changes in what outlives power.
 //!
 //! A change is made in a copy of what is stored, handed to the shell, and takes effect when it has
-//! been stored; if it could not be, everything is as it was. All of it at rest only: the flash
+//! been stored; after a failure everything is as before. All of it at standstill only: the flash
 //! stalls the processor. Read with Grbl 1.1 `settings.c`.
 
-use heapless::spsc::Producer;
-
-use super::{After, LineStage, Progress, Session, Source, dispatch::answer};
+use super::{Completion, LineStage, Links, Progress, Session, Source, dispatch::answer};
 use crate::{
     gcode::LineError,
     machine::Snapshot,
-    path::{Entry, Work},
+    path::Work,
     protocol::report::{self, Feedback},
-    settings::{Change, Settings, Stored, StoredLine},
+    settings::{Change, Settings, StoreError, Stored, StoredLine},
 };
+
+/// `$13`.
+const REPORT_INCHES: i64 = 13;
 
 /// What follows when a change has been stored.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) enum Then {
+pub(super) enum AfterStore {
     /// The answer.
     Answer,
-    /// The line that has been checked is carried out.
+    /// The execution of the line that has been checked.
     Commit,
-    /// So is the startup line that has been stored.
+    /// The execution of the startup line that has been stored.
     Execute,
-    /// The settings take effect, and the line is answered.
+    /// The settings take effect; the answer.
     Configure,
     /// Everything takes effect; a message, the answer and a reset.
     Restore,
 }
 
+/// What has become of the last change.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum StoreState {
+    /// Nothing: all is in effect.
+    Idle,
+    /// The shell is to store it.
+    Requested(Change),
+    /// The shell has stored it, or has failed to.
+    Finished(Result<(), StoreError>),
+    /// Stored, but a reset came before it took effect.
+    Deferred,
+}
+
+/// What is stored, and the change in progress.
+#[derive(Debug)]
+pub(super) struct Persistence {
+    /// What is stored, or is to be.
+    pub(super) stored: Stored,
+    /// What was stored before the change in progress.
+    previous: Stored,
+    state: StoreState,
+}
+
+impl Persistence {
+    pub(super) fn new(stored: &Stored) -> Self {
+        Self {
+            stored: stored.clone(),
+            previous: Stored::default(),
+            state: StoreState::Idle,
+        }
+    }
+
+    /// Returns the change that the shell is to store.
+    pub(super) fn requested(&self) -> Option<Change> {
+        match self.state {
+            StoreState::Requested(change) => Some(change),
+            StoreState::Idle | StoreState::Finished(_) | StoreState::Deferred => None,
+        }
+    }
+
+    /// Ends the requested change.
+    pub(super) fn finish(&mut self, result: Result<(), StoreError>) {
+        if self.requested().is_some() {
+            self.state = StoreState::Finished(result);
+        }
+    }
+
+    /// Leaves what has been stored to take effect after a reset.
+    pub(super) fn defer(&mut self) {
+        self.state = StoreState::Deferred;
+    }
+}
+
 impl Session {
-    /// Stores a change at rest, and then goes on.
+    /// Stores a change at standstill, and then continues.
     pub(super) fn store(
         &mut self,
         machine: &Snapshot,
         change: Change,
-        then: Then,
+        then: AfterStore,
         make: impl FnOnce(&mut Stored),
     ) -> Progress {
         if !self.is_done(machine) {
-            return self.rest();
+            return self.await_standstill();
         }
-        self.before.clone_from(&self.stored);
-        make(&mut self.stored);
-        // The same again needs no room in the flash; a restoration is always done.
-        if self.before == self.stored && then != Then::Restore {
-            self.store_result = None;
-        } else {
-            self.change = Some(change);
+        let persistence = &mut self.persistence;
+        persistence.previous.clone_from(&persistence.stored);
+        make(&mut persistence.stored);
+        // An unchanged record needs no room in the flash; a restoration is always written.
+        if persistence.previous != persistence.stored || then == AfterStore::Restore {
+            persistence.state = StoreState::Requested(change);
         }
         self.stage = LineStage::Storing(then);
         Progress::Again
@@ -61,20 +114,51 @@ impl Session {
         number: usize,
         start: usize,
     ) -> Progress {
-        let text = self.line.text().unwrap_or_default();
-        match StoredLine::from_slice(text.get(start..).unwrap_or_default()) {
-            Ok(line) => self.store(machine, Change::Startup(number), Then::Execute, |stored| {
-                if let Some(place) = stored.startup.get_mut(number) {
-                    *place = line;
-                }
-            }),
-            Err(_) => self.refuse(LineError::StoredLineTooLong),
-        }
+        let text = self.line.input.text().unwrap_or_default();
+        let Ok(line) = StoredLine::from_slice(text.get(start..).unwrap_or_default()) else {
+            return self.refuse(LineError::StoredLineTooLong);
+        };
+        let change = Change::Startup(number);
+        self.store(machine, change, AfterStore::Execute, |stored| {
+            if let Some(stored) = stored.startup.get_mut(number) {
+                *stored = line;
+            }
+        })
     }
 
-    /// `$RST=`.
+    /// Stores the text of `$I=`.
+    pub(super) fn store_build_info(
+        &mut self,
+        machine: &Snapshot,
+        text: Option<StoredLine>,
+    ) -> Progress {
+        let Some(text) = text else {
+            return self.refuse(LineError::StoredLineTooLong);
+        };
+        self.store(machine, Change::BuildInfo, AfterStore::Answer, |stored| {
+            stored.build_info = text;
+        })
+    }
+
+    /// Stores settings of which the one with this number has been assigned.
+    pub(super) fn store_setting(
+        &mut self,
+        machine: &Snapshot,
+        number: i64,
+        settings: Settings,
+    ) -> Progress {
+        if number == REPORT_INCHES {
+            // The next report shows the offset in the new unit.
+            self.reports.cadence.offset_changed();
+        }
+        self.store(machine, Change::Settings, AfterStore::Configure, |stored| {
+            stored.settings = settings;
+        })
+    }
+
+    /// Restores defaults, `$RST=`.
     pub(super) fn restore(&mut self, machine: &Snapshot, change: Change) -> Progress {
-        self.store(machine, change, Then::Restore, |stored| {
+        self.store(machine, change, AfterStore::Restore, |stored| {
             let new = Stored::new(stored.settings.step_rate);
             match change {
                 Change::RestoreSettings => stored.settings = new.settings,
@@ -85,65 +169,76 @@ impl Session {
         })
     }
 
-    /// Takes back a change that could not be stored.
-    pub(super) fn take_store_result(&mut self) {
-        if let Some(Err(_)) = self.store_result.take() {
-            self.stored.clone_from(&self.before);
+    /// Reverts a change that could not be stored.
+    pub(super) fn end_store(&mut self) {
+        let StoreState::Finished(result) = self.persistence.state else {
+            return;
+        };
+        self.persistence.state = StoreState::Idle;
+        if result.is_err() {
+            let persistence = &mut self.persistence;
+            persistence.stored.clone_from(&persistence.previous);
             if matches!(self.stage, LineStage::Storing(_)) {
                 self.refuse(LineError::StorageWrite);
             }
         }
     }
 
-    /// Goes on after a change has been stored.
-    pub(super) fn go_on_stored(
+    /// Continues after a change has been stored.
+    pub(super) fn continue_stored(
         &mut self,
-        machine: &Snapshot,
-        then: Then,
-        entries: &mut Producer<'_, Entry>,
+        then: AfterStore,
+        links: &mut Links<'_, '_>,
     ) -> Progress {
         match then {
-            Then::Answer => self.accept(),
-            Then::Commit => self.commit(machine, entries),
-            Then::Execute => {
-                if let Source::NewStartup { is_stored, .. } = &mut self.source {
+            AfterStore::Answer => self.accept(),
+            AfterStore::Commit => self.commit(links),
+            AfterStore::Execute => {
+                if let Source::NewStartup { is_stored, .. } = &mut self.line.source {
                     *is_stored = true;
                 }
-                self.interpret(machine, entries)
+                self.interpret(links)
             }
-            Then::Configure => {
-                self.configure(machine, entries);
-                self.stage = LineStage::Completing(After::Answer);
+            AfterStore::Configure => {
+                self.configure(links);
+                self.stage = LineStage::Completing(Completion::Answer);
                 Progress::Again
             }
-            Then::Restore => {
-                self.configure(machine, entries);
-                self.interpreter.set_origins(&self.stored.origins);
-                report::feedback(&mut self.message, Feedback::RestoringDefaults);
-                answer(&mut self.message, Ok(()));
-                self.stage = LineStage::Resetting;
-                Progress::Again
+            AfterStore::Restore => {
+                self.configure(links);
+                self.interpreter
+                    .set_origins(&self.persistence.stored.origins);
+                report::feedback(&mut self.reports.message, Feedback::RestoringDefaults);
+                self.answer_and_reset()
             }
         }
     }
 
-    /// Lets take effect what was stored when a reset came, once the machine is at rest.
-    pub(super) fn take_stored(&mut self, machine: &Snapshot, entries: &mut Producer<'_, Entry>) {
-        if self.is_stored_due && self.is_done(machine) {
-            self.is_stored_due = false;
-            self.configure(machine, entries);
-            self.interpreter.set_origins(&self.stored.origins);
+    /// Puts into effect what was stored when a reset came, once the machine stands still.
+    pub(super) fn apply_stored(&mut self, links: &mut Links<'_, '_>) {
+        if self.persistence.state == StoreState::Deferred && self.is_done(links.machine) {
+            self.persistence.state = StoreState::Idle;
+            self.configure(links);
+            self.interpreter
+                .set_origins(&self.persistence.stored.origins);
         }
     }
 
-    /// New settings: the machine takes them at standstill.
-    fn configure(&mut self, machine: &Snapshot, entries: &mut Producer<'_, Entry>) {
-        let settings: Settings = self.stored.settings;
-        // The steps stay where they are; with another resolution they are another position.
-        let position = self.router.configure(&settings, machine.steps);
-        if settings.steps_per_mm != self.before.settings.steps_per_mm {
+    /// Sends new settings, which the machine adopts at standstill.
+    fn configure(&mut self, links: &mut Links<'_, '_>) {
+        let settings: Settings = self.persistence.stored.settings;
+        // The steps stay the same; with another resolution they are another position.
+        let position = self.router.configure(&settings, links.machine.steps);
+        if settings.steps_per_mm != self.persistence.previous.settings.steps_per_mm {
             self.interpreter.set_position(position);
         }
-        self.send_entry(Work::Configure(settings), entries);
+        self.send_work(Work::Configure(settings), links);
+    }
+
+    /// Answers `ok`, and resets.
+    pub(super) fn answer_and_reset(&mut self) -> Progress {
+        answer(&mut self.reports.message, Ok(()));
+        self.stage = LineStage::Resetting;
+        Progress::Again
     }
 }

@@ -3,43 +3,51 @@
 //! A line that was begun gets its `ok` before the welcome, as in Grbl, whose waiting loops end with
 //! a reset and then answer. Read with Grbl 1.1 `main.c` and `protocol.c`.
 
-use heapless::spsc::Producer;
-
-use super::{LineStage, List, Progress, Session, Source, dispatch::answer};
+use super::{LineStage, Links, Progress, Session, Source, dispatch::answer};
 use crate::{
+    gcode::LineError,
     machine::Snapshot,
     model::{Alarm, Levels, Probed, State},
-    path::Entry,
     protocol::{
-        ByteReader,
+        listing,
         report::{self, Cadence, Feedback},
     },
     settings::STARTUP_LINES,
 };
 
 impl Session {
-    /// Drops everything that the reset makes void.
-    pub(super) fn begin_reset(&mut self, epoch: u32) {
-        self.reset_count = epoch;
-        self.is_answer_owed |= self.is_line_begun();
-        self.is_stored_due |= matches!(self.stage, LineStage::Storing(_));
-        self.stage = LineStage::Starting;
-        self.path.clear();
-        self.is_jogging = false;
-        self.is_position_known = false;
-        self.is_fault_told = false;
+    /// Drops everything that a reset makes void, if one has come.
+    pub(super) fn begin_reset(&mut self, reset_count: u32) {
+        if reset_count == self.connection.reset_count {
+            return;
+        }
+        self.connection.reset_count = reset_count;
+        if matches!(self.stage, LineStage::Storing(_)) {
+            self.persistence.defer();
+        }
+        if !matches!(self.stage, LineStage::Starting { .. }) {
+            self.stage = LineStage::Starting {
+                is_first_boot: false,
+                owes_answer: self.is_line_begun(),
+            };
+        }
+        self.blender.clear();
+        self.connection.is_jogging = false;
+        self.connection.is_position_known = false;
+        self.reports.has_reported_fault = false;
     }
 
-    /// Whether a line has been begun and not been answered.
+    /// Returns whether a line has been begun and not been answered.
     fn is_line_begun(&self) -> bool {
         match self.stage {
-            LineStage::Resting
-            | LineStage::Entering(_)
+            LineStage::AwaitingStandstill
+            | LineStage::Sending(_)
             | LineStage::Completing(_)
             | LineStage::Storing(_)
             | LineStage::Faulting
             | LineStage::Faulted => true,
-            LineStage::Starting
+            LineStage::Starting { .. }
+            | LineStage::ListingDefaults(_)
             | LineStage::Welcoming
             | LineStage::StartingUp(_)
             | LineStage::Reading
@@ -49,61 +57,81 @@ impl Session {
         }
     }
 
-    /// Ends what was begun before, as soon as the machine has acted on the reset; false before.
+    /// Ends what was begun before a reset. Returns false until the machine has acted on the reset.
     ///
     /// What is received between the reset and the welcome is lost, as in Grbl.
-    pub(super) fn start(&mut self, machine: &Snapshot, received: &mut ByteReader<'_>) -> bool {
-        if self.reset_count != 0 {
-            // As many as the queue holds, at most.
-            for _ in 0..received.capacity() {
-                if received.dequeue().is_none() {
+    pub(super) fn start(&mut self, links: &mut Links<'_, '_>) -> bool {
+        let LineStage::Starting {
+            is_first_boot,
+            owes_answer,
+        } = self.stage
+        else {
+            return true;
+        };
+        if self.connection.reset_count != 0 {
+            // No more than the capacity of the queue.
+            for _ in 0..links.received.capacity() {
+                if links.received.dequeue().is_none() {
                     break;
                 }
             }
         }
-        if machine.reset_count != self.reset_count {
+        if links.machine.reset_count != self.connection.reset_count {
             return false;
         }
-        if machine.reset_in_motion {
-            report::alarm(&mut self.message, Alarm::ResetInMotion);
+        if links.machine.reset_in_motion {
+            report::alarm(&mut self.reports.message, Alarm::ResetInMotion);
         }
-        if core::mem::take(&mut self.is_answer_owed) {
+        if owes_answer {
             self.answer_interrupted();
         }
-        self.line.clear();
-        self.source = Source::Line;
+        self.line.input.clear();
+        self.line.source = Source::Line;
         self.interpreter.reset();
-        self.probed = Probed::default();
-        self.cadence = Cadence::default();
-        self.stage = LineStage::Welcoming;
-        if core::mem::take(&mut self.is_first_boot) {
-            report::error(&mut self.message, crate::gcode::LineError::StorageRead);
-            self.stage = LineStage::Listing(List::FirstSettings, 0);
-        }
+        self.probing.reported = Probed::default();
+        self.reports.cadence = Cadence::default();
+        self.stage = if is_first_boot {
+            report::error(&mut self.reports.message, LineError::StorageRead);
+            LineStage::ListingDefaults(0)
+        } else {
+            LineStage::Welcoming
+        };
         true
     }
 
-    /// The answer to the line that a reset has interrupted.
+    /// Answers the line that a reset has interrupted.
     fn answer_interrupted(&mut self) {
         if self.ends_program() {
-            report::feedback(&mut self.message, Feedback::ProgramEnd);
+            report::feedback(&mut self.reports.message, Feedback::ProgramEnd);
         }
-        if let Source::Startup { number, .. } = self.source
-            && let Some(line) = self.stored.startup.get(number)
+        if let Source::Startup { number, .. } = self.line.source
+            && let Some(line) = self.persistence.stored.startup.get(number)
         {
-            report::startup(&mut self.message, line);
+            report::startup(&mut self.reports.message, line);
         }
-        answer(&mut self.message, Ok(()));
+        answer(&mut self.reports.message, Ok(()));
     }
 
-    /// Welcomes the sender, and says whether the machine is locked.
+    /// Writes the next line of the defaults, before the first welcome.
+    pub(super) fn list_defaults(&mut self, line: usize) -> Progress {
+        let settings = &self.persistence.stored.settings;
+        self.stage = if listing::setting(&mut self.reports.message, settings, line) {
+            LineStage::ListingDefaults(line + 1)
+        } else {
+            LineStage::Welcoming
+        };
+        Progress::Again
+    }
+
+    /// Welcomes the sender, and reports whether the machine is locked.
     pub(super) fn welcome(&mut self, machine: &Snapshot) -> Progress {
-        report::welcome(&mut self.message);
-        if self.stored.settings.hard_limits && machine.inputs.has(Levels::LIMITS) {
-            report::feedback(&mut self.message, Feedback::CheckLimits);
+        let text = &mut self.reports.message;
+        report::welcome(text);
+        if self.persistence.stored.settings.hard_limits && machine.inputs.has(Levels::LIMITS) {
+            report::feedback(text, Feedback::CheckLimits);
         }
         if machine.state == State::Alarm {
-            report::feedback(&mut self.message, Feedback::Locked);
+            report::feedback(text, Feedback::Locked);
             self.stage = LineStage::Reading;
         } else {
             self.stage = LineStage::StartingUp(0);
@@ -112,31 +140,23 @@ impl Session {
     }
 
     /// Begins the first startup line from `first` on that is not empty.
-    pub(super) fn start_up(
-        &mut self,
-        machine: &Snapshot,
-        first: usize,
-        entries: &mut Producer<'_, Entry>,
-    ) -> Progress {
-        let is_homed = matches!(self.source, Source::Startup { is_homed: true, .. });
-        if !self.is_position_known {
+    pub(super) fn start_up(&mut self, first: usize, links: &mut Links<'_, '_>) -> Progress {
+        let is_homed = matches!(self.line.source, Source::Startup { is_homed: true, .. });
+        if !self.connection.is_position_known {
             return Progress::Waiting;
         }
-        let next = (first..STARTUP_LINES).find(|&number| {
-            self.stored
-                .startup
-                .get(number)
-                .is_some_and(|l| !l.is_empty())
-        });
+        let lines = &self.persistence.stored.startup;
+        let next = (first..STARTUP_LINES)
+            .find(|&number| lines.get(number).is_some_and(|line| !line.is_empty()));
         match next {
-            Some(number) if machine.state != State::Alarm => {
-                self.source = Source::Startup { number, is_homed };
-                self.interpret(machine, entries)
+            Some(number) if links.machine.state != State::Alarm => {
+                self.line.source = Source::Startup { number, is_homed };
+                self.interpret(links)
             }
-            _ => {
-                self.source = Source::Line;
+            Some(_) | None => {
+                self.line.source = Source::Line;
                 if is_homed {
-                    answer(&mut self.message, Ok(()));
+                    answer(&mut self.reports.message, Ok(()));
                 }
                 self.begin_line()
             }

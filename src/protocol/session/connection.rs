@@ -1,0 +1,96 @@
+//! The connection to the machine: entries sent, resets seen, and the position.
+
+use heapless::spsc::Producer;
+
+use super::{Links, Session, Source};
+use crate::{
+    machine::Snapshot,
+    path::{Entry, Work},
+};
+
+/// What the machine has been sent, and what is known of it.
+#[derive(Debug, Default)]
+pub(super) struct Connection {
+    /// Number of entries sent so far, wrapping.
+    pub(super) entered: u32,
+    /// The reset that the session has acted on.
+    pub(super) reset_count: u32,
+    /// Number of motions that ended before their target, as far as the position is known.
+    pub(super) cancelled_motions: u32,
+    /// Whether the interpreter knows the position of the machine.
+    pub(super) is_position_known: bool,
+    /// Whether the entries that are not done are jogs.
+    pub(super) is_jogging: bool,
+    /// A reset has been requested of which `prepare` does not know.
+    pub(super) has_reset_request: bool,
+    /// Distance before the end of the last blended move at which the machine must know more, mm.
+    pub(super) handover_mm: f32,
+}
+
+impl Connection {
+    /// Returns whether every entry has been done.
+    pub(super) fn has_finished(&self, machine: &Snapshot) -> bool {
+        machine.finished == self.entered
+    }
+
+    /// Returns whether the machine has ended a motion early, and the position is not yet known again.
+    pub(super) fn is_cancelled(&self, machine: &Snapshot) -> bool {
+        machine.cancelled_motions != self.cancelled_motions
+    }
+
+    /// Returns the number by which `prepare` knows an entry made before a reset.
+    pub(super) fn entry_reset_count(&self) -> u32 {
+        self.reset_count.wrapping_add(self.cancelled_motions)
+    }
+
+    /// Sends work. The caller has made sure of room; after standstill the queue is empty.
+    pub(super) fn send(&mut self, work: Work, entries: &mut Producer<'_, Entry>) {
+        let reset_count = self.entry_reset_count();
+        if entries.enqueue(Entry { reset_count, work }).is_ok() {
+            self.count_entry();
+        }
+    }
+
+    /// Counts an entry that has been sent.
+    pub(super) fn count_entry(&mut self) {
+        self.entered = self.entered.wrapping_add(1);
+    }
+}
+
+impl Session {
+    /// Returns whether everything sent to the machine has been done, and the machine stands still.
+    pub(super) fn is_done(&self, machine: &Snapshot) -> bool {
+        machine.is_at_rest && self.connection.has_finished(machine) && !self.blender.has_pending()
+    }
+
+    /// Sends work that needs standstill.
+    pub(super) fn send_work(&mut self, work: Work, links: &mut Links<'_, '_>) {
+        self.connection.send(work, links.entries);
+    }
+
+    /// Latches the position of the machine at standstill, if it is not known.
+    pub(super) fn latch_position(&mut self, machine: &Snapshot) {
+        if !self.is_done(machine) {
+            return;
+        }
+        self.connection.is_jogging = false;
+        // A cancelled jog has not come to its end, and one that still waits for room is dropped.
+        if self.connection.is_cancelled(machine) {
+            self.connection.cancelled_motions = machine.cancelled_motions;
+            self.connection.is_position_known = false;
+            if self.line.source == Source::Jog {
+                self.line.outcome.commands.clear();
+            }
+        }
+        if !self.connection.is_position_known {
+            self.adopt_position(machine);
+        }
+    }
+
+    /// Makes the position of the machine the programmed one.
+    pub(super) fn adopt_position(&mut self, machine: &Snapshot) {
+        let position = self.router.set_steps(machine.steps);
+        self.interpreter.set_position(position);
+        self.connection.is_position_known = true;
+    }
+}

@@ -1,0 +1,254 @@
+//! The commands of a line on their way to the machine, and what follows when they are done.
+//!
+//! Read with Grbl 1.1 `motion_control.c` and `protocol.c`.
+//!
+//! # Cost
+//! Nearly all moves are lines: a line is made in its place in the queue.
+
+use heapless::spsc::Producer;
+
+use super::{Completion, LineStage, Links, Progress, Session, Source};
+use crate::{
+    gcode::ProbeMode,
+    machine::Snapshot,
+    model::{Alarm, Command, FeedRate, Laser, Levels, PathControl, Spindle, Target},
+    path::{Entry, Router, Work},
+    protocol::report::{self, Feedback},
+};
+
+impl Session {
+    /// Stops and locks the machine: the line leaves the travel.
+    pub(super) fn send_fault(&mut self, links: &mut Links<'_, '_>) -> Progress {
+        self.stage = if links.entries.ready() {
+            self.send_work(Work::Fault(Alarm::SoftLimit), links);
+            LineStage::Faulted
+        } else {
+            LineStage::Faulting
+        };
+        Progress::Waiting
+    }
+
+    /// Sends the commands of the line from the given one on to the machine, as far as there is room.
+    pub(super) fn send_commands(&mut self, first: usize, links: &mut Links<'_, '_>) -> Progress {
+        let mut next = first;
+        if !self.send_remaining(&mut next, links) {
+            self.stage = LineStage::Sending(next);
+            return Progress::Waiting;
+        }
+        match self.line.completion {
+            Some(completion) => {
+                self.stage = LineStage::Completing(completion);
+                self.complete(links.machine, completion)
+            }
+            None => self.accept(),
+        }
+    }
+
+    /// Sends the commands from `next` on, and counts them. Returns false when there is no room.
+    fn send_remaining(&mut self, next: &mut usize, links: &mut Links<'_, '_>) -> bool {
+        let control = self.path_control();
+        while let Some(command) = self.line.outcome.commands.get(*next) {
+            let is_blended = is_blended(control, command);
+            if !is_blended {
+                self.router.flush(&mut self.blender);
+            }
+            if !self.drain(links.entries) || !links.entries.ready() {
+                return false;
+            }
+            self.send_command(*next, is_blended, links);
+            *next += 1;
+        }
+        if self.line.completion.is_some() {
+            self.router.flush(&mut self.blender);
+        }
+        if !self.drain(links.entries) {
+            return false;
+        }
+        if self.line.completion == Some(Completion::Message(Feedback::ProgramEnd)) {
+            if !links.entries.ready() {
+                return false;
+            }
+            self.send_work(Work::EndOverrides, links);
+        }
+        true
+    }
+
+    /// Sends a command of the line to the machine, or to the blender before it. There is room.
+    fn send_command(&mut self, number: usize, is_blended: bool, links: &mut Links<'_, '_>) {
+        let Some(command) = self.line.outcome.commands.get(number) else {
+            return;
+        };
+        let control = self.path_control();
+        if is_blended {
+            return self.router.blend(&mut self.blender, control, command);
+        }
+        self.router
+            .set_exact_stop(control == PathControl::ExactStop);
+        let reset_count = self.connection.entry_reset_count();
+        if enqueue(&mut self.router, command, reset_count, links.entries) {
+            self.connection.is_jogging |= self.line.source == Source::Jog;
+            self.connection.count_entry();
+        } else if let Some(work) = self.work_without_steps(links.machine, number) {
+            self.connection.is_jogging |= self.line.source == Source::Jog;
+            self.send_work(work, links);
+        }
+    }
+
+    /// Returns the work that replaces a move without a step.
+    fn work_without_steps(&mut self, machine: &Snapshot, number: usize) -> Option<Work> {
+        let line = &mut self.line;
+        match line.outcome.commands.get(number)? {
+            // The power of a laser that is on must be switched: no block carries it.
+            Command::Line { feed_rate, .. } | Command::Arc { feed_rate, .. } => {
+                let Laser::Constant(rpm) = self.router.laser() else {
+                    return None;
+                };
+                let is_on = self.interpreter.modal().spindle == Spindle::Clockwise;
+                if !is_on || matches!(feed_rate, FeedRate::Jog(_)) {
+                    return None;
+                }
+                line.completion = line.completion.or(Some(Completion::Answer));
+                Some(Work::Spindle(Spindle::Clockwise, rpm))
+            }
+            // The probe cannot change in a move of length 0.
+            Command::Probe { probing, .. } => {
+                if machine.inputs.has(Levels::PROBE) != probing.is_away {
+                    return Some(Work::Fault(Alarm::ProbeState));
+                }
+                line.completion = Some(Completion::Miss);
+                (!probing.may_miss).then_some(Work::Fault(Alarm::ProbeContact))
+            }
+            Command::Power(_)
+            | Command::Dwell { .. }
+            | Command::Spindle { .. }
+            | Command::Coolant(_)
+            | Command::Pause => None,
+        }
+    }
+
+    /// Ends the line when everything that was sent has been done.
+    pub(super) fn complete(&mut self, machine: &Snapshot, completion: Completion) -> Progress {
+        if !self.is_done(machine) || machine.state.is_suspended() {
+            return Progress::Waiting;
+        }
+        match completion {
+            Completion::Answer => {}
+            Completion::Message(feedback) => {
+                if feedback == Feedback::ProgramEnd {
+                    self.report_deviation();
+                }
+                report::feedback(&mut self.reports.message, feedback);
+            }
+            Completion::Probe => self.end_probing(machine),
+            Completion::Miss => self.report_miss(machine),
+            Completion::Home { is_all } => return self.end_homing(machine, is_all),
+        }
+        self.accept()
+    }
+
+    /// Sets the position after a probing move: the position of the machine; the target, after a miss;
+    /// or the start, if the move has not been begun.
+    fn end_probing(&mut self, machine: &Snapshot) {
+        if !self.probing.has_ended {
+            let (position, checkpoint) = &self.probing.start;
+            self.interpreter.set_position(*position);
+            self.router.restore(checkpoint);
+            return;
+        }
+        let position = self.router.set_steps(machine.steps);
+        if self.probing.reported.success {
+            self.interpreter.set_position(position);
+        }
+    }
+
+    /// Reports that a probing move without a step has missed. The position stays its target.
+    fn report_miss(&mut self, machine: &Snapshot) {
+        let is_alarm = self.is_alarmed_by_a_miss();
+        let probed = &mut self.probing.reported;
+        probed.success = false;
+        if !is_alarm {
+            probed.steps = machine.steps;
+        }
+        let settings = &self.persistence.stored.settings;
+        report::probed(&mut self.reports.message, probed, settings);
+    }
+
+    /// Returns whether a miss of the probing move in execution is an alarm.
+    pub(super) fn is_alarmed_by_a_miss(&self) -> bool {
+        match self.line.checked.probe() {
+            Some((_, ProbeMode::Contact | ProbeMode::Release)) => true,
+            Some((_, ProbeMode::TryContact | ProbeMode::TryRelease)) | None => false,
+        }
+    }
+}
+
+/// Enqueues the work of a command; there is room. Returns false for a move without a step.
+fn enqueue(
+    router: &mut Router,
+    command: &Command,
+    reset_count: u32,
+    entries: &mut Producer<'_, Entry>,
+) -> bool {
+    match command {
+        Command::Line {
+            target,
+            feed_rate,
+            line,
+        } => enqueue_line(router, target, *feed_rate, *line, reset_count, entries),
+        Command::Arc { .. }
+        | Command::Probe { .. }
+        | Command::Power(_)
+        | Command::Dwell { .. }
+        | Command::Spindle { .. }
+        | Command::Coolant(_)
+        | Command::Pause => enqueue_other(router, command, reset_count, entries),
+    }
+}
+
+#[inline(never)]
+fn enqueue_line(
+    router: &mut Router,
+    target: &Target,
+    feed_rate: FeedRate,
+    line: u32,
+    reset_count: u32,
+    entries: &mut Producer<'_, Entry>,
+) -> bool {
+    let Some(block) = router.line_block(target, feed_rate, line) else {
+        return false;
+    };
+    let work = Work::Move(block);
+    entries.enqueue(Entry { reset_count, work }).is_ok()
+}
+
+#[inline(never)]
+fn enqueue_other(
+    router: &mut Router,
+    command: &Command,
+    reset_count: u32,
+    entries: &mut Producer<'_, Entry>,
+) -> bool {
+    let mut work = Work::Pause;
+    router.route(command, &mut work) && entries.enqueue(Entry { reset_count, work }).is_ok()
+}
+
+/// Returns whether a command goes through the blender, in which `G64` may change it.
+fn is_blended(control: PathControl, command: &Command) -> bool {
+    match (control, command) {
+        (
+            PathControl::Continuous { .. },
+            Command::Line { .. } | Command::Arc { .. } | Command::Power(_),
+        ) => true,
+        (
+            PathControl::ExactPath | PathControl::ExactStop | PathControl::Continuous { .. },
+            Command::Line { .. }
+            | Command::Arc { .. }
+            | Command::Power(_)
+            | Command::Probe { .. }
+            | Command::Dwell { .. }
+            | Command::Spindle { .. }
+            | Command::Coolant(_)
+            | Command::Pause,
+        ) => false,
+    }
+}
