@@ -1,7 +1,6 @@
-//! The answers to `$` statements that ask for something.
+//! The answers to `$` statements, line by line.
 //!
-//! Pure, as `report` is: each function writes one line of an answer, so that none needs more room
-//! than one message has. `$E…` are in the format that grblHAL publishes ("report extensions").
+//! Pure, as `report` is: each function writes one line of an answer, which fits one message. `$E…` are in the format that grblHAL publishes ("report extensions").
 
 use super::{
     dollar::Described,
@@ -20,19 +19,19 @@ pub fn help(text: &mut Text) {
         .end();
 }
 
-/// The first line of the answer to `$I`, with what the user has stored.
+/// The first line of the answer to `$I`, with the text that the user has stored.
 pub fn version(text: &mut Text, info: &[u8]) {
     text.word("[VER:1.1h.20190830:").bytes(info).word("]").end();
 }
 
-/// The second line of the answer to `$I`: places for blocks, bytes for received lines.
+/// The second line of the answer to `$I`: capacity for blocks, and for received bytes.
 pub fn options(text: &mut Text, blocks: usize, received: usize) {
     // Variable spindle, mist, parking, homing of single axes, an input for the door.
     text.word("[OPT:VMPH+,").natural(blocks as u32);
     text.word(",").natural(received as u32).word("]").end();
 }
 
-/// The last line of the answer to `$I`: the step rate that no settings may go beyond.
+/// The last line of the answer to `$I`: the step rate that no settings may exceed.
 pub fn step_rate(text: &mut Text, rate: StepRate) {
     text.word("[MSG:Step rate: ").natural(rate.hz());
     text.word(match rate {
@@ -42,7 +41,7 @@ pub fn step_rate(text: &mut Text, rate: StepRate) {
     text.end();
 }
 
-/// One line of the answer to `$N`, counted from 0; false after the last.
+/// One line of the answer to `$N`, counted from 0. Returns false after the last.
 pub fn startup_line(text: &mut Text, lines: &[StoredLine], number: usize) -> bool {
     let Some(line) = lines.get(number) else {
         return false;
@@ -83,7 +82,7 @@ pub fn modes(text: &mut Text, modal: &Modal, unit: ReportUnit) {
     text.word(" S").number(modal.speed_rpm, 0).word("]").end();
 }
 
-/// One line of the answer to `$#`, counted from 0; false after the last, when nothing is written.
+/// One line of the answer to `$#`, counted from 0. Returns false after the last.
 pub fn parameter(
     text: &mut Text,
     offsets: &Offsets,
@@ -115,13 +114,14 @@ pub fn parameter(
     true
 }
 
-/// One line of the answer to `$$`, counted from 0; false after the last, when nothing is written.
+/// One line of the answer to `$$`, counted from 0. Returns false after the last.
 pub fn setting(text: &mut Text, settings: &Settings, line: usize) -> bool {
     let mut settings_of_grbl = Setting::all().filter(Setting::is_of_grbl);
     write_setting(text, settings, settings_of_grbl.nth(line))
 }
 
-/// One line of the answer to `$+`: as `$$`, with the settings that Grbl does not have.
+/// One line of the answer to `$+`: as `$$`, with the settings that Grbl does not have. Returns false
+/// after the last.
 pub fn any_setting(text: &mut Text, settings: &Settings, line: usize) -> bool {
     write_setting(text, settings, Setting::all().nth(line))
 }
@@ -141,9 +141,9 @@ fn write_setting(text: &mut Text, settings: &Settings, setting: Option<Setting>)
     true
 }
 
-/// One line of the answers to `$ES`, `$EG`, `$EE` and `$EA`; false after the last.
-pub fn description(text: &mut Text, of: Described, line: usize) -> bool {
-    let is_there = match of {
+/// One line of the answers to `$ES`, `$EG`, `$EE` and `$EA`. Returns false after the last.
+pub fn description(text: &mut Text, what: Described, line: usize) -> bool {
+    let has_line = match what {
         Described::Settings => Setting::all()
             .nth(line)
             .map(|setting| describe_setting(text, setting))
@@ -170,10 +170,10 @@ pub fn description(text: &mut Text, of: Described, line: usize) -> bool {
             })
             .is_some(),
     };
-    if is_there {
+    if has_line {
         text.word("]").end();
     }
-    is_there
+    has_line
 }
 
 /// `[SETTING:id|group|name|unit|datatype|format|min|max`.

@@ -1,4 +1,4 @@
-//! Everything that is said to the sender, in Grbl 1.1's words.
+//! Messages to the sender, in Grbl 1.1's words.
 //!
 //! Pure: each function writes one message. Read with Grbl 1.1 `report.c` and its `interface.md`;
 //! senders parse these texts with fixed patterns, so every byte counts.
@@ -13,12 +13,13 @@ use crate::{
     units::{Nm, Steps},
 };
 
-/// Status reports between two with the work offset, while the machine is busy and while it is not.
-const OFFSET_EVERY: (u8, u8) = (30, 10);
-/// Status reports between two with the overrides.
-const OVERRIDES_EVERY: (u8, u8) = (20, 10);
+/// Status reports from one with the work offset to the next, while the machine is busy and while it
+/// is not: Grbl 1.1 `config.h`.
+const OFFSET_INTERVAL: (u8, u8) = (30, 10);
+/// Status reports from one with the overrides to the next.
+const OVERRIDES_INTERVAL: (u8, u8) = (20, 10);
 
-/// What a status report shows besides the fields that each has.
+/// The field of a status report besides those that every report has.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Extra {
     /// Nothing.
@@ -29,32 +30,31 @@ pub enum Extra {
     Overrides,
 }
 
-/// Which of the fields that change rarely is due in the next status report.
+/// The schedule of the fields that change rarely: at most one in each status report.
 ///
-/// Never two in one report. The default is the state after a reset: the work offset is due, then
-/// the overrides.
+/// The default is the state after a reset: the work offset is due, then the overrides.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub struct Cadence {
-    /// Reports to come before the one with the work offset.
+    /// Reports before the next with the work offset.
     until_offset: u8,
-    /// Reports to come before the one with the overrides.
+    /// Reports before the next with the overrides.
     until_overrides: u8,
 }
 
 impl Cadence {
-    /// The work offset has changed: the next report shows it.
+    /// Schedules the work offset for the next report: it has changed.
     pub fn offset_changed(&mut self) {
         self.until_offset = 0;
     }
 
-    /// Spindle, coolant or an override has changed: the next report shows it.
+    /// Schedules the overrides for the next report: spindle, coolant or an override has changed.
     pub fn overrides_changed(&mut self) {
         self.until_overrides = 0;
     }
 
-    /// What the next report shows; counts it.
+    /// Returns the field of the next report, and counts the report.
     pub fn next(&mut self, state: State) -> Extra {
-        let every = |(busy, idle): (u8, u8)| match state {
+        let remaining = |(busy, idle): (u8, u8)| match state {
             State::Run
             | State::HoldSlowing
             | State::HoldComplete
@@ -67,13 +67,13 @@ impl Cadence {
             State::Idle | State::Alarm | State::Check | State::Sleep => idle - 1,
         };
         if self.until_offset == 0 {
-            self.until_offset = every(OFFSET_EVERY);
+            self.until_offset = remaining(OFFSET_INTERVAL);
             self.until_overrides = self.until_overrides.saturating_sub(1);
             return Extra::WorkOffset;
         }
         self.until_offset -= 1;
         if self.until_overrides == 0 {
-            self.until_overrides = every(OVERRIDES_EVERY);
+            self.until_overrides = remaining(OVERRIDES_INTERVAL);
             return Extra::Overrides;
         }
         self.until_overrides -= 1;
@@ -81,7 +81,7 @@ impl Cadence {
     }
 }
 
-/// What a status report is made from.
+/// The content of a status report.
 #[derive(Debug)]
 pub struct Status<'a> {
     /// The machine.
@@ -92,7 +92,7 @@ pub struct Status<'a> {
     pub work_offset: Axes<Nm>,
     /// Free bytes for received lines.
     pub received_free: usize,
-    /// The field besides those that each report has.
+    /// The field besides those that every report has.
     pub extra: Extra,
 }
 
@@ -133,13 +133,13 @@ pub fn status(text: &mut Text, status: &Status<'_>) {
     text.word(">").end();
 }
 
-/// The position of each axis from its step counter.
+/// Returns the position of each axis from its step counter.
 #[must_use]
 pub fn machine_position(machine: &Snapshot, settings: &Settings) -> Axes<Nm> {
     position(machine.steps, settings)
 }
 
-/// The position of each axis from a number of steps.
+/// Returns the position of each axis from a number of steps.
 fn position(steps: Axes<i32>, settings: &Settings) -> Axes<Nm> {
     settings.steps_per_mm.zip(steps, |resolution, steps| {
         resolution.position_of(Steps(steps))
@@ -215,14 +215,14 @@ pub fn alarm(text: &mut Text, alarm: Alarm) {
     text.word("ALARM:").natural(u32::from(alarm.number())).end();
 }
 
-/// What is told without having been asked for.
+/// A message that the sender has not asked for.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Feedback {
     /// Nothing but a reset helps.
     ResetNeeded,
     /// The machine is locked.
     Locked,
-    /// The lock has been taken off.
+    /// The machine is no longer locked.
     Unlocked,
     /// Check mode begins.
     CheckEnabled,
@@ -284,7 +284,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn no_text_that_is_pushed_can_be_taken_for_an_answer() {
+    fn no_pushed_message_looks_like_an_answer() {
         for one in [
             Feedback::ResetNeeded,
             Feedback::Locked,

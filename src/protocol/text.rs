@@ -1,8 +1,9 @@
 //! Numbers and words written into a message of bounded length.
 //!
-//! Every report is made of these few writers: no `core::fmt`, no float formatting and no division,
-//! so that a report costs little and its time has a bound. A message is written completely before
-//! its first byte is sent.
+//! A message is written completely before its first byte is sent.
+//!
+//! # Cost
+//! No `core::fmt`, no float formatting and no division: digits are found by subtraction.
 
 use heapless::Vec;
 
@@ -16,22 +17,22 @@ use crate::{
 /// version with the longest text that a user can store.
 pub const MESSAGE_BYTES: usize = 80 + 32 * AXES;
 
-/// Decimal places that a number is searched for, so at most 16 digits are written.
-const PLACES: usize = 16;
-/// The value of each digit where a unit of the last digit counts 1, 1000 nm or 1/10 000 inch in nm.
-const ONES: [u64; PLACES] = places(1);
-const MICROMETRES: [u64; PLACES] = places(1_000);
-const TENTHS_OF_MIL: [u64; PLACES] = places(2_540);
+/// Digits of the largest coordinate, 2⁶³ nm, in µm.
+const DIGITS: usize = 16;
+/// The value of each digit when the last counts 1, 1000 nm or 1/10 000 inch in nm.
+const ONES: [u64; DIGITS] = digit_values(1);
+const MICROMETRES: [u64; DIGITS] = digit_values(1_000);
+const TENTHS_OF_MIL: [u64; DIGITS] = digit_values(2_540);
 
-/// `unit` times the powers of ten, the largest first.
-const fn places(unit: u64) -> [u64; PLACES] {
-    let mut places = [unit; PLACES];
-    let mut index = PLACES - 1;
+/// Returns `unit` times the powers of ten, the largest first.
+const fn digit_values(unit: u64) -> [u64; DIGITS] {
+    let mut values = [unit; DIGITS];
+    let mut index = DIGITS - 1;
     while index > 0 {
-        places[index - 1] = places[index] * 10;
+        values[index - 1] = values[index] * 10;
         index -= 1;
     }
-    places
+    values
 }
 
 /// The unit of lengths and speeds in reports, `$13`.
@@ -44,7 +45,7 @@ pub enum ReportUnit {
 }
 
 impl ReportUnit {
-    /// The unit that the settings ask for.
+    /// Returns the unit that the settings ask for.
     #[must_use]
     pub const fn of(settings: &Settings) -> Self {
         if settings.report_inches {
@@ -55,7 +56,7 @@ impl ReportUnit {
     }
 }
 
-/// A message of at most [`MESSAGE_BYTES`]; what does not fit is left out.
+/// A message of at most [`MESSAGE_BYTES`]; bytes beyond are dropped.
 #[derive(Debug, Clone, Default)]
 pub struct Text {
     bytes: Vec<u8, MESSAGE_BYTES>,
@@ -68,19 +69,19 @@ impl Text {
         Self { bytes: Vec::new() }
     }
 
-    /// What has been written.
+    /// Returns what has been written.
     #[must_use]
     pub fn as_bytes(&self) -> &[u8] {
         &self.bytes
     }
 
-    /// Whether nothing has been written.
+    /// Returns whether nothing has been written.
     #[must_use]
     pub fn is_empty(&self) -> bool {
         self.bytes.is_empty()
     }
 
-    /// Forgets what has been written.
+    /// Empties the message.
     pub fn clear(&mut self) {
         self.bytes.clear();
     }
@@ -142,7 +143,7 @@ impl Text {
         }
     }
 
-    /// Writes one coordinate for each axis, with commas between.
+    /// Writes one coordinate for each axis, separated by commas.
     pub fn coordinates(&mut self, values: &Axes<Nm>, unit: ReportUnit) -> &mut Self {
         for (axis, &value) in values.iter().enumerate() {
             if axis > 0 {
@@ -185,22 +186,22 @@ impl Text {
         self.digits(value.saturating_add(500), &MICROMETRES, 3)
     }
 
-    /// Writes a value as a multiple of the last place, cut off there, with a point before the
-    /// last `decimals` digits. Digits are found by subtraction: at most 9 for each.
-    fn digits(&mut self, value: u64, places: &[u64; PLACES], decimals: usize) -> &mut Self {
-        let mut rest = value;
-        let mut begun = false;
-        for (place, left) in places.iter().zip((0..PLACES).rev()) {
+    /// Writes a value as a multiple of the last digit's, rounded down, with a point before the last
+    /// `decimals` digits.
+    fn digits(&mut self, value: u64, values: &[u64; DIGITS], decimals: usize) -> &mut Self {
+        let mut remainder = value;
+        let mut is_significant = false;
+        for (digit_value, index) in values.iter().zip((0..DIGITS).rev()) {
             let mut digit = b'0';
-            while rest >= *place && digit < b'9' {
-                rest -= place;
+            while remainder >= *digit_value && digit < b'9' {
+                remainder -= digit_value;
                 digit += 1;
             }
-            begun |= digit != b'0' || left <= decimals;
-            if decimals > 0 && left + 1 == decimals {
+            is_significant |= digit != b'0' || index <= decimals;
+            if decimals > 0 && index + 1 == decimals {
                 self.byte(b'.');
             }
-            if begun {
+            if is_significant {
                 self.byte(digit);
             }
         }
@@ -262,7 +263,7 @@ mod tests {
     }
 
     #[test]
-    fn a_full_message_takes_no_more() {
+    fn a_full_message_drops_more_bytes() {
         let mut text = Text::new();
         for _ in 0..MESSAGE_BYTES {
             text.word("ab");

@@ -18,10 +18,11 @@ use crate::{
     protocol::report,
 };
 
-/// Entries with which the machine is busy for long enough, whatever they are.
+/// Entries that keep the machine busy: with as many waiting, the distance is not looked at.
 const BUSY_ENTRIES: u32 = 8;
-/// Time for a move that is held back to reach the machine, s: the segments made in advance (3.5 ms),
-/// and the transfer and execution of a line. `tests/path_control.rs` measures that no stop results.
+/// Time for a move that is held back to reach the machine before it brakes, s: the segments made in
+/// advance (3.5 ms), and the interpretation of a line. Bounded from below by the test
+/// `what_is_held_back_does_not_slow_the_machine_down` in `tests/path_control.rs`.
 const HANDOVER_S: f32 = 0.03;
 
 impl Session {
@@ -42,7 +43,7 @@ impl Session {
     }
 
     /// Sends the moves that are held back, as far as there is room.
-    pub(super) fn release(&mut self, entries: &mut Producer<'_, Entry>) {
+    pub(super) fn flush_moves(&mut self, entries: &mut Producer<'_, Entry>) {
         if self.blender.has_pending() {
             self.router.flush(&mut self.blender);
             self.drain(entries);
@@ -50,14 +51,14 @@ impl Session {
     }
 
     /// Sends the moves that are held back, if the machine would soon brake without them.
-    pub(super) fn release_in_time(&mut self, links: &mut Links<'_, '_>) {
+    pub(super) fn flush_moves_in_time(&mut self, links: &mut Links<'_, '_>) {
         if self.blender.has_pending() {
-            self.release_near_end(links);
+            self.flush_moves_near_end(links);
         }
     }
 
     #[inline(never)]
-    fn release_near_end(&mut self, links: &mut Links<'_, '_>) {
+    fn flush_moves_near_end(&mut self, links: &mut Links<'_, '_>) {
         let machine = links.machine;
         let waiting = self.connection.entered.wrapping_sub(machine.finished);
         let is_near_end = waiting < BUSY_ENTRIES

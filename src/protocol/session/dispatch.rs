@@ -47,7 +47,7 @@ impl Session {
     /// Dispatches a line again that needs standstill. Moves that are held back are sent; a move without
     /// a step is done at once.
     pub(super) fn dispatch_at_standstill(&mut self, links: &mut Links<'_, '_>) -> Progress {
-        self.release(links.entries);
+        self.flush_moves(links.entries);
         if self.is_done(links.machine) {
             self.dispatch(links)
         } else {

@@ -29,7 +29,7 @@ impl Session {
             Ok(()) => self.send_plain(links),
             Err(Refusal::NotPlain) if self.receive(links.received) => self.dispatch(links),
             Err(Refusal::NotPlain | Refusal::Incomplete) => {
-                self.release_in_time(links);
+                self.flush_moves_in_time(links);
                 Progress::Waiting
             }
         }
