@@ -308,12 +308,12 @@ mod tests {
     fn bytes_come_out_in_order_and_never_more_wait_than_fit() {
         let mut ring = Bytes::<8>::new();
         let (mut writer, mut reader) = ring.split();
-        let (mut put, mut taken) = (0_u8, 0_u8);
+        let (mut pushed, mut taken) = (0_u8, 0_u8);
         for round in 0..1000_usize {
             for _ in 0..round * 5 % 10 {
                 let is_full = writer.len() == writer.capacity();
-                assert_eq!(writer.enqueue(put).is_err(), is_full);
-                put = put.wrapping_add(u8::from(!is_full));
+                assert_eq!(writer.enqueue(pushed).is_err(), is_full);
+                pushed = pushed.wrapping_add(u8::from(!is_full));
             }
             for _ in 0..round * 3 % 9 {
                 let is_empty = reader.is_empty();
@@ -332,7 +332,7 @@ mod tests {
                 wanted == 0
             });
             assert_eq!(has_all, waiting != 0 && waiting >= round % 3);
-            assert_eq!(reader.len(), usize::from(put.wrapping_sub(taken)));
+            assert_eq!(reader.len(), usize::from(pushed.wrapping_sub(taken)));
         }
     }
 }

@@ -163,8 +163,8 @@ mod tests {
     fn lines(bytes: &[u8]) -> Vec<Result<String, TooLong>> {
         let mut line = Line::new();
         let mut lines = Vec::new();
-        let mut rest = bytes.iter().copied();
-        while line.take_from(&mut rest) {
+        let mut bytes = bytes.iter().copied();
+        while line.take_from(&mut bytes) {
             let text = line.text().map(|t| String::from_utf8_lossy(t).into_owned());
             lines.push(text);
             line.clear();

@@ -5,7 +5,7 @@
 //!
 //! # Cost
 //! A byte costs O(1). The receiver also runs from RAM while the flash is erased, and can call nothing
-//! there: all of it is inlined, and looks nothing up in a table.
+//! there: all of it is inlined, without tables.
 
 use core::hint::cold_path;
 

@@ -143,7 +143,7 @@ struct LineExecution {
 /// The last probing move.
 #[derive(Debug, Default)]
 struct ProbeRecord {
-    /// What the sender was told last.
+    /// What was reported last.
     reported: Probed,
     /// Where the move in execution began.
     start: (Axes<Nm>, Checkpoint),
@@ -177,8 +177,8 @@ pub struct Session {
 }
 
 impl Session {
-    /// A session with a machine that has just been switched on, and what is stored: the defaults when
-    /// nothing could be read, which the sender is told (`is_first_boot`).
+    /// A session with a machine that has just been switched on, and what is stored: the defaults, which
+    /// the sender is sent, when nothing could be read (`is_first_boot`).
     #[must_use]
     pub fn new(stored: &Stored, is_first_boot: bool) -> Self {
         let mut interpreter = Interpreter::new();

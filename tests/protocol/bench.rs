@@ -1,4 +1,4 @@
-//! A session, and a machine that does as it is told.
+//! A session, and a machine that executes every entry.
 
 use heapless::spsc::Queue;
 use leadscrew::{
@@ -23,7 +23,7 @@ pub(crate) struct Bench {
     pub(crate) machine: Snapshot,
     /// Waiting for cycle start after `M0`.
     is_paused: bool,
-    /// The machine takes no entries: as if all places for blocks were in use.
+    /// The machine takes no entries: as if the planner were full of blocks.
     pub(crate) withholds: bool,
     /// The sender reads nothing.
     pub(crate) is_deaf: bool,

@@ -14,7 +14,7 @@ fn a_checksum_changes_nothing_of_what_a_line_means() {
 }
 
 #[test]
-fn the_buffers_that_are_told_are_those_there_are() {
+fn the_reported_buffer_sizes_are_true() {
     let mut bench = Bench::set(&["10=3"]);
     let free = bench.received.free();
     assert!(free >= 128, "a sender that counts characters needs 128");
@@ -23,10 +23,10 @@ fn the_buffers_that_are_told_are_those_there_are() {
         report[0].contains(&format!("|Bf:100,{free}|")),
         "{report:?}"
     );
-    let told = bench.ask("$I");
+    let messages = bench.ask("$I");
     assert!(
-        told[1].starts_with("[OPT:") && told[1].ends_with(&format!(",{free}]")),
-        "{told:?}"
+        messages[1].starts_with("[OPT:") && messages[1].ends_with(&format!(",{free}]")),
+        "{messages:?}"
     );
 }
 

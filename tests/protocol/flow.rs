@@ -40,7 +40,7 @@ fn ok_is_withheld_while_there_is_no_room_for_blocks() {
     bench.withholds = true;
     bench.machine.state = State::Run;
     bench.receive(b"G1X1F100\nX2\nX3\nX4\nX5\n");
-    // Three places in a queue of four.
+    // Room for three in a queue of four.
     assert_eq!(bench.serve(), ["ok", "ok", "ok"]);
     assert!(bench.serve().is_empty());
     bench.withholds = false;
@@ -136,14 +136,14 @@ fn a_reset_in_motion_raises_alarm_3_and_locks() {
 }
 
 #[test]
-fn starved_motion_is_told_and_only_a_reset_helps() {
+fn an_underrun_is_reported_and_only_a_reset_ends_it() {
     let mut bench = Bench::new();
     bench.withholds = true;
     assert_eq!(bench.ask("G1X5F600"), ["ok"]);
     bench.machine.state = State::Alarm;
     bench.machine.has_underrun = true;
-    let told = ["ALARM:3", "[MSG:Reset to continue]"];
-    assert_eq!(bench.ask("G1X9"), told);
+    let messages = ["ALARM:3", "[MSG:Reset to continue]"];
+    assert_eq!(bench.ask("G1X9"), messages);
     assert_eq!(bench.ask("$X"), [""; 0]);
     assert!(bench.answer("?")[0].starts_with("<Alarm|"));
     bench.machine.has_underrun = false;

@@ -11,11 +11,11 @@ use super::bench::{Bench, UNLOCK, WELCOME};
 fn a_probing_move_is_answered_with_its_contact() {
     let mut bench = Bench::new();
     bench.probe_ends = Ok([0, 0, -1250]);
-    let told = ["[PRB:0.000,0.000,-5.000:1]", "ok"];
-    assert_eq!(bench.ask("G38.2Z-10F600"), told);
+    let messages = ["[PRB:0.000,0.000,-5.000:1]", "ok"];
+    assert_eq!(bench.ask("G38.2Z-10F600"), messages);
     assert_eq!(bench.session.interpreter().position()[2].0, -5_000_000);
-    assert!(bench.ask("$#").contains(&told[0].into()));
-    // A miss that is an alarm tells of the contact before it.
+    assert!(bench.ask("$#").contains(&messages[0].into()));
+    // A miss that is an alarm reports the contact before it.
     bench.probe_ends = Err(None);
     let missed = ["ALARM:5", "[PRB:0.000,0.000,-5.000:0]", "ok"];
     assert_eq!(bench.ask("G38.4Z-8"), missed);
@@ -38,9 +38,9 @@ fn a_probing_move_without_a_step_misses() {
     let missed = ["[PRB:0.000,0.000,0.000:0]", "ok"];
     assert_eq!(bench.ask("G38.3Z-0.0003F600"), missed);
     assert_eq!(bench.session.interpreter().position()[2].0, -300);
-    let told = bench.ask("G38.2Z-0.0005F600");
-    assert_eq!(told[0], "ALARM:5");
-    assert_eq!(told[told.len() - 2..], missed);
+    let messages = bench.ask("G38.2Z-0.0005F600");
+    assert_eq!(messages[0], "ALARM:5");
+    assert_eq!(messages[messages.len() - 2..], missed);
 }
 
 #[test]
@@ -66,8 +66,8 @@ fn a_way_out_of_the_travel_is_answered_by_a_reset() {
         "G28X5",
         "G38.2Z1F10",
     ] {
-        let told = ["ALARM:2", "[MSG:Reset to continue]"];
-        assert_eq!(bench.ask(line), told, "{line}");
+        let messages = ["ALARM:2", "[MSG:Reset to continue]"];
+        assert_eq!(bench.ask(line), messages, "{line}");
         assert!(bench.ask("$X").is_empty());
         assert!(bench.answer("?")[0].starts_with("<Alarm|"));
         assert_eq!(bench.answer("\x18"), ["ok", WELCOME[0], WELCOME[1], UNLOCK]);
@@ -89,15 +89,15 @@ fn a_hard_limit_ends_everything_before_a_reset() {
     bench.machine.state = State::Alarm;
     bench.machine.is_critical = true;
     bench.machine.notices.push(Notice::Alarm(Alarm::HardLimit));
-    let told = ["ALARM:1", "[MSG:Reset to continue]"];
-    assert_eq!(bench.ask("G1X9"), told);
+    let messages = ["ALARM:1", "[MSG:Reset to continue]"];
+    assert_eq!(bench.ask("G1X9"), messages);
     assert!(bench.ask("$X").is_empty());
     assert_eq!(bench.answer("\x18"), [WELCOME[0], WELCOME[1], UNLOCK]);
 }
 
 #[test]
 fn a_line_that_a_reset_interrupts_is_answered_before_the_welcome() {
-    for (line, told) in [
+    for (line, messages) in [
         ("G4P10", &["ALARM:3", "ok"][..]),
         ("M30", &["ALARM:3", "[MSG:Pgm End]", "ok"]),
         ("G38.2Z-5F10", &["ALARM:3", "ok"]),
@@ -112,8 +112,8 @@ fn a_line_that_a_reset_interrupts_is_answered_before_the_welcome() {
         let answer = bench.ask(line);
         assert_eq!(answer.len(), usize::from(line.is_empty()), "{line}");
         let lines = bench.answer("\x18");
-        assert_eq!(lines[..told.len()], *told, "{line}");
-        assert_eq!(lines[told.len()..], [WELCOME[0], WELCOME[1], UNLOCK]);
+        assert_eq!(lines[..messages.len()], *messages, "{line}");
+        assert_eq!(lines[messages.len()..], [WELCOME[0], WELCOME[1], UNLOCK]);
     }
 }
 
@@ -218,15 +218,15 @@ fn without_laser_mode_a_spindle_speed_is_switched_at_standstill() {
 }
 
 #[test]
-fn a_door_open_at_a_reset_is_told_after_the_welcome_and_holds_the_startup_lines() {
+fn a_door_open_at_a_reset_is_reported_after_the_welcome_and_holds_the_startup_lines() {
     let mut bench = Bench::new();
     assert_eq!(bench.ask("$N0=G20"), ["ok"]);
     bench.receive(b"\x18");
     bench.machine.reset_count = bench.requests.reset_count();
     bench.machine.state = State::DoorAjar;
     bench.machine.notices.push(Notice::CheckDoor);
-    let told = [WELCOME[0], WELCOME[1], "[MSG:Check Door]"];
-    assert_eq!(bench.serve(), told);
+    let messages = [WELCOME[0], WELCOME[1], "[MSG:Check Door]"];
+    assert_eq!(bench.serve(), messages);
     bench.machine.state = State::Idle;
     assert_eq!(bench.serve(), [">G20:ok"]);
 }

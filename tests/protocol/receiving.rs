@@ -34,7 +34,7 @@ impl Line {
 fn every_byte_is_a_request_or_part_of_a_line_or_dropped() {
     for byte in 0..=u8::MAX {
         let mut line = Line::new(Awaited::ALL);
-        let (asked, epoch) = (line.requests.asked(), line.requests.reset_count());
+        let (asked, reset_count) = (line.requests.asked(), line.requests.reset_count());
         let release = line.receive(byte);
         let requests = &line.requests;
         let command = requests.take_override();
@@ -44,7 +44,11 @@ fn every_byte_is_a_request_or_part_of_a_line_or_dropped() {
         assert_eq!(requests.take_start(), byte == b'~', "{byte:#x}");
         assert_eq!(requests.take_door(), byte == 0x84, "{byte:#x}");
         assert_eq!(requests.take_jog_cancel(), byte == 0x85, "{byte:#x}");
-        assert_eq!(requests.reset_count() != epoch, byte == 0x18, "{byte:#x}");
+        assert_eq!(
+            requests.reset_count() != reset_count,
+            byte == 0x18,
+            "{byte:#x}"
+        );
         let is_command = matches!(byte, b'!' | b'~' | 0x18 | 0x84 | 0x85) || command.is_some();
         assert_eq!(requests.asked() != asked, is_command, "{byte:#x}");
         assert_eq!(release == Release::Prepare, is_command, "{byte:#x}");

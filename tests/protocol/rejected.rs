@@ -100,11 +100,11 @@ proptest! {
                 bench.session.stored().clone(),
                 bench.session.interpreter().clone(),
             );
-            let told = bench.ask(&line);
-            let answers = answers(&told);
+            let messages = bench.ask(&line);
+            let answers = answers(&messages);
             if answers.iter().any(|answer| answer.starts_with("error:")) && answers.len() == 1 {
-                prop_assert_eq!(bench.session.stored(), &before.0, "{:?}: {:?}", &line, &told);
-                prop_assert_eq!(bench.session.interpreter(), &before.1, "{:?}: {:?}", &line, &told);
+                prop_assert_eq!(bench.session.stored(), &before.0, "{:?}: {:?}", &line, &messages);
+                prop_assert_eq!(bench.session.interpreter(), &before.1, "{:?}: {:?}", &line, &messages);
             }
             if bench.machine.state == State::HoldComplete {
                 bench.answer("~");

@@ -95,8 +95,8 @@ fn startup_lines_are_executed_before_they_are_stored() {
     let long = format!("$N1=G4P0.{}", "0".repeat(200));
     assert_eq!(bench.ask(&long), ["error:14"]);
     assert_eq!(bench.ask("$N2=G21"), ["error:3"]);
-    let told = [WELCOME[0], WELCOME[1], ">G20G91:ok", ">G0X1:ok"];
-    assert_eq!(bench.answer("\x18"), told);
+    let messages = [WELCOME[0], WELCOME[1], ">G20G91:ok", ">G0X1:ok"];
+    assert_eq!(bench.answer("\x18"), messages);
     assert_eq!(bench.works().len(), 1);
     assert_eq!(bench.ask("$N0="), ["ok"]);
     assert_eq!(bench.answer("\x18")[2..], [">G0X1:ok"]);
@@ -217,11 +217,11 @@ fn homing_ends_with_the_startup_lines() {
 }
 
 #[test]
-fn homing_that_fails_is_told_answered_and_reset() {
+fn homing_that_fails_is_reported_answered_and_reset() {
     let mut bench = homing();
     bench.homing_fails = Some(Alarm::HomingNotFound);
-    let told = ["ALARM:9", "ok", WELCOME[0], WELCOME[1], UNLOCK];
-    assert_eq!(bench.ask("$H"), told);
+    let messages = ["ALARM:9", "ok", WELCOME[0], WELCOME[1], UNLOCK];
+    assert_eq!(bench.ask("$H"), messages);
     assert_eq!(bench.ask("G0X1"), ["error:9"]);
 }
 
@@ -240,12 +240,12 @@ fn homing_is_refused_while_a_switch_of_its_axes_is_closed() {
 }
 
 #[test]
-fn a_closed_switch_is_told_with_the_welcome() {
+fn a_closed_switch_is_reported_with_the_welcome() {
     let mut bench = Bench::set(&["21=1"]);
     bench.close(Levels(2));
     bench.machine.state = State::Alarm;
-    let told = [WELCOME[0], WELCOME[1], "[MSG:Check Limits]", UNLOCK];
-    assert_eq!(bench.answer("\x18"), told);
+    let messages = [WELCOME[0], WELCOME[1], "[MSG:Check Limits]", UNLOCK];
+    assert_eq!(bench.answer("\x18"), messages);
 }
 
 #[test]

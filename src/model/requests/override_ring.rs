@@ -1,4 +1,4 @@
-//! Overrides on their way from the receiver to `prepare`, oldest first.
+//! The queue of overrides from the receiver to `prepare`, oldest first.
 
 use core::sync::atomic::{
     AtomicU8, AtomicU32,

@@ -18,7 +18,7 @@ use crate::{
     protocol::report,
 };
 
-/// Entries that keep the machine busy: with as many waiting, the distance is not looked at.
+/// Entries that keep the machine busy: below that, the distance decides.
 const BUSY_ENTRIES: u32 = 8;
 /// Time for a move that is held back to reach the machine before it brakes, s: the segments made in
 /// advance (3.5 ms), and the interpretation of a line. Bounded from below by the test

@@ -1,7 +1,7 @@
 //! Messages to the sender: notices of the machine, status reports, and room for all of them.
 //!
-//! Notices come before the answer to the line in execution, as in Grbl, which looks for them in each
-//! of its waiting loops. Read with Grbl 1.1 `protocol.c` and `report.c`.
+//! Notices come before the answer to the line in execution, as in Grbl, which checks for them in
+//! each of its waiting loops. Read with Grbl 1.1 `protocol.c` and `report.c`.
 
 use super::{LineStage, Links, Session};
 use crate::{
@@ -17,7 +17,7 @@ use crate::{
 /// Notices that one run sends, at most: the capacity of [`crate::model::Notices`].
 const MAX_NOTICES: usize = 8;
 
-/// What the sender has been told, and is to be told.
+/// What has been reported, and is to be.
 #[derive(Debug, Default)]
 pub(super) struct Reports {
     /// A message that still needs room.
@@ -25,7 +25,7 @@ pub(super) struct Reports {
     pub(super) cadence: Cadence,
     /// A `?` has not been answered.
     pub(super) is_status_due: bool,
-    /// The sender has been told that the machine needs a reset.
+    /// The message that the machine needs a reset has been written.
     pub(super) has_reported_fault: bool,
     /// Number of notices seen, wrapping.
     notices: u32,
@@ -41,7 +41,7 @@ impl Reports {
         self.is_status_due || !self.message.is_empty()
     }
 
-    /// Returns whether there is a notice that the sender has not been told.
+    /// Returns whether there is a notice that has not been sent.
     pub(super) fn has_notices(&self, machine: &Snapshot) -> bool {
         machine.notices.count() != self.notices
     }

@@ -107,7 +107,7 @@ impl Session {
         Progress::Again
     }
 
-    /// Stores a startup line that has been found right, and then executes it.
+    /// Stores a startup line that has been checked, and then executes it.
     pub(super) fn store_startup(
         &mut self,
         machine: &Snapshot,

@@ -16,7 +16,7 @@ use crate::{
 };
 
 impl Session {
-    /// Drops everything that a reset makes void, if one has come.
+    /// Drops everything that a new reset cancels, if one has come.
     pub(super) fn begin_reset(&mut self, reset_count: u32) {
         if reset_count == self.connection.reset_count {
             return;

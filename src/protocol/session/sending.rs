@@ -1,9 +1,9 @@
-//! The commands of a line on their way to the machine, and what follows when they are done.
+//! The commands of a line, sent to the machine, and what follows when they are done.
 //!
 //! Read with Grbl 1.1 `motion_control.c` and `protocol.c`.
 //!
 //! # Cost
-//! Nearly all moves are lines: a line is made in its place in the queue.
+//! Nearly all moves are lines: the block of a line is made in its slot of the queue.
 
 use heapless::spsc::Producer;
 
