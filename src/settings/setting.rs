@@ -124,7 +124,7 @@ mod tests {
             assert_eq!(
                 changed,
                 [number],
-                "the row of ${number} in TABLE changes these settings: one field has two rows"
+                "${number} changes these settings: give each row of TABLE a field of its own"
             );
             assert_eq!(setting.value(&settings), value, "${number}");
         }

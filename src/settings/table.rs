@@ -125,11 +125,11 @@ pub(super) static TABLE: &[Row] = &[
 
 const _: () = assert!(
     TABLE.len() == Settings::FIELDS,
-    "each field that `settings!` declares in settings/mod.rs has one row in TABLE"
+    "a setting is a field in `settings!` (settings/mod.rs) and a row in TABLE: one of both is missing"
 );
 const _: () = assert!(
     is_in_order(),
-    "the rows of TABLE are in the order of their numbers, six numbers apart where each axis has one"
+    "put the rows of TABLE in the order of their numbers; a row with one for each axis takes six"
 );
 
 const fn is_in_order() -> bool {

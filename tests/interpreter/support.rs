@@ -38,7 +38,9 @@ pub(crate) fn error(lines: &[&str]) -> LineError {
     let (last, before) = lines.split_last().unwrap();
     let mut machine = after(before);
     let unchanged = machine.clone();
-    let error = send(&mut machine, last).unwrap_err();
+    let Err(error) = send(&mut machine, last) else {
+        panic!("{last} is accepted: if it is new, take it from the lines that are refused");
+    };
     assert_eq!(machine, unchanged, "{last}");
     error
 }

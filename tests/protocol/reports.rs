@@ -90,10 +90,11 @@ fn the_report_mask_and_the_unit_choose_what_a_report_shows() {
         bench.ask("$G")[0],
         "[GC:G0 G54 G17 G21 G90 G94 M5 M9 T0 F10.0 S0]"
     );
-    assert_eq!(
-        bench.ask("$#")[9..],
-        ["[TLO:0.0000]", "[PRB:0.0000,0.0000,0.0000:0]", "ok"]
-    );
+    assert!(bench.ask("$#").ends_with(&[
+        "[TLO:0.0000]".into(),
+        "[PRB:0.0000,0.0000,0.0000:0]".into(),
+        "ok".into()
+    ]));
 }
 
 #[test]

@@ -37,11 +37,11 @@ const FARTHEST: u64 = 1 << 53;
 
 const _: () = assert!(
     HEADER_BYTES + settings_bytes(LETTERS.len()) <= RECORD_BYTES,
-    "all settings of six axes fit into a record: else make RECORD_BYTES larger"
+    "the settings of six axes need a longer record: make RECORD_BYTES larger"
 );
 const _: () = assert!(
     HEADER_BYTES + origins_bytes(LETTERS.len()) <= RECORD_BYTES,
-    "all origins of six axes fit into a record: else make RECORD_BYTES larger"
+    "the origins of six axes need a longer record: make RECORD_BYTES larger"
 );
 
 /// Bytes of all settings of a machine with `axes` axes.
