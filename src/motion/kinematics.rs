@@ -1,11 +1,33 @@
-//! Places on a block: where they are, and how fast each axis is there.
+//! Kinematics of a block: displacement and speed of each axis at a point of it.
+//!
+//! # Cost
+//!
+//! Circles in any plane are out of line, so that flat arcs cost what they would without them.
 
-use super::{executor::TICKS_PER_S, trapezoid::BlockGeometry};
+use super::limits::TICKS_PER_S;
 use crate::{
     axis::Axes,
     math::{self, WHOLE_Q31},
-    path::{Curve, Shape, SpatialArc},
+    path::{Block, Curve, Shape, SpatialArc},
 };
+
+/// A block and its curve: code compiled for lines, without a curve, does not test for one.
+#[derive(Clone, Copy)]
+pub(super) struct BlockGeometry<'a> {
+    pub(super) block: &'a Block,
+    pub(super) curve: Option<&'a Curve>,
+}
+
+impl Block {
+    /// The block, with its curve if it has one.
+    #[inline]
+    pub(super) const fn geometry(&self) -> BlockGeometry<'_> {
+        BlockGeometry {
+            block: self,
+            curve: self.curve.as_ref(),
+        }
+    }
+}
 
 /// The direction from the centre of an arc to a point of it, times 2³⁰.
 #[derive(Debug, Clone, Copy)]
@@ -15,7 +37,7 @@ pub(super) struct Direction {
 }
 
 impl Direction {
-    /// That of a line.
+    /// Of a line.
     pub(super) const NONE: Self = Self { cosine: 0, sine: 0 };
 
     pub(super) fn at(phase: u32) -> Self {
@@ -31,23 +53,24 @@ pub(super) fn phase_at(curve: &Curve, done: u32) -> u32 {
         .wrapping_add(math::scale_q31(curve.sweep, done) as u32)
 }
 
-/// The way of each axis from the block's start where a part of it is done.
+/// The displacement of each axis from the block's start to where the part `done` of it is done, steps
+/// with 32 binary places.
 #[inline]
 pub(super) fn displacement_at(
-    course: BlockGeometry<'_>,
+    geometry: BlockGeometry<'_>,
     done: u32,
     begin: Direction,
     here: Direction,
 ) -> Axes<i64> {
-    if let Some(curve) = course.curve
+    if let Some(curve) = geometry.curve
         && let Shape::Spatial(circle) = &curve.shape
         && done != WHOLE_Q31
     {
         return circle_displacement(circle, here);
     }
-    let delta = &course.block.delta;
-    let mut way = delta.map(|delta| math::scale_q31(delta, done));
-    if let Some(curve) = course.curve
+    let delta = &geometry.block.delta;
+    let mut displacement = delta.map(|delta| math::scale_q31(delta, done));
+    if let Some(curve) = geometry.curve
         && let Shape::Planar {
             first,
             second,
@@ -62,21 +85,21 @@ pub(super) fn displacement_at(
         };
         let (begin_1, here_1) = (begin.cosine, here.cosine);
         set_axis(
-            &mut way,
+            &mut displacement,
             *first,
             along(*first_radius, *first_change, begin_1, here_1),
         );
         let (begin_2, here_2) = (begin.sine, here.sine);
         set_axis(
-            &mut way,
+            &mut displacement,
             *second,
             along(*second_radius, *second_change, begin_2, here_2),
         );
     }
-    way
+    displacement
 }
 
-/// The way of each axis from the start of a circle in any plane.
+/// The displacement of each axis from the start of a circle in any plane.
 #[inline(never)]
 fn circle_displacement(circle: &SpatialArc, here: Direction) -> Axes<i64> {
     // From -2³¹ to 0.
@@ -94,16 +117,16 @@ fn circle_displacement(circle: &SpatialArc, here: Direction) -> Axes<i64> {
     )
 }
 
-/// Speed of each axis in a place of the block, steps per tick.
+/// Speed of each axis at a point of the block, steps per tick.
 #[inline]
 pub(super) fn axis_speeds(
-    course: BlockGeometry<'_>,
+    geometry: BlockGeometry<'_>,
     here: Direction,
     speed_mm_s: f32,
 ) -> Axes<f32> {
     let speed = speed_mm_s * (1.0 / TICKS_PER_S);
-    let mut speeds = course.block.steps_per_mm.map(|steps| steps * speed);
-    if let Some(curve) = course.curve {
+    let mut speeds = geometry.block.steps_per_mm.map(|steps| steps * speed);
+    if let Some(curve) = geometry.curve {
         match &curve.shape {
             Shape::Planar { first, second, .. } => {
                 let sign = if curve.sweep > 0 { 1.0 } else { -1.0 };
@@ -117,9 +140,7 @@ pub(super) fn axis_speeds(
     speeds
 }
 
-/// Speed of each axis in a place of a circle in any plane; `speed` in mm per tick.
-///
-/// Not in line, as `circle_at`: what a flat arc takes shall stay what it is.
+/// Speed of each axis at a point of a circle in any plane; `speed` in mm per tick.
 #[inline(never)]
 fn circle_speeds(circle: &SpatialArc, here: Direction, speed: f32) -> Axes<f32> {
     let speed = speed * circle.per_mm * (1.0 / math::ONE_Q30 as f32);
@@ -133,13 +154,13 @@ fn circle_speeds(circle: &SpatialArc, here: Direction, speed: f32) -> Axes<f32> 
 }
 
 fn set_axis(axes: &mut Axes<i64>, axis: u8, value: i64) {
-    if let Some(place) = axes.0.get_mut(usize::from(axis)) {
-        *place = value;
+    if let Some(entry) = axes.0.get_mut(usize::from(axis)) {
+        *entry = value;
     }
 }
 
 fn scale_axis(axes: &mut Axes<f32>, axis: u8, factor: f32) {
-    if let Some(place) = axes.0.get_mut(usize::from(axis)) {
-        *place *= factor;
+    if let Some(entry) = axes.0.get_mut(usize::from(axis)) {
+        *entry *= factor;
     }
 }

@@ -1,260 +1,405 @@
-//! The look-ahead: how fast each block may be entered so that the path known can be ended at rest.
+//! The look-ahead: the speeds at which the known path can be followed and ended at a standstill.
 //!
-//! Only braking is planned here, from the newest block backwards; the executor accelerates as far as
-//! the limits let it. A pass ends at the first block whose entry speed does not change, because the
-//! blocks before it cannot change either: a new block costs as many steps as it has influence.
+//! Only braking is planned, from the newest block backwards; the executor accelerates as far as the
+//! limits allow. A backward pass ends at the first block whose entry speed does not change, because
+//! no entry speed before that block can change either.
 //!
-//! Braking is planned in a measure of speed that is linear in the path, see [`Course::measure`].
+//! Passes are made in parts, and segments may be made between two parts. Behind a new block speeds
+//! only rise. After a change of overrides speeds may fall, from the newest block back: a machine
+//! that comes to a block before the pass does brakes as hard as the limits allow, which keeps it
+//! within the plan before.
+//!
+//! The choice between the two profiles is made here, by [`Profile`]. Each plans its own part of a
+//! [`QueuedBlock`](super::queue::QueuedBlock).
+//!
+//! # Cost
+//!
+//! The large queue comes last in memory, behind the small fields. A fence ends
+//! [`LookAhead::continue_pass`]: without it calls become jumps under a condition, which the proof
+//! charges to both branches. Parts of passes are out of line, so that registers are saved only
+//! where they are used.
+
+use core::sync::atomic::{Ordering::SeqCst, compiler_fence};
 
 use super::{
-    jerk_limited::{JunctionPlan, ReferenceMotion, RunningMin},
-    pass::Pass,
+    executor::{Executor, Goal, NextSegment},
+    jerk_limited::{self, LeavingSample, MovingAverage, Sample},
+    queue::BlockQueue,
     segment_rate::{duration_per_step_s, limit_block_rate, limit_segment_rate, min_duration_s},
-    trapezoid::Braking,
+    trapezoid,
 };
 use crate::{
-    axis::{AXES, Axes},
+    axis::Axes,
     math,
-    model::{Laser, Overrides},
-    path::{Block, MoveKind},
+    model::Overrides,
+    path::{AveragingWindow, Block},
+    stepper::Segment,
+    units::FineSteps,
 };
 
-/// Places for blocks, a power of two.
+/// Capacity of the look-ahead, blocks: a power of two.
 pub const BLOCKS: usize = 128;
-/// A block with its place in the plan.
-#[derive(Debug)]
-pub(super) struct QueuedBlock {
-    pub(super) block: Block,
-    /// Limit of the squared entry speed from the junction and both programmed speeds.
-    pub(super) limit_sqr: f32,
-    /// Planned squared entry speed.
-    pub(super) entry_sqr: f32,
-    /// What it may take where other blocks have to take longer, s.
-    pub(super) min_duration_s: f32,
-    pub(super) braking: Braking,
-    pub(super) limits: JunctionPlan,
+/// Blocks whose speeds one part of a pass plans.
+const SPEEDS_PER_PART: usize = 32;
+
+/// Whether the machine has come to the speeds planned, or is still faster after a change of them.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(in crate::motion) enum PassProgress {
+    /// It is within the plan.
+    Followed,
+    /// It is still braking to the speeds planned.
+    Behind,
 }
 
-impl QueuedBlock {
-    /// An empty place.
-    const NONE: Self = Self {
-        block: Block {
-            delta: Axes([0; AXES]),
-            steps_per_mm: Axes([0.0; AXES]),
-            length_mm: 0.0,
-            nominal_mm_s: 0.0,
-            programmed_mm_s: 0.0,
-            limit_mm_s: 0.0,
-            kind: MoveKind::Feed,
-            laser: Laser::None,
-            acceleration_mm_s2: 0.0,
-            junction_sqr: 0.0,
-            curve: None,
-            line: 0,
-        },
-        limit_sqr: 0.0,
-        entry_sqr: 0.0,
-        min_duration_s: f32::MAX,
-        braking: Braking::NONE,
-        limits: JunctionPlan::NONE,
+/// The rest of a pass over the plan.
+#[derive(Debug, Clone, Copy)]
+pub(super) enum Pass {
+    Done,
+    /// Speeds of blocks under other overrides, from the block `number` on, the oldest is 0; the
+    /// speed of the block before it.
+    Speeds {
+        number: usize,
+        before_mm_s: f32,
+        progress: PassProgress,
+    },
+    /// Corner speeds and accelerations of the jerk-limited profile, from the block `number` on,
+    /// which begins `ahead_mm` ahead of the reference.
+    BlockLimits {
+        number: usize,
+        ahead_mm: f32,
+    },
+    /// Entry speeds, from the block `back` on backwards, the newest is 1; the squared entry speed of
+    /// the block behind it.
+    Entries {
+        back: usize,
+        exit_sqr: f32,
+        /// A block whose entry does not change does not end the pass.
+        is_new: bool,
+    },
+}
+
+impl Pass {
+    /// Entry speeds that a new block changes.
+    pub(super) const NEWEST_ENTRIES: Self = Self::Entries {
+        back: 1,
+        exit_sqr: 0.0,
+        is_new: false,
     };
 
-    /// Takes a block over, field by field: as a whole it would be copied by a loop in a library.
-    fn copy_from(&mut self, block: &Block) {
-        let here = &mut self.block;
-        here.delta = block.delta;
-        here.steps_per_mm = block.steps_per_mm;
-        here.length_mm = block.length_mm;
-        here.nominal_mm_s = block.nominal_mm_s;
-        here.programmed_mm_s = block.programmed_mm_s;
-        here.limit_mm_s = block.limit_mm_s;
-        here.kind = block.kind;
-        here.laser = block.laser;
-        here.acceleration_mm_s2 = block.acceleration_mm_s2;
-        here.junction_sqr = block.junction_sqr;
-        // Lines have none: nothing to copy.
-        match &block.curve {
-            Some(curve) => here.curve = Some(*curve),
-            None => here.curve = None,
+    /// Entry speeds of all blocks.
+    pub(super) const ALL_ENTRIES: Self = Self::Entries {
+        back: 1,
+        exit_sqr: 0.0,
+        is_new: true,
+    };
+}
+
+/// The speed profile in use, with its state of the plan as a whole.
+#[derive(Debug)]
+enum Profile {
+    Trapezoid,
+    JerkLimited(jerk_limited::Plan),
+}
+
+impl Profile {
+    /// Limits the speed of a block so that `prepare` keeps up with its segments; returns the speed
+    /// and the slack behind the block.
+    #[inline]
+    fn limit_rate(
+        &self,
+        block: &Block,
+        speed_mm_s: f32,
+        min_duration_s: f32,
+        slack_s: f32,
+    ) -> (f32, f32) {
+        let (speed_mm_s, slack_s) = limit_segment_rate(block, speed_mm_s, min_duration_s, slack_s);
+        match self {
+            Self::Trapezoid => (speed_mm_s, slack_s),
+            Self::JerkLimited(_) => (limit_block_rate(block, speed_mm_s), slack_s),
         }
-        here.line = block.line;
     }
 }
 
-/// The blocks of a program.
-pub type LookAhead = Plan<BLOCKS>;
-
-/// The blocks to be executed, oldest first. `N` is a power of two.
-///
-/// In this order in memory, so that the small fields are near.
+/// The blocks of a program and the speeds planned for them.
 #[derive(Debug)]
 #[repr(C)]
-pub struct Plan<const N: usize> {
-    /// Place of the oldest.
-    pub(super) first: usize,
-    pub(super) count: usize,
-    pub(super) overrides: Overrides,
-    /// What the blocks up to the newest take longer than they have to, s, [`SPARE_S`] at most.
-    pub(super) slack_s: f32,
-    pub(super) pass: Pass,
-    /// The window over which acceleration changes, cells and s; 0 where it changes at once.
-    pub(super) window: usize,
-    pub(super) window_s: f32,
-    /// The length of the blocks behind the one that the reference is in, mm.
-    pub(super) beyond_mm: f32,
-    /// The reference, and the accelerations of the newest blocks.
-    pub(super) reference: ReferenceMotion,
-    pub(super) running_min: RunningMin,
-    /// What a step adds to the shortest time of a line, s.
+pub struct LookAhead {
+    overrides: Overrides,
+    /// Time that the blocks up to the newest take longer than their segments need, s: see
+    /// [`limit_segment_rate`].
+    slack_s: f32,
+    pass: Pass,
+    /// What a step adds to the shortest duration of a line, s.
     duration_per_step_s: f32,
-    pub(super) ring: [QueuedBlock; N],
+    profile: Profile,
+    queue: BlockQueue<BLOCKS>,
 }
 
-impl<const N: usize> Plan<N> {
-    /// Empty.
+impl LookAhead {
+    /// Empty, with the trapezoidal profile.
     #[must_use]
     pub const fn new() -> Self {
         Self {
-            ring: [const { QueuedBlock::NONE }; N],
-            first: 0,
-            count: 0,
             overrides: Overrides::NONE,
             slack_s: 0.0,
-            duration_per_step_s: duration_per_step_s(0),
             pass: Pass::Done,
-            window: 0,
-            window_s: 0.0,
-            beyond_mm: 0.0,
-            reference: ReferenceMotion::START,
-            running_min: RunningMin::NONE,
+            duration_per_step_s: duration_per_step_s(0),
+            profile: Profile::Trapezoid,
+            queue: BlockQueue::new(),
         }
     }
 
-    /// At rest: the greatest step rate of all axes together is that from now on, Hz.
+    /// Sets the greatest step rate of all axes together, Hz. At standstill only.
     pub(crate) const fn set_step_rate(&mut self, hz: u32) {
         self.duration_per_step_s = duration_per_step_s(hz);
     }
 
-    /// Blocks in it, the one in execution included.
+    /// Sets the averaging window, and with it the profile. At standstill only, and without blocks.
+    pub(crate) fn set_window(&mut self, window: AveragingWindow) {
+        match &mut self.profile {
+            _ if window.samples == 0 => self.profile = Profile::Trapezoid,
+            Profile::Trapezoid => {
+                self.profile = Profile::JerkLimited(jerk_limited::Plan::new(window));
+            }
+            Profile::JerkLimited(plan) => plan.set_window(window),
+        }
+    }
+
+    /// The number of blocks, the one in execution included.
     #[must_use]
     pub const fn len(&self) -> usize {
-        self.count
+        self.queue.len()
     }
 
-    /// Whether nothing is to be executed.
+    /// Whether no block is left.
     #[must_use]
     pub const fn is_empty(&self) -> bool {
-        self.count == 0
+        self.queue.is_empty()
     }
 
-    /// Free places.
+    /// The number of blocks for which there is room.
     #[must_use]
     pub const fn free(&self) -> usize {
-        N - self.count
+        self.queue.free()
     }
 
     /// The block in execution.
     #[must_use]
     pub fn current(&self) -> Option<&Block> {
-        (self.count != 0).then(|| &self.ring[self.first & (N - 1)].block)
+        self.queue.current()
     }
 
-    /// Squared speed at which the block in execution may be left: 0 when no other follows.
+    /// The squared speed at which the block in execution may be left: 0 when no other follows.
     #[must_use]
     pub fn exit_sqr(&self) -> f32 {
-        if self.count > 1 {
-            self.ring[(self.first + 1) & (N - 1)].entry_sqr
-        } else {
-            0.0
-        }
+        self.queue.exit_sqr()
     }
 
-    /// Adds a block, if there is a place, and begins to plan what that changes. The pass before must
+    /// Adds a block, if there is room, and begins the pass that follows from it. The pass before must
     /// be finished.
     pub fn push(&mut self, block: &Block) {
-        if self.count == N {
+        if self.queue.free() == 0 {
             return;
         }
-        let newest = self.first + self.count;
-        let planned = &mut self.ring[newest & (N - 1)];
-        planned.copy_from(block);
-        planned.braking = Braking::new(block);
+        let before_mm_s = self.queue.newest().map(|newest| newest.block.nominal_mm_s);
+        let queued = self.queue.enqueue(block);
         if self.overrides != Overrides::NONE {
-            planned.block.nominal_mm_s = block.nominal_under(self.overrides);
+            queued.block.nominal_mm_s = block.nominal_under(self.overrides);
         }
-        planned.min_duration_s = min_duration_s(block, self.duration_per_step_s);
-        let (mut speed_mm_s, spare_s) = limit_segment_rate(
-            &planned.block,
-            planned.block.nominal_mm_s,
-            planned.min_duration_s,
+        queued.min_duration_s = min_duration_s(block, self.duration_per_step_s);
+        let (speed_mm_s, slack_s) = self.profile.limit_rate(
+            &queued.block,
+            queued.block.nominal_mm_s,
+            queued.min_duration_s,
             self.slack_s,
         );
-        if self.window != 0 {
-            speed_mm_s = limit_block_rate(&planned.block, speed_mm_s);
-        }
-        planned.block.nominal_mm_s = speed_mm_s;
-        self.slack_s = spare_s;
-        let limit_sqr = if self.count == 0 {
-            0.0
-        } else {
-            let before = &self.ring[newest.wrapping_sub(1) & (N - 1)].block;
-            let slower = math::min(speed_mm_s, before.nominal_mm_s);
-            math::min(block.junction_sqr, slower * slower)
-        };
-        let planned = &mut self.ring[newest & (N - 1)];
-        planned.limit_sqr = limit_sqr;
-        // Lower than any: it changes.
-        planned.entry_sqr = -1.0;
-        self.count += 1;
-        if self.is_jerk_limited() {
-            if self.count > 1 {
-                self.beyond_mm += block.length_mm;
+        queued.block.nominal_mm_s = speed_mm_s;
+        self.slack_s = slack_s;
+        queued.limit_sqr = match before_mm_s {
+            None => 0.0,
+            Some(before_mm_s) => {
+                let slower = math::min(speed_mm_s, before_mm_s);
+                math::min(block.junction_sqr, slower * slower)
             }
-            self.plan_block(self.count - 1, None);
-            self.pass = Pass::NEWEST_ENTRIES;
-        } else {
-            self.plan_braking_part(1, 0.0, false);
+        };
+        match &mut self.profile {
+            Profile::Trapezoid => {
+                queued.trapezoid = trapezoid::BlockPlan::new(block);
+                trapezoid::plan_part(&mut self.queue, &mut self.pass, 1, 0.0, false);
+            }
+            Profile::JerkLimited(plan) => {
+                plan.push(&mut self.queue);
+                self.pass = Pass::NEWEST_ENTRIES;
+            }
         }
-    }
-
-    /// Adds the only block, to be entered and left at rest.
-    pub fn push_alone(&mut self, block: &Block) {
-        self.clear();
-        let planned = &mut self.ring[0];
-        planned.copy_from(block);
-        planned.limit_sqr = 0.0;
-        planned.entry_sqr = 0.0;
-        planned.min_duration_s = f32::MAX;
-        self.count = 1;
     }
 
     /// Removes the block in execution.
     pub fn pop(&mut self) {
-        if self.count != 0 {
-            self.first = (self.first + 1) & (N - 1);
-            self.count -= 1;
-            if self.is_jerk_limited() && self.reference.number() == 0 && self.count != 0 {
-                self.enter_block(0);
-            }
-            self.reference.block_removed();
-            if let Pass::Speeds { number, .. } | Pass::BlockLimits { number, .. } = &mut self.pass {
-                *number = number.saturating_sub(1);
-            }
+        if self.queue.is_empty() {
+            return;
+        }
+        self.queue.dequeue();
+        if let Profile::JerkLimited(plan) = &mut self.profile {
+            plan.pop(&self.queue);
+        }
+        if let Pass::Speeds { number, .. } | Pass::BlockLimits { number, .. } = &mut self.pass {
+            *number = number.saturating_sub(1);
         }
     }
 
     /// Removes all blocks.
     pub fn clear(&mut self) {
-        self.first = 0;
-        self.count = 0;
+        self.queue.clear();
         self.slack_s = 0.0;
         self.pass = Pass::Done;
-        self.reference = ReferenceMotion::START;
-        self.beyond_mm = 0.0;
+        if let Profile::JerkLimited(plan) = &mut self.profile {
+            plan.clear();
+        }
+    }
+
+    /// Makes the next segment of the plan from `position`, as [`NextSegment`] says. Removes a block
+    /// with its last segment. The moving average must need no sample.
+    #[inline]
+    pub(super) fn next_segment(
+        &mut self,
+        executor: &mut Executor,
+        average: &mut MovingAverage,
+        position: &Axes<FineSteps>,
+        goal: Goal,
+        segment: &mut Segment,
+    ) -> NextSegment {
+        let queue = &self.queue;
+        let next = match &self.profile {
+            Profile::Trapezoid => executor.next_trapezoid(queue, position, goal, segment),
+            Profile::JerkLimited(plan) => {
+                let reference = plan.reference();
+                executor.next_jerk_limited(queue, reference, average, position, goal, segment)
+            }
+        };
+        if next == NextSegment::EndsBlock {
+            self.pop();
+        }
+        next
+    }
+
+    /// The next sample of the reference motion, for the moving average.
+    pub(super) fn next_sample(&mut self, stops: bool, leaving: LeavingSample) -> Sample {
+        match &mut self.profile {
+            Profile::Trapezoid => Sample::STANDSTILL,
+            Profile::JerkLimited(plan) => plan.next_sample(&self.queue, stops, leaving),
+        }
+    }
+
+    /// Whether a pass is unfinished: [`LookAhead::continue_pass`] makes its next part.
+    #[must_use]
+    pub const fn is_unfinished(&self) -> bool {
+        !matches!(self.pass, Pass::Done)
+    }
+
+    /// Whether the unfinished pass follows from other overrides: the machine may be faster than
+    /// planned.
+    #[must_use]
+    pub const fn changes_speeds(&self) -> bool {
+        match self.pass {
+            Pass::Done => false,
+            Pass::Speeds { .. } | Pass::BlockLimits { .. } => true,
+            Pass::Entries { is_new, .. } => is_new,
+        }
+    }
+
+    /// Puts all blocks, and those to come, under other overrides, and begins to plan anew.
+    ///
+    /// The block in execution adds no slack, because its remainder is unknown; the others add no
+    /// more than at the speed before, and none while the machine is faster than planned.
+    pub(in crate::motion) fn replan(&mut self, overrides: Overrides, progress: PassProgress) {
+        self.overrides = overrides;
+        self.pass = Pass::Speeds {
+            number: 0,
+            before_mm_s: 0.0,
+            progress: if self.changes_speeds() {
+                PassProgress::Behind
+            } else {
+                progress
+            },
+        };
+    }
+
+    /// Makes the next part of the pass.
+    #[inline(never)]
+    pub fn continue_pass(&mut self) {
+        let (queue, pass) = (&mut self.queue, &mut self.pass);
+        match (*pass, &mut self.profile) {
+            (Pass::Done, _) => {}
+            (
+                Pass::Speeds {
+                    number,
+                    before_mm_s,
+                    progress,
+                },
+                _,
+            ) => self.plan_speeds_part(number, before_mm_s, progress),
+            (Pass::BlockLimits { .. }, Profile::Trapezoid) => *pass = Pass::ALL_ENTRIES,
+            (Pass::BlockLimits { number, ahead_mm }, Profile::JerkLimited(plan)) => {
+                plan.plan_blocks_part(queue, pass, number, ahead_mm);
+            }
+            (
+                Pass::Entries {
+                    back,
+                    exit_sqr,
+                    is_new,
+                },
+                Profile::Trapezoid,
+            ) => trapezoid::plan_part(queue, pass, back, exit_sqr, is_new),
+            (Pass::Entries { back, is_new, .. }, Profile::JerkLimited(plan)) => {
+                plan.plan_junctions_part(queue, pass, back, is_new);
+            }
+        }
+        compiler_fence(SeqCst);
+    }
+
+    /// Plans speeds of blocks under the overrides, and the limits of entry speeds that follow.
+    #[inline(never)]
+    fn plan_speeds_part(&mut self, from: usize, mut before_mm_s: f32, progress: PassProgress) {
+        let end = self.queue.len().min(from + SPEEDS_PER_PART);
+        let mut slack_s = if from == 0 { 0.0 } else { self.slack_s };
+        // wcet-bound: 32
+        for number in from..end {
+            let queued = self.queue.get_mut(number);
+            let block = &mut queued.block;
+            let (speed_mm_s, left_s) = self.profile.limit_rate(
+                block,
+                block.nominal_under(self.overrides),
+                queued.min_duration_s,
+                slack_s,
+            );
+            let adds_slack = number != 0 && progress == PassProgress::Followed;
+            slack_s = if adds_slack { left_s } else { 0.0 };
+            block.nominal_mm_s = speed_mm_s;
+            let slower = math::min(speed_mm_s, before_mm_s);
+            queued.limit_sqr = math::min(block.junction_sqr, slower * slower);
+            before_mm_s = speed_mm_s;
+        }
+        self.slack_s = slack_s;
+        self.pass = if end < self.queue.len() {
+            Pass::Speeds {
+                number: end,
+                before_mm_s,
+                progress,
+            }
+        } else {
+            match self.profile {
+                Profile::Trapezoid => Pass::ALL_ENTRIES,
+                Profile::JerkLimited(_) => Pass::BlockLimits {
+                    number: 0,
+                    ahead_mm: 0.0,
+                },
+            }
+        };
     }
 }
 
-impl<const N: usize> Default for Plan<N> {
+impl Default for LookAhead {
     fn default() -> Self {
         Self::new()
     }

@@ -4,9 +4,10 @@ mod cycles;
 mod executor;
 mod jerk_limited;
 mod kinematics;
+mod limits;
 mod lookahead;
-mod pass;
 mod prepare;
+mod queue;
 mod segment_rate;
 mod trapezoid;
 

@@ -203,7 +203,7 @@ impl Motion {
     fn configure(&mut self, settings: &Settings, inputs: &Inputs) {
         let window = AveragingWindow::new(settings);
         self.smooth.configure(window);
-        self.plan.set_window(window.samples, window.seconds());
+        self.plan.set_window(window);
         self.plan.set_step_rate(settings.step_rate.hz());
         self.generator.set_pulse_us(settings.step_pulse_us);
         self.accessories.configure(settings);

@@ -7,7 +7,7 @@ use crate::{
         queues::SEGMENT_RING,
         timing::{QUEUED_AHEAD_TICKS, SAMPLE_S},
     },
-    motion::executor::{
+    motion::limits::{
         JERK_LIMITED_MIN_SECTION_S, LONGEST_SEGMENT_S, MIN_SECTION_S, NOMINAL_SEGMENT_S,
         SHORTEST_SEGMENT_S,
     },

@@ -89,7 +89,7 @@ fn firmware(emulator: &Emulator, options: &Options) -> Result<()> {
     /// What makes a change of the state, and commands, of a line without blanks.
     const PARSE: [&str; 1] = ["leadscrew::gcode::"];
     /// What finds entry speeds, from the newest block back.
-    const PASS: [&str; 1] = ["leadscrew::motion::pass::"];
+    const PASS: [&str; 1] = ["leadscrew::motion::trapezoid::plan::"];
     let (board, _) = boards::emulated()?;
     let source = fs::read_to_string(cargo::root().join(APPLICATION))
         .with_context(|| format!("cannot read {APPLICATION}"))?;

@@ -17,8 +17,8 @@ use crate::{
     math,
     model::Laser,
     motion::{
-        executor::{Executor, Goal},
-        lookahead::Plan,
+        executor::{Executor, Goal, NextSegment},
+        queue::BlockQueue,
     },
     path::{Block, MoveKind},
     settings::Settings,
@@ -54,7 +54,7 @@ pub(crate) enum Reached {
 /// Parking: Z, its motion and its parameters.
 #[derive(Debug)]
 pub(crate) struct Parking {
-    plan: Plan<2>,
+    queue: BlockQueue<1>,
     executor: Executor,
     stage: ParkingStage,
     is_enabled: bool,
@@ -73,7 +73,7 @@ pub(crate) struct Parking {
 impl Parking {
     pub(crate) const fn new() -> Self {
         Self {
-            plan: Plan::new(),
+            queue: BlockQueue::new(),
             executor: Executor::new(),
             stage: ParkingStage::AtWork,
             is_enabled: false,
@@ -125,7 +125,7 @@ impl Parking {
 
     /// Whether there is a next segment.
     pub(crate) fn has_segment(&self, ending: Ending) -> bool {
-        !self.plan.is_empty() && (!self.stops(ending) || self.executor.is_moving())
+        !self.queue.is_empty() && (!self.stops(ending) || self.executor.is_moving())
     }
 
     /// Whether Z is to come to rest before the end of its motion.
@@ -145,12 +145,18 @@ impl Parking {
         } else {
             Goal::Run
         };
-        self.executor.next(&mut self.plan, position, goal, segment)
+        let executor = &mut self.executor;
+        match executor.next_trapezoid(&self.queue, position, goal, segment) {
+            NextSegment::Standstill => return false,
+            NextSegment::WithinBlock => {}
+            NextSegment::EndsBlock => self.queue.clear(),
+        }
+        true
     }
 
     /// Ends the motion: the machine stays where it is.
     pub(crate) fn abandon(&mut self) {
-        self.plan.clear();
+        self.queue.clear();
         self.executor.abandon();
         self.stage = ParkingStage::AtWork;
     }
@@ -219,7 +225,7 @@ impl Parking {
                 Some(Reached::Work)
             }
             ParkingStage::Stop => {
-                self.plan.clear();
+                self.queue.clear();
                 self.executor.abandon();
                 self.pull_out_from(z);
                 None
@@ -263,7 +269,8 @@ impl Parking {
         };
         block.delta[Z] = delta;
         block.steps_per_mm[Z] = along;
-        self.plan.push_alone(&block);
+        self.queue.clear();
+        self.queue.enqueue(&block);
     }
 }
 

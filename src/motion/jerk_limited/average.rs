@@ -22,7 +22,10 @@
 
 use super::reference::{LeavingSample, Sample};
 use crate::{
-    math, model::timing::SAMPLE_S, motion::executor::LONGEST_SEGMENT_S, path::AveragingWindow,
+    math,
+    model::timing::SAMPLE_S,
+    motion::limits::{LONGEST_SEGMENT_S, MIN_DIVISOR_MM_S},
+    path::AveragingWindow,
 };
 
 /// Cells of history, a power of two: the longest window fits.
@@ -35,8 +38,6 @@ const KNOWN_S: f32 = LONGEST_SEGMENT_S + 1.0e-6;
 pub(super) const UNITS_PER_MM: f32 = 1_048_576.0;
 /// The same, mm.
 pub(super) const UNIT_MM: f32 = 1.0 / UNITS_PER_MM;
-/// Stands for a speed of 0 in a divisor, mm/s.
-const LEAST_MM_S: f32 = 1.0e-12;
 
 /// The reference's mean: its speed at the beginnings of the cell being played and of those after it.
 #[derive(Debug)]
@@ -77,7 +78,7 @@ pub(in crate::motion) struct PathPoint {
     /// When, s from now on.
     pub(in crate::motion) seconds: f32,
     /// How far, mm.
-    pub(in crate::motion) way_mm: f32,
+    pub(in crate::motion) distance_mm: f32,
     /// How fast, mm/s.
     pub(in crate::motion) speed_mm_s: f32,
 }
@@ -238,7 +239,7 @@ impl MovingAverage {
     pub(in crate::motion) fn forecast(&self, speed_mm_s: f32) -> Forecast {
         let mut end = PathPoint {
             seconds: 0.0,
-            way_mm: 0.0,
+            distance_mm: 0.0,
             speed_mm_s,
         };
         let mut outlook = Forecast {
@@ -255,7 +256,7 @@ impl MovingAverage {
             }
             end = PathPoint {
                 seconds: end.seconds + cell_s,
-                way_mm: end.way_mm + way,
+                distance_mm: end.distance_mm + way,
                 speed_mm_s: *to,
             };
             *place = end;
@@ -273,29 +274,30 @@ impl MovingAverage {
     }
 
     /// The place after a way, which is known.
-    pub(in crate::motion) fn point_at(&self, outlook: &Forecast, way_mm: f32) -> PathPoint {
+    pub(in crate::motion) fn point_at(&self, outlook: &Forecast, distance_mm: f32) -> PathPoint {
         let [_, a, b, _] = &outlook.points;
-        let cell = if way_mm <= a.way_mm || self.known <= 1 {
+        let cell = if distance_mm <= a.distance_mm || self.known <= 1 {
             0
-        } else if way_mm <= b.way_mm || self.known <= 2 {
+        } else if distance_mm <= b.distance_mm || self.known <= 2 {
             1
         } else {
             2
         };
         let [from, to] = [&outlook.points[cell], &outlook.points[cell + 1]];
         let most_s = to.seconds - from.seconds;
-        let left_mm = way_mm - from.way_mm;
+        let left_mm = distance_mm - from.distance_mm;
         // As if its speed changed evenly, ...
         let (v, change) = (from.speed_mm_s, to.speed_mm_s - from.speed_mm_s);
         let square = v * v + 2.0 * left_mm * change / most_s;
         let sum = v + math::sqrt(math::max(square, 0.0));
-        let about_s = math::min(2.0 * left_mm / math::max(sum, LEAST_MM_S), most_s);
+        let about_s = math::min(2.0 * left_mm / math::max(sum, MIN_DIVISOR_MM_S), most_s);
         // ... and nearer by Newton's method.
         let about = self.point_within(outlook, cell, about_s);
-        let late_s = (about.way_mm - way_mm) / math::max(about.speed_mm_s, LEAST_MM_S);
+        let late_s =
+            (about.distance_mm - distance_mm) / math::max(about.speed_mm_s, MIN_DIVISOR_MM_S);
         let seconds = math::min(math::max(about_s - late_s, 0.5 * about_s), most_s);
         PathPoint {
-            way_mm,
+            distance_mm,
             ..self.point_within(outlook, cell, seconds)
         }
     }
@@ -312,16 +314,16 @@ impl MovingAverage {
         let rest_mm = 0.5 * (speed_mm_s + to.speed_mm_s) * rest_s - jerk_distance_mm(bend, rest_s);
         PathPoint {
             seconds,
-            way_mm: to.way_mm - rest_mm,
+            distance_mm: to.distance_mm - rest_mm,
             speed_mm_s,
         }
     }
 
     /// Goes on by a time that is known, and a way.
-    pub(in crate::motion) fn advance(&mut self, seconds: f32, way_mm: f32) {
+    pub(in crate::motion) fn advance(&mut self, seconds: f32, distance_mm: f32) {
         self.played_s += seconds;
         let [first, ..] = &mut self.distances_mm;
-        *first -= way_mm;
+        *first -= distance_mm;
         // wcet-bound: 3
         for _ in 0..SAMPLES_AHEAD {
             if self.played_s < SAMPLE_S || self.known == 0 {

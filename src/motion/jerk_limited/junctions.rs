@@ -5,25 +5,18 @@
 //! reference keeps it on both sides of the place for half of the way that the window takes at that
 //! speed; for its jerk, it never brakes sooner than a window after it has accelerated.
 
-use crate::math;
+use crate::{
+    math,
+    model::timing::SAMPLE_S,
+    motion::limits::{MIN_DIVISOR_MM_S, NO_ACCELERATION_LIMIT_MM_S2, NO_SPEED_LIMIT_MM_S},
+};
 
-/// Stands for no limit of a speed, mm/s.
-const NO_LIMIT: f32 = 1.0e8;
-/// Of an acceleration, mm/s².
-const NO_ACCELERATION: f32 = 1.0e12;
-/// Added to the window between accelerating and braking, s: the cell in which either begins or ends.
-const GAP_S: f32 = 1.0e-3;
-/// Stands for a speed of 0 in a divisor, mm/s.
-const LEAST_MM_S: f32 = 1.0e-20;
 /// A block that is that many times as long as the place around its end is more than a part of it.
 const LONG_BLOCK_INFLUENCES: f32 = 4.0;
 
-/// Added to the window where a limit holds around a place, s: the cell that the place lies in.
-const AROUND_S: f32 = 1.0e-3;
-
 /// How far before a place, and behind it, what holds for a mean that passes it at a speed does, mm.
 pub(in crate::motion) fn influence_mm(speed_mm_s: f32, window_s: f32) -> f32 {
-    0.5 * (window_s + AROUND_S) * speed_mm_s
+    0.5 * (window_s + SAMPLE_S) * speed_mm_s
 }
 
 /// What of a block matters to the reference.
@@ -82,8 +75,8 @@ pub(in crate::motion) struct RunningMin {
 
 impl RunningMin {
     pub(in crate::motion) const NONE: Self = Self {
-        before: NO_ACCELERATION,
-        now: NO_ACCELERATION,
+        before: NO_ACCELERATION_LIMIT_MM_S2,
+        now: NO_ACCELERATION_LIMIT_MM_S2,
         passed_mm: 0.0,
     };
 
@@ -151,7 +144,7 @@ impl JunctionLimit {
         brake_flat_mm: 0.0,
         free_mm_s: 0.0,
         free_flat_mm: 0.0,
-        cap_mm_s: NO_LIMIT,
+        cap_mm_s: NO_SPEED_LIMIT_MM_S,
         cap_mm: 0.0,
         behind: RunningMin::NONE,
         reach_mm: 0.0,
@@ -181,7 +174,7 @@ impl JunctionLimit {
         if corner_mm_s <= 0.0 {
             return Self::STOP;
         }
-        let gap_s = window_s + GAP_S;
+        let gap_s = window_s + SAMPLE_S;
         let approach = self.approach(leg);
         let top = leg.speed_mm_s;
         let flat = math::max(self.brake_flat_mm, approach.flat_mm);
@@ -209,8 +202,8 @@ impl JunctionLimit {
         if leg.trail_mm > 0.0 {
             gate.free_flat_mm = math::max(gate.free_flat_mm, gate.free_mm_s * gap_s);
         }
-        if gate.cap_mm + gate.cap_mm_s * (window_s + GAP_S) < 0.0 {
-            gate.cap_mm_s = NO_LIMIT;
+        if gate.cap_mm + gate.cap_mm_s * (window_s + SAMPLE_S) < 0.0 {
+            gate.cap_mm_s = NO_SPEED_LIMIT_MM_S;
             gate.cap_mm = 0.0;
         }
         gate.cap(top, approach.acceleration_mm_s2, window_s);
@@ -270,11 +263,11 @@ impl JunctionLimit {
             let free_flat_mm = self.free_flat_mm
                 - way(self.free_mm_s * self.free_mm_s - limit_sqr)
                 - faster * window_s;
-            let gap_s = window_s + GAP_S;
+            let gap_s = window_s + SAMPLE_S;
             self.free_flat_mm = math::max(self.brake_flat_mm + speed_mm_s * gap_s, free_flat_mm);
             self.free_mm_s = speed_mm_s;
             self.brake_mm_s = math::min(self.brake_mm_s, speed_mm_s);
-            self.cap_mm_s = NO_LIMIT;
+            self.cap_mm_s = NO_SPEED_LIMIT_MM_S;
             self.cap_mm = 0.0;
             return;
         }
@@ -316,7 +309,7 @@ impl JunctionLimit {
         let approach = self.approach(leg);
         let way_mm = leg.beyond_trail_mm(way_mm);
         let a = approach.acceleration_mm_s2;
-        let gap_s = window_s + GAP_S;
+        let gap_s = window_s + SAMPLE_S;
         let flat = |flat_mm: f32| math::max(flat_mm, approach.flat_mm);
         let passed_mm = 0.5 * cell_s * speed_mm_s;
         // The least of what two limits leave room for, each from a speed that is possible in any case.
@@ -328,7 +321,7 @@ impl JunctionLimit {
                 math::max(grown, speed * (speed + 2.0 * half))
             };
             let room = math::min(room(low), room(high));
-            room / math::max(half + math::sqrt(half * half + room), LEAST_MM_S)
+            room / math::max(half + math::sqrt(half * half + room), MIN_DIVISOR_MM_S)
         };
         let low = [self.brake_mm_s, way_mm - flat(self.brake_flat_mm)];
         let high = [self.cap_mm_s, way_mm - flat(self.cap_mm)];
@@ -341,7 +334,7 @@ impl JunctionLimit {
         );
         let half = a * (gap_s + 0.5 * cell_s);
         let within = math::max(within, 0.0);
-        let within = within / math::max(half + math::sqrt(half * half + within), LEAST_MM_S);
+        let within = within / math::max(half + math::sqrt(half * half + within), MIN_DIVISOR_MM_S);
         let here = math::min(within, ends_here);
         // ... or behind it.
         let double = 2.0 * math::min(a, self.braking.mm_s2());

@@ -1,4 +1,4 @@
-//! The jerk-limited profile: acceleration is continuous.
+//! The jerk-limited profile: acceleration is continuous, see [`average`].
 
 mod average;
 mod junctions;
@@ -7,5 +7,7 @@ mod profile;
 mod reference;
 
 pub(super) use self::{
-    average::MovingAverage, junctions::RunningMin, plan::JunctionPlan, reference::ReferenceMotion,
+    average::MovingAverage,
+    plan::{BlockPlan, Plan},
+    reference::{LeavingSample, ReferenceMotion, Sample},
 };

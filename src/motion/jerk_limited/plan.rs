@@ -1,4 +1,7 @@
-//! The plan where acceleration is continuous: the gates between blocks, see [`Gate`].
+//! The plan of the jerk-limited profile: a junction limit between each two blocks.
+//!
+//! See [`JunctionLimit`]. A pass over all blocks finds their accelerations and corner speeds from the
+//! oldest on; a backward pass then finds the junction limits.
 
 use super::{
     junctions::{BlockLimits, JunctionLimit, RunningMin, influence_mm},
@@ -6,28 +9,36 @@ use super::{
 };
 use crate::{
     math,
-    motion::{lookahead::Plan, pass::Pass},
+    motion::{
+        lookahead::{BLOCKS, Pass},
+        queue::BlockQueue,
+    },
+    path::AveragingWindow,
 };
 
-/// Blocks that a part of a pass goes through.
+/// Blocks of one part of a pass.
 const BLOCKS_PER_PART: usize = 2;
+/// Share of the speed that the block's acceleration reaches within a window, below which a corner is
+/// passed at a standstill: to keep a lower speed for a window on both sides takes longer.
+const MIN_CORNER_SHARE: f32 = 0.25;
 
-/// What the reference needs of a block besides the block.
+/// What is planned of a block.
 #[derive(Debug, Clone, Copy)]
-pub(in crate::motion) struct JunctionPlan {
-    /// Greatest speed where it begins, mm/s; 0 where the machine comes to rest.
+pub(in crate::motion) struct BlockPlan {
+    /// Greatest speed at its beginning, mm/s; 0 for a standstill.
     corner_mm_s: f32,
-    /// The greatest that this has ever been: the machine may still come as fast.
+    /// The greatest value of `corner_mm_s` so far, mm/s: the machine may still come as fast.
     fastest_mm_s: f32,
-    /// Greatest acceleration, mm/s²; at its beginning for a way, mm.
+    /// Greatest acceleration, mm/s².
     acceleration_mm_s2: f32,
+    /// Greatest acceleration within `trail_mm` behind its beginning, mm/s².
     trail_mm_s2: f32,
     trail_mm: f32,
-    /// Where it begins.
+    /// The junction at its beginning.
     junction: JunctionLimit,
 }
 
-impl JunctionPlan {
+impl BlockPlan {
     pub(in crate::motion) const NONE: Self = Self {
         corner_mm_s: 0.0,
         fastest_mm_s: 0.0,
@@ -38,67 +49,110 @@ impl JunctionPlan {
     };
 }
 
-/// The part of the speed that a window of acceleration makes below which a corner is passed at rest:
-/// to keep so low a speed for so long would take longer.
-const MIN_CORNER_SHARE: f32 = 0.25;
+/// The plan as a whole.
+#[derive(Debug)]
+pub(in crate::motion) struct Plan {
+    window: AveragingWindow,
+    window_s: f32,
+    /// Length of the blocks behind the one that the reference is in, mm.
+    beyond_mm: f32,
+    reference: ReferenceMotion,
+    /// Least acceleration of the newest blocks, in a pass from the oldest on.
+    running_min: RunningMin,
+}
 
-impl<const N: usize> Plan<N> {
-    /// At rest: acceleration changes within a window from now on, of so many cells; 0 for at once.
-    pub(in crate::motion) fn set_window(&mut self, cells: usize, seconds: f32) {
-        self.window = cells;
-        self.window_s = seconds;
+impl Plan {
+    /// Without blocks, and with the reference at a standstill.
+    pub(in crate::motion) fn new(window: AveragingWindow) -> Self {
+        Self {
+            window_s: window.seconds(),
+            window,
+            beyond_mm: 0.0,
+            reference: ReferenceMotion::START,
+            running_min: RunningMin::NONE,
+        }
     }
 
-    /// Whether acceleration is continuous.
-    pub(in crate::motion) const fn is_jerk_limited(&self) -> bool {
-        self.window != 0
+    /// Sets the averaging window. At standstill only, and without blocks.
+    pub(in crate::motion) fn set_window(&mut self, window: AveragingWindow) {
+        self.window_s = window.seconds();
+        self.window = window;
     }
 
-    /// Where the reference is.
+    /// The reference motion.
     pub(in crate::motion) const fn reference(&self) -> &ReferenceMotion {
         &self.reference
     }
 
-    /// The next cell of the reference.
-    pub(in crate::motion) fn next_sample(&mut self, stops: bool, leaving: LeavingSample) -> Sample {
-        let mut pacer = self.reference;
-        let cell = pacer.next_sample(self, stops, leaving, self.window_s);
-        // From rest it does not come to the end of a block, so it enters one at most.
-        if pacer.number() != self.reference.number() {
-            self.enter_block(pacer.number());
+    /// Plans the newest block, which has just been added.
+    pub(in crate::motion) fn push(&mut self, queue: &mut BlockQueue<BLOCKS>) {
+        let newest = queue.len() - 1;
+        if newest != 0 {
+            self.beyond_mm += queue.get(newest).block.length_mm;
         }
-        self.reference = pacer;
-        cell
+        self.plan_block(queue, newest, None);
     }
 
-    /// The reference enters a block: it is no longer behind it.
-    pub(in crate::motion) fn enter_block(&mut self, number: usize) {
-        let length_mm = self.ring[self.index(number)].block.length_mm;
-        self.beyond_mm = if number + 1 < self.count {
-            self.beyond_mm - length_mm
+    /// Follows the removal of the oldest block.
+    pub(in crate::motion) fn pop(&mut self, queue: &BlockQueue<BLOCKS>) {
+        if self.reference.number() == 0 && !queue.is_empty() {
+            self.enter_block(queue, 0);
+        }
+        self.reference.block_removed();
+    }
+
+    /// Follows the removal of all blocks.
+    pub(in crate::motion) fn clear(&mut self) {
+        self.reference = ReferenceMotion::START;
+        self.beyond_mm = 0.0;
+    }
+
+    /// The next sample of the reference.
+    pub(in crate::motion) fn next_sample(
+        &mut self,
+        queue: &BlockQueue<BLOCKS>,
+        stops: bool,
+        leaving: LeavingSample,
+    ) -> Sample {
+        let before = self.reference.number();
+        let sample = self
+            .reference
+            .next_sample(queue, stops, leaving, self.window_s);
+        // From a standstill it does not come to the end of a block, so it enters one at most.
+        let number = self.reference.number();
+        if number != before {
+            self.enter_block(queue, number);
+        }
+        sample
+    }
+
+    /// Follows the reference into a block.
+    fn enter_block(&mut self, queue: &BlockQueue<BLOCKS>, number: usize) {
+        self.beyond_mm = if number + 1 < queue.len() {
+            self.beyond_mm - queue.get(number).block.length_mm
         } else {
             0.0
         };
     }
 
-    /// The leg that a block is, and how it is begun, by those before it: in the order of the blocks.
+    /// Plans the limits of a block and its corner speed, from those of the blocks before it: in the
+    /// order of the blocks.
     ///
-    /// Of a block that is not new, it is known how far ahead of the reference it begins, mm. That may
-    /// have become less since by some cells, which is in the second window of the way to brake.
-    /// Accelerations only become lower then: blocks before it that are no longer known, and speeds of
-    /// before, may still have their say. Nor is it begun faster where the reference might have had to
-    /// brake otherwise for that.
-    pub(in crate::motion) fn plan_block(&mut self, number: usize, ahead_mm: Option<f32>) {
-        let place = self.index(number);
+    /// `ahead_mm` is how far ahead of the reference a block that is not new begins. The reference may
+    /// have gone on by some samples since: the second window of the braking distance covers them.
+    /// Accelerations of such a block only become lower, because blocks before it that have been
+    /// removed, and earlier speeds, may still limit it. Its corner speed does not rise where the reference
+    /// may already brake for it.
+    fn plan_block(&mut self, queue: &mut BlockQueue<BLOCKS>, number: usize, ahead_mm: Option<f32>) {
         if number == 0 {
             self.running_min = RunningMin::NONE;
         }
-        let before = self.limits(number.wrapping_sub(1)).filter(|_| number != 0);
-        let planned = &self.ring[place];
-        let old = planned.limits;
-        let block = &planned.block;
-        let mut corner_mm_s = math::sqrt(planned.limit_sqr);
-        let mut leg = BlockLimits {
+        let before = queue.limits(number.wrapping_sub(1)).filter(|_| number != 0);
+        let queued = queue.get(number);
+        let old = queued.jerk_limited;
+        let block = &queued.block;
+        let mut corner_mm_s = math::sqrt(queued.limit_sqr);
+        let mut limits = BlockLimits {
             length_mm: block.length_mm,
             speed_mm_s: block.nominal_mm_s,
             acceleration_mm_s2: block.acceleration_mm_s2,
@@ -108,66 +162,74 @@ impl<const N: usize> Plan<N> {
         let mut fastest_mm_s = corner_mm_s;
         if let Some(ahead_mm) = ahead_mm {
             let speed = self.reference.speed_mm_s();
-            let a = before.map_or(block.acceleration_mm_s2, |leg| leg.acceleration_mm_s2);
+            let a = before.map_or(block.acceleration_mm_s2, |before| before.acceleration_mm_s2);
             let a = math::min(a, block.acceleration_mm_s2);
             let braking_mm = speed * (2.0 * self.window_s + 0.5 * speed / a);
             if ahead_mm < influence_mm(corner_mm_s, self.window_s) + braking_mm {
                 corner_mm_s = math::min(corner_mm_s, old.corner_mm_s);
             }
             fastest_mm_s = math::max(corner_mm_s, old.fastest_mm_s);
-            leg.acceleration_mm_s2 = old.acceleration_mm_s2;
-            leg.trail_mm_s2 = old.trail_mm_s2;
-            leg.trail_mm = old.trail_mm;
+            limits.acceleration_mm_s2 = old.acceleration_mm_s2;
+            limits.trail_mm_s2 = old.trail_mm_s2;
+            limits.trail_mm = old.trail_mm;
         }
         if let Some(before) = before {
-            let a = math::min(before.acceleration_mm_s2, leg.acceleration_mm_s2);
+            let a = math::min(before.acceleration_mm_s2, limits.acceleration_mm_s2);
             let slow_mm_s = MIN_CORNER_SHARE * a * self.window_s;
             let is_slow = block.junction_sqr < slow_mm_s * slow_mm_s;
-            let is_rest = match ahead_mm {
+            let is_standstill = match ahead_mm {
                 None => is_slow,
                 Some(_) => old.corner_mm_s <= 0.0,
             };
-            if is_rest {
+            if is_standstill {
                 corner_mm_s = 0.0;
                 self.running_min = RunningMin::NONE;
             } else {
-                let reach_mm = influence_mm(fastest_mm_s, self.window_s);
+                let influence_mm = influence_mm(fastest_mm_s, self.window_s);
                 let own = BlockLimits {
-                    acceleration_mm_s2: self.ring[self.index(number - 1)].block.acceleration_mm_s2,
+                    acceleration_mm_s2: queue.get(number - 1).block.acceleration_mm_s2,
                     ..before
                 };
-                self.running_min = self.running_min.after(&own, reach_mm);
-                leg = leg.behind(&self.running_min, reach_mm);
+                self.running_min = self.running_min.after(&own, influence_mm);
+                limits = limits.behind(&self.running_min, influence_mm);
             }
         }
-        let pace = &mut self.ring[place].limits;
-        if ahead_mm.is_none() {
-            // The path has ended there.
-            pace.junction = JunctionLimit::STOP;
-        }
-        pace.corner_mm_s = corner_mm_s;
-        pace.fastest_mm_s = fastest_mm_s;
-        pace.acceleration_mm_s2 = leg.acceleration_mm_s2;
-        pace.trail_mm_s2 = leg.trail_mm_s2;
-        pace.trail_mm = leg.trail_mm;
+        queue.get_mut(number).jerk_limited = BlockPlan {
+            corner_mm_s,
+            fastest_mm_s,
+            acceleration_mm_s2: limits.acceleration_mm_s2,
+            trail_mm_s2: limits.trail_mm_s2,
+            trail_mm: limits.trail_mm,
+            junction: match ahead_mm {
+                // The path has ended there.
+                None => JunctionLimit::STOP,
+                Some(_) => old.junction,
+            },
+        };
     }
 
-    /// A part of the pass in the order of the blocks, of which the first begins so far ahead of the
-    /// reference, mm.
+    /// Plans a part of the pass from the oldest block on: from the block `from`, which begins
+    /// `ahead_mm` ahead of the reference.
     #[inline(never)]
-    pub(in crate::motion) fn plan_blocks_part(&mut self, from: usize, mut ahead_mm: f32) {
-        let end = self.count.min(from + BLOCKS_PER_PART);
+    pub(in crate::motion) fn plan_blocks_part(
+        &mut self,
+        queue: &mut BlockQueue<BLOCKS>,
+        pass: &mut Pass,
+        from: usize,
+        mut ahead_mm: f32,
+    ) {
+        let end = queue.len().min(from + BLOCKS_PER_PART);
         // wcet-bound: 2
         for number in from..end {
-            self.plan_block(number, Some(ahead_mm));
+            self.plan_block(queue, number, Some(ahead_mm));
             let here = self.reference.number();
             if number == here {
                 ahead_mm = self.reference.remaining_mm();
             } else if number > here {
-                ahead_mm += self.ring[self.index(number)].block.length_mm;
+                ahead_mm += queue.get(number).block.length_mm;
             }
         }
-        self.pass = if end == self.count {
+        *pass = if end == queue.len() {
             Pass::ALL_ENTRIES
         } else {
             Pass::BlockLimits {
@@ -177,90 +239,99 @@ impl<const N: usize> Plan<N> {
         };
     }
 
-    /// A part of the backward pass.
+    /// Plans a part of the backward pass: junctions from that of the block `from` on backwards, the
+    /// newest is 1. With `is_new` an unchanged junction does not end the pass.
     #[inline(never)]
-    pub(in crate::motion) fn plan_junctions_part(&mut self, from: usize, is_new: bool) {
-        self.pass = Pass::Done;
-        let end = self.count.min(from + BLOCKS_PER_PART);
+    pub(in crate::motion) fn plan_junctions_part(
+        &mut self,
+        queue: &mut BlockQueue<BLOCKS>,
+        pass: &mut Pass,
+        from: usize,
+        is_new: bool,
+    ) {
+        *pass = Pass::Done;
+        let end = queue.len().min(from + BLOCKS_PER_PART);
         // wcet-bound: 2
         for back in from..end {
-            let number = self.count - back;
-            let place = self.index(number);
-            let Some(leg) = self.limits(number) else {
+            let number = queue.len() - back;
+            let Some(limits) = queue.limits(number) else {
                 return;
             };
-            let pace = &self.ring[place].limits;
-            let reach_mm = influence_mm(pace.fastest_mm_s, self.window_s);
-            let corner_mm_s = pace.corner_mm_s;
-            let gate = self
-                .junction(number)
-                .before(&leg, corner_mm_s, reach_mm, self.window_s);
-            let pace = &mut self.ring[place].limits;
-            if gate == pace.junction && !is_new {
-                self.stop_if_too_fast(number);
+            let plan = &queue.get(number).jerk_limited;
+            let influence_mm = influence_mm(plan.fastest_mm_s, self.window_s);
+            let corner_mm_s = plan.corner_mm_s;
+            let junction =
+                queue
+                    .junction(number)
+                    .before(&limits, corner_mm_s, influence_mm, self.window_s);
+            let plan = &mut queue.get_mut(number).jerk_limited;
+            if junction == plan.junction && !is_new {
+                self.stop_if_too_fast(queue, pass, number);
                 return;
             }
-            pace.junction = gate;
+            plan.junction = junction;
         }
-        if end < self.count {
-            self.pass = Pass::Brake {
+        if end < queue.len() {
+            *pass = Pass::Entries {
                 back: end,
                 exit_sqr: 0.0,
                 is_new,
             };
         } else if !is_new {
-            self.stop_if_too_fast(0);
+            self.stop_if_too_fast(queue, pass, 0);
         }
     }
 
-    /// A block that came late may ask for lower speeds before it, or softer braking, than the end of the
-    /// path did: then the machine comes to rest there all the same. The gates behind a number are new.
-    fn stop_if_too_fast(&mut self, number: usize) {
+    /// Makes the newest junction a standstill if its block came too late: if it asks for lower speeds
+    /// before it, or softer braking, than the reference has kept to. The junctions behind the block
+    /// `number` are new.
+    fn stop_if_too_fast(&self, queue: &mut BlockQueue<BLOCKS>, pass: &mut Pass, number: usize) {
         if number > self.reference.number() {
             return;
         }
-        let newest = self.index(self.count.wrapping_sub(1));
-        let is_stop = self.ring[newest].limits.corner_mm_s <= 0.0;
-        let is_over = self.reference.is_over(self, self.window, self.window_s);
-        if is_stop || !is_over && !self.exceeded_newest_corner(newest) {
+        let newest = queue.len().wrapping_sub(1);
+        let is_stop = queue.get(newest).jerk_limited.corner_mm_s <= 0.0;
+        let is_over = self
+            .reference
+            .exceeds_junction(queue, self.window.samples, self.window_s);
+        if is_stop || !is_over && !self.exceeded_corner(queue, newest) {
             return;
         }
-        self.ring[newest].block.junction_sqr = 0.0;
-        self.ring[newest].limit_sqr = 0.0;
-        self.ring[newest].limits.corner_mm_s = 0.0;
-        self.pass = Pass::NEWEST_ENTRIES;
+        let queued = queue.get_mut(newest);
+        queued.block.junction_sqr = 0.0;
+        queued.limit_sqr = 0.0;
+        queued.jerk_limited.corner_mm_s = 0.0;
+        *pass = Pass::NEWEST_ENTRIES;
     }
 
     /// Whether the reference has been too fast for the newest corner.
-    fn exceeded_newest_corner(&self, newest: usize) -> bool {
-        let planned = &self.ring[newest];
-        let ahead_mm = self.reference.remaining_mm() + self.beyond_mm - planned.block.length_mm;
-        let corner_mm_s = planned.limits.corner_mm_s;
-        (self.reference).exceeded_corner(self, ahead_mm, corner_mm_s, self.window_s)
-    }
-
-    const fn index(&self, number: usize) -> usize {
-        self.first.wrapping_add(number) & (N - 1)
+    fn exceeded_corner(&self, queue: &BlockQueue<BLOCKS>, newest: usize) -> bool {
+        let queued = queue.get(newest);
+        let ahead_mm = self.reference.remaining_mm() + self.beyond_mm - queued.block.length_mm;
+        let corner_mm_s = queued.jerk_limited.corner_mm_s;
+        self.reference
+            .exceeded_corner(queue, ahead_mm, corner_mm_s, self.window_s)
     }
 }
 
-impl<const N: usize> BlocksAhead for Plan<N> {
+impl BlocksAhead for BlockQueue<BLOCKS> {
     #[inline]
     fn limits(&self, number: usize) -> Option<BlockLimits> {
-        let planned = &self.ring[self.index(number)];
-        (number < self.count).then_some(BlockLimits {
-            length_mm: planned.block.length_mm,
-            speed_mm_s: planned.block.nominal_mm_s,
-            acceleration_mm_s2: planned.limits.acceleration_mm_s2,
-            trail_mm_s2: planned.limits.trail_mm_s2,
-            trail_mm: planned.limits.trail_mm,
+        let queued = self.get(number);
+        let plan = &queued.jerk_limited;
+        (number < self.len()).then_some(BlockLimits {
+            length_mm: queued.block.length_mm,
+            speed_mm_s: queued.block.nominal_mm_s,
+            acceleration_mm_s2: plan.acceleration_mm_s2,
+            trail_mm_s2: plan.trail_mm_s2,
+            trail_mm: plan.trail_mm,
         })
     }
 
     #[inline]
     fn junction(&self, number: usize) -> &JunctionLimit {
-        if number + 1 < self.count {
-            &self.ring[self.index(number + 1)].limits.junction
+        if number + 1 < self.len() {
+            &self.get(number + 1).jerk_limited.junction
         } else {
             &JunctionLimit::STOP
         }
@@ -268,6 +339,6 @@ impl<const N: usize> BlocksAhead for Plan<N> {
 
     #[inline]
     fn corner_mm_s(&self, number: usize) -> f32 {
-        self.ring[self.index(number + 1)].limits.corner_mm_s
+        self.get(number + 1).jerk_limited.corner_mm_s
     }
 }

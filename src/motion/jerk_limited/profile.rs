@@ -1,55 +1,56 @@
-//! Segments where acceleration is continuous: along the blocks, at the pace of the reference's mean.
+//! The jerk-limited profile: segments along the blocks, at the speed of the reference's mean.
 
-use super::MovingAverage;
+use super::{MovingAverage, ReferenceMotion};
 use crate::{
     axis::Axes,
     math::{self, WHOLE_Q31},
     motion::{
-        executor::{
-            Executor, FIRST_SEGMENT_S, Goal, JERK_LIMITED_MIN_SECTION_S, LONGEST_SEGMENT_S,
-            NOMINAL_SEGMENT_S, SHORTEST_SEGMENT_S,
+        executor::{Executor, Goal, NextSegment, SegmentProfile},
+        limits::{
+            FIRST_SEGMENT_S, JERK_LIMITED_MIN_SECTION_S, LONGEST_SEGMENT_S, NOMINAL_SEGMENT_S,
+            SHORTEST_SEGMENT_S, SPEED_TOLERANCE, segment_share_s,
         },
-        lookahead::Plan,
-        trapezoid::{SPEED_TOLERANCE, SegmentProfile, segment_share_s},
+        queue::BlockQueue,
     },
     stepper::Segment,
     units::FineSteps,
 };
 
-/// What may be left of a block when the machine has come to rest at its end, mm.
+/// Most of a block that rounding leaves when the machine comes to a standstill at its end, mm.
 const STANDSTILL_TOLERANCE_MM: f32 = 2.0e-4;
 
 impl Executor {
-    /// As [`Executor::next`], when [`Smooth`] needs no cell.
+    /// As [`Executor::next_trapezoid`]; the moving average must need no sample.
     #[inline(never)]
-    pub(crate) fn next_jerk_limited<const N: usize>(
+    pub(in crate::motion) fn next_jerk_limited<const N: usize>(
         &mut self,
-        plan: &mut Plan<N>,
-        smooth: &mut MovingAverage,
+        queue: &BlockQueue<N>,
+        reference: &ReferenceMotion,
+        average: &mut MovingAverage,
         position: &Axes<FineSteps>,
         goal: Goal,
         segment: &mut Segment,
-    ) -> bool {
-        let goes_on = !smooth.is_at_standstill() || plan.reference().is_moving();
-        let is_behind = goal == Goal::Run && plan.reference().has_left_oldest();
-        let Some(block) = plan.current().filter(|_| goes_on || is_behind) else {
-            smooth.reset();
+    ) -> NextSegment {
+        let moves = !average.is_at_standstill() || reference.is_moving();
+        let is_behind = goal == Goal::Run && reference.has_left_oldest();
+        let Some(block) = queue.current().filter(|_| moves || is_behind) else {
+            average.reset();
             self.speed_mm_s = 0.0;
             self.average_moves = false;
-            return false;
+            return NextSegment::Standstill;
         };
         if !self.is_begun {
             self.begin(block.geometry(), position);
         }
-        let left_mm = self.remaining as f32 * (block.length_mm / WHOLE_Q31 as f32);
+        let remaining_mm = self.remaining as f32 * (block.length_mm / WHOLE_Q31 as f32);
         let (length_mm, ends_block) =
-            self.section_length(block.geometry(), left_mm, JERK_LIMITED_MIN_SECTION_S);
-        let stretch = if goes_on {
-            let (stretch, way_mm) = averaged_profile(smooth, length_mm, self.speed_mm_s);
-            smooth.advance(stretch.seconds, way_mm);
-            stretch
+            self.section_length(block.geometry(), remaining_mm, JERK_LIMITED_MIN_SECTION_S);
+        let profile = if moves {
+            let (profile, distance_mm) = averaged_profile(average, length_mm, self.speed_mm_s);
+            average.advance(profile.seconds, distance_mm);
+            profile
         } else {
-            // At rest at its end, but for what rounding left.
+            // At a standstill at its end: the remainder is rounding.
             SegmentProfile {
                 length_mm,
                 speed_mm_s: 0.0,
@@ -57,59 +58,60 @@ impl Executor {
                 ends_section: true,
             }
         };
-        let ends_block = stretch.ends_section && ends_block;
-        self.segment(block.geometry(), &stretch, ends_block, segment);
+        let ends_block = profile.ends_section && ends_block;
+        self.segment(block.geometry(), &profile, ends_block, segment);
         self.laser = block.laser;
-        self.speed_share = 0.5 * (self.speed_mm_s + stretch.speed_mm_s) / block.programmed_mm_s;
-        self.speed_mm_s = stretch.speed_mm_s;
-        self.may_exceed_plan &= stretch.speed_mm_s > block.nominal_mm_s * SPEED_TOLERANCE;
-        self.average_moves = goes_on;
+        self.speed_share = 0.5 * (self.speed_mm_s + profile.speed_mm_s) / block.programmed_mm_s;
+        self.speed_mm_s = profile.speed_mm_s;
+        self.may_exceed_plan &= profile.speed_mm_s > block.nominal_mm_s * SPEED_TOLERANCE;
+        self.average_moves = moves;
         if ends_block {
-            plan.pop();
             self.is_begun = false;
+            NextSegment::EndsBlock
+        } else {
+            NextSegment::WithinBlock
         }
-        true
     }
 }
 
-/// The next stretch of a piece, at a speed, and how far the mean goes in it.
+/// Returns the next segment of a section of which `length_mm` are left, and how far the mean goes in it.
 fn averaged_profile(
-    smooth: &MovingAverage,
+    average: &MovingAverage,
     length_mm: f32,
     speed_mm_s: f32,
 ) -> (SegmentProfile, f32) {
-    let outlook = smooth.forecast(speed_mm_s);
-    let known_s = outlook.end.seconds;
-    let mut seconds = if smooth.is_first_segment() {
+    let forecast = average.forecast(speed_mm_s);
+    let known_s = forecast.end.seconds;
+    let mut seconds = if average.is_first_segment() {
         FIRST_SEGMENT_S
     } else {
-        // If it stops just behind what is known, there is to be enough left for a segment.
+        // If the mean stops just behind the forecast, enough is left for a segment.
         math::min(NOMINAL_SEGMENT_S, known_s - SHORTEST_SEGMENT_S)
     };
-    let rest = outlook
+    let standstill = forecast
         .standstill
-        .filter(|rest| rest.way_mm + STANDSTILL_TOLERANCE_MM >= length_mm);
-    if rest.is_some() || length_mm <= outlook.end.way_mm {
-        let last = rest.unwrap_or_else(|| smooth.point_at(&outlook, length_mm));
+        .filter(|standstill| standstill.distance_mm + STANDSTILL_TOLERANCE_MM >= length_mm);
+    if standstill.is_some() || length_mm <= forecast.end.distance_mm {
+        let last = standstill.unwrap_or_else(|| average.point_at(&forecast, length_mm));
         if last.seconds <= LONGEST_SEGMENT_S {
-            let stretch = SegmentProfile {
+            let profile = SegmentProfile {
                 length_mm,
                 speed_mm_s: last.speed_mm_s,
                 seconds: last.seconds,
                 ends_section: true,
             };
-            return (stretch, last.way_mm);
+            return (profile, last.distance_mm);
         }
         seconds = math::min(seconds, segment_share_s(last.seconds));
     }
-    let place = smooth.point_after(&outlook, seconds);
-    let stretch = SegmentProfile {
-        length_mm: math::min(place.way_mm, length_mm),
-        speed_mm_s: place.speed_mm_s,
+    let point = average.point_after(&forecast, seconds);
+    let profile = SegmentProfile {
+        length_mm: math::min(point.distance_mm, length_mm),
+        speed_mm_s: point.speed_mm_s,
         seconds,
         ends_section: false,
     };
-    (stretch, place.way_mm)
+    (profile, point.distance_mm)
 }
 
 #[cfg(test)]

@@ -4,10 +4,8 @@ use super::{
     average::{UNIT_MM, UNITS_PER_MM},
     junctions::{BlockLimits, JunctionLimit, influence_mm},
 };
-use crate::{math, model::timing::SAMPLE_S};
+use crate::{math, model::timing::SAMPLE_S, motion::limits::NO_SPEED_LIMIT_MM_S};
 
-/// Stands for no limit of a speed, mm/s.
-const NO_LIMIT: f32 = 1.0e9;
 /// Part of what a cell can brake that is gone through without braking before a place to be passed at
 /// rest: what rounding leaves.
 const FINAL_SAMPLE_TOLERANCE: f32 = 0.05;
@@ -51,6 +49,14 @@ pub(in crate::motion) struct Sample {
     pub(in crate::motion) end_mm_s: f32,
 }
 
+impl Sample {
+    /// No motion.
+    pub(in crate::motion) const STANDSTILL: Self = Self {
+        distance: 0,
+        end_mm_s: 0.0,
+    };
+}
+
 /// Where the reference is.
 #[derive(Debug, Clone, Copy)]
 pub(in crate::motion) struct ReferenceMotion {
@@ -91,7 +97,7 @@ impl ReferenceMotion {
         length_remainder: 0.0,
         speed_mm_s: 0.0,
         since_acceleration: usize::MAX,
-        cap_mm_s: NO_LIMIT,
+        cap_mm_s: NO_SPEED_LIMIT_MM_S,
         cap_mm: 0.0,
     };
 
@@ -214,8 +220,8 @@ impl ReferenceMotion {
         let far_mm = (self.speed_mm_s + 0.5 * gain) * SAMPLE_S;
         let gate = road.junction(self.number);
         let mut reach = SampleLimits {
-            brake: NO_LIMIT,
-            free: NO_LIMIT,
+            brake: NO_SPEED_LIMIT_MM_S,
+            free: NO_SPEED_LIMIT_MM_S,
             top: leg.speed_mm_s,
             hardest: gain,
         };
@@ -242,7 +248,7 @@ impl ReferenceMotion {
     }
 
     /// Whether it is faster than it may be by the gate ahead, in the leg that it is in.
-    pub(in crate::motion) fn is_over(
+    pub(in crate::motion) fn exceeds_junction(
         &self,
         road: &impl BlocksAhead,
         window: usize,
@@ -314,7 +320,7 @@ impl ReferenceMotion {
     fn consume_cap(&mut self, way: u64) {
         self.cap_mm -= way as u32 as f32 * UNIT_MM;
         if self.cap_mm <= 0.0 {
-            self.cap_mm_s = NO_LIMIT;
+            self.cap_mm_s = NO_SPEED_LIMIT_MM_S;
             self.cap_mm = 0.0;
         }
     }
@@ -345,7 +351,7 @@ impl ReferenceMotion {
         let Some(next) = road.limits(self.number + 1).filter(|_| is_rest) else {
             return false;
         };
-        self.cap_mm_s = NO_LIMIT;
+        self.cap_mm_s = NO_SPEED_LIMIT_MM_S;
         self.number += 1;
         self.enter(&next);
         self.remaining = self.remaining.saturating_sub(LENGTH_RESERVE_UNITS);

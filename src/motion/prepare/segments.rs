@@ -4,7 +4,7 @@ use super::{Activity, Motion, delays::Restoring};
 use crate::{
     machine::{Ending, Event, Inputs},
     model::{Levels, State, timing::SEGMENT_TICKS},
-    motion::executor::Goal,
+    motion::executor::{Goal, NextSegment},
     stepper::{AxisMotion, EventWriter, Segment, SegmentRing},
 };
 
@@ -122,21 +122,17 @@ impl Motion {
         } else {
             Goal::Stop
         };
-        let blocks = self.plan.len();
         let position = self.generator.position();
-        let (plan, segment) = (&mut self.plan, &mut self.segment);
-        let moves = if self.smooth.is_active() {
-            let smooth = &mut self.smooth;
-            self.executor
-                .next_jerk_limited(plan, smooth, position, goal, segment)
-        } else {
-            self.executor.next(plan, position, goal, segment)
-        };
-        if !moves {
-            return false;
-        }
-        if !self.is_probing() {
-            self.finish_entries(blocks - self.plan.len());
+        let (executor, average) = (&mut self.executor, &mut self.smooth);
+        let segment = &mut self.segment;
+        match (self.plan).next_segment(executor, average, position, goal, segment) {
+            NextSegment::Standstill => return false,
+            NextSegment::WithinBlock => {}
+            NextSegment::EndsBlock => {
+                if !self.is_probing() {
+                    self.finish_entries(1);
+                }
+            }
         }
         let (laser, part) = self.executor.laser();
         self.accessories.begin_block(laser);

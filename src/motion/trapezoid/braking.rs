@@ -1,18 +1,12 @@
-//! How fast a block can be gone through so that a speed is reached at its end.
+//! Braking along a block: the entry speed from which an exit speed can be reached.
 
 use core::f32::consts::FRAC_PI_2;
 
 use crate::{
     math,
+    motion::kinematics::BlockGeometry,
     path::{Block, Curve},
 };
-
-/// A block with its curve apart: code that is made for a block without one does not ask for it.
-#[derive(Clone, Copy)]
-pub(in crate::motion) struct BlockGeometry<'a> {
-    pub(in crate::motion) block: &'a Block,
-    pub(in crate::motion) curve: Option<&'a Curve>,
-}
 
 impl BlockGeometry<'_> {
     /// The measure of a squared speed that braking changes in proportion to the path.
@@ -47,25 +41,14 @@ impl BlockGeometry<'_> {
     }
 }
 
-impl Block {
-    /// The block, with its curve if it has one.
-    #[inline]
-    pub(in crate::motion) const fn geometry(&self) -> BlockGeometry<'_> {
-        BlockGeometry {
-            block: self,
-            curve: self.curve.as_ref(),
-        }
-    }
-}
-
-/// How fast a block can be entered to be left at a speed: what that takes of its geometry, so that
-/// a pass over all blocks needs a square root for each at most.
+/// What the entry speed of a block takes of its geometry: with it, a backward pass needs one square
+/// root for a block at most.
 ///
 /// On an arc with v² = aR·sin z, a length of z = d turns the exit's z into z + d:
 /// sin(z + d) = sin z·cos d + cos z·sin d.
 #[derive(Debug, Clone, Copy)]
 pub(in crate::motion) struct Braking {
-    /// On a line, what the squared speed changes; on an arc aR·sin d.
+    /// On a line the change of the squared speed, on an arc aR·sin d.
     gain: f32,
     /// On an arc cos d, and the inverse of aR; 0 on a line.
     cosine: f32,
@@ -112,7 +95,7 @@ impl Braking {
     pub(in crate::motion) fn curve_entry_for(&self, exit_sqr: f32, curve: &Curve) -> f32 {
         let part = exit_sqr * self.inverse_limit;
         if part >= self.cosine {
-            // As fast as the arc can be gone through.
+            // The speed limit of the arc.
             return curve.limit_sqr;
         }
         exit_sqr * self.cosine + self.gain * math::sqrt_here(1.0 - part * part)

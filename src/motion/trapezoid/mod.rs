@@ -1,9 +1,7 @@
-//! The trapezoidal profile: acceleration changes at once.
+//! The trapezoidal profile: acceleration changes at once, see [`profile`].
 
 mod braking;
+mod plan;
 mod profile;
 
-pub(super) use self::{
-    braking::{BlockGeometry, Braking},
-    profile::{SPEED_TOLERANCE, SegmentProfile, segment_share_s},
-};
+pub(super) use self::plan::{BlockPlan, plan_part};

@@ -1,116 +1,245 @@
-//! How fast a piece is gone through: the next stretch of it, a segment's way and the speed at its end.
+//! The trapezoidal profile: a segment's length, duration and end speed.
+//!
+//! ```text
+//!  speed      cruise at the programmed speed
+//!    |      ______________
+//!    |     /              \      brake just in time for the planned exit speed
+//!    |    / accelerate     \
+//!    |___/__________________\____ path
+//!    entry                  exit
+//! ```
+//!
+//! The end speed of a segment is the greatest that the limits, the remaining braking distance, and
+//! the segments to come allow. It follows from the present speed and the remaining distance alone,
+//! so a feed hold, a new block or a changed limit needs nothing but the next segment.
+//!
+//! Speeds to brake to are compared by their measure, see [`BlockGeometry::measure`].
 
-use super::BlockGeometry;
 use crate::{
-    math,
-    motion::executor::{
-        Executor, FIRST_SEGMENT_S, LONGEST_SEGMENT_S, MonotonicSection, NOMINAL_SEGMENT_S,
-        SHORTEST_SEGMENT_S,
+    axis::Axes,
+    math::{self, WHOLE_Q31},
+    model::Laser,
+    motion::{
+        executor::{Executor, Goal, NextSegment, SegmentProfile},
+        kinematics::BlockGeometry,
+        limits::{
+            FIRST_SEGMENT_S, LONGEST_SEGMENT_S, MIN_DIVISOR_MM_S, MIN_SECTION_S, NOMINAL_SEGMENT_S,
+            SHORTEST_SEGMENT_S, SPEED_TOLERANCE, segment_share_s,
+        },
+        queue::BlockQueue,
     },
+    path::{Block, Curve},
+    stepper::Segment,
+    units::FineSteps,
 };
 
-/// Stands for an acceleration of 0, as at the speed limit of an arc, mm/s², where the block's own is
-/// not that small.
+/// Least acceleration along an arc near its speed limit, where none is left, mm/s². For a block with
+/// less than ten thousand times that, [`MIN_ACCELERATION_SHARE`] of the block's own.
 const MIN_ACCELERATION_MM_S2: f32 = 1.0e-3;
-/// Least part of the block's acceleration that stands for 0.
 const MIN_ACCELERATION_SHARE: f32 = 1.0e-4;
-/// Stands for a speed of 0 in a divisor, mm/s: slower than the slowest.
-const LEAST_MM_S: f32 = 1.0e-20;
-/// A piece that takes so long at the greatest speed that it may have has surely room for more than two
-/// segments behind one, s, whatever rounding does.
+/// Duration of a remaining section, at the greatest speed, from which more than two segments follow
+/// the next one, s: 1 % above the bound, for rounding.
 const FAR_FROM_END_S: f32 = 1.01 * (NOMINAL_SEGMENT_S + LONGEST_SEGMENT_S);
-/// Way to brake beyond what is needed that is surely enough.
+/// Factor on the braking distance that surely covers rounding, so that a far segment is the same as
+/// one by [`Executor::braking_profile`] (an assertion of debug builds compares them).
 const BRAKING_RESERVE: f32 = 1.001;
-/// A measure of speed that is that much above the plan's is within it.
-pub(in crate::motion) const SPEED_TOLERANCE: f32 = 1.0001;
 
-/// A segment's way along the path.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub(in crate::motion) struct SegmentProfile {
+/// The remainder of a section.
+#[derive(Debug, Clone, Copy)]
+struct MonotonicSection {
     /// Length, mm.
-    pub(in crate::motion) length_mm: f32,
-    /// Speed at its end, mm/s.
-    pub(in crate::motion) speed_mm_s: f32,
-    /// Duration, s.
-    pub(in crate::motion) seconds: f32,
-    /// Whether it ends its piece.
-    pub(in crate::motion) ends_section: bool,
+    length_mm: f32,
+    /// Measure of the greatest speed at its end.
+    exit_measure: f32,
+    /// Whether it ends the block.
+    ends_block: bool,
 }
 
 impl Executor {
-    /// A stretch towards the greatest speed at the piece's end.
-    #[inline(always)]
-    #[expect(clippy::inline_always, reason = "as for `follow`")]
-    pub(in crate::motion) fn run_profile(
+    /// Makes the next segment, from `position`. After the last segment of a block the caller removes
+    /// it from the queue.
+    #[inline]
+    pub(in crate::motion) fn next_trapezoid<const N: usize>(
         &mut self,
-        course: BlockGeometry<'_>,
-        piece: &MonotonicSection,
-    ) -> SegmentProfile {
-        let speed = self.speed_mm_s;
-        let measure = course.measure(speed * speed);
-        let change = course.measure_per_mm() * piece.length_mm;
-        if course.curve.is_none()
-            && let Some(stretch) = self.far_profile(course, piece, change)
-        {
-            debug_assert_eq!(
-                stretch,
-                self.braking_profile(course, piece, measure, change),
-                "a short cut that leads elsewhere"
-            );
-            return stretch;
+        queue: &BlockQueue<N>,
+        position: &Axes<FineSteps>,
+        goal: Goal,
+        segment: &mut Segment,
+    ) -> NextSegment {
+        if goal == Goal::Stop && self.speed_mm_s <= 0.0 {
+            return NextSegment::Standstill;
         }
-        self.braking_profile(course, piece, measure, change)
+        let exit_sqr = queue.exit_sqr();
+        let Some(block) = queue.current() else {
+            self.speed_mm_s = 0.0;
+            return NextSegment::Standstill;
+        };
+        let limits = (position, exit_sqr);
+        let ends_block = match &block.curve {
+            Some(curve) => self.follow_arc(block, curve, limits, goal, segment),
+            None => self.follow_line(block, limits, goal, segment),
+        };
+        if ends_block {
+            self.is_begun = false;
+            NextSegment::EndsBlock
+        } else {
+            NextSegment::WithinBlock
+        }
     }
 
-    /// The same, however near the end is.
+    /// Makes a segment of an arc; returns whether it ends the block.
+    #[inline(never)]
+    fn follow_arc(
+        &mut self,
+        block: &Block,
+        curve: &Curve,
+        limits: (&Axes<FineSteps>, f32),
+        goal: Goal,
+        segment: &mut Segment,
+    ) -> bool {
+        let curve = Some(curve);
+        self.follow(BlockGeometry { block, curve }, limits, goal, segment)
+    }
+
+    /// Makes a segment of a line; returns whether it ends the block.
+    #[inline(never)]
+    fn follow_line(
+        &mut self,
+        block: &Block,
+        limits: (&Axes<FineSteps>, f32),
+        goal: Goal,
+        segment: &mut Segment,
+    ) -> bool {
+        let curve = None;
+        self.follow(BlockGeometry { block, curve }, limits, goal, segment)
+    }
+
     #[inline(always)]
-    #[expect(clippy::inline_always, reason = "as for `follow`")]
+    #[expect(clippy::inline_always, reason = "compiled for lines and for arcs")]
+    fn follow(
+        &mut self,
+        geometry: BlockGeometry<'_>,
+        (position, exit_sqr): (&Axes<FineSteps>, f32),
+        goal: Goal,
+        segment: &mut Segment,
+    ) -> bool {
+        if !self.is_begun {
+            self.begin(geometry, position);
+        }
+        let section = self.section(geometry, exit_sqr);
+        let profile = match goal {
+            Goal::Run => self.run_profile(geometry, &section),
+            Goal::Stop => self.stop_profile(geometry, &section),
+        };
+        let ends_block = profile.ends_section && section.ends_block;
+        self.segment(geometry, &profile, ends_block, segment);
+        self.laser = geometry.block.laser;
+        if matches!(self.laser, Laser::Proportional(_)) {
+            let mean_mm_s = 0.5 * (self.speed_mm_s + profile.speed_mm_s);
+            self.speed_share = mean_mm_s / geometry.block.programmed_mm_s;
+        }
+        self.speed_mm_s = profile.speed_mm_s;
+        self.is_within_section = !profile.ends_section && self.speed_mm_s > 0.0;
+        ends_block
+    }
+
+    /// The remainder of the section that the machine is in; the block may be left at `exit_sqr`.
+    #[inline(always)]
+    #[expect(clippy::inline_always, reason = "compiled for lines and for arcs")]
+    fn section(&self, geometry: BlockGeometry<'_>, exit_sqr: f32) -> MonotonicSection {
+        let block = geometry.block;
+        let remaining_mm = self.remaining as f32 * (block.length_mm / WHOLE_Q31 as f32);
+        let top_sqr = block.nominal_mm_s * block.nominal_mm_s;
+        let mut section = MonotonicSection {
+            length_mm: remaining_mm,
+            exit_measure: geometry.measure(math::min(exit_sqr, top_sqr)),
+            ends_block: true,
+        };
+        let (length_mm, ends_block) = self.section_length(geometry, remaining_mm, MIN_SECTION_S);
+        if !ends_block {
+            let behind = geometry.measure_per_mm() * (remaining_mm - length_mm);
+            section = MonotonicSection {
+                length_mm,
+                exit_measure: section.exit_measure + behind,
+                ends_block,
+            };
+        }
+        section
+    }
+
+    /// A segment towards the greatest speed at the section's end.
+    #[inline(always)]
+    #[expect(clippy::inline_always, reason = "compiled for lines and for arcs")]
+    fn run_profile(
+        &mut self,
+        geometry: BlockGeometry<'_>,
+        section: &MonotonicSection,
+    ) -> SegmentProfile {
+        let speed = self.speed_mm_s;
+        let measure = geometry.measure(speed * speed);
+        let change = geometry.measure_per_mm() * section.length_mm;
+        if geometry.curve.is_none()
+            && let Some(profile) = self.far_profile(geometry, section, change)
+        {
+            debug_assert_eq!(
+                profile,
+                self.braking_profile(geometry, section, measure, change),
+                "a short cut that leads elsewhere"
+            );
+            return profile;
+        }
+        self.braking_profile(geometry, section, measure, change)
+    }
+
+    /// The same wherever the section ends.
+    #[inline(always)]
+    #[expect(clippy::inline_always, reason = "compiled for lines and for arcs")]
     fn braking_profile(
         &mut self,
-        course: BlockGeometry<'_>,
-        piece: &MonotonicSection,
+        geometry: BlockGeometry<'_>,
+        section: &MonotonicSection,
         measure: f32,
         change: f32,
     ) -> SegmentProfile {
-        let block = course.block;
+        let block = geometry.block;
         let speed = self.speed_mm_s;
-        let mut end = math::min(piece.exit_measure, measure + change);
+        let mut end = math::min(section.exit_measure, measure + change);
         if self.may_exceed_plan {
             // Braking as hard as the limits allow is always within the plan before, and so within
             // every limit but the new speed.
             end = math::max(end, measure - change);
-            let is_too_near = measure > (piece.exit_measure + change) * SPEED_TOLERANCE;
+            let is_too_near = measure > (section.exit_measure + change) * SPEED_TOLERANCE;
             self.may_exceed_plan = speed > block.nominal_mm_s * SPEED_TOLERANCE || is_too_near;
         }
-        let end_speed = math::sqrt(course.speed_sqr(end));
+        let end_speed = math::sqrt(geometry.speed_sqr(end));
         let end_speed = math::min(end_speed, math::max(block.nominal_mm_s, speed));
-        let double_mm = 2.0 * piece.length_mm;
+        let double_mm = 2.0 * section.length_mm;
         if double_mm <= LONGEST_SEGMENT_S * (speed + end_speed) {
-            return self.last_profile(piece, end_speed);
+            return self.last_profile(section, end_speed);
         }
         let seconds = if speed <= 0.0 {
             FIRST_SEGMENT_S
         } else {
             segment_share_s(double_mm / (speed + end_speed))
         };
-        let gain = tangential_acceleration(course, speed) * seconds;
+        let gain = tangential_acceleration(geometry, speed) * seconds;
         // The speed at which braking begins: v² = e² - 2·(v0 + v)/2·gain, with e² as it could be here.
-        let room = course.speed_sqr(piece.exit_measure + change) - gain * speed;
+        let room = geometry.speed_sqr(section.exit_measure + change) - gain * speed;
         let room = math::max(room, 0.0);
         let half = 0.5 * gain;
         let braking = room / (half + math::sqrt(half * half + room));
         // The speed at which the shortest segment is left.
-        let lasting = (double_mm - speed * seconds - SHORTEST_SEGMENT_S * end_speed)
+        let shortest_last = (double_mm - speed * seconds - SHORTEST_SEGMENT_S * end_speed)
             / (seconds + SHORTEST_SEGMENT_S);
         let top = math::min(speed + gain, block.nominal_mm_s);
-        let reached = math::min(top, math::min(braking, lasting));
+        let reached = math::min(top, math::min(braking, shortest_last));
         let reached = math::max(reached, math::max(speed - gain, 0.0));
         let length_mm = 0.5 * (speed + reached) * seconds;
-        if length_mm >= piece.length_mm {
-            return self.last_profile(piece, end_speed);
+        if length_mm >= section.length_mm {
+            return self.last_profile(section, end_speed);
         }
-        if course.curve.is_some() {
-            return self.arc_profile(course, piece, measure, length_mm, reached);
+        if geometry.curve.is_some() {
+            return self.arc_profile(geometry, section, measure, length_mm, reached);
         }
         SegmentProfile {
             length_mm,
@@ -120,25 +249,24 @@ impl Executor {
         }
     }
 
-    /// The same where the end of a line is so far away that nothing but the limits decides: two roots
-    /// and three divisions less.
+    /// The same of a line whose end is so far away that only the limits of the block count.
     #[inline(always)]
-    #[expect(clippy::inline_always, reason = "as for `follow`")]
+    #[expect(clippy::inline_always, reason = "compiled for lines and for arcs")]
     fn far_profile(
         &self,
-        course: BlockGeometry<'_>,
-        piece: &MonotonicSection,
+        geometry: BlockGeometry<'_>,
+        section: &MonotonicSection,
         change: f32,
     ) -> Option<SegmentProfile> {
-        let (speed, block) = (self.speed_mm_s, course.block);
+        let (speed, block) = (self.speed_mm_s, geometry.block);
         let most = math::max(block.nominal_mm_s, speed);
-        let is_far = 2.0 * piece.length_mm >= FAR_FROM_END_S * (speed + most);
+        let is_far = 2.0 * section.length_mm >= FAR_FROM_END_S * (speed + most);
         if self.may_exceed_plan || speed <= 0.0 || !is_far {
             return None;
         }
         let gain = block.acceleration_mm_s2 * NOMINAL_SEGMENT_S;
         let top = math::min(speed + gain, block.nominal_mm_s);
-        let room = piece.exit_measure + change - gain * speed;
+        let room = section.exit_measure + change - gain * speed;
         if room < top * (top + gain) * BRAKING_RESERVE {
             return None;
         }
@@ -151,41 +279,42 @@ impl Executor {
         })
     }
 
-    /// The last stretch of a piece, to a speed at most: it takes its time after others, or from rest.
-    fn last_profile(&self, piece: &MonotonicSection, speed_mm_s: f32) -> SegmentProfile {
+    /// The last segment of a section, with `speed_mm_s` at its end at most. From a standstill, and
+    /// behind other segments of the section, it is no shorter than such segments have to be.
+    fn last_profile(&self, section: &MonotonicSection, speed_mm_s: f32) -> SegmentProfile {
         let speed = self.speed_mm_s;
-        let double_mm = 2.0 * piece.length_mm;
+        let double_mm = 2.0 * section.length_mm;
         let mut end_speed = speed_mm_s;
         if speed <= 0.0 {
             end_speed = math::min(end_speed, double_mm * (1.0 / LONGEST_SEGMENT_S));
         } else if self.is_within_section && !self.may_exceed_plan {
-            let lasting = double_mm * (1.0 / SHORTEST_SEGMENT_S) - speed;
-            end_speed = math::min(end_speed, math::max(lasting, 0.0));
+            let shortest_last = double_mm * (1.0 / SHORTEST_SEGMENT_S) - speed;
+            end_speed = math::min(end_speed, math::max(shortest_last, 0.0));
         }
         SegmentProfile {
-            length_mm: piece.length_mm,
+            length_mm: section.length_mm,
             speed_mm_s: end_speed,
             seconds: duration_s(double_mm, speed + end_speed),
             ends_section: true,
         }
     }
 
-    /// A stretch of an arc about to a speed: what that is exactly follows from the way.
+    /// A segment of an arc, with a speed of `about_mm_s` at its end as far as its length allows.
     fn arc_profile(
         &self,
-        course: BlockGeometry<'_>,
-        piece: &MonotonicSection,
+        geometry: BlockGeometry<'_>,
+        section: &MonotonicSection,
         measure: f32,
         length_mm: f32,
         about_mm_s: f32,
     ) -> SegmentProfile {
-        let change = course.measure_per_mm() * length_mm;
-        let rest = course.measure_per_mm() * (piece.length_mm - length_mm);
-        let mut most = math::min(measure + change, piece.exit_measure + rest);
+        let change = geometry.measure_per_mm() * length_mm;
+        let behind = geometry.measure_per_mm() * (section.length_mm - length_mm);
+        let mut most = math::min(measure + change, section.exit_measure + behind);
         if self.may_exceed_plan {
             most = math::max(most, measure - change);
         }
-        let speed_mm_s = math::min(about_mm_s, math::sqrt(course.speed_sqr(most)));
+        let speed_mm_s = math::min(about_mm_s, math::sqrt(geometry.speed_sqr(most)));
         SegmentProfile {
             length_mm,
             speed_mm_s,
@@ -194,41 +323,41 @@ impl Executor {
         }
     }
 
-    /// A stretch towards a standstill.
+    /// A segment towards a standstill.
     #[inline(always)]
-    #[expect(clippy::inline_always, reason = "as for `follow`")]
-    pub(in crate::motion) fn stop_profile(
+    #[expect(clippy::inline_always, reason = "compiled for lines and for arcs")]
+    fn stop_profile(
         &self,
-        course: BlockGeometry<'_>,
-        piece: &MonotonicSection,
+        geometry: BlockGeometry<'_>,
+        section: &MonotonicSection,
     ) -> SegmentProfile {
         let speed = self.speed_mm_s;
-        let measure = course.measure(speed * speed);
-        let per_mm = course.measure_per_mm();
-        let change = per_mm * piece.length_mm;
+        let measure = geometry.measure(speed * speed);
+        let per_mm = geometry.measure_per_mm();
+        let change = per_mm * section.length_mm;
         let mut end = math::max(measure - change, 0.0);
-        if !self.may_exceed_plan || measure <= (piece.exit_measure + change) * SPEED_TOLERANCE {
-            // The plan has a way to brake to that: more is what was rounded.
-            end = math::min(end, piece.exit_measure);
+        if !self.may_exceed_plan || measure <= (section.exit_measure + change) * SPEED_TOLERANCE {
+            // The plan brakes to the exit speed: the remainder is rounding.
+            end = math::min(end, section.exit_measure);
         }
-        let end_speed = math::sqrt(course.speed_sqr(end));
-        let way_mm = math::min(measure / per_mm, piece.length_mm);
-        // Not in less time than a segment has to take, if there is the way.
-        let shortest_mm = math::min(0.5 * SHORTEST_SEGMENT_S * speed, piece.length_mm);
-        let way_mm = math::max(way_mm, shortest_mm);
-        let whole_s = 2.0 * way_mm / math::max(speed + end_speed, LEAST_MM_S);
+        let end_speed = math::sqrt(geometry.speed_sqr(end));
+        let distance_mm = math::min(measure / per_mm, section.length_mm);
+        // Not in less time than a segment has to take, if the section is long enough.
+        let shortest_mm = math::min(0.5 * SHORTEST_SEGMENT_S * speed, section.length_mm);
+        let distance_mm = math::max(distance_mm, shortest_mm);
+        let whole_s = 2.0 * distance_mm / math::max(speed + end_speed, MIN_DIVISOR_MM_S);
         if whole_s <= LONGEST_SEGMENT_S {
             return SegmentProfile {
-                length_mm: way_mm,
+                length_mm: distance_mm,
                 speed_mm_s: end_speed,
                 seconds: whole_s,
-                ends_section: way_mm >= piece.length_mm,
+                ends_section: distance_mm >= section.length_mm,
             };
         }
-        let gain = tangential_acceleration(course, speed) * segment_share_s(whole_s);
+        let gain = tangential_acceleration(geometry, speed) * segment_share_s(whole_s);
         let length_mm = (speed - 0.5 * gain) * segment_share_s(whole_s);
         let reached = math::max(measure - per_mm * length_mm, end);
-        let speed_mm_s = math::sqrt(course.speed_sqr(reached));
+        let speed_mm_s = math::sqrt(geometry.speed_sqr(reached));
         SegmentProfile {
             length_mm,
             speed_mm_s,
@@ -238,27 +367,19 @@ impl Executor {
     }
 }
 
-/// The part of a time that fits a segment: never leaves a sliver for the next.
-pub(in crate::motion) fn segment_share_s(seconds: f32) -> f32 {
-    if seconds < NOMINAL_SEGMENT_S + LONGEST_SEGMENT_S {
-        0.5 * seconds
-    } else {
-        NOMINAL_SEGMENT_S
-    }
-}
-
-/// The time for half of a way at both speeds' sum; never longer than the longest segment.
+/// The duration of a segment of half of `double_mm` between two speeds with the sum `sum_mm_s`; no
+/// more than the longest segment's.
 fn duration_s(double_mm: f32, sum_mm_s: f32) -> f32 {
     math::min(
-        double_mm / math::max(sum_mm_s, LEAST_MM_S),
+        double_mm / math::max(sum_mm_s, MIN_DIVISOR_MM_S),
         LONGEST_SEGMENT_S,
     )
 }
 
 /// Acceleration along the path that the block's limits leave at a speed, mm/s²: never 0.
-fn tangential_acceleration(course: BlockGeometry<'_>, speed_mm_s: f32) -> f32 {
-    let most = course.block.acceleration_mm_s2;
-    match course.curve {
+fn tangential_acceleration(geometry: BlockGeometry<'_>, speed_mm_s: f32) -> f32 {
+    let most = geometry.block.acceleration_mm_s2;
+    match geometry.curve {
         None => most,
         Some(curve) => {
             let used = math::min(speed_mm_s * speed_mm_s / curve.limit_sqr, 1.0);

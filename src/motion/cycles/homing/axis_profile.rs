@@ -5,7 +5,7 @@
 
 use crate::{
     math,
-    motion::executor::{NOMINAL_SEGMENT_S, TICKS_PER_S},
+    motion::limits::{NOMINAL_SEGMENT_S, TICKS_PER_S},
     stepper::AxisMotion,
     units::FineSteps,
 };

@@ -63,7 +63,7 @@ impl Run {
             corners: Vec::new(),
         };
         run.smooth.configure(window);
-        run.plan.set_window(window.samples, window.seconds());
+        run.plan.set_window(window);
         run.sample(0.0, 0.0);
         run
     }
@@ -112,10 +112,16 @@ impl Run {
             let cell = plan.next_sample(self.goal == Goal::Stop, leaving);
             smooth.push(cell, leaving);
         }
-        let before = plan.len();
         let mut segment = Segment::NONE;
         let position = self.position;
-        if !(self.executor).next_jerk_limited(plan, smooth, &position, self.goal, &mut segment) {
+        let next = plan.next_segment(
+            &mut self.executor,
+            smooth,
+            &position,
+            self.goal,
+            &mut segment,
+        );
+        if next == NextSegment::Standstill {
             assert!(!self.executor.is_moving());
             self.sample(1.0e-3, 0.0);
             return false;
@@ -126,7 +132,7 @@ impl Run {
             f64::from(segment.ticks) / f64::from(TICKS_PER_SECOND),
             speed,
         );
-        if self.plan.len() < before {
+        if next == NextSegment::EndsBlock {
             self.corners.push(speed);
             self.done += 1;
         }

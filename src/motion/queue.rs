@@ -1,0 +1,143 @@
+//! The blocks to be executed, oldest first, with what each profile plans of them.
+//!
+//! # Cost
+//!
+//! Both profiles' plans of a block are in its entry, 20 and 84 bytes: a backward pass needs one
+//! pointer for a block and its plan. In an enum they would save 2.5 KiB; but a change of the profile would
+//! then rewrite all entries, and each access ask which it is.
+
+use super::{jerk_limited, trapezoid};
+use crate::{
+    axis::{AXES, Axes},
+    model::Laser,
+    path::{Block, MoveKind},
+};
+
+/// A block and what is planned of it.
+#[derive(Debug)]
+pub(super) struct QueuedBlock {
+    pub(super) block: Block,
+    /// Limit of the squared entry speed from the junction and both programmed speeds, (mm/s)².
+    pub(super) limit_sqr: f32,
+    /// Shortest duration of a block that is one segment, s; `f32::MAX` for others.
+    pub(super) min_duration_s: f32,
+    pub(super) trapezoid: trapezoid::BlockPlan,
+    pub(super) jerk_limited: jerk_limited::BlockPlan,
+}
+
+impl QueuedBlock {
+    /// A free entry.
+    const NONE: Self = Self {
+        block: Block {
+            delta: Axes([0; AXES]),
+            steps_per_mm: Axes([0.0; AXES]),
+            length_mm: 0.0,
+            nominal_mm_s: 0.0,
+            programmed_mm_s: 0.0,
+            limit_mm_s: 0.0,
+            kind: MoveKind::Feed,
+            laser: Laser::None,
+            acceleration_mm_s2: 0.0,
+            junction_sqr: 0.0,
+            curve: None,
+            line: 0,
+        },
+        limit_sqr: 0.0,
+        min_duration_s: f32::MAX,
+        trapezoid: trapezoid::BlockPlan::NONE,
+        jerk_limited: jerk_limited::BlockPlan::NONE,
+    };
+}
+
+/// A ring of blocks. `N` is a power of two.
+#[derive(Debug)]
+#[repr(C)]
+pub(super) struct BlockQueue<const N: usize> {
+    /// Index of the oldest.
+    pub(super) first: usize,
+    pub(super) count: usize,
+    pub(super) ring: [QueuedBlock; N],
+}
+
+impl<const N: usize> BlockQueue<N> {
+    /// Empty.
+    pub(super) const fn new() -> Self {
+        Self {
+            first: 0,
+            count: 0,
+            ring: [const { QueuedBlock::NONE }; N],
+        }
+    }
+
+    /// The number of blocks, the one in execution included.
+    pub(super) const fn len(&self) -> usize {
+        self.count
+    }
+
+    pub(super) const fn is_empty(&self) -> bool {
+        self.count == 0
+    }
+
+    /// The number of free entries.
+    pub(super) const fn free(&self) -> usize {
+        N - self.count
+    }
+
+    /// The index of a block by its number, the oldest is 0.
+    pub(super) const fn index(&self, number: usize) -> usize {
+        self.first.wrapping_add(number) & (N - 1)
+    }
+
+    /// A block by its number, the oldest is 0.
+    #[inline]
+    pub(super) fn get(&self, number: usize) -> &QueuedBlock {
+        &self.ring[self.index(number)]
+    }
+
+    #[inline]
+    pub(super) fn get_mut(&mut self, number: usize) -> &mut QueuedBlock {
+        let index = self.index(number);
+        &mut self.ring[index]
+    }
+
+    /// The newest block.
+    #[inline]
+    pub(super) fn newest(&self) -> Option<&QueuedBlock> {
+        (self.count != 0).then(|| self.get(self.count - 1))
+    }
+
+    /// The block in execution.
+    pub(super) fn current(&self) -> Option<&Block> {
+        (self.count != 0).then(|| &self.ring[self.first & (N - 1)].block)
+    }
+
+    /// Adds a block; there must be a free entry. Returns the entry.
+    #[inline]
+    pub(super) fn enqueue(&mut self, block: &Block) -> &mut QueuedBlock {
+        let index = self.index(self.count);
+        self.count += 1;
+        let queued = &mut self.ring[index];
+        queued.block = Block {
+            curve: None,
+            ..*block
+        };
+        if let Some(curve) = &block.curve {
+            queued.block.curve = Some(*curve);
+        }
+        queued
+    }
+
+    /// Removes the block in execution.
+    pub(super) const fn dequeue(&mut self) {
+        if self.count != 0 {
+            self.first = (self.first + 1) & (N - 1);
+            self.count -= 1;
+        }
+    }
+
+    /// Removes all blocks.
+    pub(super) const fn clear(&mut self) {
+        self.first = 0;
+        self.count = 0;
+    }
+}
