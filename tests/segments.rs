@@ -17,7 +17,7 @@ const MEAN_TICKS: u32 = TICKS_PER_MS * 7 / 10;
 const SMOOTH_MEAN_TICKS: u32 = TICKS_PER_MS * 3 / 4;
 const SMOOTH_SAVED: u32 = 2;
 /// `[trade]` there: a segment may come instead of so many steps.
-const TRADED_STEPS: f64 = (78 + 12 * (AXES - 3)) as f64;
+const STEPS_PER_SEGMENT: f64 = (78 + 12 * (AXES - 3)) as f64;
 /// As `saved_segments`, of which one is what is begun before those that are saved.
 const SAVED: f64 = 2.0;
 /// Longest segment, with a standstill that comes and goes in the same step.
@@ -35,10 +35,10 @@ fn check(segments: &[Begin], step_rate: StepRate) -> Result<(), TestCaseError> {
         let ticks = f64::from(ticks + 1);
         // Of a stretch of time as a whole: more steps than that in a segment count, too.
         let left_out = steps_per_tick * ticks - f64::from(pair[1].steps - pair[0].steps);
-        let instead = left_out / TRADED_STEPS;
+        let instead = left_out / STEPS_PER_SEGMENT;
         level = (level + 1.0 - ticks / f64::from(MEAN_TICKS) - instead).max(0.0);
         // Each axis may make a step more.
-        let most = SAVED + AXES as f64 / TRADED_STEPS;
+        let most = SAVED + AXES as f64 / STEPS_PER_SEGMENT;
         prop_assert!(
             level <= most,
             "{level} at {} of {segments:?}",
@@ -237,7 +237,7 @@ fn lines_of_few_steps_follow_each_other_faster() -> Result<(), TestCaseError> {
     // What is proven at 1 Mbaud with three axes.
     let seconds = short_lines_s(StepRate::Proven(172_000))?;
     let steps_per_s = 172_000.0;
-    let expected = (TRADED_STEPS + 10.0) / (TRADED_STEPS / 0.7e-3 + steps_per_s);
+    let expected = (STEPS_PER_SEGMENT + 10.0) / (STEPS_PER_SEGMENT / 0.7e-3 + steps_per_s);
     assert!((seconds / expected - 1.0).abs() < 0.01, "{seconds} s");
     assert!(AXES > 3 || seconds <= 1.0 / 3200.0, "{seconds} s");
     // An image of which nothing is proven.

@@ -1,4 +1,8 @@
-//! Time that blocks have to take so that `prepare` keeps up with their segments.
+//! The segment rate: durations of blocks that `prepare` keeps up with.
+//!
+//! Segments may follow each other in 0.7 ms on average. A block with longer segments leaves *slack*,
+//! which the next blocks may use for shorter ones; tests/segments.rs holds random programs to that,
+//! `docs/decisions.md` derives it, and `schedule.toml` counts on it.
 
 use crate::{
     axis::AXES,
@@ -15,124 +19,132 @@ use crate::{
     units::{FineSteps, TICKS_PER_SECOND},
 };
 
-/// Shortest mean time of segments, s: what `prepare` keeps up with at the greatest step rate. See
-/// `docs/decisions.md`.
+/// Shortest mean duration of segments, s: `prepare` keeps up with it at the greatest step rate. `segment`
+/// in `schedule.toml`.
 const MEAN_SEGMENT_S: f32 = 0.7e-3;
-/// Steps that cost no less than a segment of a line: where so many fewer are made than could be, one
-/// more may be. `[trade]` in `schedule.toml`.
-const TRADED_STEPS: u32 = 78 + 12 * (AXES as u32 - 3);
-/// The greatest step rate that is reckoned with for that, Hz: so that the ring of segments always holds
-/// as much time as `prepare` needs.
-const TRADED_HZ: u32 = 200_000;
+/// Steps that cost no less than a segment of a line: for each as many steps below the step rate, one more
+/// segment may be made. `[trade]` in `schedule.toml` proves it.
+const STEPS_PER_SEGMENT: u32 = 78 + 12 * (AXES as u32 - 3);
+/// Greatest step rate counted on for that, Hz: the ring of segments then always holds as much time as
+/// `prepare` needs, by the assertion below.
+const MAX_STEP_RATE_HZ: u32 = 200_000;
 const _: () = {
     let ahead_s = QUEUED_AHEAD_TICKS as f32 / TICKS_PER_SECOND as f32;
-    let segments = ahead_s / MEAN_SEGMENT_S + ahead_s * TRADED_HZ as f32 / TRADED_STEPS as f32;
+    let segments =
+        ahead_s / MEAN_SEGMENT_S + ahead_s * MAX_STEP_RATE_HZ as f32 / STEPS_PER_SEGMENT as f32;
     assert!(segments + 3.0 <= SEGMENT_RING as f32);
 };
-/// What a first or a last piece of an arc can cost, s: it may be as short as a piece can be.
+/// Slack that the first or the last section of an arc can use, s: it may be the shortest section.
 const ARC_END_S: f32 = MEAN_SEGMENT_S - MIN_SECTION_S;
-/// What blocks before may have taken longer than that, for one that is shorter, s. The
-/// standstill at the end, or the beginning of an arc, may come on top.
+/// Greatest slack, s: that of one segment. The standstill at the end, or the beginning of an arc, may
+/// use as much again.
 const MAX_SLACK_S: f32 = MEAN_SEGMENT_S;
-/// What a line of several segments saves at least, s.
+/// Least slack of a line of several segments, s.
 const MIN_SAVED_S: f32 = 2.0 * (SHORTEST_SEGMENT_S - MEAN_SEGMENT_S);
-/// The part of its time that a long piece saves, but for the last two segments: the others take 1 ms.
+/// The share of its duration that a long section leaves as slack, without the last two segments: the
+/// others take 1 ms.
 const SAVED_SHARE: f32 = 1.0 - MEAN_SEGMENT_S / NOMINAL_SEGMENT_S;
-/// What those two take less than two such, of that: they take 1.5 ms together at least.
+/// The slack of the last two segments below that of two others: they take 1.5 ms together at least.
 const SECTION_END_S: f32 = (1.0 - SAVED_SHARE) * (2.0 * NOMINAL_SEGMENT_S - LONGEST_SEGMENT_S);
 
-/// What a step adds to the shortest time of a line that is one segment, s, at the greatest step rate.
+/// What a step adds to the shortest duration of a line that is one segment, s, at a step rate S.
 ///
-/// In the time T it leaves S T - n steps out of those at that rate, and if it is to cost nothing,
-/// T / [`MEAN_S`] + (S T - n) / [`TRADED_STEPS`] is 1.
+/// A line of n steps in the time T leaves S T - n steps out. It uses no slack if
+/// T / [`MEAN_SEGMENT_S`] + (S T - n) / [`STEPS_PER_SEGMENT`] is 1.
 pub(super) const fn duration_per_step_s(steps_per_s: u32) -> f32 {
-    let steps_per_s = if steps_per_s < TRADED_HZ {
+    let steps_per_s = if steps_per_s < MAX_STEP_RATE_HZ {
         steps_per_s
     } else {
-        TRADED_HZ
+        MAX_STEP_RATE_HZ
     };
-    1.0 / (TRADED_STEPS as f32 / MEAN_SEGMENT_S + steps_per_s as f32)
+    1.0 / (STEPS_PER_SEGMENT as f32 / MEAN_SEGMENT_S + steps_per_s as f32)
 }
 
-/// The shortest time of a block that is one segment, for the steps that it leaves out, s.
+/// The shortest duration of a line that is one segment and uses no slack, s; `f32::MAX` for other
+/// blocks.
 #[inline]
-pub(super) fn min_duration_s(block: &Block, step_s: f32) -> f32 {
+pub(super) fn min_duration_s(block: &Block, duration_per_step_s: f32) -> f32 {
     if block.curve.is_some() || block.length_mm >= MEAN_SEGMENT_S * block.limit_mm_s {
         return f32::MAX;
     }
-    // Wherever it begins within a step, no axis makes more.
+    // The most steps of each axis, wherever within a step the line begins.
     let steps =
-        |way: &i64| (way.unsigned_abs().wrapping_add(FineSteps::ONE as u64 - 1) >> 32) as u32;
+        |delta: &i64| (delta.unsigned_abs().wrapping_add(FineSteps::ONE as u64 - 1) >> 32) as u32;
     let steps: u32 = block
         .delta
         .iter()
         .map(steps)
-        .fold(TRADED_STEPS, u32::wrapping_add);
-    steps as f32 * step_s
+        .fold(STEPS_PER_SEGMENT, u32::wrapping_add);
+    steps as f32 * duration_per_step_s
 }
 
-/// The speed of a block that has to leave `prepare` its time, and what is left to spare then.
+/// Limits the speed of a block to the segment rate; returns the speed and the slack behind the block.
 ///
-/// Whatever its ramps are: a block that takes longer than it could never saves less. It may still be
-/// gone through at the speed that it has.
+/// The slack is that at the greatest speed, the present one included, whatever the ramps are: a block
+/// that takes longer never leaves less.
 #[inline]
 pub(super) fn limit_segment_rate(
     block: &Block,
     speed_mm_s: f32,
-    traded_s: f32,
-    spare_s: f32,
+    min_duration_s: f32,
+    slack_s: f32,
 ) -> (f32, f32) {
-    let quarters = block.curve.as_ref().map(Curve::inner_sections);
-    let (least_s, ends_s) = match quarters {
-        None => (MEAN_SEGMENT_S - spare_s, SECTION_END_S),
-        Some(quarters) => {
-            let ends_s = 2.0 * ARC_END_S + SECTION_END_S * quarters as f32;
-            ((ends_s - spare_s) * (1.0 / SAVED_SHARE), ends_s)
+    let sections = block.curve.as_ref().map(Curve::inner_sections);
+    let (shortest_s, ends_s) = match sections {
+        None => (MEAN_SEGMENT_S - slack_s, SECTION_END_S),
+        Some(sections) => {
+            let ends_s = 2.0 * ARC_END_S + SECTION_END_S * sections as f32;
+            ((ends_s - slack_s) * (1.0 / SAVED_SHARE), ends_s)
         }
     };
-    if block.length_mm < least_s * speed_mm_s {
-        if traded_s < least_s {
-            // It neither costs time nor saves any.
-            return (math::min(speed_mm_s, block.length_mm / traded_s), spare_s);
+    if block.length_mm < shortest_s * speed_mm_s {
+        if min_duration_s < shortest_s {
+            // It neither uses slack nor adds any.
+            return (
+                math::min(speed_mm_s, block.length_mm / min_duration_s),
+                slack_s,
+            );
         }
-        return (block.length_mm / least_s, 0.0);
+        return (block.length_mm / shortest_s, 0.0);
     }
     let seconds = block.length_mm / math::max(speed_mm_s, block.nominal_mm_s);
-    let saved_s = SAVED_SHARE * seconds - ends_s;
-    if quarters.is_some() {
-        // Its last piece alone saves nothing.
-        let spare_s = math::min(spare_s + saved_s, MAX_SLACK_S - ARC_END_S);
-        return (speed_mm_s, math::max(spare_s, 0.0));
+    let added_s = SAVED_SHARE * seconds - ends_s;
+    if sections.is_some() {
+        // Its last section alone leaves none.
+        let slack_s = math::min(slack_s + added_s, MAX_SLACK_S - ARC_END_S);
+        return (speed_mm_s, math::max(slack_s, 0.0));
     }
-    let saved_s = math::min(seconds - MEAN_SEGMENT_S, math::max(saved_s, MIN_SAVED_S));
-    let spare_s = math::min(spare_s + saved_s, MAX_SLACK_S);
-    (speed_mm_s, math::max(spare_s, 0.0))
+    let added_s = math::min(seconds - MEAN_SEGMENT_S, math::max(added_s, MIN_SAVED_S));
+    let slack_s = math::min(slack_s + added_s, MAX_SLACK_S);
+    (speed_mm_s, math::max(slack_s, 0.0))
 }
 
-/// Shortest time of an arc where acceleration is continuous, s, and what each of its quarter turns
-/// adds: so that segments have a mean of [`SMOOTH_MEAN_S`], as lines that take a cell have.
+/// Shortest duration of an arc with the jerk-limited profile, s, and the addition of each quarter turn:
+/// its segments then have a mean of [`JERK_LIMITED_MEAN_SEGMENT_S`], as those of lines that take a
+/// sample.
 const JERK_LIMITED_ARC_S: f32 =
     2.0 * (JERK_LIMITED_MEAN_SEGMENT_S - JERK_LIMITED_MIN_SECTION_S) / JERK_LIMITED_SAVED_SHARE;
 const JERK_LIMITED_QUARTER_S: f32 = (1.0 - JERK_LIMITED_SAVED_SHARE)
     * (2.0 * NOMINAL_SEGMENT_S - LONGEST_SEGMENT_S)
     / JERK_LIMITED_SAVED_SHARE;
-/// Shortest mean time of segments there, s.
+/// Shortest mean duration of segments with the jerk-limited profile, s: `smooth_segment` in
+/// `schedule.toml`.
 const JERK_LIMITED_MEAN_SEGMENT_S: f32 = 0.75e-3;
-/// The part of its time that a long piece saves.
+/// [`SAVED_SHARE`] with that mean.
 const JERK_LIMITED_SAVED_SHARE: f32 = 1.0 - JERK_LIMITED_MEAN_SEGMENT_S / NOMINAL_SEGMENT_S;
 
-/// The speed of a block that takes as long as a cell of the reference at least.
+/// Limits the speed of a block to one that takes a sample of the reference at least.
 #[inline]
 pub(super) fn limit_block_rate(block: &Block, speed_mm_s: f32) -> f32 {
-    let least_s = match &block.curve {
+    let shortest_s = match &block.curve {
         None => SAMPLE_S,
         Some(curve) => {
             let quarters = (curve.sweep.unsigned_abs() >> 30) as u32 as f32;
             JERK_LIMITED_ARC_S + JERK_LIMITED_QUARTER_S * quarters
         }
     };
-    if block.length_mm < least_s * speed_mm_s {
-        block.length_mm / least_s
+    if block.length_mm < shortest_s * speed_mm_s {
+        block.length_mm / shortest_s
     } else {
         speed_mm_s
     }

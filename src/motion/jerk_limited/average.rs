@@ -9,16 +9,20 @@
 //!                |____|                               \____/
 //! ```
 //!
-//! The *reference* is how far along the path a machine would be that changes between accelerations of
-//! -a, 0 and +a at once. Its mean over a window T is what this machine does: acceleration changes by a
-//! in T at most, so that the jerk is a/T. That is as fast as a motion with this jerk can be wherever
-//! the acceleration reaches a. It is the way along the path that is averaged, so that the path itself
-//! stays what it is. Read with the moving average as an interpolator of acceleration and deceleration
-//! in numerical controls; for what the reference owes its mean, see [`super::junctions`].
+//! The *reference motion* changes between accelerations of -a, 0 and +a along the path at once. The
+//! machine's motion is the moving average of the reference over an *averaging window* T: acceleration
+//! changes by a in T at most, so that the jerk is a/T. No motion with this jerk is faster wherever the
+//! acceleration reaches a. The distance along the path is averaged, so that the path itself does not
+//! change. Read with the moving average as an interpolator of acceleration and deceleration in
+//! numerical controls; for the limits that the reference keeps so that its mean does, see
+//! [`super::junctions`].
 //!
-//! The reference is computed in *cells* of 1 ms, in which its speed changes evenly, so that in each of
-//! them the mean's acceleration does. What makes the machine hold, go on, or change its speed, does so to
-//! the reference.
+//! The reference is computed in *samples* of 1 ms, in which its speed changes evenly, and so does the
+//! mean's acceleration. A feed hold, a cycle start, or an override acts on the reference.
+//!
+//! # Cost
+//!
+//! Whether a sample is needed is stored whenever that changes, as each run of `prepare` reads it twice.
 
 use super::reference::{LeavingSample, Sample};
 use crate::{
@@ -28,72 +32,75 @@ use crate::{
     path::AveragingWindow,
 };
 
-/// Cells of history, a power of two: the longest window fits.
+/// Samples of history, a power of two: the longest window fits.
 const WINDOW_SAMPLES: usize = 128;
-/// Most cells known beyond the beginning of the one being played.
+/// Most samples known, the one being played included.
 pub(in crate::motion) const SAMPLES_AHEAD: usize = 3;
-/// The time that is known when a segment is made, s: the longest segment's.
+/// Time that is known when a segment is made, s: the longest segment's, and 1 µs for rounding.
 const KNOWN_S: f32 = LONGEST_SEGMENT_S + 1.0e-6;
-/// Units of way in a mm: 1 nm.
+/// Units of distance in a mm: 1 nm.
 pub(super) const UNITS_PER_MM: f32 = 1_048_576.0;
-/// The same, mm.
+/// A unit of distance, mm.
 pub(super) const UNIT_MM: f32 = 1.0 / UNITS_PER_MM;
 
-/// The reference's mean: its speed at the beginnings of the cell being played and of those after it.
+/// The moving average of the reference, from the sample being played on.
 #[derive(Debug)]
 pub(in crate::motion) struct MovingAverage {
+    /// Samples of the averaging window; 0 with the trapezoidal profile.
     window: usize,
-    /// Speed at the beginnings of cells, mm/s, the one being played first.
+    /// Speed at the beginnings of samples, mm/s, the one being played first.
     speeds: [f32; SAMPLES_AHEAD + 1],
-    /// Half the change of acceleration in each, mm/s³: how the speed bends between its ends.
+    /// Half the jerk in each, mm/s³.
     half_jerks: [f32; SAMPLES_AHEAD],
-    /// The way in each, mm; of the first, what is left of it. 0 where none is known.
+    /// The distance in each, mm; of the first its remainder. 0 for a sample that is not known.
     distances_mm: [f32; SAMPLES_AHEAD],
-    /// Cells known, the one being played first.
+    /// Samples known, the one being played first.
     known: usize,
-    /// What has been played of the first cell, s.
+    /// Time of the first sample that has been played, s.
     played_s: f32,
-    /// Another cell is needed for the next segment: found when that changes, as each run of `prepare`
-    /// asks for it twice.
+    /// The next segment needs another sample.
     needs_sample: bool,
-    /// Way of the reference in the window, units; of a cell's, what dividing it left over; and the
-    /// mean's speed for each of them, mm/s.
+    /// Distance of the reference in the window, units.
     sum: u32,
+    /// Remainder of the division by the window's length, units.
     remainder: u32,
+    /// The mean's speed for a unit in the window, mm/s.
     speed_per_unit: f32,
-    /// The bend of a cell for a difference of speed, 1/s²: 0.5/(cell · window).
+    /// Half the jerk of a sample for a difference of speed, 1/s²: 0.5/(sample · window).
     half_jerk_per_speed: f32,
-    /// The newest cell of the reference, its speed at the end, and how many there have been since
-    /// rest, as many as the window has at most.
+    /// Index of the newest sample of the reference, and the speed at its end, mm/s.
     newest: usize,
     end_mm_s: f32,
+    /// Samples since the last standstill, no more than the window has.
     age: usize,
+    /// Distance and change of speed of the reference in each sample, units and mm/s.
     distances: [u32; WINDOW_SAMPLES],
     speed_changes_mm_s: [f32; WINDOW_SAMPLES],
 }
 
-/// A place on the way ahead.
+/// A point of the path ahead.
 #[derive(Debug, Clone, Copy)]
 pub(in crate::motion) struct PathPoint {
-    /// When, s from now on.
+    /// Time from now to the point, s.
     pub(in crate::motion) seconds: f32,
-    /// How far, mm.
+    /// Distance from here, mm.
     pub(in crate::motion) distance_mm: f32,
-    /// How fast, mm/s.
+    /// Speed there, mm/s.
     pub(in crate::motion) speed_mm_s: f32,
 }
 
-/// By how much a bend makes the way shorter in a time, mm.
-fn jerk_distance_mm(bend: f32, seconds: f32) -> f32 {
-    (1.0 / 6.0) * bend * seconds * seconds * seconds
+/// The distance that a jerk takes from an evenly changing speed in a time, mm.
+fn jerk_distance_mm(half_jerk: f32, seconds: f32) -> f32 {
+    (1.0 / 6.0) * half_jerk * seconds * seconds * seconds
 }
 
-/// What is known of the way ahead: where the machine is now, and will be at the ends of cells.
+/// The known motion ahead: where the machine is now, and will be at the ends of samples.
 #[derive(Debug, Clone, Copy)]
 pub(in crate::motion) struct Forecast {
     points: [PathPoint; SAMPLES_AHEAD + 1],
-    /// The last of them, and the first standstill before it.
+    /// The last of these points.
     pub(in crate::motion) end: PathPoint,
+    /// The first standstill before it.
     pub(in crate::motion) standstill: Option<PathPoint>,
 }
 
@@ -119,7 +126,7 @@ impl MovingAverage {
         }
     }
 
-    /// At rest: takes a window over.
+    /// Sets the averaging window. At standstill only.
     pub(in crate::motion) fn configure(&mut self, window: AveragingWindow) {
         self.window = window.samples;
         if window.samples != 0 {
@@ -129,12 +136,12 @@ impl MovingAverage {
         self.reset();
     }
 
-    /// Whether it is in use.
+    /// Whether there is an averaging window.
     pub(in crate::motion) fn is_active(&self) -> bool {
         self.window != 0
     }
 
-    /// Forgets the motion.
+    /// Drops the motion: the machine is at a standstill.
     pub(in crate::motion) fn reset(&mut self) {
         self.speeds = [0.0; SAMPLES_AHEAD + 1];
         self.distances_mm = [0.0; SAMPLES_AHEAD];
@@ -147,7 +154,7 @@ impl MovingAverage {
         self.needs_sample = self.is_active();
     }
 
-    /// Whether nothing of the reference's motion is left to be played.
+    /// Whether the reference's motion has been played to its end.
     pub(in crate::motion) fn is_at_standstill(&self) -> bool {
         let mut sum = 0.0;
         // wcet-bound: 4
@@ -157,29 +164,28 @@ impl MovingAverage {
         self.sum == 0 && sum <= 0.0
     }
 
-    /// Whether nothing has been played since rest.
+    /// Whether nothing has been played since the standstill.
     pub(in crate::motion) fn is_first_segment(&self) -> bool {
         self.age <= SAMPLES_AHEAD && self.played_s <= 0.0
     }
 
-    /// Whether another cell of the reference is needed: the longest segment is to be known, and from
-    /// rest one more cell. Not more than that, as a hold comes behind it.
+    /// Whether the next segment needs another sample of the reference: the longest segment must be
+    /// known, and from a standstill one more sample. No more, as a feed hold acts behind them.
     #[inline]
     pub(in crate::motion) fn needs_sample(&self) -> bool {
         self.needs_sample
     }
 
-    /// Finds out whether another cell is needed.
     fn update_needs_sample(&mut self) {
-        let least_s = if self.is_first_segment() {
+        let min_s = if self.is_first_segment() {
             SAMPLES_AHEAD as f32 * SAMPLE_S
         } else {
             KNOWN_S
         };
-        self.needs_sample = self.known < SAMPLES_AHEAD && self.known_s() < least_s;
+        self.needs_sample = self.known < SAMPLES_AHEAD && self.known_s() < min_s;
     }
 
-    /// What leaves the window with the next cell.
+    /// The sample that leaves the window with the next one.
     pub(in crate::motion) fn leaving_sample(&self) -> LeavingSample {
         let change = if self.age < self.window {
             0.0
@@ -192,36 +198,36 @@ impl MovingAverage {
         }
     }
 
-    /// The place of the cell that leaves the window with the next one.
+    /// The index of the sample that leaves the window with the next one.
     fn oldest(&self) -> usize {
         self.newest.wrapping_sub(self.window).wrapping_add(1) & (WINDOW_SAMPLES - 1)
     }
 
-    /// The next cell of the reference.
-    pub(in crate::motion) fn push(&mut self, cell: Sample, leaving: LeavingSample) {
+    /// Adds the next sample of the reference.
+    pub(in crate::motion) fn push(&mut self, sample: Sample, leaving: LeavingSample) {
         let oldest = if self.age < self.window {
             self.age += 1;
             0
         } else {
             self.distances[self.oldest()]
         };
-        let change = cell.end_mm_s - self.end_mm_s;
-        self.end_mm_s = cell.end_mm_s;
+        let change = sample.end_mm_s - self.end_mm_s;
+        self.end_mm_s = sample.end_mm_s;
         self.newest = (self.newest + 1) & (WINDOW_SAMPLES - 1);
-        self.distances[self.newest] = cell.distance;
+        self.distances[self.newest] = sample.distance;
         self.speed_changes_mm_s[self.newest] = change;
         let before = self.sum.wrapping_add(self.remainder);
-        self.sum = self.sum.wrapping_add(cell.distance).wrapping_sub(oldest);
+        self.sum = self.sum.wrapping_add(sample.distance).wrapping_sub(oldest);
         let double = before.wrapping_add(self.sum);
         let shares = (2 * self.window as u32).max(1);
-        let way = double / shares;
-        self.remainder = double - way * shares;
-        let bend = (change - leaving.change) * self.half_jerk_per_speed;
-        if let Some(place) = self.half_jerks.get_mut(self.known) {
-            *place = bend;
+        let distance = double / shares;
+        self.remainder = double - distance * shares;
+        let half_jerk = (change - leaving.change) * self.half_jerk_per_speed;
+        if let Some(entry) = self.half_jerks.get_mut(self.known) {
+            *entry = half_jerk;
         }
-        if let Some(place) = self.distances_mm.get_mut(self.known) {
-            *place += way as f32 * UNIT_MM - jerk_distance_mm(bend, SAMPLE_S);
+        if let Some(entry) = self.distances_mm.get_mut(self.known) {
+            *entry += distance as f32 * UNIT_MM - jerk_distance_mm(half_jerk, SAMPLE_S);
         }
         self.known += 1;
         if let Some(speed) = self.speeds.get_mut(self.known) {
@@ -230,96 +236,100 @@ impl MovingAverage {
         self.update_needs_sample();
     }
 
-    /// What is known, s.
+    /// Known time from now on, s.
     fn known_s(&self) -> f32 {
         self.known as f32 * SAMPLE_S - self.played_s
     }
 
-    /// What is known of the way ahead, at a speed now.
+    /// The known motion ahead, from the present speed.
     pub(in crate::motion) fn forecast(&self, speed_mm_s: f32) -> Forecast {
         let mut end = PathPoint {
             seconds: 0.0,
             distance_mm: 0.0,
             speed_mm_s,
         };
-        let mut outlook = Forecast {
+        let mut forecast = Forecast {
             points: [end; SAMPLES_AHEAD + 1],
             end,
             standstill: None,
         };
-        let mut cell_s = SAMPLE_S - self.played_s;
+        let mut sample_s = SAMPLE_S - self.played_s;
         let ends = self.speeds[1..].iter().zip(&self.distances_mm);
         // wcet-bound: 3
-        for (place, (to, way)) in outlook.points[1..].iter_mut().zip(ends).take(self.known) {
-            if end.speed_mm_s <= 0.0 && end.seconds > 0.0 && outlook.standstill.is_none() {
-                outlook.standstill = Some(end);
+        for (point, (to, distance)) in forecast.points[1..].iter_mut().zip(ends).take(self.known) {
+            if end.speed_mm_s <= 0.0 && end.seconds > 0.0 && forecast.standstill.is_none() {
+                forecast.standstill = Some(end);
             }
             end = PathPoint {
-                seconds: end.seconds + cell_s,
-                distance_mm: end.distance_mm + way,
+                seconds: end.seconds + sample_s,
+                distance_mm: end.distance_mm + distance,
                 speed_mm_s: *to,
             };
-            *place = end;
-            cell_s = SAMPLE_S;
+            *point = end;
+            sample_s = SAMPLE_S;
         }
-        outlook.end = end;
-        outlook
+        forecast.end = end;
+        forecast
     }
 
-    /// The place after a time, which is known.
-    pub(in crate::motion) fn point_after(&self, outlook: &Forecast, seconds: f32) -> PathPoint {
-        let cell = ((self.played_s + seconds) * (1.0 / SAMPLE_S)) as usize;
-        let cell = cell.min(SAMPLES_AHEAD - 1);
-        self.point_within(outlook, cell, seconds - outlook.points[cell].seconds)
+    /// The point after a time, which must be known.
+    pub(in crate::motion) fn point_after(&self, forecast: &Forecast, seconds: f32) -> PathPoint {
+        let sample = ((self.played_s + seconds) * (1.0 / SAMPLE_S)) as usize;
+        let sample = sample.min(SAMPLES_AHEAD - 1);
+        self.point_within(forecast, sample, seconds - forecast.points[sample].seconds)
     }
 
-    /// The place after a way, which is known.
-    pub(in crate::motion) fn point_at(&self, outlook: &Forecast, distance_mm: f32) -> PathPoint {
-        let [_, a, b, _] = &outlook.points;
-        let cell = if distance_mm <= a.distance_mm || self.known <= 1 {
+    /// The point after a distance, which must be known.
+    pub(in crate::motion) fn point_at(&self, forecast: &Forecast, distance_mm: f32) -> PathPoint {
+        let [_, a, b, _] = &forecast.points;
+        let sample = if distance_mm <= a.distance_mm || self.known <= 1 {
             0
         } else if distance_mm <= b.distance_mm || self.known <= 2 {
             1
         } else {
             2
         };
-        let [from, to] = [&outlook.points[cell], &outlook.points[cell + 1]];
+        let [from, to] = [&forecast.points[sample], &forecast.points[sample + 1]];
         let most_s = to.seconds - from.seconds;
-        let left_mm = distance_mm - from.distance_mm;
+        let to_go_mm = distance_mm - from.distance_mm;
         // As if its speed changed evenly, ...
         let (v, change) = (from.speed_mm_s, to.speed_mm_s - from.speed_mm_s);
-        let square = v * v + 2.0 * left_mm * change / most_s;
+        let square = v * v + 2.0 * to_go_mm * change / most_s;
         let sum = v + math::sqrt(math::max(square, 0.0));
-        let about_s = math::min(2.0 * left_mm / math::max(sum, MIN_DIVISOR_MM_S), most_s);
+        let about_s = math::min(2.0 * to_go_mm / math::max(sum, MIN_DIVISOR_MM_S), most_s);
         // ... and nearer by Newton's method.
-        let about = self.point_within(outlook, cell, about_s);
+        let about = self.point_within(forecast, sample, about_s);
         let late_s =
             (about.distance_mm - distance_mm) / math::max(about.speed_mm_s, MIN_DIVISOR_MM_S);
         let seconds = math::min(math::max(about_s - late_s, 0.5 * about_s), most_s);
         PathPoint {
             distance_mm,
-            ..self.point_within(outlook, cell, seconds)
+            ..self.point_within(forecast, sample, seconds)
         }
     }
 
-    /// The place so long after the beginning of what is left of a cell: so far before its end.
-    fn point_within(&self, outlook: &Forecast, cell: usize, seconds: f32) -> PathPoint {
-        let [from, to] = [&outlook.points[cell], &outlook.points[cell + 1]];
+    /// The point a time after the beginning of a sample's remainder.
+    fn point_within(&self, forecast: &Forecast, sample: usize, seconds: f32) -> PathPoint {
+        let [from, to] = [&forecast.points[sample], &forecast.points[sample + 1]];
         let seconds = from.seconds + seconds;
-        let rest_s = to.seconds - seconds;
-        let bend = self.half_jerks[cell];
-        let change = (self.speeds[cell + 1] - self.speeds[cell]) * (1.0 / SAMPLE_S);
-        let evenly = to.speed_mm_s - change * rest_s;
-        let speed_mm_s = math::max(evenly - bend * rest_s * (SAMPLE_S - rest_s), 0.0);
-        let rest_mm = 0.5 * (speed_mm_s + to.speed_mm_s) * rest_s - jerk_distance_mm(bend, rest_s);
+        let remaining_s = to.seconds - seconds;
+        let half_jerk = self.half_jerks[sample];
+        let change = (self.speeds[sample + 1] - self.speeds[sample]) * (1.0 / SAMPLE_S);
+        let evenly = to.speed_mm_s - change * remaining_s;
+        let speed_mm_s = math::max(
+            evenly - half_jerk * remaining_s * (SAMPLE_S - remaining_s),
+            0.0,
+        );
+        let remaining_mm = 0.5 * (speed_mm_s + to.speed_mm_s) * remaining_s
+            - jerk_distance_mm(half_jerk, remaining_s);
         PathPoint {
             seconds,
-            distance_mm: to.distance_mm - rest_mm,
+            distance_mm: to.distance_mm - remaining_mm,
             speed_mm_s,
         }
     }
 
-    /// Goes on by a time that is known, and a way.
+    /// Goes on by a time, which must be known, and its distance.
     pub(in crate::motion) fn advance(&mut self, seconds: f32, distance_mm: f32) {
         self.played_s += seconds;
         let [first, ..] = &mut self.distances_mm;
@@ -334,8 +344,8 @@ impl MovingAverage {
             self.speeds = [b, c, d, 0.0];
             let [_, b, c] = self.half_jerks;
             self.half_jerks = [b, c, 0.0];
-            let [rest, b, c] = self.distances_mm;
-            self.distances_mm = [rest + b, c, 0.0];
+            let [a, b, c] = self.distances_mm;
+            self.distances_mm = [a + b, c, 0.0];
             self.known -= 1;
         }
         self.update_needs_sample();

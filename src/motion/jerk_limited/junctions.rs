@@ -1,25 +1,28 @@
-//! How fast a place between two blocks may be passed when acceleration has to be continuous.
+//! Junction limits: how fast a junction of two blocks may be passed with continuous acceleration.
 //!
-//! What is planned here is the *reference*: a motion with accelerations of -a, 0 and +a, whose mean
-//! over the last `window` is what the machine does. For that mean to keep a limit in one place, the
-//! reference keeps it on both sides of the place for half of the way that the window takes at that
-//! speed; for its jerk, it never brakes sooner than a window after it has accelerated.
+//! The limits are those of the *reference*: a motion with accelerations of -a, 0 and +a, whose mean
+//! over the averaging window is the machine's. For the mean to keep a limit at one point, the reference
+//! keeps it within the *influence distance* on both sides: half of the window's length at that speed.
+//! For the jerk, the reference never brakes sooner than a window after it has accelerated. A sample is
+//! added to either, as the point, or the change, may lie anywhere in one.
 
 use crate::{
     math,
     model::timing::SAMPLE_S,
     motion::limits::{MIN_DIVISOR_MM_S, NO_ACCELERATION_LIMIT_MM_S2, NO_SPEED_LIMIT_MM_S},
+    path::Block,
 };
 
-/// A block that is that many times as long as the place around its end is more than a part of it.
+/// Influence distances from which a block keeps its own acceleration outside of them: the lower one of
+/// its neighbours holds for all of a shorter block.
 const LONG_BLOCK_INFLUENCES: f32 = 4.0;
 
-/// How far before a place, and behind it, what holds for a mean that passes it at a speed does, mm.
+/// The influence distance of a point that the mean passes at a speed, mm.
 pub(in crate::motion) fn influence_mm(speed_mm_s: f32, window_s: f32) -> f32 {
     0.5 * (window_s + SAMPLE_S) * speed_mm_s
 }
 
-/// What of a block matters to the reference.
+/// The limits of a block.
 #[derive(Debug, Clone, Copy)]
 pub(in crate::motion) struct BlockLimits {
     /// Length, mm.
@@ -28,44 +31,56 @@ pub(in crate::motion) struct BlockLimits {
     pub(in crate::motion) speed_mm_s: f32,
     /// Greatest acceleration along it, mm/s².
     pub(in crate::motion) acceleration_mm_s2: f32,
-    /// Where it begins, blocks before still have their say: a lower acceleration, mm/s², and how far, mm.
+    /// Lower acceleration at its beginning, within the influence of blocks before it, mm/s², and for how
+    /// far, mm.
     pub(in crate::motion) trail_mm_s2: f32,
     pub(in crate::motion) trail_mm: f32,
 }
 
 impl BlockLimits {
-    /// A leg behind another, of which the least acceleration is known that still counts for a way.
-    pub(in crate::motion) fn behind(mut self, least: &RunningMin, reach_mm: f32) -> Self {
+    /// The limits of a block by itself.
+    pub(in crate::motion) const fn of(block: &Block) -> Self {
+        Self {
+            length_mm: block.length_mm,
+            speed_mm_s: block.nominal_mm_s,
+            acceleration_mm_s2: block.acceleration_mm_s2,
+            trail_mm_s2: block.acceleration_mm_s2,
+            trail_mm: 0.0,
+        }
+    }
+
+    /// The limits behind blocks whose least acceleration holds for an influence distance.
+    pub(in crate::motion) fn behind(mut self, least: &RunningMin, influence_mm: f32) -> Self {
         let low = least.mm_s2();
         if low < self.acceleration_mm_s2 {
-            if self.length_mm < LONG_BLOCK_INFLUENCES * reach_mm {
+            if self.length_mm < LONG_BLOCK_INFLUENCES * influence_mm {
                 self.acceleration_mm_s2 = low;
             } else {
                 self.trail_mm_s2 = math::min(self.trail_mm_s2, low);
-                self.trail_mm = math::max(self.trail_mm, reach_mm);
+                self.trail_mm = math::max(self.trail_mm, influence_mm);
             }
         }
         self
     }
 
-    /// Its acceleration so far before its end, mm/s².
-    pub(in crate::motion) fn acceleration(&self, way_mm: f32) -> f32 {
-        if way_mm > self.length_mm - self.trail_mm {
+    /// The acceleration at a distance before its end, mm/s².
+    pub(in crate::motion) fn acceleration(&self, distance_mm: f32) -> f32 {
+        if distance_mm > self.length_mm - self.trail_mm {
             math::min(self.acceleration_mm_s2, self.trail_mm_s2)
         } else {
             self.acceleration_mm_s2
         }
     }
 
-    /// The part of a way before its end in which its own acceleration counts, mm.
-    fn beyond_trail_mm(&self, way_mm: f32) -> f32 {
-        math::min(way_mm, self.length_mm - self.trail_mm)
+    /// The part of a distance before its end in which its own acceleration holds, mm.
+    fn beyond_trail_mm(&self, distance_mm: f32) -> f32 {
+        math::min(distance_mm, self.length_mm - self.trail_mm)
     }
 }
 
-/// The least acceleration of the blocks passed within a way, or within twice that way.
+/// The running minimum of the accelerations of blocks, over one to two influence distances.
 ///
-/// Two at a time, each for at least the way: so that none has to be remembered longer.
+/// Two minima, of which each covers the distance at least, instead of the accelerations.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(in crate::motion) struct RunningMin {
     before: f32,
@@ -84,18 +99,18 @@ impl RunningMin {
         math::min(self.before, self.now)
     }
 
-    /// After a block with an acceleration.
-    pub(in crate::motion) fn after(&self, leg: &BlockLimits, reach_mm: f32) -> Self {
-        let passed_mm = self.passed_mm + leg.length_mm;
-        let here = leg.acceleration_mm_s2;
-        if leg.length_mm > reach_mm {
+    /// The running minimum after a block.
+    pub(in crate::motion) fn after(&self, limits: &BlockLimits, influence_mm: f32) -> Self {
+        let passed_mm = self.passed_mm + limits.length_mm;
+        let here = limits.acceleration_mm_s2;
+        if limits.length_mm > influence_mm {
             return Self {
                 before: here,
                 now: here,
                 passed_mm: 0.0,
             };
         }
-        if passed_mm > reach_mm {
+        if passed_mm > influence_mm {
             return Self {
                 before: math::min(self.now, here),
                 now: here,
@@ -110,35 +125,35 @@ impl RunningMin {
     }
 }
 
-/// The reference's speeds before a place, seen from there backwards.
+/// The limits of the reference before a junction, from there backwards.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(in crate::motion) struct JunctionLimit {
-    /// Greatest speed there, mm/s, and for how far before it does not change, mm.
+    /// Greatest speed there, mm/s, and the distance before in which it does not change, mm.
     brake_mm_s: f32,
     brake_flat_mm: f32,
-    /// Greatest speed there of a reference that has just accelerated, mm/s; the same.
+    /// The same for a reference that has just accelerated.
     free_mm_s: f32,
     free_flat_mm: f32,
-    /// A greater speed that is not exceeded for that far before, mm/s and mm; then it may brake to it.
+    /// A greater speed that is not exceeded within `cap_mm` before; it may brake down to it there.
     cap_mm_s: f32,
     cap_mm: f32,
-    /// Accelerations behind the place, and for how far before it they hold too, mm.
+    /// Accelerations behind the junction, and the influence distance before it in which they hold too, mm.
     behind: RunningMin,
-    reach_mm: f32,
-    /// Accelerations with which the reference brakes behind the place.
+    influence_mm: f32,
+    /// Accelerations with which the reference brakes behind the junction.
     braking: RunningMin,
 }
 
-/// How a distance before a gate is gone through.
+/// The motion in the block before a junction.
 #[derive(Debug, Clone, Copy)]
 struct Approach {
     acceleration_mm_s2: f32,
-    /// Before the gate the speed does not change for that far, mm.
+    /// Distance before the junction in which the speed does not change, mm.
     flat_mm: f32,
 }
 
 impl JunctionLimit {
-    /// The end of what is known, or a place that is passed at rest.
+    /// The end of the path, or a junction that is passed at a standstill.
     pub(in crate::motion) const STOP: Self = Self {
         brake_mm_s: 0.0,
         brake_flat_mm: 0.0,
@@ -147,92 +162,92 @@ impl JunctionLimit {
         cap_mm_s: NO_SPEED_LIMIT_MM_S,
         cap_mm: 0.0,
         behind: RunningMin::NONE,
-        reach_mm: 0.0,
+        influence_mm: 0.0,
         braking: RunningMin::NONE,
     };
 
-    /// The greatest speeds in the place itself: braking, and of a reference that has just accelerated,
-    /// mm/s.
+    /// The greatest speeds at the junction, mm/s: braking, and of a reference that has just accelerated.
     pub(in crate::motion) fn speeds_at_junction(&self) -> [f32; 2] {
         [self.brake_mm_s, self.free_mm_s]
     }
 
-    /// Whether it has to be passed at rest.
+    /// Whether the junction is passed at a standstill.
     pub(in crate::motion) fn is_stop(&self) -> bool {
         self.brake_mm_s <= 0.0
     }
 
-    /// The gate at the beginning of a leg of which this is the end; `corner_mm_s` is the greatest speed
-    /// there, 0 for rest, and `reach_mm` how far before it accelerations behind it hold.
+    /// The junction limit at the beginning of a block that ends at this one; `corner_mm_s` is the
+    /// greatest speed there, 0 for a standstill, and `influence_mm` its influence distance.
     pub(in crate::motion) fn before(
         &self,
-        leg: &BlockLimits,
+        limits: &BlockLimits,
         corner_mm_s: f32,
-        reach_mm: f32,
+        influence_mm: f32,
         window_s: f32,
     ) -> Self {
         if corner_mm_s <= 0.0 {
             return Self::STOP;
         }
         let gap_s = window_s + SAMPLE_S;
-        let approach = self.approach(leg);
-        let top = leg.speed_mm_s;
+        let approach = self.approach(limits);
+        let top = limits.speed_mm_s;
         let flat = math::max(self.brake_flat_mm, approach.flat_mm);
         let free_flat = self.free_flat(approach, gap_s);
         let capped = math::max(self.cap_mm, approach.flat_mm);
-        let (brake, free) = self.speeds(leg, leg.length_mm, 0.0, 0.0, window_s);
+        let (brake, free) = self.speeds(limits, limits.length_mm, 0.0, 0.0, window_s);
         let brake = math::min(brake, top);
-        let mut gate = Self {
+        let mut junction = Self {
             brake_mm_s: brake,
-            brake_flat_mm: math::max(flat - leg.length_mm, 0.0),
+            brake_flat_mm: math::max(flat - limits.length_mm, 0.0),
             free_mm_s: math::min(free, top),
-            free_flat_mm: math::max(free_flat - leg.length_mm, 0.0),
+            free_flat_mm: math::max(free_flat - limits.length_mm, 0.0),
             cap_mm_s: self.cap_mm_s,
-            cap_mm: capped - leg.length_mm,
-            behind: self.behind.after(leg, 2.0 * self.reach_mm),
-            reach_mm,
+            cap_mm: capped - limits.length_mm,
+            behind: self.behind.after(limits, 2.0 * self.influence_mm),
+            influence_mm,
             braking: self.braking.after(
                 &BlockLimits {
                     acceleration_mm_s2: approach.acceleration_mm_s2,
-                    ..*leg
+                    ..*limits
                 },
                 free * gap_s,
             ),
         };
-        if leg.trail_mm > 0.0 {
-            gate.free_flat_mm = math::max(gate.free_flat_mm, gate.free_mm_s * gap_s);
+        if limits.trail_mm > 0.0 {
+            junction.free_flat_mm = math::max(junction.free_flat_mm, junction.free_mm_s * gap_s);
         }
-        if gate.cap_mm + gate.cap_mm_s * (window_s + SAMPLE_S) < 0.0 {
-            gate.cap_mm_s = NO_SPEED_LIMIT_MM_S;
-            gate.cap_mm = 0.0;
+        if junction.cap_mm + junction.cap_mm_s * (window_s + SAMPLE_S) < 0.0 {
+            junction.cap_mm_s = NO_SPEED_LIMIT_MM_S;
+            junction.cap_mm = 0.0;
         }
-        gate.cap(top, approach.acceleration_mm_s2, window_s);
-        gate.cap(corner_mm_s, approach.acceleration_mm_s2, window_s);
-        gate
+        junction.cap(top, approach.acceleration_mm_s2, window_s);
+        junction.cap(corner_mm_s, approach.acceleration_mm_s2, window_s);
+        junction
     }
 
-    /// The acceleration in a leg before the gate.
-    fn approach(&self, leg: &BlockLimits) -> Approach {
+    /// The motion in the block before the junction.
+    fn approach(&self, limits: &BlockLimits) -> Approach {
         let least = self.behind.mm_s2();
-        if leg.acceleration_mm_s2 <= least {
+        if limits.acceleration_mm_s2 <= least {
             Approach {
-                acceleration_mm_s2: leg.acceleration_mm_s2,
+                acceleration_mm_s2: limits.acceleration_mm_s2,
                 flat_mm: 0.0,
             }
-        } else if leg.length_mm < LONG_BLOCK_INFLUENCES * self.reach_mm {
+        } else if limits.length_mm < LONG_BLOCK_INFLUENCES * self.influence_mm {
             Approach {
                 acceleration_mm_s2: least,
                 flat_mm: 0.0,
             }
         } else {
             Approach {
-                acceleration_mm_s2: leg.acceleration_mm_s2,
-                flat_mm: self.reach_mm,
+                acceleration_mm_s2: limits.acceleration_mm_s2,
+                flat_mm: self.influence_mm,
             }
         }
     }
 
-    /// For how far before the gate the speed of a reference that has accelerated does not change, mm.
+    /// The distance before the junction in which the speed of a reference that has accelerated does not
+    /// change, mm.
     fn free_flat(&self, approach: Approach, gap_s: f32) -> f32 {
         if approach.flat_mm > 0.0 {
             math::max(self.free_flat_mm, approach.flat_mm + self.free_mm_s * gap_s)
@@ -241,27 +256,27 @@ impl JunctionLimit {
         }
     }
 
-    /// A limit on both sides of the gate.
+    /// Adds a speed limit on both sides of the junction.
     fn cap(&mut self, speed_mm_s: f32, acceleration_mm_s2: f32, window_s: f32) {
         let half = 0.5 / acceleration_mm_s2;
         let limit_sqr = speed_mm_s * speed_mm_s;
-        let reach_mm = influence_mm(speed_mm_s, window_s);
-        // The way in which braking makes up a difference of squared speeds.
-        let way = |sqr: f32| half * sqr;
+        let influence_mm = influence_mm(speed_mm_s, window_s);
+        // The distance in which braking changes the squared speed by `sqr`.
+        let braking_mm = |sqr: f32| half * sqr;
         if speed_mm_s < self.free_mm_s {
             let cap_sqr = self.cap_mm_s * self.cap_mm_s;
             let flat_mm = math::max(
                 self.brake_flat_mm
-                    - way(math::max(
+                    - braking_mm(math::max(
                         self.brake_mm_s * self.brake_mm_s - limit_sqr,
                         0.0,
                     )),
-                self.cap_mm - way(cap_sqr - limit_sqr),
+                self.cap_mm - braking_mm(cap_sqr - limit_sqr),
             );
-            self.brake_flat_mm = math::max(reach_mm, flat_mm);
+            self.brake_flat_mm = math::max(influence_mm, flat_mm);
             let faster = self.free_mm_s - speed_mm_s;
             let free_flat_mm = self.free_flat_mm
-                - way(self.free_mm_s * self.free_mm_s - limit_sqr)
+                - braking_mm(self.free_mm_s * self.free_mm_s - limit_sqr)
                 - faster * window_s;
             let gap_s = window_s + SAMPLE_S;
             self.free_flat_mm = math::max(self.brake_flat_mm + speed_mm_s * gap_s, free_flat_mm);
@@ -272,75 +287,82 @@ impl JunctionLimit {
             return;
         }
         let (low, low_mm, high, high_mm) = if speed_mm_s <= self.cap_mm_s {
-            (speed_mm_s, reach_mm, self.cap_mm_s, self.cap_mm)
+            (speed_mm_s, influence_mm, self.cap_mm_s, self.cap_mm)
         } else {
-            (self.cap_mm_s, self.cap_mm, speed_mm_s, reach_mm)
+            (self.cap_mm_s, self.cap_mm, speed_mm_s, influence_mm)
         };
-        self.cap_mm = math::max(low_mm, high_mm - way(high * high - low * low));
+        self.cap_mm = math::max(low_mm, high_mm - braking_mm(high * high - low * low));
         self.cap_mm_s = low;
         self.brake_mm_s = math::min(self.brake_mm_s, speed_mm_s);
     }
 
-    /// The acceleration of the reference in a leg, so far before this gate at its end, mm/s².
-    pub(in crate::motion) fn acceleration(&self, leg: &BlockLimits, way_mm: f32) -> f32 {
-        let approach = self.approach(leg);
-        let here = math::min(leg.acceleration(way_mm), approach.acceleration_mm_s2);
-        if way_mm < approach.flat_mm {
+    /// The acceleration of the reference in a block, at a distance before this junction at its end,
+    /// mm/s².
+    pub(in crate::motion) fn acceleration(&self, limits: &BlockLimits, distance_mm: f32) -> f32 {
+        let approach = self.approach(limits);
+        let here = math::min(
+            limits.acceleration(distance_mm),
+            approach.acceleration_mm_s2,
+        );
+        if distance_mm < approach.flat_mm {
             math::min(here, self.behind.mm_s2())
         } else {
             here
         }
     }
 
-    /// Greatest speeds of the reference after a cell, in a leg with this gate so far ahead: braking,
-    /// and when it accelerates, mm/s.
+    /// Greatest speeds of the reference after a sample of `sample_s`, in a block with this junction
+    /// `distance_mm` ahead: braking, and when it accelerates, mm/s.
     ///
-    /// The way until then is the mean speed times the cell's time, so that the speed v is the root of
-    /// v² + (v₀ + v)·g = e² with the gain g in a cell, where e is what could be reached at once.
+    /// The distance until then is the mean speed times the sample's time, so that the speed v is the root of
+    /// v² + (v₀ + v)·g = e² with the gain g in a sample, where e is the speed that could be reached at once.
     #[inline(never)]
     pub(in crate::motion) fn speeds(
         &self,
-        leg: &BlockLimits,
-        way_mm: f32,
+        limits: &BlockLimits,
+        distance_mm: f32,
         speed_mm_s: f32,
-        cell_s: f32,
+        sample_s: f32,
         window_s: f32,
     ) -> (f32, f32) {
-        let approach = self.approach(leg);
-        let way_mm = leg.beyond_trail_mm(way_mm);
+        let approach = self.approach(limits);
+        let distance_mm = limits.beyond_trail_mm(distance_mm);
         let a = approach.acceleration_mm_s2;
         let gap_s = window_s + SAMPLE_S;
         let flat = |flat_mm: f32| math::max(flat_mm, approach.flat_mm);
-        let passed_mm = 0.5 * cell_s * speed_mm_s;
-        // The least of what two limits leave room for, each from a speed that is possible in any case.
+        let passed_mm = 0.5 * sample_s * speed_mm_s;
+        // The lower of the speeds that two limits allow, each from a speed that is possible in any case.
         let most = |double: f32, time_s: f32, low: [f32; 2], high: [f32; 2]| {
-            let half = 0.5 * double * (time_s + 0.5 * cell_s);
-            let room = |[speed, way_mm]: [f32; 2]| {
+            let half = 0.5 * double * (time_s + 0.5 * sample_s);
+            let room = |[speed, distance_mm]: [f32; 2]| {
                 let begun = speed * (speed + double * time_s);
-                let grown = begun + double * (way_mm - passed_mm);
+                let grown = begun + double * (distance_mm - passed_mm);
                 math::max(grown, speed * (speed + 2.0 * half))
             };
             let room = math::min(room(low), room(high));
             room / math::max(half + math::sqrt(half * half + room), MIN_DIVISOR_MM_S)
         };
-        let low = [self.brake_mm_s, way_mm - flat(self.brake_flat_mm)];
-        let high = [self.cap_mm_s, way_mm - flat(self.cap_mm)];
+        let low = [self.brake_mm_s, distance_mm - flat(self.brake_flat_mm)];
+        let high = [self.cap_mm_s, distance_mm - flat(self.cap_mm)];
         let brake = most(2.0 * a, 0.0, low, high);
-        // Cruising ends before the gate, ...
-        let ends_here = math::max(way_mm - passed_mm, 0.0) / (gap_s + 0.5 * cell_s);
+        // Cruising ends before the junction, ...
+        let ends_here = math::max(distance_mm - passed_mm, 0.0) / (gap_s + 0.5 * sample_s);
         let within = math::min(
             low[0] * low[0] + 2.0 * a * (low[1] - passed_mm),
             high[0] * high[0] + 2.0 * a * (high[1] - passed_mm),
         );
-        let half = a * (gap_s + 0.5 * cell_s);
+        let half = a * (gap_s + 0.5 * sample_s);
         let within = math::max(within, 0.0);
         let within = within / math::max(half + math::sqrt(half * half + within), MIN_DIVISOR_MM_S);
         let here = math::min(within, ends_here);
         // ... or behind it.
         let double = 2.0 * math::min(a, self.braking.mm_s2());
-        let low = [self.free_mm_s, way_mm - self.free_flat(approach, gap_s)];
+        let low = [
+            self.free_mm_s,
+            distance_mm - self.free_flat(approach, gap_s),
+        ];
         let far_mm = flat(self.cap_mm) + self.cap_mm_s * gap_s;
-        let there = most(double, gap_s, low, [self.cap_mm_s, way_mm - far_mm]);
+        let there = most(double, gap_s, low, [self.cap_mm_s, distance_mm - far_mm]);
         (brake, math::min(math::max(here, there), brake))
     }
 }

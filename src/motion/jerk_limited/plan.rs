@@ -152,13 +152,7 @@ impl Plan {
         let old = queued.jerk_limited;
         let block = &queued.block;
         let mut corner_mm_s = math::sqrt(queued.limit_sqr);
-        let mut limits = BlockLimits {
-            length_mm: block.length_mm,
-            speed_mm_s: block.nominal_mm_s,
-            acceleration_mm_s2: block.acceleration_mm_s2,
-            trail_mm_s2: block.acceleration_mm_s2,
-            trail_mm: 0.0,
-        };
+        let mut limits = BlockLimits::of(block);
         let mut fastest_mm_s = corner_mm_s;
         if let Some(ahead_mm) = ahead_mm {
             let speed = self.reference.speed_mm_s();
