@@ -11,6 +11,9 @@ pub const AXES: usize = if cfg!(feature = "axes-6") {
     3
 };
 
+/// Number of linear axes: X, Y, Z. The others are rotary.
+pub const LINEAR: usize = 3;
+
 /// The letters of the axes, in the order of [`Axes`].
 pub const LETTERS: [u8; 6] = *b"XYZABC";
 
@@ -27,36 +30,36 @@ pub const Z: usize = 2;
 pub struct Axes<T>(pub [T; AXES]);
 
 impl<T: Copy> Axes<T> {
-    /// The same value for every axis.
+    /// Returns the same value for every axis.
     #[must_use]
     pub const fn all(value: T) -> Self {
         Self([value; AXES])
     }
 
-    /// The value of each axis from its index.
+    /// Returns the values that a function has for the index of each axis.
     #[must_use]
     pub fn from_fn(value: impl FnMut(usize) -> T) -> Self {
         Self(core::array::from_fn(value))
     }
 
-    /// A function of each value.
+    /// Returns a function of each value.
     #[must_use]
     pub fn map<U: Copy>(self, function: impl FnMut(T) -> U) -> Axes<U> {
         Axes(self.0.map(function))
     }
 
-    /// A function of each value and its counterpart.
+    /// Returns a function of each value and its counterpart.
     #[must_use]
     pub fn zip<U: Copy, V: Copy>(self, other: Axes<U>, function: impl Fn(T, U) -> V) -> Axes<V> {
         Axes::from_fn(|axis| function(self.0[axis], other.0[axis]))
     }
 
-    /// The values in the order of the axes.
+    /// Returns the values in the order of the axes.
     pub fn iter(&self) -> core::slice::Iter<'_, T> {
         self.0.iter()
     }
 
-    /// The values in the order of the axes, to be changed.
+    /// Returns the values in the order of the axes, mutably.
     pub fn iter_mut(&mut self) -> core::slice::IterMut<'_, T> {
         self.0.iter_mut()
     }

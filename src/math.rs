@@ -6,32 +6,39 @@
 
 use core::f32::consts::FRAC_PI_2;
 
-/// The smaller of two numbers: a comparison, where `f32::min` would call a function.
+/// Returns the smaller of two numbers, by one comparison.
 #[inline]
 #[must_use]
 pub fn min(a: f32, b: f32) -> f32 {
     if a < b { a } else { b }
 }
 
-/// The greater of two numbers.
+/// Returns the greater of two numbers.
 #[inline]
 #[must_use]
 pub fn max(a: f32, b: f32) -> f32 {
     if a > b { a } else { b }
 }
 
-/// Square root; 0 for zero and below. Relative error below 3·10⁻⁷.
+/// Returns the scalar product of two vectors.
+#[inline]
+#[must_use]
+pub fn dot<const N: usize>(a: &[f32; N], b: &[f32; N]) -> f32 {
+    a.iter().zip(b).map(|(a, b)| a * b).sum()
+}
+
+/// Returns the square root; 0 for zero and below. Relative error below 3·10⁻⁷.
 ///
 /// The inverse root by three Newton steps from the well-known first guess (Lomont 2003): 15
-/// multiplications instead of a division loop, as the FPU's square root has no safe name here.
+/// multiplications, as `no_std` has no safe name for the FPU's square root.
 #[must_use]
 pub fn sqrt(x: f32) -> f32 {
     sqrt_here(x)
 }
 
-/// [`sqrt`], for loops that must not call anything.
+/// [`sqrt`] without a call, for the loops of `prepare`.
 #[inline(always)]
-#[expect(clippy::inline_always, reason = "that is what it is for")]
+#[expect(clippy::inline_always, reason = "a call costs as much as the root")]
 #[must_use]
 pub fn sqrt_here(x: f32) -> f32 {
     if x <= f32::MIN_POSITIVE {
@@ -45,8 +52,8 @@ pub fn sqrt_here(x: f32) -> f32 {
     x * y
 }
 
-/// Half the square root of twice a number, with one Newton step less; next to 0 for zero. Relative error
-/// below 8·10⁻⁷. A sign counts nothing: what rounding left of zero may have one.
+/// Returns half the square root of twice a number, with one Newton step less; nearly 0 for zero. Relative error
+/// below 8·10⁻⁷. The sign is ignored: rounding may leave one on zero.
 ///
 /// The first guess and the two steps balance the error, instead of converging from below (Walczyk,
 /// Moroz and Cieśliński 2019).
@@ -60,7 +67,7 @@ pub fn half_root_of_twice(half: f32) -> f32 {
     half * y
 }
 
-/// Sine of an angle from 0 to π/2 rad. Error below 3·10⁻⁷ of the result.
+/// Returns the sine of an angle from 0 to π/2 rad. Error below 3·10⁻⁷ of the result.
 ///
 /// Taylor's series to the 11th power.
 #[must_use]
@@ -73,7 +80,7 @@ pub fn sin(angle: f32) -> f32 {
     angle * (1.0 - x2 * p)
 }
 
-/// Arc sine of 0 to 1, in rad. Error below 1.5·10⁻⁶ of the result.
+/// Returns the arc sine of 0 to 1, rad. Error below 1.5·10⁻⁶ of the result.
 #[must_use]
 pub fn asin(x: f32) -> f32 {
     if x < 0.5 {
@@ -84,12 +91,12 @@ pub fn asin(x: f32) -> f32 {
 }
 
 /// The 19th-power term of the arc sine, raised to stand for all that follow it at x = 0.5.
-const ASIN_REST: f32 = 0.013_178_16;
+const ASIN_TAIL: f32 = 0.013_178_16;
 
-/// Arc sine of 0 to 0.5 by its Taylor series.
+/// Returns the arc sine of 0 to 0.5 by its Taylor series.
 fn asin_small(x: f32) -> f32 {
     let x2 = x * x;
-    let p = 0.011_551_8 + x2 * ASIN_REST;
+    let p = 0.011_551_8 + x2 * ASIN_TAIL;
     let p = 0.013_964_844 + x2 * p;
     let p = 0.017_352_765 + x2 * p;
     let p = 0.022_372_16 + x2 * p;
@@ -103,14 +110,14 @@ fn asin_small(x: f32) -> f32 {
 /// 2³⁰, the 1 of [`cos_sin`].
 pub const ONE_Q30: i32 = 1 << 30;
 
-/// Cosine and sine of a phase, 2³² to the turn, times 2³⁰. Error below 4 units.
+/// Returns the cosine and sine of a phase, 2³² to the turn, times 2³⁰. Error below 4 units.
 #[must_use]
 pub fn cos_sin(phase: u32) -> (i32, i32) {
     // The nearest quarter turn, and the angle from it: -1/8 to 1/8 of a turn.
     let quarter = phase.wrapping_add(1 << 29) >> 30;
-    let rest = phase.wrapping_sub(quarter << 30).cast_signed();
+    let remainder = phase.wrapping_sub(quarter << 30).cast_signed();
     // Times 2π/2³², to rad times 2³⁰: times π/2.
-    let angle = mul_q30(rest, 1_686_629_713);
+    let angle = mul_q30(remainder, 1_686_629_713);
     let x2 = mul_q30(angle, angle);
     let p = 2_959 - mul_q30(x2, 27);
     let p = 213_044 - mul_q30(x2, p);
@@ -130,12 +137,12 @@ pub fn cos_sin(phase: u32) -> (i32, i32) {
     }
 }
 
-/// Product of two numbers times 2³⁰, rounded to nearest.
+/// Returns the product of two numbers times 2³⁰, rounded to nearest.
 fn mul_q30(a: i32, b: i32) -> i32 {
     ((i64::from(a) * i64::from(b) + (1 << 29)) >> 30) as i32
 }
 
-/// `value × factor / 2³⁰`, rounded down; the result must fit.
+/// Returns `value × factor / 2³⁰`, rounded down; the result must fit.
 #[must_use]
 pub fn scale_q30(value: i64, factor: i32) -> i64 {
     let low = u64::from(value as u32);
@@ -147,7 +154,7 @@ pub fn scale_q30(value: i64, factor: i32) -> i64 {
 /// 2³¹, the whole of a block in [`scale_q31`].
 pub const WHOLE_Q31: u32 = 1 << 31;
 
-/// `value × part / 2³¹`, rounded down; the result must fit.
+/// Returns `value × part / 2³¹`, rounded down; the result must fit.
 #[must_use]
 pub fn scale_q31(value: i64, part: u32) -> i64 {
     let low = u64::from(value as u32);

@@ -22,10 +22,13 @@ impl Nm {
     /// Nanometres in one inch.
     pub const PER_INCH: i64 = 25_400_000;
 
-    /// The distance in mm. Exact to 1 nm up to 8 m, within a part in 10^7 beyond.
+    /// Returns the distance in mm. Exact to 1 nm up to 8 m, within a part in 10^7 beyond.
+    ///
+    /// # Cost
+    /// Up to 2 m the FPU converts; the conversion in software is out of line, as the compiler would do it
+    /// first and choose afterwards.
     #[must_use]
     pub fn to_mm(self) -> f32 {
-        // Up to 2 m in the FPU, beyond in software.
         let nm = match i32::try_from(self.0) {
             Ok(nm) => nm as f32,
             Err(_) => self.to_f32(),
@@ -33,20 +36,26 @@ impl Nm {
         nm * 1.0e-6
     }
 
-    /// Apart, because the compiler would convert first and then ask whether it has to.
     #[cold]
     #[inline(never)]
     fn to_f32(self) -> f32 {
         self.0 as f32
     }
 
-    /// The distance in mm, in double precision: once per block, never per segment.
+    /// Returns the distance in mm, in double precision: once per block, never per segment.
     #[must_use]
     pub fn to_mm_f64(self) -> f64 {
         self.0 as f64 * 1.0e-6
     }
 
-    /// The nearest coordinate to a distance in mm.
+    /// Returns the nearest coordinate to a distance in mm, in single precision.
+    #[must_use]
+    pub fn from_mm(mm: f32) -> Self {
+        let nm = mm * 1.0e6;
+        Self((nm + if nm < 0.0 { -0.5 } else { 0.5 }) as i64)
+    }
+
+    /// Returns the nearest coordinate to a distance in mm.
     #[must_use]
     pub fn from_mm_f64(mm: f64) -> Self {
         Self(libm::round(mm * 1.0e6) as i64)
@@ -85,7 +94,7 @@ impl FineSteps {
     /// One step.
     pub const ONE: i64 = 1 << 32;
 
-    /// The nearest whole step, halves upwards.
+    /// Returns the nearest whole step, halves upwards.
     #[must_use]
     pub const fn nearest(self) -> Steps {
         Steps((self.0.wrapping_add(Self::ONE / 2) >> 32) as i32)
@@ -106,11 +115,12 @@ pub struct StepsPerMm {
 impl StepsPerMm {
     /// The finest resolution that can be set: 100 000 steps/mm.
     pub const MAX: u64 = 100_000_000_000;
+    /// Farthest coordinate of any resolution, nm: below 2^53, which double precision holds exactly.
     const FARTHEST_NM: u64 = 9_000_000_000_000_000;
     /// Micro-steps-per-mm times nm that make one step.
     const ONE_STEP: i64 = 1_000_000_000_000;
 
-    /// A resolution in millionths of a step per mm; `None` for zero and above [`Self::MAX`].
+    /// Returns the resolution of millionths of a step per mm; `None` for zero and above [`Self::MAX`].
     #[must_use]
     pub const fn from_millionths(millionths: u64) -> Option<Self> {
         if millionths == 0 || millionths > Self::MAX {
@@ -123,19 +133,19 @@ impl StepsPerMm {
         })
     }
 
-    /// The resolution in millionths of a step per mm.
+    /// Returns the resolution in millionths of a step per mm.
     #[must_use]
     pub const fn millionths(self) -> u64 {
         self.millionths
     }
 
-    /// The resolution in steps per mm.
+    /// Returns the resolution in steps per mm.
     #[must_use]
     pub fn to_f32(self) -> f32 {
         self.millionths as f32 * 1.0e-6
     }
 
-    /// The farthest coordinate whose step count an axis can hold, nm: one quarter of the range of
+    /// Returns the farthest coordinate whose step count an axis can hold, nm: one quarter of the range of
     /// a step counter, so that no difference of two positions overflows.
     #[must_use]
     pub const fn farthest(self) -> Nm {
@@ -152,7 +162,7 @@ impl StepsPerMm {
         })
     }
 
-    /// Whole steps at a coordinate, `round(nm × steps/mm)` with halves away from zero, and the
+    /// Returns the whole steps at a coordinate, `round(nm × steps/mm)` with halves away from zero, and the
     /// exact point in between.
     ///
     /// The coordinate must not be beyond [`Self::farthest`]. The nearest step of the fine position
@@ -162,8 +172,8 @@ impl StepsPerMm {
         self.split(position, || true)
     }
 
-    /// As [`Self::steps_at`], but a coordinate exactly half-way between two steps goes where Grbl
-    /// takes it, whose single-precision value of it is given in mm. Both steps are equally near.
+    /// As [`Self::steps_at`], but a coordinate exactly half-way between two steps is rounded as by Grbl,
+    /// from its single-precision value in mm. Both steps are equally near.
     #[must_use]
     pub fn steps_as_grbl(self, position: Nm, single_mm: f32) -> (Steps, FineSteps) {
         self.split(position, || {
@@ -178,14 +188,14 @@ impl StepsPerMm {
         // Rounded down, and perhaps one too small; the product may wrap, the remainder does not.
         let mut whole = high_word(magnitude, self.per_nm).cast_signed();
         let product = magnitude.wrapping_mul(self.millionths).cast_signed();
-        let mut rest = product.wrapping_sub(whole.wrapping_mul(Self::ONE_STEP));
-        if rest > HALF || (rest == HALF && is_away()) {
+        let mut remainder = product.wrapping_sub(whole.wrapping_mul(Self::ONE_STEP));
+        if remainder > HALF || (remainder == HALF && is_away()) {
             whole += 1;
-            rest -= Self::ONE_STEP;
+            remainder -= Self::ONE_STEP;
         }
-        // rest / 10^12 of a step to 32 binary places: times 2^66 / 10^12, a bit coarser than that:
-        // it is below 2 × 10^12, and fits a word so.
-        let fraction = (i64::from((rest >> 10) as i32) * 73_786_976) >> 24;
+        // The remainder / 10^12 of a step to 32 binary places is × 2^66 / 10^12 / 2^34; below 2 × 10^12, it
+        // fits a word without its last ten bits.
+        let fraction = (i64::from((remainder >> 10) as i32) * 73_786_976) >> 24;
         let (whole, fraction) = if position.0 < 0 {
             (-whole, -fraction)
         } else {
@@ -198,7 +208,7 @@ impl StepsPerMm {
         )
     }
 
-    /// The coordinate of a whole step, to the nearest nm.
+    /// Returns the coordinate of a whole step, to the nearest nm.
     #[must_use]
     pub fn position_of(self, steps: Steps) -> Nm {
         let scaled = i64::from(steps.0) as f64 * (1.0e12 / self.millionths as f64);
@@ -206,7 +216,7 @@ impl StepsPerMm {
     }
 }
 
-/// The upper half of a product.
+/// Returns the upper half of a product.
 const fn high_word(a: u64, b: u64) -> u64 {
     let (a_low, a_high) = (a & 0xffff_ffff, a >> 32);
     let (b_low, b_high) = (b & 0xffff_ffff, b >> 32);

@@ -1,48 +1,48 @@
-//! What the interpreter asks for, in program order.
+//! Commands of the interpreter to the machine, in program order.
 
 use super::{Coolant, Plane, Rotation, Spindle};
 
 use crate::{axis::Axes, units::Nm};
 
-/// One thing to do. Positions are machine coordinates.
+/// A command. Positions are machine coordinates.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Command {
     /// A straight move of all axes from the present position.
     Line {
-        /// Where it ends.
+        /// End of the move.
         target: Target,
-        /// How fast.
+        /// Feed rate.
         feed_rate: FeedRate,
-        /// `N` word of the line, 0 without.
+        /// `N` word of the line, 0 without one.
         line: u32,
     },
     /// An arc or a helix from the present position: one command however long it is.
     Arc {
-        /// Where it ends.
+        /// End of the move.
         target: Target,
-        /// Its circle.
+        /// Circle of the arc.
         circle: Circle,
-        /// How fast along the path.
+        /// Feed rate along the path.
         feed_rate: FeedRate,
-        /// `N` word of the line, 0 without.
+        /// `N` word of the line, 0 without one.
         line: u32,
     },
     /// A straight move that the probe ends.
     Probe {
-        /// Where it ends at the latest.
+        /// End of the move without a contact.
         target: Target,
-        /// How fast.
+        /// Feed rate.
         feed_rate: FeedRate,
-        /// What ends it.
+        /// Contact that ends the move.
         probing: Probing,
-        /// `N` word of the line, 0 without.
+        /// `N` word of the line, 0 without one.
         line: u32,
     },
-    /// What the laser does during the moves that follow.
+    /// A new state of the laser for the moves that follow.
     Power(Laser),
-    /// Standstill for a time.
+    /// A dwell.
     Dwell {
-        /// Its length, ms.
+        /// Time, ms.
         milliseconds: u32,
     },
     /// A new state of the spindle.
@@ -58,17 +58,17 @@ pub enum Command {
     Pause,
 }
 
-/// Where a move ends.
+/// The end of a move.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct Target {
     /// Exact machine coordinates.
     pub position: Axes<Nm>,
-    /// The same as Grbl's single-precision arithmetic has them, mm. Nothing but the choice between
-    /// two steps that are equally near depends on them.
+    /// The same in Grbl's single-precision arithmetic, mm. Only the choice between two equally near steps
+    /// depends on them.
     pub single_mm: Axes<f32>,
 }
 
-/// The exact positions decide.
+/// Compares the exact positions.
 impl PartialEq for Target {
     fn eq(&self, other: &Self) -> bool {
         self.position == other.position
@@ -84,7 +84,7 @@ impl From<Axes<Nm>> for Target {
     }
 }
 
-/// How fast a move is asked to go.
+/// The programmed feed rate of a move.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum FeedRate {
     /// As fast as the axes allow.
@@ -110,23 +110,23 @@ pub struct Circle {
     pub turns: u16,
 }
 
-/// What the laser does during a move, or that there is none.
+/// The state of the laser during a move.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub enum Laser {
     /// Laser mode is off: moves leave the spindle as it is.
     #[default]
     None,
-    /// This power, as a spindle speed in rpm.
+    /// This power, as a spindle speed in rpm (`M3`).
     Constant(f32),
-    /// Power in proportion to the actual speed, this at the programmed speed.
+    /// Power in proportion to the actual speed, this value at the programmed speed (`M4`).
     Proportional(f32),
 }
 
-/// What ends a probing move.
+/// The contact that ends a probing move.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub struct Probing {
-    /// The probe opens (`G38.4`, `G38.5`), instead of closing.
+    /// The probe opens (`G38.4`, `G38.5`) instead of closing.
     pub is_away: bool,
-    /// It is no error when it does not (`G38.3`, `G38.5`).
+    /// A missing contact is no error (`G38.3`, `G38.5`).
     pub may_miss: bool,
 }
