@@ -53,7 +53,7 @@ impl Machine {
     }
 
     fn go(&mut self, mm: &[f64]) {
-        let work = self.router.work(&line(mm, 60_000.0)).expect("it moves");
+        let work = self.router.route(&line(mm, 60_000.0)).expect("it moves");
         self.send(work);
     }
 

@@ -141,7 +141,7 @@ proptest! {
         let settings = Settings { step_pulse_us: pulse_us, ..machine() };
         let mut cell = Cell::new(&settings);
         for point in &points {
-            if let Some(work) = cell.router.work(&support::line(point, feed)) {
+            if let Some(work) = cell.router.route(&support::line(point, feed)) {
                 cell.send(work);
             }
         }

@@ -116,7 +116,7 @@ fn blocks(settings: &Settings, commands: &[Command]) -> Vec<Block> {
     let mut router = Router::new(settings);
     let moves = commands
         .iter()
-        .filter_map(|command| match router.work(command) {
+        .filter_map(|command| match router.route(command) {
             Some(Work::Move(block)) => Some(block),
             _ => None,
         });

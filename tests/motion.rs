@@ -120,7 +120,7 @@ fn a_flood_of_requests_does_not_have_the_queue_run_dry() {
     for flood in [[0x91, 0x92], [RESET, RESET]] {
         let mut rig = Rig::new(&settings);
         for command in &commands {
-            let work = rig.router.work(command).expect("it moves");
+            let work = rig.router.route(command).expect("it moves");
             assert!(rig.enqueue(work));
         }
         rig.run_to(250 * u64::from(TICKS_PER_MS));
@@ -142,7 +142,7 @@ fn a_move_that_comes_before_a_standstill_is_over_begins_with_a_start() {
     let mut rig = Rig::new(&settings);
     // It takes 89.4 ms, and its standstill is in the queue 2 ms before that.
     for (command, until_ms) in commands.iter().zip([88, 88]) {
-        let work = rig.router.work(command).expect("it moves");
+        let work = rig.router.route(command).expect("it moves");
         assert!(rig.enqueue(work));
         rig.run_to(until_ms * u64::from(TICKS_PER_MS));
     }

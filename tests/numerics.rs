@@ -184,7 +184,7 @@ impl<'a> Play<'a> {
     fn send(&mut self, commands: &mut core::slice::Iter<'_, Command>) {
         while self.waiting.is_some() || commands.len() > 0 {
             let router = &mut self.router;
-            let next = || commands.next().and_then(|command| router.work(command));
+            let next = || commands.next().and_then(|command| router.route(command));
             self.waiting = self.waiting.or_else(next);
             let Some(work) = self.waiting else { continue };
             let entry = Entry {

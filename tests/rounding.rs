@@ -6,7 +6,7 @@ mod support;
 use leadscrew::{
     axis::Axes,
     model::{Command, PathControl, Plane, Rotation},
-    path::{BlendOutput, Blender, Router, Work},
+    path::{BlendOutput, Blender, Router},
     settings::Settings,
     units::Nm,
 };
@@ -40,7 +40,7 @@ fn ways_of(settings: &Settings, commands: &[(PathControl, Command)]) -> (Vec<Ble
     let mut ways = Vec::new();
     let mut drain = |router: &mut Router, path: &mut Blender| {
         while let Some(way) = path.front().copied() {
-            router.route_blended(&way, &mut Work::Pause);
+            router.route_blended(&way);
             ways.push(way);
             path.dequeue();
         }

@@ -1,24 +1,31 @@
-//! The geometry of an arc in its plane: radii, angles, length, tangents.
+//! The geometry of an arc in its plane: radii, angles, length, tangents, extremes.
 //!
-//! In double precision, once per arc, in the task that has no deadline.
+//! The radius changes in proportion to the angle, from that of the start to that of the end: a circle
+//! whose centre is rounded, or an Archimedean spiral, r = a + cφ. Double precision, once per arc, in
+//! the task without a deadline.
+
+use core::f64::consts::TAU;
 
 use crate::{
     model::{Circle, Rotation},
     units::Nm,
 };
 
-/// 2³² phases to the turn.
-pub(super) const PHASE_PER_RAD: f64 = 4_294_967_296.0 / core::f64::consts::TAU;
+/// Phase units per radian: 2³² to the turn.
+pub(super) const PHASE_PER_RAD: f64 = 4_294_967_296.0 / TAU;
 
-/// Parts of the radius behind which an arc can begin that becomes a spiral: a small one; or a great one,
-/// if it is no more than these steps of either axis.
-const LITTLE_BEHIND: f64 = 0.05;
-const FARTHEST_BEHIND: f64 = 2.0;
-const FARTHEST_STEPS: f64 = 1.5;
-/// How much more than the mean a spiral's radius may be, and its growth count for, until that matters.
-const UNEVEN: f64 = 1.01;
+/// Greatest distance between the start of an arc and the end of the block before, as a part of its
+/// radius, that becomes part of a spiral. Behind an arc of a smaller radius the end point is moved.
+/// Bounds the acceleration in `tests/arcs.rs`, `arcs_behind_a_move_without_a_step_keep_the_limits`.
+const SMALL_OFFSET: f64 = 0.05;
+/// The same for an offset of [`FEW_STEPS`] steps of either axis at most.
+const LARGE_OFFSET: f64 = 2.0;
+const FEW_STEPS: f64 = 1.5;
+/// Greatest ratio of the radius, growth included, to its mean up to which an arc counts as a circle: its
+/// limits are exceeded by 1 % at most then.
+const CIRCLE_RATIO: f64 = 1.01;
 
-/// An arc in its plane, in double precision.
+/// An arc in its plane.
 pub(super) struct Arc {
     /// Radius at the start and at the end, mm.
     pub(super) radius: [f64; 2],
@@ -29,22 +36,22 @@ pub(super) struct Arc {
 }
 
 impl Arc {
-    pub(super) fn new(circle: &Circle, way_first: Nm, way_second: Nm) -> Self {
+    /// The arc along a circle with a displacement of the end from the start in the plane.
+    pub(super) fn new(circle: &Circle, displacement: [Nm; 2]) -> Self {
         let [x0, y0] = circle.centre.map(|centre| -centre.to_mm_f64());
-        let x1 = (way_first - circle.centre[0]).to_mm_f64();
-        let y1 = (way_second - circle.centre[1]).to_mm_f64();
-        let is_closed = way_first == Nm(0) && way_second == Nm(0);
-        let travel = if is_closed {
+        let x1 = (displacement[0] - circle.centre[0]).to_mm_f64();
+        let y1 = (displacement[1] - circle.centre[1]).to_mm_f64();
+        let angle = if displacement == [Nm(0); 2] {
             0.0
         } else {
             libm::atan2(x0 * y1 - y0 * x1, x0 * x1 + y0 * y1)
         };
-        let turns = core::f64::consts::TAU * f64::from(circle.turns.saturating_sub(1));
+        let full_turns = TAU * f64::from(circle.turns.saturating_sub(1));
         let sweep = match circle.rotation {
-            Rotation::CounterClockwise if travel > 0.0 => travel + turns,
-            Rotation::CounterClockwise => travel + core::f64::consts::TAU + turns,
-            Rotation::Clockwise if travel < 0.0 => travel - turns,
-            Rotation::Clockwise => travel - core::f64::consts::TAU - turns,
+            Rotation::CounterClockwise if angle > 0.0 => angle + full_turns,
+            Rotation::CounterClockwise => angle + TAU + full_turns,
+            Rotation::Clockwise if angle < 0.0 => angle - full_turns,
+            Rotation::Clockwise => angle - TAU - full_turns,
         };
         Self {
             radius: [libm::hypot(x0, y0), libm::hypot(x1, y1)],
@@ -53,25 +60,24 @@ impl Arc {
         }
     }
 
-    /// The same arc, as a spiral, from a start that lies behind its own by a way shorter than a step,
-    /// in nm and of axes with so many steps/mm at most.
+    /// Returns the spiral to the same end from the end of the block before, `offset` short of the arc's
+    /// start, for axes of `steps_per_mm` at most.
     ///
-    /// One that is smaller than that way, or bends one axis by the coarser steps of the other, stays as
-    /// it is, moved by that way.
-    pub(super) fn begun_at(self, circle: &Circle, behind: [Nm; 2], steps_per_mm: f64) -> Self {
-        if behind == [Nm(0); 2] {
+    /// An arc that is smaller than the offset, or whose finer axis would make many steps for it, is
+    /// returned unchanged: the whole arc is shifted then.
+    pub(super) fn begun_before(self, circle: &Circle, offset: [Nm; 2], steps_per_mm: f64) -> Self {
+        if offset == [Nm(0); 2] {
             return self;
         }
-        let behind = behind.map(Nm::to_mm_f64);
-        let behind_mm = libm::hypot(behind[0], behind[1]);
-        let is_bent = behind_mm <= LITTLE_BEHIND * self.radius[0]
-            || behind_mm <= FARTHEST_BEHIND * self.radius[0]
-                && behind_mm * steps_per_mm <= FARTHEST_STEPS;
-        if !is_bent {
+        let offset = offset.map(Nm::to_mm_f64);
+        let offset_mm = libm::hypot(offset[0], offset[1]);
+        let is_spiral = offset_mm <= SMALL_OFFSET * self.radius[0]
+            || offset_mm <= LARGE_OFFSET * self.radius[0] && offset_mm * steps_per_mm <= FEW_STEPS;
+        if !is_spiral {
             return self;
         }
         let [x0, y0] = circle.centre.map(|centre| -centre.to_mm_f64());
-        let (x, y) = (x0 - behind[0], y0 - behind[1]);
+        let (x, y) = (x0 - offset[0], y0 - offset[1]);
         Self {
             radius: [libm::hypot(x, y), self.radius[1]],
             start: libm::atan2(y, x),
@@ -79,25 +85,53 @@ impl Arc {
         }
     }
 
-    /// Growth of the radius, mm/rad.
-    fn growth(&self) -> f64 {
+    /// Returns the greatest distance from the centre in a direction, mm; `None` where an end of the arc
+    /// is the farthest point.
+    ///
+    /// On a spiral the extreme lies beside the direction, at the angle where the growth of the radius
+    /// balances the rotation: tan δ = c/r.
+    pub(super) fn extreme_mm(&self, direction: f64) -> Option<f64> {
+        let turn = if self.sweep > 0.0 { TAU } else { -TAU };
+        let ahead = libm::fmod(direction - self.start, TAU);
+        let first = if ahead * turn < 0.0 {
+            ahead + turn
+        } else {
+            ahead
+        };
+        let turns = libm::floor((self.sweep - first) / turn);
+        let (start_radius, growth) = (self.radius[0], self.growth());
+        let extreme = |angle: f64| {
+            let beside = libm::atan2(growth, start_radius + growth * angle);
+            let angle = angle + beside;
+            let is_on_arc = angle * turn >= 0.0 && (self.sweep - angle) * turn >= 0.0;
+            is_on_arc.then(|| (start_radius + growth * angle) * libm::cos(beside))
+        };
+        // The radius is monotonic: the extreme is that of the first turn or of the last one.
+        match (extreme(first), extreme(first + turns * turn)) {
+            (Some(first), Some(last)) => Some(first.max(last)),
+            (one, None) | (None, one) => one,
+        }
+    }
+
+    /// Returns the growth of the radius, mm/rad of signed angle.
+    pub(super) fn growth(&self) -> f64 {
         (self.radius[1] - self.radius[0]) / self.sweep
     }
 
+    /// Returns the mean radius, mm.
     fn mean_mm(&self) -> f64 {
         0.5 * (self.radius[0] + self.radius[1])
     }
 
-    /// The part that a limit on a circle of the mean radius leaves for the spiral: its angle grows
-    /// evenly, so that the axes are faster than the mean where the radius is great or grows.
+    /// Returns the ratio of the limits of speed and acceleration to those of a circle of the mean radius.
     ///
-    /// With the angle's speed w, the radius r and its growth c, the speed is w·√(r² + c²) and the
-    /// acceleration w²·√(r² + 4c²).
-    pub(super) fn evenness(&self) -> f64 {
+    /// The angular speed w is constant at constant speed. With the radius r and its growth c the speed is
+    /// w·√(r² + c²) and the acceleration w²·√(r² + 4c²): both exceed the mean where r or c is great.
+    pub(super) fn limit_ratio(&self) -> f64 {
         let greatest = self.radius[0].max(self.radius[1]);
         let most = libm::hypot(greatest, 2.0 * self.growth());
         let mean = self.mean_mm();
-        if most < UNEVEN * mean {
+        if most < CIRCLE_RATIO * mean {
             1.0
         } else {
             mean / most
@@ -105,19 +139,19 @@ impl Arc {
     }
 
     fn is_spiral(&self) -> bool {
-        self.evenness() < 1.0
+        self.limit_ratio() < 1.0
     }
 
-    /// The radius of a circle on which the same speed of the mean asks for as much acceleration, mm.
+    /// Returns the radius of the circle with the greatest acceleration of the arc at the same speed, mm.
     pub(super) fn tightest_mm(&self) -> f64 {
         if self.is_spiral() {
-            self.mean_mm() * self.evenness()
+            self.mean_mm() * self.limit_ratio()
         } else {
             self.radius[0].min(self.radius[1])
         }
     }
 
-    /// The curvature at the start (0) or the end (1), 1/mm.
+    /// Returns the curvature at the start (0) or the end (1), 1/mm: (r² + 2c²) / (r² + c²)^(3/2).
     pub(super) fn curvature(&self, end: u8) -> f64 {
         let radius = self.radius[usize::from(end)];
         if !self.is_spiral() {
@@ -129,12 +163,12 @@ impl Arc {
         (radius_sqr + 2.0 * growth_sqr) / (speed_sqr * libm::sqrt(speed_sqr))
     }
 
-    /// Length of the path, mm: to the square of the growth of its radius.
+    /// Returns the length, mm, with an error of the second order in the growth of the radius.
     pub(super) fn length_mm(&self) -> f64 {
         libm::fabs(self.sweep) * self.mean_mm()
     }
 
-    /// Unit tangent at the start (0) or the end (1).
+    /// Returns the unit tangent at the start (0) or the end (1).
     pub(super) fn tangent(&self, end: u8) -> [f64; 2] {
         let angle = self.start + self.sweep * f64::from(end);
         let (sine, cosine) = (libm::sin(angle), libm::cos(angle));
@@ -150,7 +184,7 @@ impl Arc {
         tangent.map(|part| if self.sweep > 0.0 { part } else { -part })
     }
 
-    /// Unit vector towards the centre at the start (0) or the end (1).
+    /// Returns the unit vector towards the centre at the start (0) or the end (1).
     pub(super) fn inwards(&self, end: u8) -> [f64; 2] {
         let angle = self.start + self.sweep * f64::from(end);
         [-libm::cos(angle), -libm::sin(angle)]

@@ -1,105 +1,106 @@
-//! Moves on their way to the router: where and how `G64` leaves the programmed path.
+//! Path control under `G64`: where and how the path leaves the programmed one.
 //!
 //! Short lines that lie within a distance of one line become that line (LinuxCNC's "naive CAM
 //! detector"), and the corner between two lines becomes an arc that touches both, in the plane of
-//! the two. What a line becomes depends on what follows, so the newest are held back:
+//! the two. What a line becomes depends on the next one, so the newest are held back:
 //!
 //! ```text
-//!  lines ──▶ chain of short lines ──▶ line before a corner ──▶ ready for the router
+//!  lines ──▶ merger of short lines ──▶ line before a corner ──▶ output to the router
 //! ```
 //!
-//! Everything that is no line at a feed or a rapid, or moves a rotary axis, ends both. The session
-//! ends them too, by [`Path::release`], as soon as the machine could use what is held back.
+//! A command other than a line at a feed rate or a rapid of the linear axes flushes both. The session
+//! flushes them, too, by [`Router::flush`](super::Router::flush), as soon as the machine could use what
+//! is held back.
 //!
-//! No point of the path that is executed is farther from the programmed path than `P`, nor the other
-//! way round: a line that stands for others uses half of that at most, and a corner what the lines at
-//! it have left.
+//! No point of the executed path is farther from the programmed path than `P`, nor the other way round:
+//! a merged line uses half of that at most, and a corner what its lines have left.
 
-mod chain;
 mod corner;
+mod merge;
 
 use heapless::Vec;
 
-use self::{chain::Chain, corner::Corner};
-use super::router::Limits;
+use self::{corner::Corner, merge::Merger};
+use super::router::{Limits, to_axes};
 use crate::{
-    axis::{AXES, Axes},
+    axis::{AXES, Axes, LINEAR},
     math,
     model::{Command, FeedRate, Laser, PathControl, Target},
     units::Nm,
 };
 
-/// What one command makes ready at most: a line and a corner for each of two ends of lines, the
-/// last line, and the command.
-const READY: usize = 6;
-/// Linear axes, which lines and corners are in.
-const LINEAR: usize = 3;
+/// Most outputs of one command: a line and a corner for each of two ends of lines, the last line, and the
+/// command.
+const OUTPUTS: usize = 6;
+/// Farthest displacement of a blended line, nm: 2 m, up to which single precision has an error of a
+/// tenth of a micrometre.
+const FARTHEST_NM: i64 = 2_000_000_000;
 
-/// One thing for the router to do.
+/// An output of the blender, for the router.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum BlendOutput {
-    /// As the interpreter asks for it, or a line that is shorter or stands for several.
+    /// A command as the interpreter made it, or a line that is shortened or merged from several.
     Command(Command),
-    /// A corner that is rounded.
+    /// The arc in the place of a corner.
     CornerArc(CornerArc),
 }
 
-/// An arc between two lines, from where the one before ended, in any plane.
+/// An arc between two lines, from the end of the line before, in any plane.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct CornerArc {
-    /// Where it ends.
+    /// End of the arc.
     pub target: Axes<Nm>,
-    /// Its radius, mm.
+    /// Radius, mm.
     pub radius_mm: f32,
-    /// The angle it turns, rad: less than a half turn.
+    /// Angle travelled, rad: less than half a turn.
     pub sweep_rad: f32,
-    /// Direction from the centre to its start.
+    /// Direction from the centre to the start.
     pub radial: [f32; LINEAR],
-    /// Direction at its start.
+    /// Direction of the path at the start.
     pub tangent: [f32; LINEAR],
-    /// How fast.
+    /// Feed rate: the lower one of the two lines.
     pub feed_rate: FeedRate,
-    /// `N` word of the line after it, 0 without.
+    /// `N` word of the line after the corner, 0 without one.
     pub line: u32,
 }
 
-/// A line whose end is not yet known to be a corner.
+/// A line that is held back until the corner at its end is known.
 #[derive(Debug, Clone, Copy)]
-struct Straight {
-    /// Where it begins: behind the corner before it.
+struct PendingLine {
+    /// Start: the end of the corner arc before.
     start: Axes<Nm>,
     target: Target,
     direction: [f32; LINEAR],
-    /// Its length as programmed, mm, corners included.
+    /// Length as programmed, from corner to corner, mm.
     length_mm: f32,
-    /// How far it is from the lines that it stands for, mm.
+    /// Distance from the lines that were merged, mm.
     error_mm: f32,
     feed_rate: FeedRate,
     line: u32,
 }
 
-/// What is held back, and what is ready.
+/// The lines held back, and the outputs.
 #[derive(Debug)]
 pub struct Blender {
     control: PathControl,
-    /// What the laser does in the lines held back.
+    /// State of the laser in the lines held back.
     laser: Option<Laser>,
-    chain: Chain,
-    held: Option<Straight>,
-    ready: Vec<BlendOutput, READY>,
+    merger: Merger,
+    pending: Option<PendingLine>,
+    outputs: Vec<BlendOutput, OUTPUTS>,
     deviation_mm: f32,
 }
 
 impl Blender {
-    /// Nothing held back.
+    /// A blender that holds nothing back.
     #[must_use]
     pub const fn new() -> Self {
         Self {
             control: PathControl::ExactPath,
             laser: None,
-            chain: Chain::new(),
-            held: None,
-            ready: Vec::new(),
+            merger: Merger::new(),
+            pending: None,
+            outputs: Vec::new(),
             deviation_mm: 0.0,
         }
     }
@@ -107,44 +108,44 @@ impl Blender {
     /// Forgets everything.
     pub fn clear(&mut self) {
         self.laser = None;
-        self.chain.clear();
-        self.held = None;
-        self.ready.clear();
+        self.merger.clear();
+        self.pending = None;
+        self.outputs.clear();
         self.deviation_mm = 0.0;
     }
 
-    /// Whether there is anything that the router does not know of.
+    /// Returns true if the router has not got everything.
     #[inline]
     #[must_use]
     pub fn has_pending(&self) -> bool {
-        self.holds_line() || !self.ready.is_empty()
+        self.has_line() || !self.outputs.is_empty()
     }
 
     #[inline]
-    fn holds_line(&self) -> bool {
-        self.held.is_some() || !self.chain.is_empty()
+    fn has_line(&self) -> bool {
+        self.pending.is_some() || !self.merger.is_empty()
     }
 
-    /// The greatest distance from the programmed path since the last call, mm; 0 without any.
+    /// Returns the greatest distance from the programmed path since the last call, mm.
     pub fn take_deviation_mm(&mut self) -> f32 {
         core::mem::take(&mut self.deviation_mm)
     }
 
-    /// What the router is to do next.
+    /// Returns the next output.
     #[inline]
     #[must_use]
     pub fn front(&self) -> Option<&BlendOutput> {
-        self.ready.first()
+        self.outputs.first()
     }
 
-    /// That has been done.
+    /// Removes the next output.
     pub fn dequeue(&mut self) {
-        if !self.ready.is_empty() {
-            self.ready.remove(0);
+        if !self.outputs.is_empty() {
+            self.outputs.remove(0);
         }
     }
 
-    /// Takes a command, from where the router stands if nothing is held back. Nothing may be ready.
+    /// Adds a command, which begins at `from` if nothing is held back. No output may wait.
     pub(super) fn push(
         &mut self,
         control: PathControl,
@@ -152,7 +153,7 @@ impl Blender {
         limits: &Limits,
         command: &Command,
     ) {
-        // Where the router will stand when it has done what is held back, which ends here or later.
+        // Commands begin where what is held back ends.
         let from = self.position().unwrap_or(from);
         if control != self.control {
             self.flush(limits);
@@ -166,7 +167,7 @@ impl Blender {
                 target,
                 feed_rate,
                 line,
-            } if is_plain(&from, &target, feed_rate) => {
+            } if is_blended(&from, &target, feed_rate) => {
                 self.line(limits, from, target, feed_rate, line, 0.0);
             }
             Command::Arc {
@@ -174,46 +175,53 @@ impl Blender {
                 circle,
                 feed_rate,
                 line,
-            } if is_plain(&from, &target, feed_rate) => {
-                let way = target.position.zip(from, |to, from| to - from);
-                match chain::halves(&circle, &way, self.merging_mm()) {
-                    Some((half, error_mm)) => {
-                        let middle = from.zip(half, |from, half| from + half);
+            } if is_blended(&from, &target, feed_rate) => {
+                let displacement = target.position.zip(from, |to, from| to - from);
+                match merge::flat_arc_middle(&circle, &displacement, self.merging_mm()) {
+                    Some((to_middle, error_mm)) => {
+                        let middle = from.zip(to_middle, |from, to_middle| from + to_middle);
                         self.line(limits, from, middle.into(), feed_rate, line, error_mm);
                         self.line(limits, middle, target, feed_rate, line, error_mm);
                     }
                     None => self.pass(limits, command),
                 }
             }
-            Command::Power(laser) if self.laser == Some(laser) && self.holds_line() => {}
-            _ => self.pass(limits, command),
+            Command::Power(laser) if self.laser == Some(laser) && self.has_line() => {}
+            Command::Line { .. }
+            | Command::Arc { .. }
+            | Command::Power(_)
+            | Command::Probe { .. }
+            | Command::Dwell { .. }
+            | Command::Spindle { .. }
+            | Command::Coolant(_)
+            | Command::Pause => self.pass(limits, command),
         }
         if let Command::Power(laser) = command {
             self.laser = Some(*laser);
         }
     }
 
-    /// Makes everything ready that is held back.
+    /// Outputs everything that is held back.
     pub(super) fn flush(&mut self, limits: &Limits) {
-        self.end_chain(limits);
-        if let Some(straight) = self.held.take() {
-            self.put_line(straight.start, straight.target, &straight);
+        self.end_merged_line(limits);
+        if let Some(line) = self.pending.take() {
+            self.output_line(line.start, line.target, &line);
         }
     }
 
-    /// What is held back, and then a command as it is.
+    /// Outputs everything that is held back, then a command unchanged.
     fn pass(&mut self, limits: &Limits, command: &Command) {
         self.flush(limits);
-        self.put(BlendOutput::Command(*command));
+        self.output(BlendOutput::Command(*command));
     }
 
-    /// Where what is held back ends.
+    /// Returns the end of what is held back.
     fn position(&self) -> Option<Axes<Nm>> {
-        let held = self.held.as_ref().map(|held| held.target.position);
-        self.chain.end().map(|end| end.position).or(held)
+        let pending = self.pending.as_ref().map(|line| line.target.position);
+        self.merger.end().map(|end| end.position).or(pending)
     }
 
-    /// A line, which may be off the programmed path already.
+    /// Adds a line, whose distance from the programmed path is `error_mm`.
     fn line(
         &mut self,
         limits: &Limits,
@@ -224,83 +232,83 @@ impl Blender {
         error_mm: f32,
     ) {
         let merging_mm = self.merging_mm();
-        let is_cut = matches!(feed_rate, FeedRate::Feed(_));
-        let is_extended = is_cut
+        let is_feed = matches!(feed_rate, FeedRate::Feed(_));
+        let is_merged = is_feed
             && self.keeps_speed(limits, &target, feed_rate)
             && self
-                .chain
+                .merger
                 .extend(&target, feed_rate, line, error_mm, merging_mm);
-        if is_extended {
+        if is_merged {
             return;
         }
-        self.end_chain(limits);
-        self.chain.begin(from, target, feed_rate, line, error_mm);
-        if !is_cut || merging_mm <= 0.0 {
-            self.end_chain(limits);
+        self.end_merged_line(limits);
+        self.merger.begin(from, target, feed_rate, line, error_mm);
+        if !is_feed || merging_mm <= 0.0 {
+            self.end_merged_line(limits);
         }
     }
 
-    /// Whether the corner before the chain does not become slower by a line more.
+    /// Returns true if the corner before the merged line does not become slower by another line.
     ///
     /// Along a curve, few long lines make sharper corners than many short ones.
     fn keeps_speed(&self, limits: &Limits, target: &Target, feed_rate: FeedRate) -> bool {
-        let Some(before) = &self.held else {
+        let Some(before) = &self.pending else {
             return true;
         };
-        let (Some(now), Some(then)) = (self.chain.direction(), self.chain.direction_to(target))
+        let (Some(now), Some(then)) = (self.merger.direction(), self.merger.direction_to(target))
         else {
             return true;
         };
-        let before = corner::spread(&before.direction);
-        let [now, then] = [now, then].map(|direction| corner::spread(&direction));
-        let speed_mm_s = limits.paced_mm_s(feed_rate, &then);
-        let enough_sqr = math::min(limits.junction_sqr(&before, &now), speed_mm_s * speed_mm_s);
-        limits.junction_sqr(&before, &then) >= enough_sqr
+        let before = to_axes(&before.direction);
+        let [now, then] = [now, then].map(|direction| to_axes(&direction));
+        let speed_mm_s = limits.line_mm_s(feed_rate, &then);
+        let wanted_sqr = math::min(limits.junction_sqr(&before, &now), speed_mm_s * speed_mm_s);
+        limits.junction_sqr(&before, &then) >= wanted_sqr
     }
 
-    /// The chain has become one line.
-    fn end_chain(&mut self, limits: &Limits) {
-        let Some(mut next) = self.chain.end_line() else {
+    /// Ends the merged line, and outputs the line and the corner before.
+    fn end_merged_line(&mut self, limits: &Limits) {
+        let Some(mut next) = self.merger.end_line() else {
             return;
         };
         self.deviation_mm = math::max(self.deviation_mm, next.error_mm);
-        if let Some(before) = self.held.take() {
+        if let Some(before) = self.pending.take() {
             let corner = Corner::between(limits, &before, &next, self.tolerance_mm());
             match corner {
                 Some(corner) => {
-                    self.put_line(before.start, corner.start.into(), &before);
-                    self.put(BlendOutput::CornerArc(corner.round));
-                    next.start = corner.round.target;
+                    self.output_line(before.start, corner.start.into(), &before);
+                    self.output(BlendOutput::CornerArc(corner.arc));
+                    next.start = corner.arc.target;
                     self.deviation_mm = math::max(self.deviation_mm, corner.deviation_mm);
                 }
-                None => self.put_line(before.start, before.target, &before),
+                None => self.output_line(before.start, before.target, &before),
             }
         }
-        self.held = Some(next);
+        self.pending = Some(next);
     }
 
-    /// What is left of a line.
-    fn put_line(&mut self, from: Axes<Nm>, target: Target, straight: &Straight) {
-        // What two corners leave of a line by rounding is no line.
+    /// Outputs what the corners have left of a line.
+    fn output_line(&mut self, from: Axes<Nm>, target: Target, line: &PendingLine) {
+        // Two corners may leave a rounding error.
         let is_left = |axis| {
-            let way: Nm = target.position[axis] - from[axis];
-            way.0.abs() > corner::NOTHING_NM
+            let distance: Nm = target.position[axis] - from[axis];
+            distance.0.abs() > corner::ROUNDING_NM
         };
         if (0..AXES).any(is_left) {
-            self.put(BlendOutput::Command(Command::Line {
+            self.output(BlendOutput::Command(Command::Line {
                 target,
-                feed_rate: straight.feed_rate,
-                line: straight.line,
+                feed_rate: line.feed_rate,
+                line: line.line,
             }));
         }
     }
 
-    fn put(&mut self, way: BlendOutput) {
-        let is_full = self.ready.push(way).is_err();
-        debug_assert!(!is_full, "a command makes fewer ways ready than READY");
+    fn output(&mut self, output: BlendOutput) {
+        let is_full = self.outputs.push(output).is_err();
+        debug_assert!(!is_full, "a command has at most OUTPUTS outputs");
     }
 
-    /// How far from the programmed path a corner may be, mm.
+    /// Returns the greatest distance of a corner from the programmed path, mm.
     fn tolerance_mm(&self) -> f32 {
         match self.control {
             PathControl::Continuous { tolerance_nm, .. } if tolerance_nm > 0 => {
@@ -311,8 +319,8 @@ impl Blender {
         }
     }
 
-    /// How far from the programmed path a line that stands for several may be, mm: half of what a
-    /// corner may at most, so that there is as much left for the corners at its ends.
+    /// Returns the greatest distance of a merged line from the programmed path, mm: at most half of the
+    /// tolerance, so that as much is left for the corners at its ends.
     fn merging_mm(&self) -> f32 {
         match self.control {
             PathControl::Continuous { merging_nm, .. } => {
@@ -329,35 +337,28 @@ impl Default for Blender {
     }
 }
 
-/// Whether a move is one of the linear axes alone, at a speed that does not depend on its length.
-fn is_plain(from: &Axes<Nm>, target: &Target, feed_rate: FeedRate) -> bool {
+/// Returns true for a move of the linear axes alone, at a speed that does not depend on its length.
+fn is_blended(from: &Axes<Nm>, target: &Target, feed_rate: FeedRate) -> bool {
     let moves = |axis: &usize| target.position[*axis] != from[*axis];
-    let is_paced = match feed_rate {
+    let is_fixed_speed = match feed_rate {
         FeedRate::Rapid | FeedRate::Feed(_) => true,
         FeedRate::InverseTime(_) | FeedRate::Jog(_) => false,
     };
-    let way = |axis: usize| target.position[axis] - from[axis];
-    let is_near = (0..LINEAR).all(|axis| way(axis).0.abs() < FARTHEST_NM);
-    is_paced
+    let distance = |axis: usize| target.position[axis] - from[axis];
+    let is_near = (0..LINEAR).all(|axis| distance(axis).0.abs() < FARTHEST_NM);
+    is_fixed_speed
         && is_near
         && (0..LINEAR).any(|axis| moves(&axis))
         && !(LINEAR..AXES).any(|axis| moves(&axis))
 }
 
-/// Single precision tells ways apart to a tenth of a micrometre up to here: 2 m.
-const FARTHEST_NM: i64 = 2_000_000_000;
-
-/// A way over the linear axes, mm.
-fn linear_mm(from: &Axes<Nm>, to: &Axes<Nm>) -> [f32; LINEAR] {
+/// Returns the displacement over the linear axes, mm.
+pub(super) fn linear_mm(from: &Axes<Nm>, to: &Axes<Nm>) -> [f32; LINEAR] {
     core::array::from_fn(|axis| (to[axis] - from[axis]).to_mm())
 }
 
-/// The direction of a way, if it has any.
-fn direction(way: &[f32; LINEAR]) -> Option<[f32; LINEAR]> {
-    let length_mm = math::sqrt(dot(way, way));
-    (length_mm > 0.0).then(|| way.map(|way| way / length_mm))
-}
-
-fn dot(a: &[f32; LINEAR], b: &[f32; LINEAR]) -> f32 {
-    a.iter().zip(b).map(|(a, b)| a * b).sum()
+/// Returns the direction of a displacement; `None` for none.
+fn direction(displacement: &[f32; LINEAR]) -> Option<[f32; LINEAR]> {
+    let length_mm = math::sqrt(math::dot(displacement, displacement));
+    (length_mm > 0.0).then(|| displacement.map(|part| part / length_mm))
 }

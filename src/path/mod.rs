@@ -1,17 +1,18 @@
-//! From commands to blocks: geometry, limits along the path, corners, path control.
+//! From commands to blocks: path control (`G64`), geometry, limits along the path, soft limits.
 
 mod arc;
-mod arc_jerk;
+mod averaging_window;
 mod blending;
 mod block;
-mod jerk_window;
+mod entry;
 mod router;
 mod travel_limits;
 
+pub(crate) use averaging_window::AveragingWindow;
 pub use blending::{BlendOutput, Blender, CornerArc};
 pub(crate) use block::MIN_SPEED_MM_S;
-pub use block::{Block, Curve, Entry, MoveKind, Shape, SpatialArc, Work};
-pub(crate) use jerk_window::AveragingWindow;
+pub use block::{Block, Curve, MoveKind, Shape, SpatialArc};
+pub use entry::{Entry, Work};
 pub(crate) use router::fastest_mm_s;
 pub use router::{Checkpoint, Router};
 pub use travel_limits::{is_outside, leaves_travel};

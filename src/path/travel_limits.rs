@@ -1,22 +1,23 @@
-//! Whether a move stays within the travel of the machine: `$20` soft limits.
+//! Soft limits, `$20`: moves that leave the travel of the machine.
 //!
-//! A machine reaches from 0 down to minus its travel, on each axis. The extremes of an arc are those
-//! of the arc itself, not of chords: on a spiral they lie a little beside the quadrants, where the
-//! growing radius and the turning away balance. Runs once per line, in `interpret`.
+//! The travel of an axis is 0 down to minus `$130`.. The farthest points of an arc are computed from
+//! its exact geometry, not from chords. Runs once per line, in `interpret`.
 
-use core::f64::consts::{FRAC_PI_2, TAU};
+use core::f64::consts::FRAC_PI_2;
 
+use super::arc::Arc;
 use crate::{
     axis::{AXES, Axes},
-    model::{Circle, Command, Rotation},
+    model::{Circle, Command},
     settings::Settings,
     units::Nm,
 };
 
-/// How far a computed extreme may be off, nm: a centre is rounded to 1 nm.
-const ROUNDING: i64 = 5;
+/// Greatest error of a computed extreme, nm: a centre is rounded to 1 nm. Bounded by the test
+/// `an_arc_is_refused_exactly_where_a_point_of_it_is_outside`.
+const EXTREME_ERROR_NM: i64 = 5;
 
-/// Whether some part of a command's way from a position is outside the travel.
+/// Returns true if some part of a command's path from a position is outside the travel.
 #[must_use]
 pub fn leaves_travel(settings: &Settings, from: &Axes<Nm>, command: &Command) -> bool {
     match command {
@@ -36,112 +37,47 @@ pub fn leaves_travel(settings: &Settings, from: &Axes<Nm>, command: &Command) ->
     }
 }
 
-/// The lowest coordinate of an axis.
+/// Returns the lowest coordinate of an axis, nm.
 fn lowest(settings: &Settings, axis: usize) -> i64 {
     -Nm::from_mm_f64(f64::from(settings.max_travel_mm[axis])).0
 }
 
-/// Whether a position is outside the travel.
+/// Returns true if a position is outside the travel.
 #[must_use]
 pub fn is_outside(settings: &Settings, position: &Axes<Nm>) -> bool {
-    // wcet-bound: axes
     (0..AXES).any(|axis| position[axis].0 > 0 || position[axis].0 < lowest(settings, axis))
 }
 
-/// Whether an arc whose ends are inside has a part that is not.
+/// Returns true if an arc whose ends are inside the travel has a part that is outside.
 fn arc_leaves(settings: &Settings, from: &Axes<Nm>, to: &Axes<Nm>, circle: &Circle) -> bool {
     let (first, second, _) = circle.plane.axes();
-    let spiral = Spiral::new(circle, to[first] - from[first], to[second] - from[second]);
-    // wcet-bound: 4
+    let arc = Arc::new(circle, [to[first] - from[first], to[second] - from[second]]);
     (0_u8..4).any(|quadrant| {
         let (axis, centre) = if quadrant & 1 == 0 {
             (first, from[first] + circle.centre[0])
         } else {
             (second, from[second] + circle.centre[1])
         };
-        let Some(radius) = spiral.farthest(f64::from(quadrant) * FRAC_PI_2) else {
+        let Some(radius) = arc.extreme_mm(f64::from(quadrant) * FRAC_PI_2) else {
             return false;
         };
         let radius = Nm::from_mm_f64(radius).0;
         if quadrant < 2 {
-            centre.0.saturating_add(radius) > ROUNDING
+            centre.0.saturating_add(radius) > EXTREME_ERROR_NM
         } else {
-            centre.0.saturating_sub(radius) < lowest(settings, axis) - ROUNDING
+            centre.0.saturating_sub(radius) < lowest(settings, axis) - EXTREME_ERROR_NM
         }
     })
 }
 
-/// An arc whose radius changes in proportion to the angle.
-struct Spiral {
-    /// Angle of the start seen from the centre, rad.
-    start: f64,
-    /// Angle travelled, rad, positive counter-clockwise.
-    sweep: f64,
-    /// Radius at the start, mm.
-    radius: f64,
-    /// Growth of the radius, mm/rad of signed angle.
-    growth: f64,
-}
-
-impl Spiral {
-    fn new(circle: &Circle, way_first: Nm, way_second: Nm) -> Self {
-        let [x0, y0] = circle.centre.map(|centre| -centre.to_mm_f64());
-        let x1 = (way_first - circle.centre[0]).to_mm_f64();
-        let y1 = (way_second - circle.centre[1]).to_mm_f64();
-        let travel = if way_first == Nm(0) && way_second == Nm(0) {
-            0.0
-        } else {
-            libm::atan2(x0 * y1 - y0 * x1, x0 * x1 + y0 * y1)
-        };
-        let turns = TAU * f64::from(circle.turns.saturating_sub(1));
-        let sweep = match circle.rotation {
-            Rotation::CounterClockwise if travel > 0.0 => travel + turns,
-            Rotation::CounterClockwise => travel + TAU + turns,
-            Rotation::Clockwise if travel < 0.0 => travel - turns,
-            Rotation::Clockwise => travel - TAU - turns,
-        };
-        let (radius, end_radius) = (libm::hypot(x0, y0), libm::hypot(x1, y1));
-        Self {
-            start: libm::atan2(y0, x0),
-            sweep,
-            radius,
-            growth: (end_radius - radius) / sweep,
-        }
-    }
-
-    /// How far the arc reaches from its centre in a direction, mm; `None` where its ends reach
-    /// farther than everything in between.
-    fn farthest(&self, direction: f64) -> Option<f64> {
-        // The first and the last time that the arc points there: in between, it is in between.
-        let turn = if self.sweep > 0.0 { TAU } else { -TAU };
-        let ahead = libm::fmod(direction - self.start, TAU);
-        let first = if ahead * turn < 0.0 {
-            ahead + turn
-        } else {
-            ahead
-        };
-        let whole = libm::floor((self.sweep - first) / turn);
-        let reach = |angle: f64| {
-            // Where the radius grows, the extreme is a little beside the direction.
-            let beside = libm::atan2(self.growth, self.radius + self.growth * angle);
-            let angle = angle + beside;
-            let is_on_arc = angle * turn >= 0.0 && (self.sweep - angle) * turn >= 0.0;
-            is_on_arc.then(|| (self.radius + self.growth * angle) * libm::cos(beside))
-        };
-        let (near, far) = (reach(first), reach(first + whole * turn));
-        match (near, far) {
-            (Some(near), Some(far)) => Some(near.max(far)),
-            (one, None) | (None, one) => one,
-        }
-    }
-}
-
 #[cfg(test)]
 mod tests {
+    use core::f64::consts::TAU;
+
     use proptest::prelude::*;
 
     use super::*;
-    use crate::model::{FeedRate, Plane};
+    use crate::model::{FeedRate, Plane, Rotation};
 
     fn machine() -> Settings {
         Settings::default()
@@ -226,12 +162,12 @@ mod tests {
             let offset = [centre[0] - from[0].to_mm_f64(), centre[1] - from[1].to_mm_f64()];
             let command = arc(rotation, offset, to, turns);
             let Command::Arc { circle, .. } = command else { unreachable!() };
-            let spiral = Spiral::new(&circle, to[0] - from[0], to[1] - from[1]);
+            let spiral = Arc::new(&circle, [to[0] - from[0], to[1] - from[1]]);
             // The largest violation among many points, mm.
             let mut worst = f64::MIN;
             for part in 0..=20_000 {
                 let angle = spiral.sweep * f64::from(part) / 20_000.0;
-                let r = spiral.radius + spiral.growth * angle;
+                let r = spiral.radius[0] + spiral.growth() * angle;
                 let x = centre[0] + r * (spiral.start + angle).cos();
                 let y = centre[1] + r * (spiral.start + angle).sin();
                 worst = worst.max(x).max(y).max(-200.0 - x).max(-200.0 - y);

@@ -13,7 +13,7 @@ use crate::{
 
 /// A block with a laser.
 fn burn(rig: &mut Rig, command: &Command, laser: Laser) {
-    let Some(Work::Move(block)) = rig.router.work(command) else {
+    let Some(Work::Move(block)) = rig.router.route(command) else {
         panic!("it moves");
     };
     send(rig, Work::Move(Block { laser, ..block }));

@@ -36,7 +36,7 @@ fn moving(settings: &Settings, command: &Command) -> Rig {
 }
 
 fn go(rig: &mut Rig, command: &Command) {
-    let work = rig.router.work(command).expect("it moves");
+    let work = rig.router.route(command).expect("it moves");
     assert!(rig.enqueue(work));
     rig.prepare();
 }

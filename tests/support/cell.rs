@@ -94,7 +94,7 @@ impl Cell {
     }
 
     pub(crate) fn go(&mut self, mm: &[f64], mm_min: f32) {
-        let work = self.router.work(&line(mm, mm_min));
+        let work = self.router.route(&line(mm, mm_min));
         self.send(work.expect("a way"));
     }
 
@@ -105,7 +105,7 @@ impl Cell {
             probing,
             line: 0,
         };
-        let work = self.router.work(&command);
+        let work = self.router.route(&command);
         self.send(work.expect("a way"));
     }
 

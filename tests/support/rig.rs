@@ -84,7 +84,7 @@ impl Rig {
     /// The work of the next command; the last one ends what the path holds back.
     fn work(&mut self, command: &Command, is_last: bool) -> Option<Work> {
         if self.control == PathControl::ExactPath {
-            return self.router.work(command);
+            return self.router.route(command);
         }
         self.router.blend(&mut self.path, self.control, command);
         self.drain();
@@ -98,8 +98,7 @@ impl Rig {
     fn drain(&mut self) {
         while let Some(way) = self.path.front().copied() {
             self.ways.push(way);
-            let mut work = Work::Pause;
-            if self.router.route_blended(&way, &mut work) {
+            if let Some(mut work) = self.router.route_blended(&way) {
                 self.blocks += 1;
                 if let Work::Move(block) = &mut work {
                     block.line = self.blocks;

@@ -1,210 +1,216 @@
-//! The arc that takes the place of a corner.
+//! The arc in the place of a corner.
 //!
 //! ```text
-//!        corner
-//!   before ╱╲ after      trimmed = radius·tan(turn/2)
-//!         ╱⌒⌒╲           deviation = radius·(1/cos(turn/2) - 1)
+//!        corner            with the deflection angle θ:
+//!   before ╱╲ after      trimmed = radius·tan(θ/2)
+//!         ╱⌒⌒╲           deviation = radius·(1/cos(θ/2) - 1)
 //!        ╱    ╲
 //! ```
 //!
-//! It touches both lines, so that only its radius can make the machine slower: v² = a·radius. The
-//! deviation, from the corner to the middle of the arc, is the greatest distance between the two
-//! ways, in either direction. Of each line at most half is trimmed, whatever is trimmed at its other
-//! end.
+//! The arc touches both lines, so that only its radius limits the speed: v² = a·radius. The deviation,
+//! from the corner to the middle of the arc, is the greatest distance between the two paths, in either
+//! direction. At most half of each line is trimmed, whatever is trimmed at its other end.
 
-use super::{CornerArc, LINEAR, Straight, chain::nm, dot};
-use crate::{axis::Axes, math, model::FeedRate, path::router::Limits, units::Nm};
+use super::{CornerArc, PendingLine};
+use crate::{
+    axis::{Axes, LINEAR},
+    math,
+    model::FeedRate,
+    path::router::{Limits, to_axes},
+    units::Nm,
+};
 
-/// A way that is nothing but rounding, nm.
-pub(super) const NOTHING_NM: i64 = 50;
-/// Square of the cosine of half a turn below which there is no arc: the way goes back.
-const BACK: f32 = 1.0e-3;
-/// What the squared speed gains at least where a corner is rounded: the way round the arc takes time
-/// that passing the corner does not.
-const GAIN: f32 = 1.44;
-/// Most steps of a radius: its points are right to 2⁻⁹ steps then.
-const MOST_STEPS: f32 = 2_000_000.0;
-/// Part of the tolerance that is left to rounding in single precision.
-const EXACT: f32 = 0.9999;
+/// Greatest rounding error of a trimmed line, nm: a shorter line is none.
+pub(super) const ROUNDING_NM: i64 = 50;
+/// Least cos²(θ/2), a deflection of 176°, for an arc: beyond, its radius is below a thirtieth of what is
+/// trimmed.
+const MIN_COSINE_SQR: f32 = 1.0e-3;
+/// Least ratio of the squared speeds on the arc and at the exact corner, 1.2 in speed: below, the length
+/// of the arc takes more time than is gained, and the comparison of times is skipped.
+const MIN_GAIN: f32 = 1.44;
+/// Most steps of a radius: the points of a [`SpatialArc`](crate::path::SpatialArc) of 30 binary places have
+/// an error of 2⁻⁹ steps then.
+const MAX_RADIUS_STEPS: f32 = 2_000_000.0;
+/// Part of the tolerance that is used: the remainder is for rounding in single precision.
+const TOLERANCE_PART: f32 = 0.9999;
 
-/// A corner that is rounded.
+/// A blended corner.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Corner {
-    /// Where the line before ends.
+    /// End of the line before, start of the arc.
     pub(super) start: Axes<Nm>,
-    pub(super) round: CornerArc,
-    /// The greatest distance from the programmed path, mm, the lines' own included.
+    pub(super) arc: CornerArc,
+    /// Greatest distance from the programmed path, mm, that of the lines included.
     pub(super) deviation_mm: f32,
 }
 
 impl Corner {
-    /// The arc between two lines, no farther from the programmed path than a tolerance; `None` where
-    /// it would not be faster than passing the corner itself.
+    /// Returns the corner with an arc within a tolerance of the programmed path; `None` where that is not
+    /// faster than the exact corner.
     pub(super) fn between(
         limits: &Limits,
-        before: &Straight,
-        after: &Straight,
+        before: &PendingLine,
+        after: &PendingLine,
         tolerance_mm: f32,
     ) -> Option<Self> {
-        let [from, to] = [before, after].map(|line| spread(&line.direction));
+        let [from, to] = [before, after].map(|line| to_axes(&line.direction));
         let speed_mm_s = math::min(
-            limits.paced_mm_s(before.feed_rate, &from),
-            limits.paced_mm_s(after.feed_rate, &to),
+            limits.line_mm_s(before.feed_rate, &from),
+            limits.line_mm_s(after.feed_rate, &to),
         );
         let wanted_sqr = speed_mm_s * speed_mm_s;
         let exact_sqr = limits.junction_sqr(&from, &to);
-        if wanted_sqr < GAIN * exact_sqr {
+        if wanted_sqr < MIN_GAIN * exact_sqr {
             return None;
         }
-        let turn = Turn::between(&before.direction, &after.direction)?;
-        let shares = turn.shares();
+        let angle = Deflection::between(&before.direction, &after.direction)?;
+        let shares = angle.shares();
         let acceleration = limits.acceleration_along(&shares);
         let error_mm = math::max(before.error_mm, after.error_mm);
-        let allowed_mm = EXACT * (tolerance_mm - error_mm);
+        let allowed_mm = TOLERANCE_PART * (tolerance_mm - error_mm);
         let half_mm = 0.5 * math::min(before.length_mm, after.length_mm);
         let radius_mm = math::min(
-            math::min(allowed_mm / turn.excess(), half_mm / turn.tangent()),
-            math::min(wanted_sqr / acceleration, limits.radius_mm(MOST_STEPS)),
+            math::min(allowed_mm / angle.excess(), half_mm / angle.half_tangent()),
+            math::min(
+                wanted_sqr / acceleration,
+                limits.radius_mm(MAX_RADIUS_STEPS),
+            ),
         );
-        let length_mm = radius_mm * turn.radians();
-        let in_time_mm_s = length_mm / Limits::SHORTEST_ROUND_S;
-        let passing = Passing {
-            // What can be reached between this corner and the middle of the shorter line.
+        let length_mm = radius_mm * angle.radians();
+        let shortest_time_mm_s = length_mm / Limits::MIN_CORNER_ARC_S;
+        let speeds = CornerSpeeds {
+            // Reached between the corner and the middle of the shorter line.
             top_sqr: math::min(wanted_sqr, exact_sqr + 2.0 * acceleration * half_mm),
             exact_sqr,
-            round_sqr: math::min(
-                limits.round_sqr(&shares, radius_mm, acceleration),
-                in_time_mm_s * in_time_mm_s,
+            arc_sqr: math::min(
+                limits.corner_arc_sqr(&shares, radius_mm, acceleration),
+                shortest_time_mm_s * shortest_time_mm_s,
             ),
             acceleration,
         };
-        let trimmed_mm = radius_mm * turn.tangent();
-        if radius_mm <= 0.0 || !passing.is_faster_round(length_mm, trimmed_mm) {
+        let trimmed_mm = radius_mm * angle.half_tangent();
+        if radius_mm <= 0.0 || !speeds.is_arc_faster(length_mm, trimmed_mm) {
             return None;
         }
         let corner = before.target.position;
         Some(Self {
-            start: beside(corner, &before.direction, -trimmed_mm),
-            round: CornerArc {
-                target: beside(corner, &after.direction, trimmed_mm),
+            start: moved(corner, &before.direction, -trimmed_mm),
+            arc: CornerArc {
+                target: moved(corner, &after.direction, trimmed_mm),
                 radius_mm,
-                sweep_rad: turn.radians(),
-                radial: turn.outwards_at_start(),
+                sweep_rad: angle.radians(),
+                radial: angle.radial_at_start(),
                 tangent: before.direction,
                 feed_rate: slower(before.feed_rate, after.feed_rate),
                 line: after.line,
             },
-            deviation_mm: radius_mm * turn.excess() + error_mm,
+            deviation_mm: radius_mm * angle.excess() + error_mm,
         })
     }
 }
 
-/// A place beside a corner.
-fn beside(corner: Axes<Nm>, direction: &[f32; LINEAR], mm: f32) -> Axes<Nm> {
-    let mut place = corner;
-    for (place, share) in place.iter_mut().zip(direction) {
-        *place = *place + nm(share * mm);
+/// Returns a position moved along a direction.
+fn moved(mut position: Axes<Nm>, direction: &[f32; LINEAR], mm: f32) -> Axes<Nm> {
+    for (coordinate, share) in position.iter_mut().zip(direction) {
+        *coordinate = *coordinate + Nm::from_mm(share * mm);
     }
-    place
+    position
 }
 
-/// Half the angle between two directions, and what lies in the middle of it.
-struct Turn {
-    sine: f32,
-    cosine: f32,
-    /// From the centre of a circle that touches both.
-    outwards: [f32; LINEAR],
-    /// Along it.
-    middle: [f32; LINEAR],
+/// The deflection angle θ between two directions.
+struct Deflection {
+    /// Sine and cosine of θ/2.
+    half_sine: f32,
+    half_cosine: f32,
+    /// Direction from the centre of the arc to its middle.
+    radial: [f32; LINEAR],
+    /// Direction of the path in its middle.
+    tangent: [f32; LINEAR],
 }
 
-impl Turn {
-    /// `None` for a way back.
+impl Deflection {
+    /// The angle between two directions; `None` for a reversal.
     fn between(from: &[f32; LINEAR], to: &[f32; LINEAR]) -> Option<Self> {
         let change: [f32; LINEAR] = core::array::from_fn(|axis| to[axis] - from[axis]);
         let sum: [f32; LINEAR] = core::array::from_fn(|axis| to[axis] + from[axis]);
-        let cosine_sqr = 0.25 * dot(&sum, &sum);
-        if cosine_sqr < BACK {
+        let cosine_sqr = 0.25 * math::dot(&sum, &sum);
+        if cosine_sqr < MIN_COSINE_SQR {
             return None;
         }
-        let sine = math::sqrt(0.25 * dot(&change, &change));
-        let cosine = math::sqrt(cosine_sqr);
+        let half_sine = math::sqrt(0.25 * math::dot(&change, &change));
+        let half_cosine = math::sqrt(cosine_sqr);
         Some(Self {
-            sine,
-            cosine,
-            outwards: change.map(|change| -0.5 * change / sine),
-            middle: sum.map(|sum| 0.5 * sum / cosine),
+            half_sine,
+            half_cosine,
+            radial: change.map(|change| -0.5 * change / half_sine),
+            tangent: sum.map(|sum| 0.5 * sum / half_cosine),
         })
     }
 
-    /// The whole angle.
+    /// Returns θ, rad.
     fn radians(&self) -> f32 {
-        2.0 * math::asin(math::min(self.sine, 1.0))
+        2.0 * math::asin(math::min(self.half_sine, 1.0))
     }
 
-    fn tangent(&self) -> f32 {
-        self.sine / self.cosine
+    /// Returns tan(θ/2).
+    fn half_tangent(&self) -> f32 {
+        self.half_sine / self.half_cosine
     }
 
-    /// 1/cos - 1, without the difference that cancels.
+    /// Returns 1/cos(θ/2) - 1, without the difference that cancels.
     fn excess(&self) -> f32 {
-        self.sine * self.sine / (self.cosine * (1.0 + self.cosine))
+        self.half_sine * self.half_sine / (self.half_cosine * (1.0 + self.half_cosine))
     }
 
-    /// The greatest share of each axis in any direction of the plane.
+    /// Returns the greatest share of each axis in any direction of the plane.
     fn shares(&self) -> Axes<f32> {
-        spread(&core::array::from_fn(|axis| {
-            let (a, b) = (self.outwards[axis], self.middle[axis]);
+        to_axes(&core::array::from_fn(|axis| {
+            let (a, b) = (self.radial[axis], self.tangent[axis]);
             math::sqrt(a * a + b * b)
         }))
     }
 
-    /// From the centre to where the circle touches the first direction: turned back by half the
-    /// angle.
-    fn outwards_at_start(&self) -> [f32; LINEAR] {
+    /// Returns the direction from the centre to the start of the arc: the middle rotated back by θ/2.
+    fn radial_at_start(&self) -> [f32; LINEAR] {
         core::array::from_fn(|axis| {
-            self.cosine * self.outwards[axis] - self.sine * self.middle[axis]
+            self.half_cosine * self.radial[axis] - self.half_sine * self.tangent[axis]
         })
     }
 }
 
-/// The speeds at which a corner can be passed, squared, (mm/s)², and the acceleration, mm/s².
-struct Passing {
+/// Squared speeds at a corner, (mm/s)², and the acceleration, mm/s².
+struct CornerSpeeds {
     /// Far from the corner.
     top_sqr: f32,
-    /// In the corner itself.
+    /// At the exact corner.
     exact_sqr: f32,
-    /// Round it.
-    round_sqr: f32,
+    /// On the arc.
+    arc_sqr: f32,
     acceleration: f32,
 }
 
-impl Passing {
-    /// Whether the way round takes less time: braking from V to v and speeding up again costs
-    /// (V - v)²/(aV) against passing at V; the way round takes its length at v, and saves the ends
-    /// of both lines at V. All times aV.
-    fn is_faster_round(&self, length_mm: f32, trimmed_mm: f32) -> bool {
-        if self.round_sqr < GAIN * self.exact_sqr {
+impl CornerSpeeds {
+    /// Returns true if the arc takes less time than the exact corner.
+    ///
+    /// Braking from V to v and accelerating again costs (V - v)²/(aV) against a constant V; the arc takes
+    /// its length at v, and saves the trimmed ends of both lines at V. All times are multiplied by aV.
+    fn is_arc_faster(&self, length_mm: f32, trimmed_mm: f32) -> bool {
+        if self.arc_sqr < MIN_GAIN * self.exact_sqr {
             return false;
         }
-        let [exact, round] = [self.exact_sqr, self.round_sqr].map(math::sqrt);
-        let top = math::max(math::sqrt(self.top_sqr), round);
+        let [exact, arc] = [self.exact_sqr, self.arc_sqr].map(math::sqrt);
+        let top = math::max(math::sqrt(self.top_sqr), arc);
         let braking = |speed: f32| (top - speed) * (top - speed);
-        let way = self.acceleration * (top * length_mm / round - 2.0 * trimmed_mm);
-        braking(round) + way < braking(exact)
+        let length = self.acceleration * (top * length_mm / arc - 2.0 * trimmed_mm);
+        braking(arc) + length < braking(exact)
     }
 }
 
-/// The same direction over all axes.
-pub(super) fn spread(direction: &[f32; LINEAR]) -> Axes<f32> {
-    Axes::from_fn(|axis| direction.get(axis).copied().unwrap_or(0.0))
-}
-
-/// The feed rate of two that is under the stricter limit.
+/// Returns the feed rate under the stricter limit.
 fn slower(before: FeedRate, after: FeedRate) -> FeedRate {
     match (before, after) {
         (FeedRate::Rapid, after) => after,
         (FeedRate::Feed(a), FeedRate::Feed(b)) => FeedRate::Feed(math::min(a, b)),
-        (before, _) => before,
+        (FeedRate::Feed(_) | FeedRate::InverseTime(_) | FeedRate::Jog(_), _) => before,
     }
 }

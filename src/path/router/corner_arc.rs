@@ -1,69 +1,67 @@
-//! Rounded corners: from an arc in any plane of the linear axes to a block.
+//! Blocks of corner arcs, in any plane of the linear axes.
 
-use super::{Limits, Router, pace_mm_s, pacing};
 use core::f32::consts::PI;
 
+use super::{Geometry, Limits, Router};
 use crate::{
-    axis::{Axes, X, Y, Z},
+    axis::{Axes, LINEAR, X, Y, Z},
     math,
-    path::{Block, CornerArc, Curve, Shape, SpatialArc, Work, arc::PHASE_PER_RAD},
-    units::Nm,
+    path::{Block, CornerArc, Curve, Shape, SpatialArc, arc::PHASE_PER_RAD, blending::linear_mm},
 };
 
-/// Linear axes.
-const LINEAR: usize = super::LINEAR;
-/// Square of the shortest way round a corner, mm²: a nanometre.
-const LEAST_SQR: f32 = 1.0e-12;
+/// Smallest square of a chord that is divided by, mm²: a nanometre.
+const MIN_CHORD_SQR: f32 = 1.0e-12;
 
 impl Router {
-    /// The work that a rounded corner makes; false where it makes no step, and is part of the next
-    /// move.
-    pub fn corner_arc_into(&mut self, round: &CornerArc, work: &mut Work) -> bool {
-        let end = self.place(&round.target.into());
-        if end.steps == self.steps {
-            self.position = round.target;
-            return false;
+    /// The block of a corner arc; `None` for one that makes no step, and is part of the next move.
+    pub(super) fn corner_arc_block(&mut self, arc: &CornerArc) -> Option<Block> {
+        let end = self.block_end(&arc.target.into());
+        if end.steps == self.at.steps {
+            self.at.position = arc.target;
+            return None;
         }
-        let round = &self.begun_here(round);
-        let share = |directions: &[f32; LINEAR], axis| directions.get(axis).copied().unwrap_or(0.0);
-        let outwards = Axes::from_fn(|axis| share(&round.radial, axis));
-        let along = Axes::from_fn(|axis| share(&round.tangent, axis));
-        let shares = outwards.zip(along, |a, b| math::sqrt(a * a + b * b));
-        let (sine, cosine) = (libm::sinf(round.sweep_rad), libm::cosf(round.sweep_rad));
-        let end_tangent = along.zip(outwards, |along, outwards| along * cosine - outwards * sine);
-        let acceleration = self.limits.acceleration_along(&shares);
-        let limit_sqr = acceleration * round.radius_mm;
-        let length_mm = round.radius_mm * round.sweep_rad;
-        let steps_per_mm = shares.zip(self.limits.steps_per_mm, |share, steps| share * steps);
-        let inwards = |outwards: &Axes<f32>| (*outwards).map(|part| -part / round.radius_mm);
-        let circle = self.oblique(round, &along, &outwards, &end_tangent);
-        let pieces = circle
+        let geometry = self.corner_arc_geometry(&self.begun_at_block_end(arc));
+        Some(self.block(arc.target, end, &geometry, arc.feed_rate, arc.line))
+    }
+
+    fn corner_arc_geometry(&self, arc: &CornerArc) -> Geometry {
+        let limits = &self.limits;
+        let [radial, tangent] = [&arc.radial, &arc.tangent].map(to_axes);
+        let shares = radial.zip(tangent, |a, b| math::sqrt(a * a + b * b));
+        let (sine, cosine) = (libm::sinf(arc.sweep_rad), libm::cosf(arc.sweep_rad));
+        let end_tangent = tangent.zip(radial, |tangent, radial| tangent * cosine - radial * sine);
+        let end_radial = tangent.zip(radial, |tangent, radial| tangent * sine + radial * cosine);
+        let acceleration = limits.acceleration_along(&shares);
+        let limit_sqr = acceleration * arc.radius_mm;
+        let length_mm = arc.radius_mm * arc.sweep_rad;
+        let steps_per_mm = shares.zip(limits.steps_per_mm, |share, steps| share * steps);
+        let circle = self.spatial_arc(arc, &tangent, &radial, &end_tangent);
+        let reversals = circle
             .reversals
             .iter()
             .filter(|part| **part != SpatialArc::NEVER);
-        let shortest_s = Limits::SHORTEST_ROUND_S
-            .max(0.5 * Limits::SHORTEST_ROUND_S * (1 + pieces.count()) as f32);
-        let rate = Limits::along(&self.limits.speed_mm_s, &shares)
-            .min(self.limits.together(&steps_per_mm))
-            .min(math::sqrt(limit_sqr))
-            .min(length_mm / shortest_s);
-        let paced = |rate| pace_mm_s(round.feed_rate, length_mm, rate);
-        let (rate, acceleration) =
-            self.limits
-                .bent_round(&shares, round.radius_mm, rate, acceleration, paced);
-        let programmed_mm_s = paced(rate);
-        let sweep = f64::from(round.sweep_rad) * PHASE_PER_RAD;
-        *work = Work::Move(Block {
-            delta: end.fine.zip(self.fine, |to, from| to.0 - from.0),
-            steps_per_mm,
+        let shortest_s = Limits::MIN_CORNER_ARC_S
+            .max(0.5 * Limits::MIN_CORNER_ARC_S * (1 + reversals.count()) as f32);
+        let limit_mm_s = limits.curve_mm_s(
+            Limits::along(&limits.speed_mm_s, &shares),
+            &steps_per_mm,
+            limit_sqr,
+            length_mm / shortest_s,
+        );
+        let (limit_mm_s, acceleration_mm_s2) = limits.jerk_limited(
+            &[limits.corner_arc_jerk(&shares, arc.radius_mm, acceleration)],
+            (limit_mm_s, acceleration),
+            arc.feed_rate,
             length_mm,
-            nominal_mm_s: math::min(programmed_mm_s, rate),
-            programmed_mm_s,
-            limit_mm_s: rate,
-            kind: pacing(round.feed_rate),
-            laser: self.laser,
-            acceleration_mm_s2: acceleration,
-            junction_sqr: self.junction_sqr(&of_length_one(along), &inwards(&outwards)),
+        );
+        let sweep = f64::from(arc.sweep_rad) * PHASE_PER_RAD;
+        Geometry {
+            length_mm,
+            steps_per_mm,
+            tangents: [tangent, end_tangent].map(normalised),
+            curvatures: [radial, end_radial].map(|radial| radial.map(|part| -part / arc.radius_mm)),
+            limit_mm_s,
+            acceleration_mm_s2,
             curve: Some(Curve {
                 phase: 0,
                 sweep: sweep as i64,
@@ -71,68 +69,66 @@ impl Router {
                 mm_per_phase: (f64::from(length_mm) / sweep) as f32,
                 shape: Shape::Spatial(circle),
             }),
-            line: round.line,
-        });
-        let end_outwards = along.zip(outwards, |along, outwards| along * sine + outwards * cosine);
-        let end_tangent = of_length_one(end_tangent);
-        self.finish(round.target, end, end_tangent, inwards(&end_outwards));
-        true
+        }
     }
 
-    /// A corner behind a way that made no step: it begins where the machine is, and ends where it did.
-    /// Each axis is drawn out by what it is behind; then its directions are no unit vectors.
+    /// Returns the corner arc from the end of the last block, which a line without a step may have left
+    /// short of the arc's start, to the same end. Its directions are no unit vectors then.
     ///
-    /// Its points are C·(cos φ - 1) + S·sin φ from its start. With b/2 less in C and b·cot(θ/2)/2 more in S
-    /// a part of b is added that grows steadily, from none to b at the whole angle θ.
-    fn begun_here(&self, round: &CornerArc) -> CornerArc {
-        let mm = |from: &Axes<Nm>, to: &Axes<Nm>| -> [f32; LINEAR] {
-            core::array::from_fn(|axis| (to[axis] - from[axis]).to_mm())
-        };
-        let behind = mm(&self.sent, &self.position);
-        if behind == [0.0; LINEAR] {
-            return *round;
+    /// The points are C·(cos φ - 1) + S·sin φ from the start. With b/2 less in C and b·cot(θ/2)/2 more in
+    /// S, a part of the offset b is added that grows evenly, from none to b at the whole angle θ.
+    fn begun_at_block_end(&self, arc: &CornerArc) -> CornerArc {
+        let offset = linear_mm(&self.at.block_end, &self.at.position);
+        if offset == [0.0; LINEAR] {
+            return *arc;
         }
-        let half_rad = 0.5 * round.sweep_rad;
+        let half_rad = 0.5 * arc.sweep_rad;
         let cotangent = libm::cosf(half_rad) / libm::sinf(half_rad);
-        let [way, whole] = [&self.position, &self.sent].map(|from| mm(from, &round.target));
-        let [way_sqr, whole_sqr] = [way, whole].map(|way| way.iter().map(|way| way * way).sum());
-        // No longer than it is, so that the feed is kept.
-        let stretch = math::sqrt(math::max(whole_sqr / math::max(way_sqr, LEAST_SQR), 1.0));
-        let radius_mm = round.radius_mm * stretch;
-        let drawn = |axis: usize, direction: f32, part: f32| {
-            (direction * round.radius_mm + part * behind[axis]) / radius_mm
+        let [chord_sqr, extended_sqr] = [&self.at.position, &self.at.block_end].map(|from| {
+            let chord = linear_mm(from, &arc.target);
+            math::dot(&chord, &chord)
+        });
+        // The radius grows with the chord, so that the feed rate is kept.
+        let ratio = math::sqrt(math::max(
+            extended_sqr / math::max(chord_sqr, MIN_CHORD_SQR),
+            1.0,
+        ));
+        let radius_mm = arc.radius_mm * ratio;
+        let shifted = |direction: &[f32; LINEAR], part: f32| {
+            core::array::from_fn(|axis| {
+                (direction[axis] * arc.radius_mm + part * offset[axis]) / radius_mm
+            })
         };
         CornerArc {
             radius_mm,
-            radial: core::array::from_fn(|axis| drawn(axis, round.radial[axis], -0.5)),
-            tangent: core::array::from_fn(|axis| drawn(axis, round.tangent[axis], 0.5 * cotangent)),
-            ..*round
+            radial: shifted(&arc.radial, -0.5),
+            tangent: shifted(&arc.tangent, 0.5 * cotangent),
+            ..*arc
         }
     }
 
-    /// The circle of an arc that goes from a direction to another.
-    fn oblique(
+    /// Returns the circle of a corner arc in steps, from one tangent to another.
+    fn spatial_arc(
         &self,
-        round: &CornerArc,
-        along: &Axes<f32>,
-        outwards: &Axes<f32>,
-        end: &Axes<f32>,
+        arc: &CornerArc,
+        tangent: &Axes<f32>,
+        radial: &Axes<f32>,
+        end_tangent: &Axes<f32>,
     ) -> SpatialArc {
         let resolution = &self.limits.steps_per_mm;
         let finest = resolution
             .iter()
             .take(LINEAR)
             .fold(0.0, |a, b| math::max(a, *b));
-        let greatest = along
-            .zip(*outwards, |a, b| math::sqrt(a * a + b * b))
+        let greatest = tangent
+            .zip(*radial, |a, b| math::sqrt(a * a + b * b))
             .iter()
             .fold(1.0, |a, b| math::max(a, *b));
-        // Two to this power is more than any coordinate, in steps.
-        let steps = math::max(round.radius_mm * greatest * finest, 0.25);
-        let places = (steps.to_bits() >> 23).cast_signed() - 126;
-        // In 2³⁰ parts of that.
-        let unit_steps = power_of_two(places - 30);
-        let scale = round.radius_mm / unit_steps;
+        // Every coordinate is below two to the power of `exponent` steps, and in units of 2⁻³⁰ of that.
+        let steps = math::max(arc.radius_mm * greatest * finest, 0.25);
+        let exponent = (steps.to_bits() >> 23).cast_signed() - 126;
+        let unit_steps = power_of_two(exponent - 30);
+        let scale = arc.radius_mm / unit_steps;
         let scaled = |direction: &Axes<f32>| {
             core::array::from_fn(|axis| {
                 let units = direction[axis] * resolution[axis] * scale;
@@ -140,13 +136,13 @@ impl Router {
             })
         };
         let reversal = |axis: usize| {
-            // Less than a half turn: an axis reverses once, or not at all.
-            if along[axis] * end[axis] >= 0.0 {
+            // Within half a turn, an axis reverses once or not at all.
+            if tangent[axis] * end_tangent[axis] >= 0.0 {
                 return SpatialArc::NEVER;
             }
-            let angle = libm::atanf(along[axis] / outwards[axis]);
+            let angle = libm::atanf(tangent[axis] / radial[axis]);
             let angle = if angle < 0.0 { angle + PI } else { angle };
-            let part = math::min(angle / round.sweep_rad, 1.0) * f32::from(SpatialArc::NEVER);
+            let part = math::min(angle / arc.sweep_rad, 1.0) * f32::from(SpatialArc::NEVER);
             part as u16
         };
         let [first, second, third] = [X, Y, Z].map(reversal);
@@ -154,18 +150,23 @@ impl Router {
         let (second, third) = (second.min(third), second.max(third));
         let (first, second) = (first.min(second), first.max(second));
         SpatialArc {
-            cosine: scaled(outwards),
-            sine: scaled(along),
-            shift: (places + 2).clamp(0, 30) as u8,
-            per_mm: unit_steps / round.radius_mm,
+            cosine: scaled(radial),
+            sine: scaled(tangent),
+            shift: (exponent + 2).clamp(0, 30) as u8,
+            per_mm: unit_steps / arc.radius_mm,
             reversals: [first, second, third],
         }
     }
 }
 
-/// A direction as a unit vector; one that is near to it stays as it is.
-fn of_length_one(direction: Axes<f32>) -> Axes<f32> {
-    let square: f32 = direction.iter().map(|part| part * part).sum();
+/// Returns a direction of the linear axes as one of all axes.
+pub(in crate::path) fn to_axes(direction: &[f32; LINEAR]) -> Axes<f32> {
+    Axes::from_fn(|axis| direction.get(axis).copied().unwrap_or(0.0))
+}
+
+/// Returns the unit vector of a direction; one that is near to it stays as it is.
+fn normalised(direction: Axes<f32>) -> Axes<f32> {
+    let square = math::dot(&direction.0, &direction.0);
     if (square - 1.0).abs() < 1.0e-5 {
         return direction;
     }
@@ -173,30 +174,7 @@ fn of_length_one(direction: Axes<f32>) -> Axes<f32> {
     direction.map(|part| part / length)
 }
 
-/// 2 to a power from -126 to 127.
+/// Returns 2 to a power from -126 to 127.
 fn power_of_two(power: i32) -> f32 {
     f32::from_bits(((power + 127).clamp(1, 254).unsigned_abs()) << 23)
-}
-
-impl Limits {
-    /// Shortest time for a rounded corner, s.
-    pub(crate) const SHORTEST_ROUND_S: f32 = super::SHORTEST_ARC_S;
-
-    /// Acceleration along a direction that the axes allow, or that has these shares at most, mm/s².
-    pub(crate) fn acceleration_along(&self, shares: &Axes<f32>) -> f32 {
-        Self::along(&self.acceleration_mm_s2, shares)
-    }
-
-    /// A radius that makes so many steps of the finest linear axis, mm.
-    pub(crate) fn radius_mm(&self, steps: f32) -> f32 {
-        let finest = self.steps_per_mm.iter().take(LINEAR);
-        steps / finest.fold(f32::MIN_POSITIVE, |a, b| math::max(a, *b))
-    }
-
-    /// Speed of a line at a feed rate, mm/s.
-    pub(crate) fn paced_mm_s(&self, feed_rate: super::FeedRate, direction: &Axes<f32>) -> f32 {
-        let rate = Self::along(&self.speed_mm_s, direction);
-        // Neither depends on a length.
-        math::min(pace_mm_s(feed_rate, 0.0, rate), rate)
-    }
 }

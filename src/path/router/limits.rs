@@ -1,18 +1,23 @@
-//! What the settings allow along a direction and in a corner.
+//! Limits along a direction and at a junction, from the limits of the axes.
+//!
+//! Junction speed: S. Jeon, "Improving Grbl's cornering algorithm" (2011). With the junction deviation δ
+//! and the angle θ between the directions, v² = a·δ·cos(θ/2) / (1 - cos(θ/2)): the speed on a circle
+//! that touches both lines and leaves the corner by δ.
 
-use super::{LINEAR, dot};
+use super::programmed_mm_s;
 use crate::{
-    axis::{AXES, Axes},
+    axis::{AXES, Axes, LINEAR},
     math,
+    model::FeedRate,
     path::AveragingWindow,
     settings::Settings,
     units::StepsPerMm,
 };
 
 /// Square of the change of direction below which two blocks are one line: 1.4 mrad, as in Grbl.
-const STRAIGHT: f32 = 2.0e-6;
+const COLLINEAR_SQR: f32 = 2.0e-6;
 
-/// What the limits of a move are computed from.
+/// The limits of the axes that those of a move are computed from.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Limits {
     pub(super) steps_per_mm: Axes<f32>,
@@ -22,11 +27,14 @@ pub(crate) struct Limits {
     pub(super) jerk_mm_s3: Axes<f32>,
     pub(super) window: AveragingWindow,
     pub(super) junction_deviation_mm: f32,
-    /// Of all axes together.
+    /// Greatest step rate of all axes together.
     pub(super) steps_per_s: f32,
 }
 
 impl Limits {
+    /// Shortest time for a corner arc, s.
+    pub(crate) const MIN_CORNER_ARC_S: f32 = super::arc::MIN_ARC_S;
+
     pub(super) fn new(settings: &Settings) -> Self {
         let step_rate = settings.greatest_step_rate_hz();
         let steps_per_mm = settings.steps_per_mm.map(StepsPerMm::to_f32);
@@ -46,7 +54,7 @@ impl Limits {
         }
     }
 
-    /// The smallest of the limits, each divided by the axis's share of the direction.
+    /// Returns the smallest of the limits, each divided by the axis's share of the direction.
     pub(super) fn along(limits: &Axes<f32>, direction: &Axes<f32>) -> f32 {
         let mut smallest = f32::MAX;
         for (limit, share) in limits.iter().zip(direction) {
@@ -57,43 +65,76 @@ impl Limits {
         smallest
     }
 
-    /// The greatest speed along a direction for the steps of all axes together.
-    pub(super) fn together(&self, steps_per_mm: &Axes<f32>) -> f32 {
+    /// Returns the acceleration along a direction, or along an arc with the greatest shares of the axes,
+    /// mm/s².
+    pub(crate) fn acceleration_along(&self, shares: &Axes<f32>) -> f32 {
+        Self::along(&self.acceleration_mm_s2, shares)
+    }
+
+    /// Returns the greatest speed for the step rate of all axes together, mm/s.
+    pub(super) fn step_rate_mm_s(&self, steps_per_mm: &Axes<f32>) -> f32 {
         let steps_per_mm: f32 = steps_per_mm.iter().map(|steps| steps.abs()).sum();
         self.steps_per_s / steps_per_mm
     }
 
-    /// The greatest speed of a line for all the steps that it makes: an axis that turns at each line may
-    /// make one in each of them, however short its ways are.
-    pub(super) fn for_steps(&self, steps: f32, length_mm: f32, speed_mm_s: f32) -> f32 {
-        let room = self.steps_per_s * length_mm;
-        if steps * speed_mm_s > room {
-            room / steps
+    /// Returns the speed at which a line makes its whole steps within the step rate, mm/s: an axis that
+    /// reverses at each line may make a step in each of them, however short they are.
+    pub(super) fn whole_steps_mm_s(&self, steps: f32, length_mm: f32, speed_mm_s: f32) -> f32 {
+        let available = self.steps_per_s * length_mm;
+        if steps * speed_mm_s > available {
+            available / steps
         } else {
             speed_mm_s
         }
     }
 
-    /// Limit of the squared speed in the corner between two directions, each as what the axes move for
-    /// one mm of the path.
+    /// Returns the greatest speed on a curve, mm/s: `speed_mm_s`, the step rate of all axes together, the
+    /// centripetal limit and the shortest time for the curve.
+    pub(super) fn curve_mm_s(
+        &self,
+        speed_mm_s: f32,
+        steps_per_mm: &Axes<f32>,
+        limit_sqr: f32,
+        shortest_time_mm_s: f32,
+    ) -> f32 {
+        speed_mm_s
+            .min(self.step_rate_mm_s(steps_per_mm))
+            .min(math::sqrt(limit_sqr))
+            .min(shortest_time_mm_s)
+    }
+
+    /// Returns the speed of a line at a feed rate that does not depend on its length, mm/s.
+    pub(crate) fn line_mm_s(&self, feed_rate: FeedRate, direction: &Axes<f32>) -> f32 {
+        let limit_mm_s = Self::along(&self.speed_mm_s, direction);
+        math::min(programmed_mm_s(feed_rate, 0.0, limit_mm_s), limit_mm_s)
+    }
+
+    /// Returns the radius that is `steps` of the finest linear axis, mm.
+    pub(crate) fn radius_mm(&self, steps: f32) -> f32 {
+        let finest = self.steps_per_mm.iter().take(LINEAR);
+        steps / finest.fold(f32::MIN_POSITIVE, |a, b| math::max(a, *b))
+    }
+
+    /// Returns the limit of the squared speed at the junction of two directions, (mm/s)². A direction is
+    /// the movement of the axes per mm of path.
     ///
-    /// Where rotary axes turn farther for that behind the corner than before it, their speed jumps as
-    /// that of others in a turn does: the change counts, whatever it is due to.
+    /// Where rotary axes move farther per mm after the junction than before it, their speed jumps as that
+    /// of other axes does at a corner: every change counts, whatever its cause.
     pub(crate) fn junction_sqr(&self, before: &Axes<f32>, after: &Axes<f32>) -> f32 {
-        // Sine and cosine of half the turn: half the difference and half the sum of the directions.
+        // Sine and cosine of half the angle: half the difference and half the sum of the directions.
         let change = after.zip(*before, |after, before| after - before);
-        let change_sqr = dot(&change, &change);
+        let change_sqr = math::dot(&change.0, &change.0);
         let sum = unit(*after).zip(unit(*before), |after, before| after + before);
-        let cosine_sqr = 0.25 * dot(&sum, &sum);
-        if change_sqr <= STRAIGHT * greatest_sqr(before, after) {
+        let cosine_sqr = 0.25 * math::dot(&sum.0, &sum.0);
+        if change_sqr <= COLLINEAR_SQR * greatest_sqr(before, after) {
             return f32::MAX;
         }
-        if cosine_sqr <= 0.25 * STRAIGHT {
+        if cosine_sqr <= 0.25 * COLLINEAR_SQR {
             return 0.0;
         }
-        // The acceleration in the corner points along the change of direction: a unit vector, where
-        // `along` takes the change itself.
-        let acceleration = Self::along(&self.acceleration_mm_s2, &change) * math::sqrt(change_sqr);
+        // The acceleration points along the change of direction: along its unit vector, where `along`
+        // divides by the change itself.
+        let acceleration = self.acceleration_along(&change) * math::sqrt(change_sqr);
         let cosine = math::sqrt(cosine_sqr);
         // cos / (1 - cos), without the difference that cancels.
         let ratio = cosine * (1.0 + cosine) / (0.25 * change_sqr);
@@ -101,9 +142,9 @@ impl Limits {
     }
 }
 
-/// The unit vector of a direction, or none. With linear axes alone, directions are unit vectors already.
+/// Returns the unit vector of a direction, or zero. Without rotary axes, directions are unit vectors.
 fn unit(direction: Axes<f32>) -> Axes<f32> {
-    let length_sqr = dot(&direction, &direction);
+    let length_sqr = math::dot(&direction.0, &direction.0);
     if AXES == LINEAR || length_sqr <= 0.0 {
         return direction;
     }
@@ -111,10 +152,10 @@ fn unit(direction: Axes<f32>) -> Axes<f32> {
     direction.map(|share| share / length)
 }
 
-/// The greater square of two directions: 1 with linear axes alone.
+/// Returns the greater square of two directions: 1 without rotary axes.
 fn greatest_sqr(one: &Axes<f32>, other: &Axes<f32>) -> f32 {
     if AXES == LINEAR {
         return 1.0;
     }
-    math::max(dot(one, one), dot(other, other))
+    math::max(math::dot(&one.0, &one.0), math::dot(&other.0, &other.0))
 }

@@ -89,18 +89,15 @@ impl Session {
             if !entries.ready() {
                 return false;
             }
-            let mut entry = Entry {
-                reset_count: self.connection.entry_reset_count(),
-                work: Work::Pause,
-            };
             self.router.set_exact_stop(false);
-            if self.router.route_blended(output, &mut entry.work) {
-                if let Work::Move(block) = &entry.work {
+            if let Some(work) = self.router.route_blended(output) {
+                if let Work::Move(block) = &work {
                     let speed = block.limit_mm_s.min(block.programmed_mm_s);
                     let braking_s = 0.5 * speed / block.acceleration_mm_s2;
                     self.connection.handover_mm = speed * (braking_s + HANDOVER_S);
                 }
-                if entries.enqueue(entry).is_ok() {
+                let reset_count = self.connection.entry_reset_count();
+                if entries.enqueue(Entry { reset_count, work }).is_ok() {
                     self.connection.count_entry();
                 }
             }

@@ -228,8 +228,9 @@ fn enqueue_other(
     reset_count: u32,
     entries: &mut Producer<'_, Entry>,
 ) -> bool {
-    let mut work = Work::Pause;
-    router.route(command, &mut work) && entries.enqueue(Entry { reset_count, work }).is_ok()
+    router
+        .route(command)
+        .is_some_and(|work| entries.enqueue(Entry { reset_count, work }).is_ok())
 }
 
 /// Returns whether a command goes through the blender, in which `G64` may change it.

@@ -237,7 +237,7 @@ fn blocks(settings: &Settings, ways: &[([f64; 3], f32)]) -> Vec<Block> {
             },
             line: 0,
         };
-        if let Some(Work::Move(block)) = router.work(&command) {
+        if let Some(Work::Move(block)) = router.route(&command) {
             blocks.push(block);
         }
     }

@@ -1,0 +1,52 @@
+//! Entries of the queue from `interpret` to `prepare`.
+
+use super::Block;
+use crate::{
+    model::{Alarm, Coolant, Probing, Spindle},
+    settings::Settings,
+};
+
+/// One entry of the queue from `interpret` to `prepare`.
+#[derive(Debug, Clone)]
+pub struct Entry {
+    /// Resets and cancelled motions before the entry was made, `reset_count` plus
+    /// `cancelled_motions` of the snapshot: `prepare` drops an older entry.
+    pub reset_count: u32,
+    /// The work to do.
+    pub work: Work,
+}
+
+/// The work of an entry.
+///
+/// # Cost
+/// The discriminant is a whole word, so that the fields after it are copied by words.
+#[derive(Debug, Clone, Copy)]
+#[repr(u32)]
+pub enum Work {
+    /// A move along a line or an arc.
+    Move(Block),
+    /// A dwell, ms.
+    Dwell(u32),
+    /// A probing move. Finished when the machine is at a standstill again.
+    Probe(Block, Probing),
+    /// A spindle state and its speed, rpm.
+    Spindle(Spindle, f32),
+    /// A coolant state.
+    Coolant(Coolant),
+    /// Wait for cycle start.
+    Pause,
+    /// Leave the alarm state.
+    Unlock,
+    /// Home these axes together, bit 0 = X; 0 homes all, Z first. Finished when done or failed.
+    Home(u8),
+    /// Enter check mode; a reset leaves it.
+    Check,
+    /// Switch everything off until a reset.
+    Sleep,
+    /// Decelerate, then lock the machine with this alarm: a target is outside the travel.
+    Fault(Alarm),
+    /// All overrides back to 100 %.
+    EndOverrides,
+    /// New settings. Sent at a standstill only; the machine keeps its whole steps.
+    Configure(Settings),
+}

@@ -1,0 +1,137 @@
+//! Jerk limits of arcs: greatest speed, acceleration left along the path, junctions of curvature.
+//!
+//! Along an arc of curvature k at the speed v the acceleration is v²k towards the centre and s'' along
+//! the path. Its derivative is s''' - v³k² along the path and 3vk·s'' towards the centre. Double
+//! precision, once per arc, in the task without a deadline.
+
+use super::{Limits, programmed_mm_s};
+use crate::{axis::Axes, math, model::FeedRate, path::AveragingWindow};
+
+/// Greatest part of the acceleration towards the centre. The part that is left along the path is the
+/// other leg of the triangle, √(1 - 0.9²) = 0.44.
+const CENTRIPETAL_PART: f64 = 0.9;
+/// Greatest part of the jerk at constant speed, v³k². The other half is left for changes of speed.
+const CONSTANT_SPEED_PART: f64 = 0.5;
+/// Time in which the jerk limit produces the greatest step of centripetal acceleration at a junction,
+/// s.
+///
+/// A step of b changes the second difference of positions sampled each ms by 3/4·b from one ms to the
+/// next at most: `tests/jerk.rs` measures jerk over windows of 1 ms.
+const STEP_S: f64 = 1.0e-3 / 0.75;
+/// Greatest feed override.
+const MAX_FEED_OVERRIDE: f32 = 2.0;
+
+/// Limits and curvature at a point of an arc.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct ArcJerk {
+    /// Greatest acceleration, mm/s², and jerk, mm/s³, in any direction of the plane.
+    pub(super) acceleration_mm_s2: f32,
+    pub(super) jerk_mm_s3: f32,
+    /// Curvature of the path, 1/mm.
+    pub(super) curvature_per_mm: f64,
+}
+
+impl ArcJerk {
+    /// Returns the greatest speed, mm/s.
+    fn speed_mm_s(&self) -> f32 {
+        let acceleration = CENTRIPETAL_PART * f64::from(self.acceleration_mm_s2);
+        let by_acceleration = libm::sqrt(acceleration / self.curvature_per_mm);
+        let jerk = CONSTANT_SPEED_PART * f64::from(self.jerk_mm_s3);
+        let by_jerk = libm::cbrt(jerk / (self.curvature_per_mm * self.curvature_per_mm));
+        by_acceleration.min(by_jerk) as f32
+    }
+
+    /// Returns the acceleration along the path up to a speed, mm/s².
+    fn along_mm_s2(&self, speed_mm_s: f32, window: AveragingWindow) -> f32 {
+        let speed = f64::from(speed_mm_s);
+        let acceleration = f64::from(self.acceleration_mm_s2);
+        let jerk = f64::from(self.jerk_mm_s3);
+        let centripetal = speed * speed * self.curvature_per_mm;
+        let by_acceleration =
+            libm::sqrt((acceleration * acceleration - centripetal * centripetal).max(0.0));
+        // The root of (a/T + p)² + (q·a)² = j² for a, with the averaging window T.
+        let per_s = 1.0 / f64::from(window.seconds());
+        let p = speed * centripetal * self.curvature_per_mm;
+        let q = 3.0 * speed * self.curvature_per_mm;
+        let square = per_s * per_s + q * q;
+        let half = p * per_s;
+        let remainder = (jerk * jerk - p * p).max(0.0);
+        let by_jerk = (libm::sqrt(half * half + square * remainder) - half) / square;
+        by_acceleration.min(by_jerk) as f32
+    }
+}
+
+/// Returns the greatest squared speed at a change of curvature, (mm/s)².
+fn curvature_change_sqr(change_per_mm: f32, jerk_mm_s3: f32) -> f32 {
+    let step_mm_s2 = f64::from(jerk_mm_s3) * STEP_S;
+    (step_mm_s2 / f64::from(change_per_mm).max(1.0e-12)) as f32
+}
+
+impl Limits {
+    /// Returns the limit of the squared speed at a change of curvature, (mm/s)².
+    pub(super) fn curvature_sqr(&self, change_per_mm: &Axes<f32>) -> f32 {
+        let square = math::dot(&change_per_mm.0, &change_per_mm.0);
+        if !self.window.is_jerk_limited() || square <= 0.0 {
+            return f32::MAX;
+        }
+        let per_mm = math::sqrt(square);
+        let jerk_mm_s3 = per_mm * Self::along(&self.jerk_mm_s3, change_per_mm);
+        curvature_change_sqr(per_mm, jerk_mm_s3)
+    }
+
+    /// Returns the greatest speed on an arc and the acceleration along it, from those without a jerk
+    /// limit and from points of the arc, at a feed rate that may be overridden.
+    pub(super) fn jerk_limited(
+        &self,
+        points: &[ArcJerk],
+        (mut speed_mm_s, mut acceleration_mm_s2): (f32, f32),
+        feed_rate: FeedRate,
+        length_mm: f32,
+    ) -> (f32, f32) {
+        if self.window.is_jerk_limited() {
+            for point in points {
+                speed_mm_s = speed_mm_s.min(point.speed_mm_s());
+            }
+            let programmed = programmed_mm_s(feed_rate, length_mm, speed_mm_s);
+            let fastest = speed_mm_s.min(MAX_FEED_OVERRIDE * programmed);
+            for point in points {
+                acceleration_mm_s2 =
+                    acceleration_mm_s2.min(point.along_mm_s2(fastest, self.window));
+            }
+        }
+        (speed_mm_s, acceleration_mm_s2)
+    }
+
+    /// Returns the greatest squared speed into and along a corner arc, (mm/s)².
+    ///
+    /// `shares` are the greatest parts of a movement along the arc that each axis makes.
+    pub(crate) fn corner_arc_sqr(
+        &self,
+        shares: &Axes<f32>,
+        radius_mm: f32,
+        acceleration: f32,
+    ) -> f32 {
+        if !self.window.is_jerk_limited() {
+            return acceleration * radius_mm;
+        }
+        let arc = self.corner_arc_jerk(shares, radius_mm, acceleration);
+        let speed_mm_s = arc.speed_mm_s();
+        math::min(
+            speed_mm_s * speed_mm_s,
+            curvature_change_sqr(arc.curvature_per_mm as f32, arc.jerk_mm_s3),
+        )
+    }
+
+    pub(super) fn corner_arc_jerk(
+        &self,
+        shares: &Axes<f32>,
+        radius_mm: f32,
+        acceleration_mm_s2: f32,
+    ) -> ArcJerk {
+        ArcJerk {
+            acceleration_mm_s2,
+            jerk_mm_s3: Self::along(&self.jerk_mm_s3, shares),
+            curvature_per_mm: 1.0 / f64::from(radius_mm),
+        }
+    }
+}
