@@ -86,7 +86,7 @@ pub struct Motion {
     generator: Generator,
     homing: Homing,
     parking: Parking,
-    smooth: MovingAverage,
+    average: MovingAverage,
     plan: LookAhead,
 }
 
@@ -176,7 +176,7 @@ impl Motion {
             generator: Generator::new(),
             homing: Homing::new(),
             parking: Parking::new(),
-            smooth: MovingAverage::new(),
+            average: MovingAverage::new(),
             plan: LookAhead::new(),
         }
     }
@@ -202,7 +202,7 @@ impl Motion {
 
     fn configure(&mut self, settings: &Settings, inputs: &Inputs) {
         let window = AveragingWindow::new(settings);
-        self.smooth.configure(window);
+        self.average.configure(window);
         self.plan.set_window(window);
         self.plan.set_step_rate(settings.step_rate.hz());
         self.generator.set_pulse_us(settings.step_pulse_us);
@@ -354,7 +354,7 @@ impl Motion {
         }
         self.plan.clear();
         self.executor.abandon();
-        self.smooth.reset();
+        self.average.reset();
         self.parking.abandon();
         self.snap_to_steps();
     }

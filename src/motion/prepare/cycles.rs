@@ -138,7 +138,7 @@ impl Motion {
         // The remainder of the move has been counted with it.
         self.plan.clear();
         self.executor.abandon();
-        self.smooth.reset();
+        self.average.reset();
         self.snap_to_steps();
     }
 

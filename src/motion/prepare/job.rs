@@ -176,7 +176,7 @@ impl Motion {
     /// Whether the next segment needs another sample of the reference first.
     #[inline]
     pub(super) fn needs_sample(&self) -> bool {
-        !self.generator.is_open() && self.smooth.needs_sample() && self.follows_plan()
+        !self.generator.is_open() && self.average.needs_sample() && self.follows_plan()
     }
 
     /// Whether a segment can be made now, if there is motion for it.

@@ -99,9 +99,9 @@ impl Motion {
     /// The next cell of the reference.
     #[inline(never)]
     pub(super) fn sample_reference(&mut self) {
-        let leaving = self.smooth.leaving_sample();
+        let leaving = self.average.leaving_sample();
         let cell = self.plan.next_sample(!self.executes(), leaving);
-        self.smooth.push(cell, leaving);
+        self.average.push(cell, leaving);
     }
 
     /// Makes the next segment, in [`Motion::segment`]; returns false when there is none.
@@ -123,7 +123,7 @@ impl Motion {
             Goal::Stop
         };
         let position = self.generator.position();
-        let (executor, average) = (&mut self.executor, &mut self.smooth);
+        let (executor, average) = (&mut self.executor, &mut self.average);
         let segment = &mut self.segment;
         match (self.plan).next_segment(executor, average, position, goal, segment) {
             NextSegment::Standstill => return false,
