@@ -36,10 +36,11 @@ mod app {
         path::Entry,
         protocol::{ByteWriter, Bytes, Progress, Session},
         stepper::{EventReader, EventRing, EventTap, EventWriter, SegmentRing},
+        tasks::{self, Unlocked},
     };
 
     use crate::board::{
-        self, Dialogue,
+        self, ChipPort, SerialConsole, StepInterrupt,
         release::{PREPARE, released},
         trace,
     };
@@ -49,7 +50,7 @@ mod app {
         /// Written by `prepare`, copied by `interpret` and `report`.
         snapshot: Snapshot,
         /// Priority 1 at most, as are the two after it.
-        dialogue: Dialogue,
+        console: SerialConsole,
         interpret_waker: Option<Waker>,
         report_waker: Option<Waker>,
         /// Of `prepare` and `inputs`.
@@ -62,10 +63,10 @@ mod app {
 
     #[local]
     struct Local {
-        output: board::StepOutput,
+        output: board::StepPins,
         receiver: board::Receiver,
         pins: board::InputPins,
-        after: board::AfterPrepare,
+        actuators: board::Actuators,
         motion: &'static mut Motion,
         received_in: ByteWriter<'static>,
         storage: board::Storage,
@@ -99,7 +100,7 @@ mod app {
         let session = Session::new(&board.loaded.stored, board.loaded.is_first_boot);
         let shared = Shared {
             snapshot,
-            dialogue: Dialogue::new(session, received_out, cx.local.sent.split()),
+            console: SerialConsole::new(session, received_out, cx.local.sent.split()),
             interpret_waker: None,
             report_waker: None,
             step_switch: board.step,
@@ -111,7 +112,7 @@ mod app {
             output: board.output,
             receiver: board.receiver,
             pins,
-            after: board.after,
+            actuators: board.actuators,
             motion,
             deputy_in: received_in.second_writer(),
             received_in,
@@ -126,11 +127,11 @@ mod app {
     }
 
     /// Sends what the port did not take at once, and sleeps.
-    #[idle(shared = [dialogue, &requests])]
+    #[idle(shared = [console, &requests])]
     fn idle(mut cx: idle::Context) -> ! {
         let requests = cx.shared.requests;
         loop {
-            if !cx.shared.dialogue.lock(|on| on.send_rest(requests)) {
+            if !cx.shared.console.lock(|on| on.send_rest(requests)) {
                 board::sleep();
             }
         }
@@ -143,12 +144,7 @@ mod app {
     fn step(cx: step::Context) {
         let _activation = trace::step();
         let (output, events) = (cx.local.output, cx.local.events_out);
-        output.write();
-        if let Some(upcoming) = events.advance() {
-            output.set_up(upcoming, events);
-        } else {
-            output.stop(cx.shared.segments);
-        }
+        tasks::step(output, events, cx.shared.segments);
     }
 
     /// Takes the byte that has come.
@@ -167,7 +163,7 @@ mod app {
     #[task(binds = I2C3_EV, priority = 3, local = [played], shared = [&segments])]
     fn segment_start(cx: segment_start::Context) {
         let _activation = trace::segment_start();
-        board::follow(cx.shared.segments.start_segment(*cx.local.played));
+        tasks::segment_start(cx.shared.segments, *cx.local.played, &mut ChipPort);
     }
 
     /// Filters switches, probe and buttons.
@@ -179,29 +175,37 @@ mod app {
     )]
     fn inputs(cx: inputs::Context) {
         let _activation = trace::inputs();
-        let (on, pins) = (cx.shared, cx.local.pins);
-        pins.serve(on.requests, on.inputs, on.segments, on.step_switch);
+        let shared = Unlocked {
+            requests: cx.shared.requests,
+            inputs: cx.shared.inputs,
+            segments: cx.shared.segments,
+        };
+        cx.local.pins.serve(shared, cx.shared.step_switch);
     }
 
     /// Keeps the event queue filled.
     ///
     /// Deadline: before the events in the queue have been played. A miss is a fault: alarm.
     #[task(
-        binds = TIM6_DAC, priority = 2, local = [motion, entries_out, events_in, after],
+        binds = TIM6_DAC, priority = 2, local = [motion, entries_out, events_in, actuators],
         shared = [snapshot, step_switch, &requests, &inputs, &segments]
     )]
     fn prepare(mut cx: prepare::Context) {
         let _activation = trace::prepare();
         let (motion, entries) = (cx.local.motion, cx.local.entries_out);
-        let (events, segments) = (cx.local.events_in, cx.shared.segments);
-        let (requests, inputs) = (cx.shared.requests, cx.shared.inputs);
-        cx.local.after.begin(requests);
+        let (events, actuators) = (cx.local.events_in, cx.local.actuators);
+        let shared = Unlocked {
+            requests: cx.shared.requests,
+            inputs: cx.shared.inputs,
+            segments: cx.shared.segments,
+        };
+        let steps = &mut StepInterrupt {
+            switch: cx.shared.step_switch,
+            played: events.tap(),
+        };
         // Of those who use it, this task has the highest priority: nobody waits for the lock.
-        let run =
-            |shared: &mut Snapshot| motion.run(requests, inputs, segments, entries, events, shared);
-        let prepared = cx.shared.snapshot.lock(run);
-        let (after, step) = (cx.local.after, cx.shared.step_switch);
-        after.follow(prepared, motion, events, segments, step);
+        let snapshot = &mut cx.shared.snapshot;
+        tasks::prepare(motion, entries, events, shared, snapshot, steps, actuators);
     }
 
     /// Wakes the endless tasks.
@@ -217,7 +221,7 @@ mod app {
     /// Executes received lines.
     #[task(
         priority = 1, local = [entries_in, storage, deputy_in],
-        shared = [snapshot, dialogue, interpret_waker, &requests, &inputs, &segments]
+        shared = [snapshot, console, interpret_waker, &requests, &inputs, &segments]
     )]
     async fn interpret(mut cx: interpret::Context) -> ! {
         let (requests, entries) = (cx.shared.requests, cx.local.entries_in);
@@ -228,8 +232,8 @@ mod app {
         loop {
             let read = |shared: &mut Snapshot| snapshot.copy_from(shared, segments, inputs);
             cx.shared.snapshot.lock(read);
-            let run = |on: &mut Dialogue| on.run(&snapshot, requests, entries, storage);
-            let progress = cx.shared.dialogue.lock(run);
+            let run = |on: &mut SerialConsole| on.run(&snapshot, requests, entries, storage);
+            let progress = cx.shared.console.lock(run);
             if progress == Progress::Waiting {
                 released(&mut cx.shared.interpret_waker).await;
             }
@@ -237,7 +241,7 @@ mod app {
     }
 
     /// Answers `?`, within 5 ms.
-    #[task(priority = 1, shared = [snapshot, dialogue, report_waker, &requests, &inputs, &segments])]
+    #[task(priority = 1, shared = [snapshot, console, report_waker, &requests, &inputs, &segments])]
     async fn report(mut cx: report::Context) -> ! {
         let requests = cx.shared.requests;
         let (inputs, segments) = (cx.shared.inputs, cx.shared.segments);
@@ -245,8 +249,8 @@ mod app {
         loop {
             let read = |shared: &mut Snapshot| snapshot.copy_from(shared, segments, inputs);
             cx.shared.snapshot.lock(read);
-            let report = |on: &mut Dialogue| on.report(&snapshot, requests);
-            let progress = cx.shared.dialogue.lock(report);
+            let report = |on: &mut SerialConsole| on.report(&snapshot, requests);
+            let progress = cx.shared.console.lock(report);
             if progress == Progress::Waiting {
                 released(&mut cx.shared.report_waker).await;
             }

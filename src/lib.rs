@@ -28,4 +28,6 @@ pub mod motion;
 
 pub mod protocol;
 
+pub mod tasks;
+
 pub mod sim;

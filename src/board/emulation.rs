@@ -24,7 +24,7 @@ use cortex_m::peripheral::{NVIC, SCB};
 
 use super::{
     pac,
-    release::{INPUTS, PREPARE, pend},
+    release::{INPUTS, PREPARE, pend_vector},
     step_timer, trace,
 };
 
@@ -85,7 +85,7 @@ pub(super) fn clock() -> u32 {
 
 /// How late an event is: none ever is.
 #[cfg(feature = "trace-emulated")]
-pub(super) const fn behind() -> u32 {
+pub(super) const fn lateness() -> u32 {
     0
 }
 
@@ -169,7 +169,7 @@ extern "C" fn TIM2() {
         SAMPLE_DUE.store(NOW.load(Relaxed).wrapping_add(ticks), Relaxed);
     }
     if memory::have_contacts_changed() {
-        pend(INPUTS);
+        pend_vector(INPUTS);
     } else if !step_timer::is_running() {
         if SAMPLE_TICKS.load(Relaxed) != 0 {
             take_sample();
@@ -201,7 +201,7 @@ fn count_millisecond() {
         WAKE_MS.store(left - 1, Relaxed);
         if left == 1 {
             IS_WAKE.store(true, Relaxed);
-            pend(PREPARE);
+            pend_vector(PREPARE);
         }
     }
 }
@@ -218,7 +218,7 @@ fn take_sample() {
     NOW.store(due, Relaxed);
     SAMPLE_DUE.store(due.wrapping_add(SAMPLE_TICKS.load(Relaxed)), Relaxed);
     IS_SAMPLE.store(true, Relaxed);
-    pend(INPUTS);
+    pend_vector(INPUTS);
 }
 
 /// Whether a millisecond has passed since this was asked last.

@@ -7,15 +7,15 @@
 
 use leadscrew::{
     machine::{Inputs, SAMPLE_TICKS, SAMPLES, Watch},
-    model::{Levels, Requests},
-    stepper::{EventTap, SegmentRing},
+    model::Levels,
+    stepper::EventTap,
+    tasks::{self, Cause, Unlocked},
     units::TICKS_PER_US,
 };
 
 use super::{
-    chosen, emulation, pac,
-    release::{PREPARE, pend},
-    step_output::StepSwitch,
+    ChipPort, chosen, emulation, pac,
+    step_output::{StepInterrupt, StepSwitch},
 };
 
 /// Time between two looks while nothing happens, µs.
@@ -107,14 +107,11 @@ impl InputTimer {
 impl InputPins {
     /// The body of `inputs`.
     #[inline]
-    pub(crate) fn serve(
-        &mut self,
-        requests: &Requests,
-        inputs: &Inputs,
-        segments: &SegmentRing,
-        mut step: impl rtic::Mutex<T = StepSwitch>,
-    ) {
-        let events = self.events;
+    pub(crate) fn serve(&mut self, shared: Unlocked<'_>, switch: impl rtic::Mutex<T = StepSwitch>) {
+        let mut steps = StepInterrupt {
+            switch,
+            played: self.events,
+        };
         let is_sample = take_due(&self.timer) && self.is_sampling;
         // Before the pins are read: what comes later must not be missed.
         let has_edge = if is_sample {
@@ -123,28 +120,26 @@ impl InputPins {
         } else {
             self.silence()
         };
-        let mut prepare = self.watch.latch(read(), inputs, events);
+        let cause = if is_sample {
+            Cause::Sample
+        } else {
+            Cause::Edge
+        };
+        let (closed, watch) = (read(), &mut self.watch);
+        let needs_sample = tasks::inputs(cause, closed, watch, shared, &mut steps, &mut ChipPort);
         // Apart, so that the worst of one is not added to the worst of the other.
         if is_sample {
-            let watched = self.watch.sample(inputs, requests);
-            if watched.halt_steps {
-                step.lock(|step| step.halt(events, segments));
-            }
             self.silent = self.silent.saturating_sub(1);
-            if !watched.sample_again && self.silent == 0 {
+            if !needs_sample && self.silent == 0 {
                 self.stop_sampling();
             }
-            prepare |= watched.release_prepare;
         } else {
-            if (self.watch.edge() || has_edge) && !self.is_sampling {
+            if (needs_sample || has_edge) && !self.is_sampling {
                 self.start_sampling();
             }
             if has_edge {
                 unpend();
             }
-        }
-        if prepare {
-            pend(PREPARE);
         }
     }
 

@@ -3,7 +3,7 @@
 //! A board module says which pins the machine is wired to and sets up the clocks; what the boards
 //! have in common is here. Everything that needs `unsafe` is in this folder.
 
-#[cfg(feature = "board-netduino-plus-2")]
+#[cfg(feature = "emulated")]
 mod emulation;
 #[cfg(feature = "board-netduino-plus-2")]
 mod netduino_plus_2;
@@ -12,7 +12,7 @@ use netduino_plus_2 as chosen;
 #[cfg(feature = "board-netduino-plus-2")]
 pub(crate) use netduino_plus_2::init;
 
-#[cfg(feature = "board-nucleo-f446re")]
+#[cfg(not(feature = "emulated"))]
 #[path = "no_emulation.rs"]
 mod emulation;
 #[cfg(feature = "board-nucleo-f446re")]
@@ -22,8 +22,8 @@ use nucleo_f446re as chosen;
 #[cfg(feature = "board-nucleo-f446re")]
 pub(crate) use nucleo_f446re::init;
 
-mod after_prepare;
-mod dialogue;
+mod actuators;
+mod console;
 mod flash;
 mod inputs;
 mod outputs;
@@ -44,12 +44,12 @@ pub(crate) mod trace;
 mod wake;
 mod wiring;
 
-pub(crate) use after_prepare::AfterPrepare;
-pub(crate) use dialogue::Dialogue;
+pub(crate) use actuators::Actuators;
+pub(crate) use console::SerialConsole;
 pub(crate) use inputs::{InputPins, InputTimer};
-pub(crate) use outputs::follow;
+pub(crate) use release::ChipPort;
 pub(crate) use serial::Receiver;
-pub(crate) use step_output::{StepOutput, StepSwitch};
+pub(crate) use step_output::{StepInterrupt, StepPins, StepSwitch};
 pub(crate) use stm32f4xx_hal::pac;
 pub(crate) use storage::Storage;
 
@@ -59,7 +59,7 @@ use stm32f4xx_hal::rcc::{Config, Enable, Rcc, RccExt};
 /// The peripherals the tasks drive.
 pub(crate) struct Board {
     /// Step and direction pins, and their timer.
-    pub(crate) output: StepOutput,
+    pub(crate) output: StepPins,
     /// What starts and stops that.
     pub(crate) step: StepSwitch,
     /// What comes from the sender.
@@ -67,7 +67,7 @@ pub(crate) struct Board {
     /// Switches, probe and buttons.
     pub(crate) inputs: InputTimer,
     /// Spindle, coolant and drivers, and what releases `prepare` after a time.
-    pub(crate) after: AfterPrepare,
+    pub(crate) actuators: Actuators,
     /// Where settings are stored, and what is stored there.
     pub(crate) storage: Storage,
     pub(crate) loaded: Loaded,

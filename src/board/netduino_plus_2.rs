@@ -35,7 +35,7 @@ use stm32f4xx_hal::{
 };
 
 use super::{
-    AfterPrepare, Board, InputTimer, Receiver, StepOutput, StepSwitch, Storage, emulation,
+    Actuators, Board, InputTimer, Receiver, StepPins, StepSwitch, Storage, emulation,
     flash::SettingsFlash,
     pac, pins,
     step_timer::StepTimer,
@@ -142,15 +142,15 @@ pub(crate) fn init(device: pac::Peripherals, mut core: Core) -> Board {
     let (usart, _) = serial.release();
     init_pwm(&device.TIM12, &mut rcc);
     // Before what may take its time: spindle and laser must not be on by chance.
-    let after = AfterPrepare::new(device.TIM6);
+    let actuators = Actuators::new(device.TIM6);
     let (storage, loaded) = Storage::load(SettingsFlash::new(device.FLASH));
     pins::init(&loaded.stored.settings);
     Board {
         step: StepSwitch::new(),
-        output: StepOutput::new(StepTimer::new(core.SYST)),
+        output: StepPins::new(StepTimer::new(core.SYST)),
         receiver: Receiver::new(usart),
         inputs: InputTimer::new(device.TIM7, device.EXTI, &device.SYSCFG, &mut core.NVIC),
-        after,
+        actuators,
         storage,
         loaded,
     }

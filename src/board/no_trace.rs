@@ -34,7 +34,7 @@ pub(crate) const fn prepare() -> Activation {
 }
 
 /// Begins a run of the handler that stands in for hardware.
-#[cfg(feature = "board-netduino-plus-2")]
+#[cfg(feature = "emulated")]
 #[inline]
 pub(super) const fn stand_in() -> Activation {
     Activation

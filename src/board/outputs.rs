@@ -4,14 +4,10 @@
 
 use core::sync::atomic::{AtomicU32, Ordering::Relaxed};
 
-use leadscrew::{
-    model::{Outputs, Spindle},
-    stepper::SegmentStart,
-};
+use leadscrew::model::{Outputs, Spindle};
 
 use super::{
     chosen, emulation, pins,
-    release::{PREPARE, SEGMENT_START, pend},
     wiring::{Pin, Wiring},
 };
 
@@ -40,11 +36,8 @@ impl SwitchOutputs {
         Self(off)
     }
 
-    /// Switches what has changed, the duty at rest only: in motion that is for `segment_start`.
-    pub(crate) fn apply(&mut self, outputs: &Outputs, is_at_rest: bool) {
-        if is_at_rest {
-            set_duty(outputs.duty);
-        }
+    /// Switches what has changed, but for the duty.
+    pub(super) fn apply(&mut self, outputs: &Outputs) {
         if *outputs != self.0 {
             if outputs.drivers != self.0.drivers {
                 pins::enable(outputs.drivers);
@@ -73,24 +66,12 @@ fn switch(outputs: &Outputs) {
     set(switches.mist, outputs.coolant.mist);
 }
 
-/// What is to be done when a segment has begun, or the step interrupt has stopped.
-#[inline]
-pub(crate) fn follow(turned: SegmentStart) {
-    if let Some(duty) = turned.duty {
-        set_duty(duty);
-    }
-    pend(PREPARE);
-    if turned.has_more {
-        pend(SEGMENT_START);
-    }
-}
-
 /// Sets the share of time for which the PWM is high, 0 to [`Outputs::FULL`].
 ///
 /// Takes effect with the next period, at most 0.2 ms later. `segment_start` calls it while the step
 /// interrupt runs, `prepare` while it stands.
 #[inline]
-fn set_duty(duty: u16) {
+pub(super) fn set_duty(duty: u16) {
     let duty = u32::from(duty);
     if duty != DUTY.load(Relaxed) {
         DUTY.store(duty, Relaxed);
@@ -99,7 +80,7 @@ fn set_duty(duty: u16) {
 }
 
 /// The duty output now.
-#[cfg(feature = "board-netduino-plus-2")]
+#[cfg(feature = "emulated")]
 pub(super) fn duty() -> u32 {
     DUTY.load(Relaxed)
 }

@@ -180,7 +180,7 @@ impl Wiring {
 
 /// What the next event outputs, read back from its port words: axes whose pulse begins, and the
 /// directions, those of before for axes whose output does not change.
-#[cfg(feature = "board-netduino-plus-2")]
+#[cfg(feature = "emulated")]
 pub(super) fn read_next(before: u8) -> (u32, u8) {
     let next = SHARED.next.get();
     let (mut axes, mut directions) = (0, before);
@@ -205,7 +205,7 @@ pub(super) fn read_next(before: u8) -> (u32, u8) {
 
 /// Takes over the polarities `$2`, `$3` and `$4` if they have changed. At rest only: no pulse may
 /// end by a new polarity. A call costs next to nothing when nothing has changed.
-pub(crate) fn follow(settings: &Settings) {
+pub(super) fn configure_if_changed(settings: &Settings) {
     if polarity(settings) != POLARITY.load(Relaxed) {
         configure(settings);
     }

@@ -1,4 +1,4 @@
-//! Releases by software: the vectors that tasks borrow, and how endless tasks wait to be woken.
+//! Releases by software: the vectors that tasks borrow, and how endless tasks wait to be released.
 
 use core::{
     future::poll_fn,
@@ -6,23 +6,50 @@ use core::{
     task::{Poll, Waker},
 };
 
-use super::{pac::Interrupt, trace};
+use leadscrew::tasks::{Port, Task};
+
+use super::{outputs, pac::Interrupt, trace};
 
 /// Releases `prepare`, as its timer does.
 pub(crate) const PREPARE: Interrupt = Interrupt::TIM6_DAC;
 /// Releases `inputs`, as its timer does.
-#[cfg(feature = "board-netduino-plus-2")]
+#[cfg(feature = "emulated")]
 pub(super) const INPUTS: Interrupt = Interrupt::TIM7;
 /// Releases `segment_start`.
 pub(crate) const SEGMENT_START: Interrupt = Interrupt::I2C3_EV;
 /// Releases `wake`.
 pub(crate) const WAKE: Interrupt = Interrupt::I2C3_ER;
 
-/// Releases a task by its vector.
+/// Releases a task.
 #[inline]
-pub(crate) fn pend(vector: Interrupt) {
+pub(super) fn pend(task: Task) {
+    match task {
+        Task::SegmentStart => pend_vector(SEGMENT_START),
+        Task::Prepare => pend_vector(PREPARE),
+        Task::Wake => rtic::pend(WAKE),
+    }
+}
+
+/// Releases a task by its vector, and records when.
+#[inline]
+pub(super) fn pend_vector(vector: Interrupt) {
     trace::release(vector);
     rtic::pend(vector);
+}
+
+/// What every task but `prepare` has of the chip.
+pub(crate) struct ChipPort;
+
+impl Port for ChipPort {
+    #[inline]
+    fn pend(&mut self, task: Task) {
+        pend(task);
+    }
+
+    #[inline]
+    fn set_duty(&mut self, duty: u16) {
+        outputs::set_duty(duty);
+    }
 }
 
 /// Waits until `wake` has run.

@@ -7,15 +7,12 @@
 //! interrupt in the time of a byte.
 
 use leadscrew::{
-    model::{Awaited, Release, Requests, queues::SENT_RING},
-    protocol::{ByteReader, ByteWriter, realtime},
+    model::{Awaited, Requests, queues::SENT_RING},
+    protocol::{ByteReader, ByteWriter},
+    tasks::{self, Port as _, Task},
 };
 
-use super::{
-    chosen::Usart,
-    pac::usart1::RegisterBlock as UsartRegisters,
-    release::{PREPARE, WAKE, pend},
-};
+use super::{ChipPort, chosen::Usart, pac::usart1::RegisterBlock as UsartRegisters};
 
 /// Bytes left to send when a task that waits for room is woken, besides none.
 const SENT_HALF: usize = SENT_RING / 2;
@@ -57,11 +54,7 @@ fn take_in(usart: &UsartRegisters, requests: &Requests, received: &mut ByteWrite
         return;
     }
     let byte = usart.dr().read().dr().bits() as u8;
-    match realtime::receive(byte, requests, received) {
-        Release::Nobody => {}
-        Release::Interpret | Release::Report => rtic::pend(WAKE),
-        Release::Prepare => pend(PREPARE),
-    }
+    tasks::serial_rx(byte, requests, received, &mut ChipPort);
 }
 
 /// Takes bytes in while `serial_rx` is held up.
@@ -132,7 +125,7 @@ impl Transmitter {
         let after = self.0.len();
         let has_come_to = |waiting| after <= waiting && waiting < before;
         if (has_come_to(0) || has_come_to(SENT_HALF)) && requests.awaits(Awaited::ROOM) {
-            rtic::pend(WAKE);
+            ChipPort.pend(Task::Wake);
         }
     }
 }

@@ -18,7 +18,7 @@ use leadscrew::stepper::StepEvent;
 use super::{emulation, pac::Interrupt, trace};
 
 /// Core cycles in a tick of the events' times: it counts half ticks.
-#[cfg(feature = "board-netduino-plus-2")]
+#[cfg(feature = "emulated")]
 const CYCLES_PER_TICK: u32 = 2;
 
 /// Bits of SysTick's control register: it counts, it interrupts, what it counts are core cycles.
@@ -39,10 +39,10 @@ impl StepTimer {
     /// Makes the time from the next interrupt to the one behind it that of an event. What else the
     /// interrupt does with the processor's registers goes through what this returns.
     #[inline]
-    pub(super) fn then(&mut self, event: StepEvent) -> Near {
-        let near = Near::after(event);
-        near.write(RELOAD, event.half_ticks_less_one());
-        near
+    pub(super) fn set_reload(&mut self, event: StepEvent) -> SystemControl {
+        let system = SystemControl::after(event);
+        system.write(RELOAD, event.half_ticks_less_one());
+        system
     }
 
     /// Releases a task by its vector if an event is the first of a segment: in the same time if not.
@@ -51,20 +51,20 @@ impl StepTimer {
     /// that has to be saved.
     #[inline]
     pub(super) fn pend(&mut self, vector: Interrupt, event: StepEvent) {
-        Near::after(event).pend(vector, event.is_boundary());
+        SystemControl::after(event).pend(vector, event.is_boundary());
     }
 
     /// No interrupt until the next [`start`].
     #[inline]
-    pub(super) fn stop(&mut self) -> Near {
-        let near = Near::after(StepEvent::NONE);
-        near.write(CONTROL, CORE_CYCLES);
-        near.write(STATE, NOT_DUE);
-        near
+    pub(super) fn stop(&mut self) -> SystemControl {
+        let system = SystemControl::after(StepEvent::NONE);
+        system.write(CONTROL, CORE_CYCLES);
+        system.write(STATE, NOT_DUE);
+        system
     }
 }
 
-/// Where registers are that the step interrupt uses, from [`Near`]: control and reload value of the
+/// Where registers are that the step interrupt uses, from [`SystemControl`]: control and reload value of the
 /// timer, the state of exceptions, and what releases vectors.
 const CONTROL: usize = 0x10;
 const RELOAD: usize = 0x14;
@@ -79,9 +79,9 @@ const NOT_DUE: u32 = 1 << 25;
 /// All that it uses are within reach of one address. The compiler does not see that, and would make
 /// an address for each; this one it cannot look through.
 #[derive(Clone, Copy)]
-pub(super) struct Near(*mut u32);
+pub(super) struct SystemControl(*mut u32);
 
-impl Near {
+impl SystemControl {
     /// Makes the address when an event is known: earlier it would be in the way.
     #[inline]
     #[expect(unsafe_code, reason = "an address that is opaque")]
@@ -110,7 +110,7 @@ impl Near {
     /// 0 if not: the bits above are of exceptions that nothing here makes due.
     #[inline]
     #[expect(unsafe_code, reason = "a register by its address")]
-    pub(super) fn behind(self) -> u32 {
+    pub(super) fn is_late(self) -> u32 {
         let register = self.0.wrapping_byte_add(STATE);
         // SAFETY: reads a register without side effects.
         unsafe { register.read_volatile() >> DUE }
@@ -130,7 +130,7 @@ impl Near {
 
 /// Makes the time from the next interrupt to the one behind it that of the event that the step
 /// interrupt did not know of.
-pub(super) fn then(event: StepEvent) {
+pub(super) fn set_reload(event: StepEvent) {
     reload(registers(), event);
     // An interrupt that has come before that runs before this ends.
     dsb();
@@ -147,10 +147,10 @@ pub(super) fn set_up(event: StepEvent) {
     }
 }
 
-/// Interrupts for the first time when what has been set up is over; then as [`StepTimer::then`].
+/// Interrupts for the first time when what has been set up is over; then as [`StepTimer::set_reload`].
 /// Only while the timer stands, and with the lock around it.
 #[inline]
-pub(super) fn start(then: StepEvent) {
+pub(super) fn start(following: StepEvent) {
     let timer = registers();
     let counts = if emulation::is_emulated() {
         CORE_CYCLES
@@ -161,7 +161,7 @@ pub(super) fn start(then: StepEvent) {
     // the first interrupt is later, and the time behind it still right.
     control(timer, counts);
     dsb();
-    reload(timer, then);
+    reload(timer, following);
     control(timer, counts | INTERRUPTS);
 }
 
@@ -174,17 +174,17 @@ pub(super) fn halt() {
     isb();
 }
 
-/// Core cycles since the event that is served was due: until [`StepTimer::then`], the counter has
+/// Core cycles since the event that is served was due: until [`StepTimer::set_reload`], the counter has
 /// begun with what is in the reload register.
 #[cfg(all(feature = "trace", not(feature = "trace-emulated")))]
 #[inline]
-pub(super) fn behind() -> u32 {
+pub(super) fn lateness() -> u32 {
     let timer = registers();
     timer.rvr.read().wrapping_sub(timer.cvr.read())
 }
 
 /// Ticks from the next interrupt to the one behind it.
-#[cfg(feature = "board-netduino-plus-2")]
+#[cfg(feature = "emulated")]
 pub(super) fn reload_ticks() -> u32 {
     (registers().rvr.read() + 1) / CYCLES_PER_TICK
 }

@@ -2,8 +2,8 @@
 
 use leadscrew::{
     model::Requests,
-    protocol::{ByteWriter, Progress, Session},
-    settings::{Journal, Loaded},
+    protocol::ByteWriter,
+    settings::{Change, Journal, Loaded, StoreError, Stored},
 };
 
 use super::{flash::SettingsFlash, proven, serial::Deputy};
@@ -26,12 +26,8 @@ impl Storage {
         flash.appoint(Deputy::new(requests, received));
     }
 
-    /// Stores what the session asks for; then it has to go on. It asks at rest only: this may take
-    /// 0.8 s.
-    pub(crate) fn serve(&mut self, session: &mut Session) -> Option<Progress> {
-        let change = session.wants_store()?;
-        let result = self.0.write(change, session.stored());
-        session.has_stored(result);
-        Some(Progress::Again)
+    /// Stores a change. At rest only: this may take 0.8 s.
+    pub(super) fn write(&mut self, change: Change, stored: &Stored) -> Result<(), StoreError> {
+        self.0.write(change, stored)
     }
 }

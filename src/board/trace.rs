@@ -24,15 +24,15 @@ use super::{
 mod rings;
 
 #[cfg(not(feature = "trace-emulated"))]
-use super::step_timer::behind;
+use super::step_timer::lateness;
 
 #[cfg(feature = "trace-emulated")]
-use super::emulation::{behind, clock as now};
+use super::emulation::{clock as now, lateness};
 
 /// The tasks, by the number of their ring: the highest priority first.
 const STEP: usize = 0;
 /// What stands in for hardware in the emulator.
-#[cfg(feature = "board-netduino-plus-2")]
+#[cfg(feature = "emulated")]
 const STAND_IN: usize = 1;
 const SERIAL_RX: usize = 2;
 const SEGMENT_START_TASK: usize = 3;
@@ -64,7 +64,7 @@ pub(crate) struct Activation<const TASK: usize> {
 /// Begins an activation of `step`, which is due at a time of its timer: in the emulator at once.
 #[inline]
 pub(crate) fn step() -> Activation<STEP> {
-    Activation::start(behind())
+    Activation::start(lateness())
 }
 
 /// Begins an activation of `serial_rx`. When the byte has come, nobody can tell.
@@ -93,7 +93,7 @@ pub(crate) fn prepare() -> Activation<PREPARE_TASK> {
 }
 
 /// Begins a run of the handler that stands in for hardware.
-#[cfg(feature = "board-netduino-plus-2")]
+#[cfg(feature = "emulated")]
 #[inline]
 pub(super) fn stand_in() -> Activation<STAND_IN> {
     Activation::begin(None)

@@ -1,8 +1,13 @@
-//! The step timer, its interrupt and that of the inputs on a virtual clock.
+//! `prepare` and the interrupts of steps and inputs on a virtual clock.
 
-use heapless::spsc::Queue;
+use heapless::spsc::{Producer, Queue};
+use rtic_core::Exclusive;
 
-use super::{Switch, contacts::Contacts};
+use super::{
+    Switch,
+    contacts::Contacts,
+    port::{VirtualPort, VirtualSteps, VirtualTimer},
+};
 use crate::{
     axis::Axes,
     machine::{Inputs, SAMPLE_TICKS, Snapshot, Watch},
@@ -10,8 +15,8 @@ use crate::{
     motion::Motion,
     path::Entry,
     settings::Settings,
-    stepper::{EventRing, SegmentRing, StepEvent, Upcoming},
-    units::TICKS_PER_MS,
+    stepper::{EventRing, SegmentRing},
+    tasks::{self, Cause, Port, Task, Unlocked},
 };
 
 /// What the step pins do at one instant.
@@ -41,21 +46,14 @@ pub struct Drive {
     /// Entries for `prepare`.
     pub entries: Queue<Entry, ENTRY_RING>,
     events: EventRing,
-    /// When the step interrupt is due, and what the pins do then: what is set up.
-    due: Option<Edge>,
-    /// Levels of the direction outputs.
-    directions: u8,
-    /// When `prepare` wants to be woken.
-    wake_due: Option<u64>,
-    outputs: Outputs,
+    timer: VirtualTimer,
+    port: VirtualPort,
     contacts: Contacts,
     watch: Watch,
     /// When the inputs are sampled next, ticks.
     sample_due: Option<u64>,
     /// A contact has changed, and the input interrupt has not run since.
     is_watch_released: bool,
-    is_prepare_released: bool,
-    has_news: bool,
 }
 
 impl Drive {
@@ -76,16 +74,12 @@ impl Drive {
             inputs,
             entries: Queue::new(),
             events: const { EventRing::new() },
-            due: None,
-            directions: 0,
-            wake_due: None,
-            outputs: Outputs::default(),
-            is_prepare_released: true,
-            has_news: false,
+            timer: VirtualTimer::new(),
+            port: VirtualPort::new(Outputs::default()),
         };
         drive.snapshot = drive.motion.power_up(settings, &drive.inputs);
         drive.watch = Watch::new(Levels::NONE, &drive.inputs);
-        drive.outputs = *drive.motion.outputs();
+        drive.port.outputs = *drive.motion.outputs();
         drive
     }
 
@@ -98,28 +92,28 @@ impl Drive {
     /// When the step interrupt is due, ticks.
     #[must_use]
     pub fn due(&self) -> Option<u64> {
-        self.due.map(|edge| edge.ticks)
+        self.timer.due()
     }
 
-    /// When `prepare` wants to be woken, ticks: [`Drive::wake`] does it.
+    /// Returns when `prepare` is released after a delay, ticks: [`Drive::wake`] does it.
     #[must_use]
     pub const fn wake_due(&self) -> Option<u64> {
-        self.wake_due
+        self.port.wake_due
     }
 
-    /// Wakes `prepare` if it is time.
-    pub fn wake(&mut self, requests: &Requests, now: u64) {
-        if self.wake_due.is_some_and(|due| due <= now) {
-            self.wake_due = None;
-            requests.wake();
-            self.release_prepare();
+    /// Releases `prepare` if its delay is over.
+    pub fn wake(&mut self, now: u64) {
+        if self.port.wake_due.is_some_and(|due| due <= now) {
+            self.port.wake_due = None;
+            self.port.is_wake_over = true;
+            self.port.pend(Task::Prepare);
         }
     }
 
     /// What is switched now, with the duty that is output.
     #[must_use]
     pub const fn outputs(&self) -> &Outputs {
-        &self.outputs
+        &self.port.outputs
     }
 
     /// When the inputs are sampled next, ticks: [`Drive::watch`] does it.
@@ -159,99 +153,92 @@ impl Drive {
 
     /// Runs the input interrupt if it has been released: it comes before `prepare`.
     pub fn watch(&mut self, requests: &Requests, now: u64) {
-        let events = self.events.split().0.tap();
-        let closed = self.contacts.closed;
-        let (watch, inputs) = (&mut self.watch, &self.inputs);
         let is_edge = core::mem::take(&mut self.is_watch_released);
         if !is_edge && self.sample_due.is_none_or(|due| due > now) {
             return;
         }
-        self.is_prepare_released |= watch.latch(closed, inputs, events);
-        let samples = if is_edge {
-            watch.edge()
+        let cause = if is_edge {
+            Cause::Edge
         } else {
             self.sample_due = None;
-            let watched = watch.sample(inputs, requests);
-            if watched.halt_steps {
-                self.due = None;
-                events.halt(&self.segments);
-            }
-            self.is_prepare_released |= watched.release_prepare;
-            watched.sample_again
+            Cause::Sample
         };
-        if samples && self.sample_due.is_none() {
+        let shared = Unlocked {
+            requests,
+            inputs: &self.inputs,
+            segments: &self.segments,
+        };
+        let mut steps = VirtualSteps {
+            timer: &mut self.timer,
+            events: self.events.split().0.tap(),
+        };
+        let (closed, watch) = (self.contacts.closed, &mut self.watch);
+        let needs_sample = tasks::inputs(cause, closed, watch, shared, &mut steps, &mut self.port);
+        if needs_sample && self.sample_due.is_none() {
             self.sample_due = Some(now + u64::from(SAMPLE_TICKS));
         }
     }
 
+    /// What `interpret` reads, fills and releases.
+    pub(super) fn for_interpret(&mut self) -> (&Snapshot, Producer<'_, Entry>, &mut VirtualPort) {
+        (&self.snapshot, self.entries.split().0, &mut self.port)
+    }
+
+    /// What releases tasks, for those of the protocol.
+    pub(super) const fn port(&mut self) -> &mut VirtualPort {
+        &mut self.port
+    }
+
     /// Releases `prepare`.
     pub fn release_prepare(&mut self) {
-        self.is_prepare_released = true;
+        self.port.pend(Task::Prepare);
     }
 
-    /// Whether `prepare` has released `interpret` since this was asked last.
-    pub fn take_news(&mut self) -> bool {
-        core::mem::take(&mut self.has_news)
+    /// Returns once whether the tasks of the protocol have been released.
+    pub fn take_wake(&mut self) -> bool {
+        core::mem::take(&mut self.port.is_wake_released)
     }
 
-    /// Runs `prepare` if it has been released; tells whether it ran.
+    /// Runs `prepare` if it has been released. Returns whether it ran.
     pub fn prepare(&mut self, requests: &Requests, now: u64) -> bool {
-        if !self.is_prepare_released {
+        if !core::mem::take(&mut self.port.is_prepare_released) {
             return false;
         }
+        (self.timer.now, self.port.now) = (now, now);
         let (_, mut entries) = self.entries.split();
         let (mut events, _) = self.events.split();
-        let prepared = self.motion.run(
+        let shared = Unlocked {
             requests,
-            &self.inputs,
-            &self.segments,
+            inputs: &self.inputs,
+            segments: &self.segments,
+        };
+        let mut steps = VirtualSteps {
+            timer: &mut self.timer,
+            events: events.tap(),
+        };
+        tasks::prepare(
+            &mut self.motion,
             &mut entries,
             &mut events,
-            &mut self.snapshot,
+            shared,
+            &mut Exclusive(&mut self.snapshot),
+            &mut steps,
+            &mut self.port,
         );
         self.snapshot.observe(&self.segments, &self.inputs);
-        self.is_prepare_released = prepared.run_again;
-        self.has_news |= prepared.wake_interpret;
-        if prepared.outputs_changed
-            && let Some(milliseconds) = self.motion.take_delay_ms()
-        {
-            self.wake_due = Some(now + u64::from(milliseconds) * u64::from(TICKS_PER_MS));
-        }
-        let outputs = self.motion.outputs();
-        let duty = if self.segments.is_running() || prepared.start_steps {
-            self.outputs.duty
-        } else {
-            outputs.duty
-        };
-        self.outputs = Outputs { duty, ..*outputs };
-        if let Some(missed) = events.appended_late(&self.segments) {
-            events.append(missed);
-        }
-        if prepared.start_steps {
-            self.start(now);
-        }
+        self.segment_start();
         true
-    }
-
-    /// Starts the step timer, which stands.
-    fn start(&mut self, now: u64) {
-        debug_assert!(self.due.is_none(), "a timer that runs is started");
-        let (mut events, _) = self.events.split();
-        let upcoming = events.set_up();
-        self.segments.start();
-        self.set_up(now, upcoming);
     }
 
     /// The step interrupt, and `segment_start` if that is released: what the pins do now.
     pub fn step(&mut self) -> Option<Edge> {
-        let edge = self.due?;
-        self.directions = edge.directions;
+        let edge = self.timer.edge(self.port.outputs.duty)?;
         let (_, mut events) = self.events.split();
-        let upcoming = events.advance();
-        if upcoming.is_none() {
-            self.segments.stop();
+        tasks::step(&mut self.timer, &mut events, &self.segments);
+        if core::mem::take(&mut self.timer.is_segment_start_released) {
+            self.port.pend(Task::SegmentStart);
         }
-        self.set_up(edge.ticks, upcoming);
+        self.segment_start();
         if edge.raise != 0 {
             self.contacts.step(&edge);
             self.look();
@@ -259,23 +246,11 @@ impl Drive {
         Some(edge)
     }
 
-    /// Sets up what comes after a time, and runs `segment_start` if that is released.
-    fn set_up(&mut self, before: u64, upcoming: Option<Upcoming>) {
-        let event = upcoming.map(|upcoming| upcoming.event);
-        let mut releases_turn = event.is_none_or(StepEvent::is_boundary);
-        while releases_turn {
-            let (events, _) = self.events.split();
-            let turned = self.segments.start_segment(events.tap());
-            self.outputs.duty = turned.duty.unwrap_or(self.outputs.duty);
-            self.is_prepare_released = true;
-            releases_turn = turned.has_more;
+    /// Runs `segment_start` until it is not released: it comes before all but `step`.
+    fn segment_start(&mut self) {
+        while core::mem::take(&mut self.port.is_segment_start_released) {
+            let played = self.events.split().0.tap();
+            tasks::segment_start(&self.segments, played, &mut self.port);
         }
-        self.due = event.map(|event| Edge {
-            ticks: before + u64::from(event.ticks()),
-            raise: event.raise(),
-            drop: event.drop(),
-            directions: event.directions().unwrap_or(self.directions),
-            duty: self.outputs.duty,
-        });
     }
 }

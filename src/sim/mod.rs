@@ -3,6 +3,7 @@
 mod contacts;
 mod drive;
 mod flash;
+mod port;
 mod simulator;
 mod stream;
 mod tally;

@@ -5,12 +5,13 @@ use crate::{
     axis::Axes,
     machine::Snapshot,
     model::{
-        Levels, Outputs, Release, Requests,
+        Levels, Outputs, Requests,
         queues::{RECEIVED_RING, SENT_RING},
     },
-    protocol::{Bytes, Progress, Session, realtime},
+    protocol::{Bytes, Progress, Session},
     settings::{Change, Journal, Loaded, Settings, StepRate, Stored},
     stepper::SegmentRing,
+    tasks::{self, Console},
 };
 
 /// The machine behind its serial line, on a virtual clock of timer ticks.
@@ -134,11 +135,15 @@ impl Simulator {
     /// A byte arrives.
     pub fn receive(&mut self, byte: u8) {
         let (mut line, _) = self.received.split();
-        match realtime::receive(byte, &self.requests, &mut line) {
-            Release::Nobody => {}
-            Release::Interpret => self.is_interpret_released = true,
-            Release::Report => self.is_report_released = true,
-            Release::Prepare => self.drive.release_prepare(),
+        tasks::serial_rx(byte, &self.requests, &mut line, self.drive.port());
+        self.wake();
+    }
+
+    /// Releases the tasks of the protocol as `wake` does.
+    fn wake(&mut self) {
+        if self.drive.take_wake() {
+            self.is_interpret_released = true;
+            self.is_report_released |= self.requests.wants_status();
         }
     }
 
@@ -192,9 +197,9 @@ impl Simulator {
     pub fn settle(&mut self) {
         loop {
             self.drive.watch(&self.requests, self.now);
-            self.drive.wake(&self.requests, self.now);
+            self.drive.wake(self.now);
             if self.drive.prepare(&self.requests, self.now) {
-                self.is_interpret_released |= self.drive.take_news();
+                self.wake();
             } else if self.is_report_released {
                 self.report();
             } else if self.is_interpret_released {
@@ -214,45 +219,33 @@ impl Simulator {
         edge
     }
 
-    fn interpret(&mut self) {
-        let waiting = self.drive.entries.len();
-        let (_, mut received) = self.received.split();
-        let (mut sent, _) = self.sent.split();
-        let (mut entries, _) = self.drive.entries.split();
-        let progress = self.session.run(
-            &self.drive.snapshot,
-            &self.requests,
-            &mut received,
-            &mut sent,
-            &mut entries,
-        );
-        self.is_interpret_released = progress == Progress::Again;
-        if let Some(change) = self.session.wants_store() {
-            self.store(change);
-        }
-        if self.session.takes_release() | (self.drive.entries.len() != waiting) {
-            self.drive.release_prepare();
-        }
-    }
-
-    /// Stores what the session wants stored.
-    ///
     /// # Panics
-    /// If anything moves: the chip could not output steps meanwhile.
-    fn store(&mut self, change: Change) {
+    /// If anything moves while something is stored: the chip could not output steps meanwhile.
+    fn interpret(&mut self) {
         let is_at_rest = self.drive.due().is_none() && self.snapshot().is_at_rest;
-        assert!(is_at_rest, "the flash is written at rest only");
-        let result = self.journal.write(change, self.session.stored());
-        self.session.has_stored(result);
-        self.is_interpret_released = true;
+        let console = Console {
+            session: &mut self.session,
+            received: &mut self.received.split().1,
+            sent: &mut self.sent.split().0,
+        };
+        let journal = &mut self.journal;
+        let store = |change, stored: &Stored| {
+            assert!(is_at_rest, "the flash is written at rest only");
+            journal.write(change, stored)
+        };
+        let (snapshot, mut entries, port) = self.drive.for_interpret();
+        let requests = &self.requests;
+        let progress = tasks::interpret(console, snapshot, requests, &mut entries, store, port);
+        self.is_interpret_released = progress == Progress::Again;
     }
 
     fn report(&mut self) {
-        let free = self.received_free();
-        let (mut sent, _) = self.sent.split();
-        let progress = self
-            .session
-            .report(&self.drive.snapshot, &self.requests, free, &mut sent);
+        let console = Console {
+            session: &mut self.session,
+            received: &mut self.received.split().1,
+            sent: &mut self.sent.split().0,
+        };
+        let progress = tasks::report(console, self.drive.snapshot(), &self.requests);
         self.is_report_released = progress == Progress::Again;
     }
 }

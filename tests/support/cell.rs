@@ -152,7 +152,7 @@ impl Cell {
                 self.trace.push(edge, line);
             }
         }
-        self.drive.wake(&self.requests, self.now);
+        self.drive.wake(self.now);
         self.settle();
     }
 

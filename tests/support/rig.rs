@@ -227,7 +227,7 @@ impl Rig {
     }
 
     fn wake(&mut self) {
-        self.drive.wake(&self.requests, self.now);
+        self.drive.wake(self.now);
     }
 
     /// Runs to a time, with nothing from outside.

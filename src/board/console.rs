@@ -6,25 +6,22 @@ use leadscrew::{
     model::Requests,
     path::Entry,
     protocol::{ByteReader, ByteWriter, Progress, Session},
+    tasks::{self, Console},
 };
 
-use super::{
-    Storage, pins,
-    release::{PREPARE, pend},
-    serial::Transmitter,
-};
+use super::{ChipPort, Storage, pins, serial::Transmitter};
 
 /// The session and its queues, which are small and come first in memory.
 #[expect(unreachable_pub, reason = "RTIC wants what is locked to be public")]
 #[repr(C)]
-pub struct Dialogue {
+pub struct SerialConsole {
     received: ByteReader<'static>,
     sent: ByteWriter<'static>,
     transmitter: Transmitter,
     session: Session,
 }
 
-impl Dialogue {
+impl SerialConsole {
     /// About what is received; what is to be sent goes through a queue.
     pub(crate) const fn new(
         session: Session,
@@ -47,34 +44,35 @@ impl Dialogue {
         entries: &mut Producer<'static, Entry>,
         storage: &mut Storage,
     ) -> Progress {
-        let session = &mut self.session;
-        let entered = session.entered();
-        let (received, sent) = (&mut self.received, &mut self.sent);
-        let progress = session.run(snapshot, requests, received, sent, entries);
-        let new = session.entered().wrapping_sub(entered) as usize;
-        // While an older entry waits, `prepare` looks again by itself.
-        if session.takes_release() | (new != 0 && entries.len() <= new) {
-            pend(PREPARE);
-        }
-        let progress = storage.serve(session).unwrap_or(progress);
+        let store = |change, stored: &_| storage.write(change, stored);
+        let console = self.console();
+        let port = &mut ChipPort;
+        let progress = tasks::interpret(console, snapshot, requests, entries, store, port);
         // Settings change at rest only, and nothing moves before the session goes on.
-        pins::follow(session.settings());
+        pins::configure_if_changed(self.session.settings());
         self.transmitter.send_all(requests);
         progress
     }
 
     /// The body of `report`.
     pub(crate) fn report(&mut self, snapshot: &Snapshot, requests: &Requests) -> Progress {
-        let free = self.received.capacity() - self.received.len();
-        let sent = &mut self.sent;
-        let progress = self.session.report(snapshot, requests, free, sent);
+        let progress = tasks::report(self.console(), snapshot, requests);
         self.transmitter.send_all(requests);
         progress
     }
 
-    /// The body of `idle`: sends a byte if any are left and the port takes one; whether any were.
+    const fn console(&mut self) -> Console<'_, 'static> {
+        Console {
+            session: &mut self.session,
+            received: &mut self.received,
+            sent: &mut self.sent,
+        }
+    }
+
+    /// The body of `idle`: sends a byte if any are left and the port takes one. Returns whether any were
+    /// left.
     ///
-    /// It does not look at the port for nothing: in the emulator, each look wakes another thread.
+    /// Reads the port's status only then: in the emulator, each read wakes another thread.
     pub(crate) fn send_rest(&mut self, requests: &Requests) -> bool {
         let is_any_left = !self.transmitter.is_done();
         if is_any_left {

@@ -1,0 +1,164 @@
+//! The machine under the tasks on a virtual clock.
+
+use super::Edge;
+use crate::{
+    model::Outputs,
+    stepper::{EventTap, SegmentRing, StepEvent, Upcoming},
+    tasks::{Port, PreparePort, StepOutput, StepPort, Task},
+    units::TICKS_PER_MS,
+};
+
+/// Which tasks are released, the outputs, and the timer of `prepare`.
+#[derive(Debug)]
+pub(super) struct VirtualPort {
+    /// The time, ticks.
+    pub(super) now: u64,
+    /// What is switched, with the duty that is output.
+    pub(super) outputs: Outputs,
+    /// When `prepare` is released, ticks.
+    pub(super) wake_due: Option<u64>,
+    /// That time is over.
+    pub(super) is_wake_over: bool,
+    pub(super) is_segment_start_released: bool,
+    pub(super) is_prepare_released: bool,
+    pub(super) is_wake_released: bool,
+}
+
+impl VirtualPort {
+    /// With `prepare` released, as at power-up.
+    pub(super) const fn new(outputs: Outputs) -> Self {
+        Self {
+            now: 0,
+            outputs,
+            wake_due: None,
+            is_wake_over: false,
+            is_segment_start_released: false,
+            is_prepare_released: true,
+            is_wake_released: false,
+        }
+    }
+}
+
+impl Port for VirtualPort {
+    fn pend(&mut self, task: Task) {
+        match task {
+            Task::SegmentStart => self.is_segment_start_released = true,
+            Task::Prepare => self.is_prepare_released = true,
+            Task::Wake => self.is_wake_released = true,
+        }
+    }
+
+    fn set_duty(&mut self, duty: u16) {
+        self.outputs.duty = duty;
+    }
+}
+
+impl PreparePort for VirtualPort {
+    fn take_wake(&mut self) -> bool {
+        core::mem::take(&mut self.is_wake_over)
+    }
+
+    fn wake_in(&mut self, milliseconds: u16) {
+        let ticks = u64::from(milliseconds) * u64::from(TICKS_PER_MS);
+        self.wake_due = Some(self.now + ticks);
+    }
+
+    fn switch(&mut self, outputs: &Outputs) {
+        let duty = self.outputs.duty;
+        self.outputs = Outputs { duty, ..*outputs };
+    }
+}
+
+/// The step timer and the pins of an event. It is never late.
+#[derive(Debug)]
+pub(super) struct VirtualTimer {
+    /// When the event before was played, or the timer is started, ticks.
+    pub(super) now: u64,
+    /// The event that is set up, and when it is due.
+    due: Option<(u64, StepEvent)>,
+    /// Levels of the direction outputs.
+    directions: u8,
+    /// An event of those set up is the first of a segment, or there is none.
+    pub(super) is_segment_start_released: bool,
+}
+
+impl VirtualTimer {
+    /// Standing.
+    pub(super) const fn new() -> Self {
+        Self {
+            now: 0,
+            due: None,
+            directions: 0,
+            is_segment_start_released: false,
+        }
+    }
+
+    /// Returns when the event is due that is set up.
+    pub(super) fn due(&self) -> Option<u64> {
+        self.due.map(|(ticks, _)| ticks)
+    }
+
+    /// Returns what the event that is set up does to the pins.
+    pub(super) fn edge(&self, duty: u16) -> Option<Edge> {
+        let (ticks, event) = self.due?;
+        Some(Edge {
+            ticks,
+            raise: event.raise(),
+            drop: event.drop(),
+            directions: event.directions().unwrap_or(self.directions),
+            duty,
+        })
+    }
+}
+
+impl StepPort for VirtualTimer {
+    fn output(&mut self) {
+        if let Some((ticks, event)) = self.due.take() {
+            self.now = ticks;
+            self.directions = event.directions().unwrap_or(self.directions);
+        }
+    }
+
+    fn set_reload(&mut self, _following: StepEvent) -> u32 {
+        0
+    }
+
+    fn set_up(&mut self, event: StepEvent) {
+        self.due = Some((self.now + u64::from(event.ticks()), event));
+    }
+
+    fn pend_segment_start(&mut self, event: StepEvent) {
+        self.is_segment_start_released |= event.is_boundary();
+    }
+
+    fn stop(&mut self) {
+        self.is_segment_start_released = true;
+    }
+}
+
+/// The step timer for the tasks below `step`.
+pub(super) struct VirtualSteps<'a> {
+    pub(super) timer: &'a mut VirtualTimer,
+    pub(super) events: EventTap<'a>,
+}
+
+impl StepOutput for VirtualSteps<'_> {
+    fn start(&mut self, first: Upcoming, segments: &SegmentRing) {
+        debug_assert!(self.timer.due.is_none(), "a timer that runs is started");
+        if !segments.is_halted() {
+            segments.start();
+            self.timer.set_up(first.event);
+        }
+    }
+
+    fn stop(&mut self, segments: &SegmentRing) {
+        self.timer.due = None;
+        self.events.halt(segments);
+    }
+
+    fn append(&mut self, _event: StepEvent) {}
+
+    fn played(&self) -> EventTap<'_> {
+        self.events
+    }
+}

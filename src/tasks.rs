@@ -1,0 +1,288 @@
+//! The bodies of the tasks, for whatever runs them: a chip and its board, or the simulator.
+//!
+//! ```text
+//!             serial_rx ──► interpret, report ──► prepare ──► step ──► pins
+//!                                                  ▲   ▲        │
+//!                                  inputs ─────────┘   └── segment_start
+//! ```
+//!
+//! [`Port`] and [`PreparePort`] are what the tasks need of their machine, [`StepOutput`] is what plays
+//! step events: [`step`] with a [`StepPort`], or something else that starts, stops and appends.
+//!
+//! # Cost
+//!
+//! Everything is generic and inlined into the interrupt that calls it: the machine code is that of a
+//! body written for the chip. [`step`] looks the pins up and releases `segment_start` without a branch.
+
+use heapless::spsc::{Consumer, Producer};
+use rtic_core::Mutex;
+
+use crate::{
+    machine::{Inputs, Snapshot, Watch},
+    model::{Levels, Outputs, Release, Requests},
+    motion::Motion,
+    path::Entry,
+    protocol::{ByteReader, ByteWriter, Progress, Session, realtime},
+    settings::{Change, StoreError, Stored},
+    stepper::{EventReader, EventTap, EventWriter, SegmentRing, StepEvent, Upcoming},
+};
+
+/// A task that others release.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Task {
+    /// [`segment_start`].
+    SegmentStart,
+    /// [`prepare`].
+    Prepare,
+    /// `interpret`, and `report` if a status report is wanted: [`Requests::wants_status`].
+    Wake,
+}
+
+/// The machine under every task.
+pub trait Port {
+    /// Releases a task: it runs once more after this, whether or not it runs now.
+    fn pend(&mut self, task: Task);
+
+    /// Outputs a duty of the spindle PWM, 0 to [`Outputs::FULL`].
+    fn set_duty(&mut self, duty: u16);
+}
+
+/// The machine under `prepare`.
+pub trait PreparePort: Port {
+    /// Returns once whether the time of [`PreparePort::wake_in`] is over.
+    fn take_wake(&mut self) -> bool;
+
+    /// Releases `prepare` in some milliseconds, at least 1, instead of at the time asked for before.
+    fn wake_in(&mut self, milliseconds: u16);
+
+    /// Switches spindle, coolant and drivers; not the duty.
+    fn switch(&mut self, outputs: &Outputs);
+}
+
+/// What plays step events, for the tasks below `step`.
+pub trait StepOutput {
+    /// Sets up the first event and plays it after its time, unless the motion has been halted since.
+    /// Only while nothing is played.
+    fn start(&mut self, first: Upcoming, segments: &SegmentRing);
+
+    /// Stops at once: the event that is set up is not played. Calls [`EventTap::halt`].
+    fn stop(&mut self, segments: &SegmentRing);
+
+    /// Takes the time of an event that was written too late for `step` to know it.
+    fn append(&mut self, event: StepEvent);
+
+    /// Returns the count of the events played.
+    fn played(&self) -> EventTap<'_>;
+}
+
+/// The pins and the timer of `step`.
+pub trait StepPort {
+    /// Outputs the event that is due.
+    fn output(&mut self);
+
+    /// Sets the time from the next event to the one that follows it. Returns 1 if the next event is
+    /// late, otherwise 0.
+    fn set_reload(&mut self, following: StepEvent) -> u32;
+
+    /// Sets up what the next event outputs.
+    fn set_up(&mut self, event: StepEvent);
+
+    /// Releases `segment_start` if an event is the first of a segment.
+    fn pend_segment_start(&mut self, event: StepEvent);
+
+    /// Sets nothing up, and releases `segment_start`.
+    fn stop(&mut self);
+}
+
+/// What tasks share without a lock.
+#[derive(Debug, Clone, Copy)]
+pub struct Unlocked<'a> {
+    /// What is asked of `prepare` and the two tasks of the protocol.
+    pub requests: &'a Requests,
+    /// Switches, probe and buttons.
+    pub inputs: &'a Inputs,
+    /// The segments that are played, and how far.
+    pub segments: &'a SegmentRing,
+}
+
+/// Outputs the event that is due and sets up the next.
+#[inline]
+pub fn step(port: &mut impl StepPort, events: &mut EventReader<'_>, segments: &SegmentRing) {
+    port.output();
+    if let Some(Upcoming { event, following }) = events.advance() {
+        let late = port.set_reload(following);
+        events.count_late(late);
+        port.set_up(event);
+        port.pend_segment_start(event);
+    } else {
+        segments.stop();
+        port.stop();
+    }
+}
+
+/// Takes a received byte.
+#[inline(always)]
+#[expect(clippy::inline_always, reason = "it is called from RAM, too")]
+pub fn serial_rx(
+    byte: u8,
+    requests: &Requests,
+    received: &mut ByteWriter<'_>,
+    port: &mut impl Port,
+) {
+    match realtime::receive(byte, requests, received) {
+        Release::Nobody => {}
+        Release::Interpret | Release::Report => port.pend(Task::Wake),
+        Release::Prepare => port.pend(Task::Prepare),
+    }
+}
+
+/// Begins the segment whose first event `step` has set up, or sees that there is none.
+#[inline]
+pub fn segment_start(segments: &SegmentRing, played: EventTap<'_>, port: &mut impl Port) {
+    let begun = segments.start_segment(played);
+    if let Some(duty) = begun.duty {
+        port.set_duty(duty);
+    }
+    port.pend(Task::Prepare);
+    if begun.has_more {
+        port.pend(Task::SegmentStart);
+    }
+}
+
+/// Why `inputs` runs.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Cause {
+    /// A contact has changed.
+    Edge,
+    /// A sample is due.
+    Sample,
+}
+
+/// Filters the contacts that are closed now. Returns whether a sample is needed after this run.
+#[inline]
+pub fn inputs(
+    cause: Cause,
+    closed: Levels,
+    watch: &mut Watch,
+    shared: Unlocked<'_>,
+    steps: &mut impl StepOutput,
+    port: &mut impl Port,
+) -> bool {
+    let mut releases = watch.latch(closed, shared.inputs, steps.played());
+    let needs_sample = match cause {
+        Cause::Edge => watch.edge(),
+        Cause::Sample => {
+            let watched = watch.sample(shared.inputs, shared.requests);
+            if watched.halt_steps {
+                steps.stop(shared.segments);
+            }
+            releases |= watched.release_prepare;
+            watched.sample_again
+        }
+    };
+    if releases {
+        port.pend(Task::Prepare);
+    }
+    needs_sample
+}
+
+/// Keeps the event queue filled. The drivers are switched on before the first step.
+#[inline]
+pub fn prepare(
+    motion: &mut Motion,
+    entries: &mut Consumer<'_, Entry>,
+    events: &mut EventWriter<'_>,
+    shared: Unlocked<'_>,
+    snapshot: &mut impl Mutex<T = Snapshot>,
+    steps: &mut impl StepOutput,
+    port: &mut impl PreparePort,
+) {
+    let Unlocked {
+        requests,
+        inputs,
+        segments,
+    } = shared;
+    if port.take_wake() {
+        requests.wake();
+    }
+    let prepared =
+        snapshot.lock(|snapshot| motion.run(requests, inputs, segments, entries, events, snapshot));
+    if let Some(event) = events.appended_late(segments) {
+        steps.append(event);
+        events.append(event);
+    }
+    let is_at_rest = !segments.is_running() && !prepared.start_steps;
+    if is_at_rest {
+        port.set_duty(motion.outputs().duty);
+    }
+    // What has been switched in motion may be still to come at rest.
+    if prepared.outputs_changed || is_at_rest {
+        port.switch(motion.outputs());
+    }
+    if prepared.start_steps
+        && let Some(first) = events.set_up()
+    {
+        steps.start(first, segments);
+        port.pend(Task::SegmentStart);
+    }
+    if prepared.outputs_changed
+        && let Some(milliseconds) = motion.take_delay_ms()
+    {
+        port.wake_in(milliseconds);
+    }
+    if prepared.run_again {
+        port.pend(Task::Prepare);
+    }
+    if prepared.wake_interpret {
+        port.pend(Task::Wake);
+    }
+}
+
+/// The session with the sender and its queues.
+#[derive(Debug)]
+pub struct Console<'a, 'q> {
+    /// The state of the protocol.
+    pub session: &'a mut Session,
+    /// What has been received.
+    pub received: &'a mut ByteReader<'q>,
+    /// What is to be sent.
+    pub sent: &'a mut ByteWriter<'q>,
+}
+
+/// Executes received lines. What the session wants stored is written at rest only.
+#[inline]
+pub fn interpret<'q>(
+    console: Console<'_, 'q>,
+    snapshot: &Snapshot,
+    requests: &Requests,
+    entries: &mut Producer<'q, Entry>,
+    store: impl FnOnce(Change, &Stored) -> Result<(), StoreError>,
+    port: &mut impl Port,
+) -> Progress {
+    let Console {
+        session,
+        received,
+        sent,
+    } = console;
+    let entered = session.entered();
+    let progress = session.run(snapshot, requests, received, sent, entries);
+    let new = session.entered().wrapping_sub(entered) as usize;
+    // While an older entry waits, `prepare` runs again by itself.
+    if session.takes_release() | (new != 0 && entries.len() <= new) {
+        port.pend(Task::Prepare);
+    }
+    let Some(change) = session.wants_store() else {
+        return progress;
+    };
+    let result = store(change, session.stored());
+    session.has_stored(result);
+    Progress::Again
+}
+
+/// Answers `?`.
+#[inline]
+pub fn report(console: Console<'_, '_>, snapshot: &Snapshot, requests: &Requests) -> Progress {
+    let free = console.received.capacity() - console.received.len();
+    let sent = console.sent;
+    console.session.report(snapshot, requests, free, sent)
+}
