@@ -1,4 +1,4 @@
-//! What the books need of a program file: functions, data marks, code and the vector table.
+//! What the profile need of a program file: functions, data marks, code and the vector table.
 
 /// A named function.
 #[derive(Debug, Clone, PartialEq, Eq)]

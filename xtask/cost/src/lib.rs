@@ -1,7 +1,7 @@
 //! What the firmware costs: instructions and modelled Cortex-M4 cycles, counted in QEMU.
 //!
 //! ```text
-//!  instruction ──decode──▶ Instruction ──table──▶ cycles ──books──▶ task, function, site ──report──▶ JSON
+//!  instruction ──decode──▶ Instruction ──table──▶ cycles ──profile──▶ task, function, site ──report──▶ JSON
 //! ```
 //!
 //! QEMU counts instructions exactly but knows no time, so each executed instruction is charged
@@ -13,11 +13,11 @@
 //! An instruction that the decoder does not know is reported with its address and encoding; whoever
 //! reads the report must then distrust it.
 
-pub mod books;
 pub mod decode;
 pub mod elf;
 mod follow;
 mod observer;
 mod plugin;
+pub mod profile;
 mod report;
 pub mod table;

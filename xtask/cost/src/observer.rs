@@ -2,7 +2,7 @@
 
 use std::fs;
 
-use crate::{books::Books, elf::Program, follow::Follower, report};
+use crate::{elf::Program, follow::Follower, profile::Profile, report};
 
 /// Is told of everything that is executed.
 pub(crate) trait Observer: Send {
@@ -32,10 +32,10 @@ pub(crate) fn asked_for(arguments: &[String]) -> Result<Box<dyn Observer>, Strin
     let elf = value(arguments, "elf")?;
     let file = fs::read(elf).map_err(|error| format!("{elf}: {error}"))?;
     let program = Program::parse(&file).map_err(|error| format!("{elf}: {error}"))?;
-    Ok(Box::new(Books::new(program)))
+    Ok(Box::new(Profile::new(program)))
 }
 
-impl Observer for Books {
+impl Observer for Profile {
     fn site(&mut self, address: u32, code: [u16; 2]) -> usize {
         Self::site(self, address, code)
     }

@@ -1,6 +1,6 @@
 //! The interface to QEMU: TCG plugins, version 1 (QEMU 4.2 and later).
 //!
-//! `-plugin libcost.so,elf=PROGRAM,out=REPORT.json` keeps the books; what else there is to observe
+//! `-plugin libcost.so,elf=PROGRAM,out=REPORT.json` records the profile; what else there is to observe
 //! is said by further arguments, see [`observer`](crate::observer). QEMU calls in from its one
 //! processor thread, and once more when it exits; the report is written then, so it must be left to
 //! exit by itself.

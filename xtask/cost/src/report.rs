@@ -1,42 +1,42 @@
-//! The books as JSON.
+//! The profile as JSON.
 
 use std::fmt::{self, Write};
 
 use crate::{
-    books::{Amount, Books, Task},
+    profile::{Amount, Profile, Task},
     table::MODEL,
 };
 
-/// Writes everything that the books hold.
-pub(crate) fn write(books: &Books) -> Result<String, fmt::Error> {
+/// Writes everything that the profile hold.
+pub(crate) fn write(profile: &Profile) -> Result<String, fmt::Error> {
     let mut out = String::new();
     let Amount {
         instructions,
         cycles,
-    } = books.total;
+    } = profile.total;
     writeln!(out, "{{\"model\": {},", quote(MODEL))?;
     writeln!(
         out,
         "\"instructions\": {instructions}, \"cycles\": {cycles},"
     )?;
-    writeln!(out, "\"unexplained\": {},", books.unexplained)?;
-    if let Some((from, to)) = books.first_unexplained {
+    writeln!(out, "\"unexplained\": {},", profile.unexplained)?;
+    if let Some((from, to)) = profile.first_unexplained {
         writeln!(out, "\"first_unexplained\": [{from}, {to}],")?;
     }
-    writeln!(out, "\"unknown\": [{}],", list(unknown(books)))?;
+    writeln!(out, "\"unknown\": [{}],", list(unknown(profile)))?;
     writeln!(
         out,
         "\"tasks\": [\n{}\n],",
-        lines(books.tasks.iter().map(|task| describe(books, task)))
+        lines(profile.tasks.iter().map(|task| describe(profile, task)))
     )?;
-    writeln!(out, "\"functions\": [\n{}\n],", lines(functions(books)))?;
-    writeln!(out, "\"sites\": [\n{}\n]}}", lines(sites(books)))?;
+    writeln!(out, "\"functions\": [\n{}\n],", lines(functions(profile)))?;
+    writeln!(out, "\"sites\": [\n{}\n]}}", lines(sites(profile)))?;
     Ok(out)
 }
 
 /// Executed instructions that the decoder does not know.
-fn unknown(books: &Books) -> impl Iterator<Item = String> {
-    books
+fn unknown(profile: &Profile) -> impl Iterator<Item = String> {
+    profile
         .sites
         .iter()
         .filter(|site| site.decoded.is_none() && !site.by_task.is_empty())
@@ -46,9 +46,9 @@ fn unknown(books: &Books) -> impl Iterator<Item = String> {
         })
 }
 
-fn describe(books: &Books, task: &Task) -> String {
-    let functions = &books.program.functions;
-    let name = match books.program.function_at(task.handler) {
+fn describe(profile: &Profile, task: &Task) -> String {
+    let functions = &profile.program.functions;
+    let name = match profile.program.function_at(task.handler) {
         Some(function) if task.handler != 0 => functions[function].name.as_str(),
         _ => "thread",
     };
@@ -79,9 +79,9 @@ fn describe(books: &Books, task: &Task) -> String {
 }
 
 /// Every function that was executed: its own cost, and that of its calls.
-fn functions(books: &Books) -> impl Iterator<Item = String> {
-    let mut own = vec![Amount::default(); books.program.functions.len()];
-    for site in &books.sites {
+fn functions(profile: &Profile) -> impl Iterator<Item = String> {
+    let mut own = vec![Amount::default(); profile.program.functions.len()];
+    for site in &profile.sites {
         if let Some(function) = site.function {
             for amount in &site.by_task {
                 own[function].instructions += amount.instructions;
@@ -89,7 +89,12 @@ fn functions(books: &Books) -> impl Iterator<Item = String> {
             }
         }
     }
-    let executed = books.program.functions.iter().zip(own).zip(&books.calls);
+    let executed = profile
+        .program
+        .functions
+        .iter()
+        .zip(own)
+        .zip(&profile.calls);
     executed
         .filter(|((_, own), _)| own.instructions != 0)
         .map(|((function, own), calls)| {
@@ -107,8 +112,8 @@ fn functions(books: &Books) -> impl Iterator<Item = String> {
 }
 
 /// Task, address, executions and cycles of every instruction, by address.
-fn sites(books: &Books) -> impl Iterator<Item = String> {
-    let mut rows: Vec<(u32, usize, Amount)> = books
+fn sites(profile: &Profile) -> impl Iterator<Item = String> {
+    let mut rows: Vec<(u32, usize, Amount)> = profile
         .sites
         .iter()
         .flat_map(|site| {

@@ -18,7 +18,7 @@ use crate::{
     resident,
     response::{self, Blocking, Response},
     sections,
-    subject::{Row, Subject, misconfigured},
+    system::{Row, System, misconfigured},
 };
 
 /// Steps of the proven step rate, Hz.
@@ -83,7 +83,7 @@ pub fn analyse(input: &Input<'_>) -> Result<Report, String> {
             flaws.push(misconfigured(what, "Run `cargo xtask calibrate` again."));
         }
     }
-    let subject = Subject::new(
+    let system = System::new(
         &program,
         &app,
         &config,
@@ -108,7 +108,7 @@ pub fn analyse(input: &Input<'_>) -> Result<Report, String> {
         flaws,
         ..Report::default()
     };
-    Analysis::new(&subject, &mut report)?.report(&mut report)?;
+    Analysis::new(&system, &mut report)?.report(&mut report)?;
     report.flaws.sort();
     report.flaws.dedup();
     Ok(report)
@@ -124,7 +124,7 @@ fn hexadecimal(bytes: &[u8]) -> String {
 
 /// What does not change with the step rate, and the numbers of the table's point.
 struct Analysis<'a> {
-    subject: &'a Subject<'a>,
+    system: &'a System<'a>,
     blocking: Vec<Blocking>,
     named: BTreeMap<String, u64>,
     /// Whether every row with a deadline has a bound.
@@ -133,34 +133,34 @@ struct Analysis<'a> {
 
 impl<'a> Analysis<'a> {
     /// Looks at the code: sections, contradictions, flaws.
-    fn new(subject: &'a Subject<'a>, report: &mut Report) -> Result<Self, String> {
-        let point = subject.point(report.step_rate_hz, report.baud);
-        let named = subject.config.numbers(&subject.clock, point)?;
+    fn new(system: &'a System<'a>, report: &mut Report) -> Result<Self, String> {
+        let point = system.point(report.step_rate_hz, report.baud);
+        let named = system.config.numbers(&system.clock, point)?;
         let any = crate::wcet::Wcets::new(
-            subject.program.functions(),
-            &subject.model,
+            system.program.functions(),
+            &system.model,
             &named,
             BTreeSet::new(),
         );
         let held = sections::find(&any);
-        let contexts = findings::contexts(subject);
-        let (found, flaws) = findings::of_sections(subject, &held, &contexts);
+        let contexts = findings::contexts(system);
+        let (found, flaws) = findings::of_sections(system, &held, &contexts);
         report.sections = found;
         report.flaws.extend(flaws);
         let crosscheck = Crosscheck {
-            image: subject.image,
-            functions: subject.program.functions(),
-            app: subject.app,
-            config: subject.config,
+            image: system.image,
+            functions: system.program.functions(),
+            app: system.app,
+            config: system.config,
             sections: &held,
         };
         report.flaws.extend(crosscheck.flaws());
-        report.flaws.extend(resident::flaws(subject.program));
+        report.flaws.extend(resident::flaws(system.program));
         let mut is_bounded = true;
-        for (index, row) in subject.rows.iter().enumerate() {
+        for (index, row) in system.rows.iter().enumerate() {
             if row.times.is_some() {
-                let flaws = findings::of_row(subject, row, &named);
-                let has_bound = subject.cost(index, &named).is_some();
+                let flaws = findings::of_row(system, row, &named);
+                let has_bound = system.cost(index, &named).is_some();
                 if !has_bound && flaws.is_empty() {
                     let what = format!("`{}` has no bound", row.name);
                     report
@@ -170,45 +170,48 @@ impl<'a> Analysis<'a> {
                 is_bounded &= has_bound;
                 report.flaws.extend(flaws);
             } else {
-                report.flaws.extend(holds_up(subject, row));
+                report.flaws.extend(holds_up(system, row));
             }
         }
         Ok(Self {
-            subject,
-            blocking: response::blocking(subject, &held, &contexts),
+            system,
+            blocking: response::blocking(system, &held, &contexts),
             named,
             is_bounded,
         })
     }
 
     fn report(&self, report: &mut Report) -> Result<(), String> {
-        let point = self.subject.point(report.step_rate_hz, report.baud);
+        let point = self.system.point(report.step_rate_hz, report.baud);
         let responses = if self.is_bounded {
-            response::all(self.subject, &self.blocking, point)?
+            response::all(self.system, &self.blocking, point)?
         } else {
-            vec![None; self.subject.rows.len()]
+            vec![None; self.system.rows.len()]
         };
-        let rows = self.subject.rows.iter().enumerate();
+        let rows = self.system.rows.iter().enumerate();
         let tasks = rows.map(|(index, row)| self.task(index, row, responses[index].as_ref()));
         report.tasks = tasks.collect();
-        report.utilisation = response::utilisation(self.subject, &responses);
-        let prices = responses.iter().flatten().filter_map(|it| it.price);
+        report.utilisation = response::utilisation(self.system, &responses);
+        let prices = responses
+            .iter()
+            .flatten()
+            .filter_map(|it| it.substitution_cost);
         let costs = prices.reduce(f64::max);
-        report.trade = response::traded(self.subject, point, costs.unwrap_or(0.0))?;
+        report.substitution = response::substituted_runs(self.system, point, costs.unwrap_or(0.0))?;
         if report.utilisation > 1.0 {
             report.flaws.push(overload(report.utilisation));
         }
-        for (row, response) in self.subject.rows.iter().zip(&responses) {
+        for (row, response) in self.system.rows.iter().zip(&responses) {
             report
                 .flaws
                 .extend(response.as_ref().and_then(|it| self.missed(row, it)));
         }
-        let flaws = findings::of_stacks(self.subject, report);
+        let flaws = findings::of_stacks(self.system, report);
         report.flaws.extend(flaws);
         self.edges(report);
         if self.is_bounded {
             let mut bauds = BTreeSet::from([115_200, 250_000, 500_000, 1_000_000, report.baud]);
-            let required = self.subject.config.require.step_rate_hz.keys();
+            let required = self.system.config.require.step_rate_hz.keys();
             bauds.extend(required.filter_map(|baud| baud.parse::<u32>().ok()));
             for baud in bauds {
                 let rate = self.proven(baud)?;
@@ -224,17 +227,17 @@ impl<'a> Analysis<'a> {
         let cost = row
             .times
             .as_ref()
-            .and_then(|_| self.subject.cost(index, &self.named));
+            .and_then(|_| self.system.cost(index, &self.named));
         let mut task = Task {
             name: row.name.clone(),
             vector: row.task.vector.clone(),
             priority: row.task.priority,
             wcet: cost.as_ref().map(|cost| cost.wcet),
             icache_lines: cost.as_ref().map_or(0, |cost| cost.lines.len()),
-            uses_float: self.subject.uses_float(row),
-            apart_from: Subject::apart_from(row),
-            kind_of: row.kind_of.map(|of| self.subject.rows[of].name.clone()),
-            regime: self.subject.regime(index).map(str::to_owned),
+            uses_float: self.system.uses_float(row),
+            exclusive_with: System::exclusive_with(row),
+            kind_of: row.kind_of.map(|of| self.system.rows[of].name.clone()),
+            regime: self.system.regime(index).map(str::to_owned),
             worst_path: self.worst_path(row, response),
             ..Task::default()
         };
@@ -259,7 +262,7 @@ impl<'a> Analysis<'a> {
     }
 
     fn us(&self, cycles: f64) -> f64 {
-        cycles * 1e6 / self.subject.clock.hclk_hz as f64
+        cycles * 1e6 / self.system.clock.hclk_hz as f64
     }
 
     /// The source lines of a row's worst path, the dearest first.
@@ -271,15 +274,15 @@ impl<'a> Analysis<'a> {
             Some(response) if response.via == "uncached" => Cache::Uncached,
             _ => Cache::Warm,
         };
-        let wcets = self.subject.wcets(row, &self.named);
+        let wcets = self.system.wcets(row, &self.named);
         let mut lines: BTreeMap<(String, u32, String), (u64, u64)> = BTreeMap::new();
         for ((address, block), count) in wcets.executions(row.root, cache) {
-            let Some(function) = self.subject.program.function(address) else {
+            let Some(function) = self.system.program.function(address) else {
                 continue;
             };
             let mut seen = BTreeSet::new();
             for (at, cycles) in wcets.costs(function, block, cache) {
-                let frames = self.subject.image.frames(at);
+                let frames = self.system.image.frames(at);
                 let Some(frame) = frames.iter().find(|frame| frame.file.starts_with("src/")) else {
                     continue;
                 };
@@ -331,8 +334,8 @@ impl<'a> Analysis<'a> {
 
     /// Cost of the step task, and how far the edges of its pins may move.
     fn edges(&self, report: &mut Report) {
-        let name = &self.subject.config.table.step_task;
-        let rows = self.subject.rows.iter().enumerate();
+        let name = &self.system.config.table.step_task;
+        let rows = self.system.rows.iter().enumerate();
         let Some((index, row)) = { rows }.find(|(_, row)| row.task.name == *name) else {
             let what = format!("there is no task `{name}`");
             report.flaws.push(misconfigured(
@@ -341,10 +344,10 @@ impl<'a> Analysis<'a> {
             ));
             return;
         };
-        if let Some(cost) = self.subject.cost(index, &self.named) {
+        if let Some(cost) = self.system.cost(index, &self.named) {
             report.step_wcet_cycles = cost.wcet.warm;
         }
-        let wcets = self.subject.wcets(row, &self.named);
+        let wcets = self.system.wcets(row, &self.named);
         let holding = self
             .blocking
             .iter()
@@ -359,7 +362,7 @@ impl<'a> Analysis<'a> {
             None => report.flaws.push(Flaw {
                 rule: Rule::Configuration,
                 what: format!("`{name}` itself stores nothing to a step pin"),
-                place: self.subject.image.place(row.root),
+                place: self.system.image.place(row.root),
                 remedy: "Write the pins first, to a constant address.".to_owned(),
             }),
         }
@@ -368,7 +371,7 @@ impl<'a> Analysis<'a> {
     /// The highest step rate at which every deadline is met. Whatever holds at a rate holds at all
     /// lower ones: they release nothing more often, and lengthen no loop.
     fn proven(&self, baud: u32) -> Result<u32, String> {
-        let highest = self.subject.config.limits.step_rate_hz;
+        let highest = self.system.config.limits.step_rate_hz;
         let highest = highest.unwrap_or(HIGHEST_RATE);
         let (mut low, mut high) = (0, highest / RATE_STEP + 1);
         while high - low > 1 {
@@ -383,8 +386,8 @@ impl<'a> Analysis<'a> {
     }
 
     fn is_met(&self, step_rate_hz: u32, baud: u32) -> Result<bool, String> {
-        let point = self.subject.point(step_rate_hz, baud);
-        response::are_met(self.subject, &self.blocking, point)
+        let point = self.system.point(step_rate_hz, baud);
+        response::are_met(self.system, &self.blocking, point)
     }
 
     fn curve(&self, report: &mut Report) -> Result<(), String> {
@@ -397,14 +400,14 @@ impl<'a> Analysis<'a> {
         let last = (proven + proven / 5).max(10_000);
         for index in 1..=CURVE_POINTS {
             let step_rate_hz = last / CURVE_POINTS * index;
-            let point = self.subject.point(step_rate_hz, report.baud);
-            let responses = response::all(self.subject, &self.blocking, point)?;
+            let point = self.system.point(step_rate_hz, report.baud);
+            let responses = response::all(self.system, &self.blocking, point)?;
             let mut new = Curve {
                 step_rate_hz,
                 slack_us: BTreeMap::new(),
                 deadline_us: BTreeMap::new(),
             };
-            for (row, it) in self.subject.rows.iter().zip(responses) {
+            for (row, it) in self.system.rows.iter().zip(responses) {
                 let Some(it) = it else { continue };
                 let slack = it
                     .response
@@ -419,7 +422,7 @@ impl<'a> Analysis<'a> {
     }
 
     fn require(&self, report: &mut Report) {
-        let require = &self.subject.config.require;
+        let require = &self.system.config.require;
         let mut add = |what: String, unit: &str, required: f64, found: f64, is_met: bool| {
             report.requirements.push(Requirement {
                 what,
@@ -455,11 +458,11 @@ impl<'a> Analysis<'a> {
         let is_met = cycles > 0 && cycles <= most;
         let what = "step interrupt with a warm cache".to_owned();
         add(what, "cycles", most as f64, cycles as f64, is_met);
-        let limit = self.subject.config.limits.icache_lines;
+        let limit = self.system.config.limits.icache_lines;
         let step = report
             .tasks
             .iter()
-            .find(|task| task.name == self.subject.config.table.step_task);
+            .find(|task| task.name == self.system.config.table.step_task);
         let lines = step.map_or(0, |task| task.icache_lines);
         let what = "instruction cache lines of the step interrupt".to_owned();
         add(
@@ -500,8 +503,8 @@ fn unmet(it: &Requirement) -> Flaw {
 }
 
 /// A task without a deadline must not hold up one that has one.
-fn holds_up(subject: &Subject<'_>, row: &Row) -> Option<Flaw> {
-    let held = subject
+fn holds_up(system: &System<'_>, row: &Row) -> Option<Flaw> {
+    let held = system
         .rows
         .iter()
         .find(|other| other.times.is_some() && other.task.priority <= row.task.priority)?;

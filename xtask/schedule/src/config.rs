@@ -32,17 +32,17 @@ pub struct Config {
     /// Functions that are called at most so often in one activation.
     #[serde(default)]
     pub calls: BTreeMap<String, Formula>,
-    /// What may come instead of pieces of work.
-    pub trade: Option<Trade>,
+    /// What may come instead of units of work.
+    pub substitution: Option<SubstitutionConfig>,
     /// What is asked of a replay.
     #[serde(default)]
     pub replay: Replay,
 }
 
-/// More runs of a mode instead of pieces of work, its units, that their rate would allow.
+/// Runs of a mode that may come instead of units of work, beyond what their rate would allow.
 #[derive(Debug, Clone, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct Trade {
+pub struct SubstitutionConfig {
     /// The row: name of the task, and of the mode.
     pub row: String,
     /// What the runs are called that come instead, ...
@@ -50,16 +50,16 @@ pub struct Trade {
     /// ... and functions that are not called in them.
     #[serde(default)]
     pub excludes: Vec<String>,
-    /// Pieces for which one run more may come.
-    pub pieces: Formula,
-    /// Pieces that a window may have beside those that its runs are known to have.
+    /// Units for which one run more may come.
+    pub units: Formula,
+    /// Units that a window may have beside those that its runs are known to have.
     pub rounding: Formula,
     /// Runs of other tasks that come with each such run, ...
     #[serde(default)]
     pub with_run: BTreeMap<String, u64>,
-    /// ... and with each piece.
+    /// ... and with each unit.
     #[serde(default)]
-    pub with_piece: BTreeMap<String, u64>,
+    pub with_unit: BTreeMap<String, u64>,
 }
 
 /// What is asked of a replay.
@@ -175,14 +175,14 @@ pub struct ModeConfig {
     pub yields_to: Vec<String>,
     /// Modes of the task of which no run is due while such a run is: neither holds up the other.
     #[serde(default)]
-    pub apart_from: Vec<String>,
+    pub exclusive_with: Vec<String>,
     /// The task is in one of its regimes at a time, and changes it only when no run is due; without a
     /// name, such runs are in all of them.
     pub regime: Option<String>,
 }
 
-/// Pieces of work of which a run does a varying number: the cost of a run is charged with each run,
-/// that of a piece with each piece.
+/// Units of work of which a run does a varying number: the cost of a run is charged with each run,
+/// that of a unit with each unit.
 #[derive(Debug, Clone, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Units {
@@ -311,7 +311,7 @@ impl Config {
             });
         let calls = self.calls.iter().map(|(function, formula)| {
             let value = formula.value(names)?;
-            let name = crate::subject::calls_name(function);
+            let name = crate::system::calls_name(function);
             Ok((name, value.max(0.0).ceil() as u64))
         });
         let given = names.values.iter();

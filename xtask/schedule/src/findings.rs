@@ -6,18 +6,15 @@ use crate::{
     Count, Flaw, Function, Place, Report, Rule, Section, Stack, cause, config,
     sections::Held,
     stack::{self, Depths, FLOAT_FRAME_BYTES, FRAME_BYTES},
-    subject::{Row, Subject, misconfigured},
+    system::{Row, System, misconfigured},
 };
 
 /// Flaws of the code that a row may run.
-pub(crate) fn of_row(subject: &Subject<'_>, row: &Row, named: &BTreeMap<String, u64>) -> Vec<Flaw> {
-    let wcets = subject.wcets(row, named);
+pub(crate) fn of_row(system: &System<'_>, row: &Row, named: &BTreeMap<String, u64>) -> Vec<Flaw> {
+    let wcets = system.wcets(row, named);
     let reached = wcets.reach(row.root);
-    let mut flaws = cause::flaws(subject.program, &reached);
-    for function in reached
-        .iter()
-        .filter_map(|at| subject.program.function(*at))
-    {
+    let mut flaws = cause::flaws(system.program, &reached);
+    for function in reached.iter().filter_map(|at| system.program.function(*at)) {
         for looped in &function.loops {
             let bound = looped
                 .bound
@@ -42,19 +39,19 @@ pub(crate) fn of_row(subject: &Subject<'_>, row: &Row, named: &BTreeMap<String, 
 }
 
 /// For each function the lowest priority that may run it; 0 for initialisation and idle.
-pub(crate) fn contexts(subject: &Subject<'_>) -> BTreeMap<u32, u8> {
+pub(crate) fn contexts(system: &System<'_>) -> BTreeMap<u32, u8> {
     let mut contexts: BTreeMap<u32, u8> = BTreeMap::new();
-    for row in &subject.rows {
-        for address in subject.program.reach(row.root) {
+    for row in &system.rows {
+        for address in system.program.reach(row.root) {
             let context = contexts.entry(address).or_insert(u8::MAX);
             *context = row.task.priority.min(*context);
         }
     }
     for root in ["main", "Reset"]
         .iter()
-        .filter_map(|name| subject.image.symbol(name))
+        .filter_map(|name| system.image.symbol(name))
     {
-        for address in subject.program.reach(root) {
+        for address in system.program.reach(root) {
             contexts.insert(address, 0);
         }
     }
@@ -63,19 +60,19 @@ pub(crate) fn contexts(subject: &Subject<'_>) -> BTreeMap<u32, u8> {
 
 /// Sections for the report, and what is wrong with them.
 pub(crate) fn of_sections(
-    subject: &Subject<'_>,
+    system: &System<'_>,
     held: &[Held],
     contexts: &BTreeMap<u32, u8>,
 ) -> (Vec<Section>, Vec<Flaw>) {
-    let limit = subject.config.limits.critical_section_cycles;
+    let limit = system.config.limits.critical_section_cycles;
     let (mut sections, mut flaws) = (Vec::new(), Vec::new());
     for section in held {
-        let name = subject.image.name(section.function);
-        let exempt = subject.config.exemption(&name).map(str::to_owned);
-        let frames = subject.image.frames(section.address);
+        let name = system.image.name(section.function);
+        let exempt = system.config.exemption(&name).map(str::to_owned);
+        let frames = system.image.frames(section.address);
         let own = frames.iter().find(|frame| frame.file.starts_with("src/"));
         let place = own.or(frames.first()).map_or(name, ToString::to_string);
-        let is_relevant = subject.rows.iter().any(|row| {
+        let is_relevant = system.rows.iter().any(|row| {
             let level = row.task.priority;
             row.times.is_some() && section.ceiling.is_none_or(|ceiling| ceiling >= level)
         });
@@ -93,7 +90,7 @@ pub(crate) fn of_sections(
             flaws.extend(wrong.map(|wrong| Flaw {
                 rule: Rule::CriticalSection,
                 what: format!("a section with interrupts held back {wrong}"),
-                place: subject.image.place(section.address),
+                place: system.image.place(section.address),
                 remedy:
                     "Do less in it; or share through atomics, or lock an RTIC resource.".to_owned(),
             }));
@@ -116,20 +113,20 @@ pub(crate) fn of_sections(
 }
 
 /// Fills in the stacks; what is wrong with them.
-pub(crate) fn of_stacks(subject: &Subject<'_>, report: &mut Report) -> Vec<Flaw> {
-    let is_panic = |address: u32| subject.program.is_panic(address);
-    let pointers = pointers(subject);
-    let mut depths = Depths::new(subject.program.functions(), &is_panic, &pointers);
+pub(crate) fn of_stacks(system: &System<'_>, report: &mut Report) -> Vec<Flaw> {
+    let is_panic = |address: u32| system.program.is_panic(address);
+    let pointers = pointers(system);
+    let mut depths = Depths::new(system.program.functions(), &is_panic, &pointers);
     let mut flaws = Vec::new();
-    let main = subject.image.symbol("Reset").unwrap_or(0);
-    let mut floats = uses_float(subject, main);
+    let main = system.image.symbol("Reset").unwrap_or(0);
+    let mut floats = uses_float(system, main);
     let mut levels = BTreeMap::from([(0, ("initialisation, idle".to_owned(), 0))]);
     let mut depth = |root: u32, name: &str| {
         depths.depth(root).unwrap_or_else(|address| {
             flaws.push(Flaw {
                 rule: Rule::StackOverflow,
                 what: format!("the depth of the stack of `{name}` is not known"),
-                place: subject.image.place(address),
+                place: system.image.place(address),
                 remedy: "Call functions by name, or say in `schedule.toml` what pointers call."
                     .to_owned(),
             });
@@ -137,19 +134,19 @@ pub(crate) fn of_stacks(subject: &Subject<'_>, report: &mut Report) -> Vec<Flaw>
         })
     };
     let alone = depth(main, "Reset");
-    let under_tasks = initialisation(subject).map(|it| {
-        let depths = Depths::new(subject.program.functions(), &is_panic, &pointers);
+    let under_tasks = initialisation(system).map(|it| {
+        let depths = Depths::new(system.program.functions(), &is_panic, &pointers);
         depths.under_tasks(it).depth(main).unwrap_or(alone)
     });
     levels.entry(0).or_default().1 = under_tasks.unwrap_or(alone);
-    let priorities: BTreeSet<u8> = subject.rows.iter().map(|row| row.task.priority).collect();
+    let priorities: BTreeSet<u8> = system.rows.iter().map(|row| row.task.priority).collect();
     for priority in priorities {
         let frame = if floats {
             FLOAT_FRAME_BYTES
         } else {
             FRAME_BYTES
         };
-        for row in subject
+        for row in system
             .rows
             .iter()
             .filter(|row| row.task.priority == priority)
@@ -159,7 +156,7 @@ pub(crate) fn of_stacks(subject: &Subject<'_>, report: &mut Report) -> Vec<Flaw>
             if bytes > level.1 {
                 *level = (row.task.name.clone(), bytes);
             }
-            floats |= subject.uses_float(row);
+            floats |= system.uses_float(row);
             for task in report.tasks.iter_mut().filter(|task| task.name == row.name) {
                 task.stack_bytes = bytes;
             }
@@ -174,14 +171,14 @@ pub(crate) fn of_stacks(subject: &Subject<'_>, report: &mut Report) -> Vec<Flaw>
     report.stack = levels.collect();
     let together: u64 = report.stack.iter().map(|stack| stack.bytes).sum();
     report.stack_worst_bytes = together.max(alone);
-    report.stack_available_bytes = available(subject);
+    report.stack_available_bytes = available(system);
     flaws.extend(overflow(report));
     flaws
 }
 
 /// What RTIC runs first, with interrupts off until its end.
-fn initialisation<'a>(subject: &'a Subject<'_>) -> Option<&'a Function> {
-    let mut functions = subject.program.functions().values();
+fn initialisation<'a>(system: &'a System<'_>) -> Option<&'a Function> {
+    let mut functions = system.program.functions().values();
     functions.find(|it| config::is_named(&it.name, "main::__rtic_init_resources"))
 }
 
@@ -196,10 +193,10 @@ fn overflow(report: &Report) -> Option<Flaw> {
 }
 
 /// What functions may call through pointers, as `schedule.toml` says.
-fn pointers(subject: &Subject<'_>) -> BTreeMap<u32, BTreeSet<u32>> {
-    let functions = subject.program.functions();
+fn pointers(system: &System<'_>) -> BTreeMap<u32, BTreeSet<u32>> {
+    let functions = system.program.functions();
     let mut pointers = BTreeMap::new();
-    for pointer in &subject.config.pointer {
+    for pointer in &system.config.pointer {
         let is_called = |name: &str| {
             let mut calls = pointer.calls.iter();
             calls.any(|call| name.starts_with(call.as_str()) || config::is_named(name, call))
@@ -216,19 +213,19 @@ fn pointers(subject: &Subject<'_>) -> BTreeMap<u32, BTreeSet<u32>> {
     pointers
 }
 
-fn uses_float(subject: &Subject<'_>, root: u32) -> bool {
-    let reached = subject.program.reach(root);
+fn uses_float(system: &System<'_>, root: u32) -> bool {
+    let reached = system.program.reach(root);
     let mut functions = reached
         .iter()
-        .filter_map(|address| subject.program.function(*address));
+        .filter_map(|address| system.program.function(*address));
     functions.any(stack::uses_float)
 }
 
 /// RAM between the guard above the statics and the top.
-fn available(subject: &Subject<'_>) -> u64 {
-    let guard = subject.config.limits.stack_guard_bytes;
-    let top = subject.image.vectors().first().copied().unwrap_or(0);
-    let statics_end = u64::from(subject.image.symbol("__sheap").unwrap_or(0));
+fn available(system: &System<'_>) -> u64 {
+    let guard = system.config.limits.stack_guard_bytes;
+    let top = system.image.vectors().first().copied().unwrap_or(0);
+    let statics_end = u64::from(system.image.symbol("__sheap").unwrap_or(0));
     let guarded = statics_end.next_multiple_of(guard.max(1)) + guard;
     u64::from(top).saturating_sub(guarded)
 }

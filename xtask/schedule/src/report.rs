@@ -29,8 +29,8 @@ pub struct Report {
     pub tasks: Vec<Task>,
     /// Share of the processor that the tasks with deadlines take at most.
     pub utilisation: f64,
-    /// Which runs may come instead of pieces of work.
-    pub trade: Option<Traded>,
+    /// Which runs may come instead of units of work.
+    pub substitution: Option<SubstitutedRuns>,
     /// The highest proven step rate for each baud rate.
     pub proven_step_rate_hz: BTreeMap<String, u32>,
     /// Longest run of the step task with a warm cache, exception entry and exit included, cycles.
@@ -111,7 +111,7 @@ pub struct Task {
     /// Whether it uses floating point.
     pub uses_float: bool,
     /// Rows of the same task that are never due while this one is.
-    pub apart_from: Vec<String>,
+    pub exclusive_with: Vec<String>,
     /// The row of which its runs are a special kind, and which stands for them in all times.
     pub kind_of: Option<String>,
     /// The regime that it is due in, where its task has several.
@@ -120,13 +120,13 @@ pub struct Task {
     pub worst_path: Vec<Line>,
 }
 
-/// Runs that may come instead of pieces of work.
+/// Runs that may come instead of units of work.
 #[derive(Debug, Clone, Default, PartialEq, Serialize)]
-pub struct Traded {
+pub struct SubstitutedRuns {
     /// Their row.
     pub row: String,
-    /// For how many pieces one may come.
-    pub pieces: u64,
+    /// For how many units one may come.
+    pub units: u64,
     /// How many it costs at most, with all that comes with both.
     pub costs: f64,
 }

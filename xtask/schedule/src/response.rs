@@ -11,19 +11,19 @@
 //! * *persistent*: if the lines of all that may run in a busy window fit the cache together, none is
 //!   pushed out in it, and each is missed once in the whole window;
 //! * *loops*: the same for the loops of a task and those that preempt it most often; see
-//!   [`crate::keeping`].
+//!   [`crate::persistent_window`].
 
 use std::collections::{BTreeMap, BTreeSet};
 
 use crate::{
-    Point, Traded, Wcet,
-    company::{Company, Streams},
-    keeping::{Keeping, Kept},
-    member::Member,
+    Point, SubstitutedRuns, Wcet,
     model::{CACHE_LINES, OUTSTANDING_TRANSFER, RESTART, RETRY},
+    persistent_window::{PersistentCost, PersistentWindow},
+    preempting::{PreemptingTasks, Streams},
+    row_demand::RowDemand,
     rta::{self, Arrival, Load},
-    subject::{Cost, Subject},
-    trade::{Price, Trade},
+    substitution::{Substitution, SubstitutionCost},
+    system::{Cost, System},
 };
 
 /// Lines that are fetched again when a task goes on behind a preemption without a cache.
@@ -64,8 +64,8 @@ pub(crate) struct Response {
     pub(crate) blocking_source: String,
     /// `None`: it has no end.
     pub(crate) response: Option<u64>,
-    /// How many pieces of work a traded run costs, where runs are traded.
-    pub(crate) price: Option<f64>,
+    /// How many units of work a substituted run costs, where runs are substituted.
+    pub(crate) substitution_cost: Option<f64>,
 }
 
 impl Response {
@@ -81,11 +81,11 @@ impl Response {
 ///
 /// Tells which formula is wrong. A row without a bound ends it too.
 pub(crate) fn all(
-    subject: &Subject<'_>,
+    system: &System<'_>,
     sections: &[Blocking],
     point: Point,
 ) -> Result<Vec<Option<Response>>, String> {
-    up_to(subject, sections, point, HOPELESS)
+    up_to(system, sections, point, HOPELESS)
 }
 
 /// Whether every deadline is met.
@@ -94,81 +94,87 @@ pub(crate) fn all(
 ///
 /// As [`all`].
 pub(crate) fn are_met(
-    subject: &Subject<'_>,
+    system: &System<'_>,
     sections: &[Blocking],
     point: Point,
 ) -> Result<bool, String> {
-    let responses = up_to(subject, sections, point, 1.0)?;
-    let share = utilisation(subject, &responses);
+    let responses = up_to(system, sections, point, 1.0)?;
+    let share = utilisation(system, &responses);
     Ok(share <= 1.0 && responses.iter().flatten().all(Response::is_met))
 }
 
 /// The responses that are no longer than so many deadlines.
 fn up_to(
-    subject: &Subject<'_>,
+    system: &System<'_>,
     sections: &[Blocking],
     point: Point,
     deadlines: f64,
 ) -> Result<Vec<Option<Response>>, String> {
-    let named = subject.config.numbers(&subject.clock, point)?;
-    let mut members = Vec::new();
-    for row in 0..subject.rows.len() {
-        members.extend(Member::new(subject, row, &named, point)?);
+    let named = system.config.numbers(&system.clock, point)?;
+    let mut row_demands = Vec::new();
+    for row in 0..system.rows.len() {
+        row_demands.extend(RowDemand::new(system, row, &named, point)?);
     }
-    let trades = Trade::all(subject, point)?.into_iter();
-    let trades = trades.map(|trade| (trade.rounded(&members), trade));
-    let trades: Vec<(Vec<Member>, Trade)> = trades.collect();
-    let mut responses: Vec<Option<Response>> = vec![None; subject.rows.len()];
-    for index in 0..members.len() {
-        let row = members[index].row;
-        if subject.rows[row].kind_of.is_some() {
+    let substitutions = Substitution::all(system, point)?.into_iter();
+    let substitutions =
+        substitutions.map(|substitution| (substitution.rounded(&row_demands), substitution));
+    let substitutions: Vec<(Vec<RowDemand>, Substitution)> = substitutions.collect();
+    let mut responses: Vec<Option<Response>> = vec![None; system.rows.len()];
+    for index in 0..row_demands.len() {
+        let row = row_demands[index].row;
+        if system.rows[row].kind_of.is_some() {
             continue;
         }
-        let regimes = subject.regimes();
-        let own = subject.regime(row);
+        let regimes = system.regimes();
+        let own = system.regime(row);
         let regimes = regimes.into_iter().filter(|it| own.is_none() || *it == own);
         let found = regimes.map(|regime| {
-            let respond = |members, trade| {
-                let mut window = Window::new((subject, &named), sections, members, index, regime);
-                window.trade = trade;
+            let respond = |row_demands, substitution| {
+                let mut window =
+                    Window::new((system, &named), sections, row_demands, index, regime);
+                window.substitution = substitution;
                 window.limit = (deadlines * window.own.deadline).clamp(0.0, 1e12) as u64;
                 window.respond()
             };
-            let trades = { trades.iter() }.filter(|(_, trade)| trade.is_in(subject, regime));
-            let found = trades.map(|(members, trade)| respond(members, Some(trade)));
+            let substitutions = { substitutions.iter() }
+                .filter(|(_, substitution)| substitution.is_in(system, regime));
+            let found = substitutions
+                .map(|(row_demands, substitution)| respond(row_demands, Some(substitution)));
             // Each is an upper bound.
             let best = found.min_by_key(|found| found.response.unwrap_or(u64::MAX));
-            best.unwrap_or_else(|| respond(&members, None))
+            best.unwrap_or_else(|| respond(&row_demands, None))
         });
         responses[row] = found.max_by_key(|found| found.response.unwrap_or(u64::MAX));
     }
     Ok(responses)
 }
 
-/// What is traded, and what that costs.
+/// What is substituted, and what that costs.
 ///
 /// # Errors
 ///
 /// Tells which formula is wrong.
-pub(crate) fn traded(
-    subject: &Subject<'_>,
+pub(crate) fn substituted_runs(
+    system: &System<'_>,
     point: Point,
     costs: f64,
-) -> Result<Option<Traded>, String> {
-    let trades = Trade::all(subject, point)?;
-    let largest = trades.iter().max_by_key(|trade| trade.pieces());
-    Ok(largest.map(|trade| Traded {
-        row: subject.rows[trade.kind()].name.clone(),
-        pieces: trade.pieces(),
+) -> Result<Option<SubstitutedRuns>, String> {
+    let substitutions = Substitution::all(system, point)?;
+    let largest = substitutions
+        .iter()
+        .max_by_key(|substitution| substitution.units());
+    Ok(largest.map(|substitution| SubstitutedRuns {
+        row: system.rows[substitution.kind()].name.clone(),
+        units: substitution.units(),
         costs,
     }))
 }
 
 /// Share of the processor that all runs take together, in the regime where that is most.
-pub(crate) fn utilisation(subject: &Subject<'_>, responses: &[Option<Response>]) -> f64 {
-    let regimes = subject.regimes().into_iter().map(|regime| {
+pub(crate) fn utilisation(system: &System<'_>, responses: &[Option<Response>]) -> f64 {
+    let regimes = system.regimes().into_iter().map(|regime| {
         let rows = responses.iter().enumerate();
-        let rows = rows.filter(|(row, _)| subject.regime(*row).is_none_or(|it| Some(it) == regime));
+        let rows = rows.filter(|(row, _)| system.regime(*row).is_none_or(|it| Some(it) == regime));
         rows.filter_map(|(_, it)| it.as_ref())
             .map(|it| it.share)
             .sum()
@@ -182,7 +188,7 @@ struct Found {
     cycles: u64,
     share: f64,
     via: &'static str,
-    price: Option<f64>,
+    substitution_cost: Option<f64>,
 }
 
 /// Which cost of a row counts in a window.
@@ -206,14 +212,14 @@ impl Kind {
 
 /// The busy window of one row.
 struct Window<'a> {
-    subject: &'a Subject<'a>,
+    system: &'a System<'a>,
     named: &'a BTreeMap<String, u64>,
-    members: &'a [Member],
-    trade: Option<&'a Trade>,
-    own: &'a Member,
-    others: Vec<&'a Member>,
+    row_demands: &'a [RowDemand],
+    substitution: Option<&'a Substitution>,
+    own: &'a RowDemand,
+    others: Vec<&'a RowDemand>,
     /// Runs of the same task that may have begun before this one was due.
-    yielding: Vec<&'a Member>,
+    yielding: Vec<&'a RowDemand>,
     /// Longer responses are not looked for.
     limit: u64,
     miss: u64,
@@ -226,34 +232,34 @@ struct Window<'a> {
 
 impl<'a> Window<'a> {
     fn new(
-        (subject, named): (&'a Subject<'a>, &'a BTreeMap<String, u64>),
+        (system, named): (&'a System<'a>, &'a BTreeMap<String, u64>),
         sections: &[Blocking],
-        members: &'a [Member],
+        row_demands: &'a [RowDemand],
         index: usize,
         regime: Option<&str>,
     ) -> Self {
-        let own = &members[index];
-        let others = members.iter().enumerate();
+        let own = &row_demands[index];
+        let others = row_demands.iter().enumerate();
         let others = others.filter(|(at, it)| *at != index && it.priority >= own.priority);
-        let others = others.filter(|(_, it)| !subject.are_apart(it.row, own.row));
+        let others = others.filter(|(_, it)| !system.are_exclusive(it.row, own.row));
         let others =
-            others.filter(|(_, it)| subject.regime(it.row).is_none_or(|it| Some(it) == regime));
-        let (yielding, others): (Vec<&Member>, Vec<&Member>) =
-            { others.map(|(_, it)| it) }.partition(|it| subject.yields(it.row, own.row));
+            others.filter(|(_, it)| system.regime(it.row).is_none_or(|it| Some(it) == regime));
+        let (yielding, others): (Vec<&RowDemand>, Vec<&RowDemand>) =
+            { others.map(|(_, it)| it) }.partition(|it| system.yields(it.row, own.row));
         let holding = sections
             .iter()
             .filter(|section| section.holds(own.priority));
         let worst = holding.clone().max_by_key(|section| section.cycles);
         Self {
-            subject,
+            system,
             named,
-            members,
-            trade: None,
+            row_demands,
+            substitution: None,
             own,
             others,
             limit: 0,
-            miss: subject.model.miss(),
-            is_cached: !subject.model.prefetch,
+            miss: system.model.miss(),
+            is_cached: !system.model.prefetch,
             blocking: worst.map_or(0, |section| section.cycles),
             blocking_lines: holding
                 .clone()
@@ -268,12 +274,12 @@ impl<'a> Window<'a> {
 
     fn respond(self) -> Response {
         let (cycles, share) = self.cost(Kind::Uncached);
-        let found = |(response, price), (cycles, share), via| Found {
+        let found = |(response, substitution_cost), (cycles, share), via| Found {
             response,
             cycles,
             share,
             via,
-            price,
+            substitution_cost,
         };
         let response = self.response(Kind::Uncached, Kind::Uncached, 0);
         let mut all = vec![found(response, (cycles, share), "uncached")];
@@ -290,8 +296,9 @@ impl<'a> Window<'a> {
             }
             let preempting = self.preempting();
             for beside in 1..=preempting.len() {
-                let guests = 0..=beside;
-                let found = guests.filter_map(|it| self.keeping(&preempting, it, beside - it));
+                let warm = 0..=beside;
+                let found =
+                    warm.filter_map(|it| self.with_persistent_loops(&preempting, it, beside - it));
                 all.extend(found);
             }
         }
@@ -311,7 +318,7 @@ impl<'a> Window<'a> {
             blocking: self.held_up(),
             blocking_source: self.source(),
             response: best.response,
-            price: best.price,
+            substitution_cost: best.substitution_cost,
         }
     }
 
@@ -323,73 +330,78 @@ impl<'a> Window<'a> {
     }
 
     /// What preempts the row, the most frequent first.
-    fn preempting(&self) -> Vec<&'a Member> {
+    fn preempting(&self) -> Vec<&'a RowDemand> {
         let others = self.others.iter();
         let higher = others.filter(|other| other.priority > self.own.priority);
-        let mut higher: Vec<&Member> = higher.copied().collect();
+        let mut higher: Vec<&RowDemand> = higher.copied().collect();
         higher.sort_by(|one, other| other.arrival.rate().total_cmp(&one.arrival.rate()));
         higher
     }
 
-    /// The response where loops keep their code beside that of guests and of tasks that they stand: the
+    /// The response with persistent loops beside the code of warm tasks and of cold ones: the
     /// first so many of those that preempt the row.
-    fn keeping(&self, preempting: &[&Member], guests: usize, stood: usize) -> Option<Found> {
-        let company = Company::new(self.subject, self.named, preempting, (guests, stood))?;
-        let own = company.kept(self.own)?;
+    fn with_persistent_loops(
+        &self,
+        preempting: &[&RowDemand],
+        warm: usize,
+        cold: usize,
+    ) -> Option<Found> {
+        let tasks = PreemptingTasks::new(self.system, self.named, preempting, (warm, cold))?;
+        let own = tasks.streams(self.own)?;
         let same = self.others.iter();
         let same = same.filter(|other| other.priority == self.own.priority);
-        let equals: Vec<Streams> = same.map(|it| company.kept(it)).collect::<Option<_>>()?;
+        let equals: Vec<Streams> = same.map(|it| tasks.streams(it)).collect::<Option<_>>()?;
         let yielding = self.yielding.iter();
-        let yielding: Vec<(Kept, u64)> = yielding
-            .map(|it| company.run(it.row))
+        let yielding: Vec<(PersistentCost, u64)> = yielding
+            .map(|it| tasks.run(it.row))
             .collect::<Option<_>>()?;
         let visits = equals.iter().map(|it| it.1);
         let visits = visits.chain(yielding.iter().map(|it| it.1));
         // One that preempts may be preempted in a visit, too.
-        let preempted = preempting.iter().skip(guests + stood);
+        let preempted = preempting.iter().skip(warm + cold);
         let preempted: Vec<u64> = preempted
-            .map(|it| Some(company.run(it.row)?.1))
+            .map(|it| Some(tasks.run(it.row)?.1))
             .collect::<Option<_>>()?;
         let visits = visits.chain(preempted);
         let visit = visits.fold(own.1, u64::max);
         let restart = RESTART + if self.retries() { RETRY } else { 0 };
-        let cost = |member: &Member| {
-            let again = self.reloading(member.priority, Kind::Uncached, Kind::Uncached);
-            company.cost(member, visit, (restart, again))
+        let cost = |row_demand: &RowDemand| {
+            let again = self.reloading(row_demand.priority, Kind::Uncached, Kind::Uncached);
+            tasks.cost(row_demand, visit, (restart, again))
         };
-        let price = self.price(|member| {
-            if member.priority == self.own.priority {
-                let (streams, _) = company.kept(member)?;
-                return Some(streams.iter().map(|(_, kept)| kept.all).collect());
+        let substitution_cost = self.substitution_cost(|row_demand| {
+            if row_demand.priority == self.own.priority {
+                let (streams, _) = tasks.streams(row_demand)?;
+                return Some(streams.iter().map(|(_, cost)| cost.all).collect());
             }
-            Some(vec![cost(member)?])
+            Some(vec![cost(row_demand)?])
         })?;
-        let loads = preempting.iter().map(|member| {
+        let loads = preempting.iter().map(|row_demand| {
             Some(Load {
-                arrival: member.arrival,
-                cost: cost(member)?,
+                arrival: row_demand.arrival,
+                cost: cost(row_demand)?,
             })
         });
-        let once = self.blocking + company.beside.share.of_uncached(self.blocking, self.miss);
+        let once = self.blocking + tasks.cached.share.of_uncached(self.blocking, self.miss);
         let shares = own.0.iter();
-        let share = shares.map(|(arrival, kept)| arrival.rate() * kept.alone as f64);
+        let share = shares.map(|(arrival, cost)| arrival.rate() * cost.alone as f64);
         let share = share.sum();
-        let keeping = Keeping {
+        let window = PersistentWindow {
             own: own.0,
             equals: equals.into_iter().flat_map(|it| it.0).collect(),
             preempting: loads.collect::<Option<_>>()?,
             once: once
                 + OUTSTANDING_TRANSFER
-                + company.beside.share.of_visit
+                + tasks.cached.share.of_visit
                 + yielding.iter().map(|it| it.0.all).max().unwrap_or(0)
-                + price.once,
+                + substitution_cost.once,
         };
         Some(Found {
-            response: Some(keeping.response(self.limit)?),
-            cycles: company.run(self.own.row)?.0.alone,
+            response: Some(window.response(self.limit)?),
+            cycles: tasks.run(self.own.row)?.0.alone,
             share,
             via: "loops",
-            price: self.trade.map(|_| price.pieces),
+            substitution_cost: self.substitution.map(|_| substitution_cost.units),
         })
     }
 
@@ -400,18 +412,21 @@ impl<'a> Window<'a> {
         self.blocking_retries || rows.any(|it| it.cost.retries)
     }
 
-    /// What a run that is traded costs in this window, by what the parts of a row cost; nothing without
-    /// a trade.
-    fn price(&self, cost: impl Fn(&Member) -> Option<Vec<u64>>) -> Option<Price> {
-        let none = Price {
-            pieces: 0.0,
+    /// What a substituted run costs in this window, by what the parts of a row cost; nothing without
+    /// a substitution.
+    fn substitution_cost(
+        &self,
+        cost: impl Fn(&RowDemand) -> Option<Vec<u64>>,
+    ) -> Option<SubstitutionCost> {
+        let none = SubstitutionCost {
+            units: 0.0,
             once: 0,
         };
-        let rows: Vec<&Member> = { [self.own].into_iter() }
+        let rows: Vec<&RowDemand> = { [self.own].into_iter() }
             .chain(self.others.iter().copied())
             .collect();
-        let trade = self.trade;
-        trade.map_or(Some(none), |it| it.price(&rows, self.members, cost))
+        let substitution = self.substitution;
+        substitution.map_or(Some(none), |it| it.cost(&rows, self.row_demands, cost))
     }
 
     /// Lines of all that may run in the window, if the cache holds them.
@@ -422,42 +437,44 @@ impl<'a> Window<'a> {
         (lines.len() <= CACHE_LINES).then_some(lines.len())
     }
 
-    /// The response time with these costs, and what a run that is traded costs. `more`: what the
+    /// The response time with these costs, and what a substituted run costs. `more`: what the
     /// window pays once, besides blocking.
     fn response(&self, own: Kind, others: Kind, more: u64) -> (Option<u64>, Option<f64>) {
         let (_, own_kind) = own.of(self.own.cost.wcet);
-        let loads = |member: &Member| {
-            let is_kind = self.subject.rows[member.row].kind_of == Some(self.own.row);
-            let is_own = is_kind || member.row == self.own.row;
-            let preempts = member.priority > self.own.priority;
+        let loads = |row_demand: &RowDemand| {
+            let is_kind = self.system.rows[row_demand.row].kind_of == Some(self.own.row);
+            let is_own = is_kind || row_demand.row == self.own.row;
+            let preempts = row_demand.priority > self.own.priority;
             let again = if preempts && own != Kind::Warm {
-                self.reloading(member.priority, own_kind, others)
+                self.reloading(row_demand.priority, own_kind, others)
             } else {
                 0
             };
             let more = again + if preempts { RESTART + RETRY } else { 0 };
             let kind = if is_own { own } else { others };
-            let parts = member.parts.iter().map(|part| Load {
+            let parts = row_demand.parts.iter().map(|part| Load {
                 arrival: part.arrival,
                 cost: kind.of(part.wcet).0 + more,
             });
             parts.collect::<Vec<_>>()
         };
-        let costs = |member: &Member| loads(member).iter().map(|load| load.cost).collect();
-        let Some(price) = self.price(|member| Some(costs(member))) else {
+        let costs =
+            |row_demand: &RowDemand| loads(row_demand).iter().map(|load| load.cost).collect();
+        let Some(substitution_cost) = self.substitution_cost(|row_demand| Some(costs(row_demand)))
+        else {
             return (None, None);
         };
         let others = self.others.iter().flat_map(|other| loads(other));
         let others: Vec<Load> = others.collect();
-        let once = self.held_up() + more + price.once;
+        let once = self.held_up() + more + substitution_cost.once;
         let response = rta::response(&loads(self.own), &others, once, self.limit);
-        (response, self.trade.map(|_| price.pieces))
+        (response, self.substitution.map(|_| substitution_cost.units))
     }
 
     /// What holds the row up.
     fn source(&self) -> String {
         let yielding = self.yielding.iter();
-        let names = yielding.map(|it| format!("a run of `{}`", self.subject.rows[it.row].name));
+        let names = yielding.map(|it| format!("a run of `{}`", self.system.rows[it.row].name));
         let section = Some(self.blocking_source.clone()).filter(|source| !source.is_empty());
         names.chain(section).collect::<Vec<_>>().join(", ")
     }
@@ -483,16 +500,16 @@ impl<'a> Window<'a> {
 
 /// What the sections mean for the tasks: those that are not exempt and have a length.
 pub(crate) fn blocking(
-    subject: &Subject<'_>,
+    system: &System<'_>,
     held: &[crate::sections::Held],
     contexts: &BTreeMap<u32, u8>,
 ) -> Vec<Blocking> {
     let held = held.iter().filter_map(|section| {
-        let name = subject.image.name(section.function);
-        if subject.config.exemption(&name).is_some() {
+        let name = system.image.name(section.function);
+        if system.config.exemption(&name).is_some() {
             return None;
         }
-        let frames = subject.image.frames(section.address);
+        let frames = system.image.frames(section.address);
         let own = frames.iter().find(|frame| frame.file.starts_with("src/"));
         Some(Blocking {
             priority: contexts.get(&section.function).copied().unwrap_or(0),

@@ -209,7 +209,7 @@ mod tests {
             sustained: None,
             jitter: 0.0,
         };
-        // Runs each 100 cycles, pieces each 30: before the fifth piece, at 120, two runs are there.
+        // Runs each 100 cycles, units each 30: before the fifth unit, at 120, two runs are there.
         let counts = |jobs| arrived([every(100.0), every(30.0)].into_iter(), jobs);
         assert_eq!(counts(1), [1, 1]);
         assert_eq!(counts(3), [1, 3]);

@@ -11,7 +11,7 @@ use crate::{
     budget::{Budgets, Open},
     graph,
     ipet::Search,
-    kept, model,
+    model, persistence,
     wcet::Wcets,
 };
 
@@ -65,8 +65,8 @@ fn of_function(wcets: &Wcets<'_>, function: &Function) -> Vec<Held> {
                 .collect();
             let reached = called.iter().flat_map(|call| wcets.reach(*call)).collect();
             let mut own = blocks.iter().map(|block| &function.blocks[*block]);
-            let retries =
-                own.any(kept::stores_exclusively) || kept::has_exclusive_store(wcets, &reached);
+            let retries = own.any(persistence::stores_exclusively)
+                || persistence::has_exclusive_store(wcets, &reached);
             lines.extend(
                 blocks
                     .iter()

@@ -1,7 +1,7 @@
 //! Worst-case execution times of functions, those that they call included.
 //!
 //! Callees first; a callee costs the same wherever it is called. Loops that are bounded over a whole
-//! activation (`// wcet-total`) are kept apart until the task is known: each costs its longest round
+//! activation (`// wcet-total`) are kept separate until the task is known: each costs its longest round
 //! so often, on top of the path without those rounds. Those whose total has the same name share one
 //! budget: the dearest round of them all counts.
 
@@ -15,9 +15,9 @@ use crate::{
     Block, Cache, Count, Function, Instruction, Loop, Model, Region,
     budget::{Budget, Budgets, CALLS, Open, add_open, budget, is_on_each_way},
     ipet::Search,
-    kept::{Kept, Share},
     model::{self, CACHE_LINES},
     paths::{Graph, Rounds},
+    persistence::{PersistentLoops, Share},
 };
 
 /// Functions by their addresses.
@@ -54,7 +54,7 @@ pub(crate) struct Wcets<'a> {
     pub(crate) excluded: BTreeSet<u32>,
     /// Functions that are called at most so often in one activation, when the number is known.
     pub(crate) limited: BTreeMap<u32, Option<u64>>,
-    /// Lines that are used besides while a loop keeps its code in the cache: of the tasks that
+    /// Lines that are used besides while a loop is persistent in the cache: of the tasks that
     /// preempt it.
     pub(crate) beside: BTreeSet<u32>,
     /// What code outside of such loops costs these.
@@ -62,7 +62,7 @@ pub(crate) struct Wcets<'a> {
     /// Named bounds that are looked at with several values.
     pub(crate) varied: BTreeSet<String>,
     bounds: RefCell<Bounds>,
-    loops: RefCell<HashMap<u32, Rc<Kept>>>,
+    loops: RefCell<HashMap<u32, Rc<PersistentLoops>>>,
     touched: RefCell<HashMap<u32, Rc<BTreeSet<u32>>>>,
 }
 
@@ -151,29 +151,29 @@ impl<'a> Wcets<'a> {
                 .first()
                 .map_or(0, |block| self.fetches(block)),
             Cache::Loops | Cache::Shared => {
-                let kept = self.kept(function);
-                self.way(function, &kept, cache, None, 0, false)
+                let persistent = self.persistent_loops(function);
+                self.way(function, &persistent, cache, None, 0, false)
             }
         }
     }
 
-    /// The loops of a function that keep their code in the cache.
-    pub(crate) fn kept(&self, function: &Function) -> Rc<Kept> {
+    /// The persistent loops of a function.
+    pub(crate) fn persistent_loops(&self, function: &Function) -> Rc<PersistentLoops> {
         if let Some(known) = self.loops.borrow().get(&function.address) {
             return known.clone();
         }
-        let kept = Rc::new(Kept::new(self, function));
+        let persistent = Rc::new(PersistentLoops::new(self, function));
         self.loops
             .borrow_mut()
-            .insert(function.address, kept.clone());
-        kept
+            .insert(function.address, persistent.clone());
+        persistent
     }
 
-    /// What the way into a block costs apart from the block, where loops keep their code.
+    /// What the way into a block costs apart from the block, with persistent loops.
     fn way(
         &self,
         function: &Function,
-        kept: &Kept,
+        persistent: &PersistentLoops,
         cache: Cache,
         from: Option<usize>,
         to: usize,
@@ -181,16 +181,16 @@ impl<'a> Wcets<'a> {
     ) -> u64 {
         let refill = if is_taken { self.model.refill() } else { 0 };
         let next = &function.blocks[to];
-        let before = from.and_then(|from| kept.of_block[from]);
+        let before = from.and_then(|from| persistent.of_block[from]);
         let share = if cache == Cache::Shared {
             self.share
         } else {
             Share::default()
         };
         refill
-            + match kept.of_block[to] {
+            + match persistent.of_block[to] {
                 Some(one) if before == Some(one) => 0,
-                Some(one) => self.model.miss() * kept.lines[&one] + share.of_visit,
+                Some(one) => self.model.miss() * persistent.lines[&one] + share.of_visit,
                 None => {
                     let falls = from.filter(|from| {
                         !is_taken && before.is_none() && function.blocks[*from].call.is_none()
@@ -218,19 +218,19 @@ impl<'a> Wcets<'a> {
         is_wanted: impl Fn(usize) -> bool,
     ) -> Option<Graph> {
         let mut graph = Graph::default();
-        let kept = match cache {
-            Cache::Loops | Cache::Shared => Some(self.kept(function)),
+        let persistent = match cache {
+            Cache::Loops | Cache::Shared => Some(self.persistent_loops(function)),
             Cache::Warm | Cache::Cold | Cache::Uncached => None,
         };
         for (index, block) in function.blocks.iter().enumerate() {
             let is_excluded = block.call.is_some_and(|call| self.excluded.contains(&call));
             let is_out = is_excluded || !is_wanted(index);
-            let is_kept = kept
+            let is_persistent = persistent
                 .as_ref()
-                .is_some_and(|kept| kept.of_block[index].is_some());
+                .is_some_and(|persistent| persistent.of_block[index].is_some());
             graph.costs.push(match cache {
                 _ if is_out => 0,
-                Cache::Loops | Cache::Shared if is_kept => {
+                Cache::Loops | Cache::Shared if is_persistent => {
                     self.block(function, block, Cache::Warm, open)?
                 }
                 _ => self.block(function, block, cache, open)?,
@@ -239,8 +239,15 @@ impl<'a> Wcets<'a> {
             let edges = block.successors.iter();
             let edges = edges.filter(|edge| !is_out && is_wanted(edge.to));
             let edges = edges.map(|edge| {
-                if let Some(kept) = &kept {
-                    let way = self.way(function, kept, cache, Some(index), edge.to, edge.is_taken);
+                if let Some(persistent) = &persistent {
+                    let way = self.way(
+                        function,
+                        persistent,
+                        cache,
+                        Some(index),
+                        edge.to,
+                        edge.is_taken,
+                    );
                     return (edge.to, way);
                 }
                 let mut cost = if edge.is_taken {

@@ -158,7 +158,7 @@ fn players(report: &Report) -> Vec<Player> {
     let regimes = report.tasks.iter().filter_map(|it| it.regime.as_deref());
     let busiest = regimes.max_by(|one, other| load(one).total_cmp(&load(other)));
     let tasks = report.tasks.iter().enumerate();
-    let tasks = tasks.filter(|(_, task)| task.apart_from.is_empty());
+    let tasks = tasks.filter(|(_, task)| task.exclusive_with.is_empty());
     let tasks = tasks.filter(|(_, it)| it.regime.is_none() || it.regime.as_deref() == busiest);
     let players = tasks.filter_map(|(index, task)| Player::of(task, index));
     players.collect()

@@ -237,13 +237,13 @@ pub(super) fn figures(report: &Report) -> Vec<(&'static str, String)> {
         .tasks
         .iter()
         .map(|task| format!("{} {}", task.name, task.icache_lines));
-    let trade = report.trade.as_ref().map(|trade| {
+    let substitution = report.substitution.as_ref().map(|substitution| {
         format!(
             "{} may come instead of {} steps, and costs as much as {:.2} at most",
-            trade.row, trade.pieces, trade.costs
+            substitution.row, substitution.units, substitution.costs
         )
     });
-    let trade = trade.map(|trade| ("trade", trade));
+    let substitution = substitution.map(|substitution| ("substitution", substitution));
     let facts = [
         (
             "utilisation",
@@ -279,7 +279,7 @@ pub(super) fn figures(report: &Report) -> Vec<(&'static str, String)> {
             ),
         ),
     ];
-    facts.into_iter().chain(trade).collect()
+    facts.into_iter().chain(substitution).collect()
 }
 
 /// One flaw: what, where, and what to do.

@@ -5,7 +5,7 @@ use std::{
     fs,
 };
 
-use crate::{Annotations, App, Config, Function, Image, Input, Model, Program, subject::Subject};
+use crate::{Annotations, App, Config, Function, Image, Input, Model, Program, system::System};
 
 /// The emulated board has no step timer. This handler stands for the hardware; it preempts tasks,
 /// so it is followed too, but nothing is asked of it.
@@ -69,7 +69,7 @@ impl Plan {
         if let Some(measured) = &input.measured {
             model.calibrate(&measured.cycles);
         }
-        let subject = Subject::new(
+        let system = System::new(
             &program,
             &app,
             &config,
@@ -79,10 +79,10 @@ impl Plan {
         );
         let step_rate_hz = input.step_rate_hz.unwrap_or(config.table.step_rate_hz);
         let baud = input.baud.unwrap_or(config.table.baud);
-        let mut named = config.numbers(&clock, subject.point(step_rate_hz, baud))?;
+        let mut named = config.numbers(&clock, system.point(step_rate_hz, baud))?;
         named.entry("axes".to_owned()).or_insert(input.axes.into());
-        let mut plan = Self::new(&program, tasks(&subject), named, model);
-        let limited = subject.limited.iter();
+        let mut plan = Self::new(&program, tasks(&system), named, model);
+        let limited = system.limited.iter();
         plan.limited = limited
             .filter_map(|(address, name)| Some((*address, *plan.named.get(name)?)))
             .collect();
@@ -124,21 +124,21 @@ impl Plan {
 }
 
 /// The tasks to be followed, as [`Plan::new`] wants them.
-fn tasks(subject: &Subject<'_>) -> Vec<(String, u32, Vec<Kind>)> {
+fn tasks(system: &System<'_>) -> Vec<(String, u32, Vec<Kind>)> {
     let mut tasks: Vec<(String, u32, Vec<Kind>)> = Vec::new();
-    for row in subject.rows.iter().filter(|row| row.times.is_some()) {
+    for row in system.rows.iter().filter(|row| row.times.is_some()) {
         let kind = Kind {
             name: row.name.clone(),
             excluded: row.excluded.clone(),
         };
         // Of its vectors the emulator uses the task's own, not those that call that one.
-        let own = subject.image.symbol(&row.task.vector).unwrap_or(row.root);
+        let own = system.image.symbol(&row.task.vector).unwrap_or(row.root);
         match tasks.last_mut() {
             Some((_, handler, kinds)) if *handler == own => kinds.push(kind),
             _ => tasks.push((row.task.name.clone(), own, vec![kind])),
         }
     }
-    if let Some(handler) = subject.image.symbol(STAND_IN) {
+    if let Some(handler) = system.image.symbol(STAND_IN) {
         let kind = Kind {
             name: STAND_IN.to_owned(),
             excluded: BTreeSet::new(),

@@ -1,4 +1,4 @@
-//! The books: who executed what, and what it cost.
+//! The profile: which function executed what, and what it cost.
 
 mod entries;
 
@@ -18,7 +18,7 @@ const PERIPHERALS: [core::ops::Range<u32>; 2] =
     [0x4000_0000..0x6000_0000, 0xe000_0000..0xf000_0000];
 
 /// See the module.
-pub struct Books {
+pub struct Profile {
     /// The program.
     pub program: Program,
     /// Instructions met.
@@ -37,8 +37,8 @@ pub struct Books {
     index: BTreeMap<u32, usize>,
 }
 
-impl Books {
-    /// Empty books.
+impl Profile {
+    /// Empty profile.
     #[must_use]
     pub fn new(program: Program) -> Self {
         let calls = vec![Calls::default(); program.functions.len()];
@@ -123,7 +123,7 @@ impl Books {
         }
     }
 
-    /// Completes the books when the program has ended.
+    /// Completes the profile when the program has ended.
     pub fn close(&mut self) {
         // An activation that the end cut off is in nobody's statistics.
         while self.frames.len() > 1 {

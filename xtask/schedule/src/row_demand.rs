@@ -1,20 +1,20 @@
 //! A row of the table at one step rate and baud rate: what it costs, and when.
 //!
-//! A row whose runs do a varying number of pieces of work is charged for its runs and for the pieces
-//! apart: the pieces come at their own rate, however they are spread over runs.
+//! A row whose runs do a varying number of units of work is charged for its runs and for the units
+//! separately: the units come at their own rate, however they are spread over runs.
 
 use std::{collections::BTreeMap, rc::Rc};
 
 use crate::{
     Point, Wcet,
-    keeping::{Beside, Kept},
+    persistent_window::{CachedTasks, PersistentCost},
     rta::Arrival,
-    subject::{Cost, Subject},
+    system::{Cost, System},
 };
 
 /// A row with a deadline at one point.
 #[derive(Clone)]
-pub(crate) struct Member {
+pub(crate) struct RowDemand {
     pub(crate) row: usize,
     pub(crate) priority: u8,
     pub(crate) deadline: f64,
@@ -22,7 +22,7 @@ pub(crate) struct Member {
     pub(crate) arrival: Arrival,
     /// A whole run, the longest.
     pub(crate) cost: Rc<Cost>,
-    /// What its work consists of: runs, and pieces of work in them if their number varies.
+    /// What its work consists of: runs, and units of work in them if their number varies.
     pub(crate) parts: Vec<Part>,
     pub(crate) units: Option<UnitCount>,
 }
@@ -34,7 +34,7 @@ pub(crate) struct Part {
     pub(crate) wcet: Wcet,
 }
 
-/// How many pieces of work a run may have at most, and how many more than their rate says; and the
+/// How many units of work a run may have at most, and how many more than their rate says; and the
 /// values of the bounds for a run without any.
 #[derive(Clone)]
 pub(crate) struct UnitCount {
@@ -44,45 +44,45 @@ pub(crate) struct UnitCount {
 }
 
 impl UnitCount {
-    /// The cost of a run and that of a piece, when a run with all pieces costs `all` and one with
-    /// none `none`. Cost grows with the number of pieces, and ever faster: so the chord is above it.
+    /// The cost of a run and that of a unit, when a run with all units costs `all` and one with
+    /// none `none`. Cost grows with the number of units, and ever faster: so the chord is above it.
     fn split(&self, none: u64, all: u64) -> [u64; 2] {
-        let piece = all.saturating_sub(none).div_ceil(self.most.max(1));
-        [none + self.extra * piece, piece]
+        let unit = all.saturating_sub(none).div_ceil(self.most.max(1));
+        [none + self.extra * unit, unit]
     }
 }
 
-impl Member {
+impl RowDemand {
     /// A row, if it has a deadline.
     pub(crate) fn new(
-        subject: &Subject<'_>,
+        system: &System<'_>,
         row: usize,
         named: &BTreeMap<String, u64>,
         point: Point,
     ) -> Result<Option<Self>, String> {
-        let it = &subject.rows[row];
-        let Some((arrival, deadline)) = subject.arrival(it, point)? else {
+        let it = &system.rows[row];
+        let Some((arrival, deadline)) = system.arrival(it, point)? else {
             return Ok(None);
         };
         let unbounded = || format!("`{}` has no bound", it.name);
-        let cost = subject.cost(row, named).ok_or_else(unbounded)?;
+        let cost = system.cost(row, named).ok_or_else(unbounded)?;
         let mut parts = vec![Part {
             arrival,
             wcet: cost.wcet,
         }];
         let mut counted = None;
-        if let Some((bound, rate, extra)) = subject.units(it, point)? {
+        if let Some((bound, rate, extra)) = system.units(it, point)? {
             let most = named.get(&bound).copied().unwrap_or(0);
-            let config = &subject.config;
-            let without = config.numbers_without(&subject.clock, point, &bound)?;
-            let none = subject.cost(row, &without).ok_or_else(unbounded)?.wcet;
+            let config = &system.config;
+            let without = config.numbers_without(&system.clock, point, &bound)?;
+            let none = system.cost(row, &without).ok_or_else(unbounded)?.wcet;
             let count = UnitCount {
                 most,
                 extra,
                 without,
             };
-            let [run, piece] = count.split(none.warm, cost.wcet.warm);
-            let [run_uncached, piece_uncached] = count.split(none.uncached, cost.wcet.uncached);
+            let [run, unit] = count.split(none.warm, cost.wcet.warm);
+            let [run_uncached, unit_uncached] = count.split(none.uncached, cost.wcet.uncached);
             let wcet = |warm, uncached| Wcet {
                 warm,
                 cold: 0,
@@ -91,7 +91,7 @@ impl Member {
             parts[0].wcet = wcet(run, run_uncached);
             parts.push(Part {
                 arrival: rate,
-                wcet: wcet(piece, piece_uncached),
+                wcet: wcet(unit, unit_uncached),
             });
             counted = Some(count);
         }
@@ -119,36 +119,36 @@ impl Member {
         new
     }
 
-    /// What a run costs without any pieces of work, not even those that it may have beside its share,
-    /// and what a piece costs, by the costs of its parts.
-    pub(crate) fn run_and_piece(&self, costs: &[u64]) -> (u64, u64) {
+    /// What a run costs without any units of work, not even those that it may have beside its share,
+    /// and what a unit costs, by the costs of its parts.
+    pub(crate) fn run_and_unit(&self, costs: &[u64]) -> (u64, u64) {
         match (costs, &self.units) {
-            ([run, piece], Some(units)) => (run.saturating_sub(units.extra * piece), *piece),
+            ([run, unit], Some(units)) => (run.saturating_sub(units.extra * unit), *unit),
             ([run, ..], _) => (*run, 0),
             ([], _) => (0, 0),
         }
     }
 
-    /// The streams of its work where loops keep their code, and how many lines a visit loads at most.
-    pub(crate) fn kept(
+    /// The streams of its work with persistent loops, and how many lines a visit loads at most.
+    pub(crate) fn persistent_streams(
         &self,
-        subject: &Subject<'_>,
+        system: &System<'_>,
         named: &BTreeMap<String, u64>,
-        beside: &Beside,
-    ) -> Option<(Vec<(Arrival, Kept)>, u64)> {
-        let (all, visit) = subject.kept(self.row, named, beside)?;
+        beside: &CachedTasks,
+    ) -> Option<(Vec<(Arrival, PersistentCost)>, u64)> {
+        let (all, visit) = system.persistent_cost(self.row, named, beside)?;
         let Some(units) = &self.units else {
             return Some((vec![(self.arrival, all)], visit));
         };
-        let (none, _) = subject.kept(self.row, &units.without, beside)?;
+        let (none, _) = system.persistent_cost(self.row, &units.without, beside)?;
         let alone = units.split(none.alone, all.alone);
         let cycles = units.split(none.all, all.all);
         let parts = self.parts.iter().enumerate().map(|(index, part)| {
-            let kept = Kept {
+            let persistent = PersistentCost {
                 alone: alone[index],
                 all: cycles[index],
             };
-            (part.arrival, kept)
+            (part.arrival, persistent)
         });
         Some((parts.collect(), visit))
     }
@@ -165,11 +165,11 @@ mod tests {
             extra: 3,
             without: BTreeMap::new(),
         };
-        let [run, piece] = units.split(1000, 10_001);
-        assert_eq!((run, piece), (1000 + 3 * 301, 301));
+        let [run, unit] = units.split(1000, 10_001);
+        assert_eq!((run, unit), (1000 + 3 * 301, 301));
         // Costs that grow ever faster stay below the chord.
-        let cost = |pieces: u64| 1000 + pieces * pieces * 10;
-        let [run, piece] = UnitCount { extra: 0, ..units }.split(cost(0), cost(30));
-        assert!((0..=30).all(|pieces| run + pieces * piece >= cost(pieces)));
+        let cost = |units: u64| 1000 + units * units * 10;
+        let [run, unit] = UnitCount { extra: 0, ..units }.split(cost(0), cost(30));
+        assert!((0..=30).all(|units| run + units * unit >= cost(units)));
     }
 }

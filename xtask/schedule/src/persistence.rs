@@ -1,12 +1,12 @@
-//! Loops that keep their code in the instruction cache, although the whole task does not, and what
-//! the rest of its code costs the tasks that preempt it.
+//! Persistent loops, whose code stays in the instruction cache although not all of the task's code
+//! does, and the cache-related preemption delay (CRPD) of the rest of its code.
 //!
 //! While a loop runs, nothing but its own lines and those of the tasks that preempt it are used. If
-//! all of them together fit the cache, none is pushed out before the loop is left, whatever order
+//! all of them together fit the cache, none is evicted before the loop is left, whatever order
 //! they are used in: each is missed at most once.
 //!
-//! The rest of the code goes from line to line, and so pushes those of the tasks that preempt it out
-//! now and then. Cut it into *stretches*, each of which uses as many different lines as the cache
+//! The rest of the code goes from line to line, and so evicts those of the preempting tasks now and
+//! then. Cut it into *stretches*, each of which uses as many different lines as the cache
 //! holds beside those of these tasks: then in a stretch, too, each of theirs is missed at most once.
 //! All but the last of the stretches before a visit of a loop, or before the end, fetch that many
 //! lines: so a visit ends one, and each line that is fetched has its share in another.
@@ -21,7 +21,7 @@ const VARIED_ROUNDS: u64 = 100;
 /// Lines that are in use where a stretch begins: an interrupted instruction goes on in them.
 const IN_USE: usize = 2;
 
-/// What code costs the tasks that preempt it, where their lines are fetched once in each stretch.
+/// What code costs the preempting tasks, where their lines are fetched once in each stretch.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, PartialOrd, Ord)]
 pub(crate) struct Share {
     /// Cycles for each line that is fetched outside of visits.
@@ -31,10 +31,10 @@ pub(crate) struct Share {
 }
 
 impl Share {
-    /// For guests that have so many lines, beside so many of all that a stretch stands; `None` where
+    /// For warm tasks that have so many lines, beside so many of all that stay cached; `None` where
     /// they leave no room in the cache.
-    pub(crate) fn new(guests: usize, beside: usize, miss: u64) -> Option<Self> {
-        let of_visit = guests as u64 * miss;
+    pub(crate) fn new(warm: usize, beside: usize, miss: u64) -> Option<Self> {
+        let of_visit = warm as u64 * miss;
         let room = CACHE_LINES.checked_sub(beside + IN_USE)?;
         (room > 0).then(|| Self {
             of_line: of_visit.div_ceil(room as u64),
@@ -49,16 +49,16 @@ impl Share {
     }
 }
 
-/// The loops of a function that keep their code, the outermost of those within each other.
+/// The persistent loops of a function, the outermost of those within each other.
 #[derive(Debug, Clone, Default)]
-pub(crate) struct Kept {
+pub(crate) struct PersistentLoops {
     /// For each block the head of its loop.
     pub(crate) of_block: Vec<Option<usize>>,
     /// For each head, how many lines are missed in one visit.
     pub(crate) lines: BTreeMap<usize, u64>,
 }
 
-impl Kept {
+impl PersistentLoops {
     pub(crate) fn new(wcets: &Wcets<'_>, function: &Function) -> Self {
         let mut new = Self {
             of_block: vec![None; function.blocks.len()],
@@ -175,41 +175,41 @@ mod tests {
         }
     }
 
-    /// What happens: code goes to a line, or through a loop of so many lines; a guest runs, or another task
-    /// that is stood.
+    /// What happens: code goes to a line, or through a loop of so many lines; a warm task runs, or a
+    /// cold one.
     #[derive(Debug, Clone)]
     enum Act {
         Line(u32),
         Visit(u32, Vec<(u32, bool)>),
-        Guest(Vec<u32>),
-        Stood(Vec<u32>),
+        Warm(Vec<u32>),
+        Cold(Vec<u32>),
     }
 
     const MISS: u64 = 100;
-    const GUESTS: u32 = 12;
-    const STOOD: u32 = 20;
+    const WARM: u32 = 12;
+    const COLD: u32 = 20;
 
     fn act() -> impl Strategy<Value = Act> {
-        let guest = || proptest::collection::vec(0..GUESTS, 1..20);
+        let warm = || proptest::collection::vec(0..WARM, 1..20);
         let in_visit = proptest::collection::vec((0..32_u32, any::<bool>()), 1..60);
         prop_oneof![
             20 => (0..2000_u32).prop_map(Act::Line),
             20 => (0..40_u32).prop_map(Act::Line),
-            1 => (1..=64 - GUESTS - STOOD, in_visit).prop_map(|(lines, rounds)| Act::Visit(lines, rounds)),
-            3 => guest().prop_map(Act::Guest),
-            1 => Just(Act::Guest((0..GUESTS).collect())),
-            2 => proptest::collection::vec(0..STOOD, 1..30).prop_map(Act::Stood),
+            1 => (1..=64 - WARM - COLD, in_visit).prop_map(|(lines, rounds)| Act::Visit(lines, rounds)),
+            3 => warm().prop_map(Act::Warm),
+            1 => Just(Act::Warm((0..WARM).collect())),
+            2 => proptest::collection::vec(0..COLD, 1..30).prop_map(Act::Cold),
         ]
     }
 
-    /// Code that pushes a guest out again and again, with as few lines as it can.
-    fn pushing_out() -> impl Strategy<Value = Vec<Act>> {
+    /// Code that evicts a warm task again and again, with as few lines as it can.
+    fn evicting() -> impl Strategy<Value = Vec<Act>> {
         (25..40_u32, 1..40_u32).prop_map(|(lines, times)| {
             let round = |time| {
                 let code = (0..lines).map(move |line| Act::Line(time * lines + line));
                 code.chain([
-                    Act::Stood((0..STOOD).collect()),
-                    Act::Guest((0..GUESTS).collect()),
+                    Act::Cold((0..COLD).collect()),
+                    Act::Warm((0..WARM).collect()),
                 ])
             };
             (0..times).flat_map(round).collect()
@@ -218,10 +218,10 @@ mod tests {
 
     proptest! {
         #[test]
-        fn guests_miss_no_more_lines_than_are_charged(
-            acts in prop_oneof![proptest::collection::vec(act(), 1..1500), pushing_out()],
+        fn warm_tasks_miss_no_more_lines_than_are_charged(
+            acts in prop_oneof![proptest::collection::vec(act(), 1..1500), evicting()],
         ) {
-            let share = Share::new(GUESTS as usize, (GUESTS + STOOD) as usize, MISS).unwrap();
+            let share = Share::new(WARM as usize, (WARM + COLD) as usize, MISS).unwrap();
             let mut cache = Lru::default();
             let (mut missed, mut again, mut charged) = (0, 0, share.of_visit);
             let mut in_use = Vec::new();
@@ -234,19 +234,19 @@ mod tests {
                     }
                     Act::Visit(lines, rounds) => {
                         // Its own lines, and once those beside.
-                        charged += share.of_visit + u64::from(GUESTS) * MISS;
+                        charged += share.of_visit + u64::from(WARM) * MISS;
                         for (line, preempts) in rounds {
                             cache.touch(5000 + line % lines);
                             if *preempts {
-                                missed += (0..GUESTS).map(|line| cache.touch(line)).sum::<u64>();
+                                missed += (0..WARM).map(|line| cache.touch(line)).sum::<u64>();
                             }
                         }
                         in_use.clear();
                     }
-                    Act::Guest(lines) => {
+                    Act::Warm(lines) => {
                         missed += lines.iter().map(|line| cache.touch(*line)).sum::<u64>();
                     }
-                    Act::Stood(lines) => {
+                    Act::Cold(lines) => {
                         for line in lines {
                             cache.touch(100 + line);
                         }

@@ -10,9 +10,9 @@ use crate::{
     App, AppTask, Cache, Clock, Config, Flaw, Formula, Image, Model, Place, Point, Program, Rule,
     Wcet,
     config::{self, ModeConfig, TaskConfig, Units},
-    keeping::{Beside, Kept},
-    kept::{self, Share},
     model::LINE_BYTES,
+    persistence::{self, Share},
+    persistent_window::{CachedTasks, PersistentCost},
     rta::Arrival,
     stack,
     wcet::Wcets,
@@ -59,7 +59,7 @@ pub(crate) struct Times {
     yields_to: Vec<String>,
     /// The regime that it belongs to, with its task's name.
     regime: Option<String>,
-    apart_from: Vec<String>,
+    exclusive_with: Vec<String>,
 }
 
 /// What a row costs.
@@ -74,10 +74,10 @@ pub(crate) struct Cost {
 
 /// A row, and the values of the bounds that it uses.
 type Key = (usize, Vec<u64>);
-type KeptKey = (usize, Vec<u64>, Vec<usize>, Share);
+type PersistentKey = (usize, Vec<u64>, Vec<usize>, Share);
 
 /// Everything that does not depend on the step rate.
-pub(crate) struct Subject<'a> {
+pub(crate) struct System<'a> {
     pub(crate) image: &'a Image,
     pub(crate) program: &'a Program<'a>,
     pub(crate) app: &'a App,
@@ -92,12 +92,12 @@ pub(crate) struct Subject<'a> {
     used: Vec<BTreeSet<String>>,
     /// Costs by row and the values of the bounds that it uses.
     costs: RefCell<BTreeMap<Key, Option<Rc<Cost>>>>,
-    /// The same with loops that keep their code, the rows beside which they do, and the most lines that
+    /// The same with persistent loops, the rows whose lines stay beside theirs, and the most lines that
     /// a visit loads.
-    kept: RefCell<BTreeMap<KeptKey, Option<(Kept, u64)>>>,
+    persistent_costs: RefCell<BTreeMap<PersistentKey, Option<(PersistentCost, u64)>>>,
 }
 
-impl<'a> Subject<'a> {
+impl<'a> System<'a> {
     pub(crate) fn new(
         program: &'a Program<'a>,
         app: &'a App,
@@ -118,7 +118,7 @@ impl<'a> Subject<'a> {
             limited: BTreeMap::new(),
             used: Vec::new(),
             costs: RefCell::default(),
-            kept: RefCell::default(),
+            persistent_costs: RefCell::default(),
         };
         let mut tasks: Vec<&AppTask> = app.tasks.iter().filter(|task| task.priority > 0).collect();
         tasks.sort_by_key(|task| std::cmp::Reverse(task.priority));
@@ -132,7 +132,7 @@ impl<'a> Subject<'a> {
             }
         }
         new.limit(flaws);
-        new.trade(flaws);
+        new.add_substitution(flaws);
         new.used = new.rows.iter().map(|row| new.names(row)).collect();
         new
     }
@@ -211,16 +211,19 @@ impl<'a> Subject<'a> {
         excluded
     }
 
-    /// Adds the row of the runs that may come instead of pieces of work.
-    fn trade(&mut self, flaws: &mut Vec<Flaw>) {
-        let Some(trade) = &self.config.trade else {
+    /// Adds the row of the runs that may come instead of units of work.
+    fn add_substitution(&mut self, flaws: &mut Vec<Flaw>) {
+        let Some(substitution) = &self.config.substitution else {
             return;
         };
-        let of = { self.rows.iter() }.position(|row| row.name == trade.row);
-        let with = trade.with_run.keys().chain(trade.with_piece.keys());
-        let names = with.chain([&trade.row]);
+        let of = { self.rows.iter() }.position(|row| row.name == substitution.row);
+        let with = substitution
+            .with_run
+            .keys()
+            .chain(substitution.with_unit.keys());
+        let names = with.chain([&substitution.row]);
         for name in names.filter(|name| !self.rows.iter().any(|row| row.name == **name)) {
-            let what = format!("`schedule.toml` trades runs of `{name}`, which is no row");
+            let what = format!("`schedule.toml` substitutes runs of `{name}`, which is no row");
             flaws.push(misconfigured(what, "Correct the name."));
         }
         let Some(of) = of else {
@@ -228,8 +231,8 @@ impl<'a> Subject<'a> {
         };
         let mut row = self.rows[of].clone();
         row.excluded
-            .extend(self.excluded(&trade.kind, &trade.excludes, flaws));
-        row.name = format!("{}: {}", row.task.name, trade.kind);
+            .extend(self.excluded(&substitution.kind, &substitution.excludes, flaws));
+        row.name = format!("{}: {}", row.task.name, substitution.kind);
         row.kind_of = Some(of);
         self.rows.insert(of + 1, row);
     }
@@ -315,33 +318,37 @@ impl<'a> Subject<'a> {
         cost
     }
 
-    /// What a row costs where loops keep their code beside that of other rows, and how many lines one
+    /// What a row costs with persistent loops beside the code of other rows, and how many lines one
     /// of their visits loads at most.
-    pub(crate) fn kept(
+    pub(crate) fn persistent_cost(
         &self,
         row: usize,
         named: &BTreeMap<String, u64>,
-        beside: &Beside,
-    ) -> Option<(Kept, u64)> {
+        beside: &CachedTasks,
+    ) -> Option<(PersistentCost, u64)> {
         let values = self.used[row]
             .iter()
             .map(|name| named.get(name).copied().unwrap_or(u64::MAX));
         let key = (row, values.collect(), beside.rows.clone(), beside.share);
-        if let Some(known) = self.kept.borrow().get(&key) {
+        if let Some(known) = self.persistent_costs.borrow().get(&key) {
             return *known;
         }
         let mut wcets = self.wcets(&self.rows[row], named);
         wcets.beside.clone_from(&beside.lines);
         wcets.share = beside.share;
-        let kept = self.compute_kept(&self.rows[row], &wcets);
-        self.kept.borrow_mut().insert(key, kept);
-        kept
+        let cost = self.compute_persistent_cost(&self.rows[row], &wcets);
+        self.persistent_costs.borrow_mut().insert(key, cost);
+        cost
     }
 
-    fn compute_kept(&self, row: &Row, wcets: &Wcets<'_>) -> Option<(Kept, u64)> {
+    fn compute_persistent_cost(
+        &self,
+        row: &Row,
+        wcets: &Wcets<'_>,
+    ) -> Option<(PersistentCost, u64)> {
         let frame = self.frame(row) + self.model.miss();
         let bound = |cache| row.longest(|entry| Some(wcets.bound(entry, cache)?.cycles()));
-        let kept = Kept {
+        let cost = PersistentCost {
             alone: bound(Cache::Loops)? + frame,
             // The vector is a line, too.
             all: bound(Cache::Shared)? + frame + wcets.share.of_line,
@@ -350,8 +357,9 @@ impl<'a> Subject<'a> {
         let functions = reached
             .iter()
             .filter_map(|address| self.program.function(*address));
-        let most = functions.filter_map(|it| wcets.kept(it).lines.values().copied().max());
-        Some((kept, most.max().unwrap_or(0)))
+        let most =
+            functions.filter_map(|it| wcets.persistent_loops(it).lines.values().copied().max());
+        Some((cost, most.max().unwrap_or(0)))
     }
 
     /// Entry and exit, and the saving of floating-point registers.
@@ -378,7 +386,7 @@ impl<'a> Subject<'a> {
                 uncached: uncached + frame + vector,
             },
             lines: self.lines(row, &wcets),
-            retries: kept::has_exclusive_store(&wcets, &wcets.reach(row.root)),
+            retries: persistence::has_exclusive_store(&wcets, &wcets.reach(row.root)),
         })
     }
 
@@ -426,22 +434,22 @@ impl<'a> Subject<'a> {
     }
 
     /// Names of the rows that are said never to be due while this one is.
-    pub(crate) fn apart_from(row: &Row) -> Vec<String> {
+    pub(crate) fn exclusive_with(row: &Row) -> Vec<String> {
         let times = row.times.as_ref();
-        times.map_or_else(Vec::new, |times| times.apart_from.clone())
+        times.map_or_else(Vec::new, |times| times.exclusive_with.clone())
     }
 
     /// Whether no run of one row is due while one of the other is.
-    pub(crate) fn are_apart(&self, row: usize, other: usize) -> bool {
+    pub(crate) fn are_exclusive(&self, row: usize, other: usize) -> bool {
         let is_from = |row: usize, other: usize| {
             let times = self.rows[row].times.as_ref();
-            times.is_some_and(|times| times.apart_from.contains(&self.rows[other].name))
+            times.is_some_and(|times| times.exclusive_with.contains(&self.rows[other].name))
         };
         let is_kind = |row: usize| self.rows[row].kind_of.is_some();
         is_kind(row) || is_kind(other) || is_from(row, other) || is_from(other, row)
     }
 
-    /// The bound that is the number of a row's pieces of work, when they arrive, and how many more
+    /// The bound that is the number of a row's units of work, when they arrive, and how many more
     /// a run may have.
     ///
     /// # Errors
@@ -518,7 +526,7 @@ fn times(config: &TaskConfig) -> Option<Times> {
         units: None,
         yields_to: Vec::new(),
         regime: None,
-        apart_from: Vec::new(),
+        exclusive_with: Vec::new(),
     })
 }
 
@@ -540,7 +548,7 @@ fn mode_times(task: &str, mode: &ModeConfig) -> Times {
             .regime
             .as_ref()
             .map(|regime| format!("{task}: {regime}")),
-        apart_from: rows(&mode.apart_from),
+        exclusive_with: rows(&mode.exclusive_with),
     }
 }
 
