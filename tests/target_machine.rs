@@ -22,7 +22,7 @@ mod rig {
 
     pub(crate) struct Rig<'a> {
         machine: &'a mut Simulator,
-        pub(crate) tally: Tally,
+        pub(crate) tally: StepStatistics,
         pub(crate) answers: u32,
         pub(crate) errors: u32,
         line: heapless::Vec<u8, 128>,
@@ -42,7 +42,7 @@ mod rig {
             machine.settle();
             Self {
                 machine,
-                tally: Tally::new(),
+                tally: StepStatistics::new(),
                 answers: 0,
                 errors: 0,
                 line: heapless::Vec::new(),

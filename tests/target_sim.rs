@@ -100,7 +100,7 @@ mod target {
 
     /// Counts steps and writes down what the machine says.
     struct Witness {
-        tally: Tally,
+        tally: StepStatistics,
         lines: Lines,
     }
 
@@ -144,7 +144,7 @@ mod target {
         settings
     }
 
-    fn report(witness: &mut Witness, end: End, stream: &Stream<'_, Bytes>) -> fmt::Result {
+    fn report(witness: &mut Witness, end: StreamEnd, stream: &Stream<'_, Bytes>) -> fmt::Result {
         let Witness { tally, lines } = witness;
         writeln!(lines, "end {end:?}")?;
         writeln!(lines, "lines {}", stream.lines)?;
@@ -172,7 +172,7 @@ mod target {
         let settings = settings(File::open(c"settings.txt").expect("the host gives settings"));
         let file = File::create(c"figures.txt").expect("the folder is writable");
         let mut witness = Witness {
-            tally: Tally::new(),
+            tally: StepStatistics::new(),
             lines: Lines {
                 file,
                 text: heapless::String::new(),
