@@ -267,8 +267,7 @@ pub fn interpret<'q>(
     let entered = session.entered();
     let progress = session.run(snapshot, requests, received, sent, entries);
     let new = session.entered().wrapping_sub(entered) as usize;
-    // While an older entry waits, `prepare` runs again by itself.
-    if session.takes_release() | (new != 0 && entries.len() <= new) {
+    if session.takes_release() | needs_release(new, entries) {
         port.pend(Task::Prepare);
     }
     let Some(change) = session.wants_store() else {
@@ -277,6 +276,13 @@ pub fn interpret<'q>(
     let result = store(change, session.stored());
     session.has_stored(result);
     Progress::Again
+}
+
+/// Returns whether entries that have just been enqueued release `prepare`: while an older entry waits,
+/// `prepare` runs again by itself.
+#[inline]
+pub(crate) fn needs_release(new: usize, entries: &Producer<'_, Entry>) -> bool {
+    new != 0 && entries.len() <= new
 }
 
 /// Answers `?`.

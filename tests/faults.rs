@@ -7,11 +7,10 @@ use leadscrew::{
     axis::Axes,
     model::{Requests, State},
     path::{Entry, Router, Work},
-    protocol::realtime,
     settings::{Settings, StepRate},
     sim::{Drive, Edge},
 };
-use support::{RESET, TICKS_PER_S, line, with};
+use support::{RESET, TICKS_PER_S, line, receive, with};
 
 /// The drive on a clock of its own; `prepare` runs only when it is told to.
 struct Machine {
@@ -20,7 +19,7 @@ struct Machine {
     requests: Requests,
     now: u64,
     sent: u32,
-    epoch: u32,
+    resets: u32,
     steps: Axes<i32>,
 }
 
@@ -32,24 +31,15 @@ impl Machine {
             requests: Requests::new(),
             now: 0,
             sent: 0,
-            epoch: 0,
+            resets: 0,
             steps: Axes::all(0),
         }
     }
 
     fn send(&mut self, work: Work) {
-        let epoch = self.epoch;
-        assert!(
-            self.drive
-                .entries
-                .enqueue(Entry {
-                    reset_count: epoch,
-                    work
-                })
-                .is_ok()
-        );
+        let reset_count = self.resets;
+        assert!(self.drive.enqueue(Entry { reset_count, work }));
         self.sent += 1;
-        self.drive.release_prepare();
     }
 
     fn go(&mut self, mm: &[f64]) {
@@ -97,10 +87,8 @@ impl Machine {
     }
 
     fn reset(&mut self) {
-        let mut line = leadscrew::protocol::Bytes::<4>::new();
-        let _ = realtime::receive(RESET, &self.requests, &mut line.split().0);
-        self.epoch += 1;
-        self.drive.release_prepare();
+        receive(&mut self.drive, &self.requests, RESET);
+        self.resets += 1;
     }
 }
 

@@ -7,13 +7,12 @@ use leadscrew::{
     axis::{AXES, Axes},
     model::{Circle, Command, FeedRate, Plane, Requests, Rotation, Target, queues::EVENT_RING},
     path::{Block, Entry, Router, Work},
-    protocol::realtime,
     settings::Settings,
     sim::Drive,
     units::{Nm, StepsPerMm, TICKS_PER_MS, TICKS_PER_SECOND},
 };
 use proptest::prelude::*;
-use support::{RESET, cases};
+use support::{RESET, cases, receive};
 
 /// Numbers of all magnitudes between two ends.
 fn wide(least: f64, most: f64) -> impl Strategy<Value = f64> {
@@ -191,7 +190,7 @@ impl<'a> Play<'a> {
                 reset_count: 0,
                 work,
             };
-            if self.drive.entries.enqueue(entry).is_err() {
+            if !self.drive.enqueue(entry) {
                 break;
             }
             if let Work::Move(block) = &work {
@@ -199,7 +198,6 @@ impl<'a> Play<'a> {
             }
             self.sent += 1;
             self.waiting = None;
-            self.drive.release_prepare();
         }
     }
 
@@ -222,7 +220,7 @@ impl<'a> Play<'a> {
     fn step(&mut self) -> bool {
         while self.drive.prepare(&self.requests, self.now) {}
         let snapshot = *self.drive.snapshot();
-        if snapshot.is_at_rest && self.drive.entries.is_empty() {
+        if snapshot.is_at_rest && self.drive.has_no_entry() {
             assert_eq!(snapshot.finished, self.sent);
             assert_eq!(snapshot.steps, self.steps);
             assert_eq!(self.drive.late(), 0);
@@ -232,7 +230,6 @@ impl<'a> Play<'a> {
         let edge = edge.unwrap_or_else(|| panic!("stuck: {snapshot:?}"));
         assert!(edge.ticks - self.now <= 4 * u64::from(TICKS_PER_MS));
         self.now = edge.ticks;
-        self.drive.release_prepare();
         for axis in 0..AXES {
             if edge.raise >> axis & 1 != 0 {
                 self.count(axis, edge.directions >> axis & 1 == 0);
@@ -259,9 +256,7 @@ impl<'a> Play<'a> {
 
     fn reset(&mut self) {
         self.waiting = None;
-        let mut line = leadscrew::protocol::Bytes::<4>::new();
-        let _ = realtime::receive(RESET, &self.requests, &mut line.split().0);
-        self.drive.release_prepare();
+        receive(&mut self.drive, &self.requests, RESET);
     }
 }
 

@@ -14,6 +14,7 @@ use crate::{
     model::{Levels, Outputs, Requests, queues::ENTRY_RING},
     motion::Motion,
     path::Entry,
+    protocol::ByteWriter,
     settings::Settings,
     stepper::{EventRing, SegmentRing},
     tasks::{self, Cause, Port, Task, Unlocked},
@@ -43,8 +44,8 @@ pub struct Drive {
     pub segments: SegmentRing,
     /// Switches, probe and buttons.
     pub inputs: Inputs,
-    /// Entries for `prepare`.
-    pub entries: Queue<Entry, ENTRY_RING>,
+    /// For `prepare`.
+    entries: Queue<Entry, ENTRY_RING>,
     events: EventRing,
     timer: VirtualTimer,
     port: VirtualPort,
@@ -184,9 +185,25 @@ impl Drive {
         (&self.snapshot, self.entries.split().0, &mut self.port)
     }
 
-    /// What releases tasks, for those of the protocol.
-    pub(super) const fn port(&mut self) -> &mut VirtualPort {
-        &mut self.port
+    /// Runs `serial_rx`: a byte arrives.
+    pub fn receive(&mut self, byte: u8, requests: &Requests, received: &mut ByteWriter<'_>) {
+        tasks::serial_rx(byte, requests, received, &mut self.port);
+    }
+
+    /// Enqueues an entry as `interpret` does. Returns whether there was room.
+    pub fn enqueue(&mut self, entry: Entry) -> bool {
+        let (mut entries, _) = self.entries.split();
+        let is_enqueued = entries.enqueue(entry).is_ok();
+        if tasks::needs_release(is_enqueued.into(), &entries) {
+            self.port.pend(Task::Prepare);
+        }
+        is_enqueued
+    }
+
+    /// Returns whether `prepare` has dequeued every entry.
+    #[must_use]
+    pub fn has_no_entry(&self) -> bool {
+        self.entries.is_empty()
     }
 
     /// Releases `prepare`.

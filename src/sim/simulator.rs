@@ -135,7 +135,7 @@ impl Simulator {
     /// A byte arrives.
     pub fn receive(&mut self, byte: u8) {
         let (mut line, _) = self.received.split();
-        tasks::serial_rx(byte, &self.requests, &mut line, self.drive.port());
+        self.drive.receive(byte, &self.requests, &mut line);
         self.wake();
     }
 

@@ -8,7 +8,7 @@ use leadscrew::{
 
 use crate::{
     CANCEL, DOOR, MS, go, jog, moving, notices, send, state,
-    support::{RESET, Rig, check_limits, fast, line},
+    support::{RESET, Rig, check_limits, fast, line, receive},
 };
 
 #[test]
@@ -74,10 +74,7 @@ fn a_limit_switch_that_is_active_locks_at_a_reset() {
     let mut rig = Rig::new(&settings);
     rig.drive.inputs.set_closed(Levels::limits(1));
     for _ in 0..2 {
-        let mut line = leadscrew::protocol::Bytes::<4>::new();
-        let (mut line, _) = line.split();
-        let _ = leadscrew::protocol::realtime::receive(RESET, &rig.requests, &mut line);
-        rig.drive.release_prepare();
+        receive(&mut rig.drive, &rig.requests, RESET);
         while rig.drive.prepare(&rig.requests, rig.now) {}
         assert_eq!(state(&rig), State::Alarm);
         assert!(!rig.snapshot().reset_in_motion);

@@ -5,13 +5,12 @@ use leadscrew::{
     machine::Snapshot,
     model::{Alarm, Command, Levels, Notice, Probing, Requests, State},
     path::{Entry, Router, Work},
-    protocol::realtime,
     settings::Settings,
     sim::{Closes, Drive, Switch},
     units::{TICKS_PER_SECOND, TICKS_PER_US},
 };
 
-use super::{Trace, at, line};
+use super::{Trace, at, line, receive};
 
 /// A machine with switches, without its session.
 pub(crate) struct Cell {
@@ -35,7 +34,6 @@ impl Cell {
             sent: 0,
             seen: 0,
         };
-        cell.drive.release_prepare();
         cell.settle();
         cell
     }
@@ -72,24 +70,17 @@ impl Cell {
     }
 
     pub(crate) fn byte(&mut self, byte: u8) {
-        let mut line = leadscrew::protocol::Bytes::<4>::new();
-        let _ = realtime::receive(byte, &self.requests, &mut line.split().0);
-        self.drive.release_prepare();
+        receive(&mut self.drive, &self.requests, byte);
         self.settle();
     }
 
     pub(crate) fn send(&mut self, work: Work) {
-        let epoch = self
-            .snapshot()
+        let snapshot = self.snapshot();
+        let reset_count = snapshot
             .reset_count
-            .wrapping_add(self.snapshot().cancelled_motions);
-        let entry = Entry {
-            reset_count: epoch,
-            work,
-        };
-        assert!(self.drive.entries.enqueue(entry).is_ok());
+            .wrapping_add(snapshot.cancelled_motions);
+        assert!(self.drive.enqueue(Entry { reset_count, work }));
         self.sent += 1;
-        self.drive.release_prepare();
         self.settle();
     }
 

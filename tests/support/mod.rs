@@ -21,14 +21,23 @@ pub(crate) use {cell::*, host::*, limits::*, path::*, profile::*, rig::*, trace:
 mod host {
     use leadscrew::{
         axis::Axes,
-        model::{Circle, Command, FeedRate, Plane, Rotation, Target},
+        model::{Circle, Command, FeedRate, Plane, Requests, Rotation, Target},
+        protocol::Bytes,
         settings::{Settings, StepRate},
+        sim::Drive,
         units::{Nm, StepsPerMm},
     };
     use proptest::prelude::ProptestConfig;
 
     /// What the project asks of its firmware: steps of all axes together, per second.
     pub(crate) const PROVEN: StepRate = StepRate::Proven(150_000);
+
+    /// A realtime byte arrives at a drive without a session.
+    pub(crate) fn receive(drive: &mut Drive, requests: &Requests, byte: u8) {
+        let mut line = Bytes::<4>::new();
+        drive.receive(byte, requests, &mut line.split().0);
+        assert!(line.is_empty(), "{byte:#x} is no realtime byte");
+    }
 
     /// 80 steps/mm, 5000 mm/min, 500 mm/s² on every axis.
     pub(crate) fn fast() -> Settings {

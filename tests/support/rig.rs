@@ -7,13 +7,12 @@ use leadscrew::{
     machine::Snapshot,
     model::{Command, PathControl, Requests, State},
     path::{BlendOutput, Blender, Entry, Router, Work},
-    protocol::realtime,
     settings::Settings,
     sim::{Drive, Edge},
     units::TICKS_PER_SECOND,
 };
 
-use super::Trace;
+use super::{Trace, receive};
 
 /// A realtime byte at a time, ticks.
 pub(crate) type Act = (u64, u8);
@@ -202,11 +201,8 @@ impl Rig {
 
     /// A realtime byte comes; `prepare` has not run yet.
     fn ask(&mut self, byte: u8) {
-        let mut line = leadscrew::protocol::Bytes::<4>::new();
-        let (mut producer, _) = line.split();
-        let _ = realtime::receive(byte, &self.requests, &mut producer);
+        receive(&mut self.drive, &self.requests, byte);
         self.is_recovering |= byte == RESET;
-        self.drive.release_prepare();
     }
 
     /// These bytes come one after another, each before a run of `prepare`, which takes so many ticks.
@@ -257,17 +253,9 @@ impl Rig {
     }
 
     pub(crate) fn enqueue(&mut self, work: Work) -> bool {
-        let epoch = self.requests.reset_count().wrapping_add(self.cuts);
-        let is_sent = self
-            .drive
-            .entries
-            .enqueue(Entry {
-                reset_count: epoch,
-                work,
-            })
-            .is_ok();
+        let reset_count = self.requests.reset_count().wrapping_add(self.cuts);
+        let is_sent = self.drive.enqueue(Entry { reset_count, work });
         self.sent += u32::from(is_sent);
-        self.drive.release_prepare();
         is_sent
     }
 
@@ -301,7 +289,6 @@ impl Rig {
         {
             self.segments.push(Begin { ticks, steps });
         }
-        self.drive.release_prepare();
     }
 
     /// After a reset: takes the position when the machine is at rest.
