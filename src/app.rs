@@ -175,11 +175,7 @@ mod app {
     )]
     fn inputs(cx: inputs::Context) {
         let _activation = trace::inputs();
-        let shared = Unlocked {
-            requests: cx.shared.requests,
-            inputs: cx.shared.inputs,
-            segments: cx.shared.segments,
-        };
+        let shared = Unlocked::new(cx.shared.requests, cx.shared.inputs, cx.shared.segments);
         cx.local.pins.serve(shared, cx.shared.step_switch);
     }
 
@@ -194,11 +190,7 @@ mod app {
         let _activation = trace::prepare();
         let (motion, entries) = (cx.local.motion, cx.local.entries_out);
         let (events, actuators) = (cx.local.events_in, cx.local.actuators);
-        let shared = Unlocked {
-            requests: cx.shared.requests,
-            inputs: cx.shared.inputs,
-            segments: cx.shared.segments,
-        };
+        let shared = Unlocked::new(cx.shared.requests, cx.shared.inputs, cx.shared.segments);
         let steps = &mut StepInterrupt {
             switch: cx.shared.step_switch,
             played: events.tap(),
@@ -233,8 +225,7 @@ mod app {
             let read = |shared: &mut Snapshot| snapshot.copy_from(shared, segments, inputs);
             cx.shared.snapshot.lock(read);
             let run = |on: &mut SerialConsole| on.run(&snapshot, requests, entries, storage);
-            let progress = cx.shared.console.lock(run);
-            if progress == Progress::Waiting {
+            if cx.shared.console.lock(run) == Progress::Waiting {
                 released(&mut cx.shared.interpret_waker).await;
             }
         }
@@ -250,8 +241,7 @@ mod app {
             let read = |shared: &mut Snapshot| snapshot.copy_from(shared, segments, inputs);
             cx.shared.snapshot.lock(read);
             let report = |on: &mut SerialConsole| on.report(&snapshot, requests);
-            let progress = cx.shared.console.lock(report);
-            if progress == Progress::Waiting {
+            if cx.shared.console.lock(report) == Progress::Waiting {
                 released(&mut cx.shared.report_waker).await;
             }
         }

@@ -105,6 +105,23 @@ pub struct Unlocked<'a> {
     pub segments: &'a SegmentRing,
 }
 
+impl<'a> Unlocked<'a> {
+    /// Gathers references to them.
+    #[must_use]
+    #[inline]
+    pub const fn new(
+        requests: &'a Requests,
+        inputs: &'a Inputs,
+        segments: &'a SegmentRing,
+    ) -> Self {
+        Self {
+            requests,
+            inputs,
+            segments,
+        }
+    }
+}
+
 /// Outputs the event that is due and sets up the next.
 #[inline]
 pub fn step(port: &mut impl StepPort, events: &mut EventReader<'_>, segments: &SegmentRing) {

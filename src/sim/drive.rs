@@ -164,11 +164,7 @@ impl Drive {
             self.sample_due = None;
             Cause::Sample
         };
-        let shared = Unlocked {
-            requests,
-            inputs: &self.inputs,
-            segments: &self.segments,
-        };
+        let shared = Unlocked::new(requests, &self.inputs, &self.segments);
         let mut steps = VirtualSteps {
             timer: &mut self.timer,
             events: self.events.split().0.tap(),
@@ -224,11 +220,7 @@ impl Drive {
         (self.timer.now, self.port.now) = (now, now);
         let (_, mut entries) = self.entries.split();
         let (mut events, _) = self.events.split();
-        let shared = Unlocked {
-            requests,
-            inputs: &self.inputs,
-            segments: &self.segments,
-        };
+        let shared = Unlocked::new(requests, &self.inputs, &self.segments);
         let mut steps = VirtualSteps {
             timer: &mut self.timer,
             events: events.tap(),
