@@ -70,7 +70,7 @@ mod app {
         motion: &'static mut Motion,
         received_in: ByteWriter<'static>,
         storage: board::Storage,
-        deputy_in: ByteWriter<'static>,
+        flash_erase_in: ByteWriter<'static>,
         entries_in: Producer<'static, Entry>,
         entries_out: Consumer<'static, Entry>,
         events_in: EventWriter<'static>,
@@ -114,7 +114,7 @@ mod app {
             pins,
             actuators: board.actuators,
             motion,
-            deputy_in: received_in.second_writer(),
+            flash_erase_in: received_in.second_writer(),
             received_in,
             storage: board.storage,
             entries_in,
@@ -212,14 +212,14 @@ mod app {
 
     /// Executes received lines.
     #[task(
-        priority = 1, local = [entries_in, storage, deputy_in],
+        priority = 1, local = [entries_in, storage, flash_erase_in],
         shared = [snapshot, console, interpret_waker, &requests, &inputs, &segments]
     )]
     async fn interpret(mut cx: interpret::Context) -> ! {
         let (requests, entries) = (cx.shared.requests, cx.local.entries_in);
         let (inputs, segments) = (cx.shared.inputs, cx.shared.segments);
         let storage = cx.local.storage;
-        storage.receive(requests, cx.local.deputy_in.second_writer());
+        storage.receive_while_erasing(requests, cx.local.flash_erase_in.second_writer());
         let mut snapshot = Snapshot::default();
         loop {
             let read = |shared: &mut Snapshot| snapshot.copy_from(shared, segments, inputs);

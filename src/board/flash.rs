@@ -1,8 +1,8 @@
 //! The flash in which settings outlive power: sectors 1 and 2, 16 KiB each.
 //!
 //! The chip cannot read its flash while it erases or programs, so everything that runs from flash
-//! stands still: 16 µs for a word, 0.8 s for a sector. That is for times of rest. Meanwhile the
-//! sender goes on, so the waiting is done by code in RAM, which takes its bytes in. RM0090 3.6, RM0390
+//! stands still: 16 µs for a word, 0.8 s for a sector. So it does at standstill only. Meanwhile the
+//! sender goes on, so the waiting is done by code in RAM, which receives its bytes. RM0090 3.6, RM0390
 //! 3.5.
 
 use cortex_m::register::basepri;
@@ -11,7 +11,7 @@ use embedded_storage::nor_flash::{
 };
 use stm32f4xx_hal::pac::flash::cr::PSIZE;
 
-use super::{emulation, pac, serial::Deputy, step_timer};
+use super::{emulation, pac, serial::FlashEraseReceiver, step_timer};
 
 /// Bytes of a sector, and of both.
 const SECTOR: usize = 16 * 1024;
@@ -29,11 +29,11 @@ unsafe extern "C" {
     static mut _settings_start: [u32; BOTH / 4];
 }
 
-/// The two sectors, the flash's registers, and who takes bytes in while a sector is erased: nobody
+/// The two sectors, the flash's registers, and the receiver while a sector is erased: none
 /// before tasks run.
 pub(crate) struct SettingsFlash {
     registers: pac::FLASH,
-    deputy: Option<Deputy>,
+    receiver: Option<FlashEraseReceiver>,
 }
 
 /// Why an operation fails.
@@ -62,27 +62,30 @@ impl SettingsFlash {
     pub(super) const fn new(registers: pac::FLASH) -> Self {
         Self {
             registers,
-            deputy: None,
+            receiver: None,
         }
     }
 
-    /// Says who takes bytes in while a sector is erased.
-    pub(super) fn appoint(&mut self, deputy: Deputy) {
-        self.deputy = Some(deputy);
+    /// Sets the receiver while a sector is erased.
+    pub(super) fn set_receiver(&mut self, receiver: FlashEraseReceiver) {
+        self.receiver = Some(receiver);
     }
 
-    /// Lets an operation have the unlocked registers, and tells whether it was done and the chip
-    /// content.
+    /// Runs an operation on the unlocked registers.
+    ///
+    /// # Errors
+    ///
+    /// If the operation returns false, or the chip reports an error.
     fn operate(
         &mut self,
-        operation: impl FnOnce(&pac::FLASH, Option<&mut Deputy>) -> bool,
+        operation: impl FnOnce(&pac::FLASH, Option<&mut FlashEraseReceiver>) -> bool,
     ) -> Result<(), FlashError> {
         let flash = &self.registers;
         for key in KEYS {
             flash.keyr().write(|w| w.key().set(key));
         }
         clear_errors(flash);
-        let is_refused = !operation(flash, self.deputy.as_mut()) || has_errors(flash);
+        let is_refused = !operation(flash, self.receiver.as_mut()) || has_errors(flash);
         clear_errors(flash);
         flash.cr().write(|w| w.lock().set_bit());
         // What the cache holds of the sector is old.
@@ -108,14 +111,14 @@ impl ReadNorFlash for SettingsFlash {
 
     #[expect(unsafe_code, reason = "memory beside the program")]
     fn read(&mut self, offset: u32, bytes: &mut [u8]) -> Result<(), FlashError> {
-        let place = place(offset, bytes.len(), 1)?;
+        let offset = sector_offset(offset, bytes.len(), 1)?;
         if emulation::is_emulated() {
-            emulation::read_flash(place, bytes);
+            emulation::read_flash(offset, bytes);
             return Ok(());
         }
         let first = (&raw const _settings_start).cast::<u8>();
-        for (byte, index) in bytes.iter_mut().zip(place..) {
-            // SAFETY: `place` has made sure that it is in the sectors.
+        for (byte, index) in bytes.iter_mut().zip(offset..) {
+            // SAFETY: `sector_offset` has made sure that it is in the sectors.
             *byte = unsafe { first.add(index).read_volatile() };
         }
         Ok(())
@@ -132,33 +135,33 @@ impl NorFlash for SettingsFlash {
 
     fn erase(&mut self, from: u32, to: u32) -> Result<(), FlashError> {
         let length = to.checked_sub(from).ok_or(FlashError::OutOfBounds)?;
-        let place = place(from, length as usize, SECTOR)?;
+        let offset = sector_offset(from, length as usize, SECTOR)?;
         if emulation::is_emulated() {
-            emulation::erase_flash(place, length as usize);
+            emulation::erase_flash(offset, length as usize);
             return Ok(());
         }
-        let sectors = place / SECTOR..(place + length as usize) / SECTOR;
+        let sectors = offset / SECTOR..(offset + length as usize) / SECTOR;
         for sector in sectors {
-            self.operate(|flash, deputy| erase(flash, FIRST + sector as u8, deputy))?;
+            self.operate(|flash, receiver| erase(flash, FIRST + sector as u8, receiver))?;
         }
         Ok(())
     }
 
     #[expect(unsafe_code, reason = "memory beside the program")]
     fn write(&mut self, offset: u32, bytes: &[u8]) -> Result<(), FlashError> {
-        let place = place(offset, bytes.len(), 4)?;
+        let offset = sector_offset(offset, bytes.len(), 4)?;
         if emulation::is_emulated() {
-            emulation::write_flash(place, bytes);
+            emulation::write_flash(offset, bytes);
             return Ok(());
         }
         let first = (&raw mut _settings_start).cast::<u32>();
         let (words, _) = bytes.as_chunks::<4>();
-        for (&word, index) in words.iter().zip(place / 4..) {
+        for (&word, index) in words.iter().zip(offset / 4..) {
             self.operate(|flash, _| {
                 flash
                     .cr()
                     .write(|w| w.psize().variant(PSIZE::Psize32).pg().set_bit());
-                // SAFETY: `place` has made sure that it is in the sectors, which nothing refers to.
+                // SAFETY: `sector_offset` has made sure that it is in the sectors, which nothing refers to.
                 unsafe { first.add(index).write_volatile(u32::from_le_bytes(word)) };
                 while flash.sr().read().bsy().bit_is_set() {}
                 true
@@ -173,8 +176,8 @@ impl NorFlash for SettingsFlash {
     }
 }
 
-/// Where in the sectors an operation begins.
-fn place(offset: u32, length: usize, unit: usize) -> Result<usize, FlashError> {
+/// Returns the offset in the sectors at which an operation begins.
+fn sector_offset(offset: u32, length: usize, unit: usize) -> Result<usize, FlashError> {
     let offset = offset as usize;
     if !offset.is_multiple_of(unit) || !length.is_multiple_of(unit) {
         return Err(FlashError::NotAligned);
@@ -197,15 +200,15 @@ fn clear_errors(flash: &pac::FLASH) {
     });
 }
 
-/// Erases a sector, and takes in what the sender sends meanwhile; false, with nothing done, when the
-/// step timer runs: the door may have been opened, and Z be on its way to be parked.
+/// Erases a sector, and receives what the sender sends meanwhile. Returns false, with nothing done,
+/// while the step timer runs: the door may have been opened, and Z be on its way to be parked.
 ///
 /// Runs from RAM, and calls nothing that does not. No task runs, as each would wait for the flash
 /// with the receiver's bytes behind it.
 #[inline(never)]
 #[unsafe(link_section = ".data.erase")]
-#[expect(unsafe_code, reason = "a place in RAM, and the tasks' threshold")]
-fn erase(flash: &pac::FLASH, sector: u8, mut deputy: Option<&mut Deputy>) -> bool {
+#[expect(unsafe_code, reason = "a section in RAM, and the tasks' threshold")]
+fn erase(flash: &pac::FLASH, sector: u8, mut receiver: Option<&mut FlashEraseReceiver>) -> bool {
     let threshold = basepri::read();
     // SAFETY: the threshold only rises, for the time of this function.
     unsafe { basepri::write(ALL_TASKS) };
@@ -218,8 +221,8 @@ fn erase(flash: &pac::FLASH, sector: u8, mut deputy: Option<&mut Deputy>) -> boo
             w.ser().set_bit().strt().set_bit()
         });
         while flash.sr().read().bsy().bit_is_set() {
-            if let Some(deputy) = &mut deputy {
-                deputy.take_in();
+            if let Some(receiver) = &mut receiver {
+                receiver.receive();
             }
         }
     }

@@ -5,6 +5,10 @@
 //! So it is done by the tasks that have something to say, as far as the port takes it at once, and
 //! by `idle`. That costs no task with a deadline anything, and there is never more than one
 //! interrupt in the time of a byte.
+//!
+//! # Cost
+//!
+//! What receives is inlined into code in RAM, too: nothing in flash may be called while flash is erased.
 
 use leadscrew::{
     model::{Awaited, Requests, queues::SENT_RING},
@@ -33,7 +37,7 @@ impl Receiver {
     /// Takes the byte that has come, and releases who has to know.
     #[inline]
     pub(crate) fn serve(&mut self, requests: &Requests, received: &mut ByteWriter<'_>) {
-        take_in(&self.0, requests, received);
+        receive(&self.0, requests, received);
     }
 }
 
@@ -42,7 +46,7 @@ impl Receiver {
 /// A byte that could not be taken in time is lost. Bytes with a framing error count as they are.
 #[inline(always)]
 #[expect(clippy::inline_always, reason = "nothing in flash may be called")]
-fn take_in(usart: &UsartRegisters, requests: &Requests, received: &mut ByteWriter<'_>) {
+fn receive(usart: &UsartRegisters, requests: &Requests, received: &mut ByteWriter<'_>) {
     let status = usart.sr().read();
     if status.rxne().bit_is_clear() {
         core::hint::cold_path();
@@ -57,26 +61,25 @@ fn take_in(usart: &UsartRegisters, requests: &Requests, received: &mut ByteWrite
     tasks::serial_rx(byte, requests, received, &mut ChipPort);
 }
 
-/// Takes bytes in while `serial_rx` is held up.
-pub(super) struct Deputy {
+/// The receiver while flash is erased, when `serial_rx` cannot run.
+pub(super) struct FlashEraseReceiver {
     requests: &'static Requests,
     received: ByteWriter<'static>,
 }
 
-impl Deputy {
-    /// For the task that is held up.
+impl FlashEraseReceiver {
+    /// Receives into the queue of `serial_rx`.
     pub(super) const fn new(requests: &'static Requests, received: ByteWriter<'static>) -> Self {
         Self { requests, received }
     }
 
-    /// Takes the byte that has come, if one has; with all tasks held up, and for code in RAM: it is
-    /// inlined there.
+    /// Takes the byte that has come, if one has. Only while no task can run.
     #[inline(always)]
     #[expect(clippy::inline_always, reason = "nothing in flash may be called")]
     #[expect(unsafe_code, reason = "the interrupt owns the receiver")]
-    pub(super) fn take_in(&mut self) {
+    pub(super) fn receive(&mut self) {
         // SAFETY: the interrupt does not run now.
-        take_in(unsafe { &*Usart::ptr() }, self.requests, &mut self.received);
+        receive(unsafe { &*Usart::ptr() }, self.requests, &mut self.received);
     }
 }
 

@@ -1,4 +1,4 @@
-//! What outlives power: the journal in the chip's flash, and who it is for.
+//! What outlives power: the journal in the chip's flash.
 
 use leadscrew::{
     model::Requests,
@@ -6,7 +6,7 @@ use leadscrew::{
     settings::{Change, Journal, Loaded, StoreError, Stored},
 };
 
-use super::{flash::SettingsFlash, proven, serial::Deputy};
+use super::{flash::SettingsFlash, proven, serial::FlashEraseReceiver};
 
 /// The journal, owned by `interpret`.
 pub(crate) struct Storage(Journal<SettingsFlash>);
@@ -20,10 +20,14 @@ impl Storage {
         (Self(journal), loaded)
     }
 
-    /// Says where the bytes go that come while flash is erased.
-    pub(crate) fn receive(&mut self, requests: &'static Requests, received: ByteWriter<'static>) {
+    /// Sets the queue of the bytes that come while flash is erased.
+    pub(crate) fn receive_while_erasing(
+        &mut self,
+        requests: &'static Requests,
+        received: ByteWriter<'static>,
+    ) {
         let flash = self.0.flash();
-        flash.appoint(Deputy::new(requests, received));
+        flash.set_receiver(FlashEraseReceiver::new(requests, received));
     }
 
     /// Stores a change. At rest only: this may take 0.8 s.

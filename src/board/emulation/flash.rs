@@ -11,8 +11,8 @@ const _: () = assert!(BOTH <= 96 * 1024);
 
 /// Reads bytes; the caller has checked that they are there, as have those of the others.
 #[expect(unsafe_code, reason = "memory that no program uses")]
-pub(in crate::board) fn read_flash(place: usize, bytes: &mut [u8]) {
-    for (byte, index) in bytes.iter_mut().zip(place..) {
+pub(in crate::board) fn read_flash(offset: usize, bytes: &mut [u8]) {
+    for (byte, index) in bytes.iter_mut().zip(offset..) {
         // SAFETY: the emulated chip has this memory, the linker does not know it, and only these
         // functions use it.
         *byte = !unsafe { FIRST.add(index).read_volatile() };
@@ -21,8 +21,8 @@ pub(in crate::board) fn read_flash(place: usize, bytes: &mut [u8]) {
 
 /// Programs bytes: clears bits, which stay clear until they are erased.
 #[expect(unsafe_code, reason = "memory that no program uses")]
-pub(in crate::board) fn write_flash(place: usize, bytes: &[u8]) {
-    for (byte, index) in bytes.iter().zip(place..) {
+pub(in crate::board) fn write_flash(offset: usize, bytes: &[u8]) {
+    for (byte, index) in bytes.iter().zip(offset..) {
         // SAFETY: as in `read_flash`.
         unsafe {
             let programmed = FIRST.add(index).read_volatile() | !byte;
@@ -33,8 +33,8 @@ pub(in crate::board) fn write_flash(place: usize, bytes: &[u8]) {
 
 /// Erases bytes: sets all bits.
 #[expect(unsafe_code, reason = "memory that no program uses")]
-pub(in crate::board) fn erase_flash(place: usize, length: usize) {
-    for index in place..place + length {
+pub(in crate::board) fn erase_flash(offset: usize, length: usize) {
+    for index in offset..offset + length {
         // SAFETY: as in `read_flash`.
         unsafe { FIRST.add(index).write_volatile(0) };
     }
