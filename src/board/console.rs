@@ -36,7 +36,7 @@ impl SerialConsole {
         }
     }
 
-    /// The body of `interpret`.
+    /// Runs `interpret`. Returns its progress.
     pub(crate) fn run(
         &mut self,
         snapshot: &Snapshot,
@@ -54,7 +54,7 @@ impl SerialConsole {
         progress
     }
 
-    /// The body of `report`.
+    /// Runs `report`. Returns its progress.
     pub(crate) fn report(&mut self, snapshot: &Snapshot, requests: &Requests) -> Progress {
         let progress = tasks::report(self.console(), snapshot, requests);
         self.transmitter.send_all(requests);
@@ -69,8 +69,7 @@ impl SerialConsole {
         }
     }
 
-    /// The body of `idle`: sends a byte if any are left and the port takes one. Returns whether any were
-    /// left.
+    /// Sends a byte if any are left and the port takes one, for `idle`. Returns whether any were left.
     ///
     /// Reads the port's status only then: in the emulator, each read wakes another thread.
     pub(crate) fn send_rest(&mut self, requests: &Requests) -> bool {

@@ -3,11 +3,11 @@
 //! QEMU 7.2's netduinoplus2 has no RCC, no GPIO and no basic timers, and its SysTick is no clock for
 //! a hundred thousand events a second. So the step timer does not count there: the handler of a vector
 //! that the machine does not use, TIM2's, stands in for it. It lets the time of the event that is set
-//! up come, takes what the reload register tells of the one behind it, and pends the step interrupt,
-//! which preempts it at once. The handler runs when no task has anything to do, so that time passes as
-//! fast as the emulator gets through the events and no event is ever late because the host was busy;
-//! and each millisecond, by TIM2 itself, so that steps also preempt tasks. The firmware's tasks run
-//! unchanged.
+//! up come, takes the time of the event after it from the reload register, and pends the step
+//! interrupt, which preempts it at once. The handler runs when no task has anything to do, so that
+//! time passes as fast as the emulator gets through the events and no event is ever late because the
+//! host was busy; and each millisecond, by TIM2 itself, so that steps also preempt tasks. The
+//! firmware's tasks run unchanged.
 //!
 //! As the handler stands where the hardware would, it also keeps the record of what the pins do,
 //! which a tool reads from memory: [`FIGURES`]. The contacts it takes from memory: [`CONTACTS`].
@@ -62,7 +62,7 @@ static IS_SAMPLING_NEW: AtomicBool = AtomicBool::new(false);
 static SAMPLE_DUE: AtomicU32 = AtomicU32::new(0);
 static IS_SAMPLE: AtomicBool = AtomicBool::new(false);
 
-/// Whether the firmware runs in the emulator.
+/// Returns whether the firmware runs in the emulator.
 pub(super) fn is_emulated() -> bool {
     IS_EMULATED.load(Relaxed)
 }
@@ -83,13 +83,13 @@ pub(super) fn clock() -> u32 {
     unsafe { (*pac::TIM5::ptr()).cnt().read().cnt().bits() }
 }
 
-/// How late an event is: none ever is.
+/// Returns how late an event is: none ever is.
 #[cfg(feature = "trace-emulated")]
 pub(super) const fn lateness() -> u32 {
     0
 }
 
-/// Takes the first look at the contacts, and prepares the handler, one level below the step
+/// Reads the contacts for the first time, and prepares the handler, one level below the step
 /// interrupt and above all others.
 #[expect(unsafe_code, reason = "a vector that RTIC does not manage")]
 pub(super) fn init(timer: &pac::TIM2, nvic: &mut NVIC) {
@@ -108,12 +108,12 @@ pub(super) fn init(timer: &pac::TIM2, nvic: &mut NVIC) {
     }
 }
 
-/// The first event is due so many ticks from now.
+/// Sets the time to the first event, ticks.
 pub(super) fn count(ticks: u32) {
     DUE.store(NOW.load(Relaxed).wrapping_add(ticks), Relaxed);
 }
 
-/// When the event is due that is set up.
+/// Returns when the event is due that is set up.
 fn due() -> u32 {
     DUE.load(Relaxed)
 }
@@ -134,7 +134,7 @@ pub(super) fn wake_in(milliseconds: u16) {
     WAKE_MS.store(milliseconds.into(), Relaxed);
 }
 
-/// Whether the time of `prepare` is over: true once.
+/// Returns once whether the time of `prepare` is over.
 pub(super) fn take_wake() -> bool {
     let is_over = IS_WAKE.load(Relaxed);
     IS_WAKE.store(false, Relaxed);
@@ -147,7 +147,7 @@ pub(super) fn sample_every(ticks: u32) {
     IS_SAMPLING_NEW.store(true, Relaxed);
 }
 
-/// Whether `inputs` was released to take a sample.
+/// Returns whether `inputs` was released to take a sample.
 pub(super) fn is_sample() -> bool {
     let is_sample = IS_SAMPLE.load(Relaxed);
     IS_SAMPLE.store(false, Relaxed);
@@ -206,7 +206,7 @@ fn count_millisecond() {
     }
 }
 
-/// Whether a sample is due before the next event.
+/// Returns whether a sample is due before the next event.
 fn is_sample_first() -> bool {
     let ahead = due().wrapping_sub(SAMPLE_DUE.load(Relaxed));
     SAMPLE_TICKS.load(Relaxed) != 0 && ahead.cast_signed() >= 0
@@ -221,7 +221,7 @@ fn take_sample() {
     pend_vector(INPUTS);
 }
 
-/// Whether a millisecond has passed since this was asked last.
+/// Returns whether a millisecond has passed since this was asked last.
 #[expect(unsafe_code, reason = "nobody can hand the timer to a handler")]
 fn has_counted() -> bool {
     // SAFETY: the handler alone uses the timer.

@@ -161,7 +161,7 @@ impl NorFlash for SettingsFlash {
                 flash
                     .cr()
                     .write(|w| w.psize().variant(PSIZE::Psize32).pg().set_bit());
-                // SAFETY: `sector_offset` has made sure that it is in the sectors, which nothing refers to.
+                // SAFETY: `sector_offset` keeps it in the sectors, which nothing refers to.
                 unsafe { first.add(index).write_volatile(u32::from_le_bytes(word)) };
                 while flash.sr().read().bsy().bit_is_set() {}
                 true

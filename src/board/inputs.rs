@@ -2,8 +2,8 @@
 //!
 //! An edge on a pin releases the task at once, and then no other edge does for four samples, nor
 //! before one has found nothing new. The timer releases the task for the samples, 250 µs apart. So
-//! whatever contacts and noise do, there are at most five runs in a millisecond. The timer also looks
-//! slowly at all times, for pins that share their interrupt line with another's.
+//! whatever contacts and noise do, there are at most five runs in a millisecond. The timer also
+//! releases the task each millisecond, for pins that share their interrupt line with another's.
 
 use leadscrew::{
     machine::{Inputs, SAMPLE_TICKS, SAMPLES, Watch},
@@ -18,7 +18,7 @@ use super::{
     step_output::{StepInterrupt, StepSwitch},
 };
 
-/// Time between two looks while nothing happens, µs.
+/// Time between two runs while nothing happens, µs.
 const SLOW_US: u16 = 1000;
 /// Time between two samples, µs.
 const SAMPLE_US: u16 = (SAMPLE_TICKS / TICKS_PER_US) as u16;
@@ -127,7 +127,6 @@ impl InputPins {
         };
         let (closed, watch) = (read(), &mut self.watch);
         let needs_sample = tasks::inputs(cause, closed, watch, shared, &mut steps, &mut ChipPort);
-        // Apart, so that the worst of one is not added to the worst of the other.
         if is_sample {
             self.silent = self.silent.saturating_sub(1);
             if !needs_sample && self.silent == 0 {
@@ -143,8 +142,8 @@ impl InputPins {
         }
     }
 
-    /// Lets no line interrupt any more if one has; whether one has. Then the pins are read: what
-    /// changes later is left for the sample.
+    /// Lets no line interrupt any more if one has. Returns whether one has. The pins are read after
+    /// this: a later change is left for the sample.
     #[inline]
     #[expect(unsafe_code, reason = "raw words for registers")]
     fn silence(&mut self) -> bool {
@@ -156,7 +155,7 @@ impl InputPins {
         has_edge
     }
 
-    /// Forgets the edges so far. Then the pins are read: what changes later is an edge.
+    /// Clears the edges so far. The pins are read after this: a later change is an edge.
     #[inline]
     #[expect(unsafe_code, reason = "raw words for a register")]
     fn forget_edges(&mut self) {
@@ -202,7 +201,7 @@ fn unpend() {
     }
 }
 
-/// Whether the timer, or the emulator, releases the task for a sample: true once.
+/// Returns once whether the timer, or the emulator, releases the task for a sample.
 #[inline]
 fn take_due(timer: &pac::TIM7) -> bool {
     let is_due = timer.sr().read().uif().bit_is_set() || emulation::is_sample();
@@ -230,7 +229,7 @@ fn set_period(timer: &pac::TIM7, period_us: u16) {
     timer.egr().write(|w| w.ug().set_bit());
 }
 
-/// The contacts that are closed: those whose pins are low.
+/// Returns the contacts that are closed: those whose pins are low.
 #[inline]
 #[expect(unsafe_code, reason = "pins are chosen by a table, not by type")]
 fn read() -> Levels {
@@ -255,12 +254,12 @@ fn read() -> Levels {
     closed
 }
 
-/// The lines of all inputs.
+/// Returns the lines of all inputs.
 const fn lines() -> u32 {
     let inputs = chosen::WIRING.inputs;
     let (mut lines, mut index) = (0, 0);
     while index < inputs.len() {
-        lines |= 1 << inputs[index].1.place().1;
+        lines |= 1 << inputs[index].1.port_and_number().1;
         index += 1;
     }
     lines
@@ -271,7 +270,7 @@ const fn lines() -> u32 {
 fn choose_ports(syscfg: &pac::SYSCFG) {
     let mut words = [0; 4];
     for (_, pin) in chosen::WIRING.inputs.iter().rev() {
-        let (port, number) = pin.place();
+        let (port, number) = pin.port_and_number();
         let (word, shift) = (usize::from(number / 4), u32::from(number % 4) * 4);
         words[word] = words[word] & !(0xf << shift) | (port as u32) << shift;
     }

@@ -2,7 +2,7 @@
 
 use leadscrew::model::{Levels, Outputs};
 
-/// Whether the firmware runs in the emulator.
+/// Returns whether the firmware runs in the emulator.
 pub(super) const fn is_emulated() -> bool {
     false
 }
@@ -13,12 +13,12 @@ pub(super) const fn count(_ticks: u32) {}
 /// Lets time pass.
 pub(super) const fn idle() {}
 
-/// The contacts that are closed.
+/// Returns the contacts that are closed.
 pub(super) const fn contacts() -> Levels {
     Levels::NONE
 }
 
-/// Whether the sampling timer released `inputs`.
+/// Returns whether the sampling timer released `inputs`.
 pub(super) const fn is_sample() -> bool {
     false
 }
@@ -29,7 +29,7 @@ pub(super) const fn sample_every(_ticks: u32) {}
 /// Sets the timer of `prepare`.
 pub(super) const fn wake_in(_milliseconds: u16) {}
 
-/// Whether the time of `prepare` is over.
+/// Returns whether the time of `prepare` is over.
 pub(super) const fn take_wake() -> bool {
     false
 }

@@ -22,7 +22,7 @@
 //! PA3 (RX): the virtual serial port of the ST-LINK. The shield's pins are those of Grbl with
 //! variable spindle: Z's switch is at the spindle enable pins, and the PWM at those of Z.
 //! CN7 and CN10 are the Morpho headers. Two pins of one number share an interrupt line: reset, and
-//! Z's switch on D12, are looked at once a millisecond instead.
+//! Z's switch on D12, are read once a millisecond instead.
 
 use cortex_m::Peripherals as Core;
 use leadscrew::{
@@ -106,7 +106,8 @@ const INPUTS: &[(Levels, Pin)] = &[
     (limit_switch(5), Pin::C(2)),
 ];
 
-/// The table of tasks binds `serial_rx` to USART1; on this board it is USART2 that calls.
+/// Runs `serial_rx`, which the table of tasks binds to USART1: RTIC 2 takes neither one task with two
+/// bindings nor two tasks with the same resources, also not under `#[cfg]`.
 #[unsafe(no_mangle)]
 #[expect(unsafe_code, reason = "the handler is RTIC's")]
 extern "C" fn USART2() {

@@ -79,7 +79,7 @@ pub(super) fn set_duty(duty: u16) {
     }
 }
 
-/// The duty output now.
+/// Returns the duty output now.
 #[cfg(feature = "emulated")]
 pub(super) fn duty() -> u32 {
     DUTY.load(Relaxed)

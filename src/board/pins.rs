@@ -1,8 +1,14 @@
 //! Step, direction and enable outputs, as words for the ports' set/reset registers.
 //!
-//! The words are looked up by what an event says of the pins in a table that already holds each
-//! axis's polarity, so the step interrupt neither shifts nor decides. The table is rebuilt only at
-//! rest.
+//! A table, indexed by [`StepEvent::pins`], holds the words with each axis's polarity. It is rebuilt
+//! only at standstill.
+//!
+//! # Cost
+//!
+//! The step interrupt neither shifts nor branches. What it uses is in one block of memory, which one
+//! address reaches; the words of the next event are written by two instructions and read by one, the
+//! fewest cycles for each. With six axes a table of all pairs of halves would take a third of the
+//! memory, so the halves have tables of their own.
 
 use core::{
     cell::UnsafeCell,
@@ -30,18 +36,20 @@ const PORTS: usize = if chosen::WIRING.has_directions_on_c() {
     2
 };
 
-/// Whether the two halves of [`StepEvent::pins`] are looked up apart: with six axes a table of all
-/// pairs would take a third of the memory.
-const IS_APART: bool = AXES == 6;
-/// Rows of the table. Apart: first halves, second halves, and both of events that set directions.
-const ROWS: usize = if IS_APART { 4 * MASKS } else { StepEvent::PINS };
+/// Whether each half of [`StepEvent::pins`] has a table of its own.
+const HAS_HALF_TABLES: bool = AXES == 6;
+/// Rows of the table. With halves: first ones, second ones, and both of events that set directions.
+const ROWS: usize = if HAS_HALF_TABLES {
+    4 * MASKS
+} else {
+    StepEvent::PINS
+};
 
 /// Words for ports from A on.
 type Words = [u32; PORTS];
 type Row = [AtomicU32; PORTS];
 
-/// What the step interrupt uses, and who changes that while it stands: all in one place, so that one
-/// address is enough for it.
+/// What the step interrupt uses, and the tasks below change while it stands.
 struct Shared {
     next: Next,
     /// Written at rest by [`configure`], read by the step interrupt.
@@ -56,11 +64,11 @@ static SHARED: Shared = Shared {
     enable: [const { [const { AtomicU32::new(0) }; 3] }; 2],
 };
 
-/// The words of an event.
+/// Returns the words of an event.
 #[inline]
 fn words(event: StepEvent) -> Words {
     let pins = event.pins();
-    if !IS_APART {
+    if !HAS_HALF_TABLES {
         return load(&SHARED.events[pins]);
     }
     let first = if event.sets_directions() {
@@ -82,8 +90,7 @@ fn load(row: &Row) -> Words {
     row.each_ref().map(|word| word.load(Relaxed))
 }
 
-/// What the next event outputs. Read by one instruction for two words, as that takes less than two,
-/// but written by two, as these take less than one for both.
+/// What the next event outputs.
 struct Next(UnsafeCell<Words>);
 
 #[expect(unsafe_code, reason = "what tasks take turns at")]
@@ -103,11 +110,11 @@ impl Next {
     #[inline]
     #[expect(unsafe_code, reason = "nothing else has it meanwhile")]
     fn set(&self, words: Words) {
-        let place = self.0.get().cast::<u32>();
+        let first = self.0.get().cast::<u32>();
         // wcet-bound: 3
         for (port, word) in words.into_iter().enumerate() {
             // SAFETY: see above; there is a word for each port.
-            unsafe { place.add(port).write_volatile(word) };
+            unsafe { first.add(port).write_volatile(word) };
         }
     }
 }
@@ -130,8 +137,7 @@ pub(super) fn init(settings: &Settings) {
     wiring.enable.make_output();
 }
 
-/// Outputs what [`prepare`] looked up last time. Only the step interrupt calls these, or who has
-/// stopped it.
+/// Outputs the words of the last [`prepare`]. Called by the step interrupt, or while it is stopped.
 #[inline]
 pub(super) fn write() {
     let next = SHARED.next.get();
@@ -147,14 +153,14 @@ pub(super) fn clear() {
     SHARED.next.set([0; PORTS]);
 }
 
-/// Looks up what the next event outputs.
+/// Sets the words of the next event.
 #[inline]
 pub(super) fn prepare(event: StepEvent) {
     SHARED.next.set(words(event));
 }
 
 impl Wiring {
-    /// The words that drive the pins of some axes, of these the `high` ones high.
+    /// Returns the words that drive the pins of some axes, of these the `high` ones high.
     fn words(pins: &[Pin; 6], axes: usize, high: usize) -> [u32; 3] {
         let mut words = [0; 3];
         for (axis, pin) in pins.iter().enumerate().take(AXES) {
@@ -165,7 +171,7 @@ impl Wiring {
         words
     }
 
-    /// Whether a direction output of an axis is on port C.
+    /// Returns whether a direction output of an axis is on port C.
     const fn has_directions_on_c(&self) -> bool {
         let mut axis = 0;
         while axis < AXES {
@@ -178,7 +184,7 @@ impl Wiring {
     }
 }
 
-/// What the next event outputs, read back from its port words: axes whose pulse begins, and the
+/// Returns what the next event outputs, read back from its port words: axes whose pulse begins, and the
 /// directions, those of before for axes whose output does not change.
 #[cfg(feature = "emulated")]
 pub(super) fn read_next(before: u8) -> (u32, u8) {
@@ -204,7 +210,7 @@ pub(super) fn read_next(before: u8) -> (u32, u8) {
 }
 
 /// Takes over the polarities `$2`, `$3` and `$4` if they have changed. At rest only: no pulse may
-/// end by a new polarity. A call costs next to nothing when nothing has changed.
+/// end by a new polarity.
 pub(super) fn configure_if_changed(settings: &Settings) {
     if polarity(settings) != POLARITY.load(Relaxed) {
         configure(settings);
@@ -235,7 +241,7 @@ fn configure(settings: &Settings) {
     };
     for (row, words) in SHARED.events.iter().enumerate() {
         let mask = row % MASKS;
-        let levels = match (IS_APART, row / MASKS) {
+        let levels = match (HAS_HALF_TABLES, row / MASKS) {
             (true, 0) => pulse(mask, 0),
             (true, 1) => pulse(0, mask),
             (true, 2) => direct(ALL_AXES & !X, mask as u8),
@@ -243,10 +249,10 @@ fn configure(settings: &Settings) {
             (false, _) => {
                 let event = StepEvent::from_bits(row as u32);
                 let [raise, drop] = [event.raise(), event.drop()].map(|axes| axes as usize);
-                let turn = event
+                let change = event
                     .directions()
                     .map(|directions| direct(ALL_AXES, directions));
-                turn.unwrap_or_else(|| pulse(raise, drop))
+                change.unwrap_or_else(|| pulse(raise, drop))
             }
         };
         store(words, &levels);

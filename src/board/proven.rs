@@ -10,7 +10,7 @@ const MARK: u32 = u32::from_le_bytes(*b"PROV");
 #[expect(unsafe_code, reason = "a symbol that a tool can find")]
 static PROVEN: [u32; 2] = [MARK, 0];
 
-/// The step rate that this image may be asked for.
+/// Returns the step rate that this image may be asked for.
 #[expect(unsafe_code, reason = "a value that the compiler must not know")]
 pub(super) fn step_rate() -> StepRate {
     // SAFETY: it is a word of a static that nothing ever changes while the program runs.

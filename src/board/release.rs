@@ -54,8 +54,8 @@ impl Port for ChipPort {
 
 /// Waits until `wake` has run.
 ///
-/// Nothing is lost between looking for work and waiting: `wake` runs at the same priority, so it
-/// runs either before the look or after the waker is stored.
+/// No release is lost: `wake` has the same priority, so it runs either before the task has found no
+/// work or after the waker is stored.
 pub(crate) async fn released(mut waker: impl rtic::Mutex<T = Option<Waker>>) {
     let mut is_woken = false;
     poll_fn(|context| {

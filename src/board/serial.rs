@@ -8,7 +8,7 @@
 //!
 //! # Cost
 //!
-//! What receives is inlined into code in RAM, too: nothing in flash may be called while flash is erased.
+//! What receives is inlined into code in RAM, too: nothing in flash may run while flash is erased.
 
 use leadscrew::{
     model::{Awaited, Requests, queues::SENT_RING},
@@ -92,7 +92,7 @@ impl Transmitter {
         Self(sent)
     }
 
-    /// Whether nothing waits.
+    /// Returns whether nothing waits.
     pub(super) fn is_done(&self) -> bool {
         self.0.is_empty()
     }

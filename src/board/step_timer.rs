@@ -2,9 +2,14 @@
 //!
 //! It is the processor's own: three cycles away, where a timer on the slow bus is fourteen, and its
 //! exception needs no acknowledgement. At zero its counter begins again with what is in its reload
-//! register. So each interrupt writes how long the time from the *next* interrupt to the one behind
-//! that will be, and whenever it comes to do so before the next, events are exactly as far apart as
-//! they are meant to be.
+//! register. So each interrupt writes the time from the *next* interrupt to the one after that, and
+//! the times between events are exact whenever the write comes before the next interrupt.
+//!
+//! # Cost
+//!
+//! The registers are addressed from [`SystemControl`], which the compiler cannot look through: it would
+//! make an address for each. The address is made when an event is known, and once more for the release,
+//! so that no register of the processor has to be saved.
 
 use core::arch::asm;
 
@@ -46,9 +51,6 @@ impl StepTimer {
     }
 
     /// Releases a task by its vector if an event is the first of a segment: in the same time if not.
-    ///
-    /// Makes the registers' address once more: to keep it would take a register of the processor
-    /// that has to be saved.
     #[inline]
     pub(super) fn pend(&mut self, vector: Interrupt, event: StepEvent) {
         SystemControl::after(event).pend(vector, event.is_boundary());
@@ -64,8 +66,8 @@ impl StepTimer {
     }
 }
 
-/// Where registers are that the step interrupt uses, from [`SystemControl`]: control and reload value of the
-/// timer, the state of exceptions, and what releases vectors.
+/// Where registers are that the step interrupt uses, from [`SystemControl`]: control and reload value
+/// of the timer, the state of exceptions, and what releases vectors.
 const CONTROL: usize = 0x10;
 const RELOAD: usize = 0x14;
 const STATE: usize = 0xd04;
@@ -75,14 +77,11 @@ const DUE: u32 = 26;
 const NOT_DUE: u32 = 1 << 25;
 
 /// The processor's own registers, for the step interrupt.
-///
-/// All that it uses are within reach of one address. The compiler does not see that, and would make
-/// an address for each; this one it cannot look through.
 #[derive(Clone, Copy)]
 pub(super) struct SystemControl(*mut u32);
 
 impl SystemControl {
-    /// Makes the address when an event is known: earlier it would be in the way.
+    /// Makes the address.
     #[inline]
     #[expect(unsafe_code, reason = "an address that is opaque")]
     fn after(event: StepEvent) -> Self {
@@ -106,7 +105,7 @@ impl SystemControl {
         unsafe { register.write_volatile(word) };
     }
 
-    /// 1 if the timer's next interrupt is due already: what it was told last may have come too late.
+    /// Returns 1 if the timer's next interrupt is due already: the last time may have come too late.
     /// 0 if not: the bits above are of exceptions that nothing here makes due.
     #[inline]
     #[expect(unsafe_code, reason = "a register by its address")]
@@ -174,8 +173,8 @@ pub(super) fn halt() {
     isb();
 }
 
-/// Core cycles since the event that is served was due: until [`StepTimer::set_reload`], the counter has
-/// begun with what is in the reload register.
+/// Returns the core cycles since the event that is served was due. Until [`StepTimer::set_reload`],
+/// the counter has begun with what is in the reload register.
 #[cfg(all(feature = "trace", not(feature = "trace-emulated")))]
 #[inline]
 pub(super) fn lateness() -> u32 {
@@ -183,13 +182,13 @@ pub(super) fn lateness() -> u32 {
     timer.rvr.read().wrapping_sub(timer.cvr.read())
 }
 
-/// Ticks from the next interrupt to the one behind it.
+/// Returns the ticks from the next interrupt to the one after it.
 #[cfg(feature = "emulated")]
 pub(super) fn reload_ticks() -> u32 {
     (registers().rvr.read() + 1) / CYCLES_PER_TICK
 }
 
-/// Whether an event is being waited for. Also for code in RAM: it is inlined there.
+/// Returns whether an event is being waited for. Inlined, as code in RAM calls it.
 #[inline(always)]
 #[expect(clippy::inline_always, reason = "nothing in flash may be called")]
 pub(super) fn is_running() -> bool {
@@ -218,7 +217,7 @@ fn control(timer: &RegisterBlock, bits: u32) {
 }
 
 /// The timer's registers, for others than the step interrupt: who starts the timer, while it stands;
-/// who stops it, holding the same lock; and who tells it a time while the interrupt has none to tell.
+/// who stops it, holding the same lock; and who sets a time while the interrupt has none to set.
 #[inline(always)]
 #[expect(clippy::inline_always, reason = "nothing in flash may be called")]
 #[expect(unsafe_code, reason = "the interrupt owns the timer")]

@@ -67,13 +67,13 @@ pub(crate) fn step() -> Activation<STEP> {
     Activation::start(lateness())
 }
 
-/// Begins an activation of `serial_rx`. When the byte has come, nobody can tell.
+/// Begins an activation of `serial_rx`, whose latency is unknown.
 #[inline]
 pub(crate) fn serial_rx() -> Activation<SERIAL_RX> {
     Activation::start(UNKNOWN)
 }
 
-/// Begins an activation of `inputs`. When an edge has come, nobody can tell.
+/// Begins an activation of `inputs`, whose latency after an edge is unknown.
 #[inline]
 pub(crate) fn inputs() -> Activation<INPUTS> {
     let age = inputs::timer_age();
@@ -127,7 +127,7 @@ impl<const TASK: usize> Activation<TASK> {
         Self { start, latency }
     }
 
-    /// Begins, with the latency that a timer tells, or else that of a release by software.
+    /// Begins, with the latency by a timer, or else that of a release by software.
     #[inline]
     fn begin(latency: Option<u32>) -> Self {
         let released = RELEASED[TASK].load(Relaxed);
@@ -151,7 +151,7 @@ impl<const TASK: usize> Drop for Activation<TASK> {
     }
 }
 
-/// The time, core cycles.
+/// Returns the time, core cycles.
 #[cfg(not(feature = "trace-emulated"))]
 #[inline]
 fn now() -> u32 {

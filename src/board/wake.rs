@@ -20,7 +20,7 @@ impl WakeTimer {
         Self(timer)
     }
 
-    /// Whether the time is over: true once. Ends the interrupt.
+    /// Returns once whether the time is over. Ends the interrupt.
     #[inline]
     pub(crate) fn take_end(&mut self) -> bool {
         if emulation::is_emulated() {
@@ -33,7 +33,7 @@ impl WakeTimer {
         is_over
     }
 
-    /// Releases the task after so many milliseconds, at least 1, instead of any earlier wish.
+    /// Releases the task after some milliseconds, at least 1, instead of at the time set before.
     pub(crate) fn set(&mut self, milliseconds: u16) {
         let counts = milliseconds.clamp(1, LONGEST_MS) * COUNTS_PER_MS;
         self.0.cr1().write(|w| w.urs().set_bit());

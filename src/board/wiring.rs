@@ -45,14 +45,14 @@ pub(super) struct Switches {
     pub(super) mist: Option<Pin>,
 }
 
-/// The limit switch of an axis, 0 = X.
+/// Returns the limit switch of an axis, 0 = X.
 pub(super) const fn limit_switch(axis: u8) -> Levels {
     Levels::limits(1 << axis)
 }
 
 impl Pin {
     /// Port, A = 0, and number in it.
-    pub(super) const fn place(self) -> (usize, u8) {
+    pub(super) const fn port_and_number(self) -> (usize, u8) {
         match self {
             Self::A(number) => (0, number),
             Self::B(number) => (1, number),
@@ -60,15 +60,15 @@ impl Pin {
         }
     }
 
-    /// The word for each port's set/reset register that drives the pin.
+    /// Returns the word for each port's set/reset register that drives the pin.
     pub(super) const fn word(self, high: bool) -> [u32; 3] {
-        let (port, number) = self.place();
+        let (port, number) = self.port_and_number();
         let mut words = [0; 3];
         words[port] = if high { 1 << number } else { 1 << number << 16 };
         words
     }
 
-    /// Whether the pin is low, of the levels of the ports.
+    /// Returns whether the pin is low, of the levels of the ports.
     #[inline]
     pub(super) const fn is_low(self, [a, b, c]: [u32; 3]) -> bool {
         let (level, number) = match self {
@@ -99,7 +99,7 @@ impl Pin {
     /// Changes a pin's field in a register, or two registers where the fields are wide.
     #[expect(unsafe_code, reason = "pins are chosen by a table, not by type")]
     fn set_field(self, register: usize, width: u32, value: u32) {
-        let (port, number) = self.place();
+        let (port, number) = self.port_and_number();
         let bit = u32::from(number) * width;
         let first = [
             pac::GPIOA::ptr().cast::<u32>(),

@@ -32,7 +32,7 @@ pub struct Switch {
 }
 
 impl Switch {
-    /// Whether it is closed while the axis is at `steps`.
+    /// Returns whether it is closed while the axis is at `steps`.
     #[must_use]
     pub const fn is_closed_at(&self, steps: i32) -> bool {
         match self.closes {
@@ -68,7 +68,7 @@ impl Contacts {
         self.steps
     }
 
-    /// Mounts a switch; whether it fits.
+    /// Mounts a switch. Returns whether there are such an axis and room.
     pub(super) fn mount(&mut self, switch: Switch) -> bool {
         switch.axis < AXES && self.switches.push(switch).is_ok()
     }
@@ -91,8 +91,8 @@ impl Contacts {
         }
     }
 
-    /// Looks at every contact: whether any has changed.
-    pub(super) fn look(&mut self) -> bool {
+    /// Updates every contact. Returns whether any has changed.
+    pub(super) fn update(&mut self) -> bool {
         let mut closed = self.held;
         for switch in &self.switches {
             if switch.is_closed_at(self.steps[switch.axis]) {
@@ -143,15 +143,15 @@ mod tests {
             (back, Levels::limits(1)),
         ] {
             contacts.step(&edge);
-            contacts.look();
+            contacts.update();
             assert_eq!(contacts.closed, closed);
         }
         contacts.hold(Levels::DOOR, true);
-        assert!(contacts.look());
+        assert!(contacts.update());
         assert_eq!(contacts.closed, Levels::DOOR | Levels::limits(1));
         contacts.hold(Levels::DOOR | Levels::limits(1), false);
-        assert!(contacts.look());
-        assert!(!contacts.look());
+        assert!(contacts.update());
+        assert!(!contacts.update());
         assert_eq!(contacts.closed, Levels::limits(1));
     }
 }

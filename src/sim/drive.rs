@@ -40,7 +40,7 @@ pub struct Edge {
 pub struct Drive {
     motion: Motion,
     pub(super) snapshot: Snapshot,
-    /// What the step interrupt and `segment_start` tell of what they have played.
+    /// The segments that the step interrupt plays, and how far.
     pub segments: SegmentRing,
     /// Switches, probe and buttons.
     pub inputs: Inputs,
@@ -84,13 +84,13 @@ impl Drive {
         drive
     }
 
-    /// The machine as `prepare` last published it.
+    /// Returns the machine as `prepare` last published it.
     #[must_use]
     pub const fn snapshot(&self) -> &Snapshot {
         &self.snapshot
     }
 
-    /// When the step interrupt is due, ticks.
+    /// Returns when the step interrupt is due, ticks.
     #[must_use]
     pub fn due(&self) -> Option<u64> {
         self.timer.due()
@@ -111,45 +111,45 @@ impl Drive {
         }
     }
 
-    /// What is switched now, with the duty that is output.
+    /// Returns what is switched now, with the duty that is output.
     #[must_use]
     pub const fn outputs(&self) -> &Outputs {
         &self.port.outputs
     }
 
-    /// When the inputs are sampled next, ticks: [`Drive::watch`] does it.
+    /// Returns when the inputs are sampled next, ticks: [`Drive::watch`] does it.
     #[must_use]
     pub const fn sample_due(&self) -> Option<u64> {
         self.sample_due
     }
 
-    /// Events that came too late: the virtual step interrupt never lets any.
+    /// Returns the number of late events: the virtual step interrupt has none.
     #[must_use]
     pub fn late(&self) -> u32 {
         self.events.late()
     }
 
-    /// Physical steps of each axis since power-up.
+    /// Returns the physical steps of each axis since power-up.
     #[must_use]
     pub const fn physical_steps(&self) -> Axes<i32> {
         self.contacts.steps()
     }
 
-    /// Mounts a switch; whether it fits. It counts from where the axes stood at power-up.
+    /// Mounts a switch, at steps from where the axes stood at power-up. Returns whether it fits.
     pub fn mount(&mut self, switch: Switch) -> bool {
         let fits = self.contacts.mount(switch);
-        self.look();
+        self.update_contacts();
         fits
     }
 
     /// Closes contacts, as whoever stands at the machine does, or opens them again.
     pub fn set_pin(&mut self, inputs: Levels, closed: bool) {
         self.contacts.hold(inputs, closed);
-        self.look();
+        self.update_contacts();
     }
 
-    fn look(&mut self) {
-        self.is_watch_released |= self.contacts.look();
+    fn update_contacts(&mut self) {
+        self.is_watch_released |= self.contacts.update();
     }
 
     /// Runs the input interrupt if it has been released: it comes before `prepare`.
@@ -176,7 +176,7 @@ impl Drive {
         }
     }
 
-    /// What `interpret` reads, fills and releases.
+    /// Returns what `interpret` reads, fills and releases.
     pub(super) fn for_interpret(&mut self) -> (&Snapshot, Producer<'_, Entry>, &mut VirtualPort) {
         (&self.snapshot, self.entries.split().0, &mut self.port)
     }
@@ -239,7 +239,7 @@ impl Drive {
         true
     }
 
-    /// The step interrupt, and `segment_start` if that is released: what the pins do now.
+    /// Runs the step interrupt, and `segment_start` if it is released. Returns what the pins do now.
     pub fn step(&mut self) -> Option<Edge> {
         let edge = self.timer.edge(self.port.outputs.duty)?;
         let (_, mut events) = self.events.split();
@@ -250,7 +250,7 @@ impl Drive {
         self.segment_start();
         if edge.raise != 0 {
             self.contacts.step(&edge);
-            self.look();
+            self.update_contacts();
         }
         Some(edge)
     }

@@ -80,13 +80,13 @@ impl<const SIZE: usize> Flash<SIZE> {
         self.sectors.as_flattened_mut()
     }
 
-    /// Words programmed and sectors erased so far.
+    /// Returns the number of words programmed and sectors erased so far.
     #[must_use]
     pub const fn operations(&self) -> u64 {
         self.operations
     }
 
-    /// How often each sector was erased.
+    /// Returns how often each sector was erased.
     #[must_use]
     pub const fn erases(&self) -> [u32; SECTORS] {
         self.erases
@@ -99,7 +99,7 @@ impl<const SIZE: usize> Flash<SIZE> {
         self.random = seed;
     }
 
-    /// Whether the power has been cut.
+    /// Returns whether the power has been cut.
     #[must_use]
     pub const fn is_off(&self) -> bool {
         self.is_off
@@ -111,7 +111,7 @@ impl<const SIZE: usize> Flash<SIZE> {
         self.left = None;
     }
 
-    /// Counts an operation; tells whether the power is cut in the middle of it.
+    /// Counts an operation. Returns whether the power is cut in the middle of it.
     fn begin(&mut self) -> Result<bool, FlashError> {
         if self.is_off {
             return Err(FlashError::Off);
@@ -146,7 +146,7 @@ impl<const SIZE: usize> Flash<SIZE> {
         if is_cut { Err(FlashError::Off) } else { Ok(()) }
     }
 
-    /// The bits that a cut keeps from being programmed: all, none, or any.
+    /// Returns the bits that a cut keeps from being programmed: all, none, or any.
     fn torn_word(&mut self) -> u32 {
         match self.next() % 4 {
             0 => 0,
@@ -205,7 +205,7 @@ struct Half {
 }
 
 impl Half {
-    /// The bits of a word that were erased.
+    /// Returns the bits of a word that were erased.
     fn erased(&mut self, index: usize) -> u32 {
         let all = |is_erased| if is_erased { u32::MAX } else { 0 };
         match self.mode {
@@ -218,7 +218,7 @@ impl Half {
     }
 }
 
-/// The next number of a linear congruential generator (Knuth's MMIX), its upper half.
+/// Returns the next number of a linear congruential generator (Knuth's MMIX), its upper half.
 fn random(state: &mut u64) -> u32 {
     *state = state
         .wrapping_mul(6_364_136_223_846_793_005)

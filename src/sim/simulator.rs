@@ -85,48 +85,48 @@ impl Simulator {
         self.journal.into_flash()
     }
 
-    /// The flash, to read what is in it and to cut its power.
+    /// Returns the flash, to read what is in it and to cut its power.
     pub fn flash(&mut self) -> &mut Flash {
         self.journal.flash()
     }
 
-    /// The time, ticks since power-up.
+    /// Returns the time, ticks since power-up.
     #[must_use]
     pub const fn now(&self) -> u64 {
         self.now
     }
 
-    /// The machine as `prepare` last published it.
+    /// Returns the machine as `prepare` last published it.
     #[must_use]
     pub const fn snapshot(&self) -> &Snapshot {
         self.drive.snapshot()
     }
 
-    /// The conversation with the sender.
+    /// Returns the conversation with the sender.
     #[must_use]
     pub const fn session(&self) -> &Session {
         &self.session
     }
 
-    /// What the step interrupt has counted.
+    /// Returns what the step interrupt has counted.
     #[must_use]
     pub const fn segments(&self) -> &SegmentRing {
         &self.drive.segments
     }
 
-    /// Events that came too late.
+    /// Returns the number of late events.
     #[must_use]
     pub fn late(&self) -> u32 {
         self.drive.late()
     }
 
-    /// Free places in the receive queue.
+    /// Returns the number of bytes that fit into the receive queue.
     #[must_use]
     pub fn received_free(&self) -> usize {
         self.received.free()
     }
 
-    /// Received bytes lost so far.
+    /// Returns the number of received bytes lost so far.
     #[must_use]
     pub fn lost(&self) -> u32 {
         self.requests.lost()
@@ -156,13 +156,13 @@ impl Simulator {
         byte
     }
 
-    /// Whether bytes wait to be sent.
+    /// Returns whether bytes wait to be sent.
     #[must_use]
     pub fn has_to_send(&self) -> bool {
         !self.sent.is_empty()
     }
 
-    /// Mounts a switch that an axis closes; whether it fits.
+    /// Mounts a switch that an axis closes. Returns whether it fits.
     pub fn mount(&mut self, switch: Switch) -> bool {
         self.drive.mount(switch)
     }
@@ -172,20 +172,20 @@ impl Simulator {
         self.drive.set_pin(inputs, closed);
     }
 
-    /// Physical steps of each axis since power-up: homing does not change them.
+    /// Returns the physical steps of each axis since power-up: homing does not change them.
     #[must_use]
     pub const fn physical_steps(&self) -> Axes<i32> {
         self.drive.physical_steps()
     }
 
-    /// What is switched now beside the axes, with the spindle PWM that is output.
+    /// Returns what is switched now beside the axes, with the spindle PWM that is output.
     #[must_use]
     pub const fn outputs(&self) -> &Outputs {
         self.drive.outputs()
     }
 
-    /// When something happens next without a byte, ticks: a pin edge, a sample of the inputs, or the
-    /// end of a wait of the machine.
+    /// Returns when something happens next without a byte, ticks: a pin edge, a sample of the inputs,
+    /// or the end of a wait of the machine.
     #[must_use]
     pub fn due(&self) -> Option<u64> {
         let drive = &self.drive;

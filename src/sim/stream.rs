@@ -11,7 +11,7 @@ use crate::{model::State, units::TICKS_PER_SECOND};
 
 /// Bytes that may be on their way unanswered.
 const WINDOW: usize = 127;
-/// Bytes of a line that are looked at before it is sent: a longer one is sent alone.
+/// Longest line that is counted, bytes: a longer one is sent alone.
 const LINE: usize = WINDOW;
 /// Longest answer that is kept, bytes.
 const ANSWER: usize = 192;
@@ -22,7 +22,7 @@ pub trait Watcher {
     fn edge(&mut self, edge: &Edge);
     /// The answer to a line has come: `line` counts from 1.
     fn answer(&mut self, line: u64, answer: &[u8]);
-    /// A line that is not an answer has come, after so many answers.
+    /// A line that is not an answer has come, after `answers` of them.
     fn message(&mut self, answers: u64, message: &[u8]);
 }
 
@@ -118,7 +118,7 @@ impl<'a, P: Iterator<Item = u8>> Stream<'a, P> {
         }
     }
 
-    /// Whether a byte may be sent as soon as the line is free.
+    /// Returns whether a byte may be sent as soon as the line is free.
     fn has_byte(&mut self) -> bool {
         if self.line_sent == self.line.len() {
             self.fill();

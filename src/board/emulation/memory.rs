@@ -14,7 +14,7 @@ use crate::board::{outputs, pins};
 struct Figures {
     /// Events that began a pulse.
     events: AtomicU32,
-    /// Their hash, as [`leadscrew::sim::Tally`] has it, low word first.
+    /// Their hash, as [`leadscrew::sim::StepStatistics`] has it, low word first.
     hash: [AtomicU32; 2],
     /// Ticks from the first such event to the last, low word first.
     ticks: [AtomicU32; 2],
@@ -26,7 +26,7 @@ struct Figures {
     switched: AtomicU32,
     /// Duty of the PWM, 0 to [`Outputs::FULL`].
     duty: AtomicU32,
-    /// The highest duty since the start: a test may look too late for the one it expects.
+    /// The highest duty since the start: a test may read too late for the one it expects.
     highest_duty: AtomicU32,
 }
 
@@ -73,15 +73,15 @@ static LAST: AtomicU32 = AtomicU32::new(0);
 /// The directions output last, bit 0 = X, 1 = negative.
 static DIRECTIONS: AtomicU8 = AtomicU8::new(0);
 
-/// The contacts that were closed when the handler looked last.
+/// The contacts that were closed at the handler's run before.
 static SEEN: AtomicU32 = AtomicU32::new(0);
 
-/// The contacts that are closed, as the handler found them last.
+/// Returns the contacts that are closed, as the handler found them last.
 pub(in crate::board) fn contacts() -> Levels {
     Levels(SEEN.load(Relaxed) as u16)
 }
 
-/// Looks at the contacts: whether they have changed since the last look.
+/// Reads the contacts. Returns whether they have changed since the last time.
 pub(super) fn have_contacts_changed() -> bool {
     let mut closed = CONTACTS.closed.load(Relaxed);
     for axis in 0..AXES {

@@ -2,8 +2,8 @@
 //!
 //! Each ring has one writer, which is never interrupted by itself, and one reader, the debugger: no
 //! lock is needed. A record takes the same few instructions whatever happens; where the debugger is
-//! too slow, records are dropped, and the next ones tell. The control block also has the channel for
-//! the message of a panic, as without the feature.
+//! too slow, records are dropped, and the next one has their number. The control block also has the
+//! channel for the message of a panic, as without the feature.
 
 use core::{
     ffi::CStr,
@@ -42,7 +42,7 @@ struct Channel {
     flags: u32,
 }
 
-/// What a debugger looks for.
+/// The control block, found by its mark.
 #[repr(C)]
 struct ControlBlock {
     mark: [u8; 16],
