@@ -53,33 +53,50 @@ pub fn startup_line(text: &mut Text, lines: &[StoredLine], number: usize) -> boo
 
 /// The answer to `$G`, without its `ok`.
 pub fn modes(text: &mut Text, modal: &Modal, unit: ReportUnit) {
-    text.word("[GC:").word(modal.motion.word());
-    text.word(" ").word(modal.coordinates.word());
-    text.word(match modal.plane {
+    // Every mode, so that a new one is listed or named here as unlisted.
+    let Modal {
+        motion,
+        feed_mode,
+        units,
+        distance,
+        plane,
+        tool_length: _,
+        coordinates,
+        path,
+        spindle,
+        coolant,
+        tool,
+        feed,
+        feed_units: _,
+        speed_rpm,
+    } = modal;
+    text.word("[GC:").word(motion.word());
+    text.word(" ").word(coordinates.word());
+    text.word(match plane {
         Plane::Xy => " G17 ",
         Plane::Zx => " G18 ",
         Plane::Yz => " G19 ",
     });
-    text.word(modal.units.word());
-    text.word(" ").word(modal.distance.word());
-    text.word(" ").word(modal.feed_mode.word());
-    if let Some(word) = modal.path.word() {
+    text.word(units.word());
+    text.word(" ").word(distance.word());
+    text.word(" ").word(feed_mode.word());
+    if let Some(word) = path.word() {
         text.word(" ").word(word);
     }
-    text.word(match modal.spindle {
+    text.word(match spindle {
         Spindle::Clockwise => " M3",
         Spindle::CounterClockwise => " M4",
         Spindle::Off => " M5",
     });
-    text.word(match (modal.coolant.mist, modal.coolant.flood) {
+    text.word(match (coolant.mist, coolant.flood) {
         (false, false) => " M9",
         (true, false) => " M7",
         (false, true) => " M8",
         (true, true) => " M7 M8",
     });
-    text.word(" T").natural(u32::from(modal.tool));
-    text.word(" F").rate(modal.feed, unit);
-    text.word(" S").number(modal.speed_rpm, 0).word("]").end();
+    text.word(" T").natural(u32::from(*tool));
+    text.word(" F").rate(*feed, unit);
+    text.word(" S").number(*speed_rpm, 0).word("]").end();
 }
 
 /// One line of the answer to `$#`, counted from 0. Returns false after the last.

@@ -3,7 +3,7 @@
 use super::{Action, Checked, Interpreter, LineKind, Message, Move, Outcome, check::MM_PER_INCH};
 use crate::{
     axis::{Axes, Z},
-    gcode::{Distance, FeedMode, Flow, MotionMode, ProbeMode, Reference, Units},
+    gcode::{Distance, FeedMode, Flow, Modal, MotionMode, ProbeMode, Reference, Units},
     model::{Command, Coolant, FeedRate, Laser, Plane, Probing, Spindle, Target, WorkCoordinates},
     units::Nm,
 };
@@ -175,14 +175,30 @@ fn end(state: &mut Interpreter, flow: Flow, outcome: &mut Outcome) {
         Flow::Run => {}
         Flow::Pause => outcome.add(Command::Pause),
         Flow::End => {
-            let modal = &mut state.modal;
-            modal.motion = MotionMode::Linear;
-            modal.plane = Plane::default();
-            modal.distance = Distance::default();
-            modal.feed_mode = FeedMode::default();
-            modal.coordinates = WorkCoordinates::default();
-            modal.spindle = Spindle::Off;
-            modal.coolant = Coolant::default();
+            // Every mode, so that a new one is reset or named here as one that stays.
+            let Modal {
+                motion,
+                feed_mode,
+                units: _,
+                distance,
+                plane,
+                tool_length: _,
+                coordinates,
+                path: _,
+                spindle,
+                coolant,
+                tool: _,
+                feed: _,
+                feed_units: _,
+                speed_rpm: _,
+            } = &mut state.modal;
+            *motion = MotionMode::Linear;
+            *plane = Plane::default();
+            *distance = Distance::default();
+            *feed_mode = FeedMode::default();
+            *coordinates = WorkCoordinates::default();
+            *spindle = Spindle::Off;
+            *coolant = Coolant::default();
             outcome.add(Command::Spindle {
                 spindle: Spindle::Off,
                 rpm: 0.0,
