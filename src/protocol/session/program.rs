@@ -215,8 +215,17 @@ impl Session {
             // Check mode ends a probing move before it has begun.
             let is_skipped = is_checking && matches!(command, Command::Probe { .. });
             let leaves = !is_skipped && leaves_travel(settings, &from, command);
-            if let Command::Line { target, .. } | Command::Arc { target, .. } = command {
-                from = target.position;
+            match command {
+                Command::Line { target, .. } | Command::Arc { target, .. } => {
+                    from = target.position;
+                }
+                // A probing move is the last of its line.
+                Command::Probe { .. }
+                | Command::Power(_)
+                | Command::Dwell { .. }
+                | Command::Spindle { .. }
+                | Command::Coolant(_)
+                | Command::Pause => {}
             }
             leaves
         })
