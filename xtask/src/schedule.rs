@@ -10,6 +10,8 @@ mod page;
 mod sample;
 mod text;
 
+pub(crate) use document::BOARD;
+
 use std::{
     fs,
     path::{Path, PathBuf},
@@ -130,7 +132,7 @@ fn analyse_with(
 
 /// For `cargo xtask test`: the firmware that the documents show is proven, and is what they show.
 pub(crate) fn check() -> Result<Verdict> {
-    let (elf, report) = proven(document::BOARD, document::AXES)?;
+    let (elf, report) = proven(BOARD, document::AXES)?;
     Ok(Verdict::Counted(document::check(&report, &elf)?))
 }
 

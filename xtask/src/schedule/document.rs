@@ -19,7 +19,7 @@ const TEXT: &str = "docs/scheduling.md";
 const BEGIN: &str = "<!-- begin: cargo xtask schedule --write -->\n";
 const END: &str = "<!-- end -->\n";
 /// Whose report it is.
-pub(super) const BOARD: &str = "netduino-plus-2";
+pub(crate) const BOARD: &str = "netduino-plus-2";
 pub(super) const AXES: u8 = 3;
 
 /// What the documents are made from.
