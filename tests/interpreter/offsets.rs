@@ -90,6 +90,25 @@ fn axes_beyond_the_third_are_degrees() {
 }
 
 #[test]
+fn every_work_coordinate_system_is_chosen_by_its_word_and_set_by_its_number() {
+    for (number, system) in (1..).zip(WorkCoordinates::ALL) {
+        let word = system.word();
+        let machine = after(&[&format!("G10L2P{number}X5"), word, "G0X1"]);
+        assert_eq!(
+            machine.modal().coordinates,
+            system,
+            "{word} chooses another system: make word and number of its row in \
+             src/model/modes.rs the same"
+        );
+        assert_eq!(
+            machine.position(),
+            um(6000, 0, 0),
+            "{word} is not P{number}"
+        );
+    }
+}
+
+#[test]
 fn g10_takes_eight_bits_of_p_as_grbl_does() {
     for (p, origin_um) in [("256", 1000), ("257.9", 1000), ("258", 0)] {
         let machine = after(&[&format!("G10L2P{p}X1")]);

@@ -7,6 +7,8 @@
 
 use std::collections::VecDeque;
 
+use leadscrew::model::WorkCoordinates;
+
 /// Stands for the lines that list the position of the probe.
 const PROBED: &str = "PRB";
 /// Faults that are kept; the first ones tell what happened.
@@ -351,8 +353,14 @@ fn asked_by(text: &str) -> Option<&'static str> {
         "GC" => Some("$G"),
         "VER" | "OPT" => Some("$I"),
         "HLP" => Some("$"),
-        "G54" | "G55" | "G56" | "G57" | "G58" | "G59" | "G28" | "G30" | "G92" | "TLO" => Some("$#"),
+        "G28" | "G30" | "G92" | "TLO" => Some("$#"),
         "PRB" => Some(PROBED),
+        word if WorkCoordinates::ALL
+            .iter()
+            .any(|system| system.word() == word) =>
+        {
+            Some("$#")
+        }
         _ => None,
     }
 }
