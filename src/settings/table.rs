@@ -125,7 +125,7 @@ pub(super) static TABLE: &[Row] = &[
 
 const _: () = assert!(
     TABLE.len() == Settings::FIELDS,
-    "a setting is a field in `settings!` (settings/mod.rs) and a row in TABLE: one of both is missing"
+    "a setting is a field in `settings!` (src/settings/mod.rs) and a row in TABLE (here): one of both is missing"
 );
 const _: () = assert!(
     is_in_order(),
