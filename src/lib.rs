@@ -10,6 +10,7 @@
 extern crate std;
 
 pub mod axis;
+pub mod decimal;
 pub mod math;
 pub mod units;
 

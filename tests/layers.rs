@@ -8,7 +8,7 @@ use std::{
 
 /// The layers, from the bottom up.
 const LAYERS: [&[&str]; 11] = [
-    &["axis", "math", "units"],
+    &["axis", "decimal", "math", "units"],
     &["model"],
     &["settings"],
     &["gcode", "stepper"],

@@ -4,11 +4,12 @@
 //! by word from the left. The modes of the line are put over those before it, in a copy.
 
 use super::{
-    Code, Distance, FeedMode, Flow, LineError, Modal, MotionMode, Number, ProbeMode, ToolLength,
-    Units, Word, Words,
+    Code, Distance, FeedMode, Flow, LineError, Modal, MotionMode, ProbeMode, ToolLength, Units,
+    Word, WordReader, Words,
 };
 use crate::{
     axis::{AXES, Axes, LETTERS},
+    decimal::Decimal,
     model::{PathControl, Plane, Rotation, Spindle, WorkCoordinates},
     units::Nm,
 };
@@ -29,15 +30,15 @@ pub struct ParsedLine {
     /// Axes that have a word, bit 0 = X.
     pub axes: u8,
     /// Values of the axis words, 0 without.
-    pub coordinates: Axes<Number>,
+    pub coordinates: Axes<Decimal>,
     /// `I`, `J`, `K`.
-    pub offsets: [Number; 3],
+    pub offsets: [Decimal; 3],
     /// `P`.
-    pub p: Number,
+    pub p: Decimal,
     /// `Q`.
-    pub q: Number,
+    pub q: Decimal,
     /// `R`.
-    pub radius: Number,
+    pub radius: Decimal,
     /// `F`, in the units of the line.
     pub feed: f32,
     /// `L`. Grbl keeps it in eight bits, so `L258` is `L2`.
@@ -123,11 +124,11 @@ impl ParsedLine {
             flow: Flow::Run,
             words: Words::NONE,
             axes: 0,
-            coordinates: Axes([Number::ZERO; AXES]),
-            offsets: [Number::ZERO; 3],
-            p: Number::ZERO,
-            q: Number::ZERO,
-            radius: Number::ZERO,
+            coordinates: Axes([Decimal::ZERO; AXES]),
+            offsets: [Decimal::ZERO; 3],
+            p: Decimal::ZERO,
+            q: Decimal::ZERO,
+            radius: Decimal::ZERO,
             feed: 0.0,
             l: 0,
             line: 0,
@@ -177,18 +178,13 @@ impl ParsedLine {
     }
 
     fn read_words(&mut self, line: &[u8]) -> Result<(), LineError> {
-        let mut rest = line;
-        while let Some((&letter, text)) = rest.split_first() {
-            if !letter.is_ascii_uppercase() {
-                return Err(LineError::ExpectedLetter);
-            }
-            let (number, tail) = Number::parse(text).ok_or(LineError::BadNumber)?;
+        for word in WordReader::new(line.iter().copied()) {
+            let (letter, number) = word?;
             match letter {
-                b'G' => self.g_word(number.code())?,
-                b'M' => self.m_word(number.code())?,
+                b'G' => self.g_word(Code::of(number))?,
+                b'M' => self.m_word(Code::of(number))?,
                 _ => self.value_word(letter, number)?,
             }
-            rest = tail;
         }
         if self.axes != 0 && self.axis_command == AxisCommand::None {
             self.axis_command = AxisCommand::Motion;
@@ -198,7 +194,7 @@ impl ParsedLine {
 
     /// A length in the units of the line.
     #[must_use]
-    pub fn length(&self, number: Number) -> Nm {
+    pub fn length(&self, number: Decimal) -> Nm {
         Nm(match self.modal.units {
             Units::Millimetres => number.to_millionths(),
             Units::Inches => number.inches_to_nm(),
@@ -394,7 +390,7 @@ impl ParsedLine {
         self.claim(group)
     }
 
-    fn value_word(&mut self, letter: u8, number: Number) -> Result<(), LineError> {
+    fn value_word(&mut self, letter: u8, number: Decimal) -> Result<(), LineError> {
         match letter {
             b'X' | b'Y' | b'Z' | b'A' | b'B' | b'C' => return self.axis_word(letter, number),
             b'F' => self.feed = number.to_f32(),
@@ -424,7 +420,7 @@ impl ParsedLine {
         Ok(())
     }
 
-    fn axis_word(&mut self, letter: u8, number: Number) -> Result<(), LineError> {
+    fn axis_word(&mut self, letter: u8, number: Decimal) -> Result<(), LineError> {
         let axis = LETTERS.iter().position(|&known| known == letter);
         let coordinate = axis.and_then(|axis| self.coordinates.0.get_mut(axis));
         let (Some(axis), Some(coordinate)) = (axis, coordinate) else {

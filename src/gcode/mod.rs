@@ -7,13 +7,11 @@ mod block;
 mod error;
 pub mod interpreter;
 mod modal;
-mod number;
-mod short;
 mod word;
+mod word_reader;
 
 pub use block::{AxisCommand, NonModal, ParsedLine, Reference};
 pub use error::LineError;
 pub use modal::{Distance, FeedMode, Flow, Modal, MotionMode, ProbeMode, ToolLength, Units};
-pub use number::{Code, Number};
-pub use short::{PlainWords, SmallDecimal};
-pub use word::{Word, Words};
+pub use word::{Code, Word, Words};
+pub use word_reader::WordReader;

@@ -251,6 +251,29 @@ impl ByteReader<'_> {
         is_complete
     }
 
+    /// Returns the bytes that wait now: those up to the end of the ring, and those at its beginning.
+    #[inline]
+    #[must_use]
+    pub fn waiting(&self) -> [Waiting<'_>; 2] {
+        let bytes = &self.ring.bytes;
+        let oldest = self.ring.oldest() & (bytes.len() - 1);
+        let n = self.ring.len();
+        compiler_fence(SeqCst);
+        let older = bytes.get(oldest..).unwrap_or_default();
+        let older = older.get(..n).unwrap_or(older);
+        let newer = bytes.get(..n - older.len()).unwrap_or_default();
+        [Waiting(older.iter()), Waiting(newer.iter())]
+    }
+
+    /// Removes the `n` oldest bytes, which wait.
+    #[inline]
+    pub fn release(&mut self, n: usize) {
+        // The writer must not reuse their places before the bytes have been read.
+        compiler_fence(SeqCst);
+        let limit = self.ring.limit.load(Relaxed).wrapping_add(n);
+        self.ring.limit.store(limit, Relaxed);
+    }
+
     /// Returns the number of bytes that may wait.
     #[must_use]
     pub const fn capacity(&self) -> usize {
@@ -271,7 +294,7 @@ impl ByteReader<'_> {
     }
 }
 
-/// Contiguous bytes that waited when [`ByteReader::take_until`] was called.
+/// Contiguous bytes that waited when they were asked for.
 #[derive(Debug, Clone)]
 pub struct Waiting<'a>(Iter<'a, AtomicU8>);
 
@@ -297,6 +320,11 @@ impl Iterator for Waiting<'_> {
     #[inline]
     fn next(&mut self) -> Option<u8> {
         self.0.next().map(|byte| byte.load(Relaxed))
+    }
+
+    #[inline]
+    fn size_hint(&self) -> (usize, Option<usize>) {
+        self.0.size_hint()
     }
 }
 
@@ -332,6 +360,15 @@ mod tests {
                 wanted == 0
             });
             assert_eq!(has_all, waiting != 0 && waiting >= round % 3);
+            let [older, newer] = reader.waiting();
+            assert_eq!(older.len() + newer.len(), reader.len());
+            let mut n = 0;
+            for byte in older.chain(newer).take(round % 3) {
+                assert_eq!(byte, taken);
+                taken = taken.wrapping_add(1);
+                n += 1;
+            }
+            reader.release(n);
             assert_eq!(reader.len(), usize::from(pushed.wrapping_sub(taken)));
         }
     }

@@ -1,6 +1,7 @@
 //! `$n=value`: a setting's number and its new value as text.
 
-use super::{Setting, Settings, Value, decimal};
+use super::{Setting, Settings, Value};
+use crate::decimal::Decimal;
 
 /// Why a setting is refused. Nothing has been changed then.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -26,9 +27,9 @@ pub enum SettingError {
 /// # Errors
 /// `BadNumber` without a number, `BadStatement` without the `=`.
 pub fn numbered(statement: &[u8]) -> Result<(i64, &[u8]), SettingError> {
-    let (number, rest) = decimal::read(statement).ok_or(SettingError::BadNumber)?;
+    let (number, rest) = Decimal::parse(statement).ok_or(SettingError::BadNumber)?;
     match rest.split_first() {
-        Some((b'=', text)) => Ok((number.whole(), text)),
+        Some((b'=', text)) => Ok((number.trunc(), text)),
         _ => Err(SettingError::BadStatement),
     }
 }
@@ -39,17 +40,19 @@ pub fn numbered(statement: &[u8]) -> Result<(i64, &[u8]), SettingError> {
 /// Every [`SettingError`]; the settings are unchanged then.
 pub fn assign(settings: &mut Settings, statement: &[u8]) -> Result<(), SettingError> {
     let (number, text) = numbered(statement)?;
-    let (value, rest) = decimal::read(text).ok_or(SettingError::BadNumber)?;
+    let (value, rest) = Decimal::parse(text).ok_or(SettingError::BadNumber)?;
     if !rest.is_empty() {
         return Err(SettingError::BadStatement);
     }
     let number = u16::try_from(number).map_err(|_| SettingError::BadStatement)?;
     let setting = Setting::with_number(number);
-    if value.is_negative() && !setting.is_some_and(|setting| setting.row.kind.has_negative()) {
+    // However little the value is below 0.
+    let is_negative = text.starts_with(b"-") && text.iter().any(|byte| matches!(byte, b'1'..=b'9'));
+    if is_negative && !setting.is_some_and(|setting| setting.row.kind.has_negative()) {
         return Err(SettingError::Negative);
     }
     let setting = setting.ok_or(SettingError::BadStatement)?;
-    setting.assign(settings, Value::Millionths(value.millionths()))
+    setting.assign(settings, Value::Millionths(value.truncated_millionths()))
 }
 
 #[cfg(test)]
@@ -94,6 +97,8 @@ mod tests {
             ("100=-1", Negative),
             ("30=-5", Negative),
             ("0=-1", Negative),
+            ("11=-0.00000001", Negative),
+            ("11=-.00000000000001", Negative),
             ("0=2", ShortPulse),
             ("20=1", NeedsHoming),
         ] {
@@ -128,7 +133,7 @@ mod tests {
             "2=7",
             "4=2",
             "10=3.9",
-            "11=0",
+            "11=-0.0",
             "12=0",
             "25=0",
             "27=0",

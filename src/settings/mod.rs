@@ -4,7 +4,6 @@
 //! [`TABLE`](table::TABLE) with everything else.
 
 mod assign;
-mod decimal;
 mod kind;
 mod rules;
 mod setting;

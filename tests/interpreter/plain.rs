@@ -3,6 +3,7 @@
 use leadscrew::{
     gcode::interpreter::{Checked, Interpreter, Outcome, Refusal},
     model::Command,
+    protocol::Line,
     settings::Settings,
 };
 use proptest::prelude::*;
@@ -61,6 +62,9 @@ fn any_line() -> impl Strategy<Value = String> {
         prop_oneof![
             12 => "[XYZ]",
             4 => "[FN]",
+            1 => "[xyf]",
+            1 => "\\([ -~]{0,3}\\)[XY]",
+            1 => ";[ -~]{0,3}X",
             1 => "[A-Z]",
             1 => "[ -~]",
         ],
@@ -114,7 +118,6 @@ fn straight_moves_are_plain_and_nothing_else_is() {
         "N1.0X1",
         "N10000001X1",
         "G90X1",
-        "x1",
         "G0X 1",
         "G0X1 1",
         "X1\0",
@@ -135,6 +138,22 @@ fn straight_moves_are_plain_and_nothing_else_is() {
         ..Settings::default()
     };
     assert!(plain(&mut after(&[]), "X1", &settings).is_none());
+}
+
+#[test]
+fn comments_and_lower_case_may_stand_between_plain_words() {
+    let is_plain = |line| plain(&mut after(&[]), line, &Settings::default()).is_some();
+    for line in [
+        "x1",
+        "g1 x1 f5 (right)",
+        "(a) X1 (b)(c; d) ; e (f",
+        "X1(open",
+    ] {
+        assert!(is_plain(line), "{line}");
+    }
+    for line in ["X(a)1", "X1(a)1", "X1)", "(a)"] {
+        assert!(!is_plain(line), "{line}");
+    }
 }
 
 #[test]
@@ -171,9 +190,10 @@ proptest! {
         }
         for line in lines {
             let before = machine.clone();
-            // Blanks may be left in a plain line, and in no other.
-            let stripped = line.replace(' ', "");
-            let checked = machine.check(stripped.as_bytes(), &settings);
+            // Blanks, comments and lower case may be left in a plain line, and in no other.
+            let mut stripped = Line::new();
+            prop_assert!(stripped.take_from(line.bytes().chain([b'\n'])));
+            let checked = machine.check(stripped.text().unwrap(), &settings);
             let Some((way, short)) = plain(&mut machine, &line, &settings) else {
                 prop_assert_eq!(&machine, &before, "{}", line);
                 if let Ok(checked) = checked {

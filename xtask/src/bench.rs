@@ -87,7 +87,7 @@ fn firmware(emulator: &Emulator, options: &Options) -> Result<()> {
         "leadscrew::stepper::slots::",
     ];
     /// What makes a change of the state, and commands, of a line without blanks.
-    const PARSE: [&str; 1] = ["leadscrew::gcode::"];
+    const PARSE: [&str; 2] = ["leadscrew::gcode::", "leadscrew::decimal::"];
     /// What finds entry speeds, from the newest block back.
     const PASS: [&str; 1] = ["leadscrew::motion::trapezoid::plan::"];
     let (board, _) = boards::emulated()?;

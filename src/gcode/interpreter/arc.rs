@@ -6,6 +6,7 @@
 use super::Move;
 use crate::{
     axis::Axes,
+    decimal::Decimal,
     gcode::{LineError, ParsedLine, Word, Words},
     model::{Circle, Rotation},
     units::Nm,
@@ -69,7 +70,7 @@ pub(super) fn path(
 }
 
 /// The `I`, `J` or `K` word of an axis.
-fn offset_word(block: &ParsedLine, axis: usize) -> crate::gcode::Number {
+fn offset_word(block: &ParsedLine, axis: usize) -> Decimal {
     block.offsets.get(axis).copied().unwrap_or_default()
 }
 

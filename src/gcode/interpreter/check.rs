@@ -5,9 +5,10 @@
 use super::{Action, Checked, Interpreter, LineKind, Move, arc, offsets::TOOL_AXIS, power};
 use crate::{
     axis::{AXES, Axes, Z},
+    decimal::Decimal,
     gcode::{
-        AxisCommand, Distance, FeedMode, LineError, Modal, MotionMode, NonModal, Number,
-        ParsedLine, ToolLength, Units, Word, Words,
+        AxisCommand, Distance, FeedMode, LineError, Modal, MotionMode, NonModal, ParsedLine,
+        ToolLength, Units, Word, Words,
     },
     model::{Laser, PathControl, WorkCoordinates},
     settings::Settings,
@@ -158,7 +159,7 @@ fn dwell(block: &ParsedLine, words: &mut Words) -> Result<Action, LineError> {
 
 /// `G64`: how far the path may be left, `P`, and short lines, `Q`, which is `P` without the word.
 fn continuous(block: &ParsedLine) -> Result<PathControl, LineError> {
-    let distance_nm = |number: Number| {
+    let distance_nm = |number: Decimal| {
         let Nm(nm) = block.length(number);
         u32::try_from(nm).map_err(|_| LineError::ValueOutOfRange)
     };
@@ -298,7 +299,7 @@ fn move_target(state: &Interpreter, block: &ParsedLine, checked: &mut Checked) {
     for axis in 0..AXES {
         if block.has_axis(axis) {
             let (exact, single) = if block.modal.units == Units::Millimetres {
-                let number: &Number = &block.coordinates[axis];
+                let number: &Decimal = &block.coordinates[axis];
                 (Nm(number.to_millionths()), number.to_grbl_f32())
             } else {
                 (coordinate(block, axis), single_coordinate(block, axis))
@@ -320,7 +321,7 @@ fn single_coordinate(block: &ParsedLine, axis: usize) -> f32 {
 
 /// An axis word in nm. Rotary axes have no inches.
 fn coordinate(block: &ParsedLine, axis: usize) -> Nm {
-    let number: Number = block.coordinates[axis];
+    let number: Decimal = block.coordinates[axis];
     Nm(match block.modal.units {
         Units::Inches if axis <= Z => number.inches_to_nm(),
         Units::Inches | Units::Millimetres => number.to_millionths(),

@@ -8,7 +8,8 @@
 use super::{Action, Checked, Interpreter, LineKind, Move, Outcome, check, offsets::TOOL_AXIS};
 use crate::{
     axis::{AXES, Axes, LETTERS},
-    gcode::{Distance, FeedMode, Flow, MotionMode, PlainWords, SmallDecimal, Units, Word, Words},
+    decimal::SmallDecimal,
+    gcode::{Distance, FeedMode, Flow, MotionMode, Units, Word, WordReader, Words},
     model::{Command, FeedRate, Target},
     settings::Settings,
     units::Nm,
@@ -92,8 +93,8 @@ impl Plain {
     /// Reads the words of a line, and tells what follows it.
     #[inline]
     fn read<I: Iterator<Item = u8>>(&mut self, bytes: I) -> Result<I, Refusal> {
-        let mut words = PlainWords::of(bytes);
-        while !words.skips_to_end() {
+        let mut words = WordReader::new(bytes);
+        while !words.is_at_line_end() {
             if self.read_word(&mut words).is_none() {
                 return Err(if words.is_cut_off() {
                     Refusal::Incomplete
@@ -102,15 +103,14 @@ impl Plain {
                 });
             }
         }
-        Ok(words.rest())
+        Ok(words.following())
     }
 
     /// Reads a word; `None` where it is not plain.
     #[inline(always)]
     #[expect(clippy::inline_always, reason = "for each word")]
-    fn read_word<I: Iterator<Item = u8>>(&mut self, words: &mut PlainWords<I>) -> Option<()> {
-        let letter = words.letter();
-        let number = words.take()?;
+    fn read_word<I: Iterator<Item = u8>>(&mut self, words: &mut WordReader<I>) -> Option<()> {
+        let (letter, number) = words.small_word()?;
         match letter {
             b'G' => {
                 self.motion = match number.natural()? {
@@ -119,7 +119,7 @@ impl Plain {
                     _ => return None,
                 }
             }
-            b'F' => self.feed = number.amount()?,
+            b'F' => self.feed = number.non_negative()?,
             b'N' => self.line = number.natural().filter(|line| *line <= check::MAX_LINE)?,
             letter => {
                 let mut axes = LETTERS.iter().take(AXES);

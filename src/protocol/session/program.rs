@@ -61,24 +61,25 @@ impl Session {
         }
         let (settings, interpreter) = (&self.persistence.stored.settings, &mut self.interpreter);
         let (checked, outcome) = (&mut self.line.checked, &mut self.line.outcome);
-        let mut result = Err(Refusal::Incomplete);
-        received.take_until(|bytes| {
-            match interpreter.carry_out_plain(bytes.clone(), settings, checked, outcome) {
-                Ok(rest) => {
-                    *bytes = rest;
-                    result = Ok(());
-                }
-                // The ring wraps within the line, or the line is long and must leave the queue.
-                Err(Refusal::Incomplete)
-                    if bytes.len() < waiting || waiting > MAX_WAITING_BYTES =>
-                {
-                    result = Err(Refusal::NotPlain);
-                }
-                Err(refusal) => result = Err(refusal),
+        let [older, newer] = received.waiting();
+        let n = older.len() + newer.len();
+        let remaining = match interpreter.carry_out_plain(older.clone(), settings, checked, outcome)
+        {
+            Ok(rest) => Ok(rest.len() + newer.len()),
+            // The line goes on at the beginning of the ring.
+            Err(Refusal::Incomplete) if !newer.is_empty() => interpreter
+                .carry_out_plain(older.chain(newer), settings, checked, outcome)
+                .map(|rest| rest.size_hint().0),
+            Err(refusal) => Err(refusal),
+        };
+        match remaining {
+            Ok(remaining) => {
+                received.release(n - remaining);
+                Ok(())
             }
-            result.is_ok()
-        });
-        result
+            Err(Refusal::Incomplete) if waiting > MAX_WAITING_BYTES => Err(Refusal::NotPlain),
+            Err(refusal) => Err(refusal),
+        }
     }
 
     /// Sends the one move that a plain line asks for, unless it leaves the travel.
@@ -108,17 +109,6 @@ impl Session {
             return self.await_standstill();
         }
         let text = self.line.input.text().unwrap_or_default();
-        let from = self.interpreter.position();
-        let (checked, outcome) = (&mut self.line.checked, &mut self.line.outcome);
-        let bytes = text.iter().copied().chain([b'\n']);
-        if self.line.source == Source::Line
-            && self
-                .interpreter
-                .carry_out_plain(bytes, &self.persistence.stored.settings, checked, outcome)
-                .is_ok()
-        {
-            return self.send(from, links);
-        }
         let line = match self.line.source {
             Source::Line => text,
             Source::Jog => text.get(3..).unwrap_or_default(),
