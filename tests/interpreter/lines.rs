@@ -170,7 +170,7 @@ fn lines_wait_for_rest_where_grbl_synchronises() {
             ..Settings::default()
         };
         let checked = machine.check(line.as_bytes(), &settings).unwrap();
-        (checked.waits_for_rest(), checked.answers_when_done())
+        (checked.waits_for_standstill(), checked.answers_when_done())
     };
     for line in [
         "", "G0X1", "G1X1", "G28", "G55", "M3S100", "M8", "T4", "G43.1Z1", "M1",

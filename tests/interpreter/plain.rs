@@ -20,7 +20,7 @@ fn plain(machine: &mut Interpreter, line: &str, settings: &Settings) -> Option<(
     let mut outcome = Interpreter::new().commit(&checked);
     let bytes = line.bytes().chain(*b"\nG0");
     let rest = machine
-        .carry_out_plain(bytes, settings, &mut checked, &mut outcome)
+        .execute_plain(bytes, settings, &mut checked, &mut outcome)
         .ok()?;
     assert_eq!(rest.collect::<Vec<_>>(), b"G0", "{line}");
     Some((checked, outcome))
@@ -164,7 +164,7 @@ fn a_line_that_is_cut_off_changes_nothing_and_may_be_plain_yet() {
     let (mut checked, mut outcome) = Default::default();
     for length in 0..line.len() {
         let bytes = line.bytes().take(length);
-        let result = machine.carry_out_plain(bytes, &settings, &mut checked, &mut outcome);
+        let result = machine.execute_plain(bytes, &settings, &mut checked, &mut outcome);
         if line[..length].contains('\n') {
             assert!(result.is_ok(), "{length}");
             return;
@@ -211,7 +211,7 @@ proptest! {
             prop_assert_eq!(single_mm(&short), single_mm(&long), "{}", line);
             prop_assert!(checked.moves() && way.moves());
             for checked in [&checked, &way] {
-                prop_assert!(!checked.waits_for_rest() && !checked.answers_when_done());
+                prop_assert!(!checked.waits_for_standstill() && !checked.answers_when_done());
                 prop_assert!(!checked.ends_program() && checked.probe().is_none());
                 prop_assert!(machine.origins_after(checked).is_none());
             }

@@ -29,40 +29,40 @@ const DIAMETER_SLACK: f64 = 1.0e-6;
 /// # Errors
 /// Grbl's 26 and 32 to 35; 23 and 39 for the number of turns.
 #[inline(never)]
-pub(super) fn path(
-    block: &ParsedLine,
+pub(super) fn movement(
+    parsed: &ParsedLine,
     words: &mut Words,
     rotation: Rotation,
     start: Axes<Nm>,
     target: Axes<Nm>,
 ) -> Result<Move, LineError> {
-    let (first, second, _) = block.modal.plane.axes();
-    if block.axes == 0 {
+    let (first, second, _) = parsed.modal.plane.axes();
+    if parsed.axes == 0 {
         return Err(LineError::NoAxisWords);
     }
-    if !block.has_axis(first) && !block.has_axis(second) {
+    if !parsed.has_axis(first) && !parsed.has_axis(second) {
         return Err(LineError::NoAxisWordsInPlane);
     }
     let chord = [target[first] - start[first], target[second] - start[second]];
     let centre = if words.contains(Word::R) {
         words.remove(Word::R);
-        centre_from_radius(chord, block.length(block.radius), rotation)?
+        centre_from_radius(chord, parsed.length(parsed.radius), rotation)?
     } else {
         if !words.contains(Word::offset_of(first)) && !words.contains(Word::offset_of(second)) {
             return Err(LineError::NoOffsetsInPlane);
         }
         words.remove(Word::IJK);
-        let centre = [first, second].map(|axis| block.length(offset_word(block, axis)));
+        let centre = [first, second].map(|axis| parsed.length(offset_word(parsed, axis)));
         check_radii(chord, centre)?;
         centre
     };
-    let turns = turns(block, words)?;
+    let turns = turns(parsed, words)?;
     // Without a radius at its start or end there is no angle: Grbl moves straight to the target.
     if centre == [Nm(0); 2] || centre == chord {
         return Ok(Move::Straight);
     }
     Ok(Move::Arc(Circle {
-        plane: block.modal.plane,
+        plane: parsed.modal.plane,
         centre,
         rotation,
         turns,
@@ -70,20 +70,20 @@ pub(super) fn path(
 }
 
 /// The `I`, `J` or `K` word of an axis.
-fn offset_word(block: &ParsedLine, axis: usize) -> Decimal {
-    block.offsets.get(axis).copied().unwrap_or_default()
+fn offset_word(parsed: &ParsedLine, axis: usize) -> Decimal {
+    parsed.offsets.get(axis).copied().unwrap_or_default()
 }
 
 /// Turns begun: the `P` word, 1 without.
-fn turns(block: &ParsedLine, words: &mut Words) -> Result<u16, LineError> {
+fn turns(parsed: &ParsedLine, words: &mut Words) -> Result<u16, LineError> {
     if !words.contains(Word::P) {
         return Ok(1);
     }
     words.remove(Word::P);
-    if !block.p.is_whole() {
+    if !parsed.p.is_whole() {
         return Err(LineError::NotInteger);
     }
-    match u16::try_from(block.p.trunc()) {
+    match u16::try_from(parsed.p.trunc()) {
         Ok(turns @ 1..) => Ok(turns),
         _ => Err(LineError::ValueOutOfRange),
     }

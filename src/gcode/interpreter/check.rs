@@ -16,10 +16,10 @@ use crate::{
 };
 
 /// Highest line number.
-pub(super) const MAX_LINE: u32 = 10_000_000;
+pub(super) const MAX_LINE_NUMBER: u32 = 10_000_000;
 pub(super) const MM_PER_INCH: f32 = 25.4;
 /// Every axis reaches this far, whatever its resolution: no need to divide.
-const NEAR: Nm = match StepsPerMm::from_millionths(StepsPerMm::MAX) {
+const ALWAYS_REACHED: Nm = match StepsPerMm::from_millionths(StepsPerMm::MAX) {
     Some(finest) => finest.farthest(),
     None => Nm(0),
 };
@@ -31,63 +31,63 @@ pub(super) fn check(
     settings: &Settings,
     checked: &mut Checked,
 ) -> Result<(), LineError> {
-    let mut block = match kind {
+    let mut parsed = match kind {
         LineKind::Program => ParsedLine::new(&state.modal),
         LineKind::Jog => ParsedLine::jog(&state.modal),
     };
-    block.read(line)?;
-    let mut words = block.words;
-    if block.line > MAX_LINE {
+    parsed.read(line)?;
+    let mut words = parsed.words;
+    if parsed.line > MAX_LINE_NUMBER {
         return Err(LineError::LineNumberTooHigh);
     }
     *checked = Checked {
         kind,
-        modal: block.modal,
+        modal: parsed.modal,
         action: Action::None,
-        flow: block.flow,
-        axes: block.axes,
+        flow: parsed.flow,
+        axes: parsed.axes,
         spindle: None,
         power: Laser::None,
-        changes: false,
-        line: block.line,
+        changes_state: false,
+        line: parsed.line,
         tool_length: state.offsets.tool_length,
         values: state.position,
         single_mm: state.single_mm,
-        path: Move::None,
+        movement: Move::None,
     };
     checked.modal.feed = match kind {
-        LineKind::Program => feed(&block, &state.modal)?,
-        LineKind::Jog => jog_feed(&block)?,
+        LineKind::Program => feed(&parsed, &state.modal)?,
+        LineKind::Jog => jog_feed(&parsed)?,
     };
-    if block.words.contains(Word::F) {
-        checked.modal.feed_units = block.modal.units;
+    if parsed.words.contains(Word::F) {
+        checked.modal.feed_units = parsed.modal.units;
     }
-    if block.sets_tolerance() {
-        checked.modal.path = continuous(&block)?;
+    if parsed.has_path_tolerance() {
+        checked.modal.path = path_tolerance(&parsed)?;
     }
-    if block.non_modal == NonModal::Dwell {
-        checked.action = dwell(&block, &mut words)?;
+    if parsed.non_modal == NonModal::Dwell {
+        checked.action = dwell(&parsed, &mut words)?;
     }
-    if block.axis_command == AxisCommand::ToolLength {
-        checked.tool_length = tool_length(&block)?;
+    if parsed.axis_command == AxisCommand::ToolLength {
+        checked.tool_length = tool_length(&parsed)?;
     }
-    check_non_modal(state, &block, &mut words, checked)?;
-    check_motion(state, &block, &mut words, checked)?;
-    if block.sets_tolerance() {
+    check_non_modal(state, &parsed, &mut words, checked)?;
+    check_motion(state, &parsed, &mut words, checked)?;
+    if parsed.has_path_tolerance() {
         // Only now: a P belongs to every command of its line that takes one.
         words.remove(Word::P);
         words.remove(Word::Q);
     }
-    check_words(kind, &block, words)?;
+    check_words(kind, &parsed, words)?;
     check_reach(state, settings, checked)?;
-    let is_motion = block.axes != 0 && block.axis_command == AxisCommand::Motion;
+    let is_motion = parsed.axes != 0 && parsed.axis_command == AxisCommand::Motion;
     power::set(state, settings, is_motion, checked);
-    checked.changes = changes(state, checked);
+    checked.changes_state = changes_state(state, checked);
     Ok(())
 }
 
 /// Every value word must have been used, and a jog must be nothing but a jog.
-fn check_words(kind: LineKind, block: &ParsedLine, mut words: Words) -> Result<(), LineError> {
+fn check_words(kind: LineKind, parsed: &ParsedLine, mut words: Words) -> Result<(), LineError> {
     words.remove(Word::N);
     words.remove(Word::F);
     if kind == LineKind::Program {
@@ -98,10 +98,10 @@ fn check_words(kind: LineKind, block: &ParsedLine, mut words: Words) -> Result<(
         return Err(LineError::UnusedWords);
     }
     if kind == LineKind::Jog {
-        if !block.is_joggable() {
+        if !parsed.is_joggable() {
             return Err(LineError::InvalidJog);
         }
-        if block.axes == 0 {
+        if parsed.axes == 0 {
             // Grbl moves to machine zero then.
             return Err(LineError::NoAxisWords);
         }
@@ -110,34 +110,34 @@ fn check_words(kind: LineKind, block: &ParsedLine, mut words: Words) -> Result<(
 }
 
 /// The feed of a jog, which each has to have, mm/min.
-fn jog_feed(block: &ParsedLine) -> Result<f32, LineError> {
-    if !block.words.contains(Word::F) {
+fn jog_feed(parsed: &ParsedLine) -> Result<f32, LineError> {
+    if !parsed.words.contains(Word::F) {
         return Err(LineError::FeedUndefined);
     }
-    Ok(match block.modal.units {
-        Units::Millimetres => block.feed,
-        Units::Inches => block.feed * MM_PER_INCH,
+    Ok(match parsed.modal.units {
+        Units::Millimetres => parsed.feed,
+        Units::Inches => parsed.feed * MM_PER_INCH,
     })
 }
 
 /// Feed rate mode and feed rate. Every `G93` move needs its own; none survives `G93`.
-fn feed(block: &ParsedLine, before: &Modal) -> Result<f32, LineError> {
-    let has_feed = block.words.contains(Word::F);
-    match block.modal.feed_mode {
+fn feed(parsed: &ParsedLine, before: &Modal) -> Result<f32, LineError> {
+    let has_feed = parsed.words.contains(Word::F);
+    match parsed.modal.feed_mode {
         FeedMode::InverseTime => {
-            let needs_feed = block.axis_command == AxisCommand::Motion
+            let needs_feed = parsed.axis_command == AxisCommand::Motion
                 && !matches!(
-                    block.modal.motion,
+                    parsed.modal.motion,
                     MotionMode::Cancelled | MotionMode::Rapid
                 );
             if needs_feed && !has_feed {
                 return Err(LineError::FeedUndefined);
             }
-            Ok(block.feed)
+            Ok(parsed.feed)
         }
-        FeedMode::PerMinute if has_feed => Ok(match block.modal.units {
-            Units::Millimetres => block.feed,
-            Units::Inches => block.feed * MM_PER_INCH,
+        FeedMode::PerMinute if has_feed => Ok(match parsed.modal.units {
+            Units::Millimetres => parsed.feed,
+            Units::Inches => parsed.feed * MM_PER_INCH,
         }),
         FeedMode::PerMinute => Ok(match before.feed_mode {
             FeedMode::PerMinute => before.feed,
@@ -147,25 +147,25 @@ fn feed(block: &ParsedLine, before: &Modal) -> Result<f32, LineError> {
 }
 
 /// `G4`: the `P` word, in seconds.
-fn dwell(block: &ParsedLine, words: &mut Words) -> Result<Action, LineError> {
+fn dwell(parsed: &ParsedLine, words: &mut Words) -> Result<Action, LineError> {
     if !words.contains(Word::P) {
         return Err(LineError::MissingWord);
     }
     words.remove(Word::P);
-    u32::try_from(block.p.to_thousandths())
+    u32::try_from(parsed.p.to_thousandths())
         .map(Action::Dwell)
         .map_err(|_| LineError::ValueOutOfRange)
 }
 
 /// `G64`: how far the path may be left, `P`, and short lines, `Q`, which is `P` without the word.
-fn continuous(block: &ParsedLine) -> Result<PathControl, LineError> {
+fn path_tolerance(parsed: &ParsedLine) -> Result<PathControl, LineError> {
     let distance_nm = |number: Decimal| {
-        let Nm(nm) = block.length(number);
+        let Nm(nm) = parsed.length(number);
         u32::try_from(nm).map_err(|_| LineError::ValueOutOfRange)
     };
-    let tolerance_nm = distance_nm(block.p)?;
-    let merging_nm = if block.words.contains(Word::Q) {
-        distance_nm(block.q)?
+    let tolerance_nm = distance_nm(parsed.p)?;
+    let merging_nm = if parsed.words.contains(Word::Q) {
+        distance_nm(parsed.q)?
     } else {
         tolerance_nm
     };
@@ -176,10 +176,10 @@ fn continuous(block: &ParsedLine) -> Result<PathControl, LineError> {
 }
 
 /// `G43.1`, `G49`: the new tool length.
-fn tool_length(block: &ParsedLine) -> Result<Nm, LineError> {
-    match block.modal.tool_length {
+fn tool_length(parsed: &ParsedLine) -> Result<Nm, LineError> {
+    match parsed.modal.tool_length {
         ToolLength::None => Ok(Nm(0)),
-        ToolLength::Dynamic if block.axes == 1 << TOOL_AXIS => Ok(coordinate(block, TOOL_AXIS)),
+        ToolLength::Dynamic if parsed.axes == 1 << TOOL_AXIS => Ok(coordinate(parsed, TOOL_AXIS)),
         ToolLength::Dynamic => Err(LineError::ToolLengthAxis),
     }
 }
@@ -187,22 +187,22 @@ fn tool_length(block: &ParsedLine) -> Result<Nm, LineError> {
 /// The commands of modal group 0, and with them what the axis words mean.
 fn check_non_modal(
     state: &Interpreter,
-    block: &ParsedLine,
+    parsed: &ParsedLine,
     words: &mut Words,
     checked: &mut Checked,
 ) -> Result<(), LineError> {
-    match block.non_modal {
+    match parsed.non_modal {
         NonModal::SetCoordinates => {
-            let system = coordinates_to_set(block, words)?;
-            checked.values = new_origin(state, block, system);
+            let system = coordinates_to_set(parsed, words)?;
+            checked.values = new_origin(state, parsed, system);
             checked.action = Action::SetOrigin(system);
             return Ok(());
         }
         NonModal::SetOffset => {
-            if block.axes == 0 {
+            if parsed.axes == 0 {
                 return Err(LineError::NoAxisWords);
             }
-            checked.values = new_work_offset(state, block);
+            checked.values = new_work_offset(state, parsed);
             checked.action = Action::SetOffset;
             return Ok(());
         }
@@ -210,34 +210,37 @@ fn check_non_modal(
         NonModal::Store(reference) => checked.action = Action::Store(reference),
         NonModal::ClearOffset => checked.action = Action::ClearOffset,
         NonModal::MachineCoordinates => {
-            if !matches!(block.modal.motion, MotionMode::Rapid | MotionMode::Linear) {
+            if !matches!(parsed.modal.motion, MotionMode::Rapid | MotionMode::Linear) {
                 return Err(LineError::MachineCoordinatesMotion);
             }
         }
         NonModal::None | NonModal::Dwell => {}
     }
-    if block.axes != 0 && block.axis_command != AxisCommand::ToolLength {
-        move_target(state, block, checked);
+    if parsed.axes != 0 && parsed.axis_command != AxisCommand::ToolLength {
+        set_target(state, parsed, checked);
     }
     Ok(())
 }
 
 /// `G10`: the coordinate system that `P` names; 0 and none name the one in use.
-fn coordinates_to_set(block: &ParsedLine, words: &mut Words) -> Result<WorkCoordinates, LineError> {
-    if block.axes == 0 {
+fn coordinates_to_set(
+    parsed: &ParsedLine,
+    words: &mut Words,
+) -> Result<WorkCoordinates, LineError> {
+    if parsed.axes == 0 {
         return Err(LineError::NoAxisWords);
     }
     if !words.contains(Word::P) && !words.contains(Word::L) {
         return Err(LineError::MissingWord);
     }
     // Grbl keeps it in eight bits, so that 256 is 0.
-    let system = match block.p.trunc() as u8 {
-        0 => block.modal.coordinates,
+    let system = match parsed.p.trunc() as u8 {
+        0 => parsed.modal.coordinates,
         number => *WorkCoordinates::ALL
             .get(usize::from(number - 1))
             .ok_or(LineError::UnknownCoordinates)?,
     };
-    match block.l {
+    match parsed.l {
         20 => {}
         2 if !words.contains(Word::R) => {}
         _ => return Err(LineError::Unsupported),
@@ -248,28 +251,28 @@ fn coordinates_to_set(block: &ParsedLine, words: &mut Words) -> Result<WorkCoord
 }
 
 /// `G10 L2`: the values themselves. `G10 L20`: what makes the values the present work position.
-fn new_origin(state: &Interpreter, block: &ParsedLine, system: WorkCoordinates) -> Axes<Nm> {
+fn new_origin(state: &Interpreter, parsed: &ParsedLine, system: WorkCoordinates) -> Axes<Nm> {
     let origin = state.offsets.origin(system);
     let mut others = state.offsets.work;
     others[TOOL_AXIS] = others[TOOL_AXIS] + state.offsets.tool_length;
     Axes::from_fn(|axis| {
-        if !block.has_axis(axis) {
+        if !parsed.has_axis(axis) {
             origin[axis]
-        } else if block.l == 2 {
-            coordinate(block, axis)
+        } else if parsed.l == 2 {
+            coordinate(parsed, axis)
         } else {
-            state.position[axis] - others[axis] - coordinate(block, axis)
+            state.position[axis] - others[axis] - coordinate(parsed, axis)
         }
     })
 }
 
 /// `G92`: what makes the values the present work position.
-fn new_work_offset(state: &Interpreter, block: &ParsedLine) -> Axes<Nm> {
-    let mut others = state.offsets.origin(block.modal.coordinates);
+fn new_work_offset(state: &Interpreter, parsed: &ParsedLine) -> Axes<Nm> {
+    let mut others = state.offsets.origin(parsed.modal.coordinates);
     others[TOOL_AXIS] = others[TOOL_AXIS] + state.offsets.tool_length;
     Axes::from_fn(|axis| {
-        if block.has_axis(axis) {
-            state.position[axis] - others[axis] - coordinate(block, axis)
+        if parsed.has_axis(axis) {
+            state.position[axis] - others[axis] - coordinate(parsed, axis)
         } else {
             state.offsets.work[axis]
         }
@@ -278,13 +281,13 @@ fn new_work_offset(state: &Interpreter, block: &ParsedLine) -> Axes<Nm> {
 
 /// Moves the target from the present position to where the axis words lead, in the machine frame:
 /// exactly, and in Grbl's single precision.
-fn move_target(state: &Interpreter, block: &ParsedLine, checked: &mut Checked) {
-    let (base, single_base) = if block.non_modal == NonModal::MachineCoordinates {
+fn set_target(state: &Interpreter, parsed: &ParsedLine, checked: &mut Checked) {
+    let (base, single_base) = if parsed.non_modal == NonModal::MachineCoordinates {
         (Axes::all(Nm(0)), Axes::all(0.0))
     } else {
-        match block.modal.distance {
+        match parsed.modal.distance {
             Distance::Absolute => {
-                let total = state.offsets.total(block.modal.coordinates);
+                let total = state.offsets.total(parsed.modal.coordinates);
                 let is_none = total == Axes::all(Nm(0));
                 let single = if is_none {
                     Axes::all(0.0)
@@ -297,12 +300,12 @@ fn move_target(state: &Interpreter, block: &ParsedLine, checked: &mut Checked) {
         }
     };
     for axis in 0..AXES {
-        if block.has_axis(axis) {
-            let (exact, single) = if block.modal.units == Units::Millimetres {
-                let number: &Decimal = &block.coordinates[axis];
+        if parsed.has_axis(axis) {
+            let (exact, single) = if parsed.modal.units == Units::Millimetres {
+                let number: &Decimal = &parsed.coordinates[axis];
                 (Nm(number.to_millionths()), number.to_grbl_f32())
             } else {
-                (coordinate(block, axis), single_coordinate(block, axis))
+                (coordinate(parsed, axis), single_coordinate(parsed, axis))
             };
             checked.values[axis] = base[axis] + exact;
             checked.single_mm[axis] = single_base[axis] + single;
@@ -311,18 +314,18 @@ fn move_target(state: &Interpreter, block: &ParsedLine, checked: &mut Checked) {
 }
 
 /// An axis word in mm as Grbl has it.
-fn single_coordinate(block: &ParsedLine, axis: usize) -> f32 {
-    let value = block.coordinates[axis].to_grbl_f32();
-    match block.modal.units {
+fn single_coordinate(parsed: &ParsedLine, axis: usize) -> f32 {
+    let value = parsed.coordinates[axis].to_grbl_f32();
+    match parsed.modal.units {
         Units::Inches if axis <= Z => value * MM_PER_INCH,
         Units::Inches | Units::Millimetres => value,
     }
 }
 
 /// An axis word in nm. Rotary axes have no inches.
-fn coordinate(block: &ParsedLine, axis: usize) -> Nm {
-    let number: Decimal = block.coordinates[axis];
-    Nm(match block.modal.units {
+fn coordinate(parsed: &ParsedLine, axis: usize) -> Nm {
+    let number: Decimal = parsed.coordinates[axis];
+    Nm(match parsed.modal.units {
         Units::Inches if axis <= Z => number.inches_to_nm(),
         Units::Inches | Units::Millimetres => number.to_millionths(),
     })
@@ -331,15 +334,15 @@ fn coordinate(block: &ParsedLine, axis: usize) -> Nm {
 /// The motion mode, where it is the one that uses the axis words.
 fn check_motion(
     state: &Interpreter,
-    block: &ParsedLine,
+    parsed: &ParsedLine,
     words: &mut Words,
     checked: &mut Checked,
 ) -> Result<(), LineError> {
-    let motion = block.modal.motion;
-    if motion == MotionMode::Cancelled && block.axes != 0 {
+    let motion = parsed.modal.motion;
+    if motion == MotionMode::Cancelled && parsed.axes != 0 {
         return Err(LineError::UnusedAxisWords);
     }
-    if motion == MotionMode::Cancelled || block.axis_command != AxisCommand::Motion {
+    if motion == MotionMode::Cancelled || parsed.axis_command != AxisCommand::Motion {
         return Ok(());
     }
     if motion != MotionMode::Rapid && checked.modal.feed == 0.0 {
@@ -347,14 +350,17 @@ fn check_motion(
     }
     match motion {
         MotionMode::Arc(rotation) => {
-            checked.path = arc::path(block, words, rotation, state.position, checked.values)?;
+            checked.movement =
+                arc::movement(parsed, words, rotation, state.position, checked.values)?;
         }
-        MotionMode::Probe(_) if block.axes == 0 => return Err(LineError::NoAxisWords),
+        MotionMode::Probe(_) if parsed.axes == 0 => return Err(LineError::NoAxisWords),
         MotionMode::Probe(_) if checked.values == state.position => {
             return Err(LineError::InvalidTarget);
         }
-        MotionMode::Probe(probe) => checked.path = Move::Probe(probe),
-        MotionMode::Rapid | MotionMode::Linear if block.axes != 0 => checked.path = Move::Straight,
+        MotionMode::Probe(probe) => checked.movement = Move::Probe(probe),
+        MotionMode::Rapid | MotionMode::Linear if parsed.axes != 0 => {
+            checked.movement = Move::Straight
+        }
         MotionMode::Rapid | MotionMode::Linear | MotionMode::Cancelled => {}
     }
     Ok(())
@@ -367,22 +373,22 @@ fn check_reach(
     checked: &Checked,
 ) -> Result<(), LineError> {
     if checked.axes != 0 {
-        reach(settings, &checked.values)?;
+        check_position(settings, &checked.values)?;
     }
     if let Action::GoTo(reference) = checked.action {
-        reach(settings, &state.offsets.stored(reference))?;
+        check_position(settings, &state.offsets.stored(reference))?;
     }
     if checked.tool_length != state.offsets.tool_length {
         let mut lengths = Axes::all(Nm(0));
         lengths[TOOL_AXIS] = checked.tool_length;
-        reach(settings, &lengths)?;
+        check_position(settings, &lengths)?;
     }
-    if let Move::Arc(circle) = checked.path {
+    if let Move::Arc(circle) = checked.movement {
         let (first, second, _) = circle.plane.axes();
         let mut centre = state.position;
         centre[first] = centre[first] + circle.centre[0];
         centre[second] = centre[second] + circle.centre[1];
-        reach(settings, &centre)?;
+        check_position(settings, &centre)?;
         // Its radius must be a number of steps on both axes, however much finer one of them is.
         let farthest = settings.farthest();
         let most = farthest[first].min(farthest[second]).0.unsigned_abs();
@@ -394,8 +400,8 @@ fn check_reach(
     Ok(())
 }
 
-fn reach(settings: &Settings, position: &Axes<Nm>) -> Result<(), LineError> {
-    if is_near(position) {
+fn check_position(settings: &Settings, position: &Axes<Nm>) -> Result<(), LineError> {
+    if is_always_reached(position) {
         return Ok(());
     }
     let farthest = settings.farthest();
@@ -409,13 +415,13 @@ fn reach(settings: &Settings, position: &Axes<Nm>) -> Result<(), LineError> {
 
 /// Whether a position is one that every axis reaches.
 #[inline]
-pub(super) fn is_near(position: &Axes<Nm>) -> bool {
-    let is_near = |value: &Nm| -NEAR.0 <= value.0 && value.0 <= NEAR.0;
+pub(super) fn is_always_reached(position: &Axes<Nm>) -> bool {
+    let is_near = |value: &Nm| -ALWAYS_REACHED.0 <= value.0 && value.0 <= ALWAYS_REACHED.0;
     position.iter().all(is_near)
 }
 
 /// Whether the line switches the spindle or the coolant, or changes the work offset.
-fn changes(state: &Interpreter, checked: &Checked) -> bool {
+fn changes_state(state: &Interpreter, checked: &Checked) -> bool {
     let (before, after) = (&state.modal, &checked.modal);
     checked.spindle.is_some()
         || before.coolant != after.coolant

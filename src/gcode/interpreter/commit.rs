@@ -3,21 +3,21 @@
 use super::{Action, Checked, Interpreter, LineKind, Message, Move, Outcome, check::MM_PER_INCH};
 use crate::{
     axis::{Axes, Z},
-    gcode::{Distance, FeedMode, Flow, Modal, MotionMode, ProbeMode, Reference, Units},
+    gcode::{Distance, FeedMode, Flow, Modal, MotionMode, ProbeMode, StoredPosition, Units},
     model::{Command, Coolant, FeedRate, Laser, Plane, Probing, Spindle, Target, WorkCoordinates},
     units::Nm,
 };
 
 pub(super) fn commit(state: &mut Interpreter, checked: &Checked, outcome: &mut Outcome) {
-    outcome.begin();
+    outcome.clear();
     if checked.kind == LineKind::Jog {
-        set_power(checked, outcome);
+        add_laser_power(checked, outcome);
         let feed_rate = FeedRate::Jog(feed(state, checked));
         outcome.add(line(checked.target(), feed_rate, checked));
-        state.arrive(&checked.target());
+        state.set_target(&checked.target());
         return;
     }
-    switch(state, checked, outcome);
+    add_switching(state, checked, outcome);
     if let Action::Dwell(milliseconds) = checked.action {
         outcome.add(Command::Dwell { milliseconds });
     }
@@ -26,16 +26,16 @@ pub(super) fn commit(state: &mut Interpreter, checked: &Checked, outcome: &mut O
     state.modal = checked.modal;
     state.offsets.tool_length = checked.tool_length;
     if checked.moves() {
-        set_power(checked, outcome);
+        add_laser_power(checked, outcome);
     }
-    act(state, checked, outcome);
-    travel(state, checked, outcome);
-    end(state, checked.flow, outcome);
+    execute_action(state, checked, outcome);
+    add_movement(state, checked, outcome);
+    end_line(state, checked.flow, outcome);
 }
 
 impl Outcome {
     /// Nothing is asked for yet.
-    pub(super) fn begin(&mut self) {
+    pub(super) fn clear(&mut self) {
         self.commands.clear();
         self.message = None;
         self.shows_offset = false;
@@ -48,7 +48,7 @@ impl Outcome {
 }
 
 /// Spindle and coolant, where they change.
-fn switch(state: &Interpreter, checked: &Checked, outcome: &mut Outcome) {
+fn add_switching(state: &Interpreter, checked: &Checked, outcome: &mut Outcome) {
     if let Some((spindle, rpm)) = checked.spindle {
         outcome.add(Command::Spindle { spindle, rpm });
     }
@@ -58,14 +58,14 @@ fn switch(state: &Interpreter, checked: &Checked, outcome: &mut Outcome) {
 }
 
 /// The laser power of the moves that follow, in laser mode.
-fn set_power(checked: &Checked, outcome: &mut Outcome) {
+fn add_laser_power(checked: &Checked, outcome: &mut Outcome) {
     if checked.power != Laser::None {
         outcome.add(Command::Power(checked.power));
     }
 }
 
 /// The command of modal group 0.
-fn act(state: &mut Interpreter, checked: &Checked, outcome: &mut Outcome) {
+fn execute_action(state: &mut Interpreter, checked: &Checked, outcome: &mut Outcome) {
     match checked.action {
         Action::None | Action::Dwell(_) => {}
         Action::SetOrigin(_) | Action::Store(_) => {
@@ -87,7 +87,12 @@ fn act(state: &mut Interpreter, checked: &Checked, outcome: &mut Outcome) {
 }
 
 /// To a stored position: all axes at once, or first to the target and then the named axes.
-fn go_to(state: &mut Interpreter, checked: &Checked, reference: Reference, outcome: &mut Outcome) {
+fn go_to(
+    state: &mut Interpreter,
+    checked: &Checked,
+    reference: StoredPosition,
+    outcome: &mut Outcome,
+) {
     let stored = state.offsets.stored(reference);
     let target = if checked.axes == 0 {
         stored
@@ -110,7 +115,7 @@ fn feed(state: &Interpreter, checked: &Checked) -> f32 {
     let modal = &checked.modal;
     let only_turns = || {
         let mut linear = 0..=Z;
-        !matches!(checked.path, Move::Arc(_))
+        !matches!(checked.movement, Move::Arc(_))
             && linear.all(|axis| state.position[axis] == checked.values[axis])
     };
     if modal.feed_units == Units::Inches && only_turns() {
@@ -121,7 +126,7 @@ fn feed(state: &Interpreter, checked: &Checked) -> f32 {
 }
 
 /// The move of the motion mode.
-fn travel(state: &mut Interpreter, checked: &Checked, outcome: &mut Outcome) {
+fn add_movement(state: &mut Interpreter, checked: &Checked, outcome: &mut Outcome) {
     let feed_rate = match (checked.modal.motion, checked.modal.feed_mode) {
         (MotionMode::Rapid, _) => FeedRate::Rapid,
         (_, FeedMode::PerMinute) => FeedRate::Feed(feed(state, checked)),
@@ -129,7 +134,7 @@ fn travel(state: &mut Interpreter, checked: &Checked, outcome: &mut Outcome) {
     };
     // Each is added where it is made: joined, they would be copied once more, as a target would that
     // is kept.
-    match checked.path {
+    match checked.movement {
         Move::None => return,
         Move::Straight => outcome.add(line(checked.target(), feed_rate, checked)),
         Move::Arc(circle) => outcome.add(Command::Arc {
@@ -148,7 +153,7 @@ fn travel(state: &mut Interpreter, checked: &Checked, outcome: &mut Outcome) {
             });
         }
     }
-    state.arrive(&checked.target());
+    state.set_target(&checked.target());
 }
 
 const fn probing(probe: ProbeMode) -> Probing {
@@ -170,7 +175,7 @@ fn line(target: Target, feed_rate: FeedRate, checked: &Checked) -> Command {
 }
 
 /// Program pause and program end. `F`, `S`, `T`, the unit, `G92` and the tool length stay.
-fn end(state: &mut Interpreter, flow: Flow, outcome: &mut Outcome) {
+fn end_line(state: &mut Interpreter, flow: Flow, outcome: &mut Outcome) {
     match flow {
         Flow::Run => {}
         Flow::Pause => outcome.add(Command::Pause),

@@ -17,7 +17,7 @@ pub use plain::Refusal;
 
 use heapless::Vec;
 
-use super::{Flow, LineError, Modal, ProbeMode, Reference};
+use super::{Flow, LineError, Modal, ProbeMode, StoredPosition};
 use crate::{
     axis::Axes,
     model::{Circle, Command, Coolant, Laser, Spindle, Target, WorkCoordinates},
@@ -63,7 +63,7 @@ pub struct Checked {
     /// What the laser does in the line's moves.
     power: Laser,
     /// Whether the state of the spindle, the coolant or the work offset changes.
-    changes: bool,
+    changes_state: bool,
     /// `N`.
     line: u32,
     /// The tool length after the line.
@@ -72,7 +72,7 @@ pub struct Checked {
     values: Axes<Nm>,
     /// A target in Grbl's single precision, mm.
     single_mm: Axes<f32>,
-    path: Move,
+    movement: Move,
 }
 
 /// What a line does beside its motion.
@@ -85,9 +85,9 @@ enum Action {
     /// `G10`.
     SetOrigin(WorkCoordinates),
     /// `G28`, `G30`.
-    GoTo(Reference),
+    GoTo(StoredPosition),
     /// `G28.1`, `G30.1`.
-    Store(Reference),
+    Store(StoredPosition),
     /// `G92`.
     SetOffset,
     /// `G92.1`.
@@ -138,9 +138,9 @@ impl Checked {
     /// As in Grbl: where the work offset, a stored position, the spindle or the coolant changes,
     /// at a dwell, at a probing move, at a program pause and at a program end.
     #[must_use]
-    pub fn waits_for_rest(&self) -> bool {
+    pub fn waits_for_standstill(&self) -> bool {
         self.answers_when_done()
-            || self.changes
+            || self.changes_state
             || match self.action {
                 Action::None | Action::Dwell(_) | Action::GoTo(_) => false,
                 Action::SetOrigin(_)
@@ -155,7 +155,7 @@ impl Checked {
     pub fn answers_when_done(&self) -> bool {
         self.flow != Flow::Run
             || matches!(self.action, Action::Dwell(_))
-            || matches!(self.path, Move::Probe(_))
+            || matches!(self.movement, Move::Probe(_))
     }
 
     /// Whether the program ends with the line.
@@ -167,7 +167,7 @@ impl Checked {
     /// Where the probe is to be met, in a line that probes, and what is asked of it.
     #[must_use]
     pub fn probe(&self) -> Option<(Target, ProbeMode)> {
-        match self.path {
+        match self.movement {
             Move::Probe(probe) => Some((self.target(), probe)),
             Move::None | Move::Straight | Move::Arc(_) => None,
         }
@@ -176,7 +176,7 @@ impl Checked {
     /// Whether the line moves the machine.
     #[must_use]
     pub fn moves(&self) -> bool {
-        self.path != Move::None || matches!(self.action, Action::GoTo(_))
+        self.movement != Move::None || matches!(self.action, Action::GoTo(_))
     }
 }
 
@@ -258,8 +258,8 @@ impl Interpreter {
             Action::SetOrigin(system) => {
                 origins.coordinates[system] = checked.values;
             }
-            Action::Store(Reference::G28) => origins.g28 = self.position,
-            Action::Store(Reference::G30) => origins.g30 = self.position,
+            Action::Store(StoredPosition::G28) => origins.g28 = self.position,
+            Action::Store(StoredPosition::G30) => origins.g30 = self.position,
         }
         origins
     }
@@ -284,14 +284,14 @@ impl Interpreter {
     ///
     /// # Errors
     /// [`Refusal`] for any other line, and for one that is wrong: nothing has changed then.
-    pub fn carry_out_plain<I: Iterator<Item = u8>>(
+    pub fn execute_plain<I: Iterator<Item = u8>>(
         &mut self,
         bytes: I,
         settings: &Settings,
         checked: &mut Checked,
         outcome: &mut Outcome,
     ) -> Result<I, Refusal> {
-        plain::carry_out(self, bytes, settings, checked, outcome)
+        plain::execute(self, bytes, settings, checked, outcome)
     }
 
     /// Back to the power-up modes; the position, `G54` to `G59`, `G28` and `G30` stay.
@@ -318,7 +318,7 @@ impl Interpreter {
     }
 
     /// The next line begins at a target.
-    fn arrive(&mut self, target: &Target) {
+    fn set_target(&mut self, target: &Target) {
         self.position = target.position;
         self.single_mm = target.single_mm;
     }

@@ -4,7 +4,7 @@
 
 use crate::{
     axis::{Axes, Z},
-    gcode::Reference,
+    gcode::StoredPosition,
     model::WorkCoordinates,
     settings::Origins,
     units::Nm,
@@ -33,10 +33,10 @@ impl Offsets {
 
     /// A stored position.
     #[must_use]
-    pub fn stored(&self, reference: Reference) -> Axes<Nm> {
+    pub fn stored(&self, reference: StoredPosition) -> Axes<Nm> {
         match reference {
-            Reference::G28 => self.origins.g28,
-            Reference::G30 => self.origins.g30,
+            StoredPosition::G28 => self.origins.g28,
+            StoredPosition::G30 => self.origins.g30,
         }
     }
 

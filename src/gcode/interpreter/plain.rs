@@ -37,7 +37,7 @@ struct Plain {
 
 /// Carries out a plain line, and tells what follows it. Nothing has changed after a refusal.
 #[inline(never)]
-pub(super) fn carry_out<I: Iterator<Item = u8>>(
+pub(super) fn execute<I: Iterator<Item = u8>>(
     state: &mut Interpreter,
     bytes: I,
     settings: &Settings,
@@ -68,19 +68,19 @@ pub(super) fn carry_out<I: Iterator<Item = u8>>(
         }
     };
     let target = plain.target(state).ok_or(Refusal::NotPlain)?;
-    if !plain.words.contains(Word::AXES) || !check::is_near(&target.position) {
+    if !plain.words.contains(Word::AXES) || !check::is_always_reached(&target.position) {
         return Err(Refusal::NotPlain);
     }
     state.modal.motion = plain.motion;
     state.modal.feed = plain.feed;
-    state.arrive(&target);
+    state.set_target(&target);
     // What is asked of the line before.
     checked.kind = LineKind::Program;
     checked.action = Action::None;
     checked.flow = Flow::Run;
-    checked.changes = false;
-    checked.path = Move::Straight;
-    outcome.begin();
+    checked.changes_state = false;
+    checked.movement = Move::Straight;
+    outcome.clear();
     outcome.add(Command::Line {
         target,
         feed_rate,
@@ -120,7 +120,11 @@ impl Plain {
                 }
             }
             b'F' => self.feed = number.non_negative()?,
-            b'N' => self.line = number.natural().filter(|line| *line <= check::MAX_LINE)?,
+            b'N' => {
+                self.line = number
+                    .natural()
+                    .filter(|line| *line <= check::MAX_LINE_NUMBER)?
+            }
             letter => {
                 let mut axes = LETTERS.iter().take(AXES);
                 let axis = axes.position(|known| *known == letter)?;

@@ -25,7 +25,7 @@ const MAX_WAITING_BYTES: usize = 128;
 impl Session {
     /// Executes the next line, or, when none has come, sends the moves that `G64` holds back in time.
     pub(super) fn read_line(&mut self, links: &mut Links<'_, '_>) -> Progress {
-        match self.carry_out_plain(links.machine, links.received) {
+        match self.execute_plain(links.machine, links.received) {
             Ok(()) => self.send_plain(links),
             Err(Refusal::NotPlain) if self.receive(links.received) => self.dispatch(links),
             Err(Refusal::NotPlain | Refusal::Incomplete) => {
@@ -45,7 +45,7 @@ impl Session {
     /// # Errors
     /// Nothing has been dequeued, and nothing has changed, for any other line, where more than the
     /// words decides, and for an incomplete line.
-    fn carry_out_plain(
+    fn execute_plain(
         &mut self,
         machine: &Snapshot,
         received: &mut ByteReader<'_>,
@@ -63,12 +63,11 @@ impl Session {
         let (checked, outcome) = (&mut self.line.checked, &mut self.line.outcome);
         let [older, newer] = received.waiting();
         let n = older.len() + newer.len();
-        let remaining = match interpreter.carry_out_plain(older.clone(), settings, checked, outcome)
-        {
+        let remaining = match interpreter.execute_plain(older.clone(), settings, checked, outcome) {
             Ok(rest) => Ok(rest.len() + newer.len()),
             // The line goes on at the beginning of the ring.
             Err(Refusal::Incomplete) if !newer.is_empty() => interpreter
-                .carry_out_plain(older.chain(newer), settings, checked, outcome)
+                .execute_plain(older.chain(newer), settings, checked, outcome)
                 .map(|rest| rest.size_hint().0),
             Err(refusal) => Err(refusal),
         };
@@ -133,7 +132,7 @@ impl Session {
         {
             return self.refuse(LineError::JogBeyondTravel);
         }
-        if self.line.checked.waits_for_rest() && !self.is_done(machine) {
+        if self.line.checked.waits_for_standstill() && !self.is_done(machine) {
             return self.await_standstill();
         }
         if let Source::NewStartup {

@@ -59,9 +59,9 @@ pub enum NonModal {
     /// `G10`.
     SetCoordinates,
     /// `G28`, `G30`.
-    GoTo(Reference),
+    GoTo(StoredPosition),
     /// `G28.1`, `G30.1`.
-    Store(Reference),
+    Store(StoredPosition),
     /// `G53`.
     MachineCoordinates,
     /// `G92`.
@@ -72,7 +72,7 @@ pub enum NonModal {
 
 /// A stored position.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Reference {
+pub enum StoredPosition {
     /// Of `G28`.
     G28,
     /// Of `G30`.
@@ -96,7 +96,7 @@ pub enum AxisCommand {
 /// Modal groups, with the bit that notes that the line has a command of it.
 #[derive(Clone, Copy)]
 #[repr(u16)]
-enum Group {
+enum ModalGroup {
     NonModal = 1 << 0,
     Motion = 1 << 1,
     Plane = 1 << 2,
@@ -139,16 +139,17 @@ impl ParsedLine {
     /// The beginning of a jog: in the modes before it, but along a line and at a feed per minute.
     #[must_use]
     pub const fn jog(modal: &Modal) -> Self {
-        let mut block = Self::new(modal);
-        block.modal.motion = MotionMode::Linear;
-        block.modal.feed_mode = FeedMode::PerMinute;
-        block
+        let mut parsed = Self::new(modal);
+        parsed.modal.motion = MotionMode::Linear;
+        parsed.modal.feed_mode = FeedMode::PerMinute;
+        parsed
     }
 
     /// Whether a jog may have the line's commands: units, distance mode and `G53`.
     #[must_use]
     pub const fn is_joggable(&self) -> bool {
-        let allowed = Group::NonModal as u16 | Group::Distance as u16 | Group::Units as u16;
+        let allowed =
+            ModalGroup::NonModal as u16 | ModalGroup::Distance as u16 | ModalGroup::Units as u16;
         self.groups & !allowed == 0
             && matches!(
                 self.non_modal,
@@ -163,7 +164,7 @@ impl ParsedLine {
     /// What is wrong with the line whatever the state: numbers 1, 2, 4, 20, 21, 23, 24, 25, 38.
     pub fn read(&mut self, line: &[u8]) -> Result<(), LineError> {
         let result = self.read_words(line);
-        if self.words.contains(Word::Q) && !self.sets_tolerance() {
+        if self.words.contains(Word::Q) && !self.has_path_tolerance() {
             // Unknown anywhere else, so that it comes before whatever is wrong behind it.
             return Err(LineError::Unsupported);
         }
@@ -172,8 +173,8 @@ impl ParsedLine {
 
     /// Whether the line has a `G64`.
     #[must_use]
-    pub const fn sets_tolerance(&self) -> bool {
-        let has_control = self.groups & Group::Control as u16 != 0;
+    pub const fn has_path_tolerance(&self) -> bool {
+        let has_control = self.groups & ModalGroup::Control as u16 != 0;
         has_control && matches!(self.modal.path, PathControl::Continuous { .. })
     }
 
@@ -215,12 +216,12 @@ impl ParsedLine {
             54..=59 => {
                 self.modal.coordinates = WorkCoordinates::of_code(code.whole, code.hundredths)
                     .ok_or(LineError::NotInteger)?;
-                Group::Coordinates
+                ModalGroup::Coordinates
             }
-            91 if code.hundredths == 10 => Group::ArcDistance,
+            91 if code.hundredths == 10 => ModalGroup::ArcDistance,
             61 if code.hundredths == 10 => {
                 self.modal.path = PathControl::ExactStop;
-                Group::Control
+                ModalGroup::Control
             }
             61 | 90 | 91 if !code.is_whole() => return Err(LineError::Unsupported),
             _ => {
@@ -231,11 +232,11 @@ impl ParsedLine {
                 group
             }
         };
-        self.claim(group)
+        self.insert_group(group)
     }
 
     /// Modal group 1.
-    fn motion_word(&mut self, code: Code) -> Result<Group, LineError> {
+    fn motion_word(&mut self, code: Code) -> Result<ModalGroup, LineError> {
         if code.whole != 80 {
             if self.axis_command != AxisCommand::None {
                 return Err(LineError::AxisCommandConflict);
@@ -255,11 +256,11 @@ impl ParsedLine {
             (3, 0) => MotionMode::Arc(Rotation::CounterClockwise),
             _ => MotionMode::Cancelled,
         };
-        Ok(Group::Motion)
+        Ok(ModalGroup::Motion)
     }
 
     /// Modal group 0.
-    fn non_modal_word(&mut self, code: Code) -> Result<Group, LineError> {
+    fn non_modal_word(&mut self, code: Code) -> Result<ModalGroup, LineError> {
         let uses_axes = matches!(code.whole, 10 | 28 | 30 | 92) && code.is_whole();
         if uses_axes {
             if self.axis_command != AxisCommand::None {
@@ -268,10 +269,10 @@ impl ParsedLine {
             self.axis_command = AxisCommand::NonModal;
         }
         self.non_modal = match (code.whole, code.hundredths) {
-            (28, 0) => NonModal::GoTo(Reference::G28),
-            (28, 10) => NonModal::Store(Reference::G28),
-            (30, 0) => NonModal::GoTo(Reference::G30),
-            (30, 10) => NonModal::Store(Reference::G30),
+            (28, 0) => NonModal::GoTo(StoredPosition::G28),
+            (28, 10) => NonModal::Store(StoredPosition::G28),
+            (30, 0) => NonModal::GoTo(StoredPosition::G30),
+            (30, 10) => NonModal::Store(StoredPosition::G30),
             (92, 0) => NonModal::SetOffset,
             (92, 10) => NonModal::ClearOffset,
             (28 | 30 | 92, _) => return Err(LineError::Unsupported),
@@ -280,11 +281,11 @@ impl ParsedLine {
             (10, 0) => NonModal::SetCoordinates,
             _ => NonModal::MachineCoordinates,
         };
-        Ok(Group::NonModal)
+        Ok(ModalGroup::NonModal)
     }
 
     /// Modal group 8. The fraction of `G49` is not looked at.
-    fn tool_length_word(&mut self, code: Code) -> Result<Group, LineError> {
+    fn tool_length_word(&mut self, code: Code) -> Result<ModalGroup, LineError> {
         if self.axis_command != AxisCommand::None {
             return Err(LineError::AxisCommandConflict);
         }
@@ -294,11 +295,11 @@ impl ParsedLine {
             (_, 10) => ToolLength::Dynamic,
             _ => return Err(LineError::Unsupported),
         };
-        Ok(Group::ToolLength)
+        Ok(ModalGroup::ToolLength)
     }
 
     /// The modes that are set by whole numbers and do not look at the rest of the line.
-    fn mode_word(&mut self, whole: u8) -> Result<Group, LineError> {
+    fn mode_word(&mut self, whole: u8) -> Result<ModalGroup, LineError> {
         let modal = &mut self.modal;
         Ok(match whole {
             17..=19 => {
@@ -307,43 +308,43 @@ impl ParsedLine {
                     18 => Plane::Zx,
                     _ => Plane::Yz,
                 };
-                Group::Plane
+                ModalGroup::Plane
             }
             20 => {
                 modal.units = Units::Inches;
-                Group::Units
+                ModalGroup::Units
             }
             21 => {
                 modal.units = Units::Millimetres;
-                Group::Units
+                ModalGroup::Units
             }
-            40 => Group::CutterCompensation,
+            40 => ModalGroup::CutterCompensation,
             61 => {
                 modal.path = PathControl::ExactPath;
-                Group::Control
+                ModalGroup::Control
             }
             64 => {
                 modal.path = PathControl::Continuous {
                     tolerance_nm: 0,
                     merging_nm: 0,
                 };
-                Group::Control
+                ModalGroup::Control
             }
             90 => {
                 modal.distance = Distance::Absolute;
-                Group::Distance
+                ModalGroup::Distance
             }
             91 => {
                 modal.distance = Distance::Incremental;
-                Group::Distance
+                ModalGroup::Distance
             }
             93 => {
                 modal.feed_mode = FeedMode::InverseTime;
-                Group::FeedMode
+                ModalGroup::FeedMode
             }
             94 => {
                 modal.feed_mode = FeedMode::PerMinute;
-                Group::FeedMode
+                ModalGroup::FeedMode
             }
             _ => return Err(LineError::Unsupported),
         })
@@ -356,13 +357,13 @@ impl ParsedLine {
         let group = match code.whole {
             0 => {
                 self.flow = Flow::Pause;
-                Group::Flow
+                ModalGroup::Flow
             }
             // Optional stop: the machine has no switch for it.
-            1 => Group::Flow,
+            1 => ModalGroup::Flow,
             2 | 30 => {
                 self.flow = Flow::End;
-                Group::Flow
+                ModalGroup::Flow
             }
             3..=5 => {
                 self.modal.spindle = match code.whole {
@@ -370,24 +371,24 @@ impl ParsedLine {
                     4 => Spindle::CounterClockwise,
                     _ => Spindle::Off,
                 };
-                Group::Spindle
+                ModalGroup::Spindle
             }
             7 => {
                 self.modal.coolant.mist = true;
-                Group::Coolant
+                ModalGroup::Coolant
             }
             8 => {
                 self.modal.coolant.flood = true;
-                Group::Coolant
+                ModalGroup::Coolant
             }
             9 => {
                 self.modal.coolant.flood = false;
                 self.modal.coolant.mist = false;
-                Group::Coolant
+                ModalGroup::Coolant
             }
             _ => return Err(LineError::Unsupported),
         };
-        self.claim(group)
+        self.insert_group(group)
     }
 
     fn value_word(&mut self, letter: u8, number: Decimal) -> Result<(), LineError> {
@@ -413,7 +414,7 @@ impl ParsedLine {
             }
             _ => return Err(LineError::Unsupported),
         }
-        self.note(Word::new(letter))?;
+        self.insert_word(Word::new(letter))?;
         if matches!(letter, b'F' | b'N' | b'P' | b'Q' | b'S' | b'T') && number.is_negative() {
             return Err(LineError::NegativeValue);
         }
@@ -436,7 +437,7 @@ impl ParsedLine {
     }
 
     /// Notes a value word, which must be the first of its letter.
-    fn note(&mut self, word: Word) -> Result<(), LineError> {
+    fn insert_word(&mut self, word: Word) -> Result<(), LineError> {
         if self.words.contains(word) {
             return Err(LineError::RepeatedWord);
         }
@@ -445,7 +446,7 @@ impl ParsedLine {
     }
 
     /// Notes a command, which must be the first of its group.
-    fn claim(&mut self, group: Group) -> Result<(), LineError> {
+    fn insert_group(&mut self, group: ModalGroup) -> Result<(), LineError> {
         if self.groups & group as u16 != 0 {
             return Err(LineError::ModalGroupViolation);
         }
