@@ -306,7 +306,7 @@ impl Decimal {
     /// The value of inches in nm, rounded half away from zero, within ±[`Self::BEYOND`].
     #[must_use]
     pub fn inches_to_nm(self) -> i64 {
-        // 25 400 000 nm, with the power of ten apart.
+        // 25 400 000 nm, the power of ten separately.
         self.scaled(254, 5)
     }
 

@@ -1,17 +1,17 @@
-//! The modal state: what a line leaves behind for the lines after it.
+//! The modal state: modes and values that hold for the lines after a line, too.
 
 use crate::model::{Coolant, PathControl, Plane, Rotation, Spindle, WorkCoordinates};
 
 /// The modes and values that stay until they are changed. The default is the power-up state.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub struct Modal {
-    /// What axis words alone do.
+    /// The motion mode.
     pub motion: MotionMode,
-    /// What an `F` word means.
+    /// The meaning of an `F` word.
     pub feed_mode: FeedMode,
     /// The unit of coordinates.
     pub units: Units,
-    /// What coordinates refer to.
+    /// The origin of coordinates.
     pub distance: Distance,
     /// The plane of arcs.
     pub plane: Plane,
@@ -19,7 +19,7 @@ pub struct Modal {
     pub tool_length: ToolLength,
     /// The work coordinate system in use.
     pub coordinates: WorkCoordinates,
-    /// How moves follow each other.
+    /// The path control mode.
     pub path: PathControl,
     /// State of the spindle.
     pub spindle: Spindle,
@@ -29,13 +29,13 @@ pub struct Modal {
     pub tool: u8,
     /// `F`: mm/min, or 1/min with [`FeedMode::InverseTime`]. 0: not set.
     pub feed: f32,
-    /// What `F` was given in: degrees have no inches.
+    /// The unit of `F`: degrees have no inches.
     pub feed_units: Units,
     /// `S`: programmed spindle speed, rpm.
     pub speed_rpm: f32,
 }
 
-/// What axis words alone do.
+/// The motion mode, which axis words without a command use.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub enum MotionMode {
     /// `G0`.
@@ -47,7 +47,7 @@ pub enum MotionMode {
     Arc(Rotation),
     /// `G38.2` to `G38.5`.
     Probe(ProbeMode),
-    /// `G80`: nothing, they are an error.
+    /// `G80`: axis words are an error.
     Cancelled,
 }
 
@@ -69,7 +69,7 @@ impl MotionMode {
     }
 }
 
-/// What a probe move waits for.
+/// The change of the probe that a probing move waits for.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum ProbeMode {
     /// `G38.2`: contact, an alarm without.
@@ -82,7 +82,7 @@ pub enum ProbeMode {
     TryRelease,
 }
 
-/// What an `F` word means.
+/// The meaning of an `F` word.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub enum FeedMode {
     /// `G94`: length units per minute.
@@ -124,7 +124,7 @@ impl Units {
     }
 }
 
-/// What coordinates refer to.
+/// The origin of coordinates.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub enum Distance {
     /// `G90`: the work coordinate system.
@@ -155,14 +155,14 @@ pub enum ToolLength {
     Dynamic,
 }
 
-/// What happens to the program after the line.
+/// The flow of the program after a line.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub enum Flow {
-    /// It goes on.
+    /// The program goes on.
     #[default]
     Run,
-    /// `M0`: it waits for cycle start.
+    /// `M0`: the program waits for cycle start.
     Pause,
-    /// `M2`, `M30`: it has ended.
+    /// `M2`, `M30`: the program has ended.
     End,
 }

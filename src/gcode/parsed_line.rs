@@ -1,7 +1,7 @@
 //! One line: its words gathered by modal group and letter.
 //!
-//! Finds every error that does not depend on what earlier lines left behind, in Grbl's order: word
-//! by word from the left. The modes of the line are put over those before it, in a copy.
+//! Finds every error that does not depend on the modes of earlier lines, in Grbl's order: word by
+//! word from the left. The modes of the line replace those before it, in a copy.
 
 use super::{
     Code, Distance, FeedMode, Flow, LineError, Modal, MotionMode, ProbeMode, ToolLength, Units,
@@ -17,13 +17,13 @@ use crate::{
 /// The words of one line.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ParsedLine {
-    /// The modal state before the line, with the line's modes, `S` and `T` put in. `F` is not.
+    /// The modal state before the line, with the line's modes, `S` and `T`, but without its `F`.
     pub modal: Modal,
     /// The command of modal group 0.
     pub non_modal: NonModal,
-    /// Who uses the axis words.
+    /// The command that the axis words belong to.
     pub axis_command: AxisCommand,
-    /// What happens to the program after the line.
+    /// The flow of the program after the line.
     pub flow: Flow,
     /// Letters of the value words, without the axes.
     pub words: Words,
@@ -51,7 +51,7 @@ pub struct ParsedLine {
 /// A command of modal group 0.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub enum NonModal {
-    /// There is none.
+    /// No command.
     #[default]
     None,
     /// `G4`.
@@ -79,10 +79,10 @@ pub enum StoredPosition {
     G30,
 }
 
-/// Who uses the axis words.
+/// The command that the axis words belong to.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub enum AxisCommand {
-    /// Nobody.
+    /// No command.
     #[default]
     None,
     /// `G10`, `G28`, `G30`, `G92`.
@@ -93,7 +93,7 @@ pub enum AxisCommand {
     ToolLength,
 }
 
-/// Modal groups, with the bit that notes that the line has a command of it.
+/// Modal groups, each the bit of a line that has a command of the group.
 #[derive(Clone, Copy)]
 #[repr(u16)]
 enum ModalGroup {
@@ -114,7 +114,7 @@ enum ModalGroup {
 }
 
 impl ParsedLine {
-    /// A line without words, after lines that left a modal state behind.
+    /// A line without words, in the modal state before it.
     #[must_use]
     pub const fn new(modal: &Modal) -> Self {
         Self {
@@ -136,7 +136,7 @@ impl ParsedLine {
         }
     }
 
-    /// The beginning of a jog: in the modes before it, but along a line and at a feed per minute.
+    /// A jog without words: in the modes before it, but along a line and at a feed per minute.
     #[must_use]
     pub const fn jog(modal: &Modal) -> Self {
         let mut parsed = Self::new(modal);
@@ -157,15 +157,15 @@ impl ParsedLine {
             )
     }
 
-    /// Adds the words of a line: upper case, without blanks and comments. After an error the block
-    /// is of no use.
+    /// Adds the words of a line: upper case, without blanks and comments. After an error the parsed
+    /// line is incomplete.
     ///
     /// # Errors
-    /// What is wrong with the line whatever the state: numbers 1, 2, 4, 20, 21, 23, 24, 25, 38.
+    /// Errors of the line whatever the state: numbers 1, 2, 4, 20, 21, 23, 24, 25, 38.
     pub fn read(&mut self, line: &[u8]) -> Result<(), LineError> {
         let result = self.read_words(line);
         if self.words.contains(Word::Q) && !self.has_path_tolerance() {
-            // Unknown anywhere else, so that it comes before whatever is wrong behind it.
+            // Q is unknown in other lines, so that this error comes before those behind it.
             return Err(LineError::Unsupported);
         }
         result
@@ -284,7 +284,7 @@ impl ParsedLine {
         Ok(ModalGroup::NonModal)
     }
 
-    /// Modal group 8. The fraction of `G49` is not looked at.
+    /// Modal group 8. The fraction of `G49` does not count.
     fn tool_length_word(&mut self, code: Code) -> Result<ModalGroup, LineError> {
         if self.axis_command != AxisCommand::None {
             return Err(LineError::AxisCommandConflict);
@@ -298,7 +298,7 @@ impl ParsedLine {
         Ok(ModalGroup::ToolLength)
     }
 
-    /// The modes that are set by whole numbers and do not look at the rest of the line.
+    /// The modes of whole numbers, which do not depend on other words of the line.
     fn mode_word(&mut self, whole: u8) -> Result<ModalGroup, LineError> {
         let modal = &mut self.modal;
         Ok(match whole {
@@ -436,7 +436,7 @@ impl ParsedLine {
         Ok(())
     }
 
-    /// Notes a value word, which must be the first of its letter.
+    /// Adds a value word, which must be the first of its letter.
     fn insert_word(&mut self, word: Word) -> Result<(), LineError> {
         if self.words.contains(word) {
             return Err(LineError::RepeatedWord);
@@ -445,7 +445,7 @@ impl ParsedLine {
         Ok(())
     }
 
-    /// Notes a command, which must be the first of its group.
+    /// Adds a command, which must be the first of its group.
     fn insert_group(&mut self, group: ModalGroup) -> Result<(), LineError> {
         if self.groups & group as u16 != 0 {
             return Err(LineError::ModalGroupViolation);

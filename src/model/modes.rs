@@ -1,8 +1,8 @@
-//! What the modal groups of G-code choose between, as far as more than the interpreter knows it.
+//! The modes of G-code that more modules than the interpreter know.
 
 use core::ops::{Index, IndexMut};
 
-/// What the spindle does.
+/// The state of the spindle.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub enum Spindle {
     /// `M5`.
@@ -14,7 +14,7 @@ pub enum Spindle {
     CounterClockwise,
 }
 
-/// What the coolant does.
+/// The state of the coolant.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub struct Coolant {
     /// `M8`.
@@ -65,7 +65,7 @@ pub enum Rotation {
     CounterClockwise,
 }
 
-/// How moves follow each other.
+/// The path control mode: how moves follow each other.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub enum PathControl {
     /// `G61`: along the programmed path, as fast as the corners allow.

@@ -14,24 +14,22 @@ use crate::{
 
 /// Differences of the radii at both ends up to this are always accepted, mm (Grbl, NIST).
 const RADIUS_TOLERANCE_MM: f32 = 0.005;
-/// Differences above this never are, mm.
+/// Differences above this are never accepted, mm.
 const RADIUS_LIMIT_MM: f32 = 0.5;
-/// In between they are up to this part of the radius.
+/// Differences in between are accepted up to this part of the radius.
 const RADIUS_PART: f32 = 0.001;
-/// A diameter may be so much shorter than the distance, as a part of its square: less than the
-/// single precision of Grbl can tell apart.
+/// Most by which a diameter may be shorter than the distance, as a part of its square: less than the
+/// single precision of Grbl can distinguish.
 const DIAMETER_SLACK: f64 = 1.0e-6;
 
-/// The path of an arc from `start` to `target`, and the words it uses taken out.
-///
-/// Apart: what it keeps in registers, lines do not need.
+/// The arc from `start` to `target`; removes the words that belong to it.
 ///
 /// # Errors
 /// Grbl's 26 and 32 to 35; 23 and 39 for the number of turns.
 #[inline(never)]
 pub(super) fn movement(
     parsed: &ParsedLine,
-    words: &mut Words,
+    unused: &mut Words,
     rotation: Rotation,
     start: Axes<Nm>,
     target: Axes<Nm>,
@@ -44,19 +42,19 @@ pub(super) fn movement(
         return Err(LineError::NoAxisWordsInPlane);
     }
     let chord = [target[first] - start[first], target[second] - start[second]];
-    let centre = if words.contains(Word::R) {
-        words.remove(Word::R);
+    let centre = if unused.contains(Word::R) {
+        unused.remove(Word::R);
         centre_from_radius(chord, parsed.length(parsed.radius), rotation)?
     } else {
-        if !words.contains(Word::offset_of(first)) && !words.contains(Word::offset_of(second)) {
+        if !unused.contains(Word::offset_of(first)) && !unused.contains(Word::offset_of(second)) {
             return Err(LineError::NoOffsetsInPlane);
         }
-        words.remove(Word::IJK);
+        unused.remove(Word::IJK);
         let centre = [first, second].map(|axis| parsed.length(offset_word(parsed, axis)));
         check_radii(chord, centre)?;
         centre
     };
-    let turns = turns(parsed, words)?;
+    let turns = turns(parsed, unused)?;
     // Without a radius at its start or end there is no angle: Grbl moves straight to the target.
     if centre == [Nm(0); 2] || centre == chord {
         return Ok(Move::Straight);
@@ -74,12 +72,12 @@ fn offset_word(parsed: &ParsedLine, axis: usize) -> Decimal {
     parsed.offsets.get(axis).copied().unwrap_or_default()
 }
 
-/// Turns begun: the `P` word, 1 without.
-fn turns(parsed: &ParsedLine, words: &mut Words) -> Result<u16, LineError> {
-    if !words.contains(Word::P) {
+/// The number of turns begun: the `P` word, 1 without.
+fn turns(parsed: &ParsedLine, unused: &mut Words) -> Result<u16, LineError> {
+    if !unused.contains(Word::P) {
         return Ok(1);
     }
-    words.remove(Word::P);
+    unused.remove(Word::P);
     if !parsed.p.is_whole() {
         return Err(LineError::NotInteger);
     }
@@ -104,16 +102,16 @@ fn centre_from_radius(
     let r = radius.to_mm_f64();
     let chord_sqr = x * x + y * y;
     let diameter_sqr = 4.0 * r * r;
-    let mut rest = diameter_sqr - chord_sqr;
-    if rest < 0.0 {
-        if rest < -DIAMETER_SLACK * diameter_sqr {
+    let mut remainder = diameter_sqr - chord_sqr;
+    if remainder < 0.0 {
+        if remainder < -DIAMETER_SLACK * diameter_sqr {
             return Err(LineError::ArcRadius);
         }
-        rest = 0.0;
+        remainder = 0.0;
     }
     // Distance of the centre from the middle of the chord, as a part of the chord's length. The
     // centre of the shorter counter-clockwise arc lies to the left of the chord.
-    let part = libm::sqrt(rest / chord_sqr);
+    let part = libm::sqrt(remainder / chord_sqr);
     let to_left = (rotation == Rotation::CounterClockwise) == (radius >= Nm(0));
     let part = if to_left { part } else { -part };
     Ok([

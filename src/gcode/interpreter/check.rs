@@ -18,7 +18,7 @@ use crate::{
 /// Highest line number.
 pub(super) const MAX_LINE_NUMBER: u32 = 10_000_000;
 pub(super) const MM_PER_INCH: f32 = 25.4;
-/// Every axis reaches this far, whatever its resolution: no need to divide.
+/// The distance that every axis reaches, whatever its resolution: positions within need no division.
 const ALWAYS_REACHED: Nm = match StepsPerMm::from_millionths(StepsPerMm::MAX) {
     Some(finest) => finest.farthest(),
     None => Nm(0),
@@ -29,18 +29,37 @@ pub(super) fn check(
     line: &[u8],
     kind: LineKind,
     settings: &Settings,
-    checked: &mut Checked,
-) -> Result<(), LineError> {
+) -> Result<Checked, LineError> {
+    let parsed = parse(state, line, kind)?;
+    let mut unused = parsed.words;
+    let mut checked = unchanged(state, kind, &parsed);
+    check_modes(state, &parsed, &mut unused, &mut checked)?;
+    check_non_modal(state, &parsed, &mut unused, &mut checked)?;
+    check_motion(state, &parsed, &mut unused, &mut checked)?;
+    check_words(kind, &parsed, unused)?;
+    check_reach(state, settings, &checked)?;
+    let is_motion = parsed.axes != 0 && parsed.axis_command == AxisCommand::Motion;
+    power::set(state, settings, is_motion, &mut checked);
+    checked.changes_state = changes_state(state, &checked);
+    Ok(checked)
+}
+
+/// The words of the line.
+fn parse(state: &Interpreter, line: &[u8], kind: LineKind) -> Result<ParsedLine, LineError> {
     let mut parsed = match kind {
         LineKind::Program => ParsedLine::new(&state.modal),
         LineKind::Jog => ParsedLine::jog(&state.modal),
     };
     parsed.read(line)?;
-    let mut words = parsed.words;
     if parsed.line > MAX_LINE_NUMBER {
         return Err(LineError::LineNumberTooHigh);
     }
-    *checked = Checked {
+    Ok(parsed)
+}
+
+/// The line's modes and values, without a command.
+fn unchanged(state: &Interpreter, kind: LineKind, parsed: &ParsedLine) -> Checked {
+    Checked {
         kind,
         modal: parsed.modal,
         action: Action::None,
@@ -54,47 +73,49 @@ pub(super) fn check(
         values: state.position,
         single_mm: state.single_mm,
         movement: Move::None,
-    };
-    checked.modal.feed = match kind {
-        LineKind::Program => feed(&parsed, &state.modal)?,
-        LineKind::Jog => jog_feed(&parsed)?,
+    }
+}
+
+/// Feed, path tolerance, dwell and tool length.
+fn check_modes(
+    state: &Interpreter,
+    parsed: &ParsedLine,
+    unused: &mut Words,
+    checked: &mut Checked,
+) -> Result<(), LineError> {
+    checked.modal.feed = match checked.kind {
+        LineKind::Program => feed(parsed, &state.modal)?,
+        LineKind::Jog => jog_feed(parsed)?,
     };
     if parsed.words.contains(Word::F) {
         checked.modal.feed_units = parsed.modal.units;
     }
     if parsed.has_path_tolerance() {
-        checked.modal.path = path_tolerance(&parsed)?;
+        checked.modal.path = path_tolerance(parsed)?;
     }
     if parsed.non_modal == NonModal::Dwell {
-        checked.action = dwell(&parsed, &mut words)?;
+        checked.action = dwell(parsed, unused)?;
     }
     if parsed.axis_command == AxisCommand::ToolLength {
-        checked.tool_length = tool_length(&parsed)?;
+        checked.tool_length = tool_length(parsed)?;
     }
-    check_non_modal(state, &parsed, &mut words, checked)?;
-    check_motion(state, &parsed, &mut words, checked)?;
-    if parsed.has_path_tolerance() {
-        // Only now: a P belongs to every command of its line that takes one.
-        words.remove(Word::P);
-        words.remove(Word::Q);
-    }
-    check_words(kind, &parsed, words)?;
-    check_reach(state, settings, checked)?;
-    let is_motion = parsed.axes != 0 && parsed.axis_command == AxisCommand::Motion;
-    power::set(state, settings, is_motion, checked);
-    checked.changes_state = changes_state(state, checked);
     Ok(())
 }
 
-/// Every value word must have been used, and a jog must be nothing but a jog.
-fn check_words(kind: LineKind, parsed: &ParsedLine, mut words: Words) -> Result<(), LineError> {
-    words.remove(Word::N);
-    words.remove(Word::F);
-    if kind == LineKind::Program {
-        words.remove(Word::S);
-        words.remove(Word::T);
+/// Checks that every value word has been used, and that a jog has no words of another line.
+fn check_words(kind: LineKind, parsed: &ParsedLine, mut unused: Words) -> Result<(), LineError> {
+    if parsed.has_path_tolerance() {
+        // Only here, as a P belongs to every command of its line that takes one.
+        unused.remove(Word::P);
+        unused.remove(Word::Q);
     }
-    if !words.is_empty() {
+    unused.remove(Word::N);
+    unused.remove(Word::F);
+    if kind == LineKind::Program {
+        unused.remove(Word::S);
+        unused.remove(Word::T);
+    }
+    if !unused.is_empty() {
         return Err(LineError::UnusedWords);
     }
     if kind == LineKind::Jog {
@@ -147,17 +168,17 @@ fn feed(parsed: &ParsedLine, before: &Modal) -> Result<f32, LineError> {
 }
 
 /// `G4`: the `P` word, in seconds.
-fn dwell(parsed: &ParsedLine, words: &mut Words) -> Result<Action, LineError> {
-    if !words.contains(Word::P) {
+fn dwell(parsed: &ParsedLine, unused: &mut Words) -> Result<Action, LineError> {
+    if !unused.contains(Word::P) {
         return Err(LineError::MissingWord);
     }
-    words.remove(Word::P);
+    unused.remove(Word::P);
     u32::try_from(parsed.p.to_thousandths())
         .map(Action::Dwell)
         .map_err(|_| LineError::ValueOutOfRange)
 }
 
-/// `G64`: how far the path may be left, `P`, and short lines, `Q`, which is `P` without the word.
+/// `G64`: the tolerances of the path, `P`, and of short lines, `Q`, which is `P` without the word.
 fn path_tolerance(parsed: &ParsedLine) -> Result<PathControl, LineError> {
     let distance_nm = |number: Decimal| {
         let Nm(nm) = parsed.length(number);
@@ -188,12 +209,12 @@ fn tool_length(parsed: &ParsedLine) -> Result<Nm, LineError> {
 fn check_non_modal(
     state: &Interpreter,
     parsed: &ParsedLine,
-    words: &mut Words,
+    unused: &mut Words,
     checked: &mut Checked,
 ) -> Result<(), LineError> {
     match parsed.non_modal {
         NonModal::SetCoordinates => {
-            let system = coordinates_to_set(parsed, words)?;
+            let system = coordinates_to_set(parsed, unused)?;
             checked.values = new_origin(state, parsed, system);
             checked.action = Action::SetOrigin(system);
             return Ok(());
@@ -222,15 +243,15 @@ fn check_non_modal(
     Ok(())
 }
 
-/// `G10`: the coordinate system that `P` names; 0 and none name the one in use.
+/// `G10`: the coordinate system of `P`; 0 and none stand for the system in use.
 fn coordinates_to_set(
     parsed: &ParsedLine,
-    words: &mut Words,
+    unused: &mut Words,
 ) -> Result<WorkCoordinates, LineError> {
     if parsed.axes == 0 {
         return Err(LineError::NoAxisWords);
     }
-    if !words.contains(Word::P) && !words.contains(Word::L) {
+    if !unused.contains(Word::P) && !unused.contains(Word::L) {
         return Err(LineError::MissingWord);
     }
     // Grbl keeps it in eight bits, so that 256 is 0.
@@ -242,15 +263,15 @@ fn coordinates_to_set(
     };
     match parsed.l {
         20 => {}
-        2 if !words.contains(Word::R) => {}
+        2 if !unused.contains(Word::R) => {}
         _ => return Err(LineError::Unsupported),
     }
-    words.remove(Word::P);
-    words.remove(Word::L);
+    unused.remove(Word::P);
+    unused.remove(Word::L);
     Ok(system)
 }
 
-/// `G10 L2`: the values themselves. `G10 L20`: what makes the values the present work position.
+/// The new origin. `G10 L2`: the values. `G10 L20`: the present position, less the values.
 fn new_origin(state: &Interpreter, parsed: &ParsedLine, system: WorkCoordinates) -> Axes<Nm> {
     let origin = state.offsets.origin(system);
     let mut others = state.offsets.work;
@@ -266,7 +287,7 @@ fn new_origin(state: &Interpreter, parsed: &ParsedLine, system: WorkCoordinates)
     })
 }
 
-/// `G92`: what makes the values the present work position.
+/// The new offset of `G92`: with it the values are the present work position.
 fn new_work_offset(state: &Interpreter, parsed: &ParsedLine) -> Axes<Nm> {
     let mut others = state.offsets.origin(parsed.modal.coordinates);
     others[TOOL_AXIS] = others[TOOL_AXIS] + state.offsets.tool_length;
@@ -279,8 +300,7 @@ fn new_work_offset(state: &Interpreter, parsed: &ParsedLine) -> Axes<Nm> {
     })
 }
 
-/// Moves the target from the present position to where the axis words lead, in the machine frame:
-/// exactly, and in Grbl's single precision.
+/// Sets the target of the axis words, in the machine frame: exactly, and in Grbl's single precision.
 fn set_target(state: &Interpreter, parsed: &ParsedLine, checked: &mut Checked) {
     let (base, single_base) = if parsed.non_modal == NonModal::MachineCoordinates {
         (Axes::all(Nm(0)), Axes::all(0.0))
@@ -331,11 +351,11 @@ fn coordinate(parsed: &ParsedLine, axis: usize) -> Nm {
     })
 }
 
-/// The motion mode, where it is the one that uses the axis words.
+/// The motion mode, if the axis words belong to it.
 fn check_motion(
     state: &Interpreter,
     parsed: &ParsedLine,
-    words: &mut Words,
+    unused: &mut Words,
     checked: &mut Checked,
 ) -> Result<(), LineError> {
     let motion = parsed.modal.motion;
@@ -351,7 +371,7 @@ fn check_motion(
     match motion {
         MotionMode::Arc(rotation) => {
             checked.movement =
-                arc::movement(parsed, words, rotation, state.position, checked.values)?;
+                arc::movement(parsed, unused, rotation, state.position, checked.values)?;
         }
         MotionMode::Probe(_) if parsed.axes == 0 => return Err(LineError::NoAxisWords),
         MotionMode::Probe(_) if checked.values == state.position => {
@@ -359,14 +379,14 @@ fn check_motion(
         }
         MotionMode::Probe(probe) => checked.movement = Move::Probe(probe),
         MotionMode::Rapid | MotionMode::Linear if parsed.axes != 0 => {
-            checked.movement = Move::Straight
+            checked.movement = Move::Straight;
         }
         MotionMode::Rapid | MotionMode::Linear | MotionMode::Cancelled => {}
     }
     Ok(())
 }
 
-/// Whether the axes can count as far as the line wants them to.
+/// Checks that every axis can count up to the positions of the line.
 fn check_reach(
     state: &Interpreter,
     settings: &Settings,
@@ -413,7 +433,7 @@ fn check_position(settings: &Settings, position: &Axes<Nm>) -> Result<(), LineEr
     }
 }
 
-/// Whether a position is one that every axis reaches.
+/// Whether every axis reaches a position, whatever its resolution.
 #[inline]
 pub(super) fn is_always_reached(position: &Axes<Nm>) -> bool {
     let is_near = |value: &Nm| -ALWAYS_REACHED.0 <= value.0 && value.0 <= ALWAYS_REACHED.0;

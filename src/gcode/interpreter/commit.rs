@@ -1,4 +1,4 @@
-//! The second phase of a line: carrying out what was checked, in the NIST order of execution.
+//! The second phase of a line: its commands, in the NIST order of execution.
 
 use super::{Action, Checked, Interpreter, LineKind, Message, Move, Outcome, check::MM_PER_INCH};
 use crate::{
@@ -8,16 +8,16 @@ use crate::{
     units::Nm,
 };
 
-pub(super) fn commit(state: &mut Interpreter, checked: &Checked, outcome: &mut Outcome) {
-    outcome.clear();
+pub(super) fn commit(state: &mut Interpreter, checked: &Checked) -> Outcome {
+    let mut outcome = Outcome::default();
     if checked.kind == LineKind::Jog {
-        add_laser_power(checked, outcome);
+        add_laser_power(checked, &mut outcome);
         let feed_rate = FeedRate::Jog(feed(state, checked));
         outcome.add(line(checked.target(), feed_rate, checked));
         state.set_target(&checked.target());
-        return;
+        return outcome;
     }
-    add_switching(state, checked, outcome);
+    add_switching(state, checked, &mut outcome);
     if let Action::Dwell(milliseconds) = checked.action {
         outcome.add(Command::Dwell { milliseconds });
     }
@@ -26,15 +26,16 @@ pub(super) fn commit(state: &mut Interpreter, checked: &Checked, outcome: &mut O
     state.modal = checked.modal;
     state.offsets.tool_length = checked.tool_length;
     if checked.moves() {
-        add_laser_power(checked, outcome);
+        add_laser_power(checked, &mut outcome);
     }
-    execute_action(state, checked, outcome);
-    add_movement(state, checked, outcome);
-    end_line(state, checked.flow, outcome);
+    execute_action(state, checked, &mut outcome);
+    add_movement(state, checked, &mut outcome);
+    end_line(state, checked.flow, &mut outcome);
+    outcome
 }
 
 impl Outcome {
-    /// Nothing is asked for yet.
+    /// Removes all commands and messages.
     pub(super) fn clear(&mut self) {
         self.commands.clear();
         self.message = None;
@@ -132,8 +133,6 @@ fn add_movement(state: &mut Interpreter, checked: &Checked, outcome: &mut Outcom
         (_, FeedMode::PerMinute) => FeedRate::Feed(feed(state, checked)),
         (_, FeedMode::InverseTime) => FeedRate::InverseTime(checked.modal.feed),
     };
-    // Each is added where it is made: joined, they would be copied once more, as a target would that
-    // is kept.
     match checked.movement {
         Move::None => return,
         Move::Straight => outcome.add(line(checked.target(), feed_rate, checked)),

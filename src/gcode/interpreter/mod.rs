@@ -1,4 +1,4 @@
-//! Blocks to commands: units, offsets, planes, arcs, program flow.
+//! Lines to commands: units, offsets, planes, arcs, program flow.
 //!
 //! Owns the modal state, the offsets and the programmed position. A line is taken in two phases:
 //! [`Interpreter::check`] finds every error and changes nothing, [`Interpreter::commit`] cannot
@@ -25,8 +25,8 @@ use crate::{
     units::Nm,
 };
 
-/// What one line asks for at most: spindle, coolant, laser power, two moves (or a dwell and a
-/// move), and at program end spindle and coolant again.
+/// Most commands of one line: spindle, coolant, laser power, two moves (or a dwell and a move), and
+/// at program end spindle and coolant again.
 pub const COMMANDS: usize = 7;
 
 /// The state that G-code lines change.
@@ -39,16 +39,16 @@ pub struct Interpreter {
     single_mm: Axes<f32>,
 }
 
-/// What kind of line it is.
+/// The kind of a line.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 enum LineKind {
     #[default]
     Program,
-    /// What follows `$J=`.
+    /// The text after `$J=`.
     Jog,
 }
 
-/// A line without errors, ready to be committed. The default asks for nothing, in the power-up modes.
+/// A line without errors, ready to be committed. The default has no command, in the power-up modes.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub struct Checked {
     kind: LineKind,
@@ -58,9 +58,9 @@ pub struct Checked {
     flow: Flow,
     /// Axes that have a word, bit 0 = X.
     axes: u8,
-    /// What the spindle is switched to, and its speed in rpm.
+    /// The new state of the spindle, and its speed in rpm.
     spindle: Option<(Spindle, f32)>,
-    /// What the laser does in the line's moves.
+    /// The laser power of the line's moves.
     power: Laser,
     /// Whether the state of the spindle, the coolant or the work offset changes.
     changes_state: bool,
@@ -68,14 +68,14 @@ pub struct Checked {
     line: u32,
     /// The tool length after the line.
     tool_length: Nm,
-    /// Target of the move, or what the action sets.
+    /// Target of the move, or the values that the action sets.
     values: Axes<Nm>,
     /// A target in Grbl's single precision, mm.
     single_mm: Axes<f32>,
     movement: Move,
 }
 
-/// What a line does beside its motion.
+/// The effect of a line beside its motion.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 enum Action {
     #[default]
@@ -101,16 +101,16 @@ enum Move {
     None,
     Straight,
     Arc(Circle),
-    /// To the target at most: where it ended is the machine's to say, afterwards.
+    /// To the target at most: only the machine knows where the move has ended.
     Probe(ProbeMode),
 }
 
-/// What a committed line asks for.
+/// The commands and messages of a committed line.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct Outcome {
-    /// What to execute, in order.
+    /// The commands to execute, in order.
     pub commands: Vec<Command, COMMANDS>,
-    /// What to send before the line's `ok`, after the commands have been executed.
+    /// The message before the line's `ok`, after the commands have been executed.
     pub message: Option<Message>,
     /// Whether the next status report shows the work offset, changed or not.
     pub shows_offset: bool,
@@ -124,7 +124,7 @@ pub enum Message {
 }
 
 impl Checked {
-    /// Where the axis words lead.
+    /// The target of the axis words.
     #[must_use]
     pub fn target(&self) -> Target {
         Target {
@@ -164,7 +164,7 @@ impl Checked {
         self.flow == Flow::End
     }
 
-    /// Where the probe is to be met, in a line that probes, and what is asked of it.
+    /// The target and the mode of a probing move.
     #[must_use]
     pub fn probe(&self) -> Option<(Target, ProbeMode)> {
         match self.movement {
@@ -198,92 +198,47 @@ impl Interpreter {
     /// The first that Grbl would find. A target or offset that an axis cannot count
     /// ([`Settings::farthest`]) is [`LineError::InvalidTarget`].
     pub fn check(&self, line: &[u8], settings: &Settings) -> Result<Checked, LineError> {
-        let mut checked = Checked::default();
-        self.check_into(line, settings, &mut checked)?;
-        Ok(checked)
+        check::check(self, line, LineKind::Program, settings)
     }
 
-    /// As [`Self::check`], but replaces what the caller keeps, which is of no use after an error.
-    ///
-    /// # Errors
-    /// As [`Self::check`].
-    pub fn check_into(
-        &self,
-        line: &[u8],
-        settings: &Settings,
-        checked: &mut Checked,
-    ) -> Result<(), LineError> {
-        check::check(self, line, LineKind::Program, settings, checked)
-    }
-
-    /// As [`Self::check_into`], but the line is what follows `$J=`: a move along a line at its own
-    /// feed, which leaves nothing behind but the position.
+    /// Checks the text after `$J=`, as [`Self::check`] does with a line: a move along a line at its
+    /// own feed, which changes nothing but the position.
     ///
     /// # Errors
     /// The first that Grbl would find; [`LineError::NoAxisWords`] for a jog without axis words.
-    pub fn check_jog_into(
-        &self,
-        line: &[u8],
-        settings: &Settings,
-        checked: &mut Checked,
-    ) -> Result<(), LineError> {
-        check::check(self, line, LineKind::Jog, settings, checked)
+    pub fn check_jog(&self, line: &[u8], settings: &Settings) -> Result<Checked, LineError> {
+        check::check(self, line, LineKind::Jog, settings)
     }
 
-    /// The stored offsets and positions as they are after a line that was checked; `None` where it
-    /// stores none.
+    /// The stored offsets and positions after a line that was checked; `None` where the line stores
+    /// none.
     #[must_use]
     pub fn origins_after(&self, checked: &Checked) -> Option<Origins> {
-        let stores = match checked.action {
-            Action::None
-            | Action::Dwell(_)
-            | Action::GoTo(_)
-            | Action::SetOffset
-            | Action::ClearOffset => false,
-            Action::SetOrigin(_) | Action::Store(_) => true,
-        };
-        stores.then(|| self.new_origins(checked))
-    }
-
-    /// Apart from the question whether there are any: a line that stores nothing copies nothing.
-    #[inline(never)]
-    fn new_origins(&self, checked: &Checked) -> Origins {
         let mut origins = self.offsets.origins;
         match checked.action {
             Action::None
             | Action::Dwell(_)
             | Action::GoTo(_)
             | Action::SetOffset
-            | Action::ClearOffset => {}
-            Action::SetOrigin(system) => {
-                origins.coordinates[system] = checked.values;
-            }
+            | Action::ClearOffset => return None,
+            Action::SetOrigin(system) => origins.coordinates[system] = checked.values,
             Action::Store(StoredPosition::G28) => origins.g28 = self.position,
             Action::Store(StoredPosition::G30) => origins.g30 = self.position,
         }
-        origins
+        Some(origins)
     }
 
-    /// Carries out a line that was checked against the present state.
+    /// Executes a line that was checked against the present state.
     pub fn commit(&mut self, checked: &Checked) -> Outcome {
-        let mut outcome = Outcome::default();
-        self.commit_into(checked, &mut outcome);
-        outcome
+        commit::commit(self, checked)
     }
 
-    /// As [`Self::commit`], but replaces an outcome that the caller keeps: it is too large to be
-    /// copied for every line.
-    pub fn commit_into(&mut self, checked: &Checked, outcome: &mut Outcome) {
-        commit::commit(self, checked, outcome);
-    }
-
-    /// Checks and carries out a line in one go, if it is as most are: a straight move in the modes
-    /// before it. Then that is what `checked` and `outcome` tell, and what [`Self::check_into`] and
-    /// [`Self::commit_into`] would have done, which do not want the blanks that may stand between its
-    /// words. The bytes go on behind the end of the line: what is left of them is told.
+    /// Checks and executes a plain line: a straight move in the modes before it. `checked` and
+    /// `outcome` are then those of [`Self::check`] and [`Self::commit`]. Blanks, comments and lower
+    /// case are allowed between words. Returns the bytes after the end of the line.
     ///
     /// # Errors
-    /// [`Refusal`] for any other line, and for one that is wrong: nothing has changed then.
+    /// [`Refusal`] for any other line, and for one with an error: nothing has changed then.
     pub fn execute_plain<I: Iterator<Item = u8>>(
         &mut self,
         bytes: I,
@@ -312,18 +267,18 @@ impl Interpreter {
         self.offsets.origins = *origins;
     }
 
-    /// Replaces the coolant's state: it has been switched otherwise.
+    /// Replaces the coolant's state, which has been switched by an override.
     pub fn set_coolant(&mut self, coolant: Coolant) {
         self.modal.coolant = coolant;
     }
 
-    /// The next line begins at a target.
+    /// Makes a target the programmed position.
     fn set_target(&mut self, target: &Target) {
         self.position = target.position;
         self.single_mm = target.single_mm;
     }
 
-    /// Tells where the machine is.
+    /// Replaces the programmed position.
     pub fn set_position(&mut self, position: Axes<Nm>) {
         self.position = position;
         self.single_mm = position.map(Nm::to_mm);

@@ -1,9 +1,12 @@
-//! The lines that programs are made of: `G0`, `G1` or neither, axes, `F`, `N`, and nothing else.
+//! Plain lines, of which programs consist: `G0`, `G1` or neither, axes, `F`, `N`, and nothing else.
 //!
-//! Such a line changes the position, the motion mode and the feed, and asks for one command. So it
-//! is checked and carried out at once, without a copy of all that a line could change. What is out
-//! of the ordinary, or wrong, is refused without a word and left to [`check`](super::check): the
-//! errors and their order are found there alone. Whatever is accepted here does the same there.
+//! Such a line changes the position, the motion mode and the feed, and makes one command. All other
+//! lines, and lines with an error, are left to [`check`](super::check), which alone knows the errors
+//! and their order. Whatever is accepted here has the same effect there (`tests/interpreter/plain.rs`).
+//!
+//! # Cost
+//! A plain line is read where it waits, checked and executed at once, without a copy of all that a
+//! line could change: nearly all lines of a program are plain.
 
 use super::{Action, Checked, Interpreter, LineKind, Move, Outcome, check, offsets::TOOL_AXIS};
 use crate::{
@@ -15,18 +18,18 @@ use crate::{
     units::Nm,
 };
 
-/// Why a line has not been carried out as a plain one.
+/// The reason why a line has not been executed as a plain one.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Refusal {
-    /// It is another one, or wrong.
+    /// The line has other words, or an error.
     NotPlain,
-    /// The bytes come to an end before the line does, and it might be a plain one up to there.
+    /// The bytes end before the line, which may be plain yet.
     Incomplete,
 }
 
-/// What a plain line says.
+/// The words of a plain line.
 struct Plain {
-    /// Letters of its words.
+    /// Letters of the words.
     words: Words,
     coordinates: Axes<SmallDecimal>,
     motion: MotionMode,
@@ -35,7 +38,7 @@ struct Plain {
     line: u32,
 }
 
-/// Carries out a plain line, and tells what follows it. Nothing has changed after a refusal.
+/// Executes a plain line, and returns the bytes after it. Nothing has changed after a refusal.
 #[inline(never)]
 pub(super) fn execute<I: Iterator<Item = u8>>(
     state: &mut Interpreter,
@@ -45,11 +48,11 @@ pub(super) fn execute<I: Iterator<Item = u8>>(
     outcome: &mut Outcome,
 ) -> Result<I, Refusal> {
     let modal = &state.modal;
-    let is_usual = modal.units == Units::Millimetres
+    let has_plain_modes = modal.units == Units::Millimetres
         && modal.feed_units == Units::Millimetres
         && modal.feed_mode == FeedMode::PerMinute
         && !settings.laser;
-    if !is_usual {
+    if !has_plain_modes {
         return Err(Refusal::NotPlain);
     }
     let mut plain = Plain {
@@ -74,7 +77,7 @@ pub(super) fn execute<I: Iterator<Item = u8>>(
     state.modal.motion = plain.motion;
     state.modal.feed = plain.feed;
     state.set_target(&target);
-    // What is asked of the line before.
+    // All that may be asked of the line afterwards.
     checked.kind = LineKind::Program;
     checked.action = Action::None;
     checked.flow = Flow::Run;
@@ -90,7 +93,7 @@ pub(super) fn execute<I: Iterator<Item = u8>>(
 }
 
 impl Plain {
-    /// Reads the words of a line, and tells what follows it.
+    /// Reads the words of a line, and returns the bytes after it.
     #[inline]
     fn read<I: Iterator<Item = u8>>(&mut self, bytes: I) -> Result<I, Refusal> {
         let mut words = WordReader::new(bytes);
@@ -123,7 +126,7 @@ impl Plain {
             b'N' => {
                 self.line = number
                     .natural()
-                    .filter(|line| *line <= check::MAX_LINE_NUMBER)?
+                    .filter(|line| *line <= check::MAX_LINE_NUMBER)?;
             }
             letter => {
                 let mut axes = LETTERS.iter().take(AXES);
@@ -139,7 +142,7 @@ impl Plain {
         Some(())
     }
 
-    /// Where it leads; `None` where a coordinate has too many decimals.
+    /// The target of the line; `None` where a coordinate has too many decimals.
     #[inline(always)]
     #[expect(clippy::inline_always, reason = "a call would return by a copy")]
     fn target(&self, state: &Interpreter) -> Option<Target> {
@@ -159,7 +162,7 @@ impl Plain {
     }
 }
 
-/// What a coordinate of an axis is added to, and the same in Grbl's single precision.
+/// The origin of an axis' coordinates, exactly and in Grbl's single precision.
 #[inline]
 fn base(state: &Interpreter, axis: usize) -> (Nm, f32) {
     match state.modal.distance {

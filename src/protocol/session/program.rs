@@ -117,15 +117,16 @@ impl Session {
                 None => &[],
             },
         };
-        let (settings, checked) = (&self.persistence.stored.settings, &mut self.line.checked);
-        let result = if self.line.source == Source::Jog {
-            self.interpreter.check_jog_into(line, settings, checked)
+        let settings = &self.persistence.stored.settings;
+        let checked = if self.line.source == Source::Jog {
+            self.interpreter.check_jog(line, settings)
         } else {
-            self.interpreter.check_into(line, settings, checked)
+            self.interpreter.check(line, settings)
         };
-        if let Err(error) = result {
-            return self.refuse(error);
-        }
+        self.line.checked = match checked {
+            Ok(checked) => checked,
+            Err(error) => return self.refuse(error),
+        };
         if self.line.source == Source::Jog
             && settings.soft_limits
             && is_outside(settings, &self.line.checked.target().position)
@@ -154,8 +155,7 @@ impl Session {
     /// Executes the line that has been checked.
     pub(super) fn commit(&mut self, links: &mut Links<'_, '_>) -> Progress {
         let from = self.interpreter.position();
-        self.interpreter
-            .commit_into(&self.line.checked, &mut self.line.outcome);
+        self.line.outcome = self.interpreter.commit(&self.line.checked);
         self.send(from, links)
     }
 

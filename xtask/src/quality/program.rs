@@ -5,7 +5,7 @@
 
 use leadscrew::{
     axis::{AXES, Axes},
-    gcode::interpreter::{Checked, Interpreter},
+    gcode::interpreter::Interpreter,
     model::{Circle, Command, FeedRate, Target},
     protocol::Line,
     settings::{Settings, assign},
@@ -62,22 +62,19 @@ impl Programmed {
         if self.is_lost {
             return Vec::new();
         }
-        let mut checked = Checked::default();
-        let judged = if let Some(jog) = text.strip_prefix(b"$J=") {
-            self.interpreter
-                .check_jog_into(jog, &self.settings, &mut checked)
+        let checked = if let Some(jog) = text.strip_prefix(b"$J=") {
+            self.interpreter.check_jog(jog, &self.settings)
         } else if let Some(statement) = text.strip_prefix(b"$") {
             // A refused assignment changes nothing here either.
             let _ = assign(&mut self.settings, statement);
             self.is_lost = statement.starts_with(b"H") || statement == b"C";
             return Vec::new();
         } else {
-            self.interpreter
-                .check_into(&text, &self.settings, &mut checked)
+            self.interpreter.check(&text, &self.settings)
         };
-        if judged.is_err() {
+        let Ok(checked) = checked else {
             return Vec::new();
-        }
+        };
         let outcome = self.interpreter.commit(&checked);
         let commands = outcome.commands.iter();
         commands.filter_map(|command| self.piece(command)).collect()
