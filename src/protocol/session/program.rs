@@ -22,6 +22,17 @@ use crate::{
 /// release the session without a line end, so that a longer line is moved out of the queue.
 const MAX_WAITING_BYTES: usize = 128;
 
+/// Returns whether an unfinished line may stay in the receive queue: a short one in upper case, without
+/// comments, and not across the end of the ring.
+#[cold]
+#[inline(never)]
+fn may_wait(received: &ByteReader<'_>) -> bool {
+    let [mut older, newer] = received.waiting();
+    newer.is_empty()
+        && older.len() <= MAX_WAITING_BYTES
+        && !older.any(|byte| matches!(byte, b'(' | b';' | b'a'..=b'z'))
+}
+
 impl Session {
     /// Executes the next line, or, when none has come, sends the moves that `G64` holds back in time.
     pub(super) fn read_line(&mut self, links: &mut Links<'_, '_>) -> Progress {
@@ -64,11 +75,11 @@ impl Session {
         let [older, newer] = received.waiting();
         let n = older.len() + newer.len();
         let remaining = match interpreter.execute_plain(older.clone(), settings, checked, outcome) {
-            Ok(rest) => Ok(rest.len() + newer.len()),
+            Ok(following) => Ok(following.len() + newer.len()),
             // The line goes on at the beginning of the ring.
             Err(Refusal::Incomplete) if !newer.is_empty() => interpreter
                 .execute_plain(older.chain(newer), settings, checked, outcome)
-                .map(|rest| rest.size_hint().0),
+                .map(|following| following.size_hint().0),
             Err(refusal) => Err(refusal),
         };
         match remaining {
@@ -76,7 +87,7 @@ impl Session {
                 received.release(n - remaining);
                 Ok(())
             }
-            Err(Refusal::Incomplete) if waiting > MAX_WAITING_BYTES => Err(Refusal::NotPlain),
+            Err(Refusal::Incomplete) if !may_wait(received) => Err(Refusal::NotPlain),
             Err(refusal) => Err(refusal),
         }
     }
