@@ -254,7 +254,8 @@ impl ParsedLine {
             (1, 0) => MotionMode::Linear,
             (2, 0) => MotionMode::Arc(Rotation::Clockwise),
             (3, 0) => MotionMode::Arc(Rotation::CounterClockwise),
-            _ => MotionMode::Cancelled,
+            (80, 0) => MotionMode::Cancelled,
+            _ => return Err(LineError::Unsupported),
         };
         Ok(ModalGroup::Motion)
     }
@@ -279,7 +280,8 @@ impl ParsedLine {
             (_, 1..) => return Err(LineError::NotInteger),
             (4, 0) => NonModal::Dwell,
             (10, 0) => NonModal::SetCoordinates,
-            _ => NonModal::MachineCoordinates,
+            (53, 0) => NonModal::MachineCoordinates,
+            _ => return Err(LineError::Unsupported),
         };
         Ok(ModalGroup::NonModal)
     }
