@@ -1,7 +1,7 @@
 //! Motion control without hardware: the same code runs in the firmware, the simulator and the tests.
 //!
 //! Modules are listed from the bottom up: each uses those above it in this list, and none below
-//! (`tests/layers.rs`).
+//! (`tests/sources/layers.rs`).
 #![no_std]
 #![forbid(unsafe_code)]
 #![warn(clippy::unwrap_used)]

@@ -5,12 +5,12 @@ mod drive;
 mod flash;
 mod port;
 mod simulator;
+mod step_statistics;
 mod stream;
-mod tally;
 
 pub use contacts::{Closes, Switch};
 pub use drive::{Drive, Edge};
 pub use flash::{Flash, FlashError, SECTOR, SECTORS};
 pub use simulator::Simulator;
+pub use step_statistics::StepStatistics;
 pub use stream::{Stream, StreamEnd, Watcher};
-pub use tally::StepStatistics;

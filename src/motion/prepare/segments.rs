@@ -96,15 +96,15 @@ impl Motion {
         self.control.executes() && !is_touched
     }
 
-    /// The next cell of the reference.
+    /// Makes the next sample of the reference.
     #[inline(never)]
     pub(super) fn sample_reference(&mut self) {
         let leaving = self.average.leaving_sample();
-        let cell = self.plan.next_sample(!self.executes(), leaving);
-        self.average.push(cell, leaving);
+        let sample = self.plan.next_sample(!self.executes(), leaving);
+        self.average.push(sample, leaving);
     }
 
-    /// Makes the next segment, in [`Motion::segment`]; returns false when there is none.
+    /// Makes the next segment, in `Motion::segment`; returns false when there is none.
     fn next_segment(&mut self, inputs: &Inputs) -> bool {
         match self.source() {
             SegmentSource::Homing => self.homing_segment(inputs),

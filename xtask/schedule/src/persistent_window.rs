@@ -92,7 +92,7 @@ mod tests {
             arrival: every(period),
             cost,
         };
-        let keeping = PersistentWindow {
+        let window = PersistentWindow {
             own: vec![(every(1e6), cost)],
             equals: vec![(every(1e6), cost)],
             preempting: vec![preempting(1000.0, 137), preempting(1e9, 500)],
@@ -100,7 +100,7 @@ mod tests {
         };
         // 137 of each 1000 cycles are the warm task's: 48 runs in 47 176.
         assert_eq!(
-            keeping.response(1_000_000),
+            window.response(1_000_000),
             Some(100 + 40_000 + 500 + 48 * 137)
         );
     }

@@ -68,7 +68,29 @@ pub(super) fn print(report: &Report, elf: &Path) -> Result<()> {
         );
         spent(report, &program, task);
     }
+    files(report, &program);
     Ok(())
+}
+
+/// Prints the files of `src/` that instructions which ran come from, with what was inlined.
+fn files(report: &Report, program: &Loader) {
+    let mut files = BTreeSet::new();
+    for &(_, address, _, _) in &report.sites {
+        let Ok(mut found) = program.find_frames(address) else {
+            continue;
+        };
+        while let Ok(Some(frame)) = found.next() {
+            let file = frame.location.and_then(|at| at.file).map(shorten);
+            files.extend(
+                file.filter(|file| file.starts_with("src/"))
+                    .map(str::to_owned),
+            );
+        }
+    }
+    println!("\n{} {}", "files that ran:".bold(), files.len());
+    for file in files {
+        println!("  {file}");
+    }
 }
 
 /// What the functions whose paths begin with one of `prefixes` cost, with what is inlined in them.
@@ -277,7 +299,7 @@ mod tests {
         assert_eq!(module(&stack(&inlined)), "stepper::generator");
         assert_eq!(module(&stack(&["leadscrew::math::sqrt"])), "math");
         let derived = "<leadscrew::machine::snapshot::Snapshot as core::cmp::PartialEq>::eq";
-        assert_eq!(module(&stack(&[derived])), "machine::state");
+        assert_eq!(module(&stack(&[derived])), "machine::snapshot");
         assert_eq!(
             module(&stack(&["compiler_builtins::mem::memcpy"])),
             "compiler_builtins"

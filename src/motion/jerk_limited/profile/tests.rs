@@ -109,8 +109,8 @@ impl Run {
         let (plan, smooth) = (&mut self.plan, &mut self.smooth);
         while smooth.needs_sample() && !plan.is_empty() {
             let leaving = smooth.leaving_sample();
-            let cell = plan.next_sample(self.goal == Goal::Stop, leaving);
-            smooth.push(cell, leaving);
+            let sample = plan.next_sample(self.goal == Goal::Stop, leaving);
+            smooth.push(sample, leaving);
         }
         let mut segment = Segment::NONE;
         let position = self.position;

@@ -1,10 +1,6 @@
 //! Chip and simulator call the machine through the bodies of the tasks only: read from the sources.
-#![cfg(not(target_os = "none"))]
 
-use std::{
-    fs,
-    path::{Path, PathBuf},
-};
+use super::sources;
 
 /// The bodies in `src/tasks.rs`, which both must call.
 const BODIES: [&str; 7] = [
@@ -36,23 +32,6 @@ const OWN: [(&str, &str); 5] = [
     ("self", "report"),
     ("simulator", "advance"),
 ];
-
-/// The sources of a shell: files, and folders with all that is below them.
-fn sources(names: &[&str]) -> Vec<(PathBuf, String)> {
-    let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("src");
-    let mut paths: Vec<PathBuf> = names.iter().map(|name| root.join(name)).collect();
-    let mut files = Vec::new();
-    while let Some(path) = paths.pop() {
-        if path.is_dir() {
-            let entries = fs::read_dir(&path).expect("the sources can be read");
-            paths.extend(entries.map(|entry| entry.expect("the sources can be read").path()));
-        } else {
-            let source = fs::read_to_string(&path).expect("the sources can be read");
-            files.push((path, source));
-        }
-    }
-    files
-}
 
 /// The names of a source in their order, comments left out, each with what is between it and the name
 /// before it, and its line.
@@ -93,12 +72,12 @@ fn bypasses(source: &str) -> Vec<(String, usize)> {
 
 #[test]
 fn chip_and_simulator_call_the_bodies_of_the_tasks_and_nothing_in_them() {
-    for shell in [&["app.rs", "board"][..], &["sim"]] {
+    for shell in [&["src/app.rs", "src/board"][..], &["src/sim"]] {
         let sources = sources(shell);
         assert!(sources.len() > 5, "{shell:?} is not where it was");
         for (path, source) in &sources {
             let found = bypasses(source);
-            assert!(found.is_empty(), "{}: {found:?}", path.display());
+            assert!(found.is_empty(), "{path}: {found:?}");
         }
         for body in BODIES {
             let call = format!("tasks::{body}(");

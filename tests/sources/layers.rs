@@ -1,10 +1,8 @@
 //! Each module of `src/` uses the layers below its own, and no other: read from the sources.
 
-use std::{
-    fmt::Write as _,
-    fs,
-    path::{Path, PathBuf},
-};
+use std::fmt::Write as _;
+
+use super::sources;
 
 /// The layers, from the bottom up.
 const LAYERS: [&[&str]; 11] = [
@@ -27,7 +25,7 @@ fn layer(module: &str) -> usize {
         .position(|layer| layer.contains(&module))
         .unwrap_or_else(|| {
             panic!(
-                "src/{module} is in no layer: add it to LAYERS in tests/layers.rs and to src/lib.rs"
+                "src/{module} is in no layer: add it to LAYERS in tests/sources/layers.rs and to src/lib.rs"
             )
         })
 }
@@ -107,56 +105,37 @@ fn upward(path: &str, source: &str, modules: &[String]) -> String {
     let inner = path.trim_end_matches(".rs").trim_end_matches("/mod");
     let module: Vec<&str> = inner.split('/').collect();
     let user = module[0];
-    let mut told = String::new();
+    let mut found = String::new();
     for (line, used) in uses(&module, source) {
         if modules.contains(&used) && !may_use(user, &used) {
             let below: Vec<&str> = LAYERS[..layer(user)].concat();
             let _ = writeln!(
-                told,
+                found,
                 "src/{path}:{line}: `{user}` uses `{used}`, which is not below it; allowed are {}",
                 below.join(", "),
             );
         }
     }
-    told
-}
-
-fn sources(folder: &Path, found: &mut Vec<PathBuf>) {
-    let entries = fs::read_dir(folder).expect("the sources can be read");
-    for entry in entries {
-        let path = entry.expect("the sources can be read").path();
-        if path.is_dir() {
-            sources(&path, found);
-        } else if path.extension().is_some_and(|ending| ending == "rs") {
-            found.push(path);
-        }
-    }
+    found
 }
 
 #[test]
 fn every_module_uses_only_what_is_below_it() {
-    let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("src");
-    let mut files = Vec::new();
-    sources(&root, &mut files);
-    let within: Vec<String> = files
-        .iter()
-        .map(|path| path.strip_prefix(&root).expect("it is in src"))
-        .map(|path| path.to_string_lossy().replace('\\', "/"))
-        .filter(|path| path != "lib.rs" && path != "main.rs")
+    let files: Vec<(String, String)> = sources(&["src"])
+        .into_iter()
+        .map(|(path, source)| (path["src/".len()..].to_owned(), source))
+        .filter(|(path, _)| path != "lib.rs" && path != "main.rs")
         .collect();
-    let modules: Vec<String> = within
+    let modules: Vec<String> = files
         .iter()
-        .map(|path| path.split(['/', '.']).next().expect("it has a name").into())
+        .map(|(path, _)| path.split(['/', '.']).next().expect("it has a name").into())
         .collect();
-    let told: String = within
+    let found: String = files
         .iter()
-        .map(|path| {
-            let source = fs::read_to_string(root.join(path)).expect("the sources can be read");
-            upward(path, &source, &modules)
-        })
+        .map(|(path, source)| upward(path, source, &modules))
         .collect();
     assert!(files.len() > 50, "the sources are not where they were");
-    assert!(told.is_empty(), "\n{told}");
+    assert!(found.is_empty(), "\n{found}");
 }
 
 #[test]
@@ -187,9 +166,9 @@ fn a_use_of_a_layer_above_is_found_however_it_is_written() {
         ),
         ("gcode/word.rs", "use crate::stepper::Segment;\n", 1),
     ] {
-        let told = upward(path, source, &modules);
+        let found = upward(path, source, &modules);
         let place = format!("src/{path}:{line}: ");
-        assert!(told.starts_with(&place), "{path}: {told:?}");
+        assert!(found.starts_with(&place), "{path}: {found:?}");
     }
     for (path, source) in [
         (

@@ -1,0 +1,155 @@
+//! No name that has been given up comes back: `docs/GLOSSARY.md` lists them, old to new.
+
+use std::{collections::BTreeMap, fmt::Write as _, fs, path::Path};
+
+use super::sources;
+
+/// A row of the table.
+#[derive(Debug, PartialEq)]
+struct Retired {
+    /// The old name. In lower case and without `_` it is a word, which no name may have as a part;
+    /// otherwise it is a whole name.
+    old: String,
+    new: String,
+    /// Beginning of the paths where it is given up.
+    folder: String,
+}
+
+/// The rows of the table under "Old and new names".
+fn retired(glossary: &str) -> Vec<Retired> {
+    let (_, table) = glossary
+        .split_once("## Old and new names")
+        .expect("the glossary has the table");
+    table
+        .lines()
+        .filter(|line| line.starts_with("| `"))
+        .flat_map(|line| {
+            let cells: Vec<&str> = line.trim_matches('|').split('|').map(str::trim).collect();
+            let [old, new, folder] = cells[..] else {
+                panic!("a row has three cells: {line}");
+            };
+            old.split(", ")
+                .map(|old| Retired {
+                    old: old.trim_matches('`').into(),
+                    new: new.into(),
+                    folder: folder.trim_matches('`').into(),
+                })
+                .collect::<Vec<_>>()
+        })
+        .collect()
+}
+
+/// A line without its comment and its texts.
+fn code(line: &str) -> String {
+    let mut code = String::new();
+    let mut is_text = false;
+    let mut characters = line.chars().peekable();
+    while let Some(c) = characters.next() {
+        match c {
+            '\\' if is_text => {
+                characters.next();
+            }
+            '"' => is_text = !is_text,
+            '/' if !is_text && characters.peek() == Some(&'/') => break,
+            _ if is_text => {}
+            // A character, but no lifetime.
+            '\'' if characters.clone().nth(1) == Some('\'') => {
+                characters.next();
+                characters.next();
+            }
+            c => code.push(c),
+        }
+    }
+    code
+}
+
+/// The words that a name is made of, in lower case: `reset_count`, `ResetCount` and `RESET_COUNT`
+/// have the same.
+fn parts(name: &str) -> Vec<String> {
+    let is_constant = !name.contains(char::is_lowercase);
+    let mut parts = vec![String::new()];
+    for c in name.chars() {
+        if c == '_' || c.is_uppercase() && !is_constant {
+            parts.push(String::new());
+        }
+        if c != '_' {
+            let last = parts.last_mut().expect("there is one");
+            last.extend(c.to_lowercase());
+        }
+    }
+    parts
+}
+
+/// The retired names in a file, a line for each.
+fn comebacks(path: &str, source: &str, retired: &[Retired]) -> String {
+    let here: BTreeMap<&str, &Retired> = retired
+        .iter()
+        .filter(|row| path.starts_with(&row.folder))
+        .map(|row| (row.old.as_str(), row))
+        .collect();
+    let mut found = String::new();
+    for (number, line) in source.lines().enumerate() {
+        let code = code(line);
+        for name in code.split(|c: char| !c.is_alphanumeric() && c != '_') {
+            let parts = parts(name);
+            let words = parts.iter().map(String::as_str);
+            let row = here
+                .get(name)
+                .or_else(|| words.into_iter().find_map(|word| here.get(word)));
+            if let Some(row) = row {
+                let _ = writeln!(
+                    found,
+                    "{path}:{}: `{name}`: `{}` is {} now (docs/GLOSSARY.md)",
+                    number + 1,
+                    row.old,
+                    row.new,
+                );
+            }
+        }
+    }
+    found
+}
+
+#[test]
+fn no_retired_name_comes_back() {
+    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("docs/GLOSSARY.md");
+    let glossary = fs::read_to_string(path).expect("docs/GLOSSARY.md can be read");
+    let retired = retired(&glossary);
+    assert!(retired.len() > 20, "the table is not where it was");
+    let found: String = sources(&["src", "tests", "xtask"])
+        .iter()
+        .map(|(path, source)| comebacks(path, source, &retired))
+        .collect();
+    assert!(found.is_empty(), "\n{found}");
+}
+
+#[test]
+fn a_retired_name_is_found_as_a_name_and_as_a_part_of_one() {
+    let glossary = "## Old and new names\n\
+        | old | new | where |\n|---|---|---|\n\
+        | `StepCounts`, `be_patient` | `SegmentRing` | `src/` |\n\
+        | `gate` | junction limit | `src/motion/` |\n";
+    let retired = retired(glossary);
+    assert_eq!(retired.len(), 3);
+    for (path, source) in [
+        ("src/stepper/mod.rs", "struct StepCounts;"),
+        ("src/app.rs", "fn f() { requests.be_patient(); }"),
+        ("src/motion/plan.rs", "let first_gate = 1;"),
+        ("src/motion/plan.rs", "const GATE_MM: f32 = 1.0;"),
+        ("src/motion/plan.rs", "let c = '\"'; struct LastGate;"),
+    ] {
+        let found = comebacks(path, source, &retired);
+        assert!(found.contains(":1: "), "{source}: {found:?}");
+        assert!(found.contains(" now (docs/GLOSSARY.md)"), "{source}");
+    }
+    for (path, source) in [
+        ("tests/lookahead.rs", "struct StepCounts;"),
+        ("src/path/block.rs", "let gate = 1;"),
+        (
+            "src/motion/plan.rs",
+            "// gate\nlet navigate = \"gate\"; let delegated = 'g';",
+        ),
+    ] {
+        assert_eq!(comebacks(path, source, &retired), "", "{source}");
+    }
+}
