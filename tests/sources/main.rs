@@ -1,7 +1,8 @@
-//! What holds of the sources themselves: layers, words, glue, and the paths in documents.
+//! What holds of the sources themselves: layers, words, glue, boards, and the paths in documents.
 
 #![cfg(not(target_os = "none"))]
 
+mod boards;
 mod glue;
 mod layers;
 mod paths;

@@ -53,7 +53,7 @@ fn every_file_that_a_document_names_is_there() {
 #[test]
 fn a_path_that_leads_nowhere_is_found() {
     let root = Path::new(env!("CARGO_MANIFEST_DIR"));
-    let text = "see `gcode/block.rs`\nand `src/gcode/no_such_file.rs`, tests/target_*.rs\n";
+    let text = "see `gcode/modal.rs`\nand `src/gcode/no_such_file.rs`, tests/target_*.rs\n";
     assert_eq!(
         missing("a.md", text, root),
         "a.md:2: there is no src/gcode/no_such_file.rs\n"
