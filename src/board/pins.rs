@@ -50,7 +50,7 @@ type Words = [u32; PORTS];
 type Row = [AtomicU32; PORTS];
 
 /// What the step interrupt uses, and the tasks below change while it stands.
-struct Shared {
+struct SharedWords {
     next: Next,
     /// Written at rest by [`configure`], read by the step interrupt.
     events: [Row; ROWS],
@@ -58,7 +58,7 @@ struct Shared {
     enable: [[AtomicU32; 3]; 2],
 }
 
-static SHARED: Shared = Shared {
+static SHARED: SharedWords = SharedWords {
     next: Next(UnsafeCell::new([0; PORTS])),
     events: [const { [const { AtomicU32::new(0) }; PORTS] }; ROWS],
     enable: [const { [const { AtomicU32::new(0) }; 3] }; 2],

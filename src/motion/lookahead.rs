@@ -224,7 +224,7 @@ impl LookAhead {
         };
         match &mut self.profile {
             Profile::Trapezoid => {
-                queued.trapezoid = trapezoid::BlockPlan::new(block);
+                queued.trapezoid = trapezoid::BrakingPlan::new(block);
                 trapezoid::plan_part(&mut self.queue, &mut self.pass, 1, 0.0, false);
             }
             Profile::JerkLimited(plan) => {

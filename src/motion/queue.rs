@@ -21,7 +21,7 @@ pub(super) struct QueuedBlock {
     pub(super) limit_sqr: f32,
     /// Shortest duration of a block that is one segment, s; `f32::MAX` for others.
     pub(super) min_duration_s: f32,
-    pub(super) trapezoid: trapezoid::BlockPlan,
+    pub(super) trapezoid: trapezoid::BrakingPlan,
     pub(super) jerk_limited: jerk_limited::BlockPlan,
 }
 
@@ -44,7 +44,7 @@ impl QueuedBlock {
         },
         limit_sqr: 0.0,
         min_duration_s: f32::MAX,
-        trapezoid: trapezoid::BlockPlan::NONE,
+        trapezoid: trapezoid::BrakingPlan::NONE,
         jerk_limited: jerk_limited::BlockPlan::NONE,
     };
 }

@@ -19,7 +19,7 @@ use crate::{
 
 /// A segment in the ring.
 #[derive(Debug)]
-struct Entry {
+struct RingEntry {
     /// Directions, [`IS_MOVING`], and from [`DUTY_SHIFT`] on the duty.
     flags: AtomicU32,
     start_ticks: AtomicU32,
@@ -54,7 +54,7 @@ const ENTRIES: usize = 2 * SEGMENT_RING;
 /// start or stop the step timer write `running`.
 #[derive(Debug)]
 pub struct SegmentRing {
-    entries: [Entry; ENTRIES],
+    entries: [RingEntry; ENTRIES],
     /// Segments pushed so far, wrapping.
     pushed: AtomicU32,
     /// Segments begun so far, wrapping.
@@ -73,7 +73,7 @@ impl SegmentRing {
     pub const fn new() -> Self {
         Self {
             entries: [const {
-                Entry {
+                RingEntry {
                     flags: AtomicU32::new(0),
                     start_ticks: AtomicU32::new(0),
                     feed_mm_min: AtomicU32::new(0),
@@ -93,12 +93,12 @@ impl SegmentRing {
     }
 
     #[inline]
-    fn entry(&self, number: u32) -> &Entry {
+    fn entry(&self, number: u32) -> &RingEntry {
         &self.entries[number as usize % ENTRIES]
     }
 
     /// Returns the segment being played, or played last.
-    fn played(&self) -> &Entry {
+    fn played(&self) -> &RingEntry {
         self.entry(self.begun.load(Relaxed).wrapping_sub(1))
     }
 
@@ -174,7 +174,7 @@ impl SegmentRing {
     /// Records an underrun, after the step interrupt has stopped in a segment, if something moved and
     /// nobody has halted it.
     #[inline]
-    fn record_underrun(&self, entry: &Entry) {
+    fn record_underrun(&self, entry: &RingEntry) {
         if entry.flags.load(Relaxed) & IS_MOVING != 0 && !self.is_halted() {
             self.underrun.store(true, Relaxed);
         }

@@ -1,4 +1,4 @@
-//! What holds of the sources themselves: layers, words, glue, boards, and the paths in documents.
+//! What holds of the sources: layers, words, types, glue, boards, and paths in documents.
 
 #![cfg(not(target_os = "none"))]
 
@@ -6,6 +6,7 @@ mod boards;
 mod glue;
 mod layers;
 mod paths;
+mod types;
 mod words;
 
 use std::{

@@ -32,7 +32,7 @@ struct Figures {
 
 /// Contacts to be read in place of pins: written by a test, as a machine would close them.
 #[repr(C)]
-struct Contacts {
+struct EmulatedContacts {
     /// Closed whatever the axes do; the bits of [`Levels`].
     closed: AtomicU32,
     /// The limit switch of an axis is closed while its position in [`FIGURES`] is at most this…
@@ -60,7 +60,7 @@ static FIGURES: Figures = Figures {
 /// Written by its symbol, through QEMU's connection for debuggers: by `tests/firmware`.
 #[unsafe(no_mangle)]
 #[expect(unsafe_code, reason = "a symbol that a tool can find")]
-static CONTACTS: Contacts = Contacts {
+static CONTACTS: EmulatedContacts = EmulatedContacts {
     closed: AtomicU32::new(0),
     at_most: [const { AtomicI32::new(i32::MIN) }; 6],
     at_least: [const { AtomicI32::new(i32::MAX) }; 6],

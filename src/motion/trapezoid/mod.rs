@@ -4,4 +4,4 @@ mod braking;
 mod plan;
 mod profile;
 
-pub(super) use self::plan::{BlockPlan, plan_part};
+pub(super) use self::plan::{BrakingPlan, plan_part};

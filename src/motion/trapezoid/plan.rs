@@ -15,13 +15,13 @@ const BLOCKS_PER_PART: usize = 64;
 
 /// What is planned of a block.
 #[derive(Debug)]
-pub(in crate::motion) struct BlockPlan {
+pub(in crate::motion) struct BrakingPlan {
     /// Planned squared entry speed, (mm/s)².
     entry_sqr: f32,
     braking: Braking,
 }
 
-impl BlockPlan {
+impl BrakingPlan {
     pub(in crate::motion) const NONE: Self = Self {
         entry_sqr: 0.0,
         braking: Braking::NONE,

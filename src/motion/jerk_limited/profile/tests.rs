@@ -24,7 +24,7 @@ enum Act {
 
 /// The end of a segment: when, how fast, in which block, and how far along the path.
 #[derive(Debug, Clone, Copy)]
-struct Sample {
+struct PlayedSample {
     seconds: f64,
     speed: f64,
     block: usize,
@@ -41,7 +41,7 @@ struct Run {
     blocks: Vec<Block>,
     pushed: usize,
     done: usize,
-    samples: Vec<Sample>,
+    samples: Vec<PlayedSample>,
     /// Speed at the end of each block.
     corners: Vec<f64>,
 }
@@ -70,7 +70,7 @@ impl Run {
 
     fn sample(&mut self, after_s: f64, speed: f64) {
         self.seconds += after_s;
-        self.samples.push(Sample {
+        self.samples.push(PlayedSample {
             seconds: self.seconds,
             speed,
             block: self.done,
