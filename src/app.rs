@@ -40,7 +40,7 @@ mod app {
     };
 
     use crate::board::{
-        self, ChipPort, SerialConsole, StepInterrupt,
+        self, ChipPlatform, SerialSession, StepInterrupt,
         release::{PREPARE, released},
         trace,
     };
@@ -50,7 +50,7 @@ mod app {
         /// Written by `prepare`, copied by `interpret` and `report`.
         snapshot: Snapshot,
         /// Priority 1 at most, as are the two after it.
-        console: SerialConsole,
+        serial: SerialSession,
         interpret_waker: Option<Waker>,
         report_waker: Option<Waker>,
         /// Of `prepare` and `inputs`.
@@ -100,7 +100,7 @@ mod app {
         let session = Session::new(&board.loaded.stored, board.loaded.is_first_boot);
         let shared = Shared {
             snapshot,
-            console: SerialConsole::new(session, received_out, cx.local.sent.split()),
+            serial: SerialSession::new(session, received_out, cx.local.sent.split()),
             interpret_waker: None,
             report_waker: None,
             step_switch: board.step,
@@ -127,11 +127,11 @@ mod app {
     }
 
     /// Sends what the port did not take at once, and sleeps.
-    #[idle(shared = [console, &requests])]
+    #[idle(shared = [serial, &requests])]
     fn idle(mut cx: idle::Context) -> ! {
         let requests = cx.shared.requests;
         loop {
-            if !cx.shared.console.lock(|on| on.send_rest(requests)) {
+            if !cx.shared.serial.lock(|serial| serial.send_rest(requests)) {
                 board::sleep();
             }
         }
@@ -163,7 +163,7 @@ mod app {
     #[task(binds = I2C3_EV, priority = 3, local = [played], shared = [&segments])]
     fn segment_start(cx: segment_start::Context) {
         let _activation = trace::segment_start();
-        tasks::segment_start(cx.shared.segments, *cx.local.played, &mut ChipPort);
+        tasks::segment_start(cx.shared.segments, *cx.local.played, &mut ChipPlatform);
     }
 
     /// Filters switches, probe and buttons.
@@ -213,7 +213,7 @@ mod app {
     /// Executes received lines.
     #[task(
         priority = 1, local = [entries_in, storage, flash_erase_in],
-        shared = [snapshot, console, interpret_waker, &requests, &inputs, &segments]
+        shared = [snapshot, serial, interpret_waker, &requests, &inputs, &segments]
     )]
     async fn interpret(mut cx: interpret::Context) -> ! {
         let (requests, entries) = (cx.shared.requests, cx.local.entries_in);
@@ -224,15 +224,16 @@ mod app {
         loop {
             let read = |shared: &mut Snapshot| snapshot.copy_from(shared, segments, inputs);
             cx.shared.snapshot.lock(read);
-            let run = |on: &mut SerialConsole| on.run(&snapshot, requests, entries, storage);
-            if cx.shared.console.lock(run) == Progress::Waiting {
+            let run =
+                |serial: &mut SerialSession| serial.run(&snapshot, requests, entries, storage);
+            if cx.shared.serial.lock(run) == Progress::Waiting {
                 released(&mut cx.shared.interpret_waker).await;
             }
         }
     }
 
     /// Answers `?`, within 5 ms.
-    #[task(priority = 1, shared = [snapshot, console, report_waker, &requests, &inputs, &segments])]
+    #[task(priority = 1, shared = [snapshot, serial, report_waker, &requests, &inputs, &segments])]
     async fn report(mut cx: report::Context) -> ! {
         let requests = cx.shared.requests;
         let (inputs, segments) = (cx.shared.inputs, cx.shared.segments);
@@ -240,8 +241,8 @@ mod app {
         loop {
             let read = |shared: &mut Snapshot| snapshot.copy_from(shared, segments, inputs);
             cx.shared.snapshot.lock(read);
-            let report = |on: &mut SerialConsole| on.report(&snapshot, requests);
-            if cx.shared.console.lock(report) == Progress::Waiting {
+            let report = |serial: &mut SerialSession| serial.report(&snapshot, requests);
+            if cx.shared.serial.lock(report) == Progress::Waiting {
                 released(&mut cx.shared.report_waker).await;
             }
         }

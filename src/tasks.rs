@@ -6,8 +6,8 @@
 //!                                  inputs ─────────┘   └── segment_start
 //! ```
 //!
-//! [`Port`] and [`PreparePort`] are what the tasks need of their machine, [`StepOutput`] is what plays
-//! step events: [`step`] with a [`StepPort`], or something else that starts, stops and appends.
+//! [`Platform`] and [`PreparePlatform`] are what the tasks need of their machine, [`StepOutput`] is what plays
+//! step events: [`step`] with a [`StepPlatform`], or something else that starts, stops and appends.
 //!
 //! # Cost
 //!
@@ -39,7 +39,7 @@ pub enum Task {
 }
 
 /// The machine under every task.
-pub trait Port {
+pub trait Platform {
     /// Releases a task: it runs once more after this, whether or not it runs now.
     fn pend(&mut self, task: Task);
 
@@ -48,8 +48,8 @@ pub trait Port {
 }
 
 /// The machine under `prepare`.
-pub trait PreparePort: Port {
-    /// Returns once whether the time of [`PreparePort::wake_in`] is over.
+pub trait PreparePlatform: Platform {
+    /// Returns once whether the time of [`PreparePlatform::wake_in`] is over.
     fn take_wake(&mut self) -> bool;
 
     /// Releases `prepare` in some milliseconds, at least 1, instead of at the time asked for before.
@@ -76,7 +76,7 @@ pub trait StepOutput {
 }
 
 /// The pins and the timer of `step`.
-pub trait StepPort {
+pub trait StepPlatform {
     /// Outputs the event that is due.
     fn output(&mut self);
 
@@ -124,16 +124,20 @@ impl<'a> Unlocked<'a> {
 
 /// Outputs the event that is due and sets up the next.
 #[inline]
-pub fn step(port: &mut impl StepPort, events: &mut EventReader<'_>, segments: &SegmentRing) {
-    port.output();
+pub fn step(
+    platform: &mut impl StepPlatform,
+    events: &mut EventReader<'_>,
+    segments: &SegmentRing,
+) {
+    platform.output();
     if let Some(Upcoming { event, following }) = events.advance() {
-        let late = port.set_reload(following);
+        let late = platform.set_reload(following);
         events.count_late(late);
-        port.set_up(event);
-        port.pend_segment_start(event);
+        platform.set_up(event);
+        platform.pend_segment_start(event);
     } else {
         segments.stop();
-        port.stop();
+        platform.stop();
     }
 }
 
@@ -144,31 +148,31 @@ pub fn serial_rx(
     byte: u8,
     requests: &Requests,
     received: &mut ByteWriter<'_>,
-    port: &mut impl Port,
+    platform: &mut impl Platform,
 ) {
     match realtime::receive(byte, requests, received) {
         Release::Nobody => {}
-        Release::Interpret | Release::Report => port.pend(Task::Wake),
-        Release::Prepare => port.pend(Task::Prepare),
+        Release::Interpret | Release::Report => platform.pend(Task::Wake),
+        Release::Prepare => platform.pend(Task::Prepare),
     }
 }
 
 /// Begins the segment whose first event `step` has set up, or sees that there is none.
 #[inline]
-pub fn segment_start(segments: &SegmentRing, played: EventTap<'_>, port: &mut impl Port) {
+pub fn segment_start(segments: &SegmentRing, played: EventTap<'_>, platform: &mut impl Platform) {
     let begun = segments.start_segment(played);
     if let Some(duty) = begun.duty {
-        port.set_duty(duty);
+        platform.set_duty(duty);
     }
-    port.pend(Task::Prepare);
+    platform.pend(Task::Prepare);
     if begun.has_more {
-        port.pend(Task::SegmentStart);
+        platform.pend(Task::SegmentStart);
     }
 }
 
 /// Why `inputs` runs.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Cause {
+pub enum InputTrigger {
     /// A contact has changed.
     Edge,
     /// A sample is due.
@@ -178,17 +182,17 @@ pub enum Cause {
 /// Filters the contacts that are closed now. Returns whether a sample is needed after this run.
 #[inline]
 pub fn inputs(
-    cause: Cause,
+    trigger: InputTrigger,
     closed: Levels,
     watch: &mut Watch,
     shared: Unlocked<'_>,
     steps: &mut impl StepOutput,
-    port: &mut impl Port,
+    platform: &mut impl Platform,
 ) -> bool {
     let mut releases = watch.latch(closed, shared.inputs, steps.played());
-    let needs_sample = match cause {
-        Cause::Edge => watch.edge(),
-        Cause::Sample => {
+    let needs_sample = match trigger {
+        InputTrigger::Edge => watch.edge(),
+        InputTrigger::Sample => {
             let watched = watch.sample(shared.inputs, shared.requests);
             if watched.halt_steps {
                 steps.stop(shared.segments);
@@ -198,7 +202,7 @@ pub fn inputs(
         }
     };
     if releases {
-        port.pend(Task::Prepare);
+        platform.pend(Task::Prepare);
     }
     needs_sample
 }
@@ -212,14 +216,14 @@ pub fn prepare(
     shared: Unlocked<'_>,
     snapshot: &mut impl Mutex<T = Snapshot>,
     steps: &mut impl StepOutput,
-    port: &mut impl PreparePort,
+    platform: &mut impl PreparePlatform,
 ) {
     let Unlocked {
         requests,
         inputs,
         segments,
     } = shared;
-    if port.take_wake() {
+    if platform.take_wake() {
         requests.wake();
     }
     let prepared =
@@ -230,34 +234,34 @@ pub fn prepare(
     }
     let is_at_rest = !segments.is_running() && !prepared.start_steps;
     if is_at_rest {
-        port.set_duty(motion.outputs().duty);
+        platform.set_duty(motion.outputs().duty);
     }
     // What has been switched in motion may be still to come at rest.
     if prepared.outputs_changed || is_at_rest {
-        port.switch(motion.outputs());
+        platform.switch(motion.outputs());
     }
     if prepared.start_steps
         && let Some(first) = events.set_up()
     {
         steps.start(first, segments);
-        port.pend(Task::SegmentStart);
+        platform.pend(Task::SegmentStart);
     }
     if prepared.outputs_changed
         && let Some(milliseconds) = motion.take_delay_ms()
     {
-        port.wake_in(milliseconds);
+        platform.wake_in(milliseconds);
     }
     if prepared.run_again {
-        port.pend(Task::Prepare);
+        platform.pend(Task::Prepare);
     }
     if prepared.wake_interpret {
-        port.pend(Task::Wake);
+        platform.pend(Task::Wake);
     }
 }
 
-/// The session with the sender and its queues.
+/// The session and the queues of its serial line.
 #[derive(Debug)]
-pub struct Console<'a, 'q> {
+pub struct SessionIo<'a, 'q> {
     /// The state of the protocol.
     pub session: &'a mut Session,
     /// What has been received.
@@ -269,23 +273,23 @@ pub struct Console<'a, 'q> {
 /// Executes received lines. What the session wants stored is written at rest only.
 #[inline]
 pub fn interpret<'q>(
-    console: Console<'_, 'q>,
+    io: SessionIo<'_, 'q>,
     snapshot: &Snapshot,
     requests: &Requests,
     entries: &mut Producer<'q, Entry>,
     store: impl FnOnce(Change, &Stored) -> Result<(), StoreError>,
-    port: &mut impl Port,
+    platform: &mut impl Platform,
 ) -> Progress {
-    let Console {
+    let SessionIo {
         session,
         received,
         sent,
-    } = console;
+    } = io;
     let entered = session.entered();
     let progress = session.run(snapshot, requests, received, sent, entries);
     let new = session.entered().wrapping_sub(entered) as usize;
     if session.takes_release() | needs_release(new, entries) {
-        port.pend(Task::Prepare);
+        platform.pend(Task::Prepare);
     }
     let Some(change) = session.wants_store() else {
         return progress;
@@ -304,8 +308,8 @@ pub(crate) fn needs_release(new: usize, entries: &Producer<'_, Entry>) -> bool {
 
 /// Answers `?`.
 #[inline]
-pub fn report(console: Console<'_, '_>, snapshot: &Snapshot, requests: &Requests) -> Progress {
-    let free = console.received.capacity() - console.received.len();
-    let sent = console.sent;
-    console.session.report(snapshot, requests, free, sent)
+pub fn report(io: SessionIo<'_, '_>, snapshot: &Snapshot, requests: &Requests) -> Progress {
+    let free = io.received.capacity() - io.received.len();
+    let sent = io.sent;
+    io.session.report(snapshot, requests, free, sent)
 }

@@ -2,7 +2,7 @@
 
 use leadscrew::{
     model::Outputs,
-    tasks::{Port, PreparePort, Task},
+    tasks::{Platform, PreparePlatform, Task},
 };
 
 use super::{
@@ -30,7 +30,7 @@ impl Actuators {
     }
 }
 
-impl Port for Actuators {
+impl Platform for Actuators {
     #[inline]
     fn pend(&mut self, task: Task) {
         pend(task);
@@ -42,7 +42,7 @@ impl Port for Actuators {
     }
 }
 
-impl PreparePort for Actuators {
+impl PreparePlatform for Actuators {
     #[inline]
     fn take_wake(&mut self) -> bool {
         self.timer.take_end()

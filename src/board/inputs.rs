@@ -9,12 +9,12 @@ use leadscrew::{
     machine::{Inputs, SAMPLE_TICKS, SAMPLES, Watch},
     model::Levels,
     stepper::EventTap,
-    tasks::{self, Cause, Unlocked},
+    tasks::{self, InputTrigger, Unlocked},
     units::TICKS_PER_US,
 };
 
 use super::{
-    ChipPort, chosen, emulation, pac,
+    ChipPlatform, chosen, emulation, pac,
     step_output::{StepInterrupt, StepSwitch},
 };
 
@@ -120,13 +120,20 @@ impl InputPins {
         } else {
             self.silence()
         };
-        let cause = if is_sample {
-            Cause::Sample
+        let trigger = if is_sample {
+            InputTrigger::Sample
         } else {
-            Cause::Edge
+            InputTrigger::Edge
         };
         let (closed, watch) = (read(), &mut self.watch);
-        let needs_sample = tasks::inputs(cause, closed, watch, shared, &mut steps, &mut ChipPort);
+        let needs_sample = tasks::inputs(
+            trigger,
+            closed,
+            watch,
+            shared,
+            &mut steps,
+            &mut ChipPlatform,
+        );
         if is_sample {
             self.silent = self.silent.saturating_sub(1);
             if !needs_sample && self.silent == 0 {

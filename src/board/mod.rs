@@ -23,7 +23,7 @@ use nucleo_f446re as chosen;
 pub(crate) use nucleo_f446re::init;
 
 mod actuators;
-mod console;
+
 mod flash;
 mod inputs;
 mod outputs;
@@ -32,6 +32,7 @@ mod pins;
 mod proven;
 pub(crate) mod release;
 mod serial;
+mod serial_session;
 mod stack;
 mod step_output;
 mod step_timer;
@@ -45,10 +46,10 @@ mod wake;
 mod wiring;
 
 pub(crate) use actuators::Actuators;
-pub(crate) use console::SerialConsole;
 pub(crate) use inputs::{InputPins, InputTimer};
-pub(crate) use release::ChipPort;
+pub(crate) use release::ChipPlatform;
 pub(crate) use serial::Receiver;
+pub(crate) use serial_session::SerialSession;
 pub(crate) use step_output::{StepInterrupt, StepPins, StepSwitch};
 pub(crate) use stm32f4xx_hal::pac;
 pub(crate) use storage::Storage;

@@ -6,7 +6,7 @@ use core::{
     task::{Poll, Waker},
 };
 
-use leadscrew::tasks::{Port, Task};
+use leadscrew::tasks::{Platform, Task};
 
 use super::{outputs, pac::Interrupt, trace};
 
@@ -38,9 +38,9 @@ pub(super) fn pend_vector(vector: Interrupt) {
 }
 
 /// What every task but `prepare` has of the chip.
-pub(crate) struct ChipPort;
+pub(crate) struct ChipPlatform;
 
-impl Port for ChipPort {
+impl Platform for ChipPlatform {
     #[inline]
     fn pend(&mut self, task: Task) {
         pend(task);

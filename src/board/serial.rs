@@ -13,10 +13,10 @@
 use leadscrew::{
     model::{Awaited, Requests, queues::SENT_RING},
     protocol::{ByteReader, ByteWriter},
-    tasks::{self, Port as _, Task},
+    tasks::{self, Platform as _, Task},
 };
 
-use super::{ChipPort, chosen::Usart, pac::usart1::RegisterBlock as UsartRegisters};
+use super::{ChipPlatform, chosen::Usart, pac::usart1::RegisterBlock as UsartRegisters};
 
 /// Bytes left to send when a task that waits for room is woken, besides none.
 const SENT_HALF: usize = SENT_RING / 2;
@@ -58,7 +58,7 @@ fn receive(usart: &UsartRegisters, requests: &Requests, received: &mut ByteWrite
         return;
     }
     let byte = usart.dr().read().dr().bits() as u8;
-    tasks::serial_rx(byte, requests, received, &mut ChipPort);
+    tasks::serial_rx(byte, requests, received, &mut ChipPlatform);
 }
 
 /// The receiver while flash is erased, when `serial_rx` cannot run.
@@ -128,7 +128,7 @@ impl Transmitter {
         let after = self.0.len();
         let has_come_to = |waiting| after <= waiting && waiting < before;
         if (has_come_to(0) || has_come_to(SENT_HALF)) && requests.awaits(Awaited::ROOM) {
-            ChipPort.pend(Task::Wake);
+            ChipPlatform.pend(Task::Wake);
         }
     }
 }

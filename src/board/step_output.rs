@@ -2,7 +2,7 @@
 
 use leadscrew::{
     stepper::{EventTap, SegmentRing, StepEvent, Upcoming},
-    tasks::{StepOutput, StepPort},
+    tasks::{StepOutput, StepPlatform},
 };
 
 use super::{pins, release::SEGMENT_START, step_timer, step_timer::StepTimer};
@@ -17,7 +17,7 @@ impl StepPins {
     }
 }
 
-impl StepPort for StepPins {
+impl StepPlatform for StepPins {
     #[inline]
     fn output(&mut self) {
         pins::write();

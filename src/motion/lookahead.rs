@@ -70,7 +70,7 @@ pub(super) enum Pass {
     },
     /// Entry speeds, from the block `back` on backwards, the newest is 1; the squared entry speed of
     /// the block behind it.
-    Entries {
+    EntrySpeeds {
         back: usize,
         exit_sqr: f32,
         /// A block whose entry does not change does not end the pass.
@@ -80,14 +80,14 @@ pub(super) enum Pass {
 
 impl Pass {
     /// Entry speeds that a new block changes.
-    pub(super) const NEWEST_ENTRIES: Self = Self::Entries {
+    pub(super) const NEWEST_ENTRY_SPEEDS: Self = Self::EntrySpeeds {
         back: 1,
         exit_sqr: 0.0,
         is_new: false,
     };
 
     /// Entry speeds of all blocks.
-    pub(super) const ALL_ENTRIES: Self = Self::Entries {
+    pub(super) const ALL_ENTRY_SPEEDS: Self = Self::EntrySpeeds {
         back: 1,
         exit_sqr: 0.0,
         is_new: true,
@@ -229,7 +229,7 @@ impl LookAhead {
             }
             Profile::JerkLimited(plan) => {
                 plan.push(&mut self.queue);
-                self.pass = Pass::NEWEST_ENTRIES;
+                self.pass = Pass::NEWEST_ENTRY_SPEEDS;
             }
         }
     }
@@ -304,7 +304,7 @@ impl LookAhead {
         match self.pass {
             Pass::Done => false,
             Pass::Speeds { .. } | Pass::BlockLimits { .. } => true,
-            Pass::Entries { is_new, .. } => is_new,
+            Pass::EntrySpeeds { is_new, .. } => is_new,
         }
     }
 
@@ -339,19 +339,19 @@ impl LookAhead {
                 },
                 _,
             ) => self.plan_speeds_part(number, before_mm_s, progress),
-            (Pass::BlockLimits { .. }, Profile::Trapezoid) => *pass = Pass::ALL_ENTRIES,
+            (Pass::BlockLimits { .. }, Profile::Trapezoid) => *pass = Pass::ALL_ENTRY_SPEEDS,
             (Pass::BlockLimits { number, ahead_mm }, Profile::JerkLimited(plan)) => {
                 plan.plan_blocks_part(queue, pass, number, ahead_mm);
             }
             (
-                Pass::Entries {
+                Pass::EntrySpeeds {
                     back,
                     exit_sqr,
                     is_new,
                 },
                 Profile::Trapezoid,
             ) => trapezoid::plan_part(queue, pass, back, exit_sqr, is_new),
-            (Pass::Entries { back, is_new, .. }, Profile::JerkLimited(plan)) => {
+            (Pass::EntrySpeeds { back, is_new, .. }, Profile::JerkLimited(plan)) => {
                 plan.plan_junctions_part(queue, pass, back, is_new);
             }
         }
@@ -389,7 +389,7 @@ impl LookAhead {
             }
         } else {
             match self.profile {
-                Profile::Trapezoid => Pass::ALL_ENTRIES,
+                Profile::Trapezoid => Pass::ALL_ENTRY_SPEEDS,
                 Profile::JerkLimited(_) => Pass::BlockLimits {
                     number: 0,
                     ahead_mm: 0.0,

@@ -187,7 +187,7 @@ impl Motion {
     /// The first run must follow: it reads the door and arms the limit switches.
     pub fn power_up(&mut self, settings: &Settings, inputs: &Inputs) -> Snapshot {
         self.configure(settings, inputs);
-        self.published.outputs.drivers = settings.idle_delay_ms == delays::ALWAYS_ENABLED;
+        self.published.outputs.drivers = settings.idle_delay_ms == delays::IDLE_DELAY_INFINITE;
         if settings.homing || self.is_on_limit() {
             self.control.state = State::Alarm;
         }

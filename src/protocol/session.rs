@@ -9,8 +9,8 @@
 
 mod blending;
 mod commands;
-mod connection;
 mod dispatch;
+mod machine_sync;
 mod notifications;
 mod persistence;
 mod program;
@@ -36,7 +36,7 @@ use crate::{
     settings::{Change, Settings, StoreError, Stored},
     units::Nm,
 };
-use connection::Connection;
+use machine_sync::MachineSync;
 use notifications::Reports;
 use persistence::{AfterStore, Persistence};
 
@@ -165,7 +165,7 @@ struct Links<'a, 'q> {
 #[repr(C)]
 pub struct Session {
     stage: LineStage,
-    connection: Connection,
+    machine_sync: MachineSync,
     router: Router,
     interpreter: Interpreter,
     line: LineExecution,
@@ -188,7 +188,7 @@ impl Session {
                 is_first_boot,
                 owes_answer: false,
             },
-            connection: Connection::default(),
+            machine_sync: MachineSync::default(),
             router: Router::new(&stored.settings),
             interpreter,
             line: LineExecution {
@@ -208,7 +208,7 @@ impl Session {
     /// Returns the number of entries sent to the machine so far, wrapping.
     #[must_use]
     pub fn entered(&self) -> u32 {
-        self.connection.entered
+        self.machine_sync.entered
     }
 
     /// Returns the modal state, the offsets and the programmed position.
@@ -243,7 +243,7 @@ impl Session {
 
     /// Takes the request for a reset since the last call: `prepare` has to run.
     pub fn takes_release(&mut self) -> bool {
-        core::mem::take(&mut self.connection.has_reset_request)
+        core::mem::take(&mut self.machine_sync.has_reset_request)
     }
 
     /// One bounded piece of work: a line, or a few while entries wait for the machine.
@@ -290,7 +290,7 @@ impl Session {
         self.reports.is_status_due |= requests.take_status();
         self.observe(machine);
         let is_next = self.is_welcome_sent()
-            && requests.reset_count() == self.connection.reset_count
+            && requests.reset_count() == self.machine_sync.reset_count
             && self.reports.message.is_empty()
             && !self.reports.has_notices(machine);
         let is_sent =
@@ -360,7 +360,7 @@ impl Session {
             // With entries waiting, the machine need not be attended to before each line.
             let continues =
                 is_busy && self.stage == LineStage::Reading && progress == Progress::Again;
-            if !continues || links.requests.reset_count() != self.connection.reset_count {
+            if !continues || links.requests.reset_count() != self.machine_sync.reset_count {
                 return progress;
             }
         }
@@ -372,7 +372,7 @@ impl Session {
         let machine = links.machine;
         // While the machine is held, or ends a jog, no line is begun; the bytes stay where the sender
         // counts them.
-        let is_cancelled = self.connection.is_cancelled(machine);
+        let is_cancelled = self.machine_sync.is_cancelled(machine);
         let is_held = machine.state.is_suspended() || is_cancelled;
         match self.stage {
             LineStage::Reading | LineStage::AwaitingStandstill | LineStage::StartingUp(_)
@@ -396,7 +396,7 @@ impl Session {
             LineStage::Faulting => self.send_fault(links),
             LineStage::Resetting => {
                 links.requests.reset();
-                self.connection.has_reset_request = true;
+                self.machine_sync.has_reset_request = true;
                 Progress::Again
             }
         }

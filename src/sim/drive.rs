@@ -6,7 +6,7 @@ use rtic_core::Exclusive;
 use super::{
     Switch,
     contacts::Contacts,
-    port::{VirtualPort, VirtualSteps, VirtualTimer},
+    platform::{VirtualPlatform, VirtualSteps, VirtualTimer},
 };
 use crate::{
     axis::Axes,
@@ -17,7 +17,7 @@ use crate::{
     protocol::ByteWriter,
     settings::Settings,
     stepper::{EventRing, SegmentRing},
-    tasks::{self, Cause, Port, Task, Unlocked},
+    tasks::{self, InputTrigger, Platform, Task, Unlocked},
 };
 
 /// What the step pins do at one instant.
@@ -48,7 +48,7 @@ pub struct Drive {
     entries: Queue<Entry, ENTRY_RING>,
     events: EventRing,
     timer: VirtualTimer,
-    port: VirtualPort,
+    platform: VirtualPlatform,
     contacts: Contacts,
     watch: Watch,
     /// When the inputs are sampled next, ticks.
@@ -76,11 +76,11 @@ impl Drive {
             entries: Queue::new(),
             events: const { EventRing::new() },
             timer: VirtualTimer::new(),
-            port: VirtualPort::new(Outputs::default()),
+            platform: VirtualPlatform::new(Outputs::default()),
         };
         drive.snapshot = drive.motion.power_up(settings, &drive.inputs);
         drive.watch = Watch::new(Levels::NONE, &drive.inputs);
-        drive.port.outputs = *drive.motion.outputs();
+        drive.platform.outputs = *drive.motion.outputs();
         drive
     }
 
@@ -99,22 +99,22 @@ impl Drive {
     /// Returns when `prepare` is released after a delay, ticks: [`Drive::wake`] does it.
     #[must_use]
     pub const fn wake_due(&self) -> Option<u64> {
-        self.port.wake_due
+        self.platform.wake_due
     }
 
     /// Releases `prepare` if its delay is over.
     pub fn wake(&mut self, now: u64) {
-        if self.port.wake_due.is_some_and(|due| due <= now) {
-            self.port.wake_due = None;
-            self.port.is_wake_over = true;
-            self.port.pend(Task::Prepare);
+        if self.platform.wake_due.is_some_and(|due| due <= now) {
+            self.platform.wake_due = None;
+            self.platform.is_wake_over = true;
+            self.platform.pend(Task::Prepare);
         }
     }
 
     /// Returns what is switched now, with the duty that is output.
     #[must_use]
     pub const fn outputs(&self) -> &Outputs {
-        &self.port.outputs
+        &self.platform.outputs
     }
 
     /// Returns when the inputs are sampled next, ticks: [`Drive::watch`] does it.
@@ -158,11 +158,11 @@ impl Drive {
         if !is_edge && self.sample_due.is_none_or(|due| due > now) {
             return;
         }
-        let cause = if is_edge {
-            Cause::Edge
+        let trigger = if is_edge {
+            InputTrigger::Edge
         } else {
             self.sample_due = None;
-            Cause::Sample
+            InputTrigger::Sample
         };
         let shared = Unlocked::new(requests, &self.inputs, &self.segments);
         let mut steps = VirtualSteps {
@@ -170,20 +170,29 @@ impl Drive {
             events: self.events.split().0.tap(),
         };
         let (closed, watch) = (self.contacts.closed, &mut self.watch);
-        let needs_sample = tasks::inputs(cause, closed, watch, shared, &mut steps, &mut self.port);
+        let needs_sample = tasks::inputs(
+            trigger,
+            closed,
+            watch,
+            shared,
+            &mut steps,
+            &mut self.platform,
+        );
         if needs_sample && self.sample_due.is_none() {
             self.sample_due = Some(now + u64::from(SAMPLE_TICKS));
         }
     }
 
     /// Returns what `interpret` reads, fills and releases.
-    pub(super) fn for_interpret(&mut self) -> (&Snapshot, Producer<'_, Entry>, &mut VirtualPort) {
-        (&self.snapshot, self.entries.split().0, &mut self.port)
+    pub(super) fn for_interpret(
+        &mut self,
+    ) -> (&Snapshot, Producer<'_, Entry>, &mut VirtualPlatform) {
+        (&self.snapshot, self.entries.split().0, &mut self.platform)
     }
 
     /// Runs `serial_rx`: a byte arrives.
     pub fn receive(&mut self, byte: u8, requests: &Requests, received: &mut ByteWriter<'_>) {
-        tasks::serial_rx(byte, requests, received, &mut self.port);
+        tasks::serial_rx(byte, requests, received, &mut self.platform);
     }
 
     /// Enqueues an entry as `interpret` does. Returns whether there was room.
@@ -191,7 +200,7 @@ impl Drive {
         let (mut entries, _) = self.entries.split();
         let is_enqueued = entries.enqueue(entry).is_ok();
         if tasks::needs_release(is_enqueued.into(), &entries) {
-            self.port.pend(Task::Prepare);
+            self.platform.pend(Task::Prepare);
         }
         is_enqueued
     }
@@ -204,20 +213,20 @@ impl Drive {
 
     /// Releases `prepare`.
     pub fn release_prepare(&mut self) {
-        self.port.pend(Task::Prepare);
+        self.platform.pend(Task::Prepare);
     }
 
     /// Returns once whether the tasks of the protocol have been released.
     pub fn take_wake(&mut self) -> bool {
-        core::mem::take(&mut self.port.is_wake_released)
+        core::mem::take(&mut self.platform.is_wake_released)
     }
 
     /// Runs `prepare` if it has been released. Returns whether it ran.
     pub fn prepare(&mut self, requests: &Requests, now: u64) -> bool {
-        if !core::mem::take(&mut self.port.is_prepare_released) {
+        if !core::mem::take(&mut self.platform.is_prepare_released) {
             return false;
         }
-        (self.timer.now, self.port.now) = (now, now);
+        (self.timer.now, self.platform.now) = (now, now);
         let (_, mut entries) = self.entries.split();
         let (mut events, _) = self.events.split();
         let shared = Unlocked::new(requests, &self.inputs, &self.segments);
@@ -232,7 +241,7 @@ impl Drive {
             shared,
             &mut Exclusive(&mut self.snapshot),
             &mut steps,
-            &mut self.port,
+            &mut self.platform,
         );
         self.snapshot.observe(&self.segments, &self.inputs);
         self.segment_start();
@@ -241,11 +250,11 @@ impl Drive {
 
     /// Runs the step interrupt, and `segment_start` if it is released. Returns what the pins do now.
     pub fn step(&mut self) -> Option<Edge> {
-        let edge = self.timer.edge(self.port.outputs.duty)?;
+        let edge = self.timer.edge(self.platform.outputs.duty)?;
         let (_, mut events) = self.events.split();
         tasks::step(&mut self.timer, &mut events, &self.segments);
         if core::mem::take(&mut self.timer.is_segment_start_released) {
-            self.port.pend(Task::SegmentStart);
+            self.platform.pend(Task::SegmentStart);
         }
         self.segment_start();
         if edge.raise != 0 {
@@ -257,9 +266,9 @@ impl Drive {
 
     /// Runs `segment_start` until it is not released: it comes before all but `step`.
     fn segment_start(&mut self) {
-        while core::mem::take(&mut self.port.is_segment_start_released) {
+        while core::mem::take(&mut self.platform.is_segment_start_released) {
             let played = self.events.split().0.tap();
-            tasks::segment_start(&self.segments, played, &mut self.port);
+            tasks::segment_start(&self.segments, played, &mut self.platform);
         }
     }
 }

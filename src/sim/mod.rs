@@ -3,7 +3,7 @@
 mod contacts;
 mod drive;
 mod flash;
-mod port;
+mod platform;
 mod simulator;
 mod step_statistics;
 mod stream;

@@ -11,7 +11,7 @@ use crate::{
     protocol::{Bytes, Progress, Session},
     settings::{Change, Journal, Loaded, Settings, StepRate, Stored},
     stepper::SegmentRing,
-    tasks::{self, Console},
+    tasks::{self, SessionIo},
 };
 
 /// The machine behind its serial line, on a virtual clock of timer ticks.
@@ -223,7 +223,7 @@ impl Simulator {
     /// If anything moves while something is stored: the chip could not output steps meanwhile.
     fn interpret(&mut self) {
         let is_at_rest = self.drive.due().is_none() && self.snapshot().is_at_rest;
-        let console = Console {
+        let io = SessionIo {
             session: &mut self.session,
             received: &mut self.received.split().1,
             sent: &mut self.sent.split().0,
@@ -233,19 +233,19 @@ impl Simulator {
             assert!(is_at_rest, "the flash is written at rest only");
             journal.write(change, stored)
         };
-        let (snapshot, mut entries, port) = self.drive.for_interpret();
+        let (snapshot, mut entries, platform) = self.drive.for_interpret();
         let requests = &self.requests;
-        let progress = tasks::interpret(console, snapshot, requests, &mut entries, store, port);
+        let progress = tasks::interpret(io, snapshot, requests, &mut entries, store, platform);
         self.is_interpret_released = progress == Progress::Again;
     }
 
     fn report(&mut self) {
-        let console = Console {
+        let io = SessionIo {
             session: &mut self.session,
             received: &mut self.received.split().1,
             sent: &mut self.sent.split().0,
         };
-        let progress = tasks::report(console, self.drive.snapshot(), &self.requests);
+        let progress = tasks::report(io, self.drive.snapshot(), &self.requests);
         self.is_report_released = progress == Progress::Again;
     }
 }

@@ -27,8 +27,8 @@ const INTERNALS: [&str; 6] = [
 /// Methods of the same names that are the shells' own, with what they are called on.
 const OWN: [(&str, &str); 5] = [
     ("tasks", "report"),
-    ("on", "run"),
-    ("on", "report"),
+    ("serial", "run"),
+    ("serial", "report"),
     ("self", "report"),
     ("simulator", "advance"),
 ];
@@ -108,7 +108,7 @@ fn a_call_beside_the_tasks_is_found_however_it_is_written() {
     for source in [
         "// motion.run()\n",
         "tasks::report(console, &snapshot, requests);\n",
-        "let run = |on: &mut SerialConsole| on.run(&snapshot);\n",
+        "let run = |serial: &mut SerialSession| serial.run(&snapshot);\n",
         "pub(crate) fn run(&mut self) {}\n",
         "self.simulator.advance(next)\n",
     ] {

@@ -224,7 +224,7 @@ impl Plan {
             }
         }
         *pass = if end == queue.len() {
-            Pass::ALL_ENTRIES
+            Pass::ALL_ENTRY_SPEEDS
         } else {
             Pass::BlockLimits {
                 number: end,
@@ -266,7 +266,7 @@ impl Plan {
             plan.junction = junction;
         }
         if end < queue.len() {
-            *pass = Pass::Entries {
+            *pass = Pass::EntrySpeeds {
                 back: end,
                 exit_sqr: 0.0,
                 is_new,
@@ -295,7 +295,7 @@ impl Plan {
         queued.block.junction_sqr = 0.0;
         queued.limit_sqr = 0.0;
         queued.jerk_limited.corner_mm_s = 0.0;
-        *pass = Pass::NEWEST_ENTRIES;
+        *pass = Pass::NEWEST_ENTRY_SPEEDS;
     }
 
     /// Whether the reference has been too fast for the newest corner.

@@ -3,8 +3,8 @@
 use super::Motion;
 use crate::{axis::Z, machine::Event};
 
-/// `$1` of drivers that are never disabled.
-pub(super) const ALWAYS_ENABLED: u8 = 255;
+/// Value of `$1` with which the drivers stay enabled at rest, as in Grbl 1.1 (`config.h`).
+pub(super) const IDLE_DELAY_INFINITE: u8 = 255;
 /// Time for the spindle to come up to speed after the safety door was open, ms, as in Grbl.
 const SPINDLE_DELAY_MS: u16 = 4000;
 /// Time for the coolant to flow after the safety door was open, ms, as in Grbl.
@@ -132,7 +132,7 @@ impl Motion {
     /// Begins the delay after which the drivers are disabled, at rest.
     pub(super) fn start_idle_delay(&mut self) {
         let moves = !self.plan.is_empty() && self.control.executes();
-        let stays = self.delays.idle_ms == ALWAYS_ENABLED && !self.delays.disables_drivers;
+        let stays = self.delays.idle_ms == IDLE_DELAY_INFINITE && !self.delays.disables_drivers;
         if self.delays.running != Delay::None || !self.published.outputs.drivers || moves || stays {
             return;
         }

@@ -98,7 +98,7 @@ fn backward_part<const IS_NEW: bool>(
         plan.entry_sqr = exit_sqr;
     }
     if blocks < remaining {
-        *pass = Pass::Entries {
+        *pass = Pass::EntrySpeeds {
             back: from + blocks,
             exit_sqr,
             is_new: IS_NEW,

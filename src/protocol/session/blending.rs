@@ -18,8 +18,10 @@ use crate::{
     protocol::report,
 };
 
-/// Entries that keep the machine busy: below that, the distance decides.
-const BUSY_ENTRIES: u32 = 8;
+/// Unfinished entries with which the machine is far from braking: with fewer, the distance decides.
+/// Bounded from below, by 2, by the test `what_is_held_back_does_not_slow_the_machine_down` in
+/// `tests/path_control.rs`; a greater number only has the distance computed more often.
+const HANDOVER_ENTRIES: u32 = 8;
 /// Time for a move that is held back to reach the machine before it brakes, s: the segments made in
 /// advance (3.5 ms), and the interpretation of a line. Bounded from below by the test
 /// `what_is_held_back_does_not_slow_the_machine_down` in `tests/path_control.rs`.
@@ -37,7 +39,7 @@ impl Session {
 
     /// Drops moves that the machine would not execute: it is locked, or has ended a motion early.
     pub(super) fn drop_cancelled(&mut self, machine: &Snapshot) {
-        if machine.state == State::Alarm || self.connection.is_cancelled(machine) {
+        if machine.state == State::Alarm || self.machine_sync.is_cancelled(machine) {
             self.blender.clear();
         }
     }
@@ -60,9 +62,9 @@ impl Session {
     #[inline(never)]
     fn flush_moves_near_end(&mut self, links: &mut Links<'_, '_>) {
         let machine = links.machine;
-        let waiting = self.connection.entered.wrapping_sub(machine.finished);
-        let is_near_end = waiting < BUSY_ENTRIES
-            && self.router.distance_from_mm(&machine.steps) <= self.connection.handover_mm;
+        let waiting = self.machine_sync.entered.wrapping_sub(machine.finished);
+        let is_near_end = waiting < HANDOVER_ENTRIES
+            && self.router.distance_from_mm(&machine.steps) <= self.machine_sync.handover_mm;
         if waiting == 0 || is_near_end {
             self.router.flush(&mut self.blender);
         }
@@ -94,11 +96,11 @@ impl Session {
                 if let Work::Move(block) = &work {
                     let speed = block.limit_mm_s.min(block.programmed_mm_s);
                     let braking_s = 0.5 * speed / block.acceleration_mm_s2;
-                    self.connection.handover_mm = speed * (braking_s + HANDOVER_S);
+                    self.machine_sync.handover_mm = speed * (braking_s + HANDOVER_S);
                 }
-                let reset_count = self.connection.entry_reset_count();
+                let reset_count = self.machine_sync.entry_reset_count();
                 if entries.enqueue(Entry { reset_count, work }).is_ok() {
-                    self.connection.count_entry();
+                    self.machine_sync.count_entry();
                 }
             }
             self.blender.dequeue();

@@ -104,13 +104,13 @@ impl Session {
 
     /// Returns what `$` statements may ask of the machine now.
     fn condition(&self, machine: &Snapshot) -> Condition {
-        let has_finished = self.connection.has_finished(machine) && !self.blender.has_pending();
+        let has_finished = self.machine_sync.has_finished(machine) && !self.blender.has_pending();
         match machine.state {
             State::Alarm => Condition::Alarm,
             State::Check => Condition::Check,
             State::Jog => Condition::Jog,
             State::Idle if has_finished => Condition::Idle,
-            State::Idle | State::Run if self.connection.is_jogging && !has_finished => {
+            State::Idle | State::Run if self.machine_sync.is_jogging && !has_finished => {
                 Condition::Jog
             }
             State::Idle

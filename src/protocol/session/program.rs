@@ -62,8 +62,8 @@ impl Session {
         received: &mut ByteReader<'_>,
     ) -> Result<(), Refusal> {
         let may_be_locked =
-            matches!(machine.state, State::Alarm | State::Jog) || self.connection.is_jogging;
-        if !self.connection.is_position_known || may_be_locked || !self.line.input.is_empty() {
+            matches!(machine.state, State::Alarm | State::Jog) || self.machine_sync.is_jogging;
+        if !self.machine_sync.is_position_known || may_be_locked || !self.line.input.is_empty() {
             return Err(Refusal::NotPlain);
         }
         let waiting = received.len();
@@ -114,7 +114,7 @@ impl Session {
     /// Checks the line, and then executes it or leaves it for later.
     pub(super) fn interpret(&mut self, links: &mut Links<'_, '_>) -> Progress {
         let machine = links.machine;
-        if !self.connection.is_position_known {
+        if !self.machine_sync.is_position_known {
             self.line.checked = Checked::default();
             return self.await_standstill();
         }

@@ -18,10 +18,10 @@ use crate::{
 impl Session {
     /// Drops everything that a new reset cancels, if one has come.
     pub(super) fn begin_reset(&mut self, reset_count: u32) {
-        if reset_count == self.connection.reset_count {
+        if reset_count == self.machine_sync.reset_count {
             return;
         }
-        self.connection.reset_count = reset_count;
+        self.machine_sync.reset_count = reset_count;
         if matches!(self.stage, LineStage::Storing(_)) {
             self.persistence.defer();
         }
@@ -32,8 +32,8 @@ impl Session {
             };
         }
         self.blender.clear();
-        self.connection.is_jogging = false;
-        self.connection.is_position_known = false;
+        self.machine_sync.is_jogging = false;
+        self.machine_sync.is_position_known = false;
         self.reports.has_reported_fault = false;
     }
 
@@ -68,7 +68,7 @@ impl Session {
         else {
             return true;
         };
-        if self.connection.reset_count != 0 {
+        if self.machine_sync.reset_count != 0 {
             // No more than the capacity of the queue.
             for _ in 0..links.received.capacity() {
                 if links.received.dequeue().is_none() {
@@ -76,7 +76,7 @@ impl Session {
                 }
             }
         }
-        if links.machine.reset_count != self.connection.reset_count {
+        if links.machine.reset_count != self.machine_sync.reset_count {
             return false;
         }
         if links.machine.reset_in_motion {
@@ -142,7 +142,7 @@ impl Session {
     /// Begins the first startup line from `first` on that is not empty.
     pub(super) fn start_up(&mut self, first: usize, links: &mut Links<'_, '_>) -> Progress {
         let is_homed = matches!(self.line.source, Source::Startup { is_homed: true, .. });
-        if !self.connection.is_position_known {
+        if !self.machine_sync.is_position_known {
             return Progress::Waiting;
         }
         let lines = &self.persistence.stored.startup;

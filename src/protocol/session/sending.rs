@@ -84,12 +84,12 @@ impl Session {
         }
         self.router
             .set_exact_stop(control == PathControl::ExactStop);
-        let reset_count = self.connection.entry_reset_count();
+        let reset_count = self.machine_sync.entry_reset_count();
         if enqueue(&mut self.router, command, reset_count, links.entries) {
-            self.connection.is_jogging |= self.line.source == Source::Jog;
-            self.connection.count_entry();
+            self.machine_sync.is_jogging |= self.line.source == Source::Jog;
+            self.machine_sync.count_entry();
         } else if let Some(work) = self.work_without_steps(links.machine, number) {
-            self.connection.is_jogging |= self.line.source == Source::Jog;
+            self.machine_sync.is_jogging |= self.line.source == Source::Jog;
             self.send_work(work, links);
         }
     }

@@ -186,19 +186,19 @@ mod tests {
     }
 
     const MISS: u64 = 100;
-    const WARM: u32 = 12;
-    const COLD: u32 = 20;
+    const WARM_LINES: u32 = 12;
+    const COLD_LINES: u32 = 20;
 
     fn act() -> impl Strategy<Value = Act> {
-        let warm = || proptest::collection::vec(0..WARM, 1..20);
+        let warm = || proptest::collection::vec(0..WARM_LINES, 1..20);
         let in_visit = proptest::collection::vec((0..32_u32, any::<bool>()), 1..60);
         prop_oneof![
             20 => (0..2000_u32).prop_map(Act::Line),
             20 => (0..40_u32).prop_map(Act::Line),
-            1 => (1..=64 - WARM - COLD, in_visit).prop_map(|(lines, rounds)| Act::Visit(lines, rounds)),
+            1 => (1..=64 - WARM_LINES - COLD_LINES, in_visit).prop_map(|(lines, rounds)| Act::Visit(lines, rounds)),
             3 => warm().prop_map(Act::Warm),
-            1 => Just(Act::Warm((0..WARM).collect())),
-            2 => proptest::collection::vec(0..COLD, 1..30).prop_map(Act::Cold),
+            1 => Just(Act::Warm((0..WARM_LINES).collect())),
+            2 => proptest::collection::vec(0..COLD_LINES, 1..30).prop_map(Act::Cold),
         ]
     }
 
@@ -208,8 +208,8 @@ mod tests {
             let round = |time| {
                 let code = (0..lines).map(move |line| Act::Line(time * lines + line));
                 code.chain([
-                    Act::Cold((0..COLD).collect()),
-                    Act::Warm((0..WARM).collect()),
+                    Act::Cold((0..COLD_LINES).collect()),
+                    Act::Warm((0..WARM_LINES).collect()),
                 ])
             };
             (0..times).flat_map(round).collect()
@@ -221,7 +221,7 @@ mod tests {
         fn warm_tasks_miss_no_more_lines_than_are_charged(
             acts in prop_oneof![proptest::collection::vec(act(), 1..1500), evicting()],
         ) {
-            let share = Share::new(WARM as usize, (WARM + COLD) as usize, MISS).unwrap();
+            let share = Share::new(WARM_LINES as usize, (WARM_LINES + COLD_LINES) as usize, MISS).unwrap();
             let mut cache = Lru::default();
             let (mut missed, mut again, mut charged) = (0, 0, share.of_visit);
             let mut in_use = Vec::new();
@@ -234,11 +234,11 @@ mod tests {
                     }
                     Act::Visit(lines, rounds) => {
                         // Its own lines, and once those beside.
-                        charged += share.of_visit + u64::from(WARM) * MISS;
+                        charged += share.of_visit + u64::from(WARM_LINES) * MISS;
                         for (line, preempts) in rounds {
                             cache.touch(5000 + line % lines);
                             if *preempts {
-                                missed += (0..WARM).map(|line| cache.touch(line)).sum::<u64>();
+                                missed += (0..WARM_LINES).map(|line| cache.touch(line)).sum::<u64>();
                             }
                         }
                         in_use.clear();

@@ -15,9 +15,9 @@ use crate::{
     rta::{self, Arrival, Load},
 };
 
-/// The tasks whose lines stay in the cache beside those of loops and stretches.
+/// The tasks whose lines are resident in the cache beside those of loops and stretches.
 #[derive(Debug, Clone)]
-pub(crate) struct CachedTasks {
+pub(crate) struct ResidentTasks {
     /// Their rows.
     pub(crate) rows: Vec<usize>,
     /// Their lines.

@@ -5,7 +5,7 @@ use std::collections::{BTreeMap, BTreeSet};
 
 use crate::{
     persistence::Share,
-    persistent_window::{CachedTasks, PersistentCost},
+    persistent_window::{PersistentCost, ResidentTasks},
     row_demand::RowDemand,
     rta::Arrival,
     system::System,
@@ -21,7 +21,7 @@ pub(crate) struct PreemptingTasks<'a> {
     /// Rows of the warm tasks, and of the cold ones.
     warm: Vec<usize>,
     cold: Vec<usize>,
-    pub(crate) cached: CachedTasks,
+    pub(crate) cached: ResidentTasks,
 }
 
 impl<'a> PreemptingTasks<'a> {
@@ -47,7 +47,7 @@ impl<'a> PreemptingTasks<'a> {
             named,
             warm: rows(warm),
             cold: rows(cold),
-            cached: CachedTasks {
+            cached: ResidentTasks {
                 rows: rows(&all),
                 lines: lines(&all),
                 share: Share::new(sizes.0, sizes.1, system.model.miss())?,

@@ -7,7 +7,7 @@ use std::{collections::BTreeMap, rc::Rc};
 
 use crate::{
     Point, Wcet,
-    persistent_window::{CachedTasks, PersistentCost},
+    persistent_window::{PersistentCost, ResidentTasks},
     rta::Arrival,
     system::{Cost, System},
 };
@@ -134,7 +134,7 @@ impl RowDemand {
         &self,
         system: &System<'_>,
         named: &BTreeMap<String, u64>,
-        beside: &CachedTasks,
+        beside: &ResidentTasks,
     ) -> Option<(Vec<(Arrival, PersistentCost)>, u64)> {
         let (all, visit) = system.persistent_cost(self.row, named, beside)?;
         let Some(units) = &self.units else {

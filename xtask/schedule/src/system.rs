@@ -12,7 +12,7 @@ use crate::{
     config::{self, ModeConfig, TaskConfig, Units},
     model::LINE_BYTES,
     persistence::{self, Share},
-    persistent_window::{CachedTasks, PersistentCost},
+    persistent_window::{PersistentCost, ResidentTasks},
     rta::Arrival,
     stack,
     wcet::Wcets,
@@ -324,7 +324,7 @@ impl<'a> System<'a> {
         &self,
         row: usize,
         named: &BTreeMap<String, u64>,
-        beside: &CachedTasks,
+        beside: &ResidentTasks,
     ) -> Option<(PersistentCost, u64)> {
         let values = self.used[row]
             .iter()

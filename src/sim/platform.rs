@@ -4,13 +4,13 @@ use super::Edge;
 use crate::{
     model::Outputs,
     stepper::{EventTap, SegmentRing, StepEvent, Upcoming},
-    tasks::{Port, PreparePort, StepOutput, StepPort, Task},
+    tasks::{Platform, PreparePlatform, StepOutput, StepPlatform, Task},
     units::TICKS_PER_MS,
 };
 
 /// Which tasks are released, the outputs, and the timer of `prepare`.
 #[derive(Debug)]
-pub(super) struct VirtualPort {
+pub(super) struct VirtualPlatform {
     /// The time, ticks.
     pub(super) now: u64,
     /// What is switched, with the duty that is output.
@@ -24,7 +24,7 @@ pub(super) struct VirtualPort {
     pub(super) is_wake_released: bool,
 }
 
-impl VirtualPort {
+impl VirtualPlatform {
     /// With `prepare` released, as at power-up.
     pub(super) const fn new(outputs: Outputs) -> Self {
         Self {
@@ -39,7 +39,7 @@ impl VirtualPort {
     }
 }
 
-impl Port for VirtualPort {
+impl Platform for VirtualPlatform {
     fn pend(&mut self, task: Task) {
         match task {
             Task::SegmentStart => self.is_segment_start_released = true,
@@ -53,7 +53,7 @@ impl Port for VirtualPort {
     }
 }
 
-impl PreparePort for VirtualPort {
+impl PreparePlatform for VirtualPlatform {
     fn take_wake(&mut self) -> bool {
         core::mem::take(&mut self.is_wake_over)
     }
@@ -111,7 +111,7 @@ impl VirtualTimer {
     }
 }
 
-impl StepPort for VirtualTimer {
+impl StepPlatform for VirtualTimer {
     fn output(&mut self) {
         if let Some((ticks, event)) = self.due.take() {
             self.now = ticks;

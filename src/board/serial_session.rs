@@ -1,4 +1,9 @@
-//! The conversation with the sender, as two tasks of one priority have it.
+//! The session on the serial line, shared by `interpret`, `report` and `idle`.
+//!
+//! # Cost
+//!
+//! The queues are small and come first in memory: short offsets reach them. The status of the port is
+//! read only while bytes wait to be sent: in the emulator, each read wakes another thread.
 
 use heapless::spsc::Producer;
 use leadscrew::{
@@ -6,23 +11,23 @@ use leadscrew::{
     model::Requests,
     path::Entry,
     protocol::{ByteReader, ByteWriter, Progress, Session},
-    tasks::{self, Console},
+    tasks::{self, SessionIo},
 };
 
-use super::{ChipPort, Storage, pins, serial::Transmitter};
+use super::{ChipPlatform, Storage, pins, serial::Transmitter};
 
-/// The session and its queues, which are small and come first in memory.
+/// The session, its queues and the transmitter.
 #[expect(unreachable_pub, reason = "RTIC wants what is locked to be public")]
 #[repr(C)]
-pub struct SerialConsole {
+pub struct SerialSession {
     received: ByteReader<'static>,
     sent: ByteWriter<'static>,
     transmitter: Transmitter,
     session: Session,
 }
 
-impl SerialConsole {
-    /// About what is received; what is to be sent goes through a queue.
+impl SerialSession {
+    /// Joins a session with the queues of received bytes and of bytes to be sent.
     pub(crate) const fn new(
         session: Session,
         received: ByteReader<'static>,
@@ -45,9 +50,9 @@ impl SerialConsole {
         storage: &mut Storage,
     ) -> Progress {
         let store = |change, stored: &_| storage.write(change, stored);
-        let console = self.console();
-        let port = &mut ChipPort;
-        let progress = tasks::interpret(console, snapshot, requests, entries, store, port);
+        let io = self.io();
+        let platform = &mut ChipPlatform;
+        let progress = tasks::interpret(io, snapshot, requests, entries, store, platform);
         // Settings change at rest only, and nothing moves before the session goes on.
         pins::configure_if_changed(self.session.settings());
         self.transmitter.send_all(requests);
@@ -56,27 +61,25 @@ impl SerialConsole {
 
     /// Runs `report`. Returns its progress.
     pub(crate) fn report(&mut self, snapshot: &Snapshot, requests: &Requests) -> Progress {
-        let progress = tasks::report(self.console(), snapshot, requests);
+        let progress = tasks::report(self.io(), snapshot, requests);
         self.transmitter.send_all(requests);
         progress
     }
 
-    const fn console(&mut self) -> Console<'_, 'static> {
-        Console {
+    const fn io(&mut self) -> SessionIo<'_, 'static> {
+        SessionIo {
             session: &mut self.session,
             received: &mut self.received,
             sent: &mut self.sent,
         }
     }
 
-    /// Sends a byte if any are left and the port takes one, for `idle`. Returns whether any were left.
-    ///
-    /// Reads the port's status only then: in the emulator, each read wakes another thread.
+    /// Sends a byte if any waits and the port takes one, for `idle`. Returns whether any waited.
     pub(crate) fn send_rest(&mut self, requests: &Requests) -> bool {
-        let is_any_left = !self.transmitter.is_done();
-        if is_any_left {
+        let has_waiting = !self.transmitter.is_done();
+        if has_waiting {
             self.transmitter.send_next(requests);
         }
-        is_any_left
+        has_waiting
     }
 }

@@ -1,4 +1,4 @@
-//! The connection to the machine: entries sent, resets seen, and the position.
+//! What the session knows of the machine: entries sent and done, resets acted on, the position.
 
 use heapless::spsc::Producer;
 
@@ -8,9 +8,9 @@ use crate::{
     path::{Entry, Work},
 };
 
-/// What the machine has been sent, and what is known of it.
+/// How far the session and the machine are in step: the interpreter runs ahead of the motion.
 #[derive(Debug, Default)]
-pub(super) struct Connection {
+pub(super) struct MachineSync {
     /// Number of entries sent so far, wrapping.
     pub(super) entered: u32,
     /// The reset that the session has acted on.
@@ -27,7 +27,7 @@ pub(super) struct Connection {
     pub(super) handover_mm: f32,
 }
 
-impl Connection {
+impl MachineSync {
     /// Returns whether every entry has been done.
     pub(super) fn has_finished(&self, machine: &Snapshot) -> bool {
         machine.finished == self.entered
@@ -60,12 +60,12 @@ impl Connection {
 impl Session {
     /// Returns whether everything sent to the machine has been done, and the machine stands still.
     pub(super) fn is_done(&self, machine: &Snapshot) -> bool {
-        machine.is_at_rest && self.connection.has_finished(machine) && !self.blender.has_pending()
+        machine.is_at_rest && self.machine_sync.has_finished(machine) && !self.blender.has_pending()
     }
 
     /// Sends work that needs standstill.
     pub(super) fn send_work(&mut self, work: Work, links: &mut Links<'_, '_>) {
-        self.connection.send(work, links.entries);
+        self.machine_sync.send(work, links.entries);
     }
 
     /// Latches the position of the machine at standstill, if it is not known.
@@ -73,16 +73,16 @@ impl Session {
         if !self.is_done(machine) {
             return;
         }
-        self.connection.is_jogging = false;
+        self.machine_sync.is_jogging = false;
         // A cancelled jog has not come to its end, and one that still waits for room is dropped.
-        if self.connection.is_cancelled(machine) {
-            self.connection.cancelled_motions = machine.cancelled_motions;
-            self.connection.is_position_known = false;
+        if self.machine_sync.is_cancelled(machine) {
+            self.machine_sync.cancelled_motions = machine.cancelled_motions;
+            self.machine_sync.is_position_known = false;
             if self.line.source == Source::Jog {
                 self.line.outcome.commands.clear();
             }
         }
-        if !self.connection.is_position_known {
+        if !self.machine_sync.is_position_known {
             self.adopt_position(machine);
         }
     }
@@ -91,6 +91,6 @@ impl Session {
     pub(super) fn adopt_position(&mut self, machine: &Snapshot) {
         let position = self.router.set_steps(machine.steps);
         self.interpreter.set_position(position);
-        self.connection.is_position_known = true;
+        self.machine_sync.is_position_known = true;
     }
 }
