@@ -12,14 +12,14 @@ use leadscrew::{
 use proptest::prelude::*;
 use support::{Act, Begin, PROVEN, Rig, TICKS_PER_S, arc, cases, check_limits, line, number, with};
 
-/// `segment`, `smooth_segment` and `saved_segments` in schedule.toml.
+/// `segment`, `jerk_limited_segment` and `extra_segments` in schedule.toml.
 const MEAN_TICKS: u32 = TICKS_PER_MS * 7 / 10;
-const SMOOTH_MEAN_TICKS: u32 = TICKS_PER_MS * 3 / 4;
-const SMOOTH_SAVED: u32 = 2;
-/// `[trade]` there: a segment may come instead of so many steps.
+const JERK_LIMITED_MEAN_TICKS: u32 = TICKS_PER_MS * 3 / 4;
+const JERK_LIMITED_EXTRA_SEGMENTS: u32 = 2;
+/// `substituted_steps` there: one segment may come instead of this number of steps.
 const STEPS_PER_SEGMENT: f64 = (78 + 12 * (AXES - 3)) as f64;
-/// As `saved_segments`, of which one is what is begun before those that are saved.
-const SAVED: f64 = 2.0;
+/// As `extra_segments`: one of them is the segment begun before the window.
+const EXTRA_SEGMENTS: f64 = 2.0;
 /// Longest segment, with a standstill that comes and goes in the same step.
 const LONGEST_TICKS: u32 = TICKS_PER_MS * 3 / 2 + EVENT_SPACING_TICKS;
 
@@ -38,7 +38,7 @@ fn check(segments: &[Begin], step_rate: StepRate) -> Result<(), TestCaseError> {
         let instead = left_out / STEPS_PER_SEGMENT;
         level = (level + 1.0 - ticks / f64::from(MEAN_TICKS) - instead).max(0.0);
         // Each axis may make a step more.
-        let most = SAVED + AXES as f64 / STEPS_PER_SEGMENT;
+        let most = EXTRA_SEGMENTS + AXES as f64 / STEPS_PER_SEGMENT;
         prop_assert!(
             level <= most,
             "{level} at {} of {segments:?}",
@@ -51,7 +51,11 @@ fn check(segments: &[Begin], step_rate: StepRate) -> Result<(), TestCaseError> {
 /// The same where acceleration is continuous, with a mean of their own and whatever steps are made.
 fn check_smooth(segments: &[Begin], ramp_s: f32) -> Result<(), TestCaseError> {
     if ramp_s > 0.0 {
-        check_mean(segments, SMOOTH_MEAN_TICKS, SMOOTH_SAVED)
+        check_mean(
+            segments,
+            JERK_LIMITED_MEAN_TICKS,
+            JERK_LIMITED_EXTRA_SEGMENTS,
+        )
     } else {
         check(segments, PROVEN)
     }

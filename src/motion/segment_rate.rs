@@ -127,7 +127,7 @@ const JERK_LIMITED_ARC_S: f32 =
 const JERK_LIMITED_QUARTER_S: f32 = (1.0 - JERK_LIMITED_SAVED_SHARE)
     * (2.0 * NOMINAL_SEGMENT_S - LONGEST_SEGMENT_S)
     / JERK_LIMITED_SAVED_SHARE;
-/// Shortest mean duration of segments with the jerk-limited profile, s: `smooth_segment` in
+/// Shortest mean duration of segments with the jerk-limited profile, s: `jerk_limited_segment` in
 /// `schedule.toml`.
 const JERK_LIMITED_MEAN_SEGMENT_S: f32 = 0.75e-3;
 /// [`SAVED_SHARE`] with that mean.

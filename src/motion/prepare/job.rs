@@ -18,7 +18,7 @@ use crate::{
 };
 
 /// Motion played between two runs for requests that precede a segment which is due, ticks: bounds how
-/// much a flood of bytes delays segments (`task.prepare.mode.asked` in schedule.toml). Other requests
+/// much a flood of bytes delays segments (`task.prepare.mode.requests` in schedule.toml). Other requests
 /// wait until no segment is due.
 const REQUEST_INTERVAL_TICKS: u32 = 5 * TICKS_PER_MS;
 

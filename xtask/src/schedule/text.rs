@@ -124,8 +124,11 @@ pub(super) fn verdict(report: &Report) -> String {
 
 /// The tasks with deadlines, one line each, and who holds them up.
 pub(super) fn tasks(report: &Report) -> String {
+    let rows = || report.tasks.iter().filter(|task| task.kind_of.is_none());
+    let names = rows().map(|task| task.name.len());
+    let first = names.max().unwrap_or_default() + 1;
     let mut text = format!(
-        "{:<17}{:>5}{:>8}{:>10}{:>9}{:>11}{:>10}{:>10}{:>6}{:>7}\n",
+        "{:<first$}{:>5}{:>8}{:>10}{:>9}{:>11}{:>10}{:>10}{:>6}{:>7}\n",
         "task",
         "prio",
         "period",
@@ -140,18 +143,18 @@ pub(super) fn tasks(report: &Report) -> String {
     let units = [
         "", "", "µs", "cycles", "cycles", "µs", "µs", "µs", "", "bytes",
     ];
-    let widths = [17, 5, 8, 10, 9, 11, 10, 10, 6, 7];
+    let widths = [first, 5, 8, 10, 9, 11, 10, 10, 6, 7];
     for (unit, width) in units.iter().zip(widths) {
         let _ = write!(text, "{unit:>width$}");
     }
     text.push('\n');
-    for task in report.tasks.iter().filter(|task| task.kind_of.is_none()) {
-        text += &row(report, task);
+    for task in rows() {
+        text += &row(report, task, first);
     }
     text
 }
 
-fn row(report: &Report, task: &Task) -> String {
+fn row(report: &Report, task: &Task, first: usize) -> String {
     let us = |cycles: Option<f64>, none: &str| {
         cycles.map_or(none.to_owned(), |cycles| shown_us(micros(report, cycles)))
     };
@@ -162,7 +165,7 @@ fn row(report: &Report, task: &Task) -> String {
     };
     let cycles = |cycles: Option<u64>| cycles.map_or("-".to_owned(), separated);
     format!(
-        "{:<17}{:>5}{:>8}{:>10}{:>9}{response:>11}{:>10}{:>10}{:>6}{:>7}\n",
+        "{:<first$}{:>5}{:>8}{:>10}{:>9}{response:>11}{:>10}{:>10}{:>6}{:>7}\n",
         task.name,
         task.priority,
         us(task.period_cycles, "-"),
