@@ -2,7 +2,7 @@
 //!
 //! Segments may follow each other in 0.7 ms on average. A block with longer segments leaves *slack*,
 //! which the next blocks may use for shorter ones; tests/segments.rs holds random programs to that,
-//! `docs/decisions.md` derives it, and `schedule.toml` counts on it.
+//! `docs/motion-planning.md` derives it, and `schedule.toml` counts on it.
 
 use crate::{
     axis::AXES,
@@ -23,7 +23,7 @@ use crate::{
 /// in `schedule.toml`.
 const MEAN_SEGMENT_S: f32 = 0.7e-3;
 /// Steps that cost no less than a segment of a line: for each as many steps below the step rate, one more
-/// segment may be made. `[trade]` in `schedule.toml` proves it.
+/// segment may be made. `[substitution]` in `schedule.toml` proves it.
 const STEPS_PER_SEGMENT: u32 = 78 + 12 * (AXES as u32 - 3);
 /// Greatest step rate counted on for that, Hz: the ring of segments then always holds as much time as
 /// `prepare` needs, by the assertion below.

@@ -15,7 +15,7 @@
 //!
 //! # Cost
 //! A step takes 50 cycles at most by `Periodic`, 70 of the dominant axis, and 83 by `Delayed`
-//! (`docs/decisions.md`). Each method is a loop of its own, so short that it stays in the instruction
+//! (`docs/benchmarks.md`). Each method is a loop of its own, so short that it stays in the instruction
 //! cache beside the tasks that interrupt it most: hence `inline(always)` on what two loops are made
 //! from, and `inline(never)` on the loops.
 

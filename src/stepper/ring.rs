@@ -15,7 +15,7 @@
 //! Two events pass through the ring for every step: hence words instead of any type, a constant power
 //! of two instead of a length, no count of events for the reader to compare, and no barriers, which a
 //! single core does not need between its own tasks (compiler fences keep the order).
-//! `docs/decisions.md` has the comparison with `heapless::spsc`. One address is enough for all that
+//! `docs/decisions.md`, 1, has the comparison with `heapless::spsc`. One address is enough for all that
 //! the step interrupt uses of the ring, so late events are counted here. A copy of [`EventBatch`]
 //! replaces the original: a loop has its own, which stays in registers.
 
