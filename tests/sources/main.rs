@@ -1,10 +1,11 @@
-//! What holds of the sources: layers, words, types, glue, boards, and paths in documents.
+//! What holds of the sources: layers, words, types, glue, boards, and paths and links in documents.
 
 #![cfg(not(target_os = "none"))]
 
 mod boards;
 mod glue;
 mod layers;
+mod links;
 mod paths;
 mod types;
 mod words;
