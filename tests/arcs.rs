@@ -150,7 +150,7 @@ fn a_circle_of_ten_metres_stays_within_half_a_step() {
     }
 }
 
-/// As [`check`], with the machine set to where the first command ends.
+/// The same as [`check`], beginning where the first command ends.
 fn check_from_start(settings: &Settings, commands: &[Command; 2]) -> f64 {
     let mut rig = Rig::new(settings);
     let Some(start) = support::target(&commands[0]) else {
@@ -366,7 +366,7 @@ proptest! {
     }
 }
 
-/// What a trace shows of an arc around the origin of its plane (mm) in the middle of its time.
+/// A trace's figures for an arc around the origin of its plane (mm), in the middle of its time.
 struct Middle {
     speed_mm_min: f64,
     /// Greatest acceleration in the plane at any time, mm/s².

@@ -15,7 +15,7 @@ use leadscrew::{
     units::TICKS_PER_SECOND,
 };
 
-/// How long the day is.
+/// Length of the day.
 const HOURS: f64 = if cfg!(debug_assertions) { 0.25 } else { 24.0 };
 const SECOND: u64 = TICKS_PER_SECOND as u64;
 /// One byte at 115 200 baud.
@@ -24,7 +24,7 @@ const BYTE_TICKS: u64 = SECOND * 10 / 115_200;
 const WINDOW: usize = 127;
 /// Longest time from a `?` to the first byte of its report.
 const PROMPT_TICKS: u64 = SECOND / 200;
-/// What the process may grow by while the machine runs, KiB.
+/// Greatest growth of the process while the machine runs, KiB.
 const GROWTH_KIB: u64 = 512;
 
 /// xorshift64*, Vigna 2014.
@@ -51,7 +51,7 @@ impl Random {
     }
 }
 
-/// What the operator is about to do.
+/// The operator's next action.
 #[derive(Debug, Clone, Copy, PartialEq)]
 enum Press {
     Byte(u8),
@@ -70,13 +70,13 @@ struct Day {
     urgent: VecDeque<u8>,
     next_in: u64,
     next_out: u64,
-    /// When the operator acts, and how.
+    /// Time and kind of the operator's next action.
     press: (u64, Press),
-    /// Whether the operator acts at all.
+    /// False if the operator does nothing.
     is_calm: bool,
     /// The line that is coming in.
     heard: String,
-    /// When each `?` that has not been answered was received.
+    /// Time at which each unanswered `?` was received.
     asked: VecDeque<u64>,
     answers: u64,
     reports: u64,

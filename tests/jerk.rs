@@ -32,7 +32,7 @@ struct Mean {
 }
 
 impl Mean {
-    /// When each way is done, in rising order.
+    /// Time at which each distance is reached, rising.
     fn when(&self, ways: impl Iterator<Item = f64>) -> Vec<f64> {
         const DT: f64 = 2.0e-6;
         let way = |t: f64| self.trapezoid.way(t);
@@ -110,7 +110,7 @@ fn a_line_is_the_third_order_optimum() {
     }
 }
 
-/// What a hold adds at most to the time that the limits allow, ms.
+/// Greatest addition of a hold to the time that the limits allow, ms.
 const HOLD_MS: f64 = 5.0;
 
 #[test]

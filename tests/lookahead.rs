@@ -20,7 +20,7 @@ struct Reference {
     seconds: f64,
 }
 
-/// How a block changes v²: in a measure z with v² = f(z), by a constant per mm (see the planner).
+/// Change of v² along a block: in a measure z with v² = f(z), a constant per mm.
 #[derive(Clone, Copy)]
 struct Rule {
     length: f64,

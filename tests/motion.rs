@@ -140,7 +140,7 @@ fn a_move_that_comes_before_a_standstill_is_over_begins_with_a_start() {
     let settings = with(&[320.0], &[6000.0], &[500.0]);
     let commands = number(&[line(&[1.0], 6000.0), line(&[2.0], 6000.0)]);
     let mut rig = Rig::new(&settings);
-    // It takes 89.4 ms, and its standstill is in the queue 2 ms before that.
+    // The move takes 89.4 ms, and its standstill is queued 2 ms before its end.
     for (command, until_ms) in commands.iter().zip([88, 88]) {
         let work = rig.router.route(command).expect("it moves");
         assert!(rig.enqueue(work));

@@ -157,9 +157,9 @@ struct Play<'a> {
     now: u64,
     sent: u32,
     steps: Axes<i32>,
-    /// When each axis made its last steps, and how many.
+    /// Time of each axis' last steps, and their number.
     times: Axes<([u64; 8], usize)>,
-    /// What the commands sent may take.
+    /// Longest duration of the commands sent.
     longest_s: f64,
 }
 
@@ -210,7 +210,7 @@ impl<'a> Play<'a> {
         // Cruise and two ramps; on an arc, part of the acceleration goes to the centre.
         let ramps = speed / f64::from(block.acceleration_mm_s2);
         let share = if block.curve.is_some() { 2.0 } else { 1.0 };
-        // What `prepare` needs for the pieces between the places where an axis of an arc turns back.
+        // Time that `prepare` needs for the sections between the places where an axis of an arc reverses.
         let quarters = block.curve.map(|it| it.sweep.unsigned_abs() >> 30);
         let pieces_s = quarters.map_or(0.0, |quarters| 5.0e-3 + 1.2e-3 * quarters as f64);
         self.longest_s += length / speed + ramps * share + pieces_s;
@@ -283,7 +283,7 @@ fn play(settings: &Settings, commands: &[Command], most_events: u32) {
         if !play.step() {
             return;
         }
-        // What is queued is played first.
+        // The queued segments are played first.
         let slower = play.drive.snapshot().feed_mm_min;
         if number > EVENT_RING {
             // To the rounding of single precision.
@@ -335,7 +335,7 @@ fn a_tiny_arc_behind_a_move_without_a_step_keeps_the_rates() {
 fn a_stop_in_front_of_a_corner_to_be_stopped_in_does_not_go_round_it() {
     let by = |values: [f32; 2]| Axes::from_fn(|axis| values[axis.min(1)]);
     let steps = |axis| [1_000_000_000, 1_000_000][usize::min(axis, 1)];
-    // What is left of 100 mm/s there, as it was rounded, is much for an axis that is that slow.
+    // The rounded remainder of 100 mm/s is large for an axis that is so slow.
     let settings = Settings {
         junction_deviation_mm: 0.0,
         steps_per_mm: Axes::from_fn(|axis| StepsPerMm::from_millionths(steps(axis)).unwrap()),

@@ -12,7 +12,7 @@ use leadscrew::{
 use proptest::prelude::*;
 use support::{Trace, cases, check_limits, fast};
 
-/// What a program does: its pins, and what the machine says.
+/// A program's result: its pins, and what the machine sends.
 struct Player {
     trace: Trace,
     refused: Vec<String>,
@@ -89,7 +89,7 @@ fn exact_stop_comes_to_rest_at_the_end_of_every_move() {
     let alone = play(&settings, &alone).trace;
     check_limits(&settings, &stops);
     assert_eq!(stops.net_steps(), alone.net_steps());
-    // As if each move were the only one, but for the time that a pause in between takes.
+    // The same as single moves, except for the time of a pause between them.
     let moving = |trace: &Trace| {
         let raises: Vec<_> = trace.edges.iter().filter(|edge| edge.raise != 0).collect();
         raises
@@ -162,7 +162,7 @@ impl Talk {
         self
     }
 
-    /// What the machine has said since the last call.
+    /// The lines that the machine has sent since the last call.
     fn heard(&mut self) -> String {
         std::mem::take(&mut self.said).replace("\r\n", " ")
     }
@@ -178,7 +178,7 @@ impl Talk {
         [steps[0], steps[1], steps[2]]
     }
 
-    /// Whether the machine has been within 0.1 mm of a place, in steps of [`fast`].
+    /// True if the machine has been within 0.1 mm of a place, in steps of [`fast`].
     fn has_been_at(&self, x: i32, y: i32) -> bool {
         let (mut at, mut is_met) = ([0_i32; 2], false);
         for edge in &self.trace.edges {

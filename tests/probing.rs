@@ -36,7 +36,7 @@ fn cell() -> Cell {
     cell
 }
 
-/// Where the axes were with the step after which `holds` first.
+/// Positions of the axes at the first step after which `holds` is true.
 fn position_when(cell: &Cell, holds: impl Fn(&Axes<i32>) -> bool) -> Axes<i32> {
     let mut position = Axes::all(0);
     for edge in &cell.trace.edges {

@@ -122,7 +122,7 @@ fn a_turn_with_next_to_no_linear_way_reaches_its_end() {
 #[test]
 fn a_feed_is_along_the_linear_axes_where_they_make_steps() {
     let seconds = |target: &[f64], feed| {
-        // What is left of a way shorter than a step is no linear move.
+        // A remaining distance shorter than a step is no linear move.
         let commands = [line(&[0.0001], 600.0), line(target, feed)];
         check(&settings(0.0), &commands).motion_seconds()
     };

@@ -1,4 +1,4 @@
-//! What `G64` makes of paths: never farther from the programmed one than asked for.
+//! Paths under `G64`: never farther from the programmed path than `P`.
 #![cfg(not(target_os = "none"))]
 
 mod support;
@@ -23,7 +23,7 @@ fn continuous(tolerance_nm: u32, merging_nm: u32) -> PathControl {
     }
 }
 
-/// What becomes of commands, and the deviation that is told.
+/// The executed path of commands, and the deviation that is reported.
 fn ways(
     settings: &Settings,
     control: PathControl,

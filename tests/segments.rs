@@ -1,4 +1,4 @@
-//! How long segments take: `prepare` is proven to keep up with that.
+//! Durations of segments: those that `prepare` is proven to keep up with.
 #![cfg(not(target_os = "none"))]
 
 mod support;
@@ -18,7 +18,7 @@ const JERK_LIMITED_MEAN_TICKS: u32 = TICKS_PER_MS * 3 / 4;
 const JERK_LIMITED_EXTRA_SEGMENTS: u32 = 2;
 /// `substituted_steps` there: one segment may come instead of this number of steps.
 const STEPS_PER_SEGMENT: f64 = (78 + 12 * (AXES - 3)) as f64;
-/// As `extra_segments`: one of them is the segment begun before the window.
+/// The same as `extra_segments`: one of them is the segment begun before the window.
 const EXTRA_SEGMENTS: f64 = 2.0;
 /// Longest segment, with a standstill that comes and goes in the same step.
 const LONGEST_TICKS: u32 = TICKS_PER_MS * 3 / 2 + EVENT_SPACING_TICKS;
@@ -238,7 +238,7 @@ fn short_lines_s(step_rate: StepRate) -> Result<f64, TestCaseError> {
 
 #[test]
 fn lines_of_few_steps_follow_each_other_faster() -> Result<(), TestCaseError> {
-    // What is proven at 1 Mbaud with three axes.
+    // The proven rate at 1 Mbaud with three axes.
     let seconds = short_lines_s(StepRate::Proven(172_000))?;
     let steps_per_s = 172_000.0;
     let expected = (STEPS_PER_SEGMENT + 10.0) / (STEPS_PER_SEGMENT / 0.7e-3 + steps_per_s);

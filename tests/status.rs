@@ -14,7 +14,7 @@ const BYTE_TICKS: u64 = TICKS_PER_SECOND as u64 * 10 / 115_200;
 /// A machine behind a serial line on which bytes take their time.
 struct Machine {
     simulator: Box<Simulator>,
-    /// When the line to the sender is free again.
+    /// Time at which the line to the sender is free again.
     free: u64,
     received: Vec<(u64, u8)>,
 }
@@ -72,7 +72,7 @@ impl Machine {
 
     /// Asks for a report, and gives its state and how long its first byte took, ms.
     fn ask(&mut self) -> (String, f64) {
-        // What was sent before has left the machine: the time is that of the report alone.
+        // Everything sent before has left the machine: the time is that of the report alone.
         while self.simulator.has_to_send() {
             self.run(1);
         }

@@ -1,4 +1,4 @@
-//! How many cycles instructions, buses and exceptions take: `cargo xtask calibrate --board NAME`.
+//! Cycles of instructions, buses and exceptions: `cargo xtask calibrate --board NAME`.
 //!
 //! Each class of the analysis' cycle table is measured with the processor's cycle counter, as the
 //! difference between so many repetitions in a row and twice as many, from a warm cache, several
@@ -39,7 +39,7 @@ mod target {
 
     use super::{cycles::Sample, exceptions, instructions, regions};
 
-    /// Where the samples go.
+    /// Destination of the samples.
     pub(crate) struct Samples(UpChannel);
 
     impl Samples {
@@ -81,7 +81,7 @@ mod target {
         pac::SYSCFG::enable(&mut rcc);
     }
 
-    /// Whether this is the emulator: no chip has all clocks off.
+    /// True in the emulator: no chip has all clocks off.
     fn is_emulated(rcc: &pac::RCC) -> bool {
         rcc.cr().read().bits() == 0
     }

@@ -4,10 +4,10 @@
 pub(crate) const COUNTER: u32 = 0xe000_1004;
 /// Repetitions in the shorter of two codes.
 pub(crate) const REPETITIONS: u32 = 32;
-/// How often a pair of codes is measured.
+/// Number of measurements of a pair of codes.
 const RUNS: u32 = 8;
 
-/// What some repetitions take, cycles: the least and the most of several runs.
+/// Cycles of some repetitions: the least and the most of several runs.
 pub(crate) struct Sample {
     pub(crate) repetitions: u32,
     pub(crate) least: u32,
@@ -83,7 +83,7 @@ macro_rules! float_sample {
     };
 }
 
-/// As `repeated`, on floating-point registers.
+/// The same as `repeated`, on floating-point registers.
 macro_rules! float_repeated {
     ($count:literal, $body:literal) => {
         crate::cycles::repeated!(
@@ -99,7 +99,7 @@ macro_rules! float_repeated {
     };
 }
 
-/// What a floating-point register is loaded from.
+/// The word that floating-point registers are loaded from.
 pub(crate) static WORD: f32 = 1.5;
 
 pub(crate) use {float_repeated, float_sample, repeated, sample};

@@ -19,10 +19,10 @@ const CLEAR: u32 = 1 << 27 | 1 << 25;
 /// Cycles of the handler before it reads the counter, and from there to its return.
 const BEFORE: u32 = 2;
 const AFTER: u32 = 6;
-/// How often each is measured.
+/// Number of measurements of each.
 const RUNS: u32 = 8;
 
-/// When the handler was entered.
+/// Cycle count at which the handler was entered.
 #[unsafe(no_mangle)]
 static ENTERED: AtomicU32 = AtomicU32::new(0);
 
@@ -61,7 +61,7 @@ fn pend(what: u32) -> (u32, u32) {
     (start, end)
 }
 
-/// What pending takes while the exceptions are masked.
+/// Cycles of pending while the exceptions are masked.
 fn masked(what: u32) -> u32 {
     let (start, end) = pend(what);
     let _ = pend(CLEAR);

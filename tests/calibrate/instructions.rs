@@ -111,7 +111,7 @@ fn special(samples: &mut Samples) {
 }
 
 fn float(samples: &mut Samples) {
-    // What could be one cycle is counted as two.
+    // An instruction that may take one cycle is counted as two.
     samples.put("float_1", "neg", &float_sample!("vneg.f32 s0, s0"));
     samples.put("float_2", "neg", &float_sample!("vneg.f32 s0, s0"));
     samples.put("float_2", "compare", &float_sample!("vcmp.f32 s0, s1"));

@@ -1,4 +1,4 @@
-//! What the buses add to a load or a store.
+//! Cycles that a bus adds to a load or a store.
 #![expect(unsafe_code, reason = "registers by their addresses")]
 
 use crate::{cycles::sample, target::Samples};

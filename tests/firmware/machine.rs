@@ -31,7 +31,7 @@ impl Machine {
         Self::boot_image("FIRMWARE_ELF")
     }
 
-    /// As [`Machine::boot`], with the image that an environment variable names.
+    /// The same as [`Machine::boot`], with the image that an environment variable names.
     pub(crate) fn boot_image(variable: &str) -> Option<Self> {
         let Some(elf) = env::var_os(variable) else {
             eprintln!("skipped: {variable} is not set, `cargo xtask test` sets it");

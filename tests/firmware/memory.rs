@@ -26,7 +26,7 @@ const PLATE: u64 = 13;
 /// Number of connections made, for names that differ.
 static COUNT: AtomicU32 = AtomicU32::new(0);
 
-/// What is switched, and the PWM.
+/// The switched outputs, and the PWM.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) struct Switched {
     /// Bit 0 spindle, 1 counter-clockwise, 2 flood, 3 mist, 4 drivers.
@@ -38,12 +38,12 @@ pub(crate) struct Switched {
 }
 
 impl Switched {
-    /// Whether flood is on, 1 or 0.
+    /// 1 if flood is on, otherwise 0.
     pub(crate) const fn flood(self) -> u32 {
         self.bits >> 2 & 1
     }
 
-    /// Whether the drivers are on, 1 or 0.
+    /// 1 if the drivers are on, otherwise 0.
     pub(crate) const fn drivers(self) -> u32 {
         self.bits >> 4
     }
@@ -77,17 +77,17 @@ impl Memory {
         }
     }
 
-    /// What QEMU is told to listen at.
+    /// Address at which QEMU listens.
     pub(crate) fn listen(&self) -> String {
         format!("unix:{},server=on,wait=off", self.socket.display())
     }
 
-    /// Where the axes are, physically: steps from where they stood at power-up.
+    /// Physical positions of the axes: steps from power-up.
     pub(crate) fn steps(&self) -> [i32; 6] {
         self.read(self.figures + 4 * STEPS).map(u32::cast_signed)
     }
 
-    /// What is switched.
+    /// The switched outputs.
     pub(crate) fn switched(&self) -> Switched {
         let [bits, duty, highest_duty] = self.read(self.figures + 4 * SWITCHED);
         Switched {

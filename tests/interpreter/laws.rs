@@ -1,4 +1,4 @@
-//! What holds for all lines.
+//! Laws for all lines.
 
 use leadscrew::{
     axis::{AXES, X, Z},

@@ -79,7 +79,7 @@ fn a_feed_is_degrees_where_only_rotary_axes_move() {
         assert_eq!(turn("G20F100"), 100.0);
         assert_eq!(feed(&[&format!("G20G1F100X0{letter}90")]), 100.0);
         assert_eq!(feed(&[&format!("G20G1F100X1{letter}90")]), 2540.0);
-        // It is what was written, whatever unit comes after it.
+        // The value is as written, whatever unit comes after it.
         let changed = |first, second| feed(&[first, second, &format!("G1{letter}90")]);
         assert_eq!(changed("G20F100", "G21"), 100.0);
         assert_eq!(changed("G21F100", "G20"), 100.0);

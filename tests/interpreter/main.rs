@@ -1,4 +1,4 @@
-//! What lines do: offsets, units, arcs, program flow, and what a refused line leaves alone.
+//! Effects of lines: offsets, units, arcs, program flow; and refused lines, which have none.
 
 #![cfg(not(target_os = "none"))]
 

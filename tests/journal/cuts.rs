@@ -4,7 +4,7 @@ use leadscrew::settings::{Change, Journal, StoreError, Stored};
 
 use crate::history::{History, Small, power_up};
 
-/// How many words and erases a change takes.
+/// Numbers of words and erases of a change.
 fn operations(flash: &Small, change: Change, stored: &Stored) -> u64 {
     let (mut journal, _) = power_up(flash.clone());
     let before = journal.flash().operations();
@@ -12,7 +12,7 @@ fn operations(flash: &Small, change: Change, stored: &Stored) -> u64 {
     journal.flash().operations() - before
 }
 
-/// What a flash holds after the power was cut during a change.
+/// Contents of a flash after a power cut during a change.
 fn cut(flash: &Small, change: Change, stored: &Stored, after: u64, seed: u64) -> Small {
     let (mut journal, _) = power_up(flash.clone());
     journal.flash().cut_after(after, seed);
@@ -47,7 +47,7 @@ fn a_power_cut_at_any_word_or_erase_leaves_the_old_or_the_new() {
             );
             cuts += 1;
             kept += u64::from(loaded.stored == old);
-            // It keeps working, with this change and the next.
+            // The journal keeps working, with this change and the next.
             journal.write(change, &new).unwrap();
             let (_, loaded) = power_up(journal.into_flash());
             assert_eq!(loaded.stored, new, "round {round}, after {after}");

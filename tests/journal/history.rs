@@ -13,7 +13,7 @@ pub(crate) type Small = Flash<2560>;
 /// A random history of changes.
 pub(crate) struct History {
     random: u64,
-    /// What is stored after the changes so far.
+    /// The stored values after the changes so far.
     pub(crate) stored: Stored,
 }
 

@@ -1,4 +1,4 @@
-//! What is otherwise than in Grbl, on purpose: `docs/grbl-compatibility.md`.
+//! Deliberate deviations from Grbl: `docs/grbl-compatibility.md`.
 
 use leadscrew::{model::Laser, path::Work};
 

@@ -1,4 +1,4 @@
-//! What holds for any input.
+//! Laws for any input.
 
 use leadscrew::model::State;
 use proptest::prelude::*;

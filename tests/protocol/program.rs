@@ -131,7 +131,7 @@ fn a_program_end_ends_the_overrides() {
     assert!(matches!(bench.works()[..], [.., Work::EndOverrides]));
 }
 
-/// What becomes of lines in laser mode: spindle commands, and the laser of moves.
+/// Lines in laser mode: spindle commands, and the laser power of moves.
 fn laser(lines: &[&str]) -> Vec<String> {
     let mut bench = Bench::set(&["32=1"]);
     let mut seen = Vec::new();

@@ -1,4 +1,4 @@
-//! What is refused leaves everything as it was.
+//! A refused line leaves everything as it was.
 
 use leadscrew::model::{Levels, State};
 use proptest::prelude::*;

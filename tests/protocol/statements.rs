@@ -376,7 +376,7 @@ fn more_steps_than_are_proven_are_refused() {
     let settings = bench.ask("$$");
     assert!(settings.contains(&"$100=40.000".into()));
     assert!(settings.contains(&"$110=90000.000".into()));
-    // What is proven is nothing that a user could bring back or take away.
+    // A user can neither restore nor remove the proven rate.
     assert_eq!(bench.ask("$RST=*").last().unwrap(), WELCOME[1]);
     assert_eq!(bench.ask("$I")[2], "[MSG:Step rate: 60000 Hz, proven]");
 }

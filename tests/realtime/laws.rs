@@ -1,4 +1,4 @@
-//! What no order of events may break.
+//! Laws that no order of events may break.
 
 use leadscrew::{
     axis::Axes,

@@ -1,4 +1,4 @@
-//! How soon and how far overrides and holds change the speed.
+//! Delay and extent of a change of speed by overrides and holds.
 
 use leadscrew::{
     model::{FeedRate, Overrides},

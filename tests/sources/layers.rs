@@ -30,7 +30,7 @@ fn layer(module: &str) -> usize {
         })
 }
 
-/// Whether a module may use another: what is below it, itself, and at the bottom its neighbours. The
+/// Returns true if a module may use another: those below it, itself, and at the bottom its neighbours. The
 /// firmware takes nothing from the simulator.
 fn may_use(user: &str, used: &str) -> bool {
     if used == "sim" {
@@ -100,7 +100,7 @@ fn heads(path: &str) -> Vec<(usize, String)> {
     found
 }
 
-/// What is wrong with the uses of one file, a line for each.
+/// Returns the forbidden uses of one file, a line for each.
 fn upward(path: &str, source: &str, modules: &[String]) -> String {
     let inner = path.trim_end_matches(".rs").trim_end_matches("/mod");
     let module: Vec<&str> = inner.split('/').collect();

@@ -32,13 +32,9 @@ fn anchor(heading: &str) -> String {
 fn anchors(text: &str) -> Vec<String> {
     let mut counts = BTreeMap::new();
     prose(text)
-        .filter_map(|(_, line)| {
-            line.trim_start_matches('#')
-                .strip_prefix(' ')
-                .zip(Some(line))
-        })
         .filter(|(_, line)| line.starts_with('#'))
-        .map(|(heading, _)| {
+        .filter_map(|(_, line)| line.trim_start_matches('#').strip_prefix(' '))
+        .map(|heading| {
             let anchor = anchor(heading);
             let count = counts.entry(anchor.clone()).or_insert(0);
             *count += 1;

@@ -1,4 +1,4 @@
-//! What holds of the sources: layers, words, types, glue, boards, and paths and links in documents.
+//! Rules about the sources: layers, words, types, glue, boards, and paths and links in documents.
 
 #![cfg(not(target_os = "none"))]
 

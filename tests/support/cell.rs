@@ -167,7 +167,7 @@ impl Cell {
         }
     }
 
-    /// Whether everything sent is done and the machine stands.
+    /// True if everything sent is done and the machine is at standstill.
     pub(crate) fn is_done(&self) -> bool {
         let snapshot = self.snapshot();
         snapshot.is_at_rest && snapshot.finished == self.sent

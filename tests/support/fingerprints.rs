@@ -5,7 +5,7 @@ use leadscrew::{
     units::{Nm, Steps, StepsPerMm},
 };
 
-/// What is computed, how, and the FNV-1a hash of all results.
+/// The operation, its function, and the FNV-1a hash of all results.
 type Fingerprint = (&'static str, fn() -> u64, u64);
 
 /// All of them.

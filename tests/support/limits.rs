@@ -4,7 +4,7 @@ use leadscrew::{axis::AXES, settings::Settings};
 
 use super::{SHIFT_S, Step, Trace};
 
-/// What a trace shows of one axis over windows of a given length, each within one block.
+/// A trace's figures for one axis over windows of a given length, each within one block.
 #[derive(Debug, Clone, Copy, Default)]
 pub(crate) struct Peaks {
     /// Greatest speed, mm/s.
@@ -32,7 +32,7 @@ pub(crate) fn peaks(settings: &Settings, trace: &Trace, axis: usize, window_s: f
     let (mut j, mut k) = (0, 0);
     let waits = trace.waits(axis);
     for (i, first) in steps.iter().enumerate() {
-        // What is late because the axis turned back says nothing of the speed from there on.
+        // A step that is late because the axis reversed says nothing about the speed from there on.
         let next = waits.partition_point(|wait| wait.end < first.ticks);
         if waits.get(next).is_some_and(|it| it.start < first.ticks) {
             continue;

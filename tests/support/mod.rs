@@ -1,4 +1,4 @@
-//! What the motion tests share: a rig that plays commands, and what its trace must never show.
+//! Shared by the motion tests: a rig that plays commands, and rules that its trace must keep.
 #![allow(dead_code, unused_imports, reason = "each test uses a part of it")]
 
 #[cfg(not(target_os = "none"))]
@@ -29,7 +29,7 @@ mod host {
     };
     use proptest::prelude::ProptestConfig;
 
-    /// What the project asks of its firmware: steps of all axes together, per second.
+    /// Required step rate: steps of all axes together, per second.
     pub(crate) const PROVEN: StepRate = StepRate::Proven(150_000);
 
     /// A realtime byte arrives at a drive without a session.
@@ -105,7 +105,7 @@ mod host {
         })
     }
 
-    /// Where a command ends.
+    /// End position of a command.
     pub(crate) fn target(command: &Command) -> Option<Axes<Nm>> {
         match command {
             Command::Line { target, .. } | Command::Arc { target, .. } => Some(target.position),

@@ -15,7 +15,7 @@ use super::{TICKS_PER_S, Trace, target, target_steps};
 
 /// Grain of the search along the path, steps.
 const GRAIN: f64 = 0.05;
-/// What the search leaves out.
+/// The part that the search leaves out.
 const SEARCH: f64 = 0.03;
 /// Most that a step is early or late so that events keep their distance, with what its time is rounded
 /// by, s.
@@ -99,7 +99,7 @@ impl Piece {
         }
     }
 
-    /// Whether it is straight.
+    /// True for a straight line.
     pub(crate) fn is_line(&self) -> bool {
         self.curve.is_none() && self.round.is_none()
     }
@@ -109,7 +109,7 @@ impl Piece {
         self.length
     }
 
-    /// Where a share of the way is done, steps.
+    /// Position after a share of the distance, steps.
     pub(crate) fn at(&self, share: f64) -> Point {
         let mut point: Point =
             std::array::from_fn(|n| self.begin[n] + (self.end[n] - self.begin[n]) * share);
@@ -261,7 +261,7 @@ pub(crate) fn follow(
                 .is_some_and(|it| it.contains(&edge.ticks));
             least[n] + if is_waiting { 1.0 } else { 0.0 }
         });
-        // What a coarse axis allows, and its next step, are many steps of a fine one.
+        // The tolerance of a coarse axis, and its next step, are many steps of a fine one.
         let mut tries = 0.0;
         loop {
             let here = pieces[piece].at(share);

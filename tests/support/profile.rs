@@ -20,7 +20,7 @@ impl Trapezoid {
         ramped(seconds) + cruised + ramped(ramp) - ramped(end - seconds.clamp(end - ramp, end))
     }
 
-    /// When a way is done, s.
+    /// Time at which a distance is reached, s.
     pub(crate) fn when(&self, way: f64) -> f64 {
         let ramp = self.speed * self.speed / (2.0 * self.acceleration);
         if way <= ramp {

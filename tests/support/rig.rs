@@ -43,13 +43,13 @@ pub(crate) struct Rig {
     path: Blender,
     works: VecDeque<Work>,
     blocks: u32,
-    /// Where the segments that have been played begin.
+    /// Start positions of the segments that have been played.
     pub(crate) segments: Vec<Begin>,
     /// Steps of all axes, in both directions.
     steps: u32,
 }
 
-/// Where a segment begins.
+/// Start position of a segment.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) struct Begin {
     /// On the generator's clock.

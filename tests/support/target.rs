@@ -1,4 +1,4 @@
-//! What every test on the target needs: interrupt table, start-up code, log, panic handler.
+//! Needed by every test on the target: interrupt table, start-up code, log, panic handler.
 
 use {cortex_m_rt as _, defmt_semihosting as _, stm32f4xx_hal as _};
 

@@ -1,4 +1,4 @@
-//! What the step pins did, and the rules that hold for every trace.
+//! Traces of the step pins, and the rules that hold for every trace.
 
 use std::ops::Range;
 
@@ -29,7 +29,7 @@ pub(crate) struct Step {
 pub(crate) struct Trace {
     pub(crate) edges: Vec<Edge>,
     pub(crate) lines: Vec<u32>,
-    /// When the step timer was started.
+    /// Time at which the step timer was started.
     pub(crate) starts: Vec<u64>,
     /// Edges before each reset's end.
     pub(crate) resets: Vec<usize>,
