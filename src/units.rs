@@ -62,6 +62,44 @@ impl Nm {
     }
 }
 
+/// An angle, millionths of a degree, counter-clockwise: less than a turn in either direction.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+pub struct MicroDegrees(i32);
+
+impl MicroDegrees {
+    /// Millionths of a degree in a quarter turn.
+    pub const QUARTER: i32 = 90_000_000;
+    /// No angle.
+    pub const ZERO: Self = Self(0);
+
+    /// Returns the angle without its whole turns.
+    #[must_use]
+    pub const fn new(millionths: i64) -> Self {
+        Self((millionths % (4 * Self::QUARTER as i64)) as i32)
+    }
+
+    /// Returns the angle, millionths of a degree.
+    #[must_use]
+    pub const fn millionths(self) -> i32 {
+        self.0
+    }
+
+    /// Returns the sine and the cosine: exact at whole quarter turns.
+    #[must_use]
+    pub fn sin_cos(self) -> (f64, f64) {
+        let quarters = self.0.div_euclid(Self::QUARTER);
+        let radians = f64::from(self.0.rem_euclid(Self::QUARTER))
+            * (core::f64::consts::FRAC_PI_2 / f64::from(Self::QUARTER));
+        let (sin, cos) = libm::sincos(radians);
+        match quarters.rem_euclid(4) {
+            0 => (sin, cos),
+            1 => (cos, -sin),
+            2 => (-sin, -cos),
+            _ => (-cos, sin),
+        }
+    }
+}
+
 impl core::ops::Add for Nm {
     type Output = Self;
 

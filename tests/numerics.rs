@@ -132,6 +132,7 @@ fn commands(settings: &Settings, moves: &[Move]) -> Vec<Command> {
                         centre,
                         rotation,
                         turns,
+                        tilt: leadscrew::units::MicroDegrees::ZERO,
                     },
                     feed_rate,
                     line,
@@ -314,6 +315,7 @@ fn a_tiny_arc_behind_a_move_without_a_step_keeps_the_rates() {
         centre: [Nm(3049), Nm(0)],
         rotation: Rotation::Clockwise,
         turns: u16::MAX,
+        tilt: leadscrew::units::MicroDegrees::ZERO,
     };
     let commands = [
         Command::Line {

@@ -11,7 +11,9 @@ mod word;
 mod word_reader;
 
 pub use error::LineError;
-pub use modal::{Distance, FeedMode, Flow, Modal, MotionMode, ProbeMode, ToolLength, Units};
+pub use modal::{
+    ArcDistance, Distance, FeedMode, Flow, Modal, MotionMode, ProbeMode, ToolLength, Units,
+};
 pub use parsed_line::{AxisCommand, NonModal, ParsedLine, StoredPosition};
 pub use word::{Code, Word, Words};
 pub use word_reader::WordReader;

@@ -13,6 +13,8 @@ pub struct Modal {
     pub units: Units,
     /// The origin of coordinates.
     pub distance: Distance,
+    /// The origin of `I`, `J` and `K`.
+    pub arc_distance: ArcDistance,
     /// The plane of arcs.
     pub plane: Plane,
     /// Whether a tool length is in effect.
@@ -143,6 +145,16 @@ impl Distance {
             Self::Incremental => "G91",
         }
     }
+}
+
+/// The origin of `I`, `J` and `K`.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+pub enum ArcDistance {
+    /// `G91.1`: the start of the arc.
+    #[default]
+    Incremental,
+    /// `G90.1`: the work coordinate system.
+    Absolute,
 }
 
 /// Whether a tool length is in effect.

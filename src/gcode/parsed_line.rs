@@ -4,8 +4,8 @@
 //! word from the left. The modes of the line replace those before it, in a copy.
 
 use super::{
-    Code, Distance, FeedMode, Flow, LineError, Modal, MotionMode, ProbeMode, ToolLength, Units,
-    Word, WordReader, Words,
+    ArcDistance, Code, Distance, FeedMode, Flow, LineError, Modal, MotionMode, ProbeMode,
+    ToolLength, Units, Word, WordReader, Words,
 };
 use crate::{
     axis::{AXES, Axes, LETTERS},
@@ -66,8 +66,14 @@ pub enum NonModal {
     MachineCoordinates,
     /// `G92`.
     SetOffset,
+    /// `G52`.
+    SetLocalOffset,
     /// `G92.1`.
     ClearOffset,
+    /// `G92.2`.
+    SuspendOffset,
+    /// `G92.3`.
+    RestoreOffset,
 }
 
 /// A stored position.
@@ -211,14 +217,20 @@ impl ParsedLine {
     fn g_word(&mut self, code: Code) -> Result<(), LineError> {
         let group = match code.whole {
             0..=3 | 38 | 80 => self.motion_word(code)?,
-            4 | 10 | 28 | 30 | 53 | 92 => self.non_modal_word(code)?,
+            4 | 10 | 28 | 30 | 52 | 53 | 92 => self.non_modal_word(code)?,
             43 | 49 => self.tool_length_word(code)?,
             54..=59 => {
                 self.modal.coordinates = WorkCoordinates::of_code(code.whole, code.hundredths)
                     .ok_or(LineError::NotInteger)?;
                 ModalGroup::Coordinates
             }
-            91 if code.hundredths == 10 => ModalGroup::ArcDistance,
+            90 | 91 if code.hundredths == 10 => {
+                self.modal.arc_distance = match code.whole {
+                    90 => ArcDistance::Absolute,
+                    _ => ArcDistance::Incremental,
+                };
+                ModalGroup::ArcDistance
+            }
             61 if code.hundredths == 10 => {
                 self.modal.path = PathControl::ExactStop;
                 ModalGroup::Control
@@ -262,7 +274,7 @@ impl ParsedLine {
 
     /// Modal group 0.
     fn non_modal_word(&mut self, code: Code) -> Result<ModalGroup, LineError> {
-        let uses_axes = matches!(code.whole, 10 | 28 | 30 | 92) && code.is_whole();
+        let uses_axes = matches!(code.whole, 10 | 28 | 30 | 52 | 92) && code.is_whole();
         if uses_axes {
             if self.axis_command != AxisCommand::None {
                 return Err(LineError::AxisCommandConflict);
@@ -276,10 +288,13 @@ impl ParsedLine {
             (30, 10) => NonModal::Store(StoredPosition::G30),
             (92, 0) => NonModal::SetOffset,
             (92, 10) => NonModal::ClearOffset,
+            (92, 20) => NonModal::SuspendOffset,
+            (92, 30) => NonModal::RestoreOffset,
             (28 | 30 | 92, _) => return Err(LineError::Unsupported),
             (_, 1..) => return Err(LineError::NotInteger),
             (4, 0) => NonModal::Dwell,
             (10, 0) => NonModal::SetCoordinates,
+            (52, 0) => NonModal::SetLocalOffset,
             (53, 0) => NonModal::MachineCoordinates,
             _ => return Err(LineError::Unsupported),
         };

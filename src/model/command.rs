@@ -2,7 +2,10 @@
 
 use super::{Coolant, Plane, Rotation, Spindle};
 
-use crate::{axis::Axes, units::Nm};
+use crate::{
+    axis::Axes,
+    units::{MicroDegrees, Nm},
+};
 
 /// A command. Positions are machine coordinates.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -108,6 +111,8 @@ pub struct Circle {
     pub rotation: Rotation,
     /// Turns begun: 1 for up to one full turn, more with a `P` word.
     pub turns: u16,
+    /// The angle by which the plane is turned about Z: none in the plane of X and Y.
+    pub tilt: MicroDegrees,
 }
 
 /// The state of the laser during a move.

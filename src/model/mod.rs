@@ -14,6 +14,7 @@ pub mod queues;
 mod requests;
 mod state;
 pub mod timing;
+mod xy_rotation;
 
 pub use alarm::Alarm;
 pub use command::{Circle, Command, FeedRate, Laser, Probing, Target};
@@ -25,3 +26,4 @@ pub use overrides::{Override, Overrides};
 pub use power::Power;
 pub use requests::{Awaited, OVERRIDES, Release, Requests};
 pub use state::{Probed, State};
+pub use xy_rotation::XyRotation;

@@ -56,7 +56,7 @@ impl Plane {
     }
 }
 
-/// Sense of rotation.
+/// Sense of rotation of an arc.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Rotation {
     /// `G2`.
@@ -136,9 +136,15 @@ work_coordinates! {
     G57 "G57" (57, 0),
     G58 "G58" (58, 0),
     G59 "G59" (59, 0),
+    G59_1 "G59.1" (59, 10),
+    G59_2 "G59.2" (59, 20),
+    G59_3 "G59.3" (59, 30),
 }
 
 impl WorkCoordinates {
+    /// The first system that Grbl does not have.
+    pub const FIRST_BEYOND_GRBL: Self = Self::G59_1;
+
     /// The index in [`Self::ALL`].
     #[must_use]
     pub const fn index(self) -> usize {

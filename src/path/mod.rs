@@ -6,6 +6,7 @@ mod blending;
 mod block;
 mod entry;
 mod router;
+mod tilted_arc;
 mod travel_limits;
 
 pub(crate) use averaging_window::AveragingWindow;
@@ -15,4 +16,5 @@ pub use block::{Block, Curve, MoveKind, Shape, SpatialArc};
 pub use entry::{Entry, Work};
 pub(crate) use router::fastest_mm_s;
 pub use router::{Checkpoint, Router};
+pub use tilted_arc::TiltedArc;
 pub use travel_limits::{is_outside, leaves_travel};

@@ -5,7 +5,7 @@
 
 use core::f64::consts::FRAC_PI_2;
 
-use super::arc::Arc;
+use super::{TiltedArc, arc::Arc};
 use crate::{
     axis::{AXES, Axes},
     model::{Circle, Command},
@@ -27,7 +27,10 @@ pub fn leaves_travel(settings: &Settings, from: &Axes<Nm>, command: &Command) ->
         Command::Arc { target, circle, .. } => {
             is_outside(settings, from)
                 || is_outside(settings, &target.position)
-                || arc_leaves(settings, from, &target.position, circle)
+                || match TiltedArc::of(command, from, settings) {
+                    Some(arc) => !arc.extremes_satisfy(|point| is_nearly_inside(settings, point)),
+                    None => arc_leaves(settings, from, &target.position, circle),
+                }
         }
         Command::Power(_)
         | Command::Dwell { .. }
@@ -46,6 +49,14 @@ fn lowest(settings: &Settings, axis: usize) -> i64 {
 #[must_use]
 pub fn is_outside(settings: &Settings, position: &Axes<Nm>) -> bool {
     (0..AXES).any(|axis| position[axis].0 > 0 || position[axis].0 < lowest(settings, axis))
+}
+
+/// Returns true if a computed position is inside the travel, as far as it is exact.
+fn is_nearly_inside(settings: &Settings, position: &Axes<Nm>) -> bool {
+    (0..AXES).all(|axis| {
+        let position = position[axis].0;
+        position <= EXTREME_ERROR_NM && position >= lowest(settings, axis) - EXTREME_ERROR_NM
+    })
 }
 
 /// Returns true if an arc whose ends are inside the travel has a part that is outside.
@@ -99,6 +110,7 @@ mod tests {
                 centre: centre.map(Nm::from_mm_f64),
                 rotation,
                 turns,
+                tilt: crate::units::MicroDegrees::ZERO,
             },
             feed_rate: FeedRate::Feed(100.0),
             line: 0,

@@ -8,9 +8,11 @@ use super::{
     text::{ReportUnit, Text},
 };
 use crate::{
-    gcode::{LineError, Modal, interpreter::Offsets},
+    axis::{AXES, Axes, Z},
+    gcode::{ArcDistance, LineError, Modal, interpreter::Offsets},
     model::{Alarm, Plane, Probed, Spindle, WorkCoordinates},
     settings::{Setting, SettingGroup, Settings, StepRate, StoredLine, Value},
+    units::{MicroDegrees, Nm},
 };
 
 /// The answer to `$`, without its `ok`.
@@ -60,6 +62,7 @@ pub fn modes(text: &mut Text, modal: &Modal, unit: ReportUnit) {
         units,
         distance,
         plane,
+        arc_distance,
         tool_length: _,
         coordinates,
         path,
@@ -82,6 +85,9 @@ pub fn modes(text: &mut Text, modal: &Modal, unit: ReportUnit) {
     text.word(" ").word(feed_mode.word());
     if let Some(word) = path.word() {
         text.word(" ").word(word);
+    }
+    if *arc_distance == ArcDistance::Absolute {
+        text.word(" G90.1");
     }
     text.word(match spindle {
         Spindle::Clockwise => " M3",
@@ -108,27 +114,61 @@ pub fn parameter(
     settings: &Settings,
 ) -> bool {
     let unit = ReportUnit::of(settings);
-    let (name, values) = match WorkCoordinates::ALL.get(line) {
-        Some(system) => (system.word(), offsets.origin(*system)),
-        None => match line - WorkCoordinates::ALL.len() {
-            0 => ("G28", offsets.origins.g28),
-            1 => ("G30", offsets.origins.g30),
-            2 => ("G92", offsets.work),
-            3 => {
-                text.word("[TLO:").coordinate(offsets.tool_length, unit);
-                text.word("]").end();
-                return true;
-            }
-            4 => {
-                probed(text, last, settings);
-                return true;
-            }
-            _ => return false,
-        },
-    };
-    text.word("[").word(name).word(":");
-    text.coordinates(&values, unit).word("]").end();
+    let systems = WorkCoordinates::ALL;
+    let (of_grbl, others) = systems.split_at(WorkCoordinates::FIRST_BEYOND_GRBL.index());
+    if let Some(system) = of_grbl.get(line) {
+        origin(text, offsets, *system, unit);
+        return true;
+    }
+    match line - of_grbl.len() {
+        0 => position(text, "G28", &offsets.origins.g28, unit),
+        1 => position(text, "G30", &offsets.origins.g30, unit),
+        2 => position(text, "G92", &offsets.work, unit),
+        3 => tool_offset(text, &offsets.tool, unit),
+        4 => probed(text, last, settings),
+        // These only where they have been set, so that a sender of Grbl never sees them unasked.
+        after => {
+            let mut set = others.iter().filter(|system| {
+                let origins = &offsets.origins;
+                origins.coordinates[**system] != Axes::all(Nm(0))
+                    || origins.rotations[**system] != MicroDegrees::ZERO
+            });
+            let Some(system) = set.nth(after - 5) else {
+                return false;
+            };
+            origin(text, offsets, *system, unit);
+        }
+    }
     true
+}
+
+/// `[G28:0.000,0.000,0.000]`.
+fn position(text: &mut Text, name: &str, values: &Axes<Nm>, unit: ReportUnit) {
+    text.word("[").word(name).word(":");
+    text.coordinates(values, unit).word("]").end();
+}
+
+/// `[G54:0.000,0.000,0.000]`, with the rotation behind it if there is one: `:30.00`, degrees.
+fn origin(text: &mut Text, offsets: &Offsets, system: WorkCoordinates, unit: ReportUnit) {
+    text.word("[").word(system.word()).word(":");
+    text.coordinates(&offsets.origin(system), unit);
+    let angle = offsets.origins.rotations[system];
+    if angle != MicroDegrees::ZERO {
+        text.word(":").degrees(angle);
+    }
+    text.word("]").end();
+}
+
+/// `[TLO:0.000]`: along Z alone where there is nothing along X and Y.
+fn tool_offset(text: &mut Text, tool: &Axes<Nm>, unit: ReportUnit) {
+    text.word("[TLO:");
+    let is_length = (0..AXES).all(|axis| axis == Z || tool[axis] == Nm(0));
+    if is_length {
+        text.coordinate(tool[Z], unit);
+    } else {
+        text.coordinates(tool, unit);
+    }
+    text.word("]").end();
 }
 
 /// One line of the answer to `$$`, counted from 0. Returns false after the last.

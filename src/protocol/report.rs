@@ -88,8 +88,10 @@ pub struct Status<'a> {
     pub machine: &'a Snapshot,
     /// The settings.
     pub settings: &'a Settings,
-    /// Work position 0 in machine coordinates.
+    /// Machine position minus work position.
     pub work_offset: Axes<Nm>,
+    /// The work offset depends on the position, so that every report has to have it.
+    pub depends_on_place: bool,
     /// Free bytes for received lines.
     pub received_free: usize,
     /// The field besides those that every report has.
@@ -117,11 +119,11 @@ pub fn status(text: &mut Text, status: &Status<'_>) {
     text.word("|FS:").rate(machine.feed_mm_min, unit);
     text.word(",").number(machine.spindle_rpm, 0);
     pins(text, machine.inputs);
+    if status.extra == Extra::WorkOffset || status.depends_on_place {
+        text.word("|WCO:").coordinates(&status.work_offset, unit);
+    }
     match status.extra {
-        Extra::None => {}
-        Extra::WorkOffset => {
-            text.word("|WCO:").coordinates(&status.work_offset, unit);
-        }
+        Extra::None | Extra::WorkOffset => {}
         Extra::Overrides => {
             let overrides = machine.overrides;
             text.word("|Ov:").natural(u32::from(overrides.feed));

@@ -32,7 +32,7 @@ use crate::{
     gcode::interpreter::{Checked, Interpreter, Outcome},
     machine::Snapshot,
     model::{Awaited, Probed, Requests},
-    path::{Blender, Checkpoint, Entry, Router},
+    path::{Blender, Checkpoint, Entry, Router, TiltedArc},
     settings::{Change, Settings, StoreError, Stored},
     units::Nm,
 };
@@ -138,6 +138,8 @@ struct LineExecution {
     input: Line,
     /// The commands of the line.
     outcome: Outcome,
+    /// The arc of which chords are being sent.
+    tilted: Option<TiltedArc>,
 }
 
 /// The last probing move.
@@ -197,6 +199,7 @@ impl Session {
                 checked: Checked::default(),
                 input: Line::new(),
                 outcome: Outcome::default(),
+                tilted: None,
             },
             reports: Reports::default(),
             blender: Blender::new(),

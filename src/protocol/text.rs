@@ -10,7 +10,7 @@ use heapless::Vec;
 use crate::{
     axis::{AXES, Axes},
     settings::Settings,
-    units::Nm,
+    units::{MicroDegrees, Nm},
 };
 
 /// Bytes of the longest message: a status report with every field and large coordinates, and the
@@ -152,6 +152,20 @@ impl Text {
             self.coordinate(value, unit);
         }
         self
+    }
+
+    /// Writes an angle in degrees with two decimals, halves away from zero.
+    pub fn degrees(&mut self, angle: MicroDegrees) -> &mut Self {
+        let millionths = angle.millionths();
+        if millionths < 0 {
+            self.byte(b'-');
+        }
+        let hundredths = (millionths.unsigned_abs() + 5_000) / 10_000;
+        self.natural(hundredths / 100).byte(b'.');
+        if hundredths % 100 < 10 {
+            self.byte(b'0');
+        }
+        self.natural(hundredths % 100)
     }
 
     /// Writes a speed in mm/min or, with one decimal, in inches/min.

@@ -3,7 +3,11 @@
 use heapless::Vec;
 
 use super::{Settings, StepRate};
-use crate::{axis::Axes, model::PerSystem, units::Nm};
+use crate::{
+    axis::Axes,
+    model::PerSystem,
+    units::{MicroDegrees, Nm},
+};
 
 /// Lines that are executed after power-up, a reset and homing: `$N0` and `$N1`.
 pub const STARTUP_LINES: usize = 2;
@@ -18,6 +22,8 @@ pub type StoredLine = Vec<u8, STORED_LINE>;
 pub struct Origins {
     /// Origins of the work coordinate systems.
     pub coordinates: PerSystem<Axes<Nm>>,
+    /// Rotations of the work coordinate systems about their origins, in the plane of X and Y.
+    pub rotations: PerSystem<MicroDegrees>,
     /// The target of `G28`.
     pub g28: Axes<Nm>,
     /// The target of `G30`.
@@ -29,7 +35,7 @@ pub struct Origins {
 pub struct Stored {
     /// All settings.
     pub settings: Settings,
-    /// `G54` to `G59`, `G28`, `G30`.
+    /// `G54` to `G59.3`, `G28`, `G30`.
     pub origins: Origins,
     /// `$N0`, `$N1`.
     pub startup: [StoredLine; STARTUP_LINES],

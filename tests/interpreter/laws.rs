@@ -56,7 +56,7 @@ proptest! {
         for setting in ["G92", "G10L20P0", &format!("G10L20P{system}")] {
             let mut machine = after(&before);
             send(&mut machine, &format!("{setting}Z{}", decimal(wanted))).unwrap();
-            let work = machine.position()[Z] - machine.work_offset()[Z];
+            let work = machine.position()[Z] - machine.work_offset(&machine.position())[Z];
             prop_assert_eq!(work, Nm(wanted), "{}", setting);
             prop_assert_eq!(machine.position()[Z], Nm(position));
         }

@@ -151,7 +151,7 @@ fn program_end_restores_some_modes_and_keeps_the_rest() {
     assert_eq!(modal.coolant, Coolant::default());
     assert_eq!(modal.units, Units::Inches);
     assert_eq!((modal.feed, modal.speed_rpm, modal.tool), (254.0, 20.0, 3));
-    assert_eq!(machine.offsets().tool_length, Nm(Nm::PER_INCH));
+    assert_eq!(machine.offsets().tool[Z], Nm(Nm::PER_INCH));
     assert_ne!(machine.offsets().work, um(0, 0, 0));
 }
 

@@ -8,4 +8,5 @@ mod lines;
 mod offsets;
 mod plain;
 mod refused;
+mod rotation;
 mod support;

@@ -1,7 +1,7 @@
 //! Coordinate systems, stored positions, rotary axes.
 
 use leadscrew::{
-    axis::{AXES, X},
+    axis::{AXES, X, Z},
     gcode::{LineError, Modal},
     model::{FeedRate, WorkCoordinates},
     units::Nm,
@@ -21,9 +21,12 @@ fn machine_coordinates_ignore_every_offset_and_incremental_distance() {
 #[test]
 fn offsets_add_up() {
     let machine = after(&["G10L2P2X10", "G55", "G92Y-5", "G43.1Z3", "G0X1Y0Z2"]);
-    assert_eq!(machine.work_offset(), um(10_000, 5_000, 3_000));
+    assert_eq!(
+        machine.work_offset(&machine.position()),
+        um(10_000, 5_000, 3_000)
+    );
     assert_eq!(machine.position(), um(11_000, 5_000, 5_000));
-    assert_eq!(machine.offsets().tool_length, Nm(3 * Nm::PER_MM));
+    assert_eq!(machine.offsets().tool[Z], Nm(3 * Nm::PER_MM));
 }
 
 #[test]
@@ -48,7 +51,7 @@ fn a_reset_keeps_stored_offsets_and_the_position() {
     );
     assert_eq!(machine.offsets().origins.g28, stored.origins.g28);
     assert_eq!(machine.offsets().work, um(0, 0, 0));
-    assert_eq!(machine.offsets().tool_length, Nm(0));
+    assert_eq!(machine.offsets().tool[Z], Nm(0));
 }
 
 #[test]
@@ -112,7 +115,11 @@ fn every_work_coordinate_system_is_chosen_by_its_word_and_set_by_its_number() {
 fn g10_takes_eight_bits_of_p_as_grbl_does() {
     for (p, origin_um) in [("256", 1000), ("257.9", 1000), ("258", 0)] {
         let machine = after(&[&format!("G10L2P{p}X1")]);
-        assert_eq!(machine.work_offset(), um(origin_um, 0, 0), "P{p}");
+        assert_eq!(
+            machine.work_offset(&machine.position()),
+            um(origin_um, 0, 0),
+            "P{p}"
+        );
     }
     let beyond = WorkCoordinates::ALL.len() + 1;
     for p in [beyond, 255, 256 + beyond] {

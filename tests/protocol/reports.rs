@@ -134,7 +134,8 @@ fn dollar_statements_are_answered_in_grbls_words() {
     );
     assert_eq!(bench.ask("$n"), ["$N0=", "$N1=", "ok"]);
     let axes = ["0.000"; 3].join(",");
-    let systems = WorkCoordinates::ALL.map(WorkCoordinates::word);
+    let of_grbl = &WorkCoordinates::ALL[..WorkCoordinates::FIRST_BEYOND_GRBL.index()];
+    let systems: Vec<_> = of_grbl.iter().map(|system| system.word()).collect();
     let mut expected: Vec<_> = systems
         .iter()
         .chain(&["G28", "G30", "G92"])
@@ -213,4 +214,99 @@ fn a_sender_that_does_not_read_loses_nothing() {
     assert!(lines.iter().any(|line| line.starts_with("<Idle|")));
     let settings = lines.iter().filter(|line| line.starts_with('$')).count();
     assert_eq!(settings, Setting::all().filter(Setting::is_of_grbl).count());
+}
+
+#[test]
+fn under_rotation_every_report_shows_the_offset_of_its_place() {
+    let mut bench = Bench::new();
+    assert_eq!(bench.ask("G10 L2 P1 X10 R90"), ["ok"]);
+    for (steps, expected) in [
+        (
+            [0, 0],
+            "<Idle|MPos:0.000,0.000,0.000|FS:0,0|WCO:0.000,-10.000,0.000>",
+        ),
+        (
+            [2500, 0],
+            "<Idle|MPos:10.000,0.000,0.000|FS:0,0|WCO:10.000,0.000,0.000|Ov:100,100,100>",
+        ),
+        (
+            [2500, 500],
+            "<Idle|MPos:10.000,2.000,0.000|FS:0,0|WCO:8.000,2.000,0.000>",
+        ),
+    ] {
+        bench.machine.steps.0[..2].copy_from_slice(&steps);
+        assert_eq!(bench.answer("?"), [expected]);
+    }
+    assert_eq!(bench.ask("G10 L2 P1 R0"), ["ok"]);
+    assert_eq!(bench.answer("?").len(), 1);
+    assert_eq!(bench.answer("?"), ["<Idle|MPos:10.000,2.000,0.000|FS:0,0>"]);
+}
+
+#[test]
+fn rotations_and_systems_that_grbl_lacks_are_listed_where_they_are_set() {
+    let mut bench = Bench::new();
+    let before = bench.ask("$#").len();
+    for line in ["G10 L2 P2 X1 R30", "G10 L2 P8 Y-2 R-0.125", "G43.1 X1 Z2"] {
+        assert_eq!(bench.ask(line), ["ok"]);
+    }
+    let listed = bench.ask("$#");
+    assert_eq!(listed.len(), before + 1);
+    assert_eq!(listed[1], "[G55:1.000,0.000,0.000:30.00]");
+    assert_eq!(listed[9], "[TLO:1.000,0.000,2.000]");
+    assert_eq!(listed[11], "[G59.2:0.000,-2.000,0.000:-0.13]");
+}
+
+#[test]
+fn absolute_centres_are_shown_as_a_mode() {
+    let mut bench = Bench::new();
+    assert_eq!(bench.ask("G90.1 G59.3"), ["ok"]);
+    assert_eq!(
+        bench.ask("$G"),
+        ["[GC:G0 G59.3 G17 G21 G90 G94 G90.1 M5 M9 T0 F0 S0]", "ok"]
+    );
+}
+
+#[test]
+fn five_lines_find_the_way_back_from_any_offsets() {
+    for before in [
+        &[
+            "G10 L2 P4 X5 Y6 R30",
+            "G57",
+            "G92 X1 Y2",
+            "G43.1 Z3",
+            "G20",
+            "G91",
+            "G1 X1 Y1 F50",
+        ][..],
+        &["G10 L2 P1 X7 R-45", "G80", "G43.1 X1 Z3", "G92 X9"],
+    ] {
+        let mut bench = Bench::new();
+        for line in before {
+            assert_eq!(bench.ask(line), ["ok"], "{line}");
+        }
+        for line in [
+            "G53 G0 X0 Y0 Z0",
+            "G92.1",
+            "G54",
+            "G10 L2 P1 X0 Y0 Z0 R0",
+            "G49",
+        ] {
+            assert_eq!(bench.ask(line), ["ok"], "{line} after {before:?}");
+        }
+        bench.machine.steps.0.fill(0);
+        let report = bench.answer("?");
+        assert_eq!(
+            report,
+            ["<Idle|MPos:0.000,0.000,0.000|FS:0,0|WCO:0.000,0.000,0.000>"]
+        );
+        let zero = ":0.000,0.000,0.000]";
+        let listed = bench.ask("$#");
+        let of_g57 = "[G57:5.000,6.000,0.000:30.00]";
+        for line in &listed[..9] {
+            assert!(line.ends_with(zero) || line == of_g57, "{line}");
+        }
+        assert_eq!(listed[9], "[TLO:0.000]");
+        let work = bench.session.interpreter();
+        assert_eq!(work.position(), leadscrew::axis::Axes::default());
+    }
 }

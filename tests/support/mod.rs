@@ -92,6 +92,7 @@ mod host {
                 centre: centre.map(Nm::from_mm_f64),
                 rotation,
                 turns: 1,
+                tilt: leadscrew::units::MicroDegrees::ZERO,
             },
             feed_rate: FeedRate::Feed(mm_min),
             line: 0,

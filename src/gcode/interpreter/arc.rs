@@ -3,13 +3,13 @@
 //! The circle's centre relative to the start is exact where it is programmed (`I J K`) and rounded
 //! to the nanometre where it is computed (`R`). Double precision, once per arc.
 
-use super::Move;
+use super::{Move, offsets::Frame};
 use crate::{
     axis::Axes,
     decimal::Decimal,
-    gcode::{LineError, ParsedLine, Word, Words},
-    model::{Circle, Rotation},
-    units::Nm,
+    gcode::{ArcDistance, LineError, ParsedLine, Word, Words},
+    model::{Circle, Plane, Rotation},
+    units::{MicroDegrees, Nm},
 };
 
 /// Differences of the radii at both ends up to this are always accepted, mm (Grbl, NIST).
@@ -22,7 +22,8 @@ const RADIUS_PART: f32 = 0.001;
 /// single precision of Grbl can distinguish.
 const DIAMETER_SLACK: f64 = 1.0e-6;
 
-/// The arc from `start` to `target`; removes the words that belong to it.
+/// Returns the arc from `start` to `target`, in work coordinates where `frame` rotates them; removes
+/// the words that belong to it.
 ///
 /// # Errors
 /// Grbl's 26 and 32 to 35; 23 and 39 for the number of turns.
@@ -31,6 +32,7 @@ pub(super) fn movement(
     parsed: &ParsedLine,
     unused: &mut Words,
     rotation: Rotation,
+    frame: &Frame,
     start: Axes<Nm>,
     target: Axes<Nm>,
 ) -> Result<Move, LineError> {
@@ -46,11 +48,20 @@ pub(super) fn movement(
         unused.remove(Word::R);
         centre_from_radius(chord, parsed.length(parsed.radius), rotation)?
     } else {
-        if !unused.contains(Word::offset_of(first)) && !unused.contains(Word::offset_of(second)) {
+        let has_offset = [first, second].map(|axis| unused.contains(Word::offset_of(axis)));
+        let is_absolute = parsed.modal.arc_distance == ArcDistance::Absolute;
+        if has_offset == [false; 2] || is_absolute && has_offset != [true; 2] {
             return Err(LineError::NoOffsetsInPlane);
         }
         unused.remove(Word::IJK);
-        let centre = [first, second].map(|axis| parsed.length(offset_word(parsed, axis)));
+        let centre = [first, second].map(|axis| {
+            let offset = parsed.length(offset_word(parsed, axis));
+            if is_absolute {
+                offset + frame.path_origin(axis) - start[axis]
+            } else {
+                offset
+            }
+        });
         check_radii(chord, centre)?;
         centre
     };
@@ -59,11 +70,17 @@ pub(super) fn movement(
     if centre == [Nm(0); 2] || centre == chord {
         return Ok(Move::Straight);
     }
+    let plane = parsed.modal.plane;
+    let (centre, tilt) = match plane {
+        Plane::Xy => (frame.rotation.rotate(centre), MicroDegrees::ZERO),
+        Plane::Zx | Plane::Yz => (centre, frame.rotation.angle()),
+    };
     Ok(Move::Arc(Circle {
-        plane: parsed.modal.plane,
+        plane,
         centre,
         rotation,
         turns,
+        tilt,
     }))
 }
 

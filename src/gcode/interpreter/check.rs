@@ -2,15 +2,15 @@
 //!
 //! One function per step of the NIST order of execution that can fail.
 
-use super::{Action, Checked, Interpreter, LineKind, Move, arc, offsets::TOOL_AXIS, power};
+use super::{Action, Checked, Interpreter, LineKind, Move, arc, power, targets};
 use crate::{
-    axis::{AXES, Axes, Z},
+    axis::Axes,
     decimal::Decimal,
     gcode::{
-        AxisCommand, Distance, FeedMode, LineError, Modal, MotionMode, NonModal, ParsedLine,
-        ToolLength, Units, Word, Words,
+        AxisCommand, FeedMode, LineError, Modal, MotionMode, NonModal, ParsedLine, ToolLength,
+        Units, Word, Words,
     },
-    model::{Laser, PathControl, WorkCoordinates},
+    model::{Laser, PathControl},
     settings::Settings,
     units::{Nm, StepsPerMm},
 };
@@ -69,8 +69,9 @@ fn unchanged(state: &Interpreter, kind: LineKind, parsed: &ParsedLine) -> Checke
         power: Laser::None,
         changes_state: false,
         line: parsed.line,
-        tool_length: state.offsets.tool_length,
+        tool: state.offsets.tool,
         values: state.position,
+        work_target: state.work_position,
         single_mm: state.single_mm,
         movement: Move::None,
     }
@@ -97,7 +98,7 @@ fn check_modes(
         checked.action = dwell(parsed, unused)?;
     }
     if parsed.axis_command == AxisCommand::ToolLength {
-        checked.tool_length = tool_length(parsed)?;
+        checked.tool = tool_offset(state, parsed)?;
     }
     Ok(())
 }
@@ -196,12 +197,18 @@ fn path_tolerance(parsed: &ParsedLine) -> Result<PathControl, LineError> {
     })
 }
 
-/// `G43.1`, `G49`: the new tool length.
-fn tool_length(parsed: &ParsedLine) -> Result<Nm, LineError> {
+/// `G43.1`, `G49`: the new tool length offset. `G43.1` sets that of the given axes.
+fn tool_offset(state: &Interpreter, parsed: &ParsedLine) -> Result<Axes<Nm>, LineError> {
     match parsed.modal.tool_length {
-        ToolLength::None => Ok(Nm(0)),
-        ToolLength::Dynamic if parsed.axes == 1 << TOOL_AXIS => Ok(coordinate(parsed, TOOL_AXIS)),
-        ToolLength::Dynamic => Err(LineError::ToolLengthAxis),
+        ToolLength::None => Ok(Axes::all(Nm(0))),
+        ToolLength::Dynamic if parsed.axes == 0 => Err(LineError::ToolLengthAxis),
+        ToolLength::Dynamic => Ok(Axes::from_fn(|axis| {
+            if parsed.has_axis(axis) {
+                targets::coordinate(parsed, axis)
+            } else {
+                state.offsets.tool[axis]
+            }
+        })),
     }
 }
 
@@ -214,22 +221,29 @@ fn check_non_modal(
 ) -> Result<(), LineError> {
     match parsed.non_modal {
         NonModal::SetCoordinates => {
-            let system = coordinates_to_set(parsed, unused)?;
-            checked.values = new_origin(state, parsed, system);
-            checked.action = Action::SetOrigin(system);
+            let system = targets::system_to_set(parsed, unused)?;
+            let (origin, rotation) = targets::new_origin(state, parsed, checked, system);
+            checked.values = origin;
+            checked.action = Action::SetOrigin(system, rotation);
             return Ok(());
         }
-        NonModal::SetOffset => {
+        NonModal::SetOffset | NonModal::SetLocalOffset => {
             if parsed.axes == 0 {
                 return Err(LineError::NoAxisWords);
             }
-            checked.values = new_work_offset(state, parsed);
+            checked.values = if parsed.non_modal == NonModal::SetOffset {
+                targets::new_work_offset(state, parsed, checked)
+            } else {
+                targets::given_work_offset(state, parsed)
+            };
             checked.action = Action::SetOffset;
             return Ok(());
         }
         NonModal::GoTo(reference) => checked.action = Action::GoTo(reference),
         NonModal::Store(reference) => checked.action = Action::Store(reference),
         NonModal::ClearOffset => checked.action = Action::ClearOffset,
+        NonModal::SuspendOffset => checked.action = Action::SuspendOffset,
+        NonModal::RestoreOffset => checked.action = Action::RestoreOffset,
         NonModal::MachineCoordinates => {
             if !matches!(parsed.modal.motion, MotionMode::Rapid | MotionMode::Linear) {
                 return Err(LineError::MachineCoordinatesMotion);
@@ -238,117 +252,9 @@ fn check_non_modal(
         NonModal::None | NonModal::Dwell => {}
     }
     if parsed.axes != 0 && parsed.axis_command != AxisCommand::ToolLength {
-        set_target(state, parsed, checked);
+        targets::set_target(state, parsed, checked);
     }
     Ok(())
-}
-
-/// `G10`: the coordinate system of `P`; 0 and none stand for the system in use.
-fn coordinates_to_set(
-    parsed: &ParsedLine,
-    unused: &mut Words,
-) -> Result<WorkCoordinates, LineError> {
-    if parsed.axes == 0 {
-        return Err(LineError::NoAxisWords);
-    }
-    if !unused.contains(Word::P) && !unused.contains(Word::L) {
-        return Err(LineError::MissingWord);
-    }
-    // Grbl keeps it in eight bits, so that 256 is 0.
-    let system = match parsed.p.trunc() as u8 {
-        0 => parsed.modal.coordinates,
-        number => *WorkCoordinates::ALL
-            .get(usize::from(number - 1))
-            .ok_or(LineError::UnknownCoordinates)?,
-    };
-    match parsed.l {
-        20 => {}
-        2 if !unused.contains(Word::R) => {}
-        _ => return Err(LineError::Unsupported),
-    }
-    unused.remove(Word::P);
-    unused.remove(Word::L);
-    Ok(system)
-}
-
-/// The new origin. `G10 L2`: the values. `G10 L20`: the present position, less the values.
-fn new_origin(state: &Interpreter, parsed: &ParsedLine, system: WorkCoordinates) -> Axes<Nm> {
-    let origin = state.offsets.origin(system);
-    let mut others = state.offsets.work;
-    others[TOOL_AXIS] = others[TOOL_AXIS] + state.offsets.tool_length;
-    Axes::from_fn(|axis| {
-        if !parsed.has_axis(axis) {
-            origin[axis]
-        } else if parsed.l == 2 {
-            coordinate(parsed, axis)
-        } else {
-            state.position[axis] - others[axis] - coordinate(parsed, axis)
-        }
-    })
-}
-
-/// The new offset of `G92`: with it the values are the present work position.
-fn new_work_offset(state: &Interpreter, parsed: &ParsedLine) -> Axes<Nm> {
-    let mut others = state.offsets.origin(parsed.modal.coordinates);
-    others[TOOL_AXIS] = others[TOOL_AXIS] + state.offsets.tool_length;
-    Axes::from_fn(|axis| {
-        if parsed.has_axis(axis) {
-            state.position[axis] - others[axis] - coordinate(parsed, axis)
-        } else {
-            state.offsets.work[axis]
-        }
-    })
-}
-
-/// Sets the target of the axis words, in the machine frame: exactly, and in Grbl's single precision.
-fn set_target(state: &Interpreter, parsed: &ParsedLine, checked: &mut Checked) {
-    let (base, single_base) = if parsed.non_modal == NonModal::MachineCoordinates {
-        (Axes::all(Nm(0)), Axes::all(0.0))
-    } else {
-        match parsed.modal.distance {
-            Distance::Absolute => {
-                let total = state.offsets.total(parsed.modal.coordinates);
-                let is_none = total == Axes::all(Nm(0));
-                let single = if is_none {
-                    Axes::all(0.0)
-                } else {
-                    total.map(Nm::to_mm)
-                };
-                (total, single)
-            }
-            Distance::Incremental => (state.position, state.single_mm),
-        }
-    };
-    for axis in 0..AXES {
-        if parsed.has_axis(axis) {
-            let (exact, single) = if parsed.modal.units == Units::Millimetres {
-                let number: &Decimal = &parsed.coordinates[axis];
-                (Nm(number.to_millionths()), number.to_grbl_f32())
-            } else {
-                (coordinate(parsed, axis), single_coordinate(parsed, axis))
-            };
-            checked.values[axis] = base[axis] + exact;
-            checked.single_mm[axis] = single_base[axis] + single;
-        }
-    }
-}
-
-/// An axis word in mm as Grbl has it.
-fn single_coordinate(parsed: &ParsedLine, axis: usize) -> f32 {
-    let value = parsed.coordinates[axis].to_grbl_f32();
-    match parsed.modal.units {
-        Units::Inches if axis <= Z => value * MM_PER_INCH,
-        Units::Inches | Units::Millimetres => value,
-    }
-}
-
-/// An axis word in nm. Rotary axes have no inches.
-fn coordinate(parsed: &ParsedLine, axis: usize) -> Nm {
-    let number: Decimal = parsed.coordinates[axis];
-    Nm(match parsed.modal.units {
-        Units::Inches if axis <= Z => number.inches_to_nm(),
-        Units::Inches | Units::Millimetres => number.to_millionths(),
-    })
 }
 
 /// The motion mode, if the axis words belong to it.
@@ -359,10 +265,13 @@ fn check_motion(
     checked: &mut Checked,
 ) -> Result<(), LineError> {
     let motion = parsed.modal.motion;
+    if parsed.axis_command != AxisCommand::Motion {
+        return Ok(());
+    }
     if motion == MotionMode::Cancelled && parsed.axes != 0 {
         return Err(LineError::UnusedAxisWords);
     }
-    if motion == MotionMode::Cancelled || parsed.axis_command != AxisCommand::Motion {
+    if motion == MotionMode::Cancelled {
         return Ok(());
     }
     if motion != MotionMode::Rapid && checked.modal.feed == 0.0 {
@@ -370,8 +279,8 @@ fn check_motion(
     }
     match motion {
         MotionMode::Arc(rotation) => {
-            checked.movement =
-                arc::movement(parsed, unused, rotation, state.position, checked.values)?;
+            let (frame, start, target) = targets::ends(state, checked);
+            checked.movement = arc::movement(parsed, unused, rotation, &frame, start, target)?;
         }
         MotionMode::Probe(_) if parsed.axes == 0 => return Err(LineError::NoAxisWords),
         MotionMode::Probe(_) if checked.values == state.position => {
@@ -398,10 +307,8 @@ fn check_reach(
     if let Action::GoTo(reference) = checked.action {
         check_position(settings, &state.offsets.stored(reference))?;
     }
-    if checked.tool_length != state.offsets.tool_length {
-        let mut lengths = Axes::all(Nm(0));
-        lengths[TOOL_AXIS] = checked.tool_length;
-        check_position(settings, &lengths)?;
+    if checked.tool != state.offsets.tool {
+        check_position(settings, &checked.tool)?;
     }
     if let Move::Arc(circle) = checked.movement {
         let (first, second, _) = circle.plane.axes();
@@ -446,5 +353,5 @@ fn changes_state(state: &Interpreter, checked: &Checked) -> bool {
     checked.spindle.is_some()
         || before.coolant != after.coolant
         || before.coordinates != after.coordinates
-        || state.offsets.tool_length != checked.tool_length
+        || state.offsets.tool != checked.tool
 }

@@ -14,17 +14,18 @@ pub(super) fn commit(state: &mut Interpreter, checked: &Checked) -> Outcome {
         add_laser_power(checked, &mut outcome);
         let feed_rate = FeedRate::Jog(feed(state, checked));
         outcome.add(line(checked.target(), feed_rate, checked));
-        state.set_target(&checked.target());
+        state.set_target(checked);
         return outcome;
     }
     add_switching(state, checked, &mut outcome);
     if let Action::Dwell(milliseconds) = checked.action {
         outcome.add(Command::Dwell { milliseconds });
     }
-    outcome.shows_offset = state.modal.coordinates != checked.modal.coordinates
-        || state.offsets.tool_length != checked.tool_length;
+    outcome.shows_offset =
+        state.modal.coordinates != checked.modal.coordinates || state.offsets.tool != checked.tool;
     state.modal = checked.modal;
-    state.offsets.tool_length = checked.tool_length;
+    state.offsets.tool = checked.tool;
+    state.update_frame();
     if checked.moves() {
         add_laser_power(checked, &mut outcome);
     }
@@ -69,22 +70,36 @@ fn add_laser_power(checked: &Checked, outcome: &mut Outcome) {
 fn execute_action(state: &mut Interpreter, checked: &Checked, outcome: &mut Outcome) {
     match checked.action {
         Action::None | Action::Dwell(_) => {}
-        Action::SetOrigin(_) | Action::Store(_) => {
+        Action::SetOrigin(..) | Action::Store(_) => {
             if let Some(origins) = state.origins_after(checked) {
                 state.offsets.origins = origins;
             }
-            outcome.shows_offset |= checked.action == Action::SetOrigin(checked.modal.coordinates);
+            outcome.shows_offset |= matches!(
+                checked.action,
+                Action::SetOrigin(system, _) if system == checked.modal.coordinates
+            );
         }
         Action::GoTo(reference) => go_to(state, checked, reference, outcome),
         Action::SetOffset => {
             state.offsets.work = checked.values;
+            state.offsets.remembered_work = checked.values;
             outcome.shows_offset = true;
         }
         Action::ClearOffset => {
             state.offsets.work = Axes::all(Nm(0));
+            state.offsets.remembered_work = Axes::all(Nm(0));
+            outcome.shows_offset = true;
+        }
+        Action::SuspendOffset => {
+            state.offsets.work = Axes::all(Nm(0));
+            outcome.shows_offset = true;
+        }
+        Action::RestoreOffset => {
+            state.offsets.work = state.offsets.remembered_work;
             outcome.shows_offset = true;
         }
     }
+    state.update_frame();
 }
 
 /// To a stored position: all axes at once, or first to the target and then the named axes.
@@ -152,7 +167,7 @@ fn add_movement(state: &mut Interpreter, checked: &Checked, outcome: &mut Outcom
             });
         }
     }
-    state.set_target(&checked.target());
+    state.set_target(checked);
 }
 
 const fn probing(probe: ProbeMode) -> Probing {
@@ -185,6 +200,7 @@ fn end_line(state: &mut Interpreter, flow: Flow, outcome: &mut Outcome) {
                 feed_mode,
                 units: _,
                 distance,
+                arc_distance: _,
                 plane,
                 tool_length: _,
                 coordinates,

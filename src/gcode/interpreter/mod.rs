@@ -11,6 +11,9 @@ mod commit;
 mod offsets;
 mod plain;
 mod power;
+mod targets;
+
+use offsets::Frame;
 
 pub use offsets::Offsets;
 pub use plain::Refusal;
@@ -22,7 +25,7 @@ use crate::{
     axis::Axes,
     model::{Circle, Command, Coolant, Laser, Spindle, Target, WorkCoordinates},
     settings::{Origins, Settings},
-    units::Nm,
+    units::{MicroDegrees, Nm},
 };
 
 /// Most commands of one line: spindle, coolant, laser power, two moves (or a dwell and a move), and
@@ -34,9 +37,13 @@ pub const COMMANDS: usize = 7;
 pub struct Interpreter {
     modal: Modal,
     offsets: Offsets,
+    /// The work coordinates in effect.
+    frame: Frame,
     position: Axes<Nm>,
     /// The position in Grbl's single precision, mm: see [`Target::single_mm`].
     single_mm: Axes<f32>,
+    /// The work position under rotation: exact, so that incremental moves do not drift.
+    work_position: Axes<Nm>,
 }
 
 /// The kind of a line.
@@ -66,10 +73,12 @@ pub struct Checked {
     changes_state: bool,
     /// `N`.
     line: u32,
-    /// The tool length after the line.
-    tool_length: Nm,
+    /// The tool length offset after the line.
+    tool: Axes<Nm>,
     /// Target of the move, or the values that the action sets.
     values: Axes<Nm>,
+    /// The work position of the target, where the work coordinates are rotated.
+    work_target: Axes<Nm>,
     /// A target in Grbl's single precision, mm.
     single_mm: Axes<f32>,
     movement: Move,
@@ -82,16 +91,20 @@ enum Action {
     None,
     /// `G4`, ms.
     Dwell(u32),
-    /// `G10`.
-    SetOrigin(WorkCoordinates),
+    /// `G10 L2`, `G10 L20`: the origin is set to the values, and the system gets this rotation.
+    SetOrigin(WorkCoordinates, MicroDegrees),
     /// `G28`, `G30`.
     GoTo(StoredPosition),
     /// `G28.1`, `G30.1`.
     Store(StoredPosition),
-    /// `G92`.
+    /// `G92`, `G52`.
     SetOffset,
     /// `G92.1`.
     ClearOffset,
+    /// `G92.2`.
+    SuspendOffset,
+    /// `G92.3`.
+    RestoreOffset,
 }
 
 /// The move of a line's motion mode.
@@ -143,10 +156,12 @@ impl Checked {
             || self.changes_state
             || match self.action {
                 Action::None | Action::Dwell(_) | Action::GoTo(_) => false,
-                Action::SetOrigin(_)
+                Action::SetOrigin(..)
                 | Action::Store(_)
                 | Action::SetOffset
-                | Action::ClearOffset => true,
+                | Action::ClearOffset
+                | Action::SuspendOffset
+                | Action::RestoreOffset => true,
             }
     }
 
@@ -187,8 +202,10 @@ impl Interpreter {
         Self {
             modal: Modal::default(),
             offsets: Offsets::default(),
+            frame: Frame::MACHINE,
             position: Axes::all(Nm(0)),
             single_mm: Axes::all(0.0),
+            work_position: Axes::all(Nm(0)),
         }
     }
 
@@ -220,8 +237,13 @@ impl Interpreter {
             | Action::Dwell(_)
             | Action::GoTo(_)
             | Action::SetOffset
-            | Action::ClearOffset => return None,
-            Action::SetOrigin(system) => origins.coordinates[system] = checked.values,
+            | Action::ClearOffset
+            | Action::SuspendOffset
+            | Action::RestoreOffset => return None,
+            Action::SetOrigin(system, rotation) => {
+                origins.coordinates[system] = checked.values;
+                origins.rotations[system] = rotation;
+            }
             Action::Store(StoredPosition::G28) => origins.g28 = self.position,
             Action::Store(StoredPosition::G30) => origins.g30 = self.position,
         }
@@ -249,11 +271,15 @@ impl Interpreter {
         plain::execute(self, bytes, settings, checked, outcome)
     }
 
-    /// Back to the power-up modes; the position, `G54` to `G59`, `G28` and `G30` stay.
+    /// Back to the power-up modes; the position, `G54` to `G59.3`, `G28` and `G30` stay.
     pub fn reset(&mut self) {
         self.modal = Modal::default();
-        self.offsets.work = Axes::all(Nm(0));
-        self.offsets.tool_length = Nm(0);
+        self.offsets = Offsets {
+            origins: self.offsets.origins,
+            remembered_work: self.offsets.remembered_work,
+            ..Offsets::default()
+        };
+        self.update_frame();
     }
 
     /// The programmed position, in the machine frame.
@@ -265,6 +291,30 @@ impl Interpreter {
     /// Replaces the stored offsets and positions.
     pub fn set_origins(&mut self, origins: &Origins) {
         self.offsets.origins = *origins;
+        self.update_frame();
+    }
+
+    /// Puts the offsets and the work coordinate system into effect.
+    fn update_frame(&mut self) {
+        let offsets = &self.offsets;
+        let frame = Frame::of(
+            &offsets.origins,
+            self.modal.coordinates,
+            &offsets.work,
+            &offsets.tool,
+            &self.frame.rotation,
+        );
+        if frame != self.frame {
+            self.frame = frame;
+            self.update_work_position();
+        }
+    }
+
+    /// Computes the work position of the present position, where it cannot be had from offsets alone.
+    fn update_work_position(&mut self) {
+        if !self.frame.rotation.is_none() {
+            self.work_position = self.frame.work_position(&self.position);
+        }
     }
 
     /// Replaces the coolant's state, which has been switched by an override.
@@ -272,22 +322,41 @@ impl Interpreter {
         self.modal.coolant = coolant;
     }
 
-    /// Makes a target the programmed position.
-    fn set_target(&mut self, target: &Target) {
-        self.position = target.position;
-        self.single_mm = target.single_mm;
+    /// Makes the target of a line the programmed position.
+    fn set_target(&mut self, checked: &Checked) {
+        self.position = checked.values;
+        self.single_mm = checked.single_mm;
+        self.work_position = checked.work_target;
     }
 
     /// Replaces the programmed position.
     pub fn set_position(&mut self, position: Axes<Nm>) {
         self.position = position;
         self.single_mm = position.map(Nm::to_mm);
+        self.update_work_position();
     }
 
-    /// Machine position minus work position: work coordinate system, `G92` and tool length.
+    /// The programmed position, in the work coordinates in effect.
+    fn work_position(&self) -> Axes<Nm> {
+        if self.frame.rotation.is_none() {
+            self.frame.work_position(&self.position)
+        } else {
+            self.work_position
+        }
+    }
+
+    /// Machine position minus work position, at a machine position: under rotation it depends on the
+    /// place.
     #[must_use]
-    pub fn work_offset(&self) -> Axes<Nm> {
-        self.offsets.total(self.modal.coordinates)
+    pub fn work_offset(&self, machine: &Axes<Nm>) -> Axes<Nm> {
+        let work = self.frame.work_position(machine);
+        machine.zip(work, |machine, work| machine - work)
+    }
+
+    /// Whether the work coordinates are rotated.
+    #[must_use]
+    pub fn is_rotated(&self) -> bool {
+        !self.frame.rotation.is_none()
     }
 
     /// The modal state.

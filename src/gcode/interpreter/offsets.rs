@@ -1,27 +1,27 @@
-//! Offsets and stored positions.
+//! Offsets and stored positions, and the work coordinates that come of them.
 //!
-//! Work position = machine position - work coordinate system - `G92` - tool length.
+//! Machine position = origin + rotation · (work position + `G92`) + tool length offset, where the
+//! rotation is about Z: in the plane of X and Y. Read with LinuxCNC 2.9 "Coordinate Systems".
 
 use crate::{
-    axis::{Axes, Z},
+    axis::{Axes, X, Y},
     gcode::StoredPosition,
-    model::WorkCoordinates,
+    model::{WorkCoordinates, XyRotation},
     settings::Origins,
     units::Nm,
 };
 
-/// The axis along which a tool length is measured.
-pub(super) const TOOL_AXIS: usize = Z;
-
 /// Everything that lies between machine and work coordinates, and the stored positions. nm.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub struct Offsets {
-    /// What outlives power: `G54` to `G59`, `G28` and `G30`.
+    /// What outlives power: `G54` to `G59.3`, `G28` and `G30`.
     pub origins: Origins,
-    /// The offset of `G92`.
+    /// The offset of `G92` and `G52`.
     pub work: Axes<Nm>,
-    /// The tool length of `G43.1`, along Z.
-    pub tool_length: Nm,
+    /// The offset that `G92` or `G52` has set last, which `G92.3` restores.
+    pub remembered_work: Axes<Nm>,
+    /// The tool length offset.
+    pub tool: Axes<Nm>,
 }
 
 impl Offsets {
@@ -39,14 +39,82 @@ impl Offsets {
             StoredPosition::G30 => self.origins.g30,
         }
     }
+}
 
-    /// Machine position minus work position in a work coordinate system.
-    #[must_use]
-    pub fn total(&self, system: WorkCoordinates) -> Axes<Nm> {
-        let mut total = self
-            .origin(system)
-            .zip(self.work, |origin, work| origin + work);
-        total[TOOL_AXIS] = total[TOOL_AXIS] + self.tool_length;
-        total
+/// The work coordinates in effect: those of one system, with `G92` and the tool length offset.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Frame {
+    /// Machine position minus work position without rotation.
+    pub(super) total: Axes<Nm>,
+    /// The offset of `G92`.
+    work: Axes<Nm>,
+    pub(super) rotation: XyRotation,
+}
+
+impl Frame {
+    /// The frame of a machine without offsets.
+    pub(super) const MACHINE: Self = Self {
+        total: Axes::all(Nm(0)),
+        work: Axes::all(Nm(0)),
+        rotation: XyRotation::NONE,
+    };
+
+    /// Returns the frame of a work coordinate system. `known` is a rotation that need not be computed
+    /// again.
+    pub(super) fn of(
+        origins: &Origins,
+        system: WorkCoordinates,
+        work: &Axes<Nm>,
+        tool: &Axes<Nm>,
+        known: &XyRotation,
+    ) -> Self {
+        let origin = &origins.coordinates[system];
+        let angle = origins.rotations[system];
+        Self {
+            total: Axes::from_fn(|axis| origin[axis] + work[axis] + tool[axis]),
+            work: *work,
+            rotation: if angle == known.angle() {
+                *known
+            } else {
+                XyRotation::by(angle)
+            },
+        }
+    }
+
+    /// Returns the origin of coordinates of an axis in the coordinates of a path: work coordinates
+    /// where they are rotated, else those of the machine.
+    pub(super) fn path_origin(&self, axis: usize) -> Nm {
+        if self.rotation.is_none() {
+            self.total[axis]
+        } else {
+            Nm(0)
+        }
+    }
+
+    /// Returns the machine position of a work position.
+    pub(super) fn machine(&self, work_position: &Axes<Nm>) -> Axes<Nm> {
+        let mut machine = work_position.zip(self.total, |value, total| value + total);
+        if !self.rotation.is_none() {
+            let rotated = self
+                .rotation
+                .rotate([X, Y].map(|axis| work_position[axis] + self.work[axis]));
+            for (axis, rotated) in [X, Y].into_iter().zip(rotated) {
+                machine[axis] = self.total[axis] - self.work[axis] + rotated;
+            }
+        }
+        machine
+    }
+
+    /// Returns the work position of a machine position.
+    pub(super) fn work_position(&self, machine: &Axes<Nm>) -> Axes<Nm> {
+        let mut position = machine.zip(self.total, |value, total| value - total);
+        if !self.rotation.is_none() {
+            let rotated = [X, Y].map(|axis| machine[axis] - self.total[axis] + self.work[axis]);
+            let unrotated = self.rotation.unrotate(rotated);
+            for (axis, unrotated) in [X, Y].into_iter().zip(unrotated) {
+                position[axis] = unrotated - self.work[axis];
+            }
+        }
+        position
     }
 }

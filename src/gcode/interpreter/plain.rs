@@ -8,7 +8,7 @@
 //! A plain line is read where it waits, checked and executed at once, without a copy of all that a
 //! line could change: nearly all lines of a program are plain.
 
-use super::{Action, Checked, Interpreter, LineKind, Move, Outcome, check, offsets::TOOL_AXIS};
+use super::{Action, Checked, Interpreter, LineKind, Move, Outcome, check};
 use crate::{
     axis::{AXES, Axes, LETTERS},
     decimal::SmallDecimal,
@@ -51,7 +51,8 @@ pub(super) fn execute<I: Iterator<Item = u8>>(
     let has_plain_modes = modal.units == Units::Millimetres
         && modal.feed_units == Units::Millimetres
         && modal.feed_mode == FeedMode::PerMinute
-        && !settings.laser;
+        && !settings.laser
+        && state.frame.rotation.is_none();
     if !has_plain_modes {
         return Err(Refusal::NotPlain);
     }
@@ -76,7 +77,8 @@ pub(super) fn execute<I: Iterator<Item = u8>>(
     }
     state.modal.motion = plain.motion;
     state.modal.feed = plain.feed;
-    state.set_target(&target);
+    state.position = target.position;
+    state.single_mm = target.single_mm;
     // All that may be asked of the line afterwards.
     checked.kind = LineKind::Program;
     checked.action = Action::None;
@@ -167,12 +169,7 @@ impl Plain {
 fn base(state: &Interpreter, axis: usize) -> (Nm, f32) {
     match state.modal.distance {
         Distance::Absolute => {
-            let offsets = &state.offsets;
-            let origin = &offsets.origins.coordinates[state.modal.coordinates];
-            let mut total = origin[axis] + offsets.work[axis];
-            if axis == TOOL_AXIS {
-                total = total + offsets.tool_length;
-            }
+            let total = state.frame.total[axis];
             (total, if total == Nm(0) { 0.0 } else { total.to_mm() })
         }
         Distance::Incremental => (state.position[axis], state.single_mm[axis]),

@@ -155,10 +155,12 @@ impl Session {
         // A report counts only once it has been sent.
         let mut cadence = self.reports.cadence;
         let mut text = Text::new();
+        let position = report::machine_position(machine, &self.persistence.stored.settings);
         let status = Status {
             machine,
             settings: &self.persistence.stored.settings,
-            work_offset: self.interpreter.work_offset(),
+            work_offset: self.interpreter.work_offset(&position),
+            depends_on_place: self.interpreter.is_rotated(),
             received_free,
             extra: cadence.next(machine.state),
         };

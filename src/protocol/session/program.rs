@@ -12,7 +12,7 @@ use crate::{
     },
     machine::Snapshot,
     model::{Command, State},
-    path::{is_outside, leaves_travel},
+    path::{TiltedArc, is_outside, leaves_travel},
     protocol::{ByteReader, report::Feedback},
     settings::Change,
     units::Nm,
@@ -102,6 +102,7 @@ impl Session {
             self.line.outcome.commands.clear();
         }
         self.line.completion = None;
+        self.line.tilted = None;
         self.send_commands(0, links)
     }
 
@@ -176,6 +177,9 @@ impl Session {
         if self.leaves_travel(machine, from) {
             return self.send_fault(links);
         }
+        let settings = &self.persistence.stored.settings;
+        let mut commands = self.line.outcome.commands.iter();
+        self.line.tilted = commands.find_map(|command| TiltedArc::of(command, &from, settings));
         let is_checking = machine.state == State::Check;
         let ends_program = self.line.outcome.message == Some(Message::ProgramEnd);
         if self.line.outcome.shows_offset && !(is_checking && ends_program) {

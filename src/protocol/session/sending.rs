@@ -55,8 +55,9 @@ impl Session {
             if !self.drain(links.entries) || !links.entries.ready() {
                 return false;
             }
+            let has_more = self.take_chord(*next);
             self.send_command(*next, is_blended, links);
-            *next += 1;
+            *next += usize::from(!has_more);
         }
         if self.line.completion.is_some() {
             self.router.flush(&mut self.blender);
@@ -71,6 +72,22 @@ impl Session {
             self.send_work(Work::EndOverrides, links);
         }
         true
+    }
+
+    /// Replaces a tilted arc by its next chord. Returns whether another one follows.
+    fn take_chord(&mut self, number: usize) -> bool {
+        let Some(arc) = &mut self.line.tilted else {
+            return false;
+        };
+        match self.line.outcome.commands.get_mut(number) {
+            Some(command @ (Command::Arc { .. } | Command::Line { .. })) => {
+                if let Some(chord) = arc.next_chord() {
+                    *command = chord;
+                }
+                arc.has_more()
+            }
+            Some(_) | None => false,
+        }
     }
 
     /// Sends a command of the line to the machine, or to the blender before it. There is room.

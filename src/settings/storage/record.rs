@@ -4,7 +4,7 @@
 //! record      format: 1 │ generation: u32 │ contents
 //! generations (key: u8, generation: u32)…
 //! settings    (number: u16, type: u8, value)…
-//! origins     axes: u8, (name: u8, (nm: i64 as zigzag) for each axis)…
+//! origins     axes: u8, (name: u8, (i64 as zigzag) for each axis)…: nm, or millionths of a degree
 //! lines       the text
 //! ```
 //!
@@ -23,7 +23,7 @@ use crate::{
         Kind, STARTUP_LINES, STORED_LINE, Setting, StoreError, Stored, StoredLine, Value, setting,
         table::TABLE,
     },
-    units::Nm,
+    units::{MicroDegrees, Nm},
 };
 
 /// The format of the records, for the day when a record cannot say itself what it holds.
@@ -31,7 +31,7 @@ const FORMAT: u8 = 1;
 /// Bytes of the format and the generation.
 const HEADER_BYTES: usize = 1 + 4;
 /// Bytes of the longest record.
-const RECORD_BYTES: usize = 512;
+const RECORD_BYTES: usize = 656;
 /// Farthest coordinate that is read, nm: what double precision holds exactly.
 const FARTHEST: u64 = 1 << 53;
 
@@ -60,9 +60,10 @@ const fn settings_bytes(axes: usize) -> usize {
     bytes
 }
 
-/// Bytes of all origins and positions of a machine with `axes` axes.
+/// Bytes of all origins, positions and rotations of a machine with `axes` axes.
 const fn origins_bytes(axes: usize) -> usize {
-    1 + (WorkCoordinates::ALL.len() + 2) * (1 + 8 * axes)
+    let systems = WorkCoordinates::ALL.len();
+    1 + (systems + 2 + systems.div_ceil(axes)) * (1 + 8 * axes)
 }
 
 /// Key of the record of generations.
@@ -239,6 +240,10 @@ fn read_value(value_type: u8, mut bytes: &[u8]) -> Option<Value> {
     })
 }
 
+/// The name of the rotations of the work coordinate systems from the first one on, as many as there are
+/// axes; the others follow, each name that of its first system.
+const ROTATIONS: u8 = 128;
+
 /// The stored positions with their names: 54 and on for `G54` and on, 28 and 30.
 fn positions(stored: &mut Stored) -> impl Iterator<Item = (u8, &mut Axes<Nm>)> {
     let origins = &mut stored.origins;
@@ -255,6 +260,22 @@ fn write_origins(stored: &Stored, record: &mut Record) -> Result<(), StoreError>
             record.append(&zigzag(nm).to_le_bytes())?;
         }
     }
+    write_rotations(stored, record)
+}
+
+fn write_rotations(stored: &Stored, record: &mut Record) -> Result<(), StoreError> {
+    let rotations = &stored.origins.rotations.0;
+    for (name, some) in (ROTATIONS..).step_by(AXES).zip(rotations.chunks(AXES)) {
+        if some.iter().all(|angle| *angle == MicroDegrees::ZERO) {
+            continue;
+        }
+        record.append(&[name])?;
+        for axis in 0..AXES {
+            let angle = some.get(axis).copied().unwrap_or_default();
+            let code = zigzag(Nm(i64::from(angle.millionths())));
+            record.append(&code.to_le_bytes())?;
+        }
+    }
     Ok(())
 }
 
@@ -262,8 +283,13 @@ fn read_origins(mut contents: &[u8], stored: &mut Stored) -> Option<()> {
     let [axes] = next(&mut contents)?;
     while let Some([name]) = next(&mut contents) {
         let mut read = Axes::default();
+        let first_system = name.checked_sub(ROTATIONS).map(usize::from);
         for axis in 0..usize::from(axes) {
             let nm = unzigzag(u64::from_le_bytes(next(&mut contents)?));
+            let rotations = &mut stored.origins.rotations.0;
+            if let Some(rotation) = first_system.and_then(|first| rotations.get_mut(first + axis)) {
+                *rotation = MicroDegrees::new(nm.0);
+            }
             if let Some(coordinate) = read.0.get_mut(axis)
                 && nm.0.unsigned_abs() <= FARTHEST
             {

@@ -241,6 +241,7 @@ mod tests {
             centre: [Nm(-10_000_000), Nm(0)],
             rotation: Rotation::CounterClockwise,
             turns: 1,
+            tilt: leadscrew::units::MicroDegrees::ZERO,
         };
         Piece::new(point(10.0, 0.0, 0.0), point(0.0, 10.0, 0.0), Some(&circle))
     }

@@ -41,6 +41,11 @@ fn the_fullest_records_are_read_back_exactly() {
     stored.settings.soft_limits = true;
     stored.origins.coordinates.0.fill(Axes::all(Nm(-1)));
     stored.origins.g30 = Axes::all(Nm(-9_000_000_000_000_000));
+    stored
+        .origins
+        .rotations
+        .0
+        .fill(MicroDegrees::new(-359_999_999));
     stored.startup[1] = [b'~'; STORED_LINE].into_iter().collect();
     let mut back = Stored::default();
     for key in Key::ALL {
@@ -176,4 +181,25 @@ fn contents_that_end_anywhere_are_read_as_far_as_they_go() {
     }
     assert_eq!(open(&[1, 0, 0, 0]), None);
     assert_eq!(open(&[2, 0, 0, 0, 0, 9]), None);
+}
+
+#[test]
+fn a_rotation_keeps_to_its_system_whatever_the_number_of_axes() {
+    let mut stored = Stored::default();
+    for (rotation, angle) in stored.origins.rotations.0.iter_mut().zip(1..) {
+        *rotation = MicroDegrees::new(angle);
+    }
+    assert_eq!(read(Key::Origins, &written(Key::Origins, &stored)), stored);
+    // Nine axes: all rotations in a row.
+    let mut contents = vec![9, ROTATIONS];
+    for angle in 1..=9 {
+        contents.extend(zigzag(Nm(angle)).to_le_bytes());
+    }
+    assert_eq!(read(Key::Origins, &contents), stored);
+    // Without rotations the record is that of older firmware.
+    let plain = written(Key::Origins, &Stored::default());
+    assert_eq!(
+        plain.len(),
+        1 + (WorkCoordinates::ALL.len() + 2) * (1 + 8 * AXES)
+    );
 }

@@ -1,0 +1,242 @@
+//! Axis words to coordinates: targets of moves, origins, offsets.
+
+use super::{Checked, Interpreter, check::MM_PER_INCH, offsets::Frame};
+use crate::{
+    axis::{AXES, Axes, X, Y, Z},
+    decimal::Decimal,
+    gcode::{Distance, LineError, NonModal, ParsedLine, Units, Word, Words},
+    model::WorkCoordinates,
+    units::{MicroDegrees, Nm},
+};
+
+/// Returns the work coordinates in which a line is executed: it may change the system and the tool
+/// length offset first.
+pub(super) fn frame(state: &Interpreter, checked: &Checked) -> Frame {
+    let system = checked.modal.coordinates;
+    if system == state.modal.coordinates && checked.tool == state.offsets.tool {
+        state.frame
+    } else {
+        frame_of(state, checked, system)
+    }
+}
+
+fn frame_of(state: &Interpreter, checked: &Checked, system: WorkCoordinates) -> Frame {
+    let offsets = &state.offsets;
+    let known = &state.frame.rotation;
+    Frame::of(
+        &offsets.origins,
+        system,
+        &offsets.work,
+        &checked.tool,
+        known,
+    )
+}
+
+/// Returns the present position in work coordinates.
+fn present(state: &Interpreter, frame: &Frame) -> Axes<Nm> {
+    if *frame == state.frame {
+        state.work_position()
+    } else {
+        frame.work_position(&state.position)
+    }
+}
+
+/// `G10`: returns the coordinate system of `P`; 0 and none stand for the system in use.
+pub(super) fn system_to_set(
+    parsed: &ParsedLine,
+    unused: &mut Words,
+) -> Result<WorkCoordinates, LineError> {
+    if parsed.axes == 0 && !unused.contains(Word::R) {
+        return Err(LineError::NoAxisWords);
+    }
+    if !unused.contains(Word::P) || !unused.contains(Word::L) {
+        return Err(LineError::MissingWord);
+    }
+    // Grbl keeps it in eight bits, so that 256 is 0.
+    let system = match parsed.p.trunc() as u8 {
+        0 => parsed.modal.coordinates,
+        number => *WorkCoordinates::ALL
+            .get(usize::from(number - 1))
+            .ok_or(LineError::UnknownCoordinates)?,
+    };
+    match parsed.l {
+        2 => unused.remove(Word::R),
+        20 if parsed.axes == 0 => return Err(LineError::NoAxisWords),
+        20 => {}
+        _ => return Err(LineError::Unsupported),
+    }
+    unused.remove(Word::P);
+    unused.remove(Word::L);
+    Ok(system)
+}
+
+/// Returns the new origin and rotation of a system. `G10 L2`: the values. `G10 L20`: moved so that
+/// the present position gets the values.
+pub(super) fn new_origin(
+    state: &Interpreter,
+    parsed: &ParsedLine,
+    checked: &Checked,
+    system: WorkCoordinates,
+) -> (Axes<Nm>, MicroDegrees) {
+    let offsets = &state.offsets;
+    let origin = offsets.origin(system);
+    let rotation = offsets.origins.rotations[system];
+    if parsed.l == 2 {
+        let values = Axes::from_fn(|axis| {
+            if parsed.has_axis(axis) {
+                coordinate(parsed, axis)
+            } else {
+                origin[axis]
+            }
+        });
+        let rotation = if parsed.words.contains(Word::R) {
+            MicroDegrees::new(parsed.radius.to_millionths())
+        } else {
+            rotation
+        };
+        return (values, rotation);
+    }
+    let frame = frame_of(state, checked, system);
+    let present = present(state, &frame);
+    let moved = Axes::from_fn(|axis| {
+        if parsed.has_axis(axis) {
+            present[axis] - coordinate(parsed, axis)
+        } else {
+            Nm(0)
+        }
+    });
+    let mut values = origin.zip(moved, |origin, moved| origin + moved);
+    if !frame.rotation.is_none() {
+        let rotated = frame.rotation.rotate([moved[X], moved[Y]]);
+        for (axis, rotated) in [X, Y].into_iter().zip(rotated) {
+            values[axis] = origin[axis] + rotated;
+        }
+    }
+    (values, rotation)
+}
+
+/// Returns the new offset of `G92`: with it the values are the present work position.
+pub(super) fn new_work_offset(
+    state: &Interpreter,
+    parsed: &ParsedLine,
+    checked: &Checked,
+) -> Axes<Nm> {
+    let present = present(state, &frame(state, checked));
+    Axes::from_fn(|axis| {
+        let offset = state.offsets.work[axis];
+        if parsed.has_axis(axis) {
+            offset + present[axis] - coordinate(parsed, axis)
+        } else {
+            offset
+        }
+    })
+}
+
+/// Returns the new offset of `G52`: the values.
+pub(super) fn given_work_offset(state: &Interpreter, parsed: &ParsedLine) -> Axes<Nm> {
+    Axes::from_fn(|axis| {
+        if parsed.has_axis(axis) {
+            coordinate(parsed, axis)
+        } else {
+            state.offsets.work[axis]
+        }
+    })
+}
+
+/// Sets the target of the axis words, in the machine frame: exactly, and in Grbl's single precision.
+pub(super) fn set_target(state: &Interpreter, parsed: &ParsedLine, checked: &mut Checked) {
+    let frame = frame(state, checked);
+    let is_of_machine = parsed.non_modal == NonModal::MachineCoordinates;
+    if !frame.rotation.is_none() && !is_of_machine {
+        return set_rotated_target(state, parsed, &frame, checked);
+    }
+    let (base, single_base) = if is_of_machine {
+        (Axes::all(Nm(0)), Axes::all(0.0))
+    } else {
+        match parsed.modal.distance {
+            Distance::Absolute => {
+                let is_none = frame.total == Axes::all(Nm(0));
+                let single = if is_none {
+                    Axes::all(0.0)
+                } else {
+                    frame.total.map(Nm::to_mm)
+                };
+                (frame.total, single)
+            }
+            Distance::Incremental => (state.position, state.single_mm),
+        }
+    };
+    for axis in 0..AXES {
+        if parsed.has_axis(axis) {
+            let (exact, single) = if parsed.modal.units == Units::Millimetres {
+                let number: &Decimal = &parsed.coordinates[axis];
+                (Nm(number.to_millionths()), number.to_grbl_f32())
+            } else {
+                (coordinate(parsed, axis), single_coordinate(parsed, axis))
+            };
+            checked.values[axis] = base[axis] + exact;
+            checked.single_mm[axis] = single_base[axis] + single;
+        }
+    }
+    if !frame.rotation.is_none() {
+        checked.work_target = frame.work_position(&checked.values);
+    }
+}
+
+/// Sets the target under rotation: work coordinates add up exactly, and are rounded once.
+fn set_rotated_target(
+    state: &Interpreter,
+    parsed: &ParsedLine,
+    frame: &Frame,
+    checked: &mut Checked,
+) {
+    let present = present(state, frame);
+    let target = Axes::from_fn(|axis| {
+        let base = match parsed.modal.distance {
+            _ if !parsed.has_axis(axis) => return present[axis],
+            Distance::Absolute => Nm(0),
+            Distance::Incremental => present[axis],
+        };
+        base + coordinate(parsed, axis)
+    });
+    let machine = frame.machine(&target);
+    // X and Y move together.
+    let is_in_plane = parsed.has_axis(X) || parsed.has_axis(Y);
+    for axis in 0..AXES {
+        if parsed.has_axis(axis) || axis < Z && is_in_plane {
+            checked.values[axis] = machine[axis];
+            checked.single_mm[axis] = machine[axis].to_mm();
+        }
+    }
+    checked.work_target = target;
+}
+
+/// Returns the present position and the target between which an arc is computed: in work
+/// coordinates, where its plane is rotated.
+pub(super) fn ends(state: &Interpreter, checked: &Checked) -> (Frame, Axes<Nm>, Axes<Nm>) {
+    let frame = frame(state, checked);
+    if frame.rotation.is_none() {
+        (frame, state.position, checked.values)
+    } else {
+        let present = present(state, &frame);
+        (frame, present, checked.work_target)
+    }
+}
+
+/// Returns an axis word in mm as Grbl has it.
+fn single_coordinate(parsed: &ParsedLine, axis: usize) -> f32 {
+    let value = parsed.coordinates[axis].to_grbl_f32();
+    match parsed.modal.units {
+        Units::Inches if axis <= Z => value * MM_PER_INCH,
+        Units::Inches | Units::Millimetres => value,
+    }
+}
+
+/// Returns an axis word in nm. Rotary axes have no inches.
+pub(super) fn coordinate(parsed: &ParsedLine, axis: usize) -> Nm {
+    let number: Decimal = parsed.coordinates[axis];
+    Nm(match parsed.modal.units {
+        Units::Inches if axis <= Z => number.inches_to_nm(),
+        Units::Inches | Units::Millimetres => number.to_millionths(),
+    })
+}
