@@ -80,6 +80,7 @@ mod app {
 
     #[init(local = [
         motion_memory: Motion = Motion::new(),
+        session_memory: Option<Session> = None,
         received: Bytes<RECEIVED_RING> = Bytes::new(),
         sent: Bytes<SENT_RING> = Bytes::new(),
         entries: Queue<Entry, ENTRY_RING> = Queue::new(),
@@ -97,7 +98,7 @@ mod app {
         let (pins, inputs) = board.inputs.watch(played);
         let snapshot = motion.power_up(&board.loaded.stored.settings, &inputs);
         rtic::pend(PREPARE);
-        let session = Session::new(&board.loaded.stored, board.loaded.is_first_boot);
+        let session = board::power_up(cx.local.session_memory, &board.loaded);
         let shared = Shared {
             snapshot,
             serial: SerialSession::new(session, received_out, cx.local.sent.split()),

@@ -49,7 +49,7 @@ pub(crate) use actuators::Actuators;
 pub(crate) use inputs::{InputPins, InputTimer};
 pub(crate) use release::ChipPlatform;
 pub(crate) use serial::Receiver;
-pub(crate) use serial_session::SerialSession;
+pub(crate) use serial_session::{SerialSession, power_up};
 pub(crate) use step_output::{StepInterrupt, StepPins, StepSwitch};
 pub(crate) use stm32f4xx_hal::pac;
 pub(crate) use storage::Storage;

@@ -4,6 +4,8 @@
 //!
 //! The queues are small and come first in memory: short offsets reach them. The status of the port is
 //! read only while bytes wait to be sent: in the emulator, each read wakes another thread.
+//! [`power_up`] is out of line and makes the session in its place: RTIC lets the first tasks run while
+//! the frame of the initialisation is still on the stack.
 
 use heapless::spsc::Producer;
 use leadscrew::{
@@ -11,6 +13,7 @@ use leadscrew::{
     model::Requests,
     path::Entry,
     protocol::{ByteReader, ByteWriter, Progress, Session},
+    settings::Loaded,
     tasks::{self, SessionIo},
 };
 
@@ -23,13 +26,22 @@ pub struct SerialSession {
     received: ByteReader<'static>,
     sent: ByteWriter<'static>,
     transmitter: Transmitter,
-    session: Session,
+    session: &'static mut Session,
+}
+
+/// Makes the session of a machine that has just been switched on.
+#[inline(never)]
+pub(crate) fn power_up(
+    memory: &'static mut Option<Session>,
+    loaded: &Loaded,
+) -> &'static mut Session {
+    memory.insert(Session::new(&loaded.stored, loaded.is_first_boot))
 }
 
 impl SerialSession {
     /// Joins a session with the queues of received bytes and of bytes to be sent.
     pub(crate) const fn new(
-        session: Session,
+        session: &'static mut Session,
         received: ByteReader<'static>,
         (sent, sent_out): (ByteWriter<'static>, ByteReader<'static>),
     ) -> Self {
@@ -68,7 +80,7 @@ impl SerialSession {
 
     const fn io(&mut self) -> SessionIo<'_, 'static> {
         SessionIo {
-            session: &mut self.session,
+            session: self.session,
             received: &mut self.received,
             sent: &mut self.sent,
         }
