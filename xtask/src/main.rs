@@ -1,91 +1,146 @@
-//! `cargo xtask`: builds, simulates, tests and flashes Leadscrew.
+//! `cargo xtask`: starts the tools of Leadscrew, each of which is a program of its own.
 //!
-//! One file per verb; each verb has its options, documented where they are declared, and a `run`.
+//! A tool is compiled when it is used for the first time, with what it needs and no more.
 
-mod agree;
-mod bench;
-mod boards;
-mod build;
-mod calibrate;
-mod cargo;
-mod clients;
-mod conformance;
-mod curves;
-mod docs;
-mod figures;
-mod flash;
-mod latency;
-mod machine;
-mod on_target;
-mod plot;
-mod program;
-mod proof;
-mod qemu;
-mod quality;
-mod refusal;
-mod replay;
-mod run;
-mod schedule;
-mod sender;
-mod serve;
-mod session;
-mod settings;
-mod sim;
-mod size;
 mod test;
-mod trace;
-mod ui;
+mod verb;
 
-use std::process::ExitCode;
+use std::{
+    ffi::{OsStr, OsString},
+    process::ExitCode,
+};
 
-use anyhow::Result;
-use clap::Parser;
+use anyhow::{Context, Result};
+use clap::{Arg, Command, value_parser};
+use common::{cargo, ui};
 
-/// Builds, simulates, tests and flashes Leadscrew.
-///
-/// Start with `cargo xtask sim examples/…` to see a program run, and `cargo xtask test` to see
-/// everything tested that needs no hardware.
-#[derive(Parser)]
-#[command(bin_name = "cargo xtask", styles = ui::STYLES, disable_help_subcommand = true)]
-#[command(max_term_width = 100, arg_required_else_help = true)]
-enum Verb {
-    Bench(bench::Options),
-    Build(build::Options),
-    Calibrate(calibrate::Options),
-    Conformance(conformance::Options),
-    Docs(docs::Options),
-    Flash(flash::Options),
-    Latency(latency::Options),
-    Qemu(qemu::Options),
-    Run(run::Options),
-    Schedule(schedule::Options),
-    Sim(sim::Options),
-    Size(size::Options),
-    Test(test::Options),
-}
+use verb::{VERBS, Verb};
+
+/// The name of the option that every command has, and of the arguments of each.
+const AXES: &str = "axes";
+const ARGUMENTS: &str = "arguments";
 
 fn main() -> ExitCode {
-    let verb = Verb::parse();
-    run(verb).unwrap_or_else(|error| {
-        ui::error(&error);
-        ExitCode::FAILURE
+    let matches = command().get_matches();
+    common::main(|| {
+        let (name, rest) = matches.subcommand().context("no command is given")?;
+        let verb = Verb::named(name)?;
+        let rest = rest.get_many(ARGUMENTS).into_iter().flatten().cloned();
+        let (behind, arguments) = without_axes(rest)?;
+        if let Some(axes) = behind.or(matches.get_one(AXES).copied()) {
+            cargo::ask_for_axes(axes);
+        }
+        verb.start(arguments)
     })
 }
 
-fn run(verb: Verb) -> Result<ExitCode> {
-    match verb {
-        Verb::Bench(options) => bench::run(&options),
-        Verb::Build(options) => build::run(&options),
-        Verb::Calibrate(options) => calibrate::run(&options),
-        Verb::Conformance(options) => conformance::run(&options),
-        Verb::Docs(options) => docs::run(&options),
-        Verb::Flash(options) => flash::run(&options),
-        Verb::Latency(options) => latency::run(&options),
-        Verb::Qemu(options) => qemu::run(&options),
-        Verb::Run(options) => run::run(&options),
-        Verb::Schedule(options) => schedule::run(&options),
-        Verb::Sim(options) => sim::run(&options),
-        Verb::Size(options) => size::run(&options),
-        Verb::Test(options) => test::run(&options),
+/// What may be typed: the arguments of a command are its own matter.
+fn command() -> Command {
+    let verbs = VERBS.iter().map(|verb| {
+        let arguments = Arg::new(ARGUMENTS)
+            .num_args(0..)
+            .trailing_var_arg(true)
+            .allow_hyphen_values(true)
+            .value_parser(value_parser!(OsString));
+        Command::new(verb.name)
+            .about(verb.about)
+            .disable_help_flag(true)
+            .arg(arguments)
+    });
+    let axes = Arg::new(AXES)
+        .long(AXES)
+        .value_name("N")
+        .value_parser(axes)
+        .help("Number of axes, 3 to 6, of the firmware and of the virtual machine; before a command or behind it");
+    Command::new("xtask")
+        .bin_name("cargo xtask")
+        .about("Builds, simulates, tests and flashes Leadscrew")
+        .long_about(
+            "Builds, simulates, tests and flashes Leadscrew.\n\n\
+             Start with `cargo xtask sim examples/…` to see a program run, and `cargo xtask test` to \
+             see everything tested that needs no hardware. Each command tells more with --help.",
+        )
+        .version(env!("CARGO_PKG_VERSION"))
+        .styles(ui::STYLES)
+        .max_term_width(100)
+        .disable_help_subcommand(true)
+        .subcommand_required(true)
+        .arg_required_else_help(true)
+        .arg(axes)
+        .subcommands(verbs)
+}
+
+/// Reads a number of axes.
+fn axes(text: &str) -> Result<u8, String> {
+    match text.parse() {
+        Ok(axes @ 3..=6) => Ok(axes),
+        _ => Err("a machine has 3 to 6 axes".into()),
+    }
+}
+
+/// Takes `--axes N` out of the arguments of a command.
+fn without_axes(arguments: impl Iterator<Item = OsString>) -> Result<(Option<u8>, Vec<OsString>)> {
+    let mut found = None;
+    let mut others = Vec::new();
+    let mut arguments = arguments;
+    while let Some(argument) = arguments.next() {
+        let text = argument.to_string_lossy();
+        let value = match text.strip_prefix("--axes") {
+            _ if text == "--" => {
+                drop(text);
+                others.push(argument);
+                others.extend(arguments);
+                break;
+            }
+            Some("") => arguments.next().unwrap_or_default(),
+            Some(value) if value.starts_with('=') => OsStr::new(&value[1..]).to_owned(),
+            _ => {
+                drop(text);
+                others.push(argument);
+                continue;
+            }
+        };
+        let value = axes(&value.to_string_lossy());
+        found = Some(value.map_err(anyhow::Error::msg).context("--axes")?);
+    }
+    Ok((found, others))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn taken(line: &str) -> Result<(Option<u8>, String)> {
+        let (axes, rest) = without_axes(line.split(' ').map(OsString::from))?;
+        let rest: Vec<_> = rest.iter().map(|text| text.to_string_lossy()).collect();
+        Ok((axes, rest.join(" ")))
+    }
+
+    #[test]
+    fn the_number_of_axes_is_taken_out_of_the_arguments() {
+        for (line, axes, rest) in [
+            ("a.nc --plot b.svg", None, "a.nc --plot b.svg"),
+            ("--axes 4 a.nc", Some(4), "a.nc"),
+            ("a.nc --axes=6 --quality", Some(6), "a.nc --quality"),
+            ("a.elf -- --axes 4", None, "a.elf -- --axes 4"),
+        ] {
+            assert_eq!(taken(line).unwrap(), (axes, rest.to_owned()), "{line}");
+        }
+        for line in ["--axes", "--axes 2", "--axes=7", "--axes X"] {
+            assert!(taken(line).is_err(), "{line}");
+        }
+    }
+
+    #[test]
+    fn commands_are_told_apart_from_their_arguments() {
+        command().debug_assert();
+        let typed = ["xtask", "--axes", "4", "sim", "--help", "a.nc"];
+        let matches = command().get_matches_from(typed);
+        assert_eq!(matches.get_one(AXES), Some(&4_u8));
+        let (name, rest) = matches.subcommand().unwrap();
+        let rest = rest.get_many::<OsString>(ARGUMENTS).unwrap();
+        assert_eq!(name, "sim");
+        assert!(rest.eq(["--help", "a.nc"].iter()));
+        assert!(command().try_get_matches_from(["xtask", "mill"]).is_err());
     }
 }

@@ -1,23 +1,15 @@
 //! `cargo xtask test`: everything that can be tested without hardware.
 
-use std::{
-    fs, iter,
-    process::ExitCode,
-    sync::{Mutex, PoisonError},
-    thread::{self, ScopedJoinHandle},
-    time::{Duration, Instant},
-};
+use std::{ffi::OsString, fs, iter, process::ExitCode};
 
-use anstream::{eprintln, println};
 use anyhow::{Result, bail};
-use owo_colors::{AnsiColors, OwoColorize};
-
-use crate::{
-    agree,
+use clap::Parser;
+use common::{
     boards::{self, Board},
-    build, calibrate,
     cargo::{self, cargo, for_board, wait},
-    clients, docs, latency, proof, schedule, ui,
+    check::{self, Check, Verdict},
+    tools::{self, Tool},
+    ui,
 };
 
 /// Test everything that needs no hardware
@@ -25,8 +17,10 @@ use crate::{
 /// Formatting, lints, host tests with three, four and six axes, the firmware of every board and the
 /// proof of its timing, tests on the emulated processor, and the firmware over its serial line. Goes on after a failure and
 /// lists what failed. Asks rustup for what rustup can give.
-#[derive(clap::Args)]
-pub(crate) struct Options {
+#[derive(Parser)]
+#[command(bin_name = "cargo xtask test", styles = ui::STYLES, max_term_width = 100)]
+#[command(no_binary_name = true, after_help = ui::AXES)]
+struct Options {
     /// Only the checks whose name contains this
     #[arg(value_name = "NAME")]
     only: Option<String>,
@@ -39,146 +33,44 @@ pub(crate) struct Options {
     clients: bool,
 }
 
-/// What a check that did not fail has to say.
-pub(crate) enum Verdict {
-    /// It passed.
-    Passed,
-    /// It passed, with these figures.
-    Counted(String),
-    /// It was not made, for this reason.
-    Skipped(String),
-}
-
-/// One check.
-struct Check {
-    name: String,
-    run: Box<dyn Fn() -> Result<Verdict> + Send>,
-}
-
-impl Check {
-    fn new(name: impl Into<String>, run: impl Fn() -> Result<()> + Send + 'static) -> Self {
-        Self {
-            name: name.into(),
-            run: Box::new(move || run().map(|()| Verdict::Passed)),
-        }
+/// Tests what is asked for.
+pub(crate) fn start(arguments: Vec<OsString>) -> Result<ExitCode> {
+    if arguments.iter().any(|argument| argument == "--clients") {
+        // What else is asked for is its matter.
+        return tools::become_tool(tools::CLIENTS, arguments);
     }
+    let options = Options::parse_from(arguments);
+    check::run(checks()?, options.only.as_deref(), options.list, 1)
 }
 
-/// What became of a check.
-struct Outcome {
-    name: String,
-    took: Duration,
-    result: Result<Verdict>,
+/// A check that needs no words when it passes.
+fn plain(name: impl Into<String>, run: impl Fn() -> Result<()> + Send + 'static) -> Check {
+    Check::new(name, move || run().map(|()| Verdict::Passed))
 }
 
-pub(crate) fn run(options: &Options) -> Result<ExitCode> {
-    let mut checks = if options.clients {
-        with_clients()
-    } else {
-        checks()?
-    };
-    if let Some(part) = &options.only {
-        checks.retain(|check| check.name.contains(part.as_str()));
-        if checks.is_empty() {
-            bail!("no check is called {part:?}: see `cargo xtask test --list`");
-        }
-    }
-    if options.list {
-        for check in &checks {
-            println!("{}", check.name);
-        }
-        return Ok(ExitCode::SUCCESS);
-    }
-    // Senders wait most of the time.
-    let at_once = if options.clients { 4 } else { 1 };
-    Ok(report(&make_all(checks, at_once)))
-}
-
-/// Makes checks, some of them at the same time; the outcomes are in the order of the checks.
-fn make_all(checks: Vec<Check>, at_once: usize) -> Vec<Outcome> {
-    let left = Mutex::new(checks.into_iter().enumerate());
-    let next = || left.lock().unwrap_or_else(PoisonError::into_inner).next();
-    let mut outcomes: Vec<_> = thread::scope(|scope| {
-        let work = || iter::from_fn(next).map(make).collect::<Vec<_>>();
-        let workers: Vec<_> = (0..at_once).map(|_| scope.spawn(work)).collect();
-        let made = workers.into_iter().map(ScopedJoinHandle::join);
-        made.flat_map(|made| made.expect("checks do not panic"))
-            .collect()
-    });
-    outcomes.sort_by_key(|(index, _)| *index);
-    outcomes.into_iter().map(|(_, outcome)| outcome).collect()
-}
-
-/// Makes one check.
-fn make((index, check): (usize, Check)) -> (usize, Outcome) {
-    ui::status("Checking", &format!("{}: {}", index + 1, check.name));
-    let start = Instant::now();
-    let result = (check.run)();
-    if let Err(error) = &result {
-        ui::error(error);
-    }
-    let outcome = Outcome {
-        name: check.name,
-        took: start.elapsed(),
-        result,
-    };
-    (index, outcome)
-}
-
-/// Prints the list of outcomes.
-fn report(outcomes: &[Outcome]) -> ExitCode {
-    eprintln!();
-    for outcome in outcomes {
-        let seconds = outcome.took.as_secs_f32();
-        let name = &outcome.name;
-        match &outcome.result {
-            Ok(verdict) => {
-                let (word, colour, rest) = match verdict {
-                    Verdict::Passed => ("ok", AnsiColors::Green, String::new()),
-                    Verdict::Counted(figures) => ("ok", AnsiColors::Green, format!(": {figures}")),
-                    Verdict::Skipped(reason) => {
-                        ("skipped", AnsiColors::Yellow, format!(": {reason}"))
-                    }
-                };
-                let word = format!("{word:>12}");
-                let took = format!("({seconds:.0} s)");
-                eprintln!(
-                    "{} {name}{rest} {}",
-                    word.color(colour).bold(),
-                    took.dimmed()
-                );
-            }
-            Err(error) => eprintln!("{:>12} {name}: {}", "FAILED".red().bold(), error),
-        }
-    }
-    let failed = outcomes.iter().filter(|outcome| outcome.result.is_err());
-    match failed.count() {
-        0 => ExitCode::SUCCESS,
-        count => {
-            eprintln!("\n{} of {} checks failed", count, outcomes.len());
-            ExitCode::FAILURE
-        }
-    }
+/// A check that a tool makes.
+fn by(tool: Tool, name: impl Into<String>, arguments: &'static [&'static str]) -> Check {
+    Check::new(name, move || check::by(tool, arguments, cargo::axes()))
 }
 
 /// Every check, the quick ones first.
 fn checks() -> Result<Vec<Check>> {
     let boards = boards::all()?;
     let mut checks = vec![
-        Check::new("formatting", || {
+        plain("formatting", || {
             cargo::need_component("fmt", "rustfmt")?;
             wait(&mut cargo(&["fmt", "--all", "--check"]))
         }),
-        Check::new("documents", docs::check),
-        Check::new("lints, host", || {
+        by(tools::DOCS, "documents", &["--check"]),
+        plain("lints, host", || {
             cargo::need_component("clippy", "clippy")?;
             wait(cargo(&["clippy", "--workspace", "--all-targets"]).args(["--", "-Dwarnings"]))
         }),
-        Check::new("host tests", || {
+        plain("host tests", || {
             wait(&mut cargo(&["test", "--workspace", "--no-fail-fast"]))
         }),
     ];
-    checks.push(Check::new("a day in virtual time", || {
+    checks.push(plain("a day in virtual time", || {
         wait(&mut cargo(&[
             "test",
             "--profile",
@@ -188,66 +80,53 @@ fn checks() -> Result<Vec<Check>> {
         ]))
     }));
     for axes in ["axes-4", "axes-6"] {
-        checks.push(Check::new(format!("host tests, {axes}"), move || {
+        checks.push(plain(format!("host tests, {axes}"), move || {
             wait(cargo(&["test", "--no-fail-fast", "--lib", "--tests"]).args(["--features", axes]))
         }));
     }
     for board in boards.clone() {
-        checks.push(Check::new(format!("lints, {}", board.name), move || {
+        checks.push(plain(format!("lints, {}", board.name), move || {
             lint(&board)
         }));
     }
     let proofs = proofs(&boards);
     for board in boards {
         checks.push(Check::new(format!("firmware, {}", board.name), move || {
-            build::traced(&board)?;
-            build::firmware(&board).map(drop)
+            check::by(tools::FIRMWARE, ["all", &board.name], cargo::axes())
         }));
     }
     checks.extend(proofs);
-    checks.push(Check::new("tests on the target", on_target));
-    checks.push(Check::new(
-        "calibration without a counter",
-        calibrate::check,
-    ));
-    checks.push(Check::new("firmware over its serial line", over_serial));
-    checks.push(Check {
-        name: "records of activations".into(),
-        run: Box::new(latency::check),
-    });
-    checks.push(Check::new("the same on the chip", agree::on_the_chip));
-    checks.push(Check::new(
-        "the same in the firmware",
-        agree::in_the_firmware,
+    checks.push(plain("tests on the target", on_target));
+    let by_target = [
+        ("calibration without a counter", &["check", "calibration"]),
+        ("records of activations", &["check", "records"]),
+        ("the same on the chip", &["check", "chip"]),
+        ("the same in the firmware", &["check", "firmware"]),
+    ];
+    checks.extend(by_target.map(|(name, arguments)| by(tools::TARGET, name, arguments)));
+    checks.push(by(
+        tools::FIRMWARE,
+        "firmware over its serial line",
+        &["serial"],
     ));
     Ok(checks)
 }
 
 /// The proofs that every deadline is met, on every board.
 fn proofs(boards: &[Board]) -> Vec<Check> {
-    let shown = Check {
-        name: "the proof that the documents show".into(),
-        run: Box::new(schedule::check),
-    };
-    // The documents show three axes of this board.
+    /// Whose proof the documents show, with three axes.
+    const SHOWN: &str = "netduino-plus-2";
+    let shown = Check::new("the proof that the documents show", || {
+        check::by(tools::SCHEDULE, ["--check"], 3)
+    });
     let others = boards.iter().map(|board| {
         let board = board.name.clone();
-        let axes = if board == schedule::BOARD { 4 } else { 3 };
-        Check {
-            name: format!("the proof, {board}, {axes} axes"),
-            run: Box::new(move || schedule::prove(&board, axes)),
-        }
+        let axes = if board == SHOWN { 4 } else { 3 };
+        Check::new(format!("the proof, {board}, {axes} axes"), move || {
+            check::by(tools::SCHEDULE, ["--board", &board, "--verdict"], axes)
+        })
     });
     iter::once(shown).chain(others).collect()
-}
-
-/// Every sender program at every machine.
-fn with_clients() -> Vec<Check> {
-    let checks = clients::all().map(|(name, run)| Check {
-        name,
-        run: Box::new(run),
-    });
-    checks.collect()
 }
 
 /// Whether the project has tests whose file name starts so.
@@ -267,14 +146,22 @@ fn lint(board: &Board) -> Result<()> {
     if has_tests("target_") {
         command.args(["--test", "target_*"]);
     }
-    wait(command.args(for_board(board)).args(["--", "-Dwarnings"]))?;
+    wait(
+        command
+            .args(for_board(&board.name))
+            .args(["--", "-Dwarnings"]),
+    )?;
     let feature = if board.qemu.is_some() {
         "trace-emulated"
     } else {
         "trace"
     };
     let mut traced = cargo(&["clippy", "--bins", "--features", feature]);
-    wait(traced.args(for_board(board)).args(["--", "-Dwarnings"]))
+    wait(
+        traced
+            .args(for_board(&board.name))
+            .args(["--", "-Dwarnings"]),
+    )
 }
 
 /// The tests that run on the emulated processor.
@@ -287,18 +174,5 @@ fn on_target() -> Result<()> {
     let (board, _) = boards::emulated()?;
     // Other tests are the host's, and do not compile for the target.
     let mut command = cargo(&["test", "--release", "--no-fail-fast", "--test", "target_*"]);
-    wait(command.args(for_board(&board)))
-}
-
-/// The firmware in QEMU, driven as a sender drives it.
-fn over_serial() -> Result<()> {
-    cargo::need_qemu()?;
-    let (board, _) = boards::emulated()?;
-    let elf = build::firmware(&board)?;
-    let step_rate = proof::read(&elf)?.in_image();
-    let mut command = cargo(&["test", "--test", "firmware"]);
-    command.env("FIRMWARE_STEP_RATE", step_rate.to_string());
-    command.env("SLOW_FIRMWARE_ELF", build::as_if_proven(&elf, 20_000)?);
-    command.env("UNPROVEN_FIRMWARE_ELF", build::as_if_proven(&elf, 0)?);
-    wait(command.env("FIRMWARE_ELF", elf))
+    wait(command.args(for_board(&board.name)))
 }

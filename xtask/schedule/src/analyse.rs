@@ -12,6 +12,7 @@ use sha2::{Digest, Sha256};
 use crate::{
     Annotations, App, Cache, Config, Curve, Flaw, Image, Line, Model, Place, Program, Report,
     Requirement, Rule, Task,
+    calibration::Measured,
     crosscheck::Crosscheck,
     edge, findings,
     model::OUTSTANDING_TRANSFER,
@@ -47,15 +48,6 @@ pub struct Input<'a> {
     pub baud: Option<u32>,
     /// What was measured on a board.
     pub measured: Option<Measured>,
-}
-
-/// Costs that were measured.
-#[derive(Debug, Clone, Default)]
-pub struct Measured {
-    /// The file that they are from.
-    pub file: String,
-    /// Cycles by the names of the classes.
-    pub cycles: BTreeMap<String, u64>,
 }
 
 /// Analyses a program.

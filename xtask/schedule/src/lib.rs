@@ -9,6 +9,7 @@ mod analyse;
 mod annotations;
 mod bounds;
 mod budget;
+mod calibration;
 mod calls;
 mod cause;
 mod config;
@@ -48,8 +49,9 @@ mod testing;
 mod values;
 mod wcet;
 
-pub use analyse::{Input, Measured, analyse};
+pub use analyse::{Input, analyse};
 pub use annotations::{AnnotationError, Annotations};
+pub use calibration::Measured;
 pub use config::{Config, Point, Replay};
 pub use decode::Decoder;
 pub use flaw::{Flaw, Place, Rule};

@@ -1,0 +1,355 @@
+//! `cargo xtask test --clients`: sender programs at the simulator and at the firmware.
+//!
+//! Each sender is driven by a script in `tests/clients`, which says what it does and checks what the
+//! sender makes of it. Between the sender and the machine sits a tap, and whatever the script checks,
+//! the account of what passed must be right to the last byte: see [`account`].
+
+mod account;
+mod install;
+mod machine;
+mod tap;
+
+use std::{
+    fs, mem,
+    os::unix::process::CommandExt,
+    path::{Path, PathBuf},
+    process::{Child, Command, ExitCode, ExitStatus, Stdio},
+    sync::Mutex,
+    thread,
+    time::{Duration, Instant},
+};
+
+use anyhow::{Context, Error, Result, anyhow, bail, ensure};
+use clap::Parser;
+use common::{
+    check::{self, Check, Verdict},
+    ui,
+};
+use leadscrew::settings::Settings;
+use rustix::process::{Pid, Signal};
+
+use self::{
+    account::{Account, Counts},
+    machine::{Machine, Place},
+    tap::Tap,
+};
+
+/// How long nothing may happen on the line: a guard for a sender that is stuck, no measure. Its script
+/// finds a machine that is stuck before.
+const PATIENCE: Duration = Duration::from_secs(90);
+/// Longest time for one sender's run: a guard for one that goes round in circles.
+const LONGEST: Duration = Duration::from_mins(15);
+/// Longest time for the last answers after the sender has ended.
+const REST: Duration = Duration::from_secs(5);
+
+/// How often it is looked what goes on.
+const GLANCE: Duration = Duration::from_millis(20);
+/// How many of these must find nothing owed: the last bytes may still be on their way.
+const QUIET_GLANCES: u32 = 10;
+/// What a script prints.
+const SAID: &str = "script.log";
+/// How much of it is told when it fails.
+const LAST_LINES: usize = 25;
+/// How many of the last lines on the line are told then.
+const LAST_PASSED: usize = 12;
+/// One thing is installed at a time.
+static INSTALLING: Mutex<()> = Mutex::new(());
+
+/// A sender program.
+#[derive(Debug, Clone, Copy)]
+enum Sender {
+    /// A client of our own that keeps exactly 128 bytes in flight.
+    Raw,
+    GrblStreamer,
+    Bcnc,
+    Cncjs,
+    /// The page that cncjs serves, in a browser without a window.
+    CncjsPage,
+}
+
+impl Sender {
+    const ALL: [Self; 5] = [
+        Self::Raw,
+        Self::GrblStreamer,
+        Self::Bcnc,
+        Self::Cncjs,
+        Self::CncjsPage,
+    ];
+
+    fn name(self) -> &'static str {
+        match self {
+            Self::Raw => "raw client",
+            Self::GrblStreamer => "grbl-streamer",
+            Self::Bcnc => "bCNC",
+            Self::Cncjs => "cncjs",
+            Self::CncjsPage => "cncjs' page",
+        }
+    }
+
+    /// The script that drives it, and the program that runs the script.
+    fn command(self) -> Result<(Command, &'static str)> {
+        let (program, script) = match self {
+            Self::Raw => (install::plain_python()?, "raw.py"),
+            Self::GrblStreamer => (install::python()?, "grbl_streamer_jobs.py"),
+            Self::Bcnc => (install::python_with_tk()?, "bcnc_jobs.py"),
+            Self::Cncjs => return Ok((with_modules()?, "cncjs_jobs.js")),
+            Self::CncjsPage => {
+                let browser = install::browser()?;
+                let mut node = with_modules()?;
+                node.env("CHROMIUM", browser);
+                return Ok((node, "cncjs_page_jobs.js"));
+            }
+        };
+        Ok((Command::new(program), script))
+    }
+}
+
+/// Node, which finds the packages of `package.json`.
+fn with_modules() -> Result<Command> {
+    let mut node = Command::new("node");
+    node.env("NODE_PATH", install::node()?);
+    Ok(node)
+}
+
+/// Drive sender programs at the simulator and at the firmware
+///
+/// Gets them with pip and npm, and skips what cannot be had.
+#[derive(Parser)]
+#[command(bin_name = "cargo xtask test", styles = ui::STYLES, max_term_width = 100, version)]
+struct Options {
+    /// Only those whose name contains this
+    #[arg(value_name = "NAME")]
+    only: Option<String>,
+    /// List them and do nothing
+    #[arg(long)]
+    list: bool,
+    /// How the command is told from the other tests
+    #[arg(long)]
+    clients: bool,
+}
+
+/// Checks at the same time: senders wait most of it.
+const AT_ONCE: usize = 4;
+
+fn main() -> ExitCode {
+    let Options { only, list, .. } = Options::parse();
+    common::main(|| check::run(all().collect(), only.as_deref(), list, AT_ONCE))
+}
+
+/// Every sender at every machine.
+fn all() -> impl Iterator<Item = Check> {
+    let places = [
+        (Place::Simulator, "simulator"),
+        (Place::Firmware, "firmware"),
+    ];
+    places.into_iter().flat_map(|(place, at)| {
+        Sender::ALL.map(|sender| {
+            let name = format!("{} at the {at}", sender.name());
+            Check::new(name, move || drive(sender, place))
+        })
+    })
+}
+
+/// Drives one sender at one machine.
+fn drive(sender: Sender, place: Place) -> Result<Verdict> {
+    let installing = INSTALLING.lock();
+    let command = sender.command();
+    drop(installing);
+    let (mut command, script) = match command {
+        Ok(found) => found,
+        Err(reason) => return Ok(Verdict::Skipped(format!("{reason:#}"))),
+    };
+    let mut run = Run::start(Path::new(script), place)?;
+    command.arg(install::scripts().join(script));
+    command.arg(run.folder.join("port")).arg(place.name());
+    let ended = run.sender(command);
+    let ended = ended.map_err(|error| run.with_last_passed(&error));
+    let account = run.end()?;
+    let end = ended.with_context(|| format!("see {}", run.folder.display()))?;
+    ensure!(
+        account.faults.is_empty(),
+        "{}\n(see {})",
+        account.faults.join("\n"),
+        run.folder.join("wire.log").display()
+    );
+    run.check_end(&account, end.as_deref())?;
+    Ok(Verdict::Counted(summary(&account.counts)))
+}
+
+/// One sender at one machine.
+struct Run {
+    /// What it leaves: all that passed, and what the script said.
+    folder: PathBuf,
+    settings: Settings,
+    machine: Machine,
+    tap: Tap,
+    /// Steps that the pins had made more than was reported, after homing.
+    offset: Option<Vec<i32>>,
+}
+
+impl Run {
+    fn start(script: &Path, place: Place) -> Result<Self> {
+        let stem = script.file_stem().unwrap_or_default().to_string_lossy();
+        let folder = install::folder().join(format!("{stem}-{}", place.name()));
+        let _ = fs::remove_dir_all(&folder);
+        fs::create_dir_all(&folder)?;
+        let file = install::scripts().join(format!("{}.settings", place.name()));
+        let (machine, line, settings) = Machine::start(place, &folder, &file)?;
+        let tap = Tap::open(&folder.join("port"), line)?;
+        Ok(Self {
+            folder,
+            settings,
+            machine,
+            tap,
+            offset: None,
+        })
+    }
+
+    /// Runs a script to its end, and gives the last line that it prints.
+    fn sender(&mut self, mut command: Command) -> Result<Option<String>> {
+        let home = self.folder.join("home");
+        fs::create_dir_all(&home)?;
+        let output = fs::File::create(self.folder.join(SAID))?;
+        let mut child = command
+            // What senders keep of their users' settings stays here.
+            .env("HOME", &home)
+            .current_dir(&self.folder)
+            .stdin(Stdio::null())
+            .stdout(output.try_clone()?)
+            .stderr(output)
+            .process_group(0)
+            .spawn()
+            .context("cannot start the script")?;
+        let status = self.wait(&mut child);
+        // A server that it has started goes with it.
+        if let Some(group) = Pid::from_raw(child.id().cast_signed()) {
+            let _ = rustix::process::kill_process_group(group, Signal::KILL);
+        }
+        let _ = child.wait();
+        let said = self.said();
+        let status = status.with_context(|| said.clone())?;
+        if !status.success() {
+            let lines: Vec<_> = said.lines().collect();
+            let last = lines.len().saturating_sub(LAST_LINES);
+            bail!("{}", lines[last..].join("\n"));
+        }
+        Ok(said.lines().last().map(Into::into))
+    }
+
+    fn said(&self) -> String {
+        let said = fs::read(self.folder.join(SAID)).unwrap_or_default();
+        String::from_utf8_lossy(&said).into_owned()
+    }
+
+    /// Adds to an error what passed on the line before it.
+    fn with_last_passed(&self, error: &Error) -> Error {
+        let last = self.tap.seen().last(LAST_PASSED).join("\n");
+        anyhow!("{error:#}\nThe last lines on the line:\n{last}")
+    }
+
+    fn wait(&mut self, child: &mut Child) -> Result<ExitStatus> {
+        let start = Instant::now();
+        let (mut progress, mut went_on) = (String::new(), start);
+        loop {
+            if let Some(status) = child.try_wait()? {
+                return Ok(status);
+            }
+            self.machine.check()?;
+            if self.offset.is_none() && self.said().lines().any(|line| line == "homed") {
+                self.measure()?;
+            }
+            let now = self.tap.seen().account.progress();
+            if now != progress {
+                (progress, went_on) = (now, Instant::now());
+            }
+            ensure!(
+                went_on.elapsed() < PATIENCE,
+                "nothing goes on between sender and machine: {progress}"
+            );
+            ensure!(
+                start.elapsed() < LONGEST,
+                "the sender does not come to an end: {progress}"
+            );
+            thread::sleep(GLANCE);
+        }
+    }
+
+    /// Compares the pins with what is reported, while the script waits for it.
+    fn measure(&mut self) -> Result<()> {
+        let reported = self.steps(&self.reported()?);
+        let made = self.machine.steps()?.unwrap_or_else(|| reported.clone());
+        let offset = made.iter().zip(&reported).map(|(made, told)| made - told);
+        self.offset = Some(offset.collect());
+        fs::write(self.folder.join("measured"), "").context("cannot tell the script to go on")
+    }
+
+    fn reported(&self) -> Result<Vec<f64>> {
+        let seen = self.tap.seen();
+        seen.account.position().context("no report was seen")
+    }
+
+    /// A position in mm as steps.
+    fn steps(&self, position_mm: &[f64]) -> Vec<i32> {
+        let scales = self.settings.steps_per_mm.0.iter();
+        let scaled = scales.zip(position_mm);
+        let steps = scaled.map(|(scale, way)| scale.millionths() as f64 * 1e-6 * way);
+        steps.map(|steps| steps.round() as i32).collect()
+    }
+
+    /// Closes the line when nothing is owed any more, and keeps what passed.
+    fn end(&mut self) -> Result<Account> {
+        let start = Instant::now();
+        let mut quiet = 0;
+        while quiet < QUIET_GLANCES && start.elapsed() < REST {
+            thread::sleep(GLANCE);
+            let is_quiet = self.tap.seen().account.is_quiet();
+            quiet = if is_quiet { quiet + 1 } else { 0 };
+        }
+        self.tap.close()?;
+        let mut seen = self.tap.seen();
+        seen.account.close();
+        seen.write_log(&self.folder.join("wire.log"))?;
+        Ok(mem::take(&mut seen.account))
+    }
+
+    /// Checks that the machine is where the script says.
+    fn check_end(&mut self, account: &Account, said: Option<&str>) -> Result<()> {
+        let place = said.and_then(|line| line.strip_prefix("at "));
+        let place = place.context("the script does not say where the machine is to be")?;
+        let wanted: Result<Vec<f64>, _> = place.split(',').map(str::parse).collect();
+        let wanted = wanted.context("the script does not say where the machine is to be")?;
+        let reported = account.position().context("no report was seen")?;
+        ensure!(
+            reported == wanted,
+            "the machine is at {reported:?} instead of {wanted:?}"
+        );
+        if let (Some(made), Some(offset)) = (self.machine.steps()?, &self.offset) {
+            let told = self.steps(&wanted);
+            let expected: Vec<_> = told
+                .iter()
+                .zip(offset)
+                .map(|(told, more)| told + more)
+                .collect();
+            ensure!(
+                made == expected,
+                "the pins have made {made:?} steps instead of {expected:?}"
+            );
+        }
+        Ok(())
+    }
+}
+
+fn summary(counts: &Counts) -> String {
+    format!(
+        "{} lines, {} answers, {} voided by {} resets, {} `?`, {} reports, {} other realtime bytes, \
+         at most {} bytes in flight",
+        counts.lines,
+        counts.answers,
+        counts.voided,
+        counts.resets,
+        counts.queries,
+        counts.reports,
+        counts.realtime,
+        counts.most_in_flight
+    )
+}

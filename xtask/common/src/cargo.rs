@@ -1,0 +1,173 @@
+//! Runs Cargo and the other tools of the project, from its top folder.
+
+use std::{
+    env,
+    ffi::OsString,
+    path::{Path, PathBuf},
+    process::{Command, Stdio},
+    sync::OnceLock,
+};
+
+use anyhow::{Context, Result, bail, ensure};
+
+use crate::ui;
+
+/// The only target.
+pub const TARGET: &str = "thumbv7em-none-eabihf";
+/// Names the number of axes for tools that are started, see [`axes`].
+pub const AXES: &str = "LEADSCREW_AXES";
+
+/// The project's top folder.
+pub fn root() -> &'static Path {
+    let manifest = Path::new(env!("CARGO_MANIFEST_DIR"));
+    let root = manifest.parent().and_then(Path::parent);
+    root.unwrap_or(manifest)
+}
+
+/// What was asked for in this program.
+static ASKED: OnceLock<u8> = OnceLock::new();
+
+/// The number of axes that was asked for, here or in a program that has started this one.
+pub fn axes() -> u8 {
+    let axes = || env::var(AXES).ok()?.parse().ok();
+    *ASKED.get_or_init(|| axes().unwrap_or(3))
+}
+
+/// Asks for a number of axes, once, before anybody wants to know it.
+pub fn ask_for_axes(axes: u8) {
+    let _ = ASKED.set(axes);
+}
+
+/// Where Cargo puts what it builds for as many axes as were asked for.
+pub fn target_dir() -> PathBuf {
+    target_dir_for(axes())
+}
+
+/// Where Cargo puts what it builds for a number of axes: what is built for others stays.
+pub fn target_dir_for(axes: u8) -> PathBuf {
+    let folder = env::var_os("CARGO_TARGET_DIR").map_or_else(
+        || root().join("target"),
+        |folder| root().join(PathBuf::from(folder)),
+    );
+    match axes {
+        3 => folder,
+        axes => folder.join(format!("axes-{axes}")),
+    }
+}
+
+/// The Cargo that started this program.
+pub fn program() -> OsString {
+    env::var_os("CARGO").unwrap_or_else(|| "cargo".into())
+}
+
+/// A Cargo command in the project.
+pub fn cargo<A: AsRef<str>>(arguments: &[A]) -> Command {
+    let mut command = Command::new(program());
+    command
+        .args(arguments.iter().map(AsRef::as_ref))
+        .current_dir(root());
+    command
+}
+
+/// The options that make Cargo compile for `board`, with as many axes as were asked for.
+pub fn for_board(board: &str) -> [String; 7] {
+    for_board_with(board, axes())
+}
+
+/// The same for a number of axes.
+pub fn for_board_with(board: &str, axes: u8) -> [String; 7] {
+    let features = match axes {
+        3 => format!("board-{board}"),
+        axes => format!("board-{board},axes-{axes}"),
+    };
+    [
+        "--target".into(),
+        TARGET.into(),
+        "--target-dir".into(),
+        target_dir_for(axes).to_string_lossy().into_owned(),
+        "--no-default-features".into(),
+        "--features".into(),
+        features,
+    ]
+}
+
+/// Runs a command to its end, and fails when it does.
+pub fn wait(command: &mut Command) -> Result<()> {
+    let name = describe(command);
+    ui::status("Running", &name);
+    let status = command
+        .status()
+        .with_context(|| format!("cannot start `{name}`"))?;
+    ensure!(status.success(), "`{name}` failed ({status})");
+    Ok(())
+}
+
+/// The command as one would type it.
+fn describe(command: &Command) -> String {
+    let program = Path::new(command.get_program());
+    let name = program.file_name().unwrap_or(command.get_program());
+    let mut text = name.to_string_lossy().into_owned();
+    for argument in command.get_args() {
+        text.push(' ');
+        text.push_str(&argument.to_string_lossy());
+    }
+    text
+}
+
+/// Whether a program can be started.
+pub fn is_there(program: &str) -> bool {
+    let mut command = Command::new(program);
+    command
+        .arg("--version")
+        .stdout(Stdio::null())
+        .stderr(Stdio::null());
+    command.status().is_ok_and(|status| status.success())
+}
+
+/// Makes sure that rustc can compile for the chip: asks rustup for the target where it is missing.
+pub fn need_target() -> Result<()> {
+    let rustc = env::var_os("RUSTC").unwrap_or_else(|| "rustc".into());
+    let output = Command::new(rustc)
+        .args(["--print", "target-libdir", "--target", TARGET])
+        .current_dir(root())
+        .output()
+        .context("cannot start rustc")?;
+    let folder = String::from_utf8_lossy(&output.stdout).trim().to_owned();
+    if output.status.success() && Path::new(&folder).is_dir() {
+        return Ok(());
+    }
+    rustup(&["target", "add", TARGET])
+}
+
+/// Makes sure that `cargo {tool}` exists: asks rustup for the component where it is missing.
+pub fn need_component(tool: &str, component: &str) -> Result<()> {
+    let there = cargo(&[tool, "--version"])
+        .stdout(Stdio::null())
+        .stderr(Stdio::null())
+        .status()
+        .is_ok_and(|status| status.success());
+    if there {
+        return Ok(());
+    }
+    rustup(&["component", "add", component])
+}
+
+fn rustup(arguments: &[&str]) -> Result<()> {
+    if !is_there("rustup") {
+        bail!(
+            "this needs `rustup {}`, and there is no rustup: see https://rustup.rs",
+            arguments.join(" ")
+        );
+    }
+    wait(Command::new("rustup").args(arguments).current_dir(root()))
+}
+
+/// Makes sure that QEMU is there.
+pub fn need_qemu() -> Result<()> {
+    ensure!(
+        is_there("qemu-system-arm"),
+        "qemu-system-arm is not installed\n(Debian, Ubuntu: `sudo apt-get install qemu-system-arm`, \
+         macOS: `brew install qemu`)"
+    );
+    Ok(())
+}

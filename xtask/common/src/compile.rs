@@ -1,0 +1,61 @@
+//! The firmware as Cargo builds it, of which nothing is proven: an ELF file for each board.
+
+use std::{
+    fs,
+    path::{Path, PathBuf},
+    process,
+    sync::atomic::{AtomicU32, Ordering},
+};
+
+use anyhow::{Context, Result};
+
+use crate::{boards::Board, cargo};
+
+/// Copies that this program has made.
+static COPIES: AtomicU32 = AtomicU32::new(0);
+
+/// Builds the firmware for `board`, of which nothing is proven, and returns its ELF file.
+pub fn firmware(board: &Board) -> Result<PathBuf> {
+    let elf = place(board, "");
+    replace(&elf, &image(board, &[])?)?;
+    Ok(elf)
+}
+
+/// Has Cargo build a firmware, and returns the ELF file's contents.
+pub fn image(board: &Board, options: &[&str]) -> Result<Vec<u8>> {
+    cargo::need_target()?;
+    let mut command = cargo::cargo(&["build", "--release", "--bin", "leadscrew"]);
+    command.args(cargo::for_board(&board.name));
+    cargo::wait(command.args(options))?;
+    let built = cargo::target_dir().join(cargo::TARGET);
+    read(&built.join("release/leadscrew"))
+}
+
+/// Where a firmware is kept: Cargo gives every board's program the same name.
+pub fn place(board: &Board, suffix: &str) -> PathBuf {
+    let folder = cargo::target_dir().join("firmware");
+    folder.join(format!("{}{suffix}.elf", board.name))
+}
+
+/// Reads a file.
+pub fn read(elf: &Path) -> Result<Vec<u8>> {
+    fs::read(elf).with_context(|| format!("cannot read {}", elf.display()))
+}
+
+/// Writes a file: under another name first, because an emulator may be reading the one that is
+/// there.
+pub fn replace(elf: &Path, image: &[u8]) -> Result<()> {
+    let copy = copy_beside(elf, image)?;
+    fs::rename(&copy, elf).with_context(|| format!("cannot write {}", elf.display()))
+}
+
+/// Writes a file beside another one, under a name that nobody knows.
+pub fn copy_beside(elf: &Path, image: &[u8]) -> Result<PathBuf> {
+    let number = COPIES.fetch_add(1, Ordering::Relaxed);
+    let copy = elf.with_extension(format!("{}-{number}", process::id()));
+    let folder = elf.parent().unwrap_or(elf);
+    fs::create_dir_all(folder)
+        .and_then(|()| fs::write(&copy, image))
+        .with_context(|| format!("cannot write {}", copy.display()))?;
+    Ok(copy)
+}

@@ -1,0 +1,56 @@
+//! What the user sees: progress, headings and errors, coloured where the terminal shows colour.
+
+use std::time::Duration;
+
+use anstream::{eprint, eprintln};
+use clap::builder::styling::{AnsiColor, Styles};
+use indicatif::{ProgressBar, ProgressStyle};
+use owo_colors::OwoColorize;
+
+/// Colours of the help, as Cargo's own.
+pub const STYLES: Styles = Styles::styled()
+    .header(AnsiColor::Green.on_default().bold())
+    .usage(AnsiColor::Green.on_default().bold())
+    .literal(AnsiColor::Cyan.on_default().bold())
+    .placeholder(AnsiColor::Cyan.on_default())
+    .error(AnsiColor::Red.on_default().bold())
+    .valid(AnsiColor::Green.on_default())
+    .invalid(AnsiColor::Yellow.on_default());
+
+/// Says what happens now: a verb and what it acts on, as Cargo does.
+pub fn status(verb: &str, what: &str) {
+    eprintln!("{:>12} {what}", verb.green().bold());
+}
+
+/// Says that something went wrong which does not stop the work.
+pub fn warning(text: &str) {
+    eprintln!("{} {text}", "warning:".yellow().bold());
+}
+
+/// Prints an error and its causes, one line each.
+pub fn error(error: &anyhow::Error) {
+    eprintln!("{} {error}", "error:".red().bold());
+    for cause in error.chain().skip(1) {
+        for (index, line) in cause.to_string().lines().enumerate() {
+            let lead = if index == 0 { "because" } else { "" };
+            eprint!("{:>9} ", lead.dimmed());
+            eprintln!("{line}");
+        }
+    }
+}
+
+/// A progress bar over `length` of something; invisible when standard error is no terminal.
+pub fn progress(length: u64, unit: &str) -> ProgressBar {
+    let template = format!(
+        "{{bar:40.green/dim}} {{percent:>3}} %  {{human_pos}} of {{human_len}} {unit}, {{eta}} left {{msg}}"
+    );
+    let style = ProgressStyle::with_template(&template)
+        .expect("the template is fixed")
+        .progress_chars("━╸─");
+    let bar = ProgressBar::new(length).with_style(style);
+    bar.enable_steady_tick(Duration::from_millis(200));
+    bar
+}
+
+/// What the help of every command ends with.
+pub const AXES: &str = "`--axes N`, 3 to 6, before the command or behind it: with as many axes";

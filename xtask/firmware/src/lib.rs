@@ -1,0 +1,107 @@
+//! The firmware with what is proven of it: an ELF file for each board.
+#![allow(
+    clippy::missing_errors_doc,
+    clippy::missing_panics_doc,
+    clippy::must_use_candidate,
+    clippy::return_self_not_must_use,
+    reason = "a library of the tools beside it: errors are sentences, which the user is shown"
+)]
+
+pub mod image;
+
+use std::{
+    ffi::OsStr,
+    fs,
+    path::{Path, PathBuf},
+};
+
+use anyhow::{Context, Result};
+use common::{
+    BAUD,
+    boards::Board,
+    compile::{self, copy_beside, place, replace},
+    text::separated,
+    tools, ui,
+};
+
+/// Builds the firmware for `board`, proves it, and returns its ELF file with what is proven in it.
+pub fn proven(board: &Board) -> Result<PathBuf> {
+    let (elf, proof) = prove_with(board, &[], "")?;
+    proof.map(|()| elf)
+}
+
+/// As [`proven`], for what moves nothing: when nothing can be proven, the firmware says so itself.
+pub fn firmware(board: &Board) -> Result<PathBuf> {
+    proven_if_possible(board, &[], "")
+}
+
+fn proven_if_possible(board: &Board, options: &[&str], suffix: &str) -> Result<PathBuf> {
+    let (elf, proof) = prove_with(board, options, suffix)?;
+    if let Err(error) = proof {
+        ui::warning(&format!("{error:#}"));
+    }
+    Ok(elf)
+}
+
+/// Builds a firmware, proves it and writes what is proven into it; also gives what of that failed.
+///
+/// The file is whole at any time, for somebody may boot it: no firmware takes the place of a proven
+/// one before it is proven.
+fn prove_with(board: &Board, options: &[&str], suffix: &str) -> Result<(PathBuf, Result<()>)> {
+    let mut image = compile::image(board, options)?;
+    let elf = place(board, suffix);
+    let copy = copy_beside(&elf, &image)?;
+    let proof = prove(&copy, board).and_then(|hz| image::write(&mut image, hz));
+    fs::remove_file(&copy).with_context(|| format!("cannot remove {}", copy.display()))?;
+    replace(&elf, &image)?;
+    Ok((elf, proof))
+}
+
+/// The step rate that a firmware is proven for.
+fn prove(elf: &Path, board: &Board) -> Result<u32> {
+    let hz = rate(elf, &board.name)
+        .context("no step rate is proven: `--unproven` builds the firmware all the same")?;
+    let rate = separated(hz.into());
+    ui::status(
+        "Proven",
+        &format!("{} for {rate} steps per second", board.name),
+    );
+    Ok(hz)
+}
+
+/// The step rate that the analysis of an image proves.
+fn rate(elf: &Path, board: &str) -> Result<u32> {
+    let baud = BAUD.to_string();
+    let mut arguments = ["--rate", "--board", board, "--baud", &baud, "--elf"]
+        .map(OsStr::new)
+        .to_vec();
+    arguments.push(elf.as_os_str());
+    let rate = tools::output(tools::SCHEDULE, arguments)?;
+    rate.parse().context("the analysis gives no rate")
+}
+
+/// Builds the firmware that records its activations, see `src/board/trace.rs`.
+pub fn traced(board: &Board) -> Result<PathBuf> {
+    proven_if_possible(board, &["--features", "trace"], "-trace")
+}
+
+/// The same for the emulated board, by the emulator's clock.
+pub fn traced_for_emulator(board: &Board) -> Result<PathBuf> {
+    let options = ["--features", "trace-emulated"];
+    proven_if_possible(board, &options, "-trace-emulated")
+}
+
+/// Copies a firmware and lets the copy say that it is proven for a step rate: for what finds out
+/// what happens at rates that are not.
+pub fn as_if_proven(elf: &Path, hz: u32) -> Result<PathBuf> {
+    let copy = elf.with_extension(format!("{hz}-hz.elf"));
+    write_rate(elf, &copy, hz)?;
+    Ok(copy)
+}
+
+/// Writes a copy of a firmware with a step rate in it.
+fn write_rate(elf: &Path, copy: &Path, hz: u32) -> Result<()> {
+    let mut image = compile::read(elf)?;
+    image::write(&mut image, hz).with_context(|| format!("{}", elf.display()))?;
+    replace(copy, &image)
+}

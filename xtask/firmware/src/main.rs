@@ -1,0 +1,85 @@
+//! `cargo xtask build` and `size`: the firmware, as an ELF file for each board.
+
+mod size;
+
+use std::process::ExitCode;
+
+use anyhow::Result;
+use clap::Parser;
+use common::{boards, cargo, compile, ui};
+
+/// Builds the firmware and shows its size.
+#[derive(Parser)]
+#[command(bin_name = "cargo xtask", styles = ui::STYLES, disable_help_subcommand = true)]
+#[command(max_term_width = 100, version)]
+enum Verb {
+    Build(Options),
+    Size(size::Options),
+    /// Builds every firmware of a board.
+    #[command(hide = true)]
+    All {
+        board: String,
+    },
+    /// Builds the firmware and tests it over its serial line.
+    #[command(hide = true)]
+    Serial,
+}
+
+fn main() -> ExitCode {
+    let verb = Verb::parse();
+    common::main(|| match verb {
+        Verb::Build(options) => run(&options),
+        Verb::Size(options) => size::run(&options),
+        Verb::All { board } => every_firmware(&board),
+        Verb::Serial => over_serial(),
+    })
+}
+
+/// Build the firmware
+///
+/// Leaves `target/firmware/BOARD.elf`, with the step rate in it for which its timing is proven, and
+/// fails when it cannot be proven. Asks rustup for the compiler's target when it is missing.
+#[derive(clap::Args)]
+struct Options {
+    /// The board; every board without it
+    #[arg(long, value_name = "NAME")]
+    board: Option<String>,
+    /// Prove nothing: the firmware then keeps to 30 000 steps per second
+    #[arg(long)]
+    unproven: bool,
+}
+
+fn run(options: &Options) -> Result<ExitCode> {
+    for board in boards::chosen(options.board.as_deref())? {
+        let elf = if options.unproven {
+            compile::firmware(&board)?
+        } else {
+            firmware::proven(&board)?
+        };
+        ui::status("Built", &elf.display().to_string());
+    }
+    Ok(ExitCode::SUCCESS)
+}
+
+/// Builds what a board has beside the firmware, and that.
+fn every_firmware(board: &str) -> Result<ExitCode> {
+    let board = boards::named(board)?;
+    firmware::traced(&board)?;
+    firmware::firmware(&board)?;
+    Ok(ExitCode::SUCCESS)
+}
+
+/// The firmware in QEMU, driven as a sender drives it.
+fn over_serial() -> Result<ExitCode> {
+    cargo::need_qemu()?;
+    let (board, _) = boards::emulated()?;
+    let elf = firmware::firmware(&board)?;
+    let step_rate = firmware::image::read(&elf)?;
+    let mut command = cargo::cargo(&["test", "--test", "firmware"]);
+    command.env("FIRMWARE_STEP_RATE", step_rate.to_string());
+    command.env("SLOW_FIRMWARE_ELF", firmware::as_if_proven(&elf, 20_000)?);
+    command.env("UNPROVEN_FIRMWARE_ELF", firmware::as_if_proven(&elf, 0)?);
+    // What this tool prints itself is the verdict.
+    cargo::wait(command.env("FIRMWARE_ELF", elf).stdout(std::io::stderr()))?;
+    Ok(ExitCode::SUCCESS)
+}

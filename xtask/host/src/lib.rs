@@ -1,0 +1,22 @@
+//! The host's side of a machine: programs, settings and senders, and the virtual machine that they
+//! talk to.
+#![allow(
+    clippy::missing_errors_doc,
+    clippy::missing_panics_doc,
+    clippy::must_use_candidate,
+    clippy::return_self_not_must_use,
+    reason = "a library of the tools beside it: errors are sentences, which the user is shown"
+)]
+
+pub mod figures;
+pub mod machine;
+pub mod play;
+pub mod program;
+pub mod proven;
+pub mod pty;
+mod refusal;
+pub mod sender;
+pub mod session;
+pub mod settings;
+
+pub use refusal::refusal;

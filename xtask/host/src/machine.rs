@@ -1,0 +1,248 @@
+//! The virtual machine behind its serial line, for whoever talks to it byte by byte.
+
+mod pin;
+mod signals;
+
+pub use pin::Pin;
+pub use signals::Event;
+
+use std::{array, collections::VecDeque};
+
+use common::BAUD;
+use leadscrew::{
+    axis::{AXES, Z},
+    machine::Snapshot,
+    model::{Levels, State, queues::RECEIVED_RING},
+    protocol::Session,
+    settings::Settings,
+    sim::{Closes, Flash, Simulator, Switch},
+    units::TICKS_PER_SECOND,
+};
+
+use crate::proven;
+
+use self::signals::Signals;
+
+/// Time of one byte on it with start and stop bit, ticks.
+const BYTE_TICKS: u64 = TICKS_PER_SECOND as u64 * 10 / BAUD as u64;
+
+/// How far the lower switches are beyond the travel, mm.
+const BEYOND_MM: f64 = 1.0;
+/// How high the plate for the probe is above the low end of Z, mm.
+const PLATE_MM: f64 = 10.0;
+
+/// Where switches close, in steps from where the machine stands at power-up: the middle.
+pub struct Ends {
+    /// The limit switch of each axis at its lower end and below. It is farther away than the travel:
+    /// an axis that was homed above has all of its travel.
+    pub low: [i32; AXES],
+    /// The limit switch of each axis at its upper end and above.
+    pub high: [i32; AXES],
+    /// The plate for the probe, above the lower end of Z.
+    pub plate: i32,
+}
+
+impl Ends {
+    /// Of a machine with as much travel as these settings say.
+    pub fn of(settings: &Settings) -> Self {
+        let steps = |axis: usize, way_mm: f64| {
+            let scale = settings.steps_per_mm[axis].millionths() as f64 * 1e-6;
+            (way_mm * scale).round() as i32
+        };
+        let half_mm = settings
+            .max_travel_mm
+            .0
+            .map(|travel| f64::from(travel) / 2.0);
+        Self {
+            low: array::from_fn(|axis| steps(axis, -half_mm[axis] - BEYOND_MM)),
+            high: array::from_fn(|axis| steps(axis, half_mm[axis])),
+            plate: steps(Z, -half_mm[Z] + PLATE_MM),
+        }
+    }
+}
+
+/// A machine on a virtual clock, and the bytes on their way to it and from it.
+pub struct Machine {
+    simulator: Box<Simulator>,
+    to_machine: VecDeque<u8>,
+    from_machine: Vec<(f64, u8)>,
+    next_in: u64,
+    next_out: u64,
+    switches: Vec<Switch>,
+    signals: Signals,
+}
+
+impl Machine {
+    /// Switched on with these settings stored, and no switches.
+    pub fn new(settings: &Settings) -> Self {
+        Self::amid(Simulator::new(settings), Vec::new())
+    }
+
+    /// Switched on with what is stored in a flash.
+    pub fn power_up(flash: Flash) -> Self {
+        let simulator = Simulator::power_up(flash, proven::committed());
+        Self::amid(simulator, Vec::new())
+    }
+
+    /// A machine that has just been switched on, amid switches.
+    pub fn amid(simulator: Simulator, switches: Vec<Switch>) -> Self {
+        let mut machine = Self {
+            simulator: Box::new(simulator),
+            to_machine: VecDeque::new(),
+            from_machine: Vec::new(),
+            next_in: 0,
+            next_out: 0,
+            switches,
+            signals: Signals::default(),
+        };
+        for switch in &machine.switches {
+            // More than fit, and axes that do not exist, close nothing.
+            let _ = machine.simulator.mount(*switch);
+        }
+        machine.simulator.settle();
+        machine.note();
+        machine
+    }
+
+    /// Notes what the outputs and the switches do.
+    fn note(&mut self) {
+        let position = self.simulator.physical_steps();
+        let switches = self.switches.iter();
+        let closed = switches.map(|switch| switch.is_closed_at(position[switch.axis]));
+        let now_s = self.simulator.now() as f64 / f64::from(TICKS_PER_SECOND);
+        self.signals.note(now_s, *self.simulator.outputs(), closed);
+    }
+
+    /// Opens or closes a contact.
+    pub fn press(&mut self, pin: Pin, closed: bool) {
+        self.simulator.set_pin(pin.level(), closed);
+        self.simulator.settle();
+        self.note();
+    }
+
+    /// What the outputs and the switches have done, with times from power-up.
+    pub fn signals(&self) -> &[Event] {
+        self.signals.events()
+    }
+
+    /// The machine as it was published last.
+    pub fn snapshot(&self) -> &Snapshot {
+        self.simulator.snapshot()
+    }
+
+    /// The conversation as the machine has it.
+    pub fn session(&self) -> &Session {
+        self.simulator.session()
+    }
+
+    /// Mounts switches and a plate for the probe.
+    pub fn mount(&mut self, ends: &Ends) {
+        for axis in 0..AXES {
+            let limit = Levels::limits(1 << axis);
+            self.mount_switch(axis, Closes::From(ends.high[axis]), limit);
+            self.mount_switch(axis, Closes::DownFrom(ends.low[axis]), limit);
+        }
+        self.mount_switch(Z, Closes::DownFrom(ends.plate), Levels::PROBE);
+    }
+
+    fn mount_switch(&mut self, axis: usize, closes: Closes, input: Levels) {
+        let is_mounted = self.simulator.mount(Switch {
+            axis,
+            closes,
+            input,
+        });
+        debug_assert!(
+            is_mounted,
+            "there is room for two switches of each axis and the plate"
+        );
+    }
+
+    /// The flash in which it stores.
+    pub fn flash(&mut self) -> &mut Flash {
+        self.simulator.flash()
+    }
+
+    /// Time since power-up, s.
+    pub fn now_s(&self) -> f64 {
+        self.simulator.now() as f64 / f64::from(TICKS_PER_SECOND)
+    }
+
+    /// Puts bytes on the line, behind those that are still on it.
+    pub fn send(&mut self, bytes: &[u8]) {
+        if self.to_machine.is_empty() {
+            self.next_in = self.next_in.max(self.simulator.now() + BYTE_TICKS);
+        }
+        self.to_machine.extend(bytes);
+    }
+
+    /// Bytes that have not arrived yet.
+    pub fn on_the_line(&self) -> usize {
+        self.to_machine.len()
+    }
+
+    /// Takes the bytes that the machine has sent, with the times at which they were complete, s.
+    pub fn take_bytes(&mut self) -> Vec<(f64, u8)> {
+        std::mem::take(&mut self.from_machine)
+    }
+
+    /// Runs for so many seconds.
+    pub fn run_for(&mut self, seconds: f64) {
+        let ticks = (seconds * f64::from(TICKS_PER_SECOND)).round() as u64;
+        self.run_until(self.simulator.now() + ticks);
+    }
+
+    /// Runs until so many seconds after power-up.
+    pub fn run_until_s(&mut self, seconds: f64) {
+        self.run_until((seconds * f64::from(TICKS_PER_SECOND)).round() as u64);
+    }
+
+    fn run_until(&mut self, end: u64) {
+        loop {
+            let now = self.simulator.now();
+            if now >= self.next_out
+                && let Some(byte) = self.simulator.send()
+            {
+                self.next_out = now + BYTE_TICKS;
+                let complete = self.next_out as f64 / f64::from(TICKS_PER_SECOND);
+                self.from_machine.push((complete, byte));
+                self.simulator.settle();
+            }
+            if now >= self.next_in
+                && let Some(byte) = self.to_machine.pop_front()
+            {
+                self.next_in = now + BYTE_TICKS;
+                self.simulator.receive(byte);
+                self.simulator.settle();
+            }
+            if now >= end {
+                return;
+            }
+            let out = self.simulator.has_to_send().then_some(self.next_out);
+            let input = (!self.to_machine.is_empty()).then_some(self.next_in);
+            let events = [self.simulator.due(), out, input];
+            let next = events.into_iter().flatten().fold(end, u64::min);
+            let _ = self.simulator.advance(next.max(now));
+            self.note();
+        }
+    }
+
+    /// Whether nothing moves, and nothing will without another byte.
+    pub fn stands_still(&self) -> bool {
+        let snapshot = self.simulator.snapshot();
+        let line_is_quiet = self.to_machine.is_empty() && !self.simulator.has_to_send();
+        let reads_lines = !snapshot.is_critical && !snapshot.has_underrun;
+        let is_done = snapshot.is_at_rest
+            && (!reads_lines || self.simulator.received_free() == RECEIVED_RING - 1);
+        line_is_quiet
+            && match snapshot.state {
+                State::HoldComplete | State::DoorClosed | State::DoorAjar | State::Sleep => true,
+                State::Idle | State::Check | State::Alarm => is_done,
+                State::Run
+                | State::HoldSlowing
+                | State::Jog
+                | State::Home
+                | State::DoorRetracting
+                | State::DoorRestoring => false,
+            }
+    }
+}

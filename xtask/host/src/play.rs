@@ -1,0 +1,251 @@
+//! Programs on the virtual machine, and what is kept of them: answers, messages and steps.
+
+use std::{cell::RefCell, collections::VecDeque, path::Path};
+
+use anstream::println;
+use anyhow::{Error, Result, bail};
+use common::BAUD;
+use indicatif::ProgressBar;
+use leadscrew::{
+    settings::Settings,
+    sim::{Edge, Simulator, StepStatistics, Stream, StreamEnd, Switch, Watcher},
+    units::TICKS_PER_SECOND,
+};
+use owo_colors::OwoColorize;
+
+use crate::{
+    figures::{Figures, Final, Responses},
+    program::Program,
+    refusal,
+    sender::Response,
+};
+
+/// What is made of a run besides its figures.
+pub trait Recorder {
+    /// A line is sent: before the steps come that it makes.
+    fn line(&mut self, line: &[u8]) {
+        let _ = line;
+    }
+    /// The pins change; the statistics have it in them.
+    fn edge(&mut self, edge: &Edge, statistics: &StepStatistics) -> Result<()> {
+        let _ = (edge, statistics);
+        Ok(())
+    }
+    /// The oldest line that has no answer gets it.
+    fn answer(&mut self, is_refused: bool) {
+        let _ = is_refused;
+    }
+}
+
+impl Recorder for () {}
+
+/// Runs a program and says nothing.
+pub fn play(path: &Path, settings: &Settings) -> Result<Figures> {
+    let program = Program::open(path)?;
+    let mut simulator = Box::new(Simulator::new(settings));
+    stream(program, &mut simulator, settings, Run::silent(&mut ()))
+}
+
+/// What a recorded program did, and what the machine says of itself at the end.
+pub struct Played {
+    /// What it did.
+    pub figures: Figures,
+    /// What `$G`, `$#` and `?` say.
+    pub said: Vec<String>,
+}
+
+/// Runs a recorded program amid switches and says nothing.
+pub fn play_recorded(path: &Path, settings: &Settings, switches: &[Switch]) -> Result<Played> {
+    let program = Program::recorded(path)?;
+    let mut simulator = Box::new(Simulator::new(settings));
+    for switch in switches {
+        // Fewer than fit.
+        let _ = simulator.mount(*switch);
+    }
+    let figures = stream(program, &mut simulator, settings, Run::silent(&mut ()))?;
+    let said = ["$G\n", "$#\n", "?"]
+        .into_iter()
+        .flat_map(|text| ask(&mut simulator, text.as_bytes()))
+        .collect();
+    Ok(Played { figures, said })
+}
+
+/// Sends something to a machine that has come to rest, and returns what it says.
+fn ask(simulator: &mut Simulator, bytes: &[u8]) -> Vec<String> {
+    for byte in bytes {
+        simulator.receive(*byte);
+        simulator.settle();
+    }
+    let mut said = Vec::new();
+    while let Some(byte) = simulator.send() {
+        said.push(byte);
+        simulator.settle();
+    }
+    let said = String::from_utf8_lossy(&said);
+    let lines = said
+        .lines()
+        .filter(|line| !line.is_empty() && *line != "ok");
+    lines.map(str::to_owned).collect()
+}
+
+/// How a program is run.
+pub struct Run<'a, R> {
+    /// Shows how far it is.
+    pub bar: ProgressBar,
+    /// Whether refused lines and alarms are printed.
+    pub prints: bool,
+    /// What else is made of it.
+    pub recorder: &'a mut R,
+}
+
+impl<'a, R> Run<'a, R> {
+    /// One that says nothing.
+    pub fn silent(recorder: &'a mut R) -> Self {
+        Self {
+            bar: ProgressBar::hidden(),
+            prints: false,
+            recorder,
+        }
+    }
+}
+
+/// Streams a program through a fresh machine.
+pub fn stream<R: Recorder>(
+    program: Program,
+    simulator: &mut Simulator,
+    settings: &Settings,
+    run: Run<R>,
+) -> Result<Figures> {
+    let observer = RefCell::new(Observer::new(run));
+    let source = Source {
+        program,
+        bytes: Vec::new().into_iter(),
+        observer: &observer,
+    };
+    let mut stream = Stream::new(simulator, source, BAUD);
+    let end = stream.run(&mut Watched(&observer));
+    let (lines, late) = (stream.lines, stream.simulator.late());
+    let snapshot = *stream.simulator.snapshot();
+    drop(stream);
+    let observer = observer.into_inner();
+    observer.run.bar.finish_and_clear();
+    if let Some(error) = observer.failure {
+        return Err(error);
+    }
+    let answered = observer.responses.iter().count();
+    if end == StreamEnd::Stuck {
+        bail!("the machine stands still after {answered} answers and does not go on");
+    }
+    let statistics = &observer.statistics;
+    Ok(Figures {
+        lines,
+        responses: observer.responses,
+        messages: observer.messages,
+        end: Final::new(snapshot.state.name().into(), &snapshot.steps.0, settings),
+        steps_axis: statistics.pulses.0.to_vec(),
+        motion_time_s: statistics.motion_ticks() as f64 / f64::from(TICKS_PER_SECOND),
+        events: statistics.events,
+        late: u64::from(late),
+        event_hash: format!("{:016x}", statistics.hash),
+    })
+}
+
+/// A program as a stream of bytes.
+struct Source<'o, 'r, R> {
+    program: Program,
+    bytes: std::vec::IntoIter<u8>,
+    observer: &'o RefCell<Observer<'r, R>>,
+}
+
+impl<R: Recorder> Iterator for Source<'_, '_, R> {
+    type Item = u8;
+
+    fn next(&mut self) -> Option<u8> {
+        loop {
+            if let Some(byte) = self.bytes.next() {
+                return Some(byte);
+            }
+            let mut observer = self.observer.borrow_mut();
+            match self.program.next_line() {
+                Ok(Some(mut line)) => {
+                    observer.run.recorder.line(&line);
+                    observer.lines.push_back(line.clone());
+                    line.push(b'\n');
+                    self.bytes = line.into_iter();
+                }
+                Ok(None) => return None,
+                Err(error) => {
+                    observer.failure = Some(error);
+                    return None;
+                }
+            }
+            observer.run.bar.set_position(self.program.read());
+        }
+    }
+}
+
+/// What is kept of a run.
+struct Observer<'r, R> {
+    run: Run<'r, R>,
+    statistics: StepStatistics,
+    responses: Responses,
+    messages: Vec<(u64, String)>,
+    /// Lines that have been read and not yet answered.
+    lines: VecDeque<Vec<u8>>,
+    failure: Option<Error>,
+}
+
+impl<'r, R> Observer<'r, R> {
+    fn new(run: Run<'r, R>) -> Self {
+        Self {
+            run,
+            statistics: StepStatistics::new(),
+            responses: Responses::default(),
+            messages: Vec::new(),
+            lines: VecDeque::new(),
+            failure: None,
+        }
+    }
+}
+
+/// Who watches the stream.
+struct Watched<'o, 'r, R>(&'o RefCell<Observer<'r, R>>);
+
+impl<R: Recorder> Watcher for Watched<'_, '_, R> {
+    fn edge(&mut self, edge: &Edge) {
+        let observer = &mut *self.0.borrow_mut();
+        observer.statistics.add(edge);
+        let recorded = observer.run.recorder.edge(edge, &observer.statistics);
+        if let Err(error) = recorded {
+            observer.failure.get_or_insert(error);
+        }
+    }
+
+    fn answer(&mut self, number: u64, answer: &[u8]) {
+        let observer = &mut *self.0.borrow_mut();
+        let line = observer.lines.pop_front().unwrap_or_default();
+        let text = String::from_utf8_lossy(answer);
+        let response = Response::parse(&text).unwrap_or(Response::Error(0));
+        observer.responses.push(response);
+        let is_refused = response != Response::Ok;
+        observer.run.recorder.answer(is_refused);
+        if is_refused && observer.run.prints {
+            let bar = &observer.run.bar;
+            bar.suspend(|| println!("{}", refusal(number, &line, response)));
+        }
+    }
+
+    fn message(&mut self, answers: u64, message: &[u8]) {
+        let observer = &mut *self.0.borrow_mut();
+        let text = String::from_utf8_lossy(message).into_owned();
+        if text.starts_with("Grbl ") {
+            // The welcome belongs to power-up, not to the program.
+            return;
+        }
+        if text.starts_with("ALARM:") && observer.run.prints {
+            let bar = &observer.run.bar;
+            bar.suspend(|| println!("{:>8}  {}", format!("{answers}:"), text.red().bold()));
+        }
+        observer.messages.push((answers, text));
+    }
+}

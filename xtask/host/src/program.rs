@@ -1,0 +1,202 @@
+//! A G-code program, line by line, as a sender sends it.
+//!
+//! Reads as it goes, so a file may be longer than memory. Bytes that the machine would take for
+//! realtime commands (`?`, `!`, `~`, 0x18, 0x80 and above) are never sent, as with other senders:
+//! inside a file they are text. In a comment they are left out. Elsewhere that would join what
+//! they separate (`X1µ5` is not X15), so something is sent in their place that is refused.
+
+use std::{
+    collections::VecDeque,
+    fs::{self, File},
+    io::{BufRead, BufReader, Cursor, Read},
+    path::Path,
+};
+
+use anyhow::{Context, Result, ensure};
+
+/// Longest line that is read: beyond it the file is no program.
+const LONGEST: usize = 1 << 20;
+/// What is sent for a byte that must not be: no word has it.
+const REFUSED: u8 = 0x7f;
+/// What some editors put in front of a text in UTF-8.
+const BYTE_ORDER_MARK: &[u8] = b"\xef\xbb\xbf";
+
+/// Reads a program's lines.
+pub struct Program {
+    name: String,
+    reader: Box<dyn BufRead>,
+    /// Lines that have been read with the one before.
+    ready: VecDeque<Vec<u8>>,
+    /// Bytes of the file, 0 where unknown.
+    length: u64,
+    read: u64,
+    lines: u64,
+}
+
+impl Program {
+    /// Opens a file.
+    pub fn open(path: &Path) -> Result<Self> {
+        let name = path.display().to_string();
+        let file = File::open(path).with_context(|| format!("cannot open the program {name}"))?;
+        let metadata = file
+            .metadata()
+            .with_context(|| format!("cannot read {name}"))?;
+        ensure!(
+            !metadata.is_dir(),
+            "{name} is a folder: a G-code file is wanted"
+        );
+        Ok(Self {
+            length: metadata.len(),
+            ..Self::from_reader(name, BufReader::with_capacity(1 << 16, file))
+        })
+    }
+
+    /// Opens a program as the recordings of Grbl had it: without the bytes of realtime commands,
+    /// wherever they stood.
+    ///
+    /// # Errors
+    ///
+    /// The file cannot be read.
+    pub fn recorded(path: &Path) -> Result<Self> {
+        let name = path.display().to_string();
+        let mut text = fs::read(path).with_context(|| format!("cannot read the program {name}"))?;
+        text.retain(|byte| !is_realtime(*byte));
+        Ok(Self::from_reader(name, Cursor::new(text)))
+    }
+
+    /// Reads from anything.
+    pub fn from_reader(name: String, reader: impl BufRead + 'static) -> Self {
+        Self {
+            name,
+            reader: Box::new(reader),
+            ready: VecDeque::new(),
+            length: 0,
+            read: 0,
+            lines: 0,
+        }
+    }
+
+    /// Bytes of the file, 0 where unknown.
+    pub fn length(&self) -> u64 {
+        self.length
+    }
+
+    /// Bytes read so far.
+    pub fn read(&self) -> u64 {
+        self.read
+    }
+
+    /// The next line without its end; `None` at the end of the program.
+    ///
+    /// A last line need not end in a line feed. A carriage return before it belongs to the end, and
+    /// ends a line anywhere else.
+    ///
+    /// # Errors
+    ///
+    /// The file cannot be read, or has a line of more than a mebibyte.
+    pub fn next_line(&mut self) -> Result<Option<Vec<u8>>> {
+        if let Some(line) = self.ready.pop_front() {
+            return Ok(Some(line));
+        }
+        let mut line = Vec::new();
+        let read = (&mut self.reader)
+            .take(LONGEST as u64 + 2)
+            .read_until(b'\n', &mut line)
+            .with_context(|| format!("cannot read {}", self.name))?;
+        if read == 0 {
+            return Ok(None);
+        }
+        self.read += read as u64;
+        self.lines += 1;
+        if self.lines == 1 && line.starts_with(BYTE_ORDER_MARK) {
+            line.drain(..BYTE_ORDER_MARK.len());
+        }
+        if line.last() == Some(&b'\n') {
+            line.pop();
+        }
+        if line.last() == Some(&b'\r') {
+            line.pop();
+        }
+        ensure!(
+            line.len() <= LONGEST,
+            "line {} of {} is longer than {LONGEST} bytes: is it a G-code program?",
+            self.lines,
+            self.name
+        );
+        self.ready
+            .extend(line.split(|byte| *byte == b'\r').map(sent));
+        Ok(self.ready.pop_front())
+    }
+}
+
+/// A line as it is sent.
+fn sent(line: &[u8]) -> Vec<u8> {
+    let mut sent = Vec::with_capacity(line.len());
+    let (mut in_parentheses, mut in_rest) = (false, false);
+    for &byte in line {
+        let is_code = !in_parentheses && !in_rest;
+        match byte {
+            b'(' if is_code => in_parentheses = true,
+            b')' if !in_rest => in_parentheses = false,
+            b';' if is_code => in_rest = true,
+            _ => {}
+        }
+        if !is_realtime(byte) {
+            sent.push(byte);
+        } else if is_code {
+            sent.push(REFUSED);
+        }
+    }
+    sent
+}
+
+/// Whether the machine acts on a byte wherever it stands.
+fn is_realtime(byte: u8) -> bool {
+    matches!(byte, b'?' | b'!' | b'~' | 0x18 | 0x80..)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn lines(text: &[u8]) -> Vec<Vec<u8>> {
+        let mut program = Program::from_reader("test".into(), Cursor::new(text.to_vec()));
+        std::iter::from_fn(|| program.next_line().unwrap()).collect()
+    }
+
+    #[test]
+    fn the_last_line_needs_no_end() {
+        assert_eq!(lines(b"G0\nX1"), [b"G0".to_vec(), b"X1".to_vec()]);
+        assert_eq!(lines(b"G0\r\n\r\n"), [b"G0".to_vec(), vec![]]);
+        assert!(lines(b"").is_empty());
+    }
+
+    #[test]
+    fn each_way_to_end_a_line_ends_one() {
+        let expected = [b"G0".to_vec(), b"X1".to_vec(), vec![], b"Y1".to_vec()];
+        assert_eq!(lines(b"G0\rX1\r\n\nY1"), expected);
+    }
+
+    #[test]
+    fn realtime_bytes_of_a_file_are_not_sent() {
+        let sent = lines("G1 (size? 5 \u{b5}m!) X1 ; what?\n".as_bytes());
+        assert_eq!(sent, [b"G1 (size 5 m) X1 ; what".to_vec()]);
+    }
+
+    #[test]
+    fn what_is_not_sent_joins_no_digits() {
+        assert_eq!(lines("\u{feff}G21\n".as_bytes()), [b"G21".to_vec()]);
+        for text in ["G1 X1\u{a0}5", "G1 X1?5", "G1 (a) X1\x185"] {
+            let sent = lines(text.as_bytes()).concat();
+            assert!(!sent.iter().copied().any(is_realtime), "{text}");
+            assert!(sent.contains(&REFUSED), "{text}");
+        }
+    }
+
+    #[test]
+    fn an_endless_line_is_an_error() {
+        let text = vec![b'G'; LONGEST + 1];
+        let mut program = Program::from_reader("test".into(), Cursor::new(text));
+        assert!(program.next_line().is_err());
+    }
+}

@@ -1,0 +1,235 @@
+//! The sender's side of Grbl's protocol: character counting, answers, messages.
+//!
+//! Pure: it says what may be sent and what an answer belongs to; the caller owns the line. Shared
+//! by every way to drive a machine. Read with Grbl's `stream.py` and the notes on its interface.
+
+use std::{collections::VecDeque, fmt};
+
+use serde::{Serialize, Serializer};
+
+/// Bytes that may be on their way or in the machine's receive buffer of 128.
+pub const WINDOW: usize = 127;
+
+/// The machine's answer to one line.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+pub enum Response {
+    /// `ok`.
+    Ok,
+    /// `error:N`.
+    Error(u16),
+}
+
+impl Response {
+    /// Reads an answer; `None` for every other text.
+    pub fn parse(text: &str) -> Option<Self> {
+        match text.strip_prefix("error:") {
+            Some(number) => number.parse().ok().map(Self::Error),
+            None => (text == "ok").then_some(Self::Ok),
+        }
+    }
+}
+
+impl fmt::Display for Response {
+    fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Ok => formatter.write_str("ok"),
+            Self::Error(number) => write!(formatter, "error:{number}"),
+        }
+    }
+}
+
+impl Serialize for Response {
+    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        serializer.collect_str(self)
+    }
+}
+
+/// A line that was answered.
+#[derive(Debug, PartialEq, Eq)]
+pub struct Answered {
+    /// Its number, from 1.
+    pub number: u64,
+    /// Its text, as sent.
+    pub line: Vec<u8>,
+    /// The answer.
+    pub response: Response,
+}
+
+/// What a received line means.
+#[derive(Debug, PartialEq, Eq)]
+pub enum Received {
+    /// The oldest line in flight was answered.
+    Answer(Answered),
+    /// An answer to nothing that was sent.
+    Surplus(Response),
+    /// Everything else.
+    Message,
+}
+
+/// The lines between the sender and the machine's answers.
+#[derive(Debug, Default)]
+pub struct Sender {
+    in_flight: VecDeque<Vec<u8>>,
+    bytes: usize,
+    sent: u64,
+    /// The newest line in flight is one that is sent alone.
+    exclusive: bool,
+}
+
+impl Sender {
+    /// Whether a line may be sent now.
+    pub fn may_send(&self, line: &[u8]) -> bool {
+        if self.in_flight.is_empty() {
+            return true;
+        }
+        let fits = self.bytes + line.len() < WINDOW;
+        fits && !self.exclusive && !is_sent_alone(line)
+    }
+
+    /// Takes note of a line that is sent, with its line feed.
+    pub fn send(&mut self, line: Vec<u8>) {
+        self.bytes += line.len() + 1;
+        self.exclusive = is_sent_alone(&line);
+        self.in_flight.push_back(line);
+        self.sent += 1;
+    }
+
+    /// Sorts a line that was received.
+    pub fn receive(&mut self, text: &str) -> Received {
+        let Some(response) = Response::parse(text) else {
+            return Received::Message;
+        };
+        let Some(line) = self.in_flight.pop_front() else {
+            return Received::Surplus(response);
+        };
+        self.bytes -= line.len() + 1;
+        Received::Answer(Answered {
+            number: self.answered(),
+            line,
+            response,
+        })
+    }
+
+    /// Number of lines sent.
+    pub fn sent(&self) -> u64 {
+        self.sent
+    }
+
+    /// Number of lines answered.
+    pub fn answered(&self) -> u64 {
+        self.sent - self.in_flight.len() as u64
+    }
+
+    /// Whether every line sent has been answered.
+    pub fn is_done(&self) -> bool {
+        self.in_flight.is_empty()
+    }
+}
+
+/// Whether a line may write to the settings memory, so that bytes sent behind it could be lost on
+/// an AVR: senders wait before and after it. `$` lines, `G10`, `G28.1` and `G30.1`.
+pub fn is_sent_alone(line: &[u8]) -> bool {
+    let code = code(line);
+    code.first() == Some(&b'$')
+        || g_numbers(&code).any(|number| [10.0, 28.1, 30.1].contains(&number))
+}
+
+/// A line in upper case without blanks and comments.
+pub fn code(line: &[u8]) -> Vec<u8> {
+    let mut code = Vec::new();
+    let mut in_comment = false;
+    for byte in line {
+        match byte {
+            b';' if !in_comment => break,
+            b'(' => in_comment = true,
+            b')' => in_comment = false,
+            _ if in_comment || *byte <= b' ' => {}
+            _ => code.push(byte.to_ascii_uppercase()),
+        }
+    }
+    code
+}
+
+/// The numbers of the `G` words in [`code`].
+pub fn g_numbers(code: &[u8]) -> impl Iterator<Item = f64> {
+    code.split(|byte| *byte == b'G').skip(1).filter_map(|word| {
+        let end = word
+            .iter()
+            .position(|byte| !byte.is_ascii_digit() && *byte != b'.');
+        let digits = &word[..end.unwrap_or(word.len())];
+        str::from_utf8(digits).ok()?.parse().ok()
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn sender_with(lines: &[&[u8]]) -> Sender {
+        let mut sender = Sender::default();
+        for line in lines {
+            assert!(sender.may_send(line));
+            sender.send(line.to_vec());
+        }
+        sender
+    }
+
+    #[test]
+    fn never_more_than_127_bytes_are_in_flight() {
+        let mut sender = sender_with(&[&[b'X'; 59], &[b'Y'; 59]]);
+        assert!(sender.may_send(b"G0X100"));
+        assert!(!sender.may_send(b"G0X1000"));
+        assert!(matches!(sender.receive("ok"), Received::Answer(_)));
+        assert!(sender.may_send(b"G0X1000"));
+    }
+
+    #[test]
+    fn a_line_longer_than_the_window_waits_until_nothing_is_in_flight() {
+        let mut sender = sender_with(&[b"G0"]);
+        assert!(!sender.may_send(&[b'('; 10_000]));
+        sender.receive("ok");
+        assert!(sender.may_send(&[b'('; 10_000]));
+    }
+
+    #[test]
+    fn answers_belong_to_lines_in_order() {
+        let mut sender = sender_with(&[b"G0", b"G999"]);
+        let answer = |number, line: &[u8], response| {
+            Received::Answer(Answered {
+                number,
+                line: line.to_vec(),
+                response,
+            })
+        };
+        assert_eq!(sender.receive("ok"), answer(1, b"G0", Response::Ok));
+        assert_eq!(sender.receive("[MSG:hello]"), Received::Message);
+        let refused = answer(2, b"G999", Response::Error(20));
+        assert_eq!(sender.receive("error:20"), refused);
+        assert_eq!(sender.receive("ok"), Received::Surplus(Response::Ok));
+        assert!(sender.is_done());
+    }
+
+    #[test]
+    fn lines_that_write_settings_are_sent_alone() {
+        for line in [
+            "$$",
+            "  $H",
+            "g10 L2 P1 X0",
+            "G90 G28.1",
+            "N5G30.1",
+            "G 10 L20",
+        ] {
+            assert!(is_sent_alone(line.as_bytes()), "{line}");
+        }
+        for line in ["", "G28", "G30 X0", "G1 X10", "G100", "M10", "G1.0"] {
+            assert!(!is_sent_alone(line.as_bytes()), "{line}");
+        }
+        let mut sender = sender_with(&[b"G0"]);
+        assert!(!sender.may_send(b"G10L2P1"));
+        sender.receive("ok");
+        sender.send(b"G10L2P1".to_vec());
+        assert!(!sender.may_send(b"G0"));
+        sender.receive("ok");
+        assert!(sender.may_send(b"G0"));
+    }
+}

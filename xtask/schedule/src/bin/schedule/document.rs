@@ -1,0 +1,180 @@
+//! The report that the documents show: written once, and checked against a fresh one.
+//!
+//! It is the netduino's with three axes. The machine code is the same in every folder, but another
+//! compiler makes other code: the documents name theirs, and another's report is not compared.
+
+use std::{fmt::Write as _, fs, path::Path};
+
+use anyhow::{Context, Result, bail, ensure};
+use common::{cargo, text::separated, ui};
+use object::{Object, ObjectSection};
+use schedule::Report;
+use serde_json::Value;
+
+use crate::{page, text};
+
+const PAGE: &str = "docs/schedule.html";
+const JSON: &str = "docs/schedule.json";
+const TEXT: &str = "docs/scheduling.md";
+const BEGIN: &str = "<!-- begin: cargo xtask schedule --write -->\n";
+const END: &str = "<!-- end -->\n";
+/// Whose report it is.
+const BOARD: &str = "netduino-plus-2";
+const AXES: u8 = 3;
+
+/// What the documents are made from.
+struct Made {
+    page: String,
+    json: String,
+    block: String,
+    compiler: String,
+}
+
+impl Made {
+    fn of(report: &Report, elf: &Path) -> Result<Self> {
+        ensure!(
+            report.board == BOARD && report.axes == AXES,
+            "the documents show the report on {BOARD} with {AXES} axes"
+        );
+        let compiler = compiler(elf)?;
+        Ok(Self {
+            page: page::page(report, cargo::root())?,
+            json: json(report, &compiler)?,
+            block: block(report, &compiler),
+            compiler,
+        })
+    }
+
+    /// The document with the table in it.
+    fn text(&self, old: &str) -> Result<String> {
+        let (head, rest) = old
+            .split_once(BEGIN)
+            .with_context(|| format!("{TEXT} has no line {BEGIN}"))?;
+        let (_, tail) = rest
+            .split_once(END)
+            .with_context(|| format!("{TEXT} has no line {END}"))?;
+        Ok(format!("{head}{BEGIN}{}{END}{tail}", self.block))
+    }
+}
+
+/// Writes the documents.
+pub(super) fn write(report: &Report, elf: &Path) -> Result<()> {
+    let made = Made::of(report, elf)?;
+    let text = made.text(&read(TEXT)?)?;
+    for (path, content) in [(PAGE, made.page), (JSON, made.json), (TEXT, text)] {
+        fs::write(cargo::root().join(path), content)
+            .with_context(|| format!("cannot write {path}"))?;
+        ui::status("Written", path);
+    }
+    Ok(())
+}
+
+/// Fails when a document is not what `report` says; returns what was found.
+pub(super) fn check(report: &Report, elf: &Path) -> Result<String> {
+    let made = Made::of(report, elf)?;
+    let committed: Value =
+        serde_json::from_str(&read(JSON)?).with_context(|| format!("{JSON} is no JSON"))?;
+    let compiler = committed["compiler"].as_str().unwrap_or_default();
+    if compiler != made.compiler {
+        return Ok(format!(
+            "not compared: the documents show the code of {compiler}, this is {}",
+            made.compiler
+        ));
+    }
+    let text = read(TEXT)?;
+    let is_same = [
+        (PAGE, read(PAGE)? == made.page),
+        (JSON, read(JSON)? == made.json),
+        (TEXT, text == made.text(&text)?),
+    ];
+    for (path, is_same) in is_same {
+        if !is_same {
+            bail!("{path} is out of date: run `cargo xtask schedule --write`");
+        }
+    }
+    Ok("the documents show this report".into())
+}
+
+fn read(path: &str) -> Result<String> {
+    fs::read_to_string(cargo::root().join(path)).with_context(|| format!("cannot read {path}"))
+}
+
+/// The compiler that made a program, as it signs.
+fn compiler(elf: &Path) -> Result<String> {
+    let bytes = fs::read(elf).with_context(|| format!("cannot read {}", elf.display()))?;
+    let file = object::File::parse(&*bytes)
+        .with_context(|| format!("{} is no ELF file", elf.display()))?;
+    let section = file
+        .section_by_name(".comment")
+        .context("the ELF names no compiler")?;
+    let comment = String::from_utf8_lossy(section.data()?).into_owned();
+    let mut signatures = comment.split('\0');
+    let rustc = signatures.find(|signature| signature.starts_with("rustc"));
+    Ok(rustc.context("the ELF names no rustc")?.to_owned())
+}
+
+/// The report for programs, without the file's hash: the file has names of folders in it.
+fn json(report: &Report, compiler: &str) -> Result<String> {
+    let mut value = serde_json::to_value(report)?;
+    if let Some(object) = value.as_object_mut() {
+        object.remove("elf_sha256");
+        object.insert("compiler".into(), compiler.into());
+    }
+    Ok(serde_json::to_string_pretty(&value)? + "\n")
+}
+
+/// The table of the document.
+fn block(report: &Report, compiler: &str) -> String {
+    let mut block = format!(
+        "`cargo xtask schedule` on {BOARD}, {AXES} axes, {} steps a second, {} baud, {}; {}:\n\n```text\n{}```\n\n",
+        separated(report.step_rate_hz.into()),
+        separated(report.baud.into()),
+        compiler.split(" (").next().unwrap_or(compiler),
+        text::calibration(report),
+        text::tasks(report)
+    );
+    block += "| | |\n|---|---|\n";
+    for (name, value) in text::figures(report) {
+        let _ = writeln!(block, "| {name} | {value} |");
+    }
+    block
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::sample;
+
+    fn made() -> Made {
+        let report = sample::report();
+        Made {
+            page: String::new(),
+            json: json(&report, "rustc version 1.95.0").unwrap(),
+            block: block(&report, "rustc version 1.95.0 (59807616e 2026-04-14)"),
+            compiler: "rustc version 1.95.0".into(),
+        }
+    }
+
+    #[test]
+    fn the_block_stands_between_its_marks_and_nothing_else_changes() {
+        let old = format!("before\n{BEGIN}old\n{END}after\n");
+        let text = made().text(&old).unwrap();
+        assert!(text.starts_with(&format!(
+            "before\n{BEGIN}`cargo xtask schedule` on netduino-plus-2"
+        )));
+        assert!(text.ends_with(&format!("{END}after\n")));
+        assert!(!text.contains("old\n"));
+        assert_eq!(made().text(&text).unwrap(), text, "made again it stays");
+        assert!(made().text("no marks").is_err());
+    }
+
+    #[test]
+    fn what_is_committed_names_the_compiler_and_no_hash() {
+        let value: Value = serde_json::from_str(&made().json).unwrap();
+        assert_eq!(value["compiler"], "rustc version 1.95.0");
+        assert_eq!(value["elf_sha256"], Value::Null);
+        assert_eq!(value["proven_step_rate_hz"]["115200"], 176_000);
+        assert_eq!(value["tasks"][0]["name"], "step");
+        assert!(made().block.contains("rustc version 1.95.0;"));
+    }
+}

@@ -1,0 +1,406 @@
+//! The report as a table in the terminal.
+
+use std::fmt::Write as _;
+
+use common::text::separated;
+use owo_colors::OwoColorize;
+use schedule::{Flaw, Place, Report, Requirement, Rule, Task};
+
+/// Says what a proof without measurements is.
+pub(super) const NOT_CALIBRATED: &str = "model-proven, not silicon-calibrated";
+
+/// A number of cycles in microseconds.
+pub(super) fn micros(report: &Report, cycles: f64) -> f64 {
+    cycles * 1e6 / report.clock_hz.max(1) as f64
+}
+
+/// Microseconds with as many digits as are worth reading.
+pub(super) fn shown_us(us: f64) -> String {
+    match us.abs() {
+        0.0..10.0 => format!("{us:.2}"),
+        10.0..100.0 => format!("{us:.1}"),
+        _ => {
+            let sign = if us < 0.0 { "-" } else { "" };
+            format!("{sign}{}", separated(us.abs().round() as u64))
+        }
+    }
+}
+
+/// Where the cycle table is from.
+pub(super) fn calibration(report: &Report) -> String {
+    match (&report.calibration, report.calibrated) {
+        (Some(file), true) => format!("cycle table measured on a board: {file}"),
+        _ => NOT_CALIBRATED.into(),
+    }
+}
+
+/// Share of the processor for tasks with deadlines, percent, when that is known.
+pub(super) fn utilisation(report: &Report) -> Option<f64> {
+    (report.utilisation > 0.0).then_some(report.utilisation * 100.0)
+}
+
+/// The highest proven step rates, by rising baud rate.
+pub(super) fn proven_rates(report: &Report) -> Vec<(u32, u32)> {
+    let rates = report.proven_step_rate_hz.iter();
+    let mut rates: Vec<_> = rates
+        .filter_map(|(baud, rate)| Some((baud.parse().ok()?, *rate)))
+        .collect();
+    rates.sort_unstable();
+    rates
+}
+
+/// What was analysed, at which rates, and how far to trust it.
+pub(super) fn heading(report: &Report) -> Vec<String> {
+    vec![
+        format!(
+            "{}, {} axes, {} MHz",
+            report.board,
+            report.axes,
+            report.clock_hz / 1_000_000
+        ),
+        format!(
+            "table for {} steps a second (all axes together) and {} baud",
+            separated(report.step_rate_hz.into()),
+            separated(report.baud.into())
+        ),
+        format!("{}, ELF {:.12}", calibration(report), report.elf_sha256),
+    ]
+}
+
+/// One requirement of `schedule.toml`.
+pub(super) fn requirement(row: &Requirement) -> String {
+    let verdict = if row.is_met { "" } else { ": not met" };
+    format!(
+        "{} {} {unit}, found {} {unit}{verdict}",
+        row.what,
+        shown(row.required),
+        shown(row.found),
+        unit = row.unit
+    )
+}
+
+/// Whole numbers in groups, others with two decimals.
+pub(super) fn shown(value: f64) -> String {
+    if value.fract() == 0.0 && value >= 0.0 {
+        separated(value as u64)
+    } else {
+        format!("{value:.2}")
+    }
+}
+
+/// The highest proven step rate at the baud rate of the table.
+pub(super) fn rate(report: &Report) -> Option<u32> {
+    let rates = &report.proven_step_rate_hz;
+    rates.get(&report.baud.to_string()).copied()
+}
+
+/// Requirements that are not met: flaws that take nothing from what is proven.
+pub(super) fn unmet(report: &Report) -> usize {
+    let flaws = report.flaws.iter();
+    flaws.filter(|flaw| flaw.rule == Rule::Requirement).count()
+}
+
+/// What the analysis comes to, in a sentence.
+pub(super) fn verdict(report: &Report) -> String {
+    let unmet = unmet(report);
+    match (report.flaws.len() - unmet, rate(report)) {
+        (0, Some(rate)) if rate > 0 => format!(
+            "every deadline is met up to {} steps a second at {} baud ({}){}",
+            separated(rate.into()),
+            separated(report.baud.into()),
+            calibration(report),
+            if unmet > 0 {
+                ", but more is required"
+            } else {
+                ""
+            }
+        ),
+        (0, _) => "no step rate".into(),
+        (1, _) => "one thing is wrong".into(),
+        (count, _) => format!("{count} things are wrong"),
+    }
+}
+
+/// The tasks with deadlines, one line each, and who holds them up.
+pub(super) fn tasks(report: &Report) -> String {
+    let rows = || report.tasks.iter().filter(|task| task.kind_of.is_none());
+    let names = rows().map(|task| task.name.len());
+    let first = names.max().unwrap_or_default() + 1;
+    let mut text = format!(
+        "{:<first$}{:>5}{:>8}{:>10}{:>9}{:>11}{:>10}{:>10}{:>6}{:>7}\n",
+        "task",
+        "prio",
+        "period",
+        "WCET",
+        "blocked",
+        "response",
+        "deadline",
+        "slack",
+        "lines",
+        "stack"
+    );
+    let units = [
+        "", "", "µs", "cycles", "cycles", "µs", "µs", "µs", "", "bytes",
+    ];
+    let widths = [first, 5, 8, 10, 9, 11, 10, 10, 6, 7];
+    for (unit, width) in units.iter().zip(widths) {
+        let _ = write!(text, "{unit:>width$}");
+    }
+    text.push('\n');
+    for task in rows() {
+        text += &row(report, task, first);
+    }
+    text
+}
+
+fn row(report: &Report, task: &Task, first: usize) -> String {
+    let us = |cycles: Option<f64>, none: &str| {
+        cycles.map_or(none.to_owned(), |cycles| shown_us(micros(report, cycles)))
+    };
+    let has_deadline = task.deadline_cycles.is_some();
+    let response = match task.response_cycles {
+        None if has_deadline => "unbounded".to_owned(),
+        response => us(response.map(|cycles| cycles as f64), "-"),
+    };
+    let cycles = |cycles: Option<u64>| cycles.map_or("-".to_owned(), separated);
+    format!(
+        "{:<first$}{:>5}{:>8}{:>10}{:>9}{response:>11}{:>10}{:>10}{:>6}{:>7}\n",
+        task.name,
+        task.priority,
+        us(task.period_cycles, "-"),
+        cycles(wcet(task)),
+        cycles(has_deadline.then_some(task.blocking_cycles)),
+        us(task.deadline_cycles, "none"),
+        task.slack_us.map_or("-".to_owned(), shown_us),
+        task.icache_lines,
+        separated(task.stack_bytes),
+    )
+}
+
+/// The execution time of a task: with a cold cache, where its response time is not known.
+pub(super) fn wcet(task: &Task) -> Option<u64> {
+    let bound = task.wcet.map(|wcet| match wcet.cold {
+        0 => wcet.uncached,
+        cold => cold,
+    });
+    task.wcet_cycles.or(bound)
+}
+
+/// A place or a reason, without the paths of RTIC's own types.
+pub(super) fn readable(place: &str) -> String {
+    let resource = place.split_once("shared_resources::");
+    let resource = resource.and_then(|(_, rest)| rest.split_once("_that_needs_to_be_locked"));
+    match (resource, place.rsplit_once(" (")) {
+        (Some((name, _)), Some((_, line))) => format!("the lock of `{name}` ({line}"),
+        (Some((name, _)), None) => format!("the lock of `{name}`"),
+        (None, _) if place.is_empty() => "a transfer on the bus that must end first".into(),
+        (None, _) => place.into(),
+    }
+}
+
+/// What holds each task up.
+pub(super) fn blocking(report: &Report) -> Vec<(String, String)> {
+    let mut found: Vec<(String, Vec<&str>)> = Vec::new();
+    for task in &report.tasks {
+        if task.blocking_cycles == 0 || task.deadline_cycles.is_none() {
+            continue;
+        }
+        let source = format!(
+            "{} cycles: {}",
+            separated(task.blocking_cycles),
+            readable(&task.blocking_source)
+        );
+        match found.iter_mut().find(|(known, _)| *known == source) {
+            Some((_, names)) => names.push(&task.name),
+            None => found.push((source, vec![&task.name])),
+        }
+    }
+    let joined = found
+        .into_iter()
+        .map(|(source, names)| (names.join(", "), source));
+    joined.collect()
+}
+
+/// The figures under the table: name and value.
+pub(super) fn figures(report: &Report) -> Vec<(&'static str, String)> {
+    let rates = proven_rates(report).into_iter();
+    let rates: Vec<_> = rates
+        .map(|(baud, rate)| match rate {
+            0 => format!("none at {}", separated(baud.into())),
+            rate => format!(
+                "{} Hz at {}",
+                separated(rate.into()),
+                separated(baud.into())
+            ),
+        })
+        .collect();
+    let stack = report.stack_worst_bytes as f64 / report.stack_available_bytes.max(1) as f64;
+    let lines = report
+        .tasks
+        .iter()
+        .map(|task| format!("{} {}", task.name, task.icache_lines));
+    let substitution = report.substitution.as_ref().map(|substitution| {
+        format!(
+            "{} may come instead of {} steps, and costs as much as {:.2} at most",
+            substitution.row, substitution.units, substitution.costs
+        )
+    });
+    let substitution = substitution.map(|substitution| ("substitution", substitution));
+    let facts = [
+        (
+            "utilisation",
+            utilisation(report).map_or("unknown".into(), |share| format!("{share:.1} %")),
+        ),
+        (
+            "proven step rate",
+            if rates.is_empty() {
+                "none".into()
+            } else {
+                format!("{} baud", rates.join(", "))
+            },
+        ),
+        (
+            "step interrupt",
+            format!(
+                "{} cycles at most with a warm cache",
+                report.step_wcet_cycles
+            ),
+        ),
+        (
+            "pin-edge jitter",
+            format!("{:.2} µs at most", report.step_edge_jitter_us),
+        ),
+        ("cache lines", lines.collect::<Vec<_>>().join(", ")),
+        (
+            "stack",
+            format!(
+                "{} of {} bytes, {:.0} %",
+                separated(report.stack_worst_bytes),
+                separated(report.stack_available_bytes),
+                stack * 100.0
+            ),
+        ),
+    ];
+    facts.into_iter().chain(substitution).collect()
+}
+
+/// One flaw: what, where, and what to do.
+pub(super) fn flaw(flaw: &Flaw) -> String {
+    let mut text = format!("{} {}", "error:".red().bold(), flaw.what);
+    for (index, place) in places(&flaw.place).into_iter().enumerate() {
+        let lead = if index == 0 { "at" } else { "in" };
+        let _ = write!(text, "\n{:>9} {place}", lead.dimmed());
+    }
+    let _ = write!(text, "\n{:>9} {}", "do".dimmed(), flaw.remedy);
+    text
+}
+
+/// Where something is: its lines, or its address where there are none.
+pub(super) fn places(place: &Place) -> Vec<String> {
+    match (place.frames.as_slice(), place.address) {
+        ([], 0) => Vec::new(),
+        ([], address) => vec![format!("{address:#010x}")],
+        (frames, _) => frames.to_vec(),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::sample;
+
+    #[test]
+    fn the_table_fits_a_hundred_columns_and_names_its_units() {
+        let text = tasks(&sample::report());
+        for line in text.lines() {
+            assert!(line.chars().count() <= 100, "{line}");
+        }
+        let lines: Vec<_> = text.lines().collect();
+        assert_eq!(lines.len(), 2 + 6);
+        assert!(
+            lines[1].contains("cycles") && lines[1].contains("µs") && lines[1].contains("bytes")
+        );
+        let words: Vec<_> = lines[2].split_whitespace().collect();
+        assert_eq!(
+            words,
+            [
+                "step", "5", "3.33", "220", "54", "1.85", "2.00", "0.15", "24", "104"
+            ]
+        );
+        let words: Vec<_> = lines[7].split_whitespace().collect();
+        assert_eq!(
+            words,
+            ["wake", "1", "-", "-", "-", "-", "none", "-", "0", "0"]
+        );
+    }
+
+    #[test]
+    fn a_task_that_never_answers_is_said_to_be_unbounded() {
+        let mut report = sample::report();
+        report.tasks[4].response_cycles = None;
+        report.tasks[4].slack_us = None;
+        assert!(tasks(&report).contains("unbounded"));
+    }
+
+    #[test]
+    fn tasks_that_wait_for_the_same_are_told_together() {
+        let rows = blocking(&sample::report());
+        assert_eq!(rows[0].0, "step, serial_rx, segment_start");
+        assert!(rows[0].1.starts_with("54 cycles: rtic::pend in"));
+        assert_eq!(rows.len(), 3);
+    }
+
+    #[test]
+    fn what_is_required_and_not_met_does_not_spoil_what_is_proven() {
+        let mut report = sample::report();
+        report.flaws = sample::flawed().flaws;
+        assert_eq!(verdict(&report), "2 things are wrong");
+        for flaw in &mut report.flaws {
+            flaw.rule = Rule::Requirement;
+        }
+        let text = verdict(&report);
+        assert!(
+            text.contains("176 000 steps a second at 115 200 baud"),
+            "{text}"
+        );
+        assert!(text.ends_with("but more is required"), "{text}");
+    }
+
+    #[test]
+    fn a_lock_is_told_by_the_name_of_its_resource() {
+        let place = "leadscrew::app::app::<impl rtic_core::Mutex for leadscrew::app::app::\
+                     shared_resources::snapshot_that_needs_to_be_locked>::lock (src/app.rs:23)";
+        assert_eq!(readable(place), "the lock of `snapshot` (src/app.rs:23)");
+        assert_eq!(readable("erase (src/a.rs:1)"), "erase (src/a.rs:1)");
+        assert!(readable("").contains("bus"));
+    }
+
+    #[test]
+    fn a_flaw_has_its_place_and_what_to_do() {
+        let text = flaw(&sample::flawed().flaws[0]);
+        let text = anstream::adapter::strip_str(&text).to_string();
+        let lines: Vec<_> = text.lines().map(str::trim_start).collect();
+        assert!(lines[0].starts_with("error: a loop that"));
+        assert!(lines[1].starts_with("at leadscrew::protocol::realtime::receive (src/"));
+        assert!(lines[2].starts_with("in app::app::step"));
+        assert!(lines[3].starts_with("do write `// wcet-bound"));
+    }
+
+    #[test]
+    fn without_a_calibration_the_report_says_so() {
+        let mut report = sample::report();
+        assert_eq!(calibration(&report), NOT_CALIBRATED);
+        report.calibrated = true;
+        report.calibration = Some("calibration/nucleo-f446re.toml".into());
+        assert!(calibration(&report).contains("calibration/nucleo-f446re.toml"));
+    }
+
+    #[test]
+    fn rates_are_in_the_order_of_their_baud_rates() {
+        let bauds: Vec<_> = proven_rates(&sample::report())
+            .into_iter()
+            .map(|(baud, _)| baud)
+            .collect();
+        assert_eq!(bauds, [115_200, 250_000, 500_000, 1_000_000]);
+    }
+}

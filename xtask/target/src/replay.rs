@@ -1,0 +1,71 @@
+//! `cargo xtask schedule --replay`: makes the firmware busy in QEMU while the analysis looks on.
+//!
+//! A plugin of QEMU (`xtask/cost`, which hands on to `schedule::replay`) follows every instruction of
+//! the tasks that have deadlines; what it has found is judged by the one who has started this.
+
+mod driver;
+mod workload;
+
+use std::{path::PathBuf, process::ExitCode};
+
+use anyhow::Result;
+use common::{boards, cargo, tools, ui};
+
+use self::driver::Driver;
+
+/// Follow the firmware under a busy workload
+#[derive(clap::Args)]
+pub(crate) struct Options {
+    /// The firmware
+    elf: PathBuf,
+    /// The board
+    #[arg(long)]
+    board: String,
+    /// The step rate that it is proven for
+    #[arg(long)]
+    step_rate: u32,
+    /// The baud rate
+    #[arg(long)]
+    baud: u32,
+    /// Where to write what was found
+    #[arg(long)]
+    out: PathBuf,
+}
+
+pub(crate) fn run(options: &Options) -> Result<ExitCode> {
+    cargo::need_qemu()?;
+    let (emulated, machine) = boards::emulated()?;
+    anyhow::ensure!(
+        options.board == emulated.name,
+        "QEMU does not emulate {}, only {}",
+        options.board,
+        emulated.name
+    );
+    let elf = firmware::as_if_proven(&options.elf, options.step_rate)?;
+    let plugin = tools::plugin()?;
+    let load = [
+        plugin.to_string_lossy().replace(',', ",,"),
+        argument("elf", &elf.to_string_lossy()),
+        argument("root", &cargo::root().to_string_lossy()),
+        argument("board", &options.board),
+        argument("axes", &cargo::axes().to_string()),
+        argument("rate", &options.step_rate.to_string()),
+        argument("baud", &options.baud.to_string()),
+        argument("out", &options.out.to_string_lossy()),
+    ];
+    let mut driver = Driver::boot(&elf, &machine, &["-plugin", &load.join(",")])?;
+    ui::status(
+        "Replaying",
+        "the firmware in QEMU, every instruction followed",
+    );
+    let played = workload::run(&mut driver, options.step_rate);
+    ui::status("Replayed", &driver.counts());
+    driver.quit()?;
+    played?;
+    Ok(ExitCode::SUCCESS)
+}
+
+/// An argument of the plugin, with QEMU's own escape for a comma.
+fn argument(key: &str, value: &str) -> String {
+    format!("{key}={}", value.replace(',', ",,"))
+}
