@@ -132,6 +132,22 @@ impl FineSteps {
     /// One step.
     pub const ONE: i64 = 1 << 32;
 
+    /// Returns the steps in single precision.
+    #[must_use]
+    pub fn to_f32(self) -> f32 {
+        let magnitude = self.0.unsigned_abs();
+        let parts = magnitude as u32 as f32 * (1.0 / Self::ONE as f32);
+        let steps = (magnitude >> 32) as u32 as f32 + parts;
+        if self.0 < 0 { -steps } else { steps }
+    }
+
+    /// Returns the position at a distance of less than 2048 steps.
+    #[must_use]
+    pub fn moved_by(self, steps: f32) -> Self {
+        let parts = (steps * (1 << 20) as f32) as i32;
+        Self(self.0.wrapping_add(i64::from(parts) << 12))
+    }
+
     /// Returns the nearest whole step, halves upwards.
     #[must_use]
     pub const fn nearest(self) -> Steps {
@@ -283,6 +299,17 @@ mod tests {
             let (whole, fine) = resolution(250).steps_at(Nm(nm));
             assert_eq!(whole, Steps(steps), "{nm} nm");
             assert_eq!(fine.nearest(), whole, "{nm} nm");
+        }
+    }
+
+    #[test]
+    fn fine_steps_are_the_same_in_single_precision_to_its_last_digit() {
+        for steps in [0.0, 0.25, -0.25, 1_000.125, -1_000.125, 2_000_000.0, -2.0e9] {
+            let fine = FineSteps((f64::from(steps) * FineSteps::ONE as f64) as i64);
+            assert_eq!(fine.to_f32(), steps);
+        }
+        for steps in [0.25, -0.25, 2_047.5, -2_047.5] {
+            assert_eq!(FineSteps(0).moved_by(steps).to_f32(), steps);
         }
     }
 

@@ -100,6 +100,33 @@ fn a_cycle_takes_as_long_as_with_grbl() {
 }
 
 #[test]
+fn an_axis_that_finds_its_switch_slows_no_other_down() {
+    let settings = machine();
+    let mut cell = Cell::new(&settings);
+    mount(&mut cell, &settings, [800, 1600, 800]);
+    home(&mut cell, 1 << X | 1 << Y);
+    let farthest = cell
+        .trace
+        .steps(X)
+        .into_iter()
+        .max_by_key(|step| step.position);
+    let stopped_s = farthest.map(|step| step.seconds).unwrap();
+    let y = cell.trace.steps(Y);
+    // Twice as long as X takes to brake from 2000 mm/min.
+    let around: Vec<_> = (y.windows(2))
+        .filter(|pair| (pair[0].seconds - stopped_s).abs() < 0.067)
+        .collect();
+    assert!(around.len() > 300, "{} steps", around.len());
+    for pair in around {
+        let period_s = pair[1].seconds - pair[0].seconds;
+        assert!(
+            (period_s * 2000.0 / 60.0 * 80.0 - 1.0).abs() < 0.02,
+            "{period_s} s"
+        );
+    }
+}
+
+#[test]
 fn a_homing_speed_of_0_is_the_slowest() {
     let settings = Settings {
         homing_seek_mm_min: 0.0,
@@ -305,6 +332,7 @@ proptest! {
         direction in 0_u8..8,
         seek in 100.0_f32..5000.0,
         feed in 20.0_f32..400.0,
+        rate in prop::array::uniform3(500.0_f32..5000.0),
         acceleration in prop::array::uniform3(20.0_f32..2000.0),
         pull_off in 0.5_f32..5.0,
         debounce in 0_u8..,
@@ -315,6 +343,7 @@ proptest! {
             homing_feed_mm_min: feed,
             homing_pull_off_mm: pull_off,
             homing_debounce_ms: debounce,
+            max_rate_mm_min: Axes::from_fn(|axis| rate[axis % 3]),
             acceleration_mm_s2: Axes::from_fn(|axis| acceleration[axis % 3]),
             ..machine()
         };

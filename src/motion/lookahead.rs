@@ -132,7 +132,7 @@ pub struct LookAhead {
     /// What a step adds to the shortest duration of a line, s.
     duration_per_step_s: f32,
     profile: Profile,
-    queue: BlockQueue<BLOCKS>,
+    queue: BlockQueue,
 }
 
 impl LookAhead {

@@ -6,7 +6,7 @@
 //! An enum would save 2 KiB of RAM, but a test in each step of a pass, and a change of the profile would
 //! rewrite all entries.
 
-use super::{jerk_limited, trapezoid};
+use super::{jerk_limited, lookahead::BLOCKS, trapezoid};
 use crate::{
     axis::{AXES, Axes},
     model::Laser,
@@ -49,23 +49,24 @@ impl QueuedBlock {
     };
 }
 
-/// A ring of blocks. `N` is a power of two.
+/// A ring of blocks.
 #[derive(Debug)]
 #[repr(C)]
-pub(super) struct BlockQueue<const N: usize> {
+pub(super) struct BlockQueue {
     /// Index of the oldest.
     pub(super) first: usize,
     pub(super) count: usize,
-    pub(super) ring: [QueuedBlock; N],
+    pub(super) ring: [QueuedBlock; BLOCKS],
 }
 
-impl<const N: usize> BlockQueue<N> {
+impl BlockQueue {
     /// Empty.
+    #[expect(clippy::large_stack_arrays, reason = "a constant, built in place")]
     pub(super) const fn new() -> Self {
         Self {
             first: 0,
             count: 0,
-            ring: [const { QueuedBlock::NONE }; N],
+            ring: [const { QueuedBlock::NONE }; BLOCKS],
         }
     }
 
@@ -80,12 +81,12 @@ impl<const N: usize> BlockQueue<N> {
 
     /// The number of free entries.
     pub(super) const fn free(&self) -> usize {
-        N - self.count
+        BLOCKS - self.count
     }
 
     /// The index of a block by its number, the oldest is 0.
     pub(super) const fn index(&self, number: usize) -> usize {
-        self.first.wrapping_add(number) & (N - 1)
+        self.first.wrapping_add(number) & (BLOCKS - 1)
     }
 
     /// A block by its number, the oldest is 0.
@@ -108,7 +109,7 @@ impl<const N: usize> BlockQueue<N> {
 
     /// The block in execution.
     pub(super) fn current(&self) -> Option<&Block> {
-        (self.count != 0).then(|| &self.ring[self.first & (N - 1)].block)
+        (self.count != 0).then(|| &self.ring[self.first & (BLOCKS - 1)].block)
     }
 
     /// Adds a block; there must be a free entry. Returns the entry.
@@ -130,7 +131,7 @@ impl<const N: usize> BlockQueue<N> {
     /// Removes the block in execution.
     pub(super) const fn dequeue(&mut self) {
         if self.count != 0 {
-            self.first = (self.first + 1) & (N - 1);
+            self.first = (self.first + 1) & (BLOCKS - 1);
             self.count -= 1;
         }
     }

@@ -14,7 +14,7 @@ pub use blending::{BlendOutput, Blender, CornerArc};
 pub(crate) use block::MIN_SPEED_MM_S;
 pub use block::{Block, Curve, MoveKind, Shape, SpatialArc};
 pub use entry::{Entry, Work};
-pub(crate) use router::fastest_mm_s;
+pub(crate) use router::Limits;
 pub use router::{Checkpoint, Router};
 pub use tilted_arc::TiltedArc;
 pub use travel_limits::{is_outside, leaves_travel};

@@ -14,7 +14,8 @@ mod arc_jerk;
 mod corner_arc;
 mod limits;
 
-pub(super) use self::{corner_arc::to_axes, limits::Limits};
+pub(super) use self::corner_arc::to_axes;
+pub(crate) use self::limits::Limits;
 
 use super::{BlendOutput, Blender, Block, Curve, MoveKind, Work, block::MIN_SPEED_MM_S};
 use crate::{
@@ -31,14 +32,6 @@ use crate::{
 const MAX_ROTARY_PER_MM: f32 = 1.0e3;
 /// The same for a feed rate along the linear axes: beyond, it counts along the rotary ones.
 const MAX_ROTARY_PER_FEED_MM: f32 = 1.0e6;
-
-/// Returns the greatest speed of each axis while no more than two move, mm/s.
-pub(crate) fn fastest_mm_s(settings: &Settings) -> Axes<f32> {
-    let limits = Limits::new(settings);
-    limits.speed_mm_s.zip(limits.steps_per_mm, |speed, steps| {
-        math::min(speed, 0.5 * limits.steps_per_s / steps)
-    })
-}
 
 /// Where a router's last command and last block ended.
 #[derive(Debug, Clone, Copy, Default)]

@@ -46,6 +46,21 @@ impl Segment {
     };
 }
 
+impl Segment {
+    /// Returns a standstill, without power.
+    #[must_use]
+    pub fn standstill(ticks: u32, position: &Axes<FineSteps>) -> Self {
+        Self {
+            ticks,
+            axes: position.map(|to| AxisMotion {
+                to,
+                acceleration: 0.0,
+            }),
+            ..Self::NONE
+        }
+    }
+}
+
 /// What holds for a whole segment while it is played.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 #[cfg_attr(target_os = "none", derive(defmt::Format))]

@@ -8,7 +8,7 @@ use leadscrew::{
 
 use crate::{
     DOOR, MS, go, jog, moving, send, state,
-    support::{RESET, Rig, check_limits, fast, line},
+    support::{RESET, Rig, check_limits, fast, line, with},
 };
 
 /// A homed machine that parks, with Z 20 mm down and X on its way.
@@ -67,6 +67,25 @@ fn parking_lifts_z_and_brings_it_back_to_the_step() {
     assert_eq!(rig.snapshot().steps.0[..3], [2400, 0, -1600]);
     check_limits(&fast(), &rig.trace);
     rig.trace.check_pulses();
+}
+
+#[test]
+fn parking_far_at_a_fine_resolution_keeps_the_limits() {
+    // Two million steps.
+    let settings = Settings {
+        parking: true,
+        homing: true,
+        parking_target_mm: 200.0,
+        parking_mm_min: 600.0,
+        ..with(&[80.0, 80.0, 10_000.0], &[5000.0, 5000.0, 240.0], &[500.0])
+    };
+    let mut rig = Rig::new(&settings);
+    assert!(rig.enqueue(Work::Unlock));
+    while rig.drive.prepare(&rig.requests, rig.now) {}
+    rig.receive(DOOR);
+    wait_for(&mut rig, State::DoorClosed);
+    assert_eq!(z(&rig), 2_000_000);
+    check_limits(&settings, &rig.trace);
 }
 
 #[test]

@@ -8,23 +8,25 @@
 //!                      |<-----|-----------------------/ ------> $27 from the switch
 //! ```
 //!
-//! Each axis has a speed of its own, so that one that finds its switch slows down while the others
-//! go on; a switch stops nothing dead. How far it is pulled off counts from where the switch closed.
+//! The axes of a group move together, by one straight move. One that finds its switch leaves the move
+//! and slows down while the others go on; a switch stops nothing dead. How far it is pulled off counts
+//! from where the switch closed.
 //! A pause of `$26` follows each motion, as in Grbl: from when the last switch closed, so that braking
 //! is part of it, or from the end of the pull-off. Read with Grbl 1.1 `limits.c`, `limits_go_home`.
 
-mod axis_profile;
 mod parameters;
 
-use self::{axis_profile::AxisProfile, parameters::HomingParameters};
+use self::parameters::HomingParameters;
+use super::cycle_move::CycleMove;
 use crate::{
-    axis::{AXES, Z},
+    axis::{AXES, Axes, Z},
     machine::{Inputs, SAMPLE_TICKS, SAMPLES},
     math,
     model::{
         Alarm, Levels, Power,
         timing::{QUEUED_AHEAD_TICKS, SEGMENT_TICKS},
     },
+    motion::executor::Goal,
     settings::Settings,
     stepper::{AxisMotion, Generator, Segment, SegmentRing},
     units::FineSteps,
@@ -34,10 +36,13 @@ use crate::{
 const SEARCH_TRAVELS: f32 = 1.5;
 const LOCATE_PULL_OFFS: f32 = 5.0;
 /// Time from the last segment of a motion to when it has been played and the switches have been
-/// seen: what is prepared ahead, and the filter.
-const LATENCY_TICKS: u64 = (QUEUED_AHEAD_TICKS + 3 * SEGMENT_TICKS) as u64;
+/// seen: what is prepared ahead, the segment that is made meanwhile, and the filter.
+const LATENCY_TICKS: u32 = QUEUED_AHEAD_TICKS + 4 * SEGMENT_TICKS;
 /// The axes that a cycle homes unless others are named: rotary axes have a switch only sometimes.
 const LINEAR_AXES: u8 = 0b111;
+
+/// A bit for each axis.
+const ALL_AXES: u8 = (1 << AXES) - 1;
 
 /// The motion that the axes make.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -76,15 +81,22 @@ impl HomingStage {
 #[derive(Debug)]
 pub struct Homing {
     parameters: HomingParameters,
-    axes: [AxisProfile; AXES],
-    /// The axes that are homed now, and those that follow.
+    cycle_move: CycleMove,
+    /// The axes that are homed now, and those that follow, bit 0 = X.
     current_axes: u8,
     later_axes: u8,
+    /// Position of each switch, steps.
+    switches: Axes<i32>,
+    /// The axes that are not in the move: each slows down to a standstill by itself. In an approach,
+    /// those that have found their switch.
+    stopping_axes: u8,
+    /// Their speeds, steps per tick.
+    stopping_speeds: Axes<f32>,
     stage: HomingStage,
     /// Standstill generated since the last motion, ticks.
-    standstill_ticks: u64,
+    standstill_ticks: u32,
     /// Remainder of the pause of `$26` before the next stage, ticks.
-    debounce_ticks: u64,
+    debounce_ticks: u32,
     alarm: Option<Alarm>,
 }
 
@@ -94,9 +106,12 @@ impl Homing {
     pub const fn new() -> Self {
         Self {
             parameters: HomingParameters::NONE,
-            axes: [AxisProfile::NONE; AXES],
+            cycle_move: CycleMove::new(),
             current_axes: 0,
             later_axes: 0,
+            switches: Axes([0; AXES]),
+            stopping_axes: 0,
+            stopping_speeds: Axes([0.0; AXES]),
             stage: HomingStage::Idle,
             standstill_ticks: 0,
             debounce_ticks: 0,
@@ -106,7 +121,7 @@ impl Homing {
 
     /// Takes over the settings.
     pub fn configure(&mut self, settings: &Settings) {
-        self.parameters = HomingParameters::new(settings);
+        self.parameters.configure(settings);
     }
 
     /// Begins a cycle, at rest: these axes together, bit 0 = X; with 0, Z and then X and Y.
@@ -116,7 +131,7 @@ impl Homing {
             self.current_axes = 1 << Z;
             self.later_axes = LINEAR_AXES & !self.current_axes;
         } else {
-            self.current_axes = axes & ((1 << AXES) - 1);
+            self.current_axes = axes & ALL_AXES;
             self.later_axes = 0;
         }
         self.enter(HomingStage::Search, inputs, generator);
@@ -129,15 +144,10 @@ impl Homing {
     }
 
     /// Ends the cycle as soon as the axes can come to rest: a reset, or the door.
-    pub fn stop(&mut self, generator: &Generator) {
-        if !self.is_active() {
-            return;
-        }
-        self.stage = HomingStage::Stop;
-        let position = generator.position();
-        // wcet-bound: axes
-        for (axis, run) in self.axes.iter_mut().enumerate() {
-            run.brake(position[axis], self.parameters.acceleration[axis]);
+    pub fn stop(&mut self) {
+        if self.is_active() {
+            self.stage = HomingStage::Stop;
+            self.stop_axes(ALL_AXES);
         }
     }
 
@@ -148,45 +158,37 @@ impl Homing {
             return None;
         }
         let active = inputs.active();
+        let searching = self.current_axes & !self.stopping_axes;
         // wcet-bound: axes
-        self.axes.iter().enumerate().position(|(axis, run)| {
-            let is_group = self.current_axes >> axis & 1 != 0;
-            is_group && !run.is_found && active.has(Levels::limits(1 << axis))
-        })
+        (0..AXES).find(|axis| searching >> axis & 1 != 0 && active.has(Levels::limits(1 << axis)))
     }
 
-    /// Takes over the position of the switch of an axis that has come to it: the axis slows down.
+    /// Takes over the position of the switch of an axis that has come to it, of all axes: the axis slows
+    /// down.
     pub fn latch(
         &mut self,
         axis: usize,
-        switch: i32,
+        steps: &Axes<i32>,
         segments: &SegmentRing,
         generator: &Generator,
     ) {
-        let position = generator.position();
-        let acceleration = self.parameters.acceleration;
-        if let Some(run) = self.axes.get_mut(axis) {
-            run.switch = switch;
-            run.is_found = true;
-            run.brake(position[axis], acceleration[axis]);
+        if let (Some(switch), Some(position)) = (self.switches.0.get_mut(axis), steps.0.get(axis)) {
+            *switch = *position;
         }
+        self.stop_axes(1 << axis);
         if self.is_found() {
             // Since the switch closed, the filter's time and the motion prepared ahead have passed.
             let ahead = generator
                 .clock_ticks()
                 .wrapping_sub(segments.played_start_ticks());
-            let passed = u64::from(ahead) + u64::from(SAMPLES * SAMPLE_TICKS);
+            let passed = ahead.saturating_add(SAMPLES * SAMPLE_TICKS);
             self.debounce_ticks = self.parameters.debounce_ticks.saturating_sub(passed);
         }
     }
 
-    /// Whether every axis of the group has found its switch.
-    fn is_found(&self) -> bool {
-        // wcet-bound: axes
-        self.axes
-            .iter()
-            .enumerate()
-            .all(|(axis, run)| run.is_found || self.current_axes >> axis & 1 == 0)
+    /// Whether every axis of the group has found its switch in this approach.
+    const fn is_found(&self) -> bool {
+        self.stage.is_approach() && self.current_axes & !self.stopping_axes == 0
     }
 
     /// Ends the cycle at once: after a fault.
@@ -204,28 +206,24 @@ impl Homing {
         power: Power,
         segment: &mut Segment,
     ) -> bool {
-        if !self.is_moving(generator) {
-            self.next_stage(inputs, generator);
-        }
-        if self.stage == HomingStage::Idle
-            || self.stage == HomingStage::Stop && !self.is_moving(generator)
-        {
-            self.stage = HomingStage::Idle;
-            return false;
-        }
-        let is_moving = self.is_moving(generator);
-        if is_moving {
+        if self.is_moving() {
+            self.move_axes(generator.position(), segment);
             self.standstill_ticks = 0;
+            if self.is_found() {
+                self.shorten_pause(segment.ticks);
+            }
         } else {
-            self.standstill_ticks += u64::from(SEGMENT_TICKS);
-        }
-        // From when the switches closed, or from rest.
-        if self.is_found() && (self.stage.is_approach() || !is_moving) {
-            let pause = self.debounce_ticks.saturating_sub(SEGMENT_TICKS.into());
-            self.debounce_ticks = pause;
+            // A run that begins a move makes none of its segments.
+            self.standstill_ticks += SEGMENT_TICKS;
+            self.shorten_pause(SEGMENT_TICKS);
+            self.next_stage(inputs, generator);
+            if matches!(self.stage, HomingStage::Idle | HomingStage::Stop) {
+                self.stage = HomingStage::Idle;
+                return false;
+            }
+            *segment = Segment::standstill(SEGMENT_TICKS, generator.position());
         }
         segment.power = power;
-        self.move_axes(generator, segment);
         true
     }
 
@@ -235,32 +233,51 @@ impl Homing {
         self.alarm.take()
     }
 
-    fn is_moving(&self, generator: &Generator) -> bool {
-        let position = generator.position();
-        // wcet-bound: axes
-        let mut axes = self.axes.iter().zip(position);
-        axes.any(|(run, position)| run.target != *position)
+    fn shorten_pause(&mut self, ticks: u32) {
+        self.debounce_ticks = self.debounce_ticks.saturating_sub(ticks);
     }
 
-    fn move_axes(&mut self, generator: &Generator, segment: &mut Segment) {
-        let position = generator.position();
-        let mut speed_sqr = 0.0;
+    fn is_moving(&self) -> bool {
+        let is_stopping = |speed: &f32| *speed != 0.0;
+        self.cycle_move.is_active() || self.stopping_speeds.iter().any(is_stopping)
+    }
+
+    /// Takes axes out of the move, each at the speed that it has.
+    fn stop_axes(&mut self, axes: u8) {
+        let speeds = self.cycle_move.axis_speeds();
         // wcet-bound: axes
-        for (axis, run) in self.axes.iter_mut().enumerate() {
-            segment.axes[axis] = AxisMotion {
-                to: position[axis],
-                acceleration: 0.0,
-            };
-            if run.target != position[axis] {
-                segment.axes[axis] =
-                    run.advance(position[axis], self.parameters.acceleration[axis]);
-                let speed_mm_s = run.speed / self.parameters.steps_per_mm[axis];
-                speed_sqr += speed_mm_s * speed_mm_s;
+        for axis in 0..AXES {
+            if axes & !self.stopping_axes & 1 << axis != 0 {
+                self.stopping_speeds[axis] = speeds[axis];
             }
         }
-        segment.ticks = SEGMENT_TICKS;
-        segment.feed_mm_min = math::sqrt(speed_sqr) * 60.0;
-        segment.line = 0;
+        self.stopping_axes |= axes;
+        if self.current_axes & !self.stopping_axes == 0 {
+            self.cycle_move.abandon();
+        }
+    }
+
+    /// Makes a segment of the move and of the axes that slow down.
+    fn move_axes(&mut self, position: &Axes<FineSteps>, segment: &mut Segment) {
+        if !self.cycle_move.next(position, Goal::Run, segment) {
+            *segment = Segment::standstill(SEGMENT_TICKS, position);
+        }
+        let ticks = segment.ticks as f32;
+        let rate = 1.0 / ticks;
+        // wcet-bound: axes
+        for axis in 0..AXES {
+            if self.stopping_axes >> axis & 1 != 0 {
+                let speed = self.stopping_speeds[axis];
+                let most = self.parameters.deceleration(axis) * ticks;
+                let change = math::max(math::min(speed, most), -most);
+                let distance = (speed - 0.5 * change) * ticks;
+                self.stopping_speeds[axis] = speed - change;
+                segment.axes[axis] = AxisMotion {
+                    to: position[axis].moved_by(distance),
+                    acceleration: -change * rate,
+                };
+            }
+        }
     }
 
     /// Enters the next stage, if that is due. The axes are at standstill.
@@ -312,48 +329,41 @@ impl Homing {
         self.enter(next, inputs, generator);
     }
 
-    /// Begins a stage: gives every axis its target.
+    /// Begins a stage: the move of the group.
     fn enter(&mut self, stage: HomingStage, inputs: &Inputs, generator: &Generator) {
         self.stage = stage;
         self.standstill_ticks = 0;
         self.debounce_ticks = self.parameters.debounce_ticks;
-        let position = generator.position();
-        let farthest_mm = self.search_mm();
-        let active = inputs.active();
-        let rules = self.parameters;
+        self.stopping_axes = 0;
+        self.stopping_speeds = Axes::all(0.0);
+        let rules = &self.parameters;
+        let (towards_switch_mm, speed_mm_s) = match stage {
+            HomingStage::Search => (self.search_mm(), rules.search_mm_s),
+            HomingStage::Locate => (LOCATE_PULL_OFFS * rules.pull_off_mm, rules.locate_mm_s),
+            HomingStage::Clear | HomingStage::PullOff => (-rules.pull_off_mm, rules.search_mm_s),
+            HomingStage::Idle | HomingStage::Stop => return,
+        };
+        let closed = inputs.active();
+        let mut delta = Axes([0; AXES]);
         // wcet-bound: axes
-        for (axis, run) in self.axes.iter_mut().enumerate() {
-            let here = position[axis].nearest().0;
-            let is_group = self.current_axes >> axis & 1 != 0;
-            let is_closed = active.has(Levels::limits(1 << axis));
-            if stage.is_approach() {
-                run.is_found = is_closed;
-                run.switch = here;
+        for axis in 0..AXES {
+            if self.current_axes >> axis & 1 == 0 {
+                continue;
             }
-            let target = if stage.is_pull_off() {
-                run.switch
-                    .wrapping_sub(rules.towards_switch(axis, rules.pull_off_mm))
-            } else if is_closed {
-                here
-            } else if stage == HomingStage::Search {
-                here.saturating_add(rules.towards_switch(axis, farthest_mm))
-            } else if stage == HomingStage::Locate {
-                here.wrapping_add(rules.towards_switch(axis, LOCATE_PULL_OFFS * rules.pull_off_mm))
-            } else {
-                here
-            };
-            run.speed = 0.0;
-            run.limit = if stage == HomingStage::Locate {
-                rules.locate[axis]
-            } else {
-                rules.search[axis]
-            };
-            run.target = if is_group {
-                FineSteps(i64::from(target) << 32)
-            } else {
-                position[axis]
-            };
+            let here = generator.position()[axis];
+            if stage.is_approach() {
+                // Where the switch is is not known yet.
+                self.switches[axis] = here.nearest().0;
+                if closed.has(Levels::limits(1 << axis)) {
+                    self.stopping_axes |= 1 << axis;
+                    continue;
+                }
+            }
+            let steps = rules.towards_switch(axis, towards_switch_mm);
+            let target = self.switches[axis].saturating_add(steps);
+            delta[axis] = (i64::from(target) << 32).saturating_sub(here.0);
         }
+        self.cycle_move.begin(delta, speed_mm_s, &rules.limits);
     }
 
     /// Returns how far the switches are searched, mm: as far as the longest axis needs.

@@ -11,16 +11,12 @@
 //! The plan is untouched meanwhile: Z comes back to exactly where it was. Read with Grbl 1.1
 //! `PARKING_ENABLE`.
 
+use super::cycle_move::{CycleLimits, CycleMove};
 use crate::{
     axis::{AXES, Axes, Z},
     machine::Ending,
-    math,
-    model::Laser,
-    motion::{
-        executor::{Executor, Goal, NextSegment},
-        queue::BlockQueue,
-    },
-    path::{Block, MoveKind},
+    model::timing::SEGMENT_TICKS,
+    motion::executor::Goal,
     settings::Settings,
     stepper::Segment,
     units::FineSteps,
@@ -54,8 +50,10 @@ pub(crate) enum Reached {
 /// Parking: Z, its motion and its parameters.
 #[derive(Debug)]
 pub(crate) struct Parking {
-    queue: BlockQueue<1>,
-    executor: Executor,
+    limits: CycleLimits,
+    cycle_move: CycleMove,
+    /// The target and the speed, mm/s, of a move that begins.
+    requested: Option<(FineSteps, f32)>,
     stage: ParkingStage,
     is_enabled: bool,
     target: FineSteps,
@@ -63,9 +61,6 @@ pub(crate) struct Parking {
     pull_out: i64,
     slow_mm_s: f32,
     fast_mm_s: f32,
-    limit_mm_s: f32,
-    acceleration_mm_s2: f32,
-    steps_per_mm: f32,
     work: FineSteps,
     waypoint: FineSteps,
 }
@@ -73,17 +68,15 @@ pub(crate) struct Parking {
 impl Parking {
     pub(crate) const fn new() -> Self {
         Self {
-            queue: BlockQueue::new(),
-            executor: Executor::new(),
+            limits: CycleLimits::NONE,
+            cycle_move: CycleMove::new(),
+            requested: None,
             stage: ParkingStage::AtWork,
             is_enabled: false,
             target: FineSteps(0),
             pull_out: 0,
             slow_mm_s: 0.0,
             fast_mm_s: 0.0,
-            limit_mm_s: 0.0,
-            acceleration_mm_s2: 0.0,
-            steps_per_mm: 1.0,
             work: FineSteps(0),
             waypoint: FineSteps(0),
         }
@@ -94,16 +87,11 @@ impl Parking {
     pub(crate) fn configure(&mut self, settings: &Settings) {
         let steps_per_mm = settings.steps_per_mm[Z].to_f32();
         self.is_enabled = settings.parking && settings.homing && !settings.laser;
-        self.steps_per_mm = steps_per_mm;
         self.target = FineSteps(whole(settings.parking_target_mm * steps_per_mm));
         self.pull_out = whole(settings.parking_pull_out_mm * steps_per_mm);
         self.slow_mm_s = settings.parking_pull_out_mm_min / 60.0;
         self.fast_mm_s = settings.parking_mm_min / 60.0;
-        self.limit_mm_s = math::min(
-            settings.max_rate_mm_min[Z] / 60.0,
-            settings.greatest_step_rate_hz() / steps_per_mm,
-        );
-        self.acceleration_mm_s2 = settings.acceleration_mm_s2[Z];
+        self.limits.configure(settings);
     }
 
     /// Whether Z is away from the work.
@@ -125,7 +113,11 @@ impl Parking {
 
     /// Whether there is a next segment.
     pub(crate) fn has_segment(&self, ending: Ending) -> bool {
-        !self.queue.is_empty() && (!self.stops(ending) || self.executor.is_moving())
+        if self.stops(ending) {
+            self.cycle_move.is_moving()
+        } else {
+            self.cycle_move.is_active() || self.requested.is_some()
+        }
     }
 
     /// Whether Z is to come to rest before the end of its motion.
@@ -145,19 +137,22 @@ impl Parking {
         } else {
             Goal::Run
         };
-        let executor = &mut self.executor;
-        match executor.next_trapezoid(&self.queue, position, goal, segment) {
-            NextSegment::Standstill => return false,
-            NextSegment::WithinBlock => {}
-            NextSegment::EndsBlock => self.queue.clear(),
+        if goal == Goal::Run
+            && let Some((to, mm_s)) = self.requested.take()
+        {
+            // A run that begins a move makes none of its segments.
+            let mut delta = Axes([0; AXES]);
+            delta[Z] = to.0.wrapping_sub(position[Z].0);
+            self.cycle_move.begin(delta, mm_s, &self.limits);
+            *segment = Segment::standstill(SEGMENT_TICKS, position);
+            return true;
         }
-        true
+        self.cycle_move.next(position, goal, segment)
     }
 
     /// Ends the motion: the machine stays where it is.
     pub(crate) fn abandon(&mut self) {
-        self.queue.clear();
-        self.executor.abandon();
+        self.abandon_move();
         self.stage = ParkingStage::AtWork;
     }
 
@@ -184,21 +179,21 @@ impl Parking {
     }
 
     /// Begins to bring Z back from the target to the waypoint; returns false where Z is not parked.
-    pub(crate) fn begin_return(&mut self, z: FineSteps) -> bool {
+    pub(crate) fn begin_return(&mut self) -> bool {
         let is_parked = self.stage == ParkingStage::Parked;
         if is_parked {
             self.stage = ParkingStage::ToWaypoint;
-            self.move_to(z, self.waypoint, self.fast_mm_s);
+            self.requested = Some((self.waypoint, self.fast_mm_s));
         }
         is_parked
     }
 
     /// Begins to bring Z from the waypoint into the work; returns false where Z is not there.
-    pub(crate) fn begin_plunge(&mut self, z: FineSteps) -> bool {
+    pub(crate) fn begin_plunge(&mut self) -> bool {
         let is_above = self.stage == ParkingStage::AtWaypoint;
         if is_above {
             self.stage = ParkingStage::Plunge;
-            self.move_to(z, self.work, self.slow_mm_s);
+            self.requested = Some((self.work, self.slow_mm_s));
         }
         is_above
     }
@@ -209,7 +204,7 @@ impl Parking {
             ParkingStage::AtWork | ParkingStage::Parked | ParkingStage::AtWaypoint => None,
             ParkingStage::PullOut => {
                 self.stage = ParkingStage::ToTarget;
-                self.move_to(z, self.target, self.fast_mm_s);
+                self.requested = Some((self.target, self.fast_mm_s));
                 Some(Reached::PulledOut)
             }
             ParkingStage::ToTarget => {
@@ -225,8 +220,7 @@ impl Parking {
                 Some(Reached::Work)
             }
             ParkingStage::Stop => {
-                self.queue.clear();
-                self.executor.abandon();
+                self.abandon_move();
                 self.pull_out_from(z);
                 None
             }
@@ -236,41 +230,13 @@ impl Parking {
     fn pull_out_from(&mut self, z: FineSteps) {
         self.stage = ParkingStage::PullOut;
         if z.0 < self.waypoint.0 {
-            self.move_to(z, self.waypoint, self.slow_mm_s);
+            self.requested = Some((self.waypoint, self.slow_mm_s));
         }
     }
 
-    fn move_to(&mut self, from: FineSteps, to: FineSteps, mm_s: f32) {
-        let delta = to.0.wrapping_sub(from.0);
-        // To a 4096th of a step: the length only sets the speed.
-        let steps = (delta.unsigned_abs() >> 20) as u32 as f32 / 4096.0;
-        if delta == 0 || steps <= 0.0 {
-            return;
-        }
-        let along = if delta < 0 {
-            -self.steps_per_mm
-        } else {
-            self.steps_per_mm
-        };
-        let speed_mm_s = math::min(mm_s, self.limit_mm_s);
-        let mut block = Block {
-            delta: Axes([0; AXES]),
-            steps_per_mm: Axes([0.0; AXES]),
-            length_mm: steps / self.steps_per_mm,
-            nominal_mm_s: speed_mm_s,
-            programmed_mm_s: speed_mm_s,
-            limit_mm_s: self.limit_mm_s,
-            kind: MoveKind::Fixed,
-            laser: Laser::None,
-            acceleration_mm_s2: self.acceleration_mm_s2,
-            junction_sqr: 0.0,
-            curve: None,
-            line: 0,
-        };
-        block.delta[Z] = delta;
-        block.steps_per_mm[Z] = along;
-        self.queue.clear();
-        self.queue.enqueue(&block);
+    fn abandon_move(&mut self) {
+        self.requested = None;
+        self.cycle_move.abandon();
     }
 }
 

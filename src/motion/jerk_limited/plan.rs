@@ -9,10 +9,7 @@ use super::{
 };
 use crate::{
     math,
-    motion::{
-        lookahead::{BLOCKS, Pass},
-        queue::BlockQueue,
-    },
+    motion::{lookahead::Pass, queue::BlockQueue},
     path::AveragingWindow,
 };
 
@@ -85,7 +82,7 @@ impl Plan {
     }
 
     /// Plans the newest block, which has just been added.
-    pub(in crate::motion) fn push(&mut self, queue: &mut BlockQueue<BLOCKS>) {
+    pub(in crate::motion) fn push(&mut self, queue: &mut BlockQueue) {
         let newest = queue.len() - 1;
         if newest != 0 {
             self.beyond_mm += queue.get(newest).block.length_mm;
@@ -94,7 +91,7 @@ impl Plan {
     }
 
     /// Follows the removal of the oldest block.
-    pub(in crate::motion) fn pop(&mut self, queue: &BlockQueue<BLOCKS>) {
+    pub(in crate::motion) fn pop(&mut self, queue: &BlockQueue) {
         if self.reference.number() == 0 && !queue.is_empty() {
             self.enter_block(queue, 0);
         }
@@ -110,7 +107,7 @@ impl Plan {
     /// The next sample of the reference.
     pub(in crate::motion) fn next_sample(
         &mut self,
-        queue: &BlockQueue<BLOCKS>,
+        queue: &BlockQueue,
         stops: bool,
         leaving: LeavingSample,
     ) -> Sample {
@@ -127,7 +124,7 @@ impl Plan {
     }
 
     /// Follows the reference into a block.
-    fn enter_block(&mut self, queue: &BlockQueue<BLOCKS>, number: usize) {
+    fn enter_block(&mut self, queue: &BlockQueue, number: usize) {
         self.beyond_mm = if number + 1 < queue.len() {
             self.beyond_mm - queue.get(number).block.length_mm
         } else {
@@ -143,7 +140,7 @@ impl Plan {
     /// Accelerations of such a block only become lower, because blocks before it that have been
     /// removed, and earlier speeds, may still limit it. Its corner speed does not rise where the reference
     /// may already brake for it.
-    fn plan_block(&mut self, queue: &mut BlockQueue<BLOCKS>, number: usize, ahead_mm: Option<f32>) {
+    fn plan_block(&mut self, queue: &mut BlockQueue, number: usize, ahead_mm: Option<f32>) {
         if number == 0 {
             self.running_min = RunningMin::NONE;
         }
@@ -207,7 +204,7 @@ impl Plan {
     #[inline(never)]
     pub(in crate::motion) fn plan_blocks_part(
         &mut self,
-        queue: &mut BlockQueue<BLOCKS>,
+        queue: &mut BlockQueue,
         pass: &mut Pass,
         from: usize,
         mut ahead_mm: f32,
@@ -238,7 +235,7 @@ impl Plan {
     #[inline(never)]
     pub(in crate::motion) fn plan_junctions_part(
         &mut self,
-        queue: &mut BlockQueue<BLOCKS>,
+        queue: &mut BlockQueue,
         pass: &mut Pass,
         from: usize,
         is_new: bool,
@@ -279,7 +276,7 @@ impl Plan {
     /// Makes the newest junction a standstill if its block came too late: if it asks for lower speeds
     /// before it, or softer braking, than the reference has kept to. The junctions behind the block
     /// `number` are new.
-    fn stop_if_too_fast(&self, queue: &mut BlockQueue<BLOCKS>, pass: &mut Pass, number: usize) {
+    fn stop_if_too_fast(&self, queue: &mut BlockQueue, pass: &mut Pass, number: usize) {
         if number > self.reference.number() {
             return;
         }
@@ -299,7 +296,7 @@ impl Plan {
     }
 
     /// Whether the reference has been too fast for the newest corner.
-    fn exceeded_corner(&self, queue: &BlockQueue<BLOCKS>, newest: usize) -> bool {
+    fn exceeded_corner(&self, queue: &BlockQueue, newest: usize) -> bool {
         let queued = queue.get(newest);
         let ahead_mm = self.reference.remaining_mm() + self.beyond_mm - queued.block.length_mm;
         let corner_mm_s = queued.jerk_limited.corner_mm_s;
@@ -308,7 +305,7 @@ impl Plan {
     }
 }
 
-impl BlocksAhead for BlockQueue<BLOCKS> {
+impl BlocksAhead for BlockQueue {
     #[inline]
     fn limits(&self, number: usize) -> Option<BlockLimits> {
         let queued = self.get(number);

@@ -22,9 +22,9 @@ const STANDSTILL_TOLERANCE_MM: f32 = 2.0e-4;
 impl Executor {
     /// As [`Executor::next_trapezoid`]; the moving average must need no sample.
     #[inline(never)]
-    pub(in crate::motion) fn next_jerk_limited<const N: usize>(
+    pub(in crate::motion) fn next_jerk_limited(
         &mut self,
-        queue: &BlockQueue<N>,
+        queue: &BlockQueue,
         reference: &ReferenceMotion,
         average: &mut MovingAverage,
         position: &Axes<FineSteps>,

@@ -51,7 +51,7 @@ impl Motion {
 
     /// Ends a homing cycle before its time: the axes slow down.
     pub(super) fn end_homing(&mut self, alarm: Alarm) {
-        self.homing.stop(&self.generator);
+        self.homing.stop();
         self.alarm(alarm);
     }
 
@@ -102,7 +102,7 @@ impl Motion {
         match (axis, &mut self.activity) {
             (Some(axis), _) => self
                 .homing
-                .latch(axis, position[axis], segments, &self.generator),
+                .latch(axis, &position, segments, &self.generator),
             (None, Activity::Probing(cycle)) => cycle.latch(position),
             (None, Activity::Path | Activity::Dwell(_) | Activity::Pause | Activity::Homing) => {}
         }

@@ -1,7 +1,7 @@
 //! Delays at standstill: of spindle and coolant after the door, of the drivers after a motion.
 
 use super::Motion;
-use crate::{axis::Z, machine::Event};
+use crate::machine::Event;
 
 /// Value of `$1` with which the drivers stay enabled at rest, as in Grbl 1.1 (`config.h`).
 pub(super) const IDLE_DELAY_INFINITE: u8 = 255;
@@ -105,7 +105,7 @@ impl Motion {
         }
         if self.delays.restoring == Restoring::Done {
             self.delays.restoring = Restoring::None;
-            if !self.parking.begin_plunge(self.generator.position()[Z]) {
+            if !self.parking.begin_plunge() {
                 self.transition(Event::Restored);
             }
         }

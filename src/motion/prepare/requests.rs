@@ -2,7 +2,6 @@
 
 use super::{Activity, Motion};
 use crate::{
-    axis::Z,
     machine::{Control, Effect, Event},
     model::{Alarm, Notice, OVERRIDES, Override, Overrides, Requests, State},
     stepper::SegmentRing,
@@ -142,7 +141,7 @@ impl Motion {
                 }
             }
             Effect::Restore => {
-                if !self.parking.begin_return(self.generator.position()[Z]) {
+                if !self.parking.begin_return() {
                     self.begin_restoring();
                 }
             }

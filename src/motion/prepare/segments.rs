@@ -5,7 +5,7 @@ use crate::{
     machine::{Ending, Event, Inputs},
     model::{Levels, State, timing::SEGMENT_TICKS},
     motion::executor::{Goal, NextSegment},
-    stepper::{AxisMotion, EventWriter, Segment, SegmentRing},
+    stepper::{EventWriter, Segment, SegmentRing},
 };
 
 /// What a segment is made of.
@@ -147,14 +147,8 @@ impl Motion {
         let ticks = left.min(u64::from(SEGMENT_TICKS)) as u32;
         self.activity = Activity::Dwell(left - u64::from(ticks));
         self.segment = Segment {
-            ticks,
-            axes: self.generator.position().map(|to| AxisMotion {
-                to,
-                acceleration: 0.0,
-            }),
-            feed_mm_min: 0.0,
-            line: 0,
             power: self.accessories.power_at_rest(),
+            ..Segment::standstill(ticks, self.generator.position())
         };
         true
     }

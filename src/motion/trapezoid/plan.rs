@@ -36,7 +36,7 @@ impl BrakingPlan {
     }
 }
 
-impl<const N: usize> BlockQueue<N> {
+impl BlockQueue {
     /// The squared speed at which the block in execution may be left: 0 when no other follows.
     pub(in crate::motion) fn exit_sqr(&self) -> f32 {
         if self.len() > 1 {
@@ -50,7 +50,7 @@ impl<const N: usize> BlockQueue<N> {
 /// Plans a part of the backward pass: entry speeds from the block `from` on backwards, the newest is
 /// 1, which may be left at `exit_sqr`. With `is_new` an unchanged entry does not end the pass.
 pub(in crate::motion) fn plan_part(
-    queue: &mut BlockQueue<BLOCKS>,
+    queue: &mut BlockQueue,
     pass: &mut Pass,
     from: usize,
     exit_sqr: f32,
@@ -65,7 +65,7 @@ pub(in crate::motion) fn plan_part(
 
 #[inline(never)]
 fn backward_part<const IS_NEW: bool>(
-    queue: &mut BlockQueue<BLOCKS>,
+    queue: &mut BlockQueue,
     pass: &mut Pass,
     from: usize,
     mut exit_sqr: f32,

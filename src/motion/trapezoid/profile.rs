@@ -59,9 +59,9 @@ impl Executor {
     /// Makes the next segment, from `position`. After the last segment of a block the caller removes
     /// it from the queue.
     #[inline]
-    pub(in crate::motion) fn next_trapezoid<const N: usize>(
+    pub(in crate::motion) fn next_trapezoid(
         &mut self,
-        queue: &BlockQueue<N>,
+        queue: &BlockQueue,
         position: &Axes<FineSteps>,
         goal: Goal,
         segment: &mut Segment,
@@ -80,6 +80,24 @@ impl Executor {
             None => self.follow_line(block, limits, goal, segment),
         };
         if ends_block {
+            self.is_begun = false;
+            NextSegment::EndsBlock
+        } else {
+            NextSegment::WithinBlock
+        }
+    }
+
+    /// Makes the next segment of a line at whose end the machine is at standstill, from `position`.
+    pub(in crate::motion) fn next_single_line(
+        &mut self,
+        line: &Block,
+        position: &Axes<FineSteps>,
+        goal: Goal,
+        segment: &mut Segment,
+    ) -> NextSegment {
+        if goal == Goal::Stop && self.speed_mm_s <= 0.0 {
+            NextSegment::Standstill
+        } else if self.follow_line(line, (position, 0.0), goal, segment) {
             self.is_begun = false;
             NextSegment::EndsBlock
         } else {

@@ -207,7 +207,9 @@ impl Deviation {
             Self::Rounding => "the last digit of a number half-way between two",
             Self::RefusedChangesNothing => "a refused line changes nothing",
             Self::InverseTimeArcs => "an arc under G93 takes 1/F minutes",
-            Self::HomingMotion => "homing accelerates and decelerates each axis on its own",
+            Self::HomingMotion => {
+                "homing brakes each axis on its own, and keeps the limits of the slowest"
+            }
             Self::FarTargets => "a target that the step counters cannot hold is refused",
             Self::HomingOnSwitch => "homing is refused while a switch of its axes is closed",
             Self::SingleAxisHoming => "`$HX`, `$HY` and `$HZ` home a single axis",

@@ -3,61 +3,57 @@
 use crate::{
     axis::{AXES, Axes},
     math,
-    path::{MIN_SPEED_MM_S, fastest_mm_s},
+    motion::{cycles::cycle_move::CycleLimits, limits::TICKS_PER_S},
+    path::MIN_SPEED_MM_S,
     settings::Settings,
-    units::{StepsPerMm, TICKS_PER_MS},
+    units::TICKS_PER_MS,
 };
 
+/// Per s² to per tick².
+const PER_TICK_SQR: f32 = 1.0 / (TICKS_PER_S * TICKS_PER_S);
+
 /// Speeds, distances and times of the cycle.
-#[derive(Debug, Clone, Copy)]
+#[derive(Debug)]
 pub(super) struct HomingParameters {
+    pub(super) limits: CycleLimits,
     /// Axes whose switch is at their negative end, bit 0 = X.
     pub(super) negative: u8,
-    /// Speeds, steps/s.
-    pub(super) search: Axes<f32>,
-    pub(super) locate: Axes<f32>,
-    /// steps/s².
-    pub(super) acceleration: Axes<f32>,
-    pub(super) steps_per_mm: Axes<f32>,
+    /// Speeds of each axis.
+    pub(super) search_mm_s: f32,
+    pub(super) locate_mm_s: f32,
     pub(super) travel_mm: Axes<f32>,
     pub(super) pull_off_mm: f32,
-    pub(super) debounce_ticks: u64,
+    pub(super) debounce_ticks: u32,
 }
 
 impl HomingParameters {
     pub(super) const NONE: Self = Self {
+        limits: CycleLimits::NONE,
         negative: 0,
-        search: Axes([0.0; AXES]),
-        locate: Axes([0.0; AXES]),
-        acceleration: Axes([0.0; AXES]),
-        steps_per_mm: Axes([1.0; AXES]),
+        search_mm_s: 0.0,
+        locate_mm_s: 0.0,
         travel_mm: Axes([0.0; AXES]),
         pull_off_mm: 0.0,
         debounce_ticks: 0,
     };
 
-    pub(super) fn new(settings: &Settings) -> Self {
-        let steps_per_mm = settings.steps_per_mm.map(StepsPerMm::to_f32);
-        let at = |mm_min: f32| {
-            let fastest = fastest_mm_s(settings);
-            // `$24` and `$25` may be 0.
-            let speed_mm_s = math::max(mm_min / 60.0, MIN_SPEED_MM_S);
-            fastest.zip(steps_per_mm, |fastest, steps| {
-                math::min(speed_mm_s, fastest) * steps
-            })
-        };
-        Self {
-            negative: settings.homing_direction,
-            search: at(settings.homing_seek_mm_min),
-            locate: at(settings.homing_feed_mm_min),
-            acceleration: settings
-                .acceleration_mm_s2
-                .zip(steps_per_mm, |acceleration, steps| acceleration * steps),
-            steps_per_mm,
-            travel_mm: settings.max_travel_mm,
-            pull_off_mm: settings.homing_pull_off_mm,
-            debounce_ticks: u64::from(settings.homing_debounce_ms) * u64::from(TICKS_PER_MS),
-        }
+    /// Takes over the settings.
+    pub(super) fn configure(&mut self, settings: &Settings) {
+        // `$24` and `$25` may be 0.
+        let speed_mm_s = |mm_min: f32| math::max(mm_min / 60.0, MIN_SPEED_MM_S);
+        self.limits.configure(settings);
+        self.negative = settings.homing_direction;
+        self.search_mm_s = speed_mm_s(settings.homing_seek_mm_min);
+        self.locate_mm_s = speed_mm_s(settings.homing_feed_mm_min);
+        self.travel_mm = settings.max_travel_mm;
+        self.pull_off_mm = settings.homing_pull_off_mm;
+        self.debounce_ticks = u32::from(settings.homing_debounce_ms) * TICKS_PER_MS;
+    }
+
+    /// Returns the deceleration of an axis that has found its switch, steps per tick².
+    pub(super) fn deceleration(&self, axis: usize) -> f32 {
+        let limits = &self.limits;
+        limits.acceleration_mm_s2[axis] * limits.steps_per_mm[axis] * PER_TICK_SQR
     }
 
     const fn is_negative(&self, axis: usize) -> bool {
@@ -66,7 +62,7 @@ impl HomingParameters {
 
     /// Returns a distance as steps towards the switch.
     pub(super) fn towards_switch(&self, axis: usize, mm: f32) -> i32 {
-        let steps = round(mm * self.steps_per_mm[axis]);
+        let steps = round(mm * self.limits.steps_per_mm[axis]);
         if self.is_negative(axis) {
             -steps
         } else {
@@ -81,7 +77,7 @@ impl HomingParameters {
         } else {
             -self.pull_off_mm
         };
-        round(mm * self.steps_per_mm[axis])
+        round(mm * self.limits.steps_per_mm[axis])
     }
 }
 
