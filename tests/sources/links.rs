@@ -102,7 +102,7 @@ fn broken(
 }
 
 /// The documents whose links are read.
-fn documents(root: &Path) -> Vec<String> {
+pub(super) fn documents(root: &Path) -> Vec<String> {
     let mut documents = vec!["CHANGELOG.md".to_owned(), "README.md".to_owned()];
     for entry in fs::read_dir(root.join("docs")).expect("docs/ can be read") {
         let name = entry.expect("docs/ can be read").file_name();

@@ -3,6 +3,7 @@
 #![cfg(not(target_os = "none"))]
 
 mod boards;
+mod commands;
 mod glue;
 mod layers;
 mod links;

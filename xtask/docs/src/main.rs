@@ -155,7 +155,7 @@ const JERK: &str = "\n## Limits of jerk\n\n\
     milliseconds, 5 at least. If that is more than 120 ms, the acceleration is lowered\n\
     instead. So is the speed of arcs whose direction would change too fast, and of the places where a small\n\
     arc begins or ends. Corners are passed as `$11` has it. A feed hold takes that time longer, too.\n\
-    [decisions.md](decisions.md) says how it works.\n";
+    [motion-planning.md](motion-planning.md#limits-of-jerk) says how it works.\n";
 
 /// What resolution and speed must not be together, and where that is from.
 fn step_rates() -> String {
