@@ -4,22 +4,23 @@
 //! |-----------------|-------------------|----------|------------------------------------------|
 //! | `step`          | hardware, SysTick | 5        | the step timer                           |
 //! | `serial_rx`     | hardware, USART   | 4        | a byte has come                          |
-//! | `segment_start` | pended, I2C3\_EV  | 3        | `step`: a segment begins, or none        |
-//! | `inputs`        | hardware, TIM7    | 3        | an edge on an input pin, its timer       |
-//! | `prepare`       | pended, TIM6      | 2        | `segment_start`, most others, its timer  |
+//! | `segment_start` | pended, I2C3\_EV  | 3        | `step`: a segment begins, or motion ends |
+//! | `inputs`        | hardware, TIM7    | 3        | an edge on an input pin, TIM7            |
+//! | `prepare`       | pended, TIM6      | 2        | `segment_start`, most others, TIM6       |
 //! | `wake`          | pended, I2C3\_ER  | 1        | `serial_rx`, `prepare`                   |
 //! | `interpret`     | async, dispatcher | 1        | `wake`                                   |
 //! | `report`        | async, dispatcher | 1        | `wake`                                   |
-//! | `idle`          |                   | 0        | sends what the port did not take at once |
+//! | `idle`          |                   | 0        | runs while no other task does            |
 //!
-//! Pended tasks borrow the vector of a peripheral that the machine does not use, or of a timer that
-//! also releases them: pending a vector while its task runs makes the task run again, so no release
-//! is ever lost. Tasks above priority 1 never touch a waker, which is a pointer to a function; they
-//! pend `wake`, which does.
+//! A pended task binds the vector of a peripheral that the machine does not use, or of a timer that
+//! also releases it. Pending a vector while its task runs makes the task run again, so no release is
+//! lost. Tasks above priority 1 use no waker, which calls through a pointer; they pend `wake`, which
+//! wakes `interpret` and `report`.
 //!
-//! Tasks only move values between queues, peripherals and the state machines of the library. What
-//! flows goes through queues with one writer and one reader. Two things are locked: the snapshot,
-//! where `prepare` waits for a copy, and the switch of `step`, where `segment_start` and `inputs` wait.
+//! Tasks only move values between queues, peripherals and the state machines of the library. Data
+//! goes through queues with one writer and one reader. Tasks with deadlines lock two resources: the
+//! snapshot, where `prepare` waits for the end of a copy, and the token of the step timer, where
+//! `segment_start` and `inputs` wait.
 
 #[rtic::app(device = crate::board::pac, peripherals = true, dispatchers = [I2C2_EV])]
 mod app {
@@ -49,13 +50,13 @@ mod app {
     struct Shared {
         /// Written by `prepare`, copied by `interpret` and `report`.
         snapshot: Snapshot,
-        /// Priority 1 at most, as are the two after it.
+        /// Locked by tasks of priority 1 at most, as are the two wakers.
         serial: SerialSession,
         interpret_waker: Option<Waker>,
         report_waker: Option<Waker>,
-        /// Of `prepare` and `inputs`.
-        step_switch: board::StepSwitch,
-        /// Atomics, shared by reference and never locked.
+        /// Locked by `prepare` and `inputs`.
+        step_timer: board::StepTimerToken,
+        /// Made of atomics: shared by reference and never locked, as are the two after it.
         requests: Requests,
         inputs: Inputs,
         segments: SegmentRing,
@@ -104,7 +105,7 @@ mod app {
             serial: SerialSession::new(session, received_out, cx.local.sent.split()),
             interpret_waker: None,
             report_waker: None,
-            step_switch: board.step,
+            step_timer: board.step_timer,
             requests: Requests::new(),
             inputs,
             segments: SegmentRing::new(),
@@ -127,7 +128,7 @@ mod app {
         (shared, local)
     }
 
-    /// Sends what the port did not take at once, and sleeps.
+    /// Sends the bytes that the USART did not take at once, and sleeps.
     #[idle(shared = [serial, &requests])]
     fn idle(mut cx: idle::Context) -> ! {
         let requests = cx.shared.requests;
@@ -148,7 +149,7 @@ mod app {
         tasks::step(output, events, cx.shared.segments);
     }
 
-    /// Takes the byte that has come.
+    /// Takes the received byte.
     ///
     /// Deadline: one byte time. A miss loses a byte.
     #[task(binds = USART1, priority = 4, local = [receiver, received_in], shared = [&requests])]
@@ -160,7 +161,7 @@ mod app {
 
     /// Begins the segment whose first event `step` has set up.
     ///
-    /// Deadline: before two more segments begin. A miss has the laser's power change late.
+    /// Deadline: before two more segments begin. A miss delays the change of the laser's power.
     #[task(binds = I2C3_EV, priority = 3, local = [played], shared = [&segments])]
     fn segment_start(cx: segment_start::Context) {
         let _activation = trace::segment_start();
@@ -169,15 +170,15 @@ mod app {
 
     /// Filters switches, probe and buttons.
     ///
-    /// Deadline: one step time while probing. A miss tells a position that is as much too late.
+    /// Deadline: one step time while probing. A miss latches a position that is late by the delay.
     #[task(
         binds = TIM7, priority = 3, local = [pins],
-        shared = [step_switch, &requests, &inputs, &segments]
+        shared = [step_timer, &requests, &inputs, &segments]
     )]
     fn inputs(cx: inputs::Context) {
         let _activation = trace::inputs();
         let shared = Unlocked::new(cx.shared.requests, cx.shared.inputs, cx.shared.segments);
-        cx.local.pins.serve(shared, cx.shared.step_switch);
+        cx.local.pins.serve(shared, cx.shared.step_timer);
     }
 
     /// Keeps the event queue filled.
@@ -185,7 +186,7 @@ mod app {
     /// Deadline: before the events in the queue have been played. A miss is a fault: alarm.
     #[task(
         binds = TIM6_DAC, priority = 2, local = [motion, entries_out, events_in, actuators],
-        shared = [snapshot, step_switch, &requests, &inputs, &segments]
+        shared = [snapshot, step_timer, &requests, &inputs, &segments]
     )]
     fn prepare(mut cx: prepare::Context) {
         let _activation = trace::prepare();
@@ -193,15 +194,15 @@ mod app {
         let (events, actuators) = (cx.local.events_in, cx.local.actuators);
         let shared = Unlocked::new(cx.shared.requests, cx.shared.inputs, cx.shared.segments);
         let steps = &mut StepInterrupt {
-            switch: cx.shared.step_switch,
+            token: cx.shared.step_timer,
             played: events.tap(),
         };
-        // Of those who use it, this task has the highest priority: nobody waits for the lock.
+        // This task has the highest priority of those that lock the snapshot: none waits for it.
         let snapshot = &mut cx.shared.snapshot;
         tasks::prepare(motion, entries, events, shared, snapshot, steps, actuators);
     }
 
-    /// Wakes the endless tasks.
+    /// Wakes `interpret`, and `report` if a status report is requested.
     #[task(binds = I2C3_ER, priority = 1, shared = [interpret_waker, report_waker, &requests])]
     fn wake(mut cx: wake::Context) {
         let wake = |waker: &mut Option<Waker>| waker.iter().for_each(Waker::wake_by_ref);

@@ -1,4 +1,4 @@
-//! The bodies of the tasks, for whatever runs them: a chip and its board, or the simulator.
+//! The bodies of the tasks, generic over the platform: a chip and its board, or the simulator.
 //!
 //! ```text
 //!             serial_rx ──► interpret, report ──► prepare ──► step ──► pins
@@ -6,20 +6,22 @@
 //!                                  inputs ─────────┘   └── segment_start
 //! ```
 //!
-//! [`Platform`] and [`PreparePlatform`] are what the tasks need of their machine, [`StepOutput`] is what plays
-//! step events: [`step`] with a [`StepPlatform`], or something else that starts, stops and appends.
+//! [`Platform`] and [`PreparePlatform`] are what the tasks need of the machine that they run on,
+//! [`StepPlatform`] is what [`step`] needs. [`StepOutput`] plays step events for the other tasks.
 //!
 //! # Cost
 //!
-//! Everything is generic and inlined into the interrupt that calls it: the machine code is that of a
-//! body written for the chip. [`step`] looks the pins up and releases `segment_start` without a branch.
+//! Everything is generic and inlined into the interrupt that calls it: the machine code is that of
+//! a body written for the chip. [`step`] looks the pins up and releases `segment_start` without a
+//! branch. [`serial_rx`] is also inlined into code in RAM. [`serial_tx`] releases a task twice at
+//! most while the queue drains: a release costs more than the sending of a byte.
 
 use heapless::spsc::{Consumer, Producer};
 use rtic_core::Mutex;
 
 use crate::{
     machine::{Inputs, Snapshot, Watch},
-    model::{Levels, Outputs, Release, Requests},
+    model::{Awaited, Levels, Outputs, Release, Requests, queues::SENT_RING},
     motion::Motion,
     path::Entry,
     protocol::{ByteReader, ByteWriter, Progress, Session, realtime},
@@ -27,7 +29,7 @@ use crate::{
     stepper::{EventReader, EventTap, EventWriter, SegmentRing, StepEvent, Upcoming},
 };
 
-/// A task that others release.
+/// A task that other tasks release.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Task {
     /// [`segment_start`].
@@ -38,75 +40,76 @@ pub enum Task {
     Wake,
 }
 
-/// The machine under every task.
+/// The platform of every task.
 pub trait Platform {
-    /// Releases a task: it runs once more after this, whether or not it runs now.
+    /// Releases a task: it runs once more after this, also if it runs now.
     fn pend(&mut self, task: Task);
 
     /// Outputs a duty of the spindle PWM, 0 to [`Outputs::FULL`].
     fn set_duty(&mut self, duty: u16);
 }
 
-/// The machine under `prepare`.
+/// The platform of `prepare`.
 pub trait PreparePlatform: Platform {
-    /// Returns once whether the time of [`PreparePlatform::wake_in`] is over.
-    fn take_wake(&mut self) -> bool;
+    /// Takes the end of the delay: returns whether it has come since the last call.
+    fn take_delay_end(&mut self) -> bool;
 
-    /// Releases `prepare` in some milliseconds, at least 1, instead of at the time asked for before.
-    fn wake_in(&mut self, milliseconds: u16);
+    /// Begins a delay of at least 1 ms, whose end releases `prepare`, instead of the one begun
+    /// before.
+    fn start_delay(&mut self, delay_ms: u16);
 
-    /// Switches spindle, coolant and drivers; not the duty.
+    /// Switches spindle, coolant and drivers; the duty stays as it is.
     fn switch(&mut self, outputs: &Outputs);
 }
 
-/// What plays step events, for the tasks below `step`.
+/// The player of step events, for the tasks of lower priority than `step`.
 pub trait StepOutput {
-    /// Sets up the first event and plays it after its time, unless the motion has been halted since.
-    /// Only while nothing is played.
+    /// Sets up the first event and starts the step timer, unless the motion has been halted
+    /// meanwhile. Only while the timer stands.
     fn start(&mut self, first: Upcoming, segments: &SegmentRing);
 
-    /// Stops at once: the event that is set up is not played. Calls [`EventTap::halt`].
+    /// Halts the step timer: the event that is set up is not played. Calls [`EventTap::halt`].
     fn stop(&mut self, segments: &SegmentRing);
 
-    /// Takes the time of an event that was written too late for `step` to know it.
+    /// Sets the time of an event that was appended too late for `step` to know it.
     fn append(&mut self, event: StepEvent);
 
     /// Returns the count of the events played.
     fn played(&self) -> EventTap<'_>;
 }
 
-/// The pins and the timer of `step`.
+/// The platform of `step`: pins and timer.
 pub trait StepPlatform {
-    /// Outputs the event that is due.
+    /// Outputs the event that was set up.
     fn output(&mut self);
 
     /// Sets the time from the next event to the one that follows it. Returns 1 if the next event is
     /// late, otherwise 0.
     fn set_reload(&mut self, following: StepEvent) -> u32;
 
-    /// Sets up what the next event outputs.
+    /// Sets up the outputs of the next event.
     fn set_up(&mut self, event: StepEvent);
 
     /// Releases `segment_start` if an event is the first of a segment.
     fn pend_segment_start(&mut self, event: StepEvent);
 
-    /// Sets nothing up, and releases `segment_start`.
+    /// Stops the timer, and releases `segment_start`.
     fn stop(&mut self);
 }
 
-/// What tasks share without a lock.
+/// The state that tasks share without a lock.
 #[derive(Debug, Clone, Copy)]
 pub struct Unlocked<'a> {
-    /// What is asked of `prepare` and the two tasks of the protocol.
+    /// Requests to `prepare`, `interpret` and `report`.
     pub requests: &'a Requests,
     /// Switches, probe and buttons.
     pub inputs: &'a Inputs,
-    /// The segments that are played, and how far.
+    /// The segments that wait or are played.
     pub segments: &'a SegmentRing,
 }
 
 impl<'a> Unlocked<'a> {
-    /// Gathers references to them.
+    /// Gathers the references.
     #[must_use]
     #[inline]
     pub const fn new(
@@ -122,7 +125,7 @@ impl<'a> Unlocked<'a> {
     }
 }
 
-/// Outputs the event that is due and sets up the next.
+/// Outputs the event that is due and sets up the next one.
 #[inline]
 pub fn step(
     platform: &mut impl StepPlatform,
@@ -157,7 +160,18 @@ pub fn serial_rx(
     }
 }
 
-/// Begins the segment whose first event `step` has set up, or sees that there is none.
+/// Releases the tasks that wait for room to send, when the queue of bytes to be sent has become half
+/// empty or empty. The arguments are its lengths `before` bytes were sent and `after`.
+#[inline]
+pub fn serial_tx(before: usize, after: usize, requests: &Requests, platform: &mut impl Platform) {
+    let has_come_to = |waiting| after <= waiting && waiting < before;
+    let has_room = has_come_to(0) || has_come_to(SENT_RING / 2);
+    if has_room && requests.awaits(Awaited::ROOM) {
+        platform.pend(Task::Wake);
+    }
+}
+
+/// Begins the segment whose first event `step` has set up, or ends the motion if there is none.
 #[inline]
 pub fn segment_start(segments: &SegmentRing, played: EventTap<'_>, platform: &mut impl Platform) {
     let begun = segments.start_segment(played);
@@ -170,16 +184,16 @@ pub fn segment_start(segments: &SegmentRing, played: EventTap<'_>, platform: &mu
     }
 }
 
-/// Why `inputs` runs.
+/// The trigger of a run of `inputs`.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum InputTrigger {
-    /// A contact has changed.
+    /// A change of a contact.
     Edge,
-    /// A sample is due.
+    /// The time of a sample.
     Sample,
 }
 
-/// Filters the contacts that are closed now. Returns whether a sample is needed after this run.
+/// Filters the closed contacts. Returns whether a sample is needed after this run.
 #[inline]
 pub fn inputs(
     trigger: InputTrigger,
@@ -223,8 +237,8 @@ pub fn prepare(
         inputs,
         segments,
     } = shared;
-    if platform.take_wake() {
-        requests.wake();
+    if platform.take_delay_end() {
+        requests.end_delay();
     }
     let prepared =
         snapshot.lock(|snapshot| motion.run(requests, inputs, segments, entries, events, snapshot));
@@ -236,7 +250,7 @@ pub fn prepare(
     if is_at_rest {
         platform.set_duty(motion.outputs().duty);
     }
-    // What has been switched in motion may be still to come at rest.
+    // A change made in motion may still have to be switched at rest.
     if prepared.outputs_changed || is_at_rest {
         platform.switch(motion.outputs());
     }
@@ -247,9 +261,9 @@ pub fn prepare(
         platform.pend(Task::SegmentStart);
     }
     if prepared.outputs_changed
-        && let Some(milliseconds) = motion.take_delay_ms()
+        && let Some(delay_ms) = motion.take_delay_ms()
     {
-        platform.wake_in(milliseconds);
+        platform.start_delay(delay_ms);
     }
     if prepared.run_again {
         platform.pend(Task::Prepare);
@@ -262,15 +276,16 @@ pub fn prepare(
 /// The session and the queues of its serial line.
 #[derive(Debug)]
 pub struct SessionIo<'a, 'q> {
-    /// The state of the protocol.
+    /// The session.
     pub session: &'a mut Session,
-    /// What has been received.
+    /// Received bytes.
     pub received: &'a mut ByteReader<'q>,
-    /// What is to be sent.
+    /// Bytes to be sent.
     pub sent: &'a mut ByteWriter<'q>,
 }
 
-/// Executes received lines. What the session wants stored is written at rest only.
+/// Executes received lines, and stores the change that the session wants stored, which is at rest
+/// only.
 #[inline]
 pub fn interpret<'q>(
     io: SessionIo<'_, 'q>,
@@ -299,14 +314,14 @@ pub fn interpret<'q>(
     Progress::Again
 }
 
-/// Returns whether entries that have just been enqueued release `prepare`: while an older entry waits,
+/// Returns whether `new` entries, just enqueued, release `prepare`: while an older entry waits,
 /// `prepare` runs again by itself.
 #[inline]
 pub(crate) fn needs_release(new: usize, entries: &Producer<'_, Entry>) -> bool {
     new != 0 && entries.len() <= new
 }
 
-/// Answers `?`.
+/// Sends a status report, if one is requested.
 #[inline]
 pub fn report(io: SessionIo<'_, '_>, snapshot: &Snapshot, requests: &Requests) -> Progress {
     let free = io.received.capacity() - io.received.len();

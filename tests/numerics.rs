@@ -220,7 +220,7 @@ impl<'a> Play<'a> {
     /// Runs `prepare` and plays one event; false at rest with everything done.
     fn step(&mut self) -> bool {
         while self.drive.prepare(&self.requests, self.now) {}
-        let snapshot = *self.drive.snapshot();
+        let snapshot = self.drive.snapshot();
         if snapshot.is_at_rest && self.drive.has_no_entry() {
             assert_eq!(snapshot.finished, self.sent);
             assert_eq!(snapshot.steps, self.steps);

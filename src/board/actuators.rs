@@ -1,4 +1,4 @@
-//! What `prepare` drives beside the steps: switched outputs, and the timer that releases it.
+//! What `prepare` drives beside the steps: spindle, coolant, drivers and the timer of its delays.
 
 use leadscrew::{
     model::Outputs,
@@ -6,26 +6,26 @@ use leadscrew::{
 };
 
 use super::{
+    delay_timer::DelayTimer,
     outputs::{self, SwitchOutputs},
     pac,
     release::{PREPARE, pend},
-    wake::WakeTimer,
 };
 
 /// The outputs and the timer, owned by `prepare`.
 pub(crate) struct Actuators {
     switches: SwitchOutputs,
-    timer: WakeTimer,
+    timer: DelayTimer,
 }
 
 impl Actuators {
-    /// Sets up the outputs and the timer, and releases `prepare` for what is to be switched at
-    /// power-up. The clocks of both must run.
+    /// Sets up the outputs and the timer, whose clocks must run, and releases `prepare`, which
+    /// switches the outputs at power-up.
     pub(super) fn new(timer: pac::TIM6) -> Self {
         rtic::pend(PREPARE);
         Self {
             switches: SwitchOutputs::new(),
-            timer: WakeTimer::new(timer),
+            timer: DelayTimer::new(timer),
         }
     }
 }
@@ -44,13 +44,13 @@ impl Platform for Actuators {
 
 impl PreparePlatform for Actuators {
     #[inline]
-    fn take_wake(&mut self) -> bool {
+    fn take_delay_end(&mut self) -> bool {
         self.timer.take_end()
     }
 
     #[inline]
-    fn wake_in(&mut self, milliseconds: u16) {
-        self.timer.set(milliseconds);
+    fn start_delay(&mut self, delay_ms: u16) {
+        self.timer.start(delay_ms);
     }
 
     #[inline]

@@ -1,18 +1,18 @@
-//! What the emulator leaves out, and what it is asked for.
+//! A stand-in for the hardware that the emulator lacks: the step timer, other timers, pins.
 //!
-//! QEMU 7.2's netduinoplus2 has no RCC, no GPIO and no basic timers, and its SysTick is no clock for
-//! a hundred thousand events a second. So the step timer does not count there: the handler of a vector
-//! that the machine does not use, TIM2's, stands in for it. It lets the time of the event that is set
-//! up come, takes the time of the event after it from the reload register, and pends the step
-//! interrupt, which preempts it at once. The handler runs when no task has anything to do, so that
-//! time passes as fast as the emulator gets through the events and no event is ever late because the
-//! host was busy; and each millisecond, by TIM2 itself, so that steps also preempt tasks. The
-//! firmware's tasks run unchanged.
+//! QEMU 7.2's netduinoplus2 has no RCC, no GPIO and no basic timers, and its SysTick is no clock
+//! for a hundred thousand events a second. So the step timer does not count there: the handler of a
+//! vector that the machine does not use, TIM2's, stands in for it. A run of the handler advances
+//! the time to the next event, reads the time of the event after that from the reload register, and
+//! pends the step interrupt, which preempts the handler at once. The handler runs when no task has
+//! work, so that time passes as fast as the emulator executes the events, and no event is late
+//! because the host was busy; and each millisecond, by TIM2 itself, so that steps also preempt
+//! tasks. The firmware's tasks run unchanged.
 //!
-//! As the handler stands where the hardware would, it also keeps the record of what the pins do,
-//! which a tool reads from memory: [`FIGURES`]. The contacts it takes from memory: [`CONTACTS`].
-//! Of the other timers, the one that samples contacts follows the events' clock in motion; at
-//! rest, and for `prepare`'s, the handler's own runs count the milliseconds.
+//! In place of the pins, the handler records the outputs in memory, which a tool reads
+//! ([`memory::FIGURES`]), and reads the contacts from memory, which a test writes
+//! ([`memory::CONTACTS`]). The timer that samples the contacts follows the clock of the events in
+//! motion; at rest the runs of the handler count the milliseconds, and always for `prepare`'s delay.
 
 use core::sync::atomic::{
     AtomicBool, AtomicU32,
@@ -26,37 +26,39 @@ use super::{
     pac,
     release::{INPUTS, PREPARE, pend_vector},
     step_timer, trace,
+    vectors::nvic_priority,
 };
 
 mod flash;
 mod memory;
 
 pub(super) use flash::{erase_flash, read_flash, write_flash};
-pub(super) use memory::{contacts, switched};
+pub(super) use memory::{contacts, record_outputs};
 
 /// The vector whose handler stands in for the step timer.
 const STAND_IN: pac::Interrupt = pac::Interrupt::TIM2;
-/// Time between two runs of the handler without being asked: 1 ms of the emulated timer, ns.
+/// Period of TIM2, which runs the handler also while tasks have work: 1 ms of the emulated timer, ns.
 const PREEMPTION_NS: u32 = 1_000_000;
 
-/// The time, ticks, and when the event is due that is set up.
+/// The time, and the time of the next event, ticks.
 static NOW: AtomicU32 = AtomicU32::new(0);
 static DUE: AtomicU32 = AtomicU32::new(0);
 
 /// Whether the firmware runs in the emulator.
 static IS_EMULATED: AtomicBool = AtomicBool::new(false);
 
-/// Runs of the handler until tasks must have come to an end: one when they have, one before.
+/// Events that the handler may play before `idle` runs again: two, one of them by TIM2.
 ///
-/// A host that is busy may let many runs fall due while a task gets nowhere; then time must wait.
+/// On a busy host TIM2 may run the handler many times while a task makes no progress: time then
+/// waits.
 static RUNS_LEFT: AtomicU32 = AtomicU32::new(0);
 
-/// Milliseconds until `prepare` is released, or 0, and whether that time is over.
-static WAKE_MS: AtomicU32 = AtomicU32::new(0);
-static IS_WAKE: AtomicBool = AtomicBool::new(false);
+/// Milliseconds left of the delay of `prepare`, 0 without one, and whether it has ended.
+static DELAY_MS: AtomicU32 = AtomicU32::new(0);
+static IS_DELAY_OVER: AtomicBool = AtomicBool::new(false);
 
-/// Ticks between two samples of the contacts, whether these are new, when the next sample is due, and
-/// whether one has been. 0 ticks: no samples.
+/// Ticks between two samples of the contacts, 0 without samples; whether that period has just been
+/// set; when the next sample is due; and whether `inputs` was released for one.
 static SAMPLE_TICKS: AtomicU32 = AtomicU32::new(0);
 static IS_SAMPLING_NEW: AtomicBool = AtomicBool::new(false);
 static SAMPLE_DUE: AtomicU32 = AtomicU32::new(0);
@@ -67,14 +69,14 @@ pub(super) fn is_emulated() -> bool {
     IS_EMULATED.load(Relaxed)
 }
 
-/// Finds out where the firmware runs: no chip has all clocks off.
+/// Returns whether the firmware runs in the emulator, by its RCC: no chip has all clocks off.
 pub(super) fn detect(rcc: &pac::RCC) -> bool {
     let is_emulated = rcc.cr().read().bits() == 0;
     IS_EMULATED.store(is_emulated, Relaxed);
     is_emulated
 }
 
-/// The time, ns: the emulator has no cycle counter, and this timer of it counts its virtual time.
+/// Returns the time, ns: the emulator has no cycle counter, and its TIM5 counts its virtual time.
 #[cfg(feature = "trace-emulated")]
 #[inline]
 #[expect(unsafe_code, reason = "a timer that nobody owns")]
@@ -89,14 +91,14 @@ pub(super) const fn lateness() -> u32 {
     0
 }
 
-/// Reads the contacts for the first time, and prepares the handler, one level below the step
-/// interrupt and above all others.
+/// Reads the contacts for the first time, and starts TIM2 at a priority between that of the step
+/// interrupt and those of all others.
 #[expect(unsafe_code, reason = "a vector that RTIC does not manage")]
 pub(super) fn init(timer: &pac::TIM2, nvic: &mut NVIC) {
-    /// The step interrupt's level is 0xB0, the next task's 0xC0; the emulator keeps all eight bits.
-    const BETWEEN: u8 = 0xB8;
+    /// Between 5 and 4 of RTIC: the emulator keeps all eight bits of a priority.
+    const BETWEEN: u8 = u8::midpoint(nvic_priority(5), nvic_priority(4));
     let _ = memory::have_contacts_changed();
-    // Its counter must stay as it is: the emulator adds what it has been set back by to each period.
+    // The counter is not cleared: the emulator would add what it was set back by to each period.
     timer.dier().write(|w| w.uie().set_bit());
     timer.cr1().write(|w| w.cen().set_bit());
     timer.arr().write(|w| w.arr().set(PREEMPTION_NS));
@@ -108,17 +110,17 @@ pub(super) fn init(timer: &pac::TIM2, nvic: &mut NVIC) {
     }
 }
 
-/// Sets the time to the first event, ticks.
+/// Sets the time from now to the next event, ticks.
 pub(super) fn count(ticks: u32) {
     DUE.store(NOW.load(Relaxed).wrapping_add(ticks), Relaxed);
 }
 
-/// Returns when the event is due that is set up.
+/// Returns the time of the next event, ticks.
 fn due() -> u32 {
     DUE.load(Relaxed)
 }
 
-/// Lets time pass: for when no task has anything to do.
+/// Lets time pass while no task has work.
 pub(super) fn idle() {
     if step_timer::is_running() {
         RUNS_LEFT.store(2, Relaxed);
@@ -128,16 +130,16 @@ pub(super) fn idle() {
     }
 }
 
-/// Releases `prepare` after some milliseconds.
-pub(super) fn wake_in(milliseconds: u16) {
-    IS_WAKE.store(false, Relaxed);
-    WAKE_MS.store(milliseconds.into(), Relaxed);
+/// Begins a delay of `prepare`.
+pub(super) fn start_delay(delay_ms: u16) {
+    IS_DELAY_OVER.store(false, Relaxed);
+    DELAY_MS.store(delay_ms.into(), Relaxed);
 }
 
-/// Returns once whether the time of `prepare` is over.
-pub(super) fn take_wake() -> bool {
-    let is_over = IS_WAKE.load(Relaxed);
-    IS_WAKE.store(false, Relaxed);
+/// Takes the end of the delay of `prepare`.
+pub(super) fn take_delay_end() -> bool {
+    let is_over = IS_DELAY_OVER.load(Relaxed);
+    IS_DELAY_OVER.store(false, Relaxed);
     is_over
 }
 
@@ -147,22 +149,22 @@ pub(super) fn sample_every(ticks: u32) {
     IS_SAMPLING_NEW.store(true, Relaxed);
 }
 
-/// Returns whether `inputs` was released to take a sample.
-pub(super) fn is_sample() -> bool {
-    let is_sample = IS_SAMPLE.load(Relaxed);
+/// Takes the release of `inputs` for a sample.
+pub(super) fn take_sample_release() -> bool {
+    let is_released = IS_SAMPLE.load(Relaxed);
     IS_SAMPLE.store(false, Relaxed);
-    is_sample
+    is_released
 }
 
 #[unsafe(no_mangle)]
 #[expect(unsafe_code, reason = "a vector that RTIC does not manage")]
 extern "C" fn TIM2() {
     let _activation = trace::stand_in();
-    if has_counted() {
+    if take_overflow() {
         count_millisecond();
     }
     memory::record_duty();
-    // No time has passed since then.
+    // No time has passed since the period was set.
     if IS_SAMPLING_NEW.load(Relaxed) {
         IS_SAMPLING_NEW.store(false, Relaxed);
         let ticks = SAMPLE_TICKS.load(Relaxed);
@@ -172,35 +174,37 @@ extern "C" fn TIM2() {
         pend_vector(INPUTS);
     } else if !step_timer::is_running() {
         if SAMPLE_TICKS.load(Relaxed) != 0 {
-            take_sample();
+            release_for_sample();
         }
     } else if is_sample_first() {
-        take_sample();
+        release_for_sample();
     } else {
         play();
     }
 }
 
-/// Lets the event that is due happen, unless time must wait.
+/// Plays the next event, unless time waits.
 fn play() {
     let runs_left = RUNS_LEFT.load(Relaxed);
     if runs_left != 0 {
         RUNS_LEFT.store(runs_left - 1, Relaxed);
         memory::record(due());
         NOW.store(due(), Relaxed);
-        // The counter begins again with that; what the step interrupt writes is for the next time.
+        // As a counter at zero does, takes what is in the reload register before the step interrupt
+        // writes it.
         count(step_timer::reload_ticks());
         compiler_fence(SeqCst);
         SCB::set_pendst();
     }
 }
 
+/// Counts a millisecond of the delay of `prepare`.
 fn count_millisecond() {
-    let left = WAKE_MS.load(Relaxed);
+    let left = DELAY_MS.load(Relaxed);
     if left != 0 {
-        WAKE_MS.store(left - 1, Relaxed);
+        DELAY_MS.store(left - 1, Relaxed);
         if left == 1 {
-            IS_WAKE.store(true, Relaxed);
+            IS_DELAY_OVER.store(true, Relaxed);
             pend_vector(PREPARE);
         }
     }
@@ -212,8 +216,8 @@ fn is_sample_first() -> bool {
     SAMPLE_TICKS.load(Relaxed) != 0 && ahead.cast_signed() >= 0
 }
 
-/// Lets the time of a sample come.
-fn take_sample() {
+/// Advances the time to the next sample, and releases `inputs` for it.
+fn release_for_sample() {
     let due = SAMPLE_DUE.load(Relaxed);
     NOW.store(due, Relaxed);
     SAMPLE_DUE.store(due.wrapping_add(SAMPLE_TICKS.load(Relaxed)), Relaxed);
@@ -221,9 +225,9 @@ fn take_sample() {
     pend_vector(INPUTS);
 }
 
-/// Returns whether a millisecond has passed since this was asked last.
+/// Takes an overflow of TIM2: returns whether a millisecond has passed since the last call.
 #[expect(unsafe_code, reason = "nobody can hand the timer to a handler")]
-fn has_counted() -> bool {
+fn take_overflow() -> bool {
     // SAFETY: the handler alone uses the timer.
     let timer = unsafe { &*pac::TIM2::ptr() };
     let is_over = timer.sr().read().uif().bit_is_set();

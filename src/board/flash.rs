@@ -1,9 +1,14 @@
-//! The flash in which settings outlive power: sectors 1 and 2, 16 KiB each.
+//! The flash of the journal: sectors 1 and 2, 16 KiB each. RM0090 3.6, RM0390 3.5.
 //!
-//! The chip cannot read its flash while it erases or programs, so everything that runs from flash
-//! stands still: 16 µs for a word, 0.8 s for a sector. So it does at standstill only. Meanwhile the
-//! sender goes on, so the waiting is done by code in RAM, which receives its bytes. RM0090 3.6, RM0390
-//! 3.5.
+//! The chip cannot read its flash while it erases or programs, so code in flash stands still: 16 µs
+//! for a word, 0.8 s for a sector. Both are done at standstill only. The sender goes on meanwhile, so
+//! code in RAM waits for the end of an erase and receives the bytes.
+//!
+//! # Cost
+//!
+//! [`erase`] is in RAM, with everything that it calls inlined. It raises the threshold of the
+//! processor's priorities above that of every task: each would wait for the flash, with the
+//! receiver's bytes behind it.
 
 use cortex_m::register::basepri;
 use embedded_storage::nor_flash::{
@@ -11,39 +16,39 @@ use embedded_storage::nor_flash::{
 };
 use stm32f4xx_hal::pac::flash::cr::PSIZE;
 
-use super::{emulation, pac, serial::FlashEraseReceiver, step_timer};
+use super::{emulation, pac, serial::FlashEraseReceiver, step_timer, vectors::nvic_priority};
 
-/// Bytes of a sector, and of both.
+/// Bytes of a sector, and of both sectors.
 const SECTOR: usize = 16 * 1024;
 pub(super) const BOTH: usize = 2 * SECTOR;
-/// Number of the first sector.
-const FIRST: u8 = 1;
-/// Level of the step interrupt: as a threshold it keeps every task from running.
-const ALL_TASKS: u8 = (16 - 5) << 4;
-/// The keys that unlock programming and erasing.
+/// Number of the first of the sectors.
+const FIRST_SECTOR: u8 = 1;
+/// Threshold that masks every task: the priority of the step interrupt, the highest.
+const MASK_ALL_TASKS: u8 = nvic_priority(5);
+/// Keys that unlock programming and erasing.
 const KEYS: [u32; 2] = [0x4567_0123, 0xcdef_89ab];
 
 #[expect(unsafe_code, reason = "a symbol of the linker script")]
 unsafe extern "C" {
-    /// Where the first sector begins.
+    /// The two sectors.
     static mut _settings_start: [u32; BOTH / 4];
 }
 
-/// The two sectors, the flash's registers, and the receiver while a sector is erased: none
-/// before tasks run.
+/// The two sectors, with the registers of the flash and the receiver for the time of an erase,
+/// which is set before tasks run.
 pub(crate) struct SettingsFlash {
     registers: pac::FLASH,
     receiver: Option<FlashEraseReceiver>,
 }
 
-/// Why an operation fails.
+/// The reason for which an operation fails.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum FlashError {
     /// Not whole words or sectors.
     NotAligned,
     /// Beyond the end.
     OutOfBounds,
-    /// The chip refuses, or the machine has begun to move.
+    /// The chip reports an error, or the machine has begun to move.
     Refused,
 }
 
@@ -58,7 +63,7 @@ impl NorFlashError for FlashError {
 }
 
 impl SettingsFlash {
-    /// Takes over the registers.
+    /// Returns the sectors, without a receiver.
     pub(super) const fn new(registers: pac::FLASH) -> Self {
         Self {
             registers,
@@ -66,7 +71,7 @@ impl SettingsFlash {
         }
     }
 
-    /// Sets the receiver while a sector is erased.
+    /// Sets the receiver for the time of an erase.
     pub(super) fn set_receiver(&mut self, receiver: FlashEraseReceiver) {
         self.receiver = Some(receiver);
     }
@@ -88,7 +93,7 @@ impl SettingsFlash {
         let is_refused = !operation(flash, self.receiver.as_mut()) || has_errors(flash);
         clear_errors(flash);
         flash.cr().write(|w| w.lock().set_bit());
-        // What the cache holds of the sector is old.
+        // The data cache holds the sector as it was before.
         flash.acr().modify(|_, w| w.dcen().clear_bit());
         flash.acr().modify(|_, w| w.dcrst().set_bit());
         flash
@@ -118,7 +123,7 @@ impl ReadNorFlash for SettingsFlash {
         }
         let first = (&raw const _settings_start).cast::<u8>();
         for (byte, index) in bytes.iter_mut().zip(offset..) {
-            // SAFETY: `sector_offset` has made sure that it is in the sectors.
+            // SAFETY: `sector_offset` has checked that the byte is in the sectors.
             *byte = unsafe { first.add(index).read_volatile() };
         }
         Ok(())
@@ -142,7 +147,7 @@ impl NorFlash for SettingsFlash {
         }
         let sectors = offset / SECTOR..(offset + length as usize) / SECTOR;
         for sector in sectors {
-            self.operate(|flash, receiver| erase(flash, FIRST + sector as u8, receiver))?;
+            self.operate(|flash, receiver| erase(flash, FIRST_SECTOR + sector as u8, receiver))?;
         }
         Ok(())
     }
@@ -161,13 +166,14 @@ impl NorFlash for SettingsFlash {
                 flash
                     .cr()
                     .write(|w| w.psize().variant(PSIZE::Psize32).pg().set_bit());
-                // SAFETY: `sector_offset` keeps it in the sectors, which nothing refers to.
+                // SAFETY: `sector_offset` has checked that the word is in the sectors, which no
+                // reference points to.
                 unsafe { first.add(index).write_volatile(u32::from_le_bytes(word)) };
                 while flash.sr().read().bsy().bit_is_set() {}
                 true
             })?;
-            // The chip says nothing of a bit that was to be set and stays clear.
-            // SAFETY: see above.
+            // The chip reports no error for a bit that should be set and stays clear.
+            // SAFETY: as for the write.
             if unsafe { first.add(index).read_volatile() } != u32::from_le_bytes(word) {
                 return Err(FlashError::Refused);
             }
@@ -176,7 +182,11 @@ impl NorFlash for SettingsFlash {
     }
 }
 
-/// Returns the offset in the sectors at which an operation begins.
+/// Returns the offset at which an operation begins.
+///
+/// # Errors
+///
+/// If the operation is not in the sectors, or not on whole units.
 fn sector_offset(offset: u32, length: usize, unit: usize) -> Result<usize, FlashError> {
     let offset = offset as usize;
     if !offset.is_multiple_of(unit) || !length.is_multiple_of(unit) {
@@ -200,23 +210,20 @@ fn clear_errors(flash: &pac::FLASH) {
     });
 }
 
-/// Erases a sector, and receives what the sender sends meanwhile. Returns false, with nothing done,
-/// while the step timer runs: the door may have been opened, and Z be on its way to be parked.
-///
-/// Runs from RAM, and calls nothing that does not. No task runs, as each would wait for the flash
-/// with the receiver's bytes behind it.
+/// Erases a sector, and receives the bytes that come meanwhile. Returns false, with nothing erased,
+/// while the step timer runs: the door may have been opened, and Z may be on its way to be parked.
 #[inline(never)]
 #[unsafe(link_section = ".data.erase")]
 #[expect(unsafe_code, reason = "a section in RAM, and the tasks' threshold")]
 fn erase(flash: &pac::FLASH, sector: u8, mut receiver: Option<&mut FlashEraseReceiver>) -> bool {
     let threshold = basepri::read();
-    // SAFETY: the threshold only rises, for the time of this function.
-    unsafe { basepri::write(ALL_TASKS) };
+    // SAFETY: the threshold masks more than before, for the time of this function.
+    unsafe { basepri::write(MASK_ALL_TASKS) };
     let is_still = !step_timer::is_running();
     if is_still {
         flash.cr().write(|w| {
             w.psize().variant(PSIZE::Psize32);
-            // SAFETY: one of the numbers of sectors.
+            // SAFETY: a sector of this number exists.
             unsafe { w.snb().bits(sector) };
             w.ser().set_bit().strt().set_bit()
         });
@@ -226,7 +233,7 @@ fn erase(flash: &pac::FLASH, sector: u8, mut receiver: Option<&mut FlashEraseRec
             }
         }
     }
-    // SAFETY: as it was before.
+    // SAFETY: the threshold of before.
     unsafe { basepri::write(threshold) };
     is_still
 }

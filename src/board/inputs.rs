@@ -1,9 +1,15 @@
-//! Input pins: what releases `inputs`, and what it reads.
+//! Input pins: the interrupts that release `inputs`, and the reading of the pins.
 //!
-//! An edge on a pin releases the task at once, and then no other edge does for four samples, nor
-//! before one has found nothing new. The timer releases the task for the samples, 250 µs apart. So
-//! whatever contacts and noise do, there are at most five runs in a millisecond. The timer also
-//! releases the task each millisecond, for pins that share their interrupt line with another's.
+//! An edge on a pin releases the task at once and masks all lines until four samples have been
+//! taken and the last one has found no change. The timer, TIM7, releases the task for the samples,
+//! 250 µs apart. So there are at most five runs in a millisecond, whatever contacts and noise do.
+//! The timer also releases the task each millisecond, for pins that share their interrupt line with
+//! another pin.
+//!
+//! # Cost
+//!
+//! `inputs` has a deadline: everything in a run is inlined, and the loop over the pins has the bound of
+//! the longest table of a board.
 
 use leadscrew::{
     machine::{Inputs, SAMPLE_TICKS, SAMPLES, Watch},
@@ -15,25 +21,28 @@ use leadscrew::{
 
 use super::{
     ChipPlatform, chosen, emulation, pac,
-    step_output::{StepInterrupt, StepSwitch},
+    step_output::{StepInterrupt, StepTimerToken},
+    vectors,
 };
 
-/// Time between two runs while nothing happens, µs.
-const SLOW_US: u16 = 1000;
+/// Time between two runs while the inputs do not change, µs.
+const IDLE_PERIOD_US: u16 = 1000;
 /// Time between two samples, µs.
-const SAMPLE_US: u16 = (SAMPLE_TICKS / TICKS_PER_US) as u16;
+const SAMPLE_PERIOD_US: u16 = (SAMPLE_TICKS / TICKS_PER_US) as u16;
 
-/// Time for the pull-ups, 30 to 50 kΩ, to raise the cables of open contacts: 100 µs.
-const RISE_CYCLES: u32 = 16_800;
+/// Time for the pull-ups to raise the cables of open contacts, core cycles: 100 µs, in which 50 kΩ
+/// bring 1.6 nF, 16 m of cable, to the 0.7 of the supply that reads as high (data sheet, I/O
+/// characteristics).
+const PULL_UP_CYCLES: u32 = 16_800;
 
-/// Priority 3 as the NVIC has it: that of `inputs`, whose timer RTIC knows.
-const PRIORITY: u8 = (16 - 3) << 4;
+/// Priority of `inputs` in `src/app.rs`.
+const PRIORITY: u8 = 3;
 
-/// Lines that interrupt, one bit for each.
+/// Interrupt lines of the inputs, one bit for each.
 const LINES: u32 = lines();
 
-/// The pins and what interrupts for them.
-pub(crate) struct InputTimer {
+/// The timer and the interrupt lines of the inputs, set up.
+pub(crate) struct InputInterrupts {
     timer: pac::TIM7,
     exti: pac::EXTI,
 }
@@ -44,16 +53,16 @@ pub(crate) struct InputPins {
     exti: pac::EXTI,
     watch: Watch,
     events: EventTap<'static>,
-    /// Samples are taken.
+    /// Whether samples are being taken.
     is_sampling: bool,
-    /// Samples before another edge may release the task.
-    silent: u32,
+    /// Samples before the lines may be unmasked.
+    masked_samples: u32,
 }
 
-impl InputTimer {
-    /// Sets up the pins, the timer and the lines' interrupts. The clocks of the ports, of the timer
-    /// and of SYSCFG must run; the timer's is 84 MHz.
-    #[expect(unsafe_code, reason = "vectors that RTIC does not manage")]
+impl InputInterrupts {
+    /// Sets up the pins, the timer and the interrupt lines. The clocks of the ports, of the timer
+    /// (84 MHz) and of SYSCFG must run.
+    #[expect(unsafe_code, reason = "raw words for registers")]
     pub(super) fn new(
         timer: pac::TIM7,
         exti: pac::EXTI,
@@ -63,32 +72,25 @@ impl InputTimer {
         for (_, pin) in chosen::WIRING.inputs {
             pin.make_input();
         }
-        cortex_m::asm::delay(RISE_CYCLES);
-        choose_ports(syscfg);
+        cortex_m::asm::delay(PULL_UP_CYCLES);
+        connect_lines(syscfg);
         // SAFETY: the bits of lines that exist.
         unsafe {
             exti.rtsr().write(|w| w.bits(LINES));
             exti.ftsr().write(|w| w.bits(LINES));
             exti.imr().write(|w| w.bits(LINES));
         }
-        for vector in VECTORS {
-            // SAFETY: RTIC keeps interrupts off until `init` has returned, and the priority is that
-            // of the only task that the vectors call.
-            unsafe {
-                nvic.set_priority(vector, PRIORITY);
-                pac::NVIC::unmask(vector);
-            }
-        }
+        vectors::unmask(nvic, &LINE_VECTORS, PRIORITY);
         timer.psc().write(|w| w.psc().set(84 - 1));
         timer.cr1().write(|w| w.urs().set_bit());
         timer.dier().write(|w| w.uie().set_bit());
         let new = Self { timer, exti };
-        set_period(&new.timer, SLOW_US);
+        set_period(&new.timer, IDLE_PERIOD_US);
         new.timer.cr1().write(|w| w.urs().set_bit().cen().set_bit());
         new
     }
 
-    /// Watches the pins from now on.
+    /// Returns the pins with their filter, which has the present levels, and the inputs.
     pub(crate) fn watch(self, events: EventTap<'static>) -> (InputPins, Inputs) {
         let wired = chosen::WIRING.inputs.iter();
         let inputs = Inputs::wired(wired.fold(Levels::NONE, |wired, (input, _)| wired | *input));
@@ -98,27 +100,31 @@ impl InputTimer {
             watch: Watch::new(read(), &inputs),
             events,
             is_sampling: false,
-            silent: 0,
+            masked_samples: 0,
         };
         (pins, inputs)
     }
 }
 
 impl InputPins {
-    /// The body of `inputs`.
+    /// Runs `inputs`.
     #[inline]
-    pub(crate) fn serve(&mut self, shared: Unlocked<'_>, switch: impl rtic::Mutex<T = StepSwitch>) {
+    pub(crate) fn serve(
+        &mut self,
+        shared: Unlocked<'_>,
+        token: impl rtic::Mutex<T = StepTimerToken>,
+    ) {
         let mut steps = StepInterrupt {
-            switch,
+            token,
             played: self.events,
         };
         let is_sample = take_due(&self.timer) && self.is_sampling;
-        // Before the pins are read: what comes later must not be missed.
+        // Before the pins are read, so that no later change is missed.
         let has_edge = if is_sample {
-            self.forget_edges();
+            self.clear_edges();
             false
         } else {
-            self.silence()
+            self.mask_lines_after_edge()
         };
         let trigger = if is_sample {
             InputTrigger::Sample
@@ -135,8 +141,8 @@ impl InputPins {
             &mut ChipPlatform,
         );
         if is_sample {
-            self.silent = self.silent.saturating_sub(1);
-            if !needs_sample && self.silent == 0 {
+            self.masked_samples = self.masked_samples.saturating_sub(1);
+            if !needs_sample && self.masked_samples == 0 {
                 self.stop_sampling();
             }
         } else {
@@ -144,36 +150,36 @@ impl InputPins {
                 self.start_sampling();
             }
             if has_edge {
-                unpend();
+                clear_pending();
             }
         }
     }
 
-    /// Lets no line interrupt any more if one has. Returns whether one has. The pins are read after
-    /// this: a later change is left for the sample.
+    /// Masks all lines if an edge has come. Returns whether one has. The pins are read after this:
+    /// the sample sees a later change.
     #[inline]
     #[expect(unsafe_code, reason = "raw words for registers")]
-    fn silence(&mut self) -> bool {
+    fn mask_lines_after_edge(&mut self) -> bool {
         let has_edge = self.exti.pr().read().bits() & LINES != 0;
         if has_edge {
-            // SAFETY: no line but those of this task interrupts.
+            // SAFETY: only lines of this task are unmasked.
             unsafe { self.exti.imr().write(|w| w.bits(0)) };
         }
         has_edge
     }
 
-    /// Clears the edges so far. The pins are read after this: a later change is an edge.
+    /// Clears the edges that have come. The pins are read after this: a later change is a new edge.
     #[inline]
     #[expect(unsafe_code, reason = "raw words for a register")]
-    fn forget_edges(&mut self) {
+    fn clear_edges(&mut self) {
         // SAFETY: the bits of lines that exist; a one clears.
         unsafe { self.exti.pr().write(|w| w.bits(LINES)) };
     }
 
-    /// Lets all lines interrupt again.
+    /// Unmasks all lines.
     #[inline]
     #[expect(unsafe_code, reason = "raw words for a register")]
-    fn listen(&mut self) {
+    fn unmask_lines(&mut self) {
         // SAFETY: the bits of lines that exist.
         unsafe { self.exti.imr().write(|w| w.bits(LINES)) };
     }
@@ -181,26 +187,26 @@ impl InputPins {
     #[inline]
     fn start_sampling(&mut self) {
         self.is_sampling = true;
-        self.silent = SAMPLES;
-        set_period(&self.timer, SAMPLE_US);
+        self.masked_samples = SAMPLES;
+        set_period(&self.timer, SAMPLE_PERIOD_US);
         emulation::sample_every(SAMPLE_TICKS);
     }
 
     #[inline]
     fn stop_sampling(&mut self) {
         self.is_sampling = false;
-        // The counter is below that, and goes on.
-        self.timer.arr().write(|w| w.arr().set(SLOW_US - 1));
+        // The counter is below the new period, and goes on.
+        self.timer.arr().write(|w| w.arr().set(IDLE_PERIOD_US - 1));
         emulation::sample_every(0);
-        self.listen();
+        self.unmask_lines();
     }
 }
 
-/// Releases the task no more for other lines' edges: the pins have been read, and all are silent.
+/// Clears releases of the task by other lines: the pins have been read, and the lines are masked.
 #[inline]
 #[expect(unsafe_code, reason = "raw words for registers")]
-fn unpend() {
-    // SAFETY: only vectors of this task are released no more.
+fn clear_pending() {
+    // SAFETY: the vectors are those of this task.
     unsafe {
         let nvic = &*pac::NVIC::PTR;
         nvic.icpr[0].write(PENDING[0]);
@@ -208,24 +214,24 @@ fn unpend() {
     }
 }
 
-/// Returns once whether the timer, or the emulator, releases the task for a sample.
+/// Takes the overflow of the timer, or the emulator's release for a sample.
 #[inline]
 fn take_due(timer: &pac::TIM7) -> bool {
-    let is_due = timer.sr().read().uif().bit_is_set() || emulation::is_sample();
+    let is_due = timer.sr().read().uif().bit_is_set() || emulation::take_sample_release();
     if is_due {
         timer.sr().write(|w| w.uif().clear_bit());
     }
     is_due
 }
 
-/// Ticks, of a microsecond each, since the timer released the task; `None` if it has not.
+/// Returns the time since the timer released the task, µs; `None` if the timer has not.
 #[cfg(feature = "trace")]
 #[inline]
 #[expect(unsafe_code, reason = "the task owns the timer")]
-pub(super) fn timer_age() -> Option<u16> {
+pub(super) fn timer_release_age_us() -> Option<u16> {
     // SAFETY: reads registers without side effects.
     let timer = unsafe { &*pac::TIM7::ptr() };
-    // In this order: the flag of a time that ends in between must not go with the time before it.
+    // In this order: the flag of a period that ends in between must not go with the period before.
     let is_due = timer.sr().read().uif().bit_is_set();
     let age = timer.cnt().read().cnt().bits();
     is_due.then_some(age)
@@ -236,7 +242,7 @@ fn set_period(timer: &pac::TIM7, period_us: u16) {
     timer.egr().write(|w| w.ug().set_bit());
 }
 
-/// Returns the contacts that are closed: those whose pins are low.
+/// Returns the closed contacts: a closed contact pulls its pin low.
 #[inline]
 #[expect(unsafe_code, reason = "pins are chosen by a table, not by type")]
 fn read() -> Levels {
@@ -261,7 +267,7 @@ fn read() -> Levels {
     closed
 }
 
-/// Returns the lines of all inputs.
+/// Returns the interrupt lines of all inputs.
 const fn lines() -> u32 {
     let inputs = chosen::WIRING.inputs;
     let (mut lines, mut index) = (0, 0);
@@ -272,9 +278,9 @@ const fn lines() -> u32 {
     lines
 }
 
-/// Connects each line with the port of the first input that has its number.
+/// Connects each line to the port of the first input whose pin has the number of the line.
 #[expect(unsafe_code, reason = "pins are chosen by a table, not by type")]
-fn choose_ports(syscfg: &pac::SYSCFG) {
+fn connect_lines(syscfg: &pac::SYSCFG) {
     let mut words = [0; 4];
     for (_, pin) in chosen::WIRING.inputs.iter().rev() {
         let (port, number) = pin.port_and_number();
@@ -291,37 +297,27 @@ fn choose_ports(syscfg: &pac::SYSCFG) {
     }
 }
 
-/// Makes the vectors of all lines call `inputs`.
-macro_rules! call_inputs {
-    ($($vector:ident),*) => {
-        const VECTORS: [pac::Interrupt; 7] = [$(pac::Interrupt::$vector),*];
-        $(
-            #[unsafe(no_mangle)]
-            #[expect(unsafe_code, reason = "the handler is RTIC's")]
-            extern "C" fn $vector() {
-                // SAFETY: the vector of `inputs`, whose priority this one has: the task is never
-                // interrupted by itself.
-                unsafe { TIM7() }
-            }
-        )*
-    };
-}
+/// The vectors of all lines.
+const LINE_VECTORS: [pac::Interrupt; 7] = [
+    pac::Interrupt::EXTI0,
+    pac::Interrupt::EXTI1,
+    pac::Interrupt::EXTI2,
+    pac::Interrupt::EXTI3,
+    pac::Interrupt::EXTI4,
+    pac::Interrupt::EXTI9_5,
+    pac::Interrupt::EXTI15_10,
+];
 
-/// The vectors' bits in the registers that release.
+vectors::forward_vectors!(EXTI0, EXTI1, EXTI2, EXTI3, EXTI4, EXTI9_5, EXTI15_10 => TIM7);
+
+/// The bits of these vectors in the first two registers of the NVIC that clear releases.
 const PENDING: [u32; 2] = {
     let mut words = [0; 2];
     let mut index = 0;
-    while index < VECTORS.len() {
-        let number = VECTORS[index] as usize;
+    while index < LINE_VECTORS.len() {
+        let number = LINE_VECTORS[index] as usize;
         words[number / 32] |= 1 << (number % 32);
         index += 1;
     }
     words
 };
-
-call_inputs!(EXTI0, EXTI1, EXTI2, EXTI3, EXTI4, EXTI9_5, EXTI15_10);
-
-#[expect(unsafe_code, reason = "the handler is RTIC's")]
-unsafe extern "C" {
-    fn TIM7();
-}

@@ -2,6 +2,11 @@
 //!
 //! A board module says which pins the machine is wired to and sets up the clocks; what the boards
 //! have in common is here. Everything that needs `unsafe` is in this folder.
+//!
+//! # Cost
+//!
+//! Flash is read without prefetch: lines that the prefetch buffer serves never enter the instruction
+//! cache. Without it, interrupts that run again and again are faster, and their worst case is lower.
 
 #[cfg(feature = "emulated")]
 mod emulation;
@@ -23,7 +28,7 @@ use nucleo_f446re as chosen;
 pub(crate) use nucleo_f446re::init;
 
 mod actuators;
-
+mod delay_timer;
 mod flash;
 mod inputs;
 mod outputs;
@@ -42,15 +47,15 @@ pub(crate) mod trace;
 #[cfg(not(feature = "trace"))]
 #[path = "no_trace.rs"]
 pub(crate) mod trace;
-mod wake;
+mod vectors;
 mod wiring;
 
 pub(crate) use actuators::Actuators;
-pub(crate) use inputs::{InputPins, InputTimer};
+pub(crate) use inputs::{InputInterrupts, InputPins};
 pub(crate) use release::ChipPlatform;
 pub(crate) use serial::Receiver;
 pub(crate) use serial_session::{SerialSession, power_up};
-pub(crate) use step_output::{StepInterrupt, StepPins, StepSwitch};
+pub(crate) use step_output::{StepInterrupt, StepPins, StepTimerToken};
 pub(crate) use stm32f4xx_hal::pac;
 pub(crate) use storage::Storage;
 
@@ -61,37 +66,35 @@ use stm32f4xx_hal::rcc::{Config, Enable, Rcc, RccExt};
 pub(crate) struct Board {
     /// Step and direction pins, and their timer.
     pub(crate) output: StepPins,
-    /// What starts and stops that.
-    pub(crate) step: StepSwitch,
-    /// What comes from the sender.
+    /// Token of the tasks that start and stop that timer.
+    pub(crate) step_timer: StepTimerToken,
+    /// Receiving half of the sender's USART.
     pub(crate) receiver: Receiver,
     /// Switches, probe and buttons.
-    pub(crate) inputs: InputTimer,
-    /// Spindle, coolant and drivers, and what releases `prepare` after a time.
+    pub(crate) inputs: InputInterrupts,
+    /// Spindle, coolant and drivers, and the timer that releases `prepare`.
     pub(crate) actuators: Actuators,
-    /// Where settings are stored, and what is stored there.
+    /// The journal in flash.
     pub(crate) storage: Storage,
+    /// Contents of the journal at power-up.
     pub(crate) loaded: Loaded,
 }
 
-/// Runs the core at the clock that `config` asks for, and flash without prefetch.
-///
-/// Lines that the prefetch buffer serves never enter the instruction cache, so without it code is
-/// faster where it counts, in interrupts that run again and again, and its worst case is lower.
+/// Sets the clocks to those of `config`, and reads flash without prefetch.
 fn start_clocks(rcc: pac::RCC, flash: &pac::FLASH, config: Config) -> Rcc {
     let rcc = rcc.freeze(config);
     flash.acr().modify(|_, w| w.prften().clear_bit());
     rcc
 }
 
-/// Lets the clocks of what all boards use run. Ports have theirs already.
+/// Starts the clocks of the peripherals that all boards use. Those of the GPIO ports run already.
 fn enable_clocks(rcc: &mut Rcc) {
     pac::TIM6::enable(rcc);
     pac::TIM7::enable(rcc);
     pac::SYSCFG::enable(rcc);
 }
 
-/// Sleeps until an interrupt has come since this was called last.
+/// Sleeps until an interrupt comes; returns at once if one has come since the last call.
 pub(crate) fn sleep() {
     if emulation::is_emulated() {
         emulation::idle();

@@ -20,8 +20,8 @@
 //!
 //! Inputs are closed when connected to ground. The sender is on USART1, 115 200 baud, PB6 (TX) and
 //! PB7 (RX): the header's SDA and SCL. The shield's pins are those of Grbl with variable spindle:
-//! Z's switch is at the spindle enable pins, and the PWM at those of Z. Where more axes need
-//! the pins, something else has to make room, as the tables say.
+//! Z's switch is at the spindle enable pins, and the PWM at those of Z. With more axes, other
+//! functions leave their pins to them, as the tables show.
 
 use cortex_m::Peripherals as Core;
 use leadscrew::{
@@ -35,17 +35,17 @@ use stm32f4xx_hal::{
 };
 
 use super::{
-    Actuators, Board, InputTimer, Receiver, StepPins, StepSwitch, Storage, emulation,
+    Actuators, Board, InputInterrupts, Receiver, StepPins, StepTimerToken, Storage, emulation,
     flash::SettingsFlash,
     pac, pins,
     step_timer::StepTimer,
-    wiring::{Pin, Switches, Wiring, limit_switch},
+    wiring::{AccessoryPins, Pin, Wiring, limit_switch},
 };
 
-/// The port of the sender.
+/// The USART of the sender.
 pub(super) type Usart = pac::USART1;
 
-/// The shield's pins.
+/// The pins of the shield.
 pub(super) static WIRING: Wiring = Wiring {
     step: [
         Pin::A(3),
@@ -64,7 +64,7 @@ pub(super) static WIRING: Wiring = Wiring {
         Pin::C(7),
     ],
     enable: Pin::A(0),
-    switches: Switches {
+    accessories: AccessoryPins {
         spindle: Some(Pin::C(6)),
         counter_clockwise: if AXES == 3 { Some(Pin::B(13)) } else { None },
         flood: Some(Pin::C(3)),
@@ -141,22 +141,22 @@ pub(crate) fn init(device: pac::Peripherals, mut core: Core) -> Board {
         .expect("115200 baud divides the APB2 clock");
     let (usart, _) = serial.release();
     init_pwm(&device.TIM12, &mut rcc);
-    // Before what may take its time: spindle and laser must not be on by chance.
+    // Before the journal is read, which takes long: spindle and laser must be off.
     let actuators = Actuators::new(device.TIM6);
     let (storage, loaded) = Storage::load(SettingsFlash::new(device.FLASH));
     pins::init(&loaded.stored.settings);
     Board {
-        step: StepSwitch::new(),
+        step_timer: StepTimerToken::new(),
         output: StepPins::new(StepTimer::new(core.SYST)),
         receiver: Receiver::new(usart),
-        inputs: InputTimer::new(device.TIM7, device.EXTI, &device.SYSCFG, &mut core.NVIC),
+        inputs: InputInterrupts::new(device.TIM7, device.EXTI, &device.SYSCFG, &mut core.NVIC),
         actuators,
         storage,
         loaded,
     }
 }
 
-/// Lets the PWM run at 5.1 kHz: 84 MHz through 16 and [`Outputs::FULL`].
+/// Starts the PWM at 5.1 kHz: 84 MHz through 16 and [`Outputs::FULL`].
 fn init_pwm(timer: &pac::TIM12, rcc: &mut Rcc) {
     pac::TIM12::enable(rcc);
     timer.psc().write(|w| w.psc().set(16 - 1));
@@ -171,8 +171,11 @@ fn init_pwm(timer: &pac::TIM12, rcc: &mut Rcc) {
 
 /// Sets the high time of the PWM from its next period on, 0 to [`Outputs::FULL`].
 #[inline]
-#[expect(unsafe_code, reason = "two tasks set it, never at the same time")]
+#[expect(
+    unsafe_code,
+    reason = "two tasks set the register, never at the same time"
+)]
 pub(super) fn set_pulse(duty: u32) {
-    // SAFETY: a single write, and the register is used for nothing else.
+    // SAFETY: a single write to a register that only this function uses.
     unsafe { (*pac::TIM12::ptr()).ccr2().write(|w| w.bits(duty)) };
 }

@@ -1,4 +1,4 @@
-//! Boards that no emulator stands for: what `emulation` does for the one it does.
+//! The functions of `emulation` on boards that no emulator stands for: they do nothing.
 
 use leadscrew::model::{Levels, Outputs};
 
@@ -7,7 +7,7 @@ pub(super) const fn is_emulated() -> bool {
     false
 }
 
-/// Counts the time to the first event.
+/// Sets the time to the next event.
 pub(super) const fn count(_ticks: u32) {}
 
 /// Lets time pass.
@@ -18,30 +18,30 @@ pub(super) const fn contacts() -> Levels {
     Levels::NONE
 }
 
-/// Returns whether the sampling timer released `inputs`.
-pub(super) const fn is_sample() -> bool {
+/// Takes the release of `inputs` for a sample.
+pub(super) const fn take_sample_release() -> bool {
     false
 }
 
-/// Sets the sampling timer.
+/// Sets the time between two samples of the contacts.
 pub(super) const fn sample_every(_ticks: u32) {}
 
-/// Sets the timer of `prepare`.
-pub(super) const fn wake_in(_milliseconds: u16) {}
+/// Begins a delay of `prepare`.
+pub(super) const fn start_delay(_delay_ms: u16) {}
 
-/// Returns whether the time of `prepare` is over.
-pub(super) const fn take_wake() -> bool {
+/// Takes the end of the delay of `prepare`.
+pub(super) const fn take_delay_end() -> bool {
     false
 }
 
-/// Keeps a record of what is switched.
-pub(super) const fn switched(_outputs: &Outputs) {}
+/// Records the outputs.
+pub(super) const fn record_outputs(_outputs: &Outputs) {}
 
 /// Reads emulated flash.
-pub(super) const fn read_flash(_place: usize, _bytes: &mut [u8]) {}
+pub(super) const fn read_flash(_offset: usize, _bytes: &mut [u8]) {}
 
 /// Programs emulated flash.
-pub(super) const fn write_flash(_place: usize, _bytes: &[u8]) {}
+pub(super) const fn write_flash(_offset: usize, _bytes: &[u8]) {}
 
 /// Erases emulated flash.
-pub(super) const fn erase_flash(_place: usize, _length: usize) {}
+pub(super) const fn erase_flash(_offset: usize, _length: usize) {}

@@ -1,4 +1,4 @@
-//! Without the feature `trace` nothing is recorded: what `trace` does, as nothing.
+//! The functions of `trace` without the feature: they record nothing.
 
 /// An activation.
 pub(crate) struct Activation;
@@ -40,11 +40,11 @@ pub(super) const fn stand_in() -> Activation {
     Activation
 }
 
-/// Keeps the time of a release.
+/// Records the time of a release.
 #[inline]
 pub(super) const fn release(_vector: super::pac::Interrupt) {}
 
-/// Lets the cycle counter run.
+/// Starts the cycle counter.
 pub(super) const fn init(
     _control: &mut cortex_m::peripheral::DCB,
     _watch: &mut cortex_m::peripheral::DWT,

@@ -36,20 +36,23 @@ use stm32f4xx_hal::{
 };
 
 use super::{
-    Actuators, Board, InputTimer, Receiver, StepPins, StepSwitch, Storage,
+    Actuators, Board, InputInterrupts, Receiver, StepPins, StepTimerToken, Storage,
     flash::SettingsFlash,
     pac, pins,
     step_timer::StepTimer,
-    wiring::{Pin, Switches, Wiring, limit_switch},
+    vectors,
+    wiring::{AccessoryPins, Pin, Wiring, limit_switch},
 };
 
-/// The port of the sender.
+/// The USART of the sender.
 pub(super) type Usart = pac::USART2;
 
-/// RTIC's priority 4 as the NVIC has it.
-const SERIAL_PRIORITY: u8 = (16 - 4) << 4;
+/// Priority of `serial_rx` in `src/app.rs`.
+const SERIAL_PRIORITY: u8 = 4;
 
-/// The shield's pins.
+vectors::forward_vectors!(USART2 => USART1);
+
+/// The pins of the shield.
 pub(super) static WIRING: Wiring = Wiring {
     step: [
         Pin::A(10),
@@ -68,7 +71,7 @@ pub(super) static WIRING: Wiring = Wiring {
         Pin::B(13),
     ],
     enable: Pin::A(9),
-    switches: Switches {
+    accessories: AccessoryPins {
         spindle: Some(Pin::C(5)),
         counter_clockwise: Some(if AXES == 3 { Pin::A(5) } else { Pin::C(6) }),
         flood: Some(Pin::B(0)),
@@ -91,7 +94,7 @@ pub(super) static WIRING: Wiring = Wiring {
     },
 };
 
-/// Inputs with more than three axes; the limit switches of axes that are not there come last.
+/// Inputs with more than three axes; the limit switches of axes that the machine may lack come last.
 const INPUTS: &[(Levels, Pin)] = &[
     (Levels::PROBE, Pin::C(0)),
     (Levels::HOLD, Pin::A(1)),
@@ -105,19 +108,6 @@ const INPUTS: &[(Levels, Pin)] = &[
     (limit_switch(4), Pin::C(12)),
     (limit_switch(5), Pin::C(2)),
 ];
-
-/// Runs `serial_rx`, which the table of tasks binds to USART1: RTIC 2 takes neither one task with two
-/// bindings nor two tasks with the same resources, also not under `#[cfg]`.
-#[unsafe(no_mangle)]
-#[expect(unsafe_code, reason = "the handler is RTIC's")]
-extern "C" fn USART2() {
-    unsafe extern "C" {
-        fn USART1();
-    }
-    // SAFETY: `serial_rx`'s vector. USART1 is not in use, and USART2 has the priority that RTIC
-    // gives USART1, so this is the task's only activation.
-    unsafe { USART1() }
-}
 
 /// Sets up clocks and pins: 168 MHz from the ST-LINK's 8 MHz.
 ///
@@ -142,24 +132,24 @@ pub(crate) fn init(device: pac::Peripherals, mut core: Core) -> Board {
     let serial = serial::Serial::<_, u8>::new(device.USART2, pins, config, &mut rcc)
         .expect("115200 baud divides the APB1 clock");
     let (usart, _) = serial.release();
-    release_usart2(&mut core.NVIC);
+    vectors::unmask(&mut core.NVIC, &[pac::Interrupt::USART2], SERIAL_PRIORITY);
     init_pwm(&device.TIM14, &mut rcc);
-    // Before what may take its time: spindle and laser must not be on by chance.
+    // Before the journal is read, which takes long: spindle and laser must be off.
     let actuators = Actuators::new(device.TIM6);
     let (storage, loaded) = Storage::load(SettingsFlash::new(device.FLASH));
     pins::init(&loaded.stored.settings);
     Board {
-        step: StepSwitch::new(),
+        step_timer: StepTimerToken::new(),
         output: StepPins::new(StepTimer::new(core.SYST)),
         receiver: Receiver::new(usart),
-        inputs: InputTimer::new(device.TIM7, device.EXTI, &device.SYSCFG, &mut core.NVIC),
+        inputs: InputInterrupts::new(device.TIM7, device.EXTI, &device.SYSCFG, &mut core.NVIC),
         actuators,
         storage,
         loaded,
     }
 }
 
-/// Lets the PWM run at 5.1 kHz: 84 MHz through 16 and [`Outputs::FULL`].
+/// Starts the PWM at 5.1 kHz: 84 MHz through 16 and [`Outputs::FULL`].
 fn init_pwm(timer: &pac::TIM14, rcc: &mut Rcc) {
     pac::TIM14::enable(rcc);
     timer.psc().write(|w| w.psc().set(16 - 1));
@@ -174,19 +164,11 @@ fn init_pwm(timer: &pac::TIM14, rcc: &mut Rcc) {
 
 /// Sets the high time of the PWM from its next period on, 0 to [`Outputs::FULL`].
 #[inline]
-#[expect(unsafe_code, reason = "two tasks set it, never at the same time")]
+#[expect(
+    unsafe_code,
+    reason = "two tasks set the register, never at the same time"
+)]
 pub(super) fn set_pulse(duty: u32) {
-    // SAFETY: a single write, and the register is used for nothing else.
+    // SAFETY: a single write to a register that only this function uses.
     unsafe { (*pac::TIM14::ptr()).ccr1().write(|w| w.bits(duty)) };
-}
-
-/// Gives USART2 the priority of `serial_rx` and lets it interrupt, once `init` has returned.
-#[expect(unsafe_code, reason = "a vector that RTIC does not manage")]
-fn release_usart2(nvic: &mut pac::NVIC) {
-    // SAFETY: RTIC keeps interrupts off until `init` has returned, and no lock of a lower ceiling
-    // guards what `serial_rx` uses.
-    unsafe {
-        nvic.set_priority(pac::Interrupt::USART2, SERIAL_PRIORITY);
-        pac::NVIC::unmask(pac::Interrupt::USART2);
-    }
 }

@@ -1,6 +1,11 @@
 //! Spindle, laser and coolant outputs.
 //!
-//! `prepare` switches; the duty of the PWM alone also changes with the segments, in `segment_start`.
+//! `prepare` switches the outputs; `segment_start` changes only the duty of the PWM, with the segments.
+//!
+//! # Cost
+//!
+//! The duty is kept in memory and written only when it changes: the register of the timer is on the
+//! slow bus.
 
 use core::sync::atomic::{AtomicU32, Ordering::Relaxed};
 
@@ -11,21 +16,23 @@ use super::{
     wiring::{Pin, Wiring},
 };
 
-/// The duty output now: the timer's register is slow to reach.
+/// The duty that is output.
 static DUTY: AtomicU32 = AtomicU32::new(0);
 
-/// What `prepare` switches.
+/// The outputs that `prepare` switches, with their present state.
 pub(crate) struct SwitchOutputs(Outputs);
 
 impl SwitchOutputs {
-    /// Makes outputs of the pins, with everything off. The ports' clocks must run.
+    /// Makes outputs of the pins, all off. The clocks of the ports must run.
     pub(super) fn new() -> Self {
-        let Wiring { switches, pwm, .. } = &chosen::WIRING;
+        let Wiring {
+            accessories, pwm, ..
+        } = &chosen::WIRING;
         let pins = [
-            switches.spindle,
-            switches.counter_clockwise,
-            switches.flood,
-            switches.mist,
+            accessories.spindle,
+            accessories.counter_clockwise,
+            accessories.flood,
+            accessories.mist,
         ];
         let off = Outputs::default();
         switch(&off);
@@ -36,7 +43,7 @@ impl SwitchOutputs {
         Self(off)
     }
 
-    /// Switches what has changed, but for the duty.
+    /// Switches the outputs that have changed; not the duty.
     pub(super) fn apply(&mut self, outputs: &Outputs) {
         if *outputs != self.0 {
             if outputs.drivers != self.0.drivers {
@@ -44,32 +51,32 @@ impl SwitchOutputs {
             }
             self.0 = *outputs;
             switch(outputs);
-            emulation::switched(outputs);
+            emulation::record_outputs(outputs);
         }
     }
 }
 
-/// Switches everything off whatever it was: after a fault, when no task runs any more.
+/// Switches everything off, after a fault, when no task runs any more.
 pub(super) fn switch_off() {
     chosen::set_pulse(0);
     switch(&Outputs::default());
 }
 
-/// Switches everything but the duty.
+/// Switches all outputs but the duty.
 fn switch(outputs: &Outputs) {
-    let switches = &chosen::WIRING.switches;
+    let accessories = &chosen::WIRING.accessories;
     let is_reversed = outputs.spindle == Spindle::CounterClockwise;
-    // The direction first: a spindle must not start the wrong way.
-    set(switches.counter_clockwise, is_reversed);
-    set(switches.spindle, outputs.spindle != Spindle::Off);
-    set(switches.flood, outputs.coolant.flood);
-    set(switches.mist, outputs.coolant.mist);
+    // The direction first: a spindle must not start in the wrong direction.
+    set(accessories.counter_clockwise, is_reversed);
+    set(accessories.spindle, outputs.spindle != Spindle::Off);
+    set(accessories.flood, outputs.coolant.flood);
+    set(accessories.mist, outputs.coolant.mist);
 }
 
 /// Sets the share of time for which the PWM is high, 0 to [`Outputs::FULL`].
 ///
-/// Takes effect with the next period, at most 0.2 ms later. `segment_start` calls it while the step
-/// interrupt runs, `prepare` while it stands.
+/// Takes effect with the next period, at most 0.2 ms later. For `segment_start` while the step timer
+/// runs, and for `prepare` while it stands.
 #[inline]
 pub(super) fn set_duty(duty: u16) {
     let duty = u32::from(duty);
@@ -79,7 +86,7 @@ pub(super) fn set_duty(duty: u16) {
     }
 }
 
-/// Returns the duty output now.
+/// Returns the duty that is output.
 #[cfg(feature = "emulated")]
 pub(super) fn duty() -> u32 {
     DUTY.load(Relaxed)

@@ -1,8 +1,8 @@
-//! What happens when the program contradicts itself: everything stops, and a debug probe reads why.
+//! Panics and processor faults: everything stops, and a debug probe reads the message.
 //!
-//! Spindle, laser and coolant are switched off first: a timer would keep the beam on for ever. The
-//! same for faults of the processor and vectors without a task. The message goes to an RTT channel
-//! of its own, which nothing else uses: no task ever logs.
+//! Spindle, laser and coolant are switched off first: a timer would keep the beam on for ever. Faults
+//! of the processor and interrupts without a task do the same. The message of a panic goes to an RTT
+//! channel that nothing else uses: no task logs.
 
 use core::{fmt::Write as _, panic::PanicInfo};
 
@@ -12,21 +12,22 @@ use rtt_target::{ChannelMode, rtt_init};
 
 use super::outputs;
 
-/// Number of the channel.
+/// Number of the RTT channel.
 const CHANNEL: usize = 0;
 
-/// Lets a debug probe find the channel.
+/// Sets up the channel, so that a debug probe finds it.
 pub(super) fn init() {
-    // With the feature, its channel is among those of `trace`.
+    // With the feature, `trace` has the channel.
     #[cfg(not(feature = "trace"))]
     let _ = rtt_init! {
         up: { 0: { size: 256, mode: ChannelMode::NoBlockTrim, name: "panic" } }
     };
 }
 
-/// Stops every task, and all outputs but the drivers: an axis that is held must not fall.
+/// Stops every task and switches the outputs off; not the drivers: an axis that they hold must not
+/// fall.
 #[panic_handler]
-#[expect(unsafe_code, reason = "nobody can hand the channel to a panic")]
+#[expect(unsafe_code, reason = "a panic handler has no arguments of its own")]
 fn panic(info: &PanicInfo) -> ! {
     cortex_m::interrupt::disable();
     outputs::switch_off();
@@ -34,35 +35,35 @@ fn panic(info: &PanicInfo) -> ! {
     if let Some(mut channel) = unsafe { UpChannel::conjure(CHANNEL) } {
         let _ = writeln!(channel, "{info}");
     }
-    stand()
+    halt()
 }
 
-/// What the processor calls instead of a task.
+/// Handlers of faults.
 #[expect(unsafe_code, reason = "the runtime wants such functions")]
 mod faults {
     use cortex_m_rt::{ExceptionFrame, exception};
 
-    /// A fault of the processor, as of a stack that has left the RAM.
+    /// A fault of the processor, for instance a stack that has grown into its guard.
     #[exception]
     unsafe fn HardFault(_: &ExceptionFrame) -> ! {
         super::stop()
     }
 
-    /// An exception or an interrupt that no task is for.
+    /// An exception or an interrupt without a task.
     #[exception]
     unsafe fn DefaultHandler(_: i16) -> ! {
         super::stop()
     }
 }
 
-/// The same as a panic, without a message.
+/// Stops as a panic does, without a message.
 fn stop() -> ! {
     cortex_m::interrupt::disable();
     outputs::switch_off();
-    stand()
+    halt()
 }
 
-fn stand() -> ! {
+fn halt() -> ! {
     loop {
         cortex_m::asm::wfi();
     }

@@ -1,14 +1,14 @@
 //! Step, direction and enable outputs, as words for the ports' set/reset registers.
 //!
-//! A table, indexed by [`StepEvent::pins`], holds the words with each axis's polarity. It is rebuilt
-//! only at standstill.
+//! A table, indexed by [`StepEvent::pins`], holds the words with the polarity of each axis. It is
+//! made anew only at standstill.
 //!
 //! # Cost
 //!
-//! The step interrupt neither shifts nor branches. What it uses is in one block of memory, which one
-//! address reaches; the words of the next event are written by two instructions and read by one, the
-//! fewest cycles for each. With six axes a table of all pairs of halves would take a third of the
-//! memory, so the halves have tables of their own.
+//! The step interrupt neither shifts nor branches. Its data is one block of memory, which one
+//! address reaches; the words of the next event are written by two instructions and read by one,
+//! the fewest cycles for each. With six axes a table of all pairs of halves would take a third of
+//! the memory, so each half has a table of its own.
 
 use core::{
     cell::UnsafeCell,
@@ -22,14 +22,14 @@ use super::{
     wiring::{Pin, Wiring},
 };
 
-/// Masks of axes, and the one with all.
+/// Number of masks of axes, and the mask of all axes.
 const MASKS: usize = 1 << AXES;
 const ALL_AXES: usize = MASKS - 1;
-/// The axis whose direction is in the second half of [`StepEvent::pins`]; the others' are in the
-/// first.
-const X: usize = 1;
+/// Mask of the axis whose direction is in the second half of [`StepEvent::pins`]: X. The directions
+/// of the others are in the first half.
+const X_MASK: usize = 1;
 
-/// Ports that events change: A and B, and C where a direction output has to be there.
+/// Number of the ports that events change: A and B, and C on boards with a direction output there.
 const PORTS: usize = if chosen::WIRING.has_directions_on_c() {
     3
 } else {
@@ -38,7 +38,8 @@ const PORTS: usize = if chosen::WIRING.has_directions_on_c() {
 
 /// Whether each half of [`StepEvent::pins`] has a table of its own.
 const HAS_HALF_TABLES: bool = AXES == 6;
-/// Rows of the table. With halves: first ones, second ones, and both of events that set directions.
+/// Rows of the table. With half tables: first and second halves of pulses, then of changes of
+/// direction.
 const ROWS: usize = if HAS_HALF_TABLES {
     4 * MASKS
 } else {
@@ -49,17 +50,17 @@ const ROWS: usize = if HAS_HALF_TABLES {
 type Words = [u32; PORTS];
 type Row = [AtomicU32; PORTS];
 
-/// What the step interrupt uses, and the tasks below change while it stands.
+/// The data of the step interrupt, which other tasks change while it stands.
 struct SharedWords {
-    next: Next,
+    next: NextWords,
     /// Written at rest by [`configure`], read by the step interrupt.
     events: [Row; ROWS],
-    /// To disable and to enable the drivers.
+    /// The words that disable and enable the drivers.
     enable: [[AtomicU32; 3]; 2],
 }
 
 static SHARED: SharedWords = SharedWords {
-    next: Next(UnsafeCell::new([0; PORTS])),
+    next: NextWords(UnsafeCell::new([0; PORTS])),
     events: [const { [const { AtomicU32::new(0) }; PORTS] }; ROWS],
     enable: [const { [const { AtomicU32::new(0) }; 3] }; 2],
 };
@@ -90,20 +91,20 @@ fn load(row: &Row) -> Words {
     row.each_ref().map(|word| word.load(Relaxed))
 }
 
-/// What the next event outputs.
-struct Next(UnsafeCell<Words>);
+/// The words that the next event outputs.
+struct NextWords(UnsafeCell<Words>);
 
-#[expect(unsafe_code, reason = "what tasks take turns at")]
-// SAFETY: the step interrupt alone uses it while it may run; who starts it, before that, and others
-// have stopped it before: see `StepSwitch`. The emulator's handler reads it while the step interrupt
-// waits for that handler.
-unsafe impl Sync for Next {}
+#[expect(unsafe_code, reason = "tasks use the words in turn")]
+// SAFETY: while the step interrupt may run, it alone uses the words. Other tasks use them before
+// they start it and after they have halted it: see `StepTimerToken`. The emulator's handler reads
+// the words while the step interrupt waits for that handler.
+unsafe impl Sync for NextWords {}
 
-impl Next {
+impl NextWords {
     #[inline]
     #[expect(unsafe_code, reason = "nothing else has it meanwhile")]
     fn get(&self) -> Words {
-        // SAFETY: see above.
+        // SAFETY: as above.
         unsafe { *self.0.get() }
     }
 
@@ -113,7 +114,7 @@ impl Next {
         let first = self.0.get().cast::<u32>();
         // wcet-bound: 3
         for (port, word) in words.into_iter().enumerate() {
-            // SAFETY: see above; there is a word for each port.
+            // SAFETY: as above; there is a word for each port.
             unsafe { first.add(port).write_volatile(word) };
         }
     }
@@ -122,10 +123,10 @@ impl Next {
 /// Whether the drivers are enabled.
 static IS_ENABLED: AtomicBool = AtomicBool::new(false);
 
-/// The polarities that the tables are made for, see [`polarity`].
+/// The polarities of the tables, as [`polarity`] returns them.
 static POLARITY: AtomicU32 = AtomicU32::new(0);
 
-/// Makes outputs of the pins, with the drivers disabled. The ports' clocks must run.
+/// Makes outputs of the pins, with the drivers disabled. The clocks of the ports must run.
 pub(super) fn init(settings: &Settings) {
     // Levels first: a pin that becomes an output must not begin a pulse.
     configure(settings);
@@ -137,7 +138,7 @@ pub(super) fn init(settings: &Settings) {
     wiring.enable.make_output();
 }
 
-/// Outputs the words of the last [`prepare`]. Called by the step interrupt, or while it is stopped.
+/// Outputs the words of the last [`set_next`]. For the step interrupt, or while it stands.
 #[inline]
 pub(super) fn write() {
     let next = SHARED.next.get();
@@ -147,20 +148,20 @@ pub(super) fn write() {
     }
 }
 
-/// The next event outputs nothing.
+/// Clears the words of the next event: it outputs nothing.
 #[inline]
-pub(super) fn clear() {
+pub(super) fn clear_next() {
     SHARED.next.set([0; PORTS]);
 }
 
 /// Sets the words of the next event.
 #[inline]
-pub(super) fn prepare(event: StepEvent) {
+pub(super) fn set_next(event: StepEvent) {
     SHARED.next.set(words(event));
 }
 
 impl Wiring {
-    /// Returns the words that drive the pins of some axes, of these the `high` ones high.
+    /// Returns the words that drive the pins of some axes: high for axes in `high`, otherwise low.
     fn words(pins: &[Pin; 6], axes: usize, high: usize) -> [u32; 3] {
         let mut words = [0; 3];
         for (axis, pin) in pins.iter().enumerate().take(AXES) {
@@ -171,7 +172,7 @@ impl Wiring {
         words
     }
 
-    /// Returns whether a direction output of an axis is on port C.
+    /// Returns whether an axis has its direction output on port C.
     const fn has_directions_on_c(&self) -> bool {
         let mut axis = 0;
         while axis < AXES {
@@ -184,8 +185,8 @@ impl Wiring {
     }
 }
 
-/// Returns what the next event outputs, read back from its port words: axes whose pulse begins, and the
-/// directions, those of before for axes whose output does not change.
+/// Returns the outputs of the next event, from its words: the axes whose pulse begins, and the
+/// directions; those of `before` for axes whose direction does not change.
 #[cfg(feature = "emulated")]
 pub(super) fn read_next(before: u8) -> (u32, u8) {
     let next = SHARED.next.get();
@@ -209,28 +210,28 @@ pub(super) fn read_next(before: u8) -> (u32, u8) {
     (axes, directions)
 }
 
-/// Takes over the polarities `$2`, `$3` and `$4` if they have changed. At rest only: no pulse may
-/// end by a new polarity.
+/// Applies the polarities `$2`, `$3` and `$4` if they have changed. At rest only: a new polarity
+/// must not end a pulse.
 pub(super) fn configure_if_changed(settings: &Settings) {
     if polarity(settings) != POLARITY.load(Relaxed) {
         configure(settings);
     }
 }
 
-/// `$2`, `$3` and `$4` in one word.
+/// Returns `$2`, `$3` and `$4` in one word.
 fn polarity(settings: &Settings) -> u32 {
     let [step, direction] = [settings.step_invert, settings.direction_invert].map(u32::from);
     step | direction << 8 | u32::from(settings.enable_invert) << 16
 }
 
 /// Makes the tables and outputs the levels of standstill. The drivers stay enabled or disabled: an
-/// axis that is held must not fall because a setting changes.
+/// axis that they hold must not fall because a setting changes.
 fn configure(settings: &Settings) {
     POLARITY.store(polarity(settings), Relaxed);
     let wiring = &chosen::WIRING;
     let active_low = usize::from(settings.step_invert);
     let reversed = usize::from(settings.direction_invert);
-    let direct = |axes: usize, negative: u8| {
+    let directions = |axes: usize, negative: u8| {
         let high = usize::from(negative) ^ reversed;
         Wiring::words(&wiring.direction, axes, high)
     };
@@ -244,14 +245,14 @@ fn configure(settings: &Settings) {
         let levels = match (HAS_HALF_TABLES, row / MASKS) {
             (true, 0) => pulse(mask, 0),
             (true, 1) => pulse(0, mask),
-            (true, 2) => direct(ALL_AXES & !X, mask as u8),
-            (true, _) => direct(X, mask as u8 >> 1),
+            (true, 2) => directions(ALL_AXES & !X_MASK, mask as u8),
+            (true, _) => directions(X_MASK, mask as u8 >> 1),
             (false, _) => {
                 let event = StepEvent::from_bits(row as u32);
                 let [raise, drop] = [event.raise(), event.drop()].map(|axes| axes as usize);
                 let change = event
                     .directions()
-                    .map(|directions| direct(ALL_AXES, directions));
+                    .map(|negative| directions(ALL_AXES, negative));
                 change.unwrap_or_else(|| pulse(raise, drop))
             }
         };
@@ -265,7 +266,7 @@ fn configure(settings: &Settings) {
     enable(IS_ENABLED.load(Relaxed));
 }
 
-/// Switches all drivers on or off.
+/// Enables or disables all drivers.
 pub(super) fn enable(on: bool) {
     IS_ENABLED.store(on, Relaxed);
     let [a, b, c] = &SHARED.enable[usize::from(on)];
@@ -289,8 +290,8 @@ fn store(to: &[AtomicU32], words: &[u32; 3]) {
 #[inline]
 #[expect(unsafe_code, reason = "raw words for the ports' set/reset registers")]
 pub(super) fn write_a_and_b([a, b]: [u32; 2]) {
-    // SAFETY: a write to BSRR is atomic and changes only the pins whose bits are set; the words
-    // hold pins of `WIRING` only, which nothing else drives.
+    // SAFETY: a write to BSRR is atomic and changes only the pins whose bits are set: pins of
+    // `WIRING`, which nothing else drives.
     unsafe {
         (*pac::GPIOA::ptr()).bsrr().write(|w| w.bits(a));
         (*pac::GPIOB::ptr()).bsrr().write(|w| w.bits(b));

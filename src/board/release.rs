@@ -1,4 +1,4 @@
-//! Releases by software: the vectors that tasks borrow, and how endless tasks wait to be released.
+//! Releases by software: the vectors that tasks borrow, and the waiting of tasks that never end.
 
 use core::{
     future::poll_fn,
@@ -10,14 +10,14 @@ use leadscrew::tasks::{Platform, Task};
 
 use super::{outputs, pac::Interrupt, trace};
 
-/// Releases `prepare`, as its timer does.
+/// Vector of `prepare` and of its timer.
 pub(crate) const PREPARE: Interrupt = Interrupt::TIM6_DAC;
-/// Releases `inputs`, as its timer does.
+/// Vector of `inputs` and of its timer.
 #[cfg(feature = "emulated")]
 pub(super) const INPUTS: Interrupt = Interrupt::TIM7;
-/// Releases `segment_start`.
+/// Vector of `segment_start`.
 pub(crate) const SEGMENT_START: Interrupt = Interrupt::I2C3_EV;
-/// Releases `wake`.
+/// Vector of `wake`.
 pub(crate) const WAKE: Interrupt = Interrupt::I2C3_ER;
 
 /// Releases a task.
@@ -30,14 +30,14 @@ pub(super) fn pend(task: Task) {
     }
 }
 
-/// Releases a task by its vector, and records when.
+/// Releases a task by its vector, and records the time.
 #[inline]
 pub(super) fn pend_vector(vector: Interrupt) {
     trace::release(vector);
     rtic::pend(vector);
 }
 
-/// What every task but `prepare` has of the chip.
+/// The platform of every task but `prepare`, which has [`Actuators`](super::Actuators).
 pub(crate) struct ChipPlatform;
 
 impl Platform for ChipPlatform {

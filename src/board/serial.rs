@@ -1,31 +1,30 @@
-//! The link to the sender: what comes interrupts, what goes is sent in the time that is left.
+//! The USART of the sender: receiving is an interrupt, sending is done in the time that is left.
 //!
-//! A received byte must be taken before the next one has come, so each is a run of `serial_rx`, the
-//! task with the highest priority but `step`. Sending can wait: the line is merely silent meanwhile.
-//! So it is done by the tasks that have something to say, as far as the port takes it at once, and
-//! by `idle`. That costs no task with a deadline anything, and there is never more than one
-//! interrupt in the time of a byte.
+//! A received byte must be read before the next one is complete, so each byte is a run of
+//! `serial_rx`, whose priority is the highest but that of `step`. Sending can wait: the line is
+//! silent meanwhile. `interpret` and `report` send what the USART takes at once, `idle` sends the
+//! rest. So sending delays no task with a deadline, and there is at most one interrupt in the time
+//! of a byte.
 //!
 //! # Cost
 //!
-//! What receives is inlined into code in RAM, too: nothing in flash may run while flash is erased.
+//! The receiving functions are inlined into `serial_rx` and into code in RAM: nothing in flash may
+//! run while flash is erased. A run without a byte, after an overrun, is off the path of the
+//! others.
 
 use leadscrew::{
-    model::{Awaited, Requests, queues::SENT_RING},
+    model::{Requests, queues::SENT_RING},
     protocol::{ByteReader, ByteWriter},
-    tasks::{self, Platform as _, Task},
+    tasks,
 };
 
 use super::{ChipPlatform, chosen::Usart, pac::usart1::RegisterBlock as UsartRegisters};
 
-/// Bytes left to send when a task that waits for room is woken, besides none.
-const SENT_HALF: usize = SENT_RING / 2;
-
-/// The receiving half of the port, owned by its interrupt.
+/// The receiving half of the USART, owned by `serial_rx`.
 pub(crate) struct Receiver(Usart);
 
 impl Receiver {
-    /// Switches the port on. Baud rate and pins must be set up.
+    /// Switches the USART on. Baud rate and pins must be set up.
     pub(super) fn new(usart: Usart) -> Self {
         usart.cr1().write(|w| {
             w.ue().enabled().te().enabled().re().enabled();
@@ -34,24 +33,25 @@ impl Receiver {
         Self(usart)
     }
 
-    /// Takes the byte that has come, and releases who has to know.
+    /// Runs `serial_rx`.
     #[inline]
     pub(crate) fn serve(&mut self, requests: &Requests, received: &mut ByteWriter<'_>) {
         receive(&self.0, requests, received);
     }
 }
 
-/// Takes the byte that has come, if one has, and releases who has to know.
+/// Takes the received byte, if there is one, and releases the task that waits for it.
 ///
-/// A byte that could not be taken in time is lost. Bytes with a framing error count as they are.
+/// A byte that was not taken in time is lost. A byte with a framing error counts as it is.
 #[inline(always)]
 #[expect(clippy::inline_always, reason = "nothing in flash may be called")]
 fn receive(usart: &UsartRegisters, requests: &Requests, received: &mut ByteWriter<'_>) {
     let status = usart.sr().read();
     if status.rxne().bit_is_clear() {
         core::hint::cold_path();
-        // The data register must not be read for nothing, as a byte might come just then; but an
-        // overrun, which may come without a byte, is cleared like this. RM0090 30.6.1.
+        // The data register is read only after an overrun, which may be reported without a byte and
+        // is cleared by the read (RM0090 30.6.1): another read could take a byte that comes just
+        // then.
         if status.ore().bit_is_set() {
             let _ = usart.dr().read();
         }
@@ -61,59 +61,59 @@ fn receive(usart: &UsartRegisters, requests: &Requests, received: &mut ByteWrite
     tasks::serial_rx(byte, requests, received, &mut ChipPlatform);
 }
 
-/// The receiver while flash is erased, when `serial_rx` cannot run.
+/// The receiver for the time of an erase of flash, in which `serial_rx` cannot run.
 pub(super) struct FlashEraseReceiver {
     requests: &'static Requests,
     received: ByteWriter<'static>,
 }
 
 impl FlashEraseReceiver {
-    /// Receives into the queue of `serial_rx`.
+    /// Returns a receiver into the queue of `serial_rx`.
     pub(super) const fn new(requests: &'static Requests, received: ByteWriter<'static>) -> Self {
         Self { requests, received }
     }
 
-    /// Takes the byte that has come, if one has. Only while no task can run.
+    /// Takes the received byte, if there is one. Only while no task can run.
     #[inline(always)]
     #[expect(clippy::inline_always, reason = "nothing in flash may be called")]
     #[expect(unsafe_code, reason = "the interrupt owns the receiver")]
     pub(super) fn receive(&mut self) {
-        // SAFETY: the interrupt does not run now.
+        // SAFETY: `serial_rx`, which owns the receiver, does not run meanwhile.
         receive(unsafe { &*Usart::ptr() }, self.requests, &mut self.received);
     }
 }
 
-/// The sending half of the port, and what waits to be sent.
+/// The sending half of the USART, with the queue of bytes to be sent.
 pub(super) struct Transmitter(ByteReader<'static>);
 
 impl Transmitter {
-    /// For what comes out of a queue.
+    /// Returns a transmitter of the bytes of a queue.
     pub(super) const fn new(sent: ByteReader<'static>) -> Self {
         Self(sent)
     }
 
-    /// Returns whether nothing waits.
+    /// Returns whether no byte waits.
     pub(super) fn is_done(&self) -> bool {
         self.0.is_empty()
     }
 
-    /// Puts out the next byte, if the port takes one now.
+    /// Sends the next byte, if the USART takes one now.
     pub(super) fn send_next(&mut self, requests: &Requests) {
         self.send(1, requests);
     }
 
-    /// Puts out what the port takes now.
+    /// Sends the bytes that the USART takes now.
     pub(super) fn send_all(&mut self, requests: &Requests) {
         self.send(SENT_RING, requests);
     }
 
     #[expect(unsafe_code, reason = "the interrupt owns the receiver")]
-    fn send(&mut self, most: usize, requests: &Requests) {
-        // SAFETY: the interrupt neither writes the data register, nor does it depend on when its
-        // status is read.
+    fn send(&mut self, max_bytes: usize, requests: &Requests) {
+        // SAFETY: `serial_rx` does not write the data register, and a read of the status changes
+        // nothing for it.
         let usart = unsafe { &*Usart::ptr() };
         let before = self.0.len();
-        let mut left = most;
+        let mut left = max_bytes;
         self.0.take_until(|bytes| {
             // wcet-bound: 1024
             while left != 0 && usart.sr().read().txe().bit_is_set() {
@@ -125,10 +125,6 @@ impl Transmitter {
             }
             true
         });
-        let after = self.0.len();
-        let has_come_to = |waiting| after <= waiting && waiting < before;
-        if (has_come_to(0) || has_come_to(SENT_HALF)) && requests.awaits(Awaited::ROOM) {
-            ChipPlatform.pend(Task::Wake);
-        }
+        tasks::serial_tx(before, self.0.len(), requests, &mut ChipPlatform);
     }
 }

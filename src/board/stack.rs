@@ -1,35 +1,37 @@
-//! A stack that grows too far stops the machine, before it overwrites what lies below it.
+//! The stack guard: a stack that grows too far is a fault, before it overwrites the statics below it.
 //!
-//! The memory protection unit forbids the lowest part of the stack's room, next to the statics. A
-//! fault is handled without that protection, so its handler has a stack. ARMv7-M reference manual
-//! B3.5.
+//! The memory protection unit forbids access to the lowest part of the stack's memory, next to the
+//! statics. It is off while a hard fault is handled, so that the handler has a stack. ARMv7-M
+//! reference manual B3.5.
 
 use cortex_m::{asm, peripheral::MPU};
 
-/// Size of the forbidden part, a power of two: no frame of a task is as large, so none steps over it.
-const SIZE: u32 = 4096;
+/// Size of the guard, bytes, a power of two: larger than any frame of a task, so that none steps
+/// over the guard. `stack_guard_bytes` in `schedule.toml` is the same.
+const GUARD_BYTES: u32 = 4096;
 
 #[expect(unsafe_code, reason = "a symbol of the linker script")]
 unsafe extern "C" {
-    /// Where the statics end.
+    /// End of the statics.
     static __sheap: u32;
 }
 
-/// Forbids the end of the stack from now on.
+/// Sets up the guard.
 #[expect(unsafe_code, reason = "raw words for registers")]
 pub(super) fn guard(mpu: &MPU) {
-    const NEVER_EXECUTED: u32 = 1 << 28;
-    const SIZE_FIELD: u32 = (SIZE.ilog2() - 1) << 1;
-    const ENABLED: u32 = 1;
-    /// What no region names is as without the unit.
-    const OTHERS_AS_BEFORE: u32 = 1 << 2;
+    /// Fields of the region: no execution, no access, the size; enabled.
+    const EXECUTE_NEVER: u32 = 1 << 28;
+    const SIZE_FIELD: u32 = (GUARD_BYTES.ilog2() - 1) << 1;
+    const ENABLE: u32 = 1;
+    /// Memory outside of all regions has its default access.
+    const DEFAULT_MAP: u32 = 1 << 2;
     let statics_end = (&raw const __sheap) as u32;
-    // SAFETY: the region holds nothing but unused stack: `init` is far from its end.
+    // SAFETY: the region holds only unused stack: `init` uses its other end.
     unsafe {
         mpu.rnr.write(0);
-        mpu.rbar.write(statics_end.next_multiple_of(SIZE));
-        mpu.rasr.write(NEVER_EXECUTED | SIZE_FIELD | ENABLED);
-        mpu.ctrl.write(OTHERS_AS_BEFORE | ENABLED);
+        mpu.rbar.write(statics_end.next_multiple_of(GUARD_BYTES));
+        mpu.rasr.write(EXECUTE_NEVER | SIZE_FIELD | ENABLE);
+        mpu.ctrl.write(DEFAULT_MAP | ENABLE);
     }
     asm::dsb();
     asm::isb();

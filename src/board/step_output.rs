@@ -1,4 +1,9 @@
 //! The outputs of the step interrupt: pins at the times of the step timer.
+//!
+//! # Cost
+//!
+//! Everything is inlined into the task that calls it; the step interrupt releases `segment_start`
+//! by a write that does nothing for most events, instead of by a branch.
 
 use leadscrew::{
     stepper::{EventTap, SegmentRing, StepEvent, Upcoming},
@@ -7,11 +12,11 @@ use leadscrew::{
 
 use super::{pins, release::SEGMENT_START, step_timer, step_timer::StepTimer};
 
-/// What the step interrupt drives, and it alone.
+/// The pins and the timer of the step interrupt, which alone drives them.
 pub(crate) struct StepPins(StepTimer);
 
 impl StepPins {
-    /// Drives pins and a timer that have been set up.
+    /// Joins the timer with the pins, which have been set up.
     pub(super) const fn new(timer: StepTimer) -> Self {
         Self(timer)
     }
@@ -30,7 +35,7 @@ impl StepPlatform for StepPins {
 
     #[inline]
     fn set_up(&mut self, event: StepEvent) {
-        pins::prepare(event);
+        pins::set_next(event);
     }
 
     #[inline]
@@ -40,36 +45,36 @@ impl StepPlatform for StepPins {
 
     #[inline]
     fn stop(&mut self) {
-        pins::clear();
+        pins::clear_next();
         self.0.stop().pend(SEGMENT_START, true);
     }
 }
 
-/// Starts the step interrupt, or stops it by force: with a lock around it, as more than one task
-/// does.
+/// Token of the right to start the step timer and to halt it: a task that does so holds RTIC's lock
+/// of the token.
 #[expect(unreachable_pub, reason = "RTIC wants what is locked to be public")]
-pub struct StepSwitch(());
+pub struct StepTimerToken(());
 
-impl StepSwitch {
-    /// There is one.
+impl StepTimerToken {
+    /// Returns the token; `init` alone calls this.
     pub(super) const fn new() -> Self {
         Self(())
     }
 }
 
-/// The step interrupt, for the tasks below it: its switch under a lock, and what it has played.
+/// The step interrupt for the tasks of lower priority: the token of its timer, and the events played.
 pub(crate) struct StepInterrupt<M> {
-    pub(crate) switch: M,
+    pub(crate) token: M,
     pub(crate) played: EventTap<'static>,
 }
 
-impl<M: rtic::Mutex<T = StepSwitch>> StepOutput for StepInterrupt<M> {
+impl<M: rtic::Mutex<T = StepTimerToken>> StepOutput for StepInterrupt<M> {
     #[inline]
     fn start(&mut self, first: Upcoming, segments: &SegmentRing) {
-        pins::prepare(first.event);
+        pins::set_next(first.event);
         step_timer::set_up(first.event);
-        self.switch.lock(|_| {
-            // A motion that has been halted meanwhile is for another run of `prepare`.
+        self.token.lock(|_| {
+            // Another run of `prepare` handles a motion that has been halted meanwhile.
             if !segments.is_halted() {
                 segments.start();
                 step_timer::start(first.following);
@@ -80,10 +85,10 @@ impl<M: rtic::Mutex<T = StepSwitch>> StepOutput for StepInterrupt<M> {
     #[inline]
     fn stop(&mut self, segments: &SegmentRing) {
         let played = self.played;
-        self.switch.lock(|_| {
+        self.token.lock(|_| {
             step_timer::halt();
             played.halt(segments);
-            pins::clear();
+            pins::clear_next();
         });
     }
 

@@ -1,15 +1,17 @@
 //! The step timer: SysTick, which counts core cycles.
 //!
-//! It is the processor's own: three cycles away, where a timer on the slow bus is fourteen, and its
-//! exception needs no acknowledgement. At zero its counter begins again with what is in its reload
-//! register. So each interrupt writes the time from the *next* interrupt to the one after that, and
-//! the times between events are exact whenever the write comes before the next interrupt.
+//! SysTick belongs to the processor, and its exception needs no acknowledgement. At zero its
+//! counter begins again with the value of its reload register. So each interrupt writes the time
+//! from the *next* interrupt to the one after that, and the times between events are exact whenever
+//! the write comes before the next interrupt. Registers: ARMv7-M reference manual B3.2, B3.3, B3.4.
 //!
 //! # Cost
 //!
-//! The registers are addressed from [`SystemControl`], which the compiler cannot look through: it would
-//! make an address for each. The address is made when an event is known, and once more for the release,
-//! so that no register of the processor has to be saved.
+//! A register of SysTick is three cycles away, one of a timer on the slow bus fourteen. The
+//! registers are addressed from [`SystemControl`], which the compiler cannot look through: it would
+//! make an address for each. The address is made when an event is known, and once more for the
+//! release, so that no register of the processor has to be saved. A release takes the same time
+//! whether it is due or not. [`is_running`] is inlined, as code in RAM calls it.
 
 use core::arch::asm;
 
@@ -22,71 +24,75 @@ use leadscrew::stepper::StepEvent;
 
 use super::{emulation, pac::Interrupt, trace};
 
-/// Core cycles in a tick of the events' times: it counts half ticks.
+/// Core cycles in a tick: the counter counts half ticks.
 #[cfg(feature = "emulated")]
 const CYCLES_PER_TICK: u32 = 2;
 
-/// Bits of SysTick's control register: it counts, it interrupts, what it counts are core cycles.
-const COUNTS: u32 = 1;
-const INTERRUPTS: u32 = 1 << 1;
-const CORE_CYCLES: u32 = 1 << 2;
+/// Bits of `SYST_CSR`: the counter runs, its zero interrupts, its clock is that of the core.
+const ENABLE: u32 = 1;
+const TICKINT: u32 = 1 << 1;
+const CLKSOURCE: u32 = 1 << 2;
 
-/// The step interrupt's side of the timer.
+/// The timer for the step interrupt.
 pub(super) struct StepTimer(());
 
 #[expect(clippy::unused_self, reason = "whoever has it is the step interrupt")]
 impl StepTimer {
-    /// There is one timer, and it stands after a reset.
+    /// Returns the timer, which stands after a reset.
     pub(super) fn new(_: SYST) -> Self {
         Self(())
     }
 
-    /// Makes the time from the next interrupt to the one behind it that of an event. What else the
-    /// interrupt does with the processor's registers goes through what this returns.
+    /// Sets the time from the next interrupt to the one after it to that of an event. Returns the
+    /// access to the other registers.
     #[inline]
     pub(super) fn set_reload(&mut self, event: StepEvent) -> SystemControl {
         let system = SystemControl::after(event);
-        system.write(RELOAD, event.half_ticks_less_one());
+        system.write(SYST_RVR, event.half_ticks_less_one());
         system
     }
 
-    /// Releases a task by its vector if an event is the first of a segment: in the same time if not.
+    /// Releases a task by its vector if an event is the first of a segment.
     #[inline]
     pub(super) fn pend(&mut self, vector: Interrupt, event: StepEvent) {
         SystemControl::after(event).pend(vector, event.is_boundary());
     }
 
-    /// No interrupt until the next [`start`].
+    /// Stops the timer until the next [`start`].
     #[inline]
     pub(super) fn stop(&mut self) -> SystemControl {
         let system = SystemControl::after(StepEvent::NONE);
-        system.write(CONTROL, CORE_CYCLES);
-        system.write(STATE, NOT_DUE);
+        system.write(SYST_CSR, CLKSOURCE);
+        system.write(ICSR, PENDSTCLR);
         system
     }
 }
 
-/// Where registers are that the step interrupt uses, from [`SystemControl`]: control and reload value
-/// of the timer, the state of exceptions, and what releases vectors.
-const CONTROL: usize = 0x10;
-const RELOAD: usize = 0x14;
-const STATE: usize = 0xd04;
-const RELEASE: usize = 0x200;
-/// Bits of the state of exceptions: the timer's interrupt is due, and writing that makes it not due.
-const DUE: u32 = 26;
-const NOT_DUE: u32 = 1 << 25;
+/// Offsets of registers from [`SystemControl`]: control and reload value of SysTick, the state of
+/// interrupts, and the first of the registers that pend vectors.
+const SYST_CSR: usize = 0x10;
+const SYST_RVR: usize = 0x14;
+const ICSR: usize = 0xd04;
+const NVIC_ISPR: usize = 0x200;
+/// Bits of `ICSR`: the number of the one that says that SysTick is pending, and the one that clears
+/// it.
+const PENDSTSET: u32 = 26;
+const PENDSTCLR: u32 = 1 << 25;
 
-/// The processor's own registers, for the step interrupt.
+/// The system control space, the registers of the processor, for the step interrupt.
 #[derive(Clone, Copy)]
 pub(super) struct SystemControl(*mut u32);
 
 impl SystemControl {
-    /// Makes the address.
+    /// Returns the address of the space, made after an event is known.
     #[inline]
-    #[expect(unsafe_code, reason = "an address that is opaque")]
+    #[expect(
+        unsafe_code,
+        reason = "an address that the compiler cannot look through"
+    )]
     fn after(event: StepEvent) -> Self {
         let base: *mut u32;
-        // SAFETY: makes a number.
+        // SAFETY: writes a number into a register.
         unsafe {
             asm!(
                 "mov.w {}, #0xe000e000 /* {} */", out(reg) base, in(reg) event.bits(),
@@ -100,43 +106,43 @@ impl SystemControl {
     #[expect(unsafe_code, reason = "registers by their addresses")]
     fn write(self, offset: usize, word: u32) {
         let register = self.0.wrapping_byte_add(offset);
-        // SAFETY: of the registers, the timer's are the step interrupt's own, as this is; for the
-        // others, a one does what it says and a zero nothing.
+        // SAFETY: the registers of SysTick belong to the step interrupt, as this does; of the
+        // others, a one has its effect and a zero none.
         unsafe { register.write_volatile(word) };
     }
 
-    /// Returns 1 if the timer's next interrupt is due already: the last time may have come too late.
-    /// 0 if not: the bits above are of exceptions that nothing here makes due.
+    /// Returns 1 if the next interrupt of the timer is pending, otherwise 0: then the last time was
+    /// written too late. The bits above are those of exceptions that nothing pends.
     #[inline]
     #[expect(unsafe_code, reason = "a register by its address")]
     pub(super) fn is_late(self) -> u32 {
-        let register = self.0.wrapping_byte_add(STATE);
+        let register = self.0.wrapping_byte_add(ICSR);
         // SAFETY: reads a register without side effects.
-        unsafe { register.read_volatile() >> DUE }
+        unsafe { register.read_volatile() >> PENDSTSET }
     }
 
-    /// Releases a task by its vector, if it `is_due`: in the same time if not.
+    /// Releases a task by its vector, if it `is_due`.
     #[inline]
     pub(super) fn pend(self, vector: Interrupt, is_due: bool) {
         if is_due {
             trace::release(vector);
         }
         let number = vector as usize;
-        let register = RELEASE + 4 * (number / 32);
+        let register = NVIC_ISPR + 4 * (number / 32);
         self.write(register, u32::from(is_due) << (number % 32));
     }
 }
 
-/// Makes the time from the next interrupt to the one behind it that of the event that the step
+/// Sets the time from the next interrupt to the one after it to that of an event which the step
 /// interrupt did not know of.
 pub(super) fn set_reload(event: StepEvent) {
     reload(registers(), event);
-    // An interrupt that has come before that runs before this ends.
+    // An interrupt that came before the write has run when this returns.
     dsb();
     isb();
 }
 
-/// Before [`start`]: the time to the first interrupt.
+/// Sets the time to the first interrupt, before [`start`].
 pub(super) fn set_up(event: StepEvent) {
     let timer = registers();
     reload(timer, event);
@@ -146,35 +152,35 @@ pub(super) fn set_up(event: StepEvent) {
     }
 }
 
-/// Interrupts for the first time when what has been set up is over; then as [`StepTimer::set_reload`].
-/// Only while the timer stands, and with the lock around it.
+/// Starts the timer with the time that has been set up; the time after it is that of an event. Only
+/// while the timer stands, under the lock of [`StepTimerToken`](super::StepTimerToken).
 #[inline]
 pub(super) fn start(following: StepEvent) {
     let timer = registers();
     let counts = if emulation::is_emulated() {
-        CORE_CYCLES
+        CLKSOURCE
     } else {
-        CORE_CYCLES | COUNTS
+        CLKSOURCE | ENABLE
     };
-    // It begins with the time that is in the register. Who preempts this may let it go round: then
-    // the first interrupt is later, and the time behind it still right.
+    // The counter begins with the time in the reload register. Where a preempting task lets it come
+    // round, the first interrupt is later, and the time after it still right.
     control(timer, counts);
     dsb();
     reload(timer, following);
-    control(timer, counts | INTERRUPTS);
+    control(timer, counts | TICKINT);
 }
 
-/// No interrupt until the next [`start`], from the next instruction on; whoever interrupted.
+/// Stops the timer at once until the next [`start`], from any task.
 pub(super) fn halt() {
-    control(registers(), CORE_CYCLES);
+    control(registers(), CLKSOURCE);
     SCB::clear_pendst();
-    // One that was on its way has run by then, and what it uses is used after that.
+    // An interrupt that was on its way has run when this returns.
     dsb();
     isb();
 }
 
-/// Returns the core cycles since the event that is served was due. Until [`StepTimer::set_reload`],
-/// the counter has begun with what is in the reload register.
+/// Returns the core cycles since the event being served was due. Before [`StepTimer::set_reload`],
+/// as the counter began with the value that is still in the reload register.
 #[cfg(all(feature = "trace", not(feature = "trace-emulated")))]
 #[inline]
 pub(super) fn lateness() -> u32 {
@@ -188,40 +194,41 @@ pub(super) fn reload_ticks() -> u32 {
     (registers().rvr.read() + 1) / CYCLES_PER_TICK
 }
 
-/// Returns whether an event is being waited for. Inlined, as code in RAM calls it.
+/// Returns whether the timer runs to an event.
 #[inline(always)]
 #[expect(clippy::inline_always, reason = "nothing in flash may be called")]
 pub(super) fn is_running() -> bool {
-    registers().csr.read() & INTERRUPTS != 0
+    registers().csr.read() & TICKINT != 0
 }
 
 #[inline]
 #[expect(unsafe_code, reason = "a raw word for a register")]
 fn reload(timer: &RegisterBlock, event: StepEvent) {
-    // SAFETY: any number of 24 bits is legal, and this has 20.
+    // SAFETY: any number of 24 bits is legal; this one has 20.
     unsafe { timer.rvr.write(event.half_ticks_less_one()) };
 }
 
 #[inline]
 #[expect(unsafe_code, reason = "a raw word for a register")]
 fn clear_counter(timer: &RegisterBlock) {
-    // SAFETY: whatever is written makes it zero; it stands.
+    // SAFETY: any write makes the counter zero; the timer stands.
     unsafe { timer.cvr.write(0) };
 }
 
 #[inline]
 #[expect(unsafe_code, reason = "a raw word for a register")]
 fn control(timer: &RegisterBlock, bits: u32) {
-    // SAFETY: bits that the register has; the exception's handler is a task.
+    // SAFETY: bits of the register; the handler of the exception is a task.
     unsafe { timer.csr.write(bits) };
 }
 
-/// The timer's registers, for others than the step interrupt: who starts the timer, while it stands;
-/// who stops it, holding the same lock; and who sets a time while the interrupt has none to set.
+/// Returns the registers of the timer for other tasks than `step`: to start the timer, while it
+/// stands; to halt it, under the lock of the token; and to set a time while the interrupt has none
+/// to set.
 #[inline(always)]
 #[expect(clippy::inline_always, reason = "nothing in flash may be called")]
 #[expect(unsafe_code, reason = "the interrupt owns the timer")]
 fn registers() -> &'static RegisterBlock {
-    // SAFETY: every processor of this kind has them.
+    // SAFETY: every Cortex-M4 has these registers.
     unsafe { &*SYST::PTR }
 }

@@ -1,4 +1,4 @@
-//! What outlives power: the journal in the chip's flash.
+//! The journal in the chip's flash.
 
 use leadscrew::{
     model::Requests,
@@ -12,7 +12,7 @@ use super::{flash::SettingsFlash, proven, serial::FlashEraseReceiver};
 pub(crate) struct Storage(Journal<SettingsFlash>);
 
 impl Storage {
-    /// Reads what is stored. A flash that fails is a new machine's.
+    /// Reads the journal. A flash that fails reads as that of a new machine.
     pub(super) fn load(flash: SettingsFlash) -> (Self, Loaded) {
         let mut journal = Journal::new(flash);
         let mut loaded = journal.load().unwrap_or_default();
@@ -20,7 +20,7 @@ impl Storage {
         (Self(journal), loaded)
     }
 
-    /// Sets the queue of the bytes that come while flash is erased.
+    /// Sets the queue for bytes that come while flash is erased.
     pub(crate) fn receive_while_erasing(
         &mut self,
         requests: &'static Requests,

@@ -1,11 +1,15 @@
-//! A record of each activation of a task, for a debugger to read: built in with the feature `trace`.
+//! A record of each activation of a task, for a debugger to read, with the feature `trace`.
 //!
-//! A task begins with a call of the function that has its name, and what that returns writes the
-//! record when the task ends: how long after its release it started, when that was, and how long it
-//! took, with everything that preempted it. `cargo xtask latency` takes that out again and compares
-//! with the bounds. `docs/latency.md` says what a record costs.
+//! A task begins with a call of the function of its name. The returned [`Activation`] writes the
+//! record when the task ends: start, duration with all preemptions, and latency from the release to
+//! the start. `cargo xtask latency` reads the records and compares them with the bounds.
 //!
-//! Time is the cycle counter's. The emulator has none: with `trace-emulated` it is a timer's.
+//! The clock is the cycle counter. The emulator has none: with `trace-emulated` the clock is a timer.
+//!
+//! # Cost
+//!
+//! `docs/latency.md` has the cycles of a record. [`rings`] writes it in the same few instructions whatever
+//! happens; the fences keep the compiler from moving the task's work out of the measured time.
 
 use core::sync::atomic::{
     AtomicU32,
@@ -29,39 +33,39 @@ use super::step_timer::lateness;
 #[cfg(feature = "trace-emulated")]
 use super::emulation::{clock as now, lateness};
 
-/// The tasks, by the number of their ring: the highest priority first.
+/// The number of each task's ring, the highest priority first.
 const STEP: usize = 0;
-/// What stands in for hardware in the emulator.
+/// The handler that stands in for hardware in the emulator.
 #[cfg(feature = "emulated")]
 const STAND_IN: usize = 1;
 const SERIAL_RX: usize = 2;
 const SEGMENT_START_TASK: usize = 3;
 const INPUTS: usize = 4;
 const PREPARE_TASK: usize = 5;
-/// How many there are.
+/// The number of rings.
 const TASKS: usize = 6;
 
-/// Latency of an activation whose release nobody has seen.
+/// Latency of an activation whose release is not known.
 const UNKNOWN: u32 = u32::MAX;
-/// Core cycles in a tick of the timer that releases `inputs`.
-const CYCLES_PER_INPUT_TICK: u32 = 168;
+/// Core cycles in a microsecond.
+const CYCLES_PER_US: u32 = 168;
 
-/// When each task was released by software, with bit 0 set; 0: it has started since.
+/// Time of each task's release by software, with bit 0 set; 0 once the task has started.
 static RELEASED: [AtomicU32; TASKS] = [const { AtomicU32::new(0) }; TASKS];
 
-/// Lets the cycle counter run.
+/// Starts the cycle counter.
 pub(super) fn init(control: &mut DCB, watch: &mut DWT) {
     control.enable_trace();
     watch.enable_cycle_counter();
 }
 
-/// An activation; its record is written when it is dropped, so only `start` makes one.
+/// An activation, which writes its record when it is dropped.
 pub(crate) struct Activation<const TASK: usize> {
     start: u32,
     latency: u32,
 }
 
-/// Begins an activation of `step`, which is due at a time of its timer: in the emulator at once.
+/// Begins an activation of `step`, whose latency is the time since the event was due.
 #[inline]
 pub(crate) fn step() -> Activation<STEP> {
     Activation::start(lateness())
@@ -76,8 +80,8 @@ pub(crate) fn serial_rx() -> Activation<SERIAL_RX> {
 /// Begins an activation of `inputs`, whose latency after an edge is unknown.
 #[inline]
 pub(crate) fn inputs() -> Activation<INPUTS> {
-    let age = inputs::timer_age();
-    Activation::begin(age.map(|ticks| u32::from(ticks) * CYCLES_PER_INPUT_TICK))
+    let age_us = inputs::timer_release_age_us();
+    Activation::begin(age_us.map(|age_us| u32::from(age_us) * CYCLES_PER_US))
 }
 
 /// Begins an activation of `segment_start`.
@@ -99,10 +103,10 @@ pub(super) fn stand_in() -> Activation<STAND_IN> {
     Activation::begin(None)
 }
 
-/// Keeps the time of a release by software, unless an earlier one has not been followed yet.
+/// Records the time of a release by software, unless the task has not started since an earlier one.
 ///
-/// To be called right before the release. Whoever is interrupted in between makes the latency seem
-/// too long, never too short, and by no more than an earlier release would have made it.
+/// For the caller right before the release. An interrupt in between makes the recorded latency too
+/// long, never too short, and by no more than an earlier release would have made it.
 #[inline]
 pub(super) fn release(vector: Interrupt) {
     let task = match vector {
@@ -118,16 +122,15 @@ pub(super) fn release(vector: Interrupt) {
 }
 
 impl<const TASK: usize> Activation<TASK> {
-    /// Begins, with this latency.
+    /// Begins an activation with a latency.
     #[inline]
     fn start(latency: u32) -> Self {
         let start = now();
-        // The task begins here, not earlier.
         compiler_fence(SeqCst);
         Self { start, latency }
     }
 
-    /// Begins, with the latency by a timer, or else that of a release by software.
+    /// Begins an activation with the latency since a timer's release, or else since one by software.
     #[inline]
     fn begin(latency: Option<u32>) -> Self {
         let released = RELEASED[TASK].load(Relaxed);

@@ -1,4 +1,4 @@
-//! How the machine is wired: which pin does what, and what a pin can be made to do.
+//! How the machine is wired: the function of each pin, and the modes of a pin.
 //!
 //! Registers of the ports: RM0090 8.4, the same on all parts.
 
@@ -17,7 +17,7 @@ pub(super) enum Pin {
     C(u8),
 }
 
-/// Everything that is wired.
+/// The pins of all functions.
 pub(super) struct Wiring {
     /// Step outputs, on ports A and B only.
     pub(super) step: [Pin; 6],
@@ -25,16 +25,16 @@ pub(super) struct Wiring {
     pub(super) direction: [Pin; 6],
     /// Enable output of all drivers, active low.
     pub(super) enable: Pin,
-    /// What else is switched, active high.
-    pub(super) switches: Switches,
+    /// Outputs of spindle and coolant, active high.
+    pub(super) accessories: AccessoryPins,
     /// Spindle PWM, and the alternate function that brings its timer there.
     pub(super) pwm: Option<(Pin, u32)>,
-    /// Inputs, closed when low. Of two whose pins have one number, the first alone interrupts.
+    /// Inputs, closed when low. Of two pins with one number, only the first interrupts.
     pub(super) inputs: &'static [(Levels, Pin)],
 }
 
-/// Outputs beside those of the axes.
-pub(super) struct Switches {
+/// Outputs of spindle and coolant.
+pub(super) struct AccessoryPins {
     /// High while the spindle turns, or the laser may shine.
     pub(super) spindle: Option<Pin>,
     /// High for `M4`.
@@ -51,7 +51,7 @@ pub(super) const fn limit_switch(axis: u8) -> Levels {
 }
 
 impl Pin {
-    /// Port, A = 0, and number in it.
+    /// Returns the port, A = 0, and the number in it.
     pub(super) const fn port_and_number(self) -> (usize, u8) {
         match self {
             Self::A(number) => (0, number),
@@ -68,7 +68,7 @@ impl Pin {
         words
     }
 
-    /// Returns whether the pin is low, of the levels of the ports.
+    /// Returns whether the pin is low, from the levels of the ports.
     #[inline]
     pub(super) const fn is_low(self, [a, b, c]: [u32; 3]) -> bool {
         let (level, number) = match self {
@@ -79,24 +79,25 @@ impl Pin {
         level & 1 << number == 0
     }
 
-    /// A push-pull output.
+    /// Makes the pin a push-pull output.
     pub(super) fn make_output(self) {
         self.set_field(MODER, 2, 0b01);
     }
 
-    /// An input that an open contact leaves high.
+    /// Makes the pin an input with a pull-up: high while its contact is open.
     pub(super) fn make_input(self) {
         self.set_field(PUPDR, 2, 0b01);
         self.set_field(MODER, 2, 0b00);
     }
 
-    /// What a peripheral drives, by its alternate function.
+    /// Makes the pin an output of a peripheral, by the number of the alternate function.
     pub(super) fn make_alternate(self, function: u32) {
         self.set_field(AFR, 4, function);
         self.set_field(MODER, 2, 0b10);
     }
 
-    /// Changes a pin's field in a register, or two registers where the fields are wide.
+    /// Changes the pin's field in a register of its port, or in one of two registers where fields
+    /// are wide.
     #[expect(unsafe_code, reason = "pins are chosen by a table, not by type")]
     fn set_field(self, register: usize, width: u32, value: u32) {
         let (port, number) = self.port_and_number();

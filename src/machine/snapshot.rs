@@ -63,22 +63,16 @@ pub struct Snapshot {
 }
 
 impl Snapshot {
-    /// Looks up the position and the inputs, which are not published. A reader does so under the lock
-    /// of all other fields, so that no motion begins meanwhile that these do not show yet.
+    /// Copies the fields that `prepare` publishes, and reads the position and the inputs, which it
+    /// does not publish. Under the lock of the published snapshot: no motion begins meanwhile that
+    /// its fields do not show yet.
     #[inline]
-    pub fn observe(&mut self, segments: &SegmentRing, inputs: &Inputs) {
+    pub fn copy_from(&mut self, published: &Self, segments: &SegmentRing, inputs: &Inputs) {
         (self.steps, self.feed_mm_min, self.line) = segments.status();
         self.inputs = inputs.active();
-    }
-
-    /// Copies the published fields of another snapshot, and looks the others up. For tasks with a
-    /// deadline, and for locks that they wait for.
-    #[inline]
-    pub fn copy_from(&mut self, new: &Self, segments: &SegmentRing, inputs: &Inputs) {
-        self.observe(segments, inputs);
         macro_rules! copy {
             ($($field:ident),* $(,)?) => {
-                let Self { steps: _, feed_mm_min: _, inputs: _, line: _, $($field),* } = new;
+                let Self { steps: _, feed_mm_min: _, inputs: _, line: _, $($field),* } = published;
                 $(self.$field = *$field;)*
             };
         }

@@ -35,7 +35,7 @@ pub struct Requests {
     /// 0x85: cleared by `prepare`.
     jog_cancel: AtomicBool,
     /// End of the delay that `prepare` asked for: cleared by `prepare`.
-    wake: AtomicBool,
+    delay_end: AtomicBool,
     /// Overrides: dequeued by `prepare`.
     overrides: OverrideRing,
     /// Number of requests to `prepare` other than overrides, wrapping.
@@ -63,7 +63,7 @@ impl Requests {
             start: AtomicBool::new(false),
             door: AtomicBool::new(false),
             jog_cancel: AtomicBool::new(false),
-            wake: AtomicBool::new(false),
+            delay_end: AtomicBool::new(false),
             overrides: OverrideRing::new(),
             asked: AtomicU32::new(0),
             resets: AtomicU32::new(0),
@@ -110,17 +110,17 @@ impl Requests {
         take(&self.jog_cancel)
     }
 
-    /// Signals the end of the delay that `prepare` asked for; for its shell alone.
-    pub fn wake(&self) {
-        set(&self.wake);
+    /// Signals the end of the delay that `prepare` asked for; for its platform alone.
+    pub fn end_delay(&self) {
+        set(&self.delay_end);
         // Interrupted by another request, two may count as one: the number differs in any case.
         add_one(&self.asked);
     }
 
     /// Takes the end of the delay.
     #[must_use]
-    pub fn take_wake(&self) -> bool {
-        take(&self.wake)
+    pub fn take_delay_end(&self) -> bool {
+        take(&self.delay_end)
     }
 
     /// Returns the number of requests to `prepare`, wrapping: while it is the same, none is new.

@@ -39,7 +39,8 @@ pub struct Edge {
 #[derive(Debug)]
 pub struct Drive {
     motion: Motion,
-    pub(super) snapshot: Snapshot,
+    /// The machine as `prepare` publishes it.
+    published: Snapshot,
     /// The segments that the step interrupt plays, and how far.
     pub segments: SegmentRing,
     /// Switches, probe and buttons.
@@ -63,10 +64,11 @@ impl Drive {
     #[inline(never)]
     pub fn new(settings: &Settings) -> Self {
         let inputs = Inputs::new();
-        // Constants, which are copied to where they stay: an emulated chip has no room for two of them.
+        // Constants, which are copied to where they stay: an emulated chip has no room for two of
+        // them.
         let mut drive = Self {
             motion: const { Motion::new() },
-            snapshot: Snapshot::default(),
+            published: Snapshot::default(),
             segments: const { SegmentRing::new() },
             contacts: Contacts::new(),
             watch: Watch::new(Levels::NONE, &inputs),
@@ -78,16 +80,18 @@ impl Drive {
             timer: VirtualTimer::new(),
             platform: VirtualPlatform::new(Outputs::default()),
         };
-        drive.snapshot = drive.motion.power_up(settings, &drive.inputs);
+        drive.published = drive.motion.power_up(settings, &drive.inputs);
         drive.watch = Watch::new(Levels::NONE, &drive.inputs);
         drive.platform.outputs = *drive.motion.outputs();
         drive
     }
 
-    /// Returns the machine as `prepare` last published it.
+    /// Returns the machine as a task reads it now.
     #[must_use]
-    pub const fn snapshot(&self) -> &Snapshot {
-        &self.snapshot
+    pub fn snapshot(&self) -> Snapshot {
+        let mut snapshot = Snapshot::default();
+        snapshot.copy_from(&self.published, &self.segments, &self.inputs);
+        snapshot
     }
 
     /// Returns when the step interrupt is due, ticks.
@@ -96,17 +100,17 @@ impl Drive {
         self.timer.due()
     }
 
-    /// Returns when `prepare` is released after a delay, ticks: [`Drive::wake`] does it.
+    /// Returns when the delay of `prepare` ends, ticks: [`Drive::end_delay`] does it.
     #[must_use]
-    pub const fn wake_due(&self) -> Option<u64> {
-        self.platform.wake_due
+    pub const fn delay_due(&self) -> Option<u64> {
+        self.platform.delay_due
     }
 
     /// Releases `prepare` if its delay is over.
-    pub fn wake(&mut self, now: u64) {
-        if self.platform.wake_due.is_some_and(|due| due <= now) {
-            self.platform.wake_due = None;
-            self.platform.is_wake_over = true;
+    pub fn end_delay(&mut self, now: u64) {
+        if self.platform.delay_due.is_some_and(|due| due <= now) {
+            self.platform.delay_due = None;
+            self.platform.is_delay_over = true;
             self.platform.pend(Task::Prepare);
         }
     }
@@ -183,16 +187,19 @@ impl Drive {
         }
     }
 
-    /// Returns what `interpret` reads, fills and releases.
-    pub(super) fn for_interpret(
-        &mut self,
-    ) -> (&Snapshot, Producer<'_, Entry>, &mut VirtualPlatform) {
-        (&self.snapshot, self.entries.split().0, &mut self.platform)
+    /// Returns the queue that `interpret` fills, and its platform.
+    pub(super) fn for_interpret(&mut self) -> (Producer<'_, Entry>, &mut VirtualPlatform) {
+        (self.entries.split().0, &mut self.platform)
     }
 
     /// Runs `serial_rx`: a byte arrives.
     pub fn receive(&mut self, byte: u8, requests: &Requests, received: &mut ByteWriter<'_>) {
         tasks::serial_rx(byte, requests, received, &mut self.platform);
+    }
+
+    /// Releases the tasks that wait for room to send, after bytes have been sent.
+    pub(super) fn sent(&mut self, before: usize, after: usize, requests: &Requests) {
+        tasks::serial_tx(before, after, requests, &mut self.platform);
     }
 
     /// Enqueues an entry as `interpret` does. Returns whether there was room.
@@ -217,7 +224,7 @@ impl Drive {
     }
 
     /// Returns once whether the tasks of the protocol have been released.
-    pub fn take_wake(&mut self) -> bool {
+    pub fn take_wake_release(&mut self) -> bool {
         core::mem::take(&mut self.platform.is_wake_released)
     }
 
@@ -239,11 +246,10 @@ impl Drive {
             &mut entries,
             &mut events,
             shared,
-            &mut Exclusive(&mut self.snapshot),
+            &mut Exclusive(&mut self.published),
             &mut steps,
             &mut self.platform,
         );
-        self.snapshot.observe(&self.segments, &self.inputs);
         self.segment_start();
         true
     }

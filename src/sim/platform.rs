@@ -15,10 +15,10 @@ pub(super) struct VirtualPlatform {
     pub(super) now: u64,
     /// What is switched, with the duty that is output.
     pub(super) outputs: Outputs,
-    /// When `prepare` is released, ticks.
-    pub(super) wake_due: Option<u64>,
-    /// That time is over.
-    pub(super) is_wake_over: bool,
+    /// When the delay of `prepare` ends, ticks.
+    pub(super) delay_due: Option<u64>,
+    /// The delay has ended, and `prepare` has not run since.
+    pub(super) is_delay_over: bool,
     pub(super) is_segment_start_released: bool,
     pub(super) is_prepare_released: bool,
     pub(super) is_wake_released: bool,
@@ -30,8 +30,8 @@ impl VirtualPlatform {
         Self {
             now: 0,
             outputs,
-            wake_due: None,
-            is_wake_over: false,
+            delay_due: None,
+            is_delay_over: false,
             is_segment_start_released: false,
             is_prepare_released: true,
             is_wake_released: false,
@@ -54,13 +54,13 @@ impl Platform for VirtualPlatform {
 }
 
 impl PreparePlatform for VirtualPlatform {
-    fn take_wake(&mut self) -> bool {
-        core::mem::take(&mut self.is_wake_over)
+    fn take_delay_end(&mut self) -> bool {
+        core::mem::take(&mut self.is_delay_over)
     }
 
-    fn wake_in(&mut self, milliseconds: u16) {
-        let ticks = u64::from(milliseconds) * u64::from(TICKS_PER_MS);
-        self.wake_due = Some(self.now + ticks);
+    fn start_delay(&mut self, delay_ms: u16) {
+        let ticks = u64::from(delay_ms) * u64::from(TICKS_PER_MS);
+        self.delay_due = Some(self.now + ticks);
     }
 
     fn switch(&mut self, outputs: &Outputs) {

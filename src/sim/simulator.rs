@@ -96,9 +96,9 @@ impl Simulator {
         self.now
     }
 
-    /// Returns the machine as `prepare` last published it.
+    /// Returns the machine as a task reads it now.
     #[must_use]
-    pub const fn snapshot(&self) -> &Snapshot {
+    pub fn snapshot(&self) -> Snapshot {
         self.drive.snapshot()
     }
 
@@ -141,7 +141,7 @@ impl Simulator {
 
     /// Releases the tasks of the protocol as `wake` does.
     fn wake(&mut self) {
-        if self.drive.take_wake() {
+        if self.drive.take_wake_release() {
             self.is_interpret_released = true;
             self.is_report_released |= self.requests.wants_status();
         }
@@ -149,10 +149,12 @@ impl Simulator {
 
     /// Takes the next byte that the machine sends.
     pub fn send(&mut self) -> Option<u8> {
-        let byte = self.sent.split().1.dequeue();
-        // Whoever waits for room may find it.
-        self.is_interpret_released |= byte.is_some();
-        self.is_report_released |= byte.is_some();
+        let (_, mut sent) = self.sent.split();
+        let before = sent.len();
+        let byte = sent.dequeue();
+        let after = sent.len();
+        self.drive.sent(before, after, &self.requests);
+        self.wake();
         byte
     }
 
@@ -189,7 +191,7 @@ impl Simulator {
     #[must_use]
     pub fn due(&self) -> Option<u64> {
         let drive = &self.drive;
-        let dues = [drive.due(), drive.sample_due(), drive.wake_due()];
+        let dues = [drive.due(), drive.sample_due(), drive.delay_due()];
         dues.into_iter().flatten().min()
     }
 
@@ -197,7 +199,7 @@ impl Simulator {
     pub fn settle(&mut self) {
         loop {
             self.drive.watch(&self.requests, self.now);
-            self.drive.wake(self.now);
+            self.drive.end_delay(self.now);
             if self.drive.prepare(&self.requests, self.now) {
                 self.wake();
             } else if self.is_report_released {
@@ -222,7 +224,8 @@ impl Simulator {
     /// # Panics
     /// If anything moves while something is stored: the chip could not output steps meanwhile.
     fn interpret(&mut self) {
-        let is_at_rest = self.drive.due().is_none() && self.snapshot().is_at_rest;
+        let snapshot = &self.snapshot();
+        let is_at_rest = self.drive.due().is_none() && snapshot.is_at_rest;
         let io = SessionIo {
             session: &mut self.session,
             received: &mut self.received.split().1,
@@ -233,19 +236,20 @@ impl Simulator {
             assert!(is_at_rest, "the flash is written at rest only");
             journal.write(change, stored)
         };
-        let (snapshot, mut entries, platform) = self.drive.for_interpret();
+        let (mut entries, platform) = self.drive.for_interpret();
         let requests = &self.requests;
         let progress = tasks::interpret(io, snapshot, requests, &mut entries, store, platform);
         self.is_interpret_released = progress == Progress::Again;
     }
 
     fn report(&mut self) {
+        let snapshot = &self.snapshot();
         let io = SessionIo {
             session: &mut self.session,
             received: &mut self.received.split().1,
             sent: &mut self.sent.split().0,
         };
-        let progress = tasks::report(io, self.drive.snapshot(), &self.requests);
+        let progress = tasks::report(io, snapshot, &self.requests);
         self.is_report_released = progress == Progress::Again;
     }
 }

@@ -39,7 +39,7 @@ impl Cell {
     }
 
     pub(crate) fn snapshot(&self) -> Snapshot {
-        *self.drive.snapshot()
+        self.drive.snapshot()
     }
 
     pub(crate) fn state(&self) -> State {
@@ -135,7 +135,7 @@ impl Cell {
     /// Goes on to the next thing that is due, at most until `end`.
     pub(crate) fn advance(&mut self, end: u64) {
         let step = self.drive.due();
-        let dues = [step, self.drive.sample_due(), self.drive.wake_due()];
+        let dues = [step, self.drive.sample_due(), self.drive.delay_due()];
         self.now = dues.into_iter().flatten().fold(end, u64::min).max(self.now);
         if step.is_some_and(|due| due <= self.now) {
             let line = self.drive.segments.line();
@@ -143,7 +143,7 @@ impl Cell {
                 self.trace.push(edge, line);
             }
         }
-        self.drive.wake(self.now);
+        self.drive.end_delay(self.now);
         self.settle();
     }
 

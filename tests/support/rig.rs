@@ -116,7 +116,7 @@ impl Rig {
     }
 
     pub(crate) fn snapshot(&self) -> Snapshot {
-        *self.drive.snapshot()
+        self.drive.snapshot()
     }
 
     /// Plays commands and acts (in order of time) until everything is done and at rest.
@@ -163,8 +163,8 @@ impl Rig {
             idle_runs += 1;
             let feed = (!is_all_sent && feed_at > self.now).then_some(feed_at);
             let act = acts.peek().map(|act| act.0);
-            let wake = self.drive.wake_due();
-            let other = feed.into_iter().chain(act).chain(wake).min();
+            let delay = self.drive.delay_due();
+            let other = feed.into_iter().chain(act).chain(delay).min();
             match (self.drive.due(), other) {
                 (Some(due), other) if other.is_none_or(|other| due <= other) => {
                     idle_runs = 0;
@@ -223,7 +223,7 @@ impl Rig {
     }
 
     fn wake(&mut self) {
-        self.drive.wake(self.now);
+        self.drive.end_delay(self.now);
     }
 
     /// Runs to a time, with nothing from outside.
@@ -241,7 +241,7 @@ impl Rig {
     }
 
     fn next_due(&self) -> Option<u64> {
-        let dues = [self.drive.due(), self.drive.wake_due()];
+        let dues = [self.drive.due(), self.drive.delay_due()];
         dues.into_iter().flatten().min()
     }
 

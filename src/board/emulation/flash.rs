@@ -1,7 +1,7 @@
-//! Flash for settings: the emulator's cannot be written.
+//! The flash for settings as memory: the emulator's own flash cannot be written.
 //!
-//! In its place stands memory that the emulated chip has and no program uses: it keeps its contents
-//! through a reset, and is zero at power-up. The bits are kept inverted, so that this means erased.
+//! The memory is RAM that no program uses: it keeps its contents through a reset, and is zero at
+//! power-up. The bits are inverted, so that zero means erased.
 
 use crate::board::flash::BOTH;
 
@@ -9,7 +9,7 @@ use crate::board::flash::BOTH;
 const FIRST: *mut u8 = 0x2001_8000 as *mut u8;
 const _: () = assert!(BOTH <= 96 * 1024);
 
-/// Reads bytes; the caller has checked that they are there, as have those of the others.
+/// Reads bytes; the caller of this and of the functions below has checked the range.
 #[expect(unsafe_code, reason = "memory that no program uses")]
 pub(in crate::board) fn read_flash(offset: usize, bytes: &mut [u8]) {
     for (byte, index) in bytes.iter_mut().zip(offset..) {

@@ -1,4 +1,4 @@
-//! The two blocks of memory by which tools and tests take part: what the pins did, and contacts.
+//! The blocks of memory in place of pins: a record of the outputs, and the contacts.
 
 use core::sync::atomic::{AtomicI32, AtomicU8, AtomicU32, Ordering::Relaxed};
 
@@ -9,7 +9,7 @@ use leadscrew::{
 
 use crate::board::{outputs, pins};
 
-/// What the pins have done.
+/// A record of the outputs.
 #[repr(C)]
 struct Figures {
     /// Events that began a pulse.
@@ -22,15 +22,15 @@ struct Figures {
     pulses: [AtomicU32; 6],
     /// Position of each axis, steps.
     steps: [AtomicI32; 6],
-    /// What is switched on: bit 0 spindle, 1 counter-clockwise, 2 flood, 3 mist, 4 drivers.
+    /// Outputs that are on: bit 0 spindle, 1 counter-clockwise, 2 flood, 3 mist, 4 drivers.
     switched: AtomicU32,
     /// Duty of the PWM, 0 to [`Outputs::FULL`].
     duty: AtomicU32,
-    /// The highest duty since the start: a test may read too late for the one it expects.
+    /// The highest duty since power-up: a test may read too late for the duty that it expects.
     highest_duty: AtomicU32,
 }
 
-/// Contacts to be read in place of pins: written by a test, as a machine would close them.
+/// Contacts in place of input pins, which a test closes as a machine would.
 #[repr(C)]
 struct EmulatedContacts {
     /// Closed whatever the axes do; the bits of [`Levels`].
@@ -67,18 +67,18 @@ static CONTACTS: EmulatedContacts = EmulatedContacts {
     plate: AtomicI32::new(i32::MIN),
 };
 
-/// When the last event with a pulse was due.
-static LAST: AtomicU32 = AtomicU32::new(0);
+/// Time of the last event with a pulse, ticks.
+static LAST_PULSE: AtomicU32 = AtomicU32::new(0);
 
 /// The directions output last, bit 0 = X, 1 = negative.
 static DIRECTIONS: AtomicU8 = AtomicU8::new(0);
 
-/// The contacts that were closed at the handler's run before.
-static SEEN: AtomicU32 = AtomicU32::new(0);
+/// The contacts that were closed in the last run of the handler.
+static CLOSED: AtomicU32 = AtomicU32::new(0);
 
-/// Returns the contacts that are closed, as the handler found them last.
+/// Returns the contacts that were closed in the last run of the handler.
 pub(in crate::board) fn contacts() -> Levels {
-    Levels(SEEN.load(Relaxed) as u16)
+    Levels(CLOSED.load(Relaxed) as u16)
 }
 
 /// Reads the contacts. Returns whether they have changed since the last time.
@@ -93,13 +93,13 @@ pub(super) fn have_contacts_changed() -> bool {
     if FIGURES.steps[leadscrew::axis::Z].load(Relaxed) <= CONTACTS.plate.load(Relaxed) {
         closed |= u32::from(Levels::PROBE.0);
     }
-    let has_changed = closed != SEEN.load(Relaxed);
-    SEEN.store(closed, Relaxed);
+    let has_changed = closed != CLOSED.load(Relaxed);
+    CLOSED.store(closed, Relaxed);
     has_changed
 }
 
-/// Keeps a record of what is switched, and of the duty at rest.
-pub(in crate::board) fn switched(outputs: &Outputs) {
+/// Records the outputs and the duty at rest.
+pub(in crate::board) fn record_outputs(outputs: &Outputs) {
     let bits = [
         outputs.spindle != Spindle::Off,
         outputs.spindle == Spindle::CounterClockwise,
@@ -112,7 +112,7 @@ pub(in crate::board) fn switched(outputs: &Outputs) {
     record_duty();
 }
 
-/// Keeps a record of the duty.
+/// Records the duty.
 pub(super) fn record_duty() {
     let duty = outputs::duty();
     FIGURES.duty.store(duty, Relaxed);
@@ -121,7 +121,7 @@ pub(super) fn record_duty() {
     }
 }
 
-/// Adds the event that is set up to the figures, when it is due.
+/// Records the next event, which is due at a time in ticks.
 pub(super) fn record(due: u32) {
     let (axes, directions) = pins::read_next(DIRECTIONS.load(Relaxed));
     DIRECTIONS.store(directions, Relaxed);
@@ -131,9 +131,9 @@ pub(super) fn record(due: u32) {
     let elapsed = if FIGURES.events.load(Relaxed) == 0 {
         0
     } else {
-        due.wrapping_sub(LAST.load(Relaxed))
+        due.wrapping_sub(LAST_PULSE.load(Relaxed))
     };
-    LAST.store(due, Relaxed);
+    LAST_PULSE.store(due, Relaxed);
     add(&FIGURES.events, 1);
     store(
         &FIGURES.ticks,

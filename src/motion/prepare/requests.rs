@@ -15,7 +15,7 @@ impl Motion {
         self.handled.requests = requests.asked();
         self.handled.ticks = segments.played_start_ticks();
         self.apply_overrides(requests);
-        if requests.take_wake() {
+        if requests.take_delay_end() {
             self.end_delay();
         }
         let is_cancel = requests.take_jog_cancel() && self.control.state == State::Jog;

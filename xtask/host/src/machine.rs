@@ -125,8 +125,8 @@ impl Machine {
         self.signals.events()
     }
 
-    /// The machine as it was published last.
-    pub fn snapshot(&self) -> &Snapshot {
+    /// Returns the machine as a task reads it now.
+    pub fn snapshot(&self) -> Snapshot {
         self.simulator.snapshot()
     }
 

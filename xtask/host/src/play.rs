@@ -125,7 +125,7 @@ pub fn stream<R: Recorder>(
     let mut stream = Stream::new(simulator, source, BAUD);
     let end = stream.run(&mut Watched(&observer));
     let (lines, late) = (stream.lines, stream.simulator.late());
-    let snapshot = *stream.simulator.snapshot();
+    let snapshot = stream.simulator.snapshot();
     drop(stream);
     let observer = observer.into_inner();
     observer.run.bar.finish_and_clear();

@@ -1,16 +1,16 @@
-//! The timer that releases `prepare` after a time: TIM6, on whose vector the task is.
+//! The timer of the delay that `prepare` asks for: TIM6, whose vector the task binds.
 
 use super::{emulation, pac};
 
 /// Counts of the timer in a millisecond: its prescaler has 16 bits.
 const COUNTS_PER_MS: u16 = 2;
-/// Longest time, ms.
+/// Longest delay, ms.
 const LONGEST_MS: u16 = u16::MAX / COUNTS_PER_MS;
 
 /// The timer, owned by `prepare`.
-pub(crate) struct WakeTimer(pac::TIM6);
+pub(crate) struct DelayTimer(pac::TIM6);
 
-impl WakeTimer {
+impl DelayTimer {
     /// Sets the timer up. Its clock must run, at 84 MHz.
     pub(super) fn new(timer: pac::TIM6) -> Self {
         timer.psc().write(|w| w.psc().set(42_000 - 1));
@@ -20,11 +20,12 @@ impl WakeTimer {
         Self(timer)
     }
 
-    /// Returns once whether the time is over. Ends the interrupt.
+    /// Takes the end of the delay: returns whether it has come since the last call. Acknowledges the
+    /// interrupt.
     #[inline]
     pub(crate) fn take_end(&mut self) -> bool {
         if emulation::is_emulated() {
-            return emulation::take_wake();
+            return emulation::take_delay_end();
         }
         let is_over = self.0.sr().read().uif().bit_is_set();
         if is_over {
@@ -33,17 +34,17 @@ impl WakeTimer {
         is_over
     }
 
-    /// Releases the task after some milliseconds, at least 1, instead of at the time set before.
-    pub(crate) fn set(&mut self, milliseconds: u16) {
-        let counts = milliseconds.clamp(1, LONGEST_MS) * COUNTS_PER_MS;
+    /// Begins a delay of at least 1 ms, instead of the one begun before.
+    pub(crate) fn start(&mut self, delay_ms: u16) {
+        let counts = delay_ms.clamp(1, LONGEST_MS) * COUNTS_PER_MS;
         self.0.cr1().write(|w| w.urs().set_bit());
         self.0.arr().write(|w| w.arr().set(counts));
         self.0.egr().write(|w| w.ug().set_bit());
-        // The earlier wish may have come true just now.
+        // The delay begun before may have ended just now.
         self.0.sr().write(|w| w.uif().clear_bit());
         self.0
             .cr1()
             .write(|w| w.urs().set_bit().opm().set_bit().cen().set_bit());
-        emulation::wake_in(milliseconds);
+        emulation::start_delay(delay_ms);
     }
 }
