@@ -2,10 +2,9 @@
 
 use std::{ffi::OsString, fs, iter, process::ExitCode};
 
-use anyhow::{Result, bail};
-use clap::Parser;
+use anyhow::{Context, Result, bail};
+use clap::{Arg, ArgAction, Command};
 use common::{
-    boards::{self, Board},
     cargo::{self, cargo, for_board, wait},
     check::{self, Check, Verdict},
     tools::{self, Tool},
@@ -14,23 +13,34 @@ use common::{
 
 /// Test everything that needs no hardware
 ///
-/// Formatting, lints, host tests with three, four and six axes, the firmware of every board and the
-/// proof of its timing, tests on the emulated processor, and the firmware over its serial line. Goes on after a failure and
-/// lists what failed. Asks rustup for what rustup can give.
-#[derive(Parser)]
-#[command(bin_name = "cargo xtask test", styles = ui::STYLES, max_term_width = 100)]
-#[command(no_binary_name = true, after_help = ui::AXES)]
-struct Options {
-    /// Only the checks whose name contains this
-    #[arg(value_name = "NAME")]
-    only: Option<String>,
-    /// List the checks and do nothing
-    #[arg(long)]
-    list: bool,
-    /// Instead, drive sender programs at the simulator and at the firmware: gets them with pip and
-    /// npm, and skips what cannot be had
-    #[arg(long)]
-    clients: bool,
+/// And what else its help says.
+fn command() -> Command {
+    let only = Arg::new("only")
+        .value_name("NAME")
+        .help("Only the checks whose name contains this");
+    let list = Arg::new("list")
+        .long("list")
+        .action(ArgAction::SetTrue)
+        .help("List the checks and do nothing");
+    let clients = Arg::new("clients").long("clients").action(ArgAction::SetTrue).help(
+        "Instead, drive sender programs at the simulator and at the firmware: gets them with pip \
+         and npm, and skips what cannot be had",
+    );
+    Command::new("test")
+        .bin_name("cargo xtask test")
+        .about("Test everything that needs no hardware")
+        .long_about(
+            "Test everything that needs no hardware\n\n\
+             Formatting, lints, host tests with three, four and six axes, the firmware of every board \
+             and the proof of its timing, tests on the emulated processor, and the firmware over its \
+             serial line. Goes on after a failure and lists what failed. Asks rustup for what rustup \
+             can give.",
+        )
+        .after_help(ui::AXES)
+        .styles(ui::STYLES)
+        .max_term_width(100)
+        .no_binary_name(true)
+        .args([only, list, clients])
 }
 
 /// Tests what is asked for.
@@ -39,8 +49,14 @@ pub(crate) fn start(arguments: Vec<OsString>) -> Result<ExitCode> {
         // What else is asked for is its matter.
         return tools::become_tool(tools::CLIENTS, arguments);
     }
-    let options = Options::parse_from(arguments);
-    check::run(checks()?, options.only.as_deref(), options.list, 1)
+    let matches = command().get_matches_from(arguments);
+    let only = matches.get_one::<String>("only");
+    check::run(
+        checks()?,
+        only.map(String::as_str),
+        matches.get_flag("list"),
+        1,
+    )
 }
 
 /// A check that needs no words when it passes.
@@ -53,9 +69,26 @@ fn by(tool: Tool, name: impl Into<String>, arguments: &'static [&'static str]) -
     Check::new(name, move || check::by(tool, arguments, cargo::axes()))
 }
 
+/// A board.
+#[derive(Clone)]
+struct Board {
+    name: String,
+    is_emulated: bool,
+}
+
+/// Every board, as the builder of firmware knows them.
+fn boards() -> Result<Vec<Board>> {
+    let text = tools::output(tools::FIRMWARE, ["boards"])?;
+    let boards = text.lines().map(|line| Board {
+        name: line.split(' ').next().unwrap_or_default().into(),
+        is_emulated: line.ends_with(" emulated"),
+    });
+    Ok(boards.collect())
+}
+
 /// Every check, the quick ones first.
 fn checks() -> Result<Vec<Check>> {
-    let boards = boards::all()?;
+    let boards = boards()?;
     let mut checks = vec![
         plain("formatting", || {
             cargo::need_component("fmt", "rustfmt")?;
@@ -151,7 +184,7 @@ fn lint(board: &Board) -> Result<()> {
             .args(for_board(&board.name))
             .args(["--", "-Dwarnings"]),
     )?;
-    let feature = if board.qemu.is_some() {
+    let feature = if board.is_emulated {
         "trace-emulated"
     } else {
         "trace"
@@ -171,7 +204,9 @@ fn on_target() -> Result<()> {
     }
     cargo::need_qemu()?;
     cargo::need_target()?;
-    let (board, _) = boards::emulated()?;
+    let boards = boards()?;
+    let board = boards.iter().find(|board| board.is_emulated);
+    let board = board.context("no board in Cargo.toml names a QEMU machine")?;
     // Other tests are the host's, and do not compile for the target.
     let mut command = cargo(&["test", "--release", "--no-fail-fast", "--test", "target_*"]);
     wait(command.args(for_board(&board.name)))

@@ -11,10 +11,8 @@ use std::{
 };
 
 use anyhow::{Context, Result, bail, ensure};
-use common::{
-    boards::{self, Board},
-    cargo, tools,
-};
+use boards::Board;
+use common::{cargo, tools};
 use emulator::Emulator;
 use host::{machine::Ends, settings};
 use leadscrew::settings::{Settings, StepRate};

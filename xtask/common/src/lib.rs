@@ -1,4 +1,4 @@
-//! What every tool of Leadscrew shares: what users see, Cargo, boards, other tools, and checks.
+//! What every tool of Leadscrew shares: what users see, Cargo, other tools, and checks.
 #![allow(
     clippy::missing_errors_doc,
     clippy::missing_panics_doc,
@@ -7,10 +7,8 @@
     reason = "a library of the tools beside it: errors are sentences, which the user is shown"
 )]
 
-pub mod boards;
 pub mod cargo;
 pub mod check;
-pub mod compile;
 pub mod text;
 pub mod tools;
 pub mod ui;

@@ -1,26 +1,7 @@
 //! Numbers, times and rows of a summary, as every tool prints them.
 
-use std::{
-    fs::File,
-    io::{BufWriter, Write as _},
-    path::Path,
-};
-
 use anstream::println;
-use anyhow::{Context, Result};
 use owo_colors::OwoColorize;
-use serde::Serialize;
-
-/// Writes a value as JSON, streaming.
-pub fn write_json(path: &Path, value: &impl Serialize) -> Result<()> {
-    let name = path.display();
-    let file = File::create(path).with_context(|| format!("cannot create {name}"))?;
-    let mut writer = BufWriter::new(file);
-    serde_json::to_writer(&mut writer, value).with_context(|| format!("cannot write {name}"))?;
-    writeln!(writer)
-        .and_then(|()| writer.flush())
-        .with_context(|| format!("cannot write {name}"))
-}
 
 /// Prints one row of a summary.
 pub fn row(name: &str, value: &str) {

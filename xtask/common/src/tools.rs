@@ -190,9 +190,11 @@ pub fn plugin() -> Result<PathBuf> {
 fn show(command: &mut Command, what: &str) -> Result<bool> {
     let is_terminal = std::io::stderr().is_terminal();
     if is_terminal {
+        let size = rustix::termios::tcgetwinsize(std::io::stderr());
+        let width = size.map_or(80, |size| size.ws_col.max(20));
         command
             .env("CARGO_TERM_PROGRESS_WHEN", "always")
-            .env("CARGO_TERM_PROGRESS_WIDTH", "80")
+            .env("CARGO_TERM_PROGRESS_WIDTH", width.to_string())
             .env("CARGO_TERM_COLOR", "always");
     }
     let mut child = command

@@ -1,10 +1,7 @@
 //! What the user sees: progress, headings and errors, coloured where the terminal shows colour.
 
-use std::time::Duration;
-
 use anstream::{eprint, eprintln};
 use clap::builder::styling::{AnsiColor, Styles};
-use indicatif::{ProgressBar, ProgressStyle};
 use owo_colors::OwoColorize;
 
 /// Colours of the help, as Cargo's own.
@@ -37,19 +34,6 @@ pub fn error(error: &anyhow::Error) {
             eprintln!("{line}");
         }
     }
-}
-
-/// A progress bar over `length` of something; invisible when standard error is no terminal.
-pub fn progress(length: u64, unit: &str) -> ProgressBar {
-    let template = format!(
-        "{{bar:40.green/dim}} {{percent:>3}} %  {{human_pos}} of {{human_len}} {unit}, {{eta}} left {{msg}}"
-    );
-    let style = ProgressStyle::with_template(&template)
-        .expect("the template is fixed")
-        .progress_chars("━╸─");
-    let bar = ProgressBar::new(length).with_style(style);
-    bar.enable_steady_tick(Duration::from_millis(200));
-    bar
 }
 
 /// What the help of every command ends with.

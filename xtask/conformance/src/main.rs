@@ -20,8 +20,11 @@ use std::{
 
 use anyhow::{Context, Result, ensure};
 use clap::Parser;
-use common::{text::write_json, ui};
-use host::play;
+use common::ui;
+use host::{
+    output::{progress, write_json},
+    play,
+};
 use serde::Serialize;
 
 use self::{
@@ -180,7 +183,7 @@ const CHECK: &str = "check";
 
 /// Runs everything, on every core.
 fn replay_all(dir: &Path, recordings: &[Recording]) -> Result<Vec<Outcome>> {
-    let bar = ui::progress(recordings.len() as u64, "recordings");
+    let bar = progress(recordings.len() as u64, "recordings");
     let (next, outcomes) = (AtomicUsize::new(0), Mutex::new(Vec::new()));
     let work = || -> Result<()> {
         loop {

@@ -6,7 +6,7 @@ use std::{
 };
 
 use anyhow::{Context, Result, ensure};
-use common::{boards, cargo};
+use common::cargo;
 
 /// Runs `elf` to its end in a folder, where its files are, and returns what it prints.
 pub fn output(elf: &Path, folder: &Path) -> Result<String> {

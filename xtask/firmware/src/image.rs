@@ -3,7 +3,7 @@
 use std::{ops::Range, path::Path};
 
 use anyhow::{Context, Result, ensure};
-use common::compile;
+use boards::compile;
 use object::{Object, ObjectSection, ObjectSymbol};
 
 /// The symbol of the two words, the mark and the rate in Hz.

@@ -16,13 +16,11 @@ use std::{
 };
 
 use anyhow::{Context, Result};
-use common::{
-    BAUD,
-    boards::Board,
+use boards::{
+    Board,
     compile::{self, copy_beside, place, replace},
-    text::separated,
-    tools, ui,
 };
+use common::{BAUD, text::separated, tools, ui};
 
 /// Builds the firmware for `board`, proves it, and returns its ELF file with what is proven in it.
 pub fn proven(board: &Board) -> Result<PathBuf> {

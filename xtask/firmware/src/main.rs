@@ -5,8 +5,9 @@ mod size;
 use std::process::ExitCode;
 
 use anyhow::Result;
+use boards::compile;
 use clap::Parser;
-use common::{boards, cargo, compile, ui};
+use common::{cargo, ui};
 
 /// Builds the firmware and shows its size.
 #[derive(Parser)]
@@ -15,6 +16,9 @@ use common::{boards, cargo, compile, ui};
 enum Verb {
     Build(Options),
     Size(size::Options),
+    /// Lists the boards, and which of them are emulated.
+    #[command(hide = true)]
+    Boards,
     /// Builds every firmware of a board.
     #[command(hide = true)]
     All {
@@ -30,6 +34,7 @@ fn main() -> ExitCode {
     common::main(|| match verb {
         Verb::Build(options) => run(&options),
         Verb::Size(options) => size::run(&options),
+        Verb::Boards => list(),
         Verb::All { board } => every_firmware(&board),
         Verb::Serial => over_serial(),
     })
@@ -57,6 +62,15 @@ fn run(options: &Options) -> Result<ExitCode> {
             firmware::proven(&board)?
         };
         ui::status("Built", &elf.display().to_string());
+    }
+    Ok(ExitCode::SUCCESS)
+}
+
+/// Prints a line for each board.
+fn list() -> Result<ExitCode> {
+    for board in boards::all()? {
+        let emulated = board.qemu.map_or("", |_| " emulated");
+        println!("{}{emulated}", board.name);
     }
     Ok(ExitCode::SUCCESS)
 }

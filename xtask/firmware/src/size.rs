@@ -7,7 +7,8 @@ use anyhow::{Context, Result, ensure};
 use object::{Object, ObjectSection, SectionFlags, elf};
 use owo_colors::OwoColorize;
 
-use common::{boards, cargo, compile};
+use boards::compile;
+use common::cargo;
 
 /// Build the firmware and show how much flash and RAM it takes
 ///

@@ -6,12 +6,12 @@
 use std::path::Path;
 
 use anyhow::Result;
-use common::text::{duration, row, separated, write_json};
+use common::text::{duration, row, separated};
 use leadscrew::settings::Settings;
 use owo_colors::OwoColorize;
 use serde::{Serialize, Serializer, ser::SerializeSeq};
 
-use crate::sender::Response;
+use crate::{output::write_json, sender::Response};
 
 /// The answers to all lines, in order.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]

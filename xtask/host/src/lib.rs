@@ -10,6 +10,7 @@
 
 pub mod figures;
 pub mod machine;
+pub mod output;
 pub mod play;
 pub mod program;
 pub mod proven;

@@ -27,7 +27,7 @@ use self::{
 };
 use crate::{
     machine::{Event, Pin},
-    proven, settings,
+    output, proven, settings,
 };
 
 /// How long a line is waited for in a session with times, as its recorder did, s.
@@ -181,7 +181,7 @@ pub fn replay_file(input: &Path, output: &Path) -> Result<bool> {
     let sessions: Vec<Value> = serde_json::from_slice(&text).with_context(form)?;
     let sessions: Result<Vec<Session>> = sessions.iter().map(Session::read).collect();
     let sessions = sessions.with_context(form)?;
-    let bar = ui::progress(sessions.len() as u64, "sessions");
+    let bar = output::progress(sessions.len() as u64, "sessions");
     let mut replayed = Vec::new();
     for session in sessions {
         replayed.push(replay(session));
@@ -196,7 +196,7 @@ pub fn replay_file(input: &Path, output: &Path) -> Result<bool> {
         }
     }
     let replayed: Result<Vec<Value>> = replayed.iter().map(Replayed::to_json).collect();
-    common::text::write_json(output, &replayed?)?;
+    output::write_json(output, &replayed?)?;
     Ok(all)
 }
 

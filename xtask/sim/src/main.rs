@@ -27,6 +27,7 @@ use common::{
 use host::{
     figures::Figures,
     machine::Ends,
+    output,
     play::{self, Run},
     program::Program,
     session, settings,
@@ -144,7 +145,7 @@ fn run(options: &Options) -> Result<ExitCode> {
     }
     text::row("took", &took);
     if let Some(path) = &options.json {
-        text::write_json(path, &measured)?;
+        output::write_json(path, &measured)?;
     }
     Ok(ExitCode::from(u8::from(!measured.figures.is_clean())))
 }
@@ -189,7 +190,7 @@ fn simulate(path: &Path, settings: &Settings, options: &Options) -> Result<(Meas
         meter: options.quality.then(|| Meter::new(settings)),
     };
     let run = Run {
-        bar: ui::progress(program.length(), "bytes"),
+        bar: output::progress(program.length(), "bytes"),
         prints: true,
         recorder: &mut instruments,
     };

@@ -7,7 +7,7 @@ use std::{
 };
 
 use anyhow::{Context, Result, ensure};
-use common::{boards, cargo, check::Verdict};
+use common::{cargo, check::Verdict};
 use host::{figures::Figures, play, proven, settings::Loaded};
 use indicatif::ProgressBar;
 use leadscrew::settings::StepRate;

@@ -23,7 +23,8 @@ use std::{
 
 use anstream::println;
 use anyhow::{Context, Result, ensure};
-use common::{boards, cargo, compile, ui};
+use boards::compile;
+use common::{cargo, ui};
 use owo_colors::OwoColorize;
 
 use emulator::Emulator;

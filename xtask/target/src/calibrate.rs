@@ -11,10 +11,8 @@ use std::process::ExitCode;
 
 use anstream::println;
 use anyhow::{Context, Result, bail, ensure};
-use common::{
-    boards::{self, Board},
-    cargo, tools, ui,
-};
+use boards::Board;
+use common::{cargo, tools, ui};
 use emulator::semihosting;
 use owo_colors::OwoColorize;
 

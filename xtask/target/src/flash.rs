@@ -3,10 +3,8 @@
 use std::{env, path::Path, process::ExitCode};
 
 use anyhow::Result;
-use common::{
-    boards::{self, Board},
-    compile, tools, ui,
-};
+use boards::{Board, compile};
+use common::{tools, ui};
 
 /// Build the firmware and write it to the board with a debug probe
 ///
@@ -83,7 +81,7 @@ mod with_probe {
             .attach(&*board.chip, Permissions::default())
             .with_context(|| format!("the probe finds no {}: is the board powered?", board.chip))?;
         ui::status("Writing", &elf.display().to_string());
-        let bar = ui::progress(0, "bytes");
+        let bar = host::output::progress(0, "bytes");
         let mut download = DownloadOptions::default();
         download.verify = true;
         let progress = bar.clone();

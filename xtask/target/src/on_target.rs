@@ -10,8 +10,8 @@ use std::{
 };
 
 use anyhow::{Context, Result, bail, ensure};
+use boards::Board;
 use common::{
-    boards::{self, Board},
     cargo::{self, cargo, for_board},
     text, ui,
 };

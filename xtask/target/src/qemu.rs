@@ -8,10 +8,11 @@ use std::{
 
 use anstream::println;
 use anyhow::{Result, bail, ensure};
-use common::{boards, cargo, text, ui};
+use common::{cargo, text, ui};
 use emulator::{Emulator, Pins};
 use host::{
     figures::{Figures, Final},
+    output,
     program::Program,
     refusal,
     sender::{Received, Response, Sender},
@@ -59,7 +60,7 @@ pub(crate) fn run(options: &Options) -> Result<ExitCode> {
     let loaded = load(crate::step_rate(&elf)?)?;
     ui::status("Booting", &format!("{} under QEMU", board.name));
     let start = Instant::now();
-    let bar = ui::progress(program.length(), "bytes");
+    let bar = output::progress(program.length(), "bytes");
     drop(program);
     let played = play_file(&options.file, &elf, &machine, &loaded, bar.clone());
     bar.finish_and_clear();

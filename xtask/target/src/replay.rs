@@ -9,7 +9,7 @@ mod workload;
 use std::{path::PathBuf, process::ExitCode};
 
 use anyhow::Result;
-use common::{boards, cargo, tools, ui};
+use common::{cargo, tools, ui};
 
 use self::driver::Driver;
 

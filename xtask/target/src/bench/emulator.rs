@@ -9,7 +9,7 @@ use std::{
 };
 
 use anyhow::{Context, Result, bail, ensure};
-use common::{boards, cargo, tools, ui};
+use common::{cargo, tools, ui};
 
 use super::{
     monitor::Monitor,

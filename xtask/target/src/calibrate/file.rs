@@ -3,7 +3,8 @@
 use std::{collections::BTreeMap, fs, path::PathBuf};
 
 use anyhow::{Context, Result};
-use common::{boards::Board, cargo};
+use boards::Board;
+use common::cargo;
 use serde::Serialize;
 
 use super::compare::Row;

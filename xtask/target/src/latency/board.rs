@@ -20,7 +20,7 @@ mod with_probe {
     };
 
     use anyhow::{Context, Result};
-    use common::{boards, ui};
+    use common::ui;
     use probe_rs::{MemoryInterface as _, Session};
 
     use crate::{

@@ -12,7 +12,8 @@ use std::{
 };
 
 use anyhow::{Context, Result};
-use common::{boards::Board, cargo, tools};
+use boards::Board;
+use common::{cargo, tools};
 use serde::{Deserialize, Serialize};
 
 use super::measurement::{Clock, Task, Unit};

@@ -8,7 +8,7 @@ use std::{
 };
 
 use anyhow::{Context, Result, ensure};
-use common::{boards, cargo, check::Verdict, ui};
+use common::{cargo, check::Verdict, ui};
 use emulator::{Debugger, Emulator, symbol};
 use host::{
     figures::Figures,

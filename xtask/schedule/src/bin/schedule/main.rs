@@ -19,14 +19,9 @@ use std::{
 
 use anstream::{eprintln, println};
 use anyhow::{Context, Error, Result, anyhow, bail, ensure};
+use boards::{Board, compile};
 use clap::Parser;
-use common::{
-    BAUD,
-    boards::{self, Board},
-    cargo, compile,
-    text::{row, write_json},
-    tools, ui, whole_thousands,
-};
+use common::{BAUD, cargo, text::row, tools, ui, whole_thousands};
 use owo_colors::OwoColorize;
 use schedule::{Config, Input, Measured, Model, Report, Rule, replay::Summary};
 
@@ -105,7 +100,8 @@ fn run(options: &Options) -> Result<ExitCode> {
     }
     print(&report);
     if let Some(path) = &options.json {
-        write_json(path, &report)?;
+        let json = serde_json::to_string(&report)? + "\n";
+        fs::write(path, json).with_context(|| format!("cannot write {}", path.display()))?;
     }
     if let Some(path) = &options.html {
         let page = page::page(&report, cargo::root())?;

@@ -8,8 +8,9 @@ use std::{
 };
 
 use anyhow::{Context, Result};
+use common::cargo;
 
-use crate::{boards::Board, cargo};
+use crate::Board;
 
 /// Copies that this program has made.
 static COPIES: AtomicU32 = AtomicU32::new(0);

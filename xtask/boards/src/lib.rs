@@ -1,12 +1,18 @@
-//! The boards, as `[package.metadata.board.*]` in `Cargo.toml` lists them.
+//! The boards, as `[package.metadata.board.*]` in `Cargo.toml` lists them, and the firmware of each.
+#![allow(
+    clippy::missing_errors_doc,
+    clippy::must_use_candidate,
+    reason = "a library of the tools beside it: errors are sentences, which the user is shown"
+)]
+
+pub mod compile;
 
 use std::{fmt::Write as _, process::Command};
 
 use anyhow::{Context, Result, bail, ensure};
+use common::cargo;
 use serde::Deserialize;
 use serde_json::Value;
-
-use crate::cargo;
 
 /// A board the firmware can be built for.
 #[derive(Debug, Clone, Deserialize)]
