@@ -8,6 +8,8 @@
 //! Nearly every number of a program has at most eight digits: a [`SmallDecimal`], which is read and
 //! scaled in single words. All other numbers are read once more, by [`Scanner::long_decimal`].
 
+use core::iter::Chain;
+
 /// A decimal number: `mantissa / 10^decimals`.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 #[cfg_attr(target_os = "none", derive(defmt::Format))]
@@ -32,8 +34,8 @@ pub struct Scanner<I> {
     following: I,
 }
 
-/// Stands for the next byte at the end of the text.
-const END: u32 = u32::MAX;
+/// Stands for the next byte at the end of the text: as a byte it is no letter, nor part of a number.
+const END: u32 = 256;
 /// Grbl keeps eight digits: single precision does not have more.
 const GRBL_LIMIT: u32 = 100_000_000;
 /// Most digits that fit a word.
@@ -89,7 +91,7 @@ impl<I: Iterator<Item = u8>> Scanner<I> {
         scanner
     }
 
-    /// The next byte; 255 at the end.
+    /// The next byte; 0 at the end.
     #[inline]
     #[must_use]
     pub fn peek(&self) -> u8 {
@@ -115,6 +117,20 @@ impl<I: Iterator<Item = u8>> Scanner<I> {
     #[must_use]
     pub fn following(self) -> I {
         self.following
+    }
+
+    /// The scanner with more bytes after those that it has.
+    #[must_use]
+    pub fn chain<J: Iterator<Item = u8>>(self, more: J) -> Scanner<Chain<I, J>> {
+        let is_at_end = self.is_at_end();
+        let mut scanner = Scanner {
+            next: self.next,
+            following: self.following.chain(more),
+        };
+        if is_at_end {
+            scanner.advance();
+        }
+        scanner
     }
 
     /// Skips the next byte.

@@ -7,6 +7,7 @@ mod error;
 pub mod interpreter;
 mod modal;
 mod parsed_line;
+mod plain_prefix;
 mod word;
 mod word_reader;
 
@@ -15,5 +16,7 @@ pub use modal::{
     ArcDistance, Distance, FeedMode, Flow, Modal, MotionMode, ProbeMode, ToolLength, Units,
 };
 pub use parsed_line::{AxisCommand, NonModal, ParsedLine, StoredPosition};
+use plain_prefix::MAX_LINE_NUMBER;
+pub use plain_prefix::{PlainPrefix, Refusal};
 pub use word::{Code, Word, Words};
-pub use word_reader::WordReader;
+pub use word_reader::{Boundary, WordReader};

@@ -4,8 +4,8 @@
 //! word from the left. The modes of the line replace those before it, in a copy.
 
 use super::{
-    ArcDistance, Code, Distance, FeedMode, Flow, LineError, Modal, MotionMode, ProbeMode,
-    ToolLength, Units, Word, WordReader, Words,
+    ArcDistance, Code, Distance, FeedMode, Flow, LineError, Modal, MotionMode, PlainPrefix,
+    ProbeMode, ToolLength, Units, Word, WordReader, Words,
 };
 use crate::{
     axis::{AXES, Axes, LETTERS},
@@ -161,6 +161,30 @@ impl ParsedLine {
                 self.non_modal,
                 NonModal::None | NonModal::MachineCoordinates
             )
+    }
+
+    /// Adds the plain words that a line begins with.
+    pub fn add_plain(&mut self, prefix: &PlainPrefix) {
+        let words = prefix.words;
+        if words.contains(Word::new(b'G')) {
+            self.modal.motion = prefix.motion;
+            self.axis_command = AxisCommand::Motion;
+            self.groups |= ModalGroup::Motion as u16;
+        }
+        if words.contains(Word::F) {
+            self.feed = prefix.feed;
+            self.words.insert(Word::F);
+        }
+        if words.contains(Word::N) {
+            self.line = prefix.line;
+            self.words.insert(Word::N);
+        }
+        for axis in 0..AXES {
+            if words.contains(Word::axis(axis)) {
+                self.coordinates[axis] = prefix.coordinates[axis].into();
+                self.axes |= 1 << axis;
+            }
+        }
     }
 
     /// Adds the words of a line: upper case, without blanks and comments. After an error the parsed

@@ -71,6 +71,12 @@ impl Words {
         self.0 & word.0 != 0
     }
 
+    /// The number of words.
+    #[must_use]
+    pub const fn len(self) -> usize {
+        self.0.count_ones() as usize
+    }
+
     /// Adds a word.
     pub const fn insert(&mut self, word: Word) {
         self.0 |= word.0;

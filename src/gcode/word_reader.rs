@@ -1,5 +1,7 @@
 //! The lexer: a line as words, each of a letter and a number.
 
+use core::iter::Chain;
+
 use super::LineError;
 use crate::decimal::{Decimal, Scanner, SmallDecimal};
 
@@ -10,6 +12,25 @@ use crate::decimal::{Decimal, Scanner, SmallDecimal};
 #[derive(Debug, Clone)]
 pub struct WordReader<I>(Scanner<I>);
 
+/// The kind of the byte after a word and the blanks and comments behind it.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Boundary {
+    /// A letter, or a byte that is part of a number as little as a letter is.
+    Letter,
+    /// The end of the line.
+    LineEnd,
+    /// Any other byte, which may be part of the number before it, or the end of the bytes.
+    Other,
+}
+
+impl Boundary {
+    /// Whether a byte is [`Self::Letter`].
+    #[inline]
+    pub(super) const fn is_letter(byte: u8) -> bool {
+        byte > b';'
+    }
+}
+
 impl<I: Iterator<Item = u8>> WordReader<I> {
     /// A reader at the beginning of a line.
     #[inline]
@@ -18,28 +39,31 @@ impl<I: Iterator<Item = u8>> WordReader<I> {
         Self(Scanner::new(line))
     }
 
-    /// Skips blanks and comments between words, and returns whether the end of the line is next.
+    /// Skips blanks and comments between words. Returns what is next.
     #[inline]
     #[must_use]
-    pub fn is_at_line_end(&mut self) -> bool {
+    pub fn skip_blanks(&mut self) -> Boundary
+    where
+        I: Clone,
+    {
         loop {
             let next = self.0.peek();
-            if next > b';' {
-                return false;
+            if Boundary::is_letter(next) {
+                return Boundary::Letter;
             }
             match next {
                 b' ' => self.0.advance(),
-                b'\n' | b'\r' => return true,
-                b'(' | b';' => self.skip_comment(),
-                _ => return false,
+                b'\n' | b'\r' => return Boundary::LineEnd,
+                b'(' | b';' => *self = self.clone().after_comment(),
+                _ => return Boundary::Other,
             }
         }
     }
 
-    /// Skips a comment, of which a semicolon's goes up to the end of the line.
+    /// The reader after a comment, of which a semicolon's goes up to the end of the line.
     #[cold]
     #[inline(never)]
-    fn skip_comment(&mut self) {
+    fn after_comment(mut self) -> Self {
         let end = if self.0.is_at(b'(') { b')' } else { b'\n' };
         while !self.0.is_at_end() && !matches!(self.0.peek(), b'\n' | b'\r') {
             let is_last = self.0.is_at(end);
@@ -48,6 +72,7 @@ impl<I: Iterator<Item = u8>> WordReader<I> {
                 break;
             }
         }
+        self
     }
 
     /// Whether the bytes have come to an end, and that of the line was not among them.
@@ -62,6 +87,12 @@ impl<I: Iterator<Item = u8>> WordReader<I> {
     #[must_use]
     pub fn following(self) -> I {
         self.0.following()
+    }
+
+    /// The reader with more bytes after those that it has.
+    #[must_use]
+    pub fn chain<J: Iterator<Item = u8>>(self, more: J) -> WordReader<Chain<I, J>> {
+        WordReader(self.0.chain(more))
     }
 
     /// Reads a word; `None` where the number is missing or not small. The letter is in upper case; in

@@ -298,22 +298,6 @@ impl ByteReader<'_> {
 #[derive(Debug, Clone)]
 pub struct Waiting<'a>(Iter<'a, AtomicU8>);
 
-impl Waiting<'_> {
-    /// Returns the number of bytes left.
-    #[inline]
-    #[must_use]
-    pub fn len(&self) -> usize {
-        self.0.len()
-    }
-
-    /// Returns whether no byte is left.
-    #[inline]
-    #[must_use]
-    pub fn is_empty(&self) -> bool {
-        self.0.len() == 0
-    }
-}
-
 impl Iterator for Waiting<'_> {
     type Item = u8;
 
@@ -325,6 +309,12 @@ impl Iterator for Waiting<'_> {
     #[inline]
     fn size_hint(&self) -> (usize, Option<usize>) {
         self.0.size_hint()
+    }
+}
+
+impl ExactSizeIterator for Waiting<'_> {
+    fn len(&self) -> usize {
+        self.0.len()
     }
 }
 

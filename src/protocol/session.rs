@@ -29,7 +29,10 @@ use super::{
 };
 use crate::{
     axis::Axes,
-    gcode::interpreter::{Checked, Interpreter, Outcome},
+    gcode::{
+        PlainPrefix,
+        interpreter::{Checked, Interpreter, Outcome},
+    },
     machine::Snapshot,
     model::{Awaited, Probed, Requests},
     path::{Blender, Checkpoint, Entry, Router, TiltedArc},
@@ -134,6 +137,8 @@ struct LineExecution {
     completion: Option<Completion>,
     /// The result of the last check.
     checked: Checked,
+    /// The plain words that the line begins with.
+    prefix: PlainPrefix,
     /// The line as received.
     input: Line,
     /// The commands of the line.
@@ -197,6 +202,7 @@ impl Session {
                 source: Source::Line,
                 completion: None,
                 checked: Checked::default(),
+                prefix: PlainPrefix::default(),
                 input: Line::new(),
                 outcome: Outcome::default(),
                 tilted: None,

@@ -1,7 +1,10 @@
 //! Plain lines: what is done in one go is what checking and committing do.
 
 use leadscrew::{
-    gcode::interpreter::{Checked, Interpreter, Outcome, Refusal},
+    gcode::{
+        PlainPrefix, Refusal,
+        interpreter::{Checked, Interpreter, Outcome},
+    },
     model::Command,
     protocol::Line,
     settings::Settings,
@@ -10,20 +13,43 @@ use proptest::prelude::*;
 
 use crate::support::{after, send};
 
-/// Does a line in one go, if it is plain.
-fn plain(machine: &mut Interpreter, line: &str, settings: &Settings) -> Option<(Checked, Outcome)> {
+/// Does a line in one go, if it is plain; else returns the plain words that it begins with.
+fn plain(
+    machine: &mut Interpreter,
+    line: &str,
+    settings: &Settings,
+) -> Result<(Checked, Outcome), PlainPrefix> {
+    plain_in_parts(machine, line, line.len(), settings)
+}
+
+/// The same with a line of which the second part begins at a byte.
+fn plain_in_parts(
+    machine: &mut Interpreter,
+    line: &str,
+    second: usize,
+    settings: &Settings,
+) -> Result<(Checked, Outcome), PlainPrefix> {
     // Nothing of the line before may be left.
+    let mut prefix = PlainPrefix::default();
+    let other: &[u8] = b"G1F7N8X9Y9Z9\n";
+    assert!(prefix.read([other, &[]].map(bytes)).is_ok());
     let before = "M3S500G43.1Z3M30";
     let mut checked = Interpreter::new()
         .check(before.as_bytes(), settings)
         .unwrap();
     let mut outcome = Interpreter::new().commit(&checked);
-    let bytes = line.bytes().chain(*b"\nG0");
-    let rest = machine
-        .execute_plain(bytes, settings, &mut checked, &mut outcome)
-        .ok()?;
-    assert_eq!(rest.collect::<Vec<_>>(), b"G0", "{line}");
-    Some((checked, outcome))
+    let all = format!("{line}\nG0");
+    let (first, second) = all.as_bytes().split_at(second);
+    let parts = [first, second].map(bytes);
+    let remaining = machine
+        .execute_plain(parts, settings, &mut prefix, &mut checked, &mut outcome)
+        .map_err(|_| prefix)?;
+    assert_eq!(remaining, 2, "{line}");
+    Ok((checked, outcome))
+}
+
+fn bytes(text: &[u8]) -> impl ExactSizeIterator<Item = u8> + Clone {
+    text.iter().copied()
 }
 
 /// Where a line ends in Grbl's single precision, which no comparison of targets looks at.
@@ -67,6 +93,8 @@ fn any_line() -> impl Strategy<Value = String> {
             1 => ";[ -~]{0,3}X",
             1 => "[A-Z]",
             1 => "[ -~]",
+            1 => " [XYZ]",
+            1 => "[ \t/]",
         ],
         any_number(),
     )
@@ -82,9 +110,8 @@ fn any_line() -> impl Strategy<Value = String> {
 
 #[test]
 fn straight_moves_are_plain_and_nothing_else_is() {
-    let is_plain = |before: &[&str], line: &str| {
-        plain(&mut after(before), line, &Settings::default()).is_some()
-    };
+    let is_plain =
+        |before: &[&str], line: &str| plain(&mut after(before), line, &Settings::default()).is_ok();
     for line in [
         "G1X5.000Y8.200Z7.693F600",
         "G0X1",
@@ -137,12 +164,12 @@ fn straight_moves_are_plain_and_nothing_else_is() {
         laser: true,
         ..Settings::default()
     };
-    assert!(plain(&mut after(&[]), "X1", &settings).is_none());
+    assert!(plain(&mut after(&[]), "X1", &settings).is_err());
 }
 
 #[test]
 fn comments_and_lower_case_may_stand_between_plain_words() {
-    let is_plain = |line| plain(&mut after(&[]), line, &Settings::default()).is_some();
+    let is_plain = |line| plain(&mut after(&[]), line, &Settings::default()).is_ok();
     for line in [
         "x1",
         "g1 x1 f5 (right)",
@@ -161,16 +188,50 @@ fn a_line_that_is_cut_off_changes_nothing_and_may_be_plain_yet() {
     let line = "G1 F100 X-1.5 Y2\nG0";
     let settings = Settings::default();
     let mut machine = Interpreter::new();
-    let (mut checked, mut outcome) = Default::default();
+    let (mut prefix, mut checked, mut outcome) = Default::default();
     for length in 0..line.len() {
-        let bytes = line.bytes().take(length);
-        let result = machine.execute_plain(bytes, &settings, &mut checked, &mut outcome);
+        let parts = [&line.as_bytes()[..length], &[]].map(bytes);
+        let result =
+            machine.execute_plain(parts, &settings, &mut prefix, &mut checked, &mut outcome);
         if line[..length].contains('\n') {
             assert!(result.is_ok(), "{length}");
             return;
         }
         assert_eq!(result.err(), Some(Refusal::Incomplete), "{length}");
         assert_eq!(machine, Interpreter::new(), "{length}");
+        // A line that does not stay where it waits is continued in the same way.
+        let (text, same) = (b"G1F100X-1.5Y2", &settings);
+        let continued = machine.check_after(&prefix, text, same);
+        assert_eq!(continued, machine.check(text, same), "{length}");
+    }
+}
+
+#[test]
+fn checking_continues_at_the_first_word_that_is_not_plain() {
+    for (line, rest) in [
+        ("", ""),
+        ("?1", "?1"),
+        ("G2X1", "G2X1"),
+        ("G1X1S1Y2", "S1Y2"),
+        ("n1 (a) g1 x1 (b;) ; c", ""),
+        ("X1 2Y3", "X12Y3"),
+        ("G1X1 .5", "X1.5"),
+        ("G1X1(a)5", "X15"),
+        ("G1X1\t5", "X15"),
+        ("G1X1/5", "X15"),
+        ("G1X1-5", "X1-5"),
+        ("G0X1X2", "X2"),
+        ("G1X1.12345Y", "Y"),
+        ("X1Y123456789Z", "Y123456789Z"),
+        ("X1G", "G"),
+    ] {
+        let mut stripped = Line::new();
+        assert!(stripped.take_from(line.bytes().chain([b'\n'])));
+        // In a mode in which no line without G0 is plain, nor one with G1, which has no feed.
+        let mut machine = after(&["G80"]);
+        let prefix = plain(&mut machine, line, &Settings::default()).unwrap_err();
+        let stripped = stripped.text().unwrap();
+        assert_eq!(prefix.rest_of(stripped), rest.as_bytes(), "{line}");
     }
 }
 
@@ -180,7 +241,7 @@ proptest! {
     #[test]
     fn a_plain_line_does_what_checking_and_committing_do(
         modes in prop::collection::vec(any_mode(), 0..6),
-        lines in prop::collection::vec(any_line(), 1..20),
+        lines in prop::collection::vec((any_line(), any::<prop::sample::Index>()), 1..20),
         laser in prop::bool::weighted(0.1),
     ) {
         let settings = Settings { laser, ..Settings::default() };
@@ -188,18 +249,25 @@ proptest! {
         for mode in modes {
             let _ = send(&mut machine, &mode);
         }
-        for line in lines {
+        for (line, second) in lines {
             let before = machine.clone();
             // Blanks, comments and lower case may be left in a plain line, and in no other.
             let mut stripped = Line::new();
             prop_assert!(stripped.take_from(line.bytes().chain([b'\n'])));
-            let checked = machine.check(stripped.text().unwrap(), &settings);
-            let Some((way, short)) = plain(&mut machine, &line, &settings) else {
-                prop_assert_eq!(&machine, &before, "{}", line);
-                if let Ok(checked) = checked {
-                    machine.commit(&checked);
+            let text = stripped.text().unwrap();
+            let checked = machine.check(text, &settings);
+            let second = second.index(line.len() + 3);
+            let (way, short) = match plain_in_parts(&mut machine, &line, second, &settings) {
+                Ok(executed) => executed,
+                Err(prefix) => {
+                    prop_assert_eq!(&machine, &before, "{}", line);
+                    let continued = machine.check_after(&prefix, text, &settings);
+                    prop_assert_eq!(&continued, &checked, "{}", line);
+                    if let Ok(checked) = checked {
+                        machine.commit(&checked);
+                    }
+                    continue;
                 }
-                continue;
             };
             let checked = checked.map_err(|error| {
                 TestCaseError::fail(format!("{line:?} is plain and {error}"))

@@ -7,16 +7,14 @@ use crate::{
     axis::Axes,
     decimal::Decimal,
     gcode::{
-        AxisCommand, FeedMode, LineError, Modal, MotionMode, NonModal, ParsedLine, ToolLength,
-        Units, Word, Words,
+        AxisCommand, FeedMode, LineError, MAX_LINE_NUMBER, Modal, MotionMode, NonModal, ParsedLine,
+        PlainPrefix, ToolLength, Units, Word, Words,
     },
     model::{Laser, PathControl},
     settings::Settings,
     units::{Nm, StepsPerMm},
 };
 
-/// Highest line number.
-pub(super) const MAX_LINE_NUMBER: u32 = 10_000_000;
 pub(super) const MM_PER_INCH: f32 = 25.4;
 /// The distance that every axis reaches, whatever its resolution: positions within need no division.
 const ALWAYS_REACHED: Nm = match StepsPerMm::from_millionths(StepsPerMm::MAX) {
@@ -26,11 +24,12 @@ const ALWAYS_REACHED: Nm = match StepsPerMm::from_millionths(StepsPerMm::MAX) {
 
 pub(super) fn check(
     state: &Interpreter,
+    prefix: &PlainPrefix,
     line: &[u8],
     kind: LineKind,
     settings: &Settings,
 ) -> Result<Checked, LineError> {
-    let parsed = parse(state, line, kind)?;
+    let parsed = parse(state, prefix, line, kind)?;
     let mut unused = parsed.words;
     let mut checked = unchanged(state, kind, &parsed);
     check_modes(state, &parsed, &mut unused, &mut checked)?;
@@ -44,13 +43,19 @@ pub(super) fn check(
     Ok(checked)
 }
 
-/// The words of the line.
-fn parse(state: &Interpreter, line: &[u8], kind: LineKind) -> Result<ParsedLine, LineError> {
+/// The words of the line, of which the plain ones have been read.
+fn parse(
+    state: &Interpreter,
+    prefix: &PlainPrefix,
+    line: &[u8],
+    kind: LineKind,
+) -> Result<ParsedLine, LineError> {
     let mut parsed = match kind {
         LineKind::Program => ParsedLine::new(&state.modal),
         LineKind::Jog => ParsedLine::jog(&state.modal),
     };
-    parsed.read(line)?;
+    parsed.add_plain(prefix);
+    parsed.read(prefix.rest_of(line))?;
     if parsed.line > MAX_LINE_NUMBER {
         return Err(LineError::LineNumberTooHigh);
     }

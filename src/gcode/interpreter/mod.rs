@@ -16,11 +16,10 @@ mod targets;
 use offsets::Frame;
 
 pub use offsets::Offsets;
-pub use plain::Refusal;
 
 use heapless::Vec;
 
-use super::{Flow, LineError, Modal, ProbeMode, StoredPosition};
+use super::{Flow, LineError, Modal, PlainPrefix, ProbeMode, Refusal, StoredPosition};
 use crate::{
     axis::Axes,
     model::{Circle, Command, Coolant, Laser, Spindle, Target, WorkCoordinates},
@@ -215,7 +214,20 @@ impl Interpreter {
     /// The first that Grbl would find. A target or offset that an axis cannot count
     /// ([`Settings::farthest`]) is [`LineError::InvalidTarget`].
     pub fn check(&self, line: &[u8], settings: &Settings) -> Result<Checked, LineError> {
-        check::check(self, line, LineKind::Program, settings)
+        self.check_after(&PlainPrefix::default(), line, settings)
+    }
+
+    /// Checks a line as [`Self::check`] does, of which [`Self::execute_plain`] has read the plain words.
+    ///
+    /// # Errors
+    /// As [`Self::check`].
+    pub fn check_after(
+        &self,
+        prefix: &PlainPrefix,
+        line: &[u8],
+        settings: &Settings,
+    ) -> Result<Checked, LineError> {
+        check::check(self, prefix, line, LineKind::Program, settings)
     }
 
     /// Checks the text after `$J=`, as [`Self::check`] does with a line: a move along a line at its
@@ -224,7 +236,8 @@ impl Interpreter {
     /// # Errors
     /// The first that Grbl would find; [`LineError::NoAxisWords`] for a jog without axis words.
     pub fn check_jog(&self, line: &[u8], settings: &Settings) -> Result<Checked, LineError> {
-        check::check(self, line, LineKind::Jog, settings)
+        let prefix = PlainPrefix::default();
+        check::check(self, &prefix, line, LineKind::Jog, settings)
     }
 
     /// The stored offsets and positions after a line that was checked; `None` where the line stores
@@ -257,18 +270,21 @@ impl Interpreter {
 
     /// Checks and executes a plain line: a straight move in the modes before it. `checked` and
     /// `outcome` are then those of [`Self::check`] and [`Self::commit`]. Blanks, comments and lower
-    /// case are allowed between words. Returns the bytes after the end of the line.
+    /// case are allowed between words. The bytes come in two parts. Returns the number of bytes after
+    /// the end of the line.
     ///
     /// # Errors
-    /// [`Refusal`] for any other line, and for one with an error: nothing has changed then.
-    pub fn execute_plain<I: Iterator<Item = u8>>(
+    /// [`Refusal`] for any other line, and for one with an error: nothing has changed then, and
+    /// `prefix` has the plain words that the line begins with, for [`Self::check_after`].
+    pub fn execute_plain<I: ExactSizeIterator<Item = u8> + Clone>(
         &mut self,
-        bytes: I,
+        bytes: [I; 2],
         settings: &Settings,
+        prefix: &mut PlainPrefix,
         checked: &mut Checked,
         outcome: &mut Outcome,
-    ) -> Result<I, Refusal> {
-        plain::execute(self, bytes, settings, checked, outcome)
+    ) -> Result<usize, Refusal> {
+        plain::execute(self, bytes, settings, prefix, checked, outcome)
     }
 
     /// Back to the power-up modes; the position, `G54` to `G59.3`, `G28` and `G30` stay.

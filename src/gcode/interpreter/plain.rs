@@ -10,43 +10,23 @@
 
 use super::{Action, Checked, Interpreter, LineKind, Move, Outcome, check};
 use crate::{
-    axis::{AXES, Axes, LETTERS},
-    decimal::SmallDecimal,
-    gcode::{Distance, FeedMode, Flow, MotionMode, Units, Word, WordReader, Words},
+    axis::AXES,
+    gcode::{Distance, FeedMode, Flow, MotionMode, PlainPrefix, Refusal, Units, Word, Words},
     model::{Command, FeedRate, Target},
     settings::Settings,
     units::Nm,
 };
 
-/// The reason why a line has not been executed as a plain one.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Refusal {
-    /// The line has other words, or an error.
-    NotPlain,
-    /// The bytes end before the line, which may be plain yet.
-    Incomplete,
-}
-
-/// The words of a plain line.
-struct Plain {
-    /// Letters of the words.
-    words: Words,
-    coordinates: Axes<SmallDecimal>,
-    motion: MotionMode,
-    /// mm/min.
-    feed: f32,
-    line: u32,
-}
-
-/// Executes a plain line, and returns the bytes after it. Nothing has changed after a refusal.
+/// Executes a plain line, and returns the number of bytes after it. Nothing has changed after a refusal.
 #[inline(never)]
-pub(super) fn execute<I: Iterator<Item = u8>>(
+pub(super) fn execute<I: ExactSizeIterator<Item = u8> + Clone>(
     state: &mut Interpreter,
-    bytes: I,
+    bytes: [I; 2],
     settings: &Settings,
+    prefix: &mut PlainPrefix,
     checked: &mut Checked,
     outcome: &mut Outcome,
-) -> Result<I, Refusal> {
+) -> Result<usize, Refusal> {
     let modal = &state.modal;
     let has_plain_modes = modal.units == Units::Millimetres
         && modal.feed_units == Units::Millimetres
@@ -54,29 +34,26 @@ pub(super) fn execute<I: Iterator<Item = u8>>(
         && !settings.laser
         && state.frame.rotation.is_none();
     if !has_plain_modes {
+        prefix.words = Words::NONE;
         return Err(Refusal::NotPlain);
     }
-    let mut plain = Plain {
-        words: Words::NONE,
-        coordinates: Axes::default(),
-        motion: modal.motion,
-        feed: modal.feed,
-        line: 0,
-    };
-    let rest = plain.read(bytes)?;
-    let feed_rate = match plain.motion {
+    prefix.motion = modal.motion;
+    prefix.feed = modal.feed;
+    prefix.line = 0;
+    let remaining = prefix.read(bytes)?;
+    let feed_rate = match prefix.motion {
         MotionMode::Rapid => FeedRate::Rapid,
-        MotionMode::Linear if plain.feed != 0.0 => FeedRate::Feed(plain.feed),
+        MotionMode::Linear if prefix.feed != 0.0 => FeedRate::Feed(prefix.feed),
         MotionMode::Linear | MotionMode::Arc(_) | MotionMode::Probe(_) | MotionMode::Cancelled => {
             return Err(Refusal::NotPlain);
         }
     };
-    let target = plain.target(state).ok_or(Refusal::NotPlain)?;
-    if !plain.words.contains(Word::AXES) || !check::is_always_reached(&target.position) {
+    let target = target(state, prefix).ok_or(Refusal::NotPlain)?;
+    if !prefix.words.contains(Word::AXES) || !check::is_always_reached(&target.position) {
         return Err(Refusal::NotPlain);
     }
-    state.modal.motion = plain.motion;
-    state.modal.feed = plain.feed;
+    state.modal.motion = prefix.motion;
+    state.modal.feed = prefix.feed;
     state.position = target.position;
     state.single_mm = target.single_mm;
     // All that may be asked of the line afterwards.
@@ -89,79 +66,28 @@ pub(super) fn execute<I: Iterator<Item = u8>>(
     outcome.add(Command::Line {
         target,
         feed_rate,
-        line: plain.line,
+        line: prefix.line,
     });
-    Ok(rest)
+    Ok(remaining)
 }
 
-impl Plain {
-    /// Reads the words of a line, and returns the bytes after it.
-    #[inline]
-    fn read<I: Iterator<Item = u8>>(&mut self, bytes: I) -> Result<I, Refusal> {
-        let mut words = WordReader::new(bytes);
-        while !words.is_at_line_end() {
-            if self.read_word(&mut words).is_none() {
-                return Err(if words.is_cut_off() {
-                    Refusal::Incomplete
-                } else {
-                    Refusal::NotPlain
-                });
-            }
+/// The target of the line; `None` where a coordinate has too many decimals.
+#[inline(always)]
+#[expect(clippy::inline_always, reason = "a call would return by a copy")]
+fn target(state: &Interpreter, prefix: &PlainPrefix) -> Option<Target> {
+    let mut target = Target {
+        position: state.position,
+        single_mm: state.single_mm,
+    };
+    for axis in 0..AXES {
+        if prefix.words.contains(Word::axis(axis)) {
+            let (exact, single) = prefix.coordinates[axis].coordinate()?;
+            let (base, single_base) = base(state, axis);
+            target.position[axis] = base + Nm(exact);
+            target.single_mm[axis] = single_base + single;
         }
-        Ok(words.following())
     }
-
-    /// Reads a word; `None` where it is not plain.
-    #[inline(always)]
-    #[expect(clippy::inline_always, reason = "for each word")]
-    fn read_word<I: Iterator<Item = u8>>(&mut self, words: &mut WordReader<I>) -> Option<()> {
-        let (letter, number) = words.small_word()?;
-        match letter {
-            b'G' => {
-                self.motion = match number.natural()? {
-                    0 => MotionMode::Rapid,
-                    1 => MotionMode::Linear,
-                    _ => return None,
-                }
-            }
-            b'F' => self.feed = number.non_negative()?,
-            b'N' => {
-                self.line = number
-                    .natural()
-                    .filter(|line| *line <= check::MAX_LINE_NUMBER)?;
-            }
-            letter => {
-                let mut axes = LETTERS.iter().take(AXES);
-                let axis = axes.position(|known| *known == letter)?;
-                *self.coordinates.0.get_mut(axis)? = number;
-            }
-        }
-        let word = Word::new(letter);
-        if self.words.contains(word) {
-            return None;
-        }
-        self.words.insert(word);
-        Some(())
-    }
-
-    /// The target of the line; `None` where a coordinate has too many decimals.
-    #[inline(always)]
-    #[expect(clippy::inline_always, reason = "a call would return by a copy")]
-    fn target(&self, state: &Interpreter) -> Option<Target> {
-        let mut target = Target {
-            position: state.position,
-            single_mm: state.single_mm,
-        };
-        for axis in 0..AXES {
-            if self.words.contains(Word::axis(axis)) {
-                let (exact, single) = self.coordinates[axis].coordinate()?;
-                let (base, single_base) = base(state, axis);
-                target.position[axis] = base + Nm(exact);
-                target.single_mm[axis] = single_base + single;
-            }
-        }
-        Some(target)
-    }
+    Some(target)
 }
 
 /// The origin of an axis' coordinates, exactly and in Grbl's single precision.

@@ -7,13 +7,13 @@ use super::{AfterStore, Completion, Links, Progress, Session, Source};
 use crate::{
     axis::Axes,
     gcode::{
-        LineError,
-        interpreter::{Checked, Message, Refusal},
+        LineError, PlainPrefix, Refusal,
+        interpreter::{Checked, Message},
     },
     machine::Snapshot,
     model::{Command, State},
     path::{TiltedArc, is_outside, leaves_travel},
-    protocol::{ByteReader, report::Feedback},
+    protocol::{ByteReader, Waiting, report::Feedback},
     settings::Change,
     units::Nm,
 };
@@ -28,7 +28,7 @@ const MAX_WAITING_BYTES: usize = 128;
 #[inline(never)]
 fn may_wait(received: &ByteReader<'_>) -> bool {
     let [mut older, newer] = received.waiting();
-    newer.is_empty()
+    newer.len() == 0
         && older.len() <= MAX_WAITING_BYTES
         && !older.any(|byte| matches!(byte, b'(' | b';' | b'a'..=b'z'))
 }
@@ -51,7 +51,8 @@ impl Session {
         received.take_until(|bytes| self.line.input.take_from(bytes))
     }
 
-    /// Executes the next line in the receive queue, if it is a plain one.
+    /// Executes the next line in the receive queue, if it is a plain one; else keeps the plain
+    /// words that the line begins with.
     ///
     /// # Errors
     /// Nothing has been dequeued, and nothing has changed, for any other line, where more than the
@@ -61,28 +62,35 @@ impl Session {
         machine: &Snapshot,
         received: &mut ByteReader<'_>,
     ) -> Result<(), Refusal> {
-        let may_be_locked =
-            matches!(machine.state, State::Alarm | State::Jog) || self.machine_sync.is_jogging;
-        if !self.machine_sync.is_position_known || may_be_locked || !self.line.input.is_empty() {
+        if !self.line.input.is_empty() {
             return Err(Refusal::NotPlain);
         }
-        let waiting = received.len();
-        if waiting <= MAX_WAITING_BYTES && !received.may_have_line() {
-            return Err(Refusal::Incomplete);
+        let may_be_locked =
+            matches!(machine.state, State::Alarm | State::Jog) || self.machine_sync.is_jogging;
+        if !self.machine_sync.is_position_known || may_be_locked {
+            self.line.prefix = PlainPrefix::default();
+            return Err(Refusal::NotPlain);
         }
-        let (settings, interpreter) = (&self.persistence.stored.settings, &mut self.interpreter);
-        let (checked, outcome) = (&mut self.line.checked, &mut self.line.outcome);
-        let [older, newer] = received.waiting();
-        let n = older.len() + newer.len();
-        let remaining = match interpreter.execute_plain(older.clone(), settings, checked, outcome) {
-            Ok(following) => Ok(following.len() + newer.len()),
-            // The line goes on at the beginning of the ring.
-            Err(Refusal::Incomplete) if !newer.is_empty() => interpreter
-                .execute_plain(older.chain(newer), settings, checked, outcome)
-                .map(|following| following.size_hint().0),
-            Err(refusal) => Err(refusal),
-        };
-        match remaining {
+        if !received.may_have_line() {
+            self.line.prefix = PlainPrefix::default();
+            let may_wait = received.len() <= MAX_WAITING_BYTES;
+            return Err(if may_wait {
+                Refusal::Incomplete
+            } else {
+                Refusal::NotPlain
+            });
+        }
+        let settings = &self.persistence.stored.settings;
+        let line = &mut self.line;
+        let waiting = received.waiting();
+        let n = waiting.iter().map(Waiting::len).sum::<usize>();
+        match self.interpreter.execute_plain(
+            waiting,
+            settings,
+            &mut line.prefix,
+            &mut line.checked,
+            &mut line.outcome,
+        ) {
             Ok(remaining) => {
                 received.release(n - remaining);
                 Ok(())
@@ -130,10 +138,15 @@ impl Session {
             },
         };
         let settings = &self.persistence.stored.settings;
-        let checked = if self.line.source == Source::Jog {
-            self.interpreter.check_jog(line, settings)
-        } else {
-            self.interpreter.check(line, settings)
+        let checked = match self.line.source {
+            Source::Jog => self.interpreter.check_jog(line, settings),
+            Source::Line => {
+                let prefix = &self.line.prefix;
+                self.interpreter.check_after(prefix, line, settings)
+            }
+            Source::NewStartup { .. } | Source::Startup { .. } => {
+                self.interpreter.check(line, settings)
+            }
         };
         self.line.checked = match checked {
             Ok(checked) => checked,
