@@ -1,4 +1,4 @@
-//! The axes and a value for each of them.
+//! The axes, and a value for each of them.
 
 /// Number of axes, chosen by the Cargo features `axes-4` to `axes-6`.
 pub const AXES: usize = if cfg!(feature = "axes-6") {
@@ -36,7 +36,7 @@ impl<T: Copy> Axes<T> {
         Self([value; AXES])
     }
 
-    /// Returns the values that a function has for the index of each axis.
+    /// Returns the values of a function of the index of each axis.
     #[must_use]
     pub fn from_fn(value: impl FnMut(usize) -> T) -> Self {
         Self(core::array::from_fn(value))

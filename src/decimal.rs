@@ -73,7 +73,7 @@ fn power(exponent: u8) -> i32 {
 /// Quotient and remainder by a power of ten, towards zero.
 fn divide(value: i64, exponent: u8) -> (i64, i64) {
     let divisor = i64::from(power(exponent));
-    // A power is never zero, which the compiler cannot see in the table.
+    // No power in the table is zero.
     let quotient = value.checked_div(divisor).unwrap_or(0);
     (quotient, value.wrapping_sub(quotient.wrapping_mul(divisor)))
 }

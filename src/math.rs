@@ -2,18 +2,24 @@
 //!
 //! Single-precision addition, multiplication and division are exact to the last bit everywhere
 //! (IEEE 754) and Rust never fuses them; everything else is built from them here, or in integers.
-//! Double precision goes through `libm` and is for once per block, never once per segment.
+//! Double precision is that of `libm`, at most once per block and never per segment.
+//!
+//! # Cost
+//!
+//! `no_std` has no safe name for the FPU's square root, so [`sqrt`] takes 15 multiplications.
+//! [`sqrt_inlined`] is for the loops of `prepare`: a call costs as much as the root. [`min`] and
+//! [`max`] are one comparison each, as NaN is not considered.
 
 use core::f32::consts::FRAC_PI_2;
 
-/// Returns the smaller of two numbers, by one comparison.
+/// Returns the smaller of two numbers, neither of which is NaN.
 #[inline]
 #[must_use]
 pub fn min(a: f32, b: f32) -> f32 {
     if a < b { a } else { b }
 }
 
-/// Returns the greater of two numbers.
+/// Returns the greater of two numbers, neither of which is NaN.
 #[inline]
 #[must_use]
 pub fn max(a: f32, b: f32) -> f32 {
@@ -29,18 +35,17 @@ pub fn dot<const N: usize>(a: &[f32; N], b: &[f32; N]) -> f32 {
 
 /// Returns the square root; 0 for zero and below. Relative error below 3·10⁻⁷.
 ///
-/// The inverse root by three Newton steps from the well-known first guess (Lomont 2003): 15
-/// multiplications, as `no_std` has no safe name for the FPU's square root.
+/// The inverse root is found by three Newton steps from the first guess of Lomont 2003.
 #[must_use]
 pub fn sqrt(x: f32) -> f32 {
-    sqrt_here(x)
+    sqrt_inlined(x)
 }
 
-/// [`sqrt`] without a call, for the loops of `prepare`.
+/// Returns the square root as [`sqrt`] does.
 #[inline(always)]
 #[expect(clippy::inline_always, reason = "a call costs as much as the root")]
 #[must_use]
-pub fn sqrt_here(x: f32) -> f32 {
+pub fn sqrt_inlined(x: f32) -> f32 {
     if x <= f32::MIN_POSITIVE {
         return 0.0;
     }
@@ -52,11 +57,11 @@ pub fn sqrt_here(x: f32) -> f32 {
     x * y
 }
 
-/// Returns half the square root of twice a number, with one Newton step less; nearly 0 for zero. Relative error
-/// below 8·10⁻⁷. The sign is ignored: rounding may leave one on zero.
+/// Returns half the square root of twice a number; nearly 0 for zero. Relative error below 8·10⁻⁷.
+/// The sign is ignored: rounding may leave one on zero.
 ///
-/// The first guess and the two steps balance the error, instead of converging from below (Walczyk,
-/// Moroz and Cieśliński 2019).
+/// Two Newton steps, with a first guess and constants that balance the error instead of converging
+/// from below (Walczyk, Moroz and Cieśliński 2019).
 #[inline]
 #[must_use]
 pub fn half_root_of_twice(half: f32) -> f32 {

@@ -207,12 +207,12 @@ pub fn inputs(
     let needs_sample = match trigger {
         InputTrigger::Edge => watch.edge(),
         InputTrigger::Sample => {
-            let watched = watch.sample(shared.inputs, shared.requests);
-            if watched.halt_steps {
+            let actions = watch.sample(shared.inputs, shared.requests);
+            if actions.halt_steps {
                 steps.stop(shared.segments);
             }
-            releases |= watched.release_prepare;
-            watched.sample_again
+            releases |= actions.release_prepare;
+            actions.sample_again
         }
     };
     if releases {

@@ -1,8 +1,13 @@
 //! Quantities with their units: nanometres, steps, timer ticks.
 //!
 //! Positions are integers from the parser on. [`Nm`] holds a coordinate exactly, in millimetre and
-//! in inch programs (one inch is 25 400 000 nm); [`StepsPerMm`] turns it into steps without
+//! in inch programs (one inch is 25 400 000 nm); [`StepsPerMm`] converts it to steps without
 //! rounding twice.
+//!
+//! # Cost
+//!
+//! [`Nm::to_mm`] converts by the FPU up to 2 m. The conversion in software is out of line: the
+//! compiler would do it first and choose afterwards.
 
 /// Timer ticks in one second: the step timer's clock on every board.
 pub const TICKS_PER_SECOND: u32 = 84_000_000;
@@ -23,10 +28,6 @@ impl Nm {
     pub const PER_INCH: i64 = 25_400_000;
 
     /// Returns the distance in mm. Exact to 1 nm up to 8 m, within a part in 10^7 beyond.
-    ///
-    /// # Cost
-    /// Up to 2 m the FPU converts; the conversion in software is out of line, as the compiler would do it
-    /// first and choose afterwards.
     #[must_use]
     pub fn to_mm(self) -> f32 {
         let nm = match i32::try_from(self.0) {
@@ -174,7 +175,8 @@ impl StepsPerMm {
     /// Micro-steps-per-mm times nm that make one step.
     const ONE_STEP: i64 = 1_000_000_000_000;
 
-    /// Returns the resolution of millionths of a step per mm; `None` for zero and above [`Self::MAX`].
+    /// Returns the resolution of millionths of a step per mm; `None` for zero and above
+    /// [`Self::MAX`].
     #[must_use]
     pub const fn from_millionths(millionths: u64) -> Option<Self> {
         if millionths == 0 || millionths > Self::MAX {
@@ -199,8 +201,8 @@ impl StepsPerMm {
         self.millionths as f32 * 1.0e-6
     }
 
-    /// Returns the farthest coordinate whose step count an axis can hold, nm: one quarter of the range of
-    /// a step counter, so that no difference of two positions overflows.
+    /// Returns the farthest coordinate whose step count an axis can hold, nm: one quarter of the
+    /// range of a step counter, so that no difference of two positions overflows.
     #[must_use]
     pub const fn farthest(self) -> Nm {
         let steps = (i32::MAX / 4) as u64;
@@ -216,8 +218,8 @@ impl StepsPerMm {
         })
     }
 
-    /// Returns the whole steps at a coordinate, `round(nm × steps/mm)` with halves away from zero, and the
-    /// exact point in between.
+    /// Returns the whole steps at a coordinate, `round(nm × steps/mm)` with halves away from zero,
+    /// and the exact point in between.
     ///
     /// The coordinate must not be beyond [`Self::farthest`]. The nearest step of the fine position
     /// is always the whole number returned with it.
@@ -226,8 +228,8 @@ impl StepsPerMm {
         self.split(position, || true)
     }
 
-    /// As [`Self::steps_at`], but a coordinate exactly half-way between two steps is rounded as by Grbl,
-    /// from its single-precision value in mm. Both steps are equally near.
+    /// Returns the same as [`Self::steps_at`], but rounds a coordinate exactly half-way between two
+    /// steps as Grbl does, from its single-precision value in mm. Both steps are equally near.
     #[must_use]
     pub fn steps_as_grbl(self, position: Nm, single_mm: f32) -> (Steps, FineSteps) {
         self.split(position, || {
@@ -239,7 +241,7 @@ impl StepsPerMm {
     fn split(self, position: Nm, is_away: impl FnOnce() -> bool) -> (Steps, FineSteps) {
         const HALF: i64 = StepsPerMm::ONE_STEP / 2;
         let magnitude = position.0.unsigned_abs();
-        // Rounded down, and perhaps one too small; the product may wrap, the remainder does not.
+        // Rounded down, and up to one too small; the product may wrap, the remainder does not.
         let mut whole = high_word(magnitude, self.per_nm).cast_signed();
         let product = magnitude.wrapping_mul(self.millionths).cast_signed();
         let mut remainder = product.wrapping_sub(whole.wrapping_mul(Self::ONE_STEP));
@@ -247,8 +249,8 @@ impl StepsPerMm {
             whole += 1;
             remainder -= Self::ONE_STEP;
         }
-        // The remainder / 10^12 of a step to 32 binary places is × 2^66 / 10^12 / 2^34; below 2 × 10^12, it
-        // fits a word without its last ten bits.
+        // The remainder / 10^12 of a step to 32 binary places is × 2^66 / 10^12 / 2^34; below 2 ×
+        // 10^12, it fits a word without its last ten bits.
         let fraction = (i64::from((remainder >> 10) as i32) * 73_786_976) >> 24;
         let (whole, fraction) = if position.0 < 0 {
             (-whole, -fraction)

@@ -1,7 +1,7 @@
-//! Spindle, laser and coolant: what was asked for, and what is switched.
+//! Spindle, laser and coolant: the programmed state, and the state of the outputs.
 //!
-//! Grbl 1.1's `spindle_control.c` sets the arithmetic: 255 steps of the PWM, of which each has four
-//! parts here.
+//! The arithmetic is that of Grbl 1.1's `spindle_control.c`: a PWM of 255 steps, each of which is
+//! divided by four here.
 
 use crate::{
     math,
@@ -9,32 +9,32 @@ use crate::{
     settings::Settings,
 };
 
-/// Stop of the spindle in a feed hold.
+/// The spindle stop override, which stops the spindle in a feed hold.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-enum Stop {
+enum SpindleStop {
     None,
-    /// Asked for while still slowing down.
-    Asked,
+    /// Requested before standstill.
+    Requested,
     Stopped,
-    /// A laser that may be on again, but not at rest.
-    Dark,
+    /// Ended, but a laser stays off up to the next motion.
+    UntilMotion,
 }
 
 /// The spindle and the coolant.
 #[derive(Debug)]
 pub struct Accessories {
-    /// As programmed.
+    /// The programmed state of the spindle.
     spindle: Spindle,
-    /// Speed at rest as programmed, rpm; in laser mode, the power left on.
+    /// Programmed speed at rest, rpm; in laser mode, the power that stays on at rest.
     rpm: f32,
-    /// As programmed, or toggled since.
+    /// The programmed coolant, with realtime toggles since.
     coolant: Coolant,
-    /// Counts toggles, wrapping.
+    /// Number of toggles, wrapping.
     toggles: u8,
-    /// Counts changes that the next status report has to show, wrapping.
+    /// Number of changes that the next status report shows, wrapping.
     changes: u8,
-    stop: Stop,
-    /// Off whatever is programmed: the door is open.
+    stop: SpindleStop,
+    /// Switched off while the door is open, whatever is programmed.
     is_spindle_suspended: bool,
     is_coolant_suspended: bool,
     overrides: Overrides,
@@ -46,7 +46,7 @@ pub struct Accessories {
 }
 
 impl Accessories {
-    /// Everything off, with Grbl's default speeds.
+    /// Returns accessories that are off, with Grbl's default speeds.
     #[must_use]
     pub const fn new() -> Self {
         Self {
@@ -55,7 +55,7 @@ impl Accessories {
             coolant: Coolant::OFF,
             toggles: 0,
             changes: 0,
-            stop: Stop::None,
+            stop: SpindleStop::None,
             is_spindle_suspended: false,
             is_coolant_suspended: false,
             overrides: Overrides::NONE,
@@ -66,7 +66,7 @@ impl Accessories {
         }
     }
 
-    /// Takes over `$30`, `$31` and `$32`.
+    /// Applies `$30`, `$31` and `$32`.
     pub fn configure(&mut self, settings: &Settings) {
         self.min_rpm = settings.spindle_min_rpm;
         self.max_rpm = settings.spindle_max_rpm;
@@ -74,81 +74,83 @@ impl Accessories {
         self.is_changed = true;
     }
 
-    /// Returns whether anything has changed since the last call; true at first.
+    /// Takes the mark of a change: returns whether there has been one since the last call; true at
+    /// first.
     #[inline]
     pub fn take_changed(&mut self) -> bool {
         core::mem::take(&mut self.is_changed)
     }
 
-    /// The overrides in effect.
+    /// Returns the overrides in effect.
     #[must_use]
     pub const fn overrides(&self) -> Overrides {
         self.overrides
     }
 
-    /// Whether the spindle is off, whatever segments that wait have.
+    /// Returns whether the spindle is programmed off; segments that wait may still have it on.
     #[must_use]
     pub fn is_spindle_off(&self) -> bool {
         self.spindle == Spindle::Off
     }
 
-    /// Whether the spindle is a laser.
+    /// Returns whether the spindle is a laser.
     #[must_use]
     pub const fn is_laser(&self) -> bool {
         self.is_laser
     }
 
-    /// Coolant as programmed, or toggled since, and the count of toggles.
+    /// Returns the programmed coolant, with realtime toggles since, and the number of toggles.
     #[must_use]
-    pub const fn coolant_asked(&self) -> (Coolant, u8) {
+    pub const fn programmed_coolant(&self) -> (Coolant, u8) {
         (self.coolant, self.toggles)
     }
 
-    /// Counts what the next status report has to show, wrapping: each command to the spindle and the
-    /// coolant, whether it changes anything or not, and each change of an override.
+    /// Returns the number of changes that the next status report shows, wrapping: each command to the
+    /// spindle and the coolant, also without effect, and each change of an override.
     #[must_use]
     pub const fn changes(&self) -> u8 {
         self.changes
     }
 
-    /// The next status report has to show the overrides, the spindle and the coolant.
+    /// Counts a change: the next status report shows the overrides, the spindle and the coolant.
     fn count_change(&mut self) {
         self.changes = self.changes.wrapping_add(1);
         self.is_changed = true;
     }
 
-    /// Whether the spindle, and the coolant, have to be switched on again after the door was open.
+    /// Returns whether the spindle, and the coolant, are to be switched on again after the door was
+    /// open.
     #[must_use]
     pub fn has_to_restore(&self) -> (bool, bool) {
         (self.spindle != Spindle::Off, self.coolant != Coolant::OFF)
     }
 
-    /// A new state of the spindle and its speed, rpm. A laser in proportion to the speed is off at
-    /// rest.
+    /// Sets the state of the spindle and its speed, rpm. A laser whose power is proportional to the
+    /// feed rate is off at rest.
     pub fn set_spindle(&mut self, spindle: Spindle, rpm: f32) {
-        self.end_dark();
+        self.end_wait_for_motion();
         self.spindle = spindle;
         let is_proportional = self.is_laser && spindle == Spindle::CounterClockwise;
         self.rpm = if is_proportional { 0.0 } else { rpm };
         self.count_change();
     }
 
-    /// Ends the wait of a laser for a motion or for a new state.
-    fn end_dark(&mut self) {
-        if self.stop == Stop::Dark {
-            self.stop = Stop::None;
+    /// Ends the wait of a laser for a motion or a new state.
+    fn end_wait_for_motion(&mut self) {
+        if self.stop == SpindleStop::UntilMotion {
+            self.stop = SpindleStop::None;
             self.is_changed = true;
         }
     }
 
-    /// A new state of the coolant.
+    /// Sets the state of the coolant.
     pub fn set_coolant(&mut self, coolant: Coolant) {
         self.coolant = coolant;
         self.count_change();
     }
 
-    /// An override. Those of feed and rapids are for the plan.
-    pub fn override_by(&mut self, command: Override) {
+    /// Applies an override; the plan follows those of feed and rapids.
+    pub fn apply_override(&mut self, command: Override) {
         let overrides = self.overrides.after(command);
         if overrides != self.overrides {
             self.overrides = overrides;
@@ -156,8 +158,8 @@ impl Accessories {
         }
     }
 
-    /// All overrides back to 100 %, and whether the next status report shows it.
-    pub fn end_overrides(&mut self, is_shown: bool) {
+    /// Resets all overrides to 100 %; the next status report shows them if `is_shown`.
+    pub fn reset_overrides(&mut self, is_shown: bool) {
         self.overrides = Overrides::NONE;
         self.is_changed = true;
         if is_shown {
@@ -165,68 +167,72 @@ impl Accessories {
         }
     }
 
-    /// Flood on, or off.
+    /// Switches flood on, or off.
     pub fn toggle_flood(&mut self) {
         self.coolant.flood = !self.coolant.flood;
         self.toggles = self.toggles.wrapping_add(1);
         self.count_change();
     }
 
-    /// Mist on, or off.
+    /// Switches mist on, or off.
     pub fn toggle_mist(&mut self) {
         self.coolant.mist = !self.coolant.mist;
         self.toggles = self.toggles.wrapping_add(1);
         self.count_change();
     }
 
-    /// Stops the spindle in a hold, or starts it again, by its key. Returns whether it starts.
+    /// Requests the stop of the spindle in a hold, or ends it. Returns whether the spindle starts.
     pub fn toggle_stop(&mut self) -> bool {
         self.is_changed = true;
         match self.stop {
-            Stop::None | Stop::Dark => {
-                self.stop = Stop::Asked;
+            SpindleStop::None | SpindleStop::UntilMotion => {
+                self.stop = SpindleStop::Requested;
                 false
             }
-            Stop::Asked => false,
-            Stop::Stopped => {
+            SpindleStop::Requested => false,
+            SpindleStop::Stopped => {
                 self.count_change();
                 self.stop = if self.is_laser {
-                    Stop::Dark
+                    SpindleStop::UntilMotion
                 } else {
-                    Stop::None
+                    SpindleStop::None
                 };
                 true
             }
         }
     }
 
-    /// A hold begins: a laser is switched off in any.
+    /// Requests the stop of a laser, which every hold switches off.
     pub fn begin_hold(&mut self) {
-        if self.is_laser && self.stop == Stop::None {
-            self.stop = Stop::Asked;
+        if self.is_laser && self.stop == SpindleStop::None {
+            self.stop = SpindleStop::Requested;
             self.is_changed = true;
         }
     }
 
-    /// Stops the spindle at rest in a hold, if that was asked for.
+    /// Stops the spindle at rest in a hold, if the stop is requested.
     pub fn stop_in_hold(&mut self) {
-        if self.stop == Stop::Asked {
+        if self.stop == SpindleStop::Requested {
             self.is_changed = true;
             self.stop = if self.spindle == Spindle::Off {
-                Stop::None
+                SpindleStop::None
             } else {
                 self.count_change();
-                Stop::Stopped
+                SpindleStop::Stopped
             };
         }
     }
 
-    /// Lets the spindle run again, and returns whether it was stopped. A laser comes on with a motion
-    /// only, now (`moves`) or later.
+    /// Ends the stop of the spindle. Returns whether it was stopped. A laser comes on with a motion
+    /// only: now, if the machine `moves`, or with the next one.
     pub fn end_stop(&mut self, moves: bool) -> bool {
-        let was_stopped = self.stop == Stop::Stopped;
-        let stays_dark = self.is_laser && !moves && self.stop != Stop::None;
-        self.stop = if stays_dark { Stop::Dark } else { Stop::None };
+        let was_stopped = self.stop == SpindleStop::Stopped;
+        let stays_off = self.is_laser && !moves && self.stop != SpindleStop::None;
+        self.stop = if stays_off {
+            SpindleStop::UntilMotion
+        } else {
+            SpindleStop::None
+        };
         self.is_changed = true;
         if was_stopped && !self.is_laser {
             self.count_change();
@@ -234,20 +240,20 @@ impl Accessories {
         was_stopped
     }
 
-    /// Switches everything off; what was on can be restored.
+    /// Switches everything off, to be restored later.
     pub fn suspend(&mut self) {
-        self.stop = Stop::None;
+        self.stop = SpindleStop::None;
         self.is_spindle_suspended = true;
         self.is_coolant_suspended = true;
         self.count_change();
     }
 
-    /// Ends the suspension of the spindle; a laser stays dark up to the end of the stop.
+    /// Ends the suspension of the spindle; a laser stays off up to the next motion.
     pub fn restore_spindle(&mut self) {
         self.is_spindle_suspended = false;
         self.is_changed = true;
         if self.is_laser {
-            self.stop = Stop::Dark;
+            self.stop = SpindleStop::UntilMotion;
         } else if self.spindle != Spindle::Off {
             self.count_change();
         }
@@ -262,20 +268,20 @@ impl Accessories {
         }
     }
 
-    /// Everything off and forgotten.
+    /// Switches everything off, not to be restored.
     pub fn switch_off(&mut self) {
         self.spindle = Spindle::Off;
         self.rpm = 0.0;
         self.coolant = Coolant::OFF;
-        self.stop = Stop::None;
+        self.stop = SpindleStop::None;
         self.is_spindle_suspended = false;
         self.is_coolant_suspended = false;
         self.is_changed = true;
     }
 
-    /// Begins a block: its laser sets the power that is left on at rest.
+    /// Begins a block, whose laser sets the power that stays on at rest.
     pub fn begin_block(&mut self, laser: Laser) {
-        self.end_dark();
+        self.end_wait_for_motion();
         let rpm = match laser {
             Laser::None => return,
             Laser::Constant(rpm) => rpm,
@@ -285,13 +291,13 @@ impl Accessories {
         self.rpm = rpm;
     }
 
-    /// The power at rest.
+    /// Returns the power at rest.
     #[must_use]
     pub fn power_at_rest(&self) -> Power {
         self.power(self.rpm)
     }
 
-    /// The power while a block is executed at this part of its programmed speed.
+    /// Returns the power of a block while it is executed at a `part` of its programmed speed.
     #[must_use]
     pub fn power_in_motion(&self, laser: Laser, part: f32) -> Power {
         match laser {
@@ -301,7 +307,7 @@ impl Accessories {
         }
     }
 
-    /// The power of a programmed speed, under the override and within the limits.
+    /// Returns the power of a programmed speed, with the override and within the limits.
     #[inline]
     fn power(&self, rpm: f32) -> Power {
         if self.spindle == Spindle::Off {
@@ -324,10 +330,11 @@ impl Accessories {
     }
 
     const fn is_stopped(&self) -> bool {
-        self.is_spindle_suspended || matches!(self.stop, Stop::Stopped | Stop::Dark)
+        self.is_spindle_suspended
+            || matches!(self.stop, SpindleStop::Stopped | SpindleStop::UntilMotion)
     }
 
-    /// The direction as it is switched with a power: off where the power is.
+    /// Returns the direction of the spindle at a power; off without power.
     #[must_use]
     pub const fn direction(&self, power: Power) -> Spindle {
         if power.duty == 0 {
@@ -337,7 +344,8 @@ impl Accessories {
         }
     }
 
-    /// The enable and direction outputs with a power: a spindle turns on even at the speed 0.
+    /// Returns the state of the enable and direction outputs at a power: a spindle is on also at
+    /// speed 0.
     #[must_use]
     pub fn switched(&self, power: Power) -> Spindle {
         if self.is_stopped() || self.is_laser && power.duty == 0 {
@@ -347,7 +355,7 @@ impl Accessories {
         }
     }
 
-    /// The coolant as it is switched.
+    /// Returns the state of the coolant outputs.
     #[must_use]
     pub const fn coolant(&self) -> Coolant {
         if self.is_coolant_suspended {
@@ -364,9 +372,9 @@ impl Default for Accessories {
     }
 }
 
-/// Duty at the smallest speed: one of Grbl's steps.
+/// Duty at the smallest speed: one step of Grbl's PWM.
 const MIN_DUTY: u16 = 4;
-/// From the smallest to the largest speed, in the parts of a duty.
+/// Difference of the duties at the largest and the smallest speed.
 const DUTY_RANGE: f32 = (Outputs::FULL - MIN_DUTY) as f32;
 
 #[cfg(test)]
@@ -409,10 +417,10 @@ mod tests {
     #[test]
     fn the_override_scales_the_speed() {
         let mut accessories = spindle(&Settings::default(), 500.0);
-        accessories.override_by(Override::SpindleMore);
+        accessories.apply_override(Override::SpindleMore);
         assert_eq!(accessories.power_at_rest().rpm, 550.0);
         assert_eq!(accessories.power_at_rest().duty / 4, 140);
-        accessories.end_overrides(true);
+        accessories.reset_overrides(true);
         assert_eq!(accessories.power_at_rest().rpm, 500.0);
     }
 

@@ -1,16 +1,16 @@
 //! The digital filter of the inputs: a level counts when it has held for four samples.
 //!
-//! Owned by the `inputs` interrupt. A change starts the sampling, [`SAMPLE_TICKS`] apart; an input
-//! that returns to its level in between starts anew. So a pulse shorter than three intervals
-//! (0.75 ms) is never seen, and one longer than four (1 ms) always is. All inputs at once: two
-//! words hold the two bits of each input's count.
+//! Owned by `inputs`. A change starts the samples, [`SAMPLE_TICKS`] apart; the count of an input
+//! that returns to its level in between starts anew. So a pulse shorter than three intervals (0.75
+//! ms) never counts, and a pulse longer than four (1 ms) always does. All inputs are filtered at
+//! once: two words hold the two bits of each input's count.
 
 use crate::{model::Levels, units::TICKS_PER_US};
 
 /// Time from one sample to the next, ticks: 250 µs.
 pub const SAMPLE_TICKS: u32 = 250 * TICKS_PER_US;
 
-/// Equal samples after which a level counts: the counts have two bits.
+/// Equal samples after which a level counts: one more than a count of two bits holds.
 pub const SAMPLES: u32 = 4;
 
 /// The filter of all inputs.
@@ -18,12 +18,12 @@ pub const SAMPLES: u32 = 4;
 pub struct Filter {
     /// The levels that count.
     stable: Levels,
-    /// Bits 0 and 1 of the number of samples that differed from them.
+    /// Bits 0 and 1 of each input's number of samples that differed from its level.
     counts: [Levels; 2],
 }
 
 impl Filter {
-    /// Begins with these levels.
+    /// Returns a filter in which these levels count.
     #[must_use]
     pub const fn new(closed: Levels) -> Self {
         Self {
@@ -32,13 +32,14 @@ impl Filter {
         }
     }
 
-    /// The levels that count.
+    /// Returns the levels that count.
     #[must_use]
     pub const fn stable(&self) -> Levels {
         self.stable
     }
 
-    /// Begins anew for levels that have changed. Returns whether samples are needed.
+    /// Restarts the counts of inputs that have returned to their level. Returns whether samples are
+    /// needed.
     pub fn change(&mut self, raw: Levels) -> bool {
         let differing = raw ^ self.stable;
         let [low, high] = self.counts;

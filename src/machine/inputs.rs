@@ -1,8 +1,8 @@
-//! The inputs of the machine as every task may read them, and what `prepare` wants of them.
+//! The inputs of the machine: levels that every task may read, and the orders of `prepare`.
 //!
-//! Levels are written by the `inputs` interrupt alone, after its filter. `prepare` sets which of
-//! them are inverted, which limit switches stop the machine, and which change of the probe is awaited;
-//! the interrupt latches the moment of that change.
+//! `inputs` alone writes the levels, after its filter. `prepare` sets which inputs are inverted, which
+//! limit switches stop the machine, and which change of the probe is awaited; `inputs` latches the
+//! number of events output at that change.
 
 use core::sync::atomic::{
     AtomicU32,
@@ -38,24 +38,24 @@ pub struct Inputs {
     inverted: AtomicU32,
     /// Limit switches that stop the machine; written by `prepare`.
     armed: AtomicU32,
-    /// A [`Contact`], [`UNARMED`] or [`LATCHED`]; written by `prepare`, but for the last, which
-    /// `inputs` writes over a contact.
+    /// A [`Contact`] or [`UNARMED`], written by `prepare`; or [`LATCHED`], which `inputs` writes
+    /// over a contact.
     probing: AtomicU32,
-    /// Events that had been output when the probe changed; written by `inputs`.
+    /// Number of events output when the probe changed; written by `inputs`.
     probe_latch: AtomicU32,
-    /// Events that had been output when each limit switch became active last; written by `inputs`.
+    /// Number of events output when each limit switch last became active; written by `inputs`.
     limit_latches: [AtomicU32; AXES],
 }
 
 impl Inputs {
-    /// All contacts open, none inverted.
+    /// Returns inputs with all contacts open and none inverted.
     #[must_use]
     pub const fn new() -> Self {
         Self::wired(Levels(u16::MAX))
     }
 
-    /// All contacts open on a board that has pins for these inputs only: an inverted input without a pin
-    /// would be active for ever.
+    /// Returns the inputs of a board with pins for the `wired` ones only. The others are never
+    /// active: an inverted one would always be.
     #[must_use]
     pub const fn wired(wired: Levels) -> Self {
         Self {
@@ -69,18 +69,18 @@ impl Inputs {
         }
     }
 
-    /// The contacts that are closed.
+    /// Returns the closed contacts.
     #[must_use]
     pub fn closed(&self) -> Levels {
         Levels(self.closed.load(Relaxed) as u16)
     }
 
-    /// Stores the contacts that are closed; for the input interrupt alone.
+    /// Stores the closed contacts; for `inputs` alone.
     pub fn set_closed(&self, closed: Levels) {
         self.closed.store(u32::from(closed.0), Relaxed);
     }
 
-    /// The inputs that are active, under the settings that [`Inputs::configure`] got last.
+    /// Returns the active inputs, under the settings of the last [`Inputs::configure`].
     #[must_use]
     pub fn active(&self) -> Levels {
         self.closed() ^ self.inverted()
@@ -90,14 +90,14 @@ impl Inputs {
         Levels(self.inverted.load(Relaxed) as u16)
     }
 
-    /// Takes over `$5` and `$6`; for `prepare` alone.
+    /// Applies `$5` and `$6`; for `prepare` alone.
     pub fn configure(&self, settings: &Settings) {
         let inverted = inverted(settings) & self.wired;
         self.inverted.store(u32::from(inverted.0), Relaxed);
     }
 
-    /// Sets which limit switches stop the machine as soon as they become active: none while homing
-    /// or at rest in alarm. For `prepare` alone.
+    /// Sets the limit switches that stop the machine when they become active: none while homing or at
+    /// rest in alarm. For `prepare` alone.
     pub fn arm_limits(&self, limits: Levels) {
         self.armed.store(u32::from(limits.0), Relaxed);
     }
@@ -112,13 +112,12 @@ impl Inputs {
         self.probing.store(contact as u32, Relaxed);
     }
 
-    /// Awaits no change any more; for `prepare` alone.
+    /// Ends the wait for a change of the probe; for `prepare` alone.
     pub fn disarm_probe(&self) {
-        // Nothing goes with it that would have to be seen before.
         self.probing.store(UNARMED, Relaxed);
     }
 
-    /// Returns the number of events that had been output when the probe changed, if it has.
+    /// Returns the number of events output at the awaited change of the probe, if it has come.
     #[must_use]
     pub fn probe_latch(&self) -> Option<u32> {
         let is_latched = self.probing.load(Relaxed) == LATCHED;
@@ -126,7 +125,7 @@ impl Inputs {
         is_latched.then(|| self.probe_latch.load(Relaxed))
     }
 
-    /// Whether the awaited change of the probe has come with these levels.
+    /// Returns whether the awaited change of the probe comes with these levels.
     pub(super) fn is_contact(&self, raw: Levels) -> bool {
         let is_active = (raw ^ self.inverted()).has(Levels::PROBE);
         let awaited = self.probing.load(Relaxed);
@@ -134,15 +133,14 @@ impl Inputs {
             || awaited == Contact::Broken as u32 && !is_active
     }
 
-    /// Latches the change of the probe after n events; for the input interrupt alone.
+    /// Latches the change of the probe after a number of events; for `inputs` alone.
     pub(super) fn latch_probe(&self, events: u32) {
         self.probe_latch.store(events, Relaxed);
         compiler_fence(SeqCst);
         self.probing.store(LATCHED, Relaxed);
     }
 
-    /// Returns the number of events that had been output when the limit switch of an axis became
-    /// active last.
+    /// Returns the number of events output when the limit switch of an axis last became active.
     #[must_use]
     pub fn limit_latch(&self, axis: usize) -> u32 {
         self.limit_latches
@@ -150,7 +148,7 @@ impl Inputs {
             .map_or(0, |events| events.load(Relaxed))
     }
 
-    /// Latches limit switches that have become active after n events; for the input interrupt alone.
+    /// Latches limit switches that become active after a number of events; for `inputs` alone.
     pub(super) fn latch_limits(&self, limits: Levels, events: u32) {
         // wcet-bound: axes
         for (axis, reached) in self.limit_latches.iter().enumerate() {
@@ -167,7 +165,7 @@ impl Default for Inputs {
     }
 }
 
-/// The inputs that are active while their contact is open, under `$5` and `$6`.
+/// Returns the inputs that are active while their contact is open, under `$5` and `$6`.
 fn inverted(settings: &Settings) -> Levels {
     let mut inverted = Levels::NONE;
     if settings.limit_invert {

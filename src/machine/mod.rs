@@ -1,4 +1,4 @@
-//! The machine's state, and its inputs and accessories: pure, makes no motion.
+//! The machine's state, its inputs and its accessories. Nothing here makes motion.
 
 mod accessories;
 mod input_filter;
@@ -12,4 +12,4 @@ pub use input_filter::{Filter, SAMPLE_TICKS, SAMPLES};
 pub use inputs::{Contact, Inputs};
 pub use snapshot::Snapshot;
 pub use state_machine::{Control, Effect, Ending, Event};
-pub use watch::{Watch, Watched};
+pub use watch::{SampleActions, Watch};

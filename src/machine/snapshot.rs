@@ -2,7 +2,7 @@
 //!
 //! # Cost
 //! [`Snapshot::copy_from`] copies field by field: each is too small for the library's loop over
-//! memory, whose time is not known.
+//! memory, whose time is not known. `prepare` waits for the copy.
 
 use super::Inputs;
 use crate::{
@@ -11,50 +11,50 @@ use crate::{
     stepper::SegmentRing,
 };
 
-/// The machine as `prepare` last published it, and its position. Read by copy, under RTIC's lock.
+/// The state of the machine. `prepare` publishes it, other tasks copy it under RTIC's lock.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub struct Snapshot {
     /// The state.
     pub state: State,
-    /// Step count of each axis, as output so far.
+    /// Position of each axis, steps, from the events output so far.
     pub steps: Axes<i32>,
-    /// Speed along the path now, mm/min.
+    /// Speed along the path, mm/min.
     pub feed_mm_min: f32,
-    /// Spindle speed as commanded, rpm, with its override; 0 when it is off.
+    /// Commanded spindle speed with its override, rpm; 0 when the spindle is off.
     pub spindle_rpm: f32,
-    /// Spindle direction as it is switched now.
+    /// State of the spindle outputs.
     pub spindle: Spindle,
-    /// Coolant as it is switched now.
+    /// State of the coolant outputs.
     pub coolant: Coolant,
-    /// Coolant as programmed, or toggled since.
-    pub coolant_asked: Coolant,
-    /// Counts realtime toggles of the coolant, wrapping.
+    /// The programmed coolant, with realtime toggles since.
+    pub programmed_coolant: Coolant,
+    /// Number of realtime toggles of the coolant, wrapping.
     pub coolant_toggles: u8,
-    /// Counts what the next status report has to show of spindle, coolant and overrides, wrapping.
+    /// Number of changes of spindle, coolant and overrides that a status report shows, wrapping.
     pub accessory_changes: u8,
     /// The overrides in effect.
     pub overrides: Overrides,
-    /// Inputs that are active.
+    /// Active inputs.
     pub inputs: Levels,
     /// The last probing move.
     pub probed: Probed,
     /// Notices to the sender.
     pub notices: Notices,
-    /// `N` word of the block in execution, 0 without.
+    /// `N` word of the block in execution, 0 without one.
     pub line: u32,
-    /// Free places for blocks.
+    /// Number of blocks for which the look-ahead has room.
     pub blocks_free: u16,
-    /// Entries taken from the queue and finished, wrapping. Equal to the number sent: all is done.
+    /// Number of entries finished, wrapping: all are when it equals the number of entries sent.
     pub finished: u32,
-    /// No axis moves and no event is queued.
+    /// Whether no axis moves and no event is queued.
     pub is_at_rest: bool,
-    /// The newest reset that has been acted on.
+    /// Number of resets handled so far, wrapping.
     pub reset_count: u32,
-    /// Counts motions that were ended before their target otherwise than by a reset, as a cancelled
-    /// jog is, wrapping. The interpreter takes over the position anew, at rest; an entry that was
-    /// made before is void: [`crate::path::Entry::reset_count`].
+    /// Number of motions that ended before their target otherwise than by a reset, as a cancelled
+    /// jog, wrapping. After one, the interpreter adopts the position at rest, and entries sent
+    /// before are void: [`crate::path::Entry::reset_count`].
     pub cancelled_motions: u32,
-    /// Whether that reset found the machine in motion, so that it rises `ALARM:3`.
+    /// Whether the last reset found the machine in motion, which is `ALARM:3`.
     pub reset_in_motion: bool,
     /// Whether the step events ran out in motion: a fault that only a reset ends.
     pub has_underrun: bool,
@@ -81,7 +81,7 @@ impl Snapshot {
             spindle_rpm,
             spindle,
             coolant,
-            coolant_asked,
+            programmed_coolant,
             coolant_toggles,
             accessory_changes,
             overrides,

@@ -1,7 +1,7 @@
-//! The state machine: what each event makes of each state.
+//! The state machine: the new state after each event in each state.
 //!
-//! Pure: [`Control::after`] is the whole of it, without plans and pins. What has to be done beside
-//! the new state is returned as an [`Effect`]. Read with Grbl 1.1 `protocol.c`,
+//! [`Control::after`] is a pure function. The plan and the outputs are changed by its caller, as the
+//! returned [`Effect`] says. Read with Grbl 1.1 `protocol.c`,
 //! `protocol_exec_rt_system`.
 //!
 //! ```text
@@ -14,28 +14,28 @@
 
 use crate::model::State;
 
-/// What happens to the machine.
+/// An event to which the machine reacts.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Event {
-    /// A feed hold is asked for.
+    /// A feed hold is requested.
     FeedHold,
-    /// Cycle start is asked for.
+    /// Cycle start is requested.
     CycleStart,
     /// The safety door has been opened.
     SafetyDoor,
     /// The safety door is closed.
     DoorClosed,
-    /// The end of jogging is asked for.
+    /// The end of jogging is requested.
     JogCancel,
-    /// There is a block of a program to execute.
+    /// A block of a program waits for execution.
     Move,
-    /// There is a block of a jog to execute.
+    /// A block of a jog waits for execution.
     Jog,
     /// Every block has been executed and the machine is at rest.
     CycleStop,
-    /// A machine that was to stop is at rest.
+    /// The machine has come to rest after an order to stop.
     Stopped,
-    /// Z has to be lifted out of the work.
+    /// Z is to be lifted out of the work.
     Park,
     /// Z is parked.
     Parked,
@@ -57,19 +57,19 @@ pub enum Event {
     Sleep,
 }
 
-/// What has to be done beside the new state.
+/// The action that a change of state requires.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Effect {
     /// Nothing.
     None,
-    /// What waited for cycle start goes on.
+    /// The program goes on.
     Resume,
     /// Spindle and coolant are switched off, after parking where the door was opened.
     Suspend,
     /// Spindle and coolant are switched on again, one after the other.
     Restore,
-    /// The plan is void from now on: it is dropped at rest, and so is what was sent before the
-    /// interpreter knows of it.
+    /// The plan is void: it is dropped at rest, with the entries that the interpreter sends before it
+    /// knows of the cancellation.
     MotionCancel,
     /// The plan is dropped.
     DropPlan,
@@ -77,10 +77,10 @@ pub enum Effect {
     Abort,
 }
 
-/// What becomes of the plan when the machine has come to rest.
+/// What happens to the plan when the machine has come to rest.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub enum Ending {
-    /// It is executed further.
+    /// It is kept.
     #[default]
     None,
     /// It is dropped.
@@ -94,12 +94,12 @@ pub enum Ending {
 pub struct Control {
     /// The state.
     pub state: State,
-    /// Other than [`Ending::None`], the machine slows down to drop its plan.
+    /// Other than [`Ending::None`] while the machine slows down to drop its plan.
     pub ending: Ending,
 }
 
 impl Control {
-    /// At rest, with nothing to do.
+    /// The state after power-up: at rest, without a plan.
     pub const IDLE: Self = Self::new(State::Idle);
 
     const fn new(state: State) -> Self {
@@ -113,7 +113,7 @@ impl Control {
         Self { state, ending }
     }
 
-    /// Whether blocks are executed, as far as there are any.
+    /// Returns whether blocks are executed.
     #[must_use]
     pub const fn executes(self) -> bool {
         match self.ending {
@@ -133,20 +133,20 @@ impl Control {
         }
     }
 
-    /// Whether the opened safety door changes the state.
+    /// Returns whether the opened safety door changes the state.
     #[must_use]
     pub const fn reacts_to_door(self) -> bool {
         !matches!(self.state, State::Alarm | State::Check | State::Home)
     }
 
-    /// Returns the state after an event, and what has to be done.
+    /// Returns the state after an event, and the effect.
     #[inline(never)]
     #[must_use]
     pub fn after(self, event: Event) -> (Self, Effect) {
         let same = (self, Effect::None);
         let is_ending = self.ending != Ending::None && self.state != State::Jog;
         if is_ending && !matches!(event, Event::Stopped | Event::Reset | Event::Alarm) {
-            // Nothing else counts before the plan is dropped.
+            // Other events are ignored until the plan is dropped.
             return same;
         }
         match event {
@@ -197,7 +197,7 @@ impl Control {
         match self.state {
             State::Run => to(State::HoldSlowing),
             State::Idle => to(State::HoldComplete),
-            // A jog has nothing to be resumed.
+            // A jog is not resumed.
             State::Jog => self.cancel(Ending::Drop),
             State::HoldSlowing
             | State::HoldComplete
@@ -247,7 +247,7 @@ impl Control {
         }
     }
 
-    /// Ends a jog; what has been asked for before stays.
+    /// Ends a jog. An opened door is not forgotten.
     fn cancel(self, ending: Ending) -> (Self, Effect) {
         match self.ending {
             Ending::None => (Self::ending(self.state, ending), Effect::MotionCancel),
@@ -328,7 +328,7 @@ mod tests {
         Is::Alarm,
     ];
 
-    /// Every change there is: before, event, after, effect. Whatever is not here changes nothing.
+    /// Every change: before, event, after, effect. All other events change nothing.
     #[rustfmt::skip]
     const CHANGES: &[(Is, On, Is, Do)] = &[
         (Is::Run, On::FeedHold, Is::HoldSlowing, Do::None),

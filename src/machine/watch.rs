@@ -1,8 +1,8 @@
-//! The body of the `inputs` interrupt: watches switches, probe and buttons.
+//! The watch of `inputs` over switches, probe and buttons.
 //!
-//! Runs when any input changes, and [`SAMPLE_TICKS`](super::SAMPLE_TICKS) after a run that asked
-//! for a sample. Every input passes the filter, but for the probe while its change is awaited: the
-//! first edge gives the position.
+//! `inputs` runs when any input changes, and [`SAMPLE_TICKS`](super::SAMPLE_TICKS) after a run that
+//! needs a sample. Every input passes the filter. The awaited change of the probe and the edges of
+//! limit switches are also latched at once: their first edge gives the position.
 
 use super::{Filter, Inputs};
 use crate::{
@@ -10,9 +10,9 @@ use crate::{
     stepper::EventTap,
 };
 
-/// What a sample asks of the interrupt's shell.
+/// The actions that a sample requires.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
-pub struct Watched {
+pub struct SampleActions {
     /// Take another sample [`SAMPLE_TICKS`](super::SAMPLE_TICKS) after this one.
     pub sample_again: bool,
     /// Release `prepare`.
@@ -21,7 +21,7 @@ pub struct Watched {
     pub halt_steps: bool,
 }
 
-/// The interrupt's own state.
+/// The state of `inputs`.
 #[derive(Debug)]
 pub struct Watch {
     filter: Filter,
@@ -30,7 +30,8 @@ pub struct Watch {
 }
 
 impl Watch {
-    /// Begins with the contacts that are closed at power-up: none of them counts as pressed then.
+    /// Returns a watch that begins with the contacts closed at power-up: none of these buttons
+    /// counts as pressed.
     #[must_use]
     pub fn new(closed: Levels, inputs: &Inputs) -> Self {
         inputs.set_closed(closed);
@@ -40,12 +41,12 @@ impl Watch {
         }
     }
 
-    /// Latches the positions of the probe and of limit switches at the beginning of each run, with
-    /// the contacts that are closed now. A limit switch counts once the filter agrees. Returns whether
-    /// the awaited change of the probe has come, so that `prepare` is to be released.
+    /// Latches the positions of the probe and of limit switches at the beginning of each run, from
+    /// the closed contacts. A limit switch counts once the filter agrees. Returns whether the
+    /// awaited change of the probe has come, which releases `prepare`.
     ///
-    /// Deadline: the probe's position is that of the run, so one step time where it matters; a miss
-    /// gives a position that is as much too late.
+    /// Deadline: one step time while probing, as the latched position is that of the run. A miss
+    /// latches a position that is late by the delay.
     #[inline]
     pub fn latch(&mut self, raw: Levels, inputs: &Inputs, events: EventTap<'_>) -> bool {
         let output = events.output_count();
@@ -59,22 +60,22 @@ impl Watch {
         is_contact
     }
 
-    /// Acts on an input that has changed. Returns whether samples are needed, the first
+    /// Handles a change of an input. Returns whether samples are needed, the first one
     /// [`SAMPLE_TICKS`](super::SAMPLE_TICKS) from now if none is due.
     #[inline]
     pub fn edge(&mut self) -> bool {
         self.filter.change(self.raw)
     }
 
-    /// Takes a sample that is due.
+    /// Handles a sample.
     #[inline]
-    pub fn sample(&mut self, inputs: &Inputs, requests: &Requests) -> Watched {
+    pub fn sample(&mut self, inputs: &Inputs, requests: &Requests) -> SampleActions {
         let changed = self.filter.sample(self.raw);
         let closed = self.filter.stable();
         inputs.set_closed(closed);
         requests.press(changed & closed);
         let limits = changed & (closed ^ inputs.inverted());
-        Watched {
+        SampleActions {
             sample_again: self.filter.change(self.raw),
             release_prepare: changed != Levels::NONE,
             halt_steps: limits.has(inputs.armed_limits()),

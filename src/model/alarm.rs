@@ -1,8 +1,8 @@
-//! Alarms: why the machine locked itself, with Grbl's numbers.
+//! Alarms, the reasons for which the machine locks itself, with Grbl's numbers.
 
 use core::fmt;
 
-/// What made the machine lock itself until it is unlocked, homed or reset.
+/// The reason for which the machine is locked until it is unlocked, homed or reset.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 #[repr(u8)]
 pub enum Alarm {
@@ -43,13 +43,13 @@ impl Alarm {
         Self::HomingDualAxis,
     ];
 
-    /// Grbl's number.
+    /// Returns Grbl's number.
     #[must_use]
     pub const fn number(self) -> u8 {
         self as u8
     }
 
-    /// What happened, in one line.
+    /// Returns the reason in one line.
     #[must_use]
     pub const fn text(self) -> &'static str {
         match self {

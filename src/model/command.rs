@@ -66,8 +66,8 @@ pub enum Command {
 pub struct Target {
     /// Exact machine coordinates.
     pub position: Axes<Nm>,
-    /// The same in Grbl's single-precision arithmetic, mm. Only the choice between two equally near steps
-    /// depends on them.
+    /// The coordinates in Grbl's single-precision arithmetic, mm. Only the choice between two
+    /// equally near steps depends on them.
     pub single_mm: Axes<f32>,
 }
 

@@ -8,7 +8,7 @@ use core::ops::{BitAnd, BitOr, BitXor, Not};
 pub struct Levels(pub u16);
 
 impl Levels {
-    /// Nothing.
+    /// No input.
     pub const NONE: Self = Self(0);
     /// All limit switches.
     pub const LIMITS: Self = Self(0x3f);
@@ -23,16 +23,16 @@ impl Levels {
     /// The cycle start button.
     pub const START: Self = Self(1 << 10);
 
-    /// What asks for something when it closes.
+    /// The inputs that request something when they close: door, hold, reset and start.
     pub const BUTTONS: Self = Self(0xf << 7);
 
-    /// Whether it has a bit of another.
+    /// Returns whether any input is in both sets.
     #[must_use]
     pub const fn has(self, other: Self) -> bool {
         self.0 & other.0 != 0
     }
 
-    /// The limit switches of some axes, bit 0 = X.
+    /// Returns the limit switches of some axes, bit 0 = X.
     #[must_use]
     pub const fn limits(axes: u8) -> Self {
         Self(axes as u16 & Self::LIMITS.0)

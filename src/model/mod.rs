@@ -1,6 +1,6 @@
 //! The vocabulary that all layers share: modes, commands, states, requests, queue sizes, times.
 //!
-//! Plain values and the atomics that carry requests; nothing here acts on anything.
+//! Plain values, and the atomics that carry requests.
 
 mod alarm;
 mod command;

@@ -1,4 +1,4 @@
-//! The modes of G-code that more modules than the interpreter know.
+//! The modes of G-code that other modules than the interpreter use.
 
 use core::ops::{Index, IndexMut};
 
@@ -44,7 +44,7 @@ pub enum Plane {
 }
 
 impl Plane {
-    /// First axis, second axis, and the axis along the normal.
+    /// Returns the first axis, the second axis, and the axis along the normal.
     #[must_use]
     pub const fn axes(self) -> (usize, usize, usize) {
         use crate::axis::{X, Y, Z};
@@ -75,15 +75,16 @@ pub enum PathControl {
     ExactStop,
     /// `G64`: near the programmed path, without losing more speed than needed.
     Continuous {
-        /// Farthest from the programmed path, nm (`P`); 0 for as far as half of each line.
+        /// Largest distance from the programmed path, nm (`P`); 0 for as far as half of each line.
         tolerance_nm: u32,
-        /// Farthest from short lines that become one, nm (`Q`); 0 when none do.
+        /// Largest distance from short lines that become one, nm (`Q`); 0 when none do.
         merging_nm: u32,
     },
 }
 
 impl PathControl {
-    /// The command as reports write it; `None` in the power-up mode, which Grbl does not report.
+    /// Returns the command as reports write it; `None` in the power-up mode, which Grbl does not
+    /// report.
     #[must_use]
     pub const fn word(self) -> Option<&'static str> {
         match self {
@@ -109,7 +110,7 @@ macro_rules! work_coordinates {
             /// All systems, in the order of their `G10` numbers, which begin with 1.
             pub const ALL: [Self; [$($word),*].len()] = [$(Self::$name),*];
 
-            /// The command as reports write it.
+            /// Returns the command as reports write it.
             #[must_use]
             pub const fn word(self) -> &'static str {
                 match self {
@@ -117,7 +118,8 @@ macro_rules! work_coordinates {
                 }
             }
 
-            /// The system of a command, from its number and its fraction in hundredths.
+            /// Returns the system of a command, from the number of the command and its fraction in
+            /// hundredths.
             #[must_use]
             pub const fn of_code(whole: u8, hundredths: u8) -> Option<Self> {
                 match (whole, hundredths) {
@@ -145,7 +147,7 @@ impl WorkCoordinates {
     /// The first system that Grbl does not have.
     pub const FIRST_BEYOND_GRBL: Self = Self::G59_1;
 
-    /// The index in [`Self::ALL`].
+    /// Returns the index in [`Self::ALL`].
     #[must_use]
     pub const fn index(self) -> usize {
         self as usize

@@ -1,11 +1,12 @@
-//! What the machine tells the sender without having been asked.
+//! Notices: messages to the sender that answer no line.
 
 use super::Alarm;
 
-/// Notices that are kept: more than can come up between two runs of `interpret`.
-const KEPT: usize = 8;
+/// Notices that are kept. More than can come between two runs of `interpret`: an alarm, the door,
+/// sleep, the spindle and a probing move bring one each.
+const CAPACITY: usize = 8;
 
-/// Something that has happened.
+/// A notice.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Notice {
     /// The machine has locked itself.
@@ -16,51 +17,52 @@ pub enum Notice {
     RestoringSpindle,
     /// The machine sleeps: only a reset wakes it.
     Sleeping,
-    /// A probing move has ended: `probed` of the snapshot says how.
+    /// A probing move has ended: `probed` of the snapshot has the result.
     Probed,
 }
 
-/// The latest notices and how many there have been: each reader keeps its own count.
+/// The latest notices and their number so far: each reader keeps its own count.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub struct Notices {
-    ring: [Option<Notice>; KEPT],
+    ring: [Option<Notice>; CAPACITY],
     count: u32,
 }
 
 impl Notices {
-    /// None yet.
+    /// Returns no notices.
     #[must_use]
     pub const fn new() -> Self {
         Self {
-            ring: [None; KEPT],
+            ring: [None; CAPACITY],
             count: 0,
         }
     }
 
-    /// How many there have been, wrapping.
+    /// Returns the number of notices so far, wrapping.
     #[must_use]
     pub const fn count(&self) -> u32 {
         self.count
     }
 
-    /// Adds one.
+    /// Adds a notice.
     pub fn push(&mut self, notice: Notice) {
-        if let Some(place) = self.ring.get_mut(self.count as usize % KEPT) {
-            *place = Some(notice);
+        if let Some(slot) = self.ring.get_mut(self.count as usize % CAPACITY) {
+            *slot = Some(notice);
         }
         self.count = self.count.wrapping_add(1);
     }
 
-    /// The first that a reader has not seen; it has seen `seen`, which is counted up.
+    /// Returns the oldest notice after the first `seen`, the reader's own count, and increments the
+    /// count.
     pub fn next(&self, seen: &mut u32) -> Option<Notice> {
         let unseen = self.count.wrapping_sub(*seen);
         if unseen == 0 {
             return None;
         }
-        if unseen as usize > KEPT {
-            *seen = self.count.wrapping_sub(KEPT as u32);
+        if unseen as usize > CAPACITY {
+            *seen = self.count.wrapping_sub(CAPACITY as u32);
         }
-        let notice = self.ring.get(*seen as usize % KEPT).copied().flatten();
+        let notice = self.ring.get(*seen as usize % CAPACITY).copied().flatten();
         *seen = seen.wrapping_add(1);
         notice
     }
@@ -87,6 +89,6 @@ mod tests {
         while notices.next(&mut seen).is_some() {
             late += 1;
         }
-        assert_eq!(late, KEPT);
+        assert_eq!(late, CAPACITY);
     }
 }

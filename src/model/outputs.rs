@@ -1,11 +1,11 @@
-//! What the machine switches beside its axes.
+//! The outputs beside those of the axes.
 
 use super::{Coolant, Spindle};
 
-/// The outputs as `prepare` wants them; its shell applies what has changed.
+/// The outputs as `prepare` sets them; its platform switches those that have changed.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub struct Outputs {
-    /// Spindle enable and direction. In laser mode it is off whenever the beam is.
+    /// Spindle enable and direction; in laser mode off whenever the beam is.
     pub spindle: Spindle,
     /// Spindle PWM at rest, 0 to [`Self::FULL`]; in motion it goes with the segments.
     pub duty: u16,
@@ -16,6 +16,6 @@ pub struct Outputs {
 }
 
 impl Outputs {
-    /// Duty of a PWM that is always on. Grbl's 255 steps are 4 of ours each.
+    /// Duty of a PWM that is always high: 255 steps of Grbl, each divided by four.
     pub const FULL: u16 = 1020;
 }

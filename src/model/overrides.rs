@@ -1,9 +1,14 @@
 //! Overrides of feed, rapid and spindle speed, in per cent. Read with Grbl 1.1 `config.h`.
+//!
+//! # Cost
+//!
+//! [`Override::is_override`] is inlined and takes few instructions: the receiver calls it, also
+//! from RAM while flash is erased.
 
-/// Least and most of feed and spindle override, %.
+/// Smallest and largest feed and spindle override, %: Grbl's.
 const RANGE: (u8, u8) = (10, 200);
 
-/// One realtime command that changes an override or an accessory.
+/// A realtime command that changes an override or an accessory.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 #[repr(u8)]
 pub enum Override {
@@ -42,7 +47,7 @@ pub enum Override {
 }
 
 impl Override {
-    /// Every one of them, in the order of the bytes.
+    /// Every command, in the order of the bytes.
     pub const ALL: [Self; 16] = [
         Self::FeedReset,
         Self::FeedMore,
@@ -62,20 +67,20 @@ impl Override {
         Self::Mist,
     ];
 
-    /// Whether a byte is one of them: what [`Self::of`] says, in few instructions.
+    /// Returns whether a byte is such a command, as [`Self::from_byte`] has it.
     #[inline(always)]
     #[expect(
         clippy::inline_always,
         reason = "called from RAM, where nothing in flash may be"
     )]
     #[must_use]
-    pub const fn is(byte: u8) -> bool {
+    pub const fn is_override(byte: u8) -> bool {
         matches!(byte, 0x90..=0xa1) && byte != 0x98 && byte != 0x9f
     }
 
-    /// The command of a realtime byte.
+    /// Returns the command of a realtime byte.
     #[must_use]
-    pub fn of(byte: u8) -> Option<Self> {
+    pub fn from_byte(byte: u8) -> Option<Self> {
         Some(match byte {
             0x90 => Self::FeedReset,
             0x91 => Self::FeedMore,
@@ -110,14 +115,14 @@ pub struct Overrides {
 }
 
 impl Overrides {
-    /// As programmed.
+    /// Every override at 100 %.
     pub const NONE: Self = Self {
         feed: 100,
         rapid: 100,
         spindle: 100,
     };
 
-    /// The overrides after a command; those about accessories change none.
+    /// Returns the overrides after a command. Commands to accessories change none.
     #[must_use]
     pub fn after(self, command: Override) -> Self {
         let changed = |value: u8, change: i16| {
@@ -171,12 +176,16 @@ mod tests {
     #[test]
     fn every_command_has_its_byte() {
         for command in Override::ALL {
-            assert_eq!(Override::of(command as u8), Some(command));
+            assert_eq!(Override::from_byte(command as u8), Some(command));
         }
-        assert_eq!(Override::of(0x98), None);
-        assert_eq!(Override::of(0x9f), None);
+        assert_eq!(Override::from_byte(0x98), None);
+        assert_eq!(Override::from_byte(0x9f), None);
         for byte in 0..=u8::MAX {
-            assert_eq!(Override::is(byte), Override::of(byte).is_some(), "{byte}");
+            assert_eq!(
+                Override::is_override(byte),
+                Override::from_byte(byte).is_some(),
+                "{byte}"
+            );
         }
     }
 }

@@ -1,11 +1,11 @@
-//! What the spindle or the laser gets.
+//! Speed and duty of the spindle, or power of the laser.
 
-/// What the spindle or the laser gets.
+/// Speed and duty of the spindle, or power of the laser.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub struct Power {
-    /// Speed, rpm, within `$30` and `$31`, with the override; 0 when off.
+    /// Speed with the override, between `$31` and `$30`, rpm; 0 when off.
     pub rpm: f32,
-    /// PWM, 0 to [`Outputs::FULL`](super::Outputs::FULL).
+    /// Duty of the PWM, 0 to [`Outputs::FULL`](super::Outputs::FULL).
     pub duty: u16,
 }
 

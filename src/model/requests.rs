@@ -3,9 +3,10 @@
 //! Written by `serial_rx` and `inputs`; every other task only reads them or clears them.
 //!
 //! # Cost
-//! Plain loads and stores: each flag is set at one priority and cleared by exactly one reader below.
-//! Between the tasks of one core no barrier is needed, only the compiler's order. The receiver also
-//! runs from RAM while the flash is erased, and can call nothing there: all of it is inlined.
+//! Requests are plain loads and stores: each flag is set at one priority and cleared by one reader
+//! of a lower one. Between the tasks of one core no barrier is needed, only the compiler's order.
+//! The receiver also runs from RAM while the flash is erased, and can call nothing there: all of it
+//! is inlined.
 
 mod override_ring;
 mod wakeups;
@@ -21,7 +22,7 @@ pub use override_ring::OVERRIDES;
 use override_ring::OverrideRing;
 pub use wakeups::Awaited;
 
-/// Requests that the receiver or a button has made and their readers have not yet acted on.
+/// The requests of the receiver and the buttons that their readers have not yet taken.
 #[derive(Debug)]
 pub struct Requests {
     /// `?`: cleared by `report`.
@@ -39,9 +40,9 @@ pub struct Requests {
     /// Overrides: dequeued by `prepare`.
     overrides: OverrideRing,
     /// Number of requests to `prepare` other than overrides, wrapping.
-    asked: AtomicU32,
-    /// Number of 0x18 and of reset buttons, wrapping: a reader compares it with the last reset it has
-    /// acted on.
+    count: AtomicU32,
+    /// Number of resets by 0x18 and by the button, wrapping: a reader compares it with the number
+    /// of the last reset that it has handled.
     resets: AtomicU32,
     /// Number of resets by `interpret`, wrapping.
     own_resets: AtomicU32,
@@ -54,7 +55,7 @@ pub struct Requests {
 }
 
 impl Requests {
-    /// No request.
+    /// Returns no requests.
     #[must_use]
     pub const fn new() -> Self {
         Self {
@@ -65,7 +66,7 @@ impl Requests {
             jog_cancel: AtomicBool::new(false),
             delay_end: AtomicBool::new(false),
             overrides: OverrideRing::new(),
-            asked: AtomicU32::new(0),
+            count: AtomicU32::new(0),
             resets: AtomicU32::new(0),
             own_resets: AtomicU32::new(0),
             lost: AtomicU32::new(0),
@@ -113,8 +114,9 @@ impl Requests {
     /// Signals the end of the delay that `prepare` asked for; for its platform alone.
     pub fn end_delay(&self) {
         set(&self.delay_end);
-        // Interrupted by another request, two may count as one: the number differs in any case.
-        add_one(&self.asked);
+        // Two requests, one of which interrupts the other, may count as one: the number differs in
+        // any case.
+        add_one(&self.count);
     }
 
     /// Takes the end of the delay.
@@ -125,11 +127,11 @@ impl Requests {
 
     /// Returns the number of requests to `prepare`, wrapping: while it is the same, none is new.
     #[must_use]
-    pub fn asked(&self) -> u32 {
+    pub fn count(&self) -> u32 {
         let overrides = self.overrides.written();
-        let asked = self.asked.load(Relaxed).wrapping_add(overrides);
+        let count = self.count.load(Relaxed).wrapping_add(overrides);
         compiler_fence(SeqCst);
-        asked
+        count
     }
 
     /// Takes the oldest override.
@@ -147,15 +149,15 @@ impl Requests {
         count
     }
 
-    /// Resets after a line that ends with a reset; for `interpret` alone.
+    /// Requests the reset that ends a line, as of `$RST=*`; for `interpret` alone.
     pub fn reset(&self) {
         add_one(&self.own_resets);
     }
 
-    /// Requests what the buttons ask for whose contact has closed; for the input interrupt alone.
+    /// Makes the requests of the buttons whose contacts have closed; for `inputs` alone.
     ///
-    /// Interrupted by a received byte, two requests may count as one: readers see that the number
-    /// differs, and find both flags.
+    /// A request that a received byte interrupts may count as one with that of the byte: readers
+    /// see that the number differs, and find both flags.
     pub fn press(&self, closed: Levels) {
         if !closed.has(Levels::BUTTONS) {
             return;
@@ -172,12 +174,12 @@ impl Requests {
         if closed.has(Levels::DOOR) {
             set(&self.door);
         }
-        add_one(&self.asked);
+        add_one(&self.count);
     }
 
-    /// Requests what a realtime byte asks for; for the receiver alone. Returns the task to release.
+    /// Makes the request of a realtime byte; for the receiver alone. Returns the task to release.
     ///
-    /// The first byte of the UTF-8 form of a realtime command is one of those without a meaning.
+    /// The first byte of the UTF-8 form of a realtime command has no meaning and is ignored.
     #[inline(always)]
     #[expect(clippy::inline_always, reason = "nothing in flash may be called")]
     pub(crate) fn accept(&self, byte: u8) -> Release {
@@ -194,7 +196,7 @@ impl Requests {
                 add_one(&self.resets);
                 return self.release();
             }
-            _ if Override::is(byte) => {
+            _ if Override::is_override(byte) => {
                 self.overrides.enqueue(byte);
                 return Release::Prepare;
             }
@@ -208,7 +210,7 @@ impl Requests {
     #[inline(always)]
     #[expect(clippy::inline_always, reason = "as for `accept`")]
     fn release(&self) -> Release {
-        add_one(&self.asked);
+        add_one(&self.count);
         Release::Prepare
     }
 
@@ -239,8 +241,8 @@ fn set(flag: &AtomicBool) {
     flag.store(true, Relaxed);
 }
 
-/// Clears a flag. Returns whether it was set. Its setter runs at a higher priority: a request that
-/// arrives between the two accesses is one with the request being taken.
+/// Clears a flag. Returns whether it was set. The flag is set at a higher priority: a request
+/// between the two accesses is one with the request being taken.
 fn take(flag: &AtomicBool) -> bool {
     let set = flag.load(Relaxed);
     if set {
@@ -262,9 +264,9 @@ fn add_one(count: &AtomicU32) {
 /// The task to release after a byte.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Release {
-    /// None: the byte was dropped, or its line goes on.
+    /// None: the byte is ignored, or its line is not complete.
     Nobody,
-    /// `interpret`: a line has come, or a large part of one.
+    /// `interpret`: a line, or a large part of one, has been received.
     Interpret,
     /// `report`: a status report is requested.
     Report,

@@ -2,11 +2,11 @@
 
 use crate::axis::Axes;
 
-/// What the machine does, with Grbl's names.
+/// The state of the machine, with Grbl's names.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 #[cfg_attr(target_os = "none", derive(defmt::Format))]
 pub enum State {
-    /// Nothing to do, everything at rest.
+    /// At rest, without a block to execute.
     #[default]
     Idle,
     /// Executing blocks.
@@ -36,7 +36,7 @@ pub enum State {
 }
 
 impl State {
-    /// Grbl's name, as reports have it.
+    /// Returns Grbl's name, as reports have it.
     #[must_use]
     pub const fn name(self) -> &'static str {
         match self {
@@ -56,7 +56,7 @@ impl State {
         }
     }
 
-    /// Whether no line is begun, as in a feed hold, with the door open, and asleep.
+    /// Returns whether no line is begun: in a feed hold, with the door open, and asleep.
     #[must_use]
     pub const fn is_suspended(self) -> bool {
         match self {
@@ -75,9 +75,9 @@ impl State {
 /// How the last probing move ended.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub struct Probed {
-    /// Where the probe changed. When it did not, where the machine came to rest; or, where that is
-    /// an error, as after the probing move before.
+    /// Position at which the probe changed, steps. If it did not, the position at rest; or, where
+    /// that is an error, the position of the probing move before.
     pub steps: Axes<i32>,
-    /// Whether it changed.
+    /// Whether the probe changed.
     pub success: bool,
 }

@@ -1,4 +1,4 @@
-//! Times that several layers keep to: segments, step events, pulses, samples.
+//! Times that several layers use: of segments, step events, pulses and samples.
 
 use crate::units::{TICKS_PER_MS, TICKS_PER_US};
 
@@ -11,10 +11,10 @@ pub const QUEUED_AHEAD_TICKS: u32 = 7 * TICKS_PER_MS / 2;
 pub const SEGMENT_TICKS: u32 = TICKS_PER_MS;
 /// Longest segment, ticks.
 pub const MAX_SEGMENT_TICKS: u32 = 3 * TICKS_PER_MS / 2;
-/// Shortest time between two events, ticks, 1.5 µs: longer than the step interrupt takes for one, by
-/// `cargo xtask schedule`. A power of two, as times are divided by it.
+/// Shortest time between two events, ticks: 1.5 µs, longer than the response time of the step
+/// interrupt by `cargo xtask schedule`. A power of two, as times are divided by it.
 pub const EVENT_SPACING_TICKS: u32 = 128;
-/// Most events of a segment.
+/// Largest number of events of a segment.
 pub(crate) const MAX_SEGMENT_EVENTS: u32 = MAX_SEGMENT_TICKS / EVENT_SPACING_TICKS;
 /// Shortest time between the end of a pulse and the next pulse of the axis, ticks.
 ///
@@ -24,10 +24,10 @@ pub const PULSE_LOW_TICKS: u32 = TICKS_PER_US * 5 / 2;
 pub const DIRECTION_SETUP_TICKS: u32 = TICKS_PER_US * 5;
 /// Length of a slot, ticks.
 pub(crate) const SLOT_TICKS: u32 = EVENT_SPACING_TICKS;
-/// Slots from the end of a pulse to the next step of the axis: an event comes at the end of its slot
-/// at most.
+/// Slots from the end of a pulse to the next step of the axis, with one more, as an event may come
+/// at the end of its slot.
 pub(crate) const PULSE_LOW_SLOTS: u32 = 1 + PULSE_LOW_TICKS.div_ceil(SLOT_TICKS);
-/// A cell of time, s.
+/// Period of the samples of the reference motion, s.
 pub(crate) const SAMPLE_S: f32 = 1.0e-3;
 
 /// Returns the slots from a step to the end of its pulse.

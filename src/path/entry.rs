@@ -1,4 +1,7 @@
 //! Entries of the queue from `interpret` to `prepare`.
+//!
+//! # Cost
+//! The discriminant of [`Work`] is a whole word, so that the fields after it are copied by words.
 
 use super::Block;
 use crate::{
@@ -17,9 +20,6 @@ pub struct Entry {
 }
 
 /// The work of an entry.
-///
-/// # Cost
-/// The discriminant is a whole word, so that the fields after it are copied by words.
 #[derive(Debug, Clone, Copy)]
 #[repr(u32)]
 pub enum Work {

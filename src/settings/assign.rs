@@ -3,12 +3,12 @@
 use super::{Setting, Settings, Value};
 use crate::decimal::Decimal;
 
-/// Why a setting is refused. Nothing has been changed then.
+/// The reason for which a value is refused. The settings are unchanged then.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum SettingError {
-    /// No number where one must be.
+    /// There is no number where one is required.
     BadNumber,
-    /// No such setting, or text that does not belong there.
+    /// There is no such setting, or there is text after the value.
     BadStatement,
     /// A value below 0.
     Negative,
@@ -16,13 +16,14 @@ pub enum SettingError {
     ShortPulse,
     /// Soft limits without homing.
     NeedsHoming,
-    /// A value that the setting cannot have.
+    /// A value outside the range of the setting.
     OutOfRange,
-    /// A resolution and a largest speed that together are more steps than can be made.
+    /// A resolution and a largest speed that together exceed the step rate.
     StepRate,
 }
 
-/// Reads a number and the `=` after it. Returns its whole part and the text behind.
+/// Reads a number and the `=` after it. Returns the whole part of the number and the text after the
+/// `=`.
 ///
 /// # Errors
 /// `BadNumber` without a number, `BadStatement` without the `=`.
@@ -46,7 +47,7 @@ pub fn assign(settings: &mut Settings, statement: &[u8]) -> Result<(), SettingEr
     }
     let number = u16::try_from(number).map_err(|_| SettingError::BadStatement)?;
     let setting = Setting::with_number(number);
-    // However little the value is below 0.
+    // Also for a value so little below 0 that it rounds to 0.
     let is_negative = text.starts_with(b"-") && text.iter().any(|byte| matches!(byte, b'1'..=b'9'));
     if is_negative && !setting.is_some_and(|setting| setting.row.kind.has_negative()) {
         return Err(SettingError::Negative);
@@ -70,7 +71,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_no_setting_is_refused_with_grbls_reason() {
+    fn a_statement_without_a_setting_is_refused_with_grbls_reason() {
         use SettingError::*;
         for (statement, error) in [
             ("0=abc", BadNumber),
@@ -107,7 +108,7 @@ mod tests {
     }
 
     #[test]
-    fn what_the_machine_could_not_work_with_is_refused() {
+    fn a_value_that_the_machine_cannot_work_with_is_refused() {
         for statement in [
             "100=0",
             "110=0",

@@ -1,8 +1,8 @@
 //! Kinds of settings: types and ranges of their values.
 //!
-//! A value comes from a user's text or from a stored record; both go through the same conversion
-//! and the same range, so that a setting cannot get, by way of the flash, a value that `$n=` would
-//! refuse. Data types and formats are those that grblHAL publishes ("report extensions").
+//! A value comes from a user's text or from a stored record. Both go through the same conversion
+//! and the same range, so that the flash cannot give a setting a value that `$n=` would refuse.
+//! Data types and formats are those that grblHAL publishes ("report extensions").
 
 use super::{SettingError, Settings};
 use crate::{axis::Axes, units::StepsPerMm};
@@ -20,13 +20,13 @@ type Field<T> = fn(&mut Settings) -> &mut T;
 pub enum Kind {
     /// On or off: 0 is off, everything else is on.
     Flag(Field<bool>),
-    /// A sum of bits, and their names.
+    /// A sum of bits, with the names of the bits.
     Bits(Field<u8>, &'static str),
     /// A sum of bits, one for each axis.
     AxisMask(Field<u8>),
     /// A whole number up to 255.
     Byte {
-        /// Where it is.
+        /// The field.
         field: Field<u8>,
         /// Smallest value.
         least: u8,
@@ -62,7 +62,7 @@ impl ValueRange {
     }
 }
 
-/// A value: as a user has typed it, as it is stored, or as it is shown.
+/// A value, as a user types it, as it is stored, or as it is shown.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Value {
     /// A whole number; 0 or 1 for off or on.
@@ -133,7 +133,7 @@ pub(super) const fn axis_divisor(field: Field<Axes<f32>>) -> Kind {
 }
 
 impl Kind {
-    /// Whether each axis has a setting of its own.
+    /// Returns whether each axis has a setting of its own.
     pub(super) const fn is_per_axis(&self) -> bool {
         match self {
             Self::AxisNumber(..) | Self::AxisResolution(_) => true,
@@ -145,7 +145,7 @@ impl Kind {
         }
     }
 
-    /// The type of the values.
+    /// Returns the type of the values.
     #[must_use]
     pub const fn data_type(&self) -> DataType {
         match self {
@@ -157,7 +157,7 @@ impl Kind {
         }
     }
 
-    /// The range of the values; `None` where the type says it all.
+    /// Returns the range of the values; `None` for types without one.
     #[must_use]
     pub fn range(&self) -> Option<ValueRange> {
         match self {
@@ -176,13 +176,14 @@ impl Kind {
         }
     }
 
-    /// Digits of the values after the point in answers.
+    /// Returns the number of digits after the point in answers.
     #[must_use]
     pub fn decimals(&self) -> usize {
         self.range().map_or(0, |range| range.decimals)
     }
 
-    /// Digits of the values before and after the point, or the names of the bits.
+    /// Returns the format that grblHAL has for the values: digits before and after the point, or
+    /// the names of the bits.
     #[must_use]
     pub fn format(&self) -> &'static str {
         match (self, self.range()) {
@@ -194,14 +195,14 @@ impl Kind {
         }
     }
 
-    /// Whether a value below 0 is in the range.
+    /// Returns whether a value below 0 is in the range.
     pub(super) fn has_negative(&self) -> bool {
         self.range().is_some_and(|range| range.least < 0.0)
     }
 
-    /// Returns the value, that of an axis where each has one.
+    /// Returns the value; that of an axis, where each axis has one.
     pub(super) fn value(&self, settings: &Settings, axis: usize) -> Value {
-        // One accessor for reading and writing: reading is done on a copy.
+        // One accessor reads and writes: it reads from a copy.
         let mut copy = *settings;
         match self {
             Self::Flag(field) => Value::Whole(u16::from(*field(&mut copy))),

@@ -1,6 +1,6 @@
-//! What the user sets with `$n=value`, and what outlives power.
+//! The settings that the user changes with `$n=value`, and everything that outlives power.
 //!
-//! A setting stands in two places: its field with its default here, and its row in
+//! A setting is in two places: its field with its default here, and its row in
 //! [`TABLE`](table::TABLE) with everything else.
 
 mod assign;
@@ -26,7 +26,7 @@ use crate::{
     units::{Nm, StepsPerMm, TICKS_PER_SECOND, TICKS_PER_US},
 };
 
-/// Most steps per second that a segment of the step interrupt can count on one axis.
+/// Largest number of steps per second that a segment can count on one axis.
 const MAX_STEP_RATE_HZ: f32 = 500_000.0;
 
 const RESOLUTION: StepsPerMm = match StepsPerMm::from_millionths(250_000_000) {
@@ -41,7 +41,7 @@ macro_rules! settings {
         #[derive(Debug, Clone, Copy, PartialEq)]
         pub struct Settings {
             $($(#[doc = $doc])* pub $field: $type,)*
-            /// The proven step rate of the firmware: nothing that the user sets.
+            /// The proven step rate of the firmware, which the user cannot set.
             pub step_rate: StepRate,
         }
 
@@ -49,7 +49,7 @@ macro_rules! settings {
             /// Number of fields that have a row in the table.
             const FIELDS: usize = [$(stringify!($field)),*].len();
 
-            /// Grbl 1.1h's defaults (`defaults.h`, `DEFAULTS_GENERIC`).
+            /// Returns Grbl 1.1h's defaults (`defaults.h`, `DEFAULTS_GENERIC`).
             #[must_use]
             pub const fn new(step_rate: StepRate) -> Self {
                 Self { $($field: $default,)* step_rate }
@@ -126,9 +126,9 @@ settings! {
 }
 
 impl Settings {
-    /// Returns the largest number of steps per second that one axis can be asked for: what the step
-    /// pulse allows when pulses of other axes delay it, what the step interrupt can count, and what
-    /// is proven for all axes together.
+    /// Returns the largest number of steps per second of one axis: the least of the rate that the
+    /// step pulse allows when pulses of other axes delay it, the rate that a segment can count, and
+    /// the rate proven for all axes together.
     #[must_use]
     pub fn greatest_step_rate_hz(&self) -> f32 {
         let pulse_ticks = (u32::from(self.step_pulse_us) * TICKS_PER_US).max(EVENT_SPACING_TICKS);
@@ -146,7 +146,7 @@ impl Settings {
 }
 
 impl Default for Settings {
-    /// Those of a machine whose firmware is not proven.
+    /// Returns the settings of firmware without a proven step rate.
     fn default() -> Self {
         Self::new(StepRate::Unproven)
     }

@@ -6,7 +6,7 @@ use super::{
 };
 use crate::axis::{AXES, LETTERS};
 
-/// One setting: a row and, where the row has one for each axis, an axis.
+/// One setting: a row and, where each axis has a setting, an axis.
 #[derive(Debug, Clone, Copy)]
 pub struct Setting {
     /// The row.
@@ -28,13 +28,13 @@ impl Setting {
         Self::all().find(|setting| setting.number() == number)
     }
 
-    /// The number.
+    /// Returns the number.
     #[must_use]
     pub const fn number(&self) -> u16 {
         self.row.number + self.axis as u16
     }
 
-    /// The letter of the axis, where each axis has a setting of its own.
+    /// Returns the letter of the axis, where each axis has a setting of its own.
     #[must_use]
     pub const fn letter(&self) -> Option<u8> {
         if self.row.kind.is_per_axis() {
@@ -44,19 +44,19 @@ impl Setting {
         }
     }
 
-    /// Whether Grbl 1.1 has the setting: then `$$` lists it.
+    /// Returns whether Grbl 1.1 has the setting: then `$$` lists it.
     #[must_use]
     pub fn is_of_grbl(&self) -> bool {
         self.row.defined_by == DefinedBy::Grbl
     }
 
-    /// The value.
+    /// Returns the value.
     #[must_use]
     pub fn value(&self, settings: &Settings) -> Value {
         self.row.kind.value(settings, self.axis)
     }
 
-    /// Changes the value as a user asks for it, with what depends on it.
+    /// Changes the value to one that a user has typed, and adjusts the settings that depend on it.
     ///
     /// # Errors
     /// Every [`SettingError`]; the settings are unchanged then.
@@ -69,7 +69,8 @@ impl Setting {
         Ok(())
     }
 
-    /// Changes the value to a stored one, whatever the others are: they may not be restored yet.
+    /// Changes the value to a stored one. The rules between settings do not count, as other
+    /// settings may not be restored yet.
     ///
     /// # Errors
     /// [`SettingError::OutOfRange`] or [`SettingError::ShortPulse`]; the settings are unchanged
@@ -83,7 +84,7 @@ impl Setting {
     }
 }
 
-/// Adjusts settings of which each value has been restored to one another.
+/// Applies the rules between settings after every value has been restored.
 pub(super) fn adjust_all(settings: &mut Settings) {
     for row in TABLE {
         (row.adjust)(settings);

@@ -1,24 +1,23 @@
-//! The step rate that the machine may be asked for.
+//! The highest step rate of the firmware.
 
-/// Pulses of all axes together, per second, that the machine may be asked for.
+/// The highest rate of the pulses of all axes together.
 ///
-/// Not a setting, and never stored: the rate belongs to the image of the firmware. The build finds
-/// the highest rate at which every task is proven to meet its deadline, and writes it there.
+/// The rate is no setting and is not stored: it belongs to the image of the firmware. The build finds
+/// the highest rate at which every task is proven to meet its deadline, and writes it into the image.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub enum StepRate {
     /// The proven rate.
     Proven(u32),
-    /// No rate is proven of this image.
+    /// No rate is proven for the image.
     #[default]
     Unproven,
 }
 
 impl StepRate {
-    /// The rate of an image of which nothing is proven, steps per second: that of Grbl 1.1 on a
-    /// processor of 16 MHz and 8 bits.
+    /// The rate without a proof, Hz: that of Grbl 1.1 on an AVR at 16 MHz (`stepper.c`).
     pub const UNPROVEN_HZ: u32 = 30_000;
 
-    /// Returns the rate that a number in an image stands for; 0 stands for none.
+    /// Returns the rate of a number in an image; 0 is no proven rate.
     #[must_use]
     pub const fn of_image(hz: u32) -> Self {
         match hz {
@@ -27,7 +26,7 @@ impl StepRate {
         }
     }
 
-    /// Returns the number in an image; 0 stands for none.
+    /// Returns the number in an image; 0 without a proven rate.
     #[must_use]
     pub const fn in_image(self) -> u32 {
         match self {
@@ -36,7 +35,7 @@ impl StepRate {
         }
     }
 
-    /// Steps per second.
+    /// Returns the steps per second.
     #[must_use]
     pub const fn hz(self) -> u32 {
         match self {

@@ -1,4 +1,4 @@
-//! What outlives power: settings, offsets, startup lines and build information.
+//! Everything that outlives power: settings, offsets, startup lines and build information.
 
 use heapless::Vec;
 
@@ -54,7 +54,7 @@ impl Stored {
     }
 }
 
-/// A change of [`Stored`] that is to be stored: all of it, or on a power cut nothing.
+/// A change of [`Stored`]. After a power cut, all of it is stored or nothing.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Change {
     /// The settings.
@@ -73,7 +73,7 @@ pub enum Change {
     RestoreAll,
 }
 
-/// Why a change is not stored. What was stored before still is.
+/// The reason for which a change is not stored. The contents of before are still stored.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum StoreError {
     /// The flash refused to be read, programmed or erased.

@@ -1,8 +1,8 @@
 //! The table of settings: numbers, groups, ranges and rules.
 //!
-//! `$$`, `$+`, `$ES`, the checks of `$n=value`, the stored record and `docs/settings.md` all come
-//! from it. Numbers, formats and refusals are Grbl 1.1's, with one deliberate difference: a value
-//! that the machine could not work with (a resolution of 0, a byte above 255) is refused, not bent.
+//! `$$`, `$+`, `$ES`, the checks of `$n=value`, the stored record and `docs/settings.md` are made from
+//! it. Numbers, formats and refusals are Grbl 1.1's, with one deliberate difference: a value that the
+//! machine cannot work with (a resolution of 0, a byte above 255) is refused instead of changed.
 
 use DefinedBy::{Extension, Grbl};
 use Kind::{AxisMask, AxisResolution, Bits, Flag};
@@ -22,7 +22,7 @@ pub struct Row {
     pub number: u16,
     /// The group.
     pub group: SettingGroup,
-    /// What the value is.
+    /// The meaning of the value.
     pub name: &'static str,
     /// The unit of the value, empty without.
     pub unit: &'static str,
@@ -173,7 +173,7 @@ impl SettingGroup {
         Self::Axes,
     ];
 
-    /// The name that `$EG` shows.
+    /// Returns the name that `$EG` shows.
     #[must_use]
     pub const fn name(self) -> &'static str {
         match self {

@@ -1,4 +1,4 @@
-//! What is wired to the inputs: switches at positions, and pins held by whoever uses the machine.
+//! The contacts at the inputs: switches that axes close, and contacts held by the operator.
 
 use heapless::Vec;
 
@@ -8,15 +8,15 @@ use crate::{
     model::Levels,
 };
 
-/// Switches that can be mounted.
+/// Largest number of switches: two for each of six axes, and four more.
 const SWITCHES: usize = 16;
 
-/// Where a switch closes, in physical steps from where the axis stood at power-up.
+/// The positions at which a switch is closed, in physical steps from the position at power-up.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Closes {
-    /// There and farther in the positive direction.
+    /// This position and all positions above.
     From(i32),
-    /// There and farther in the negative direction.
+    /// This position and all positions below.
     DownFrom(i32),
 }
 
@@ -25,14 +25,14 @@ pub enum Closes {
 pub struct Switch {
     /// The axis, 0 = X.
     pub axis: usize,
-    /// Where it closes.
+    /// The positions at which it is closed.
     pub closes: Closes,
-    /// The inputs whose contact it is.
+    /// The inputs that it closes.
     pub input: Levels,
 }
 
 impl Switch {
-    /// Returns whether it is closed while the axis is at `steps`.
+    /// Returns whether the switch is closed while the axis is at `steps`.
     #[must_use]
     pub const fn is_closed_at(&self, steps: i32) -> bool {
         match self.closes {
@@ -42,15 +42,15 @@ impl Switch {
     }
 }
 
-/// The axes as they stand, and the contacts.
+/// The positions of the axes, and the contacts.
 #[derive(Debug)]
 pub(super) struct Contacts {
     switches: Vec<Switch, SWITCHES>,
-    /// Contacts closed by the user.
+    /// Contacts that the operator closes.
     held: Levels,
-    /// Steps of each axis from where it stood at power-up: no homing changes them.
+    /// Position of each axis, steps from power-up: homing does not change it.
     steps: Axes<i32>,
-    /// Contacts that are closed.
+    /// Closed contacts.
     pub(super) closed: Levels,
 }
 
@@ -68,7 +68,7 @@ impl Contacts {
         self.steps
     }
 
-    /// Mounts a switch. Returns whether there are such an axis and room.
+    /// Mounts a switch. Returns false without such an axis, or without room.
     pub(super) fn mount(&mut self, switch: Switch) -> bool {
         switch.axis < AXES && self.switches.push(switch).is_ok()
     }
@@ -81,7 +81,7 @@ impl Contacts {
         };
     }
 
-    /// The axes step.
+    /// Moves the axes by the pulses of an edge.
     pub(super) fn step(&mut self, edge: &Edge) {
         for (axis, steps) in self.steps.iter_mut().enumerate() {
             if edge.raise >> axis & 1 != 0 {

@@ -1,4 +1,9 @@
-//! `prepare` and the interrupts of steps and inputs on a virtual clock.
+//! The tasks with deadlines on a virtual clock: `step`, `segment_start`, `inputs` and `prepare`.
+//!
+//! # Cost
+//!
+//! [`Drive::new`] is out of line and copies constants to their place: an emulated chip has no room
+//! for a second ring of events.
 
 use heapless::spsc::{Producer, Queue};
 use rtic_core::Exclusive;
@@ -20,10 +25,10 @@ use crate::{
     tasks::{self, InputTrigger, Platform, Task, Unlocked},
 };
 
-/// What the step pins do at one instant.
+/// A change of the step and direction pins at one instant.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Edge {
-    /// When, ticks since power-up.
+    /// Time, ticks since power-up.
     pub ticks: u64,
     /// Pulses that begin, bit 0 = X.
     pub raise: u32,
@@ -31,35 +36,35 @@ pub struct Edge {
     pub drop: u32,
     /// Levels of the direction outputs, bit 0 = X, 1 = negative.
     pub directions: u8,
-    /// Spindle PWM then, 0 to [`Outputs::FULL`].
+    /// Duty of the spindle PWM, 0 to [`Outputs::FULL`].
     pub duty: u16,
 }
 
-/// `prepare`, the interrupts of steps and inputs, and what is between them.
+/// The tasks with deadlines, and the queues between them.
 #[derive(Debug)]
 pub struct Drive {
     motion: Motion,
     /// The machine as `prepare` publishes it.
     published: Snapshot,
-    /// The segments that the step interrupt plays, and how far.
+    /// The segments that wait or are played.
     pub segments: SegmentRing,
     /// Switches, probe and buttons.
     pub inputs: Inputs,
-    /// For `prepare`.
+    /// The queue from `interpret` to `prepare`.
     entries: Queue<Entry, ENTRY_RING>,
     events: EventRing,
     timer: VirtualTimer,
     platform: VirtualPlatform,
     contacts: Contacts,
     watch: Watch,
-    /// When the inputs are sampled next, ticks.
+    /// Time of the next sample of the inputs, ticks.
     sample_due: Option<u64>,
-    /// A contact has changed, and the input interrupt has not run since.
-    is_watch_released: bool,
+    /// Whether a contact has changed since the last run of `inputs`.
+    is_edge_pending: bool,
 }
 
 impl Drive {
-    /// At rest, with these settings.
+    /// Returns a drive at rest with these settings.
     #[must_use]
     #[inline(never)]
     pub fn new(settings: &Settings) -> Self {
@@ -73,7 +78,7 @@ impl Drive {
             contacts: Contacts::new(),
             watch: Watch::new(Levels::NONE, &inputs),
             sample_due: None,
-            is_watch_released: false,
+            is_edge_pending: false,
             inputs,
             entries: Queue::new(),
             events: const { EventRing::new() },
@@ -94,13 +99,13 @@ impl Drive {
         snapshot
     }
 
-    /// Returns when the step interrupt is due, ticks.
+    /// Returns the time of the next step event, ticks.
     #[must_use]
     pub fn due(&self) -> Option<u64> {
         self.timer.due()
     }
 
-    /// Returns when the delay of `prepare` ends, ticks: [`Drive::end_delay`] does it.
+    /// Returns the time at which [`Drive::end_delay`] ends the delay of `prepare`, ticks.
     #[must_use]
     pub const fn delay_due(&self) -> Option<u64> {
         self.platform.delay_due
@@ -115,19 +120,19 @@ impl Drive {
         }
     }
 
-    /// Returns what is switched now, with the duty that is output.
+    /// Returns the outputs, with the duty that is output.
     #[must_use]
     pub const fn outputs(&self) -> &Outputs {
         &self.platform.outputs
     }
 
-    /// Returns when the inputs are sampled next, ticks: [`Drive::watch`] does it.
+    /// Returns the time at which [`Drive::watch`] takes the next sample of the inputs, ticks.
     #[must_use]
     pub const fn sample_due(&self) -> Option<u64> {
         self.sample_due
     }
 
-    /// Returns the number of late events: the virtual step interrupt has none.
+    /// Returns the number of late events: none, as tasks take no time.
     #[must_use]
     pub fn late(&self) -> u32 {
         self.events.late()
@@ -139,26 +144,27 @@ impl Drive {
         self.contacts.steps()
     }
 
-    /// Mounts a switch, at steps from where the axes stood at power-up. Returns whether it fits.
+    /// Mounts a switch, at steps from the position at power-up. Returns false without room or such
+    /// an axis.
     pub fn mount(&mut self, switch: Switch) -> bool {
         let fits = self.contacts.mount(switch);
         self.update_contacts();
         fits
     }
 
-    /// Closes contacts, as whoever stands at the machine does, or opens them again.
+    /// Closes contacts as the operator does, or opens them again.
     pub fn set_pin(&mut self, inputs: Levels, closed: bool) {
         self.contacts.hold(inputs, closed);
         self.update_contacts();
     }
 
     fn update_contacts(&mut self) {
-        self.is_watch_released |= self.contacts.update();
+        self.is_edge_pending |= self.contacts.update();
     }
 
-    /// Runs the input interrupt if it has been released: it comes before `prepare`.
+    /// Runs `inputs` if an edge or a sample releases it. Its priority is above that of `prepare`.
     pub fn watch(&mut self, requests: &Requests, now: u64) {
-        let is_edge = core::mem::take(&mut self.is_watch_released);
+        let is_edge = core::mem::take(&mut self.is_edge_pending);
         if !is_edge && self.sample_due.is_none_or(|due| due > now) {
             return;
         }
@@ -192,7 +198,7 @@ impl Drive {
         (self.entries.split().0, &mut self.platform)
     }
 
-    /// Runs `serial_rx`: a byte arrives.
+    /// Runs `serial_rx` for a received byte.
     pub fn receive(&mut self, byte: u8, requests: &Requests, received: &mut ByteWriter<'_>) {
         tasks::serial_rx(byte, requests, received, &mut self.platform);
     }
@@ -223,7 +229,7 @@ impl Drive {
         self.platform.pend(Task::Prepare);
     }
 
-    /// Returns once whether the tasks of the protocol have been released.
+    /// Takes the release of `wake`: returns whether it has been released since the last call.
     pub fn take_wake_release(&mut self) -> bool {
         core::mem::take(&mut self.platform.is_wake_released)
     }
@@ -254,7 +260,7 @@ impl Drive {
         true
     }
 
-    /// Runs the step interrupt, and `segment_start` if it is released. Returns what the pins do now.
+    /// Runs `step`, and `segment_start` if it is released. Returns the change of the pins.
     pub fn step(&mut self) -> Option<Edge> {
         let edge = self.timer.edge(self.platform.outputs.duty)?;
         let (_, mut events) = self.events.split();
@@ -270,7 +276,8 @@ impl Drive {
         Some(edge)
     }
 
-    /// Runs `segment_start` until it is not released: it comes before all but `step`.
+    /// Runs `segment_start` while it is released. Its priority is above that of all tasks here but
+    /// `step`.
     fn segment_start(&mut self) {
         while core::mem::take(&mut self.platform.is_segment_start_released) {
             let played = self.events.split().0.tap();

@@ -1,38 +1,38 @@
-//! Two sectors of the STM32F4's flash, with its rules, and a power that can be cut.
+//! A model of two sectors of the STM32F4's flash, with power cuts.
 //!
-//! Erasing sets every bit of a sector. Programming clears bits, a word at a time; a bit that is
-//! clear stays so until the sector is erased, and to ask for anything else is an error (RM0090
-//! 3.6). A power cut in the middle of a word leaves some of its bits programmed, one in the middle
-//! of an erase leaves a sector of which some is erased and some is not.
+//! An erase sets every bit of a sector. Programming clears bits, a word at a time; a clear bit
+//! stays clear until the sector is erased, and programming it to one is an error (RM0090 3.6). A
+//! power cut in the middle of a word leaves some of its bits programmed; a power cut in the middle
+//! of an erase leaves a part of the sector erased.
 
 use embedded_storage::nor_flash::{
     ErrorType, NorFlash, NorFlashError, NorFlashErrorKind, ReadNorFlash,
 };
 
-/// Bytes of a sector: those of the chip's sectors 1 and 2; less where the simulator runs on the chip.
+/// Bytes of a sector, as of the chip's sectors 1 and 2; less where the simulator runs on the chip.
 pub const SECTOR: usize = if cfg!(target_os = "none") {
     4 * 1024
 } else {
     16 * 1024
 };
 const WORD: usize = 4;
-/// Sectors.
+/// Number of sectors.
 pub const SECTORS: usize = 2;
 
-/// The flash in which a virtual machine stores: two sectors of `SIZE` bytes.
+/// The flash of a simulated machine: two sectors of `SIZE` bytes.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Flash<const SIZE: usize = SECTOR> {
     sectors: [[u8; SIZE]; SECTORS],
-    /// Words programmed and sectors erased.
+    /// Number of words programmed and sectors erased.
     operations: u64,
     erases: [u32; SECTORS],
-    /// Operations until the power is cut in the middle of one; `None` for never.
-    left: Option<u64>,
+    /// Operations before the one in the middle of which the power is cut; `None` without a cut.
+    operations_left: Option<u64>,
     is_off: bool,
     random: u64,
 }
 
-/// Why an operation fails.
+/// The reason for which an operation fails.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum FlashError {
     /// The power is off.
@@ -41,7 +41,7 @@ pub enum FlashError {
     NotAligned,
     /// Beyond the end.
     OutOfBounds,
-    /// A clear bit was to be set by programming.
+    /// A clear bit would have to be set by programming.
     NotErased,
 }
 
@@ -56,26 +56,26 @@ impl NorFlashError for FlashError {
 }
 
 impl<const SIZE: usize> Flash<SIZE> {
-    /// As from the factory: erased.
+    /// Returns an erased flash.
     #[must_use]
     pub const fn new() -> Self {
         Self {
             sectors: [[0xff; SIZE]; SECTORS],
             operations: 0,
             erases: [0; SECTORS],
-            left: None,
+            operations_left: None,
             is_off: false,
             random: 1,
         }
     }
 
-    /// Its contents.
+    /// Returns the contents.
     #[must_use]
     pub fn contents(&self) -> &[u8] {
         self.sectors.as_flattened()
     }
 
-    /// Its contents, to be changed without regard to the rules.
+    /// Returns the contents, to be changed without regard to the rules.
     pub fn contents_mut(&mut self) -> &mut [u8] {
         self.sectors.as_flattened_mut()
     }
@@ -92,10 +92,10 @@ impl<const SIZE: usize> Flash<SIZE> {
         self.erases
     }
 
-    /// Cuts the power in the middle of the operation after the next `operations`; what that leaves
-    /// depends on `seed`.
+    /// Cuts the power in the middle of the operation after the next `operations`; `seed` determines
+    /// the contents after the cut.
     pub fn cut_after(&mut self, operations: u64, seed: u64) {
-        self.left = Some(operations);
+        self.operations_left = Some(operations);
         self.random = seed;
     }
 
@@ -105,10 +105,10 @@ impl<const SIZE: usize> Flash<SIZE> {
         self.is_off
     }
 
-    /// The power comes back, and stays.
+    /// Switches the power on, without a further cut.
     pub fn power_up(&mut self) {
         self.is_off = false;
-        self.left = None;
+        self.operations_left = None;
     }
 
     /// Counts an operation. Returns whether the power is cut in the middle of it.
@@ -117,7 +117,7 @@ impl<const SIZE: usize> Flash<SIZE> {
             return Err(FlashError::Off);
         }
         self.operations += 1;
-        match &mut self.left {
+        match &mut self.operations_left {
             Some(0) => {
                 self.is_off = true;
                 Ok(true)
@@ -158,7 +158,7 @@ impl<const SIZE: usize> Flash<SIZE> {
 
     fn erase_sector(&mut self, sector: usize) -> Result<(), FlashError> {
         let is_cut = self.begin()?;
-        let mut half = self.half_erased();
+        let mut partial = self.partial_erase();
         let bytes = self.sectors.get_mut(sector);
         let bytes = bytes.ok_or(FlashError::OutOfBounds)?;
         if let Some(erases) = self.erases.get_mut(sector) {
@@ -169,15 +169,15 @@ impl<const SIZE: usize> Flash<SIZE> {
             return Ok(());
         }
         for (index, word) in bytes.as_chunks_mut::<WORD>().0.iter_mut().enumerate() {
-            *word = (u32::from_le_bytes(*word) | half.erased(index)).to_le_bytes();
+            *word = (u32::from_le_bytes(*word) | partial.erased(index)).to_le_bytes();
         }
         Err(FlashError::Off)
     }
 
-    fn half_erased(&mut self) -> Half {
-        let mut place = || self.next() as usize % (SIZE / WORD);
-        let (one, other) = (place(), place());
-        Half {
+    fn partial_erase(&mut self) -> PartialErase {
+        let mut word = || self.next() as usize % (SIZE / WORD);
+        let (one, other) = (word(), word());
+        PartialErase {
             mode: self.next() % 5,
             from: one.min(other),
             to: one.max(other),
@@ -196,16 +196,16 @@ impl<const SIZE: usize> Default for Flash<SIZE> {
     }
 }
 
-/// What a cut leaves of an erase.
-struct Half {
+/// The part of an erase that is done before a cut.
+struct PartialErase {
     mode: u32,
     from: usize,
     to: usize,
     random: u64,
 }
 
-impl Half {
-    /// Returns the bits of a word that were erased.
+impl PartialErase {
+    /// Returns the bits of a word that are erased.
     fn erased(&mut self, index: usize) -> u32 {
         let all = |is_erased| if is_erased { u32::MAX } else { 0 };
         match self.mode {

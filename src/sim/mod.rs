@@ -1,4 +1,4 @@
-//! The virtual machine: the real task bodies on a virtual clock.
+//! The simulator: the bodies of the tasks on a virtual clock.
 
 mod contacts;
 mod drive;

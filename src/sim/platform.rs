@@ -1,4 +1,4 @@
-//! The machine under the tasks on a virtual clock.
+//! The platform of the tasks on a virtual clock.
 
 use super::Edge;
 use crate::{
@@ -8,12 +8,12 @@ use crate::{
     units::TICKS_PER_MS,
 };
 
-/// Which tasks are released, the outputs, and the timer of `prepare`.
+/// The released tasks, the outputs, and the delay timer of `prepare`.
 #[derive(Debug)]
 pub(super) struct VirtualPlatform {
     /// The time, ticks.
     pub(super) now: u64,
-    /// What is switched, with the duty that is output.
+    /// The outputs, with the duty that is output.
     pub(super) outputs: Outputs,
     /// When the delay of `prepare` ends, ticks.
     pub(super) delay_due: Option<u64>,
@@ -25,7 +25,7 @@ pub(super) struct VirtualPlatform {
 }
 
 impl VirtualPlatform {
-    /// With `prepare` released, as at power-up.
+    /// Returns a platform on which `prepare` is released, as at power-up.
     pub(super) const fn new(outputs: Outputs) -> Self {
         Self {
             now: 0,
@@ -72,18 +72,19 @@ impl PreparePlatform for VirtualPlatform {
 /// The step timer and the pins of an event. It is never late.
 #[derive(Debug)]
 pub(super) struct VirtualTimer {
-    /// When the event before was played, or the timer is started, ticks.
+    /// Time of the last event, or of the start of the timer, ticks.
     pub(super) now: u64,
-    /// The event that is set up, and when it is due.
+    /// The event that is set up, and its time, ticks.
     due: Option<(u64, StepEvent)>,
     /// Levels of the direction outputs.
     directions: u8,
-    /// An event of those set up is the first of a segment, or there is none.
+    /// Whether `segment_start` is released: the event set up is the first of a segment, or there is
+    /// none.
     pub(super) is_segment_start_released: bool,
 }
 
 impl VirtualTimer {
-    /// Standing.
+    /// Returns a timer that stands.
     pub(super) const fn new() -> Self {
         Self {
             now: 0,
@@ -93,12 +94,12 @@ impl VirtualTimer {
         }
     }
 
-    /// Returns when the event is due that is set up.
+    /// Returns the time of the event that is set up, ticks.
     pub(super) fn due(&self) -> Option<u64> {
         self.due.map(|(ticks, _)| ticks)
     }
 
-    /// Returns what the event that is set up does to the pins.
+    /// Returns the change of the pins by the event that is set up.
     pub(super) fn edge(&self, duty: u16) -> Option<Edge> {
         let (ticks, event) = self.due?;
         Some(Edge {

@@ -1,4 +1,4 @@
-//! The whole virtual machine: bytes in, bytes and pin edges out.
+//! The whole simulated machine: bytes in, bytes and pin edges out.
 
 use super::{Drive, Edge, Flash, Switch};
 use crate::{
@@ -16,8 +16,8 @@ use crate::{
 
 /// The machine behind its serial line, on a virtual clock of timer ticks.
 ///
-/// Tasks run in the order of their priorities and take no time: whatever is released at an instant
-/// is done at that instant.
+/// Tasks run in the order of their priorities and take no time: a task ends at the instant at which
+/// it is released.
 #[derive(Debug)]
 pub struct Simulator {
     drive: Drive,
@@ -32,7 +32,7 @@ pub struct Simulator {
 }
 
 impl Simulator {
-    /// Switched on with these settings stored.
+    /// Returns a machine that is switched on with these settings stored.
     #[must_use]
     pub fn new(settings: &Settings) -> Self {
         let stored = Stored {
@@ -40,26 +40,26 @@ impl Simulator {
             ..Stored::default()
         };
         let mut journal = Journal::new(Flash::new());
-        // A flash that is new and whose power stays on has room for the settings.
+        // A new flash whose power stays on has room for the settings.
         let _ = journal.load();
         let _ = journal.write(Change::Settings, &stored);
         Self::start(journal, settings.step_rate)
     }
 
-    /// Switched on for the first time.
+    /// Returns a machine that is switched on for the first time.
     #[must_use]
     pub fn first_boot(step_rate: StepRate) -> Self {
         Self::power_up(Flash::new(), step_rate)
     }
 
-    /// Switched on with what is stored in a flash.
+    /// Returns a machine that is switched on with the contents of a flash.
     #[must_use]
     pub fn power_up(mut flash: Flash, step_rate: StepRate) -> Self {
         flash.power_up();
         Self::start(Journal::new(flash), step_rate)
     }
 
-    /// With what is stored; once in memory, as an emulated chip has hardly room for two.
+    /// Returns a machine with the contents of the journal.
     fn start(mut journal: Journal<Flash>, step_rate: StepRate) -> Self {
         let Loaded {
             mut stored,
@@ -79,13 +79,13 @@ impl Simulator {
         }
     }
 
-    /// Switched off: what is left is the flash.
+    /// Switches the machine off. Returns the flash.
     #[must_use]
     pub fn into_flash(self) -> Flash {
         self.journal.into_flash()
     }
 
-    /// Returns the flash, to read what is in it and to cut its power.
+    /// Returns the flash, to read its contents and to cut its power.
     pub fn flash(&mut self) -> &mut Flash {
         self.journal.flash()
     }
@@ -102,13 +102,13 @@ impl Simulator {
         self.drive.snapshot()
     }
 
-    /// Returns the conversation with the sender.
+    /// Returns the session with the sender.
     #[must_use]
     pub const fn session(&self) -> &Session {
         &self.session
     }
 
-    /// Returns what the step interrupt has counted.
+    /// Returns the segments that wait or are played.
     #[must_use]
     pub const fn segments(&self) -> &SegmentRing {
         &self.drive.segments
@@ -120,7 +120,7 @@ impl Simulator {
         self.drive.late()
     }
 
-    /// Returns the number of bytes that fit into the receive queue.
+    /// Returns the number of bytes for which the receive queue has room.
     #[must_use]
     pub fn received_free(&self) -> usize {
         self.received.free()
@@ -132,7 +132,7 @@ impl Simulator {
         self.requests.lost()
     }
 
-    /// A byte arrives.
+    /// Receives a byte.
     pub fn receive(&mut self, byte: u8) {
         let (mut line, _) = self.received.split();
         self.drive.receive(byte, &self.requests, &mut line);
@@ -147,7 +147,7 @@ impl Simulator {
         }
     }
 
-    /// Takes the next byte that the machine sends.
+    /// Takes the next byte that the machine sends. The virtual port is ready for each at once.
     pub fn send(&mut self) -> Option<u8> {
         let (_, mut sent) = self.sent.split();
         let before = sent.len();
@@ -164,12 +164,12 @@ impl Simulator {
         !self.sent.is_empty()
     }
 
-    /// Mounts a switch that an axis closes. Returns whether it fits.
+    /// Mounts a switch that an axis closes. Returns false without room or such an axis.
     pub fn mount(&mut self, switch: Switch) -> bool {
         self.drive.mount(switch)
     }
 
-    /// Closes the contacts of inputs, or opens them again; [`Simulator::settle`] acts on it.
+    /// Closes the contacts of inputs, or opens them again; [`Simulator::settle`] runs `inputs`.
     pub fn set_pin(&mut self, inputs: Levels, closed: bool) {
         self.drive.set_pin(inputs, closed);
     }
@@ -180,14 +180,14 @@ impl Simulator {
         self.drive.physical_steps()
     }
 
-    /// Returns what is switched now beside the axes, with the spindle PWM that is output.
+    /// Returns the outputs beside the axes, with the duty that is output.
     #[must_use]
     pub const fn outputs(&self) -> &Outputs {
         self.drive.outputs()
     }
 
-    /// Returns when something happens next without a byte, ticks: a pin edge, a sample of the inputs,
-    /// or the end of a wait of the machine.
+    /// Returns the time of the next change without a byte, ticks: of a pin edge, a sample of the
+    /// inputs, or the end of a delay.
     #[must_use]
     pub fn due(&self) -> Option<u64> {
         let drive = &self.drive;
@@ -212,7 +212,8 @@ impl Simulator {
         }
     }
 
-    /// Advances the clock to `time`, or to what is due before, and runs what is released then.
+    /// Advances the clock to `time`, or to the next change before, and runs every task that is
+    /// released.
     pub fn advance(&mut self, time: u64) -> Option<Edge> {
         self.now = self.due().map_or(time, |due| due.min(time));
         let is_step_due = self.drive.due().is_some_and(|due| due <= self.now);
@@ -221,8 +222,10 @@ impl Simulator {
         edge
     }
 
+    /// Runs `interpret`.
+    ///
     /// # Panics
-    /// If anything moves while something is stored: the chip could not output steps meanwhile.
+    /// If an axis moves while the flash is written: the chip could not output steps meanwhile.
     fn interpret(&mut self) {
         let snapshot = &self.snapshot();
         let is_at_rest = self.drive.due().is_none() && snapshot.is_at_rest;
@@ -242,6 +245,7 @@ impl Simulator {
         self.is_interpret_released = progress == Progress::Again;
     }
 
+    /// Runs `report`.
     fn report(&mut self) {
         let snapshot = &self.snapshot();
         let io = SessionIo {

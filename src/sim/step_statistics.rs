@@ -1,4 +1,4 @@
-//! Figures of a run, from its pin edges.
+//! Statistics of the steps of a run, from its pin edges.
 
 use super::Edge;
 use crate::axis::{AXES, Axes};
@@ -12,16 +12,16 @@ pub struct StepStatistics {
     pub steps: Axes<i64>,
     /// Events that begin a pulse.
     pub events: u64,
-    /// When the first of them was, ticks.
+    /// Time of the first such event, ticks.
     pub first_ticks: Option<u64>,
-    /// When the last of them was, ticks.
+    /// Time of the last such event, ticks.
     pub last_ticks: u64,
     /// FNV-1a, 64 bits, over each such event: ticks since the one before, step mask, direction mask.
     pub hash: u64,
 }
 
 impl StepStatistics {
-    /// Nothing counted.
+    /// Returns statistics of no steps.
     #[must_use]
     pub const fn new() -> Self {
         Self {
@@ -60,7 +60,7 @@ impl StepStatistics {
         }
     }
 
-    /// Time from the first to the last step, ticks.
+    /// Returns the time from the first to the last step, ticks.
     #[must_use]
     pub fn motion_ticks(&self) -> u64 {
         self.first_ticks

@@ -1,55 +1,55 @@
-//! A sender that streams a program to the virtual machine, and the serial line between them.
+//! A sender that streams a program to the simulated machine, and the serial line between them.
 //!
-//! Character counting as senders do it: a line is sent when it fits into what the receive buffer of
-//! a Grbl holds besides the lines that have not been answered. Bytes take their time on the line.
-//! Bytes of realtime commands are left out of the program, and carriage returns, as senders do.
+//! The sender counts characters, as common senders do: it sends a line when Grbl's receive buffer has
+//! room for it besides the lines that are not answered. Each byte takes its time on the line. As by
+//! senders, realtime commands and carriage returns are left out of the program.
 
 use heapless::{Deque, Vec};
 
 use super::{Edge, Simulator};
 use crate::{model::State, units::TICKS_PER_SECOND};
 
-/// Bytes that may be on their way unanswered.
+/// Largest number of unanswered bytes: those of Grbl's receive buffer.
 const WINDOW: usize = 127;
-/// Longest line that is counted, bytes: a longer one is sent alone.
+/// Longest line that is counted, bytes; a longer line is sent alone.
 const LINE: usize = WINDOW;
 /// Longest answer that is kept, bytes.
 const ANSWER: usize = 192;
 
-/// Who watches a stream.
+/// An observer of a stream.
 pub trait Watcher {
-    /// The pins change.
+    /// Called for each change of the pins.
     fn edge(&mut self, edge: &Edge);
-    /// The answer to a line has come: `line` counts from 1.
+    /// Called for the answer to a line; `line` counts from 1.
     fn answer(&mut self, line: u64, answer: &[u8]);
-    /// A line that is not an answer has come, after `answers` of them.
+    /// Called for a received line that is no answer, after a number of answers.
     fn message(&mut self, answers: u64, message: &[u8]);
 }
 
-/// How a stream ended.
+/// The end of a stream.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum StreamEnd {
     /// Every line was answered and the machine is at rest.
     Complete,
-    /// The machine stands still and does not answer any more.
+    /// The machine stands still and does not answer.
     Stuck,
 }
 
-/// A program on its way into the machine.
+/// A program that is being sent to the machine.
 #[derive(Debug)]
 pub struct Stream<'a, P> {
     /// The machine.
     pub simulator: &'a mut Simulator,
     program: P,
     byte_ticks: u64,
-    /// The line to be sent next, with its line feed if it is whole.
+    /// The line being sent, with its line feed if it is whole.
     line: Vec<u8, LINE>,
-    /// Bytes of it that have been sent.
+    /// Bytes of the line that have been sent.
     line_sent: usize,
-    /// The rest of a line longer than the window is being sent.
+    /// Whether the line is a further part of one longer than the window.
     is_long: bool,
     is_at_end: bool,
-    /// Lengths of the lines that have not been answered; the window bounds their number.
+    /// Lengths of the unanswered lines; the window bounds their number.
     unanswered: Deque<u8, 128>,
     in_flight: usize,
     /// Lines sent so far.
@@ -61,7 +61,7 @@ pub struct Stream<'a, P> {
 }
 
 impl<'a, P: Iterator<Item = u8>> Stream<'a, P> {
-    /// A program to be streamed at a baud rate.
+    /// Returns a stream of a program at a baud rate.
     pub fn new(simulator: &'a mut Simulator, program: P, baud: u32) -> Self {
         Self {
             simulator,
@@ -86,10 +86,10 @@ impl<'a, P: Iterator<Item = u8>> Stream<'a, P> {
         self.simulator.settle();
         loop {
             let now = self.simulator.now();
-            if now >= self.next_out && self.take_byte(watcher) {
+            if now >= self.next_out && self.receive_byte(watcher) {
                 self.next_out = now + self.byte_ticks;
             }
-            if now >= self.next_in && self.put_byte() {
+            if now >= self.next_in && self.send_byte() {
                 self.next_in = now + self.byte_ticks;
             }
             let mut next = self.simulator.due();
@@ -109,7 +109,7 @@ impl<'a, P: Iterator<Item = u8>> Stream<'a, P> {
                     return StreamEnd::Complete;
                 }
                 None if self.simulator.snapshot().state == State::HoldComplete => {
-                    // A program pause: whoever stands at the machine presses cycle start.
+                    // A program pause: the operator presses cycle start.
                     self.simulator.receive(b'~');
                     self.simulator.settle();
                 }
@@ -118,7 +118,7 @@ impl<'a, P: Iterator<Item = u8>> Stream<'a, P> {
         }
     }
 
-    /// Returns whether a byte may be sent as soon as the line is free.
+    /// Returns whether a byte may be sent when the line is free.
     fn has_byte(&mut self) -> bool {
         if self.line_sent == self.line.len() {
             self.fill();
@@ -161,7 +161,7 @@ impl<'a, P: Iterator<Item = u8>> Stream<'a, P> {
         }
     }
 
-    fn put_byte(&mut self) -> bool {
+    fn send_byte(&mut self) -> bool {
         if !self.has_byte() {
             return false;
         }
@@ -180,13 +180,13 @@ impl<'a, P: Iterator<Item = u8>> Stream<'a, P> {
         true
     }
 
-    fn take_byte(&mut self, watcher: &mut impl Watcher) -> bool {
+    fn receive_byte(&mut self, watcher: &mut impl Watcher) -> bool {
         let Some(byte) = self.simulator.send() else {
             return false;
         };
         match byte {
             b'\n' => {
-                self.take_line(watcher);
+                self.receive_line(watcher);
                 self.answer.clear();
             }
             b'\r' => {}
@@ -198,7 +198,7 @@ impl<'a, P: Iterator<Item = u8>> Stream<'a, P> {
         true
     }
 
-    fn take_line(&mut self, watcher: &mut impl Watcher) {
+    fn receive_line(&mut self, watcher: &mut impl Watcher) {
         if self.answer == b"ok" || self.answer.starts_with(b"error:") {
             self.answers += 1;
             let length = self.unanswered.pop_front().unwrap_or(0);

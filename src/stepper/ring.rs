@@ -12,12 +12,12 @@
 //! behind it, so the step interrupt knows from the word itself that there is an event.
 //!
 //! # Cost
-//! Two events pass through the ring for every step: hence words instead of any type, a constant power
-//! of two instead of a length, no count of events for the reader to compare, and no barriers, which a
-//! single core does not need between its own tasks (compiler fences keep the order).
-//! `docs/decisions.md`, 1, has the comparison with `heapless::spsc`. One address is enough for all that
-//! the step interrupt uses of the ring, so late events are counted here. A copy of [`EventBatch`]
-//! replaces the original: a loop has its own, which stays in registers.
+//! Two events pass through the ring for every step: hence words instead of any type, a constant
+//! power of two instead of a length, no count of events for the reader to compare, and no barriers,
+//! which a single core does not need between its own tasks (compiler fences keep the order).
+//! `docs/decisions.md`, 1, has the comparison with `heapless::spsc`. One address is enough for all
+//! that the step interrupt uses of the ring, so late events are counted here, without a branch. A
+//! copy of [`EventBatch`] replaces the original: a loop has its own, which stays in registers.
 
 use core::sync::atomic::{AtomicU32, Ordering::Relaxed, Ordering::SeqCst, compiler_fence};
 
@@ -77,8 +77,8 @@ impl EventRing {
         EVENT_RING as u32 - waiting.wrapping_sub(self.output_count.load(Relaxed))
     }
 
-    /// Returns the event of a number that has not been output, or [`StepEvent::NONE`] if the number is
-    /// that of the event to be written next.
+    /// Returns the event of a number that has not been output, or [`StepEvent::NONE`] if the number
+    /// is that of the event to be written next.
     #[inline]
     fn pending_event(&self, number: u32) -> StepEvent {
         StepEvent::from_bits(self.word(number).load(Relaxed))
@@ -166,8 +166,8 @@ impl<'a> EventWriter<'a> {
         (event != StepEvent::NONE).then_some(event)
     }
 
-    /// Appends an event for the step interrupt, now that the step timer knows its time. Without effect
-    /// if the step interrupt has stopped meanwhile.
+    /// Appends an event for the step interrupt, now that the step timer knows its time. Without
+    /// effect if the step interrupt has stopped meanwhile.
     #[inline]
     pub fn append(&mut self, event: StepEvent) {
         // Not earlier: the step interrupt relies on the timer when it finds the event.
@@ -327,9 +327,9 @@ pub struct EventReader<'a> {
 }
 
 impl EventReader<'_> {
-    /// Counts the event that was set up as output, and returns what is to be set up next; `None` after
-    /// the last event. An event that is pushed behind the last one after that has been set up comes
-    /// too late, but for [`EventWriter::append`].
+    /// Counts the event that was set up as output, and returns what is to be set up next; `None`
+    /// after the last event. An event that is pushed behind the last one after that has been set up
+    /// comes too late, but for [`EventWriter::append`].
     #[inline]
     pub fn advance(&mut self) -> Option<Upcoming> {
         let ring = self.ring;
@@ -341,7 +341,7 @@ impl EventReader<'_> {
         (event != StepEvent::NONE).then_some(Upcoming { event, following })
     }
 
-    /// Counts `late` late events, one or none, without a branch.
+    /// Counts `late` late events, one or none.
     #[inline]
     pub fn count_late(&mut self, late: u32) {
         let late = self.ring.late().wrapping_add(late);

@@ -9,7 +9,8 @@
 //! # Cost
 //! A step costs the same with any number of axes. The order of the fields of [`Slots`] in memory is
 //! fixed: the bits are where one instruction reaches them. [`Cursor::schedule`] is inline so that a
-//! loop keeps the cursor in registers.
+//! loop keeps the cursor in registers. Where neighbours seldom have to move, the function for it is
+//! out of line.
 
 use core::num::NonZeroU32;
 
@@ -120,7 +121,7 @@ impl Slots {
         *self.event_in(slot) != StepEvent::NONE
     }
 
-    /// [`Slots::move_neighbours_earlier`], out of line.
+    /// Does the same as [`Slots::move_neighbours_earlier`].
     #[inline(never)]
     pub(super) fn move_neighbours_earlier_out_of_line(
         &mut self,
@@ -139,8 +140,8 @@ impl Slots {
         (*event != StepEvent::NONE && !is_fixed).then_some(event)
     }
 
-    /// Moves the events in the slots right before another to the start of their slots, 8 at most: with
-    /// these, steps keep within [`STEP_JITTER_TICKS`](super::STEP_JITTER_TICKS) in its test.
+    /// Moves the events in the slots right before another to the start of their slots, 8 at most:
+    /// with these, steps keep within [`STEP_JITTER_TICKS`](super::STEP_JITTER_TICKS) in its test.
     pub(super) fn move_neighbours_to_slot_start(&mut self, slot: u32, fixed_axes: u32) {
         // wcet-bound: 8
         for before in 1..=8 {
@@ -157,8 +158,8 @@ impl Slots {
         self.add(slot, StepEvent::new(0, 0, axes));
     }
 
-    /// Adds a change of the direction outputs, alone in the first slot from `slot` on without an event,
-    /// and returns that slot.
+    /// Adds a change of the direction outputs, alone in the first slot from `slot` on without an
+    /// event, and returns that slot.
     pub(super) fn add_direction_change(&mut self, mut slot: u32, directions: u8) -> u32 {
         // wcet-bound: axes
         while *self.occupied_word(slot) & bit(slot) != 0 {

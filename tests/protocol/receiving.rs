@@ -34,11 +34,11 @@ impl Line {
 fn every_byte_is_a_request_or_part_of_a_line_or_dropped() {
     for byte in 0..=u8::MAX {
         let mut line = Line::new(Awaited::ALL);
-        let (asked, reset_count) = (line.requests.asked(), line.requests.reset_count());
+        let (asked, reset_count) = (line.requests.count(), line.requests.reset_count());
         let release = line.receive(byte);
         let requests = &line.requests;
         let command = requests.take_override();
-        assert_eq!(command, Override::of(byte), "{byte:#x}");
+        assert_eq!(command, Override::from_byte(byte), "{byte:#x}");
         assert_eq!(requests.take_status(), byte == b'?', "{byte:#x}");
         assert_eq!(requests.take_hold(), byte == b'!', "{byte:#x}");
         assert_eq!(requests.take_start(), byte == b'~', "{byte:#x}");
@@ -50,7 +50,7 @@ fn every_byte_is_a_request_or_part_of_a_line_or_dropped() {
             "{byte:#x}"
         );
         let is_command = matches!(byte, b'!' | b'~' | 0x18 | 0x84 | 0x85) || command.is_some();
-        assert_eq!(requests.asked() != asked, is_command, "{byte:#x}");
+        assert_eq!(requests.count() != asked, is_command, "{byte:#x}");
         assert_eq!(release == Release::Prepare, is_command, "{byte:#x}");
         assert_eq!(release == Release::Report, byte == b'?', "{byte:#x}");
         let is_line = byte.is_ascii() && !is_command && byte != b'?';

@@ -32,7 +32,7 @@ fn the_door_in_a_run_switches_off_and_comes_back_in_grbls_time() {
         (Spindle::Off, 0.0)
     );
     assert_eq!(
-        (snapshot.coolant, snapshot.coolant_asked),
+        (snapshot.coolant, snapshot.programmed_coolant),
         (Coolant::OFF, flood)
     );
     assert_eq!(*rig.drive.outputs(), Outputs::default());

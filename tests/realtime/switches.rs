@@ -61,19 +61,19 @@ fn a_spindle_override_acts_at_rest_in_motion_and_in_a_hold() {
 fn coolant_is_toggled_where_grbl_does() {
     let mut rig = Rig::new(&fast());
     rig.receive(0xa0);
-    assert!(rig.snapshot().coolant.flood && rig.snapshot().coolant_asked.flood);
+    assert!(rig.snapshot().coolant.flood && rig.snapshot().programmed_coolant.flood);
     assert_eq!(rig.snapshot().coolant_toggles, 1);
     rig.receive(0xa1);
-    assert!(rig.snapshot().coolant.mist && rig.snapshot().coolant_asked.mist);
+    assert!(rig.snapshot().coolant.mist && rig.snapshot().programmed_coolant.mist);
     assert_eq!(rig.snapshot().coolant_toggles, 2);
     rig.receive(0xa1);
-    assert!(!rig.snapshot().coolant_asked.mist);
+    assert!(!rig.snapshot().programmed_coolant.mist);
     rig.receive(b'!');
     rig.receive(0xa0);
     assert!(!rig.snapshot().coolant.flood);
     rig.receive(DOOR);
     rig.receive(0xa0);
-    assert!(!rig.snapshot().coolant_asked.flood);
+    assert!(!rig.snapshot().programmed_coolant.flood);
 }
 
 #[test]

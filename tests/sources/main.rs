@@ -4,6 +4,7 @@
 
 mod boards;
 mod commands;
+mod costs;
 mod glue;
 mod layers;
 mod links;

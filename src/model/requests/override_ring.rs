@@ -8,8 +8,8 @@ use core::sync::atomic::{
 
 use crate::model::Override;
 
-/// Overrides that may wait: more than the bytes of 1 ms at 115 200 baud (11.5). `prepare` runs after
-/// each override, so the ring is never full; an override that finds no room is dropped.
+/// Overrides that may wait: more than the bytes of 1 ms at 115 200 baud (11.5). `prepare` runs
+/// after each override. An override that finds no room is dropped.
 pub const OVERRIDES: usize = 16;
 
 #[derive(Debug)]
@@ -53,7 +53,7 @@ impl OverrideRing {
         }
         compiler_fence(SeqCst);
         let byte = self.bytes.get(number as usize % OVERRIDES)?;
-        let command = Override::of(byte.load(Relaxed));
+        let command = Override::from_byte(byte.load(Relaxed));
         compiler_fence(SeqCst);
         self.read.store(number.wrapping_add(1), Relaxed);
         command

@@ -9,9 +9,10 @@ use super::Requests;
 
 /// Budget of one wait for [`Awaited::ENTRIES_BATCHED`].
 ///
-/// An entry costs [`ENTRY_COST`]; after the first entry each segment costs 1. The wait ends with four
-/// entries, or with 48 segments (34 ms at 0.7 ms each) after one, which bounds the delay of an answer:
-/// `tests/protocol/receiving.rs`, `a_wait_for_several_entries_ends_with_four_or_some_time_after_one`.
+/// An entry costs [`ENTRY_COST`]; after the first entry each segment costs 1. The wait ends with
+/// four entries, or with 48 segments (34 ms at 0.7 ms each) after one, which bounds the delay of an
+/// answer: `tests/protocol/receiving.rs`,
+/// `a_wait_for_several_entries_ends_with_four_or_some_time_after_one`.
 pub(super) const BATCH_BUDGET: u8 = 64;
 const ENTRY_COST: u8 = 16;
 
@@ -30,8 +31,8 @@ impl Awaited {
     pub const ENTRIES: Self = Self(4);
     /// A segment made by `prepare`: the end of the known motion comes nearer.
     pub const SEGMENTS: Self = Self(8);
-    /// Several entries dequeued by `prepare`, or one and a number of segments: a task with many
-    /// entries to enqueue need not run for each.
+    /// Several entries dequeued by `prepare`, or one entry and a number of segments: with many
+    /// entries to enqueue, `interpret` need not run for each.
     pub const ENTRIES_BATCHED: Self = Self(16);
     /// Every event.
     pub const ALL: Self = Self(15);
@@ -46,15 +47,16 @@ impl Awaited {
 impl Requests {
     /// Sets the events that release `interpret`; for that task alone.
     ///
-    /// The task awaits [`Awaited::ALL`] before it looks for work, and what it found missing
-    /// afterwards: no event is lost in between.
+    /// The task awaits [`Awaited::ALL`] before it looks for work, and afterwards the events that it
+    /// needs: no event is lost in between.
     pub fn wake_on(&self, awaited: Awaited) {
         compiler_fence(SeqCst);
         self.awaited.store(awaited.0, Relaxed);
         compiler_fence(SeqCst);
     }
 
-    /// Begins a wait for [`Awaited::ENTRIES_BATCHED`]; for `interpret` alone, before it looks for work.
+    /// Begins a wait for [`Awaited::ENTRIES_BATCHED`]; for `interpret` alone, before it looks for
+    /// work.
     pub fn coalesce(&self) {
         self.batch_budget.store(BATCH_BUDGET, Relaxed);
     }

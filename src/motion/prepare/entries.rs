@@ -112,7 +112,7 @@ impl Motion {
             Work::Unlock => self.transition(Event::Unlock),
             Work::Check => self.transition(Event::Check),
             Work::Sleep => self.sleep(),
-            Work::EndOverrides => self.end_overrides(),
+            Work::EndOverrides => self.reset_overrides(),
             Work::Configure(settings) => {
                 self.configure(settings, inputs);
                 self.snap_to_steps();

@@ -1,10 +1,10 @@
 //! The jobs of `prepare`: a run does one of them, or makes a segment, and another run follows while
 //! there is more to do.
 //!
-//! In order of precedence: what stops the machine; requests, but not again and again; a segment that is
-//! due; positions to be latched; the plan; entries; a first segment; standstill. Whatever comes
-//! meanwhile counts in the next run. At standstill no segment is due: [`Job::FirstSegment`] has the next
-//! run make one.
+//! In order of precedence: what stops the machine; requests, but not again and again; a segment
+//! that is due; positions to be latched; the plan; entries; a first segment; standstill. Whatever
+//! comes meanwhile counts in the next run. At standstill no segment is due: [`Job::FirstSegment`]
+//! has the next run make one.
 
 use heapless::spsc::Consumer;
 
@@ -17,9 +17,9 @@ use crate::{
     units::TICKS_PER_MS,
 };
 
-/// Motion played between two runs for requests that precede a segment which is due, ticks: bounds how
-/// much a flood of bytes delays segments (`task.prepare.mode.requests` in schedule.toml). Other requests
-/// wait until no segment is due.
+/// Motion played between two runs for requests that precede a segment which is due, ticks: bounds
+/// how much a flood of bytes delays segments (`task.prepare.mode.requests` in schedule.toml). Other
+/// requests wait until no segment is due.
 const REQUEST_INTERVAL_TICKS: u32 = 5 * TICKS_PER_MS;
 
 /// The work of a run that makes neither a segment nor a sample of the reference.
@@ -59,8 +59,8 @@ pub(super) struct Context {
 }
 
 impl Context {
-    /// Whether the step timer is to be started: not before the queue is full, so that no short segment
-    /// ends while others are made.
+    /// Whether the step timer is to be started: not before the queue is full, so that no short
+    /// segment ends while others are made.
     #[inline]
     pub(super) fn starts_steps(self, again: bool, events: &EventWriter<'_>) -> bool {
         !self.is_running && !again && events.has_pending()
@@ -75,7 +75,7 @@ impl Motion {
             played: segments.played_start_ticks(),
             is_running: segments.is_running(),
             has_requests: requests.reset_count() != self.handled.reset_count
-                || requests.asked() != self.handled.requests,
+                || requests.count() != self.handled.requests,
         }
     }
 
@@ -136,8 +136,8 @@ impl Motion {
         played.wrapping_sub(self.handled.ticks) < REQUEST_INTERVAL_TICKS
     }
 
-    /// Keeps the last handled request from being older than matters, as the clock of the motion wraps.
-    /// Once in a segment.
+    /// Keeps the last handled request from being older than matters, as the clock of the motion
+    /// wraps. Once in a segment.
     #[inline]
     pub(super) fn age_handled(&mut self, played: u32) {
         if !self.has_just_handled(played) {

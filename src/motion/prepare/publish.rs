@@ -54,8 +54,8 @@ impl Published {
 }
 
 impl Motion {
-    /// Publishes how far the machine has come, and its accessories. Returns whether it has come to rest
-    /// or left it, or coolant has been toggled: tasks wait for these.
+    /// Publishes how far the machine has come, and its accessories. Returns whether it has come to
+    /// rest or left it, or coolant has been toggled: tasks wait for these.
     #[inline]
     pub(super) fn publish_motion(
         &mut self,
@@ -142,12 +142,12 @@ impl Motion {
         self.published.outputs.spindle = accessories.switched(power);
         self.published.outputs.duty = self.published.at_rest.duty;
         self.published.outputs.coolant = accessories.coolant();
-        let (coolant_asked, coolant_toggles) = accessories.coolant_asked();
+        let (programmed_coolant, coolant_toggles) = accessories.programmed_coolant();
         let is_toggled = new.coolant_toggles != coolant_toggles;
         new.spindle_rpm = power.rpm;
         new.spindle = accessories.direction(power);
         new.coolant = self.published.outputs.coolant;
-        new.coolant_asked = coolant_asked;
+        new.programmed_coolant = programmed_coolant;
         new.coolant_toggles = coolant_toggles;
         new.accessory_changes = accessories.changes();
         new.overrides = accessories.overrides();

@@ -12,7 +12,7 @@ impl Motion {
     #[inline(never)]
     pub(super) fn handle_requests(&mut self, requests: &Requests, segments: &SegmentRing) {
         // Before the requests: one that comes meanwhile counts as new in the next run.
-        self.handled.requests = requests.asked();
+        self.handled.requests = requests.count();
         self.handled.ticks = segments.played_start_ticks();
         self.apply_overrides(requests);
         if requests.take_delay_end() {
@@ -90,7 +90,7 @@ impl Motion {
             | Override::SpindleMore
             | Override::SpindleLess
             | Override::SpindleFineMore
-            | Override::SpindleFineLess => self.accessories.override_by(command),
+            | Override::SpindleFineLess => self.accessories.apply_override(command),
         }
     }
 
@@ -99,11 +99,11 @@ impl Motion {
     }
 
     /// Sets all overrides back to 100 %.
-    pub(super) fn end_overrides(&mut self) {
+    pub(super) fn reset_overrides(&mut self) {
         let before = self.accessories.overrides();
         // The end of a program that is only checked shows nothing, as in Grbl.
         let is_shown = self.control.state != State::Check;
-        self.accessories.end_overrides(is_shown);
+        self.accessories.reset_overrides(is_shown);
         self.replan_after_override(before);
     }
 
@@ -231,7 +231,7 @@ impl Motion {
         self.faults.reset_in_motion = false;
         self.cancel_pause();
         self.accessories.switch_off();
-        self.end_overrides();
+        self.reset_overrides();
         if self.control.state == State::Home {
             self.end_homing(Alarm::HomingReset);
         }

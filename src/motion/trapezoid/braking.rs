@@ -98,6 +98,6 @@ impl Braking {
             // The speed limit of the arc.
             return curve.limit_sqr;
         }
-        exit_sqr * self.cosine + self.gain * math::sqrt_here(1.0 - part * part)
+        exit_sqr * self.cosine + self.gain * math::sqrt_inlined(1.0 - part * part)
     }
 }

@@ -74,7 +74,7 @@ impl Session {
         }
         if reports.coolant_toggles != machine.coolant_toggles {
             reports.coolant_toggles = machine.coolant_toggles;
-            self.interpreter.set_coolant(machine.coolant_asked);
+            self.interpreter.set_coolant(machine.programmed_coolant);
         }
     }
 
@@ -173,7 +173,8 @@ impl Session {
         has_room
     }
 
-    /// Reports a fault that only a reset ends. Returns false: no line is answered any more, as in Grbl.
+    /// Reports a fault that only a reset ends. Returns false: no line is answered any more, as in
+    /// Grbl.
     ///
     /// When the step events ran out in motion, this is Grbl's alarm 3: the position may be lost.
     pub(super) fn report_fault(&mut self, links: &mut Links<'_, '_>) -> bool {

@@ -1,12 +1,13 @@
 //! The journal: two sectors of flash in which each change is a new record after the old ones.
 //!
-//! Owns the flash. Of each key the newest whole record counts: `sequential-storage` finds it by a
-//! CRC-32 of its contents and a CRC-16 of its length, and copies the newest records to the other
-//! page before it erases a full one. `sectors.rs` protects that erase against a power cut.
+//! The journal owns the flash. The newest whole record of each key counts: `sequential-storage`
+//! finds it by a CRC-32 of its contents and a CRC-16 of its length, and copies the newest records
+//! to the other page before it erases a full one. `sectors.rs` protects that erase against a power
+//! cut.
 //!
-//! `$RST` concerns several keys and must happen at once: each record bears a generation of its key,
-//! one record says which generations count, and older ones count as absent. So a `$RST` is one
-//! record as well.
+//! `$RST` changes several keys and must happen at once. Each record bears a generation of its key, and
+//! one record says which generations count; records of older generations count as absent. So a `$RST`
+//! is one record as well.
 
 use core::{
     fmt,
@@ -31,7 +32,8 @@ use super::{
 };
 use crate::settings::{Change, StoreError, Stored};
 
-/// Bytes of the longest record that can be read; newer firmware may write longer ones than this one.
+/// Bytes of the longest record that can be read: twice the longest that this firmware writes, as
+/// newer firmware may write longer ones.
 const BUFFER_BYTES: usize = 1024;
 
 type RecordCache = Cache<ArrayPageStates<2>, ArrayPagePointers<2>, ArrayKeyPointers<u8, KEYS>, u8>;
@@ -44,7 +46,7 @@ pub struct Journal<F: NorFlash> {
     sectors: Sectors<F>,
     /// Addresses of the newest records, so that a full page is copied in one pass.
     cache: RecordCache,
-    /// Of each key the newest generation ever seen; `None` until it is read.
+    /// The newest generation of each key; `None` until the journal is read.
     generations: Option<Generations>,
 }
 
@@ -56,17 +58,17 @@ impl<F: NorFlash> fmt::Debug for Journal<F> {
     }
 }
 
-/// What is stored at power-up.
+/// The contents of the journal at power-up.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Loaded {
-    /// Everything stored.
+    /// The contents.
     pub stored: Stored,
-    /// Whether nothing was ever stored, or nothing that is stored can be read.
+    /// Whether the journal was empty or unreadable.
     pub is_first_boot: bool,
 }
 
 impl Default for Loaded {
-    /// A new machine.
+    /// Returns the contents of a new machine.
     fn default() -> Self {
         Self {
             stored: Stored::default(),
@@ -75,7 +77,7 @@ impl Default for Loaded {
     }
 }
 
-/// Why the pages cannot be used.
+/// The reason for which the pages cannot be used.
 #[derive(Debug)]
 enum Fault {
     /// The pages hold no journal, or one damaged beyond repair.
@@ -85,8 +87,8 @@ enum Fault {
 }
 
 impl Fault {
-    /// Returns the reason that is reported. A journal that was just made anew is readable, so if it
-    /// is not, there was no room.
+    /// Returns the error that is reported. A journal that has just been made anew is readable; if
+    /// it is not, there was no room.
     fn into_store_error(self) -> StoreError {
         match self {
             Self::Unreadable => StoreError::NoRoom,
@@ -105,14 +107,14 @@ impl<S> From<Error<S>> for Fault {
     fn from(error: Error<S>) -> Self {
         match error {
             Error::Storage { .. } => Self::Refused(StoreError::Flash),
-            // Its enum may grow; all else is about what the pages hold.
+            // The enum may grow; all other errors are about the contents of the pages.
             _ => Self::Unreadable,
         }
     }
 }
 
 impl<F: NorFlash> Journal<F> {
-    /// A journal in a flash that holds one, or anything else.
+    /// Returns the journal in a flash with any contents.
     #[must_use]
     pub fn new(flash: F) -> Self {
         Self {
@@ -122,7 +124,7 @@ impl<F: NorFlash> Journal<F> {
         }
     }
 
-    /// The flash.
+    /// Returns the flash, mutably.
     pub fn flash(&mut self) -> &mut F {
         &mut self.sectors.flash
     }
@@ -133,7 +135,8 @@ impl<F: NorFlash> Journal<F> {
         self.sectors.flash
     }
 
-    /// Reads everything and completes what a power cut has interrupted; once, after power-up.
+    /// Reads everything, and completes an operation that a power cut has interrupted; once, after
+    /// power-up.
     ///
     /// A flash without a journal gets an empty one.
     ///
@@ -157,16 +160,16 @@ impl<F: NorFlash> Journal<F> {
             .map_err(Fault::into_store_error)
     }
 
-    /// Stores a change; `stored` is everything as it shall be.
+    /// Stores a change; `stored` has everything with the change made.
     ///
-    /// A power cut at any time leaves what was stored before, or all of the change.
+    /// A power cut at any time leaves the contents of before, or all of the change.
     ///
     /// # Errors
     /// [`StoreError::Flash`] when the flash fails, [`StoreError::NoRoom`] for a startup line that
     /// does not exist.
     pub fn write(&mut self, change: Change, stored: &Stored) -> Result<(), StoreError> {
         match self.write_change(change, stored) {
-            // Whatever the pages hold, `stored` is complete.
+            // `stored` is complete without the pages.
             Err(Fault::Unreadable) => self.rewrite(stored),
             result @ (Ok(()) | Err(Fault::Refused(_))) => result,
         }
@@ -202,7 +205,7 @@ impl<F: NorFlash> Journal<F> {
             };
             is_empty = false;
             let known = newest.of(key);
-            // A newer generation than is known: the record of generations was lost, this one not.
+            // A record of a newer generation than is known: the record of generations was lost.
             if let Some((generation, contents)) = record::open(record)
                 && generation >= *known
             {
@@ -237,7 +240,7 @@ impl<F: NorFlash> Journal<F> {
             let generation = generations.of(key);
             *generation = generation.wrapping_add(1);
         }
-        // Also if this fails, for the record may be complete enough to count.
+        // Also if the write fails: the record may be complete enough to count.
         self.generations = Some(generations);
         self.write_generations(generations)
     }
@@ -269,7 +272,7 @@ impl<F: NorFlash> Journal<F> {
         self.sectors.is_blank().or(Err(StoreError::Flash))
     }
 
-    /// Erases what the pages hold and stores everything anew.
+    /// Erases the pages and stores everything anew.
     fn rewrite(&mut self, stored: &Stored) -> Result<(), Fault> {
         self.format()?;
         Key::ALL
@@ -277,7 +280,7 @@ impl<F: NorFlash> Journal<F> {
             .try_for_each(|&key| self.write_key(key, stored))
     }
 
-    /// Erases what the pages hold.
+    /// Erases the pages.
     fn format(&mut self) -> Result<(), Fault> {
         self.cache = empty_cache();
         self.sectors.erase().or(Err(StoreError::Flash))?;
@@ -289,7 +292,7 @@ impl<F: NorFlash> Journal<F> {
     }
 
     /// Stores a record. A word that has lost a bit without being programmed spoils the first record
-    /// that is written there: then it is written once more, behind that word.
+    /// written there; the record is then written once more, after that word.
     fn store(&mut self, key: u8, record: &Record) -> Result<(), Fault> {
         match self.append(key, record) {
             Err(Fault::Refused(StoreError::Flash)) => self.append(key, record),

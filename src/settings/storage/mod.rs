@@ -1,4 +1,4 @@
-//! What outlives power: records in a journal of two flash sectors.
+//! The storage of everything that outlives power: records in a journal of two flash sectors.
 
 mod journal;
 mod record;

@@ -1,4 +1,4 @@
-//! Records of the journal: what is stored, as bytes.
+//! Records of the journal: the stored values as bytes.
 //!
 //! ```text
 //! record      format: 1 │ generation: u32 │ contents
@@ -8,11 +8,11 @@
 //! lines       the text
 //! ```
 //!
-//! Numbers have their low byte first. Each value bears its type, so that other firmware can read
-//! it: one with other settings, other axes, other types of the same setting. What is unknown or out
-//! of range is left out, what is missing keeps its default.
+//! Numbers have their low byte first. Each value bears its type, so that firmware with other
+//! settings, other axes or another type of the same setting can read it. A value that is unknown or
+//! out of range is skipped; a missing one keeps its default.
 //!
-//! No 8 bytes in a row are all 0xFF: to the journal that is flash not written yet.
+//! No 8 bytes in a row are all 0xFF: the journal takes these for flash that is not written.
 
 use heapless::Vec;
 
@@ -26,13 +26,14 @@ use crate::{
     units::{MicroDegrees, Nm},
 };
 
-/// The format of the records, for the day when a record cannot say itself what it holds.
+/// The format of the records. A change of it voids every record; a change of the contents does not
+/// need it.
 const FORMAT: u8 = 1;
 /// Bytes of the format and the generation.
 const HEADER_BYTES: usize = 1 + 4;
 /// Bytes of the longest record.
 const RECORD_BYTES: usize = 656;
-/// Farthest coordinate that is read, nm: what double precision holds exactly.
+/// Farthest coordinate that is read, nm: double precision holds it exactly.
 const FARTHEST: u64 = 1 << 53;
 
 const _: () = assert!(
@@ -87,7 +88,7 @@ pub(super) enum Key {
 pub(super) struct Generations([u32; Key::ALL.len()]);
 
 impl Generations {
-    /// The generation of a key.
+    /// Returns the generation of a key.
     pub(super) fn of(&mut self, key: Key) -> &mut u32 {
         &mut self.0[key as usize]
     }
@@ -117,7 +118,7 @@ impl Generations {
 pub(super) struct Record(Vec<u8, RECORD_BYTES>);
 
 impl Record {
-    /// A record without contents.
+    /// Returns a record without contents.
     pub(super) fn new(generation: u32) -> Self {
         let mut bytes = Vec::new();
         let _ = bytes.push(FORMAT);
@@ -125,7 +126,7 @@ impl Record {
         Self(bytes)
     }
 
-    /// All bytes.
+    /// Returns all bytes.
     pub(super) fn bytes(&self) -> &[u8] {
         &self.0
     }
@@ -152,7 +153,7 @@ impl Key {
         Self::BuildInfo,
     ];
 
-    /// The key of a startup line.
+    /// Returns the key of a startup line.
     pub(super) fn startup(line: usize) -> Option<Self> {
         const LINES: [Key; STARTUP_LINES] = [Key::Startup0, Key::Startup1];
         LINES.get(line).copied()
@@ -169,7 +170,7 @@ impl Key {
         }
     }
 
-    /// Reads the contents of its record, as far as they are known and in range.
+    /// Reads the known values in range from the contents of its record.
     pub(super) fn read(self, contents: &[u8], stored: &mut Stored) {
         match self {
             Self::Settings => read_settings(contents, stored),
@@ -188,7 +189,7 @@ const WHOLE: u8 = 0x02;
 const NUMBER: u8 = 0x14;
 const MILLIONTHS: u8 = 0x28;
 
-/// Bytes of a value: the low digit of its type, so that what is unknown can be left out.
+/// Returns the bytes of a value: the low digit of its type, so that an unknown value can be skipped.
 const fn value_bytes(value_type: u8) -> usize {
     (value_type & 0xf) as usize
 }
@@ -240,11 +241,11 @@ fn read_value(value_type: u8, mut bytes: &[u8]) -> Option<Value> {
     })
 }
 
-/// The name of the rotations of the work coordinate systems from the first one on, as many as there are
-/// axes; the others follow, each name that of its first system.
+/// The name of the rotations of the work coordinate systems from the first one on, as many as there
+/// are axes; the others follow, each name that of its first system.
 const ROTATIONS: u8 = 128;
 
-/// The stored positions with their names: 54 and on for `G54` and on, 28 and 30.
+/// Returns the stored positions with their names: 54 and on for `G54` and on, 28 and 30.
 fn positions(stored: &mut Stored) -> impl Iterator<Item = (u8, &mut Axes<Nm>)> {
     let origins = &mut stored.origins;
     let references = [(28, &mut origins.g28), (30, &mut origins.g30)];
@@ -253,7 +254,7 @@ fn positions(stored: &mut Stored) -> impl Iterator<Item = (u8, &mut Axes<Nm>)> {
 
 fn write_origins(stored: &Stored, record: &mut Record) -> Result<(), StoreError> {
     record.append(&[AXES as u8])?;
-    // One list for reading and writing: writing is done from a copy.
+    // One list reads and writes: it is written from a copy.
     for (name, position) in positions(&mut stored.clone()) {
         record.append(&[name])?;
         for &nm in position.iter() {
@@ -310,7 +311,7 @@ fn read_line(contents: &[u8], line: &mut StoredLine) {
     }
 }
 
-/// Signed as unsigned, so that small numbers below 0 do not begin with bytes of 0xFF.
+/// Returns a signed number as an unsigned one, so that small negative numbers have no bytes of 0xFF.
 const fn zigzag(nm: Nm) -> u64 {
     (nm.0 << 1 ^ nm.0 >> 63).cast_unsigned()
 }

@@ -1,18 +1,18 @@
 //! Two flash sectors as the pages of the journal, whose erasing survives a power cut.
 //!
-//! A sector whose erasing was cut off may hold anything, also what looks like a page in use. So the
-//! end of each sector is a log of what is done to the *other* one:
+//! A sector whose erase was cut off may hold anything, also contents that look like a page in use. So
+//! the end of each sector is a log of the erases of the *other* one:
 //!
 //! ```text
 //! sector 0 │ page 0 … │ log: (begun, done) (begun, done) …  of erasing sector 1 │
 //! sector 1 │ page 1 … │ log: (begun, done) (begun, done) …  of erasing sector 0 │
 //! ```
 //!
-//! `begun` is programmed before an erase, `done` after it. If the erase that was begun last is not
-//! done, it is repeated before anything is read.
+//! `begun` is programmed before an erase, `done` after it. If the last erase is not done, it is
+//! repeated before anything is read.
 //!
 //! A log that is itself half erased may show an old erase as not done. So `begun` is a number, one
-//! higher each time, and its complement: bits that are erased or not yet programmed make the word
+//! higher each time, with its complement: bits that are erased or not yet programmed make the word
 //! invalid but never a higher number. No word is programmed twice.
 
 use embedded_storage::nor_flash::{ErrorType, NorFlash};
@@ -60,7 +60,7 @@ impl<F: NorFlash> Sectors<F> {
         self.erase_logged(1)
     }
 
-    /// Whether nothing is programmed.
+    /// Returns whether no byte is programmed.
     pub(super) fn is_blank(&mut self) -> Result<bool, F::Error> {
         let mut bytes = [0; 64];
         for address in (0..2 * F::ERASE_SIZE as u32).step_by(bytes.len()) {
@@ -91,7 +91,7 @@ impl<F: NorFlash> Sectors<F> {
         self.flash.write(entry + 4, &DONE)
     }
 
-    /// Returns the erase that was begun last.
+    /// Returns the last erase that was begun.
     fn last_erase(&mut self) -> Result<Option<LoggedErase>, F::Error> {
         let mut last: Option<LoggedErase> = None;
         for sector in [0, 1] {
@@ -141,13 +141,13 @@ struct LoggedErase {
     done: [u8; 4],
 }
 
-/// The first word of an entry.
+/// Returns the first word of an entry.
 const fn begun(number: u16) -> [u8; 4] {
     let (number, complement) = (number.to_le_bytes(), (!number).to_le_bytes());
     [number[0], number[1], complement[0], complement[1]]
 }
 
-/// Addresses of the log of erasing a sector: in the other sector.
+/// Returns the addresses of the log of a sector's erases, in the other sector.
 fn log<F: NorFlash>(sector: u32) -> core::ops::Range<u32> {
     let end = (2 - sector) * F::ERASE_SIZE as u32;
     end - LOG_BYTES as u32..end
