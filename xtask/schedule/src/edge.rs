@@ -5,13 +5,7 @@
 
 use std::collections::BTreeSet;
 
-use crate::{
-    Cache, Function, Model, Region,
-    budget::{Budgets, Open},
-    ipet::Search,
-    model,
-    wcet::Wcets,
-};
+use crate::{Cache, Function, Model, Region, budget::Budgets, model, wcet::Wcets};
 
 /// Cycles of the fastest entry into an exception: chained to the end of another.
 const SHORTEST_ENTRY: u64 = 6;
@@ -74,10 +68,12 @@ fn longest(wcets: &Wcets<'_>, function: &Function, stores: &BTreeSet<u32>) -> Op
     let mut open = Budgets::new();
     let is_wanted = |block: usize| wanted.contains(&block);
     let mut graph = wcets.graph(function, Cache::Warm, &mut open, is_wanted)?;
-    let mut touched = wcets.touched_by_blocks(function);
+    let touched = wcets.touched_by_blocks(function);
+    let mut lines = BTreeSet::new();
     for &block in &wanted {
         graph.ends[block] = false;
         let Some(store) = place(function, stores, block) else {
+            lines.extend(&touched[block]);
             continue;
         };
         let mut part = function.blocks[block].clone();
@@ -87,18 +83,12 @@ fn longest(wcets: &Wcets<'_>, function: &Function, stores: &BTreeSet<u32>) -> Op
             wcets.model.cycles(at, region.unwrap_or(Region::Unknown))
         });
         graph.costs[block] = cycles.sum();
-        touched[block] = model::lines(&part).collect();
+        lines.extend(model::lines(&part));
         graph.edges[block].clear();
         graph.ends[block] = true;
     }
-    let search = Search {
-        graph: &graph,
-        source: 0,
-        touched: &touched,
-        miss: wcets.model.miss(),
-    };
-    let open: u64 = open.values().map(Open::cycles).sum();
-    Some(search.solve()?.cost + open)
+    let warm = Wcets::longest(function, &graph, 0, open)?;
+    Some(warm + lines.len() as u64 * wcets.model.miss())
 }
 
 /// The fewest cycles to one of the stores: everything in the cache, nothing waits.

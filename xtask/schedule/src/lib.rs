@@ -25,7 +25,6 @@ mod functions;
 mod graph;
 mod image;
 mod instruction;
-mod ipet;
 mod loops;
 mod model;
 mod paths;

@@ -1,9 +1,8 @@
-//! The longest path through a function whose loops have bounds, without the solver.
+//! The longest path through a function whose loops have bounds.
 //!
-//! Where costs lie on blocks and edges only, the linear program of [`crate::ipet`] has this answer:
-//! a reducible graph without its back edges has no circle, and a loop adds its longest way round
+//! A reducible graph without its back edges has no circle, and a loop adds its longest way round
 //! for each of the rounds that its bound allows. Time is linear in the size of the graph, so
-//! functions of thousands of blocks take no time; a test compares both.
+//! functions of thousands of blocks take no time; a test compares with the enumeration of all paths.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -66,7 +65,16 @@ struct Round {
 impl Graph {
     /// The longest path from block 0; `None` when no end can be reached.
     pub(crate) fn longest(&self) -> Option<Longest> {
-        let order = self.order();
+        self.longest_from(0)
+    }
+
+    /// The longest path from a block; `None` when no end can be reached, or the path begins amid a
+    /// loop, whose bound does not count the rounds from there.
+    pub(crate) fn longest_from(&self, source: usize) -> Option<Longest> {
+        if source != 0 && self.rounds.iter().any(|rounds| rounds.blocks[source]) {
+            return None;
+        }
+        let order = self.order(source);
         let mut found = Found {
             rounds: BTreeMap::new(),
             is_free: vec![false; self.costs.len()],
@@ -80,7 +88,7 @@ impl Graph {
                 *is_free |= rounds.in_runs.contains(&block) || is_all && rounds.blocks[block];
             }
         }
-        let ways = self.ways(&order, 0, None, &found);
+        let ways = self.ways(&order, source, None, &found);
         let end = (0..self.costs.len())
             .filter(|block| self.ends[*block])
             .filter_map(|block| ways[block].map(|(cost, _)| (cost, block)))
@@ -103,11 +111,11 @@ impl Graph {
     }
 
     /// Blocks in an order in which every edge but those back leads forwards.
-    fn order(&self) -> Vec<usize> {
+    fn order(&self, source: usize) -> Vec<usize> {
         let mut order = Vec::with_capacity(self.costs.len());
         let mut is_seen = vec![false; self.costs.len()];
-        let mut stack = vec![(0, 0)];
-        is_seen[0] = true;
+        let mut stack = vec![(source, 0)];
+        is_seen[source] = true;
         while let Some((block, next)) = stack.pop() {
             if let Some((to, _)) = self.edges[block].get(next) {
                 stack.push((block, next + 1));
@@ -227,6 +235,131 @@ fn expand(counts: &mut [u64], found: &Found, path: &[usize], times: u64, own: Op
 #[cfg(test)]
 mod tests {
     use super::*;
+    use proptest::prelude::*;
+
+    /// A program of structure: what reducible graphs are made of.
+    #[derive(Debug, Clone)]
+    enum Code {
+        Step(u64),
+        Then(Box<Code>, Box<Code>),
+        Either(Box<Code>, Box<Code>),
+        Repeat(u64, Box<Code>),
+    }
+
+    fn code() -> impl Strategy<Value = Code> {
+        let step = (1_u64..50).prop_map(Code::Step);
+        step.prop_recursive(4, 10, 2, |inner| {
+            prop_oneof![
+                (inner.clone(), inner.clone()).prop_map(|(a, b)| Code::Then(a.into(), b.into())),
+                (inner.clone(), inner.clone()).prop_map(|(a, b)| Code::Either(a.into(), b.into())),
+                (0_u64..3, inner).prop_map(|(most, a)| Code::Repeat(most, a.into())),
+            ]
+        })
+    }
+
+    impl Graph {
+        fn block(&mut self, cost: u64) -> usize {
+            self.costs.push(cost);
+            self.edges.push(Vec::new());
+            self.ends.push(false);
+            self.costs.len() - 1
+        }
+
+        /// Adds code behind a block; the block where it ends.
+        fn append(&mut self, from: usize, code: &Code) -> usize {
+            match code {
+                Code::Step(cost) => {
+                    let block = self.block(*cost);
+                    self.edges[from].push((block, cost % 3));
+                    block
+                }
+                Code::Then(first, second) => {
+                    let middle = self.append(from, first);
+                    self.append(middle, second)
+                }
+                Code::Either(first, second) => {
+                    let (first, second) = (self.append(from, first), self.append(from, second));
+                    let join = self.block(1);
+                    self.edges[first].push((join, 0));
+                    self.edges[second].push((join, 3));
+                    join
+                }
+                Code::Repeat(most, body) => {
+                    let head = self.block(2);
+                    self.edges[from].push((head, 0));
+                    let last = self.append(head, body);
+                    self.edges[last].push((head, 3));
+                    let blocks = head..self.costs.len();
+                    let rounds = (0..1000).map(|block| blocks.contains(&block));
+                    self.rounds.push(Rounds {
+                        head,
+                        blocks: rounds.collect(),
+                        most: Some(*most),
+                        total: None,
+                        in_runs: BTreeSet::new(),
+                    });
+                    let exit = self.block(1);
+                    self.edges[head].push((exit, 0));
+                    exit
+                }
+            }
+        }
+
+        fn of(code: &Code) -> Self {
+            let mut graph = Self::default();
+            graph.block(1);
+            let end = graph.append(0, code);
+            graph.ends[end] = true;
+            graph
+        }
+
+        /// Every path, one after another: the greatest cost.
+        fn enumerate(&self, block: usize, left: &BTreeMap<usize, u64>, cost: u64) -> u64 {
+            let cost = cost + self.costs[block];
+            let mut worst = if self.ends[block] { cost } else { 0 };
+            for (to, way) in &self.edges[block] {
+                let mut left = left.clone();
+                if let Some(rounds) = self.rounds.iter().find(|rounds| rounds.head == *to) {
+                    let most = rounds.most.unwrap();
+                    let left = left.entry(*to).or_insert(most);
+                    if !rounds.blocks[block] {
+                        *left = most;
+                    } else if *left == 0 {
+                        continue;
+                    } else {
+                        *left -= 1;
+                    }
+                }
+                worst = worst.max(self.enumerate(*to, &left, cost + way));
+            }
+            worst
+        }
+
+        /// Few enough paths to go along each.
+        fn is_small(&self) -> bool {
+            self.rounds.len() <= 3 && self.costs.len() <= 16
+        }
+    }
+
+    proptest! {
+        #[test]
+        fn the_longest_path_is_that_of_enumeration(code in code()) {
+            let graph = Graph::of(&code);
+            prop_assume!(graph.is_small());
+            let enumerated = graph.enumerate(0, &BTreeMap::new(), 0);
+            let longest = graph.longest().unwrap();
+            prop_assert_eq!(longest.cost, enumerated);
+            let cost: u64 = longest.counts.iter().zip(&graph.costs).map(|(n, cost)| n * cost).sum();
+            prop_assert!(cost <= enumerated);
+        }
+    }
+
+    #[test]
+    fn a_path_may_begin_anywhere_but_amid_a_loop() {
+        let graph = nested(Some(4));
+        assert_eq!(graph.longest_from(3).unwrap().cost, 1000);
+        assert_eq!(graph.longest_from(2), None);
+    }
 
     fn rounds(head: usize, blocks: &[usize], most: Option<u64>, size: usize) -> Rounds {
         let mut is_in = vec![false; size];

@@ -6,14 +6,7 @@
 
 use std::collections::BTreeSet;
 
-use crate::{
-    Cache, Function, Operation,
-    budget::{Budgets, Open},
-    graph,
-    ipet::Search,
-    model, persistence,
-    wcet::Wcets,
-};
+use crate::{Cache, Function, Operation, budget::Budgets, graph, model, persistence, wcet::Wcets};
 
 /// A section.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -165,15 +158,8 @@ fn longest(
         graph.edges[block].clear();
         graph.ends[block] = true;
     }
-    let search = Search {
-        graph: &graph,
-        source,
-        touched: &[],
-        miss: 0,
-    };
-    let open: u64 = open.values().map(Open::cycles).sum();
     let first = model::lines(&function.blocks[source]).count() as u64 * wcets.model.miss();
-    Some(search.solve()?.cost + open + first)
+    Some(Wcets::longest(function, &graph, source, open)? + first)
 }
 
 #[cfg(test)]

@@ -14,9 +14,8 @@ use std::{
 use crate::{
     Block, Cache, Count, Function, Instruction, Loop, Model, Region,
     budget::{Budget, Budgets, CALLS, Open, add_open, budget, is_on_each_way},
-    ipet::Search,
     model::{self, CACHE_LINES},
-    paths::{Graph, Rounds},
+    paths::{Graph, Longest, Rounds},
     persistence::{PersistentLoops, Share},
 };
 
@@ -130,14 +129,9 @@ impl<'a> Wcets<'a> {
         let graph = self.graph(function, cache, &mut bound.open, |_| true)?;
         let longest = graph.longest()?;
         bound.path = longest.cost + self.first_fetch(function, cache);
-        for (head, (cost, counts)) in longest.rounds {
-            let found = graph.rounds.iter().find(|rounds| rounds.head == head);
-            let times = found.and_then(|rounds| rounds.total).unwrap_or(0);
-            let place = (address, head);
-            let one = Open { times, cost, place };
-            add_open(&mut bound.open, budget(function, head), one);
-            bound.rounds.insert(head, counts);
-        }
+        add_rounds(&mut bound.open, function, &graph, &longest);
+        let rounds = longest.rounds.into_iter();
+        bound.rounds = rounds.map(|(head, (_, counts))| (head, counts)).collect();
         bound.counts = longest.counts;
         Some(bound)
     }
@@ -361,23 +355,28 @@ impl<'a> Wcets<'a> {
         lines
     }
 
-    /// What a task's function costs from a cold cache, if the cache holds all of it.
+    /// What a task's function costs from a cold cache, if the cache holds all of it: each line is
+    /// missed once.
     pub(crate) fn cold(&self, address: u32) -> Option<u64> {
-        if self.lines(address).len() > CACHE_LINES || self.model.prefetch {
+        let lines = self.lines(address).len();
+        if lines > CACHE_LINES || self.model.prefetch {
             return None;
         }
-        let function = self.functions.get(&address)?;
-        let mut open = Budgets::new();
-        let graph = self.graph(function, Cache::Warm, &mut open, |_| true)?;
-        let touched = self.touched_by_blocks(function);
-        let search = Search {
-            graph: &graph,
-            source: 0,
-            touched: &touched,
-            miss: self.model.miss(),
-        };
-        let open: u64 = open.values().map(Open::cycles).sum();
-        Some(search.solve()?.cost + open)
+        let warm = self.bound(address, Cache::Warm)?.cycles();
+        Some(warm + lines as u64 * self.model.miss())
+    }
+
+    /// Cycles of the longest path through a graph from a block, with the rounds that it and those
+    /// that it calls, in `open`, have for the whole of it.
+    pub(crate) fn longest(
+        function: &Function,
+        graph: &Graph,
+        source: usize,
+        mut open: Budgets,
+    ) -> Option<u64> {
+        let longest = graph.longest_from(source)?;
+        add_rounds(&mut open, function, graph, &longest);
+        Some(longest.cost + open.values().map(Open::cycles).sum::<u64>())
     }
 
     /// Lines of each block, with those of what it calls.
@@ -461,6 +460,19 @@ impl<'a> Wcets<'a> {
             first.1 += self.fetches(block);
         }
         costs
+    }
+}
+
+/// Adds the loops of a graph that are bounded over the activation.
+fn add_rounds(open: &mut Budgets, function: &Function, graph: &Graph, longest: &Longest) {
+    for (head, (cost, _)) in &longest.rounds {
+        let found = graph.rounds.iter().find(|rounds| rounds.head == *head);
+        let one = Open {
+            times: found.and_then(|rounds| rounds.total).unwrap_or(0),
+            cost: *cost,
+            place: (function.address, *head),
+        };
+        add_open(open, budget(function, *head), one);
     }
 }
 
