@@ -265,10 +265,8 @@ impl Motion {
             || self.may_need_segment(context, segments)
             || self.has_more(context, inputs, entries);
         Prepared {
-            run_again,
-            start_steps: context.starts_steps(run_again, events),
             wake_interpret: changed || requests.awaits(Awaited::SEGMENTS),
-            outputs_changed: self.published.take_outputs_changed(),
+            ..self.prepared(context, run_again, events)
         }
     }
 
@@ -330,9 +328,25 @@ impl Motion {
             }
         };
         Prepared {
-            run_again,
-            start_steps: context.starts_steps(run_again, events),
             wake_interpret: changed,
+            ..self.prepared(context, run_again, events)
+        }
+    }
+
+    /// Returns what a run asks of its shell, without `wake_interpret`.
+    #[inline]
+    fn prepared(
+        &mut self,
+        context: Context,
+        run_again: bool,
+        events: &EventWriter<'_>,
+    ) -> Prepared {
+        // The steps start when the queue is full, so that no short segment ends while others are made.
+        let can_start = !context.is_running && !run_again;
+        Prepared {
+            run_again,
+            start_steps: can_start && events.has_pending(),
+            wake_interpret: false,
             outputs_changed: self.published.take_outputs_changed(),
         }
     }

@@ -13,7 +13,7 @@ use crate::{
     machine::Inputs,
     model::{Requests, timing::QUEUED_AHEAD_TICKS},
     path::Entry,
-    stepper::{EventWriter, SegmentRing},
+    stepper::SegmentRing,
     units::TICKS_PER_MS,
 };
 
@@ -56,15 +56,6 @@ pub(super) struct Context {
     pub(super) is_running: bool,
     /// Something has been asked for.
     has_requests: bool,
-}
-
-impl Context {
-    /// Whether the step timer is to be started: not before the queue is full, so that no short
-    /// segment ends while others are made.
-    #[inline]
-    pub(super) fn starts_steps(self, again: bool, events: &EventWriter<'_>) -> bool {
-        !self.is_running && !again && events.has_pending()
-    }
 }
 
 impl Motion {
