@@ -300,6 +300,31 @@ fn a_corner_behind_a_line_without_a_step_ends_without_a_jump() {
     }
 }
 
+#[test]
+fn two_lines_for_nearly_half_a_turn_are_no_farther_than_they_are_told_to_be() {
+    let radius_mm = 9.8e-3;
+    let angle = 170.0_f64.to_radians();
+    let end = [radius_mm * (1.0 - angle.cos()), -radius_mm * angle.sin()];
+    let small = arc(
+        Plane::Xy,
+        Rotation::CounterClockwise,
+        &end,
+        [radius_mm, 0.0],
+        600.0,
+    );
+    let (lines_of, told_mm) = ways(&fine(), continuous(20_000, 20_000), &[small]);
+    assert!(lines(&lines_of) > 0);
+    let found_mm = deviation_mm(&[small], &lines_of, 0.01);
+    assert!(
+        found_mm <= f64::from(told_mm) + 2.0e-5,
+        "{found_mm}, told {told_mm}"
+    );
+    assert!(
+        found_mm > 0.28 * radius_mm * (1.0 - (0.5 * angle).cos()),
+        "{found_mm}"
+    );
+}
+
 /// Random ways: mostly short, some long, some on a curve, at a few feeds.
 fn programs() -> impl Strategy<Value = Vec<Command>> {
     let turn = prop_oneof![3 => -0.3..0.3, 1 => -3.1..3.1];

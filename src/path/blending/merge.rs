@@ -161,7 +161,8 @@ impl Merger {
 }
 
 /// Returns the displacement to the middle of an arc, and the distance of the two lines through the middle
-/// from the arc, mm; `None` for an arc whose height is above `max_mm`. `displacement` is that to the end.
+/// from the arc, mm; `None` for an arc whose height, or that distance, is above `max_mm`. `displacement` is
+/// that to the end.
 pub(super) fn flat_arc_middle(
     circle: &Circle,
     displacement: &Axes<Nm>,
@@ -173,31 +174,109 @@ pub(super) fn flat_arc_middle(
     }
     let chord = [displacement[first], displacement[second]].map(Nm::to_mm);
     let centre = circle.centre.map(Nm::to_mm);
-    let chord_sqr = chord[0] * chord[0] + chord[1] * chord[1];
+    let chord_mm = math::sqrt(math::dot(&chord, &chord));
     let [to_start, to_end] = [centre, [centre[0] - chord[0], centre[1] - chord[1]]]
-        .map(|[x, y]| math::sqrt(x * x + y * y));
-    let radius = 0.5 * (to_start + to_end);
-    let inner_sqr = radius * radius - 0.25 * chord_sqr;
-    if chord_sqr <= 0.0 || inner_sqr <= 0.0 {
+        .map(|offset| math::sqrt(math::dot(&offset, &offset)));
+    if chord_mm <= 0.0 {
         return None;
     }
     // Less than half a turn: the centre is to the left of the chord of a counter-clockwise arc.
-    let left = chord[0] * centre[1] - chord[1] * centre[0];
+    let left_mm = (chord[0] * centre[1] - chord[1] * centre[0]) / chord_mm;
     let is_minor = match circle.rotation {
-        Rotation::CounterClockwise => left > 0.0,
-        Rotation::Clockwise => left < 0.0,
+        Rotation::CounterClockwise => left_mm > 0.0,
+        Rotation::Clockwise => left_mm < 0.0,
     };
-    let height_mm = 0.25 * chord_sqr / (radius + math::sqrt(inner_sqr));
-    if !is_minor || height_mm >= max_mm {
+    let radius_mm = 0.5 * (to_start + to_end);
+    let to_chord_mm = left_mm.abs();
+    let height_mm = 0.25 * chord_mm * chord_mm / (radius_mm + to_chord_mm);
+    // The radii may differ.
+    let error_mm = half_height_mm(height_mm, to_chord_mm / radius_mm) + (to_start - to_end).abs();
+    if !is_minor || height_mm >= max_mm || error_mm >= max_mm {
         return None;
     }
     // To the right of a counter-clockwise chord, on the side that the centre is not on.
-    let part = height_mm / math::sqrt(chord_sqr);
-    let part = if left > 0.0 { part } else { -part };
+    let part = height_mm / chord_mm;
+    let part = if left_mm > 0.0 { part } else { -part };
     let to_side = [chord[1] * part, -chord[0] * part];
     let mut middle = displacement.map(|distance| Nm(distance.0 / 2));
     middle[first] = middle[first] + Nm::from_mm(to_side[0]);
     middle[second] = middle[second] + Nm::from_mm(to_side[1]);
-    // Half of an arc has 0.25 of its height, 0.26 at a quarter turn; and the radii may differ.
-    Some((middle, 0.26 * height_mm + (to_start - to_end).abs()))
+    Some((middle, error_mm))
+}
+
+/// Returns the height of each half of an arc over its own chord, mm, from the height of the arc over its
+/// chord and the cosine of half the angle travelled.
+///
+/// With half the angle φ and the radius r the height is r(1 - cos φ), and that of a half r(1 - cos φ/2). As
+/// 1 - cos φ = 2(1 - cos² φ/2), their ratio is 1 / (2 + 2cos φ/2): from 0.25 of a flat arc to 0.293 of half a
+/// turn. A helix rises in proportion to its angle, so that its middles are the farthest, too.
+fn half_height_mm(height_mm: f32, cosine: f32) -> f32 {
+    let half_cosine = math::sqrt(0.5 + 0.5 * cosine);
+    0.5 * height_mm / (1.0 + half_cosine)
+}
+
+#[cfg(test)]
+mod tests {
+    use proptest::prelude::*;
+
+    use super::*;
+    use crate::{model::Plane, units::MicroDegrees};
+
+    /// Returns an arc in XY from the origin, its displacement, and the exact distance of the two lines
+    /// through its middle, mm.
+    fn arc(radius_mm: f64, start: f64, sweep: f64) -> (Circle, Axes<Nm>, f64) {
+        let mm = |[x, y]: [f64; 2]| [x, y].map(Nm::from_mm_f64);
+        let at = |angle: f64| [radius_mm * angle.cos(), radius_mm * angle.sin()];
+        let ([x, y], [end_x, end_y]) = (at(start), at(start + sweep));
+        let mut displacement = Axes([Nm(0); AXES]);
+        [displacement[0], displacement[1]] = mm([end_x - x, end_y - y]);
+        let circle = Circle {
+            plane: Plane::Xy,
+            centre: mm([-x, -y]),
+            rotation: if sweep > 0.0 {
+                Rotation::CounterClockwise
+            } else {
+                Rotation::Clockwise
+            },
+            turns: 1,
+            tilt: MicroDegrees::ZERO,
+        };
+        (
+            circle,
+            displacement,
+            radius_mm * (1.0 - (0.25 * sweep).cos()),
+        )
+    }
+
+    proptest! {
+        #[test]
+        fn two_lines_are_as_far_from_an_arc_as_they_are_told_to_be(
+            radius_mm in 0.1..100.0_f64,
+            start in 0.0..core::f64::consts::TAU,
+            sweep in prop_oneof![0.02..3.1_f64, 3.0..3.13_f64],
+            is_clockwise: bool,
+        ) {
+            let sweep = if is_clockwise { -sweep } else { sweep };
+            let (circle, displacement, exact_mm) = arc(radius_mm, start, sweep);
+            let (middle, error_mm) = flat_arc_middle(&circle, &displacement, 1.0e3).unwrap();
+            let error_mm = f64::from(error_mm);
+            // Single precision, and whole nanometres.
+            let rounding_mm = 1.0e-6 * radius_mm + 5.0e-6;
+            prop_assert!((error_mm - exact_mm).abs() < rounding_mm, "{error_mm} of {exact_mm} mm");
+            let [x, y] = [middle[0] - circle.centre[0], middle[1] - circle.centre[1]]
+                .map(Nm::to_mm_f64);
+            prop_assert!((x.hypot(y) - radius_mm).abs() < rounding_mm);
+        }
+    }
+
+    #[test]
+    fn an_arc_whose_radii_differ_by_more_than_the_distance_stays_an_arc() {
+        let (circle, mut displacement, _) = arc(10.0, 0.5, 0.02);
+        assert!(flat_arc_middle(&circle, &displacement, 2.0e-3).is_some());
+        // Away from the centre, 4 µm.
+        for (axis, angle) in [(0, 0.52_f64.cos()), (1, 0.52_f64.sin())] {
+            displacement[axis] = displacement[axis] + Nm::from_mm_f64(4.0e-3 * angle);
+        }
+        assert_eq!(flat_arc_middle(&circle, &displacement, 2.0e-3), None);
+    }
 }
