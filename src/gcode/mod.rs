@@ -13,9 +13,10 @@ mod word_reader;
 
 pub use error::LineError;
 pub use modal::{
-    ArcDistance, Distance, FeedMode, Flow, Modal, MotionMode, ProbeMode, ToolLength, Units,
+    ArcDistance, Distance, FeedMode, Flow, Modal, MotionMode, ProbeMode, RetractMode, ToolLength,
+    Units,
 };
-pub use parsed_line::{AxisCommand, NonModal, ParsedLine, StoredPosition};
+pub use parsed_line::{AxisCommand, NonModal, ParsedLine, StoredPosition, SwitchedOverride};
 use plain_prefix::MAX_LINE_NUMBER;
 pub use plain_prefix::{PlainPrefix, Refusal};
 pub use word::{Code, Word, Words};

@@ -1,6 +1,8 @@
 //! The modal state: modes and values that hold for the lines after a line, too.
 
-use crate::model::{Coolant, PathControl, Plane, Rotation, Spindle, WorkCoordinates};
+use crate::model::{
+    Coolant, OverrideSwitches, PathControl, Plane, Rotation, Spindle, WorkCoordinates,
+};
 
 /// The modes and values that stay until they are changed. The default is the power-up state.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
@@ -23,6 +25,10 @@ pub struct Modal {
     pub coordinates: WorkCoordinates,
     /// The path control mode.
     pub path: PathControl,
+    /// The level to which a canned cycle retracts.
+    pub retract: RetractMode,
+    /// The overrides that the program allows.
+    pub overrides: OverrideSwitches,
     /// State of the spindle.
     pub spindle: Spindle,
     /// State of the coolant.
@@ -167,6 +173,16 @@ pub enum ToolLength {
     Dynamic,
 }
 
+/// The level to which a canned cycle retracts.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+pub enum RetractMode {
+    /// `G98`: where the axis was when the cycle began, or `R` if that is higher.
+    #[default]
+    InitialLevel,
+    /// `G99`: to `R`.
+    ReferencePlane,
+}
+
 /// The flow of the program after a line.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub enum Flow {
@@ -175,6 +191,8 @@ pub enum Flow {
     Run,
     /// `M0`: the program waits for cycle start.
     Pause,
+    /// `M1`: as `M0`, while optional stops are switched on.
+    OptionalPause,
     /// `M2`, `M30`: the program has ended.
     End,
 }

@@ -5,12 +5,12 @@
 
 use super::{
     ArcDistance, Code, Distance, FeedMode, Flow, LineError, Modal, MotionMode, PlainPrefix,
-    ProbeMode, ToolLength, Units, Word, WordReader, Words,
+    ProbeMode, RetractMode, ToolLength, Units, Word, WordReader, Words,
 };
 use crate::{
     axis::{AXES, Axes, LETTERS},
     decimal::Decimal,
-    model::{PathControl, Plane, Rotation, Spindle, WorkCoordinates},
+    model::{OverrideSwitches, PathControl, Plane, Rotation, Spindle, WorkCoordinates},
     units::Nm,
 };
 
@@ -45,7 +45,20 @@ pub struct ParsedLine {
     pub l: u8,
     /// `N`.
     pub line: u32,
-    groups: u16,
+    /// The override that `M50` or `M51` switches by its `P`.
+    pub switched: Option<SwitchedOverride>,
+    groups: u32,
+}
+
+/// The override that a line switches by its `P`.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum SwitchedOverride {
+    /// `M50`: of feeds.
+    Feed,
+    /// `M51`: of the spindle speed.
+    Spindle,
+    /// `M53`: of an input that this machine does not have. A feed hold cannot be switched off.
+    FeedStop,
 }
 
 /// A command of modal group 0.
@@ -101,7 +114,7 @@ pub enum AxisCommand {
 
 /// Modal groups, each the bit of a line that has a command of the group.
 #[derive(Clone, Copy)]
-#[repr(u16)]
+#[repr(u32)]
 enum ModalGroup {
     NonModal = 1 << 0,
     Motion = 1 << 1,
@@ -117,6 +130,12 @@ enum ModalGroup {
     Flow = 1 << 11,
     Spindle = 1 << 12,
     Coolant = 1 << 13,
+    /// `G80`, which may stand beside a motion mode.
+    CycleCancel = 1 << 14,
+    Scaling = 1 << 15,
+    SpindleMode = 1 << 16,
+    Retract = 1 << 17,
+    Overrides = 1 << 18,
 }
 
 impl ParsedLine {
@@ -138,6 +157,7 @@ impl ParsedLine {
             feed: 0.0,
             l: 0,
             line: 0,
+            switched: None,
             groups: 0,
         }
     }
@@ -155,7 +175,7 @@ impl ParsedLine {
     #[must_use]
     pub const fn is_joggable(&self) -> bool {
         let allowed =
-            ModalGroup::NonModal as u16 | ModalGroup::Distance as u16 | ModalGroup::Units as u16;
+            ModalGroup::NonModal as u32 | ModalGroup::Distance as u32 | ModalGroup::Units as u32;
         self.groups & !allowed == 0
             && matches!(
                 self.non_modal,
@@ -169,7 +189,7 @@ impl ParsedLine {
         if words.contains(Word::new(b'G')) {
             self.modal.motion = prefix.motion;
             self.axis_command = AxisCommand::Motion;
-            self.groups |= ModalGroup::Motion as u16;
+            self.groups |= ModalGroup::Motion as u32;
         }
         if words.contains(Word::F) {
             self.feed = prefix.feed;
@@ -204,8 +224,18 @@ impl ParsedLine {
     /// Whether the line has a `G64`.
     #[must_use]
     pub const fn has_path_tolerance(&self) -> bool {
-        let has_control = self.groups & ModalGroup::Control as u16 != 0;
-        has_control && matches!(self.modal.path, PathControl::Continuous { .. })
+        self.has_group(ModalGroup::Control)
+            && matches!(self.modal.path, PathControl::Continuous { .. })
+    }
+
+    /// Whether the line has a command about the tool length offset.
+    #[must_use]
+    pub const fn has_tool_length(&self) -> bool {
+        self.has_group(ModalGroup::ToolLength)
+    }
+
+    const fn has_group(&self, group: ModalGroup) -> bool {
+        self.groups & group as u32 != 0
     }
 
     fn read_words(&mut self, line: &[u8]) -> Result<(), LineError> {
@@ -219,6 +249,12 @@ impl ParsedLine {
         }
         if self.axes != 0 && self.axis_command == AxisCommand::None {
             self.axis_command = AxisCommand::Motion;
+        }
+        // `G80` may stand beside a motion mode only where nothing moves.
+        let has_both =
+            self.has_group(ModalGroup::CycleCancel) && self.has_group(ModalGroup::Motion);
+        if has_both && self.axes != 0 {
+            return Err(LineError::ModalGroupViolation);
         }
         Ok(())
     }
@@ -240,7 +276,8 @@ impl ParsedLine {
 
     fn g_word(&mut self, code: Code) -> Result<(), LineError> {
         let group = match code.whole {
-            0..=3 | 38 | 80 => self.motion_word(code)?,
+            0..=3 | 38 => self.motion_word(code)?,
+            80 => self.cancel_word(code)?,
             4 | 10 | 28 | 30 | 52 | 53 | 92 => self.non_modal_word(code)?,
             43 | 49 => self.tool_length_word(code)?,
             54..=59 => {
@@ -273,11 +310,14 @@ impl ParsedLine {
 
     /// Modal group 1.
     fn motion_word(&mut self, code: Code) -> Result<ModalGroup, LineError> {
-        if code.whole != 80 {
-            if self.axis_command != AxisCommand::None {
-                return Err(LineError::AxisCommandConflict);
-            }
+        // The axis words of `G28` and `G30` are theirs: `G0` and `G1` are only the mode after them.
+        let is_mode_only = code.whole <= 1 && matches!(self.non_modal, NonModal::GoTo(_));
+        let is_beside_g49 = self.axis_command == AxisCommand::ToolLength
+            && self.modal.tool_length == ToolLength::None;
+        if self.axis_command == AxisCommand::None || is_beside_g49 {
             self.axis_command = AxisCommand::Motion;
+        } else if !is_mode_only {
+            return Err(LineError::AxisCommandConflict);
         }
         self.modal.motion = match (code.whole, code.hundredths) {
             (38, 20) => MotionMode::Probe(ProbeMode::Contact),
@@ -290,17 +330,35 @@ impl ParsedLine {
             (1, 0) => MotionMode::Linear,
             (2, 0) => MotionMode::Arc(Rotation::Clockwise),
             (3, 0) => MotionMode::Arc(Rotation::CounterClockwise),
-            (80, 0) => MotionMode::Cancelled,
             _ => return Err(LineError::Unsupported),
         };
+        if code.whole == 38 && self.has_group(ModalGroup::CycleCancel) {
+            return Err(LineError::ModalGroupViolation);
+        }
         Ok(ModalGroup::Motion)
+    }
+
+    /// `G80`: no motion mode, unless the line has one.
+    fn cancel_word(&mut self, code: Code) -> Result<ModalGroup, LineError> {
+        if !code.is_whole() {
+            return Err(LineError::NotInteger);
+        }
+        if !self.has_group(ModalGroup::Motion) {
+            self.modal.motion = MotionMode::Cancelled;
+        } else if matches!(self.modal.motion, MotionMode::Probe(_)) {
+            return Err(LineError::ModalGroupViolation);
+        }
+        Ok(ModalGroup::CycleCancel)
     }
 
     /// Modal group 0.
     fn non_modal_word(&mut self, code: Code) -> Result<ModalGroup, LineError> {
         let uses_axes = matches!(code.whole, 10 | 28 | 30 | 52 | 92) && code.is_whole();
         if uses_axes {
-            if self.axis_command != AxisCommand::None {
+            let is_beside_mode = matches!(code.whole, 28 | 30)
+                && self.axis_command == AxisCommand::Motion
+                && matches!(self.modal.motion, MotionMode::Rapid | MotionMode::Linear);
+            if self.axis_command != AxisCommand::None && !is_beside_mode {
                 return Err(LineError::AxisCommandConflict);
             }
             self.axis_command = AxisCommand::NonModal;
@@ -327,10 +385,13 @@ impl ParsedLine {
 
     /// Modal group 8. The fraction of `G49` does not count.
     fn tool_length_word(&mut self, code: Code) -> Result<ModalGroup, LineError> {
-        if self.axis_command != AxisCommand::None {
+        // `G49` needs no axis words: a motion mode beside it has them.
+        let is_beside_motion = code.whole == 49 && self.has_group(ModalGroup::Motion);
+        if self.axis_command == AxisCommand::None {
+            self.axis_command = AxisCommand::ToolLength;
+        } else if !is_beside_motion {
             return Err(LineError::AxisCommandConflict);
         }
-        self.axis_command = AxisCommand::ToolLength;
         self.modal.tool_length = match (code.whole, code.hundredths) {
             (49, _) => ToolLength::None,
             (_, 10) => ToolLength::Dynamic,
@@ -360,6 +421,16 @@ impl ParsedLine {
                 ModalGroup::Units
             }
             40 => ModalGroup::CutterCompensation,
+            50 => ModalGroup::Scaling,
+            97 => ModalGroup::SpindleMode,
+            98 => {
+                modal.retract = RetractMode::InitialLevel;
+                ModalGroup::Retract
+            }
+            99 => {
+                modal.retract = RetractMode::ReferencePlane;
+                ModalGroup::Retract
+            }
             61 => {
                 modal.path = PathControl::ExactPath;
                 ModalGroup::Control
@@ -400,8 +471,10 @@ impl ParsedLine {
                 self.flow = Flow::Pause;
                 ModalGroup::Flow
             }
-            // Optional stop: the machine has no switch for it.
-            1 => ModalGroup::Flow,
+            1 => {
+                self.flow = Flow::OptionalPause;
+                ModalGroup::Flow
+            }
             2 | 30 => {
                 self.flow = Flow::End;
                 ModalGroup::Flow
@@ -426,6 +499,21 @@ impl ParsedLine {
                 self.modal.coolant.flood = false;
                 self.modal.coolant.mist = false;
                 ModalGroup::Coolant
+            }
+            48 | 49 => {
+                self.modal.overrides = match code.whole {
+                    48 => OverrideSwitches::ALL,
+                    _ => OverrideSwitches::NONE,
+                };
+                ModalGroup::Overrides
+            }
+            50 | 51 | 53 => {
+                self.switched = Some(match code.whole {
+                    50 => SwitchedOverride::Feed,
+                    51 => SwitchedOverride::Spindle,
+                    _ => SwitchedOverride::FeedStop,
+                });
+                ModalGroup::Overrides
             }
             _ => return Err(LineError::Unsupported),
         };
@@ -488,10 +576,10 @@ impl ParsedLine {
 
     /// Adds a command, which must be the first of its group.
     fn insert_group(&mut self, group: ModalGroup) -> Result<(), LineError> {
-        if self.groups & group as u16 != 0 {
+        if self.has_group(group) {
             return Err(LineError::ModalGroupViolation);
         }
-        self.groups |= group as u16;
+        self.groups |= group as u32;
         Ok(())
     }
 }

@@ -5,7 +5,7 @@
 
 use crate::{
     math,
-    model::{Coolant, Laser, Outputs, Override, Overrides, Power, Spindle},
+    model::{Coolant, Laser, Outputs, Override, OverrideSwitches, Overrides, Power, Spindle},
     settings::Settings,
 };
 
@@ -37,6 +37,10 @@ pub struct Accessories {
     /// Switched off while the door is open, whatever is programmed.
     is_spindle_suspended: bool,
     is_coolant_suspended: bool,
+    /// The overrides as the operator has set them.
+    asked: Overrides,
+    switches: OverrideSwitches,
+    /// The overrides in effect.
     overrides: Overrides,
     min_rpm: f32,
     max_rpm: f32,
@@ -58,6 +62,8 @@ impl Accessories {
             stop: SpindleStop::None,
             is_spindle_suspended: false,
             is_coolant_suspended: false,
+            asked: Overrides::NONE,
+            switches: OverrideSwitches::ALL,
             overrides: Overrides::NONE,
             min_rpm: 0.0,
             max_rpm: 1000.0,
@@ -151,16 +157,32 @@ impl Accessories {
 
     /// Applies an override; the plan follows those of feed and rapids.
     pub fn apply_override(&mut self, command: Override) {
-        let overrides = self.overrides.after(command);
+        self.asked = self.asked.after(command);
+        self.update_overrides();
+    }
+
+    /// Allows some overrides, and no others.
+    pub fn switch_overrides(&mut self, switches: OverrideSwitches) {
+        self.switches = switches;
+        self.update_overrides();
+    }
+
+    fn update_overrides(&mut self) {
+        let overrides = self.asked.allowed_by(self.switches);
         if overrides != self.overrides {
             self.overrides = overrides;
             self.count_change();
         }
     }
 
-    /// Resets all overrides to 100 %; the next status report shows them if `is_shown`.
+    /// Resets all overrides to 100 % and allows them; the next status report shows them if `is_shown`.
     pub fn reset_overrides(&mut self, is_shown: bool) {
-        self.overrides = Overrides::NONE;
+        self.asked = Overrides {
+            optional_stop: self.asked.optional_stop,
+            ..Overrides::NONE
+        };
+        self.switches = OverrideSwitches::ALL;
+        self.overrides = self.asked;
         self.is_changed = true;
         if is_shown {
             self.count_change();
@@ -422,6 +444,36 @@ mod tests {
         assert_eq!(accessories.power_at_rest().duty / 4, 140);
         accessories.reset_overrides(true);
         assert_eq!(accessories.power_at_rest().rpm, 500.0);
+    }
+
+    #[test]
+    fn a_program_switches_overrides_off_and_on_again() {
+        let mut accessories = spindle(&Settings::default(), 500.0);
+        accessories.apply_override(Override::SpindleMore);
+        accessories.apply_override(Override::FeedLess);
+        accessories.apply_override(Override::RapidHalf);
+        accessories.switch_overrides(OverrideSwitches::NONE);
+        let only_rapid = Overrides {
+            rapid: 50,
+            ..Overrides::NONE
+        };
+        assert_eq!(accessories.overrides(), only_rapid);
+        assert_eq!(accessories.power_at_rest().rpm, 500.0);
+        // What the operator asks for meanwhile counts as soon as it may.
+        accessories.apply_override(Override::FeedLess);
+        assert_eq!(accessories.overrides(), only_rapid);
+        accessories.switch_overrides(OverrideSwitches::ALL);
+        let asked = Overrides {
+            feed: 80,
+            rapid: 50,
+            spindle: 110,
+            optional_stop: false,
+        };
+        assert_eq!(accessories.overrides(), asked);
+        accessories.switch_overrides(OverrideSwitches::NONE);
+        accessories.reset_overrides(true);
+        accessories.apply_override(Override::FeedMore);
+        assert_eq!(accessories.overrides().feed, 110);
     }
 
     #[test]

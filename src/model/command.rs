@@ -1,6 +1,6 @@
 //! Commands of the interpreter to the machine, in program order.
 
-use super::{Coolant, Plane, Rotation, Spindle};
+use super::{Coolant, OverrideSwitches, Plane, Rotation, Spindle};
 
 use crate::{
     axis::Axes,
@@ -57,6 +57,8 @@ pub enum Command {
     },
     /// A new state of the coolant.
     Coolant(Coolant),
+    /// The overrides that count from here on.
+    Overrides(OverrideSwitches),
     /// Program pause, `M0`: waits for cycle start.
     Pause,
 }

@@ -22,7 +22,7 @@ pub use levels::Levels;
 pub use modes::{Coolant, PathControl, PerSystem, Plane, Rotation, Spindle, WorkCoordinates};
 pub use notice::{Notice, Notices};
 pub use outputs::Outputs;
-pub use overrides::{Override, Overrides};
+pub use overrides::{Override, OverrideSwitches, Overrides};
 pub use power::Power;
 pub use requests::{Awaited, OVERRIDES, Release, Requests};
 pub use state::{Probed, State};

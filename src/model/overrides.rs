@@ -12,6 +12,8 @@ const RANGE: (u8, u8) = (10, 200);
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 #[repr(u8)]
 pub enum Override {
+    /// Optional stops on, or off.
+    OptionalStop = 0x88,
     /// Feed to 100 %.
     FeedReset = 0x90,
     /// Feed + 10 %.
@@ -48,7 +50,8 @@ pub enum Override {
 
 impl Override {
     /// Every command, in the order of the bytes.
-    pub const ALL: [Self; 16] = [
+    pub const ALL: [Self; 17] = [
+        Self::OptionalStop,
         Self::FeedReset,
         Self::FeedMore,
         Self::FeedLess,
@@ -67,21 +70,23 @@ impl Override {
         Self::Mist,
     ];
 
-    /// Returns whether a byte is such a command, as [`Self::from_byte`] has it.
+    /// Returns whether a byte may be such a command: [`Self::from_byte`] knows, this takes few
+    /// instructions.
     #[inline(always)]
     #[expect(
         clippy::inline_always,
         reason = "called from RAM, where nothing in flash may be"
     )]
     #[must_use]
-    pub const fn is_override(byte: u8) -> bool {
-        matches!(byte, 0x90..=0xa1) && byte != 0x98 && byte != 0x9f
+    pub const fn may_be_override(byte: u8) -> bool {
+        matches!(byte, 0x88..=0xa3)
     }
 
     /// Returns the command of a realtime byte.
     #[must_use]
     pub fn from_byte(byte: u8) -> Option<Self> {
         Some(match byte {
+            0x88 => Self::OptionalStop,
             0x90 => Self::FeedReset,
             0x91 => Self::FeedMore,
             0x92 => Self::FeedLess,
@@ -112,6 +117,8 @@ pub struct Overrides {
     pub rapid: u8,
     /// Of the spindle speed, 10 to 200.
     pub spindle: u8,
+    /// `M1` is a program pause.
+    pub optional_stop: bool,
 }
 
 impl Overrides {
@@ -120,6 +127,7 @@ impl Overrides {
         feed: 100,
         rapid: 100,
         spindle: 100,
+        optional_stop: false,
     };
 
     /// Returns the overrides after a command. Commands to accessories change none.
@@ -131,6 +139,7 @@ impl Overrides {
         };
         let mut new = self;
         match command {
+            Override::OptionalStop => new.optional_stop = !self.optional_stop,
             Override::FeedReset => new.feed = 100,
             Override::FeedMore => new.feed = changed(self.feed, 10),
             Override::FeedLess => new.feed = changed(self.feed, -10),
@@ -147,6 +156,45 @@ impl Overrides {
             Override::SpindleStop | Override::Flood | Override::Mist => {}
         }
         new
+    }
+
+    /// The overrides in effect where a program switches some of them off: they count as 100 %.
+    #[must_use]
+    pub const fn allowed_by(self, switches: OverrideSwitches) -> Self {
+        Self {
+            feed: if switches.feed { self.feed } else { 100 },
+            rapid: self.rapid,
+            spindle: if switches.spindle { self.spindle } else { 100 },
+            optional_stop: self.optional_stop,
+        }
+    }
+}
+
+/// The overrides that a program allows.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct OverrideSwitches {
+    /// Of programmed feeds, `M50`.
+    pub feed: bool,
+    /// Of the spindle speed, `M51`.
+    pub spindle: bool,
+}
+
+impl OverrideSwitches {
+    /// Every override is allowed, `M48`.
+    pub const ALL: Self = Self {
+        feed: true,
+        spindle: true,
+    };
+    /// None is allowed, `M49`.
+    pub const NONE: Self = Self {
+        feed: false,
+        spindle: false,
+    };
+}
+
+impl Default for OverrideSwitches {
+    fn default() -> Self {
+        Self::ALL
     }
 }
 
@@ -181,9 +229,8 @@ mod tests {
         assert_eq!(Override::from_byte(0x98), None);
         assert_eq!(Override::from_byte(0x9f), None);
         for byte in 0..=u8::MAX {
-            assert_eq!(
-                Override::is_override(byte),
-                Override::from_byte(byte).is_some(),
+            assert!(
+                Override::may_be_override(byte) || Override::from_byte(byte).is_none(),
                 "{byte}"
             );
         }

@@ -134,9 +134,9 @@ impl Requests {
         count
     }
 
-    /// Takes the oldest override.
+    /// Takes the oldest byte that may be an override, [`Override::from_byte`].
     #[must_use]
-    pub fn take_override(&self) -> Option<Override> {
+    pub fn take_override(&self) -> Option<u8> {
         self.overrides.dequeue()
     }
 
@@ -196,7 +196,7 @@ impl Requests {
                 add_one(&self.resets);
                 return self.release();
             }
-            _ if Override::is_override(byte) => {
+            _ if Override::may_be_override(byte) => {
                 self.overrides.enqueue(byte);
                 return Release::Prepare;
             }

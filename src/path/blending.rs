@@ -194,6 +194,7 @@ impl Blender {
             | Command::Dwell { .. }
             | Command::Spindle { .. }
             | Command::Coolant(_)
+            | Command::Overrides(_)
             | Command::Pause => self.pass(limits, command),
         }
         if let Command::Power(laser) = command {

@@ -5,7 +5,7 @@
 
 use super::Block;
 use crate::{
-    model::{Alarm, Coolant, Probing, Spindle},
+    model::{Alarm, Coolant, OverrideSwitches, Probing, Spindle},
     settings::Settings,
 };
 
@@ -33,6 +33,8 @@ pub enum Work {
     Spindle(Spindle, f32),
     /// A coolant state.
     Coolant(Coolant),
+    /// The overrides that count from here on.
+    Overrides(OverrideSwitches),
     /// Wait for cycle start.
     Pause,
     /// Leave the alarm state.
@@ -45,7 +47,7 @@ pub enum Work {
     Sleep,
     /// Decelerate, then lock the machine with this alarm: a target is outside the travel.
     Fault(Alarm),
-    /// All overrides back to 100 %.
+    /// All overrides back to 100 %, and allowed.
     EndOverrides,
     /// New settings. Sent at a standstill only; the machine keeps its whole steps.
     Configure(Settings),

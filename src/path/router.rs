@@ -184,6 +184,7 @@ impl Router {
             Command::Dwell { milliseconds } => Work::Dwell(*milliseconds),
             Command::Spindle { spindle, rpm } => Work::Spindle(*spindle, *rpm),
             Command::Coolant(coolant) => Work::Coolant(*coolant),
+            Command::Overrides(switches) => Work::Overrides(*switches),
             Command::Pause => Work::Pause,
         })
     }

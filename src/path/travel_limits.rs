@@ -36,6 +36,7 @@ pub fn leaves_travel(settings: &Settings, from: &Axes<Nm>, command: &Command) ->
         | Command::Dwell { .. }
         | Command::Spindle { .. }
         | Command::Coolant(_)
+        | Command::Overrides(_)
         | Command::Pause => false,
     }
 }

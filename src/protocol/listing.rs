@@ -9,7 +9,7 @@ use super::{
 };
 use crate::{
     axis::{AXES, Axes, Z},
-    gcode::{ArcDistance, LineError, Modal, interpreter::Offsets},
+    gcode::{ArcDistance, LineError, Modal, RetractMode, interpreter::Offsets},
     model::{Alarm, Plane, Probed, Spindle, WorkCoordinates},
     settings::{Setting, SettingGroup, Settings, StepRate, StoredLine, Value},
     units::{MicroDegrees, Nm},
@@ -63,6 +63,8 @@ pub fn modes(text: &mut Text, modal: &Modal, unit: ReportUnit) {
         distance,
         plane,
         arc_distance,
+        retract,
+        overrides: _,
         tool_length: _,
         coordinates,
         path,
@@ -85,6 +87,9 @@ pub fn modes(text: &mut Text, modal: &Modal, unit: ReportUnit) {
     text.word(" ").word(feed_mode.word());
     if let Some(word) = path.word() {
         text.word(" ").word(word);
+    }
+    if *retract == RetractMode::ReferencePlane {
+        text.word(" G99");
     }
     if *arc_distance == ArcDistance::Absolute {
         text.word(" G90.1");

@@ -79,6 +79,8 @@ settings! {
     junction_deviation_mm: f32 = 0.01,
     /// `$12` Arc tolerance, mm: kept for senders; arcs are exact.
     arc_tolerance_mm: f32 = 0.002,
+    /// `$785` Farthest from the programmed path under `G64` without `P`, mm; 0 for no limit.
+    path_tolerance_mm: f32 = 0.05,
     /// `$13` Whether reports are in inches.
     report_inches: bool = false,
     /// `$20` Soft limits.

@@ -271,7 +271,7 @@ def check_mode(machine):
 
 def with_errors(lines):
     """Lines to be refused between those of a job: the error says which one is answered."""
-    wrong = itertools.cycle(["G99 (error:20)", "G17 G18 (error:21)", "X1 X2 (error:25)", "G4 (error:28)"])
+    wrong = itertools.cycle(["G33 (error:20)", "G17 G18 (error:21)", "X1 X2 (error:25)", "G4 (error:28)"])
     for number, line in enumerate(lines):
         yield line
         if number % 7 == 3:

@@ -106,7 +106,7 @@ fn twenty_thousand_lines_with_holds_resets_and_queries_get_one_answer_each() {
             18..=24 => (String::new(), "ok"),
             25..=27 => ("G1X1Y".to_owned(), "error:2"),
             28 => ("G0G1X1".to_owned(), "error:24"),
-            29 => ("G99".to_owned(), "error:20"),
+            29 => ("G33".to_owned(), "error:20"),
             _ => ("(nothing) G4 P0".to_owned(), "ok"),
         };
         sender.send(format!("{line}\n").as_bytes(), answer);

@@ -233,12 +233,12 @@ fn path_control_is_modal_and_its_distances_are_in_the_units_of_the_line() {
     assert_eq!(path(&[]), PathControl::ExactPath);
     assert_eq!(path(&["G61.1", "G0X1"]), PathControl::ExactStop);
     assert_eq!(path(&["G61.1", "G61"]), PathControl::ExactPath);
-    assert_eq!(path(&["G64"]), continuous(0, 0));
+    assert_eq!(path(&["G64"]), continuous(50_000, 0));
     assert_eq!(path(&["G64P0.02", "G0X1"]), continuous(20_000, 20_000));
     assert_eq!(path(&["G64P0.02Q.005"]), continuous(20_000, 5_000));
     assert_eq!(path(&["Q0P0.02G64"]), continuous(20_000, 0));
     assert_eq!(path(&["G20G64P0.001Q0.002"]), continuous(25_400, 50_800));
-    assert_eq!(path(&["G64P0.02", "G64"]), continuous(0, 0));
+    assert_eq!(path(&["G64P0.02", "G64"]), continuous(50_000, 0));
     assert_eq!(path(&["G64P0.02", "M2"]), continuous(20_000, 20_000));
 }
 

@@ -3,6 +3,7 @@
 #![cfg(not(target_os = "none"))]
 
 mod arcs;
+mod habits;
 mod laws;
 mod lines;
 mod offsets;

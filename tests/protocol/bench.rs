@@ -4,7 +4,7 @@ use heapless::spsc::Queue;
 use leadscrew::{
     axis::AXES,
     machine::Snapshot,
-    model::{Alarm, Levels, Notice, Overrides, Probing, Release, Requests, State},
+    model::{Alarm, Levels, Notice, Override, Overrides, Probing, Release, Requests, State},
     path::{Block, Entry, MoveKind, Work},
     protocol::{Bytes, Progress, Session, realtime},
     settings::{Change, Settings, StoreError, Stored},
@@ -111,7 +111,10 @@ impl Bench {
             let paused = u32::from(std::mem::take(&mut self.is_paused));
             machine.finished = machine.finished.wrapping_add(paused);
         }
-        while let Some(command) = self.requests.take_override() {
+        while let Some(byte) = self.requests.take_override() {
+            let Some(command) = Override::from_byte(byte) else {
+                continue;
+            };
             self.machine.overrides = self.machine.overrides.after(command);
             self.machine.accessory_changes = self.machine.accessory_changes.wrapping_add(1);
         }
@@ -193,7 +196,7 @@ impl Bench {
                 machine.coolant = *coolant;
                 machine.accessory_changes = machine.accessory_changes.wrapping_add(1);
             }
-            Work::Dwell(_) | Work::Configure(_) => {}
+            Work::Dwell(_) | Work::Overrides(_) | Work::Configure(_) => {}
         }
     }
 

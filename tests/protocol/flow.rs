@@ -12,7 +12,7 @@ fn each_line_end_gets_one_answer() {
     assert_eq!(bench.answer("\r\r\n"), ["ok", "ok", "ok"]);
     assert_eq!(bench.answer("  (c) ;d\n"), ["ok"]);
     assert_eq!(
-        bench.answer("G0X1\nG99\n\n;x\nG1X2\nG1X2F100\n"),
+        bench.answer("G0X1\nG33\n\n;x\nG1X2\nG1X2F100\n"),
         ["ok", "error:20", "ok", "ok", "error:22", "ok"]
     );
 }

@@ -10,7 +10,7 @@ fn known_line() -> impl Strategy<Value = (&'static str, &'static str)> {
     prop::sample::select(vec![
         ("G0X1\n", "ok"),
         ("G1X2F100\n", "ok"),
-        ("G99\n", "error:20"),
+        ("G33\n", "error:20"),
         ("\n", "ok"),
         ("(comment)\r", "ok"),
         ("$7=1\n", "error:3"),

@@ -230,3 +230,16 @@ fn a_door_open_at_a_reset_is_reported_after_the_welcome_and_holds_the_startup_li
     bench.machine.state = State::Idle;
     assert_eq!(bench.serve(), [">G20:ok"]);
 }
+
+#[test]
+fn the_optional_stop_pauses_at_m1_while_it_is_on() {
+    let mut bench = Bench::new();
+    assert_eq!(bench.ask("M1"), ["ok"]);
+    assert!(bench.done.is_empty());
+    bench.receive(&[0x88]);
+    assert_eq!(bench.ask("M1"), [""; 0]);
+    assert_eq!(bench.machine.state, State::HoldComplete);
+    assert_eq!(bench.answer("~"), ["ok"]);
+    bench.receive(&[0x88]);
+    assert_eq!(bench.ask("M1"), ["ok"]);
+}

@@ -205,7 +205,7 @@ fn new_settings_reach_the_machine_before_the_next_line() {
 fn a_sender_that_does_not_read_loses_nothing() {
     let mut bench = Bench::new();
     bench.is_deaf = true;
-    bench.receive(b"$$\n$#\n?$G\nG99\n");
+    bench.receive(b"$$\n$#\n?$G\nG33\n");
     bench.settle();
     bench.receive(b"?");
     bench.is_deaf = false;

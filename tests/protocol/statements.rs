@@ -105,9 +105,9 @@ fn startup_lines_are_executed_before_they_are_stored() {
 #[test]
 fn a_startup_line_that_has_become_wrong_says_so() {
     let mut stored = Stored::default();
-    stored.startup[0] = StoredLine::from_slice(b"G99").unwrap();
+    stored.startup[0] = StoredLine::from_slice(b"G33").unwrap();
     let mut bench = Bench::booting_with(&stored, false);
-    assert_eq!(bench.serve(), [WELCOME[0], WELCOME[1], ">G99:error:20"]);
+    assert_eq!(bench.serve(), [WELCOME[0], WELCOME[1], ">G33:error:20"]);
     assert_eq!(bench.ask("G0X1"), ["ok"]);
 }
 

@@ -7,10 +7,10 @@ use crate::{
     axis::Axes,
     decimal::Decimal,
     gcode::{
-        AxisCommand, FeedMode, LineError, MAX_LINE_NUMBER, Modal, MotionMode, NonModal, ParsedLine,
-        PlainPrefix, ToolLength, Units, Word, Words,
+        AxisCommand, FeedMode, Flow, LineError, MAX_LINE_NUMBER, Modal, MotionMode, NonModal,
+        ParsedLine, PlainPrefix, SwitchedOverride, ToolLength, Units, Word, Words,
     },
-    model::{Laser, PathControl},
+    model::{Laser, OverrideSwitches, PathControl},
     settings::Settings,
     units::{Nm, StepsPerMm},
 };
@@ -32,7 +32,7 @@ pub(super) fn check(
     let parsed = parse(state, prefix, line, kind)?;
     let mut unused = parsed.words;
     let mut checked = unchanged(state, kind, &parsed);
-    check_modes(state, &parsed, &mut unused, &mut checked)?;
+    check_modes(state, settings, &parsed, &mut unused, &mut checked)?;
     check_non_modal(state, &parsed, &mut unused, &mut checked)?;
     check_motion(state, &parsed, &mut unused, &mut checked)?;
     check_words(kind, &parsed, unused)?;
@@ -54,6 +54,9 @@ fn parse(
         LineKind::Program => ParsedLine::new(&state.modal),
         LineKind::Jog => ParsedLine::jog(&state.modal),
     };
+    if kind == LineKind::Program && is_program_mark(line) {
+        return Ok(parsed);
+    }
     parsed.add_plain(prefix);
     parsed.read(prefix.rest_of(line))?;
     if parsed.line > MAX_LINE_NUMBER {
@@ -62,13 +65,27 @@ fn parse(
     Ok(parsed)
 }
 
+/// Whether a line only begins or ends a program, or tells its number: `%`, `O1234`, `:1234`.
+fn is_program_mark(line: &[u8]) -> bool {
+    let is_number = |digits: &[u8]| !digits.is_empty() && digits.iter().all(u8::is_ascii_digit);
+    match line {
+        b"%" => true,
+        [b'O' | b':', digits @ ..] => is_number(digits),
+        _ => false,
+    }
+}
+
 /// The line's modes and values, without a command.
 fn unchanged(state: &Interpreter, kind: LineKind, parsed: &ParsedLine) -> Checked {
     Checked {
         kind,
         modal: parsed.modal,
         action: Action::None,
-        flow: parsed.flow,
+        flow: match parsed.flow {
+            Flow::OptionalPause if state.stops_optionally => Flow::Pause,
+            Flow::OptionalPause => Flow::Run,
+            flow => flow,
+        },
         axes: parsed.axes,
         spindle: None,
         power: Laser::None,
@@ -85,6 +102,7 @@ fn unchanged(state: &Interpreter, kind: LineKind, parsed: &ParsedLine) -> Checke
 /// Feed, path tolerance, dwell and tool length.
 fn check_modes(
     state: &Interpreter,
+    settings: &Settings,
     parsed: &ParsedLine,
     unused: &mut Words,
     checked: &mut Checked,
@@ -97,12 +115,15 @@ fn check_modes(
         checked.modal.feed_units = parsed.modal.units;
     }
     if parsed.has_path_tolerance() {
-        checked.modal.path = path_tolerance(parsed)?;
+        checked.modal.path = path_tolerance(parsed, settings)?;
     }
     if parsed.non_modal == NonModal::Dwell {
         checked.action = dwell(parsed, unused)?;
     }
-    if parsed.axis_command == AxisCommand::ToolLength {
+    if let Some(switched) = parsed.switched {
+        switch_override(switched, parsed, unused, &mut checked.modal.overrides);
+    }
+    if parsed.has_tool_length() {
         checked.tool = tool_offset(state, parsed)?;
     }
     Ok(())
@@ -173,6 +194,22 @@ fn feed(parsed: &ParsedLine, before: &Modal) -> Result<f32, LineError> {
     }
 }
 
+/// `M50`, `M51`, `M53`: `P0` switches the override off, any other `P` and none switch it on.
+fn switch_override(
+    switched: SwitchedOverride,
+    parsed: &ParsedLine,
+    unused: &mut Words,
+    switches: &mut OverrideSwitches,
+) {
+    let is_on = !parsed.words.contains(Word::P) || !parsed.p.is_zero();
+    unused.remove(Word::P);
+    match switched {
+        SwitchedOverride::Feed => switches.feed = is_on,
+        SwitchedOverride::Spindle => switches.spindle = is_on,
+        SwitchedOverride::FeedStop => {}
+    }
+}
+
 /// `G4`: the `P` word, in seconds.
 fn dwell(parsed: &ParsedLine, unused: &mut Words) -> Result<Action, LineError> {
     if !unused.contains(Word::P) {
@@ -184,8 +221,9 @@ fn dwell(parsed: &ParsedLine, unused: &mut Words) -> Result<Action, LineError> {
         .map_err(|_| LineError::ValueOutOfRange)
 }
 
-/// `G64`: the tolerances of the path, `P`, and of short lines, `Q`, which is `P` without the word.
-fn path_tolerance(parsed: &ParsedLine) -> Result<PathControl, LineError> {
+/// `G64`: the tolerances of the path, `P`, and of short lines, `Q`, which is `P` without the word. Without
+/// a `P`, or with 0, the path keeps to `$785` and no lines are merged.
+fn path_tolerance(parsed: &ParsedLine, settings: &Settings) -> Result<PathControl, LineError> {
     let distance_nm = |number: Decimal| {
         let Nm(nm) = parsed.length(number);
         u32::try_from(nm).map_err(|_| LineError::ValueOutOfRange)
@@ -196,8 +234,12 @@ fn path_tolerance(parsed: &ParsedLine) -> Result<PathControl, LineError> {
     } else {
         tolerance_nm
     };
+    let default_nm = Nm::from_mm(settings.path_tolerance_mm).0;
     Ok(PathControl::Continuous {
-        tolerance_nm,
+        tolerance_nm: match tolerance_nm {
+            0 => u32::try_from(default_nm).unwrap_or(u32::MAX),
+            tolerance_nm => tolerance_nm,
+        },
         merging_nm,
     })
 }
@@ -357,6 +399,7 @@ fn changes_state(state: &Interpreter, checked: &Checked) -> bool {
     let (before, after) = (&state.modal, &checked.modal);
     checked.spindle.is_some()
         || before.coolant != after.coolant
+        || before.overrides != after.overrides
         || before.coordinates != after.coordinates
         || state.offsets.tool != checked.tool
 }

@@ -4,7 +4,10 @@ use super::{Action, Checked, Interpreter, LineKind, Message, Move, Outcome, chec
 use crate::{
     axis::{Axes, Z},
     gcode::{Distance, FeedMode, Flow, Modal, MotionMode, ProbeMode, StoredPosition, Units},
-    model::{Command, Coolant, FeedRate, Laser, Plane, Probing, Spindle, Target, WorkCoordinates},
+    model::{
+        Command, Coolant, FeedRate, Laser, OverrideSwitches, Plane, Probing, Spindle, Target,
+        WorkCoordinates,
+    },
     units::Nm,
 };
 
@@ -56,6 +59,9 @@ fn add_switching(state: &Interpreter, checked: &Checked, outcome: &mut Outcome) 
     }
     if state.modal.coolant != checked.modal.coolant {
         outcome.add(Command::Coolant(checked.modal.coolant));
+    }
+    if state.modal.overrides != checked.modal.overrides {
+        outcome.add(Command::Overrides(checked.modal.overrides));
     }
 }
 
@@ -191,7 +197,7 @@ fn line(target: Target, feed_rate: FeedRate, checked: &Checked) -> Command {
 /// Program pause and program end. `F`, `S`, `T`, the unit, `G92` and the tool length stay.
 fn end_line(state: &mut Interpreter, flow: Flow, outcome: &mut Outcome) {
     match flow {
-        Flow::Run => {}
+        Flow::Run | Flow::OptionalPause => {}
         Flow::Pause => outcome.add(Command::Pause),
         Flow::End => {
             // Every mode, so that a new one is reset or named here as one that stays.
@@ -201,6 +207,8 @@ fn end_line(state: &mut Interpreter, flow: Flow, outcome: &mut Outcome) {
                 units: _,
                 distance,
                 arc_distance: _,
+                retract: _,
+                overrides,
                 plane,
                 tool_length: _,
                 coordinates,
@@ -217,6 +225,7 @@ fn end_line(state: &mut Interpreter, flow: Flow, outcome: &mut Outcome) {
             *distance = Distance::default();
             *feed_mode = FeedMode::default();
             *coordinates = WorkCoordinates::default();
+            *overrides = OverrideSwitches::ALL;
             *spindle = Spindle::Off;
             *coolant = Coolant::default();
             outcome.add(Command::Spindle {

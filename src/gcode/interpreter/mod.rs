@@ -27,9 +27,9 @@ use crate::{
     units::{MicroDegrees, Nm},
 };
 
-/// Most commands of one line: spindle, coolant, laser power, two moves (or a dwell and a move), and
-/// at program end spindle and coolant again.
-pub const COMMANDS: usize = 7;
+/// Most commands of one line: spindle, coolant, overrides, laser power, two moves (or a dwell and a
+/// move), and at program end spindle and coolant again.
+pub const COMMANDS: usize = 8;
 
 /// The state that G-code lines change.
 #[derive(Debug, Clone, PartialEq)]
@@ -41,6 +41,8 @@ pub struct Interpreter {
     position: Axes<Nm>,
     /// The position in Grbl's single precision, mm: see [`Target::single_mm`].
     single_mm: Axes<f32>,
+    /// `M1` is a program pause.
+    stops_optionally: bool,
     /// The work position under rotation: exact, so that incremental moves do not drift.
     work_position: Axes<Nm>,
 }
@@ -204,6 +206,7 @@ impl Interpreter {
             frame: Frame::MACHINE,
             position: Axes::all(Nm(0)),
             single_mm: Axes::all(0.0),
+            stops_optionally: false,
             work_position: Axes::all(Nm(0)),
         }
     }
@@ -331,6 +334,11 @@ impl Interpreter {
         if !self.frame.rotation.is_none() {
             self.work_position = self.frame.work_position(&self.position);
         }
+    }
+
+    /// Makes `M1` a program pause, or nothing.
+    pub fn set_optional_stop(&mut self, is_on: bool) {
+        self.stops_optionally = is_on;
     }
 
     /// Replaces the coolant's state, which has been switched by an override.

@@ -6,8 +6,6 @@ use core::sync::atomic::{
     compiler_fence,
 };
 
-use crate::model::Override;
-
 /// Overrides that may wait: more than the bytes of 1 ms at 115 200 baud (11.5). `prepare` runs
 /// after each override. An override that finds no room is dropped.
 pub const OVERRIDES: usize = 16;
@@ -46,16 +44,16 @@ impl OverrideRing {
         }
     }
 
-    pub(super) fn dequeue(&self) -> Option<Override> {
+    pub(super) fn dequeue(&self) -> Option<u8> {
         let number = self.read.load(Relaxed);
         if number == self.written.load(Relaxed) {
             return None;
         }
         compiler_fence(SeqCst);
         let byte = self.bytes.get(number as usize % OVERRIDES)?;
-        let command = Override::from_byte(byte.load(Relaxed));
+        let byte = byte.load(Relaxed);
         compiler_fence(SeqCst);
         self.read.store(number.wrapping_add(1), Relaxed);
-        command
+        Some(byte)
     }
 }

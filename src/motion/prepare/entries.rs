@@ -34,6 +34,7 @@ impl Motion {
             | Work::Probe(..)
             | Work::Spindle(..)
             | Work::Coolant(_)
+            | Work::Overrides(_)
             | Work::Pause
             | Work::Unlock
             | Work::Home(_)
@@ -109,6 +110,7 @@ impl Motion {
             }
             Work::Spindle(spindle, rpm) => self.accessories.set_spindle(*spindle, *rpm),
             Work::Coolant(coolant) => self.accessories.set_coolant(*coolant),
+            Work::Overrides(switches) => self.switch_overrides(*switches),
             Work::Unlock => self.transition(Event::Unlock),
             Work::Check => self.transition(Event::Check),
             Work::Sleep => self.sleep(),

@@ -3,7 +3,7 @@
 use super::{Activity, Motion};
 use crate::{
     machine::{Control, Effect, Event},
-    model::{Alarm, Notice, OVERRIDES, Override, Overrides, Requests, State},
+    model::{Alarm, Notice, OVERRIDES, Override, OverrideSwitches, Overrides, Requests, State},
     stepper::SegmentRing,
 };
 
@@ -52,13 +52,15 @@ impl Motion {
         let before = self.accessories.overrides();
         // wcet-bound: 16
         for taken in 0..OVERRIDES {
-            let Some(command) = requests.take_override() else {
+            let Some(byte) = requests.take_override() else {
                 if taken != 0 {
                     self.replan_after_override(before);
                 }
                 return;
             };
-            self.apply_override(command);
+            if let Some(command) = Override::from_byte(byte) {
+                self.apply_override(command);
+            }
         }
         self.replan_after_override(before);
     }
@@ -78,7 +80,8 @@ impl Motion {
             Override::Flood if self.has_coolant_keys() => self.accessories.toggle_flood(),
             Override::Mist if self.has_coolant_keys() => self.accessories.toggle_mist(),
             Override::Flood | Override::Mist => {}
-            Override::FeedReset
+            Override::OptionalStop
+            | Override::FeedReset
             | Override::FeedMore
             | Override::FeedLess
             | Override::FeedFineMore
@@ -104,6 +107,13 @@ impl Motion {
         // The end of a program that is only checked shows nothing, as in Grbl.
         let is_shown = self.control.state != State::Check;
         self.accessories.reset_overrides(is_shown);
+        self.replan_after_override(before);
+    }
+
+    /// Allows some overrides, and no others.
+    pub(super) fn switch_overrides(&mut self, switches: OverrideSwitches) {
+        let before = self.accessories.overrides();
+        self.accessories.switch_overrides(switches);
         self.replan_after_override(before);
     }
 

@@ -127,6 +127,8 @@ impl Session {
             self.line.checked = Checked::default();
             return self.await_standstill();
         }
+        self.interpreter
+            .set_optional_stop(machine.overrides.optional_stop);
         let text = self.line.input.text().unwrap_or_default();
         let line = match self.line.source {
             Source::Line => text,
@@ -242,6 +244,7 @@ impl Session {
                 | Command::Dwell { .. }
                 | Command::Spindle { .. }
                 | Command::Coolant(_)
+                | Command::Overrides(_)
                 | Command::Pause => {}
             }
             leaves

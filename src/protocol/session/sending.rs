@@ -139,6 +139,7 @@ impl Session {
             | Command::Dwell { .. }
             | Command::Spindle { .. }
             | Command::Coolant(_)
+            | Command::Overrides(_)
             | Command::Pause => None,
         }
     }
@@ -218,6 +219,7 @@ fn enqueue(
         | Command::Dwell { .. }
         | Command::Spindle { .. }
         | Command::Coolant(_)
+        | Command::Overrides(_)
         | Command::Pause => enqueue_other(router, command, reset_count, entries),
     }
 }
@@ -266,6 +268,7 @@ fn is_blended(control: PathControl, command: &Command) -> bool {
             | Command::Dwell { .. }
             | Command::Spindle { .. }
             | Command::Coolant(_)
+            | Command::Overrides(_)
             | Command::Pause,
         ) => false,
     }

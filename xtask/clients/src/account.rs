@@ -467,7 +467,7 @@ mod tests {
 
     #[test]
     fn a_misplaced_answer_is_a_fault() {
-        let exchange = [">G0\nG99 (error:20)\n", "<error:20", "<ok"];
+        let exchange = [">G0\nG33 (error:20)\n", "<error:20", "<ok"];
         assert_eq!(faults(&exchange).len(), 2);
         assert_eq!(faults(&[">G0\n$G\n", "<[GC:G0]", "<ok", "<ok"]).len(), 2);
     }

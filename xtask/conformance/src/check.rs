@@ -288,7 +288,7 @@ mod tests {
         assert_eq!(found[0].1, None);
         let refused = Row::read(&ROW.replace("ok", "error:20")).unwrap();
         ours.response = "error:20".into();
-        let found = ours.differences(&refused, "T5G99");
+        let found = ours.differences(&refused, "T5G33");
         assert_eq!(found[0].1, Some(Deviation::ToolIsModal));
         let mut ours = theirs.clone();
         ours.feed = 2540.0;

@@ -57,11 +57,19 @@ pub(crate) enum Deviation {
     Dwells,
     /// D45.
     FeedUnits,
+    /// D46.
+    WorkCoordinates,
+    /// D47.
+    AxisWordsAfterG80,
+    /// D48.
+    ProgramHabits,
+    /// D49.
+    ToolOffsets,
 }
 
 impl Deviation {
     /// Every one, in the order of their names.
-    pub(crate) const ALL: [Self; 34] = [
+    pub(crate) const ALL: [Self; 38] = [
         Self::Buffers,
         Self::LongLines,
         Self::ExactPositions,
@@ -96,6 +104,10 @@ impl Deviation {
         Self::Digits,
         Self::Dwells,
         Self::FeedUnits,
+        Self::WorkCoordinates,
+        Self::AxisWordsAfterG80,
+        Self::ProgramHabits,
+        Self::ToolOffsets,
     ];
 
     /// Its short name.
@@ -135,6 +147,10 @@ impl Deviation {
             Self::Digits => "D43",
             Self::Dwells => "D44",
             Self::FeedUnits => "D45",
+            Self::WorkCoordinates => "D46",
+            Self::AxisWordsAfterG80 => "D47",
+            Self::ProgramHabits => "D48",
+            Self::ToolOffsets => "D49",
         }
     }
 
@@ -157,7 +173,11 @@ impl Deviation {
             | Self::ArcTurns
             | Self::Mist
             | Self::PathControl
-            | Self::Digits => true,
+            | Self::Digits
+            | Self::WorkCoordinates
+            | Self::AxisWordsAfterG80
+            | Self::ProgramHabits
+            | Self::ToolOffsets => true,
             Self::Buffers
             | Self::ExactPositions
             | Self::ToolIsModal
@@ -225,6 +245,12 @@ impl Deviation {
             Self::Digits => "every digit of a number counts, not the first eight",
             Self::Dwells => "a dwell of more than 49 days is refused",
             Self::FeedUnits => "F is in the units of the line, also when G94 follows G93",
+            Self::WorkCoordinates => {
+                "there are G59.1 to G59.3, G52, G90.1, G92.2, G92.3 and `G10 L2 R`"
+            }
+            Self::AxisWordsAfterG80 => "axis words after G80 belong to the command that uses them",
+            Self::ProgramHabits => "what post-processors write besides motion is read",
+            Self::ToolOffsets => "the tool length offset is a vector",
             Self::NoPause => "no pause for the drivers ($1) at the end of a motion, or at a reset",
         }
     }
@@ -294,6 +320,16 @@ impl Deviation {
                 "a line that has a number of more than eight digits, and what follows in a table"
             }
             Self::Dwells => "`error:39` for `ok`, to a `G4`",
+            Self::WorkCoordinates => {
+                "an answer other than Grbl's to a line with one of these, which it refuses; `error:28` to a `G10` without P"
+            }
+            Self::AxisWordsAfterG80 => {
+                "an answer other than `error:31` to a line with G10, G28, G30, G92 or G43.1"
+            }
+            Self::ProgramHabits => {
+                "an answer other than `error:20` or `error:21` to a line with G50, G80, G97, G98, G99, M48 to M51 or M53; other than `error:24` to G0 or G1 beside G28 or G30, and to G49; other than Grbl's to `%`, `O1234` and `:1234`"
+            }
+            Self::ToolOffsets => "an answer other than `error:37` to a G43.1",
             Self::FeedUnits => "an F in a table that is 25.4 times Grbl's",
             Self::PathControl => {
                 "an answer other than Grbl's to a line with `G61.1` or `G64`, which it refuses; and \
@@ -321,6 +357,12 @@ pub(crate) fn of_answers(code: &str, ours: &str, theirs: &str) -> Option<Deviati
     if is_refused && ours != theirs && is_answer && has_path_control(code) {
         return Some(Deviation::PathControl);
     }
+    if is_answer
+        && ours != theirs
+        && let Some(deviation) = of_programs(code, theirs)
+    {
+        return Some(deviation);
+    }
     if theirs == "ok" && ours == "error:39" && has_word(code, 'G', &[4.0]) {
         return Some(Deviation::Dwells);
     }
@@ -330,6 +372,42 @@ pub(crate) fn of_answers(code: &str, ours: &str, theirs: &str) -> Option<Deviati
     let is_arc = code.contains(['I', 'J', 'K', 'R']) && !code.starts_with('$');
     let has_turns = is_arc && code.contains('P') && ["ok", "error:23", "error:39"].contains(&ours);
     (theirs == "error:36" && has_turns).then_some(Deviation::ArcTurns)
+}
+
+/// Why a line may have another answer that is written as for LinuxCNC or by a post-processor.
+fn of_programs(code: &str, theirs: &str) -> Option<Deviation> {
+    let has_g = |numbers: &[f64]| has_word(code, 'G', numbers);
+    let has_origin = has_g(&[10.0]);
+    let is_coordinates = match theirs {
+        "error:20" | "error:23" => {
+            has_g(&[52.0, 59.1, 59.2, 59.3, 90.1, 92.2, 92.3]) || has_origin && code.contains('R')
+        }
+        "error:26" => has_origin && code.contains('R'),
+        "error:29" => has_origin && has_word(code, 'P', &[7.0, 8.0, 9.0]),
+        "ok" => has_origin && !code.contains('P'),
+        _ => false,
+    };
+    if is_coordinates {
+        return Some(Deviation::WorkCoordinates);
+    }
+    if theirs == "error:31" && has_g(&[10.0, 28.0, 30.0, 43.1, 92.0]) {
+        return Some(Deviation::AxisWordsAfterG80);
+    }
+    if theirs == "error:37" && has_g(&[43.1]) {
+        return Some(Deviation::ToolOffsets);
+    }
+    let digits = code.strip_prefix(['O', ':']).unwrap_or_default();
+    let is_mark =
+        code == "%" || !digits.is_empty() && digits.bytes().all(|byte| byte.is_ascii_digit());
+    let is_habit = match theirs {
+        "error:20" => {
+            has_g(&[50.0, 97.0, 98.0, 99.0]) || has_word(code, 'M', &[48.0, 49.0, 50.0, 51.0, 53.0])
+        }
+        "error:21" => has_g(&[80.0]),
+        "error:24" => has_g(&[49.0]) || has_g(&[0.0, 1.0]) && has_g(&[28.0, 30.0]),
+        _ => false,
+    };
+    (is_habit || is_mark && theirs.starts_with("error:")).then_some(Deviation::ProgramHabits)
 }
 
 /// Digits of a number that Grbl reads.
@@ -406,6 +484,51 @@ mod tests {
         let dwells = Some(Deviation::Dwells);
         assert_eq!(of_answers("G4P9999999", "error:39", "ok"), dwells);
         assert_eq!(of_answers("G64P9999999", "error:39", "ok"), None);
+    }
+
+    #[test]
+    fn programs_for_other_machines_differ_for_a_reason_only() {
+        for (line, ours, theirs, expected) in [
+            (
+                "G10L2P1R30",
+                "ok",
+                "error:26",
+                Some(Deviation::WorkCoordinates),
+            ),
+            (
+                "G10L2P8X1",
+                "ok",
+                "error:29",
+                Some(Deviation::WorkCoordinates),
+            ),
+            ("G10L2P1X1", "ok", "error:29", None),
+            (
+                "G10L2X1",
+                "error:28",
+                "ok",
+                Some(Deviation::WorkCoordinates),
+            ),
+            ("G59.2", "ok", "error:23", Some(Deviation::WorkCoordinates)),
+            ("G59", "ok", "error:23", None),
+            (
+                "G28X1",
+                "ok",
+                "error:31",
+                Some(Deviation::AxisWordsAfterG80),
+            ),
+            ("X1", "ok", "error:31", None),
+            ("G43.1X1", "ok", "error:37", Some(Deviation::ToolOffsets)),
+            ("G98", "ok", "error:20", Some(Deviation::ProgramHabits)),
+            ("G0G80", "ok", "error:21", Some(Deviation::ProgramHabits)),
+            ("G0G1", "ok", "error:21", None),
+            ("G0G28X1", "ok", "error:24", Some(Deviation::ProgramHabits)),
+            ("G0G92X1", "ok", "error:24", None),
+            ("O1234", "ok", "error:20", Some(Deviation::ProgramHabits)),
+            ("O12SUB", "ok", "error:20", None),
+            ("M60", "ok", "error:20", None),
+        ] {
+            assert_eq!(of_answers(line, ours, theirs), expected, "{line}");
+        }
     }
 
     #[test]

@@ -280,7 +280,7 @@ mod tests {
         let replayed = replayed(
             r#"{"id": "a", "note": "mine", "settings_set": "fast", "extra_settings": ["$13=0"],
                 "transcript": [{"boot": true}, {"line": "G91 X1", "t": 0.0, "recv": ["no"]},
-                {"idle": 2, "t": 0.1}, {"line": "G99", "t": 1}]}"#,
+                {"idle": 2, "t": 0.1}, {"line": "G33", "t": 1}]}"#,
         );
         let json = replayed.to_json().unwrap();
         assert_eq!(json["note"], "mine");

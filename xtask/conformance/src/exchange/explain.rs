@@ -72,7 +72,8 @@ impl<'a> Judge<'a> {
                 Pair::Both(i, j) | Pair::Changed(i, j) => {
                     let (our, their) = (&ours[i], &theirs[j]);
                     let text = format!("`{}`, Grbl `{}`", our.text, their.text);
-                    let reason = self.changed(our, their);
+                    let answers = theirs[..j].iter().filter(|heard| heard.is_answer());
+                    let reason = self.changed(our, their, answers.count());
                     ("line", their.step, text, reason)
                 }
                 Pair::Ours(i, _) => {
@@ -207,9 +208,20 @@ impl<'a> Judge<'a> {
         String::from_utf8_lossy(&code).into_owned()
     }
 
-    /// Another text in the same place.
-    fn changed(&self, our: &Heard, their: &Heard) -> Option<Deviation> {
-        let line = self.line_of(their.step);
+    /// The line that an answer belongs to, where several were sent at once: each has one answer.
+    fn answered(&self, answers_before: usize) -> String {
+        let steps = self.exchange.session.steps().enumerate();
+        let mut sent = steps.filter(|(_, step)| step.line.is_some());
+        sent.nth(answers_before)
+            .map_or(String::new(), |(step, _)| self.line_of(step))
+    }
+
+    /// Another text in the same place, after a number of answers.
+    fn changed(&self, our: &Heard, their: &Heard, answers_before: usize) -> Option<Deviation> {
+        let mut line = self.line_of(their.step);
+        if line.is_empty() && their.is_answer() {
+            line = self.answered(answers_before);
+        }
         let their_ok = their.text == "ok";
         if is_build_options(&our.text, &their.text) {
             return Some(Deviation::Buffers);

@@ -98,6 +98,7 @@ impl Programmed {
             Command::Dwell { .. }
             | Command::Spindle { .. }
             | Command::Coolant(_)
+            | Command::Overrides(_)
             | Command::Pause => {
                 self.is_stop = true;
                 None

@@ -70,7 +70,7 @@ pub(super) fn talk(driver: &mut Driver, step_rate_hz: u32) -> Result<()> {
             "$N0=",
             "G1X1Y",
             "Q",
-            "G99",
+            "G33",
             "$999=1",
             "$100=-1",
             long.as_str(),
