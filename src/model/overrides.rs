@@ -70,8 +70,7 @@ impl Override {
         Self::Mist,
     ];
 
-    /// Returns whether a byte may be such a command: [`Self::from_byte`] knows, this takes few
-    /// instructions.
+    /// Returns whether a byte may be such a command, which [`Self::from_byte`] knows.
     #[inline(always)]
     #[expect(
         clippy::inline_always,

@@ -30,8 +30,8 @@ fn verbs(table: &str) -> Vec<(&str, &str)> {
         .collect()
 }
 
-/// The options that the fields of a struct declare with clap, the struct being what a text begins
-/// with.
+/// The options that the fields of a struct declare with clap, or that a function adds to a command; a
+/// text begins with the one or the other.
 fn options(text: &str) -> BTreeSet<String> {
     let mut options = BTreeSet::new();
     let body = text.split("\n}").next().unwrap_or_default();
@@ -48,6 +48,8 @@ fn options(text: &str) -> BTreeSet<String> {
         let field = field.split_whitespace().last().unwrap_or_default();
         options.insert(named.unwrap_or_else(|| field.replace('_', "-")));
     }
+    let built = body.split(".long(\"").skip(1);
+    options.extend(built.filter_map(|name| Some(name.split_once('"')?.0.to_owned())));
     options
 }
 
@@ -58,7 +60,12 @@ fn commands(table: &str, sources: &[(String, String)]) -> Commands {
         let line = format!("/// {about}\n");
         let mut declared = sources.iter().filter_map(|(_, source)| {
             let (_, rest) = source.split_once(&line)?;
-            Some(rest.split_once("struct Options {")?.1)
+            let derived = rest.split_once("struct Options {");
+            Some(
+                derived
+                    .or_else(|| rest.split_once("fn command() -> Command {"))?
+                    .1,
+            )
         });
         declared.next()
     };
