@@ -21,7 +21,7 @@ pub(crate) struct Verb {
 }
 
 /// Every command.
-pub(crate) const VERBS: [Verb; 13] = [
+pub(crate) const VERBS: [Verb; 14] = [
     verb(
         "bench",
         tools::TARGET,
@@ -67,6 +67,11 @@ pub(crate) const VERBS: [Verb; 13] = [
         "schedule",
         tools::SCHEDULE,
         "Prove from the machine code that every task meets its deadline",
+    ),
+    verb(
+        "settings",
+        tools::SETTINGS,
+        "Save the settings of a machine, compare them with a file, or load them",
     ),
     verb(
         "sim",

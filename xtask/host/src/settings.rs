@@ -4,7 +4,7 @@ mod combine;
 mod dump;
 mod refused;
 
-pub use combine::{Combined, Refused, combine};
+pub use combine::{Combined, Refused, combine, last_of_each};
 pub use dump::{Dump, Entry};
 pub use refused::name;
 

@@ -38,13 +38,8 @@ struct Attempt {
 /// # Errors
 /// Every entry that does not go with the others.
 pub fn combine(start: &Settings, entries: &[Entry]) -> Result<Combined, Vec<Refused>> {
-    let is_last = |(index, entry): &(usize, &Entry)| {
-        let later = &entries[index + 1..];
-        later.iter().all(|other| other.number != entry.number)
-    };
-    let last = entries.iter().enumerate().filter(is_last);
-    let (pulse, others): (Vec<_>, Vec<_>) = last
-        .map(|(_, entry)| entry.clone())
+    let (pulse, others): (Vec<_>, Vec<_>) = last_of_each(entries)
+        .into_iter()
         .partition(|entry| entry.number == STEP_PULSE);
     // A shorter pulse makes room for what follows; a longer one, once others have been lowered.
     let first = attempt(start, [&pulse[..], &others].concat());
@@ -56,6 +51,16 @@ pub fn combine(start: &Settings, entries: &[Entry]) -> Result<Combined, Vec<Refu
         return Ok(second.into_combined());
     }
     Err(first.explain())
+}
+
+/// The entries of which no later one has the number.
+pub fn last_of_each(entries: &[Entry]) -> Vec<Entry> {
+    let is_last = |(index, entry): &(usize, &Entry)| {
+        let later = &entries[index + 1..];
+        later.iter().all(|other| other.number != entry.number)
+    };
+    let last = entries.iter().enumerate().filter(is_last);
+    last.map(|(_, entry)| entry.clone()).collect()
 }
 
 /// Makes changes as long as one more is accepted, and checks each once more beside all others.

@@ -76,7 +76,7 @@ impl Dump {
 
     /// The list of other machines' settings, to read; none without any.
     pub fn left_out(&self) -> Option<String> {
-        let names = in_ranges(&self.others).join(", ");
+        let names = Self::in_ranges(&self.others).join(", ");
         match self.others.len() {
             0 => None,
             1 => Some(format!(
@@ -86,6 +86,20 @@ impl Dump {
                 "{count} settings that this machine does not have: {names}"
             )),
         }
+    }
+
+    /// Names with each row of numbers as one: `$14`, `$33-$36`.
+    pub fn in_ranges(names: &[String]) -> Vec<String> {
+        let number = |name: &String| name.strip_prefix('$')?.parse::<u32>().ok();
+        let mut numbers: Vec<u32> = names.iter().filter_map(number).collect();
+        numbers.sort_unstable();
+        let rows = numbers.chunk_by(|a, b| a + 1 == *b);
+        let rows = rows.flat_map(|row| match row {
+            [first, _, .., last] => vec![format!("${first}-${last}")],
+            few => few.iter().map(|number| format!("${number}")).collect(),
+        });
+        let words = names.iter().filter(|name| number(name).is_none()).cloned();
+        rows.chain(words).collect()
     }
 }
 
@@ -143,20 +157,6 @@ fn is_around_settings(text: &str) -> bool {
 fn is_named(name: &str) -> bool {
     let startup = name.strip_prefix('N').unwrap_or_default();
     name.contains('/') || (startup.len() == 1 && startup.bytes().all(|byte| byte.is_ascii_digit()))
-}
-
-/// Names with each row of numbers as one: `$14`, `$33-$36`.
-fn in_ranges(names: &[String]) -> Vec<String> {
-    let number = |name: &String| name.strip_prefix('$')?.parse::<u32>().ok();
-    let mut numbers: Vec<u32> = names.iter().filter_map(number).collect();
-    numbers.sort_unstable();
-    let rows = numbers.chunk_by(|a, b| a + 1 == *b);
-    let rows = rows.flat_map(|row| match row {
-        [first, _, .., last] => vec![format!("${first}-${last}")],
-        few => few.iter().map(|number| format!("${number}")).collect(),
-    });
-    let words = names.iter().filter(|name| number(name).is_none()).cloned();
-    rows.chain(words).collect()
 }
 
 #[cfg(test)]

@@ -1,0 +1,327 @@
+//! The command as it is typed, at the simulator behind a TCP port and a serial device.
+
+use std::{
+    env, fs,
+    io::{BufRead as _, BufReader, Read as _, Write as _},
+    net::{TcpListener, TcpStream},
+    path::{Path, PathBuf},
+    process::{self, Child, Command, Stdio},
+    thread,
+    time::{Duration, Instant},
+};
+
+use common::tools;
+use rustix::{
+    fs::FlockOperation,
+    process::{Pid, Signal},
+};
+
+/// A folder that goes when it is dropped.
+struct Folder(PathBuf);
+
+impl Folder {
+    fn new(name: &str) -> Self {
+        let folder = env::temp_dir().join(format!("leadscrew-{name}-{}", process::id()));
+        fs::create_dir_all(&folder).unwrap();
+        Self(folder)
+    }
+
+    fn file(&self, name: &str, text: &str) -> String {
+        let path = self.path(name);
+        fs::write(&path, text).unwrap();
+        path
+    }
+
+    fn path(&self, name: &str) -> String {
+        self.0.join(name).to_str().unwrap().into()
+    }
+}
+
+impl Drop for Folder {
+    fn drop(&mut self) {
+        let _ = fs::remove_dir_all(&self.0);
+    }
+}
+
+/// The simulator in real time.
+struct Simulator {
+    process: Child,
+    /// `tcp://127.0.0.1:2323`, or the device.
+    place: String,
+}
+
+impl Simulator {
+    fn start(arguments: &[&str]) -> Self {
+        let mut process = tools::command(tools::SIM)
+            .unwrap()
+            .args(arguments)
+            .stdin(Stdio::null())
+            .stdout(Stdio::null())
+            .stderr(Stdio::piped())
+            .spawn()
+            .unwrap();
+        let mut messages = BufReader::new(process.stderr.take().unwrap());
+        let mut line = String::new();
+        while !line.contains("Serving") {
+            line.clear();
+            let length = messages.read_line(&mut line).unwrap();
+            assert!(length > 0, "the simulator has ended");
+        }
+        // It goes on writing, and nobody may be missing then.
+        thread::spawn(move || messages.read_to_end(&mut Vec::new()));
+        let place = line.split_whitespace().nth(1).unwrap().into();
+        Self { process, place }
+    }
+
+    /// At a free TCP port; also gives its address.
+    fn tcp(arguments: &[&str]) -> (Self, String) {
+        let simulator = Self::start(&[&["--tcp", "127.0.0.1:0"], arguments].concat());
+        let address = simulator.place.strip_prefix("tcp://").unwrap().into();
+        (simulator, address)
+    }
+}
+
+impl Drop for Simulator {
+    fn drop(&mut self) {
+        // As Ctrl-C would: it takes its link away.
+        if let Some(id) = Pid::from_raw(self.process.id().cast_signed()) {
+            let _ = rustix::process::kill_process(id, Signal::TERM);
+        }
+        let _ = self.process.wait();
+    }
+}
+
+/// Whether a command succeeds, what it prints, and what it says.
+fn settings(arguments: &[&str]) -> (bool, String, String) {
+    let output = Command::new(env!("CARGO_BIN_EXE_settings"))
+        .args(arguments)
+        .output()
+        .unwrap();
+    let text = |bytes| String::from_utf8(bytes).unwrap();
+    let is_success = output.status.success();
+    (is_success, text(output.stdout), text(output.stderr))
+}
+
+/// A command that succeeds: what it prints.
+fn done(arguments: &[&str]) -> String {
+    let (is_success, printed, said) = settings(arguments);
+    assert!(is_success, "{said}");
+    printed
+}
+
+/// A command that fails: what it says.
+fn failed(arguments: &[&str]) -> String {
+    let (is_success, _, said) = settings(arguments);
+    assert!(!is_success, "{said}");
+    said
+}
+
+const CHANGED: &str =
+    "Grbl 1.1h ['$' for help]\n$20=1\n$22=1\n$110=20000.000\n$100=250\n$0=3\n$14=7\nok\n";
+
+#[test]
+fn settings_are_loaded_in_an_order_that_works_and_compared_and_saved() {
+    let folder = Folder::new("load");
+    let (_simulator, address) = Simulator::tcp(&[]);
+    let at = ["--tcp", &address];
+    let file = folder.file("mill.txt", CHANGED);
+
+    let (is_equal, printed, said) = settings(&[&at[..], &["--diff", &file]].concat());
+    assert!(!is_equal && said.contains("left out 1 setting"), "{said}");
+    let rows: Vec<_> = printed.lines().collect();
+    assert_eq!(rows.len(), 5, "{printed}");
+    assert_eq!(rows[4], "$110  largest speed of X  20000.000  500.000");
+
+    let printed = done(&[&at[..], &["--load", &file]].concat());
+    let numbers: Vec<_> = printed
+        .lines()
+        .skip(1)
+        .map(|row| row.split_once("  ").unwrap().0)
+        .collect();
+    assert_eq!(numbers.len(), 4, "{printed}");
+    assert!(
+        printed.contains("largest speed of X  500.000  20000.000"),
+        "{printed}"
+    );
+
+    let saved = folder.path("saved.txt");
+    done(&[&at[..], &["--save", &saved]].concat());
+    let text = fs::read_to_string(&saved).unwrap();
+    assert!(
+        text.starts_with("$0=3\n") && text.contains("\n$800=0.000\n"),
+        "{text}"
+    );
+    assert!(!Path::new(&folder.path("saved.txt.new")).exists());
+    for file in [&file, &saved] {
+        assert_eq!(done(&[&at[..], &["--diff", file]].concat()), "");
+        let (_, _, said) = settings(&[&at[..], &["--load", file]].concat());
+        assert!(said.contains("Equal"), "{said}");
+    }
+}
+
+#[test]
+fn a_file_that_is_refused_changes_nothing() {
+    let folder = Folder::new("refused");
+    let (_simulator, address) = Simulator::tcp(&[]);
+    let file = folder.file("wrong.txt", "$1=255\n$20=1\n$110=20000\n$111=6,5\n");
+    let said = failed(&["--tcp", &address, "--load", &file]);
+    for part in [
+        "3 lines are refused",
+        "line 2: $20=1: ",
+        "line 3: $110=20000: 83 333",
+        "line 4: ",
+    ] {
+        assert!(said.contains(part), "{said}");
+    }
+    let saved = folder.path("saved.txt");
+    done(&["--tcp", &address, "--save", &saved]);
+    assert!(fs::read_to_string(&saved).unwrap().contains("\n$1=25\n"));
+    // And a file that cannot be written is an error, with what was there as it was.
+    let said = failed(&["--tcp", &address, "--save", &folder.path("no/saved.txt")]);
+    assert!(said.contains("cannot write"), "{said}");
+}
+
+#[test]
+fn a_serial_device_works_as_a_tcp_port_does() {
+    let folder = Folder::new("serial");
+    let device = folder.path("tty");
+    let _simulator = Simulator::start(&["--pty", &device, "--set", "$130=321"]);
+    let file = folder.file("mill.txt", "$130=123\n");
+    done(&["--port", &device, "--load", &file]);
+    assert_eq!(done(&["--port", &device, "--diff", &file]), "");
+
+    let other = fs::File::open(&device).unwrap();
+    rustix::fs::flock(&other, FlockOperation::LockExclusive).unwrap();
+    let said = failed(&["--port", &device, "--diff", &file]);
+    assert!(said.contains("is open in another program"), "{said}");
+    drop(other);
+    assert_eq!(done(&["--port", &device, "--diff", &file]), "");
+
+    let said = failed(&["--port", &folder.path("none"), "--diff", &file]);
+    assert!(
+        said.contains("there is no ") && said.contains("serial port"),
+        "{said}"
+    );
+}
+
+#[test]
+fn who_does_not_answer_is_told() {
+    let folder = Folder::new("silent");
+    let file = folder.file("mill.txt", "$130=123\n");
+    let listener = TcpListener::bind("127.0.0.1:0").unwrap();
+    let address = listener.local_addr().unwrap().to_string();
+    let said = failed(&["--tcp", &address, "--timeout", "0.3", "--diff", &file]);
+    assert!(said.contains("has not answered for 0.3 s"), "{said}");
+    drop(listener);
+    let said = failed(&["--tcp", &address, "--diff", &file]);
+    assert!(said.contains("no machine listens at"), "{said}");
+}
+
+/// Talks to a machine until it says something.
+fn until(stream: &mut TcpStream, send: &str, heard: &str) {
+    let start = Instant::now();
+    let mut all = String::new();
+    stream
+        .set_read_timeout(Some(Duration::from_millis(50)))
+        .unwrap();
+    stream.write_all(send.as_bytes()).unwrap();
+    while !all.contains(heard) {
+        assert!(start.elapsed() < Duration::from_mins(1), "{all}");
+        let mut chunk = [0; 256];
+        if let Ok(length) = stream.read(&mut chunk) {
+            all += &String::from_utf8_lossy(&chunk[..length]);
+        }
+    }
+}
+
+#[test]
+fn a_machine_in_alarm_or_in_motion_is_told() {
+    let folder = Folder::new("alarm");
+    let file = folder.file("mill.txt", "$130=123\n");
+    let fast = [
+        "--switches",
+        "--set",
+        "$21=1",
+        "--set",
+        "$110=12000",
+        "--set",
+        "$120=5000",
+    ];
+    let (_simulator, address) = Simulator::tcp(&fast);
+    let command = ["--tcp", &address, "--timeout", "0.5", "--load", &file];
+    {
+        let mut sender = TcpStream::connect(&address).unwrap();
+        until(&mut sender, "G1 X-60 F60\n", "ok");
+    }
+    let said = failed(&command);
+    assert!(said.contains("in the state Run"), "{said}");
+    {
+        let mut sender = TcpStream::connect(&address).unwrap();
+        until(&mut sender, "\x18", "$X");
+        until(&mut sender, "$X\nG0 X500\n", "ALARM:1");
+    }
+    let said = failed(&command);
+    assert!(
+        said.contains("in alarm and takes no lines before it is reset"),
+        "{said}"
+    );
+    {
+        // Still in alarm, but it reads lines again: settings may be changed.
+        let mut sender = TcpStream::connect(&address).unwrap();
+        until(&mut sender, "\x18", "$X");
+    }
+    assert!(done(&command).contains("123.000"));
+}
+
+/// Lines of Grbl 1.1, which has no `$+` and does not tell a step rate.
+fn grbl(line: &str) -> &'static str {
+    match line {
+        "$$" => "$0=10\r\n$1=25\r\n$20=0\r\n$22=0\r\nok\r\n",
+        "$I" => "[VER:1.1h.20190830:]\r\n[OPT:V,15,128]\r\nok\r\n",
+        "$0=2" => "error:6\r\n",
+        "$1=50" => "ok\r\n",
+        _ => "error:3\r\n",
+    }
+}
+
+#[test]
+fn what_another_machine_refuses_or_forgets_is_told() {
+    let folder = Folder::new("grbl");
+    let listener = TcpListener::bind("127.0.0.1:0").unwrap();
+    let address = listener.local_addr().unwrap().to_string();
+    thread::spawn(move || {
+        for stream in listener.incoming() {
+            let mut stream = stream.unwrap();
+            let mut line = String::new();
+            let mut byte = [0];
+            while let Ok(1) = stream.read(&mut byte) {
+                match byte[0] {
+                    b'?' => stream
+                        .write_all(b"<Idle|MPos:0.000,0.000,0.000>\r\n")
+                        .unwrap(),
+                    b'\n' => {
+                        stream.write_all(grbl(&line).as_bytes()).unwrap();
+                        line.clear();
+                    }
+                    byte => line.push(char::from(byte)),
+                }
+            }
+        }
+    });
+    let file = folder.file("mill.txt", "$0=2\n$1=50\n$41=1\n");
+    let said = failed(&["--tcp", &address, "--load", &file]);
+    for part in [
+        "the machine does not have $41",
+        "2 of 2 settings are not loaded",
+        "$0=2: error:6",
+        "$1=50 was accepted, and the machine shows 25",
+    ] {
+        assert!(said.contains(part), "{said}");
+    }
+    let saved = folder.path("saved.txt");
+    done(&["--tcp", &address, "--save", &saved]);
+    assert_eq!(
+        fs::read_to_string(&saved).unwrap(),
+        "$0=10\n$1=25\n$20=0\n$22=0\n"
+    );
+}
