@@ -360,3 +360,52 @@ proptest! {
         check_limits(&settings, &cell.trace);
     }
 }
+
+#[test]
+fn axes_by_marks_home_where_they_stand() {
+    for (homing_direction, homing_marks) in [(0, 0b100), (0b100, 0b110), (0b001, 0b001)] {
+        let settings = Settings {
+            homing_direction,
+            homing_marks,
+            ..machine()
+        };
+        let mut cell = Cell::new(&settings);
+        mount(&mut cell, &settings, [1600, 1200, 800]);
+        home(&mut cell, 0);
+        assert_eq!((cell.state(), cell.alarms()), (State::Idle, vec![]));
+        for axis in [X, Y, Z] {
+            let is_marked = homing_marks >> axis & 1 != 0;
+            let is_negative = homing_direction >> axis & 1 != 0;
+            let pull_off = if is_marked {
+                0.0
+            } else {
+                settings.homing_pull_off_mm
+            };
+            let mm = if is_negative {
+                pull_off - settings.max_travel_mm[axis]
+            } else {
+                -pull_off
+            };
+            assert_eq!(
+                cell.snapshot().steps[axis],
+                (mm * 80.0).round() as i32,
+                "axis {axis}"
+            );
+            let has_moved = !cell.trace.steps(axis).is_empty();
+            assert_eq!(has_moved, !is_marked, "axis {axis}");
+        }
+    }
+}
+
+#[test]
+fn a_machine_without_any_switch_homes_by_marks() {
+    let settings = Settings {
+        homing_marks: 0b111,
+        ..machine()
+    };
+    let mut cell = Cell::new(&settings);
+    cell.send(Work::Home(0));
+    cell.run_to_end();
+    assert_eq!((cell.state(), cell.alarms()), (State::Idle, vec![]));
+    assert_eq!(cell.snapshot().steps.0[..3], [0, 0, 0]);
+}

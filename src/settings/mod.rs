@@ -81,6 +81,8 @@ settings! {
     arc_tolerance_mm: f32 = 0.002,
     /// `$785` Farthest from the programmed path under `G64` without `P`, mm; 0 for no limit.
     path_tolerance_mm: f32 = 0.05,
+    /// `$788` Axes that home where they stand, by marks, bit 0 = X.
+    homing_marks: u8 = 0,
     /// `$13` Whether reports are in inches.
     report_inches: bool = false,
     /// `$20` Soft limits.

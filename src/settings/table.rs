@@ -121,6 +121,7 @@ pub(super) static TABLE: &[Row] = &[
     row(120, SettingGroup::Axes, Grbl, "acceleration", "mm/s²", axis_divisor(|s| &mut s.acceleration_mm_s2)),
     row(130, SettingGroup::Axes, Grbl, "travel", MM, axis_number(|s| &mut s.max_travel_mm)),
     row(785, General, Extension, "tolerance of G64 without P, 0 for no limit", MM, number(|s| &mut s.path_tolerance_mm)),
+    row(788, Homing, Extension, "axes that home where they stand, by marks instead of switches", "", AxisMask(|s| &mut s.homing_marks)),
     row(800, SettingGroup::Axes, Extension, "jerk, 0 for no limit", "mm/s³", axis_number(|s| &mut s.jerk_mm_s3)),
 ];
 

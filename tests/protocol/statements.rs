@@ -411,3 +411,12 @@ fn path_control_is_shown_where_it_is_not_that_of_power_up() {
         assert_eq!(bench.ask("$G"), [shown, "ok"]);
     }
 }
+
+#[test]
+fn the_input_of_an_axis_without_a_switch_does_not_keep_from_homing() {
+    let mut bench = Bench::set(&["22=1", "788=4"]);
+    bench.close(Levels::limits(0b100));
+    assert_eq!(bench.ask("$H"), ["ok"]);
+    bench.close(Levels::limits(0b010));
+    assert_eq!(bench.ask("$H"), ["[MSG:Check Limits]", "error:203"]);
+}

@@ -11,6 +11,7 @@
 //! The axes of a group move together, by one straight move. One that finds its switch leaves the move
 //! and slows down while the others go on; a switch stops nothing dead. How far it is pulled off counts
 //! from where the switch closed.
+//! Axes of `$788` have no switch: they do not move, and are at the end of their travel where they stand.
 //! A pause of `$26` follows each motion, as in Grbl: from when the last switch closed, so that braking
 //! is part of it, or from the end of the pull-off. Read with Grbl 1.1 `limits.c`, `limits_go_home`.
 
@@ -85,6 +86,8 @@ pub struct Homing {
     /// The axes that are homed now, and those that follow, bit 0 = X.
     current_axes: u8,
     later_axes: u8,
+    /// The axes that are at home where they stand, bit 0 = X.
+    marked_axes: u8,
     /// Position of each switch, steps.
     switches: Axes<i32>,
     /// The axes that are not in the move: each slows down to a standstill by itself. In an approach,
@@ -109,6 +112,7 @@ impl Homing {
             cycle_move: CycleMove::new(),
             current_axes: 0,
             later_axes: 0,
+            marked_axes: 0,
             switches: Axes([0; AXES]),
             stopping_axes: 0,
             stopping_speeds: Axes([0.0; AXES]),
@@ -127,14 +131,25 @@ impl Homing {
     /// Begins a cycle, at rest: these axes together, bit 0 = X; with 0, Z and then X and Y.
     pub fn begin(&mut self, axes: u8, inputs: &Inputs, generator: &Generator) {
         self.alarm = None;
+        let by_marks = self.parameters.by_marks & ALL_AXES;
         if axes == 0 {
-            self.current_axes = 1 << Z;
-            self.later_axes = LINEAR_AXES & !self.current_axes;
+            self.marked_axes = by_marks;
+            self.current_axes = 1 << Z & !by_marks;
+            self.later_axes = LINEAR_AXES & !(1 << Z) & !by_marks;
         } else {
-            self.current_axes = axes & ALL_AXES;
+            self.marked_axes = axes & by_marks;
+            self.current_axes = axes & ALL_AXES & !by_marks;
             self.later_axes = 0;
         }
-        self.enter(HomingStage::Search, inputs, generator);
+        if self.current_axes == 0 {
+            self.current_axes = core::mem::take(&mut self.later_axes);
+        }
+        let first = if self.current_axes == 0 {
+            HomingStage::PullOff
+        } else {
+            HomingStage::Search
+        };
+        self.enter(first, inputs, generator);
     }
 
     /// Whether a cycle is going on.
@@ -314,11 +329,12 @@ impl Homing {
         let mut steps = generator.steps();
         // wcet-bound: axes
         for (axis, steps) in steps.iter_mut().enumerate() {
-            if self.current_axes >> axis & 1 != 0 {
+            if (self.current_axes | self.marked_axes) >> axis & 1 != 0 {
                 *steps = self.parameters.home(axis);
             }
         }
         generator.set_steps(steps);
+        self.marked_axes = 0;
         self.current_axes = self.later_axes;
         self.later_axes = 0;
         let next = if self.current_axes == 0 {

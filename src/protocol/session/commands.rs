@@ -37,6 +37,7 @@ impl Session {
         } else {
             u16::from(mask)
         };
+        let switches = switches & !u16::from(self.settings().homing_marks);
         if links.machine.inputs.has(Levels(switches)) {
             report::feedback(&mut self.reports.message, Feedback::CheckLimits);
             return self.refuse(LineError::LimitsEngaged);

@@ -18,6 +18,8 @@ pub(super) struct HomingParameters {
     pub(super) limits: CycleLimits,
     /// Axes whose switch is at their negative end, bit 0 = X.
     pub(super) negative: u8,
+    /// Axes without a switch, which are at home where they stand, bit 0 = X.
+    pub(super) by_marks: u8,
     /// Speeds of each axis.
     pub(super) search_mm_s: f32,
     pub(super) locate_mm_s: f32,
@@ -30,6 +32,7 @@ impl HomingParameters {
     pub(super) const NONE: Self = Self {
         limits: CycleLimits::NONE,
         negative: 0,
+        by_marks: 0,
         search_mm_s: 0.0,
         locate_mm_s: 0.0,
         travel_mm: Axes([0.0; AXES]),
@@ -43,6 +46,7 @@ impl HomingParameters {
         let speed_mm_s = |mm_min: f32| math::max(mm_min / 60.0, MIN_SPEED_MM_S);
         self.limits.configure(settings);
         self.negative = settings.homing_direction;
+        self.by_marks = settings.homing_marks;
         self.search_mm_s = speed_mm_s(settings.homing_seek_mm_min);
         self.locate_mm_s = speed_mm_s(settings.homing_feed_mm_min);
         self.travel_mm = settings.max_travel_mm;
@@ -70,12 +74,18 @@ impl HomingParameters {
         }
     }
 
-    /// Returns the position of an axis once it is homed, steps, in Grbl's arithmetic.
+    /// Returns the position of an axis once it is homed, steps, in Grbl's arithmetic: a pull-off from
+    /// the end of its travel, or the end itself where it homes by marks.
     pub(super) fn home(&self, axis: usize) -> i32 {
-        let mm = if self.is_negative(axis) {
-            self.pull_off_mm - self.travel_mm[axis]
+        let pull_off_mm = if self.by_marks >> axis & 1 == 0 {
+            self.pull_off_mm
         } else {
-            -self.pull_off_mm
+            0.0
+        };
+        let mm = if self.is_negative(axis) {
+            pull_off_mm - self.travel_mm[axis]
+        } else {
+            -pull_off_mm
         };
         round(mm * self.limits.steps_per_mm[axis])
     }
