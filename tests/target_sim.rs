@@ -179,7 +179,8 @@ mod target {
             },
         };
         let mut simulator = Simulator::new(&settings);
-        let mut stream = Stream::new(&mut simulator, Bytes::new(program), 115_200);
+        let mut stream =
+            Stream::new(&mut simulator, Bytes::new(program), 115_200).with_statements_at_rest();
         let end = stream.run(&mut witness);
         report(&mut witness, end, &stream).expect("the figures can be written");
         process::exit(0)

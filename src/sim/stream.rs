@@ -35,6 +35,25 @@ pub enum StreamEnd {
     Stuck,
 }
 
+/// What a line is to the sender.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum LineKind {
+    Code,
+    Jog,
+    Statement,
+}
+
+impl LineKind {
+    fn of(line: &[u8]) -> Self {
+        let mut text = line.iter().filter(|byte| **byte > b' ');
+        match (text.next(), text.next()) {
+            (Some(b'$'), Some(b'J' | b'j')) => Self::Jog,
+            (Some(b'$'), _) => Self::Statement,
+            _ => Self::Code,
+        }
+    }
+}
+
 /// A program that is being sent to the machine.
 #[derive(Debug)]
 pub struct Stream<'a, P> {
@@ -49,6 +68,8 @@ pub struct Stream<'a, P> {
     /// Whether the line is a further part of one longer than the window.
     is_long: bool,
     is_at_end: bool,
+    /// Which line has been sent last, where some wait for the machine to be at rest.
+    sent: Option<LineKind>,
     /// Lengths of the unanswered lines; the window bounds their number.
     unanswered: Deque<u8, 128>,
     in_flight: usize,
@@ -71,6 +92,7 @@ impl<'a, P: Iterator<Item = u8>> Stream<'a, P> {
             line_sent: 0,
             is_long: false,
             is_at_end: false,
+            sent: None,
             unanswered: Deque::new(),
             in_flight: 0,
             lines: 0,
@@ -79,6 +101,15 @@ impl<'a, P: Iterator<Item = u8>> Stream<'a, P> {
             next_in: 0,
             next_out: 0,
         }
+    }
+
+    /// Lets the sender send each `$` statement alone, to a machine at rest: such a line may write to the
+    /// flash, and most are refused while anything moves. Jogs follow each other, and G-code waits for
+    /// their end.
+    #[must_use]
+    pub const fn with_statements_at_rest(mut self) -> Self {
+        self.sent = Some(LineKind::Code);
+        self
     }
 
     /// Streams until everything is executed.
@@ -125,11 +156,21 @@ impl<'a, P: Iterator<Item = u8>> Stream<'a, P> {
         }
         if self.line_sent < self.line.len() {
             let is_begun = self.line_sent > 0 || self.is_long;
-            return is_begun
-                || self.in_flight + self.line.len() <= WINDOW
-                || self.unanswered.is_empty();
+            return is_begun || self.may_begin();
         }
         false
+    }
+
+    /// Returns whether the machine takes the line now.
+    fn may_begin(&self) -> bool {
+        let kind = LineKind::of(&self.line);
+        if self
+            .sent
+            .is_some_and(|sent| kind == LineKind::Statement || kind != sent)
+        {
+            return self.unanswered.is_empty() && self.simulator.snapshot().is_at_rest;
+        }
+        self.in_flight + self.line.len() <= WINDOW || self.unanswered.is_empty()
     }
 
     /// Reads the next line, or the next part of a long one.
@@ -168,6 +209,9 @@ impl<'a, P: Iterator<Item = u8>> Stream<'a, P> {
         let Some(byte) = self.line.get(self.line_sent).copied() else {
             return false;
         };
+        if self.line_sent == 0 && !self.is_long && self.sent.is_some() {
+            self.sent = Some(LineKind::of(&self.line));
+        }
         self.line_sent += 1;
         if byte == b'\n' {
             let length = self.line.len();

@@ -48,11 +48,17 @@ pub const SPEED: RGBColor = RGBColor(24, 99, 173);
 pub type Drawn<T> = Result<T, Box<dyn std::error::Error>>;
 
 /// Writes a file with what is painted on an area of so many pixels.
-pub fn save(
-    path: &Path,
+pub fn save(path: &Path, size: (i32, i32), paint: impl FnOnce(&Area) -> Drawn<()>) -> Result<()> {
+    let name = path.display();
+    let text = render(size, paint).with_context(|| format!("cannot draw {name}"))?;
+    fs::write(path, text).with_context(|| format!("cannot write {name}"))
+}
+
+/// Returns what is painted on an area of so many pixels, as SVG.
+pub fn render(
     (width, height): (i32, i32),
     paint: impl FnOnce(&Area) -> Drawn<()>,
-) -> Result<()> {
+) -> Result<String> {
     let mut text = String::new();
     let size = ((width * PX) as u32, (height * PX) as u32);
     let root = SVGBackend::with_string(&mut text, size).into_drawing_area();
@@ -60,16 +66,14 @@ pub fn save(
         .map_err(Into::into)
         .and_then(|()| paint(&root))
         .and_then(|()| root.present().map_err(Into::into))
-        .map_err(|error| anyhow!("{error}"))
-        .with_context(|| format!("cannot draw {}", path.display()))?;
+        .map_err(|error| anyhow!("{error}"))?;
     drop(root);
     // As large on the screen as meant, with the finer units kept in the view box.
     let fine = format!(r#"width="{}" height="{}""#, size.0, size.1);
     let meant = format!(
         r#"width="{width}" height="{height}" stroke-linecap="round" stroke-linejoin="round""#
     );
-    fs::write(path, text.replacen(&fine, &meant, 1))
-        .with_context(|| format!("cannot write {}", path.display()))
+    Ok(text.replacen(&fine, &meant, 1))
 }
 
 /// Draws title and subtitle, and returns the area below them.

@@ -7,11 +7,11 @@ use std::path::Path;
 
 use anyhow::Result;
 use common::text::{duration, row, separated};
-use leadscrew::settings::Settings;
+use leadscrew::{model::Alarm, settings::Settings};
 use owo_colors::OwoColorize;
 use serde::{Serialize, Serializer, ser::SerializeSeq};
 
-use crate::{output::write_json, sender::Response};
+use crate::{Refusals, output::write_json, sender::Response};
 
 /// The answers to all lines, in order.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
@@ -103,6 +103,9 @@ pub struct Figures {
     pub late: u64,
     /// Hash over all step events, 16 hexadecimal digits.
     pub event_hash: String,
+    /// Why lines were refused: for the reader.
+    #[serde(skip)]
+    pub refusals: Refusals,
 }
 
 impl Figures {
@@ -110,6 +113,13 @@ impl Figures {
     pub fn has_alarm(&self) -> bool {
         let mut messages = self.messages.iter();
         self.end.state == "Alarm" || messages.any(|(_, text)| text.starts_with("ALARM:"))
+    }
+
+    /// Whether homing or a probe found nothing.
+    pub fn misses_switches(&self) -> bool {
+        let missing = [Alarm::HomingNotFound, Alarm::ProbeContact].map(|alarm| alarm.to_string());
+        let mut messages = self.messages.iter();
+        messages.any(|(_, text)| missing.contains(text))
     }
 
     /// Whether every line was accepted and no alarm rose.
@@ -156,6 +166,7 @@ impl Figures {
             "step events",
             &format!("{}{late}, hash {}", separated(self.events), self.event_hash),
         );
+        self.refusals.print();
     }
 }
 
@@ -189,6 +200,7 @@ mod tests {
             events: 800,
             late: 0,
             event_hash: "cbf29ce484222325".into(),
+            ..Figures::default()
         };
         let expected = r#"{"lines":3,"responses":[[1,"ok"],[2,"ok"],[3,"error:20"]],"messages":[[2,"[MSG:Pgm End]"]],"final":{"state":"Idle","mpos_mm":[1.5,0.0,-2.0],"steps":[375,0,-500]},"steps_axis":[375,0,500],"motion_time_s":0.25,"events":800,"late":0,"event_hash":"cbf29ce484222325"}"#;
         assert_eq!(serde_json::to_string(&figures).unwrap(), expected);

@@ -9,6 +9,7 @@
 )]
 
 pub mod figures;
+pub mod lock;
 pub mod machine;
 pub mod output;
 pub mod play;
@@ -16,8 +17,10 @@ pub mod program;
 pub mod proven;
 pub mod pty;
 mod refusal;
+mod refusals;
 pub mod sender;
 pub mod session;
 pub mod settings;
 
 pub use refusal::refusal;
+pub use refusals::Refusals;

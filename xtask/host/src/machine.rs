@@ -15,11 +15,9 @@ use leadscrew::{
     model::{Levels, State, queues::RECEIVED_RING},
     protocol::Session,
     settings::Settings,
-    sim::{Closes, Flash, Simulator, Switch},
+    sim::{Closes, Edge, Flash, Simulator, Switch},
     units::TICKS_PER_SECOND,
 };
-
-use crate::proven;
 
 use self::signals::Signals;
 
@@ -59,6 +57,29 @@ impl Ends {
             plate: steps(Z, -half_mm[Z] + PLATE_MM),
         }
     }
+
+    /// Mounts the switches and the plate on a machine.
+    pub fn mount_on(&self, simulator: &mut Simulator) {
+        let limits = (0..AXES).flat_map(|axis| {
+            let ends = [
+                Closes::From(self.high[axis]),
+                Closes::DownFrom(self.low[axis]),
+            ];
+            ends.map(|closes| (axis, closes, Levels::limits(1 << axis)))
+        });
+        let plate = (Z, Closes::DownFrom(self.plate), Levels::PROBE);
+        for (axis, closes, input) in limits.chain([plate]) {
+            let is_mounted = simulator.mount(Switch {
+                axis,
+                closes,
+                input,
+            });
+            debug_assert!(
+                is_mounted,
+                "there is room for two switches of each axis and the plate"
+            );
+        }
+    }
 }
 
 /// A machine on a virtual clock, and the bytes on their way to it and from it.
@@ -73,17 +94,6 @@ pub struct Machine {
 }
 
 impl Machine {
-    /// Switched on with these settings stored, and no switches.
-    pub fn new(settings: &Settings) -> Self {
-        Self::amid(Simulator::new(settings), Vec::new())
-    }
-
-    /// Switched on with what is stored in a flash.
-    pub fn power_up(flash: Flash) -> Self {
-        let simulator = Simulator::power_up(flash, proven::committed());
-        Self::amid(simulator, Vec::new())
-    }
-
     /// A machine that has just been switched on, amid switches.
     pub fn amid(simulator: Simulator, switches: Vec<Switch>) -> Self {
         let mut machine = Self {
@@ -135,31 +145,20 @@ impl Machine {
         self.simulator.session()
     }
 
-    /// Mounts switches and a plate for the probe.
-    pub fn mount(&mut self, ends: &Ends) {
-        for axis in 0..AXES {
-            let limit = Levels::limits(1 << axis);
-            self.mount_switch(axis, Closes::From(ends.high[axis]), limit);
-            self.mount_switch(axis, Closes::DownFrom(ends.low[axis]), limit);
-        }
-        self.mount_switch(Z, Closes::DownFrom(ends.plate), Levels::PROBE);
-    }
-
-    fn mount_switch(&mut self, axis: usize, closes: Closes, input: Levels) {
-        let is_mounted = self.simulator.mount(Switch {
-            axis,
-            closes,
-            input,
-        });
-        debug_assert!(
-            is_mounted,
-            "there is room for two switches of each axis and the plate"
-        );
-    }
-
     /// The flash in which it stores.
     pub fn flash(&mut self) -> &mut Flash {
         self.simulator.flash()
+    }
+
+    /// When something happens next without a byte from outside, s since power-up.
+    pub fn due_s(&self) -> Option<f64> {
+        let due = self.due()?.max(self.simulator.now());
+        Some(due as f64 / f64::from(TICKS_PER_SECOND))
+    }
+
+    /// The virtual machine itself.
+    pub fn simulator(&self) -> &Simulator {
+        &self.simulator
     }
 
     /// Time since power-up, s.
@@ -188,15 +187,26 @@ impl Machine {
     /// Runs for so many seconds.
     pub fn run_for(&mut self, seconds: f64) {
         let ticks = (seconds * f64::from(TICKS_PER_SECOND)).round() as u64;
-        self.run_until(self.simulator.now() + ticks);
+        self.run_until(self.simulator.now() + ticks, &mut |_| {});
     }
 
-    /// Runs until so many seconds after power-up.
-    pub fn run_until_s(&mut self, seconds: f64) {
-        self.run_until((seconds * f64::from(TICKS_PER_SECOND)).round() as u64);
+    /// Runs until so many seconds after power-up; `watch` gets what the step pins do.
+    pub fn run_until_s(&mut self, seconds: f64, watch: &mut impl FnMut(&Edge)) {
+        self.run_until(
+            (seconds * f64::from(TICKS_PER_SECOND)).round() as u64,
+            watch,
+        );
     }
 
-    fn run_until(&mut self, end: u64) {
+    /// When a pin changes, a wait ends, or a byte is complete on the line.
+    fn due(&self) -> Option<u64> {
+        let out = self.simulator.has_to_send().then_some(self.next_out);
+        let input = (!self.to_machine.is_empty()).then_some(self.next_in);
+        let events = [self.simulator.due(), out, input];
+        events.into_iter().flatten().min()
+    }
+
+    fn run_until(&mut self, end: u64, watch: &mut impl FnMut(&Edge)) {
         loop {
             let now = self.simulator.now();
             if now >= self.next_out
@@ -217,11 +227,10 @@ impl Machine {
             if now >= end {
                 return;
             }
-            let out = self.simulator.has_to_send().then_some(self.next_out);
-            let input = (!self.to_machine.is_empty()).then_some(self.next_in);
-            let events = [self.simulator.due(), out, input];
-            let next = events.into_iter().flatten().fold(end, u64::min);
-            let _ = self.simulator.advance(next.max(now));
+            let next = self.due().map_or(end, |due| due.min(end));
+            if let Some(edge) = self.simulator.advance(next.max(now)) {
+                watch(&edge);
+            }
             self.note();
         }
     }

@@ -14,6 +14,7 @@ use leadscrew::{
 use owo_colors::OwoColorize;
 
 use crate::{
+    Refusals,
     figures::{Figures, Final, Responses},
     program::Program,
     refusal,
@@ -43,7 +44,7 @@ impl Recorder for () {}
 pub fn play(path: &Path, settings: &Settings) -> Result<Figures> {
     let program = Program::open(path)?;
     let mut simulator = Box::new(Simulator::new(settings));
-    stream(program, &mut simulator, settings, Run::silent(&mut ()))
+    stream(program, &mut simulator, Run::silent(&mut ()))
 }
 
 /// What a recorded program did, and what the machine says of itself at the end.
@@ -62,7 +63,7 @@ pub fn play_recorded(path: &Path, settings: &Settings, switches: &[Switch]) -> R
         // Fewer than fit.
         let _ = simulator.mount(*switch);
     }
-    let figures = stream(program, &mut simulator, settings, Run::silent(&mut ()))?;
+    let figures = stream(program, &mut simulator, Run::silent(&mut ()))?;
     let said = ["$G\n", "$#\n", "?"]
         .into_iter()
         .flat_map(|text| ask(&mut simulator, text.as_bytes()))
@@ -70,8 +71,10 @@ pub fn play_recorded(path: &Path, settings: &Settings, switches: &[Switch]) -> R
     Ok(Played { figures, said })
 }
 
-/// Sends something to a machine that has come to rest, and returns what it says.
-fn ask(simulator: &mut Simulator, bytes: &[u8]) -> Vec<String> {
+/// Sends something to a machine that has come to rest, and returns what it says beside `ok`.
+pub fn ask(simulator: &mut Simulator, bytes: &[u8]) -> Vec<String> {
+    // What has begun at power-up comes first.
+    simulator.settle();
     for byte in bytes {
         simulator.receive(*byte);
         simulator.settle();
@@ -113,7 +116,6 @@ impl<'a, R> Run<'a, R> {
 pub fn stream<R: Recorder>(
     program: Program,
     simulator: &mut Simulator,
-    settings: &Settings,
     run: Run<R>,
 ) -> Result<Figures> {
     let observer = RefCell::new(Observer::new(run));
@@ -122,10 +124,9 @@ pub fn stream<R: Recorder>(
         bytes: Vec::new().into_iter(),
         observer: &observer,
     };
-    let mut stream = Stream::new(simulator, source, BAUD);
+    let mut stream = Stream::new(simulator, source, BAUD).with_statements_at_rest();
     let end = stream.run(&mut Watched(&observer));
-    let (lines, late) = (stream.lines, stream.simulator.late());
-    let snapshot = stream.simulator.snapshot();
+    let lines = stream.lines;
     drop(stream);
     let observer = observer.into_inner();
     observer.run.bar.finish_and_clear();
@@ -134,20 +135,74 @@ pub fn stream<R: Recorder>(
     }
     let answered = observer.responses.iter().count();
     if end == StreamEnd::Stuck {
-        bail!("the machine stands still after {answered} answers and does not go on");
+        if observer.run.prints {
+            observer.refusals.print();
+        }
+        let state = simulator.snapshot().state.name();
+        bail!("the machine stands still in {state} after {answered} answers: only a reset helps");
     }
-    let statistics = &observer.statistics;
     Ok(Figures {
         lines,
         responses: observer.responses,
         messages: observer.messages,
-        end: Final::new(snapshot.state.name().into(), &snapshot.steps.0, settings),
+        refusals: observer.refusals,
+        ..figures(simulator, &observer.statistics)
+    })
+}
+
+/// What a machine says to whoever is connected with it, without the reports of its state.
+#[derive(Debug, Default)]
+pub struct Conversation {
+    line: Vec<u8>,
+    lines: u64,
+    responses: Responses,
+    messages: Vec<(u64, String)>,
+}
+
+impl Conversation {
+    /// Takes the next byte.
+    pub fn push(&mut self, byte: u8) {
+        if byte != b'\n' {
+            self.line.push(byte);
+            return;
+        }
+        let line = std::mem::take(&mut self.line);
+        let text = String::from_utf8_lossy(&line);
+        let text = text.trim_end_matches('\r');
+        if let Some(response) = Response::parse(text) {
+            self.lines += 1;
+            self.responses.push(response);
+        } else if !text.is_empty() && !text.starts_with('<') {
+            self.messages.push((self.lines, text.into()));
+        }
+    }
+
+    /// What the machine has done and said so far.
+    pub fn finish(self, simulator: &Simulator, statistics: &StepStatistics) -> Figures {
+        Figures {
+            lines: self.lines,
+            responses: self.responses,
+            messages: self.messages,
+            ..figures(simulator, statistics)
+        }
+    }
+}
+
+/// Where a machine is, and what its axes did.
+fn figures(simulator: &Simulator, statistics: &StepStatistics) -> Figures {
+    let snapshot = simulator.snapshot();
+    let state = snapshot.state.name().into();
+    // In the settings of the end: the program may have changed them.
+    let settings = simulator.session().settings();
+    Figures {
+        end: Final::new(state, &snapshot.steps.0, settings),
         steps_axis: statistics.pulses.0.to_vec(),
         motion_time_s: statistics.motion_ticks() as f64 / f64::from(TICKS_PER_SECOND),
         events: statistics.events,
-        late: u64::from(late),
+        late: simulator.late().into(),
         event_hash: format!("{:016x}", statistics.hash),
-    })
+        ..Figures::default()
+    }
 }
 
 /// A program as a stream of bytes.
@@ -190,6 +245,7 @@ struct Observer<'r, R> {
     statistics: StepStatistics,
     responses: Responses,
     messages: Vec<(u64, String)>,
+    refusals: Refusals,
     /// Lines that have been read and not yet answered.
     lines: VecDeque<Vec<u8>>,
     failure: Option<Error>,
@@ -202,6 +258,7 @@ impl<'r, R> Observer<'r, R> {
             statistics: StepStatistics::new(),
             responses: Responses::default(),
             messages: Vec::new(),
+            refusals: Refusals::default(),
             lines: VecDeque::new(),
             failure: None,
         }
@@ -229,7 +286,7 @@ impl<R: Recorder> Watcher for Watched<'_, '_, R> {
         observer.responses.push(response);
         let is_refused = response != Response::Ok;
         observer.run.recorder.answer(is_refused);
-        if is_refused && observer.run.prints {
+        if is_refused && observer.refusals.add(number, &line, response) && observer.run.prints {
             let bar = &observer.run.bar;
             bar.suspend(|| println!("{}", refusal(number, &line, response)));
         }
@@ -242,9 +299,12 @@ impl<R: Recorder> Watcher for Watched<'_, '_, R> {
             // The welcome belongs to power-up, not to the program.
             return;
         }
-        if text.starts_with("ALARM:") && observer.run.prints {
-            let bar = &observer.run.bar;
-            bar.suspend(|| println!("{:>8}  {}", format!("{answers}:"), text.red().bold()));
+        if text.starts_with("ALARM:") {
+            observer.refusals.alarm(answers, &text);
+            if observer.run.prints {
+                let bar = &observer.run.bar;
+                bar.suspend(|| println!("{:>8}  {}", format!("{answers}:"), text.red().bold()));
+            }
         }
         observer.messages.push((answers, text));
     }

@@ -8,7 +8,7 @@
 use std::{
     collections::VecDeque,
     fs::{self, File},
-    io::{BufRead, BufReader, Cursor, Read},
+    io::{self, BufRead, BufReader, Cursor, Read},
     path::Path,
 };
 
@@ -17,7 +17,7 @@ use anyhow::{Context, Result, ensure};
 /// Longest line that is read: beyond it the file is no program.
 const LONGEST: usize = 1 << 20;
 /// What is sent for a byte that must not be: no word has it.
-const REFUSED: u8 = 0x7f;
+pub(crate) const REFUSED: u8 = 0x7f;
 /// What some editors put in front of a text in UTF-8.
 const BYTE_ORDER_MARK: &[u8] = b"\xef\xbb\xbf";
 
@@ -34,8 +34,14 @@ pub struct Program {
 }
 
 impl Program {
-    /// Opens a file.
+    /// Opens a file, or for `-` standard input.
     pub fn open(path: &Path) -> Result<Self> {
+        if path == Path::new("-") {
+            return Ok(Self::from_reader(
+                "standard input".into(),
+                io::stdin().lock(),
+            ));
+        }
         let name = path.display().to_string();
         let file = File::open(path).with_context(|| format!("cannot open the program {name}"))?;
         let metadata = file

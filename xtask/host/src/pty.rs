@@ -16,13 +16,26 @@ use rustix::{
     termios::OptionalActions,
 };
 
+use crate::lock::Lock;
+
 /// A link that goes when the program ends.
-pub struct Link(PathBuf);
+pub struct Link {
+    path: PathBuf,
+    _lock: Lock,
+}
 
 impl Drop for Link {
     fn drop(&mut self) {
-        let _ = fs::remove_file(&self.0);
+        let _ = fs::remove_file(&self.path);
     }
+}
+
+/// Whether a path is of a pseudo-terminal, as Linux, the BSDs and macOS name them.
+fn is_terminal(path: &Path) -> bool {
+    let path = path.to_string_lossy();
+    ["/dev/pts/", "/dev/ttys", "/dev/ttyp"]
+        .iter()
+        .any(|begin| path.starts_with(begin))
 }
 
 /// A pseudo-terminal in raw mode.
@@ -36,10 +49,9 @@ pub struct Pty {
 impl Pty {
     /// Opens a new one, to which `path` becomes a link.
     pub fn at(path: &Path) -> Result<(Self, Link)> {
-        let is_there = fs::symlink_metadata(path);
-        let may_go = is_there.is_ok_and(|metadata| metadata.is_symlink());
-        if may_go {
-            // A link that an earlier run left behind.
+        let lock = Lock::of(path)?;
+        // A link that an earlier run left behind; others lead to what is none of this.
+        if fs::read_link(path).is_ok_and(|to| is_terminal(&to)) {
             fs::remove_file(path).with_context(|| format!("cannot replace {}", path.display()))?;
         }
         let pty = Self::open()?;
@@ -50,7 +62,11 @@ impl Pty {
                 pty.name.display()
             )
         })?;
-        Ok((pty, Link(path.to_owned())))
+        let link = Link {
+            path: path.to_owned(),
+            _lock: lock,
+        };
+        Ok((pty, link))
     }
 
     /// The end that is not the terminal.
@@ -78,5 +94,31 @@ impl Pty {
             })
         };
         open().context("cannot open a pseudo-terminal")
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_link_that_is_served_or_leads_elsewhere_is_not_replaced() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("tty");
+        let first = Pty::at(&path).unwrap();
+        let name = fs::read_link(&path).unwrap();
+        let error = Pty::at(&path).err().unwrap().to_string();
+        assert!(
+            error.contains(&format!("process {}", std::process::id())),
+            "{error}"
+        );
+        assert_eq!(fs::read_link(&path).unwrap(), name);
+        drop(first);
+        assert!(fs::read_link(&path).is_err());
+        symlink("/dev/pts/987654", &path).unwrap();
+        drop(Pty::at(&path).unwrap());
+        symlink("/dev/null", &path).unwrap();
+        assert!(Pty::at(&path).is_err());
+        assert_eq!(fs::read_link(&path).unwrap(), Path::new("/dev/null"));
     }
 }

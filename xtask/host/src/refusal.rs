@@ -17,7 +17,7 @@ pub fn refusal(number: u64, line: &[u8], response: Response) -> String {
         shown = shown.chars().take(WIDTH - 1).chain(['…']).collect();
     }
     let reason = match response {
-        Response::Error(number) => error_text(number).unwrap_or("an unknown error"),
+        Response::Error(number) => line_error(number).map_or("an unknown error", LineError::text),
         Response::Ok => "",
     };
     let label = response.to_string();
@@ -28,9 +28,8 @@ pub fn refusal(number: u64, line: &[u8], response: Response) -> String {
     )
 }
 
-/// What an error number means.
-fn error_text(number: u16) -> Option<&'static str> {
+/// The error of a number.
+pub(crate) fn line_error(number: u16) -> Option<LineError> {
     let mut errors = LineError::ALL.into_iter();
-    let found = errors.find(|error| u16::from(error.number()) == number);
-    found.map(LineError::text)
+    errors.find(|error| u16::from(error.number()) == number)
 }

@@ -2,6 +2,7 @@
 
 mod curves;
 mod plot;
+mod power_up;
 mod quality;
 mod recorder;
 mod serve;
@@ -11,6 +12,8 @@ mod trace;
 
 use std::{
     ffi::OsString,
+    io::Write as _,
+    os::unix::net::UnixStream,
     path::{Path, PathBuf},
     process::ExitCode,
     time::Instant,
@@ -26,8 +29,8 @@ use common::{
 };
 use host::{
     figures::Figures,
-    machine::Ends,
-    output,
+    lock::Lock,
+    output::{self, Output},
     play::{self, Run},
     program::Program,
     session, settings,
@@ -35,16 +38,17 @@ use host::{
 use leadscrew::{settings::Settings, sim::Simulator};
 use serde::Serialize;
 
+use power_up::PowerUp;
 use quality::{Meter, Quality};
-use recorder::Instruments;
-use serve::Memory;
-use trace::{Samples, Table};
+use recorder::{Instruments, Outputs};
+use serve::{Server, Tcp};
 
 /// Run a G-code program on the virtual machine
 ///
 /// The machine is the firmware's own code on a virtual clock, so a program runs as fast as the
-/// computer goes and gives the same step edges every time. It is streamed as senders do. The exit
-/// status is 1 when a line was refused or an alarm rose.
+/// computer goes and gives the same step edges every time. It is streamed as senders do, to a
+/// machine that is unlocked as after homing. The exit status is 1 when a line was refused or an
+/// alarm rose.
 ///
 /// With --pty or --tcp the same machine runs in real time, for any sender to connect to.
 #[derive(Parser)]
@@ -52,7 +56,7 @@ use trace::{Samples, Table};
 #[command(after_help = ui::AXES)]
 #[command(group = clap::ArgGroup::new("what").required(true).args(["file", "pty", "tcp", "session"]))]
 struct Options {
-    /// The program
+    /// The program; `-` is standard input
     file: Option<PathBuf>,
     /// Change a setting, as '$110=5000'; repeatable
     #[arg(long, value_name = "$N=VALUE")]
@@ -61,20 +65,10 @@ struct Options {
     #[arg(long, value_name = "FILE")]
     settings: Option<PathBuf>,
     /// Write every step event: time in ns from the first step, steps of each axis after it
-    #[arg(
-        long,
-        value_name = "OUT.csv",
-        requires = "file",
-        conflicts_with = "on_target"
-    )]
+    #[arg(long, value_name = "OUT.csv", conflicts_with_all = ["on_target", "session"])]
     trace: Option<PathBuf>,
     /// Draw the tool path, and speed and acceleration over time
-    #[arg(
-        long,
-        value_name = "OUT.svg",
-        requires = "file",
-        conflicts_with = "on_target"
-    )]
+    #[arg(long, value_name = "OUT.svg", conflicts_with_all = ["on_target", "session"])]
     plot: Option<PathBuf>,
     /// Measure how good the motion is: step times, jumps, accelerations and jerks, the distance from
     /// the programmed path, the speed in its corners; --plot then draws jerk and distance as well, and
@@ -82,7 +76,7 @@ struct Options {
     #[arg(long, requires = "file", conflicts_with = "on_target")]
     quality: bool,
     /// Write answers, messages and figures
-    #[arg(long, value_name = "OUT.json", requires = "file")]
+    #[arg(long, value_name = "OUT.json", conflicts_with = "session")]
     json: Option<PathBuf>,
     /// Run the virtual machine on the emulated chip instead of this computer
     #[arg(long, requires = "file")]
@@ -93,12 +87,16 @@ struct Options {
     /// Serve the machine in real time at a TCP address such as 127.0.0.1:2323, until Ctrl-C
     #[arg(long, value_name = "ADDR:PORT")]
     tcp: Option<String>,
-    /// Give the served machine limit switches at the ends of its travel, in whose middle it stands,
-    /// and a probe plate 10 mm above the low end of Z
-    #[arg(long, conflicts_with_all = ["file", "session", "flash"])]
+    /// Give the machine limit switches at the ends of its travel, in whose middle it stands, and a
+    /// probe plate 10 mm above the low end of Z
+    #[arg(long, conflicts_with_all = ["on_target", "session"])]
     switches: bool,
-    /// Keep what is stored in this file, as the machine's flash does; a new file is a new machine
-    #[arg(long, value_name = "FILE", conflicts_with_all = ["file", "session", "set", "settings"])]
+    /// Begin the program locked where homing is on ($22=1), as a machine is at power-up
+    #[arg(long, requires = "file", conflicts_with = "on_target")]
+    locked: bool,
+    /// Keep what is stored in this file, as the machine's flash does; a new file is a new machine.
+    /// Settings that are given beside it are stored there
+    #[arg(long, value_name = "FILE", conflicts_with_all = ["on_target", "session"])]
     flash: Option<PathBuf>,
     /// Replay recorded exchanges in virtual time
     #[arg(long, value_name = "IN.json", requires = "out", conflicts_with_all = ["set", "settings"])]
@@ -118,41 +116,119 @@ fn run(options: &Options) -> Result<ExitCode> {
         let all = session::replay_file(input, output)?;
         return Ok(ExitCode::from(u8::from(!all)));
     }
+    // What is wrong with what was asked for is told before anything runs: first what is read, then
+    // what is written.
     let loaded = settings::load(options.settings.as_deref(), &options.set)?;
-    let settings = loaded.settings;
-    if options.pty.is_some() || options.tcp.is_some() {
-        let memory = match &options.flash {
-            Some(path) => Memory::File(path.clone()),
-            None => Memory::Settings(Box::new(settings)),
-        };
-        let switches = options.switches.then(|| Ends::of(&settings));
-        if let Some(path) = &options.pty {
-            serve::pty(path, &memory, switches.as_ref())?;
-        }
-        if let Some(address) = &options.tcp {
-            serve::tcp(address, &memory, switches.as_ref())?;
-        }
-        return Ok(ExitCode::SUCCESS);
-    }
-    let path = options.file.as_deref().context("no program is given")?;
-    if options.on_target {
+    let program = options.file.as_deref().map(Program::open).transpose()?;
+    if let (Some(path), true) = (&options.file, options.on_target) {
         return on_target(path, &loaded.statements, options);
     }
-    let (measured, took) = simulate(path, &settings, options)?;
-    measured.figures.print();
-    if let Some(quality) = &measured.quality {
+    let _lock = options.flash.as_deref().map(Lock::of).transpose()?;
+    let power_up = PowerUp {
+        loaded: &loaded,
+        flash: options.flash.as_deref(),
+        has_switches: options.switches,
+    };
+    let simulator = Box::new(power_up.simulator()?);
+    // Caught from here on: Ctrl-C leaves no file that is half written.
+    let interrupted = recorder::interruptions()?;
+    let outputs = Outputs::create(
+        options.trace.as_deref(),
+        options.plot.as_deref(),
+        options.json.as_deref(),
+    )?;
+    match program {
+        Some(program) => {
+            outputs.remove_when(interrupted);
+            play(program, simulator, outputs, options)
+        }
+        None => serve(simulator, outputs, &interrupted, options),
+    }
+}
+
+/// Runs a program.
+fn play(
+    program: Program,
+    mut simulator: Box<Simulator>,
+    outputs: Outputs,
+    options: &Options,
+) -> Result<ExitCode> {
+    if !options.locked {
+        power_up::unlock(&mut simulator);
+    }
+    let measured = options.quality.then(|| *simulator.session().settings());
+    let mut instruments =
+        Instruments::new(outputs.trace, outputs.plot.is_some(), measured.as_ref());
+    let run = Run {
+        bar: output::progress(program.length(), "bytes"),
+        prints: true,
+        recorder: &mut instruments,
+    };
+    let start = Instant::now();
+    let played = play::stream(program, &mut simulator, run);
+    if let Some(path) = &options.flash {
+        power_up::save(path, simulator.flash())?;
+    }
+    let figures = played?;
+    let took = pace(&figures, start.elapsed().as_secs_f64());
+    let name = match options.file.as_deref() {
+        Some(path) if path != Path::new("-") => path,
+        _ => Path::new("standard input"),
+    };
+    if figures.lines == 0 {
+        ui::warning(&format!("{} is empty", name.display()));
+    }
+    if !options.switches && figures.misses_switches() {
+        ui::warning("the machine has no switches and no probe: --switches mounts them");
+    }
+    figures.print();
+    let name = name.file_name().unwrap_or_default().to_string_lossy();
+    let settings = *simulator.session().settings();
+    let left = Left {
+        plot: outputs.plot,
+        json: outputs.json,
+        instruments,
+    };
+    let is_clean = figures.is_clean();
+    let quality = left.write(figures, &settings, &name)?;
+    if let Some(quality) = &quality {
         println!("{}", quality::text(quality));
     }
     text::row("took", &took);
-    if let Some(path) = &options.json {
-        output::write_json(path, &measured)?;
-    }
-    Ok(ExitCode::from(u8::from(!measured.figures.is_clean())))
+    Ok(ExitCode::from(u8::from(!is_clean)))
+}
+
+/// Serves the machine until Ctrl-C.
+fn serve(
+    simulator: Box<Simulator>,
+    outputs: Outputs,
+    stop: &UnixStream,
+    options: &Options,
+) -> Result<ExitCode> {
+    let settings = *simulator.session().settings();
+    let mut instruments = Instruments::new(outputs.trace, outputs.plot.is_some(), None);
+    let server = Server::new(*simulator, options.flash.as_deref(), &mut instruments);
+    let (figures, name) = if let Some(path) = &options.pty {
+        let (mut pty, _link) = serve::pty(path)?;
+        (server.serve(&mut pty, stop)?, path.display().to_string())
+    } else {
+        let address = options.tcp.as_deref().context("no port is given")?;
+        let mut tcp = Tcp::at(address)?;
+        let title = format!("tcp://{}", tcp.address()?);
+        (server.serve(&mut tcp, stop)?, title)
+    };
+    ui::status("Stopped", "");
+    let left = Left {
+        plot: outputs.plot,
+        json: outputs.json,
+        instruments,
+    };
+    left.write(figures, &settings, &name)?;
+    Ok(ExitCode::SUCCESS)
 }
 
 /// Hands on to the tool that runs the virtual machine under QEMU.
 fn on_target(path: &Path, statements: &[String], options: &Options) -> Result<ExitCode> {
-    Program::open(path)?;
     cargo::need_qemu()?;
     let mut arguments = vec![OsString::from("sim"), path.into()];
     for statement in statements {
@@ -181,52 +257,45 @@ fn pace(figures: &Figures, took_s: f64) -> String {
     format!("{took_s:.2} s, {rate} step events per second, {times:.0} times real time")
 }
 
-/// Runs a program with everything that is asked for; also says what the run took.
-fn simulate(path: &Path, settings: &Settings, options: &Options) -> Result<(Measured, String)> {
-    let program = Program::open(path)?;
-    let mut instruments = Instruments {
-        table: options.trace.as_deref().map(Table::create).transpose()?,
-        samples: options.plot.as_ref().map(|_| Samples::default()),
-        meter: options.quality.then(|| Meter::new(settings)),
-    };
-    let run = Run {
-        bar: output::progress(program.length(), "bytes"),
-        prints: true,
-        recorder: &mut instruments,
-    };
-    let start = Instant::now();
-    let mut simulator = Box::new(Simulator::new(settings));
-    let figures = play::stream(program, &mut simulator, settings, run)?;
-    let took = pace(&figures, start.elapsed().as_secs_f64());
-    if figures.lines == 0 {
-        ui::warning(&format!("{} is empty", path.display()));
-    }
-    let Instruments {
-        table,
-        samples,
-        meter,
-    } = instruments;
-    table.map(Table::finish).transpose()?;
-    let (quality, traces) = meter.map(Meter::finish).unzip();
-    if let (Some(output), Some(samples)) = (&options.plot, samples) {
-        let name = path.file_name().unwrap_or(path.as_os_str());
-        let scale = settings
-            .steps_per_mm
-            .0
-            .map(|scale| scale.millionths() as f64 * 1e-6);
-        plot::draw(
-            output,
-            &plot::Picture {
-                title: &name.to_string_lossy(),
+/// What is left to be made of a run.
+struct Left {
+    plot: Option<Output>,
+    json: Option<Output>,
+    instruments: Instruments,
+}
+
+impl Left {
+    /// Writes the files, and returns how good the motion was, if that was measured.
+    fn write(self, figures: Figures, settings: &Settings, title: &str) -> Result<Option<Quality>> {
+        let Instruments {
+            table,
+            samples,
+            meter,
+        } = self.instruments;
+        if let Some(table) = table {
+            table.finish()?.finish()?;
+        }
+        let (quality, traces) = meter.map(Meter::finish).unzip();
+        if let (Some(mut output), Some(samples)) = (self.plot, samples) {
+            let scales = settings.steps_per_mm.0;
+            let scale = scales.map(|scale| scale.millionths() as f64 * 1e-6);
+            let picture = plot::draw(&plot::Picture {
+                title,
                 subtitle: &subtitle(&figures),
                 motion: &samples.finish(scale),
                 limits_mm_s2: settings.acceleration_mm_s2.0.map(f64::from),
                 limits_mm_s3: quality::jerk_limits(settings),
                 traces: traces.as_ref(),
-            },
-        )?;
+            })?;
+            output.write_all(picture.as_bytes())?;
+            output.finish()?;
+        }
+        let measured = Measured { figures, quality };
+        if let Some(json) = self.json {
+            json.finish_json(&measured)?;
+        }
+        Ok(measured.quality)
     }
-    Ok((Measured { figures, quality }, took))
 }
 
 fn subtitle(figures: &Figures) -> String {

@@ -3,12 +3,12 @@
 mod path;
 mod quality;
 
-use std::{ops::Range, path::Path};
+use std::ops::Range;
 
 use anyhow::Result;
 use chart::{
     Area, Chart, Drawn, FAINT_INK, HEAD, INK, MARGIN, PX, SPEED, WIDTH, chart, draw_head, font,
-    pixels, save, stroke,
+    pixels, render, stroke,
 };
 use leadscrew::axis::{AXES, LETTERS};
 use plotters::prelude::*;
@@ -49,10 +49,10 @@ pub(crate) struct Picture<'a> {
 }
 
 /// Draws a picture.
-pub(crate) fn draw(path: &Path, picture: &Picture) -> Result<()> {
+pub(crate) fn draw(picture: &Picture) -> Result<String> {
     match picture.traces {
-        None => save(path, (WIDTH, HEIGHT), |root| paint(root, picture)),
-        Some(traces) => save(path, (WIDTH, quality::HEIGHT), |root| {
+        None => render((WIDTH, HEIGHT), |root| paint(root, picture)),
+        Some(traces) => render((WIDTH, quality::HEIGHT), |root| {
             quality::paint(root, picture, traces)
         }),
     }
@@ -133,8 +133,6 @@ fn time_range(motion: &Motion) -> Range<f64> {
 
 #[cfg(test)]
 mod tests {
-    use std::{env, fs, process};
-
     use super::*;
     use crate::trace::{Row, Samples};
 
@@ -169,7 +167,6 @@ mod tests {
 
     #[test]
     fn a_picture_names_its_quantities_and_units() {
-        let path = env::temp_dir().join(format!("leadscrew-plot-{}.svg", process::id()));
         let motion = drawing();
         let picture = Picture {
             title: "flower.nc",
@@ -179,11 +176,7 @@ mod tests {
             limits_mm_s3: [None; AXES],
             traces: None,
         };
-        draw(&path, &picture).unwrap();
-        let text = fs::read_to_string(&path).unwrap();
-        if env::var_os("KEEP_PLOT").is_none() {
-            fs::remove_file(&path).unwrap();
-        }
+        let text = draw(&picture).unwrap();
         for label in [
             "flower.nc",
             "X, mm",
@@ -200,7 +193,6 @@ mod tests {
 
     #[test]
     fn nothing_and_a_point_can_be_drawn() {
-        let path = env::temp_dir().join(format!("leadscrew-empty-{}.svg", process::id()));
         let motion = Samples::default().finish([250.0; AXES]);
         let picture = Picture {
             title: "",
@@ -210,7 +202,6 @@ mod tests {
             limits_mm_s3: [None; AXES],
             traces: None,
         };
-        draw(&path, &picture).unwrap();
-        fs::remove_file(&path).unwrap();
+        assert!(draw(&picture).unwrap().contains("</svg>"));
     }
 }

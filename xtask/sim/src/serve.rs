@@ -1,154 +1,165 @@
 //! The virtual machine in real time, behind a pseudo-terminal or a TCP port.
 
+mod tcp;
+#[cfg(test)]
+mod tests;
+
 use std::{
-    fs,
-    io::{ErrorKind, Read, Write},
-    net::{TcpListener, TcpStream},
-    path::{Path, PathBuf},
-    sync::{
-        Arc,
-        atomic::{AtomicBool, Ordering},
-    },
-    thread,
+    os::unix::net::UnixStream,
+    path::Path,
     time::{Duration, Instant},
 };
 
-use anyhow::{Context, Result, ensure};
+use anyhow::{Context, Result};
 use common::ui;
 use host::{
-    machine::{Ends, Machine},
+    figures::Figures,
+    machine::Machine,
+    play::{Conversation, Recorder},
     pty::Pty,
 };
-use leadscrew::{settings::Settings, sim::Flash};
-use rustix::io::Errno;
+use leadscrew::sim::{Simulator, StepStatistics};
+use rustix::{
+    event::{PollFd, PollFlags, Timespec, poll},
+    io::Errno,
+};
 
-/// How often bytes are moved.
+use crate::power_up;
+
+pub(crate) use tcp::Tcp;
+
+/// How often a moving machine is run at most.
 const PERIOD: Duration = Duration::from_millis(1);
 /// Bytes that wait for the machine at most; then the sender waits, as with flow control.
 const BACKLOG: usize = 4096;
-
-/// What is stored in the machine that is served.
-pub(crate) enum Memory {
-    /// These settings, and what is stored is forgotten in the end.
-    Settings(Box<Settings>),
-    /// The contents of this file, and they are kept there.
-    File(PathBuf),
-}
-
 /// Bytes that wait for the sender at most, as many as operating systems keep.
 const UNREAD: usize = 65_536;
 
 /// The other end of the line.
-trait Port {
+pub(crate) trait Port {
     /// Reads what has arrived; 0 for nothing.
     fn read(&mut self, bytes: &mut [u8]) -> Result<usize>;
     /// Writes what can be written, and returns how much that was.
     fn write(&mut self, bytes: &[u8]) -> Result<usize>;
+    /// Adds what becomes ready when a byte may be read, if one is wanted, or written.
+    fn wait_for<'a>(&'a self, reads: bool, writes: bool, fds: &mut Vec<PollFd<'a>>);
 }
 
-/// Serves a machine at a new pseudo-terminal, to which `path` becomes a link.
-pub(crate) fn pty(path: &Path, memory: &Memory, switches: Option<&Ends>) -> Result<()> {
-    let (mut port, _link) = Pty::at(path)?;
+/// A machine that is served, and what is kept of it.
+pub(crate) struct Server<'a, R> {
+    machine: Machine,
+    /// The file with what it stores, and how many changes of it are there.
+    flash: Option<(&'a Path, u64)>,
+    conversation: Conversation,
+    statistics: StepStatistics,
+    recorder: &'a mut R,
+    start: Instant,
+    unsent: Vec<u8>,
+}
+
+impl<'a, R: Recorder> Server<'a, R> {
+    /// Serves a machine that has been switched on just now.
+    pub(crate) fn new(simulator: Simulator, flash: Option<&'a Path>, recorder: &'a mut R) -> Self {
+        let mut machine = Machine::amid(simulator, Vec::new());
+        let stored = machine.flash().operations();
+        Self {
+            machine,
+            flash: flash.map(|path| (path, stored)),
+            conversation: Conversation::default(),
+            statistics: StepStatistics::new(),
+            recorder,
+            start: Instant::now(),
+            unsent: Vec::new(),
+        }
+    }
+
+    /// Moves bytes and time until something is to be read from `stop`, and returns what was done.
+    pub(crate) fn serve(mut self, port: &mut dyn Port, stop: &UnixStream) -> Result<Figures> {
+        let mut chunk = [0; 1024];
+        loop {
+            while self.reads() {
+                let length = port.read(&mut chunk)?;
+                if length == 0 {
+                    break;
+                }
+                self.machine.send(&chunk[..length]);
+            }
+            self.run()?;
+            if !self.unsent.is_empty() {
+                let length = port.write(&self.unsent)?;
+                self.unsent.drain(..length);
+                // Nobody reads: what a serial line does with such bytes.
+                self.unsent
+                    .drain(..self.unsent.len().saturating_sub(UNREAD));
+            }
+            if self.wait(port, stop)? {
+                let simulator = self.machine.simulator();
+                return Ok(self.conversation.finish(simulator, &self.statistics));
+            }
+        }
+    }
+
+    fn reads(&self) -> bool {
+        self.machine.on_the_line() < BACKLOG
+    }
+
+    /// Runs the machine until now.
+    fn run(&mut self) -> Result<()> {
+        let mut failure = None;
+        let (statistics, recorder) = (&mut self.statistics, &mut self.recorder);
+        let now_s = self.start.elapsed().as_secs_f64();
+        self.machine.run_until_s(now_s, &mut |edge| {
+            statistics.add(edge);
+            if let Err(error) = recorder.edge(edge, statistics) {
+                failure.get_or_insert(error);
+            }
+        });
+        if let Some(error) = failure {
+            return Err(error);
+        }
+        if let Some((path, stored)) = &mut self.flash
+            && *stored != self.machine.flash().operations()
+        {
+            *stored = self.machine.flash().operations();
+            power_up::save(path, self.machine.flash())?;
+        }
+        for (_, byte) in self.machine.take_bytes() {
+            self.conversation.push(byte);
+            self.unsent.push(byte);
+        }
+        Ok(())
+    }
+
+    /// Waits until the machine or the port has something to do. Returns whether it is to stop.
+    fn wait(&self, port: &dyn Port, stop: &UnixStream) -> Result<bool> {
+        let mut fds = vec![PollFd::new(stop, PollFlags::IN)];
+        port.wait_for(self.reads(), !self.unsent.is_empty(), &mut fds);
+        match poll(&mut fds, self.timeout().as_ref()) {
+            Ok(_) => Ok(!fds[0].revents().is_empty()),
+            Err(Errno::INTR) => Ok(false),
+            Err(error) => Err(error).context("cannot wait for the line"),
+        }
+    }
+
+    /// How long nothing happens in the machine by itself; `None` for as long as nobody asks for it.
+    fn timeout(&self) -> Option<Timespec> {
+        let due = Duration::from_secs_f64(self.machine.due_s()?);
+        let wait = due.saturating_sub(self.start.elapsed()).max(PERIOD);
+        Some(Timespec {
+            tv_sec: wait.as_secs().cast_signed(),
+            tv_nsec: wait.subsec_nanos().into(),
+        })
+    }
+}
+
+/// A new pseudo-terminal, to which `path` becomes a link.
+pub(crate) fn pty(path: &Path) -> Result<(Pty, host::pty::Link)> {
+    let pty = Pty::at(path)?;
     ui::status(
         "Serving",
         &format!("{} (115200 baud; Ctrl-C ends)", path.display()),
     );
-    serve(&mut port, memory, switches)
-}
-
-/// Serves a machine to whoever connects to `address`, one at a time.
-pub(crate) fn tcp(address: &str, memory: &Memory, switches: Option<&Ends>) -> Result<()> {
-    let listener = TcpListener::bind(address)
-        .with_context(|| format!("cannot listen at {address:?} (an address is 127.0.0.1:2323)"))?;
-    listener.set_nonblocking(true)?;
-    let address = listener.local_addr()?;
-    ui::status("Serving", &format!("tcp://{address} (Ctrl-C ends)"));
-    let mut port = Tcp {
-        listener,
-        stream: None,
-    };
-    serve(&mut port, memory, switches)
-}
-
-/// Moves bytes and time until Ctrl-C.
-fn serve(port: &mut dyn Port, memory: &Memory, switches: Option<&Ends>) -> Result<()> {
-    let stop = Arc::new(AtomicBool::new(false));
-    for signal in [signal_hook::consts::SIGINT, signal_hook::consts::SIGTERM] {
-        signal_hook::flag::register(signal, stop.clone()).context("cannot catch Ctrl-C")?;
-    }
-    let mut machine = memory.machine()?;
-    if let Some(ends) = switches {
-        machine.mount(ends);
-    }
-    let mut stored = machine.flash().operations();
-    let start = Instant::now();
-    let mut unsent = Vec::new();
-    let mut chunk = [0; 1024];
-    while !stop.load(Ordering::Relaxed) {
-        while machine.on_the_line() < BACKLOG {
-            let length = port.read(&mut chunk)?;
-            if length == 0 {
-                break;
-            }
-            machine.send(&chunk[..length]);
-        }
-        machine.run_until_s(start.elapsed().as_secs_f64());
-        if let Memory::File(path) = memory
-            && stored != machine.flash().operations()
-        {
-            stored = machine.flash().operations();
-            save(path, machine.flash())?;
-        }
-        unsent.extend(machine.take_bytes().into_iter().map(|(_, byte)| byte));
-        if !unsent.is_empty() {
-            let length = port.write(&unsent)?;
-            unsent.drain(..length);
-            // Nobody reads: what a serial line does with such bytes.
-            unsent.drain(..unsent.len().saturating_sub(UNREAD));
-        }
-        thread::sleep(PERIOD);
-    }
-    ui::status("Stopped", "");
-    Ok(())
-}
-
-impl Memory {
-    /// A machine that is switched on with what is stored; a file that is not there is a new machine.
-    fn machine(&self) -> Result<Machine> {
-        let path = match self {
-            Self::Settings(settings) => return Ok(Machine::new(settings)),
-            Self::File(path) => path,
-        };
-        let mut flash = Flash::new();
-        let contents = flash.contents_mut();
-        match fs::read(path) {
-            Ok(bytes) => {
-                let (size, wanted) = (bytes.len(), contents.len());
-                let name = path.display();
-                ensure!(
-                    size == wanted,
-                    "{name} has {size} bytes; the flash has {wanted}"
-                );
-                contents.copy_from_slice(&bytes);
-            }
-            Err(error) if error.kind() == ErrorKind::NotFound => {}
-            Err(error) => {
-                return Err(error).with_context(|| format!("cannot read {}", path.display()));
-            }
-        }
-        let mut machine = Machine::power_up(flash);
-        save(path, machine.flash())?;
-        Ok(machine)
-    }
-}
-
-/// Writes a flash to a file, all of it or nothing.
-fn save(path: &Path, flash: &Flash) -> Result<()> {
-    let mut beside = path.as_os_str().to_owned();
-    beside.push(".new");
-    fs::write(&beside, flash.contents())
-        .and_then(|()| fs::rename(&beside, path))
-        .with_context(|| format!("cannot write {}", path.display()))
+    Ok(pty)
 }
 
 impl Port for Pty {
@@ -167,59 +178,18 @@ impl Port for Pty {
             Err(error) => Err(error).context("cannot write to the pseudo-terminal"),
         }
     }
-}
 
-/// A listening socket and the sender that is connected.
-struct Tcp {
-    listener: TcpListener,
-    stream: Option<TcpStream>,
-}
-
-impl Port for Tcp {
-    fn read(&mut self, bytes: &mut [u8]) -> Result<usize> {
-        if let Ok((stream, from)) = self.listener.accept() {
-            ensure_nonblocking(&stream)?;
-            ui::status("Connected", &from.to_string());
-            // The newest sender wins: the one before may have gone without saying so.
-            self.stream = Some(stream);
-        }
-        let Some(stream) = &mut self.stream else {
-            return Ok(0);
-        };
-        match stream.read(bytes) {
-            Ok(0) => {}
-            Ok(length) => return Ok(length),
-            Err(error) if is_temporary(error.kind()) => return Ok(0),
-            Err(_) => {}
-        }
-        self.stream = None;
-        ui::status("Left", "the sender has disconnected");
-        Ok(0)
-    }
-
-    fn write(&mut self, bytes: &[u8]) -> Result<usize> {
-        let Some(stream) = &mut self.stream else {
-            return Ok(bytes.len());
-        };
-        match stream.write(bytes) {
-            Ok(length) => Ok(length),
-            Err(error) if is_temporary(error.kind()) => Ok(0),
-            Err(_) => {
-                self.stream = None;
-                Ok(bytes.len())
-            }
-        }
+    fn wait_for<'a>(&'a self, reads: bool, writes: bool, fds: &mut Vec<PollFd<'a>>) {
+        fds.push(PollFd::from_borrowed_fd(
+            self.controller(),
+            flags(reads, writes),
+        ));
     }
 }
 
-fn ensure_nonblocking(stream: &TcpStream) -> Result<()> {
-    let set = stream
-        .set_nonblocking(true)
-        .and_then(|()| stream.set_nodelay(true));
-    ensure!(set.is_ok(), "cannot use the connection");
-    Ok(())
-}
-
-fn is_temporary(kind: ErrorKind) -> bool {
-    matches!(kind, ErrorKind::WouldBlock | ErrorKind::Interrupted)
+/// What is waited for.
+fn flags(reads: bool, writes: bool) -> PollFlags {
+    let wanted = [(reads, PollFlags::IN), (writes, PollFlags::OUT)];
+    let wanted = wanted.into_iter().filter(|(is_wanted, _)| *is_wanted);
+    wanted.map(|(_, flag)| flag).collect()
 }

@@ -1,24 +1,17 @@
 //! The verb as it is typed.
 
-use std::{env, fs, process};
+use std::{fs, path::Path};
 
 use clap::Parser;
 use serde_json::Value;
 
 use super::{Options, run};
 
-/// What follows `cargo xtask sim`.
-#[derive(Parser)]
-struct Typed {
-    #[command(flatten)]
-    options: Options,
-}
-
 #[test]
 fn quality_is_measured_where_it_is_asked_for() {
-    let folder = env::temp_dir().join(format!("leadscrew-quality-{}", process::id()));
-    fs::create_dir_all(&folder).unwrap();
-    let [program, json, plot] = ["part.nc", "out.json", "out.svg"].map(|name| folder.join(name));
+    let folder = tempfile::tempdir().unwrap();
+    let names = ["part.nc", "out.json", "out.svg"];
+    let [program, json, plot] = names.map(|name| folder.path().join(name));
     fs::write(&program, "G1 X10 F400\nY10\nG2 X15 Y15 I5 J0\n").unwrap();
     let [program, json, plot] = [program, json, plot].map(|path| path.display().to_string());
     let typed = |more: &[&str]| {
@@ -26,7 +19,7 @@ fn quality_is_measured_where_it_is_asked_for() {
             "sim", &program, "--set", "$120=500", "--set", "$121=500", "--json", &json,
         ];
         let line = fixed.iter().chain(more);
-        run(&Typed::try_parse_from(line).unwrap().options).unwrap();
+        run(&Options::try_parse_from(line).unwrap()).unwrap();
         serde_json::from_slice::<Value>(&fs::read(&json).unwrap()).unwrap()
     };
     assert_eq!(typed(&[])["quality"], Value::Null);
@@ -59,5 +52,86 @@ fn quality_is_measured_where_it_is_asked_for() {
     ] {
         assert!(drawn.contains(label), "{label}");
     }
-    fs::remove_dir_all(&folder).unwrap();
+}
+
+/// The figures of a program.
+fn figures(folder: &Path, program: &str, more: &[&str]) -> Value {
+    let [file, json] = ["part.nc", "out.json"].map(|name| folder.join(name).display().to_string());
+    fs::write(&file, program).unwrap();
+    let line = ["sim", &file, "--json", &json];
+    let line = line.iter().chain(more);
+    run(&Options::try_parse_from(line).unwrap()).unwrap();
+    serde_json::from_slice(&fs::read(&json).unwrap()).unwrap()
+}
+
+fn refused(figures: &Value) -> Vec<&str> {
+    let answers = figures["responses"].as_array().unwrap().iter();
+    let texts = answers.map(|answer| answer[1].as_str().unwrap());
+    texts.filter(|text| *text != "ok").collect()
+}
+
+#[test]
+fn a_program_that_homes_probes_and_sets_runs_amid_switches() {
+    let folder = tempfile::tempdir().unwrap();
+    let program =
+        "$110=600\n$H\nG38.2 G91 Z-195 F600\n$G\n$$\n$#\nG90 G53 G0 Z-5\n$J=G91 X-1 F500\nG4 P1\n";
+    let homes = ["--set", "$22=1", "--set", "$25=2000", "--set", "$24=200"];
+    let whole = figures(
+        folder.path(),
+        program,
+        &[&homes[..], &["--switches"]].concat(),
+    );
+    assert_eq!(refused(&whole), Vec::<&str>::new());
+    assert_eq!(whole["final"]["state"], "Idle");
+    let messages = whole["messages"].to_string();
+    assert!(
+        messages.contains("[PRB:") && messages.contains(":1]"),
+        "{messages}"
+    );
+    assert!(messages.contains("$110=600"), "{messages}");
+}
+
+#[test]
+fn a_program_begins_unlocked_unless_it_is_asked_for_otherwise() {
+    let folder = tempfile::tempdir().unwrap();
+    let homes = ["--set", "$22=1"];
+    let unlocked = figures(folder.path(), "G1 X1 F600\n", &homes);
+    assert_eq!(refused(&unlocked), Vec::<&str>::new());
+    assert_eq!(unlocked["steps_axis"][0], 250);
+    assert_eq!(unlocked["messages"], Value::Array(Vec::new()));
+    let locked = figures(
+        folder.path(),
+        "G1 X1 F600\n",
+        &[&homes[..], &["--locked"]].concat(),
+    );
+    assert_eq!(refused(&locked), ["error:9"]);
+}
+
+#[test]
+fn a_flash_keeps_what_is_set_and_what_a_program_stores() {
+    let folder = tempfile::tempdir().unwrap();
+    let flash = folder.path().join("chip").display().to_string();
+    let flash = ["--flash", flash.as_str(), "--switches"];
+    let given = [&flash[..], &["--set", "$100=80"]].concat();
+    let set = figures(folder.path(), "G10 L2 P1 X5\nG1 X0 F600\n", &given);
+    assert_eq!(set["final"]["steps"][0], 5 * 80);
+    let kept = figures(folder.path(), "G1 X1 F600\n", &flash);
+    assert_eq!(kept["final"]["steps"][0], 6 * 80);
+    let settings = folder.path().join("more.settings");
+    fs::write(&settings, "$100=100\n").unwrap();
+    let settings = ["--settings", &settings.display().to_string()].map(str::to_owned);
+    let more: Vec<_> = flash
+        .iter()
+        .copied()
+        .chain(settings.iter().map(String::as_str))
+        .collect();
+    let changed = figures(folder.path(), "G1 X1 F600\n", &more);
+    assert_eq!(changed["final"]["steps"][0], 6 * 100);
+}
+
+#[test]
+fn positions_are_told_in_the_settings_of_the_end() {
+    let folder = tempfile::tempdir().unwrap();
+    let changed = figures(folder.path(), "$100=80\nG1 X2 F600\n", &[]);
+    assert_eq!(changed["final"]["mpos_mm"][0], 2.0);
 }

@@ -1,12 +1,12 @@
 //! The step trace: every event that steps, as a table and as evenly spaced samples.
 
 use std::{
-    fs::File,
-    io::{BufWriter, Write},
-    path::Path,
+    io::Write,
+    path::{Path, PathBuf},
 };
 
 use anyhow::{Context, Result};
+use host::output::Output;
 use leadscrew::{
     axis::{AXES, LETTERS},
     units::TICKS_PER_SECOND,
@@ -33,13 +33,15 @@ pub(crate) struct Table<W: Write> {
     line: Vec<u8>,
 }
 
-impl Table<BufWriter<File>> {
+impl Table<Output> {
     /// Creates a file.
     pub(crate) fn create(path: &Path) -> Result<Self> {
-        let name = path.display();
-        let file = File::create(path).with_context(|| format!("cannot create {name}"))?;
-        Self::new(BufWriter::with_capacity(1 << 18, file))
-            .with_context(|| format!("cannot write {name}"))
+        Self::new(Output::create(path)?).with_context(|| format!("cannot write {}", path.display()))
+    }
+
+    /// Where it lies until it is whole.
+    pub(crate) fn partial(&self) -> Option<PathBuf> {
+        self.output.partial()
     }
 }
 

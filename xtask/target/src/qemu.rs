@@ -213,8 +213,11 @@ impl Host<'_> {
         match self.sender.receive(&line) {
             Received::Answer(answered) => {
                 self.figures.responses.push(answered.response);
-                if answered.response != Response::Ok {
-                    let text = refusal(answered.number, &answered.line, answered.response);
+                let (number, line) = (answered.number, &answered.line);
+                if answered.response != Response::Ok
+                    && self.figures.refusals.add(number, line, answered.response)
+                {
+                    let text = refusal(number, line, answered.response);
                     self.bar.suspend(|| println!("{text}"));
                 }
             }
@@ -222,6 +225,7 @@ impl Host<'_> {
             Received::Message if line.is_empty() => {}
             Received::Message => {
                 if line.starts_with("ALARM:") {
+                    self.figures.refusals.alarm(self.sender.answered(), &line);
                     self.bar
                         .suspend(|| println!("{:>8}  {}", "", line.red().bold()));
                 }

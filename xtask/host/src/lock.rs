@@ -1,0 +1,98 @@
+//! What one process at a time may serve: a lock beside it that names its holder.
+
+use std::{
+    fs::{self, File, TryLockError},
+    io::{self, Read as _, Write as _},
+    os::unix::fs::MetadataExt as _,
+    path::{Path, PathBuf},
+    process,
+};
+
+use anyhow::{Context, Result, bail};
+
+/// A file `PATH.lock` with the number of the process that has it; it goes with the lock.
+pub struct Lock {
+    path: PathBuf,
+    _file: File,
+}
+
+impl Lock {
+    /// Takes the lock of a path, or says which process has it.
+    pub fn of(path: &Path) -> Result<Self> {
+        let mut name = path.as_os_str().to_owned();
+        name.push(".lock");
+        let lock = PathBuf::from(name);
+        let open = || {
+            File::options()
+                .read(true)
+                .write(true)
+                .create(true)
+                .truncate(false)
+                .open(&lock)
+        };
+        loop {
+            let mut file = open().with_context(|| format!("cannot create {}", lock.display()))?;
+            match file.try_lock() {
+                Ok(()) => {}
+                Err(TryLockError::WouldBlock) => {
+                    let mut holder = String::new();
+                    // One that has just begun has not written it yet.
+                    let _ = file.read_to_string(&mut holder);
+                    bail!("process {} has {}", holder.trim(), path.display());
+                }
+                Err(TryLockError::Error(error)) => {
+                    return Err(error).context(format!("cannot lock {}", lock.display()));
+                }
+            }
+            // A holder that has just ended may have removed the file.
+            if !is_at(&file, &lock) {
+                continue;
+            }
+            file.set_len(0)
+                .and_then(|()| writeln!(file, "{}", process::id()))
+                .with_context(|| format!("cannot write {}", lock.display()))?;
+            return Ok(Self {
+                path: lock,
+                _file: file,
+            });
+        }
+    }
+}
+
+impl Drop for Lock {
+    fn drop(&mut self) {
+        let _ = fs::remove_file(&self.path);
+    }
+}
+
+/// Whether an open file is still the one of a path.
+fn is_at(file: &File, path: &Path) -> bool {
+    let identity = |metadata: io::Result<fs::Metadata>| {
+        metadata
+            .ok()
+            .map(|metadata| (metadata.dev(), metadata.ino()))
+    };
+    identity(file.metadata()) == identity(fs::metadata(path))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_second_holder_is_told_of_the_first() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("tty");
+        let lock = Lock::of(&path).unwrap();
+        let error = Lock::of(&path).err().unwrap().to_string();
+        assert_eq!(
+            error,
+            format!("process {} has {}", process::id(), path.display())
+        );
+        drop(lock);
+        assert_eq!(fs::read_dir(folder.path()).unwrap().count(), 0);
+        // What a process leaves behind that was killed.
+        fs::write(folder.path().join("tty.lock"), "1234567890\n").unwrap();
+        Lock::of(&path).unwrap();
+    }
+}

@@ -1,0 +1,90 @@
+//! The machine as it is switched on: what it has stored, and what is wired to it.
+
+use std::{
+    fs,
+    io::{ErrorKind, Write as _},
+    path::Path,
+};
+
+use anyhow::{Context, Result, bail, ensure};
+use host::{machine::Ends, output::Output, play, proven, settings::Loaded};
+use leadscrew::{
+    model::State,
+    sim::{Flash, Simulator},
+};
+
+/// How the machine is switched on.
+pub(crate) struct PowerUp<'a> {
+    /// Settings that are given beside what is stored.
+    pub(crate) loaded: &'a Loaded,
+    /// Where the contents of its flash are kept; without it, what is stored is forgotten in the end.
+    pub(crate) flash: Option<&'a Path>,
+    /// It has limit switches and a probe plate.
+    pub(crate) has_switches: bool,
+}
+
+impl PowerUp<'_> {
+    /// Switches the machine on. A flash file that is not there is a new machine.
+    pub(crate) fn simulator(&self) -> Result<Simulator> {
+        let mut simulator = match self.flash {
+            None => Simulator::new(&self.loaded.settings),
+            Some(path) => self.stored(path)?,
+        };
+        if self.has_switches {
+            Ends::of(simulator.session().settings()).mount_on(&mut simulator);
+        }
+        Ok(simulator)
+    }
+
+    /// A machine with what its file has stored, and the settings that are given, which it stores too.
+    fn stored(&self, path: &Path) -> Result<Simulator> {
+        let flash =
+            read(path).with_context(|| format!("cannot use {} as a flash", path.display()))?;
+        let mut simulator = Simulator::power_up(flash, proven::committed());
+        if !self.loaded.statements.is_empty() {
+            // What it says at power-up comes first.
+            play::ask(&mut simulator, b"");
+            for statement in &self.loaded.statements {
+                let said = play::ask(&mut simulator, format!("${statement}\n").as_bytes());
+                if let Some(error) = said.iter().find(|line| line.starts_with("error:")) {
+                    bail!("the machine refuses ${statement} beside what it has stored: {error}");
+                }
+            }
+            simulator = Simulator::power_up(simulator.into_flash(), proven::committed());
+        }
+        save(path, simulator.flash())?;
+        Ok(simulator)
+    }
+}
+
+/// Unlocks a machine that was switched on locked, as homing would: without moving it.
+pub(crate) fn unlock(simulator: &mut Simulator) {
+    // The tasks that begin at power-up come first.
+    simulator.settle();
+    if simulator.snapshot().state == State::Alarm {
+        play::ask(simulator, b"$X\n");
+    }
+}
+
+fn read(path: &Path) -> Result<Flash> {
+    let mut flash = Flash::new();
+    let contents = flash.contents_mut();
+    match fs::read(path) {
+        Ok(bytes) => {
+            let (size, wanted) = (bytes.len(), contents.len());
+            ensure!(size == wanted, "it has {size} bytes, and not {wanted}");
+            contents.copy_from_slice(&bytes);
+        }
+        Err(error) if error.kind() == ErrorKind::NotFound => {}
+        Err(error) => return Err(error.into()),
+    }
+    Ok(flash)
+}
+
+/// Writes a flash to a file, all of it or nothing.
+pub(crate) fn save(path: &Path, flash: &Flash) -> Result<()> {
+    let mut file = Output::create(path)?;
+    file.write_all(flash.contents())
+        .with_context(|| format!("cannot write {}", path.display()))?;
+    file.finish()
+}

@@ -1,0 +1,125 @@
+//! A TCP port with one sender at a time.
+
+use std::{
+    io::{ErrorKind, Read as _, Write as _},
+    net::{SocketAddr, TcpListener, TcpStream},
+    time::Duration,
+};
+
+use anyhow::{Context, Result};
+use common::ui;
+use rustix::{
+    event::PollFd,
+    net::sockopt::{set_socket_keepalive, set_tcp_keepcnt, set_tcp_keepidle, set_tcp_keepintvl},
+};
+
+use super::{Port, flags};
+
+/// A sender that has gone without saying so is noticed after so long, and so many questions.
+const SILENCE: Duration = Duration::from_secs(10);
+const QUESTION: Duration = Duration::from_secs(5);
+const QUESTIONS: u32 = 3;
+
+/// A listening socket and the sender that is connected.
+pub(crate) struct Tcp {
+    listener: TcpListener,
+    sender: Option<(TcpStream, SocketAddr)>,
+}
+
+impl Tcp {
+    /// Listens at an address.
+    pub(crate) fn at(address: &str) -> Result<Self> {
+        let listener = TcpListener::bind(address).with_context(|| {
+            format!("cannot listen at {address:?} (an address is 127.0.0.1:2323)")
+        })?;
+        listener.set_nonblocking(true)?;
+        let tcp = Self {
+            listener,
+            sender: None,
+        };
+        let address = tcp.address()?;
+        ui::status("Serving", &format!("tcp://{address} (Ctrl-C ends)"));
+        Ok(tcp)
+    }
+
+    /// Where it listens.
+    pub(crate) fn address(&self) -> Result<SocketAddr> {
+        self.listener
+            .local_addr()
+            .context("the port has no address")
+    }
+
+    /// Takes who wants to connect if nobody is, and tells everybody else who that is.
+    fn accept(&mut self) {
+        while let Ok((mut stream, from)) = self.listener.accept() {
+            if let Some((_, holder)) = &self.sender {
+                ui::status("Refused", &format!("{from}: {holder} is connected"));
+                // Who has gone already need not know.
+                let _ = write!(stream, "[MSG:In use by {holder}]\r\n");
+            } else if prepare(&stream).is_ok() {
+                ui::status("Connected", &from.to_string());
+                self.sender = Some((stream, from));
+            }
+        }
+    }
+
+    fn part(&mut self) {
+        if let Some((_, from)) = self.sender.take() {
+            ui::status("Left", &from.to_string());
+        }
+    }
+}
+
+impl Port for Tcp {
+    fn read(&mut self, bytes: &mut [u8]) -> Result<usize> {
+        if let Some((stream, _)) = &mut self.sender {
+            match stream.read(bytes) {
+                Ok(length) if length > 0 => return Ok(length),
+                Err(error) if is_temporary(error.kind()) => {}
+                Ok(_) | Err(_) => self.part(),
+            }
+        }
+        self.accept();
+        Ok(0)
+    }
+
+    fn write(&mut self, bytes: &[u8]) -> Result<usize> {
+        let Some((stream, _)) = &mut self.sender else {
+            return Ok(bytes.len());
+        };
+        match stream.write(bytes) {
+            Ok(length) => Ok(length),
+            Err(error) if is_temporary(error.kind()) => Ok(0),
+            Err(_) => {
+                self.part();
+                Ok(bytes.len())
+            }
+        }
+    }
+
+    fn wait_for<'a>(&'a self, reads: bool, writes: bool, fds: &mut Vec<PollFd<'a>>) {
+        if reads {
+            fds.push(PollFd::new(&self.listener, flags(true, false)));
+        }
+        if let Some((stream, _)) = &self.sender
+            && (reads || writes)
+        {
+            fds.push(PollFd::new(stream, flags(reads, writes)));
+        }
+    }
+}
+
+/// Sends bytes at once, and notices a computer that is gone.
+fn prepare(stream: &TcpStream) -> std::io::Result<()> {
+    stream.set_nonblocking(true)?;
+    stream.set_nodelay(true)?;
+    set_socket_keepalive(stream, true)?;
+    set_tcp_keepidle(stream, SILENCE)?;
+    set_tcp_keepintvl(stream, QUESTION)?;
+    set_tcp_keepcnt(stream, QUESTIONS)?;
+    Ok(())
+}
+
+fn is_temporary(kind: ErrorKind) -> bool {
+    matches!(kind, ErrorKind::WouldBlock | ErrorKind::Interrupted)
+}

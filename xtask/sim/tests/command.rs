@@ -1,0 +1,259 @@
+//! `cargo xtask sim` as a process: its files, its signals, and who is connected with it.
+
+use std::{
+    fs,
+    io::{BufRead as _, BufReader, Lines, Read as _, Write as _},
+    net::TcpStream,
+    path::Path,
+    process::{Child, ChildStderr, Command, Output, Stdio},
+};
+
+use rustix::process::{Pid, Signal, kill_process};
+
+fn sim(folder: &Path, arguments: &[&str]) -> Command {
+    let mut command = Command::new(env!("CARGO_BIN_EXE_sim"));
+    command.args(arguments).current_dir(folder);
+    command
+        .stdin(Stdio::piped())
+        .stdout(Stdio::piped())
+        .stderr(Stdio::piped());
+    command
+}
+
+/// Runs it with something at its standard input.
+fn done(folder: &Path, arguments: &[&str], input: &str) -> Output {
+    let mut child = sim(folder, arguments).spawn().unwrap();
+    // What fails before it reads closes the pipe.
+    let _ = child.stdin.take().unwrap().write_all(input.as_bytes());
+    child.wait_with_output().unwrap()
+}
+
+fn text(bytes: &[u8]) -> String {
+    String::from_utf8_lossy(bytes).into_owned()
+}
+
+fn interrupt(child: &Child) {
+    kill_process(Pid::from_child(child), Signal::INT).unwrap();
+}
+
+fn names(folder: &Path) -> Vec<String> {
+    let files = fs::read_dir(folder).unwrap();
+    let mut names: Vec<_> = files
+        .map(|file| file.unwrap().file_name().to_string_lossy().into_owned())
+        .collect();
+    names.sort();
+    names
+}
+
+/// A server, ended by Ctrl-C.
+struct Server {
+    child: Child,
+    said: Lines<BufReader<ChildStderr>>,
+}
+
+impl Server {
+    fn start(folder: &Path, arguments: &[&str]) -> (Self, String) {
+        let mut child = sim(folder, arguments).spawn().unwrap();
+        let said = BufReader::new(child.stderr.take().unwrap()).lines();
+        let mut server = Self { child, said };
+        let line = server.hears("Serving");
+        (server, line)
+    }
+
+    /// The rest of the next line that begins with a word.
+    fn hears(&mut self, word: &str) -> String {
+        let line = self.said.find(|line| line.as_ref().unwrap().contains(word));
+        let line = line.unwrap().unwrap();
+        line.split_once(word).unwrap().1.trim().to_owned()
+    }
+
+    fn tcp(folder: &Path, arguments: &[&str]) -> (Self, String) {
+        let arguments = [&["--tcp", "127.0.0.1:0"], arguments].concat();
+        let (server, line) = Self::start(folder, &arguments);
+        let address = line.split_whitespace().next().unwrap();
+        (server, address.trim_start_matches("tcp://").to_owned())
+    }
+
+    fn stop(mut self) {
+        interrupt(&self.child);
+        assert!(self.child.wait().unwrap().success());
+    }
+}
+
+impl Drop for Server {
+    fn drop(&mut self) {
+        let _ = self.child.kill();
+    }
+}
+
+/// Sends lines, and reads until each has its answer.
+fn talk(stream: &TcpStream, lines: &str) {
+    let mut writer = stream;
+    writer.write_all(lines.as_bytes()).unwrap();
+    let answers = BufReader::new(stream).lines();
+    let answers = answers.filter(|line| line.as_ref().unwrap() == "ok");
+    let wanted = lines.lines().count();
+    assert_eq!(answers.take(wanted).count(), wanted);
+}
+
+#[test]
+fn a_program_comes_from_standard_input_too() {
+    let folder = tempfile::tempdir().unwrap();
+    let run = done(
+        folder.path(),
+        &["-", "--plot", "out.svg"],
+        "G1 X1 F600\nX0\n",
+    );
+    assert!(run.status.success(), "{}", text(&run.stderr));
+    assert!(text(&run.stdout).contains("X 0.000 mm"));
+    let picture = fs::read_to_string(folder.path().join("out.svg")).unwrap();
+    assert!(picture.contains("standard input"));
+}
+
+#[test]
+fn the_version_is_that_of_the_workspace() {
+    let folder = tempfile::tempdir().unwrap();
+    let run = done(folder.path(), &["--version"], "");
+    assert_eq!(
+        text(&run.stdout).trim(),
+        concat!("sim ", env!("CARGO_PKG_VERSION"))
+    );
+}
+
+#[test]
+fn what_cannot_be_read_or_written_is_told_before_anything_runs() {
+    let folder = tempfile::tempdir().unwrap();
+    fs::write(folder.path().join("part.nc"), "G1 X1 F600\n").unwrap();
+    for (arguments, part) in [
+        (
+            &["no.nc", "--json", "a.json"][..],
+            "cannot open the program no.nc",
+        ),
+        (
+            &["part.nc", "--settings", "no.txt", "--json", "a.json"],
+            "cannot read the settings no.txt",
+        ),
+        (
+            &["part.nc", "--json", "a.json", "--plot", "no/a.svg"],
+            "cannot create no/a.svg",
+        ),
+        (
+            &["part.nc", "--json", "a.json", "--trace", "."],
+            "cannot create .",
+        ),
+        (
+            &["part.nc", "--flash", "part.nc", "--json", "a.json"],
+            "cannot use part.nc as a flash",
+        ),
+    ] {
+        let run = done(folder.path(), arguments, "");
+        assert!(!run.status.success());
+        assert!(text(&run.stderr).contains(part), "{}", text(&run.stderr));
+        assert_eq!(text(&run.stdout), "", "{arguments:?}");
+        assert_eq!(names(folder.path()), ["part.nc"], "{arguments:?}");
+    }
+}
+
+#[test]
+fn an_interrupted_run_leaves_no_half_file() {
+    let folder = tempfile::tempdir().unwrap();
+    let arguments = ["-", "--trace", "a.csv", "--json", "a.json"];
+    let mut child = sim(folder.path(), &arguments).spawn().unwrap();
+    // It waits for more of the program: its files have been begun.
+    let mut input = child.stdin.take().unwrap();
+    input.write_all(b"G1 X1 F600\n").unwrap();
+    while names(folder.path()).len() < 2 {
+        std::thread::yield_now();
+    }
+    // What has a name beside that of a file is none that looks whole.
+    let is_beside = |name: &String| name.starts_with('.') && name.ends_with(".partial");
+    assert!(names(folder.path()).iter().all(is_beside));
+    interrupt(&child);
+    assert!(!child.wait().unwrap().success());
+    assert_eq!(names(folder.path()), Vec::<String>::new());
+    drop(input);
+}
+
+#[test]
+fn a_server_writes_its_files_when_it_ends() {
+    let folder = tempfile::tempdir().unwrap();
+    let files = ["--trace", "a.csv", "--plot", "a.svg", "--json", "a.json"];
+    let (server, address) = Server::tcp(folder.path(), &files);
+    talk(
+        &TcpStream::connect(&address).unwrap(),
+        "G1 X0.1 F600\nG4 P0.001\n",
+    );
+    server.stop();
+    assert_eq!(names(folder.path()), ["a.csv", "a.json", "a.svg"]);
+    let read = |name: &str| fs::read_to_string(folder.path().join(name)).unwrap();
+    assert_eq!(read("a.csv").lines().count(), 1 + 25);
+    assert!(read("a.json").contains(r#""lines":2,"responses":[[1,"ok"],[2,"ok"]]"#));
+    assert!(read("a.svg").contains(&format!("tcp://{address}")));
+}
+
+#[test]
+fn a_second_sender_is_refused_with_who_is_connected() {
+    let folder = tempfile::tempdir().unwrap();
+    let (mut server, address) = Server::tcp(folder.path(), &[]);
+    let first = TcpStream::connect(&address).unwrap();
+    talk(&first, "G0\n");
+    let holder = first.local_addr().unwrap().to_string();
+    let mut second = TcpStream::connect(&address).unwrap();
+    let mut said = String::new();
+    second.read_to_string(&mut said).unwrap();
+    assert_eq!(said, format!("[MSG:In use by {holder}]\r\n"));
+    assert!(
+        server
+            .hears("Refused")
+            .ends_with(&format!("{holder} is connected"))
+    );
+    talk(&first, "G0\n");
+    drop(first);
+    server.hears("Left");
+    talk(&TcpStream::connect(&address).unwrap(), "G0\n");
+    server.stop();
+}
+
+#[test]
+fn a_second_server_on_a_link_or_a_flash_is_refused_with_who_has_it() {
+    let folder = tempfile::tempdir().unwrap();
+    let (server, _) = Server::start(folder.path(), &["--pty", "tty", "--flash", "chip"]);
+    let process = server.child.id();
+    for (arguments, what) in [
+        (["--pty", "tty", "--trace", "a.csv"], "tty"),
+        (["-", "--flash", "chip", "--switches"], "chip"),
+    ] {
+        let run = done(folder.path(), &arguments, "");
+        let expected = format!("process {process} has {what}");
+        assert!(
+            text(&run.stderr).contains(&expected),
+            "{}",
+            text(&run.stderr)
+        );
+    }
+    server.stop();
+    assert_eq!(names(folder.path()), ["chip"]);
+}
+
+#[test]
+fn an_idle_server_sleeps() {
+    let folder = tempfile::tempdir().unwrap();
+    let (server, address) = Server::tcp(folder.path(), &[]);
+    let stream = TcpStream::connect(&address).unwrap();
+    talk(&stream, "G0\n");
+    let status = format!("/proc/{}/status", server.child.id());
+    let switches = || -> Option<u64> {
+        let status = fs::read_to_string(&status).ok()?;
+        let line = status
+            .lines()
+            .find(|line| line.starts_with("voluntary_ctxt"))?;
+        line.split_whitespace().last()?.parse().ok()
+    };
+    // Elsewhere than on Linux nobody counts.
+    if let Some(before) = switches() {
+        std::thread::sleep(std::time::Duration::from_millis(300));
+        let after = switches().unwrap();
+        assert!(after - before < 20, "{before} {after}");
+    }
+    server.stop();
+}
