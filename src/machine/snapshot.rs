@@ -1,8 +1,7 @@
 //! The state of the machine as every task may read it.
 //!
 //! # Cost
-//! [`Snapshot::copy_from`] copies field by field: each is too small for the library's loop over
-//! memory, whose time is not known. `prepare` waits for the copy.
+//! `prepare` waits while [`Snapshot::copy_from`] copies, field by field.
 
 use super::Inputs;
 use crate::{
@@ -63,38 +62,18 @@ pub struct Snapshot {
 }
 
 impl Snapshot {
-    /// Copies the fields that `prepare` publishes, and reads the position and the inputs, which it
-    /// does not publish. Under the lock of the published snapshot: no motion begins meanwhile that
-    /// its fields do not show yet.
+    /// Copies what `prepare` publishes, and reads the position and the inputs, which it does not
+    /// publish. Under the lock of the published snapshot: no motion begins meanwhile that its fields
+    /// do not show yet.
     #[inline]
     pub fn copy_from(&mut self, published: &Self, segments: &SegmentRing, inputs: &Inputs) {
-        (self.steps, self.feed_mm_min, self.line) = segments.status();
-        self.inputs = inputs.active();
-        macro_rules! copy {
-            ($($field:ident),* $(,)?) => {
-                let Self { steps: _, feed_mm_min: _, inputs: _, line: _, $($field),* } = published;
-                $(self.$field = *$field;)*
-            };
-        }
-        copy!(
-            state,
-            spindle_rpm,
-            spindle,
-            coolant,
-            programmed_coolant,
-            coolant_toggles,
-            accessory_changes,
-            overrides,
-            probed,
-            notices,
-            blocks_free,
-            finished,
-            is_at_rest,
-            reset_count,
-            cancelled_motions,
-            reset_in_motion,
-            has_underrun,
-            is_critical,
-        );
+        let (steps, feed_mm_min, line) = segments.status();
+        *self = Self {
+            steps,
+            feed_mm_min,
+            line,
+            inputs: inputs.active(),
+            ..*published
+        };
     }
 }
