@@ -5,7 +5,7 @@
 //! deadline, so that `prepare` needs single precision only.
 //!
 //! # Cost
-//! A block has some 50 words. [`Router::line_block`] is inlined, so that the block of a line, as nearly all
+//! A block has some 50 words. [`Router::route_to`] is inlined, so that the block of a line, as nearly all
 //! are, is built in the queue; the others are copied. Arcs and `G64` are out of line, so that a line does
 //! not save their registers.
 
@@ -155,37 +155,46 @@ impl Router {
     ///
     /// Targets must not be beyond [`Settings::farthest`].
     pub fn route(&mut self, command: &Command) -> Option<Work> {
+        self.route_to(command, |work| work)
+    }
+
+    /// Returns what `send` makes of the work of a command: see [`Self::route`].
+    #[inline(always)]
+    #[expect(clippy::inline_always, reason = "a call would take the work by a copy")]
+    pub fn route_to<T>(&mut self, command: &Command, send: impl FnOnce(Work) -> T) -> Option<T> {
         Some(match command {
             Command::Line {
                 target,
                 feed_rate,
                 line,
-            } => Work::Move(self.line(target, *feed_rate, *line)?),
+            } => send(Work::Move(self.line_block(target, *feed_rate, *line)?)),
             Command::Arc {
                 target,
                 circle,
                 feed_rate,
                 line,
-            } => Work::Move(self.arc_block(target, circle, *feed_rate, *line)?),
+            } => send(Work::Move(
+                self.arc_block(target, circle, *feed_rate, *line)?,
+            )),
             Command::Probe {
                 target,
                 feed_rate,
                 probing,
                 line,
             } => {
-                let mut block = self.line(target, *feed_rate, *line)?;
+                let mut block = self.rare_line_block(target, *feed_rate, *line)?;
                 block.kind = MoveKind::Fixed;
-                Work::Probe(block, *probing)
+                send(Work::Probe(block, *probing))
             }
             Command::Power(laser) => {
                 self.laser = *laser;
                 return None;
             }
-            Command::Dwell { milliseconds } => Work::Dwell(*milliseconds),
-            Command::Spindle { spindle, rpm } => Work::Spindle(*spindle, *rpm),
-            Command::Coolant(coolant) => Work::Coolant(*coolant),
-            Command::Overrides(switches) => Work::Overrides(*switches),
-            Command::Pause => Work::Pause,
+            Command::Dwell { milliseconds } => send(Work::Dwell(*milliseconds)),
+            Command::Spindle { spindle, rpm } => send(Work::Spindle(*spindle, *rpm)),
+            Command::Coolant(coolant) => send(Work::Coolant(*coolant)),
+            Command::Overrides(switches) => send(Work::Overrides(*switches)),
+            Command::Pause => send(Work::Pause),
         })
     }
 
@@ -216,20 +225,21 @@ impl Router {
         blender.flush(&self.limits);
     }
 
+    /// As [`Self::line_block`], for moves that are rare.
     #[inline(never)]
-    fn line(&mut self, target: &Target, feed_rate: FeedRate, line: u32) -> Option<Block> {
-        self.line_block(target, feed_rate, line)
-    }
-
-    /// The block of a line; `None` for one that makes no step.
-    #[inline(always)]
-    #[expect(clippy::inline_always, reason = "a call would return by a copy")]
-    pub(crate) fn line_block(
+    fn rare_line_block(
         &mut self,
         target: &Target,
         feed_rate: FeedRate,
         line: u32,
     ) -> Option<Block> {
+        self.line_block(target, feed_rate, line)
+    }
+
+    /// Returns the block of a line; `None` for one that makes no step.
+    #[inline(always)]
+    #[expect(clippy::inline_always, reason = "a call would return by a copy")]
+    fn line_block(&mut self, target: &Target, feed_rate: FeedRate, line: u32) -> Option<Block> {
         let end = self.block_end(target);
         if end.steps == self.at.steps {
             self.at.position = target.position;

@@ -43,7 +43,7 @@ impl Router {
         );
         if arc.length_mm() as f32 * finest < 0.5 {
             // The displacement of the other axes is a line.
-            return self.line(target, feed_rate, line);
+            return self.rare_line_block(target, feed_rate, line);
         }
         let end = self.block_end(target);
         let geometry = self.arc_geometry(&arc, [first, second], &target.position, feed_rate);

@@ -11,7 +11,7 @@ use super::{Completion, LineStage, Links, Progress, Session, Source};
 use crate::{
     gcode::ProbeMode,
     machine::Snapshot,
-    model::{Alarm, Command, FeedRate, Laser, Levels, PathControl, Spindle, Target},
+    model::{Alarm, Command, FeedRate, Laser, Levels, PathControl, Spindle},
     path::{Entry, Router, Work},
     protocol::report::{self, Feedback},
 };
@@ -201,55 +201,15 @@ impl Session {
 }
 
 /// Enqueues the work of a command; there is room. Returns false for a move without a step.
+#[inline(never)]
 fn enqueue(
     router: &mut Router,
     command: &Command,
     reset_count: u32,
     entries: &mut Producer<'_, Entry>,
 ) -> bool {
-    match command {
-        Command::Line {
-            target,
-            feed_rate,
-            line,
-        } => enqueue_line(router, target, *feed_rate, *line, reset_count, entries),
-        Command::Arc { .. }
-        | Command::Probe { .. }
-        | Command::Power(_)
-        | Command::Dwell { .. }
-        | Command::Spindle { .. }
-        | Command::Coolant(_)
-        | Command::Overrides(_)
-        | Command::Pause => enqueue_other(router, command, reset_count, entries),
-    }
-}
-
-#[inline(never)]
-fn enqueue_line(
-    router: &mut Router,
-    target: &Target,
-    feed_rate: FeedRate,
-    line: u32,
-    reset_count: u32,
-    entries: &mut Producer<'_, Entry>,
-) -> bool {
-    let Some(block) = router.line_block(target, feed_rate, line) else {
-        return false;
-    };
-    let work = Work::Move(block);
-    entries.enqueue(Entry { reset_count, work }).is_ok()
-}
-
-#[inline(never)]
-fn enqueue_other(
-    router: &mut Router,
-    command: &Command,
-    reset_count: u32,
-    entries: &mut Producer<'_, Entry>,
-) -> bool {
-    router
-        .route(command)
-        .is_some_and(|work| entries.enqueue(Entry { reset_count, work }).is_ok())
+    let enqueue = |work| entries.enqueue(Entry { reset_count, work }).is_ok();
+    router.route_to(command, enqueue).unwrap_or(false)
 }
 
 /// Returns whether a command goes through the blender, in which `G64` may change it.
