@@ -106,7 +106,17 @@ pub fn load_for(
 pub fn read(path: &Path) -> Result<Dump> {
     let name = path.display();
     let text = fs::read(path).with_context(|| format!("cannot read the settings {name}"))?;
-    Ok(Dump::read(&String::from_utf8_lossy(&text)))
+    Ok(Dump::read(&decoded(&text)))
+}
+
+/// The text of a file, which is UTF-16 where PowerShell has written it.
+fn decoded(bytes: &[u8]) -> String {
+    let Some(units) = bytes.strip_prefix(b"\xff\xfe") else {
+        return String::from_utf8_lossy(bytes).into();
+    };
+    let (units, _) = units.as_chunks();
+    let units: Vec<_> = units.iter().map(|unit| u16::from_le_bytes(*unit)).collect();
+    String::from_utf16_lossy(&units)
 }
 
 /// Fails where a line cannot be read or a setting is refused, with all of them.

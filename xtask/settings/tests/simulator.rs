@@ -273,6 +273,36 @@ fn a_machine_in_alarm_or_in_motion_is_told() {
     assert!(done(&command).contains("123.000"));
 }
 
+/// A machine that reports a state, and answers lines; without an answer it ends the connection.
+fn other_machine(state: &'static str, answer: fn(&str) -> Option<&'static str>) -> String {
+    let listener = TcpListener::bind("127.0.0.1:0").unwrap();
+    let address = listener.local_addr().unwrap().to_string();
+    thread::spawn(move || {
+        for stream in listener.incoming() {
+            let mut stream = stream.unwrap();
+            let mut line = String::new();
+            let mut byte = [0];
+            while let Ok(1) = stream.read(&mut byte) {
+                let answer = match byte[0] {
+                    b'?' => Some(state),
+                    b'\n' => answer(&std::mem::take(&mut line)),
+                    byte => {
+                        line.push(char::from(byte));
+                        continue;
+                    }
+                };
+                let Some(answer) = answer else {
+                    break;
+                };
+                stream.write_all(answer.as_bytes()).unwrap();
+            }
+        }
+    });
+    address
+}
+
+const IDLE: &str = "<Idle|MPos:0.000,0.000,0.000|FS:0,0>\r\n";
+
 /// Lines of Grbl 1.1, which has no `$+` and does not tell a step rate.
 fn grbl(line: &str) -> &'static str {
     match line {
@@ -287,27 +317,7 @@ fn grbl(line: &str) -> &'static str {
 #[test]
 fn what_another_machine_refuses_or_forgets_is_told() {
     let folder = Folder::new("grbl");
-    let listener = TcpListener::bind("127.0.0.1:0").unwrap();
-    let address = listener.local_addr().unwrap().to_string();
-    thread::spawn(move || {
-        for stream in listener.incoming() {
-            let mut stream = stream.unwrap();
-            let mut line = String::new();
-            let mut byte = [0];
-            while let Ok(1) = stream.read(&mut byte) {
-                match byte[0] {
-                    b'?' => stream
-                        .write_all(b"<Idle|MPos:0.000,0.000,0.000>\r\n")
-                        .unwrap(),
-                    b'\n' => {
-                        stream.write_all(grbl(&line).as_bytes()).unwrap();
-                        line.clear();
-                    }
-                    byte => line.push(char::from(byte)),
-                }
-            }
-        }
-    });
+    let address = other_machine(IDLE, |line| Some(grbl(line)));
     let file = folder.file("mill.txt", "$0=2\n$1=50\n$41=1\n");
     let said = failed(&["--tcp", &address, "--load", &file]);
     for part in [
@@ -320,8 +330,39 @@ fn what_another_machine_refuses_or_forgets_is_told() {
     }
     let saved = folder.path("saved.txt");
     done(&["--tcp", &address, "--save", &saved]);
-    assert_eq!(
-        fs::read_to_string(&saved).unwrap(),
-        "$0=10\n$1=25\n$20=0\n$22=0\n"
-    );
+    let text = fs::read_to_string(&saved).unwrap();
+    assert_eq!(text, "$0=10\n$1=25\n$20=0\n$22=0\n");
+}
+
+#[test]
+fn a_conversation_that_breaks_off_is_told_and_no_file_is_written() {
+    const HELD: &str = "<Hold:0|MPos:0.000,0.000,0.000|FS:0,0>\r\n";
+    let folder = Folder::new("broken");
+    let saved = folder.path("saved.txt");
+    let noise = "x".repeat(5000).leak();
+    for (address, told) in [
+        (other_machine(noise, |_| None), "sends what is no text"),
+        (other_machine(IDLE, |_| None), "the connection has ended"),
+        (
+            other_machine(IDLE, |_| Some("Grbl 1.1h ['$' for help]\r\n")),
+            "has been reset",
+        ),
+        (
+            other_machine(IDLE, |_| Some("")),
+            "has not answered $+ for 0.4 s",
+        ),
+        (
+            other_machine(IDLE, |_| Some("ok\r\n")),
+            "has listed no settings",
+        ),
+        (other_machine(HELD, |_| Some("")), "it is in the state Hold"),
+        (
+            other_machine("noise", |_| Some("")),
+            "has not answered for 0.4 s",
+        ),
+    ] {
+        let said = failed(&["--tcp", &address, "--timeout", "0.4", "--save", &saved]);
+        assert!(said.contains(told), "{said}");
+    }
+    assert!(!Path::new(&saved).exists());
 }

@@ -99,6 +99,20 @@ fn a_file_that_is_not_there_is_named() {
 }
 
 #[test]
+fn a_file_in_utf_16_is_read_as_one_in_utf_8() {
+    let text = "\u{feff}$1=30\r\n$2=5\r\n";
+    let utf_16: Vec<u8> = text.encode_utf16().flat_map(u16::to_le_bytes).collect();
+    for bytes in [&utf_16[..], text.as_bytes()] {
+        let statements: Vec<_> = Dump::read(&decoded(bytes))
+            .entries
+            .iter()
+            .map(Entry::statement)
+            .collect();
+        assert_eq!(statements, ["1=30", "2=5"]);
+    }
+}
+
+#[test]
 fn every_set_of_settings_is_valid() {
     for (name, _) in SETS {
         named_set(name).unwrap();
