@@ -3,6 +3,7 @@
 //! Read with NIST RS274NGC 3 and Grbl 1.1's table of errors. A line arrives as the line assembler
 //! leaves it: upper case, without blanks and comments.
 
+pub mod codes;
 mod error;
 pub mod interpreter;
 mod modal;

@@ -3,6 +3,7 @@
 #![cfg(not(target_os = "none"))]
 
 mod arcs;
+mod codes;
 mod habits;
 mod laws;
 mod lines;

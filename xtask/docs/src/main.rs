@@ -8,7 +8,10 @@ use common::{BAUD, cargo, text::separated, tools, ui};
 use host::proven;
 use leadscrew::{
     axis::AXES,
-    gcode::LineError,
+    gcode::{
+        LineError,
+        codes::{CODES, CodeGroup},
+    },
     model::Alarm,
     settings::{DataType, Kind, Setting, Settings, StepRate, Value},
 };
@@ -26,7 +29,8 @@ struct Options {
 type Document = (&'static str, fn() -> Result<String>);
 
 /// Every document.
-const DOCUMENTS: [Document; 3] = [
+const DOCUMENTS: [Document; 4] = [
+    ("docs/gcodes.md", codes_table),
     ("docs/settings.md", settings_table),
     ("docs/errors.md", errors_table),
     ("docs/conformance.md", conformance_table),
@@ -211,6 +215,37 @@ fn shown(value: Value, decimals: usize) -> String {
         Value::Number(number) => format!("{number:.decimals$}"),
         Value::Millionths(millionths) => format!("{:.3}", millionths as f64 / 1.0e6),
     }
+}
+
+fn codes_table() -> Result<String> {
+    let mut text = String::from(
+        "# G-codes\n\n\
+         Made from the table in `src/gcode/codes.rs` by `cargo xtask docs`; every line in it is executed by a \
+         test.\n\n\
+         A line may have one code of each modal group. \"axes\" are words like `X10`; words in brackets may be\n\
+         left out. Under \"refused\" are lines with the error that they get ([what they mean](errors.md)). Words\n\
+         without a code: `F` feed, `S` spindle speed, `T` tool, `N` line number. `%` alone in a line, `O1234` and\n\
+         `:1234` do nothing.\n",
+    );
+    for group in CodeGroup::ALL {
+        let name = group.name();
+        write!(
+            text,
+            "\n## {name}\n\n| code | what it does | words | example | refused |\n|---|---|---|---|---|\n"
+        )?;
+        for row in CODES.iter().filter(|row| row.group == group) {
+            let example = row.example.join("`, `");
+            let refused = row.refused.iter();
+            let refused = refused.map(|(line, error)| format!("`{line}` {}", error.number()));
+            let refused = refused.collect::<Vec<_>>().join(", ");
+            writeln!(
+                text,
+                "| `{}` | {} | {} | `{example}` | {refused} |",
+                row.code, row.text, row.words
+            )?;
+        }
+    }
+    Ok(text)
 }
 
 fn errors_table() -> Result<String> {

@@ -1,0 +1,199 @@
+//! Every code that lines may have: what it does, which words belong to it, and lines that show it.
+//!
+//! `docs/gcodes.md` is made from this table, and its lines are executed by `tests/interpreter/codes.rs`,
+//! which also finds a code that is read and not listed here.
+
+use super::LineError::{
+    self, AxisCommandConflict, FeedUndefined, InvalidTarget, MachineCoordinatesMotion, MissingWord,
+    ModalGroupViolation, NegativeValue, NoAxisWords, NoAxisWordsInPlane, NoOffsetsInPlane,
+    NotInteger, ToolLengthAxis, UnknownCoordinates, Unsupported, UnusedAxisWords, UnusedWords,
+    ValueOutOfRange,
+};
+
+/// A code.
+#[derive(Debug)]
+pub struct CodeRow {
+    /// The code, as programs write it.
+    pub code: &'static str,
+    /// The modal group, of which a line has one code at most.
+    pub group: CodeGroup,
+    /// What the code does.
+    pub text: &'static str,
+    /// The words that belong to it; those in brackets may be left out.
+    pub words: &'static str,
+    /// Lines that are all accepted; the last one shows the code.
+    pub example: &'static [&'static str],
+    /// Lines that are refused after the example's other lines, and why.
+    pub refused: &'static [(&'static str, LineError)],
+}
+
+/// The modal group of a code.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum CodeGroup {
+    /// Motion mode.
+    Motion,
+    /// Effect on one line only.
+    NonModal,
+    /// Plane of arcs.
+    Plane,
+    /// Unit of lengths.
+    Units,
+    /// Origin of coordinates, and of the centres of arcs.
+    Distance,
+    /// Meaning of `F`.
+    FeedMode,
+    /// Tool length offset, and what goes with tools.
+    Tool,
+    /// Work coordinate system.
+    Coordinates,
+    /// Path control.
+    PathControl,
+    /// Canned cycles.
+    Cycle,
+    /// Flow of the program.
+    Program,
+    /// Spindle.
+    Spindle,
+    /// Coolant.
+    Coolant,
+    /// Overrides.
+    Overrides,
+}
+
+impl CodeGroup {
+    /// Every group, in the order of the document.
+    pub const ALL: [Self; 14] = [
+        Self::Motion,
+        Self::Cycle,
+        Self::NonModal,
+        Self::Coordinates,
+        Self::Plane,
+        Self::Units,
+        Self::Distance,
+        Self::FeedMode,
+        Self::PathControl,
+        Self::Tool,
+        Self::Spindle,
+        Self::Coolant,
+        Self::Overrides,
+        Self::Program,
+    ];
+
+    /// The name of the group.
+    #[must_use]
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Motion => "Motion",
+            Self::NonModal => "One line only",
+            Self::Plane => "Plane",
+            Self::Units => "Units",
+            Self::Distance => "Distance",
+            Self::FeedMode => "Feed mode",
+            Self::Tool => "Tools",
+            Self::Coordinates => "Work coordinates",
+            Self::PathControl => "Path control",
+            Self::Cycle => "Canned cycles",
+            Self::Program => "Program flow",
+            Self::Spindle => "Spindle",
+            Self::Coolant => "Coolant",
+            Self::Overrides => "Overrides",
+        }
+    }
+}
+
+const fn row(
+    code: &'static str,
+    group: CodeGroup,
+    text: &'static str,
+    words: &'static str,
+    example: &'static [&'static str],
+    refused: &'static [(&'static str, LineError)],
+) -> CodeRow {
+    CodeRow {
+        code,
+        group,
+        text,
+        words,
+        example,
+        refused,
+    }
+}
+
+/// Every code.
+#[rustfmt::skip]
+pub static CODES: &[CodeRow] = &[
+    row("G0", CodeGroup::Motion, "rapid move along a straight line", "axes", &["G0 X10 Y-5"], &[("G0 G1", AxisCommandConflict), ("G0 X1 P1", UnusedWords), ("G0 X99999999", InvalidTarget)]),
+    row("G1", CodeGroup::Motion, "straight move at the feed F", "axes [F]", &["G1 X10 F600"], &[("G1 X10", FeedUndefined), ("G1 X1 F-1", NegativeValue)]),
+    row("G2", CodeGroup::Motion, "clockwise arc or helix: centre by I J K from its start, or radius R (negative: the longer arc), P turns", "axes of the plane, I J K or R [P F]", &["G2 X10 Y0 I5 F600"], &[("G2 I5 F600", NoAxisWords), ("G2 Z1 I5 F600", NoAxisWordsInPlane), ("G2 X10 F600", NoOffsetsInPlane), ("G2 X10 I3 F600", InvalidTarget), ("G2 X10 I5 P0.5 F600", NotInteger)]),
+    row("G3", CodeGroup::Motion, "counter-clockwise arc or helix", "as G2", &["G3 X10 R5 F600"], &[("G3 X10 R2 F600", LineError::ArcRadius)]),
+    row("G38.2", CodeGroup::Motion, "probe until contact; alarm without", "axes F", &["G38.2 Z-10 F100"], &[("G38.2 F100", NoAxisWords), ("G38.2 Z0 F100", InvalidTarget)]),
+    row("G38.3", CodeGroup::Motion, "probe until contact, if there is any", "axes F", &["G38.3 Z-10 F100"], &[]),
+    row("G38.4", CodeGroup::Motion, "probe until the contact opens; alarm without", "axes F", &["G38.4 Z5 F100"], &[]),
+    row("G38.5", CodeGroup::Motion, "probe until the contact opens, if it does", "axes F", &["G38.5 Z5 F100"], &[]),
+    row("G80", CodeGroup::Motion, "no motion mode: axis words alone are refused; beside G0 to G3 without axis words a safe start", "", &["G80"], &[("G80 X1", UnusedAxisWords), ("G80 G0 X1", ModalGroupViolation)]),
+
+    row("G98", CodeGroup::Cycle, "canned cycles retract to where the axis was (default)", "", &["G98"], &[("G98 G99", ModalGroupViolation)]),
+    row("G99", CodeGroup::Cycle, "canned cycles retract to R", "", &["G99"], &[]),
+    row("G50", CodeGroup::Cycle, "no scaling: accepted, as there is none", "", &["G50"], &[("G51", Unsupported)]),
+
+    row("G4", CodeGroup::NonModal, "dwell, P seconds", "P", &["G4 P0.5"], &[("G4", MissingWord), ("G4 P-1", NegativeValue), ("G4 P9999999", ValueOutOfRange)]),
+    row("G10", CodeGroup::NonModal, "L2: sets the origin of work coordinate system P (0 for the one in use) in machine coordinates, and with R its rotation in degrees; L20: moves the origin so that the present position gets the values", "L P [axes R]", &["G10 L2 P1 X10 Y20 R30"], &[("G10 L2 P1", NoAxisWords), ("G10 L2 X1", MissingWord), ("G10 L2 P10 X1", UnknownCoordinates), ("G10 L20 P1 X1 R5", UnusedWords), ("G10 L3 P1 X1", Unsupported)]),
+    row("G28", CodeGroup::NonModal, "rapid to the first stored position, by way of the axis words; only the named axes go there", "[axes]", &["G28 Z5"], &[("G28 G2 X1", AxisCommandConflict)]),
+    row("G28.1", CodeGroup::NonModal, "stores the present position for G28", "", &["G28.1"], &[]),
+    row("G30", CodeGroup::NonModal, "rapid to the second stored position", "[axes]", &["G30"], &[]),
+    row("G30.1", CodeGroup::NonModal, "stores the present position for G30", "", &["G30.1"], &[]),
+    row("G52", CodeGroup::NonModal, "sets the offset of G92 to the values", "axes", &["G52 X5"], &[("G52", NoAxisWords)]),
+    row("G53", CodeGroup::NonModal, "the line's axis words are machine coordinates", "with G0 or G1", &["G53 G0 X0"], &[("G53 G2 X1 I1", MachineCoordinatesMotion)]),
+    row("G92", CodeGroup::NonModal, "an offset with which the present position gets the values", "axes", &["G92 X0 Y0"], &[("G92", NoAxisWords), ("G0 G92 X1", AxisCommandConflict)]),
+    row("G92.1", CodeGroup::NonModal, "ends the offset of G92 and forgets it", "", &["G92 X5", "G92.1"], &[]),
+    row("G92.2", CodeGroup::NonModal, "ends the offset of G92; G92.3 restores it", "", &["G92 X5", "G92.2"], &[]),
+    row("G92.3", CodeGroup::NonModal, "restores the offset of G92", "", &["G92 X5", "G92.2", "G92.3"], &[]),
+
+    row("G54", CodeGroup::Coordinates, "work coordinate system 1 (default)", "", &["G54"], &[("G54 G55", ModalGroupViolation)]),
+    row("G55", CodeGroup::Coordinates, "work coordinate system 2", "", &["G55"], &[]),
+    row("G56", CodeGroup::Coordinates, "work coordinate system 3", "", &["G56"], &[]),
+    row("G57", CodeGroup::Coordinates, "work coordinate system 4", "", &["G57"], &[]),
+    row("G58", CodeGroup::Coordinates, "work coordinate system 5", "", &["G58"], &[]),
+    row("G59", CodeGroup::Coordinates, "work coordinate system 6", "", &["G59"], &[("G59.4", NotInteger)]),
+    row("G59.1", CodeGroup::Coordinates, "work coordinate system 7", "", &["G59.1"], &[]),
+    row("G59.2", CodeGroup::Coordinates, "work coordinate system 8", "", &["G59.2"], &[]),
+    row("G59.3", CodeGroup::Coordinates, "work coordinate system 9", "", &["G59.3"], &[]),
+
+    row("G17", CodeGroup::Plane, "arcs in the plane of X and Y (default)", "", &["G17"], &[("G17 G18", ModalGroupViolation)]),
+    row("G18", CodeGroup::Plane, "arcs in the plane of Z and X", "", &["G18"], &[]),
+    row("G19", CodeGroup::Plane, "arcs in the plane of Y and Z", "", &["G19"], &[]),
+    row("G20", CodeGroup::Units, "inches", "", &["G20"], &[("G20 G21", ModalGroupViolation)]),
+    row("G21", CodeGroup::Units, "millimetres (default)", "", &["G21"], &[]),
+    row("G90", CodeGroup::Distance, "coordinates from the origin (default)", "", &["G90"], &[("G90 G91", ModalGroupViolation)]),
+    row("G91", CodeGroup::Distance, "coordinates from the position before", "", &["G91"], &[]),
+    row("G90.1", CodeGroup::Distance, "I J K from the origin", "", &["G90.1"], &[("G90.1 G2 X10 I5 F100", NoOffsetsInPlane)]),
+    row("G91.1", CodeGroup::Distance, "I J K from the start of the arc (default)", "", &["G91.1"], &[]),
+    row("G93", CodeGroup::FeedMode, "F is the inverse of the move's time in minutes, in every line with a feed move", "", &["G93 G1 X10 F2"], &[("G93 G1 X10", FeedUndefined)]),
+    row("G94", CodeGroup::FeedMode, "F is a speed, mm or inches per minute (default)", "", &["G94"], &[]),
+
+    row("G61", CodeGroup::PathControl, "along the programmed path, as fast as the corners allow (default)", "", &["G61"], &[("G61 G64", ModalGroupViolation)]),
+    row("G61.1", CodeGroup::PathControl, "to a standstill at the end of each move", "", &["G61.1"], &[]),
+    row("G64", CodeGroup::PathControl, "rounds corners, P at most from the path ($785 without P), and merges lines within Q (P without Q)", "[P Q]", &["G64 P0.05"], &[("G64 P-1", NegativeValue), ("G1 X1 F100 Q1", Unsupported)]),
+
+    row("G40", CodeGroup::Tool, "no cutter compensation (default)", "", &["G40"], &[]),
+    row("G43.1", CodeGroup::Tool, "sets the tool length offset of the given axes", "axes", &["G43.1 Z-12.5"], &[("G43.1", ToolLengthAxis)]),
+    row("G49", CodeGroup::Tool, "no tool length offset (default)", "", &["G49"], &[]),
+
+    row("M3", CodeGroup::Spindle, "spindle clockwise at S rpm; laser at constant power", "[S]", &["M3 S1000"], &[("M3 M4", ModalGroupViolation)]),
+    row("M4", CodeGroup::Spindle, "spindle counter-clockwise; laser in proportion to the speed", "[S]", &["M4 S500"], &[]),
+    row("M5", CodeGroup::Spindle, "spindle off", "", &["M5"], &[]),
+    row("G97", CodeGroup::Spindle, "S is rpm: accepted, as it always is", "", &["G97 S1000"], &[("G96 S100", Unsupported)]),
+    row("M7", CodeGroup::Coolant, "mist on", "", &["M7"], &[]),
+    row("M8", CodeGroup::Coolant, "flood on", "", &["M8"], &[]),
+    row("M9", CodeGroup::Coolant, "coolant off", "", &["M9"], &[]),
+    row("M48", CodeGroup::Overrides, "overrides of feed and spindle count (default)", "", &["M48"], &[("M48 M49", ModalGroupViolation)]),
+    row("M49", CodeGroup::Overrides, "overrides of feed and spindle do not count", "", &["M49"], &[]),
+    row("M50", CodeGroup::Overrides, "the override of the feed counts; with P0 it does not", "[P]", &["M50 P0"], &[]),
+    row("M51", CodeGroup::Overrides, "the override of the spindle counts; with P0 it does not", "[P]", &["M51 P0"], &[]),
+    row("M53", CodeGroup::Overrides, "accepted; a feed hold always works", "[P]", &["M53 P1"], &[]),
+
+    row("M0", CodeGroup::Program, "waits for cycle start", "", &["M0"], &[]),
+    row("M1", CodeGroup::Program, "waits for cycle start while optional stops are on (0x88)", "", &["M1"], &[]),
+    row("M2", CodeGroup::Program, "end of the program: spindle and coolant off, G1, G17, G54, G90, G94, overrides 100 %", "", &["M2"], &[]),
+    row("M30", CodeGroup::Program, "as M2", "", &["M30"], &[]),
+];
