@@ -57,6 +57,31 @@ pub enum Event {
     Sleep,
 }
 
+impl Event {
+    /// Every event.
+    pub const ALL: [Self; 19] = [
+        Self::FeedHold,
+        Self::CycleStart,
+        Self::SafetyDoor,
+        Self::DoorClosed,
+        Self::JogCancel,
+        Self::Move,
+        Self::Jog,
+        Self::CycleStop,
+        Self::Stopped,
+        Self::Park,
+        Self::Parked,
+        Self::Restored,
+        Self::Pause,
+        Self::Reset,
+        Self::Alarm,
+        Self::Unlock,
+        Self::Home,
+        Self::Check,
+        Self::Sleep,
+    ];
+}
+
 /// The action that a change of state requires.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Effect {
@@ -312,22 +337,6 @@ fn to(state: State) -> (Control, Effect) {
 mod tests {
     use super::{Effect as Do, Event as On, State as Is, *};
 
-    const STATES: [Is; 13] = [
-        Is::Idle,
-        Is::Run,
-        Is::HoldSlowing,
-        Is::HoldComplete,
-        Is::Jog,
-        Is::Home,
-        Is::Check,
-        Is::DoorClosed,
-        Is::DoorAjar,
-        Is::DoorRetracting,
-        Is::DoorRestoring,
-        Is::Sleep,
-        Is::Alarm,
-    ];
-
     /// Every change: before, event, after, effect. All other events change nothing.
     #[rustfmt::skip]
     const CHANGES: &[(Is, On, Is, Do)] = &[
@@ -377,32 +386,10 @@ mod tests {
         (Is::Alarm, On::Sleep, Is::Sleep, Do::Suspend),
     ];
 
-    const EVENTS: [On; 19] = [
-        On::FeedHold,
-        On::CycleStart,
-        On::SafetyDoor,
-        On::DoorClosed,
-        On::JogCancel,
-        On::Move,
-        On::Jog,
-        On::CycleStop,
-        On::Stopped,
-        On::Park,
-        On::Parked,
-        On::Restored,
-        On::Pause,
-        On::Reset,
-        On::Alarm,
-        On::Unlock,
-        On::Home,
-        On::Check,
-        On::Sleep,
-    ];
-
     #[test]
     fn every_event_does_to_every_state_what_the_table_says() {
-        for state in STATES {
-            for event in EVENTS {
+        for state in Is::ALL {
+            for event in On::ALL {
                 let (after, effect) = Control::new(state).after(event);
                 let row = CHANGES.iter().find(|row| row.0 == state && row.1 == event);
                 let expected = match (event, row) {
@@ -433,7 +420,7 @@ mod tests {
 
     #[test]
     fn nothing_begins_before_a_plan_that_is_void_is_dropped() {
-        for event in EVENTS {
+        for event in On::ALL {
             if !matches!(event, On::Stopped | On::Reset | On::Alarm) {
                 for state in [Is::Idle, Is::Alarm] {
                     let ending = Control::ending(state, Ending::Drop);
@@ -455,7 +442,7 @@ mod tests {
 
     #[test]
     fn nothing_is_executed_in_a_hold_or_an_alarm_or_while_the_plan_is_void() {
-        for state in STATES {
+        for state in Is::ALL {
             let is_locked = matches!(state, Is::Check | Is::Alarm);
             let executes = !state.is_suspended() && !is_locked;
             assert_eq!(Control::new(state).executes(), executes);

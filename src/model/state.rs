@@ -36,6 +36,23 @@ pub enum State {
 }
 
 impl State {
+    /// Every state.
+    pub const ALL: [Self; 13] = [
+        Self::Idle,
+        Self::Run,
+        Self::HoldSlowing,
+        Self::HoldComplete,
+        Self::Jog,
+        Self::Home,
+        Self::Check,
+        Self::DoorClosed,
+        Self::DoorAjar,
+        Self::DoorRetracting,
+        Self::DoorRestoring,
+        Self::Sleep,
+        Self::Alarm,
+    ];
+
     /// Returns Grbl's name, as reports have it.
     #[must_use]
     pub const fn name(self) -> &'static str {

@@ -192,7 +192,10 @@ impl From<SettingError> for LineError {
 
 #[cfg(test)]
 mod tests {
+    use std::{string::String, vec::Vec};
+
     use super::*;
+    use crate::protocol::{listing, text::Text};
 
     const STATES: [Condition; 5] = [
         Condition::Idle,
@@ -255,6 +258,73 @@ mod tests {
                 assert_eq!(number(statement, state), expected, "${statement} {state:?}");
             }
         }
+    }
+
+    /// Declares every statement: its pattern, its words, a state in which it is allowed, and how the
+    /// answer to `$` shows it.
+    macro_rules! statements {
+        ($($pattern:pat => $words:literal, $condition:ident, $help:expr;)*) => {
+            const STATEMENTS: &[(&str, Condition, Option<&str>)] =
+                &[$(($words, Condition::$condition, $help)),*];
+
+            fn words(statement: &Dollar<'_>) -> &'static str {
+                match statement {
+                    $($pattern => $words,)*
+                }
+            }
+        };
+    }
+
+    // A statement that Grbl does not have stays out of the answer to `$`, which senders compare.
+    statements! {
+        Dollar::Help => "", Idle, None;
+        Dollar::List(List::Settings) => "$", Idle, Some("$$");
+        Dollar::List(List::AllSettings) => "+", Idle, None;
+        Dollar::List(List::Parameters) => "#", Idle, Some("$#");
+        Dollar::List(List::BuildInfo) => "I", Idle, Some("$I");
+        Dollar::List(List::StartupLines) => "N", Idle, Some("$N");
+        Dollar::List(List::Described(Described::Settings)) => "ES", Idle, None;
+        Dollar::List(List::Described(Described::Groups)) => "EG", Idle, None;
+        Dollar::List(List::Described(Described::Errors)) => "EE", Idle, None;
+        Dollar::List(List::Described(Described::Alarms)) => "EA", Idle, None;
+        Dollar::Modes => "G", Idle, Some("$G");
+        Dollar::StoreBuildInfo(_) => "I=TEXT", Idle, None;
+        Dollar::StoreStartup(..) => "N0=G21", Idle, Some("$Nx=line");
+        Dollar::Unlock => "X", Alarm, Some("$X");
+        Dollar::Check => "C", Idle, Some("$C");
+        Dollar::EndCheck => "C", Check, None;
+        Dollar::Home(_) => "H", Idle, Some("$H");
+        Dollar::Jog(_) => "J=X1F100", Idle, Some("$J=line");
+        Dollar::Sleep => "SLP", Idle, Some("$SLP");
+        Dollar::Restore(_) => "RST=$", Idle, None;
+        Dollar::Assign(_) => "0=10", Idle, Some("$x=val");
+    }
+
+    #[test]
+    fn every_statement_is_read_from_its_words_and_shown_in_the_help() {
+        let settings = Settings {
+            homing: true,
+            ..Settings::default()
+        };
+        let mut help = Text::new();
+        listing::help(&mut help);
+        let help = String::from_utf8(help.as_bytes().to_vec()).unwrap();
+        let help = help.trim_end().trim_matches(['[', ']']);
+        let (_, shown) = help.split_once(':').unwrap();
+        let mut shown: Vec<&str> = shown
+            .split(' ')
+            .filter(|word| word.starts_with('$'))
+            .collect();
+        for &(text, condition, help) in STATEMENTS {
+            let read = Dollar::read(text.as_bytes(), condition, &settings, false);
+            let read = read.map(|statement| words(&statement));
+            assert_eq!(read, Ok(text), "add the words ${text} to `Dollar::read`");
+            if let Some(help) = help {
+                assert!(shown.contains(&help), "add {help} to `listing::help`");
+                shown.retain(|word| *word != help);
+            }
+        }
+        assert!(shown.is_empty(), "add {shown:?} to `statements!` above");
     }
 
     #[test]

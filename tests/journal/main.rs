@@ -3,4 +3,7 @@
 mod cuts;
 mod damage;
 mod history;
+// The document has the sizes with three axes.
+#[cfg(not(feature = "axes-4"))]
+mod sizes;
 mod wear;

@@ -1,4 +1,5 @@
-//! Rules about the sources: layers, words, types, glue, boards, and paths and links in documents.
+//! Rules about the sources: layers, words, costs, types, variants, glue, boards, and paths and links in
+//! documents.
 
 #![cfg(not(target_os = "none"))]
 
@@ -10,6 +11,7 @@ mod layers;
 mod links;
 mod paths;
 mod types;
+mod variants;
 mod words;
 
 use std::{

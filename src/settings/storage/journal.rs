@@ -27,14 +27,18 @@ use sequential_storage::{
 };
 
 use super::{
-    record::{self, GENERATIONS, Generations, KEYS, Key, Record},
+    record::{self, GENERATIONS, Generations, KEYS, Key, RECORD_BYTES, Record},
     sectors::Sectors,
 };
 use crate::settings::{Change, StoreError, Stored};
 
-/// Bytes of the longest record that can be read: twice the longest that this firmware writes, as
-/// newer firmware may write longer ones.
+/// Bytes of the longest record that can be read: longer than any of this firmware, as newer
+/// firmware may write longer ones.
 const BUFFER_BYTES: usize = 1024;
+const _: () = assert!(
+    BUFFER_BYTES > RECORD_BYTES,
+    "make BUFFER_BYTES larger: it must hold a record and its key"
+);
 
 type RecordCache = Cache<ArrayPageStates<2>, ArrayPagePointers<2>, ArrayKeyPointers<u8, KEYS>, u8>;
 type Map<'a, F> = MapStorage<u8, &'a mut Sectors<F>, RecordCache>;

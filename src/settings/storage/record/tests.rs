@@ -190,9 +190,10 @@ fn a_rotation_keeps_to_its_system_whatever_the_number_of_axes() {
         *rotation = MicroDegrees::new(angle);
     }
     assert_eq!(read(Key::Origins, &written(Key::Origins, &stored)), stored);
-    // Nine axes: all rotations in a row.
-    let mut contents = vec![9, ROTATIONS];
-    for angle in 1..=9 {
+    // As many axes as systems: all rotations in a row.
+    let systems = WorkCoordinates::ALL.len() as u8;
+    let mut contents = vec![systems, ROTATIONS];
+    for angle in 1..=i64::from(systems) {
         contents.extend(zigzag(Nm(angle)).to_le_bytes());
     }
     assert_eq!(read(Key::Origins, &contents), stored);
@@ -202,4 +203,52 @@ fn a_rotation_keeps_to_its_system_whatever_the_number_of_axes() {
         plain.len(),
         1 + (WorkCoordinates::ALL.len() + 2) * (1 + 8 * AXES)
     );
+}
+
+/// The stored name of each work coordinate system: no firmware may give a name to another system.
+const SYSTEMS: &[(&str, u8)] = &[
+    ("G54", 54),
+    ("G55", 55),
+    ("G56", 56),
+    ("G57", 57),
+    ("G58", 58),
+    ("G59", 59),
+    ("G59.1", 60),
+    ("G59.2", 61),
+    ("G59.3", 62),
+];
+
+/// Returns what is to be done for systems with other names than those of [`SYSTEMS`], a line for each.
+fn renamed(systems: &[(&str, u8)]) -> std::string::String {
+    let sentence = |&(word, name): &(&str, u8)| {
+        let is_new = SYSTEMS.iter().all(|system| system.0 != word);
+        let is_free = SYSTEMS.iter().all(|system| system.1 != name);
+        match (is_new, is_free) {
+            (true, true) => std::format!("add (\"{word}\", {name}) to SYSTEMS as the last\n"),
+            (true, false) => std::format!(
+                "make {word} the last row of `work_coordinates!` (src/model/modes.rs): the name {name} \
+                 is that of another system\n"
+            ),
+            (false, _) if SYSTEMS.contains(&(word, name)) => std::string::String::new(),
+            (false, _) => {
+                std::format!("{word} is stored as {name}, under another name than before\n")
+            }
+        }
+    };
+    systems.iter().map(sentence).collect()
+}
+
+#[test]
+fn every_work_coordinate_system_keeps_its_stored_name() {
+    let mut stored = Stored::default();
+    let names = positions(&mut stored).map(|(name, _)| name);
+    let words = WorkCoordinates::ALL.map(WorkCoordinates::word);
+    let systems: vec::Vec<(&str, u8)> = words.into_iter().zip(names).collect();
+    let renamed_now = renamed(&systems);
+    assert!(renamed_now.is_empty(), "\n{renamed_now}");
+    let mut inserted = SYSTEMS.to_vec();
+    inserted[5] = ("G58.5", 59);
+    assert!(renamed(&inserted).starts_with("make G58.5 the last row"));
+    assert!(renamed(&[("G59", 60)]).starts_with("G59 is stored as 60"));
+    assert!(renamed(&[("G59.4", 63)]).starts_with("add (\"G59.4\", 63)"));
 }
