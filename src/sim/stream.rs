@@ -37,13 +37,13 @@ pub enum StreamEnd {
 
 /// What a line is to the sender.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-enum LineKind {
+enum SentLine {
     Code,
     Jog,
     Statement,
 }
 
-impl LineKind {
+impl SentLine {
     fn of(line: &[u8]) -> Self {
         let mut text = line.iter().filter(|byte| **byte > b' ');
         match (text.next(), text.next()) {
@@ -69,7 +69,7 @@ pub struct Stream<'a, P> {
     is_long: bool,
     is_at_end: bool,
     /// Which line has been sent last, where some wait for the machine to be at rest.
-    sent: Option<LineKind>,
+    sent: Option<SentLine>,
     /// Lengths of the unanswered lines; the window bounds their number.
     unanswered: Deque<u8, 128>,
     in_flight: usize,
@@ -108,7 +108,7 @@ impl<'a, P: Iterator<Item = u8>> Stream<'a, P> {
     /// their end.
     #[must_use]
     pub const fn with_statements_at_rest(mut self) -> Self {
-        self.sent = Some(LineKind::Code);
+        self.sent = Some(SentLine::Code);
         self
     }
 
@@ -163,10 +163,10 @@ impl<'a, P: Iterator<Item = u8>> Stream<'a, P> {
 
     /// Returns whether the machine takes the line now.
     fn may_begin(&self) -> bool {
-        let kind = LineKind::of(&self.line);
+        let kind = SentLine::of(&self.line);
         if self
             .sent
-            .is_some_and(|sent| kind == LineKind::Statement || kind != sent)
+            .is_some_and(|sent| kind == SentLine::Statement || kind != sent)
         {
             return self.unanswered.is_empty() && self.simulator.snapshot().is_at_rest;
         }
@@ -210,7 +210,7 @@ impl<'a, P: Iterator<Item = u8>> Stream<'a, P> {
             return false;
         };
         if self.line_sent == 0 && !self.is_long && self.sent.is_some() {
-            self.sent = Some(LineKind::of(&self.line));
+            self.sent = Some(SentLine::of(&self.line));
         }
         self.line_sent += 1;
         if byte == b'\n' {
