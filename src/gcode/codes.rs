@@ -32,8 +32,12 @@ pub struct CodeRow {
 pub enum CodeGroup {
     /// Motion mode.
     Motion,
+    /// Canned cycles.
+    Cycle,
     /// Effect on one line only.
     NonModal,
+    /// Work coordinate system.
+    Coordinates,
     /// Plane of arcs.
     Plane,
     /// Unit of lengths.
@@ -42,22 +46,18 @@ pub enum CodeGroup {
     Distance,
     /// Meaning of `F`.
     FeedMode,
-    /// Tool length offset, and what goes with tools.
-    Tool,
-    /// Work coordinate system.
-    Coordinates,
     /// Path control.
     PathControl,
-    /// Canned cycles.
-    Cycle,
-    /// Flow of the program.
-    Program,
+    /// Tool length offset, and what goes with tools.
+    Tool,
     /// Spindle.
     Spindle,
     /// Coolant.
     Coolant,
     /// Overrides.
     Overrides,
+    /// Flow of the program.
+    Program,
 }
 
 impl CodeGroup {
