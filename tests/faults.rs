@@ -37,8 +37,11 @@ impl Machine {
     }
 
     fn send(&mut self, work: Work) {
-        let reset_count = self.resets;
-        assert!(self.drive.enqueue(Entry { reset_count, work }));
+        let cancellation_count = self.resets;
+        assert!(self.drive.enqueue(Entry {
+            cancellation_count,
+            work
+        }));
         self.sent += 1;
     }
 

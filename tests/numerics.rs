@@ -188,7 +188,7 @@ impl<'a> Play<'a> {
             self.waiting = self.waiting.or_else(next);
             let Some(work) = self.waiting else { continue };
             let entry = Entry {
-                reset_count: 0,
+                cancellation_count: 0,
                 work,
             };
             if !self.drive.enqueue(entry) {

@@ -20,5 +20,5 @@ pub use modal::{
 pub use parsed_line::{AxisCommand, NonModal, ParsedLine, StoredPosition, SwitchedOverride};
 use plain_prefix::MAX_LINE_NUMBER;
 pub use plain_prefix::{PlainPrefix, Refusal};
-pub use word::{Code, Word, Words};
+pub use word::{CodeNumber, Word, Words};
 pub use word_reader::{Boundary, WordReader};

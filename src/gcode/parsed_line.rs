@@ -4,7 +4,7 @@
 //! word from the left. The modes of the line replace those before it, in a copy.
 
 use super::{
-    ArcDistance, Code, Distance, FeedMode, Flow, LineError, Modal, MotionMode, PlainPrefix,
+    ArcDistance, CodeNumber, Distance, FeedMode, Flow, LineError, Modal, MotionMode, PlainPrefix,
     ProbeMode, RetractMode, ToolLength, Units, Word, WordReader, Words,
 };
 use crate::{
@@ -242,8 +242,8 @@ impl ParsedLine {
         for word in WordReader::new(line.iter().copied()) {
             let (letter, number) = word?;
             match letter {
-                b'G' => self.g_word(Code::of(number))?,
-                b'M' => self.m_word(Code::of(number))?,
+                b'G' => self.g_word(CodeNumber::of(number))?,
+                b'M' => self.m_word(CodeNumber::of(number))?,
                 _ => self.value_word(letter, number)?,
             }
         }
@@ -274,7 +274,7 @@ impl ParsedLine {
         self.axes >> axis & 1 != 0
     }
 
-    fn g_word(&mut self, code: Code) -> Result<(), LineError> {
+    fn g_word(&mut self, code: CodeNumber) -> Result<(), LineError> {
         let group = match code.whole {
             0..=3 | 38 => self.motion_word(code)?,
             80 => self.cancel_word(code)?,
@@ -309,7 +309,7 @@ impl ParsedLine {
     }
 
     /// Modal group 1.
-    fn motion_word(&mut self, code: Code) -> Result<ModalGroup, LineError> {
+    fn motion_word(&mut self, code: CodeNumber) -> Result<ModalGroup, LineError> {
         // The axis words of `G28` and `G30` are theirs: `G0` and `G1` are only the mode after them.
         let is_mode_only = code.whole <= 1 && matches!(self.non_modal, NonModal::GoTo(_));
         let is_beside_g49 = self.axis_command == AxisCommand::ToolLength
@@ -339,7 +339,7 @@ impl ParsedLine {
     }
 
     /// `G80`: no motion mode, unless the line has one.
-    fn cancel_word(&mut self, code: Code) -> Result<ModalGroup, LineError> {
+    fn cancel_word(&mut self, code: CodeNumber) -> Result<ModalGroup, LineError> {
         if !code.is_whole() {
             return Err(LineError::NotInteger);
         }
@@ -352,7 +352,7 @@ impl ParsedLine {
     }
 
     /// Modal group 0.
-    fn non_modal_word(&mut self, code: Code) -> Result<ModalGroup, LineError> {
+    fn non_modal_word(&mut self, code: CodeNumber) -> Result<ModalGroup, LineError> {
         let uses_axes = matches!(code.whole, 10 | 28 | 30 | 52 | 92) && code.is_whole();
         if uses_axes {
             let is_beside_mode = matches!(code.whole, 28 | 30)
@@ -384,7 +384,7 @@ impl ParsedLine {
     }
 
     /// Modal group 8. The fraction of `G49` does not count.
-    fn tool_length_word(&mut self, code: Code) -> Result<ModalGroup, LineError> {
+    fn tool_length_word(&mut self, code: CodeNumber) -> Result<ModalGroup, LineError> {
         // `G49` needs no axis words: a motion mode beside it has them.
         let is_beside_motion = code.whole == 49 && self.has_group(ModalGroup::Motion);
         if self.axis_command == AxisCommand::None {
@@ -462,7 +462,7 @@ impl ParsedLine {
         })
     }
 
-    fn m_word(&mut self, code: Code) -> Result<(), LineError> {
+    fn m_word(&mut self, code: CodeNumber) -> Result<(), LineError> {
         if !code.is_whole() {
             return Err(LineError::NotInteger);
         }

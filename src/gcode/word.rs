@@ -96,14 +96,14 @@ impl Words {
 
 /// The number of a `G` or `M` command.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct Code {
+pub struct CodeNumber {
     /// The whole part. Grbl keeps it in eight bits and finds the rest in the fraction.
     pub whole: u8,
     /// The fraction in hundredths, rounded; 100 where the number is no command number at all.
     pub hundredths: u8,
 }
 
-impl Code {
+impl CodeNumber {
     /// Hundredths that no command has.
     const NONE: u8 = 100;
 
@@ -170,7 +170,7 @@ mod tests {
             ("1.99999999", 2, 0),
         ] {
             let (number, _) = Decimal::parse(text.as_bytes()).unwrap();
-            let code = Code::of(number);
+            let code = CodeNumber::of(number);
             assert_eq!((code.whole, code.hundredths), (whole, hundredths), "{text}");
         }
     }

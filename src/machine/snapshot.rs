@@ -51,7 +51,7 @@ pub struct Snapshot {
     pub reset_count: u32,
     /// Number of motions that ended before their target otherwise than by a reset, as a cancelled
     /// jog, wrapping. After one, the interpreter adopts the position at rest, and entries sent
-    /// before are void: [`crate::path::Entry::reset_count`].
+    /// before are void: [`crate::path::Entry::cancellation_count`].
     pub cancelled_motions: u32,
     /// Whether the last reset found the machine in motion, which is `ALARM:3`.
     pub reset_in_motion: bool,

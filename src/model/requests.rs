@@ -194,7 +194,7 @@ impl Requests {
             0x85 => &self.jog_cancel,
             0x18 => {
                 add_one(&self.resets);
-                return self.release();
+                return self.count_for_prepare();
             }
             _ if Override::may_be_override(byte) => {
                 self.overrides.enqueue(byte);
@@ -203,13 +203,13 @@ impl Requests {
             _ => return Release::Nobody,
         };
         set(flag);
-        self.release()
+        self.count_for_prepare()
     }
 
-    /// Counts a request to `prepare`.
+    /// Counts a request to `prepare`. Returns that task, to be released.
     #[inline(always)]
     #[expect(clippy::inline_always, reason = "as for `accept`")]
-    fn release(&self) -> Release {
+    fn count_for_prepare(&self) -> Release {
         add_one(&self.count);
         Release::Prepare
     }

@@ -14,7 +14,7 @@ use crate::{
 pub struct Entry {
     /// Resets and cancelled motions before the entry was made, `reset_count` plus
     /// `cancelled_motions` of the snapshot: `prepare` drops an older entry.
-    pub reset_count: u32,
+    pub cancellation_count: u32,
     /// The work to do.
     pub work: Work,
 }

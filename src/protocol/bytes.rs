@@ -267,7 +267,7 @@ impl ByteReader<'_> {
 
     /// Removes the `n` oldest bytes, which wait.
     #[inline]
-    pub fn release(&mut self, n: usize) {
+    pub fn consume(&mut self, n: usize) {
         // The writer must not reuse their places before the bytes have been read.
         compiler_fence(SeqCst);
         let limit = self.ring.limit.load(Relaxed).wrapping_add(n);
@@ -358,7 +358,7 @@ mod tests {
                 taken = taken.wrapping_add(1);
                 n += 1;
             }
-            reader.release(n);
+            reader.consume(n);
             assert_eq!(reader.len(), usize::from(pushed.wrapping_sub(taken)));
         }
     }

@@ -15,7 +15,7 @@ pub struct TooLong;
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 enum Region {
     #[default]
-    Code,
+    Text,
     /// Between `(` and `)`.
     Parentheses,
     /// After `;`.
@@ -24,24 +24,24 @@ enum Region {
 
 /// Marks of a byte that is dropped, and of a byte that ends the line or begins a comment.
 const DROPPED: u8 = 0;
-const DELIMITER: u8 = 1;
+const TEXT_END: u8 = 1;
 
-/// The character, or the mark, that replaces each byte of code.
-const CODE: [u8; 256] = {
-    let mut code = [DROPPED; 256];
-    code[b'\n' as usize] = DELIMITER;
-    code[b'\r' as usize] = DELIMITER;
+/// The character, or the mark, that replaces each byte outside comments.
+const REPLACEMENTS: [u8; 256] = {
+    let mut table = [DROPPED; 256];
+    table[b'\n' as usize] = TEXT_END;
+    table[b'\r' as usize] = TEXT_END;
     let mut byte = b' ' + 1;
     while byte < u8::MAX {
-        code[byte as usize] = match byte {
-            b'(' | b';' => DELIMITER,
+        table[byte as usize] = match byte {
+            b'(' | b';' => TEXT_END,
             b'/' => DROPPED,
             _ => byte.to_ascii_uppercase(),
         };
         byte += 1;
     }
-    code[u8::MAX as usize] = u8::MAX;
-    code
+    table[u8::MAX as usize] = u8::MAX;
+    table
 };
 
 /// The line being received.
@@ -61,7 +61,7 @@ impl Line {
         Self {
             bytes: [0; LINE_BYTES],
             length: 0,
-            region: Region::Code,
+            region: Region::Text,
             is_too_long: false,
         }
     }
@@ -69,7 +69,7 @@ impl Line {
     /// Returns whether the line has neither a character nor an open comment.
     #[must_use]
     pub fn is_empty(&self) -> bool {
-        self.length == 0 && self.region == Region::Code && !self.is_too_long
+        self.length == 0 && self.region == Region::Text && !self.is_too_long
     }
 
     /// Consumes bytes up to the end of the line. Returns false when the bytes end before the line.
@@ -77,8 +77,8 @@ impl Line {
     #[must_use]
     pub fn take_from(&mut self, mut bytes: impl Iterator<Item = u8>) -> bool {
         loop {
-            let byte = if self.region == Region::Code {
-                self.push_code(&mut bytes)
+            let byte = if self.region == Region::Text {
+                self.push_text(&mut bytes)
             } else {
                 bytes.next()
             };
@@ -91,22 +91,22 @@ impl Line {
         }
     }
 
-    /// Appends bytes of code. Returns the delimiter that ends them.
+    /// Appends bytes outside comments. Returns the delimiter that ends them.
     #[inline]
-    fn push_code(&mut self, bytes: &mut impl Iterator<Item = u8>) -> Option<u8> {
+    fn push_text(&mut self, bytes: &mut impl Iterator<Item = u8>) -> Option<u8> {
         let free = self.bytes.get_mut(self.length..).unwrap_or_default();
         let mut free = free.iter_mut();
         let delimiter = loop {
             let Some(byte) = bytes.next() else {
                 break None;
             };
-            let code = CODE[usize::from(byte)];
-            if code > DELIMITER {
+            let replacement = REPLACEMENTS[usize::from(byte)];
+            if replacement > TEXT_END {
                 match free.next() {
-                    Some(slot) => *slot = code,
+                    Some(end) => *end = replacement,
                     None => self.is_too_long = true,
                 }
-            } else if code == DELIMITER {
+            } else if replacement == TEXT_END {
                 break Some(byte);
             }
         };
@@ -118,10 +118,10 @@ impl Line {
     fn ends_with(&mut self, byte: u8) -> bool {
         match (byte, self.region) {
             (b'\n' | b'\r', _) => return true,
-            (b')', Region::Parentheses) => self.region = Region::Code,
-            (b'(', Region::Code) => self.region = Region::Parentheses,
-            (b';', Region::Code) => self.region = Region::Semicolon,
-            (_, Region::Code | Region::Parentheses | Region::Semicolon) => {}
+            (b')', Region::Parentheses) => self.region = Region::Text,
+            (b'(', Region::Text) => self.region = Region::Parentheses,
+            (b';', Region::Text) => self.region = Region::Semicolon,
+            (_, Region::Text | Region::Parentheses | Region::Semicolon) => {}
         }
         false
     }
@@ -141,7 +141,7 @@ impl Line {
     /// Begins a new line.
     pub fn clear(&mut self) {
         self.length = 0;
-        self.region = Region::Code;
+        self.region = Region::Text;
         self.is_too_long = false;
     }
 }

@@ -19,10 +19,10 @@ const MAX_UNRELEASED_BYTES: usize = 256;
 /// Sorts one received byte. Returns the task to release.
 #[inline(always)]
 #[expect(clippy::inline_always, reason = "nothing in flash may be called")]
-pub fn receive(byte: u8, requests: &Requests, line: &mut ByteWriter<'_>) -> Release {
+pub fn receive(byte: u8, requests: &Requests, received: &mut ByteWriter<'_>) -> Release {
     let is_request = matches!(byte, b'~' | 0x80..) || matches!(byte, b'!' | b'?' | 0x18);
     if !is_request {
-        return enqueue(byte, requests, line);
+        return enqueue(byte, requests, received);
     }
     cold_path();
     requests.accept(byte)
@@ -33,8 +33,8 @@ pub fn receive(byte: u8, requests: &Requests, line: &mut ByteWriter<'_>) -> Rele
 /// releases the task for nothing.
 #[inline(always)]
 #[expect(clippy::inline_always, reason = "as for `receive`")]
-fn enqueue(byte: u8, requests: &Requests, line: &mut ByteWriter<'_>) -> Release {
-    let Ok(number) = line.enqueue(byte) else {
+fn enqueue(byte: u8, requests: &Requests, received: &mut ByteWriter<'_>) -> Release {
+    let Ok(number) = received.enqueue(byte) else {
         // The bytes that fill the queue have released `interpret`.
         requests.lose();
         return Release::Nobody;
@@ -42,7 +42,7 @@ fn enqueue(byte: u8, requests: &Requests, line: &mut ByteWriter<'_>) -> Release 
     let is_release = byte <= b'\r' || number.is_multiple_of(MAX_UNRELEASED_BYTES);
     if is_release {
         cold_path();
-        line.end_line(number);
+        received.end_line(number);
         if requests.awaits_line() {
             return Release::Interpret;
         }

@@ -78,7 +78,7 @@ enum LineStage {
     /// The commands of a line go to the machine; this one is next.
     Sending(usize),
     /// All commands have gone to the machine; this follows when they are done.
-    Completing(Completion),
+    Completing(AfterCommands),
     /// The shell stores a change; this follows.
     Storing(AfterStore),
     /// A list is being sent; this line of it is next.
@@ -95,7 +95,7 @@ enum LineStage {
 
 /// What follows when the machine has done everything that a line asked for.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-enum Completion {
+enum AfterCommands {
     /// The answer.
     Answer,
     /// A message and the answer.
@@ -134,7 +134,7 @@ enum Source {
 struct LineExecution {
     source: Source,
     /// What follows the commands of the line.
-    completion: Option<Completion>,
+    after_commands: Option<AfterCommands>,
     /// The result of the last check.
     checked: Checked,
     /// The plain words that the line begins with.
@@ -200,7 +200,7 @@ impl Session {
             interpreter,
             line: LineExecution {
                 source: Source::Line,
-                completion: None,
+                after_commands: None,
                 checked: Checked::default(),
                 prefix: PlainPrefix::default(),
                 input: Line::new(),
@@ -267,7 +267,7 @@ impl Session {
         sent: &mut ByteWriter<'q>,
         entries: &mut Producer<'q, Entry>,
     ) -> Progress {
-        requests.coalesce();
+        requests.begin_batch();
         requests.wake_on(Awaited::ALL);
         let mut links = Links {
             machine,
@@ -315,9 +315,9 @@ impl Session {
     /// Returns the events that let the session continue, besides a change of the machine's state.
     fn awaited(&self) -> Awaited {
         let work = match self.stage {
-            LineStage::Reading if self.blender.has_pending() => {
-                Awaited::LINE.and(Awaited::ENTRIES).and(Awaited::SEGMENTS)
-            }
+            LineStage::Reading if self.blender.has_pending() => Awaited::LINE
+                .union(Awaited::ENTRIES)
+                .union(Awaited::SEGMENTS),
             LineStage::Reading => Awaited::LINE,
             LineStage::Sending(_) => Awaited::ENTRIES_BATCHED,
             LineStage::Starting { .. }
@@ -334,7 +334,7 @@ impl Session {
             | LineStage::Asleep => Awaited::ENTRIES,
         };
         if self.reports.is_pending() {
-            work.and(Awaited::ROOM)
+            work.union(Awaited::ROOM)
         } else {
             work
         }
@@ -352,7 +352,7 @@ impl Session {
         continue_if(self.send_pending(links))?;
         continue_if(self.start(links))?;
         self.apply_stored(links);
-        self.latch_position(machine);
+        self.sync_at_standstill(machine);
         continue_if(self.send_pending(links))?;
         continue_if(self.answer_status(links))?;
         continue_if(!(machine.has_underrun || machine.is_critical) || self.report_fault(links))
@@ -399,7 +399,7 @@ impl Session {
             LineStage::Welcoming => self.welcome(machine),
             LineStage::StartingUp(number) => self.start_up(number, links),
             LineStage::AwaitingStandstill => self.dispatch_at_standstill(links),
-            LineStage::Completing(completion) => self.complete(machine, completion),
+            LineStage::Completing(after_commands) => self.complete(machine, after_commands),
             LineStage::Storing(then) => self.continue_stored(then, links),
             LineStage::Listing(list, line) => self.list(list, line, links.received.capacity()),
             LineStage::Faulting => self.send_fault(links),

@@ -18,16 +18,16 @@ use crate::{
 pub const MESSAGE_BYTES: usize = 80 + 32 * AXES;
 
 /// Digits of the largest coordinate, 2⁶³ nm, in µm.
-const DIGITS: usize = 16;
+const MAX_DIGITS: usize = 16;
 /// The value of each digit when the last counts 1, 1000 nm or 1/10 000 inch in nm.
-const ONES: [u64; DIGITS] = digit_values(1);
-const MICROMETRES: [u64; DIGITS] = digit_values(1_000);
-const TENTHS_OF_MIL: [u64; DIGITS] = digit_values(2_540);
+const ONES: [u64; MAX_DIGITS] = digit_values(1);
+const MICROMETRES: [u64; MAX_DIGITS] = digit_values(1_000);
+const TENTHS_OF_MIL: [u64; MAX_DIGITS] = digit_values(2_540);
 
 /// Returns `unit` times the powers of ten, the largest first.
-const fn digit_values(unit: u64) -> [u64; DIGITS] {
-    let mut values = [unit; DIGITS];
-    let mut index = DIGITS - 1;
+const fn digit_values(unit: u64) -> [u64; MAX_DIGITS] {
+    let mut values = [unit; MAX_DIGITS];
+    let mut index = MAX_DIGITS - 1;
     while index > 0 {
         values[index - 1] = values[index] * 10;
         index -= 1;
@@ -202,10 +202,10 @@ impl Text {
 
     /// Writes a value as a multiple of the last digit's, rounded down, with a point before the last
     /// `decimals` digits.
-    fn digits(&mut self, value: u64, values: &[u64; DIGITS], decimals: usize) -> &mut Self {
+    fn digits(&mut self, value: u64, values: &[u64; MAX_DIGITS], decimals: usize) -> &mut Self {
         let mut remainder = value;
         let mut is_significant = false;
-        for (digit_value, index) in values.iter().zip((0..DIGITS).rev()) {
+        for (digit_value, index) in values.iter().zip((0..MAX_DIGITS).rev()) {
             let mut digit = b'0';
             while remainder >= *digit_value && digit < b'9' {
                 remainder -= digit_value;

@@ -38,7 +38,7 @@ pub enum StreamEnd {
 /// What a line is to the sender.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum SentLine {
-    Code,
+    Gcode,
     Jog,
     Statement,
 }
@@ -49,7 +49,7 @@ impl SentLine {
         match (text.next(), text.next()) {
             (Some(b'$'), Some(b'J' | b'j')) => Self::Jog,
             (Some(b'$'), _) => Self::Statement,
-            _ => Self::Code,
+            _ => Self::Gcode,
         }
     }
 }
@@ -108,7 +108,7 @@ impl<'a, P: Iterator<Item = u8>> Stream<'a, P> {
     /// their end.
     #[must_use]
     pub const fn with_statements_at_rest(mut self) -> Self {
-        self.sent = Some(SentLine::Code);
+        self.sent = Some(SentLine::Gcode);
         self
     }
 

@@ -123,7 +123,7 @@ impl Bench {
                 break;
             };
             self.machine.finished = self.machine.finished.wrapping_add(1);
-            if entry.reset_count
+            if entry.cancellation_count
                 == self
                     .machine
                     .reset_count

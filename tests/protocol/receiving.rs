@@ -121,7 +121,7 @@ fn a_second_writer_continues_where_the_first_has_ended() {
 fn a_wait_for_several_entries_ends_with_four_or_some_time_after_one() {
     let requests = Requests::new();
     let wait = || {
-        requests.coalesce();
+        requests.begin_batch();
         requests.wake_on(Awaited::ENTRIES_BATCHED);
     };
     wait();

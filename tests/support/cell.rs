@@ -76,10 +76,13 @@ impl Cell {
 
     pub(crate) fn send(&mut self, work: Work) {
         let snapshot = self.snapshot();
-        let reset_count = snapshot
+        let cancellation_count = snapshot
             .reset_count
             .wrapping_add(snapshot.cancelled_motions);
-        assert!(self.drive.enqueue(Entry { reset_count, work }));
+        assert!(self.drive.enqueue(Entry {
+            cancellation_count,
+            work
+        }));
         self.sent += 1;
         self.settle();
     }

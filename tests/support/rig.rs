@@ -253,8 +253,11 @@ impl Rig {
     }
 
     pub(crate) fn enqueue(&mut self, work: Work) -> bool {
-        let reset_count = self.requests.reset_count().wrapping_add(self.cuts);
-        let is_sent = self.drive.enqueue(Entry { reset_count, work });
+        let cancellation_count = self.requests.reset_count().wrapping_add(self.cuts);
+        let is_sent = self.drive.enqueue(Entry {
+            cancellation_count,
+            work,
+        });
         self.sent += u32::from(is_sent);
         is_sent
     }

@@ -16,8 +16,9 @@ use crate::{
 };
 
 pub(super) const MM_PER_INCH: f32 = 25.4;
-/// The distance that every axis reaches, whatever its resolution: positions within need no division.
-const ALWAYS_REACHED: Nm = match StepsPerMm::from_millionths(StepsPerMm::MAX) {
+/// The distance from zero that every axis reaches, that of the finest resolution: a position within it
+/// needs no division.
+const MIN_REACH: Nm = match StepsPerMm::from_millionths(StepsPerMm::MAX) {
     Some(finest) => finest.farthest(),
     None => Nm(0),
 };
@@ -375,7 +376,7 @@ fn check_reach(
 }
 
 fn check_position(settings: &Settings, position: &Axes<Nm>) -> Result<(), LineError> {
-    if is_always_reached(position) {
+    if is_within_min_reach(position) {
         return Ok(());
     }
     let farthest = settings.farthest();
@@ -389,9 +390,9 @@ fn check_position(settings: &Settings, position: &Axes<Nm>) -> Result<(), LineEr
 
 /// Whether every axis reaches a position, whatever its resolution.
 #[inline]
-pub(super) fn is_always_reached(position: &Axes<Nm>) -> bool {
-    let is_near = |value: &Nm| -ALWAYS_REACHED.0 <= value.0 && value.0 <= ALWAYS_REACHED.0;
-    position.iter().all(is_near)
+pub(super) fn is_within_min_reach(position: &Axes<Nm>) -> bool {
+    let is_reached = |value: &Nm| -MIN_REACH.0 <= value.0 && value.0 <= MIN_REACH.0;
+    position.iter().all(is_reached)
 }
 
 /// Whether the line switches the spindle or the coolant, or changes the work offset.

@@ -49,7 +49,7 @@ pub(super) fn execute<I: ExactSizeIterator<Item = u8> + Clone>(
         }
     };
     let target = target(state, prefix).ok_or(Refusal::NotPlain)?;
-    if !prefix.words.contains(Word::AXES) || !check::is_always_reached(&target.position) {
+    if !prefix.words.contains(Word::AXES) || !check::is_within_min_reach(&target.position) {
         return Err(Refusal::NotPlain);
     }
     state.modal.motion = prefix.motion;

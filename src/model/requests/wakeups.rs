@@ -1,4 +1,4 @@
-//! Wake-ups of `interpret`: the events for which the task waits, and how entries are coalesced.
+//! Wake-ups of `interpret`: the events for which the task waits, and how those of several entries become one.
 
 use core::sync::atomic::{
     Ordering::{Relaxed, SeqCst},
@@ -39,7 +39,7 @@ impl Awaited {
 
     /// Returns the union of two sets.
     #[must_use]
-    pub const fn and(self, other: Self) -> Self {
+    pub const fn union(self, other: Self) -> Self {
         Self(self.0 | other.0)
     }
 }
@@ -57,7 +57,7 @@ impl Requests {
 
     /// Begins a wait for [`Awaited::ENTRIES_BATCHED`]; for `interpret` alone, before it looks for
     /// work.
-    pub fn coalesce(&self) {
+    pub fn begin_batch(&self) {
         self.batch_budget.store(BATCH_BUDGET, Relaxed);
     }
 

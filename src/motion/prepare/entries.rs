@@ -57,7 +57,7 @@ impl Motion {
     #[inline]
     fn is_void(&self, entry: &Entry) -> bool {
         // Settings are never void: the session has taken them over already, at rest.
-        let is_old = entry.reset_count
+        let is_old = entry.cancellation_count
             != self
                 .handled
                 .reset_count

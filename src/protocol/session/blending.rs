@@ -98,8 +98,14 @@ impl Session {
                     let braking_s = 0.5 * speed / block.acceleration_mm_s2;
                     self.machine_sync.handover_mm = speed * (braking_s + HANDOVER_S);
                 }
-                let reset_count = self.machine_sync.entry_reset_count();
-                if entries.enqueue(Entry { reset_count, work }).is_ok() {
+                let cancellation_count = self.machine_sync.cancellation_count();
+                if entries
+                    .enqueue(Entry {
+                        cancellation_count,
+                        work,
+                    })
+                    .is_ok()
+                {
                     self.machine_sync.count_entry();
                 }
             }

@@ -2,7 +2,7 @@
 //!
 //! Read with Grbl 1.1 `system.c`.
 
-use super::{Completion, LineStage, Links, Progress, Session, Source, dispatch::answer};
+use super::{AfterCommands, LineStage, Links, Progress, Session, Source, dispatch::answer};
 use crate::{
     axis::AXES,
     gcode::LineError,
@@ -22,7 +22,7 @@ impl Session {
             return self.await_standstill();
         }
         self.send_work(Work::Unlock, links);
-        self.stage = LineStage::Completing(Completion::Message(Feedback::Unlocked));
+        self.stage = LineStage::Completing(AfterCommands::Message(Feedback::Unlocked));
         Progress::Again
     }
 
@@ -43,7 +43,7 @@ impl Session {
             return self.refuse(LineError::LimitsEngaged);
         }
         self.send_work(Work::Home(mask), links);
-        self.stage = LineStage::Completing(Completion::Home { is_all });
+        self.stage = LineStage::Completing(AfterCommands::Home { is_all });
         Progress::Again
     }
 
@@ -67,7 +67,7 @@ impl Session {
     /// Begins check mode: programs are checked and not executed.
     pub(super) fn begin_check(&mut self, links: &mut Links<'_, '_>) -> Progress {
         self.send_work(Work::Check, links);
-        self.stage = LineStage::Completing(Completion::Message(Feedback::CheckEnabled));
+        self.stage = LineStage::Completing(AfterCommands::Message(Feedback::CheckEnabled));
         Progress::Again
     }
 

@@ -38,15 +38,21 @@ impl MachineSync {
         machine.cancelled_motions != self.cancelled_motions
     }
 
-    /// Returns the number by which `prepare` knows an entry made before a reset.
-    pub(super) fn entry_reset_count(&self) -> u32 {
+    /// Returns the number by which `prepare` knows an entry made before a reset or a cancelled motion.
+    pub(super) fn cancellation_count(&self) -> u32 {
         self.reset_count.wrapping_add(self.cancelled_motions)
     }
 
     /// Sends work. The caller has made sure of room; after standstill the queue is empty.
     pub(super) fn send(&mut self, work: Work, entries: &mut Producer<'_, Entry>) {
-        let reset_count = self.entry_reset_count();
-        if entries.enqueue(Entry { reset_count, work }).is_ok() {
+        let cancellation_count = self.cancellation_count();
+        if entries
+            .enqueue(Entry {
+                cancellation_count,
+                work,
+            })
+            .is_ok()
+        {
             self.count_entry();
         }
     }
@@ -68,8 +74,8 @@ impl Session {
         self.machine_sync.send(work, links.entries);
     }
 
-    /// Latches the position of the machine at standstill, if it is not known.
-    pub(super) fn latch_position(&mut self, machine: &Snapshot) {
+    /// Learns at standstill where the machine is, if that is not known, and that its jogs have ended.
+    pub(super) fn sync_at_standstill(&mut self, machine: &Snapshot) {
         if !self.is_done(machine) {
             return;
         }

@@ -4,7 +4,7 @@
 //! been stored; after a failure everything is as before. All of it at standstill only: the flash
 //! stalls the processor. Read with Grbl 1.1 `settings.c`.
 
-use super::{Completion, LineStage, Links, Progress, Session, Source, dispatch::answer};
+use super::{AfterCommands, LineStage, Links, Progress, Session, Source, dispatch::answer};
 use crate::{
     gcode::LineError,
     machine::Snapshot,
@@ -201,7 +201,7 @@ impl Session {
             }
             AfterStore::Configure => {
                 self.configure(links);
-                self.stage = LineStage::Completing(Completion::Answer);
+                self.stage = LineStage::Completing(AfterCommands::Answer);
                 Progress::Again
             }
             AfterStore::Restore => {

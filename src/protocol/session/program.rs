@@ -3,7 +3,7 @@
 //! A line is checked completely, then executed: nothing of it goes to the machine before all of its
 //! path is known to be inside the travel. Read with Grbl 1.1 `gcode.c`, `motion_control.c`, `jog.c`.
 
-use super::{AfterStore, Completion, Links, Progress, Session, Source};
+use super::{AfterCommands, AfterStore, Links, Progress, Session, Source};
 use crate::{
     axis::Axes,
     gcode::{
@@ -92,7 +92,7 @@ impl Session {
             &mut line.outcome,
         ) {
             Ok(remaining) => {
-                received.release(n - remaining);
+                received.consume(n - remaining);
                 Ok(())
             }
             Err(Refusal::Incomplete) if !may_wait(received) => Err(Refusal::NotPlain),
@@ -109,7 +109,7 @@ impl Session {
         if links.machine.state == State::Check {
             self.line.outcome.commands.clear();
         }
-        self.line.completion = None;
+        self.line.after_commands = None;
         self.line.tilted = None;
         self.send_commands(0, links)
     }
@@ -203,21 +203,21 @@ impl Session {
         if is_checking {
             self.line.outcome.commands.clear();
         }
-        self.line.completion = if ends_program {
-            Some(Completion::Message(Feedback::ProgramEnd))
+        self.line.after_commands = if ends_program {
+            Some(AfterCommands::Message(Feedback::ProgramEnd))
         } else if is_checking {
             None
         } else if self.line.checked.probe().is_some() {
             self.probing.has_ended = false;
             self.probing.start = (from, self.router.checkpoint());
-            Some(Completion::Probe)
+            Some(AfterCommands::Probe)
         } else {
             // Outputs that switch at standstill have switched when the answer comes.
             let switches = !self.line.checked.moves() && !self.line.outcome.commands.is_empty();
             // A startup line is stored when its motion is over.
             let is_stored = matches!(self.line.source, Source::NewStartup { .. });
             (switches || is_stored || self.line.checked.answers_when_done())
-                .then_some(Completion::Answer)
+                .then_some(AfterCommands::Answer)
         };
         self.send_commands(0, links)
     }

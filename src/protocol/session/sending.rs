@@ -7,7 +7,7 @@
 
 use heapless::spsc::Producer;
 
-use super::{Completion, LineStage, Links, Progress, Session, Source};
+use super::{AfterCommands, LineStage, Links, Progress, Session, Source};
 use crate::{
     gcode::ProbeMode,
     machine::Snapshot,
@@ -35,10 +35,10 @@ impl Session {
             self.stage = LineStage::Sending(next);
             return Progress::Waiting;
         }
-        match self.line.completion {
-            Some(completion) => {
-                self.stage = LineStage::Completing(completion);
-                self.complete(links.machine, completion)
+        match self.line.after_commands {
+            Some(after_commands) => {
+                self.stage = LineStage::Completing(after_commands);
+                self.complete(links.machine, after_commands)
             }
             None => self.accept(),
         }
@@ -59,13 +59,13 @@ impl Session {
             self.send_command(*next, is_blended, links);
             *next += usize::from(!has_more);
         }
-        if self.line.completion.is_some() {
+        if self.line.after_commands.is_some() {
             self.router.flush(&mut self.blender);
         }
         if !self.drain(links.entries) {
             return false;
         }
-        if self.line.completion == Some(Completion::Message(Feedback::ProgramEnd)) {
+        if self.line.after_commands == Some(AfterCommands::Message(Feedback::ProgramEnd)) {
             if !links.entries.ready() {
                 return false;
             }
@@ -101,8 +101,8 @@ impl Session {
         }
         self.router
             .set_exact_stop(control == PathControl::ExactStop);
-        let reset_count = self.machine_sync.entry_reset_count();
-        if enqueue(&mut self.router, command, reset_count, links.entries) {
+        let cancellation_count = self.machine_sync.cancellation_count();
+        if enqueue(&mut self.router, command, cancellation_count, links.entries) {
             self.machine_sync.is_jogging |= self.line.source == Source::Jog;
             self.machine_sync.count_entry();
         } else if let Some(work) = self.work_without_steps(links.machine, number) {
@@ -124,7 +124,7 @@ impl Session {
                 if !is_on || matches!(feed_rate, FeedRate::Jog(_)) {
                     return None;
                 }
-                line.completion = line.completion.or(Some(Completion::Answer));
+                line.after_commands = line.after_commands.or(Some(AfterCommands::Answer));
                 Some(Work::Spindle(Spindle::Clockwise, rpm))
             }
             // The probe cannot change in a move of length 0.
@@ -132,7 +132,7 @@ impl Session {
                 if machine.inputs.has(Levels::PROBE) != probing.is_away {
                     return Some(Work::Fault(Alarm::ProbeState));
                 }
-                line.completion = Some(Completion::Miss);
+                line.after_commands = Some(AfterCommands::Miss);
                 (!probing.may_miss).then_some(Work::Fault(Alarm::ProbeContact))
             }
             Command::Power(_)
@@ -145,21 +145,25 @@ impl Session {
     }
 
     /// Ends the line when everything that was sent has been done.
-    pub(super) fn complete(&mut self, machine: &Snapshot, completion: Completion) -> Progress {
+    pub(super) fn complete(
+        &mut self,
+        machine: &Snapshot,
+        after_commands: AfterCommands,
+    ) -> Progress {
         if !self.is_done(machine) || machine.state.is_suspended() {
             return Progress::Waiting;
         }
-        match completion {
-            Completion::Answer => {}
-            Completion::Message(feedback) => {
+        match after_commands {
+            AfterCommands::Answer => {}
+            AfterCommands::Message(feedback) => {
                 if feedback == Feedback::ProgramEnd {
                     self.report_deviation();
                 }
                 report::feedback(&mut self.reports.message, feedback);
             }
-            Completion::Probe => self.end_probing(machine),
-            Completion::Miss => self.report_miss(machine),
-            Completion::Home { is_all } => return self.end_homing(machine, is_all),
+            AfterCommands::Probe => self.end_probing(machine),
+            AfterCommands::Miss => self.report_miss(machine),
+            AfterCommands::Home { is_all } => return self.end_homing(machine, is_all),
         }
         self.accept()
     }
@@ -205,10 +209,17 @@ impl Session {
 fn enqueue(
     router: &mut Router,
     command: &Command,
-    reset_count: u32,
+    cancellation_count: u32,
     entries: &mut Producer<'_, Entry>,
 ) -> bool {
-    let enqueue = |work| entries.enqueue(Entry { reset_count, work }).is_ok();
+    let enqueue = |work| {
+        entries
+            .enqueue(Entry {
+                cancellation_count,
+                work,
+            })
+            .is_ok()
+    };
     router.route_to(command, enqueue).unwrap_or(false)
 }
 
