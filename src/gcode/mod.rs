@@ -17,6 +17,7 @@ pub use modal::{
     ArcDistance, Distance, FeedMode, Flow, Modal, MotionMode, ProbeMode, RetractMode, ToolLength,
     Units,
 };
+use parsed_line::tool_number;
 pub use parsed_line::{AxisCommand, NonModal, ParsedLine, StoredPosition, SwitchedOverride};
 use plain_prefix::MAX_LINE_NUMBER;
 pub use plain_prefix::{PlainPrefix, Refusal};

@@ -47,6 +47,8 @@ pub struct ParsedLine {
     pub line: u32,
     /// The override that `M50` or `M51` switches by its `P`.
     pub switched: Option<SwitchedOverride>,
+    /// `M61`: the tool `Q` is in the spindle.
+    pub sets_tool: bool,
     groups: u32,
 }
 
@@ -136,6 +138,7 @@ enum ModalGroup {
     SpindleMode = 1 << 16,
     Retract = 1 << 17,
     Overrides = 1 << 18,
+    ToolChange = 1 << 19,
 }
 
 impl ParsedLine {
@@ -158,6 +161,7 @@ impl ParsedLine {
             l: 0,
             line: 0,
             switched: None,
+            sets_tool: false,
             groups: 0,
         }
     }
@@ -214,7 +218,7 @@ impl ParsedLine {
     /// Errors of the line whatever the state: numbers 1, 2, 4, 20, 21, 23, 24, 25, 38.
     pub fn read(&mut self, line: &[u8]) -> Result<(), LineError> {
         let result = self.read_words(line);
-        if self.words.contains(Word::Q) && !self.has_path_tolerance() {
+        if self.words.contains(Word::Q) && !self.has_path_tolerance() && !self.sets_tool {
             // Q is unknown in other lines, so that this error comes before those behind it.
             return Err(LineError::Unsupported);
         }
@@ -515,6 +519,10 @@ impl ParsedLine {
                 });
                 ModalGroup::Overrides
             }
+            61 => {
+                self.sets_tool = true;
+                ModalGroup::ToolChange
+            }
             _ => return Err(LineError::Unsupported),
         };
         self.insert_group(group)
@@ -533,14 +541,7 @@ impl ParsedLine {
             b'Q' => self.q = number,
             b'R' => self.radius = number,
             b'S' => self.modal.speed_rpm = number.to_f32(),
-            b'T' => {
-                self.modal.tool = match u8::try_from(number.trunc()) {
-                    Ok(u8::MAX) if !number.is_whole() => return Err(LineError::ToolNumberTooHigh),
-                    Ok(tool) => tool,
-                    Err(_) if number.is_negative() => 0,
-                    Err(_) => return Err(LineError::ToolNumberTooHigh),
-                }
-            }
+            b'T' => self.modal.tool = tool_number(number)?,
             _ => return Err(LineError::Unsupported),
         }
         self.insert_word(Word::new(letter))?;
@@ -581,5 +582,18 @@ impl ParsedLine {
         }
         self.groups |= group as u32;
         Ok(())
+    }
+}
+
+/// Returns the number of a tool, without its fraction; 0 for a negative one, which is an error elsewhere.
+///
+/// # Errors
+/// [`LineError::ToolNumberTooHigh`].
+pub(super) fn tool_number(number: Decimal) -> Result<u8, LineError> {
+    match u8::try_from(number.trunc()) {
+        Ok(u8::MAX) if !number.is_whole() => Err(LineError::ToolNumberTooHigh),
+        Ok(tool) => Ok(tool),
+        Err(_) if number.is_negative() => Ok(0),
+        Err(_) => Err(LineError::ToolNumberTooHigh),
     }
 }

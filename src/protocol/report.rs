@@ -96,6 +96,8 @@ pub struct Status<'a> {
     pub received_free: usize,
     /// The field besides those that every report has.
     pub extra: Extra,
+    /// The tool in the spindle, if it has changed since the report before.
+    pub new_tool: Option<u8>,
 }
 
 /// `<Idle|MPos:0.000,0.000,0.000|FS:0,0>`.
@@ -131,6 +133,9 @@ pub fn status(text: &mut Text, status: &Status<'_>) {
             text.word(",").natural(u32::from(overrides.spindle));
             accessories(text, machine.spindle, machine.coolant);
         }
+    }
+    if let Some(tool) = status.new_tool {
+        text.word("|T:").natural(u32::from(tool));
     }
     text.word(">").end();
 }

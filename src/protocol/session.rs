@@ -181,6 +181,8 @@ pub struct Session {
     blender: Blender,
     persistence: Persistence,
     probing: ProbeRecord,
+    /// The tool that is in the spindle while programs are only checked.
+    tool_before_check: Option<u8>,
 }
 
 impl Session {
@@ -211,6 +213,7 @@ impl Session {
             blender: Blender::new(),
             persistence: Persistence::new(stored),
             probing: ProbeRecord::default(),
+            tool_before_check: None,
         }
     }
 

@@ -162,6 +162,18 @@ fn the_tool_stays_until_the_next_t_word() {
 }
 
 #[test]
+fn m61_tells_the_tool_in_the_spindle_which_survives_a_reset() {
+    let mut machine = after(&["T7", "M61Q2"]);
+    assert_eq!((machine.loaded_tool(), machine.modal().tool), (2, 7));
+    machine.reset();
+    assert_eq!((machine.loaded_tool(), machine.modal().tool), (2, 0));
+    assert!(!send(&mut machine, "M61Q2").unwrap().shows_tool);
+    assert!(send(&mut machine, "Q255M61X1F1").unwrap().shows_tool);
+    assert_eq!(machine.loaded_tool(), 255);
+    assert_eq!(error(&["M61M61Q1"]), LineError::ModalGroupViolation);
+}
+
+#[test]
 fn lines_wait_for_rest_where_grbl_synchronises() {
     let machine = after(&["F100S100M3M8", "G55", "G43.1Z1"]);
     let waits = |line: &str, laser: bool| {

@@ -9,3 +9,4 @@ mod receiving;
 mod rejected;
 mod reports;
 mod statements;
+mod tools;

@@ -8,7 +8,7 @@ use crate::{
     decimal::Decimal,
     gcode::{
         AxisCommand, FeedMode, Flow, LineError, MAX_LINE_NUMBER, Modal, MotionMode, NonModal,
-        ParsedLine, PlainPrefix, SwitchedOverride, ToolLength, Units, Word, Words,
+        ParsedLine, PlainPrefix, SwitchedOverride, ToolLength, Units, Word, Words, tool_number,
     },
     model::{Laser, OverrideSwitches, PathControl},
     settings::Settings,
@@ -93,6 +93,7 @@ fn unchanged(state: &Interpreter, kind: LineKind, parsed: &ParsedLine) -> Checke
         changes_state: false,
         line: parsed.line,
         tool: state.offsets.tool,
+        loaded_tool: state.loaded_tool,
         values: state.position,
         work_target: state.work_position,
         single_mm: state.single_mm,
@@ -100,7 +101,7 @@ fn unchanged(state: &Interpreter, kind: LineKind, parsed: &ParsedLine) -> Checke
     }
 }
 
-/// Feed, path tolerance, dwell and tool length.
+/// Feed, path tolerance, dwell, tool and tool length.
 fn check_modes(
     state: &Interpreter,
     settings: &Settings,
@@ -123,6 +124,9 @@ fn check_modes(
     }
     if let Some(switched) = parsed.switched {
         switch_override(switched, parsed, unused, &mut checked.modal.overrides);
+    }
+    if parsed.sets_tool {
+        checked.loaded_tool = tool_in_spindle(parsed, unused)?;
     }
     if parsed.has_tool_length() {
         checked.tool = tool_offset(state, parsed)?;
@@ -193,6 +197,18 @@ fn feed(parsed: &ParsedLine, before: &Modal) -> Result<f32, LineError> {
             FeedMode::InverseTime => 0.0,
         }),
     }
+}
+
+/// `M61`: the tool `Q`.
+fn tool_in_spindle(parsed: &ParsedLine, unused: &mut Words) -> Result<u8, LineError> {
+    if !unused.contains(Word::Q) {
+        return Err(LineError::MissingWord);
+    }
+    unused.remove(Word::Q);
+    if !parsed.q.is_whole() {
+        return Err(LineError::NotInteger);
+    }
+    tool_number(parsed.q)
 }
 
 /// `M50`, `M51`, `M53`: `P0` switches the override off, any other `P` and none switch it on.
@@ -395,7 +411,7 @@ pub(super) fn is_within_min_reach(position: &Axes<Nm>) -> bool {
     position.iter().all(is_reached)
 }
 
-/// Whether the line switches the spindle or the coolant, or changes the work offset.
+/// Whether the line switches the spindle or the coolant, or changes the tool or the work offset.
 fn changes_state(state: &Interpreter, checked: &Checked) -> bool {
     let (before, after) = (&state.modal, &checked.modal);
     checked.spindle.is_some()
@@ -403,4 +419,5 @@ fn changes_state(state: &Interpreter, checked: &Checked) -> bool {
         || before.overrides != after.overrides
         || before.coordinates != after.coordinates
         || state.offsets.tool != checked.tool
+        || state.loaded_tool != checked.loaded_tool
 }

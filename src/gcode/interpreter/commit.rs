@@ -28,6 +28,8 @@ pub(super) fn commit(state: &mut Interpreter, checked: &Checked) -> Outcome {
         state.modal.coordinates != checked.modal.coordinates || state.offsets.tool != checked.tool;
     state.modal = checked.modal;
     state.offsets.tool = checked.tool;
+    outcome.shows_tool = state.loaded_tool != checked.loaded_tool;
+    state.loaded_tool = checked.loaded_tool;
     state.update_frame();
     if checked.moves() {
         add_laser_power(checked, &mut outcome);
@@ -44,6 +46,7 @@ impl Outcome {
         self.commands.clear();
         self.message = None;
         self.shows_offset = false;
+        self.shows_tool = false;
     }
 
     pub(super) fn add(&mut self, command: Command) {

@@ -41,6 +41,8 @@ pub struct Interpreter {
     position: Axes<Nm>,
     /// The position in Grbl's single precision, mm: see [`Target::single_mm`].
     single_mm: Axes<f32>,
+    /// The tool in the spindle, 0 for none.
+    loaded_tool: u8,
     /// `M1` is a program pause.
     stops_optionally: bool,
     /// The work position under rotation: exact, so that incremental moves do not drift.
@@ -70,8 +72,10 @@ pub struct Checked {
     spindle: Option<(Spindle, f32)>,
     /// The laser power of the line's moves.
     power: Laser,
-    /// Whether the state of the spindle, the coolant or the work offset changes.
+    /// Whether the state of the spindle, the coolant, the tool or the work offset changes.
     changes_state: bool,
+    /// The tool in the spindle after the line.
+    loaded_tool: u8,
     /// `N`.
     line: u32,
     /// The tool length offset after the line.
@@ -128,6 +132,8 @@ pub struct Outcome {
     pub message: Option<Message>,
     /// Whether the next status report shows the work offset, changed or not.
     pub shows_offset: bool,
+    /// Whether the next status report shows the tool in the spindle.
+    pub shows_tool: bool,
 }
 
 /// A message of a line.
@@ -149,7 +155,7 @@ impl Checked {
 
     /// Whether everything before the line must be executed before it is committed.
     ///
-    /// As in Grbl: where the work offset, a stored position, the spindle or the coolant changes,
+    /// As in Grbl: where the work offset, a stored position, the tool, the spindle or the coolant changes,
     /// at a dwell, at a probing move, at a program pause and at a program end.
     #[must_use]
     pub fn waits_for_standstill(&self) -> bool {
@@ -206,6 +212,7 @@ impl Interpreter {
             frame: Frame::MACHINE,
             position: Axes::all(Nm(0)),
             single_mm: Axes::all(0.0),
+            loaded_tool: 0,
             stops_optionally: false,
             work_position: Axes::all(Nm(0)),
         }
@@ -290,7 +297,8 @@ impl Interpreter {
         plain::execute(self, bytes, settings, prefix, checked, outcome)
     }
 
-    /// Back to the power-up modes; the position, `G54` to `G59.3`, `G28` and `G30` stay.
+    /// Back to the power-up modes; the position, the tool in the spindle, `G54` to `G59.3`, `G28` and
+    /// `G30` stay.
     pub fn reset(&mut self) {
         self.modal = Modal::default();
         self.offsets = Offsets {
@@ -334,6 +342,17 @@ impl Interpreter {
         if !self.frame.rotation.is_none() {
             self.work_position = self.frame.work_position(&self.position);
         }
+    }
+
+    /// The tool in the spindle, 0 for none.
+    #[must_use]
+    pub fn loaded_tool(&self) -> u8 {
+        self.loaded_tool
+    }
+
+    /// Replaces the tool in the spindle.
+    pub fn set_loaded_tool(&mut self, tool: u8) {
+        self.loaded_tool = tool;
     }
 
     /// Makes `M1` a program pause, or nothing.

@@ -66,6 +66,7 @@ impl Session {
 
     /// Begins check mode: programs are checked and not executed.
     pub(super) fn begin_check(&mut self, links: &mut Links<'_, '_>) -> Progress {
+        self.tool_before_check = Some(self.interpreter.loaded_tool());
         self.send_work(Work::Check, links);
         self.stage = LineStage::Completing(AfterCommands::Message(Feedback::CheckEnabled));
         Progress::Again

@@ -25,6 +25,8 @@ pub(super) struct Reports {
     pub(super) cadence: Cadence,
     /// A `?` has not been answered.
     pub(super) is_status_due: bool,
+    /// The tool in the spindle has changed, and has not been reported.
+    pub(super) is_tool_due: bool,
     /// The message that the machine needs a reset has been written.
     pub(super) has_reported_fault: bool,
     /// Number of notices seen, wrapping.
@@ -163,12 +165,14 @@ impl Session {
             depends_on_place: self.interpreter.is_rotated(),
             received_free,
             extra: cadence.next(machine.state),
+            new_tool: (self.reports.is_tool_due).then_some(self.interpreter.loaded_tool()),
         };
         report::status(&mut text, &status);
         let has_room = sent.append(text.as_bytes());
         if has_room {
             self.reports.cadence = cadence;
             self.reports.is_status_due = false;
+            self.reports.is_tool_due = false;
         }
         has_room
     }

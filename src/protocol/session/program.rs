@@ -200,6 +200,7 @@ impl Session {
         if self.line.outcome.shows_offset && !(is_checking && ends_program) {
             self.reports.cadence.offset_changed();
         }
+        self.reports.is_tool_due |= self.line.outcome.shows_tool && !is_checking;
         if is_checking {
             self.line.outcome.commands.clear();
         }

@@ -88,6 +88,9 @@ impl Session {
         self.line.input.clear();
         self.line.source = Source::Line;
         self.interpreter.reset();
+        if let Some(tool) = self.tool_before_check.take() {
+            self.interpreter.set_loaded_tool(tool);
+        }
         self.probing.reported = Probed::default();
         self.reports.cadence = Cadence::default();
         self.stage = if is_first_boot {

@@ -65,11 +65,13 @@ pub(crate) enum Deviation {
     ProgramHabits,
     /// D49.
     ToolOffsets,
+    /// D50.
+    ToolChange,
 }
 
 impl Deviation {
     /// Every one, in the order of their names.
-    pub(crate) const ALL: [Self; 38] = [
+    pub(crate) const ALL: [Self; 39] = [
         Self::Buffers,
         Self::LongLines,
         Self::ExactPositions,
@@ -108,6 +110,7 @@ impl Deviation {
         Self::AxisWordsAfterG80,
         Self::ProgramHabits,
         Self::ToolOffsets,
+        Self::ToolChange,
     ];
 
     /// Its short name.
@@ -151,6 +154,7 @@ impl Deviation {
             Self::AxisWordsAfterG80 => "D47",
             Self::ProgramHabits => "D48",
             Self::ToolOffsets => "D49",
+            Self::ToolChange => "D50",
         }
     }
 
@@ -177,7 +181,8 @@ impl Deviation {
             | Self::WorkCoordinates
             | Self::AxisWordsAfterG80
             | Self::ProgramHabits
-            | Self::ToolOffsets => true,
+            | Self::ToolOffsets
+            | Self::ToolChange => true,
             Self::Buffers
             | Self::ExactPositions
             | Self::ToolIsModal
@@ -251,6 +256,7 @@ impl Deviation {
             Self::AxisWordsAfterG80 => "axis words after G80 belong to the command that uses them",
             Self::ProgramHabits => "what post-processors write besides motion is read",
             Self::ToolOffsets => "the tool length offset is a vector",
+            Self::ToolChange => "tools are changed",
             Self::NoPause => "no pause for the drivers ($1) at the end of a motion, or at a reset",
         }
     }
@@ -330,6 +336,7 @@ impl Deviation {
                 "an answer other than `error:20` or `error:21` to a line with G50, G80, G97, G98, G99, M48 to M51 or M53; other than `error:24` to G0 or G1 beside G28 or G30, and to G49; other than Grbl's to `%`, `O1234` and `:1234`"
             }
             Self::ToolOffsets => "an answer other than `error:37` to a G43.1",
+            Self::ToolChange => "an answer other than `error:20` to a line with M6 or M61",
             Self::FeedUnits => "an F in a table that is 25.4 times Grbl's",
             Self::PathControl => {
                 "an answer other than Grbl's to a line with `G61.1` or `G64`, which it refuses; and \
@@ -395,6 +402,9 @@ fn of_programs(code: &str, theirs: &str) -> Option<Deviation> {
     }
     if theirs == "error:37" && has_g(&[43.1]) {
         return Some(Deviation::ToolOffsets);
+    }
+    if theirs == "error:20" && has_word(code, 'M', &[6.0, 61.0]) {
+        return Some(Deviation::ToolChange);
     }
     let digits = code.strip_prefix(['O', ':']).unwrap_or_default();
     let is_mark =
@@ -526,6 +536,8 @@ mod tests {
             ("O1234", "ok", "error:20", Some(Deviation::ProgramHabits)),
             ("O12SUB", "ok", "error:20", None),
             ("M60", "ok", "error:20", None),
+            ("T2M6", "ok", "error:20", Some(Deviation::ToolChange)),
+            ("M61Q2", "ok", "error:20", Some(Deviation::ToolChange)),
         ] {
             assert_eq!(of_answers(line, ours, theirs), expected, "{line}");
         }
