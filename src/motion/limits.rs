@@ -15,7 +15,7 @@ pub(super) const LONGEST_SEGMENT_S: f32 = MAX_SEGMENT_TICKS as f32 / TICKS_PER_S
 pub(super) const SHORTEST_SEGMENT_S: f32 = 0.5 * LONGEST_SEGMENT_S;
 /// The first segment from a standstill, s: it makes up for the segment of standstill before it. 3 %
 /// less than the longest, because a segment of an arc lasts a little longer than planned
-/// (tests/segments.rs).
+/// (tests/motion/segments.rs).
 pub(super) const FIRST_SEGMENT_S: f32 = 0.97 * LONGEST_SEGMENT_S;
 /// Shortest monotonic section of an arc, s: what is shorter joins the section beside it.
 pub(super) const MIN_SECTION_S: f32 = 1.0e-4;

@@ -1,7 +1,7 @@
 //! The segment rate: durations of blocks that `prepare` keeps up with.
 //!
 //! Segments may follow each other in 0.7 ms on average. A block with longer segments leaves *slack*,
-//! which the next blocks may use for shorter ones; tests/segments.rs holds random programs to that,
+//! which the next blocks may use for shorter ones; tests/motion/segments.rs holds random programs to that,
 //! `docs/motion-planning.md` derives it, and `schedule.toml` counts on it.
 
 use crate::{

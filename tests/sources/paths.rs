@@ -59,3 +59,16 @@ fn a_path_that_leads_nowhere_is_found() {
         "a.md:2: there is no src/gcode/no_such_file.rs\n"
     );
 }
+
+#[test]
+fn a_host_test_is_a_module_of_a_folder() {
+    let tests = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests");
+    for entry in fs::read_dir(tests).expect("tests/ can be read") {
+        let path = entry.expect("tests/ can be read").path();
+        let name = path.file_stem().unwrap_or_default().to_string_lossy();
+        assert!(
+            path.is_dir() || name.starts_with("target_"),
+            "{name} is one more program to link: move it into a folder (docs/contributing.md)"
+        );
+    }
+}

@@ -143,7 +143,7 @@ fn a_retired_name_is_found_as_a_name_and_as_a_part_of_one() {
         assert!(found.contains(" now (docs/GLOSSARY.md)"), "{source}");
     }
     for (path, source) in [
-        ("tests/lookahead.rs", "struct StepCounts;"),
+        ("tests/motion/lookahead.rs", "struct StepCounts;"),
         ("src/path/block.rs", "let gate = 1;"),
         (
             "src/motion/plan.rs",

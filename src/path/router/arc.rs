@@ -14,7 +14,7 @@ use crate::{
 
 /// Shortest time for an arc, s, and for each of its quarter turns: an arc has a segment more for every
 /// axis that reverses. The limits of segments per second that hold for lines, too, are in the
-/// look-ahead; `tests/segments.rs` measures both.
+/// look-ahead; `tests/motion/segments.rs` measures both.
 pub(super) const MIN_ARC_S: f32 = 3.0e-3;
 const MIN_QUADRANT_S: f32 = 1.5e-3;
 

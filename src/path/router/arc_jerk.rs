@@ -16,7 +16,7 @@ const CONSTANT_SPEED_PART: f64 = 0.5;
 /// s.
 ///
 /// A step of b changes the second difference of positions sampled each ms by 3/4·b from one ms to the
-/// next at most: `tests/jerk.rs` measures jerk over windows of 1 ms.
+/// next at most: `tests/motion/jerk.rs` measures jerk over windows of 1 ms.
 const STEP_S: f64 = 1.0e-3 / 0.75;
 /// Greatest feed override.
 const MAX_FEED_OVERRIDE: f32 = 2.0;

@@ -1,8 +1,8 @@
 //! Durations of segments: those that `prepare` is proven to keep up with.
-#![cfg(not(target_os = "none"))]
 
-mod support;
-
+use crate::support::{
+    Act, Begin, PROVEN, Rig, TICKS_PER_S, arc, cases, check_limits, line, number, with,
+};
 use leadscrew::{
     axis::{AXES, Axes},
     model::{Command, Plane, Rotation, timing::EVENT_SPACING_TICKS},
@@ -10,7 +10,6 @@ use leadscrew::{
     units::TICKS_PER_MS,
 };
 use proptest::prelude::*;
-use support::{Act, Begin, PROVEN, Rig, TICKS_PER_S, arc, cases, check_limits, line, number, with};
 
 /// `segment`, `jerk_limited_segment` and `extra_segments` in schedule.toml.
 const MEAN_TICKS: u32 = TICKS_PER_MS * 7 / 10;

@@ -1,8 +1,9 @@
 //! Moves at the edges of what can be programmed and set.
-#![cfg(not(target_os = "none"))]
 
-mod support;
-
+use crate::support::{
+    RESET, Rig, TICKS_PER_S, Trace, arc, at, cases, check_limits, check_path, fast, line, line_at,
+    number, target, target_steps, with,
+};
 use leadscrew::{
     axis::{AXES, Axes},
     model::{Command, FeedRate, Plane, Rotation},
@@ -10,10 +11,6 @@ use leadscrew::{
     units::Nm,
 };
 use proptest::prelude::*;
-use support::{
-    RESET, Rig, TICKS_PER_S, Trace, arc, at, cases, check_limits, check_path, fast, line, line_at,
-    number, target, target_steps, with,
-};
 
 /// Plays numbered commands; checks pulses, path and limits.
 fn check(settings: &Settings, commands: &[Command]) -> Trace {

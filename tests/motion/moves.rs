@@ -1,8 +1,9 @@
 //! Moves as the step pins show them: exact counts, limits kept, path kept.
-#![cfg(not(target_os = "none"))]
 
-mod support;
-
+use crate::support::{
+    Act, RESET, Rig, TICKS_PER_S, Trace, Trapezoid, arc, at, cases, check_limits, check_path, fast,
+    interval_error_rms, line, line_at, number, slack, target, target_steps, with,
+};
 use leadscrew::{
     axis::Axes,
     model::{Command, FeedRate, Plane, Rotation, State},
@@ -10,10 +11,6 @@ use leadscrew::{
     units::{Nm, TICKS_PER_MS},
 };
 use proptest::prelude::*;
-use support::{
-    Act, RESET, Rig, TICKS_PER_S, Trace, Trapezoid, arc, at, cases, check_limits, check_path, fast,
-    interval_error_rms, line, line_at, number, slack, target, target_steps, with,
-};
 
 /// Plays numbered commands; checks counts, pulses, path and limits.
 fn check(settings: &Settings, commands: &[Command]) -> Trace {

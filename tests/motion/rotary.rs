@@ -1,8 +1,6 @@
 //! Rotary axes beside linear ones, as the step pins show them.
-#![cfg(all(feature = "axes-4", not(target_os = "none")))]
 
-mod support;
-
+use crate::support::{self, Rig, Trace, at, cases, check_path, line, peaks, target_steps, with};
 use leadscrew::{
     axis::{AXES, Axes},
     model::{Circle, Command, FeedRate, Plane, Rotation},
@@ -10,7 +8,6 @@ use leadscrew::{
     units::Nm,
 };
 use proptest::prelude::*;
-use support::{Rig, Trace, at, cases, check_path, line, peaks, target_steps, with};
 
 /// Corners are passed at next to no speed, so that no axis may exceed its acceleration across one.
 fn settings(ramp_s: f32) -> Settings {

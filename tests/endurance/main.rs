@@ -3,6 +3,7 @@
 //! Long slow moves and dwells mixed with fast ones, jogs that are cancelled, holds, doors and
 //! overrides at random times. The clocks of 32 bits wrap every 51 s: some 1 700 times. Optimised
 //! builds run 24 hours, as `cargo xtask test` does; others a quarter of an hour.
+//! A program of its own, as the test looks at the memory of its process.
 #![cfg(not(target_os = "none"))]
 
 use std::collections::VecDeque;

@@ -1,8 +1,6 @@
 //! The look-ahead against a slow reference planner, and what it owes the machine at all times.
-#![cfg(not(target_os = "none"))]
 
-mod support;
-
+use crate::support::{self, Rig, arc, cases, check_limits, line, line_at, number, with};
 use leadscrew::{
     axis::Axes,
     model::{Command, FeedRate, Plane, Rotation},
@@ -12,7 +10,6 @@ use leadscrew::{
     units::Nm,
 };
 use proptest::prelude::*;
-use support::{Rig, arc, cases, check_limits, line, line_at, number, with};
 
 /// The fastest speeds at which the blocks can be entered, and the time of all, by iteration.
 struct Reference {

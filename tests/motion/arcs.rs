@@ -1,10 +1,10 @@
 //! Arcs as the step pins show them, against exact geometry.
-#![cfg(not(target_os = "none"))]
-
-mod support;
 
 use std::f64::consts::TAU;
 
+use crate::support::{
+    self, Rig, Trace, arc, at, cases, check_limits, check_path, line, number, target_steps, with,
+};
 use leadscrew::{
     axis::Axes,
     model::{Command, Plane, Rotation},
@@ -12,9 +12,6 @@ use leadscrew::{
     units::Nm,
 };
 use proptest::prelude::*;
-use support::{
-    Rig, Trace, arc, at, cases, check_limits, check_path, line, number, target_steps, with,
-};
 
 const ROTATIONS: [Rotation; 2] = [Rotation::Clockwise, Rotation::CounterClockwise];
 const PLANES: [Plane; 3] = [Plane::Xy, Plane::Zx, Plane::Yz];

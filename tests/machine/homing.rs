@@ -1,7 +1,6 @@
 //! The homing cycle on a machine with switches: where it ends, how long it takes, how it fails.
 
-mod support;
-
+use crate::support::{Cell, cases, check_limits, fast};
 use leadscrew::{
     axis::{AXES, Axes, X, Y, Z},
     model::{Alarm, Levels, Spindle, State},
@@ -10,7 +9,6 @@ use leadscrew::{
     sim::Closes,
 };
 use proptest::prelude::*;
-use support::{Cell, cases, check_limits, fast};
 
 /// As the recorded machine is set: 80 steps/mm, 5000 mm/min, 500 mm/s².
 fn machine() -> Settings {

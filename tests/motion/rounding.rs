@@ -1,8 +1,9 @@
 //! Paths under `G64`: never farther from the programmed path than `P`.
-#![cfg(not(target_os = "none"))]
 
-mod support;
-
+use crate::support::{
+    self, Piece, Rig, arc, cases, check_limits, fast, follow, line, number, pieces, pieces_of_ways,
+    target_steps, with,
+};
 use leadscrew::{
     axis::Axes,
     model::{Command, PathControl, Plane, Rotation},
@@ -11,10 +12,6 @@ use leadscrew::{
     units::Nm,
 };
 use proptest::prelude::*;
-use support::{
-    Piece, Rig, arc, cases, check_limits, fast, follow, line, number, pieces, pieces_of_ways,
-    target_steps, with,
-};
 
 fn continuous(tolerance_nm: u32, merging_nm: u32) -> PathControl {
     PathControl::Continuous {

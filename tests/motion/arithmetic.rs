@@ -1,7 +1,6 @@
 //! Arithmetic on the host, bit for bit as on the target.
-#![cfg(not(target_os = "none"))]
 
-#[path = "support/fingerprints.rs"]
+#[path = "../support/fingerprints.rs"]
 mod fingerprints;
 
 #[test]

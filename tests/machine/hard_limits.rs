@@ -1,7 +1,6 @@
 //! Hard limits: everything stops at once, and what was output is known.
 
-mod support;
-
+use crate::support::{self, Cell, cases, fast};
 use leadscrew::{
     axis::{Axes, X},
     model::{Alarm, Levels, Notice, State},
@@ -10,7 +9,6 @@ use leadscrew::{
     sim::Closes,
 };
 use proptest::prelude::*;
-use support::{Cell, cases, fast};
 
 fn machine() -> Settings {
     Settings {

@@ -1,8 +1,6 @@
 //! Whatever can be set and programmed: no panic, no hang, no axis faster than allowed.
-#![cfg(not(target_os = "none"))]
 
-mod support;
-
+use crate::support::{RESET, cases, receive};
 use leadscrew::{
     axis::{AXES, Axes},
     model::{Circle, Command, FeedRate, Plane, Requests, Rotation, Target, queues::EVENT_RING},
@@ -12,7 +10,6 @@ use leadscrew::{
     units::{Nm, StepsPerMm, TICKS_PER_MS, TICKS_PER_SECOND},
 };
 use proptest::prelude::*;
-use support::{RESET, cases, receive};
 
 /// Numbers of all magnitudes between two ends.
 fn wide(least: f64, most: f64) -> impl Strategy<Value = f64> {

@@ -1,8 +1,9 @@
 //! Motion with limits of jerk, as the step pins show it.
-#![cfg(not(target_os = "none"))]
 
-mod support;
-
+use crate::support::{
+    self, Act, Rig, Trace, Trapezoid, at, cases, check_limits, check_path, interval_error_rms,
+    line, line_at, number, slack, target, target_steps, with,
+};
 use leadscrew::{
     axis::Axes,
     model::{Command, FeedRate},
@@ -10,10 +11,6 @@ use leadscrew::{
     units::{Nm, TICKS_PER_MS},
 };
 use proptest::prelude::*;
-use support::{
-    Act, Rig, Trace, Trapezoid, at, cases, check_limits, check_path, interval_error_rms, line,
-    line_at, number, slack, target, target_steps, with,
-};
 
 const DOOR: u8 = 0x84;
 const RESET: u8 = support::RESET;

@@ -1,8 +1,6 @@
 //! Path control as the step pins show it: `G61`, `G61.1`, `G64`.
-#![cfg(not(target_os = "none"))]
 
-mod support;
-
+use crate::support::{Trace, cases, check_limits, fast};
 use leadscrew::{
     axis::Axes,
     settings::Settings,
@@ -10,7 +8,6 @@ use leadscrew::{
     units::TICKS_PER_MS,
 };
 use proptest::prelude::*;
-use support::{Trace, cases, check_limits, fast};
 
 /// A program's result: its pins, and what the machine sends.
 struct Player {

@@ -1,7 +1,6 @@
 //! Probing moves: what they tell, where they end, and what may happen on the way.
 
-mod support;
-
+use crate::support::{Cell, cases, check_limits, fast};
 use leadscrew::{
     axis::{AXES, Axes, X, Z},
     model::{Alarm, Levels, Notice, Probing, State},
@@ -10,7 +9,6 @@ use leadscrew::{
     sim::Closes,
 };
 use proptest::prelude::*;
-use support::{Cell, cases, check_limits, fast};
 
 const TOWARDS: Probing = Probing {
     is_away: false,

@@ -1,8 +1,6 @@
 //! Step events that run out in motion, and clocks that wrap.
-#![cfg(not(target_os = "none"))]
 
-mod support;
-
+use crate::support::{RESET, TICKS_PER_S, line, receive, with};
 use leadscrew::{
     axis::Axes,
     model::{Requests, State},
@@ -10,7 +8,6 @@ use leadscrew::{
     settings::{Settings, StepRate},
     sim::{Drive, Edge},
 };
-use support::{RESET, TICKS_PER_S, line, receive, with};
 
 /// The drive on a clock of its own; `prepare` runs only when it is told to.
 struct Machine {

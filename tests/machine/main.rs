@@ -1,0 +1,11 @@
+//! The machine around the motion: switches, homing, probing, power, answers in time.
+#![cfg(not(target_os = "none"))]
+
+mod hard_limits;
+mod homing;
+mod inputs;
+mod power;
+mod probing;
+mod status;
+#[path = "../support/mod.rs"]
+mod support;

@@ -1,0 +1,18 @@
+//! Motion as the step pins show it: counts, paths, limits, and the time that segments take.
+#![cfg(not(target_os = "none"))]
+
+mod arcs;
+mod arithmetic;
+mod extremes;
+mod faults;
+mod jerk;
+mod lookahead;
+mod moves;
+mod numerics;
+mod path_control;
+#[cfg(feature = "axes-4")]
+mod rotary;
+mod rounding;
+mod segments;
+#[path = "../support/mod.rs"]
+mod support;
