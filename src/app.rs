@@ -76,7 +76,7 @@ mod app {
         entries_out: Consumer<'static, Entry>,
         events_in: EventWriter<'static>,
         events_out: EventReader<'static>,
-        played: EventTap<'static>,
+        event_tap: EventTap<'static>,
     }
 
     #[init(local = [
@@ -93,10 +93,10 @@ mod app {
         let (received_in, received_out) = cx.local.received.split();
         let (entries_in, entries_out) = cx.local.entries.split();
         let (events_in, events_out) = cx.local.events.split();
-        let played = events_in.tap();
+        let event_tap = events_in.tap();
         interpret::spawn().expect("it has not been spawned before");
         report::spawn().expect("it has not been spawned before");
-        let (pins, inputs) = board.inputs.watch(played);
+        let (pins, inputs) = board.inputs.watch(event_tap);
         let snapshot = motion.power_up(&board.loaded.stored.settings, &inputs);
         rtic::pend(PREPARE);
         let session = board::power_up(cx.local.session_memory, &board.loaded);
@@ -123,7 +123,7 @@ mod app {
             entries_out,
             events_in,
             events_out,
-            played,
+            event_tap,
         };
         (shared, local)
     }
@@ -162,10 +162,10 @@ mod app {
     /// Begins the segment whose first event `step` has set up.
     ///
     /// Deadline: before two more segments begin. A miss delays the change of the laser's power.
-    #[task(binds = I2C3_EV, priority = 3, local = [played], shared = [&segments])]
+    #[task(binds = I2C3_EV, priority = 3, local = [event_tap], shared = [&segments])]
     fn segment_start(cx: segment_start::Context) {
         let _activation = trace::segment_start();
-        tasks::segment_start(cx.shared.segments, *cx.local.played, &mut ChipPlatform);
+        tasks::segment_start(cx.shared.segments, *cx.local.event_tap, &mut ChipPlatform);
     }
 
     /// Filters switches, probe and buttons.
@@ -195,7 +195,7 @@ mod app {
         let shared = Unlocked::new(cx.shared.requests, cx.shared.inputs, cx.shared.segments);
         let steps = &mut StepInterrupt {
             token: cx.shared.step_timer,
-            played: events.tap(),
+            event_tap: events.tap(),
         };
         // This task has the highest priority of those that lock the snapshot: none waits for it.
         let snapshot = &mut cx.shared.snapshot;

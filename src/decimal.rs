@@ -180,7 +180,7 @@ impl<I: Iterator<Item = u8>> Scanner<I> {
         let (mut mantissa, mut decimals) = (0_u64, 0);
         let mut has_digits = false;
         while let Some(digit) = self.digit() {
-            mantissa = if mantissa < Decimal::FULL {
+            mantissa = if mantissa < Decimal::EXTENSION_LIMIT {
                 mantissa * 10 + u64::from(digit)
             } else {
                 i64::MAX as u64
@@ -190,7 +190,7 @@ impl<I: Iterator<Item = u8>> Scanner<I> {
         if self.is_at(b'.') {
             self.advance();
             while let Some(digit) = self.digit() {
-                if mantissa < Decimal::FULL && decimals < Decimal::MAX_DECIMALS {
+                if mantissa < Decimal::EXTENSION_LIMIT && decimals < Decimal::MAX_DECIMALS {
                     mantissa = mantissa * 10 + u64::from(digit);
                     decimals += 1;
                 }
@@ -272,11 +272,11 @@ impl Decimal {
     pub const ZERO: Self = Self::new(0, 0);
     /// Decimals that count.
     pub const MAX_DECIMALS: u8 = 9;
-    /// What stands for every coordinate that is farther than any machine reaches: a few of them
-    /// can be added.
-    pub const BEYOND: i64 = 1_000_000_000_000_000_000;
-    /// A mantissa that has room for one more digit is below.
-    const FULL: u64 = 900_000_000_000_000_000;
+    /// The greatest value of a conversion, which stands for every greater one: more than any machine
+    /// reaches, in nm, and a few of them can be added.
+    pub const CONVERSION_LIMIT: i64 = 1_000_000_000_000_000_000;
+    /// A mantissa below this limit can be extended by one more digit.
+    const EXTENSION_LIMIT: u64 = 900_000_000_000_000_000;
 
     /// A number from its digits.
     #[must_use]
@@ -312,21 +312,21 @@ impl Decimal {
         self.mantissa < 0
     }
 
-    /// The value in millionths (of a mm: nm), rounded half away from zero, within ±[`Self::BEYOND`].
+    /// The value in millionths (of a mm: nm), rounded half away from zero, within ±[`Self::CONVERSION_LIMIT`].
     #[inline]
     #[must_use]
     pub fn to_millionths(self) -> i64 {
         self.scaled(1, 6)
     }
 
-    /// The value of inches in nm, rounded half away from zero, within ±[`Self::BEYOND`].
+    /// The value of inches in nm, rounded half away from zero, within ±[`Self::CONVERSION_LIMIT`].
     #[must_use]
     pub fn inches_to_nm(self) -> i64 {
         // 25 400 000 nm, the power of ten separately.
         self.scaled(254, 5)
     }
 
-    /// The value in thousandths, rounded half away from zero, within ±[`Self::BEYOND`].
+    /// The value in thousandths, rounded half away from zero, within ±[`Self::CONVERSION_LIMIT`].
     #[must_use]
     pub fn to_thousandths(self) -> i64 {
         self.scaled(1, 3)
@@ -344,7 +344,7 @@ impl Decimal {
         } else {
             self.mantissa
                 .saturating_mul(i64::from(scale))
-                .clamp(-Self::BEYOND, Self::BEYOND)
+                .clamp(-Self::CONVERSION_LIMIT, Self::CONVERSION_LIMIT)
         }
     }
 
@@ -358,7 +358,7 @@ impl Decimal {
         whole
             .saturating_mul(factor)
             .saturating_add(divide(rest * factor + half, excess).0)
-            .clamp(-Self::BEYOND, Self::BEYOND)
+            .clamp(-Self::CONVERSION_LIMIT, Self::CONVERSION_LIMIT)
     }
 
     /// The value in single precision: exact for up to seven digits.
@@ -400,7 +400,7 @@ impl Decimal {
         }
     }
 
-    /// The value in millionths, without the fraction of a millionth, within ±[`Self::BEYOND`].
+    /// The value in millionths, without the fraction of a millionth, within ±[`Self::CONVERSION_LIMIT`].
     #[must_use]
     pub fn truncated_millionths(self) -> i64 {
         match self.decimals.checked_sub(6) {
@@ -503,7 +503,10 @@ mod tests {
             assert_eq!(number(text).truncated_millionths(), millionths, "{text}");
         }
         let digits = "9".repeat(250);
-        assert_eq!(number(&digits).truncated_millionths(), Decimal::BEYOND);
+        assert_eq!(
+            number(&digits).truncated_millionths(),
+            Decimal::CONVERSION_LIMIT
+        );
     }
 
     #[test]
@@ -514,8 +517,16 @@ mod tests {
             "1000000000000000000000000000000000",
             "9000000000000000000",
         ] {
-            assert_eq!(number(text).to_millionths(), Decimal::BEYOND, "{text}");
-            assert_eq!(number(text).inches_to_nm(), Decimal::BEYOND, "{text}");
+            assert_eq!(
+                number(text).to_millionths(),
+                Decimal::CONVERSION_LIMIT,
+                "{text}"
+            );
+            assert_eq!(
+                number(text).inches_to_nm(),
+                Decimal::CONVERSION_LIMIT,
+                "{text}"
+            );
             assert!(number(text).trunc() > 1_000_000_000_000, "{text}");
             assert!(number(text).to_f32() > 1.0e17, "{text}");
         }
@@ -575,7 +586,7 @@ mod tests {
                 let product = i128::from(mantissa) * factor;
                 let divisor = i128::from(power(decimals));
                 let rounded = (product + divisor / 2 * product.signum()) / divisor;
-                let limit = i128::from(Decimal::BEYOND);
+                let limit = i128::from(Decimal::CONVERSION_LIMIT);
                 rounded.clamp(-limit, limit) as i64
             };
             let number = Decimal::new(mantissa, decimals);

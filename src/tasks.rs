@@ -74,8 +74,8 @@ pub trait StepOutput {
     /// Sets the time of an event that was appended too late for `step` to know it.
     fn append(&mut self, event: StepEvent);
 
-    /// Returns the count of the events played.
-    fn played(&self) -> EventTap<'_>;
+    /// Returns the view of the count of events that have been output.
+    fn event_tap(&self) -> EventTap<'_>;
 }
 
 /// The platform of `step`: pins and timer.
@@ -173,8 +173,12 @@ pub fn serial_tx(before: usize, after: usize, requests: &Requests, platform: &mu
 
 /// Begins the segment whose first event `step` has set up, or ends the motion if there is none.
 #[inline]
-pub fn segment_start(segments: &SegmentRing, played: EventTap<'_>, platform: &mut impl Platform) {
-    let begun = segments.start_segment(played);
+pub fn segment_start(
+    segments: &SegmentRing,
+    event_tap: EventTap<'_>,
+    platform: &mut impl Platform,
+) {
+    let begun = segments.start_segment(event_tap);
     if let Some(duty) = begun.duty {
         platform.set_duty(duty);
     }
@@ -203,7 +207,7 @@ pub fn inputs(
     steps: &mut impl StepOutput,
     platform: &mut impl Platform,
 ) -> bool {
-    let mut releases = watch.latch(closed, shared.inputs, steps.played());
+    let mut releases = watch.latch(closed, shared.inputs, steps.event_tap());
     let needs_sample = match trigger {
         InputTrigger::Edge => watch.edge(),
         InputTrigger::Sample => {

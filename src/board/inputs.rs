@@ -116,7 +116,7 @@ impl InputPins {
     ) {
         let mut steps = StepInterrupt {
             token,
-            played: self.events,
+            event_tap: self.events,
         };
         let is_sample = take_due(&self.timer) && self.is_sampling;
         // Before the pins are read, so that no later change is missed.

@@ -1,6 +1,6 @@
 //! Step, direction and enable outputs, as words for the ports' set/reset registers.
 //!
-//! A table, indexed by [`StepEvent::pins`], holds the words with the polarity of each axis. It is
+//! A table, indexed by [`StepEvent::output_index`], holds the words with the polarity of each axis. It is
 //! made anew only at standstill.
 //!
 //! # Cost
@@ -25,7 +25,7 @@ use super::{
 /// Number of masks of axes, and the mask of all axes.
 const MASKS: usize = 1 << AXES;
 const ALL_AXES: usize = MASKS - 1;
-/// Mask of the axis whose direction is in the second half of [`StepEvent::pins`]: X. The directions
+/// Mask of the axis whose direction is in the second half of [`StepEvent::output_index`]: X. The directions
 /// of the others are in the first half.
 const X_MASK: usize = 1;
 
@@ -36,14 +36,14 @@ const PORTS: usize = if chosen::WIRING.has_directions_on_c() {
     2
 };
 
-/// Whether each half of [`StepEvent::pins`] has a table of its own.
+/// Whether each half of [`StepEvent::output_index`] has a table of its own.
 const HAS_HALF_TABLES: bool = AXES == 6;
 /// Rows of the table. With half tables: first and second halves of pulses, then of changes of
 /// direction.
 const ROWS: usize = if HAS_HALF_TABLES {
     4 * MASKS
 } else {
-    StepEvent::PINS
+    StepEvent::OUTPUTS
 };
 
 /// Words for ports from A on.
@@ -68,17 +68,17 @@ static SHARED: SharedWords = SharedWords {
 /// Returns the words of an event.
 #[inline]
 fn words(event: StepEvent) -> Words {
-    let pins = event.pins();
+    let index = event.output_index();
     if !HAS_HALF_TABLES {
-        return load(&SHARED.events[pins]);
+        return load(&SHARED.events[index]);
     }
     let first = if event.sets_directions() {
         2 * MASKS
     } else {
         0
     };
-    let mut words = load(&SHARED.events[first + pins % MASKS]);
-    let second = load(&SHARED.events[first + MASKS + pins / MASKS % MASKS]);
+    let mut words = load(&SHARED.events[first + index % MASKS]);
+    let second = load(&SHARED.events[first + MASKS + index / MASKS % MASKS]);
     // wcet-bound: 3
     for (word, second) in words.iter_mut().zip(second) {
         *word |= second;

@@ -62,10 +62,10 @@ impl StepTimerToken {
     }
 }
 
-/// The step interrupt for the tasks of lower priority: the token of its timer, and the events played.
+/// The step interrupt for the tasks of lower priority: the token of its timer, and the count of events output.
 pub(crate) struct StepInterrupt<M> {
     pub(crate) token: M,
-    pub(crate) played: EventTap<'static>,
+    pub(crate) event_tap: EventTap<'static>,
 }
 
 impl<M: rtic::Mutex<T = StepTimerToken>> StepOutput for StepInterrupt<M> {
@@ -84,10 +84,10 @@ impl<M: rtic::Mutex<T = StepTimerToken>> StepOutput for StepInterrupt<M> {
 
     #[inline]
     fn stop(&mut self, segments: &SegmentRing) {
-        let played = self.played;
+        let event_tap = self.event_tap;
         self.token.lock(|_| {
             step_timer::halt();
-            played.halt(segments);
+            event_tap.halt(segments);
             pins::clear_next();
         });
     }
@@ -98,7 +98,7 @@ impl<M: rtic::Mutex<T = StepTimerToken>> StepOutput for StepInterrupt<M> {
     }
 
     #[inline]
-    fn played(&self) -> EventTap<'_> {
-        self.played
+    fn event_tap(&self) -> EventTap<'_> {
+        self.event_tap
     }
 }

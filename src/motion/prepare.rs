@@ -24,7 +24,7 @@ use heapless::spsc::Consumer;
 
 use self::{
     delays::Delays,
-    job::{Context, Job},
+    job::{Job, RunConditions},
     publish::Published,
 };
 use super::{
@@ -41,7 +41,7 @@ use crate::{
     stepper::{EventWriter, Generator, Segment, SegmentRing},
 };
 
-/// What `prepare` asks of its shell after a run.
+/// What `prepare` asks of its platform after a run.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Prepared {
     /// Run it again: there is more to do.
@@ -58,7 +58,7 @@ pub struct Prepared {
 
 impl Prepared {
     /// There is more to do, and nothing else.
-    const AGAIN: Self = Self {
+    const RUN_AGAIN: Self = Self {
         run_again: true,
         start_steps: false,
         wake_interpret: false,
@@ -220,17 +220,17 @@ impl Motion {
         self.hard_limits && self.inputs.has(Levels::LIMITS)
     }
 
-    /// Returns the outputs to be switched; the shell applies them after each run in which they have
+    /// Returns the outputs to be switched; the platform applies them after each run in which they have
     /// changed, before it starts the timer.
     ///
-    /// While the step timer runs, the duty is that of the segments instead: the shell leaves the
+    /// While the step timer runs, the duty is that of the segments instead: the platform leaves the
     /// PWM to `segment_start`.
     #[must_use]
     pub const fn outputs(&self) -> &Outputs {
         &self.published.outputs
     }
 
-    /// Takes the delay from now, ms, after which the shell is to call [`Requests::wake`] and run
+    /// Takes the delay from now, ms, after which the platform is to call [`Requests::end_delay`] and run
     /// `prepare` again, instead of after the delay asked for before. Without a value, that stays.
     pub fn take_delay_ms(&mut self) -> Option<u16> {
         self.delays.requested_ms.take()
@@ -246,27 +246,27 @@ impl Motion {
         events: &mut EventWriter<'_>,
         snapshot: &mut Snapshot,
     ) -> Prepared {
-        let context = self.context(requests, segments);
-        if !self.is_segment_due(context, segments) {
+        let conditions = self.conditions(requests, segments);
+        if !self.is_segment_due(conditions, segments) {
             return self.run_job(requests, inputs, segments, entries, events, snapshot);
         }
         if self.needs_sample() {
             // Nothing that is published changes, and the segment that needs the sample follows.
             self.sample_reference();
-            return Prepared::AGAIN;
+            return Prepared::RUN_AGAIN;
         }
         self.make_segment(inputs, segments, events);
-        let is_still = self.is_at_standstill(context);
+        let is_still = self.is_at_standstill(conditions);
         if self.control.state == State::Alarm {
             self.arm_hard_limits(inputs, is_still);
         }
         let changed = self.publish_motion(is_still, segments, snapshot);
         let run_again = is_still
-            || self.may_need_segment(context, segments)
-            || self.has_more(context, inputs, entries);
+            || self.may_need_segment(conditions, segments)
+            || self.has_more(conditions, inputs, entries);
         Prepared {
             wake_interpret: changed || requests.awaits(Awaited::SEGMENTS),
-            ..self.prepared(context, run_again, events)
+            ..self.prepared(conditions, run_again, events)
         }
     }
 
@@ -281,10 +281,10 @@ impl Motion {
         events: &mut EventWriter<'_>,
         snapshot: &mut Snapshot,
     ) -> Prepared {
-        let context = self.context(requests, segments);
+        let conditions = self.conditions(requests, segments);
         self.inputs = inputs.active();
         let was_dwelling = self.is_dwelling();
-        let job = self.next_job(context, requests, inputs, segments, entries);
+        let job = self.next_job(conditions, requests, inputs, segments, entries);
         self.queue.is_first_next = job == Job::FirstSegment;
         let mut is_settled = false;
         match job {
@@ -303,7 +303,7 @@ impl Motion {
                 is_settled = self.control == before && !self.parking.is_moving();
             }
         }
-        let is_still = self.is_at_standstill(context);
+        let is_still = self.is_at_standstill(conditions);
         self.arm_hard_limits(inputs, is_still);
         if !self.is_probing() {
             inputs.disarm_probe();
@@ -323,26 +323,26 @@ impl Motion {
             | Job::FirstSegment => true,
             Job::Plan | Job::Dequeue | Job::Standstill => {
                 is_still && !is_settled
-                    || self.needs_segment(context, segments)
-                    || self.has_more(context, inputs, entries)
+                    || self.needs_segment(conditions, segments)
+                    || self.has_more(conditions, inputs, entries)
             }
         };
         Prepared {
             wake_interpret: changed,
-            ..self.prepared(context, run_again, events)
+            ..self.prepared(conditions, run_again, events)
         }
     }
 
-    /// Returns what a run asks of its shell, without `wake_interpret`.
+    /// Returns what a run asks of its platform, without `wake_interpret`.
     #[inline]
     fn prepared(
         &mut self,
-        context: Context,
+        conditions: RunConditions,
         run_again: bool,
         events: &EventWriter<'_>,
     ) -> Prepared {
         // The steps start when the queue is full, so that no short segment ends while others are made.
-        let can_start = !context.is_running && !run_again;
+        let can_start = !conditions.is_running && !run_again;
         Prepared {
             run_again,
             start_steps: can_start && events.has_pending(),
@@ -353,10 +353,10 @@ impl Motion {
 
     /// Whether everything generated has been played, and the machine is at rest.
     #[inline]
-    fn is_at_standstill(&self, context: Context) -> bool {
-        !context.is_running
+    fn is_at_standstill(&self, conditions: RunConditions) -> bool {
+        !conditions.is_running
             && !self.generator.is_open()
-            && self.queue.standstill == Some(context.played)
+            && self.queue.standstill == Some(conditions.played)
     }
 
     /// Drops what has not been executed; the machine is at rest and stays where it is.

@@ -23,7 +23,7 @@ const LARGE_OFFSET: f64 = 2.0;
 const FEW_STEPS: f64 = 1.5;
 /// Greatest ratio of the radius, growth included, to its mean up to which an arc counts as a circle: its
 /// limits are exceeded by 1 % at most then.
-const CIRCLE_RATIO: f64 = 1.01;
+const MAX_CIRCLE_RADIUS_RATIO: f64 = 1.01;
 
 /// An arc in its plane.
 pub(super) struct Arc {
@@ -131,7 +131,7 @@ impl Arc {
         let greatest = self.radius[0].max(self.radius[1]);
         let most = libm::hypot(greatest, 2.0 * self.growth());
         let mean = self.mean_mm();
-        if most < CIRCLE_RATIO * mean {
+        if most < MAX_CIRCLE_RADIUS_RATIO * mean {
             1.0
         } else {
             mean / most

@@ -79,7 +79,7 @@ enum LineStage {
     Sending(usize),
     /// All commands have gone to the machine; this follows when they are done.
     Completing(AfterCommands),
-    /// The shell stores a change; this follows.
+    /// The platform stores a change; this follows.
     Storing(AfterStore),
     /// A list is being sent; this line of it is next.
     Listing(List, usize),
@@ -235,7 +235,7 @@ impl Session {
         &self.persistence.stored.settings
     }
 
-    /// Returns the change to be stored now: the shell writes [`Self::stored`] and reports the result
+    /// Returns the change to be stored now: the platform writes [`Self::stored`] and reports the result
     /// with [`Self::has_stored`]. Only ever requested at standstill; the line's answer waits for it.
     #[must_use]
     pub fn wants_store(&self) -> Option<Change> {

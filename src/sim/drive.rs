@@ -280,8 +280,8 @@ impl Drive {
     /// `step`.
     fn segment_start(&mut self) {
         while core::mem::take(&mut self.platform.is_segment_start_released) {
-            let played = self.events.split().0.tap();
-            tasks::segment_start(&self.segments, played, &mut self.platform);
+            let event_tap = self.events.split().0.tap();
+            tasks::segment_start(&self.segments, event_tap, &mut self.platform);
         }
     }
 }

@@ -159,7 +159,7 @@ impl StepOutput for VirtualSteps<'_> {
 
     fn append(&mut self, _event: StepEvent) {}
 
-    fn played(&self) -> EventTap<'_> {
+    fn event_tap(&self) -> EventTap<'_> {
         self.events
     }
 }

@@ -20,8 +20,8 @@ impl StepEvent {
     pub const NONE: Self = Self(0);
     /// Longest wait, ticks (6.2 ms).
     pub const MAX_TICKS: u32 = (1 << 19) - 1;
-    /// Number of different outputs of events: see [`StepEvent::pins`].
-    pub const PINS: usize = 1 << (2 * AXES);
+    /// Number of different things that the step and direction pins do at an event: see [`StepEvent::output_index`].
+    pub const OUTPUTS: usize = 1 << (2 * AXES);
     /// Raises and drops X.
     const SET_DIRECTIONS: u32 = 1 << AXES | 1;
     const BOUNDARY: u32 = 1 << 12;
@@ -101,11 +101,11 @@ impl StepEvent {
         (self.0 | Self::BOUNDARY).wrapping_sub(2 * Self::BOUNDARY) >> 12
     }
 
-    /// Returns what the pins do, as a number below [`Self::PINS`].
+    /// Returns the number of what the step and direction pins do, below [`Self::OUTPUTS`].
     #[inline]
     #[must_use]
-    pub const fn pins(self) -> usize {
-        self.0 as usize % Self::PINS
+    pub const fn output_index(self) -> usize {
+        self.0 as usize % Self::OUTPUTS
     }
 
     /// Returns the axes whose pulses begin, bit 0 = X.
@@ -185,7 +185,7 @@ mod tests {
                 let event = StepEvent::new(7, raise, drop);
                 assert_eq!((event.raise(), event.drop()), (raise, drop));
                 assert_eq!((event.directions(), event.ticks()), (None, 7));
-                assert!(event.pins() < StepEvent::PINS && !event.is_boundary());
+                assert!(event.output_index() < StepEvent::OUTPUTS && !event.is_boundary());
             }
         }
     }

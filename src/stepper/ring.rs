@@ -281,7 +281,7 @@ pub struct Upcoming {
     pub following: StepEvent,
 }
 
-/// The view that the input interrupt has of a ring.
+/// The view that `inputs` and `segment_start` have of a ring: the count of events output.
 #[derive(Debug, Clone, Copy)]
 pub struct EventTap<'a> {
     ring: &'a EventRing,

@@ -144,11 +144,11 @@ impl SegmentRing {
     #[inline]
     pub fn start_segment(&self, events: EventTap<'_>) -> SegmentStart {
         let (taken, is_running) = events.committed(self);
-        let (number, announced) = (self.begun.load(Relaxed), self.pushed.load(Relaxed));
+        let (number, pushed) = (self.begun.load(Relaxed), self.pushed.load(Relaxed));
         // An event of the segment is among those that have been output or set up.
         let has_begun = |number: u32| {
             let first = self.entry(number).first_event.load(Relaxed);
-            number != announced && taken.wrapping_sub(first).cast_signed() > 0
+            number != pushed && taken.wrapping_sub(first).cast_signed() > 0
         };
         if !has_begun(number) {
             if !is_running {

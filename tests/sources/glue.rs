@@ -24,7 +24,7 @@ const INTERNALS: [&str; 6] = [
     "start_segment",
 ];
 
-/// Methods of the same names that are the shells' own, with what they are called on.
+/// Methods of the same names that are the platforms' own, with what they are called on.
 const OWN: [(&str, &str); 5] = [
     ("tasks", "report"),
     ("serial", "run"),
@@ -72,9 +72,9 @@ fn bypasses(source: &str) -> Vec<(String, usize)> {
 
 #[test]
 fn chip_and_simulator_call_the_bodies_of_the_tasks_and_nothing_in_them() {
-    for shell in [&["src/app.rs", "src/board"][..], &["src/sim"]] {
-        let sources = sources(shell);
-        assert!(sources.len() > 5, "{shell:?} is not where it was");
+    for platform in [&["src/app.rs", "src/board"][..], &["src/sim"]] {
+        let sources = sources(platform);
+        assert!(sources.len() > 5, "{platform:?} is not where it was");
         for (path, source) in &sources {
             let found = bypasses(source);
             assert!(found.is_empty(), "{path}: {found:?}");
@@ -82,7 +82,7 @@ fn chip_and_simulator_call_the_bodies_of_the_tasks_and_nothing_in_them() {
         for body in BODIES {
             let call = format!("tasks::{body}(");
             let is_called = sources.iter().any(|(_, source)| source.contains(&call));
-            assert!(is_called, "{shell:?} does not call tasks::{body}");
+            assert!(is_called, "{platform:?} does not call tasks::{body}");
         }
     }
 }

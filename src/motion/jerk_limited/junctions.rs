@@ -146,7 +146,7 @@ pub(in crate::motion) struct JunctionLimit {
 
 /// The motion in the block before a junction.
 #[derive(Debug, Clone, Copy)]
-struct Approach {
+struct IncomingMotion {
     acceleration_mm_s2: f32,
     /// Distance before the junction in which the speed does not change, mm.
     flat_mm: f32,
@@ -189,11 +189,11 @@ impl JunctionLimit {
             return Self::STOP;
         }
         let gap_s = window_s + SAMPLE_S;
-        let approach = self.approach(limits);
+        let incoming = self.incoming_motion(limits);
         let top = limits.speed_mm_s;
-        let flat = math::max(self.brake_flat_mm, approach.flat_mm);
-        let free_flat = self.free_flat(approach, gap_s);
-        let capped = math::max(self.cap_mm, approach.flat_mm);
+        let flat = math::max(self.brake_flat_mm, incoming.flat_mm);
+        let free_flat = self.free_flat(incoming, gap_s);
+        let capped = math::max(self.cap_mm, incoming.flat_mm);
         let (brake, free) = self.speeds(limits, limits.length_mm, 0.0, 0.0, window_s);
         let brake = math::min(brake, top);
         let mut junction = Self {
@@ -207,7 +207,7 @@ impl JunctionLimit {
             influence_mm,
             braking: self.braking.after(
                 &BlockLimits {
-                    acceleration_mm_s2: approach.acceleration_mm_s2,
+                    acceleration_mm_s2: incoming.acceleration_mm_s2,
                     ..*limits
                 },
                 free * gap_s,
@@ -220,26 +220,26 @@ impl JunctionLimit {
             junction.cap_mm_s = NO_SPEED_LIMIT_MM_S;
             junction.cap_mm = 0.0;
         }
-        junction.cap(top, approach.acceleration_mm_s2, window_s);
-        junction.cap(corner_mm_s, approach.acceleration_mm_s2, window_s);
+        junction.cap(top, incoming.acceleration_mm_s2, window_s);
+        junction.cap(corner_mm_s, incoming.acceleration_mm_s2, window_s);
         junction
     }
 
     /// The motion in the block before the junction.
-    fn approach(&self, limits: &BlockLimits) -> Approach {
+    fn incoming_motion(&self, limits: &BlockLimits) -> IncomingMotion {
         let least = self.behind.mm_s2();
         if limits.acceleration_mm_s2 <= least {
-            Approach {
+            IncomingMotion {
                 acceleration_mm_s2: limits.acceleration_mm_s2,
                 flat_mm: 0.0,
             }
         } else if limits.length_mm < LONG_BLOCK_INFLUENCES * self.influence_mm {
-            Approach {
+            IncomingMotion {
                 acceleration_mm_s2: least,
                 flat_mm: 0.0,
             }
         } else {
-            Approach {
+            IncomingMotion {
                 acceleration_mm_s2: limits.acceleration_mm_s2,
                 flat_mm: self.influence_mm,
             }
@@ -248,9 +248,9 @@ impl JunctionLimit {
 
     /// The distance before the junction in which the speed of a reference that has accelerated does not
     /// change, mm.
-    fn free_flat(&self, approach: Approach, gap_s: f32) -> f32 {
-        if approach.flat_mm > 0.0 {
-            math::max(self.free_flat_mm, approach.flat_mm + self.free_mm_s * gap_s)
+    fn free_flat(&self, incoming: IncomingMotion, gap_s: f32) -> f32 {
+        if incoming.flat_mm > 0.0 {
+            math::max(self.free_flat_mm, incoming.flat_mm + self.free_mm_s * gap_s)
         } else {
             self.free_flat_mm
         }
@@ -299,12 +299,12 @@ impl JunctionLimit {
     /// The acceleration of the reference in a block, at a distance before this junction at its end,
     /// mm/s².
     pub(in crate::motion) fn acceleration(&self, limits: &BlockLimits, distance_mm: f32) -> f32 {
-        let approach = self.approach(limits);
+        let incoming = self.incoming_motion(limits);
         let here = math::min(
             limits.acceleration(distance_mm),
-            approach.acceleration_mm_s2,
+            incoming.acceleration_mm_s2,
         );
-        if distance_mm < approach.flat_mm {
+        if distance_mm < incoming.flat_mm {
             math::min(here, self.behind.mm_s2())
         } else {
             here
@@ -325,11 +325,11 @@ impl JunctionLimit {
         sample_s: f32,
         window_s: f32,
     ) -> (f32, f32) {
-        let approach = self.approach(limits);
+        let incoming = self.incoming_motion(limits);
         let distance_mm = limits.beyond_trail_mm(distance_mm);
-        let a = approach.acceleration_mm_s2;
+        let a = incoming.acceleration_mm_s2;
         let gap_s = window_s + SAMPLE_S;
-        let flat = |flat_mm: f32| math::max(flat_mm, approach.flat_mm);
+        let flat = |flat_mm: f32| math::max(flat_mm, incoming.flat_mm);
         let passed_mm = 0.5 * sample_s * speed_mm_s;
         // The lower of the speeds that two limits allow, each from a speed that is possible in any case.
         let most = |double: f32, time_s: f32, low: [f32; 2], high: [f32; 2]| {
@@ -359,7 +359,7 @@ impl JunctionLimit {
         let double = 2.0 * math::min(a, self.braking.mm_s2());
         let low = [
             self.free_mm_s,
-            distance_mm - self.free_flat(approach, gap_s),
+            distance_mm - self.free_flat(incoming, gap_s),
         ];
         let far_mm = flat(self.cap_mm) + self.cap_mm_s * gap_s;
         let there = most(double, gap_s, low, [self.cap_mm_s, distance_mm - far_mm]);

@@ -21,7 +21,7 @@ pub(super) enum Restoring {
     Delay,
 }
 
-/// The delay that the shell's timer measures.
+/// The delay that the platform's timer measures.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Delay {
     None,

@@ -49,7 +49,7 @@ pub(super) enum Job {
 
 /// The state at the beginning of a run: each later change of it releases another run.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct Context {
+pub(super) struct RunConditions {
     /// Start of the segment being played.
     pub(super) played: u32,
     /// The step timer runs.
@@ -61,8 +61,8 @@ pub(super) struct Context {
 impl Motion {
     /// Returns the state at the beginning of a run.
     #[inline]
-    pub(super) fn context(&self, requests: &Requests, segments: &SegmentRing) -> Context {
-        Context {
+    pub(super) fn conditions(&self, requests: &Requests, segments: &SegmentRing) -> RunConditions {
+        RunConditions {
             played: segments.played_start_ticks(),
             is_running: segments.is_running(),
             has_requests: requests.reset_count() != self.handled.reset_count
@@ -72,24 +72,24 @@ impl Motion {
 
     /// Whether a segment is due, before any job.
     #[inline]
-    pub(super) fn is_segment_due(&self, context: Context, segments: &SegmentRing) -> bool {
-        let precedes = if context.is_running || self.generator.is_open() {
-            !context.has_requests || self.has_just_handled(context.played)
+    pub(super) fn is_segment_due(&self, conditions: RunConditions, segments: &SegmentRing) -> bool {
+        let precedes = if conditions.is_running || self.generator.is_open() {
+            !conditions.has_requests || self.has_just_handled(conditions.played)
         } else {
-            self.queue.is_first_next && !context.has_requests
+            self.queue.is_first_next && !conditions.has_requests
         };
-        let is_stopped = segments.has_underrun() || !context.is_running && segments.is_halted();
+        let is_stopped = segments.has_underrun() || !conditions.is_running && segments.is_halted();
         precedes
             && !is_stopped
             && (self.is_in_motion() || self.queue.is_first_next)
-            && self.has_room(context, segments)
+            && self.has_room(conditions, segments)
     }
 
     /// Returns the job of a run in which no segment is due.
     #[inline]
     pub(super) fn next_job(
         &self,
-        context: Context,
+        conditions: RunConditions,
         requests: &Requests,
         inputs: &Inputs,
         segments: &SegmentRing,
@@ -97,24 +97,24 @@ impl Motion {
     ) -> Job {
         if segments.has_underrun() {
             Job::Underrun
-        } else if !context.is_running && segments.is_halted() {
+        } else if !conditions.is_running && segments.is_halted() {
             Job::Halted
         } else if requests.reset_count() != self.handled.reset_count {
             Job::Reset
-        } else if context.has_requests {
+        } else if conditions.has_requests {
             Job::Requests
         } else if self.is_in_cycle() && self.has_latched(inputs) {
             Job::LatchPosition
         } else if self.plan.is_unfinished() {
             Job::Plan
-        } else if self.can_dequeue_next(context, entries) {
+        } else if self.can_dequeue_next(conditions, entries) {
             Job::Dequeue
-        } else if context.is_running || self.generator.is_open() {
+        } else if conditions.is_running || self.generator.is_open() {
             // A segment would be due.
             Job::None
-        } else if self.needs_segment(context, segments) {
+        } else if self.needs_segment(conditions, segments) {
             Job::FirstSegment
-        } else if self.is_at_standstill(context) {
+        } else if self.is_at_standstill(conditions) {
             Job::Standstill
         } else {
             Job::None
@@ -144,24 +144,25 @@ impl Motion {
     )]
     pub(super) fn has_more(
         &self,
-        context: Context,
+        conditions: RunConditions,
         inputs: &Inputs,
         entries: &Consumer<'_, Entry>,
     ) -> bool {
-        context.has_requests
+        conditions.has_requests
             || self.plan.is_unfinished()
             || self.is_in_cycle() && self.has_latched(inputs)
-            || self.can_dequeue_next(context, entries)
+            || self.can_dequeue_next(conditions, entries)
     }
 
     /// Whether there is an entry that can be dequeued now.
     #[inline(always)]
     #[expect(clippy::inline_always, reason = "as for `has_more`")]
-    fn can_dequeue_next(&self, context: Context, entries: &Consumer<'_, Entry>) -> bool {
+    fn can_dequeue_next(&self, conditions: RunConditions, entries: &Consumer<'_, Entry>) -> bool {
         let Some(entry) = entries.peek() else {
             return false;
         };
-        !self.is_move_without_room(entry) && self.can_dequeue(entry, self.is_at_standstill(context))
+        !self.is_move_without_room(entry)
+            && self.can_dequeue(entry, self.is_at_standstill(conditions))
     }
 
     /// Whether the next segment needs another sample of the reference first.
@@ -172,27 +173,31 @@ impl Motion {
 
     /// Whether a segment can be made now, if there is motion for it.
     #[inline]
-    pub(super) fn has_room(&self, context: Context, segments: &SegmentRing) -> bool {
+    pub(super) fn has_room(&self, conditions: RunConditions, segments: &SegmentRing) -> bool {
         if self.generator.is_open() {
-            return self.queue.full != Some(context.played);
+            return self.queue.full != Some(conditions.played);
         }
-        let ahead = self.generator.clock_ticks().wrapping_sub(context.played);
+        let ahead = self.generator.clock_ticks().wrapping_sub(conditions.played);
         // A segment may last longer than that, and still needs another after it.
-        let is_ahead = ahead >= QUEUED_AHEAD_TICKS && context.played != self.queue.newest;
+        let is_ahead = ahead >= QUEUED_AHEAD_TICKS && conditions.played != self.queue.newest;
         !is_ahead && segments.has_room()
     }
 
     /// Whether another segment may have to be made after one: not after a standstill that is still to
     /// be played, so that the next motion begins with as much ahead as any start has.
     #[inline]
-    pub(super) fn may_need_segment(&self, context: Context, segments: &SegmentRing) -> bool {
-        (self.is_in_motion() || !context.is_running) && self.has_room(context, segments)
+    pub(super) fn may_need_segment(
+        &self,
+        conditions: RunConditions,
+        segments: &SegmentRing,
+    ) -> bool {
+        (self.is_in_motion() || !conditions.is_running) && self.has_room(conditions, segments)
     }
 
     /// Whether a segment can be made now, and there is motion for it.
     #[inline]
-    pub(super) fn needs_segment(&self, context: Context, segments: &SegmentRing) -> bool {
-        self.may_need_segment(context, segments) && (self.is_in_motion() || self.has_motion())
+    pub(super) fn needs_segment(&self, conditions: RunConditions, segments: &SegmentRing) -> bool {
+        self.may_need_segment(conditions, segments) && (self.is_in_motion() || self.has_motion())
     }
 
     /// Whether the last segment is not finished, or is none of standstill.

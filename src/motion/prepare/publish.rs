@@ -19,7 +19,7 @@ pub(super) struct Published {
     at_rest: Power,
     power: Power,
     pub(super) outputs: Outputs,
-    /// The outputs have changed since the shell got to know them.
+    /// The outputs have changed since the platform got to know them.
     pub(super) outputs_changed: bool,
     pub(super) notices: Notices,
     pub(super) probed: Probed,

@@ -1,6 +1,6 @@
 //! What a line changes in what outlives power.
 //!
-//! A change is made in a copy of what is stored, handed to the shell, and takes effect when it has
+//! A change is made in a copy of what is stored, handed to the platform, and takes effect when it has
 //! been stored; after a failure everything is as before. All of it at standstill only: the flash
 //! stalls the processor. Read with Grbl 1.1 `settings.c`.
 
@@ -36,9 +36,9 @@ pub(super) enum AfterStore {
 enum StoreState {
     /// Nothing: all is in effect.
     Idle,
-    /// The shell is to store it.
+    /// The platform is to store it.
     Requested(Change),
-    /// The shell has stored it, or has failed to.
+    /// The platform has stored it, or has failed to.
     Finished(Result<(), StoreError>),
     /// Stored, but a reset came before it took effect.
     Deferred,
@@ -63,7 +63,7 @@ impl Persistence {
         }
     }
 
-    /// Returns the change that the shell is to store.
+    /// Returns the change that the platform is to store.
     pub(super) fn requested(&self) -> Option<Change> {
         match self.state {
             StoreState::Requested(change) => Some(change),
