@@ -533,6 +533,8 @@ mod tests {
     }
 
     proptest! {
+        #![proptest_config(crate::cases(64))]
+
         #[test]
         fn small_numbers_are_what_the_general_path_makes_of_them(
             text in "[-+]?[0-9]{0,7}\\.?[0-9]{0,6}[XY]?",

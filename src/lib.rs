@@ -9,6 +9,12 @@
 #[cfg(test)]
 extern crate std;
 
+#[cfg(test)]
+#[path = "../tests/support/cases.rs"]
+mod cases;
+#[cfg(test)]
+use cases::cases;
+
 pub mod axis;
 pub mod decimal;
 pub mod math;

@@ -128,6 +128,8 @@ mod tests {
     }
 
     proptest! {
+        #![proptest_config(crate::cases(64))]
+
         #[test]
         fn short_pulses_never_get_through(
             pulses in prop::collection::vec((0_u32..750, 1_u32..2000), 1..40),

@@ -287,6 +287,8 @@ mod tests {
     }
 
     proptest! {
+        #![proptest_config(crate::cases(64))]
+
         #[test]
         fn chords_stay_within_the_tolerance_and_end_at_the_target(given in given()) {
             let (start, command) = given.command();

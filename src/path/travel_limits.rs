@@ -160,6 +160,8 @@ mod tests {
     }
 
     proptest! {
+        #![proptest_config(crate::cases(64))]
+
         #[test]
         fn an_arc_is_refused_exactly_where_a_point_of_it_is_outside(
             centre in prop::array::uniform2(-40.0..0.0_f64),

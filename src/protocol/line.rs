@@ -224,6 +224,8 @@ mod tests {
     }
 
     proptest! {
+        #![proptest_config(crate::cases(64))]
+
         #[test]
         fn there_are_as_many_lines_as_line_ends(bytes in prop::collection::vec(any::<u8>(), 0..2000)) {
             let ends = bytes.iter().filter(|b| matches!(b, b'\r' | b'\n')).count();

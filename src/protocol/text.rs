@@ -286,6 +286,8 @@ mod tests {
     }
 
     proptest! {
+        #![proptest_config(crate::cases(64))]
+
         #[test]
         fn whole_numbers_are_written_in_full(value: u32) {
             prop_assert_eq!(written(|t| t.natural(value)), format!("{value}"));

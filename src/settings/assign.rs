@@ -168,6 +168,8 @@ mod tests {
     }
 
     proptest! {
+        #![proptest_config(crate::cases(64))]
+
         #[test]
         fn a_refused_statement_changes_nothing(
             first in "[0-9]{1,3}=[0-9]{1,4}",

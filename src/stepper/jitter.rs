@@ -121,7 +121,7 @@ mod tests {
     }
 
     proptest! {
-        #![proptest_config(ProptestConfig { failure_persistence: None, ..ProptestConfig::default() })]
+        #![proptest_config(crate::cases(64))]
 
         #[test]
         fn steps_come_two_spacings_before_or_after_their_times_at_most(

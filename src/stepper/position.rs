@@ -213,7 +213,7 @@ mod tests {
     }
 
     proptest! {
-        #![proptest_config(ProptestConfig { cases: 40, ..ProptestConfig::default() })]
+        #![proptest_config(crate::cases(10))]
 
         #[test]
         fn the_position_is_known_at_every_instant_and_later(

@@ -235,6 +235,8 @@ mod tests {
     }
 
     proptest! {
+        #![proptest_config(crate::cases(64))]
+
         #[test]
         fn steps_come_within_two_ticks_or_two_millionths_of_their_way(
             begin_hz in prop_oneof![Just(0.0), 10.0..3000.0_f64, 3000.0..150_000.0],

@@ -104,6 +104,8 @@ fn radius_and_offsets_exclude_each_other() {
 }
 
 proptest! {
+    #![proptest_config(crate::cases(64))]
+
     #[test]
     fn both_ends_of_a_radius_arc_are_on_its_circle(
         x in -500_000_000..500_000_000_i64,

@@ -25,6 +25,8 @@ fn any_line() -> impl Strategy<Value = String> {
 }
 
 proptest! {
+    #![proptest_config(crate::cases(64))]
+
     #[test]
     fn increments_add_up_exactly(
         step in -20_000_000..20_000_000_i64,

@@ -3,6 +3,8 @@
 #![cfg(not(target_os = "none"))]
 
 mod arcs;
+#[path = "../support/cases.rs"]
+mod cases;
 mod codes;
 mod habits;
 mod laws;
@@ -12,3 +14,5 @@ mod plain;
 mod refused;
 mod rotation;
 mod support;
+
+use cases::cases;

@@ -236,7 +236,7 @@ fn checking_continues_at_the_first_word_that_is_not_plain() {
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig::with_cases(2000))]
+    #![proptest_config(crate::cases(500))]
 
     #[test]
     fn a_plain_line_does_what_checking_and_committing_do(

@@ -158,6 +158,8 @@ fn absolute_centres_need_both_words_and_end_with_g91_1() {
 }
 
 proptest! {
+    #![proptest_config(crate::cases(64))]
+
     /// Whatever the frame, what a line asks for is where the work position is afterwards.
     #[test]
     fn the_work_position_is_what_lines_ask_for(

@@ -127,7 +127,7 @@ fn inverted_switches_stop_when_they_open() {
 }
 
 proptest! {
-    #![proptest_config(cases(64))]
+    #![proptest_config(cases(16))]
 
     #[test]
     fn the_position_after_a_cut_is_what_the_pins_did(

@@ -322,7 +322,7 @@ fn inverted_switches_home_as_well() {
 }
 
 proptest! {
-    #![proptest_config(cases(24))]
+    #![proptest_config(cases(6))]
 
     #[test]
     fn any_machine_comes_home(

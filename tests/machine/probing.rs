@@ -263,7 +263,7 @@ fn a_reset_ends_a_probing_move_without_a_result() {
 }
 
 proptest! {
-    #![proptest_config(cases(48))]
+    #![proptest_config(cases(12))]
 
     #[test]
     fn the_contact_is_where_the_probe_closed_at_any_speed(

@@ -254,7 +254,7 @@ fn an_arc_meets_lines_without_a_jump_of_position() {
 }
 
 proptest! {
-    #![proptest_config(cases(48))]
+    #![proptest_config(cases(12))]
 
     #[test]
     fn random_arcs_stay_within_half_a_step(
@@ -345,7 +345,7 @@ fn a_small_arc_behind_a_move_without_a_step_ends_without_a_jump() {
 }
 
 proptest! {
-    #![proptest_config(cases(96))]
+    #![proptest_config(cases(24))]
 
     #[test]
     fn arcs_behind_a_move_without_a_step_keep_the_limits(
@@ -469,7 +469,7 @@ fn a_held_and_resumed_arc_keeps_its_path_and_its_limit() {
 }
 
 proptest! {
-    #![proptest_config(cases(32))]
+    #![proptest_config(cases(8))]
 
     #[test]
     fn no_arc_exceeds_the_acceleration_in_its_plane(

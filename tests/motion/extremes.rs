@@ -284,7 +284,7 @@ fn all_axes_together_end_on_their_steps() {
 }
 
 proptest! {
-    #![proptest_config(cases(32))]
+    #![proptest_config(cases(8))]
 
     #[test]
     fn odd_settings_lose_no_step(

@@ -217,7 +217,7 @@ fn acts(bytes: &'static [u8]) -> impl Strategy<Value = Vec<Act>> {
 }
 
 proptest! {
-    #![proptest_config(cases(48))]
+    #![proptest_config(cases(12))]
 
     #[test]
     fn no_order_of_events_loses_a_step_or_breaks_a_limit(

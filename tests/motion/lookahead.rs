@@ -200,7 +200,7 @@ fn machines() -> impl Strategy<Value = Settings> {
 }
 
 proptest! {
-    #![proptest_config(cases(48))]
+    #![proptest_config(cases(12))]
 
     #[test]
     fn every_entry_speed_lets_the_tool_stop_and_none_is_slower_than_it_must(
@@ -312,7 +312,7 @@ fn junction_speed(settings: &Settings, ways: [[f64; 3]; 2]) -> f64 {
 }
 
 proptest! {
-    #![proptest_config(cases(512))]
+    #![proptest_config(cases(128))]
 
     #[test]
     fn corners_are_taken_as_fast_as_the_junction_deviation_says(

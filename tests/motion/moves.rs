@@ -222,7 +222,7 @@ fn acts() -> impl Strategy<Value = Vec<Act>> {
 }
 
 proptest! {
-    #![proptest_config(cases(48))]
+    #![proptest_config(cases(12))]
 
     #[test]
     fn lines_end_on_their_steps_within_all_limits(settings in settings(), commands in lines()) {

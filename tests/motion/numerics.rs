@@ -353,7 +353,7 @@ fn a_stop_in_front_of_a_corner_to_be_stopped_in_does_not_go_round_it() {
 }
 
 proptest! {
-    #![proptest_config(cases(256))]
+    #![proptest_config(cases(64))]
 
     #[test]
     fn nothing_that_can_be_set_or_programmed_panics_hangs_or_runs_away(

@@ -390,7 +390,7 @@ fn lines() -> impl Strategy<Value = Vec<([i32; 3], u64, u8)>> {
 }
 
 proptest! {
-    #![proptest_config(cases(48))]
+    #![proptest_config(cases(12))]
 
     #[test]
     fn no_order_of_events_loses_a_step_of_what_is_rounded(

@@ -180,7 +180,7 @@ fn moves() -> impl Strategy<Value = Vec<Command>> {
 }
 
 proptest! {
-    #![proptest_config(cases(64))]
+    #![proptest_config(cases(16))]
 
     #[test]
     fn no_axis_exceeds_its_limits_across_the_ends_of_moves(

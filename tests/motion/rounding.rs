@@ -352,7 +352,7 @@ fn programs() -> impl Strategy<Value = Vec<Command>> {
 }
 
 proptest! {
-    #![proptest_config(cases(48))]
+    #![proptest_config(cases(12))]
 
     #[test]
     fn no_path_is_farther_away_than_is_asked_for(

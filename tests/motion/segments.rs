@@ -138,7 +138,7 @@ fn bends() -> impl Strategy<Value = f64> {
 }
 
 proptest! {
-    #![proptest_config(cases(64))]
+    #![proptest_config(cases(16))]
 
     #[test]
     fn lines_make_segments_of_seven_tenths_of_a_millisecond_on_average(

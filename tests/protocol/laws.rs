@@ -27,7 +27,7 @@ fn known_line() -> impl Strategy<Value = (&'static str, &'static str)> {
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig { failure_persistence: None, ..ProptestConfig::with_cases(200) })]
+    #![proptest_config(crate::cases(50))]
 
     #[test]
     fn one_answer_for_each_line_in_order_whatever_is_mixed_in(

@@ -1,6 +1,8 @@
 //! The conversation with a sender: lines in, answers out.
 
 mod bench;
+#[path = "../support/cases.rs"]
+mod cases;
 mod deviations;
 mod flow;
 mod laws;
@@ -10,3 +12,5 @@ mod rejected;
 mod reports;
 mod statements;
 mod tools;
+
+use cases::cases;

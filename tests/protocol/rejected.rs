@@ -77,7 +77,7 @@ fn any_line() -> impl Strategy<Value = String> {
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig { failure_persistence: None, ..ProptestConfig::with_cases(300) })]
+    #![proptest_config(crate::cases(75))]
 
     #[test]
     fn a_refused_line_changes_nothing(

@@ -68,7 +68,7 @@ fn play(settings: &Settings, commands: &[Command], acts: &[Act], feed_ticks: u64
 }
 
 proptest! {
-    #![proptest_config(cases(48))]
+    #![proptest_config(cases(12))]
 
     #[test]
     fn overrides_and_holds_keep_every_limit_and_the_path(

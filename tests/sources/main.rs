@@ -10,6 +10,7 @@ mod glue;
 mod layers;
 mod links;
 mod paths;
+mod random;
 mod types;
 mod variants;
 mod words;

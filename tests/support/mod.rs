@@ -2,6 +2,8 @@
 #![allow(dead_code, unused_imports, reason = "each test uses a part of it")]
 
 #[cfg(not(target_os = "none"))]
+mod cases;
+#[cfg(not(target_os = "none"))]
 mod cell;
 #[cfg(not(target_os = "none"))]
 mod limits;
@@ -15,7 +17,7 @@ mod rig;
 mod trace;
 
 #[cfg(not(target_os = "none"))]
-pub(crate) use {cell::*, host::*, limits::*, path::*, profile::*, rig::*, trace::*};
+pub(crate) use {cases::*, cell::*, host::*, limits::*, path::*, profile::*, rig::*, trace::*};
 
 #[cfg(not(target_os = "none"))]
 mod host {
@@ -27,7 +29,6 @@ mod host {
         sim::Drive,
         units::{Nm, StepsPerMm},
     };
-    use proptest::prelude::ProptestConfig;
 
     /// Required step rate: steps of all axes together, per second.
     pub(crate) const PROVEN: StepRate = StepRate::Proven(150_000);
@@ -126,18 +127,5 @@ mod host {
     /// Numbers commands from 1.
     pub(crate) fn number(commands: &[Command]) -> Vec<Command> {
         (1..).zip(commands).map(|(n, c)| numbered(c, n)).collect()
-    }
-
-    /// A number of random cases, times `LEADSCREW_CASES` for a longer search.
-    pub(crate) fn cases(cases: u32) -> ProptestConfig {
-        let factor = std::env::var("LEADSCREW_CASES").map_or(1, |text| text.parse().unwrap());
-        let config = ProptestConfig::default();
-        ProptestConfig {
-            cases: cases * factor,
-            max_local_rejects: config.max_local_rejects.saturating_mul(factor),
-            max_global_rejects: config.max_global_rejects.saturating_mul(factor),
-            failure_persistence: None,
-            ..config
-        }
     }
 }

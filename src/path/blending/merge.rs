@@ -249,6 +249,8 @@ mod tests {
     }
 
     proptest! {
+        #![proptest_config(crate::cases(64))]
+
         #[test]
         fn two_lines_are_as_far_from_an_arc_as_they_are_told_to_be(
             radius_mm in 0.1..100.0_f64,

@@ -8,6 +8,9 @@
     reason = "a library of the tools beside it: errors are sentences, which the user is shown"
 )]
 
+#[cfg(test)]
+#[path = "../../../tests/support/cases.rs"]
+mod cases;
 pub mod figures;
 pub mod lock;
 pub mod machine;
@@ -24,3 +27,6 @@ pub mod settings;
 
 pub use refusal::refusal;
 pub use refusals::Refusals;
+
+#[cfg(test)]
+use cases::cases;

@@ -11,6 +11,9 @@ mod bounds;
 mod budget;
 mod calibration;
 mod calls;
+#[cfg(test)]
+#[path = "../../../tests/support/cases.rs"]
+mod cases;
 mod cause;
 mod config;
 mod count;
@@ -63,3 +66,6 @@ pub use program::{Block, Bound, Count, Edge, Function, Loop, Program, Region, To
 pub use report::{Curve, Line, Report, Requirement, Section, Stack, SubstitutedRuns, Task, Wcet};
 pub use rtic::{App, AppTask};
 pub use wcet::Functions;
+
+#[cfg(test)]
+use cases::cases;

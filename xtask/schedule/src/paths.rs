@@ -342,6 +342,8 @@ mod tests {
     }
 
     proptest! {
+        #![proptest_config(crate::cases(64))]
+
         #[test]
         fn the_longest_path_is_that_of_enumeration(code in code()) {
             let graph = Graph::of(&code);

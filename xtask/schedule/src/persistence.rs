@@ -217,6 +217,8 @@ mod tests {
     }
 
     proptest! {
+        #![proptest_config(crate::cases(64))]
+
         #[test]
         fn warm_tasks_miss_no_more_lines_than_are_charged(
             acts in prop_oneof![proptest::collection::vec(act(), 1..1500), evicting()],

@@ -272,6 +272,8 @@ mod tests {
     }
 
     proptest! {
+        #![proptest_config(crate::cases(64))]
+
         #[test]
         fn no_simulated_response_is_longer_than_the_computed_one(
             tasks in proptest::collection::vec(

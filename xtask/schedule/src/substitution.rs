@@ -232,6 +232,8 @@ mod tests {
     }
 
     proptest! {
+        #![proptest_config(crate::cases(64))]
+
         #[test]
         fn no_window_of_substituted_runs_demands_more(
             tries in prop::collection::vec(

@@ -431,11 +431,7 @@ fn what_rounding_lets_a_long_line_go_on_is_braked_before_its_end() -> Result<(),
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig {
-        cases: 64,
-        failure_persistence: None,
-        ..ProptestConfig::default()
-    })]
+    #![proptest_config(crate::cases(16))]
 
     #[test]
     fn a_program_keeps_every_limit(settings in machines(), ways in ways()) {

@@ -192,6 +192,8 @@ mod tests {
     }
 
     proptest! {
+        #![proptest_config(crate::cases(64))]
+
         #[test]
         fn an_order_that_is_found_is_one_that_the_machine_accepts(
             pulse in 3..=40_u8,
