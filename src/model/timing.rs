@@ -22,7 +22,7 @@ pub(crate) const MAX_SEGMENT_EVENTS: u32 = MAX_SEGMENT_TICKS / EVENT_SPACING_TIC
 pub const PULSE_LOW_TICKS: u32 = TICKS_PER_US * 5 / 2;
 /// Shortest time between a change of direction and the next pulse, ticks: 5 µs, for a DM542.
 pub const DIRECTION_SETUP_TICKS: u32 = TICKS_PER_US * 5;
-/// Length of a slot, ticks.
+/// Length of a slot, ticks: the shortest time between two events, so that a slot has one event at most.
 pub(crate) const SLOT_TICKS: u32 = EVENT_SPACING_TICKS;
 /// Slots from the end of a pulse to the next step of the axis, with one more, as an event may come
 /// at the end of its slot.

@@ -4,8 +4,9 @@
 
 use crate::{axis::AXES, math, model::timing::SAMPLE_S, settings::Settings};
 
-/// Shortest window, samples: long enough for the mean to keep a speed limit that the reference reaches in
-/// the middle of a sample.
+/// Shortest window, samples. The mean of a single one exceeds accelerations by 2 % where blocks come late
+/// (`so_do_blocks_that_come_late` in `motion/jerk_limited/profile/tests.rs`), that of two does not; the
+/// remainder is reserve.
 const MIN_SAMPLES: usize = 5;
 
 /// Longest window, samples: the reference keeps as many. A jerk limit that asks for a longer one

@@ -10,11 +10,11 @@
 use core::hint::cold_path;
 
 use super::ByteWriter;
-use crate::model::{Release, Requests};
+use crate::model::{Release, Requests, queues::RECEIVED_RING};
 
 /// Bytes between two releases of `interpret` without the end of a line, at most: a quarter of the
 /// receive queue (`tests/protocol/receiving.rs`).
-const MAX_UNRELEASED_BYTES: usize = 256;
+pub(super) const MAX_UNRELEASED_BYTES: usize = RECEIVED_RING / 4;
 
 /// Sorts one received byte. Returns the task to release.
 #[inline(always)]

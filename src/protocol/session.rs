@@ -34,7 +34,7 @@ use crate::{
         interpreter::{Checked, Interpreter, Outcome},
     },
     machine::Snapshot,
-    model::{Awaited, Probed, Requests},
+    model::{Awaited, Probed, Requests, queues::ENTRY_RING},
     path::{Blender, Checkpoint, Entry, Router, TiltedArc},
     settings::{Change, Settings, StoreError, Stored},
     units::Nm,
@@ -43,8 +43,9 @@ use machine_sync::MachineSync;
 use notifications::Reports;
 use persistence::{AfterStore, Persistence};
 
-/// Lines that one run executes, at most. `report` has the same priority and waits for the run.
-const MAX_LINES: usize = 8;
+/// Lines that one run executes, at most: moves of one line each that fill the queue of entries. More
+/// would only keep `report` waiting, which has the same priority.
+const MAX_LINES: usize = ENTRY_RING;
 
 /// Whether there is more to do.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

@@ -1,6 +1,6 @@
 //! The event: what one step interrupt does.
 
-use crate::{axis::AXES, model::timing::EVENT_SPACING_TICKS};
+use crate::{axis::AXES, model::timing::SLOT_TICKS};
 
 /// Bits of all axes.
 const AXIS_BITS: u32 = (1 << AXES) - 1;
@@ -54,7 +54,7 @@ impl StepEvent {
     #[inline]
     #[must_use]
     pub(super) const fn with_slot_ticks(self, ticks: u32) -> Self {
-        let all = EVENT_SPACING_TICKS - 1;
+        let all = SLOT_TICKS - 1;
         Self((ticks & all) << 13 | self.0 & !(all << 13))
     }
 

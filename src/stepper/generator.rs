@@ -18,7 +18,9 @@ use crate::{
     axis::{AXES, Axes},
     model::{
         Power,
-        timing::{DIRECTION_SETUP_TICKS, PULSE_LOW_SLOTS, SLOT_TICKS, pulse_slots},
+        timing::{
+            DIRECTION_SETUP_TICKS, EVENT_SPACING_TICKS, PULSE_LOW_SLOTS, SLOT_TICKS, pulse_slots,
+        },
     },
     units::{FineSteps, TICKS_PER_US},
 };
@@ -124,7 +126,7 @@ impl Generator {
 
     /// Sets the length of a pulse, µs: at least the shortest time between two events.
     pub fn set_pulse_us(&mut self, pulse_us: u8) {
-        self.pulse_ticks = (u32::from(pulse_us) * TICKS_PER_US).max(SLOT_TICKS);
+        self.pulse_ticks = (u32::from(pulse_us) * TICKS_PER_US).max(EVENT_SPACING_TICKS);
     }
 
     /// Returns the exact position at the end of all segments begun.

@@ -22,6 +22,10 @@ pub(super) const SLOT_TICKS_SIGNED: i32 = SLOT_TICKS.cast_signed();
 /// Number of slots: for a segment of 1.5 ms, 985 slots, that delayed events make longer, and the
 /// pulses after it. `method` relies on the power of two.
 pub(super) const SLOTS: u32 = 2048;
+/// Events that move away from the end of a segment, at most: bounds the time of that. In a longer row
+/// the events come up to a spacing later, and so does the first event of the next segment: within
+/// [`STEP_JITTER_TICKS`](super::STEP_JITTER_TICKS).
+const MAX_MOVED_NEIGHBOURS: u32 = 8;
 /// Slots of a word of bits.
 const WORD_BITS: u32 = 32;
 const WORDS: u32 = SLOTS / WORD_BITS;
@@ -140,11 +144,11 @@ impl Slots {
         (*event != StepEvent::NONE && !is_fixed).then_some(event)
     }
 
-    /// Moves the events in the slots right before another to the start of their slots, 8 at most:
-    /// with these, steps keep within [`STEP_JITTER_TICKS`](super::STEP_JITTER_TICKS) in its test.
+    /// Moves the events in the slots right before another to the start of their slots,
+    /// [`MAX_MOVED_NEIGHBOURS`] at most.
     pub(super) fn move_neighbours_to_slot_start(&mut self, slot: u32, fixed_axes: u32) {
         // wcet-bound: 8
-        for before in 1..=8 {
+        for before in 1..=MAX_MOVED_NEIGHBOURS {
             let Some(event) = self.movable_event(slot.wrapping_sub(before), fixed_axes) else {
                 break;
             };

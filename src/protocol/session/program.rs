@@ -13,14 +13,14 @@ use crate::{
     machine::Snapshot,
     model::{Command, State},
     path::{TiltedArc, is_outside, leaves_travel},
-    protocol::{ByteReader, Waiting, report::Feedback},
+    protocol::{ByteReader, Waiting, realtime::MAX_UNRELEASED_BYTES, report::Feedback},
     settings::Change,
     units::Nm,
 };
 
-/// Bytes of an unfinished line that stay in the receive queue, at most; fewer than the 256 that
-/// release the session without a line end, so that a longer line is moved out of the queue.
-const MAX_WAITING_BYTES: usize = 128;
+/// Bytes of an unfinished line that stay in the receive queue, at most: half of those that release the
+/// session without a line end, so that it moves a longer line out of the queue in time.
+const MAX_WAITING_BYTES: usize = MAX_UNRELEASED_BYTES / 2;
 
 /// Returns whether an unfinished line may stay in the receive queue: a short one in upper case, without
 /// comments, and not across the end of the ring.
