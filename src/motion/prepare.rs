@@ -36,7 +36,7 @@ use super::{
 use crate::{
     machine::{Accessories, Control, Inputs, Snapshot},
     model::{Alarm, Awaited, Levels, Outputs, Requests, State},
-    path::{AveragingWindow, Entry},
+    path::{AveragingWindow, Entry, MoveKind},
     settings::Settings,
     stepper::{EventWriter, Generator, Segment, SegmentRing},
 };
@@ -228,6 +228,13 @@ impl Motion {
     #[must_use]
     pub const fn outputs(&self) -> &Outputs {
         &self.published.outputs
+    }
+
+    /// Returns whether the block in execution is a rapid.
+    #[must_use]
+    pub fn is_rapid(&self) -> bool {
+        let block = self.plan.current();
+        block.is_some_and(|block| block.kind == MoveKind::Rapid)
     }
 
     /// Takes the delay from now, ms, after which the platform is to call [`Requests::end_delay`] and run

@@ -118,6 +118,7 @@ mod tests {
             drop: 0,
             directions: 0,
             duty: 0,
+            is_rapid: false,
         };
         let back = Edge {
             directions: 1,

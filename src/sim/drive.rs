@@ -38,6 +38,8 @@ pub struct Edge {
     pub directions: u8,
     /// Duty of the spindle PWM, 0 to [`Outputs::FULL`].
     pub duty: u16,
+    /// Whether the move is a rapid.
+    pub is_rapid: bool,
 }
 
 /// The tasks with deadlines, and the queues between them.
@@ -48,6 +50,8 @@ pub struct Drive {
     published: Snapshot,
     /// The segments that wait or are played.
     pub segments: SegmentRing,
+    /// Segments of rapids, the newest 64: the bit of each number.
+    rapids: u64,
     /// Switches, probe and buttons.
     pub inputs: Inputs,
     /// The queue from `interpret` to `prepare`.
@@ -75,6 +79,7 @@ impl Drive {
             motion: const { Motion::new() },
             published: Snapshot::default(),
             segments: const { SegmentRing::new() },
+            rapids: 0,
             contacts: Contacts::new(),
             watch: Watch::new(Levels::NONE, &inputs),
             sample_due: None,
@@ -247,6 +252,8 @@ impl Drive {
             timer: &mut self.timer,
             events: events.tap(),
         };
+        // A run makes one segment at most: of the block that was in execution before.
+        let (is_rapid, (before, _)) = (self.motion.is_rapid(), self.segments.numbers());
         tasks::prepare(
             &mut self.motion,
             &mut entries,
@@ -256,13 +263,20 @@ impl Drive {
             &mut steps,
             &mut self.platform,
         );
+        let (newest, _) = self.segments.numbers();
+        if newest != before {
+            let bit = rapid_bit(newest);
+            self.rapids = self.rapids & !bit | if is_rapid { bit } else { 0 };
+        }
         self.segment_start();
         true
     }
 
     /// Runs `step`, and `segment_start` if it is released. Returns the change of the pins.
     pub fn step(&mut self) -> Option<Edge> {
-        let edge = self.timer.edge(self.platform.outputs.duty)?;
+        let (_, played) = self.segments.numbers();
+        let is_rapid = self.rapids & rapid_bit(played) != 0;
+        let edge = self.timer.edge(self.platform.outputs.duty, is_rapid)?;
         let (_, mut events) = self.events.split();
         tasks::step(&mut self.timer, &mut events, &self.segments);
         if core::mem::take(&mut self.timer.is_segment_start_released) {
@@ -284,4 +298,9 @@ impl Drive {
             tasks::segment_start(&self.segments, event_tap, &mut self.platform);
         }
     }
+}
+
+/// Returns the bit of a segment among [`Drive::rapids`].
+const fn rapid_bit(number: u32) -> u64 {
+    1 << (number % u64::BITS)
 }

@@ -100,7 +100,7 @@ impl VirtualTimer {
     }
 
     /// Returns the change of the pins by the event that is set up.
-    pub(super) fn edge(&self, duty: u16) -> Option<Edge> {
+    pub(super) fn edge(&self, duty: u16, is_rapid: bool) -> Option<Edge> {
         let (ticks, event) = self.due?;
         Some(Edge {
             ticks,
@@ -108,6 +108,7 @@ impl VirtualTimer {
             drop: event.drop(),
             directions: event.directions().unwrap_or(self.directions),
             duty,
+            is_rapid,
         })
     }
 }

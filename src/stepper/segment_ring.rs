@@ -244,6 +244,13 @@ impl SegmentRing {
         Axes::from_fn(|axis| played.steps[axis].load(Relaxed))
     }
 
+    /// Returns the numbers of the newest segment and of the one being played, wrapping.
+    #[must_use]
+    pub fn numbers(&self) -> (u32, u32) {
+        let newest = |count: &AtomicU32| count.load(Relaxed).wrapping_sub(1);
+        (newest(&self.pushed), newest(&self.begun))
+    }
+
     /// Returns the start of the segment being played, on the generator's clock.
     #[must_use]
     pub fn played_start_ticks(&self) -> u32 {

@@ -29,6 +29,29 @@ fn a_line_makes_its_steps() {
 }
 
 #[test]
+fn each_edge_says_whether_it_is_of_a_rapid() {
+    // Moves of a few steps, of one segment, and of many segments.
+    for length_mm in [0.05, 0.5, 20.0] {
+        let to = |mm: f64| at(&[mm * length_mm]);
+        let commands = [
+            line_at(to(1.0), FeedRate::Rapid),
+            line_at(to(2.0), FeedRate::Feed(3000.0)),
+            line_at(to(3.0), FeedRate::Rapid),
+            line_at(to(2.0), FeedRate::Feed(300.0)),
+        ];
+        let trace = Rig::play(&fast(), &number(&commands));
+        let edges = trace.edges.iter().filter(|edge| edge.raise != 0);
+        let steps = (80.0 * length_mm) as usize;
+        let wrong = edges.enumerate().filter(|(index, edge)| {
+            // The segment before counts as the one being played until its successor has begun.
+            let is_near_end = index % steps == 0;
+            edge.is_rapid != (index / steps).is_multiple_of(2) && !is_near_end
+        });
+        assert_eq!(wrong.count(), 0, "{length_mm} mm");
+    }
+}
+
+#[test]
 fn the_same_program_twice_makes_the_same_trace() {
     let settings = with(&[78.74, 320.0, 400.0], &[9000.0], &[700.0]);
     let commands = [

@@ -44,6 +44,8 @@ pub const GRID: RGBColor = RGBColor(229, 233, 239);
 pub const PAPER: RGBColor = RGBColor(253, 253, 254);
 /// Colour of speed.
 pub const SPEED: RGBColor = RGBColor(24, 99, 173);
+/// Lines of this colour are dashed.
+pub const DASHED: RGBColor = RGBColor(139, 150, 165);
 /// What drawing gives.
 pub type Drawn<T> = Result<T, Box<dyn std::error::Error>>;
 
@@ -73,7 +75,12 @@ pub fn render(
     let meant = format!(
         r#"width="{width}" height="{height}" stroke-linecap="round" stroke-linejoin="round""#
     );
-    Ok(text.replacen(&fine, &meant, 1))
+    let text = text.replacen(&fine, &meant, 1);
+    // One line with a pattern instead of one for each dash.
+    let RGBColor(red, green, blue) = DASHED;
+    let dashed = format!("stroke=\"#{red:02X}{green:02X}{blue:02X}\"");
+    let pattern = format!("{dashed} stroke-dasharray=\"{} {}\"", 3 * PX, 4 * PX);
+    Ok(text.replace(&dashed, &pattern))
 }
 
 /// Draws title and subtitle, and returns the area below them.
@@ -103,7 +110,7 @@ pub fn pixels(area: &Area) -> (i32, i32) {
     (width.cast_signed() / PX, height.cast_signed() / PX)
 }
 
-/// A chart with a thin grid and labelled axes.
+/// A chart with a thin grid and labelled axes; without a label for the lower axis, it has no numbers.
 pub fn chart<'a, 'b>(
     area: &Area<'b>,
     across: Range<f64>,
@@ -119,18 +126,24 @@ pub fn chart<'a, 'b>(
         }
     };
     let (x_digits, y_digits) = (digits(&across), digits(&up));
+    let is_labelled = !labels[0].is_empty();
+    let below = if is_labelled { LABELS_BELOW } else { 0 };
     let mut chart = ChartBuilder::on(area)
         .margin_left(MARGIN * PX)
         .margin_right(MARGIN * PX)
         .margin_top(MARGIN * PX)
         .margin_bottom(6 * PX)
-        .x_label_area_size(LABELS_BELOW * PX)
+        .x_label_area_size(below * PX)
         .y_label_area_size(LABELS_LEFT * PX)
         .build_cartesian_2d(across, up)?;
     let (_, height) = pixels(area);
     chart
         .configure_mesh()
         .set_all_tick_mark_size(5 * PX)
+        .set_tick_mark_size(
+            LabelAreaPosition::Bottom,
+            if is_labelled { 5 * PX } else { 0 },
+        )
         .bold_line_style(GRID.stroke_width(stroke(1)))
         .light_line_style(TRANSPARENT)
         .axis_style(FAINT_INK.mix(0.6).stroke_width(stroke(1)))

@@ -1,10 +1,11 @@
 //! `cargo xtask sim`: G-code programs on the virtual machine.
 
-mod curves;
 mod plot;
 mod power_up;
 mod quality;
 mod recorder;
+mod samples;
+mod series;
 mod serve;
 #[cfg(test)]
 mod tests;
@@ -35,12 +36,13 @@ use host::{
     program::Program,
     session, settings,
 };
-use leadscrew::{settings::Settings, sim::Simulator};
+use leadscrew::{axis::AXES, settings::Settings, sim::Simulator};
 use serde::Serialize;
 
 use power_up::PowerUp;
 use quality::{Meter, Quality};
 use recorder::{Instruments, Outputs};
+use samples::Motion;
 use serve::{Server, Tcp};
 
 /// Run a G-code program on the virtual machine
@@ -156,9 +158,9 @@ fn play(
     if !options.locked {
         power_up::unlock(&mut simulator);
     }
-    let measured = options.quality.then(|| *simulator.session().settings());
-    let mut instruments =
-        Instruments::new(outputs.trace, outputs.plot.is_some(), measured.as_ref());
+    let settings = *simulator.session().settings();
+    let is_drawn = outputs.plot.is_some();
+    let mut instruments = Instruments::new(outputs.trace, is_drawn, options.quality, &settings);
     let run = Run {
         bar: output::progress(program.length(), "bytes"),
         prints: true,
@@ -206,7 +208,7 @@ fn serve(
     options: &Options,
 ) -> Result<ExitCode> {
     let settings = *simulator.session().settings();
-    let mut instruments = Instruments::new(outputs.trace, outputs.plot.is_some(), None);
+    let mut instruments = Instruments::new(outputs.trace, outputs.plot.is_some(), false, &settings);
     let server = Server::new(*simulator, options.flash.as_deref(), &mut instruments);
     let (figures, name) = if let Some(path) = &options.pty {
         let (mut pty, _link) = serve::pty(path)?;
@@ -277,12 +279,12 @@ impl Left {
         }
         let (quality, traces) = meter.map(Meter::finish).unzip();
         if let (Some(mut output), Some(samples)) = (self.plot, samples) {
-            let scales = settings.steps_per_mm.0;
-            let scale = scales.map(|scale| scale.millionths() as f64 * 1e-6);
+            let motion = samples.finish();
             let picture = plot::draw(&plot::Picture {
                 title,
-                subtitle: &subtitle(&figures),
-                motion: &samples.finish(scale),
+                subtitle: &subtitle(&figures, &motion),
+                motion: &motion,
+                is_laser: settings.laser,
                 limits_mm_s2: settings.acceleration_mm_s2.0.map(f64::from),
                 limits_mm_s3: quality::jerk_limits(settings),
                 traces: traces.as_ref(),
@@ -298,8 +300,15 @@ impl Left {
     }
 }
 
-fn subtitle(figures: &Figures) -> String {
-    let time = text::duration(figures.motion_time_s);
+fn subtitle(figures: &Figures, motion: &Motion) -> String {
     let (lines, events) = (separated(figures.lines), separated(figures.events));
-    format!("{lines} lines, {time}, {events} step events")
+    let time = text::duration(figures.motion_time_s);
+    let [cutting, rapid] = motion.seconds.map(text::duration);
+    format!("{lines} lines, {time}: cutting {cutting}, rapids {rapid}; {events} step events")
+}
+
+/// The scale of each axis, steps/mm or steps/degree.
+fn steps_per_mm(settings: &Settings) -> [f64; AXES] {
+    let scales = settings.steps_per_mm.0;
+    scales.map(|scale| scale.millionths() as f64 * 1e-6)
 }

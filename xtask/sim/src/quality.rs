@@ -13,7 +13,6 @@ mod geometry;
 mod intervals;
 mod print;
 mod program;
-mod series;
 mod sweep;
 #[cfg(test)]
 mod tests;
@@ -37,8 +36,9 @@ use geometry::Point;
 use intervals::IntervalError;
 pub(crate) use print::text;
 use program::Programmed;
-pub(crate) use series::Series;
 use sweep::Peak;
+
+use crate::{series::Series, steps_per_mm};
 
 /// A change of direction at which an axis is not judged across it, rad: half a degree.
 const KINK_RAD: f64 = 0.5 * std::f64::consts::PI / 180.0;
@@ -174,10 +174,7 @@ pub(crate) struct Meter {
 impl Meter {
     /// A machine at the origin.
     pub(crate) fn new(settings: &Settings) -> Self {
-        let steps_per_mm = settings
-            .steps_per_mm
-            .0
-            .map(|s| s.millionths() as f64 * 1e-6);
+        let steps_per_mm = steps_per_mm(settings);
         let accelerations = settings.acceleration_mm_s2.0.map(f64::from);
         let jerks = jerk_limits(settings);
         Self {

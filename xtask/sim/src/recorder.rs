@@ -17,7 +17,8 @@ use leadscrew::{
 
 use crate::{
     quality::Meter,
-    trace::{Row, Samples, Table, nanoseconds},
+    samples::Samples,
+    trace::{Move, Row, Table, nanoseconds},
 };
 
 /// The exit status of a program that Ctrl-C has ended, as shells have it.
@@ -91,12 +92,13 @@ impl Instruments {
     pub(crate) fn new(
         table: Option<Table<Output>>,
         is_drawn: bool,
-        measured: Option<&Settings>,
+        is_measured: bool,
+        settings: &Settings,
     ) -> Self {
         Self {
             table,
-            samples: is_drawn.then(Samples::default),
-            meter: measured.map(Meter::new),
+            samples: is_drawn.then(|| Samples::new(settings)),
+            meter: is_measured.then(|| Meter::new(settings)),
         }
     }
 }
@@ -120,6 +122,10 @@ impl Recorder for Instruments {
         let row = Row {
             time_ns: nanoseconds(edge.ticks - first),
             steps: statistics.steps.0.map(|steps| steps as i32),
+            of: Move {
+                is_rapid: edge.is_rapid,
+                duty: edge.duty,
+            },
         };
         if let Some(samples) = &mut self.samples {
             samples.push(&row);

@@ -3,6 +3,7 @@
 use std::{fs, path::Path};
 
 use clap::Parser;
+use leadscrew::axis::AXES;
 use serde_json::Value;
 
 use super::{Options, run};
@@ -46,8 +47,8 @@ fn quality_is_measured_where_it_is_asked_for() {
     assert_eq!(quality["is_path_known"], true);
     let drawn = fs::read_to_string(&plot).unwrap();
     for label in [
-        "acceleration, mm/s²",
-        "jerk, 1000 mm/s³",
+        "acceleration of X, mm/s²",
+        "jerk of Y, 1000 mm/s³",
         "from the programmed path",
     ] {
         assert!(drawn.contains(label), "{label}");
@@ -134,4 +135,29 @@ fn positions_are_told_in_the_settings_of_the_end() {
     let folder = tempfile::tempdir().unwrap();
     let changed = figures(folder.path(), "$100=80\nG1 X2 F600\n", &[]);
     assert_eq!(changed["final"]["mpos_mm"][0], 2.0);
+}
+
+#[test]
+fn the_picture_of_the_readme_is_what_its_command_draws() {
+    if AXES > 3 {
+        return;
+    }
+    let folder = tempfile::tempdir().unwrap();
+    let plot = folder.path().join("plate.svg");
+    let root = common::cargo::root();
+    let [program, settings, shown] = [
+        "examples/plate.nc",
+        "examples/mill.settings",
+        "docs/plate.svg",
+    ]
+    .map(|path| root.join(path).display().to_string());
+    let typed = ["sim", &program, "--settings", &settings, "--plot"];
+    let plot_option = plot.display().to_string();
+    let line = typed.into_iter().chain([plot_option.as_str()]);
+    run(&Options::try_parse_from(line).unwrap()).unwrap();
+    let same = fs::read_to_string(plot).unwrap() == fs::read_to_string(&shown).unwrap();
+    assert!(
+        same,
+        "draw {shown} again, by the command that README.md has"
+    );
 }

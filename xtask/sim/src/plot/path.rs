@@ -1,20 +1,21 @@
 //! The tool path, coloured by what happens along it, in one scale for all directions.
 
-use std::{borrow::Cow, ops::Range};
+use std::{collections::HashSet, ops::Range};
 
 use chart::{
-    Area, Drawn, FAINT_INK, LABELS_BELOW, LABELS_LEFT, MARGIN, PX, chart, font, pixels, stroke,
+    Area, Chart, DASHED, Drawn, FAINT_INK, INK, LABELS_BELOW, LABELS_LEFT, MARGIN, PX, chart, font,
+    pixels, stroke,
 };
-use leadscrew::axis::{LETTERS, X, Y, Z};
+use leadscrew::axis::{LETTERS, LINEAR, X, Y, Z};
 use plotters::prelude::*;
 
 use super::PATH_WIDTH;
 use crate::{
-    curves::{Curves, moves, simplified},
-    trace::Motion,
+    quality::Traces,
+    samples::{Motion, Point},
 };
 
-/// Path colours from standstill to the highest speed: rapid moves come out light.
+/// Path colours from standstill to the highest speed.
 const SPEED_COLOURS: [(f64, f64, f64); 5] = [
     (94.0, 15.0, 82.0),
     (52.0, 47.0, 136.0),
@@ -32,11 +33,18 @@ const ERROR_COLOURS: [(f64, f64, f64); 5] = [
 ];
 /// Steps of the colour scale.
 const LEVELS: u16 = 24;
+/// The colour scale reaches at least to that many times what rounding to steps makes.
+const ROUNDING: f64 = 3.0;
+/// Height of the legend.
+const LEGEND: i32 = 92;
+/// Arrows along the path, at most, and the way between two at least, pixels.
+const ARROWS: f64 = 24.0;
+const ARROW_WAY: f64 = 90.0;
 
-/// What colours a path.
-pub(super) struct Colouring<'a> {
-    /// A value for each sample of the motion.
-    values: Cow<'a, [f64]>,
+/// What colours the feed moves of a path.
+pub(super) struct Colouring {
+    /// A value for each point of the path.
+    values: Vec<f64>,
     /// The value at the end of the colours.
     most: f64,
     colours: &'static [(f64, f64, f64); 5],
@@ -46,58 +54,72 @@ pub(super) struct Colouring<'a> {
     legend: String,
 }
 
-impl<'a> Colouring<'a> {
-    /// By the speed; slow moves, which cut, lie on top of fast ones.
-    pub(super) fn of_speed(curves: &'a Curves) -> Self {
-        let most = curves.fastest();
+impl Colouring {
+    /// By the speed; slow moves lie on top of fast ones.
+    pub(super) fn of_speed(motion: &Motion) -> Self {
+        let most = motion.speeds[0].greatest().max(1e-6);
         Self {
-            values: Cow::Borrowed(&curves.speed),
+            values: motion.path.iter().map(|point| point.speed).collect(),
             most,
             colours: &SPEED_COLOURS,
             is_least_on_top: true,
-            legend: format!("0 to {:.0} mm/min along the path", most * 60.0),
+            legend: format!("feed moves, 0 to {:.0} mm/min", most * 60.0),
         }
     }
 
-    /// By the distance from the programmed path, mm.
-    pub(super) fn of_deviation(values: Vec<f64>, most: f64, legend: String) -> Self {
+    /// By the greatest distance from the programmed path around each point.
+    pub(super) fn of_deviation(motion: &Motion, traces: &Traces) -> Self {
+        let at = |point: &Point| traces.deviation.greatest_at(point.seconds).unwrap_or(0.0);
+        let greatest = traces.deviation.greatest();
+        // What rounding makes keeps its cool colours.
+        let most = greatest.max(ROUNDING * traces.floor_mm).max(1e-6);
         Self {
-            most: most.max(1e-6),
-            values: Cow::Owned(values),
+            values: motion.path.iter().map(at).collect(),
+            most,
             colours: &ERROR_COLOURS,
             is_least_on_top: false,
-            legend,
+            legend: format!(
+                "0 to {:.1} µm from the programmed path\n{:.1} µm at most; rounding to steps makes {:.1} µm",
+                most * 1000.0,
+                greatest * 1000.0,
+                traces.floor_mm * 1000.0
+            ),
         }
     }
 
-    /// The step of the colour scale at a sample.
+    #[cfg(test)]
+    pub(super) fn legend(&self) -> &str {
+        &self.legend
+    }
+
+    /// The step of the colour scale at a point.
     fn level(&self, index: usize) -> u16 {
-        let last = self.values.len().saturating_sub(1);
-        let value = self.values.get(index.min(last)).copied().unwrap_or(0.0);
-        level_of(value / self.most)
+        let share = self.values[index] / self.most;
+        ((share * f64::from(LEVELS)) as u16).min(LEVELS - 1)
     }
 
     /// The colour of a step of the scale.
     fn colour(&self, level: u16) -> RGBColor {
-        colour(self.colours, f64::from(level) / f64::from(LEVELS - 1))
+        let last = self.colours.len() - 1;
+        let place = f64::from(level) / f64::from(LEVELS - 1) * last as f64;
+        let index = (place as usize).min(last - 1);
+        let (from, to) = (self.colours[index], self.colours[index + 1]);
+        let mix = |from: f64, to: f64| (from + (to - from) * (place - index as f64)).round() as u8;
+        RGBColor(mix(from.0, to.0), mix(from.1, to.1), mix(from.2, to.2))
     }
 }
 
 /// The tool path from above, and from the front where Z moves; one scale for all directions.
 pub(super) fn draw(area: &Area, motion: &Motion, colouring: &Colouring) -> Drawn<()> {
-    let (x, y, z) = (
-        extent(&motion.mm[X]),
-        extent(&motion.mm[Y]),
-        extent(&motion.mm[Z]),
-    );
+    let [x, y, z] = [X, Y, Z].map(|axis| extent(motion, axis));
     let (_, height) = pixels(area);
-    let (area, scale_area) = area.split_vertically((height - 52) * PX);
+    let (area, legend) = area.split_vertically((height - LEGEND) * PX);
     let length = |range: &Range<f64>| range.end - range.start;
     let (width, height) = pixels(&area);
     let across = f64::from(width - LABELS_LEFT - 2 * MARGIN);
     let whole = f64::from(height - LABELS_BELOW - MARGIN);
     let room = 1.1;
-    if moves(&motion.mm[Z]) {
+    if motion.moves(Z) {
         let panels = whole - f64::from(LABELS_BELOW + MARGIN);
         // The part for Z is as high as Z needs, within reason.
         let wanted = length(&z) / (length(&y) + length(&z)).max(1e-9);
@@ -120,7 +142,7 @@ pub(super) fn draw(area: &Area, motion: &Motion, colouring: &Colouring) -> Drawn
         let y = widened(&y, whole * mm_per_pixel);
         draw_plane(&area, motion, colouring, (X, x), (Y, y))?;
     }
-    draw_scale(&scale_area, colouring)
+    draw_legend(&legend, motion, colouring)
 }
 
 /// The path seen along one direction.
@@ -132,54 +154,124 @@ fn draw_plane(
     (second, up): (usize, Range<f64>),
 ) -> Drawn<()> {
     let pixel = (across.end - across.start) / f64::from(PATH_WIDTH);
-    let labels = [
-        format!("{}, mm", LETTERS[first] as char),
-        format!("{}, mm", LETTERS[second] as char),
-    ];
+    let labels = [first, second].map(|axis| format!("{}, mm", char::from(LETTERS[axis])));
     let mut chart = chart(area, across, up, &labels)?;
-    let points: Vec<(f64, f64)> = motion.mm[first]
-        .iter()
-        .copied()
-        .zip(motion.mm[second].iter().copied())
-        .collect();
-    let level = |index: usize| colouring.level(index);
+    let place = |point: &Point| (point.at[first], point.at[second]);
     let mut strokes = Vec::new();
     let mut start = 0;
-    for index in 1..points.len() {
-        if index + 1 == points.len() || level(index) != level(start) {
-            let stroke = simplified(&points[start..=index], pixel * 0.15);
-            strokes.push((level(start), stroke));
+    let level = |index: usize| {
+        let is_feed = !motion.path[index].is_rapid;
+        is_feed.then(|| colouring.level(index))
+    };
+    for index in 1..motion.path.len() {
+        if index + 1 == motion.path.len() || level(index) != level(start) {
+            let points: Vec<_> = motion.path[start..=index].iter().map(place).collect();
+            strokes.push((level(start), simplified(&points, [pixel; 2], 0.15)));
             start = index;
         }
     }
-    strokes.sort_by_key(|(level, _)| *level);
-    if colouring.is_least_on_top {
-        strokes.reverse();
-    }
+    // Rapids lie below everything.
+    strokes.sort_by_key(|(level, _)| match level {
+        Some(level) if colouring.is_least_on_top => u16::MAX - level,
+        Some(level) => level + 1,
+        None => 0,
+    });
+    let mut drawn = HashSet::new();
+    strokes.retain(|(level, points)| {
+        let cells = cells(points, pixel).map(|cell| drawn.insert((*level, cell)));
+        // Each has to be asked.
+        cells.filter(|is_new| *is_new).count() > 0
+    });
     chart.draw_series(strokes.into_iter().map(|(level, points)| {
-        PathElement::new(points, colouring.colour(level).stroke_width(stroke(2)))
+        let style = match level {
+            Some(level) => colouring.colour(level).stroke_width(stroke(2)),
+            None => DASHED.stroke_width(stroke(1)),
+        };
+        PathElement::new(points, style)
     }))?;
+    if second == Y {
+        let points: Vec<_> = motion.path.iter().map(place).collect();
+        let feeds: Vec<_> = motion.path.iter().map(|point| !point.is_rapid).collect();
+        draw_arrows(&mut chart, &points, &feeds, pixel)?;
+        draw_ends(&mut chart, &points, pixel)?;
+    }
     Ok(())
 }
 
-/// The step of the colour scale for a share of the most.
-fn level_of(share: f64) -> u16 {
-    ((share * f64::from(LEVELS)) as u16).min(LEVELS - 1)
+/// The pixels that a line passes.
+fn cells(points: &[(f64, f64)], pixel: f64) -> impl Iterator<Item = (i32, i32)> {
+    points.windows(2).flat_map(move |pair| {
+        let (dx, dy) = (pair[1].0 - pair[0].0, pair[1].1 - pair[0].1);
+        let count = (dx.hypot(dy) / pixel).ceil().max(1.0);
+        (0..=count as u32).map(move |part| {
+            let share = f64::from(part) / count;
+            let place = |from: f64, way: f64| ((from + way * share) / pixel).floor() as i32;
+            (place(pair[0].0, dx), place(pair[0].1, dy))
+        })
+    })
 }
 
-/// The colour for a share of the most.
-fn colour(colours: &[(f64, f64, f64); 5], share: f64) -> RGBColor {
-    let place = share.clamp(0.0, 1.0) * (colours.len() - 1) as f64;
-    let index = (place as usize).min(colours.len() - 2);
-    let (from, to) = (colours[index], colours[index + 1]);
-    let mix = |from: f64, to: f64| (from + (to - from) * (place - index as f64)).round() as u8;
-    RGBColor(mix(from.0, to.0), mix(from.1, to.1), mix(from.2, to.2))
+/// Arrows along the feed moves, all over the path but not at the same places of passes that repeat.
+fn draw_arrows(chart: &mut Chart, points: &[(f64, f64)], feeds: &[bool], pixel: f64) -> Drawn<()> {
+    let ways = || {
+        let pairs = points.windows(2).zip(&feeds[feeds.len().min(1)..]);
+        let pairs = pairs.filter(|(_, is_feed)| **is_feed);
+        pairs.map(|(pair, _)| (pair[1], (pair[1].0 - pair[0].0, pair[1].1 - pair[0].1)))
+    };
+    let length: f64 = ways().map(|(_, (x, y))| x.hypot(y)).sum();
+    let spacing = (length / ARROWS).max(ARROW_WAY * pixel);
+    let mut next = spacing / 2.0;
+    let mut uneven = 0.0_f64;
+    for ((x, y), (dx, dy)) in ways() {
+        let way = dx.hypot(dy);
+        next -= way;
+        if next > 0.0 || way == 0.0 {
+            continue;
+        }
+        uneven = (uneven + 0.618).fract();
+        next += spacing * (0.5 + uneven);
+        let (ahead, aside) = ((dx / way, dy / way), (-dy / way, dx / way));
+        let corner = |along: f64, across: f64| {
+            let (along, across) = (along * pixel, across * pixel);
+            (
+                x + ahead.0 * along + aside.0 * across,
+                y + ahead.1 * along + aside.1 * across,
+            )
+        };
+        let corners = vec![corner(7.0, 0.0), corner(-5.0, 5.0), corner(-5.0, -5.0)];
+        chart.draw_series([Polygon::new(corners, INK.mix(0.85))])?;
+    }
+    Ok(())
 }
 
-/// The legend of the path's colours.
-fn draw_scale(area: &Area, colouring: &Colouring) -> Drawn<()> {
-    let (left, top) = ((MARGIN + LABELS_LEFT) * PX, 12 * PX);
-    let (width, height) = (220 * PX, 10 * PX);
+/// Where the path begins and ends.
+fn draw_ends(chart: &mut Chart, points: &[(f64, f64)], pixel: f64) -> Drawn<()> {
+    let (Some(start), Some(end)) = (points.first(), points.last()) else {
+        return Ok(());
+    };
+    let is_closed = (end.0 - start.0).hypot(end.1 - start.1) < 12.0 * pixel;
+    let (begins, ends) = if is_closed {
+        ("start, end", "")
+    } else {
+        ("start", "end")
+    };
+    let radius = 5 * PX;
+    let style = INK.stroke_width(stroke(2));
+    chart.draw_series([Circle::new(*start, radius, INK.filled())])?;
+    chart.draw_series([Circle::new(*end, 2 * radius, style)])?;
+    for (at, text) in [(start, begins), (end, ends)] {
+        let beside = (at.0 + 13.0 * pixel, at.1 + 19.0 * pixel);
+        let style = font(13).color(&INK);
+        chart.draw_series([Text::new(text.to_owned(), beside, style)])?;
+    }
+    Ok(())
+}
+
+/// The legend of the path, and how far each axis goes.
+fn draw_legend(area: &Area, motion: &Motion, colouring: &Colouring) -> Drawn<()> {
+    const WIDE: i32 = 220;
+    let (left, top) = ((MARGIN + LABELS_LEFT) * PX, 10 * PX);
+    let (width, height) = (WIDE * PX, 10 * PX);
     for step in 0..LEVELS {
         let from = width * i32::from(step) / i32::from(LEVELS);
         let to = width * i32::from(step + 1) / i32::from(LEVELS) + PX / 2;
@@ -188,22 +280,35 @@ fn draw_scale(area: &Area, colouring: &Colouring) -> Drawn<()> {
             colouring.colour(step).filled(),
         ))?;
     }
-    let font = font(14).color(&FAINT_INK);
-    for (line, text) in (0..).zip(colouring.legend.lines()) {
-        let at = (left + width + 12 * PX, top + (17 * line - 3) * PX);
-        area.draw(&Text::new(text.to_owned(), at, font.clone()))?;
+    let style = font(14).color(&FAINT_INK);
+    let texts = colouring.legend.lines().chain(["rapids"]);
+    let mut below = top - 3 * PX;
+    for text in texts {
+        let at = (left + width + 12 * PX, below);
+        area.draw(&Text::new(text.to_owned(), at, style.clone()))?;
+        below += 18 * PX;
     }
+    let line = below - 10 * PX;
+    let ends = [(left, line), (left + width, line)];
+    area.draw(&PathElement::new(ends, DASHED.stroke_width(stroke(1))))?;
+    let extents = motion.moving(0..LINEAR).map(|axis| {
+        let (least, greatest) = motion.extents[axis];
+        let letter = char::from(LETTERS[axis]);
+        format!("{letter} {least:.3} to {greatest:.3}")
+    });
+    let extents = extents.collect::<Vec<_>>().join(", ");
+    let text = format!("{extents} mm");
+    area.draw(&Text::new(text, (left, below + 4 * PX), style))?;
     Ok(())
 }
 
-/// A range around all values, at least 1 µm wide.
-fn extent(values: &[f64]) -> Range<f64> {
-    let low = values.iter().copied().fold(f64::INFINITY, f64::min);
-    let high = values.iter().copied().fold(f64::NEG_INFINITY, f64::max);
-    if low < high {
-        low..high
+/// The range of an axis, at least 1 µm wide.
+fn extent(motion: &Motion, axis: usize) -> Range<f64> {
+    let (least, greatest) = motion.extents[axis];
+    if motion.moves(axis) {
+        least..greatest
     } else {
-        low - 1.0..high + 1.0
+        least - 1.0..greatest + 1.0
     }
 }
 
@@ -211,4 +316,57 @@ fn extent(values: &[f64]) -> Range<f64> {
 fn widened(range: &Range<f64>, length: f64) -> Range<f64> {
     let middle = f64::midpoint(range.start, range.end);
     middle - length / 2.0..middle + length / 2.0
+}
+
+/// A line with fewer points, none farther than some pixels from the original (Douglas and Peucker
+/// 1973); a pixel may have different sizes across and up.
+pub(super) fn simplified(points: &[(f64, f64)], pixel: [f64; 2], pixels: f64) -> Vec<(f64, f64)> {
+    let place = |index: usize| (points[index].0 / pixel[0], points[index].1 / pixel[1]);
+    let mut keep = vec![false; points.len()];
+    let mut open = vec![(0, points.len().saturating_sub(1))];
+    while let Some((first, last)) = open.pop() {
+        for end in [first, last] {
+            keep.get_mut(end).into_iter().for_each(|keep| *keep = true);
+        }
+        let far = (first + 1..last)
+            .map(|index| (index, distance(place(index), place(first), place(last))))
+            .max_by(|a, b| a.1.total_cmp(&b.1));
+        if let Some((index, far)) = far
+            && far > pixels
+        {
+            open.extend([(first, index), (index, last)]);
+        }
+    }
+    let kept = points.iter().zip(keep).filter(|(_, keep)| *keep);
+    kept.map(|(point, _)| *point).collect()
+}
+
+/// Distance of a point from a stretch.
+fn distance(point: (f64, f64), from: (f64, f64), to: (f64, f64)) -> f64 {
+    let (dx, dy) = (to.0 - from.0, to.1 - from.1);
+    let (px, py) = (point.0 - from.0, point.1 - from.1);
+    let square = dx * dx + dy * dy;
+    let share = if square > 0.0 {
+        ((px * dx + py * dy) / square).clamp(0.0, 1.0)
+    } else {
+        0.0
+    };
+    (px - share * dx).hypot(py - share * dy)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_straight_line_needs_two_points() {
+        let points: Vec<_> = (0..100)
+            .map(|k| (f64::from(k), 2.0 * f64::from(k)))
+            .collect();
+        assert_eq!(simplified(&points, [1.0; 2], 0.01), [points[0], points[99]]);
+        let corner = [(0.0, 0.0), (5.0, 0.0), (5.0, 5.0)];
+        assert_eq!(simplified(&corner, [1.0; 2], 0.01), corner);
+        assert_eq!(simplified(&corner, [1.0, 1000.0], 0.01).len(), 2);
+        assert!(simplified(&[], [1.0; 2], 0.01).is_empty());
+    }
 }

@@ -6,9 +6,9 @@ use super::{
     Smoothness,
     fit::Crossing,
     intervals::{IntervalError, Intervals},
-    series::Series,
     sweep::{Measured, Sought, Sweep},
 };
+use crate::series::Series;
 
 /// A gap this many times longer than the one beside it is a standstill. The longest in a motion of
 /// constant acceleration is 2/(√2 - 1) = 4.83 times as long: where the axis turns just before the

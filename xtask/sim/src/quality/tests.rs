@@ -68,6 +68,7 @@ fn measured(settings: &Settings, program: &[&str], steps: &[(f64, usize, i32)]) 
             drop: 0,
             directions: if *sign < 0 { 1 << axis } else { 0 },
             duty: 0,
+            is_rapid: false,
         });
     }
     meter.finish().0

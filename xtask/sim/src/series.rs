@@ -22,7 +22,7 @@ impl Default for Series {
 
 impl Series {
     /// A value that holds from one time to another.
-    pub(super) fn push(&mut self, from_s: f64, to_s: f64, value: f64) {
+    pub(crate) fn push(&mut self, from_s: f64, to_s: f64, value: f64) {
         while to_s / self.stretch_s >= MOST as f64 {
             self.stretch_s *= 2.0;
             let pairs = self.values.chunks(2);
@@ -53,33 +53,18 @@ impl Series {
         })
     }
 
-    /// Curves to draw: seconds and values, apart where nothing is known.
-    pub(crate) fn curves(&self) -> Vec<Vec<(f64, f64)>> {
-        let mut curves = vec![Vec::new()];
-        for (index, value) in self.values.iter().enumerate() {
-            let Some(curve) = curves.last_mut() else {
-                continue;
-            };
-            match value {
-                Some((least, greatest)) => {
-                    let seconds = (index as f64 + 0.5) * self.stretch_s;
-                    // What is nearer to the end of the curve comes first.
-                    let before = curve.last().map_or(0.0, |(_, value): &(f64, f64)| *value);
-                    let rises = (before - least).abs() <= (before - greatest).abs();
-                    let pair = if rises {
-                        [least, greatest]
-                    } else {
-                        [greatest, least]
-                    };
-                    curve.extend(pair.map(|value| (seconds, *value)));
-                    curve.dedup();
-                }
-                None if !curve.is_empty() => curves.push(Vec::new()),
-                None => {}
-            }
-        }
-        curves.retain(|curve| !curve.is_empty());
-        curves
+    /// Returns runs of what is known, each with times, s, and the least and greatest values there.
+    pub(crate) fn runs(&self) -> Vec<Vec<(f64, f64, f64)>> {
+        let seconds = |index: usize| (index as f64 + 0.5) * self.stretch_s;
+        let values: Vec<_> = self.values.iter().enumerate().collect();
+        let runs = values.chunk_by(|a, b| a.1.is_some() == b.1.is_some());
+        let known = |run: &[(usize, &Range)]| -> Option<Vec<_>> {
+            let values = run.iter().map(|(index, value)| {
+                value.map(|(least, greatest)| (seconds(*index), least, greatest))
+            });
+            values.collect()
+        };
+        runs.filter_map(known).collect()
     }
 }
 
@@ -107,17 +92,21 @@ mod tests {
         assert!(series.values.len() <= MOST);
         assert_eq!(series.greatest(), 9.0);
         assert_eq!(series.greatest_at(543.215), Some(1.0));
-        let curves = series.curves();
-        assert_eq!(curves.len(), 1);
-        assert!(curves[0].iter().any(|point| point.1 == -9.0));
+        let runs = series.runs();
+        assert_eq!(runs.len(), 1);
+        assert!(
+            runs[0]
+                .iter()
+                .any(|value| (value.1, value.2) == (-9.0, 1.0))
+        );
     }
 
     #[test]
-    fn what_is_unknown_is_no_curve() {
+    fn what_is_unknown_ends_a_run() {
         let mut series = Series::default();
         series.push(0.0, 0.1, 1.0);
         series.push(0.3, 0.4, 2.0);
-        assert_eq!(series.curves().len(), 2);
+        assert_eq!(series.runs().len(), 2);
         assert_eq!(series.greatest_at(0.2), None);
     }
 }
