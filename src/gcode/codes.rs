@@ -179,6 +179,7 @@ pub static CODES: &[CodeRow] = &[
     row("G43.1", CodeGroup::Tool, "sets the tool length offset of the given axes", "axes", &["G43.1 Z-12.5"], &[("G43.1", ToolLengthAxis)]),
     row("G49", CodeGroup::Tool, "no tool length offset (default)", "", &["G49"], &[]),
 
+    row("M6", CodeGroup::Tool, "loads tool T: spindle and coolant off, then waits for cycle start ($341); coolant comes back, the spindle does not", "[T]", &["T2 M6"], &[("M6 M61 Q2", ModalGroupViolation), ("T256 M6", LineError::ToolNumberTooHigh)]),
     row("M61", CodeGroup::Tool, "tool Q is in the spindle; nothing moves", "Q", &["M61 Q2"], &[("M61", MissingWord), ("M61 Q1.5", NotInteger), ("M61 Q-1", NegativeValue), ("M61 Q256", LineError::ToolNumberTooHigh)]),
 
     row("M3", CodeGroup::Spindle, "spindle clockwise at S rpm; laser at constant power", "[S]", &["M3 S1000"], &[("M3 M4", ModalGroupViolation)]),

@@ -18,7 +18,9 @@ pub use modal::{
     Units,
 };
 use parsed_line::tool_number;
-pub use parsed_line::{AxisCommand, NonModal, ParsedLine, StoredPosition, SwitchedOverride};
+pub use parsed_line::{
+    AxisCommand, NonModal, ParsedLine, StoredPosition, SwitchedOverride, ToolCommand,
+};
 use plain_prefix::MAX_LINE_NUMBER;
 pub use plain_prefix::{PlainPrefix, Refusal};
 pub use word::{CodeNumber, Word, Words};

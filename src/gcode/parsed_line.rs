@@ -47,8 +47,8 @@ pub struct ParsedLine {
     pub line: u32,
     /// The override that `M50` or `M51` switches by its `P`.
     pub switched: Option<SwitchedOverride>,
-    /// `M61`: the tool `Q` is in the spindle.
-    pub sets_tool: bool,
+    /// The command about the tool in the spindle.
+    pub tool_command: ToolCommand,
     groups: u32,
 }
 
@@ -61,6 +61,18 @@ pub enum SwitchedOverride {
     Spindle,
     /// `M53`: of an input that this machine does not have. A feed hold cannot be switched off.
     FeedStop,
+}
+
+/// A command about the tool in the spindle.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+pub enum ToolCommand {
+    /// No command.
+    #[default]
+    None,
+    /// `M6`: the selected tool is to be loaded.
+    Change,
+    /// `M61`: the tool `Q` is in the spindle.
+    Set,
 }
 
 /// A command of modal group 0.
@@ -161,7 +173,7 @@ impl ParsedLine {
             l: 0,
             line: 0,
             switched: None,
-            sets_tool: false,
+            tool_command: ToolCommand::None,
             groups: 0,
         }
     }
@@ -218,7 +230,10 @@ impl ParsedLine {
     /// Errors of the line whatever the state: numbers 1, 2, 4, 20, 21, 23, 24, 25, 38.
     pub fn read(&mut self, line: &[u8]) -> Result<(), LineError> {
         let result = self.read_words(line);
-        if self.words.contains(Word::Q) && !self.has_path_tolerance() && !self.sets_tool {
+        if self.words.contains(Word::Q)
+            && !self.has_path_tolerance()
+            && self.tool_command != ToolCommand::Set
+        {
             // Q is unknown in other lines, so that this error comes before those behind it.
             return Err(LineError::Unsupported);
         }
@@ -519,13 +534,19 @@ impl ParsedLine {
                 });
                 ModalGroup::Overrides
             }
-            61 => {
-                self.sets_tool = true;
-                ModalGroup::ToolChange
-            }
-            _ => return Err(LineError::Unsupported),
+            _ => self.tool_word(code.whole)?,
         };
         self.insert_group(group)
+    }
+
+    /// M words of tools.
+    fn tool_word(&mut self, whole: u8) -> Result<ModalGroup, LineError> {
+        self.tool_command = match whole {
+            6 => ToolCommand::Change,
+            61 => ToolCommand::Set,
+            _ => return Err(LineError::Unsupported),
+        };
+        Ok(ModalGroup::ToolChange)
     }
 
     fn value_word(&mut self, letter: u8, number: Decimal) -> Result<(), LineError> {

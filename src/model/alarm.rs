@@ -49,6 +49,15 @@ impl Alarm {
         self as u8
     }
 
+    /// Returns whether the axes are where their coordinates say, after the alarm: no steps were lost.
+    #[must_use]
+    pub const fn keeps_position(self) -> bool {
+        matches!(
+            self,
+            Self::SoftLimit | Self::ProbeState | Self::ProbeContact
+        )
+    }
+
     /// Returns the reason in one line.
     #[must_use]
     pub const fn text(self) -> &'static str {

@@ -4,8 +4,13 @@
 //! dropped characters do not count towards the length. Read with Grbl 1.1 `protocol.c`: its rules,
 //! except for the length.
 
+use heapless::Vec;
+
 /// Length of the longest line, without comments and blanks, bytes.
 pub const LINE_BYTES: usize = 256;
+
+/// Bytes of a comment that are kept, as a message to the operator.
+const COMMENT_BYTES: usize = 64;
 
 /// The line is longer than [`LINE_BYTES`]: all of it is refused.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -52,6 +57,9 @@ pub struct Line {
     length: usize,
     region: Region,
     is_too_long: bool,
+    /// The last comment in parentheses, or the first that is a message.
+    comment: Vec<u8, COMMENT_BYTES>,
+    is_comment_kept: bool,
 }
 
 impl Line {
@@ -63,6 +71,8 @@ impl Line {
             length: 0,
             region: Region::Text,
             is_too_long: false,
+            comment: Vec::new(),
+            is_comment_kept: false,
         }
     }
 
@@ -118,8 +128,19 @@ impl Line {
     fn ends_with(&mut self, byte: u8) -> bool {
         match (byte, self.region) {
             (b'\n' | b'\r', _) => return true,
-            (b')', Region::Parentheses) => self.region = Region::Text,
-            (b'(', Region::Text) => self.region = Region::Parentheses,
+            (b')', Region::Parentheses) => {
+                self.region = Region::Text;
+                self.is_comment_kept |= !self.message().is_empty();
+            }
+            (b'(', Region::Text) => {
+                self.region = Region::Parentheses;
+                if !self.is_comment_kept {
+                    self.comment.clear();
+                }
+            }
+            (b' '..=b'~', Region::Parentheses) if !self.is_comment_kept => {
+                let _ = self.comment.push(byte);
+            }
             (b';', Region::Text) => self.region = Region::Semicolon,
             (_, Region::Text | Region::Parentheses | Region::Semicolon) => {}
         }
@@ -138,8 +159,19 @@ impl Line {
         }
     }
 
+    /// Returns the text of a comment `(MSG, text)`, or nothing; what is too long is cut.
+    #[must_use]
+    pub fn message(&self) -> &[u8] {
+        match self.comment.as_slice() {
+            [b'M' | b'm', b'S' | b's', b'G' | b'g', b',', text @ ..] => text.trim_ascii(),
+            _ => &[],
+        }
+    }
+
     /// Begins a new line.
     pub fn clear(&mut self) {
+        self.comment.clear();
+        self.is_comment_kept = false;
         self.length = 0;
         self.region = Region::Text;
         self.is_too_long = false;
@@ -154,15 +186,15 @@ impl Default for Line {
 
 #[cfg(test)]
 mod tests {
-    use std::{string::String, vec::Vec};
+    use std::string::String;
 
     use proptest::prelude::*;
 
     use super::*;
 
-    fn lines(bytes: &[u8]) -> Vec<Result<String, TooLong>> {
+    fn lines(bytes: &[u8]) -> std::vec::Vec<Result<String, TooLong>> {
         let mut line = Line::new();
-        let mut lines = Vec::new();
+        let mut lines = std::vec::Vec::new();
         let mut bytes = bytes.iter().copied();
         while line.take_from(&mut bytes) {
             let text = line.text().map(|t| String::from_utf8_lossy(t).into_owned());
@@ -209,6 +241,26 @@ mod tests {
         ] {
             assert_eq!(only(text), expected, "{text}");
         }
+    }
+
+    #[test]
+    fn the_message_of_a_line_is_that_of_its_first_comment_that_has_one() {
+        for (text, expected) in [
+            ("T2M6(MSG, Insert 6 mm)", "Insert 6 mm"),
+            ("(msg,a)T2(b)(MSG,c)", "a"),
+            ("(b)T2(MSG,c", "c"),
+            ("T2(MSGc)(d)", ""),
+            ("T2;(MSG,c)", ""),
+        ] {
+            let mut line = Line::new();
+            assert!(!line.take_from(text.bytes()));
+            assert_eq!(String::from_utf8_lossy(line.message()), expected, "{text}");
+            line.clear();
+            assert!(line.message().is_empty());
+        }
+        let mut line = Line::new();
+        assert!(!line.take_from(std::format!("(MSG,{}", "x".repeat(300)).bytes()));
+        assert_eq!(line.message().len(), COMMENT_BYTES - 4);
     }
 
     #[test]

@@ -267,6 +267,15 @@ pub fn feedback(text: &mut Text, feedback: Feedback) {
     text.word("[MSG:").word(words).word("]").end();
 }
 
+/// `[MSG:Tool change: T2]`, with a message of the program behind it.
+pub fn tool_change(text: &mut Text, tool: u8, message: &[u8]) {
+    text.word("[MSG:Tool change: T").natural(u32::from(tool));
+    if !message.is_empty() {
+        text.word(" ").bytes(message);
+    }
+    text.word("]").end();
+}
+
 /// `[MSG:Path deviation: … mm]`: the greatest distance from the programmed path, under `G64`.
 pub fn path_deviation(text: &mut Text, deviation_mm: f32) {
     text.word("[MSG:Path deviation: ");

@@ -16,6 +16,7 @@ mod persistence;
 mod program;
 mod reset;
 mod sending;
+mod tool_change;
 
 use core::ops::ControlFlow;
 
@@ -42,6 +43,7 @@ use crate::{
 use machine_sync::MachineSync;
 use notifications::Reports;
 use persistence::{AfterStore, Persistence};
+use tool_change::ToolChange;
 
 /// Lines that one run executes, at most: moves of one line each that fill the queue of entries. More
 /// would only keep `report` waiting, which has the same priority.
@@ -110,6 +112,10 @@ enum AfterCommands {
         /// All axes.
         is_all: bool,
     },
+    /// The return from a change of the tool.
+    ToolPause,
+    /// The rest of the line that has changed the tool.
+    ToolReturn,
 }
 
 /// The origin of the line in execution.
@@ -182,6 +188,10 @@ pub struct Session {
     blender: Blender,
     persistence: Persistence,
     probing: ProbeRecord,
+    tool_change: ToolChange,
+    /// The axes are where their coordinates say: nothing has happened since homing by which they may
+    /// have lost steps.
+    is_homed: bool,
     /// The tool that is in the spindle while programs are only checked.
     tool_before_check: Option<u8>,
 }
@@ -214,6 +224,8 @@ impl Session {
             blender: Blender::new(),
             persistence: Persistence::new(stored),
             probing: ProbeRecord::default(),
+            tool_change: ToolChange::default(),
+            is_homed: false,
             tool_before_check: None,
         }
     }
@@ -403,7 +415,7 @@ impl Session {
             LineStage::Welcoming => self.welcome(machine),
             LineStage::StartingUp(number) => self.start_up(number, links),
             LineStage::AwaitingStandstill => self.dispatch_at_standstill(links),
-            LineStage::Completing(after_commands) => self.complete(machine, after_commands),
+            LineStage::Completing(after_commands) => self.complete(after_commands, links),
             LineStage::Storing(then) => self.continue_stored(then, links),
             LineStage::Listing(list, line) => self.list(list, line, links.received.capacity()),
             LineStage::Faulting => self.send_fault(links),

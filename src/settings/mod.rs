@@ -14,6 +14,7 @@ mod table;
 
 pub use assign::{SettingError, assign, numbered};
 pub use kind::{DataType, Kind, Value, ValueRange};
+pub use rules::TOOL_CHANGE_IGNORED;
 pub use setting::Setting;
 pub use step_rate::StepRate;
 pub use storage::{Journal, Loaded};
@@ -81,6 +82,10 @@ settings! {
     arc_tolerance_mm: f32 = 0.002,
     /// `$785` Farthest from the programmed path under `G64` without `P`, mm; 0 for no limit.
     path_tolerance_mm: f32 = 0.05,
+    /// `$341` What `M6` does: 0 waits for the tool, [`TOOL_CHANGE_IGNORED`] does not.
+    tool_change: u8 = 0,
+    /// `$789` Whether `M6` goes to the position of `G30` before it waits.
+    tool_change_travel: bool = false,
     /// `$788` Axes that home where they stand, by marks, bit 0 = X.
     homing_marks: u8 = 0,
     /// `$13` Whether reports are in inches.

@@ -30,3 +30,14 @@ pub(super) fn step_rate_is_possible(settings: &Settings, axis: usize) -> Result<
     }
     Ok(())
 }
+
+/// `$341`: `M6` is ignored, but for the number of the tool in the spindle.
+pub const TOOL_CHANGE_IGNORED: u8 = 4;
+
+/// Refuses ways to change a tool that do not exist: grblHAL's 1 to 3 measure the tool.
+pub(super) fn tool_change_is_known(settings: &Settings, _axis: usize) -> Result<(), SettingError> {
+    match settings.tool_change {
+        0 | TOOL_CHANGE_IGNORED => Ok(()),
+        _ => Err(SettingError::OutOfRange),
+    }
+}

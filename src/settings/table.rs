@@ -6,7 +6,7 @@
 
 use DefinedBy::{Extension, Grbl};
 use Kind::{AxisMask, AxisResolution, Bits, Flag};
-use SettingGroup::{General, Homing, Limits, Parking, Spindle};
+use SettingGroup::{General, Homing, Limits, Parking, Spindle, Tools};
 
 use super::{
     SettingError, Settings,
@@ -52,6 +52,8 @@ pub enum SettingGroup {
     Parking = 5,
     /// The axes.
     Axes = 6,
+    /// Changes of the tool.
+    Tools = 7,
 }
 
 /// Who defines a setting: `$$` lists Grbl's, `$+` all.
@@ -120,8 +122,10 @@ pub(super) static TABLE: &[Row] = &[
     row(110, SettingGroup::Axes, Grbl, "largest speed", MM_MIN, axis_divisor(|s| &mut s.max_rate_mm_min)).checked(rules::step_rate_is_possible),
     row(120, SettingGroup::Axes, Grbl, "acceleration", "mm/s²", axis_divisor(|s| &mut s.acceleration_mm_s2)),
     row(130, SettingGroup::Axes, Grbl, "travel", MM, axis_number(|s| &mut s.max_travel_mm)),
+    row(341, Tools, Extension, "tool change: 0 waits for the operator, 4 ignores M6", "", byte(|s| &mut s.tool_change)).checked(rules::tool_change_is_known),
     row(785, General, Extension, "tolerance of G64 without P, 0 for no limit", MM, number(|s| &mut s.path_tolerance_mm)),
     row(788, Homing, Extension, "axes that home where they stand, by marks instead of switches", "", AxisMask(|s| &mut s.homing_marks)),
+    row(789, Tools, Extension, "M6 raises Z and goes to the position of G30, once homed", "", Flag(|s| &mut s.tool_change_travel)),
     row(800, SettingGroup::Axes, Extension, "jerk, 0 for no limit", "mm/s³", axis_number(|s| &mut s.jerk_mm_s3)),
 ];
 
@@ -166,13 +170,14 @@ impl Row {
 
 impl SettingGroup {
     /// Every group.
-    pub const ALL: [Self; 6] = [
+    pub const ALL: [Self; 7] = [
         Self::General,
         Self::Homing,
         Self::Spindle,
         Self::Limits,
         Self::Parking,
         Self::Axes,
+        Self::Tools,
     ];
 
     /// Returns the name that `$EG` shows.
@@ -185,6 +190,7 @@ impl SettingGroup {
             Self::Limits => "Limits",
             Self::Parking => "Parking",
             Self::Axes => "Axes",
+            Self::Tools => "Tools",
         }
     }
 }

@@ -8,7 +8,8 @@ use crate::{
     decimal::Decimal,
     gcode::{
         AxisCommand, FeedMode, Flow, LineError, MAX_LINE_NUMBER, Modal, MotionMode, NonModal,
-        ParsedLine, PlainPrefix, SwitchedOverride, ToolLength, Units, Word, Words, tool_number,
+        ParsedLine, PlainPrefix, SwitchedOverride, ToolCommand, ToolLength, Units, Word, Words,
+        tool_number,
     },
     model::{Laser, OverrideSwitches, PathControl},
     settings::Settings,
@@ -94,6 +95,7 @@ fn unchanged(state: &Interpreter, kind: LineKind, parsed: &ParsedLine) -> Checke
         line: parsed.line,
         tool: state.offsets.tool,
         loaded_tool: state.loaded_tool,
+        changes_tool: false,
         values: state.position,
         work_target: state.work_position,
         single_mm: state.single_mm,
@@ -125,8 +127,13 @@ fn check_modes(
     if let Some(switched) = parsed.switched {
         switch_override(switched, parsed, unused, &mut checked.modal.overrides);
     }
-    if parsed.sets_tool {
-        checked.loaded_tool = tool_in_spindle(parsed, unused)?;
+    match parsed.tool_command {
+        ToolCommand::None => {}
+        ToolCommand::Change => {
+            checked.loaded_tool = parsed.modal.tool;
+            checked.changes_tool = parsed.modal.tool != state.loaded_tool;
+        }
+        ToolCommand::Set => checked.loaded_tool = tool_in_spindle(parsed, unused)?,
     }
     if parsed.has_tool_length() {
         checked.tool = tool_offset(state, parsed)?;

@@ -12,10 +12,12 @@ mod offsets;
 mod plain;
 mod power;
 mod targets;
+mod tool_change;
 
 use offsets::Frame;
 
 pub use offsets::Offsets;
+pub use tool_change::Interrupted;
 
 use heapless::Vec;
 
@@ -76,6 +78,8 @@ pub struct Checked {
     changes_state: bool,
     /// The tool in the spindle after the line.
     loaded_tool: u8,
+    /// Whether that is another one, by `M6`.
+    changes_tool: bool,
     /// `N`.
     line: u32,
     /// The tool length offset after the line.
@@ -178,6 +182,18 @@ impl Checked {
         self.flow != Flow::Run
             || matches!(self.action, Action::Dwell(_))
             || matches!(self.movement, Move::Probe(_))
+    }
+
+    /// Whether another tool has to be put into the spindle, before anything else of the line.
+    #[must_use]
+    pub fn changes_tool(&self) -> bool {
+        self.changes_tool
+    }
+
+    /// The tool in the spindle after the line.
+    #[must_use]
+    pub fn loaded_tool(&self) -> u8 {
+        self.loaded_tool
     }
 
     /// Whether the program ends with the line.

@@ -53,6 +53,7 @@ impl Session {
             return self.answer_and_reset();
         }
         self.adopt_position(machine);
+        self.is_homed |= is_all;
         if !is_all {
             return self.accept();
         }

@@ -117,6 +117,7 @@ impl Session {
             Notice::Alarm(Alarm::ResetInMotion) => {}
             Notice::Alarm(alarm) => {
                 report::alarm(text, alarm);
+                self.is_homed &= alarm.keeps_position();
                 if machine.is_critical {
                     report::feedback(text, Feedback::ResetNeeded);
                     self.reports.has_reported_fault = true;
@@ -186,6 +187,7 @@ impl Session {
             report::alarm(&mut self.reports.message, Alarm::ResetInMotion);
             report::feedback(&mut self.reports.message, Feedback::ResetNeeded);
             self.reports.has_reported_fault = true;
+            self.is_homed = false;
         }
         self.reports.flush(links.sent);
         false

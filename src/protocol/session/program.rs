@@ -171,6 +171,9 @@ impl Session {
         {
             return self.store_startup(machine, number, start);
         }
+        if self.needs_tool(machine) {
+            return self.begin_tool_change(links);
+        }
         match self.interpreter.origins_after(&self.line.checked) {
             Some(origins) => self.store(machine, Change::Origins, AfterStore::Commit, |stored| {
                 stored.origins = origins;
@@ -224,7 +227,7 @@ impl Session {
     }
 
     /// Returns whether some move of the line leaves the travel of the machine, where that is an error.
-    fn leaves_travel(&self, machine: &Snapshot, from: Axes<Nm>) -> bool {
+    pub(super) fn leaves_travel(&self, machine: &Snapshot, from: Axes<Nm>) -> bool {
         if !self.persistence.stored.settings.soft_limits {
             return false;
         }

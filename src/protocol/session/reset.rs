@@ -80,6 +80,7 @@ impl Session {
             return false;
         }
         if links.machine.reset_in_motion {
+            self.is_homed = false;
             report::alarm(&mut self.reports.message, Alarm::ResetInMotion);
         }
         if owes_answer {

@@ -3,8 +3,8 @@
 use serde::Serialize;
 
 use super::{
-    deviation::{Deviation, of_answers},
-    exchange::{Report, differs_in_tool, is_rounded_otherwise, is_tie},
+    deviation::{Deviation, of_answers, of_message},
+    exchange::{Report, differs_in_tool, is_rounded_otherwise, is_tie, tools},
     golden::{Run, Traits},
 };
 use host::{figures::Figures, play::Played, sender};
@@ -121,15 +121,16 @@ fn compare_messages(run: &Run, figures: &Figures, found: &mut Vec<Difference>) {
         .filter(|(_, text)| !text.starts_with("(host:"));
     let recorded: Vec<_> = recorded.collect();
     let messages = figures.messages.iter();
-    let (told, ours): (Vec<_>, Vec<_>) =
-        messages.partition(|(_, text)| text.starts_with("[MSG:Path deviation: "));
+    let (told, ours): (Vec<_>, Vec<_>) = messages.partition(|(_, text)| of_message(text).is_some());
     for (answers, text) in told {
         found.push(Difference {
             what: "message",
             text: format!("`{text}` after {answers} answers"),
-            by_design: Some(Deviation::PathControl),
+            by_design: of_message(text),
         });
     }
+    let changes_tool = Some(Deviation::ToolChange);
+    let has_tools = found.iter().any(|found| found.by_design == changes_tool);
     let longest = recorded.len().max(ours.len());
     for index in 0..longest {
         let (ours, recorded) = (ours.get(index).copied(), recorded.get(index).copied());
@@ -141,12 +142,17 @@ fn compare_messages(run: &Run, figures: &Figures, found: &mut Vec<Difference>) {
                 format!("`{text}` after {answers} answers")
             })
         };
+        let is_tool = has_tools
+            && matches!((ours, recorded), (Some((answers, ours)), Some((recorded_answers, recorded)))
+                if answers == recorded_answers && tools(ours, recorded).is_some());
         found.push(Difference {
             what: "message",
             text: format!("{}, Grbl {}", text(ours), text(recorded)),
-            by_design: None,
+            by_design: changes_tool.filter(|_| is_tool),
         });
-        return;
+        if !is_tool {
+            return;
+        }
     }
 }
 

@@ -336,7 +336,9 @@ impl Deviation {
                 "an answer other than `error:20` or `error:21` to a line with G50, G80, G97, G98, G99, M48 to M51 or M53; other than `error:24` to G0 or G1 beside G28 or G30, and to G49; other than Grbl's to `%`, `O1234` and `:1234`"
             }
             Self::ToolOffsets => "an answer other than `error:37` to a G43.1",
-            Self::ToolChange => "an answer other than `error:20` to a line with M6 or M61",
+            Self::ToolChange => {
+                "an answer other than `error:20` to a line with M6 or M61, and the message `[MSG:Tool change: …]`; T in a `$G` after it"
+            }
             Self::FeedUnits => "an F in a table that is 25.4 times Grbl's",
             Self::PathControl => {
                 "an answer other than Grbl's to a line with `G61.1` or `G64`, which it refuses; and \
@@ -379,6 +381,17 @@ pub(crate) fn of_answers(code: &str, ours: &str, theirs: &str) -> Option<Deviati
     let is_arc = code.contains(['I', 'J', 'K', 'R']) && !code.starts_with('$');
     let has_turns = is_arc && code.contains('P') && ["ok", "error:23", "error:39"].contains(&ours);
     (theirs == "error:36" && has_turns).then_some(Deviation::ArcTurns)
+}
+
+/// Why there may be a message that Grbl does not have.
+pub(crate) fn of_message(ours: &str) -> Option<Deviation> {
+    if ours.starts_with("[MSG:Path deviation: ") {
+        Some(Deviation::PathControl)
+    } else if ours.starts_with("[MSG:Tool change: ") {
+        Some(Deviation::ToolChange)
+    } else {
+        None
+    }
 }
 
 /// Why a line may have another answer that is written as for LinuxCNC or by a post-processor.

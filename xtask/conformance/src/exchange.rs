@@ -20,7 +20,7 @@ use serde::Deserialize;
 use serde_json::Value;
 
 pub(super) use self::{
-    rules::differs_in_tool,
+    rules::{differs_in_tool, tools},
     status::{Report, is_rounded_otherwise, is_tie},
 };
 

@@ -14,7 +14,7 @@ use super::{
 };
 use crate::{
     compare::Difference,
-    deviation::{Deviation, of_answers},
+    deviation::{Deviation, of_answers, of_message},
 };
 use host::{
     machine::Pin,
@@ -239,6 +239,9 @@ impl<'a> Judge<'a> {
             && let Some(by) = displacement(&our.text, &their.text)
         {
             return self.why_elsewhere(our, &by);
+        }
+        if let Some(deviation) = of_message(&our.text) {
+            return Some(deviation);
         }
         if let Some(deviation) = of_answers(&line, &our.text, &their.text) {
             return Some(deviation);

@@ -56,6 +56,11 @@ pub(super) fn is_build_options(ours: &str, theirs: &str) -> bool {
 
 /// Two `$G` that differ in nothing but a `T0` of Grbl's.
 pub(crate) fn differs_in_tool(ours: &str, theirs: &str) -> bool {
+    tools(ours, theirs).is_some_and(|(ours, theirs)| theirs == "T0" && ours != "T0")
+}
+
+/// The tools of two `$G` that are otherwise the same.
+pub(crate) fn tools(ours: &str, theirs: &str) -> Option<(String, String)> {
     let without_tool = |text: &str| -> Option<(String, String)> {
         let words = text.strip_prefix("[GC:")?.split(' ');
         let (tool, rest): (Vec<_>, Vec<_>) = words.partition(|word| word.starts_with('T'));
@@ -63,9 +68,9 @@ pub(crate) fn differs_in_tool(ours: &str, theirs: &str) -> bool {
     };
     match (without_tool(ours), without_tool(theirs)) {
         (Some((ours, tool)), Some((theirs, their_tool))) => {
-            ours == theirs && their_tool == "T0" && tool != "T0"
+            (ours == theirs).then_some((tool, their_tool))
         }
-        _ => false,
+        _ => None,
     }
 }
 
