@@ -6,7 +6,7 @@
 //!
 //! # Cost
 //! Nearly every number of a program has at most eight digits: a [`SmallDecimal`], which is read and
-//! scaled in single words. All other numbers are read once more, by [`Scanner::long_decimal`].
+//! scaled in single words. All other numbers are read once more, by `Scanner::long_decimal`.
 
 use core::iter::Chain;
 

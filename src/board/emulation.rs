@@ -10,8 +10,8 @@
 //! tasks. The firmware's tasks run unchanged.
 //!
 //! In place of the pins, the handler records the outputs in memory, which a tool reads
-//! ([`memory::FIGURES`]), and reads the contacts from memory, which a test writes
-//! ([`memory::CONTACTS`]). The timer that samples the contacts follows the clock of the events in
+//! (`memory::FIGURES`), and reads the contacts from memory, which a test writes
+//! (`memory::CONTACTS`). The timer that samples the contacts follows the clock of the events in
 //! motion; at rest the runs of the handler count the milliseconds, and always for `prepare`'s delay.
 
 use core::sync::atomic::{

@@ -2,7 +2,7 @@
 //!
 //! # Cost
 //!
-//! [`Override::is_override`] is inlined and takes few instructions: the receiver calls it, also
+//! [`Override::may_be_override`] is inlined and takes few instructions: the receiver calls it, also
 //! from RAM while flash is erased.
 
 /// Smallest and largest feed and spindle override, %: Grbl's.

@@ -1,7 +1,7 @@
 //! The settings that the user changes with `$n=value`, and everything that outlives power.
 //!
 //! A setting is in two places: its field with its default here, and its row in
-//! [`TABLE`](table::TABLE) with everything else.
+//! `TABLE` of `settings/table.rs` with everything else.
 
 mod assign;
 mod kind;

@@ -44,7 +44,7 @@ impl PulseCounts {
 /// long ago.
 ///
 /// The event and its segment must be among the last [`EVENT_RING`] and
-/// [`SEGMENT_RING`](super::SEGMENT_RING): one run of `prepare` does not overwrite more.
+/// [`SEGMENT_RING`](crate::model::queues::SEGMENT_RING): one run of `prepare` does not overwrite more.
 #[must_use]
 #[inline(never)]
 pub fn steps_after(

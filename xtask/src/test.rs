@@ -1,6 +1,10 @@
 //! `cargo xtask test`: everything that can be tested without hardware.
 
-use std::{ffi::OsString, fs, iter, process::ExitCode};
+use std::{
+    ffi::OsString,
+    fs, iter,
+    process::{self, ExitCode},
+};
 
 use anyhow::{Context, Result, bail};
 use clap::{Arg, ArgAction, Command};
@@ -99,6 +103,9 @@ fn checks() -> Result<Vec<Check>> {
             cargo::need_component("clippy", "clippy")?;
             wait(cargo(&["clippy", "--workspace", "--all-targets"]).args(["--", "-Dwarnings"]))
         }),
+        plain("documentation of the library", || {
+            wait(&mut rustdoc("--lib"))
+        }),
         plain("host tests", || {
             wait(&mut cargo(&["test", "--workspace", "--no-fail-fast"]))
         }),
@@ -171,7 +178,14 @@ fn has_tests(prefix: &str) -> bool {
     })
 }
 
-/// Clippy over what is compiled for a board.
+/// Returns the command that documents a library or a program, in which every link must lead somewhere.
+fn rustdoc(of: &str) -> process::Command {
+    let mut command = cargo(&["doc", of, "--no-deps", "--document-private-items"]);
+    command.env("RUSTDOCFLAGS", "-Dwarnings");
+    command
+}
+
+/// Clippy over what is compiled for a board, and its documentation.
 fn lint(board: &Board) -> Result<()> {
     cargo::need_component("clippy", "clippy")?;
     cargo::need_target()?;
@@ -194,7 +208,8 @@ fn lint(board: &Board) -> Result<()> {
         traced
             .args(for_board(&board.name))
             .args(["--", "-Dwarnings"]),
-    )
+    )?;
+    wait(rustdoc("--bins").args(for_board(&board.name)))
 }
 
 /// The tests that run on the emulated processor.
