@@ -108,15 +108,16 @@ impl Text {
         self
     }
 
-    /// Writes a word in ASCII: `µ` as `u`, `²` as `2`.
+    /// Writes a word in ASCII: `µ` as `u`, `²` and `³` as `^2` and `^3`.
     pub fn plain(&mut self, word: &str) -> &mut Self {
         for letter in word.chars() {
-            self.byte(match letter {
-                'µ' => b'u',
-                '²' => b'2',
-                _ if letter.is_ascii() => letter as u8,
-                _ => b'?',
-            });
+            match letter {
+                'µ' => self.byte(b'u'),
+                '²' => self.word("^2"),
+                '³' => self.word("^3"),
+                _ if letter.is_ascii() => self.byte(letter as u8),
+                _ => self.byte(b'?'),
+            };
         }
         self
     }
