@@ -7,6 +7,7 @@ mod deviations;
 mod flow;
 mod laws;
 mod program;
+mod random_programs;
 mod receiving;
 mod rejected;
 mod reports;

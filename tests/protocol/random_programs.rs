@@ -1,0 +1,294 @@
+//! Random programs over all codes, sent to the whole simulated machine.
+//!
+//! Each line is answered once, a refused line changes nothing, and with soft limits no step leaves the
+//! travel.
+
+use leadscrew::{
+    axis::{AXES, Axes},
+    gcode::{Modal, interpreter::Offsets},
+    model::State,
+    protocol::Session,
+    settings::{Settings, assign},
+    sim::Simulator,
+    units::Nm,
+};
+use proptest::prelude::*;
+
+use super::cases;
+
+const TRAVEL_MM: i32 = 100;
+const STEPS_PER_MM: i32 = 5;
+
+/// A coordinate, mostly within the travel.
+fn mm() -> impl Strategy<Value = String> {
+    prop_oneof![
+        6 => "-[0-9]{1,2}(\\.[0-9]{1,3})?",
+        2 => "[0-9](\\.[0-9]{1,3})?",
+        1 => "-?[0-9]{3}",
+    ]
+}
+
+/// Words of some axes.
+fn axes() -> impl Strategy<Value = String> {
+    let word = |letter: char| {
+        (any::<bool>(), mm()).prop_map(move |(is_given, mm)| {
+            if is_given {
+                format!("{letter}{mm}")
+            } else {
+                String::new()
+            }
+        })
+    };
+    (word('X'), word('Y'), word('Z')).prop_map(|(x, y, z)| x + &y + &z)
+}
+
+/// Lines of every code, most of them right.
+fn any_line() -> impl Strategy<Value = String> {
+    let with_axes = |codes: &'static [&'static str]| {
+        (prop::sample::select(codes), axes()).prop_map(|(code, axes)| format!("{code}{axes}"))
+    };
+    prop_oneof![
+        12 => with_axes(&["", "G0", "G1", "G1F3000", "G53G0", "G91", "G90", "N7G1F2000"]),
+        4 => with_axes(&[
+            "G2I-3F3000", "G3I2J2F2000", "G2R40F3000", "G3R-30F2000", "G2K1F3000", "G3P2I1F4000",
+            "G90.1G2I-50J-50F2000",
+        ]),
+        3 => with_axes(&["G38.2F2000", "G38.3F2000", "G38.4F2000", "G38.5F2000"]),
+        4 => with_axes(&[
+            "G10L2P0", "G10L2P3R30", "G10L2P0R-17.5", "G10L20P0", "G10L20P9", "G10L2P1R0", "G52",
+            "G92", "G43.1", "G28", "G30", "G0G28", "G91G28", "G43.2",
+        ]),
+        2 => with_axes(&["G10L1P2", "G10L10P2", "G10L11P3R1.5", "G10L1P2R-1"]),
+        2 => with_axes(&["G81R-1Z-3F3000", "G83R-2Q1F2000", "G73R-2Q0.5Z-4", "G82R-1P0.1Z-2", "G85R1"]),
+        2 => with_axes(&["G41D2G1", "G42D3G1", "G41.1D1.5G1", "G40G1"]),
+        6 => prop::sample::select(&[
+            "G17", "G18", "G19", "G20", "G21", "G40", "G49", "G54", "G55", "G56", "G57", "G58", "G59",
+            "G59.1", "G59.2", "G59.3", "G61", "G61.1", "G64", "G64P0.1", "G64P0.2Q0.1", "G80", "G90",
+            "G91", "G90.1", "G91.1", "G93", "G94", "G97", "G98", "G99", "G28.1", "G30.1", "G92.1",
+            "G92.2", "G92.3", "G43", "G43H2", "G43H9", "G43.2H2", "G50",
+        ][..]).prop_map(str::to_owned),
+        4 => prop::sample::select(&[
+            "M0", "M1", "M2", "M30", "M3S500", "M4S100", "M5", "M7", "M8", "M9", "M48", "M49", "M50P0",
+            "M51P0", "M53P0", "M6", "T2", "T3M6", "T0M6", "M61Q2", "T1M6G43", "G4P0.05", "S900", "F1500",
+            "%", "O1234", ":12", "(MSG,hello)", "",
+        ][..]).prop_map(str::to_owned),
+        2 => with_axes(&["$J=G91F3000", "$J=F2000", "$J=G53F3000", "$J=G21G91F9000"]),
+        2 => prop::sample::select(&[
+            "$G", "$#", "$", "$$", "$I", "$TT", "$TT2=T2P2Z4D1.5", "$TT2=", "$X", "$C", "$RST=#",
+            "$N", "$110=6000", "$32=1", "$32=0", "$SLP", "$EE",
+        ][..]).prop_map(str::to_owned),
+        1 => "([GMTFSNPRLXYZIJKQHD](-?[0-9]{1,3}\\.?[0-9]{0,3})){0,5}",
+    ]
+}
+
+/// What comes between the bytes of a line, without one answer more.
+fn realtime() -> impl Strategy<Value = Option<u8>> {
+    prop::sample::select(vec![
+        None,
+        None,
+        None,
+        None,
+        None,
+        None,
+        Some(b'?'),
+        Some(b'!'),
+        Some(b'~'),
+        Some(0x84),
+        Some(0x85),
+        Some(0x88),
+        Some(0x91),
+        Some(0x95),
+        Some(0x99),
+        Some(0x9e),
+        Some(0xa0),
+        Some(0xa3),
+    ])
+}
+
+struct Machine {
+    simulator: Simulator,
+    output: Vec<u8>,
+}
+
+impl Machine {
+    /// 100 mm of travel from the place where it stands, which it takes for home, and soft limits.
+    fn new() -> Self {
+        let mut settings = Settings::default();
+        for axis in 0..AXES {
+            for assignment in [
+                format!("10{axis}={STEPS_PER_MM}"),
+                format!("11{axis}=6000"),
+                format!("12{axis}=500"),
+                format!("13{axis}={TRAVEL_MM}"),
+            ] {
+                assign(&mut settings, assignment.as_bytes()).expect(&assignment);
+            }
+        }
+        let all = (1 << AXES) - 1;
+        for assignment in ["22=1", "20=1", &format!("788={all}")] {
+            assign(&mut settings, assignment.as_bytes()).expect(assignment);
+        }
+        let mut machine = Self {
+            simulator: Simulator::new(&settings),
+            output: Vec::new(),
+        };
+        machine.rest();
+        machine.output.clear();
+        let homed = machine.execute("$H", None);
+        assert_eq!(homed.last().map(String::as_str), Some("ok"), "{homed:?}");
+        machine
+    }
+
+    /// Runs for one change, whatever it is. Returns false when nothing more is to come.
+    fn advance(&mut self) -> bool {
+        let due = self.simulator.due();
+        if let Some(due) = due
+            && self.simulator.advance(due).is_some()
+        {
+            self.assert_inside();
+        }
+        while let Some(byte) = self.simulator.send() {
+            self.output.push(byte);
+        }
+        self.simulator.settle();
+        due.is_some() || self.simulator.has_to_send()
+    }
+
+    fn assert_inside(&self) {
+        let steps: Axes<i32> = self.simulator.physical_steps();
+        for (axis, &steps) in steps.iter().enumerate() {
+            assert!(
+                (-TRAVEL_MM * STEPS_PER_MM..=0).contains(&steps),
+                "axis {axis} is at step {steps}"
+            );
+        }
+    }
+
+    /// Runs until nothing happens any more.
+    fn rest(&mut self) {
+        for turn in 0.. {
+            assert!(turn < 300_000, "{:?}", self.simulator.snapshot());
+            if !self.advance() {
+                return;
+            }
+        }
+    }
+
+    /// The lines that came since the last call and are whole.
+    fn lines(&mut self) -> Vec<String> {
+        let end = self
+            .output
+            .iter()
+            .rposition(|&byte| byte == b'\n')
+            .map_or(0, |at| at + 1);
+        let whole: Vec<u8> = self.output.drain(..end).collect();
+        String::from_utf8_lossy(&whole)
+            .lines()
+            .map(str::to_owned)
+            .collect()
+    }
+
+    fn receive(&mut self, bytes: &[u8]) {
+        for &byte in bytes {
+            self.simulator.receive(byte);
+            self.simulator.settle();
+            while let Some(byte) = self.simulator.send() {
+                self.output.push(byte);
+            }
+        }
+    }
+
+    /// Sends a line, and does what an operator would until it is answered. Returns what came.
+    fn execute(&mut self, line: &str, between: Option<u8>) -> Vec<String> {
+        let half = line.len() / 2;
+        self.receive(&line.as_bytes()[..half]);
+        self.receive(between.as_slice());
+        self.receive(&line.as_bytes()[half..]);
+        self.receive(b"\n");
+        let mut lines = Vec::new();
+        for turn in 0.. {
+            assert!(
+                turn < 300_000,
+                "{line}: {:?} {lines:?}",
+                self.simulator.snapshot()
+            );
+            let goes_on = self.advance();
+            lines.extend(self.lines());
+            if lines.iter().any(|line| is_answer(line)) {
+                return lines;
+            }
+            if !goes_on {
+                match self.simulator.snapshot().state {
+                    // A pause, a hold, a door that is closed again, a tool change.
+                    State::HoldComplete | State::DoorClosed => self.receive(b"~"),
+                    // A line that leaves the travel. One that has come to a machine asleep is dropped.
+                    State::Alarm | State::Sleep => {
+                        lines.extend(self.reset());
+                        return lines;
+                    }
+                    state => panic!("{line}: no answer in {state:?}: {lines:?}"),
+                }
+            }
+        }
+        unreachable!()
+    }
+
+    /// Resets at rest: that answers the line.
+    fn reset(&mut self) -> Vec<String> {
+        self.receive(b"\x18");
+        self.rest();
+        self.lines()
+    }
+}
+
+/// Modes, offsets and the programmed position, all that realtime bytes leave alone at rest.
+fn changed_by_lines(session: &Session) -> (Modal, Offsets, Axes<Nm>) {
+    let state = session.interpreter();
+    (*state.modal(), *state.offsets(), state.position())
+}
+
+fn is_answer(line: &str) -> bool {
+    line == "ok" || line.starts_with("error:")
+}
+
+proptest! {
+    #![proptest_config(cases(300))]
+
+    #[test]
+    fn programs_of_all_codes_are_answered_line_by_line_and_stay_in_the_travel(
+        program in prop::collection::vec((any_line(), realtime(), prop::bool::weighted(0.3)), 1..24),
+    ) {
+        let mut machine = Machine::new();
+        let mut is_disturbed = false;
+        for (line, between, rests) in &program {
+            if *rests {
+                machine.rest();
+                machine.lines();
+            }
+            let session = machine.simulator.session();
+            let before = (changed_by_lines(session), session.stored().clone());
+            let was_asleep = machine.simulator.snapshot().state == State::Sleep;
+            let lines = machine.execute(line, *between);
+            let answers: Vec<_> = lines.iter().filter(|line| is_answer(line)).collect();
+            prop_assert_eq!(answers.len(), usize::from(!was_asleep), "{}: {:?}", line, lines);
+            let session = machine.simulator.session();
+            // Realtime bytes may switch the coolant and end a jog.
+            is_disturbed |= !matches!(between, None | Some(b'?'));
+            if *rests && !is_disturbed && answers.iter().any(|answer| *answer != "ok") {
+                prop_assert_eq!(changed_by_lines(session), before.0, "{}", line);
+                prop_assert_eq!(session.stored(), &before.1, "{}", line);
+            }
+            is_disturbed = !matches!(between, None | Some(b'?'));
+            if machine.simulator.snapshot().state == State::Alarm {
+                machine.rest();
+                let lines = machine.execute("$X", None);
+                prop_assert!(lines.iter().any(|line| line == "ok"), "{:?}", lines);
+            }
+        }
+        machine.rest();
+        let answers = machine.lines().into_iter().filter(|line| is_answer(line)).count();
+        prop_assert_eq!(answers, 0);
+        prop_assert_eq!(machine.simulator.late(), 0);
+        prop_assert_eq!(machine.simulator.lost(), 0);
+    }
+}
