@@ -38,7 +38,7 @@ impl Session {
         match self.line.after_commands {
             Some(after_commands) => {
                 self.stage = LineStage::Completing(after_commands);
-                self.complete(after_commands, links)
+                self.complete(links.machine, after_commands)
             }
             None => self.accept(),
         }
@@ -147,10 +147,9 @@ impl Session {
     /// Ends the line when everything that was sent has been done.
     pub(super) fn complete(
         &mut self,
+        machine: &Snapshot,
         after_commands: AfterCommands,
-        links: &mut Links<'_, '_>,
     ) -> Progress {
-        let machine = links.machine;
         if !self.is_done(machine) || machine.state.is_suspended() {
             return Progress::Waiting;
         }
@@ -165,8 +164,9 @@ impl Session {
             AfterCommands::Probe => self.end_probing(machine),
             AfterCommands::Miss => self.report_miss(machine),
             AfterCommands::Home { is_all } => return self.end_homing(machine, is_all),
-            AfterCommands::ToolPause => return self.return_from_tool_change(links),
-            AfterCommands::ToolReturn => return self.end_tool_change(links),
+            // `advance` calls what sends more commands.
+            AfterCommands::ToolPause => return Progress::Again,
+            AfterCommands::ToolReturn => return self.end_tool_change(),
         }
         self.accept()
     }

@@ -3,7 +3,7 @@
 //! The line is checked before anything happens, and again afterwards: the tool that it asks for is then
 //! in the spindle, and the operator may have set other offsets.
 
-use super::{AfterCommands, Links, Progress, Session};
+use super::{AfterCommands, LineStage, Links, Progress, Session};
 use crate::{
     gcode::{LineError, interpreter::Interrupted},
     machine::Snapshot,
@@ -52,8 +52,12 @@ impl Session {
     }
 
     /// Returns to the program, after cycle start.
-    pub(super) fn return_from_tool_change(&mut self, links: &mut Links<'_, '_>) -> Progress {
-        if links.machine.state == State::Alarm {
+    pub(super) fn continue_tool_change(&mut self, links: &mut Links<'_, '_>) -> Progress {
+        let machine = links.machine;
+        if !self.is_done(machine) || machine.state.is_suspended() {
+            return Progress::Waiting;
+        }
+        if machine.state == State::Alarm {
             return self.refuse(LineError::Locked);
         }
         let ToolChange { tool, interrupted } = &self.tool_change;
@@ -65,10 +69,11 @@ impl Session {
         self.send_commands(0, links)
     }
 
-    /// Executes the rest of the line.
-    pub(super) fn end_tool_change(&mut self, links: &mut Links<'_, '_>) -> Progress {
+    /// Ends the change: the line is dispatched again, for the rest of it.
+    pub(super) fn end_tool_change(&mut self) -> Progress {
         self.interpreter
             .end_tool_change(&self.tool_change.interrupted);
-        self.interpret(links)
+        self.stage = LineStage::AwaitingStandstill;
+        Progress::Again
     }
 }
