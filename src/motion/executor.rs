@@ -16,7 +16,7 @@
 use super::{
     kinematics::{BlockGeometry, Direction, axis_speeds, displacement_at, phase_at},
     limits::TICKS_PER_S,
-    lookahead::PassProgress,
+    pass::PassProgress,
 };
 use crate::{
     axis::{AXES, Axes},
@@ -69,8 +69,9 @@ pub(super) struct Executor {
     pub(super) carry: f32,
     /// Speed along the path, mm/s.
     pub(super) speed_mm_s: f32,
-    /// Exact position at the start of the block, and the direction from the centre of an arc.
+    /// Exact position at the start of the block.
     pub(super) start: Axes<FineSteps>,
+    /// Direction from the centre of an arc to that position.
     pub(super) from_centre: Direction,
     /// Angle seen from the centre where the machine is.
     pub(super) phase: u32,

@@ -6,11 +6,13 @@ mod jerk_limited;
 mod kinematics;
 mod limits;
 mod lookahead;
+mod pass;
 mod prepare;
 mod queue;
 mod segment_rate;
 mod trapezoid;
 
 pub use cycles::homing::Homing;
-pub use lookahead::{BLOCKS, LookAhead};
+pub use lookahead::LookAhead;
 pub use prepare::{Motion, Prepared};
+pub use queue::BLOCKS;

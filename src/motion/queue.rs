@@ -6,12 +6,15 @@
 //! An enum would save 2 KiB of RAM, but a test in each step of a pass, and a change of the profile would
 //! rewrite all entries.
 
-use super::{jerk_limited, lookahead::BLOCKS, trapezoid};
+use super::{jerk_limited, trapezoid};
 use crate::{
     axis::{AXES, Axes},
     model::Laser,
     path::{Block, MoveKind},
 };
+
+/// Capacity of the look-ahead, blocks: a power of two.
+pub const BLOCKS: usize = 128;
 
 /// A block and what is planned of it.
 #[derive(Debug)]
@@ -55,7 +58,9 @@ impl QueuedBlock {
 pub(super) struct BlockQueue {
     /// Index of the oldest.
     pub(super) first: usize,
+    /// Number of blocks.
     pub(super) count: usize,
+    /// The blocks, in a ring.
     pub(super) ring: [QueuedBlock; BLOCKS],
 }
 

@@ -53,23 +53,25 @@ pub struct Generator {
     position: Axes<FineSteps>,
     /// The segment's duration, ticks.
     ticks: u32,
-    /// The slot in which the segment begins, and how many ticks after that slot.
+    /// The slot in which the segment begins.
     base_slot: u32,
+    /// Start of the segment, ticks after the start of that slot.
     offset_ticks: u32,
+    /// The end of the list of events.
     cursor: Cursor,
     /// The segment has begun, and its events have not been pushed.
     is_open: bool,
     /// Bounds the segment's events.
     max_events: u32,
-    /// Axes that step in the segment.
+    /// Axes that step in the segment, bit 0 = X.
     moving_axes: u32,
     /// The slot of the segment's last step, counted from the slot in which the segment begins.
     last_step_slot: u32,
-    /// The first slot in which a step may be, counted likewise: of an axis that reverses, and of
-    /// another axis.
+    /// The first slot in which a step of an axis that reverses may be, counted likewise.
     first_slot_reversing: u32,
+    /// The same of another axis.
     first_slot: u32,
-    /// Axes that reverse in the segment.
+    /// Axes that reverse in the segment, bit 0 = X.
     reversing_axes: u32,
     /// The direction outputs may have other levels: before the first motion, and after a standstill,
     /// in which settings may change.
@@ -78,7 +80,9 @@ pub struct Generator {
     dominant_axis: usize,
     /// The segment is the standstill after the last one.
     is_standstill: bool,
+    /// Levels of the direction outputs, bit 0 = X.
     directions: u8,
+    /// Length of a pulse, ticks.
     pulse_ticks: u32,
     /// The slot in which the last pulse of each axis ends.
     pulse_end_slots: [u32; AXES],

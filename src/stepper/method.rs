@@ -43,17 +43,21 @@ pub(super) enum Method {
 
 /// Where the steps of an axis go. Slots count from the one that the segment begins in.
 pub(super) struct Placement {
-    /// The slot that the segment begins in, and how many ticks after that slot.
+    /// The slot that the segment begins in.
     pub(super) base_slot: u32,
+    /// Start of the segment, ticks after the start of that slot.
     pub(super) offset_ticks: u32,
-    /// The axis, and the axes whose events do not move for it.
+    /// The axis' bit.
     pub(super) axis_mask: u32,
+    /// The axes whose events do not move for it, bit 0 = X.
     pub(super) fixed_axes: u32,
-    /// From a step to the end of its pulse, and from there to the next step at least.
+    /// From a step to the end of its pulse.
     pub(super) pulse_slots: u32,
+    /// From the end of a pulse to the next step at least.
     pub(super) low_slots: u32,
-    /// The first slot in which the next step may be, and that of the last step.
+    /// The first slot in which the next step may be.
     pub(super) earliest_slot: u32,
+    /// The slot of the last step.
     pub(super) last_step_slot: u32,
 }
 

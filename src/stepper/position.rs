@@ -108,8 +108,9 @@ mod tests {
     struct Player {
         /// The event that is set up.
         next: Option<StepEvent>,
-        /// Ticks that the timer counts now, and from its next interrupt on.
+        /// Ticks that the timer counts now.
         counted: u32,
+        /// Ticks that it counts from its next interrupt on.
         reload: u32,
         /// The directions on the pins.
         directions: u8,

@@ -22,9 +22,13 @@ use crate::{
 struct RingEntry {
     /// Directions, [`IS_MOVING`], and from [`DUTY_SHIFT`] on the duty.
     flags: AtomicU32,
+    /// The start, on the generator's clock.
     start_ticks: AtomicU32,
+    /// The bits of the speed along the path, mm/min.
     feed_mm_min: AtomicU32,
+    /// The bits of the spindle speed or laser power, rpm.
     spindle_rpm: AtomicU32,
+    /// `N` word of the block, 0 without one.
     line: AtomicU32,
     /// Number of the first event, or of one before that begins no pulse.
     first_event: AtomicU32,
@@ -61,7 +65,9 @@ pub struct SegmentRing {
     begun: AtomicU32,
     /// The flags in force: all, or all but the duty.
     flags_mask: AtomicU32,
+    /// The step interrupt runs.
     running: AtomicBool,
+    /// The step interrupt ran out of events in motion.
     underrun: AtomicBool,
     /// The step interrupt has been halted: written by `inputs`, cleared by `prepare`.
     halted: AtomicBool,

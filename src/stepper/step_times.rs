@@ -26,19 +26,22 @@ pub(super) struct AxisSteps {
     pub(super) remaining: u32,
     /// Time of the next step, ticks from the segment's start, while steps remain.
     pub(super) next_ticks: u32,
-    /// The latest time of a step.
+    /// The latest time of a step, ticks from the segment's start.
     latest_ticks: u32,
-    /// Half of the speed at the segment's start, steps per tick, and half of the speed's square.
+    /// Half of the speed at the segment's start, steps per tick.
     half_speed: f32,
+    /// Half of the square of that speed, (steps per tick)².
     half_speed_sqr: f32,
-    /// Steps per tick².
+    /// Acceleration, steps per tick².
     acceleration: f32,
     /// Distance of the next step from where the segment starts, steps.
     distance_steps: f32,
-    /// Time of the next step and the period at a constant rate, ticks with [`TIME_FRACTION_BITS`]
-    /// binary places.
+    /// Time of the next step at a constant rate, ticks from the segment's start with
+    /// [`TIME_FRACTION_BITS`] binary places.
     pub(super) time_fixed: u32,
+    /// Period of a constant rate, ticks with as many binary places.
     pub(super) period_fixed: u32,
+    /// The steps are taken to come at a constant rate.
     is_periodic: bool,
 }
 

@@ -68,13 +68,15 @@ pub(in crate::motion) struct MovingAverage {
     speed_per_unit: f32,
     /// Half the jerk of a sample for a difference of speed, 1/s²: 0.5/(sample · window).
     half_jerk_per_speed: f32,
-    /// Index of the newest sample of the reference, and the speed at its end, mm/s.
+    /// Index of the newest sample of the reference.
     newest: usize,
+    /// Speed at the end of that sample, mm/s.
     end_mm_s: f32,
     /// Samples since the last standstill, no more than the window has.
     age: usize,
-    /// Distance and change of speed of the reference in each sample, units and mm/s.
+    /// Distance of the reference in each sample, units.
     distances: [u32; WINDOW_SAMPLES],
+    /// Change of the reference's speed in each sample, mm/s.
     speed_changes_mm_s: [f32; WINDOW_SAMPLES],
 }
 

@@ -31,9 +31,9 @@ pub(in crate::motion) struct BlockLimits {
     pub(in crate::motion) speed_mm_s: f32,
     /// Greatest acceleration along it, mm/s².
     pub(in crate::motion) acceleration_mm_s2: f32,
-    /// Lower acceleration at its beginning, within the influence of blocks before it, mm/s², and for how
-    /// far, mm.
+    /// Lower acceleration at its beginning, within the influence of blocks before it, mm/s².
     pub(in crate::motion) trail_mm_s2: f32,
+    /// Distance behind its beginning for which that holds, mm.
     pub(in crate::motion) trail_mm: f32,
 }
 
@@ -128,17 +128,21 @@ impl RunningMin {
 /// The limits of the reference before a junction, from there backwards.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(in crate::motion) struct JunctionLimit {
-    /// Greatest speed there, mm/s, and the distance before in which it does not change, mm.
+    /// Greatest speed there, mm/s.
     brake_mm_s: f32,
+    /// Distance before the junction in which that does not change, mm.
     brake_flat_mm: f32,
-    /// The same for a reference that has just accelerated.
+    /// Greatest speed there of a reference that has just accelerated, mm/s.
     free_mm_s: f32,
+    /// Distance before the junction in which that does not change, mm.
     free_flat_mm: f32,
-    /// A greater speed that is not exceeded within `cap_mm` before; it may brake down to it there.
+    /// A greater speed that is not exceeded within `cap_mm` before, mm/s; it may brake down to it there.
     cap_mm_s: f32,
+    /// Distance before the junction in which `cap_mm_s` holds, mm.
     cap_mm: f32,
-    /// Accelerations behind the junction, and the influence distance before it in which they hold too, mm.
+    /// Accelerations behind the junction.
     behind: RunningMin,
+    /// Influence distance before the junction, in which those hold too, mm.
     influence_mm: f32,
     /// Accelerations with which the reference brakes behind the junction.
     braking: RunningMin,
@@ -147,6 +151,7 @@ pub(in crate::motion) struct JunctionLimit {
 /// The motion in the block before a junction.
 #[derive(Debug, Clone, Copy)]
 struct IncomingMotion {
+    /// Acceleration of the reference, mm/s².
     acceleration_mm_s2: f32,
     /// Distance before the junction in which the speed does not change, mm.
     flat_mm: f32,

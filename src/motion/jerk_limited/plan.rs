@@ -9,7 +9,7 @@ use super::{
 };
 use crate::{
     math,
-    motion::{lookahead::Pass, queue::BlockQueue},
+    motion::{pass::Pass, queue::BlockQueue},
     path::AveragingWindow,
 };
 
@@ -30,6 +30,7 @@ pub(in crate::motion) struct BlockPlan {
     acceleration_mm_s2: f32,
     /// Greatest acceleration within `trail_mm` behind its beginning, mm/s².
     trail_mm_s2: f32,
+    /// Distance behind its beginning for which that holds, mm.
     trail_mm: f32,
     /// The junction at its beginning.
     junction: JunctionLimit,

@@ -50,8 +50,9 @@ impl BlockGeometry<'_> {
 pub(in crate::motion) struct Braking {
     /// On a line the change of the squared speed, on an arc aR·sin d.
     gain: f32,
-    /// On an arc cos d, and the inverse of aR; 0 on a line.
+    /// On an arc cos d; 0 on a line.
     cosine: f32,
+    /// On an arc the inverse of aR, 1/(mm/s)²; 0 on a line.
     inverse_limit: f32,
 }
 

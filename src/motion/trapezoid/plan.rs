@@ -4,8 +4,8 @@ use super::braking::Braking;
 use crate::{
     math,
     motion::{
-        lookahead::{BLOCKS, Pass},
-        queue::BlockQueue,
+        pass::Pass,
+        queue::{BLOCKS, BlockQueue},
     },
     path::Block,
 };
@@ -18,6 +18,7 @@ const BLOCKS_PER_PART: usize = 64;
 pub(in crate::motion) struct BrakingPlan {
     /// Planned squared entry speed, (mm/s)².
     entry_sqr: f32,
+    /// What braking in the block changes.
     braking: Braking,
 }
 

@@ -120,8 +120,9 @@ fn moved(mut position: Axes<Nm>, direction: &[f32; LINEAR], mm: f32) -> Axes<Nm>
 
 /// The deflection angle θ between two directions.
 struct Deflection {
-    /// Sine and cosine of θ/2.
+    /// Sine of θ/2.
     half_sine: f32,
+    /// Cosine of θ/2.
     half_cosine: f32,
     /// Direction from the centre of the arc to its middle.
     radial: [f32; LINEAR],
