@@ -44,6 +44,8 @@ use crate::{series::Series, steps_per_mm};
 const KINK_RAD: f64 = 0.5 * std::f64::consts::PI / 180.0;
 /// How near to the programmed feed counts as there.
 const AT_FEED: f64 = 0.01;
+/// How much of a limit a measurement may be wrong.
+const UNCERTAIN: f64 = 0.05;
 /// Standard deviation of what is spread evenly over 1.
 const EVEN: f64 = 0.288_675_134_594_813;
 /// Events that are no farther from each other than that many spacings may have shifted each other.
@@ -100,6 +102,9 @@ pub(crate) struct Quality {
     pub(crate) corners: Corners,
     /// At the programmed feed.
     pub(crate) feed: FeedTime,
+    /// The limits that were exceeded by more than the measurement may be wrong: those of moves, and of the
+    /// jumps of the speed in corners what the junction deviation allows.
+    pub(crate) violations: Vec<String>,
     /// Whether all of the path was known: not behind homing, probing, or a line that the machine
     /// refused for its own reasons. What is said of the path counts up to there.
     pub(crate) is_path_known: bool,
@@ -158,6 +163,8 @@ pub(crate) struct Meter {
     path: Track,
     path_mm: f64,
     feed_mm_s: Option<f64>,
+    /// The newest speed along the path.
+    speed_mm_s: f64,
     corners: corners::Meter,
     feed: FeedTime,
     steps: [i32; AXES],
@@ -189,6 +196,7 @@ impl Meter {
             path: Track::of_path(),
             path_mm: f64::NEG_INFINITY,
             feed_mm_s: None,
+            speed_mm_s: 0.0,
             corners: corners::Meter::new(resolved_mm_s(&accelerations, &steps_per_mm)),
             feed: FeedTime::default(),
             steps: [0; AXES],
@@ -312,6 +320,11 @@ impl Meter {
         let is_kink = passed.is_exact && passed.corner.turn_rad > KINK_RAD;
         if is_kink || passed.corner.is_stop {
             self.tracks.iter_mut().for_each(Track::turn);
+        } else if passed.is_exact {
+            let speed_mm_s = self.speed_mm_s.min(passed.corner.allowed_mm_s);
+            for (track, change) in self.tracks.iter_mut().zip(passed.corner.change) {
+                track.allow(seconds, speed_mm_s * change.abs());
+            }
         }
         if passed.corner.is_stop || passed.corner.is_regeared {
             self.path.cut();
@@ -333,7 +346,11 @@ impl Meter {
         self.corners.progress(crossing);
         let feed_mm_s = self.feed_mm_s.filter(|_| progress.feed_mm_s.is_some());
         self.feed_mm_s = progress.feed_mm_s;
-        if let (Some(speed), Some(feed)) = (self.path.push(crossing), feed_mm_s) {
+        let Some(speed) = self.path.push(crossing) else {
+            return;
+        };
+        self.speed_mm_s = speed.value;
+        if let Some(feed) = feed_mm_s {
             let took_s = speed.to_s - speed.from_s;
             self.feed.feed_s += took_s;
             if (speed.value / feed - 1.0).abs() <= AT_FEED {
@@ -379,8 +396,36 @@ impl Meter {
             deviation,
             corners: self.corners.finish(),
             feed: self.feed,
+            violations: Vec::new(),
             is_path_known: self.is_path_known,
+        };
+        let quality = Quality {
+            violations: violations(&quality),
+            ..quality
         };
         (quality, traces)
     }
+}
+
+/// The limits that were exceeded, as sentences.
+fn violations(quality: &Quality) -> Vec<String> {
+    let of_axes = quality.axes.iter().flat_map(|axis| {
+        let Smoothness {
+            acceleration_mm_s2,
+            jerk_mm_s3,
+            ..
+        } = &axis.smoothness;
+        let peaks = [(acceleration_mm_s2, "acceleration"), (jerk_mm_s3, "jerk")];
+        peaks.map(|(peak, what)| (peak.of_limit, format!("the {what} limit of {}", axis.axis)))
+    });
+    let corners = (
+        quality.corners.most_of_allowed,
+        "the speed that $11 allows in a corner".to_owned(),
+    );
+    let all = of_axes.chain([corners]);
+    let exceeded = all.filter_map(|(part, limit)| {
+        let percent = 100.0 * part.filter(|part| *part > 1.0 + UNCERTAIN)?;
+        Some(format!("{percent:.1} % of {limit}"))
+    });
+    exceeded.collect()
 }

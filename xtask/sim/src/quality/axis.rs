@@ -96,6 +96,13 @@ impl Track {
         self.is_first = true;
     }
 
+    /// The axis changes its speed in a corner that is judged as one, mm/s.
+    pub(super) fn allow(&mut self, seconds: f64, jump_mm_s: f64) {
+        for sweep in [&mut self.acceleration, &mut self.jerk, &mut self.jump] {
+            sweep.allow(seconds, jump_mm_s);
+        }
+    }
+
     /// Takes the next crossing; the speed over the window that ends with it, if one does.
     pub(super) fn push(&mut self, crossing: Crossing) -> Option<Measured> {
         self.has_moved = true;

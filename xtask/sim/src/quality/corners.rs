@@ -8,7 +8,7 @@ use serde::Serialize;
 use super::{
     fit::{Crossing, Fit},
     follow::Passed,
-    geometry::Point,
+    geometry::{Point, norm},
 };
 
 /// A change of direction that counts as a corner, rad: 5°.
@@ -34,6 +34,8 @@ pub(crate) struct CornerSpeed {
     pub(crate) speed_mm_s: f64,
     /// What the junction deviation allows, mm/s.
     pub(crate) allowed_mm_s: f64,
+    /// Jump of the velocity that it is at that speed, mm/s.
+    pub(crate) jump_mm_s: f64,
     /// It was rounded.
     pub(crate) is_rounded: bool,
 }
@@ -237,6 +239,7 @@ impl Meter {
                 turn_degrees: open.passed.corner.turn_rad.to_degrees(),
                 speed_mm_s,
                 allowed_mm_s,
+                jump_mm_s: speed_mm_s * norm(&open.passed.corner.change),
                 is_rounded: !open.passed.is_exact,
             });
         }

@@ -78,6 +78,8 @@ pub(crate) struct Piece {
 pub(crate) struct Corner {
     /// By how much the direction changes, rad.
     pub(crate) turn_rad: f64,
+    /// By how much the direction changes along each axis, as parts of the speed.
+    pub(crate) change: Point,
     /// The speed that the junction deviation allows, mm/s.
     pub(crate) allowed_mm_s: f64,
     /// Something that stops the machine is programmed between the two.

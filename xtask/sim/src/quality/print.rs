@@ -19,6 +19,7 @@ pub(crate) fn text(quality: &Quality) -> String {
     ];
     lines.extend(quality.axes.iter().map(of_axis));
     lines.extend([of_path(quality), String::new()]);
+    lines.extend(of_limits(quality));
     if !quality.is_path_known {
         let why = "not known to its end: the machine refused a line, homed or probed";
         lines.push(row("path", why));
@@ -38,6 +39,18 @@ pub(crate) fn text(quality: &Quality) -> String {
 /// A line of the summary.
 fn row(name: &str, value: &str) -> String {
     format!("{:>16}  {value}", name.dimmed())
+}
+
+/// Whether the limits were kept, or which not.
+fn of_limits(quality: &Quality) -> Vec<String> {
+    if quality.violations.is_empty() {
+        let kept = "kept: in moves, and by the jumps of the speed that corners make";
+        return vec![row("limits", kept)];
+    }
+    let violations = quality.violations.iter();
+    violations
+        .map(|violation| row("limits", &violation.red().to_string()))
+        .collect()
 }
 
 fn of_deviation(deviation: &Deviation) -> [String; 3] {
@@ -181,7 +194,7 @@ fn of_corners(corners: &Corners) -> Vec<String> {
     };
     let speeds = format!("{count}{rounded}, {slowest:.2} to {fastest:.2} mm/s{most}");
     let mut list: Vec<_> = corners.list.iter().collect();
-    list.sort_by(|a, b| b.speed_mm_s.total_cmp(&a.speed_mm_s));
+    list.sort_by(|a, b| b.jump_mm_s.total_cmp(&a.jump_mm_s));
     let printed = list.iter().take(PRINTED).map(|corner| of_corner(corner));
     std::iter::once(row("corners", &speeds))
         .chain(printed)
@@ -198,13 +211,15 @@ fn of_corner(corner: &CornerSpeed) -> String {
     } else {
         format!(" of {:.2}", corner.allowed_mm_s)
     };
-    let rounded = if corner.is_rounded { ", rounded" } else { "" };
+    let jump = if corner.is_rounded {
+        "rounded".to_owned()
+    } else {
+        format!("a jump of {:.2} mm/s", corner.jump_mm_s)
+    };
     let (speed, turn) = (corner.speed_mm_s, corner.turn_degrees);
+    let at = at.join(" ");
     row(
         "",
-        &format!(
-            "{speed:.2}{allowed} mm/s, {turn:.0}° at {}{rounded}",
-            at.join(" ")
-        ),
+        &format!("{speed:.2}{allowed} mm/s, {turn:.0}° at {at}, {jump}"),
     )
 }

@@ -152,6 +152,7 @@ impl Programmed {
         let after = piece.tangent(0.0);
         Corner {
             turn_rad: turn(&before, &after),
+            change: minus(&after, &before),
             allowed_mm_s: allowed_mm_s(&self.settings, &before, &after),
             is_stop: self.is_stop,
             is_regeared: !(0.5..=2.0).contains(&(norm(&after) / norm(&before))),

@@ -66,7 +66,7 @@ impl Sought {
 /// The greatest value that was found.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Serialize)]
 pub(crate) struct Peak {
-    /// The value, without its sign.
+    /// The value, without its sign and without what allowed jumps may have made of it.
     pub(crate) value: f64,
     /// When: the middle of its window, s since the first step.
     pub(crate) at_s: f64,
@@ -98,6 +98,8 @@ pub(super) struct Sweep {
     points: VecDeque<Crossing>,
     /// Squares of their times' standard deviations, summed, s².
     grains: f64,
+    /// Jumps of the speed that are allowed: when, s, and how large, mm/s.
+    jumps: VecDeque<(f64, f64)>,
     covered_until: f64,
     /// By how much the peak exceeds what it is judged by: nothing, or for a jump its floor.
     excess: f64,
@@ -112,6 +114,7 @@ impl Sweep {
             excess: f64::NEG_INFINITY,
             points: VecDeque::new(),
             grains: 0.0,
+            jumps: VecDeque::new(),
             covered_until: f64::NEG_INFINITY,
             peak: Peak::default(),
         }
@@ -121,6 +124,34 @@ impl Sweep {
     pub(super) fn cut(&mut self) {
         self.points.clear();
         self.grains = 0.0;
+    }
+
+    /// The speed jumps at a time, and may.
+    pub(super) fn allow(&mut self, seconds: f64, jump_mm_s: f64) {
+        self.jumps.push_back((seconds, jump_mm_s));
+        let begin = self.points.front().map_or(seconds, |first| first.seconds);
+        while self.jumps.front().is_some_and(|(at, _)| *at < begin) {
+            self.jumps.pop_front();
+        }
+    }
+
+    /// What allowed jumps make of a window at most, mm/s to a power: each in its middle. A jump of 1 mm/s
+    /// has there the greatest weight of the mean of derivative 2, (1 - x²)² over its integral, and the
+    /// greatest slope of that of derivative 3, (1 - x²)³.
+    fn allowance(&self, from_s: f64, to_s: f64) -> f64 {
+        let in_window = self
+            .jumps
+            .iter()
+            .filter(|(at, _)| (from_s..=to_s).contains(at));
+        let jumps: f64 = in_window.map(|(_, jump)| jump).sum();
+        let seconds = to_s - from_s;
+        jumps
+            * match self.sought {
+                Sought::Speed => 0.0,
+                Sought::Jump => 1.0,
+                Sought::Acceleration => 1.875 / seconds,
+                Sought::Jerk => 7.513 / seconds.powi(2),
+            }
     }
 
     /// Takes the next crossing; what was measured over the window that ends with it, if one does.
@@ -219,13 +250,15 @@ impl Sweep {
             limits.fold(0.0, f64::max)
         };
         let (from_s, to_s) = (self.points[0].seconds, self.points[0].seconds + seconds);
+        let allowance = self.allowance(from_s, to_s);
+        let beside = (value.abs() - allowance).max(0.0);
         let (excess, of_limit) = match self.sought {
-            Sought::Speed => (value.abs(), 0.0),
-            Sought::Acceleration => (value.abs(), limit(0)),
-            Sought::Jerk => (value.abs(), limit(1)),
+            Sought::Speed => (beside, 0.0),
+            Sought::Acceleration => (beside, limit(0)),
+            Sought::Jerk => (beside, limit(1)),
             Sought::Jump => {
                 floor += JUMP_PART * limit(0) * seconds;
-                (value.abs() - floor, 0.0)
+                (beside - floor, 0.0)
             }
         };
         let peak = &mut self.peak;
@@ -233,13 +266,13 @@ impl Sweep {
         self.covered_until = to_s;
         if excess > self.excess {
             self.excess = excess;
-            peak.value = value.abs();
+            peak.value = beside;
             peak.at_s = f64::midpoint(from_s, to_s);
             peak.window_s = seconds;
             peak.floor = floor;
         }
         if of_limit > 0.0 {
-            let part = value.abs() / of_limit;
+            let part = beside / of_limit;
             peak.of_limit = Some(peak.of_limit.map_or(part, |most| most.max(part)));
         }
         Some(Measured {

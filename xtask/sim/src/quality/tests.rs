@@ -136,6 +136,7 @@ fn a_perfect_trapezoid_has_no_error_and_its_own_peaks() {
     );
     assert!((quality.job_time_s - total).abs() < 0.02);
     assert_eq!(quality.corners.count, 0);
+    assert!(quality.violations.is_empty());
 }
 
 #[test]
@@ -164,6 +165,7 @@ fn stairs_show_their_jumps() {
     );
     let along = &quality.path.speed_jump_mm_s;
     assert!((4.5..5.2).contains(&along.value), "{along:?}");
+    assert!(quality.violations[0].ends_with("% of the acceleration limit of X"));
     // Five times the acceleration that was meant, over a millisecond or two.
     assert!(axis.smoothness.acceleration_mm_s2.value > 1500.0);
     assert!(axis.interval_error.rms > 0.005, "{:?}", axis.interval_error);
@@ -269,6 +271,11 @@ fn the_speed_in_a_corner_is_measured() {
     // √(a·√2·δ·(√½ / (1 - √½))): 500 mm/s², 0.01 mm.
     assert!((corner.allowed_mm_s - 4.131_6).abs() < 0.001, "{corner:?}");
     assert!((quality.corners.most_of_allowed.unwrap() - 10.0 / 4.131_6).abs() < 0.02);
+    assert!((corner.jump_mm_s - 10.0 * 2.0_f64.sqrt()).abs() < 0.1);
+    let [violation] = &quality.violations[..] else {
+        panic!("{:?}", quality.violations);
+    };
+    assert!(violation.ends_with("the speed that $11 allows in a corner"));
     // The way along the path goes on smoothly, and no axis is judged across the corner.
     let accelerations = quality
         .axes
@@ -303,6 +310,36 @@ fn corners_a_few_steps_apart_are_told_from_what_is_between_them() {
     assert_eq!(speeds.len(), 2);
     let is_right = |speed: &f64| (speed - 10.0).abs() < 0.1;
     assert!(speeds.iter().all(is_right), "{speeds:?}");
+}
+
+#[test]
+fn a_bend_too_slight_for_a_corner_is_no_acceleration() {
+    // 100 mm/s along chords of 20 mm, each turned by 0.4° to the one before: the speed of an axis jumps by
+    // 0.5 mm/s, for which the limit of 10 mm/s² needs 50 ms.
+    let slow = Settings {
+        acceleration_mm_s2: Axes::all(10.0),
+        ..settings()
+    };
+    let heading = |chord: u32| (45.0 + 0.4 * f64::from(chord)).to_radians().sin_cos();
+    let at = |t: f64| {
+        let chord = (5.0 * t) as u32;
+        let ways = (0..=chord).map(|k| (heading(k), (100.0 * t - 20.0 * f64::from(k)).min(20.0)));
+        ways.fold([0.0; 2], |[x, y], ((sine, cosine), way)| {
+            [x + way * cosine, y + way * sine]
+        })
+    };
+    let to = |t: f64| {
+        let [x, y] = at(t);
+        format!("G1 X{x:.3} Y{y:.3} F6000")
+    };
+    let steps = steps_of(0.8, at);
+    let bent = [to(0.2), to(0.4), to(0.6), to(0.8)];
+    let quality = measured(&slow, &bent.each_ref().map(String::as_str), &steps);
+    assert_eq!(quality.corners.count, 0);
+    assert!(quality.violations.is_empty(), "{:?}", quality.violations);
+    // Where no corner is programmed, nothing allows them.
+    let quality = measured(&slow, &[&to(0.8)], &steps);
+    assert_eq!(quality.violations.len(), 2, "{:?}", quality.violations);
 }
 
 #[test]
