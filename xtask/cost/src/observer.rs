@@ -50,6 +50,6 @@ impl Observer for Profile {
 
     fn finish(&mut self) -> Result<String, String> {
         self.close();
-        report::write(self).map_err(|error| error.to_string())
+        Ok(report::report(self).to_string())
     }
 }

@@ -4,6 +4,8 @@ mod support;
 
 use std::{fs, path::Path};
 
+use serde_json::{Value, json};
+
 /// Own cycles and instructions of each function of `sequences/program.rs`, per run of the program.
 ///
 /// The last three cycles of most are `BX LR`: 1, and 2 for the pipeline.
@@ -65,56 +67,56 @@ const EXCEPTION: u64 = 12 + 12;
 fn every_class_is_charged_as_the_table_says() {
     let Some(report) = run() else { return };
     for (name, cycles, instructions) in EXPECTED {
-        let line = support::line(&report, name);
-        let own = (
-            support::number(line, "cycles"),
-            support::number(line, "instructions"),
-        );
-        assert_eq!(own, (cycles, instructions), "{name}");
+        let function = named(&report["functions"], name);
+        assert_eq!(function["cycles"], cycles, "{name}");
+        assert_eq!(function["instructions"], instructions, "{name}");
     }
-    assert!(report.contains("\"unknown\": []"));
-    assert!(report.contains("\"unexplained\": 0"));
+    assert_eq!(report["unknown"], json!([]));
+    assert_eq!(report["unexplained"], 0);
 }
 
 #[test]
 fn calls_include_what_they_call() {
     let Some(report) = run() else { return };
-    let line = support::line(&report, "calls");
-    assert_eq!(support::number(line, "calls_cycles"), 16 + 2 * 3);
-    let line = support::line(&report, "tail");
-    assert_eq!(support::number(line, "calls_cycles"), 3 + 3);
+    for (name, cycles) in [("calls", 16 + 2 * 3), ("tail", 3 + 3)] {
+        assert_eq!(named(&report["functions"], name)["calls_cycles"], cycles);
+    }
 }
 
 #[test]
 fn preemption_is_charged_to_the_preemptor() {
     let Some(report) = run() else { return };
-    let tasks = report.split("\"functions\"").next().unwrap_or_default();
     let once = 3 + 3 + EXCEPTION;
     let pending = 16 + EXCEPTION;
     let systick = 3 + 3 + 5 + 3 + EXCEPTION;
+    for (task, key, expected) in [
+        ("PendSV", "activations", 3),
+        ("PendSV", "cycles", once + 2 * pending),
+        ("PendSV", "min_cycles", once),
+        ("PendSV", "max_cycles", pending),
+        // Only the nested SysTick lies within PendSV; the chained one follows it.
+        ("PendSV", "max_span_cycles", pending + systick),
+        ("PendSV", "span_cycles", once + 2 * pending + systick),
+        ("PendSV", "peripheral_writes", 2),
+        ("SysTick", "activations", 2),
+        ("SysTick", "cycles", 2 * systick),
+        ("SysTick", "instructions", 2 * 4),
+    ] {
+        assert_eq!(named(&report["tasks"], task)[key], expected, "{task} {key}");
+    }
+    let systicks = &named(&report["tasks"], "SysTick")["histogram"];
+    assert_eq!(*systicks, json!([[systick, 2]]));
+}
 
-    let line = support::line(tasks, "PendSV");
-    assert_eq!(support::number(line, "activations"), 3);
-    assert_eq!(support::number(line, "cycles"), once + 2 * pending);
-    assert_eq!(support::number(line, "min_cycles"), once);
-    assert_eq!(support::number(line, "max_cycles"), pending);
-    // Only the nested SysTick lies within PendSV; the chained one follows it.
-    assert_eq!(support::number(line, "max_span_cycles"), pending + systick);
-    assert_eq!(
-        support::number(line, "span_cycles"),
-        once + 2 * pending + systick
-    );
-    assert_eq!(support::number(line, "peripheral_writes"), 2);
-
-    let line = support::line(tasks, "SysTick");
-    assert_eq!(support::number(line, "activations"), 2);
-    assert_eq!(support::number(line, "cycles"), 2 * systick);
-    assert_eq!(support::number(line, "instructions"), 2 * 4);
-    assert!(line.contains(&format!("\"histogram\": [[{systick}, 2]]")));
+/// The one of a list that is called `name`.
+fn named<'a>(list: &'a Value, name: &str) -> &'a Value {
+    let mut list = list.as_array().expect("it is a list").iter();
+    let found = list.find(|one| one["name"] == name);
+    found.unwrap_or_else(|| panic!("{name} is not in the report"))
 }
 
 /// The report of one run; `None`, and a word why, when a tool is missing.
-fn run() -> Option<String> {
+fn run() -> Option<Value> {
     let directory = support::scratch();
     let elf = directory.join("sequences.elf");
     let out = directory.join("sequences.json");
@@ -127,5 +129,6 @@ fn run() -> Option<String> {
         out.display()
     );
     support::emulate(&elf, &plugin, 20)?;
-    Some(fs::read_to_string(out).expect("the plugin writes its report when QEMU exits"))
+    let text = fs::read_to_string(out).expect("the plugin writes its report when QEMU exits");
+    Some(serde_json::from_str(&text).expect("the report is JSON"))
 }

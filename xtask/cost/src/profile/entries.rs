@@ -17,7 +17,7 @@ pub struct Amount {
 }
 
 impl Amount {
-    pub(super) fn add(&mut self, other: Self) {
+    pub(crate) fn add(&mut self, other: Self) {
         self.instructions += other.instructions;
         self.cycles += other.cycles;
     }

@@ -18,9 +18,7 @@ fn profile() -> Profile {
     };
     Profile::new(Program {
         functions: [0, HANDLER, URGENT, 0x300].map(function).into(),
-        marks: Vec::new(),
         handlers: vec![HANDLER, 0, URGENT],
-        code: Vec::new(),
     })
 }
 

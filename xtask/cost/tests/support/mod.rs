@@ -55,22 +55,3 @@ pub(crate) fn plugin() -> PathBuf {
     let test = env::current_exe().expect("a test has a path");
     test.with_file_name("libcost.so")
 }
-
-/// The line that describes `name`.
-pub(crate) fn line<'a>(report: &'a str, name: &str) -> &'a str {
-    let start = format!("{{\"name\": \"{name}\",");
-    let mut lines = report.lines().rev();
-    let line = lines.find(|line| line.starts_with(&start));
-    line.unwrap_or_else(|| panic!("{name} is not in the report"))
-}
-
-/// The number under `key` in `line`.
-pub(crate) fn number(line: &str, key: &str) -> u64 {
-    let (_, rest) = line
-        .split_once(&format!("\"{key}\": "))
-        .unwrap_or_else(|| panic!("no {key} in {line}"));
-    let end = rest.find(|letter: char| !letter.is_ascii_digit());
-    rest[..end.unwrap_or(rest.len())]
-        .parse()
-        .expect("it is digits")
-}
