@@ -70,9 +70,11 @@ pub(super) fn compare(run: &Run, played: &Played, traits: &Traits) -> Vec<Differ
 
 /// What excuses the consequences of answers that differ: those are all by design themselves.
 pub(super) fn follows_from_answers(answers: &[Difference]) -> Option<Deviation> {
-    let changes_state = answers
-        .iter()
-        .any(|found| found.by_design.is_some_and(Deviation::has_consequences));
+    let changes_state = answers.iter().any(|found| {
+        found
+            .by_design
+            .is_some_and(|deviation| deviation.row().has_consequences)
+    });
     changes_state.then_some(Deviation::Follows)
 }
 

@@ -5,346 +5,178 @@
 
 use serde::{Serialize, Serializer};
 
-/// A deliberate deviation.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
-pub(crate) enum Deviation {
-    /// D4.
-    Buffers,
-    /// D5.
-    LongLines,
-    /// D6.
-    ExactPositions,
-    /// D7.
-    JogWithoutAxes,
-    /// D8.
-    SettingRanges,
-    /// D9.
-    StartupLines,
-    /// D10.
-    Arcs,
-    /// D13.
-    ToolIsModal,
-    /// Follows from an answer that one of the others explains.
-    Follows,
-    SlowSteps,
-    PromptReports,
-    NoDeafness,
-    QuickStorage,
-    ShortStops,
-    Rounding,
-    RefusedChangesNothing,
-    InverseTimeArcs,
-    HomingMotion,
-    FarTargets,
-    NoPause,
-    HomingOnSwitch,
-    SingleAxisHoming,
-    LostBytes,
-    /// D11.
-    StepRates,
-    LimitOpens,
-    ArcLimits,
-    DarkHold,
-    ArcTurns,
-    Mist,
-    /// D41.
-    BuildInfo,
-    /// D42.
-    PathControl,
-    /// D43.
-    Digits,
-    /// D44.
-    Dwells,
-    /// D45.
-    FeedUnits,
-    /// D46.
-    WorkCoordinates,
-    /// D47.
-    AxisWordsAfterG80,
-    /// D48.
-    ProgramHabits,
-    /// D49.
-    ToolOffsets,
-    /// D50.
-    ToolChange,
+/// What is known of a deviation.
+pub(crate) struct Row {
+    /// Its short name.
+    pub(crate) id: &'static str,
+    /// Whether a line is executed that Grbl refuses, or the other way round, so that what follows
+    /// differs too.
+    pub(crate) has_consequences: bool,
+    /// What Leadscrew does.
+    pub(crate) text: &'static str,
+    /// What it lets differ, and when.
+    pub(crate) rule: &'static str,
+}
+
+/// The table: each line has the fields of [`Row`] in their order.
+macro_rules! deviations {
+    ($($name:ident: $id:literal, $has_consequences:literal, $text:literal, $rule:literal;)*) => {
+        /// A deliberate deviation.
+        #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+        pub(crate) enum Deviation {
+            $($name),*
+        }
+
+        impl Deviation {
+            /// Every one, in the order of their names.
+            pub(crate) const ALL: &[Self] = &[$(Self::$name),*];
+            const ROWS: &[Row] = &[$(Row {
+                id: $id,
+                has_consequences: $has_consequences,
+                text: $text,
+                rule: $rule,
+            }),*];
+        }
+    };
+}
+
+deviations! {
+    Buffers: "D4", false,
+        "free bytes and blocks are those of our own, larger buffers",
+        "`Bf:`, and in `[OPT:…]` the numbers, where ours are not smaller, and further letters; an `ok` \
+         that comes earlier after more than 15 moves";
+    LongLines: "D5", true,
+        "lines of 80 to 256 characters are read",
+        "an answer other than `error:11` to a line of 80 to 256 characters";
+    ExactPositions: "D6", false,
+        "points half-way between two steps: exact here, rounded in single precision by Grbl",
+        "one step of an axis, where the position lies half-way between two";
+    JogWithoutAxes: "D7", true,
+        "a jog without an axis is refused",
+        "`error:26` for `ok`, to a `$J=` without an axis word";
+    SettingRanges: "D8", true,
+        "settings out of range are refused, not stored or cut",
+        "an error for `ok`, to `$n=` with 0 steps/mm, speed or acceleration, or an integer above 255; and \
+         what `$$` shows of it";
+    StartupLines: "D9", true,
+        "there are two startup lines",
+        "`error:3` for `ok`, to `$N2=` and above";
+    Arcs: "D10", true,
+        "an arc is one block, not many chords",
+        "an `ok` that comes earlier, to an arc or after one";
+    ToolIsModal: "D13", false,
+        "T stays until the next T",
+        "another T than 0 where Grbl shows 0";
+    SlowSteps: "D14", false,
+        "moves slower than 30.5 steps per second, which Grbl's timer cannot time",
+        "a time in which Grbl's steps come at 30.5 per second";
+    PromptReports: "D15", false,
+        "`?` is answered at once, also while homing, dwelling and after an alarm",
+        "a report that Grbl sends late or never, while it homes or dwells or after an alarm; and which \
+         report has `WCO` or `Ov` after it";
+    NoDeafness: "D16", false,
+        "no pause of 500 ms after an alarm: what is sent then is answered",
+        "lines that come up to 600 ms earlier after an alarm, and answers to what was sent in that time";
+    QuickStorage: "D17", false,
+        "storing takes less time than Grbl's EEPROM",
+        "lines that come up to 300 ms earlier, to a line that is stored";
+    ShortStops: "D18", false,
+        "holds and overrides act within 5 ms, resets decelerate: the axes are elsewhere then",
+        "after a hold, door, cancel, override, reset or contact in motion: positions along the path, \
+         within 80 ms of travel and the way of the deceleration, and the times that go with them; at rest \
+         the place must stay";
+    Rounding: "D19", false,
+        "the last digit of a number half-way between two",
+        "one unit of the last digit of a position or an offset";
+    RefusedChangesNothing: "D20", false,
+        "a refused line changes nothing",
+        "Grbl's state Home after a refused `$H…`";
+    InverseTimeArcs: "D21", false,
+        "an arc under G93 takes 1/F minutes",
+        "times after an arc under `G93`";
+    HomingMotion: "D22", false,
+        "homing brakes each axis on its own, and keeps the limits of the slowest",
+        "35 % of the time of a homing cycle";
+    FarTargets: "D23", true,
+        "a target that the step counters cannot hold is refused",
+        "`error:33` for `ok`, to a word beyond 2^30 steps";
+    NoPause: "D24", false,
+        "no pause for the drivers ($1) at the end of a motion, or at a reset",
+        "what comes `$1` and 5 ms earlier for each end of a motion that follows another; the welcome \
+         after a reset";
+    HomingOnSwitch: "D25", true,
+        "homing is refused while a switch of its axes is closed",
+        "everything after an `$H` that is answered `error:203`";
+    SingleAxisHoming: "D26", true,
+        "`$HX`, `$HY` and `$HZ` home a single axis",
+        "everything after an `$HX` to which Grbl says `error:3`";
+    LostBytes: "D27", true,
+        "more than 128 bytes may wait to be read: Grbl loses them",
+        "everything after more than 128 bytes behind an unanswered line";
+    StepRates: "D11", true,
+        "a step rate that is not proven is refused",
+        "`error:12` for `ok`, to a resolution or a rate";
+    LimitOpens: "D28", true,
+        "a limit switch that opens is no alarm",
+        "everything after `ALARM:1` when a limit switch opens";
+    ArcLimits: "D31", true,
+        "an arc that leaves the travel is refused before it begins",
+        "everything after `ALARM:2` that comes earlier, to an arc";
+    DarkHold: "D36", false,
+        "a laser stays dark at rest in a hold",
+        "no power of a laser in `Hold:0` where Grbl's has some";
+    ArcTurns: "D37", true,
+        "P in an arc is its number of turns",
+        "an answer other than `error:36` to an arc with a P word";
+    Follows: "follows", false,
+        "follows from a deviation in an answer",
+        "the end of an exchange in which one of D5, D7, D8, D9, D10, D23, D25, D26 and D27 explains an \
+         answer, and locks and lists after it";
+    Mist: "D40", true,
+        "there is mist: `M7` and 0xA1",
+        "an answer other than `error:20` to a line with `M7`; and after it or 0xA1, `M7` in `$G`, and \
+         `Ov`, `A` and `WCO` of reports";
+    BuildInfo: "D41", false,
+        "`$I` tells the proven step rate",
+        "the line `[MSG:Step rate: …]` of the answer to `$I`";
+    PathControl: "D42", true,
+        "there are the path control modes `G61.1` and `G64`",
+        "an answer other than Grbl's to a line with `G61.1` or `G64`, which it refuses; and the message \
+         `[MSG:Path deviation: …]`";
+    Digits: "D43", true,
+        "every digit of a number counts, not the first eight",
+        "a line that has a number of more than eight digits, and what follows in a table";
+    Dwells: "D44", false,
+        "a dwell of more than 49 days is refused",
+        "`error:39` for `ok`, to a `G4`";
+    FeedUnits: "D45", false,
+        "F is in the units of the line, also when G94 follows G93",
+        "an F in a table that is 25.4 times Grbl's";
+    WorkCoordinates: "D46", true,
+        "there are G59.1 to G59.3, G52, G90.1, G92.2, G92.3 and `G10 L2 R`",
+        "an answer other than Grbl's to a line with one of these, which it refuses; `error:28` to a `G10` \
+         without P";
+    AxisWordsAfterG80: "D47", true,
+        "axis words after G80 belong to the command that uses them",
+        "an answer other than `error:31` to a line with G10, G28, G30, G92 or G43.1";
+    ProgramHabits: "D48", true,
+        "what post-processors write besides motion is read",
+        "an answer other than `error:20` or `error:21` to a line with G50, G80, G97, G98, G99, M48 to M51 \
+         or M53; other than `error:24` to G0 or G1 beside G28 or G30, and to G49; other than Grbl's to \
+         `%`, `O1234` and `:1234`";
+    ToolOffsets: "D49", true,
+        "the tool length offset is a vector",
+        "an answer other than `error:37` to a G43.1";
+    ToolChange: "D50", true,
+        "tools are changed",
+        "an answer other than `error:20` to a line with M6 or M61, and the message `[MSG:Tool change: \
+         …]`; T in a `$G` after it";
 }
 
 impl Deviation {
-    /// Every one, in the order of their names.
-    pub(crate) const ALL: [Self; 39] = [
-        Self::Buffers,
-        Self::LongLines,
-        Self::ExactPositions,
-        Self::JogWithoutAxes,
-        Self::SettingRanges,
-        Self::StartupLines,
-        Self::Arcs,
-        Self::ToolIsModal,
-        Self::SlowSteps,
-        Self::PromptReports,
-        Self::NoDeafness,
-        Self::QuickStorage,
-        Self::ShortStops,
-        Self::Rounding,
-        Self::RefusedChangesNothing,
-        Self::InverseTimeArcs,
-        Self::HomingMotion,
-        Self::FarTargets,
-        Self::NoPause,
-        Self::HomingOnSwitch,
-        Self::SingleAxisHoming,
-        Self::LostBytes,
-        Self::StepRates,
-        Self::LimitOpens,
-        Self::ArcLimits,
-        Self::DarkHold,
-        Self::ArcTurns,
-        Self::Follows,
-        Self::Mist,
-        Self::BuildInfo,
-        Self::PathControl,
-        Self::Digits,
-        Self::Dwells,
-        Self::FeedUnits,
-        Self::WorkCoordinates,
-        Self::AxisWordsAfterG80,
-        Self::ProgramHabits,
-        Self::ToolOffsets,
-        Self::ToolChange,
-    ];
-
-    /// Its short name.
-    pub(crate) fn id(self) -> &'static str {
-        match self {
-            Self::Buffers => "D4",
-            Self::LongLines => "D5",
-            Self::ExactPositions => "D6",
-            Self::JogWithoutAxes => "D7",
-            Self::SettingRanges => "D8",
-            Self::StartupLines => "D9",
-            Self::Arcs => "D10",
-            Self::ToolIsModal => "D13",
-            Self::Follows => "follows",
-            Self::SlowSteps => "D14",
-            Self::PromptReports => "D15",
-            Self::NoDeafness => "D16",
-            Self::QuickStorage => "D17",
-            Self::ShortStops => "D18",
-            Self::Rounding => "D19",
-            Self::RefusedChangesNothing => "D20",
-            Self::InverseTimeArcs => "D21",
-            Self::HomingMotion => "D22",
-            Self::FarTargets => "D23",
-            Self::NoPause => "D24",
-            Self::HomingOnSwitch => "D25",
-            Self::SingleAxisHoming => "D26",
-            Self::LostBytes => "D27",
-            Self::StepRates => "D11",
-            Self::LimitOpens => "D28",
-            Self::ArcLimits => "D31",
-            Self::DarkHold => "D36",
-            Self::ArcTurns => "D37",
-            Self::Mist => "D40",
-            Self::BuildInfo => "D41",
-            Self::PathControl => "D42",
-            Self::Digits => "D43",
-            Self::Dwells => "D44",
-            Self::FeedUnits => "D45",
-            Self::WorkCoordinates => "D46",
-            Self::AxisWordsAfterG80 => "D47",
-            Self::ProgramHabits => "D48",
-            Self::ToolOffsets => "D49",
-            Self::ToolChange => "D50",
-        }
-    }
-
-    /// Whether a line is executed that Grbl refuses, or the other way round, so that what follows
-    /// differs too.
-    pub(crate) fn has_consequences(self) -> bool {
-        match self {
-            Self::LongLines
-            | Self::JogWithoutAxes
-            | Self::SettingRanges
-            | Self::StartupLines
-            | Self::Arcs
-            | Self::FarTargets
-            | Self::HomingOnSwitch
-            | Self::SingleAxisHoming
-            | Self::LostBytes
-            | Self::StepRates
-            | Self::LimitOpens
-            | Self::ArcLimits
-            | Self::ArcTurns
-            | Self::Mist
-            | Self::PathControl
-            | Self::Digits
-            | Self::WorkCoordinates
-            | Self::AxisWordsAfterG80
-            | Self::ProgramHabits
-            | Self::ToolOffsets
-            | Self::ToolChange => true,
-            Self::Buffers
-            | Self::ExactPositions
-            | Self::ToolIsModal
-            | Self::Follows
-            | Self::SlowSteps
-            | Self::PromptReports
-            | Self::NoDeafness
-            | Self::QuickStorage
-            | Self::ShortStops
-            | Self::Rounding
-            | Self::RefusedChangesNothing
-            | Self::InverseTimeArcs
-            | Self::HomingMotion
-            | Self::NoPause
-            | Self::DarkHold
-            | Self::BuildInfo
-            | Self::Dwells
-            | Self::FeedUnits => false,
-        }
-    }
-
-    /// What it says.
-    pub(crate) fn text(self) -> &'static str {
-        match self {
-            Self::Buffers => "free bytes and blocks are those of our own, larger buffers",
-            Self::LongLines => "lines of 80 to 256 characters are read",
-            Self::ExactPositions => {
-                "points half-way between two steps: exact here, rounded in single precision by Grbl"
-            }
-            Self::JogWithoutAxes => "a jog without an axis is refused",
-            Self::SettingRanges => "settings out of range are refused, not stored or cut",
-            Self::StartupLines => "there are two startup lines",
-            Self::Arcs => "an arc is one block, not many chords",
-            Self::ToolIsModal => "T stays until the next T",
-            Self::Follows => "follows from a deviation in an answer",
-            Self::SlowSteps => {
-                "moves slower than 30.5 steps per second, which Grbl's timer cannot time"
-            }
-            Self::PromptReports => {
-                "`?` is answered at once, also while homing, dwelling and after an alarm"
-            }
-            Self::NoDeafness => "no pause of 500 ms after an alarm: what is sent then is answered",
-            Self::QuickStorage => "storing takes less time than Grbl's EEPROM",
-            Self::ShortStops => {
-                "holds and overrides act within 5 ms, resets decelerate: the axes are elsewhere then"
-            }
-            Self::Rounding => "the last digit of a number half-way between two",
-            Self::RefusedChangesNothing => "a refused line changes nothing",
-            Self::InverseTimeArcs => "an arc under G93 takes 1/F minutes",
-            Self::HomingMotion => {
-                "homing brakes each axis on its own, and keeps the limits of the slowest"
-            }
-            Self::FarTargets => "a target that the step counters cannot hold is refused",
-            Self::HomingOnSwitch => "homing is refused while a switch of its axes is closed",
-            Self::SingleAxisHoming => "`$HX`, `$HY` and `$HZ` home a single axis",
-            Self::LostBytes => "more than 128 bytes may wait to be read: Grbl loses them",
-            Self::StepRates => "a step rate that is not proven is refused",
-            Self::LimitOpens => "a limit switch that opens is no alarm",
-            Self::ArcLimits => "an arc that leaves the travel is refused before it begins",
-            Self::DarkHold => "a laser stays dark at rest in a hold",
-            Self::ArcTurns => "P in an arc is its number of turns",
-            Self::Mist => "there is mist: `M7` and 0xA1",
-            Self::BuildInfo => "`$I` tells the proven step rate",
-            Self::PathControl => "there are the path control modes `G61.1` and `G64`",
-            Self::Digits => "every digit of a number counts, not the first eight",
-            Self::Dwells => "a dwell of more than 49 days is refused",
-            Self::FeedUnits => "F is in the units of the line, also when G94 follows G93",
-            Self::WorkCoordinates => {
-                "there are G59.1 to G59.3, G52, G90.1, G92.2, G92.3 and `G10 L2 R`"
-            }
-            Self::AxisWordsAfterG80 => "axis words after G80 belong to the command that uses them",
-            Self::ProgramHabits => "what post-processors write besides motion is read",
-            Self::ToolOffsets => "the tool length offset is a vector",
-            Self::ToolChange => "tools are changed",
-            Self::NoPause => "no pause for the drivers ($1) at the end of a motion, or at a reset",
-        }
-    }
-
-    /// What it lets differ, and when.
-    #[expect(clippy::too_many_lines, reason = "a table: a line or a few for each")]
-    pub(crate) fn rule(self) -> &'static str {
-        match self {
-            Self::Buffers => {
-                "`Bf:`, and in `[OPT:…]` the numbers, where ours are not smaller, and further letters; \
-                 an `ok` that comes earlier after more than 15 moves"
-            }
-            Self::LongLines => "an answer other than `error:11` to a line of 80 to 256 characters",
-            Self::ExactPositions => {
-                "one step of an axis, where the position lies half-way between two"
-            }
-            Self::JogWithoutAxes => "`error:26` for `ok`, to a `$J=` without an axis word",
-            Self::SettingRanges => {
-                "an error for `ok`, to `$n=` with 0 steps/mm, speed or acceleration, or an integer \
-                 above 255; and what `$$` shows of it"
-            }
-            Self::StartupLines => "`error:3` for `ok`, to `$N2=` and above",
-            Self::Arcs => "an `ok` that comes earlier, to an arc or after one",
-            Self::ToolIsModal => "another T than 0 where Grbl shows 0",
-            Self::Follows => {
-                "the end of an exchange in which one of D5, D7, D8, D9, D10, D23, D25, D26 and D27 \
-                 explains an answer, and locks and lists after it"
-            }
-            Self::SlowSteps => "a time in which Grbl's steps come at 30.5 per second",
-            Self::PromptReports => {
-                "a report that Grbl sends late or never, while it homes or dwells or after an alarm; \
-                 and which report has `WCO` or `Ov` after it"
-            }
-            Self::NoDeafness => {
-                "lines that come up to 600 ms earlier after an alarm, and answers to what was sent \
-                 in that time"
-            }
-            Self::QuickStorage => "lines that come up to 300 ms earlier, to a line that is stored",
-            Self::ShortStops => {
-                "after a hold, door, cancel, override, reset or contact in motion: positions along \
-                 the path, within 80 ms of travel and the way of the deceleration, and the times \
-                 that go with them; at rest the place must stay"
-            }
-            Self::Rounding => "one unit of the last digit of a position or an offset",
-            Self::RefusedChangesNothing => "Grbl's state Home after a refused `$H…`",
-            Self::InverseTimeArcs => "times after an arc under `G93`",
-            Self::HomingMotion => "35 % of the time of a homing cycle",
-            Self::FarTargets => "`error:33` for `ok`, to a word beyond 2^30 steps",
-            Self::NoPause => {
-                "what comes `$1` and 5 ms earlier for each end of a motion that follows another; \
-                 the welcome after a reset"
-            }
-            Self::HomingOnSwitch => "everything after an `$H` that is answered `error:203`",
-            Self::SingleAxisHoming => "everything after an `$HX` to which Grbl says `error:3`",
-            Self::LostBytes => "everything after more than 128 bytes behind an unanswered line",
-            Self::StepRates => "`error:12` for `ok`, to a resolution or a rate",
-            Self::LimitOpens => "everything after `ALARM:1` when a limit switch opens",
-            Self::ArcLimits => "everything after `ALARM:2` that comes earlier, to an arc",
-            Self::DarkHold => "no power of a laser in `Hold:0` where Grbl's has some",
-            Self::ArcTurns => "an answer other than `error:36` to an arc with a P word",
-            Self::Mist => {
-                "an answer other than `error:20` to a line with `M7`; and after it or 0xA1, `M7` in `$G`, \
-                 and `Ov`, `A` and `WCO` of reports"
-            }
-            Self::BuildInfo => "the line `[MSG:Step rate: …]` of the answer to `$I`",
-            Self::Digits => {
-                "a line that has a number of more than eight digits, and what follows in a table"
-            }
-            Self::Dwells => "`error:39` for `ok`, to a `G4`",
-            Self::WorkCoordinates => {
-                "an answer other than Grbl's to a line with one of these, which it refuses; `error:28` to a `G10` without P"
-            }
-            Self::AxisWordsAfterG80 => {
-                "an answer other than `error:31` to a line with G10, G28, G30, G92 or G43.1"
-            }
-            Self::ProgramHabits => {
-                "an answer other than `error:20` or `error:21` to a line with G50, G80, G97, G98, G99, M48 to M51 or M53; other than `error:24` to G0 or G1 beside G28 or G30, and to G49; other than Grbl's to `%`, `O1234` and `:1234`"
-            }
-            Self::ToolOffsets => "an answer other than `error:37` to a G43.1",
-            Self::ToolChange => {
-                "an answer other than `error:20` to a line with M6 or M61, and the message `[MSG:Tool change: …]`; T in a `$G` after it"
-            }
-            Self::FeedUnits => "an F in a table that is 25.4 times Grbl's",
-            Self::PathControl => {
-                "an answer other than Grbl's to a line with `G61.1` or `G64`, which it refuses; and \
-                 the message `[MSG:Path deviation: …]`"
-            }
-        }
+    /// Its row of the table.
+    pub(crate) fn row(self) -> &'static Row {
+        &Self::ROWS[self as usize]
     }
 }
 
@@ -467,7 +299,7 @@ fn has_word(code: &str, letter: char, numbers: &[f64]) -> bool {
 
 impl Serialize for Deviation {
     fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
-        serializer.collect_str(self.id())
+        serializer.collect_str(self.row().id)
     }
 }
 
@@ -560,7 +392,11 @@ mod tests {
     fn no_two_deviations_have_one_name() {
         for (index, deviation) in Deviation::ALL.iter().enumerate() {
             let others = &Deviation::ALL[index + 1..];
-            assert!(others.iter().all(|other| other.id() != deviation.id()));
+            assert!(
+                others
+                    .iter()
+                    .all(|other| other.row().id != deviation.row().id)
+            );
         }
     }
 }

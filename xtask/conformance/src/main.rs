@@ -11,11 +11,6 @@ use std::{
     fmt::Write as _,
     path::{Path, PathBuf},
     process::ExitCode,
-    sync::{
-        Mutex,
-        atomic::{AtomicUsize, Ordering},
-    },
-    thread,
 };
 
 use anyhow::{Context, Result, ensure};
@@ -25,6 +20,7 @@ use host::{
     output::{progress, write_json},
     play,
 };
+use rayon::prelude::*;
 use serde::Serialize;
 
 use self::{
@@ -134,8 +130,8 @@ fn load(dir: &Path, categories: &[String]) -> Result<Vec<Recording>> {
 fn document() -> Result<String> {
     let mut text = HEAD.to_owned();
     for deviation in Deviation::ALL {
-        let (id, what, rule) = (deviation.id(), deviation.text(), deviation.rule());
-        writeln!(text, "| {id} | {what} | {rule} |")?;
+        let row = deviation.row();
+        writeln!(text, "| {} | {} | {} |", row.id, row.text, row.rule)?;
     }
     Ok(text)
 }
@@ -184,30 +180,14 @@ const CHECK: &str = "check";
 /// Runs everything, on every core.
 fn replay_all(dir: &Path, recordings: &[Recording]) -> Result<Vec<Outcome>> {
     let bar = progress(recordings.len() as u64, "recordings");
-    let (next, outcomes) = (AtomicUsize::new(0), Mutex::new(Vec::new()));
-    let work = || -> Result<()> {
-        loop {
-            let index = next.fetch_add(1, Ordering::Relaxed);
-            let Some(recording) = recordings.get(index) else {
-                return Ok(());
-            };
-            let outcome = replay(dir, recording)?;
-            let mut outcomes = outcomes.lock().expect("no other thread panicked");
-            outcomes.push((index, outcome));
-            bar.inc(1);
-        }
+    let each = |recording| {
+        let outcome = replay(dir, recording);
+        bar.inc(1);
+        outcome
     };
-    let threads = thread::available_parallelism().map_or(1, usize::from);
-    thread::scope(|scope| {
-        let running: Vec<_> = (0..threads).map(|_| scope.spawn(work)).collect();
-        running
-            .into_iter()
-            .try_for_each(|thread| thread.join().expect("a replay does not panic"))
-    })?;
+    let outcomes = recordings.par_iter().map(each).collect();
     bar.finish_and_clear();
-    let mut outcomes = outcomes.into_inner().expect("no other thread panicked");
-    outcomes.sort_by_key(|(index, _)| *index);
-    Ok(outcomes.into_iter().map(|(_, outcome)| outcome).collect())
+    outcomes
 }
 
 fn replay(dir: &Path, recording: &Recording) -> Result<Outcome> {

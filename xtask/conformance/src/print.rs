@@ -94,7 +94,8 @@ fn deviations(outcomes: &[Outcome], shows_all: bool) {
     }
     for (deviation, mut places) in places {
         let count = places.len();
-        println!("{count:>6} × {:<8}{}", deviation.id(), deviation.text());
+        let row = deviation.row();
+        println!("{count:>6} × {:<8}{}", row.id, row.text);
         places.dedup();
         let shown = if shows_all { places.len() } else { NAMED };
         let more = places.len().saturating_sub(shown);
@@ -130,9 +131,9 @@ fn differences(category: &str, outcomes: &[&Outcome], shows_all: bool) {
             "" => String::new(),
             settings => format!(" ({settings})"),
         };
-        let why = difference
-            .by_design
-            .map_or(String::new(), |deviation| format!(" [{}]", deviation.id()));
+        let why = difference.by_design.map_or(String::new(), |deviation| {
+            format!(" [{}]", deviation.row().id)
+        });
         println!(
             "  {}{settings}{why}\n      {}: {}",
             outcome.program, difference.what, difference.text

@@ -101,7 +101,9 @@ impl<'a> Judge<'a> {
                     }
                     Pair::Both(..) | Pair::Changed(..) | Pair::Ours(..) | Pair::Theirs(..) => None,
                 });
-            if diverged.is_none() && by_design.is_some_and(Deviation::has_consequences) {
+            if diverged.is_none()
+                && by_design.is_some_and(|deviation| deviation.row().has_consequences)
+            {
                 diverged = Some(apart.map_or(step, |(_, since)| since));
             }
             let name = self.exchange.step_name(step);
