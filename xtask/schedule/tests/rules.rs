@@ -5,9 +5,9 @@ mod project;
 use project::{Project, assert_caught};
 use schedule::Rule;
 
-/// Builds the fixture with code in the task `receive`, and expects a rule to be broken there, told
-/// with these words.
-fn in_receive(name: &str, code: &str, items: &str, (rule, words): (Rule, &str)) {
+/// Builds the fixture with code in the task `receive`, and items beside it, and expects a rule to be
+/// broken there, told with these words.
+fn in_receive(name: &str, code: &str, items: &str, rule: Rule, words: &str) {
     let Some(project) = Project::new(name) else {
         return;
     };
@@ -16,6 +16,70 @@ fn in_receive(name: &str, code: &str, items: &str, (rule, words): (Rule, &str)) 
     let flaws = project.flaws();
     let flaw = assert_caught(&flaws, rule, first..=first + code.lines().count() - 1);
     assert!(flaw.what.contains(words), "{}", flaw.what);
+}
+
+/// Tests of that: name, rule, words, code, items.
+macro_rules! in_receive {
+    ($($name:ident: $rule:ident, $words:literal, $code:literal, $items:literal;)*) => {$(
+        #[test]
+        fn $name() {
+            in_receive(stringify!($name), $code, $items, Rule::$rule, $words);
+        }
+    )*};
+}
+
+in_receive! {
+    an_unchecked_index_is_a_reachable_panic: ReachablePanic, "a panic can be reached",
+        "BYTES[cx.local.place.wrapping_mul(3)].store(byte, Relaxed);",
+        "";
+    formatting_is_an_indirect_call: IndirectCall, "formatting by `core::fmt`",
+        "let _ = core::fmt::Write::write_fmt(&mut Out, format_args!(\"{byte}\"));",
+        "struct Out;
+    impl core::fmt::Write for Out {
+        fn write_str(&mut self, text: &str) -> core::fmt::Result {
+            text.bytes().for_each(|byte| device::write_pins(byte.into()));
+            Ok(())
+        }
+    }";
+    a_trait_object_is_an_indirect_call: IndirectCall, "call",
+        "let answer = ANSWERS[(byte & 1) as usize].answer(byte);
+            device::write_pins(answer);",
+        "trait Answer: Sync {
+        fn answer(&self, byte: u32) -> u32;
+    }
+    struct Double;
+    impl Answer for Double {
+        fn answer(&self, byte: u32) -> u32 {
+            2 * byte
+        }
+    }
+    struct Square;
+    impl Answer for Square {
+        fn answer(&self, byte: u32) -> u32 {
+            byte * byte
+        }
+    }
+    static ANSWERS: [&dyn Answer; 2] = [&Double, &Square];";
+    a_division_of_64_bits_is_an_unbounded_loop: UnboundedLoop, "a division of 64 bits (`__aeabi_uldivmod`)",
+        "let wide = u64::from(byte) << 40;
+            device::write_pins((wide / u64::from(byte | 1).wrapping_mul(0x1_0000_0003)) as u32);",
+        "";
+    a_copy_of_variable_length_is_an_unbounded_loop: UnboundedLoop, "a copy or filling of variable or great length",
+        "let mut copy = [0_u8; 256];
+            let source = [byte as u8; 256];
+            let length = byte as usize & 255;
+            copy[..length].copy_from_slice(core::hint::black_box(&source[..length]));
+            device::write_pins(core::hint::black_box(&copy)[7].into());",
+        "";
+    waiting_for_a_flag_is_an_unbounded_loop: UnboundedLoop, "a loop has no bound",
+        "while !device::has_byte() {}",
+        "";
+    a_counted_loop_that_runs_more_often_than_its_comment_says_is_caught: WrongBound, "10",
+        "// wcet-bound: 10
+            for _ in 0..1000 {
+                device::write_pins(device::byte().into());
+            }",
+        "";
 }
 
 #[test]
@@ -35,91 +99,6 @@ fn an_application_that_keeps_all_rules_is_proven() {
 }
 
 #[test]
-fn an_unchecked_index_is_a_reachable_panic() {
-    let code = "BYTES[cx.local.place.wrapping_mul(3)].store(byte, Relaxed);";
-    in_receive(
-        "unchecked-index",
-        code,
-        "",
-        (Rule::ReachablePanic, "a panic can be reached"),
-    );
-}
-
-#[test]
-fn formatting_is_an_indirect_call() {
-    let code = "let _ = core::fmt::Write::write_fmt(&mut Out, format_args!(\"{byte}\"));";
-    let items = "struct Out;
-    impl core::fmt::Write for Out {
-        fn write_str(&mut self, text: &str) -> core::fmt::Result {
-            text.bytes().for_each(|byte| device::write_pins(byte.into()));
-            Ok(())
-        }
-    }";
-    in_receive(
-        "formatting",
-        code,
-        items,
-        (Rule::IndirectCall, "formatting by `core::fmt`"),
-    );
-}
-
-#[test]
-fn a_trait_object_is_an_indirect_call() {
-    let code = "let answer = ANSWERS[(byte & 1) as usize].answer(byte);
-            device::write_pins(answer);";
-    let items = "trait Answer: Sync {
-        fn answer(&self, byte: u32) -> u32;
-    }
-    struct Double;
-    impl Answer for Double {
-        fn answer(&self, byte: u32) -> u32 {
-            2 * byte
-        }
-    }
-    struct Square;
-    impl Answer for Square {
-        fn answer(&self, byte: u32) -> u32 {
-            byte * byte
-        }
-    }
-    static ANSWERS: [&dyn Answer; 2] = [&Double, &Square];";
-    in_receive("trait-object", code, items, (Rule::IndirectCall, "call"));
-}
-
-#[test]
-fn a_division_of_64_bits_is_an_unbounded_loop() {
-    let code = "let wide = u64::from(byte) << 40;
-            device::write_pins((wide / u64::from(byte | 1).wrapping_mul(0x1_0000_0003)) as u32);";
-    in_receive(
-        "wide-division",
-        code,
-        "",
-        (
-            Rule::UnboundedLoop,
-            "a division of 64 bits (`__aeabi_uldivmod`)",
-        ),
-    );
-}
-
-#[test]
-fn a_copy_of_variable_length_is_an_unbounded_loop() {
-    let code = "let mut copy = [0_u8; 256];
-            let source = [byte as u8; 256];
-            let length = byte as usize & 255;
-            copy[..length].copy_from_slice(core::hint::black_box(&source[..length]));
-            device::write_pins(core::hint::black_box(&copy)[7].into());";
-    in_receive(
-        "variable-copy",
-        code,
-        "",
-        (
-            Rule::UnboundedLoop,
-            "a copy or filling of variable or great length",
-        ),
-    );
-}
-
-#[test]
 fn recursion_is_refused() {
     let code = "device::write_pins(deeper(byte));";
     let items = "#[inline(never)]
@@ -133,17 +112,6 @@ fn recursion_is_refused() {
     let project = project.with("receive", code).with("items", items);
     let call = project.line("byte ^ deeper");
     assert_caught(&project.flaws(), Rule::Recursion, call..=call);
-}
-
-#[test]
-fn waiting_for_a_flag_is_an_unbounded_loop() {
-    let code = "while !device::has_byte() {}";
-    in_receive(
-        "busy-wait",
-        code,
-        "",
-        (Rule::UnboundedLoop, "a loop has no bound"),
-    );
 }
 
 #[test]
@@ -162,15 +130,6 @@ fn a_critical_section_anywhere_in_the_image_is_measured() {
     let flaws = project.flaws();
     let flaw = assert_caught(&flaws, Rule::CriticalSection, first..=first + 5);
     assert!(flaw.what.contains("more than 200"), "{}", flaw.what);
-}
-
-#[test]
-fn a_counted_loop_that_runs_more_often_than_its_comment_says_is_caught() {
-    let code = "// wcet-bound: 10
-            for _ in 0..1000 {
-                device::write_pins(device::byte().into());
-            }";
-    in_receive("wrong-bound", code, "", (Rule::WrongBound, "10"));
 }
 
 #[test]
