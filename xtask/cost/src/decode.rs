@@ -86,7 +86,6 @@ impl Instruction {
 }
 
 /// Decodes the instruction at `address`; `second` is ignored when it is a short one.
-#[must_use]
 pub fn decode(address: u32, first: u16, second: u16) -> Option<Instruction> {
     let decoded = Decoder::new().decode(address, [first, second]).ok()?;
     let class = class(&decoded.operation, first);

@@ -59,7 +59,6 @@ impl Program {
     }
 
     /// The function that holds `address`, as an index of [`Self::functions`].
-    #[must_use]
     pub fn function_at(&self, address: u32) -> Option<usize> {
         let after = self
             .functions

@@ -12,6 +12,7 @@
 //!
 //! An instruction that the decoder does not know is reported with its address and encoding; whoever
 //! reads the report must then distrust it.
+#![allow(clippy::must_use_candidate, reason = "a library of its own tests")]
 
 pub mod decode;
 pub mod elf;

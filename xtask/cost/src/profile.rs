@@ -39,7 +39,6 @@ pub struct Profile {
 
 impl Profile {
     /// Empty profile.
-    #[must_use]
     pub fn new(program: Program) -> Self {
         let calls = vec![Calls::default(); program.functions.len()];
         Self {

@@ -9,6 +9,8 @@ use crate::{
 
 /// Returns everything that the profile holds.
 pub(crate) fn report(profile: &Profile) -> Value {
+    let tasks = profile.tasks.iter();
+    let tasks: Vec<_> = tasks.map(|task| describe(profile, task)).collect();
     json!({
         "model": MODEL,
         "instructions": profile.total.instructions,
@@ -16,7 +18,7 @@ pub(crate) fn report(profile: &Profile) -> Value {
         "unexplained": profile.unexplained,
         "first_unexplained": profile.first_unexplained,
         "unknown": unknown(profile),
-        "tasks": Vec::from_iter(profile.tasks.iter().map(|task| describe(profile, task))),
+        "tasks": tasks,
         "functions": functions(profile),
         "sites": sites(profile),
     })
@@ -53,7 +55,7 @@ fn describe(profile: &Profile, task: &Task) -> Value {
         "max_span_cycles": task.max_span_cycles,
         "peripheral_reads": task.peripheral_reads,
         "peripheral_writes": task.peripheral_writes,
-        "histogram": Vec::from_iter(&task.histogram),
+        "histogram": task.histogram.iter().collect::<Vec<_>>(),
     })
 }
 

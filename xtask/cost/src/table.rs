@@ -36,7 +36,6 @@ pub struct Circumstances {
 }
 
 /// Cycles that one execution takes.
-#[must_use]
 pub fn cycles(instruction: &Instruction, how: Circumstances) -> u64 {
     let base = match instruction.class {
         Class::Load | Class::StoreIndexed | Class::Multiple(_) if !how.touched => 1,

@@ -238,7 +238,6 @@ impl Config {
     }
 
     /// What the names in its formulas mean.
-    #[must_use]
     pub fn names(&self, clock: &Clock, point: Point) -> Names<'_> {
         let formulas = self.bounds.iter();
         Names {
@@ -320,7 +319,6 @@ impl Config {
     }
 
     /// Why a function is excused, if it is.
-    #[must_use]
     pub fn exemption(&self, function: &str) -> Option<&str> {
         let exempt = self.exempt.iter();
         let mut found = exempt.filter(|exempt| is_named(function, &exempt.function));

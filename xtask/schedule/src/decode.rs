@@ -71,7 +71,6 @@ impl Decoded {
 }
 
 /// The length in bytes of the instruction that begins with `first`.
-#[must_use]
 pub const fn size(first: u16) -> u8 {
     if first >> 11 >= 0b11101 { 4 } else { 2 }
 }
@@ -85,7 +84,6 @@ pub struct Decoder {
 
 impl Decoder {
     /// A decoder that no `IT` has gone through.
-    #[must_use]
     pub fn new() -> Self {
         Self::default()
     }

@@ -72,7 +72,6 @@ impl<'a> Graphs<'a> {
 }
 
 /// Whether interrupts are held back from this instruction on: all, or those of low priority.
-#[must_use]
 pub fn raises(instruction: &Instruction) -> bool {
     matches!(
         instruction.operation,
@@ -81,7 +80,6 @@ pub fn raises(instruction: &Instruction) -> bool {
 }
 
 /// Whether interrupts are let in again by this instruction.
-#[must_use]
 pub fn restores(instruction: &Instruction) -> bool {
     matches!(
         instruction.operation,

@@ -48,7 +48,6 @@ pub struct Extent {
 
 impl Extent {
     /// The address behind it.
-    #[must_use]
     pub const fn end(&self) -> u32 {
         self.address + self.size
     }
@@ -218,19 +217,16 @@ impl Image {
     }
 
     /// The byte at `address`.
-    #[must_use]
     pub fn byte(&self, address: u32) -> Option<u8> {
         self.bytes(address).map(u8::from_le_bytes)
     }
 
     /// The half-word at `address`.
-    #[must_use]
     pub fn half(&self, address: u32) -> Option<u16> {
         self.bytes(address).map(u16::from_le_bytes)
     }
 
     /// The word at `address`.
-    #[must_use]
     pub fn word(&self, address: u32) -> Option<u32> {
         self.bytes(address).map(u32::from_le_bytes)
     }
@@ -245,7 +241,6 @@ impl Image {
     }
 
     /// The halves of the instruction at `address`; the second is 0 where memory ends.
-    #[must_use]
     pub fn code(&self, address: u32) -> Option<[u16; 2]> {
         let first = self.half(address)?;
         Some([first, self.half(address.wrapping_add(2)).unwrap_or(0)])
@@ -253,7 +248,6 @@ impl Image {
 
     /// Where the contents of `address` are stored in the chip: what is copied to RAM at start-up
     /// is in flash.
-    #[must_use]
     pub fn load_address(&self, address: u32) -> Option<u32> {
         let segment = self.segment(address)?;
         Some(segment.load_address + (address - segment.address))
@@ -268,13 +262,11 @@ impl Image {
     }
 
     /// The words of the vector table: the stack's top first, then the handlers.
-    #[must_use]
     pub fn vectors(&self) -> &[u32] {
         &self.vectors
     }
 
     /// The address of a symbol, by its name in the file; of a function without the Thumb bit.
-    #[must_use]
     pub fn symbol(&self, name: &str) -> Option<u32> {
         self.symbols.get(name).copied()
     }
@@ -287,7 +279,6 @@ impl Image {
     }
 
     /// The function that holds `address`.
-    #[must_use]
     pub fn function(&self, address: u32) -> Option<&Extent> {
         let (_, extent) = self.functions.range(..=address).next_back()?;
         (address < extent.end()).then_some(extent)
@@ -299,7 +290,6 @@ impl Image {
     }
 
     /// The name of the function that holds `address`.
-    #[must_use]
     pub fn name(&self, address: u32) -> String {
         match self.function(address) {
             Some(extent) => extent.name.clone(),
@@ -308,27 +298,23 @@ impl Image {
     }
 
     /// Whether what is at `address` is data in the middle of code: constants, a jump table.
-    #[must_use]
     pub fn is_data(&self, address: u32) -> bool {
         let mark = self.marks.range(..=address).next_back();
         mark.is_some_and(|(_, &is_code)| !is_code)
     }
 
     /// Where code goes on behind the data at `address`.
-    #[must_use]
     pub fn data_end(&self, address: u32) -> Option<u32> {
         let mut marks = self.marks.range(address..);
         marks.find(|&(_, &is_code)| is_code).map(|(&end, _)| end)
     }
 
     /// The source lines of an instruction: that of the innermost inlined function first.
-    #[must_use]
     pub fn frames(&self, address: u32) -> Rc<[Frame]> {
         self.lines.frames(address)
     }
 
     /// The place of an instruction for a message.
-    #[must_use]
     pub fn place(&self, address: u32) -> Place {
         let mut frames: Vec<String> = self
             .frames(address)

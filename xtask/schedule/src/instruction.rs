@@ -152,19 +152,16 @@ pub struct Instruction {
 
 impl Instruction {
     /// The address behind it.
-    #[must_use]
     pub const fn end(&self) -> u32 {
         self.address + self.bytes as u32
     }
 
     /// Whether it depends on the flags.
-    #[must_use]
     pub const fn is_conditional(&self) -> bool {
         self.condition != 14
     }
 
     /// Whether it returns to the caller, or from an exception.
-    #[must_use]
     pub const fn is_return(&self) -> bool {
         match self.operation {
             Operation::JumpRegister(14) => true,

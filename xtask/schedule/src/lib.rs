@@ -4,6 +4,10 @@
 //! path found; with the priorities of the application and the times that are asked of its tasks,
 //! that gives a response time for each task. What cannot be bounded is a [`Flaw`], never a guess.
 #![forbid(unsafe_code)]
+#![allow(
+    clippy::must_use_candidate,
+    reason = "a library of the tools beside it"
+)]
 
 mod analyse;
 mod annotations;

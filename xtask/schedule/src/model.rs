@@ -73,7 +73,6 @@ pub struct Model {
 
 impl Model {
     /// The table of the manuals.
-    #[must_use]
     pub fn new(clock: &Clock) -> Self {
         let wait_states = clock.flash_wait_states;
         let miss = if clock.prefetch {
@@ -130,7 +129,6 @@ impl Model {
     }
 
     /// The table: cycles by the names of the classes.
-    #[must_use]
     pub const fn classes(&self) -> &BTreeMap<&'static str, u64> {
         &self.table
     }
@@ -141,37 +139,31 @@ impl Model {
     }
 
     /// What a miss of the instruction cache costs.
-    #[must_use]
     pub fn miss(&self) -> u64 {
         self.of("flash_miss")
     }
 
     /// What a taken branch costs.
-    #[must_use]
     pub fn refill(&self) -> u64 {
         self.of("refill")
     }
 
     /// Entry into an exception and return from it, apart from the cache.
-    #[must_use]
     pub fn entry_and_exit(&self) -> u64 {
         self.of("entry") + self.of("exit")
     }
 
     /// Entry into an exception alone.
-    #[must_use]
     pub fn entry(&self) -> u64 {
         self.of("entry")
     }
 
     /// What a task pays that uses floating point, for what it preempts: saved and restored.
-    #[must_use]
     pub fn lazy_save(&self) -> u64 {
         2 * self.of("lazy_save")
     }
 
     /// What a region adds to each access.
-    #[must_use]
     pub fn wait(&self, region: Region) -> u64 {
         match region {
             Region::Flash => self.of("flash_data"),
@@ -189,7 +181,6 @@ impl Model {
     }
 
     /// Cycles of an instruction that does not branch, without misses of the instruction cache.
-    #[must_use]
     pub fn cycles(&self, instruction: &Instruction, region: Region) -> u64 {
         let wait = self.wait(region);
         let several = |first: u64, each: u64, words: u8| {
@@ -257,7 +248,6 @@ impl Model {
     }
 
     /// The least that an instruction may take: pipelined, without waits.
-    #[must_use]
     pub fn least(instruction: &Instruction) -> u64 {
         match instruction.operation {
             Operation::Load { words, .. }

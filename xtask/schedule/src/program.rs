@@ -125,13 +125,11 @@ pub struct Function {
 
 impl Block {
     /// The address of its first instruction.
-    #[must_use]
     pub fn start(&self) -> u32 {
         self.instructions.first().map_or(0, |first| first.address)
     }
 
     /// The address behind it.
-    #[must_use]
     pub fn end(&self) -> u32 {
         self.instructions.last().map_or(0, Instruction::end)
     }
@@ -148,7 +146,6 @@ pub struct Program<'a> {
 
 impl<'a> Program<'a> {
     /// Analyses all functions of `image`.
-    #[must_use]
     pub fn new(image: &'a Image, annotations: &Annotations) -> Self {
         let graphs = Graphs::new(image).known;
         let panics = functions::panics(image, &graphs);
@@ -173,26 +170,22 @@ impl<'a> Program<'a> {
     }
 
     /// The function that begins at `address`.
-    #[must_use]
     pub fn function(&self, address: u32) -> Option<&Function> {
         self.functions.get(&address)
     }
 
     /// All functions by their addresses.
-    #[must_use]
     pub const fn functions(&self) -> &BTreeMap<u32, Function> {
         &self.functions
     }
 
     /// Whether the function at `address` never returns because it panics.
-    #[must_use]
     pub fn is_panic(&self, address: u32) -> bool {
         self.panics.contains(&address)
     }
 
     /// The functions that the one at `root` calls, directly or not, and itself. What a panic calls
     /// is left out: that a panic can be reached is a flaw of its own.
-    #[must_use]
     pub fn reach(&self, root: u32) -> BTreeSet<u32> {
         let mut reached = BTreeSet::new();
         let mut work = vec![root];

@@ -157,7 +157,6 @@ impl Checker {
     }
 
     /// What was found; `frames` tells where an address is: `function (file:line)`, innermost first.
-    #[must_use]
     pub fn summary(&self, frames: impl Fn(u32) -> Vec<String>) -> Summary {
         let mut summary = self.summary.clone();
         let kinds = self.plan.roots.iter().enumerate();

@@ -32,7 +32,6 @@ pub struct AppTask {
 
 impl AppTask {
     /// Where it is in the source.
-    #[must_use]
     pub fn place(&self) -> Place {
         Place {
             address: 0,
@@ -96,7 +95,6 @@ impl App {
     }
 
     /// The ceiling of each resource that is locked.
-    #[must_use]
     pub fn ceilings(&self) -> BTreeMap<&str, u8> {
         let mut ceilings = BTreeMap::new();
         for task in &self.tasks {
@@ -109,7 +107,6 @@ impl App {
     }
 
     /// The vectors of the tasks, each with its priority.
-    #[must_use]
     pub fn vectors(&self) -> BTreeMap<&str, u8> {
         let tasks = self.tasks.iter().filter(|task| task.priority > 0);
         tasks

@@ -26,7 +26,6 @@ const FIRST_MEMORY: u32 = 0x0800_0000;
 
 impl Region {
     /// The region of an address.
-    #[must_use]
     pub const fn of(address: u32) -> Self {
         match address {
             FIRST_MEMORY..0x0820_0000 => Self::Flash,
