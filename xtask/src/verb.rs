@@ -1,10 +1,15 @@
 //! The commands: what each is, and which tool it is a part of.
 
-use std::{ffi::OsString, process::ExitCode};
+use std::{
+    ffi::{OsStr, OsString},
+    fs,
+    path::Path,
+    process::ExitCode,
+};
 
 use anyhow::{Context, Result};
 use common::{
-    cargo,
+    cargo, probe,
     tools::{self, Tool},
 };
 
@@ -110,34 +115,120 @@ impl Verb {
         let Some(tool) = self.tool else {
             return test::start(arguments);
         };
-        if self.needs_qemu(&arguments) {
-            cargo::need_qemu()?;
-        }
+        self.check(&arguments)?;
         // A tool of several commands is told which.
         let name = (self.name != tool.package).then(|| self.name.into());
         tools::become_tool(tool, name.into_iter().chain(arguments))
     }
 
-    /// Whether QEMU has to be there, which is told before anything is compiled.
-    fn needs_qemu(&self, arguments: &[OsString]) -> bool {
-        let has = |option: &str| arguments.iter().any(|argument| argument == option);
-        !has("--help")
-            && !has("-h")
-            && match self.name {
-                "bench" | "qemu" | "run" => true,
-                "latency" => !has("--board"),
-                "calibrate" => has("--qemu"),
-                "schedule" => has("--replay"),
-                "sim" => has("--on-target"),
-                _ => false,
+    /// Makes sure that what the command uses is there: that is told before anything is compiled.
+    fn check(&self, arguments: &[OsString]) -> Result<()> {
+        let given = Given::new(arguments);
+        if ["--help", "-h", "--version", "-V"]
+            .map(|option| given.has(option))
+            .contains(&true)
+        {
+            return Ok(());
+        }
+        for path in given.files(self.name) {
+            // The same sentence for whatever cannot be opened: a program, settings, a port.
+            fs::metadata(path).with_context(|| format!("cannot open {}", path.display()))?;
+        }
+        if self.needs_qemu(&given) {
+            cargo::need_qemu()?;
+        }
+        if self.needs_probe(&given) {
+            probe::need(given.value("--probe").and_then(OsStr::to_str))?;
+        }
+        Ok(())
+    }
+
+    fn needs_qemu(&self, given: &Given) -> bool {
+        match self.name {
+            "bench" | "qemu" | "run" => true,
+            "latency" => given.value("--board").is_none(),
+            "calibrate" => given.has("--qemu"),
+            "schedule" => given.has("--replay"),
+            "sim" => given.has("--on-target"),
+            _ => false,
+        }
+    }
+
+    fn needs_probe(&self, given: &Given) -> bool {
+        match self.name {
+            "flash" => true,
+            "latency" => given.value("--board").is_some(),
+            "calibrate" => !given.has("--qemu"),
+            _ => false,
+        }
+    }
+}
+
+/// Options that name something to be read, of any command.
+const READ: [&str; 6] = [
+    "--settings",
+    "--load",
+    "--diff",
+    "--elf",
+    "--port",
+    "--session",
+];
+/// Commands whose argument is something to be read.
+const READERS: [&str; 5] = ["conformance", "latency", "qemu", "run", "sim"];
+/// Their options without a value.
+const FLAGS: [&str; 6] = [
+    "--locked",
+    "--on-target",
+    "--qemu",
+    "--quality",
+    "--switches",
+    "--all",
+];
+
+/// What was typed behind a command.
+struct Given<'a>(Vec<&'a OsStr>);
+
+impl<'a> Given<'a> {
+    /// Options and their values apart: `--settings=FILE` are two.
+    fn new(arguments: &'a [OsString]) -> Self {
+        let both = arguments.iter().flat_map(|argument| {
+            let halves = argument.to_str().filter(|text| text.starts_with("--"));
+            match halves.and_then(|text| text.split_once('=')) {
+                Some((option, value)) => vec![OsStr::new(option), OsStr::new(value)],
+                None => vec![argument.as_os_str()],
             }
+        });
+        Self(both.collect())
+    }
+
+    fn has(&self, option: &str) -> bool {
+        self.0.iter().any(|argument| *argument == option)
+    }
+
+    fn value(&self, option: &str) -> Option<&'a OsStr> {
+        let place = self.0.iter().position(|argument| *argument == option)?;
+        self.0.get(place + 1).copied()
+    }
+
+    /// What is to be read.
+    fn files(&self, command: &str) -> Vec<&'a Path> {
+        let named = READ.iter().filter_map(|option| self.value(option));
+        let is_option = |text: &OsStr| text.to_str().is_some_and(|text| text.starts_with('-'));
+        let is_flag = |text: &OsStr| FLAGS.iter().any(|flag| text == *flag);
+        let first = self.0.iter().enumerate().find(|(index, argument)| {
+            let before = index.checked_sub(1).map(|before| self.0[before]);
+            // Otherwise it is the value of that option.
+            !is_option(argument)
+                && before.is_none_or(|before| !is_option(before) || is_flag(before))
+        });
+        let first = first.filter(|_| READERS.contains(&command));
+        let all = named.chain(first.map(|(_, argument)| *argument));
+        all.filter(|path| *path != "-").map(Path::new).collect()
     }
 }
 
 #[cfg(test)]
 mod tests {
-    use std::fs;
-
     use super::*;
 
     /// The sources of a tool that has a command.
@@ -170,21 +261,58 @@ mod tests {
         }
     }
 
+    fn typed(line: &str) -> (&'static Verb, Vec<OsString>) {
+        let mut words = line.split(' ');
+        let verb = Verb::named(words.next().unwrap()).unwrap();
+        (verb, words.map(OsString::from).collect())
+    }
+
     #[test]
-    fn qemu_is_needed_where_something_is_emulated() {
-        for (line, needs) in [
-            ("qemu a.nc", true),
-            ("qemu --help", false),
-            ("sim a.nc", false),
-            ("sim a.nc --on-target", true),
-            ("latency", true),
-            ("latency --board mill", false),
-            ("test", false),
+    fn what_a_command_uses_is_known_before_it_is_compiled() {
+        for (line, qemu, probe) in [
+            ("qemu a.nc", true, false),
+            ("sim a.nc", false, false),
+            ("sim a.nc --on-target", true, false),
+            ("latency", true, false),
+            ("latency --board mill", false, true),
+            ("flash --board mill", false, true),
+            ("calibrate --qemu", true, false),
+            ("test", false, false),
         ] {
-            let mut words = line.split(' ');
-            let verb = Verb::named(words.next().unwrap()).unwrap();
-            let arguments: Vec<_> = words.map(OsString::from).collect();
-            assert_eq!(verb.needs_qemu(&arguments), needs, "{line}");
+            let (verb, arguments) = typed(line);
+            let given = Given::new(&arguments);
+            assert_eq!(verb.needs_qemu(&given), qemu, "{line}");
+            assert_eq!(verb.needs_probe(&given), probe, "{line}");
+        }
+    }
+
+    #[test]
+    fn missing_files_and_ports_are_told_at_once() {
+        for (line, missing) in [
+            ("sim no.nc --plot a.svg", "no.nc"),
+            ("sim --quality no.nc", "no.nc"),
+            ("sim --set $0=1 no.nc", "no.nc"),
+            ("sim - --settings=no.settings", "no.settings"),
+            ("settings --port /dev/no --save a.settings", "/dev/no"),
+            (
+                "settings --tcp localhost:1 --load no.settings",
+                "no.settings",
+            ),
+            ("qemu no.nc", "no.nc"),
+            ("run no.elf", "no.elf"),
+        ] {
+            let (verb, arguments) = typed(line);
+            let error = verb.check(&arguments).unwrap_err().to_string();
+            assert_eq!(error, format!("cannot open {missing}"), "{line}");
+        }
+        for line in [
+            "sim --help no.nc",
+            "sim - --json a.json",
+            "sim --pty a",
+            "docs --check",
+        ] {
+            let (verb, arguments) = typed(line);
+            assert!(verb.check(&arguments).is_ok(), "{line}");
         }
     }
 }

@@ -9,6 +9,7 @@
 
 pub mod cargo;
 pub mod check;
+pub mod probe;
 pub mod text;
 pub mod tools;
 pub mod ui;

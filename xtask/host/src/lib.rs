@@ -12,6 +12,7 @@
 #[path = "../../../tests/support/cases.rs"]
 mod cases;
 pub mod figures;
+pub mod holder;
 pub mod lock;
 pub mod machine;
 pub mod output;

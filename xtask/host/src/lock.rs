@@ -10,6 +10,8 @@ use std::{
 
 use anyhow::{Context, Result, bail};
 
+use crate::holder::named;
+
 /// A file `PATH.lock` with the number of the process that has it; it goes with the lock.
 pub struct Lock {
     path: PathBuf,
@@ -38,7 +40,11 @@ impl Lock {
                     let mut holder = String::new();
                     // One that has just begun has not written it yet.
                     let _ = file.read_to_string(&mut holder);
-                    bail!("process {} has {}", holder.trim(), path.display());
+                    let holder = match holder.trim().parse() {
+                        Ok(number) => named(number),
+                        Err(_) => "another process".into(),
+                    };
+                    bail!("{holder} has {}", path.display());
                 }
                 Err(TryLockError::Error(error)) => {
                     return Err(error).context(format!("cannot lock {}", lock.display()));
@@ -87,7 +93,7 @@ mod tests {
         let error = Lock::of(&path).err().unwrap().to_string();
         assert_eq!(
             error,
-            format!("process {} has {}", process::id(), path.display())
+            format!("{} has {}", named(process::id()), path.display())
         );
         drop(lock);
         assert_eq!(fs::read_dir(folder.path()).unwrap().count(), 0);

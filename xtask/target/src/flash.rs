@@ -64,11 +64,6 @@ mod with_probe {
 
     use super::{Board, Path, ui};
 
-    const NO_PROBE: &str = "no debug probe is attached\n\
-        Connect the board by USB (a Nucleo board's own ST-Link, or a probe on its SWD pins).\n\
-        On Linux, probes need udev rules: https://probe.rs/docs/getting-started/probe-setup\n\
-        If another program (OpenOCD, a debugger) has the probe, stop it.";
-
     /// Writes a firmware to a board and starts it.
     pub(crate) fn start(board: &Board, probe: Option<&str>, elf: &Path) -> Result<Session> {
         let lister = Lister::new();
@@ -110,7 +105,7 @@ mod with_probe {
     /// The only probe, or the one asked for.
     fn choose(probes: &[DebugProbeInfo], wanted: Option<&str>) -> Result<DebugProbeInfo> {
         if probes.is_empty() {
-            bail!(NO_PROBE);
+            bail!(common::probe::NONE);
         }
         if let Some(wanted) = wanted {
             let selector: DebugProbeSelector = wanted

@@ -8,6 +8,7 @@ use std::{
 
 use anyhow::{Context, Result};
 use common::ui;
+use host::holder;
 use rustix::{
     event::PollFd,
     net::sockopt::{set_socket_keepalive, set_tcp_keepcnt, set_tcp_keepidle, set_tcp_keepintvl},
@@ -30,7 +31,12 @@ impl Tcp {
     /// Listens at an address.
     pub(crate) fn at(address: &str) -> Result<Self> {
         let listener = TcpListener::bind(address).with_context(|| {
-            format!("cannot listen at {address:?} (an address is 127.0.0.1:2323)")
+            let parsed = address.parse().ok();
+            let hint = match parsed.and_then(holder::of_address) {
+                Some(holder) => format!("{holder} has it"),
+                None => "an address is 127.0.0.1:2323".into(),
+            };
+            format!("cannot listen at {address:?} ({hint})")
         })?;
         listener.set_nonblocking(true)?;
         let tcp = Self {
@@ -52,7 +58,10 @@ impl Tcp {
     /// Takes who wants to connect if nobody is, and tells everybody else who that is.
     fn accept(&mut self) {
         while let Ok((mut stream, from)) = self.listener.accept() {
-            if let Some((_, holder)) = &self.sender {
+            if let Some((_, address)) = &self.sender {
+                let process = holder::of_address(*address);
+                let process = process.map_or(String::new(), |process| format!(", {process}"));
+                let holder = format!("{address}{process}");
                 ui::status("Refused", &format!("{from}: {holder} is connected"));
                 // Who has gone already need not know.
                 let _ = write!(stream, "[MSG:In use by {holder}]\r\n");
