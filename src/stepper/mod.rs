@@ -11,7 +11,6 @@
 //! word for any number of axes, and no step is counted. `segment_start`, which the step interrupt
 //! releases, does what is due once in a segment: [`SegmentRing::start_segment`].
 
-mod direct;
 mod event;
 mod generator;
 mod jitter;

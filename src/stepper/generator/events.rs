@@ -3,8 +3,7 @@
 use super::{
     super::{
         EventWriter, StepEvent,
-        direct::Direct,
-        method::{Method, Placement},
+        method::{Direct, Method, Placement},
         ring::EventBatch,
         slots::SLOT_TICKS_SIGNED,
     },

@@ -80,9 +80,8 @@ fn firmware(emulator: &Emulator, options: &Options) -> Result<()> {
     /// Steps of all axes per second that no workload exceeds.
     const MOST_HZ: u32 = 500_000;
     /// Where the times of the steps are computed.
-    const STEP_TIMES: [&str; 4] = [
+    const STEP_TIMES: [&str; 3] = [
         "leadscrew::stepper::generator::",
-        "leadscrew::stepper::direct::",
         "leadscrew::stepper::method::",
         "leadscrew::stepper::slots::",
     ];
