@@ -43,6 +43,7 @@ fn command() -> Command {
         .after_help(ui::AXES)
         .styles(ui::STYLES)
         .max_term_width(100)
+        .version(env!("CARGO_PKG_VERSION"))
         .no_binary_name(true)
         .args([only, list, clients])
 }

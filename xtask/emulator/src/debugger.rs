@@ -17,24 +17,25 @@ use std::{
 
 use anyhow::{Context, Result, ensure};
 
+use crate::patience::Patient;
+
 /// How long QEMU may take to reply.
 const PATIENCE: Duration = Duration::from_secs(20);
 /// Bytes that are asked for at once: QEMU's packets have 4096 characters, two for each byte.
 const CHUNK: usize = 1024;
 
 /// A connection.
-pub struct Debugger(BufReader<UnixStream>);
+pub struct Debugger(BufReader<Patient>);
 
 impl Debugger {
-    /// Connects to the QEMU that listens at `socket`, which stops the machine.
-    pub fn connect(socket: &Path) -> Result<Self> {
+    /// Connects to the QEMU of a process that listens at `socket`, which stops the machine.
+    pub(crate) fn connect(socket: &Path, process: u32) -> Result<Self> {
         let stream = UnixStream::connect(socket).context("QEMU does not listen to debuggers")?;
-        Self::over(stream)
+        Self::over(stream, process)
     }
 
-    fn over(stream: UnixStream) -> Result<Self> {
-        stream.set_read_timeout(Some(PATIENCE))?;
-        stream.set_write_timeout(Some(PATIENCE))?;
+    fn over(stream: UnixStream, process: u32) -> Result<Self> {
+        let stream = Patient::new(stream, process, PATIENCE)?;
         let mut debugger = Self(BufReader::new(stream));
         debugger.wait_for_stop()?;
         Ok(debugger)
@@ -105,7 +106,7 @@ impl Debugger {
     }
 
     fn put(&mut self, bytes: &[u8]) -> Result<()> {
-        let put = self.0.get_mut().write_all(bytes);
+        let put = self.0.get_mut().stream.write_all(bytes);
         put.context("QEMU takes no commands")
     }
 
@@ -137,7 +138,10 @@ fn packet(stream: &mut impl Read) -> Result<String> {
 
 #[cfg(test)]
 mod tests {
-    use std::thread::{self, JoinHandle};
+    use std::{
+        process,
+        thread::{self, JoinHandle},
+    };
 
     use super::*;
 
@@ -176,7 +180,7 @@ mod tests {
             ("", "$D#44"),
             ("+$OK#9a", "+"),
         ]);
-        let mut debugger = Debugger::over(stream).unwrap();
+        let mut debugger = Debugger::over(stream, process::id()).unwrap();
         debugger.resume().unwrap();
         debugger.interrupt().unwrap();
         let mut bytes = [0; 4];
@@ -197,7 +201,7 @@ mod tests {
             ("", "$m20000400,1#50"),
             ("+$22#64", "+"),
         ]);
-        let mut debugger = Debugger::over(stream).unwrap();
+        let mut debugger = Debugger::over(stream, process::id()).unwrap();
         let mut bytes = [0; CHUNK + 1];
         debugger.read(0x2000_0000, &mut bytes).unwrap();
         assert_eq!(bytes[..CHUNK], [0x11; CHUNK]);
@@ -213,7 +217,7 @@ mod tests {
             ("", "$m20000000,1#4c"),
             (STOPPED, "+"),
         ]);
-        let mut debugger = Debugger::over(stream).unwrap();
+        let mut debugger = Debugger::over(stream, process::id()).unwrap();
         let refusal = debugger.read(0x2000_0000, &mut [0]).unwrap_err();
         assert!(refusal.to_string().contains("T02thread"), "{refusal}");
         drop(debugger);

@@ -11,7 +11,7 @@ use std::{
     process::{self, Child, Command, Stdio},
     sync::atomic::{AtomicU32, Ordering},
     thread,
-    time::{Duration, Instant},
+    time::Duration,
 };
 
 use anyhow::{Context, Result, bail, ensure};
@@ -20,7 +20,7 @@ use leadscrew::{axis::AXES, units::TICKS_PER_SECOND};
 use object::{Object, ObjectSymbol};
 use serde_json::{Value, json};
 
-use crate::{Debugger, serial::Serial};
+use crate::{Debugger, Patience, patience::Patient, serial::Serial};
 
 /// Where the firmware keeps what its pins have done: 17 words.
 const FIGURES: &str = "FIGURES";
@@ -41,7 +41,7 @@ pub struct Emulator {
     /// Holds its sockets.
     folder: PathBuf,
     serial: Serial,
-    control: BufReader<UnixStream>,
+    control: BufReader<Patient>,
     figures: u64,
     contacts: u64,
 }
@@ -96,7 +96,7 @@ impl Emulator {
         let connected = accept(&serial, &mut qemu)
             .and_then(|serial| Ok((serial, accept(&control, &mut qemu)?)));
         let connected = connected.and_then(|(serial, control)| {
-            control.set_read_timeout(Some(START))?;
+            let control = Patient::new(control, qemu.id(), START)?;
             Ok((Serial::new(serial)?, control))
         });
         let (serial, control) = connected.inspect_err(|_| {
@@ -121,8 +121,19 @@ impl Emulator {
     }
 
     /// Receives a line, without its end; `None` when none has come in time.
-    pub fn receive(&mut self, patience: Duration) -> Result<Option<String>> {
-        self.serial.receive(patience)
+    pub fn receive(&mut self, limit: Duration) -> Result<Option<String>> {
+        let patience = self.patience(limit);
+        loop {
+            let line = self.serial.receive(patience.left())?;
+            if line.is_some() || patience.is_over() {
+                return Ok(line);
+            }
+        }
+    }
+
+    /// Begins to wait for QEMU.
+    pub fn patience(&self, limit: Duration) -> Patience {
+        Patience::new(self.qemu.id(), limit)
     }
 
     /// Waits for the line with which the firmware says that it is there.
@@ -164,32 +175,32 @@ impl Emulator {
         let by_hand = [0];
         let words = [&by_hand, words.as_flattened(), &[ends.plate]].concat();
         let words: Vec<u32> = words.into_iter().map(i32::cast_unsigned).collect();
-        let mut debugger = Debugger::connect(&self.debugger())?;
+        let mut debugger = self.debugger()?;
         debugger.write(self.contacts as u32, &words)?;
         debugger.detach()
     }
 
-    /// Where it listens to debuggers.
-    pub fn debugger(&self) -> PathBuf {
-        self.folder.join(DEBUGGER)
+    /// Stops the machine, and returns the connection that does.
+    pub fn debugger(&self) -> Result<Debugger> {
+        Debugger::connect(&self.folder.join(DEBUGGER), self.qemu.id())
     }
 
     /// Closes these contacts, the bits of [`leadscrew::model::Levels`], whatever the axes do.
     pub fn close(&self, contacts: u16) -> Result<()> {
-        let mut debugger = Debugger::connect(&self.debugger())?;
+        let mut debugger = self.debugger()?;
         debugger.write(self.contacts as u32, &[contacts.into()])?;
         debugger.detach()
     }
 
     /// Ends QEMU in an orderly way, as its plugins need it to.
-    pub fn quit(mut self, patience: Duration) -> Result<()> {
+    pub fn quit(mut self, limit: Duration) -> Result<()> {
         self.execute("quit", &json!({}))?;
-        let start = Instant::now();
+        let patience = self.patience(limit);
         while self.qemu.try_wait()?.is_none() {
             ensure!(
-                start.elapsed() < patience,
+                !patience.is_over(),
                 "QEMU did not end in {} s",
-                patience.as_secs()
+                limit.as_secs()
             );
             thread::sleep(Duration::from_millis(5));
         }
@@ -214,6 +225,7 @@ impl Emulator {
         let sent = self
             .control
             .get_mut()
+            .stream
             .write_all(format!("{request}\n").as_bytes());
         sent.context("QEMU cannot be controlled")?;
         loop {
@@ -251,7 +263,7 @@ fn listen(path: &Path) -> Result<UnixListener> {
 
 /// Waits for QEMU to connect.
 fn accept(listener: &UnixListener, qemu: &mut Child) -> Result<UnixStream> {
-    let start = Instant::now();
+    let patience = Patience::new(qemu.id(), START);
     loop {
         if let Ok((stream, _)) = listener.accept() {
             stream.set_nonblocking(false)?;
@@ -260,7 +272,7 @@ fn accept(listener: &UnixListener, qemu: &mut Child) -> Result<UnixStream> {
         if let Some(status) = qemu.try_wait()? {
             bail!("QEMU has ended ({status})");
         }
-        ensure!(start.elapsed() < START, "QEMU does not start");
+        ensure!(!patience.is_over(), "QEMU does not start");
         thread::sleep(Duration::from_millis(2));
     }
 }

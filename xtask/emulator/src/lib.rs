@@ -9,8 +9,10 @@
 
 mod debugger;
 mod emulator;
+mod patience;
 pub mod semihosting;
 mod serial;
 
 pub use debugger::Debugger;
 pub use emulator::{Emulator, Pins, symbol};
+pub use patience::Patience;

@@ -12,7 +12,7 @@ use common::{cargo, ui};
 /// Builds the firmware and shows its size.
 #[derive(Parser)]
 #[command(bin_name = "cargo xtask", styles = ui::STYLES, disable_help_subcommand = true)]
-#[command(max_term_width = 100, version)]
+#[command(max_term_width = 100, version, propagate_version = true)]
 enum Verb {
     Build(Options),
     Size(size::Options),

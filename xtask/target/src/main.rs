@@ -19,7 +19,7 @@ use leadscrew::settings::StepRate;
 /// Runs, measures and writes the firmware.
 #[derive(Parser)]
 #[command(bin_name = "cargo xtask", styles = ui::STYLES, disable_help_subcommand = true)]
-#[command(max_term_width = 100, version)]
+#[command(max_term_width = 100, version, propagate_version = true)]
 enum Verb {
     Bench(bench::Options),
     Calibrate(calibrate::Options),

@@ -9,7 +9,7 @@ use std::{
 use anstream::println;
 use anyhow::{Result, bail, ensure};
 use common::{cargo, text, ui};
-use emulator::{Emulator, Pins};
+use emulator::{Emulator, Patience, Pins};
 use host::{
     figures::{Figures, Final},
     output,
@@ -99,6 +99,7 @@ pub(crate) fn play(
     bar: ProgressBar,
 ) -> Result<Figures> {
     emulator.wait_for_welcome(PATIENCE)?;
+    let patience = emulator.patience(PATIENCE);
     let mut host = Host {
         emulator,
         sender: Sender::default(),
@@ -106,8 +107,8 @@ pub(crate) fn play(
         bar,
         state: String::new(),
         report: String::new(),
-        heard: Instant::now(),
-        changed: Instant::now(),
+        heard: patience,
+        changed: patience,
     };
     for statement in &loaded.statements {
         host.emulator.set(statement, PATIENCE)?;
@@ -145,9 +146,9 @@ struct Host<'a> {
     state: String,
     /// The newest status report, and when it was another one.
     report: String,
-    changed: Instant,
+    changed: Patience,
     /// When anything arrived last.
-    heard: Instant,
+    heard: Patience,
 }
 
 impl Host<'_> {
@@ -176,14 +177,14 @@ impl Host<'_> {
 
     fn wait_for_standstill(&mut self) -> Result<()> {
         self.state.clear();
-        self.changed = Instant::now();
+        self.changed.restart();
         self.emulator.send(b"?")?;
         loop {
             self.listen()?;
             match self.state.as_str() {
                 "Idle" | "Alarm" => return Ok(()),
                 _ => ensure!(
-                    self.changed.elapsed() < PATIENCE,
+                    !self.changed.is_over(),
                     "the machine does not come to rest: {}",
                     self.report
                 ),
@@ -195,18 +196,18 @@ impl Host<'_> {
     fn listen(&mut self) -> Result<()> {
         let Some(line) = self.emulator.receive(QUIET)? else {
             ensure!(
-                self.heard.elapsed() < PATIENCE,
+                !self.heard.is_over(),
                 "the firmware does not answer any more, after {} lines",
                 self.sender.answered()
             );
             return self.emulator.send(b"?");
         };
-        self.heard = Instant::now();
+        self.heard.restart();
         if line.starts_with('<') {
             self.state = status(&line).into();
             if line != self.report {
                 self.report = line;
-                self.changed = Instant::now();
+                self.changed.restart();
             }
             return Ok(());
         }

@@ -139,7 +139,7 @@ impl Run<'_> {
         let shift = format!("shift={}", Clock::SHIFT);
         let options = ["-icount", &shift];
         let mut emulator = Emulator::start_with(self.elf, self.machine, &options)?;
-        let debugger = Debugger::connect(&emulator.debugger())?;
+        let debugger = emulator.debugger()?;
         let mut chip = Emulated(debugger);
         chip.go()?;
         let mut channels = open(&mut chip, self.elf)?;

@@ -1,20 +1,15 @@
 //! A sender that keeps the line full and takes whatever comes back: errors, alarms, resets.
 
-use std::{
-    collections::VecDeque,
-    path::Path,
-    thread,
-    time::{Duration, Instant},
-};
+use std::{collections::VecDeque, path::Path, thread, time::Duration};
 
 use anyhow::{Context, Result, ensure};
-use emulator::Emulator;
+use emulator::{Emulator, Patience};
 use host::{
     machine::Ends,
     sender::{Response, WINDOW},
 };
 
-/// How long the firmware may be silent, host time.
+/// How long the firmware may be silent, without the time that QEMU waits for a processor.
 const PATIENCE: Duration = Duration::from_mins(1);
 /// Time between two questions for the state.
 const PAUSE: Duration = Duration::from_millis(2);
@@ -34,7 +29,7 @@ pub(super) struct Driver {
     state: String,
     position: String,
     /// When the last line was answered or sent, or the machine was found somewhere else.
-    progress: Instant,
+    progress: Patience,
     /// A message of the machine that only a reset answers.
     is_locked: bool,
 }
@@ -45,6 +40,7 @@ impl Driver {
         let mut emulator = Emulator::start_with(elf, machine, arguments)?;
         emulator.wait_for_welcome(PATIENCE)?;
         Ok(Self {
+            progress: emulator.patience(PATIENCE),
             emulator,
             in_flight: VecDeque::new(),
             answered: 0,
@@ -53,7 +49,6 @@ impl Driver {
             reports: 0,
             state: String::new(),
             position: String::new(),
-            progress: Instant::now(),
             is_locked: false,
         })
     }
@@ -137,7 +132,7 @@ impl Driver {
     /// Asks for reports until the state begins so, or an alarm or a rest with nothing left to do
     /// say that it is too late for it.
     pub(super) fn wait_for(&mut self, state: &str) -> Result<()> {
-        let start = Instant::now();
+        let patience = self.emulator.patience(PATIENCE);
         self.state.clear();
         let is_too_late = |driver: &Self| {
             driver.state.starts_with("Alarm")
@@ -145,7 +140,7 @@ impl Driver {
         };
         while !self.state.starts_with(state) && !is_too_late(self) {
             ensure!(
-                start.elapsed() < PATIENCE,
+                !patience.is_over(),
                 "the machine does not come to the state {state}: it is in {}",
                 self.state
             );
@@ -201,14 +196,14 @@ impl Driver {
         }
         self.emulator.send(format!("{line}\n").as_bytes())?;
         self.in_flight.push_back(length);
-        self.progress = Instant::now();
+        self.progress.restart();
         Ok(())
     }
 
     /// Takes a line of the machine.
     fn listen(&mut self) -> Result<()> {
         ensure!(
-            self.in_flight.is_empty() || self.progress.elapsed() < PATIENCE,
+            self.in_flight.is_empty() || !self.progress.is_over(),
             "{} lines are not answered in the state {:?}",
             self.in_flight.len(),
             self.state
@@ -222,7 +217,7 @@ impl Driver {
             line.with_context(|| format!("the firmware is silent in the state {:?}", self.state))?;
         if let Some(response) = Response::parse(&line) {
             self.in_flight.pop_front();
-            self.progress = Instant::now();
+            self.progress.restart();
             self.answered += 1;
             self.refused += u64::from(response != Response::Ok);
         } else if let Some(report) = line.strip_prefix('<') {
@@ -232,7 +227,7 @@ impl Driver {
             let position = fields.next().unwrap_or_default();
             if self.position != position {
                 self.position = position.into();
-                self.progress = Instant::now();
+                self.progress.restart();
             }
         } else if line.starts_with("ALARM:") {
             self.alarms += 1;
