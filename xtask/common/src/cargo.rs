@@ -49,6 +49,11 @@ pub fn target_dir_for(axes: u8) -> PathBuf {
         || root().join("target"),
         |folder| root().join(PathBuf::from(folder)),
     );
+    with_axes(folder, axes)
+}
+
+/// Where, below a target folder, what is built for a number of axes lies.
+pub(crate) fn with_axes(folder: PathBuf, axes: u8) -> PathBuf {
     match axes {
         3 => folder,
         axes => folder.join(format!("axes-{axes}")),

@@ -7,7 +7,7 @@ use std::{
     env,
     ffi::OsStr,
     io::{BufReader, IsTerminal as _, Write as _},
-    path::PathBuf,
+    path::{Path, PathBuf},
     process::{Command, ExitCode, Stdio},
 };
 
@@ -51,6 +51,15 @@ impl Tool {
             ..self
         }
     }
+
+    /// The number of axes that it is compiled for when a number is asked for.
+    fn axes(self, asked: u8) -> u8 {
+        if self.has_axes { asked } else { 3 }
+    }
+
+    fn file_name(self) -> String {
+        format!("{}{}", self.package, env::consts::EXE_SUFFIX)
+    }
 }
 
 /// `cargo xtask sim`.
@@ -91,7 +100,7 @@ pub fn command(tool: Tool) -> Result<Command> {
 pub fn command_for(tool: Tool, axes: u8) -> Result<Command> {
     let path = match env::var_os("CARGO") {
         Some(_) => build(tool, axes)?,
-        None => beside(tool)?,
+        None => built(tool, axes)?,
     };
     let mut command = Command::new(path);
     command.env(cargo::AXES, axes.to_string());
@@ -139,10 +148,10 @@ pub fn output<A: AsRef<OsStr>>(
     Ok(text)
 }
 
-/// The tool that was built beside this program.
-fn beside(tool: Tool) -> Result<PathBuf> {
+/// The tool that was built when this program was.
+fn built(tool: Tool, axes: u8) -> Result<PathBuf> {
     let here = env::current_exe().context("this program cannot be found")?;
-    let path = here.with_file_name(format!("{}{}", tool.package, env::consts::EXE_SUFFIX));
+    let path = beside(&here, tool, axes);
     ensure!(
         path.exists(),
         "{} is not built: there is no {} (`cargo xtask` builds what it needs)",
@@ -152,12 +161,25 @@ fn beside(tool: Tool) -> Result<PathBuf> {
     Ok(path)
 }
 
+/// Where Cargo has built a tool, if it has built the program `here`.
+fn beside(here: &Path, tool: Tool, axes: u8) -> PathBuf {
+    let profile = here.parent().unwrap_or(here);
+    let mut folder = profile.parent().unwrap_or(profile);
+    let name = folder.file_name().unwrap_or_default();
+    if name.to_string_lossy().starts_with("axes-") {
+        folder = folder.parent().unwrap_or(folder);
+    }
+    let folder = cargo::with_axes(folder.to_owned(), tool.axes(axes));
+    folder
+        .join(profile.file_name().unwrap_or_default())
+        .join(tool.file_name())
+}
+
 /// Has Cargo bring a tool up to date, and shows what Cargo does if that is more than nothing.
 fn build(tool: Tool, axes: u8) -> Result<PathBuf> {
-    let axes = if tool.has_axes { axes } else { 3 };
+    let axes = tool.axes(axes);
     let folder = cargo::target_dir_for(axes);
-    let path = folder.join(PROFILE);
-    let path = path.join(format!("{}{}", tool.package, env::consts::EXE_SUFFIX));
+    let path = folder.join(PROFILE).join(tool.file_name());
     let mut command = cargo::cargo(&["build", "--profile", PROFILE, "--package", tool.package]);
     command.arg("--target-dir").arg(&folder);
     let mut features: Vec<_> = tool
@@ -288,6 +310,34 @@ mod tests {
             ),
         ] {
             assert_eq!(Message::of(text.as_bytes()), message, "{text:?}");
+        }
+    }
+
+    #[test]
+    fn a_tool_lies_beside_another_or_in_the_folder_of_its_axes() {
+        for (here, tool, axes, there) in [
+            ("target/tools/xtask", SIM, 3, "target/tools/sim"),
+            ("target/tools/xtask", SIM, 4, "target/axes-4/tools/sim"),
+            (
+                "target/axes-4/tools/sim",
+                TARGET,
+                4,
+                "target/axes-4/tools/target",
+            ),
+            (
+                "target/axes-4/tools/sim",
+                SCHEDULE,
+                4,
+                "target/tools/schedule",
+            ),
+            ("/home/me/bin/xtask", SIM, 3, "/home/me/bin/sim"),
+        ] {
+            let there = format!("{there}{}", env::consts::EXE_SUFFIX);
+            assert_eq!(
+                beside(Path::new(here), tool, axes),
+                Path::new(&there),
+                "{here}"
+            );
         }
     }
 
