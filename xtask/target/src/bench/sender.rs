@@ -9,9 +9,8 @@ use std::{
 };
 
 use anyhow::{Context, Result, bail, ensure};
+use host::sender::WINDOW;
 
-/// Bytes in flight, as Grbl's receive buffer allows.
-const WINDOW: usize = 127;
 /// Longest silence, host time.
 const PATIENCE: Duration = Duration::from_mins(1);
 
