@@ -13,6 +13,7 @@ mod paths;
 mod random;
 mod types;
 mod variants;
+mod walk;
 mod words;
 
 use std::{
