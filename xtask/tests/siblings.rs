@@ -32,10 +32,10 @@ fn a_dispatcher_that_has_been_built_starts_built_siblings_without_cargo() {
     };
     for (arguments, expected) in [
         (
-            &["sim", "a.nc", "--quality"][..],
-            "sim for 3 axes: a.nc --quality\n",
+            &["sim", "-", "--quality"][..],
+            "sim for 3 axes: - --quality\n",
         ),
-        (&["sim", "--axes", "4", "a.nc"], "sim for 4 axes: a.nc\n"),
+        (&["sim", "--axes", "4", "-"], "sim for 4 axes: -\n"),
     ] {
         let output = run(arguments);
         assert_eq!(
@@ -44,7 +44,7 @@ fn a_dispatcher_that_has_been_built_starts_built_siblings_without_cargo() {
             "{output:?}"
         );
     }
-    for arguments in [&["sim", "--axes", "5", "a.nc"][..], &["docs"]] {
+    for arguments in [&["sim", "--axes", "5", "-"][..], &["docs"]] {
         let output = run(arguments);
         let error = String::from_utf8_lossy(&output.stderr);
         assert!(
