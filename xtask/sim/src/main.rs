@@ -13,7 +13,6 @@ mod trace;
 
 use std::{
     ffi::OsString,
-    io::Write as _,
     os::unix::net::UnixStream,
     path::{Path, PathBuf},
     process::ExitCode,
@@ -31,18 +30,15 @@ use common::{
 use host::{
     figures::Figures,
     lock::Lock,
-    output::{self, Output},
+    output,
     play::{self, Run},
     program::Program,
     session, settings,
 };
 use leadscrew::{axis::AXES, settings::Settings, sim::Simulator};
-use serde::Serialize;
 
 use power_up::PowerUp;
-use quality::{Meter, Quality};
-use recorder::{Instruments, Outputs};
-use samples::Motion;
+use recorder::Recording;
 use serve::{Server, Tcp};
 
 /// Run a G-code program on the virtual machine
@@ -134,17 +130,13 @@ fn run(options: &Options) -> Result<ExitCode> {
     let simulator = Box::new(power_up.simulator()?);
     // Caught from here on: Ctrl-C leaves no file that is half written.
     let interrupted = recorder::interruptions()?;
-    let outputs = Outputs::create(
-        options.trace.as_deref(),
-        options.plot.as_deref(),
-        options.json.as_deref(),
-    )?;
+    let recording = Recording::create(options, simulator.session().settings())?;
     match program {
         Some(program) => {
-            outputs.remove_when(interrupted);
-            play(program, simulator, outputs, options)
+            recording.remove_when(interrupted);
+            play(program, simulator, recording, options)
         }
-        None => serve(simulator, outputs, &interrupted, options),
+        None => serve(simulator, recording, &interrupted, options),
     }
 }
 
@@ -152,19 +144,16 @@ fn run(options: &Options) -> Result<ExitCode> {
 fn play(
     program: Program,
     mut simulator: Box<Simulator>,
-    outputs: Outputs,
+    mut recording: Recording,
     options: &Options,
 ) -> Result<ExitCode> {
     if !options.locked {
         power_up::unlock(&mut simulator);
     }
-    let settings = *simulator.session().settings();
-    let is_drawn = outputs.plot.is_some();
-    let mut instruments = Instruments::new(outputs.trace, is_drawn, options.quality, &settings);
     let run = Run {
         bar: output::progress(program.length(), "bytes"),
         prints: true,
-        recorder: &mut instruments,
+        recorder: &mut recording,
     };
     let start = Instant::now();
     let played = play::stream(program, &mut simulator, run);
@@ -186,13 +175,8 @@ fn play(
     figures.print();
     let name = name.file_name().unwrap_or_default().to_string_lossy();
     let settings = *simulator.session().settings();
-    let left = Left {
-        plot: outputs.plot,
-        json: outputs.json,
-        instruments,
-    };
     let is_clean = figures.is_clean();
-    let quality = left.write(figures, &settings, &name)?;
+    let quality = recording.finish(figures, &settings, &name)?;
     if let Some(quality) = &quality {
         println!("{}", quality::text(quality));
     }
@@ -203,13 +187,12 @@ fn play(
 /// Serves the machine until Ctrl-C.
 fn serve(
     simulator: Box<Simulator>,
-    outputs: Outputs,
+    mut recording: Recording,
     stop: &UnixStream,
     options: &Options,
 ) -> Result<ExitCode> {
     let settings = *simulator.session().settings();
-    let mut instruments = Instruments::new(outputs.trace, outputs.plot.is_some(), false, &settings);
-    let server = Server::new(*simulator, options.flash.as_deref(), &mut instruments);
+    let server = Server::new(*simulator, options.flash.as_deref(), &mut recording);
     let (figures, name) = if let Some(path) = &options.pty {
         let (mut pty, _link) = serve::pty(path)?;
         (server.serve(&mut pty, stop)?, path.display().to_string())
@@ -220,12 +203,7 @@ fn serve(
         (server.serve(&mut tcp, stop)?, title)
     };
     ui::status("Stopped", "");
-    let left = Left {
-        plot: outputs.plot,
-        json: outputs.json,
-        instruments,
-    };
-    left.write(figures, &settings, &name)?;
+    recording.finish(figures, &settings, &name)?;
     Ok(ExitCode::SUCCESS)
 }
 
@@ -242,69 +220,12 @@ fn on_target(path: &Path, statements: &[String], options: &Options) -> Result<Ex
     tools::become_tool(tools::TARGET, arguments)
 }
 
-/// What a run shows, and how good its motion is, where that was asked for.
-#[derive(Serialize)]
-struct Measured {
-    #[serde(flatten)]
-    figures: Figures,
-    #[serde(skip_serializing_if = "Option::is_none")]
-    quality: Option<Quality>,
-}
-
 /// What a run took.
 fn pace(figures: &Figures, took_s: f64) -> String {
     let rate = figures.events as f64 / took_s.max(1e-9);
     let rate = separated(rate as u64);
     let times = figures.motion_time_s / took_s.max(1e-9);
     format!("{took_s:.2} s, {rate} step events per second, {times:.0} times real time")
-}
-
-/// What is left to be made of a run.
-struct Left {
-    plot: Option<Output>,
-    json: Option<Output>,
-    instruments: Instruments,
-}
-
-impl Left {
-    /// Writes the files, and returns how good the motion was, if that was measured.
-    fn write(self, figures: Figures, settings: &Settings, title: &str) -> Result<Option<Quality>> {
-        let Instruments {
-            table,
-            samples,
-            meter,
-        } = self.instruments;
-        if let Some(table) = table {
-            table.finish()?.finish()?;
-        }
-        let (quality, traces) = meter.map(Meter::finish).unzip();
-        if let (Some(mut output), Some(samples)) = (self.plot, samples) {
-            let motion = samples.finish();
-            let picture = plot::draw(&plot::Picture {
-                title,
-                subtitle: &subtitle(&figures, &motion),
-                motion: &motion,
-                is_laser: settings.laser,
-                limits_mm_s2: settings.acceleration_mm_s2.0.map(f64::from),
-                limits_mm_s3: quality::jerk_limits(settings),
-                traces: traces.as_ref(),
-            })?;
-            output.write_all(picture.as_bytes())?;
-            output.finish()?;
-        }
-        let measured = Measured { figures, quality };
-        if let Some(json) = self.json {
-            json.finish_json(&measured)?;
-        }
-        Ok(measured.quality)
-    }
-}
-
-fn subtitle(figures: &Figures, motion: &Motion) -> String {
-    let (lines, events) = (separated(figures.lines), separated(figures.events));
-    let time = text::duration(figures.motion_time_s);
-    let [cutting, rapid] = motion.seconds.map(text::duration);
-    format!("{lines} lines, {time}: cutting {cutting}, rapids {rapid}; {events} step events")
 }
 
 /// The scale of each axis, steps/mm or steps/degree.

@@ -2,69 +2,116 @@
 
 use std::{
     fs,
-    io::Read as _,
+    io::{Read as _, Write as _},
     os::unix::net::UnixStream,
-    path::{Path, PathBuf},
     process, thread,
 };
 
 use anyhow::{Context, Result};
-use host::{output::Output, play::Recorder};
+use common::text::{duration, separated};
+use host::{figures::Figures, output::Output, play::Recorder};
 use leadscrew::{
     settings::Settings,
     sim::{Edge, StepStatistics},
 };
+use serde::Serialize;
 
 use crate::{
-    quality::Meter,
-    samples::Samples,
+    Options, plot,
+    quality::{self, Meter, Quality},
+    samples::{Motion, Samples},
     trace::{Move, Row, Table, nanoseconds},
 };
 
 /// The exit status of a program that Ctrl-C has ended, as shells have it.
 const INTERRUPTED: i32 = 130;
 
-/// The files that were asked for, which are created before anything runs.
-#[derive(Default)]
-pub(crate) struct Outputs {
-    pub(crate) trace: Option<Table<Output>>,
-    pub(crate) plot: Option<Output>,
-    pub(crate) json: Option<Output>,
+/// What a run is recorded with, as far as it is asked for: its files are created before anything runs.
+pub(crate) struct Recording {
+    table: Option<Table<Output>>,
+    picture: Option<(Output, Samples)>,
+    json: Option<Output>,
+    meter: Option<Meter>,
 }
 
-impl Outputs {
-    /// Creates those that have a path.
-    pub(crate) fn create(
-        trace: Option<&Path>,
-        plot: Option<&Path>,
-        json: Option<&Path>,
-    ) -> Result<Self> {
+/// What a run shows, and how good its motion is, where that was asked for.
+#[derive(Serialize)]
+struct Measured {
+    #[serde(flatten)]
+    figures: Figures,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    quality: Option<Quality>,
+}
+
+impl Recording {
+    /// Creates the files that were asked for.
+    pub(crate) fn create(options: &Options, settings: &Settings) -> Result<Self> {
+        let picture = options.plot.as_deref().map(Output::create).transpose()?;
         Ok(Self {
-            trace: trace.map(Table::create).transpose()?,
-            plot: plot.map(Output::create).transpose()?,
-            json: json.map(Output::create).transpose()?,
+            table: options.trace.as_deref().map(Table::create).transpose()?,
+            picture: picture.map(|output| (output, Samples::new(settings))),
+            json: options.json.as_deref().map(Output::create).transpose()?,
+            meter: options.quality.then(|| Meter::new(settings)),
         })
     }
 
-    /// Lets the program end with Ctrl-C, and leave nothing of them.
+    /// Lets the program end with Ctrl-C, and leave nothing of the files.
     pub(crate) fn remove_when(&self, mut interrupted: UnixStream) {
-        let trace = self.trace.as_ref().and_then(Table::partial);
-        let others = [&self.plot, &self.json];
-        let others = others.into_iter().flatten().filter_map(Output::partial);
-        let partial: Vec<_> = trace.into_iter().chain(others).collect();
+        let trace = self.table.as_ref().and_then(Table::partial);
+        let picture = self.picture.as_ref().map(|(output, _)| output);
+        let others = [picture, self.json.as_ref()].into_iter().flatten();
+        let partial: Vec<_> = trace
+            .into_iter()
+            .chain(others.filter_map(Output::partial))
+            .collect();
         thread::spawn(move || {
             if interrupted.read_exact(&mut [0]).is_ok() {
-                remove(&partial);
+                for path in partial {
+                    let _ = fs::remove_file(path);
+                }
                 process::exit(INTERRUPTED);
             }
         });
     }
+
+    /// Writes the files, and returns how good the motion was, if that was measured.
+    pub(crate) fn finish(
+        self,
+        figures: Figures,
+        settings: &Settings,
+        title: &str,
+    ) -> Result<Option<Quality>> {
+        if let Some(table) = self.table {
+            table.finish()?.finish()?;
+        }
+        let (quality, traces) = self.meter.map(Meter::finish).unzip();
+        if let Some((mut output, samples)) = self.picture {
+            let motion = samples.finish();
+            let picture = plot::draw(&plot::Picture {
+                title,
+                subtitle: &subtitle(&figures, &motion),
+                motion: &motion,
+                is_laser: settings.laser,
+                limits_mm_s2: settings.acceleration_mm_s2.0.map(f64::from),
+                limits_mm_s3: quality::jerk_limits(settings),
+                traces: traces.as_ref(),
+            })?;
+            output.write_all(picture.as_bytes())?;
+            output.finish()?;
+        }
+        let measured = Measured { figures, quality };
+        if let Some(json) = self.json {
+            json.finish_json(&measured)?;
+        }
+        Ok(measured.quality)
+    }
 }
 
-fn remove(files: &[PathBuf]) {
-    for path in files {
-        let _ = fs::remove_file(path);
-    }
+fn subtitle(figures: &Figures, motion: &Motion) -> String {
+    let (lines, events) = (separated(figures.lines), separated(figures.events));
+    let time = duration(figures.motion_time_s);
+    let [cutting, rapid] = motion.seconds.map(duration);
+    format!("{lines} lines, {time}: cutting {cutting}, rapids {rapid}; {events} step events")
 }
 
 /// What becomes readable with Ctrl-C.
@@ -79,31 +126,7 @@ pub(crate) fn interruptions() -> Result<UnixStream> {
     catch().context("cannot catch Ctrl-C")
 }
 
-/// What a run is recorded with, as far as it is asked for.
-#[derive(Default)]
-pub(crate) struct Instruments {
-    pub(crate) table: Option<Table<Output>>,
-    pub(crate) samples: Option<Samples>,
-    pub(crate) meter: Option<Meter>,
-}
-
-impl Instruments {
-    /// Those for a trace that has been created, a picture, and the quality of a machine's motion.
-    pub(crate) fn new(
-        table: Option<Table<Output>>,
-        is_drawn: bool,
-        is_measured: bool,
-        settings: &Settings,
-    ) -> Self {
-        Self {
-            table,
-            samples: is_drawn.then(|| Samples::new(settings)),
-            meter: is_measured.then(|| Meter::new(settings)),
-        }
-    }
-}
-
-impl Recorder for Instruments {
+impl Recorder for Recording {
     fn line(&mut self, line: &[u8]) {
         if let Some(meter) = &mut self.meter {
             meter.line(line);
@@ -114,7 +137,7 @@ impl Recorder for Instruments {
         if let Some(meter) = &mut self.meter {
             meter.edge(edge);
         }
-        let is_traced = self.table.is_some() || self.samples.is_some();
+        let is_traced = self.table.is_some() || self.picture.is_some();
         if edge.raise == 0 || !is_traced {
             return Ok(());
         }
@@ -127,7 +150,7 @@ impl Recorder for Instruments {
                 duty: edge.duty,
             },
         };
-        if let Some(samples) = &mut self.samples {
+        if let Some((_, samples)) = &mut self.picture {
             samples.push(&row);
         }
         self.table.as_mut().map_or(Ok(()), |table| table.push(&row))

@@ -5,7 +5,7 @@ mod tcp;
 mod tests;
 
 use std::{
-    os::unix::net::UnixStream,
+    os::{fd::BorrowedFd, unix::net::UnixStream},
     path::Path,
     time::{Duration, Instant},
 };
@@ -37,12 +37,16 @@ const UNREAD: usize = 65_536;
 
 /// The other end of the line.
 pub(crate) trait Port {
-    /// Reads what has arrived; 0 for nothing.
-    fn read(&mut self, bytes: &mut [u8]) -> Result<usize>;
-    /// Writes what can be written, and returns how much that was.
-    fn write(&mut self, bytes: &[u8]) -> Result<usize>;
-    /// Adds what becomes ready when a byte may be read, if one is wanted, or written.
-    fn wait_for<'a>(&'a self, reads: bool, writes: bool, fds: &mut Vec<PollFd<'a>>);
+    /// Returns the line, which never makes a program wait, if somebody is connected.
+    fn line(&self) -> Option<BorrowedFd<'_>>;
+    /// Returns what becomes readable when somebody wants to connect.
+    fn door(&self) -> Option<BorrowedFd<'_>> {
+        None
+    }
+    /// Lets those in who want to connect, or refuses them.
+    fn open_door(&mut self) {}
+    /// Forgets who was connected, and is gone.
+    fn part(&mut self) {}
 }
 
 /// A machine that is served, and what is kept of it.
@@ -78,16 +82,27 @@ impl<'a, R: Recorder> Server<'a, R> {
         let mut chunk = [0; 1024];
         loop {
             while self.reads() {
-                let length = port.read(&mut chunk)?;
-                if length == 0 {
-                    break;
+                match port.line().map(|line| rustix::io::read(line, &mut chunk)) {
+                    Some(Ok(length @ 1..)) => self.machine.send(&chunk[..length]),
+                    None | Some(Err(Errno::AGAIN | Errno::INTR)) => break,
+                    Some(Ok(0) | Err(_)) => {
+                        port.part();
+                        break;
+                    }
                 }
-                self.machine.send(&chunk[..length]);
             }
+            port.open_door();
             self.run()?;
             if !self.unsent.is_empty() {
-                let length = port.write(&self.unsent)?;
-                self.unsent.drain(..length);
+                match port
+                    .line()
+                    .map(|line| rustix::io::write(line, &self.unsent))
+                {
+                    Some(Ok(length)) => drop(self.unsent.drain(..length)),
+                    Some(Err(Errno::AGAIN | Errno::INTR)) => {}
+                    Some(Err(_)) => port.part(),
+                    None => self.unsent.clear(),
+                }
                 // Nobody reads: what a serial line does with such bytes.
                 self.unsent
                     .drain(..self.unsent.len().saturating_sub(UNREAD));
@@ -133,7 +148,17 @@ impl<'a, R: Recorder> Server<'a, R> {
     /// Waits until the machine or the port has something to do. Returns whether it is to stop.
     fn wait(&self, port: &dyn Port, stop: &UnixStream) -> Result<bool> {
         let mut fds = vec![PollFd::new(stop, PollFlags::IN)];
-        port.wait_for(self.reads(), !self.unsent.is_empty(), &mut fds);
+        let (reads, writes) = (self.reads(), !self.unsent.is_empty());
+        let door = port
+            .door()
+            .filter(|_| reads)
+            .map(|door| (door, PollFlags::IN));
+        let wanted = [(reads, PollFlags::IN), (writes, PollFlags::OUT)];
+        let wanted = wanted.into_iter().filter(|(is_wanted, _)| *is_wanted);
+        let wanted: PollFlags = wanted.map(|(_, flag)| flag).collect();
+        let line = port.line().filter(|_| !wanted.is_empty());
+        let ports = door.into_iter().chain(line.map(|line| (line, wanted)));
+        fds.extend(ports.map(|(fd, flags)| PollFd::from_borrowed_fd(fd, flags)));
         match poll(&mut fds, self.timeout().as_ref()) {
             Ok(_) => Ok(!fds[0].revents().is_empty()),
             Err(Errno::INTR) => Ok(false),
@@ -163,33 +188,7 @@ pub(crate) fn pty(path: &Path) -> Result<(Pty, host::pty::Link)> {
 }
 
 impl Port for Pty {
-    fn read(&mut self, bytes: &mut [u8]) -> Result<usize> {
-        match rustix::io::read(self.controller(), bytes) {
-            Ok(length) => Ok(length),
-            Err(Errno::AGAIN | Errno::INTR | Errno::IO) => Ok(0),
-            Err(error) => Err(error).context("cannot read from the pseudo-terminal"),
-        }
+    fn line(&self) -> Option<BorrowedFd<'_>> {
+        Some(self.controller())
     }
-
-    fn write(&mut self, bytes: &[u8]) -> Result<usize> {
-        match rustix::io::write(self.controller(), bytes) {
-            Ok(length) => Ok(length),
-            Err(Errno::AGAIN | Errno::INTR) => Ok(0),
-            Err(error) => Err(error).context("cannot write to the pseudo-terminal"),
-        }
-    }
-
-    fn wait_for<'a>(&'a self, reads: bool, writes: bool, fds: &mut Vec<PollFd<'a>>) {
-        fds.push(PollFd::from_borrowed_fd(
-            self.controller(),
-            flags(reads, writes),
-        ));
-    }
-}
-
-/// What is waited for.
-fn flags(reads: bool, writes: bool) -> PollFlags {
-    let wanted = [(reads, PollFlags::IN), (writes, PollFlags::OUT)];
-    let wanted = wanted.into_iter().filter(|(is_wanted, _)| *is_wanted);
-    wanted.map(|(_, flag)| flag).collect()
 }

@@ -1,20 +1,20 @@
 //! A TCP port with one sender at a time.
 
 use std::{
-    io::{ErrorKind, Read as _, Write as _},
+    io::Write as _,
     net::{SocketAddr, TcpListener, TcpStream},
+    os::fd::{AsFd as _, BorrowedFd},
     time::Duration,
 };
 
 use anyhow::{Context, Result};
 use common::ui;
 use host::holder;
-use rustix::{
-    event::PollFd,
-    net::sockopt::{set_socket_keepalive, set_tcp_keepcnt, set_tcp_keepidle, set_tcp_keepintvl},
+use rustix::net::sockopt::{
+    set_socket_keepalive, set_tcp_keepcnt, set_tcp_keepidle, set_tcp_keepintvl,
 };
 
-use super::{Port, flags};
+use super::Port;
 
 /// A sender that has gone without saying so is noticed after so long, and so many questions.
 const SILENCE: Duration = Duration::from_secs(10);
@@ -54,9 +54,19 @@ impl Tcp {
             .local_addr()
             .context("the port has no address")
     }
+}
+
+impl Port for Tcp {
+    fn line(&self) -> Option<BorrowedFd<'_>> {
+        self.sender.as_ref().map(|(stream, _)| stream.as_fd())
+    }
+
+    fn door(&self) -> Option<BorrowedFd<'_>> {
+        Some(self.listener.as_fd())
+    }
 
     /// Takes who wants to connect if nobody is, and tells everybody else who that is.
-    fn accept(&mut self) {
+    fn open_door(&mut self) {
         while let Ok((mut stream, from)) = self.listener.accept() {
             if let Some((_, address)) = &self.sender {
                 let process = holder::of_address(*address);
@@ -79,45 +89,6 @@ impl Tcp {
     }
 }
 
-impl Port for Tcp {
-    fn read(&mut self, bytes: &mut [u8]) -> Result<usize> {
-        if let Some((stream, _)) = &mut self.sender {
-            match stream.read(bytes) {
-                Ok(length) if length > 0 => return Ok(length),
-                Err(error) if is_temporary(error.kind()) => {}
-                Ok(_) | Err(_) => self.part(),
-            }
-        }
-        self.accept();
-        Ok(0)
-    }
-
-    fn write(&mut self, bytes: &[u8]) -> Result<usize> {
-        let Some((stream, _)) = &mut self.sender else {
-            return Ok(bytes.len());
-        };
-        match stream.write(bytes) {
-            Ok(length) => Ok(length),
-            Err(error) if is_temporary(error.kind()) => Ok(0),
-            Err(_) => {
-                self.part();
-                Ok(bytes.len())
-            }
-        }
-    }
-
-    fn wait_for<'a>(&'a self, reads: bool, writes: bool, fds: &mut Vec<PollFd<'a>>) {
-        if reads {
-            fds.push(PollFd::new(&self.listener, flags(true, false)));
-        }
-        if let Some((stream, _)) = &self.sender
-            && (reads || writes)
-        {
-            fds.push(PollFd::new(stream, flags(reads, writes)));
-        }
-    }
-}
-
 /// Sends bytes at once, and notices a computer that is gone.
 fn prepare(stream: &TcpStream) -> std::io::Result<()> {
     stream.set_nonblocking(true)?;
@@ -127,8 +98,4 @@ fn prepare(stream: &TcpStream) -> std::io::Result<()> {
     set_tcp_keepintvl(stream, QUESTION)?;
     set_tcp_keepcnt(stream, QUESTIONS)?;
     Ok(())
-}
-
-fn is_temporary(kind: ErrorKind) -> bool {
-    matches!(kind, ErrorKind::WouldBlock | ErrorKind::Interrupted)
 }

@@ -1,6 +1,6 @@
 //! Serving over a pair of sockets.
 
-use std::{io::ErrorKind, os::unix::net::UnixStream};
+use std::os::{fd::AsFd as _, unix::net::UnixStream};
 
 use host::machine::Machine;
 use leadscrew::settings::Settings;
@@ -8,19 +8,8 @@ use leadscrew::settings::Settings;
 use super::*;
 
 impl Port for UnixStream {
-    fn read(&mut self, bytes: &mut [u8]) -> Result<usize> {
-        match std::io::Read::read(self, bytes) {
-            Err(error) if error.kind() == ErrorKind::WouldBlock => Ok(0),
-            read => Ok(read?),
-        }
-    }
-
-    fn write(&mut self, bytes: &[u8]) -> Result<usize> {
-        Ok(std::io::Write::write(self, bytes)?)
-    }
-
-    fn wait_for<'a>(&'a self, reads: bool, writes: bool, fds: &mut Vec<PollFd<'a>>) {
-        fds.push(PollFd::new(self, flags(reads, writes)));
+    fn line(&self) -> Option<BorrowedFd<'_>> {
+        Some(self.as_fd())
     }
 }
 
