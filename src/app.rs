@@ -70,7 +70,7 @@ mod app {
         actuators: board::Actuators,
         motion: &'static mut Motion,
         received_in: ByteWriter<'static>,
-        storage: board::Storage,
+        storage: &'static mut board::Storage,
         flash_erase_in: ByteWriter<'static>,
         entries_in: Producer<'static, Entry>,
         entries_out: Consumer<'static, Entry>,
@@ -82,13 +82,18 @@ mod app {
     #[init(local = [
         motion_memory: Motion = Motion::new(),
         session_memory: Option<Session> = None,
+        storage_memory: Option<board::Storage> = None,
         received: Bytes<RECEIVED_RING> = Bytes::new(),
         sent: Bytes<SENT_RING> = Bytes::new(),
         entries: Queue<Entry, ENTRY_RING> = Queue::new(),
         events: EventRing = EventRing::new(),
     ])]
     fn init(cx: init::Context) -> (Shared, Local) {
-        let board = board::init(cx.device, cx.core);
+        let memory = board::Memory {
+            storage: cx.local.storage_memory,
+            session: cx.local.session_memory,
+        };
+        let board = board::init(cx.device, cx.core, memory);
         let motion = cx.local.motion_memory;
         let (received_in, received_out) = cx.local.received.split();
         let (entries_in, entries_out) = cx.local.entries.split();
@@ -97,12 +102,11 @@ mod app {
         interpret::spawn().expect("it has not been spawned before");
         report::spawn().expect("it has not been spawned before");
         let (pins, inputs) = board.inputs.watch(event_tap);
-        let snapshot = motion.power_up(&board.loaded.stored.settings, &inputs);
+        let snapshot = motion.power_up(board.session.settings(), &inputs);
         rtic::pend(PREPARE);
-        let session = board::power_up(cx.local.session_memory, &board.loaded);
         let shared = Shared {
             snapshot,
-            serial: SerialSession::new(session, received_out, cx.local.sent.split()),
+            serial: SerialSession::new(board.session, received_out, cx.local.sent.split()),
             interpret_waker: None,
             report_waker: None,
             step_timer: board.step_timer,

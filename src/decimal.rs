@@ -154,7 +154,12 @@ impl<I: Iterator<Item = u8>> Scanner<I> {
         let is_small = (1..=WORD_DIGITS).contains(&length) && value < GRBL_LIMIT;
         let digits = value.cast_signed();
         is_small.then_some(SmallDecimal {
-            digits: if is_negative { -digits } else { digits },
+            // Wrapping, as it is known only afterwards whether the number is small.
+            digits: if is_negative {
+                digits.wrapping_neg()
+            } else {
+                digits
+            },
             decimals,
         })
     }
@@ -476,6 +481,7 @@ mod tests {
             ("0.00000049999999999999", 0),
             ("12.3456789", 12_345_679),
             ("8000000.000001", 8_000_000_000_001),
+            ("-2147.483648", -2_147_483_648),
             ("1.0000000000000000000000000000000000001", 1_000_000),
         ] {
             assert_eq!(number(text).to_millionths(), nm, "{text}");

@@ -25,7 +25,7 @@ use crate::{
     motion::Motion,
     path::Entry,
     protocol::{ByteReader, ByteWriter, Progress, Session, realtime},
-    settings::{Change, StoreError, Stored},
+    settings::{Change, StoreError, Stored, ToolTable},
     stepper::{EventReader, EventTap, EventWriter, SegmentRing, StepEvent, Upcoming},
 };
 
@@ -296,7 +296,7 @@ pub fn interpret<'q>(
     snapshot: &Snapshot,
     requests: &Requests,
     entries: &mut Producer<'q, Entry>,
-    store: impl FnOnce(Change, &Stored) -> Result<(), StoreError>,
+    store: impl FnOnce(Change, &Stored, &ToolTable) -> Result<(), StoreError>,
     platform: &mut impl Platform,
 ) -> Progress {
     let SessionIo {
@@ -313,7 +313,7 @@ pub fn interpret<'q>(
     let Some(change) = session.wants_store() else {
         return progress;
     };
-    let result = store(change, session.stored());
+    let result = store(change, session.stored(), session.tools());
     session.has_stored(result);
     Progress::Again
 }

@@ -54,12 +54,12 @@ pub(crate) use actuators::Actuators;
 pub(crate) use inputs::{InputInterrupts, InputPins};
 pub(crate) use release::ChipPlatform;
 pub(crate) use serial::Receiver;
-pub(crate) use serial_session::{SerialSession, power_up};
+pub(crate) use serial_session::SerialSession;
 pub(crate) use step_output::{StepInterrupt, StepPins, StepTimerToken};
 pub(crate) use stm32f4xx_hal::pac;
-pub(crate) use storage::Storage;
+pub(crate) use storage::{Memory, Storage};
 
-use leadscrew::settings::Loaded;
+use leadscrew::protocol::Session;
 use stm32f4xx_hal::rcc::{Config, Enable, Rcc, RccExt};
 
 /// The peripherals the tasks drive.
@@ -75,9 +75,9 @@ pub(crate) struct Board {
     /// Spindle, coolant and drivers, and the timer that releases `prepare`.
     pub(crate) actuators: Actuators,
     /// The journal in flash.
-    pub(crate) storage: Storage,
-    /// Contents of the journal at power-up.
-    pub(crate) loaded: Loaded,
+    pub(crate) storage: &'static mut Storage,
+    /// The session, with the contents of the journal.
+    pub(crate) session: &'static mut Session,
 }
 
 /// Sets the clocks to those of `config`, and reads flash without prefetch.

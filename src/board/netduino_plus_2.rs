@@ -35,7 +35,7 @@ use stm32f4xx_hal::{
 };
 
 use super::{
-    Actuators, Board, InputInterrupts, Receiver, StepPins, StepTimerToken, Storage, emulation,
+    Actuators, Board, InputInterrupts, Memory, Receiver, StepPins, StepTimerToken, emulation,
     flash::SettingsFlash,
     pac, pins,
     step_timer::StepTimer,
@@ -118,7 +118,7 @@ pub(super) static WIRING: Wiring = Wiring {
 ///
 /// If the baud rate cannot be made from the clocks.
 #[must_use]
-pub(crate) fn init(device: pac::Peripherals, mut core: Core) -> Board {
+pub(crate) fn init(device: pac::Peripherals, mut core: Core, memory: Memory) -> Board {
     super::panic::init();
     super::stack::guard(&core.MPU);
     super::trace::init(&mut core.DCB, &mut core.DWT);
@@ -143,8 +143,8 @@ pub(crate) fn init(device: pac::Peripherals, mut core: Core) -> Board {
     init_pwm(&device.TIM12, &mut rcc);
     // Before the journal is read, which takes long: spindle and laser must be off.
     let actuators = Actuators::new(device.TIM6);
-    let (storage, loaded) = Storage::load(SettingsFlash::new(device.FLASH));
-    pins::init(&loaded.stored.settings);
+    let (session, storage) = memory.power_up(SettingsFlash::new(device.FLASH));
+    pins::init(session.settings());
     Board {
         step_timer: StepTimerToken::new(),
         output: StepPins::new(StepTimer::new(core.SYST)),
@@ -152,7 +152,7 @@ pub(crate) fn init(device: pac::Peripherals, mut core: Core) -> Board {
         inputs: InputInterrupts::new(device.TIM7, device.EXTI, &device.SYSCFG, &mut core.NVIC),
         actuators,
         storage,
-        loaded,
+        session,
     }
 }
 

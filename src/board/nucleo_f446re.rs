@@ -36,7 +36,7 @@ use stm32f4xx_hal::{
 };
 
 use super::{
-    Actuators, Board, InputInterrupts, Receiver, StepPins, StepTimerToken, Storage,
+    Actuators, Board, InputInterrupts, Memory, Receiver, StepPins, StepTimerToken,
     flash::SettingsFlash,
     pac, pins,
     step_timer::StepTimer,
@@ -115,7 +115,7 @@ const INPUTS: &[(Levels, Pin)] = &[
 ///
 /// If the baud rate cannot be made from the clocks.
 #[must_use]
-pub(crate) fn init(device: pac::Peripherals, mut core: Core) -> Board {
+pub(crate) fn init(device: pac::Peripherals, mut core: Core, memory: Memory) -> Board {
     super::panic::init();
     super::stack::guard(&core.MPU);
     super::trace::init(&mut core.DCB, &mut core.DWT);
@@ -136,8 +136,8 @@ pub(crate) fn init(device: pac::Peripherals, mut core: Core) -> Board {
     init_pwm(&device.TIM14, &mut rcc);
     // Before the journal is read, which takes long: spindle and laser must be off.
     let actuators = Actuators::new(device.TIM6);
-    let (storage, loaded) = Storage::load(SettingsFlash::new(device.FLASH));
-    pins::init(&loaded.stored.settings);
+    let (session, storage) = memory.power_up(SettingsFlash::new(device.FLASH));
+    pins::init(session.settings());
     Board {
         step_timer: StepTimerToken::new(),
         output: StepPins::new(StepTimer::new(core.SYST)),
@@ -145,7 +145,7 @@ pub(crate) fn init(device: pac::Peripherals, mut core: Core) -> Board {
         inputs: InputInterrupts::new(device.TIM7, device.EXTI, &device.SYSCFG, &mut core.NVIC),
         actuators,
         storage,
-        loaded,
+        session,
     }
 }
 

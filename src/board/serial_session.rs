@@ -4,8 +4,6 @@
 //!
 //! The queues are small and come first in memory: short offsets reach them. The status of the port is
 //! read only while bytes wait to be sent: in the emulator, each read wakes another thread.
-//! [`power_up`] is out of line and makes the session in its place: RTIC lets the first tasks run while
-//! the frame of the initialisation is still on the stack.
 
 use heapless::spsc::Producer;
 use leadscrew::{
@@ -13,7 +11,6 @@ use leadscrew::{
     model::Requests,
     path::Entry,
     protocol::{ByteReader, ByteWriter, Progress, Session},
-    settings::Loaded,
     tasks::{self, SessionIo},
 };
 
@@ -27,15 +24,6 @@ pub struct SerialSession {
     sent: ByteWriter<'static>,
     transmitter: Transmitter,
     session: &'static mut Session,
-}
-
-/// Makes the session of a machine that has just been switched on.
-#[inline(never)]
-pub(crate) fn power_up(
-    memory: &'static mut Option<Session>,
-    loaded: &Loaded,
-) -> &'static mut Session {
-    memory.insert(Session::new(&loaded.stored, loaded.is_first_boot))
 }
 
 impl SerialSession {
@@ -61,7 +49,7 @@ impl SerialSession {
         entries: &mut Producer<'static, Entry>,
         storage: &mut Storage,
     ) -> Progress {
-        let store = |change, stored: &_| storage.write(change, stored);
+        let store = |change, stored: &_, tools: &_| storage.write(change, stored, tools);
         let io = self.io();
         let platform = &mut ChipPlatform;
         let progress = tasks::interpret(io, snapshot, requests, entries, store, platform);

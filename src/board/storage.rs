@@ -1,9 +1,13 @@
-//! The journal in the chip's flash.
+//! The journal in the chip's flash, and the session that is made of its contents.
+//!
+//! # Cost
+//! RTIC lets the first tasks run while the frame of the initialisation is still on the stack. So what is
+//! large is made by functions out of line, one after the other, and has its place in [`Memory`].
 
 use leadscrew::{
     model::Requests,
-    protocol::ByteWriter,
-    settings::{Change, Journal, Loaded, StoreError, Stored},
+    protocol::{ByteWriter, Session},
+    settings::{Change, Journal, Loaded, StoreError, Stored, ToolTable},
 };
 
 use super::{flash::SettingsFlash, proven, serial::FlashEraseReceiver};
@@ -11,13 +15,44 @@ use super::{flash::SettingsFlash, proven, serial::FlashEraseReceiver};
 /// The journal, owned by `interpret`.
 pub(crate) struct Storage(Journal<SettingsFlash>);
 
+/// The places of the journal and of the session.
+pub(crate) struct Memory {
+    pub(crate) storage: &'static mut Option<Storage>,
+    pub(crate) session: &'static mut Option<Session>,
+}
+
+impl Memory {
+    /// Makes the session of a machine that has just been switched on. A flash that fails reads as that of
+    /// a new machine.
+    #[inline(never)]
+    pub(super) fn power_up(
+        self,
+        flash: SettingsFlash,
+    ) -> (&'static mut Session, &'static mut Storage) {
+        let storage = self.storage.insert(Storage(Journal::new(flash)));
+        let loaded = storage.load();
+        let session = make_session(self.session, &loaded);
+        storage.load_tools(session.tools_mut());
+        (session, storage)
+    }
+}
+
+#[inline(never)]
+fn make_session(memory: &'static mut Option<Session>, loaded: &Loaded) -> &'static mut Session {
+    memory.insert(Session::new(&loaded.stored, loaded.is_first_boot))
+}
+
 impl Storage {
-    /// Reads the journal. A flash that fails reads as that of a new machine.
-    pub(super) fn load(flash: SettingsFlash) -> (Self, Loaded) {
-        let mut journal = Journal::new(flash);
-        let mut loaded = journal.load().unwrap_or_default();
+    #[inline(never)]
+    fn load(&mut self) -> Loaded {
+        let mut loaded = self.0.load().unwrap_or_default();
         loaded.stored.settings.step_rate = proven::step_rate();
-        (Self(journal), loaded)
+        loaded
+    }
+
+    #[inline(never)]
+    fn load_tools(&mut self, tools: &mut ToolTable) {
+        let _ = self.0.load_tools(tools);
     }
 
     /// Sets the queue for bytes that come while flash is erased.
@@ -31,7 +66,12 @@ impl Storage {
     }
 
     /// Stores a change. At rest only: this may take 0.8 s.
-    pub(super) fn write(&mut self, change: Change, stored: &Stored) -> Result<(), StoreError> {
-        self.0.write(change, stored)
+    pub(super) fn write(
+        &mut self,
+        change: Change,
+        stored: &Stored,
+        tools: &ToolTable,
+    ) -> Result<(), StoreError> {
+        self.0.write(change, stored, tools)
     }
 }

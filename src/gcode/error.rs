@@ -80,21 +80,25 @@ pub enum LineError {
     UnusedWords = 36,
     /// `G43.1` with other axis words than that of the tool axis.
     ToolLengthAxis = 37,
-    /// A tool number above 255.
+    /// A tool number above 255, or a tool that is not in the tool table.
     ToolNumberTooHigh = 38,
     /// A value outside its range.
     ValueOutOfRange = 39,
+    /// `G43.2` with `H` and axis words.
+    ToolLengthWords = 48,
     /// A setting outside its range.
     SettingOutOfRange = 52,
     /// Homing while a limit switch of an axis to be homed is closed already.
     LimitsEngaged = 203,
     /// A change that could not be stored, and has not been made.
     StorageWrite = 204,
+    /// A tool more than the tool table holds.
+    ToolTableFull = 206,
 }
 
 impl LineError {
     /// Every error, in the order of the numbers.
-    pub const ALL: [Self; 40] = [
+    pub const ALL: [Self; 42] = [
         Self::ExpectedLetter,
         Self::BadNumber,
         Self::InvalidStatement,
@@ -132,9 +136,11 @@ impl LineError {
         Self::ToolLengthAxis,
         Self::ToolNumberTooHigh,
         Self::ValueOutOfRange,
+        Self::ToolLengthWords,
         Self::SettingOutOfRange,
         Self::LimitsEngaged,
         Self::StorageWrite,
+        Self::ToolTableFull,
     ];
 
     /// The number after `error:`.
@@ -184,11 +190,15 @@ impl LineError {
             Self::NoOffsetsInPlane => "the arc needs an offset in its plane or a radius",
             Self::UnusedWords => "no command uses one of the value words",
             Self::ToolLengthAxis => "G43.1 needs the word of the tool axis and no other",
-            Self::ToolNumberTooHigh => "the tool number exceeds 255",
+            Self::ToolNumberTooHigh => {
+                "the tool number exceeds 255, or the tool is not in the table"
+            }
             Self::ValueOutOfRange => "the value is outside its range",
+            Self::ToolLengthWords => "G43.2 needs H or axis words, not both",
             Self::SettingOutOfRange => "the setting is outside its range",
             Self::LimitsEngaged => "a limit switch of an axis to be homed is closed",
             Self::StorageWrite => "the change could not be stored and has not been made",
+            Self::ToolTableFull => "the tool table is full",
         }
     }
 }

@@ -169,8 +169,24 @@ pub enum ToolLength {
     /// `G49`.
     #[default]
     None,
-    /// `G43.1`.
+    /// `G43`: that of a tool in the tool table.
+    OfTool,
+    /// `G43.1`: given by axis words.
     Dynamic,
+    /// `G43.2`: a sum.
+    Added,
+}
+
+impl ToolLength {
+    /// The command as reports write it; `None` where Grbl does not report it.
+    #[must_use]
+    pub const fn word(self) -> Option<&'static str> {
+        match self {
+            Self::None | Self::Dynamic => None,
+            Self::OfTool => Some("G43"),
+            Self::Added => Some("G43.2"),
+        }
+    }
 }
 
 /// The level to which a canned cycle retracts.

@@ -33,6 +33,8 @@ pub struct ParsedLine {
     pub coordinates: Axes<Decimal>,
     /// `I`, `J`, `K`.
     pub offsets: [Decimal; 3],
+    /// `H`.
+    pub h: Decimal,
     /// `P`.
     pub p: Decimal,
     /// `Q`.
@@ -122,7 +124,7 @@ pub enum AxisCommand {
     NonModal,
     /// The motion mode.
     Motion,
-    /// `G43.1`, `G49`.
+    /// `G43.1`, `G43.2`, `G49`.
     ToolLength,
 }
 
@@ -166,6 +168,7 @@ impl ParsedLine {
             axes: 0,
             coordinates: Axes([Decimal::ZERO; AXES]),
             offsets: [Decimal::ZERO; 3],
+            h: Decimal::ZERO,
             p: Decimal::ZERO,
             q: Decimal::ZERO,
             radius: Decimal::ZERO,
@@ -227,7 +230,7 @@ impl ParsedLine {
     /// line is incomplete.
     ///
     /// # Errors
-    /// Errors of the line whatever the state: numbers 1, 2, 4, 20, 21, 23, 24, 25, 38.
+    /// Errors of the line whatever the state: numbers 1, 2, 4, 20, 21, 23, 24, 25, 28, 38, 48.
     pub fn read(&mut self, line: &[u8]) -> Result<(), LineError> {
         let result = self.read_words(line);
         if self.words.contains(Word::Q)
@@ -235,6 +238,10 @@ impl ParsedLine {
             && self.tool_command != ToolCommand::Set
         {
             // Q is unknown in other lines, so that this error comes before those behind it.
+            return Err(LineError::Unsupported);
+        }
+        if self.words.contains(Word::H) && !self.has_tool_number() {
+            // So is H.
             return Err(LineError::Unsupported);
         }
         result
@@ -253,6 +260,15 @@ impl ParsedLine {
         self.has_group(ModalGroup::ToolLength)
     }
 
+    /// Whether the line has a `G43` or `G43.2`, to which an `H` belongs.
+    const fn has_tool_number(&self) -> bool {
+        self.has_tool_length()
+            && matches!(
+                self.modal.tool_length,
+                ToolLength::OfTool | ToolLength::Added
+            )
+    }
+
     const fn has_group(&self, group: ModalGroup) -> bool {
         self.groups & group as u32 != 0
     }
@@ -266,6 +282,9 @@ impl ParsedLine {
                 _ => self.value_word(letter, number)?,
             }
         }
+        if self.has_tool_length() && self.modal.tool_length == ToolLength::Added {
+            self.find_tool_length_words()?;
+        }
         if self.axes != 0 && self.axis_command == AxisCommand::None {
             self.axis_command = AxisCommand::Motion;
         }
@@ -274,6 +293,20 @@ impl ParsedLine {
             self.has_group(ModalGroup::CycleCancel) && self.has_group(ModalGroup::Motion);
         if has_both && self.axes != 0 {
             return Err(LineError::ModalGroupViolation);
+        }
+        Ok(())
+    }
+
+    /// `G43.2`: adds the offset of a tool, or what the axis words say.
+    fn find_tool_length_words(&mut self) -> Result<(), LineError> {
+        match (self.words.contains(Word::H), self.axes != 0) {
+            (true, true) => return Err(LineError::ToolLengthWords),
+            (false, false) => return Err(LineError::MissingWord),
+            (true, false) => {}
+            (false, true) if self.axis_command == AxisCommand::None => {
+                self.axis_command = AxisCommand::ToolLength;
+            }
+            (false, true) => return Err(LineError::AxisCommandConflict),
         }
         Ok(())
     }
@@ -404,6 +437,16 @@ impl ParsedLine {
 
     /// Modal group 8. The fraction of `G49` does not count.
     fn tool_length_word(&mut self, code: CodeNumber) -> Result<ModalGroup, LineError> {
+        let by_tool = match (code.whole, code.hundredths) {
+            (43, 0) => Some(ToolLength::OfTool),
+            (43, 20) => Some(ToolLength::Added),
+            _ => None,
+        };
+        if let Some(tool_length) = by_tool {
+            // Without axis words, or with those that `G43.2` may have after all words are known.
+            self.modal.tool_length = tool_length;
+            return Ok(ModalGroup::ToolLength);
+        }
         // `G49` needs no axis words: a motion mode beside it has them.
         let is_beside_motion = code.whole == 49 && self.has_group(ModalGroup::Motion);
         if self.axis_command == AxisCommand::None {
@@ -553,6 +596,7 @@ impl ParsedLine {
         match letter {
             b'X' | b'Y' | b'Z' | b'A' | b'B' | b'C' => return self.axis_word(letter, number),
             b'F' => self.feed = number.to_f32(),
+            b'H' => self.h = number,
             b'I' => self.offsets[0] = number,
             b'J' => self.offsets[1] = number,
             b'K' => self.offsets[2] = number,
@@ -566,7 +610,8 @@ impl ParsedLine {
             _ => return Err(LineError::Unsupported),
         }
         self.insert_word(Word::new(letter))?;
-        if matches!(letter, b'F' | b'N' | b'P' | b'Q' | b'S' | b'T') && number.is_negative() {
+        if matches!(letter, b'F' | b'H' | b'N' | b'P' | b'Q' | b'S' | b'T') && number.is_negative()
+        {
             return Err(LineError::NegativeValue);
         }
         Ok(())

@@ -21,6 +21,8 @@ impl Word {
     };
     /// Feed rate.
     pub const F: Self = Self::new(b'F');
+    /// Tool of which the offset is used.
+    pub const H: Self = Self::new(b'H');
     /// Offsets of an arc's centre.
     pub const IJK: Self = Self(Self::new(b'I').0 | Self::new(b'J').0 | Self::new(b'K').0);
     /// What `G10` does.

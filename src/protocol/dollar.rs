@@ -3,6 +3,8 @@
 //! Pure: `session` executes them. Read with Grbl 1.1 `system.c`, whose order of checks gives
 //! each wrong statement its number.
 
+use core::num::NonZeroU8;
+
 use crate::{
     axis::{AXES, LETTERS},
     gcode::LineError,
@@ -51,6 +53,8 @@ pub enum Dollar<'a> {
     Sleep,
     /// `$RST=$`, `$RST=#`, `$RST=*`.
     Restore(Change),
+    /// `$TTn=words`: the number of a tool, and its words, none to remove it.
+    SetTool(NonZeroU8, &'a [u8]),
     /// `$n=value`: everything after the `$`.
     Assign(&'a [u8]),
 }
@@ -64,6 +68,8 @@ pub enum List {
     AllSettings,
     /// `$#`.
     Parameters,
+    /// `$TT`: the tool table.
+    Tools,
     /// `$I`.
     BuildInfo,
     /// `$N`.
@@ -151,6 +157,8 @@ impl<'a> Dollar<'a> {
                 b'*' => Ok(Self::Restore(Change::RestoreAll)),
                 _ => Err(LineError::InvalidStatement),
             },
+            [b'T', b'T'] => Ok(Self::List(List::Tools)),
+            [b'T', b'T', text @ ..] => tool(text),
             [b'N'] => Ok(Self::List(List::StartupLines)),
             [b'N', ..] if condition != Condition::Idle => Err(LineError::NotIdle),
             [b'N', text @ ..] => startup(text),
@@ -174,6 +182,15 @@ fn startup(statement: &[u8]) -> Result<Dollar<'_>, LineError> {
         Ok(number) if number < STARTUP_LINES => Ok(Dollar::StoreStartup(number, line)),
         _ => Err(LineError::InvalidStatement),
     }
+}
+
+/// Returns the number and the words of a tool.
+fn tool(statement: &[u8]) -> Result<Dollar<'_>, LineError> {
+    let (number, words) = settings::numbered(statement)?;
+    let number = u8::try_from(number).ok().and_then(NonZeroU8::new);
+    number
+        .map(|number| Dollar::SetTool(number, words))
+        .ok_or(LineError::ToolNumberTooHigh)
 }
 
 impl From<SettingError> for LineError {
@@ -227,6 +244,12 @@ mod tests {
             ("J", [3, 8, 3, 8, 8]),
             ("JX1", [3, 8, 3, 8, 8]),
             ("#", [0, 8, 8, 8, 0]),
+            ("TT", [0, 8, 8, 8, 0]),
+            ("TT1=Z5", [0, 8, 8, 8, 0]),
+            ("TT1", [3, 8, 8, 8, 3]),
+            ("TTX=Z5", [2, 8, 8, 8, 2]),
+            ("TT0=Z5", [38, 8, 8, 8, 38]),
+            ("TT256=", [38, 8, 8, 8, 38]),
             ("I", [0, 8, 8, 8, 0]),
             ("I=TEXT", [0, 8, 8, 8, 0]),
             ("N", [0, 8, 8, 8, 0]),
@@ -297,6 +320,8 @@ mod tests {
         Dollar::Jog(_) => "J=X1F100", Idle, Some("$J=line");
         Dollar::Sleep => "SLP", Idle, Some("$SLP");
         Dollar::Restore(_) => "RST=$", Idle, None;
+        Dollar::List(List::Tools) => "TT", Idle, None;
+        Dollar::SetTool(..) => "TT1=Z5", Idle, None;
         Dollar::Assign(_) => "0=10", Idle, Some("$x=val");
     }
 

@@ -11,7 +11,9 @@ use crate::{
     axis::{AXES, Axes, Z},
     gcode::{ArcDistance, LineError, Modal, RetractMode, interpreter::Offsets},
     model::{Alarm, Plane, Probed, Spindle, WorkCoordinates},
-    settings::{Setting, SettingGroup, Settings, StepRate, StoredLine, Value},
+    settings::{
+        Setting, SettingGroup, Settings, StepRate, StoredLine, ToolEntry, ToolTable, Value,
+    },
     units::{MicroDegrees, Nm},
 };
 
@@ -65,7 +67,7 @@ pub fn modes(text: &mut Text, modal: &Modal, unit: ReportUnit) {
         arc_distance,
         retract,
         overrides: _,
-        tool_length: _,
+        tool_length,
         coordinates,
         path,
         spindle,
@@ -86,6 +88,9 @@ pub fn modes(text: &mut Text, modal: &Modal, unit: ReportUnit) {
     text.word(" ").word(distance.word());
     text.word(" ").word(feed_mode.word());
     if let Some(word) = path.word() {
+        text.word(" ").word(word);
+    }
+    if let Some(word) = tool_length.word() {
         text.word(" ").word(word);
     }
     if *retract == RetractMode::ReferencePlane {
@@ -114,6 +119,7 @@ pub fn modes(text: &mut Text, modal: &Modal, unit: ReportUnit) {
 pub fn parameter(
     text: &mut Text,
     offsets: &Offsets,
+    tools: &ToolTable,
     last: &Probed,
     line: usize,
     settings: &Settings,
@@ -138,10 +144,14 @@ pub fn parameter(
                 origins.coordinates[**system] != Axes::all(Nm(0))
                     || origins.rotations[**system] != MicroDegrees::ZERO
             });
-            let Some(system) = set.nth(after - 5) else {
+            let set_systems = set.clone().count();
+            if let Some(system) = set.nth(after - 5) {
+                origin(text, offsets, *system, unit);
+            } else if let Some(entry) = tools.nth(after - 5 - set_systems) {
+                known_tool(text, &entry, unit);
+            } else {
                 return false;
-            };
-            origin(text, offsets, *system, unit);
+            }
         }
     }
     true
@@ -174,6 +184,30 @@ fn tool_offset(text: &mut Text, tool: &Axes<Nm>, unit: ReportUnit) {
         text.coordinates(tool, unit);
     }
     text.word("]").end();
+}
+
+/// `[T:1|0.000,0.000,10.160|1.524]`: a tool, its offset and its radius, in grblHAL's form.
+fn known_tool(text: &mut Text, entry: &ToolEntry, unit: ReportUnit) {
+    let offset = Axes::from_fn(|axis| entry.offset.get(axis).copied().unwrap_or_default());
+    text.word("[T:").natural(u32::from(entry.number.get()));
+    text.word("|").coordinates(&offset, unit);
+    text.word("|").coordinate(Nm(entry.diameter.0 / 2), unit);
+    text.word("]").end();
+}
+
+/// One line of the answer to `$TT`, counted from 0: `T1 P1 X0 Y0 Z10.16 D3.048`, as in a tool table of
+/// LinuxCNC, in mm. Returns false after the last.
+pub fn tool(text: &mut Text, tools: &ToolTable, line: usize) -> bool {
+    let Some(entry) = tools.nth(line) else {
+        return false;
+    };
+    let number = u32::from(entry.number.get());
+    text.word("T").natural(number).word(" P").natural(number);
+    for (letter, length) in [" X", " Y", " Z", " D"].into_iter().zip(entry.lengths()) {
+        text.word(letter).length(length);
+    }
+    text.end();
+    true
 }
 
 /// One line of the answer to `$$`, counted from 0. Returns false after the last.

@@ -239,6 +239,8 @@ pub enum Feedback {
     CheckDoor,
     /// A limit switch is closed.
     CheckLimits,
+    /// A tool length is wanted, and the tool table is empty.
+    EmptyToolTable,
     /// `M2` or `M30`.
     ProgramEnd,
     /// `$RST=`.
@@ -259,6 +261,7 @@ pub fn feedback(text: &mut Text, feedback: Feedback) {
         Feedback::CheckDisabled => "Disabled",
         Feedback::CheckDoor => "Check Door",
         Feedback::CheckLimits => "Check Limits",
+        Feedback::EmptyToolTable => "Tool table is empty: tool length 0",
         Feedback::ProgramEnd => "Pgm End",
         Feedback::RestoringDefaults => "Restoring defaults",
         Feedback::RestoringSpindle => "Restoring spindle",
@@ -309,6 +312,7 @@ mod tests {
             Feedback::CheckDisabled,
             Feedback::CheckDoor,
             Feedback::CheckLimits,
+            Feedback::EmptyToolTable,
             Feedback::ProgramEnd,
             Feedback::RestoringDefaults,
             Feedback::RestoringSpindle,

@@ -37,7 +37,7 @@ use crate::{
     machine::Snapshot,
     model::{Awaited, Probed, Requests, queues::ENTRY_RING},
     path::{Blender, Checkpoint, Entry, Router, TiltedArc},
-    settings::{Change, Settings, StoreError, Stored},
+    settings::{Change, Settings, StoreError, Stored, ToolTable},
     units::Nm,
 };
 use machine_sync::MachineSync;
@@ -198,7 +198,7 @@ pub struct Session {
 
 impl Session {
     /// A session with a machine that has just been switched on, and what is stored: the defaults, which
-    /// the sender is sent, when nothing could be read (`is_first_boot`).
+    /// the sender is sent, when nothing could be read (`is_first_boot`). The tool table is empty.
     #[must_use]
     pub fn new(stored: &Stored, is_first_boot: bool) -> Self {
         let mut interpreter = Interpreter::new();
@@ -248,8 +248,14 @@ impl Session {
         &self.persistence.stored.settings
     }
 
-    /// Returns the change to be stored now: the platform writes [`Self::stored`] and reports the result
-    /// with [`Self::has_stored`]. Only ever requested at standstill; the line's answer waits for it.
+    /// Returns the tool table, to be filled with what is stored, before the first run.
+    pub const fn tools_mut(&mut self) -> &mut ToolTable {
+        self.interpreter.tools_mut()
+    }
+
+    /// Returns the change to be stored now: the platform writes [`Self::stored`] and [`Self::tools`], and
+    /// reports the result with [`Self::has_stored`]. Only ever requested at standstill; the line's answer
+    /// waits for it.
     #[must_use]
     pub fn wants_store(&self) -> Option<Change> {
         self.persistence.requested()
@@ -259,6 +265,12 @@ impl Session {
     #[must_use]
     pub fn stored(&self) -> &Stored {
         &self.persistence.stored
+    }
+
+    /// Returns the tool table, with the requested change.
+    #[must_use]
+    pub const fn tools(&self) -> &ToolTable {
+        self.interpreter.tools()
     }
 
     /// Ends the requested change. After an error everything is as before.

@@ -144,6 +144,23 @@ impl Text {
         }
     }
 
+    /// Writes a length in mm exactly, without zeros at its end: `10.16`.
+    pub fn length(&mut self, value: Nm) -> &mut Self {
+        if value.0 < 0 {
+            self.byte(b'-');
+        }
+        self.digits(value.0.unsigned_abs(), &ONES, 6);
+        for _ in 0..6 {
+            if self.bytes.last() == Some(&b'0') {
+                self.bytes.pop();
+            }
+        }
+        if self.bytes.last() == Some(&b'.') {
+            self.bytes.pop();
+        }
+        self
+    }
+
     /// Writes one coordinate for each axis, separated by commas.
     pub fn coordinates(&mut self, values: &Axes<Nm>, unit: ReportUnit) -> &mut Self {
         for (axis, &value) in values.iter().enumerate() {
@@ -261,6 +278,19 @@ mod tests {
                 inch,
                 "{nm} nm"
             );
+        }
+    }
+
+    #[test]
+    fn lengths_are_written_exactly() {
+        for (nm, mm) in [
+            (0, "0"),
+            (10_160_000, "10.16"),
+            (-1, "-0.000001"),
+            (-500_000_000, "-500"),
+            (9_007_199_254_740_992, "9007199254.740992"),
+        ] {
+            assert_eq!(written(|t| t.length(Nm(nm))), mm);
         }
     }
 

@@ -11,6 +11,7 @@ mod step_rate;
 mod storage;
 mod stored;
 mod table;
+mod tool_table;
 
 pub use assign::{SettingError, assign, numbered};
 pub use kind::{DataType, Kind, Value, ValueRange};
@@ -20,6 +21,7 @@ pub use step_rate::StepRate;
 pub use storage::{Journal, Loaded};
 pub use stored::{Change, Origins, STARTUP_LINES, STORED_LINE, StoreError, Stored, StoredLine};
 pub use table::{Row, SettingGroup};
+pub use tool_table::{TOOLS, ToolEntry, ToolTable};
 
 use crate::{
     axis::Axes,

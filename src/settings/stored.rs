@@ -1,4 +1,5 @@
-//! Everything that outlives power: settings, offsets, startup lines and build information.
+//! Everything that outlives power, but for the tool table: settings, offsets, startup lines and build
+//! information.
 
 use heapless::Vec;
 
@@ -30,7 +31,7 @@ pub struct Origins {
     pub g30: Axes<Nm>,
 }
 
-/// Everything that is stored. The default is that of a new machine.
+/// Everything that is stored beside the tool table. The default is that of a new machine.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct Stored {
     /// All settings.
@@ -54,7 +55,7 @@ impl Stored {
     }
 }
 
-/// A change of [`Stored`]. After a power cut, all of it is stored or nothing.
+/// A change of [`Stored`] or of the tool table. After a power cut, all of it is stored or nothing.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Change {
     /// The settings.
@@ -65,12 +66,30 @@ pub enum Change {
     Startup(usize),
     /// The build information.
     BuildInfo,
+    /// The tool in a slot of the tool table.
+    Tool(usize),
     /// `$RST=$`: default settings.
     RestoreSettings,
-    /// `$RST=#`: no offsets.
+    /// `$RST=#`: no offsets and no tools.
     RestoreOrigins,
     /// `$RST=*`: everything as it was when new.
     RestoreAll,
+}
+
+impl Change {
+    /// Returns whether the tool table is empty after the change.
+    #[must_use]
+    pub const fn clears_tools(self) -> bool {
+        match self {
+            Self::RestoreOrigins | Self::RestoreAll => true,
+            Self::Settings
+            | Self::Origins
+            | Self::Startup(_)
+            | Self::BuildInfo
+            | Self::Tool(_)
+            | Self::RestoreSettings => false,
+        }
+    }
 }
 
 /// The reason for which a change is not stored. The contents of before are still stored.
@@ -78,6 +97,6 @@ pub enum Change {
 pub enum StoreError {
     /// The flash refused to be read, programmed or erased.
     Flash,
-    /// There is no room, or no startup line with that number.
+    /// There is no room, or no startup line or slot with that number.
     NoRoom,
 }

@@ -9,7 +9,7 @@ use crate::{
         queues::{RECEIVED_RING, SENT_RING},
     },
     protocol::{Bytes, Progress, Session},
-    settings::{Change, Journal, Loaded, Settings, StepRate, Stored},
+    settings::{Change, Journal, Loaded, Settings, StepRate, Stored, ToolTable},
     stepper::SegmentRing,
     tasks::{self, SessionIo},
 };
@@ -42,7 +42,7 @@ impl Simulator {
         let mut journal = Journal::new(Flash::new());
         // A new flash whose power stays on has room for the settings.
         let _ = journal.load();
-        let _ = journal.write(Change::Settings, &stored);
+        let _ = journal.write(Change::Settings, &stored, &ToolTable::new());
         Self::start(journal, settings.step_rate)
     }
 
@@ -66,9 +66,11 @@ impl Simulator {
             is_first_boot,
         } = journal.load().unwrap_or_default();
         stored.settings.step_rate = step_rate;
+        let mut session = Session::new(&stored, is_first_boot);
+        let _ = journal.load_tools(session.tools_mut());
         Self {
             drive: Drive::new(&stored.settings),
-            session: Session::new(&stored, is_first_boot),
+            session,
             journal,
             requests: Requests::new(),
             received: Bytes::new(),
@@ -235,9 +237,9 @@ impl Simulator {
             sent: &mut self.sent.split().0,
         };
         let journal = &mut self.journal;
-        let store = |change, stored: &Stored| {
+        let store = |change, stored: &Stored, tools: &ToolTable| {
             assert!(is_at_rest, "the flash is written at rest only");
-            journal.write(change, stored)
+            journal.write(change, stored, tools)
         };
         let (mut entries, platform) = self.drive.for_interpret();
         let requests = &self.requests;

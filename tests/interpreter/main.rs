@@ -14,5 +14,6 @@ mod plain;
 mod refused;
 mod rotation;
 mod support;
+mod tools;
 
 use cases::cases;

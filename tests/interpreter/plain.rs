@@ -37,7 +37,8 @@ fn plain_in_parts(
     let mut checked = Interpreter::new()
         .check(before.as_bytes(), settings)
         .unwrap();
-    let mut outcome = Interpreter::new().commit(&checked);
+    let mut outcome = Outcome::default();
+    Interpreter::new().commit(&checked, &mut outcome);
     let all = format!("{line}\nG0");
     let (first, second) = all.as_bytes().split_at(second);
     let parts = [first, second].map(bytes);
@@ -264,7 +265,7 @@ proptest! {
                     let continued = machine.check_after(&prefix, text, &settings);
                     prop_assert_eq!(&continued, &checked, "{}", line);
                     if let Ok(checked) = checked {
-                        machine.commit(&checked);
+                        machine.commit(&checked, &mut Outcome::default());
                     }
                     continue;
                 }
@@ -273,7 +274,8 @@ proptest! {
                 TestCaseError::fail(format!("{line:?} is plain and {error}"))
             })?;
             let mut other = before;
-            let long = other.commit(&checked);
+            let mut long = Outcome::default();
+            other.commit(&checked, &mut long);
             prop_assert_eq!(&machine, &other, "{}", line);
             prop_assert_eq!(&short, &long, "{}", line);
             prop_assert_eq!(single_mm(&short), single_mm(&long), "{}", line);

@@ -14,7 +14,9 @@ use leadscrew::{
 /// Sends one line.
 pub(crate) fn send(machine: &mut Interpreter, line: &str) -> Result<Outcome, LineError> {
     let checked = machine.check(line.as_bytes(), &Settings::default())?;
-    Ok(machine.commit(&checked))
+    let mut outcome = Outcome::default();
+    machine.commit(&checked, &mut outcome);
+    Ok(outcome)
 }
 
 /// The machine after lines that are all accepted.

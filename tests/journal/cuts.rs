@@ -1,29 +1,43 @@
 //! Power cuts.
 
-use leadscrew::settings::{Change, Journal, StoreError, Stored};
+use leadscrew::{
+    settings::{Change, Journal, StoreError, TOOLS},
+    sim::Flash,
+};
 
-use crate::history::{History, Small, power_up};
+use crate::history::{Contents, History, Small, load, power_up, write};
 
 /// Numbers of words and erases of a change.
-fn operations(flash: &Small, change: Change, stored: &Stored) -> u64 {
+fn operations<const SIZE: usize>(flash: &Flash<SIZE>, change: Change, contents: &Contents) -> u64 {
     let (mut journal, _) = power_up(flash.clone());
     let before = journal.flash().operations();
-    journal.write(change, stored).unwrap();
+    write(&mut journal, change, contents).unwrap();
     journal.flash().operations() - before
 }
 
 /// Contents of a flash after a power cut during a change.
-fn cut(flash: &Small, change: Change, stored: &Stored, after: u64, seed: u64) -> Small {
+fn cut<const SIZE: usize>(
+    flash: &Flash<SIZE>,
+    change: Change,
+    contents: &Contents,
+    after: u64,
+    seed: u64,
+) -> Flash<SIZE> {
     let (mut journal, _) = power_up(flash.clone());
     journal.flash().cut_after(after, seed);
-    assert_eq!(journal.write(change, stored), Err(StoreError::Flash));
+    let written = write(&mut journal, change, contents);
+    assert_eq!(written, Err(StoreError::Flash));
     journal.into_flash()
 }
 
 /// A flash in which a change was stored.
-fn stored_in(flash: Small, change: Change, stored: &Stored) -> Small {
+fn stored_in<const SIZE: usize>(
+    flash: Flash<SIZE>,
+    change: Change,
+    contents: &Contents,
+) -> Flash<SIZE> {
     let (mut journal, _) = power_up(flash);
-    journal.write(change, stored).unwrap();
+    write(&mut journal, change, contents).unwrap();
     journal.into_flash()
 }
 
@@ -33,24 +47,24 @@ fn a_power_cut_at_any_word_or_erase_leaves_the_old_or_the_new() {
     let mut flash = power_up(Small::new()).0.into_flash();
     let (mut cuts, mut kept) = (0_u64, 0_u64);
     for round in 0..250_u64 {
-        let old = history.stored.clone();
+        let old = history.contents.clone();
         let change = history.change();
-        let new = history.stored.clone();
+        let new = history.contents.clone();
         for after in 0..operations(&flash, change, &new) {
             let left = cut(&flash, change, &new, after, round * 1000 + after);
             let (mut journal, loaded) = power_up(left);
             assert!(!loaded.is_first_boot, "round {round}, after {after}");
             assert!(
-                loaded.stored == old || loaded.stored == new,
+                loaded.contents == old || loaded.contents == new,
                 "round {round}, {change:?}, after {after}: {:?}",
-                loaded.stored
+                loaded.contents
             );
             cuts += 1;
-            kept += u64::from(loaded.stored == old);
+            kept += u64::from(loaded.contents == old);
             // The journal keeps working, with this change and the next.
-            journal.write(change, &new).unwrap();
+            write(&mut journal, change, &new).unwrap();
             let (_, loaded) = power_up(journal.into_flash());
-            assert_eq!(loaded.stored, new, "round {round}, after {after}");
+            assert_eq!(loaded.contents, new, "round {round}, after {after}");
         }
         flash = stored_in(flash, change, &new);
     }
@@ -63,9 +77,9 @@ fn a_second_cut_while_the_first_is_made_good_loses_nothing() {
     let mut history = History::new(2);
     let mut flash = power_up(Small::new()).0.into_flash();
     for round in 0..80_u64 {
-        let old = history.stored.clone();
+        let old = history.contents.clone();
         let change = history.change();
-        let new = history.stored.clone();
+        let new = history.contents.clone();
         for first in 0..operations(&flash, change, &new) {
             let left = cut(&flash, change, &new, first, round + first);
             // At most a page is carried over anew: its words, and an erase.
@@ -74,10 +88,10 @@ fn a_second_cut_while_the_first_is_made_good_loses_nothing() {
                 flash.power_up();
                 flash.cut_after(second, round * 7 + first * 3 + second);
                 let mut journal = Journal::new(flash);
-                let _ = journal.load().and_then(|_| journal.write(change, &new));
+                let _ = load(&mut journal).and_then(|_| write(&mut journal, change, &new));
                 let (_, loaded) = power_up(journal.into_flash());
                 assert!(
-                    loaded.stored == old || loaded.stored == new,
+                    loaded.contents == old || loaded.contents == new,
                     "round {round}, {change:?}, after {first} and {second}"
                 );
             }
@@ -90,24 +104,22 @@ fn a_second_cut_while_the_first_is_made_good_loses_nothing() {
 fn a_life_of_power_cuts_loses_nothing() {
     let mut history = History::new(3);
     let mut flash = power_up(Small::new()).0.into_flash();
-    let (mut cuts, mut latest) = (0, Stored::default());
+    let (mut cuts, mut latest) = (0, Contents::default());
     for round in 0..8_000 {
-        history.stored = latest.clone();
+        history.contents = latest.clone();
         let change = history.change();
         let after = history.below(150).into();
         flash.cut_after(after, round);
         let mut journal = Journal::new(flash);
-        let _ = journal
-            .load()
-            .and_then(|_| journal.write(change, &history.stored));
+        let _ = load(&mut journal).and_then(|_| write(&mut journal, change, &history.contents));
         cuts += u32::from(journal.flash().is_off());
         let (journal, loaded) = power_up(journal.into_flash());
         assert!(!loaded.is_first_boot, "round {round}");
         assert!(
-            loaded.stored == latest || loaded.stored == history.stored,
+            loaded.contents == latest || loaded.contents == history.contents,
             "round {round}, {change:?}, after {after}"
         );
-        latest = loaded.stored;
+        latest = loaded.contents;
         flash = journal.into_flash();
     }
     assert!(cuts > 2_000, "{cuts}");
@@ -120,14 +132,14 @@ fn a_power_cut_during_the_first_start_is_another_first_start_or_none() {
             let mut flash = Small::new();
             flash.cut_after(after, seed);
             let mut journal = Journal::new(flash);
-            let _ = journal.load();
+            let _ = load(&mut journal);
             let (mut journal, loaded) = power_up(journal.into_flash());
-            assert_eq!(loaded.stored, Stored::default());
+            assert_eq!(loaded.contents, Contents::default());
             let mut history = History::new(seed);
             let change = history.setting();
-            journal.write(change, &history.stored).unwrap();
+            write(&mut journal, change, &history.contents).unwrap();
             let (_, loaded) = power_up(journal.into_flash());
-            assert_eq!(loaded.stored, history.stored);
+            assert_eq!(loaded.contents, history.contents);
             assert!(!loaded.is_first_boot);
         }
     }
@@ -139,15 +151,52 @@ fn restoring_everything_is_one_change() {
     let mut flash = power_up(Small::new()).0.into_flash();
     for _ in 0..30 {
         let change = history.change();
-        flash = stored_in(flash, change, &history.stored);
+        flash = stored_in(flash, change, &history.contents);
     }
-    let (old, new) = (history.stored, Stored::default());
+    let (old, new) = (history.contents, Contents::default());
     assert_ne!(old, new);
     for after in 0..operations(&flash, Change::RestoreAll, &new) {
         let left = cut(&flash, Change::RestoreAll, &new, after, after);
         let (_, loaded) = power_up(left);
-        assert!(loaded.stored == old || loaded.stored == new);
+        assert!(loaded.contents == old || loaded.contents == new);
     }
     let flash = stored_in(flash, Change::RestoreAll, &new);
-    assert_eq!(power_up(flash).1.stored, new);
+    assert_eq!(power_up(flash).1.contents, new);
+}
+
+#[test]
+fn a_power_cut_while_a_full_tool_table_changes_loses_no_tool() {
+    // Room for the table and a few dozen changes of it.
+    let mut flash = power_up(Flash::<2560>::new()).0.into_flash();
+    let mut history = History::new(6);
+    while history
+        .contents
+        .tools
+        .slot_of(7_u8.try_into().unwrap())
+        .is_some()
+    {
+        let change = history.tool(TOOLS as u32);
+        flash = stored_in(flash, change, &history.contents);
+    }
+    let (mut cuts, mut erases) = (0, flash.erases());
+    for round in 0..60 {
+        let old = history.contents.clone();
+        let change = history.tool(TOOLS as u32);
+        let new = history.contents.clone();
+        for after in 0..operations(&flash, change, &new) {
+            let left = cut(&flash, change, &new, after, round * 1000 + after);
+            let (mut journal, loaded) = power_up(left);
+            assert!(
+                loaded.contents == old || loaded.contents == new,
+                "round {round}, {change:?}, after {after}"
+            );
+            cuts += 1;
+            write(&mut journal, change, &new).unwrap();
+            let (_, loaded) = power_up(journal.into_flash());
+            assert_eq!(loaded.contents, new, "round {round}, after {after}");
+        }
+        flash = stored_in(flash, change, &new);
+    }
+    erases = [0, 1].map(|sector| flash.erases()[sector] - erases[sector]);
+    assert!(cuts > 1_500 && erases != [0, 0], "{cuts} cuts, {erases:?}");
 }

@@ -1,25 +1,31 @@
 //! Words that have changed on their own, and what other firmware has left.
 
-use leadscrew::settings::{Change, Stored};
+use leadscrew::settings::TOOLS;
 
-use crate::history::{History, Small, power_up};
+use crate::history::{Contents, History, Small, power_up, write};
 
 /// Bytes of a page's marks and of the log behind it.
 const MARK: usize = 4;
 const LOG: usize = 512;
 
-/// The parts of what is stored that differ.
-fn differences(one: &Stored, other: &Stored) -> Vec<&'static str> {
-    [
-        ("settings", one.settings != other.settings),
-        ("origins", one.origins != other.origins),
-        ("$N0", one.startup[0] != other.startup[0]),
-        ("$N1", one.startup[1] != other.startup[1]),
-        ("$I", one.build_info != other.build_info),
-    ]
-    .into_iter()
-    .filter_map(|(part, differs)| differs.then_some(part))
-    .collect()
+/// The parts of what is stored that differ: each has a record.
+fn differences(one: &Contents, other: &Contents) -> Vec<String> {
+    let (stored, others) = (&one.stored, &other.stored);
+    let parts = [
+        ("settings", stored.settings != others.settings),
+        ("origins", stored.origins != others.origins),
+        ("$N0", stored.startup[0] != others.startup[0]),
+        ("$N1", stored.startup[1] != others.startup[1]),
+        ("$I", stored.build_info != others.build_info),
+    ];
+    let parts = parts
+        .into_iter()
+        .filter(|(_, differs)| *differs)
+        .map(|(part, _)| part.to_owned());
+    let slots = (0..TOOLS).filter(|&slot| one.tools.slot(slot) != other.tools.slot(slot));
+    parts
+        .chain(slots.map(|slot| format!("tool in slot {slot}")))
+        .collect()
 }
 
 #[test]
@@ -33,15 +39,15 @@ fn a_rotten_word_costs_no_more_than_the_record_it_is_in() {
 fn check_rotten_words(seed: u64) {
     let mut history = History::new(seed);
     let (mut journal, _) = power_up(Small::new());
-    let mut values = vec![Stored::default()];
+    let mut values = vec![Contents::default()];
     // One page not full.
     while journal.flash().operations() < 400 {
         let change = history.change();
-        if change == Change::RestoreAll {
-            history.stored = values.last().unwrap().clone();
+        if change.clears_tools() {
+            history.contents = values.last().unwrap().clone();
         } else {
-            journal.write(change, &history.stored).unwrap();
-            values.push(history.stored.clone());
+            write(&mut journal, change, &history.contents).unwrap();
+            values.push(history.contents.clone());
         }
     }
     let flash = journal.into_flash();
@@ -54,16 +60,17 @@ fn check_rotten_words(seed: u64) {
             let word = flash.contents_mut()[place..].first_chunk_mut().unwrap();
             *word = (u32::from_le_bytes(*word) ^ mask).to_le_bytes();
             let (mut journal, loaded) = power_up(flash);
-            let parts = differences(&loaded.stored, &history.stored);
+            let parts = differences(&loaded.contents, &history.contents);
             assert!(parts.len() <= 1, "{place}, {mask:#x}: {parts:?}");
-            let is_known = |value: &Stored| !differences(value, &loaded.stored).contains(&parts[0]);
+            let is_known =
+                |value: &Contents| !differences(value, &loaded.contents).contains(&parts[0]);
             assert!(parts.is_empty() || values.iter().any(is_known), "{place}");
             rotten += parts.len();
             let mut next = History::new(8);
-            next.stored = loaded.stored;
+            next.contents = loaded.contents;
             let change = next.setting();
-            journal.write(change, &next.stored).unwrap();
-            assert_eq!(power_up(journal.into_flash()).1.stored, next.stored);
+            write(&mut journal, change, &next.contents).unwrap();
+            assert_eq!(power_up(journal.into_flash()).1.contents, next.contents);
         }
     }
     assert!(rotten > 100, "{rotten}");
@@ -83,14 +90,14 @@ fn a_flash_full_of_something_else_is_a_first_start() {
         }
         let (mut journal, loaded) = power_up(flash);
         assert!(loaded.is_first_boot);
-        assert_eq!(loaded.stored, Stored::default());
+        assert_eq!(loaded.contents, Contents::default());
         let mut next = History::new(round);
         for _ in 0..40 {
             let change = next.change();
-            journal.write(change, &next.stored).unwrap();
+            write(&mut journal, change, &next.contents).unwrap();
         }
         let (_, loaded) = power_up(journal.into_flash());
-        assert_eq!(loaded.stored, next.stored);
+        assert_eq!(loaded.contents, next.contents);
         assert!(!loaded.is_first_boot);
     }
 }

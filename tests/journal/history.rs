@@ -1,8 +1,10 @@
 //! Random changes of everything that is stored, the same in every run.
 
+use std::num::NonZeroU8;
+
 use leadscrew::{
     axis::AXES,
-    settings::{Change, Journal, Loaded, Stored, StoredLine, assign},
+    settings::{Change, Journal, StoreError, Stored, StoredLine, ToolEntry, ToolTable, assign},
     sim::Flash,
     units::Nm,
 };
@@ -10,18 +12,34 @@ use leadscrew::{
 /// A flash whose pages are full after a few dozen changes.
 pub(crate) type Small = Flash<2560>;
 
+/// Tools in a flash of that size, at most.
+const FEW_TOOLS: u32 = 4;
+
+/// Everything that is stored.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub(crate) struct Contents {
+    pub(crate) stored: Stored,
+    pub(crate) tools: ToolTable,
+}
+
+/// The contents of a flash at power-up.
+pub(crate) struct Loaded {
+    pub(crate) contents: Contents,
+    pub(crate) is_first_boot: bool,
+}
+
 /// A random history of changes.
 pub(crate) struct History {
     random: u64,
-    /// The stored values after the changes so far.
-    pub(crate) stored: Stored,
+    /// What is stored after the changes so far.
+    pub(crate) contents: Contents,
 }
 
 impl History {
     pub(crate) fn new(seed: u64) -> Self {
         Self {
             random: seed,
-            stored: Stored::default(),
+            contents: Contents::default(),
         }
     }
 
@@ -37,27 +55,29 @@ impl History {
     /// Makes the next change.
     pub(crate) fn change(&mut self) -> Change {
         match self.below(20) {
-            0..=7 => self.setting(),
-            8..=13 => self.origin(),
+            0..=5 => self.setting(),
+            6..=9 => self.origin(),
+            10..=13 => self.tool(FEW_TOOLS),
             14 | 15 => {
                 let line = self.below(2) as usize;
-                self.stored.startup[line] = self.text();
+                self.contents.stored.startup[line] = self.text();
                 Change::Startup(line)
             }
             16 => {
-                self.stored.build_info = self.text();
+                self.contents.stored.build_info = self.text();
                 Change::BuildInfo
             }
             17 => {
-                self.stored.settings = Stored::default().settings;
+                self.contents.stored.settings = Stored::default().settings;
                 Change::RestoreSettings
             }
             18 => {
-                self.stored.origins = Stored::default().origins;
+                self.contents.stored.origins = Stored::default().origins;
+                self.contents.tools.clear();
                 Change::RestoreOrigins
             }
             _ => {
-                self.stored = Stored::default();
+                self.contents = Contents::default();
                 Change::RestoreAll
             }
         }
@@ -90,7 +110,10 @@ impl History {
         ];
         let which = self.below(statements.len() as u32) as usize;
         // One that is refused, as soft limits without homing, stores what is stored already.
-        let _ = assign(&mut self.stored.settings, statements[which].as_bytes());
+        let _ = assign(
+            &mut self.contents.stored.settings,
+            statements[which].as_bytes(),
+        );
         Change::Settings
     }
 
@@ -98,12 +121,27 @@ impl History {
         let axis = self.below(AXES as u32) as usize;
         let nm = Nm(i64::from(self.below(u32::MAX).cast_signed()) * 1000 - 1);
         self.random ^= 1;
-        let origins = &mut self.stored.origins;
+        let origins = &mut self.contents.stored.origins;
         let references = [&mut origins.g28, &mut origins.g30];
         let mut positions: Vec<_> = origins.coordinates.0.iter_mut().chain(references).collect();
         let which = (self.random >> 40) as usize % positions.len();
         positions[which][axis] = nm;
         Change::Origins
+    }
+
+    /// Sets or removes one of the first tools.
+    pub(crate) fn tool(&mut self, tools: u32) -> Change {
+        let slot = self.below(tools) as usize;
+        let number = NonZeroU8::new(7 * slot as u8 + 1).unwrap();
+        let mut length = || Nm(i64::from(self.below(1 << 31)) - (1 << 30));
+        let entry = ToolEntry {
+            number,
+            offset: [length(), length(), length()],
+            diameter: length(),
+        };
+        let entry = (self.below(8) != 0).then_some(entry);
+        self.contents.tools.replace(slot, entry);
+        Change::Tool(slot)
     }
 
     fn text(&mut self) -> StoredLine {
@@ -119,6 +157,31 @@ pub(crate) fn power_up<const SIZE: usize>(
 ) -> (Journal<Flash<SIZE>>, Loaded) {
     flash.power_up();
     let mut journal = Journal::new(flash);
-    let loaded = journal.load().expect("the power is on");
+    let loaded = load(&mut journal).expect("the power is on");
     (journal, loaded)
+}
+
+/// Reads what is stored.
+pub(crate) fn load<const SIZE: usize>(
+    journal: &mut Journal<Flash<SIZE>>,
+) -> Result<Loaded, StoreError> {
+    let loaded = journal.load()?;
+    let mut contents = Contents {
+        stored: loaded.stored,
+        tools: ToolTable::new(),
+    };
+    journal.load_tools(&mut contents.tools)?;
+    Ok(Loaded {
+        contents,
+        is_first_boot: loaded.is_first_boot,
+    })
+}
+
+/// Stores a change.
+pub(crate) fn write<const SIZE: usize>(
+    journal: &mut Journal<Flash<SIZE>>,
+    change: Change,
+    contents: &Contents,
+) -> Result<(), StoreError> {
+    journal.write(change, &contents.stored, &contents.tools)
 }

@@ -1,24 +1,26 @@
 //! The bytes of each record in flash are those that docs/ARCHITECTURE.md has.
 
-use std::{fmt::Write as _, fs, path::Path};
+use std::{fmt::Write as _, fs, num::NonZeroU8, path::Path};
 
 use leadscrew::{
-    settings::{Change, Journal, STORED_LINE, Stored},
+    settings::{Change, Journal, STORED_LINE, Stored, ToolEntry},
     sim::Flash,
     units::{MicroDegrees, Nm},
 };
 
+use crate::history::{Contents, load, write};
+
 /// Returns the bytes that a change programs into a journal of a new machine.
-fn bytes(change: Change, stored: &Stored) -> u64 {
+fn bytes(change: Change, contents: &Contents) -> u64 {
     let mut journal = Journal::new(Flash::<16384>::new());
-    journal.load().unwrap();
+    load(&mut journal).unwrap();
     let before = journal.flash().operations();
-    journal.write(change, stored).unwrap();
+    write(&mut journal, change, contents).unwrap();
     4 * (journal.flash().operations() - before)
 }
 
 /// Everything with the shortest records that hold something, and with the longest.
-fn shortest_and_longest() -> [Stored; 2] {
+fn shortest_and_longest() -> [Contents; 2] {
     let mut shortest = Stored::default();
     shortest.settings.laser = true;
     shortest.origins.g28[0] = Nm(1);
@@ -26,6 +28,15 @@ fn shortest_and_longest() -> [Stored; 2] {
     longest.origins.rotations.0.fill(MicroDegrees::new(1));
     shortest.build_info.push(b'x').unwrap();
     longest.build_info.resize(STORED_LINE, b'x').unwrap();
+    let [mut shortest, mut longest] = [shortest, longest].map(|stored| Contents {
+        stored,
+        ..Contents::default()
+    });
+    // A tool is removed in the one, and set in the other.
+    shortest.tools.replace(0, None);
+    longest
+        .tools
+        .replace(0, Some(ToolEntry::new(NonZeroU8::MAX)));
     [shortest, longest]
 }
 
@@ -44,9 +55,10 @@ fn differences(document: &str) -> String {
         ("settings", Change::Settings),
         ("origins", Change::Origins),
         ("`$N0`, `$N1`, `$I`", Change::BuildInfo),
+        ("tool, each", Change::Tool(0)),
         ("generations", Change::RestoreAll),
     ] {
-        let [least, most] = shortest_and_longest().map(|stored| bytes(change, &stored));
+        let [least, most] = shortest_and_longest().map(|contents| bytes(change, &contents));
         let range = if least == most {
             least.to_string()
         } else {

@@ -12,6 +12,7 @@ mod receiving;
 mod rejected;
 mod reports;
 mod statements;
+mod tool_table;
 mod tools;
 
 use cases::cases;

@@ -2,14 +2,13 @@
 //!
 //! One function per step of the NIST order of execution that can fail.
 
-use super::{Action, Checked, Interpreter, LineKind, Move, arc, power, targets};
+use super::{Action, Checked, Interpreter, LineKind, Move, arc, power, targets, tools};
 use crate::{
     axis::Axes,
     decimal::Decimal,
     gcode::{
         AxisCommand, FeedMode, Flow, LineError, MAX_LINE_NUMBER, Modal, MotionMode, NonModal,
-        ParsedLine, PlainPrefix, SwitchedOverride, ToolCommand, ToolLength, Units, Word, Words,
-        tool_number,
+        ParsedLine, PlainPrefix, SwitchedOverride, ToolCommand, Units, Word, Words, tool_number,
     },
     model::{Laser, OverrideSwitches, PathControl},
     settings::Settings,
@@ -35,7 +34,7 @@ pub(super) fn check(
     let mut unused = parsed.words;
     let mut checked = unchanged(state, kind, &parsed);
     check_modes(state, settings, &parsed, &mut unused, &mut checked)?;
-    check_non_modal(state, &parsed, &mut unused, &mut checked)?;
+    check_non_modal(state, settings, &parsed, &mut unused, &mut checked)?;
     check_motion(state, &parsed, &mut unused, &mut checked)?;
     check_words(kind, &parsed, unused)?;
     check_reach(state, settings, &checked)?;
@@ -96,6 +95,7 @@ fn unchanged(state: &Interpreter, kind: LineKind, parsed: &ParsedLine) -> Checke
         tool: state.offsets.tool,
         loaded_tool: state.loaded_tool,
         changes_tool: false,
+        lacks_tools: false,
         values: state.position,
         work_target: state.work_position,
         single_mm: state.single_mm,
@@ -136,7 +136,7 @@ fn check_modes(
         ToolCommand::Set => checked.loaded_tool = tool_in_spindle(parsed, unused)?,
     }
     if parsed.has_tool_length() {
-        checked.tool = tool_offset(state, parsed)?;
+        tools::set_length(state, parsed, unused, checked)?;
     }
     Ok(())
 }
@@ -268,29 +268,18 @@ fn path_tolerance(parsed: &ParsedLine, settings: &Settings) -> Result<PathContro
     })
 }
 
-/// `G43.1`, `G49`: the new tool length offset. `G43.1` sets that of the given axes.
-fn tool_offset(state: &Interpreter, parsed: &ParsedLine) -> Result<Axes<Nm>, LineError> {
-    match parsed.modal.tool_length {
-        ToolLength::None => Ok(Axes::all(Nm(0))),
-        ToolLength::Dynamic if parsed.axes == 0 => Err(LineError::ToolLengthAxis),
-        ToolLength::Dynamic => Ok(Axes::from_fn(|axis| {
-            if parsed.has_axis(axis) {
-                targets::coordinate(parsed, axis)
-            } else {
-                state.offsets.tool[axis]
-            }
-        })),
-    }
-}
-
 /// The commands of modal group 0, and with them what the axis words mean.
 fn check_non_modal(
     state: &Interpreter,
+    settings: &Settings,
     parsed: &ParsedLine,
     unused: &mut Words,
     checked: &mut Checked,
 ) -> Result<(), LineError> {
     match parsed.non_modal {
+        NonModal::SetCoordinates if matches!(parsed.l, 1 | 10 | 11) => {
+            return tools::set_entry(state, settings, parsed, unused, checked);
+        }
         NonModal::SetCoordinates => {
             let system = targets::system_to_set(parsed, unused)?;
             let (origin, rotation) = targets::new_origin(state, parsed, checked, system);
@@ -398,7 +387,7 @@ fn check_reach(
     Ok(())
 }
 
-fn check_position(settings: &Settings, position: &Axes<Nm>) -> Result<(), LineError> {
+pub(super) fn check_position(settings: &Settings, position: &Axes<Nm>) -> Result<(), LineError> {
     if is_within_min_reach(position) {
         return Ok(());
     }

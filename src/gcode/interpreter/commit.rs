@@ -11,16 +11,16 @@ use crate::{
     units::Nm,
 };
 
-pub(super) fn commit(state: &mut Interpreter, checked: &Checked) -> Outcome {
-    let mut outcome = Outcome::default();
+pub(super) fn commit(state: &mut Interpreter, checked: &Checked, outcome: &mut Outcome) {
+    outcome.clear();
     if checked.kind == LineKind::Jog {
-        add_laser_power(checked, &mut outcome);
+        add_laser_power(checked, outcome);
         let feed_rate = FeedRate::Jog(feed(state, checked));
         outcome.add(line(checked.target(), feed_rate, checked));
         state.set_target(checked);
-        return outcome;
+        return;
     }
-    add_switching(state, checked, &mut outcome);
+    add_switching(state, checked, outcome);
     if let Action::Dwell(milliseconds) = checked.action {
         outcome.add(Command::Dwell { milliseconds });
     }
@@ -28,16 +28,16 @@ pub(super) fn commit(state: &mut Interpreter, checked: &Checked) -> Outcome {
         state.modal.coordinates != checked.modal.coordinates || state.offsets.tool != checked.tool;
     state.modal = checked.modal;
     state.offsets.tool = checked.tool;
+    outcome.message = checked.lacks_tools.then_some(Message::EmptyToolTable);
     outcome.shows_tool = state.loaded_tool != checked.loaded_tool;
     state.loaded_tool = checked.loaded_tool;
     state.update_frame();
     if checked.moves() {
-        add_laser_power(checked, &mut outcome);
+        add_laser_power(checked, outcome);
     }
-    execute_action(state, checked, &mut outcome);
-    add_movement(state, checked, &mut outcome);
-    end_line(state, checked.flow, &mut outcome);
-    outcome
+    execute_action(state, checked, outcome);
+    add_movement(state, checked, outcome);
+    end_line(state, checked.flow, outcome);
 }
 
 impl Outcome {
@@ -87,6 +87,11 @@ fn execute_action(state: &mut Interpreter, checked: &Checked, outcome: &mut Outc
                 checked.action,
                 Action::SetOrigin(system, _) if system == checked.modal.coordinates
             );
+        }
+        Action::SetTool { .. } => {
+            if let Some((slot, entry)) = checked.new_tool() {
+                state.tools.replace(slot, Some(entry));
+            }
         }
         Action::GoTo(reference) => go_to(state, checked, reference, outcome),
         Action::SetOffset => {

@@ -13,6 +13,9 @@ mod plain;
 mod power;
 mod targets;
 mod tool_change;
+mod tools;
+
+use core::num::NonZeroU8;
 
 use offsets::Frame;
 
@@ -25,7 +28,7 @@ use super::{Flow, LineError, Modal, PlainPrefix, ProbeMode, Refusal, StoredPosit
 use crate::{
     axis::Axes,
     model::{Circle, Command, Coolant, Laser, Spindle, Target, WorkCoordinates},
-    settings::{Origins, Settings},
+    settings::{Origins, Settings, ToolTable},
     units::{MicroDegrees, Nm},
 };
 
@@ -49,6 +52,8 @@ pub struct Interpreter {
     stops_optionally: bool,
     /// The work position under rotation: exact, so that incremental moves do not drift.
     work_position: Axes<Nm>,
+    /// Last, as it is large and few lines need it.
+    tools: ToolTable,
 }
 
 /// The kind of a line.
@@ -80,6 +85,8 @@ pub struct Checked {
     loaded_tool: u8,
     /// Whether that is another one, by `M6`.
     changes_tool: bool,
+    /// Whether the line wants the offset of a tool, and the tool table is empty.
+    lacks_tools: bool,
     /// `N`.
     line: u32,
     /// The tool length offset after the line.
@@ -102,6 +109,12 @@ enum Action {
     Dwell(u32),
     /// `G10 L2`, `G10 L20`: the origin is set to the values, and the system gets this rotation.
     SetOrigin(WorkCoordinates, MicroDegrees),
+    /// `G10 L1`, `L10`, `L11`: the tool of a slot gets this diameter, and the values as its offset.
+    SetTool {
+        slot: u8,
+        number: NonZeroU8,
+        diameter: Nm,
+    },
     /// `G28`, `G30`.
     GoTo(StoredPosition),
     /// `G28.1`, `G30.1`.
@@ -145,6 +158,8 @@ pub struct Outcome {
 pub enum Message {
     /// `[MSG:Pgm End]`.
     ProgramEnd,
+    /// `[MSG:Tool table is empty: tool length 0]`, as soon as the line is executed.
+    EmptyToolTable,
 }
 
 impl Checked {
@@ -168,6 +183,7 @@ impl Checked {
             || match self.action {
                 Action::None | Action::Dwell(_) | Action::GoTo(_) => false,
                 Action::SetOrigin(..)
+                | Action::SetTool { .. }
                 | Action::Store(_)
                 | Action::SetOffset
                 | Action::ClearOffset
@@ -202,6 +218,12 @@ impl Checked {
         self.flow == Flow::End
     }
 
+    /// Whether the line changes what [`Interpreter::origins_after`] returns.
+    #[must_use]
+    pub fn sets_origins(&self) -> bool {
+        matches!(self.action, Action::SetOrigin(..) | Action::Store(_))
+    }
+
     /// The target and the mode of a probing move.
     #[must_use]
     pub fn probe(&self) -> Option<(Target, ProbeMode)> {
@@ -231,6 +253,7 @@ impl Interpreter {
             loaded_tool: 0,
             stops_optionally: false,
             work_position: Axes::all(Nm(0)),
+            tools: ToolTable::new(),
         }
     }
 
@@ -275,6 +298,7 @@ impl Interpreter {
             Action::None
             | Action::Dwell(_)
             | Action::GoTo(_)
+            | Action::SetTool { .. }
             | Action::SetOffset
             | Action::ClearOffset
             | Action::SuspendOffset
@@ -289,9 +313,9 @@ impl Interpreter {
         Some(origins)
     }
 
-    /// Executes a line that was checked against the present state.
-    pub fn commit(&mut self, checked: &Checked) -> Outcome {
-        commit::commit(self, checked)
+    /// Executes a line that was checked against the present state. `outcome` is then that of the line.
+    pub fn commit(&mut self, checked: &Checked, outcome: &mut Outcome) {
+        commit::commit(self, checked, outcome);
     }
 
     /// Checks and executes a plain line: a straight move in the modes before it. `checked` and
@@ -422,6 +446,17 @@ impl Interpreter {
     #[must_use]
     pub fn modal(&self) -> &Modal {
         &self.modal
+    }
+
+    /// The tool table.
+    #[must_use]
+    pub const fn tools(&self) -> &ToolTable {
+        &self.tools
+    }
+
+    /// The tool table, to be changed: the tool length offset in effect stays.
+    pub const fn tools_mut(&mut self) -> &mut ToolTable {
+        &mut self.tools
     }
 
     /// The offsets and stored positions.

@@ -91,6 +91,7 @@ impl Session {
             Ok(Dollar::StoreBuildInfo(text)) => {
                 self.store_build_info(machine, StoredLine::from_slice(text).ok())
             }
+            Ok(Dollar::SetTool(number, words)) => self.set_tool(machine, number, words.len()),
             Ok(Dollar::Restore(change)) => self.restore(machine, change),
             Ok(Dollar::Assign(assignment)) => {
                 let number = settings::numbered(assignment).map_or(0, |(number, _)| number);
@@ -136,8 +137,11 @@ impl Session {
             List::AllSettings => listing::any_setting(text, settings, line),
             List::Parameters => {
                 let offsets = self.interpreter.offsets();
-                listing::parameter(text, offsets, &self.probing.reported, line, settings)
+                let tools = self.interpreter.tools();
+                let last = &self.probing.reported;
+                listing::parameter(text, offsets, tools, last, line, settings)
             }
+            List::Tools => listing::tool(text, self.interpreter.tools(), line),
             List::BuildInfo => {
                 match line {
                     0 => listing::version(text, &stored.build_info),

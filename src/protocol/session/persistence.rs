@@ -1,8 +1,11 @@
 //! What a line changes in what outlives power.
 //!
 //! A change is made in a copy of what is stored, handed to the platform, and takes effect when it has
-//! been stored; after a failure everything is as before. All of it at standstill only: the flash
-//! stalls the processor. Read with Grbl 1.1 `settings.c`.
+//! been stored; after a failure everything is as before. Of the tool table, which is large, there is no
+//! copy: a tool is replaced at once, and the table is cleared when that has been stored. All of it at
+//! standstill only: the flash stalls the processor. Read with Grbl 1.1 `settings.c`.
+
+use core::num::NonZeroU8;
 
 use super::{AfterCommands, LineStage, Links, Progress, Session, Source, dispatch::answer};
 use crate::{
@@ -10,7 +13,7 @@ use crate::{
     machine::Snapshot,
     path::Work,
     protocol::report::{self, Feedback},
-    settings::{Change, Settings, StoreError, Stored, StoredLine},
+    settings::{Change, Settings, StoreError, Stored, StoredLine, ToolEntry},
 };
 
 /// `$13`.
@@ -39,7 +42,7 @@ enum StoreState {
     /// The platform is to store it.
     Requested(Change),
     /// The platform has stored it, or has failed to.
-    Finished(Result<(), StoreError>),
+    Finished(Change, Result<(), StoreError>),
     /// Stored, but a reset came before it took effect.
     Deferred,
 }
@@ -51,6 +54,8 @@ pub(super) struct Persistence {
     pub(super) stored: Stored,
     /// What was stored before the change in progress.
     previous: Stored,
+    /// The tool that was in the slot before the change in progress.
+    previous_tool: Option<ToolEntry>,
     state: StoreState,
 }
 
@@ -59,6 +64,7 @@ impl Persistence {
         Self {
             stored: stored.clone(),
             previous: Stored::default(),
+            previous_tool: None,
             state: StoreState::Idle,
         }
     }
@@ -67,14 +73,14 @@ impl Persistence {
     pub(super) fn requested(&self) -> Option<Change> {
         match self.state {
             StoreState::Requested(change) => Some(change),
-            StoreState::Idle | StoreState::Finished(_) | StoreState::Deferred => None,
+            StoreState::Idle | StoreState::Finished(..) | StoreState::Deferred => None,
         }
     }
 
     /// Ends the requested change.
     pub(super) fn finish(&mut self, result: Result<(), StoreError>) {
-        if self.requested().is_some() {
-            self.state = StoreState::Finished(result);
+        if let Some(change) = self.requested() {
+            self.state = StoreState::Finished(change, result);
         }
     }
 
@@ -156,6 +162,70 @@ impl Session {
         })
     }
 
+    /// Stores the offset or the position that the line sets, and then executes the line.
+    #[inline(never)]
+    pub(super) fn store_new_origins(&mut self, machine: &Snapshot) -> Progress {
+        match self.interpreter.origins_after(&self.line.checked) {
+            Some(origins) => self.store(machine, Change::Origins, AfterStore::Commit, |stored| {
+                stored.origins = origins;
+            }),
+            None => self.accept(),
+        }
+    }
+
+    /// Stores the tool that the line sets, and then executes the line.
+    #[inline(never)]
+    pub(super) fn store_new_tool(&mut self, machine: &Snapshot) -> Progress {
+        match self.line.checked.new_tool() {
+            Some((slot, entry)) => self.store_tool(machine, slot, Some(entry), AfterStore::Commit),
+            None => self.accept(),
+        }
+    }
+
+    /// Stores the tool of a slot of the tool table, or that there is none, and then continues.
+    fn store_tool(
+        &mut self,
+        machine: &Snapshot,
+        slot: usize,
+        entry: Option<ToolEntry>,
+        then: AfterStore,
+    ) -> Progress {
+        if !self.is_done(machine) {
+            return self.await_standstill();
+        }
+        let previous = self.interpreter.tools_mut().replace(slot, entry);
+        if previous != entry {
+            self.persistence.previous_tool = previous;
+            self.persistence.state = StoreState::Requested(Change::Tool(slot));
+        }
+        self.stage = LineStage::Storing(then);
+        Progress::Again
+    }
+
+    /// Executes `$TTn=` with this number of bytes behind the `=`; without any, the tool is removed.
+    #[inline(never)]
+    pub(super) fn set_tool(
+        &mut self,
+        machine: &Snapshot,
+        number: NonZeroU8,
+        length: usize,
+    ) -> Progress {
+        let text = self.line.input.text().unwrap_or_default();
+        let words = text.get(text.len() - length..).unwrap_or_default();
+        let tools = self.interpreter.tools();
+        if words.is_empty() {
+            return match tools.slot_with(number) {
+                Some(slot) => self.store_tool(machine, slot, None, AfterStore::Answer),
+                None => self.accept(),
+            };
+        }
+        let settings = &self.persistence.stored.settings;
+        match self.interpreter.read_tool(number, words, settings) {
+            Ok((slot, entry)) => self.store_tool(machine, slot, Some(entry), AfterStore::Answer),
+            Err(error) => self.refuse(error),
+        }
+    }
+
     /// Restores defaults, `$RST=`.
     pub(super) fn restore(&mut self, machine: &Snapshot, change: Change) -> Progress {
         self.store(machine, change, AfterStore::Restore, |stored| {
@@ -164,20 +234,33 @@ impl Session {
                 Change::RestoreSettings => stored.settings = new.settings,
                 Change::RestoreOrigins => stored.origins = new.origins,
                 Change::RestoreAll => *stored = new,
-                Change::Settings | Change::Origins | Change::Startup(_) | Change::BuildInfo => {}
+                Change::Settings
+                | Change::Origins
+                | Change::Startup(_)
+                | Change::BuildInfo
+                | Change::Tool(_) => {}
             }
         })
     }
 
-    /// Reverts a change that could not be stored.
+    /// Clears the tool table where that has been stored, and reverts a change that could not be stored.
     pub(super) fn end_store(&mut self) {
-        let StoreState::Finished(result) = self.persistence.state else {
+        let StoreState::Finished(change, result) = self.persistence.state else {
             return;
         };
-        self.persistence.state = StoreState::Idle;
-        if result.is_err() {
-            let persistence = &mut self.persistence;
-            persistence.stored.clone_from(&persistence.previous);
+        let persistence = &mut self.persistence;
+        persistence.state = StoreState::Idle;
+        if result.is_ok() {
+            if change.clears_tools() {
+                self.interpreter.tools_mut().clear();
+            }
+        } else {
+            if let Change::Tool(slot) = change {
+                let tools = self.interpreter.tools_mut();
+                tools.replace(slot, persistence.previous_tool);
+            } else {
+                persistence.stored.clone_from(&persistence.previous);
+            }
             if matches!(self.stage, LineStage::Storing(_)) {
                 self.refuse(LineError::StorageWrite);
             }

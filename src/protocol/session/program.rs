@@ -3,7 +3,7 @@
 //! A line is checked completely, then executed: nothing of it goes to the machine before all of its
 //! path is known to be inside the travel. Read with Grbl 1.1 `gcode.c`, `motion_control.c`, `jog.c`.
 
-use super::{AfterCommands, AfterStore, Links, Progress, Session, Source};
+use super::{AfterCommands, Links, Progress, Session, Source};
 use crate::{
     axis::Axes,
     gcode::{
@@ -13,8 +13,11 @@ use crate::{
     machine::Snapshot,
     model::{Command, State},
     path::{TiltedArc, is_outside, leaves_travel},
-    protocol::{ByteReader, Waiting, realtime::MAX_UNRELEASED_BYTES, report::Feedback},
-    settings::Change,
+    protocol::{
+        ByteReader, Waiting,
+        realtime::MAX_UNRELEASED_BYTES,
+        report::{self, Feedback},
+    },
     units::Nm,
 };
 
@@ -171,21 +174,30 @@ impl Session {
         {
             return self.store_startup(machine, number, start);
         }
+        self.execute(links)
+    }
+
+    /// Executes the line that has been checked, after what must come before it: the change of a tool, or
+    /// the flash.
+    fn execute(&mut self, links: &mut Links<'_, '_>) -> Progress {
+        let machine = links.machine;
         if self.needs_tool(machine) {
             return self.begin_tool_change(links);
         }
-        match self.interpreter.origins_after(&self.line.checked) {
-            Some(origins) => self.store(machine, Change::Origins, AfterStore::Commit, |stored| {
-                stored.origins = origins;
-            }),
-            None => self.commit(links),
+        if self.line.checked.sets_tool() {
+            return self.store_new_tool(machine);
         }
+        if self.line.checked.sets_origins() {
+            return self.store_new_origins(machine);
+        }
+        self.commit(links)
     }
 
-    /// Executes the line that has been checked.
+    /// Puts the line into effect that has been checked.
     pub(super) fn commit(&mut self, links: &mut Links<'_, '_>) -> Progress {
         let from = self.interpreter.position();
-        self.line.outcome = self.interpreter.commit(&self.line.checked);
+        let line = &mut self.line;
+        self.interpreter.commit(&line.checked, &mut line.outcome);
         self.send(from, links)
     }
 
@@ -202,6 +214,9 @@ impl Session {
         let ends_program = self.line.outcome.message == Some(Message::ProgramEnd);
         if self.line.outcome.shows_offset && !(is_checking && ends_program) {
             self.reports.cadence.offset_changed();
+        }
+        if self.line.outcome.message == Some(Message::EmptyToolTable) {
+            report::feedback(&mut self.reports.message, Feedback::EmptyToolTable);
         }
         self.reports.is_tool_due |= self.line.outcome.shows_tool && !is_checking;
         if is_checking {

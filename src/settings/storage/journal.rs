@@ -30,7 +30,7 @@ use super::{
     record::{self, GENERATIONS, Generations, KEYS, Key, RECORD_BYTES, Record},
     sectors::Sectors,
 };
-use crate::settings::{Change, StoreError, Stored};
+use crate::settings::{Change, StoreError, Stored, TOOLS, ToolTable};
 
 /// Bytes of the longest record that can be read: longer than any of this firmware, as newer
 /// firmware may write longer ones.
@@ -139,7 +139,7 @@ impl<F: NorFlash> Journal<F> {
         self.sectors.flash
     }
 
-    /// Reads everything, and completes an operation that a power cut has interrupted; once, after
+    /// Reads everything but the tool table, and completes an operation that a power cut has interrupted; once, after
     /// power-up.
     ///
     /// A flash without a journal gets an empty one.
@@ -164,23 +164,47 @@ impl<F: NorFlash> Journal<F> {
             .map_err(Fault::into_store_error)
     }
 
-    /// Stores a change; `stored` has everything with the change made.
+    /// Reads the tool table, after [`Self::load`]: into its place, as it is large.
+    ///
+    /// # Errors
+    /// [`StoreError::Flash`] when the flash fails. The table has what has been read before.
+    pub fn load_tools(&mut self, tools: &mut ToolTable) -> Result<(), StoreError> {
+        tools.clear();
+        let read = self.generations().and_then(|mut generations| {
+            let mut generation = *generations.of_tools();
+            self.read_tools(&mut generation, Some(tools))
+        });
+        read.map(|_| ()).map_err(Fault::into_store_error)
+    }
+
+    /// Stores a change; `stored` and `tools` have everything with the change made. Where it clears the
+    /// tools, `tools` is not read.
     ///
     /// A power cut at any time leaves the contents of before, or all of the change.
     ///
     /// # Errors
-    /// [`StoreError::Flash`] when the flash fails, [`StoreError::NoRoom`] for a startup line that
-    /// does not exist.
-    pub fn write(&mut self, change: Change, stored: &Stored) -> Result<(), StoreError> {
-        match self.write_change(change, stored) {
-            // `stored` is complete without the pages.
-            Err(Fault::Unreadable) => self.rewrite(stored),
+    /// [`StoreError::Flash`] when the flash fails, [`StoreError::NoRoom`] for a startup line or a slot
+    /// that does not exist.
+    pub fn write(
+        &mut self,
+        change: Change,
+        stored: &Stored,
+        tools: &ToolTable,
+    ) -> Result<(), StoreError> {
+        match self.write_change(change, stored, tools) {
+            // `stored` and `tools` are complete without the pages.
+            Err(Fault::Unreadable) => self.rewrite(change, stored, tools),
             result @ (Ok(()) | Err(Fault::Refused(_))) => result,
         }
         .map_err(Fault::into_store_error)
     }
 
-    fn write_change(&mut self, change: Change, stored: &Stored) -> Result<(), Fault> {
+    fn write_change(
+        &mut self,
+        change: Change,
+        stored: &Stored,
+        tools: &ToolTable,
+    ) -> Result<(), Fault> {
         match change {
             Change::Settings => self.write_key(Key::Settings, stored),
             Change::Origins => self.write_key(Key::Origins, stored),
@@ -189,9 +213,10 @@ impl<F: NorFlash> Journal<F> {
                 self.write_key(key, stored)
             }
             Change::BuildInfo => self.write_key(Key::BuildInfo, stored),
-            Change::RestoreSettings => self.outdate(&[Key::Settings]),
-            Change::RestoreOrigins => self.outdate(&[Key::Origins]),
-            Change::RestoreAll => self.outdate(&Key::ALL),
+            Change::Tool(slot) => self.write_tool(slot, tools),
+            Change::RestoreSettings => self.outdate(change, &[Key::Settings]),
+            Change::RestoreOrigins => self.outdate(change, &[Key::Origins]),
+            Change::RestoreAll => self.outdate(change, &Key::ALL),
         }
     }
 
@@ -217,8 +242,40 @@ impl<F: NorFlash> Journal<F> {
                 key.read(contents, &mut stored);
             }
         }
+        is_empty &= !self.read_tools(newest.of_tools(), None)?;
         self.generations = Some(newest);
         Ok((!is_empty).then_some(stored))
+    }
+
+    /// Reads the records of the tools, those of newer generations than is known to find it out, and the
+    /// tools of this generation into the table. Returns whether there is any record.
+    fn read_tools(
+        &mut self,
+        generation: &mut u32,
+        mut tools: Option<&mut ToolTable>,
+    ) -> Result<bool, Fault> {
+        let mut buffer = [0; BUFFER_BYTES];
+        self.operate(|map| {
+            let mut has_record = false;
+            let mut records = poll_once(map.fetch_all_items(&mut buffer))?;
+            // From the oldest record to the newest.
+            while let Some((key, record)) = poll_once(records.next::<&[u8]>(&mut buffer))? {
+                let Some(slot) = record::tool_slot(key) else {
+                    continue;
+                };
+                has_record = true;
+                let Some((newer, contents)) = record::open(record) else {
+                    continue;
+                };
+                *generation = newer.max(*generation);
+                if let Some(tools) = tools.as_deref_mut()
+                    && newer == *generation
+                {
+                    tools.replace(slot, record::read_tool(contents));
+                }
+            }
+            Ok(has_record)
+        })
     }
 
     /// Returns the generations that count, which are known after [`Journal::load`].
@@ -237,9 +294,14 @@ impl<F: NorFlash> Journal<F> {
             .map(|(_, contents)| Generations::read(contents)))
     }
 
-    /// Makes all records of these keys older than any that counts.
-    fn outdate(&mut self, keys: &[Key]) -> Result<(), Fault> {
+    /// Makes all records of these keys older than any that counts, and those of the tools where a change
+    /// clears these.
+    fn outdate(&mut self, change: Change, keys: &[Key]) -> Result<(), Fault> {
         let mut generations = self.generations()?;
+        if change.clears_tools() {
+            let generation = generations.of_tools();
+            *generation = generation.wrapping_add(1);
+        }
         for &key in keys {
             let generation = generations.of(key);
             *generation = generation.wrapping_add(1);
@@ -261,10 +323,23 @@ impl<F: NorFlash> Journal<F> {
         let generation = *self.generations()?.of(key);
         let mut record = Record::new(generation);
         key.write(stored, &mut record)?;
-        if self.is_newest(key as u8, &record)? {
+        self.store_new(key as u8, &record)
+    }
+
+    /// Stores the record of a slot of the tool table, unless the same is stored.
+    fn write_tool(&mut self, slot: usize, tools: &ToolTable) -> Result<(), Fault> {
+        let key = record::tool_key(slot).ok_or(StoreError::NoRoom)?;
+        let generation = *self.generations()?.of_tools();
+        let mut record = Record::new(generation);
+        record::write_tool(tools.slot(slot), &mut record)?;
+        self.store_new(key, &record)
+    }
+
+    fn store_new(&mut self, key: u8, record: &Record) -> Result<(), Fault> {
+        if self.is_newest(key, record)? {
             return Ok(());
         }
-        self.store(key as u8, &record)
+        self.store(key, record)
     }
 
     fn is_newest(&mut self, key: u8, record: &Record) -> Result<bool, Fault> {
@@ -276,12 +351,15 @@ impl<F: NorFlash> Journal<F> {
         self.sectors.is_blank().or(Err(StoreError::Flash))
     }
 
-    /// Erases the pages and stores everything anew.
-    fn rewrite(&mut self, stored: &Stored) -> Result<(), Fault> {
+    /// Erases the pages and stores everything anew, after a change.
+    fn rewrite(&mut self, change: Change, stored: &Stored, tools: &ToolTable) -> Result<(), Fault> {
         self.format()?;
         Key::ALL
             .iter()
-            .try_for_each(|&key| self.write_key(key, stored))
+            .try_for_each(|&key| self.write_key(key, stored))?;
+        (0..TOOLS)
+            .filter(|&slot| !change.clears_tools() && tools.slot(slot).is_some())
+            .try_for_each(|slot| self.write_tool(slot, tools))
     }
 
     /// Erases the pages.

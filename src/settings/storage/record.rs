@@ -6,6 +6,7 @@
 //! settings    (number: u16, type: u8, value)…
 //! origins     axes: u8, (name: u8, (i64 as zigzag) for each axis)…: nm, or millionths of a degree
 //! lines       the text
+//! tool        number: u8, 0 for none, (i64 as zigzag) for X, Y, Z and the diameter: nm
 //! ```
 //!
 //! Numbers have their low byte first. Each value bears its type, so that firmware with other
@@ -14,14 +15,16 @@
 //!
 //! No 8 bytes in a row are all 0xFF: the journal takes these for flash that is not written.
 
+use core::num::NonZeroU8;
+
 use heapless::Vec;
 
 use crate::{
     axis::{AXES, Axes, LETTERS},
     model::WorkCoordinates,
     settings::{
-        Kind, STARTUP_LINES, STORED_LINE, Setting, StoreError, Stored, StoredLine, Value, setting,
-        table::TABLE,
+        Kind, STARTUP_LINES, STORED_LINE, Setting, StoreError, Stored, StoredLine, TOOLS,
+        ToolEntry, Value, setting, table::TABLE,
     },
     units::{MicroDegrees, Nm},
 };
@@ -74,8 +77,10 @@ const fn origins_bytes(axes: usize) -> usize {
 
 /// Key of the record of generations.
 pub(super) const GENERATIONS: u8 = 0x10;
+/// Key of the record of the first slot of the tool table; those of the other slots follow.
+const FIRST_TOOL: u8 = 0x20;
 /// Number of keys.
-pub(super) const KEYS: usize = Key::ALL.len() + 1;
+pub(super) const KEYS: usize = Key::ALL.len() + 1 + TOOLS;
 
 /// The key of each record that holds something of [`Stored`].
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -88,14 +93,20 @@ pub(super) enum Key {
     BuildInfo = 4,
 }
 
-/// The generation of each key whose records count; those of older ones count as absent.
+/// The generation of each key whose records count, and that of all tools; those of older ones count as
+/// absent.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
-pub(super) struct Generations([u32; Key::ALL.len()]);
+pub(super) struct Generations([u32; Key::ALL.len() + 1]);
 
 impl Generations {
     /// Returns the generation of a key.
     pub(super) fn of(&mut self, key: Key) -> &mut u32 {
         &mut self.0[key as usize]
+    }
+
+    /// Returns the generation of the tools.
+    pub(super) fn of_tools(&mut self) -> &mut u32 {
+        &mut self.0[Key::ALL.len()]
     }
 
     /// Reads the contents of their record.
@@ -139,6 +150,40 @@ impl Record {
     fn append(&mut self, bytes: &[u8]) -> Result<(), StoreError> {
         self.0.extend_from_slice(bytes).or(Err(StoreError::NoRoom))
     }
+}
+
+/// Returns the key of the record of a slot of the tool table.
+pub(super) fn tool_key(slot: usize) -> Option<u8> {
+    let offset = u8::try_from(slot).ok().filter(|_| slot < TOOLS)?;
+    Some(FIRST_TOOL + offset)
+}
+
+/// Returns the slot of the tool table whose record has a key.
+pub(super) fn tool_slot(key: u8) -> Option<usize> {
+    let slot = usize::from(key.checked_sub(FIRST_TOOL)?);
+    (slot < TOOLS).then_some(slot)
+}
+
+/// Writes the contents of the record of a slot of the tool table.
+pub(super) fn write_tool(tool: Option<ToolEntry>, record: &mut Record) -> Result<(), StoreError> {
+    let Some(tool) = tool else {
+        return record.append(&[0]);
+    };
+    record.append(&[tool.number.get()])?;
+    for nm in tool.lengths() {
+        record.append(&zigzag(nm).to_le_bytes())?;
+    }
+    Ok(())
+}
+
+/// Reads the contents of the record of a slot of the tool table.
+pub(super) fn read_tool(mut contents: &[u8]) -> Option<ToolEntry> {
+    let [number] = next(&mut contents)?;
+    let mut tool = ToolEntry::new(NonZeroU8::new(number)?);
+    for length in tool.lengths_mut() {
+        *length = unzigzag(u64::from_le_bytes(next(&mut contents)?));
+    }
+    tool.fits().then_some(tool)
 }
 
 /// Returns the generation and the contents of a record; `None` of an unknown format.

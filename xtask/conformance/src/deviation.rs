@@ -171,6 +171,10 @@ deviations! {
         "tools are changed",
         "an answer other than `error:20` to a line with M6 or M61, and the message `[MSG:Tool change: \
          …]`; T in a `$G` after it";
+    ToolTable: "D51", true,
+        "there is a tool table: G43, G43.2 and G10 L1, L10, L11",
+        "an answer other than `error:20` to a line with G43 or G43.2, and to a G10 with L1, L10 or L11; \
+         and the message `[MSG:Tool table is empty: …]`";
 }
 
 impl Deviation {
@@ -221,6 +225,8 @@ pub(crate) fn of_message(ours: &str) -> Option<Deviation> {
         Some(Deviation::PathControl)
     } else if ours.starts_with("[MSG:Tool change: ") {
         Some(Deviation::ToolChange)
+    } else if ours.starts_with("[MSG:Tool table is empty: ") {
+        Some(Deviation::ToolTable)
     } else {
         None
     }
@@ -250,6 +256,10 @@ fn of_programs(code: &str, theirs: &str) -> Option<Deviation> {
     }
     if theirs == "error:20" && has_word(code, 'M', &[6.0, 61.0]) {
         return Some(Deviation::ToolChange);
+    }
+    let sets_tool = has_origin && has_word(code, 'L', &[1.0, 10.0, 11.0]);
+    if theirs == "error:20" && (has_g(&[43.0, 43.2]) || sets_tool) {
+        return Some(Deviation::ToolTable);
     }
     let digits = code.strip_prefix(['O', ':']).unwrap_or_default();
     let is_mark =
@@ -383,6 +393,10 @@ mod tests {
             ("M60", "ok", "error:20", None),
             ("T2M6", "ok", "error:20", Some(Deviation::ToolChange)),
             ("M61Q2", "ok", "error:20", Some(Deviation::ToolChange)),
+            ("G43H1Z5", "ok", "error:20", Some(Deviation::ToolTable)),
+            ("G10L10P1Z0", "ok", "error:20", Some(Deviation::ToolTable)),
+            ("G10L12P1Z0", "ok", "error:20", None),
+            ("H1", "error:36", "error:20", None),
         ] {
             assert_eq!(of_answers(line, ours, theirs), expected, "{line}");
         }

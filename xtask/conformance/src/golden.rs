@@ -9,7 +9,7 @@ use std::{
 use anyhow::{Context, Result};
 use leadscrew::{
     axis::AXES,
-    gcode::interpreter::Interpreter,
+    gcode::interpreter::{Interpreter, Outcome},
     model::Levels,
     settings::Settings,
     sim::{Closes, Switch},
@@ -226,7 +226,7 @@ impl<'a> Reader<'a> {
         let moves = code.iter().any(|byte| b"XYZ".contains(byte));
         self.traits.arcs += u64::from(self.is_arc && moves);
         let before = self.interpreter.position();
-        self.interpreter.commit(&checked);
+        self.interpreter.commit(&checked, &mut Outcome::default());
         let after = self.interpreter.position();
         for axis in (0..AXES).filter(|axis| before[*axis] != after[*axis]) {
             self.look_at_end(axis, after[axis].to_mm_f64());

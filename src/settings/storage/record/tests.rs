@@ -122,7 +122,7 @@ fn newer_firmware_with_more_settings_axes_and_kinds_is_understood() {
     // More parts have generations.
     let mut contents = vec![9, 5, 0, 0, 0];
     contents.extend([1, 6, 0, 0, 0]);
-    assert_eq!(Generations::read(&contents).0, [0, 6, 0, 0, 0]);
+    assert_eq!(Generations::read(&contents).0, [0, 6, 0, 0, 0, 0]);
 }
 
 #[test]
@@ -203,6 +203,40 @@ fn a_rotation_keeps_to_its_system_whatever_the_number_of_axes() {
         plain.len(),
         1 + (WorkCoordinates::ALL.len() + 2) * (1 + 8 * AXES)
     );
+}
+
+#[test]
+fn a_tool_is_read_back_exactly_and_newer_firmware_may_add_to_it() {
+    let mut tool = ToolEntry::new(NonZeroU8::MAX);
+    tool.offset = [Nm(-1), ToolEntry::LONGEST, Nm(10_160_000)];
+    tool.diameter = Nm(-3);
+    let contents = |tool: Option<ToolEntry>| {
+        let mut record = Record::new(7);
+        write_tool(tool, &mut record).unwrap();
+        open(record.bytes()).unwrap().1.to_vec()
+    };
+    let mut bytes = contents(Some(tool));
+    assert!(!bytes.windows(8).any(|bytes| bytes == [0xff; 8]));
+    assert_eq!(read_tool(&bytes), Some(tool));
+    assert_eq!(read_tool(&bytes[..20]), None);
+    bytes.extend([1, 2, 3]);
+    assert_eq!(read_tool(&bytes), Some(tool));
+    bytes[1..9].fill(0xff);
+    assert_eq!(
+        read_tool(&bytes),
+        None,
+        "a length that the table cannot hold"
+    );
+    assert_eq!(read_tool(&contents(None)), None);
+    for slot in [0, TOOLS - 1] {
+        assert_eq!(tool_key(slot).and_then(tool_slot), Some(slot));
+    }
+    assert_eq!(tool_key(TOOLS), None);
+    let keys = Key::ALL
+        .map(|key| key as u8)
+        .into_iter()
+        .chain([GENERATIONS]);
+    assert!(keys.into_iter().all(|key| tool_slot(key).is_none()));
 }
 
 /// The stored name of each work coordinate system: no firmware may give a name to another system.

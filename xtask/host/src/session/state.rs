@@ -102,7 +102,7 @@ pub fn modal_numbers(interpreter: &Interpreter) -> [u8; 10] {
         u8::from(modal.units == Units::Inches),
         u8::from(modal.distance == Distance::Incremental),
         plane,
-        u8::from(modal.tool_length == ToolLength::Dynamic),
+        u8::from(modal.tool_length != ToolLength::None),
         modal.coordinates.index() as u8,
         0,
         u8::from(modal.coolant.flood) * 64 + u8::from(modal.coolant.mist) * 128,

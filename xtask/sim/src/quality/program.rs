@@ -5,7 +5,7 @@
 
 use leadscrew::{
     axis::{AXES, Axes},
-    gcode::interpreter::Interpreter,
+    gcode::interpreter::{Interpreter, Outcome},
     model::{Circle, Command, FeedRate, Target},
     protocol::Line,
     settings::{Settings, assign},
@@ -75,7 +75,8 @@ impl Programmed {
         let Ok(checked) = checked else {
             return Vec::new();
         };
-        let outcome = self.interpreter.commit(&checked);
+        let mut outcome = Outcome::default();
+        self.interpreter.commit(&checked, &mut outcome);
         let commands = outcome.commands.iter();
         commands.filter_map(|command| self.piece(command)).collect()
     }
