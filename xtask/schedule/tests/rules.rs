@@ -5,12 +5,20 @@ mod project;
 use project::{Project, assert_caught};
 use schedule::Rule;
 
+/// What is found, or the end of the test, which has said why there is nothing.
+macro_rules! or_skip {
+    ($found:expr) => {
+        match $found {
+            Some(found) => found,
+            None => return,
+        }
+    };
+}
+
 /// Builds the fixture with code in the task `receive`, and items beside it, and expects a rule to be
 /// broken there, told with these words.
 fn in_receive(name: &str, code: &str, items: &str, rule: Rule, words: &str) {
-    let Some(project) = Project::new(name) else {
-        return;
-    };
+    let project = or_skip!(Project::new(name));
     let project = project.with("receive", code).with("items", items);
     let first = project.line(code.lines().next().expect("there is code"));
     let flaws = project.flaws();
@@ -84,9 +92,7 @@ in_receive! {
 
 #[test]
 fn an_application_that_keeps_all_rules_is_proven() {
-    let Some(project) = Project::new("proven") else {
-        return;
-    };
+    let project = or_skip!(Project::new("proven"));
     let report = project.analyse(&project.build());
     assert_eq!(report.flaws, []);
     assert_eq!(report.tasks.len(), 3);
@@ -106,9 +112,7 @@ fn recursion_is_refused() {
         device::write_pins(byte);
         if byte == 0 { 1 } else { byte ^ deeper(byte >> 1).wrapping_mul(byte) }
     }";
-    let Some(project) = Project::new("recursion") else {
-        return;
-    };
+    let project = or_skip!(Project::new("recursion"));
     let project = project.with("receive", code).with("items", items);
     let call = project.line("byte ^ deeper");
     assert_caught(&project.flaws(), Rule::Recursion, call..=call);
@@ -122,9 +126,7 @@ fn a_critical_section_anywhere_in_the_image_is_measured() {
                     device::write_pins(device::byte().into());
                 }
             });";
-    let Some(project) = Project::new("critical-section") else {
-        return;
-    };
+    let project = or_skip!(Project::new("critical-section"));
     let project = project.with("idle", code);
     let first = project.line("interrupt::free");
     let flaws = project.flaws();
@@ -135,9 +137,7 @@ fn a_critical_section_anywhere_in_the_image_is_measured() {
 #[test]
 fn an_encoding_that_is_not_known_is_refused() {
     let code = "device::odd();";
-    let Some(project) = Project::new("unknown-instruction") else {
-        return;
-    };
+    let project = or_skip!(Project::new("unknown-instruction"));
     let code = code.replace(
         "device::odd();",
         "// SAFETY: it is never executed.
@@ -150,9 +150,7 @@ fn an_encoding_that_is_not_known_is_refused() {
 
 #[test]
 fn a_priority_that_is_not_the_binary_s_is_caught() {
-    let Some(project) = Project::new("wrong-priority") else {
-        return;
-    };
+    let project = or_skip!(Project::new("wrong-priority"));
     let elf = project.build();
     let project = project.replacing(
         "binds = USART1, priority = 2",
@@ -166,9 +164,7 @@ fn a_priority_that_is_not_the_binary_s_is_caught() {
 
 #[test]
 fn an_exception_of_the_processor_may_be_a_task_and_its_priority_is_compared() {
-    let Some(project) = Project::new("system-exception") else {
-        return;
-    };
+    let project = or_skip!(Project::new("system-exception"));
     let project = project.replacing("binds = TIM2", "binds = SysTick");
     let elf = project.build();
     let report = project.analyse(&elf);
@@ -186,9 +182,7 @@ fn an_exception_of_the_processor_may_be_a_task_and_its_priority_is_compared() {
 
 #[test]
 fn a_vector_that_is_not_the_binary_s_is_caught() {
-    let Some(project) = Project::new("wrong-vector") else {
-        return;
-    };
+    let project = or_skip!(Project::new("wrong-vector"));
     let elf = project.build();
     let project = project.replacing("binds = USART1", "binds = USART2");
     let flaws = project.analyse(&elf).flaws;
@@ -199,9 +193,7 @@ fn a_vector_that_is_not_the_binary_s_is_caught() {
 
 #[test]
 fn a_ceiling_that_is_not_the_binary_s_is_caught() {
-    let Some(project) = Project::new("wrong-ceiling") else {
-        return;
-    };
+    let project = or_skip!(Project::new("wrong-ceiling"));
     let elf = project.build();
     // Now the source says that nobody above idle locks it.
     let project = project.replacing(", local = [place], shared = [sum]", ", local = [place]");
@@ -212,9 +204,7 @@ fn a_ceiling_that_is_not_the_binary_s_is_caught() {
 
 #[test]
 fn a_deadline_that_is_too_short_is_missed() {
-    let Some(project) = Project::new("missed-deadline") else {
-        return;
-    };
+    let project = or_skip!(Project::new("missed-deadline"));
     let project = project.configured("deadline = \"200us\"", "deadline = \"3us\"");
     let flaws = project.flaws();
     let line = project.line("fn work(");
@@ -228,9 +218,7 @@ fn a_deadline_that_is_too_short_is_missed() {
 
 #[test]
 fn a_task_without_times_is_a_fault_of_the_configuration() {
-    let Some(project) = Project::new("no-times") else {
-        return;
-    };
+    let project = or_skip!(Project::new("no-times"));
     let project = project.configured("[task.work]", "[task.labour]");
     let flaws = project.flaws();
     let told = |name: &str| {
@@ -242,9 +230,7 @@ fn a_task_without_times_is_a_fault_of_the_configuration() {
 
 #[test]
 fn a_requirement_that_is_not_met_is_told_with_both_figures() {
-    let Some(project) = Project::new("unmet") else {
-        return;
-    };
+    let project = or_skip!(Project::new("unmet"));
     let project = project.configured("step_wcet_cycles = 200", "step_wcet_cycles = 20");
     let flaws = project.flaws();
     let flaw = flaws.iter().find(|flaw| flaw.rule == Rule::Requirement);
@@ -258,9 +244,7 @@ fn a_requirement_that_is_not_met_is_told_with_both_figures() {
 
 #[test]
 fn code_in_ram_that_needs_the_flash_is_caught() {
-    let Some(project) = Project::new("flash-from-ram") else {
-        return;
-    };
+    let project = or_skip!(Project::new("flash-from-ram"));
     let items = |body: &str| {
         format!(
             "#[unsafe(link_section = \".data.resident\")]
@@ -302,9 +286,7 @@ fn runs_of_another_regime_are_never_in_the_way() {
         let task = report.tasks.iter().find(|task| task.name == "work: one");
         task.and_then(|task| task.response_cycles)
     };
-    let Some(together) = response("one-regime", ["a", "a"]) else {
-        return;
-    };
+    let together = or_skip!(response("one-regime", ["a", "a"]));
     let alone = response("two-regimes", ["a", "b"]).expect("it is bounded");
     assert!(alone < together, "{alone} of {together} cycles");
 }

@@ -4,18 +4,71 @@ use schedule::{Count, Program, Rule};
 
 use super::{assert_flaw, bounds, flaws, reached, read};
 
+/// Tests that a program has a flaw, told with a line of it: name, rule, program.
+macro_rules! flawed {
+    ($($name:ident: $rule:ident, $body:literal;)*) => {$(
+        #[test]
+        fn $name() {
+            assert_flaw($body, Rule::$rule);
+        }
+    )*};
+}
+
+flawed! {
+    a_loop_without_a_bound_is_named: UnboundedLoop,
+    "fn task() {
+        let mut left = input();
+        while left != 0 { left = black_box(left - 1); }
+    }";
+    a_comment_that_is_too_small_is_wrong: WrongBound,
+    "fn task() {
+        // wcet-bound: 3
+        for step in 0..1000 { output(black_box(step)); }
+    }";
+    an_index_that_is_not_checked_is_a_panic: ReachablePanic,
+    "fn task() {
+        output(WORDS[input() as usize].load(Relaxed));
+    }
+    static WORDS: [AtomicU32; 8] = [const { AtomicU32::new(0) }; 8];";
+    a_function_that_calls_itself_is_recursion: Recursion,
+    "#[inline(never)]
+    fn deeper(depth: u32) -> u32 {
+        if depth == 0 { 0 } else { black_box(deeper(black_box(depth - 1))) + 1 }
+    }
+    fn task() { output(deeper(input())); }";
+    a_call_through_a_trait_object_is_indirect: IndirectCall,
+    "trait Act { fn act(&self); }
+    struct One; struct Two;
+    impl Act for One { fn act(&self) { output(1); } }
+    impl Act for Two { fn act(&self) { output(2); } }
+    fn task() {
+        let acts: [&dyn Act; 2] = [&One, &Two];
+        black_box(&acts)[input() as usize & 1].act();
+    }";
+    waiting_for_an_interrupt_is_forbidden: ForbiddenInstruction,
+    "fn task() {
+        unsafe { core::arch::asm!(\"wfi\") };
+    }";
+    a_trap_is_found: ReachableTrap,
+    "fn task() {
+        if input() == 3 { unsafe { core::arch::asm!(\"udf #1\") }; }
+    }";
+    an_instruction_of_another_processor_is_unknown: UnknownInstruction,
+    "fn task() {
+        unsafe { core::arch::asm!(\".inst.w 0xfe000a00\") };
+    }";
+}
+
 #[test]
 fn a_loop_over_constants_needs_no_comment() {
-    let Some((image, annotations)) = read(
+    let (image, annotations) = or_skip!(read(
         "fn task() {
             let mut sum = 0;
             for _ in 0..100 { sum += black_box(1); }
             for word in &WORDS { output(word.load(Relaxed) + sum); }
         }
         static WORDS: [AtomicU32; 40] = [const { AtomicU32::new(0) }; 40];",
-    ) else {
-        return;
-    };
+    ));
     let program = Program::new(&image, &annotations);
     assert_eq!(flaws(&program), []);
     let bounds = bounds(&program);
@@ -30,17 +83,8 @@ fn a_loop_over_constants_needs_no_comment() {
 }
 
 #[test]
-fn a_loop_without_a_bound_is_named() {
-    let body = "fn task() {
-        let mut left = input();
-        while left != 0 { left = black_box(left - 1); }
-    }";
-    assert_flaw(body, Rule::UnboundedLoop);
-}
-
-#[test]
 fn a_comment_bounds_the_loop_beneath_it_and_no_other() {
-    let Some((image, annotations)) = read(
+    let (image, annotations) = or_skip!(read(
         "fn task() {
             // wcet-bound: 5
             for _ in 0..input() {
@@ -49,9 +93,7 @@ fn a_comment_bounds_the_loop_beneath_it_and_no_other() {
                 while left != 0 { left = black_box(left - 1); }
             }
         }",
-    ) else {
-        return;
-    };
+    ));
     let program = Program::new(&image, &annotations);
     let found = bounds(&program);
     assert_eq!(found.len(), 2, "{found:?}");
@@ -63,7 +105,7 @@ fn a_comment_bounds_the_loop_beneath_it_and_no_other() {
 fn a_loop_of_a_library_needs_a_comment_of_its_own() {
     const FIND: &str = "let words: &[u32] = unsafe { core::slice::from_raw_parts(
             input() as *const u32, input() as usize) };";
-    let Some((image, annotations)) = read(&format!(
+    let (image, annotations) = or_skip!(read(&format!(
         "fn task() {{
             {FIND}
             // wcet-bound: 5
@@ -71,9 +113,7 @@ fn a_loop_of_a_library_needs_a_comment_of_its_own() {
                 output(words.iter().filter(|&&word| black_box(word) == 9).count() as u32);
             }}
         }}"
-    )) else {
-        return;
-    };
+    )));
     let program = Program::new(&image, &annotations);
     let found = bounds(&program);
     // The compiler may make two of the outer loop.
@@ -87,7 +127,7 @@ fn a_loop_of_a_library_needs_a_comment_of_its_own() {
 
 #[test]
 fn a_comment_above_a_statement_bounds_the_loops_of_libraries_in_it() {
-    let Some((image, annotations)) = read(
+    let (image, annotations) = or_skip!(read(
         "fn task() {
             let words: &[u32] = unsafe {
                 core::slice::from_raw_parts(input() as *const u32, input() as usize & 63)
@@ -96,9 +136,7 @@ fn a_comment_above_a_statement_bounds_the_loops_of_libraries_in_it() {
             let found = words.iter().filter(|&&word| black_box(word) == 9).count();
             output(found as u32);
         }",
-    ) else {
-        return;
-    };
+    ));
     let program = Program::new(&image, &annotations);
     assert_eq!(flaws(&program), []);
     let found = bounds(&program);
@@ -113,14 +151,12 @@ fn a_comment_above_a_statement_bounds_the_loops_of_libraries_in_it() {
 
 #[test]
 fn names_and_totals_are_kept() {
-    let Some((image, annotations)) = read(
+    let (image, annotations) = or_skip!(read(
         "fn task() {
             // wcet-bound: axes, wcet-total: segment_steps
             for _ in 0..input() { output(black_box(1)); }
         }",
-    ) else {
-        return;
-    };
+    ));
     let names: Vec<(&str, String)> = annotations.names().collect();
     assert_eq!(names.len(), 2);
     let program = Program::new(&image, &annotations);
@@ -139,75 +175,8 @@ fn names_and_totals_are_kept() {
 }
 
 #[test]
-fn a_comment_that_is_too_small_is_wrong() {
-    let body = "fn task() {
-        // wcet-bound: 3
-        for step in 0..1000 { output(black_box(step)); }
-    }";
-    assert_flaw(body, Rule::WrongBound);
-}
-
-#[test]
-fn an_index_that_is_not_checked_is_a_panic() {
-    let body = "fn task() {
-        output(WORDS[input() as usize].load(Relaxed));
-    }
-    static WORDS: [AtomicU32; 8] = [const { AtomicU32::new(0) }; 8];";
-    assert_flaw(body, Rule::ReachablePanic);
-}
-
-#[test]
-fn a_function_that_calls_itself_is_recursion() {
-    let body = "#[inline(never)]
-    fn deeper(depth: u32) -> u32 {
-        if depth == 0 { 0 } else { black_box(deeper(black_box(depth - 1))) + 1 }
-    }
-    fn task() { output(deeper(input())); }";
-    assert_flaw(body, Rule::Recursion);
-}
-
-#[test]
-fn a_call_through_a_trait_object_is_indirect() {
-    let body = "trait Act { fn act(&self); }
-    struct One; struct Two;
-    impl Act for One { fn act(&self) { output(1); } }
-    impl Act for Two { fn act(&self) { output(2); } }
-    fn task() {
-        let acts: [&dyn Act; 2] = [&One, &Two];
-        black_box(&acts)[input() as usize & 1].act();
-    }";
-    assert_flaw(body, Rule::IndirectCall);
-}
-
-#[test]
-fn waiting_for_an_interrupt_is_forbidden() {
-    let body = "fn task() {
-        unsafe { core::arch::asm!(\"wfi\") };
-    }";
-    assert_flaw(body, Rule::ForbiddenInstruction);
-}
-
-#[test]
-fn a_trap_is_found() {
-    let body = "fn task() {
-        if input() == 3 { unsafe { core::arch::asm!(\"udf #1\") }; }
-    }";
-    assert_flaw(body, Rule::ReachableTrap);
-}
-
-#[test]
-fn an_instruction_of_another_processor_is_unknown() {
-    let body = "fn task() {
-        unsafe { core::arch::asm!(\".inst.w 0xfe000a00\") };
-    }";
-    assert_flaw(body, Rule::UnknownInstruction);
-}
-
-#[test]
 fn an_exclusive_store_is_tried_again_once() {
-    let Some((image, annotations)) = read("fn task() { COUNT.fetch_add(1, Relaxed); }") else {
-        return;
-    };
+    let (image, annotations) = or_skip!(read("fn task() { COUNT.fetch_add(1, Relaxed); }"));
     let program = Program::new(&image, &annotations);
     assert_eq!(flaws(&program), []);
     let counts: Vec<Option<Count>> = bounds(&program)

@@ -1,5 +1,15 @@
 //! Small programs, compiled here: their loops, flaws and memory.
 
+/// What is found, or the end of the test, which has said why there is nothing.
+macro_rules! or_skip {
+    ($found:expr) => {
+        match $found {
+            Some(found) => found,
+            None => return,
+        }
+    };
+}
+
 mod loops;
 mod memory;
 #[path = "../support/mod.rs"]
@@ -83,9 +93,7 @@ fn bounds(program: &Program<'_>) -> Vec<(Option<Count>, String)> {
 /// Asserts that a program has exactly this flaw, and that it names a line of the program.
 #[track_caller]
 fn assert_flaw(body: &str, rule: Rule) {
-    let Some((image, annotations)) = read(body) else {
-        return;
-    };
+    let (image, annotations) = or_skip!(read(body));
     let program = Program::new(&image, &annotations);
     let flaws = flaws(&program);
     let is_found = |(found, text): &(Rule, String)| *found == rule && text.contains("src/main.rs:");

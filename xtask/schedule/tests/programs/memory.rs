@@ -6,7 +6,7 @@ use super::{flaws, reached, read};
 
 #[test]
 fn accesses_have_the_memory_that_they_go_to() {
-    let Some((image, annotations)) = read(
+    let (image, annotations) = or_skip!(read(
         "#[inline(never)]
         fn fill(words: &mut [u32; 16], port: *mut u32) {
             for word in words.iter_mut() { *word = input(); }
@@ -21,9 +21,7 @@ fn accesses_have_the_memory_that_they_go_to() {
             unsafe { write_volatile(0x4001_0000 as *mut u32, 1) };
             unsafe { read_volatile(0xe000_1004 as *mut u32) };
         }",
-    ) else {
-        return;
-    };
+    ));
     let program = Program::new(&image, &annotations);
     let mut found: Vec<Region> = reached(&program)
         .into_iter()
@@ -44,15 +42,13 @@ fn accesses_have_the_memory_that_they_go_to() {
 
 #[test]
 fn constants_written_to_special_registers_and_ports_are_known() {
-    let Some((image, annotations)) = read(
+    let (image, annotations) = or_skip!(read(
         "fn task() {
             unsafe { core::arch::asm!(\"msr basepri_max, {0}\", in(reg) 0xb0) };
             unsafe { write_volatile(0xe000_e41c as *mut u8, 0x40) };
             unsafe { core::arch::asm!(\"msr basepri, {0}\", in(reg) 0) };
         }",
-    ) else {
-        return;
-    };
+    ));
     let program = Program::new(&image, &annotations);
     let functions = reached(&program);
     let specials: Vec<u32> = functions
@@ -73,15 +69,13 @@ fn constants_written_to_special_registers_and_ports_are_known() {
 
 #[test]
 fn code_that_runs_from_ram_knows_where_it_is_stored() {
-    let Some((image, annotations)) = read(
+    let (image, annotations) = or_skip!(read(
         "#[unsafe(link_section = \".data.erase\")]
         #[unsafe(no_mangle)]
         #[inline(never)]
         extern \"C\" fn erase() { output(black_box(1)); }
         fn task() { erase(); }",
-    ) else {
-        return;
-    };
+    ));
     let address = image.symbol("erase").expect("it is exported");
     assert_eq!(Region::of(address), Region::Sram);
     let stored = image.load_address(address).expect("it is in a segment");
@@ -94,7 +88,7 @@ fn code_that_runs_from_ram_knows_where_it_is_stored() {
 
 #[test]
 fn a_match_through_a_table_has_all_its_arms() {
-    let Some((image, annotations)) = read(
+    let (image, annotations) = or_skip!(read(
         "fn task() {
             match input() {
                 0 => output(black_box(3)),
@@ -108,9 +102,7 @@ fn a_match_through_a_table_has_all_its_arms() {
                 _ => {}
             }
         }",
-    ) else {
-        return;
-    };
+    ));
     let program = Program::new(&image, &annotations);
     assert_eq!(flaws(&program), []);
     let functions = reached(&program);
@@ -124,7 +116,7 @@ fn a_match_through_a_table_has_all_its_arms() {
 
 #[test]
 fn constants_behind_a_table_are_no_entries_of_it() {
-    let Some((image, annotations)) = read(
+    let (image, annotations) = or_skip!(read(
         "core::arch::global_asm!(
             \".section .text.picked, \\\"ax\\\"\",
             \".p2align 2\",
@@ -144,9 +136,7 @@ fn constants_behind_a_table_are_no_entries_of_it() {
         );
         unsafe extern \"C\" { fn picked(way: u32) -> u32; }
         fn task() { output(unsafe { picked(input() & 1) }); }",
-    ) else {
-        return;
-    };
+    ));
     assert_has_two_ways(&image, &annotations);
 }
 
@@ -188,9 +178,7 @@ fn picked_by_register(before: &str, behind: &str) -> Option<(Image, Annotations)
 
 #[test]
 fn a_table_may_lie_where_a_register_points() {
-    let Some((image, annotations)) = picked_by_register("nop", "nop") else {
-        return;
-    };
+    let (image, annotations) = or_skip!(picked_by_register("nop", "nop"));
     assert_has_two_ways(&image, &annotations);
 }
 
@@ -202,9 +190,7 @@ fn a_table_that_another_register_may_point_to_is_unknown() {
         ("cmp r1, #0\\nit eq\\nmoveq r2, r1", "nop"),
         ("nop", "mov r2, r1\\nb 6b"),
     ] {
-        let Some((image, annotations)) = picked_by_register(before, behind) else {
-            return;
-        };
+        let (image, annotations) = or_skip!(picked_by_register(before, behind));
         let program = Program::new(&image, &annotations);
         let flaws = flaws(&program);
         let is_told = flaws.iter().any(|(rule, _)| *rule == Rule::IndirectCall);
@@ -214,7 +200,7 @@ fn a_table_that_another_register_may_point_to_is_unknown() {
 
 #[test]
 fn a_reference_in_a_struct_on_the_stack_keeps_its_memory() {
-    let Some((image, annotations)) = read(
+    let (image, annotations) = or_skip!(read(
         "struct Writer<'a> { ring: &'a [AtomicU32; 64], number: u32 }
         impl Writer<'_> {
             #[inline(never)]
@@ -230,9 +216,7 @@ fn a_reference_in_a_struct_on_the_stack_keeps_its_memory() {
             writer.put(input());
             writer.ring[writer.number as usize & 63].store(9, Relaxed);
         }",
-    ) else {
-        return;
-    };
+    ));
     let program = Program::new(&image, &annotations);
     let regions = reached(&program)
         .into_iter()
@@ -246,7 +230,7 @@ fn a_reference_in_a_struct_on_the_stack_keeps_its_memory() {
 
 #[test]
 fn a_pointer_that_is_changed_on_a_condition_may_point_to_either() {
-    let Some((image, annotations)) = read(
+    let (image, annotations) = or_skip!(read(
         "static TABLE: [u32; 4] = [1, 2, 3, 4];
         static COUNTS: [AtomicU32; 4] = [const { AtomicU32::new(7) }; 4];
         fn task() {
@@ -262,9 +246,7 @@ fn a_pointer_that_is_changed_on_a_condition_may_point_to_either() {
             }
             output(pointer as u32);
         }",
-    ) else {
-        return;
-    };
+    ));
     let program = Program::new(&image, &annotations);
     let regions = reached(&program)
         .into_iter()
@@ -278,7 +260,7 @@ fn a_pointer_that_is_changed_on_a_condition_may_point_to_either() {
 
 #[test]
 fn a_value_that_an_enum_cannot_have_is_no_trap() {
-    let Some((image, annotations)) = read(
+    let (image, annotations) = or_skip!(read(
         "#[derive(Clone, Copy)]
         #[repr(u8)]
         enum Kind { A, B = 2, C, D, E = 6, F, G, H }
@@ -298,9 +280,7 @@ fn a_value_that_an_enum_cannot_have_is_no_trap() {
         fn task() {
             act(unsafe { core::mem::transmute::<u8, Kind>(input() as u8) });
         }",
-    ) else {
-        return;
-    };
+    ));
     let program = Program::new(&image, &annotations);
     assert_eq!(flaws(&program), []);
     let has_trap = reached(&program).iter().any(|function| {
