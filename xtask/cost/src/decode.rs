@@ -187,32 +187,8 @@ mod tests {
 
     const AT: u32 = 0x0800_1000;
 
-    fn class(first: u16, second: u16) -> Option<Class> {
-        decode(AT, first, second).map(|instruction| instruction.class)
-    }
-
     fn flow(first: u16, second: u16) -> Option<Flow> {
         decode(AT, first, second).map(|instruction| instruction.flow)
-    }
-
-    #[test]
-    fn encodings_that_the_processor_lacks_are_unknown() {
-        let unknown = [
-            (0xb600, 0),      // no CPS
-            (0xb680, 0),      // no endianness change on Armv7-M
-            (0xba80, 0),      // HLT, Armv8-M
-            (0xbf50, 0),      // an unallocated hint
-            (0xb400, 0),      // PUSH of nothing
-            (0xe8d0, 0x0f20), // an unallocated exclusive
-            (0xee30, 0x0b41), // VSUB.F64
-            (0xfe00, 0x0a00), // VSEL, Armv8-M
-            (0xee00, 0x0410), // coprocessor 4
-            (0xf9a0, 0x0000), // advanced SIMD
-            (0xfbf0, 0x0000), // an unallocated division
-        ];
-        for (first, second) in unknown {
-            assert_eq!(class(first, second), None, "{first:04x} {second:04x}");
-        }
     }
 
     #[test]
@@ -230,14 +206,6 @@ mod tests {
         assert_eq!(flow(0xe8bd, 0x8010), Some(Flow::Return));
         assert_eq!(flow(0xf85d, 0xfb04), Some(Flow::Return));
         assert_eq!(flow(0xe8df, 0xf000), Some(Flow::JumpComputed));
-    }
-
-    #[test]
-    fn it_knows_how_many_instructions_it_governs() {
-        assert_eq!(class(0xbf08, 0), Some(Class::IfThen(1)));
-        assert_eq!(class(0xbf04, 0), Some(Class::IfThen(2)));
-        assert_eq!(class(0xbf16, 0), Some(Class::IfThen(3)));
-        assert_eq!(class(0xbf01, 0), Some(Class::IfThen(4)));
     }
 
     #[test]

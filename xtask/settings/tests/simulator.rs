@@ -1,11 +1,11 @@
 //! The command as it is typed, at the simulator behind a TCP port and a serial device.
 
 use std::{
-    env, fs,
+    fs,
     io::{BufRead as _, BufReader, Read as _, Write as _},
     net::{TcpListener, TcpStream},
-    path::{Path, PathBuf},
-    process::{self, Child, Command, Stdio},
+    path::Path,
+    process::{Child, Command, Stdio},
     thread,
     time::{Duration, Instant},
 };
@@ -15,32 +15,17 @@ use rustix::{
     fs::FlockOperation,
     process::{Pid, Signal},
 };
+use tempfile::{TempDir, tempdir};
 
-/// A folder that goes when it is dropped.
-struct Folder(PathBuf);
-
-impl Folder {
-    fn new(name: &str) -> Self {
-        let folder = env::temp_dir().join(format!("leadscrew-{name}-{}", process::id()));
-        fs::create_dir_all(&folder).unwrap();
-        Self(folder)
-    }
-
-    fn file(&self, name: &str, text: &str) -> String {
-        let path = self.path(name);
-        fs::write(&path, text).unwrap();
-        path
-    }
-
-    fn path(&self, name: &str) -> String {
-        self.0.join(name).to_str().unwrap().into()
-    }
+/// Writes a file and returns its path.
+fn file(folder: &TempDir, name: &str, text: &str) -> String {
+    let path = path(folder, name);
+    fs::write(&path, text).unwrap();
+    path
 }
 
-impl Drop for Folder {
-    fn drop(&mut self) {
-        let _ = fs::remove_dir_all(&self.0);
-    }
+fn path(folder: &TempDir, name: &str) -> String {
+    folder.path().join(name).to_str().unwrap().into()
 }
 
 /// The simulator in real time.
@@ -121,10 +106,10 @@ const CHANGED: &str =
 
 #[test]
 fn settings_are_loaded_in_an_order_that_works_and_compared_and_saved() {
-    let folder = Folder::new("load");
+    let folder = tempdir().unwrap();
     let (_simulator, address) = Simulator::tcp(&[]);
     let at = ["--tcp", &address];
-    let file = folder.file("mill.txt", CHANGED);
+    let file = file(&folder, "mill.txt", CHANGED);
 
     let (is_equal, printed, said) = settings(&[&at[..], &["--diff", &file]].concat());
     assert!(!is_equal && said.contains("left out 1 setting"), "{said}");
@@ -144,14 +129,14 @@ fn settings_are_loaded_in_an_order_that_works_and_compared_and_saved() {
         "{printed}"
     );
 
-    let saved = folder.path("saved.txt");
+    let saved = path(&folder, "saved.txt");
     done(&[&at[..], &["--save", &saved]].concat());
     let text = fs::read_to_string(&saved).unwrap();
     assert!(
         text.starts_with("$0=3\n") && text.contains("\n$800=0.000\n"),
         "{text}"
     );
-    assert!(!Path::new(&folder.path("saved.txt.new")).exists());
+    assert!(!Path::new(&path(&folder, "saved.txt.new")).exists());
     for file in [&file, &saved] {
         assert_eq!(done(&[&at[..], &["--diff", file]].concat()), "");
         let (_, _, said) = settings(&[&at[..], &["--load", file]].concat());
@@ -161,9 +146,13 @@ fn settings_are_loaded_in_an_order_that_works_and_compared_and_saved() {
 
 #[test]
 fn a_file_that_is_refused_changes_nothing() {
-    let folder = Folder::new("refused");
+    let folder = tempdir().unwrap();
     let (_simulator, address) = Simulator::tcp(&[]);
-    let file = folder.file("wrong.txt", "$1=255\n$20=1\n$110=20000\n$111=6,5\n");
+    let file = file(
+        &folder,
+        "wrong.txt",
+        "$1=255\n$20=1\n$110=20000\n$111=6,5\n",
+    );
     let said = failed(&["--tcp", &address, "--load", &file]);
     for part in [
         "3 lines are refused",
@@ -173,20 +162,20 @@ fn a_file_that_is_refused_changes_nothing() {
     ] {
         assert!(said.contains(part), "{said}");
     }
-    let saved = folder.path("saved.txt");
+    let saved = path(&folder, "saved.txt");
     done(&["--tcp", &address, "--save", &saved]);
     assert!(fs::read_to_string(&saved).unwrap().contains("\n$1=25\n"));
     // And a file that cannot be written is an error, with what was there as it was.
-    let said = failed(&["--tcp", &address, "--save", &folder.path("no/saved.txt")]);
+    let said = failed(&["--tcp", &address, "--save", &path(&folder, "no/saved.txt")]);
     assert!(said.contains("cannot write"), "{said}");
 }
 
 #[test]
 fn a_serial_device_works_as_a_tcp_port_does() {
-    let folder = Folder::new("serial");
-    let device = folder.path("tty");
+    let folder = tempdir().unwrap();
+    let device = path(&folder, "tty");
     let _simulator = Simulator::start(&["--pty", &device, "--set", "$130=321"]);
-    let file = folder.file("mill.txt", "$130=123\n");
+    let file = file(&folder, "mill.txt", "$130=123\n");
     done(&["--port", &device, "--load", &file]);
     assert_eq!(done(&["--port", &device, "--diff", &file]), "");
 
@@ -197,7 +186,7 @@ fn a_serial_device_works_as_a_tcp_port_does() {
     drop(other);
     assert_eq!(done(&["--port", &device, "--diff", &file]), "");
 
-    let said = failed(&["--port", &folder.path("none"), "--diff", &file]);
+    let said = failed(&["--port", &path(&folder, "none"), "--diff", &file]);
     assert!(
         said.contains("there is no ") && said.contains("serial port"),
         "{said}"
@@ -206,8 +195,8 @@ fn a_serial_device_works_as_a_tcp_port_does() {
 
 #[test]
 fn who_does_not_answer_is_told() {
-    let folder = Folder::new("silent");
-    let file = folder.file("mill.txt", "$130=123\n");
+    let folder = tempdir().unwrap();
+    let file = file(&folder, "mill.txt", "$130=123\n");
     let listener = TcpListener::bind("127.0.0.1:0").unwrap();
     let address = listener.local_addr().unwrap().to_string();
     let said = failed(&["--tcp", &address, "--timeout", "0.3", "--diff", &file]);
@@ -236,8 +225,8 @@ fn until(stream: &mut TcpStream, send: &str, heard: &str) {
 
 #[test]
 fn a_machine_in_alarm_or_in_motion_is_told() {
-    let folder = Folder::new("alarm");
-    let file = folder.file("mill.txt", "$130=123\n");
+    let folder = tempdir().unwrap();
+    let file = file(&folder, "mill.txt", "$130=123\n");
     let fast = [
         "--switches",
         "--set",
@@ -316,9 +305,9 @@ fn grbl(line: &str) -> &'static str {
 
 #[test]
 fn what_another_machine_refuses_or_forgets_is_told() {
-    let folder = Folder::new("grbl");
+    let folder = tempdir().unwrap();
     let address = other_machine(IDLE, |line| Some(grbl(line)));
-    let file = folder.file("mill.txt", "$0=2\n$1=50\n$41=1\n");
+    let file = file(&folder, "mill.txt", "$0=2\n$1=50\n$41=1\n");
     let said = failed(&["--tcp", &address, "--load", &file]);
     for part in [
         "the machine does not have $41",
@@ -328,7 +317,7 @@ fn what_another_machine_refuses_or_forgets_is_told() {
     ] {
         assert!(said.contains(part), "{said}");
     }
-    let saved = folder.path("saved.txt");
+    let saved = path(&folder, "saved.txt");
     done(&["--tcp", &address, "--save", &saved]);
     let text = fs::read_to_string(&saved).unwrap();
     assert_eq!(text, "$0=10\n$1=25\n$20=0\n$22=0\n");
@@ -337,8 +326,8 @@ fn what_another_machine_refuses_or_forgets_is_told() {
 #[test]
 fn a_conversation_that_breaks_off_is_told_and_no_file_is_written() {
     const HELD: &str = "<Hold:0|MPos:0.000,0.000,0.000|FS:0,0>\r\n";
-    let folder = Folder::new("broken");
-    let saved = folder.path("saved.txt");
+    let folder = tempdir().unwrap();
+    let saved = path(&folder, "saved.txt");
     let noise = "x".repeat(5000).leak();
     for (address, told) in [
         (other_machine(noise, |_| None), "sends what is no text"),

@@ -58,38 +58,22 @@ pub(crate) fn run(options: &Options) -> Result<ExitCode> {
 
 /// Runs a program on the virtual machine in QEMU.
 pub(crate) fn play(path: &Path, loaded: &Loaded) -> Result<Figures> {
-    let folder = Folder::new()?;
-    let lines = write_program(path, &folder.0.join("program.nc"))?;
+    let folder = tempfile::tempdir().context("there is no room for the files of the run")?;
+    let folder = folder.path();
+    let lines = write_program(path, &folder.join("program.nc"))?;
     let mut settings = format!("{}\n", loaded.settings.step_rate.in_image());
     for statement in &loaded.statements {
         settings.push_str(statement);
         settings.push('\n');
     }
-    fs::write(folder.0.join("settings.txt"), settings).context("cannot write the settings")?;
+    fs::write(folder.join("settings.txt"), settings).context("cannot write the settings")?;
     let (board, _) = boards::emulated()?;
     let elf = build(&board, TEST)?;
     ui::status("Emulating", &format!("{} ({lines} lines)", path.display()));
-    semihosting::output(&elf, &folder.0)?;
-    let results = folder.0.join("figures.txt");
+    semihosting::output(&elf, folder)?;
+    let results = folder.join("figures.txt");
     let file = File::open(&results).context("the emulated machine has written no figures")?;
     read_figures(BufReader::new(file), loaded)
-}
-
-/// A folder for the files of one run, removed after it.
-struct Folder(PathBuf);
-
-impl Folder {
-    fn new() -> Result<Self> {
-        let path = cargo::target_dir().join(format!("on-target-{}", process::id()));
-        fs::create_dir_all(&path).with_context(|| format!("cannot create {}", path.display()))?;
-        Ok(Self(path))
-    }
-}
-
-impl Drop for Folder {
-    fn drop(&mut self) {
-        let _ = fs::remove_dir_all(&self.0);
-    }
 }
 
 /// Copies a program as a sender would send it; returns the number of lines.
