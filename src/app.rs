@@ -103,6 +103,7 @@ mod app {
         report::spawn().expect("it has not been spawned before");
         let (pins, inputs) = board.inputs.watch(event_tap);
         let snapshot = motion.power_up(board.session.settings(), &inputs);
+        // It switches the outputs, reads the door and arms the limit switches.
         rtic::pend(PREPARE);
         let shared = Shared {
             snapshot,
@@ -137,7 +138,11 @@ mod app {
     fn idle(mut cx: idle::Context) -> ! {
         let requests = cx.shared.requests;
         loop {
-            if !cx.shared.serial.lock(|serial| serial.send_rest(requests)) {
+            if !cx
+                .shared
+                .serial
+                .lock(|serial| serial.send_remaining(requests))
+            {
                 board::sleep();
             }
         }

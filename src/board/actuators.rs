@@ -9,7 +9,7 @@ use super::{
     delay_timer::DelayTimer,
     outputs::{self, SwitchOutputs},
     pac,
-    release::{PREPARE, pend},
+    release::pend,
 };
 
 /// The outputs and the timer, owned by `prepare`.
@@ -19,10 +19,8 @@ pub(crate) struct Actuators {
 }
 
 impl Actuators {
-    /// Sets up the outputs and the timer, whose clocks must run, and releases `prepare`, which
-    /// switches the outputs at power-up.
+    /// Sets up the outputs and the timer, whose clocks must run.
     pub(super) fn new(timer: pac::TIM6) -> Self {
-        rtic::pend(PREPARE);
         Self {
             switches: SwitchOutputs::new(),
             timer: DelayTimer::new(timer),

@@ -59,7 +59,7 @@ pub(crate) use step_output::{StepInterrupt, StepPins, StepTimerToken};
 pub(crate) use stm32f4xx_hal::pac;
 pub(crate) use storage::{Memory, Storage};
 
-use leadscrew::protocol::Session;
+use leadscrew::{protocol::Session, units::TICKS_PER_SECOND};
 use stm32f4xx_hal::rcc::{Config, Enable, Rcc, RccExt};
 
 /// The peripherals the tasks drive.
@@ -81,8 +81,19 @@ pub(crate) struct Board {
 }
 
 /// Sets the clocks to those of `config`, and reads flash without prefetch.
+///
+/// # Panics
+///
+/// If the core does not count half ticks, or the slower timers do not count ticks: every time would be
+/// wrong.
 fn start_clocks(rcc: pac::RCC, flash: &pac::FLASH, config: Config) -> Rcc {
     let rcc = rcc.freeze(config);
+    let (core_hz, timers_hz) = (rcc.clocks.hclk().raw(), rcc.clocks.timclk1().raw());
+    assert!(
+        emulation::is_emulated()
+            || core_hz == 2 * TICKS_PER_SECOND && timers_hz == TICKS_PER_SECOND,
+        "the step timer counts half ticks, and TIM6, TIM7 and the PWM count ticks"
+    );
     flash.acr().modify(|_, w| w.prften().clear_bit());
     rcc
 }

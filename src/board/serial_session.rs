@@ -75,7 +75,7 @@ impl SerialSession {
     }
 
     /// Sends a byte if any waits and the port takes one, for `idle`. Returns whether any waited.
-    pub(crate) fn send_rest(&mut self, requests: &Requests) -> bool {
+    pub(crate) fn send_remaining(&mut self, requests: &Requests) -> bool {
         let has_waiting = !self.transmitter.is_done();
         if has_waiting {
             self.transmitter.send_next(requests);

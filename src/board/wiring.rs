@@ -2,9 +2,9 @@
 //!
 //! Registers of the ports: RM0090 8.4, the same on all parts.
 
-use leadscrew::model::Levels;
+use leadscrew::{axis::AXES, model::Levels};
 
-use super::pac;
+use super::{chosen, pac};
 
 /// A pin of ports A, B or C.
 #[derive(Clone, Copy, PartialEq, Eq)]
@@ -49,6 +49,77 @@ pub(super) struct AccessoryPins {
 pub(super) const fn limit_switch(axis: u8) -> Levels {
     Levels::limits(1 << axis)
 }
+
+impl Wiring {
+    /// Returns whether all step outputs are on ports A and B, which alone are written at a step.
+    pub(super) const fn has_steps_on_a_and_b(&self) -> bool {
+        let mut axis = 0;
+        while axis < AXES {
+            if matches!(self.step[axis], Pin::C(_)) {
+                return false;
+            }
+            axis += 1;
+        }
+        true
+    }
+
+    /// Returns whether no pin has two functions.
+    pub(super) const fn uses_each_pin_once(&self) -> bool {
+        let mut used = UsedPins([0; 3]);
+        let mut is_free = used.add(self.enable);
+        let mut axis = 0;
+        while axis < AXES {
+            is_free &= used.add(self.step[axis]) && used.add(self.direction[axis]);
+            axis += 1;
+        }
+        let accessories = &self.accessories;
+        let mut outputs = [
+            accessories.spindle,
+            accessories.counter_clockwise,
+            accessories.flood,
+            accessories.mist,
+            None,
+        ];
+        if let Some((pin, _)) = self.pwm {
+            outputs[4] = Some(pin);
+        }
+        let mut output = 0;
+        while output < outputs.len() {
+            if let Some(pin) = outputs[output] {
+                is_free &= used.add(pin);
+            }
+            output += 1;
+        }
+        let mut input = 0;
+        while input < self.inputs.len() {
+            is_free &= used.add(self.inputs[input].1);
+            input += 1;
+        }
+        is_free
+    }
+}
+
+/// The pins that have a function, a bit for each number of each port.
+struct UsedPins([u16; 3]);
+
+impl UsedPins {
+    /// Adds a pin. Returns whether it had no function.
+    const fn add(&mut self, pin: Pin) -> bool {
+        let (port, number) = pin.port_and_number();
+        let is_free = self.0[port] & 1 << number == 0;
+        self.0[port] |= 1 << number;
+        is_free
+    }
+}
+
+const _: () = assert!(
+    chosen::WIRING.has_steps_on_a_and_b(),
+    "a step output is on port C, which `pins::write` does not write at a step"
+);
+const _: () = assert!(
+    chosen::WIRING.uses_each_pin_once(),
+    "a pin of the wiring has two functions"
+);
 
 impl Pin {
     /// Returns the port, A = 0, and the number in it.
