@@ -5,7 +5,10 @@ use leadscrew::{
     sim::Flash,
 };
 
-use crate::history::{Contents, History, Small, load, power_up, write};
+use crate::{
+    cases::factor,
+    history::{Contents, History, Small, load, power_up, write},
+};
 
 /// Numbers of words and erases of a change.
 fn operations<const SIZE: usize>(flash: &Flash<SIZE>, change: Change, contents: &Contents) -> u64 {
@@ -46,7 +49,8 @@ fn a_power_cut_at_any_word_or_erase_leaves_the_old_or_the_new() {
     let mut history = History::new(1);
     let mut flash = power_up(Small::new()).0.into_flash();
     let (mut cuts, mut kept) = (0_u64, 0_u64);
-    for round in 0..250_u64 {
+    let rounds = 60 * u64::from(factor());
+    for round in 0..rounds {
         let old = history.contents.clone();
         let change = history.change();
         let new = history.contents.clone();
@@ -68,7 +72,10 @@ fn a_power_cut_at_any_word_or_erase_leaves_the_old_or_the_new() {
         }
         flash = stored_in(flash, change, &new);
     }
-    assert!(cuts > 6_000 && kept > 0, "{cuts} cuts, {kept} kept the old");
+    assert!(
+        cuts > 24 * rounds && kept > 0,
+        "{cuts} cuts, {kept} kept the old"
+    );
     assert!(flash.erases().iter().all(|&erases| erases > 2));
 }
 
@@ -76,7 +83,7 @@ fn a_power_cut_at_any_word_or_erase_leaves_the_old_or_the_new() {
 fn a_second_cut_while_the_first_is_made_good_loses_nothing() {
     let mut history = History::new(2);
     let mut flash = power_up(Small::new()).0.into_flash();
-    for round in 0..80_u64 {
+    for round in 0..20 * u64::from(factor()) {
         let old = history.contents.clone();
         let change = history.change();
         let new = history.contents.clone();
@@ -105,7 +112,8 @@ fn a_life_of_power_cuts_loses_nothing() {
     let mut history = History::new(3);
     let mut flash = power_up(Small::new()).0.into_flash();
     let (mut cuts, mut latest) = (0, Contents::default());
-    for round in 0..8_000 {
+    let rounds = 2_000 * u64::from(factor());
+    for round in 0..rounds {
         history.contents = latest.clone();
         let change = history.change();
         let after = history.below(150).into();
@@ -122,7 +130,7 @@ fn a_life_of_power_cuts_loses_nothing() {
         latest = loaded.contents;
         flash = journal.into_flash();
     }
-    assert!(cuts > 2_000, "{cuts}");
+    assert!(u64::from(cuts) > rounds / 4, "{cuts}");
 }
 
 #[test]
@@ -179,7 +187,8 @@ fn a_power_cut_while_a_full_tool_table_changes_loses_no_tool() {
         flash = stored_in(flash, change, &history.contents);
     }
     let (mut cuts, mut erases) = (0, flash.erases());
-    for round in 0..60 {
+    let rounds = 15 * u64::from(factor());
+    for round in 0..rounds {
         let old = history.contents.clone();
         let change = history.tool(TOOLS as u32);
         let new = history.contents.clone();
@@ -198,5 +207,8 @@ fn a_power_cut_while_a_full_tool_table_changes_loses_no_tool() {
         flash = stored_in(flash, change, &new);
     }
     erases = [0, 1].map(|sector| flash.erases()[sector] - erases[sector]);
-    assert!(cuts > 1_500 && erases != [0, 0], "{cuts} cuts, {erases:?}");
+    assert!(
+        cuts > 25 * rounds && erases != [0, 0],
+        "{cuts} cuts, {erases:?}"
+    );
 }

@@ -2,7 +2,10 @@
 
 use leadscrew::settings::TOOLS;
 
-use crate::history::{Contents, History, Small, power_up, write};
+use crate::{
+    cases::factor,
+    history::{Contents, History, Small, power_up, write},
+};
 
 /// Bytes of a page's marks and of the log behind it.
 const MARK: usize = 4;
@@ -79,7 +82,7 @@ fn check_rotten_words(seed: u64) {
 #[test]
 fn a_flash_full_of_something_else_is_a_first_start() {
     let mut history = History::new(9);
-    for round in 0..200 {
+    for round in 0..50 * u64::from(factor()) {
         let mut flash = Small::new();
         for byte in flash.contents_mut() {
             *byte = match round {

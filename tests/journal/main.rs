@@ -1,5 +1,7 @@
 //! The journal on a flash with the chip's rules, and with power cuts at every word and erase.
 
+#[path = "../support/cases.rs"]
+mod cases;
 mod cuts;
 mod damage;
 mod history;
