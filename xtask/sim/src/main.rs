@@ -9,6 +9,7 @@ mod series;
 mod serve;
 #[cfg(test)]
 mod tests;
+mod tool_table;
 mod trace;
 
 use std::{
@@ -62,6 +63,10 @@ struct Options {
     /// Read settings from a file of $n=value lines
     #[arg(long, value_name = "FILE")]
     settings: Option<PathBuf>,
+    /// Read the tool table from a file of LinuxCNC, in mm: a line like 'T1 P1 Z10.16 D3.048' for each
+    /// tool. Tools of the machine that are not in it stay
+    #[arg(long, value_name = "FILE", conflicts_with_all = ["on_target", "session"])]
+    tool_table: Option<PathBuf>,
     /// Write every step event: time in ns from the first step, steps of each axis after it
     #[arg(long, value_name = "OUT.csv", conflicts_with_all = ["on_target", "session"])]
     trace: Option<PathBuf>,
@@ -117,6 +122,8 @@ fn run(options: &Options) -> Result<ExitCode> {
     // What is wrong with what was asked for is told before anything runs: first what is read, then
     // what is written.
     let loaded = settings::load(options.settings.as_deref(), &options.set)?;
+    let tools = options.tool_table.as_deref().map(tool_table::read);
+    let tools = tools.transpose()?.unwrap_or_default();
     let program = options.file.as_deref().map(Program::open).transpose()?;
     if let (Some(path), true) = (&options.file, options.on_target) {
         return on_target(path, &loaded.statements, options);
@@ -124,6 +131,7 @@ fn run(options: &Options) -> Result<ExitCode> {
     let _lock = options.flash.as_deref().map(Lock::of).transpose()?;
     let power_up = PowerUp {
         loaded: &loaded,
+        tools: &tools,
         flash: options.flash.as_deref(),
         has_switches: options.switches,
     };

@@ -9,14 +9,19 @@ use std::{
 use anyhow::{Context, Result, bail, ensure};
 use host::{machine::Ends, output::Output, play, proven, settings::Loaded};
 use leadscrew::{
+    gcode::LineError,
     model::State,
     sim::{Flash, Simulator},
 };
+
+use crate::tool_table::Tool;
 
 /// How the machine is switched on.
 pub(crate) struct PowerUp<'a> {
     /// Settings that are given beside what is stored.
     pub(crate) loaded: &'a Loaded,
+    /// Tools that are given beside those of its table.
+    pub(crate) tools: &'a [Tool],
     /// Where the contents of its flash are kept; without it, what is stored is forgotten in the end.
     pub(crate) flash: Option<&'a Path>,
     /// It has limit switches and a probe plate.
@@ -27,7 +32,7 @@ impl PowerUp<'_> {
     /// Switches the machine on. A flash file that is not there is a new machine.
     pub(crate) fn simulator(&self) -> Result<Simulator> {
         let mut simulator = match self.flash {
-            None => Simulator::new(&self.loaded.settings),
+            None => self.with_tools(Simulator::new(&self.loaded.settings))?,
             Some(path) => self.stored(path)?,
         };
         if self.has_switches {
@@ -52,8 +57,29 @@ impl PowerUp<'_> {
             }
             simulator = Simulator::power_up(simulator.into_flash(), proven::committed());
         }
+        simulator = self.with_tools(simulator)?;
         save(path, simulator.flash())?;
         Ok(simulator)
+    }
+
+    /// The machine with the tools that are given in its table, switched on again.
+    fn with_tools(&self, mut simulator: Simulator) -> Result<Simulator> {
+        if self.tools.is_empty() {
+            return Ok(simulator);
+        }
+        play::ask(&mut simulator, b"");
+        for Tool { line, statement } in self.tools {
+            let said = play::ask(&mut simulator, format!("${statement}\n").as_bytes());
+            let mut errors = LineError::ALL.iter();
+            if let Some(error) = errors.find(|error| said.contains(&error.to_string())) {
+                let reason = error.text();
+                bail!("the machine refuses line {line} of the tool table, ${statement}: {reason}");
+            }
+        }
+        Ok(Simulator::power_up(
+            simulator.into_flash(),
+            proven::committed(),
+        ))
     }
 }
 

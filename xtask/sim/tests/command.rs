@@ -155,6 +155,42 @@ fn what_cannot_be_read_or_written_is_told_before_anything_runs() {
 }
 
 #[test]
+fn tools_come_from_a_table_and_stay_in_the_flash() {
+    let folder = tempfile::tempdir().unwrap();
+    fs::write(
+        folder.path().join("mm.tbl"),
+        "T3 P1 Z+10.16 D3.048 ;drill\n",
+    )
+    .unwrap();
+    let keeps = ["--flash", "flash.bin"];
+    for (arguments, input, part) in [
+        (
+            &["--tool-table", "mm.tbl"][..],
+            "G43 H3 Z0\n",
+            "Z 10.160 mm",
+        ),
+        (&[], "G43 H3 Z0\n", "Z 0.000 mm"),
+        (&[&["--tool-table", "mm.tbl"], &keeps[..]].concat(), "", ""),
+        (&keeps, "G43 H3 Z0\n", "Z 10.160 mm"),
+    ] {
+        let run = done(folder.path(), &[&["-"], arguments].concat(), input);
+        assert!(run.status.success(), "{}", text(&run.stderr));
+        assert!(
+            text(&run.stdout).contains(part),
+            "{arguments:?}: {}",
+            text(&run.stdout)
+        );
+    }
+    fs::write(folder.path().join("mm.tbl"), "T3 Z1\nT4 Z9000\n").unwrap();
+    let run = done(folder.path(), &["-", "--tool-table", "mm.tbl"], "");
+    let said = text(&run.stderr);
+    assert!(
+        said.contains("line 2 of the tool table, $TT4=T4 Z9000: the target"),
+        "{said}"
+    );
+}
+
+#[test]
 fn an_interrupted_run_leaves_no_half_file() {
     let folder = tempfile::tempdir().unwrap();
     let arguments = ["-", "--trace", "a.csv", "--json", "a.json"];
