@@ -1,5 +1,7 @@
 //! The tool table as senders see it: `$TT`, `$#`, `G10 L1` and `G43`.
 
+use std::{fs, path::Path};
+
 use leadscrew::settings::Change;
 
 use super::bench::Bench;
@@ -123,4 +125,41 @@ fn g43_with_an_empty_table_is_answered_by_a_message_and_ok() {
     assert_eq!(bench.ask("G0Z0"), ["ok"]);
     assert_eq!(bench.ask("$TT2=Z1"), ["ok"]);
     assert_eq!(bench.ask("G43H1"), ["error:38"]);
+}
+
+#[test]
+fn a_startup_line_puts_the_length_of_the_tool_in_the_spindle_back() {
+    let mut bench = Bench::new();
+    for line in ["$TT3=Z7", "$N0=G43", "M61Q3", "G43"] {
+        assert_eq!(bench.ask(line), ["ok"], "{line}");
+    }
+    assert_eq!(bench.answer("\x18")[2..], [">G43:ok"]);
+    assert!(bench.ask("$#").contains(&"[TLO:7.000]".to_owned()));
+    let mut other = Bench::booting_with(bench.session.stored(), false);
+    assert_eq!(other.serve()[2..], [">G43:ok"]);
+    assert!(other.ask("$#").contains(&"[TLO:0.000]".to_owned()));
+}
+
+#[test]
+fn the_examples_of_the_document_do_what_it_says() {
+    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("docs/tool-lengths.md");
+    let document = fs::read_to_string(path).unwrap();
+    let mut bench = Bench::new();
+    let mut heights = Vec::new();
+    let mut blocks = document.split("```").skip(1).step_by(2).peekable();
+    assert!(blocks.peek().is_some());
+    for block in blocks {
+        let (kind, lines) = block.split_once('\n').unwrap();
+        if kind == "text" {
+            let table: Vec<_> = lines.lines().chain(["ok"]).collect();
+            assert_eq!(bench.ask("$TT"), table);
+        } else {
+            for line in lines.lines() {
+                assert_eq!(bench.ask(line), ["ok"], "{line}");
+                heights.push(f64::from(bench.machine.steps[2]) / 250.0);
+            }
+        }
+    }
+    assert!(heights.ends_with(&[-35.0, -22.5]), "{heights:?}");
+    assert!(document.contains("-35 with tool 1 and at -22.5 with tool 2"));
 }
