@@ -52,10 +52,16 @@ impl Alarm {
     /// Returns whether the axes are where their coordinates say, after the alarm: no steps were lost.
     #[must_use]
     pub const fn keeps_position(self) -> bool {
-        matches!(
-            self,
-            Self::SoftLimit | Self::ProbeState | Self::ProbeContact
-        )
+        match self {
+            Self::SoftLimit | Self::ProbeState | Self::ProbeContact => true,
+            Self::HardLimit
+            | Self::ResetInMotion
+            | Self::HomingReset
+            | Self::HomingDoor
+            | Self::HomingPullOff
+            | Self::HomingNotFound
+            | Self::HomingDualAxis => false,
+        }
     }
 
     /// Returns the reason in one line.

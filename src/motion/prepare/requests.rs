@@ -188,16 +188,17 @@ impl Motion {
         self.delays.disables_drivers = true;
         match alarm {
             Alarm::ProbeState | Alarm::ProbeContact => {}
-            Alarm::HardLimit
-            | Alarm::SoftLimit
-            | Alarm::ResetInMotion
+            Alarm::HardLimit | Alarm::SoftLimit => {
+                self.accessories.switch_off();
+                self.faults.is_critical = true;
+            }
+            Alarm::ResetInMotion
             | Alarm::HomingReset
             | Alarm::HomingDoor
             | Alarm::HomingPullOff
             | Alarm::HomingNotFound
             | Alarm::HomingDualAxis => self.accessories.switch_off(),
         }
-        self.faults.is_critical |= matches!(alarm, Alarm::HardLimit | Alarm::SoftLimit);
     }
 
     /// Handles an underrun of the step interrupt in motion. The axes stopped dead and may have lost
