@@ -16,7 +16,10 @@ use crate::series::Series;
 pub(super) const TIMES: i32 = chart::LABELS_BELOW;
 /// What is nearer to a curve is left out of it, pixels.
 const TOLERANCE: f64 = 0.1;
-/// A band of that mean width has thin edges, pixels.
+/// A curve that goes up and down so often within each column, of a width in pixels, is drawn as a band,
+/// where that is wide enough on average, pixels.
+const SWINGS: f64 = 1.5;
+const COLUMN: f64 = 2.0;
 const WIDE: f64 = 8.0;
 /// Width of a letter, pixels.
 const LETTER: f64 = 7.0;
@@ -110,19 +113,25 @@ impl Strip<'_> {
             (self.range.end - self.range.start) * f64::from(PX) / f64::from(height),
         ];
         let shown = |value: f64| (value * curve.scale).clamp(self.range.start, self.range.end);
-        let runs = curve.series.runs();
-        // The edges of a wide band would hide it.
-        let widths = runs
+        let mut runs = curve.series.runs();
+        let columns: Vec<_> = runs
             .iter()
-            .flatten()
-            .map(|value| shown(value.2) - shown(value.1));
-        let count = widths.clone().count() as f64;
-        let is_wide = widths.sum::<f64>() > WIDE * pixel[1] * count;
-        let line = if is_wide {
-            stroke(1) / 2
-        } else {
-            stroke(3) / 2
+            .map(|run| columns(run, COLUMN * pixel[0]))
+            .collect();
+        let width = |values: &[(f64, f64, f64)]| -> f64 {
+            values
+                .iter()
+                .map(|value| shown(value.2) - shown(value.1))
+                .sum()
         };
+        let [fine, coarse] = [&runs, &columns].map(|runs| width(&runs.concat()));
+        let count = columns.iter().flatten().count() as f64;
+        let mut line = stroke(3) / 2;
+        if fine > SWINGS * coarse && coarse > WIDE * pixel[1] * count {
+            // Its edges would hide it.
+            line = stroke(1) / 2;
+            runs = columns;
+        }
         let style = curve.colour.stroke_width(line);
         for run in runs {
             let edge = |of: &dyn Fn(&(f64, f64, f64)) -> f64| {
@@ -160,4 +169,18 @@ impl Strip<'_> {
         }
         Ok(())
     }
+}
+
+/// The least and the greatest values in each of some columns of a width.
+fn columns(run: &[(f64, f64, f64)], width: f64) -> Vec<(f64, f64, f64)> {
+    let groups = run.chunk_by(|a, b| (a.0 / width).floor() == (b.0 / width).floor());
+    let column = |group: &[(f64, f64, f64)]| {
+        let ends = group
+            .iter()
+            .fold((f64::INFINITY, f64::NEG_INFINITY), |ends, value| {
+                (ends.0.min(value.1), ends.1.max(value.2))
+            });
+        (group[0].0, ends.0, ends.1)
+    };
+    groups.map(column).collect()
 }
