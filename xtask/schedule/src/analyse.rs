@@ -312,16 +312,16 @@ impl<'a> Analysis<'a> {
         let response = it.response.map_or("no bound".to_owned(), |response| {
             format!("{:.1} µs", self.us(response as f64))
         });
-        Some(Flaw {
-            rule: Rule::DeadlineMissed,
-            what: format!(
+        Some(Flaw::new(
+            Rule::DeadlineMissed,
+            format!(
                 "`{}` may miss its deadline: response time {response}, deadline {:.1} µs",
                 row.name,
                 self.us(it.deadline),
             ),
-            place: row.task.place(),
-            remedy: "Shorten the task or those that hold it up: see the worst path.".to_owned(),
-        })
+            row.task.place(),
+            "Shorten the task or those that hold it up: see the worst path.",
+        ))
     }
 
     /// Cost of the step task, and how far the edges of its pins may move.
@@ -351,12 +351,12 @@ impl<'a> Analysis<'a> {
             .map(|it| blocking + it.latest - it.earliest);
         match jitters.max() {
             Some(jitter) => report.step_edge_jitter_us = self.us(jitter as f64),
-            None => report.flaws.push(Flaw {
-                rule: Rule::Configuration,
-                what: format!("`{name}` itself stores nothing to a step pin"),
-                place: self.system.image.place(row.root),
-                remedy: "Write the pins first, to a constant address.".to_owned(),
-            }),
+            None => report.flaws.push(Flaw::new(
+                Rule::Configuration,
+                format!("`{name}` itself stores nothing to a step pin"),
+                self.system.image.place(row.root),
+                "Write the pins first, to a constant address.",
+            )),
         }
     }
 
@@ -471,27 +471,27 @@ impl<'a> Analysis<'a> {
 }
 
 fn overload(utilisation: f64) -> Flaw {
-    Flaw {
-        rule: Rule::DeadlineMissed,
-        what: format!(
+    Flaw::new(
+        Rule::DeadlineMissed,
+        format!(
             "the tasks may take {:.0} % of the processor",
             utilisation * 100.0
         ),
-        place: Place::default(),
-        remedy: "Shorten the tasks, or let them run less often.".to_owned(),
-    }
+        Place::default(),
+        "Shorten the tasks, or let them run less often.",
+    )
 }
 
 fn unmet(it: &Requirement) -> Flaw {
-    Flaw {
-        rule: Rule::Requirement,
-        what: format!(
+    Flaw::new(
+        Rule::Requirement,
+        format!(
             "{}: {} {} required, {} found",
             it.what, it.required, it.unit, it.found
         ),
-        place: Place::default(),
-        remedy: "See which task has the least slack, and its worst path.".to_owned(),
-    }
+        Place::default(),
+        "See which task has the least slack, and its worst path.",
+    )
 }
 
 /// A task without a deadline must not hold up one that has one.

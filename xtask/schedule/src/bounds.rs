@@ -96,13 +96,12 @@ fn unbounded(image: &Image, function: &Function, index: usize) -> Flaw {
     let is_new = |line: &&String| !place.frames.iter().any(|frame| frame.contains(*line));
     let others: Vec<String> = one.lines.iter().filter(is_new).cloned().collect();
     place.frames.extend(others);
-    Flaw {
-        rule: Rule::UnboundedLoop,
-        what: "a loop has no bound".to_owned(),
+    Flaw::new(
+        Rule::UnboundedLoop,
+        "a loop has no bound",
         place,
-        remedy: "Give it a constant number of runs, or write `// wcet-bound: N` above it."
-            .to_owned(),
-    }
+        "Give it a constant number of runs, or write `// wcet-bound: N` above it.",
+    )
 }
 
 /// The smaller of two bounds; a name is not compared.
@@ -127,14 +126,16 @@ fn wrong(
     let Count::Number(number) = stated.count else {
         return None;
     };
-    (runs.is_exact && number < runs.returns).then(|| Flaw {
-        rule: Rule::WrongBound,
-        what: format!(
-            "a loop runs {} times, but {} says that it runs {number} times at most",
-            runs.returns, stated.origin
-        ),
-        place: image.place(function.blocks[one.head].start()),
-        remedy: format!("Correct the comment in {}.", stated.origin),
+    (runs.is_exact && number < runs.returns).then(|| {
+        Flaw::new(
+            Rule::WrongBound,
+            format!(
+                "a loop runs {} times, but {} says that it runs {number} times at most",
+                runs.returns, stated.origin
+            ),
+            image.place(function.blocks[one.head].start()),
+            format!("Correct the comment in {}.", stated.origin),
+        )
     })
 }
 

@@ -67,12 +67,7 @@ impl Cause {
             ),
             Self::Other(rule, what, remedy) => (rule, format!("{what} (in `{name}`)"), remedy),
         };
-        Flaw {
-            rule,
-            what,
-            place,
-            remedy,
-        }
+        Flaw::new(rule, what, place, remedy)
     }
 }
 

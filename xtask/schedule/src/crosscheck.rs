@@ -53,12 +53,7 @@ fn at(task: &AppTask, flaw: Flaw) -> Flaw {
 }
 
 fn mismatch(what: String, remedy: &str) -> Flaw {
-    Flaw {
-        rule: Rule::Mismatch,
-        what,
-        place: Place::default(),
-        remedy: remedy.to_owned(),
-    }
+    Flaw::new(Rule::Mismatch, what, Place::default(), remedy)
 }
 
 impl Crosscheck<'_> {

@@ -87,12 +87,13 @@ pub(crate) fn of_sections(
                 }
                 _ => None,
             };
-            flaws.extend(wrong.map(|wrong| Flaw {
-                rule: Rule::CriticalSection,
-                what: format!("a section with interrupts held back {wrong}"),
-                place: system.image.place(section.address),
-                remedy:
-                    "Do less in it; or share through atomics, or lock an RTIC resource.".to_owned(),
+            flaws.extend(wrong.map(|wrong| {
+                Flaw::new(
+                    Rule::CriticalSection,
+                    format!("a section with interrupts held back {wrong}"),
+                    system.image.place(section.address),
+                    "Do less in it; or share through atomics, or lock an RTIC resource.",
+                )
             }));
         }
         sections.push(Section {
@@ -123,13 +124,12 @@ pub(crate) fn of_stacks(system: &System<'_>, report: &mut Report) -> Vec<Flaw> {
     let mut levels = BTreeMap::from([(0, ("initialisation, idle".to_owned(), 0))]);
     let mut depth = |root: u32, name: &str| {
         depths.depth(root).unwrap_or_else(|address| {
-            flaws.push(Flaw {
-                rule: Rule::StackOverflow,
-                what: format!("the depth of the stack of `{name}` is not known"),
-                place: system.image.place(address),
-                remedy: "Call functions by name, or say in `schedule.toml` what pointers call."
-                    .to_owned(),
-            });
+            flaws.push(Flaw::new(
+                Rule::StackOverflow,
+                format!("the depth of the stack of `{name}` is not known"),
+                system.image.place(address),
+                "Call functions by name, or say in `schedule.toml` what pointers call.",
+            ));
             0
         })
     };
@@ -184,11 +184,13 @@ fn initialisation<'a>(system: &'a System<'_>) -> Option<&'a Function> {
 
 fn overflow(report: &Report) -> Option<Flaw> {
     let (worst, available) = (report.stack_worst_bytes, report.stack_available_bytes);
-    (worst > available).then(|| Flaw {
-        rule: Rule::StackOverflow,
-        what: format!("the stacks may take {worst} bytes, there are {available}"),
-        place: Place::default(),
-        remedy: "Make statics smaller, or keep less on the stack.".to_owned(),
+    (worst > available).then(|| {
+        Flaw::new(
+            Rule::StackOverflow,
+            format!("the stacks may take {worst} bytes, there are {available}"),
+            Place::default(),
+            "Make statics smaller, or keep less on the stack.",
+        )
     })
 }
 

@@ -61,3 +61,19 @@ pub struct Flaw {
     /// What to do about it.
     pub remedy: String,
 }
+
+impl Flaw {
+    pub(crate) fn new(
+        rule: Rule,
+        what: impl Into<String>,
+        place: Place,
+        remedy: impl Into<String>,
+    ) -> Self {
+        Self {
+            rule,
+            what: what.into(),
+            place,
+            remedy: remedy.into(),
+        }
+    }
+}

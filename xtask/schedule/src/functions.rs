@@ -44,12 +44,7 @@ pub(crate) fn build(image: &Image, address: u32, graph: Graph, panics: &BTreeSet
     } = graph;
     let loops = loops::find(&blocks);
     let mut add = |rule, at, what: &str, remedy: &str| {
-        flaws.push(Flaw {
-            rule,
-            what: what.to_owned(),
-            place: image.place(at),
-            remedy: remedy.to_owned(),
-        });
+        flaws.push(Flaw::new(rule, what, image.place(at), remedy));
     };
     for block in &blocks {
         if let (Some(call), Some(last)) = (block.call, block.instructions.last())
@@ -89,25 +84,17 @@ pub(crate) fn describe(around: Surroundings<'_>, function: &mut Function, states
     } = function;
     flow::visit(around, blocks, states, |state, instruction| {
         let at = instruction.address;
+        if let Some((address, _)) = instruction.operation.access() {
+            regions.insert(at, state.address(address).region());
+        }
         match instruction.operation {
-            Operation::Load { address, .. }
-            | Operation::LoadExclusive { address, .. }
-            | Operation::StoreExclusive { address, .. }
-            | Operation::FloatLoad { address, .. }
-            | Operation::FloatStore { address, .. } => {
-                regions.insert(at, state.address(address).region());
-            }
             Operation::Store {
                 address,
-                source,
-                words,
+                source: Some(source),
+                words: 1,
                 ..
             } => {
-                let target = state.address(address);
-                regions.insert(at, target.region());
-                if let (Some(target), Some(source)) = (target.constant(), source)
-                    && words == 1
-                {
+                if let Some(target) = state.address(address).constant() {
                     stores.push((at, target, state.get(source).constant()));
                 }
             }

@@ -133,12 +133,12 @@ impl<'w, 'a> Walk<'w, 'a> {
     }
 
     fn flaw(&mut self, rule: Rule, address: u32, what: String, remedy: &str) {
-        self.flaws.push(Flaw {
+        self.flaws.push(Flaw::new(
             rule,
             what,
-            place: self.graphs.image.place(address),
-            remedy: remedy.to_owned(),
-        });
+            self.graphs.image.place(address),
+            remedy,
+        ));
     }
 
     fn run(&mut self) {

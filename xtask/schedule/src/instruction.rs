@@ -133,6 +133,38 @@ pub enum Operation {
     },
 }
 
+impl Operation {
+    /// Where it accesses memory, and what it writes back.
+    pub const fn access(&self) -> Option<(Address, Option<Writeback>)> {
+        match *self {
+            Self::Load {
+                address, writeback, ..
+            }
+            | Self::Store {
+                address, writeback, ..
+            }
+            | Self::FloatLoad {
+                address, writeback, ..
+            }
+            | Self::FloatStore {
+                address, writeback, ..
+            } => Some((address, writeback)),
+            Self::LoadExclusive { address, .. } | Self::StoreExclusive { address, .. } => {
+                Some((address, None))
+            }
+            _ => None,
+        }
+    }
+
+    /// Whether it is one of the floating-point unit.
+    pub const fn is_float(&self) -> bool {
+        matches!(
+            self,
+            Self::Float { .. } | Self::FloatLoad { .. } | Self::FloatStore { .. }
+        )
+    }
+}
+
 /// One decoded instruction at its place.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Instruction {

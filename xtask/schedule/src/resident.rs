@@ -20,11 +20,13 @@ fn is_in_ram(address: u32) -> bool {
 
 fn of_function(program: &Program<'_>, function: &Function) -> Vec<Flaw> {
     let image = program.image;
-    let flaw = |place: Place, what: String| Flaw {
-        rule: Rule::CodeInRam,
-        what,
-        place,
-        remedy: "Inline what it calls, and look nothing up in a constant.".to_owned(),
+    let flaw = |place: Place, what: String| {
+        Flaw::new(
+            Rule::CodeInRam,
+            what,
+            place,
+            "Inline what it calls, and look nothing up in a constant.",
+        )
     };
     let blocks = function.blocks.iter();
     let calls = blocks.filter_map(|block| Some((block.instructions.last()?.address, block.call?)));

@@ -315,7 +315,7 @@ fn step(instruction: &Instruction, registers: &mut Registers) {
     if let Some((register, value)) = set {
         registers[usize::from(register & 15)] = value;
     }
-    if let Some((register, by)) = writeback(&instruction.operation) {
+    if let Some((register, by)) = instruction.operation.access().and_then(|access| access.1) {
         registers[usize::from(register & 15)] = add(at(register), by.into());
     }
     if instruction.is_conditional() && !instruction.is_jump() {
@@ -325,16 +325,6 @@ fn step(instruction: &Instruction, registers: &mut Registers) {
         } else {
             join(before, *registers)
         };
-    }
-}
-
-fn writeback(operation: &Operation) -> Option<(u8, i32)> {
-    match *operation {
-        Operation::Load { writeback, .. }
-        | Operation::Store { writeback, .. }
-        | Operation::FloatLoad { writeback, .. }
-        | Operation::FloatStore { writeback, .. } => writeback,
-        _ => None,
     }
 }
 
@@ -350,12 +340,7 @@ impl Instruction {
 /// Whether a function uses the floating-point unit.
 pub(crate) fn uses_float(function: &Function) -> bool {
     let mut instructions = function.blocks.iter().flat_map(|block| &block.instructions);
-    instructions.any(|instruction| {
-        matches!(
-            instruction.operation,
-            Operation::Float { .. } | Operation::FloatLoad { .. } | Operation::FloatStore { .. }
-        )
-    })
+    instructions.any(|instruction| instruction.operation.is_float())
 }
 
 #[cfg(test)]

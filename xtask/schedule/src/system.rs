@@ -553,10 +553,5 @@ fn mode_times(task: &str, mode: &ModeConfig) -> Times {
 }
 
 pub(crate) fn misconfigured(what: String, remedy: &str) -> Flaw {
-    Flaw {
-        rule: Rule::Configuration,
-        what,
-        place: Place::default(),
-        remedy: remedy.to_owned(),
-    }
+    Flaw::new(Rule::Configuration, what, Place::default(), remedy)
 }

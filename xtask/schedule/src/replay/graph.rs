@@ -250,12 +250,7 @@ impl Site {
             cycles: model.cycles(instruction, region),
             is_return: instruction.is_return(),
             is_conditional: instruction.is_conditional(),
-            is_float: matches!(
-                instruction.operation,
-                Operation::Float { .. }
-                    | Operation::FloatLoad { .. }
-                    | Operation::FloatStore { .. }
-            ),
+            is_float: instruction.operation.is_float(),
             gate: gate(instruction),
             deeper,
             on_stack,
@@ -352,37 +347,26 @@ fn gate(instruction: &Instruction) -> Gate {
 /// By how much the stack gets deeper, and where on it an access goes.
 fn stack_effect(operation: &Operation) -> (i32, Option<i32>) {
     const STACK_POINTER: u8 = 13;
-    match *operation {
-        Operation::Add {
-            to: STACK_POINTER,
-            from: STACK_POINTER,
-            value,
-        } => (-value, None),
-        Operation::Load {
-            address, writeback, ..
-        }
-        | Operation::Store {
-            address, writeback, ..
-        }
-        | Operation::FloatLoad {
-            address, writeback, ..
-        }
-        | Operation::FloatStore {
-            address, writeback, ..
-        } => {
-            let offset = match address {
-                Address::Offset {
-                    base: STACK_POINTER,
-                    offset,
-                } => Some(offset),
-                _ => None,
-            };
-            let deeper = match writeback {
-                Some((STACK_POINTER, bytes)) => -bytes,
-                _ => 0,
-            };
-            (deeper, offset)
-        }
-        _ => (0, None),
+    if let Operation::Add {
+        to: STACK_POINTER,
+        from: STACK_POINTER,
+        value,
+    } = *operation
+    {
+        return (-value, None);
+    }
+    let Some((address, writeback)) = operation.access() else {
+        return (0, None);
+    };
+    let deeper = match writeback {
+        Some((STACK_POINTER, bytes)) => -bytes,
+        _ => 0,
+    };
+    match address {
+        Address::Offset {
+            base: STACK_POINTER,
+            offset,
+        } => (deeper, Some(offset)),
+        _ => (deeper, None),
     }
 }

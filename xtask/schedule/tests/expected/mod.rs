@@ -240,7 +240,7 @@ impl Line {
             text(&words(operation)),
             text(&self.words(kind, name)),
         )?;
-        if let Some(found) = access(operation) {
+        if let Some(found) = operation.access() {
             let expected = address(&self.operands, name, self.address, self.words(kind, name));
             same("address", text(&Some(found)), text(&expected))?;
         }
@@ -399,26 +399,5 @@ fn words(operation: &Operation) -> u8 {
         | Operation::FloatStore { words, .. }
         | Operation::IfThen(words) => words,
         _ => 0,
-    }
-}
-
-fn access(operation: &Operation) -> Option<operands::Access> {
-    match *operation {
-        Operation::Load {
-            address, writeback, ..
-        }
-        | Operation::Store {
-            address, writeback, ..
-        }
-        | Operation::FloatLoad {
-            address, writeback, ..
-        }
-        | Operation::FloatStore {
-            address, writeback, ..
-        } => Some((address, writeback)),
-        Operation::LoadExclusive { address, .. } | Operation::StoreExclusive { address, .. } => {
-            Some((address, None))
-        }
-        _ => None,
     }
 }
