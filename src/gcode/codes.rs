@@ -4,10 +4,10 @@
 //! which also finds a code that is read and not listed here.
 
 use super::LineError::{
-    self, AxisCommandConflict, FeedUndefined, InvalidTarget, MachineCoordinatesMotion, MissingWord,
-    ModalGroupViolation, NegativeValue, NoAxisWords, NoAxisWordsInPlane, NoOffsetsInPlane,
-    NotInteger, ToolLengthAxis, UnknownCoordinates, Unsupported, UnusedAxisWords, UnusedWords,
-    ValueOutOfRange,
+    self, AxisCommandConflict, CycleNeedsFeedPerMinute, FeedUndefined, InvalidTarget,
+    MachineCoordinatesMotion, MissingWord, ModalGroupViolation, NegativeValue, NoAxisWords,
+    NoAxisWordsInPlane, NoOffsetsInPlane, NotInteger, NotPositive, RetractBelowBottom, SpindleOff,
+    ToolLengthAxis, UnknownCoordinates, Unsupported, UnusedAxisWords, UnusedWords, ValueOutOfRange,
 };
 
 /// A code.
@@ -132,6 +132,16 @@ pub static CODES: &[CodeRow] = &[
     row("G38.5", CodeGroup::Motion, "probe until the contact opens, if it does", "axes F", &["G38.5 Z5 F100"], &[]),
     row("G80", CodeGroup::Motion, "no motion mode: axis words alone are refused; beside G0 to G3 without axis words a safe start", "", &["G80"], &[("G80 X1", UnusedAxisWords), ("G80 G0 X1", ModalGroupViolation)]),
 
+    row("G81", CodeGroup::Cycle, "drills: rapid over the hole and down to R, feed to the bottom, rapid out; the words stay for the next lines", "axes R [L]", &["F100", "G0 Z10", "G81 X5 Y5 Z-3 R2"], &[("G81 X5 Z-3", MissingWord), ("G81 X5 Z-3 R-4", RetractBelowBottom), ("G81 X5 Z-3 R2 L0", NotPositive), ("F10 G93 G81 X5 Z-3 R2", CycleNeedsFeedPerMinute), ("G81 X5 Z-3 R2", FeedUndefined)]),
+    row("G82", CodeGroup::Cycle, "as G81, with a dwell of P seconds at the bottom", "axes R P [L]", &["F100", "G82 X5 Z-3 R2 P0.5"], &[("F100 G82 X5 Z-3 R2", MissingWord)]),
+    row("G83", CodeGroup::Cycle, "as G81, in pecks of Q with a rapid to R after each", "axes R Q [L]", &["F100", "G83 X5 Z-3 R2 Q1"], &[("F100 G83 X5 Z-3 R2 Q0", NotPositive)]),
+    row("G73", CodeGroup::Cycle, "as G83, but only lifted by $28 after each peck", "axes R Q [L]", &["F100", "G73 X5 Z-3 R2 Q1"], &[("F100 G73 X5 Z-3 R2", MissingWord)]),
+    row("G84", CodeGroup::Cycle, "taps, with a floating holder: feed to the bottom, spindle reversed, feed out, overrides off meanwhile", "axes R [P L]", &["F100", "M3 S200", "G84 X5 Z-3 R2"], &[("F100 G84 X5 Z-3 R2", SpindleOff)]),
+    row("G74", CodeGroup::Cycle, "as G84, for a spindle that turns the other way", "axes R [P L]", &["F100", "M4 S200", "G74 X5 Z-3 R2"], &[("F100 G74 X5 Z-3 R2", SpindleOff)]),
+    row("G85", CodeGroup::Cycle, "bores: feed to the bottom and up to R, rapid out", "axes R [L]", &["F100", "G85 X5 Z-3 R2"], &[("F100 G85 X5 Z-3", MissingWord)]),
+    row("G86", CodeGroup::Cycle, "bores: dwell and spindle stop at the bottom, rapid out", "axes R P [L]", &["F100", "M3 S200", "G86 X5 Z-3 R2 P0.5"], &[("F100 G86 X5 Z-3 R2 P1", SpindleOff)]),
+    row("G88", CodeGroup::Cycle, "bores: dwell, spindle stop and program pause at the bottom", "axes R P [L]", &["F100", "M3 S200", "G88 X5 Z-3 R2 P0.5"], &[("F100 G88 X5 Z-3 R2 P1", SpindleOff)]),
+    row("G89", CodeGroup::Cycle, "bores: dwell at the bottom, feed out", "axes R P [L]", &["F100", "G89 X5 Z-3 R2 P0.5"], &[("F100 G89 X5 Z-3 R2", MissingWord)]),
     row("G98", CodeGroup::Cycle, "canned cycles retract to where the axis was (default)", "", &["G98"], &[("G98 G99", ModalGroupViolation)]),
     row("G99", CodeGroup::Cycle, "canned cycles retract to R", "", &["G99"], &[]),
     row("G50", CodeGroup::Cycle, "no scaling: accepted, as there is none", "", &["G50"], &[("G51", Unsupported)]),

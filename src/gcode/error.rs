@@ -44,6 +44,8 @@ pub enum LineError {
     InvalidJog = 16,
     /// Laser mode without a variable spindle output.
     LaserNeedsPwm = 17,
+    /// A value that must be above 0.
+    NotPositive = 19,
     /// A command or word that is not supported.
     Unsupported = 20,
     /// Two commands of one modal group.
@@ -84,21 +86,27 @@ pub enum LineError {
     ToolNumberTooHigh = 38,
     /// A value outside its range.
     ValueOutOfRange = 39,
+    /// A cycle that switches the spindle, and the spindle is off.
+    SpindleOff = 41,
     /// `G43.2` with `H` and axis words.
     ToolLengthWords = 48,
     /// A setting outside its range.
     SettingOutOfRange = 52,
+    /// A canned cycle with `R` below the bottom of the hole.
+    RetractBelowBottom = 54,
     /// Homing while a limit switch of an axis to be homed is closed already.
     LimitsEngaged = 203,
     /// A change that could not be stored, and has not been made.
     StorageWrite = 204,
     /// A tool more than the tool table holds.
     ToolTableFull = 206,
+    /// A canned cycle in `G93`.
+    CycleNeedsFeedPerMinute = 208,
 }
 
 impl LineError {
     /// Every error, in the order of the numbers.
-    pub const ALL: [Self; 42] = [
+    pub const ALL: [Self; 46] = [
         Self::ExpectedLetter,
         Self::BadNumber,
         Self::InvalidStatement,
@@ -116,6 +124,7 @@ impl LineError {
         Self::JogBeyondTravel,
         Self::InvalidJog,
         Self::LaserNeedsPwm,
+        Self::NotPositive,
         Self::Unsupported,
         Self::ModalGroupViolation,
         Self::FeedUndefined,
@@ -136,11 +145,14 @@ impl LineError {
         Self::ToolLengthAxis,
         Self::ToolNumberTooHigh,
         Self::ValueOutOfRange,
+        Self::SpindleOff,
         Self::ToolLengthWords,
         Self::SettingOutOfRange,
+        Self::RetractBelowBottom,
         Self::LimitsEngaged,
         Self::StorageWrite,
         Self::ToolTableFull,
+        Self::CycleNeedsFeedPerMinute,
     ];
 
     /// The number after `error:`.
@@ -172,6 +184,7 @@ impl LineError {
             Self::JogBeyondTravel => "the jog would leave the travel of the machine",
             Self::InvalidJog => "not a valid jog command",
             Self::LaserNeedsPwm => "laser mode needs a variable spindle output",
+            Self::NotPositive => "the value must be above 0",
             Self::Unsupported => "this command or word is not supported",
             Self::ModalGroupViolation => "two commands of one modal group",
             Self::FeedUndefined => "the feed rate is not set",
@@ -195,10 +208,13 @@ impl LineError {
             }
             Self::ValueOutOfRange => "the value is outside its range",
             Self::ToolLengthWords => "G43.2 needs H or axis words, not both",
+            Self::SpindleOff => "the cycle needs a spindle that turns",
             Self::SettingOutOfRange => "the setting is outside its range",
+            Self::RetractBelowBottom => "R is below the bottom of the hole",
             Self::LimitsEngaged => "a limit switch of an axis to be homed is closed",
             Self::StorageWrite => "the change could not be stored and has not been made",
             Self::ToolTableFull => "the tool table is full",
+            Self::CycleNeedsFeedPerMinute => "canned cycles need G94",
         }
     }
 }

@@ -55,6 +55,8 @@ pub enum MotionMode {
     Arc(Rotation),
     /// `G38.2` to `G38.5`.
     Probe(ProbeMode),
+    /// `G73` to `G89`.
+    Cycle(Cycle),
     /// `G80`: axis words are an error.
     Cancelled,
 }
@@ -72,8 +74,100 @@ impl MotionMode {
             Self::Probe(ProbeMode::TryContact) => "G38.3",
             Self::Probe(ProbeMode::Release) => "G38.4",
             Self::Probe(ProbeMode::TryRelease) => "G38.5",
+            Self::Cycle(cycle) => cycle.word(),
             Self::Cancelled => "G80",
         }
+    }
+}
+
+/// A canned cycle: what is done at each hole. The discriminant is the number of the code.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+#[repr(u8)]
+pub enum Cycle {
+    /// Drills in pecks, each followed by a small retract that breaks the chip.
+    G73 = 73,
+    /// Taps a left-hand thread.
+    G74 = 74,
+    /// Drills.
+    #[default]
+    G81 = 81,
+    /// Drills, with a dwell at the bottom.
+    G82 = 82,
+    /// Drills in pecks, each followed by a retract to `R` that clears the hole.
+    G83 = 83,
+    /// Taps a right-hand thread.
+    G84 = 84,
+    /// Bores: out at feed.
+    G85 = 85,
+    /// Bores: out with the spindle stopped.
+    G86 = 86,
+    /// Bores: the spindle stops and the operator takes over.
+    G88 = 88,
+    /// Bores, with a dwell at the bottom: out at feed.
+    G89 = 89,
+}
+
+impl Cycle {
+    /// The cycle of a whole G number.
+    #[must_use]
+    pub const fn of_code(whole: u8) -> Option<Self> {
+        Some(match whole {
+            73 => Self::G73,
+            74 => Self::G74,
+            81 => Self::G81,
+            82 => Self::G82,
+            83 => Self::G83,
+            84 => Self::G84,
+            85 => Self::G85,
+            86 => Self::G86,
+            88 => Self::G88,
+            89 => Self::G89,
+            _ => return None,
+        })
+    }
+
+    /// The command as reports write it.
+    #[must_use]
+    pub const fn word(self) -> &'static str {
+        match self {
+            Self::G73 => "G73",
+            Self::G74 => "G74",
+            Self::G81 => "G81",
+            Self::G82 => "G82",
+            Self::G83 => "G83",
+            Self::G84 => "G84",
+            Self::G85 => "G85",
+            Self::G86 => "G86",
+            Self::G88 => "G88",
+            Self::G89 => "G89",
+        }
+    }
+
+    /// Whether it drills in pecks, of `Q`.
+    #[must_use]
+    pub const fn has_pecks(self) -> bool {
+        matches!(self, Self::G73 | Self::G83)
+    }
+
+    /// Whether it dwells at the bottom, for `P`.
+    #[must_use]
+    pub const fn has_dwell(self) -> bool {
+        match self {
+            Self::G74 | Self::G82 | Self::G84 | Self::G86 | Self::G88 | Self::G89 => true,
+            Self::G73 | Self::G81 | Self::G83 | Self::G85 => false,
+        }
+    }
+
+    /// Whether it cuts a thread.
+    #[must_use]
+    pub const fn is_tapping(self) -> bool {
+        matches!(self, Self::G74 | Self::G84)
+    }
+
+    /// Whether it switches a spindle that must be on.
+    #[must_use]
+    pub const fn needs_spindle(self) -> bool {
+        self.is_tapping() || matches!(self, Self::G86 | Self::G88)
     }
 }
 

@@ -4,8 +4,8 @@
 //! word from the left. The modes of the line replace those before it, in a copy.
 
 use super::{
-    ArcDistance, CodeNumber, Distance, FeedMode, Flow, LineError, Modal, MotionMode, PlainPrefix,
-    ProbeMode, RetractMode, ToolLength, Units, Word, WordReader, Words,
+    ArcDistance, CodeNumber, Cycle, Distance, FeedMode, Flow, LineError, Modal, MotionMode,
+    PlainPrefix, ProbeMode, RetractMode, ToolLength, Units, Word, WordReader, Words,
 };
 use crate::{
     axis::{AXES, Axes, LETTERS},
@@ -43,8 +43,8 @@ pub struct ParsedLine {
     pub radius: Decimal,
     /// `F`, in the units of the line.
     pub feed: f32,
-    /// `L`. Grbl keeps it in eight bits, so `L258` is `L2`.
-    pub l: u8,
+    /// `L`.
+    pub l: Decimal,
     /// `N`.
     pub line: u32,
     /// The override that `M50` or `M51` switches by its `P`.
@@ -173,7 +173,7 @@ impl ParsedLine {
             q: Decimal::ZERO,
             radius: Decimal::ZERO,
             feed: 0.0,
-            l: 0,
+            l: Decimal::ZERO,
             line: 0,
             switched: None,
             tool_command: ToolCommand::None,
@@ -236,6 +236,7 @@ impl ParsedLine {
         if self.words.contains(Word::Q)
             && !self.has_path_tolerance()
             && self.tool_command != ToolCommand::Set
+            && !matches!(self.modal.motion, MotionMode::Cycle(_))
         {
             // Q is unknown in other lines, so that this error comes before those behind it.
             return Err(LineError::Unsupported);
@@ -285,7 +286,11 @@ impl ParsedLine {
         if self.has_tool_length() && self.modal.tool_length == ToolLength::Added {
             self.find_tool_length_words()?;
         }
-        if self.axes != 0 && self.axis_command == AxisCommand::None {
+        let is_drilled_by_r = matches!(self.modal.motion, MotionMode::Cycle(_))
+            && self.non_modal == NonModal::None
+            && self.words.contains(Word::R);
+        let is_motion = self.axes != 0 || is_drilled_by_r;
+        if is_motion && self.axis_command == AxisCommand::None {
             self.axis_command = AxisCommand::Motion;
         }
         // `G80` may stand beside a motion mode only where nothing moves.
@@ -311,6 +316,12 @@ impl ParsedLine {
         Ok(())
     }
 
+    /// `L` of `G10`: Grbl keeps it in eight bits, so `L258` is `L2`.
+    #[must_use]
+    pub fn subcode(&self) -> u8 {
+        self.l.trunc() as u8
+    }
+
     /// A length in the units of the line.
     #[must_use]
     pub fn length(&self, number: Decimal) -> Nm {
@@ -328,7 +339,7 @@ impl ParsedLine {
 
     fn g_word(&mut self, code: CodeNumber) -> Result<(), LineError> {
         let group = match code.whole {
-            0..=3 | 38 => self.motion_word(code)?,
+            0..=3 | 38 | 73 | 74 | 81..=86 | 88 | 89 => self.motion_word(code)?,
             80 => self.cancel_word(code)?,
             4 | 10 | 28 | 30 | 52 | 53 | 92 => self.non_modal_word(code)?,
             43 | 49 => self.tool_length_word(code)?,
@@ -382,9 +393,9 @@ impl ParsedLine {
             (1, 0) => MotionMode::Linear,
             (2, 0) => MotionMode::Arc(Rotation::Clockwise),
             (3, 0) => MotionMode::Arc(Rotation::CounterClockwise),
-            _ => return Err(LineError::Unsupported),
+            (whole, _) => MotionMode::Cycle(Cycle::of_code(whole).ok_or(LineError::Unsupported)?),
         };
-        if code.whole == 38 && self.has_group(ModalGroup::CycleCancel) {
+        if code.whole > 3 && self.has_group(ModalGroup::CycleCancel) {
             return Err(LineError::ModalGroupViolation);
         }
         Ok(ModalGroup::Motion)
@@ -397,7 +408,10 @@ impl ParsedLine {
         }
         if !self.has_group(ModalGroup::Motion) {
             self.modal.motion = MotionMode::Cancelled;
-        } else if matches!(self.modal.motion, MotionMode::Probe(_)) {
+        } else if matches!(
+            self.modal.motion,
+            MotionMode::Probe(_) | MotionMode::Cycle(_)
+        ) {
             return Err(LineError::ModalGroupViolation);
         }
         Ok(ModalGroup::CycleCancel)
@@ -600,7 +614,7 @@ impl ParsedLine {
             b'I' => self.offsets[0] = number,
             b'J' => self.offsets[1] = number,
             b'K' => self.offsets[2] = number,
-            b'L' => self.l = number.trunc() as u8,
+            b'L' => self.l = number,
             b'N' => self.line = u32::try_from(number.trunc()).unwrap_or(u32::MAX),
             b'P' => self.p = number,
             b'Q' => self.q = number,

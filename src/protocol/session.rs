@@ -152,6 +152,8 @@ struct LineExecution {
     outcome: Outcome,
     /// The arc of which chords are being sent.
     tilted: Option<TiltedArc>,
+    /// The command in whose place those of the holes are sent, of a line that drills.
+    drilling: Option<usize>,
 }
 
 /// The last probing move.
@@ -219,6 +221,7 @@ impl Session {
                 input: Line::new(),
                 outcome: Outcome::default(),
                 tilted: None,
+                drilling: None,
             },
             reports: Reports::default(),
             blender: Blender::new(),

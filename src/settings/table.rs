@@ -110,6 +110,7 @@ pub(super) static TABLE: &[Row] = &[
     row(25, Homing, Grbl, "homing speed to search the switch", MM_MIN, number(|s| &mut s.homing_seek_mm_min)),
     row(26, Homing, Grbl, "homing delay for the switch to settle", "ms", byte(|s| &mut s.homing_debounce_ms)),
     row(27, Homing, Grbl, "homing distance from the switch", MM, number(|s| &mut s.homing_pull_off_mm)),
+    row(28, General, Extension, "how far pecks of G73 and G83 keep from the last one", MM, number(|s| &mut s.peck_clearance_mm)),
     row(30, Spindle, Grbl, "largest spindle speed", "rpm", rpm(|s| &mut s.spindle_max_rpm)),
     row(31, Spindle, Grbl, "smallest spindle speed", "rpm", rpm(|s| &mut s.spindle_min_rpm)),
     row(32, Spindle, Grbl, "laser mode", "", Flag(|s| &mut s.laser)),

@@ -6,6 +6,7 @@ mod arcs;
 #[path = "../support/cases.rs"]
 mod cases;
 mod codes;
+mod cycles;
 mod habits;
 mod laws;
 mod lines;

@@ -4,8 +4,10 @@ mod bench;
 #[path = "../support/cases.rs"]
 mod cases;
 mod deviations;
+mod drilling;
 mod flow;
 mod laws;
+mod machine;
 mod program;
 mod random_programs;
 mod receiving;

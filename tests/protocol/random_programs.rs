@@ -4,20 +4,18 @@
 //! travel.
 
 use leadscrew::{
-    axis::{AXES, Axes},
+    axis::Axes,
     gcode::{Modal, interpreter::Offsets},
     model::State,
     protocol::Session,
-    settings::{Settings, assign},
-    sim::Simulator,
     units::Nm,
 };
 use proptest::prelude::*;
 
-use super::cases;
-
-const TRAVEL_MM: i32 = 100;
-const STEPS_PER_MM: i32 = 5;
+use super::{
+    cases,
+    machine::{Machine, is_answer},
+};
 
 /// A coordinate, mostly within the travel.
 fn mm() -> impl Strategy<Value = String> {
@@ -105,150 +103,10 @@ fn realtime() -> impl Strategy<Value = Option<u8>> {
     ])
 }
 
-struct Machine {
-    simulator: Simulator,
-    output: Vec<u8>,
-}
-
-impl Machine {
-    /// 100 mm of travel from the place where it stands, which it takes for home, and soft limits.
-    fn new() -> Self {
-        let mut settings = Settings::default();
-        for axis in 0..AXES {
-            for assignment in [
-                format!("10{axis}={STEPS_PER_MM}"),
-                format!("11{axis}=6000"),
-                format!("12{axis}=500"),
-                format!("13{axis}={TRAVEL_MM}"),
-            ] {
-                assign(&mut settings, assignment.as_bytes()).expect(&assignment);
-            }
-        }
-        let all = (1 << AXES) - 1;
-        for assignment in ["22=1", "20=1", &format!("788={all}")] {
-            assign(&mut settings, assignment.as_bytes()).expect(assignment);
-        }
-        let mut machine = Self {
-            simulator: Simulator::new(&settings),
-            output: Vec::new(),
-        };
-        machine.rest();
-        machine.output.clear();
-        let homed = machine.execute("$H", None);
-        assert_eq!(homed.last().map(String::as_str), Some("ok"), "{homed:?}");
-        machine
-    }
-
-    /// Runs for one change, whatever it is. Returns false when nothing more is to come.
-    fn advance(&mut self) -> bool {
-        let due = self.simulator.due();
-        if let Some(due) = due
-            && self.simulator.advance(due).is_some()
-        {
-            self.assert_inside();
-        }
-        while let Some(byte) = self.simulator.send() {
-            self.output.push(byte);
-        }
-        self.simulator.settle();
-        due.is_some() || self.simulator.has_to_send()
-    }
-
-    fn assert_inside(&self) {
-        let steps: Axes<i32> = self.simulator.physical_steps();
-        for (axis, &steps) in steps.iter().enumerate() {
-            assert!(
-                (-TRAVEL_MM * STEPS_PER_MM..=0).contains(&steps),
-                "axis {axis} is at step {steps}"
-            );
-        }
-    }
-
-    /// Runs until nothing happens any more.
-    fn rest(&mut self) {
-        for turn in 0.. {
-            assert!(turn < 300_000, "{:?}", self.simulator.snapshot());
-            if !self.advance() {
-                return;
-            }
-        }
-    }
-
-    /// The lines that came since the last call and are whole.
-    fn lines(&mut self) -> Vec<String> {
-        let end = self
-            .output
-            .iter()
-            .rposition(|&byte| byte == b'\n')
-            .map_or(0, |at| at + 1);
-        let whole: Vec<u8> = self.output.drain(..end).collect();
-        String::from_utf8_lossy(&whole)
-            .lines()
-            .map(str::to_owned)
-            .collect()
-    }
-
-    fn receive(&mut self, bytes: &[u8]) {
-        for &byte in bytes {
-            self.simulator.receive(byte);
-            self.simulator.settle();
-            while let Some(byte) = self.simulator.send() {
-                self.output.push(byte);
-            }
-        }
-    }
-
-    /// Sends a line, and does what an operator would until it is answered. Returns what came.
-    fn execute(&mut self, line: &str, between: Option<u8>) -> Vec<String> {
-        let half = line.len() / 2;
-        self.receive(&line.as_bytes()[..half]);
-        self.receive(between.as_slice());
-        self.receive(&line.as_bytes()[half..]);
-        self.receive(b"\n");
-        let mut lines = Vec::new();
-        for turn in 0.. {
-            assert!(
-                turn < 300_000,
-                "{line}: {:?} {lines:?}",
-                self.simulator.snapshot()
-            );
-            let goes_on = self.advance();
-            lines.extend(self.lines());
-            if lines.iter().any(|line| is_answer(line)) {
-                return lines;
-            }
-            if !goes_on {
-                match self.simulator.snapshot().state {
-                    // A pause, a hold, a door that is closed again, a tool change.
-                    State::HoldComplete | State::DoorClosed => self.receive(b"~"),
-                    // A line that leaves the travel. One that has come to a machine asleep is dropped.
-                    State::Alarm | State::Sleep => {
-                        lines.extend(self.reset());
-                        return lines;
-                    }
-                    state => panic!("{line}: no answer in {state:?}: {lines:?}"),
-                }
-            }
-        }
-        unreachable!()
-    }
-
-    /// Resets at rest: that answers the line.
-    fn reset(&mut self) -> Vec<String> {
-        self.receive(b"\x18");
-        self.rest();
-        self.lines()
-    }
-}
-
 /// Modes, offsets and the programmed position, all that realtime bytes leave alone at rest.
 fn changed_by_lines(session: &Session) -> (Modal, Offsets, Axes<Nm>) {
     let state = session.interpreter();
     (*state.modal(), *state.offsets(), state.position())
-}
-
-fn is_answer(line: &str) -> bool {
-    line == "ok" || line.starts_with("error:")
 }
 
 proptest! {
@@ -286,8 +144,7 @@ proptest! {
             }
         }
         machine.rest();
-        let answers = machine.lines().into_iter().filter(|line| is_answer(line)).count();
-        prop_assert_eq!(answers, 0);
+        prop_assert!(machine.answers().is_empty());
         prop_assert_eq!(machine.simulator.late(), 0);
         prop_assert_eq!(machine.simulator.lost(), 0);
     }

@@ -2,7 +2,10 @@
 //!
 //! One function per step of the NIST order of execution that can fail.
 
-use super::{Action, Checked, Interpreter, LineKind, Move, arc, power, targets, tools};
+use super::{
+    Action, Checked, Interpreter, LineKind, Move, arc, cycle, drilling::Drilling, power, targets,
+    tools,
+};
 use crate::{
     axis::Axes,
     decimal::Decimal,
@@ -35,7 +38,7 @@ pub(super) fn check(
     let mut checked = unchanged(state, kind, &parsed);
     check_modes(state, settings, &parsed, &mut unused, &mut checked)?;
     check_non_modal(state, settings, &parsed, &mut unused, &mut checked)?;
-    check_motion(state, &parsed, &mut unused, &mut checked)?;
+    check_motion(state, settings, &parsed, &mut unused, &mut checked)?;
     check_words(kind, &parsed, unused)?;
     check_reach(state, settings, &checked)?;
     let is_motion = parsed.axes != 0 && parsed.axis_command == AxisCommand::Motion;
@@ -188,7 +191,7 @@ fn feed(parsed: &ParsedLine, before: &Modal) -> Result<f32, LineError> {
             let needs_feed = parsed.axis_command == AxisCommand::Motion
                 && !matches!(
                     parsed.modal.motion,
-                    MotionMode::Cancelled | MotionMode::Rapid
+                    MotionMode::Cancelled | MotionMode::Rapid | MotionMode::Cycle(_)
                 );
             if needs_feed && !has_feed {
                 return Err(LineError::FeedUndefined);
@@ -277,7 +280,7 @@ fn check_non_modal(
     checked: &mut Checked,
 ) -> Result<(), LineError> {
     match parsed.non_modal {
-        NonModal::SetCoordinates if matches!(parsed.l, 1 | 10 | 11) => {
+        NonModal::SetCoordinates if matches!(parsed.subcode(), 1 | 10 | 11) => {
             return tools::set_entry(state, settings, parsed, unused, checked);
         }
         NonModal::SetCoordinates => {
@@ -320,6 +323,7 @@ fn check_non_modal(
 /// The motion mode, if the axis words belong to it.
 fn check_motion(
     state: &Interpreter,
+    settings: &Settings,
     parsed: &ParsedLine,
     unused: &mut Words,
     checked: &mut Checked,
@@ -333,6 +337,11 @@ fn check_motion(
     }
     if motion == MotionMode::Cancelled {
         return Ok(());
+    }
+    if let MotionMode::Cycle(cycle) = motion {
+        let mut words = cycle::words(state, parsed, unused, checked, cycle)?;
+        words.clearance = Nm::from_mm(settings.peck_clearance_mm);
+        checked.movement = Move::Cycle(words);
     }
     if motion != MotionMode::Rapid && checked.modal.feed == 0.0 {
         return Err(LineError::FeedUndefined);
@@ -350,7 +359,7 @@ fn check_motion(
         MotionMode::Rapid | MotionMode::Linear if parsed.axes != 0 => {
             checked.movement = Move::Straight;
         }
-        MotionMode::Rapid | MotionMode::Linear | MotionMode::Cancelled => {}
+        MotionMode::Rapid | MotionMode::Linear | MotionMode::Cycle(_) | MotionMode::Cancelled => {}
     }
     Ok(())
 }
@@ -361,7 +370,12 @@ fn check_reach(
     settings: &Settings,
     checked: &Checked,
 ) -> Result<(), LineError> {
-    if checked.axes != 0 {
+    if let Move::Cycle(words) = &checked.movement {
+        let frame = targets::frame(state, checked);
+        for corner in Drilling::new(state, checked, words).corners() {
+            check_position(settings, &frame.machine(&corner))?;
+        }
+    } else if checked.axes != 0 {
         check_position(settings, &checked.values)?;
     }
     if let Action::GoTo(reference) = checked.action {

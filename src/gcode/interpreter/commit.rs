@@ -1,6 +1,9 @@
 //! The second phase of a line: its commands, in the NIST order of execution.
 
-use super::{Action, Checked, Interpreter, LineKind, Message, Move, Outcome, check::MM_PER_INCH};
+use super::{
+    Action, Checked, Interpreter, LineKind, Message, Move, Outcome, check::MM_PER_INCH,
+    drilling::Drilling,
+};
 use crate::{
     axis::{Axes, Z},
     gcode::{Distance, FeedMode, Flow, Modal, MotionMode, ProbeMode, StoredPosition, Units},
@@ -24,6 +27,10 @@ pub(super) fn commit(state: &mut Interpreter, checked: &Checked, outcome: &mut O
     if let Action::Dwell(milliseconds) = checked.action {
         outcome.add(Command::Dwell { milliseconds });
     }
+    let drilling = match &checked.movement {
+        Move::Cycle(words) => Some(Drilling::new(state, checked, words)),
+        Move::None | Move::Straight | Move::Arc(_) | Move::Probe(_) => None,
+    };
     outcome.shows_offset =
         state.modal.coordinates != checked.modal.coordinates || state.offsets.tool != checked.tool;
     state.modal = checked.modal;
@@ -37,6 +44,12 @@ pub(super) fn commit(state: &mut Interpreter, checked: &Checked, outcome: &mut O
     }
     execute_action(state, checked, outcome);
     add_movement(state, checked, outcome);
+    state.drilling = drilling;
+    if let (Some(drilling), Move::Cycle(words)) = (drilling, checked.movement) {
+        state.cycle = words;
+        outcome.add(line(state.position.into(), FeedRate::Rapid, checked));
+        state.set_work_position(drilling.end());
+    }
     end_line(state, checked.flow, outcome);
 }
 
@@ -163,7 +176,7 @@ fn add_movement(state: &mut Interpreter, checked: &Checked, outcome: &mut Outcom
         (_, FeedMode::InverseTime) => FeedRate::InverseTime(checked.modal.feed),
     };
     match checked.movement {
-        Move::None => return,
+        Move::None | Move::Cycle(_) => return,
         Move::Straight => outcome.add(line(checked.target(), feed_rate, checked)),
         Move::Arc(circle) => outcome.add(Command::Arc {
             target: checked.target(),

@@ -8,6 +8,8 @@
 mod arc;
 mod check;
 mod commit;
+mod cycle;
+mod drilling;
 mod offsets;
 mod plain;
 mod power;
@@ -17,6 +19,8 @@ mod tools;
 
 use core::num::NonZeroU8;
 
+use cycle::CycleWords;
+use drilling::Drilling;
 use offsets::Frame;
 
 pub use offsets::Offsets;
@@ -52,6 +56,10 @@ pub struct Interpreter {
     stops_optionally: bool,
     /// The work position under rotation: exact, so that incremental moves do not drift.
     work_position: Axes<Nm>,
+    /// The words of the canned cycle that is the motion mode.
+    cycle: CycleWords,
+    /// The holes of the last line: not all commands of them may have been taken.
+    drilling: Option<Drilling>,
     /// Last, as it is large and few lines need it.
     tools: ToolTable,
 }
@@ -138,6 +146,8 @@ enum Move {
     Arc(Circle),
     /// To the target at most: only the machine knows where the move has ended.
     Probe(ProbeMode),
+    /// The holes of a canned cycle.
+    Cycle(CycleWords),
 }
 
 /// The commands and messages of a committed line.
@@ -197,7 +207,12 @@ impl Checked {
     pub fn answers_when_done(&self) -> bool {
         self.flow != Flow::Run
             || matches!(self.action, Action::Dwell(_))
-            || matches!(self.movement, Move::Probe(_))
+            || match self.movement {
+                Move::Probe(_) => true,
+                // The spindle turns as before when the answer comes.
+                Move::Cycle(words) => words.cycle.needs_spindle(),
+                Move::None | Move::Straight | Move::Arc(_) => false,
+            }
     }
 
     /// Whether another tool has to be put into the spindle, before anything else of the line.
@@ -229,8 +244,15 @@ impl Checked {
     pub fn probe(&self) -> Option<(Target, ProbeMode)> {
         match self.movement {
             Move::Probe(probe) => Some((self.target(), probe)),
-            Move::None | Move::Straight | Move::Arc(_) => None,
+            Move::None | Move::Straight | Move::Arc(_) | Move::Cycle(_) => None,
         }
+    }
+
+    /// Whether the line drills: its last move stands for those that
+    /// [`Interpreter::next_drilling_command`] returns.
+    #[must_use]
+    pub fn drills(&self) -> bool {
+        matches!(self.movement, Move::Cycle(_))
     }
 
     /// Whether the line moves the machine.
@@ -254,6 +276,8 @@ impl Interpreter {
             stops_optionally: false,
             work_position: Axes::all(Nm(0)),
             tools: ToolTable::new(),
+            cycle: CycleWords::default(),
+            drilling: None,
         }
     }
 
@@ -337,6 +361,24 @@ impl Interpreter {
         plain::execute(self, bytes, settings, prefix, checked, outcome)
     }
 
+    /// Takes the next command of a line that drills; `None` after the last.
+    pub fn next_drilling_command(&mut self) -> Option<Command> {
+        let command = self.drilling.as_mut()?.next_command(&self.frame);
+        if command.is_none() {
+            self.drilling = None;
+        }
+        command
+    }
+
+    /// Machine positions between which all moves of a line that drills lie, before the first is taken.
+    pub fn drilling_corners(&self) -> impl Iterator<Item = Axes<Nm>> {
+        let corners = self.drilling.as_ref().map(Drilling::corners);
+        corners
+            .into_iter()
+            .flatten()
+            .map(|corner| self.frame.machine(&corner))
+    }
+
     /// Back to the power-up modes; the position, the tool in the spindle, `G54` to `G59.3`, `G28` and
     /// `G30` stay.
     pub fn reset(&mut self) {
@@ -417,6 +459,13 @@ impl Interpreter {
         self.position = position;
         self.single_mm = position.map(Nm::to_mm);
         self.update_work_position();
+    }
+
+    /// Makes a work position the programmed position.
+    fn set_work_position(&mut self, work: Axes<Nm>) {
+        self.position = self.frame.machine(&work);
+        self.single_mm = self.position.map(Nm::to_mm);
+        self.work_position = work;
     }
 
     /// The programmed position, in the work coordinates in effect.

@@ -44,7 +44,11 @@ pub(super) fn execute<I: ExactSizeIterator<Item = u8> + Clone>(
     let feed_rate = match prefix.motion {
         MotionMode::Rapid => FeedRate::Rapid,
         MotionMode::Linear if prefix.feed != 0.0 => FeedRate::Feed(prefix.feed),
-        MotionMode::Linear | MotionMode::Arc(_) | MotionMode::Probe(_) | MotionMode::Cancelled => {
+        MotionMode::Linear
+        | MotionMode::Arc(_)
+        | MotionMode::Probe(_)
+        | MotionMode::Cycle(_)
+        | MotionMode::Cancelled => {
             return Err(Refusal::NotPlain);
         }
     };

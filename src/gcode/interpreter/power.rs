@@ -57,6 +57,8 @@ pub(super) fn set(
 const fn burns(motion: MotionMode) -> bool {
     match motion {
         MotionMode::Linear | MotionMode::Arc(_) => true,
-        MotionMode::Rapid | MotionMode::Probe(_) | MotionMode::Cancelled => false,
+        MotionMode::Rapid | MotionMode::Probe(_) | MotionMode::Cycle(_) | MotionMode::Cancelled => {
+            false
+        }
     }
 }

@@ -33,7 +33,7 @@ fn frame_of(state: &Interpreter, checked: &Checked, system: WorkCoordinates) -> 
 }
 
 /// Returns the present position in work coordinates.
-fn present(state: &Interpreter, frame: &Frame) -> Axes<Nm> {
+pub(super) fn present(state: &Interpreter, frame: &Frame) -> Axes<Nm> {
     if *frame == state.frame {
         state.work_position()
     } else {
@@ -59,7 +59,7 @@ pub(super) fn system_to_set(
             .get(usize::from(number - 1))
             .ok_or(LineError::UnknownCoordinates)?,
     };
-    match parsed.l {
+    match parsed.subcode() {
         2 => unused.remove(Word::R),
         20 if parsed.axes == 0 => return Err(LineError::NoAxisWords),
         20 => {}
@@ -81,7 +81,7 @@ pub(super) fn new_origin(
     let offsets = &state.offsets;
     let origin = offsets.origin(system);
     let rotation = offsets.origins.rotations[system];
-    if parsed.l == 2 {
+    if parsed.subcode() == 2 {
         let values = Axes::from_fn(|axis| {
             if parsed.has_axis(axis) {
                 coordinate(parsed, axis)

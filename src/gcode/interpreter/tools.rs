@@ -119,7 +119,7 @@ pub(super) fn set_entry(
     unused.remove(Word::R);
     unused.remove(Word::P);
     unused.remove(Word::L);
-    if parsed.l == 1 {
+    if parsed.subcode() == 1 {
         for (axis, value) in entry.offset.iter_mut().enumerate() {
             if parsed.has_axis(axis) {
                 *value = targets::coordinate(parsed, axis);
@@ -141,7 +141,7 @@ pub(super) fn set_entry(
 /// Moves the offset of a tool so that the present position gets the given values.
 fn measure(state: &Interpreter, parsed: &ParsedLine, checked: &Checked, entry: &mut ToolEntry) {
     let offsets = &state.offsets;
-    let (system, work) = if parsed.l == 10 {
+    let (system, work) = if parsed.subcode() == 10 {
         (checked.modal.coordinates, offsets.work)
     } else {
         (WorkCoordinates::G59_3, Axes::all(Nm(0)))

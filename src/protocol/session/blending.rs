@@ -30,7 +30,7 @@ const HANDOVER_S: f32 = 0.03;
 impl Session {
     /// Returns the path control of the line in execution: jogs keep to their path.
     pub(super) fn path_control(&self) -> PathControl {
-        if self.line.source == Source::Jog {
+        if self.line.source == Source::Jog || self.line.drilling.is_some() {
             PathControl::ExactPath
         } else {
             self.interpreter.modal().path

@@ -114,6 +114,7 @@ impl Session {
         }
         self.line.after_commands = None;
         self.line.tilted = None;
+        self.line.drilling = None;
         self.send_commands(0, links)
     }
 
@@ -210,6 +211,9 @@ impl Session {
         let settings = &self.persistence.stored.settings;
         let mut commands = self.line.outcome.commands.iter();
         self.line.tilted = commands.find_map(|command| TiltedArc::of(command, &from, settings));
+        let is_move = |command: &Command| matches!(command, Command::Line { .. });
+        let drilling = self.line.outcome.commands.iter().position(is_move);
+        self.line.drilling = drilling.filter(|_| self.line.checked.drills());
         let is_checking = machine.state == State::Check;
         let ends_program = self.line.outcome.message == Some(Message::ProgramEnd);
         if self.line.outcome.shows_offset && !(is_checking && ends_program) {
@@ -248,6 +252,10 @@ impl Session {
         }
         let is_checking = machine.state == State::Check;
         let settings = &self.persistence.stored.settings;
+        let mut corners = self.interpreter.drilling_corners();
+        if self.line.checked.drills() && corners.any(|corner| is_outside(settings, &corner)) {
+            return true;
+        }
         let mut from = from;
         self.line.outcome.commands.iter().any(|command| {
             // Check mode ends a probing move before it has begun.

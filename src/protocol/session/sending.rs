@@ -55,7 +55,12 @@ impl Session {
             if !self.drain(links.entries) || !links.entries.ready() {
                 return false;
             }
-            let has_more = self.take_chord(*next);
+            let drills = self.line.drilling == Some(*next);
+            if drills && !self.take_drilling_command(*next) {
+                *next += 1;
+                continue;
+            }
+            let has_more = drills || self.take_chord(*next);
             self.send_command(*next, is_blended, links);
             *next += usize::from(!has_more);
         }
@@ -87,6 +92,18 @@ impl Session {
                 arc.has_more()
             }
             Some(_) | None => false,
+        }
+    }
+
+    /// Replaces a command by the next one of a line that drills. Returns false after the last.
+    fn take_drilling_command(&mut self, number: usize) -> bool {
+        let next = self.interpreter.next_drilling_command();
+        match (next, self.line.outcome.commands.get_mut(number)) {
+            (Some(next), Some(command)) => {
+                *command = next;
+                true
+            }
+            (_, _) => false,
         }
     }
 

@@ -175,6 +175,9 @@ deviations! {
         "there is a tool table: G43, G43.2 and G10 L1, L10, L11",
         "an answer other than `error:20` to a line with G43 or G43.2, and to a G10 with L1, L10 or L11; \
          and the message `[MSG:Tool table is empty: …]`";
+    CannedCycles: "D52", true,
+        "there are canned cycles",
+        "an answer other than `error:20` to a line with G73, G74, G81 to G86, G88 or G89";
 }
 
 impl Deviation {
@@ -253,6 +256,10 @@ fn of_programs(code: &str, theirs: &str) -> Option<Deviation> {
     }
     if theirs == "error:37" && has_g(&[43.1]) {
         return Some(Deviation::ToolOffsets);
+    }
+    let cycles = [73.0, 74.0, 81.0, 82.0, 83.0, 84.0, 85.0, 86.0, 88.0, 89.0];
+    if theirs == "error:20" && has_g(&cycles) {
+        return Some(Deviation::CannedCycles);
     }
     if theirs == "error:20" && has_word(code, 'M', &[6.0, 61.0]) {
         return Some(Deviation::ToolChange);
@@ -390,6 +397,13 @@ mod tests {
             ("G0G92X1", "ok", "error:24", None),
             ("O1234", "ok", "error:20", Some(Deviation::ProgramHabits)),
             ("O12SUB", "ok", "error:20", None),
+            (
+                "G99G81X1Z-1R2",
+                "ok",
+                "error:20",
+                Some(Deviation::CannedCycles),
+            ),
+            ("G87X1Z-1R2", "error:28", "error:20", None),
             ("M60", "ok", "error:20", None),
             ("T2M6", "ok", "error:20", Some(Deviation::ToolChange)),
             ("M61Q2", "ok", "error:20", Some(Deviation::ToolChange)),

@@ -81,6 +81,7 @@ pub fn modal_numbers(interpreter: &Interpreter) -> [u8; 10] {
         MotionMode::Arc(Rotation::Clockwise) => 2,
         MotionMode::Arc(Rotation::CounterClockwise) => 3,
         MotionMode::Cancelled => 80,
+        MotionMode::Cycle(cycle) => cycle as u8,
         MotionMode::Probe(ProbeMode::Contact) => 140,
         MotionMode::Probe(ProbeMode::TryContact) => 141,
         MotionMode::Probe(ProbeMode::Release) => 142,

@@ -1,0 +1,145 @@
+//! The words of canned cycles, and what a line of one drills.
+//!
+//! Levels are work coordinates of the axis perpendicular to the plane. Read with LinuxCNC 2.9 "G-Codes",
+//! G73 to G89, and RS274NGC 3, section 3.5.16.
+
+use super::{Checked, Interpreter, drilling::Drilling, targets};
+use crate::{
+    axis::Z,
+    gcode::{Cycle, FeedMode, LineError, MotionMode, ParsedLine, Word, Words},
+    model::Spindle,
+    units::Nm,
+};
+
+/// The words of a cycle, which its next lines may leave out.
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
+pub(super) struct CycleWords {
+    pub(super) cycle: Cycle,
+    /// The level at which the first line in a cycle began.
+    pub(super) initial_level: Nm,
+    /// `R`.
+    pub(super) r: Nm,
+    /// The word of the depth axis.
+    pub(super) bottom: Nm,
+    /// `Q`: the depth of a peck.
+    pub(super) peck: Nm,
+    /// `P`, ms.
+    pub(super) dwell_ms: u32,
+    /// The words of the plane's axes, 0 without.
+    pub(super) in_plane: [Nm; 2],
+    /// `L`: how often this line drills.
+    pub(super) repeats: u8,
+    /// `$28`: how far above the last peck the next one begins.
+    pub(super) clearance: Nm,
+}
+
+/// Returns the words of a line that drills, with those before it where it leaves them out; removes them.
+///
+/// # Errors
+/// 4, 19, 23, 24, 28, 39, 41, 54 and 208.
+#[inline(never)]
+pub(super) fn words(
+    state: &Interpreter,
+    parsed: &ParsedLine,
+    unused: &mut Words,
+    checked: &Checked,
+    cycle: Cycle,
+) -> Result<CycleWords, LineError> {
+    let modal = &checked.modal;
+    check_mode(parsed, checked)?;
+    let (first, second, depth) = modal.plane.axes();
+    let is_same_plane = modal.plane == state.modal.plane;
+    let is_cycle_before = matches!(state.modal.motion, MotionMode::Cycle(_)) && is_same_plane;
+    let is_same_cycle = state.modal.motion == modal.motion && is_same_plane;
+    let before = &state.cycle;
+    let given_or = |is_given: bool, given: Nm, before: Nm| match (is_given, is_same_cycle) {
+        (true, _) => Ok(given),
+        (false, true) => Ok(before),
+        (false, false) => Err(LineError::MissingWord),
+    };
+    let r = given_or(
+        unused.contains(Word::R),
+        parsed.length(parsed.radius),
+        before.r,
+    )?;
+    let mut words = CycleWords {
+        cycle,
+        initial_level: if is_cycle_before {
+            before.initial_level
+        } else {
+            targets::present(state, &targets::frame(state, checked))[depth]
+        },
+        r,
+        bottom: given_or(
+            parsed.has_axis(depth),
+            targets::coordinate(parsed, depth),
+            before.bottom,
+        )?,
+        in_plane: [first, second].map(|axis| targets::coordinate(parsed, axis)),
+        repeats: repeats(parsed, unused)?,
+        ..CycleWords::default()
+    };
+    if cycle.has_pecks() {
+        let given = parsed.length(parsed.q);
+        words.peck = given_or(unused.contains(Word::Q), given, before.peck)?;
+        if words.peck <= Nm(0) {
+            return Err(LineError::NotPositive);
+        }
+        unused.remove(Word::Q);
+    }
+    if cycle.has_dwell() {
+        let known_ms = match (is_same_cycle, cycle.is_tapping()) {
+            (true, _) => Some(before.dwell_ms),
+            (false, true) => Some(0),
+            (false, false) => None,
+        };
+        words.dwell_ms = dwell_ms(parsed, unused, known_ms)?;
+    }
+    unused.remove(Word::R);
+    if cycle.needs_spindle() && modal.spindle == Spindle::Off {
+        return Err(LineError::SpindleOff);
+    }
+    if Drilling::new(state, checked, &words).is_retract_below_bottom() {
+        return Err(LineError::RetractBelowBottom);
+    }
+    Ok(words)
+}
+
+/// Checks that the modes and the axis words are those of a cycle.
+fn check_mode(parsed: &ParsedLine, checked: &Checked) -> Result<(), LineError> {
+    if checked.modal.feed_mode == FeedMode::InverseTime {
+        Err(LineError::CycleNeedsFeedPerMinute)
+    } else if parsed.axes >> (Z + 1) != 0 {
+        Err(LineError::AxisCommandConflict)
+    } else {
+        Ok(())
+    }
+}
+
+/// Returns `P` in ms, or what is known without one.
+fn dwell_ms(
+    parsed: &ParsedLine,
+    unused: &mut Words,
+    known_ms: Option<u32>,
+) -> Result<u32, LineError> {
+    if !unused.contains(Word::P) {
+        return known_ms.ok_or(LineError::MissingWord);
+    }
+    unused.remove(Word::P);
+    u32::try_from(parsed.p.to_thousandths()).map_err(|_| LineError::ValueOutOfRange)
+}
+
+/// Returns `L`, 1 without.
+fn repeats(parsed: &ParsedLine, unused: &mut Words) -> Result<u8, LineError> {
+    if !unused.contains(Word::L) {
+        return Ok(1);
+    }
+    unused.remove(Word::L);
+    if !parsed.l.is_whole() {
+        return Err(LineError::NotInteger);
+    }
+    match parsed.l.trunc() {
+        ..=0 => Err(LineError::NotPositive),
+        number => u8::try_from(number).map_err(|_| LineError::ValueOutOfRange),
+    }
+}

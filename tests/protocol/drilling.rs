@@ -1,0 +1,133 @@
+//! Canned cycles on the whole simulated machine: whatever happens at any stage of a hole, position and
+//! modes stay true.
+
+use leadscrew::{
+    axis::Axes,
+    model::{Spindle, State},
+    units::Nm,
+};
+
+use super::machine::Machine;
+
+/// Lines that drill.
+const CYCLES: [&str; 5] = [
+    "G98G83X-20Y-10Z-9R-4Q2F3000L2",
+    "G99G73X-20Y-10Z-9R-4Q2F3000",
+    "G84X-20Y-10Z-9R-4F3000",
+    "G86X-20Y-10Z-9R-4P0.05F3000",
+    "G88X-20Y-10Z-9R-4P0.05F3000",
+];
+
+/// Stages at which something happens, at most.
+const STAGES: usize = 120;
+
+fn ready() -> Machine {
+    let mut machine = Machine::new();
+    for line in ["G21G90", "M3S500", "G0X-5Y-5Z-2"] {
+        assert_eq!(machine.execute(line, None), ["ok"], "{line}");
+    }
+    machine.rest();
+    machine
+}
+
+/// The machine after a number of changes since a line was sent.
+fn at_stage(machine: &mut Machine, line: &str, stage: usize) -> bool {
+    machine.receive(format!("{line}\n").as_bytes());
+    (0..stage * 3).all(|_| machine.advance())
+}
+
+fn steps_of(machine: &Machine, position: &Axes<Nm>) -> Axes<i32> {
+    let settings = machine.simulator.session().settings();
+    settings.steps_per_mm.zip(*position, |resolution, nm| {
+        resolution.steps_as_grbl(nm, nm.to_mm()).0.0
+    })
+}
+
+/// The machine is where the interpreter believes it to be.
+fn assert_true(machine: &Machine, what: &str) {
+    let programmed = machine.simulator.session().interpreter().position();
+    let steps = machine.simulator.physical_steps();
+    assert_eq!(steps_of(machine, &programmed), steps, "{what}");
+    assert_eq!(machine.simulator.snapshot().steps, steps, "{what}");
+    assert_eq!(machine.simulator.late(), 0, "{what}");
+}
+
+#[test]
+fn a_hold_a_door_and_overrides_at_any_stage_change_nothing_but_the_time() {
+    for line in CYCLES {
+        let mut undisturbed = ready();
+        undisturbed.execute(line, None);
+        undisturbed.rest();
+        let end = undisturbed.simulator.physical_steps();
+        assert_true(&undisturbed, line);
+        for bytes in [&b"!"[..], b"\x84", b"\x95", b"\x91\x9b", b"?!"] {
+            for stage in 0..STAGES {
+                let mut machine = ready();
+                if !at_stage(&mut machine, line, stage) {
+                    assert!(stage > 30, "{line} ends at stage {stage}");
+                    break;
+                }
+                machine.receive(bytes);
+                let what = format!("{line}: {bytes:?} at {stage}");
+                for _ in 0..4 {
+                    machine.rest();
+                    machine.receive(b"~");
+                }
+                machine.rest();
+                let answers = machine.answers();
+                assert_eq!(answers, ["ok"], "{what}");
+                assert_eq!(machine.simulator.physical_steps(), end, "{what}");
+                assert_true(&machine, &what);
+                assert_eq!(machine.simulator.snapshot().state, State::Idle, "{what}");
+                let modal = machine.simulator.session().interpreter().modal();
+                assert_eq!(modal.spindle, Spindle::Clockwise, "{what}");
+                assert!(
+                    machine.simulator.outputs().spindle != Spindle::Off,
+                    "{what}"
+                );
+            }
+        }
+    }
+}
+
+#[test]
+fn a_reset_at_any_stage_keeps_the_position_and_ends_the_cycle() {
+    for line in CYCLES {
+        for stage in 0..STAGES {
+            let mut machine = ready();
+            if !at_stage(&mut machine, line, stage) {
+                assert!(stage > 30, "{line} ends at stage {stage}");
+                break;
+            }
+            let what = format!("{line}: reset at {stage}");
+            machine.receive(b"\x18");
+            machine.rest();
+            machine.answers();
+            machine.execute("$X", None);
+            let modes = machine.execute("$G", None).join(" ");
+            assert!(modes.contains("[GC:G0 "), "{what}: {modes}");
+            assert_true(&machine, &what);
+            // Nothing of the cycle is left over.
+            let before = machine.simulator.physical_steps();
+            machine.execute("G4P0.01", None);
+            machine.rest();
+            assert_eq!(machine.simulator.physical_steps(), before, "{what}");
+            assert_eq!(machine.simulator.outputs().spindle, Spindle::Off, "{what}");
+        }
+    }
+}
+
+#[test]
+fn a_line_that_leaves_the_travel_drills_nothing() {
+    for line in [
+        "G91G81X-20Z-5R-1L5F3000",
+        "G81X-10Z-101R-4F3000",
+        "G81X-10Z-9R1F3000",
+    ] {
+        let mut machine = ready();
+        let before = machine.simulator.physical_steps();
+        let output = machine.execute(line, None);
+        assert!(output.contains(&"ALARM:2".to_owned()), "{line}: {output:?}");
+        assert_eq!(machine.simulator.physical_steps(), before, "{line}");
+    }
+}
