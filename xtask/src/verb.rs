@@ -165,13 +165,14 @@ impl Verb {
 }
 
 /// Options that name something to be read, of any command.
-const READ: [&str; 6] = [
+const READ: [&str; 7] = [
     "--settings",
     "--load",
     "--diff",
     "--elf",
     "--port",
     "--session",
+    "--tool-table",
 ];
 /// Commands whose argument is something to be read.
 const READERS: [&str; 5] = ["conformance", "latency", "qemu", "run", "sim"];

@@ -162,6 +162,8 @@ pub(crate) struct Meter {
     tracks: [Track; AXES],
     path: Track,
     path_mm: f64,
+    /// The axis that says it.
+    path_axis: Option<usize>,
     feed_mm_s: Option<f64>,
     /// The newest speed along the path.
     speed_mm_s: f64,
@@ -195,6 +197,7 @@ impl Meter {
             tracks: steps_per_mm.map(Track::of_axis),
             path: Track::of_path(),
             path_mm: f64::NEG_INFINITY,
+            path_axis: None,
             feed_mm_s: None,
             speed_mm_s: 0.0,
             corners: corners::Meter::new(resolved_mm_s(&accelerations, &steps_per_mm)),
@@ -337,6 +340,10 @@ impl Meter {
             return;
         }
         self.path_mm = progress.mm;
+        // Two axes say it differently where the steps are a little beside the path.
+        if self.path_axis.replace(progress.axis) != Some(progress.axis) {
+            self.path.cut();
+        }
         let crossing = Crossing {
             seconds,
             position: progress.mm,

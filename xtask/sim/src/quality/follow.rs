@@ -44,6 +44,8 @@ pub(crate) struct Deviation {
 /// Where the path is along an axis that just stepped.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Progress {
+    /// The axis.
+    pub(super) axis: usize,
     /// Way along the path, mm.
     pub(super) mm: f64,
     /// The direction there.
@@ -250,6 +252,7 @@ impl Follower {
         let tangent = piece.tangent(self.share);
         let axis = (0..AXES).max_by(|a, b| tangent[*a].abs().total_cmp(&tangent[*b].abs()))?;
         Some(Progress {
+            axis,
             mm: ways[axis]?,
             tangent,
             feed_mm_s: piece.feed_mm_s,

@@ -343,6 +343,24 @@ fn a_bend_too_slight_for_a_corner_is_no_acceleration() {
 }
 
 #[test]
+fn a_path_that_is_passed_beside_has_no_jumps_where_another_axis_leads() {
+    // A circle of 20 mm that is 0.8 steps too large, at 20 mm/s: both axes are as fast at each eighth.
+    let at = |t: f64| {
+        let (sine, cosine) = t.sin_cos();
+        [20.01 * cosine - 20.0, 20.01 * sine]
+    };
+    let steps = steps_of(3.0, at);
+    let quality = measured(&settings(), &["G3 X0 Y0 I-20 J0 F1200"], &steps);
+    let jump = &quality.path.speed_jump_mm_s;
+    assert!(jump.value < jump.floor, "{jump:?}");
+    assert!(
+        quality.path.acceleration_mm_s2.value < 50.0,
+        "{:?}",
+        quality.path
+    );
+}
+
+#[test]
 fn a_smooth_jerk_is_found() {
     // sin² speed: 20 mm in 1 s, jerk at most 2·20·(2π)²/2.
     let way = |t: f64| 20.0 * (t - (std::f64::consts::TAU * t).sin() / std::f64::consts::TAU);
