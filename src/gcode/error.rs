@@ -86,6 +86,8 @@ pub enum LineError {
     ToolNumberTooHigh = 38,
     /// A value outside its range.
     ValueOutOfRange = 39,
+    /// A line that has no place in the change of a tool.
+    ToolChange = 40,
     /// A cycle that switches the spindle, and the spindle is off.
     SpindleOff = 41,
     /// `G43.2` with `H` and axis words.
@@ -106,7 +108,7 @@ pub enum LineError {
 
 impl LineError {
     /// Every error, in the order of the numbers.
-    pub const ALL: [Self; 46] = [
+    pub const ALL: [Self; 47] = [
         Self::ExpectedLetter,
         Self::BadNumber,
         Self::InvalidStatement,
@@ -145,6 +147,7 @@ impl LineError {
         Self::ToolLengthAxis,
         Self::ToolNumberTooHigh,
         Self::ValueOutOfRange,
+        Self::ToolChange,
         Self::SpindleOff,
         Self::ToolLengthWords,
         Self::SettingOutOfRange,
@@ -207,6 +210,7 @@ impl LineError {
                 "the tool number exceeds 255, or the tool is not in the table"
             }
             Self::ValueOutOfRange => "the value is outside its range",
+            Self::ToolChange => "not during a tool change",
             Self::ToolLengthWords => "G43.2 needs H or axis words, not both",
             Self::SpindleOff => "the cycle needs a spindle that turns",
             Self::SettingOutOfRange => "the setting is outside its range",

@@ -6,7 +6,7 @@
 use super::Inputs;
 use crate::{
     axis::Axes,
-    model::{Coolant, Levels, Notices, Overrides, Probed, Spindle, State},
+    model::{Coolant, Levels, Notices, Overrides, Probed, Spindle, State, ToolMarks},
     stepper::SegmentRing,
 };
 
@@ -37,6 +37,8 @@ pub struct Snapshot {
     pub inputs: Levels,
     /// The last probing move.
     pub probed: Probed,
+    /// Where the operator's lines begin and end, in the last change of a tool.
+    pub tool_marks: ToolMarks,
     /// Notices to the sender.
     pub notices: Notices,
     /// `N` word of the block in execution, 0 without one.

@@ -11,6 +11,9 @@
 //!    |  `-- 0x84 --> Door:2 ---------|----------------'                         | restored
 //!    '------------------ Idle <------+------------------------------------------'
 //! ```
+//!
+//! In a change of the tool, 0xA3 makes [`State::Tool`] of the hold: it is what Idle is otherwise, up to
+//! cycle start.
 
 use crate::model::State;
 
@@ -43,6 +46,8 @@ pub enum Event {
     Restored,
     /// A program pause.
     Pause,
+    /// The operator's lines are to be executed while the machine waits for a tool.
+    ChangeTool,
     /// A soft reset.
     Reset,
     /// An alarm.
@@ -59,7 +64,7 @@ pub enum Event {
 
 impl Event {
     /// Every event.
-    pub const ALL: [Self; 19] = [
+    pub const ALL: [Self; 20] = [
         Self::FeedHold,
         Self::CycleStart,
         Self::SafetyDoor,
@@ -73,6 +78,7 @@ impl Event {
         Self::Parked,
         Self::Restored,
         Self::Pause,
+        Self::ChangeTool,
         Self::Reset,
         Self::Alarm,
         Self::Unlock,
@@ -121,6 +127,8 @@ pub struct Control {
     pub state: State,
     /// Other than [`Ending::None`] while the machine slows down to drop its plan.
     pub ending: Ending,
+    /// In a change of the tool, where [`State::Tool`] takes the place of [`State::Idle`].
+    pub is_changing_tool: bool,
 }
 
 impl Control {
@@ -128,14 +136,15 @@ impl Control {
     pub const IDLE: Self = Self::new(State::Idle);
 
     const fn new(state: State) -> Self {
-        Self {
-            state,
-            ending: Ending::None,
-        }
+        Self::ending(state, Ending::None)
     }
 
     const fn ending(state: State, ending: Ending) -> Self {
-        Self { state, ending }
+        Self {
+            state,
+            ending,
+            is_changing_tool: matches!(state, State::Tool),
+        }
     }
 
     /// Returns whether blocks are executed.
@@ -144,7 +153,7 @@ impl Control {
         match self.ending {
             Ending::Drop | Ending::DropThenDoor => false,
             Ending::None => match self.state {
-                State::Idle | State::Run | State::Jog | State::Home => true,
+                State::Idle | State::Run | State::Jog | State::Home | State::Tool => true,
                 State::HoldSlowing
                 | State::HoldComplete
                 | State::Check
@@ -168,6 +177,27 @@ impl Control {
     #[inline(never)]
     #[must_use]
     pub fn after(self, event: Event) -> (Self, Effect) {
+        let is_tool = self.state == State::Tool;
+        match event {
+            Event::CycleStart if is_tool => return to(State::Idle),
+            Event::Check if is_tool => return (self, Effect::None),
+            _ => {}
+        }
+        let mut before = self;
+        if is_tool {
+            before.state = State::Idle;
+        }
+        let (mut after, effect) = before.after_in_program(event);
+        after.is_changing_tool |= self.is_changing_tool && event != Event::Reset;
+        if after.is_changing_tool && after.state == State::Idle {
+            after.state = State::Tool;
+        }
+        (after, effect)
+    }
+
+    /// The same outside of a change of the tool.
+    #[inline]
+    fn after_in_program(self, event: Event) -> (Self, Effect) {
         let same = (self, Effect::None);
         let is_ending = self.ending != Ending::None && self.state != State::Jog;
         if is_ending && !matches!(event, Event::Stopped | Event::Reset | Event::Alarm) {
@@ -191,6 +221,9 @@ impl Control {
             Event::Parked if self.state == State::DoorRetracting => to(State::DoorAjar),
             Event::Restored if self.state == State::DoorRestoring => (Self::IDLE, Effect::Resume),
             Event::Pause if self.state == State::Idle => to(State::HoldComplete),
+            Event::ChangeTool if self.state == State::HoldComplete => {
+                (Self::new(State::Tool), Effect::Resume)
+            }
             Event::Reset => self.reset(),
             Event::Alarm => (
                 Self::ending(State::Alarm, Ending::Drop),
@@ -211,6 +244,7 @@ impl Control {
             | Event::Parked
             | Event::Restored
             | Event::Pause
+            | Event::ChangeTool
             | Event::Unlock
             | Event::Home
             | Event::Check
@@ -221,7 +255,7 @@ impl Control {
     fn hold(self) -> (Self, Effect) {
         match self.state {
             State::Run => to(State::HoldSlowing),
-            State::Idle => to(State::HoldComplete),
+            State::Idle | State::Tool => to(State::HoldComplete),
             // A jog is not resumed.
             State::Jog => self.cancel(Ending::Drop),
             State::HoldSlowing
@@ -242,6 +276,7 @@ impl Control {
             State::HoldComplete => (Self::IDLE, Effect::Resume),
             State::DoorClosed => (Self::new(State::DoorRestoring), Effect::Restore),
             State::Idle
+            | State::Tool
             | State::Run
             | State::HoldSlowing
             | State::Jog
@@ -258,7 +293,7 @@ impl Control {
     fn door(self) -> (Self, Effect) {
         match self.state {
             State::Run | State::HoldSlowing => to(State::DoorRetracting),
-            State::Idle | State::HoldComplete | State::DoorRestoring => {
+            State::Idle | State::Tool | State::HoldComplete | State::DoorRestoring => {
                 (Self::new(State::DoorAjar), Effect::Suspend)
             }
             State::DoorClosed => to(State::DoorAjar),
@@ -290,6 +325,7 @@ impl Control {
             State::Jog if self.ending == Ending::DropThenDoor => State::DoorRetracting,
             State::Jog if self.ending == Ending::Drop => State::Idle,
             State::Idle
+            | State::Tool
             | State::Run
             | State::Jog
             | State::HoldComplete
@@ -317,6 +353,7 @@ impl Control {
                 Effect::MotionCancel,
             ),
             State::Idle
+            | State::Tool
             | State::HoldComplete
             | State::Check
             | State::DoorClosed
@@ -384,6 +421,16 @@ mod tests {
         (Is::Idle, On::Check, Is::Check, Do::None),
         (Is::Idle, On::Sleep, Is::Sleep, Do::Suspend),
         (Is::Alarm, On::Sleep, Is::Sleep, Do::Suspend),
+        (Is::HoldComplete, On::ChangeTool, Is::Tool, Do::Resume),
+        (Is::Tool, On::CycleStart, Is::Idle, Do::None),
+        (Is::Tool, On::FeedHold, Is::HoldComplete, Do::None),
+        (Is::Tool, On::SafetyDoor, Is::DoorAjar, Do::Suspend),
+        (Is::Tool, On::Move, Is::Run, Do::None),
+        (Is::Tool, On::Jog, Is::Jog, Do::None),
+        (Is::Tool, On::Pause, Is::HoldComplete, Do::None),
+        (Is::Tool, On::Reset, Is::Idle, Do::MotionCancel),
+        (Is::Tool, On::Home, Is::Home, Do::None),
+        (Is::Tool, On::Sleep, Is::Sleep, Do::Suspend),
     ];
 
     #[test]
@@ -416,6 +463,38 @@ mod tests {
             let (stopped, effect) = door.after(On::Stopped);
             assert_eq!((stopped.state, effect), (Is::DoorRetracting, Do::DropPlan));
         }
+    }
+
+    #[test]
+    fn in_a_change_of_the_tool_everything_comes_back_to_it_but_cycle_start_and_a_reset() {
+        let tool = Control::new(Is::HoldComplete).after(On::ChangeTool).0;
+        for events in [
+            &[On::Jog, On::CycleStop][..],
+            &[On::Jog, On::JogCancel, On::Stopped],
+            &[On::Move, On::CycleStop],
+            &[
+                On::Move,
+                On::FeedHold,
+                On::Stopped,
+                On::CycleStart,
+                On::Move,
+                On::CycleStop,
+            ],
+            &[On::FeedHold, On::CycleStart],
+            &[On::SafetyDoor, On::DoorClosed, On::CycleStart, On::Restored],
+            &[On::Jog, On::Alarm, On::Stopped, On::Unlock],
+            &[On::Home, On::Unlock],
+        ] {
+            let after = events
+                .iter()
+                .fold(tool, |state, event| state.after(*event).0);
+            assert_eq!(after, tool, "{events:?}");
+            let left = after.after(On::CycleStart).0;
+            assert_eq!(left, Control::IDLE);
+        }
+        let reset = tool.after(On::Jog).0.after(On::Reset).0;
+        let unlocked = reset.after(On::Stopped).0.after(On::Unlock).0;
+        assert_eq!(unlocked, Control::IDLE);
     }
 
     #[test]

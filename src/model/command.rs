@@ -61,6 +61,8 @@ pub enum Command {
     Overrides(OverrideSwitches),
     /// Program pause, `M0`: waits for cycle start.
     Pause,
+    /// Waits for a tool, `M6`.
+    ToolPause,
 }
 
 /// The end of a move.

@@ -8,6 +8,9 @@
 /// Smallest and largest feed and spindle override, %: Grbl's.
 const RANGE: (u8, u8) = (10, 200);
 
+/// The realtime command that has the operator's lines executed while the machine waits for a tool.
+pub const TOOL_CHANGE: u8 = 0xa3;
+
 /// A realtime command that changes an override or an accessory.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 #[repr(u8)]
@@ -78,7 +81,7 @@ impl Override {
     )]
     #[must_use]
     pub const fn may_be_override(byte: u8) -> bool {
-        matches!(byte, 0x88..=0xa3)
+        matches!(byte, 0x88..=0xa2)
     }
 
     /// Returns the command of a realtime byte.

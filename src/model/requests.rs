@@ -17,10 +17,48 @@ use core::sync::atomic::{
     compiler_fence,
 };
 
-use super::{Levels, Override};
+use super::{Levels, Override, TOOL_CHANGE};
 pub use override_ring::OVERRIDES;
 use override_ring::OverrideRing;
 pub use wakeups::Awaited;
+
+/// A place in the stream of received bytes: the number of bytes of lines before it, wrapping.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+pub struct Mark(u32);
+
+impl Mark {
+    /// The place after a number of bytes, wrapping.
+    #[must_use]
+    pub const fn new(received: usize) -> Self {
+        Self(received as u32)
+    }
+
+    /// Returns the number of bytes from another place, of this number, to this one. Less than 2^24.
+    #[must_use]
+    pub const fn distance_from(self, number: usize) -> usize {
+        (self.0.wrapping_sub(number as u32) & 0xff_ffff) as usize
+    }
+}
+
+/// Where the operator's lines lie in the stream of received bytes.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+pub struct ToolMarks {
+    /// Number of changes in which there were such lines, wrapping.
+    pub changes: u8,
+    /// Where the lines begin: at 0xA3.
+    pub begin: Mark,
+    /// Where they end: at cycle start.
+    pub end: Mark,
+}
+
+impl ToolMarks {
+    /// No change yet.
+    pub const NONE: Self = Self {
+        changes: 0,
+        begin: Mark(0),
+        end: Mark(0),
+    };
+}
 
 /// The requests of the receiver and the buttons that their readers have not yet taken.
 #[derive(Debug)]
@@ -37,6 +75,11 @@ pub struct Requests {
     jog_cancel: AtomicBool,
     /// End of the delay that `prepare` asked for: cleared by `prepare`.
     delay_end: AtomicBool,
+    /// The mark of the newest `~`.
+    start_mark: AtomicU32,
+    /// 0xA3: cleared by `prepare`. The mark is that of the first one since then.
+    tool_change: AtomicBool,
+    tool_mark: AtomicU32,
     /// Overrides: dequeued by `prepare`.
     overrides: OverrideRing,
     /// Number of requests to `prepare` other than overrides, wrapping.
@@ -65,6 +108,9 @@ impl Requests {
             door: AtomicBool::new(false),
             jog_cancel: AtomicBool::new(false),
             delay_end: AtomicBool::new(false),
+            start_mark: AtomicU32::new(0),
+            tool_change: AtomicBool::new(false),
+            tool_mark: AtomicU32::new(0),
             overrides: OverrideRing::new(),
             count: AtomicU32::new(0),
             resets: AtomicU32::new(0),
@@ -134,6 +180,19 @@ impl Requests {
         count
     }
 
+    /// Returns where the newest `~` was received.
+    #[must_use]
+    pub fn start_mark(&self) -> Mark {
+        Mark(self.start_mark.load(Relaxed))
+    }
+
+    /// Takes the request to execute the operator's lines: returns where it was received.
+    #[must_use]
+    pub fn take_tool_change(&self) -> Option<Mark> {
+        let mark = Mark(self.tool_mark.load(Relaxed));
+        take(&self.tool_change).then_some(mark)
+    }
+
     /// Takes the oldest byte that may be an override, [`Override::from_byte`].
     #[must_use]
     pub fn take_override(&self) -> Option<u8> {
@@ -178,18 +237,22 @@ impl Requests {
     }
 
     /// Makes the request of a realtime byte; for the receiver alone. Returns the task to release.
+    /// `received` tells the number of bytes of lines before it.
     ///
     /// The first byte of the UTF-8 form of a realtime command has no meaning and is ignored.
     #[inline(always)]
     #[expect(clippy::inline_always, reason = "nothing in flash may be called")]
-    pub(crate) fn accept(&self, byte: u8) -> Release {
+    pub(crate) fn accept(&self, byte: u8, received: impl FnOnce() -> usize) -> Release {
         let flag = match byte {
             b'?' => {
                 set(&self.status);
                 return Release::Report;
             }
             b'!' => &self.hold,
-            b'~' => &self.start,
+            b'~' => {
+                self.start_mark.store(received() as u32, Relaxed);
+                &self.start
+            }
             0x84 => &self.door,
             0x85 => &self.jog_cancel,
             0x18 => {
@@ -199,6 +262,12 @@ impl Requests {
             _ if Override::may_be_override(byte) => {
                 self.overrides.enqueue(byte);
                 return Release::Prepare;
+            }
+            TOOL_CHANGE => {
+                if !self.tool_change.load(Relaxed) {
+                    self.tool_mark.store(received() as u32, Relaxed);
+                }
+                &self.tool_change
             }
             _ => return Release::Nobody,
         };

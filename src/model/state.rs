@@ -33,11 +33,13 @@ pub enum State {
     Sleep,
     /// Locked until unlocked or homed; the machine may still be slowing down.
     Alarm,
+    /// At rest in a change of the tool, while the operator's lines are executed.
+    Tool,
 }
 
 impl State {
     /// Every state.
-    pub const ALL: [Self; 13] = [
+    pub const ALL: [Self; 14] = [
         Self::Idle,
         Self::Run,
         Self::HoldSlowing,
@@ -51,6 +53,7 @@ impl State {
         Self::DoorRestoring,
         Self::Sleep,
         Self::Alarm,
+        Self::Tool,
     ];
 
     /// Returns Grbl's name, as reports have it.
@@ -70,6 +73,7 @@ impl State {
             Self::DoorRestoring => "Door:3",
             Self::Sleep => "Sleep",
             Self::Alarm => "Alarm",
+            Self::Tool => "Tool",
         }
     }
 
@@ -84,7 +88,13 @@ impl State {
             | Self::DoorRetracting
             | Self::DoorRestoring
             | Self::Sleep => true,
-            Self::Idle | Self::Run | Self::Jog | Self::Home | Self::Check | Self::Alarm => false,
+            Self::Idle
+            | Self::Run
+            | Self::Jog
+            | Self::Home
+            | Self::Check
+            | Self::Alarm
+            | Self::Tool => false,
         }
     }
 }

@@ -99,6 +99,8 @@ enum Activity {
     Dwell(u64),
     /// A program pause: it ends with cycle start.
     Pause,
+    /// The same for a change of the tool.
+    ToolPause,
     Homing,
     Probing(ProbingCycle),
 }

@@ -195,7 +195,8 @@ impl Blender {
             | Command::Spindle { .. }
             | Command::Coolant(_)
             | Command::Overrides(_)
-            | Command::Pause => self.pass(limits, command),
+            | Command::Pause
+            | Command::ToolPause => self.pass(limits, command),
         }
         if let Command::Power(laser) = command {
             self.laser = Some(*laser);

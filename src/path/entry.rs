@@ -37,6 +37,8 @@ pub enum Work {
     Overrides(OverrideSwitches),
     /// Wait for cycle start.
     Pause,
+    /// Wait for a tool: as a pause, in which 0xA3 has the operator's lines executed.
+    ToolPause,
     /// Leave the alarm state.
     Unlock,
     /// Home these axes together, bit 0 = X; 0 homes all, Z first. Finished when done or failed.

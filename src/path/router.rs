@@ -195,6 +195,7 @@ impl Router {
             Command::Coolant(coolant) => send(Work::Coolant(*coolant)),
             Command::Overrides(switches) => send(Work::Overrides(*switches)),
             Command::Pause => send(Work::Pause),
+            Command::ToolPause => send(Work::ToolPause),
         })
     }
 

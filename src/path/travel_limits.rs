@@ -37,7 +37,8 @@ pub fn leaves_travel(settings: &Settings, from: &Axes<Nm>, command: &Command) ->
         | Command::Spindle { .. }
         | Command::Coolant(_)
         | Command::Overrides(_)
-        | Command::Pause => false,
+        | Command::Pause
+        | Command::ToolPause => false,
     }
 }
 

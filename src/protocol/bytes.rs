@@ -15,6 +15,8 @@ use core::{
     },
 };
 
+use crate::model::Mark;
+
 /// A queue of bytes stored in `B`: see [`Bytes`].
 #[derive(Debug)]
 pub struct ByteRing<B: ?Sized = [AtomicU8]> {
@@ -146,6 +148,14 @@ impl ByteWriter<'_> {
         Ok(next)
     }
 
+    /// Returns the number of bytes enqueued so far, wrapping.
+    #[inline(always)]
+    #[expect(clippy::inline_always, reason = "as for `enqueue`")]
+    #[must_use]
+    pub fn enqueued(&self) -> usize {
+        self.ring.written.load(Relaxed)
+    }
+
     /// Marks the byte enqueued last, of this number, as a possible line end.
     #[inline(always)]
     #[expect(clippy::inline_always, reason = "as for `enqueue`")]
@@ -251,6 +261,42 @@ impl ByteReader<'_> {
         is_complete
     }
 
+    /// Returns the number of waiting bytes that were received before a mark.
+    #[must_use]
+    pub fn waiting_before(&self, mark: Mark) -> usize {
+        mark.distance_from(self.ring.oldest()).min(self.ring.len())
+    }
+
+    /// Returns whether a line ends among the waiting bytes from one number to another.
+    #[must_use]
+    pub fn has_line_end(&self, start: usize, end: usize) -> bool {
+        let [older, newer] = self.waiting();
+        let mut bytes = older.chain(newer).take(end).skip(start);
+        bytes.any(|byte| matches!(byte, b'\n' | b'\r'))
+    }
+
+    /// Dequeues bytes behind the `kept` oldest ones, up to one for which a function returns true. Those
+    /// that are kept move up, over the places of the others.
+    pub fn take_behind(&mut self, kept: usize, mut ends: impl FnMut(u8) -> bool) {
+        let oldest = self.ring.oldest();
+        let [older, newer] = self.waiting();
+        let mut consumed = 0;
+        for byte in older.chain(newer).skip(kept) {
+            consumed += 1;
+            if ends(byte) {
+                break;
+            }
+        }
+        for back in 1..=kept {
+            let place = oldest.wrapping_add(kept - back);
+            let to = place.wrapping_add(consumed);
+            if let (Some(from), Some(to)) = (self.ring.slot(place), self.ring.slot(to)) {
+                to.store(from.load(Relaxed), Relaxed);
+            }
+        }
+        self.consume(consumed);
+    }
+
     /// Returns the bytes that wait now: those up to the end of the ring, and those at its beginning.
     #[inline]
     #[must_use]
@@ -321,6 +367,49 @@ impl ExactSizeIterator for Waiting<'_> {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn bytes_that_are_kept_stay_while_those_behind_them_are_taken() {
+        /// Where a line ends.
+        const END: usize = 12;
+        let byte = |number: usize| {
+            if number == END {
+                b'\n'
+            } else {
+                b'a' + number as u8
+            }
+        };
+        for begin in 0..16 {
+            for kept in 0..=15 {
+                let mut ring = Bytes::<16>::new();
+                let (mut writer, mut reader) = ring.split();
+                for _ in 0..begin {
+                    assert!(writer.enqueue(0).is_ok() && reader.dequeue().is_some());
+                }
+                let mut mark = Mark::new(writer.enqueued());
+                for number in 0..15 {
+                    assert!(writer.enqueue(byte(number)).is_ok());
+                    if number + 1 == kept {
+                        mark = Mark::new(writer.enqueued());
+                    }
+                }
+                assert_eq!(reader.waiting_before(mark), kept);
+                assert_eq!(reader.has_line_end(kept, 15), kept <= END);
+                assert!(!reader.has_line_end(kept, END));
+                let mut behind = std::vec::Vec::new();
+                reader.take_behind(kept, |byte| {
+                    behind.push(byte);
+                    byte == b'\n'
+                });
+                let end = if kept <= END { END + 1 } else { 15 };
+                let expected = |numbers: core::ops::Range<usize>| numbers.map(byte);
+                assert!(behind.into_iter().eq(expected(kept..end)));
+                let rest = expected(0..kept).chain(expected(end..15));
+                let left = core::iter::from_fn(|| reader.dequeue());
+                assert!(left.eq(rest), "{begin} {kept}");
+            }
+        }
+    }
 
     #[test]
     fn bytes_come_out_in_order_and_never_more_wait_than_fit() {

@@ -168,6 +168,16 @@ impl Line {
         }
     }
 
+    /// Becomes a copy of another line, in place.
+    pub fn copy_from(&mut self, other: &Self) {
+        self.bytes.copy_from_slice(&other.bytes);
+        self.length = other.length;
+        self.region = other.region;
+        self.is_too_long = other.is_too_long;
+        self.comment.clone_from(&other.comment);
+        self.is_comment_kept = other.is_comment_kept;
+    }
+
     /// Begins a new line.
     pub fn clear(&mut self) {
         self.comment.clear();

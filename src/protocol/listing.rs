@@ -56,7 +56,7 @@ pub fn startup_line(text: &mut Text, lines: &[StoredLine], number: usize) -> boo
 }
 
 /// The answer to `$G`, without its `ok`.
-pub fn modes(text: &mut Text, modal: &Modal, unit: ReportUnit) {
+pub fn modes(text: &mut Text, modal: &Modal, is_changing_tool: bool, unit: ReportUnit) {
     // Every mode, so that a new one is listed or named here as unlisted.
     let Modal {
         motion,
@@ -98,6 +98,9 @@ pub fn modes(text: &mut Text, modal: &Modal, unit: ReportUnit) {
     }
     if *arc_distance == ArcDistance::Absolute {
         text.word(" G90.1");
+    }
+    if is_changing_tool {
+        text.word(" M6");
     }
     text.word(match spindle {
         Spindle::Clockwise => " M3",

@@ -25,7 +25,7 @@ pub fn receive(byte: u8, requests: &Requests, received: &mut ByteWriter<'_>) -> 
         return enqueue(byte, requests, received);
     }
     cold_path();
-    requests.accept(byte)
+    requests.accept(byte, || received.enqueued())
 }
 
 /// Enqueues a byte of a line. A line end releases `interpret` if the task waits for one, and so does

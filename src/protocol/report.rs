@@ -64,7 +64,7 @@ impl Cadence {
             | State::DoorAjar
             | State::DoorRetracting
             | State::DoorRestoring => busy - 1,
-            State::Idle | State::Alarm | State::Check | State::Sleep => idle - 1,
+            State::Idle | State::Alarm | State::Check | State::Sleep | State::Tool => idle - 1,
         };
         if self.until_offset == 0 {
             self.until_offset = remaining(OFFSET_INTERVAL);
@@ -249,6 +249,8 @@ pub enum Feedback {
     RestoringSpindle,
     /// Everything is off until a reset.
     Sleeping,
+    /// A feed move after a change of the tool, with the spindle off.
+    SpindleOff,
 }
 
 /// `[MSG:…]`.
@@ -266,6 +268,7 @@ pub fn feedback(text: &mut Text, feedback: Feedback) {
         Feedback::RestoringDefaults => "Restoring defaults",
         Feedback::RestoringSpindle => "Restoring spindle",
         Feedback::Sleeping => "Sleeping",
+        Feedback::SpindleOff => "Spindle is off",
     };
     text.word("[MSG:").word(words).word("]").end();
 }
@@ -317,6 +320,7 @@ mod tests {
             Feedback::RestoringDefaults,
             Feedback::RestoringSpindle,
             Feedback::Sleeping,
+            Feedback::SpindleOff,
         ] {
             let mut text = Text::new();
             feedback(&mut text, one);

@@ -76,6 +76,8 @@ enum LineStage {
     StartingUp(usize),
     /// Receiving a line.
     Reading,
+    /// The same, in a change of the tool: a line of the operator.
+    ReadingManual,
     /// A line is complete but needs standstill; it has had no effect, and is dispatched again then.
     AwaitingStandstill,
     /// The commands of a line go to the machine; this one is next.
@@ -116,6 +118,8 @@ enum AfterCommands {
     ToolPause,
     /// The rest of the line that has changed the tool.
     ToolReturn,
+    /// The line, which has only waited so far.
+    Again,
 }
 
 /// The origin of the line in execution.
@@ -227,7 +231,7 @@ impl Session {
             blender: Blender::new(),
             persistence: Persistence::new(stored),
             probing: ProbeRecord::default(),
-            tool_change: ToolChange::default(),
+            tool_change: ToolChange::new(),
             is_homed: false,
             tool_before_check: None,
         }
@@ -349,7 +353,7 @@ impl Session {
             LineStage::Reading if self.blender.has_pending() => Awaited::LINE
                 .union(Awaited::ENTRIES)
                 .union(Awaited::SEGMENTS),
-            LineStage::Reading => Awaited::LINE,
+            LineStage::Reading | LineStage::ReadingManual => Awaited::LINE,
             LineStage::Sending(_) => Awaited::ENTRIES_BATCHED,
             LineStage::Starting { .. }
             | LineStage::ListingDefaults(_)
@@ -415,7 +419,10 @@ impl Session {
         let is_cancelled = self.machine_sync.is_cancelled(machine);
         let is_held = machine.state.is_suspended() || is_cancelled;
         match self.stage {
-            LineStage::Reading | LineStage::AwaitingStandstill | LineStage::StartingUp(_)
+            LineStage::Reading
+            | LineStage::ReadingManual
+            | LineStage::AwaitingStandstill
+            | LineStage::StartingUp(_)
                 if is_held =>
             {
                 Progress::Waiting
@@ -425,6 +432,7 @@ impl Session {
                 Progress::Waiting
             }
             LineStage::Reading => self.read_line(links),
+            LineStage::ReadingManual => self.read_manual_line(links),
             LineStage::Sending(first) => self.send_commands(first, links),
             LineStage::ListingDefaults(line) => self.list_defaults(line),
             LineStage::Welcoming => self.welcome(machine),

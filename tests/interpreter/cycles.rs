@@ -32,7 +32,7 @@ fn text(command: &Command) -> String {
             "overrides off".into()
         }
         Command::Overrides(_) => "overrides on".into(),
-        Command::Pause => "pause".into(),
+        Command::Pause | Command::ToolPause => "pause".into(),
         Command::Arc { .. } | Command::Probe { .. } | Command::Power(_) | Command::Coolant(_) => {
             unreachable!()
         }

@@ -9,3 +9,4 @@ mod probing;
 mod status;
 #[path = "../support/mod.rs"]
 mod support;
+mod tools;

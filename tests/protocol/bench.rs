@@ -23,6 +23,8 @@ pub(crate) struct Bench {
     pub(crate) machine: Snapshot,
     /// Waiting for cycle start after `M0`.
     is_paused: bool,
+    /// The same after `M6`.
+    waits_for_tool: bool,
     /// The machine takes no entries: as if the planner were full of blocks.
     pub(crate) withholds: bool,
     /// The sender reads nothing.
@@ -85,6 +87,7 @@ impl Bench {
                 ..Snapshot::default()
             },
             is_paused: false,
+            waits_for_tool: false,
             withholds: false,
             is_deaf: false,
             flash_fails: false,
@@ -102,14 +105,14 @@ impl Bench {
         if self.machine.reset_count != self.requests.reset_count() {
             self.reset();
         }
-        let machine = &mut self.machine;
-        if self.requests.take_hold() && matches!(machine.state, State::Idle | State::Run) {
-            machine.state = State::HoldComplete;
-        }
-        if self.requests.take_start() && machine.state == State::HoldComplete {
-            machine.state = State::Idle;
-            let paused = u32::from(std::mem::take(&mut self.is_paused));
-            machine.finished = machine.finished.wrapping_add(paused);
+        if let Some(mark) = self.requests.take_tool_change()
+            && std::mem::take(&mut self.waits_for_tool)
+        {
+            self.is_paused = false;
+            self.machine.finished = self.machine.finished.wrapping_add(1);
+            self.machine.state = State::Tool;
+            self.machine.tool_marks.begin = mark;
+            self.machine.tool_marks.changes += 1;
         }
         while let Some(byte) = self.requests.take_override() {
             let Some(command) = Override::from_byte(byte) else {
@@ -117,6 +120,20 @@ impl Bench {
             };
             self.machine.overrides = self.machine.overrides.after(command);
             self.machine.accessory_changes = self.machine.accessory_changes.wrapping_add(1);
+        }
+        let machine = &mut self.machine;
+        if self.requests.take_hold() && matches!(machine.state, State::Idle | State::Run) {
+            machine.state = State::HoldComplete;
+        }
+        let starts = self.requests.take_start();
+        if starts && machine.state == State::Tool {
+            machine.state = State::Idle;
+            machine.tool_marks.end = self.requests.start_mark();
+        } else if starts && machine.state == State::HoldComplete {
+            machine.state = State::Idle;
+            self.waits_for_tool = false;
+            let paused = u32::from(std::mem::take(&mut self.is_paused));
+            machine.finished = machine.finished.wrapping_add(paused);
         }
         while self.machine.state != State::HoldComplete && !self.withholds {
             let Some(entry) = self.entries.dequeue() else {
@@ -151,13 +168,15 @@ impl Bench {
         machine.overrides = Overrides::NONE;
         let paused = u32::from(std::mem::take(&mut self.is_paused));
         machine.finished = machine.finished.wrapping_add(paused);
+        self.waits_for_tool = false;
     }
 
     fn execute(&mut self, work: &Work) {
         let machine = &mut self.machine;
         match work {
             Work::Unlock => machine.state = State::Idle,
-            Work::Pause => {
+            Work::Pause | Work::ToolPause => {
+                self.waits_for_tool = matches!(work, Work::ToolPause);
                 machine.state = State::HoldComplete;
                 machine.finished = machine.finished.wrapping_sub(1);
                 self.is_paused = true;

@@ -53,7 +53,13 @@ fn every_byte_is_a_request_or_part_of_a_line_or_dropped() {
             byte == 0x18,
             "{byte:#x}"
         );
-        let is_command = matches!(byte, b'!' | b'~' | 0x18 | 0x84 | 0x85) || command.is_some();
+        assert_eq!(
+            requests.take_tool_change().is_some(),
+            byte == 0xa3,
+            "{byte:#x}"
+        );
+        let is_command =
+            matches!(byte, b'!' | b'~' | 0x18 | 0x84 | 0x85 | 0xa3) || command.is_some();
         assert_eq!(requests.count() != asked, is_command, "{byte:#x}");
         assert_eq!(release == Release::Prepare, is_command, "{byte:#x}");
         assert_eq!(release == Release::Report, byte == b'?', "{byte:#x}");

@@ -61,7 +61,7 @@ fn a_change_of_the_tool_waits_for_cycle_start_with_everything_off() {
     let is_off = |bench: &Bench| bench.machine.spindle == Spindle::Off;
     assert!(is_off(&bench) && bench.machine.coolant == Coolant::OFF);
     assert_eq!(told(&mut bench), None);
-    assert!(bench.answer("G1X1F100\n").is_empty());
+    assert!(bench.answer("G1F100\n").is_empty());
     assert_eq!(bench.answer("~"), ["ok", "ok"]);
     assert_eq!(told(&mut bench), Some("2".into()));
     assert!(is_off(&bench) && bench.machine.coolant.flood);
@@ -164,4 +164,200 @@ fn a_homed_machine_goes_to_the_position_of_g30_for_a_change_and_comes_back() {
     assert_eq!(moves(&mut bench), [[30, 30, 0], [0, 0, -30]]);
     assert_eq!(at(&mut bench), "MPos:-20.000,-30.000,-40.000");
     assert!(bench.ask("$G")[0].starts_with("[GC:G0 G54 G17 G20 G91 G94 G64 "));
+}
+
+/// Hands over bytes in one go, and returns what is heard.
+fn send(bench: &mut Bench, bytes: &[u8]) -> Vec<String> {
+    bench.receive(bytes);
+    bench.serve()
+}
+
+#[test]
+fn the_operators_lines_are_executed_before_what_was_received_of_the_program() {
+    let mut bench = Bench::new();
+    let at = |bench: &mut Bench| bench.answer("?")[0].split('|').nth(1).unwrap().to_owned();
+    assert_eq!(bench.ask("G0X3Y4Z-5"), ["ok"]);
+    change(&mut bench, "T2M6");
+    // The program goes on in the middle of a line.
+    assert!(send(&mut bench, b"G91\nG0X1\nG0 X").is_empty());
+    assert!(send(&mut bench, b"\xa3").is_empty());
+    assert_eq!(bench.machine.state, State::Tool);
+    assert!(bench.answer("?")[0].starts_with("<Tool|MPos:3.000,4.000,-5.000|"));
+    assert_eq!(bench.ask("$J=G90X50Y60Z-1F100"), ["ok"]);
+    assert_eq!(
+        send(&mut bench, b"\xa3$J=G91Z2F100\n\xa3G43.1Z-7\n"),
+        ["ok", "ok"]
+    );
+    assert_eq!(at(&mut bench), "MPos:50.000,60.000,1.000");
+    let modes = bench.ask("$G");
+    assert_eq!(modes[0], "[GC:G0 G54 G17 G21 G90 G94 M6 M5 M9 T2 F0 S0]");
+    assert_eq!(bench.ask("G20G91G55G38.3Z-1F5")[1], "ok");
+    bench.works();
+    assert_eq!(send(&mut bench, b"~10\nG0Y1\n"), ["ok"; 5]);
+    let moves = bench.works();
+    assert_eq!(moves.len(), 5, "{moves:?}");
+    assert_eq!(told(&mut bench), Some("2".into()));
+    assert_eq!(at(&mut bench), "MPos:14.000,5.000,-5.000");
+    assert_eq!(bench.ask("$#")[9], "[TLO:-7.000]");
+    assert_eq!(
+        bench.ask("$G")[0],
+        "[GC:G0 G54 G17 G21 G91 G94 M5 M9 T2 F0 S0]"
+    );
+}
+
+#[test]
+fn what_is_sent_between_0xa3_and_cycle_start_is_of_the_operator_however_late_it_is_read() {
+    for lines in [
+        &b"$J=X9F100\nG43.1Z1\n"[..],
+        b"$J=X9F100\nG43.1Z1\n(",
+        b"\n\n$J=X9F100\nG43.1Z1\n",
+    ] {
+        let mut bench = Bench::new();
+        change(&mut bench, "T2M6");
+        bench.withholds = true;
+        let mut bytes = b"G0X1\nG0".to_vec();
+        bytes.push(0xa3);
+        bytes.extend(lines);
+        bytes.extend(b"~");
+        bytes.extend(if lines.ends_with(b"(") {
+            &b")X7\n$#\n"[..]
+        } else {
+            b"X7\n$#\n"
+        });
+        bench.receive(&bytes);
+        bench.withholds = false;
+        let heard = bench.serve();
+        let expected = String::from_utf8_lossy(lines).matches('\n').count() + 4;
+        if lines.ends_with(b"(") {
+            // A line in two halves on both sides of cycle start is one of the program.
+            assert_eq!(super::bench::answers(&heard).len(), expected);
+        } else {
+            assert_eq!(
+                super::bench::answers(&heard),
+                vec!["ok"; expected],
+                "{heard:?}"
+            );
+            assert_eq!(bench.machine.steps.0[0], 7 * 250);
+        }
+        assert!(heard.contains(&"[TLO:1.000]".to_owned()), "{heard:?}");
+    }
+}
+
+#[test]
+fn lines_that_belong_into_a_program_are_refused_in_a_change_of_the_tool() {
+    let mut bench = Bench::set(&["22=1"]);
+    change(&mut bench, "T2M6");
+    assert!(send(&mut bench, b"G0X1\n\xa3").is_empty());
+    for line in [
+        "G0X1",
+        "X1",
+        "G1X1F100",
+        "G2X2I1F100",
+        "G28",
+        "G30Z1",
+        "G53G0X0",
+        "M6",
+        "T3M6",
+        "M61Q2",
+        "M0",
+        "M2",
+        "M30",
+        "M3S100",
+        "M4",
+        "$C",
+    ] {
+        assert_eq!(bench.ask(line), ["error:40"], "{line}");
+    }
+    for line in [
+        "",
+        "G10L2P1X1",
+        "G10L20P2Z0",
+        "G92X0",
+        "G43.1Z3",
+        "G49",
+        "T5",
+        "M5",
+        "M8",
+        "G4P0",
+        "G91",
+        "S5",
+        "$J=X1F100",
+        "$10=1",
+        "G28.1",
+    ] {
+        assert_eq!(bench.ask(line), ["ok"], "{line}");
+    }
+    assert_eq!(bench.ask("$H").last().unwrap(), "ok");
+    assert_eq!(bench.machine.state, State::Idle);
+}
+
+#[test]
+fn a_reset_drops_the_lines_that_are_kept() {
+    let mut bench = Bench::new();
+    assert_eq!(bench.ask("M61Q1"), ["ok"]);
+    change(&mut bench, "T2M6");
+    assert!(send(&mut bench, b"G0X9\nM61Q9\n\xa3").is_empty());
+    assert_eq!(bench.ask("G43.1Z2"), ["ok"]);
+    assert_eq!(send(&mut bench, b"\x18"), ["ok", WELCOME[0], WELCOME[1]]);
+    assert_eq!(told(&mut bench), Some("1".into()));
+    assert_eq!(bench.machine.state, State::Idle);
+    assert_eq!(bench.ask("$#")[9], "[TLO:0.000]");
+    assert_eq!(bench.ask("G0X2"), ["ok"]);
+    assert_eq!(bench.machine.steps.0[0], 500);
+}
+
+#[test]
+fn elsewhere_0xa3_is_ignored() {
+    let mut bench = Bench::new();
+    assert_eq!(send(&mut bench, b"\xa3G0\xa3X1\n"), ["ok"]);
+    assert!(send(&mut bench, b"M0\n\xa3").is_empty());
+    assert_eq!(bench.machine.state, State::HoldComplete);
+    assert_eq!(send(&mut bench, b"G0X2\n~"), ["ok", "ok"]);
+    assert_eq!(bench.machine.steps.0[0], 500);
+}
+
+#[test]
+fn the_first_feed_move_after_a_change_stops_once_where_the_spindle_is_off() {
+    let stop = ["[MSG:Spindle is off]"];
+    let mut bench = Bench::new();
+    assert_eq!(bench.answer("M3S500\nM5\n"), ["ok", "ok"]);
+    change(&mut bench, "T2M6");
+    assert_eq!(bench.answer("~"), ["ok"]);
+    for line in ["G0X1", "G4P0", "$J=X2F100", "G1F100", "G38.3Z-1"] {
+        assert_eq!(bench.ask(line).last().unwrap(), "ok", "{line}");
+    }
+    bench.works();
+    assert_eq!(bench.ask("G1X9"), stop);
+    assert_eq!(bench.machine.state, State::HoldComplete);
+    assert!(
+        !bench
+            .works()
+            .iter()
+            .any(|work| matches!(work, Work::Move(_)))
+    );
+    assert_eq!(bench.answer("~"), ["ok"]);
+    assert_eq!(bench.machine.steps.0[0], 9 * 250);
+    assert_eq!(bench.answer("G1X8\nX7\n"), ["ok", "ok"]);
+    for (begins, next) in [
+        // Switched on, in time.
+        ("M3S500", "M4G1X1F100"),
+        // A laser; a pen; a program that has not used it.
+        ("$32=1", "G1X1F100"),
+        ("M5", "G1X1F100"),
+        ("M30", "G2X2I1F100"),
+    ] {
+        let mut bench = Bench::new();
+        if begins == "M30" {
+            assert_eq!(bench.answer("M3S500\nM30\n")[2], "ok");
+        } else {
+            assert_eq!(bench.ask(begins), ["ok"]);
+        }
+        if begins == "$32=1" {
+            assert_eq!(bench.ask("M3S500"), ["ok"]);
+        }
+        change(&mut bench, "T2M6");
+        assert_eq!(bench.answer("~"), ["ok"]);
+        assert_eq!(bench.ask(next), ["ok"], "{begins}");
+        assert_eq!(bench.ask("G1X5"), ["ok"], "{begins}");
+    }
 }

@@ -97,8 +97,10 @@ fn unchanged(state: &Interpreter, kind: LineKind, parsed: &ParsedLine) -> Checke
         line: parsed.line,
         tool: state.offsets.tool,
         loaded_tool: state.loaded_tool,
-        changes_tool: false,
         lacks_tools: false,
+        tool_command: parsed.tool_command,
+        changes_tool: parsed.tool_command == ToolCommand::Change
+            && parsed.modal.tool != state.loaded_tool,
         values: state.position,
         work_target: state.work_position,
         single_mm: state.single_mm,
@@ -134,7 +136,6 @@ fn check_modes(
         ToolCommand::None => {}
         ToolCommand::Change => {
             checked.loaded_tool = parsed.modal.tool;
-            checked.changes_tool = parsed.modal.tool != state.loaded_tool;
         }
         ToolCommand::Set => checked.loaded_tool = tool_in_spindle(parsed, unused)?,
     }

@@ -51,6 +51,7 @@ pub(super) fn commit(state: &mut Interpreter, checked: &Checked, outcome: &mut O
         state.set_work_position(drilling.end());
     }
     end_line(state, checked.flow, outcome);
+    state.update_plain_modes();
 }
 
 impl Outcome {
@@ -69,9 +70,12 @@ impl Outcome {
 }
 
 /// Spindle and coolant, where they change.
-fn add_switching(state: &Interpreter, checked: &Checked, outcome: &mut Outcome) {
+fn add_switching(state: &mut Interpreter, checked: &Checked, outcome: &mut Outcome) {
     if let Some((spindle, rpm)) = checked.spindle {
         outcome.add(Command::Spindle { spindle, rpm });
+        let runs = spindle != Spindle::Off && checked.power == Laser::None;
+        state.has_run_spindle |= runs;
+        state.lacks_spindle &= !runs;
     }
     if state.modal.coolant != checked.modal.coolant {
         outcome.add(Command::Coolant(checked.modal.coolant));
@@ -249,6 +253,7 @@ fn end_line(state: &mut Interpreter, flow: Flow, outcome: &mut Outcome) {
             *overrides = OverrideSwitches::ALL;
             *spindle = Spindle::Off;
             *coolant = Coolant::default();
+            state.forget_spindle();
             outcome.add(Command::Spindle {
                 spindle: Spindle::Off,
                 rpm: 0.0,

@@ -28,7 +28,10 @@ pub use tool_change::Interrupted;
 
 use heapless::Vec;
 
-use super::{Flow, LineError, Modal, PlainPrefix, ProbeMode, Refusal, StoredPosition};
+use super::{
+    FeedMode, Flow, LineError, Modal, MotionMode, PlainPrefix, ProbeMode, Refusal, StoredPosition,
+    ToolCommand, Units,
+};
 use crate::{
     axis::Axes,
     model::{Circle, Command, Coolant, Laser, Spindle, Target, WorkCoordinates},
@@ -52,6 +55,12 @@ pub struct Interpreter {
     single_mm: Axes<f32>,
     /// The tool in the spindle, 0 for none.
     loaded_tool: u8,
+    /// A spindle, not a laser, has run in this program.
+    has_run_spindle: bool,
+    /// It has not been switched on since the tool was changed.
+    lacks_spindle: bool,
+    /// Plain lines are executed in the modes in effect: [`Self::execute_plain`].
+    has_plain_modes: bool,
     /// `M1` is a program pause.
     stops_optionally: bool,
     /// The work position under rotation: exact, so that incremental moves do not drift.
@@ -91,6 +100,8 @@ pub struct Checked {
     changes_state: bool,
     /// The tool in the spindle after the line.
     loaded_tool: u8,
+    /// The command about it.
+    tool_command: ToolCommand,
     /// Whether that is another one, by `M6`.
     changes_tool: bool,
     /// Whether the line wants the offset of a tool, and the tool table is empty.
@@ -227,6 +238,21 @@ impl Checked {
         self.loaded_tool
     }
 
+    /// Whether the line belongs into a program alone, not into the change of a tool: it moves the
+    /// machine otherwise than to probe, stops the program, starts the spindle or changes the tool.
+    #[must_use]
+    pub fn is_program(&self) -> bool {
+        let moves = matches!(
+            self.movement,
+            Move::Straight | Move::Arc(_) | Move::Cycle(_)
+        ) || matches!(self.action, Action::GoTo(_));
+        let starts = matches!(
+            self.spindle,
+            Some((Spindle::Clockwise | Spindle::CounterClockwise, _))
+        );
+        moves || starts || self.flow != Flow::Run || self.tool_command != ToolCommand::None
+    }
+
     /// Whether the program ends with the line.
     #[must_use]
     pub fn ends_program(&self) -> bool {
@@ -273,6 +299,9 @@ impl Interpreter {
             position: Axes::all(Nm(0)),
             single_mm: Axes::all(0.0),
             loaded_tool: 0,
+            has_run_spindle: false,
+            lacks_spindle: false,
+            has_plain_modes: true,
             stops_optionally: false,
             work_position: Axes::all(Nm(0)),
             tools: ToolTable::new(),
@@ -388,7 +417,9 @@ impl Interpreter {
             remembered_work: self.offsets.remembered_work,
             ..Offsets::default()
         };
+        self.forget_spindle();
         self.update_frame();
+        self.update_plain_modes();
     }
 
     /// The programmed position, in the machine frame.
@@ -401,6 +432,46 @@ impl Interpreter {
     pub fn set_origins(&mut self, origins: &Origins) {
         self.offsets.origins = *origins;
         self.update_frame();
+        self.update_plain_modes();
+    }
+
+    /// Finds out whether plain lines are executed in the modes in effect.
+    fn update_plain_modes(&mut self) {
+        let modal = &self.modal;
+        self.has_plain_modes = modal.units == Units::Millimetres
+            && modal.feed_units == Units::Millimetres
+            && modal.feed_mode == FeedMode::PerMinute
+            && self.frame.rotation.is_none()
+            && !self.lacks_spindle;
+    }
+
+    /// Forgets what has been done with the spindle: the program is over.
+    fn forget_spindle(&mut self) {
+        self.has_run_spindle = false;
+        self.lacks_spindle = false;
+    }
+
+    /// Whether the spindle should run in the move of a line that was checked: it has before, and has not
+    /// been switched on since the tool was changed.
+    #[must_use]
+    pub fn lacks_spindle(&self, checked: &Checked) -> bool {
+        let is_feed = match checked.movement {
+            Move::Straight => checked.modal.motion != MotionMode::Rapid,
+            Move::Arc(_) | Move::Cycle(_) => true,
+            Move::None | Move::Probe(_) => false,
+        };
+        self.lacks_spindle
+            && is_feed
+            && checked.kind == LineKind::Program
+            && checked.modal.spindle == Spindle::Off
+    }
+
+    /// Pauses because the spindle does not run, but once.
+    pub fn pause_without_spindle(&mut self, outcome: &mut Outcome) {
+        self.lacks_spindle = false;
+        self.update_plain_modes();
+        outcome.clear();
+        outcome.add(Command::Pause);
     }
 
     /// Puts the offsets and the work coordinate system into effect.

@@ -11,7 +11,7 @@
 use super::{Action, Checked, Interpreter, LineKind, Move, Outcome, check};
 use crate::{
     axis::AXES,
-    gcode::{Distance, FeedMode, Flow, MotionMode, PlainPrefix, Refusal, Units, Word, Words},
+    gcode::{Distance, Flow, MotionMode, PlainPrefix, Refusal, Word, Words},
     model::{Command, FeedRate, Target},
     settings::Settings,
     units::Nm,
@@ -28,12 +28,7 @@ pub(super) fn execute<I: ExactSizeIterator<Item = u8> + Clone>(
     outcome: &mut Outcome,
 ) -> Result<usize, Refusal> {
     let modal = &state.modal;
-    let has_plain_modes = modal.units == Units::Millimetres
-        && modal.feed_units == Units::Millimetres
-        && modal.feed_mode == FeedMode::PerMinute
-        && !settings.laser
-        && state.frame.rotation.is_none();
-    if !has_plain_modes {
+    if !state.has_plain_modes || settings.laser {
         prefix.words = Words::NONE;
         return Err(Refusal::NotPlain);
     }

@@ -1,6 +1,6 @@
 //! A change of the tool: what happens before the machine waits for it, and after.
 
-use super::{Checked, Interpreter, Outcome};
+use super::{Checked, CycleWords, Interpreter, Outcome};
 use crate::{
     axis::{Axes, Z},
     gcode::{Modal, StoredPosition},
@@ -12,6 +12,7 @@ use crate::{
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub struct Interrupted {
     modal: Modal,
+    cycle: CycleWords,
     position: Axes<Nm>,
 }
 
@@ -26,6 +27,7 @@ impl Interpreter {
     ) -> Interrupted {
         let interrupted = Interrupted {
             modal: self.modal,
+            cycle: self.cycle,
             position: self.position,
         };
         outcome.clear();
@@ -43,7 +45,7 @@ impl Interpreter {
             let g30 = self.offsets.stored(StoredPosition::G30);
             self.travel(&g30, height.max(self.position[Z]), outcome);
         }
-        outcome.add(Command::Pause);
+        outcome.add(Command::ToolPause);
         interrupted
     }
 
@@ -74,7 +76,10 @@ impl Interpreter {
             coolant: self.modal.coolant,
             ..interrupted.modal
         };
+        self.cycle = interrupted.cycle;
+        self.lacks_spindle = self.has_run_spindle;
         self.update_frame();
+        self.update_plain_modes();
     }
 
     fn switch_coolant(&mut self, coolant: Coolant, outcome: &mut Outcome) {

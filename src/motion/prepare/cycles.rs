@@ -15,7 +15,7 @@ impl Motion {
     pub(super) const fn is_occupied(&self) -> bool {
         match self.activity {
             Activity::Dwell(_) | Activity::Homing | Activity::Probing(_) => true,
-            Activity::Path | Activity::Pause => false,
+            Activity::Path | Activity::Pause | Activity::ToolPause => false,
         }
     }
 
@@ -57,7 +57,7 @@ impl Motion {
 
     /// Begins a probing move, at rest; returns whether it has begun.
     pub(super) fn begin_probe(&mut self, block: &Block, probing: Probing, inputs: &Inputs) -> bool {
-        if self.control.state != State::Idle {
+        if !matches!(self.control.state, State::Idle | State::Tool) {
             return false;
         }
         self.published.probed.success = false;
@@ -76,7 +76,7 @@ impl Motion {
         match &self.activity {
             Activity::Probing(cycle) => cycle.has_latched(inputs),
             Activity::Homing => self.homing.latched_axis(inputs).is_some(),
-            Activity::Path | Activity::Dwell(_) | Activity::Pause => false,
+            Activity::Path | Activity::Dwell(_) | Activity::Pause | Activity::ToolPause => false,
         }
     }
 
@@ -104,7 +104,14 @@ impl Motion {
                 .homing
                 .latch(axis, &position, segments, &self.generator),
             (None, Activity::Probing(cycle)) => cycle.latch(position),
-            (None, Activity::Path | Activity::Dwell(_) | Activity::Pause | Activity::Homing) => {}
+            (
+                None,
+                Activity::Path
+                | Activity::Dwell(_)
+                | Activity::Pause
+                | Activity::ToolPause
+                | Activity::Homing,
+            ) => {}
         }
     }
 
@@ -122,7 +129,7 @@ impl Motion {
         }
         if let Activity::Probing(cycle) = &self.activity
             && (self.plan.is_empty() || cycle.is_touched())
-            && matches!(self.control.state, State::Idle | State::Run)
+            && matches!(self.control.state, State::Idle | State::Run | State::Tool)
         {
             let alarm = cycle.finish(self.generator.steps(), &mut self.published.probed);
             self.end_probe(alarm);

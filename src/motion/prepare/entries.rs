@@ -36,6 +36,7 @@ impl Motion {
             | Work::Coolant(_)
             | Work::Overrides(_)
             | Work::Pause
+            | Work::ToolPause
             | Work::Unlock
             | Work::Home(_)
             | Work::Check
@@ -101,10 +102,13 @@ impl Motion {
                 self.activity = Activity::Dwell(ticks);
                 return;
             }
-            Work::Pause => {
+            Work::Pause | Work::ToolPause => {
                 self.transition(Event::Pause);
                 if self.control.state == State::HoldComplete {
-                    self.activity = Activity::Pause;
+                    self.activity = match work {
+                        Work::ToolPause => Activity::ToolPause,
+                        _ => Activity::Pause,
+                    };
                     return;
                 }
             }
@@ -133,7 +137,7 @@ impl Motion {
 
     /// Leaves the idle state as soon as there is something to execute.
     pub(super) fn begin_moves(&mut self) {
-        if self.is_dwelling() || self.control.state != State::Idle {
+        if self.is_dwelling() || !matches!(self.control.state, State::Idle | State::Tool) {
             return;
         }
         if let Some(block) = self.plan.current() {

@@ -4,7 +4,7 @@ use super::Motion;
 use crate::{
     axis::{AXES, Axes},
     machine::{Ending, Snapshot},
-    model::{Coolant, Notices, Outputs, Power, Probed, Spindle},
+    model::{Coolant, Notices, Outputs, Power, Probed, Spindle, ToolMarks},
     stepper::SegmentRing,
 };
 
@@ -23,6 +23,7 @@ pub(super) struct Published {
     pub(super) outputs_changed: bool,
     pub(super) notices: Notices,
     pub(super) probed: Probed,
+    pub(super) tool_marks: ToolMarks,
 }
 
 impl Published {
@@ -44,6 +45,7 @@ impl Published {
                 steps: Axes([0; AXES]),
                 success: false,
             },
+            tool_marks: ToolMarks::NONE,
         }
     }
 
@@ -90,6 +92,7 @@ impl Motion {
             new.notices = self.published.notices;
         }
         new.probed = self.published.probed;
+        new.tool_marks = self.published.tool_marks;
         new.reset_count = self.handled.reset_count;
         new.cancelled_motions = self.published.cancelled_motions;
         new.reset_in_motion = self.faults.reset_in_motion;

@@ -3,7 +3,9 @@
 use super::{Activity, Motion};
 use crate::{
     machine::{Control, Effect, Event},
-    model::{Alarm, Notice, OVERRIDES, Override, OverrideSwitches, Overrides, Requests, State},
+    model::{
+        Alarm, Mark, Notice, OVERRIDES, Override, OverrideSwitches, Overrides, Requests, State,
+    },
     stepper::SegmentRing,
 };
 
@@ -15,6 +17,9 @@ impl Motion {
         self.handled.requests = requests.count();
         self.handled.ticks = segments.played_start_ticks();
         self.apply_overrides(requests);
+        if let Some(mark) = requests.take_tool_change() {
+            self.change_tool(mark);
+        }
         if requests.take_delay_end() {
             self.end_delay();
         }
@@ -32,6 +37,9 @@ impl Motion {
         }
         // Of requests at the same time the one that stops counts, as in Grbl: it is the safe one.
         if is_start && !is_hold && !is_door && !is_cancel {
+            if self.control.state == State::Tool {
+                self.published.tool_marks.end = requests.start_mark();
+            }
             self.transition(Event::CycleStart);
         }
         self.apply_state();
@@ -65,9 +73,21 @@ impl Motion {
         self.replan_after_override(before);
     }
 
+    /// Executes the operator's lines from a mark on, if the machine waits for a tool.
+    fn change_tool(&mut self, mark: Mark) {
+        let is_waiting = matches!(self.activity, Activity::ToolPause);
+        if is_waiting && self.control.state == State::HoldComplete {
+            self.transition(Event::ChangeTool);
+            let marks = &mut self.published.tool_marks;
+            marks.begin = mark;
+            marks.changes = marks.changes.wrapping_add(1);
+        }
+    }
+
     /// Whether coolant can be switched by its keys now.
     fn has_coolant_keys(&self) -> bool {
-        matches!(self.control.state, State::Idle | State::Run | State::Jog) || self.is_held()
+        let state = self.control.state;
+        matches!(state, State::Idle | State::Run | State::Jog | State::Tool) || self.is_held()
     }
 
     fn apply_override(&mut self, command: Override) {
@@ -175,7 +195,7 @@ impl Motion {
         if self.accessories.end_stop(!self.plan.is_empty()) {
             self.published.notices.push(Notice::RestoringSpindle);
         }
-        if matches!(self.activity, Activity::Pause) {
+        if matches!(self.activity, Activity::Pause | Activity::ToolPause) {
             self.finish_activity();
         }
     }
@@ -224,7 +244,7 @@ impl Motion {
     /// Ends a program pause or a dwell before its time.
     pub(super) fn cancel_pause(&mut self) {
         match self.activity {
-            Activity::Pause | Activity::Dwell(_) => self.finish_activity(),
+            Activity::Pause | Activity::ToolPause | Activity::Dwell(_) => self.finish_activity(),
             Activity::Path | Activity::Homing | Activity::Probing(_) => {}
         }
         self.stop_restoring();

@@ -91,7 +91,11 @@ impl Motion {
     fn executes(&self) -> bool {
         let is_touched = match &self.activity {
             Activity::Probing(cycle) => cycle.is_touched(),
-            Activity::Path | Activity::Dwell(_) | Activity::Pause | Activity::Homing => false,
+            Activity::Path
+            | Activity::Dwell(_)
+            | Activity::Pause
+            | Activity::ToolPause
+            | Activity::Homing => false,
         };
         self.control.executes() && !is_touched
     }

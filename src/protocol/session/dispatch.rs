@@ -72,6 +72,7 @@ impl Session {
             Ok(Dollar::Modes) => self.report_modes(),
             Ok(Dollar::List(list)) => self.list(list, 0, links.received.capacity()),
             Ok(Dollar::Unlock) => self.unlock(links),
+            Ok(Dollar::Check) if self.tool_change.is_manual() => self.refuse(LineError::ToolChange),
             Ok(Dollar::Check) => self.begin_check(links),
             Ok(Dollar::EndCheck) => self.end_check(),
             Ok(Dollar::Home(mask)) => self.home(mask, links),
@@ -110,11 +111,14 @@ impl Session {
             State::Alarm => Condition::Alarm,
             State::Check => Condition::Check,
             State::Jog => Condition::Jog,
-            State::Idle if has_finished => Condition::Idle,
-            State::Idle | State::Run if self.machine_sync.is_jogging && !has_finished => {
+            State::Idle | State::Tool if has_finished => Condition::Idle,
+            State::Idle | State::Tool | State::Run
+                if self.machine_sync.is_jogging && !has_finished =>
+            {
                 Condition::Jog
             }
             State::Idle
+            | State::Tool
             | State::Run
             | State::HoldSlowing
             | State::HoldComplete
@@ -165,7 +169,8 @@ impl Session {
     fn report_modes(&mut self) -> Progress {
         let modal = *self.interpreter.modal();
         let unit = ReportUnit::of(self.settings());
-        self.answer_with(|text| listing::modes(text, &modal, unit))
+        let is_changing_tool = self.tool_change.is_manual();
+        self.answer_with(|text| listing::modes(text, &modal, is_changing_tool, unit))
     }
 
     /// Leaves the line until everything before it has been done: its checks are then up to date.
@@ -213,7 +218,11 @@ impl Session {
     pub(super) fn begin_line(&mut self) -> Progress {
         self.line.input.clear();
         self.line.source = Source::Line;
-        self.stage = LineStage::Reading;
+        self.stage = if self.tool_change.is_manual() {
+            LineStage::ReadingManual
+        } else {
+            LineStage::Reading
+        };
         Progress::Again
     }
 }

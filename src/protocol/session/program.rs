@@ -158,6 +158,9 @@ impl Session {
             Ok(checked) => checked,
             Err(error) => return self.refuse(error),
         };
+        if self.is_refused_in_tool_change() {
+            return self.refuse(LineError::ToolChange);
+        }
         if self.line.source == Source::Jog
             && settings.soft_limits
             && is_outside(settings, &self.line.checked.target().position)
@@ -184,6 +187,9 @@ impl Session {
         let machine = links.machine;
         if self.needs_tool(machine) {
             return self.begin_tool_change(links);
+        }
+        if self.interpreter.lacks_spindle(&self.line.checked) && machine.state != State::Check {
+            return self.pause_without_spindle(links);
         }
         if self.line.checked.sets_tool() {
             return self.store_new_tool(machine);
@@ -272,7 +278,8 @@ impl Session {
                 | Command::Spindle { .. }
                 | Command::Coolant(_)
                 | Command::Overrides(_)
-                | Command::Pause => {}
+                | Command::Pause
+                | Command::ToolPause => {}
             }
             leaves
         })

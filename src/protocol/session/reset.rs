@@ -28,9 +28,10 @@ impl Session {
         if !matches!(self.stage, LineStage::Starting { .. }) {
             self.stage = LineStage::Starting {
                 is_first_boot: false,
-                owes_answer: self.is_line_begun(),
+                owes_answer: self.is_line_begun() || self.tool_change.is_manual(),
             };
         }
+        self.end_manual();
         self.blender.clear();
         self.machine_sync.is_jogging = false;
         self.machine_sync.is_position_known = false;
@@ -51,6 +52,7 @@ impl Session {
             | LineStage::Welcoming
             | LineStage::StartingUp(_)
             | LineStage::Reading
+            | LineStage::ReadingManual
             | LineStage::Listing(..)
             | LineStage::Resetting
             | LineStage::Asleep => false,

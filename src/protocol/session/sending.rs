@@ -157,7 +157,8 @@ impl Session {
             | Command::Spindle { .. }
             | Command::Coolant(_)
             | Command::Overrides(_)
-            | Command::Pause => None,
+            | Command::Pause
+            | Command::ToolPause => None,
         }
     }
 
@@ -184,6 +185,7 @@ impl Session {
             // `advance` calls what sends more commands.
             AfterCommands::ToolPause => return Progress::Again,
             AfterCommands::ToolReturn => return self.end_tool_change(),
+            AfterCommands::Again => return self.dispatch_again(),
         }
         self.accept()
     }
@@ -260,7 +262,8 @@ fn is_blended(control: PathControl, command: &Command) -> bool {
             | Command::Spindle { .. }
             | Command::Coolant(_)
             | Command::Overrides(_)
-            | Command::Pause,
+            | Command::Pause
+            | Command::ToolPause,
         ) => false,
     }
 }

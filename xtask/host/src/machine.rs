@@ -245,7 +245,7 @@ impl Machine {
         line_is_quiet
             && match snapshot.state {
                 State::HoldComplete | State::DoorClosed | State::DoorAjar | State::Sleep => true,
-                State::Idle | State::Check | State::Alarm => is_done,
+                State::Idle | State::Check | State::Alarm | State::Tool => is_done,
                 State::Run
                 | State::HoldSlowing
                 | State::Jog

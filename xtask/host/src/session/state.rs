@@ -59,7 +59,8 @@ impl End {
 /// Grbl's number of a state.
 pub fn state_number(state: State) -> u8 {
     match state {
-        State::Idle => 0,
+        // Grbl has no `Tool`, and no bit left for it.
+        State::Idle | State::Tool => 0,
         State::Alarm => 1,
         State::Check => 2,
         State::Home => 4,

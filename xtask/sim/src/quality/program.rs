@@ -100,7 +100,8 @@ impl Programmed {
             | Command::Spindle { .. }
             | Command::Coolant(_)
             | Command::Overrides(_)
-            | Command::Pause => {
+            | Command::Pause
+            | Command::ToolPause => {
                 self.is_stop = true;
                 None
             }
