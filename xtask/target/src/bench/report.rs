@@ -22,7 +22,7 @@ pub(super) struct Report {
 }
 
 /// One exception handler, entry and exit included, preemption excluded.
-#[derive(Deserialize, Clone)]
+#[derive(Deserialize, Clone, Default)]
 pub(super) struct Task {
     /// The handler's name, or `thread`.
     pub(super) name: String,
@@ -94,14 +94,8 @@ mod tests {
         Task {
             name: "SysTick".into(),
             activations: histogram.iter().map(|(_, count)| count).sum(),
-            instructions: 0,
-            cycles: 0,
-            min_cycles: 0,
-            max_instructions: 0,
-            max_cycles: 0,
-            peripheral_reads: 0,
-            peripheral_writes: 0,
             histogram: histogram.to_vec(),
+            ..Task::default()
         }
     }
 
