@@ -15,7 +15,7 @@ use crate::{
 pub struct Snapshot {
     /// The state.
     pub state: State,
-    /// Position of each axis, steps, from the events output so far.
+    /// Step count of each axis at the start of the segment being played; at rest, where the axis is.
     pub steps: Axes<i32>,
     /// Speed along the path, mm/min.
     pub feed_mm_min: f32,
