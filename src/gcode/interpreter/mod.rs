@@ -4,6 +4,9 @@
 //! [`Interpreter::check`] finds every error and changes nothing, [`Interpreter::commit`] cannot
 //! fail. Between them the caller waits for what the line needs: room, or standstill. Read with
 //! NIST RS274NGC 3 (order of execution: table 8) and Grbl 1.1's errors.
+//!
+//! # Cost
+//! [`Interpreter`] is laid out in the order of its fields: those that each line needs come first.
 
 mod arc;
 mod check;
@@ -45,14 +48,16 @@ pub const COMMANDS: usize = 8;
 
 /// The state that G-code lines change.
 #[derive(Debug, Clone, PartialEq)]
+#[repr(C)]
 pub struct Interpreter {
     modal: Modal,
-    offsets: Offsets,
     /// The work coordinates in effect.
     frame: Frame,
     position: Axes<Nm>,
     /// The position in Grbl's single precision, mm: see [`Target::single_mm`].
     single_mm: Axes<f32>,
+    /// The work position under rotation: exact, so that incremental moves do not drift.
+    work_position: Axes<Nm>,
     /// The tool in the spindle, 0 for none.
     loaded_tool: u8,
     /// A spindle, not a laser, has run in this program.
@@ -63,13 +68,11 @@ pub struct Interpreter {
     has_plain_modes: bool,
     /// `M1` is a program pause.
     stops_optionally: bool,
-    /// The work position under rotation: exact, so that incremental moves do not drift.
-    work_position: Axes<Nm>,
+    offsets: Offsets,
     /// The words of the canned cycle that is the motion mode.
     cycle: CycleWords,
     /// The holes of the last line: not all commands of them may have been taken.
     drilling: Option<Drilling>,
-    /// Last, as it is large and few lines need it.
     tools: ToolTable,
 }
 
