@@ -44,7 +44,7 @@ fn check_rotten_words(seed: u64) {
     let (mut journal, _) = power_up(Small::new());
     let mut values = vec![Contents::default()];
     // One page not full.
-    while journal.flash().operations() < 400 {
+    while journal.flash().operations() < 340 {
         let change = history.change();
         if change.clears_tools() {
             history.contents = values.last().unwrap().clone();
