@@ -43,6 +43,14 @@ def spiral(lines, feed=6000):
     yield from ["G0 Z10", "X0 Y0"]
 
 
+def two_tools():
+    """A job with two tools. It begins and ends 10 mm above the origin."""
+    for tool in (1, 2):
+        yield from ["G21 G90 G54 G0 Z10", f"T{tool} M6 (MSG, Tool {tool} of 2)", "M3 S800"]
+        yield from spiral(20)
+        yield "M5"
+
+
 def until(claim, what, progress, listen=lambda: time.sleep(0.01)):
     """Waits until a claim is true, and returns what it says.
 

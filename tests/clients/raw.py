@@ -13,7 +13,9 @@ import termios
 import time
 import tty
 
-from jobs import HOME, ORIGIN, check, measured, place_origin, port, run, spiral, until
+from jobs import (
+    HOME, ORIGIN, check, measured, place_origin, port, run, spiral, two_tools, until,
+)
 
 WINDOW = 128
 POLL = 0.05
@@ -37,6 +39,9 @@ class Machine:
         self.welcomes = 0
         self.refused = []
         self.asked = 0.0
+        # The tools that the machine has asked for, and whether the user has still to load the last.
+        self.tools = []
+        self.loads = False
 
     def realtime(self, data):
         os.write(self.port, data)
@@ -76,10 +81,16 @@ class Machine:
             self.report.update(field.split(":", 1) for field in fields)
             self.report["state"] = state
             self.reports += 1
+            if self.loads and state == "Hold:0":
+                self.loads = False
+                self.realtime(START)
         elif line:
             if line.startswith("Grbl "):
                 self.welcomes += 1
                 self.in_flight.clear()
+            if line.startswith("[MSG:Tool change: "):
+                self.tools.append(line)
+                self.loads = True
             self.messages.append(line)
 
     def progress(self):
@@ -302,6 +313,15 @@ def main():
     machine.wait_for("Idle")
     x, y, z = ORIGIN
     check(machine.position() == [x, y, z + 10], "the job ends where it should")
+
+    # Two tools: the sender knows nothing of them, its user presses cycle start.
+    machine.stream(two_tools())
+    machine.wait(lambda: not machine.in_flight, "the job with two tools is answered")
+    machine.wait_for("Idle")
+    asked = [f"[MSG:Tool change: T{tool} Tool {tool} of 2]" for tool in (1, 2)]
+    check(machine.tools == asked, "the machine asks for each tool")
+    check(machine.report.get("T") == "2", "the second tool is in the spindle")
+    check(machine.position() == [x, y, z + 10], "the job with two tools ends where it should")
 
     # A reset in motion, with all buffers full: the position stays true, and the next job ends where
     # it should.

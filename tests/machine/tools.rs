@@ -88,7 +88,7 @@ impl Shop {
     }
 
     fn until(&mut self, claim: impl Fn(&Self) -> bool) {
-        for _ in 0..20_000 {
+        for _ in 0..200_000 {
             if claim(self) {
                 return;
             }
@@ -299,5 +299,46 @@ fn without_power_at_any_stage_of_a_change_no_tool_is_known_and_what_is_stored_st
         assert_eq!(interpreter.loaded_tool(), 0, "{stage:?}");
         assert_eq!(interpreter.offsets().origins, stored, "{stage:?}");
         assert_eq!(interpreter.offsets().tool, Axes::all(Nm(0)), "{stage:?}");
+    }
+}
+
+/// Streams a program to a machine without homing, line by line. Returns the answers that are not `ok`,
+/// with the lines.
+fn stream(text: &str) -> Vec<(String, String)> {
+    let mut settings = Settings::new(StepRate::Proven(200_000));
+    for assignment in [
+        "110=5000", "111=5000", "112=5000", "120=500", "121=500", "122=500",
+    ] {
+        assign(&mut settings, assignment.as_bytes()).unwrap();
+    }
+    let mut shop = Shop {
+        simulator: Box::new(Simulator::new(&settings)),
+        heard: String::new(),
+        sent: 0,
+    };
+    shop.run_ms(1);
+    let mut refused = Vec::new();
+    for line in text.lines() {
+        shop.heard.clear();
+        shop.line(line);
+        shop.until(|shop| shop.heard.contains("ok\r\n") || shop.heard.contains("error:"));
+        if let Some(error) = shop.heard.lines().find(|text| text.starts_with("error:")) {
+            refused.push((line.to_owned(), error.to_owned()));
+        }
+    }
+    shop.until(|shop| shop.simulator.snapshot().is_at_rest);
+    assert_eq!(shop.state(), State::Idle);
+    shop.assert_position("the end of the program");
+    refused
+}
+
+#[test]
+fn an_old_drilling_program_runs_up_to_the_axis_words_after_g80() {
+    let expected = [("X-7 Y-4".to_owned(), "error:31".to_owned())];
+    assert_eq!(stream(include_str!("programs/cover.nc")), expected);
+    let folder = env!("CARGO_MANIFEST_DIR");
+    match std::fs::read_to_string(format!("{folder}/../shared/samples/drill.nc")) {
+        Ok(text) => assert_eq!(stream(&text), expected),
+        Err(_) => println!("skipped: there is no ../shared/samples/drill.nc"),
     }
 }
