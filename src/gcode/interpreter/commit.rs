@@ -47,6 +47,7 @@ pub(super) fn commit(state: &mut Interpreter, checked: &Checked, outcome: &mut O
     state.drilling = drilling;
     if let (Some(drilling), Move::Cycle(words)) = (drilling, checked.movement) {
         state.cycle = words;
+        state.cycle.end_level = drilling.end()[checked.modal.plane.axes().2];
         outcome.add(line(state.position.into(), FeedRate::Rapid, checked));
         state.set_work_position(drilling.end());
     }

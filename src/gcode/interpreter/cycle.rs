@@ -27,6 +27,10 @@ pub(super) struct CycleWords {
     pub(super) dwell_ms: u32,
     /// The words of the plane's axes, 0 without.
     pub(super) in_plane: [Nm; 2],
+    /// The level at which the last line has ended.
+    pub(super) end_level: Nm,
+    /// Whether the line follows one of a cycle, which has left the tool at a level without obstacles.
+    pub(super) is_continued: bool,
     /// `L`: how often this line drills.
     pub(super) repeats: u8,
     /// `$28`: how far above the last peck the next one begins.
@@ -46,12 +50,13 @@ pub(super) fn words(
     cycle: Cycle,
 ) -> Result<CycleWords, LineError> {
     let modal = &checked.modal;
-    check_mode(parsed, checked)?;
+    check_mode(parsed, checked, cycle)?;
     let (first, second, depth) = modal.plane.axes();
     let is_same_plane = modal.plane == state.modal.plane;
     let is_cycle_before = matches!(state.modal.motion, MotionMode::Cycle(_)) && is_same_plane;
     let is_same_cycle = state.modal.motion == modal.motion && is_same_plane;
     let before = &state.cycle;
+    let present = targets::present(state, &targets::frame(state, checked));
     let given_or = |is_given: bool, given: Nm, before: Nm| match (is_given, is_same_cycle) {
         (true, _) => Ok(given),
         (false, true) => Ok(before),
@@ -67,9 +72,12 @@ pub(super) fn words(
         initial_level: if is_cycle_before {
             before.initial_level
         } else {
-            targets::present(state, &targets::frame(state, checked))[depth]
+            present[depth]
         },
         r,
+        is_continued: is_cycle_before
+            && before.cycle != Cycle::G88
+            && present[depth] == before.end_level,
         bottom: given_or(
             parsed.has_axis(depth),
             targets::coordinate(parsed, depth),
@@ -96,21 +104,20 @@ pub(super) fn words(
         words.dwell_ms = dwell_ms(parsed, unused, known_ms)?;
     }
     unused.remove(Word::R);
-    if cycle.needs_spindle() && modal.spindle == Spindle::Off {
-        return Err(LineError::SpindleOff);
-    }
     if Drilling::new(state, checked, &words).is_retract_below_bottom() {
         return Err(LineError::RetractBelowBottom);
     }
     Ok(words)
 }
 
-/// Checks that the modes and the axis words are those of a cycle.
-fn check_mode(parsed: &ParsedLine, checked: &Checked) -> Result<(), LineError> {
+/// Checks the modes and the axis words that a cycle needs.
+fn check_mode(parsed: &ParsedLine, checked: &Checked, cycle: Cycle) -> Result<(), LineError> {
     if checked.modal.feed_mode == FeedMode::InverseTime {
         Err(LineError::CycleNeedsFeedPerMinute)
     } else if parsed.axes >> (Z + 1) != 0 {
         Err(LineError::AxisCommandConflict)
+    } else if cycle.needs_spindle() && checked.modal.spindle == Spindle::Off {
+        Err(LineError::SpindleOff)
     } else {
         Ok(())
     }

@@ -47,9 +47,10 @@ pub(super) struct Drilling {
 /// A step of a hole.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum HoleStep {
-    /// Up to `R`, if the tool is below.
+    /// Up to `R`, if the tool is below it at the first hole, or at the bottom of one.
     Raise,
-    /// Over the hole, at the clear level: under `G98` from below it on a straight line.
+    /// Over the hole: on a straight line also where the tool has to rise to `R`, or to the clear level
+    /// under `G98`.
     Traverse,
     /// Down to `R`.
     DownToRetract,
@@ -214,6 +215,8 @@ impl Drilling {
                     *hole = *hole + distance;
                 }
                 self.step = 0;
+                // A hole may have left the tool at its bottom.
+                self.words.is_continued = false;
                 self.depth = self.retract_level;
                 continue;
             };
@@ -228,14 +231,14 @@ impl Drilling {
     fn command(&mut self, step: HoleStep, frame: &Frame) -> Option<Command> {
         let level = self.position[self.plane.axes().2];
         match step {
-            HoleStep::Raise if level < self.retract_level => {
+            HoleStep::Raise if level < self.retract_level && !self.words.is_continued => {
                 self.rapid_to(self.retract_level, frame)
             }
             HoleStep::Raise => None,
             HoleStep::Traverse => {
                 let level = match self.retract {
                     RetractMode::InitialLevel => level.max(self.clear_level),
-                    RetractMode::ReferencePlane => level,
+                    RetractMode::ReferencePlane => level.max(self.retract_level),
                 };
                 self.go(self.at(self.hole, level), FeedRate::Rapid, frame)
             }
