@@ -147,7 +147,7 @@ pub static CODES: &[CodeRow] = &[
     row("G50", CodeGroup::Cycle, "no scaling: accepted, as there is none", "", &["G50"], &[("G51", Unsupported)]),
 
     row("G4", CodeGroup::NonModal, "dwell, P seconds", "P", &["G4 P0.5"], &[("G4", MissingWord), ("G4 P-1", NegativeValue), ("G4 P9999999", ValueOutOfRange)]),
-    row("G10", CodeGroup::NonModal, "L2: sets the origin of work coordinate system P (0 for the one in use) in machine coordinates, and with R its rotation in degrees; L20: moves the origin so that the present position gets the values; L1: sets the offset and the radius R of tool P; L10: sets its offset so that with G43 the present position gets the values; L11: as L10, in G59.3 without G92", "L P [axes R]", &["G10 L2 P1 X10 Y20 R30"], &[("G10 L2 P1", NoAxisWords), ("G10 L2 X1", MissingWord), ("G10 L2 P10 X1", UnknownCoordinates), ("G10 L20 P1 X1 R5", UnusedWords), ("G10 L1 P1", NoAxisWords), ("G10 L1 P1.5 Z1", NotInteger), ("G10 L10 P0 Z1", LineError::ToolNumberTooHigh), ("G10 L3 P1 X1", Unsupported)]),
+    row("G10", CodeGroup::NonModal, "L2: sets the origin of work coordinate system P (0 for the one in use) in machine coordinates, and with R its rotation in degrees; L20: moves the origin so that the present position gets the values; L1: sets the offset and the radius R of tool P; L10: sets its offset so that with G43 the present position gets the values; L11: as L10, in G59.3 without G92", "L P [axes R]", &["G10 L2 P1 X10 Y20 R30"], &[("G10 L2 P1", NoAxisWords), ("G10 L2 X1", MissingWord), ("G10 L2 P10 X1", UnknownCoordinates), ("G10 L20 P1 X1 R5", UnusedWords), ("G10 L1 P1", NoAxisWords), ("G10 L1 P1.5 Z1", NotInteger), ("G10 L10 P0 Z1", LineError::UnknownTool), ("G10 L3 P1 X1", Unsupported)]),
     row("G28", CodeGroup::NonModal, "rapid to the first stored position, by way of the axis words; only the named axes go there", "[axes]", &["G28 Z5"], &[("G28 G2 X1", AxisCommandConflict)]),
     row("G28.1", CodeGroup::NonModal, "stores the present position for G28", "", &["G28.1"], &[]),
     row("G30", CodeGroup::NonModal, "rapid to the second stored position", "[axes]", &["G30"], &[]),
@@ -186,13 +186,13 @@ pub static CODES: &[CodeRow] = &[
     row("G64", CodeGroup::PathControl, "rounds corners, P at most from the path ($785 without P), and merges lines within Q (P without Q)", "[P Q]", &["G64 P0.05"], &[("G64 P-1", NegativeValue), ("G1 X1 F100 Q1", Unsupported)]),
 
     row("G40", CodeGroup::Tool, "no cutter compensation (default)", "", &["G40"], &[]),
-    row("G43", CodeGroup::Tool, "uses the offset of tool H in the tool table, without H of the tool in the spindle", "[H]", &["G10 L1 P2 Z50.5", "G43 H2"], &[("G43 H256", LineError::ToolNumberTooHigh), ("G43 H1.5", NotInteger), ("G0 H2", Unsupported)]),
+    row("G43", CodeGroup::Tool, "uses the offset of tool H in the tool table, without H of the tool in the spindle", "[H]", &["G10 L1 P2 Z50.5", "G43 H2"], &[("G43 H256", LineError::UnknownTool), ("G43 H1.5", NotInteger), ("G0 H2", Unsupported)]),
     row("G43.1", CodeGroup::Tool, "sets the tool length offset of the given axes", "axes", &["G43.1 Z-12.5"], &[("G43.1", ToolLengthAxis)]),
     row("G43.2", CodeGroup::Tool, "adds the offset of tool H, or the axis words, to the tool length offset", "H or axes", &["G10 L1 P2 Z50.5", "G43 H2", "G43.2 Z-0.1"], &[("G43.2", MissingWord), ("G43.2 H2 Z1", LineError::ToolLengthWords)]),
     row("G49", CodeGroup::Tool, "no tool length offset (default)", "", &["G49"], &[]),
 
-    row("M6", CodeGroup::Tool, "loads tool T: spindle and coolant off, then waits for cycle start ($341); coolant comes back, the spindle does not", "[T]", &["T2 M6"], &[("M6 M61 Q2", ModalGroupViolation), ("T256 M6", LineError::ToolNumberTooHigh)]),
-    row("M61", CodeGroup::Tool, "tool Q is in the spindle; nothing moves", "Q", &["M61 Q2"], &[("M61", MissingWord), ("M61 Q1.5", NotInteger), ("M61 Q-1", NegativeValue), ("M61 Q256", LineError::ToolNumberTooHigh)]),
+    row("M6", CodeGroup::Tool, "loads tool T: spindle and coolant off, then waits for cycle start ($341); coolant comes back, the spindle does not", "[T]", &["T2 M6"], &[("M6 M61 Q2", ModalGroupViolation), ("T256 M6", LineError::UnknownTool)]),
+    row("M61", CodeGroup::Tool, "tool Q is in the spindle; nothing moves", "Q", &["M61 Q2"], &[("M61", MissingWord), ("M61 Q1.5", NotInteger), ("M61 Q-1", NegativeValue), ("M61 Q256", LineError::UnknownTool)]),
 
     row("M3", CodeGroup::Spindle, "spindle clockwise at S rpm; laser at constant power", "[S]", &["M3 S1000"], &[("M3 M4", ModalGroupViolation)]),
     row("M4", CodeGroup::Spindle, "spindle counter-clockwise; laser in proportion to the speed", "[S]", &["M4 S500"], &[]),

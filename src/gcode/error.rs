@@ -83,7 +83,7 @@ pub enum LineError {
     /// `G43.1` with other axis words than that of the tool axis.
     ToolLengthAxis = 37,
     /// A tool number above 255, or a tool that is not in the tool table.
-    ToolNumberTooHigh = 38,
+    UnknownTool = 38,
     /// A value outside its range.
     ValueOutOfRange = 39,
     /// A line that has no place in the change of a tool.
@@ -145,7 +145,7 @@ impl LineError {
         Self::NoOffsetsInPlane,
         Self::UnusedWords,
         Self::ToolLengthAxis,
-        Self::ToolNumberTooHigh,
+        Self::UnknownTool,
         Self::ValueOutOfRange,
         Self::ToolChange,
         Self::SpindleOff,
@@ -206,9 +206,7 @@ impl LineError {
             Self::NoOffsetsInPlane => "the arc needs an offset in its plane or a radius",
             Self::UnusedWords => "no command uses one of the value words",
             Self::ToolLengthAxis => "G43.1 needs the word of the tool axis and no other",
-            Self::ToolNumberTooHigh => {
-                "the tool number exceeds 255, or the tool is not in the table"
-            }
+            Self::UnknownTool => "the tool number exceeds 255, or the tool is not in the table",
             Self::ValueOutOfRange => "the value is outside its range",
             Self::ToolChange => "not during a tool change",
             Self::ToolLengthWords => "G43.2 needs H or axis words, not both",
@@ -260,7 +258,7 @@ mod tests {
             (LineError::NoOffsetsInPlane, 35),
             (LineError::UnusedWords, 36),
             (LineError::ToolLengthAxis, 37),
-            (LineError::ToolNumberTooHigh, 38),
+            (LineError::UnknownTool, 38),
         ] {
             assert_eq!(error.number(), number);
             assert_eq!(error.to_string(), std::format!("error:{number}"));

@@ -668,12 +668,12 @@ impl ParsedLine {
 /// Returns the number of a tool, without its fraction; 0 for a negative one, which is an error elsewhere.
 ///
 /// # Errors
-/// [`LineError::ToolNumberTooHigh`].
+/// [`LineError::UnknownTool`].
 pub(super) fn tool_number(number: Decimal) -> Result<u8, LineError> {
     match u8::try_from(number.trunc()) {
-        Ok(u8::MAX) if !number.is_whole() => Err(LineError::ToolNumberTooHigh),
+        Ok(u8::MAX) if !number.is_whole() => Err(LineError::UnknownTool),
         Ok(tool) => Ok(tool),
         Err(_) if number.is_negative() => Ok(0),
-        Err(_) => Err(LineError::ToolNumberTooHigh),
+        Err(_) => Err(LineError::UnknownTool),
     }
 }

@@ -190,7 +190,7 @@ fn tool(statement: &[u8]) -> Result<Dollar<'_>, LineError> {
     let number = u8::try_from(number).ok().and_then(NonZeroU8::new);
     number
         .map(|number| Dollar::SetTool(number, words))
-        .ok_or(LineError::ToolNumberTooHigh)
+        .ok_or(LineError::UnknownTool)
 }
 
 impl From<SettingError> for LineError {

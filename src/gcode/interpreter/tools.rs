@@ -76,7 +76,7 @@ fn length_of_tool(
             checked.lacks_tools = true;
             Ok(none)
         }
-        None => Err(LineError::ToolNumberTooHigh),
+        None => Err(LineError::UnknownTool),
     }
 }
 
@@ -104,7 +104,7 @@ pub(super) fn set_entry(
     if !parsed.p.is_whole() {
         return Err(LineError::NotInteger);
     }
-    let number = NonZeroU8::new(tool_number(parsed.p)?).ok_or(LineError::ToolNumberTooHigh)?;
+    let number = NonZeroU8::new(tool_number(parsed.p)?).ok_or(LineError::UnknownTool)?;
     if parsed.axes >> LINEAR != 0 {
         return Err(LineError::UnusedAxisWords);
     }
