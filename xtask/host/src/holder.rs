@@ -14,11 +14,17 @@ pub fn of_address(address: SocketAddr) -> Option<String> {
         return None;
     };
     let sockets = fs::read_to_string("/proc/net/tcp").ok()?;
-    let socket = format!("socket:[{}]", inode(&sockets, address)?);
+    of_file(Path::new(&format!(
+        "socket:[{}]",
+        inode(&sockets, address)?
+    )))
+}
+
+/// Returns the process, other than this one, that has a file open.
+pub fn of_file(path: &Path) -> Option<String> {
     let processes = fs::read_dir("/proc").ok()?.flatten();
     let mut numbers = processes.filter_map(|entry| entry.file_name().to_str()?.parse().ok());
-    let number = numbers.find(|number| has_open(*number, &socket))?;
-    Some(named(number))
+    numbers.find(|number| has_open(*number, path)).map(named)
 }
 
 /// Returns a process with the name of its program, where that is known.
@@ -31,11 +37,11 @@ pub fn named(number: u32) -> String {
 }
 
 /// Returns whether a process, which is not this one, has something open.
-fn has_open(number: u32, what: &str) -> bool {
+fn has_open(number: u32, what: &Path) -> bool {
     let files = fs::read_dir(format!("/proc/{number}/fd"));
     let mut links = files.into_iter().flatten().flatten();
     number != process::id()
-        && links.any(|link| fs::read_link(link.path()).is_ok_and(|to| to == Path::new(what)))
+        && links.any(|link| fs::read_link(link.path()).is_ok_and(|to| to == what))
 }
 
 /// Finds the socket of a local address in the table of all sockets.

@@ -24,6 +24,16 @@ pub struct Link {
     _lock: Lock,
 }
 
+impl Link {
+    /// Makes it lead to another terminal, at once for whoever opens it.
+    pub fn lead_to(&self, pty: &Pty) -> Result<()> {
+        let mut beside = self.path.clone().into_os_string();
+        beside.push(".next");
+        let is_made = symlink(&pty.name, &beside).and_then(|()| fs::rename(&beside, &self.path));
+        is_made.with_context(|| format!("cannot replace {}", self.path.display()))
+    }
+}
+
 impl Drop for Link {
     fn drop(&mut self) {
         let _ = fs::remove_file(&self.path);
@@ -74,7 +84,13 @@ impl Pty {
         self.controller.as_fd()
     }
 
-    fn open() -> Result<Self> {
+    /// The path of the terminal.
+    pub fn name(&self) -> &Path {
+        &self.name
+    }
+
+    /// Opens a new one.
+    pub fn open() -> Result<Self> {
         let open = || -> rustix::io::Result<Self> {
             let controller = rustix::pty::openpt(OpenptFlags::RDWR | OpenptFlags::NOCTTY)?;
             rustix::pty::grantpt(&controller)?;

@@ -93,7 +93,16 @@ impl Link {
         loop {
             if let Some(length) = self.received.iter().position(|byte| *byte == b'\n') {
                 let line: Vec<u8> = self.received.drain(..=length).collect();
-                return Ok(Some(String::from_utf8_lossy(&line).trim().into()));
+                let text = String::from_utf8_lossy(&line).trim().to_owned();
+                // The simulator serves one sender at a time.
+                if let Some(holder) = text.strip_prefix("[MSG:In use by ") {
+                    bail!(
+                        "{} is in use by {}",
+                        self.name,
+                        holder.trim_end_matches(']')
+                    );
+                }
+                return Ok(Some(text));
             }
             if Instant::now() >= end {
                 return Ok(None);

@@ -179,10 +179,21 @@ fn a_serial_device_works_as_a_tcp_port_does() {
     done(&["--port", &device, "--load", &file]);
     assert_eq!(done(&["--port", &device, "--diff", &file]), "");
 
-    let other = fs::File::open(&device).unwrap();
+    // At the link, each program gets a terminal of its own.
+    let terminal = fs::read_link(&device).unwrap().display().to_string();
+    let other = fs::File::open(&terminal).unwrap();
     rustix::fs::flock(&other, FlockOperation::LockExclusive).unwrap();
-    let said = failed(&["--port", &device, "--diff", &file]);
+    let said = failed(&["--port", &terminal, "--diff", &file]);
     assert!(said.contains("is open in another program"), "{said}");
+    while cfg!(target_os = "linux")
+        && fs::read_link(&device).unwrap().display().to_string() == terminal
+    {
+        thread::yield_now();
+    }
+    if cfg!(target_os = "linux") {
+        let said = failed(&["--port", &device, "--diff", &file]);
+        assert!(said.contains("is in use by process"), "{said}");
+    }
     drop(other);
     assert_eq!(done(&["--port", &device, "--diff", &file]), "");
 

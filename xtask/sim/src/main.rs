@@ -40,7 +40,7 @@ use leadscrew::{axis::AXES, settings::Settings, sim::Simulator};
 
 use power_up::PowerUp;
 use recorder::Recording;
-use serve::{Server, Tcp};
+use serve::{Server, Tcp, Terminal};
 
 /// Run a G-code program on the virtual machine
 ///
@@ -202,8 +202,11 @@ fn serve(
     let settings = *simulator.session().settings();
     let server = Server::new(*simulator, options.flash.as_deref(), &mut recording);
     let (figures, name) = if let Some(path) = &options.pty {
-        let (mut pty, _link) = serve::pty(path)?;
-        (server.serve(&mut pty, stop)?, path.display().to_string())
+        let mut terminal = Terminal::at(path)?;
+        (
+            server.serve(&mut terminal, stop)?,
+            path.display().to_string(),
+        )
     } else {
         let address = options.tcp.as_deref().context("no port is given")?;
         let mut tcp = Tcp::at(address)?;

@@ -1,6 +1,7 @@
 //! The virtual machine in real time, behind a pseudo-terminal or a TCP port.
 
 mod tcp;
+mod terminal;
 #[cfg(test)]
 mod tests;
 
@@ -11,12 +12,10 @@ use std::{
 };
 
 use anyhow::{Context, Result};
-use common::ui;
 use host::{
     figures::Figures,
     machine::Machine,
     play::{Conversation, Recorder},
-    pty::Pty,
 };
 use leadscrew::sim::{Simulator, StepStatistics};
 use rustix::{
@@ -27,6 +26,7 @@ use rustix::{
 use crate::power_up;
 
 pub(crate) use tcp::Tcp;
+pub(crate) use terminal::Terminal;
 
 /// How often a moving machine is run at most.
 const PERIOD: Duration = Duration::from_millis(1);
@@ -174,21 +174,5 @@ impl<'a, R: Recorder> Server<'a, R> {
             tv_sec: wait.as_secs().cast_signed(),
             tv_nsec: wait.subsec_nanos().into(),
         })
-    }
-}
-
-/// A new pseudo-terminal, to which `path` becomes a link.
-pub(crate) fn pty(path: &Path) -> Result<(Pty, host::pty::Link)> {
-    let pty = Pty::at(path)?;
-    ui::status(
-        "Serving",
-        &format!("{} (115200 baud; Ctrl-C ends)", path.display()),
-    );
-    Ok(pty)
-}
-
-impl Port for Pty {
-    fn line(&self) -> Option<BorrowedFd<'_>> {
-        Some(self.controller())
     }
 }

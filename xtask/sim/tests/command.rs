@@ -261,6 +261,48 @@ fn a_second_sender_is_refused_with_who_is_connected() {
     server.stop();
 }
 
+#[cfg(target_os = "linux")]
+#[test]
+fn a_second_sender_at_a_link_is_refused_with_who_is_connected() {
+    let folder = tempfile::tempdir().unwrap();
+    let (mut server, _) = Server::start(folder.path(), &["--pty", "tty"]);
+    let link = folder.path().join("tty");
+    let open = || {
+        fs::File::options()
+            .read(true)
+            .write(true)
+            .open(&link)
+            .unwrap()
+    };
+    let answered = |file: &fs::File| {
+        let mut writer = file;
+        writer.write_all(b"G0\n").unwrap();
+        let mut lines = BufReader::new(file).lines();
+        lines.any(|line| line.unwrap() == "ok")
+    };
+    for _ in 0..2 {
+        let terminal = fs::read_link(&link).unwrap();
+        let first = open();
+        assert!(answered(&first));
+        // From now on the link leads to another terminal.
+        while fs::read_link(&link).unwrap() == terminal {
+            std::thread::yield_now();
+        }
+        let second = open();
+        let mut said = String::new();
+        BufReader::new(&second).read_line(&mut said).unwrap();
+        let holder = format!("[MSG:In use by process {} (", std::process::id());
+        assert!(said.starts_with(&holder), "{said}");
+        assert!(server.hears("Refused").ends_with("is connected"));
+        drop(second);
+        assert!(answered(&first));
+        drop(first);
+        server.hears("Left");
+    }
+    server.stop();
+    assert_eq!(names(folder.path()), Vec::<String>::new());
+}
+
 #[test]
 fn a_second_server_on_a_link_or_a_flash_is_refused_with_who_has_it() {
     let folder = tempfile::tempdir().unwrap();
