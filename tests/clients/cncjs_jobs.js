@@ -166,6 +166,23 @@ async function drive(page) {
   await page.finished();
   check(page.isAt([x, y, z + 10]), `the job has ended at ${page.position()}`);
 
+  // Two tools: cncjs stops its job at each `M6`, which it does not send, and its user resumes.
+  await page.load(['T1 M6', 'M3 S800', spiral(20), 'M5', 'T2 M6', 'M3 S800', spiral(20), 'M5'].join('\n'));
+  page.command('gcode:start');
+  await page.until(() => page.workflow === 'paused', 'cncjs waits for the first tool');
+  let pressed = 0;
+  await page.until(() => {
+    if (page.workflow === 'paused' && Date.now() - pressed > 1000) {
+      pressed = Date.now();
+      page.command('gcode:resume');
+    }
+    return page.workflow === 'idle';
+  }, 'the job with two tools ends');
+  await page.finished();
+  check(!page.written.some((line) => /^[^(]*M6/.test(line)), 'the machine gets no M6');
+  check(page.isAt([x, y, z + 10]), `the job with two tools has ended at ${page.position()}`);
+  await page.load(spiral(100));
+
   await jog(page, [x, y, z + 10]);
 
   // Stopped by force in a hold: half a second later, a reset. While the machine moves it would hold it

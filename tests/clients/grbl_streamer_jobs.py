@@ -9,7 +9,9 @@ import threading
 
 from grbl_streamer import GrblStreamer
 
-from jobs import HOME, ORIGIN, check, measured, place_origin, port, run, spiral, until
+from jobs import (
+    HOME, ORIGIN, check, measured, place_origin, port, run, spiral, two_tools, until,
+)
 
 
 class Watcher:
@@ -112,6 +114,10 @@ def main():
     )
     check(processed == grbl.buffer_size, f"{processed} of {grbl.buffer_size} lines are processed")
     check(watcher.position == (x, y, z + 10), f"the job has ended at {watcher.position}")
+
+    # Two tools: the library leaves `T` and `M6` out of what it sends.
+    run_job(grbl, watcher, list(two_tools()))
+    check(watcher.position == (x, y, z + 10), f"the job with two tools has ended at {watcher.position}")
 
     # A reset in the middle of a job, and the same job again.
     boots = watcher.count("on_boot")
