@@ -256,7 +256,7 @@ mod tests {
         for (line, error, part) in [
             ("$H", 5, "--set '$22=1' --switches"),
             ("G1 X1\x7f5", 2, "a byte of a realtime command"),
-            ("G73 X1", 20, "1 × G73: this"),
+            ("G33 X1", 20, "1 × G33: this"),
             ("G5.1 I1", 20, "1 × G5.1: this"),
             ("G1 X1 D3", 20, "1 × D: this"),
             ("G1 G2 X1", 21, "1 × two commands"),
