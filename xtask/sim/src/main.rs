@@ -135,7 +135,7 @@ fn run(options: &Options) -> Result<ExitCode> {
         flash: options.flash.as_deref(),
         has_switches: options.switches,
     };
-    let simulator = Box::new(power_up.simulator()?);
+    let simulator = power_up.simulator()?;
     // Caught from here on: Ctrl-C leaves no file that is half written.
     let interrupted = recorder::interruptions()?;
     let recording = Recording::create(options, simulator.session().settings())?;

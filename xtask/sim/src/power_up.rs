@@ -30,9 +30,9 @@ pub(crate) struct PowerUp<'a> {
 
 impl PowerUp<'_> {
     /// Switches the machine on. A flash file that is not there is a new machine.
-    pub(crate) fn simulator(&self) -> Result<Simulator> {
+    pub(crate) fn simulator(&self) -> Result<Box<Simulator>> {
         let mut simulator = match self.flash {
-            None => self.with_tools(Simulator::new(&self.loaded.settings))?,
+            None => self.with_tools(Box::new(Simulator::new(&self.loaded.settings)))?,
             Some(path) => self.stored(path)?,
         };
         if self.has_switches {
@@ -42,10 +42,10 @@ impl PowerUp<'_> {
     }
 
     /// A machine with what its file has stored, and the settings that are given, which it stores too.
-    fn stored(&self, path: &Path) -> Result<Simulator> {
+    fn stored(&self, path: &Path) -> Result<Box<Simulator>> {
         let flash =
             read(path).with_context(|| format!("cannot use {} as a flash", path.display()))?;
-        let mut simulator = Simulator::power_up(flash, proven::committed());
+        let mut simulator = power_up(flash);
         if !self.loaded.statements.is_empty() {
             // What it says at power-up comes first.
             play::ask(&mut simulator, b"");
@@ -55,7 +55,7 @@ impl PowerUp<'_> {
                     bail!("the machine refuses ${statement} beside what it has stored: {error}");
                 }
             }
-            simulator = Simulator::power_up(simulator.into_flash(), proven::committed());
+            simulator = power_up((*simulator).into_flash());
         }
         simulator = self.with_tools(simulator)?;
         save(path, simulator.flash())?;
@@ -63,7 +63,7 @@ impl PowerUp<'_> {
     }
 
     /// The machine with the tools that are given in its table, switched on again.
-    fn with_tools(&self, mut simulator: Simulator) -> Result<Simulator> {
+    fn with_tools(&self, mut simulator: Box<Simulator>) -> Result<Box<Simulator>> {
         if self.tools.is_empty() {
             return Ok(simulator);
         }
@@ -76,11 +76,14 @@ impl PowerUp<'_> {
                 bail!("the machine refuses line {line} of the tool table, ${statement}: {reason}");
             }
         }
-        Ok(Simulator::power_up(
-            simulator.into_flash(),
-            proven::committed(),
-        ))
+        Ok(power_up((*simulator).into_flash()))
     }
+}
+
+/// A machine that is switched on with what its flash has: in a function of its own, as a machine is too
+/// large for many of them on one stack.
+fn power_up(flash: Flash) -> Box<Simulator> {
+    Box::new(Simulator::power_up(flash, proven::committed()))
 }
 
 /// Unlocks a machine that was switched on locked, as homing would: without moving it.
