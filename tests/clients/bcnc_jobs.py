@@ -23,7 +23,9 @@ Utils.loadConfiguration()
 from CNC import CNC, WAIT  # noqa: E402
 from Sender import Sender  # noqa: E402
 
-from jobs import HOME, ORIGIN, check, measured, place_origin, port, run, spiral, until  # noqa: E402
+from jobs import (  # noqa: E402
+    HOME, ORIGIN, check, measured, place_origin, port, run, spiral, two_tools, until,
+)
 
 
 class Window(Sender):
@@ -127,7 +129,8 @@ def go(window, line, *target):
 
 def load(window, lines):
     with open("job.nc", "w") as file:
-        file.write("\n".join(lines))
+        # bCNC drops the last character of a file.
+        file.writelines(f"{line}\n" for line in lines)
     window.gcode.init()
     window.load("job.nc")
 
@@ -166,6 +169,24 @@ def jog(window, target):
         window.until(
             lambda: position() == place and state() == "Idle", f"the jog {direction} is done"
         )
+
+
+def change_tools(window, end):
+    """A job with two tools. By its settings bCNC leaves `M6` out, or sends it and its user goes on."""
+    load(window, two_tools())
+    for policy, wanted in [(1, 0), (0, 2)]:
+        CNC.toolPolicy = policy
+        window.told.clear()
+        window.start()
+        for _ in range(wanted):
+            window.until(lambda: state() == "Hold:0", "the machine waits for a tool")
+            window.resume()
+            window.until(lambda: state() != "Hold:0", "the machine goes on with the tool")
+        finished(window)
+        asked = [line for line in window.told if line.startswith("[MSG:Tool change: T")]
+        check(len(asked) == wanted, f"the machine asks for {wanted} tools: {asked}")
+        check(position() == end, f"the job with two tools has ended at {position()}")
+        check(not window.refused(), f"the machine refuses {window.errors}")
 
 
 def finished(window, purges=1):
@@ -226,6 +247,7 @@ def main():
     window.until(lambda: state() == "Run", "the job runs")
     finished(window)
     check(position() == (x, y, z + 10), f"the job has ended at {position()}")
+    change_tools(window, (x, y, z + 10))
     go(window, "G53 G0 X-20 Y-30 Z-10", -20, -30, -10)
     return -20, -30, -10
 
