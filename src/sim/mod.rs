@@ -13,4 +13,4 @@ pub use drive::{Drive, Edge};
 pub use flash::{Flash, FlashError, SECTOR, SECTORS};
 pub use simulator::Simulator;
 pub use step_statistics::StepStatistics;
-pub use stream::{Stream, StreamEnd, Watcher};
+pub use stream::{Stream, StreamEnd, WINDOW, Watcher};

@@ -9,8 +9,8 @@ use heapless::{Deque, Vec};
 use super::{Edge, Simulator};
 use crate::{model::State, units::TICKS_PER_SECOND};
 
-/// Largest number of unanswered bytes: those of Grbl's receive buffer.
-const WINDOW: usize = 127;
+/// Largest number of unanswered bytes: Grbl's receive buffer of 128 holds one less.
+pub const WINDOW: usize = 127;
 /// Longest line that is counted, bytes; a longer line is sent alone.
 const LINE: usize = WINDOW;
 /// Longest answer that is kept, bytes.

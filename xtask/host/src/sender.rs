@@ -5,10 +5,8 @@
 
 use std::{collections::VecDeque, fmt};
 
+use leadscrew::sim::WINDOW;
 use serde::{Serialize, Serializer};
-
-/// Bytes that may be on their way or in the machine's receive buffer of 128.
-pub const WINDOW: usize = 127;
 
 /// The machine's answer to one line.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
@@ -66,11 +64,46 @@ pub enum Received {
     Message,
 }
 
+/// The lengths of the lines that are not answered, with their line feeds.
+#[derive(Debug, Default)]
+pub struct InFlight {
+    lengths: VecDeque<usize>,
+    bytes: usize,
+}
+
+impl InFlight {
+    /// Whether the machine's receive buffer has room for a line of this length, whatever has arrived.
+    pub fn has_room(&self, length: usize) -> bool {
+        self.lengths.is_empty() || self.bytes + length <= WINDOW
+    }
+
+    /// Takes note of a line that is sent.
+    pub fn send(&mut self, length: usize) {
+        self.lengths.push_back(length);
+        self.bytes += length;
+    }
+
+    /// Takes note of an answer: it belongs to the oldest line.
+    pub fn answer(&mut self) {
+        self.bytes -= self.lengths.pop_front().unwrap_or_default();
+    }
+
+    /// The number of lines.
+    pub fn len(&self) -> usize {
+        self.lengths.len()
+    }
+
+    /// Whether every line is answered.
+    pub fn is_empty(&self) -> bool {
+        self.lengths.is_empty()
+    }
+}
+
 /// The lines between the sender and the machine's answers.
 #[derive(Debug, Default)]
 pub struct Sender {
-    in_flight: VecDeque<Vec<u8>>,
-    bytes: usize,
+    lines: VecDeque<Vec<u8>>,
+    in_flight: InFlight,
     sent: u64,
     /// The newest line in flight is one that is sent alone.
     exclusive: bool,
@@ -79,18 +112,15 @@ pub struct Sender {
 impl Sender {
     /// Whether a line may be sent now.
     pub fn may_send(&self, line: &[u8]) -> bool {
-        if self.in_flight.is_empty() {
-            return true;
-        }
-        let fits = self.bytes + line.len() < WINDOW;
-        fits && !self.exclusive && !is_sent_alone(line)
+        let may_follow = !self.exclusive && !is_sent_alone(line);
+        self.in_flight.has_room(line.len() + 1) && (may_follow || self.is_done())
     }
 
     /// Takes note of a line that is sent, with its line feed.
     pub fn send(&mut self, line: Vec<u8>) {
-        self.bytes += line.len() + 1;
+        self.in_flight.send(line.len() + 1);
         self.exclusive = is_sent_alone(&line);
-        self.in_flight.push_back(line);
+        self.lines.push_back(line);
         self.sent += 1;
     }
 
@@ -99,10 +129,10 @@ impl Sender {
         let Some(response) = Response::parse(text) else {
             return Received::Message;
         };
-        let Some(line) = self.in_flight.pop_front() else {
+        let Some(line) = self.lines.pop_front() else {
             return Received::Surplus(response);
         };
-        self.bytes -= line.len() + 1;
+        self.in_flight.answer();
         Received::Answer(Answered {
             number: self.answered(),
             line,

@@ -1,7 +1,6 @@
 //! The sender: streams a program to the emulated board by character counting.
 
 use std::{
-    collections::VecDeque,
     io::{BufRead, BufReader, Read, Write},
     sync::mpsc::{self, Receiver},
     thread,
@@ -9,7 +8,7 @@ use std::{
 };
 
 use anyhow::{Context, Result, bail, ensure};
-use host::sender::WINDOW;
+use host::sender::InFlight;
 
 /// Longest silence, host time.
 const PATIENCE: Duration = Duration::from_mins(1);
@@ -18,7 +17,7 @@ const PATIENCE: Duration = Duration::from_mins(1);
 pub(crate) struct Sender<W> {
     to: W,
     from: Receiver<String>,
-    in_flight: VecDeque<usize>,
+    in_flight: InFlight,
 }
 
 impl<W: Write> Sender<W> {
@@ -35,7 +34,7 @@ impl<W: Write> Sender<W> {
         let sender = Self {
             to,
             from: lines,
-            in_flight: VecDeque::new(),
+            in_flight: InFlight::default(),
         };
         while !sender.receive()?.starts_with("Grbl ") {}
         Ok(sender)
@@ -52,12 +51,12 @@ impl<W: Write> Sender<W> {
     /// Sends a line as soon as there is room.
     pub(crate) fn send(&mut self, line: &str) -> Result<()> {
         let length = line.len() + 1;
-        while self.in_flight.iter().sum::<usize>() + length > WINDOW {
+        while !self.in_flight.has_room(length) {
             self.answer().with_context(|| format!("before {line:?}"))?;
         }
         self.to.write_all(format!("{line}\n").as_bytes())?;
         self.to.flush()?;
-        self.in_flight.push_back(length);
+        self.in_flight.send(length);
         Ok(())
     }
 
@@ -93,7 +92,7 @@ impl<W: Write> Sender<W> {
         loop {
             let line = self.receive()?;
             if line == "ok" {
-                self.in_flight.pop_front();
+                self.in_flight.answer();
                 return Ok(());
             }
             if line.starts_with("error:") || line.starts_with("ALARM:") {

@@ -1,12 +1,12 @@
 //! A sender that keeps the line full and takes whatever comes back: errors, alarms, resets.
 
-use std::{collections::VecDeque, path::Path, thread, time::Duration};
+use std::{path::Path, thread, time::Duration};
 
 use anyhow::{Context, Result, ensure};
 use emulator::{Emulator, Patience};
 use host::{
     machine::Ends,
-    sender::{Response, WINDOW},
+    sender::{InFlight, Response},
 };
 
 /// How long the firmware may be silent, without the time that QEMU waits for a processor.
@@ -20,7 +20,7 @@ const QUIET: Duration = Duration::from_millis(100);
 pub(super) struct Driver {
     emulator: Emulator,
     /// Length of each line that has no answer.
-    in_flight: VecDeque<usize>,
+    in_flight: InFlight,
     answered: u64,
     refused: u64,
     alarms: u64,
@@ -42,7 +42,7 @@ impl Driver {
         Ok(Self {
             progress: emulator.patience(PATIENCE),
             emulator,
-            in_flight: VecDeque::new(),
+            in_flight: InFlight::default(),
             answered: 0,
             refused: 0,
             alarms: 0,
@@ -167,7 +167,7 @@ impl Driver {
         self.emulator.wait_for_welcome(PATIENCE)?;
         // After some alarms it has reset itself: then there is a second welcome. It stands already, so
         // that one comes before the answers to what it is asked behind the byte.
-        self.in_flight.clear();
+        self.in_flight = InFlight::default();
         for _ in 0..2 {
             self.ask()?;
         }
@@ -188,14 +188,14 @@ impl Driver {
 
     fn send(&mut self, line: &str) -> Result<()> {
         let length = line.len() + 1;
-        while !self.in_flight.is_empty() && self.in_flight.iter().sum::<usize>() + length > WINDOW {
+        while !self.in_flight.has_room(length) {
             self.listen()?;
             if self.is_locked {
                 return Ok(());
             }
         }
         self.emulator.send(format!("{line}\n").as_bytes())?;
-        self.in_flight.push_back(length);
+        self.in_flight.send(length);
         self.progress.restart();
         Ok(())
     }
@@ -216,7 +216,7 @@ impl Driver {
         let line =
             line.with_context(|| format!("the firmware is silent in the state {:?}", self.state))?;
         if let Some(response) = Response::parse(&line) {
-            self.in_flight.pop_front();
+            self.in_flight.answer();
             self.progress.restart();
             self.answered += 1;
             self.refused += u64::from(response != Response::Ok);
