@@ -91,7 +91,26 @@ mod watched {
         /// The terminal to which the link leads, once the line has been opened.
         next: Option<(i32, Pty)>,
         /// Those of senders that came too early; they hear nothing but that.
-        refused: Vec<(i32, Pty)>,
+        refused: Vec<Refused>,
+    }
+
+    /// A terminal that is not served.
+    struct Refused {
+        number: i32,
+        terminal: Pty,
+        /// How often it is open.
+        opened: u32,
+        /// What its senders hear.
+        message: String,
+    }
+
+    impl Refused {
+        /// Another program has opened it.
+        fn tell(&mut self) {
+            self.opened += 1;
+            // Fewer bytes than a new terminal has room for.
+            let _ = rustix::io::write(self.terminal.controller(), self.message.as_bytes());
+        }
     }
 
     impl Terminals {
@@ -133,13 +152,24 @@ mod watched {
                     if self.opened == 0 {
                         ui::status("Left", &line.name().display().to_string());
                     }
-                } else if !is_opened {
-                    self.refused.retain(|(refused, _)| *refused != number);
-                } else if self.next.as_ref().is_some_and(|(next, _)| *next == number) {
+                } else if let Some(refused) = self.refused(number) {
+                    if is_opened {
+                        refused.tell();
+                    } else {
+                        refused.opened = refused.opened.saturating_sub(1);
+                    }
+                } else if is_opened && self.next.as_ref().is_some_and(|(next, _)| *next == number) {
                     self.enter(line, link)?;
                 }
             }
+            self.refused.retain(|refused| refused.opened > 0);
             Ok(())
+        }
+
+        fn refused(&mut self, number: i32) -> Option<&mut Refused> {
+            self.refused
+                .iter_mut()
+                .find(|refused| refused.number == number)
         }
 
         /// Lets a sender in that has opened the next terminal, or tells it who is connected.
@@ -147,6 +177,8 @@ mod watched {
             let Some((number, next)) = self.next.take() else {
                 return Ok(());
             };
+            // First of all: who is refused may come again as soon as he hears of it.
+            self.lead_on(link)?;
             if self.opened == 0 {
                 (self.line, self.opened) = (number, 1);
                 drop(replace(line, next));
@@ -155,11 +187,16 @@ mod watched {
                 let holder = holder.unwrap_or_else(|| "another program".into());
                 ui::status("Refused", &format!("a program: {holder} is connected"));
                 let message = format!("[MSG:In use by {holder}]\r\n");
-                // Fewer bytes than a new terminal has room for.
-                let _ = rustix::io::write(next.controller(), message.as_bytes());
-                self.refused.push((number, next));
+                let mut refused = Refused {
+                    number,
+                    terminal: next,
+                    opened: 0,
+                    message,
+                };
+                refused.tell();
+                self.refused.push(refused);
             }
-            self.lead_on(link)
+            Ok(())
         }
 
         /// Makes the link lead to a new terminal.
