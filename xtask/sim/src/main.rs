@@ -1,7 +1,9 @@
 //! `cargo xtask sim`: G-code programs on the virtual machine.
 
+mod holes;
 mod plot;
 mod power_up;
+mod program_reader;
 mod quality;
 mod recorder;
 mod samples;
@@ -70,7 +72,7 @@ struct Options {
     /// Write every step event: time in ns from the first step, steps of each axis after it
     #[arg(long, value_name = "OUT.csv", conflicts_with_all = ["on_target", "session"])]
     trace: Option<PathBuf>,
-    /// Draw the tool path, and speed and acceleration over time
+    /// Draw the tool path with the holes of canned cycles, and speed and acceleration over time
     #[arg(long, value_name = "OUT.svg", conflicts_with_all = ["on_target", "session"])]
     plot: Option<PathBuf>,
     /// Measure how good the motion is: step times, jumps, accelerations and jerks, the distance from
@@ -138,7 +140,7 @@ fn run(options: &Options) -> Result<ExitCode> {
     let simulator = power_up.simulator()?;
     // Caught from here on: Ctrl-C leaves no file that is half written.
     let interrupted = recorder::interruptions()?;
-    let recording = Recording::create(options, simulator.session().settings())?;
+    let recording = Recording::create(options, simulator.session())?;
     match program {
         Some(program) => {
             recording.remove_when(interrupted);

@@ -1,5 +1,6 @@
 //! The picture of a run: the tool path, and beside it what there is over time, as strips.
 
+mod marks;
 mod path;
 mod strip;
 
@@ -8,7 +9,7 @@ use chart::{Area, DASHED, Drawn, HEAD, PX, SPEED, WIDTH, draw_head, render};
 use leadscrew::axis::{AXES, LETTERS, LINEAR};
 use plotters::prelude::*;
 
-use crate::{quality::Traces, samples::Motion, series::Series};
+use crate::{holes::Holes, quality::Traces, samples::Motion, series::Series};
 use path::Colouring;
 use strip::{Curve, Mark, Strip};
 
@@ -37,6 +38,8 @@ pub(crate) struct Picture<'a> {
     /// One line below it.
     pub(crate) subtitle: &'a str,
     pub(crate) motion: &'a Motion,
+    /// Marked where they are.
+    pub(crate) holes: &'a Holes,
     /// Highest acceleration of each axis, mm/s² or degrees/s².
     pub(crate) limits_mm_s2: [f64; AXES],
     /// Highest jerk of each axis, mm/s³ or degrees/s³; `None` without a limit.
@@ -59,7 +62,7 @@ pub(crate) fn draw(picture: &Picture) -> Result<String> {
             None => Colouring::of_speed(picture.motion),
             Some(traces) => Colouring::of_deviation(picture.motion, traces),
         };
-        path::draw(&left, picture.motion, &colouring)?;
+        path::draw(&left, picture.motion, picture.holes, &colouring)?;
         draw_strips(
             &right,
             picture.motion,
@@ -88,6 +91,10 @@ fn draw_strips(area: &Area, motion: &Motion, strips: &[Strip], room: f64) -> Dra
 fn strips<'a>(picture: &Picture<'a>) -> Vec<Strip<'a>> {
     let motion = picture.motion;
     let mut strips = vec![speed(motion)];
+    strips.extend(picture.holes.depth_axes().map(|axis| Strip {
+        height: 2 * Strip::default().height,
+        ..position(motion, axis)
+    }));
     let measured = picture.traces.map(|traces| &traces.accelerations);
     for axis in motion.moving(0..AXES) {
         let series = measured.and_then(|all| of_axis(all, axis));
@@ -108,22 +115,27 @@ fn strips<'a>(picture: &Picture<'a>) -> Vec<Strip<'a>> {
             ..Strip::default()
         });
     }
-    for axis in motion.moving(LINEAR..AXES) {
-        let (least, greatest) = motion.extents[axis];
-        let room = (greatest - least) * 0.05;
-        strips.push(Strip {
-            title: format!("{}, degrees", char::from(LETTERS[axis])),
-            curves: vec![Curve::new(AXIS_COLOURS[axis], &motion.rotary[axis], 1.0)],
-            range: least - room..greatest + room,
-            ..Strip::default()
-        });
-    }
+    let rotary = motion.moving(LINEAR..AXES);
+    strips.extend(rotary.map(|axis| position(motion, axis)));
     strips
 }
 
 fn of_axis(all: &[(usize, Series)], axis: usize) -> Option<&Series> {
     let found = all.iter().find(|(of, _)| *of == axis);
     found.map(|(_, series)| series)
+}
+
+/// Where an axis is.
+fn position(motion: &Motion, axis: usize) -> Strip<'_> {
+    let (least, greatest) = motion.extents[axis];
+    let room = (greatest - least) * 0.05;
+    let unit = if axis >= LINEAR { "degrees" } else { "mm" };
+    Strip {
+        title: format!("{}, {unit}", char::from(LETTERS[axis])),
+        curves: vec![Curve::new(AXIS_COLOURS[axis], &motion.positions[axis], 1.0)],
+        range: least - room..greatest + room,
+        ..Strip::default()
+    }
 }
 
 /// The speed along the path.
@@ -211,6 +223,7 @@ mod tests {
             title: "circle.nc",
             subtitle: "a test",
             motion,
+            holes: &Holes::default(),
             limits_mm_s2: [limit; AXES],
             limits_mm_s3: [None; AXES],
             is_laser: true,

@@ -38,7 +38,7 @@ pub(crate) use print::text;
 use program::Programmed;
 use sweep::Peak;
 
-use crate::{series::Series, steps_per_mm};
+use crate::{program_reader::ProgramReader, series::Series, steps_per_mm};
 
 /// A change of direction at which an axis is not judged across it, rad: half a degree.
 const KINK_RAD: f64 = 0.5 * std::f64::consts::PI / 180.0;
@@ -181,13 +181,14 @@ pub(crate) struct Meter {
 }
 
 impl Meter {
-    /// A machine at the origin.
-    pub(crate) fn new(settings: &Settings) -> Self {
+    /// A machine at the origin, which gets what this reads.
+    pub(crate) fn new(reader: ProgramReader) -> Self {
+        let settings = reader.settings();
         let steps_per_mm = steps_per_mm(settings);
         let accelerations = settings.acceleration_mm_s2.0.map(f64::from);
         let jerks = jerk_limits(settings);
         Self {
-            programmed: Programmed::new(settings),
+            programmed: Programmed::new(reader),
             taken: VecDeque::new(),
             follower: Follower::new(steps_per_mm),
             is_path_known: true,

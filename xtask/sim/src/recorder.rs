@@ -11,13 +11,17 @@ use anyhow::{Context, Result};
 use common::text::{duration, separated};
 use host::{figures::Figures, output::Output, play::Recorder};
 use leadscrew::{
+    protocol::Session,
     settings::Settings,
     sim::{Edge, StepStatistics},
 };
 use serde::Serialize;
 
 use crate::{
-    Options, plot,
+    Options,
+    holes::HoleFinder,
+    plot,
+    program_reader::ProgramReader,
     quality::{self, Meter, Quality},
     samples::{Motion, Samples},
     trace::{Move, Row, Table, nanoseconds},
@@ -29,9 +33,16 @@ const INTERRUPTED: i32 = 130;
 /// What a run is recorded with, as far as it is asked for: its files are created before anything runs.
 pub(crate) struct Recording {
     table: Option<Table<Output>>,
-    picture: Option<(Output, Samples)>,
+    picture: Option<Drawing>,
     json: Option<Output>,
     meter: Option<Meter>,
+}
+
+/// A picture that is to be drawn.
+struct Drawing {
+    output: Output,
+    samples: Samples,
+    holes: HoleFinder,
 }
 
 /// What a run shows, and how good its motion is, where that was asked for.
@@ -45,20 +56,25 @@ struct Measured {
 
 impl Recording {
     /// Creates the files that were asked for.
-    pub(crate) fn create(options: &Options, settings: &Settings) -> Result<Self> {
+    pub(crate) fn create(options: &Options, session: &Session) -> Result<Self> {
         let picture = options.plot.as_deref().map(Output::create).transpose()?;
+        let reader = || ProgramReader::of(session);
         Ok(Self {
             table: options.trace.as_deref().map(Table::create).transpose()?,
-            picture: picture.map(|output| (output, Samples::new(settings))),
+            picture: picture.map(|output| Drawing {
+                output,
+                samples: Samples::new(session.settings()),
+                holes: HoleFinder::new(reader()),
+            }),
             json: options.json.as_deref().map(Output::create).transpose()?,
-            meter: options.quality.then(|| Meter::new(settings)),
+            meter: options.quality.then(|| Meter::new(reader())),
         })
     }
 
     /// Lets the program end with Ctrl-C, and leave nothing of the files.
     pub(crate) fn remove_when(&self, mut interrupted: UnixStream) {
         let trace = self.table.as_ref().and_then(Table::partial);
-        let picture = self.picture.as_ref().map(|(output, _)| output);
+        let picture = self.picture.as_ref().map(|drawing| &drawing.output);
         let others = [picture, self.json.as_ref()].into_iter().flatten();
         let partial: Vec<_> = trace
             .into_iter()
@@ -85,19 +101,20 @@ impl Recording {
             table.finish()?.finish()?;
         }
         let (quality, traces) = self.meter.map(Meter::finish).unzip();
-        if let Some((mut output, samples)) = self.picture {
-            let motion = samples.finish();
+        if let Some(mut drawing) = self.picture {
+            let motion = drawing.samples.finish();
             let picture = plot::draw(&plot::Picture {
                 title,
                 subtitle: &subtitle(&figures, &motion),
                 motion: &motion,
+                holes: &drawing.holes.finish(),
                 is_laser: settings.laser,
                 limits_mm_s2: settings.acceleration_mm_s2.0.map(f64::from),
                 limits_mm_s3: quality::jerk_limits(settings),
                 traces: traces.as_ref(),
             })?;
-            output.write_all(picture.as_bytes())?;
-            output.finish()?;
+            drawing.output.write_all(picture.as_bytes())?;
+            drawing.output.finish()?;
         }
         let measured = Measured { figures, quality };
         if let Some(json) = self.json {
@@ -131,6 +148,9 @@ impl Recorder for Recording {
         if let Some(meter) = &mut self.meter {
             meter.line(line);
         }
+        if let Some(drawing) = &mut self.picture {
+            drawing.holes.line(line);
+        }
     }
 
     fn edge(&mut self, edge: &Edge, statistics: &StepStatistics) -> Result<()> {
@@ -150,8 +170,8 @@ impl Recorder for Recording {
                 duty: edge.duty,
             },
         };
-        if let Some((_, samples)) = &mut self.picture {
-            samples.push(&row);
+        if let Some(drawing) = &mut self.picture {
+            drawing.samples.push(&row);
         }
         self.table.as_mut().map_or(Ok(()), |table| table.push(&row))
     }
@@ -159,6 +179,9 @@ impl Recorder for Recording {
     fn answer(&mut self, is_refused: bool) {
         if let Some(meter) = &mut self.meter {
             meter.answer(is_refused);
+        }
+        if let Some(drawing) = &mut self.picture {
+            drawing.holes.answer(is_refused);
         }
     }
 }

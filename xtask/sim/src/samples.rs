@@ -107,8 +107,8 @@ pub(crate) struct Motion {
     pub(crate) speeds: [Series; 2],
     /// Acceleration of each axis, mm/s² or degrees/s².
     pub(crate) accelerations: [Series; AXES],
-    /// Position of each rotary axis, degrees.
-    pub(crate) rotary: [Series; AXES],
+    /// Position of each axis, mm or degrees.
+    pub(crate) positions: [Series; AXES],
     /// Output of spindle or laser, percent of the whole.
     pub(crate) power: Series,
     /// Time in motion in feed moves and in rapids, s.
@@ -226,8 +226,8 @@ impl Samples {
                 linear = linear.hypot(speed);
             } else {
                 rotary = rotary.hypot(speed);
-                motion.rotary[axis].push(from_s, to_s, position);
             }
+            motion.positions[axis].push(from_s, to_s, position);
         }
         let speed = if linear > STANDSTILL_MM_S {
             linear

@@ -137,27 +137,81 @@ fn positions_are_told_in_the_settings_of_the_end() {
     assert_eq!(changed["final"]["mpos_mm"][0], 2.0);
 }
 
-#[test]
-fn the_picture_of_the_readme_is_what_its_command_draws() {
+/// The picture of a program in a folder is what its command draws now.
+fn check_picture(program: &str, shown: &str, more: &[&str]) {
     if AXES > 3 {
         return;
     }
     let folder = tempfile::tempdir().unwrap();
-    let plot = folder.path().join("plate.svg");
+    let plot = folder.path().join("picture.svg");
     let root = common::cargo::root();
-    let [program, settings, shown] = [
-        "examples/plate.nc",
-        "examples/mill.settings",
-        "docs/plate.svg",
-    ]
-    .map(|path| root.join(path).display().to_string());
-    let typed = ["sim", &program, "--settings", &settings, "--plot"];
+    let [program, settings, shown] = [program, "examples/mill.settings", shown]
+        .map(|path| root.join(path).display().to_string());
     let plot_option = plot.display().to_string();
-    let line = typed.into_iter().chain([plot_option.as_str()]);
+    let typed = [
+        "sim",
+        &program,
+        "--settings",
+        &settings,
+        "--plot",
+        &plot_option,
+    ];
+    let line = typed.iter().chain(more);
     run(&Options::try_parse_from(line).unwrap()).unwrap();
     let same = fs::read_to_string(plot).unwrap() == fs::read_to_string(&shown).unwrap();
-    assert!(
-        same,
-        "draw {shown} again, by the command that README.md has"
-    );
+    assert!(same, "draw {shown} again, by the command beside it");
+}
+
+#[test]
+fn the_picture_of_the_readme_is_what_its_command_draws() {
+    check_picture("examples/plate.nc", "docs/plate.svg", &[]);
+}
+
+#[test]
+fn the_pictures_of_cycles_are_what_their_commands_draw() {
+    check_picture("examples/cycles.nc", "docs/cycles.svg", &[]);
+    check_picture("examples/drilling.nc", "docs/drilling.svg", &[]);
+}
+
+/// As many posts write a drilling program: settings of the machine first, inches, a hole given twice.
+const DRILLING: &str = "G0 G49 G40 G17 G80 G50 G90
+M6 T0
+G20
+M3 S600
+M8
+G0 G43 H0 Z0.2
+G73 X-2 Y-1 Z-0.5 Q0.15 R0.1 F12
+X-1.5
+X-1
+X-1
+X-0.5
+X0
+X0.5
+X1
+X1.5
+X2
+X2.5
+G80
+M5 M9
+M30
+";
+
+#[test]
+fn a_drilling_program_drills_its_eleven_holes() {
+    let folder = tempfile::tempdir().unwrap();
+    let plot = folder.path().join("holes.svg").display().to_string();
+    let settings = [
+        "--set", "$100=80", "--set", "$102=80", "--set", "$28=0.25", "--plot", &plot,
+    ];
+    let whole = figures(folder.path(), DRILLING, &settings);
+    assert_eq!(refused(&whole), Vec::<&str>::new());
+    // Up to 0.2 in, eleven times to -0.5 in and up again, and three times lifted by 0.25 mm in each.
+    let inches = 0.2 + 11.0 * 2.0 * 0.7;
+    let expected = (inches * 25.4 + 11.0 * 3.0 * 2.0 * 0.25) * 80.0;
+    let steps = whole["steps_axis"][2].as_f64().unwrap();
+    assert!((steps - expected).abs() < 100.0, "{steps}, not {expected}");
+    let drawn = fs::read_to_string(&plot).unwrap();
+    assert!(drawn.contains("holes: 11 × G73"));
+    // Named at the first one in each view, and once in the legend.
+    assert_eq!(drawn.matches("G73").count(), 3);
 }

@@ -9,8 +9,9 @@ use chart::{
 use leadscrew::axis::{LETTERS, LINEAR, X, Y, Z};
 use plotters::prelude::*;
 
-use super::PATH_WIDTH;
+use super::{PATH_WIDTH, marks};
 use crate::{
+    holes::Holes,
     quality::Traces,
     samples::{Motion, Point},
 };
@@ -37,6 +38,8 @@ const LEVELS: u16 = 24;
 const ROUNDING: f64 = 3.0;
 /// Height of the legend.
 const LEGEND: i32 = 92;
+/// Height of one line of it.
+const ROW: i32 = 18;
 /// Arrows along the path, at most, and the way between two at least, pixels.
 const ARROWS: f64 = 24.0;
 const ARROW_WAY: f64 = 90.0;
@@ -110,10 +113,16 @@ impl Colouring {
 }
 
 /// The tool path from above, and from the front where Z moves; one scale for all directions.
-pub(super) fn draw(area: &Area, motion: &Motion, colouring: &Colouring) -> Drawn<()> {
+pub(super) fn draw(
+    area: &Area,
+    motion: &Motion,
+    holes: &Holes,
+    colouring: &Colouring,
+) -> Drawn<()> {
     let [x, y, z] = [X, Y, Z].map(|axis| extent(motion, axis));
     let (_, height) = pixels(area);
-    let (area, legend) = area.split_vertically((height - LEGEND) * PX);
+    let more: i32 = marks::legend(holes).iter().map(|_| ROW).sum();
+    let (area, legend) = area.split_vertically((height - LEGEND - more) * PX);
     let length = |range: &Range<f64>| range.end - range.start;
     let (width, height) = pixels(&area);
     let across = f64::from(width - LABELS_LEFT - 2 * MARGIN);
@@ -134,21 +143,22 @@ pub(super) fn draw(area: &Area, motion: &Motion, colouring: &Colouring) -> Drawn
         let x = widened(&x, across * mm_per_pixel);
         let y = widened(&y, up * mm_per_pixel);
         let z = widened(&z, front * mm_per_pixel);
-        draw_plane(&above, motion, colouring, (X, x.clone()), (Y, y))?;
-        draw_plane(&below, motion, colouring, (X, x), (Z, z))?;
+        draw_plane(&above, motion, holes, colouring, (X, x.clone()), (Y, y))?;
+        draw_plane(&below, motion, holes, colouring, (X, x), (Z, z))?;
     } else {
         let mm_per_pixel = (length(&x) / across).max(length(&y) / whole) * room;
         let x = widened(&x, across * mm_per_pixel);
         let y = widened(&y, whole * mm_per_pixel);
-        draw_plane(&area, motion, colouring, (X, x), (Y, y))?;
+        draw_plane(&area, motion, holes, colouring, (X, x), (Y, y))?;
     }
-    draw_legend(&legend, motion, colouring)
+    draw_legend(&legend, motion, holes, colouring)
 }
 
 /// The path seen along one direction.
 fn draw_plane(
     area: &Area,
     motion: &Motion,
+    holes: &Holes,
     colouring: &Colouring,
     (first, across): (usize, Range<f64>),
     (second, up): (usize, Range<f64>),
@@ -189,6 +199,7 @@ fn draw_plane(
         };
         PathElement::new(points, style)
     }))?;
+    marks::draw(&mut chart, holes, [first, second], pixel)?;
     if second == Y {
         let points: Vec<_> = motion.path.iter().map(place).collect();
         let feeds: Vec<_> = motion.path.iter().map(|point| !point.is_rapid).collect();
@@ -268,7 +279,7 @@ fn draw_ends(chart: &mut Chart, points: &[(f64, f64)], pixel: f64) -> Drawn<()> 
 }
 
 /// The legend of the path, and how far each axis goes.
-fn draw_legend(area: &Area, motion: &Motion, colouring: &Colouring) -> Drawn<()> {
+fn draw_legend(area: &Area, motion: &Motion, holes: &Holes, colouring: &Colouring) -> Drawn<()> {
     const WIDE: i32 = 220;
     let (left, top) = ((MARGIN + LABELS_LEFT) * PX, 10 * PX);
     let (width, height) = (WIDE * PX, 10 * PX);
@@ -286,11 +297,17 @@ fn draw_legend(area: &Area, motion: &Motion, colouring: &Colouring) -> Drawn<()>
     for text in texts {
         let at = (left + width + 12 * PX, below);
         area.draw(&Text::new(text.to_owned(), at, style.clone()))?;
-        below += 18 * PX;
+        below += ROW * PX;
     }
     let line = below - 10 * PX;
     let ends = [(left, line), (left + width, line)];
     area.draw(&PathElement::new(ends, DASHED.stroke_width(stroke(1))))?;
+    for text in marks::legend(holes) {
+        marks::draw_key(area, (left + width - 8 * PX, below + 7 * PX))?;
+        let at = (left + width + 12 * PX, below);
+        area.draw(&Text::new(text, at, style.clone()))?;
+        below += ROW * PX;
+    }
     let extents = motion.moving(0..LINEAR).map(|axis| {
         let (least, greatest) = motion.extents[axis];
         let letter = char::from(LETTERS[axis]);

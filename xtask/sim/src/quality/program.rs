@@ -1,84 +1,49 @@
 //! From the lines of a program to its path.
-//!
-//! The lines go to an interpreter of their own, which nothing but its text reaches: what is measured
-//! is compared with the program, not with what the motion made of it.
 
 use leadscrew::{
     axis::{AXES, Axes},
-    gcode::interpreter::{Interpreter, Outcome},
     model::{Circle, Command, FeedRate, Target},
-    protocol::Line,
-    settings::{Settings, assign},
+    settings::Settings,
     units::{Nm, Steps, StepsPerMm},
 };
 
 use super::geometry::{Corner, Piece, Point, dot, millimetres, minus, norm};
+use crate::program_reader::ProgramReader;
 
-/// Reads a program as the machine does.
+/// The path of a program.
 pub(crate) struct Programmed {
-    interpreter: Interpreter,
-    settings: Settings,
-    line: Line,
+    reader: ProgramReader,
     /// Where the last piece ends.
     sent: Axes<Nm>,
     steps: Axes<Steps>,
     tangent: Option<Point>,
     length_mm: f64,
     is_stop: bool,
-    /// Something has moved the machine that only the machine knows the end of.
-    is_lost: bool,
 }
 
 impl Programmed {
-    /// At the origin.
-    pub(crate) fn new(settings: &Settings) -> Self {
+    /// From the origin.
+    pub(crate) fn new(reader: ProgramReader) -> Self {
         Self {
-            interpreter: Interpreter::new(),
-            settings: *settings,
-            line: Line::new(),
+            reader,
             sent: Axes::all(Nm(0)),
             steps: Axes::all(Steps(0)),
             tangent: None,
             length_mm: 0.0,
             is_stop: false,
-            is_lost: false,
         }
     }
 
     /// Whether the path is unknown from here on: after homing, probing, or check mode.
     pub(crate) fn is_lost(&self) -> bool {
-        self.is_lost
+        self.reader.is_lost()
     }
 
     /// The path of the next line. One that the machine refuses has none.
     pub(crate) fn line(&mut self, line: &[u8]) -> Vec<Piece> {
-        self.line.clear();
-        let bytes = line.iter().copied().chain([b'\n']);
-        let text = if self.line.take_from(bytes) {
-            self.line.text().unwrap_or_default().to_vec()
-        } else {
-            Vec::new()
-        };
-        if self.is_lost {
-            return Vec::new();
-        }
-        let checked = if let Some(jog) = text.strip_prefix(b"$J=") {
-            self.interpreter.check_jog(jog, &self.settings)
-        } else if let Some(statement) = text.strip_prefix(b"$") {
-            // A refused assignment changes nothing here either.
-            let _ = assign(&mut self.settings, statement);
-            self.is_lost = statement.starts_with(b"H") || statement == b"C";
-            return Vec::new();
-        } else {
-            self.interpreter.check(&text, &self.settings)
-        };
-        let Ok(checked) = checked else {
-            return Vec::new();
-        };
-        let mut outcome = Outcome::default();
-        self.interpreter.commit(&checked, &mut outcome);
-        let commands = outcome.commands.iter();
-        commands.filter_map(|command| self.piece(command)).collect()
+        let commands = self.reader.line(line);
+        let pieces = commands.iter().filter_map(|command| self.piece(command));
+        pieces.collect()
     }
 
     fn piece(&mut self, command: &Command) -> Option<Piece> {
@@ -92,10 +57,6 @@ impl Programmed {
                 feed_rate,
                 ..
             } => self.way(target, *feed_rate, Some(circle)),
-            Command::Probe { .. } => {
-                self.is_lost = true;
-                None
-            }
             Command::Dwell { .. }
             | Command::Spindle { .. }
             | Command::Coolant(_)
@@ -105,7 +66,8 @@ impl Programmed {
                 self.is_stop = true;
                 None
             }
-            Command::Power(_) => None,
+            // Only the machine knows where a probing move ends.
+            Command::Probe { .. } | Command::Power(_) => None,
         }
     }
 
@@ -116,7 +78,7 @@ impl Programmed {
         feed_rate: FeedRate,
         circle: Option<&Circle>,
     ) -> Option<Piece> {
-        let scales = self.settings.steps_per_mm;
+        let scales = self.reader.settings().steps_per_mm;
         let steps = scales.zip(target.position, |scale, nm| scale.steps_at(nm).0);
         let (begin, end) = (millimetres(&self.sent), millimetres(&target.position));
         let mut piece = Piece::new(begin, end, circle);
@@ -139,7 +101,7 @@ impl Programmed {
     }
 
     fn is_tiny(&self, piece: &Piece) -> bool {
-        let finest = self.settings.steps_per_mm.map(StepsPerMm::to_f32);
+        let finest = self.reader.settings().steps_per_mm.map(StepsPerMm::to_f32);
         let finest = finest.iter().copied().fold(0.0, f32::max);
         piece.length_mm * f64::from(finest) < 0.5
     }
@@ -155,7 +117,7 @@ impl Programmed {
         Corner {
             turn_rad: turn(&before, &after),
             change: minus(&after, &before),
-            allowed_mm_s: allowed_mm_s(&self.settings, &before, &after),
+            allowed_mm_s: allowed_mm_s(self.reader.settings(), &before, &after),
             is_stop: self.is_stop,
             is_regeared: !(0.5..=2.0).contains(&(norm(&after) / norm(&before))),
         }
@@ -196,7 +158,7 @@ mod tests {
     use super::*;
 
     fn pieces(lines: &[&str]) -> Vec<Piece> {
-        let mut programmed = Programmed::new(&Settings::default());
+        let mut programmed = Programmed::new(ProgramReader::new(&Settings::default()));
         let lines = lines.iter();
         lines
             .flat_map(|line| programmed.line(line.as_bytes()))
@@ -220,16 +182,5 @@ mod tests {
         // 10 mm/s², 0.01 mm, 90°: a·δ·(√½ / (1 - √½)), where both axes have their full limit.
         let expected = (10.0 * 2.0_f64.sqrt() * 0.01 * 2.414_213_562).sqrt();
         assert!((pieces[1].corner.allowed_mm_s - expected).abs() < 1.0e-6);
-    }
-
-    #[test]
-    fn the_path_is_lost_where_only_the_machine_knows_its_end() {
-        for text in ["$H", "G38.2 Z-5 F100", "$C"] {
-            let mut programmed = Programmed::new(&Settings::default());
-            programmed.line(b"G1 X1 F100");
-            assert!(!programmed.is_lost());
-            programmed.line(text.as_bytes());
-            assert!(programmed.is_lost(), "{text}");
-        }
     }
 }

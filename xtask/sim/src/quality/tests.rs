@@ -8,6 +8,7 @@ use leadscrew::{
 };
 
 use super::{Meter, Quality, text};
+use crate::program_reader::ProgramReader;
 
 const TICKS: f64 = TICKS_PER_SECOND as f64;
 
@@ -57,7 +58,7 @@ fn steps_of(seconds: f64, at: impl Fn(f64) -> [f64; 2]) -> Vec<(f64, usize, i32)
 
 /// What the meter says of steps beside a program.
 fn measured(settings: &Settings, program: &[&str], steps: &[(f64, usize, i32)]) -> Quality {
-    let mut meter = Meter::new(settings);
+    let mut meter = Meter::new(ProgramReader::new(settings));
     for line in program {
         meter.line(line.as_bytes());
     }
@@ -386,11 +387,11 @@ fn a_smooth_jerk_is_found() {
 
 #[test]
 fn a_refused_line_ends_what_is_said_of_the_path() {
-    let mut meter = Meter::new(&settings());
+    let mut meter = Meter::new(ProgramReader::new(&settings()));
     meter.line(b"G1 X1 F600");
     meter.answer(true);
     assert!(!meter.finish().0.is_path_known);
-    let mut meter = Meter::new(&settings());
+    let mut meter = Meter::new(ProgramReader::new(&settings()));
     // Refused by the interpreter beside the machine too: no part of the path.
     meter.line(b"G1 X1 Q7");
     meter.answer(true);

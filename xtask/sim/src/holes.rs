@@ -1,0 +1,204 @@
+//! The holes of a program's canned cycles.
+
+use std::collections::VecDeque;
+
+use leadscrew::{
+    axis::{Axes, LINEAR},
+    gcode::{Cycle, MotionMode},
+    model::{Command, FeedRate},
+    units::Nm,
+};
+
+use crate::program_reader::ProgramReader;
+
+/// Most holes that are kept; more are counted.
+const KEPT: usize = 1 << 16;
+
+/// A hole.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) struct Hole {
+    pub(crate) cycle: Cycle,
+    /// Where its first feed begins, mm in machine coordinates.
+    pub(crate) top: [f64; LINEAR],
+    /// Its bottom.
+    pub(crate) bottom: [f64; LINEAR],
+}
+
+/// The holes of a program.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub(crate) struct Holes {
+    /// In the order in which they are drilled.
+    pub(crate) holes: Vec<Hole>,
+    /// How many each cycle has drilled, in the order of the first of each.
+    pub(crate) counts: Vec<(Cycle, u64)>,
+}
+
+impl Holes {
+    /// Returns the axes along which there are holes.
+    pub(crate) fn depth_axes(&self) -> impl Iterator<Item = usize> {
+        let is_deep = |hole: &Hole, axis: usize| hole.top[axis] != hole.bottom[axis];
+        (0..LINEAR).filter(move |axis| self.holes.iter().any(|hole| is_deep(hole, *axis)))
+    }
+
+    fn push(&mut self, hole: Hole) {
+        let mut counts = self.counts.iter_mut();
+        match counts.find(|(cycle, _)| *cycle == hole.cycle) {
+            Some((_, count)) => *count += 1,
+            None => self.counts.push((hole.cycle, 1)),
+        }
+        if self.holes.len() < KEPT {
+            self.holes.push(hole);
+        }
+    }
+}
+
+/// Finds the holes of a program, of lines that the machine has not refused.
+pub(crate) struct HoleFinder {
+    reader: ProgramReader,
+    /// Of each line that is not answered.
+    pending: VecDeque<Vec<Hole>>,
+    found: Holes,
+}
+
+impl HoleFinder {
+    pub(crate) fn new(reader: ProgramReader) -> Self {
+        Self {
+            reader,
+            pending: VecDeque::new(),
+            found: Holes::default(),
+        }
+    }
+
+    /// A line is sent.
+    pub(crate) fn line(&mut self, line: &[u8]) {
+        let from = self.reader.interpreter().position();
+        let commands = self.reader.line(line);
+        let modal = self.reader.interpreter().modal();
+        let holes = match modal.motion {
+            MotionMode::Cycle(cycle) => self.of_line(cycle, from, &commands),
+            _ => Vec::new(),
+        };
+        self.pending.push_back(holes);
+    }
+
+    /// The oldest line that has no answer gets it.
+    pub(crate) fn answer(&mut self, is_refused: bool) {
+        let holes = self.pending.pop_front().unwrap_or_default();
+        for hole in holes.into_iter().filter(|_| !is_refused) {
+            self.found.push(hole);
+        }
+    }
+
+    pub(crate) fn finish(self) -> Holes {
+        self.found
+    }
+
+    /// The holes of a line in a cycle: the places where its feed moves reach their greatest depth.
+    fn of_line(&self, cycle: Cycle, mut from: Axes<Nm>, commands: &[Command]) -> Vec<Hole> {
+        let interpreter = self.reader.interpreter();
+        let depth_axis = interpreter.modal().plane.axes().2;
+        // Under rotation no machine axis may be the depth.
+        let level =
+            |machine: &Axes<Nm>| machine[depth_axis] - interpreter.work_offset(machine)[depth_axis];
+        let moves = commands.iter().filter_map(|command| match command {
+            Command::Line {
+                target, feed_rate, ..
+            } => {
+                let way = (from, target.position, *feed_rate);
+                from = target.position;
+                Some(way)
+            }
+            _ => None,
+        });
+        let feeds = moves.filter(|(_, _, feed_rate)| *feed_rate != FeedRate::Rapid);
+        let feeds: Vec<_> = feeds.map(|(from, to, _)| (from, to)).collect();
+        let bottom = feeds.iter().map(|(_, to)| level(to)).min();
+        let mut top = None;
+        let mut holes = Vec::new();
+        for (from, to) in &feeds {
+            let top_of_hole = *top.get_or_insert(*from);
+            if Some(level(to)) == bottom {
+                holes.push(Hole {
+                    cycle,
+                    top: millimetres(&top_of_hole),
+                    bottom: millimetres(to),
+                });
+            }
+            // A feed move upwards is the end of a hole, as is its bottom.
+            if Some(level(to)) == bottom || level(to) > level(from) {
+                top = None;
+            }
+        }
+        holes
+    }
+}
+
+fn millimetres(position: &Axes<Nm>) -> [f64; LINEAR] {
+    std::array::from_fn(|axis| position[axis].0 as f64 * 1e-6)
+}
+
+#[cfg(test)]
+mod tests {
+    use leadscrew::settings::Settings;
+
+    use super::*;
+
+    fn found(lines: &[(&str, bool)]) -> Holes {
+        let mut finder = HoleFinder::new(ProgramReader::new(&Settings::default()));
+        for (line, is_refused) in lines {
+            finder.line(line.as_bytes());
+            finder.answer(*is_refused);
+        }
+        finder.finish()
+    }
+
+    fn hole(cycle: Cycle, [x, y]: [f64; 2], top: f64, bottom: f64) -> Hole {
+        Hole {
+            cycle,
+            top: [x, y, top],
+            bottom: [x, y, bottom],
+        }
+    }
+
+    #[test]
+    fn every_cycle_makes_one_hole_at_each_place() {
+        for (words, cycle) in [
+            ("G73 Q1", Cycle::G73),
+            ("G74 M4 S9", Cycle::G74),
+            ("G81", Cycle::G81),
+            ("G82 P0", Cycle::G82),
+            ("G83 Q1", Cycle::G83),
+            ("G84 M3 S9", Cycle::G84),
+            ("G85", Cycle::G85),
+            ("G86 P0 M3 S9", Cycle::G86),
+            ("G88 P0 M3 S9", Cycle::G88),
+            ("G89 P0", Cycle::G89),
+        ] {
+            let line = format!("{words} X4 Y5 Z-3 R2");
+            let found = found(&[("G0 Z10 F100", false), (&line, false), ("X6", false)]);
+            let expected = [[4.0, 5.0], [6.0, 5.0]].map(|at| hole(cycle, at, 2.0, -3.0));
+            assert_eq!(found.holes, expected, "{line}");
+            assert_eq!(found.counts, [(cycle, 2)]);
+        }
+    }
+
+    #[test]
+    fn repeats_are_holes_and_refused_lines_are_none() {
+        let found = found(&[
+            ("G10 L2 P1 R90", false),
+            ("G0 Z10 F100", false),
+            ("G91 G99 G83 X5 Z-3 R-8 Q1 L2", false),
+            ("X5", true),
+            ("G80", false),
+        ]);
+        let expected = [5.0, 10.0].map(|y| hole(Cycle::G83, [0.0, y], 2.0, -1.0));
+        assert_eq!(found.holes, expected);
+    }
+
+    #[test]
+    fn holes_lie_along_the_axis_of_their_plane() {
+        let found = found(&[("F100 G18", false), ("G81 X1 Z2 Y-3 R-1", false)]);
+        assert_eq!(found.holes[0].top, [1.0, -1.0, 2.0]);
+        assert_eq!(found.holes[0].bottom, [1.0, -3.0, 2.0]);
+    }
+}
