@@ -72,6 +72,8 @@ pub enum List {
     Tools,
     /// `$I`.
     BuildInfo,
+    /// `$I+`: also what is beyond Grbl.
+    ExtendedBuildInfo,
     /// `$N`.
     StartupLines,
     /// `$ES`, `$EG`, `$EE`, `$EA`: descriptions for programs.
@@ -150,6 +152,7 @@ impl<'a> Dollar<'a> {
             [b'H', letter] => axis_mask(*letter).map(Self::Home),
             [b'S', b'L', b'P'] => Ok(Self::Sleep),
             [b'I'] => Ok(Self::List(List::BuildInfo)),
+            [b'I', b'+'] => Ok(Self::List(List::ExtendedBuildInfo)),
             [b'I', b'=', text @ ..] => Ok(Self::StoreBuildInfo(text)),
             [b'R', b'S', b'T', b'=', what] => match what {
                 b'$' => Ok(Self::Restore(Change::RestoreSettings)),
@@ -251,6 +254,7 @@ mod tests {
             ("TT0=Z5", [38, 8, 8, 8, 38]),
             ("TT256=", [38, 8, 8, 8, 38]),
             ("I", [0, 8, 8, 8, 0]),
+            ("I+", [0, 8, 8, 8, 0]),
             ("I=TEXT", [0, 8, 8, 8, 0]),
             ("N", [0, 8, 8, 8, 0]),
             ("N0=G21", [0, 8, 8, 8, 8]),
@@ -305,6 +309,7 @@ mod tests {
         Dollar::List(List::AllSettings) => "+", Idle, None;
         Dollar::List(List::Parameters) => "#", Idle, Some("$#");
         Dollar::List(List::BuildInfo) => "I", Idle, Some("$I");
+        Dollar::List(List::ExtendedBuildInfo) => "I+", Idle, None;
         Dollar::List(List::StartupLines) => "N", Idle, Some("$N");
         Dollar::List(List::Described(Described::Settings)) => "ES", Idle, None;
         Dollar::List(List::Described(Described::Groups)) => "EG", Idle, None;

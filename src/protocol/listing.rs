@@ -35,7 +35,7 @@ pub fn options(text: &mut Text, blocks: usize, received: usize) {
     text.word(",").natural(received as u32).word("]").end();
 }
 
-/// The last line of the answer to `$I`: the step rate that no settings may exceed.
+/// The third line of the answer to `$I`: the step rate that no settings may exceed.
 pub fn step_rate(text: &mut Text, rate: StepRate) {
     text.word("[MSG:Step rate: ").natural(rate.hz());
     text.word(match rate {
@@ -43,6 +43,12 @@ pub fn step_rate(text: &mut Text, rate: StepRate) {
         StepRate::Unproven => " Hz, unproven]",
     });
     text.end();
+}
+
+/// The line of the answer to `$I+` that names what is built in beyond Grbl, in grblHAL's words.
+pub fn new_options(text: &mut Text) {
+    // Tool changes by `M6`, with the state `Tool`.
+    text.word("[NEWOPT:TC]").end();
 }
 
 /// One line of the answer to `$N`, counted from 0. Returns false after the last.

@@ -282,6 +282,12 @@ pub fn tool_change(text: &mut Text, tool: u8, message: &[u8]) {
     text.word("]").end();
 }
 
+/// `[MSG:Dwell of 789 s]`: what a program in which `P` is meant in ms would wait at each hole.
+pub fn long_dwell(text: &mut Text, seconds: u32) {
+    text.word("[MSG:Dwell of ").natural(seconds);
+    text.word(" s]").end();
+}
+
 /// `[MSG:Path deviation: … mm]`: the greatest distance from the programmed path, under `G64`.
 pub fn path_deviation(text: &mut Text, deviation_mm: f32) {
     text.word("[MSG:Path deviation: ");

@@ -8,6 +8,7 @@ use leadscrew::{
 };
 
 use super::machine::Machine;
+use crate::bench::Bench;
 
 /// Lines that drill.
 const CYCLES: [&str; 5] = [
@@ -130,4 +131,19 @@ fn a_line_that_leaves_the_travel_drills_nothing() {
         assert!(output.contains(&"ALARM:2".to_owned()), "{line}: {output:?}");
         assert_eq!(machine.simulator.physical_steps(), before, "{line}");
     }
+}
+
+#[test]
+fn a_dwell_of_more_than_a_minute_is_announced_where_it_begins_or_changes() {
+    let mut bench = Bench::new();
+    bench.ask("$C");
+    assert_eq!(bench.ask("F100"), ["ok"]);
+    assert_eq!(bench.ask("G82 X1 Z-1 R1 P60"), ["ok"]);
+    let announced = ["[MSG:Dwell of 789 s]", "ok"];
+    assert_eq!(bench.ask("X2 P789"), announced);
+    assert_eq!(bench.ask("X3"), ["ok"]);
+    assert_eq!(bench.ask("G80"), ["ok"]);
+    assert_eq!(bench.ask("G82 X4 Z-1 R1 P789"), announced);
+    // Beyond 49 days.
+    assert_eq!(bench.ask("X5 P9999999"), ["error:39"]);
 }

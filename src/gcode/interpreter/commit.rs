@@ -14,6 +14,9 @@ use crate::{
     units::Nm,
 };
 
+/// A longer dwell of a cycle is announced, ms.
+const LONG_DWELL_MS: u32 = 60_000;
+
 pub(super) fn commit(state: &mut Interpreter, checked: &Checked, outcome: &mut Outcome) {
     outcome.clear();
     if checked.kind == LineKind::Jog {
@@ -31,11 +34,12 @@ pub(super) fn commit(state: &mut Interpreter, checked: &Checked, outcome: &mut O
         Move::Cycle(words) => Some(Drilling::new(state, checked, words)),
         Move::None | Move::Straight | Move::Arc(_) | Move::Probe(_) => None,
     };
+    let message = message(state, checked);
     outcome.shows_offset =
         state.modal.coordinates != checked.modal.coordinates || state.offsets.tool != checked.tool;
     state.modal = checked.modal;
     state.offsets.tool = checked.tool;
-    outcome.message = checked.lacks_tools.then_some(Message::EmptyToolTable);
+    outcome.message = message;
     outcome.shows_tool = state.loaded_tool != checked.loaded_tool;
     state.loaded_tool = checked.loaded_tool;
     state.update_frame();
@@ -53,6 +57,22 @@ pub(super) fn commit(state: &mut Interpreter, checked: &Checked, outcome: &mut O
     }
     end_line(state, checked.flow, outcome);
     state.update_plain_modes();
+}
+
+/// Returns the message that a line begins with: of the dwell of a cycle, where it is another one.
+fn message(state: &Interpreter, checked: &Checked) -> Option<Message> {
+    let long_dwell = match &checked.movement {
+        Move::Cycle(words) => {
+            let is_new = state.modal.motion != checked.modal.motion
+                || state.cycle.dwell_ms != words.dwell_ms;
+            (is_new && words.dwell_ms > LONG_DWELL_MS).then_some(Message::LongDwell {
+                seconds: words.dwell_ms / 1000,
+            })
+        }
+        Move::None | Move::Straight | Move::Arc(_) | Move::Probe(_) => None,
+    };
+    let lacks_tools = checked.lacks_tools.then_some(Message::EmptyToolTable);
+    lacks_tools.or(long_dwell)
 }
 
 impl Outcome {

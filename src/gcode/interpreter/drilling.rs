@@ -25,6 +25,7 @@ pub(super) struct Drilling {
     bottom: Nm,
     /// Between holes.
     clear_level: Nm,
+    /// How far the tool rises on the way to a hole, where it is lower than between holes.
     retract: RetractMode,
     /// Work position before the next command.
     position: Axes<Nm>,

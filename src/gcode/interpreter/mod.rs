@@ -184,6 +184,11 @@ pub enum Message {
     ProgramEnd,
     /// `[MSG:Tool table is empty: tool length 0]`, as soon as the line is executed.
     EmptyToolTable,
+    /// `[MSG:Dwell of 789 s]`, as soon as the line is executed.
+    LongDwell {
+        /// The dwell, s.
+        seconds: u32,
+    },
 }
 
 impl Checked {

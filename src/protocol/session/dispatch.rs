@@ -146,14 +146,15 @@ impl Session {
                 listing::parameter(text, offsets, tools, last, line, settings)
             }
             List::Tools => listing::tool(text, self.interpreter.tools(), line),
-            List::BuildInfo => {
+            List::BuildInfo | List::ExtendedBuildInfo => {
                 match line {
                     0 => listing::version(text, &stored.build_info),
                     1 => listing::options(text, BLOCKS, received_bytes),
                     2 => listing::step_rate(text, settings.step_rate),
+                    3 if list == List::ExtendedBuildInfo => listing::new_options(text),
                     _ => {}
                 }
-                line < 3
+                line < 3 + usize::from(list == List::ExtendedBuildInfo)
             }
             List::StartupLines => listing::startup_line(text, &stored.startup, line),
             List::Described(what) => listing::description(text, what, line),

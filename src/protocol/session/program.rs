@@ -225,8 +225,14 @@ impl Session {
         if self.line.outcome.shows_offset && !(is_checking && ends_program) {
             self.reports.cadence.offset_changed();
         }
-        if self.line.outcome.message == Some(Message::EmptyToolTable) {
-            report::feedback(&mut self.reports.message, Feedback::EmptyToolTable);
+        match self.line.outcome.message {
+            Some(Message::EmptyToolTable) => {
+                report::feedback(&mut self.reports.message, Feedback::EmptyToolTable);
+            }
+            Some(Message::LongDwell { seconds }) => {
+                report::long_dwell(&mut self.reports.message, seconds);
+            }
+            Some(Message::ProgramEnd) | None => {}
         }
         self.reports.is_tool_due |= self.line.outcome.shows_tool && !is_checking;
         if is_checking {
