@@ -185,7 +185,11 @@ pub static CODES: &[CodeRow] = &[
     row("G61.1", CodeGroup::PathControl, "to a standstill at the end of each move", "", &["G61.1"], &[]),
     row("G64", CodeGroup::PathControl, "rounds corners, P at most from the path ($785 without P), and merges lines within Q (P without Q)", "[P Q]", &["G64 P0.05"], &[("G64 P-1", NegativeValue), ("G1 X1 F100 Q1", Unsupported)]),
 
-    row("G40", CodeGroup::Tool, "no cutter compensation (default)", "", &["G40"], &[]),
+    row("G40", CodeGroup::Tool, "no cutter compensation (default); the next move, a straight one, leaves the contour", "", &["G40"], &[("G40.1", NotInteger)]),
+    row("G41", CodeGroup::Tool, "keeps the cutter of tool D to the left of the programmed path, without D of the tool in the spindle; the next move is the entry. In G17 and G18, until G40 without G28, G30, G53, G92, other work coordinates, tool lengths, probing and cycles", "[D]", &["G10 L1 P2 R3", "G41 D2 G1 X10 F100"], &[("G41 D1.5", NotInteger), ("G41 D3", LineError::UnknownTool), ("G41 D-1", NegativeValue), ("G19 G41", LineError::NotInThisPlane), ("G1 D2", Unsupported)]),
+    row("G41.1", CodeGroup::Tool, "as G41, with a cutter of the diameter D; a negative one is on the other side", "D", &["G41.1 D6"], &[("G41.1", MissingWord)]),
+    row("G42", CodeGroup::Tool, "as G41, to the right", "[D]", &["G10 L1 P2 R3", "G42 D2 G1 X10 F100"], &[("G42.2", Unsupported)]),
+    row("G42.1", CodeGroup::Tool, "as G41.1, to the right", "D", &["G42.1 D6"], &[("G42.1 D5000", InvalidTarget)]),
     row("G43", CodeGroup::Tool, "uses the offset of tool H in the tool table, without H of the tool in the spindle", "[H]", &["G10 L1 P2 Z50.5", "G43 H2"], &[("G43 H256", LineError::UnknownTool), ("G43 H1.5", NotInteger), ("G0 H2", Unsupported)]),
     row("G43.1", CodeGroup::Tool, "sets the tool length offset of the given axes", "axes", &["G43.1 Z-12.5"], &[("G43.1", ToolLengthAxis)]),
     row("G43.2", CodeGroup::Tool, "adds the offset of tool H, or the axis words, to the tool length offset", "H or axes", &["G10 L1 P2 Z50.5", "G43 H2", "G43.2 Z-0.1"], &[("G43.2", MissingWord), ("G43.2 H2 Z1", LineError::ToolLengthWords)]),

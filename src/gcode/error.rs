@@ -90,25 +90,37 @@ pub enum LineError {
     ToolChange = 40,
     /// A cycle that switches the spindle, and the spindle is off.
     SpindleOff = 41,
+    /// A code that is not possible in this plane.
+    NotInThisPlane = 42,
     /// `G43.2` with `H` and axis words.
     ToolLengthWords = 48,
     /// A setting outside its range.
     SettingOutOfRange = 52,
     /// A canned cycle with `R` below the bottom of the hole.
     RetractBelowBottom = 54,
+    /// Cutter compensation, while it is on.
+    CompensationOn = 90,
+    /// A code that is not possible with cutter compensation.
+    NotWithCompensation = 91,
+    /// An entry, an arc or a corner into which the cutter does not fit.
+    CutterDoesNotFit = 92,
     /// Homing while a limit switch of an axis to be homed is closed already.
     LimitsEngaged = 203,
     /// A change that could not be stored, and has not been made.
     StorageWrite = 204,
+    /// An arc as the first move after cutter compensation.
+    ArcAfterCompensation = 205,
     /// A tool more than the tool table holds.
     ToolTableFull = 206,
+    /// More than waits for the next move along the compensated path.
+    TooMuchWaits = 207,
     /// A canned cycle in `G93`.
     CycleNeedsFeedPerMinute = 208,
 }
 
 impl LineError {
     /// Every error, in the order of the numbers.
-    pub const ALL: [Self; 47] = [
+    pub const ALL: [Self; 53] = [
         Self::ExpectedLetter,
         Self::BadNumber,
         Self::InvalidStatement,
@@ -149,12 +161,18 @@ impl LineError {
         Self::ValueOutOfRange,
         Self::ToolChange,
         Self::SpindleOff,
+        Self::NotInThisPlane,
         Self::ToolLengthWords,
         Self::SettingOutOfRange,
         Self::RetractBelowBottom,
+        Self::CompensationOn,
+        Self::NotWithCompensation,
+        Self::CutterDoesNotFit,
         Self::LimitsEngaged,
         Self::StorageWrite,
+        Self::ArcAfterCompensation,
         Self::ToolTableFull,
+        Self::TooMuchWaits,
         Self::CycleNeedsFeedPerMinute,
     ];
 
@@ -210,12 +228,20 @@ impl LineError {
             Self::ValueOutOfRange => "the value is outside its range",
             Self::ToolChange => "not during a tool change",
             Self::ToolLengthWords => "G43.2 needs H or axis words, not both",
+            Self::NotInThisPlane => "not possible in this plane",
             Self::SpindleOff => "the cycle needs a spindle that turns",
             Self::SettingOutOfRange => "the setting is outside its range",
             Self::RetractBelowBottom => "R is below the bottom of the hole",
+            Self::CompensationOn => "cutter compensation is on already",
+            Self::NotWithCompensation => "not possible while cutter compensation is on (G40)",
+            Self::CutterDoesNotFit => {
+                "the cutter does not fit: entry too short, arc too small, or corner too narrow"
+            }
             Self::LimitsEngaged => "a limit switch of an axis to be homed is closed",
             Self::StorageWrite => "the change could not be stored and has not been made",
+            Self::ArcAfterCompensation => "the move after G40 must be straight",
             Self::ToolTableFull => "the tool table is full",
+            Self::TooMuchWaits => "too much waits for the next move in the plane of compensation",
             Self::CycleNeedsFeedPerMinute => "canned cycles need G94",
         }
     }

@@ -14,8 +14,8 @@ mod word_reader;
 
 pub use error::LineError;
 pub use modal::{
-    ArcDistance, Cycle, Distance, FeedMode, Flow, Modal, MotionMode, ProbeMode, RetractMode,
-    ToolLength, Units,
+    ArcDistance, CompensationMode, Cycle, Distance, FeedMode, Flow, Modal, MotionMode, ProbeMode,
+    RetractMode, ToolLength, Units,
 };
 use parsed_line::tool_number;
 pub use parsed_line::{

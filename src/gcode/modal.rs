@@ -19,6 +19,8 @@ pub struct Modal {
     pub arc_distance: ArcDistance,
     /// The plane of arcs.
     pub plane: Plane,
+    /// Cutter radius compensation.
+    pub compensation: CompensationMode,
     /// Whether a tool length is in effect.
     pub tool_length: ToolLength,
     /// The work coordinate system in use.
@@ -255,6 +257,42 @@ pub enum ArcDistance {
     Incremental,
     /// `G90.1`: the work coordinate system.
     Absolute,
+}
+
+/// Cutter radius compensation.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+pub enum CompensationMode {
+    /// `G40`.
+    #[default]
+    Off,
+    /// `G41`: the tool of the tool table on the left.
+    Left,
+    /// `G41.1`: a cutter of the diameter `D` on the left.
+    LeftDynamic,
+    /// `G42`: the tool of the tool table on the right.
+    Right,
+    /// `G42.1`: a cutter of the diameter `D` on the right.
+    RightDynamic,
+}
+
+impl CompensationMode {
+    /// The command as reports write it; `None` where Grbl does not report it.
+    #[must_use]
+    pub const fn word(self) -> Option<&'static str> {
+        match self {
+            Self::Off => None,
+            Self::Left => Some("G41"),
+            Self::LeftDynamic => Some("G41.1"),
+            Self::Right => Some("G42"),
+            Self::RightDynamic => Some("G42.1"),
+        }
+    }
+
+    /// Whether `D` is a diameter, not a tool.
+    #[must_use]
+    pub const fn is_dynamic(self) -> bool {
+        matches!(self, Self::LeftDynamic | Self::RightDynamic)
+    }
 }
 
 /// Whether a tool length is in effect.

@@ -4,8 +4,8 @@
 //! word from the left. The modes of the line replace those before it, in a copy.
 
 use super::{
-    ArcDistance, CodeNumber, Cycle, Distance, FeedMode, Flow, LineError, Modal, MotionMode,
-    PlainPrefix, ProbeMode, RetractMode, ToolLength, Units, Word, WordReader, Words,
+    ArcDistance, CodeNumber, CompensationMode, Cycle, Distance, FeedMode, Flow, LineError, Modal,
+    MotionMode, PlainPrefix, ProbeMode, RetractMode, ToolLength, Units, Word, WordReader, Words,
 };
 use crate::{
     axis::{AXES, Axes, LETTERS},
@@ -33,6 +33,8 @@ pub struct ParsedLine {
     pub coordinates: Axes<Decimal>,
     /// `I`, `J`, `K`.
     pub offsets: [Decimal; 3],
+    /// `D`.
+    pub d: Decimal,
     /// `H`.
     pub h: Decimal,
     /// `P`.
@@ -168,6 +170,7 @@ impl ParsedLine {
             axes: 0,
             coordinates: Axes([Decimal::ZERO; AXES]),
             offsets: [Decimal::ZERO; 3],
+            d: Decimal::ZERO,
             h: Decimal::ZERO,
             p: Decimal::ZERO,
             q: Decimal::ZERO,
@@ -245,6 +248,10 @@ impl ParsedLine {
             // So is H.
             return Err(LineError::Unsupported);
         }
+        if self.words.contains(Word::D) && !self.begins_compensation() {
+            // And D.
+            return Err(LineError::Unsupported);
+        }
         result
     }
 
@@ -268,6 +275,24 @@ impl ParsedLine {
                 self.modal.tool_length,
                 ToolLength::OfTool | ToolLength::Added
             )
+    }
+
+    /// Whether the line has a code of cutter compensation.
+    #[must_use]
+    pub const fn has_compensation(&self) -> bool {
+        self.has_group(ModalGroup::CutterCompensation)
+    }
+
+    /// Whether the line begins cutter compensation.
+    #[must_use]
+    pub fn begins_compensation(&self) -> bool {
+        self.has_compensation() && self.modal.compensation != CompensationMode::Off
+    }
+
+    /// Whether the line has the code of a work coordinate system.
+    #[must_use]
+    pub const fn has_coordinates(&self) -> bool {
+        self.has_group(ModalGroup::Coordinates)
     }
 
     const fn has_group(&self, group: ModalGroup) -> bool {
@@ -342,6 +367,7 @@ impl ParsedLine {
             0..=3 | 38 | 73 | 74 | 81..=86 | 88 | 89 => self.motion_word(code)?,
             80 => self.cancel_word(code)?,
             4 | 10 | 28 | 30 | 52 | 53 | 92 => self.non_modal_word(code)?,
+            40..=42 => self.compensation_word(code)?,
             43 | 49 => self.tool_length_word(code)?,
             54..=59 => {
                 self.modal.coordinates = WorkCoordinates::of_code(code.whole, code.hundredths)
@@ -449,6 +475,20 @@ impl ParsedLine {
         Ok(ModalGroup::NonModal)
     }
 
+    /// Modal group 7.
+    fn compensation_word(&mut self, code: CodeNumber) -> Result<ModalGroup, LineError> {
+        self.modal.compensation = match (code.whole, code.hundredths) {
+            (40, 0) => CompensationMode::Off,
+            (40, _) => return Err(LineError::NotInteger),
+            (41, 0) => CompensationMode::Left,
+            (41, 10) => CompensationMode::LeftDynamic,
+            (42, 0) => CompensationMode::Right,
+            (42, 10) => CompensationMode::RightDynamic,
+            _ => return Err(LineError::Unsupported),
+        };
+        Ok(ModalGroup::CutterCompensation)
+    }
+
     /// Modal group 8. The fraction of `G49` does not count.
     fn tool_length_word(&mut self, code: CodeNumber) -> Result<ModalGroup, LineError> {
         let by_tool = match (code.whole, code.hundredths) {
@@ -496,7 +536,6 @@ impl ParsedLine {
                 modal.units = Units::Millimetres;
                 ModalGroup::Units
             }
-            40 => ModalGroup::CutterCompensation,
             50 => ModalGroup::Scaling,
             97 => ModalGroup::SpindleMode,
             98 => {
@@ -609,6 +648,7 @@ impl ParsedLine {
     fn value_word(&mut self, letter: u8, number: Decimal) -> Result<(), LineError> {
         match letter {
             b'X' | b'Y' | b'Z' | b'A' | b'B' | b'C' => return self.axis_word(letter, number),
+            b'D' => self.d = number,
             b'F' => self.feed = number.to_f32(),
             b'H' => self.h = number,
             b'I' => self.offsets[0] = number,

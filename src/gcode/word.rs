@@ -19,6 +19,8 @@ impl Word {
         }
         Self(axes)
     };
+    /// Tool or diameter of cutter compensation.
+    pub const D: Self = Self::new(b'D');
     /// Feed rate.
     pub const F: Self = Self::new(b'F');
     /// Tool of which the offset is used.

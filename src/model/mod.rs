@@ -4,6 +4,7 @@
 
 mod alarm;
 mod command;
+mod cutter;
 mod levels;
 mod modes;
 mod notice;
@@ -18,6 +19,7 @@ mod xy_rotation;
 
 pub use alarm::Alarm;
 pub use command::{Circle, Command, FeedRate, Laser, Probing, Target};
+pub use cutter::{Cutter, Side};
 pub use levels::Levels;
 pub use modes::{Coolant, PathControl, PerSystem, Plane, Rotation, Spindle, WorkCoordinates};
 pub use notice::{Notice, Notices};

@@ -70,6 +70,7 @@ pub fn modes(text: &mut Text, modal: &Modal, is_changing_tool: bool, unit: Repor
         units,
         distance,
         plane,
+        compensation,
         arc_distance,
         retract,
         overrides: _,
@@ -93,10 +94,8 @@ pub fn modes(text: &mut Text, modal: &Modal, is_changing_tool: bool, unit: Repor
     text.word(units.word());
     text.word(" ").word(distance.word());
     text.word(" ").word(feed_mode.word());
-    if let Some(word) = path.word() {
-        text.word(" ").word(word);
-    }
-    if let Some(word) = tool_length.word() {
+    let words = [path.word(), compensation.word(), tool_length.word()];
+    for word in words.into_iter().flatten() {
         text.word(" ").word(word);
     }
     if *retract == RetractMode::ReferencePlane {

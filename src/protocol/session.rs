@@ -9,6 +9,7 @@
 
 mod blending;
 mod commands;
+mod compensation;
 mod dispatch;
 mod machine_sync;
 mod notifications;
@@ -36,7 +37,7 @@ use crate::{
     },
     machine::Snapshot,
     model::{Awaited, Probed, Requests, queues::ENTRY_RING},
-    path::{Blender, Checkpoint, Entry, Router, TiltedArc},
+    path::{Blender, Checkpoint, Compensator, Entry, Router, TiltedArc},
     settings::{Change, Settings, StoreError, Stored, ToolTable},
     units::Nm,
 };
@@ -82,6 +83,8 @@ enum LineStage {
     AwaitingStandstill,
     /// The commands of a line go to the machine; this one is next.
     Sending(usize),
+    /// What compensation has released goes to the machine, then the line from this command on.
+    Compensating(usize),
     /// All commands have gone to the machine; this follows when they are done.
     Completing(AfterCommands),
     /// The platform stores a change; this follows.
@@ -154,6 +157,8 @@ struct LineExecution {
     input: Line,
     /// The commands of the line.
     outcome: Outcome,
+    /// Whether these are compensated.
+    is_compensated: bool,
     /// The arc of which chords are being sent.
     tilted: Option<TiltedArc>,
     /// The command in whose place those of the holes are sent, of a line that drills.
@@ -193,6 +198,7 @@ pub struct Session {
     /// Moves that `G64` may still change.
     blender: Blender,
     persistence: Persistence,
+    compensator: Compensator,
     probing: ProbeRecord,
     tool_change: ToolChange,
     /// The axes are where their coordinates say: nothing has happened since homing by which they may
@@ -224,11 +230,13 @@ impl Session {
                 prefix: PlainPrefix::default(),
                 input: Line::new(),
                 outcome: Outcome::default(),
+                is_compensated: false,
                 tilted: None,
                 drilling: None,
             },
             reports: Reports::default(),
             blender: Blender::new(),
+            compensator: Compensator::new(),
             persistence: Persistence::new(stored),
             probing: ProbeRecord::default(),
             tool_change: ToolChange::new(),
@@ -354,7 +362,7 @@ impl Session {
                 .union(Awaited::ENTRIES)
                 .union(Awaited::SEGMENTS),
             LineStage::Reading | LineStage::ReadingManual => Awaited::LINE,
-            LineStage::Sending(_) => Awaited::ENTRIES_BATCHED,
+            LineStage::Sending(_) | LineStage::Compensating(_) => Awaited::ENTRIES_BATCHED,
             LineStage::Starting { .. }
             | LineStage::ListingDefaults(_)
             | LineStage::Welcoming
@@ -427,13 +435,14 @@ impl Session {
             {
                 Progress::Waiting
             }
-            LineStage::Sending(_) if is_cancelled => Progress::Waiting,
+            LineStage::Sending(_) | LineStage::Compensating(_) if is_cancelled => Progress::Waiting,
             LineStage::Starting { .. } | LineStage::Faulted | LineStage::Asleep => {
                 Progress::Waiting
             }
             LineStage::Reading => self.read_line(links),
             LineStage::ReadingManual => self.read_manual_line(links),
             LineStage::Sending(first) => self.send_commands(first, links),
+            LineStage::Compensating(first) => self.send_compensated(first, links),
             LineStage::ListingDefaults(line) => self.list_defaults(line),
             LineStage::Welcoming => self.welcome(machine),
             LineStage::StartingUp(number) => self.start_up(number, links),

@@ -3,6 +3,7 @@
 mod bench;
 #[path = "../support/cases.rs"]
 mod cases;
+mod compensation;
 mod deviations;
 mod drilling;
 mod flow;

@@ -3,8 +3,8 @@
 //! One function per step of the NIST order of execution that can fail.
 
 use super::{
-    Action, Checked, Interpreter, LineKind, Move, arc, cycle, drilling::Drilling, power, targets,
-    tools,
+    Action, Checked, Interpreter, LineKind, Move, arc, compensation, cycle, drilling::Drilling,
+    power, targets, tools,
 };
 use crate::{
     axis::Axes,
@@ -37,8 +37,10 @@ pub(super) fn check(
     let mut unused = parsed.words;
     let mut checked = unchanged(state, kind, &parsed);
     check_modes(state, settings, &parsed, &mut unused, &mut checked)?;
+    compensation::set(state, &parsed, &mut unused, &mut checked)?;
     check_non_modal(state, settings, &parsed, &mut unused, &mut checked)?;
     check_motion(state, settings, &parsed, &mut unused, &mut checked)?;
+    compensation::check_line(&checked)?;
     check_words(kind, &parsed, unused)?;
     check_reach(state, settings, &checked)?;
     let is_motion = parsed.axes != 0 && parsed.axis_command == AxisCommand::Motion;
@@ -105,6 +107,11 @@ fn unchanged(state: &Interpreter, kind: LineKind, parsed: &ParsedLine) -> Checke
         work_target: state.work_position,
         single_mm: state.single_mm,
         movement: Move::None,
+        radius: parsed
+            .words
+            .contains(Word::R)
+            .then(|| parsed.length(parsed.radius)),
+        compensation: state.compensation,
     }
 }
 

@@ -1,12 +1,15 @@
 //! The second phase of a line: its commands, in the NIST order of execution.
 
 use super::{
-    Action, Checked, Interpreter, LineKind, Message, Move, Outcome, check::MM_PER_INCH,
-    drilling::Drilling,
+    Action, Checked, Compensation, Interpreter, LineKind, Message, Move, Outcome,
+    check::MM_PER_INCH, drilling::Drilling,
 };
 use crate::{
     axis::{Axes, Z},
-    gcode::{Distance, FeedMode, Flow, Modal, MotionMode, ProbeMode, StoredPosition, Units},
+    gcode::{
+        CompensationMode, Distance, FeedMode, Flow, Modal, MotionMode, ProbeMode, StoredPosition,
+        Units,
+    },
     model::{
         Command, Coolant, FeedRate, Laser, OverrideSwitches, Plane, Probing, Spindle, Target,
         WorkCoordinates,
@@ -38,6 +41,12 @@ pub(super) fn commit(state: &mut Interpreter, checked: &Checked, outcome: &mut O
     outcome.shows_offset =
         state.modal.coordinates != checked.modal.coordinates || state.offsets.tool != checked.tool;
     state.modal = checked.modal;
+    state.compensation = checked.compensation;
+    if checked.moves() {
+        state
+            .compensation
+            .advance(checked.moves_in_plane(&state.position));
+    }
     state.offsets.tool = checked.tool;
     outcome.message = message;
     outcome.shows_tool = state.loaded_tool != checked.loaded_tool;
@@ -256,6 +265,7 @@ fn end_line(state: &mut Interpreter, flow: Flow, outcome: &mut Outcome) {
                 retract: _,
                 overrides,
                 plane,
+                compensation,
                 tool_length: _,
                 coordinates,
                 path: _,
@@ -268,12 +278,14 @@ fn end_line(state: &mut Interpreter, flow: Flow, outcome: &mut Outcome) {
             } = &mut state.modal;
             *motion = MotionMode::Linear;
             *plane = Plane::default();
+            *compensation = CompensationMode::Off;
             *distance = Distance::default();
             *feed_mode = FeedMode::default();
             *coordinates = WorkCoordinates::default();
             *overrides = OverrideSwitches::ALL;
             *spindle = Spindle::Off;
             *coolant = Coolant::default();
+            state.compensation = Compensation::default();
             state.forget_spindle();
             outcome.add(Command::Spindle {
                 spindle: Spindle::Off,

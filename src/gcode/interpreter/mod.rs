@@ -11,6 +11,7 @@
 mod arc;
 mod check;
 mod commit;
+mod compensation;
 mod cycle;
 mod drilling;
 mod offsets;
@@ -22,10 +23,12 @@ mod tools;
 
 use core::num::NonZeroU8;
 
+use compensation::Compensation;
 use cycle::CycleWords;
 use drilling::Drilling;
 use offsets::Frame;
 
+pub use compensation::CompensatedMove;
 pub use offsets::Offsets;
 pub use tool_change::Interrupted;
 
@@ -73,6 +76,7 @@ pub struct Interpreter {
     cycle: CycleWords,
     /// The holes of the last line: not all commands of them may have been taken.
     drilling: Option<Drilling>,
+    compensation: Compensation,
     tools: ToolTable,
 }
 
@@ -120,6 +124,10 @@ pub struct Checked {
     /// A target in Grbl's single precision, mm.
     single_mm: Axes<f32>,
     movement: Move,
+    /// `R`.
+    radius: Option<Nm>,
+    /// After the line's code, before its move.
+    compensation: Compensation,
 }
 
 /// The effect of a line beside its motion.
@@ -261,6 +269,12 @@ impl Checked {
         moves || starts || self.flow != Flow::Run || self.tool_command != ToolCommand::None
     }
 
+    /// Whether the program pauses or ends with the line.
+    #[must_use]
+    pub fn stops_program(&self) -> bool {
+        self.flow != Flow::Run
+    }
+
     /// Whether the program ends with the line.
     #[must_use]
     pub fn ends_program(&self) -> bool {
@@ -315,6 +329,7 @@ impl Interpreter {
             tools: ToolTable::new(),
             cycle: CycleWords::default(),
             drilling: None,
+            compensation: Compensation::default(),
         }
     }
 
@@ -425,6 +440,7 @@ impl Interpreter {
             remembered_work: self.offsets.remembered_work,
             ..Offsets::default()
         };
+        self.compensation = Compensation::default();
         self.forget_spindle();
         self.update_frame();
         self.update_plain_modes();
@@ -450,7 +466,8 @@ impl Interpreter {
             && modal.feed_units == Units::Millimetres
             && modal.feed_mode == FeedMode::PerMinute
             && self.frame.rotation.is_none()
-            && !self.lacks_spindle;
+            && !self.lacks_spindle
+            && self.compensation.is_without_effect();
     }
 
     /// Forgets what has been done with the spindle: the program is over.

@@ -1,6 +1,6 @@
 //! A change of the tool: what happens before the machine waits for it, and after.
 
-use super::{Checked, CycleWords, Interpreter, Outcome};
+use super::{Checked, Compensation, CycleWords, Interpreter, Outcome};
 use crate::{
     axis::{Axes, Z},
     gcode::{Modal, StoredPosition},
@@ -13,6 +13,7 @@ use crate::{
 pub struct Interrupted {
     modal: Modal,
     cycle: CycleWords,
+    compensation: Compensation,
     position: Axes<Nm>,
 }
 
@@ -28,6 +29,7 @@ impl Interpreter {
         let interrupted = Interrupted {
             modal: self.modal,
             cycle: self.cycle,
+            compensation: self.compensation,
             position: self.position,
         };
         outcome.clear();
@@ -77,6 +79,7 @@ impl Interpreter {
             ..interrupted.modal
         };
         self.cycle = interrupted.cycle;
+        self.compensation = interrupted.compensation;
         self.lacks_spindle = self.has_run_spindle;
         self.update_frame();
         self.update_plain_modes();

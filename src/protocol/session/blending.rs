@@ -41,6 +41,7 @@ impl Session {
     pub(super) fn drop_cancelled(&mut self, machine: &Snapshot) {
         if machine.state == State::Alarm || self.machine_sync.is_cancelled(machine) {
             self.blender.clear();
+            self.cancel_compensation();
         }
     }
 

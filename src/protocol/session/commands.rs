@@ -21,6 +21,7 @@ impl Session {
         if !self.is_done(links.machine) {
             return self.await_standstill();
         }
+        self.cancel_compensation();
         self.send_work(Work::Unlock, links);
         self.stage = LineStage::Completing(AfterCommands::Message(Feedback::Unlocked));
         Progress::Again
@@ -28,6 +29,9 @@ impl Session {
 
     /// Homes the axes of a mask, 0 for all.
     pub(super) fn home(&mut self, mask: u8, links: &mut Links<'_, '_>) -> Progress {
+        if self.interpreter.is_compensating() {
+            return self.refuse(LineError::NotWithCompensation);
+        }
         if !self.is_done(links.machine) {
             return self.await_standstill();
         }
@@ -67,6 +71,7 @@ impl Session {
 
     /// Begins check mode: programs are checked and not executed.
     pub(super) fn begin_check(&mut self, links: &mut Links<'_, '_>) -> Progress {
+        self.cancel_compensation();
         self.tool_before_check = Some(self.interpreter.loaded_tool());
         self.send_work(Work::Check, links);
         self.stage = LineStage::Completing(AfterCommands::Message(Feedback::CheckEnabled));
@@ -84,6 +89,7 @@ impl Session {
         if !self.is_done(links.machine) {
             return self.await_standstill();
         }
+        self.cancel_compensation();
         self.send_work(Work::Sleep, links);
         answer(&mut self.reports.message, Ok(()));
         self.stage = LineStage::Asleep;

@@ -133,6 +133,9 @@ impl Session {
         }
         self.interpreter
             .set_optional_stop(machine.overrides.optional_stop);
+        if self.line.source == Source::Jog {
+            self.leave_contour();
+        }
         let text = self.line.input.text().unwrap_or_default();
         let line = match self.line.source {
             Source::Line => text,
@@ -167,7 +170,11 @@ impl Session {
         {
             return self.refuse(LineError::JogBeyondTravel);
         }
-        if self.line.checked.waits_for_standstill() && !self.is_done(machine) {
+        if let Err(error) = self.plan_compensated() {
+            return self.refuse(error);
+        }
+        let waits = self.line.checked.waits_for_standstill() && !self.waits_behind_move();
+        if waits && !self.is_done(machine) {
             return self.await_standstill();
         }
         if let Source::NewStartup {
@@ -211,7 +218,10 @@ impl Session {
     /// Sends the commands of a line that began at a position, unless it leaves the travel.
     fn send(&mut self, from: Axes<Nm>, links: &mut Links<'_, '_>) -> Progress {
         let machine = links.machine;
-        if self.leaves_travel(machine, from) {
+        let waits = self.waits_behind_move();
+        let is_compensated = self.line.checked.follows_contour() || self.compensator.has_plan();
+        self.line.is_compensated = is_compensated;
+        if !is_compensated && self.leaves_travel(machine, from) {
             return self.send_fault(links);
         }
         let settings = &self.persistence.stored.settings;
@@ -235,7 +245,7 @@ impl Session {
             Some(Message::ProgramEnd) | None => {}
         }
         self.reports.is_tool_due |= self.line.outcome.shows_tool && !is_checking;
-        if is_checking {
+        if is_checking && !is_compensated {
             self.line.outcome.commands.clear();
         }
         self.line.after_commands = if ends_program {
@@ -251,10 +261,15 @@ impl Session {
             let switches = !self.line.checked.moves() && !self.line.outcome.commands.is_empty();
             // A startup line is stored when its motion is over.
             let is_stored = matches!(self.line.source, Source::NewStartup { .. });
-            (switches || is_stored || self.line.checked.answers_when_done())
-                .then_some(AfterCommands::Answer)
+            let is_switched = switches || self.line.checked.answers_when_done();
+            (is_stored || is_switched && !waits).then_some(AfterCommands::Answer)
         };
-        self.send_commands(0, links)
+        if is_compensated || self.compensator.is_waiting() || self.line.checked.stays_beside_path()
+        {
+            self.send_compensated(0, links)
+        } else {
+            self.send_commands(0, links)
+        }
     }
 
     /// Returns whether some move of the line leaves the travel of the machine, where that is an error.

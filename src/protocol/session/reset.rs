@@ -33,6 +33,7 @@ impl Session {
         }
         self.end_manual();
         self.blender.clear();
+        self.compensator.clear();
         self.machine_sync.is_jogging = false;
         self.machine_sync.is_position_known = false;
         self.reports.has_reported_fault = false;
@@ -43,6 +44,7 @@ impl Session {
         match self.stage {
             LineStage::AwaitingStandstill
             | LineStage::Sending(_)
+            | LineStage::Compensating(_)
             | LineStage::Completing(_)
             | LineStage::Storing(_)
             | LineStage::Faulting

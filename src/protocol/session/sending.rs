@@ -128,21 +128,41 @@ impl Session {
         }
     }
 
+    /// Sends a command of a line before, which may have waited, to the machine, or to the blender before
+    /// it. Returns false when there is no room.
+    pub(super) fn send_one(&mut self, command: &Command, links: &mut Links<'_, '_>) -> bool {
+        let control = self.path_control();
+        let is_blended = is_blended(control, command);
+        if !is_blended {
+            self.router.flush(&mut self.blender);
+        }
+        if !self.drain(links.entries) || !links.entries.ready() {
+            return false;
+        }
+        if is_blended {
+            self.router.blend(&mut self.blender, control, command);
+            return true;
+        }
+        self.router
+            .set_exact_stop(control == PathControl::ExactStop);
+        let cancellation_count = self.machine_sync.cancellation_count();
+        if enqueue(&mut self.router, command, cancellation_count, links.entries) {
+            self.machine_sync.count_entry();
+        } else if let Command::Line { feed_rate, .. } | Command::Arc { feed_rate, .. } = command
+            && let Some(work) = self.power_without_steps(*feed_rate)
+        {
+            self.send_work(work, links);
+        }
+        true
+    }
+
     /// Returns the work that replaces a move without a step.
     fn work_without_steps(&mut self, machine: &Snapshot, number: usize) -> Option<Work> {
         let line = &mut self.line;
         match line.outcome.commands.get(number)? {
-            // The power of a laser that is on must be switched: no block carries it.
             Command::Line { feed_rate, .. } | Command::Arc { feed_rate, .. } => {
-                let Laser::Constant(rpm) = self.router.laser() else {
-                    return None;
-                };
-                let is_on = self.interpreter.modal().spindle == Spindle::Clockwise;
-                if !is_on || matches!(feed_rate, FeedRate::Jog(_)) {
-                    return None;
-                }
-                line.after_commands = line.after_commands.or(Some(AfterCommands::Answer));
-                Some(Work::Spindle(Spindle::Clockwise, rpm))
+                let feed_rate = *feed_rate;
+                self.power_without_steps(feed_rate)
             }
             // The probe cannot change in a move of length 0.
             Command::Probe { probing, .. } => {
@@ -160,6 +180,21 @@ impl Session {
             | Command::Pause
             | Command::ToolPause => None,
         }
+    }
+
+    /// Returns the work that switches the power of a laser that is on, of a move without a step: no block
+    /// carries it.
+    fn power_without_steps(&mut self, feed_rate: FeedRate) -> Option<Work> {
+        let Laser::Constant(rpm) = self.router.laser() else {
+            return None;
+        };
+        let is_on = self.interpreter.modal().spindle == Spindle::Clockwise;
+        if !is_on || matches!(feed_rate, FeedRate::Jog(_)) {
+            return None;
+        }
+        let after_commands = &mut self.line.after_commands;
+        *after_commands = after_commands.or(Some(AfterCommands::Answer));
+        Some(Work::Spindle(Spindle::Clockwise, rpm))
     }
 
     /// Ends the line when everything that was sent has been done.

@@ -178,6 +178,10 @@ deviations! {
     CannedCycles: "D52", true,
         "there are canned cycles",
         "an answer other than `error:20` to a line with G73, G74, G81 to G86, G88 or G89";
+    CutterCompensation: "D53", true,
+        "there is cutter radius compensation",
+        "an answer other than `error:20` to a line with G41, G41.1, G42 or G42.1; errors 90, 91, 92, 205 and \
+         207; and the message `[MSG:Compensation waits for the next move]`";
 }
 
 impl Deviation {
@@ -207,7 +211,7 @@ pub(crate) fn of_answers(code: &str, ours: &str, theirs: &str) -> Option<Deviati
     }
     if is_answer
         && ours != theirs
-        && let Some(deviation) = of_programs(code, theirs)
+        && let Some(deviation) = of_programs(code, ours, theirs)
     {
         return Some(deviation);
     }
@@ -226,6 +230,8 @@ pub(crate) fn of_answers(code: &str, ours: &str, theirs: &str) -> Option<Deviati
 pub(crate) fn of_message(ours: &str) -> Option<Deviation> {
     if ours.starts_with("[MSG:Path deviation: ") {
         Some(Deviation::PathControl)
+    } else if ours == "[MSG:Compensation waits for the next move]" {
+        Some(Deviation::CutterCompensation)
     } else if ours.starts_with("[MSG:Tool change: ") {
         Some(Deviation::ToolChange)
     } else if ours.starts_with("[MSG:Tool table is empty: ") {
@@ -236,7 +242,7 @@ pub(crate) fn of_message(ours: &str) -> Option<Deviation> {
 }
 
 /// Why a line may have another answer that is written as for LinuxCNC or by a post-processor.
-fn of_programs(code: &str, theirs: &str) -> Option<Deviation> {
+fn of_programs(code: &str, ours: &str, theirs: &str) -> Option<Deviation> {
     let has_g = |numbers: &[f64]| has_word(code, 'G', numbers);
     let has_origin = has_g(&[10.0]);
     let is_coordinates = match theirs {
@@ -260,6 +266,11 @@ fn of_programs(code: &str, theirs: &str) -> Option<Deviation> {
     let cycles = [73.0, 74.0, 81.0, 82.0, 83.0, 84.0, 85.0, 86.0, 88.0, 89.0];
     if theirs == "error:20" && has_g(&cycles) {
         return Some(Deviation::CannedCycles);
+    }
+    let is_compensated = theirs == "error:20" && has_g(&[41.0, 41.1, 42.0, 42.1]);
+    let is_refused = ["error:90", "error:91", "error:92", "error:205", "error:207"].contains(&ours);
+    if is_compensated || is_refused {
+        return Some(Deviation::CutterCompensation);
     }
     if theirs == "error:20" && has_word(code, 'M', &[6.0, 61.0]) {
         return Some(Deviation::ToolChange);
@@ -356,6 +367,20 @@ mod tests {
         let dwells = Some(Deviation::Dwells);
         assert_eq!(of_answers("G4P9999999", "error:39", "ok"), dwells);
         assert_eq!(of_answers("G64P9999999", "error:39", "ok"), None);
+    }
+
+    #[test]
+    fn cutter_compensation_differs_for_a_reason_only() {
+        let reason = Some(Deviation::CutterCompensation);
+        for (line, ours, theirs, expected) in [
+            ("G41D1", "ok", "error:20", reason),
+            ("G42.1D4G1X1", "error:22", "error:20", reason),
+            ("G28", "error:91", "ok", reason),
+            ("G40.1", "error:20", "error:23", None),
+            ("D1", "error:36", "error:20", None),
+        ] {
+            assert_eq!(of_answers(line, ours, theirs), expected, "{line}");
+        }
     }
 
     #[test]
