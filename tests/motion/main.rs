@@ -3,6 +3,7 @@
 
 mod arcs;
 mod arithmetic;
+mod contours;
 mod extremes;
 mod faults;
 mod jerk;
