@@ -16,7 +16,9 @@ use embedded_storage::nor_flash::{
 };
 use stm32f4xx_hal::pac::flash::cr::PSIZE;
 
-use super::{emulation, pac, serial::FlashEraseReceiver, step_timer, vectors::nvic_priority};
+use super::{
+    emulation, flash_access, pac, serial::FlashEraseReceiver, step_timer, vectors::nvic_priority,
+};
 
 /// Bytes of a sector, and of both sectors.
 const SECTOR: usize = 16 * 1024;
@@ -94,11 +96,9 @@ impl SettingsFlash {
         clear_errors(flash);
         flash.cr().write(|w| w.lock().set_bit());
         // The data cache holds the sector as it was before.
-        flash.acr().modify(|_, w| w.dcen().clear_bit());
-        flash.acr().modify(|_, w| w.dcrst().set_bit());
-        flash
-            .acr()
-            .modify(|_, w| w.dcrst().clear_bit().dcen().set_bit());
+        flash.acr().write(|w| flash_access(w));
+        flash.acr().write(|w| flash_access(w).dcrst().set_bit());
+        flash.acr().write(|w| flash_access(w).dcen().set_bit());
         if is_refused {
             Err(FlashError::Refused)
         } else {

@@ -6,7 +6,8 @@
 //! # Cost
 //!
 //! Flash is read without prefetch: lines that the prefetch buffer serves never enter the instruction
-//! cache. Without it, interrupts that run again and again are faster, and their worst case is lower.
+//! cache. Without it, interrupts that run again and again are faster, and their worst case is lower. What
+//! is written to the flash's access control must be a constant: the analysis compares it.
 
 #[cfg(feature = "emulated")]
 mod emulation;
@@ -94,8 +95,14 @@ fn start_clocks(rcc: pac::RCC, flash: &pac::FLASH, config: Config) -> Rcc {
             || core_hz == 2 * TICKS_PER_SECOND && timers_hz == TICKS_PER_SECOND,
         "the step timer counts half ticks, and TIM6, TIM7 and the PWM count ticks"
     );
-    flash.acr().modify(|_, w| w.prften().clear_bit());
+    flash.acr().write(|w| flash_access(w).dcen().set_bit());
     rcc
+}
+
+/// Sets what every write of the register has in common, as the clock in `schedule.toml` says: wait states
+/// at 168 MHz, and no prefetch.
+fn flash_access(w: &mut pac::flash::acr::W) -> &mut pac::flash::acr::W {
+    w.latency().ws5().icen().set_bit()
 }
 
 /// Starts the clocks of the peripherals that all boards use. Those of the GPIO ports run already.

@@ -177,7 +177,7 @@ const fn registers(address: Address) -> u16 {
     match address {
         Address::Absolute(_) => 0,
         Address::Offset { base, .. } => 1 << base,
-        Address::Indexed { base, index } => 1 << base | 1 << index,
+        Address::Indexed { base, index, .. } => 1 << base | 1 << index,
     }
 }
 

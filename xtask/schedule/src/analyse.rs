@@ -16,6 +16,8 @@ use crate::{
     crosscheck::Crosscheck,
     edge, findings,
     model::OUTSTANDING_TRANSFER,
+    modes,
+    registers::Registers,
     resident,
     response::{self, Blocking, Response},
     sections,
@@ -147,6 +149,14 @@ impl<'a> Analysis<'a> {
             sections: &held,
         };
         report.flaws.extend(crosscheck.flaws());
+        let registers = Registers {
+            image: system.image,
+            functions: system.program.functions(),
+            config: system.config,
+            clock: &system.clock,
+        };
+        report.flaws.extend(registers.flaws());
+        report.flaws.extend(modes::flaws(system));
         report.flaws.extend(resident::flaws(system.program));
         let mut is_bounded = true;
         for (index, row) in system.rows.iter().enumerate() {

@@ -26,6 +26,9 @@ pub struct Config {
     /// What is excused, and why.
     #[serde(default)]
     pub exempt: Vec<Exempt>,
+    /// Who may store to registers that the proof rests on.
+    #[serde(default)]
+    pub register: Vec<RegisterConfig>,
     /// Calls through pointers.
     #[serde(default)]
     pub pointer: Vec<Pointer>,
@@ -103,6 +106,9 @@ pub struct Limits {
     pub critical_section_cycles: u64,
     /// Most lines of the instruction cache that one task of the two highest priorities touches.
     pub icache_lines: usize,
+    /// The highest priority of a task that may use floating point: its registers are saved for no other.
+    #[serde(default)]
+    pub float_priority: Option<u8>,
     /// Bytes at the end of the stack that must not be touched.
     pub stack_guard_bytes: u64,
     /// Step rate above which none is looked for, a second: what the queues of the program are made for.
@@ -196,11 +202,28 @@ pub struct Units {
     pub burst: Option<Formula>,
 }
 
+/// Stores to registers that the proof rests on, which are allowed.
+#[derive(Debug, Clone, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct RegisterConfig {
+    /// The first address, ...
+    pub from: u32,
+    /// ... and the one behind the last.
+    pub to: u32,
+    /// Functions or files that store to them, also inlined: parts of their paths.
+    pub by: Vec<String>,
+    /// Whether these may compute the address.
+    #[serde(default)]
+    pub computed: bool,
+    /// Why that does no harm.
+    pub reason: String,
+}
+
 /// A function that is excused.
 #[derive(Debug, Clone, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Exempt {
-    /// How its name ends.
+    /// Its whole path.
     pub function: String,
     /// Why.
     pub reason: String,
@@ -321,7 +344,7 @@ impl Config {
     /// Why a function is excused, if it is.
     pub fn exemption(&self, function: &str) -> Option<&str> {
         let exempt = self.exempt.iter();
-        let mut found = exempt.filter(|exempt| is_named(function, &exempt.function));
+        let mut found = exempt.filter(|exempt| function == exempt.function);
         found.next().map(|exempt| exempt.reason.as_str())
     }
 }

@@ -6,7 +6,11 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 
-use crate::{App, AppTask, Config, Flaw, Image, Place, Rule, sections::Held, wcet::Functions};
+use crate::{
+    App, AppTask, Config, Flaw, Image, Place, Rule,
+    sections::{Held, UNKNOWN_CEILING},
+    wcet::Functions,
+};
 
 /// The first vector that is not the processor's own.
 const FIRST_INTERRUPT: usize = 16;
@@ -128,14 +132,13 @@ impl Crosscheck<'_> {
             .functions
             .values()
             .flat_map(|function| &function.stores);
-        for (_, address, value) in stores {
-            let Some(slot) = slot_of_priority(*address) else {
+        for store in stores {
+            let Some(slot) = store.to.and_then(slot_of_priority) else {
                 continue;
             };
-            written
-                .entry(slot)
-                .or_default()
-                .insert(value.map(|value| value & 0xff));
+            // Registers of priorities are bytes.
+            let value = store.value.filter(|_| store.bytes == 1);
+            written.entry(slot).or_default().insert(value);
         }
         written
     }
@@ -189,15 +192,24 @@ impl Crosscheck<'_> {
             .functions
             .values()
             .flat_map(|function| &function.stores);
-        for (_, address, value) in stores.filter(|store| ENABLES.contains(&store.1)) {
+        let stores = stores.filter_map(|store| Some((store.at, store.to?, store.value)));
+        for (at, address, value) in stores.filter(|store| ENABLES.contains(&store.1)) {
             let first = FIRST_INTERRUPT + ((address - ENABLES.start) * 8) as usize;
-            let bits = value.unwrap_or(0);
+            // Those of a value that is not known are all bits.
+            let bits = value.unwrap_or(u32::MAX);
             for bit in (0..32).filter(|bit| bits >> bit & 1 != 0) {
-                let handler = self.image.vectors().get(first + bit).copied().unwrap_or(0) & !1;
+                let Some(handler) = self.image.vectors().get(first + bit) else {
+                    continue;
+                };
+                let handler = handler & !1;
                 let is_exempt = self.config.exemption(&self.image.name(handler)).is_some();
                 if !known.contains(&(first + bit)) && !is_exempt {
                     let what = format!("vector {} is enabled and belongs to no task", first + bit);
-                    flaws.push(mismatch(what, "Make it a task, or leave it disabled."));
+                    let remedy = "Make it a task, or leave it disabled; write a constant.";
+                    flaws.push(Flaw {
+                        place: self.image.place(at),
+                        ..mismatch(what, remedy)
+                    });
                 }
             }
         }
@@ -210,7 +222,7 @@ impl Crosscheck<'_> {
         let strange = self.sections.iter().filter(|section| {
             let is_strange = section
                 .ceiling
-                .is_some_and(|ceiling| !ceilings.contains(&ceiling));
+                .is_some_and(|ceiling| ceiling != UNKNOWN_CEILING && !ceilings.contains(&ceiling));
             is_strange
                 && self
                     .config

@@ -25,11 +25,12 @@ pub(crate) struct Latency {
 /// `None` when one cannot be bounded.
 pub(crate) fn latencies(wcets: &Wcets<'_>, root: u32) -> Option<Vec<Latency>> {
     let function = wcets.functions.get(&root)?;
-    let stores = function.stores.iter().filter(|store| is_set_reset(store.1));
-    let registers: BTreeSet<u32> = stores.map(|store| store.1).collect();
+    let targets = function.stores.iter().filter_map(|store| store.to);
+    let registers: BTreeSet<u32> = targets.filter(|to| is_set_reset(*to)).collect();
     let latencies = registers.into_iter().map(|register| {
-        let stores = function.stores.iter().filter(|store| store.1 == register);
-        let stores: BTreeSet<u32> = stores.map(|store| store.0).collect();
+        let stores = function.stores.iter();
+        let stores = stores.filter(|store| store.to == Some(register));
+        let stores: BTreeSet<u32> = stores.map(|store| store.at).collect();
         Some(Latency {
             register,
             earliest: SHORTEST_ENTRY + shortest(function, &stores)?,
@@ -129,7 +130,9 @@ mod tests {
         let shape: &[(u32, &[usize])] = &[(2, &[1, 2]), (9, &[2]), (3, &[3]), (50, &[])];
         let mut function = testing::function(shape);
         let store = function.blocks[2].instructions[1].address;
-        function.stores = vec![(store, 0x4002_0818, None), (store + 2, 0x2000_0000, None)];
+        function.stores = [(store, 0x4002_0818), (store + 2, 0x2000_0000)]
+            .map(|(at, to)| testing::store(at, to, None))
+            .into();
         let functions = Functions::from([(function.address, function)]);
         let model = Model::new(&testing::CLOCK);
         let named = BTreeMap::new();

@@ -4,9 +4,10 @@ use std::collections::{BTreeMap, BTreeSet};
 
 use crate::{
     Count, Flaw, Function, Place, Report, Rule, Section, Stack, cause, config,
-    sections::Held,
+    sections::{Held, UNKNOWN_CEILING},
     stack::{self, Depths, FLOAT_FRAME_BYTES, FRAME_BYTES},
     system::{Row, System, misconfigured},
+    waits,
 };
 
 /// Flaws of the code that a row may run.
@@ -14,7 +15,10 @@ pub(crate) fn of_row(system: &System<'_>, row: &Row, named: &BTreeMap<String, u6
     let wcets = system.wcets(row, named);
     let reached = wcets.reach(row.root);
     let mut flaws = cause::flaws(system.program, &reached);
+    flaws.extend(exempt_calls(system, &reached));
+    flaws.extend(float_above(system, row, &reached));
     for function in reached.iter().filter_map(|at| system.program.function(*at)) {
+        flaws.extend(waits::flaws(system.image, function));
         for looped in &function.loops {
             let bound = looped
                 .bound
@@ -78,10 +82,11 @@ pub(crate) fn of_sections(
         });
         if exempt.is_none() && is_relevant {
             let wrong = match (section.ceiling, section.cycles) {
-                (_, None) => Some("has no bound".to_owned()),
-                (None, _) if section.escapes => {
-                    Some("is not over when its function returns".to_owned())
+                (Some(UNKNOWN_CEILING), _) => {
+                    Some("begins with a priority that is not known: it may hold up all".to_owned())
                 }
+                (_, None) => Some("has no bound".to_owned()),
+                _ if section.escapes => Some("is not over when its function returns".to_owned()),
                 (None, Some(cycles)) if cycles > limit => {
                     Some(format!("lasts {cycles} cycles, more than {limit}"))
                 }
@@ -95,6 +100,7 @@ pub(crate) fn of_sections(
                     "Do less in it; or share through atomics, or lock an RTIC resource.",
                 )
             }));
+            flaws.extend(entered_from_above(system, section));
         }
         sections.push(Section {
             place,
@@ -111,6 +117,66 @@ pub(crate) fn of_sections(
             .then(one.place.cmp(&other.place))
     });
     (sections, flaws)
+}
+
+/// A section that a task enters whose priority is above its ceiling: it does not keep that task from
+/// being interrupted by others that enter it.
+fn entered_from_above(system: &System<'_>, section: &Held) -> Option<Flaw> {
+    let ceiling = section.ceiling.filter(|it| *it != UNKNOWN_CEILING)?;
+    let above = system.rows.iter().find(|row| {
+        row.task.priority > ceiling && system.program.reach(row.root).contains(&section.function)
+    })?;
+    Some(Flaw::new(
+        Rule::CriticalSection,
+        format!(
+            "a section that holds up tasks up to priority {ceiling} is entered by `{}` of priority {}",
+            above.task.name, above.task.priority
+        ),
+        system.image.place(section.address),
+        "Lock the resource in each task that is to use it, so that RTIC knows its ceiling.",
+    ))
+}
+
+/// Calls of what is exempt, by the code that a row may run: their time would not count.
+fn exempt_calls(system: &System<'_>, reached: &BTreeSet<u32>) -> Vec<Flaw> {
+    let functions = reached.iter().filter_map(|at| system.program.function(*at));
+    let blocks = functions.flat_map(|function| &function.blocks);
+    // What never returns ends the task, and the machine.
+    let calls = blocks.filter(|block| !block.traps).filter_map(|block| {
+        let at = block.instructions.last()?.address;
+        Some((at, system.image.name(block.call?)))
+    });
+    let exempt = calls.filter(|(_, name)| system.config.exemption(name).is_some());
+    let flaws = exempt.map(|(at, name)| {
+        Flaw::new(
+            Rule::Exemption,
+            format!("a task with a deadline calls `{name}`, whose time is exempt"),
+            system.image.place(at),
+            "Call it from a task without a deadline; or take its `[[exempt]]` out of `schedule.toml`.",
+        )
+    });
+    flaws.collect()
+}
+
+/// Floating point in a row that is too urgent for it.
+fn float_above(system: &System<'_>, row: &Row, reached: &BTreeSet<u32>) -> Option<Flaw> {
+    let most = system.config.limits.float_priority?;
+    if row.task.priority <= most {
+        return None;
+    }
+    let functions = reached.iter().filter_map(|at| system.program.function(*at));
+    let mut instructions =
+        functions.flat_map(|it| it.blocks.iter().flat_map(|it| &it.instructions));
+    let first = instructions.find(|it| it.operation.is_float())?;
+    Some(Flaw::new(
+        Rule::FloatingPoint,
+        format!(
+            "`{}` uses floating point, and its priority is above {most}: registers would be saved for it",
+            row.name
+        ),
+        system.image.place(first.address),
+        "Compute with integers there, or leave it to a task of a lower priority.",
+    ))
 }
 
 /// Fills in the stacks; what is wrong with them.

@@ -30,6 +30,18 @@ pub enum Rule {
     CriticalSection,
     /// The binary contradicts the source: vector, priority, ceiling.
     Mismatch,
+    /// A store to a register that the proof rests on, or to an address that is not known.
+    Register,
+    /// A task with a deadline calls what is exempt.
+    Exemption,
+    /// A way through a task is a way of none of its modes.
+    Mode,
+    /// A bound is stated for a loop that waits.
+    Wait,
+    /// An access whose time is not in the model.
+    UncostedAccess,
+    /// Floating point in a task that is more urgent than `schedule.toml` allows.
+    FloatingPoint,
     /// Code in RAM needs the flash.
     CodeInRam,
     /// A task has no entry in `schedule.toml`, or an entry no task.

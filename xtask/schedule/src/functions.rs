@@ -3,11 +3,11 @@
 use std::collections::{BTreeMap, BTreeSet};
 
 use crate::{
-    Flaw, Function, Image, Operation, Rule,
+    Flaw, Function, Image, Instruction, Operation, Rule, Store,
     flow::{self, States},
     graph::Graph,
-    loops,
-    values::Surroundings,
+    loops, saved,
+    values::{State, Surroundings},
 };
 
 /// What to do about a panic.
@@ -66,6 +66,7 @@ pub(crate) fn build(image: &Image, address: u32, graph: Graph, panics: &BTreeSet
         blocks,
         regions: BTreeMap::new(),
         specials: BTreeMap::new(),
+        saved: BTreeMap::new(),
         stores: Vec::new(),
         loops: loops.natural,
         flaws,
@@ -79,31 +80,47 @@ pub(crate) fn describe(around: Surroundings<'_>, function: &mut Function, states
         blocks,
         regions,
         specials,
+        saved,
         stores,
         ..
     } = function;
+    *saved = saved::find(around, blocks, states);
     flow::visit(around, blocks, states, |state, instruction| {
         let at = instruction.address;
         if let Some((address, _)) = instruction.operation.access() {
             regions.insert(at, state.address(address).region());
         }
-        match instruction.operation {
-            Operation::Store {
-                address,
-                source: Some(source),
-                words: 1,
-                ..
-            } => {
-                if let Some(target) = state.address(address).constant() {
-                    stores.push((at, target, state.get(source).constant()));
-                }
-            }
-            Operation::WriteSpecial { from, .. } => {
-                if let Some(value) = state.get(from).constant() {
-                    specials.insert(at, value);
-                }
-            }
-            _ => {}
+        stores.extend(store(state, instruction));
+        if let Operation::WriteSpecial { from, .. } = instruction.operation {
+            specials.extend(state.get(from).constant().map(|value| (at, value)));
         }
     });
+}
+
+/// What is known of a store, if an instruction is one.
+fn store(state: &State, instruction: &Instruction) -> Option<Store> {
+    let (address, bytes, value) = match instruction.operation {
+        Operation::Store {
+            address,
+            source,
+            words,
+            bytes,
+            ..
+        } => {
+            let value = source.filter(|_| words == 1);
+            let value = value.and_then(|source| state.get(source).constant());
+            (address, u32::from(words) * u32::from(bytes), value)
+        }
+        Operation::FloatStore { address, words, .. } => (address, 4 * u32::from(words), None),
+        Operation::StoreExclusive { address, .. } => (address, 4, None),
+        _ => return None,
+    };
+    let to = state.address(address);
+    Some(Store {
+        at: instruction.address,
+        to: to.constant(),
+        region: to.region(),
+        bytes,
+        value,
+    })
 }

@@ -71,11 +71,21 @@ impl<'a> Graphs<'a> {
     }
 }
 
+/// Special registers by their numbers: what holds all interrupts back, those up to a priority, and
+/// the same if that raises the priority; all and the faults.
+pub(crate) const PRIMASK: u8 = 16;
+pub(crate) const BASEPRI: u8 = 17;
+pub(crate) const BASEPRI_MAX: u8 = 18;
+pub(crate) const FAULTMASK: u8 = 19;
+
 /// Whether interrupts are held back from this instruction on: all, or those of low priority.
 pub fn raises(instruction: &Instruction) -> bool {
     matches!(
         instruction.operation,
-        Operation::WriteSpecial { register: 18, .. } | Operation::Interrupts { off: true }
+        Operation::WriteSpecial {
+            register: BASEPRI_MAX,
+            ..
+        } | Operation::Interrupts { off: true }
     )
 }
 
@@ -84,7 +94,7 @@ pub fn restores(instruction: &Instruction) -> bool {
     matches!(
         instruction.operation,
         Operation::WriteSpecial {
-            register: 16 | 17,
+            register: PRIMASK | BASEPRI | FAULTMASK,
             ..
         } | Operation::Interrupts { off: false }
     )

@@ -1,5 +1,8 @@
 //! Instructions of the Cortex-M4F, as far as time, flow and constants need them.
 
+/// Registers that a call does not keep: R0 to R3, R12 and LR.
+pub(crate) const CALL_WRITES: u16 = 0x500f;
+
 /// Where a load or store goes.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Address {
@@ -12,12 +15,14 @@ pub enum Address {
         /// Bytes added before the access.
         offset: i32,
     },
-    /// To a register plus another, which may be shifted.
+    /// To a register plus another.
     Indexed {
         /// The register.
         base: u8,
         /// The other.
         index: u8,
+        /// Bits by which that is shifted to the left.
+        shift: u8,
     },
 }
 
@@ -106,8 +111,8 @@ pub enum Operation {
     Wait,
     /// `CPSID i` and `CPSIE i`.
     Interrupts { off: bool },
-    /// `MRS`.
-    ReadSpecial { to: u8 },
+    /// `MRS`: reads a special register by its number.
+    ReadSpecial { register: u8, to: u8 },
     /// `MSR`: writes a special register by its number (`SYSm`; 17 `BASEPRI`, 18 `BASEPRI_MAX`,
     /// 16 `PRIMASK`).
     WriteSpecial { register: u8, from: u8 },
@@ -153,6 +158,35 @@ impl Operation {
                 Some((address, None))
             }
             _ => None,
+        }
+    }
+
+    /// The registers that it may write, those that a call does not keep among them.
+    pub fn writes(&self) -> u16 {
+        let moved =
+            |writeback: Option<Writeback>| writeback.map_or(0, |(register, _)| 1 << register);
+        match *self {
+            Self::Constant { to, .. }
+            | Self::ConstantTop { to, .. }
+            | Self::Copy { to, .. }
+            | Self::Add { to, .. }
+            | Self::AddRegister { to, .. }
+            | Self::Or { to, .. }
+            | Self::ReadSpecial { to, .. }
+            | Self::StoreExclusive { to, .. } => 1 << to,
+            Self::Plain { writes }
+            | Self::Multiply { writes, .. }
+            | Self::Divide { writes }
+            | Self::LoadExclusive { writes, .. }
+            | Self::Float { writes, .. } => writes,
+            Self::Load {
+                writes, writeback, ..
+            } => writes | moved(writeback),
+            Self::Store { writeback, .. }
+            | Self::FloatLoad { writeback, .. }
+            | Self::FloatStore { writeback, .. } => moved(writeback),
+            Self::Call(_) | Self::CallRegister(_) => CALL_WRITES,
+            _ => 0,
         }
     }
 

@@ -173,7 +173,7 @@ impl Model {
             Region::Apb1 => self.of("apb1"),
             Region::Apb2 => self.of("apb2"),
             Region::Private => self.of("private"),
-            Region::Unknown => self
+            Region::Uncosted | Region::Unknown => self
                 .of("apb1")
                 .max(self.of("apb2"))
                 .max(self.of("flash_data")),
@@ -300,7 +300,11 @@ mod tests {
             first: None,
             words,
             bytes: 4,
-            address: Address::Indexed { base: 0, index: 1 },
+            address: Address::Indexed {
+                base: 0,
+                index: 1,
+                shift: 0,
+            },
             writeback: None,
         })
     }

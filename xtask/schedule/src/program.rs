@@ -23,6 +23,8 @@ pub enum Region {
     Apb2,
     /// The processor's own: NVIC, SysTick, DWT.
     Private,
+    /// What the model has no time for: bit-band aliases, external memory.
+    Uncosted,
     /// Not known: charged as the slowest.
     Unknown,
 }
@@ -49,6 +51,21 @@ pub struct Block {
     pub ends: bool,
     /// Execution does not come out of it: a trap, or a call that does not return.
     pub traps: bool,
+}
+
+/// A store.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Store {
+    /// The instruction.
+    pub at: u32,
+    /// Where it goes, when that is constant.
+    pub to: Option<u32>,
+    /// The memory that it goes to.
+    pub region: Region,
+    /// Bytes that it writes.
+    pub bytes: u32,
+    /// What it writes, when that is one constant.
+    pub value: Option<u32>,
 }
 
 /// A number, or the name of one that `schedule.toml` defines.
@@ -113,8 +130,11 @@ pub struct Function {
     pub regions: BTreeMap<u32, Region>,
     /// Constants that are written to special registers, by the address of the instruction.
     pub specials: BTreeMap<u32, u32>,
-    /// Stores to constant addresses: address of the instruction, address, value if it is constant.
-    pub stores: Vec<(u32, u32, Option<u32>)>,
+    /// By the address of an instruction that writes a special register, that of the one that read
+    /// from the same register what is written.
+    pub saved: BTreeMap<u32, u32>,
+    /// Its stores.
+    pub stores: Vec<Store>,
     /// Its loops, the outer before the inner.
     pub loops: Vec<Loop>,
     /// What makes it impossible to bound.

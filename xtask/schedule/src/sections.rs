@@ -1,12 +1,23 @@
 //! Sections in which interrupts are held back, from machine code.
 //!
-//! Each begins where `BASEPRI` or `PRIMASK` is raised and ends where it is restored, on whatever way
-//! through the function. Their code is charged without a cache, so the length holds wherever they
-//! are. All functions of the image are looked at: idle, initialisation and libraries too.
+//! Each begins where `BASEPRI`, `PRIMASK` or `FAULTMASK` is raised and ends where it is restored, on
+//! whatever way through the function. It is restored by zero, or by what was read from the register
+//! outside of the section; what is not known to be one of these raises it. Their code is charged
+//! without a cache, so the length holds wherever they are. All functions of the image are looked at:
+//! idle, initialisation and libraries too.
 
-use std::collections::BTreeSet;
+use std::collections::{BTreeMap, BTreeSet};
 
-use crate::{Cache, Function, Operation, budget::Budgets, graph, model, persistence, wcet::Wcets};
+use crate::{
+    Cache, Function, Operation,
+    budget::Budgets,
+    graph::{BASEPRI, BASEPRI_MAX, FAULTMASK, PRIMASK},
+    model, persistence,
+    wcet::Wcets,
+};
+
+/// The ceiling of a section whose level is not known: it may hold up every task.
+pub(crate) const UNKNOWN_CEILING: u8 = u8::MAX;
 
 /// A section.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -28,10 +39,68 @@ pub(crate) struct Held {
 }
 
 /// The kind of register that holds interrupts back.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 enum Mask {
     Priority,
     All,
+    Faults,
+}
+
+impl Mask {
+    /// The kind that an instruction writes.
+    const fn of(operation: Operation) -> Option<Self> {
+        match operation {
+            Operation::Interrupts { .. } => Some(Self::All),
+            Operation::WriteSpecial { register, .. } => match register {
+                BASEPRI | BASEPRI_MAX => Some(Self::Priority),
+                PRIMASK => Some(Self::All),
+                FAULTMASK => Some(Self::Faults),
+                _ => None,
+            },
+            _ => None,
+        }
+    }
+
+    /// The bits that hold interrupts back.
+    const fn bits(self) -> u32 {
+        match self {
+            Self::Priority => 0xff,
+            Self::All | Self::Faults => 1,
+        }
+    }
+}
+
+/// What an instruction makes of a mask.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Effect {
+    /// It holds up tasks up to this priority, or all.
+    Raises(Option<u8>),
+    /// It lets all in.
+    Clears,
+    /// It is what it was at this instruction.
+    Restores(u32),
+}
+
+/// A write of a mask.
+#[derive(Debug, Clone, Copy)]
+struct Write {
+    block: usize,
+    address: u32,
+    mask: Mask,
+    effect: Effect,
+}
+
+/// The blocks of a section, and those with which it ends.
+#[derive(Debug, Clone)]
+struct Extent {
+    mask: Mask,
+    block: usize,
+    address: u32,
+    ceiling: Option<u8>,
+    blocks: BTreeSet<usize>,
+    ends: BTreeSet<usize>,
+    /// Whether the block that it begins in may be executed within it again.
+    is_entered_again: bool,
 }
 
 /// All sections of the program.
@@ -43,98 +112,188 @@ pub(crate) fn find(wcets: &Wcets<'_>) -> Vec<Held> {
 }
 
 fn of_function(wcets: &Wcets<'_>, function: &Function) -> Vec<Held> {
-    let begins = (0..function.blocks.len()).filter_map(|block| begin(function, block));
-    begins
-        .map(|(block, address, mask, ceiling)| {
-            let (blocks, ends) = extent(function, block, address, mask);
-            let escaping = |block: &usize| function.blocks[*block].ends && !ends.contains(block);
-            let called = blocks
+    let extents = extents(function);
+    let held = extents.iter().map(|extent| {
+        let Extent { blocks, ends, .. } = extent;
+        let escaping = |block: &usize| function.blocks[*block].ends && !ends.contains(block);
+        let called = blocks
+            .iter()
+            .filter_map(|block| function.blocks[*block].call);
+        let called: BTreeSet<u32> = called.collect();
+        let mut lines: BTreeSet<u32> = called
+            .iter()
+            .flat_map(|call| (*wcets.lines(*call)).clone())
+            .collect();
+        let reached = called.iter().flat_map(|call| wcets.reach(*call)).collect();
+        let mut own = blocks.iter().map(|block| &function.blocks[*block]);
+        let retries = own.any(persistence::stores_exclusively)
+            || persistence::has_exclusive_store(wcets, &reached);
+        lines.extend(
+            blocks
                 .iter()
-                .filter_map(|block| function.blocks[*block].call);
-            let called: BTreeSet<u32> = called.collect();
-            let mut lines: BTreeSet<u32> = called
-                .iter()
-                .flat_map(|call| (*wcets.lines(*call)).clone())
-                .collect();
-            let reached = called.iter().flat_map(|call| wcets.reach(*call)).collect();
-            let mut own = blocks.iter().map(|block| &function.blocks[*block]);
-            let retries = own.any(persistence::stores_exclusively)
-                || persistence::has_exclusive_store(wcets, &reached);
-            lines.extend(
-                blocks
-                    .iter()
-                    .flat_map(|block| model::lines(&function.blocks[*block])),
-            );
-            Held {
-                function: function.address,
-                address,
-                ceiling,
-                cycles: longest(wcets, function, block, &blocks, &ends),
-                escapes: blocks.iter().any(escaping),
-                lines,
-                retries,
-            }
+                .flat_map(|block| model::lines(&function.blocks[*block])),
+        );
+        Held {
+            function: function.address,
+            address: extent.address,
+            ceiling: extent.ceiling,
+            cycles: longest(wcets, function, extent.block, blocks, ends),
+            escapes: blocks.iter().any(escaping),
+            lines,
+            retries,
+        }
+    });
+    held.collect()
+}
+
+/// The writes of masks in a function. A block begins with what raises a mask in any case, and ends
+/// with what may restore one.
+fn writes(function: &Function) -> Vec<Write> {
+    let blocks = function.blocks.iter().enumerate();
+    let all = blocks.flat_map(|(block, it)| it.instructions.iter().map(move |at| (block, at)));
+    let writes = all.filter_map(|(block, instruction)| {
+        let (operation, address) = (instruction.operation, instruction.address);
+        let mask = Mask::of(operation)?;
+        let effect = effect(function, address, operation, mask);
+        // What is skipped on a condition ends nothing.
+        let may_count = !instruction.is_conditional() || matches!(effect, Effect::Raises(_));
+        may_count.then_some(Write {
+            block,
+            address,
+            mask,
+            effect,
         })
-        .collect()
+    });
+    writes.collect()
 }
 
-/// The section that begins in a block: the block, the instruction, the kind, the ceiling.
-fn begin(function: &Function, block: usize) -> Option<(usize, u32, Mask, Option<u8>)> {
-    let instructions = &function.blocks[block].instructions;
-    let (first, last) = (instructions.first()?, instructions.last()?);
-    let written = |address: u32| function.specials.get(&address).copied();
-    // Logical priorities count upwards from the lowest of sixteen levels.
-    let ceiling = |value: u32| Some(16_u8.saturating_sub((value as u8) >> 4));
-    match (first.operation, last.operation) {
-        (Operation::Interrupts { off: true }, _) => Some((block, first.address, Mask::All, None)),
-        (Operation::WriteSpecial { register: 18, .. }, _) => {
-            let value = written(first.address);
-            let ceiling = value.map_or(Some(u8::MAX), ceiling);
-            Some((block, first.address, Mask::Priority, ceiling))
-        }
-        (_, Operation::WriteSpecial { register: 17, .. }) => {
-            let value = written(last.address).filter(|value| *value != 0)?;
-            Some((block, last.address, Mask::Priority, ceiling(value)))
-        }
-        (_, Operation::WriteSpecial { register: 16, .. }) => {
-            written(last.address).filter(|value| value & 1 != 0)?;
-            Some((block, last.address, Mask::All, None))
-        }
-        _ => None,
-    }
-}
-
-/// Whether a section of this kind ends with a block.
-fn is_end(function: &Function, block: usize, begin: u32, mask: Mask) -> bool {
-    let Some(last) = function.blocks[block].instructions.last() else {
-        return false;
+fn effect(function: &Function, address: u32, operation: Operation, mask: Mask) -> Effect {
+    let ceiling = |value: Option<u32>| match mask {
+        // Logical priorities count upwards from the lowest of sixteen levels.
+        Mask::Priority => Some(value.map_or(UNKNOWN_CEILING, |value| {
+            16_u8.saturating_sub((value as u8) >> 4)
+        })),
+        Mask::All | Mask::Faults => None,
     };
-    if last.address == begin || !graph::restores(last) {
-        return false;
-    }
-    let value = function.specials.get(&last.address).copied();
-    match last.operation {
-        Operation::WriteSpecial { register: 17, .. } => {
-            mask == Mask::Priority && value.is_none_or(|value| value == 0)
-        }
-        Operation::WriteSpecial { register: 16, .. } => {
-            mask == Mask::All && value.is_none_or(|value| value & 1 == 0)
-        }
-        _ => mask == Mask::All,
+    let value = function.specials.get(&address).copied();
+    let saved = function.saved.get(&address).copied();
+    match (operation, value, saved) {
+        (Operation::Interrupts { off: true }, ..) => Effect::Raises(None),
+        (Operation::Interrupts { off: false }, ..) => Effect::Clears,
+        // It never lowers the level, and zero has no effect.
+        (
+            Operation::WriteSpecial {
+                register: BASEPRI_MAX,
+                ..
+            },
+            value,
+            _,
+        ) => Effect::Raises(ceiling(value)),
+        (_, Some(value), _) if value & mask.bits() == 0 => Effect::Clears,
+        (_, None, Some(read)) => Effect::Restores(read),
+        (_, value, _) => Effect::Raises(ceiling(value)),
     }
 }
 
-/// The blocks of a section and those where it ends.
-fn extent(
+/// The sections of a function. A register that is restored to what it was within a section, behind
+/// the end of that section, begins another.
+fn extents(function: &Function) -> Vec<Extent> {
+    let writes = writes(function);
+    let mut begins: BTreeMap<(u32, Option<u8>), Write> = { writes.iter() }
+        .filter_map(|write| match write.effect {
+            Effect::Raises(ceiling) => Some(((write.address, ceiling), *write)),
+            Effect::Clears | Effect::Restores(_) => None,
+        })
+        .collect();
+    loop {
+        let found: Vec<Extent> = { begins.iter() }
+            .map(|(&(_, ceiling), write)| extent(function, &writes, write, ceiling))
+            .collect();
+        let mut more = false;
+        for write in &writes {
+            let Effect::Restores(read) = write.effect else {
+                continue;
+            };
+            let raised = found.iter().filter(|extent| {
+                let is_within = |address| holds(function, extent, address);
+                extent.mask == write.mask && is_within(read) && !is_within(write.address)
+            });
+            for extent in raised {
+                let key = (write.address, extent.ceiling);
+                more |= begins.insert(key, *write).is_none();
+            }
+        }
+        if !more {
+            return found;
+        }
+    }
+}
+
+/// Whether an instruction is executed within a section.
+fn holds(function: &Function, extent: &Extent, address: u32) -> bool {
+    let mut blocks = extent.blocks.iter();
+    blocks.any(|block| {
+        let mut instructions = function.blocks[*block].instructions.iter();
+        let is_behind =
+            *block != extent.block || address > extent.address || extent.is_entered_again;
+        is_behind && instructions.any(|it| it.address == address)
+    })
+}
+
+/// The blocks of a section and those where it ends. A restored value ends it that was read before:
+/// outside of the section.
+fn extent(function: &Function, writes: &[Write], begin: &Write, ceiling: Option<u8>) -> Extent {
+    let mut inner: BTreeSet<u32> = BTreeSet::new();
+    loop {
+        let is_end = |block: usize| {
+            { writes.iter() }.any(|write| {
+                let is_other = write.block == block && write.address != begin.address;
+                is_other
+                    && write.mask == begin.mask
+                    && (block != begin.block || write.address > begin.address)
+                    && match write.effect {
+                        Effect::Clears => true,
+                        Effect::Restores(_) => !inner.contains(&write.address),
+                        Effect::Raises(_) => false,
+                    }
+            })
+        };
+        let (blocks, ends) = walk(function, begin.block, is_end);
+        let mut inside = blocks.difference(&ends);
+        let is_entered_again = inside.any(|block| {
+            let mut edges = function.blocks[*block].successors.iter();
+            edges.any(|edge| edge.to == begin.block)
+        });
+        let extent = Extent {
+            mask: begin.mask,
+            block: begin.block,
+            address: begin.address,
+            ceiling,
+            blocks,
+            ends,
+            is_entered_again,
+        };
+        let within = writes.iter().filter(|write| {
+            matches!(write.effect, Effect::Restores(read) if holds(function, &extent, read))
+        });
+        let before = inner.len();
+        inner.extend(within.map(|write| write.address));
+        if inner.len() == before {
+            return extent;
+        }
+    }
+}
+
+/// The blocks that are reached from one without passing the end of another, and those ends.
+fn walk(
     function: &Function,
     block: usize,
-    begin: u32,
-    mask: Mask,
+    is_end: impl Fn(usize) -> bool,
 ) -> (BTreeSet<usize>, BTreeSet<usize>) {
     let (mut blocks, mut ends) = (BTreeSet::from([block]), BTreeSet::new());
     let mut work = vec![block];
     while let Some(block) = work.pop() {
-        if is_end(function, block, begin, mask) {
+        if is_end(block) {
             ends.insert(block);
             continue;
         }
@@ -183,6 +342,8 @@ mod tests {
             from: 1,
         };
         function.specials.insert(function.blocks[0].start(), 0xd0);
+        let restored = function.blocks[3].instructions[1].address;
+        function.specials.insert(restored, 0);
         change(&mut function);
         let functions = Functions::from([(function.address, function)]);
         let model = Model::new(&testing::CLOCK);
@@ -198,6 +359,33 @@ mod tests {
         // Cycles 2 + 8 + 1 + 2; lines of the blocks: 1, 2 and 1.
         assert_eq!(found[0].cycles, Some(13 + 5 * 4));
         assert!(!found[0].escapes);
+    }
+
+    /// With a restored value that was read by the first instruction of a block.
+    fn restored_from(block: usize) -> Vec<Held> {
+        sections(|function| {
+            let read = function.blocks[block].start();
+            let restored = function.blocks[3].instructions[1].address;
+            function.specials.remove(&restored);
+            function.saved.insert(restored, read);
+        })
+    }
+
+    #[test]
+    fn what_was_read_within_a_section_does_not_end_it() {
+        let found = restored_from(0);
+        assert_eq!((found.len(), found[0].escapes), (1, false));
+        let found = restored_from(1);
+        assert_eq!((found.len(), found[0].escapes), (1, true));
+    }
+
+    #[test]
+    fn a_value_that_is_not_known_begins_a_section_of_all() {
+        let found = sections(|function| {
+            function.specials.clear();
+        });
+        let ceilings: Vec<_> = found.iter().map(|it| (it.ceiling, it.escapes)).collect();
+        assert_eq!(ceilings, [(Some(UNKNOWN_CEILING), true); 2]);
     }
 
     #[test]

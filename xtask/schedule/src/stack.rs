@@ -299,7 +299,7 @@ fn step(instruction: &Instruction, registers: &mut Registers) {
             set = Some((to, sum));
         }
         Operation::Or { to, .. }
-        | Operation::ReadSpecial { to }
+        | Operation::ReadSpecial { to, .. }
         | Operation::StoreExclusive { to, .. } => writes = 1 << to,
         Operation::Plain { writes: to }
         | Operation::Multiply { writes: to, .. }

@@ -37,6 +37,11 @@ pub(crate) struct Row {
 }
 
 impl Row {
+    /// What vectors call: its handler, and what calls that.
+    pub(crate) fn entries(&self) -> &[u32] {
+        &self.entries
+    }
+
     /// The longest of its entries, if the time of each is known.
     fn longest(&self, time: impl Fn(u32) -> Option<u64>) -> Option<u64> {
         let times: Option<Vec<_>> = self.entries.iter().map(|entry| time(*entry)).collect();
@@ -162,7 +167,9 @@ impl<'a> System<'a> {
         let root = entries[0];
         let mut excluded = BTreeSet::new();
         for exempt in &self.config.exempt {
-            excluded.extend(self.functions_named(&exempt.function));
+            let functions = self.program.functions().values();
+            let exact = functions.filter(|function| function.name == exempt.function);
+            excluded.extend(exact.map(|function| function.address));
         }
         let row = |name: String, excluded, times| Row {
             name,

@@ -2,7 +2,9 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 
-use crate::{Block, Bound, Clock, Count, Edge, Function, Instruction, Loop, Operation};
+use crate::{
+    Block, Bound, Clock, Count, Edge, Function, Instruction, Loop, Operation, Region, Store,
+};
 
 /// The clocks of an STM32F405 at 168 MHz.
 pub(crate) const CLOCK: Clock = Clock {
@@ -57,10 +59,22 @@ pub(crate) fn function(blocks: &[(u32, &[usize])]) -> Function {
             .collect(),
         regions: BTreeMap::new(),
         specials: BTreeMap::new(),
+        saved: BTreeMap::new(),
         stores: Vec::new(),
         loops: Vec::new(),
         flaws: Vec::new(),
         returns: true,
+    }
+}
+
+/// A store of a word to a constant address.
+pub(crate) fn store(at: u32, to: u32, value: Option<u32>) -> Store {
+    Store {
+        at,
+        to: Some(to),
+        region: Region::of(to),
+        bytes: 4,
+        value,
     }
 }
 

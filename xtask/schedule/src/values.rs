@@ -14,7 +14,7 @@ mod memory;
 mod state;
 
 pub(crate) use flags::Flags;
-pub(crate) use memory::sources;
+pub(crate) use memory::{sources, targets};
 pub(crate) use state::{Callees, Spans, State, Surroundings};
 
 use crate::Region;
@@ -23,6 +23,10 @@ use crate::Region;
 pub(crate) const ARGUMENTS: u8 = 4;
 /// Below it there is no memory that a program uses.
 const FIRST_MEMORY: u32 = 0x0800_0000;
+/// Aliases in which each word is a bit of the first megabyte of SRAM or of the peripherals: a store is a
+/// read and a write that nothing comes between. ARMv7-M reference manual, B3.1.
+const BIT_BAND_SRAM: u32 = 0x2200_0000;
+const BIT_BAND_PERIPHERALS: u32 = 0x4200_0000;
 
 impl Region {
     /// The region of an address.
@@ -30,6 +34,9 @@ impl Region {
         match address {
             FIRST_MEMORY..0x0820_0000 => Self::Flash,
             0x1000_0000..0x1001_0000 => Self::Ccm,
+            BIT_BAND_SRAM..0x2400_0000
+            | BIT_BAND_PERIPHERALS..0x4400_0000
+            | 0x6000_0000..0xe000_0000 => Self::Uncosted,
             0x2000_0000..0x4000_0000 => Self::Sram,
             0x4000_0000..0x4001_0000 => Self::Apb1,
             0x4001_0000..0x4002_0000 => Self::Apb2,

@@ -88,6 +88,115 @@ in_receive! {
                 device::write_pins(device::byte().into());
             }",
         "";
+    a_bound_does_not_make_waiting_for_a_flag_short: Wait, "a loop that waits",
+        "// wcet-bound: 1
+            while !device::has_byte() {}",
+        "";
+    a_bound_does_not_make_waiting_for_another_task_short: Wait, "a loop that waits",
+        "// wcet-bound: 1
+            while BYTES[1].load(Relaxed) & 1 == 0 {}",
+        "";
+    an_alias_of_a_bit_has_no_time: UncostedAccess, "an alias of a bit",
+        "// SAFETY: the alias of a bit of a register of timer 2.
+            unsafe { (0x4200_0200 as *mut u32).write_volatile(byte) };",
+        "";
+}
+
+/// Builds the fixture with code in `idle`, and expects a rule to be broken there, or in the items if there are any.
+fn in_idle(name: &str, code: &str, items: &str, rule: Rule, words: &str) {
+    let project = or_skip!(Project::new(name));
+    let project = project.with("idle", code).with("items", items);
+    let first = project.line(code.lines().next().expect("there is code"));
+    let (first, lines) = match items.lines().next() {
+        Some(item) => (project.line(item), items.lines()),
+        None => (first, code.lines()),
+    };
+    let last = first + lines.count() - 1;
+    let flaws = project.flaws();
+    let flaw = assert_caught(&flaws, rule, first..=last);
+    assert!(flaw.what.contains(words), "{}", flaw.what);
+}
+
+/// Tests of that: name, rule, words, code, items.
+macro_rules! in_idle {
+    ($($name:ident: $rule:ident, $words:literal, $code:literal, $items:literal;)*) => {$(
+        #[test]
+        fn $name() {
+            in_idle(stringify!($name), $code, $items, Rule::$rule, $words);
+        }
+    )*};
+}
+
+in_idle! {
+    a_priority_that_is_not_known_begins_a_section: CriticalSection, "a priority that is not known",
+        "// SAFETY: the level is that of a byte.
+            unsafe { cortex_m::register::basepri::write(device::byte()) };
+            device::write_pins(1);
+            unsafe { cortex_m::register::basepri::write(0) };",
+        "";
+    a_section_that_outlasts_its_function_is_caught: CriticalSection, "is not over when its function returns",
+        "raise();
+            device::write_pins(1);
+            lower();",
+        "#[inline(never)]
+    fn raise() {
+        // SAFETY: it is the ceiling of `sum`.
+        unsafe { cortex_m::register::basepri::write(0xe0) };
+    }
+    #[inline(never)]
+    fn lower() {
+        // SAFETY: nothing is locked.
+        unsafe { cortex_m::register::basepri::write(0) };
+    }";
+    a_mask_that_is_put_back_within_another_section_does_not_end_that: CriticalSection, "more than 200",
+        "let (outer, inner): (u32, u32);
+            // SAFETY: both are written back.
+            unsafe { core::arch::asm!(\"mrs {}, primask\", out(reg) outer) };
+            cortex_m::interrupt::disable();
+            unsafe { core::arch::asm!(\"mrs {}, primask\", out(reg) inner) };
+            cortex_m::interrupt::disable();
+            unsafe { core::arch::asm!(\"msr primask, {}\", in(reg) inner) };
+            // wcet-bound: 50
+            for _ in 0..50 {
+                device::write_pins(device::byte().into());
+            }
+            unsafe { core::arch::asm!(\"msr primask, {}\", in(reg) outer) };",
+        "";
+    a_priority_at_a_computed_address_is_refused: Register, "at a computed address",
+        "// SAFETY: a register of the interrupt controller.
+            unsafe { (0xe000_e400_usize as *mut u8).add(device::byte().into()).write_volatile(0) };",
+        "";
+    an_address_that_may_be_any_is_refused_where_it_is_a_registers: Register, "at a computed address",
+        "let address = usize::from(device::byte()) * 0x0101_0101;
+            // SAFETY: it may be a register.
+            unsafe { (address as *mut u8).write_volatile(0) };",
+        "";
+    interrupts_that_are_enabled_must_be_known: Mismatch, "is enabled and belongs to no task",
+        "let bits = core::hint::black_box(0x200_u32);
+            // SAFETY: a register of the interrupt controller.
+            unsafe { (0xe000_e104 as *mut u32).write_volatile(bits) };",
+        "";
+    wait_states_of_the_flash_must_be_those_of_the_clock: Register, "becomes 0x30f, and not 0x205",
+        "// SAFETY: the access control of the flash.
+            unsafe { (0x4002_3c00 as *mut u32).write_volatile(0x70f) };",
+        "";
+    prescalers_that_are_changed_are_refused: Register, "a store to 0x40023808, a register of the clocks",
+        "let clocks = 0x4002_3808 as *mut u32;
+            // SAFETY: the division of the clocks.
+            unsafe { clocks.write_volatile(clocks.read_volatile() | 0x1400) };",
+        "";
+    a_stream_of_dma_is_refused: Register, "a store to 0x40026410, a register of DMA",
+        "// SAFETY: the control of a stream.
+            unsafe { (0x4002_6410 as *mut u32).write_volatile(1) };",
+        "";
+    the_grouping_of_priorities_is_refused: Register, "a store to 0xe000ed0c, a register of the processor",
+        "// SAFETY: application interrupt and reset control.
+            unsafe { (0xe000_ed0c as *mut u32).write_volatile(0x05fa_0700) };",
+        "";
+    a_bit_of_the_clocks_is_a_register_of_the_clocks: Register, "a store to 0x40023808",
+        "// SAFETY: the alias of a bit of the division of the clocks.
+            unsafe { (0x4247_0128 as *mut u32).write_volatile(1) };",
+        "";
 }
 
 #[test]
@@ -289,4 +398,118 @@ fn runs_of_another_regime_are_never_in_the_way() {
     let together = or_skip!(response("one-regime", ["a", "a"]));
     let alone = response("two-regimes", ["a", "b"]).expect("it is bounded");
     assert!(alone < together, "{alone} of {together} cycles");
+}
+
+#[test]
+fn a_loop_that_counts_beside_what_it_reads_may_have_a_bound() {
+    let code = "// wcet-bound: 20
+            for _ in 0..core::hint::black_box(20) {
+                if device::has_byte() {
+                    break;
+                }
+            }";
+    let project = or_skip!(Project::new("counted-wait"));
+    assert_eq!(project.with("receive", code).flaws(), []);
+}
+
+#[test]
+fn a_section_below_the_task_that_enters_it_is_caught() {
+    let code = "// SAFETY: it is the ceiling of `sum`.
+        unsafe { cortex_m::register::basepri::write(0xe0) };
+        device::write_pins(*cx.local.pins);
+        unsafe { cortex_m::register::basepri::write(0) };";
+    let project = or_skip!(Project::new("from-above"));
+    let project = project.replacing("device::write_pins(*cx.local.pins);", code);
+    let line = project.line("basepri::write(0xe0)");
+    let flaws = project.flaws();
+    let flaw = assert_caught(&flaws, Rule::CriticalSection, line..=line);
+    assert!(flaw.what.contains("is entered by `step`"), "{}", flaw.what);
+}
+
+#[test]
+fn floating_point_in_an_urgent_task_is_caught() {
+    let code = "let level = f32::from(device::byte()) * 1.5;
+            device::write_pins(core::hint::black_box(level) as u32);";
+    let project = or_skip!(Project::new("float"));
+    let project = project.with("receive", code);
+    // The compiler may compute in advance.
+    let lines = project.line("fn receive(")..=project.line("f32::from") + 1;
+    let flaws = project.flaws();
+    let flaw = assert_caught(&flaws, Rule::FloatingPoint, lines);
+    assert!(flaw.what.contains("`receive`"), "{}", flaw.what);
+}
+
+/// What a task with a deadline calls, on a condition.
+const HELPER: &str = "mod helper {
+        #[inline(never)]
+        pub fn main() {
+            while !crate::device::has_byte() {}
+        }
+    }";
+
+#[test]
+fn an_exemption_is_for_the_function_of_that_whole_path() {
+    let code = "if byte > 100 { helper::main(); }";
+    let project = or_skip!(Project::new("exempt-by-name"));
+    let project = project.with("receive", code).with("items", HELPER);
+    let line = project.line("has_byte() {}");
+    assert_caught(&project.flaws(), Rule::UnboundedLoop, line..=line);
+}
+
+#[test]
+fn what_is_exempt_is_not_called_by_a_task_with_a_deadline() {
+    let code = "if byte > 100 { helper::main(); }";
+    let project = or_skip!(Project::new("exempt-call"));
+    let project = project.with("receive", code).with("items", HELPER);
+    let exempt = "[[exempt]]\nfunction = \"exempt-call::app::app::helper::main\"\n\
+                  reason = \"at rest only\"\n\n[[exempt]]";
+    let exempt = exempt.replace("exempt-call::", "exempt_call::");
+    let project = project.configured("[[exempt]]", &exempt);
+    let line = project.line("helper::main();");
+    let flaws = project.flaws();
+    let flaw = assert_caught(&flaws, Rule::Exemption, line..=line);
+    assert!(flaw.what.contains("helper::main`"), "{}", flaw.what);
+}
+
+#[test]
+fn a_way_through_a_task_that_no_mode_has_is_caught() {
+    let build = |name: &str, second: &str| {
+        let items = "#[inline(never)]
+    fn produce() {
+        device::write_pins(core::hint::black_box(1));
+    }
+    #[inline(never)]
+    fn answer() {
+        device::write_pins(core::hint::black_box(2));
+    }";
+        let code = format!(
+            "if BYTES[1].load(Relaxed) != 0 {{ produce(); }}
+        {second} BYTES[2].load(Relaxed) != 0 {{ answer(); }}
+        BYTES[7].store(sum, Relaxed);"
+        );
+        let mode = |name: &str, excluded: &str| {
+            format!(
+                "[task.work.mode.{name}]\nexcludes = [\"app::{excluded}\"]\n\
+                 period = \"10s / baud\"\ndeadline = \"200us\"\n"
+            )
+        };
+        let project = Project::new(name)?.configured(
+            "[task.work]\nperiod = \"10s / baud\"\ndeadline = \"200us\"\n",
+            &(mode("one", "produce") + &mode("two", "answer")),
+        );
+        let project = project.replacing("BYTES[7].store(sum, Relaxed);", &code);
+        Some(project.with("items", items))
+    };
+    let alternatives = or_skip!(build("one-mode-each", "else if"));
+    assert_eq!(alternatives.flaws(), []);
+    let both = build("both-modes", "if").expect("the target is installed");
+    let line = both.line("answer(); }");
+    let flaws = both.flaws();
+    let flaw = assert_caught(&flaws, Rule::Mode, line..=line);
+    let names = ["::produce`", "::answer`"];
+    assert!(
+        names.iter().all(|name| flaw.what.contains(name)),
+        "{}",
+        flaw.what
+    );
 }

@@ -177,6 +177,7 @@ fn single(code: u32) -> Decoded {
             let address = Address::Indexed {
                 base,
                 index: low(code, 6),
+                shift: 0,
             };
             match bits(code, 9, 3) {
                 0 => store(value, address, 4),

@@ -214,6 +214,7 @@ fn control(first: u32, second: u32) -> Option<Decoded> {
         (0x3b, 2) => Operation::ClearExclusive,
         (0x3b, 4..=6) => Operation::Barrier,
         (0x3e | 0x3f, _) => Operation::ReadSpecial {
+            register: special,
             to: register(second, 8),
         },
         (0x7f, _) => Operation::Trap,

@@ -55,6 +55,7 @@ fn function(address: u32, blocks: Vec<Block>) -> Function {
         blocks,
         regions: BTreeMap::new(),
         specials: BTreeMap::new(),
+        saved: BTreeMap::new(),
         stores: Vec::new(),
         loops: Vec::new(),
         flaws: Vec::new(),

@@ -4,10 +4,7 @@ use super::{
     Flags, Origins, Value,
     state::{State, Surroundings},
 };
-use crate::{Instruction, Operation, Region};
-
-/// Registers that a call does not keep: R0 to R3, R12 and LR.
-const CALL_WRITES: u16 = 0x500f;
+use crate::{Instruction, Operation, Region, instruction::CALL_WRITES};
 
 impl State {
     pub(super) fn execute(&mut self, around: Surroundings<'_>, instruction: &Instruction) {
@@ -44,7 +41,7 @@ impl State {
             }
             Operation::FloatLoad { writeback, .. } => self.write_back(writeback),
             Operation::LoadExclusive { writes, .. } => self.write_all(at, writes),
-            Operation::ReadSpecial { to } => self.write(at, to, Region::Unknown),
+            Operation::ReadSpecial { to, .. } => self.write(at, to, Region::Unknown),
             Operation::Call(callee) => self.call(around, at, Some(callee)),
             Operation::CallRegister(_) => self.call(around, at, None),
             _ => {}

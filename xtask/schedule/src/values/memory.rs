@@ -190,7 +190,7 @@ pub(crate) fn sources(store: Operation) -> impl Iterator<Item = u8> {
 }
 
 /// The registers that a load writes, in the order of their words in memory.
-fn targets(load: Operation) -> impl Iterator<Item = u8> {
+pub(crate) fn targets(load: Operation) -> impl Iterator<Item = u8> {
     let (words, first, all) = match load {
         Operation::Load {
             words,

@@ -160,7 +160,15 @@ impl State {
         match address {
             Address::Absolute(address) => Value::Constant(address),
             Address::Offset { base, offset } => self.get(base).add(offset),
-            Address::Indexed { base, .. } => self.get(base).indexed(),
+            Address::Indexed { base, index, shift } => {
+                let (base, index) = (self.get(base), self.get(index));
+                match (base.constant(), index.constant()) {
+                    (Some(base), Some(index)) => {
+                        Value::Constant(base.wrapping_add(index << (shift & 3)))
+                    }
+                    _ => base.indexed(),
+                }
+            }
         }
     }
 

@@ -372,7 +372,7 @@ fn writes(operation: &Operation) -> u16 {
         | Operation::Add { to, .. }
         | Operation::AddRegister { to, .. }
         | Operation::Or { to, .. }
-        | Operation::ReadSpecial { to }
+        | Operation::ReadSpecial { to, .. }
         | Operation::StoreExclusive { to, .. } => 1 << to,
         Operation::Plain { writes }
         | Operation::Multiply { writes, .. }

@@ -72,7 +72,13 @@ pub(crate) fn address(operands: &str, name: &str, at: u32, words: u8) -> Option<
     let offset = match parts.get(1) {
         None => 0,
         Some(text) => match register(text) {
-            Some(index) => return Some((Address::Indexed { base, index }, None)),
+            Some(index) => {
+                let shift = parts
+                    .get(2)
+                    .map_or(Some(0), |text| number(text.trim_start_matches("lsl ")))?;
+                let shift = shift as u8;
+                return Some((Address::Indexed { base, index, shift }, None));
+            }
             None => number(text)?,
         },
     };

@@ -144,7 +144,8 @@ fn address(pc: u32, first: u32, second: u32) -> Option<(Address, Option<(u8, i32
     if bits(second, 11, 1) == 0 {
         let is_indexed = bits(second, 6, 5) == 0;
         let index = register(second, 0);
-        return is_indexed.then_some((Address::Indexed { base, index }, None));
+        let shift = bits(second, 4, 2) as u8;
+        return is_indexed.then_some((Address::Indexed { base, index, shift }, None));
     }
     let small = bits(second, 0, 8).cast_signed();
     let is_before = bits(second, 10, 1) == 1;

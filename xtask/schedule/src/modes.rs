@@ -1,0 +1,224 @@
+//! Whether each way through a task is a way of one of its modes.
+//!
+//! A mode says which functions its runs do not call, and its time is that of the ways that are left.
+//! A way on which two functions are called that no mode has together would be in no time at all. So
+//! the functions that a way may call are followed through the task, a bit for each that a mode
+//! excludes; of the sets that are found, those that are part of another say nothing more.
+
+use std::collections::{BTreeMap, BTreeSet};
+
+use crate::{
+    Flaw, Rule,
+    system::{Row, System},
+    wcet::Functions,
+};
+
+/// Functions that a way calls, a bit for each.
+type Called = u64;
+/// Most functions that the modes of a task exclude together.
+const MOST: usize = 64;
+
+/// Ways through tasks that no mode has.
+pub(crate) fn flaws(system: &System<'_>) -> Vec<Flaw> {
+    let mut tasks: BTreeMap<&str, Vec<&Row>> = BTreeMap::new();
+    for row in &system.rows {
+        if row.times.is_some() && row.kind_of.is_none() {
+            tasks.entry(&row.task.name).or_default().push(row);
+        }
+    }
+    let tasks = tasks.into_iter().filter(|(_, rows)| rows.len() > 1);
+    tasks
+        .filter_map(|(name, rows)| of_task(system, name, &rows))
+        .collect()
+}
+
+fn of_task(system: &System<'_>, name: &str, rows: &[&Row]) -> Option<Flaw> {
+    let exempt = { rows.iter() }.map(|row| row.excluded.clone());
+    let exempt = exempt.reduce(|one, other| &one & &other)?;
+    let tagged: BTreeSet<u32> = rows.iter().flat_map(|row| &row.excluded).copied().collect();
+    let tagged: Vec<u32> = tagged.difference(&exempt).copied().collect();
+    if tagged.len() > MOST {
+        return Some(Flaw::new(
+            Rule::Mode,
+            format!("the modes of `{name}` exclude more than {MOST} functions"),
+            rows[0].task.place(),
+            "Exclude fewer: those that the others are called from.",
+        ));
+    }
+    let excluded = rows.iter().map(|row| {
+        let bits = tagged.iter().enumerate();
+        let bits = bits.filter(|(_, function)| row.excluded.contains(function));
+        bits.fold(0, |bits, (bit, _)| bits | 1 << bit)
+    });
+    let mut ways = Ways {
+        functions: system.program.functions(),
+        tagged: &tagged,
+        excluded: excluded.collect(),
+        never: &exempt,
+        known: BTreeMap::new(),
+        uncovered: None,
+    };
+    for root in rows[0].entries() {
+        ways.of(*root);
+    }
+    let (at, called) = ways.uncovered?;
+    let names = tagged.iter().enumerate();
+    let names = names.filter(|(bit, _)| called >> bit & 1 == 1);
+    let names: Vec<String> = names
+        .map(|(_, function)| format!("`{}`", system.image.name(*function)))
+        .collect();
+    Some(Flaw::new(
+        Rule::Mode,
+        format!(
+            "a run of `{name}` may call {}, and no mode allows all of them",
+            names.join(" and ")
+        ),
+        system.image.place(at),
+        "Do one of them in a run, and pend the task again for the other; or let a mode in \
+         `schedule.toml` exclude none of them.",
+    ))
+}
+
+/// The ways through the functions of a task.
+struct Ways<'a> {
+    functions: &'a Functions,
+    tagged: &'a [u32],
+    /// What each mode excludes.
+    excluded: Vec<Called>,
+    /// Functions that no mode calls.
+    never: &'a BTreeSet<u32>,
+    known: BTreeMap<u32, Vec<Called>>,
+    /// The first way found that no mode has: the instruction with which it is none, and what it calls.
+    uncovered: Option<(u32, Called)>,
+}
+
+impl Ways<'_> {
+    /// What is called on the ways through a function, itself included.
+    fn of(&mut self, address: u32) -> Vec<Called> {
+        if let Some(known) = self.known.get(&address) {
+            return known.clone();
+        }
+        // A function that calls itself has a flaw of its own.
+        self.known.insert(address, Vec::new());
+        let bit = self.tagged.iter().position(|tagged| *tagged == address);
+        let own = bit.map_or(0, |bit| 1 << bit);
+        let mut found = Vec::new();
+        let Some(function) = self.functions.get(&address) else {
+            return vec![own];
+        };
+        let mut before: Vec<Vec<Called>> = vec![Vec::new(); function.blocks.len()];
+        if let Some(first) = before.first_mut() {
+            first.push(own);
+        }
+        let mut work = BTreeSet::from([0]);
+        while let Some(index) = work.pop_first() {
+            let Some(block) = function.blocks.get(index) else {
+                continue;
+            };
+            let mut behind = before[index].clone();
+            if let Some(call) = block.call.filter(|_| !block.traps) {
+                if self.never.contains(&call) {
+                    continue;
+                }
+                let callee = self.of(call);
+                let at = block.instructions.last().map_or(0, |last| last.address);
+                behind = self.both(&behind, &callee, at);
+            }
+            if block.ends {
+                merge(&mut found, &behind);
+            }
+            for edge in &block.successors {
+                if merge(&mut before[edge.to], &behind) {
+                    work.insert(edge.to);
+                }
+            }
+        }
+        self.known.insert(address, found.clone());
+        found
+    }
+
+    /// What is called on one of some ways and then on one of others.
+    fn both(&mut self, first: &[Called], second: &[Called], at: u32) -> Vec<Called> {
+        let mut found = Vec::new();
+        for (one, other) in first
+            .iter()
+            .flat_map(|one| second.iter().map(move |it| (one, it)))
+        {
+            let called = one | other;
+            if self.uncovered.is_none() && !self.is_covered(called) {
+                self.uncovered = Some((at, called));
+            }
+            merge(&mut found, &[called]);
+        }
+        found
+    }
+
+    /// Whether a mode has a way that calls these.
+    fn is_covered(&self, called: Called) -> bool {
+        let mut excluded = self.excluded.iter();
+        excluded.any(|excluded| called & excluded == 0)
+    }
+}
+
+/// Adds sets to others of which none is part of another; whether that changes them.
+fn merge(sets: &mut Vec<Called>, more: &[Called]) -> bool {
+    let mut is_new = false;
+    for &one in more {
+        if sets.iter().any(|known| one & !known == 0) {
+            continue;
+        }
+        sets.retain(|known| known & !one != 0);
+        sets.push(one);
+        is_new = true;
+    }
+    is_new
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::{Function, testing};
+
+    const FIRST: u32 = 0x0900_0000;
+    const SECOND: u32 = 0x0a00_0000;
+
+    fn function(address: u32) -> Function {
+        Function {
+            address,
+            ..testing::function(&[(1, &[])])
+        }
+    }
+
+    /// What is called on no mode's way, where the modes exclude one of two functions each.
+    fn uncovered(shape: &[(u32, &[usize])], calls: &[(usize, u32)]) -> Option<Called> {
+        let mut root = testing::function(shape);
+        for &(block, callee) in calls {
+            root.blocks[block].call = Some(callee);
+        }
+        let functions = [root, function(FIRST), function(SECOND)];
+        let functions = functions
+            .map(|function| (function.address, function))
+            .into();
+        let mut ways = Ways {
+            functions: &functions,
+            tagged: &[FIRST, SECOND],
+            excluded: vec![1, 2],
+            never: &BTreeSet::new(),
+            known: BTreeMap::new(),
+            uncovered: None,
+        };
+        ways.of(0x0800_0000);
+        ways.uncovered.map(|(_, called)| called)
+    }
+
+    #[test]
+    fn two_ways_of_one_mode_each_are_covered_and_one_way_of_both_is_not() {
+        let fork: &[(u32, &[usize])] = &[(1, &[1, 2]), (1, &[3]), (1, &[3]), (1, &[])];
+        assert_eq!(uncovered(fork, &[(1, FIRST), (2, SECOND)]), None);
+        let through: &[(u32, &[usize])] = &[(1, &[1, 2]), (1, &[2]), (1, &[3]), (1, &[])];
+        assert_eq!(uncovered(through, &[(1, FIRST), (2, SECOND)]), Some(3));
+        assert_eq!(uncovered(through, &[(1, FIRST), (2, FIRST)]), None);
+        let circle: &[(u32, &[usize])] = &[(1, &[1, 2]), (1, &[0]), (1, &[0, 3]), (1, &[])];
+        assert_eq!(uncovered(circle, &[(1, FIRST), (2, SECOND)]), Some(3));
+    }
+}
