@@ -19,8 +19,16 @@ const JERK_LIMITED_EXTRA_SEGMENTS: u32 = 2;
 const STEPS_PER_SEGMENT: f64 = (78 + 12 * (AXES - 3)) as f64;
 /// The same as `extra_segments`: one of them is the segment begun before the window.
 const EXTRA_SEGMENTS: f64 = 2.0;
-/// Longest segment, with a standstill that comes and goes in the same step.
+/// `longest_segment` there: with a standstill that comes and goes in the same step.
 const LONGEST_TICKS: u32 = TICKS_PER_MS * 3 / 2 + EVENT_SPACING_TICKS;
+
+#[test]
+fn the_proof_counts_on_the_longest_segment() {
+    let proof = include_str!("../../schedule.toml");
+    assert!(proof.contains("\nlongest_segment = \"1.5ms + event_spacing\"\n"));
+    let jitters = proof.lines().filter(|line| line.starts_with("jitter = "));
+    assert!(jitters.eq(["jitter = \"longest_segment\""; 3]));
+}
 
 /// Checks that no segment is too long, and that there are not too many in any stretch of time and for
 /// the steps made in it.
