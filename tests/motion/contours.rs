@@ -27,8 +27,9 @@ const NEARER_MM: f64 = 2.0 * STEP_MM;
 const GRAZED_MM: f64 = 0.3 * STEP_MM;
 /// Room beside what the tool has to pass without touching it, of its radius and in mm.
 const ROOM: (f64, f64) = (0.02, 0.05);
-/// Samples along a radius with which a way is checked before it is executed.
+/// Samples along a radius with which a way is checked while it grows, and before it is executed.
 const SAMPLES: f64 = 10.0;
+const FINE_SAMPLES: f64 = 60.0;
 
 /// One element of a contour, by numbers from 0 to 1.
 #[derive(Debug, Clone)]
@@ -219,11 +220,11 @@ impl Job {
     }
 
     /// Whether nothing along a way is narrower than the tool but the corners that it is in.
-    fn is_wide(&self, way: &Way) -> bool {
+    fn is_wide(&self, way: &Way, samples: f64) -> bool {
         let last = self.contour.len() - 1;
         let moves = way.iter().copied().chain([(self.exit(), [last, last])]);
         let fits = |(path, own): (Piece, [usize; 2])| {
-            let samples = (path.length() / self.radius * SAMPLES).ceil().max(1.0) as u32;
+            let samples = (path.length() / self.radius * samples).ceil().max(1.0) as u32;
             (0..=samples).all(|sample| {
                 let at = path.at(f64::from(sample) / f64::from(samples));
                 self.contour.iter().enumerate().all(|(index, piece)| {
@@ -374,11 +375,18 @@ fn fitting(start: &Start, elements: &[Element]) -> Option<Job> {
     for element in elements {
         let mut longer = job.clone();
         longer.add(element, start.heading);
-        if longer.way().is_some_and(|way| longer.is_wide(&way)) {
+        if longer
+            .way()
+            .is_some_and(|way| longer.is_wide(&way, SAMPLES))
+        {
             job = longer;
         }
     }
-    (!job.contour.is_empty()).then_some(job)
+    if job.contour.is_empty() {
+        return None;
+    }
+    let way = job.way()?;
+    job.is_wide(&way, FINE_SAMPLES).then_some(job)
 }
 
 fn wide_contours() -> impl Strategy<Value = Job> {

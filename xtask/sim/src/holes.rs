@@ -1,15 +1,11 @@
 //! The holes of a program's canned cycles.
 
-use std::collections::VecDeque;
-
 use leadscrew::{
     axis::{Axes, LINEAR},
-    gcode::{Cycle, MotionMode},
+    gcode::{Cycle, interpreter::Interpreter},
     model::{Command, FeedRate},
     units::Nm,
 };
-
-use crate::program_reader::ProgramReader;
 
 /// Most holes that are kept; more are counted.
 const KEPT: usize = 1 << 16;
@@ -40,7 +36,7 @@ impl Holes {
         (0..LINEAR).filter(move |axis| self.holes.iter().any(|hole| is_deep(hole, *axis)))
     }
 
-    fn push(&mut self, hole: Hole) {
+    pub(crate) fn push(&mut self, hole: Hole) {
         let mut counts = self.counts.iter_mut();
         match counts.find(|(cycle, _)| *cycle == hole.cycle) {
             Some((_, count)) => *count += 1,
@@ -52,85 +48,47 @@ impl Holes {
     }
 }
 
-/// Finds the holes of a program, of lines that the machine has not refused.
-pub(crate) struct HoleFinder {
-    reader: ProgramReader,
-    /// Of each line that is not answered.
-    pending: VecDeque<Vec<Hole>>,
-    found: Holes,
-}
-
-impl HoleFinder {
-    pub(crate) fn new(reader: ProgramReader) -> Self {
-        Self {
-            reader,
-            pending: VecDeque::new(),
-            found: Holes::default(),
+/// Returns the holes of a line in a cycle: the places where its feed moves reach their greatest depth.
+pub(crate) fn holes_of_line(
+    interpreter: &Interpreter,
+    cycle: Cycle,
+    mut from: Axes<Nm>,
+    commands: &[Command],
+) -> Vec<Hole> {
+    let depth_axis = interpreter.modal().plane.axes().2;
+    // Under rotation no machine axis may be the depth.
+    let level =
+        |machine: &Axes<Nm>| machine[depth_axis] - interpreter.work_offset(machine)[depth_axis];
+    let moves = commands.iter().filter_map(|command| match command {
+        Command::Line {
+            target, feed_rate, ..
+        } => {
+            let way = (from, target.position, *feed_rate);
+            from = target.position;
+            Some(way)
+        }
+        _ => None,
+    });
+    let feeds = moves.filter(|(_, _, feed_rate)| *feed_rate != FeedRate::Rapid);
+    let feeds: Vec<_> = feeds.map(|(from, to, _)| (from, to)).collect();
+    let bottom = feeds.iter().map(|(_, to)| level(to)).min();
+    let mut top = None;
+    let mut holes = Vec::new();
+    for (from, to) in &feeds {
+        let top_of_hole = *top.get_or_insert(*from);
+        if Some(level(to)) == bottom {
+            holes.push(Hole {
+                cycle,
+                top: millimetres(&top_of_hole),
+                bottom: millimetres(to),
+            });
+        }
+        // A feed move upwards is the end of a hole, as is its bottom.
+        if Some(level(to)) == bottom || level(to) > level(from) {
+            top = None;
         }
     }
-
-    /// A line is sent.
-    pub(crate) fn line(&mut self, line: &[u8]) {
-        let from = self.reader.interpreter().position();
-        let commands = self.reader.line(line);
-        let modal = self.reader.interpreter().modal();
-        let holes = match modal.motion {
-            MotionMode::Cycle(cycle) => self.of_line(cycle, from, &commands),
-            _ => Vec::new(),
-        };
-        self.pending.push_back(holes);
-    }
-
-    /// The oldest line that has no answer gets it.
-    pub(crate) fn answer(&mut self, is_refused: bool) {
-        let holes = self.pending.pop_front().unwrap_or_default();
-        for hole in holes.into_iter().filter(|_| !is_refused) {
-            self.found.push(hole);
-        }
-    }
-
-    pub(crate) fn finish(self) -> Holes {
-        self.found
-    }
-
-    /// The holes of a line in a cycle: the places where its feed moves reach their greatest depth.
-    fn of_line(&self, cycle: Cycle, mut from: Axes<Nm>, commands: &[Command]) -> Vec<Hole> {
-        let interpreter = self.reader.interpreter();
-        let depth_axis = interpreter.modal().plane.axes().2;
-        // Under rotation no machine axis may be the depth.
-        let level =
-            |machine: &Axes<Nm>| machine[depth_axis] - interpreter.work_offset(machine)[depth_axis];
-        let moves = commands.iter().filter_map(|command| match command {
-            Command::Line {
-                target, feed_rate, ..
-            } => {
-                let way = (from, target.position, *feed_rate);
-                from = target.position;
-                Some(way)
-            }
-            _ => None,
-        });
-        let feeds = moves.filter(|(_, _, feed_rate)| *feed_rate != FeedRate::Rapid);
-        let feeds: Vec<_> = feeds.map(|(from, to, _)| (from, to)).collect();
-        let bottom = feeds.iter().map(|(_, to)| level(to)).min();
-        let mut top = None;
-        let mut holes = Vec::new();
-        for (from, to) in &feeds {
-            let top_of_hole = *top.get_or_insert(*from);
-            if Some(level(to)) == bottom {
-                holes.push(Hole {
-                    cycle,
-                    top: millimetres(&top_of_hole),
-                    bottom: millimetres(to),
-                });
-            }
-            // A feed move upwards is the end of a hole, as is its bottom.
-            if Some(level(to)) == bottom || level(to) > level(from) {
-                top = None;
-            }
-        }
-        holes
-    }
+    holes
 }
 
 fn millimetres(position: &Axes<Nm>) -> [f64; LINEAR] {
@@ -139,17 +97,11 @@ fn millimetres(position: &Axes<Nm>) -> [f64; LINEAR] {
 
 #[cfg(test)]
 mod tests {
-    use leadscrew::settings::Settings;
-
     use super::*;
+    use crate::marks;
 
     fn found(lines: &[(&str, bool)]) -> Holes {
-        let mut finder = HoleFinder::new(ProgramReader::new(&Settings::default()));
-        for (line, is_refused) in lines {
-            finder.line(line.as_bytes());
-            finder.answer(*is_refused);
-        }
-        finder.finish()
+        marks::found(lines).holes
     }
 
     fn hole(cycle: Cycle, [x, y]: [f64; 2], top: f64, bottom: f64) -> Hole {

@@ -1,6 +1,8 @@
 //! `cargo xtask sim`: G-code programs on the virtual machine.
 
+mod contour;
 mod holes;
+mod marks;
 mod plot;
 mod power_up;
 mod program_reader;
@@ -72,7 +74,8 @@ struct Options {
     /// Write every step event: time in ns from the first step, steps of each axis after it
     #[arg(long, value_name = "OUT.csv", conflicts_with_all = ["on_target", "session"])]
     trace: Option<PathBuf>,
-    /// Draw the tool path with the holes of canned cycles, and speed and acceleration over time
+    /// Draw the tool path, with the holes of canned cycles and the contour of cutter compensation, and
+    /// speed and acceleration over time
     #[arg(long, value_name = "OUT.svg", conflicts_with_all = ["on_target", "session"])]
     plot: Option<PathBuf>,
     /// Measure how good the motion is: step times, jumps, accelerations and jerks, the distance from

@@ -9,7 +9,7 @@ use chart::{Area, DASHED, Drawn, HEAD, PX, SPEED, WIDTH, draw_head, render};
 use leadscrew::axis::{AXES, LETTERS, LINEAR};
 use plotters::prelude::*;
 
-use crate::{holes::Holes, quality::Traces, samples::Motion, series::Series};
+use crate::{marks::Marks, quality::Traces, samples::Motion, series::Series};
 use path::Colouring;
 use strip::{Curve, Mark, Strip};
 
@@ -38,8 +38,8 @@ pub(crate) struct Picture<'a> {
     /// One line below it.
     pub(crate) subtitle: &'a str,
     pub(crate) motion: &'a Motion,
-    /// Marked where they are.
-    pub(crate) holes: &'a Holes,
+    /// Drawn into the path.
+    pub(crate) marks: &'a Marks,
     /// Highest acceleration of each axis, mm/s² or degrees/s².
     pub(crate) limits_mm_s2: [f64; AXES],
     /// Highest jerk of each axis, mm/s³ or degrees/s³; `None` without a limit.
@@ -62,7 +62,7 @@ pub(crate) fn draw(picture: &Picture) -> Result<String> {
             None => Colouring::of_speed(picture.motion),
             Some(traces) => Colouring::of_deviation(picture.motion, traces),
         };
-        path::draw(&left, picture.motion, picture.holes, &colouring)?;
+        path::draw(&left, picture.motion, picture.marks, &colouring)?;
         draw_strips(
             &right,
             picture.motion,
@@ -91,7 +91,7 @@ fn draw_strips(area: &Area, motion: &Motion, strips: &[Strip], room: f64) -> Dra
 fn strips<'a>(picture: &Picture<'a>) -> Vec<Strip<'a>> {
     let motion = picture.motion;
     let mut strips = vec![speed(motion)];
-    strips.extend(picture.holes.depth_axes().map(|axis| Strip {
+    strips.extend(picture.marks.holes.depth_axes().map(|axis| Strip {
         height: 2 * Strip::default().height,
         ..position(motion, axis)
     }));
@@ -223,7 +223,7 @@ mod tests {
             title: "circle.nc",
             subtitle: "a test",
             motion,
-            holes: &Holes::default(),
+            marks: &Marks::default(),
             limits_mm_s2: [limit; AXES],
             limits_mm_s3: [None; AXES],
             is_laser: true,

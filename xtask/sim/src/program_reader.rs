@@ -1,11 +1,12 @@
 //! From the lines of a program to its commands.
 //!
-//! The lines go to an interpreter of their own, which nothing but its text reaches: what the motion has
-//! made of a program can be compared with the program.
+//! The lines go to an interpreter of their own, and behind cutter compensation that is their own too:
+//! nothing but the program's text reaches them, so that what the motion has made of it can be compared.
 
 use leadscrew::{
-    gcode::interpreter::{Interpreter, Outcome},
+    gcode::interpreter::{Checked, CompensatedMove, Interpreter, Outcome},
     model::Command,
+    path::Compensator,
     protocol::{Line, Session},
     settings::{Settings, assign},
 };
@@ -15,6 +16,9 @@ pub(crate) struct ProgramReader {
     interpreter: Interpreter,
     settings: Settings,
     line: Line,
+    compensator: Compensator,
+    /// The move of the last line as it is programmed, where it is compensated.
+    programmed: Option<CompensatedMove>,
     /// Something has moved the machine that only the machine knows the end of.
     is_lost: bool,
 }
@@ -36,6 +40,8 @@ impl ProgramReader {
             interpreter,
             settings: *settings,
             line: Line::new(),
+            compensator: Compensator::new(),
+            programmed: None,
             is_lost: false,
         }
     }
@@ -53,8 +59,15 @@ impl ProgramReader {
         &self.settings
     }
 
-    /// The commands of the next line, all of its holes if it drills. One that is refused has none.
+    /// The move of the last line as it is programmed, where the cutter goes beside it.
+    pub(crate) fn programmed(&self) -> Option<&CompensatedMove> {
+        self.programmed.as_ref()
+    }
+
+    /// The commands of the next line, all of its holes if it drills, and those of a move that has waited
+    /// for it. One that is refused has none.
     pub(crate) fn line(&mut self, line: &[u8]) -> Vec<Command> {
+        self.programmed = None;
         self.line.clear();
         let bytes = line.iter().copied().chain([b'\n']);
         let text = if self.line.take_from(bytes) {
@@ -66,6 +79,7 @@ impl ProgramReader {
             return Vec::new();
         }
         let checked = if let Some(jog) = text.strip_prefix(b"$J=") {
+            self.leave_contour();
             self.interpreter.check_jog(jog, &self.settings)
         } else if let Some(statement) = text.strip_prefix(b"$") {
             // A refused assignment changes nothing here either.
@@ -78,6 +92,14 @@ impl ProgramReader {
         let Ok(checked) = checked else {
             return Vec::new();
         };
+        self.compensator.drop_plan();
+        let programmed = self.interpreter.compensated_move(&checked);
+        let farthest = self.settings.farthest();
+        let misfit = programmed.map(|one| self.compensator.plan(&one, &farthest));
+        if misfit.is_some_and(|planned| planned.is_err()) {
+            return Vec::new();
+        }
+        self.programmed = programmed;
         let mut outcome = Outcome::default();
         self.interpreter.commit(&checked, &mut outcome);
         let is_move = |command: &Command| matches!(command, Command::Line { .. });
@@ -89,7 +111,45 @@ impl ProgramReader {
         }
         let probes = |command: &Command| matches!(command, Command::Probe { .. });
         self.is_lost = commands.iter().any(probes);
-        commands
+        self.compensated(&checked, commands)
+    }
+
+    /// The commands of a line behind cutter compensation, in the order in which the session sends them.
+    fn compensated(&mut self, checked: &Checked, mut commands: Vec<Command>) -> Vec<Command> {
+        let compensator = &mut self.compensator;
+        let is_compensated = checked.follows_contour() || compensator.has_plan();
+        let is_over = !is_compensated || checked.stops_program() && !compensator.has_plan();
+        let mut released = Vec::new();
+        let mut release = |compensator: &mut Compensator| {
+            while let Some(command) = compensator.front() {
+                released.push(command);
+                compensator.dequeue();
+            }
+        };
+        if is_over && compensator.is_waiting() {
+            compensator.release();
+            release(compensator);
+        }
+        let is_beside = is_compensated || checked.stays_beside_path();
+        if is_compensated {
+            for command in commands.drain(..) {
+                compensator.push(&command);
+                release(compensator);
+            }
+        }
+        if checked.ends_program() && is_beside {
+            self.interpreter.set_position(compensator.end());
+        }
+        released.append(&mut commands);
+        released
+    }
+
+    /// A jog begins where the cutter is.
+    fn leave_contour(&mut self) {
+        if self.interpreter.is_beside_path() && !self.interpreter.is_compensating() {
+            self.interpreter.cancel_compensation();
+            self.interpreter.set_position(self.compensator.end());
+        }
     }
 }
 
@@ -108,6 +168,30 @@ mod tests {
         // Over the hole, down to R, down, out.
         assert_eq!(lines.count(), 8);
         assert!(matches!(commands[0], Command::Spindle { .. }));
+    }
+
+    #[test]
+    fn a_compensated_line_has_the_commands_of_the_move_before_it() {
+        let mut reader = ProgramReader::new(&Settings::default());
+        let mut ends = |line: &str| -> Vec<[i64; 2]> {
+            let commands = reader.line(line.as_bytes());
+            let ends = commands.iter().filter_map(|command| match command {
+                Command::Line { target, .. } | Command::Arc { target, .. } => {
+                    Some([0, 1].map(|axis| target.position[axis].0 / 1_000_000))
+                }
+                _ => None,
+            });
+            ends.collect()
+        };
+        assert_eq!(ends("G41.1 D4 F100"), [[0; 2]; 0]);
+        assert_eq!(ends("G1 X10"), [[0; 2]; 0]);
+        // Inside of a corner, and around one.
+        assert_eq!(ends("Y10"), [[8, 2]]);
+        assert_eq!(ends("X-10"), [[8, 8]]);
+        // The tool does not fit.
+        assert_eq!(ends("G3 X-11 Y9 I0 J-1"), [[0; 2]; 0]);
+        assert_eq!(ends("G1 Y20"), [[-10, 8], [-12, 10]]);
+        assert_eq!(ends("G40 X-20"), [[-12, 20], [-20, 20]]);
     }
 
     #[test]

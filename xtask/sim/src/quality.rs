@@ -9,7 +9,7 @@ mod axis;
 mod corners;
 mod fit;
 mod follow;
-mod geometry;
+pub(crate) mod geometry;
 mod intervals;
 mod print;
 mod program;

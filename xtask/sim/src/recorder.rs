@@ -19,7 +19,7 @@ use serde::Serialize;
 
 use crate::{
     Options,
-    holes::HoleFinder,
+    marks::MarkFinder,
     plot,
     program_reader::ProgramReader,
     quality::{self, Meter, Quality},
@@ -42,7 +42,7 @@ pub(crate) struct Recording {
 struct Drawing {
     output: Output,
     samples: Samples,
-    holes: HoleFinder,
+    marks: MarkFinder,
 }
 
 /// What a run shows, and how good its motion is, where that was asked for.
@@ -64,7 +64,7 @@ impl Recording {
             picture: picture.map(|output| Drawing {
                 output,
                 samples: Samples::new(session.settings()),
-                holes: HoleFinder::new(reader()),
+                marks: MarkFinder::new(reader()),
             }),
             json: options.json.as_deref().map(Output::create).transpose()?,
             meter: options.quality.then(|| Meter::new(reader())),
@@ -107,7 +107,7 @@ impl Recording {
                 title,
                 subtitle: &subtitle(&figures, &motion),
                 motion: &motion,
-                holes: &drawing.holes.finish(),
+                marks: &drawing.marks.finish(),
                 is_laser: settings.laser,
                 limits_mm_s2: settings.acceleration_mm_s2.0.map(f64::from),
                 limits_mm_s3: quality::jerk_limits(settings),
@@ -149,7 +149,7 @@ impl Recorder for Recording {
             meter.line(line);
         }
         if let Some(drawing) = &mut self.picture {
-            drawing.holes.line(line);
+            drawing.marks.line(line);
         }
     }
 
@@ -181,7 +181,7 @@ impl Recorder for Recording {
             meter.answer(is_refused);
         }
         if let Some(drawing) = &mut self.picture {
-            drawing.holes.answer(is_refused);
+            drawing.marks.answer(is_refused);
         }
     }
 }

@@ -173,6 +173,40 @@ fn the_pictures_of_cycles_are_what_their_commands_draw() {
     check_picture("examples/drilling.nc", "docs/drilling.svg", &[]);
 }
 
+#[test]
+fn the_picture_of_compensation_is_what_its_command_draws() {
+    check_picture("examples/compensation.nc", "docs/compensation.svg", &[]);
+}
+
+#[test]
+fn quality_and_picture_follow_a_compensated_contour() {
+    let folder = tempfile::tempdir().unwrap();
+    let plot = folder.path().join("contour.svg").display().to_string();
+    let program = "G41.1 D4 F600\nG1 X10\nY10\nG3 X0 Y10 I-5\nG1 Y0\nX-10\nG40 G1 X-10 Y9\n";
+    let settings = [
+        "--set",
+        "$100=80",
+        "--set",
+        "$101=80",
+        "--quality",
+        "--plot",
+        &plot,
+    ];
+    let whole = figures(folder.path(), program, &settings);
+    assert_eq!(refused(&whole), Vec::<&str>::new());
+    let deviation = &whole["quality"]["deviation"];
+    let [distance, floor] =
+        ["hausdorff_mm", "floor_mm"].map(|key| deviation[key].as_f64().unwrap());
+    assert!(distance < 1.5 * floor, "{distance} {floor}");
+    let drawn = fs::read_to_string(&plot).unwrap();
+    for label in [
+        "programmed contour (G41, G42)",
+        "cut there by a tool of 4 mm",
+    ] {
+        assert!(drawn.contains(label), "{label}");
+    }
+}
+
 /// As many posts write a drilling program: settings of the machine first, inches, a hole given twice.
 const DRILLING: &str = "G0 G49 G40 G17 G80 G50 G90
 M6 T0

@@ -11,7 +11,7 @@ use plotters::prelude::*;
 
 use super::{PATH_WIDTH, marks};
 use crate::{
-    holes::Holes,
+    marks::Marks,
     quality::Traces,
     samples::{Motion, Point},
 };
@@ -116,12 +116,12 @@ impl Colouring {
 pub(super) fn draw(
     area: &Area,
     motion: &Motion,
-    holes: &Holes,
+    marks: &Marks,
     colouring: &Colouring,
 ) -> Drawn<()> {
-    let [x, y, z] = [X, Y, Z].map(|axis| extent(motion, axis));
+    let [x, y, z] = [X, Y, Z].map(|axis| extent(motion, marks, axis));
     let (_, height) = pixels(area);
-    let more: i32 = marks::legend(holes).iter().map(|_| ROW).sum();
+    let more: i32 = marks::legend(marks).iter().map(|_| ROW).sum();
     let (area, legend) = area.split_vertically((height - LEGEND - more) * PX);
     let length = |range: &Range<f64>| range.end - range.start;
     let (width, height) = pixels(&area);
@@ -143,22 +143,22 @@ pub(super) fn draw(
         let x = widened(&x, across * mm_per_pixel);
         let y = widened(&y, up * mm_per_pixel);
         let z = widened(&z, front * mm_per_pixel);
-        draw_plane(&above, motion, holes, colouring, (X, x.clone()), (Y, y))?;
-        draw_plane(&below, motion, holes, colouring, (X, x), (Z, z))?;
+        draw_plane(&above, motion, marks, colouring, (X, x.clone()), (Y, y))?;
+        draw_plane(&below, motion, marks, colouring, (X, x), (Z, z))?;
     } else {
         let mm_per_pixel = (length(&x) / across).max(length(&y) / whole) * room;
         let x = widened(&x, across * mm_per_pixel);
         let y = widened(&y, whole * mm_per_pixel);
-        draw_plane(&area, motion, holes, colouring, (X, x), (Y, y))?;
+        draw_plane(&area, motion, marks, colouring, (X, x), (Y, y))?;
     }
-    draw_legend(&legend, motion, holes, colouring)
+    draw_legend(&legend, motion, marks, colouring)
 }
 
 /// The path seen along one direction.
 fn draw_plane(
     area: &Area,
     motion: &Motion,
-    holes: &Holes,
+    marks: &Marks,
     colouring: &Colouring,
     (first, across): (usize, Range<f64>),
     (second, up): (usize, Range<f64>),
@@ -166,6 +166,7 @@ fn draw_plane(
     let pixel = (across.end - across.start) / f64::from(PATH_WIDTH);
     let labels = [first, second].map(|axis| format!("{}, mm", char::from(LETTERS[axis])));
     let mut chart = chart(area, across, up, &labels)?;
+    marks::draw_cut(&mut chart, marks, [first, second])?;
     let place = |point: &Point| (point.at[first], point.at[second]);
     let mut strokes = Vec::new();
     let mut start = 0;
@@ -199,7 +200,7 @@ fn draw_plane(
         };
         PathElement::new(points, style)
     }))?;
-    marks::draw(&mut chart, holes, [first, second], pixel)?;
+    marks::draw(&mut chart, marks, [first, second], pixel)?;
     if second == Y {
         let points: Vec<_> = motion.path.iter().map(place).collect();
         let feeds: Vec<_> = motion.path.iter().map(|point| !point.is_rapid).collect();
@@ -279,7 +280,7 @@ fn draw_ends(chart: &mut Chart, points: &[(f64, f64)], pixel: f64) -> Drawn<()> 
 }
 
 /// The legend of the path, and how far each axis goes.
-fn draw_legend(area: &Area, motion: &Motion, holes: &Holes, colouring: &Colouring) -> Drawn<()> {
+fn draw_legend(area: &Area, motion: &Motion, marks: &Marks, colouring: &Colouring) -> Drawn<()> {
     const WIDE: i32 = 220;
     let (left, top) = ((MARGIN + LABELS_LEFT) * PX, 10 * PX);
     let (width, height) = (WIDE * PX, 10 * PX);
@@ -302,8 +303,8 @@ fn draw_legend(area: &Area, motion: &Motion, holes: &Holes, colouring: &Colourin
     let line = below - 10 * PX;
     let ends = [(left, line), (left + width, line)];
     area.draw(&PathElement::new(ends, DASHED.stroke_width(stroke(1))))?;
-    for text in marks::legend(holes) {
-        marks::draw_key(area, (left + width - 8 * PX, below + 7 * PX))?;
+    for (key, text) in marks::legend(marks) {
+        key.draw(area, (left, left + width), below + 7 * PX)?;
         let at = (left + width + 12 * PX, below);
         area.draw(&Text::new(text, at, style.clone()))?;
         below += ROW * PX;
@@ -319,10 +320,12 @@ fn draw_legend(area: &Area, motion: &Motion, holes: &Holes, colouring: &Colourin
     Ok(())
 }
 
-/// The range of an axis, at least 1 µm wide.
-fn extent(motion: &Motion, axis: usize) -> Range<f64> {
+/// The range of an axis in which something is drawn, at least 1 µm wide.
+fn extent(motion: &Motion, marks: &Marks, axis: usize) -> Range<f64> {
     let (least, greatest) = motion.extents[axis];
-    if motion.moves(axis) {
+    let (from, to) = marks.contour.extent(axis).unwrap_or((least, greatest));
+    let (least, greatest) = (least.min(from), greatest.max(to));
+    if greatest > least {
         least..greatest
     } else {
         least - 1.0..greatest + 1.0
