@@ -6,6 +6,7 @@ mod arithmetic;
 mod contours;
 mod extremes;
 mod faults;
+mod integer_arcs;
 mod jerk;
 mod lookahead;
 mod moves;
