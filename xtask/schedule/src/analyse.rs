@@ -11,7 +11,7 @@ use sha2::{Digest, Sha256};
 
 use crate::{
     Annotations, App, Cache, Config, Curve, Flaw, Image, Line, Model, Place, Program, Report,
-    Requirement, Rule, Task,
+    Requirement, Rule, Stream, Task, Window,
     calibration::Measured,
     crosscheck::Crosscheck,
     edge, findings,
@@ -19,7 +19,8 @@ use crate::{
     modes,
     registers::Registers,
     resident,
-    response::{self, Blocking, Response},
+    response::{self, Blocking, Flash, Response},
+    rta::{Demand, Load},
     sections,
     system::{Row, System, misconfigured},
 };
@@ -194,6 +195,7 @@ impl<'a> Analysis<'a> {
         let tasks = rows.map(|(index, row)| self.task(index, row, responses[index].as_ref()));
         report.tasks = tasks.collect();
         report.utilisation = response::utilisation(self.system, &responses);
+        report.undeadlined_wait_us = self.wait(&responses);
         let prices = responses
             .iter()
             .flatten()
@@ -216,8 +218,10 @@ impl<'a> Analysis<'a> {
             let required = self.system.config.require.step_rate_hz.keys();
             bauds.extend(required.filter_map(|baud| baud.parse::<u32>().ok()));
             for baud in bauds {
-                let rate = self.proven(baud)?;
+                let rate = self.proven(baud, Flash::Cached)?;
                 report.proven_step_rate_hz.insert(baud.to_string(), rate);
+                let rate = self.proven(baud, Flash::Uncached)?;
+                report.uncached_step_rate_hz.insert(baud.to_string(), rate);
             }
             self.curve(report)?;
         }
@@ -255,12 +259,26 @@ impl<'a> Analysis<'a> {
             task.blocking_cycles = it.blocking;
             task.blocking_source.clone_from(&it.blocking_source);
             task.response_cycles = it.response;
+            task.window = it.response.map(|_| window(&it.demand));
             task.deadline_cycles = Some(it.deadline);
             task.slack_us = it
                 .response
                 .map(|response| self.us(it.deadline - response as f64));
         }
         task
+    }
+
+    /// How long tasks with deadlines may run one after another: the longest response of those of the
+    /// lowest priority among them is that of a window with a run of each at its beginning.
+    fn wait(&self, responses: &[Option<Response>]) -> Option<f64> {
+        let rows = { self.system.rows.iter().zip(responses) }
+            .filter_map(|(row, response)| Some((row.task.priority, response.as_ref()?)));
+        let lowest = rows.clone().map(|(priority, _)| priority).min()?;
+        let longest = rows
+            .filter(|(priority, _)| *priority == lowest)
+            .map(|(_, it)| it.response);
+        let longest: Option<Vec<u64>> = longest.collect();
+        Some(self.us(longest?.into_iter().max()? as f64))
     }
 
     fn us(&self, cycles: f64) -> f64 {
@@ -372,13 +390,13 @@ impl<'a> Analysis<'a> {
 
     /// The highest step rate at which every deadline is met. Whatever holds at a rate holds at all
     /// lower ones: they release nothing more often, and lengthen no loop.
-    fn proven(&self, baud: u32) -> Result<u32, String> {
+    fn proven(&self, baud: u32, flash: Flash) -> Result<u32, String> {
         let highest = self.system.config.limits.step_rate_hz;
         let highest = highest.unwrap_or(HIGHEST_RATE);
         let (mut low, mut high) = (0, highest / RATE_STEP + 1);
         while high - low > 1 {
             let middle = u32::midpoint(low, high);
-            if self.is_met(middle * RATE_STEP, baud)? {
+            if self.is_met(middle * RATE_STEP, baud, flash)? {
                 low = middle;
             } else {
                 high = middle;
@@ -387,9 +405,9 @@ impl<'a> Analysis<'a> {
         Ok(low * RATE_STEP)
     }
 
-    fn is_met(&self, step_rate_hz: u32, baud: u32) -> Result<bool, String> {
+    fn is_met(&self, step_rate_hz: u32, baud: u32, flash: Flash) -> Result<bool, String> {
         let point = self.system.point(step_rate_hz, baud);
-        response::are_met(self.system, &self.blocking, point)
+        response::are_met(self.system, &self.blocking, point, flash)
     }
 
     fn curve(&self, report: &mut Report) -> Result<(), String> {
@@ -477,6 +495,23 @@ impl<'a> Analysis<'a> {
         let missed = report.requirements.iter().filter(|it| !it.is_met);
         let flaws: Vec<Flaw> = missed.map(unmet).collect();
         report.flaws.extend(flaws);
+    }
+}
+
+/// What a response time is computed from, for the report.
+fn window(demand: &Demand) -> Window {
+    let stream = |load: &Load| Stream {
+        period: load.arrival.period,
+        group: load.arrival.group,
+        rate: load.arrival.sustained.map(|(rate, _)| rate),
+        burst: load.arrival.sustained.map_or(0.0, |(_, burst)| burst),
+        jitter: load.arrival.jitter,
+        cost: load.cost,
+    };
+    Window {
+        own: demand.own.iter().map(stream).collect(),
+        others: demand.others.iter().map(stream).collect(),
+        once: demand.once,
     }
 }
 

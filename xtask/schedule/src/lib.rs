@@ -71,7 +71,9 @@ pub use image::{Extent, Frame, Image, ImageError};
 pub use instruction::{Address, Instruction, Operation, Writeback};
 pub use model::{Cache, Clock, Model, lines};
 pub use program::{Block, Bound, Count, Edge, Function, Loop, Program, Region, Store, Total};
-pub use report::{Curve, Line, Report, Requirement, Section, Stack, SubstitutedRuns, Task, Wcet};
+pub use report::{
+    Curve, Line, Report, Requirement, Section, Stack, Stream, SubstitutedRuns, Task, Wcet, Window,
+};
 pub use rtic::{App, AppTask};
 pub use wcet::Functions;
 

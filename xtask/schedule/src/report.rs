@@ -33,6 +33,10 @@ pub struct Report {
     pub substitution: Option<SubstitutedRuns>,
     /// The highest proven step rate for each baud rate.
     pub proven_step_rate_hz: BTreeMap<String, u32>,
+    /// The same without anything that is assumed of the instruction cache.
+    pub uncached_step_rate_hz: BTreeMap<String, u32>,
+    /// How long tasks with deadlines may keep the processor from those without, µs; `None`: no bound.
+    pub undeadlined_wait_us: Option<f64>,
     /// Longest run of the step task with a warm cache, exception entry and exit included, cycles.
     pub step_wcet_cycles: u64,
     /// Most by which an edge of a step pin moves, µs.
@@ -116,8 +120,44 @@ pub struct Task {
     pub kind_of: Option<String>,
     /// The regime that it is due in, where its task has several.
     pub regime: Option<String>,
+    /// What its response time is computed from.
+    pub window: Option<Window>,
     /// Its worst path by source line, in the order of their cost.
     pub worst_path: Vec<Line>,
+}
+
+/// What is to be done in the busy window of a task.
+///
+/// Job number `n` of the last of its own streams, from 0, is due `release(n)` after the window's
+/// beginning, less the jitter, and ends with the smallest window `w = once + Σ own + Σ others`. Of the
+/// others, the releases of `w + jitter` count, but one at least; of its own streams but the last, those
+/// due before `release(n + 1)`; of the last, `n + 1`. The response time is the longest from when a job is
+/// due to its end, of all jobs up to the first whose end is not behind the next one's release.
+#[derive(Debug, Clone, Default, Serialize)]
+pub struct Window {
+    /// The task's own work: the last stream is the one whose ends count.
+    pub own: Vec<Stream>,
+    /// That of higher and of the same priority.
+    pub others: Vec<Stream>,
+    /// Blocking, and what the window pays once besides, cycles.
+    pub once: u64,
+}
+
+/// Releases of the same work.
+#[derive(Debug, Clone, Default, Serialize)]
+pub struct Stream {
+    /// Shortest time between two groups of releases, cycles, ...
+    pub period: f64,
+    /// ... and how many one has.
+    pub group: u64,
+    /// Releases a cycle in the long run; `None`: the period alone limits them.
+    pub rate: Option<f64>,
+    /// How many more there may be in any window.
+    pub burst: f64,
+    /// How much later than it is due a release may come, cycles.
+    pub jitter: f64,
+    /// What one costs at most, with what it costs others, cycles.
+    pub cost: u64,
 }
 
 /// Runs that may come instead of units of work.

@@ -18,10 +18,10 @@ use std::collections::{BTreeMap, BTreeSet};
 use crate::{
     Point, SubstitutedRuns, Wcet,
     model::{CACHE_LINES, OUTSTANDING_TRANSFER, RESTART, RETRY},
-    persistent_window::{PersistentCost, PersistentWindow},
+    persistent_window::PersistentCost,
     preempting::{PreemptingTasks, Streams},
     row_demand::RowDemand,
-    rta::{self, Arrival, Load},
+    rta::{Arrival, Demand, Load},
     substitution::{Substitution, SubstitutionCost},
     system::{Cost, System},
 };
@@ -50,6 +50,21 @@ impl Blocking {
     }
 }
 
+/// Work with persistent loops, with what it costs others.
+const fn load((arrival, cost): &(Arrival, PersistentCost)) -> Load {
+    Load {
+        arrival: *arrival,
+        cost: cost.all,
+    }
+}
+
+/// Whether the statements about the instruction cache are used, or only that without it.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum Flash {
+    Cached,
+    Uncached,
+}
+
 /// A row's response.
 #[derive(Debug, Clone)]
 pub(crate) struct Response {
@@ -66,6 +81,8 @@ pub(crate) struct Response {
     pub(crate) response: Option<u64>,
     /// How many units of work a substituted run costs, where runs are substituted.
     pub(crate) substitution_cost: Option<f64>,
+    /// What the response time is computed from.
+    pub(crate) demand: Demand,
 }
 
 impl Response {
@@ -85,7 +102,7 @@ pub(crate) fn all(
     sections: &[Blocking],
     point: Point,
 ) -> Result<Vec<Option<Response>>, String> {
-    up_to(system, sections, point, HOPELESS)
+    up_to(system, sections, point, (HOPELESS, Flash::Cached))
 }
 
 /// Whether every deadline is met.
@@ -97,8 +114,9 @@ pub(crate) fn are_met(
     system: &System<'_>,
     sections: &[Blocking],
     point: Point,
+    flash: Flash,
 ) -> Result<bool, String> {
-    let responses = up_to(system, sections, point, 1.0)?;
+    let responses = up_to(system, sections, point, (1.0, flash))?;
     let share = utilisation(system, &responses);
     Ok(share <= 1.0 && responses.iter().flatten().all(Response::is_met))
 }
@@ -108,7 +126,7 @@ fn up_to(
     system: &System<'_>,
     sections: &[Blocking],
     point: Point,
-    deadlines: f64,
+    (deadlines, flash): (f64, Flash),
 ) -> Result<Vec<Option<Response>>, String> {
     let named = system.config.numbers(&system.clock, point)?;
     let mut row_demands = Vec::new();
@@ -133,6 +151,7 @@ fn up_to(
                 let mut window =
                     Window::new((system, &named), sections, row_demands, index, regime);
                 window.substitution = substitution;
+                window.is_cached &= flash == Flash::Cached;
                 window.limit = (deadlines * window.own.deadline).clamp(0.0, 1e12) as u64;
                 window.respond()
             };
@@ -189,6 +208,7 @@ struct Found {
     share: f64,
     via: &'static str,
     substitution_cost: Option<f64>,
+    demand: Demand,
 }
 
 /// Which cost of a row counts in a window.
@@ -274,12 +294,13 @@ impl<'a> Window<'a> {
 
     fn respond(self) -> Response {
         let (cycles, share) = self.cost(Kind::Uncached);
-        let found = |(response, substitution_cost), (cycles, share), via| Found {
+        let found = |(response, substitution_cost, demand), (cycles, share), via| Found {
             response,
             cycles,
             share,
             via,
             substitution_cost,
+            demand,
         };
         let response = self.response(Kind::Uncached, Kind::Uncached, 0);
         let mut all = vec![found(response, (cycles, share), "uncached")];
@@ -308,7 +329,8 @@ impl<'a> Window<'a> {
         let best = all
             .into_iter()
             .min_by_key(|found| found.response.unwrap_or(u64::MAX));
-        let best = best.unwrap_or(found((None, None), (cycles, share), "uncached"));
+        let none = (None, None, Demand::default());
+        let best = best.unwrap_or_else(|| found(none, (cycles, share), "uncached"));
         Response {
             arrival: self.own.arrival,
             deadline: self.own.deadline,
@@ -319,6 +341,7 @@ impl<'a> Window<'a> {
             blocking_source: self.source(),
             response: best.response,
             substitution_cost: best.substitution_cost,
+            demand: best.demand,
         }
     }
 
@@ -386,10 +409,11 @@ impl<'a> Window<'a> {
         let shares = own.0.iter();
         let share = shares.map(|(arrival, cost)| arrival.rate() * cost.alone as f64);
         let share = share.sum();
-        let window = PersistentWindow {
-            own: own.0,
-            equals: equals.into_iter().flat_map(|it| it.0).collect(),
-            preempting: loads.collect::<Option<_>>()?,
+        let mut others: Vec<Load> = equals.iter().flat_map(|it| &it.0).map(load).collect();
+        others.extend(loads.collect::<Option<Vec<_>>>()?);
+        let demand = Demand {
+            own: own.0.iter().map(load).collect(),
+            others,
             once: once
                 + OUTSTANDING_TRANSFER
                 + tasks.cached.share.of_visit
@@ -397,11 +421,12 @@ impl<'a> Window<'a> {
                 + substitution_cost.once,
         };
         Some(Found {
-            response: Some(window.response(self.limit)?),
+            response: Some(demand.response(self.limit)?),
             cycles: tasks.run(self.own.row)?.0.alone,
             share,
             via: "loops",
             substitution_cost: self.substitution.map(|_| substitution_cost.units),
+            demand,
         })
     }
 
@@ -439,7 +464,7 @@ impl<'a> Window<'a> {
 
     /// The response time with these costs, and what a substituted run costs. `more`: what the
     /// window pays once, besides blocking.
-    fn response(&self, own: Kind, others: Kind, more: u64) -> (Option<u64>, Option<f64>) {
+    fn response(&self, own: Kind, others: Kind, more: u64) -> (Option<u64>, Option<f64>, Demand) {
         let (_, own_kind) = own.of(self.own.cost.wcet);
         let loads = |row_demand: &RowDemand| {
             let is_kind = self.system.rows[row_demand.row].kind_of == Some(self.own.row);
@@ -462,13 +487,17 @@ impl<'a> Window<'a> {
             |row_demand: &RowDemand| loads(row_demand).iter().map(|load| load.cost).collect();
         let Some(substitution_cost) = self.substitution_cost(|row_demand| Some(costs(row_demand)))
         else {
-            return (None, None);
+            return (None, None, Demand::default());
         };
         let others = self.others.iter().flat_map(|other| loads(other));
         let others: Vec<Load> = others.collect();
-        let once = self.held_up() + more + substitution_cost.once;
-        let response = rta::response(&loads(self.own), &others, once, self.limit);
-        (response, self.substitution.map(|_| substitution_cost.units))
+        let demand = Demand {
+            own: loads(self.own),
+            others,
+            once: self.held_up() + more + substitution_cost.once,
+        };
+        let units = self.substitution.map(|_| substitution_cost.units);
+        (demand.response(self.limit), units, demand)
     }
 
     /// What holds the row up.

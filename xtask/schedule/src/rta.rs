@@ -62,6 +62,24 @@ pub(crate) struct Load {
     pub(crate) cost: u64,
 }
 
+/// What is to be done in a busy window: all that its response time depends on.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub(crate) struct Demand {
+    /// The streams of jobs of the task itself; the ends of the last one's count.
+    pub(crate) own: Vec<Load>,
+    /// Those of higher and of the same priority.
+    pub(crate) others: Vec<Load>,
+    /// What the whole window pays once, blocking first of all.
+    pub(crate) once: u64,
+}
+
+impl Demand {
+    /// The response time, if it is below a limit.
+    pub(crate) fn response(&self, limit: u64) -> Option<u64> {
+        response(&self.own, &self.others, self.once, limit)
+    }
+}
+
 /// Longest time from when a release of a task is due to its end, or `None` when there is none below `limit`.
 ///
 /// `own`: the streams of jobs of the task; the ends of the last one's count. `others`: those of
@@ -179,6 +197,18 @@ mod tests {
             response(&[load(1000.0, 10)], &[load(5.0, 5)], 0, 1000),
             None
         );
+    }
+
+    #[test]
+    fn all_that_preempts_comes_on_top() {
+        let demand = Demand {
+            own: vec![load(1e6, 20_000)],
+            others: vec![load(1e6, 20_000), load(1000.0, 137), load(1e9, 500)],
+            once: 100,
+        };
+        // 137 of each 1000 cycles are one task's: 48 runs in 47 176.
+        let expected = 100 + 40_000 + 500 + 48 * 137;
+        assert_eq!(demand.response(1_000_000), Some(expected));
     }
 
     #[test]

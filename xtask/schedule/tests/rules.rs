@@ -2,8 +2,10 @@
 
 mod project;
 
+use std::{fs, path::Path, process::Command};
+
 use project::{Project, assert_caught};
-use schedule::Rule;
+use schedule::{Report, Rule};
 
 /// What is found, or the end of the test, which has said why there is nothing.
 macro_rules! or_skip {
@@ -512,4 +514,43 @@ fn a_way_through_a_task_that_no_mode_has_is_caught() {
         "{}",
         flaw.what
     );
+}
+
+/// How many response times of a report another program finds to be right, or what it finds wrong;
+/// `None`, and a word why, where there is no Python.
+fn recompute(report: &Path) -> Option<Result<usize, String>> {
+    let script = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/recompute.py");
+    let Ok(output) = Command::new("python3").arg(script).arg(report).output() else {
+        println!("skipped: there is no python3");
+        return None;
+    };
+    let said = String::from_utf8_lossy(&output.stdout).trim().to_owned();
+    Some(if output.status.success() {
+        Ok(said.parse().expect("it prints a number"))
+    } else {
+        Err(said)
+    })
+}
+
+#[test]
+fn response_times_follow_from_the_report_alone() {
+    let project = or_skip!(Project::new("recomputed"));
+    let mut report = project.analyse(&project.build());
+    let path = Path::new(env!("CARGO_TARGET_TMPDIR")).join("rules/recomputed.json");
+    let found = |report: &Report| {
+        fs::write(&path, serde_json::to_string(report).unwrap()).unwrap();
+        recompute(&path)
+    };
+    assert_eq!(or_skip!(found(&report)), Ok(3));
+    let response = report.tasks[1].response_cycles.as_mut().unwrap();
+    *response += 1;
+    let wrong = found(&report).unwrap().unwrap_err();
+    assert!(wrong.contains("receive"), "{wrong}");
+    // The report that the documents show.
+    let shown = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../docs/schedule.json");
+    let text = fs::read_to_string(&shown).unwrap();
+    let value: serde_json::Value = serde_json::from_str(&text).unwrap();
+    let tasks = value["tasks"].as_array().unwrap().iter();
+    let with_window = tasks.filter(|task| task["window"].is_object());
+    assert_eq!(recompute(&shown), Some(Ok(with_window.count())));
 }

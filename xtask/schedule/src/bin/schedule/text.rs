@@ -1,6 +1,6 @@
 //! The report as a table in the terminal.
 
-use std::fmt::Write as _;
+use std::{collections::BTreeMap, fmt::Write as _};
 
 use common::text::separated;
 use owo_colors::OwoColorize;
@@ -39,9 +39,31 @@ pub(super) fn utilisation(report: &Report) -> Option<f64> {
     (report.utilisation > 0.0).then_some(report.utilisation * 100.0)
 }
 
+/// Step rates by their baud rates, in words.
+fn rates_shown(rates: &BTreeMap<String, u32>) -> String {
+    let shown = sorted(rates).into_iter().map(|(baud, rate)| match rate {
+        0 => format!("none at {}", separated(baud.into())),
+        rate => format!(
+            "{} Hz at {}",
+            separated(rate.into()),
+            separated(baud.into())
+        ),
+    });
+    let shown: Vec<_> = shown.collect();
+    if shown.is_empty() {
+        "none".into()
+    } else {
+        format!("{} baud", shown.join(", "))
+    }
+}
+
 /// The highest proven step rates, by rising baud rate.
 pub(super) fn proven_rates(report: &Report) -> Vec<(u32, u32)> {
-    let rates = report.proven_step_rate_hz.iter();
+    sorted(&report.proven_step_rate_hz)
+}
+
+fn sorted(rates: &BTreeMap<String, u32>) -> Vec<(u32, u32)> {
+    let rates = rates.iter();
     let mut rates: Vec<_> = rates
         .filter_map(|(baud, rate)| Some((baud.parse().ok()?, *rate)))
         .collect();
@@ -223,17 +245,17 @@ pub(super) fn blocking(report: &Report) -> Vec<(String, String)> {
 
 /// The figures under the table: name and value.
 pub(super) fn figures(report: &Report) -> Vec<(&'static str, String)> {
-    let rates = proven_rates(report).into_iter();
-    let rates: Vec<_> = rates
-        .map(|(baud, rate)| match rate {
-            0 => format!("none at {}", separated(baud.into())),
-            rate => format!(
-                "{} Hz at {}",
-                separated(rate.into()),
-                separated(baud.into())
-            ),
-        })
-        .collect();
+    let rates = rates_shown(&report.proven_step_rate_hz);
+    let uncached = rates_shown(&report.uncached_step_rate_hz);
+    let wait = report.undeadlined_wait_us.map_or_else(
+        || "unbounded".into(),
+        |us| {
+            format!(
+                "{} µs at most, before their own time and locks",
+                shown_us(us)
+            )
+        },
+    );
     let stack = report.stack_worst_bytes as f64 / report.stack_available_bytes.max(1) as f64;
     let lines = report
         .tasks
@@ -251,14 +273,9 @@ pub(super) fn figures(report: &Report) -> Vec<(&'static str, String)> {
             "utilisation",
             utilisation(report).map_or("unknown".into(), |share| format!("{share:.1} %")),
         ),
-        (
-            "proven step rate",
-            if rates.is_empty() {
-                "none".into()
-            } else {
-                format!("{} baud", rates.join(", "))
-            },
-        ),
+        ("proven step rate", rates),
+        ("without the cache", uncached),
+        ("`?` and lines wait", wait),
         (
             "step interrupt",
             format!(
