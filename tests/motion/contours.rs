@@ -8,7 +8,7 @@ mod geometry;
 use std::{f64::consts::PI, fmt};
 
 use leadscrew::{
-    axis::{X, Y},
+    axis::{X, Y, Z},
     settings::Settings,
     sim::{Edge, Simulator, Stream, StreamEnd, Watcher},
 };
@@ -56,14 +56,49 @@ fn element() -> impl Strategy<Value = Element> {
     })
 }
 
-/// A coordinate as the program has it.
-fn rounded(point: Point) -> Point {
-    point.map(|mm| (mm * 1e6).round() * 1e-6)
+/// How a program is written: decimals of its coordinates, and whether in G18 instead of G17.
+#[derive(Debug, Clone, Copy)]
+struct Form {
+    decimals: usize,
+    is_zx: bool,
+}
+
+impl Form {
+    /// A point as the program has it.
+    fn rounded(self, point: Point) -> Point {
+        let scale = if self.decimals == 3 { 1e3 } else { 1e6 };
+        point.map(|mm| (mm * scale).round() / scale)
+    }
+
+    /// The plane's axes.
+    fn axes(self) -> [usize; 2] {
+        if self.is_zx { [Z, X] } else { [X, Y] }
+    }
+
+    fn text(self, piece: &Piece) -> String {
+        let letters = if self.is_zx {
+            ["Z", "X", "K", "I"]
+        } else {
+            ["X", "Y", "I", "J"]
+        };
+        let word = |letter: &str, mm: f64| format!(" {letter}{mm:.*}", self.decimals);
+        let [x, y] = piece.end();
+        let end = word(letters[0], x) + &word(letters[1], y);
+        match piece {
+            Piece::Line { .. } => format!("G1{end}"),
+            Piece::Arc { centre, sweep, .. } => {
+                let [i, j] = minus(*centre, self.rounded(piece.start()));
+                let code = if *sweep > 0.0 { "G3" } else { "G2" };
+                format!("{code}{end}{}{}", word(letters[2], i), word(letters[3], j))
+            }
+        }
+    }
 }
 
 /// A tool beside a contour.
 #[derive(Clone)]
 struct Job {
+    form: Form,
     radius: f64,
     /// 1: the tool is on the left of the contour; -1: on the right.
     side: f64,
@@ -74,6 +109,7 @@ struct Job {
 /// A tool, and where its contour begins.
 #[derive(Debug, Clone)]
 struct Start {
+    form: Form,
     radius: f64,
     side: f64,
     heading: f64,
@@ -84,23 +120,38 @@ struct Start {
 
 fn start() -> impl Strategy<Value = Start> {
     let unit = || 0.0..1.0_f64;
-    (unit(), any::<bool>(), unit(), any::<bool>(), unit(), unit()).prop_map(
-        |(radius, is_left, heading, by_arc, size, angle)| Start {
-            // 0.25 to 10 mm.
-            radius: (0.25 * 40.0_f64.powf(radius) * 1e6).round() * 1e-6,
-            side: if is_left { 1.0 } else { -1.0 },
-            heading: heading * 2.0 * PI,
-            by_arc,
-            size,
-            angle,
-        },
+    let form = (any::<bool>(), any::<bool>()).prop_map(|(is_fine, is_zx)| Form {
+        decimals: if is_fine { 6 } else { 3 },
+        is_zx,
+    });
+    (
+        form,
+        unit(),
+        any::<bool>(),
+        unit(),
+        any::<bool>(),
+        unit(),
+        unit(),
     )
+        .prop_map(
+            |(form, radius, is_left, heading, by_arc, size, angle)| Start {
+                form,
+                // 0.25 to 10 mm.
+                radius: (0.25 * 40.0_f64.powf(radius) * 1e6).round() * 1e-6,
+                side: if is_left { 1.0 } else { -1.0 },
+                heading: heading * 2.0 * PI,
+                by_arc,
+                size,
+                angle,
+            },
+        )
 }
 
 impl Job {
     /// The entry from the origin to a contour in some direction, and its first element.
     fn new(start: &Start) -> Self {
         let Start {
+            form,
             radius,
             side,
             heading,
@@ -111,17 +162,18 @@ impl Job {
             // About a point beside the start of the contour, and tangent to it.
             let sweep = side * (0.3 + 1.2 * start.angle) * PI;
             let begin = unit(heading - sweep);
-            let centre = rounded(plus([0.0; 2], left(begin), side * room));
+            let centre = form.rounded(plus([0.0; 2], left(begin), side * room));
             Piece::arc([0.0; 2], centre, sweep)
         } else {
             let turn = (30.0 + 80.0 * start.angle).to_radians();
-            let end = rounded(plus([0.0; 2], unit(heading - side * turn), 3.0 * room));
+            let end = form.rounded(plus([0.0; 2], unit(heading - side * turn), 3.0 * room));
             Piece::Line {
                 start: [0.0; 2],
                 end,
             }
         };
         Self {
+            form,
             radius,
             side,
             entry,
@@ -132,14 +184,14 @@ impl Job {
     /// The end of the contour, and its direction.
     fn end(&self, heading: f64) -> (Point, Point) {
         match self.contour.last() {
-            Some(last) => (rounded(last.end()), last.direction(1.0)),
-            None => (rounded(self.entry.end()), unit(heading)),
+            Some(last) => (self.form.rounded(last.end()), last.direction(1.0)),
+            None => (self.form.rounded(self.entry.end()), unit(heading)),
         }
     }
 
     /// Adds a line in a direction; returns its end and its direction there.
     fn add_line(&mut self, (start, direction): (Point, Point), length: f64) -> (Point, Point) {
-        let end = rounded(plus(start, direction, length));
+        let end = self.form.rounded(plus(start, direction, length));
         self.contour.push(Piece::Line { start, end });
         self.end(0.0)
     }
@@ -152,7 +204,9 @@ impl Job {
         radius: f64,
         sweep: f64,
     ) -> (Point, Point) {
-        let centre = rounded(plus(start, left(direction), radius * sweep.signum()));
+        let centre = self
+            .form
+            .rounded(plus(start, left(direction), radius * sweep.signum()));
         self.contour.push(Piece::arc(start, centre, sweep));
         self.end(0.0)
     }
@@ -197,13 +251,7 @@ impl Job {
 
     /// The way of the tool, where all of it fits.
     fn way(&self) -> Option<Way> {
-        let Self {
-            entry,
-            contour,
-            side,
-            radius,
-        } = self;
-        way(entry, contour, *side, *radius)
+        way(&self.entry, &self.contour, self.side, self.radius)
     }
 
     /// Where the tool goes after `G40`: away from the contour.
@@ -215,7 +263,7 @@ impl Job {
         let away = plus(start, aside, 1.0 + 0.5 * self.radius);
         Piece::Line {
             start,
-            end: rounded(plus(away, direction, 1.0)),
+            end: self.form.rounded(plus(away, direction, 1.0)),
         }
     }
 
@@ -244,9 +292,11 @@ impl Job {
     /// Its program, to the end of the contour.
     fn program(&self) -> Vec<String> {
         let code = if self.side > 0.0 { "G41.1" } else { "G42.1" };
-        let mut lines = vec![format!("{code} D{:.6} F40000", 2.0 * self.radius)];
+        let plane = if self.form.is_zx { 18 } else { 17 };
+        let diameter = 2.0 * self.radius;
+        let mut lines = vec![format!("G{plane} {code} D{diameter:.6} F40000")];
         let pieces = [self.entry].into_iter().chain(self.contour.iter().copied());
-        lines.extend(pieces.map(|piece| text(&piece)));
+        lines.extend(pieces.map(|piece| self.form.text(&piece)));
         lines
     }
 }
@@ -257,21 +307,9 @@ impl fmt::Debug for Job {
     }
 }
 
-fn text(piece: &Piece) -> String {
-    let [x, y] = piece.end();
-    match piece {
-        Piece::Line { .. } => format!("G1 X{x:.6} Y{y:.6}"),
-        Piece::Arc { centre, sweep, .. } => {
-            let [i, j] = minus(*centre, rounded(piece.start()));
-            let code = if *sweep > 0.0 { 3 } else { 2 };
-            format!("G{code} X{x:.6} Y{y:.6} I{i:.6} J{j:.6}")
-        }
-    }
-}
-
 /// What the machine did.
-#[derive(Default)]
 struct Executed {
+    axes: [usize; 2],
     /// The position after each step, steps.
     points: Vec<[i32; 2]>,
     answers: Vec<String>,
@@ -286,7 +324,8 @@ impl Watcher for Executed {
         };
         if edge.raise != 0 {
             let [x, y] = self.points.last().copied().unwrap_or_default();
-            self.points.push([x + steps(X), y + steps(Y)]);
+            let [first, second] = self.axes.map(steps);
+            self.points.push([x + first, y + second]);
         }
     }
 
@@ -315,10 +354,14 @@ fn settings() -> Settings {
 }
 
 /// Runs lines on the whole machine.
-fn execute(lines: &[String]) -> Executed {
+fn execute(form: Form, lines: &[String]) -> Executed {
     let program = lines.join("\n");
     let mut simulator = Box::new(Simulator::new(&settings()));
-    let mut executed = Executed::default();
+    let mut executed = Executed {
+        axes: form.axes(),
+        points: Vec::new(),
+        answers: Vec::new(),
+    };
     let end = Stream::new(&mut simulator, program.bytes(), 1_000_000).run(&mut executed);
     assert_eq!(end, StreamEnd::Complete, "{lines:#?}");
     executed
@@ -425,7 +468,11 @@ impl Misfit {
             Self::Entry => {
                 job.entry = Piece::Line {
                     start: [0.0; 2],
-                    end: rounded(plus([0.0; 2], unit(angle), radius * (0.01 + 0.98 * size))),
+                    end: job.form.rounded(plus(
+                        [0.0; 2],
+                        unit(angle),
+                        radius * (0.01 + 0.98 * size),
+                    )),
                 };
                 job.contour.clear();
                 [0.0; 2]
@@ -459,8 +506,8 @@ proptest! {
         let way = job.way().unwrap();
         let mut lines = job.program();
         let exit = job.exit();
-        lines.extend(["G40".into(), text(&exit)]);
-        let executed = execute(&lines);
+        lines.extend(["G40".into(), job.form.text(&exit)]);
+        let executed = execute(job.form, &lines);
         prop_assert!(executed.answers.iter().all(|answer| answer == "ok"), "{:?} {:#?}", executed.answers, lines);
         check_distances(&executed, &job.contour, job.radius)?;
         check_ends(&executed, &way)?;
@@ -483,7 +530,7 @@ proptest! {
         let contour = job.contour.clone();
         let stands = misfit.add(&mut job, &way, size, angle);
         let lines = job.program();
-        let executed = execute(&lines);
+        let executed = execute(job.form, &lines);
         let mut expected = vec!["ok"; lines.len() - 1];
         expected.push("error:92");
         prop_assert_eq!(&executed.answers, &expected, "{:#?}", lines);

@@ -247,6 +247,9 @@ impl Piece {
 /// Directions that differ by less continue each other, rad.
 pub(super) const TANGENT: f64 = 0.05;
 
+/// How far beside the contour an entry by an arc begins at least, as a part of its chord.
+const LEAST_AHEAD: f64 = 0.1;
+
 /// What the tool does at a corner.
 #[derive(Debug, Clone, Copy)]
 pub(super) enum Corner {
@@ -320,7 +323,12 @@ pub(super) fn way(entry: &Piece, contour: &[Piece], side: f64, radius: f64) -> O
             // Tangent to the contour at its start: the circle through the start that touches the way there.
             let chord = minus(entry.start(), first);
             let aside = plus([0.0; 2], left(contour[0].direction(0.0)), side);
-            let bend = dot(chord, chord) / 2.0 / dot(chord, aside);
+            let ahead = dot(chord, aside);
+            // An entry from the other side goes almost around a large circle.
+            if ahead < LEAST_AHEAD * length(chord) {
+                return None;
+            }
+            let bend = dot(chord, chord) / 2.0 / ahead;
             let centre = plus(first, aside, bend);
             let sweep = turn(minus(entry.start(), centre), minus(first, centre)) * side;
             let sweep = sweep.rem_euclid(TAU) * side;
