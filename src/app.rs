@@ -7,13 +7,13 @@
 //! | `segment_start` | pended, I2C3\_EV  | 3        | `step`: a segment begins, or motion ends |
 //! | `inputs`        | hardware, TIM7    | 3        | an edge on an input pin, TIM7            |
 //! | `prepare`       | pended, TIM6      | 2        | `segment_start`, most others, TIM6       |
-//! | `wake`          | pended, I2C3\_ER  | 1        | `serial_rx`, `prepare`                   |
+//! | `wake`          | pended, TIM4      | 1        | `serial_rx`, `prepare`, TIM4             |
 //! | `interpret`     | async, dispatcher | 1        | `wake`                                   |
 //! | `report`        | async, dispatcher | 1        | `wake`                                   |
 //! | `idle`          |                   | 0        | runs while no other task does            |
 //!
 //! A pended task binds the vector of a peripheral that the machine does not use, or of a timer that
-//! also releases it. Pending a vector while its task runs makes the task run again, so no release is
+//! also releases it: TIM4 runs only in firmware with the RepRap dialect. Pending a vector while its task runs makes the task run again, so no release is
 //! lost. Tasks above priority 1 use no waker, which calls through a pointer; they pend `wake`, which
 //! wakes `interpret` and `report`.
 //!
@@ -41,7 +41,7 @@ mod app {
     };
 
     use crate::board::{
-        self, ChipPlatform, SerialSession, StepInterrupt,
+        self, ChipPlatform, SerialSession, StepInterrupt, host_clock,
         release::{PREPARE, released},
         trace,
     };
@@ -212,8 +212,11 @@ mod app {
     }
 
     /// Wakes `interpret`, and `report` if a status report is requested.
-    #[task(binds = I2C3_ER, priority = 1, shared = [interpret_waker, report_waker, &requests])]
+    #[task(binds = TIM4, priority = 1, shared = [interpret_waker, report_waker, &requests])]
     fn wake(mut cx: wake::Context) {
+        if host_clock::take_tick() {
+            cx.shared.requests.tick();
+        }
         let wake = |waker: &mut Option<Waker>| waker.iter().for_each(Waker::wake_by_ref);
         cx.shared.interpret_waker.lock(wake);
         if cx.shared.requests.wants_status() {

@@ -31,6 +31,7 @@ pub(crate) use nucleo_f446re::init;
 mod actuators;
 mod delay_timer;
 mod flash;
+pub(crate) mod host_clock;
 mod inputs;
 mod outputs;
 mod panic;
@@ -60,7 +61,7 @@ pub(crate) use step_output::{StepInterrupt, StepPins, StepTimerToken};
 pub(crate) use stm32f4xx_hal::pac;
 pub(crate) use storage::{Memory, Storage};
 
-use leadscrew::{protocol::Session, units::TICKS_PER_SECOND};
+use leadscrew::{model::HAS_REPRAP, protocol::Session, units::TICKS_PER_SECOND};
 use stm32f4xx_hal::rcc::{Config, Enable, Rcc, RccExt};
 
 /// The peripherals the tasks drive.
@@ -109,6 +110,9 @@ fn flash_access(w: &mut pac::flash::acr::W) -> &mut pac::flash::acr::W {
 fn enable_clocks(rcc: &mut Rcc) {
     pac::TIM6::enable(rcc);
     pac::TIM7::enable(rcc);
+    if HAS_REPRAP {
+        pac::TIM4::enable(rcc);
+    }
     pac::SYSCFG::enable(rcc);
 }
 

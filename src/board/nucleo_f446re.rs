@@ -38,7 +38,7 @@ use stm32f4xx_hal::{
 use super::{
     Actuators, Board, InputInterrupts, Memory, Receiver, StepPins, StepTimerToken,
     flash::SettingsFlash,
-    pac, pins,
+    host_clock, pac, pins,
     step_timer::StepTimer,
     vectors,
     wiring::{AccessoryPins, Pin, Wiring, limit_switch},
@@ -136,6 +136,7 @@ pub(crate) fn init(device: pac::Peripherals, mut core: Core, memory: Memory) -> 
     init_pwm(&device.TIM14, &mut rcc);
     // Before the journal is read, which takes long: spindle and laser must be off.
     let actuators = Actuators::new(device.TIM6);
+    host_clock::init(&device.TIM4);
     let (session, storage) = memory.power_up(SettingsFlash::new(device.FLASH));
     pins::init(session.settings());
     Board {

@@ -17,8 +17,8 @@ pub(crate) const PREPARE: Interrupt = Interrupt::TIM6_DAC;
 pub(super) const INPUTS: Interrupt = Interrupt::TIM7;
 /// Vector of `segment_start`.
 pub(crate) const SEGMENT_START: Interrupt = Interrupt::I2C3_EV;
-/// Vector of `wake`.
-pub(crate) const WAKE: Interrupt = Interrupt::I2C3_ER;
+/// Vector of `wake`, and of the clock of `interpret`.
+pub(crate) const WAKE: Interrupt = Interrupt::TIM4;
 
 /// Releases a task.
 #[inline]

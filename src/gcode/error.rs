@@ -104,6 +104,10 @@ pub enum LineError {
     NotWithCompensation = 91,
     /// An entry, an arc or a corner into which the cutter does not fit.
     CutterDoesNotFit = 92,
+    /// A line whose checksum is wrong, or a number without a checksum, or a checksum without a number.
+    Checksum = 200,
+    /// A line whose number does not follow that of the last line.
+    LineNumber = 201,
     /// Homing while a limit switch of an axis to be homed is closed already.
     LimitsEngaged = 203,
     /// A change that could not be stored, and has not been made.
@@ -120,7 +124,7 @@ pub enum LineError {
 
 impl LineError {
     /// Every error, in the order of the numbers.
-    pub const ALL: [Self; 53] = [
+    pub const ALL: [Self; 55] = [
         Self::ExpectedLetter,
         Self::BadNumber,
         Self::InvalidStatement,
@@ -168,6 +172,8 @@ impl LineError {
         Self::CompensationOn,
         Self::NotWithCompensation,
         Self::CutterDoesNotFit,
+        Self::Checksum,
+        Self::LineNumber,
         Self::LimitsEngaged,
         Self::StorageWrite,
         Self::ArcAfterCompensation,
@@ -183,6 +189,7 @@ impl LineError {
     }
 
     /// What is wrong, on one line.
+    #[expect(clippy::too_many_lines, reason = "each error has its line")]
     #[must_use]
     pub const fn text(self) -> &'static str {
         match self {
@@ -237,6 +244,8 @@ impl LineError {
             Self::CutterDoesNotFit => {
                 "the cutter does not fit: entry too short, arc too small, or corner too narrow"
             }
+            Self::Checksum => "the checksum is wrong, or the line has not both it and a number",
+            Self::LineNumber => "the line number is not the next one",
             Self::LimitsEngaged => "a limit switch of an axis to be homed is closed",
             Self::StorageWrite => "the change could not be stored and has not been made",
             Self::ArcAfterCompensation => "the move after G40 must be straight",

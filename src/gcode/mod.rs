@@ -9,6 +9,7 @@ pub mod interpreter;
 mod modal;
 mod parsed_line;
 mod plain_prefix;
+pub mod reprap;
 mod word;
 mod word_reader;
 

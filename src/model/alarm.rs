@@ -26,11 +26,13 @@ pub enum Alarm {
     HomingNotFound = 9,
     /// The second motor of an axis found no limit switch.
     HomingDualAxis = 10,
+    /// `M112`.
+    Killed = 201,
 }
 
 impl Alarm {
     /// Every alarm, in the order of the numbers.
-    pub const ALL: [Self; 10] = [
+    pub const ALL: [Self; 11] = [
         Self::HardLimit,
         Self::SoftLimit,
         Self::ResetInMotion,
@@ -41,6 +43,7 @@ impl Alarm {
         Self::HomingPullOff,
         Self::HomingNotFound,
         Self::HomingDualAxis,
+        Self::Killed,
     ];
 
     /// Returns Grbl's number.
@@ -53,7 +56,7 @@ impl Alarm {
     #[must_use]
     pub const fn keeps_position(self) -> bool {
         match self {
-            Self::SoftLimit | Self::ProbeState | Self::ProbeContact => true,
+            Self::SoftLimit | Self::ProbeState | Self::ProbeContact | Self::Killed => true,
             Self::HardLimit
             | Self::ResetInMotion
             | Self::HomingReset
@@ -78,6 +81,7 @@ impl Alarm {
             Self::HomingPullOff => "homing failed: the switch stayed closed after the pull-off",
             Self::HomingNotFound => "homing failed: no limit switch was found",
             Self::HomingDualAxis => "homing failed: the second motor found no limit switch",
+            Self::Killed => "stopped by M112",
         }
     }
 }
@@ -98,7 +102,7 @@ mod tests {
 
     #[test]
     fn alarms_have_grbls_numbers_and_a_text_of_one_line() {
-        for (alarm, number) in Alarm::ALL.into_iter().zip(1..) {
+        for (alarm, number) in Alarm::ALL.into_iter().zip((1..=10).chain([201])) {
             assert_eq!(alarm.number(), number);
             assert_eq!(alarm.to_string(), std::format!("ALARM:{number}"));
             assert!(!alarm.text().is_empty() && !alarm.text().contains('\n'));

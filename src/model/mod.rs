@@ -29,3 +29,7 @@ pub use power::Power;
 pub use requests::{Awaited, Mark, OVERRIDES, Release, Requests, ToolMarks};
 pub use state::{Probed, State};
 pub use xy_rotation::XyRotation;
+
+/// Whether the firmware understands the RepRap dialect. The receiver of such firmware takes longer for a
+/// byte.
+pub const HAS_REPRAP: bool = cfg!(any(feature = "reprap", not(target_os = "none")));

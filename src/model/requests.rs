@@ -17,7 +17,7 @@ use core::sync::atomic::{
     compiler_fence,
 };
 
-use super::{Levels, Override, TOOL_CHANGE};
+use super::{HAS_REPRAP, Levels, Override, TOOL_CHANGE};
 pub use override_ring::OVERRIDES;
 use override_ring::OverrideRing;
 pub use wakeups::Awaited;
@@ -93,6 +93,12 @@ pub struct Requests {
     lost: AtomicU32,
     /// The events that release `interpret`, an [`Awaited`].
     awaited: AtomicU8,
+    /// `interpret` sorts realtime bytes, and not the receiver.
+    are_sorted_later: AtomicBool,
+    /// Number of requests to `prepare` by `interpret`, wrapping.
+    own_count: AtomicU32,
+    /// Clock of `interpret`, [`super::timing::TICK_MS`], wrapping.
+    ticks: AtomicU32,
     /// What remains of the budget of a wait for several entries.
     batch_budget: AtomicU8,
 }
@@ -117,6 +123,9 @@ impl Requests {
             own_resets: AtomicU32::new(0),
             lost: AtomicU32::new(0),
             awaited: AtomicU8::new(Awaited::ALL.0),
+            are_sorted_later: AtomicBool::new(false),
+            own_count: AtomicU32::new(0),
+            ticks: AtomicU32::new(0),
             batch_budget: AtomicU8::new(wakeups::BATCH_BUDGET),
         }
     }
@@ -175,7 +184,9 @@ impl Requests {
     #[must_use]
     pub fn count(&self) -> u32 {
         let overrides = self.overrides.written();
+        let own = self.own_count.load(Relaxed);
         let count = self.count.load(Relaxed).wrapping_add(overrides);
+        let count = count.wrapping_add(own);
         compiler_fence(SeqCst);
         count
     }
@@ -281,6 +292,57 @@ impl Requests {
     fn count_for_prepare(&self) -> Release {
         add_one(&self.count);
         Release::Prepare
+    }
+
+    /// Whether `interpret` sorts realtime bytes; for the receiver alone.
+    #[inline(always)]
+    #[expect(clippy::inline_always, reason = "as for `accept`")]
+    pub(crate) fn are_sorted_later(&self) -> bool {
+        HAS_REPRAP && self.are_sorted_later.load(Relaxed)
+    }
+
+    /// Has `interpret` sort realtime bytes, or the receiver; for `interpret` alone.
+    pub fn sort_later(&self, later: bool) {
+        self.are_sorted_later.store(later, Relaxed);
+    }
+
+    /// Makes the request of a realtime byte other than `?` that `interpret` has sorted; for that task
+    /// alone, which releases `prepare` afterwards. `received` is the number of bytes of lines before it.
+    pub fn accept_later(&self, byte: u8, received: usize) {
+        let flag = match byte {
+            b'!' => &self.hold,
+            b'~' => {
+                self.start_mark.store(received as u32, Relaxed);
+                &self.start
+            }
+            0x84 => &self.door,
+            0x85 => &self.jog_cancel,
+            0x18 => return self.reset(),
+            _ if Override::may_be_override(byte) => {
+                self.overrides.enqueue(byte);
+                return;
+            }
+            TOOL_CHANGE => {
+                self.tool_mark.store(received as u32, Relaxed);
+                &self.tool_change
+            }
+            _ => return,
+        };
+        set(flag);
+        // A count of its own: the receiver and the buttons may interrupt this.
+        add_one(&self.own_count);
+    }
+
+    /// Advances the clock of `interpret`; for the timer alone, whose task releases `interpret`
+    /// afterwards.
+    pub fn tick(&self) {
+        add_one(&self.ticks);
+    }
+
+    /// Returns the time by the clock of `interpret`, [`super::timing::TICK_MS`], wrapping.
+    #[must_use]
+    pub fn ticks(&self) -> u32 {
+        self.ticks.load(Relaxed)
     }
 
     /// Counts a lost byte; for the receiver alone.

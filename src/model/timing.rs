@@ -27,6 +27,8 @@ pub(crate) const SLOT_TICKS: u32 = EVENT_SPACING_TICKS;
 /// Slots from the end of a pulse to the next step of the axis, with one more, as an event may come
 /// at the end of its slot.
 pub(crate) const PULSE_LOW_SLOTS: u32 = 1 + PULSE_LOW_TICKS.div_ceil(SLOT_TICKS);
+/// Period of the clock of `interpret`, ms: realtime bytes wait as long in the RepRap dialect.
+pub const TICK_MS: u32 = 10;
 /// Period of the samples of the reference motion, s.
 pub(crate) const SAMPLE_S: f32 = 1.0e-3;
 

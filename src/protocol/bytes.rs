@@ -65,6 +65,12 @@ impl<const N: usize> Bytes<N> {
         let ring: &ByteRing = self;
         ring.has_none()
     }
+
+    /// Returns the number of the next byte to be enqueued, wrapping.
+    #[must_use]
+    pub fn written(&self) -> usize {
+        self.written.load(Relaxed)
+    }
 }
 
 impl<const N: usize> Default for Bytes<N> {
@@ -222,6 +228,25 @@ impl ByteReader<'_> {
         let limit = self.ring.limit.load(Relaxed).wrapping_add(1);
         self.ring.limit.store(limit, Relaxed);
         Some(byte)
+    }
+
+    /// Returns the number of the oldest byte that waits, or of the next to come, wrapping.
+    #[must_use]
+    pub fn oldest(&self) -> usize {
+        self.ring.oldest()
+    }
+
+    /// Returns the number of the next byte to come, wrapping.
+    #[must_use]
+    pub fn written(&self) -> usize {
+        self.ring.written.load(Relaxed)
+    }
+
+    /// Replaces a byte that waits, by its number.
+    pub fn replace(&self, number: usize, byte: u8) {
+        if let Some(slot) = self.ring.slot(number) {
+            slot.store(byte, Relaxed);
+        }
     }
 
     /// Returns whether a possible line end waits.

@@ -147,6 +147,18 @@ impl Line {
         false
     }
 
+    /// Appends what is already in upper case, without blanks and comments.
+    pub fn push(&mut self, text: &[u8]) {
+        let end = self.length + text.len();
+        match self.bytes.get_mut(self.length..end) {
+            Some(place) => {
+                place.copy_from_slice(text);
+                self.length = end;
+            }
+            None => self.is_too_long = true,
+        }
+    }
+
     /// Returns the text of the line so far.
     ///
     /// # Errors

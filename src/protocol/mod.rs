@@ -5,15 +5,20 @@
 //! ([`report`], [`listing`], written into a [`Text`]).
 
 mod bytes;
+mod checked;
+mod dialect;
 mod dollar;
 mod line;
 pub mod listing;
 pub mod realtime;
+pub mod replies;
 pub mod report;
 mod session;
 mod text;
 
 pub use bytes::{ByteReader, ByteRing, ByteWriter, Bytes, Waiting};
+pub use checked::{Damage, Emergency, MAX_NUMBER, RAW_BYTES, RawLine, Verdict};
+pub use dialect::Dialect;
 pub use dollar::{Condition, Described, Dollar, List};
 pub use line::{LINE_BYTES, Line, TooLong};
 pub use session::{Progress, Session};

@@ -20,12 +20,18 @@ pub(super) const MAX_UNRELEASED_BYTES: usize = RECEIVED_RING / 4;
 #[inline(always)]
 #[expect(clippy::inline_always, reason = "nothing in flash may be called")]
 pub fn receive(byte: u8, requests: &Requests, received: &mut ByteWriter<'_>) -> Release {
-    let is_request = matches!(byte, b'~' | 0x80..) || matches!(byte, b'!' | b'?' | 0x18);
-    if !is_request {
+    if !is_request(byte) || requests.are_sorted_later() {
         return enqueue(byte, requests, received);
     }
     cold_path();
     requests.accept(byte, || received.enqueued())
+}
+
+/// Whether a byte is a realtime byte, where it counts as one.
+#[inline(always)]
+#[expect(clippy::inline_always, reason = "as for `receive`")]
+pub(super) fn is_request(byte: u8) -> bool {
+    matches!(byte, b'~' | 0x80..) || matches!(byte, b'!' | b'?' | 0x18)
 }
 
 /// Enqueues a byte of a line. A line end releases `interpret` if the task waits for one, and so does

@@ -11,6 +11,8 @@ mod blending;
 mod commands;
 mod compensation;
 mod dispatch;
+mod host;
+mod host_lines;
 mod machine_sync;
 mod notifications;
 mod persistence;
@@ -24,6 +26,7 @@ use core::ops::ControlFlow;
 use heapless::spsc::Producer;
 
 use super::{
+    Dialect,
     bytes::{ByteReader, ByteWriter},
     dollar::List,
     line::Line,
@@ -32,7 +35,7 @@ use super::{
 use crate::{
     axis::Axes,
     gcode::{
-        PlainPrefix,
+        LineError, PlainPrefix,
         interpreter::{Checked, Interpreter, Outcome},
     },
     machine::Snapshot,
@@ -41,6 +44,7 @@ use crate::{
     settings::{Change, Settings, StoreError, Stored, ToolTable},
     units::Nm,
 };
+use host::Host;
 use machine_sync::MachineSync;
 use notifications::Reports;
 use persistence::{AfterStore, Persistence};
@@ -91,6 +95,8 @@ enum LineStage {
     Storing(AfterStore),
     /// A list is being sent; this line of it is next.
     Listing(List, usize),
+    /// The answer to `M115` is being sent; this line of it is next.
+    ListingFirmware(usize),
     /// The line has been answered, and ends with a reset.
     Resetting,
     /// The line leaves the travel: the alarm is to be sent to the machine.
@@ -201,6 +207,8 @@ pub struct Session {
     compensator: Compensator,
     probing: ProbeRecord,
     tool_change: ToolChange,
+    /// What senders of other dialects than Grbl's need.
+    host: Host,
     /// The axes are where their coordinates say: nothing has happened since homing by which they may
     /// have lost steps.
     is_homed: bool,
@@ -240,6 +248,7 @@ impl Session {
             persistence: Persistence::new(stored),
             probing: ProbeRecord::default(),
             tool_change: ToolChange::new(),
+            host: Host::new(),
             is_homed: false,
             tool_before_check: None,
         }
@@ -293,9 +302,9 @@ impl Session {
         self.persistence.finish(result);
     }
 
-    /// Takes the request for a reset since the last call: `prepare` has to run.
+    /// Takes the request for a reset, or another one, since the last call: `prepare` has to run.
     pub fn takes_release(&mut self) -> bool {
-        core::mem::take(&mut self.machine_sync.has_reset_request)
+        core::mem::take(&mut self.machine_sync.has_release_request)
     }
 
     /// One bounded piece of work: a line, or a few while entries wait for the machine.
@@ -319,6 +328,7 @@ impl Session {
             sent,
             entries,
         };
+        self.attend_host(&mut links);
         let progress = match self.attend_machine(&mut links) {
             ControlFlow::Continue(()) => self.execute_lines(&mut links),
             ControlFlow::Break(()) => Progress::Waiting,
@@ -371,13 +381,20 @@ impl Session {
             | LineStage::Completing(_)
             | LineStage::Storing(_)
             | LineStage::Listing(..)
+            | LineStage::ListingFirmware(_)
             | LineStage::Resetting
             | LineStage::Faulting
             | LineStage::Faulted
             | LineStage::Asleep => Awaited::ENTRIES,
         };
-        if self.reports.is_pending() {
+        let work = if self.reports.is_pending() {
             work.union(Awaited::ROOM)
+        } else {
+            work
+        };
+        if self.host.dialect == Dialect::RepRap {
+            // Each line may be the command of an emergency.
+            work.union(Awaited::LINE)
         } else {
             work
         }
@@ -436,6 +453,7 @@ impl Session {
                 Progress::Waiting
             }
             LineStage::Sending(_) | LineStage::Compensating(_) if is_cancelled => Progress::Waiting,
+            LineStage::Faulted if self.is_stopped_host(machine) => self.refuse(LineError::Locked),
             LineStage::Starting { .. } | LineStage::Faulted | LineStage::Asleep => {
                 Progress::Waiting
             }
@@ -451,10 +469,11 @@ impl Session {
             LineStage::Completing(after_commands) => self.complete(machine, after_commands),
             LineStage::Storing(then) => self.continue_stored(then, links),
             LineStage::Listing(list, line) => self.list(list, line, links.received.capacity()),
+            LineStage::ListingFirmware(line) => self.list_firmware(line),
             LineStage::Faulting => self.send_fault(links),
             LineStage::Resetting => {
                 links.requests.reset();
-                self.machine_sync.has_reset_request = true;
+                self.machine_sync.has_release_request = true;
                 Progress::Again
             }
         }

@@ -90,6 +90,16 @@ settings! {
     tool_change: u8 = 0,
     /// `$789` Whether `M6` goes to the position of `G30` before it waits.
     tool_change_travel: bool = false,
+    /// `$780` Dialect of the sender: 0 Grbl, 1 RepRap, 2 Grbl with checked lines.
+    dialect: u8 = 0,
+    /// `$781` Axis that `E` drives, 4 for A and so on; 0 for none.
+    extruder_axis: u8 = 0,
+    /// `$782` Time between two messages that a line is not done yet, s; 0 for none.
+    busy_interval_s: u8 = 2,
+    /// `$783` Output of `M106`: 0 none, 1 spindle or laser, 2 flood, 3 mist.
+    fan_output: u8 = 0,
+    /// `$784` Whether `G6` and `G0 S2` may move single motors.
+    moves_motors: bool = false,
     /// `$788` Axes that home where they stand, by marks, bit 0 = X.
     homing_marks: u8 = 0,
     /// `$13` Whether reports are in inches.

@@ -5,6 +5,10 @@
 //! have been skipped.
 
 use super::{SettingError, Settings};
+use crate::{
+    axis::{AXES, Z},
+    model::HAS_REPRAP,
+};
 
 /// Refuses soft limits without homing.
 pub(super) fn soft_limits_need_homing(
@@ -38,6 +42,47 @@ pub const TOOL_CHANGE_IGNORED: u8 = 4;
 pub(super) fn tool_change_is_known(settings: &Settings, _axis: usize) -> Result<(), SettingError> {
     match settings.tool_change {
         0 | TOOL_CHANGE_IGNORED => Ok(()),
+        _ => Err(SettingError::OutOfRange),
+    }
+}
+
+/// Refuses dialects that the firmware does not know, and the one for which it has not been built.
+pub(super) fn dialect_is_known(settings: &Settings, _axis: usize) -> Result<(), SettingError> {
+    match settings.dialect {
+        0 | 2 => Ok(()),
+        1 if HAS_REPRAP => Ok(()),
+        _ => Err(SettingError::OutOfRange),
+    }
+}
+
+/// X, Y and Z.
+const LINEAR_AXES: usize = Z + 1;
+
+/// Refuses axes that are not there, and X, Y and Z.
+pub(super) fn extruder_is_an_axis(settings: &Settings, _axis: usize) -> Result<(), SettingError> {
+    match usize::from(settings.extruder_axis) {
+        0 => Ok(()),
+        1..=LINEAR_AXES => Err(SettingError::OutOfRange),
+        number if number > AXES => Err(SettingError::OutOfRange),
+        _ => Ok(()),
+    }
+}
+
+/// Refuses more than a minute.
+pub(super) fn busy_interval_is_short(
+    settings: &Settings,
+    _axis: usize,
+) -> Result<(), SettingError> {
+    match settings.busy_interval_s {
+        0..=60 => Ok(()),
+        _ => Err(SettingError::OutOfRange),
+    }
+}
+
+/// Refuses outputs that do not exist.
+pub(super) fn fan_output_is_known(settings: &Settings, _axis: usize) -> Result<(), SettingError> {
+    match settings.fan_output {
+        0..=3 => Ok(()),
         _ => Err(SettingError::OutOfRange),
     }
 }

@@ -6,7 +6,7 @@
 
 use DefinedBy::{Extension, Grbl};
 use Kind::{AxisMask, AxisResolution, Bits, Flag};
-use SettingGroup::{General, Homing, Limits, Parking, Spindle, Tools};
+use SettingGroup::{General, Homing, Host, Limits, Parking, Spindle, Tools};
 
 use super::{
     SettingError, Settings,
@@ -54,6 +54,8 @@ pub enum SettingGroup {
     Axes = 6,
     /// Changes of the tool.
     Tools = 7,
+    /// Hosts of 3D printers.
+    Host = 8,
 }
 
 /// Who defines a setting: `$$` lists Grbl's, `$+` all.
@@ -124,6 +126,11 @@ pub(super) static TABLE: &[Row] = &[
     row(120, SettingGroup::Axes, Grbl, "acceleration", "mm/s²", axis_divisor(|s| &mut s.acceleration_mm_s2)),
     row(130, SettingGroup::Axes, Grbl, "travel", MM, axis_number(|s| &mut s.max_travel_mm)),
     row(341, Tools, Extension, "tool change: 0 waits for the operator, 4 ignores M6", "", byte(|s| &mut s.tool_change)).checked(rules::tool_change_is_known),
+    row(780, Host, Extension, "dialect: 0 Grbl, 1 RepRap, 2 Grbl with checked lines", "", byte(|s| &mut s.dialect)).checked(rules::dialect_is_known),
+    row(781, Host, Extension, "RepRap: axis that E drives, 4 for A and so on, 0 counts only", "", byte(|s| &mut s.extruder_axis)).checked(rules::extruder_is_an_axis),
+    row(782, Host, Extension, "RepRap: time between two messages that a line is not done yet, 0 for none", "s", byte(|s| &mut s.busy_interval_s)).checked(rules::busy_interval_is_short),
+    row(783, Host, Extension, "RepRap: output of M106: 0 none, 1 spindle or laser, 2 flood, 3 mist", "", byte(|s| &mut s.fan_output)).checked(rules::fan_output_is_known),
+    row(784, Host, Extension, "RepRap: G6 and G0 S2 may move single motors", "", Flag(|s| &mut s.moves_motors)),
     row(785, General, Extension, "tolerance of G64 without P, 0 for no limit", MM, number(|s| &mut s.path_tolerance_mm)),
     row(788, Homing, Extension, "axes that home where they stand, by marks instead of switches", "", AxisMask(|s| &mut s.homing_marks)),
     row(789, Tools, Extension, "M6 raises Z and goes to the position of G30, once homed", "", Flag(|s| &mut s.tool_change_travel)),
@@ -171,7 +178,7 @@ impl Row {
 
 impl SettingGroup {
     /// Every group.
-    pub const ALL: [Self; 7] = [
+    pub const ALL: [Self; 8] = [
         Self::General,
         Self::Homing,
         Self::Spindle,
@@ -179,6 +186,7 @@ impl SettingGroup {
         Self::Parking,
         Self::Axes,
         Self::Tools,
+        Self::Host,
     ];
 
     /// Returns the name that `$EG` shows.
@@ -192,6 +200,7 @@ impl SettingGroup {
             Self::Parking => "Parking",
             Self::Axes => "Axes",
             Self::Tools => "Tools",
+            Self::Host => "Host",
         }
     }
 }

@@ -7,11 +7,13 @@ use crate::{
     model::{
         Levels, Outputs, Requests,
         queues::{RECEIVED_RING, SENT_RING},
+        timing::TICK_MS,
     },
     protocol::{Bytes, Progress, Session},
     settings::{Change, Journal, Loaded, Settings, StepRate, Stored, ToolTable},
     stepper::SegmentRing,
     tasks::{self, SessionIo},
+    units::TICKS_PER_MS,
 };
 
 /// The machine behind its serial line, on a virtual clock of timer ticks.
@@ -27,6 +29,8 @@ pub struct Simulator {
     received: Bytes<RECEIVED_RING>,
     sent: Bytes<SENT_RING>,
     now: u64,
+    /// Time of the next tick of the clock of `interpret`, where it runs.
+    tick_due: Option<u64>,
     is_interpret_released: bool,
     is_report_released: bool,
 }
@@ -76,6 +80,7 @@ impl Simulator {
             received: Bytes::new(),
             sent: Bytes::new(),
             now: 0,
+            tick_due: None,
             is_interpret_released: true,
             is_report_released: false,
         }
@@ -189,16 +194,35 @@ impl Simulator {
     }
 
     /// Returns the time of the next change without a byte, ticks: of a pin edge, a sample of the
-    /// inputs, or the end of a delay.
+    /// inputs, the end of a delay, or a tick for which the session waits.
     #[must_use]
     pub fn due(&self) -> Option<u64> {
         let drive = &self.drive;
-        let dues = [drive.due(), drive.sample_due(), drive.delay_due()];
+        let received = self.received.written();
+        let tick = self.tick_due.filter(|_| self.session.awaits_tick(received));
+        let dues = [drive.due(), drive.sample_due(), drive.delay_due(), tick];
         dues.into_iter().flatten().min()
+    }
+
+    /// Runs the clock of `interpret`, where the session needs one.
+    fn tick(&mut self) {
+        let runs = self.session.needs_clock();
+        let next = self.now + u64::from(TICK_MS * TICKS_PER_MS);
+        match self.tick_due {
+            _ if !runs => self.tick_due = None,
+            Some(due) if due > self.now => {}
+            Some(_) => {
+                self.tick_due = Some(next);
+                self.requests.tick();
+                self.is_interpret_released = true;
+            }
+            None => self.tick_due = Some(next),
+        }
     }
 
     /// Runs every task that is released.
     pub fn settle(&mut self) {
+        self.tick();
         loop {
             self.drive.watch(&self.requests, self.now);
             self.drive.end_delay(self.now);
@@ -217,7 +241,8 @@ impl Simulator {
     /// Advances the clock to `time`, or to the next change before, and runs every task that is
     /// released.
     pub fn advance(&mut self, time: u64) -> Option<Edge> {
-        self.now = self.due().map_or(time, |due| due.min(time));
+        let dues = [self.due(), self.tick_due, Some(time)];
+        self.now = dues.into_iter().flatten().min().unwrap_or(time);
         let is_step_due = self.drive.due().is_some_and(|due| due <= self.now);
         let edge = is_step_due.then(|| self.drive.step()).flatten();
         self.settle();

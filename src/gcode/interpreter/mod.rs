@@ -538,6 +538,12 @@ impl Interpreter {
         self.stops_optionally = is_on;
     }
 
+    /// Spindle and coolant have been switched off; the other modes stay.
+    pub fn switch_off(&mut self) {
+        self.modal.spindle = Spindle::Off;
+        self.modal.coolant = Coolant::default();
+    }
+
     /// Replaces the coolant's state, which has been switched by an override.
     pub fn set_coolant(&mut self, coolant: Coolant) {
         self.modal.coolant = coolant;

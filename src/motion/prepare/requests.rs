@@ -208,7 +208,7 @@ impl Motion {
         self.delays.disables_drivers = true;
         match alarm {
             Alarm::ProbeState | Alarm::ProbeContact => {}
-            Alarm::HardLimit | Alarm::SoftLimit => {
+            Alarm::HardLimit | Alarm::SoftLimit | Alarm::Killed => {
                 self.accessories.switch_off();
                 self.faults.is_critical = true;
             }

@@ -10,6 +10,7 @@ use crate::{
     model::{Levels, State},
     motion::BLOCKS,
     protocol::{
+        Dialect,
         dollar::{Condition, Dollar, List},
         listing, report,
         text::{ReportUnit, Text},
@@ -33,10 +34,16 @@ impl Session {
             return self.interpret(links);
         }
         let condition = self.condition(links.machine);
+        if let Some(command) = self.host.command {
+            return self.execute_host_command(command, links);
+        }
         match self.line.input.text() {
             Err(_) => self.refuse(LineError::LineOverflow),
             Ok([]) => self.accept(),
-            Ok([b'$', ..]) => self.execute_statement(condition, links),
+            Ok([b'$', ..]) if !self.is_stopped_host(links.machine) => {
+                self.execute_statement(condition, links)
+            }
+            Ok([b'$', ..]) => self.refuse(LineError::Locked),
             Ok(_) if matches!(condition, Condition::Alarm | Condition::Jog) => {
                 self.refuse(LineError::Locked)
             }
@@ -204,7 +211,10 @@ impl Session {
     /// Answers the line, and continues with the next.
     fn end_line(&mut self, result: Result<(), LineError>) -> Progress {
         let Source::Startup { number, .. } = self.line.source else {
-            answer(&mut self.reports.message, result);
+            match result {
+                Err(error) if self.host.dialect == Dialect::RepRap => self.write_refusal(error),
+                Ok(()) | Err(_) => answer(&mut self.reports.message, result),
+            }
             return self.begin_line();
         };
         if let Some(line) = self.persistence.stored.startup.get(number) {
@@ -218,6 +228,7 @@ impl Session {
     /// Begins to receive a line.
     pub(super) fn begin_line(&mut self) -> Progress {
         self.line.input.clear();
+        self.host.command = None;
         self.line.source = Source::Line;
         self.stage = if self.tool_change.is_manual() {
             LineStage::ReadingManual

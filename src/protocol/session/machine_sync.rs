@@ -21,8 +21,8 @@ pub(super) struct MachineSync {
     pub(super) is_position_known: bool,
     /// Whether the entries that are not done are jogs.
     pub(super) is_jogging: bool,
-    /// A reset has been requested of which `prepare` does not know.
-    pub(super) has_reset_request: bool,
+    /// A reset has been requested, or something else of which `prepare` does not know.
+    pub(super) has_release_request: bool,
     /// Distance before the end of the last blended move at which the machine must know more, mm.
     pub(super) handover_mm: f32,
 }

@@ -8,7 +8,7 @@ use crate::{
     machine::Snapshot,
     model::{Alarm, Notice},
     protocol::{
-        ByteWriter,
+        ByteWriter, Dialect, replies,
         report::{self, Cadence, Feedback, Status},
         text::Text,
     },
@@ -116,8 +116,13 @@ impl Session {
             // Sent with the welcome.
             Notice::Alarm(Alarm::ResetInMotion) => {}
             Notice::Alarm(alarm) => {
-                report::alarm(text, alarm);
                 self.is_homed &= alarm.keeps_position();
+                self.host.alarm = Some(alarm);
+                if self.host.dialect == Dialect::RepRap {
+                    replies::stopped(text, Some(alarm));
+                    return;
+                }
+                report::alarm(text, alarm);
                 if machine.is_critical {
                     report::feedback(text, Feedback::ResetNeeded);
                     self.reports.has_reported_fault = true;
@@ -178,18 +183,24 @@ impl Session {
         has_room
     }
 
-    /// Reports a fault that only a reset ends. Returns false: no line is answered any more, as in
-    /// Grbl.
+    /// Reports a fault that only a reset ends. Returns false where no line is answered any more, as in
+    /// Grbl; a host of 3D printers gets its answers.
     ///
     /// When the step events ran out in motion, this is Grbl's alarm 3: the position may be lost.
     pub(super) fn report_fault(&mut self, links: &mut Links<'_, '_>) -> bool {
+        let is_host = self.host.dialect == Dialect::RepRap;
         if links.machine.has_underrun && !self.reports.has_reported_fault {
-            report::alarm(&mut self.reports.message, Alarm::ResetInMotion);
-            report::feedback(&mut self.reports.message, Feedback::ResetNeeded);
+            let text = &mut self.reports.message;
+            self.host.alarm = Some(Alarm::ResetInMotion);
+            if is_host {
+                replies::stopped(text, self.host.alarm);
+            } else {
+                report::alarm(text, Alarm::ResetInMotion);
+                report::feedback(text, Feedback::ResetNeeded);
+            }
             self.reports.has_reported_fault = true;
             self.is_homed = false;
         }
-        self.reports.flush(links.sent);
-        false
+        self.reports.flush(links.sent) && is_host
     }
 }

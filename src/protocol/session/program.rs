@@ -14,7 +14,7 @@ use crate::{
     model::{Command, State},
     path::{TiltedArc, is_outside, leaves_travel},
     protocol::{
-        ByteReader, Waiting,
+        ByteReader, Dialect, Waiting,
         realtime::MAX_UNRELEASED_BYTES,
         report::{self, Feedback},
     },
@@ -39,6 +39,9 @@ fn may_wait(received: &ByteReader<'_>) -> bool {
 impl Session {
     /// Executes the next line, or, when none has come, sends the moves that `G64` holds back in time.
     pub(super) fn read_line(&mut self, links: &mut Links<'_, '_>) -> Progress {
+        if self.host.dialect != Dialect::Grbl {
+            return self.read_host_line(links);
+        }
         match self.execute_plain(links.machine, links.received) {
             Ok(()) => self.send_plain(links),
             Err(Refusal::NotPlain) if self.receive(links.received) => self.dispatch(links),

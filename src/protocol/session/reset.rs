@@ -9,7 +9,7 @@ use crate::{
     machine::Snapshot,
     model::{Alarm, Levels, Probed, State},
     protocol::{
-        listing,
+        Dialect, listing, replies,
         report::{self, Cadence, Feedback},
     },
     settings::STARTUP_LINES,
@@ -40,7 +40,7 @@ impl Session {
     }
 
     /// Returns whether a line has been begun and not been answered.
-    fn is_line_begun(&self) -> bool {
+    pub(super) fn is_line_begun(&self) -> bool {
         match self.stage {
             LineStage::AwaitingStandstill
             | LineStage::Sending(_)
@@ -56,6 +56,7 @@ impl Session {
             | LineStage::Reading
             | LineStage::ReadingManual
             | LineStage::Listing(..)
+            | LineStage::ListingFirmware(_)
             | LineStage::Resetting
             | LineStage::Asleep => false,
         }
@@ -72,7 +73,7 @@ impl Session {
         else {
             return true;
         };
-        if self.machine_sync.reset_count != 0 {
+        if self.machine_sync.reset_count != 0 && self.host.drops_lines() {
             // No more than the capacity of the queue.
             for _ in 0..links.received.capacity() {
                 if links.received.dequeue().is_none() {
@@ -83,13 +84,28 @@ impl Session {
         if links.machine.reset_count != self.machine_sync.reset_count {
             return false;
         }
-        if links.machine.reset_in_motion {
+        if links.machine.reset_in_motion && self.host.dialect != Dialect::RepRap {
             self.is_homed = false;
             report::alarm(&mut self.reports.message, Alarm::ResetInMotion);
+        }
+        if self.host.dialect == Dialect::RepRap {
+            return self.restart_host(owes_answer, links);
         }
         if owes_answer {
             self.answer_interrupted();
         }
+        self.restart();
+        self.stage = if is_first_boot {
+            report::error(&mut self.reports.message, LineError::StorageRead);
+            LineStage::ListingDefaults(0)
+        } else {
+            LineStage::Welcoming
+        };
+        true
+    }
+
+    /// Goes back to the modes of power-up.
+    pub(super) fn restart(&mut self) {
         self.line.input.clear();
         self.line.source = Source::Line;
         self.interpreter.reset();
@@ -98,13 +114,6 @@ impl Session {
         }
         self.probing.reported = Probed::default();
         self.reports.cadence = Cadence::default();
-        self.stage = if is_first_boot {
-            report::error(&mut self.reports.message, LineError::StorageRead);
-            LineStage::ListingDefaults(0)
-        } else {
-            LineStage::Welcoming
-        };
-        true
     }
 
     /// Answers the line that a reset has interrupted.
@@ -134,7 +143,11 @@ impl Session {
     /// Welcomes the sender, and reports whether the machine is locked.
     pub(super) fn welcome(&mut self, machine: &Snapshot) -> Progress {
         let text = &mut self.reports.message;
-        report::welcome(text);
+        if self.host.dialect == Dialect::RepRap {
+            replies::welcome(text, self.persistence.stored.settings.homing);
+        } else {
+            report::welcome(text);
+        }
         if self.persistence.stored.settings.hard_limits && machine.inputs.has(Levels::LIMITS) {
             report::feedback(text, Feedback::CheckLimits);
         }

@@ -24,6 +24,9 @@ pub fn root() -> &'static Path {
     root.unwrap_or(manifest)
 }
 
+/// The environment variable with more features of the firmware, as `reprap`.
+const FEATURES: &str = "LEADSCREW_FEATURES";
+
 /// What was asked for in this program.
 static ASKED: OnceLock<u8> = OnceLock::new();
 
@@ -81,10 +84,13 @@ pub fn for_board(board: &str) -> [String; 7] {
 
 /// The same for a number of axes.
 pub fn for_board_with(board: &str, axes: u8) -> [String; 7] {
-    let features = match axes {
+    let mut features = match axes {
         3 => format!("board-{board}"),
         axes => format!("board-{board},axes-{axes}"),
     };
+    if let Ok(more) = env::var(FEATURES) {
+        features = format!("{features},{more}");
+    }
     [
         "--target".into(),
         TARGET.into(),

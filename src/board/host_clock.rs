@@ -1,0 +1,44 @@
+//! The clock of `interpret` in firmware with the RepRap dialect: TIM4, whose vector `wake` binds.
+
+use leadscrew::model::HAS_REPRAP;
+
+use super::pac;
+
+/// Sets the timer up: 84 MHz through 8400, and 100 counts, are [`leadscrew::model::timing::TICK_MS`]. The
+/// emulator's timer counts ns.
+pub(super) fn init(timer: &pac::TIM4) {
+    /// 10 ms.
+    const PERIODS: [(u16, u32); 2] = [(8400 - 1, 100 - 1), (0, 10_000_000)];
+    if !HAS_REPRAP {
+        return;
+    }
+    let (prescaler, period) = PERIODS[usize::from(super::emulation::is_emulated())];
+    timer.psc().write(|w| w.psc().set(prescaler));
+    set_period(timer, period);
+    timer.cr1().write(|w| w.urs().set_bit());
+    timer.egr().write(|w| w.ug().set_bit());
+    timer.dier().write(|w| w.uie().set_bit());
+    timer.cr1().write(|w| w.urs().set_bit().cen().set_bit());
+}
+
+#[expect(unsafe_code, reason = "the emulator's register has 32 bits")]
+fn set_period(timer: &pac::TIM4, period: u32) {
+    // SAFETY: the chip ignores the upper bits.
+    unsafe { timer.arr().write(|w| w.bits(period)) };
+}
+
+/// Takes a tick, for `wake`: returns whether one has come since the last call.
+#[inline]
+#[expect(unsafe_code, reason = "the task that binds the vector owns the timer")]
+pub(crate) fn take_tick() -> bool {
+    if !HAS_REPRAP {
+        return false;
+    }
+    // SAFETY: only this function uses the timer once it runs.
+    let timer = unsafe { &*pac::TIM4::ptr() };
+    let is_due = timer.sr().read().uif().bit_is_set();
+    if is_due {
+        timer.sr().write(|w| w.uif().clear_bit());
+    }
+    is_due
+}

@@ -1,0 +1,185 @@
+//! Answers in the words of Marlin, which hosts of 3D printers parse.
+//!
+//! Pure, as `report` is. Read with Marlin 2.1 `language.h`, and with what Printrun 2.2 and OctoPrint 1.11
+//! look for in an answer: a line that begins with `Error:` ends a job, unless it has certain words.
+
+use super::{
+    checked::{Damage, next_number},
+    text::{ReportUnit, Text},
+};
+use crate::{axis::Axes, gcode::LineError, model::Alarm, settings::Settings, units::Nm};
+
+/// Bytes of a line that are shown as the sender has typed them.
+const SHOWN_BYTES: usize = 64;
+
+/// Bytes of a text of `M118` that are sent.
+const MAX_ECHO_BYTES: usize = 128;
+
+/// Asks for the line after the last accepted one, without the `ok`.
+pub fn resend(text: &mut Text, damage: Damage, last: i32) {
+    text.word("Error:").word(match damage {
+        Damage::Mismatch => "checksum mismatch",
+        Damage::NoChecksum => "No Checksum with line number",
+        Damage::NoNumber => "checksum without line number",
+        Damage::Number => "Line Number is not Last Line Number+1",
+    });
+    text.word(", Last Line: ");
+    integer(text, last).end();
+    text.word("Resend: ");
+    integer(text, next_number(last)).end();
+}
+
+/// The same for a sender that speaks Grbl, without the `error:`.
+pub fn resend_message(text: &mut Text, last: i32) {
+    text.word("[MSG:Resend: ");
+    integer(text, next_number(last)).word("]").end();
+}
+
+/// `echo:Line number: 7`.
+pub fn line_number(text: &mut Text, last: i32) {
+    text.word("echo:Line number: ");
+    integer(text, last).end();
+}
+
+/// The reason why a line has been refused, without the `ok`. `line` is what the sender has typed, without
+/// number and checksum.
+pub fn refusal(text: &mut Text, error: LineError, line: &[u8], alarm: Option<Alarm>) {
+    match error {
+        _ if line.trim_ascii_start().starts_with(b"$") => {
+            text.word("echo:error ").natural(u32::from(error.number()));
+            text.word(": ").plain(error.text()).end();
+        }
+        LineError::Unsupported => unknown(text, line),
+        LineError::Locked => stopped(text, alarm),
+        _ => {
+            text.word("Error:").plain(error.text());
+            text.word(" (error:").natural(u32::from(error.number()));
+            text.word(")").end();
+        }
+    }
+}
+
+/// `echo:Unknown command: "G99"`.
+pub fn unknown(text: &mut Text, line: &[u8]) {
+    let line = line.trim_ascii();
+    text.word("echo:Unknown command: \"");
+    text.bytes(line.get(..SHOWN_BYTES).unwrap_or(line));
+    text.word("\"").end();
+}
+
+/// The machine is locked, for this reason.
+pub fn stopped(text: &mut Text, alarm: Option<Alarm>) {
+    if alarm == Some(Alarm::Killed) {
+        text.word("Error:Printer halted. kill() called!").end();
+        return;
+    }
+    text.word("Error:Printer stopped due to errors. ");
+    match alarm {
+        Some(alarm) => {
+            text.plain(alarm.text()).word(" (ALARM:");
+            text.natural(u32::from(alarm.number())).word(")");
+        }
+        None => {
+            text.word("G28 homes the machine");
+        }
+    }
+    text.word("; M999 to go on").end();
+}
+
+/// The first lines after power-up and after each reset.
+pub fn welcome(text: &mut Text, is_homing: bool) {
+    text.word("start").end();
+    text.word("echo:Leadscrew ")
+        .word(VERSION)
+        .word(" (RepRap); homing ");
+    text.word(if is_homing { "on" } else { "off" }).end();
+}
+
+/// `ok T:0.0 /0.0`: there is no heater.
+pub fn temperature(text: &mut Text) {
+    text.word("ok T:0.0 /0.0").end();
+}
+
+/// `X:1.000 Y:2.000 Z:3.000 E:0.000 Count X:250 Y:500 Z:750`, in mm.
+pub fn position(text: &mut Text, position: &Axes<Nm>, extruded: Nm, steps: &Axes<i32>) {
+    for (letter, value) in ["X:", " Y:", " Z:"].into_iter().zip(position) {
+        text.word(letter).coordinate(*value, ReportUnit::Millimetre);
+    }
+    text.word(" E:")
+        .coordinate(extruded, ReportUnit::Millimetre)
+        .word(" Count");
+    for (letter, value) in [" X:", " Y:", " Z:"].into_iter().zip(steps) {
+        integer(text.word(letter), *value);
+    }
+    text.end();
+}
+
+/// `echo:` and the text of `M118`; `//` in its place where the text begins with `A1`.
+pub fn echo(text: &mut Text, words: &[u8]) {
+    let mut words = words.trim_ascii_start();
+    let mut start = "";
+    loop {
+        (start, words) = match words {
+            [b'E' | b'e', b'1', b' ', rest @ ..] => ("echo:", rest.trim_ascii_start()),
+            [b'A' | b'a', b'1', b' ', rest @ ..] => ("//", rest.trim_ascii_start()),
+            _ => break,
+        };
+    }
+    text.word(start)
+        .bytes(words.get(..MAX_ECHO_BYTES).unwrap_or(words))
+        .end();
+}
+
+/// `echo:M109: not present`.
+pub fn not_present(text: &mut Text, code: u16) {
+    text.word("echo:M").natural(u32::from(code));
+    text.word(": not present").end();
+}
+
+/// `echo:T1 Invalid extruder`.
+pub fn invalid_tool(text: &mut Text, tool: u16) {
+    text.word("echo:T").natural(u32::from(tool));
+    text.word(" Invalid extruder").end();
+}
+
+/// One line of the answer to `M115`, counted from 0. Returns false after the last.
+pub fn firmware(text: &mut Text, number: usize, settings: &Settings) -> bool {
+    const CAPABILITIES: [&str; 9] = [
+        "EMERGENCY_PARSER:1",
+        "BUSY_PROTOCOL:1",
+        "AUTOREPORT_POS:1",
+        "AUTOREPORT_TEMP:0",
+        "ARCS:1",
+        "PAREN_COMMENTS:1",
+        "QUOTED_STRINGS:1",
+        "EEPROM:1",
+        "SDCARD:0",
+    ];
+    if number == 0 {
+        text.word("FIRMWARE_NAME:Leadscrew ").word(VERSION);
+        text.word(" PROTOCOL_VERSION:1.0 MACHINE_TYPE:CNC EXTRUDER_COUNT:");
+        text.word(if settings.extruder_axis == 0 {
+            "0"
+        } else {
+            "1"
+        });
+        text.end();
+        return true;
+    }
+    let capability = CAPABILITIES.get(number - 1);
+    if let Some(capability) = capability {
+        text.word("Cap:").word(capability).end();
+    }
+    capability.is_some()
+}
+
+/// The version of the firmware.
+const VERSION: &str = env!("CARGO_PKG_VERSION");
+
+/// Writes a whole number.
+fn integer(text: &mut Text, value: i32) -> &mut Text {
+    if value < 0 {
+        text.byte(b'-');
+    }
+    text.natural(value.unsigned_abs())
+}

@@ -1,0 +1,391 @@
+//! What a host of 3D printers needs beside its lines: realtime bytes between them, emergencies, time.
+//!
+//! In the RepRap dialect `serial_rx` enqueues every byte. Here the bytes are looked at as soon as the task
+//! runs, long before their lines are: a realtime byte counts directly behind a line end, or when the line
+//! has been silent, and an emergency (`M112`, `M108`, `M410`) as soon as its line is whole. Lines are
+//! only taken from bytes that have been looked at.
+
+use super::{LineStage, Links, Session};
+use crate::{
+    machine::Snapshot,
+    model::{Alarm, State, timing::TICK_MS},
+    path::Work,
+    protocol::{Dialect, Emergency, RawLine, realtime::is_request, report},
+};
+
+/// Silence after which a realtime byte counts anywhere, ms.
+const SILENCE_MS: u32 = 100;
+/// Silence after which a checked line without its end is asked for again, and after which a host that
+/// may wait for a lost `ok` is told that nothing is left to do, ms.
+const HOST_TIMEOUT_MS: u32 = 1000;
+/// Longest line of an emergency, bytes.
+const EMERGENCY_BYTES: usize = 32;
+/// What takes the place of a realtime byte that has been acted on.
+pub(super) const TAKEN: u8 = 0;
+
+/// The reset that is going on, or has been.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+pub(super) enum Restart {
+    /// By 0x18, or at power-up.
+    #[default]
+    Plain,
+    /// `M999`: the lock ends, too.
+    Unlocking,
+    /// `M112`: the machine is locked.
+    Killing,
+    /// `M410`: the lines go on.
+    Stopping,
+}
+
+/// The sender, where it does not speak plain Grbl.
+#[derive(Debug)]
+pub(super) struct Host {
+    /// The dialect in effect.
+    pub(super) dialect: Dialect,
+    /// The line as received, and whether it has ended.
+    pub(super) raw: RawLine,
+    pub(super) has_ended: bool,
+    /// Number of the line's first byte.
+    pub(super) start: usize,
+    /// Number of the last accepted line.
+    pub(super) last: i32,
+    /// Whether there has been a good line with a checksum.
+    pub(super) has_begun: bool,
+    /// Lines that begin before this byte were sent before a line was asked for again.
+    pub(super) stale_before: Option<usize>,
+    /// What the line asks for that Grbl has no words for.
+    pub(super) command: Option<crate::gcode::reprap::HostCommand>,
+    /// The last alarm.
+    pub(super) alarm: Option<Alarm>,
+    /// Time between two messages that a line is not done, s.
+    pub(super) busy_interval_s: u8,
+    restart: Restart,
+    /// What is to be done as soon as the machine has acted on a reset.
+    is_restart_due: bool,
+    /// The beginning of the line that is being looked at, and the number of bytes looked at.
+    scan: RawLine<EMERGENCY_BYTES>,
+    scanned: usize,
+    /// Number of bytes received when the line fell silent.
+    silent_at: Option<usize>,
+    clock: Clock,
+}
+
+/// The times of which a host is told.
+#[derive(Debug, Default)]
+struct Clock {
+    ticks: u32,
+    /// Number of bytes received, and for how long, ms.
+    received: usize,
+    silent_ms: u32,
+    /// For how long a line has been waiting for its answer, and nothing has been left to do, ms.
+    busy_ms: u32,
+    idle_ms: u32,
+}
+
+impl Host {
+    pub(super) fn new() -> Self {
+        Self {
+            dialect: Dialect::Grbl,
+            raw: RawLine::new(),
+            has_ended: false,
+            start: 0,
+            last: 0,
+            has_begun: false,
+            stale_before: None,
+            command: None,
+            alarm: None,
+            busy_interval_s: 0,
+            restart: Restart::Plain,
+            is_restart_due: false,
+            scan: RawLine::new(),
+            scanned: 0,
+            silent_at: None,
+            clock: Clock::default(),
+        }
+    }
+
+    /// Forgets what has been received and numbered.
+    fn reset(&mut self) {
+        self.raw.clear();
+        self.has_ended = false;
+        self.last = 0;
+        self.has_begun = false;
+        self.stale_before = None;
+        self.command = None;
+    }
+
+    /// Returns whether a reset drops the lines that have been received.
+    pub(super) fn drops_lines(&self) -> bool {
+        self.restart != Restart::Stopping
+    }
+
+    /// Returns whether bytes have been looked at that wait, from the oldest on, and how many.
+    pub(super) const fn scanned_of(&self, oldest: usize) -> usize {
+        self.scanned.wrapping_sub(oldest)
+    }
+
+    /// Requests a reset.
+    pub(super) fn restart(&mut self, restart: Restart) {
+        self.restart = restart;
+    }
+}
+
+impl Session {
+    /// Adopts the dialect, and does what cannot wait for the lines before it.
+    #[inline]
+    pub(super) fn attend_host(&mut self, links: &mut Links<'_, '_>) {
+        let dialect = Dialect::of(self.settings());
+        if dialect != self.host.dialect {
+            self.adopt_dialect(dialect, links);
+        }
+        if dialect == Dialect::RepRap {
+            self.attend_reprap(links);
+        }
+    }
+
+    /// Changes the dialect, once the line that changes it has been answered.
+    #[cold]
+    #[inline(never)]
+    fn adopt_dialect(&mut self, dialect: Dialect, links: &mut Links<'_, '_>) {
+        if !matches!(
+            self.stage,
+            LineStage::Starting { .. } | LineStage::Welcoming | LineStage::Reading
+        ) {
+            return;
+        }
+        self.host.dialect = dialect;
+        self.host.reset();
+        self.host.scan.clear();
+        self.host.scanned = links.received.oldest();
+        self.host.busy_interval_s = self.settings().busy_interval_s;
+        self.host.clock = Clock {
+            ticks: links.requests.ticks(),
+            ..Clock::default()
+        };
+        links.requests.sort_later(dialect == Dialect::RepRap);
+    }
+
+    #[inline(never)]
+    fn attend_reprap(&mut self, links: &mut Links<'_, '_>) {
+        if self.host.is_restart_due && self.ends_restart(links) {
+            self.host.is_restart_due = false;
+        }
+        self.scan(links);
+        self.pass_time(links);
+    }
+
+    /// Looks at the bytes that have come since the last time.
+    fn scan(&mut self, links: &mut Links<'_, '_>) {
+        let Links {
+            received, requests, ..
+        } = links;
+        let oldest = received.oldest();
+        let host = &mut self.host;
+        if host.scanned_of(oldest) > received.capacity() {
+            // A reset has dropped bytes.
+            host.scanned = oldest;
+            host.scan.clear();
+        }
+        let [older, newer] = received.waiting();
+        let skipped = host.scanned_of(oldest);
+        for byte in older.chain(newer).skip(skipped) {
+            let number = host.scanned;
+            host.scanned = number.wrapping_add(1);
+            if is_request(byte) && (host.scan.is_empty() || host.silent_at == Some(number)) {
+                received.replace(number, TAKEN);
+                if host.silent_at == Some(number) {
+                    host.silent_at = Some(host.scanned);
+                }
+                match byte {
+                    b'?' => self.reports.is_status_due = true,
+                    0x18 => {
+                        host.restart(Restart::Plain);
+                        requests.reset();
+                    }
+                    _ => requests.accept_later(byte, number),
+                }
+                self.machine_sync.has_release_request = true;
+                continue;
+            }
+            if !matches!(byte, b'\n' | b'\r') {
+                host.scan.push(byte);
+                continue;
+            }
+            let emergency = host.scan.emergency();
+            host.scan.clear();
+            match emergency {
+                Some(Emergency::Kill) => {
+                    host.restart(Restart::Killing);
+                    requests.reset();
+                }
+                Some(Emergency::Stop) if links.machine.state != State::Alarm => {
+                    host.restart(Restart::Stopping);
+                    requests.reset();
+                }
+                Some(Emergency::GoOn) => requests.accept_later(b'~', number),
+                Some(Emergency::Stop) | None => continue,
+            }
+            self.machine_sync.has_release_request = true;
+        }
+    }
+
+    /// Ends a reset on which the machine has acted. `owes_answer` tells whether it has interrupted a line.
+    pub(super) fn restart_host(&mut self, owes_answer: bool, links: &Links<'_, '_>) -> bool {
+        let host = &mut self.host;
+        host.is_restart_due = true;
+        host.raw.clear();
+        match host.restart {
+            Restart::Plain | Restart::Unlocking => {
+                host.alarm = None;
+                host.reset();
+                self.is_homed &= !links.machine.reset_in_motion;
+                self.restart();
+                self.stage = LineStage::Welcoming;
+            }
+            Restart::Killing => {
+                self.is_homed &= !links.machine.reset_in_motion;
+                self.host.command = None;
+                self.restart();
+                self.stage = LineStage::Reading;
+            }
+            Restart::Stopping => {
+                self.host.has_ended = false;
+                self.interpreter.switch_off();
+                if owes_answer {
+                    report::ok(&mut self.reports.message);
+                }
+                self.begin_line();
+            }
+        }
+        true
+    }
+
+    /// Locks the machine after a reset, or unlocks it. Returns false until it stands still.
+    fn ends_restart(&mut self, links: &mut Links<'_, '_>) -> bool {
+        let machine = links.machine;
+        let has_reset = machine.reset_count == self.machine_sync.reset_count
+            && links.requests.reset_count() == self.machine_sync.reset_count;
+        let is_starting = matches!(self.stage, LineStage::Starting { .. });
+        if !has_reset || is_starting || !self.is_done(machine) || !links.entries.ready() {
+            return false;
+        }
+        let is_locked = machine.state == State::Alarm && !machine.is_critical;
+        match self.host.restart {
+            Restart::Plain => return true,
+            Restart::Killing => self.send_work(Work::Fault(Alarm::Killed), links),
+            Restart::Unlocking | Restart::Stopping if is_locked => {
+                self.send_work(Work::Unlock, links);
+            }
+            Restart::Unlocking | Restart::Stopping => {}
+        }
+        self.machine_sync.has_release_request = true;
+        self.host.restart = Restart::Plain;
+        false
+    }
+
+    /// Returns whether lines have to wait for the end of a reset.
+    pub(super) fn is_restarting_host(&self) -> bool {
+        self.host.is_restart_due
+    }
+
+    /// Returns whether the machine has stopped for a reason that only a restart ends.
+    pub(super) fn is_stopped_host(&self, machine: &Snapshot) -> bool {
+        self.host.dialect == Dialect::RepRap && (machine.is_critical || machine.has_underrun)
+    }
+
+    /// Returns whether the session needs the clock of `interpret`.
+    #[must_use]
+    pub fn needs_clock(&self) -> bool {
+        self.host.dialect == Dialect::RepRap
+    }
+
+    /// Returns whether there is something to do at the next tick of the clock, whatever else comes.
+    /// `received` is the number of bytes received so far, wrapping.
+    #[must_use]
+    pub fn awaits_tick(&self, received: usize) -> bool {
+        self.needs_clock() && received != self.host.scanned
+    }
+
+    /// Does what is due by the clock.
+    fn pass_time(&mut self, links: &mut Links<'_, '_>) {
+        let clock = &mut self.host.clock;
+        let ticks = links.requests.ticks();
+        let passed_ms = ticks.wrapping_sub(clock.ticks).saturating_mul(TICK_MS);
+        clock.ticks = ticks;
+        let received = links.received.written();
+        if received == clock.received {
+            clock.silent_ms = clock.silent_ms.saturating_add(passed_ms);
+        } else {
+            clock.received = received;
+            clock.silent_ms = 0;
+        }
+        if passed_ms == 0 {
+            return;
+        }
+        // A byte may have come directly behind a tick: one tick more is surely that long.
+        if clock.silent_ms > SILENCE_MS {
+            self.host.silent_at = Some(received);
+        }
+        if !self.reports.message.is_empty() {
+            return;
+        }
+        // A line waits in the queue while the machine is held.
+        let has_held_line = links.machine.state.is_suspended() && links.received.may_have_line();
+        let is_waiting = self.is_line_begun() || has_held_line;
+        let host = &mut self.host;
+        if is_waiting {
+            host.clock.busy_ms = host.clock.busy_ms.saturating_add(passed_ms);
+            host.clock.idle_ms = 0;
+            let interval_ms = u32::from(host.busy_interval_s) * 1000;
+            if interval_ms != 0 && host.clock.busy_ms >= interval_ms {
+                host.clock.busy_ms = 0;
+                let text = &mut self.reports.message;
+                text.word(if links.machine.state.is_suspended() {
+                    "echo:busy: paused for user"
+                } else {
+                    "echo:busy: processing"
+                });
+                text.end();
+            }
+            return;
+        }
+        host.clock.busy_ms = 0;
+        let is_idle = host.has_begun
+            && links.received.is_empty()
+            && host.raw_is_empty()
+            && self.stage == LineStage::Reading
+            && links.machine.state == State::Idle
+            && self.is_done(links.machine);
+        let clock = &mut self.host.clock;
+        if !is_idle {
+            clock.idle_ms = 0;
+            return;
+        }
+        clock.idle_ms = clock.idle_ms.saturating_add(passed_ms);
+        if clock.idle_ms >= HOST_TIMEOUT_MS && clock.silent_ms >= HOST_TIMEOUT_MS {
+            clock.idle_ms = 0;
+            self.reports.message.word("wait").end();
+        }
+    }
+
+    /// Returns whether the end of a checked line has been lost: nothing has come for a second.
+    pub(super) fn has_lost_line_end(&self) -> bool {
+        self.host.clock.silent_ms >= HOST_TIMEOUT_MS
+            && self.host.has_begun
+            && !self.host.raw_is_empty()
+            && self.host.raw.is_checked()
+    }
+}
+
+impl Host {
+    /// Returns whether no line has begun.
+    pub(super) fn raw_is_empty(&self) -> bool {
+        self.has_ended || self.raw.is_empty()
+    }
+
+    /// Begins a line with the next byte, at a place in what has been looked at.
+    pub(super) fn drop_unfinished(&mut self) {
+        self.raw.clear();
+        self.scan.clear();
+    }
+}

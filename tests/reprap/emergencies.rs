@@ -1,0 +1,144 @@
+//! What does not wait for the lines before it: emergencies and realtime bytes.
+
+use leadscrew::model::State;
+
+use crate::host::{Host, STEPS_PER_MM, numbered};
+
+const KILLED: &str = "Error:Printer halted. kill() called!";
+
+#[test]
+fn m112_stops_the_machine_in_front_of_the_lines_that_wait() {
+    for kill in [
+        "M112".to_owned(),
+        "  m112 ".to_owned(),
+        numbered(77, "M112"),
+    ] {
+        let mut host = Host::new();
+        host.ask("G0 X1 F6000");
+        for x in 0..40 {
+            host.receive(format!("G1 X{} F600\n", x % 2 * 50).as_bytes());
+        }
+        host.run_ms(50);
+        host.lines();
+        host.receive(format!("{kill}\n").as_bytes());
+        host.run_ms(1000);
+        assert_eq!(host.lines(), [KILLED], "{kill}");
+        assert_eq!(host.state(), State::Alarm);
+        let stopped = host.xy();
+        assert!(stopped[0] < 6 * STEPS_PER_MM, "{stopped:?}");
+        // Every line is answered, and none is executed.
+        assert_eq!(host.ask("G1 X3"), [KILLED, "ok"]);
+        assert_eq!(
+            host.ask("$X"),
+            ["echo:error 9: locked by an alarm or a jog", "ok"]
+        );
+        assert_eq!(host.ask("M105"), ["ok T:0.0 /0.0"]);
+        assert_eq!(host.xy(), stopped);
+        let answer = host.ask("M999");
+        assert_eq!(answer[..2], ["ok", "start"], "{answer:?}");
+        host.run_ms(50);
+        assert_eq!(host.state(), State::Idle);
+        assert_eq!(host.ask("G1 X3 F6000"), ["ok"]);
+        // The position is the true one: it braked within the limits.
+        assert_eq!(host.xy()[0], 3 * STEPS_PER_MM);
+    }
+}
+
+#[test]
+fn a_damaged_m112_is_none() {
+    let good = numbered(1, "M110 N0");
+    let mut host = Host::new();
+    host.ask(&good);
+    for line in ["N1 M112*33", "N1 M112", "M1120", "M112*4"] {
+        let answer = host.ask(line);
+        assert_eq!(answer.last().map(String::as_str), Some("ok"), "{line}");
+        assert_eq!(host.state(), State::Idle, "{line}");
+    }
+}
+
+#[test]
+fn m410_stops_and_keeps_the_position_and_the_lines_behind_it() {
+    let mut host = Host::new();
+    host.receive(b"M3 S100\nG91\nG90\nG1 X50 F600\nG1 Y50\n");
+    host.run_ms(300);
+    host.receive(b"M410\nG1 X1 Y1\n");
+    host.rest();
+    host.run_ms(100);
+    let answers = host.lines();
+    assert_eq!(answers, ["ok"; 7], "{answers:?}");
+    assert_eq!(host.state(), State::Idle);
+    assert_eq!(host.xy(), [STEPS_PER_MM; 2]);
+}
+
+#[test]
+fn m108_goes_on_after_a_pause() {
+    let mut host = Host::new();
+    host.receive(b"G1 X1 F6000\nM0\nG1 X2\n");
+    host.run_ms(2500);
+    assert_eq!(host.xy()[0], STEPS_PER_MM);
+    let answers = host.lines();
+    assert_eq!(answers, ["ok", "echo:busy: paused for user"]);
+    host.receive(b"M108\n");
+    host.run_ms(500);
+    assert_eq!(host.lines(), ["ok"; 3]);
+    assert_eq!(host.xy()[0], 2 * STEPS_PER_MM);
+}
+
+#[test]
+fn realtime_bytes_count_only_behind_a_line_end_or_silence() {
+    let mut host = Host::new();
+    // Part of a line: a hold, a reset, a report and coolant, if they counted.
+    assert_eq!(host.ask("M117 Done! ~?\u{18}"), ["ok"]);
+    host.receive(b"M117 \xa0\xa1\x84\x85\n");
+    host.rest();
+    assert_eq!(host.lines(), ["ok"]);
+    assert_eq!(host.state(), State::Idle);
+    // Directly behind a line end.
+    host.receive(b"?");
+    host.run_ms(20);
+    assert!(host.lines()[0].starts_with("<Idle|"));
+    host.receive(b"G1 X10 F600\n!");
+    host.run_ms(200);
+    assert_eq!(host.state(), State::HoldComplete);
+    host.receive(b"??~");
+    host.run_ms(20);
+    assert_eq!(host.state(), State::Run);
+    host.rest();
+    host.lines();
+    // In a line that is not finished, after silence: the line is as it was.
+    host.receive(b"G1 X");
+    host.run_ms(90);
+    host.receive(b"!");
+    host.run_ms(30);
+    assert_eq!(host.state(), State::Idle);
+    host.receive(b"\n");
+    host.rest();
+    assert_eq!(
+        host.lines()[0],
+        "Error:a word must begin with a letter (error:1)"
+    );
+    host.receive(b"G1 X");
+    host.run_ms(150);
+    host.receive(b"?");
+    host.run_ms(20);
+    assert!(host.lines()[0].starts_with("<Idle|"));
+    host.receive(b"12 F6000\n");
+    host.rest();
+    assert_eq!(host.lines(), ["ok"]);
+    assert_eq!(host.xy()[0], 12 * STEPS_PER_MM);
+}
+
+#[test]
+fn a_soft_limit_is_answered_and_m999_goes_on() {
+    let mut host = Host::with(&["22=1", "20=1", "788=7", "130=100", "131=100", "132=100"]);
+    host.ask("$H");
+    let answer = host.ask("G1 X200 F6000");
+    let alarm = "Error:Printer stopped due to errors. the target is outside the machine's travel \
+                 (ALARM:2); M999 to go on";
+    assert_eq!(answer, [alarm, alarm, "ok"]);
+    assert_eq!(host.ask("G1 X-1"), [alarm, "ok"]);
+    let answer = host.ask("M999");
+    assert_eq!(answer[..2], ["ok", "start"], "{answer:?}");
+    host.run_ms(50);
+    assert_eq!(host.ask("G1 X-5 F6000"), ["ok"]);
+}

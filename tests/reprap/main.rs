@@ -1,0 +1,11 @@
+//! The RepRap dialect, `$780=1`: lines, codes and answers, as hosts of 3D printers see them.
+
+mod answers;
+#[path = "../support/cases.rs"]
+mod cases;
+mod emergencies;
+mod host;
+mod lines;
+mod times;
+
+use cases::cases;
