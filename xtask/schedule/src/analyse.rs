@@ -13,6 +13,7 @@ use crate::{
     Annotations, App, Cache, Config, Curve, Flaw, Image, Line, Model, Place, Program, Report,
     Requirement, Rule, Stream, Task, Window,
     calibration::Measured,
+    config::BoardConfig,
     crosscheck::Crosscheck,
     edge, findings,
     model::OUTSTANDING_TRANSFER,
@@ -59,17 +60,10 @@ pub struct Input<'a> {
 ///
 /// Only when a file cannot be read or understood; all else is a flaw of the report.
 pub fn analyse(input: &Input<'_>) -> Result<Report, String> {
-    let read = |name: &str| {
-        let path = input.root.join(name);
-        fs::read_to_string(&path).map_err(|error| format!("{}: {error}", path.display()))
-    };
-    let config = Config::parse(&read("schedule.toml")?)?;
-    let app = App::parse(&read("src/app.rs")?).map_err(|error| format!("src/app.rs: {error}"))?;
-    let image = Image::load(input.elf).map_err(|error| error.to_string())?;
-    let annotations = Annotations::read(input.root).map_err(|error| error.to_string())?;
-    let program = Program::new(&image, &annotations);
-    let board = config.board.get(input.board);
-    let board = board.ok_or_else(|| format!("schedule.toml: no board `{}`", input.board))?;
+    let sources = Sources::read(input)?;
+    let (app, config) = (&sources.app, &sources.config);
+    let program = Program::new(&sources.image, &sources.annotations);
+    let board = sources.board(input.board)?;
     let mut model = Model::new(&board.clock);
     let mut flaws = Vec::new();
     if let Some(measured) = &input.measured {
@@ -80,8 +74,8 @@ pub fn analyse(input: &Input<'_>) -> Result<Report, String> {
     }
     let system = System::new(
         &program,
-        &app,
-        &config,
+        app,
+        config,
         (board.clock, model),
         input.axes,
         &mut flaws,
@@ -107,6 +101,68 @@ pub fn analyse(input: &Input<'_>) -> Result<Report, String> {
     report.flaws.sort();
     report.flaws.dedup();
     Ok(report)
+}
+
+/// The lines of the project that tasks run, by file and number: the highest priority of a task with
+/// a deadline that does; `None`: only others.
+///
+/// # Errors
+///
+/// When a file cannot be read or understood.
+pub fn lines_of_tasks(input: &Input<'_>) -> Result<BTreeMap<(String, u32), Option<u8>>, String> {
+    let sources = Sources::read(input)?;
+    let program = Program::new(&sources.image, &sources.annotations);
+    let board = sources.board(input.board)?;
+    let clocks = (board.clock, Model::new(&board.clock));
+    let (app, config) = (&sources.app, &sources.config);
+    let system = System::new(&program, app, config, clocks, input.axes, &mut Vec::new());
+    let mut lines: BTreeMap<(String, u32), Option<u8>> = BTreeMap::new();
+    for row in &system.rows {
+        let priority = row.times.as_ref().map(|_| row.task.priority);
+        let named = BTreeMap::new();
+        let reached = system.wcets(row, &named).reach(row.root);
+        let functions = reached.iter().filter_map(|at| program.function(*at));
+        let blocks = functions.flat_map(|function| &function.blocks);
+        for instruction in blocks.flat_map(|block| &block.instructions) {
+            for frame in sources.image.frames(instruction.address).iter() {
+                if frame.file.starts_with("src/") {
+                    let line = lines.entry((frame.file.to_string(), frame.line));
+                    let known = line.or_default();
+                    *known = (*known).max(priority);
+                }
+            }
+        }
+    }
+    Ok(lines)
+}
+
+/// What an analysis reads.
+struct Sources {
+    config: Config,
+    app: App,
+    image: Image,
+    annotations: Annotations,
+}
+
+impl Sources {
+    fn read(input: &Input<'_>) -> Result<Self, String> {
+        let read = |name: &str| {
+            let path = input.root.join(name);
+            fs::read_to_string(&path).map_err(|error| format!("{}: {error}", path.display()))
+        };
+        Ok(Self {
+            config: Config::parse(&read("schedule.toml")?)?,
+            app: App::parse(&read("src/app.rs")?)
+                .map_err(|error| format!("src/app.rs: {error}"))?,
+            image: Image::load(input.elf).map_err(|error| error.to_string())?,
+            annotations: Annotations::read(input.root).map_err(|error| error.to_string())?,
+        })
+    }
+
+    fn board(&self, name: &str) -> Result<&BoardConfig, String> {
+        let board = self.config.board.get(name);
+        board.ok_or_else(|| format!("schedule.toml: no board `{name}`"))
+    }
 }
 
 fn hexadecimal(bytes: &[u8]) -> String {

@@ -75,6 +75,7 @@ impl Crosscheck<'_> {
         }
         flaws.extend(self.strangers(&known));
         flaws.extend(self.ceilings());
+        flaws.extend(self.idle());
         flaws
     }
 
@@ -214,6 +215,18 @@ impl Crosscheck<'_> {
             }
         }
         flaws
+    }
+
+    /// That `idle` is in `main`: what is exempt there is so until interrupts are on.
+    fn idle(&self) -> Option<Flaw> {
+        let mut functions = self.functions.values();
+        let is_apart = functions.any(|function| function.name.ends_with("::idle"));
+        let idle = self.app.tasks.iter().find(|task| task.name == "idle")?;
+        (!is_apart && self.config.exemption("main").is_some()).then(|| {
+            let what = "the code of `idle` is in `main`, which is exempt".to_owned();
+            let remedy = "Keep it apart: write `#[inline(never)]` at `idle`.";
+            at(idle, mismatch(what, remedy))
+        })
     }
 
     /// Sections with a ceiling that no resource has.

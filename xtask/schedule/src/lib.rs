@@ -59,7 +59,7 @@ mod values;
 mod waits;
 mod wcet;
 
-pub use analyse::{Input, analyse};
+pub use analyse::{Input, analyse, lines_of_tasks};
 pub use annotations::{AnnotationError, Annotations};
 pub use calibration::Measured;
 pub use config::{Config, Point, Replay};

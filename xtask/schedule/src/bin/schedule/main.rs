@@ -5,6 +5,7 @@
 
 mod document;
 mod instant;
+mod mutants;
 mod page;
 #[cfg(test)]
 mod sample;
@@ -65,8 +66,21 @@ struct Options {
     /// Run the firmware under a busy workload in QEMU, and compare with the proof what it executes
     #[arg(long, conflicts_with_all = ["write", "check"])]
     replay: bool,
+    /// Put faults into copies of the firmware, and tell how many of them the proof finds
+    #[arg(
+        long,
+        value_name = "N",
+        num_args = 0..=1,
+        require_equals = true,
+        default_missing_value = "60",
+        conflicts_with_all = ["elf", "step_rate", "baud", "json", "html", "check", "replay"]
+    )]
+    mutants: Option<usize>,
+    /// Where the faults go: which functions are drawn
+    #[arg(long, value_name = "N", default_value = "1", requires = "mutants")]
+    seed: u64,
     /// Print the cycles of each class of instructions and accesses, and analyse nothing
-    #[arg(long, conflicts_with_all = ["elf", "step_rate", "baud", "write", "check", "replay"])]
+    #[arg(long, conflicts_with_all = ["elf", "step_rate", "baud", "write", "check", "replay", "mutants"])]
     table: bool,
     /// Print the highest proven step rate and nothing else
     #[arg(long, hide = true, conflicts_with_all = ["table", "write", "check", "replay"])]
@@ -85,6 +99,14 @@ fn run(options: &Options) -> Result<ExitCode> {
     let board = boards::named(&options.board)?;
     if options.table {
         return table(&board.name);
+    }
+    if let Some(count) = options.mutants {
+        let are_found = mutants::run(&board, count, options.seed, options.write)?;
+        return Ok(if are_found {
+            ExitCode::SUCCESS
+        } else {
+            ExitCode::FAILURE
+        });
     }
     let elf = match &options.elf {
         Some(elf) => elf.clone(),

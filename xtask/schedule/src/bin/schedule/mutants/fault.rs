@@ -1,0 +1,181 @@
+//! Kinds of fault that a firmware may have and keep working.
+
+use super::site::Site;
+
+/// Where a kind of fault is one.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Where {
+    /// In whatever a task with a deadline runs.
+    Deadline,
+    /// In what a task above `prepare` runs.
+    Urgent,
+    /// In what any task runs, where unsafe code may stand.
+    Board,
+}
+
+/// A kind of fault.
+#[derive(Debug)]
+pub(super) struct Fault {
+    pub(super) name: &'static str,
+    pub(super) place: Where,
+    /// What is put at the beginning of a function; several are used in turn.
+    codes: &'static [&'static str],
+}
+
+impl Fault {
+    pub(super) fn code(&self, variant: usize) -> String {
+        let code = self.codes[variant % self.codes.len()];
+        format!("\n{{ {code} }}\n")
+    }
+
+    /// Whether it is a fault there.
+    pub(super) fn fits(&self, site: &Site) -> bool {
+        match self.place {
+            Where::Deadline => site.priority.is_some(),
+            Where::Urgent => site.priority.is_some_and(|priority| priority > PREPARE),
+            Where::Board => site.file.starts_with("src/board/"),
+        }
+    }
+}
+
+/// Priority of the most urgent task that may use floating point.
+const PREPARE: u8 = 2;
+
+const fn fault(name: &'static str, place: Where, codes: &'static [&'static str]) -> Fault {
+    Fault { name, place, codes }
+}
+
+pub(super) const FAULTS: [Fault; 10] = [
+    fault(
+        "panic",
+        Where::Deadline,
+        &[
+            "let table = core::hint::black_box([1_u8; 4]);
+              core::hint::black_box(table[core::hint::black_box(3_usize)]);",
+            "core::hint::black_box(core::hint::black_box(Some(1_u8)).unwrap());",
+        ],
+    ),
+    fault(
+        "loop without a bound",
+        Where::Deadline,
+        &[
+            "static LEFT: core::sync::atomic::AtomicU32 = core::sync::atomic::AtomicU32::new(0);
+           let left = core::hint::black_box(&LEFT);
+           while left.load(core::sync::atomic::Ordering::Relaxed) != 0 {
+               core::hint::black_box(0_u32);
+           }",
+        ],
+    ),
+    fault(
+        "call of a pointer",
+        Where::Deadline,
+        &["fn called() { core::hint::black_box(1_u32); }
+           let call: fn() = core::hint::black_box(called);
+           call();"],
+    ),
+    fault(
+        "recursion",
+        Where::Deadline,
+        &["#[inline(never)]
+           fn again(left: u32) -> u32 {
+               if core::hint::black_box(left) == 0 {
+                   1
+               } else {
+                   again(left - 1).wrapping_mul(core::hint::black_box(3))
+               }
+           }
+           core::hint::black_box(again(2));"],
+    ),
+    fault(
+        "long computation",
+        Where::Deadline,
+        &["let mut count = 0_u32;
+           // wcet-bound: 400000
+           while count < 400_000 {
+               count += core::hint::black_box(1_u32);
+           }"],
+    ),
+    fault(
+        "wait with a stated bound",
+        Where::Deadline,
+        &[
+            "static READY: core::sync::atomic::AtomicU32 = core::sync::atomic::AtomicU32::new(1);
+           let ready = core::hint::black_box(&READY);
+           // wcet-bound: 1
+           while ready.load(core::sync::atomic::Ordering::Relaxed) == 0 {}",
+        ],
+    ),
+    fault(
+        "floating point",
+        Where::Urgent,
+        &[
+            "core::hint::black_box(core::hint::black_box(1.5_f32) * core::hint::black_box(2.0_f32));",
+        ],
+    ),
+    fault(
+        "interrupts off",
+        Where::Board,
+        &["cortex_m::interrupt::free(|_| {
+               let mut count = 0_u32;
+               // wcet-bound: 3000
+               while count < 3_000 {
+                   count += core::hint::black_box(1_u32);
+               }
+           });"],
+    ),
+    fault(
+        "priority raised",
+        Where::Board,
+        &[
+            "#[allow(unsafe_code)]
+             unsafe { cortex_m::register::basepri::write(core::hint::black_box(0x20_u8)) };
+             let mut count = 0_u32;
+             // wcet-bound: 3000
+             while count < 3_000 {
+                 count += core::hint::black_box(1_u32);
+             }
+             #[allow(unsafe_code)]
+             unsafe { cortex_m::register::basepri::write(0) };",
+            "#[allow(unsafe_code)]
+             unsafe { cortex_m::register::basepri::write(0xd0) };",
+        ],
+    ),
+    fault(
+        "register",
+        Where::Board,
+        &[
+            "#[allow(unsafe_code)]
+             unsafe { (0x4002_3c00 as *mut u32).write_volatile(0x60f) };",
+            "let clocks = 0x4002_3808 as *mut u32;
+             #[allow(unsafe_code)]
+             unsafe { clocks.write_volatile(clocks.read_volatile() | 0x1400) };",
+            "#[allow(unsafe_code)]
+             unsafe { (0x4002_6410 as *mut u32).write_volatile(1) };",
+            "#[allow(unsafe_code)]
+             unsafe { (0xe000_ef34 as *mut u32).write_volatile(0) };",
+            "let vector = core::hint::black_box(41_usize);
+             #[allow(unsafe_code)]
+             unsafe { (0xe000_e400_usize as *mut u8).add(vector).write_volatile(0) };",
+            "#[allow(unsafe_code)]
+             unsafe { (0x4247_0128 as *mut u32).write_volatile(1) };",
+        ],
+    ),
+];
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn each_kind_has_a_name_of_its_own_and_code_that_parses() {
+        let mut names: Vec<_> = FAULTS.iter().map(|fault| fault.name).collect();
+        names.dedup();
+        assert_eq!(names.len(), FAULTS.len());
+        for fault in &FAULTS {
+            for variant in 0..fault.codes.len() {
+                let parsed = syn::parse_str::<syn::Block>(fault.code(variant).trim());
+                assert!(parsed.is_ok(), "{}", fault.name);
+            }
+        }
+    }
+}
