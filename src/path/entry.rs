@@ -35,6 +35,8 @@ pub enum Work {
     Coolant(Coolant),
     /// The overrides that count from here on.
     Overrides(OverrideSwitches),
+    /// Drivers on, up to the idle delay, or off up to the next motion.
+    Drivers(bool),
     /// Wait for cycle start.
     Pause,
     /// Wait for a tool: as a pause, in which 0xA3 has the operator's lines executed.

@@ -7,7 +7,7 @@ use core::f64::consts::FRAC_PI_2;
 
 use super::{TiltedArc, arc::Arc};
 use crate::{
-    axis::{AXES, Axes},
+    axis::{AXES, Axes, LINEAR},
     model::{Circle, Command},
     settings::Settings,
     units::Nm,
@@ -47,17 +47,27 @@ fn lowest(settings: &Settings, axis: usize) -> i64 {
     -Nm::from_mm_f64(f64::from(settings.max_travel_mm[axis])).0
 }
 
+/// Returns whether an axis has a travel: one that `E` drives has none.
+fn has_travel(settings: &Settings, axis: usize) -> bool {
+    axis < LINEAR || axis + 1 != usize::from(settings.extruder_axis)
+}
+
 /// Returns true if a position is outside the travel.
 #[must_use]
 pub fn is_outside(settings: &Settings, position: &Axes<Nm>) -> bool {
-    (0..AXES).any(|axis| position[axis].0 > 0 || position[axis].0 < lowest(settings, axis))
+    (0..AXES).any(|axis| {
+        has_travel(settings, axis)
+            && (position[axis].0 > 0 || position[axis].0 < lowest(settings, axis))
+    })
 }
 
 /// Returns true if a computed position is inside the travel, as far as it is exact.
 fn is_nearly_inside(settings: &Settings, position: &Axes<Nm>) -> bool {
     (0..AXES).all(|axis| {
+        let is_free = !has_travel(settings, axis);
         let position = position[axis].0;
-        position <= EXTREME_ERROR_NM && position >= lowest(settings, axis) - EXTREME_ERROR_NM
+        is_free
+            || position <= EXTREME_ERROR_NM && position >= lowest(settings, axis) - EXTREME_ERROR_NM
     })
 }
 

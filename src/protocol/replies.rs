@@ -7,7 +7,13 @@ use super::{
     checked::{Damage, next_number},
     text::{ReportUnit, Text},
 };
-use crate::{axis::Axes, gcode::LineError, model::Alarm, settings::Settings, units::Nm};
+use crate::{
+    axis::{AXES, Axes, LETTERS},
+    gcode::{LineError, reprap::HostCommand},
+    model::{Alarm, Levels},
+    settings::Settings,
+    units::Nm,
+};
 
 /// Bytes of a line that are shown as the sender has typed them.
 const SHOWN_BYTES: usize = 64;
@@ -128,6 +134,38 @@ pub fn echo(text: &mut Text, words: &[u8]) {
     text.word(start)
         .bytes(words.get(..MAX_ECHO_BYTES).unwrap_or(words))
         .end();
+}
+
+/// `echo:U: no such axis`.
+pub fn no_axis(text: &mut Text, letter: u8) {
+    text.word("echo:").byte(letter).word(": no such axis").end();
+}
+
+/// The answer to `M119`, without its `ok`: the switches at the ends to which the axes home.
+pub fn endstops(text: &mut Text, inputs: Levels, homing_direction: u8) {
+    text.word("Reporting endstop status").end();
+    for (axis, letter) in LETTERS.iter().enumerate().take(AXES) {
+        let is_negative = homing_direction >> axis & 1 != 0;
+        text.byte(letter.to_ascii_lowercase());
+        text.word(if is_negative { "_min: " } else { "_max: " });
+        let is_closed = inputs.has(Levels(1 << axis));
+        text.word(if is_closed { "TRIGGERED" } else { "open" })
+            .end();
+    }
+}
+
+/// `echo:M201 X500.000 Y500.000 Z500.000`: the limits that a command lowers.
+pub fn limits(text: &mut Text, command: HostCommand, settings: &Settings) {
+    let (code, limits) = match command {
+        HostCommand::Speed => ("M203", settings.max_rate_mm_min.map(|rate| rate / 60.0)),
+        HostCommand::CommonAcceleration => ("M204", settings.acceleration_mm_s2),
+        _ => ("M201", settings.acceleration_mm_s2),
+    };
+    text.word("echo:").word(code);
+    for (letter, limit) in LETTERS.iter().zip(&limits) {
+        text.byte(b' ').byte(*letter).number(*limit, 3);
+    }
+    text.end();
 }
 
 /// `echo:M109: not present`.

@@ -12,6 +12,7 @@ mod commands;
 mod compensation;
 mod dispatch;
 mod host;
+mod host_commands;
 mod host_lines;
 mod machine_sync;
 mod notifications;
@@ -97,6 +98,8 @@ enum LineStage {
     Listing(List, usize),
     /// The answer to `M115` is being sent; this line of it is next.
     ListingFirmware(usize),
+    /// The answer to `M503` is being sent; this line of it is next.
+    ListingHostSettings(usize),
     /// The line has been answered, and ends with a reset.
     Resetting,
     /// The line leaves the travel: the alarm is to be sent to the machine.
@@ -382,6 +385,7 @@ impl Session {
             | LineStage::Storing(_)
             | LineStage::Listing(..)
             | LineStage::ListingFirmware(_)
+            | LineStage::ListingHostSettings(_)
             | LineStage::Resetting
             | LineStage::Faulting
             | LineStage::Faulted
@@ -470,6 +474,7 @@ impl Session {
             LineStage::Storing(then) => self.continue_stored(then, links),
             LineStage::Listing(list, line) => self.list(list, line, links.received.capacity()),
             LineStage::ListingFirmware(line) => self.list_firmware(line),
+            LineStage::ListingHostSettings(line) => self.list_host_settings(line),
             LineStage::Faulting => self.send_fault(links),
             LineStage::Resetting => {
                 links.requests.reset();

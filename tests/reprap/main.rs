@@ -3,7 +3,10 @@
 mod answers;
 #[path = "../support/cases.rs"]
 mod cases;
+mod codes;
 mod emergencies;
+#[cfg(feature = "axes-4")]
+mod extruder;
 mod host;
 mod lines;
 mod times;

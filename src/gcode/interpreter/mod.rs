@@ -538,6 +538,28 @@ impl Interpreter {
         self.stops_optionally = is_on;
     }
 
+    /// Makes the present position of the axes of a mask, bit 0 = X, a work position, as `G92` does.
+    pub fn place(&mut self, axes: u8, work: &Axes<Nm>) {
+        let present = self.work_position();
+        let before = self.offsets.work;
+        self.offsets.work = Axes::from_fn(|axis| {
+            if axes >> axis & 1 != 0 {
+                before[axis] + present[axis] - work[axis]
+            } else {
+                before[axis]
+            }
+        });
+        self.update_frame();
+        self.update_plain_modes();
+    }
+
+    /// Sets the feed rate where none is set, mm/min.
+    pub fn set_default_feed(&mut self, feed_mm_min: f32) {
+        if self.modal.feed == 0.0 {
+            self.modal.feed = feed_mm_min;
+        }
+    }
+
     /// Spindle and coolant have been switched off; the other modes stay.
     pub fn switch_off(&mut self) {
         self.modal.spindle = Spindle::Off;

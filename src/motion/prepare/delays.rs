@@ -141,6 +141,12 @@ impl Motion {
         }
     }
 
+    /// Switches the drivers on, up to the end of the idle delay, or off.
+    pub(super) fn switch_drivers(&mut self, are_on: bool) {
+        self.disable_drivers();
+        self.published.outputs.drivers = are_on;
+    }
+
     pub(super) fn disable_drivers(&mut self) {
         self.published.outputs_changed = true;
         self.published.outputs.drivers = false;

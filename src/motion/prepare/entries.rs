@@ -35,6 +35,7 @@ impl Motion {
             | Work::Spindle(..)
             | Work::Coolant(_)
             | Work::Overrides(_)
+            | Work::Drivers(_)
             | Work::Pause
             | Work::ToolPause
             | Work::Unlock
@@ -115,6 +116,7 @@ impl Motion {
             Work::Spindle(spindle, rpm) => self.accessories.set_spindle(*spindle, *rpm),
             Work::Coolant(coolant) => self.accessories.set_coolant(*coolant),
             Work::Overrides(switches) => self.switch_overrides(*switches),
+            Work::Drivers(are_on) => self.switch_drivers(*are_on),
             Work::Unlock => self.transition(Event::Unlock),
             Work::Check => self.transition(Event::Check),
             Work::Sleep => self.sleep(),

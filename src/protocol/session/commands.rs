@@ -9,7 +9,10 @@ use crate::{
     machine::Snapshot,
     model::{Levels, State},
     path::Work,
-    protocol::report::{self, Feedback},
+    protocol::{
+        Dialect,
+        report::{self, Feedback},
+    },
 };
 
 impl Session {
@@ -53,10 +56,17 @@ impl Session {
 
     /// Ends homing. A failure has been reported as an alarm, and ends with a reset.
     pub(super) fn end_homing(&mut self, machine: &Snapshot, is_all: bool) -> Progress {
+        let is_host = self.host.dialect == Dialect::RepRap;
+        if machine.state == State::Alarm && is_host {
+            return self.refuse(LineError::Locked);
+        }
         if machine.state == State::Alarm {
             return self.answer_and_reset();
         }
         self.adopt_position(machine);
+        if is_host {
+            return self.end_host_homing(is_all);
+        }
         self.is_homed |= is_all;
         if !is_all {
             return self.accept();

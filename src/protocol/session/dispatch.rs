@@ -215,6 +215,9 @@ impl Session {
                 Err(error) if self.host.dialect == Dialect::RepRap => self.write_refusal(error),
                 Ok(()) | Err(_) => answer(&mut self.reports.message, result),
             }
+            if result.is_ok() {
+                self.host.extruder = self.host.next_extruder;
+            }
             return self.begin_line();
         };
         if let Some(line) = self.persistence.stored.startup.get(number) {
@@ -229,6 +232,7 @@ impl Session {
     pub(super) fn begin_line(&mut self) -> Progress {
         self.line.input.clear();
         self.host.command = None;
+        self.host.pause_ms = None;
         self.line.source = Source::Line;
         self.stage = if self.tool_change.is_manual() {
             LineStage::ReadingManual

@@ -5,8 +5,9 @@
 //! has been silent, and an emergency (`M112`, `M108`, `M410`) as soon as its line is whole. Lines are
 //! only taken from bytes that have been looked at.
 
-use super::{LineStage, Links, Session};
+use super::{LineStage, Links, Session, host_commands::LoweredLimits};
 use crate::{
+    gcode::reprap::{Extruder, HostCommand},
     machine::Snapshot,
     model::{Alarm, State, timing::TICK_MS},
     path::Work,
@@ -16,8 +17,10 @@ use crate::{
 /// Silence after which a realtime byte counts anywhere, ms.
 const SILENCE_MS: u32 = 100;
 /// Silence after which a checked line without its end is asked for again, and after which a host that
-/// may wait for a lost `ok` is told that nothing is left to do, ms.
+/// may wait for a lost `ok` is reported that nothing is left to do, ms.
 const HOST_TIMEOUT_MS: u32 = 1000;
+/// Feed rate where a program sets none, mm/min.
+const DEFAULT_FEED_MM_MIN: f32 = 1500.0;
 /// Longest line of an emergency, bytes.
 const EMERGENCY_BYTES: usize = 32;
 /// What takes the place of a realtime byte that has been acted on.
@@ -54,7 +57,18 @@ pub(super) struct Host {
     /// Lines that begin before this byte were sent before a line was asked for again.
     pub(super) stale_before: Option<usize>,
     /// What the line asks for that Grbl has no words for.
-    pub(super) command: Option<crate::gcode::reprap::HostCommand>,
+    pub(super) command: Option<HostCommand>,
+    /// `E` before the line and after it.
+    pub(super) extruder: Extruder,
+    pub(super) next_extruder: Extruder,
+    /// Time that is left of a pause that ends by itself, ms.
+    pub(super) pause_ms: Option<u32>,
+    /// Limits that the program has lowered.
+    pub(super) lowered: Option<LoweredLimits>,
+    /// Time between two reports of the position, s; 0 for none.
+    position_interval_s: u8,
+    /// What a job has been reported once: letters of axes, and M codes.
+    reported: u64,
     /// The last alarm.
     pub(super) alarm: Option<Alarm>,
     /// Time between two messages that a line is not done, s.
@@ -70,7 +84,7 @@ pub(super) struct Host {
     clock: Clock,
 }
 
-/// The times of which a host is told.
+/// The times of which a host is reported.
 #[derive(Debug, Default)]
 struct Clock {
     ticks: u32,
@@ -80,6 +94,8 @@ struct Clock {
     /// For how long a line has been waiting for its answer, and nothing has been left to do, ms.
     busy_ms: u32,
     idle_ms: u32,
+    /// Since the last report of the position, ms.
+    position_ms: u32,
 }
 
 impl Host {
@@ -93,6 +109,12 @@ impl Host {
             has_begun: false,
             stale_before: None,
             command: None,
+            extruder: Extruder::START,
+            next_extruder: Extruder::START,
+            pause_ms: None,
+            lowered: None,
+            position_interval_s: 0,
+            reported: 0,
             alarm: None,
             busy_interval_s: 0,
             restart: Restart::Plain,
@@ -112,6 +134,29 @@ impl Host {
         self.has_begun = false;
         self.stale_before = None;
         self.command = None;
+        self.extruder = Extruder::START;
+        self.next_extruder = Extruder::START;
+        self.position_interval_s = 0;
+        self.begin_job();
+    }
+
+    /// Forgets what the job before was reported.
+    pub(super) fn begin_job(&mut self) {
+        self.reported = 0;
+    }
+
+    /// Returns whether something has not been reported to this job: an M code, or a letter.
+    pub(super) fn is_first(&mut self, code: u16) -> bool {
+        let bit = 1 << (code % 64);
+        let is_first = self.reported & bit == 0;
+        self.reported |= bit;
+        is_first
+    }
+
+    /// Sets the time between two reports of the position, s; 0 for none.
+    pub(super) fn report_positions(&mut self, interval_s: u8) {
+        self.position_interval_s = interval_s;
+        self.clock.position_ms = 0;
     }
 
     /// Returns whether a reset drops the lines that have been received.
@@ -154,6 +199,9 @@ impl Session {
             return;
         }
         self.host.dialect = dialect;
+        if dialect == Dialect::RepRap {
+            self.interpreter.set_default_feed(DEFAULT_FEED_MM_MIN);
+        }
         self.host.reset();
         self.host.scan.clear();
         self.host.scanned = links.received.oldest();
@@ -240,12 +288,15 @@ impl Session {
                 host.reset();
                 self.is_homed &= !links.machine.reset_in_motion;
                 self.restart();
+                self.interpreter.set_default_feed(DEFAULT_FEED_MM_MIN);
+                self.restore_limits();
                 self.stage = LineStage::Welcoming;
             }
             Restart::Killing => {
                 self.is_homed &= !links.machine.reset_in_motion;
                 self.host.command = None;
                 self.restart();
+                self.interpreter.set_default_feed(DEFAULT_FEED_MM_MIN);
                 self.stage = LineStage::Reading;
             }
             Restart::Stopping => {
@@ -303,7 +354,7 @@ impl Session {
     /// `received` is the number of bytes received so far, wrapping.
     #[must_use]
     pub fn awaits_tick(&self, received: usize) -> bool {
-        self.needs_clock() && received != self.host.scanned
+        self.needs_clock() && (received != self.host.scanned || self.host.pause_ms.is_some())
     }
 
     /// Does what is due by the clock.
@@ -326,45 +377,80 @@ impl Session {
         if clock.silent_ms > SILENCE_MS {
             self.host.silent_at = Some(received);
         }
-        if !self.reports.message.is_empty() {
-            return;
+        self.pass_pause(passed_ms, links);
+        if self.reports.message.is_empty() && !self.report_position_in_time(passed_ms, links) {
+            self.report_waiting(passed_ms, links);
         }
-        // A line waits in the queue while the machine is held.
-        let has_held_line = links.machine.state.is_suspended() && links.received.may_have_line();
-        let is_waiting = self.is_line_begun() || has_held_line;
+    }
+
+    /// Reports the position where that is due. Returns whether it is.
+    fn report_position_in_time(&mut self, passed_ms: u32, links: &Links<'_, '_>) -> bool {
+        let is_welcome_sent = self.is_welcome_sent();
         let host = &mut self.host;
-        if is_waiting {
-            host.clock.busy_ms = host.clock.busy_ms.saturating_add(passed_ms);
-            host.clock.idle_ms = 0;
-            let interval_ms = u32::from(host.busy_interval_s) * 1000;
-            if interval_ms != 0 && host.clock.busy_ms >= interval_ms {
-                host.clock.busy_ms = 0;
-                let text = &mut self.reports.message;
-                text.word(if links.machine.state.is_suspended() {
-                    "echo:busy: paused for user"
-                } else {
-                    "echo:busy: processing"
-                });
-                text.end();
-            }
-            return;
+        let clock = &mut host.clock;
+        clock.position_ms = clock.position_ms.saturating_add(passed_ms);
+        let interval_ms = u32::from(host.position_interval_s) * 1000;
+        let is_due = interval_ms != 0 && clock.position_ms >= interval_ms && is_welcome_sent;
+        if is_due {
+            clock.position_ms = 0;
+            self.write_position(links.machine, true);
         }
-        host.clock.busy_ms = 0;
-        let is_idle = host.has_begun
+        is_due
+    }
+
+    /// Tells a sender whose line waits that it does, and one that may wait for a lost `ok` that no line
+    /// does.
+    fn report_waiting(&mut self, passed_ms: u32, links: &Links<'_, '_>) {
+        let machine = links.machine;
+        // A line waits in the queue while the machine is held.
+        let has_held_line = machine.state.is_suspended() && links.received.may_have_line();
+        let is_waiting = self.is_line_begun() || has_held_line;
+        let is_idle = self.host.has_begun
             && links.received.is_empty()
-            && host.raw_is_empty()
+            && self.host.raw_is_empty()
             && self.stage == LineStage::Reading
-            && links.machine.state == State::Idle
-            && self.is_done(links.machine);
+            && machine.state == State::Idle
+            && self.is_done(machine);
+        let interval_ms = u32::from(self.host.busy_interval_s) * 1000;
+        let text = &mut self.reports.message;
         let clock = &mut self.host.clock;
-        if !is_idle {
-            clock.idle_ms = 0;
-            return;
+        clock.busy_ms = if is_waiting {
+            clock.busy_ms.saturating_add(passed_ms)
+        } else {
+            0
+        };
+        clock.idle_ms = if is_idle {
+            clock.idle_ms.saturating_add(passed_ms)
+        } else {
+            0
+        };
+        if interval_ms != 0 && clock.busy_ms >= interval_ms {
+            clock.busy_ms = 0;
+            text.word(if machine.state.is_suspended() {
+                "echo:busy: paused for user"
+            } else {
+                "echo:busy: processing"
+            });
+            text.end();
         }
-        clock.idle_ms = clock.idle_ms.saturating_add(passed_ms);
-        if clock.idle_ms >= HOST_TIMEOUT_MS && clock.silent_ms >= HOST_TIMEOUT_MS {
+        if clock.idle_ms.min(clock.silent_ms) >= HOST_TIMEOUT_MS {
             clock.idle_ms = 0;
-            self.reports.message.word("wait").end();
+            text.word("wait").end();
+        }
+    }
+
+    /// Ends a pause whose time is over.
+    fn pass_pause(&mut self, passed_ms: u32, links: &Links<'_, '_>) {
+        let is_paused = links.machine.state == State::HoldComplete
+            && matches!(self.stage, LineStage::Completing(_));
+        let Some(left_ms) = self.host.pause_ms.filter(|_| is_paused) else {
+            return;
+        };
+        let left_ms = left_ms.saturating_sub(passed_ms);
+        self.host.pause_ms = (left_ms != 0).then_some(left_ms);
+        if left_ms == 0 {
+            links.requests.accept_later(b'~', links.received.oldest());
+            self.machine_sync.has_release_request = true;
         }
     }
 

@@ -1,19 +1,20 @@
 //! Lines with numbers and checksums, and the lines of the RepRap dialect.
 //!
 //! A line is taken whole, judged by its number and its checksum ([`RawLine::verdict`](crate::protocol::RawLine)),
-//! and then written out in Grbl's words; what Grbl has no words for is an [`HostCommand`]. Every line that is not
+//! and then written out in Grbl's words; what Grbl has no words for is a
+//! [`HostCommand`](crate::gcode::reprap::HostCommand), which `host_commands` executes. Every line that is not
 //! blank gets exactly one `ok`.
 
-use super::{
-    LineStage, Links, Progress, Session,
-    host::{Restart, TAKEN},
-};
+use super::{Links, Progress, Session, host::TAKEN};
 use crate::{
     gcode::{
         LineError, PlainPrefix,
-        reprap::{self, HostCommand, Meaning},
+        interpreter::Interpreter,
+        reprap::{self, Context},
     },
     protocol::{ByteReader, Damage, Dialect, Verdict, replies, report},
+    settings::Settings,
+    units::Nm,
 };
 
 impl Session {
@@ -90,6 +91,7 @@ impl Session {
                 host.last = number;
                 host.has_begun |= is_checked;
                 host.stale_before = None;
+                host.begin_job();
                 return self.accept();
             }
             // Senders that speak Grbl may number their lines for themselves.
@@ -139,16 +141,31 @@ impl Session {
 
     /// Reads the words of a line in the RepRap dialect, and executes them.
     fn read_reprap(&mut self, links: &mut Links<'_, '_>) -> Progress {
-        let words = self.host.raw.words();
-        if words.trim_ascii_start().starts_with(b"$") {
+        self.host.next_extruder = self.host.extruder;
+        if self.host.raw.words().trim_ascii_start().starts_with(b"$") {
             self.take_words();
             return self.dispatch(links);
         }
+        let host = &mut self.host;
+        let settings = &self.persistence.stored.settings;
+        let context = Context {
+            settings,
+            modal: self.interpreter.modal(),
+            extruder: host.extruder,
+            driven: driven(settings, &self.interpreter),
+        };
         let input = &mut self.line.input;
-        match reprap::read(words, |text| input.push(text)) {
-            Ok(Meaning::Words) => {}
-            Ok(Meaning::HostCommand(act)) => self.host.command = Some(act),
+        let meaning = match reprap::read(host.raw.words(), &context, |text| input.push(text)) {
+            Ok(meaning) => meaning,
             Err(error) => return self.refuse(error),
+        };
+        host.command = meaning.command;
+        host.next_extruder = meaning.extruder;
+        host.pause_ms = meaning.pause_ms;
+        if let Some(letter) = meaning.missing_axis
+            && host.is_first(u16::from(letter))
+        {
+            replies::no_axis(&mut self.reports.message, letter);
         }
         self.dispatch(links)
     }
@@ -160,70 +177,13 @@ impl Session {
         replies::refusal(text, error, words, self.host.alarm);
         report::ok(text);
     }
+}
 
-    /// Writes the next line of the answer to `M115`, and its `ok` after the last.
-    pub(super) fn list_firmware(&mut self, line: usize) -> Progress {
-        let settings = &self.persistence.stored.settings;
-        if !replies::firmware(&mut self.reports.message, line, settings) {
-            return self.accept();
-        }
-        self.stage = LineStage::ListingFirmware(line + 1);
-        Progress::Again
-    }
-
-    /// Does what Grbl has no words for.
-    #[inline(never)]
-    pub(super) fn execute_host_command(
-        &mut self,
-        command: HostCommand,
-        links: &mut Links<'_, '_>,
-    ) -> Progress {
-        let machine = links.machine;
-        let text = &mut self.reports.message;
-        match command {
-            HostCommand::Nothing => {}
-            HostCommand::Temperature => {
-                replies::temperature(text);
-                return self.begin_line();
-            }
-            HostCommand::Position { is_now } => {
-                let settings = &self.persistence.stored.settings;
-                let position = if is_now {
-                    report::machine_position(machine, settings)
-                } else {
-                    self.interpreter.position()
-                };
-                let offset = self.interpreter.work_offset(&position);
-                let work = position.zip(offset, |position, offset| position - offset);
-                replies::position(text, &work, crate::units::Nm(0), &machine.steps);
-            }
-            HostCommand::Firmware => return self.list_firmware(0),
-            HostCommand::Echo => {
-                let words = self.host.raw.words().trim_ascii();
-                replies::echo(text, words.get(4..).unwrap_or_default());
-            }
-            HostCommand::Files => {
-                text.word("Begin file list").end();
-                text.word("End file list").end();
-            }
-            HostCommand::Standstill => {
-                if !self.is_done(machine) || machine.state.is_suspended() {
-                    return self.await_standstill();
-                }
-            }
-            HostCommand::Kill => {
-                self.host.restart(Restart::Killing);
-                self.stage = LineStage::Resetting;
-                return Progress::Again;
-            }
-            HostCommand::Restart => {
-                self.host.restart(Restart::Unlocking);
-                return self.answer_and_reset();
-            }
-            HostCommand::NotPresent(code) => replies::not_present(text, code),
-            HostCommand::InvalidTool(tool) => replies::invalid_tool(text, tool),
-            HostCommand::BusyInterval(seconds) => self.host.busy_interval_s = seconds,
-        }
-        self.accept()
-    }
+/// Returns the axis that `E` drives, and its work position.
+fn driven(settings: &Settings, interpreter: &Interpreter) -> Option<(usize, Nm)> {
+    let axis = usize::from(settings.extruder_axis).checked_sub(1)?;
+    let position = interpreter.position();
+    let offset = interpreter.work_offset(&position);
+    let work = position.0.get(axis)?.0 - offset.0.get(axis)?.0;
+    Some((axis, Nm(work)))
 }

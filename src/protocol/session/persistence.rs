@@ -307,9 +307,16 @@ impl Session {
         }
     }
 
+    /// Ends limits that a program has lowered, once the machine stands still.
+    pub(super) fn restore_limits(&mut self) {
+        if self.host.lowered.take().is_some() && self.persistence.state == StoreState::Idle {
+            self.persistence.state = StoreState::Deferred;
+        }
+    }
+
     /// Sends new settings, which the machine adopts at standstill.
-    fn configure(&mut self, links: &mut Links<'_, '_>) {
-        let settings: Settings = self.persistence.stored.settings;
+    pub(super) fn configure(&mut self, links: &mut Links<'_, '_>) {
+        let settings = self.settings_in_effect();
         // The steps stay the same; with another resolution they are another position.
         let position = self.router.configure(&settings, links.machine.steps);
         if settings.steps_per_mm != self.persistence.previous.settings.steps_per_mm {

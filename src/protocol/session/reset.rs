@@ -57,6 +57,7 @@ impl Session {
             | LineStage::ReadingManual
             | LineStage::Listing(..)
             | LineStage::ListingFirmware(_)
+            | LineStage::ListingHostSettings(_)
             | LineStage::Resetting
             | LineStage::Asleep => false,
         }

@@ -1,0 +1,361 @@
+//! Codes that mean something else than in Grbl, and those that Grbl does not have.
+
+use leadscrew::model::{Spindle, State};
+
+use crate::host::{Host, STEPS_PER_MM, numbered};
+
+/// The first line of an answer.
+fn first(host: &mut Host, line: &str) -> String {
+    let mut answer = host.ask(line);
+    assert_eq!(answer.pop().as_deref(), Some("ok"), "{line}: {answer:?}");
+    answer.into_iter().next().unwrap_or_default()
+}
+
+/// Where X and Y are, mm.
+fn place(host: &mut Host) -> [i32; 2] {
+    host.xy().map(|steps| steps / STEPS_PER_MM)
+}
+
+/// Time of a line from its receipt to standstill, s.
+fn seconds(host: &mut Host, line: &str) -> f64 {
+    let start = host.simulator.now();
+    host.ask(line);
+    (host.simulator.now() - start) as f64 / f64::from(leadscrew::units::TICKS_PER_SECOND)
+}
+
+#[test]
+fn g0_goes_at_f() {
+    let mut host = Host::new();
+    // 1500 mm/min where nothing is set.
+    let default = seconds(&mut host, "G0 X50");
+    assert!((2.0..2.3).contains(&default), "{default}");
+    let slow = seconds(&mut host, "G0 X0 F600");
+    assert!((5.0..5.3).contains(&slow), "{slow}");
+}
+
+#[test]
+fn speed_rises_to_the_new_f() {
+    let mut host = Host::new();
+    host.ask("G1 F600");
+    let fast = seconds(&mut host, "G1 X50 F6000");
+    assert!((0.6..0.9).contains(&fast), "{fast}");
+}
+
+#[test]
+fn a_code_alone_does_nothing() {
+    let mut host = Host::new();
+    for line in [
+        "G0", "G1", "G0 F1500", "G1 F1500", "G2", "G90", "M82", "M400", "G4", "G4 P0",
+    ] {
+        if line != "G2" {
+            assert_eq!(host.ask(line), ["ok"], "{line}");
+        }
+    }
+    assert_eq!(place(&mut host), [0, 0]);
+}
+
+#[test]
+fn g4_p2000_is_g4_s2() {
+    let mut host = Host::new();
+    for line in ["G4 P2000", "G4 S2", "G4 S2 P9000", "g4 s2.0"] {
+        let waited = seconds(&mut host, line);
+        assert!((1.99..2.02).contains(&waited), "{line}: {waited}");
+    }
+    assert!(seconds(&mut host, "G4 P0") < 0.01);
+}
+
+#[test]
+fn flags_and_numbers() {
+    let mut host = Host::new();
+    for (line, answer) in [
+        (
+            "G1 X",
+            "Error:a letter must be followed by a number (error:2)",
+        ),
+        (
+            "G1 X1.2.3",
+            "Error:a word must begin with a letter (error:1)",
+        ),
+        (
+            "G1 X\"1\"",
+            "Error:a letter must be followed by a number (error:2)",
+        ),
+        (
+            "M587 S\"net;(*",
+            "Error:a letter must be followed by a number (error:2)",
+        ),
+        (
+            "M221 S",
+            "Error:a letter must be followed by a number (error:2)",
+        ),
+        ("G1 X1 !", "Error:a word must begin with a letter (error:1)"),
+        ("M106 S256", ""),
+        ("G29", "echo:Unknown command: \"G29\""),
+        ("G30 X1", "echo:Unknown command: \"G30 X1\""),
+        ("G6 A1", "echo:Unknown command: \"G6 A1\""),
+        ("G150", "echo:Unknown command: \"G150\""),
+        ("M42 P1 S1", "echo:Unknown command: \"M42 P1 S1\""),
+        ("Mx", "echo:Unknown command: \"Mx\""),
+    ] {
+        if line == "M106 S256" {
+            let error = first(&mut host, line);
+            assert_eq!(error, "Error:the value is outside its range (error:39)");
+        } else {
+            assert_eq!(first(&mut host, line), answer, "{line}");
+        }
+    }
+    assert_eq!(place(&mut host), [0, 0]);
+}
+
+#[test]
+fn comments_between_words() {
+    let mut host = Host::new();
+    for line in [
+        "G1 (a) X1 (b)Y2;c",
+        "g1x3 (x9) y4",
+        "(a)G1 X5(b)",
+        "\tG1\tX 6",
+    ] {
+        assert_eq!(host.ask(line), ["ok"], "{line}");
+    }
+    assert_eq!(place(&mut host), [6, 4]);
+}
+
+#[test]
+fn lists_take_their_first() {
+    let mut host = Host::new();
+    assert_eq!(host.ask("G1 X1:2:3 Y4:5"), ["ok"]);
+    assert_eq!(place(&mut host), [1, 4]);
+}
+
+#[test]
+fn a_wifi_password_survives() {
+    use leadscrew::gcode::reprap::{Parameters, unescaped};
+    for (line, text) in [
+        ("M587 P\"ABCxyz;\"\" 123\"", "ABCxyz;\" 123"),
+        ("M587 P\"ABC'X'Y'Z;\"\" 123\"", "ABCxyz;\" 123"),
+        ("M587 P\"it''s (*!~?\"", "it's (*!~?"),
+    ] {
+        let parameter = Parameters::new(line.as_bytes()).last();
+        let escaped = parameter.and_then(Result::ok).and_then(|last| last.text);
+        let read: Vec<u8> = unescaped(escaped.expect(line)).collect();
+        assert_eq!(String::from_utf8_lossy(&read), text, "{line}");
+    }
+}
+
+#[test]
+fn each_letter_of_the_pages() {
+    let mut host = Host::new();
+    // Letters without a meaning are ignored, also in a line that is checked.
+    host.run(1, &["G1 X1 H1 D2 Q3 L4 P5 S0 E1 T0", "G1 Y2 I K7"]);
+    for axis in ["U", "V", "W"] {
+        // Once for each job.
+        let line = format!("G1 {axis}1");
+        let told = format!("echo:{axis}: no such axis");
+        assert_eq!(first(&mut host, &line), told);
+        assert_eq!(first(&mut host, &line), "");
+    }
+    assert_eq!(place(&mut host), [1, 2]);
+}
+
+#[test]
+fn e_is_counted_where_it_drives_nothing() {
+    let mut host = Host::new();
+    let e = |host: &mut Host| {
+        let position = first(host, "M114");
+        let (_, rest) = position.split_once(" E:").expect("an E");
+        rest.split_once(' ').expect("a count").0.to_owned()
+    };
+    for (line, position) in [
+        ("G1 E2.5", "2.500"),
+        ("G1 X1 E1", "1.000"),
+        ("M83", "1.000"),
+        ("G1 E-0.000001", "1.000"),
+        ("G2 X2 Y1 I1 J0 E0.25", "1.250"),
+        ("G90", "1.250"),
+        ("G1 E4", "4.000"),
+        ("G91", "4.000"),
+        ("G1 X0 E1", "5.000"),
+        ("M82", "5.000"),
+        ("G92 E0", "0.000"),
+        ("G20", "0.000"),
+        ("G1 E1", "25.400"),
+        ("G21", "25.400"),
+        ("M221 S50", "25.400"),
+        ("G1 E30", "30.000"),
+        // A refused line changes nothing.
+        ("G2 X9 Y9 E90", "30.000"),
+    ] {
+        host.ask(line);
+        assert_eq!(e(&mut host), position, "{line}");
+    }
+    assert_eq!(place(&mut host), [2, 1]);
+}
+
+#[test]
+fn g92_sets_the_logical_position() {
+    let mut host = Host::new();
+    host.run(1, &["G1 X10 Y5", "G92 X1 E7", "G1 X2 Y6"]);
+    assert_eq!(place(&mut host), [11, 6]);
+    host.run(4, &["G92", "G1 X1 Y1"]);
+    assert_eq!(place(&mut host), [12, 7]);
+}
+
+#[test]
+fn a_fan_switches_between_two_moves() {
+    let mut host = Host::with(&["783=1", "30=255"]);
+    host.receive(b"G1 X10 F6000\nM106 S127.5\nG1 X20\nM107\n");
+    host.rest();
+    assert_eq!(host.lines(), ["ok"; 4]);
+    let mut host = Host::with(&["783=1", "30=255"]);
+    host.ask("M106 S127");
+    let duty = host.simulator.outputs().duty;
+    let full = leadscrew::model::Outputs::FULL;
+    assert!((duty * 2).abs_diff(full) <= full / 100, "{duty}");
+    assert_eq!(host.simulator.outputs().spindle, Spindle::Clockwise);
+    host.ask("M107");
+    assert_eq!(host.simulator.outputs().duty, 0);
+    let mut host = Host::with(&["783=2"]);
+    host.ask("M106");
+    assert!(host.simulator.outputs().coolant.flood);
+    host.ask("M106 S0");
+    assert!(!host.simulator.outputs().coolant.flood);
+    let mut host = Host::new();
+    assert_eq!(first(&mut host, "M106 S255"), "echo:M106: not present");
+    // Once for each job.
+    assert_eq!(first(&mut host, "M106 S255"), "");
+    host.ask("M110 N0");
+    assert_eq!(first(&mut host, "M106 S255"), "echo:M106: not present");
+}
+
+#[test]
+fn g28_homes_and_counts_from_the_negative_end() {
+    let mut host = Host::new();
+    assert_eq!(first(&mut host, "G28"), "echo:homing is off, $22");
+    let mut host = Host::with(&["22=1", "788=7", "130=100", "131=200", "132=50"]);
+    assert_eq!(host.state(), State::Alarm);
+    let locked = "Error:Printer stopped due to errors. G28 homes the machine; M999 to go on";
+    assert_eq!(first(&mut host, "G1 X1"), locked);
+    assert_eq!(host.ask("G28 X0 Y0"), ["ok"]);
+    assert!(first(&mut host, "M114").starts_with("X:100.000 Y:200.000 Z:0.000"));
+    assert_eq!(host.ask("G28"), ["ok"]);
+    assert!(first(&mut host, "M114").starts_with("X:100.000 Y:200.000 Z:50.000"));
+    assert_eq!(host.ask("G1 X90 F6000"), ["ok"]);
+    assert_eq!(place(&mut host), [-10, 0]);
+}
+
+#[test]
+fn limits_are_lowered_until_a_reset() {
+    let mut host = Host::new();
+    assert_eq!(
+        first(&mut host, "M203"),
+        "echo:M203 X100.000 Y100.000 Z100.000"
+    );
+    assert_eq!(first(&mut host, "M203 X10 Y500"), "");
+    assert_eq!(
+        first(&mut host, "M203"),
+        "echo:M203 X10.000 Y100.000 Z100.000"
+    );
+    let slow = seconds(&mut host, "G1 X50 F6000");
+    assert!((5.0..5.3).contains(&slow), "{slow}");
+    assert_eq!(first(&mut host, "M204 S50"), "");
+    assert_eq!(
+        first(&mut host, "M201"),
+        "echo:M201 X50.000 Y50.000 Z50.000"
+    );
+    host.ask("M92 X10");
+    assert_eq!(first(&mut host, "M92"), "echo:use $100");
+    let settings = host.ask("M503");
+    assert!(
+        settings.contains(&"echo:$110=6000.000".to_owned()),
+        "{settings:?}"
+    );
+    host.ask("M999");
+    host.run_ms(50);
+    host.lines();
+    assert_eq!(
+        first(&mut host, "M203"),
+        "echo:M203 X100.000 Y100.000 Z100.000"
+    );
+    let fast = seconds(&mut host, "G1 X0 F6000");
+    assert!((0.6..0.9).contains(&fast), "{fast}");
+}
+
+#[test]
+fn m220_is_the_feed_override() {
+    let mut host = Host::new();
+    for percent in [100, 50, 37, 200, 195, 10, 15, 100] {
+        assert_eq!(host.ask(&format!("M220 S{percent}")), ["ok"]);
+        host.run_ms(1);
+        let overrides = host.simulator.snapshot().overrides;
+        assert_eq!(i32::from(overrides.feed), percent);
+    }
+}
+
+#[test]
+fn a_pause_with_a_time_ends_by_itself() {
+    let mut host = Host::new();
+    host.receive(b"M0 S2\nG1 X1 F6000\n");
+    host.run_ms(1900);
+    assert_eq!(place(&mut host), [0, 0]);
+    host.run_ms(600);
+    assert_eq!(place(&mut host), [1, 0]);
+    host.receive(b"M0 P500\nG1 X2\n");
+    host.run_ms(400);
+    assert_eq!(place(&mut host), [1, 0]);
+    host.rest();
+    assert_eq!(place(&mut host), [2, 0]);
+}
+
+#[test]
+fn drivers_are_switched_at_standstill() {
+    let mut host = Host::with(&["1=255"]);
+    host.ask("M84");
+    assert!(!host.simulator.outputs().drivers);
+    host.ask("M17");
+    host.run_ms(5000);
+    assert!(host.simulator.outputs().drivers);
+    host.receive(b"G1 X10 F6000\nM18 X Y\n");
+    host.rest();
+    assert_eq!(place(&mut host), [10, 0]);
+    assert!(!host.simulator.outputs().drivers);
+}
+
+#[test]
+fn switches_and_positions_are_reported() {
+    let mut host = Host::with(&["23=1"]);
+    let answer = host.ask("M119");
+    assert_eq!(
+        answer[..3],
+        ["Reporting endstop status", "x_min: open", "y_max: open"]
+    );
+    host.ask("M154 S1");
+    host.run_ms(2500);
+    let told = host.lines();
+    assert_eq!(told.len(), 2, "{told:?}");
+    assert!(told[0].starts_with("X:0.000 Y:0.000 Z:0.000 E:0.000 Count X:0"));
+    host.ask("M154 S0");
+    host.run_ms(2500);
+    assert!(host.lines().is_empty());
+    assert_eq!(
+        host.ask(&numbered(1, "M20")),
+        ["Begin file list", "End file list", "ok"]
+    );
+}
+
+#[test]
+fn g0_is_dark_in_laser_mode() {
+    let mut host = Host::with(&["32=1"]);
+    host.ask("M3 S500");
+    host.receive(b"G1 X10 F600\n");
+    host.run_ms(500);
+    assert!(host.simulator.outputs().duty > 0);
+    host.rest();
+    host.receive(b"G0 X50\n");
+    host.run_ms(200);
+    assert_eq!(host.simulator.outputs().duty, 0);
+    host.rest();
+    host.receive(b"G1 X0 S0 F600\n");
+    host.run_ms(500);
+    assert_eq!(host.simulator.outputs().duty, 0);
+}
