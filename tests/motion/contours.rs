@@ -56,11 +56,13 @@ fn element() -> impl Strategy<Value = Element> {
     })
 }
 
-/// How a program is written: decimals of its coordinates, and whether in G18 instead of G17.
+/// How a program is written: decimals of its coordinates, whether in G18 instead of G17, and whether it
+/// goes up and down along the contour.
 #[derive(Debug, Clone, Copy)]
 struct Form {
     decimals: usize,
     is_zx: bool,
+    has_depths: bool,
 }
 
 impl Form {
@@ -120,9 +122,10 @@ struct Start {
 
 fn start() -> impl Strategy<Value = Start> {
     let unit = || 0.0..1.0_f64;
-    let form = (any::<bool>(), any::<bool>()).prop_map(|(is_fine, is_zx)| Form {
+    let form = any::<[bool; 3]>().prop_map(|[is_fine, is_zx, has_depths]| Form {
         decimals: if is_fine { 6 } else { 3 },
         is_zx,
+        has_depths,
     });
     (
         form,
@@ -295,8 +298,19 @@ impl Job {
         let plane = if self.form.is_zx { 18 } else { 17 };
         let diameter = 2.0 * self.radius;
         let mut lines = vec![format!("G{plane} {code} D{diameter:.6} F40000")];
+        let depth = if self.form.is_zx { "Y" } else { "Z" };
         let pieces = [self.entry].into_iter().chain(self.contour.iter().copied());
-        lines.extend(pieces.map(|piece| self.form.text(&piece)));
+        for (index, piece) in pieces.enumerate() {
+            // A move at the corner, and one along the contour.
+            if self.form.has_depths && index % 3 == 1 {
+                lines.push(format!("G1 {depth}{:.1}", 0.1 * index as f64));
+            }
+            let mut line = self.form.text(&piece);
+            if self.form.has_depths && index % 3 == 2 {
+                line.extend([" ", depth, "0"]);
+            }
+            lines.push(line);
+        }
         lines
     }
 }
