@@ -69,7 +69,10 @@ pub fn refusal(text: &mut Text, error: LineError, line: &[u8], alarm: Option<Ala
 pub fn unknown(text: &mut Text, line: &[u8]) {
     let line = line.trim_ascii();
     text.word("echo:Unknown command: \"");
-    text.bytes(line.get(..SHOWN_BYTES).unwrap_or(line));
+    for byte in line.iter().take(SHOWN_BYTES) {
+        let is_shown = matches!(byte, b' '..=b'~');
+        text.byte(if is_shown { *byte } else { b'?' });
+    }
     text.word("\"").end();
 }
 

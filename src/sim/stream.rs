@@ -243,7 +243,8 @@ impl<'a, P: Iterator<Item = u8>> Stream<'a, P> {
     }
 
     fn receive_line(&mut self, watcher: &mut impl Watcher) {
-        if self.answer == b"ok" || self.answer.starts_with(b"error:") {
+        let is_ok = self.answer == b"ok" || self.answer.starts_with(b"ok ");
+        if is_ok || self.answer.starts_with(b"error:") {
             self.answers += 1;
             let length = self.unanswered.pop_front().unwrap_or(0);
             self.in_flight -= usize::from(length);

@@ -4,7 +4,7 @@ use leadscrew::{
     axis::AXES,
     model::State,
     settings::{Settings, assign},
-    sim::Simulator,
+    sim::{Simulator, StepStatistics},
     units::TICKS_PER_MS,
 };
 
@@ -13,6 +13,7 @@ pub(crate) const STEPS_PER_MM: i32 = 80;
 /// The machine, and what it has sent.
 pub(crate) struct Host {
     pub(crate) simulator: Simulator,
+    pub(crate) statistics: StepStatistics,
     output: Vec<u8>,
 }
 
@@ -55,6 +56,7 @@ impl Host {
     pub(crate) fn of(settings: &Settings) -> Self {
         let mut host = Self {
             simulator: Simulator::new(settings),
+            statistics: StepStatistics::new(),
             output: Vec::new(),
         };
         host.rest();
@@ -73,7 +75,7 @@ impl Host {
         self.simulator.settle();
         self.collect();
         while self.simulator.now() < end {
-            let _ = self.simulator.advance(end);
+            self.advance(end);
             self.collect();
         }
     }
@@ -83,8 +85,14 @@ impl Host {
         self.simulator.settle();
         self.collect();
         while let Some(due) = self.simulator.due() {
-            let _ = self.simulator.advance(due);
+            self.advance(due);
             self.collect();
+        }
+    }
+
+    fn advance(&mut self, time: u64) {
+        if let Some(edge) = self.simulator.advance(time) {
+            self.statistics.add(&edge);
         }
     }
 

@@ -232,6 +232,42 @@ fn grbls_words_may_have_checked_lines() {
 }
 
 #[test]
+fn a_file_runs_as_numbered_lines_do() {
+    let program = [
+        "G21 ; mm",
+        "G0 X10 Y5 F3000",
+        "",
+        "(a comment)",
+        "G2 X20 Y5 I5 J0 E3",
+        "M106 S255",
+        "G1 X0 Y0 F1200 E7 ;back",
+        "G4 P100",
+        "G91",
+        "X1 Y1",
+    ];
+    let hash = |lines: &[String]| {
+        let mut host = Host::new();
+        for line in lines {
+            let answer = host.ask(line);
+            let is_answered = answer.last().is_none_or(|last| last == "ok");
+            let is_refused = answer.iter().any(|line| line.starts_with("Error"));
+            assert!(is_answered && !is_refused, "{line}: {answer:?}");
+        }
+        assert!(host.statistics.events > 1000);
+        host.statistics.hash
+    };
+    let plain: Vec<String> = program.map(str::to_owned).to_vec();
+    // Senders leave comments out.
+    let words = program.iter().filter_map(|line| line.split(';').next());
+    let words = words.filter(|line| !line.is_empty());
+    let checked: Vec<String> = (1..)
+        .zip(words)
+        .map(|(n, line)| numbered(n, line))
+        .collect();
+    assert_eq!(hash(&plain), hash(&checked));
+}
+
+#[test]
 fn without_the_dialect_an_asterisk_is_an_error_as_before() {
     let mut host = Host::of(&settings(&[]));
     assert_eq!(host.ask(&numbered(1, "G1 X1 F6000")), ["error:1"]);

@@ -4,6 +4,7 @@ mod answers;
 #[path = "../support/cases.rs"]
 mod cases;
 mod codes;
+mod damage;
 mod emergencies;
 #[cfg(feature = "axes-4")]
 mod extruder;

@@ -7,6 +7,7 @@ use anyhow::{Error, Result, bail};
 use common::BAUD;
 use indicatif::ProgressBar;
 use leadscrew::{
+    protocol::Dialect,
     settings::Settings,
     sim::{Edge, Simulator, StepStatistics, Stream, StreamEnd, Switch, Watcher},
     units::TICKS_PER_SECOND,
@@ -119,9 +120,11 @@ pub fn stream<R: Recorder>(
     run: Run<R>,
 ) -> Result<Figures> {
     let observer = RefCell::new(Observer::new(run));
+    let numbers = numbers_lines(simulator.session().settings()).then_some(-1);
     let source = Source {
         program,
         bytes: Vec::new().into_iter(),
+        next_number: numbers,
         observer: &observer,
     };
     let mut stream = Stream::new(simulator, source, BAUD).with_statements_at_rest();
@@ -205,10 +208,46 @@ fn figures(simulator: &Simulator, statistics: &StepStatistics) -> Figures {
     }
 }
 
+/// The line with which a sender of the RepRap dialect begins.
+const FIRST: &[u8] = b"M110 N-1";
+
+/// Returns whether lines get numbers and checksums: in the RepRap dialect.
+fn numbers_lines(settings: &Settings) -> bool {
+    Dialect::of(settings) == Dialect::RepRap
+}
+
+/// Returns the reason of a refusal in the RepRap dialect.
+fn host_refusal(text: &str) -> Option<Response> {
+    if text.starts_with("echo:Unknown command") {
+        return Some(Response::Error(20));
+    }
+    let (_, number) = text.strip_prefix("Error:")?.split_once("(error:")?;
+    let number = number.trim_end_matches(')').parse().ok()?;
+    Some(Response::Error(number))
+}
+
+/// Returns a line without comment and blanks at its ends, as Printrun sends it.
+fn words(line: &[u8]) -> &[u8] {
+    let end = line.iter().position(|byte| *byte == b';');
+    end.map_or(line, |end| &line[..end]).trim_ascii()
+}
+
+/// Returns a line with its number and its checksum. Bytes that a sender leaves out are no part of it.
+fn numbered(number: i64, words: &[u8]) -> Vec<u8> {
+    let mut line = format!("N{number} ").into_bytes();
+    let is_sent = |byte: &&u8| !matches!(**byte, b'?' | b'!' | b'~' | 0x18 | b'\r' | 0x80..);
+    line.extend(words.iter().filter(is_sent));
+    let sum = line.iter().fold(0, |sum, byte| sum ^ byte);
+    line.extend(format!("*{sum}\n").bytes());
+    line
+}
+
 /// A program as a stream of bytes.
 struct Source<'o, 'r, R> {
     program: Program,
     bytes: std::vec::IntoIter<u8>,
+    /// The number of the next line, where lines have numbers and checksums.
+    next_number: Option<i64>,
     observer: &'o RefCell<Observer<'r, R>>,
 }
 
@@ -222,11 +261,28 @@ impl<R: Recorder> Iterator for Source<'_, '_, R> {
             }
             let mut observer = self.observer.borrow_mut();
             match self.program.next_line() {
-                Ok(Some(mut line)) => {
+                Ok(Some(line)) => {
                     observer.run.recorder.line(&line);
-                    observer.lines.push_back(line.clone());
-                    line.push(b'\n');
-                    self.bytes = line.into_iter();
+                    if let Some(number) = &mut self.next_number {
+                        let words = words(&line);
+                        if words.is_empty() {
+                            continue;
+                        }
+                        if *number < 0 {
+                            observer.lines.push_back(FIRST.into());
+                            self.bytes = numbered(*number, FIRST).into_iter();
+                            *number = 0;
+                        }
+                        let line = numbered(*number, words);
+                        *number += 1;
+                        observer.lines.push_back(words.to_vec());
+                        let bytes = self.bytes.by_ref().chain(line);
+                        self.bytes = bytes.collect::<Vec<_>>().into_iter();
+                    } else {
+                        observer.lines.push_back(line.clone());
+                        let bytes = line.into_iter().chain([b'\n']);
+                        self.bytes = bytes.collect::<Vec<_>>().into_iter();
+                    }
                 }
                 Ok(None) => return None,
                 Err(error) => {
@@ -246,6 +302,8 @@ struct Observer<'r, R> {
     responses: Responses,
     messages: Vec<(u64, String)>,
     refusals: Refusals,
+    /// The reason that comes before the `ok` of a line that is refused in the RepRap dialect.
+    refused: Option<Response>,
     /// Lines that have been read and not yet answered.
     lines: VecDeque<Vec<u8>>,
     failure: Option<Error>,
@@ -259,6 +317,7 @@ impl<'r, R> Observer<'r, R> {
             responses: Responses::default(),
             messages: Vec::new(),
             refusals: Refusals::default(),
+            refused: None,
             lines: VecDeque::new(),
             failure: None,
         }
@@ -282,7 +341,9 @@ impl<R: Recorder> Watcher for Watched<'_, '_, R> {
         let observer = &mut *self.0.borrow_mut();
         let line = observer.lines.pop_front().unwrap_or_default();
         let text = String::from_utf8_lossy(answer);
-        let response = Response::parse(&text).unwrap_or(Response::Error(0));
+        let word = text.split(' ').next().unwrap_or_default();
+        let response = Response::parse(word).unwrap_or(Response::Error(0));
+        let response = observer.refused.take().unwrap_or(response);
         observer.responses.push(response);
         let is_refused = response != Response::Ok;
         observer.run.recorder.answer(is_refused);
@@ -295,6 +356,7 @@ impl<R: Recorder> Watcher for Watched<'_, '_, R> {
     fn message(&mut self, answers: u64, message: &[u8]) {
         let observer = &mut *self.0.borrow_mut();
         let text = String::from_utf8_lossy(message).into_owned();
+        observer.refused = host_refusal(&text).or(observer.refused);
         if text.starts_with("Grbl ") {
             // The welcome belongs to power-up, not to the program.
             return;
@@ -307,5 +369,31 @@ impl<R: Recorder> Watcher for Watched<'_, '_, R> {
             }
         }
         observer.messages.push((answers, text));
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn lines_get_numbers_and_checksums_as_printrun_gives_them() {
+        assert_eq!(numbered(3, b"T0"), b"N3 T0*57\n");
+        assert_eq!(numbered(-1, FIRST), b"N-1 M110 N-1*125\n");
+        assert_eq!(numbered(1, b"M117 Done!"), numbered(1, b"M117 Done"));
+        assert_eq!(words(b"  G1 X1 ; to X1\r"), b"G1 X1");
+        assert_eq!(words(b"; nothing"), b"");
+    }
+
+    #[test]
+    fn a_refusal_in_words_is_that_of_its_number() {
+        for (text, number) in [
+            ("Error:a word must begin with a letter (error:1)", Some(1)),
+            ("echo:Unknown command: \"G150\"", Some(20)),
+            ("echo:M104: not present", None),
+            ("Error:checksum mismatch, Last Line: 1", None),
+        ] {
+            assert_eq!(host_refusal(text), number.map(Response::Error), "{text}");
+        }
     }
 }

@@ -64,6 +64,9 @@ struct Options {
     /// Change a setting, as '$110=5000'; repeatable
     #[arg(long, value_name = "$N=VALUE")]
     set: Vec<String>,
+    /// Speak the RepRap dialect: '$780=1', and each line with its number and checksum
+    #[arg(long, conflicts_with_all = ["on_target", "session"])]
+    reprap: bool,
     /// Read settings from a file of $n=value lines
     #[arg(long, value_name = "FILE")]
     settings: Option<PathBuf>,
@@ -126,7 +129,11 @@ fn run(options: &Options) -> Result<ExitCode> {
     }
     // What is wrong with what was asked for is told before anything runs: first what is read, then
     // what is written.
-    let loaded = settings::load(options.settings.as_deref(), &options.set)?;
+    let mut set = options.set.clone();
+    if options.reprap {
+        set.push("$780=1".into());
+    }
+    let loaded = settings::load(options.settings.as_deref(), &set)?;
     let tools = options.tool_table.as_deref().map(tool_table::read);
     let tools = tools.transpose()?.unwrap_or_default();
     let program = options.file.as_deref().map(Program::open).transpose()?;
