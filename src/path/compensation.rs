@@ -37,6 +37,8 @@ const AFTER: usize = 16;
 /// Most by which an arc may become longer at a concave corner, rad, as in LinuxCNC: where the corner lies
 /// next to its end.
 const LONGER_ARC_RAD: f64 = 0.0254;
+/// Greatest distance that rounding may make of none.
+const ROUNDING_MM: f64 = 5.0e-6;
 
 /// Why a move cannot be compensated.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -53,6 +55,9 @@ struct CutterMove {
     start: Axes<Nm>,
     end: Axes<Nm>,
     arc: Option<CutterArc>,
+    /// The direction of a line of the contour, in which it must go when it has been shortened.
+    direction: Option<Vector>,
+    is_entry: bool,
     feed_rate: FeedRate,
     line: u32,
 }
@@ -91,6 +96,7 @@ struct Plan {
     around: Option<([Nm; 2], Option<CutterArc>)>,
     end: [Nm; 2],
     arc: Option<CutterArc>,
+    direction: Option<Vector>,
     /// Length as programmed, mm.
     length_mm: f32,
 }
@@ -244,6 +250,8 @@ impl Compensator {
             start: core::mem::replace(&mut at, placed(plan.cutter.plane, &self.end, corner)),
             end: at,
             arc,
+            direction: None,
+            is_entry: false,
             feed_rate,
             line,
         });
@@ -252,6 +260,8 @@ impl Compensator {
             start: at,
             end: self.end,
             arc: plan.arc,
+            direction: plan.direction,
+            is_entry: plan.entry.is_some(),
             feed_rate,
             line,
         });
@@ -275,6 +285,14 @@ impl Compensator {
             }
         }
         place(&mut self.end);
+    }
+
+    /// Returns whether the move that waits would go back to its end: the corners at both of its ends are
+    /// farther apart for the cutter than it is long.
+    #[must_use]
+    pub fn goes_back(&self) -> bool {
+        let goes_back = |waiting: &CutterMove| waiting.goes_back(self.plane, &waiting.end);
+        self.waiting.as_ref().is_some_and(goes_back)
     }
 
     /// Releases everything: the waiting move goes to its end.
@@ -387,6 +405,14 @@ impl Behind {
 }
 
 impl CutterMove {
+    /// Returns whether a line of the contour would go back to an end.
+    fn goes_back(&self, plane: Plane, end: &Axes<Nm>) -> bool {
+        let (first, second, _) = plane.axes();
+        let distance = [first, second].map(|axis| (end[axis] - self.start[axis]).to_mm_f64());
+        self.direction
+            .is_some_and(|direction| dot(direction, distance) < -ROUNDING_MM)
+    }
+
     fn command(&self, plane: Plane) -> Command {
         let target = self.end.into();
         let (feed_rate, line) = (self.feed_rate, self.line);
@@ -551,6 +577,7 @@ impl<'a> Site<'a> {
             around: None,
             end: self.machine(end),
             arc,
+            direction: None,
             length_mm: self.length_mm(),
         })
     }
@@ -601,8 +628,12 @@ impl<'a> Site<'a> {
             around: None,
             end: self.machine(end),
             arc: None,
+            direction: self.arc.is_none().then_some(direction),
             length_mm: self.length_mm(),
         };
+        if before.goes_back() {
+            return None;
+        }
         let mut start = tool;
         match meeting(side, n, n_after, self.is_reversal_concave(before)) {
             Meeting::Tangent => {}
@@ -670,8 +701,8 @@ impl<'a> Site<'a> {
         let Some(arc) = &waiting.arc else {
             let before = Track::Line(tool, travel(side, n));
             let corner = intersection(side, before, after)?;
-            let is_reversed = dot(minus(tool, start), minus(corner, start)) < 0.0;
-            return (!is_reversed).then_some((corner, 0.0));
+            let is_back = dot(travel(side, n), minus(corner, start)) < 0.0;
+            return (waiting.is_entry || !is_back).then_some((corner, 0.0));
         };
         let centre = self.relative(arc.centre);
         let before = Track::Circle(centre, length(minus(tool, centre)), arc.rotation);

@@ -96,7 +96,9 @@ impl ProgramReader {
         let programmed = self.interpreter.compensated_move(&checked);
         let farthest = self.settings.farthest();
         let misfit = programmed.map(|one| self.compensator.plan(&one, &farthest));
-        if misfit.is_some_and(|planned| planned.is_err()) {
+        let is_over = !checked.is_compensated() || checked.stops_program();
+        let goes_back = is_over && self.compensator.goes_back();
+        if goes_back || misfit.is_some_and(|planned| planned.is_err()) {
             return Vec::new();
         }
         self.programmed = programmed;
@@ -192,6 +194,11 @@ mod tests {
         assert_eq!(ends("G3 X-11 Y9 I0 J-1"), [[0; 2]; 0]);
         assert_eq!(ends("G1 Y20"), [[-10, 8], [-12, 10]]);
         assert_eq!(ends("G40 X-20"), [[-12, 20], [-20, 20]]);
+        // A line between two corners that is shorter than both take of it.
+        for line in ["G41.1 D4", "X-30 Y20", "Y25", "X-31"] {
+            reader.line(line.as_bytes());
+        }
+        assert_eq!(reader.line(b"G40"), []);
     }
 
     #[test]
