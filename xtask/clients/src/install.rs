@@ -40,7 +40,7 @@ pub(super) fn python() -> Result<PathBuf> {
     if is_stamped(&home, &wanted) && cargo::is_there(&program.to_string_lossy()) {
         return Ok(program);
     }
-    ui::status("Installing", "grbl-streamer and bCNC with pip");
+    ui::status("Installing", "grbl-streamer, bCNC and Printrun with pip");
     let _ = fs::remove_dir_all(&home);
     fs::create_dir_all(folder())?;
     quietly(Command::new(system).args(["-m", "venv"]).arg(&home)).context(

@@ -50,19 +50,21 @@ pub(super) enum Machine {
 }
 
 impl Machine {
-    /// Starts one with the settings in a file; also gives the line to it, and its settings.
+    /// Starts one with the settings in a file and those beside it; also gives the line to it, and its
+    /// settings.
     pub(super) fn start(
         place: Place,
         folder: &Path,
         file: &Path,
+        beside: &[String],
     ) -> Result<(Self, OwnedFd, Settings)> {
         match place {
             Place::Simulator => {
-                let loaded = settings::load(Some(file), &[])?;
-                let (machine, line) = simulator(folder, file)?;
+                let loaded = settings::load(Some(file), beside)?;
+                let (machine, line) = simulator(folder, file, beside)?;
                 Ok((machine, line, loaded.settings))
             }
-            Place::Firmware => firmware(file),
+            Place::Firmware => firmware(file, beside),
         }
     }
 
@@ -97,7 +99,7 @@ impl Drop for Machine {
     }
 }
 
-fn simulator(folder: &Path, settings: &Path) -> Result<(Machine, OwnedFd)> {
+fn simulator(folder: &Path, settings: &Path, beside: &[String]) -> Result<(Machine, OwnedFd)> {
     let link: PathBuf = folder.join("machine");
     let messages = fs::File::create(folder.join("machine.log"))?;
     let mut process = tools::command(tools::SIM)?
@@ -105,6 +107,7 @@ fn simulator(folder: &Path, settings: &Path) -> Result<(Machine, OwnedFd)> {
         .arg(&link)
         .arg("--settings")
         .arg(settings)
+        .args(beside.iter().flat_map(|setting| ["--set", setting]))
         .stdin(Stdio::null())
         .stdout(Stdio::null())
         .stderr(messages)
@@ -136,12 +139,12 @@ fn built(board: &Board) -> Result<PathBuf> {
     built.clone().context("the firmware has been built")
 }
 
-fn firmware(file: &Path) -> Result<(Machine, OwnedFd, Settings)> {
+fn firmware(file: &Path, beside: &[String]) -> Result<(Machine, OwnedFd, Settings)> {
     cargo::need_qemu()?;
     let (board, machine) = boards::emulated()?;
     let elf = built(&board)?;
     let step_rate = firmware::image::read(&elf).map(StepRate::of_image)?;
-    let loaded = settings::load_for(step_rate, Some(file), &[])?;
+    let loaded = settings::load_for(step_rate, Some(file), beside)?;
     let mut emulator = Emulator::start(&elf, &machine)?;
     emulator.wait_for_welcome(START)?;
     for statement in &loaded.statements {

@@ -2,11 +2,14 @@
 //!
 //! Each sender is driven by a script in `tests/clients`, which says what it does and checks what the
 //! sender makes of it. Between the sender and the machine sits a tap, and whatever the script checks,
-//! the account of what passed must be right to the last byte: see [`account`].
+//! the account of what passed must be right to the last byte: see [`grbl`] and [`reprap`].
 
 mod account;
+mod damage;
+mod grbl;
 mod install;
 mod machine;
+mod reprap;
 mod tap;
 
 use std::{
@@ -29,8 +32,11 @@ use leadscrew::settings::Settings;
 use rustix::process::{Pid, Signal};
 
 use self::{
-    account::{Account, Counts},
+    account::Account,
+    damage::Damage,
+    grbl::Grbl,
     machine::{Machine, Place},
+    reprap::RepRap,
     tap::Tap,
 };
 
@@ -65,15 +71,21 @@ enum Sender {
     Cncjs,
     /// The page that cncjs serves, in a browser without a window.
     CncjsPage,
+    /// The part of Printrun that sends, for RepRap machines.
+    Printcore,
+    /// A client of our own that keeps the rules by which OctoPrint sends.
+    OctoPrintRules,
 }
 
 impl Sender {
-    const ALL: [Self; 5] = [
+    const ALL: [Self; 7] = [
         Self::Raw,
         Self::GrblStreamer,
         Self::Bcnc,
         Self::Cncjs,
         Self::CncjsPage,
+        Self::Printcore,
+        Self::OctoPrintRules,
     ];
 
     fn name(self) -> &'static str {
@@ -83,7 +95,20 @@ impl Sender {
             Self::Bcnc => "bCNC",
             Self::Cncjs => "cncjs",
             Self::CncjsPage => "cncjs' page",
+            Self::Printcore => "printcore",
+            Self::OctoPrintRules => "OctoPrint's rules",
         }
+    }
+
+    /// Whether it numbers its lines, and sends those again that were damaged.
+    fn is_for_reprap(self) -> bool {
+        matches!(self, Self::Printcore | Self::OctoPrintRules)
+    }
+
+    /// What it needs beside the settings of all.
+    fn settings(self) -> Vec<String> {
+        let dialect = self.is_for_reprap().then(|| "$780=1".into());
+        dialect.into_iter().collect()
     }
 
     /// The script that drives it, and the program that runs the script.
@@ -92,6 +117,8 @@ impl Sender {
             Self::Raw => (install::plain_python()?, "raw.py"),
             Self::GrblStreamer => (install::python()?, "grbl_streamer_jobs.py"),
             Self::Bcnc => (install::python_with_tk()?, "bcnc_jobs.py"),
+            Self::Printcore => (install::python()?, "printcore_jobs.py"),
+            Self::OctoPrintRules => (install::python()?, "octoprint_jobs.py"),
             Self::Cncjs => return Ok((with_modules()?, "cncjs_jobs.js")),
             Self::CncjsPage => {
                 let browser = install::browser()?;
@@ -128,6 +155,9 @@ struct Options {
     clients: bool,
 }
 
+/// From which lines are damaged.
+const SEED: u64 = 7;
+
 /// Checks at the same time: senders wait most of it.
 const AT_ONCE: usize = 4;
 
@@ -143,15 +173,23 @@ fn all() -> impl Iterator<Item = Check> {
         (Place::Firmware, "firmware"),
     ];
     places.into_iter().flat_map(|(place, at)| {
-        Sender::ALL.map(|sender| {
-            let name = format!("{} at the {at}", sender.name());
-            Check::new(name, move || drive(sender, place))
+        // The firmware has the RepRap dialect only where it is built so.
+        let is_there = move |sender: &Sender| place == Place::Simulator || !sender.is_for_reprap();
+        let senders = Sender::ALL.into_iter().filter(is_there);
+        let lines = senders.flat_map(|sender| {
+            let damaged = sender.is_for_reprap().then_some((sender, true));
+            [(sender, false)].into_iter().chain(damaged)
+        });
+        lines.map(move |(sender, is_damaged)| {
+            let line = if is_damaged { " on a bad line" } else { "" };
+            let name = format!("{} at the {at}{line}", sender.name());
+            Check::new(name, move || drive(sender, place, is_damaged))
         })
     })
 }
 
 /// Drives one sender at one machine.
-fn drive(sender: Sender, place: Place) -> Result<Verdict> {
+fn drive(sender: Sender, place: Place, is_damaged: bool) -> Result<Verdict> {
     let installing = INSTALLING.lock();
     let command = sender.command();
     drop(installing);
@@ -159,7 +197,7 @@ fn drive(sender: Sender, place: Place) -> Result<Verdict> {
         Ok(found) => found,
         Err(reason) => return Ok(Verdict::Skipped(format!("{reason:#}"))),
     };
-    let mut run = Run::start(Path::new(script), place)?;
+    let mut run = Run::start(Path::new(script), sender, place, is_damaged)?;
     command.arg(install::scripts().join(script));
     command.arg(run.folder.join("port")).arg(place.name());
     let ended = run.sender(command);
@@ -167,13 +205,13 @@ fn drive(sender: Sender, place: Place) -> Result<Verdict> {
     let account = run.end()?;
     let end = ended.with_context(|| format!("see {}", run.folder.display()))?;
     ensure!(
-        account.faults.is_empty(),
+        account.faults().is_empty(),
         "{}\n(see {})",
-        account.faults.join("\n"),
+        account.faults().join("\n"),
         run.folder.join("wire.log").display()
     );
-    run.check_end(&account, end.as_deref())?;
-    Ok(Verdict::Counted(summary(&account.counts)))
+    run.check_end(&*account, end.as_deref())?;
+    Ok(Verdict::Counted(account.summary()))
 }
 
 /// One sender at one machine.
@@ -188,14 +226,21 @@ struct Run {
 }
 
 impl Run {
-    fn start(script: &Path, place: Place) -> Result<Self> {
+    fn start(script: &Path, sender: Sender, place: Place, is_damaged: bool) -> Result<Self> {
         let stem = script.file_stem().unwrap_or_default().to_string_lossy();
-        let folder = install::folder().join(format!("{stem}-{}", place.name()));
+        let line = if is_damaged { "-bad-line" } else { "" };
+        let folder = install::folder().join(format!("{stem}-{}{line}", place.name()));
         let _ = fs::remove_dir_all(&folder);
         fs::create_dir_all(&folder)?;
         let file = install::scripts().join(format!("{}.settings", place.name()));
-        let (machine, line, settings) = Machine::start(place, &folder, &file)?;
-        let tap = Tap::open(&folder.join("port"), line)?;
+        let (machine, line, settings) = Machine::start(place, &folder, &file, &sender.settings())?;
+        let account: Box<dyn Account> = if sender.is_for_reprap() {
+            Box::new(RepRap::new(is_damaged))
+        } else {
+            Box::<Grbl>::default()
+        };
+        let damage = is_damaged.then(|| Damage::new(SEED));
+        let tap = Tap::open(&folder.join("port"), line, account, damage)?;
         Ok(Self {
             folder,
             settings,
@@ -297,7 +342,7 @@ impl Run {
     }
 
     /// Closes the line when nothing is owed any more, and keeps what passed.
-    fn end(&mut self) -> Result<Account> {
+    fn end(&mut self) -> Result<Box<dyn Account>> {
         let start = Instant::now();
         let mut quiet = 0;
         while quiet < QUIET_GLANCES && start.elapsed() < REST {
@@ -309,11 +354,12 @@ impl Run {
         let mut seen = self.tap.seen();
         seen.account.close();
         seen.write_log(&self.folder.join("wire.log"))?;
-        Ok(mem::take(&mut seen.account))
+        let nothing: Box<dyn Account> = Box::<Grbl>::default();
+        Ok(mem::replace(&mut seen.account, nothing))
     }
 
     /// Checks that the machine is where the script says.
-    fn check_end(&mut self, account: &Account, said: Option<&str>) -> Result<()> {
+    fn check_end(&mut self, account: &dyn Account, said: Option<&str>) -> Result<()> {
         let place = said.and_then(|line| line.strip_prefix("at "));
         let place = place.context("the script does not say where the machine is to be")?;
         let wanted: Result<Vec<f64>, _> = place.split(',').map(str::parse).collect();
@@ -337,19 +383,4 @@ impl Run {
         }
         Ok(())
     }
-}
-
-fn summary(counts: &Counts) -> String {
-    format!(
-        "{} lines, {} answers, {} voided by {} resets, {} `?`, {} reports, {} other realtime bytes, \
-         at most {} bytes in flight",
-        counts.lines,
-        counts.answers,
-        counts.voided,
-        counts.resets,
-        counts.queries,
-        counts.reports,
-        counts.realtime,
-        counts.most_in_flight
-    )
 }

@@ -25,7 +25,7 @@ use rustix::{
     io::Errno,
 };
 
-use super::account::Account;
+use super::{account::Account, damage::Damage};
 
 /// Longest wait for bytes before it is looked whether the tap is to end.
 const WAIT: Timespec = Timespec {
@@ -61,9 +61,8 @@ impl Passed {
 }
 
 /// What the tap has seen.
-#[derive(Default)]
 pub(super) struct Seen {
-    pub(super) account: Account,
+    pub(super) account: Box<dyn Account>,
     passed: Vec<Passed>,
 }
 
@@ -76,16 +75,25 @@ pub(super) struct Tap {
 }
 
 impl Tap {
-    /// Opens a terminal at `path` for the sender, on the line to a machine.
-    pub(super) fn open(path: &Path, machine: OwnedFd) -> Result<Self> {
+    /// Opens a terminal at `path` for the sender, on the line to a machine. Lines may be damaged: the
+    /// account is told what the machine gets and says.
+    pub(super) fn open(
+        path: &Path,
+        machine: OwnedFd,
+        account: Box<dyn Account>,
+        mut damage: Option<Damage>,
+    ) -> Result<Self> {
         let (pty, link) = Pty::at(path)?;
         let flags = rustix::fs::fcntl_getfl(&machine)?;
         rustix::fs::fcntl_setfl(&machine, flags | OFlags::NONBLOCK)?;
-        let seen = Arc::new(Mutex::new(Seen::default()));
+        let seen = Arc::new(Mutex::new(Seen::new(account)));
         let is_over = Arc::new(AtomicBool::new(false));
         let thread = {
             let (seen, is_over) = (seen.clone(), is_over.clone());
-            thread::spawn(move || carry(pty.controller(), machine.as_fd(), &seen, &is_over))
+            thread::spawn(move || {
+                let ends = (pty.controller(), machine.as_fd());
+                carry(ends, &seen, damage.as_mut(), &is_over)
+            })
         };
         Ok(Self {
             seen,
@@ -118,6 +126,13 @@ impl Drop for Tap {
 }
 
 impl Seen {
+    fn new(account: Box<dyn Account>) -> Self {
+        Self {
+            account,
+            passed: Vec::new(),
+        }
+    }
+
     fn take_note(&mut self, at: Duration, way: Way, bytes: &[u8]) {
         match way {
             Way::ToMachine => self.account.sent(bytes),
@@ -162,9 +177,9 @@ impl Seen {
 /// A machine that a busy host has stopped within a line is silent as no serial line is. bCNC takes what
 /// comes before a tenth of a second of silence for a line.
 fn carry(
-    sender: impl AsFd,
-    machine: impl AsFd,
+    (sender, machine): (impl AsFd, impl AsFd),
     seen: &Mutex<Seen>,
+    mut damage: Option<&mut Damage>,
     is_over: &AtomicBool,
 ) -> Result<()> {
     let start = Instant::now();
@@ -197,9 +212,17 @@ fn carry(
             let length = moved(rustix::io::read(from, &mut chunk))?;
             if length > 0 {
                 is_done = false;
+                let bytes = match (&mut damage, way) {
+                    (Some(damage), Way::ToMachine) => damage.sent(&chunk[..length]),
+                    _ => chunk[..length].to_vec(),
+                };
                 let mut seen = seen.lock().unwrap_or_else(PoisonError::into_inner);
-                seen.take_note(start.elapsed(), way, &chunk[..length]);
-                waiting.extend(&chunk[..length]);
+                seen.take_note(start.elapsed(), way, &bytes);
+                drop(seen);
+                match (&mut damage, way) {
+                    (Some(damage), Way::FromMachine) => damage.received(&bytes, waiting),
+                    _ => waiting.extend(bytes),
+                }
             }
         }
         let (all, whole) = (to_machine.len(), whole_lines(&to_sender));
@@ -233,11 +256,11 @@ fn moved(result: rustix::io::Result<usize>) -> Result<usize> {
 
 #[cfg(test)]
 mod tests {
-    use super::*;
+    use super::{super::grbl::Grbl, *};
 
     #[test]
     fn the_last_lines_are_told_with_their_pieces_together() {
-        let mut seen = Seen::default();
+        let mut seen = Seen::new(Box::<Grbl>::default());
         for (ms, way, bytes) in [
             (1, Way::ToMachine, "G0\n"),
             (2, Way::FromMachine, "o"),
