@@ -108,6 +108,8 @@ pub enum LineError {
     Checksum = 200,
     /// A line whose number does not follow that of the last line.
     LineNumber = 201,
+    /// `G1 R1` without a pause before.
+    NoPausePosition = 202,
     /// Homing while a limit switch of an axis to be homed is closed already.
     LimitsEngaged = 203,
     /// A change that could not be stored, and has not been made.
@@ -124,7 +126,7 @@ pub enum LineError {
 
 impl LineError {
     /// Every error, in the order of the numbers.
-    pub const ALL: [Self; 55] = [
+    pub const ALL: [Self; 56] = [
         Self::ExpectedLetter,
         Self::BadNumber,
         Self::InvalidStatement,
@@ -174,6 +176,7 @@ impl LineError {
         Self::CutterDoesNotFit,
         Self::Checksum,
         Self::LineNumber,
+        Self::NoPausePosition,
         Self::LimitsEngaged,
         Self::StorageWrite,
         Self::ArcAfterCompensation,
@@ -246,6 +249,7 @@ impl LineError {
             }
             Self::Checksum => "the checksum is wrong, or the line has not both it and a number",
             Self::LineNumber => "the line number is not the next one",
+            Self::NoPausePosition => "no pause position",
             Self::LimitsEngaged => "a limit switch of an axis to be homed is closed",
             Self::StorageWrite => "the change could not be stored and has not been made",
             Self::ArcAfterCompensation => "the move after G40 must be straight",

@@ -7,7 +7,7 @@ use core::ops::RangeInclusive;
 
 use super::{Distance, LineError, Modal, MotionMode, Units};
 use crate::{
-    axis::{AXES, LETTERS, LINEAR},
+    axis::{AXES, Axes, LETTERS, LINEAR},
     decimal::Decimal,
     settings::Settings,
     units::Nm,
@@ -22,6 +22,8 @@ pub struct Meaning {
     pub extruder: Extruder,
     /// Time after which a pause ends by itself, ms.
     pub pause_ms: Option<u32>,
+    /// The line moves single motors: the machine is not homed any more.
+    pub moves_motors: bool,
     /// The letter of an axis that is not there, whose word has been left out.
     pub missing_axis: Option<u8>,
 }
@@ -111,6 +113,14 @@ pub struct Context<'a> {
     pub extruder: Extruder,
     /// Work position of the axis that `E` drives, by its number.
     pub driven: Option<(usize, Nm)>,
+    /// Where the program is, in machine coordinates.
+    pub position: Axes<Nm>,
+    /// Where the machine has paused last, in machine coordinates.
+    pub paused_at: Option<Axes<Nm>>,
+    /// Whether nothing moves.
+    pub is_idle: bool,
+    /// Whether the axes are where their coordinates say.
+    pub is_homed: bool,
 }
 
 /// A field of a line.
@@ -259,6 +269,7 @@ pub fn read(
         command: None,
         extruder: context.extruder,
         pause_ms: None,
+        moves_motors: false,
         missing_axis: None,
     };
     let codes = match Codes::read(line)? {
@@ -282,6 +293,15 @@ pub fn read(
         HostLine::Dwell => meaning.command = dwell(line, &mut write)?,
         HostLine::SetPosition => {
             meaning.command = set_position(line, context, &mut meaning, &mut write)?;
+        }
+        HostLine::Motors => write_motors(line, *b"ABC", context, &codes, &mut meaning, &mut write)?,
+        HostLine::Motion if codes.is_straight && is_one(line, b'R', 1)? => {
+            write_return(line, context, &codes, &mut write)?;
+        }
+        HostLine::Motion
+            if codes.is_straight && !context.settings.laser && is_one(line, b'S', 2)? =>
+        {
+            write_motors(line, *b"XYZ", context, &codes, &mut meaning, &mut write)?;
         }
         HostLine::Motion => write_motion(line, context, &codes, &mut meaning, &mut write)?,
         HostLine::Grbl => {
@@ -308,6 +328,8 @@ enum HostLine {
     Home,
     /// `G4`.
     Dwell,
+    /// `G6`.
+    Motors,
     /// `G92`.
     SetPosition,
     /// `G0` to `G3`, words without a code, and modes.
@@ -369,6 +391,7 @@ impl Codes {
             Some(0 | 1) => self.is_straight = true,
             Some(17..=19 | 53..=59 | 61 | 64 | 93 | 94) => {}
             Some(4) => self.kind = HostLine::Dwell,
+            Some(6) => self.kind = HostLine::Motors,
             Some(28) => self.kind = HostLine::Home,
             Some(92) => self.kind = HostLine::SetPosition,
             Some(29..=32) => return Err(LineError::Unsupported),
@@ -412,7 +435,6 @@ fn write_motion(
                 Some(_) => return Err(LineError::Unsupported),
                 None => return Err(LineError::BadNumber),
             },
-            b'R' if !is_arc => return Err(LineError::Unsupported),
             letter if Some(letter) == driven => meaning.missing_axis = Some(letter),
             letter if is_motion_word(letter, is_arc) => {
                 write(&[letter]);
@@ -447,6 +469,98 @@ fn scaled(delta: Nm, percent: u16) -> Nm {
         return delta;
     }
     Nm::from_mm_f64(delta.to_mm_f64() * f64::from(percent) * 0.01)
+}
+
+/// Whether a line has a letter with a number.
+fn is_one(line: &[u8], letter: u8, number: i64) -> Result<bool, LineError> {
+    let value = value(line, letter)?;
+    Ok(value.is_some_and(|value| value.is_whole() && value.trunc() == number))
+}
+
+/// `G1 R1`: to the place of the last pause, with the words as offsets from it.
+fn write_return(
+    line: &[u8],
+    context: &Context<'_>,
+    codes: &Codes,
+    write: &mut impl FnMut(&[u8]),
+) -> Result<(), LineError> {
+    let paused_at = context.paused_at.ok_or(LineError::NoPausePosition)?;
+    write(b"G53G1");
+    for (axis, place) in paused_at.iter().enumerate().take(LINEAR) {
+        let offset = value(line, LETTERS[axis])?;
+        let offset = offset.map_or(Nm(0), |offset| length(offset, codes.is_in_inches, context));
+        write_coordinate(axis, *place + offset, codes, context, write);
+    }
+    write_feed(line, write)
+}
+
+/// `G6`, `G0 S2`: motors to positions, or by them with `R`; the machine is not homed any more.
+fn write_motors(
+    line: &[u8],
+    letters: [u8; LINEAR],
+    context: &Context<'_>,
+    codes: &Codes,
+    meaning: &mut Meaning,
+    write: &mut impl FnMut(&[u8]),
+) -> Result<(), LineError> {
+    if !context.settings.moves_motors {
+        return Err(LineError::Unsupported);
+    }
+    if !context.is_idle {
+        return Err(LineError::NotIdle);
+    }
+    let is_relative = has(line, b'R');
+    write(b"G53G1");
+    for (axis, letter) in letters.into_iter().enumerate() {
+        let Some(number) = value(line, letter)? else {
+            continue;
+        };
+        let given = length(number, codes.is_in_inches, context);
+        let target = if is_relative {
+            context.position[axis] + given
+        } else {
+            given
+        };
+        let lowest = -Nm::from_mm_f64(f64::from(context.settings.max_travel_mm[axis])).0;
+        if context.is_homed && !(lowest..=0).contains(&target.0) {
+            return Err(LineError::InvalidTarget);
+        }
+        write_coordinate(axis, target, codes, context, write);
+    }
+    meaning.moves_motors = true;
+    write_feed(line, write)
+}
+
+/// Writes the word of an axis, in the units of the line.
+fn write_coordinate(
+    axis: usize,
+    value: Nm,
+    codes: &Codes,
+    context: &Context<'_>,
+    write: &mut impl FnMut(&[u8]),
+) {
+    let is_modal = context.modal.units == Units::Inches;
+    let is_in_inches = codes.is_in_inches.unwrap_or(is_modal);
+    write(&[LETTERS[axis]]);
+    let value = if is_in_inches {
+        Nm::from_mm_f64(value.to_mm_f64() / 25.4)
+    } else {
+        value
+    };
+    write_millionths(value.0, write);
+}
+
+/// Writes the `F` and the units of a line.
+fn write_feed(line: &[u8], write: &mut impl FnMut(&[u8])) -> Result<(), LineError> {
+    for parameter in Parameters::new(line) {
+        let parameter = parameter?;
+        let is_unit = parameter.letter == b'G' && matches!(parameter.code(), Some(20 | 21));
+        if parameter.letter == b'F' || is_unit {
+            write(&[parameter.letter]);
+            write(parameter.number);
+        }
+    }
+    Ok(())
 }
 
 /// Whether a word of a line of motion means to Grbl what it means here.

@@ -359,3 +359,57 @@ fn g0_is_dark_in_laser_mode() {
     host.run_ms(500);
     assert_eq!(host.simulator.outputs().duty, 0);
 }
+
+#[test]
+fn back_to_the_pause_and_5_mm_above() {
+    let mut host = Host::new();
+    assert_eq!(
+        first(&mut host, "G1 R1 Z5"),
+        "Error:no pause position (error:202)"
+    );
+    host.receive(b"G1 X10 Y20 F6000\nM0\nG92 X0 Y0\nG91\nG1 X30 Y-5\n");
+    host.run_ms(2000);
+    assert_eq!(host.state(), State::HoldComplete);
+    host.receive(b"M108\n");
+    host.rest();
+    host.lines();
+    assert_eq!(place(&mut host), [40, 15]);
+    assert_eq!(host.ask("G1 R1 Z5 F6000"), ["ok"]);
+    assert_eq!(place(&mut host), [10, 20]);
+    assert_eq!(host.simulator.physical_steps()[2], 5 * STEPS_PER_MM);
+    // The modes are as before.
+    assert_eq!(host.ask("G1 X1"), ["ok"]);
+    assert_eq!(place(&mut host), [11, 20]);
+}
+
+#[test]
+fn g6_only_where_allowed_idle_and_in_range() {
+    let mut host = Host::with(&["784=1", "22=1", "788=7", "130=100", "131=100", "132=100"]);
+    host.ask("G28");
+    assert_eq!(host.ask("G6 A-45 F6000"), ["ok"]);
+    assert_eq!(place(&mut host), [-45, 0]);
+    // Not homed any more: nobody knows where the travel ends.
+    assert_eq!(host.ask("G6 B20 C10 R F6000"), ["ok"]);
+    assert_eq!(place(&mut host), [-45, 20]);
+    host.ask("G28");
+    let refused = "Error:the target cannot be reached (error:33)";
+    assert_eq!(first(&mut host, "G6 A1"), refused);
+    assert_eq!(first(&mut host, "G6 A-101 B-1"), refused);
+    host.receive(b"G1 X0 F600\nG6 A-45\n");
+    host.run_ms(100);
+    let busy = "Error:only possible while the machine is idle (error:8)";
+    assert_eq!(host.lines(), ["ok", busy, "ok"]);
+}
+
+#[test]
+fn s2_needs_784() {
+    let mut host = Host::new();
+    let unknown = "echo:Unknown command: \"G1 S2 X5\"";
+    assert_eq!(first(&mut host, "G1 S2 X5"), unknown);
+    let mut host = Host::with(&["784=1"]);
+    assert_eq!(host.ask("G1 S2 X5 F6000"), ["ok"]);
+    assert_eq!(place(&mut host), [5, 0]);
+    assert_eq!(host.ask("G20"), ["ok"]);
+    assert_eq!(host.ask("G1 S2 Y1"), ["ok"]);
+    assert_eq!(host.xy()[1], (25.4 * f64::from(STEPS_PER_MM)) as i32);
+}

@@ -217,6 +217,7 @@ impl Session {
             }
             if result.is_ok() {
                 self.host.extruder = self.host.next_extruder;
+                self.is_homed &= !core::mem::take(&mut self.host.moves_motors);
             }
             return self.begin_line();
         };

@@ -7,11 +7,13 @@
 
 use super::{LineStage, Links, Session, host_commands::LoweredLimits};
 use crate::{
+    axis::Axes,
     gcode::reprap::{Extruder, HostCommand},
     machine::Snapshot,
     model::{Alarm, State, timing::TICK_MS},
     path::Work,
     protocol::{Dialect, Emergency, RawLine, realtime::is_request, report},
+    units::Nm,
 };
 
 /// Silence after which a realtime byte counts anywhere, ms.
@@ -63,6 +65,10 @@ pub(super) struct Host {
     pub(super) next_extruder: Extruder,
     /// Time that is left of a pause that ends by itself, ms.
     pub(super) pause_ms: Option<u32>,
+    /// Where the machine has paused last, in machine coordinates.
+    pub(super) paused_at: Option<Axes<Nm>>,
+    /// The line moves single motors.
+    pub(super) moves_motors: bool,
     /// Limits that the program has lowered.
     pub(super) lowered: Option<LoweredLimits>,
     /// Time between two reports of the position, s; 0 for none.
@@ -112,6 +118,8 @@ impl Host {
             extruder: Extruder::START,
             next_extruder: Extruder::START,
             pause_ms: None,
+            paused_at: None,
+            moves_motors: false,
             lowered: None,
             position_interval_s: 0,
             reported: 0,
@@ -136,6 +144,8 @@ impl Host {
         self.command = None;
         self.extruder = Extruder::START;
         self.next_extruder = Extruder::START;
+        self.paused_at = None;
+        self.moves_motors = false;
         self.position_interval_s = 0;
         self.begin_job();
     }
@@ -376,6 +386,10 @@ impl Session {
         // A byte may have come directly behind a tick: one tick more is surely that long.
         if clock.silent_ms > SILENCE_MS {
             self.host.silent_at = Some(received);
+        }
+        if links.machine.state == State::HoldComplete {
+            let settings = &self.persistence.stored.settings;
+            self.host.paused_at = Some(report::machine_position(links.machine, settings));
         }
         self.pass_pause(passed_ms, links);
         if self.reports.message.is_empty() && !self.report_position_in_time(passed_ms, links) {

@@ -12,6 +12,7 @@ use crate::{
         interpreter::Interpreter,
         reprap::{self, Context},
     },
+    model::State,
     protocol::{ByteReader, Damage, Dialect, Verdict, replies, report},
     settings::Settings,
     units::Nm,
@@ -146,6 +147,7 @@ impl Session {
             self.take_words();
             return self.dispatch(links);
         }
+        let is_idle = self.is_done(links.machine) && links.machine.state == State::Idle;
         let host = &mut self.host;
         let settings = &self.persistence.stored.settings;
         let context = Context {
@@ -153,6 +155,10 @@ impl Session {
             modal: self.interpreter.modal(),
             extruder: host.extruder,
             driven: driven(settings, &self.interpreter),
+            position: self.interpreter.position(),
+            paused_at: host.paused_at,
+            is_idle,
+            is_homed: self.is_homed,
         };
         let input = &mut self.line.input;
         let meaning = match reprap::read(host.raw.words(), &context, |text| input.push(text)) {
@@ -162,6 +168,7 @@ impl Session {
         host.command = meaning.command;
         host.next_extruder = meaning.extruder;
         host.pause_ms = meaning.pause_ms;
+        host.moves_motors = meaning.moves_motors;
         if let Some(letter) = meaning.missing_axis
             && host.is_first(u16::from(letter))
         {
