@@ -180,14 +180,29 @@ impl<'a> Workshop<'a> {
     /// Has Cargo build the copy; whether it can be.
     fn build(&self) -> Result<bool> {
         let mut command = cargo::cargo(&["build", "--quiet", "--release", "--bin", "leadscrew"]);
-        command.args(cargo::for_board(&self.board.name));
+        // A folder of its own: nobody is to flash a mutant that lies where the firmware does.
+        let target = self.target();
+        let options = cargo::for_board(&self.board.name);
+        let mut is_target = false;
+        for option in &options {
+            if std::mem::replace(&mut is_target, option == "--target-dir") {
+                command.arg(&target);
+            } else {
+                command.arg(option);
+            }
+        }
         let output = command.current_dir(&self.folder).output();
         if !output.context("cannot start Cargo")?.status.success() {
             return Ok(false);
         }
-        let built = cargo::target_dir().join(cargo::TARGET);
-        fs::copy(built.join("release/leadscrew"), &self.elf)?;
+        let built = target.join(cargo::TARGET).join("release/leadscrew");
+        fs::copy(built, &self.elf)?;
         Ok(true)
+    }
+
+    /// Where Cargo builds the copies.
+    fn target(&self) -> PathBuf {
+        self.elf.with_file_name("build")
     }
 
     /// What becomes of a mutant, as it is known or now found.

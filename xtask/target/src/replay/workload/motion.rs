@@ -50,7 +50,7 @@ pub(super) fn full_rates(driver: &mut Driver, step_rate_hz: u32) -> Result<()> {
 pub(super) fn long_segments(driver: &mut Driver, step_rate_hz: u32) -> Result<()> {
     driver.set(&fast(step_rate_hz, EXTREME))?;
     segments(driver, step_rate_hz)?;
-    apart(driver, step_rate_hz)
+    apart(driver, step_rate_hz, 0.985, fast)
 }
 
 fn segments(driver: &mut Driver, step_rate_hz: u32) -> Result<()> {
@@ -69,20 +69,23 @@ fn segments(driver: &mut Driver, step_rate_hz: u32) -> Result<()> {
 
 /// A segment as dear as it gets: three axes whose steps come one after another, so that each step
 /// of X has as much in its way as it can, at a speed that changes all the time, so that every time
-/// has to be solved for.
-fn apart(driver: &mut Driver, step_rate_hz: u32) -> Result<()> {
-    /// The lower of two speeds, as a part of the higher.
-    const LOW: f64 = 0.985;
+/// has to be solved for. `low`: the lower of two speeds, as a part of the higher.
+fn apart(
+    driver: &mut Driver,
+    step_rate_hz: u32,
+    low: f64,
+    settings: impl Fn(u32, f64) -> Vec<String>,
+) -> Result<()> {
     const LINES: usize = 200;
     let speed_mm_s = f64::from(step_rate_hz) / 3000.0;
-    let change_mm_s2 = speed_mm_s * (1.0 - LOW) / (f64::from(SEGMENT_US) * 1e-6);
-    driver.set(&fast(step_rate_hz, change_mm_s2))?;
+    let change_mm_s2 = speed_mm_s * (1.0 - low) / (f64::from(SEGMENT_US) * 1e-6);
+    driver.set(&settings(step_rate_hz, change_mm_s2))?;
     // As many lines as there is room for wait behind a slow one.
     driver.run([stagger(step_rate_hz).as_str(), "G1X-.02F1"])?;
     let steps = segment_steps(step_rate_hz);
     let lines: Vec<String> = (0..LINES)
         .map(|number| {
-            let share = if number % 3 == 2 { LOW } else { 1.0 };
+            let share = if number % 3 == 2 { low } else { 1.0 };
             let feed = full_feed_mm_min(step_rate_hz) * share;
             format!("X.{steps:03}Y.{steps:03}Z.{steps:03}F{feed:.0}")
         })
@@ -194,6 +197,12 @@ fn round(driver: &mut Driver, settings: &[String]) -> Result<()> {
 pub(super) fn limits_of_jerk(driver: &mut Driver, step_rate_hz: u32) -> Result<()> {
     driver.set(&smooth(step_rate_hz, EXTREME, 0.1))?;
     segments(driver, step_rate_hz)?;
+    // At the lower speed, too, a line is one segment.
+    for (factor, seconds) in [(5.0, 0.002), (20.0, 0.002), (20.0, 0.006)] {
+        apart(driver, step_rate_hz, 0.992, |rate, acceleration| {
+            smooth(rate, factor * acceleration, seconds)
+        })?;
+    }
     round(driver, &smooth(step_rate_hz, 20_000.0, 0.004))?;
     round(driver, &smooth(step_rate_hz, 5000.0, 0.1))?;
     hold(driver, &smooth(step_rate_hz, SLOW, 0.05), false)

@@ -11,6 +11,8 @@ pub(super) enum Where {
     Urgent,
     /// In what any task runs, where unsafe code may stand.
     Board,
+    /// The same, but for tasks above `prepare`: their own priority holds up as many.
+    BoardBelow,
 }
 
 /// A kind of fault.
@@ -30,15 +32,17 @@ impl Fault {
 
     /// Whether it is a fault there.
     pub(super) fn fits(&self, site: &Site) -> bool {
+        let is_board = site.file.starts_with("src/board/");
         match self.place {
             Where::Deadline => site.priority.is_some(),
             Where::Urgent => site.priority.is_some_and(|priority| priority > PREPARE),
-            Where::Board => site.file.starts_with("src/board/"),
+            Where::Board => is_board,
+            Where::BoardBelow => is_board && site.priority.is_none_or(|it| it <= PREPARE),
         }
     }
 }
 
-/// Priority of the most urgent task that may use floating point.
+/// Its priority: that of the most urgent task that may use floating point.
 const PREPARE: u8 = 2;
 
 const fn fault(name: &'static str, place: Where, codes: &'static [&'static str]) -> Fault {
@@ -125,7 +129,7 @@ pub(super) const FAULTS: [Fault; 10] = [
     ),
     fault(
         "priority raised",
-        Where::Board,
+        Where::BoardBelow,
         &[
             "#[allow(unsafe_code)]
              unsafe { cortex_m::register::basepri::write(core::hint::black_box(0x20_u8)) };
