@@ -14,11 +14,13 @@
 
 mod geometry;
 
+use core::f64::consts::TAU;
+
 use heapless::Deque;
 
 use self::geometry::{
-    Meeting, Track, Vector, along, angle_between, arc_entry, centre_by_radius, dot, intersection,
-    is_inside, length, line_entry, meeting, minus, normal, sign_of, sweep, tangent, travel, unit,
+    Meeting, Track, Vector, along, angle_between, arc_entry, dot, intersection, is_inside, length,
+    meeting, minus, normal, sign_of, sweep, tangent, travel, unit,
 };
 use super::{arc::Arc, leaves_travel};
 use crate::{
@@ -37,7 +39,8 @@ const AFTER: usize = 16;
 /// Most by which an arc may become longer at a concave corner, rad, as in LinuxCNC: where the corner lies
 /// next to its end.
 const LONGER_ARC_RAD: f64 = 0.0254;
-/// Greatest distance that rounding may make of none.
+/// Greatest angle and distance that rounding may make of none.
+const ROUNDING_RAD: f64 = 1.0e-6;
 const ROUNDING_MM: f64 = 5.0e-6;
 
 /// Why a move cannot be compensated.
@@ -67,8 +70,9 @@ struct CutterMove {
 struct CutterArc {
     centre: [Nm; 2],
     rotation: Rotation,
-    /// Angle travelled, rad.
+    /// Angle travelled, rad, and how much of it is whole circles before the last one.
     sweep: f64,
+    circles: f64,
 }
 
 /// What waits behind a move.
@@ -453,7 +457,7 @@ impl CutterMove {
             tilt: MicroDegrees::ZERO,
         };
         let once = libm::fabs(Arc::new(&circle, displacement).sweep);
-        let more = libm::round((arc.sweep - once) / core::f64::consts::TAU);
+        let more = libm::round((arc.sweep - once) / TAU);
         if more < 0.0 || centre == [Nm(0); 2] || centre == displacement {
             return None;
         }
@@ -478,6 +482,8 @@ struct ProgrammedArc {
     /// Angle travelled, rad, and the length, mm.
     sweep: f64,
     length_mm: f64,
+    /// The part of the angle that is whole circles before the last one, rad.
+    circles: f64,
 }
 
 impl<'a> Site<'a> {
@@ -496,6 +502,7 @@ impl<'a> Site<'a> {
                     rotation: circle.rotation,
                     sweep: libm::fabs(arc.sweep),
                     length_mm: arc.length_mm(),
+                    circles: TAU * f64::from(circle.turns.saturating_sub(1)),
                 }
             }),
         }
@@ -541,33 +548,28 @@ impl<'a> Site<'a> {
             side, radius_mm, ..
         } = self.programmed.cutter;
         let here = [0.0; 2];
+        if length(self.to) <= radius_mm {
+            return None;
+        }
         let (end, arc) = match &self.arc {
-            None => (line_entry(side, radius_mm, here, self.to)?, None),
-            Some(programmed) => {
-                let rotation = programmed.rotation;
-                let m = match self.programmed.radius {
-                    Some(big) => {
-                        let big = big.to_mm_f64();
-                        centre_by_radius(side, rotation, radius_mm, big, here, self.to)?
-                    }
-                    None => programmed.centre,
-                };
-                let radial = minus(self.to, m);
-                let track_radius = self.track_radius(rotation, length(radial))?;
-                let end = along(m, track_radius, unit(radial)?);
-                let centre = arc_entry(here, end, m)?;
-                let full = programmed.sweep
-                    - sweep(
-                        rotation,
-                        minus(here, programmed.centre),
-                        minus(self.to, programmed.centre),
-                    );
-                let arc = CutterArc {
+            None => {
+                let aside = normal(side, unit(self.to)?);
+                (along(self.to, radius_mm, aside), None)
+            }
+            Some(arc) => {
+                let radial = minus(self.to, arc.centre);
+                let radius = self.track_radius(arc.rotation, length(radial))?;
+                let end = along(arc.centre, radius, unit(radial)?);
+                let centre = arc_entry(here, end, arc.centre)?;
+                let angle =
+                    |centre, end| sweep(arc.rotation, minus(here, centre), minus(end, centre));
+                let entry = CutterArc {
                     centre: self.machine(centre),
-                    rotation,
-                    sweep: sweep(rotation, minus(here, centre), minus(end, centre)) + full,
+                    rotation: arc.rotation,
+                    sweep: angle(centre, end) + arc.circles,
+                    circles: arc.circles,
                 };
-                (end, Some(arc))
+                (end, Some(entry))
             }
         };
         Some(Plan {
@@ -647,6 +649,7 @@ impl<'a> Site<'a> {
                     centre: self.origin,
                     rotation,
                     sweep: sweep(rotation, n, n_after),
+                    circles: 0.0,
                 };
                 let arc = (!self.programmed.is_rapid).then_some(arc);
                 plan.around = Some((self.machine(start), arc));
@@ -659,15 +662,14 @@ impl<'a> Site<'a> {
                 }
             }
         }
-        plan.arc =
-            self.arc
-                .as_ref()
-                .map(|arc| arc.begun_at(start))
-                .map(|(rotation, centre, sweep)| CutterArc {
-                    centre: self.machine(centre),
-                    rotation,
-                    sweep,
-                });
+        if let Some(arc) = &self.arc {
+            plan.arc = Some(CutterArc {
+                centre: self.machine(arc.centre),
+                rotation: arc.rotation,
+                sweep: arc.sweep_from(start)?,
+                circles: arc.circles,
+            });
+        }
         Some(plan)
     }
 
@@ -687,7 +689,7 @@ impl<'a> Site<'a> {
     /// Returns the corner up to which the waiting move is shortened, and its angle if it is an arc.
     ///
     /// `None` where there is no corner on both tracks, or where the waiting move would go back from its start,
-    /// or around the circle once more.
+    /// or around the circle once more: on the contour, which an entry is not part of.
     fn shortened(
         &self,
         waiting: &CutterMove,
@@ -707,17 +709,20 @@ impl<'a> Site<'a> {
         let centre = self.relative(arc.centre);
         let before = Track::Circle(centre, length(minus(tool, centre)), arc.rotation);
         let corner = intersection(side, before, after)?;
-        let to = |place| sweep(arc.rotation, minus(start, centre), minus(place, centre));
-        let (once, shorter) = (to(tool), to(corner));
-        (shorter <= once + LONGER_ARC_RAD).then_some((corner, arc.sweep - once + shorter))
+        let last = sweep(arc.rotation, minus(start, centre), minus(corner, centre));
+        let shorter = last + arc.circles;
+        let is_shorter = shorter <= arc.sweep + LONGER_ARC_RAD;
+        (waiting.is_entry || is_shorter).then_some((corner, shorter))
     }
 }
 
 impl ProgrammedArc {
-    /// Returns the sense, the centre and the angle of the track that begins at a place beside the start.
-    fn begun_at(&self, start: Vector) -> (Rotation, Vector, f64) {
+    /// Returns the angle of the track that begins at a place beside the start, rad; `None` where that is
+    /// beyond its end.
+    fn sweep_from(&self, start: Vector) -> Option<f64> {
         let from = self.centre.map(|part| -part);
         let ahead = sign_of(self.rotation) * angle_between(from, minus(start, self.centre));
-        (self.rotation, self.centre, self.sweep - ahead)
+        let sweep = self.sweep - ahead;
+        (sweep >= -ROUNDING_RAD).then_some(sweep.max(0.0))
     }
 }

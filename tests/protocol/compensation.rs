@@ -103,3 +103,136 @@ fn a_corner_that_does_not_fit_is_refused_and_the_move_before_it_waits() {
     assert_eq!(bench.ask("Y20"), ["ok"]);
     assert_moves(&moves(&mut bench, &mut at), &[([15_000, 5000, 0], false)]);
 }
+
+#[test]
+fn an_entry_keeps_the_circle_of_its_words() {
+    // The circle of R about Y10: the cutter ends inside of it, on the radius at its end.
+    for words in ["X10Y10R10", "X10Y10I0J10"] {
+        let entry = format!("G3{words}");
+        let moves = run(&["F600", "G41.1D4", &entry, "G40"]);
+        assert_moves(&moves, &[([8000, 10_000, 0], true)]);
+    }
+    let mut bench = Bench::new();
+    for line in ["F600", "G41.1D4"] {
+        assert_eq!(bench.ask(line), ["ok"], "{line}");
+    }
+    for line in ["G1X2", "G3X0Y0I0J10", "G3X1Y1R1"] {
+        assert_eq!(bench.ask(line), ["error:92"], "{line}");
+    }
+    assert_eq!(bench.ask("G1X2.01"), ["ok"]);
+}
+
+#[test]
+fn what_has_no_place_beside_the_path_is_refused_until_g40() {
+    let mut bench = Bench::new();
+    for line in ["F600", "G41.1D4", "G1X10"] {
+        assert_eq!(bench.ask(line), ["ok"], "{line}");
+    }
+    assert_eq!(bench.ask("G42.1D4"), ["error:90"]);
+    for line in [
+        "G18",
+        "G28",
+        "G30.1",
+        "G53G0X0",
+        "G92X0",
+        "G52X0",
+        "G92.1",
+        "G54",
+        "G55",
+        "G43.1Z1",
+        "G49",
+        "G10L2P1X1",
+        "G10L20P0X1",
+        "G38.2Z-1",
+        "G81X1Z-1R1",
+        "T3M6",
+        "$J=X1F100",
+        "$H",
+    ] {
+        let expected = if line == "$H" { "error:5" } else { "error:91" };
+        assert_eq!(bench.ask(line), [expected], "{line}");
+    }
+    for line in [
+        "G17",
+        "G20",
+        "G21",
+        "G91",
+        "G90",
+        "G10L2P2X1",
+        "G10L1P1R1",
+        "M61Q1",
+        "G64P0.1",
+        "G61",
+    ] {
+        assert_eq!(bench.ask(line), ["ok"], "{line}");
+    }
+    assert!(bench.ask("$G")[0].contains(" G41.1 "));
+    assert_eq!(bench.ask("G40"), ["ok"]);
+    assert!(!bench.ask("$G")[0].contains("G4"));
+    assert_eq!(bench.ask("G2X20I5"), ["error:205"]);
+    for line in ["G1X11", "G2X21I5", "G28"] {
+        assert_eq!(bench.ask(line), ["ok"], "{line}");
+    }
+}
+
+#[test]
+fn what_waits_behind_a_move_is_done_at_the_corner_and_no_more_than_fits() {
+    let mut bench = Bench::new();
+    let mut at = [0; 3];
+    for line in ["F600", "G41.1D4", "G1X10", "X20"] {
+        assert_eq!(bench.ask(line), ["ok"], "{line}");
+    }
+    moves(&mut bench, &mut at);
+    for number in 0..16 {
+        let line = format!("G1Z{}", number % 2);
+        assert_eq!(bench.ask(&line), ["ok"], "{line}");
+    }
+    for line in ["G1Z-1", "M3S100", "G4P0.1"] {
+        assert_eq!(bench.ask(line), ["error:207"], "{line}");
+    }
+    assert!(moves(&mut bench, &mut at).is_empty());
+    assert_eq!(bench.ask("Y20"), ["ok"]);
+    let done = moves(&mut bench, &mut at);
+    assert_eq!(done.len(), 16, "{done:?}");
+    assert!(
+        done.iter().all(|end| end.0[..2] == [18_000, 2000]),
+        "{done:?}"
+    );
+}
+
+#[test]
+fn the_program_pauses_and_ends_beside_the_path() {
+    let mut bench = Bench::new();
+    let mut at = [0; 3];
+    for line in ["F600", "G41.1D4", "G1X10", "X20"] {
+        assert_eq!(bench.ask(line), ["ok"], "{line}");
+    }
+    assert!(bench.ask("M0").is_empty());
+    assert_eq!(
+        moves(&mut bench, &mut at).last(),
+        Some(&([20_000, 2000, 0], false))
+    );
+    assert_eq!(bench.answer("~"), ["ok"]);
+    assert_eq!(bench.ask("X30"), ["ok"]);
+    assert_eq!(bench.ask("M2").last().map(String::as_str), Some("ok"));
+    assert_eq!(moves(&mut bench, &mut at), [([30_000, 2000, 0], false)]);
+    // The position is that of the cutter.
+    assert_eq!(bench.ask("G91G1Y1F600"), ["ok"]);
+    assert_eq!(moves(&mut bench, &mut at), [([30_000, 3000, 0], false)]);
+}
+
+#[test]
+fn a_reset_forgets_the_move_that_waits() {
+    let mut bench = Bench::new();
+    let mut at = [0; 3];
+    for line in ["F600", "G41.1D4", "G1X10", "X20"] {
+        assert_eq!(bench.ask(line), ["ok"], "{line}");
+    }
+    assert_eq!(moves(&mut bench, &mut at), [([10_000, 2000, 0], false)]);
+    bench.answer("\x18");
+    assert!(!bench.ask("$G")[0].contains("G41"));
+    for line in ["G91", "G1X1F600"] {
+        assert_eq!(bench.ask(line), ["ok"], "{line}");
+    }
+    assert_eq!(moves(&mut bench, &mut at), [([11_000, 2000, 0], false)]);
+}

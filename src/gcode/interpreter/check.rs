@@ -107,10 +107,6 @@ fn unchanged(state: &Interpreter, kind: LineKind, parsed: &ParsedLine) -> Checke
         work_target: state.work_position,
         single_mm: state.single_mm,
         movement: Move::None,
-        radius: parsed
-            .words
-            .contains(Word::R)
-            .then(|| parsed.length(parsed.radius)),
         compensation: state.compensation,
     }
 }

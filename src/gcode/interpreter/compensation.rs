@@ -48,8 +48,6 @@ pub struct CompensatedMove {
     pub to: Axes<Nm>,
     /// The programmed circle of an arc.
     pub circle: Option<Circle>,
-    /// `R` of an arc, where its circle is given by that.
-    pub radius: Option<Nm>,
     /// Whether it is a rapid.
     pub is_rapid: bool,
 }
@@ -293,7 +291,6 @@ impl Interpreter {
             from: self.position,
             to: checked.values,
             circle,
-            radius: checked.radius.filter(|_| circle.is_some()),
             is_rapid: checked.modal.motion == MotionMode::Rapid,
         })
     }

@@ -124,8 +124,6 @@ pub struct Checked {
     /// A target in Grbl's single precision, mm.
     single_mm: Axes<f32>,
     movement: Move,
-    /// `R`.
-    radius: Option<Nm>,
     /// After the line's code, before its move.
     compensation: Compensation,
 }

@@ -217,53 +217,16 @@ fn leg(hypotenuse: f64, given: f64) -> Option<f64> {
     (sqr >= 0.0).then(|| libm::sqrt(sqr))
 }
 
-/// Returns the end of an entry along a line from the programmed path; `None` where the line is not longer
-/// than the radius.
-pub(super) fn line_entry(side: Side, radius: f64, from: Vector, to: Vector) -> Option<Vector> {
-    let chord = minus(to, from);
-    if length(chord) <= radius {
-        return None;
-    }
-    Some(along(to, radius, normal(side, unit(chord)?)))
-}
-
-/// Returns the centre of an entry along an arc to `end`, which lies on the radius of the
-/// programmed circle about `m`: the circle through both ends that touches the track there.
+/// Returns the centre of an entry along an arc to `end`, which lies on the radius of the programmed circle
+/// about `m`: that of the circle through both ends which touches the track there.
 ///
-/// Its centre lies on the line from `end` to m, as far from both ends: at |c - e| / (2·cos γ), with the
-/// angle γ at `end` between that line and the chord.
+/// It lies on the line from `end` to m, as far from both ends: at |c - e| / (2·cos γ), with the angle γ at
+/// `end` between that line and the chord. From a quarter of a circle on, the cutter would come from the other
+/// side: `None`.
 pub(super) fn arc_entry(from: Vector, end: Vector, m: Vector) -> Option<Vector> {
     let chord = minus(from, end);
     let inwards = unit(minus(m, end))?;
     let cosine_by_chord = dot(chord, inwards);
-    if cosine_by_chord == 0.0 {
-        return None;
-    }
     let radius = 0.5 * dot(chord, chord) / cosine_by_chord;
-    Some(along(end, radius, inwards))
-}
-
-/// Returns the centre of the circle of radius `big` through `to`, programmed by `R`, that the cutter about
-/// `from` touches. A negative `big` takes the longer arc.
-pub(super) fn centre_by_radius(
-    side: Side,
-    rotation: Rotation,
-    radius: f64,
-    big: f64,
-    from: Vector,
-    to: Vector,
-) -> Option<Vector> {
-    // The centre is |R| from `to`, and R - r or R + r from the cutter's centre, inside or outside.
-    let big_abs = libm::fabs(big);
-    let to_cutter = if is_inside(side, rotation) {
-        big_abs - radius
-    } else {
-        big_abs + radius
-    };
-    if to_cutter <= 0.0 {
-        return None;
-    }
-    let sign = sign_of(rotation) * if big > 0.0 { 1.0 } else { -1.0 };
-    // The centre of the shorter counter-clockwise arc lies to the left of the chord.
-    on_circle(from, to_cutter, to, big_abs, sign)
+    (cosine_by_chord > 0.0).then(|| along(end, radius, inwards))
 }
