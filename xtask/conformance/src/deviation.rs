@@ -180,8 +180,8 @@ deviations! {
         "an answer other than `error:20` to a line with G73, G74, G81 to G86, G88 or G89";
     CutterCompensation: "D53", true,
         "there is cutter radius compensation",
-        "an answer other than `error:20` to a line with G41, G41.1, G42 or G42.1; errors 90, 91, 92, 205 and \
-         207; and the message `[MSG:Compensation waits for the next move]`";
+        "an answer other than `error:20` to a line with G41, G41.1, G42 or G42.1; and errors 90, 91, 92, \
+         205 and 207";
 }
 
 impl Deviation {
@@ -230,8 +230,6 @@ pub(crate) fn of_answers(code: &str, ours: &str, theirs: &str) -> Option<Deviati
 pub(crate) fn of_message(ours: &str) -> Option<Deviation> {
     if ours.starts_with("[MSG:Path deviation: ") {
         Some(Deviation::PathControl)
-    } else if ours == "[MSG:Compensation waits for the next move]" {
-        Some(Deviation::CutterCompensation)
     } else if ours.starts_with("[MSG:Tool change: ") {
         Some(Deviation::ToolChange)
     } else if ours.starts_with("[MSG:Tool table is empty: ") {
