@@ -1,11 +1,7 @@
 //! Canned cycles on the whole simulated machine: whatever happens at any stage of a hole, position and
 //! modes stay true.
 
-use leadscrew::{
-    axis::Axes,
-    model::{Spindle, State},
-    units::Nm,
-};
+use leadscrew::model::{Spindle, State};
 
 use super::machine::Machine;
 use crate::bench::Bench;
@@ -37,22 +33,6 @@ fn at_stage(machine: &mut Machine, line: &str, stage: usize) -> bool {
     (0..stage * 3).all(|_| machine.advance())
 }
 
-fn steps_of(machine: &Machine, position: &Axes<Nm>) -> Axes<i32> {
-    let settings = machine.simulator.session().settings();
-    settings.steps_per_mm.zip(*position, |resolution, nm| {
-        resolution.steps_as_grbl(nm, nm.to_mm()).0.0
-    })
-}
-
-/// The machine is where the interpreter believes it to be.
-fn assert_true(machine: &Machine, what: &str) {
-    let programmed = machine.simulator.session().interpreter().position();
-    let steps = machine.simulator.physical_steps();
-    assert_eq!(steps_of(machine, &programmed), steps, "{what}");
-    assert_eq!(machine.simulator.snapshot().steps, steps, "{what}");
-    assert_eq!(machine.simulator.late(), 0, "{what}");
-}
-
 #[test]
 fn a_hold_a_door_and_overrides_at_any_stage_change_nothing_but_the_time() {
     for line in CYCLES {
@@ -60,7 +40,7 @@ fn a_hold_a_door_and_overrides_at_any_stage_change_nothing_but_the_time() {
         undisturbed.execute(line, None);
         undisturbed.rest();
         let end = undisturbed.simulator.physical_steps();
-        assert_true(&undisturbed, line);
+        undisturbed.assert_true(line);
         for bytes in [&b"!"[..], b"\x84", b"\x95", b"\x91\x9b", b"?!"] {
             for stage in 0..STAGES {
                 let mut machine = ready();
@@ -78,7 +58,7 @@ fn a_hold_a_door_and_overrides_at_any_stage_change_nothing_but_the_time() {
                 let answers = machine.answers();
                 assert_eq!(answers, ["ok"], "{what}");
                 assert_eq!(machine.simulator.physical_steps(), end, "{what}");
-                assert_true(&machine, &what);
+                machine.assert_true(&what);
                 assert_eq!(machine.simulator.snapshot().state, State::Idle, "{what}");
                 let modal = machine.simulator.session().interpreter().modal();
                 assert_eq!(modal.spindle, Spindle::Clockwise, "{what}");
@@ -107,7 +87,7 @@ fn a_reset_at_any_stage_keeps_the_position_and_ends_the_cycle() {
             machine.execute("$X", None);
             let modes = machine.execute("$G", None).join(" ");
             assert!(modes.contains("[GC:G0 "), "{what}: {modes}");
-            assert_true(&machine, &what);
+            machine.assert_true(&what);
             // Nothing of the cycle is left over.
             let before = machine.simulator.physical_steps();
             machine.execute("G4P0.01", None);

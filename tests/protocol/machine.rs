@@ -69,6 +69,19 @@ impl Machine {
         }
     }
 
+    /// The machine is where the interpreter believes it to be.
+    pub(crate) fn assert_true(&self, what: &str) {
+        let session = self.simulator.session();
+        let scales = session.settings().steps_per_mm;
+        let programmed = scales.zip(session.interpreter().position(), |resolution, nm| {
+            resolution.steps_as_grbl(nm, nm.to_mm()).0.0
+        });
+        let steps = self.simulator.physical_steps();
+        assert_eq!(programmed, steps, "{what}");
+        assert_eq!(self.simulator.snapshot().steps, steps, "{what}");
+        assert_eq!(self.simulator.late(), 0, "{what}");
+    }
+
     /// Runs until nothing happens any more.
     pub(crate) fn rest(&mut self) {
         for turn in 0.. {

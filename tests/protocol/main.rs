@@ -4,6 +4,7 @@ mod bench;
 #[path = "../support/cases.rs"]
 mod cases;
 mod compensation;
+mod contour;
 mod deviations;
 mod drilling;
 mod flow;

@@ -1,0 +1,151 @@
+//! A compensated contour on the whole simulated machine: whatever happens at any stage of it, position and
+//! modes stay true.
+
+use leadscrew::{
+    axis::Z,
+    model::{Levels, State},
+};
+
+use super::machine::Machine;
+
+/// An entry, corners of both kinds, a depth move, arcs and the way out.
+const CONTOUR: [&str; 10] = [
+    "G41.1D4",
+    "G1X-20Y-8F3000",
+    "Y-15",
+    "Z-4",
+    "X-12",
+    "G2X-9Y-18J-3",
+    "G1Y-25",
+    "X-15Y-30",
+    "G40",
+    "G0X-5Y-5",
+];
+
+/// Stages at which something happens, at most.
+const STAGES: usize = 200;
+
+fn ready() -> Machine {
+    let mut machine = Machine::new();
+    for line in ["G21G90", "$21=1", "G0X-5Y-5Z-2"] {
+        assert_eq!(machine.execute(line, None), ["ok"], "{line}");
+    }
+    machine.rest();
+    machine
+}
+
+/// The machine after a number of changes since the contour was sent. Returns false when it has ended.
+fn at_stage(machine: &mut Machine, stage: usize) -> bool {
+    machine.receive((CONTOUR.join("\n") + "\n").as_bytes());
+    (0..stage * 3).all(|_| machine.advance())
+}
+
+/// What remains of a contour moves nothing: the machine goes on from where it stands.
+fn assert_gone(machine: &mut Machine, what: &str) {
+    let modes = machine.execute("$G", None).join(" ");
+    assert!(!modes.contains(" G41"), "{what}: {modes}");
+    let before = machine.simulator.physical_steps();
+    machine.execute("G4P0.01", None);
+    machine.rest();
+    machine.assert_true(what);
+    assert_eq!(machine.simulator.physical_steps(), before, "{what}");
+    assert_eq!(machine.execute("G91G0Z-1", None), ["ok"], "{what}");
+    machine.rest();
+    machine.assert_true(what);
+    let mut moved = before;
+    moved[Z] -= 5;
+    assert_eq!(machine.simulator.physical_steps(), moved, "{what}");
+}
+
+#[test]
+fn a_hold_a_door_and_overrides_at_any_stage_change_nothing_but_the_time() {
+    let mut undisturbed = ready();
+    at_stage(&mut undisturbed, 0);
+    undisturbed.rest();
+    assert_eq!(undisturbed.answers(), ["ok"; CONTOUR.len()]);
+    undisturbed.assert_true("undisturbed");
+    let end = undisturbed.simulator.physical_steps();
+    for bytes in [&b"!"[..], b"\x84", b"\x95", b"\x91\x9b", b"?!"] {
+        for stage in 0..STAGES {
+            let mut machine = ready();
+            if !at_stage(&mut machine, stage) {
+                assert!(stage > 60, "it ends at stage {stage}");
+                break;
+            }
+            machine.receive(bytes);
+            let what = format!("{bytes:?} at {stage}");
+            for _ in 0..4 {
+                machine.rest();
+                machine.receive(b"~");
+            }
+            machine.rest();
+            assert_eq!(machine.answers(), ["ok"; CONTOUR.len()], "{what}");
+            assert_eq!(machine.simulator.physical_steps(), end, "{what}");
+            machine.assert_true(&what);
+            assert_eq!(machine.simulator.snapshot().state, State::Idle, "{what}");
+        }
+    }
+}
+
+#[test]
+fn a_reset_at_any_stage_keeps_the_position_and_ends_the_contour() {
+    for stage in 0..STAGES {
+        let mut machine = ready();
+        if !at_stage(&mut machine, stage) {
+            assert!(stage > 60, "it ends at stage {stage}");
+            break;
+        }
+        machine.receive(b"\x18");
+        machine.rest();
+        machine.answers();
+        machine.execute("$X", None);
+        assert_gone(&mut machine, &format!("reset at {stage}"));
+    }
+}
+
+#[test]
+fn a_limit_switch_at_any_stage_ends_the_contour() {
+    for stage in 0..STAGES {
+        let mut machine = ready();
+        if !at_stage(&mut machine, stage) {
+            assert!(stage > 60, "it ends at stage {stage}");
+            break;
+        }
+        machine.simulator.set_pin(Levels::limits(1), true);
+        machine.rest();
+        let what = format!("limit at {stage}");
+        let told = machine.lines();
+        assert!(told.contains(&"ALARM:1".to_owned()), "{what}: {told:?}");
+        machine.simulator.set_pin(Levels::limits(1), false);
+        machine.reset();
+        machine.execute("$X", None);
+        assert_gone(&mut machine, &what);
+    }
+}
+
+#[test]
+fn the_travel_is_that_of_the_cutter_and_not_of_the_contour() {
+    // The contour leaves the travel at X0, and the cutter stays inside.
+    let mut machine = ready();
+    for line in [
+        "G0X-15Y-30",
+        "G41.1D6",
+        "G1X1Y-20F3000",
+        "Y-10",
+        "G40",
+        "G0X-5Y-5",
+    ] {
+        assert_eq!(machine.execute(line, None), ["ok"], "{line}");
+    }
+    machine.rest();
+    machine.assert_true("inside");
+    // The contour stays inside, and the cutter would leave at its far corner.
+    let mut machine = ready();
+    for line in ["G42.1D6", "G1X-20Y-20F3000", "X-1"] {
+        assert_eq!(machine.execute(line, None), ["ok"], "{line}");
+    }
+    let told = machine.execute("Y-1", None);
+    assert!(told.contains(&"ALARM:2".to_owned()), "{told:?}");
+    machine.execute("$X", None);
+    assert_gone(&mut machine, "outside");
+}
