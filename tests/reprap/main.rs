@@ -8,6 +8,7 @@ mod damage;
 mod emergencies;
 #[cfg(feature = "axes-4")]
 mod extruder;
+mod files;
 mod host;
 mod lines;
 mod times;
