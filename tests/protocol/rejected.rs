@@ -96,6 +96,8 @@ proptest! {
             }
             bench.flash_fails = state == 2;
             bench.close(if inputs == 0 { Levels(1) } else { Levels::NONE });
+            // An alarm ends compensation before anything is refused.
+            bench.answer("");
             let before = (
                 bench.session.stored().clone(),
                 bench.session.interpreter().clone(),

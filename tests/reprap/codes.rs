@@ -244,25 +244,22 @@ fn g28_homes_and_counts_from_the_negative_end() {
     assert_eq!(place(&mut host), [-10, 0]);
 }
 
+/// The answer to a line begins so: more axes may follow.
+fn assert_begins(host: &mut Host, line: &str, expected: &str) {
+    let answer = first(host, line);
+    assert!(answer.starts_with(expected), "{line}: {answer}");
+}
+
 #[test]
 fn limits_are_lowered_until_a_reset() {
     let mut host = Host::new();
-    assert_eq!(
-        first(&mut host, "M203"),
-        "echo:M203 X100.000 Y100.000 Z100.000"
-    );
+    assert_begins(&mut host, "M203", "echo:M203 X100.000 Y100.000 Z100.000");
     assert_eq!(first(&mut host, "M203 X10 Y500"), "");
-    assert_eq!(
-        first(&mut host, "M203"),
-        "echo:M203 X10.000 Y100.000 Z100.000"
-    );
+    assert_begins(&mut host, "M203", "echo:M203 X10.000 Y100.000 Z100.000");
     let slow = seconds(&mut host, "G1 X50 F6000");
     assert!((5.0..5.3).contains(&slow), "{slow}");
     assert_eq!(first(&mut host, "M204 S50"), "");
-    assert_eq!(
-        first(&mut host, "M201"),
-        "echo:M201 X50.000 Y50.000 Z50.000"
-    );
+    assert_begins(&mut host, "M201", "echo:M201 X50.000 Y50.000 Z50.000");
     host.ask("M92 X10");
     assert_eq!(first(&mut host, "M92"), "echo:use $100");
     let settings = host.ask("M503");
@@ -273,10 +270,7 @@ fn limits_are_lowered_until_a_reset() {
     host.ask("M999");
     host.run_ms(50);
     host.lines();
-    assert_eq!(
-        first(&mut host, "M203"),
-        "echo:M203 X100.000 Y100.000 Z100.000"
-    );
+    assert_begins(&mut host, "M203", "echo:M203 X100.000 Y100.000 Z100.000");
     let fast = seconds(&mut host, "G1 X0 F6000");
     assert!((0.6..0.9).contains(&fast), "{fast}");
 }
