@@ -19,8 +19,8 @@ use super::TASKS;
 /// Words of a record: start, duration, latency, and the number of records dropped before.
 const WORDS: usize = 4;
 const RECORD_BYTES: u32 = 4 * WORDS as u32;
-/// Records in a ring, one of which is always free: those of `step` in 0.2 ms at 300 kHz.
-const SLOTS: usize = 64;
+/// Records in a ring, one of which is always free: those of `step` in 0.1 ms at 300 kHz.
+const SLOTS: usize = 32;
 const RING_BYTES: u32 = RECORD_BYTES * SLOTS as u32;
 const _: () = assert!(SLOTS.is_power_of_two(), "indices wrap by a mask");
 
