@@ -540,7 +540,7 @@ impl Misfit {
 }
 
 proptest! {
-    #![proptest_config(cases(2000))]
+    #![proptest_config(ProptestConfig { rng_seed: proptest::test_runner::RngSeed::Fixed(1), ..cases(2000) })]
 
     #[test]
     fn a_compensated_tool_is_nowhere_nearer_to_a_contour_than_its_radius(job in wide_contours()) {
@@ -557,7 +557,7 @@ proptest! {
 }
 
 proptest! {
-    #![proptest_config(cases(500))]
+    #![proptest_config(ProptestConfig { rng_seed: proptest::test_runner::RngSeed::Fixed(1), ..cases(500) })]
 
     #[test]
     fn where_the_tool_does_not_fit_the_line_is_refused_and_the_tool_stays_before_the_corner(
