@@ -4,7 +4,7 @@
 //! move waits until that is known, and everything that follows meanwhile waits behind it:
 //!
 //! ```text
-//!  commands ──▶ waiting move ── up to AFTER entries ──▶ released, with the corner ──▶ output
+//!  commands ──▶ waiting move ── up to MAX_ENTRIES_BEHIND entries ──▶ released, with the corner ──▶ output
 //! ```
 //!
 //! A move is planned by [`Compensator::plan`], which may find that the cutter does not fit and changes
@@ -35,7 +35,7 @@ use crate::{
 };
 
 /// Most entries that wait behind a move: error 207 for more.
-const AFTER: usize = 16;
+const MAX_ENTRIES_BEHIND: usize = 16;
 /// Most by which an arc may become longer at a concave corner, rad, as in LinuxCNC: where the corner lies
 /// next to its end.
 const LONGER_ARC_RAD: f64 = 0.0254;
@@ -113,7 +113,7 @@ pub struct Compensator {
     /// The end of all moves: that of the waiting one is not shortened.
     end: Axes<Nm>,
     waiting: Option<CutterMove>,
-    behind: Deque<Behind, AFTER>,
+    behind: Deque<Behind, MAX_ENTRIES_BEHIND>,
     /// What waits is released; then the corner, and the next move waits.
     is_released: bool,
     around: Option<CutterMove>,
@@ -155,7 +155,7 @@ impl Compensator {
     /// Returns how many entries may wait behind the move that waits.
     #[must_use]
     pub fn room(&self) -> usize {
-        AFTER - self.behind.len()
+        MAX_ENTRIES_BEHIND - self.behind.len()
     }
 
     /// Returns the end of all moves.

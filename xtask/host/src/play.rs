@@ -209,7 +209,7 @@ fn figures(simulator: &Simulator, statistics: &StepStatistics) -> Figures {
 }
 
 /// The line with which a sender of the RepRap dialect begins.
-const FIRST: &[u8] = b"M110 N-1";
+const RESET_NUMBERS: &[u8] = b"M110 N-1";
 
 /// Returns whether lines get numbers and checksums: in the RepRap dialect.
 fn numbers_lines(settings: &Settings) -> bool {
@@ -269,8 +269,8 @@ impl<R: Recorder> Iterator for Source<'_, '_, R> {
                             continue;
                         }
                         if *number < 0 {
-                            observer.lines.push_back(FIRST.into());
-                            self.bytes = numbered(*number, FIRST).into_iter();
+                            observer.lines.push_back(RESET_NUMBERS.into());
+                            self.bytes = numbered(*number, RESET_NUMBERS).into_iter();
                             *number = 0;
                         }
                         let line = numbered(*number, words);
@@ -379,7 +379,7 @@ mod tests {
     #[test]
     fn lines_get_numbers_and_checksums_as_printrun_gives_them() {
         assert_eq!(numbered(3, b"T0"), b"N3 T0*57\n");
-        assert_eq!(numbered(-1, FIRST), b"N-1 M110 N-1*125\n");
+        assert_eq!(numbered(-1, RESET_NUMBERS), b"N-1 M110 N-1*125\n");
         assert_eq!(numbered(1, b"M117 Done!"), numbered(1, b"M117 Done"));
         assert_eq!(words(b"  G1 X1 ; to X1\r"), b"G1 X1");
         assert_eq!(words(b"; nothing"), b"");

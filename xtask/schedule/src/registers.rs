@@ -28,15 +28,15 @@ const FLASH_ACCESS_TIMES: u32 = 0x30f;
 const PREFETCH: u32 = 1 << 8;
 const INSTRUCTION_CACHE: u32 = 1 << 9;
 /// Enables and priorities of interrupts, which are compared with the tasks.
-const COMPARED: [(u32, u32); 3] = [
+const INTERRUPT_REGISTERS: [(u32, u32); 3] = [
     (0xe000_e100, 0xe000_e120),
     (0xe000_e400, 0xe000_e4f0),
     (0xe000_ed18, 0xe000_ed24),
 ];
 /// Aliases of the bits of peripherals: where they begin and end, and what is behind them.
-const ALIASES: std::ops::Range<u32> = 0x4200_0000..0x4400_0000;
-const ALIASED: u32 = 0x4000_0000;
-const ALIAS_BYTES: u32 = 32;
+const BIT_BAND_ALIASES: std::ops::Range<u32> = 0x4200_0000..0x4400_0000;
+const PERIPHERALS: u32 = 0x4000_0000;
+const BYTES_PER_BIT_ALIAS: u32 = 32;
 
 /// What the stores are compared with.
 pub(crate) struct Registers<'a> {
@@ -72,8 +72,8 @@ impl Registers<'_> {
 
     /// What is wrong with a store to a constant address, and what to do about it.
     fn to_known(&self, function: &Function, store: &Store, to: u32) -> Option<(String, String)> {
-        let (from, end) = if ALIASES.contains(&to) {
-            let word = ALIASED + (((to - ALIASES.start) / ALIAS_BYTES) & !3);
+        let (from, end) = if BIT_BAND_ALIASES.contains(&to) {
+            let word = PERIPHERALS + (((to - BIT_BAND_ALIASES.start) / BYTES_PER_BIT_ALIAS) & !3);
             (word, word + 4)
         } else {
             (to, to.saturating_add(store.bytes))
@@ -81,11 +81,11 @@ impl Registers<'_> {
         let (.., name) = { PROTECTED.iter() }.find(|it| from < it.1 && it.0 < end)?;
         let is_within = |first: u32, last: u32| first <= from && end <= last;
         let is_byte = store.bytes == 1 && store.value.is_some();
-        let is_enable = from < COMPARED[0].1 && store.value.is_some();
-        if (is_byte || is_enable) && COMPARED.iter().any(|it| is_within(it.0, it.1)) {
+        let is_enable = from < INTERRUPT_REGISTERS[0].1 && store.value.is_some();
+        if (is_byte || is_enable) && INTERRUPT_REGISTERS.iter().any(|it| is_within(it.0, it.1)) {
             return None;
         }
-        if from == FLASH_ACCESS && !ALIASES.contains(&to) {
+        if from == FLASH_ACCESS && !BIT_BAND_ALIASES.contains(&to) {
             return self.flash_access(function, store);
         }
         let frames = self.image.frames(store.at);

@@ -442,7 +442,7 @@ fn floating_point_in_an_urgent_task_is_caught() {
 }
 
 /// What a task with a deadline calls, on a condition.
-const HELPER: &str = "mod helper {
+const HELPER_MODULE: &str = "mod helper {
         #[inline(never)]
         pub fn main() {
             while !crate::device::has_byte() {}
@@ -453,7 +453,7 @@ const HELPER: &str = "mod helper {
 fn an_exemption_is_for_the_function_of_that_whole_path() {
     let code = "if byte > 100 { helper::main(); }";
     let project = or_skip!(Project::new("exempt-by-name"));
-    let project = project.with("receive", code).with("items", HELPER);
+    let project = project.with("receive", code).with("items", HELPER_MODULE);
     let line = project.line("has_byte() {}");
     assert_caught(&project.flaws(), Rule::UnboundedLoop, line..=line);
 }
@@ -462,7 +462,7 @@ fn an_exemption_is_for_the_function_of_that_whole_path() {
 fn what_is_exempt_is_not_called_by_a_task_with_a_deadline() {
     let code = "if byte > 100 { helper::main(); }";
     let project = or_skip!(Project::new("exempt-call"));
-    let project = project.with("receive", code).with("items", HELPER);
+    let project = project.with("receive", code).with("items", HELPER_MODULE);
     let exempt = "[[exempt]]\nfunction = \"exempt-call::app::app::helper::main\"\n\
                   reason = \"at rest only\"\n\n[[exempt]]";
     let exempt = exempt.replace("exempt-call::", "exempt_call::");

@@ -15,10 +15,10 @@ use crate::{
 
 /// Colour of the marks, and of what is cut under compensation.
 const MARK: RGBColor = RGBColor(176, 40, 110);
-const CUT: RGBColor = RGBColor(234, 238, 243);
+const CUT_COLOUR: RGBColor = RGBColor(234, 238, 243);
 /// Radius of a ring, and half the width of the bars at a hole's ends, pixels.
 const RING: i32 = 7;
-const BAR: f64 = 6.0;
+const HOLE_BAR_PX: f64 = 6.0;
 /// Cycles in a line of the legend.
 const CYCLES_PER_LINE: usize = 5;
 
@@ -43,7 +43,7 @@ impl Key {
                 ))?;
             }
             Self::Contour => area.draw(&PathElement::new(line, MARK.stroke_width(stroke(1))))?,
-            Self::Cut => area.draw(&PathElement::new(line, CUT.stroke_width(stroke(10))))?,
+            Self::Cut => area.draw(&PathElement::new(line, CUT_COLOUR.stroke_width(stroke(10))))?,
         }
         Ok(())
     }
@@ -77,7 +77,10 @@ pub(super) fn draw_cut(chart: &mut Chart, marks: &Marks, axes: [usize; 2]) -> Dr
     let units_per_mm = f64::from(width) / (range.end - range.start);
     for cut in in_plane(&marks.contour.cut, axes) {
         let width = (cut.diameter * units_per_mm).round() as u32;
-        chart.draw_series([PathElement::new(places(cut, axes), CUT.stroke_width(width))])?;
+        chart.draw_series([PathElement::new(
+            places(cut, axes),
+            CUT_COLOUR.stroke_width(width),
+        )])?;
     }
     Ok(())
 }
@@ -143,7 +146,10 @@ fn draw_hole(chart: &mut Chart, top: (f64, f64), bottom: (f64, f64), pixel: f64)
         chart.draw_series([Circle::new(top, RING * PX, style)])?;
         return Ok(());
     }
-    let across = (-dy / length * BAR * pixel, dx / length * BAR * pixel);
+    let across = (
+        -dy / length * HOLE_BAR_PX * pixel,
+        dx / length * HOLE_BAR_PX * pixel,
+    );
     chart.draw_series([top, bottom].map(|(x, y)| {
         let ends = [(x - across.0, y - across.1), (x + across.0, y + across.1)];
         PathElement::new(ends, style)
