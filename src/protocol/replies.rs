@@ -86,13 +86,14 @@ pub fn stopped(text: &mut Text, alarm: Option<Alarm>) {
     match alarm {
         Some(alarm) => {
             text.plain(alarm.text()).word(" (ALARM:");
-            text.natural(u32::from(alarm.number())).word(")");
+            text.natural(u32::from(alarm.number()))
+                .word("); M999 to go on");
         }
         None => {
-            text.word("G28 homes the machine");
+            text.word(UNLOCKING);
         }
     }
-    text.word("; M999 to go on").end();
+    text.end();
 }
 
 /// The first lines after power-up and after each reset.
@@ -102,6 +103,11 @@ pub fn welcome(text: &mut Text, is_homing: bool) {
         .word(VERSION)
         .word(" (RepRap); homing ");
     text.word(if is_homing { "on" } else { "off" }).end();
+}
+
+/// Follows them where the machine is locked: `echo:G28 homes the machine; M999 to go on`.
+pub fn locked(text: &mut Text) {
+    text.word("echo:").word(UNLOCKING).end();
 }
 
 /// `ok T:0.0 /0.0`: there is no heater.
@@ -213,6 +219,9 @@ pub fn firmware(text: &mut Text, number: usize, settings: &Settings) -> bool {
     }
     capability.is_some()
 }
+
+/// What ends the lock of a machine that is not homed.
+const UNLOCKING: &str = "G28 homes the machine; M999 to go on";
 
 /// The version of the firmware.
 const VERSION: &str = env!("CARGO_PKG_VERSION");

@@ -9,6 +9,7 @@ mod emergencies;
 #[cfg(feature = "axes-4")]
 mod extruder;
 mod files;
+mod homing;
 mod host;
 mod lines;
 mod times;

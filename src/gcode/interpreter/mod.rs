@@ -267,6 +267,14 @@ impl Checked {
         moves || starts || self.flow != Flow::Run || self.tool_command != ToolCommand::None
     }
 
+    /// Whether the line asks for a machine that is not locked: it belongs into a program, probes, or
+    /// switches coolant on.
+    #[must_use]
+    pub fn needs_unlocked(&self) -> bool {
+        let is_off = self.modal.coolant == Coolant::default();
+        self.is_program() || self.probe().is_some() || !is_off
+    }
+
     /// Whether the program pauses or ends with the line.
     #[must_use]
     pub fn stops_program(&self) -> bool {

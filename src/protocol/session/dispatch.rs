@@ -44,6 +44,9 @@ impl Session {
                 self.execute_statement(condition, links)
             }
             Ok([b'$', ..]) => self.refuse(LineError::Locked),
+            Ok(_) if condition == Condition::Alarm && self.awaits_host_homing() => {
+                self.interpret(links)
+            }
             Ok(_) if matches!(condition, Condition::Alarm | Condition::Jog) => {
                 self.refuse(LineError::Locked)
             }

@@ -354,6 +354,17 @@ impl Session {
         self.host.dialect == Dialect::RepRap && (machine.is_critical || machine.has_underrun)
     }
 
+    /// Returns whether a locked machine only waits for `G28`: lines that move nothing and switch nothing on
+    /// may come before it.
+    pub(super) fn awaits_host_homing(&self) -> bool {
+        self.host.dialect == Dialect::RepRap && self.host.alarm.is_none()
+    }
+
+    /// Returns whether the lock is about to end: a restart unlocks the machine.
+    pub(super) fn is_unlocking_host(&self) -> bool {
+        self.host.is_restart_due && self.host.restart == Restart::Unlocking
+    }
+
     /// Returns whether the session needs the clock of `interpret`.
     #[must_use]
     pub fn needs_clock(&self) -> bool {

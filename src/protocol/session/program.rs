@@ -127,6 +127,24 @@ impl Session {
         self.interpret(links)
     }
 
+    /// Checks what the line asks for against the state in which the machine is.
+    fn check_state(&self, machine: &Snapshot) -> Result<(), LineError> {
+        let checked = &self.line.checked;
+        if self.is_refused_in_tool_change() {
+            return Err(LineError::ToolChange);
+        }
+        if machine.state == State::Alarm && checked.needs_unlocked() {
+            return Err(LineError::Locked);
+        }
+        if self.line.source == Source::Jog
+            && self.settings().soft_limits
+            && is_outside(self.settings(), &checked.target().position)
+        {
+            return Err(LineError::JogBeyondTravel);
+        }
+        Ok(())
+    }
+
     /// Checks the line, and then executes it or leaves it for later.
     pub(super) fn interpret(&mut self, links: &mut Links<'_, '_>) -> Progress {
         let machine = links.machine;
@@ -164,16 +182,8 @@ impl Session {
             Ok(checked) => checked,
             Err(error) => return self.refuse(error),
         };
-        if self.is_refused_in_tool_change() {
-            return self.refuse(LineError::ToolChange);
-        }
-        if self.line.source == Source::Jog
-            && settings.soft_limits
-            && is_outside(settings, &self.line.checked.target().position)
-        {
-            return self.refuse(LineError::JogBeyondTravel);
-        }
-        if let Err(error) = self.plan_compensated() {
+        let is_possible = self.check_state(machine);
+        if let Err(error) = is_possible.and_then(|()| self.plan_compensated()) {
             return self.refuse(error);
         }
         let waits = self.line.checked.waits_for_standstill() && !self.waits_behind_move();
@@ -215,6 +225,12 @@ impl Session {
         let from = self.interpreter.position();
         let line = &mut self.line;
         self.interpreter.commit(&line.checked, &mut line.outcome);
+        if links.machine.state == State::Alarm {
+            // A locked machine passes no time; nothing moves for which to wait.
+            let is_dwell = |command: &Command| matches!(command, Command::Dwell { .. });
+            let commands = &mut self.line.outcome.commands;
+            commands.retain(|command| !is_dwell(command));
+        }
         self.send(from, links)
     }
 

@@ -143,8 +143,10 @@ impl Session {
 
     /// Welcomes the sender, and reports whether the machine is locked.
     pub(super) fn welcome(&mut self, machine: &Snapshot) -> Progress {
+        let is_host = self.host.dialect == Dialect::RepRap;
+        let is_unlocking = self.is_unlocking_host();
         let text = &mut self.reports.message;
-        if self.host.dialect == Dialect::RepRap {
+        if is_host {
             replies::welcome(text, self.persistence.stored.settings.homing);
         } else {
             report::welcome(text);
@@ -153,7 +155,11 @@ impl Session {
             report::feedback(text, Feedback::CheckLimits);
         }
         if machine.state == State::Alarm {
-            report::feedback(text, Feedback::Locked);
+            match (is_host, is_unlocking) {
+                (false, _) => report::feedback(text, Feedback::Locked),
+                (true, false) => replies::locked(text),
+                (true, true) => {}
+            }
             self.stage = LineStage::Reading;
         } else {
             self.stage = LineStage::StartingUp(0);
