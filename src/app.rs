@@ -238,8 +238,9 @@ mod app {
         loop {
             let read = |shared: &mut Snapshot| snapshot.copy_from(shared, segments, inputs);
             cx.shared.snapshot.lock(read);
-            let run =
-                |serial: &mut SerialSession| serial.run(&snapshot, requests, entries, storage);
+            let run = |serial: &mut SerialSession| {
+                serial.run(&snapshot, requests, segments, entries, storage)
+            };
             if cx.shared.serial.lock(run) == Progress::Waiting {
                 released(&mut cx.shared.interpret_waker).await;
             }

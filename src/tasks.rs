@@ -288,13 +288,14 @@ pub struct SessionIo<'a, 'q> {
     pub sent: &'a mut ByteWriter<'q>,
 }
 
-/// Executes received lines, and stores the change that the session wants stored, which is at rest
-/// only.
+/// Executes received lines, sends the position if it is streamed, and stores the change that the session
+/// wants stored, which is at rest only.
 #[inline]
 pub fn interpret<'q>(
     io: SessionIo<'_, 'q>,
     snapshot: &Snapshot,
     requests: &Requests,
+    segments: &SegmentRing,
     entries: &mut Producer<'q, Entry>,
     store: impl FnOnce(Change, &Stored, &ToolTable) -> Result<(), StoreError>,
     platform: &mut impl Platform,
@@ -306,6 +307,7 @@ pub fn interpret<'q>(
     } = io;
     let entered = session.entered();
     let progress = session.run(snapshot, requests, received, sent, entries);
+    session.stream_position(progress, snapshot, segments, requests, sent);
     let new = session.entered().wrapping_sub(entered) as usize;
     if session.takes_release() | needs_release(new, entries) {
         platform.pend(Task::Prepare);

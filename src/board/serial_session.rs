@@ -11,6 +11,7 @@ use leadscrew::{
     model::Requests,
     path::Entry,
     protocol::{ByteReader, ByteWriter, Progress, Session},
+    stepper::SegmentRing,
     tasks::{self, SessionIo},
 };
 
@@ -46,13 +47,14 @@ impl SerialSession {
         &mut self,
         snapshot: &Snapshot,
         requests: &Requests,
+        segments: &SegmentRing,
         entries: &mut Producer<'static, Entry>,
         storage: &mut Storage,
     ) -> Progress {
         let store = |change, stored: &_, tools: &_| storage.write(change, stored, tools);
         let io = self.io();
         let platform = &mut ChipPlatform;
-        let progress = tasks::interpret(io, snapshot, requests, entries, store, platform);
+        let progress = tasks::interpret(io, snapshot, requests, segments, entries, store, platform);
         // Settings change at rest only, and nothing moves before the session goes on.
         pins::configure_if_changed(self.session.settings());
         self.transmitter.send_all(requests);

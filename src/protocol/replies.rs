@@ -30,21 +30,21 @@ pub fn resend(text: &mut Text, damage: Damage, last: i32) {
         Damage::Number => "Line Number is not Last Line Number+1",
     });
     text.word(", Last Line: ");
-    integer(text, last).end();
+    text.integer(last).end();
     text.word("Resend: ");
-    integer(text, next_number(last)).end();
+    text.integer(next_number(last)).end();
 }
 
 /// The same for a sender that speaks Grbl, without the `error:`.
 pub fn resend_message(text: &mut Text, last: i32) {
     text.word("[MSG:Resend: ");
-    integer(text, next_number(last)).word("]").end();
+    text.integer(next_number(last)).word("]").end();
 }
 
 /// `echo:Line number: 7`.
 pub fn line_number(text: &mut Text, last: i32) {
     text.word("echo:Line number: ");
-    integer(text, last).end();
+    text.integer(last).end();
 }
 
 /// The reason why a line has been refused, without the `ok`. `line` is what the sender has typed, without
@@ -124,7 +124,7 @@ pub fn position(text: &mut Text, position: &Axes<Nm>, extruded: Nm, steps: &Axes
         .coordinate(extruded, ReportUnit::Millimetre)
         .word(" Count");
     for (letter, value) in [" X:", " Y:", " Z:"].into_iter().zip(steps) {
-        integer(text.word(letter), *value);
+        text.word(letter).integer(*value);
     }
     text.end();
 }
@@ -225,11 +225,3 @@ const UNLOCKING: &str = "G28 homes the machine; M999 to go on";
 
 /// The version of the firmware.
 const VERSION: &str = env!("CARGO_PKG_VERSION");
-
-/// Writes a whole number.
-fn integer(text: &mut Text, value: i32) -> &mut Text {
-    if value < 0 {
-        text.byte(b'-');
-    }
-    text.natural(value.unsigned_abs())
-}

@@ -153,6 +153,18 @@ fn position(steps: Axes<i32>, settings: &Settings) -> Axes<Nm> {
     })
 }
 
+/// `X:45,Y:22`: the first axes of a position, steps.
+pub fn stepped_position(text: &mut Text, steps: &Axes<i32>, axes: usize) {
+    let shown = LETTERS.iter().zip(steps).take(axes);
+    for (index, (letter, steps)) in shown.enumerate() {
+        if index > 0 {
+            text.byte(b',');
+        }
+        text.byte(*letter).byte(b':').integer(*steps);
+    }
+    text.end();
+}
+
 /// `|Pn:PXYZ`, nothing when no input is active.
 fn pins(text: &mut Text, inputs: Levels) {
     if inputs == Levels::NONE {

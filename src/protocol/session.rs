@@ -17,6 +17,7 @@ mod host_lines;
 mod machine_sync;
 mod notifications;
 mod persistence;
+mod position_stream;
 mod program;
 mod reset;
 mod sending;
@@ -49,6 +50,7 @@ use host::Host;
 use machine_sync::MachineSync;
 use notifications::Reports;
 use persistence::{AfterStore, Persistence};
+use position_stream::PositionStream;
 use tool_change::ToolChange;
 
 /// Lines that one run executes, at most: moves of one line each that fill the queue of entries. More
@@ -212,6 +214,8 @@ pub struct Session {
     tool_change: ToolChange,
     /// What senders of other dialects than Grbl's need.
     host: Host,
+    /// The position as it was sent last, unasked.
+    stream: PositionStream,
     /// The axes are where their coordinates say: nothing has happened since homing by which they may
     /// have lost steps.
     is_homed: bool,
@@ -252,6 +256,7 @@ impl Session {
             probing: ProbeRecord::default(),
             tool_change: ToolChange::new(),
             host: Host::new(),
+            stream: PositionStream::default(),
             is_homed: false,
             tool_before_check: None,
         }
@@ -396,6 +401,7 @@ impl Session {
         } else {
             work
         };
+        let work = work.union(self.awaited_by_stream());
         if self.host.dialect == Dialect::RepRap {
             // Each line may be the command of an emergency.
             work.union(Awaited::LINE)

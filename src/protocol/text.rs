@@ -132,6 +132,14 @@ impl Text {
         self.digits(u64::from(value), &ONES, 0)
     }
 
+    /// Writes a whole number, negative ones with their sign.
+    pub fn integer(&mut self, value: i32) -> &mut Self {
+        if value < 0 {
+            self.byte(b'-');
+        }
+        self.natural(value.unsigned_abs())
+    }
+
     /// Writes a coordinate: 3 decimals in mm, 4 in inches, halves away from zero.
     pub fn coordinate(&mut self, value: Nm, unit: ReportUnit) -> &mut Self {
         let nm = value.0.unsigned_abs();

@@ -124,6 +124,18 @@ pub(super) const fn rpm(field: Field<f32>) -> Kind {
     )
 }
 
+/// Up to a second, whole.
+pub(super) const fn milliseconds(field: Field<f32>) -> Kind {
+    Kind::Number(
+        field,
+        ValueRange {
+            least: 0.0,
+            most: 1000.0,
+            decimals: 0,
+        },
+    )
+}
+
 pub(super) const fn axis_number(field: Field<Axes<f32>>) -> Kind {
     Kind::AxisNumber(field, ValueRange::from(0.0))
 }

@@ -100,6 +100,10 @@ settings! {
     fan_output: u8 = 0,
     /// `$784` Whether `G6` and `G0 S2` may move single motors.
     moves_motors: bool = false,
+    /// `$792` Least time between two lines of the position stream, ms; 0 sends none.
+    stream_interval_ms: f32 = 0.0,
+    /// `$793` Whether these lines have Z.
+    stream_z: bool = false,
     /// `$788` Axes that home where they stand, by marks, bit 0 = X.
     homing_marks: u8 = 0,
     /// `$13` Whether reports are in inches.

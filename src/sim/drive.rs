@@ -198,9 +198,11 @@ impl Drive {
         }
     }
 
-    /// Returns the queue that `interpret` fills, and its platform.
-    pub(super) fn for_interpret(&mut self) -> (Producer<'_, Entry>, &mut VirtualPlatform) {
-        (self.entries.split().0, &mut self.platform)
+    /// Returns the queue that `interpret` fills, the segments that it looks at, and its platform.
+    pub(super) fn for_interpret(
+        &mut self,
+    ) -> (Producer<'_, Entry>, &SegmentRing, &mut VirtualPlatform) {
+        (self.entries.split().0, &self.segments, &mut self.platform)
     }
 
     /// Runs `serial_rx` for a received byte.

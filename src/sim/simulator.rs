@@ -266,9 +266,17 @@ impl Simulator {
             assert!(is_at_rest, "the flash is written at rest only");
             journal.write(change, stored, tools)
         };
-        let (mut entries, platform) = self.drive.for_interpret();
+        let (mut entries, segments, platform) = self.drive.for_interpret();
         let requests = &self.requests;
-        let progress = tasks::interpret(io, snapshot, requests, &mut entries, store, platform);
+        let progress = tasks::interpret(
+            io,
+            snapshot,
+            requests,
+            segments,
+            &mut entries,
+            store,
+            platform,
+        );
         self.is_interpret_released = progress == Progress::Again;
     }
 

@@ -10,6 +10,7 @@ mod drilling;
 mod flow;
 mod laws;
 mod machine;
+mod position_stream;
 mod program;
 mod random_programs;
 mod receiving;

@@ -51,13 +51,14 @@ const FAST: [&str; 6] = [
     "$122=300",
 ];
 
-/// The programs of `examples/`.
+/// The programs of `examples/` for any machine: the one with settings of its name needs those.
 fn examples() -> Result<Vec<PathBuf>> {
     let folder = cargo::root().join("examples");
     let entries = fs::read_dir(&folder).context("there is no folder examples")?;
     let paths = entries.flatten().map(|entry| entry.path());
     let mut paths: Vec<_> = paths
         .filter(|path| path.extension().is_some_and(|ending| ending == "nc"))
+        .filter(|path| !path.with_extension("settings").exists())
         .collect();
     paths.sort();
     ensure!(!paths.is_empty(), "there are no examples");

@@ -1,0 +1,270 @@
+//! The position stream: every line a position of the axes, in order, and never in the way of an answer.
+
+use std::fmt::Write as _;
+
+use leadscrew::{
+    axis::{AXES, Axes},
+    settings::{Settings, assign},
+    sim::{Edge, Simulator, Stream, StreamEnd, Watcher},
+    units::TICKS_PER_MS,
+};
+use proptest::prelude::*;
+
+use crate::cases;
+
+/// Four arcs of 270° about the ends of a cross: 2 400 steps each.
+const PROGRAM: &str = include_str!("../../examples/pico.nc");
+/// One step is 1 mm, 250 steps a second, no ramp, and every position streamed.
+const MACHINE: &str = include_str!("../../examples/pico.settings");
+
+/// What the machine did and sent.
+#[derive(Default)]
+struct Recorder {
+    steps: Axes<i32>,
+    /// Every position that X, Y and Z have had, and when, ticks since power-up.
+    trace: Vec<[i32; 3]>,
+    ticks: Vec<u64>,
+    /// The lines of the stream, each with the number of positions had before it, and answers.
+    positions: Vec<(String, usize, u64)>,
+    answers: Vec<String>,
+    others: Vec<String>,
+}
+
+impl Watcher for Recorder {
+    fn edge(&mut self, edge: &Edge) {
+        if edge.raise == 0 {
+            return;
+        }
+        for axis in (0..AXES).filter(|axis| edge.raise >> axis & 1 != 0) {
+            let is_negative = edge.directions >> axis & 1 != 0;
+            self.steps[axis] += if is_negative { -1 } else { 1 };
+        }
+        self.trace.push([0, 1, 2].map(|axis| self.steps[axis]));
+        self.ticks.push(edge.ticks);
+    }
+
+    fn answer(&mut self, _line: u64, answer: &[u8]) {
+        self.answers.push(String::from_utf8_lossy(answer).into());
+    }
+
+    fn message(&mut self, answers: u64, message: &[u8]) {
+        let message = String::from_utf8_lossy(message).into_owned();
+        if message.starts_with("X:") {
+            self.positions.push((message, self.trace.len(), answers));
+        } else {
+            self.others.push(message);
+        }
+    }
+}
+
+impl Recorder {
+    /// The streamed positions.
+    fn places(&self) -> Vec<Vec<i32>> {
+        let place = |(line, ..): &(String, usize, u64)| {
+            line.split(',')
+                .zip(["X:", "Y:", "Z:"])
+                .map(|(word, letter)| word.strip_prefix(letter).unwrap().parse().unwrap())
+                .collect()
+        };
+        self.positions.iter().map(place).collect()
+    }
+
+    /// Every line is a position that the axes have had before it, after that of the line before.
+    fn assert_on_the_trace(&self) {
+        let mut first = 0;
+        for (place, (line, known, _)) in self.places().iter().zip(&self.positions) {
+            let had = &self.trace[..*known];
+            let found = had[first..].iter().position(|at| at.starts_with(place));
+            first += found.unwrap_or_else(|| panic!("{line} is not on the trace from {first} on"));
+        }
+    }
+}
+
+fn settings(assignments: &[&str]) -> Settings {
+    let mut settings = Settings::default();
+    let machine = MACHINE.lines().filter_map(|line| line.strip_prefix('$'));
+    for assignment in machine.chain(assignments.iter().copied()) {
+        assign(&mut settings, assignment.as_bytes()).expect(assignment);
+    }
+    settings
+}
+
+fn run_at(settings: &Settings, program: &str, baud: u32) -> Recorder {
+    let mut simulator = Simulator::new(settings);
+    let mut recorder = Recorder::default();
+    let mut stream = Stream::new(&mut simulator, program.bytes(), baud);
+    assert_eq!(stream.run(&mut recorder), StreamEnd::Complete);
+    assert_eq!(simulator.late(), 0);
+    recorder
+}
+
+fn run(assignments: &[&str], program: &str) -> Recorder {
+    run_at(&settings(assignments), program, 115_200)
+}
+
+#[test]
+fn the_stream_shows_every_step_of_the_experiment() {
+    let recorder = run(&[], PROGRAM);
+    assert_eq!(recorder.answers, ["ok"; 8]);
+    recorder.assert_on_the_trace();
+    let places = recorder.places();
+    assert!(places.len() >= 2 * 2400, "{} lines", places.len());
+    let mut before = [0, 0];
+    for place in &places {
+        let ways = [0, 1].map(|axis| (place[axis] - before[axis]).abs());
+        assert!(ways.iter().all(|way| *way <= 1), "{before:?} to {place:?}");
+        assert_ne!(ways, [0, 0], "twice {place:?}");
+        before = [place[0], place[1]];
+    }
+    let mut ends = places.iter();
+    for end in [[-400, 400], [0, 0], [400, -400], [0, 0]] {
+        assert!(ends.any(|place| *place == end), "{end:?}");
+    }
+    assert_eq!(recorder.positions.last().unwrap().0, "X:0,Y:0");
+}
+
+#[test]
+fn the_experiment_ends_where_it_began_after_30_156_seconds() {
+    let recorder = run(&[], PROGRAM);
+    // Each arc with the places that it visits, from the end of the one before.
+    let mut begin = 0;
+    let mut from = [0, 0];
+    let mut counts = [0, 0];
+    for (center, end) in [
+        ([0, 400], [-400, 400]),
+        ([-400, 0], [0, 0]),
+        ([400, 0], [400, -400]),
+        ([0, -400], [0, 0]),
+    ] {
+        let mut steps = 0;
+        let mut place = from;
+        for [x, y, _] in &recorder.trace[begin..] {
+            let ways = [x - place[0], y - place[1]].map(i32::unsigned_abs);
+            assert!(ways.iter().all(|way| *way <= 1));
+            steps += ways[0] + ways[1];
+            for (count, way) in counts.iter_mut().zip(ways) {
+                *count += way;
+            }
+            place = [*x, *y];
+            begin += 1;
+            let radius = f64::from(x - center[0]).hypot(f64::from(y - center[1]));
+            assert!((radius - 400.0).abs() <= 0.7072, "{place:?}: {radius}");
+            if steps == 2400 {
+                break;
+            }
+        }
+        assert_eq!(place, end);
+        from = place;
+    }
+    assert_eq!(begin, recorder.trace.len());
+    assert_eq!(counts, [4800, 4800]);
+    let ticks = recorder.ticks[begin - 1] - recorder.ticks[0];
+    let seconds = ticks as f64 / f64::from(TICKS_PER_MS) / 1000.0;
+    assert!((seconds - 30.156).abs() <= 0.001, "{seconds} s");
+}
+
+#[test]
+fn without_the_stream_nothing_is_sent() {
+    let recorder = run(&["792=0", "793=1"], PROGRAM);
+    assert!(recorder.positions.is_empty());
+    let streamed = run(&["793=1"], PROGRAM);
+    assert_eq!(recorder.answers, streamed.answers);
+    assert_eq!(recorder.others, streamed.others);
+    assert_eq!(recorder.trace, streamed.trace);
+}
+
+#[test]
+fn lines_have_z_if_it_is_asked_for() {
+    let program = "G1 X3 Z0.1 F600\nZ0.2\n";
+    let recorder = run(&[], program);
+    assert_eq!(recorder.positions.last().unwrap().0, "X:3,Y:0");
+    let recorder = run(&["793=1"], program);
+    recorder.assert_on_the_trace();
+    assert_eq!(recorder.positions.last().unwrap().0, "X:3,Y:0,Z:50");
+}
+
+#[test]
+fn lines_keep_their_distance_and_the_last_one_comes_all_the_same() {
+    for interval_ms in [20, 1000] {
+        let setting = format!("792={interval_ms}");
+        let mut simulator = Simulator::new(&settings(&[&setting]));
+        let mut sent = Vec::new();
+        let mut line = String::new();
+        for byte in b"G1 X300 F15000\nX303\n" {
+            simulator.receive(*byte);
+        }
+        simulator.settle();
+        let mut is_due = true;
+        while is_due {
+            is_due = simulator.due().is_some_and(|due| {
+                simulator.advance(due);
+                true
+            });
+            while let Some(byte) = simulator.send() {
+                line.push(char::from(byte));
+                if byte == b'\n' {
+                    sent.push((simulator.now(), std::mem::take(&mut line)));
+                    is_due = true;
+                }
+            }
+            simulator.settle();
+        }
+        sent.retain(|(_, line)| line.starts_with("X:"));
+        assert_eq!(sent.pop().unwrap().1, "X:303,Y:0\r\n");
+        // A line comes up to a segment after the position that it has.
+        let shortest = sent.windows(2).map(|two| two[1].0 - two[0].0).min();
+        let least = (interval_ms - 2) * u64::from(TICKS_PER_MS);
+        assert!(shortest.unwrap_or(least) >= least, "{shortest:?}");
+        let expected = 1212 / interval_ms as usize;
+        assert!(
+            (expected / 2..=expected + 1).contains(&sent.len()),
+            "{}",
+            sent.len()
+        );
+    }
+}
+
+#[test]
+fn settings_of_the_stream_have_their_ranges() {
+    for refused in ["792=1001", "792=-1", "792=x"] {
+        let mut settings = Settings::default();
+        assert!(
+            assign(&mut settings, refused.as_bytes()).is_err(),
+            "{refused}"
+        );
+    }
+    for accepted in ["792=0", "792=1000", "793=0", "793=1"] {
+        let mut settings = Settings::default();
+        assert!(
+            assign(&mut settings, accepted.as_bytes()).is_ok(),
+            "{accepted}"
+        );
+    }
+}
+
+proptest! {
+    #![proptest_config(cases(24))]
+
+    /// Each line gets its answer in order, whatever the line rate, with the same messages between.
+    #[test]
+    fn answers_are_the_same_with_the_stream(
+        moves in prop::collection::vec((-40_i32..40, -40_i32..40), 1..30),
+        interval_ms in 1_u32..50,
+        baud in prop::sample::select(&[9600_u32, 115_200, 1_000_000][..]),
+    ) {
+        let mut program = String::from("G1 F15000\n");
+        for (x, y) in &moves {
+            let _ = write!(program, "X{x} Y{y}\n$\nG99\n");
+        }
+        program += "$G\n";
+        let plain = run_at(&settings(&["792=0"]), &program, baud);
+        let setting = format!("792={interval_ms}");
+        let streamed = run_at(&settings(&[&setting]), &program, baud);
+        prop_assert_eq!(&plain.answers, &streamed.answers);
+        prop_assert_eq!(&plain.others, &streamed.others);
+        prop_assert_eq!(&plain.trace.last(), &streamed.trace.last());
+        streamed.assert_on_the_trace();
+        let end = streamed.trace.last().map(|[x, y, _]| format!("X:{x},Y:{y}"));
+        prop_assert_eq!(streamed.positions.last().map(|(line, ..)| line.clone()), end);
+    }
+}
