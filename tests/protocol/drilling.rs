@@ -33,6 +33,16 @@ fn at_stage(machine: &mut Machine, line: &str, stage: usize) -> bool {
     (0..stage * 3).all(|_| machine.advance())
 }
 
+/// Nothing of a cycle is left over, for a pause at a change of the tool neither.
+fn assert_drills_nothing(machine: &mut Machine, what: &str) {
+    let before = machine.simulator.physical_steps();
+    for line in ["T7M6", "G4P0.01"] {
+        machine.execute(line, None);
+        machine.rest();
+        assert_eq!(machine.simulator.physical_steps(), before, "{what}: {line}");
+    }
+}
+
 #[test]
 fn a_hold_a_door_and_overrides_at_any_stage_change_nothing_but_the_time() {
     for line in CYCLES {
@@ -88,11 +98,7 @@ fn a_reset_at_any_stage_keeps_the_position_and_ends_the_cycle() {
             let modes = machine.execute("$G", None).join(" ");
             assert!(modes.contains("[GC:G0 "), "{what}: {modes}");
             machine.assert_true(&what);
-            // Nothing of the cycle is left over.
-            let before = machine.simulator.physical_steps();
-            machine.execute("G4P0.01", None);
-            machine.rest();
-            assert_eq!(machine.simulator.physical_steps(), before, "{what}");
+            assert_drills_nothing(&mut machine, &what);
             assert_eq!(machine.simulator.outputs().spindle, Spindle::Off, "{what}");
         }
     }
@@ -106,10 +112,14 @@ fn a_line_that_leaves_the_travel_drills_nothing() {
         "G81X-10Z-9R1F3000",
     ] {
         let mut machine = ready();
+        assert_eq!(machine.execute("G81X-6Z-9R-4F3000", None), ["ok"]);
+        machine.rest();
         let before = machine.simulator.physical_steps();
         let output = machine.execute(line, None);
         assert!(output.contains(&"ALARM:2".to_owned()), "{line}: {output:?}");
         assert_eq!(machine.simulator.physical_steps(), before, "{line}");
+        machine.execute("$X", None);
+        assert_drills_nothing(&mut machine, line);
     }
 }
 

@@ -95,9 +95,7 @@ impl Session {
         }
         let text = &mut self.reports.message;
         report::tool_change(text, self.tool_change.tool, self.line.input.message());
-        self.line.tilted = None;
-        self.line.after_commands = Some(AfterCommands::ToolPause);
-        self.send_commands(0, links)
+        self.send_own_commands(AfterCommands::ToolPause, links)
     }
 
     /// Waits for cycle start, then returns to the program; or begins with the operator's lines.
@@ -117,8 +115,7 @@ impl Session {
         self.interpreter
             .return_from_tool_change(&change.interrupted, change.tool, outcome);
         self.reports.is_tool_due |= outcome.shows_tool;
-        self.line.after_commands = Some(AfterCommands::ToolReturn);
-        self.send_commands(0, links)
+        self.send_own_commands(AfterCommands::ToolReturn, links)
     }
 
     /// Ends the change: the line is dispatched again, for the rest of it.
@@ -142,8 +139,19 @@ impl Session {
         self.interpreter
             .pause_without_spindle(&mut self.line.outcome);
         report::feedback(&mut self.reports.message, Feedback::SpindleOff);
+        self.send_own_commands(AfterCommands::Again, links)
+    }
+
+    /// Sends commands that are not those of the line, of which an earlier one may have ended within a cycle
+    /// or a tilted arc.
+    fn send_own_commands(
+        &mut self,
+        after_commands: AfterCommands,
+        links: &mut Links<'_, '_>,
+    ) -> Progress {
         self.line.tilted = None;
-        self.line.after_commands = Some(AfterCommands::Again);
+        self.line.drilling = None;
+        self.line.after_commands = Some(after_commands);
         self.send_commands(0, links)
     }
 
