@@ -222,6 +222,32 @@ fn the_program_pauses_and_ends_beside_the_path() {
 }
 
 #[test]
+fn a_jog_after_g40_begins_where_the_cutter_is_and_a_refused_one_changes_nothing() {
+    let run = |jogs: &[(&str, &str)]| {
+        let mut bench = Bench::new();
+        for line in ["F600", "G41.1D4", "G1X10", "X20", "G40"] {
+            assert_eq!(bench.ask(line), ["ok"], "{line}");
+        }
+        let mut at = [0; 3];
+        moves(&mut bench, &mut at);
+        for (jog, answer) in jogs {
+            assert_eq!(bench.ask(jog), [*answer], "{jog}");
+        }
+        assert_eq!(bench.ask("G91G1X1"), ["ok"]);
+        moves(&mut bench, &mut at)
+    };
+    // From the programmed position, and from the cutter's.
+    assert_moves(
+        &run(&[("$J=G91F3000", "error:26"), ("$J=X1F600G2", "error:35")]),
+        &[([21_000, 0, 0], false)],
+    );
+    assert_moves(
+        &run(&[("$J=G91X1F3000", "ok")]),
+        &[([21_000, 2000, 0], false), ([22_000, 2000, 0], false)],
+    );
+}
+
+#[test]
 fn a_reset_forgets_the_move_that_waits() {
     let mut bench = Bench::new();
     let mut at = [0; 3];

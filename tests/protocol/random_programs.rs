@@ -10,7 +10,7 @@ use leadscrew::{
     protocol::Session,
     units::Nm,
 };
-use proptest::{prelude::*, test_runner::RngSeed};
+use proptest::prelude::*;
 
 use super::{
     cases,
@@ -110,7 +110,7 @@ fn changed_by_lines(session: &Session) -> (Modal, Offsets, Axes<Nm>) {
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig { rng_seed: RngSeed::Fixed(1), ..cases(300) })]
+    #![proptest_config(cases(300))]
 
     #[test]
     fn programs_of_all_codes_are_answered_line_by_line_and_stay_in_the_travel(

@@ -11,7 +11,7 @@ use crate::{
         ToolCommand, Word, Words, tool_number,
     },
     model::{Circle, Cutter, Laser, Plane, Side},
-    settings::ToolEntry,
+    settings::{Settings, ToolEntry},
     units::Nm,
 };
 
@@ -316,6 +316,31 @@ impl Interpreter {
     #[must_use]
     pub const fn is_beside_path(&self) -> bool {
         self.compensation.is_beside
+    }
+
+    /// Checks a jog that begins where the cutter is, beside the programmed path: compensation ends there,
+    /// unless the jog is refused or its target is. Then nothing changes.
+    ///
+    /// # Errors
+    /// As [`Self::check_jog`].
+    pub fn check_jog_beside_path(
+        &mut self,
+        line: &[u8],
+        settings: &Settings,
+        cutter: Axes<Nm>,
+        is_refused: impl FnOnce(&Axes<Nm>) -> bool,
+    ) -> Result<Checked, LineError> {
+        let (compensation, position) = (self.compensation, self.position);
+        self.cancel_compensation();
+        self.set_position(cutter);
+        let checked = self.check_jog(line, settings);
+        let target = checked.as_ref().map(|checked| checked.target().position);
+        if target.map_or(true, |target| is_refused(&target)) {
+            self.compensation = compensation;
+            self.set_position(position);
+            self.update_plain_modes();
+        }
+        checked
     }
 
     /// Ends cutter compensation where the cutter is.

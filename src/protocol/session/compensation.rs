@@ -5,7 +5,13 @@
 //! when nothing follows. What needs standstill looks at the motion, not at the move that waits.
 
 use super::{LineStage, Links, Progress, Session};
-use crate::{gcode::LineError, model::State, path::Misfit};
+use crate::{
+    axis::Axes,
+    gcode::LineError,
+    model::State,
+    path::{Misfit, is_outside},
+    units::Nm,
+};
 
 impl Session {
     /// Plans what the line moves beside the programmed path. Nothing changes that has been accepted.
@@ -63,12 +69,29 @@ impl Session {
         self.compensator.clear();
     }
 
-    /// Continues where the cutter is: compensation has ended, and no move has left the contour.
-    pub(super) fn leave_contour(&mut self) {
-        if self.interpreter.is_beside_path() && !self.interpreter.is_compensating() {
-            self.interpreter.cancel_compensation();
-            self.interpreter.set_position(self.compensator.end());
+    /// Checks a jog. After `G40` it begins where the cutter is, unless it is refused.
+    ///
+    /// # Errors
+    /// As [`Interpreter::check_jog`](crate::gcode::interpreter::Interpreter::check_jog), and 15 for a
+    /// target beyond soft limits.
+    #[inline(never)]
+    pub(super) fn check_jog(&mut self) -> Result<(), LineError> {
+        let settings = &self.persistence.stored.settings;
+        let line = self.line.input.text().unwrap_or_default();
+        let line = line.get(3..).unwrap_or_default();
+        let is_beyond = |target: &Axes<Nm>| settings.soft_limits && is_outside(settings, target);
+        let interpreter = &mut self.interpreter;
+        let checked = if interpreter.is_beside_path() && !interpreter.is_compensating() {
+            let cutter = self.compensator.end();
+            interpreter.check_jog_beside_path(line, settings, cutter, is_beyond)
+        } else {
+            interpreter.check_jog(line, settings)
+        };
+        self.line.checked = checked?;
+        if is_beyond(&self.line.checked.target().position) {
+            return Err(LineError::JogBeyondTravel);
         }
+        Ok(())
     }
 
     /// Sends what is released, and the commands of the line from the given one on, as far as there is room.

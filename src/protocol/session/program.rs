@@ -136,12 +136,6 @@ impl Session {
         if machine.state == State::Alarm && checked.needs_unlocked() {
             return Err(LineError::Locked);
         }
-        if self.line.source == Source::Jog
-            && self.settings().soft_limits
-            && is_outside(self.settings(), &checked.target().position)
-        {
-            return Err(LineError::JogBeyondTravel);
-        }
         Ok(())
     }
 
@@ -154,35 +148,11 @@ impl Session {
         }
         self.interpreter
             .set_optional_stop(machine.overrides.optional_stop);
-        if self.line.source == Source::Jog {
-            self.leave_contour();
-        }
-        let text = self.line.input.text().unwrap_or_default();
-        let line = match self.line.source {
-            Source::Line => text,
-            Source::Jog => text.get(3..).unwrap_or_default(),
-            Source::NewStartup { start, .. } => text.get(start..).unwrap_or_default(),
-            Source::Startup { number, .. } => match self.persistence.stored.startup.get(number) {
-                Some(line) => line.as_slice(),
-                None => &[],
-            },
-        };
-        let settings = &self.persistence.stored.settings;
         let checked = match self.line.source {
-            Source::Jog => self.interpreter.check_jog(line, settings),
-            Source::Line => {
-                let prefix = &self.line.prefix;
-                self.interpreter.check_after(prefix, line, settings)
-            }
-            Source::NewStartup { .. } | Source::Startup { .. } => {
-                self.interpreter.check(line, settings)
-            }
+            Source::Jog => self.check_jog(),
+            Source::Line | Source::NewStartup { .. } | Source::Startup { .. } => self.check_line(),
         };
-        self.line.checked = match checked {
-            Ok(checked) => checked,
-            Err(error) => return self.refuse(error),
-        };
-        let is_possible = self.check_state(machine);
+        let is_possible = checked.and_then(|()| self.check_state(machine));
         if let Err(error) = is_possible.and_then(|()| self.plan_compensated()) {
             return self.refuse(error);
         }
@@ -199,6 +169,30 @@ impl Session {
             return self.store_startup(machine, number, start);
         }
         self.execute(links)
+    }
+
+    /// Checks a line of a program or of startup.
+    ///
+    /// # Errors
+    /// As [`Interpreter::check_after`](crate::gcode::interpreter::Interpreter::check_after).
+    fn check_line(&mut self) -> Result<(), LineError> {
+        let text = self.line.input.text().unwrap_or_default();
+        let line = match self.line.source {
+            Source::Line | Source::Jog => text,
+            Source::NewStartup { start, .. } => text.get(start..).unwrap_or_default(),
+            Source::Startup { number, .. } => match self.persistence.stored.startup.get(number) {
+                Some(line) => line.as_slice(),
+                None => &[],
+            },
+        };
+        let settings = &self.persistence.stored.settings;
+        let plain = PlainPrefix::default();
+        let prefix = match self.line.source {
+            Source::Line => &self.line.prefix,
+            Source::Jog | Source::NewStartup { .. } | Source::Startup { .. } => &plain,
+        };
+        self.line.checked = self.interpreter.check_after(prefix, line, settings)?;
+        Ok(())
     }
 
     /// Executes the line that has been checked, after what must come before it: the change of a tool, or

@@ -4,7 +4,10 @@
 //! nothing but the program's text reaches them, so that what the motion has made of it can be compared.
 
 use leadscrew::{
-    gcode::interpreter::{Checked, CompensatedMove, Interpreter, Outcome},
+    gcode::{
+        LineError,
+        interpreter::{Checked, CompensatedMove, Interpreter, Outcome},
+    },
     model::Command,
     path::Compensator,
     protocol::{Line, Session},
@@ -79,8 +82,7 @@ impl ProgramReader {
             return Vec::new();
         }
         let checked = if let Some(jog) = text.strip_prefix(b"$J=") {
-            self.leave_contour();
-            self.interpreter.check_jog(jog, &self.settings)
+            self.check_jog(jog)
         } else if let Some(statement) = text.strip_prefix(b"$") {
             // A refused assignment changes nothing here either.
             let _ = assign(&mut self.settings, statement);
@@ -147,10 +149,13 @@ impl ProgramReader {
     }
 
     /// A jog begins where the cutter is.
-    fn leave_contour(&mut self) {
-        if self.interpreter.is_beside_path() && !self.interpreter.is_compensating() {
-            self.interpreter.cancel_compensation();
-            self.interpreter.set_position(self.compensator.end());
+    fn check_jog(&mut self, line: &[u8]) -> Result<Checked, LineError> {
+        let interpreter = &mut self.interpreter;
+        if interpreter.is_beside_path() && !interpreter.is_compensating() {
+            let cutter = self.compensator.end();
+            interpreter.check_jog_beside_path(line, &self.settings, cutter, |_| false)
+        } else {
+            interpreter.check_jog(line, &self.settings)
         }
     }
 }
