@@ -58,8 +58,6 @@ struct CutterMove {
     start: Axes<Nm>,
     end: Axes<Nm>,
     arc: Option<CutterArc>,
-    /// The direction of a line of the contour, in which it must go when it has been shortened.
-    direction: Option<Vector>,
     is_entry: bool,
     feed_rate: FeedRate,
     line: u32,
@@ -100,7 +98,6 @@ struct Plan {
     around: Option<([Nm; 2], Option<CutterArc>)>,
     end: [Nm; 2],
     arc: Option<CutterArc>,
-    direction: Option<Vector>,
     /// Length as programmed, mm.
     length_mm: f32,
 }
@@ -254,7 +251,6 @@ impl Compensator {
             start: core::mem::replace(&mut at, placed(plan.cutter.plane, &self.end, corner)),
             end: at,
             arc,
-            direction: None,
             is_entry: false,
             feed_rate,
             line,
@@ -264,7 +260,6 @@ impl Compensator {
             start: at,
             end: self.end,
             arc: plan.arc,
-            direction: plan.direction,
             is_entry: plan.entry.is_some(),
             feed_rate,
             line,
@@ -289,14 +284,6 @@ impl Compensator {
             }
         }
         place(&mut self.end);
-    }
-
-    /// Returns whether the move that waits would go back to its end: the corners at both of its ends are
-    /// farther apart for the cutter than it is long.
-    #[must_use]
-    pub fn goes_back(&self) -> bool {
-        let goes_back = |waiting: &CutterMove| waiting.goes_back(self.plane, &waiting.end);
-        self.waiting.as_ref().is_some_and(goes_back)
     }
 
     /// Releases everything: the waiting move goes to its end.
@@ -409,14 +396,6 @@ impl Behind {
 }
 
 impl CutterMove {
-    /// Returns whether a line of the contour would go back to an end.
-    fn goes_back(&self, plane: Plane, end: &Axes<Nm>) -> bool {
-        let (first, second, _) = plane.axes();
-        let distance = [first, second].map(|axis| (end[axis] - self.start[axis]).to_mm_f64());
-        self.direction
-            .is_some_and(|direction| dot(direction, distance) < -ROUNDING_MM)
-    }
-
     fn command(&self, plane: Plane) -> Command {
         let target = self.end.into();
         let (feed_rate, line) = (self.feed_rate, self.line);
@@ -579,7 +558,6 @@ impl<'a> Site<'a> {
             around: None,
             end: self.machine(end),
             arc,
-            direction: None,
             length_mm: self.length_mm(),
         })
     }
@@ -630,12 +608,8 @@ impl<'a> Site<'a> {
             around: None,
             end: self.machine(end),
             arc: None,
-            direction: self.arc.is_none().then_some(direction),
             length_mm: self.length_mm(),
         };
-        if before.goes_back() {
-            return None;
-        }
         let mut start = tool;
         match meeting(side, n, n_after, self.is_reversal_concave(before)) {
             Meeting::Tangent => {}
@@ -662,13 +636,18 @@ impl<'a> Site<'a> {
                 }
             }
         }
-        if let Some(arc) = &self.arc {
-            plan.arc = Some(CutterArc {
-                centre: self.machine(arc.centre),
-                rotation: arc.rotation,
-                sweep: arc.sweep_from(start)?,
-                circles: arc.circles,
-            });
+        match &self.arc {
+            Some(arc) => {
+                plan.arc = Some(CutterArc {
+                    centre: self.machine(arc.centre),
+                    rotation: arc.rotation,
+                    sweep: arc.sweep_from(start)?,
+                    circles: arc.circles,
+                });
+            }
+            // A line shorter than what the corner takes of it would lead the cutter back into the contour.
+            None if dot(direction, minus(end, start)) < -ROUNDING_MM => return None,
+            None => {}
         }
         Some(plan)
     }

@@ -105,6 +105,26 @@ fn a_corner_that_does_not_fit_is_refused_and_the_move_before_it_waits() {
 }
 
 #[test]
+fn a_line_that_its_own_corner_takes_whole_is_refused_so_that_the_contour_can_end_anywhere() {
+    // The corner takes 5 mm of both lines: less behind it would lead the cutter back into the first one.
+    for end in ["G40", "M0", "M2", "M30"] {
+        let mut bench = Bench::new();
+        for line in ["F600", "G41.1D10G1X10", "X20"] {
+            assert_eq!(bench.ask(line), ["ok"], "{line}");
+        }
+        let mut at = [0; 3];
+        moves(&mut bench, &mut at);
+        assert_eq!(bench.ask("Y4.99"), ["error:92"]);
+        assert!(moves(&mut bench, &mut at).is_empty());
+        assert_eq!(bench.ask("Y5"), ["ok"]);
+        let answers = bench.ask(end);
+        let is_refused = answers.iter().any(|answer| answer.starts_with("error"));
+        assert!(!is_refused, "{end}: {answers:?}");
+        assert_moves(&moves(&mut bench, &mut at), &[([15_000, 5000, 0], false)]);
+    }
+}
+
+#[test]
 fn an_entry_keeps_the_circle_of_its_words() {
     // The circle of R about Y10: the cutter ends inside of it, on the radius at its end.
     for words in ["X10Y10R10", "X10Y10I0J10"] {

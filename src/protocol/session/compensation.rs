@@ -22,10 +22,7 @@ impl Session {
     pub(super) fn plan_compensated(&mut self) -> Result<(), LineError> {
         self.compensator.drop_plan();
         let checked = &self.line.checked;
-        let is_over = !checked.is_compensated() || checked.stops_program();
-        if is_over && self.compensator.goes_back() {
-            Err(LineError::CutterDoesNotFit)
-        } else if checked.is_compensated() {
+        if checked.is_compensated() {
             self.plan_beside_path()
         } else {
             Ok(())

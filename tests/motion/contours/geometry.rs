@@ -250,6 +250,10 @@ pub(super) const TANGENT: f64 = 0.05;
 /// How far beside the contour an entry by an arc begins at least, as a part of its chord.
 const LEAST_AHEAD: f64 = 0.1;
 
+/// What has to be left of a piece beside which the tool goes, mm: the end of an arc is rounded by up to
+/// 0.71 µm in a program, which decides whether the tool fits where less is left.
+const LEAST_LEFT: f64 = 1e-3;
+
 /// What the tool does at a corner.
 #[derive(Debug, Clone, Copy)]
 pub(super) enum Corner {
@@ -344,17 +348,17 @@ pub(super) fn way(entry: &Piece, contour: &[Piece], side: f64, radius: f64) -> O
             Corner::Convex(arc) => (1.0, Some(arc), 0.0),
             Corner::Concave(point) => (own.part(point), None, ways[next].part(point)),
         };
-        if end <= begin {
+        if (end - begin) * pair[0].length() < LEAST_LEFT {
             return None;
         }
         moves.push((own.between(begin, end), [index, next]));
         moves.extend(around.map(|arc| (arc, [index, next])));
         begin = next_begin;
     }
-    if begin >= 1.0 {
+    let last = ways.len() - 1;
+    if (1.0 - begin) * contour[last].length() < LEAST_LEFT {
         return None;
     }
-    let last = ways.len() - 1;
     moves.push((ways[last].between(begin, 1.0), [last, last]));
     Some(moves)
 }

@@ -98,9 +98,7 @@ impl ProgramReader {
         let programmed = self.interpreter.compensated_move(&checked);
         let farthest = self.settings.farthest();
         let misfit = programmed.map(|one| self.compensator.plan(&one, &farthest));
-        let is_over = !checked.is_compensated() || checked.stops_program();
-        let goes_back = is_over && self.compensator.goes_back();
-        if goes_back || misfit.is_some_and(|planned| planned.is_err()) {
+        if misfit.is_some_and(|planned| planned.is_err()) {
             return Vec::new();
         }
         self.programmed = programmed;
