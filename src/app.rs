@@ -247,7 +247,7 @@ mod app {
         }
     }
 
-    /// Answers `?`, within 5 ms.
+    /// Answers `?`: in the time that tasks with deadlines leave.
     #[task(priority = 1, shared = [snapshot, serial, report_waker, &requests, &inputs, &segments])]
     async fn report(mut cx: report::Context) -> ! {
         let requests = cx.shared.requests;

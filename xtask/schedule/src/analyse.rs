@@ -10,8 +10,8 @@ use std::{
 use sha2::{Digest, Sha256};
 
 use crate::{
-    Annotations, App, Cache, Config, Curve, Flaw, Image, Line, Model, Place, Program, Report,
-    Requirement, Rule, Stream, Task, Window,
+    Annotations, App, Cache, Config, Curve, Flaw, Image, Model, Place, Program, Report, Rule,
+    Stream, Task, UndeadlinedWait, Window,
     calibration::Measured,
     config::BoardConfig,
     crosscheck::Crosscheck,
@@ -19,11 +19,12 @@ use crate::{
     model::OUTSTANDING_TRANSFER,
     modes,
     registers::Registers,
-    resident,
+    requirements, resident,
     response::{self, Blocking, Flash, Response},
     rta::{Demand, Load},
     sections,
     system::{Row, System, misconfigured},
+    worst_path,
 };
 
 /// Steps of the proven step rate, Hz.
@@ -32,8 +33,6 @@ const RATE_STEP: u32 = 100;
 const HIGHEST_RATE: u32 = 600_000;
 /// Points of the curve.
 const CURVE_POINTS: u32 = 24;
-/// Lines of a worst path that are told.
-const PATH_LINES: usize = 40;
 
 /// What is to be analysed.
 #[derive(Debug, Clone)]
@@ -103,49 +102,21 @@ pub fn analyse(input: &Input<'_>) -> Result<Report, String> {
     Ok(report)
 }
 
-/// The lines of the project that tasks run, by file and number: the highest priority of a task with
-/// a deadline that does; `None`: only others.
-///
-/// # Errors
-///
-/// When a file cannot be read or understood.
-pub fn lines_of_tasks(input: &Input<'_>) -> Result<BTreeMap<(String, u32), Option<u8>>, String> {
-    let sources = Sources::read(input)?;
-    let program = Program::new(&sources.image, &sources.annotations);
-    let board = sources.board(input.board)?;
-    let clocks = (board.clock, Model::new(&board.clock));
-    let (app, config) = (&sources.app, &sources.config);
-    let system = System::new(&program, app, config, clocks, input.axes, &mut Vec::new());
-    let mut lines: BTreeMap<(String, u32), Option<u8>> = BTreeMap::new();
-    for row in &system.rows {
-        let priority = row.times.as_ref().map(|_| row.task.priority);
-        let named = BTreeMap::new();
-        let reached = system.wcets(row, &named).reach(row.root);
-        let functions = reached.iter().filter_map(|at| program.function(*at));
-        let blocks = functions.flat_map(|function| &function.blocks);
-        for instruction in blocks.flat_map(|block| &block.instructions) {
-            for frame in sources.image.frames(instruction.address).iter() {
-                if frame.file.starts_with("src/") {
-                    let line = lines.entry((frame.file.to_string(), frame.line));
-                    let known = line.or_default();
-                    *known = (*known).max(priority);
-                }
-            }
-        }
-    }
-    Ok(lines)
-}
-
 /// What an analysis reads.
-struct Sources {
-    config: Config,
-    app: App,
-    image: Image,
-    annotations: Annotations,
+pub(crate) struct Sources {
+    pub(crate) config: Config,
+    pub(crate) app: App,
+    pub(crate) image: Image,
+    pub(crate) annotations: Annotations,
 }
 
 impl Sources {
-    fn read(input: &Input<'_>) -> Result<Self, String> {
+    /// Reads them.
+    ///
+    /// # Errors
+    ///
+    /// When a file cannot be read or understood.
+    pub(crate) fn read(input: &Input<'_>) -> Result<Self, String> {
         let read = |name: &str| {
             let path = input.root.join(name);
             fs::read_to_string(&path).map_err(|error| format!("{}: {error}", path.display()))
@@ -159,7 +130,7 @@ impl Sources {
         })
     }
 
-    fn board(&self, name: &str) -> Result<&BoardConfig, String> {
+    pub(crate) fn board(&self, name: &str) -> Result<&BoardConfig, String> {
         let board = self.config.board.get(name);
         board.ok_or_else(|| format!("schedule.toml: no board `{name}`"))
     }
@@ -251,7 +222,6 @@ impl<'a> Analysis<'a> {
         let tasks = rows.map(|(index, row)| self.task(index, row, responses[index].as_ref()));
         report.tasks = tasks.collect();
         report.utilisation = response::utilisation(self.system, &responses);
-        report.undeadlined_wait_us = self.wait(&responses);
         let prices = responses
             .iter()
             .flatten()
@@ -279,9 +249,12 @@ impl<'a> Analysis<'a> {
                 let rate = self.proven(baud, Flash::Uncached)?;
                 report.uncached_step_rate_hz.insert(baud.to_string(), rate);
             }
+            report.undeadlined_waits = self.waits(report)?;
             self.curve(report)?;
         }
-        self.require(report);
+        let (required, flaws) = requirements::of(self.system.config, report);
+        report.requirements = required;
+        report.flaws.extend(flaws);
         Ok(())
     }
 
@@ -290,6 +263,10 @@ impl<'a> Analysis<'a> {
             .times
             .as_ref()
             .and_then(|_| self.system.cost(index, &self.named));
+        let cache = match response {
+            Some(response) if response.via == "uncached" => Cache::Uncached,
+            _ => Cache::Warm,
+        };
         let mut task = Task {
             name: row.name.clone(),
             vector: row.task.vector.clone(),
@@ -300,7 +277,7 @@ impl<'a> Analysis<'a> {
             exclusive_with: System::exclusive_with(row),
             kind_of: row.kind_of.map(|of| self.system.rows[of].name.clone()),
             regime: self.system.regime(index).map(str::to_owned),
-            worst_path: self.worst_path(row, response),
+            worst_path: worst_path::of(self.system, row, &self.named, cache),
             ..Task::default()
         };
         if let (Some(times), Some(it)) = (&row.times, response) {
@@ -324,69 +301,33 @@ impl<'a> Analysis<'a> {
         task
     }
 
-    /// How long tasks with deadlines may run one after another: the longest response of those of the
-    /// lowest priority among them is that of a window with a run of each at its beginning.
-    fn wait(&self, responses: &[Option<Response>]) -> Option<f64> {
-        let rows = { self.system.rows.iter().zip(responses) }
-            .filter_map(|(row, response)| Some((row.task.priority, response.as_ref()?)));
-        let lowest = rows.clone().map(|(priority, _)| priority).min()?;
-        let longest = rows
-            .filter(|(priority, _)| *priority == lowest)
-            .map(|(_, it)| it.response);
-        let longest: Option<Vec<u64>> = longest.collect();
-        Some(self.us(longest?.into_iter().max()? as f64))
+    /// How long those without deadlines wait: at the point of the table, at those that are required, and
+    /// at those that are proven.
+    fn waits(&self, report: &Report) -> Result<Vec<UndeadlinedWait>, String> {
+        let required = requirements::points(self.system.config, report.axes);
+        let proven = report.proven_step_rate_hz.iter();
+        let proven = proven.filter(|(_, rate)| **rate > 0);
+        let proven = proven.filter_map(|(baud, rate)| Some((*rate, baud.parse().ok()?)));
+        let points: BTreeSet<(u32, u32)> = [(report.step_rate_hz, report.baud)]
+            .into_iter()
+            .chain(required)
+            .chain(proven)
+            .collect();
+        let second = self.system.clock.hclk_hz;
+        let waits = points.into_iter().map(|(step_rate_hz, baud)| {
+            let point = self.system.point(step_rate_hz, baud);
+            let cycles = response::undeadlined_wait(self.system, &self.blocking, point, second)?;
+            Ok(UndeadlinedWait {
+                step_rate_hz,
+                baud,
+                cycles,
+            })
+        });
+        waits.collect()
     }
 
     fn us(&self, cycles: f64) -> f64 {
         cycles * 1e6 / self.system.clock.hclk_hz as f64
-    }
-
-    /// The source lines of a row's worst path, the dearest first.
-    fn worst_path(&self, row: &Row, response: Option<&Response>) -> Vec<Line> {
-        if row.times.is_none() {
-            return Vec::new();
-        }
-        let cache = match response {
-            Some(response) if response.via == "uncached" => Cache::Uncached,
-            _ => Cache::Warm,
-        };
-        let wcets = self.system.wcets(row, &self.named);
-        let mut lines: BTreeMap<(String, u32, String), (u64, u64)> = BTreeMap::new();
-        for ((address, block), count) in wcets.executions(row.root, cache) {
-            let Some(function) = self.system.program.function(address) else {
-                continue;
-            };
-            let mut seen = BTreeSet::new();
-            for (at, cycles) in wcets.costs(function, block, cache) {
-                let frames = self.system.image.frames(at);
-                let Some(frame) = frames.iter().find(|frame| frame.file.starts_with("src/")) else {
-                    continue;
-                };
-                let key = (
-                    frame.file.to_string(),
-                    frame.line,
-                    frame.function.to_string(),
-                );
-                let line = lines.entry(key.clone()).or_default();
-                line.0 += count * cycles;
-                if seen.insert(key) {
-                    line.1 = line.1.max(count);
-                }
-            }
-        }
-        let lines = lines
-            .into_iter()
-            .map(|((file, line, function), (cycles, count))| Line {
-                file,
-                line,
-                function,
-                cycles,
-                count,
-            });
-        let mut lines: Vec<Line> = lines.collect();
-        lines.sort_by_key(|line| std::cmp::Reverse(line.cycles));
-        lines.truncate(PATH_LINES);
-        lines
     }
 
     fn missed(&self, row: &Row, it: &Response) -> Option<Flaw> {
@@ -496,62 +437,6 @@ impl<'a> Analysis<'a> {
         }
         Ok(())
     }
-
-    fn require(&self, report: &mut Report) {
-        let require = &self.system.config.require;
-        let mut add = |what: String, unit: &str, required: f64, found: f64, is_met: bool| {
-            report.requirements.push(Requirement {
-                what,
-                unit: unit.to_owned(),
-                required,
-                found,
-                is_met,
-            });
-        };
-        if report.axes <= require.axes {
-            for (baud, rate) in &require.step_rate_hz {
-                let found = report.proven_step_rate_hz.get(baud).copied().unwrap_or(0);
-                let what = format!("step rate at {baud} baud");
-                add(
-                    what,
-                    "Hz",
-                    f64::from(*rate),
-                    f64::from(found),
-                    found >= *rate,
-                );
-            }
-        }
-        let jitter = report.step_edge_jitter_us;
-        let is_met = jitter > 0.0 && jitter <= require.jitter_us;
-        add(
-            "jitter of a step edge".to_owned(),
-            "µs",
-            require.jitter_us,
-            jitter,
-            is_met,
-        );
-        let (most, cycles) = (require.step_wcet_cycles, report.step_wcet_cycles);
-        let is_met = cycles > 0 && cycles <= most;
-        let what = "step interrupt with a warm cache".to_owned();
-        add(what, "cycles", most as f64, cycles as f64, is_met);
-        let limit = self.system.config.limits.icache_lines;
-        let step = report
-            .tasks
-            .iter()
-            .find(|task| task.name == self.system.config.table.step_task);
-        let lines = step.map_or(0, |task| task.icache_lines);
-        let what = "instruction cache lines of the step interrupt".to_owned();
-        add(
-            what,
-            "lines",
-            limit as f64,
-            lines as f64,
-            lines > 0 && lines <= limit,
-        );
-        let missed = report.requirements.iter().filter(|it| !it.is_met);
-        let flaws: Vec<Flaw> = missed.map(unmet).collect();
-        report.flaws.extend(flaws);
-    }
 }
 
 /// What a response time is computed from, for the report.
@@ -580,18 +465,6 @@ fn overload(utilisation: f64) -> Flaw {
         ),
         Place::default(),
         "Shorten the tasks, or let them run less often.",
-    )
-}
-
-fn unmet(it: &Requirement) -> Flaw {
-    Flaw::new(
-        Rule::Requirement,
-        format!(
-            "{}: {} {} required, {} found",
-            it.what, it.required, it.unit, it.found
-        ),
-        Place::default(),
-        "See which task has the least slack, and its worst path.",
     )
 }
 

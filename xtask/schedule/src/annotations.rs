@@ -15,17 +15,11 @@
 
 mod source;
 
-use std::{
-    collections::HashMap,
-    error::Error,
-    fmt, fs, io,
-    ops::RangeInclusive,
-    path::{Path, PathBuf},
-};
+use std::{collections::HashMap, error::Error, fmt, ops::RangeInclusive, path::Path};
 
 pub(crate) use source::{SourceLoop, Stated};
 
-use crate::Count;
+use crate::{Count, SourceFile};
 
 /// Why the annotations cannot be used.
 #[derive(Debug)]
@@ -53,16 +47,9 @@ impl Annotations {
     ///
     /// When a file cannot be read or parsed, or a comment has no loop or no number.
     pub fn read(root: &Path) -> Result<Self, AnnotationError> {
-        let mut paths = Vec::new();
-        list(&root.join("src"), &mut paths)
-            .map_err(|error| AnnotationError(format!("{}/src: {error}", root.display())))?;
         let mut annotations = Self::default();
-        for path in paths {
-            let shown = path.strip_prefix(root).unwrap_or(&path);
-            let shown = shown.to_string_lossy().into_owned();
-            let text = fs::read_to_string(&path)
-                .map_err(|error| AnnotationError(format!("{shown}: {error}")))?;
-            annotations.add(&shown, &text)?;
+        for file in SourceFile::all(root).map_err(AnnotationError)? {
+            annotations.add(&file.name, &file.text)?;
         }
         Ok(annotations)
     }
@@ -100,22 +87,6 @@ impl Annotations {
                 })
         })
     }
-}
-
-/// All Rust files below `folder`, in order.
-fn list(folder: &Path, found: &mut Vec<PathBuf>) -> io::Result<()> {
-    let mut entries: Vec<PathBuf> = fs::read_dir(folder)?
-        .map(|entry| Ok(entry?.path()))
-        .collect::<io::Result<_>>()?;
-    entries.sort();
-    for path in entries {
-        if path.is_dir() {
-            list(&path, found)?;
-        } else if path.extension().is_some_and(|extension| extension == "rs") {
-            found.push(path);
-        }
-    }
-    Ok(())
 }
 
 /// Lines of a file, from one.

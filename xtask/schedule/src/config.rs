@@ -96,6 +96,10 @@ pub struct Require {
     pub jitter_us: f64,
     /// Longest run of the step task with a warm cache.
     pub step_wcet_cycles: u64,
+    /// How long tasks with deadlines may keep the processor from those without, at the required step rate
+    /// of each baud rate, µs.
+    #[serde(default)]
+    pub undeadlined_wait_us: BTreeMap<String, f64>,
 }
 
 /// Limits that are not times.

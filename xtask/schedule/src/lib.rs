@@ -43,6 +43,7 @@ mod program;
 mod registers;
 pub mod replay;
 mod report;
+mod requirements;
 mod resident;
 mod response;
 mod row_demand;
@@ -50,16 +51,19 @@ mod rta;
 mod rtic;
 mod saved;
 mod sections;
+mod source_files;
 mod stack;
 mod substitution;
 mod system;
+mod task_lines;
 #[cfg(test)]
 mod testing;
 mod values;
 mod waits;
 mod wcet;
+mod worst_path;
 
-pub use analyse::{Input, analyse, lines_of_tasks};
+pub use analyse::{Input, analyse};
 pub use annotations::{AnnotationError, Annotations};
 pub use calibration::Measured;
 pub use config::{Config, Point, Replay};
@@ -72,9 +76,12 @@ pub use instruction::{Address, Instruction, Operation, Writeback};
 pub use model::{Cache, Clock, Model, lines};
 pub use program::{Block, Bound, Count, Edge, Function, Loop, Program, Region, Store, Total};
 pub use report::{
-    Curve, Line, Report, Requirement, Section, Stack, Stream, SubstitutedRuns, Task, Wcet, Window,
+    Curve, Line, Report, Requirement, Section, Stack, Stream, SubstitutedRuns, Task,
+    UndeadlinedWait, Wcet, Window,
 };
 pub use rtic::{App, AppTask};
+pub use source_files::SourceFile;
+pub use task_lines::lines_of_tasks;
 pub use wcet::Functions;
 
 #[cfg(test)]

@@ -35,8 +35,9 @@ pub struct Report {
     pub proven_step_rate_hz: BTreeMap<String, u32>,
     /// The same without anything that is assumed of the instruction cache.
     pub uncached_step_rate_hz: BTreeMap<String, u32>,
-    /// How long tasks with deadlines may keep the processor from those without, µs; `None`: no bound.
-    pub undeadlined_wait_us: Option<f64>,
+    /// How long tasks with deadlines may keep the processor from those without: at the step rate of the
+    /// table, at those that are required and at those that are proven.
+    pub undeadlined_waits: Vec<UndeadlinedWait>,
     /// Longest run of the step task with a warm cache, exception entry and exit included, cycles.
     pub step_wcet_cycles: u64,
     /// Most by which an edge of a step pin moves, µs.
@@ -68,6 +69,17 @@ pub struct Wcet {
     pub cold: u64,
     /// With a miss for every line of every block.
     pub uncached: u64,
+}
+
+/// How long tasks with deadlines may run one after another, with what holds them up.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct UndeadlinedWait {
+    /// Step rate that it is for, Hz.
+    pub step_rate_hz: u32,
+    /// Baud rate that it is for.
+    pub baud: u32,
+    /// The time, cycles; `None`: no bound.
+    pub cycles: Option<u64>,
 }
 
 /// One task.

@@ -168,6 +168,34 @@ fn up_to(
     Ok(responses)
 }
 
+/// How long tasks with deadlines may keep the processor from those without, which have lower priorities,
+/// cycles; `None`: more than `limit`.
+///
+/// All rows that may be due together are in the demand of one of the lowest priority: of the one to which
+/// none of the others yields.
+///
+/// # Errors
+///
+/// As [`all`].
+pub(crate) fn undeadlined_wait(
+    system: &System<'_>,
+    sections: &[Blocking],
+    point: Point,
+    limit: u64,
+) -> Result<Option<u64>, String> {
+    let responses = all(system, sections, point)?;
+    let rows = { system.rows.iter().zip(&responses) }
+        .filter_map(|(row, response)| Some((row.task.priority, response.as_ref()?)));
+    let Some(lowest) = rows.clone().map(|(priority, _)| priority).min() else {
+        return Ok(Some(0));
+    };
+    let busy = rows
+        .filter(|(priority, _)| *priority == lowest)
+        .map(|(_, response)| response.demand.busy(limit));
+    let busy: Option<Vec<u64>> = busy.collect();
+    Ok(busy.and_then(|busy| busy.into_iter().max()))
+}
+
 /// What is substituted, and what that costs.
 ///
 /// # Errors

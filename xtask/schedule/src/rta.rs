@@ -78,6 +78,16 @@ impl Demand {
     pub(crate) fn response(&self, limit: u64) -> Option<u64> {
         response(&self.own, &self.others, self.once, limit)
     }
+
+    /// How long the processor is busy with it, if that is below a limit: with all that is released in
+    /// that time.
+    pub(crate) fn busy(&self, limit: u64) -> Option<u64> {
+        let loads = || self.own.iter().chain(&self.others);
+        fixed_point(self.once, limit, |window| {
+            let released = loads().map(|load| load.arrival.count(window).max(1) * load.cost);
+            self.once + released.sum::<u64>()
+        })
+    }
 }
 
 /// Longest time from when a release of a task is due to its end, or `None` when there is none below `limit`.
@@ -209,6 +219,20 @@ mod tests {
         // 137 of each 1000 cycles are one task's: 48 runs in 47 176.
         let expected = 100 + 40_000 + 500 + 48 * 137;
         assert_eq!(demand.response(1_000_000), Some(expected));
+    }
+
+    #[test]
+    fn the_processor_is_busy_until_nothing_is_left_that_was_released() {
+        let demand = Demand {
+            own: vec![load(100.0, 62)],
+            others: vec![load(70.0, 26)],
+            once: 0,
+        };
+        // Lehoczky's tasks: the last of the jobs whose responses are above ends at 694.
+        assert_eq!(demand.busy(1000), Some(694));
+        assert_eq!(demand.busy(693), None);
+        let held = Demand { once: 20, ..demand };
+        assert!(held.busy(10_000) > Some(694 + 20));
     }
 
     #[test]

@@ -60,6 +60,26 @@ def response(window):
     return None
 
 
+def busy(window):
+    """How long the processor is busy with all of a window."""
+    streams = window["own"] + window["others"]
+    time = window["once"]
+    while True:
+        more = window["once"] + sum(
+            max(due(stream, time + stream["jitter"]), 1) * stream["cost"] for stream in streams
+        )
+        if more <= time:
+            return time
+        time = more
+
+
+def undeadlined(report):
+    """How long those without a deadline wait for those with one."""
+    tasks = [task for task in report["tasks"] if task.get("window")]
+    lowest = min(task["priority"] for task in tasks)
+    return max(busy(task["window"]) for task in tasks if task["priority"] == lowest)
+
+
 def main(path):
     with open(path, encoding="utf-8") as file:
         report = json.load(file)
@@ -76,6 +96,12 @@ def main(path):
         least = sum(stream["cost"] for stream in window["own"] + window["others"])
         assert window["once"] + least <= found + last_jitter(window), task["name"]
         count += 1
+    # Older reports do not say it.
+    point = report["step_rate_hz"], report["baud"]
+    for wait in report.get("undeadlined_waits", []):
+        if (wait["step_rate_hz"], wait["baud"]) == point and wait["cycles"] != undeadlined(report):
+            print(f"without a deadline: {undeadlined(report)}, and not {wait['cycles']} cycles")
+            return 1
     print(count)
     return 0
 

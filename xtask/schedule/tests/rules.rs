@@ -354,6 +354,33 @@ fn a_requirement_that_is_not_met_is_told_with_both_figures() {
 }
 
 #[test]
+fn the_wait_of_tasks_without_a_deadline_has_the_limit_that_is_required() {
+    let with = |name: &str, us: &str| {
+        let limit = format!("step_wcet_cycles = 200\nundeadlined_wait_us = {{ 115200 = {us} }}");
+        let project = Project::new(name)?;
+        Some(project.configured("step_wcet_cycles = 200", &limit))
+    };
+    let project = or_skip!(with("short-wait", "100"));
+    let report = project.analyse(&project.build());
+    assert_eq!(report.flaws, []);
+    let mut waits = report.undeadlined_waits.iter();
+    let wait = waits.find(|it| (it.step_rate_hz, it.baud) == (report.step_rate_hz, report.baud));
+    let wait = wait.and_then(|it| it.cycles).unwrap();
+    // The task of the lowest priority ends last, and no other is released a second time before.
+    let lowest = report.tasks.last().unwrap();
+    assert_eq!(Some(wait), lowest.response_cycles, "{}", lowest.name);
+    let project = with("long-wait", "1").expect("the target is installed");
+    let flaws = project.flaws();
+    let flaw = flaws.iter().find(|flaw| flaw.rule == Rule::Requirement);
+    let flaw = flaw.unwrap_or_else(|| panic!("{flaws:#?}"));
+    assert!(
+        flaw.what.contains("wait without a deadline at 100000 Hz"),
+        "{}",
+        flaw.what
+    );
+}
+
+#[test]
 fn code_in_ram_that_needs_the_flash_is_caught() {
     let project = or_skip!(Project::new("flash-from-ram"));
     let items = |body: &str| {
@@ -546,6 +573,12 @@ fn response_times_follow_from_the_report_alone() {
     *response += 1;
     let wrong = found(&report).unwrap().unwrap_err();
     assert!(wrong.contains("receive"), "{wrong}");
+    *report.tasks[1].response_cycles.as_mut().unwrap() -= 1;
+    for wait in &mut report.undeadlined_waits {
+        wait.cycles = wait.cycles.map(|cycles| cycles + 1);
+    }
+    let wrong = found(&report).unwrap().unwrap_err();
+    assert!(wrong.contains("without a deadline"), "{wrong}");
     // The report that the documents show.
     let shown = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../docs/schedule.json");
     let text = fs::read_to_string(&shown).unwrap();

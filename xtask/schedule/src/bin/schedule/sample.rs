@@ -2,7 +2,10 @@
 
 use std::collections::BTreeMap;
 
-use schedule::{Curve, Flaw, Line, Place, Report, Requirement, Rule, Section, Stack, Task, Wcet};
+use schedule::{
+    Curve, Flaw, Line, Place, Report, Requirement, Rule, Section, Stack, Task, UndeadlinedWait,
+    Wcet,
+};
 
 /// Clock of the core, Hz.
 const CLOCK_HZ: u64 = 168_000_000;
@@ -26,6 +29,11 @@ pub(super) fn report() -> Report {
         ]
         .map(|(baud, rate)| (baud.to_owned(), rate))
         .into(),
+        undeadlined_waits: vec![UndeadlinedWait {
+            step_rate_hz: 150_000,
+            baud: 115_200,
+            cycles: Some(709_800),
+        }],
         step_wcet_cycles: 150,
         step_edge_jitter_us: 0.52,
         stack_worst_bytes: 5_912,

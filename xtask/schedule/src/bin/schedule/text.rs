@@ -243,19 +243,25 @@ pub(super) fn blocking(report: &Report) -> Vec<(String, String)> {
     joined.collect()
 }
 
+/// How long tasks without deadlines wait for the others, at each rate.
+fn waits(report: &Report) -> String {
+    if report.undeadlined_waits.is_empty() {
+        return "unknown".into();
+    }
+    let waits = report.undeadlined_waits.iter().map(|it| {
+        let us = { it.cycles }.map(|cycles| cycles as f64 * 1e6 / report.clock_hz as f64);
+        let us = us.map_or("unbounded".into(), |us| format!("{} µs", shown_us(us)));
+        let (hz, baud) = (separated(it.step_rate_hz.into()), separated(it.baud.into()));
+        format!("{us} at {hz} Hz and {baud} baud")
+    });
+    let waits = waits.collect::<Vec<_>>().join(", ");
+    format!("at most {waits}, before the line being read and their own time")
+}
+
 /// The figures under the table: name and value.
 pub(super) fn figures(report: &Report) -> Vec<(&'static str, String)> {
     let rates = rates_shown(&report.proven_step_rate_hz);
     let uncached = rates_shown(&report.uncached_step_rate_hz);
-    let wait = report.undeadlined_wait_us.map_or_else(
-        || "unbounded".into(),
-        |us| {
-            format!(
-                "{} µs at most, before their own time and locks",
-                shown_us(us)
-            )
-        },
-    );
     let stack = report.stack_worst_bytes as f64 / report.stack_available_bytes.max(1) as f64;
     let lines = report
         .tasks
@@ -275,7 +281,7 @@ pub(super) fn figures(report: &Report) -> Vec<(&'static str, String)> {
         ),
         ("proven step rate", rates),
         ("without the cache", uncached),
-        ("`?` and lines wait", wait),
+        ("`?` and lines wait", waits(report)),
         (
             "step interrupt",
             format!(

@@ -1,13 +1,9 @@
 //! Functions into which a fault can be put.
 
-use std::{
-    collections::BTreeMap,
-    fmt, fs,
-    ops::RangeInclusive,
-    path::{Path, PathBuf},
-};
+use std::{collections::BTreeMap, fmt, ops::RangeInclusive, path::Path};
 
-use anyhow::{Context, Result, anyhow};
+use anyhow::{Error, Result, anyhow};
+use schedule::SourceFile;
 use syn::{Block, ImplItemFn, ItemFn, Signature, spanned::Spanned, visit::Visit};
 
 use super::fault::Fault;
@@ -45,15 +41,11 @@ impl Site {
 
 /// The functions of the files below `src` that tasks run.
 pub(super) fn all(root: &Path, lines: &BTreeMap<(String, u32), Option<u8>>) -> Result<Vec<Site>> {
-    let mut files = Vec::new();
-    list(&root.join("src"), &mut files)?;
-    let mut sites = Vec::new();
-    for path in files {
-        let file = path.strip_prefix(root)?.to_string_lossy().into_owned();
-        let text = fs::read_to_string(&path)?;
-        sites.extend(of_file(&file, &text, lines)?);
-    }
-    Ok(sites)
+    let files = SourceFile::all(root).map_err(Error::msg)?;
+    let sites = files
+        .iter()
+        .map(|file| of_file(&file.name, &file.text, lines));
+    Ok(sites.collect::<Result<Vec<_>>>()?.concat())
 }
 
 fn of_file(
@@ -109,23 +101,6 @@ impl<'ast> Visit<'ast> for Found {
         self.add(&item.sig, &item.block);
         syn::visit::visit_impl_item_fn(self, item);
     }
-}
-
-/// All Rust files below a folder, in order.
-fn list(folder: &Path, found: &mut Vec<PathBuf>) -> Result<()> {
-    let entries = fs::read_dir(folder).with_context(|| format!("no {}", folder.display()))?;
-    let mut entries: Vec<PathBuf> = entries
-        .map(|entry| Ok(entry?.path()))
-        .collect::<Result<_>>()?;
-    entries.sort();
-    for path in entries {
-        if path.is_dir() {
-            list(&path, found)?;
-        } else if path.extension().is_some_and(|extension| extension == "rs") {
-            found.push(path);
-        }
-    }
-    Ok(())
 }
 
 /// Sites in the order in which a seed draws them, with a number for the variant of the fault.
