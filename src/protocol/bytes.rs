@@ -322,6 +322,31 @@ impl ByteReader<'_> {
         self.consume(consumed);
     }
 
+    /// Removes each byte of a value that waits before a number; those that stay move up to it. Returns the
+    /// number of the place that had this one before.
+    pub fn remove(&mut self, value: u8, end: usize, place: usize) -> usize {
+        let n = end.wrapping_sub(self.ring.oldest());
+        let mut to = end;
+        let mut moved = place;
+        for back in 1..=n.min(self.ring.len()) {
+            let from = end.wrapping_sub(back);
+            let byte = self
+                .ring
+                .slot(from)
+                .map_or(value, |slot| slot.load(Relaxed));
+            if byte != value {
+                to = to.wrapping_sub(1);
+                self.replace(to, byte);
+            }
+            if from == place {
+                moved = to;
+            }
+        }
+        let removed = to.wrapping_sub(self.ring.oldest());
+        self.consume(removed);
+        moved
+    }
+
     /// Returns the bytes that wait now: those up to the end of the ring, and those at its beginning.
     #[inline]
     #[must_use]
@@ -432,6 +457,33 @@ mod tests {
                 let rest = expected(0..kept).chain(expected(end..15));
                 let left = core::iter::from_fn(|| reader.dequeue());
                 assert!(left.eq(rest), "{begin} {kept}");
+            }
+        }
+    }
+
+    #[test]
+    fn bytes_of_a_value_are_removed_from_those_that_wait() {
+        for begin in 0..16_usize {
+            for pattern in 0..1_u32 << 8 {
+                let mut ring = Bytes::<16>::new();
+                let (mut writer, mut reader) = ring.split();
+                for _ in 0..begin {
+                    assert!(writer.enqueue(0).is_ok() && reader.dequeue().is_some());
+                }
+                let is_kept = |index: u8| pattern >> index & 1 != 0;
+                let byte = |index| if is_kept(index) { b'a' + index } else { 0 };
+                for index in 0..8 {
+                    assert!(writer.enqueue(byte(index)).is_ok());
+                }
+                let end = reader.oldest() + 6;
+                let place = reader.oldest() + 3;
+                let moved = reader.remove(0, end, place);
+                let behind = (3..6).filter(|index| is_kept(*index)).count();
+                assert_eq!(moved, end - behind, "{pattern:b}");
+                // Those behind the end stay as they are.
+                let left = core::iter::from_fn(|| reader.dequeue());
+                let expected = (0..8).filter(|index| *index >= 6 || is_kept(*index));
+                assert!(left.eq(expected.map(byte)), "{begin} {pattern:b}");
             }
         }
     }

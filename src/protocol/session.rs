@@ -12,6 +12,7 @@ mod commands;
 mod compensation;
 mod dispatch;
 mod host;
+mod host_bytes;
 mod host_commands;
 mod host_lines;
 mod machine_sync;

@@ -142,3 +142,128 @@ fn a_soft_limit_is_answered_and_m999_goes_on() {
     host.run_ms(50);
     assert_eq!(host.ask("G1 X-5 F6000"), ["ok"]);
 }
+
+/// A machine in motion whose host has sent so many bytes ahead, and then these.
+fn sent_ahead(bytes: usize, then: &str) -> Host {
+    let mut host = Host::new();
+    host.receive(b"G1 X50 F60\nM400\n");
+    host.run_ms(200);
+    assert_eq!(host.lines(), ["ok"]);
+    host.receive(&b" ".repeat(bytes % 6));
+    host.receive(&b"G1 Y1\n".repeat(bytes / 6));
+    host.receive(then.as_bytes());
+    host
+}
+
+#[test]
+fn a_full_queue_holds_up_no_emergency_and_no_realtime_byte() {
+    let kills = ["M112", " m112", &numbered(77, "M112")];
+    for (bytes, kill) in (700..1100).step_by(7).zip(kills.into_iter().cycle()) {
+        let mut host = sent_ahead(bytes, &format!("{kill}\r\n"));
+        host.run_ms(1000);
+        assert_eq!(host.lines(), [KILLED], "{bytes}");
+        assert_eq!(host.state(), State::Alarm, "{bytes}");
+        assert_eq!(host.xy()[1], 0, "{bytes}");
+    }
+    let mut host = sent_ahead(5000, "G1 X1\n!");
+    host.run_ms(200);
+    assert_eq!(host.state(), State::HoldComplete);
+    host.receive(b"?");
+    host.run_ms(20);
+    assert!(host.lines().iter().any(|line| line.starts_with("<Hold:0|")));
+    host.receive(b"~");
+    host.run_ms(20);
+    assert_eq!(host.state(), State::Run);
+    host.receive(b"\x91");
+    host.run_ms(20);
+    assert_eq!(host.simulator.snapshot().overrides.feed, 110);
+    host.receive(b"\x18");
+    host.run_ms(1000);
+    let told = host.lines();
+    assert!(told.contains(&"start".to_owned()), "{told:?}");
+    let mut host = sent_ahead(5000, "M410\n");
+    host.run_ms(1000);
+    assert!(host.xy()[0] < 2 * STEPS_PER_MM, "{:?}", host.xy());
+}
+
+#[test]
+fn a_pause_goes_on_by_m108_behind_a_full_queue() {
+    let mut host = Host::new();
+    host.receive(b"M0\n");
+    host.run_ms(100);
+    host.receive(&b"G1 Y1\n".repeat(200));
+    assert_eq!(host.state(), State::HoldComplete);
+    host.receive(b"M108\n");
+    host.run_ms(500);
+    assert_eq!(host.xy()[1], STEPS_PER_MM);
+}
+
+#[test]
+fn in_a_lost_line_realtime_bytes_and_parts_of_codes_are_text() {
+    for rest in [
+        "G1 X1!~?\n",
+        "M117 M112\n",
+        "M1120\n",
+        "M11\n2\n",
+        "(M112)\n",
+        "N1 M112*33\n",
+        "X\u{18}\n",
+        "M118 !",
+    ] {
+        let mut host = sent_ahead(5000, rest);
+        host.run_ms(80);
+        assert_eq!(host.state(), State::Run, "{rest}");
+        assert!(host.lines().is_empty(), "{rest}");
+        // After silence a realtime byte counts anywhere.
+        host.run_ms(100);
+        host.receive(b"!");
+        host.run_ms(200);
+        assert_eq!(host.state(), State::HoldComplete, "{rest}");
+    }
+}
+
+#[test]
+fn realtime_bytes_take_no_room_from_lines() {
+    let mut host = Host::new();
+    host.receive(
+        b"G4 S60
+",
+    );
+    for _ in 0..2000 {
+        host.receive(b"?");
+        host.run_ms(20);
+    }
+    let reports = host.lines();
+    let told = reports.iter().filter(|line| line.starts_with("<Idle|"));
+    assert_eq!(told.count(), 2000);
+    for y in 1..70 {
+        host.receive(
+            format!(
+                "G1 Y{y}
+"
+            )
+            .as_bytes(),
+        );
+    }
+    assert_eq!(host.simulator.lost(), 0);
+    host.rest();
+    assert_eq!(host.xy(), [0, 69 * STEPS_PER_MM]);
+    let told = host.lines();
+    assert_eq!(told.iter().filter(|line| *line == "ok").count(), 70);
+}
+
+#[test]
+fn a_host_that_sends_too_much_loses_whole_lines_alone() {
+    let mut host = Host::new();
+    host.receive(b"G4 S1\n");
+    for y in 1..500 {
+        host.receive(format!("G1 Y{y} F6000\n").as_bytes());
+    }
+    host.rest();
+    let told = host.lines();
+    assert!(told.iter().all(|line| line == "ok"));
+    // Every line that was not lost has been executed as it was.
+    let executed = i32::try_from(told.len()).unwrap() - 1;
+    assert!(executed > 50, "{executed}");
+    assert_eq!(host.xy(), [0, executed * STEPS_PER_MM]);
+}

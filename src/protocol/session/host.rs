@@ -1,18 +1,13 @@
-//! What a host of 3D printers needs beside its lines: realtime bytes between them, emergencies, time.
-//!
-//! In the RepRap dialect `serial_rx` enqueues every byte. Here the bytes are looked at as soon as the task
-//! runs, long before their lines are: a realtime byte counts directly behind a line end, or when the line
-//! has been silent, and an emergency (`M112`, `M108`, `M410`) as soon as its line is whole. Lines are
-//! only taken from bytes that have been looked at.
+//! What a host of 3D printers needs beside its lines: its state, restarts, time.
 
-use super::{LineStage, Links, Session, host_commands::LoweredLimits};
+use super::{LineStage, Links, Session, host_bytes::Scan, host_commands::LoweredLimits};
 use crate::{
     axis::Axes,
     gcode::reprap::{Extruder, HostCommand},
     machine::Snapshot,
     model::{Alarm, State, timing::TICK_MS},
     path::Work,
-    protocol::{Dialect, Emergency, RawLine, realtime::is_request, report},
+    protocol::{Dialect, RawLine, report},
     units::Nm,
 };
 
@@ -23,10 +18,6 @@ const SILENCE_MS: u32 = 100;
 const HOST_TIMEOUT_MS: u32 = 1000;
 /// Feed rate where a program sets none, mm/min.
 const DEFAULT_FEED_MM_MIN: f32 = 1500.0;
-/// Longest line of an emergency, bytes.
-const EMERGENCY_BYTES: usize = 32;
-/// What takes the place of a realtime byte that has been acted on.
-pub(super) const TAKEN: u8 = 0;
 
 /// The reset that is going on, or has been.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
@@ -82,11 +73,8 @@ pub(super) struct Host {
     restart: Restart,
     /// What is to be done as soon as the machine has acted on a reset.
     is_restart_due: bool,
-    /// The beginning of the line that is being looked at, and the number of bytes looked at.
-    scan: RawLine<EMERGENCY_BYTES>,
-    scanned: usize,
-    /// Number of bytes received when the line fell silent.
-    silent_at: Option<usize>,
+    /// The bytes that have been looked at.
+    pub(super) scan: Scan,
     clock: Clock,
 }
 
@@ -127,9 +115,7 @@ impl Host {
             busy_interval_s: 0,
             restart: Restart::Plain,
             is_restart_due: false,
-            scan: RawLine::new(),
-            scanned: 0,
-            silent_at: None,
+            scan: Scan::default(),
             clock: Clock::default(),
         }
     }
@@ -174,11 +160,6 @@ impl Host {
         self.restart != Restart::Stopping
     }
 
-    /// Returns whether bytes have been looked at that wait, from the oldest on, and how many.
-    pub(super) const fn scanned_of(&self, oldest: usize) -> usize {
-        self.scanned.wrapping_sub(oldest)
-    }
-
     /// Requests a reset.
     pub(super) fn restart(&mut self, restart: Restart) {
         self.restart = restart;
@@ -213,8 +194,7 @@ impl Session {
             self.interpreter.set_default_feed(DEFAULT_FEED_MM_MIN);
         }
         self.host.reset();
-        self.host.scan.clear();
-        self.host.scanned = links.received.oldest();
+        self.host.scan.begin(links.received.oldest());
         self.host.busy_interval_s = self.settings().busy_interval_s;
         self.host.clock = Clock {
             ticks: links.requests.ticks(),
@@ -230,61 +210,6 @@ impl Session {
         }
         self.scan(links);
         self.pass_time(links);
-    }
-
-    /// Looks at the bytes that have come since the last time.
-    fn scan(&mut self, links: &mut Links<'_, '_>) {
-        let Links {
-            received, requests, ..
-        } = links;
-        let oldest = received.oldest();
-        let host = &mut self.host;
-        if host.scanned_of(oldest) > received.capacity() {
-            // A reset has dropped bytes.
-            host.scanned = oldest;
-            host.scan.clear();
-        }
-        let [older, newer] = received.waiting();
-        let skipped = host.scanned_of(oldest);
-        for byte in older.chain(newer).skip(skipped) {
-            let number = host.scanned;
-            host.scanned = number.wrapping_add(1);
-            if is_request(byte) && (host.scan.is_empty() || host.silent_at == Some(number)) {
-                received.replace(number, TAKEN);
-                if host.silent_at == Some(number) {
-                    host.silent_at = Some(host.scanned);
-                }
-                match byte {
-                    b'?' => self.reports.is_status_due = true,
-                    0x18 => {
-                        host.restart(Restart::Plain);
-                        requests.reset();
-                    }
-                    _ => requests.accept_later(byte, number),
-                }
-                self.machine_sync.has_release_request = true;
-                continue;
-            }
-            if !matches!(byte, b'\n' | b'\r') {
-                host.scan.push(byte);
-                continue;
-            }
-            let emergency = host.scan.emergency();
-            host.scan.clear();
-            match emergency {
-                Some(Emergency::Kill) => {
-                    host.restart(Restart::Killing);
-                    requests.reset();
-                }
-                Some(Emergency::Stop) if links.machine.state != State::Alarm => {
-                    host.restart(Restart::Stopping);
-                    requests.reset();
-                }
-                Some(Emergency::GoOn) => requests.accept_later(b'~', number),
-                Some(Emergency::Stop) | None => continue,
-            }
-            self.machine_sync.has_release_request = true;
-        }
     }
 
     /// Ends a reset on which the machine has acted. `owes_answer` tells whether it has interrupted a line.
@@ -375,7 +300,7 @@ impl Session {
     /// `received` is the number of bytes received so far, wrapping.
     #[must_use]
     pub fn awaits_tick(&self, received: usize) -> bool {
-        self.needs_clock() && (received != self.host.scanned || self.host.pause_ms.is_some())
+        self.needs_clock() && (received != self.host.scan.next || self.host.pause_ms.is_some())
     }
 
     /// Does what is due by the clock.
@@ -396,7 +321,7 @@ impl Session {
         }
         // A byte may have come directly behind a tick: one tick more is surely that long.
         if clock.silent_ms > SILENCE_MS {
-            self.host.silent_at = Some(received);
+            self.host.scan.silent_at = Some(received);
         }
         if links.machine.state == State::HoldComplete {
             let settings = &self.persistence.stored.settings;
@@ -497,6 +422,6 @@ impl Host {
     /// Begins a line with the next byte, at a place in what has been looked at.
     pub(super) fn drop_unfinished(&mut self) {
         self.raw.clear();
-        self.scan.clear();
+        self.scan.line.clear();
     }
 }

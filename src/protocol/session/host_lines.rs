@@ -5,7 +5,7 @@
 //! [`HostCommand`](crate::gcode::reprap::HostCommand), which `host_commands` executes. Every line that is not
 //! blank gets exactly one `ok`.
 
-use super::{Links, Progress, Session, host::TAKEN};
+use super::{Links, Progress, Session, host_bytes::TAKEN};
 use crate::{
     gcode::{
         LineError, PlainPrefix,
@@ -45,7 +45,7 @@ impl Session {
         }
         let oldest = received.oldest();
         let waiting = if host.dialect == Dialect::RepRap {
-            host.scanned_of(oldest)
+            host.scan.bytes_from(oldest)
         } else {
             received.len()
         };
