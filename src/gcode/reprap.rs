@@ -56,10 +56,15 @@ pub enum HostCommand {
     Standstill,
     /// `M17`, `M18`, `M84`: whether the drivers are on.
     Drivers(bool),
+    /// `M18 S`, `M84 S`: the time of standstill after which the drivers go off, s; 0 for never.
+    DriversDelay(u16),
     /// `M220 S`: the feed override, %.
     FeedOverride(u8),
     /// `M92`: the resolution of the axes, which only a setting changes.
-    Resolution,
+    Resolution {
+        /// There is a word to change it.
+        is_set: bool,
+    },
     /// `M201`: the accelerations of the axes, mm/s²; the words lower them.
     Acceleration,
     /// `M203`: the speeds of the axes, mm/s; the words lower them.
@@ -67,7 +72,12 @@ pub enum HostCommand {
     /// `M204`: the acceleration of all axes, mm/s²; the words lower it.
     CommonAcceleration,
     /// `M205`: the junction deviation, which only a setting changes.
-    Junction,
+    Junction {
+        /// There is a word to change it.
+        is_set: bool,
+    },
+    /// `M502`: the defaults, which only a `$` statement restores.
+    Defaults,
     /// `M503`: the settings.
     Settings,
     /// `M112`.
@@ -641,7 +651,10 @@ fn m_code(
             return Ok(None);
         }
         17 => HostCommand::Drivers(true),
-        18 | 84 => HostCommand::Drivers(false),
+        18 | 84 => match seconds(line)? {
+            Some(seconds) => HostCommand::DriversDelay(seconds),
+            None => HostCommand::Drivers(false),
+        },
         20 => HostCommand::Files,
         21 | 24 | 27 | 31 | 108 | 155 | 410 | 500 | 501 => HostCommand::Nothing,
         80 | 81 | 280 => HostCommand::NotPresent(number),
@@ -649,7 +662,9 @@ fn m_code(
             meaning.extruder.is_relative = number == 83;
             HostCommand::Nothing
         }
-        92 => HostCommand::Resolution,
+        92 => HostCommand::Resolution {
+            is_set: has_words(line),
+        },
         104 | 109 | 140 | 190 => match value(line, b'S')? {
             Some(degrees) if !degrees.is_zero() => HostCommand::NotPresent(number),
             Some(_) | None => HostCommand::Nothing,
@@ -670,7 +685,9 @@ fn m_code(
         201 => HostCommand::Acceleration,
         203 => HostCommand::Speed,
         204 => HostCommand::CommonAcceleration,
-        205 => HostCommand::Junction,
+        205 => HostCommand::Junction {
+            is_set: has_words(line),
+        },
         220 => match percent(line, 10..=200)? {
             Some(percent) => HostCommand::FeedOverride(percent as u8),
             None => HostCommand::Nothing,
@@ -681,6 +698,7 @@ fn m_code(
             HostCommand::Nothing
         }
         400 => HostCommand::Standstill,
+        502 => HostCommand::Defaults,
         503 => HostCommand::Settings,
         999 => HostCommand::Restart,
         _ => return Err(LineError::Unsupported),
@@ -732,11 +750,11 @@ fn pause_ms(line: &[u8]) -> Result<Option<u32>, LineError> {
 }
 
 /// S in whole seconds.
-fn seconds(line: &[u8]) -> Result<Option<u8>, LineError> {
+fn seconds<T: TryFrom<i64>>(line: &[u8]) -> Result<Option<T>, LineError> {
     let Some(seconds) = value(line, b'S')? else {
         return Ok(None);
     };
-    let seconds = u8::try_from(seconds.trunc()).map_err(|_| LineError::ValueOutOfRange)?;
+    let seconds = T::try_from(seconds.trunc()).map_err(|_| LineError::ValueOutOfRange)?;
     Ok(Some(seconds))
 }
 
@@ -767,6 +785,11 @@ pub fn value(line: &[u8], letter: u8) -> Result<Option<Decimal>, LineError> {
         }
     }
     Ok(None)
+}
+
+/// Whether a line has more than its code.
+fn has_words(line: &[u8]) -> bool {
+    Parameters::new(line).count() > 1
 }
 
 /// Whether a line has a letter, with or without a number.

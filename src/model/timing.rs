@@ -29,6 +29,8 @@ pub(crate) const SLOT_TICKS: u32 = EVENT_SPACING_TICKS;
 pub(crate) const PULSE_LOW_SLOTS: u32 = 1 + PULSE_LOW_TICKS.div_ceil(SLOT_TICKS);
 /// Period of the clock of `interpret`, ms: realtime bytes wait as long in the RepRap dialect.
 pub const TICK_MS: u32 = 10;
+/// Value of `$1` with which the drivers stay enabled at rest, as in Grbl 1.1 (`config.h`).
+pub(crate) const IDLE_DELAY_INFINITE: u8 = 255;
 /// Period of the samples of the reference motion, s.
 pub(crate) const SAMPLE_S: f32 = 1.0e-3;
 

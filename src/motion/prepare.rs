@@ -35,7 +35,7 @@ use super::{
 };
 use crate::{
     machine::{Accessories, Control, Inputs, Snapshot},
-    model::{Alarm, Awaited, Levels, Outputs, Requests, State},
+    model::{Alarm, Awaited, Levels, Outputs, Requests, State, timing::IDLE_DELAY_INFINITE},
     path::{AveragingWindow, Entry, MoveKind},
     settings::Settings,
     stepper::{EventWriter, Generator, Segment, SegmentRing},
@@ -189,7 +189,7 @@ impl Motion {
     /// The first run must follow: it reads the door and arms the limit switches.
     pub fn power_up(&mut self, settings: &Settings, inputs: &Inputs) -> Snapshot {
         self.configure(settings, inputs);
-        self.published.outputs.drivers = settings.idle_delay_ms == delays::IDLE_DELAY_INFINITE;
+        self.published.outputs.drivers = settings.idle_delay_ms == IDLE_DELAY_INFINITE;
         if settings.homing || self.is_on_limit() {
             self.control.state = State::Alarm;
         }

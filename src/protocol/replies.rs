@@ -12,7 +12,7 @@ use crate::{
     gcode::{LineError, reprap::HostCommand},
     model::{Alarm, Levels},
     settings::Settings,
-    units::Nm,
+    units::{Nm, StepsPerMm},
 };
 
 /// Bytes of a line that are shown as the sender has typed them.
@@ -163,9 +163,17 @@ pub fn endstops(text: &mut Text, inputs: Levels, homing_direction: u8) {
     }
 }
 
-/// `echo:M201 X500.000 Y500.000 Z500.000`: the limits that a command lowers.
+/// `echo:M201 X500.000 Y500.000 Z500.000`: what a command sets for each axis; of `M205` the junction
+/// deviation.
 pub fn limits(text: &mut Text, command: HostCommand, settings: &Settings) {
     let (code, limits) = match command {
+        HostCommand::Junction { .. } => {
+            text.word("echo:M205 J")
+                .number(settings.junction_deviation_mm, 3);
+            text.end();
+            return;
+        }
+        HostCommand::Resolution { .. } => ("M92", settings.steps_per_mm.map(StepsPerMm::to_f32)),
         HostCommand::Speed => ("M203", settings.max_rate_mm_min.map(|rate| rate / 60.0)),
         HostCommand::CommonAcceleration => ("M204", settings.acceleration_mm_s2),
         _ => ("M201", settings.acceleration_mm_s2),
@@ -204,6 +212,8 @@ pub fn firmware(text: &mut Text, number: usize, settings: &Settings) -> bool {
     ];
     if number == 0 {
         text.word("FIRMWARE_NAME:Leadscrew ").word(VERSION);
+        text.word(" SOURCE_CODE_URL:")
+            .word(env!("CARGO_PKG_REPOSITORY"));
         text.word(" PROTOCOL_VERSION:1.0 MACHINE_TYPE:CNC EXTRUDER_COUNT:");
         text.word(if settings.extruder_axis == 0 {
             "0"

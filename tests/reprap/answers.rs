@@ -28,6 +28,7 @@ fn a_host_learns_temperature_position_and_firmware() {
     assert_eq!(host.ask("M114 R"), [position.as_str(), "ok"]);
     let firmware = host.ask("M115");
     assert!(firmware[0].starts_with("FIRMWARE_NAME:Leadscrew "));
+    assert!(firmware[0].contains(" SOURCE_CODE_URL:"));
     assert!(firmware[0].contains(" PROTOCOL_VERSION:1.0 MACHINE_TYPE:CNC EXTRUDER_COUNT:0"));
     assert_eq!(firmware.last().map(String::as_str), Some("ok"));
     for capability in ["EMERGENCY_PARSER:1", "BUSY_PROTOCOL:1", "SDCARD:0"] {

@@ -260,8 +260,15 @@ fn limits_are_lowered_until_a_reset() {
     assert!((5.0..5.3).contains(&slow), "{slow}");
     assert_eq!(first(&mut host, "M204 S50"), "");
     assert_begins(&mut host, "M201", "echo:M201 X50.000 Y50.000 Z50.000");
-    host.ask("M92 X10");
-    assert_eq!(first(&mut host, "M92"), "echo:use $100");
+    for (line, told) in [
+        ("M92 X10", "echo:use $100"),
+        ("M205 X8.00 Y8.00", "echo:use $11"),
+        ("M205", "echo:M205 J0.010"),
+        ("M502", "echo:use $RST=$"),
+    ] {
+        assert_eq!(first(&mut host, line), told, "{line}");
+    }
+    assert_begins(&mut host, "M92", "echo:M92 X80.000 Y80.000 Z80.000");
     let settings = host.ask("M503");
     assert!(
         settings.contains(&"echo:$110=6000.000".to_owned()),
@@ -313,6 +320,36 @@ fn drivers_are_switched_at_standstill() {
     host.rest();
     assert_eq!(place(&mut host), [10, 0]);
     assert!(!host.simulator.outputs().drivers);
+}
+
+#[test]
+fn m84_s_sets_the_time_of_standstill_up_to_a_reset() {
+    let mut host = Host::with(&["1=25"]);
+    assert_eq!(host.ask("M84 S2"), ["ok"]);
+    for x in [1, 2] {
+        host.receive(format!("G1 X{x} F6000\n").as_bytes());
+        host.run_ms(1900);
+        assert!(host.simulator.outputs().drivers, "{x}");
+    }
+    host.run_ms(500);
+    assert_eq!(host.lines(), ["ok", "ok"]);
+    assert!(!host.simulator.outputs().drivers);
+    assert_eq!(host.ask("M84 S0"), ["ok"]);
+    host.ask("G1 X3");
+    host.run_ms(40_000);
+    assert!(host.simulator.outputs().drivers, "0 is never, as in Marlin");
+    host.ask("M18");
+    assert!(!host.simulator.outputs().drivers);
+    host.ask("M999");
+    host.run_ms(100);
+    host.lines();
+    host.ask("G1 X4 F6000");
+    host.run_ms(100);
+    assert!(!host.simulator.outputs().drivers, "$1 counts again");
+    assert_eq!(
+        first(&mut host, "M84 S70000"),
+        "Error:the value is outside its range (error:39)"
+    );
 }
 
 #[test]

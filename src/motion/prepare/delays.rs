@@ -1,10 +1,8 @@
 //! Delays at standstill: of spindle and coolant after the door, of the drivers after a motion.
 
 use super::Motion;
-use crate::machine::Event;
+use crate::{machine::Event, model::timing::IDLE_DELAY_INFINITE};
 
-/// Value of `$1` with which the drivers stay enabled at rest, as in Grbl 1.1 (`config.h`).
-pub(super) const IDLE_DELAY_INFINITE: u8 = 255;
 /// Time for the spindle to come up to speed after the safety door was open, ms, as in Grbl.
 const SPINDLE_DELAY_MS: u16 = 4000;
 /// Time for the coolant to flow after the safety door was open, ms, as in Grbl.

@@ -62,6 +62,8 @@ pub(super) struct Host {
     pub(super) moves_motors: bool,
     /// Limits that the program has lowered.
     pub(super) lowered: Option<LoweredLimits>,
+    /// Time of standstill after which the drivers go off in place of that of the settings, s; 0 for never.
+    pub(super) drivers_delay_s: Option<u16>,
     /// Time between two reports of the position, s; 0 for none.
     position_interval_s: u8,
     /// What a job has been reported once: letters of axes, and M codes.
@@ -78,7 +80,7 @@ pub(super) struct Host {
     clock: Clock,
 }
 
-/// The times of which a host is reported.
+/// The times by which something is due.
 #[derive(Debug, Default)]
 struct Clock {
     ticks: u32,
@@ -88,8 +90,9 @@ struct Clock {
     /// For how long a line has been waiting for its answer, and nothing has been left to do, ms.
     busy_ms: u32,
     idle_ms: u32,
-    /// Since the last report of the position, ms.
+    /// Since the last report of the position, and of standstill, ms.
     position_ms: u32,
+    still_ms: u32,
 }
 
 impl Host {
@@ -109,6 +112,7 @@ impl Host {
             paused_at: None,
             moves_motors: false,
             lowered: None,
+            drivers_delay_s: None,
             position_interval_s: 0,
             reported: 0,
             alarm: None,
@@ -328,6 +332,7 @@ impl Session {
             self.host.paused_at = Some(report::machine_position(links.machine, settings));
         }
         self.pass_pause(passed_ms, links);
+        self.pass_standstill(passed_ms, links);
         if self.reports.message.is_empty() && !self.report_position_in_time(passed_ms, links) {
             self.report_waiting(passed_ms, links);
         }
@@ -386,6 +391,25 @@ impl Session {
         if clock.idle_ms.min(clock.silent_ms) >= HOST_TIMEOUT_MS {
             clock.idle_ms = 0;
             text.word("wait").end();
+        }
+    }
+
+    /// Switches the drivers off after the time of standstill that a program has set.
+    fn pass_standstill(&mut self, passed_ms: u32, links: &mut Links<'_, '_>) {
+        let is_still = matches!(links.machine.state, State::Idle | State::Alarm)
+            && self.stage == LineStage::Reading
+            && self.is_done(links.machine);
+        let before_ms = self.host.clock.still_ms;
+        let still_ms = if is_still {
+            before_ms.saturating_add(passed_ms)
+        } else {
+            0
+        };
+        self.host.clock.still_ms = still_ms;
+        let delay_ms = u32::from(self.host.drivers_delay_s.unwrap_or_default()) * 1000;
+        if before_ms < delay_ms && still_ms >= delay_ms {
+            self.send_work(Work::Drivers(false), links);
+            self.machine_sync.has_release_request = true;
         }
     }
 

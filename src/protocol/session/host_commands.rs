@@ -8,7 +8,7 @@ use crate::{
         reprap::{self, HostCommand},
     },
     machine::Snapshot,
-    model::{Levels, Override, Requests},
+    model::{Levels, Override, Requests, timing::IDLE_DELAY_INFINITE},
     path::Work,
     protocol::{listing, replies, report},
     settings::Settings,
@@ -60,8 +60,12 @@ impl Session {
                 text.word("Begin file list").end();
                 text.word("End file list").end();
             }
-            HostCommand::Resolution => text_only(text, "echo:use $100"),
-            HostCommand::Junction => text_only(text, "echo:use $11"),
+            HostCommand::Resolution { is_set: true } => text_only(text, "echo:use $100"),
+            HostCommand::Junction { is_set: true } => text_only(text, "echo:use $11"),
+            HostCommand::Resolution { is_set: false } | HostCommand::Junction { is_set: false } => {
+                replies::limits(text, command, settings);
+            }
+            HostCommand::Defaults => text_only(text, "echo:use $RST=$"),
             HostCommand::Standstill => {
                 if !self.is_done(machine) || machine.state.is_suspended() {
                     return self.await_standstill();
@@ -69,6 +73,7 @@ impl Session {
             }
             HostCommand::Home(mask) => return self.home_from_host(mask, links),
             HostCommand::Drivers(are_on) => return self.switch_drivers(are_on, links),
+            HostCommand::DriversDelay(seconds) => return self.delay_drivers(seconds, links),
             HostCommand::Acceleration | HostCommand::Speed | HostCommand::CommonAcceleration => {
                 return self.lower_limits(command, links);
             }
@@ -100,6 +105,17 @@ impl Session {
             return self.await_standstill();
         }
         self.send_work(Work::Drivers(are_on), links);
+        self.stage = LineStage::Completing(AfterCommands::Answer);
+        Progress::Again
+    }
+
+    /// Sets the time of standstill after which the drivers go off, s; 0 for never.
+    fn delay_drivers(&mut self, seconds: u16, links: &mut Links<'_, '_>) -> Progress {
+        if !self.is_done(links.machine) {
+            return self.await_standstill();
+        }
+        self.host.drivers_delay_s = Some(seconds);
+        self.configure(links);
         self.stage = LineStage::Completing(AfterCommands::Answer);
         Progress::Again
     }
@@ -213,7 +229,7 @@ impl Session {
         Progress::Again
     }
 
-    /// Returns the settings with the limits that a program has lowered.
+    /// Returns the settings with what a program has changed until a reset.
     pub(super) fn settings_in_effect(&self) -> Settings {
         let mut settings = self.persistence.stored.settings;
         if let Some(lowered) = &self.host.lowered {
@@ -221,6 +237,9 @@ impl Session {
             settings.acceleration_mm_s2 = settings
                 .acceleration_mm_s2
                 .zip(lowered.acceleration_mm_s2, f32::min);
+        }
+        if self.host.drivers_delay_s.is_some() {
+            settings.idle_delay_ms = IDLE_DELAY_INFINITE;
         }
         settings
     }

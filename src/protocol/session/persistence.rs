@@ -307,9 +307,11 @@ impl Session {
         }
     }
 
-    /// Ends limits that a program has lowered, once the machine stands still.
+    /// Ends what a program has changed until a reset, once the machine stands still.
     pub(super) fn restore_limits(&mut self) {
-        if self.host.lowered.take().is_some() && self.persistence.state == StoreState::Idle {
+        let has_delay = self.host.drivers_delay_s.take().is_some();
+        let has_changed = self.host.lowered.take().is_some() || has_delay;
+        if has_changed && self.persistence.state == StoreState::Idle {
             self.persistence.state = StoreState::Deferred;
         }
     }
