@@ -26,7 +26,7 @@ pub(crate) struct Verb {
 }
 
 /// Every command.
-pub(crate) const VERBS: [Verb; 14] = [
+pub(crate) const VERBS: [Verb; 15] = [
     verb(
         "bench",
         tools::TARGET,
@@ -57,6 +57,11 @@ pub(crate) const VERBS: [Verb; 14] = [
         "latency",
         tools::TARGET,
         "Measure how long tasks wait and take, beside the bounds that are proven",
+    ),
+    verb(
+        "monitor",
+        tools::MONITOR,
+        "Show in a browser what a machine does",
     ),
     verb(
         "qemu",
@@ -175,13 +180,14 @@ const READ: [&str; 7] = [
     "--tool-table",
 ];
 /// Commands whose argument is something to be read.
-const READERS: [&str; 5] = ["conformance", "latency", "qemu", "run", "sim"];
+const READERS: [&str; 6] = ["conformance", "latency", "monitor", "qemu", "run", "sim"];
 /// Their options without a value.
-const FLAGS: [&str; 6] = [
+const FLAGS: [&str; 7] = [
     "--locked",
     "--on-target",
     "--qemu",
     "--quality",
+    "--sim",
     "--switches",
     "--all",
 ];
@@ -300,6 +306,8 @@ mod tests {
                 "no.settings",
             ),
             ("qemu no.nc", "no.nc"),
+            ("monitor --sim no.nc --svg a.svg", "no.nc"),
+            ("monitor --port /dev/no", "/dev/no"),
             ("run no.elf", "no.elf"),
         ] {
             let (verb, arguments) = typed(line);

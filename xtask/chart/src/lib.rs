@@ -7,6 +7,8 @@
     reason = "a library of the tools beside it: errors are sentences, which the user is shown"
 )]
 
+mod line;
+
 use std::{fs, ops::Range, path::Path};
 
 use anyhow::{Context, Result, anyhow};
@@ -14,6 +16,8 @@ use plotters::{
     coord::{Shift, types::RangedCoordf64},
     prelude::*,
 };
+
+pub use line::{simplified, widened};
 
 /// A part of a picture.
 pub type Area<'a> = DrawingArea<SVGBackend<'a>, Shift>;

@@ -88,6 +88,8 @@ pub const FIRMWARE: Tool =
     Tool::new("firmware", "the builder of firmware", "half a minute").for_any_axes();
 /// `cargo xtask settings`.
 pub const SETTINGS: Tool = Tool::new("settings", "the tool for settings", "about a minute");
+/// `cargo xtask monitor`.
+pub const MONITOR: Tool = Tool::new("monitor", "the monitor", "about a minute");
 /// The senders of `cargo xtask test --clients`.
 pub const CLIENTS: Tool = Tool::new("clients", "the test of senders", "about a minute");
 

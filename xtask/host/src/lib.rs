@@ -13,6 +13,7 @@
 mod cases;
 pub mod figures;
 pub mod holder;
+pub mod interrupt;
 pub mod lock;
 pub mod machine;
 pub mod output;

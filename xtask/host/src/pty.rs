@@ -12,6 +12,7 @@ use std::{
 use anyhow::{Context, Result};
 use rustix::{
     fs::{Mode, OFlags},
+    io::FdFlags,
     pty::OpenptFlags,
     termios::OptionalActions,
 };
@@ -97,7 +98,10 @@ impl Pty {
             rustix::pty::unlockpt(&controller)?;
             let name = rustix::pty::ptsname(&controller, Vec::new())?;
             let name = PathBuf::from(name.to_string_lossy().into_owned());
-            let terminal = rustix::fs::open(&name, OFlags::RDWR | OFlags::NOCTTY, Mode::empty())?;
+            // The line breaks when this program closes it, whatever others it has started.
+            rustix::io::fcntl_setfd(&controller, FdFlags::CLOEXEC)?;
+            let flags = OFlags::RDWR | OFlags::NOCTTY | OFlags::CLOEXEC;
+            let terminal = rustix::fs::open(&name, flags, Mode::empty())?;
             let mut mode = rustix::termios::tcgetattr(&terminal)?;
             mode.make_raw();
             rustix::termios::tcsetattr(&terminal, OptionalActions::Now, &mode)?;

@@ -2,14 +2,13 @@
 
 use std::{
     io::{ErrorKind, Read, Write},
-    net::{TcpStream, ToSocketAddrs},
+    net::TcpStream,
     path::Path,
     time::{Duration, Instant},
 };
 
-use anyhow::{Context, Error, Result, anyhow, bail};
-use rustix::fs::FlockOperation;
-use serial2::SerialPort;
+use ::port::SerialPort;
+use anyhow::{Context, Result, bail};
 
 /// Longest wait for one byte, after which it is looked at the clock.
 const POLL: Duration = Duration::from_millis(20);
@@ -38,35 +37,22 @@ impl Link {
     /// Opens a serial port, which no other program may have open.
     pub(crate) fn serial(path: &Path, baud: u32, timeout: Duration) -> Result<Self> {
         let name = path.display().to_string();
-        let mut port = SerialPort::open(path, baud).map_err(|error| cannot_open(&name, error))?;
-        // Programs that keep a port for themselves lock it so.
-        if let Err(error) = rustix::fs::flock(&port, FlockOperation::NonBlockingLockExclusive) {
-            return Err(cannot_open(&name, error.into()));
-        }
+        let mut port = port::serial(path, baud)?;
         port.set_read_timeout(POLL)
             .and_then(|()| port.set_write_timeout(timeout))
             .with_context(|| format!("cannot use {name}"))?;
-        let hint = format!("is it switched on, and is {baud} its baud rate?");
+        let hint = port::serial_hint(baud);
         Ok(Self::new(Box::new(port), timeout, name, hint))
     }
 
     /// Connects to a TCP address.
     pub(crate) fn tcp(address: &str, timeout: Duration) -> Result<Self> {
-        let addresses = address.to_socket_addrs();
-        let mut addresses = addresses
-            .with_context(|| format!("{address:?} is no address (one is 127.0.0.1:2323)"))?;
-        let first = addresses.next().context("the address leads nowhere")?;
-        let stream =
-            TcpStream::connect_timeout(&first, timeout).map_err(|error| match error.kind() {
-                ErrorKind::ConnectionRefused => anyhow!("no machine listens at {address}"),
-                _ => Error::new(error).context(format!("cannot connect to {address}")),
-            })?;
+        let stream = port::tcp(address, timeout)?;
         stream
             .set_read_timeout(Some(POLL))
             .and_then(|()| stream.set_write_timeout(Some(timeout)))
-            .and_then(|()| stream.set_nodelay(true))
             .with_context(|| format!("cannot use {address}"))?;
-        let hint = "does it serve another sender?".into();
+        let hint = port::TCP_HINT.into();
         Ok(Self::new(Box::new(stream), timeout, address.into(), hint))
     }
 
@@ -94,14 +80,7 @@ impl Link {
             if let Some(length) = self.received.iter().position(|byte| *byte == b'\n') {
                 let line: Vec<u8> = self.received.drain(..=length).collect();
                 let text = String::from_utf8_lossy(&line).trim().to_owned();
-                // The simulator serves one sender at a time.
-                if let Some(holder) = text.strip_prefix("[MSG:In use by ") {
-                    bail!(
-                        "{} is in use by {}",
-                        self.name,
-                        holder.trim_end_matches(']')
-                    );
-                }
+                port::ensure_is_free(&self.name, &text)?;
                 return Ok(Some(text));
             }
             if Instant::now() >= end {
@@ -128,32 +107,5 @@ impl Link {
             bail!("{} sends what is no text: {}", self.name, self.hint);
         }
         Ok(())
-    }
-}
-
-/// Why a serial port cannot be opened, and what helps.
-fn cannot_open(name: &str, error: std::io::Error) -> Error {
-    match error.kind() {
-        ErrorKind::NotFound => {
-            let ports = SerialPort::available_ports().unwrap_or_default();
-            let ports: Vec<_> = ports
-                .iter()
-                .map(|port| port.display().to_string())
-                .collect();
-            match &ports[..] {
-                [] => anyhow!("there is no {name}, and no other serial port"),
-                ports => anyhow!(
-                    "there is no {name}; the serial ports are {}",
-                    ports.join(", ")
-                ),
-            }
-        }
-        ErrorKind::PermissionDenied => anyhow!(
-            "{name} is not yours to open: on Linux, `sudo usermod -a -G dialout $USER` and log in again"
-        ),
-        ErrorKind::ResourceBusy | ErrorKind::WouldBlock => {
-            anyhow!("{name} is open in another program: disconnect the sender")
-        }
-        _ => Error::new(error).context(format!("cannot open {name} as a serial port")),
     }
 }

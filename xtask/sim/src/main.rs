@@ -34,6 +34,7 @@ use common::{
 };
 use host::{
     figures::Figures,
+    interrupt,
     lock::Lock,
     output,
     play::{self, Run},
@@ -149,7 +150,7 @@ fn run(options: &Options) -> Result<ExitCode> {
     };
     let simulator = power_up.simulator()?;
     // Caught from here on: Ctrl-C leaves no file that is half written.
-    let interrupted = recorder::interruptions()?;
+    let interrupted = interrupt::interruptions()?;
     let recording = Recording::create(options, simulator.session())?;
     match program {
         Some(program) => {

@@ -7,7 +7,7 @@ use std::{
     process, thread,
 };
 
-use anyhow::{Context, Result};
+use anyhow::Result;
 use common::text::{duration, separated};
 use host::{figures::Figures, output::Output, play::Recorder};
 use leadscrew::{
@@ -129,18 +129,6 @@ fn subtitle(figures: &Figures, motion: &Motion) -> String {
     let time = duration(figures.motion_time_s);
     let [cutting, rapid] = motion.seconds.map(duration);
     format!("{lines} lines, {time}: cutting {cutting}, rapids {rapid}; {events} step events")
-}
-
-/// What becomes readable with Ctrl-C.
-pub(crate) fn interruptions() -> Result<UnixStream> {
-    let catch = || {
-        let (read, write) = UnixStream::pair()?;
-        for signal in [signal_hook::consts::SIGINT, signal_hook::consts::SIGTERM] {
-            signal_hook::low_level::pipe::register(signal, write.try_clone()?)?;
-        }
-        std::io::Result::Ok(read)
-    };
-    catch().context("cannot catch Ctrl-C")
 }
 
 impl Recorder for Recording {

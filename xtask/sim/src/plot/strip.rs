@@ -5,11 +5,10 @@ use std::ops::Range;
 
 use chart::{
     Area, Chart, DASHED, Drawn, FAINT_INK, INK, LABELS_LEFT, MARGIN, PX, chart, font, pixels,
-    stroke,
+    simplified, stroke,
 };
 use plotters::prelude::*;
 
-use super::path::simplified;
 use crate::series::Series;
 
 /// Height of the times below the last strip.

@@ -1,0 +1,264 @@
+//! Moves bytes between sender, machine and picture, until there is an end.
+
+use std::{
+    os::{fd::BorrowedFd, unix::net::UnixStream},
+    sync::Arc,
+    time::{Duration, Instant},
+};
+
+use anyhow::{Context, Result, bail, ensure};
+use host::pty::Pty;
+use rustix::{
+    event::{PollFd, PollFlags, Timespec, poll},
+    io::Errno,
+};
+
+use crate::{
+    job::Job,
+    picture::Shared,
+    source::Source,
+    tap::Tap,
+    track::{AXES, Sighting, Track},
+};
+
+/// Longest wait for bytes: as long until it is looked whether to ask.
+const WAIT: Timespec = Timespec {
+    tv_sec: 0,
+    tv_nsec: 10_000_000,
+};
+/// How long a machine may take to answer: a board may start first.
+const ANSWER: Duration = Duration::from_secs(5);
+/// How often it is asked until then, and how long a list of settings may take.
+const ASK_EVERY: Duration = Duration::from_millis(500);
+const LIST: Duration = Duration::from_secs(2);
+/// Bytes that wait for the machine at most; then the sender waits.
+const BACKLOG: usize = 4096;
+/// Bytes that wait for the sender at most: nobody reads them.
+const UNREAD: usize = 65_536;
+
+/// A machine that is watched.
+pub(crate) struct Watch {
+    source: Source,
+    is_simulated: bool,
+    shared: Arc<Shared>,
+    start: Instant,
+    track: Track,
+    tap: Tap,
+    /// Steps in a unit of the path, once a line of the stream has been seen: from then on reports add no
+    /// positions to the path.
+    stream_scale: Option<[f64; AXES]>,
+    to_machine: Vec<u8>,
+    to_sender: Vec<u8>,
+    /// What has been seen and not yet been looked at.
+    seen: Vec<Sighting>,
+}
+
+impl Watch {
+    pub(crate) fn new(source: Source, is_simulated: bool, shared: Arc<Shared>) -> Self {
+        Self {
+            source,
+            is_simulated,
+            shared,
+            start: Instant::now(),
+            track: Track::default(),
+            tap: Tap::new(is_simulated),
+            stream_scale: None,
+            to_machine: Vec::new(),
+            to_sender: Vec::new(),
+            seen: Vec::new(),
+        }
+    }
+
+    /// The port or the address.
+    pub(crate) fn name(&self) -> &str {
+        &self.source.name
+    }
+
+    /// Waits until the machine answers, and asks for its resolution.
+    pub(crate) fn greet(&mut self, stop: &UnixStream) -> Result<()> {
+        let state = self.ask(b"?", ANSWER, stop, |sighting| match sighting {
+            Sighting::Report(report) => Some(report.state.clone()),
+            _ => None,
+        })?;
+        let (name, hint) = (&self.source.name, &self.source.hint);
+        let seconds = ANSWER.as_secs();
+        let state = state.with_context(|| {
+            format!("{name} has not answered as Grbl does for {seconds} s: {hint}")
+        })?;
+        // A machine that moves refuses it.
+        if state == "Idle" {
+            let is_answer =
+                |sighting: &Sighting| matches!(sighting, Sighting::Answer(_)).then_some(());
+            self.ask(b"$$\n", LIST, stop, is_answer)?;
+        }
+        self.to_sender.clear();
+        Ok(())
+    }
+
+    /// Asks for something until it is seen, or the time is over.
+    fn ask<T>(
+        &mut self,
+        question: &[u8],
+        most: Duration,
+        stop: &UnixStream,
+        mut find: impl FnMut(&Sighting) -> Option<T>,
+    ) -> Result<Option<T>> {
+        let begin = Instant::now();
+        let mut next = begin;
+        while begin.elapsed() < most {
+            // A list is asked for once, as each question is answered.
+            if Instant::now() >= next && (question == b"?" || next == begin) {
+                self.to_machine.extend(question);
+                next = Instant::now() + ASK_EVERY;
+            }
+            ensure!(!self.exchange(None, stop)?, "it was stopped");
+            for sighting in std::mem::take(&mut self.seen) {
+                if let Sighting::Other(text) = &sighting {
+                    port::ensure_is_free(&self.source.name, text)?;
+                }
+                if let Some(found) = find(&sighting) {
+                    return Ok(Some(found));
+                }
+            }
+        }
+        Ok(None)
+    }
+
+    /// Watches until the program has ended, or Ctrl-C.
+    pub(crate) fn run(
+        &mut self,
+        sender: Option<&Pty>,
+        mut job: Option<&mut Job>,
+        stop: &UnixStream,
+    ) -> Result<()> {
+        self.start = Instant::now();
+        loop {
+            if self.tap.asks(self.start.elapsed()) {
+                self.to_machine.push(b'?');
+            }
+            if let Some(job) = &mut job {
+                job.feed(&mut self.to_machine)?;
+            }
+            if self.exchange(sender, stop)? {
+                return Ok(());
+            }
+            for sighting in std::mem::take(&mut self.seen) {
+                self.look(&sighting, job.as_deref_mut())?;
+            }
+            if job.as_ref().is_some_and(|job| job.is_done()) {
+                return Ok(());
+            }
+        }
+    }
+
+    /// Adds to the picture what has been seen.
+    fn look(&mut self, sighting: &Sighting, job: Option<&mut Job>) -> Result<()> {
+        match sighting {
+            Sighting::Steps([x, y], z) => {
+                let told = self.track.steps_per_mm();
+                let unit = if told.is_some() { "mm" } else { "step" };
+                let is_first = self.stream_scale.is_none();
+                let scale = *self.stream_scale.get_or_insert(told.unwrap_or([1.0; AXES]));
+                let steps = [*x, *y, z.unwrap_or(0)].map(f64::from);
+                let place = std::array::from_fn(|axis| steps[axis] / scale[axis]);
+                self.shared.change(|picture| {
+                    if is_first {
+                        picture.measure_in(unit);
+                    }
+                    picture.move_to(place);
+                });
+            }
+            Sighting::Report(report) => {
+                let time = self.start.elapsed();
+                let is_path = self.stream_scale.is_none();
+                self.shared.change(|picture| {
+                    picture.report(report, time);
+                    if is_path {
+                        picture.measure_in("mm");
+                        picture.move_to(report.machine_mm);
+                    }
+                });
+                if let Some(job) = job {
+                    job.report(&report.state);
+                    // The operator of the virtual machine presses cycle start.
+                    if self.is_simulated && report.state == "Hold:0" {
+                        self.to_machine.push(b'~');
+                    }
+                }
+            }
+            Sighting::Answer(text) => {
+                if let Some(job) = job {
+                    let lines = job.answer(text);
+                    self.shared.change(|picture| picture.count_lines(lines));
+                }
+            }
+            Sighting::Alarm(text) if job.is_some() => {
+                bail!("{} is locked: {text}", self.source.name);
+            }
+            Sighting::Alarm(_) | Sighting::Welcome => {}
+            Sighting::Other(text) => port::ensure_is_free(&self.source.name, text)?,
+        }
+        Ok(())
+    }
+
+    /// Moves what bytes there are, after a short wait. Returns whether it is to stop.
+    fn exchange(&mut self, sender: Option<&Pty>, stop: &UnixStream) -> Result<bool> {
+        if self.wait(sender.map(Pty::controller), stop)? {
+            return Ok(true);
+        }
+        let mut chunk = [0; 4096];
+        let now = self.start.elapsed();
+        let length = self.source.read(&mut chunk)?;
+        let bytes = &chunk[..length];
+        let seen = &mut self.seen;
+        self.track.push(bytes, |_, sighting| seen.push(sighting));
+        self.tap
+            .received(bytes, now, &mut self.to_sender, &mut self.to_machine);
+        let Some(sender) = sender else {
+            self.to_sender.clear();
+            return self.source.write(&mut self.to_machine).map(|()| false);
+        };
+        if self.to_machine.len() < BACKLOG {
+            let length = moved(rustix::io::read(sender.controller(), &mut chunk))?;
+            self.tap.sent(&chunk[..length], now, &mut self.to_machine);
+        }
+        self.source.write(&mut self.to_machine)?;
+        let length = moved(rustix::io::write(sender.controller(), &self.to_sender))?;
+        self.to_sender.drain(..length);
+        let excess = self.to_sender.len().saturating_sub(UNREAD);
+        self.to_sender.drain(..excess);
+        Ok(false)
+    }
+
+    /// Waits for bytes, or room for them. Returns whether it is to stop.
+    fn wait(&self, sender: Option<BorrowedFd<'_>>, stop: &UnixStream) -> Result<bool> {
+        let flags = |reads: bool, waiting: &[u8]| {
+            let mut flags = PollFlags::empty();
+            flags.set(PollFlags::IN, reads);
+            flags.set(PollFlags::OUT, !waiting.is_empty());
+            flags
+        };
+        let mut ends = vec![
+            PollFd::new(stop, PollFlags::IN),
+            PollFd::from_borrowed_fd(self.source.line(), flags(true, &self.to_machine)),
+        ];
+        let reads = self.to_machine.len() < BACKLOG;
+        ends.extend(
+            sender.map(|sender| PollFd::from_borrowed_fd(sender, flags(reads, &self.to_sender))),
+        );
+        match poll(&mut ends, Some(&WAIT)) {
+            Ok(_) => Ok(!ends[0].revents().is_empty()),
+            Err(Errno::INTR) => Ok(false),
+            Err(error) => Err(error).context("cannot wait for the machine"),
+        }
+    }
+}
+
+/// How many bytes went; none when the other end is not ready.
+fn moved(result: rustix::io::Result<usize>) -> Result<usize> {
+    match result {
+        Ok(length) => Ok(length),
+        Err(Errno::AGAIN | Errno::INTR) => Ok(0),
+        Err(error) => Err(error).context("the sender's line is broken"),
+    }
+}
