@@ -19,6 +19,8 @@ pub enum Notice {
     Sleeping,
     /// A probing move has ended: `probed` of the snapshot has the result.
     Probed,
+    /// Nothing has moved for a second since [`super::Requests::watch_standstill`].
+    Standstill,
 }
 
 /// The latest notices and their number so far: each reader keeps its own count.

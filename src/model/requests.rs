@@ -75,6 +75,8 @@ pub struct Requests {
     jog_cancel: AtomicBool,
     /// End of the delay that `prepare` asked for: cleared by `prepare`.
     delay_end: AtomicBool,
+    /// A task waits for the notice of a standstill: cleared by `prepare`.
+    standstill: AtomicBool,
     /// The mark of the newest `~`.
     start_mark: AtomicU32,
     /// 0xA3: cleared by `prepare`. The mark is that of the first one since then.
@@ -114,6 +116,7 @@ impl Requests {
             door: AtomicBool::new(false),
             jog_cancel: AtomicBool::new(false),
             delay_end: AtomicBool::new(false),
+            standstill: AtomicBool::new(false),
             start_mark: AtomicU32::new(0),
             tool_change: AtomicBool::new(false),
             tool_mark: AtomicU32::new(0),
@@ -178,6 +181,19 @@ impl Requests {
     #[must_use]
     pub fn take_delay_end(&self) -> bool {
         take(&self.delay_end)
+    }
+
+    /// Requests [`super::Notice::Standstill`], at standstill: for `interpret` alone, which releases
+    /// `prepare` afterwards. A motion that begins earlier ends the request.
+    pub fn watch_standstill(&self) {
+        set(&self.standstill);
+        add_one(&self.own_count);
+    }
+
+    /// Takes the request for the notice of a standstill.
+    #[must_use]
+    pub fn take_standstill(&self) -> bool {
+        take(&self.standstill)
     }
 
     /// Returns the number of requests to `prepare`, wrapping: while it is the same, none is new.

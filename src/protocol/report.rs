@@ -239,6 +239,8 @@ pub fn alarm(text: &mut Text, alarm: Alarm) {
 pub enum Feedback {
     /// Nothing but a reset helps.
     ResetNeeded,
+    /// A move of a compensated contour waits for the next one, and nothing moves.
+    CompensationWaits,
     /// The machine is locked.
     Locked,
     /// The machine is no longer locked.
@@ -269,6 +271,7 @@ pub enum Feedback {
 pub fn feedback(text: &mut Text, feedback: Feedback) {
     let words = match feedback {
         Feedback::ResetNeeded => "Reset to continue",
+        Feedback::CompensationWaits => "Compensation waits for the next move",
         Feedback::Locked => "'$H'|'$X' to unlock",
         Feedback::Unlocked => "Caution: Unlocked",
         Feedback::CheckEnabled => "Enabled",
@@ -327,6 +330,7 @@ mod tests {
     fn no_pushed_message_looks_like_an_answer() {
         for one in [
             Feedback::ResetNeeded,
+            Feedback::CompensationWaits,
             Feedback::Locked,
             Feedback::Unlocked,
             Feedback::CheckEnabled,

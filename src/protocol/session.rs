@@ -342,6 +342,9 @@ impl Session {
             ControlFlow::Continue(()) => self.execute_lines(&mut links),
             ControlFlow::Break(()) => Progress::Waiting,
         };
+        if progress == Progress::Waiting && self.compensator.is_waiting() {
+            self.watch_standstill(machine, requests);
+        }
         requests.wake_on(match progress {
             Progress::Again => Awaited::NONE,
             Progress::Waiting => self.awaited(),

@@ -4,6 +4,7 @@
 use leadscrew::{
     axis::Z,
     model::{Levels, State},
+    units::TICKS_PER_MS,
 };
 
 use super::machine::Machine;
@@ -148,4 +149,45 @@ fn the_travel_is_that_of_the_cutter_and_not_of_the_contour() {
     assert!(told.contains(&"ALARM:2".to_owned()), "{told:?}");
     machine.execute("$X", None);
     assert_gone(&mut machine, "outside");
+}
+
+#[test]
+fn a_sender_that_leaves_the_machine_standing_in_a_contour_is_told_so_once_after_a_second() {
+    let mut undisturbed = ready();
+    at_stage(&mut undisturbed, 0);
+    undisturbed.rest();
+    let end = undisturbed.simulator.physical_steps();
+    // Nobody has left a machine that gets line after line.
+    assert_eq!(undisturbed.lines(), ["ok"; CONTOUR.len()]);
+    let mut machine = ready();
+    for (index, line) in CONTOUR.iter().enumerate() {
+        // Answered although nothing follows: who waits for each answer never stands still for good.
+        assert_eq!(machine.execute(line, None), ["ok"], "{line}");
+        let mut rest_began = machine.simulator.now();
+        let mut told = Vec::new();
+        while machine.advance() {
+            let now = machine.simulator.now();
+            if !machine.simulator.snapshot().is_at_rest {
+                rest_began = now;
+            }
+            let lines = machine.lines();
+            if !lines.is_empty() {
+                let elapsed_ms = (now - rest_began) / u64::from(TICKS_PER_MS);
+                assert!(
+                    (1000..1100).contains(&elapsed_ms),
+                    "{line}: {elapsed_ms} ms"
+                );
+                assert_eq!(machine.simulator.snapshot().state, State::Idle, "{line}");
+            }
+            told.extend(lines);
+        }
+        // A new move waits behind all lines but the first, the move of Z, and the way out.
+        let expected: &[&str] = match index {
+            0 | 3 | 8 | 9 => &[],
+            _ => &["[MSG:Compensation waits for the next move]"],
+        };
+        assert_eq!(told, expected, "{line}");
+    }
+    assert_eq!(machine.simulator.physical_steps(), end);
+    machine.assert_true("the end");
 }

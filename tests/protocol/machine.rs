@@ -136,12 +136,11 @@ impl Machine {
                 "{line}: {:?} {lines:?}",
                 self.simulator.snapshot()
             );
-            let goes_on = self.advance();
             lines.extend(self.lines());
             if lines.iter().any(|line| is_answer(line)) {
                 return lines;
             }
-            if !goes_on {
+            if !self.advance() && self.output.is_empty() {
                 match self.simulator.snapshot().state {
                     // A pause, a hold, a door that is closed again, a tool change.
                     State::HoldComplete | State::DoorClosed => self.receive(b"~"),

@@ -1,12 +1,19 @@
-//! Delays at standstill: of spindle and coolant after the door, of the drivers after a motion.
+//! Delays at standstill: of spindle and coolant after the door, of the drivers after a motion, of the notice
+//! that nothing moves.
 
 use super::Motion;
-use crate::{machine::Event, model::timing::IDLE_DELAY_INFINITE};
+use crate::{
+    machine::Event,
+    model::{Notice, timing::IDLE_DELAY_INFINITE},
+};
 
 /// Time for the spindle to come up to speed after the safety door was open, ms, as in Grbl.
 const SPINDLE_DELAY_MS: u16 = 4000;
 /// Time for the coolant to flow after the safety door was open, ms, as in Grbl.
 const COOLANT_DELAY_MS: u16 = 1000;
+
+/// Time without motion up to [`Notice::Standstill`], ms: longer than a sender takes for the next line.
+const STANDSTILL_DELAY_MS: u16 = 1000;
 
 /// The next step of switching on again after the safety door was open.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -27,6 +34,8 @@ pub(super) enum Delay {
     StepIdle,
     Spindle,
     Coolant,
+    /// Up to the notice that nothing moves.
+    Standstill,
 }
 
 /// The delays at standstill.
@@ -40,6 +49,8 @@ pub(super) struct Delays {
     pub(super) idle_ms: u8,
     /// The drivers are disabled after an alarm whatever `$1` says.
     pub(super) disables_drivers: bool,
+    /// The notice that nothing moves is wanted, and its delay has not begun.
+    watches_standstill: bool,
 }
 
 impl Delays {
@@ -50,6 +61,7 @@ impl Delays {
             requested_ms: None,
             idle_ms: 25,
             disables_drivers: false,
+            watches_standstill: false,
         }
     }
 }
@@ -62,8 +74,25 @@ impl Motion {
             Delay::StepIdle => self.disable_drivers(),
             Delay::Spindle => self.delays.restoring = Restoring::Coolant,
             Delay::Coolant => self.delays.restoring = Restoring::Done,
+            Delay::Standstill => self.published.notices.push(Notice::Standstill),
         }
         self.delays.running = Delay::None;
+        self.start_standstill_delay();
+    }
+
+    /// Has a notice published if nothing moves in the next second.
+    pub(super) fn watch_standstill(&mut self) {
+        self.delays.watches_standstill = true;
+        self.start_standstill_delay();
+    }
+
+    /// Begins the delay of a notice that is wanted, after the other delays.
+    fn start_standstill_delay(&mut self) {
+        let is_free =
+            self.delays.running == Delay::None && self.delays.restoring == Restoring::None;
+        if is_free && core::mem::take(&mut self.delays.watches_standstill) {
+            self.start_delay(Delay::Standstill, STANDSTILL_DELAY_MS);
+        }
     }
 
     fn start_delay(&mut self, delay: Delay, milliseconds: u16) {
@@ -114,7 +143,7 @@ impl Motion {
         self.delays.restoring = Restoring::None;
         match self.delays.running {
             Delay::Spindle | Delay::Coolant => self.delays.running = Delay::None,
-            Delay::None | Delay::StepIdle => {}
+            Delay::None | Delay::StepIdle | Delay::Standstill => {}
         }
     }
 
@@ -122,7 +151,8 @@ impl Motion {
     pub(super) fn enable_drivers(&mut self) {
         self.published.outputs_changed |= !self.published.outputs.drivers;
         self.published.outputs.drivers = true;
-        if self.delays.running == Delay::StepIdle {
+        self.delays.watches_standstill = false;
+        if matches!(self.delays.running, Delay::StepIdle | Delay::Standstill) {
             self.delays.running = Delay::None;
         }
     }

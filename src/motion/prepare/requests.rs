@@ -23,6 +23,9 @@ impl Motion {
         if requests.take_delay_end() {
             self.end_delay();
         }
+        if requests.take_standstill() {
+            self.watch_standstill();
+        }
         let is_cancel = requests.take_jog_cancel() && self.control.state == State::Jog;
         let (is_hold, is_start) = (requests.take_hold(), requests.take_start());
         let is_door = requests.take_door();

@@ -8,7 +8,8 @@ use super::{LineStage, Links, Progress, Session};
 use crate::{
     axis::Axes,
     gcode::LineError,
-    model::State,
+    machine::Snapshot,
+    model::{Requests, State},
     path::{Misfit, is_outside},
     units::Nm,
 };
@@ -56,6 +57,17 @@ impl Session {
         self.compensator.is_waiting() && self.line.checked.may_wait()
     }
 
+    /// Has the sender told, once, if it leaves the machine standing where a move waits.
+    #[inline(never)]
+    pub(super) fn watch_standstill(&mut self, machine: &Snapshot, requests: &Requests) {
+        let is_left = self.stage == LineStage::Reading && machine.state == State::Idle;
+        if is_left && !self.reports.has_reported_wait && self.is_done(machine) {
+            self.reports.has_reported_wait = true;
+            requests.watch_standstill();
+            self.machine_sync.has_release_request = true;
+        }
+    }
+
     /// Ends compensation where the machine is, and forgets what waits.
     #[inline(never)]
     pub(super) fn cancel_compensation(&mut self) {
@@ -64,6 +76,7 @@ impl Session {
             self.machine_sync.is_position_known = false;
         }
         self.compensator.clear();
+        self.reports.has_reported_wait = false;
     }
 
     /// Checks a jog. After `G40` it begins where the cutter is, unless it is refused.
@@ -148,6 +161,7 @@ impl Session {
                 return false;
             }
             self.compensator.dequeue();
+            self.reports.has_reported_wait = false;
         }
         true
     }

@@ -27,6 +27,8 @@ pub(super) struct Reports {
     pub(super) is_status_due: bool,
     /// The tool in the spindle has changed, and has not been reported.
     pub(super) is_tool_due: bool,
+    /// The report that a compensated move waits is due, or has been sent.
+    pub(super) has_reported_wait: bool,
     /// The message that the machine needs a reset has been written.
     pub(super) has_reported_fault: bool,
     /// Number of notices seen, wrapping.
@@ -131,6 +133,10 @@ impl Session {
             Notice::CheckDoor => report::feedback(text, Feedback::CheckDoor),
             Notice::RestoringSpindle => report::feedback(text, Feedback::RestoringSpindle),
             Notice::Sleeping => report::feedback(text, Feedback::Sleeping),
+            Notice::Standstill if self.compensator.is_waiting() => {
+                report::feedback(text, Feedback::CompensationWaits);
+            }
+            Notice::Standstill => {}
             Notice::Probed => {
                 let probing = &mut self.probing;
                 // A miss that is an alarm leaves the position of the last contact, as in Grbl.
