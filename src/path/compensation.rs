@@ -27,8 +27,8 @@ use crate::{
     axis::Axes,
     gcode::interpreter::CompensatedMove,
     model::{
-        Circle, Command, Coolant, Cutter, FeedRate, Laser, OverrideSwitches, Plane, Rotation, Side,
-        Spindle,
+        Circle, Command, Coolant, Cutter, FeedRate, Laser, OverrideSwitches, PathControl, Plane,
+        Rotation, Side, Spindle,
     },
     settings::Settings,
     units::{MicroDegrees, Nm},
@@ -84,6 +84,8 @@ enum Behind {
     Coolant(Coolant),
     Overrides(OverrideSwitches),
     Pause,
+    /// The path control of what comes after this.
+    Control(PathControl),
 }
 
 /// A move that fits: what becomes of the one before it, and of itself.
@@ -111,6 +113,9 @@ pub struct Compensator {
     end: Axes<Nm>,
     waiting: Option<CutterMove>,
     behind: Deque<Behind, MAX_ENTRIES_BEHIND>,
+    /// The path control of what waits, and of what was pushed last.
+    control: PathControl,
+    pushed_control: PathControl,
     /// What waits is released; then the corner, and the next move waits.
     is_released: bool,
     around: Option<CutterMove>,
@@ -127,6 +132,8 @@ impl Compensator {
             end: Axes::all(Nm(0)),
             waiting: None,
             behind: Deque::new(),
+            control: PathControl::ExactPath,
+            pushed_control: PathControl::ExactPath,
             is_released: false,
             around: None,
             next: None,
@@ -149,10 +156,21 @@ impl Compensator {
         self.waiting.is_some()
     }
 
-    /// Returns how many entries may wait behind the move that waits.
+    /// Returns how many commands under a path control may wait behind the move that waits.
     #[must_use]
-    pub fn room(&self) -> usize {
-        MAX_ENTRIES_BEHIND - self.behind.len()
+    pub fn room(&self, control: PathControl) -> usize {
+        let changes = usize::from(control != self.pushed_control);
+        (MAX_ENTRIES_BEHIND - self.behind.len()).saturating_sub(changes)
+    }
+
+    /// Returns the path control of the next command that is released.
+    #[must_use]
+    pub fn control(&self) -> PathControl {
+        if self.waiting.is_some() || !self.behind.is_empty() {
+            self.control
+        } else {
+            self.pushed_control
+        }
     }
 
     /// Returns the end of all moves.
@@ -196,9 +214,9 @@ impl Compensator {
         Ok(())
     }
 
-    /// Adds a command: the planned move, a move of other axes, or anything else. What was released
-    /// before has been dequeued.
-    pub fn push(&mut self, command: &Command) {
+    /// Adds a command under a path control: the planned move, a move of other axes, or anything else. What
+    /// was released before has been dequeued.
+    pub fn push(&mut self, command: &Command, control: PathControl) {
         let behind = match *command {
             Command::Line {
                 target,
@@ -212,6 +230,7 @@ impl Compensator {
                 ..
             } => {
                 if let Some(plan) = self.plan.take() {
+                    self.pushed_control = control;
                     return self.push_planned(&plan, &target.position, feed_rate, line);
                 }
                 let end = self.in_place(&target.position);
@@ -227,7 +246,14 @@ impl Compensator {
             // Refused while compensation is on.
             Command::Probe { .. } | Command::ToolPause => return,
         };
-        let is_full = self.behind.push_back(behind).is_err();
+        let mut is_full = false;
+        if self.waiting.is_none() {
+            self.control = control;
+        } else if control != self.pushed_control {
+            is_full = self.behind.push_back(Behind::Control(control)).is_err();
+        }
+        self.pushed_control = control;
+        is_full |= self.behind.push_back(behind).is_err();
         debug_assert!(!is_full, "no more than `room` are pushed");
         self.is_released |= self.waiting.is_none();
     }
@@ -291,14 +317,23 @@ impl Compensator {
         self.is_released = self.waiting.is_some() || !self.behind.is_empty();
     }
 
-    /// Lets the next move wait when everything before it has been dequeued.
+    /// Lets the next move wait when everything before it has been dequeued, and changes the path control
+    /// where that is next.
     fn settle(&mut self) {
+        if self.is_released
+            && self.waiting.is_none()
+            && let Some(Behind::Control(control)) = self.behind.front()
+        {
+            self.control = *control;
+            self.behind.pop_front();
+        }
         if self.is_released
             && self.waiting.is_none()
             && self.behind.is_empty()
             && self.around.is_none()
         {
             self.waiting = self.next.take();
+            self.control = self.pushed_control;
             self.is_released = false;
         }
     }
@@ -313,7 +348,7 @@ impl Compensator {
             return Some(waiting.command(self.plane));
         }
         match self.behind.front() {
-            Some(behind) => Some(behind.command()),
+            Some(behind) => behind.command(),
             None => self
                 .around
                 .as_ref()
@@ -334,7 +369,10 @@ impl Compensator {
     pub fn leaves_travel(&self, settings: &Settings) -> bool {
         let leaves =
             |one: &CutterMove| leaves_travel(settings, &one.start, &one.command(self.plane));
-        let leaves_behind = |behind: &Behind| leaves_travel(settings, &self.end, &behind.command());
+        let leaves_behind = |behind: &Behind| {
+            let command = behind.command();
+            command.is_some_and(|command| leaves_travel(settings, &self.end, &command))
+        };
         self.is_released
             && (self.waiting.as_ref().is_some_and(leaves)
                 || self.behind.iter().any(leaves_behind)
@@ -378,8 +416,9 @@ impl Plan {
 }
 
 impl Behind {
-    fn command(&self) -> Command {
-        match *self {
+    /// Returns the command; `None` for a change of the path control alone.
+    fn command(&self) -> Option<Command> {
+        Some(match *self {
             Self::Depth(position, feed_rate, line) => Command::Line {
                 target: position.into(),
                 feed_rate,
@@ -391,7 +430,8 @@ impl Behind {
             Self::Coolant(coolant) => Command::Coolant(coolant),
             Self::Overrides(switches) => Command::Overrides(switches),
             Self::Pause => Command::Pause,
-        }
+            Self::Control(_) => return None,
+        })
     }
 }
 

@@ -221,6 +221,27 @@ fn what_waits_behind_a_move_is_done_at_the_corner_and_no_more_than_fits() {
 }
 
 #[test]
+fn path_control_changes_for_what_comes_after_the_move_that_waits() {
+    let mut bench = Bench::new();
+    for line in [
+        "F600", "G41.1D4", "G1X10", "X20", "G61.1", "X30", "X40", "G61", "Z1", "G61.1", "X50",
+        "X60", "G40",
+    ] {
+        assert_eq!(bench.ask(line), ["ok"], "{line}");
+    }
+    let stops: Vec<_> = bench
+        .works()
+        .iter()
+        .filter_map(|work| match work {
+            Work::Move(block) => Some(block.junction_sqr == 0.0),
+            _ => None,
+        })
+        .collect();
+    // At the start of the moves to X20, X30, X40, Z1, X50 and X60.
+    assert_eq!(stops[1..], [false, false, true, true, false, true]);
+}
+
+#[test]
 fn the_program_pauses_and_ends_beside_the_path() {
     let mut bench = Bench::new();
     let mut at = [0; 3];

@@ -10,7 +10,7 @@ use crate::{
         AxisCommand, CompensationMode, Flow, LineError, MotionMode, NonModal, ParsedLine,
         ToolCommand, Word, Words, tool_number,
     },
-    model::{Circle, Cutter, Laser, Plane, Side},
+    model::{Circle, Cutter, Laser, PathControl, Plane, Side},
     settings::{Settings, ToolEntry},
     units::Nm,
 };
@@ -239,6 +239,12 @@ impl Checked {
     #[must_use]
     pub fn is_compensated(&self) -> bool {
         self.compensation.is_on() && self.compensation.cutter.radius_mm > 0.0
+    }
+
+    /// Returns the path control after the line.
+    #[must_use]
+    pub const fn path_control(&self) -> PathControl {
+        self.modal.path
     }
 
     /// Whether the line is one of a compensated contour, after the entry.

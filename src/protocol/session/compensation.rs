@@ -37,7 +37,7 @@ impl Session {
         if self.compensator.is_waiting() && checked.may_wait() {
             let moves = usize::from(checked.moves() && programmed.is_none());
             let waits = self.interpreter.commands_before_move(checked) + moves;
-            if waits > self.compensator.room() {
+            if waits > self.compensator.room(checked.path_control()) {
                 return Err(LineError::TooMuchWaits);
             }
         }
@@ -145,7 +145,7 @@ impl Session {
         }
         match line.outcome.commands.get(*next) {
             Some(command) if line.is_compensated => {
-                compensator.push(command);
+                compensator.push(command, self.interpreter.modal().path);
                 *next += 1;
                 true
             }
@@ -157,7 +157,8 @@ impl Session {
     fn send_released(&mut self, links: &mut Links<'_, '_>) -> bool {
         while let Some(command) = self.compensator.front() {
             let is_checking = links.machine.state == State::Check;
-            if !is_checking && !self.send_one(&command, links) {
+            let control = self.compensator.control();
+            if !is_checking && !self.send_one(&command, control, links) {
                 return false;
             }
             self.compensator.dequeue();

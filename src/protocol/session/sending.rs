@@ -130,8 +130,12 @@ impl Session {
 
     /// Sends a command of a line before, which may have waited, to the machine, or to the blender before
     /// it. Returns false when there is no room.
-    pub(super) fn send_one(&mut self, command: &Command, links: &mut Links<'_, '_>) -> bool {
-        let control = self.path_control();
+    pub(super) fn send_one(
+        &mut self,
+        command: &Command,
+        control: PathControl,
+        links: &mut Links<'_, '_>,
+    ) -> bool {
         let is_blended = is_blended(control, command);
         if !is_blended {
             self.router.flush(&mut self.blender);

@@ -135,7 +135,7 @@ impl ProgramReader {
         let is_beside = is_compensated || checked.stays_beside_path();
         if is_compensated {
             for command in commands.drain(..) {
-                compensator.push(&command);
+                compensator.push(&command, checked.path_control());
                 release(compensator);
             }
         }
