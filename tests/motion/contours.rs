@@ -15,7 +15,7 @@ use leadscrew::{
 use proptest::{collection::vec, prelude::*};
 
 use crate::support::{cases, with};
-use geometry::{Piece, Point, TANGENT, Way, left, length, minus, plus, unit, way};
+use geometry::{Piece, Point, TANGENT, Way, left, length, minus, plus, turn, unit, way};
 
 const STEPS_PER_MM: f64 = 80.0;
 const STEP_MM: f64 = 1.0 / STEPS_PER_MM;
@@ -56,20 +56,40 @@ fn element() -> impl Strategy<Value = Element> {
     })
 }
 
-/// How a program is written: decimals of its coordinates, whether in G18 instead of G17, and whether it
-/// goes up and down along the contour.
+/// How a program is written.
 #[derive(Debug, Clone, Copy)]
 struct Form {
-    decimals: usize,
+    /// Coordinates have all six decimals, and not only as many as are usual.
+    is_fine: bool,
+    /// In inches.
+    is_inch: bool,
+    /// In G18 instead of G17.
     is_zx: bool,
+    /// Up and down along the contour.
     has_depths: bool,
+    /// Arcs by `R`, where that is exact: with fine coordinates, and not near half a turn.
+    has_radii: bool,
+    /// Lines are rapids where no outer corner is before them: there a rapid goes straight.
+    has_rapids: bool,
 }
 
 impl Form {
+    fn unit_mm(self) -> f64 {
+        if self.is_inch { 25.4 } else { 1.0 }
+    }
+
+    fn decimals(self) -> u8 {
+        match (self.is_fine, self.is_inch) {
+            (true, _) => 6,
+            (false, true) => 5,
+            (false, false) => 3,
+        }
+    }
+
     /// A point as the program has it.
     fn rounded(self, point: Point) -> Point {
-        let scale = if self.decimals == 3 { 1e3 } else { 1e6 };
-        point.map(|mm| (mm * scale).round() / scale)
+        let per_mm = 10.0_f64.powi(self.decimals().into()) / self.unit_mm();
+        point.map(|mm| (mm * per_mm).round() / per_mm)
     }
 
     /// The plane's axes.
@@ -77,21 +97,40 @@ impl Form {
         if self.is_zx { [Z, X] } else { [X, Y] }
     }
 
-    fn text(self, piece: &Piece) -> String {
+    /// A word of a length.
+    fn word(self, letter: &str, mm: f64) -> String {
+        format!(
+            " {letter}{:.*}",
+            self.decimals().into(),
+            mm / self.unit_mm()
+        )
+    }
+
+    fn text(self, piece: &Piece, is_rapid: bool) -> String {
         let letters = if self.is_zx {
             ["Z", "X", "K", "I"]
         } else {
             ["X", "Y", "I", "J"]
         };
-        let word = |letter: &str, mm: f64| format!(" {letter}{mm:.*}", self.decimals);
         let [x, y] = piece.end();
-        let end = word(letters[0], x) + &word(letters[1], y);
-        match piece {
-            Piece::Line { .. } => format!("G1{end}"),
-            Piece::Arc { centre, sweep, .. } => {
-                let [i, j] = minus(*centre, self.rounded(piece.start()));
-                let code = if *sweep > 0.0 { "G3" } else { "G2" };
-                format!("{code}{end}{}{}", word(letters[2], i), word(letters[3], j))
+        let end = self.word(letters[0], x) + &self.word(letters[1], y);
+        match *piece {
+            Piece::Line { .. } => format!("G{}{end}", u8::from(!is_rapid)),
+            Piece::Arc {
+                centre,
+                radius,
+                sweep,
+                ..
+            } => {
+                let code = if sweep > 0.0 { "G3" } else { "G2" };
+                let is_half = (sweep.abs() - PI).abs() < 0.2;
+                let [i, j] = minus(centre, self.rounded(piece.start()));
+                let circle = if self.has_radii && self.is_fine && !is_half {
+                    self.word("R", radius.copysign(PI - sweep.abs()))
+                } else {
+                    self.word(letters[2], i) + &self.word(letters[3], j)
+                };
+                format!("{code}{end}{circle}")
             }
         }
     }
@@ -122,11 +161,16 @@ struct Start {
 
 fn start() -> impl Strategy<Value = Start> {
     let unit = || 0.0..1.0_f64;
-    let form = any::<[bool; 3]>().prop_map(|[is_fine, is_zx, has_depths]| Form {
-        decimals: if is_fine { 6 } else { 3 },
-        is_zx,
-        has_depths,
-    });
+    let form = any::<[bool; 6]>().prop_map(
+        |[is_fine, is_inch, is_zx, has_depths, has_radii, has_rapids]| Form {
+            is_fine,
+            is_inch,
+            is_zx,
+            has_depths,
+            has_radii,
+            has_rapids,
+        },
+    );
     (
         form,
         unit(),
@@ -292,20 +336,32 @@ impl Job {
         moves.into_iter().all(fits)
     }
 
+    /// Whether the tool goes around the corner of two pieces.
+    fn is_convex(&self, before: &Piece, after: &Piece) -> bool {
+        turn(before.direction(1.0), after.direction(0.0)) * self.side < -TANGENT
+    }
+
     /// Its program, to the end of the contour.
     fn program(&self) -> Vec<String> {
         let code = if self.side > 0.0 { "G41.1" } else { "G42.1" };
         let plane = if self.form.is_zx { 18 } else { 17 };
-        let diameter = 2.0 * self.radius;
-        let mut lines = vec![format!("G{plane} {code} D{diameter:.6} F40000")];
+        let (diameter, unit) = (2.0 * self.radius, self.form.unit_mm());
+        let units = 21 - u8::from(self.form.is_inch);
+        let mut lines = vec![format!(
+            "G{units} G{plane} {code} D{:.8} F{:.3}",
+            diameter / unit,
+            40_000.0 / unit
+        )];
         let depth = if self.form.is_zx { "Y" } else { "Z" };
-        let pieces = [self.entry].into_iter().chain(self.contour.iter().copied());
-        for (index, piece) in pieces.enumerate() {
+        let pieces: Vec<_> = [self.entry].iter().chain(&self.contour).copied().collect();
+        for (index, piece) in pieces.iter().enumerate() {
             // A move at the corner, and one along the contour.
             if self.form.has_depths && index % 3 == 1 {
                 lines.push(format!("G1 {depth}{:.1}", 0.1 * index as f64));
             }
-            let mut line = self.form.text(&piece);
+            let is_convex = index > 1 && self.is_convex(&pieces[index - 1], piece);
+            let is_rapid = self.form.has_rapids && !is_convex;
+            let mut line = self.form.text(piece, is_rapid);
             if self.form.has_depths && index % 3 == 2 {
                 line.extend([" ", depth, "0"]);
             }
@@ -554,7 +610,7 @@ proptest! {
         let way = job.way().unwrap();
         let mut lines = job.program();
         let exit = job.exit();
-        lines.extend(["G40".into(), job.form.text(&exit)]);
+        lines.extend(["G40".into(), job.form.text(&exit, false)]);
         let executed = execute(job.form, &lines);
         prop_assert!(executed.answers.iter().all(|answer| answer == "ok"), "{:?} {:#?}", executed.answers, lines);
         check_distances(&executed, &job.contour, job.radius)?;

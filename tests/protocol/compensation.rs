@@ -221,6 +221,17 @@ fn what_waits_behind_a_move_is_done_at_the_corner_and_no_more_than_fits() {
 }
 
 #[test]
+fn a_rapid_goes_straight_where_a_feed_goes_around_a_corner() {
+    let around = |move_after: &str| {
+        let lines = ["F600", "G41.1D4", "G1X10", "X20", move_after, "G40"];
+        run(&lines)[2..].to_vec()
+    };
+    let end = [22_000, -10_000, 0];
+    assert_moves(&around("G1Y-10"), &[([22_000, 0, 0], true), (end, false)]);
+    assert_moves(&around("G0Y-10"), &[([22_000, 0, 0], false), (end, false)]);
+}
+
+#[test]
 fn path_control_changes_for_what_comes_after_the_move_that_waits() {
     let mut bench = Bench::new();
     for line in [
