@@ -8,7 +8,7 @@ use proptest::prelude::*;
 
 use crate::{
     cases,
-    host::{Host, STEPS_PER_MM, numbered},
+    host::{Host, STEPS_PER_MM, numbered, settings},
 };
 
 /// Knuth's MMIX.
@@ -39,12 +39,31 @@ fn damaged(random: &mut Random, line: &[u8], percent: u64) -> Vec<u8> {
     line
 }
 
+/// The lines in some bytes that are answered: all but blank ones. The last may have lost its end.
+fn answered_lines(bytes: &[u8]) -> usize {
+    let is_answered = |line: &&[u8]| {
+        let mut raw: RawLine = RawLine::new();
+        for byte in *line {
+            raw.push(*byte);
+        }
+        raw.verdict(0, true) != Verdict::Blank
+    };
+    let lines = bytes.split(|byte| matches!(byte, b'\n' | b'\r'));
+    lines.filter(is_answered).count()
+}
+
+/// What has been sent, and how much of it was damaged.
+#[derive(Default)]
+struct Sent {
+    lines: usize,
+    damaged: usize,
+}
+
 /// Sends lines as Printrun does: the next at each `ok`, the one that is asked for at each `Resend`.
-/// Returns the number of lines sent.
-fn send_as_printrun(host: &mut Host, lines: &[String], random: &mut Random, percent: u64) -> usize {
+fn send_as_printrun(host: &mut Host, lines: &[String], random: &mut Random, percent: u64) -> Sent {
     let mut next = 0;
     let mut resend: Option<usize> = None;
-    let mut sent = 0;
+    let mut sent = Sent::default();
     assert_eq!(host.ask(&numbered(-1, "M110 N-1")), ["ok"]);
     loop {
         let number = resend.unwrap_or(next);
@@ -55,24 +74,26 @@ fn send_as_printrun(host: &mut Host, lines: &[String], random: &mut Random, perc
             .map(|number| number + 1)
             .filter(|number| *number < next);
         next = next.max(number + 1);
-        sent += 1;
-        assert!(sent < 20 * lines.len() + 100, "the job never ends");
+        sent.lines += 1;
+        assert!(sent.lines < 20 * lines.len() + 100, "the job never ends");
         let line = numbered(i32::try_from(number).expect("few lines"), words) + "\n";
-        host.receive(&damaged(random, line.as_bytes(), percent));
+        let bytes = damaged(random, line.as_bytes(), percent);
+        sent.damaged += usize::from(bytes != line.as_bytes());
+        host.receive(&bytes);
+        let expected = answered_lines(&bytes);
+        let is_ok = |line: &&String| line.starts_with("ok");
         // A line whose end is lost is asked for after a second.
         let mut answers = Vec::new();
         for _ in 0..30 {
             host.rest();
             answers.extend(host.lines());
-            if answers.iter().any(|line| line.starts_with("ok")) {
+            if answers.iter().filter(is_ok).count() >= expected {
                 break;
             }
             host.run_ms(100);
         }
-        assert!(
-            answers.iter().any(|line| line.starts_with("ok")),
-            "no answer: {answers:?}"
-        );
+        let answered = answers.iter().filter(is_ok).count();
+        assert_eq!(answered, expected, "{answers:?} for {bytes:?}");
         for answer in &answers {
             assert!(!answer.starts_with("Error:Printer"), "{answer}");
             // OctoPrint ends a job at any other error.
@@ -88,6 +109,30 @@ fn send_as_printrun(host: &mut Host, lines: &[String], random: &mut Random, perc
                 resend = (number < next).then_some(number);
             }
         }
+    }
+}
+
+#[test]
+fn of_many_damaged_lines_none_is_executed_and_every_one_is_answered_once() {
+    let mut random = Random(19);
+    let mut damaged = 0;
+    while damaged < 100_000 {
+        let mut host = Host::new();
+        let mut lines = vec!["M83".to_owned(), "G91".to_owned(), "G1 F6000".to_owned()];
+        let mut sum = [0; 2];
+        for _ in 0..1000 {
+            // Mostly E, which is only counted: exact, and without a step to be made.
+            let axis = usize::from(random.below(64) != 0);
+            let thousandths = random.below(2000) as i32 - 1000;
+            sum[axis] += thousandths;
+            let letter = ["Y", "E"][axis];
+            lines.push(format!("G1 {letter}{:.3}", f64::from(thousandths) / 1000.0));
+        }
+        damaged += send_as_printrun(&mut host, &lines, &mut random, 50).damaged;
+        let mm = sum.map(|sum| format!("{:.3}", f64::from(sum) / 1000.0));
+        let position = host.ask("M114").remove(0);
+        let expected = format!("X:0.000 Y:{} Z:0.000 E:{} Count", mm[0], mm[1]);
+        assert!(position.starts_with(&expected), "{position}: {expected}");
     }
 }
 
@@ -112,42 +157,101 @@ proptest! {
         let sent = send_as_printrun(&mut host, &lines, &mut random, percent);
         host.ask("M400");
         prop_assert_eq!(host.xy(), sum);
-        prop_assert!(sent >= lines.len());
+        prop_assert!(sent.lines >= lines.len());
     }
+}
+
+/// Sends random bytes, of which those are answered that make lines in one of the two dialects.
+fn send_random_bytes(dialect: &str, seed: u64) {
+    let is_reprap = dialect == "780=1";
+    let mut random = Random(seed);
+    let mut host = Host::of(&settings(&[dialect]));
+    let mut raw: RawLine = RawLine::new();
+    let (mut expected, mut answered) = (0, 0);
+    let mut is_first = true;
+    for _ in 0..3000 {
+        let byte = match random.below(4) {
+            0 => *b"\n NGM*;(\""
+                .get(random.below(9) as usize)
+                .unwrap_or(&b'X'),
+            1 => b'0' + random.below(10) as u8,
+            _ => random.below(256) as u8,
+        };
+        // A realtime byte is none in a line, and a statement may do what it wants.
+        let is_realtime = byte >= 0x80 || b"!~?\x18".contains(&byte);
+        let is_special = is_first && b"$\0".contains(&byte);
+        let byte = match (is_realtime && (is_first || !is_reprap), is_special) {
+            (false, false) => byte,
+            (..) => b'x',
+        };
+        is_first = matches!(byte, b'\n' | b'\r');
+        host.receive(&[byte]);
+        if is_first {
+            let is_blank = is_reprap && raw.verdict(0, false) == Verdict::Blank;
+            expected += usize::from(!is_blank);
+            raw.clear();
+            host.rest();
+            if host.state() == State::HoldComplete {
+                // A pause of the program.
+                host.receive(b"~");
+                host.rest();
+            }
+            let lines = host.lines();
+            let is_answer = |line: &&String| line.starts_with("ok") || line.starts_with("error:");
+            answered += lines.iter().filter(is_answer).count();
+            assert_eq!(answered, expected, "{lines:?}");
+        } else if byte != 0 {
+            raw.push(byte);
+        }
+    }
+}
+
+proptest! {
+    #![proptest_config(cases(4))]
 
     #[test]
     fn every_line_of_random_bytes_is_answered_once(seed in any::<u64>()) {
-        let mut random = Random(seed);
-        let mut host = Host::new();
-        let mut raw: RawLine = RawLine::new();
-        let (mut expected, mut answered) = (0, 0);
-        let mut is_first = true;
-        for _ in 0..3000 {
-            let byte = match random.below(4) {
-                0 => *b"\n NGM*;(\"".get(random.below(9) as usize).unwrap_or(&b'X'),
-                1 => b'0' + random.below(10) as u8,
-                _ => random.below(256) as u8,
-            };
-            // A realtime byte is none in a line, and a statement may do what it wants.
-            let is_special = byte >= 0x80 || b"!~?$\x18\0".contains(&byte);
-            let byte = if is_first && is_special { b'x' } else { byte };
-            is_first = matches!(byte, b'\n' | b'\r');
-            host.receive(&[byte]);
-            if is_first {
-                expected += usize::from(raw.verdict(0, false) != Verdict::Blank);
-                raw.clear();
-                host.rest();
-                if host.state() == State::HoldComplete {
-                    // A pause of the program.
-                    host.receive(b"~");
-                    host.rest();
-                }
-                let lines = host.lines();
-                answered += lines.iter().filter(|line| line.starts_with("ok")).count();
-                prop_assert_eq!(answered, expected, "{:?}", lines);
-            } else if byte != 0 {
-                raw.push(byte);
-            }
+        for dialect in ["780=1", "780=2"] {
+            send_random_bytes(dialect, seed);
         }
     }
+}
+
+#[test]
+fn what_is_no_line_is_refused_in_clear_words_and_nothing_of_it_is_executed() {
+    const RANGE: &str = "Error:the value is outside its range (error:39)";
+    const NUMBER: &str = "Error:a letter must be followed by a number (error:2)";
+    const LETTER: &str = "Error:a word must begin with a letter (error:1)";
+    const MISMATCH: &str = "Error:checksum mismatch, Last Line: 0";
+    let mut host = Host::new();
+    let long = format!("G1 X{}", "1".repeat(60));
+    for (line, told) in [
+        ("G1 X\"1", NUMBER),
+        ("G1 X5 P\"a\"\"b", NUMBER),
+        ("M106 S256", RANGE),
+        ("M106 S-1", RANGE),
+        ("M106 S99999999999999999999", RANGE),
+        ("M113 S256", RANGE),
+        ("M0 S99999999", RANGE),
+        ("M84 S65536", RANGE),
+        ("G4 P99999999999999", RANGE),
+        (&long, "Error:the target cannot be reached (error:33)"),
+        ("G1 X--1", NUMBER),
+        ("G1 X.", NUMBER),
+        ("G1 X1 %", LETTER),
+        ("G1 X1 2", LETTER),
+        ("T70000", NUMBER),
+        ("M70000", "echo:Unknown command: \"M70000\""),
+        ("G70000", "echo:Unknown command: \"G70000\""),
+        ("N1 G1 X5*12345", MISMATCH),
+        ("N1 G1 X5*1234", MISMATCH),
+        ("N99999999999 G1 X5*1", MISMATCH),
+        ("N-2 G1 X5*1", MISMATCH),
+        ("\u{1}\u{2}\u{7f}", LETTER),
+    ] {
+        let answer = host.ask(line);
+        assert_eq!(answer.first().map(String::as_str), Some(told), "{line}");
+        assert_eq!(answer.last().map(String::as_str), Some("ok"), "{line}");
+    }
+    assert_eq!(host.xy(), [0, 0]);
 }

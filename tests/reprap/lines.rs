@@ -150,15 +150,24 @@ fn a_line_that_is_too_long_is_counted_and_refused() {
     let answer = host.ask(&numbered(1, &long));
     assert_eq!(answer, ["Error:the line is too long (error:11)", "ok"]);
     host.run(2, &["G1 X1 F6000"]);
-    // A megabyte without a line end is one line.
-    for _ in 0..1 << 20 {
-        host.simulator.receive(b'X');
-        host.simulator.settle();
-    }
-    assert!(host.lines().is_empty());
-    let answer = host.ask("");
-    assert_eq!(answer, ["Error:the line is too long (error:11)", "ok"]);
     assert_eq!(host.xy(), [STEPS_PER_MM, 0]);
+}
+
+#[test]
+fn a_megabyte_without_a_line_end_is_one_line_that_is_refused() {
+    let reprap: &[&str] = &["Error:the line is too long (error:11)", "ok"];
+    for (dialect, refused) in [("780=1", reprap), ("780=2", &["error:11"])] {
+        let mut host = Host::of(&settings(&[dialect]));
+        for _ in 0..1 << 20 {
+            host.simulator.receive(b'X');
+            host.simulator.settle();
+        }
+        assert!(host.lines().is_empty());
+        assert_eq!(host.ask(""), refused, "{dialect}");
+        assert_eq!(host.ask("G1 X1 F6000"), ["ok"], "{dialect}");
+        assert_eq!(host.simulator.lost(), 0, "{dialect}");
+        assert_eq!(host.xy(), [STEPS_PER_MM, 0], "{dialect}");
+    }
 }
 
 /// Every line that one flipped bit, one byte less or one byte more makes of a line.
@@ -219,6 +228,12 @@ fn grbls_words_may_have_checked_lines() {
     assert_eq!(host.ask("N7 G1 X2"), ["ok"]);
     assert_eq!(host.ask("N2 G1 X3*1"), ["[MSG:Resend: 2]", "error:200"]);
     assert_eq!(host.ask("G1 X3*1"), ["[MSG:Resend: 2]", "error:200"]);
+    assert_eq!(host.ask("N2 G1 X3*12345"), ["[MSG:Resend: 2]", "error:200"]);
+    assert_eq!(
+        host.ask("N99999999999 G1 X3*1"),
+        ["[MSG:Resend: 2]", "error:200"]
+    );
+    assert_eq!(host.ask("G1 X\"3"), ["error:2"]);
     let gap = numbered(3, "G1 X3");
     assert_eq!(host.ask(&gap), ["[MSG:Resend: 2]", "error:201"]);
     assert_eq!(host.ask("M110 N2"), ["ok"]);
