@@ -24,7 +24,7 @@ fn letters(steps: impl Iterator<Item = UnitStep>) -> String {
 }
 
 /// The places that an arc visits, its start included.
-fn places(start: [i32; 2], steps: impl Iterator<Item = UnitStep>) -> Vec<[i32; 2]> {
+pub(crate) fn places(start: [i32; 2], steps: impl Iterator<Item = UnitStep>) -> Vec<[i32; 2]> {
     let mut place = start;
     let mut places = vec![start];
     places.extend(steps.map(|step| {

@@ -4,6 +4,7 @@
 mod arcs;
 mod arithmetic;
 mod contours;
+mod experiment_arcs;
 mod extremes;
 mod faults;
 mod integer_arcs;
