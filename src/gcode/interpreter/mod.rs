@@ -10,6 +10,7 @@
 
 mod arc;
 mod check;
+mod checked;
 mod commit;
 mod compensation;
 mod cycle;
@@ -21,28 +22,25 @@ mod targets;
 mod tool_change;
 mod tools;
 
-use core::num::NonZeroU8;
-
+use checked::{Action, LineKind, Move};
 use compensation::Compensation;
 use cycle::CycleWords;
 use drilling::Drilling;
 use offsets::Frame;
 
+pub use checked::Checked;
 pub use compensation::CompensatedMove;
 pub use offsets::Offsets;
 pub use tool_change::Interrupted;
 
 use heapless::Vec;
 
-use super::{
-    FeedMode, Flow, LineError, Modal, MotionMode, PlainPrefix, ProbeMode, Refusal, StoredPosition,
-    ToolCommand, Units,
-};
+use super::{FeedMode, LineError, Modal, MotionMode, PlainPrefix, Refusal, StoredPosition, Units};
 use crate::{
     axis::Axes,
-    model::{Circle, Command, Coolant, Laser, Spindle, Target, WorkCoordinates},
+    model::{Command, Coolant, Spindle},
     settings::{Origins, Settings, ToolTable},
-    units::{MicroDegrees, Nm},
+    units::Nm,
 };
 
 /// Most commands of one line: spindle, coolant, overrides, laser power, two moves (or a dwell and a
@@ -80,96 +78,6 @@ pub struct Interpreter {
     tools: ToolTable,
 }
 
-/// The kind of a line.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
-enum LineKind {
-    #[default]
-    Program,
-    /// The text after `$J=`.
-    Jog,
-}
-
-/// A line without errors, ready to be committed. The default has no command, in the power-up modes.
-#[derive(Debug, Clone, Copy, Default, PartialEq)]
-pub struct Checked {
-    kind: LineKind,
-    /// The modal state after the line, but for the end of a program.
-    modal: Modal,
-    action: Action,
-    flow: Flow,
-    /// Axes that have a word, bit 0 = X.
-    axes: u8,
-    /// The new state of the spindle, and its speed in rpm.
-    spindle: Option<(Spindle, f32)>,
-    /// The laser power of the line's moves.
-    power: Laser,
-    /// Whether the state of the spindle, the coolant, the tool or the work offset changes.
-    changes_state: bool,
-    /// The tool in the spindle after the line.
-    loaded_tool: u8,
-    /// The command about it.
-    tool_command: ToolCommand,
-    /// Whether that is another one, by `M6`.
-    changes_tool: bool,
-    /// Whether the line wants the offset of a tool, and the tool table is empty.
-    lacks_tools: bool,
-    /// `N`.
-    line: u32,
-    /// The tool length offset after the line.
-    tool: Axes<Nm>,
-    /// Target of the move, or the values that the action sets.
-    values: Axes<Nm>,
-    /// The work position of the target, where the work coordinates are rotated.
-    work_target: Axes<Nm>,
-    /// A target in Grbl's single precision, mm.
-    single_mm: Axes<f32>,
-    movement: Move,
-    /// After the line's code, before its move.
-    compensation: Compensation,
-}
-
-/// The effect of a line beside its motion.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
-enum Action {
-    #[default]
-    None,
-    /// `G4`, ms.
-    Dwell(u32),
-    /// `G10 L2`, `G10 L20`: the origin is set to the values, and the system gets this rotation.
-    SetOrigin(WorkCoordinates, MicroDegrees),
-    /// `G10 L1`, `L10`, `L11`: the tool of a slot gets this diameter, and the values as its offset.
-    SetTool {
-        slot: u8,
-        number: NonZeroU8,
-        diameter: Nm,
-    },
-    /// `G28`, `G30`.
-    GoTo(StoredPosition),
-    /// `G28.1`, `G30.1`.
-    Store(StoredPosition),
-    /// `G92`, `G52`.
-    SetOffset,
-    /// `G92.1`.
-    ClearOffset,
-    /// `G92.2`.
-    SuspendOffset,
-    /// `G92.3`.
-    RestoreOffset,
-}
-
-/// The move of a line's motion mode.
-#[derive(Debug, Clone, Copy, Default, PartialEq)]
-enum Move {
-    #[default]
-    None,
-    Straight,
-    Arc(Circle),
-    /// To the target at most: only the machine knows where the move has ended.
-    Probe(ProbeMode),
-    /// The holes of a canned cycle.
-    Cycle(CycleWords),
-}
-
 /// The commands and messages of a committed line.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct Outcome {
@@ -195,125 +103,6 @@ pub enum Message {
         /// The dwell, s.
         seconds: u32,
     },
-}
-
-impl Checked {
-    /// The target of the axis words.
-    #[must_use]
-    pub fn target(&self) -> Target {
-        Target {
-            position: self.values,
-            single_mm: self.single_mm,
-        }
-    }
-
-    /// Whether everything before the line must be executed before it is committed.
-    ///
-    /// As in Grbl: where the work offset, a stored position, the tool, the spindle or the coolant changes,
-    /// at a dwell, at a probing move, at a program pause and at a program end.
-    #[must_use]
-    pub fn waits_for_standstill(&self) -> bool {
-        self.answers_when_done()
-            || self.changes_state
-            || match self.action {
-                Action::None | Action::Dwell(_) | Action::GoTo(_) => false,
-                Action::SetOrigin(..)
-                | Action::SetTool { .. }
-                | Action::Store(_)
-                | Action::SetOffset
-                | Action::ClearOffset
-                | Action::SuspendOffset
-                | Action::RestoreOffset => true,
-            }
-    }
-
-    /// Whether the answer is withheld until the line's commands have been executed.
-    #[must_use]
-    pub fn answers_when_done(&self) -> bool {
-        self.flow != Flow::Run
-            || matches!(self.action, Action::Dwell(_))
-            || match self.movement {
-                Move::Probe(_) => true,
-                // The spindle turns as before when the answer comes.
-                Move::Cycle(words) => words.cycle.needs_spindle(),
-                Move::None | Move::Straight | Move::Arc(_) => false,
-            }
-    }
-
-    /// Whether another tool has to be put into the spindle, before anything else of the line.
-    #[must_use]
-    pub fn changes_tool(&self) -> bool {
-        self.changes_tool
-    }
-
-    /// The tool in the spindle after the line.
-    #[must_use]
-    pub fn loaded_tool(&self) -> u8 {
-        self.loaded_tool
-    }
-
-    /// Whether the line belongs into a program alone, not into the change of a tool: it moves the
-    /// machine otherwise than to probe, stops the program, starts the spindle or changes the tool.
-    #[must_use]
-    pub fn is_program(&self) -> bool {
-        let moves = matches!(
-            self.movement,
-            Move::Straight | Move::Arc(_) | Move::Cycle(_)
-        ) || matches!(self.action, Action::GoTo(_));
-        let starts = matches!(
-            self.spindle,
-            Some((Spindle::Clockwise | Spindle::CounterClockwise, _))
-        );
-        moves || starts || self.flow != Flow::Run || self.tool_command != ToolCommand::None
-    }
-
-    /// Whether the line asks for a machine that is not locked: it belongs into a program, probes, or
-    /// switches coolant on.
-    #[must_use]
-    pub fn needs_unlocked(&self) -> bool {
-        let is_off = self.modal.coolant == Coolant::default();
-        self.is_program() || self.probe().is_some() || !is_off
-    }
-
-    /// Whether the program pauses or ends with the line.
-    #[must_use]
-    pub fn stops_program(&self) -> bool {
-        self.flow != Flow::Run
-    }
-
-    /// Whether the program ends with the line.
-    #[must_use]
-    pub fn ends_program(&self) -> bool {
-        self.flow == Flow::End
-    }
-
-    /// Whether the line changes what [`Interpreter::origins_after`] returns.
-    #[must_use]
-    pub fn sets_origins(&self) -> bool {
-        matches!(self.action, Action::SetOrigin(..) | Action::Store(_))
-    }
-
-    /// The target and the mode of a probing move.
-    #[must_use]
-    pub fn probe(&self) -> Option<(Target, ProbeMode)> {
-        match self.movement {
-            Move::Probe(probe) => Some((self.target(), probe)),
-            Move::None | Move::Straight | Move::Arc(_) | Move::Cycle(_) => None,
-        }
-    }
-
-    /// Whether the line drills: its last move stands for those that
-    /// [`Interpreter::next_drilling_command`] returns.
-    #[must_use]
-    pub fn drills(&self) -> bool {
-        matches!(self.movement, Move::Cycle(_))
-    }
-
-    /// Whether the line moves the machine.
-    #[must_use]
-    pub fn moves(&self) -> bool {
-        self.movement != Move::None || matches!(self.action, Action::GoTo(_))
-    }
 }
 
 impl Interpreter {
