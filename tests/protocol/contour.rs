@@ -7,7 +7,7 @@ use leadscrew::{
     units::TICKS_PER_MS,
 };
 
-use super::machine::Machine;
+use super::{machine::Machine, stages::Disturbed};
 
 /// An entry, corners of both kinds, a depth move, arcs and the way out.
 const CONTOUR: [&str; 10] = [
@@ -23,23 +23,12 @@ const CONTOUR: [&str; 10] = [
     "G0X-5Y-5",
 ];
 
-/// Stages at which something happens, at most.
-const STAGES: usize = 200;
-
-fn ready() -> Machine {
-    let mut machine = Machine::new();
-    for line in ["G21G90", "$21=1", "G0X-5Y-5Z-2"] {
-        assert_eq!(machine.execute(line, None), ["ok"], "{line}");
-    }
-    machine.rest();
-    machine
-}
-
-/// The machine after a number of changes since the contour was sent. Returns false when it has ended.
-fn at_stage(machine: &mut Machine, stage: usize) -> bool {
-    machine.receive((CONTOUR.join("\n") + "\n").as_bytes());
-    (0..stage * 3).all(|_| machine.advance())
-}
+/// The contour on a machine with hard limits.
+const DISTURBED: Disturbed<'_> = Disturbed {
+    setup: &["G21G90", "$21=1", "G0X-5Y-5Z-2"],
+    lines: &CONTOUR,
+    stages: [60, 200],
+};
 
 /// What remains of a contour moves nothing: the machine goes on from where it stands.
 fn assert_gone(machine: &mut Machine, what: &str) {
@@ -60,58 +49,23 @@ fn assert_gone(machine: &mut Machine, what: &str) {
 
 #[test]
 fn a_hold_a_door_and_overrides_at_any_stage_change_nothing_but_the_time() {
-    let mut undisturbed = ready();
-    at_stage(&mut undisturbed, 0);
-    undisturbed.rest();
-    assert_eq!(undisturbed.answers(), ["ok"; CONTOUR.len()]);
-    undisturbed.assert_true("undisturbed");
-    let end = undisturbed.simulator.physical_steps();
-    for bytes in [&b"!"[..], b"\x84", b"\x95", b"\x91\x9b", b"?!"] {
-        for stage in 0..STAGES {
-            let mut machine = ready();
-            if !at_stage(&mut machine, stage) {
-                assert!(stage > 60, "it ends at stage {stage}");
-                break;
-            }
-            machine.receive(bytes);
-            let what = format!("{bytes:?} at {stage}");
-            for _ in 0..4 {
-                machine.rest();
-                machine.receive(b"~");
-            }
-            machine.rest();
-            assert_eq!(machine.answers(), ["ok"; CONTOUR.len()], "{what}");
-            assert_eq!(machine.simulator.physical_steps(), end, "{what}");
-            machine.assert_true(&what);
-            assert_eq!(machine.simulator.snapshot().state, State::Idle, "{what}");
-        }
-    }
+    DISTURBED.assert_undisturbed(|_, _| {});
 }
 
 #[test]
 fn a_reset_at_any_stage_keeps_the_position_and_ends_the_contour() {
-    for stage in 0..STAGES {
-        let mut machine = ready();
-        if !at_stage(&mut machine, stage) {
-            assert!(stage > 60, "it ends at stage {stage}");
-            break;
-        }
+    DISTURBED.at_each_stage(|mut machine, stage| {
         machine.receive(b"\x18");
         machine.rest();
         machine.answers();
         machine.execute("$X", None);
         assert_gone(&mut machine, &format!("reset at {stage}"));
-    }
+    });
 }
 
 #[test]
 fn a_limit_switch_at_any_stage_ends_the_contour() {
-    for stage in 0..STAGES {
-        let mut machine = ready();
-        if !at_stage(&mut machine, stage) {
-            assert!(stage > 60, "it ends at stage {stage}");
-            break;
-        }
+    DISTURBED.at_each_stage(|mut machine, stage| {
         machine.simulator.set_pin(Levels::limits(1), true);
         machine.rest();
         let what = format!("limit at {stage}");
@@ -121,13 +75,13 @@ fn a_limit_switch_at_any_stage_ends_the_contour() {
         machine.reset();
         machine.execute("$X", None);
         assert_gone(&mut machine, &what);
-    }
+    });
 }
 
 #[test]
 fn the_travel_is_that_of_the_cutter_and_not_of_the_contour() {
     // The contour leaves the travel at X0, and the cutter stays inside.
-    let mut machine = ready();
+    let mut machine = DISTURBED.ready();
     for line in [
         "G0X-15Y-30",
         "G41.1D6",
@@ -141,7 +95,7 @@ fn the_travel_is_that_of_the_cutter_and_not_of_the_contour() {
     machine.rest();
     machine.assert_true("inside");
     // The contour stays inside, and the cutter would leave at its far corner.
-    let mut machine = ready();
+    let mut machine = DISTURBED.ready();
     for line in ["G42.1D6", "G1X-20Y-20F3000", "X-1"] {
         assert_eq!(machine.execute(line, None), ["ok"], "{line}");
     }
@@ -153,13 +107,12 @@ fn the_travel_is_that_of_the_cutter_and_not_of_the_contour() {
 
 #[test]
 fn a_sender_that_leaves_the_machine_standing_in_a_contour_is_told_so_once_after_a_second() {
-    let mut undisturbed = ready();
-    at_stage(&mut undisturbed, 0);
+    let mut undisturbed = DISTURBED.sent();
     undisturbed.rest();
     let end = undisturbed.simulator.physical_steps();
     // Nobody has left a machine that gets line after line.
     assert_eq!(undisturbed.lines(), ["ok"; CONTOUR.len()]);
-    let mut machine = ready();
+    let mut machine = DISTURBED.ready();
     for (index, line) in CONTOUR.iter().enumerate() {
         // Answered although nothing follows: who waits for each answer never stands still for good.
         assert_eq!(machine.execute(line, None), ["ok"], "{line}");

@@ -1,9 +1,9 @@
 //! Canned cycles on the whole simulated machine: whatever happens at any stage of a hole, position and
 //! modes stay true.
 
-use leadscrew::model::{Spindle, State};
+use leadscrew::model::Spindle;
 
-use super::machine::Machine;
+use super::{machine::Machine, stages::Disturbed};
 use crate::bench::Bench;
 
 /// Lines that drill.
@@ -15,22 +15,13 @@ const CYCLES: [&str; 5] = [
     "G88X-20Y-10Z-9R-4P0.05F3000",
 ];
 
-/// Stages at which something happens, at most.
-const STAGES: usize = 120;
-
-fn ready() -> Machine {
-    let mut machine = Machine::new();
-    for line in ["G21G90", "M3S500", "G0X-5Y-5Z-2"] {
-        assert_eq!(machine.execute(line, None), ["ok"], "{line}");
+/// A line that drills.
+fn disturbed<'a>(line: &'a &'a str) -> Disturbed<'a> {
+    Disturbed {
+        setup: &["G21G90", "M3S500", "G0X-5Y-5Z-2"],
+        lines: std::slice::from_ref(line),
+        stages: [30, 120],
     }
-    machine.rest();
-    machine
-}
-
-/// The machine after a number of changes since a line was sent.
-fn at_stage(machine: &mut Machine, line: &str, stage: usize) -> bool {
-    machine.receive(format!("{line}\n").as_bytes());
-    (0..stage * 3).all(|_| machine.advance())
 }
 
 /// Nothing of a cycle is left over, for a pause at a change of the tool neither.
@@ -45,51 +36,20 @@ fn assert_drills_nothing(machine: &mut Machine, what: &str) {
 
 #[test]
 fn a_hold_a_door_and_overrides_at_any_stage_change_nothing_but_the_time() {
-    for line in CYCLES {
-        let mut undisturbed = ready();
-        undisturbed.execute(line, None);
-        undisturbed.rest();
-        let end = undisturbed.simulator.physical_steps();
-        undisturbed.assert_true(line);
-        for bytes in [&b"!"[..], b"\x84", b"\x95", b"\x91\x9b", b"?!"] {
-            for stage in 0..STAGES {
-                let mut machine = ready();
-                if !at_stage(&mut machine, line, stage) {
-                    assert!(stage > 30, "{line} ends at stage {stage}");
-                    break;
-                }
-                machine.receive(bytes);
-                let what = format!("{line}: {bytes:?} at {stage}");
-                for _ in 0..4 {
-                    machine.rest();
-                    machine.receive(b"~");
-                }
-                machine.rest();
-                let answers = machine.answers();
-                assert_eq!(answers, ["ok"], "{what}");
-                assert_eq!(machine.simulator.physical_steps(), end, "{what}");
-                machine.assert_true(&what);
-                assert_eq!(machine.simulator.snapshot().state, State::Idle, "{what}");
-                let modal = machine.simulator.session().interpreter().modal();
-                assert_eq!(modal.spindle, Spindle::Clockwise, "{what}");
-                assert!(
-                    machine.simulator.outputs().spindle != Spindle::Off,
-                    "{what}"
-                );
-            }
-        }
+    for line in &CYCLES {
+        disturbed(line).assert_undisturbed(|machine, what| {
+            let modal = machine.simulator.session().interpreter().modal();
+            assert_eq!(modal.spindle, Spindle::Clockwise, "{what}");
+            let spindle = machine.simulator.outputs().spindle;
+            assert!(spindle != Spindle::Off, "{what}");
+        });
     }
 }
 
 #[test]
 fn a_reset_at_any_stage_keeps_the_position_and_ends_the_cycle() {
-    for line in CYCLES {
-        for stage in 0..STAGES {
-            let mut machine = ready();
-            if !at_stage(&mut machine, line, stage) {
-                assert!(stage > 30, "{line} ends at stage {stage}");
-                break;
-            }
+    for line in &CYCLES {
+        disturbed(line).at_each_stage(|mut machine, stage| {
             let what = format!("{line}: reset at {stage}");
             machine.receive(b"\x18");
             machine.rest();
@@ -100,7 +60,7 @@ fn a_reset_at_any_stage_keeps_the_position_and_ends_the_cycle() {
             machine.assert_true(&what);
             assert_drills_nothing(&mut machine, &what);
             assert_eq!(machine.simulator.outputs().spindle, Spindle::Off, "{what}");
-        }
+        });
     }
 }
 
@@ -111,7 +71,7 @@ fn a_line_that_leaves_the_travel_drills_nothing() {
         "G81X-10Z-101R-4F3000",
         "G81X-10Z-9R1F3000",
     ] {
-        let mut machine = ready();
+        let mut machine = disturbed(&line).ready();
         assert_eq!(machine.execute("G81X-6Z-9R-4F3000", None), ["ok"]);
         machine.rest();
         let before = machine.simulator.physical_steps();

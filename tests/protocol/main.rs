@@ -16,6 +16,7 @@ mod random_programs;
 mod receiving;
 mod rejected;
 mod reports;
+mod stages;
 mod statements;
 mod tool_table;
 mod tools;

@@ -1,0 +1,82 @@
+//! Lines on the whole simulated machine, disturbed at any stage of them.
+
+use leadscrew::model::State;
+
+use super::machine::Machine;
+
+/// Changes of the machine from one stage to the next.
+const CHANGES: usize = 3;
+/// What stops the motion for a while, or changes its speed.
+const DISTURBANCES: [&[u8]; 5] = [b"!", b"\x84", b"\x95", b"\x91\x9b", b"?!"];
+
+/// Presses cycle start wherever the machine rests, also where a line pauses.
+fn go_on(machine: &mut Machine) {
+    for _ in 0..4 {
+        machine.rest();
+        machine.receive(b"~");
+    }
+    machine.rest();
+}
+
+/// Lines that are disturbed.
+pub(crate) struct Disturbed<'a> {
+    /// What is executed before.
+    pub(crate) setup: &'a [&'a str],
+    pub(crate) lines: &'a [&'a str],
+    /// Stages that there are at least, and that are tried at most.
+    pub(crate) stages: [usize; 2],
+}
+
+impl Disturbed<'_> {
+    /// The machine before the lines.
+    pub(crate) fn ready(&self) -> Machine {
+        let mut machine = Machine::new();
+        for line in self.setup {
+            assert_eq!(machine.execute(line, None), ["ok"], "{line}");
+        }
+        machine.rest();
+        machine
+    }
+
+    /// The machine to which the lines have just been sent.
+    pub(crate) fn sent(&self) -> Machine {
+        let mut machine = self.ready();
+        machine.receive((self.lines.join("\n") + "\n").as_bytes());
+        machine
+    }
+
+    /// Disturbs the machine at each stage.
+    pub(crate) fn at_each_stage(&self, mut disturb: impl FnMut(Machine, usize)) {
+        let [least, most] = self.stages;
+        for stage in 0..most {
+            let mut machine = self.sent();
+            if !(0..stage * CHANGES).all(|_| machine.advance()) {
+                assert!(stage > least, "{:?} end at stage {stage}", self.lines);
+                return;
+            }
+            disturb(machine, stage);
+        }
+    }
+
+    /// Holds, the door and overrides at each stage change nothing but the time.
+    pub(crate) fn assert_undisturbed(&self, check: impl Fn(&Machine, &str)) {
+        let oks = vec!["ok"; self.lines.len()];
+        let mut undisturbed = self.sent();
+        go_on(&mut undisturbed);
+        assert_eq!(undisturbed.answers(), oks);
+        undisturbed.assert_true("undisturbed");
+        let end = undisturbed.simulator.physical_steps();
+        for bytes in DISTURBANCES {
+            self.at_each_stage(|mut machine, stage| {
+                machine.receive(bytes);
+                let what = format!("{:?}: {bytes:?} at {stage}", self.lines);
+                go_on(&mut machine);
+                assert_eq!(machine.answers(), oks, "{what}");
+                assert_eq!(machine.simulator.physical_steps(), end, "{what}");
+                machine.assert_true(&what);
+                assert_eq!(machine.simulator.snapshot().state, State::Idle, "{what}");
+                check(&machine, &what);
+            });
+        }
+    }
+}
