@@ -1,7 +1,7 @@
 //! Canned cycles on the whole simulated machine: whatever happens at any stage of a hole, position and
 //! modes stay true.
 
-use leadscrew::model::Spindle;
+use leadscrew::model::{Levels, Spindle};
 
 use super::{machine::Machine, stages::Disturbed};
 use crate::bench::Bench;
@@ -18,7 +18,7 @@ const CYCLES: [&str; 5] = [
 /// A line that drills.
 fn disturbed<'a>(line: &'a &'a str) -> Disturbed<'a> {
     Disturbed {
-        setup: &["G21G90", "M3S500", "G0X-5Y-5Z-2"],
+        setup: &["$21=1", "G21G90", "M3S500", "G0X-5Y-5Z-2"],
         lines: std::slice::from_ref(line),
         stages: [30, 120],
     }
@@ -57,6 +57,25 @@ fn a_reset_at_any_stage_keeps_the_position_and_ends_the_cycle() {
             machine.execute("$X", None);
             let modes = machine.execute("$G", None).join(" ");
             assert!(modes.contains("[GC:G0 "), "{what}: {modes}");
+            machine.assert_true(&what);
+            assert_drills_nothing(&mut machine, &what);
+            assert_eq!(machine.simulator.outputs().spindle, Spindle::Off, "{what}");
+        });
+    }
+}
+
+#[test]
+fn a_limit_switch_at_any_stage_ends_the_cycle() {
+    for line in &CYCLES {
+        disturbed(line).at_each_stage(|mut machine, stage| {
+            let what = format!("{line}: limit at {stage}");
+            machine.simulator.set_pin(Levels::limits(1), true);
+            machine.rest();
+            let lines = machine.lines();
+            assert!(lines.contains(&"ALARM:1".to_owned()), "{what}: {lines:?}");
+            machine.simulator.set_pin(Levels::limits(1), false);
+            machine.reset();
+            machine.execute("$X", None);
             machine.assert_true(&what);
             assert_drills_nothing(&mut machine, &what);
             assert_eq!(machine.simulator.outputs().spindle, Spindle::Off, "{what}");
