@@ -11,8 +11,7 @@
 const fs = require('fs');
 const path = require('path');
 
-const puppeteer = require('puppeteer-core');
-
+const { browse } = require('./browser');
 const {
   HOME, ORIGIN, PATIENCE_MS, check, measured, run, serve, spiral, until,
 } = require('./cncjs');
@@ -38,24 +37,6 @@ function portFinder() {
     mode: 0o755,
   });
   return { PATH: `${folder}:${process.env.PATH}` };
-}
-
-/** A browser that sees nothing but this machine, and that ends with this script. */
-function browse() {
-  return puppeteer.launch({
-    executablePath: process.env.CHROMIUM,
-    pipe: true,
-    userDataDir: path.resolve('profile'),
-    defaultViewport: { width: 1600, height: 1800 },
-    args: [
-      // It opens one page, and that page is ours: root, and a container, can have no sandbox.
-      '--no-sandbox',
-      '--host-resolver-rules=MAP * ~NOTFOUND, EXCLUDE 127.0.0.1',
-      '--disable-dev-shm-usage',
-      // The page can do without its drawing, and processors would draw it here.
-      '--disable-3d-apis',
-    ],
-  });
 }
 
 /** What a user does with the page, and what it shows. */

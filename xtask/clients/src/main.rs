@@ -9,6 +9,7 @@ mod damage;
 mod grbl;
 mod install;
 mod machine;
+mod monitor;
 mod reprap;
 mod tap;
 
@@ -36,6 +37,7 @@ use self::{
     damage::Damage,
     grbl::Grbl,
     machine::{Machine, Place},
+    monitor::Monitor,
     reprap::RepRap,
     tap::Tap,
 };
@@ -120,12 +122,7 @@ impl Sender {
             Self::Printcore => (install::python()?, "printcore_jobs.py"),
             Self::OctoPrintRules => (install::python()?, "octoprint_jobs.py"),
             Self::Cncjs => return Ok((with_modules()?, "cncjs_jobs.js")),
-            Self::CncjsPage => {
-                let browser = install::browser()?;
-                let mut node = with_modules()?;
-                node.env("CHROMIUM", browser);
-                return Ok((node, "cncjs_page_jobs.js"));
-            }
+            Self::CncjsPage => return Ok((browser_and_modules()?, "cncjs_page_jobs.js")),
         };
         Ok((Command::new(program), script))
     }
@@ -136,6 +133,35 @@ fn with_modules() -> Result<Command> {
     let mut node = Command::new("node");
     node.env("NODE_PATH", install::node()?);
     Ok(node)
+}
+
+/// The same, with a browser in its environment.
+fn browser_and_modules() -> Result<Command> {
+    let browser = install::browser()?;
+    let mut node = with_modules()?;
+    node.env("CHROMIUM", browser);
+    Ok(node)
+}
+
+/// What lies between a sender and its machine.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Wire {
+    Good,
+    /// It damages lines.
+    Bad,
+    /// `cargo xtask monitor` passes everything on.
+    Monitored,
+}
+
+impl Wire {
+    /// What is added to the name of a check, and to that of its folder.
+    fn name(self) -> &'static str {
+        match self {
+            Self::Good => "",
+            Self::Bad => " on a bad line",
+            Self::Monitored => " with a monitor",
+        }
+    }
 }
 
 /// Drive sender programs at the simulator and at the firmware
@@ -172,24 +198,29 @@ fn all() -> impl Iterator<Item = Check> {
         (Place::Simulator, "simulator"),
         (Place::Firmware, "firmware"),
     ];
-    places.into_iter().flat_map(|(place, at)| {
+    let senders = places.into_iter().flat_map(|(place, at)| {
         // The firmware has the RepRap dialect only where it is built so.
         let is_there = move |sender: &Sender| place == Place::Simulator || !sender.is_for_reprap();
         let senders = Sender::ALL.into_iter().filter(is_there);
-        let lines = senders.flat_map(|sender| {
-            let damaged = sender.is_for_reprap().then_some((sender, true));
-            [(sender, false)].into_iter().chain(damaged)
+        let wires = senders.flat_map(move |sender| {
+            let is_monitored = matches!(sender, Sender::Cncjs) && place == Place::Simulator;
+            let bad = sender.is_for_reprap().then_some((sender, Wire::Bad));
+            let monitored = is_monitored.then_some((sender, Wire::Monitored));
+            [(sender, Wire::Good)]
+                .into_iter()
+                .chain(bad)
+                .chain(monitored)
         });
-        lines.map(move |(sender, is_damaged)| {
-            let line = if is_damaged { " on a bad line" } else { "" };
-            let name = format!("{} at the {at}{line}", sender.name());
-            Check::new(name, move || drive(sender, place, is_damaged))
+        wires.map(move |(sender, wire)| {
+            let name = format!("{} at the {at}{}", sender.name(), wire.name());
+            Check::new(name, move || drive(sender, place, wire))
         })
-    })
+    });
+    senders.chain([Check::new("the monitor's page", monitor::page)])
 }
 
 /// Drives one sender at one machine.
-fn drive(sender: Sender, place: Place, is_damaged: bool) -> Result<Verdict> {
+fn drive(sender: Sender, place: Place, wire: Wire) -> Result<Verdict> {
     let installing = INSTALLING.lock();
     let command = sender.command();
     drop(installing);
@@ -197,11 +228,18 @@ fn drive(sender: Sender, place: Place, is_damaged: bool) -> Result<Verdict> {
         Ok(found) => found,
         Err(reason) => return Ok(Verdict::Skipped(format!("{reason:#}"))),
     };
-    let mut run = Run::start(Path::new(script), sender, place, is_damaged)?;
+    let mut run = Run::start(Path::new(script), sender, place, wire)?;
+    let mut port = run.folder.join("port");
+    let mut monitor = None;
+    if wire == Wire::Monitored {
+        let (started, link) = Monitor::between(&port, &run.folder)?;
+        (port, monitor) = (link, Some(started));
+    }
     command.arg(install::scripts().join(script));
-    command.arg(run.folder.join("port")).arg(place.name());
+    command.arg(port).arg(place.name());
     let ended = run.sender(command);
     let ended = ended.map_err(|error| run.with_last_passed(&error));
+    monitor.map_or(Ok(()), Monitor::end)?;
     let account = run.end()?;
     let end = ended.with_context(|| format!("see {}", run.folder.display()))?;
     ensure!(
@@ -226,14 +264,15 @@ struct Run {
 }
 
 impl Run {
-    fn start(script: &Path, sender: Sender, place: Place, is_damaged: bool) -> Result<Self> {
+    fn start(script: &Path, sender: Sender, place: Place, wire: Wire) -> Result<Self> {
         let stem = script.file_stem().unwrap_or_default().to_string_lossy();
-        let line = if is_damaged { "-bad-line" } else { "" };
-        let folder = install::folder().join(format!("{stem}-{}{line}", place.name()));
+        let name = format!("{stem} {}{}", place.name(), wire.name());
+        let folder = install::folder().join(name.replace(' ', "-"));
         let _ = fs::remove_dir_all(&folder);
         fs::create_dir_all(&folder)?;
         let file = install::scripts().join(format!("{}.settings", place.name()));
         let (machine, line, settings) = Machine::start(place, &folder, &file, &sender.settings())?;
+        let is_damaged = wire == Wire::Bad;
         let account: Box<dyn Account> = if sender.is_for_reprap() {
             Box::new(RepRap::new(is_damaged))
         } else {

@@ -137,16 +137,19 @@ fn positions_are_told_in_the_settings_of_the_end() {
     assert_eq!(changed["final"]["mpos_mm"][0], 2.0);
 }
 
+/// The settings of most pictures.
+const MILL: &str = "examples/mill.settings";
+
 /// The picture of a program in a folder is what its command draws now.
-fn check_picture(program: &str, shown: &str, more: &[&str]) {
+fn check_picture(program: &str, settings: &str, shown: &str) {
     if AXES > 3 {
         return;
     }
     let folder = tempfile::tempdir().unwrap();
     let plot = folder.path().join("picture.svg");
     let root = common::cargo::root();
-    let [program, settings, shown] = [program, "examples/mill.settings", shown]
-        .map(|path| root.join(path).display().to_string());
+    let [program, settings, shown] =
+        [program, settings, shown].map(|path| root.join(path).display().to_string());
     let plot_option = plot.display().to_string();
     let typed = [
         "sim",
@@ -156,26 +159,34 @@ fn check_picture(program: &str, shown: &str, more: &[&str]) {
         "--plot",
         &plot_option,
     ];
-    let line = typed.iter().chain(more);
-    run(&Options::try_parse_from(line).unwrap()).unwrap();
+    run(&Options::try_parse_from(typed).unwrap()).unwrap();
     let same = fs::read_to_string(plot).unwrap() == fs::read_to_string(&shown).unwrap();
     assert!(same, "draw {shown} again, by the command beside it");
 }
 
 #[test]
 fn the_picture_of_the_readme_is_what_its_command_draws() {
-    check_picture("examples/plate.nc", "docs/plate.svg", &[]);
+    check_picture("examples/plate.nc", MILL, "docs/plate.svg");
 }
 
 #[test]
 fn the_pictures_of_cycles_are_what_their_commands_draw() {
-    check_picture("examples/cycles.nc", "docs/cycles.svg", &[]);
-    check_picture("examples/drilling.nc", "docs/drilling.svg", &[]);
+    check_picture("examples/cycles.nc", MILL, "docs/cycles.svg");
+    check_picture("examples/drilling.nc", MILL, "docs/drilling.svg");
 }
 
 #[test]
 fn the_picture_of_compensation_is_what_its_command_draws() {
-    check_picture("examples/compensation.nc", "docs/compensation.svg", &[]);
+    check_picture("examples/compensation.nc", MILL, "docs/compensation.svg");
+}
+
+#[test]
+fn the_picture_of_the_experiment_is_what_its_command_draws() {
+    check_picture(
+        "examples/pico.nc",
+        "examples/pico.settings",
+        "docs/pico.svg",
+    );
 }
 
 #[test]

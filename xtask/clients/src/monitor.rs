@@ -1,0 +1,128 @@
+//! `cargo xtask monitor` between a sender and the machine, and its page in a browser.
+
+use std::{
+    fs,
+    io::{BufRead as _, BufReader, Read as _},
+    path::{Path, PathBuf},
+    process::{Child, ChildStderr, Command, Stdio},
+};
+
+use anyhow::{Context, Result, bail, ensure};
+use common::{cargo, check::Verdict, tools};
+use rustix::process::{Pid, Signal};
+
+use super::{browser_and_modules, install};
+
+/// What the page's script is, and shows at its end.
+const SCRIPT: &str = "monitor_page.js";
+const END: &str = "at 0,0,0";
+
+/// A monitor that runs.
+pub(super) struct Monitor {
+    process: Child,
+    messages: BufReader<ChildStderr>,
+    /// Where its page is: 127.0.0.1:8000.
+    address: String,
+}
+
+impl Monitor {
+    /// Starts it, and waits until its page is there.
+    fn start(command: &mut Command) -> Result<Self> {
+        let mut process = command
+            .stdin(Stdio::null())
+            .stdout(Stdio::null())
+            .stderr(Stdio::piped())
+            .spawn()
+            .context("cannot start the monitor")?;
+        let messages = process.stderr.take().context("the monitor is mute")?;
+        let mut messages = BufReader::new(messages);
+        let mut said = String::new();
+        let address = loop {
+            let mut line = String::new();
+            if messages.read_line(&mut line)? == 0 {
+                bail!("the monitor has ended: {}", said.trim());
+            }
+            said += &line;
+            if let Some((_, behind)) = line.split_once("http://") {
+                break behind.split('/').next().unwrap_or_default().to_owned();
+            }
+        };
+        Ok(Self {
+            process,
+            messages,
+            address,
+        })
+    }
+
+    /// Puts one between a port and a new one, whose path it returns.
+    pub(super) fn between(port: &Path, folder: &Path) -> Result<(Self, PathBuf)> {
+        let link = folder.join("link");
+        let mut command = tools::command(tools::MONITOR)?;
+        command.arg("--port").arg(port).arg("--link").arg(&link);
+        Ok((Self::start(&mut command)?, link))
+    }
+
+    /// Ends it, and checks that it has gone well until then.
+    pub(super) fn end(mut self) -> Result<()> {
+        self.interrupt();
+        self.wait()
+    }
+
+    fn wait(&mut self) -> Result<()> {
+        let mut said = String::new();
+        self.messages.read_to_string(&mut said)?;
+        let status = self.process.wait()?;
+        ensure!(status.success(), "the monitor: {}", said.trim());
+        Ok(())
+    }
+
+    fn interrupt(&self) {
+        if let Some(id) = Pid::from_raw(self.process.id().cast_signed()) {
+            let _ = rustix::process::kill_process(id, Signal::TERM);
+        }
+    }
+}
+
+impl Drop for Monitor {
+    fn drop(&mut self) {
+        // It has a number of its own until it is waited for.
+        if self.process.try_wait().is_ok_and(|ended| ended.is_none()) {
+            self.interrupt();
+            let _ = self.process.wait();
+        }
+    }
+}
+
+/// Looks at the page in the middle of a job and at its end.
+pub(super) fn page() -> Result<Verdict> {
+    let mut node = match browser_and_modules() {
+        Ok(node) => node,
+        Err(reason) => return Ok(Verdict::Skipped(format!("{reason:#}"))),
+    };
+    let folder = install::folder().join("monitor-page");
+    let _ = fs::remove_dir_all(&folder);
+    fs::create_dir_all(&folder)?;
+    let examples = cargo::root().join("examples");
+    let mut command = tools::command(tools::MONITOR)?;
+    command
+        .arg(examples.join("pico.nc"))
+        .args(["--sim", "--settings"])
+        .arg(examples.join("pico.settings"));
+    let mut monitor = Monitor::start(&mut command)?;
+    let output = node
+        .arg(install::scripts().join(SCRIPT))
+        .arg(&monitor.address)
+        .current_dir(&folder)
+        .stdin(Stdio::null())
+        .output()
+        .context("cannot start the script")?;
+    let said = String::from_utf8_lossy(&output.stdout);
+    let failed = String::from_utf8_lossy(&output.stderr);
+    ensure!(
+        output.status.success() && said.trim().ends_with(END),
+        "{failed}\n(see {})",
+        folder.display()
+    );
+    monitor.wait()?;
+    Ok(Verdict::Passed)
+}
