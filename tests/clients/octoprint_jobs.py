@@ -13,7 +13,7 @@ import time
 import serial
 
 from jobs import check, measured, port, run, until
-from reprap_jobs import Walk, nearly, place_of
+from reprap_jobs import LINES, Walk, nearly, place_of
 
 SILENCE, SILENCE_IF_BUSY = 30.0, 3.0
 # How long after a request its `ok` is waited for, s.
@@ -181,7 +181,7 @@ def main():
     report(host)
     measured()
     for seed in range(2):
-        walk(host, 150, seed)
+        walk(host, LINES, seed)
     walk(host, 0, 0)
     report(host)
     return -100, -100, -100

@@ -12,7 +12,7 @@ from printrun import gcoder
 from printrun.printcore import printcore
 
 from jobs import check, measured, port, run, until
-from reprap_jobs import Walk, nearly, place_of
+from reprap_jobs import LINES, Walk, nearly, place_of
 
 # How long nothing may come before the user sends something, s.
 PUSH = 3.0
@@ -96,7 +96,7 @@ def main():
     watcher.until(lambda: watcher.find("echo:homed", since), "the machine is homed")
     report(core, watcher)
     measured()
-    walks = [Walk(150, seed) for seed in range(2)]
+    walks = [Walk(LINES, seed) for seed in range(2)]
     for walk in walks:
         job(core, watcher, walk)
     job(core, watcher, Walk(0, 0))

@@ -1,12 +1,16 @@
 """What the scripts that drive hosts of RepRap machines have in common."""
 
 import random
+import sys
 from decimal import Decimal
 
 # Where jobs begin, mm from the negative ends of the axes.
 START = (Decimal(100), Decimal(100), Decimal(100))
 # How far jobs go from there, mm.
 REACH = Decimal(40)
+
+# Lines of a job: on the emulated machine time goes by with the steps.
+LINES = {"sim": 150, "qemu": 30}[sys.argv[2]]
 
 # Lines behind a job whose loss is none: a host that has two lines on their way may end its job before
 # the machine asks for the last one again.

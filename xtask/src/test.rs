@@ -167,7 +167,11 @@ fn proofs(boards: &[Board]) -> Vec<Check> {
             check::by(tools::SCHEDULE, ["--board", &board, "--verdict"], axes)
         })
     });
-    iter::once(shown).chain(others).collect()
+    let for_hosts = Check::new("the proof with the RepRap dialect", || {
+        let arguments = ["--board", SHOWN, "--verdict"];
+        check::with_features(tools::SCHEDULE, arguments, "reprap")
+    });
+    iter::once(shown).chain(others).chain([for_hosts]).collect()
 }
 
 /// Whether the project has tests whose file name starts so.

@@ -43,6 +43,15 @@ impl Place {
     }
 }
 
+/// The dialects that a firmware has.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Dialects {
+    /// Grbl's alone.
+    Grbl,
+    /// That of hosts of 3D printers, too.
+    WithRepRap,
+}
+
 /// A running machine.
 pub(super) enum Machine {
     Simulator { process: Child },
@@ -54,6 +63,7 @@ impl Machine {
     /// settings.
     pub(super) fn start(
         place: Place,
+        dialects: Dialects,
         folder: &Path,
         file: &Path,
         beside: &[String],
@@ -64,7 +74,7 @@ impl Machine {
                 let (machine, line) = simulator(folder, file, beside)?;
                 Ok((machine, line, loaded.settings))
             }
-            Place::Firmware => firmware(file, beside),
+            Place::Firmware => firmware(dialects, file, beside),
         }
     }
 
@@ -129,20 +139,29 @@ fn simulator(folder: &Path, settings: &Path, beside: &[String]) -> Result<(Machi
     ))
 }
 
-/// The firmware, which is built once for all senders.
-fn built(board: &Board) -> Result<PathBuf> {
-    static BUILT: Mutex<Option<PathBuf>> = Mutex::new(None);
+/// The firmware with these dialects, which is built once for all senders.
+fn built(board: &Board, dialects: Dialects) -> Result<PathBuf> {
+    static BUILT: Mutex<[Option<PathBuf>; 2]> = Mutex::new([None, None]);
     let mut built = BUILT.lock().unwrap_or_else(PoisonError::into_inner);
-    if built.is_none() {
-        *built = Some(firmware::firmware(board)?);
+    let place = &mut built[usize::from(dialects == Dialects::WithRepRap)];
+    if let Some(elf) = place {
+        return Ok(elf.clone());
     }
-    built.clone().context("the firmware has been built")
+    let elf = match dialects {
+        Dialects::Grbl => firmware::firmware(board)?,
+        Dialects::WithRepRap => firmware::for_hosts(board)?,
+    };
+    Ok(place.insert(elf).clone())
 }
 
-fn firmware(file: &Path, beside: &[String]) -> Result<(Machine, OwnedFd, Settings)> {
+fn firmware(
+    dialects: Dialects,
+    file: &Path,
+    beside: &[String],
+) -> Result<(Machine, OwnedFd, Settings)> {
     cargo::need_qemu()?;
     let (board, machine) = boards::emulated()?;
-    let elf = built(&board)?;
+    let elf = built(&board, dialects)?;
     let step_rate = firmware::image::read(&elf).map(StepRate::of_image)?;
     let loaded = settings::load_for(step_rate, Some(file), beside)?;
     let mut emulator = Emulator::start(&elf, &machine)?;

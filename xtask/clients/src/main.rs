@@ -36,7 +36,7 @@ use self::{
     account::Account,
     damage::Damage,
     grbl::Grbl,
-    machine::{Machine, Place},
+    machine::{Dialects, Machine, Place},
     monitor::Monitor,
     reprap::RepRap,
     tap::Tap,
@@ -105,6 +105,15 @@ impl Sender {
     /// Whether it numbers its lines, and sends those again that were damaged.
     fn is_for_reprap(self) -> bool {
         matches!(self, Self::Printcore | Self::OctoPrintRules)
+    }
+
+    /// The dialects that the firmware needs for it.
+    fn dialects(self) -> Dialects {
+        if self.is_for_reprap() {
+            Dialects::WithRepRap
+        } else {
+            Dialects::Grbl
+        }
     }
 
     /// What it needs beside the settings of all.
@@ -199,12 +208,11 @@ fn all() -> impl Iterator<Item = Check> {
         (Place::Firmware, "firmware"),
     ];
     let senders = places.into_iter().flat_map(|(place, at)| {
-        // The firmware has the RepRap dialect only where it is built so.
-        let is_there = move |sender: &Sender| place == Place::Simulator || !sender.is_for_reprap();
-        let senders = Sender::ALL.into_iter().filter(is_there);
-        let wires = senders.flat_map(move |sender| {
+        let wires = Sender::ALL.into_iter().flat_map(move |sender| {
             let is_monitored = matches!(sender, Sender::Cncjs) && place == Place::Simulator;
-            let bad = sender.is_for_reprap().then_some((sender, Wire::Bad));
+            // The line's damage is the same at both.
+            let has_bad = sender.is_for_reprap() && place == Place::Simulator;
+            let bad = has_bad.then_some((sender, Wire::Bad));
             let monitored = is_monitored.then_some((sender, Wire::Monitored));
             [(sender, Wire::Good)]
                 .into_iter()
@@ -271,7 +279,9 @@ impl Run {
         let _ = fs::remove_dir_all(&folder);
         fs::create_dir_all(&folder)?;
         let file = install::scripts().join(format!("{}.settings", place.name()));
-        let (machine, line, settings) = Machine::start(place, &folder, &file, &sender.settings())?;
+        let dialects = sender.dialects();
+        let (machine, line, settings) =
+            Machine::start(place, dialects, &folder, &file, &sender.settings())?;
         let is_damaged = wire == Wire::Bad;
         let account: Box<dyn Account> = if sender.is_for_reprap() {
             Box::new(RepRap::new(is_damaged))

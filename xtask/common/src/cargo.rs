@@ -25,7 +25,7 @@ pub fn root() -> &'static Path {
 }
 
 /// The environment variable with more features of the firmware, as `reprap`.
-const FEATURES: &str = "LEADSCREW_FEATURES";
+pub const FEATURES: &str = "LEADSCREW_FEATURES";
 
 /// What was asked for in this program.
 static ASKED: OnceLock<u8> = OnceLock::new();

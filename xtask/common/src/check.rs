@@ -8,7 +8,7 @@ use std::{
     env,
     ffi::OsStr,
     iter,
-    process::{ExitCode, Stdio},
+    process::{Command, ExitCode, Stdio},
     sync::{Mutex, PoisonError},
     thread::{self, ScopedJoinHandle},
     time::{Duration, Instant},
@@ -19,6 +19,7 @@ use anyhow::{Context, Error, Result, bail};
 use owo_colors::{AnsiColors, OwoColorize};
 
 use crate::{
+    cargo,
     tools::{self, Tool},
     ui,
 };
@@ -73,8 +74,21 @@ pub fn by<A: AsRef<OsStr>>(
     axes: u8,
 ) -> Result<Verdict> {
     let mut command = tools::command_for(tool, axes)?;
+    verdict_of(tool, command.args(arguments))
+}
+
+/// Has a tool check something of firmware with more features.
+pub fn with_features<A: AsRef<OsStr>>(
+    tool: Tool,
+    arguments: impl IntoIterator<Item = A>,
+    features: &str,
+) -> Result<Verdict> {
+    let mut command = tools::command_for(tool, cargo::axes())?;
+    verdict_of(tool, command.args(arguments).env(cargo::FEATURES, features))
+}
+
+fn verdict_of(tool: Tool, command: &mut Command) -> Result<Verdict> {
     let output = command
-        .args(arguments)
         .env(VARIABLE, "1")
         .stderr(Stdio::inherit())
         .output()

@@ -78,6 +78,11 @@ fn rate(elf: &Path, board: &str) -> Result<u32> {
     rate.parse().context("the analysis gives no rate")
 }
 
+/// Builds the firmware that also speaks to hosts of 3D printers, `$780=1`, as [`firmware`].
+pub fn for_hosts(board: &Board) -> Result<PathBuf> {
+    proven_if_possible(board, &["--features", "reprap"], "-reprap")
+}
+
 /// Builds the firmware that records its activations, see `src/board/trace.rs`.
 pub fn traced(board: &Board) -> Result<PathBuf> {
     proven_if_possible(board, &["--features", "trace"], "-trace")
