@@ -197,11 +197,12 @@ mod tests {
         assert_eq!(ends("G3 X-11 Y9 I0 J-1"), [[0; 2]; 0]);
         assert_eq!(ends("G1 Y20"), [[-10, 8], [-12, 10]]);
         assert_eq!(ends("G40 X-20"), [[-12, 20], [-20, 20]]);
-        // A line between two corners that is shorter than both take of it.
-        for line in ["G41.1 D4", "X-30 Y20", "Y25", "X-31"] {
-            reader.line(line.as_bytes());
+        // A line that is shorter than what the corner before it takes of it.
+        for line in ["G41.1 D4", "X-30 Y20", "Y25"] {
+            ends(line);
         }
-        assert_eq!(reader.line(b"G40"), []);
+        assert_eq!(ends("X-31"), [[0; 2]; 0]);
+        assert_eq!(ends("G40"), [[-32, 25]]);
     }
 
     #[test]
