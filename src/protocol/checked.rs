@@ -29,7 +29,7 @@ enum LinePart {
 }
 
 /// The last asterisk of a line, and what follows it.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
 struct Checksum {
     /// Number of asterisks.
     asterisks: u8,
@@ -44,16 +44,24 @@ struct Checksum {
 }
 
 impl Checksum {
+    /// No asterisk yet.
+    const NONE: Self = Self {
+        asterisks: 0,
+        start: 0,
+        xor: 0,
+        value: 0,
+        digits: 0,
+        has_ended: false,
+        is_wrong: false,
+    };
+
     /// Takes an asterisk behind `start` bytes.
     const fn begin(&mut self, start: usize, xor: u8) {
         *self = Self {
             asterisks: self.asterisks.saturating_add(1),
             start,
             xor,
-            value: 0,
-            digits: 0,
-            has_ended: false,
-            is_wrong: false,
+            ..Self::NONE
         };
     }
 
@@ -134,24 +142,8 @@ impl<const N: usize> RawLine<N> {
             length: 0,
             xor: 0,
             region: LinePart::Words,
-            checksum: Checksum {
-                asterisks: 0,
-                start: 0,
-                xor: 0,
-                value: 0,
-                digits: 0,
-                has_ended: false,
-                is_wrong: false,
-            },
-            text_checksum: Checksum {
-                asterisks: 0,
-                start: 0,
-                xor: 0,
-                value: 0,
-                digits: 0,
-                has_ended: false,
-                is_wrong: false,
-            },
+            checksum: Checksum::NONE,
+            text_checksum: Checksum::NONE,
             has_words: false,
         }
     }
@@ -161,8 +153,8 @@ impl<const N: usize> RawLine<N> {
         self.length = 0;
         self.xor = 0;
         self.region = LinePart::Words;
-        self.checksum = Checksum::default();
-        self.text_checksum = Checksum::default();
+        self.checksum = Checksum::NONE;
+        self.text_checksum = Checksum::NONE;
         self.has_words = false;
     }
 

@@ -10,7 +10,7 @@ use crate::{
     gcode::{
         LineError, PlainPrefix,
         interpreter::Interpreter,
-        reprap::{self, Context},
+        reprap::{self, LineModes},
     },
     model::State,
     protocol::{ByteReader, Damage, Dialect, Verdict, replies, report},
@@ -150,7 +150,7 @@ impl Session {
         let is_idle = self.is_done(links.machine) && links.machine.state == State::Idle;
         let host = &mut self.host;
         let settings = &self.persistence.stored.settings;
-        let context = Context {
+        let context = LineModes {
             settings,
             modal: self.interpreter.modal(),
             extruder: host.extruder,
