@@ -5,8 +5,8 @@
 //! | `step`          | hardware, SysTick | 5        | the step timer                           |
 //! | `serial_rx`     | hardware, USART   | 4        | a byte has come                          |
 //! | `segment_start` | pended, I2C3\_EV  | 3        | `step`: a segment begins, or motion ends |
-//! | `inputs`        | hardware, TIM7    | 3        | an edge on an input pin, TIM7            |
-//! | `prepare`       | pended, TIM6      | 2        | `segment_start`, most others, TIM6       |
+//! | `inputs`        | hardware, TIM10   | 3        | an edge on an input pin, TIM10           |
+//! | `prepare`       | pended, TIM9      | 2        | `segment_start`, most others, TIM9       |
 //! | `wake`          | pended, TIM4      | 1        | `serial_rx`, `prepare`, TIM4             |
 //! | `interpret`     | async, dispatcher | 1        | `wake`                                   |
 //! | `report`        | async, dispatcher | 1        | `wake`                                   |
@@ -181,7 +181,7 @@ mod app {
     ///
     /// Deadline: one step time while probing. A miss latches a position that is late by the delay.
     #[task(
-        binds = TIM7, priority = 3, local = [pins],
+        binds = TIM1_UP_TIM10, priority = 3, local = [pins],
         shared = [step_timer, &requests, &inputs, &segments]
     )]
     fn inputs(cx: inputs::Context) {
@@ -194,7 +194,7 @@ mod app {
     ///
     /// Deadline: before the events in the queue have been played. A miss is a fault: alarm.
     #[task(
-        binds = TIM6_DAC, priority = 2, local = [motion, entries_out, events_in, actuators],
+        binds = TIM1_BRK_TIM9, priority = 2, local = [motion, entries_out, events_in, actuators],
         shared = [snapshot, step_timer, &requests, &inputs, &segments]
     )]
     fn prepare(mut cx: prepare::Context) {

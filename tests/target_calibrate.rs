@@ -33,8 +33,8 @@ mod target {
     use rtt_target::{ChannelMode, UpChannel, rtt_init};
     use stm32f4xx_hal::{
         pac,
-        prelude::*,
-        rcc::{Config, Enable as _},
+        rcc::{Config, Enable as _, RccExt as _},
+        time::Hertz,
     };
 
     use super::{cycles::Sample, exceptions, instructions, regions};
@@ -68,17 +68,22 @@ mod target {
 
     /// The clocks of the firmware: what a bus costs depends on them.
     fn start_clocks(rcc: pac::RCC, flash: &pac::FLASH) {
-        #[cfg(feature = "board-netduino-plus-2")]
-        let config = Config::hse(25.MHz()).sysclk(168.MHz());
-        #[cfg(feature = "board-nucleo-f446re")]
-        let config = Config::hse(8.MHz())
-            .bypass_hse_oscillator()
-            .sysclk(168.MHz());
+        let config = Config::hse(Hertz::from_raw(number(env!("LEADSCREW_CRYSTAL_HZ"))));
+        let config = match env!("LEADSCREW_CRYSTAL_BYPASSED") {
+            "true" => config.bypass_hse_oscillator(),
+            _ => config,
+        };
+        let config = config.sysclk(Hertz::from_raw(number(env!("LEADSCREW_CORE_HZ"))));
         let mut rcc = rcc.freeze(config);
         flash.acr().modify(|_, w| w.prften().clear_bit());
         pac::GPIOA::enable(&mut rcc);
         pac::TIM2::enable(&mut rcc);
         pac::SYSCFG::enable(&mut rcc);
+    }
+
+    /// The number that the build script has made of the board's file.
+    fn number(text: &str) -> u32 {
+        text.parse().expect("the build script writes numbers")
     }
 
     /// True in the emulator: no chip has all clocks off.

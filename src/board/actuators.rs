@@ -20,7 +20,7 @@ pub(crate) struct Actuators {
 
 impl Actuators {
     /// Sets up the outputs and the timer, whose clocks must run.
-    pub(super) fn new(timer: pac::TIM6) -> Self {
+    pub(super) fn new(timer: pac::TIM9) -> Self {
         Self {
             switches: SwitchOutputs::new(),
             timer: DelayTimer::new(timer),

@@ -1,19 +1,21 @@
-//! The timer of the delay that `prepare` asks for: TIM6, whose vector the task binds.
+//! The timer of the delay that `prepare` asks for: TIM9, whose vector the task binds.
 
-use super::{emulation, pac};
+use super::{TIMERS_MHZ, emulation, pac};
 
 /// Counts of the timer in a millisecond: its prescaler has 16 bits.
-const COUNTS_PER_MS: u16 = 2;
+const COUNTS_PER_MS: u16 = 4;
+/// Divider of the timer's clock.
+const PRESCALER: u16 = (TIMERS_MHZ as u32 * 1000 / COUNTS_PER_MS as u32) as u16;
 /// Longest delay, ms.
 const LONGEST_MS: u16 = u16::MAX / COUNTS_PER_MS;
 
 /// The timer, owned by `prepare`.
-pub(crate) struct DelayTimer(pac::TIM6);
+pub(crate) struct DelayTimer(pac::TIM9);
 
 impl DelayTimer {
-    /// Sets the timer up. Its clock must run, at 84 MHz.
-    pub(super) fn new(timer: pac::TIM6) -> Self {
-        timer.psc().write(|w| w.psc().set(42_000 - 1));
+    /// Sets the timer up. Its clock must run.
+    pub(super) fn new(timer: pac::TIM9) -> Self {
+        timer.psc().write(|w| w.psc().set(PRESCALER - 1));
         timer.cr1().write(|w| w.urs().set_bit());
         timer.egr().write(|w| w.ug().set_bit());
         timer.dier().write(|w| w.uie().set_bit());

@@ -1,4 +1,4 @@
-//! The flash of the journal: sectors 1 and 2, 16 KiB each. RM0090 3.6, RM0390 3.5.
+//! The flash of the journal: 16 KiB of each of two sectors, which the board's file chooses. RM0090 3.6, RM0390 3.5.
 //!
 //! The chip cannot read its flash while it erases or programs, so code in flash stands still: 16 µs
 //! for a word, 0.8 s for a sector. Both are done at standstill only. The sender goes on meanwhile, so
@@ -17,24 +17,17 @@ use embedded_storage::nor_flash::{
 use stm32f4xx_hal::pac::flash::cr::PSIZE;
 
 use super::{
-    emulation, flash_access, pac, serial::FlashEraseReceiver, step_timer, vectors::nvic_priority,
+    chosen::WIRING, emulation, flash_access, pac, serial::FlashEraseReceiver, step_timer,
+    vectors::nvic_priority,
 };
 
-/// Bytes of a sector, and of both sectors.
+/// Bytes used of a sector, and of both sectors.
 const SECTOR: usize = 16 * 1024;
 pub(super) const BOTH: usize = 2 * SECTOR;
-/// Number of the first of the sectors.
-const FIRST_SECTOR: u8 = 1;
 /// Threshold that masks every task: the priority of the step interrupt, the highest.
 const MASK_ALL_TASKS: u8 = nvic_priority(5);
 /// Keys that unlock programming and erasing.
 const KEYS: [u32; 2] = [0x4567_0123, 0xcdef_89ab];
-
-#[expect(unsafe_code, reason = "a symbol of the linker script")]
-unsafe extern "C" {
-    /// The two sectors.
-    static mut _settings_start: [u32; BOTH / 4];
-}
 
 /// The two sectors, with the registers of the flash and the receiver for the time of an erase,
 /// which is set before tasks run.
@@ -121,10 +114,9 @@ impl ReadNorFlash for SettingsFlash {
             emulation::read_flash(offset, bytes);
             return Ok(());
         }
-        let first = (&raw const _settings_start).cast::<u8>();
         for (byte, index) in bytes.iter_mut().zip(offset..) {
             // SAFETY: `sector_offset` has checked that the byte is in the sectors.
-            *byte = unsafe { first.add(index).read_volatile() };
+            *byte = unsafe { (address(index) as *const u8).read_volatile() };
         }
         Ok(())
     }
@@ -146,8 +138,9 @@ impl NorFlash for SettingsFlash {
             return Ok(());
         }
         let sectors = offset / SECTOR..(offset + length as usize) / SECTOR;
-        for sector in sectors {
-            self.operate(|flash, receiver| erase(flash, FIRST_SECTOR + sector as u8, receiver))?;
+        for page in sectors {
+            let sector = WIRING.journal[page].sector;
+            self.operate(|flash, receiver| erase(flash, sector, receiver))?;
         }
         Ok(())
     }
@@ -159,22 +152,22 @@ impl NorFlash for SettingsFlash {
             emulation::write_flash(offset, bytes);
             return Ok(());
         }
-        let first = (&raw mut _settings_start).cast::<u32>();
         let (words, _) = bytes.as_chunks::<4>();
-        for (&word, index) in words.iter().zip(offset / 4..) {
+        for (&word, index) in words.iter().zip((offset..).step_by(4)) {
+            let place = address(index) as *mut u32;
             self.operate(|flash, _| {
                 flash
                     .cr()
                     .write(|w| w.psize().variant(PSIZE::Psize32).pg().set_bit());
                 // SAFETY: `sector_offset` has checked that the word is in the sectors, which no
                 // reference points to.
-                unsafe { first.add(index).write_volatile(u32::from_le_bytes(word)) };
+                unsafe { place.write_volatile(u32::from_le_bytes(word)) };
                 while flash.sr().read().bsy().bit_is_set() {}
                 true
             })?;
             // The chip reports no error for a bit that should be set and stays clear.
             // SAFETY: as for the write.
-            if unsafe { first.add(index).read_volatile() } != u32::from_le_bytes(word) {
+            if unsafe { place.read_volatile() } != u32::from_le_bytes(word) {
                 return Err(FlashError::Refused);
             }
         }
@@ -196,6 +189,11 @@ fn sector_offset(offset: u32, length: usize, unit: usize) -> Result<usize, Flash
         Some(end) if end <= BOTH => Ok(offset),
         Some(_) | None => Err(FlashError::OutOfBounds),
     }
+}
+
+/// Returns the address of a byte of the journal.
+fn address(offset: usize) -> usize {
+    WIRING.journal[offset / SECTOR].address + offset % SECTOR
 }
 
 fn has_errors(flash: &pac::FLASH) -> bool {

@@ -4,7 +4,7 @@ use leadscrew::model::HAS_REPRAP;
 
 use super::pac;
 
-/// Sets the timer up: 84 MHz through 8400, and 100 counts, are [`leadscrew::model::timing::TICK_MS`]. The
+/// Sets the timer up: half the clock of the core through 8400, and 100 counts, are [`leadscrew::model::timing::TICK_MS`]. The
 /// emulator's timer counts ns.
 pub(super) fn init(timer: &pac::TIM4) {
     /// 10 ms.

@@ -1,7 +1,7 @@
 //! Input pins: the interrupts that release `inputs`, and the reading of the pins.
 //!
 //! An edge on a pin releases the task at once and masks all lines until four samples have been
-//! taken and the last one has found no change. The timer, TIM7, releases the task for the samples,
+//! taken and the last one has found no change. The timer, TIM10, releases the task for the samples,
 //! 250 µs apart. So there are at most five runs in a millisecond, whatever contacts and noise do.
 //! The timer also releases the task each millisecond, for pins that share their interrupt line with
 //! another pin.
@@ -20,9 +20,10 @@ use leadscrew::{
 };
 
 use super::{
-    ChipPlatform, chosen, emulation, pac,
+    ChipPlatform, TIMERS_MHZ, chosen, emulation, pac,
     step_output::{StepInterrupt, StepTimerToken},
     vectors,
+    wiring::{PortList, read_port},
 };
 
 /// Time between two runs while the inputs do not change, µs.
@@ -43,13 +44,13 @@ const LINES: u32 = lines();
 
 /// The timer and the interrupt lines of the inputs, set up.
 pub(crate) struct InputInterrupts {
-    timer: pac::TIM7,
+    timer: pac::TIM10,
     exti: pac::EXTI,
 }
 
 /// The pins and their filter, owned by `inputs`.
 pub(crate) struct InputPins {
-    timer: pac::TIM7,
+    timer: pac::TIM10,
     exti: pac::EXTI,
     watch: Watch,
     events: EventTap<'static>,
@@ -61,16 +62,16 @@ pub(crate) struct InputPins {
 
 impl InputInterrupts {
     /// Sets up the pins, the timer and the interrupt lines. The clocks of the ports, of the timer
-    /// (84 MHz) and of SYSCFG must run.
+    /// and of SYSCFG must run.
     #[expect(unsafe_code, reason = "raw words for registers")]
     pub(super) fn new(
-        timer: pac::TIM7,
+        timer: pac::TIM10,
         exti: pac::EXTI,
         syscfg: &pac::SYSCFG,
         nvic: &mut pac::NVIC,
     ) -> Self {
-        for (_, pin) in chosen::WIRING.inputs {
-            pin.make_input();
+        for input in chosen::WIRING.inputs {
+            input.pin.make_input(input.pull);
         }
         cortex_m::asm::delay(PULL_UP_CYCLES);
         connect_lines(syscfg);
@@ -81,7 +82,7 @@ impl InputInterrupts {
             exti.imr().write(|w| w.bits(LINES));
         }
         vectors::unmask(nvic, &LINE_VECTORS, PRIORITY);
-        timer.psc().write(|w| w.psc().set(84 - 1));
+        timer.psc().write(|w| w.psc().set(TIMERS_MHZ - 1));
         timer.cr1().write(|w| w.urs().set_bit());
         timer.dier().write(|w| w.uie().set_bit());
         let new = Self { timer, exti };
@@ -93,7 +94,7 @@ impl InputInterrupts {
     /// Returns the pins with their filter, which has the present levels, and the inputs.
     pub(crate) fn watch(self, events: EventTap<'static>) -> (InputPins, Inputs) {
         let wired = chosen::WIRING.inputs.iter();
-        let inputs = Inputs::wired(wired.fold(Levels::NONE, |wired, (input, _)| wired | *input));
+        let inputs = Inputs::wired(wired.fold(Levels::NONE, |wired, input| wired | input.levels));
         let pins = InputPins {
             timer: self.timer,
             exti: self.exti,
@@ -216,7 +217,7 @@ fn clear_pending() {
 
 /// Takes the overflow of the timer, or the emulator's release for a sample.
 #[inline]
-fn take_due(timer: &pac::TIM7) -> bool {
+fn take_due(timer: &pac::TIM10) -> bool {
     let is_due = timer.sr().read().uif().bit_is_set() || emulation::take_sample_release();
     if is_due {
         timer.sr().write(|w| w.uif().clear_bit());
@@ -230,38 +231,39 @@ fn take_due(timer: &pac::TIM7) -> bool {
 #[expect(unsafe_code, reason = "the task owns the timer")]
 pub(super) fn timer_release_age_us() -> Option<u16> {
     // SAFETY: reads registers without side effects.
-    let timer = unsafe { &*pac::TIM7::ptr() };
+    let timer = unsafe { &*pac::TIM10::ptr() };
     // In this order: the flag of a period that ends in between must not go with the period before.
     let is_due = timer.sr().read().uif().bit_is_set();
     let age = timer.cnt().read().cnt().bits();
     is_due.then_some(age)
 }
 
-fn set_period(timer: &pac::TIM7, period_us: u16) {
+fn set_period(timer: &pac::TIM10, period_us: u16) {
     timer.arr().write(|w| w.arr().set(period_us - 1));
     timer.egr().write(|w| w.ug().set_bit());
 }
 
-/// Returns the closed contacts: a closed contact pulls its pin low.
+/// The ports of the inputs.
+const INPUT_PORTS: PortList = chosen::WIRING.input_ports();
+
+/// Returns the closed contacts.
 #[inline]
-#[expect(unsafe_code, reason = "pins are chosen by a table, not by type")]
 fn read() -> Levels {
     if emulation::is_emulated() {
         return emulation::contacts();
     }
-    // SAFETY: reads registers without side effects.
-    let ports = unsafe {
-        [
-            (*pac::GPIOA::ptr()).idr().read().bits(),
-            (*pac::GPIOB::ptr()).idr().read().bits(),
-            (*pac::GPIOC::ptr()).idr().read().bits(),
-        ]
-    };
+    let mut levels = [0; INPUT_PORTS.length];
+    // wcet-bound: 9
+    for (index, level) in levels.iter_mut().enumerate() {
+        *level = read_port(INPUT_PORTS.port(index));
+    }
     let mut closed = Levels::NONE;
     // wcet-bound: 11
-    for &(input, pin) in chosen::WIRING.inputs {
-        if pin.is_low(ports) {
-            closed = closed | input;
+    for input in chosen::WIRING.inputs {
+        let level = levels[INPUT_PORTS.index(input.pin.port())];
+        let is_high = level >> input.pin.number() & 1 != 0;
+        if is_high != input.is_active_low {
+            closed = closed | input.levels;
         }
     }
     closed
@@ -272,7 +274,7 @@ const fn lines() -> u32 {
     let inputs = chosen::WIRING.inputs;
     let (mut lines, mut index) = (0, 0);
     while index < inputs.len() {
-        lines |= 1 << inputs[index].1.port_and_number().1;
+        lines |= 1 << inputs[index].pin.number();
         index += 1;
     }
     lines
@@ -282,10 +284,10 @@ const fn lines() -> u32 {
 #[expect(unsafe_code, reason = "pins are chosen by a table, not by type")]
 fn connect_lines(syscfg: &pac::SYSCFG) {
     let mut words = [0; 4];
-    for (_, pin) in chosen::WIRING.inputs.iter().rev() {
-        let (port, number) = pin.port_and_number();
+    for input in chosen::WIRING.inputs.iter().rev() {
+        let (port, number) = (input.pin.port(), input.pin.number());
         let (word, shift) = (usize::from(number / 4), u32::from(number % 4) * 4);
-        words[word] = words[word] & !(0xf << shift) | (port as u32) << shift;
+        words[word] = words[word] & !(0xf << shift) | u32::from(port) << shift;
     }
     let [first, second, third, fourth] = words;
     // SAFETY: each field holds the number of a port that exists.
@@ -308,7 +310,7 @@ const LINE_VECTORS: [pac::Interrupt; 7] = [
     pac::Interrupt::EXTI15_10,
 ];
 
-vectors::forward_vectors!(EXTI0, EXTI1, EXTI2, EXTI3, EXTI4, EXTI9_5, EXTI15_10 => TIM7);
+vectors::forward_vectors!(EXTI0, EXTI1, EXTI2, EXTI3, EXTI4, EXTI9_5, EXTI15_10 => TIM1_UP_TIM10);
 
 /// The bits of these vectors in the first two registers of the NVIC that clear releases.
 const PENDING: [u32; 2] = {

@@ -1,7 +1,7 @@
-//! The board: pins, clocks and peripherals. Exactly one `board-*` feature chooses it.
+//! The board: pins, clocks and peripherals. A file of `boards/` chooses it, of which `build.rs` makes
+//! [`chosen`]: which pin does what, and the clocks of the chip.
 //!
-//! A board module says which pins the machine is wired to and sets up the clocks; what the boards
-//! have in common is here. Everything that needs `unsafe` is in this folder.
+//!  Everything that needs `unsafe` is in this folder.
 //!
 //! # Cost
 //!
@@ -11,24 +11,13 @@
 
 #[cfg(feature = "emulated")]
 mod emulation;
-#[cfg(feature = "board-netduino-plus-2")]
-mod netduino_plus_2;
-#[cfg(feature = "board-netduino-plus-2")]
-use netduino_plus_2 as chosen;
-#[cfg(feature = "board-netduino-plus-2")]
-pub(crate) use netduino_plus_2::init;
-
 #[cfg(not(feature = "emulated"))]
 #[path = "no_emulation.rs"]
 mod emulation;
-#[cfg(feature = "board-nucleo-f446re")]
-mod nucleo_f446re;
-#[cfg(feature = "board-nucleo-f446re")]
-use nucleo_f446re as chosen;
-#[cfg(feature = "board-nucleo-f446re")]
-pub(crate) use nucleo_f446re::init;
 
 mod actuators;
+mod bootloader;
+mod chosen;
 mod delay_timer;
 mod flash;
 pub(crate) mod host_clock;
@@ -36,7 +25,9 @@ mod inputs;
 mod outputs;
 mod panic;
 mod pins;
+mod power_up;
 mod proven;
+mod pwm;
 pub(crate) mod release;
 mod serial;
 mod serial_session;
@@ -54,6 +45,7 @@ mod wiring;
 
 pub(crate) use actuators::Actuators;
 pub(crate) use inputs::{InputInterrupts, InputPins};
+pub(crate) use power_up::init;
 pub(crate) use release::ChipPlatform;
 pub(crate) use serial::Receiver;
 pub(crate) use serial_session::SerialSession;
@@ -61,8 +53,10 @@ pub(crate) use step_output::{StepInterrupt, StepPins, StepTimerToken};
 pub(crate) use stm32f4xx_hal::pac;
 pub(crate) use storage::{Memory, Storage};
 
-use leadscrew::{model::HAS_REPRAP, protocol::Session, units::TICKS_PER_SECOND};
-use stm32f4xx_hal::rcc::{Config, Enable, Rcc, RccExt};
+use leadscrew::protocol::Session;
+
+/// The clock of TIM9 and TIM10, MHz: that of the core on every chip.
+const TIMERS_MHZ: u16 = (chosen::WIRING.core_hz / 1_000_000) as u16;
 
 /// The peripherals the tasks drive.
 pub(crate) struct Board {
@@ -82,38 +76,12 @@ pub(crate) struct Board {
     pub(crate) session: &'static mut Session,
 }
 
-/// Sets the clocks to those of `config`, and reads flash without prefetch.
-///
-/// # Panics
-///
-/// If the core does not count half ticks, or the slower timers do not count ticks: every time would be
-/// wrong.
-fn start_clocks(rcc: pac::RCC, flash: &pac::FLASH, config: Config) -> Rcc {
-    let rcc = rcc.freeze(config);
-    let (core_hz, timers_hz) = (rcc.clocks.hclk().raw(), rcc.clocks.timclk1().raw());
-    assert!(
-        emulation::is_emulated()
-            || core_hz == 2 * TICKS_PER_SECOND && timers_hz == TICKS_PER_SECOND,
-        "the step timer counts half ticks, and TIM6, TIM7 and the PWM count ticks"
-    );
-    flash.acr().write(|w| flash_access(w).dcen().set_bit());
-    rcc
-}
-
-/// Sets what every write of the register has in common, as the clock in `schedule.toml` says: wait states
-/// at 168 MHz, and no prefetch.
+/// Sets what every write of the register has in common, as the board's chip says: wait states, and no prefetch.
 fn flash_access(w: &mut pac::flash::acr::W) -> &mut pac::flash::acr::W {
-    w.latency().ws5().icen().set_bit()
-}
-
-/// Starts the clocks of the peripherals that all boards use. Those of the GPIO ports run already.
-fn enable_clocks(rcc: &mut Rcc) {
-    pac::TIM6::enable(rcc);
-    pac::TIM7::enable(rcc);
-    if HAS_REPRAP {
-        pac::TIM4::enable(rcc);
-    }
-    pac::SYSCFG::enable(rcc);
+    w.latency()
+        .set(chosen::WIRING.flash_wait_states)
+        .icen()
+        .set_bit()
 }
 
 /// Sleeps until an interrupt comes; returns at once if one has come since the last call.
@@ -124,6 +92,3 @@ pub(crate) fn sleep() {
         cortex_m::asm::wfe();
     }
 }
-
-// Makes Cargo relink when the memory map changes; there is no build script to say so.
-const _: &[u8] = include_bytes!("../../memory.x");

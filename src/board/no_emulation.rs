@@ -2,6 +2,16 @@
 
 use leadscrew::model::{Levels, Outputs};
 
+use super::pac;
+
+/// Returns whether the firmware runs in the emulator.
+pub(super) const fn detect(_rcc: &pac::RCC) -> bool {
+    false
+}
+
+/// Starts the stand-in.
+pub(super) const fn init(_timer: &pac::TIM2, _nvic: &mut pac::NVIC) {}
+
 /// Returns whether the firmware runs in the emulator.
 pub(super) const fn is_emulated() -> bool {
     false

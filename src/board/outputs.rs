@@ -12,8 +12,8 @@ use core::sync::atomic::{AtomicU32, Ordering::Relaxed};
 use leadscrew::model::{Outputs, Spindle};
 
 use super::{
-    chosen, emulation, pins,
-    wiring::{Pin, Wiring},
+    chosen, emulation, pins, pwm,
+    wiring::{Output, Wiring},
 };
 
 /// The duty that is output.
@@ -36,9 +36,11 @@ impl SwitchOutputs {
         ];
         let off = Outputs::default();
         switch(&off);
-        pins.into_iter().flatten().for_each(Pin::make_output);
-        if let Some((pin, function)) = *pwm {
-            pin.make_alternate(function);
+        for output in pins.into_iter().flatten() {
+            output.pin.make_output();
+        }
+        if let Some(pwm) = pwm {
+            pwm.pin.make_alternate(pwm.function);
         }
         Self(off)
     }
@@ -58,7 +60,7 @@ impl SwitchOutputs {
 
 /// Switches everything off, after a fault, when no task runs any more.
 pub(super) fn switch_off() {
-    chosen::set_pulse(0);
+    pwm::set_pulse(0);
     switch(&Outputs::default());
 }
 
@@ -82,7 +84,7 @@ pub(super) fn set_duty(duty: u16) {
     let duty = u32::from(duty);
     if duty != DUTY.load(Relaxed) {
         DUTY.store(duty, Relaxed);
-        chosen::set_pulse(duty);
+        pwm::set_pulse(duty);
     }
 }
 
@@ -92,10 +94,8 @@ pub(super) fn duty() -> u32 {
     DUTY.load(Relaxed)
 }
 
-fn set(pin: Option<Pin>, high: bool) {
-    if let Some(pin) = pin {
-        let [a, b, c] = pin.word(high);
-        pins::write_a_and_b([a, b]);
-        pins::write_port_c(c);
+fn set(output: Option<Output>, on: bool) {
+    if let Some(output) = output {
+        output.pin.set(on ^ output.is_active_low);
     }
 }

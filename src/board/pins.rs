@@ -18,8 +18,8 @@ use core::{
 use leadscrew::{axis::AXES, settings::Settings, stepper::StepEvent};
 
 use super::{
-    chosen, pac,
-    wiring::{Pin, Wiring},
+    chosen,
+    wiring::{Pin, PortList, write_port},
 };
 
 /// Number of masks of axes, and the mask of all axes.
@@ -29,15 +29,15 @@ const ALL_AXES: usize = MASKS - 1;
 /// of the others are in the first half.
 const X_MASK: usize = 1;
 
-/// Number of the ports that events change: A and B, and C on boards with a direction output there.
-const PORTS: usize = if chosen::WIRING.has_directions_on_c() {
-    3
-} else {
-    2
-};
+/// The ports that events change, and their number.
+const EVENT_PORTS: PortList = chosen::WIRING.event_ports();
+const PORTS: usize = EVENT_PORTS.length;
+/// The ports of the enable outputs, and their number.
+const ENABLE_PORTS: PortList = chosen::WIRING.enable_ports();
 
-/// Whether each half of [`StepEvent::output_index`] has a table of its own.
-const HAS_HALF_TABLES: bool = AXES == 6;
+/// Whether each half of [`StepEvent::output_index`] has a table of its own: where one table would take more
+/// than 12 KiB.
+const HAS_HALF_TABLES: bool = StepEvent::OUTPUTS * PORTS * 4 > 12 * 1024;
 /// Rows of the table. With half tables: first and second halves of pulses, then of changes of
 /// direction.
 const ROWS: usize = if HAS_HALF_TABLES {
@@ -46,7 +46,7 @@ const ROWS: usize = if HAS_HALF_TABLES {
     StepEvent::OUTPUTS
 };
 
-/// Words for ports from A on.
+/// Words for the ports of events.
 type Words = [u32; PORTS];
 type Row = [AtomicU32; PORTS];
 
@@ -56,13 +56,13 @@ struct SharedWords {
     /// Written at rest by [`configure`], read by the step interrupt.
     events: [Row; ROWS],
     /// The words that disable and enable the drivers.
-    enable: [[AtomicU32; 3]; 2],
+    enable: [[AtomicU32; ENABLE_PORTS.length]; 2],
 }
 
 static SHARED: SharedWords = SharedWords {
     next: NextWords(UnsafeCell::new([0; PORTS])),
     events: [const { [const { AtomicU32::new(0) }; PORTS] }; ROWS],
-    enable: [const { [const { AtomicU32::new(0) }; 3] }; 2],
+    enable: [const { [const { AtomicU32::new(0) }; ENABLE_PORTS.length] }; 2],
 };
 
 /// Returns the words of an event.
@@ -79,7 +79,7 @@ fn words(event: StepEvent) -> Words {
     };
     let mut words = load(&SHARED.events[first + index % MASKS]);
     let second = load(&SHARED.events[first + MASKS + index / MASKS % MASKS]);
-    // wcet-bound: 3
+    // wcet-bound: 6
     for (word, second) in words.iter_mut().zip(second) {
         *word |= second;
     }
@@ -112,7 +112,7 @@ impl NextWords {
     #[expect(unsafe_code, reason = "nothing else has it meanwhile")]
     fn set(&self, words: Words) {
         let first = self.0.get().cast::<u32>();
-        // wcet-bound: 3
+        // wcet-bound: 6
         for (port, word) in words.into_iter().enumerate() {
             // SAFETY: as above; there is a word for each port.
             unsafe { first.add(port).write_volatile(word) };
@@ -131,20 +131,27 @@ pub(super) fn init(settings: &Settings) {
     // Levels first: a pin that becomes an output must not begin a pulse.
     configure(settings);
     let wiring = &chosen::WIRING;
-    for (&step, &direction) in wiring.step.iter().zip(&wiring.direction).take(AXES) {
+    for (step, direction) in wiring.step.iter().zip(&wiring.direction) {
         step.make_output();
         direction.make_output();
     }
-    wiring.enable.make_output();
+    for enable in wiring.enable {
+        enable.pin.make_output();
+    }
 }
 
 /// Outputs the words of the last [`set_next`]. For the step interrupt, or while it stands.
 #[inline]
 pub(super) fn write() {
-    let next = SHARED.next.get();
-    write_a_and_b([next[0], next[1]]);
-    if let Some(word) = next.get(2) {
-        write_port_c(*word);
+    write_events(SHARED.next.get());
+}
+
+/// Outputs a word for each port of events.
+#[inline]
+fn write_events(words: Words) {
+    // wcet-bound: 6
+    for (index, word) in words.into_iter().enumerate() {
+        write_port(EVENT_PORTS.port(index), word);
     }
 }
 
@@ -160,28 +167,23 @@ pub(super) fn set_next(event: StepEvent) {
     SHARED.next.set(words(event));
 }
 
-impl Wiring {
-    /// Returns the words that drive the pins of some axes: high for axes in `high`, otherwise low.
-    fn words(pins: &[Pin; 6], axes: usize, high: usize) -> [u32; 3] {
-        let mut words = [0; 3];
-        for (axis, pin) in pins.iter().enumerate().take(AXES) {
-            if axes >> axis & 1 != 0 {
-                merge(&mut words, pin.word(high >> axis & 1 != 0));
-            }
+/// Returns the words that drive the pins of some axes: high for axes in `high`, otherwise low.
+fn words_of(pins: &[Pin; AXES], axes: usize, high: usize) -> Words {
+    let mut words = [0; PORTS];
+    for (axis, pin) in pins.iter().enumerate() {
+        if axes >> axis & 1 != 0 {
+            add(&mut words, &EVENT_PORTS, *pin, high >> axis & 1 != 0);
         }
-        words
     }
+    words
+}
 
-    /// Returns whether an axis has its direction output on port C.
-    const fn has_directions_on_c(&self) -> bool {
-        let mut axis = 0;
-        while axis < AXES {
-            if matches!(self.direction[axis], Pin::C(_)) {
-                return true;
-            }
-            axis += 1;
+/// Adds to the words of some ports that which drives a pin.
+fn add(words: &mut [u32], ports: &PortList, pin: Pin, high: bool) {
+    for (index, word) in words.iter_mut().enumerate() {
+        if ports.port(index) == pin.port() {
+            *word |= pin.word(high);
         }
-        false
     }
 }
 
@@ -233,11 +235,14 @@ fn configure(settings: &Settings) {
     let reversed = usize::from(settings.direction_invert);
     let directions = |axes: usize, negative: u8| {
         let high = usize::from(negative) ^ reversed;
-        Wiring::words(&wiring.direction, axes, high)
+        words_of(&wiring.direction, axes, high)
     };
     let pulse = |raise: usize, drop: usize| {
-        let mut levels = Wiring::words(&wiring.step, raise, !active_low);
-        merge(&mut levels, Wiring::words(&wiring.step, drop, active_low));
+        let mut levels = words_of(&wiring.step, raise, !active_low);
+        let dropped = words_of(&wiring.step, drop, active_low);
+        for (word, dropped) in levels.iter_mut().zip(dropped) {
+            *word |= dropped;
+        }
         levels
     };
     for (row, words) in SHARED.events.iter().enumerate() {
@@ -258,52 +263,28 @@ fn configure(settings: &Settings) {
         };
         store(words, &levels);
     }
-    let [off, on] = &SHARED.enable;
-    store(off, &wiring.enable.word(!settings.enable_invert));
-    store(on, &wiring.enable.word(settings.enable_invert));
-    let low = words(StepEvent::new(0, 0, u32::MAX));
-    write_a_and_b([low[0], low[1]]);
+    for (words, on) in SHARED.enable.iter().zip([false, true]) {
+        let mut levels = [0; ENABLE_PORTS.length];
+        for output in wiring.enable {
+            let high = on ^ output.is_active_low ^ settings.enable_invert;
+            add(&mut levels, &ENABLE_PORTS, output.pin, high);
+        }
+        store(words, &levels);
+    }
+    write_events(words(StepEvent::new(0, 0, u32::MAX)));
     enable(IS_ENABLED.load(Relaxed));
 }
 
 /// Enables or disables all drivers.
 pub(super) fn enable(on: bool) {
     IS_ENABLED.store(on, Relaxed);
-    let [a, b, c] = &SHARED.enable[usize::from(on)];
-    write_a_and_b([a.load(Relaxed), b.load(Relaxed)]);
-    write_port_c(c.load(Relaxed));
-}
-
-fn merge(words: &mut [u32; 3], with: [u32; 3]) {
-    for (word, with) in words.iter_mut().zip(with) {
-        *word |= with;
+    for (index, word) in SHARED.enable[usize::from(on)].iter().enumerate() {
+        write_port(ENABLE_PORTS.port(index), word.load(Relaxed));
     }
 }
 
-fn store(to: &[AtomicU32], words: &[u32; 3]) {
+fn store(to: &[AtomicU32], words: &[u32]) {
     for (to, word) in to.iter().zip(words) {
         to.store(*word, Relaxed);
-    }
-}
-
-/// Sets and resets pins of ports A and B.
-#[inline]
-#[expect(unsafe_code, reason = "raw words for the ports' set/reset registers")]
-pub(super) fn write_a_and_b([a, b]: [u32; 2]) {
-    // SAFETY: a write to BSRR is atomic and changes only the pins whose bits are set: pins of
-    // `WIRING`, which nothing else drives.
-    unsafe {
-        (*pac::GPIOA::ptr()).bsrr().write(|w| w.bits(a));
-        (*pac::GPIOB::ptr()).bsrr().write(|w| w.bits(b));
-    }
-}
-
-/// Sets and resets pins of port C.
-#[inline]
-#[expect(unsafe_code, reason = "raw words for the port's set/reset register")]
-pub(super) fn write_port_c(word: u32) {
-    // SAFETY: as in `write_a_and_b`.
-    unsafe {
-        (*pac::GPIOC::ptr()).bsrr().write(|w| w.bits(word));
     }
 }

@@ -111,7 +111,7 @@ pub(super) fn stand_in() -> Activation<STAND_IN> {
 pub(super) fn release(vector: Interrupt) {
     let task = match vector {
         SEGMENT_START => SEGMENT_START_TASK,
-        Interrupt::TIM7 => INPUTS,
+        Interrupt::TIM1_UP_TIM10 => INPUTS,
         PREPARE => PREPARE_TASK,
         _ => return,
     };

@@ -4,150 +4,222 @@
 
 use leadscrew::{axis::AXES, model::Levels};
 
-use super::{chosen, pac};
-
-/// A pin of ports A, B or C.
+/// A pin.
 #[derive(Clone, Copy, PartialEq, Eq)]
-pub(super) enum Pin {
-    /// Port A.
-    A(u8),
-    /// Port B.
-    B(u8),
-    /// Port C.
-    C(u8),
+pub(super) struct Pin {
+    /// The port, 0 for A.
+    port: u8,
+    /// The number in the port.
+    number: u8,
 }
 
-/// The pins of all functions.
+/// An output with its active level.
+#[derive(Clone, Copy)]
+pub(super) struct Output {
+    pub(super) pin: Pin,
+    pub(super) is_active_low: bool,
+}
+
+/// An input with the level of a closed contact.
+pub(super) struct Input {
+    pub(super) levels: Levels,
+    pub(super) pin: Pin,
+    pub(super) is_active_low: bool,
+    pub(super) pull: Pull,
+}
+
+/// The resistor of an input.
+#[derive(Clone, Copy)]
+#[expect(dead_code, reason = "a board has some of them")]
+pub(super) enum Pull {
+    /// None.
+    None = 0b00,
+    /// To the supply: high while the contact is open.
+    Up = 0b01,
+    /// To ground.
+    Down = 0b10,
+}
+
+/// The output of a timer.
+pub(super) struct Pwm {
+    pub(super) pin: Pin,
+    /// The alternate function that brings the timer to the pin.
+    pub(super) function: u32,
+    /// Address of the timer's registers.
+    pub(super) timer: usize,
+    /// Channel, 1 to 4.
+    pub(super) channel: usize,
+    /// Divider of the timer's clock.
+    pub(super) prescaler: u32,
+    /// Whether a register holds back all outputs of the timer.
+    pub(super) has_break: bool,
+}
+
+/// A sector of the journal of settings.
+pub(super) struct JournalPage {
+    pub(super) sector: u8,
+    pub(super) address: usize,
+}
+
+/// The clocks and pins of all functions.
 pub(super) struct Wiring {
-    /// Step outputs, on ports A and B only.
-    pub(super) step: [Pin; 6],
+    /// Frequency of the crystal.
+    pub(super) crystal_hz: u32,
+    /// Whether it is a clock signal instead.
+    pub(super) is_crystal_bypassed: bool,
+    /// Frequency of the core.
+    pub(super) core_hz: u32,
+    /// Wait states of the flash at that frequency.
+    pub(super) flash_wait_states: u8,
+    /// TX of the sender's USART, RX, and their alternate function.
+    pub(super) transmit: Pin,
+    pub(super) receive: Pin,
+    pub(super) serial_function: u32,
+    /// Step outputs.
+    pub(super) step: [Pin; AXES],
     /// Direction outputs.
-    pub(super) direction: [Pin; 6],
-    /// Enable output of all drivers, active low.
-    pub(super) enable: Pin,
-    /// Outputs of spindle and coolant, active high.
+    pub(super) direction: [Pin; AXES],
+    /// Enable outputs of the drivers.
+    pub(super) enable: &'static [Output],
+    /// Outputs of spindle and coolant.
     pub(super) accessories: AccessoryPins,
-    /// Spindle PWM, and the alternate function that brings its timer there.
-    pub(super) pwm: Option<(Pin, u32)>,
-    /// Inputs, closed when low. Of two pins with one number, only the first interrupts.
-    pub(super) inputs: &'static [(Levels, Pin)],
+    /// Spindle PWM.
+    pub(super) pwm: Option<Pwm>,
+    /// Inputs. Of two pins with one number, only the first interrupts.
+    pub(super) inputs: &'static [Input],
+    /// Pins that get a level before all others, high or low, and keep it.
+    pub(super) at_boot: &'static [(Pin, bool)],
+    /// Whether a bootloader has run before.
+    pub(super) has_bootloader: bool,
+    /// The sectors of the journal of settings.
+    pub(super) journal: [JournalPage; 2],
 }
 
 /// Outputs of spindle and coolant.
 pub(super) struct AccessoryPins {
-    /// High while the spindle turns, or the laser may shine.
-    pub(super) spindle: Option<Pin>,
-    /// High for `M4`.
-    pub(super) counter_clockwise: Option<Pin>,
+    /// Active while the spindle turns, or the laser may shine.
+    pub(super) spindle: Option<Output>,
+    /// Active for `M4`.
+    pub(super) counter_clockwise: Option<Output>,
     /// `M8`.
-    pub(super) flood: Option<Pin>,
+    pub(super) flood: Option<Output>,
     /// `M7`.
-    pub(super) mist: Option<Pin>,
+    pub(super) mist: Option<Output>,
 }
 
-/// Returns the limit switch of an axis, 0 = X.
-pub(super) const fn limit_switch(axis: u8) -> Levels {
-    Levels::limits(1 << axis)
+/// The number of ports that a chip may have: A to I.
+const PORTS: usize = 9;
+
+/// Ports in the order of their letters, and the number of each that is in use.
+pub(super) struct PortList {
+    ports: [u8; PORTS],
+    pub(super) length: usize,
+}
+
+impl PortList {
+    /// Returns an empty list.
+    const fn new() -> Self {
+        Self {
+            ports: [0; PORTS],
+            length: 0,
+        }
+    }
+
+    /// Returns the list with the ports of some pins, a bit for each port.
+    const fn of(bits: u16) -> Self {
+        let mut list = Self::new();
+        let mut port = 0;
+        while port < PORTS {
+            if bits >> port & 1 != 0 {
+                list.ports[list.length] = port as u8;
+                list.length += 1;
+            }
+            port += 1;
+        }
+        list
+    }
+
+    /// Returns the index of a port of the list.
+    #[inline]
+    pub(super) const fn index(&self, port: u8) -> usize {
+        let mut index = 0;
+        while self.ports[index] != port {
+            index += 1;
+        }
+        index
+    }
+
+    /// Returns the port at an index below the length.
+    pub(super) const fn port(&self, index: usize) -> u8 {
+        self.ports[index]
+    }
 }
 
 impl Wiring {
-    /// Returns whether all step outputs are on ports A and B, which alone are written at a step.
-    pub(super) const fn has_steps_on_a_and_b(&self) -> bool {
+    /// Returns the ports of steps and directions.
+    pub(super) const fn event_ports(&self) -> PortList {
+        let mut bits = 0;
         let mut axis = 0;
         while axis < AXES {
-            if matches!(self.step[axis], Pin::C(_)) {
-                return false;
-            }
+            bits |= 1 << self.step[axis].port | 1 << self.direction[axis].port;
             axis += 1;
         }
-        true
+        PortList::of(bits)
     }
 
-    /// Returns whether no pin has two functions.
-    pub(super) const fn uses_each_pin_once(&self) -> bool {
-        let mut used = UsedPins([0; 3]);
-        let mut is_free = used.add(self.enable);
-        let mut axis = 0;
-        while axis < AXES {
-            is_free &= used.add(self.step[axis]) && used.add(self.direction[axis]);
-            axis += 1;
+    /// Returns the ports of the enable outputs.
+    pub(super) const fn enable_ports(&self) -> PortList {
+        let mut bits = 0;
+        let mut index = 0;
+        while index < self.enable.len() {
+            bits |= 1 << self.enable[index].pin.port;
+            index += 1;
         }
-        let accessories = &self.accessories;
-        let mut outputs = [
-            accessories.spindle,
-            accessories.counter_clockwise,
-            accessories.flood,
-            accessories.mist,
-            None,
-        ];
-        if let Some((pin, _)) = self.pwm {
-            outputs[4] = Some(pin);
+        PortList::of(bits)
+    }
+
+    /// Returns the ports of the inputs.
+    pub(super) const fn input_ports(&self) -> PortList {
+        let mut bits = 0;
+        let mut index = 0;
+        while index < self.inputs.len() {
+            bits |= 1 << self.inputs[index].pin.port;
+            index += 1;
         }
-        let mut output = 0;
-        while output < outputs.len() {
-            if let Some(pin) = outputs[output] {
-                is_free &= used.add(pin);
-            }
-            output += 1;
-        }
-        let mut input = 0;
-        while input < self.inputs.len() {
-            is_free &= used.add(self.inputs[input].1);
-            input += 1;
-        }
-        is_free
+        PortList::of(bits)
     }
 }
-
-/// The pins that have a function, a bit for each number of each port.
-struct UsedPins([u16; 3]);
-
-impl UsedPins {
-    /// Adds a pin. Returns whether it had no function.
-    const fn add(&mut self, pin: Pin) -> bool {
-        let (port, number) = pin.port_and_number();
-        let is_free = self.0[port] & 1 << number == 0;
-        self.0[port] |= 1 << number;
-        is_free
-    }
-}
-
-const _: () = assert!(
-    chosen::WIRING.has_steps_on_a_and_b(),
-    "a step output is on port C, which `pins::write` does not write at a step"
-);
-const _: () = assert!(
-    chosen::WIRING.uses_each_pin_once(),
-    "a pin of the wiring has two functions"
-);
 
 impl Pin {
-    /// Returns the port, A = 0, and the number in it.
-    pub(super) const fn port_and_number(self) -> (usize, u8) {
-        match self {
-            Self::A(number) => (0, number),
-            Self::B(number) => (1, number),
-            Self::C(number) => (2, number),
+    /// Returns the pin of a port, `'A'` to `'I'`, and a number.
+    pub(super) const fn new(port: char, number: u8) -> Self {
+        let port = port as u8 - b'A';
+        assert!((port as usize) < PORTS && number < 16);
+        Self { port, number }
+    }
+
+    /// Returns the port, A = 0.
+    pub(super) const fn port(self) -> u8 {
+        self.port
+    }
+
+    /// Returns the number in the port.
+    pub(super) const fn number(self) -> u8 {
+        self.number
+    }
+
+    /// Returns the word for the port's set/reset register that drives the pin.
+    pub(super) const fn word(self, high: bool) -> u32 {
+        if high {
+            1 << self.number
+        } else {
+            1 << self.number << 16
         }
     }
 
-    /// Returns the word for each port's set/reset register that drives the pin.
-    pub(super) const fn word(self, high: bool) -> [u32; 3] {
-        let (port, number) = self.port_and_number();
-        let mut words = [0; 3];
-        words[port] = if high { 1 << number } else { 1 << number << 16 };
-        words
-    }
-
-    /// Returns whether the pin is low, from the levels of the ports.
-    #[inline]
-    pub(super) const fn is_low(self, [a, b, c]: [u32; 3]) -> bool {
-        let (level, number) = match self {
-            Self::A(number) => (a, number),
-            Self::B(number) => (b, number),
-            Self::C(number) => (c, number),
-        };
-        level & 1 << number == 0
+    /// Drives the pin.
+    pub(super) fn set(self, high: bool) {
+        write_port(self.port, self.word(high));
     }
 
     /// Makes the pin a push-pull output.
@@ -155,9 +227,9 @@ impl Pin {
         self.set_field(MODER, 2, 0b01);
     }
 
-    /// Makes the pin an input with a pull-up: high while its contact is open.
-    pub(super) fn make_input(self) {
-        self.set_field(PUPDR, 2, 0b01);
+    /// Makes the pin an input with a resistor.
+    pub(super) fn make_input(self, pull: Pull) {
+        self.set_field(PUPDR, 2, pull as u32);
         self.set_field(MODER, 2, 0b00);
     }
 
@@ -171,18 +243,13 @@ impl Pin {
     /// are wide.
     #[expect(unsafe_code, reason = "pins are chosen by a table, not by type")]
     fn set_field(self, register: usize, width: u32, value: u32) {
-        let (port, number) = self.port_and_number();
-        let bit = u32::from(number) * width;
-        let first = [
-            pac::GPIOA::ptr().cast::<u32>(),
-            pac::GPIOB::ptr().cast(),
-            pac::GPIOC::ptr().cast(),
-        ][port];
+        let bit = u32::from(self.number) * width;
+        let first = register_of(self.port, 0);
         let mask = (1 << width) - 1;
         // SAFETY: the register exists. `init` alone calls this, before any task runs, for pins of
         // the wiring, which nothing else uses; only the pin's field changes.
         unsafe {
-            let register = first.cast_mut().add(register + (bit / 32) as usize);
+            let register = first.add(register + (bit / 32) as usize);
             let others = register.read_volatile() & !(mask << (bit % 32));
             register.write_volatile(others | value << (bit % 32));
         }
@@ -192,4 +259,33 @@ impl Pin {
 /// Registers of a port, in words from its first.
 const MODER: usize = 0;
 const PUPDR: usize = 3;
+const IDR: usize = 4;
+const BSRR: usize = 6;
 const AFR: usize = 8;
+
+/// The registers of port A, and the bytes from one port's to the next's: RM0090 2.3.
+const FIRST_PORT: usize = 0x4002_0000;
+const PORT_BYTES: usize = 0x400;
+
+/// Returns the address of a register of a port.
+#[inline]
+const fn register_of(port: u8, register: usize) -> *mut u32 {
+    (FIRST_PORT + PORT_BYTES * port as usize + 4 * register) as *mut u32
+}
+
+/// Sets and resets pins of a port.
+#[inline]
+#[expect(unsafe_code, reason = "a port by its number")]
+pub(super) fn write_port(port: u8, word: u32) {
+    // SAFETY: a write to BSRR is atomic and changes only the pins whose bits are set: pins of the wiring, which
+    // nothing else drives. The chip has the port: `build.rs` has looked.
+    unsafe { register_of(port, BSRR).write_volatile(word) };
+}
+
+/// Returns the levels of a port's pins.
+#[inline]
+#[expect(unsafe_code, reason = "a port by its number")]
+pub(super) fn read_port(port: u8) -> u32 {
+    // SAFETY: reads a register without side effects of a port that the chip has.
+    unsafe { register_of(port, IDR).read_volatile() }
+}

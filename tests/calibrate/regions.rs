@@ -16,7 +16,7 @@ const REGISTERS: [(&str, u32, u32); 4] = [
 ];
 /// The start of the flash, and of the memory that the processor alone reaches.
 const FLASH: u32 = 0x0800_0000;
-#[cfg(feature = "board-netduino-plus-2")]
+#[cfg(feature = "chip-f405")]
 const CORE_MEMORY: u32 = 0x1000_0000;
 
 /// Measures every region.
@@ -31,7 +31,7 @@ pub(crate) fn measure(samples: &mut Samples) {
         let sample = sample!(1, "str {a}, [{p}]", a = in(reg) 0, p = in(reg) to_write,);
         samples.put(class, "write", &sample);
     }
-    #[cfg(feature = "board-netduino-plus-2")]
+    #[cfg(feature = "chip-f405")]
     {
         let sample = sample!(1, "ldr {a}, [{p}]", a = out(reg) _, p = in(reg) CORE_MEMORY,);
         samples.put("ccm", "read", &sample);

@@ -5,9 +5,9 @@
 
 use crate::board::flash::BOTH;
 
-/// Behind the RAM that `memory.x` names, in the 192 KiB that the emulated chip has.
-const FIRST: *mut u8 = 0x2001_8000 as *mut u8;
-const _: () = assert!(BOTH <= 96 * 1024);
+/// Behind the RAM of the board's chip, in the 192 KiB that the emulated one has.
+const FIRST: *mut u8 = 0x2002_0000 as *mut u8;
+const _: () = assert!(BOTH <= 64 * 1024);
 
 /// Reads bytes; the caller of this and of the functions below has checked the range.
 #[expect(unsafe_code, reason = "memory that no program uses")]

@@ -26,7 +26,7 @@ pub fn firmware(board: &Board) -> Result<PathBuf> {
 pub fn image(board: &Board, options: &[&str]) -> Result<Vec<u8>> {
     cargo::need_target()?;
     let mut command = cargo::cargo(&["build", "--release", "--bin", "leadscrew"]);
-    command.args(cargo::for_board(&board.name));
+    board.compile(&mut command);
     cargo::wait(command.args(options))?;
     let built = cargo::target_dir().join(cargo::TARGET);
     read(&built.join("release/leadscrew"))

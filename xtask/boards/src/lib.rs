@@ -1,4 +1,4 @@
-//! The boards, as `[package.metadata.board.*]` in `Cargo.toml` lists them, and the firmware of each.
+//! The boards of `boards/`, and the firmware of each.
 #![allow(
     clippy::missing_errors_doc,
     clippy::must_use_candidate,
@@ -7,64 +7,55 @@
 
 pub mod compile;
 
-use std::{fmt::Write as _, process::Command};
+use std::{fmt::Write as _, ops::Deref, path::Path, process::Command};
 
-use anyhow::{Context, Result, bail, ensure};
+use anyhow::{Context, Result, bail};
 use common::cargo;
-use serde::Deserialize;
-use serde_json::Value;
 
 /// A board the firmware can be built for.
-#[derive(Debug, Clone, Deserialize)]
-pub struct Board {
-    /// The `board-` feature, without the prefix.
-    #[serde(skip)]
-    pub name: String,
-    /// What probe-rs calls the chip.
-    pub chip: String,
-    /// The QEMU machine that emulates it.
-    pub qemu: Option<String>,
+#[derive(Debug, Clone)]
+pub struct Board(board_data::Board);
+
+impl Deref for Board {
+    type Target = board_data::Board;
+
+    fn deref(&self) -> &Self::Target {
+        &self.0
+    }
+}
+
+impl Board {
+    /// Makes a Cargo command compile for the board.
+    pub fn compile<'a>(&self, command: &'a mut Command) -> &'a mut Command {
+        self.compile_into(&cargo::target_dir(), command)
+    }
+
+    /// The same into another folder than that of the project.
+    pub fn compile_into<'a>(&self, target: &Path, command: &'a mut Command) -> &'a mut Command {
+        let chip = self.feature();
+        let features = match self.qemu {
+            Some(_) => format!("{chip},emulated"),
+            None => chip,
+        };
+        cargo::compile_for(command, &self.file.to_string_lossy(), &features, target);
+        command
+    }
 }
 
 /// Every board.
 pub fn all() -> Result<Vec<Board>> {
-    let output = Command::new(cargo::program())
-        .args(["metadata", "--no-deps", "--format-version", "1"])
-        .current_dir(cargo::root())
-        .output()
-        .context("cannot start cargo metadata")?;
-    ensure!(
-        output.status.success(),
-        "cargo metadata failed: {}",
-        String::from_utf8_lossy(&output.stderr)
-    );
-    let metadata: Value = serde_json::from_slice(&output.stdout)?;
-    let packages = metadata["packages"].as_array().context("no packages")?;
-    let boards = packages
-        .iter()
-        .find_map(|package| package["metadata"]["board"].as_object())
-        .context("no [package.metadata.board.…] in Cargo.toml")?;
-    boards
-        .iter()
-        .map(|(name, board)| {
-            let board: Board = serde_json::from_value(board.clone())
-                .with_context(|| format!("[package.metadata.board.{name}] in Cargo.toml"))?;
-            Ok(Board {
-                name: name.clone(),
-                ..board
-            })
-        })
-        .collect()
+    let boards = board_data::Board::all(cargo::root())?;
+    Ok(boards.into_iter().map(Board).collect())
 }
 
-/// The board called `name`.
+/// The board of a name, or of a file: a path that ends in `.toml`.
 pub fn named(name: &str) -> Result<Board> {
-    let boards = all()?;
-    if let Some(board) = boards.iter().find(|board| board.name == name) {
-        return Ok(board.clone());
+    let file = board_data::Board::path(name, cargo::root());
+    if file.is_file() {
+        return Ok(Board(board_data::Board::read(&file, cargo::root())?));
     }
     let mut known = String::new();
-    for board in &boards {
+    for board in &all()? {
         write!(known, "\n  {}", board.name)?;
     }
     bail!("there is no board {name:?}; the boards are{known}")
@@ -80,5 +71,5 @@ pub fn emulated() -> Result<(Board, String)> {
     all()?
         .into_iter()
         .find_map(|board| board.qemu.clone().map(|machine| (board, machine)))
-        .context("no board in Cargo.toml names a QEMU machine")
+        .context("no board names a QEMU machine")
 }

@@ -27,6 +27,9 @@ pub fn root() -> &'static Path {
 /// The environment variable with more features of the firmware, as `reprap`.
 pub const FEATURES: &str = "LEADSCREW_FEATURES";
 
+/// The environment variable with the board of a build.
+const BOARD: &str = "LEADSCREW_BOARD";
+
 /// What was asked for in this program.
 static ASKED: OnceLock<u8> = OnceLock::new();
 
@@ -77,29 +80,21 @@ pub fn cargo<A: AsRef<str>>(arguments: &[A]) -> Command {
     command
 }
 
-/// The options that make Cargo compile for `board`, with as many axes as were asked for.
-pub fn for_board(board: &str) -> [String; 7] {
-    for_board_with(board, axes())
-}
-
-/// The same for a number of axes.
-pub fn for_board_with(board: &str, axes: u8) -> [String; 7] {
-    let mut features = match axes {
-        3 => format!("board-{board}"),
-        axes => format!("board-{board},axes-{axes}"),
-    };
+/// Makes a Cargo command compile the firmware for a board: its file's name or path, and the features of its
+/// chip, with as many axes as were asked for.
+pub fn compile_for(command: &mut Command, board: &str, features: &str, target_dir: &Path) {
+    let mut features = features.to_owned();
+    if axes() != 3 {
+        features = format!("{features},axes-{}", axes());
+    }
     if let Ok(more) = env::var(FEATURES) {
         features = format!("{features},{more}");
     }
-    [
-        "--target".into(),
-        TARGET.into(),
-        "--target-dir".into(),
-        target_dir_for(axes).to_string_lossy().into_owned(),
-        "--no-default-features".into(),
-        "--features".into(),
-        features,
-    ]
+    command
+        .args(["--target", TARGET, "--target-dir"])
+        .arg(target_dir)
+        .args(["--no-default-features", "--features", &features])
+        .env(BOARD, board);
 }
 
 /// Runs a command to its end, and fails when it does.

@@ -1,6 +1,6 @@
 //! The checker of `schedule` as an observer.
 //!
-//! Arguments: `elf`, `root` (the project), `board`, `axes`, and, where they are not those of
+//! Arguments: `elf`, `root` (the project), `board`, its `clock`, `axes`, and, where they are not those of
 //! `schedule.toml`, `rate` and `baud`.
 
 use std::path::{Path, PathBuf};
@@ -33,6 +33,7 @@ impl Follower {
             elf: &elf,
             root: Path::new(value(arguments, "root")?),
             board: value(arguments, "board")?,
+            clock: value(arguments, "clock")?.parse()?,
             axes: number("axes")?.unwrap_or(3) as u8,
             step_rate_hz: number("rate")?,
             baud: number("baud")?,

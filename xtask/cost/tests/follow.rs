@@ -54,7 +54,7 @@ fn run(source: &str) -> Option<Summary> {
     }
     let out = folder.join("summary.json");
     let plugin = format!(
-        "{},elf={},root={},board=emulated,axes=3,out={}",
+        "{},elf={},root={},board=emulated,clock=168/5/4/2,axes=3,out={}",
         support::plugin().display(),
         elf.display(),
         folder.display(),

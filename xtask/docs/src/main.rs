@@ -1,5 +1,7 @@
 //! `cargo xtask docs`: the documents that are made from the code's tables.
 
+mod pins;
+
 use std::{fmt::Write as _, fs, path::Path, process::ExitCode};
 
 use anyhow::{Context, Result, bail};
@@ -29,11 +31,12 @@ struct Options {
 type Document = (&'static str, fn() -> Result<String>);
 
 /// Every document.
-const DOCUMENTS: [Document; 4] = [
+const DOCUMENTS: [Document; 5] = [
     ("docs/gcodes.md", codes_table),
     ("docs/settings.md", settings_table),
     ("docs/errors.md", errors_table),
     ("docs/conformance.md", conformance_table),
+    ("docs/pins.md", pins::table),
 ];
 
 fn conformance_table() -> Result<String> {

@@ -69,8 +69,8 @@ fn run(options: &Options) -> Result<ExitCode> {
 /// Prints a line for each board.
 fn list() -> Result<ExitCode> {
     for board in boards::all()? {
-        let emulated = board.qemu.map_or("", |_| " emulated");
-        println!("{}{emulated}", board.name);
+        let emulated = board.qemu.as_ref().map_or("", |_| " emulated");
+        println!("{} {}{emulated}", board.name, board.feature());
     }
     Ok(ExitCode::SUCCESS)
 }

@@ -10,10 +10,9 @@ use std::{
 use sha2::{Digest, Sha256};
 
 use crate::{
-    Annotations, App, Cache, Config, Curve, Flaw, Image, Model, Place, Program, Report, Rule,
-    Stream, Task, UndeadlinedWait, Window,
+    Annotations, App, Cache, Clock, Config, Curve, Flaw, Image, Model, Place, Program, Report,
+    Rule, Stream, Task, UndeadlinedWait, Window,
     calibration::Measured,
-    config::BoardConfig,
     crosscheck::Crosscheck,
     edge, findings,
     model::OUTSTANDING_TRANSFER,
@@ -43,6 +42,8 @@ pub struct Input<'a> {
     pub root: &'a Path,
     /// Name of the board.
     pub board: &'a str,
+    /// Its clocks.
+    pub clock: Clock,
     /// Axes that the program is built for.
     pub axes: u8,
     /// Step rate of the table; without it, that of `schedule.toml`.
@@ -62,8 +63,7 @@ pub fn analyse(input: &Input<'_>) -> Result<Report, String> {
     let sources = Sources::read(input)?;
     let (app, config) = (&sources.app, &sources.config);
     let program = Program::new(&sources.image, &sources.annotations);
-    let board = sources.board(input.board)?;
-    let mut model = Model::new(&board.clock);
+    let mut model = Model::new(&input.clock);
     let mut flaws = Vec::new();
     if let Some(measured) = &input.measured {
         for class in model.calibrate(&measured.cycles) {
@@ -75,7 +75,7 @@ pub fn analyse(input: &Input<'_>) -> Result<Report, String> {
         &program,
         app,
         config,
-        (board.clock, model),
+        (input.clock, model),
         input.axes,
         &mut flaws,
     );
@@ -89,7 +89,7 @@ pub fn analyse(input: &Input<'_>) -> Result<Report, String> {
             .as_ref()
             .map(|measured| measured.file.clone()),
         axes: input.axes,
-        clock_hz: board.clock.hclk_hz,
+        clock_hz: input.clock.hclk_hz,
         step_rate_hz: input.step_rate_hz.unwrap_or(config.table.step_rate_hz),
         baud: input.baud.unwrap_or(config.table.baud),
         assumptions: config.table.assumptions.clone(),
@@ -128,11 +128,6 @@ impl Sources {
             image: Image::load(input.elf).map_err(|error| error.to_string())?,
             annotations: Annotations::read(input.root).map_err(|error| error.to_string())?,
         })
-    }
-
-    pub(crate) fn board(&self, name: &str) -> Result<&BoardConfig, String> {
-        let board = self.config.board.get(name);
-        board.ok_or_else(|| format!("schedule.toml: no board `{name}`"))
     }
 }
 

@@ -10,8 +10,6 @@ use crate::{Clock, Formula, formula::Names};
 #[derive(Debug, Clone, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Config {
-    /// The boards.
-    pub board: BTreeMap<String, BoardConfig>,
     /// What the report must show.
     pub require: Require,
     /// Limits that are not times.
@@ -74,14 +72,6 @@ pub struct Replay {
     /// Most that the bound of a task may be above what is observed of it, each observed cycle.
     #[serde(default)]
     pub ratio: BTreeMap<String, f64>,
-}
-
-/// A board.
-#[derive(Debug, Clone, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct BoardConfig {
-    /// Its clocks.
-    pub clock: Clock,
 }
 
 /// What must be reached.

@@ -5,9 +5,7 @@
 //! prefetch a miss costs the wait states. Nothing is credited that the manuals do not promise: no
 //! pipelined loads, no folded `IT`, no tail-chaining, full price for instructions that an `IT` skips.
 
-use std::collections::BTreeMap;
-
-use serde::Deserialize;
+use std::{collections::BTreeMap, str::FromStr};
 
 use crate::{Block, Instruction, Operation, Region};
 
@@ -29,8 +27,7 @@ pub(crate) const RESTART: u64 = 17;
 pub(crate) const RETRY: u64 = 20;
 
 /// The clocks of a board.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
-#[serde(deny_unknown_fields)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Clock {
     /// Clock of the core, Hz.
     pub hclk_hz: u64,
@@ -46,6 +43,30 @@ pub struct Clock {
     pub apb2_div: u64,
     /// Wait of an access to SRAM or a port while DMA is active.
     pub dma_wait: u64,
+}
+
+impl FromStr for Clock {
+    type Err = String;
+
+    /// Reads the core's MHz, the wait states of the flash, and the divisions of both buses: `168/5/4/2`. The step
+    /// timer counts half cycles of the core, flash is read without prefetch, and nothing but the processor is on
+    /// the bus.
+    fn from_str(text: &str) -> Result<Self, String> {
+        let numbers: Result<Vec<u64>, _> = text.split('/').map(str::parse).collect();
+        let Ok([mhz, flash_wait_states, apb1_div, apb2_div]) = numbers.as_deref() else {
+            return Err(format!("{text:?} is no clock, as 168/5/4/2 is"));
+        };
+        let hclk_hz = mhz * 1_000_000;
+        Ok(Self {
+            hclk_hz,
+            timer_hz: hclk_hz / 2,
+            flash_wait_states: *flash_wait_states,
+            prefetch: false,
+            apb1_div: *apb1_div,
+            apb2_div: *apb2_div,
+            dma_wait: 0,
+        })
+    }
 }
 
 /// What is assumed of the instruction cache.

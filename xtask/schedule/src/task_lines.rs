@@ -13,8 +13,7 @@ use crate::{Input, Model, Program, analyse::Sources, system::System};
 pub fn lines_of_tasks(input: &Input<'_>) -> Result<BTreeMap<(String, u32), Option<u8>>, String> {
     let sources = Sources::read(input)?;
     let program = Program::new(&sources.image, &sources.annotations);
-    let board = sources.board(input.board)?;
-    let clocks = (board.clock, Model::new(&board.clock));
+    let clocks = (input.clock, Model::new(&input.clock));
     let (app, config) = (&sources.app, &sources.config);
     let system = System::new(&program, app, config, clocks, input.axes, &mut Vec::new());
     let mut lines: BTreeMap<(String, u32), Option<u8>> = BTreeMap::new();

@@ -124,7 +124,7 @@ fn print(rows: &[Row]) {
 /// Writes the program to a board and returns what it sends.
 #[cfg(not(feature = "probe"))]
 fn on_board(board: &Board, _probe: Option<&str>) -> Result<String> {
-    bail!("this program has no probe-rs for a {}", board.chip)
+    bail!("this program has no probe-rs for a {}", board.part.probe_rs)
 }
 
 #[cfg(feature = "probe")]

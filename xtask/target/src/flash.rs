@@ -47,7 +47,7 @@ pub(crate) fn again() -> Result<ExitCode> {
 /// Without probe-rs nothing is written.
 #[cfg(not(feature = "probe"))]
 fn start(board: &Board, _probe: Option<&str>, _elf: &Path) -> Result<()> {
-    anyhow::bail!("this program has no probe-rs for a {}", board.chip)
+    anyhow::bail!("this program has no probe-rs for a {}", board.part.probe_rs)
 }
 
 #[cfg(feature = "probe")]
@@ -68,13 +68,21 @@ mod with_probe {
     pub(crate) fn start(board: &Board, probe: Option<&str>, elf: &Path) -> Result<Session> {
         let lister = Lister::new();
         let found = choose(&lister.list_all(), probe)?;
-        ui::status("Connecting", &format!("to {} with {found}", board.chip));
+        ui::status(
+            "Connecting",
+            &format!("to {} with {found}", board.part.probe_rs),
+        );
         let probe = found
             .open()
             .with_context(|| format!("cannot open the probe {found}"))?;
         let mut session = probe
-            .attach(&*board.chip, Permissions::default())
-            .with_context(|| format!("the probe finds no {}: is the board powered?", board.chip))?;
+            .attach(&*board.part.probe_rs, Permissions::default())
+            .with_context(|| {
+                format!(
+                    "the probe finds no {}: is the board powered?",
+                    board.part.probe_rs
+                )
+            })?;
         ui::status("Writing", &elf.display().to_string());
         let bar = host::output::progress(0, "bytes");
         let mut download = DownloadOptions::default();

@@ -12,7 +12,7 @@ use std::{
 use anyhow::{Context, Result, bail, ensure};
 use boards::Board;
 use common::{
-    cargo::{self, cargo, for_board},
+    cargo::{self, cargo},
     text, ui,
 };
 use emulator::semihosting;
@@ -96,7 +96,7 @@ pub(crate) fn build(board: &Board, test: &str) -> Result<PathBuf> {
     cargo::need_target()?;
     ui::status("Building", &format!("tests/{test}.rs for {}", board.name));
     let mut command = cargo(&["test", "--release", "--no-run", "--test", test]);
-    command.args(for_board(&board.name));
+    board.compile(&mut command);
     command.arg("--message-format=json-render-diagnostics");
     let output = command
         .stderr(process::Stdio::inherit())

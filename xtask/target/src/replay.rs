@@ -48,6 +48,7 @@ pub(crate) fn run(options: &Options) -> Result<ExitCode> {
         argument("elf", &elf.to_string_lossy()),
         argument("root", &cargo::root().to_string_lossy()),
         argument("board", &options.board),
+        argument("clock", &emulated.chip.clocks.to_string()),
         argument("axes", &cargo::axes().to_string()),
         argument("rate", &options.step_rate.to_string()),
         argument("baud", &options.baud.to_string()),

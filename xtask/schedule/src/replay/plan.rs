@@ -63,8 +63,7 @@ impl Plan {
         let image = Image::load(input.elf).map_err(|error| error.to_string())?;
         let annotations = Annotations::read(input.root).map_err(|error| error.to_string())?;
         let program = Program::new(&image, &annotations);
-        let board = config.board.get(input.board);
-        let clock = board.ok_or("schedule.toml: no such board")?.clock;
+        let clock = input.clock;
         let mut model = Model::new(&clock);
         if let Some(measured) = &input.measured {
             model.calibrate(&measured.cycles);

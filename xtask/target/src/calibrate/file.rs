@@ -26,7 +26,7 @@ struct Calibration {
 pub(super) fn write(board: &Board, rows: &[Row]) -> Result<PathBuf> {
     let calibration = Calibration {
         board: board.name.clone(),
-        chip: board.chip.clone(),
+        chip: board.part.probe_rs.clone(),
         cycles: rows
             .iter()
             .map(|row| (row.class.clone(), row.measured))

@@ -24,7 +24,7 @@ use boards::{Board, compile};
 use clap::Parser;
 use common::{BAUD, cargo, text::row, tools, ui, whole_thousands};
 use owo_colors::OwoColorize;
-use schedule::{Config, Input, Measured, Model, Report, Rule, replay::Summary};
+use schedule::{Clock, Config, Input, Measured, Model, Report, Rule, replay::Summary};
 
 use verdict::Verdict;
 
@@ -98,7 +98,7 @@ fn main() -> ExitCode {
 fn run(options: &Options) -> Result<ExitCode> {
     let board = boards::named(&options.board)?;
     if options.table {
-        return table(&board.name);
+        return table(&board);
     }
     if let Some(count) = options.mutants {
         let are_found = mutants::run(&board, count, options.seed, options.write)?;
@@ -112,7 +112,7 @@ fn run(options: &Options) -> Result<ExitCode> {
         Some(elf) => elf.clone(),
         None => compile::firmware(&board)?,
     };
-    let report = analyse(&elf, options)?;
+    let report = analyse(&elf, &board, options)?;
     if options.rate {
         println!("{}", rate(&report)?);
         return Ok(ExitCode::SUCCESS);
@@ -144,15 +144,16 @@ fn run(options: &Options) -> Result<ExitCode> {
 }
 
 /// The report on a program.
-fn analyse(elf: &Path, options: &Options) -> Result<Report> {
+fn analyse(elf: &Path, board: &Board, options: &Options) -> Result<Report> {
     let input = Input {
         elf,
         root: cargo::root(),
-        board: &options.board,
+        board: &board.name,
+        clock: clock(board)?,
         axes: cargo::axes(),
         step_rate_hz: options.step_rate,
         baud: options.baud,
-        measured: Measured::on(&options.board, cargo::root()).map_err(Error::msg)?,
+        measured: Measured::on(&board.name, cargo::root()).map_err(Error::msg)?,
     };
     schedule::analyse(&input).map_err(|error| anyhow!("{error}"))
 }
@@ -180,18 +181,16 @@ fn check(report: &Report, elf: &Path, options: &Options) -> Result<ExitCode> {
 }
 
 /// Prints the table of a board, without any calibration.
-fn table(board: &str) -> Result<ExitCode> {
-    for (class, cycles) in model(board)?.classes() {
+fn table(board: &Board) -> Result<ExitCode> {
+    for (class, cycles) in Model::new(&clock(board)?).classes() {
         println!("{class} {cycles}");
     }
     Ok(ExitCode::SUCCESS)
 }
 
-/// What is known of a board's processor.
-fn model(board: &str) -> Result<Model> {
-    let clock = config()?.board.get(board).map(|board| board.clock);
-    let clock = clock.with_context(|| format!("schedule.toml has no board {board}"))?;
-    Ok(Model::new(&clock))
+/// The clocks of a board.
+fn clock(board: &Board) -> Result<Clock> {
+    board.chip.clocks.to_string().parse().map_err(Error::msg)
 }
 
 /// What is asked of the firmware.
@@ -342,7 +341,7 @@ mod tests {
             .iter()
             .map(|file| fs::read_to_string(folder.join(file).with_extension("rs")).unwrap())
             .collect();
-        let model = model("netduino-plus-2").unwrap();
+        let model = Model::new(&"168/5/4/2".parse().unwrap());
         let classes = model.classes();
         for class in classes.keys() {
             assert!(source.contains(&format!("(\"{class}\", ")), "{class}");

@@ -20,7 +20,7 @@ use anyhow::{Context, Result, anyhow, ensure};
 use boards::Board;
 use common::{cargo, ui};
 use object::{Object, ObjectSegment};
-use schedule::{Input, Report};
+use schedule::{Clock, Input, Report};
 use serde::{Deserialize, Serialize};
 use sha2::{Digest, Sha256};
 
@@ -108,6 +108,7 @@ fn next(
 /// A copy of the project, and what is known of its mutants.
 struct Workshop<'a> {
     board: &'a Board,
+    clock: Clock,
     folder: PathBuf,
     /// The firmware's own code.
     base: Vec<u8>,
@@ -125,6 +126,7 @@ impl<'a> Workshop<'a> {
         copy(cargo::root(), &folder)?;
         let mut new = Self {
             board,
+            clock: crate::clock(board)?,
             folder,
             base: Vec::new(),
             elf: place.join("mutant.elf"),
@@ -166,6 +168,7 @@ impl<'a> Workshop<'a> {
             elf: &self.elf,
             root: &self.folder,
             board: &self.board.name,
+            clock: self.clock,
             axes: cargo::axes(),
             step_rate_hz: None,
             baud: None,
@@ -182,15 +185,7 @@ impl<'a> Workshop<'a> {
         let mut command = cargo::cargo(&["build", "--quiet", "--release", "--bin", "leadscrew"]);
         // A folder of its own: nobody is to flash a mutant that lies where the firmware does.
         let target = self.target();
-        let options = cargo::for_board(&self.board.name);
-        let mut is_target = false;
-        for option in &options {
-            if std::mem::replace(&mut is_target, option == "--target-dir") {
-                command.arg(&target);
-            } else {
-                command.arg(option);
-            }
-        }
+        self.board.compile_into(&target, &mut command);
         let output = command.current_dir(&self.folder).output();
         if !output.context("cannot start Cargo")?.status.success() {
             return Ok(false);

@@ -1,0 +1,256 @@
+//! Boards: `boards/*.toml`.
+
+use std::{
+    collections::BTreeMap,
+    env,
+    ffi::OsStr,
+    fs,
+    path::{Path, PathBuf},
+};
+
+use crate::{
+    Chip, FOLDER, Fault, Input, MemoryLayout, Part, Pin, Wiring,
+    entries::{Entries, Place},
+    wiring::{AXES, Reader},
+};
+
+/// The most axes that a machine has.
+pub const MOST_AXES: usize = AXES.len();
+/// The fewest.
+const FEWEST_AXES: usize = 3;
+
+/// A board, of which everything has been checked.
+#[derive(Debug, Clone)]
+pub struct Board {
+    /// Its name: that of its file.
+    pub name: String,
+    /// Its file.
+    pub file: PathBuf,
+    /// What its maker calls it.
+    pub title: String,
+    /// What else a user wants to know of it, a sentence.
+    pub about: String,
+    /// Where its facts are from.
+    pub sources: Vec<String>,
+    /// Its chip.
+    pub chip: Chip,
+    /// The name of its part: `F405RG`.
+    pub part_name: String,
+    /// Its part.
+    pub part: Part,
+    /// Its crystal, MHz, ...
+    pub crystal_mhz: u32,
+    /// ... or a clock signal of that frequency.
+    pub is_crystal_bypassed: bool,
+    /// The QEMU machine that emulates it.
+    pub qemu: Option<String>,
+    /// KiB of a bootloader before the program.
+    pub bootloader_kib: u32,
+    /// The name of the file that the bootloader looks for on the SD card.
+    pub bootloader_file: Option<String>,
+    /// Where program and settings are.
+    pub memory: MemoryLayout,
+    /// What is printed beside pins on the board.
+    pub labels: BTreeMap<Pin, String>,
+    /// The wiring with three axes, four and so on.
+    wirings: Vec<Wiring>,
+}
+
+impl Board {
+    /// Returns the boards of a project's folder, by name.
+    pub fn all(root: &Path) -> Result<Vec<Self>, Fault> {
+        let folder = root.join(FOLDER);
+        let listing = fs::read_dir(&folder)
+            .map_err(|error| Fault::of_file(&folder, format!("cannot be read: {error}")))?;
+        let mut files: Vec<_> = listing.flatten().map(|entry| entry.path()).collect();
+        files.retain(|file| file.extension().is_some_and(|kind| kind == "toml"));
+        files.retain(|file| file.file_name().is_some_and(|name| name != "Cargo.toml"));
+        files.sort();
+        files.iter().map(|file| Self::read(file, root)).collect()
+    }
+
+    /// Returns the path of the board of a name, or of a file.
+    pub fn path(name: &str, root: &Path) -> PathBuf {
+        let is_file = Path::new(name).extension() == Some(OsStr::new("toml"));
+        if is_file {
+            env::current_dir().unwrap_or_default().join(name)
+        } else {
+            root.join(FOLDER).join(format!("{name}.toml"))
+        }
+    }
+
+    /// Reads a board's file.
+    pub fn read(file: &Path, root: &Path) -> Result<Self, Fault> {
+        let chips = Chip::all(&root.join(FOLDER).join("chips"))?;
+        let mut entries = Entries::read(file)?;
+        let place = Place::of_file(file);
+        let chip_entry = entries.take("chip");
+        let chip_entry = chip_entry.ok_or_else(|| place.fault("`chip` is missing"))?;
+        let part_name = chip_entry.text()?.to_owned();
+        let found = chips
+            .iter()
+            .find_map(|chip| Some((chip, chip.parts.get(&part_name)?)));
+        let (chip, part) = found.ok_or_else(|| {
+            let known: Vec<_> = chips.iter().flat_map(|chip| chip.parts.keys()).collect();
+            let message = format!("chip {part_name:?} is not known; known are {known:?}");
+            chip_entry.place.fault(message)
+        })?;
+        let title = entries.take("name");
+        let title = title.ok_or_else(|| place.fault("`name` is missing"))?;
+        let about = entries.take("about");
+        let sources = entries.take("sources");
+        let (crystal_mhz, is_crystal_bypassed) = crystal(&mut entries, chip, &place)?;
+        let qemu = entries.take("qemu");
+        let (bootloader_kib, bootloader_file, memory) =
+            bootloader(&mut entries, chip, part, &place)?;
+        let labels = labels(&mut entries, part)?;
+        let wirings = wirings(&mut entries, chip, part, &place)?;
+        entries.refuse_rest(&KEYS)?;
+        let text = |entry: Option<crate::entries::Entry>| {
+            entry
+                .map(|entry| entry.text().map(str::to_owned))
+                .transpose()
+        };
+        Ok(Self {
+            name: file
+                .file_stem()
+                .unwrap_or_default()
+                .to_string_lossy()
+                .into(),
+            file: file.to_owned(),
+            title: title.text()?.to_owned(),
+            about: text(about)?.unwrap_or_default(),
+            sources: match sources {
+                Some(entry) => entry.texts()?.to_vec(),
+                None => Vec::new(),
+            },
+            chip: chip.clone(),
+            part_name,
+            part: part.clone(),
+            crystal_mhz,
+            is_crystal_bypassed,
+            qemu: text(qemu)?,
+            bootloader_kib,
+            bootloader_file,
+            memory,
+            labels,
+            wirings,
+        })
+    }
+
+    /// Returns the most axes that the board has pins for.
+    pub fn most_axes(&self) -> usize {
+        FEWEST_AXES + self.wirings.len() - 1
+    }
+
+    /// Returns the wiring with a number of axes.
+    pub fn wiring(&self, axes: usize) -> Option<&Wiring> {
+        self.wirings.get(axes.checked_sub(FEWEST_AXES)?)
+    }
+
+    /// Returns the feature of the firmware for the board's chip.
+    pub fn feature(&self) -> String {
+        format!("chip-{}", self.chip.hal)
+    }
+}
+
+/// Keys of a board but for its functions.
+const KEYS: [&str; 14] = [
+    "name",
+    "about",
+    "like",
+    "sources",
+    "chip",
+    "crystal_mhz",
+    "crystal_bypassed",
+    "qemu",
+    "bootloader.kib",
+    "bootloader.file",
+    "debug_pins",
+    "polled",
+    "labels",
+    "with_4_axes",
+];
+
+fn crystal(entries: &mut Entries, chip: &Chip, file: &Place) -> Result<(u32, bool), Fault> {
+    let entry = entries.take("crystal_mhz");
+    let entry = entry.ok_or_else(|| file.fault("`crystal_mhz` is missing"))?;
+    let mhz = entry.number()?;
+    // RM0090 7.3.2: the PLL multiplies 1 to 2 MHz; a whole number of MHz gives it 1 MHz.
+    if !(4..=26).contains(&mhz) {
+        let core_mhz = chip.clocks.core_mhz;
+        let message =
+            format!("{core_mhz} MHz cannot be made of {mhz} MHz: a crystal has 4 to 26 MHz");
+        return Err(entry.place.fault(message));
+    }
+    let bypassed = entries.take("crystal_bypassed");
+    let is_bypassed = bypassed.map_or(Ok(false), |entry| entry.truth())?;
+    Ok((mhz, is_bypassed))
+}
+
+fn bootloader(
+    entries: &mut Entries,
+    chip: &Chip,
+    part: &Part,
+    file: &Place,
+) -> Result<(u32, Option<String>, MemoryLayout), Fault> {
+    let kib = entries.take("bootloader.kib");
+    let name = entries.take("bootloader.file");
+    let (place, kib) = match kib {
+        Some(entry) => (entry.place.clone(), entry.number()?),
+        None => (file.clone(), 0),
+    };
+    let layout = MemoryLayout::of(chip, part, kib).map_err(|error| place.fault(error))?;
+    let name = name
+        .map(|entry| entry.text().map(str::to_owned))
+        .transpose()?;
+    Ok((kib, name, layout))
+}
+
+fn labels(entries: &mut Entries, part: &Part) -> Result<BTreeMap<Pin, String>, Fault> {
+    let labels = entries.take_all("labels.");
+    let labels = labels.iter().map(|(pin, entry)| {
+        let pin: Pin = pin
+            .parse()
+            .map_err(|error: String| entry.place.fault(error))?;
+        if !part.has(pin) {
+            return Err(entry.place.fault(format!("this part has no pin {pin}")));
+        }
+        Ok((pin, entry.text()?.to_owned()))
+    });
+    labels.collect()
+}
+
+/// Returns the wiring for each number of axes that the board has pins for.
+fn wirings(
+    entries: &mut Entries,
+    chip: &Chip,
+    part: &Part,
+    file: &Place,
+) -> Result<Vec<Wiring>, Fault> {
+    let debug = entries.take("debug_pins");
+    let has_debug_pins = debug.map_or(Ok(false), |entry| entry.truth())?;
+    let mut polled = Vec::new();
+    if let Some(entry) = entries.take("polled") {
+        polled = entry.texts()?.to_vec();
+        if let Some(unknown) = polled.iter().find(|key| !Input::is_key(key)) {
+            let message = format!("`{unknown}` is no input");
+            return Err(entry.place.fault(message));
+        }
+    }
+    let mut functions = Entries::default();
+    for prefix in ["axes.", "outputs.", "inputs.", "serial.", "at_boot."] {
+        functions.replace_with(&entries.take_group(prefix));
+    }
+    let mut wirings = Vec::new();
+    for axes in FEWEST_AXES..=MOST_AXES {
+        functions.replace_with(&entries.take_all(&format!("with_{axes}_axes.")));
+        let letter = AXES[axes - 1];
+        if axes > FEWEST_AXES && functions.get(&format!("axes.{letter}.step")).is_none() {
+            break;
+        }
+        let reader = Reader::new(functions.clone(), chip, part, has_debug_pins);
+        wirings.push(reader.read(axes, &polled, file)?);
+    }
+    Ok(wirings)
+}

@@ -1,0 +1,118 @@
+//! Chips: `boards/chips/*.toml`.
+
+use std::{collections::BTreeMap, fmt, fs, path::Path};
+
+use serde::Deserialize;
+
+use crate::{Fault, Pin, pin::read_range};
+
+/// A family of chips that differ in their flash and package only.
+#[derive(Debug, Clone, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Chip {
+    /// Its manual, with the sections that the numbers are from.
+    pub source: String,
+    /// The feature of the HAL for this chip; with `chip-` before it, the one of the firmware.
+    pub hal: String,
+    /// RAM in one piece from 0x2000\_0000 on, KiB.
+    pub ram_kib: u32,
+    /// Its clocks.
+    pub clocks: Clocks,
+    /// The general-purpose and advanced timers with outputs that the chip has.
+    pub timers: Vec<u8>,
+    /// The USARTs that the chip has.
+    pub usarts: Vec<u8>,
+    /// The sizes of the sectors of 1 MiB of flash, KiB; smaller parts have fewer.
+    pub sectors_kib: Vec<u32>,
+    /// The parts, by what stands behind `STM32`: `F405RG`.
+    pub parts: BTreeMap<String, Part>,
+}
+
+/// A part of a chip's family.
+#[derive(Debug, Clone, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Part {
+    /// Flash, KiB.
+    pub flash_kib: u32,
+    /// Pins of the package: `A0-15`.
+    pins: Vec<String>,
+    /// What probe-rs calls the part.
+    pub probe_rs: String,
+}
+
+/// The clocks of a chip, as fast as it runs with a clock for USB beside it.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Clocks {
+    /// The core, MHz.
+    pub core_mhz: u32,
+    /// Wait states of the flash.
+    pub flash_wait_states: u8,
+    /// Divider of the bus of USART 2 and 3 and of timers 2 to 7 and 12 to 14.
+    pub apb1_divider: u8,
+    /// Divider of the bus of USART 1 and 6 and of timers 1 and 8 to 11.
+    pub apb2_divider: u8,
+}
+
+impl Clocks {
+    /// Returns the clock of the timers of the slower bus, MHz: one tick of the step timer is a period of half
+    /// the core's clock on every chip.
+    pub fn apb1_timers_mhz(self) -> u32 {
+        self.timers_mhz(self.apb1_divider)
+    }
+
+    /// Returns the clock of the timers of the faster bus, MHz.
+    pub fn apb2_timers_mhz(self) -> u32 {
+        self.timers_mhz(self.apb2_divider)
+    }
+
+    /// RM0090 7.2: the timers have twice the clock of a bus that is divided.
+    fn timers_mhz(self, divider: u8) -> u32 {
+        match divider {
+            1 => self.core_mhz,
+            _ => self.core_mhz / u32::from(divider) * 2,
+        }
+    }
+}
+
+impl fmt::Display for Clocks {
+    /// Writes the core's MHz, the wait states, and the dividers of both buses: `168/5/4/2`.
+    fn fmt(&self, to: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Self {
+            core_mhz,
+            flash_wait_states,
+            apb1_divider,
+            apb2_divider,
+        } = self;
+        write!(
+            to,
+            "{core_mhz}/{flash_wait_states}/{apb1_divider}/{apb2_divider}"
+        )
+    }
+}
+
+impl Chip {
+    /// Returns every chip of the folder of chips.
+    pub(crate) fn all(folder: &Path) -> Result<Vec<Self>, Fault> {
+        let listing = fs::read_dir(folder)
+            .map_err(|error| Fault::of_file(folder, format!("cannot be read: {error}")))?;
+        let mut files: Vec<_> = listing.flatten().map(|entry| entry.path()).collect();
+        files.retain(|file| file.extension().is_some_and(|kind| kind == "toml"));
+        files.sort();
+        files.iter().map(|file| Self::read(file)).collect()
+    }
+
+    fn read(file: &Path) -> Result<Self, Fault> {
+        let text = fs::read_to_string(file)
+            .map_err(|error| Fault::of_file(file, format!("cannot be read: {error}")))?;
+        toml::from_str(&text).map_err(|error| Fault::of_file(file, error.to_string()))
+    }
+}
+
+impl Part {
+    /// Returns whether the package has a pin.
+    pub(crate) fn has(&self, pin: Pin) -> bool {
+        let ranges = self.pins.iter().flat_map(|range| read_range(range));
+        ranges.flatten().any(|other| other == pin)
+    }
+}

@@ -1,0 +1,114 @@
+//! Where program and settings are in the chip's flash.
+
+use crate::{Chip, Part};
+
+/// Start of the flash of every chip.
+const FLASH: u32 = 0x0800_0000;
+/// Start of the RAM of every chip.
+const RAM: u32 = 0x2000_0000;
+
+/// Where program and settings are.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct MemoryLayout {
+    /// First address of the program: its vectors.
+    pub flash_start: u32,
+    /// Bytes from there that the program may have.
+    pub flash_bytes: u32,
+    /// First address of code, where it does not follow the vectors at once.
+    pub code_start: Option<u32>,
+    /// Bytes of RAM.
+    pub ram_bytes: u32,
+    /// The two sectors of the journal of settings.
+    pub journal: [JournalPage; 2],
+}
+
+/// A sector of the journal of settings.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct JournalPage {
+    /// Number of the sector.
+    pub sector: u8,
+    /// Its first address.
+    pub address: u32,
+}
+
+impl MemoryLayout {
+    /// Returns the layout of a part, with a bootloader of some KiB before the program.
+    ///
+    /// # Errors
+    ///
+    /// If the program cannot begin behind the bootloader, or no two sectors are left for the settings.
+    pub(crate) fn of(chip: &Chip, part: &Part, bootloader_kib: u32) -> Result<Self, String> {
+        let sectors = Sectors::of(chip, part.flash_kib);
+        let end = FLASH + part.flash_kib * 1024;
+        let flash_start = FLASH + bootloader_kib * 1024;
+        let Some(first) = sectors.at(flash_start) else {
+            return Err(format!(
+                "no sector of the flash begins at {bootloader_kib} KiB"
+            ));
+        };
+        let last = sectors.0.len() - 1;
+        // Behind the program, where sectors are large enough to leave them to the settings: a bootloader writes
+        // whole sectors, and a new program must not erase the settings.
+        let is_behind = bootloader_kib != 0 && part.flash_kib >= 1024;
+        let journal = if is_behind {
+            [last - 1, last]
+        } else {
+            [first + 1, first + 2]
+        };
+        // A hole between the vectors and the code; it must leave most of the flash.
+        if !is_behind && journal[1] > 4 {
+            return Err(format!(
+                "{} KiB of flash have no two sectors for the settings behind a bootloader of {bootloader_kib} KiB",
+                part.flash_kib
+            ));
+        }
+        let page = |sector: usize| JournalPage {
+            sector: sector as u8,
+            address: sectors.0[sector],
+        };
+        let program_end = if is_behind { sectors.0[last - 1] } else { end };
+        Ok(Self {
+            flash_start,
+            flash_bytes: program_end - flash_start,
+            code_start: (!is_behind).then(|| sectors.0[journal[1] + 1]),
+            ram_bytes: chip.ram_kib * 1024,
+            journal: journal.map(page),
+        })
+    }
+
+    /// Returns whether an address is in the flash of the program.
+    pub fn is_flash(&self, address: u64) -> bool {
+        is_in(address, self.flash_start, self.flash_bytes)
+    }
+
+    /// Returns whether an address is in RAM.
+    pub fn is_ram(&self, address: u64) -> bool {
+        is_in(address, RAM, self.ram_bytes)
+    }
+}
+
+fn is_in(address: u64, start: u32, bytes: u32) -> bool {
+    let start = u64::from(start);
+    (start..start + u64::from(bytes)).contains(&address)
+}
+
+/// First addresses of a part's sectors.
+struct Sectors(Vec<u32>);
+
+impl Sectors {
+    fn of(chip: &Chip, flash_kib: u32) -> Self {
+        let mut next = FLASH;
+        let mut starts = Vec::new();
+        for kib in &chip.sectors_kib {
+            if next < FLASH + flash_kib * 1024 {
+                starts.push(next);
+            }
+            next += kib * 1024;
+        }
+        Self(starts)
+    }
+
+    fn at(&self, address: u32) -> Option<usize> {
+        self.0.iter().position(|&start| start == address)
+    }
+}

@@ -1,0 +1,206 @@
+//! A board as Rust: the constants that `src/board/` is compiled with.
+
+use std::fmt::Write as _;
+
+use crate::{Board, Input, JournalPage, Pin, Pull, SignedPin, Wiring};
+
+/// Returns the source of a board with a number of axes, for `src/board/chosen.rs`.
+///
+/// # Panics
+///
+/// If the board has no pins for that many axes.
+pub fn rust(board: &Board, axes: usize) -> String {
+    let wiring = board
+        .wiring(axes)
+        .expect("the caller has asked how many axes there are");
+    let usart = wiring.serial.usart;
+    let mut text = format!(
+        "/// The board's file.
+const _: &[u8] = include_bytes!({:?});
+
+/// The USART of the sender.
+pub(super) type Usart = pac::USART{usart};
+
+/// Clocks, pins and memory of the board.
+pub(super) static WIRING: Wiring = Wiring {{
+",
+        board.file.display().to_string()
+    );
+    for (field, value) in fields(board, wiring) {
+        let _ = writeln!(text, "    {field}: {value},");
+    }
+    text.push_str("};\n");
+    text.push_str(&functions(wiring));
+    text.push_str(&forwarding(usart));
+    text
+}
+
+/// Returns the fields of `Wiring` in `src/board/wiring.rs`.
+fn fields(board: &Board, wiring: &Wiring) -> [(&'static str, String); 16] {
+    let clocks = board.chip.clocks;
+    let accessories = format!(
+        "AccessoryPins {{ spindle: {}, counter_clockwise: {}, flood: {}, mist: {} }}",
+        optional(wiring.spindle),
+        optional(wiring.counter_clockwise),
+        optional(wiring.flood),
+        optional(wiring.mist)
+    );
+    let inputs = list(&wiring.inputs, |(function, pin)| input(*function, *pin));
+    let at_boot = list(&wiring.at_boot, |(at, high)| {
+        format!("({}, {high})", pin(*at))
+    });
+    let journal = list(&board.memory.journal, |page| {
+        let JournalPage { sector, address } = page;
+        format!(
+            "JournalPage {{ sector: {sector}, address: {} }}",
+            hexadecimal(*address)
+        )
+    });
+    [
+        ("crystal_hz", megahertz(board.crystal_mhz)),
+        ("is_crystal_bypassed", board.is_crystal_bypassed.to_string()),
+        ("core_hz", megahertz(clocks.core_mhz)),
+        ("flash_wait_states", clocks.flash_wait_states.to_string()),
+        ("transmit", pin(wiring.serial.transmit)),
+        ("receive", pin(wiring.serial.receive)),
+        (
+            "serial_function",
+            wiring.serial.alternate_function().to_string(),
+        ),
+        (
+            "step",
+            format!("[{}]", list(&wiring.step, |step| pin(*step))),
+        ),
+        (
+            "direction",
+            format!("[{}]", list(&wiring.direction, |at| pin(*at))),
+        ),
+        (
+            "enable",
+            format!("&[{}]", list(&wiring.enable, |at| output(*at))),
+        ),
+        ("accessories", accessories),
+        ("pwm", pwm(board, wiring)),
+        ("inputs", format!("&[{inputs}]")),
+        ("at_boot", format!("&[{at_boot}]")),
+        ("has_bootloader", (board.bootloader_kib != 0).to_string()),
+        ("journal", format!("[{journal}]")),
+    ]
+}
+
+/// Returns the functions that take and start the board's own peripherals.
+fn functions(wiring: &Wiring) -> String {
+    let usart = wiring.serial.usart;
+    let mut text = format!(
+        "
+/// The USART of the sender, of all peripherals.
+macro_rules! sender {{
+    ($device:ident) => {{
+        $device.USART{usart}
+    }};
+}}
+pub(super) use sender;
+
+/// Starts the clocks of the ports, of the board's USART and of its PWM.
+pub(super) fn enable_clocks(rcc: &mut Rcc) {{
+"
+    );
+    let mut started: Vec<String> = wiring
+        .ports()
+        .iter()
+        .map(|port| format!("GPIO{}", char::from(b'A' + port)))
+        .collect();
+    started.push(format!("USART{usart}"));
+    started.extend(wiring.pwm.map(|(_, output)| format!("TIM{}", output.timer)));
+    for peripheral in started {
+        let _ = writeln!(text, "    pac::{peripheral}::enable(rcc);");
+    }
+    text + "}\n"
+}
+
+/// Returns a frequency in Hz as Rust writes it.
+fn megahertz(mhz: u32) -> String {
+    format!("{mhz}_000_000")
+}
+
+/// Returns an address as Rust writes it: `0x0800_4000`.
+fn hexadecimal(address: u32) -> String {
+    format!("{:#06x}_{:04x}", address >> 16, address & 0xffff)
+}
+
+/// The task binds the vector of USART1: that of another one calls it.
+fn forwarding(usart: u8) -> String {
+    let (head, body) = if usart == 1 {
+        (String::new(), "    let _ = (nvic, priority);\n".to_owned())
+    } else {
+        (
+            format!(
+                "\nuse super::vectors;\n\nvectors::forward_vectors!(USART{usart} => USART1);\n"
+            ),
+            format!("    vectors::unmask(nvic, &[pac::Interrupt::USART{usart}], priority);\n"),
+        )
+    };
+    format!(
+        "{head}
+/// Unmasks the vector of the sender, where RTIC does not.
+pub(super) fn unmask_sender(nvic: &mut pac::NVIC, priority: u8) {{
+{body}}}
+"
+    )
+}
+
+fn list<T>(values: &[T], one: impl Fn(&T) -> String) -> String {
+    values.iter().map(one).collect::<Vec<_>>().join(", ")
+}
+
+fn pin(pin: Pin) -> String {
+    format!("Pin::new('{}', {})", pin.letter(), pin.number)
+}
+
+fn output(signed: SignedPin) -> String {
+    format!(
+        "Output {{ pin: {}, is_active_low: {} }}",
+        pin(signed.pin),
+        signed.is_active_low
+    )
+}
+
+fn optional(signed: Option<SignedPin>) -> String {
+    signed.map_or("None".into(), |signed| format!("Some({})", output(signed)))
+}
+
+fn pwm(board: &Board, wiring: &Wiring) -> String {
+    let Some((at, output)) = wiring.pwm else {
+        return "None".into();
+    };
+    format!(
+        "Some(Pwm {{ pin: {}, function: {}, timer: {}, channel: {}, prescaler: {}, has_break: {} }})",
+        pin(at),
+        output.alternate_function(),
+        hexadecimal(output.base()),
+        output.channel,
+        output.prescaler(board.chip.clocks),
+        output.has_break()
+    )
+}
+
+fn input(function: Input, signed: SignedPin) -> String {
+    let levels = match function {
+        Input::Probe => "Levels::PROBE".into(),
+        Input::Limit(axis) => format!("Levels::limits(1 << {axis})"),
+        Input::Hold => "Levels::HOLD".into(),
+        Input::Start => "Levels::START".into(),
+        Input::Door => "Levels::DOOR".into(),
+        Input::Reset => "Levels::RESET".into(),
+    };
+    let pull = match signed.pull {
+        Pull::None => "Pull::None",
+        Pull::Up => "Pull::Up",
+        Pull::Down => "Pull::Down",
+    };
+    format!(
+        "Input {{ levels: {levels}, pin: {}, is_active_low: {}, pull: {pull} }}",
+        pin(signed.pin),
+        signed.is_active_low
+    )
+}

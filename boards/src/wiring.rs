@@ -1,0 +1,388 @@
+//! The pins of a machine with some number of axes, and what cannot work of them.
+
+use std::collections::BTreeMap;
+
+use crate::{
+    Chip, Fault, Part, Pin, PwmOutput, SerialPins, SignedPin,
+    entries::{Entries, Entry, Place},
+    pin::Pull,
+};
+
+/// Letters of the axes.
+pub(crate) const AXES: [&str; 6] = ["X", "Y", "Z", "A", "B", "C"];
+/// Ports that one step event may write.
+const MOST_STEP_PORTS: usize = 6;
+
+/// An input.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+pub enum Input {
+    /// The probe.
+    Probe,
+    /// The limit switch of an axis, 0 = X.
+    Limit(u8),
+    /// Feed hold button.
+    Hold,
+    /// Cycle start button.
+    Start,
+    /// Safety door.
+    Door,
+    /// Reset button.
+    Reset,
+}
+
+impl Input {
+    /// Returns whether an input has this key.
+    pub(crate) fn is_key(key: &str) -> bool {
+        let limits = (0..AXES.len() as u8).map(Self::Limit);
+        let others = [
+            Self::Probe,
+            Self::Hold,
+            Self::Start,
+            Self::Door,
+            Self::Reset,
+        ];
+        limits.chain(others).any(|input| input.key() == key)
+    }
+
+    /// Returns the key of the input in a file.
+    pub fn key(self) -> String {
+        match self {
+            Self::Probe => "inputs.probe".into(),
+            Self::Limit(axis) => format!("axes.{}.limit", AXES[usize::from(axis)]),
+            Self::Hold => "inputs.hold".into(),
+            Self::Start => "inputs.start".into(),
+            Self::Door => "inputs.door".into(),
+            Self::Reset => "inputs.reset".into(),
+        }
+    }
+}
+
+/// The pins of a machine.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Wiring {
+    /// Step outputs, X first.
+    pub step: Vec<Pin>,
+    /// Direction outputs.
+    pub direction: Vec<Pin>,
+    /// Outputs that enable drivers.
+    pub enable: Vec<SignedPin>,
+    /// High while the spindle turns, or the laser may shine.
+    pub spindle: Option<SignedPin>,
+    /// Active for `M4`.
+    pub counter_clockwise: Option<SignedPin>,
+    /// `M8`.
+    pub flood: Option<SignedPin>,
+    /// `M7`.
+    pub mist: Option<SignedPin>,
+    /// Spindle PWM.
+    pub pwm: Option<(Pin, PwmOutput)>,
+    /// Inputs. Of those that share an interrupt line, only the first interrupts.
+    pub inputs: Vec<(Input, SignedPin)>,
+    /// Pins that get a level before all others, and keep it.
+    pub at_boot: Vec<(Pin, bool)>,
+    /// The sender's.
+    pub serial: SerialPins,
+}
+
+impl Wiring {
+    /// Returns the ports that step events write, 0 = A.
+    pub fn step_ports(&self) -> Vec<u8> {
+        let pins: Vec<Pin> = self.step.iter().chain(&self.direction).copied().collect();
+        ports(&pins)
+    }
+
+    /// Returns the ports of all pins, 0 = A.
+    pub fn ports(&self) -> Vec<u8> {
+        let signed = [self.spindle, self.counter_clockwise, self.flood, self.mist];
+        let signed = signed
+            .into_iter()
+            .flatten()
+            .chain(self.enable.iter().copied());
+        let mut pins: Vec<Pin> = signed.map(|signed| signed.pin).collect();
+        pins.extend(self.step.iter().chain(&self.direction));
+        pins.extend(self.pwm.map(|(pin, _)| pin));
+        pins.extend(self.inputs.iter().map(|(_, signed)| signed.pin));
+        pins.extend(self.at_boot.iter().map(|(pin, _)| *pin));
+        pins.extend([self.serial.transmit, self.serial.receive]);
+        ports(&pins)
+    }
+
+    /// Returns the inputs that share their interrupt line with one before them: they are looked at each
+    /// millisecond.
+    pub fn polled(&self) -> Vec<Input> {
+        let numbers: Vec<u8> = self.inputs.iter().map(|(_, pin)| pin.pin.number).collect();
+        let inputs = self.inputs.iter().enumerate();
+        let polled = inputs.filter(|(index, _)| numbers[..*index].contains(&numbers[*index]));
+        polled.map(|(_, (input, _))| *input).collect()
+    }
+}
+
+/// Reads the functions of the pins, and remembers which pin has which.
+pub(crate) struct Reader<'a> {
+    functions: Entries,
+    chip: &'a Chip,
+    part: &'a Part,
+    has_debug_pins: bool,
+    used: BTreeMap<Pin, (String, Place)>,
+}
+
+impl<'a> Reader<'a> {
+    /// Returns a reader of functions: `axes.X.step`, `inputs.probe` and so on.
+    pub(crate) fn new(
+        functions: Entries,
+        chip: &'a Chip,
+        part: &'a Part,
+        has_debug_pins: bool,
+    ) -> Self {
+        Self {
+            functions,
+            chip,
+            part,
+            has_debug_pins,
+            used: BTreeMap::new(),
+        }
+    }
+
+    /// Reads all functions of a machine with a number of axes.
+    pub(crate) fn read(
+        mut self,
+        axes: usize,
+        polled: &[String],
+        file: &Place,
+    ) -> Result<Wiring, Fault> {
+        let at_boot = self.at_boot()?;
+        let serial = self.serial(file)?;
+        let (mut step, mut direction, mut enable) = (Vec::new(), Vec::new(), Vec::new());
+        let mut limits = Vec::new();
+        for (axis, letter) in (0..).zip(&AXES[..axes]) {
+            step.push(self.step(&format!("axes.{letter}.step"), file)?);
+            direction.push(
+                self.motor_output(&format!("axes.{letter}.direction"), file)?
+                    .0,
+            );
+            enable.extend(self.output(&format!("axes.{letter}.enable"))?);
+            limits.push(Input::Limit(axis));
+        }
+        enable.extend(self.output("outputs.enable")?);
+        for letter in &AXES[axes..] {
+            self.functions.take_all(&format!("axes.{letter}."));
+        }
+        let mut wiring = Wiring {
+            step,
+            direction,
+            enable,
+            spindle: self.output("outputs.spindle")?,
+            counter_clockwise: self.output("outputs.counter_clockwise")?,
+            flood: self.output("outputs.flood")?,
+            mist: self.output("outputs.mist")?,
+            pwm: self.pwm()?,
+            inputs: Vec::new(),
+            at_boot,
+            serial,
+        };
+        self.inputs(&mut wiring, limits, polled)?;
+        self.functions.refuse_rest(&KEYS)?;
+        if wiring.step_ports().len() > MOST_STEP_PORTS {
+            let message = format!("steps and directions are on more than {MOST_STEP_PORTS} ports");
+            return Err(file.fault(message));
+        }
+        Ok(wiring)
+    }
+
+    fn at_boot(&mut self) -> Result<Vec<(Pin, bool)>, Fault> {
+        let entries = self.functions.take_all("at_boot.");
+        let levels = entries.iter().map(|(name, entry)| {
+            let pin: Pin = name
+                .parse()
+                .map_err(|error: String| entry.place.fault(error))?;
+            let is_high = match entry.text()? {
+                "high" => true,
+                "low" => false,
+                other => {
+                    let message = format!("a pin is \"high\" or \"low\" at boot, not {other:?}");
+                    return Err(entry.place.fault(message));
+                }
+            };
+            self.use_pin(pin, &format!("at_boot.{name}"), &entry.place)?;
+            Ok((pin, is_high))
+        });
+        levels.collect()
+    }
+
+    fn serial(&mut self, file: &Place) -> Result<SerialPins, Fault> {
+        let mut pin = |key: &str| {
+            let entry = self.functions.take(key);
+            let entry = entry.ok_or_else(|| file.fault(format!("`{key}` is missing")))?;
+            let signed = signed_pin(&entry)?;
+            self.use_pin(signed.pin, key, &entry.place)?;
+            Ok((signed.pin, entry.place))
+        };
+        let (transmit, place) = pin("serial.tx")?;
+        let (receive, _) = pin("serial.rx")?;
+        SerialPins::of(transmit, receive, &self.chip.usarts).ok_or_else(|| {
+            let message = format!("{transmit} and {receive} are not TX and RX of one USART");
+            place.fault(message)
+        })
+    }
+
+    /// Reads a step or direction output, which must be there.
+    fn motor_output(&mut self, key: &str, file: &Place) -> Result<(Pin, Place), Fault> {
+        let Some(entry) = self.functions.take(key) else {
+            return Err(file.fault(format!("`{key}` is missing")));
+        };
+        let signed = signed_pin(&entry)?;
+        if signed.is_active_low || signed.pull != Pull::None {
+            let message = "steps and directions have no sign here: `$2` and `$3` invert them";
+            return Err(entry.place.fault(message));
+        }
+        self.use_pin(signed.pin, key, &entry.place)?;
+        Ok((signed.pin, entry.place))
+    }
+
+    /// Reads a step output: a direction may be on a slow pin, it stands longer than that needs.
+    fn step(&mut self, key: &str, file: &Place) -> Result<Pin, Fault> {
+        let (pin, place) = self.motor_output(key, file)?;
+        if is_slow(pin) {
+            return Err(place.fault(format!("{pin} is too slow for steps")));
+        }
+        Ok(pin)
+    }
+
+    fn output(&mut self, key: &str) -> Result<Option<SignedPin>, Fault> {
+        let Some(entry) = self.present(key)? else {
+            return Ok(None);
+        };
+        let signed = signed_pin(&entry)?;
+        if signed.pull != Pull::None {
+            return Err(entry.place.fault("an output has no pull-up or pull-down"));
+        }
+        self.use_pin(signed.pin, key, &entry.place)?;
+        Ok(Some(signed))
+    }
+
+    fn pwm(&mut self) -> Result<Option<(Pin, PwmOutput)>, Fault> {
+        let key = "outputs.pwm";
+        let Some(entry) = self.present(key)? else {
+            return Ok(None);
+        };
+        let signed = signed_pin(&entry)?;
+        if signed.is_active_low || signed.pull != Pull::None {
+            return Err(entry.place.fault("the PWM has no sign"));
+        }
+        let output = PwmOutput::of(signed.pin, &self.chip.timers).ok_or_else(|| {
+            let message = format!("{} is no output of a timer that is free", signed.pin);
+            entry.place.fault(message)
+        })?;
+        self.use_pin(signed.pin, key, &entry.place)?;
+        Ok(Some((signed.pin, output)))
+    }
+
+    /// Reads the inputs: first those that must interrupt, last those that may be polled.
+    fn inputs(
+        &mut self,
+        wiring: &mut Wiring,
+        limits: Vec<Input>,
+        polled: &[String],
+    ) -> Result<(), Fault> {
+        let mut order = vec![Input::Probe];
+        order.extend(limits);
+        order.extend([Input::Hold, Input::Start, Input::Door, Input::Reset]);
+        order.sort_by_key(|input| polled.contains(&input.key()));
+        for input in order {
+            let key = input.key();
+            let Some(entry) = self.present(&key)? else {
+                continue;
+            };
+            let signed = signed_pin(&entry)?;
+            let mut before = wiring.inputs.iter();
+            let sharing = before.find(|(_, other)| other.pin.number == signed.pin.number);
+            if let Some((other, pin)) = sharing
+                && matches!(input, Input::Probe | Input::Limit(_))
+                && !polled.contains(&key)
+            {
+                let message = format!(
+                    "{key} ({}) shares its interrupt line with {} ({}): it would be looked at once a millisecond \
+                     only; take another pin, or add {key:?} to `polled`",
+                    signed.pin,
+                    other.key(),
+                    pin.pin
+                );
+                return Err(entry.place.fault(message));
+            }
+            self.use_pin(signed.pin, &key, &entry.place)?;
+            wiring.inputs.push((input, signed));
+        }
+        Ok(())
+    }
+
+    /// Takes the entry of a function, unless it is `none`.
+    fn present(&mut self, key: &str) -> Result<Option<Entry>, Fault> {
+        let Some(entry) = self.functions.take(key) else {
+            return Ok(None);
+        };
+        let is_none = entry.text()? == "none";
+        Ok((!is_none).then_some(entry))
+    }
+
+    /// Gives a pin a function.
+    fn use_pin(&mut self, pin: Pin, key: &str, place: &Place) -> Result<(), Fault> {
+        if pin.port == 7 && pin.number < 2 {
+            return Err(place.fault(format!("{pin} is a pin of the crystal")));
+        }
+        if !self.part.has(pin) {
+            return Err(place.fault(format!("this part has no pin {pin}")));
+        }
+        if pin.port == 0 && matches!(pin.number, 13 | 14) && !self.has_debug_pins {
+            let message = format!(
+                "{pin} is a pin of the debug probe; with `debug_pins = true` the board gives it up"
+            );
+            return Err(place.fault(message));
+        }
+        let use_ = (key.to_owned(), place.clone());
+        match self.used.insert(pin, use_) {
+            None => Ok(()),
+            Some((other, _)) => Err(place.fault(format!("{pin} is {other} already"))),
+        }
+    }
+}
+
+/// Keys of functions.
+const KEYS: [&str; 17] = [
+    "axes.X.step",
+    "axes.X.direction",
+    "axes.X.enable",
+    "axes.X.limit",
+    "outputs.enable",
+    "outputs.spindle",
+    "outputs.counter_clockwise",
+    "outputs.flood",
+    "outputs.mist",
+    "outputs.pwm",
+    "inputs.probe",
+    "inputs.reset",
+    "inputs.hold",
+    "inputs.start",
+    "inputs.door",
+    "serial.tx",
+    "serial.rx",
+];
+
+/// Pins of the backup domain: 3 mA and 2 MHz at most (data sheets, note to the table of pins).
+fn is_slow(pin: Pin) -> bool {
+    pin.port == 2 && pin.number >= 13
+}
+
+/// Returns the ports of some pins.
+fn ports(pins: &[Pin]) -> Vec<u8> {
+    let mut ports: Vec<u8> = pins.iter().map(|pin| pin.port).collect();
+    ports.sort_unstable();
+    ports.dedup();
+    ports
+}
+
+fn signed_pin(entry: &Entry) -> Result<SignedPin, Fault> {
+    entry
+        .text()?
+        .parse()
+        .map_err(|error: String| entry.place.fault(error))
+}

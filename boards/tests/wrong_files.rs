@@ -1,0 +1,263 @@
+//! Board files with one thing wrong each: one error, which names the line.
+
+use std::{
+    fs,
+    path::{Path, PathBuf},
+};
+
+use board_data::Board;
+
+/// A board with which nothing is wrong.
+const RIGHT: &str = r#"name = "Right"
+chip = "F446ZE"
+crystal_mhz = 12
+polled = ["axes.Z.limit"]
+[serial]
+tx = "A9"
+rx = "A10"
+[axes]
+X = { step = "F13", direction = "F12", enable = "!F14", limit = "^!G6" }
+Y = { step = "G0", direction = "G1", enable = "!F15", limit = "^!G9" }
+Z = { step = "F11", direction = "G3", enable = "!G5", limit = "^!C9" }
+A = { step = "F9", direction = "F10" }
+[outputs]
+pwm = "A8"
+spindle = "D14"
+flood = "A2"
+[inputs]
+probe = "^!B7"
+reset = "^!F3"
+[with_4_axes]
+inputs.reset = "none"
+[at_boot]
+C13 = "high"
+[labels]
+F13 = "MOTOR0"
+"#;
+
+/// What is replaced by what, and the line and the words of the error. Where nothing is replaced, the line is put
+/// before all others.
+const WRONG: [(&str, &str, usize, &str); 34] = [
+    (
+        "chip = \"F446ZE\"",
+        "chip = \"F466ZE\"",
+        2,
+        "chip \"F466ZE\" is not known",
+    ),
+    ("chip = \"F446ZE\"\n", "", 1, "`chip` is missing"),
+    ("name = \"Right\"\n", "", 1, "`name` is missing"),
+    (
+        "crystal_mhz = 12",
+        "crystal_mhz = 50",
+        3,
+        "a crystal has 4 to 26 MHz",
+    ),
+    (
+        "crystal_mhz = 12",
+        "crystal_mhz = \"12\"",
+        3,
+        "a whole number is wanted",
+    ),
+    ("crystal_mhz = 12\n", "", 1, "`crystal_mhz` is missing"),
+    (
+        "crystal_mhz = 12",
+        "crystal_mhz = 12.5",
+        3,
+        "cannot be a float",
+    ),
+    (
+        "crystal_mhz = 12",
+        "crystal_mhz = 12\ncristal = 8",
+        4,
+        "`cristal` is not known",
+    ),
+    ("crystal_mhz = 12", "crystal_mhz = 12 MHz", 3, ""),
+    ("name = \"Right\"", "name = 5", 1, "a text is wanted"),
+    (
+        "tx = \"A9\"",
+        "tx = \"A2\"",
+        6,
+        "not TX and RX of one USART",
+    ),
+    ("rx = \"A10\"\n", "", 1, "`serial.rx` is missing"),
+    ("step = \"F13\"", "step = \"F16\"", 9, "is no pin"),
+    ("step = \"F13\"", "step = \"K1\"", 9, "is no pin"),
+    (
+        "step = \"F13\"",
+        "step = \"!F13\"",
+        9,
+        "`$2` and `$3` invert them",
+    ),
+    ("step = \"F13\"", "step = \"C14\"", 9, "too slow"),
+    ("step = \"F13\"", "step = \"H0\"", 9, "the crystal"),
+    ("step = \"F13\", ", "", 1, "`axes.X.step` is missing"),
+    (
+        "step = \"F13\"",
+        "stap = \"F13\", step = \"F13\"",
+        9,
+        "`axes.X.stap` is not known",
+    ),
+    (
+        "step = \"F13\"",
+        "step = \"I1\"",
+        9,
+        "this part has no pin PI1",
+    ),
+    (
+        "direction = \"G1\"",
+        "direction = \"F12\"",
+        10,
+        "PF12 is axes.X.direction already",
+    ),
+    (
+        "enable = \"!F14\"",
+        "enable = \"^!F14\"",
+        9,
+        "an output has no pull-up",
+    ),
+    ("limit = \"^!G6\"", "limit = \"^!A13\"", 9, "debug probe"),
+    (
+        "limit = \"^!G6\"",
+        "limit = \"^!G7\"",
+        9,
+        "shares its interrupt line with inputs.probe",
+    ),
+    (
+        "polled = [\"axes.Z.limit\"]",
+        "polled = \"axes.Z.limit\"",
+        4,
+        "a list of texts",
+    ),
+    (
+        "polled = [\"axes.Z.limit\"]",
+        "polled = []",
+        11,
+        "shares its interrupt line with axes.Y.limit",
+    ),
+    (
+        "polled = [\"axes.Z.limit\"]",
+        "polled = [\"axes.Q.limit\"]",
+        4,
+        "`axes.Q.limit` is no input",
+    ),
+    ("pwm = \"A8\"", "pwm = \"D3\"", 14, "no output of a timer"),
+    ("pwm = \"A8\"", "pwm = \"!A8\"", 14, "the PWM has no sign"),
+    ("C13 = \"high\"", "C13 = \"on\"", 23, "\"high\" or \"low\""),
+    (
+        "F13 = \"MOTOR0\"",
+        "I13 = \"MOTOR0\"",
+        25,
+        "this part has no pin PI13",
+    ),
+    (
+        "[labels]",
+        "[bootloader]\nkib = 24\n[labels]",
+        25,
+        "no sector of the flash begins at 24 KiB",
+    ),
+    (
+        "[labels]",
+        "[bootloader]\nkib = 64\n[labels]",
+        25,
+        "no two sectors for the settings",
+    ),
+    (
+        "name = \"Right\"",
+        "name = \"Right\"\nlike = \"nothing\"",
+        2,
+        "there is no board \"nothing\"",
+    ),
+];
+
+fn root() -> &'static Path {
+    let folder = Path::new(env!("CARGO_MANIFEST_DIR"));
+    folder.parent().expect("it is in the project")
+}
+
+/// Writes a file of a name, and reads it as a board.
+fn read(name: &str, text: &str) -> Result<Board, String> {
+    let folder = Path::new(env!("CARGO_TARGET_TMPDIR")).join("wrong_files");
+    fs::create_dir_all(&folder).expect("the target folder is writable");
+    let file: PathBuf = folder.join(name).with_extension("toml");
+    fs::write(&file, text).expect("the target folder is writable");
+    Board::read(&file, root()).map_err(|fault| fault.to_string())
+}
+
+#[test]
+fn a_file_without_a_fault_is_read() {
+    let board = read("right", RIGHT).expect("nothing is wrong");
+    assert_eq!(board.most_axes(), 4);
+    let three = board.wiring(3).expect("three axes");
+    assert_eq!((three.inputs.len(), three.enable.len()), (5, 3));
+    assert_eq!(board.wiring(4).expect("four axes").inputs.len(), 4);
+    assert_eq!(three.polled().len(), 1);
+    assert!(board.wiring(5).is_none());
+}
+
+#[test]
+fn each_wrong_file_gives_one_error_with_its_line() {
+    for (number, (old, new, line, words)) in WRONG.iter().enumerate() {
+        assert!(RIGHT.contains(old), "{old}");
+        let name = format!("wrong-{number}");
+        let error = read(&name, &RIGHT.replacen(old, new, 1)).expect_err(new);
+        assert!(
+            error.contains(&format!("{name}.toml:{line}: ")),
+            "{new}: {error}"
+        );
+        assert!(error.contains(words), "{new}: {error}");
+        assert_eq!(error.lines().count(), 1, "{error}");
+    }
+}
+
+#[test]
+fn a_board_like_another_one_takes_what_it_does_not_say() {
+    read("right", RIGHT).expect("nothing is wrong");
+    let like = "like = \"right\"\nname = \"Sister\"\noutputs.flood = \"A3\"\n";
+    let sister = read("sister", like).expect("nothing is wrong");
+    assert_eq!(sister.part_name, "F446ZE");
+    let flood = sister.wiring(3).and_then(|wiring| wiring.flood);
+    assert_eq!(
+        flood.map(|signed| signed.pin.to_string()),
+        Some("PA3".into())
+    );
+    let error = read("self", "like = \"self\"\n").expect_err("it is like itself");
+    assert!(
+        error.contains("self.toml:1: a board cannot be like itself"),
+        "{error}"
+    );
+}
+
+#[test]
+fn each_board_of_the_project_is_read() {
+    let boards = Board::all(root()).expect("nothing is wrong");
+    assert!(boards.len() >= 2);
+}
+
+#[test]
+fn settings_lie_where_no_program_does() {
+    let with = |chip: &str, kib: u32| {
+        let text = format!(
+            "{}\n[bootloader]\nkib = {kib}\n",
+            RIGHT.replace("F446ZE", chip)
+        );
+        read(&format!("memory-{chip}-{kib}"), &text)
+            .expect("nothing is wrong")
+            .memory
+    };
+    let whole = with("F446ZE", 0);
+    assert_eq!(whole.journal.map(|page| page.sector), [1, 2]);
+    assert_eq!(
+        (whole.flash_start, whole.code_start),
+        (0x0800_0000, Some(0x0800_c000))
+    );
+    let behind = with("F446ZE", 32);
+    assert_eq!(
+        behind.journal.map(|page| page.address),
+        [0x0800_c000, 0x0801_0000]
+    );
+    assert_eq!(
+        (behind.flash_start, behind.code_start),
+        (0x0800_8000, Some(0x0802_0000))
+    );
+    assert_eq!(behind.flash_bytes, (512 - 32) * 1024);
+}

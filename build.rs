@@ -1,0 +1,71 @@
+//! Makes Rust and the linker's numbers of the board that the firmware is built for.
+//!
+//! `LEADSCREW_BOARD` names it; `docs/boards.md` explains the files. On the host there is no board.
+
+fn main() {
+    println!("cargo::rerun-if-env-changed=LEADSCREW_BOARD");
+    println!("cargo::rerun-if-changed=build.rs");
+    println!("cargo::rerun-if-changed=memory.x");
+    #[cfg(feature = "board")]
+    if std::env::var("CARGO_CFG_TARGET_OS").as_deref() == Ok("none")
+        && let Err(error) = board::make()
+    {
+        println!("cargo::error={error}");
+    }
+}
+
+#[cfg(feature = "board")]
+mod board {
+    use std::{env, error::Error, fs, path::Path};
+
+    use board_data::{BOARD, Board, DEFAULT, rust};
+
+    /// Writes the board's source, and tells the linker where program and memory are.
+    pub(crate) fn make() -> Result<(), Box<dyn Error>> {
+        let root = env::var("CARGO_MANIFEST_DIR")?;
+        let root = Path::new(&root);
+        println!("cargo::rerun-if-changed=boards");
+        let name = env::var(BOARD).unwrap_or_else(|_| DEFAULT.into());
+        let file = Board::path(&name, root);
+        println!("cargo::rerun-if-changed={}", file.display());
+        let board = Board::read(&file, root)?;
+        let feature = board.feature();
+        let variable = format!("CARGO_FEATURE_{}", feature.to_uppercase().replace('-', "_"));
+        if env::var_os(variable).is_none() {
+            return Err(format!("{name} needs the feature {feature}").into());
+        }
+        let axes = [6, 5, 4].into_iter().find(|axes| {
+            let feature = format!("CARGO_FEATURE_AXES_{axes}");
+            env::var_os(feature).is_some()
+        });
+        let axes = axes.unwrap_or(3);
+        if board.wiring(axes).is_none() {
+            let most = board.most_axes();
+            return Err(format!("{name} has pins for {most} axes, not for {axes}").into());
+        }
+        let source = Path::new(&env::var("OUT_DIR")?).join("board.rs");
+        fs::write(source, rust(&board, axes))?;
+        let clocks = [
+            ("CRYSTAL_HZ", (board.crystal_mhz * 1_000_000).to_string()),
+            ("CRYSTAL_BYPASSED", board.is_crystal_bypassed.to_string()),
+            (
+                "CORE_HZ",
+                (board.chip.clocks.core_mhz * 1_000_000).to_string(),
+            ),
+        ];
+        for (name, value) in clocks {
+            println!("cargo::rustc-env=LEADSCREW_{name}={value}");
+        }
+        let memory = &board.memory;
+        let mut symbols = vec![
+            ("_flash_start", memory.flash_start),
+            ("_flash_length", memory.flash_bytes),
+            ("_ram_length", memory.ram_bytes),
+        ];
+        symbols.extend(memory.code_start.map(|start| ("_stext", start)));
+        for (symbol, value) in symbols {
+            println!("cargo::rustc-link-arg=--defsym={symbol}={value:#x}");
+        }
+        Ok(())
+    }
+}
