@@ -26,12 +26,13 @@ pub(crate) struct Verb {
 }
 
 /// Every command.
-pub(crate) const VERBS: [Verb; 15] = [
+pub(crate) const VERBS: [Verb; 16] = [
     verb(
         "bench",
         tools::TARGET,
         "Count what the firmware costs on the emulated chip, in instructions and modelled cycles",
     ),
+    verb("board", tools::FIRMWARE, "Check the file of a board"),
     verb("build", tools::FIRMWARE, "Build the firmware"),
     verb(
         "calibrate",

@@ -1,5 +1,6 @@
-//! `cargo xtask build` and `size`: the firmware, as an ELF file for each board.
+//! `cargo xtask build`, `size` and `board`: the firmware, as an ELF file for each board.
 
+mod board;
 mod size;
 
 use std::process::ExitCode;
@@ -16,6 +17,7 @@ use common::{cargo, ui};
 enum Verb {
     Build(Options),
     Size(size::Options),
+    Board(board::Options),
     /// Lists the boards, and which of them are emulated.
     #[command(hide = true)]
     Boards,
@@ -34,6 +36,7 @@ fn main() -> ExitCode {
     common::main(|| match verb {
         Verb::Build(options) => run(&options),
         Verb::Size(options) => size::run(&options),
+        Verb::Board(options) => board::run(&options),
         Verb::Boards => list(),
         Verb::All { board } => every_firmware(&board),
         Verb::Serial => over_serial(),

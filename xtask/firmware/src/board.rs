@@ -1,0 +1,112 @@
+//! `cargo xtask board`: what is wrong with a board's file, and the step rate that is proven for it.
+
+use std::process::{ExitCode, Stdio};
+
+use anstream::println;
+use anyhow::{Context, Result, bail};
+use boards::Board;
+use common::tools;
+use owo_colors::OwoColorize;
+
+/// Check the file of a board
+#[derive(clap::Args)]
+pub(crate) struct Options {
+    #[command(subcommand)]
+    verb: Verb,
+}
+
+#[derive(clap::Subcommand)]
+enum Verb {
+    Check(Check),
+}
+
+/// Check board files, and tell what a build would make of them
+///
+/// Prints the error of a wrong file with its line, and ends with status 1.
+#[derive(clap::Args)]
+struct Check {
+    /// A board's name, or the path of a file
+    #[arg(value_name = "BOARD", required_unless_present = "all")]
+    board: Option<String>,
+    /// Every board of the project
+    #[arg(long, conflicts_with = "board")]
+    all: bool,
+    /// Build the firmware with three axes and more, and prove its step rate at 115 200 baud
+    #[arg(long)]
+    prove: bool,
+}
+
+/// The most axes that a proof is tried for: beyond, the step interrupt takes longer than is required.
+const MOST_PROVEN: usize = 5;
+
+pub(crate) fn run(options: &Options) -> Result<ExitCode> {
+    let Verb::Check(options) = &options.verb;
+    let mut are_proven = true;
+    for board in boards::chosen(options.board.as_deref())? {
+        show(&board);
+        if options.prove {
+            are_proven &= prove(&board)?;
+        }
+    }
+    Ok(if are_proven {
+        ExitCode::SUCCESS
+    } else {
+        ExitCode::FAILURE
+    })
+}
+
+/// Prints what a build makes of a board.
+fn show(board: &Board) {
+    println!("{}: {}, nothing is wrong", board.name.bold(), board.title);
+    let memory = &board.memory;
+    println!(
+        "  STM32{} at {} MHz, program from {:#010x}, settings in sectors {} and {}, {} KiB of RAM",
+        board.part_name,
+        board.chip.clocks.core_mhz,
+        memory.flash_start,
+        memory.journal[0].sector,
+        memory.journal[1].sector,
+        memory.ram_bytes / 1024
+    );
+    for axes in 3..=board.most_axes() {
+        let Some(wiring) = board.wiring(axes) else {
+            continue;
+        };
+        let polled: Vec<_> = wiring.polled().iter().map(|input| input.key()).collect();
+        let polled = match polled.as_slice() {
+            [] => "every input interrupts".to_owned(),
+            polled => format!("looked at each millisecond: {}", polled.join(", ")),
+        };
+        println!(
+            "  {axes} axes: an event writes {} ports; {polled}",
+            wiring.step_ports().len()
+        );
+    }
+}
+
+/// Builds and proves a board's firmware with each number of axes; whether all are proven.
+fn prove(board: &Board) -> Result<bool> {
+    let mut are_proven = true;
+    for axes in 3..=board.most_axes().min(MOST_PROVEN) {
+        let axes = u8::try_from(axes).context("a machine has six axes at most")?;
+        let file = board.file.to_string_lossy();
+        let output = tools::command_for(tools::SCHEDULE, axes)?
+            .args(["--board", &file, "--rate"])
+            .stderr(Stdio::inherit())
+            .output()
+            .context("the proof cannot be started")?;
+        let rate = String::from_utf8_lossy(&output.stdout);
+        if output.status.success() {
+            println!(
+                "  {axes} axes: {} steps/s proven at 115 200 baud",
+                rate.trim()
+            );
+        } else if output.status.code() == Some(1) {
+            println!("  {axes} axes: not proven");
+            are_proven = false;
+        } else {
+            bail!("the proof of {} has failed", board.name);
+        }
+    }
+    Ok(are_proven)
+}
