@@ -9,22 +9,17 @@ use common::tools;
 use owo_colors::OwoColorize;
 
 /// Check the file of a board
+#[derive(clap::Subcommand)]
+pub(crate) enum Verb {
+    Check(Options),
+}
+
+/// Check the file of a board
+///
+/// Tells what a build would make of it, or prints the error of a wrong file with its line, and ends
+/// with status 1.
 #[derive(clap::Args)]
 pub(crate) struct Options {
-    #[command(subcommand)]
-    verb: Verb,
-}
-
-#[derive(clap::Subcommand)]
-enum Verb {
-    Check(Check),
-}
-
-/// Check board files, and tell what a build would make of them
-///
-/// Prints the error of a wrong file with its line, and ends with status 1.
-#[derive(clap::Args)]
-struct Check {
     /// A board's name, or the path of a file
     #[arg(value_name = "BOARD", required_unless_present = "all")]
     board: Option<String>,
@@ -39,8 +34,8 @@ struct Check {
 /// The most axes that a proof is tried for: beyond, the step interrupt takes longer than is required.
 const MOST_PROVEN: usize = 5;
 
-pub(crate) fn run(options: &Options) -> Result<ExitCode> {
-    let Verb::Check(options) = &options.verb;
+pub(crate) fn run(verb: &Verb) -> Result<ExitCode> {
+    let Verb::Check(options) = verb;
     let mut are_proven = true;
     for board in boards::chosen(options.board.as_deref())? {
         show(&board);

@@ -17,7 +17,8 @@ use common::{cargo, ui};
 enum Verb {
     Build(Options),
     Size(size::Options),
-    Board(board::Options),
+    #[command(subcommand)]
+    Board(board::Verb),
     /// Lists the boards, and which of them are emulated.
     #[command(hide = true)]
     Boards,
@@ -36,7 +37,7 @@ fn main() -> ExitCode {
     common::main(|| match verb {
         Verb::Build(options) => run(&options),
         Verb::Size(options) => size::run(&options),
-        Verb::Board(options) => board::run(&options),
+        Verb::Board(verb) => board::run(&verb),
         Verb::Boards => list(),
         Verb::All { board } => every_firmware(&board),
         Verb::Serial => over_serial(),
