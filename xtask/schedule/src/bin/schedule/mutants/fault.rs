@@ -157,7 +157,8 @@ pub(super) const FAULTS: [Fault; 10] = [
              unsafe { (0x4002_6410 as *mut u32).write_volatile(1) };",
             "#[allow(unsafe_code)]
              unsafe { (0xe000_ef34 as *mut u32).write_volatile(0) };",
-            "let vector = core::hint::black_box(41_usize);
+            // The vector of USART1, which is that of a task.
+            "let vector = core::hint::black_box(37_usize);
              #[allow(unsafe_code)]
              unsafe { (0xe000_e400_usize as *mut u8).add(vector).write_volatile(0) };",
             "#[allow(unsafe_code)]
