@@ -65,7 +65,7 @@ impl Storage {
         flash.set_receiver(FlashEraseReceiver::new(requests, received));
     }
 
-    /// Stores a change. At rest only: this may take 0.8 s.
+    /// Stores a change. At rest only: this may take 2 s.
     pub(super) fn write(
         &mut self,
         change: Change,

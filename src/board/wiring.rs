@@ -30,7 +30,7 @@ pub(super) struct Input {
 
 /// The resistor of an input.
 #[derive(Clone, Copy)]
-#[expect(dead_code, reason = "a board has some of them")]
+#[allow(dead_code, reason = "a board has some of them")]
 pub(super) enum Pull {
     /// None.
     None = 0b00,

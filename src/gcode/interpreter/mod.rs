@@ -55,7 +55,7 @@ pub struct Interpreter {
     /// The work coordinates in effect.
     frame: Frame,
     position: Axes<Nm>,
-    /// The position in Grbl's single precision, mm: see [`Target::single_mm`].
+    /// The position in Grbl's single precision, mm, by which arcs are checked.
     single_mm: Axes<f32>,
     /// The work position under rotation: exact, so that incremental moves do not drift.
     work_position: Axes<Nm>,
