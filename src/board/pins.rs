@@ -36,8 +36,8 @@ const PORTS: usize = EVENT_PORTS.length;
 const ENABLE_PORTS: PortList = chosen::WIRING.enable_ports();
 
 /// Whether each half of [`StepEvent::output_index`] has a table of its own: where one table would take more
-/// than 12 KiB.
-const HAS_HALF_TABLES: bool = StepEvent::OUTPUTS * PORTS * 4 > 12 * 1024;
+/// than 24 KiB.
+const HAS_HALF_TABLES: bool = StepEvent::OUTPUTS * PORTS * 4 > 24 * 1024;
 /// Rows of the table. With half tables: first and second halves of pulses, then of changes of
 /// direction.
 const ROWS: usize = if HAS_HALF_TABLES {
