@@ -6,11 +6,13 @@
 )]
 
 pub mod compile;
+pub mod rates;
 
 use std::{fmt::Write as _, ops::Deref, path::Path, process::Command};
 
 use anyhow::{Context, Result, bail};
-use common::cargo;
+use board_data::DEFAULT;
+use common::{cargo, ui};
 
 /// A board the firmware can be built for.
 #[derive(Debug, Clone)]
@@ -61,9 +63,20 @@ pub fn named(name: &str) -> Result<Board> {
     bail!("there is no board {name:?}; the boards are{known}")
 }
 
-/// The board called `name`, or every board.
-pub fn chosen(name: Option<&str>) -> Result<Vec<Board>> {
-    name.map_or_else(all, |name| Ok(vec![named(name)?]))
+/// The boards that a command's options choose: that of a name, every one, or else the default one, which the
+/// user is told.
+pub fn chosen(name: Option<&str>, are_all: bool) -> Result<Vec<Board>> {
+    if are_all {
+        return all();
+    }
+    let name = name.unwrap_or_else(|| {
+        ui::status(
+            "Board",
+            &format!("{DEFAULT}: `--board NAME` takes another one, `--all` every one"),
+        );
+        DEFAULT
+    });
+    Ok(vec![named(name)?])
 }
 
 /// The board that QEMU emulates, and its machine.

@@ -1,6 +1,7 @@
 //! `cargo xtask docs`: the documents that are made from the code's tables.
 
 mod pins;
+mod tables;
 
 use std::{fmt::Write as _, fs, path::Path, process::ExitCode};
 
@@ -58,12 +59,18 @@ fn run(options: &Options) -> Result<ExitCode> {
         return Ok(ExitCode::SUCCESS);
     }
     for (path, make) in DOCUMENTS {
-        let text = make()?;
-        fs::write(cargo::root().join(path), text)
-            .with_context(|| format!("cannot write {path}"))?;
-        ui::status("Written", path);
+        write(path, make()?)?;
+    }
+    for table in &tables::TABLES {
+        write(table.path, table.document()?)?;
     }
     Ok(ExitCode::SUCCESS)
+}
+
+fn write(path: &str, text: String) -> Result<()> {
+    fs::write(cargo::root().join(path), text).with_context(|| format!("cannot write {path}"))?;
+    ui::status("Written", path);
+    Ok(())
 }
 
 /// Fails when a document is not what the code says.
@@ -73,12 +80,20 @@ fn check() -> Result<()> {
         return Ok(());
     }
     for (path, make) in DOCUMENTS {
-        let found = fs::read_to_string(cargo::root().join(path)).unwrap_or_default();
-        if found != make()? {
-            bail!("{path} is out of date: run `cargo xtask docs`");
-        }
+        compare(path, &make()?)?;
+    }
+    for table in &tables::TABLES {
+        compare(table.path, &table.document()?)?;
     }
     check_deviations()
+}
+
+fn compare(path: &str, text: &str) -> Result<()> {
+    let found = fs::read_to_string(cargo::root().join(path)).unwrap_or_default();
+    if found != text {
+        bail!("{path} is out of date: run `cargo xtask docs`");
+    }
+    Ok(())
 }
 
 /// Fails when a deviation from Grbl names no test, or one that there is not.

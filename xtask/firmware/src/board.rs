@@ -4,7 +4,7 @@ use std::process::{ExitCode, Stdio};
 
 use anstream::println;
 use anyhow::{Context, Result, bail};
-use boards::Board;
+use boards::{Board, rates};
 use common::tools;
 use owo_colors::OwoColorize;
 
@@ -29,6 +29,9 @@ pub(crate) struct Options {
     /// Build the firmware with three axes and more, and prove its step rate at 115 200 baud
     #[arg(long)]
     prove: bool,
+    /// Write the rates that are proven into docs/rates.toml, of which `cargo xtask docs` makes tables
+    #[arg(long, requires = "prove")]
+    write: bool,
 }
 
 /// The most axes that a proof is tried for: beyond, the step interrupt takes longer than is required.
@@ -37,10 +40,14 @@ const MOST_PROVEN: usize = 5;
 pub(crate) fn run(verb: &Verb) -> Result<ExitCode> {
     let Verb::Check(options) = verb;
     let mut are_proven = true;
-    for board in boards::chosen(options.board.as_deref())? {
+    for board in boards::chosen(options.board.as_deref(), options.all)? {
         show(&board);
         if options.prove {
-            are_proven &= prove(&board)?;
+            let rates = prove(&board)?;
+            are_proven &= !rates.contains(&0);
+            if options.write {
+                rates::write(&board, rates)?;
+            }
         }
     }
     Ok(if are_proven {
@@ -79,9 +86,9 @@ fn show(board: &Board) {
     }
 }
 
-/// Builds and proves a board's firmware with each number of axes; whether all are proven.
-fn prove(board: &Board) -> Result<bool> {
-    let mut are_proven = true;
+/// Builds and proves a board's firmware with each number of axes: the rates, steps/s, 0 where none is proven.
+fn prove(board: &Board) -> Result<Vec<u32>> {
+    let mut rates = Vec::new();
     for axes in 3..=board.most_axes().min(MOST_PROVEN) {
         let axes = u8::try_from(axes).context("a machine has six axes at most")?;
         let file = board.file.to_string_lossy();
@@ -96,12 +103,13 @@ fn prove(board: &Board) -> Result<bool> {
                 "  {axes} axes: {} steps/s proven at 115 200 baud",
                 rate.trim()
             );
+            rates.push(rate.trim().parse().context("the proof gives no rate")?);
         } else if output.status.code() == Some(1) {
             println!("  {axes} axes: not proven");
-            are_proven = false;
+            rates.push(0);
         } else {
             bail!("the proof of {} has failed", board.name);
         }
     }
-    Ok(are_proven)
+    Ok(rates)
 }

@@ -50,16 +50,19 @@ fn main() -> ExitCode {
 /// fails when it cannot be proven. Asks rustup for the compiler's target when it is missing.
 #[derive(clap::Args)]
 struct Options {
-    /// The board; every board without it
-    #[arg(long, value_name = "NAME")]
+    /// A board's name, or the path of a file; netduino-plus-2 without it
+    #[arg(long, value_name = "BOARD")]
     board: Option<String>,
+    /// Every board of the project
+    #[arg(long, conflicts_with = "board")]
+    all: bool,
     /// Prove nothing: the firmware then keeps to 30 000 steps per second
     #[arg(long)]
     unproven: bool,
 }
 
 fn run(options: &Options) -> Result<ExitCode> {
-    for board in boards::chosen(options.board.as_deref())? {
+    for board in boards::chosen(options.board.as_deref(), options.all)? {
         let elf = if options.unproven {
             compile::firmware(&board)?
         } else {

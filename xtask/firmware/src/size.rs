@@ -15,18 +15,21 @@ use boards::compile;
 /// RAM is what is taken statically; the rest is the stack's.
 #[derive(clap::Args)]
 pub(crate) struct Options {
-    /// The board; every board without it
-    #[arg(long, value_name = "NAME")]
+    /// A board's name, or the path of a file; netduino-plus-2 without it
+    #[arg(long, value_name = "BOARD")]
     board: Option<String>,
+    /// Every board of the project
+    #[arg(long, conflicts_with = "board")]
+    all: bool,
 }
 
 pub(crate) fn run(options: &Options) -> Result<ExitCode> {
     let mut rows = Vec::new();
-    for board in boards::chosen(options.board.as_deref())? {
+    for board in boards::chosen(options.board.as_deref(), options.all)? {
         let usage = Usage::of(&compile::firmware(&board)?, &board.memory)?;
         rows.push((board, usage));
     }
-    let head = format!("{:<20}{:>28}{:>28}", "board", "flash", "RAM");
+    let head = format!("{:<24}{:>28}{:>28}", "board", "flash", "RAM");
     println!("{}", head.bold());
     let mut fits = true;
     for (board, usage) in &rows {
@@ -35,7 +38,7 @@ pub(crate) fn run(options: &Options) -> Result<ExitCode> {
             board.memory.ram_bytes.into(),
         );
         println!(
-            "{:<20}{:>28}{:>28}",
+            "{:<24}{:>28}{:>28}",
             board.name,
             share(usage.flash, flash),
             share(usage.ram, ram)
