@@ -11,7 +11,7 @@ use toml::de::{DeTable, DeValue};
 
 /// A place in a file.
 #[derive(Debug, Clone, PartialEq, Eq)]
-pub(crate) struct Place {
+pub struct Place {
     file: Arc<Path>,
     line: usize,
 }
@@ -25,13 +25,18 @@ pub struct Fault {
 
 impl Place {
     /// Returns the place of a file as a whole.
-    pub(crate) fn of_file(file: &Path) -> Self {
-        let file = Arc::from(file);
-        Self { file, line: 1 }
+    pub fn of_file(file: &Path) -> Self {
+        Self::of_line(&Arc::from(file), 1)
+    }
+
+    /// Returns the place of a line, counted from 1.
+    pub fn of_line(file: &Arc<Path>, line: usize) -> Self {
+        let file = file.clone();
+        Self { file, line }
     }
 
     /// Returns a fault at this place.
-    pub(crate) fn fault(&self, message: impl Into<String>) -> Fault {
+    pub fn fault(&self, message: impl Into<String>) -> Fault {
         Fault {
             place: self.clone(),
             message: message.into(),

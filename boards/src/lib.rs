@@ -22,7 +22,7 @@ mod wiring;
 
 pub use board::{Board, MOST_AXES};
 pub use chip::{Chip, Clocks, Part};
-pub use entries::Fault;
+pub use entries::{Fault, Place};
 pub use memory::{JournalPage, MemoryLayout};
 pub use pin::{Pin, Pull, SignedPin};
 pub use rust::rust;

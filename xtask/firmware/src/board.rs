@@ -1,17 +1,22 @@
-//! `cargo xtask board`: what is wrong with a board's file, and the step rate that is proven for it.
+//! `cargo xtask board`: what is wrong with a board's file, the step rate that is proven for it, and files made of
+//! printers' configurations.
 
-use std::process::{ExitCode, Stdio};
+use std::{
+    path::PathBuf,
+    process::{ExitCode, Stdio},
+};
 
-use anstream::println;
+use anstream::{print, println};
 use anyhow::{Context, Result, bail};
 use boards::{Board, rates};
 use common::tools;
 use owo_colors::OwoColorize;
 
-/// Check the file of a board
+/// Check the file of a board, or make one of a printer's configuration
 #[derive(clap::Subcommand)]
 pub(crate) enum Verb {
     Check(Options),
+    Import(ImportOptions),
 }
 
 /// Check the file of a board
@@ -34,11 +39,31 @@ pub(crate) struct Options {
     write: bool,
 }
 
+/// Make a board's file of a printer's configuration in Klipper's syntax
+///
+/// Prints it: `cargo xtask board import printer.cfg > boards/mine.toml`. What the configuration does not tell
+/// stands there as comments: chip, crystal, bootloader, the sender's pins, spindle, buttons.
+#[derive(clap::Args)]
+pub(crate) struct ImportOptions {
+    /// The configuration, which may include others
+    #[arg(value_name = "PRINTER.CFG")]
+    printer: PathBuf,
+}
+
 /// The most axes that a proof is tried for: beyond, the step interrupt takes longer than is required.
 const MOST_PROVEN: usize = 5;
 
 pub(crate) fn run(verb: &Verb) -> Result<ExitCode> {
-    let Verb::Check(options) = verb;
+    match verb {
+        Verb::Check(options) => check(options),
+        Verb::Import(options) => {
+            print!("{}", klipper::board_file(&options.printer)?);
+            Ok(ExitCode::SUCCESS)
+        }
+    }
+}
+
+fn check(options: &Options) -> Result<ExitCode> {
     let mut are_proven = true;
     for board in boards::chosen(options.board.as_deref(), options.all)? {
         show(&board);
