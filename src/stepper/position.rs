@@ -6,37 +6,55 @@
 //! `prepare` counts the pulses before it overwrites the events.
 //!
 //! # Cost
-//! The pulses of two axes are counted in one word. The loop over events is kept from being unrolled,
-//! as its bound is that of single events.
+//! The pulses of three axes are counted in one word, and events in groups of four. The loop over groups is
+//! kept from being unrolled, as its bound is that of single groups.
+
+use core::hint::black_box;
 
 use super::{EventWriter, SegmentRing};
 use crate::{
     axis::{AXES, Axes},
-    model::{queues::EVENT_RING, timing::pulse_slots},
+    model::{
+        queues::EVENT_RING,
+        timing::{MAX_SEGMENT_EVENTS, pulse_slots},
+    },
     units::TICKS_PER_US,
 };
 
-/// Pulses of each axis: two axes in each word, as a segment has fewer pulses than half a word counts.
+/// Axes in a word of [`PulseCounts`], and bits of each count.
+const AXES_IN_WORD: usize = 3;
+const COUNT_BITS: usize = 10;
+// A pulse begins with an event of its own, and an end of the segment may be moved by a slot.
+const _: () = assert!(MAX_SEGMENT_EVENTS + 2 < 1 << COUNT_BITS);
+
+/// Events that are counted at a time.
+const EVENTS_IN_GROUP: u32 = 4;
+
+/// Pulses of each axis.
 #[derive(Debug, Clone, Copy)]
-struct PulseCounts([u32; AXES.div_ceil(2)]);
+struct PulseCounts([u32; AXES.div_ceil(AXES_IN_WORD)]);
 
 impl PulseCounts {
-    const NONE: Self = Self([0; AXES.div_ceil(2)]);
+    const NONE: Self = Self([0; AXES.div_ceil(AXES_IN_WORD)]);
 
     /// Counts a pulse of each axis in `mask`.
     #[inline]
     fn add(&mut self, mask: u32) {
-        // wcet-bound: 3
-        for (pair, pulses) in self.0.iter_mut().enumerate() {
-            let two = mask >> (2 * pair);
-            *pulses += (two | two << 15) & 0x1_0001;
+        /// Moves bits 1 and 2 to those of the second and the third axis, among others.
+        const SPREAD: u32 = 1 << (2 * (COUNT_BITS - 1)) | 1 << (COUNT_BITS - 1) | 1;
+        /// One pulse of each.
+        const ONE_EACH: u32 = 1 << (2 * COUNT_BITS) | 1 << COUNT_BITS | 1;
+        // wcet-bound: 2
+        for (word, pulses) in self.0.iter_mut().enumerate() {
+            *pulses += ((mask >> (AXES_IN_WORD * word)) * SPREAD) & ONE_EACH;
         }
     }
 
     /// Returns the pulses of an axis.
     fn of(self, axis: usize) -> i32 {
-        let pair = self.0.get(axis / 2).copied().unwrap_or(0);
-        (pair >> (axis % 2 * 16) & 0xffff).cast_signed()
+        let word = self.0.get(axis / AXES_IN_WORD).copied().unwrap_or(0);
+        let pulses = word >> (axis % AXES_IN_WORD * COUNT_BITS) & ((1 << COUNT_BITS) - 1);
+        pulses.cast_signed()
     }
 }
 
@@ -60,10 +78,19 @@ pub fn steps_after(
     }
     let mut pulses = PulseCounts::NONE;
     let mut number = first;
-    // wcet-bound: segment_events
+    let last_group_end = first.wrapping_add(length - length % EVENTS_IN_GROUP);
+    // wcet-bound: segment_event_groups
+    while number != last_group_end {
+        // wcet-bound: 4
+        for place in 0..EVENTS_IN_GROUP {
+            pulses.add(events.event(number.wrapping_add(place)).raise());
+        }
+        number = black_box(number.wrapping_add(EVENTS_IN_GROUP));
+    }
+    // wcet-bound: 3
     while number != output {
         pulses.add(events.event(number).raise());
-        number = core::hint::black_box(number.wrapping_add(1));
+        number = black_box(number.wrapping_add(1));
     }
     // wcet-bound: axes
     for (axis, steps) in steps.iter_mut().enumerate() {

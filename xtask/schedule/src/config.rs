@@ -69,9 +69,22 @@ pub struct SubstitutionConfig {
 pub struct Replay {
     /// Least runs of all tasks with deadlines together.
     pub activations: u64,
-    /// Most that the bound of a task may be above what is observed of it, each observed cycle.
+    /// What holds for each row that is long.
+    pub long_rows: Option<LongRows>,
+    /// Most that the bound of a task, or of a row, may be above what is observed of it, each observed
+    /// cycle. A task stands for the longest of its rows.
     #[serde(default)]
     pub ratio: BTreeMap<String, f64>,
+}
+
+/// How far the bounds of long rows may be above what is observed.
+#[derive(Debug, Clone, Copy, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct LongRows {
+    /// Rows whose bound with a warm cache is above this, cycles.
+    pub above_cycles: u64,
+    /// Most that it may be above what is observed, each observed cycle.
+    pub ratio: f64,
 }
 
 /// What must be reached.

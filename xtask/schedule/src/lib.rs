@@ -66,7 +66,7 @@ mod worst_path;
 pub use analyse::{Input, analyse};
 pub use annotations::{AnnotationError, Annotations};
 pub use calibration::Measured;
-pub use config::{Config, Point, Replay};
+pub use config::{Config, LongRows, Point, Replay};
 pub use decode::Decoder;
 pub use flaw::{Flaw, Place, Rule};
 pub use formula::Formula;

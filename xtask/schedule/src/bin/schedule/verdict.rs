@@ -136,6 +136,11 @@ impl Verdict {
             let text = format!("{runs} activations were followed, and {least} are asked for");
             self.failures.push(text);
         }
+        for row in &mut self.rows {
+            let long = limits.long_rows;
+            let long = long.filter(|long| row.bound.warm > long.above_cycles);
+            row.limit = long.map(|long| long.ratio);
+        }
         for (task, limit) in &limits.ratio {
             let kind = format!("{task}: ");
             let rows = self.rows.iter_mut();
@@ -145,13 +150,14 @@ impl Verdict {
                 self.failures.push(format!("{task} was not followed"));
                 continue;
             };
-            row.limit = Some(*limit);
-            if row.ratio() > *limit {
-                let (name, ratio) = (&row.name, row.ratio());
-                let text = format!(
+            row.limit = Some(row.limit.map_or(*limit, |least| least.min(*limit)));
+        }
+        for row in &self.rows {
+            let (name, ratio) = (&row.name, row.ratio());
+            if let Some(limit) = row.limit.filter(|limit| ratio > *limit) {
+                self.failures.push(format!(
                     "{name}: its bound is {ratio:.3} times what was observed, more than {limit}"
-                );
-                self.failures.push(text);
+                ));
             }
         }
     }
@@ -230,7 +236,7 @@ mod tests {
     use std::collections::BTreeMap;
 
     use schedule::{
-        Section,
+        LongRows, Section,
         replay::{Held, Violation},
     };
 
@@ -282,6 +288,7 @@ mod tests {
         Replay {
             activations: 20,
             ratio: BTreeMap::from(ratio),
+            ..Replay::default()
         }
     }
 
@@ -302,8 +309,24 @@ mod tests {
     #[test]
     fn a_bound_far_above_what_was_observed_fails() {
         let verdict = Verdict::of(&report(116), &summary(100), &limits(1.15));
-        assert!(verdict.failures[0].starts_with("prepare: segment: its bound is 1.160 times"));
+        assert!(verdict.failures[1].starts_with("prepare: segment: its bound is 1.160 times"));
         assert_eq!(verdict.failures.len(), 2);
+    }
+
+    #[test]
+    fn each_long_row_has_a_limit_of_its_own() {
+        let limits = |above_cycles| Replay {
+            long_rows: Some(LongRows {
+                above_cycles,
+                ratio: 1.5,
+            }),
+            ..limits(1.6)
+        };
+        let failures = |above| Verdict::of(&report(151), &summary(100), &limits(above)).failures;
+        assert_eq!(failures(151), [""; 0]);
+        let failures = failures(150);
+        assert!(failures[0].starts_with("step: its bound is 1.510 times"));
+        assert_eq!(failures.len(), 2);
     }
 
     #[test]

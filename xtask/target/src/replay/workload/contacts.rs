@@ -80,21 +80,22 @@ pub(super) fn late(driver: &mut Driver, step_rate_hz: u32) -> Result<()> {
         driver.run(["G90G0X0Y0Z0", stagger.as_str()])?;
         driver.come_to_rest()
     };
-    // The segments of a long line take 1 ms.
-    let steps = step_rate_hz.cast_signed() / 3000;
-    for tenths in 20..30 {
+    // The segments of a line take 1 ms, but its last one takes the rest: after 1 ms of this line.
+    let steps = f64::from(step_rate_hz) / 3000.0;
+    let way_mm = steps * 2.3 / 1000.0;
+    for hundredths in (190..230).step_by(4) {
         begin(driver)?;
+        let played = steps * f64::from(hundredths) / 100.0;
         driver.mount(&Ends {
-            plate: -steps * tenths / 10,
+            plate: -(played as i32),
             ..BARE
         })?;
-        let way = f64::from(steps) * 0.005;
-        driver.run([format!("G38.3X{way:.3}Y{way:.3}Z-{way:.3}F{feed:.0}").as_str()])?;
+        driver.run([format!("G38.3X{way_mm:.3}Y{way_mm:.3}Z-{way_mm:.3}F{feed:.0}").as_str()])?;
     }
     driver.run(["$21=1"])?;
     let steps = segment_steps(step_rate_hz);
     let line = format!("G1X.{steps:03}Y.{steps:03}Z-.{steps:03}F{feed:.0}");
-    for before in 0..8 {
+    for before in (0..steps.cast_signed()).step_by(6) {
         begin(driver)?;
         let mut ends = BARE;
         ends.low[2] = before - 4 * steps.cast_signed();

@@ -164,7 +164,18 @@ pub(super) fn arcs(driver: &mut Driver, step_rate_hz: u32) -> Result<()> {
     for acceleration in [5000.0, EXTREME] {
         round(driver, &fast(step_rate_hz, acceleration))?;
     }
-    Ok(())
+    tiny_arcs(driver, step_rate_hz)
+}
+
+/// Arcs so short and so flat that each one changes the speeds of all before it.
+fn tiny_arcs(driver: &mut Driver, step_rate_hz: u32) -> Result<()> {
+    const ARCS: usize = 200;
+    driver.set(&fast(step_rate_hz, 50.0))?;
+    // As many as there is room for wait behind a slow line.
+    driver.run(["G91G94", "G1X-.02F1"])?;
+    driver.stream(["G17G2X.1R100F1000000"; ARCS], |_| b"")?;
+    driver.finish()?;
+    driver.come_to_rest()
 }
 
 fn round(driver: &mut Driver, settings: &[String]) -> Result<()> {
