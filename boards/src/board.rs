@@ -10,7 +10,7 @@ use std::{
 
 use crate::{
     Chip, FOLDER, Fault, Input, MemoryLayout, Part, Pin, Wiring,
-    entries::{Entries, Place},
+    entries::{Entries, Entry, Place},
     wiring::{AXES, Reader},
 };
 
@@ -85,18 +85,10 @@ impl Board {
         let mut entries = Entries::read(file)?;
         let place = Place::of_file(file);
         let chip_entry = entries.take("chip");
-        let chip_entry = chip_entry.ok_or_else(|| place.fault("`chip` is missing"))?;
-        let part_name = chip_entry.text()?.to_owned();
-        let found = chips
-            .iter()
-            .find_map(|chip| Some((chip, chip.parts.get(&part_name)?)));
-        let (chip, part) = found.ok_or_else(|| {
-            let known: Vec<_> = chips.iter().flat_map(|chip| chip.parts.keys()).collect();
-            let message = format!("chip {part_name:?} is not known; known are {known:?}");
-            chip_entry.place.fault(message)
-        })?;
+        let chip_entry = chip_entry.ok_or_else(|| missing(&place, "chip"))?;
+        let (chip, part_name, part) = chosen_part(&chips, &chip_entry)?;
         let title = entries.take("name");
-        let title = title.ok_or_else(|| place.fault("`name` is missing"))?;
+        let title = title.ok_or_else(|| missing(&place, "name"))?;
         let about = entries.take("about");
         let sources = entries.take("sources");
         let (crystal_mhz, is_crystal_bypassed) = crystal(&mut entries, chip, &place)?;
@@ -106,7 +98,7 @@ impl Board {
         let labels = labels(&mut entries, part)?;
         let wirings = wirings(&mut entries, chip, part, &place)?;
         entries.refuse_rest(&KEYS)?;
-        let text = |entry: Option<crate::entries::Entry>| {
+        let text = |entry: Option<Entry>| {
             entry
                 .map(|entry| entry.text().map(str::to_owned))
                 .transpose()
@@ -154,6 +146,58 @@ impl Board {
     }
 }
 
+/// Returns the part that a text names: what is printed on a chip, `STM32F407VGT6`, begins with it.
+fn chosen_part<'a>(
+    chips: &'a [Chip],
+    entry: &Entry,
+) -> Result<(&'a Chip, String, &'a Part), Fault> {
+    let text = entry.text()?;
+    let printed = text.strip_prefix("STM32").unwrap_or(text);
+    let mut parts = chips.iter().flat_map(|chip| {
+        let parts = chip.parts.iter();
+        parts.map(move |(name, part)| (chip, name, part))
+    });
+    let found = parts.find(|(_, name, _)| printed.starts_with(*name));
+    let (chip, name, part) = found.ok_or_else(|| {
+        let known: Vec<_> = chips.iter().flat_map(|chip| chip.parts.keys()).collect();
+        let known: Vec<_> = known.iter().map(|name| name.as_str()).collect();
+        let message = format!("chip {text:?} is not known; known are {}", known.join(", "));
+        entry.place.fault(message)
+    })?;
+    Ok((chip, name.clone(), part))
+}
+
+/// Keys that must be there, and what is wanted of them.
+const WANTED: [(&str, &str); 5] = [
+    (
+        "chip",
+        "what is printed on the chip behind STM32, as in chip = \"F407VG\"",
+    ),
+    (
+        "name",
+        "what the board is called, as in name = \"My board\"",
+    ),
+    (
+        "crystal_mhz",
+        "what is printed on the crystal beside the chip, as in crystal_mhz = 8",
+    ),
+    (
+        "serial.tx",
+        "the pin that sends, as in tx = \"A9\" in [serial]",
+    ),
+    (
+        "serial.rx",
+        "the pin that receives, as in rx = \"A10\" in [serial]",
+    ),
+];
+
+/// Returns the fault of a key that is not there.
+pub(crate) fn missing(place: &Place, key: &str) -> Fault {
+    let wanted = WANTED.iter().find(|(of, _)| *of == key);
+    let wanted = wanted.map_or(String::new(), |(_, words)| format!(": {words}"));
+    place.fault(format!("`{key}` is missing{wanted}"))
+}
+
 /// Keys of a board but for its functions.
 const KEYS: [&str; 14] = [
     "name",
@@ -174,7 +218,7 @@ const KEYS: [&str; 14] = [
 
 fn crystal(entries: &mut Entries, chip: &Chip, file: &Place) -> Result<(u32, bool), Fault> {
     let entry = entries.take("crystal_mhz");
-    let entry = entry.ok_or_else(|| file.fault("`crystal_mhz` is missing"))?;
+    let entry = entry.ok_or_else(|| missing(file, "crystal_mhz"))?;
     let mhz = entry.number()?;
     // RM0090 7.3.2: the PLL multiplies 1 to 2 MHz; a whole number of MHz gives it 1 MHz.
     if !(4..=26).contains(&mhz) {
@@ -233,8 +277,11 @@ fn wirings(
     let mut polled = Vec::new();
     if let Some(entry) = entries.take("polled") {
         polled = entry.texts()?.to_vec();
-        if let Some(unknown) = polled.iter().find(|key| !Input::is_key(key)) {
-            let message = format!("`{unknown}` is no input");
+        if let Some(unknown) = polled.iter().find(|key| !Input::keys().contains(key)) {
+            let message = format!(
+                "`{unknown}` is no input; inputs are {}",
+                Input::keys().join(", ")
+            );
             return Err(entry.place.fault(message));
         }
     }
@@ -246,11 +293,19 @@ fn wirings(
     for axes in FEWEST_AXES..=MOST_AXES {
         functions.replace_with(&entries.take_all(&format!("with_{axes}_axes.")));
         let letter = AXES[axes - 1];
-        if axes > FEWEST_AXES && functions.get(&format!("axes.{letter}.step")).is_none() {
-            break;
+        let step = format!("axes.{letter}.step");
+        if axes > FEWEST_AXES && functions.get(&step).is_none() {
+            // No axis is left out silently: A without a step, or B without A.
+            let mut behind = AXES[axes - 1..].iter();
+            let place = behind.find_map(|letter| functions.place_of(&format!("axes.{letter}")));
+            return place.map_or(Ok(wirings), |place| Err(missing(place, &step)));
         }
         let reader = Reader::new(functions.clone(), chip, part, has_debug_pins);
-        wirings.push(reader.read(axes, &polled, file)?);
+        let wiring = reader.read(axes, &polled, file).map_err(|fault| {
+            let differs = format!(", with {axes} axes: [with_{axes}_axes] says what differs there");
+            fault.and(if axes > FEWEST_AXES { &differs } else { "" })
+        });
+        wirings.push(wiring?);
     }
     Ok(wirings)
 }

@@ -110,6 +110,11 @@ impl Chip {
 }
 
 impl Part {
+    /// Returns the pins of the package: `A0-15, B0-10`.
+    pub(crate) fn pins(&self) -> String {
+        self.pins.join(", ")
+    }
+
     /// Returns whether the package has a pin.
     pub(crate) fn has(&self, pin: Pin) -> bool {
         let ranges = self.pins.iter().flat_map(|range| read_range(range));

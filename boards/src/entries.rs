@@ -51,6 +51,15 @@ impl Fault {
     }
 }
 
+impl Fault {
+    /// Returns the fault with more words.
+    #[must_use]
+    pub(crate) fn and(mut self, words: &str) -> Self {
+        self.message.push_str(words);
+        self
+    }
+}
+
 impl fmt::Display for Fault {
     fn fmt(&self, to: &mut fmt::Formatter<'_>) -> fmt::Result {
         let Place { file, line } = &self.place;
@@ -174,7 +183,10 @@ impl Entries {
                 continue;
             }
             let value = read_value(value.get_ref()).ok_or_else(|| {
-                let message = format!("`{name}` cannot be a {}", value.get_ref().type_str());
+                let message = format!(
+                    "`{name}` cannot be a {}: there are texts, whole numbers, lists of texts, true and false",
+                    value.get_ref().type_str()
+                );
                 place_of_key.fault(message)
             })?;
             let place = place_of_key;
@@ -226,18 +238,51 @@ impl Entries {
         self.0.iter().map(|(key, entry)| (key.as_str(), entry))
     }
 
-    /// Refuses what is left: keys that nobody has asked for.
+    /// Returns the place of the first entry whose key begins with a prefix.
+    pub(crate) fn place_of(&self, prefix: &str) -> Option<&Place> {
+        let mut entries = self.iter();
+        let (_, entry) = entries.find(|(key, _)| key.starts_with(prefix))?;
+        Some(&entry.place)
+    }
+
+    /// Refuses what is left: keys that nobody has asked for. Told are the known ones of the same table.
     pub(crate) fn refuse_rest(&self, known: &[&str]) -> Result<(), Fault> {
-        match self.iter().next() {
-            None => Ok(()),
-            Some((key, entry)) => {
-                let known = known.join(", ");
-                let message = format!("`{key}` is not known here; known are {known}");
-                Err(entry.place.fault(message))
-            }
+        let Some((key, entry)) = self.iter().next() else {
+            return Ok(());
+        };
+        let table = key.rfind('.').map_or("", |dot| &key[..=dot]);
+        let of_table = known.iter().filter_map(|known| known.strip_prefix(table));
+        let of_table: Vec<_> = of_table.collect();
+        // A line below a [table] belongs to it, which is easily forgotten of those that have none.
+        let mut segments = key.split('.').skip(1);
+        if let Some(above) = segments.find(|segment| TOP.contains(segment)) {
+            let message = format!("`{above}` belongs above the first [table], here it is `{key}`");
+            return Err(entry.place.fault(message));
         }
+        let message = match of_table.as_slice() {
+            [] => format!("`{key}` is not known"),
+            of_table => format!(
+                "`{key}` is not known; known there are {}",
+                of_table.join(", ")
+            ),
+        };
+        Err(entry.place.fault(message))
     }
 }
+
+/// Keys that stand above the tables.
+const TOP: [&str; 10] = [
+    "about",
+    "like",
+    "sources",
+    "chip",
+    "crystal_mhz",
+    "crystal_bypassed",
+    "qemu",
+    "bootloader",
+    "debug_pins",
+    "polled",
+];
 
 /// Returns the path of a board beside a file.
 fn beside(path: &Path, name: &str) -> PathBuf {

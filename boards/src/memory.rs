@@ -42,8 +42,11 @@ impl MemoryLayout {
         let end = FLASH + part.flash_kib * 1024;
         let flash_start = FLASH + bootloader_kib * 1024;
         let Some(first) = sectors.at(flash_start) else {
+            let starts = sectors.0.iter().map(|start| (start - FLASH) / 1024);
+            let starts: Vec<_> = starts.map(|kib| kib.to_string()).collect();
             return Err(format!(
-                "no sector of the flash begins at {bootloader_kib} KiB"
+                "no sector of the flash begins at {bootloader_kib} KiB; sectors begin at {} KiB",
+                starts.join(", ")
             ));
         };
         let last = sectors.0.len() - 1;
@@ -58,7 +61,8 @@ impl MemoryLayout {
         // A hole between the vectors and the code; it must leave most of the flash.
         if !is_behind && journal[1] > 4 {
             return Err(format!(
-                "{} KiB of flash have no two sectors for the settings behind a bootloader of {bootloader_kib} KiB",
+                "{} KiB of flash have no two sectors for the settings behind a bootloader of {bootloader_kib} KiB: \
+                 32 KiB are the most",
                 part.flash_kib
             ));
         }

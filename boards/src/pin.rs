@@ -32,8 +32,11 @@ impl FromStr for Pin {
 
     /// Reads `A3` or `PA3`.
     fn from_str(text: &str) -> Result<Self, String> {
-        let unknown =
-            || format!("{text:?} is no pin: a port and a number are wanted, as in \"A3\"");
+        let unknown = || {
+            format!(
+                "{text:?} is no pin: a port, A to I, and a number, 0 to 15, are wanted, as in \"A3\""
+            )
+        };
         let name = text.strip_prefix('P').unwrap_or(text);
         let mut characters = name.chars();
         let port = characters.next().ok_or_else(unknown)?;

@@ -35,6 +35,16 @@ impl SerialPins {
         })
     }
 
+    /// Returns which pins send and receive on a chip with some USARTs, for an error.
+    pub(crate) fn known(usarts: &[u8]) -> String {
+        let pins = PINS.iter().filter(|(usart, ..)| usarts.contains(usart));
+        let pins = pins.map(|(usart, sending, receiving)| {
+            let [sending, receiving] = [sending, receiving].map(|pins| pins.join(" or "));
+            format!("USART{usart} has TX on {sending}, RX on {receiving}")
+        });
+        pins.collect::<Vec<_>>().join("; ")
+    }
+
     /// Returns the number of the pins' alternate function.
     pub(crate) fn alternate_function(self) -> u8 {
         if self.usart == 6 { 8 } else { 7 }

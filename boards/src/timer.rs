@@ -63,6 +63,17 @@ impl PwmOutput {
         outputs.max_by_key(|output| output.timer)
     }
 
+    /// Returns the pins that can be an output on a chip with some timers, of those that a package has, for an error.
+    pub(crate) fn pins(timers: &[u8], is_there: impl Fn(Pin) -> bool) -> String {
+        let names = PINS.iter().chain(&SINGLE).flat_map(|(.., names)| *names);
+        let mut pins: Vec<Pin> = names.filter_map(|name| name.parse().ok()).collect();
+        pins.retain(|pin| is_there(*pin) && Self::of(*pin, timers).is_some());
+        pins.sort_unstable();
+        pins.dedup();
+        let names: Vec<_> = pins.iter().map(ToString::to_string).collect();
+        names.join(", ")
+    }
+
     /// Returns the address of the timer's registers: RM0090 2.3.
     pub(crate) fn base(self) -> u32 {
         match self.timer {

@@ -4,6 +4,7 @@ use std::collections::BTreeMap;
 
 use crate::{
     Chip, Fault, Part, Pin, PwmOutput, SerialPins, SignedPin,
+    board::missing,
     entries::{Entries, Entry, Place},
     pin::Pull,
 };
@@ -31,8 +32,8 @@ pub enum Input {
 }
 
 impl Input {
-    /// Returns whether an input has this key.
-    pub(crate) fn is_key(key: &str) -> bool {
+    /// Returns the keys of all inputs.
+    pub(crate) fn keys() -> Vec<String> {
         let limits = (0..AXES.len() as u8).map(Self::Limit);
         let others = [
             Self::Probe,
@@ -41,7 +42,7 @@ impl Input {
             Self::Door,
             Self::Reset,
         ];
-        limits.chain(others).any(|input| input.key() == key)
+        limits.chain(others).map(Self::key).collect()
     }
 
     /// Returns the key of the input in a file.
@@ -181,7 +182,7 @@ impl<'a> Reader<'a> {
             serial,
         };
         self.inputs(&mut wiring, limits, polled)?;
-        self.functions.refuse_rest(&KEYS)?;
+        refuse_rest(&self.functions)?;
         if wiring.step_ports().len() > MOST_STEP_PORTS {
             let message = format!("steps and directions are on more than {MOST_STEP_PORTS} ports");
             return Err(file.fault(message));
@@ -212,7 +213,7 @@ impl<'a> Reader<'a> {
     fn serial(&mut self, file: &Place) -> Result<SerialPins, Fault> {
         let mut pin = |key: &str| {
             let entry = self.functions.take(key);
-            let entry = entry.ok_or_else(|| file.fault(format!("`{key}` is missing")))?;
+            let entry = entry.ok_or_else(|| missing(file, key))?;
             let signed = signed_pin(&entry)?;
             self.use_pin(signed.pin, key, &entry.place)?;
             Ok((signed.pin, entry.place))
@@ -220,7 +221,9 @@ impl<'a> Reader<'a> {
         let (transmit, place) = pin("serial.tx")?;
         let (receive, _) = pin("serial.rx")?;
         SerialPins::of(transmit, receive, &self.chip.usarts).ok_or_else(|| {
-            let message = format!("{transmit} and {receive} are not TX and RX of one USART");
+            let known = SerialPins::known(&self.chip.usarts);
+            let message =
+                format!("{transmit} and {receive} are not TX and RX of one USART: {known}");
             place.fault(message)
         })
     }
@@ -228,7 +231,9 @@ impl<'a> Reader<'a> {
     /// Reads a step or direction output, which must be there.
     fn motor_output(&mut self, key: &str, file: &Place) -> Result<(Pin, Place), Fault> {
         let Some(entry) = self.functions.take(key) else {
-            return Err(file.fault(format!("`{key}` is missing")));
+            let axis = &key[..=key.rfind('.').unwrap_or(0)];
+            let place = self.functions.place_of(axis.trim_end_matches('.'));
+            return Err(missing(place.unwrap_or(file), key));
         };
         let signed = signed_pin(&entry)?;
         if signed.is_active_low || signed.pull != Pull::None {
@@ -243,7 +248,9 @@ impl<'a> Reader<'a> {
     fn step(&mut self, key: &str, file: &Place) -> Result<Pin, Fault> {
         let (pin, place) = self.motor_output(key, file)?;
         if is_slow(pin) {
-            return Err(place.fault(format!("{pin} is too slow for steps")));
+            return Err(place.fault(format!(
+                "{pin} is too slow for steps, as C13 to C15 are (2 MHz)"
+            )));
         }
         Ok(pin)
     }
@@ -267,10 +274,14 @@ impl<'a> Reader<'a> {
         };
         let signed = signed_pin(&entry)?;
         if signed.is_active_low || signed.pull != Pull::None {
-            return Err(entry.place.fault("the PWM has no sign"));
+            return Err(entry.place.fault("the PWM has no sign: it is active high"));
         }
         let output = PwmOutput::of(signed.pin, &self.chip.timers).ok_or_else(|| {
-            let message = format!("{} is no output of a timer that is free", signed.pin);
+            let free = PwmOutput::pins(&self.chip.timers, |pin| self.part.has(pin));
+            let message = format!(
+                "{} is no output of a timer that is free; those are {free}",
+                signed.pin
+            );
             entry.place.fault(message)
         })?;
         self.use_pin(signed.pin, key, &entry.place)?;
@@ -330,7 +341,8 @@ impl<'a> Reader<'a> {
             return Err(place.fault(format!("{pin} is a pin of the crystal")));
         }
         if !self.part.has(pin) {
-            return Err(place.fault(format!("this part has no pin {pin}")));
+            let message = format!("this part has no pin {pin}, it has {}", self.part.pins());
+            return Err(place.fault(message));
         }
         if pin.port == 0 && matches!(pin.number, 13 | 14) && !self.has_debug_pins {
             let message = format!(
@@ -346,12 +358,10 @@ impl<'a> Reader<'a> {
     }
 }
 
-/// Keys of functions.
-const KEYS: [&str; 17] = [
-    "axes.X.step",
-    "axes.X.direction",
-    "axes.X.enable",
-    "axes.X.limit",
+/// Keys of the functions of an axis.
+const AXIS_KEYS: [&str; 4] = ["step", "direction", "enable", "limit"];
+/// Keys of other functions.
+const KEYS: [&str; 13] = [
     "outputs.enable",
     "outputs.spindle",
     "outputs.counter_clockwise",
@@ -366,6 +376,26 @@ const KEYS: [&str; 17] = [
     "serial.tx",
     "serial.rx",
 ];
+
+/// Refuses functions that nobody has asked for.
+fn refuse_rest(functions: &Entries) -> Result<(), Fault> {
+    let unknown = functions.iter().find(|(key, _)| {
+        let axis = key.strip_prefix("axes.");
+        let axis = axis.and_then(|key| key.split('.').next());
+        axis.is_some_and(|letter| !AXES.contains(&letter))
+    });
+    if let Some((key, entry)) = unknown {
+        let message = format!("`{key}` is not known; axes are {}", AXES.join(", "));
+        return Err(entry.place.fault(message));
+    }
+    let of_axes = AXES.iter().flat_map(|letter| {
+        let keys = AXIS_KEYS.iter();
+        keys.map(move |key| format!("axes.{letter}.{key}"))
+    });
+    let known: Vec<String> = of_axes.chain(KEYS.map(str::to_owned)).collect();
+    let known: Vec<&str> = known.iter().map(String::as_str).collect();
+    functions.refuse_rest(&known)
+}
 
 /// Pins of the backup domain: 3 mA and 2 MHz at most (data sheets, note to the table of pins).
 fn is_slow(pin: Pin) -> bool {

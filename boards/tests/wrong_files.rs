@@ -37,7 +37,7 @@ F13 = "MOTOR0"
 
 /// What is replaced by what, and the line and the words of the error. Where nothing is replaced, the line is put
 /// before all others.
-const WRONG: [(&str, &str, usize, &str); 34] = [
+const WRONG: [(&str, &str, usize, &str); 40] = [
     (
         "chip = \"F446ZE\"",
         "chip = \"F466ZE\"",
@@ -58,7 +58,12 @@ const WRONG: [(&str, &str, usize, &str); 34] = [
         3,
         "a whole number is wanted",
     ),
-    ("crystal_mhz = 12\n", "", 1, "`crystal_mhz` is missing"),
+    (
+        "crystal_mhz = 12\n",
+        "",
+        1,
+        "`crystal_mhz` is missing: what is printed on the crystal",
+    ),
     (
         "crystal_mhz = 12",
         "crystal_mhz = 12.5",
@@ -77,7 +82,7 @@ const WRONG: [(&str, &str, usize, &str); 34] = [
         "tx = \"A9\"",
         "tx = \"A2\"",
         6,
-        "not TX and RX of one USART",
+        "not TX and RX of one USART: ",
     ),
     ("rx = \"A10\"\n", "", 1, "`serial.rx` is missing"),
     ("step = \"F13\"", "step = \"F16\"", 9, "is no pin"),
@@ -90,18 +95,18 @@ const WRONG: [(&str, &str, usize, &str); 34] = [
     ),
     ("step = \"F13\"", "step = \"C14\"", 9, "too slow"),
     ("step = \"F13\"", "step = \"H0\"", 9, "the crystal"),
-    ("step = \"F13\", ", "", 1, "`axes.X.step` is missing"),
+    ("step = \"F13\", ", "", 9, "`axes.X.step` is missing"),
     (
         "step = \"F13\"",
         "stap = \"F13\", step = \"F13\"",
         9,
-        "`axes.X.stap` is not known",
+        "`axes.X.stap` is not known; known there are step, direction, enable, limit",
     ),
     (
         "step = \"F13\"",
         "step = \"I1\"",
         9,
-        "this part has no pin PI1",
+        "this part has no pin PI1, it has A0-15, B0-15",
     ),
     (
         "direction = \"G1\"",
@@ -138,9 +143,14 @@ const WRONG: [(&str, &str, usize, &str); 34] = [
         "polled = [\"axes.Z.limit\"]",
         "polled = [\"axes.Q.limit\"]",
         4,
-        "`axes.Q.limit` is no input",
+        "`axes.Q.limit` is no input; inputs are axes.X.limit",
     ),
-    ("pwm = \"A8\"", "pwm = \"D3\"", 14, "no output of a timer"),
+    (
+        "pwm = \"A8\"",
+        "pwm = \"D3\"",
+        14,
+        "no output of a timer that is free; those are PA6, PA7, PA8",
+    ),
     ("pwm = \"A8\"", "pwm = \"!A8\"", 14, "the PWM has no sign"),
     ("C13 = \"high\"", "C13 = \"on\"", 23, "\"high\" or \"low\""),
     (
@@ -153,13 +163,49 @@ const WRONG: [(&str, &str, usize, &str); 34] = [
         "[labels]",
         "[bootloader]\nkib = 24\n[labels]",
         25,
-        "no sector of the flash begins at 24 KiB",
+        "begins at 24 KiB; sectors begin at 0, 16, 32, 48, 64, 128",
     ),
     (
         "[labels]",
         "[bootloader]\nkib = 64\n[labels]",
         25,
         "no two sectors for the settings",
+    ),
+    (
+        "step = \"F13\", direction = \"F12\"",
+        "step_pin = \"F13\", direction = \"F12\"",
+        9,
+        "`axes.X.step` is missing",
+    ),
+    (
+        "A = { step = \"F9\"",
+        "B = { step = \"F9\"",
+        12,
+        "`axes.A.step` is missing",
+    ),
+    (
+        "A = { step = \"F9\"",
+        "D = { step = \"F9\"",
+        12,
+        "axes are X, Y, Z, A, B, C",
+    ),
+    (
+        "direction = \"F10\"",
+        "direction = \"A8\"",
+        14,
+        "PA8 is axes.A.direction already, with 4 axes: [with_4_axes] says what differs there",
+    ),
+    (
+        "rx = \"A10\"",
+        "rx = \"A10\"\ndebug_pins = true",
+        8,
+        "`debug_pins` belongs above the first [table]",
+    ),
+    (
+        "tx = \"A9\"\nrx = \"A10\"",
+        "tx = \"A10\"\nrx = \"A9\"",
+        6,
+        "USART1 has TX on A9 or B6, RX on A10 or B7",
     ),
     (
         "name = \"Right\"",
@@ -260,4 +306,13 @@ fn settings_lie_where_no_program_does() {
         (0x0800_8000, Some(0x0802_0000))
     );
     assert_eq!(behind.flash_bytes, (512 - 32) * 1024);
+}
+
+#[test]
+fn a_chip_is_known_by_what_is_printed_on_it() {
+    for printed in ["F446ZET6", "STM32F446ZET6", "STM32F446ZE"] {
+        let text = RIGHT.replace("F446ZE", printed);
+        let board = read("printed", &text).expect("nothing is wrong");
+        assert_eq!(board.part_name, "F446ZE");
+    }
 }
