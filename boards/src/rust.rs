@@ -1,6 +1,6 @@
 //! A board as Rust: the constants that `src/board/` is compiled with.
 
-use std::fmt::Write as _;
+use std::{fmt::Write as _, iter};
 
 use crate::{Board, Input, JournalPage, Pin, Pull, SignedPin, Wiring};
 
@@ -101,18 +101,21 @@ macro_rules! sender {{
 }}
 pub(super) use sender;
 
-/// Starts the clocks of the ports, of the board's USART and of its PWM.
-pub(super) fn enable_clocks(rcc: &mut Rcc) {{
+/// Starts the clocks of the ports.
+pub(super) fn enable_ports(rcc: &mut Rcc) {{
 "
     );
-    let mut started: Vec<String> = wiring
-        .ports()
-        .iter()
-        .map(|port| format!("GPIO{}", char::from(b'A' + port)))
-        .collect();
-    started.push(format!("USART{usart}"));
-    started.extend(wiring.pwm.map(|(_, output)| format!("TIM{}", output.timer)));
-    for peripheral in started {
+    for port in wiring.ports() {
+        let letter = char::from(b'A' + port);
+        let _ = writeln!(text, "    pac::GPIO{letter}::enable(rcc);");
+    }
+    text += "}
+
+/// Starts the clocks of the board's USART and of its PWM.
+pub(super) fn enable_clocks(rcc: &mut Rcc) {
+";
+    let pwm = wiring.pwm.map(|(_, output)| format!("TIM{}", output.timer));
+    for peripheral in iter::once(format!("USART{usart}")).chain(pwm) {
         let _ = writeln!(text, "    pac::{peripheral}::enable(rcc);");
     }
     text + "}\n"

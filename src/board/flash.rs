@@ -17,7 +17,7 @@ use embedded_storage::nor_flash::{
 use stm32f4xx_hal::pac::flash::cr::PSIZE;
 
 use super::{
-    chosen::WIRING, emulation, flash_access, pac, serial::FlashEraseReceiver, step_timer,
+    chosen::WIRING, emulation, flash_access, pac, serial::FlashEraseReceiver, step_timer, supply,
     vectors::nvic_priority,
 };
 
@@ -43,7 +43,7 @@ pub(crate) enum FlashError {
     NotAligned,
     /// Beyond the end.
     OutOfBounds,
-    /// The chip reports an error, or the machine has begun to move.
+    /// The chip reports an error, the supply is too low, or the machine has begun to move.
     Refused,
 }
 
@@ -75,12 +75,15 @@ impl SettingsFlash {
     ///
     /// # Errors
     ///
-    /// If the operation returns false, or the chip reports an error.
+    /// If the supply is too low, the operation returns false, or the chip reports an error.
     fn operate(
         &mut self,
         operation: impl FnOnce(&pac::FLASH, Option<&mut FlashEraseReceiver>) -> bool,
     ) -> Result<(), FlashError> {
         let flash = &self.registers;
+        if supply::is_low() {
+            return Err(FlashError::Refused);
+        }
         for key in KEYS {
             flash.keyr().write(|w| w.key().set(key));
         }

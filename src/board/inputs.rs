@@ -20,9 +20,11 @@ use leadscrew::{
 };
 
 use super::{
-    ChipPlatform, TIMERS_MHZ, chosen, emulation, pac,
+    ChipPlatform, TIMERS_MHZ,
+    chosen::WIRING,
+    emulation, pac,
     step_output::{StepInterrupt, StepTimerToken},
-    vectors,
+    supply, vectors,
     wiring::{PortList, read_port},
 };
 
@@ -31,10 +33,10 @@ const IDLE_PERIOD_US: u16 = 1000;
 /// Time between two samples, µs.
 const SAMPLE_PERIOD_US: u16 = (SAMPLE_TICKS / TICKS_PER_US) as u16;
 
-/// Time for the pull-ups to raise the cables of open contacts, core cycles: 100 µs, in which 50 kΩ
-/// bring 1.6 nF, 16 m of cable, to the 0.7 of the supply that reads as high (data sheet, I/O
-/// characteristics).
-const PULL_UP_CYCLES: u32 = 16_800;
+/// Time for the pull-ups to raise the cables of open contacts, core cycles: 10 ms, in which 50 kΩ
+/// bring 160 nF, more than the capacitor of a filter at the pin, to the 0.7 of the supply that reads as high
+/// (data sheet, I/O characteristics).
+const PULL_UP_CYCLES: u32 = WIRING.core_hz / 100;
 
 /// Priority of `inputs` in `src/app.rs`.
 const PRIORITY: u8 = 3;
@@ -70,16 +72,16 @@ impl InputInterrupts {
         syscfg: &pac::SYSCFG,
         nvic: &mut pac::NVIC,
     ) -> Self {
-        for input in chosen::WIRING.inputs {
+        for input in WIRING.inputs {
             input.pin.make_input(input.pull);
         }
         cortex_m::asm::delay(PULL_UP_CYCLES);
         connect_lines(syscfg);
         // SAFETY: the bits of lines that exist.
         unsafe {
-            exti.rtsr().write(|w| w.bits(LINES));
+            exti.rtsr().write(|w| w.bits(LINES | supply::LINE));
             exti.ftsr().write(|w| w.bits(LINES));
-            exti.imr().write(|w| w.bits(LINES));
+            exti.imr().write(|w| w.bits(LINES | supply::LINE));
         }
         vectors::unmask(nvic, &LINE_VECTORS, PRIORITY);
         timer.psc().write(|w| w.psc().set(TIMERS_MHZ - 1));
@@ -93,7 +95,7 @@ impl InputInterrupts {
 
     /// Returns the pins with their filter, which has the present levels, and the inputs.
     pub(crate) fn watch(self, events: EventTap<'static>) -> (InputPins, Inputs) {
-        let wired = chosen::WIRING.inputs.iter();
+        let wired = WIRING.inputs.iter();
         let inputs = Inputs::wired(wired.fold(Levels::NONE, |wired, input| wired | input.levels));
         let pins = InputPins {
             timer: self.timer,
@@ -163,8 +165,8 @@ impl InputPins {
     fn mask_lines_after_edge(&mut self) -> bool {
         let has_edge = self.exti.pr().read().bits() & LINES != 0;
         if has_edge {
-            // SAFETY: only lines of this task are unmasked.
-            unsafe { self.exti.imr().write(|w| w.bits(0)) };
+            // SAFETY: the bit of a line that exists.
+            unsafe { self.exti.imr().write(|w| w.bits(supply::LINE)) };
         }
         has_edge
     }
@@ -182,7 +184,7 @@ impl InputPins {
     #[expect(unsafe_code, reason = "raw words for a register")]
     fn unmask_lines(&mut self) {
         // SAFETY: the bits of lines that exist.
-        unsafe { self.exti.imr().write(|w| w.bits(LINES)) };
+        unsafe { self.exti.imr().write(|w| w.bits(LINES | supply::LINE)) };
     }
 
     #[inline]
@@ -244,7 +246,7 @@ fn set_period(timer: &pac::TIM10, period_us: u16) {
 }
 
 /// The ports of the inputs.
-const INPUT_PORTS: PortList = chosen::WIRING.input_ports();
+const INPUT_PORTS: PortList = WIRING.input_ports();
 
 /// Returns the closed contacts.
 #[inline]
@@ -259,7 +261,7 @@ fn read() -> Levels {
     }
     let mut closed = Levels::NONE;
     // wcet-bound: 11
-    for input in chosen::WIRING.inputs {
+    for input in WIRING.inputs {
         let level = levels[INPUT_PORTS.index(input.pin.port())];
         let is_high = level >> input.pin.number() & 1 != 0;
         if is_high != input.is_active_low {
@@ -271,7 +273,7 @@ fn read() -> Levels {
 
 /// Returns the interrupt lines of all inputs.
 const fn lines() -> u32 {
-    let inputs = chosen::WIRING.inputs;
+    let inputs = WIRING.inputs;
     let (mut lines, mut index) = (0, 0);
     while index < inputs.len() {
         lines |= 1 << inputs[index].pin.number();
@@ -284,7 +286,7 @@ const fn lines() -> u32 {
 #[expect(unsafe_code, reason = "pins are chosen by a table, not by type")]
 fn connect_lines(syscfg: &pac::SYSCFG) {
     let mut words = [0; 4];
-    for input in chosen::WIRING.inputs.iter().rev() {
+    for input in WIRING.inputs.iter().rev() {
         let (port, number) = (input.pin.port(), input.pin.number());
         let (word, shift) = (usize::from(number / 4), u32::from(number % 4) * 4);
         words[word] = words[word] & !(0xf << shift) | u32::from(port) << shift;

@@ -18,6 +18,7 @@ mod emulation;
 mod actuators;
 mod bootloader;
 mod chosen;
+mod clocks;
 mod delay_timer;
 mod flash;
 pub(crate) mod host_clock;
@@ -35,6 +36,7 @@ mod stack;
 mod step_output;
 mod step_timer;
 mod storage;
+mod supply;
 #[cfg(feature = "trace")]
 pub(crate) mod trace;
 #[cfg(not(feature = "trace"))]
@@ -53,7 +55,7 @@ pub(crate) use step_output::{StepInterrupt, StepPins, StepTimerToken};
 pub(crate) use stm32f4xx_hal::pac;
 pub(crate) use storage::{Memory, Storage};
 
-use leadscrew::protocol::Session;
+use leadscrew::{model::Alarm, protocol::Session};
 
 /// The clock of TIM9 and TIM10, MHz: that of the core on every chip.
 const TIMERS_MHZ: u16 = (chosen::WIRING.core_hz / 1_000_000) as u16;
@@ -74,6 +76,8 @@ pub(crate) struct Board {
     pub(crate) storage: &'static mut Storage,
     /// The session, with the contents of the journal.
     pub(crate) session: &'static mut Session,
+    /// The alarm with which the machine comes up.
+    pub(crate) alarm: Option<Alarm>,
 }
 
 /// Sets what every write of the register has in common, as the board's chip says: wait states, and no prefetch.

@@ -13,7 +13,7 @@ use leadscrew::model::{Outputs, Spindle};
 
 use super::{
     chosen, emulation, pins, pwm,
-    wiring::{Output, Wiring},
+    wiring::{AccessoryPins, Output, Pin, Wiring},
 };
 
 /// The duty that is output.
@@ -23,26 +23,9 @@ static DUTY: AtomicU32 = AtomicU32::new(0);
 pub(crate) struct SwitchOutputs(Outputs);
 
 impl SwitchOutputs {
-    /// Makes outputs of the pins, all off. The clocks of the ports must run.
+    /// Returns the outputs as [`make_safe`] leaves them.
     pub(super) fn new() -> Self {
-        let Wiring {
-            accessories, pwm, ..
-        } = &chosen::WIRING;
-        let pins = [
-            accessories.spindle,
-            accessories.counter_clockwise,
-            accessories.flood,
-            accessories.mist,
-        ];
-        let off = Outputs::default();
-        switch(&off);
-        for output in pins.into_iter().flatten() {
-            output.pin.make_output();
-        }
-        if let Some(pwm) = pwm {
-            pwm.pin.make_alternate(pwm.function);
-        }
-        Self(off)
+        Self(Outputs::default())
     }
 
     /// Switches the outputs that have changed; not the duty.
@@ -56,6 +39,47 @@ impl SwitchOutputs {
             emulation::record_outputs(outputs);
         }
     }
+}
+
+/// Makes outputs of all pins that drive something, and none of them does: spindle, laser and coolant off,
+/// drivers disabled, no pulse. First after a reset, in which the pins float; the clocks of the ports must run.
+pub(super) fn make_safe() {
+    let Wiring {
+        at_boot,
+        enable,
+        step,
+        direction,
+        accessories,
+        pwm,
+        ..
+    } = &chosen::WIRING;
+    // What the board itself needs, as the supply of a header, comes first.
+    for &(pin, high) in *at_boot {
+        make_output(pin, high);
+    }
+    let AccessoryPins {
+        spindle,
+        counter_clockwise,
+        flood,
+        mist,
+    } = *accessories;
+    let switched = [spindle, counter_clockwise, flood, mist];
+    // `$4` is not known yet: these are the levels of the board's file.
+    for output in enable.iter().copied().chain(switched.into_iter().flatten()) {
+        make_output(output.pin, output.is_active_low);
+    }
+    for &pin in step.iter().chain(direction) {
+        make_output(pin, false);
+    }
+    if let Some(pwm) = pwm {
+        make_output(pwm.pin, false);
+    }
+}
+
+/// Makes an output of a pin. The level comes first: none before it may show.
+fn make_output(pin: Pin, high: bool) {
+    pin.set(high);
+    pin.make_output();
 }
 
 /// Switches everything off, after a fault, when no task runs any more.

@@ -57,7 +57,7 @@ mod faults {
 }
 
 /// Stops as a panic does, without a message.
-fn stop() -> ! {
+pub(super) fn stop() -> ! {
     cortex_m::interrupt::disable();
     outputs::switch_off();
     halt()

@@ -126,20 +126,6 @@ static IS_ENABLED: AtomicBool = AtomicBool::new(false);
 /// The polarities of the tables, as [`polarity`] returns them.
 static POLARITY: AtomicU32 = AtomicU32::new(0);
 
-/// Makes outputs of the pins, with the drivers disabled. The clocks of the ports must run.
-pub(super) fn init(settings: &Settings) {
-    // Levels first: a pin that becomes an output must not begin a pulse.
-    configure(settings);
-    let wiring = &chosen::WIRING;
-    for (step, direction) in wiring.step.iter().zip(&wiring.direction) {
-        step.make_output();
-        direction.make_output();
-    }
-    for enable in wiring.enable {
-        enable.pin.make_output();
-    }
-}
-
 /// Outputs the words of the last [`set_next`]. For the step interrupt, or while it stands.
 #[inline]
 pub(super) fn write() {
@@ -228,7 +214,7 @@ fn polarity(settings: &Settings) -> u32 {
 
 /// Makes the tables and outputs the levels of standstill. The drivers stay enabled or disabled: an
 /// axis that they hold must not fall because a setting changes.
-fn configure(settings: &Settings) {
+pub(super) fn configure(settings: &Settings) {
     POLARITY.store(polarity(settings), Relaxed);
     let wiring = &chosen::WIRING;
     let active_low = usize::from(settings.step_invert);

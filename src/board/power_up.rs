@@ -1,20 +1,19 @@
 //! What happens before the tasks run: clocks, pins and peripherals.
 
 use cortex_m::Peripherals as Core;
-use leadscrew::{model::HAS_REPRAP, units::TICKS_PER_SECOND};
-use stm32f4xx_hal::{
-    rcc::{BusClock, Config, Enable, Rcc, RccExt},
-    time::Hertz,
-};
+use leadscrew::model::{Alarm, HAS_REPRAP};
+use stm32f4xx_hal::rcc::{BusClock, Enable, Rcc, RccExt};
 
 use super::{
-    Actuators, Board, InputInterrupts, Memory, Receiver, StepPins, StepTimerToken, TIMERS_MHZ,
-    bootloader,
+    Actuators, Board, InputInterrupts, Memory, Receiver, StepPins, StepTimerToken, bootloader,
     chosen::{self, Usart, WIRING},
+    clocks::{self, Clocks},
     emulation,
     flash::SettingsFlash,
-    flash_access, host_clock, pac, pins, pwm,
+    host_clock, outputs, pac, pins, pwm,
     step_timer::StepTimer,
+    supply,
+    wiring::Pull,
 };
 
 /// Bits a second that sender and firmware exchange.
@@ -35,27 +34,26 @@ pub(crate) fn init(device: pac::Peripherals, mut core: Core, memory: Memory) -> 
     if WIRING.has_bootloader {
         bootloader::undo(&device.RCC, &mut core.SYST, &mut core.NVIC);
     }
-    // The emulator's PLL would never report ready.
-    let config = if emulation::detect(&device.RCC) {
+    if emulation::detect(&device.RCC) {
         emulation::init(&device.TIM2, &mut core.NVIC);
-        Config::hsi()
-    } else {
-        chip_clocks()
-    };
-    let mut rcc = start_clocks(device.RCC, &device.FLASH, config);
-    start_peripherals(&mut rcc);
-    chosen::enable_clocks(&mut rcc);
-    for &(pin, high) in WIRING.at_boot {
-        pin.set(high);
-        pin.make_output();
     }
+    // Before anything that takes long, as the crystal and the journal: the pins float until then.
+    let mut rcc = device.RCC.constrain();
+    chosen::enable_ports(&mut rcc);
+    outputs::make_safe();
+    let Clocks {
+        mut rcc,
+        has_crystal,
+    } = clocks::start(rcc, &device.FLASH);
+    start_peripherals(&mut rcc);
+    let has_supply = supply::watch(&device.PWR, &mut rcc, &mut core.NVIC);
+    chosen::enable_clocks(&mut rcc);
     pwm::init();
-    // Before the journal is read, which takes long: spindle and laser must be off.
     let actuators = Actuators::new(device.TIM9);
     let usart = start_serial(chosen::sender!(device), &rcc, &mut core.NVIC);
     host_clock::init(&device.TIM4);
     let (session, storage) = memory.power_up(SettingsFlash::new(device.FLASH));
-    pins::init(session.settings());
+    pins::configure(session.settings());
     Board {
         step_timer: StepTimerToken::new(),
         output: StepPins::new(StepTimer::new(core.SYST)),
@@ -64,35 +62,8 @@ pub(crate) fn init(device: pac::Peripherals, mut core: Core, memory: Memory) -> 
         actuators,
         storage,
         session,
+        alarm: (!(has_crystal && has_supply)).then_some(Alarm::SelfTest),
     }
-}
-
-/// Returns the clocks of the board's chip, from its crystal.
-fn chip_clocks() -> Config {
-    let config = Config::hse(Hertz::from_raw(WIRING.crystal_hz));
-    let config = if WIRING.is_crystal_bypassed {
-        config.bypass_hse_oscillator()
-    } else {
-        config
-    };
-    config.sysclk(Hertz::from_raw(WIRING.core_hz))
-}
-
-/// Sets the clocks to those of `config`, and reads flash without prefetch.
-///
-/// # Panics
-///
-/// If the core does not count half ticks, or TIM9 and TIM10 do not count its cycles: every time would be wrong.
-fn start_clocks(rcc: pac::RCC, flash: &pac::FLASH, config: Config) -> Rcc {
-    let rcc = rcc.freeze(config);
-    let (core_hz, timers_hz) = (rcc.clocks.hclk().raw(), rcc.clocks.timclk2().raw());
-    assert!(
-        emulation::is_emulated()
-            || core_hz == 2 * TICKS_PER_SECOND && timers_hz == u32::from(TIMERS_MHZ) * 1_000_000,
-        "the step timer counts half ticks, and TIM9 and TIM10 count what their dividers are for"
-    );
-    flash.acr().write(|w| flash_access(w).dcen().set_bit());
-    rcc
 }
 
 /// Starts the clocks of the peripherals that all boards use.
@@ -114,9 +85,10 @@ fn start_serial(usart: Usart, rcc: &Rcc, nvic: &mut pac::NVIC) -> Usart {
         w.div_mantissa().set((divider / 16) as u16);
         w.div_fraction().set((divider % 16) as u8)
     });
-    for pin in [WIRING.transmit, WIRING.receive] {
-        pin.make_alternate(WIRING.serial_function);
-    }
+    let function = WIRING.serial_function;
+    WIRING.transmit.make_alternate(function, Pull::None);
+    // A line that nobody drives must not read as bytes.
+    WIRING.receive.make_alternate(function, Pull::Up);
     chosen::unmask_sender(nvic, SERIAL_PRIORITY);
     usart
 }

@@ -5,7 +5,10 @@
 
 use leadscrew::model::Outputs;
 
-use super::{chosen, wiring::Pwm};
+use super::{
+    chosen,
+    wiring::{Pull, Pwm},
+};
 
 /// Registers of a timer, in words from its first.
 const CR1: usize = 0;
@@ -23,7 +26,7 @@ const MOE: u32 = 1 << 15;
 /// PWM mode 1, whose compare value changes with the next period.
 const MODE: u32 = 0b110_1000;
 
-/// Starts the PWM with no pulse, at 5.1 kHz. The clock of the timer must run.
+/// Starts the PWM with no pulse, at 5.1 kHz, and gives it its pin. The clock of the timer must run.
 pub(super) fn init() {
     let Some(pwm) = &chosen::WIRING.pwm else {
         return;
@@ -38,6 +41,7 @@ pub(super) fn init() {
     }
     pwm.write(EGR, UG);
     pwm.write(CR1, CEN);
+    pwm.pin.make_alternate(pwm.function, Pull::None);
 }
 
 /// Sets the high time of the PWM from its next period on, 0 to [`Outputs::FULL`].

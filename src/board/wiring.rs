@@ -222,8 +222,10 @@ impl Pin {
         write_port(self.port, self.word(high));
     }
 
-    /// Makes the pin a push-pull output.
+    /// Makes the pin a push-pull output with slow edges and no resistor: after a reset, some pins have fast
+    /// edges or a pull-up.
     pub(super) fn make_output(self) {
+        self.set_driver(Pull::None);
         self.set_field(MODER, 2, 0b01);
     }
 
@@ -233,10 +235,20 @@ impl Pin {
         self.set_field(MODER, 2, 0b00);
     }
 
-    /// Makes the pin an output of a peripheral, by the number of the alternate function.
-    pub(super) fn make_alternate(self, function: u32) {
+    /// Makes the pin one of a peripheral, by the number of the alternate function, with a resistor and slow
+    /// edges.
+    pub(super) fn make_alternate(self, function: u32, pull: Pull) {
+        self.set_driver(pull);
         self.set_field(AFR, 4, function);
         self.set_field(MODER, 2, 0b10);
+    }
+
+    /// Sets what a pin has as an output: push-pull, edges of 100 ns (data sheet, I/O AC characteristics), and
+    /// a resistor.
+    fn set_driver(self, pull: Pull) {
+        self.set_field(OTYPER, 1, 0);
+        self.set_field(OSPEEDR, 2, 0b00);
+        self.set_field(PUPDR, 2, pull as u32);
     }
 
     /// Changes the pin's field in a register of its port, or in one of two registers where fields
@@ -258,6 +270,8 @@ impl Pin {
 
 /// Registers of a port, in words from its first.
 const MODER: usize = 0;
+const OTYPER: usize = 1;
+const OSPEEDR: usize = 2;
 const PUPDR: usize = 3;
 const IDR: usize = 4;
 const BSRR: usize = 6;

@@ -61,6 +61,8 @@ pub struct Snapshot {
     pub has_underrun: bool,
     /// Whether an alarm has come that only a reset ends: a hard or soft limit.
     pub is_critical: bool,
+    /// Whether the self-test at power-up has failed: nothing moves, and nothing unlocks the machine.
+    pub failed_self_test: bool,
 }
 
 impl Snapshot {

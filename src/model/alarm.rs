@@ -26,13 +26,15 @@ pub enum Alarm {
     HomingNotFound = 9,
     /// The second motor of an axis found no limit switch.
     HomingDualAxis = 10,
+    /// The crystal does not run, or the supply is too low: nothing may move.
+    SelfTest = 16,
     /// `M112`.
     Killed = 201,
 }
 
 impl Alarm {
     /// Every alarm, in the order of the numbers.
-    pub const ALL: [Self; 11] = [
+    pub const ALL: [Self; 12] = [
         Self::HardLimit,
         Self::SoftLimit,
         Self::ResetInMotion,
@@ -43,6 +45,7 @@ impl Alarm {
         Self::HomingPullOff,
         Self::HomingNotFound,
         Self::HomingDualAxis,
+        Self::SelfTest,
         Self::Killed,
     ];
 
@@ -63,7 +66,8 @@ impl Alarm {
             | Self::HomingDoor
             | Self::HomingPullOff
             | Self::HomingNotFound
-            | Self::HomingDualAxis => false,
+            | Self::HomingDualAxis
+            | Self::SelfTest => false,
         }
     }
 
@@ -81,6 +85,7 @@ impl Alarm {
             Self::HomingPullOff => "homing failed: the switch stayed closed after the pull-off",
             Self::HomingNotFound => "homing failed: no limit switch was found",
             Self::HomingDualAxis => "homing failed: the second motor found no limit switch",
+            Self::SelfTest => "the self-test at power-up failed: crystal or supply",
             Self::Killed => "stopped by M112",
         }
     }
@@ -102,7 +107,7 @@ mod tests {
 
     #[test]
     fn alarms_have_grbls_numbers_and_a_text_of_one_line() {
-        for (alarm, number) in Alarm::ALL.into_iter().zip((1..=10).chain([201])) {
+        for (alarm, number) in Alarm::ALL.into_iter().zip((1..=10).chain([16, 201])) {
             assert_eq!(alarm.number(), number);
             assert_eq!(alarm.to_string(), std::format!("ALARM:{number}"));
             assert!(!alarm.text().is_empty() && !alarm.text().contains('\n'));

@@ -35,7 +35,9 @@ use super::{
 };
 use crate::{
     machine::{Accessories, Control, Inputs, Snapshot},
-    model::{Alarm, Awaited, Levels, Outputs, Requests, State, timing::IDLE_DELAY_INFINITE},
+    model::{
+        Alarm, Awaited, Levels, Notice, Outputs, Requests, State, timing::IDLE_DELAY_INFINITE,
+    },
     path::{AveragingWindow, Entry, MoveKind},
     settings::Settings,
     stepper::{EventWriter, Generator, Segment, SegmentRing},
@@ -139,6 +141,8 @@ struct Faults {
     /// An alarm has come that only a reset ends.
     is_critical: bool,
     reset_in_motion: bool,
+    /// The self-test at power-up has failed: locked until the machine is switched off.
+    failed_self_test: bool,
     /// The state of the door counts when the reset is over.
     checks_door: bool,
 }
@@ -166,6 +170,7 @@ impl Motion {
                 has_underrun: false,
                 is_critical: false,
                 reset_in_motion: false,
+                failed_self_test: false,
                 checks_door: false,
             },
             delays: Delays::new(),
@@ -184,20 +189,32 @@ impl Motion {
     }
 
     /// Takes over the settings at power-up, and returns the machine as it is then: locked with homing
-    /// enabled, or on a limit switch with hard limits enabled.
+    /// enabled, on a limit switch with hard limits enabled, or by an alarm.
     ///
     /// The first run must follow: it reads the door and arms the limit switches.
-    pub fn power_up(&mut self, settings: &Settings, inputs: &Inputs) -> Snapshot {
+    pub fn power_up(
+        &mut self,
+        settings: &Settings,
+        inputs: &Inputs,
+        alarm: Option<Alarm>,
+    ) -> Snapshot {
         self.configure(settings, inputs);
         self.published.outputs.drivers = settings.idle_delay_ms == IDLE_DELAY_INFINITE;
         if settings.homing || self.is_on_limit() {
             self.control.state = State::Alarm;
+        }
+        if let Some(alarm) = alarm {
+            self.control.state = State::Alarm;
+            self.published.notices.push(Notice::Alarm(alarm));
+            self.faults.failed_self_test = alarm == Alarm::SelfTest;
         }
         Snapshot {
             state: self.control.state,
             inputs: self.inputs,
             blocks_free: BLOCKS as u16,
             is_at_rest: true,
+            notices: self.published.notices,
+            failed_self_test: self.faults.failed_self_test,
             ..Snapshot::default()
         }
     }

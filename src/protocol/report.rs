@@ -255,6 +255,8 @@ pub enum Feedback {
     CheckLimits,
     /// A tool length is wanted, and the tool table is empty.
     EmptyToolTable,
+    /// The crystal does not run, or the supply is too low.
+    SelfTestFailed,
     /// `M2` or `M30`.
     ProgramEnd,
     /// `$RST=`.
@@ -279,6 +281,7 @@ pub fn feedback(text: &mut Text, feedback: Feedback) {
         Feedback::CheckDoor => "Check Door",
         Feedback::CheckLimits => "Check Limits",
         Feedback::EmptyToolTable => "Tool table is empty: tool length 0",
+        Feedback::SelfTestFailed => "No crystal, or supply below 2.9 V: nothing moves",
         Feedback::ProgramEnd => "Pgm End",
         Feedback::RestoringDefaults => "Restoring defaults",
         Feedback::RestoringSpindle => "Restoring spindle",

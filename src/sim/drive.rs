@@ -16,7 +16,7 @@ use super::{
 use crate::{
     axis::Axes,
     machine::{Inputs, SAMPLE_TICKS, Snapshot, Watch},
-    model::{Levels, Outputs, Requests, queues::ENTRY_RING},
+    model::{Alarm, Levels, Outputs, Requests, queues::ENTRY_RING},
     motion::Motion,
     path::Entry,
     protocol::ByteWriter,
@@ -72,6 +72,13 @@ impl Drive {
     #[must_use]
     #[inline(never)]
     pub fn new(settings: &Settings) -> Self {
+        Self::power_up(settings, None)
+    }
+
+    /// Returns a drive that comes up with an alarm.
+    #[must_use]
+    #[inline(never)]
+    pub fn power_up(settings: &Settings, alarm: Option<Alarm>) -> Self {
         let inputs = Inputs::new();
         // Constants, which are copied to where they stay: an emulated chip has no room for two of
         // them.
@@ -90,7 +97,7 @@ impl Drive {
             timer: VirtualTimer::new(),
             platform: VirtualPlatform::new(Outputs::default()),
         };
-        drive.published = drive.motion.power_up(settings, &drive.inputs);
+        drive.published = drive.motion.power_up(settings, &drive.inputs, alarm);
         drive.watch = Watch::new(Levels::NONE, &drive.inputs);
         drive.platform.outputs = *drive.motion.outputs();
         drive

@@ -5,7 +5,7 @@ use crate::{
     axis::Axes,
     machine::Snapshot,
     model::{
-        Levels, Outputs, Requests,
+        Alarm, Levels, Outputs, Requests,
         queues::{RECEIVED_RING, SENT_RING},
         timing::TICK_MS,
     },
@@ -39,6 +39,12 @@ impl Simulator {
     /// Returns a machine that is switched on with these settings stored.
     #[must_use]
     pub fn new(settings: &Settings) -> Self {
+        Self::with_alarm(settings, None)
+    }
+
+    /// Returns a machine that is switched on with these settings stored, and comes up with an alarm.
+    #[must_use]
+    pub fn with_alarm(settings: &Settings, alarm: Option<Alarm>) -> Self {
         let stored = Stored {
             settings: *settings,
             ..Stored::default()
@@ -47,7 +53,7 @@ impl Simulator {
         // A new flash whose power stays on has room for the settings.
         let _ = journal.load();
         let _ = journal.write(Change::Settings, &stored, &ToolTable::new());
-        Self::start(journal, settings.step_rate)
+        Self::start(journal, settings.step_rate, alarm)
     }
 
     /// Returns a machine that is switched on for the first time.
@@ -60,11 +66,11 @@ impl Simulator {
     #[must_use]
     pub fn power_up(mut flash: Flash, step_rate: StepRate) -> Self {
         flash.power_up();
-        Self::start(Journal::new(flash), step_rate)
+        Self::start(Journal::new(flash), step_rate, None)
     }
 
     /// Returns a machine with the contents of the journal.
-    fn start(mut journal: Journal<Flash>, step_rate: StepRate) -> Self {
+    fn start(mut journal: Journal<Flash>, step_rate: StepRate, alarm: Option<Alarm>) -> Self {
         let Loaded {
             mut stored,
             is_first_boot,
@@ -73,7 +79,7 @@ impl Simulator {
         let mut session = Session::new(&stored, is_first_boot);
         let _ = journal.load_tools(session.tools_mut());
         Self {
-            drive: Drive::new(&stored.settings),
+            drive: Drive::power_up(&stored.settings, alarm),
             session,
             journal,
             requests: Requests::new(),

@@ -2,7 +2,7 @@
 
 use leadscrew::{
     axis::Axes,
-    model::Levels,
+    model::{Alarm, Levels},
     settings::{Settings, StepRate},
     sim::{Flash, Simulator},
     units::{StepsPerMm, TICKS_PER_SECOND},
@@ -193,4 +193,28 @@ fn a_door_that_opens_before_anything_was_sent_is_seen() {
     assert!(told.contains("<Door:1|"), "{told}");
     let lines = machine.ask("G0X1\n");
     assert_eq!(lines, "");
+}
+
+#[test]
+fn without_its_crystal_a_machine_says_so_and_does_not_move() {
+    let settings = Settings {
+        homing: true,
+        ..Settings::default()
+    };
+    let failed = Some(Alarm::SelfTest);
+    let mut machine = Machine(Box::new(Simulator::with_alarm(&settings, failed)));
+    let told = "ALARM:16\r\n[MSG:No crystal, or supply below 2.9 V: nothing moves]\r\n\r\n\
+                Grbl 1.1h ['$' for help]\r\n[MSG:'$H'|'$X' to unlock]\r\n";
+    assert_eq!(machine.ask(""), told);
+    for refused in ["$X\n", "$H\n", "$J=G91X1F100\n", "G0 X1\n", "M3 S100\n"] {
+        let answer = machine.ask(refused);
+        assert!(
+            answer == "error:9\r\n" || answer == "error:8\r\n",
+            "{refused}{answer}"
+        );
+    }
+    assert!(machine.ask("$G\n").ends_with("ok\r\n"));
+    assert_eq!(machine.ask("\x18"), told);
+    assert_eq!(machine.ask("$X\n"), "error:9\r\n");
+    assert_eq!(machine.0.physical_steps(), Axes::all(0));
 }

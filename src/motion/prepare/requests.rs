@@ -220,7 +220,8 @@ impl Motion {
             | Alarm::HomingDoor
             | Alarm::HomingPullOff
             | Alarm::HomingNotFound
-            | Alarm::HomingDualAxis => self.accessories.switch_off(),
+            | Alarm::HomingDualAxis
+            | Alarm::SelfTest => self.accessories.switch_off(),
         }
     }
 
@@ -273,6 +274,9 @@ impl Motion {
         self.transition(Event::Reset);
         if self.control.state == State::Idle && self.is_on_limit() {
             self.control.state = State::Alarm;
+        }
+        if self.faults.failed_self_test {
+            self.alarm(Alarm::SelfTest);
         }
         self.faults.checks_door = true;
         self.apply_state();

@@ -21,6 +21,9 @@ impl Session {
         if links.machine.state != State::Alarm {
             return self.accept();
         }
+        if links.machine.failed_self_test {
+            return self.refuse(LineError::Locked);
+        }
         if !self.is_done(links.machine) {
             return self.await_standstill();
         }
@@ -34,6 +37,9 @@ impl Session {
     pub(super) fn home(&mut self, mask: u8, links: &mut Links<'_, '_>) -> Progress {
         if self.interpreter.is_compensating() {
             return self.refuse(LineError::NotWithCompensation);
+        }
+        if links.machine.failed_self_test {
+            return self.refuse(LineError::Locked);
         }
         if !self.is_done(links.machine) {
             return self.await_standstill();

@@ -259,7 +259,8 @@ impl Session {
         if !has_reset || is_starting || !self.is_done(machine) || !links.entries.ready() {
             return false;
         }
-        let is_locked = machine.state == State::Alarm && !machine.is_critical;
+        let is_locked =
+            machine.state == State::Alarm && !machine.is_critical && !machine.failed_self_test;
         match self.host.restart {
             Restart::Plain => return true,
             Restart::Killing => self.send_work(Work::Fault(Alarm::Killed), links),

@@ -125,6 +125,9 @@ impl Session {
                     return;
                 }
                 report::alarm(text, alarm);
+                if alarm == Alarm::SelfTest {
+                    report::feedback(text, Feedback::SelfTestFailed);
+                }
                 if machine.is_critical {
                     report::feedback(text, Feedback::ResetNeeded);
                     self.reports.has_reported_fault = true;
