@@ -1,7 +1,7 @@
 //! The modal state: modes and values that hold for the lines after a line, too.
 
 use crate::model::{
-    Coolant, OverrideSwitches, PathControl, Plane, Rotation, Spindle, WorkCoordinates,
+    Coolant, OverrideSwitches, PathControl, Plane, Probing, Rotation, Spindle, WorkCoordinates,
 };
 
 /// The modes and values that stay until they are changed. The default is the power-up state.
@@ -184,6 +184,19 @@ pub enum ProbeMode {
     Release,
     /// `G38.5`: loss of contact, if there is any.
     TryRelease,
+}
+
+impl ProbeMode {
+    /// Returns the contact that ends the move.
+    pub(super) const fn probing(self) -> Probing {
+        let (is_away, may_miss) = match self {
+            Self::Contact => (false, false),
+            Self::TryContact => (false, true),
+            Self::Release => (true, false),
+            Self::TryRelease => (true, true),
+        };
+        Probing::Probe { is_away, may_miss }
+    }
 }
 
 /// The meaning of an `F` word.

@@ -28,6 +28,8 @@ pub struct Meaning {
     pub pause_ms: Option<u32>,
     /// The line moves single motors: the machine is not homed any more.
     pub moves_motors: bool,
+    /// The limit switches of the axes that move end the line.
+    pub ends_at_switch: bool,
     /// The letter of an axis that is not there, whose word has been left out.
     pub missing_axis: Option<u8>,
 }
@@ -140,7 +142,8 @@ pub struct LineModes<'a> {
 /// Reads a line without number and checksum, and writes what Grbl has words for.
 ///
 /// # Errors
-/// 1, 2 for a line that cannot be read; 20 for a code that is not known; 39 for a value out of range.
+/// 1, 2 for a line that cannot be read; 20 for a code that is not known; 36 for an `E` in a move up to a
+/// switch; 39 for a value out of range.
 pub fn read(
     line: &[u8],
     context: &LineModes<'_>,
@@ -151,6 +154,7 @@ pub fn read(
         extruder: context.extruder,
         pause_ms: None,
         moves_motors: false,
+        ends_at_switch: false,
         missing_axis: None,
     };
     let codes = match LineCodes::read(line)? {
@@ -183,6 +187,10 @@ pub fn read(
             if codes.is_straight && !context.settings.laser && is_one(line, b'S', 2)? =>
         {
             write_motors(line, *b"XYZ", context, &codes, &mut meaning, &mut write)?;
+        }
+        HostLine::Motion if codes.is_straight && is_one(line, b'S', 1)? => {
+            meaning.ends_at_switch = !context.settings.laser;
+            write_motion(line, context, &codes, &mut meaning, &mut write)?;
         }
         HostLine::Motion => write_motion(line, context, &codes, &mut meaning, &mut write)?,
         HostLine::Grbl => {

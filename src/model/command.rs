@@ -132,10 +132,15 @@ pub enum Laser {
 }
 
 /// The contact that ends a probing move.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
-pub struct Probing {
-    /// The probe opens (`G38.4`, `G38.5`) instead of closing.
-    pub is_away: bool,
-    /// A missing contact is no error (`G38.3`, `G38.5`).
-    pub may_miss: bool,
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Probing {
+    /// The probe changes.
+    Probe {
+        /// It opens (`G38.4`, `G38.5`) instead of closing.
+        is_away: bool,
+        /// A missing contact is no error (`G38.3`, `G38.5`).
+        may_miss: bool,
+    },
+    /// The limit switch of an axis that moves is closed. A missing contact is no error.
+    LimitSwitch,
 }

@@ -34,6 +34,7 @@ use super::{
     jerk_limited::MovingAverage,
 };
 use crate::{
+    axis::AXES,
     machine::{Accessories, Control, Inputs, Snapshot},
     model::{
         Alarm, Awaited, Levels, Notice, Outputs, Requests, State, timing::IDLE_DELAY_INFINITE,
@@ -78,7 +79,8 @@ pub struct Motion {
     activity: Activity,
     faults: Faults,
     delays: Delays,
-    hard_limits: bool,
+    /// The limit switches that stop the machine: with `$21` all but those that end a probing move.
+    stopping_switches: Levels,
     inputs: Levels,
     accessories: Accessories,
     published: Published,
@@ -89,6 +91,8 @@ pub struct Motion {
     homing: Homing,
     parking: Parking,
     average: MovingAverage,
+    /// `$21`.
+    hard_limits: bool,
     plan: LookAhead,
 }
 
@@ -174,7 +178,7 @@ impl Motion {
                 checks_door: false,
             },
             delays: Delays::new(),
-            hard_limits: false,
+            stopping_switches: Levels::NONE,
             inputs: Levels::NONE,
             accessories: Accessories::new(),
             published: Published::new(),
@@ -184,6 +188,7 @@ impl Motion {
             homing: Homing::new(),
             parking: Parking::new(),
             average: MovingAverage::new(),
+            hard_limits: false,
             plan: LookAhead::new(),
         }
     }
@@ -230,8 +235,18 @@ impl Motion {
         self.parking.configure(settings);
         self.delays.idle_ms = settings.idle_delay_ms;
         self.hard_limits = settings.hard_limits;
+        self.arm_all_switches();
         inputs.configure(settings);
         self.inputs = inputs.active();
+    }
+
+    /// Has all limit switches stop the machine, where `$21` is set.
+    fn arm_all_switches(&mut self) {
+        self.stopping_switches = if self.hard_limits {
+            Levels::limits((1 << AXES) - 1)
+        } else {
+            Levels::NONE
+        };
     }
 
     /// Whether a limit switch is active that stops the machine.
@@ -407,6 +422,7 @@ impl Motion {
     /// Ends the entry in execution.
     fn finish_activity(&mut self) {
         self.activity = Activity::Path;
+        self.arm_all_switches();
         self.finish_entries(1);
     }
 

@@ -282,7 +282,7 @@ proptest! {
             prop_assert!(checked.moves() && way.moves());
             for checked in [&checked, &way] {
                 prop_assert!(!checked.waits_for_standstill() && !checked.answers_when_done());
-                prop_assert!(!checked.ends_program() && checked.probe().is_none());
+                prop_assert!(!checked.ends_program() && checked.probing().is_none());
                 prop_assert!(machine.origins_after(checked).is_none());
             }
         }

@@ -10,19 +10,19 @@ use leadscrew::{
 };
 use proptest::prelude::*;
 
-const TOWARDS: Probing = Probing {
+const TOWARDS: Probing = Probing::Probe {
     is_away: false,
     may_miss: false,
 };
-const TOWARDS_OR_MISS: Probing = Probing {
+const TOWARDS_OR_MISS: Probing = Probing::Probe {
     is_away: false,
     may_miss: true,
 };
-const AWAY: Probing = Probing {
+const AWAY: Probing = Probing::Probe {
     is_away: true,
     may_miss: false,
 };
-const AWAY_OR_MISS: Probing = Probing {
+const AWAY_OR_MISS: Probing = Probing::Probe {
     is_away: true,
     may_miss: true,
 };

@@ -241,7 +241,14 @@ impl Bench {
         let machine = &mut self.machine;
         machine.probed.success = self.probe_ends.is_ok();
         machine.probed.steps = machine.steps;
-        if self.probe_ends.is_err() && !probing.may_miss {
+        let is_error = matches!(
+            probing,
+            Probing::Probe {
+                may_miss: false,
+                ..
+            }
+        );
+        if self.probe_ends.is_err() && is_error {
             machine.state = State::Alarm;
             machine.notices.push(Notice::Alarm(Alarm::ProbeContact));
         }

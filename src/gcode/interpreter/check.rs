@@ -359,7 +359,7 @@ fn check_motion(
         MotionMode::Probe(_) if checked.values == state.position => {
             return Err(LineError::InvalidTarget);
         }
-        MotionMode::Probe(probe) => checked.movement = Move::Probe(probe),
+        MotionMode::Probe(probe) => checked.movement = Move::Probe(probe.probing()),
         MotionMode::Rapid | MotionMode::Linear if parsed.axes != 0 => {
             checked.movement = Move::Straight;
         }

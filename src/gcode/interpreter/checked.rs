@@ -5,8 +5,8 @@ use core::num::NonZeroU8;
 use super::{Compensation, CycleWords};
 use crate::{
     axis::Axes,
-    gcode::{Flow, Modal, ProbeMode, StoredPosition, ToolCommand},
-    model::{Circle, Coolant, Laser, Spindle, Target, WorkCoordinates},
+    gcode::{Flow, LineError, Modal, StoredPosition, ToolCommand},
+    model::{Circle, Coolant, Laser, Probing, Spindle, Target, WorkCoordinates},
     units::{MicroDegrees, Nm},
 };
 
@@ -95,7 +95,7 @@ pub(super) enum Move {
     Straight,
     Arc(Circle),
     /// To the target at most: only the machine knows where the move has ended.
-    Probe(ProbeMode),
+    Probe(Probing),
     /// The holes of a canned cycle.
     Cycle(CycleWords),
 }
@@ -175,7 +175,7 @@ impl Checked {
     #[must_use]
     pub fn needs_unlocked(&self) -> bool {
         let is_off = self.modal.coolant == Coolant::default();
-        self.is_program() || self.probe().is_some() || !is_off
+        self.is_program() || self.probing().is_some() || !is_off
     }
 
     /// Whether the program pauses or ends with the line.
@@ -196,13 +196,27 @@ impl Checked {
         matches!(self.action, Action::SetOrigin(..) | Action::Store(_))
     }
 
-    /// The target and the mode of a probing move.
+    /// The contact that ends a probing move.
     #[must_use]
-    pub fn probe(&self) -> Option<(Target, ProbeMode)> {
+    pub fn probing(&self) -> Option<Probing> {
         match self.movement {
-            Move::Probe(probe) => Some((self.target(), probe)),
+            Move::Probe(probing) => Some(probing),
             Move::None | Move::Straight | Move::Arc(_) | Move::Cycle(_) => None,
         }
+    }
+
+    /// Has the limit switches of the axes that move end the straight move of the line.
+    ///
+    /// # Errors
+    /// 91 with cutter compensation.
+    pub fn end_at_switch(&mut self) -> Result<(), LineError> {
+        if self.compensation.is_on() {
+            return Err(LineError::NotWithCompensation);
+        }
+        if self.movement == Move::Straight {
+            self.movement = Move::Probe(Probing::LimitSwitch);
+        }
+        Ok(())
     }
 
     /// Whether the line drills: its last move stands for those that

@@ -6,12 +6,9 @@ use super::{
 };
 use crate::{
     axis::{Axes, Z},
-    gcode::{
-        CompensationMode, Distance, FeedMode, Flow, Modal, MotionMode, ProbeMode, StoredPosition,
-        Units,
-    },
+    gcode::{CompensationMode, Distance, FeedMode, Flow, Modal, MotionMode, StoredPosition, Units},
     model::{
-        Command, Coolant, FeedRate, Laser, OverrideSwitches, Plane, Probing, Spindle, Target,
+        Command, Coolant, FeedRate, Laser, OverrideSwitches, Plane, Spindle, Target,
         WorkCoordinates,
     },
     units::Nm,
@@ -218,27 +215,14 @@ fn add_movement(state: &mut Interpreter, checked: &Checked, outcome: &mut Outcom
             feed_rate,
             line: checked.line,
         }),
-        Move::Probe(probe) => {
-            let (probing, line) = (probing(probe), checked.line);
-            outcome.add(Command::Probe {
-                target: checked.target(),
-                feed_rate,
-                probing,
-                line,
-            });
-        }
+        Move::Probe(probing) => outcome.add(Command::Probe {
+            target: checked.target(),
+            feed_rate,
+            probing,
+            line: checked.line,
+        }),
     }
     state.set_target(checked);
-}
-
-const fn probing(probe: ProbeMode) -> Probing {
-    let (is_away, may_miss) = match probe {
-        ProbeMode::Contact => (false, false),
-        ProbeMode::TryContact => (false, true),
-        ProbeMode::Release => (true, false),
-        ProbeMode::TryRelease => (true, true),
-    };
-    Probing { is_away, may_miss }
 }
 
 fn line(target: Target, feed_rate: FeedRate, checked: &Checked) -> Command {

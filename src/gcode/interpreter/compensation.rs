@@ -54,7 +54,7 @@ pub struct CompensatedMove {
 
 impl Compensation {
     /// Whether compensation is on.
-    const fn is_on(&self) -> bool {
+    pub(super) const fn is_on(&self) -> bool {
         match self.stage {
             CompensationStage::Off => false,
             CompensationStage::Entering | CompensationStage::Following => true,

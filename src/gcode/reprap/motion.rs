@@ -31,6 +31,7 @@ pub(super) fn write_motion(
         let parameter = parameter?;
         match parameter.letter {
             b'G' if parameter.code() == Some(0) && !is_laser => write(b"G1"),
+            b'E' if meaning.ends_at_switch => return Err(LineError::UnusedWords),
             b'E' => {
                 let value = parameter.value().ok_or(LineError::BadNumber)?;
                 let nm = length(value, codes.is_in_inches, context);
@@ -41,7 +42,7 @@ pub(super) fn write_motion(
                 });
             }
             b'S' if !is_laser => match parameter.value() {
-                Some(mode) if mode.is_zero() => {}
+                Some(mode) if mode.is_zero() || meaning.ends_at_switch => {}
                 Some(_) => return Err(LineError::Unsupported),
                 None => return Err(LineError::BadNumber),
             },

@@ -2,7 +2,7 @@
 
 use super::{Activity, Motion};
 use crate::{
-    axis::{AXES, Z},
+    axis::Z,
     machine::{Event, Inputs},
     model::{Alarm, Levels, Notice, Power, Probing, State},
     motion::cycles::{parking::Reached, probing::ProbingCycle},
@@ -61,10 +61,11 @@ impl Motion {
             return false;
         }
         self.published.probed.success = false;
-        let Some(cycle) = ProbingCycle::begin(probing, inputs) else {
+        let Some(cycle) = ProbingCycle::begin(block, probing, inputs) else {
             self.alarm(Alarm::ProbeState);
             return false;
         };
+        self.stopping_switches = self.stopping_switches & !cycle.switches();
         self.activity = Activity::Probing(cycle);
         self.plan.push(block);
         true
@@ -90,10 +91,18 @@ impl Motion {
         events: &EventWriter<'_>,
     ) {
         let axis = self.homing.latched_axis(inputs);
-        let output = axis.map_or_else(
-            || inputs.probe_latch(),
-            |axis| Some(inputs.limit_latch(axis)),
-        );
+        let output = match (axis, &self.activity) {
+            (Some(axis), _) => Some(inputs.limit_latch(axis)),
+            (None, Activity::Probing(cycle)) => cycle.latched_output(inputs),
+            (
+                None,
+                Activity::Path
+                | Activity::Dwell(_)
+                | Activity::Pause
+                | Activity::ToolPause
+                | Activity::Homing,
+            ) => None,
+        };
         let Some(output) = output else {
             return;
         };
@@ -155,10 +164,10 @@ impl Motion {
         let is_locked = self.control.state == State::Alarm;
         let is_safe =
             self.control.state == State::Home || is_locked && (self.homing.is_active() || is_still);
-        inputs.arm_limits(if self.hard_limits && !is_safe {
-            Levels::limits((1 << AXES) - 1)
-        } else {
+        inputs.arm_limits(if is_safe {
             Levels::NONE
+        } else {
+            self.stopping_switches
         });
     }
 

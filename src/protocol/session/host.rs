@@ -60,6 +60,8 @@ pub(super) struct Host {
     pub(super) paused_at: Option<Axes<Nm>>,
     /// The line moves single motors.
     pub(super) moves_motors: bool,
+    /// The limit switches of the axes that move end the line.
+    pub(super) ends_at_switch: bool,
     /// Limits that the program has lowered.
     pub(super) lowered: Option<LoweredLimits>,
     /// Time of standstill after which the drivers go off in place of that of the settings, s; 0 for never.
@@ -111,6 +113,7 @@ impl Host {
             pause_ms: None,
             paused_at: None,
             moves_motors: false,
+            ends_at_switch: false,
             lowered: None,
             drivers_delay_s: None,
             position_interval_s: 0,
@@ -136,6 +139,7 @@ impl Host {
         self.next_extruder = Extruder::START;
         self.paused_at = None;
         self.moves_motors = false;
+        self.ends_at_switch = false;
         self.position_interval_s = 0;
         self.begin_job();
     }

@@ -169,6 +169,7 @@ impl Session {
         host.next_extruder = meaning.extruder;
         host.pause_ms = meaning.pause_ms;
         host.moves_motors = meaning.moves_motors;
+        host.ends_at_switch = meaning.ends_at_switch;
         if let Some(letter) = meaning.missing_axis
             && host.is_first(u16::from(letter))
         {

@@ -6,7 +6,7 @@
 use super::{LineStage, Links, Session};
 use crate::{
     machine::Snapshot,
-    model::{Alarm, Notice},
+    model::{Alarm, Notice, Probing},
     protocol::{
         ByteWriter, Dialect, replies,
         report::{self, Cadence, Feedback, Status},
@@ -140,6 +140,9 @@ impl Session {
                 report::feedback(text, Feedback::CompensationWaits);
             }
             Notice::Standstill => {}
+            Notice::Probed if self.line.checked.probing() == Some(Probing::LimitSwitch) => {
+                self.probing.has_ended = true;
+            }
             Notice::Probed => {
                 let probing = &mut self.probing;
                 // A miss that is an alarm leaves the position of the last contact, as in Grbl.

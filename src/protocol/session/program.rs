@@ -192,6 +192,9 @@ impl Session {
             Source::Jog | Source::NewStartup { .. } | Source::Startup { .. } => &plain,
         };
         self.line.checked = self.interpreter.check_after(prefix, line, settings)?;
+        if self.line.source == Source::Line && self.host.ends_at_switch {
+            self.line.checked.end_at_switch()?;
+        }
         Ok(())
     }
 
@@ -265,7 +268,7 @@ impl Session {
             Some(AfterCommands::Message(Feedback::ProgramEnd))
         } else if is_checking {
             None
-        } else if self.line.checked.probe().is_some() {
+        } else if self.line.checked.probing().is_some() {
             self.probing.has_ended = false;
             self.probing.start = (from, self.router.checkpoint());
             Some(AfterCommands::Probe)

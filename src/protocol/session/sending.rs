@@ -9,9 +9,8 @@ use heapless::spsc::Producer;
 
 use super::{AfterCommands, LineStage, Links, Progress, Session, Source};
 use crate::{
-    gcode::ProbeMode,
     machine::Snapshot,
-    model::{Alarm, Command, FeedRate, Laser, Levels, PathControl, Spindle},
+    model::{Alarm, Command, FeedRate, Laser, Levels, PathControl, Probing, Spindle},
     path::{Entry, Router, Work},
     protocol::report::{self, Feedback},
 };
@@ -169,12 +168,22 @@ impl Session {
                 self.power_without_steps(feed_rate)
             }
             // The probe cannot change in a move of length 0.
-            Command::Probe { probing, .. } => {
-                if machine.inputs.has(Levels::PROBE) != probing.is_away {
+            Command::Probe {
+                probing: Probing::Probe { is_away, may_miss },
+                ..
+            } => {
+                if machine.inputs.has(Levels::PROBE) != *is_away {
                     return Some(Work::Fault(Alarm::ProbeState));
                 }
                 line.after_commands = Some(AfterCommands::Miss);
-                (!probing.may_miss).then_some(Work::Fault(Alarm::ProbeContact))
+                (!may_miss).then_some(Work::Fault(Alarm::ProbeContact))
+            }
+            Command::Probe {
+                probing: Probing::LimitSwitch,
+                ..
+            } => {
+                line.after_commands = Some(AfterCommands::Answer);
+                None
             }
             Command::Power(_)
             | Command::Dwell { .. }
@@ -239,7 +248,7 @@ impl Session {
             return;
         }
         let position = self.router.set_steps(machine.steps);
-        if self.probing.reported.success {
+        if machine.probed.success {
             self.interpreter.set_position(position);
         }
     }
@@ -258,9 +267,9 @@ impl Session {
 
     /// Returns whether a miss of the probing move in execution is an alarm.
     pub(super) fn is_alarmed_by_a_miss(&self) -> bool {
-        match self.line.checked.probe() {
-            Some((_, ProbeMode::Contact | ProbeMode::Release)) => true,
-            Some((_, ProbeMode::TryContact | ProbeMode::TryRelease)) | None => false,
+        match self.line.checked.probing() {
+            Some(Probing::Probe { may_miss, .. }) => !may_miss,
+            Some(Probing::LimitSwitch) | None => false,
         }
     }
 }
