@@ -47,6 +47,7 @@ mod board {
         fs::write(source, rust(&board, axes))?;
         let clocks = [
             ("CRYSTAL_HZ", (board.crystal_mhz * 1_000_000).to_string()),
+            ("BOARD_TITLE", board.title.clone()),
             ("CRYSTAL_BYPASSED", board.is_crystal_bypassed.to_string()),
             (
                 "CORE_HZ",

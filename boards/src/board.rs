@@ -18,6 +18,8 @@ use crate::{
 pub const MOST_AXES: usize = AXES.len();
 /// The fewest.
 const FEWEST_AXES: usize = 3;
+/// Bytes of a board's name: what the longest line of `M115` leaves.
+const MAX_TITLE_BYTES: usize = 40;
 
 /// A board, of which everything has been checked.
 #[derive(Debug, Clone)]
@@ -110,7 +112,7 @@ impl Board {
                 .to_string_lossy()
                 .into(),
             file: file.to_owned(),
-            title: title.text()?.to_owned(),
+            title: checked_title(&title)?,
             about: text(about)?.unwrap_or_default(),
             sources: match sources {
                 Some(entry) => entry.texts()?.to_vec(),
@@ -196,6 +198,19 @@ pub(crate) fn missing(place: &Place, key: &str) -> Fault {
     let wanted = WANTED.iter().find(|(of, _)| *of == key);
     let wanted = wanted.map_or(String::new(), |(_, words)| format!(": {words}"));
     place.fault(format!("`{key}` is missing{wanted}"))
+}
+
+/// Returns the name of a board, which `M115` of the RepRap dialect answers with: in ASCII, and without the colon
+/// that ends a key there.
+fn checked_title(entry: &Entry) -> Result<String, Fault> {
+    let title = entry.text()?;
+    let is_short = (1..=MAX_TITLE_BYTES).contains(&title.len());
+    let is_plain = |byte| matches!(byte, b' '..=b'~') && byte != b':';
+    if is_short && title.bytes().all(is_plain) {
+        return Ok(title.to_owned());
+    }
+    let message = format!("a name is up to {MAX_TITLE_BYTES} bytes of ASCII without a colon");
+    Err(entry.place.fault(message))
 }
 
 /// Keys of a board but for its functions.

@@ -37,7 +37,7 @@ F13 = "MOTOR0"
 
 /// What is replaced by what, and the line and the words of the error. Where nothing is replaced, the line is put
 /// before all others.
-const WRONG: [(&str, &str, usize, &str); 40] = [
+const WRONG: [(&str, &str, usize, &str); 41] = [
     (
         "chip = \"F446ZE\"",
         "chip = \"F466ZE\"",
@@ -46,6 +46,7 @@ const WRONG: [(&str, &str, usize, &str); 40] = [
     ),
     ("chip = \"F446ZE\"\n", "", 1, "`chip` is missing"),
     ("name = \"Right\"\n", "", 1, "`name` is missing"),
+    ("\"Right\"", "\"A:1\"", 1, "ASCII without a colon"),
     (
         "crystal_mhz = 12",
         "crystal_mhz = 50",

@@ -212,14 +212,16 @@ pub fn firmware(text: &mut Text, number: usize, settings: &Settings) -> bool {
     ];
     if number == 0 {
         text.word("FIRMWARE_NAME:Leadscrew ").word(VERSION);
-        text.word(" SOURCE_CODE_URL:")
-            .word(env!("CARGO_PKG_REPOSITORY"));
-        text.word(" PROTOCOL_VERSION:1.0 MACHINE_TYPE:CNC EXTRUDER_COUNT:");
-        text.word(if settings.extruder_axis == 0 {
-            "0"
-        } else {
-            "1"
-        });
+        if !SOURCE_CODE_URL.is_empty() {
+            text.word(" SOURCE_CODE_URL:").word(SOURCE_CODE_URL);
+        }
+        text.word(" PROTOCOL_VERSION:1.0 MACHINE_TYPE:").word(BOARD);
+        text.word(" EXTRUDER_COUNT:")
+            .word(if settings.extruder_axis == 0 {
+                "0"
+            } else {
+                "1"
+            });
         text.end();
         return true;
     }
@@ -233,5 +235,11 @@ pub fn firmware(text: &mut Text, number: usize, settings: &Settings) -> bool {
 /// What ends the lock of a machine that is not homed.
 const UNLOCKING: &str = "G28 homes the machine; M999 to go on";
 
-/// The version of the firmware.
+/// The version of the firmware, and the address of its sources: none where the package has none.
 const VERSION: &str = env!("CARGO_PKG_VERSION");
+const SOURCE_CODE_URL: &str = env!("CARGO_PKG_REPOSITORY");
+/// What the maker calls the board, as `build.rs` reads it; there is none on the host.
+const BOARD: &str = match option_env!("LEADSCREW_BOARD_TITLE") {
+    Some(title) => title,
+    None => "simulator",
+};
