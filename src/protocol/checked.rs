@@ -102,18 +102,18 @@ pub enum Verdict {
     /// It asks for that number.
     ReportNumber,
     /// It is refused, and asked for again.
-    Refuse(Damage),
+    Refuse(FailedCheck),
 }
 
-/// Why a line is not what the sender has sent.
+/// The check by which a line is not what the sender has sent.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Damage {
+pub enum FailedCheck {
     /// The checksum is wrong, or the number is none.
-    Mismatch,
+    Checksum,
     /// There is a number and no checksum.
-    NoChecksum,
+    MissingChecksum,
     /// There is a checksum and no number.
-    NoNumber,
+    MissingNumber,
     /// The number is not the next one.
     Number,
 }
@@ -287,28 +287,28 @@ impl<const N: usize> RawLine<N> {
             return Verdict::Blank;
         }
         if has_checksum && !is_right && number.is_some() {
-            return Verdict::Refuse(Damage::Mismatch);
+            return Verdict::Refuse(FailedCheck::Checksum);
         }
         let number = match number {
-            Some(Err(NotANumber)) => return Verdict::Refuse(Damage::Mismatch),
-            Some(Ok(_)) if !has_checksum => return Verdict::Refuse(Damage::NoChecksum),
+            Some(Err(NotANumber)) => return Verdict::Refuse(FailedCheck::Checksum),
+            Some(Ok(_)) if !has_checksum => return Verdict::Refuse(FailedCheck::MissingChecksum),
             Some(Ok(number)) => Some(number),
             None => None,
         };
         if let Some(rest) = has_code(self.words(), *b"M110") {
             return match (set_number(rest), number) {
                 (Some(Ok(set)), _) if !has_checksum || is_right => Verdict::SetNumber(set),
-                (Some(_), _) => Verdict::Refuse(Damage::Mismatch),
+                (Some(_), _) => Verdict::Refuse(FailedCheck::Checksum),
                 (None, Some(number)) => Verdict::SetNumber(number),
-                (None, None) if has_checksum => Verdict::Refuse(Damage::NoNumber),
+                (None, None) if has_checksum => Verdict::Refuse(FailedCheck::MissingNumber),
                 (None, None) => Verdict::ReportNumber,
             };
         }
         match number {
             Some(number) if number == next_number(last) => Verdict::Execute(Some(number)),
-            Some(_) => Verdict::Refuse(Damage::Number),
+            Some(_) => Verdict::Refuse(FailedCheck::Number),
             None if has_checksum || has_begun && self.is_part() => {
-                Verdict::Refuse(Damage::NoNumber)
+                Verdict::Refuse(FailedCheck::MissingNumber)
             }
             None => Verdict::Execute(None),
         }
@@ -434,28 +434,28 @@ mod tests {
 
     #[test]
     fn a_line_is_judged_by_its_checksum_then_by_its_number() {
-        use Damage::{Mismatch, NoChecksum, NoNumber, Number};
+        use FailedCheck::{Checksum, MissingChecksum, MissingNumber, Number};
         use Verdict::{Blank, Execute, Refuse, ReportNumber, SetNumber};
         for (text, verdict) in [
             ("N3 T0*57", Execute(Some(3))),
-            ("n3 T0*57", Refuse(Mismatch)),
+            ("n3 T0*57", Refuse(Checksum)),
             ("N3 T0*57 ", Execute(Some(3))),
             ("N3 T0*57 ;comment*1", Execute(Some(3))),
-            ("N3 T0*58", Refuse(Mismatch)),
-            ("N3 T0*057", Refuse(Mismatch)),
-            ("N3 T0*257", Refuse(Mismatch)),
-            ("N3 T0*00057", Refuse(Mismatch)),
-            ("N3 T0*", Refuse(Mismatch)),
-            ("N3 T0*5 7", Refuse(Mismatch)),
-            ("N3 T0*57*57", Refuse(Mismatch)),
-            ("N3 T0", Refuse(NoChecksum)),
-            ("N3 T0;*57", Refuse(NoChecksum)),
-            ("N3 T0\"*57", Refuse(NoChecksum)),
-            ("N3.0 T0*57", Refuse(Mismatch)),
-            ("N T0*57", Refuse(Mismatch)),
-            ("N99999999999 T0*57", Refuse(Mismatch)),
-            ("T0*57", Refuse(NoNumber)),
-            ("57", Refuse(NoNumber)),
+            ("N3 T0*58", Refuse(Checksum)),
+            ("N3 T0*057", Refuse(Checksum)),
+            ("N3 T0*257", Refuse(Checksum)),
+            ("N3 T0*00057", Refuse(Checksum)),
+            ("N3 T0*", Refuse(Checksum)),
+            ("N3 T0*5 7", Refuse(Checksum)),
+            ("N3 T0*57*57", Refuse(Checksum)),
+            ("N3 T0", Refuse(MissingChecksum)),
+            ("N3 T0;*57", Refuse(MissingChecksum)),
+            ("N3 T0\"*57", Refuse(MissingChecksum)),
+            ("N3.0 T0*57", Refuse(Checksum)),
+            ("N T0*57", Refuse(Checksum)),
+            ("N99999999999 T0*57", Refuse(Checksum)),
+            ("T0*57", Refuse(MissingNumber)),
+            ("57", Refuse(MissingNumber)),
             ("T0", Execute(None)),
             ("", Blank),
             (" \t", Blank),
@@ -469,7 +469,7 @@ mod tests {
             ("m110n7", SetNumber(7)),
             ("M110", ReportNumber),
             ("M1100", Execute(None)),
-            ("N3 M117 a;b*12", Refuse(Mismatch)),
+            ("N3 M117 a;b*12", Refuse(Checksum)),
         ] {
             assert_eq!(line(text.as_bytes()).verdict(2, true), verdict, "{text}");
         }

@@ -17,7 +17,7 @@ mod session;
 mod text;
 
 pub use bytes::{ByteReader, ByteRing, ByteWriter, Bytes, Waiting};
-pub use checked::{Damage, Emergency, MAX_NUMBER, RAW_BYTES, RawLine, Verdict};
+pub use checked::{Emergency, FailedCheck, MAX_NUMBER, RAW_BYTES, RawLine, Verdict};
 pub use dialect::Dialect;
 pub use dollar::{Condition, Described, Dollar, List};
 pub use line::{LINE_BYTES, Line, TooLong};

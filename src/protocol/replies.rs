@@ -4,7 +4,7 @@
 //! look for in an answer: a line that begins with `Error:` ends a job, unless it has certain words.
 
 use super::{
-    checked::{Damage, next_number},
+    checked::{FailedCheck, next_number},
     text::{ReportUnit, Text},
 };
 use crate::{
@@ -22,12 +22,12 @@ const SHOWN_BYTES: usize = 64;
 const MAX_ECHO_BYTES: usize = 128;
 
 /// Asks for the line after the last accepted one, without the `ok`.
-pub fn resend(text: &mut Text, damage: Damage, last: i32) {
-    text.word("Error:").word(match damage {
-        Damage::Mismatch => "checksum mismatch",
-        Damage::NoChecksum => "No Checksum with line number",
-        Damage::NoNumber => "checksum without line number",
-        Damage::Number => "Line Number is not Last Line Number+1",
+pub fn resend(text: &mut Text, failed: FailedCheck, last: i32) {
+    text.word("Error:").word(match failed {
+        FailedCheck::Checksum => "checksum mismatch",
+        FailedCheck::MissingChecksum => "No Checksum with line number",
+        FailedCheck::MissingNumber => "checksum without line number",
+        FailedCheck::Number => "Line Number is not Last Line Number+1",
     });
     text.word(", Last Line: ");
     text.integer(last).end();

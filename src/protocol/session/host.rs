@@ -79,12 +79,12 @@ pub(super) struct Host {
     is_restart_due: bool,
     /// The bytes that have been looked at.
     pub(super) scan: Scan,
-    clock: Clock,
+    timers: HostTimers,
 }
 
 /// The times by which something is due.
 #[derive(Debug, Default)]
-struct Clock {
+struct HostTimers {
     ticks: u32,
     /// Number of bytes received, and for how long, ms.
     received: usize,
@@ -123,7 +123,7 @@ impl Host {
             restart: Restart::Plain,
             is_restart_due: false,
             scan: Scan::default(),
-            clock: Clock::default(),
+            timers: HostTimers::default(),
         }
     }
 
@@ -160,7 +160,7 @@ impl Host {
     /// Sets the time between two reports of the position, s; 0 for none.
     pub(super) fn report_positions(&mut self, interval_s: u8) {
         self.position_interval_s = interval_s;
-        self.clock.position_ms = 0;
+        self.timers.position_ms = 0;
     }
 
     /// Returns whether a reset drops the lines that have been received.
@@ -204,9 +204,9 @@ impl Session {
         self.host.reset();
         self.host.scan.begin(links.received.oldest());
         self.host.busy_interval_s = self.settings().busy_interval_s;
-        self.host.clock = Clock {
+        self.host.timers = HostTimers {
             ticks: links.requests.ticks(),
-            ..Clock::default()
+            ..HostTimers::default()
         };
         links.requests.sort_later(dialect == Dialect::RepRap);
     }
@@ -314,22 +314,22 @@ impl Session {
 
     /// Does what is due by the clock.
     fn pass_time(&mut self, links: &mut Links<'_, '_>) {
-        let clock = &mut self.host.clock;
+        let timers = &mut self.host.timers;
         let ticks = links.requests.ticks();
-        let passed_ms = ticks.wrapping_sub(clock.ticks).saturating_mul(TICK_MS);
-        clock.ticks = ticks;
+        let passed_ms = ticks.wrapping_sub(timers.ticks).saturating_mul(TICK_MS);
+        timers.ticks = ticks;
         let received = links.received.written();
-        if received == clock.received {
-            clock.silent_ms = clock.silent_ms.saturating_add(passed_ms);
+        if received == timers.received {
+            timers.silent_ms = timers.silent_ms.saturating_add(passed_ms);
         } else {
-            clock.received = received;
-            clock.silent_ms = 0;
+            timers.received = received;
+            timers.silent_ms = 0;
         }
         if passed_ms == 0 {
             return;
         }
         // A byte may have come directly behind a tick: one tick more is surely that long.
-        if clock.silent_ms > SILENCE_MS {
+        if timers.silent_ms > SILENCE_MS {
             self.host.scan.silent_at = Some(received);
         }
         if links.machine.state == State::HoldComplete {
@@ -347,12 +347,12 @@ impl Session {
     fn report_position_in_time(&mut self, passed_ms: u32, links: &Links<'_, '_>) -> bool {
         let is_welcome_sent = self.is_welcome_sent();
         let host = &mut self.host;
-        let clock = &mut host.clock;
-        clock.position_ms = clock.position_ms.saturating_add(passed_ms);
+        let timers = &mut host.timers;
+        timers.position_ms = timers.position_ms.saturating_add(passed_ms);
         let interval_ms = u32::from(host.position_interval_s) * 1000;
-        let is_due = interval_ms != 0 && clock.position_ms >= interval_ms && is_welcome_sent;
+        let is_due = interval_ms != 0 && timers.position_ms >= interval_ms && is_welcome_sent;
         if is_due {
-            clock.position_ms = 0;
+            timers.position_ms = 0;
             self.write_position(links.machine, true);
         }
         is_due
@@ -373,19 +373,19 @@ impl Session {
             && self.is_done(machine);
         let interval_ms = u32::from(self.host.busy_interval_s) * 1000;
         let text = &mut self.reports.message;
-        let clock = &mut self.host.clock;
-        clock.busy_ms = if is_waiting {
-            clock.busy_ms.saturating_add(passed_ms)
+        let timers = &mut self.host.timers;
+        timers.busy_ms = if is_waiting {
+            timers.busy_ms.saturating_add(passed_ms)
         } else {
             0
         };
-        clock.idle_ms = if is_idle {
-            clock.idle_ms.saturating_add(passed_ms)
+        timers.idle_ms = if is_idle {
+            timers.idle_ms.saturating_add(passed_ms)
         } else {
             0
         };
-        if interval_ms != 0 && clock.busy_ms >= interval_ms {
-            clock.busy_ms = 0;
+        if interval_ms != 0 && timers.busy_ms >= interval_ms {
+            timers.busy_ms = 0;
             text.word(if machine.state.is_suspended() {
                 "echo:busy: paused for user"
             } else {
@@ -393,8 +393,8 @@ impl Session {
             });
             text.end();
         }
-        if clock.idle_ms.min(clock.silent_ms) >= HOST_TIMEOUT_MS {
-            clock.idle_ms = 0;
+        if timers.idle_ms.min(timers.silent_ms) >= HOST_TIMEOUT_MS {
+            timers.idle_ms = 0;
             text.word("wait").end();
         }
     }
@@ -404,13 +404,13 @@ impl Session {
         let is_still = matches!(links.machine.state, State::Idle | State::Alarm)
             && self.stage == LineStage::Reading
             && self.is_done(links.machine);
-        let before_ms = self.host.clock.still_ms;
+        let before_ms = self.host.timers.still_ms;
         let still_ms = if is_still {
             before_ms.saturating_add(passed_ms)
         } else {
             0
         };
-        self.host.clock.still_ms = still_ms;
+        self.host.timers.still_ms = still_ms;
         let delay_ms = u32::from(self.host.drivers_delay_s.unwrap_or_default()) * 1000;
         if before_ms < delay_ms && still_ms >= delay_ms {
             self.send_work(Work::Drivers(false), links);
@@ -435,7 +435,7 @@ impl Session {
 
     /// Returns whether the end of a checked line has been lost: nothing has come for a second.
     pub(super) fn has_lost_line_end(&self) -> bool {
-        self.host.clock.silent_ms >= HOST_TIMEOUT_MS
+        self.host.timers.silent_ms >= HOST_TIMEOUT_MS
             && self.host.has_begun
             && !self.host.raw_is_empty()
             && self.host.raw.is_checked()

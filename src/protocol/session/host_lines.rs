@@ -13,7 +13,7 @@ use crate::{
         reprap::{self, LineModes},
     },
     model::State,
-    protocol::{ByteReader, Damage, Dialect, Verdict, replies, report},
+    protocol::{ByteReader, Dialect, FailedCheck, Verdict, replies, report},
     settings::Settings,
     units::Nm,
 };
@@ -31,7 +31,7 @@ impl Session {
         if self.host.dialect == Dialect::RepRap && self.has_lost_line_end() {
             self.host.drop_unfinished();
             self.host.has_ended = true;
-            return self.ask_again(Damage::NoChecksum, links);
+            return self.ask_again(FailedCheck::MissingChecksum, links);
         }
         self.flush_moves_in_time(links);
         Progress::Waiting
@@ -96,8 +96,8 @@ impl Session {
                 return self.accept();
             }
             // Senders that speak Grbl may number their lines for themselves.
-            Verdict::Refuse(Damage::NoChecksum) if !is_host => {}
-            Verdict::Refuse(damage) => return self.ask_again(damage, links),
+            Verdict::Refuse(FailedCheck::MissingChecksum) if !is_host => {}
+            Verdict::Refuse(failed) => return self.ask_again(failed, links),
             Verdict::Execute(Some(number)) => {
                 host.last = number;
                 host.has_begun = true;
@@ -118,18 +118,20 @@ impl Session {
     }
 
     /// Asks for the line after the last accepted one.
-    fn ask_again(&mut self, damage: Damage, links: &Links<'_, '_>) -> Progress {
+    fn ask_again(&mut self, failed: FailedCheck, links: &Links<'_, '_>) -> Progress {
         let text = &mut self.reports.message;
         let last = self.host.last;
         if self.host.dialect == Dialect::RepRap {
             self.host.stale_before = Some(links.received.written());
-            replies::resend(text, damage, last);
+            replies::resend(text, failed, last);
             return self.accept();
         }
         replies::resend_message(text, last);
-        self.refuse(match damage {
-            Damage::Mismatch | Damage::NoChecksum | Damage::NoNumber => LineError::Checksum,
-            Damage::Number => LineError::LineNumber,
+        self.refuse(match failed {
+            FailedCheck::Checksum | FailedCheck::MissingChecksum | FailedCheck::MissingNumber => {
+                LineError::Checksum
+            }
+            FailedCheck::Number => LineError::LineNumber,
         })
     }
 
