@@ -233,8 +233,7 @@ impl<const N: usize> RawLine<N> {
     fn is_text(&self) -> bool {
         let (number, start) = self.number();
         let line = self.received().get(start..).unwrap_or_default();
-        number.is_some()
-            && (has_code(line, *b"M117").is_some() || has_code(line, *b"M118").is_some())
+        number.is_some() && (has_code(line, b"M117").is_some() || has_code(line, b"M118").is_some())
     }
 
     fn received(&self) -> &[u8] {
@@ -295,7 +294,7 @@ impl<const N: usize> RawLine<N> {
             Some(Ok(number)) => Some(number),
             None => None,
         };
-        if let Some(rest) = has_code(self.words(), *b"M110") {
+        if let Some(rest) = has_code(self.words(), b"M110") {
             return match (set_number(rest), number) {
                 (Some(Ok(set)), _) if !has_checksum || is_right => Verdict::SetNumber(set),
                 (Some(_), _) => Verdict::Refuse(FailedCheck::Checksum),
@@ -322,6 +321,12 @@ impl<const N: usize> RawLine<N> {
         is_number || self.text_checksum.is_number()
     }
 
+    /// Returns whether the line is `M999`.
+    #[must_use]
+    pub fn is_restart(&self) -> bool {
+        has_code(self.words(), b"M999").is_some()
+    }
+
     /// Returns whether the line is the command of an emergency, with its checksum right where there is
     /// one; the number does not matter.
     #[must_use]
@@ -337,9 +342,10 @@ impl<const N: usize> RawLine<N> {
             return None;
         }
         [
-            (*b"M112", Emergency::Kill),
-            (*b"M108", Emergency::GoOn),
-            (*b"M410", Emergency::Stop),
+            (&b"M112"[..], Emergency::Kill),
+            (b"M108", Emergency::GoOn),
+            (b"M24", Emergency::GoOn),
+            (b"M410", Emergency::Stop),
         ]
         .into_iter()
         .find_map(|(code, emergency)| has_code(self.words(), code).map(|_| emergency))
@@ -357,7 +363,7 @@ impl<const N: usize> Default for RawLine<N> {
 pub enum Emergency {
     /// `M112`: the machine stops and is locked.
     Kill,
-    /// `M108`: what waits for the user goes on.
+    /// `M108`, `M24`: what waits for the user goes on.
     GoOn,
     /// `M410`: the machine stops, and goes on with the lines that follow.
     Stop,
@@ -402,11 +408,11 @@ fn read_number(text: &[u8]) -> Option<(i32, usize)> {
 
 /// Returns what follows a code at the beginning of the words, if they begin with it and not with a longer
 /// one.
-fn has_code(words: &[u8], code: [u8; 4]) -> Option<&[u8]> {
+fn has_code<'a>(words: &'a [u8], code: &[u8]) -> Option<&'a [u8]> {
     let words = words.trim_ascii_start();
     let (start, rest) = words.split_at_checked(code.len())?;
     let is_longer = matches!(rest.first(), Some(b'0'..=b'9' | b'.'));
-    (start.eq_ignore_ascii_case(&code) && !is_longer).then_some(rest)
+    (start.eq_ignore_ascii_case(code) && !is_longer).then_some(rest)
 }
 
 /// Reads the `N` of an `M110`, `None` without.
@@ -482,6 +488,8 @@ mod tests {
             (" m112 ", Some(Emergency::Kill)),
             ("M112;now", Some(Emergency::Kill)),
             ("M108", Some(Emergency::GoOn)),
+            ("M24", Some(Emergency::GoOn)),
+            ("M240", None),
             ("M410", Some(Emergency::Stop)),
             ("N7 M112*38", Some(Emergency::Kill)),
             ("N7 M112*35", None),

@@ -96,6 +96,12 @@ pub fn stopped(text: &mut Text, alarm: Option<Alarm>) {
     text.end();
 }
 
+/// The machine sleeps, after `$SLP`.
+pub fn asleep(text: &mut Text) {
+    text.word("Error:Printer stopped due to errors. It sleeps; M999 to go on");
+    text.end();
+}
+
 /// The first lines after power-up and after each reset.
 pub fn welcome(text: &mut Text, is_homing: bool) {
     text.word("start").end();

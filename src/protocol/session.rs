@@ -468,6 +468,9 @@ impl Session {
             }
             LineStage::Sending(_) | LineStage::Compensating(_) if is_cancelled => Progress::Waiting,
             LineStage::Faulted if self.is_stopped_host(machine) => self.refuse(LineError::Locked),
+            LineStage::Asleep if self.host.dialect == Dialect::RepRap => {
+                self.read_line_asleep(links)
+            }
             LineStage::Starting { .. } | LineStage::Faulted | LineStage::Asleep => {
                 Progress::Waiting
             }

@@ -159,6 +159,46 @@ fn each_letter_of_the_pages() {
 }
 
 #[test]
+fn arcs_with_e() {
+    let mut host = Host::new();
+    let arc = "G2 X90.6 Y13.8 I5 J10 E22.4";
+    // The centre is 5 and 10 mm from the start, and the end not on its circle.
+    let off_the_circle = "Error:the target cannot be reached (error:33)";
+    assert_eq!(first(&mut host, arc), off_the_circle);
+    assert_eq!(host.xy(), [0, 0]);
+    // Here it is, the radius being that of the start, 11.18 mm.
+    for line in ["G1 X96.780340 Y3.8 F6000", arc] {
+        assert_eq!(host.ask(line), ["ok"], "{line}");
+    }
+    let position = first(&mut host, "M114");
+    assert!(
+        position.starts_with("X:90.600 Y:13.800 Z:0.000 E:22.400 "),
+        "{position}"
+    );
+    assert_eq!(host.ask("G3 X96.780340 Y3.8 I11.180340 J0 E44.8"), ["ok"]);
+    assert_eq!(place(&mut host), [96, 3]);
+    assert!(first(&mut host, "M114").contains(" E:44.800 "));
+}
+
+#[test]
+fn what_hosts_poll_is_answered_by_ok_alone() {
+    let mut host = Host::new();
+    for line in [
+        "M21", "M24", "M27", "M31", "M108", "M155 S2", "M410", "M500", "M501", "M84", "M17", "T0",
+        "M113", "M220", "M221", "M154", "M104", "M140 S0", "M109 S0",
+    ] {
+        host.receive(line.as_bytes());
+        host.receive(b"\n");
+        host.run_ms(2500);
+        assert_eq!(host.lines(), ["ok"], "{line}");
+    }
+    for code in 29..=32 {
+        let unknown = format!("echo:Unknown command: \"G{code}\"");
+        assert_eq!(first(&mut host, &format!("G{code}")), unknown);
+    }
+}
+
+#[test]
 fn e_is_counted_where_it_drives_nothing() {
     let mut host = Host::new();
     let e = |host: &mut Host| {
@@ -204,9 +244,18 @@ fn g92_sets_the_logical_position() {
 #[test]
 fn a_fan_switches_between_two_moves() {
     let mut host = Host::with(&["783=1", "30=255"]);
-    host.receive(b"G1 X10 F6000\nM106 S127.5\nG1 X20\nM107\n");
+    host.receive(b"G1 X10 F6000\nM106 S127.5\nG1 X20\nM107\nG1 X30\n");
+    let mut on = Vec::new();
+    while place(&mut host)[0] < 30 {
+        host.run_ms(1);
+        if host.simulator.outputs().duty != 0 {
+            on.push(host.xy()[0]);
+        }
+    }
     host.rest();
-    assert_eq!(host.lines(), ["ok"; 4]);
+    assert_eq!(host.lines(), ["ok"; 5]);
+    let ends = [10, 20].map(|mm| Some(mm * STEPS_PER_MM));
+    assert_eq!([on.first().copied(), on.last().copied()], ends);
     let mut host = Host::with(&["783=1", "30=255"]);
     host.ask("M106 S127");
     let duty = host.simulator.outputs().duty;

@@ -71,17 +71,19 @@ fn m410_stops_and_keeps_the_position_and_the_lines_behind_it() {
 }
 
 #[test]
-fn m108_goes_on_after_a_pause() {
-    let mut host = Host::new();
-    host.receive(b"G1 X1 F6000\nM0\nG1 X2\n");
-    host.run_ms(2500);
-    assert_eq!(host.xy()[0], STEPS_PER_MM);
-    let answers = host.lines();
-    assert_eq!(answers, ["ok", "echo:busy: paused for user"]);
-    host.receive(b"M108\n");
-    host.run_ms(500);
-    assert_eq!(host.lines(), ["ok"; 3]);
-    assert_eq!(host.xy()[0], 2 * STEPS_PER_MM);
+fn m108_and_m24_go_on_after_a_pause() {
+    for (pause, start) in [("M0", "M108"), ("M25", "M24"), ("M226", "m24 ; go on")] {
+        let mut host = Host::new();
+        host.receive(format!("G1 X1 F6000\n{pause}\nG1 X2\n").as_bytes());
+        host.run_ms(2500);
+        assert_eq!(host.xy()[0], STEPS_PER_MM);
+        let answers = host.lines();
+        assert_eq!(answers, ["ok", "echo:busy: paused for user"]);
+        host.receive(format!("{start}\n").as_bytes());
+        host.run_ms(500);
+        assert_eq!(host.lines(), ["ok"; 3], "{start}");
+        assert_eq!(host.xy()[0], 2 * STEPS_PER_MM);
+    }
 }
 
 #[test]
@@ -141,6 +143,31 @@ fn a_soft_limit_is_answered_and_m999_goes_on() {
     assert_eq!(answer[..2], ["ok", "start"], "{answer:?}");
     host.run_ms(50);
     assert_eq!(host.ask("G1 X-5 F6000"), ["ok"]);
+}
+
+#[test]
+fn a_machine_asleep_answers_each_line_and_m999_wakes_it() {
+    let asleep = "Error:Printer stopped due to errors. It sleeps; M999 to go on";
+    for waking in ["M999".to_owned(), numbered(3, "M999"), "\x18".to_owned()] {
+        let mut host = Host::new();
+        assert_eq!(host.ask("$SLP"), ["ok", "[MSG:Sleeping]"]);
+        host.receive(b"G1 X1\nM105\n");
+        host.receive(format!("{}\n$$\n", numbered(1, "G28")).as_bytes());
+        host.rest();
+        assert_eq!(host.lines(), [asleep, "ok"].repeat(4));
+        // Numbers count as ever.
+        assert_eq!(host.ask(&numbered(1, "M400"))[1], "Resend: 2");
+        assert_eq!(host.ask(&numbered(2, "M400")), [asleep, "ok"]);
+        assert_eq!(host.state(), State::Sleep);
+        host.receive(format!("{waking}\n").as_bytes());
+        host.run_ms(50);
+        assert!(host.lines().contains(&"start".to_owned()), "{waking:?}");
+        assert_eq!(host.ask("M999").first().map(String::as_str), Some("ok"));
+        host.run_ms(50);
+        host.lines();
+        assert_eq!(host.ask("G1 X1 F3000"), ["ok"]);
+        assert_eq!(host.xy(), [STEPS_PER_MM, 0]);
+    }
 }
 
 /// A machine in motion whose host has sent so many bytes ahead, and then these.

@@ -1,6 +1,6 @@
 //! Numbers and checksums: what is executed, what is asked for again.
 
-use leadscrew::protocol::{RawLine, Verdict};
+use leadscrew::protocol::{FailedCheck, MAX_NUMBER, RawLine, Verdict};
 use proptest::prelude::*;
 
 use crate::{
@@ -190,7 +190,35 @@ fn damaged(line: &[u8]) -> Vec<Vec<u8>> {
 }
 
 proptest! {
-    #![proptest_config(cases(8))]
+    #![proptest_config(cases(100))]
+
+    #[test]
+    fn every_number_but_the_next_is_asked_for(
+        last in -1..=MAX_NUMBER - 1,
+        distance in -3_i64..=3,
+        far in any::<i32>(),
+    ) {
+        let mut raw: RawLine = RawLine::new();
+        for number in [i64::from(last) + 1 + distance, far.into()] {
+            let line = format!("N{number} G1 X1");
+            let sum = line.bytes().fold(0, |sum, byte| sum ^ byte);
+            raw.clear();
+            for byte in format!("{line}*{sum}").bytes() {
+                raw.push(byte);
+            }
+            let verdict = raw.verdict(last, true);
+            let is_number = (-1..=i64::from(MAX_NUMBER)).contains(&number);
+            prop_assert_eq!(verdict, match number - i64::from(last) {
+                1 => Verdict::Execute(Some(last + 1)),
+                _ if is_number => Verdict::Refuse(FailedCheck::Number),
+                _ => Verdict::Refuse(FailedCheck::Checksum),
+            });
+        }
+    }
+}
+
+proptest! {
+    #![proptest_config(cases(1000))]
 
     #[test]
     fn no_damage_to_a_line_is_executed(

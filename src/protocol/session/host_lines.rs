@@ -5,7 +5,7 @@
 //! [`HostCommand`](crate::gcode::reprap::HostCommand), which `host_commands` executes. Every line that is not
 //! blank gets exactly one `ok`.
 
-use super::{Links, Progress, Session, host_bytes::TAKEN};
+use super::{LineStage, Links, Progress, Session, host_bytes::TAKEN};
 use crate::{
     gcode::{
         LineError, PlainPrefix,
@@ -35,6 +35,16 @@ impl Session {
         }
         self.flush_moves_in_time(links);
         Progress::Waiting
+    }
+
+    /// Answers the next line of a machine that sleeps, which only `M999` ends.
+    #[inline(never)]
+    pub(super) fn read_line_asleep(&mut self, links: &mut Links<'_, '_>) -> Progress {
+        let progress = self.read_host_line(links);
+        if self.stage == LineStage::Reading {
+            self.stage = LineStage::Asleep;
+        }
+        progress
     }
 
     /// Moves received bytes to the line, up to its end. Returns false when it has not come yet.
@@ -145,6 +155,10 @@ impl Session {
     /// Reads the words of a line in the RepRap dialect, and executes them.
     fn read_reprap(&mut self, links: &mut Links<'_, '_>) -> Progress {
         self.host.next_extruder = self.host.extruder;
+        if self.stage == LineStage::Asleep && !self.host.raw.is_restart() {
+            replies::asleep(&mut self.reports.message);
+            return self.accept();
+        }
         if self.host.raw.words().trim_ascii_start().starts_with(b"$") {
             self.take_words();
             return self.dispatch(links);
