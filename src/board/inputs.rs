@@ -125,6 +125,8 @@ impl InputPins {
         // Before the pins are read, so that no later change is missed.
         let has_edge = if is_sample {
             self.clear_edges();
+            // An edge that came since stays pending, as its line does.
+            clear_pending();
             false
         } else {
             self.mask_lines_after_edge()
@@ -205,7 +207,8 @@ impl InputPins {
     }
 }
 
-/// Clears releases of the task by other lines: the pins have been read, and the lines are masked.
+/// Clears releases of the task by lines whose edges have been cleared or masked: else each of their
+/// vectors would run the task once more, for nothing.
 #[inline]
 #[expect(unsafe_code, reason = "raw words for registers")]
 fn clear_pending() {

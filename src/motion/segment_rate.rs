@@ -8,7 +8,7 @@ use crate::{
     axis::AXES,
     math,
     model::{
-        queues::SEGMENT_RING,
+        queues::{EVENT_RING, SEGMENT_RING},
         timing::{QUEUED_AHEAD_TICKS, SAMPLE_S},
     },
     motion::limits::{
@@ -33,6 +33,10 @@ const _: () = {
     let segments =
         ahead_s / MEAN_SEGMENT_S + ahead_s * MAX_STEP_RATE_HZ as f32 / STEPS_PER_SEGMENT as f32;
     assert!(segments + 3.0 <= SEGMENT_RING as f32);
+    // Two events of each step and each segment, and a burst of them (`task.step` in schedule.toml).
+    let queued_s = ahead_s + LONGEST_SEGMENT_S;
+    let events = 2.0 * queued_s * (MAX_STEP_RATE_HZ as f32 + 1.0 / MEAN_SEGMENT_S);
+    assert!(events + 2.0 * (AXES as f32 + 3.0) < EVENT_RING as f32);
 };
 /// Slack that the first or the last section of an arc can use, s: it may be the shortest section.
 const ARC_END_S: f32 = MEAN_SEGMENT_S - MIN_SECTION_S;

@@ -7,6 +7,7 @@ use leadscrew::{
     axis::{AXES, Axes},
     model::{Command, Plane, Rotation, timing::EVENT_SPACING_TICKS},
     settings::{Settings, StepRate},
+    sim::Edge,
     units::TICKS_PER_MS,
 };
 use proptest::prelude::*;
@@ -87,7 +88,22 @@ fn play(settings: &Settings, commands: &[Command], acts: &[Act], feed_ticks: u64
     let mut rig = Rig::new(settings);
     rig.feed_ticks = feed_ticks;
     rig.run(commands, acts);
+    check_events(&rig.trace.edges, settings.step_rate);
     rig.segments
+}
+
+/// Checks that no stretch of time has more step events than `task.step` in schedule.toml allows.
+fn check_events(events: &[Edge], step_rate: StepRate) {
+    let segments_per_s = TICKS_PER_S / f64::from(MEAN_TICKS);
+    let per_tick = 2.0 * (f64::from(step_rate.hz()) + segments_per_s) / TICKS_PER_S;
+    let burst = 2.0 * (AXES as f64 + EXTRA_SEGMENTS + 1.0);
+    let (mut level, mut before) = (0.0_f64, 0);
+    for event in events {
+        level = (level - per_tick * (event.ticks - before) as f64).max(0.0) + 1.0;
+        before = event.ticks;
+        // The first event of a stretch comes at its beginning.
+        assert!(level <= burst + 1.0, "{level} events at {before}");
+    }
 }
 
 /// Lines, and arcs for a sixth of them, each turned from the one before, mm and rad.

@@ -14,7 +14,7 @@ use crate::{
     Rule, Stream, Task, UndeadlinedWait, Window,
     calibration::Measured,
     crosscheck::Crosscheck,
-    edge, findings,
+    edge, figures, findings,
     model::OUTSTANDING_TRANSFER,
     modes,
     registers::Registers,
@@ -64,7 +64,7 @@ pub fn analyse(input: &Input<'_>) -> Result<Report, String> {
     let (app, config) = (&sources.app, &sources.config);
     let program = Program::new(&sources.image, &sources.annotations);
     let mut model = Model::new(&input.clock);
-    let mut flaws = Vec::new();
+    let (figures, mut flaws) = figures::of(&sources.text, config, input.root);
     if let Some(measured) = &input.measured {
         for class in model.calibrate(&measured.cycles) {
             let what = format!("{}: there is no class `{class}`", measured.file);
@@ -93,6 +93,7 @@ pub fn analyse(input: &Input<'_>) -> Result<Report, String> {
         step_rate_hz: input.step_rate_hz.unwrap_or(config.table.step_rate_hz),
         baud: input.baud.unwrap_or(config.table.baud),
         assumptions: config.table.assumptions.clone(),
+        figures,
         flaws,
         ..Report::default()
     };
@@ -104,6 +105,8 @@ pub fn analyse(input: &Input<'_>) -> Result<Report, String> {
 
 /// What an analysis reads.
 pub(crate) struct Sources {
+    /// The text of `config`.
+    pub(crate) text: String,
     pub(crate) config: Config,
     pub(crate) app: App,
     pub(crate) image: Image,
@@ -121,8 +124,10 @@ impl Sources {
             let path = input.root.join(name);
             fs::read_to_string(&path).map_err(|error| format!("{}: {error}", path.display()))
         };
+        let text = read("schedule.toml")?;
         Ok(Self {
-            config: Config::parse(&read("schedule.toml")?)?,
+            config: Config::parse(&text)?,
+            text,
             app: App::parse(&read("src/app.rs")?)
                 .map_err(|error| format!("src/app.rs: {error}"))?,
             image: Image::load(input.elf).map_err(|error| error.to_string())?,

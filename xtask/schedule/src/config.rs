@@ -35,9 +35,65 @@ pub struct Config {
     pub calls: BTreeMap<String, Formula>,
     /// What may come instead of units of work.
     pub substitution: Option<SubstitutionConfig>,
+    /// What is known of the numbers of this file.
+    #[serde(default)]
+    pub figure: Vec<FigureConfig>,
     /// What is asked of a replay.
     #[serde(default)]
     pub replay: Replay,
+}
+
+/// What some numbers of the file claim of the program, and how far that is known.
+#[derive(Debug, Clone, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct FigureConfig {
+    /// The numbers, or tables of numbers: keys with dots between them.
+    pub names: Vec<String>,
+    /// What they claim, a sentence.
+    pub claim: String,
+    /// How far that is known.
+    pub known: Evidence,
+    /// Files that keep or check it.
+    pub by: Vec<String>,
+}
+
+/// How far a claim is known.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Evidence {
+    /// The program cannot do otherwise, by an argument.
+    Constructed,
+    /// All cases there are have been tried.
+    EveryCase,
+    /// Random programs have been tried.
+    Random,
+    /// Followed in the replay.
+    Replayed,
+    /// A manual says so.
+    Manual,
+    /// A limit that the analysis compares what it finds with.
+    Compared,
+    /// Nothing checks it.
+    Believed,
+    /// It claims nothing of the program: the proof shows that it is kept.
+    Promised,
+}
+
+impl Evidence {
+    /// In words.
+    #[must_use]
+    pub const fn words(self) -> &'static str {
+        match self {
+            Self::Constructed => "held by the code, by the argument there",
+            Self::EveryCase => "tested for every case",
+            Self::Random => "tested on random programs",
+            Self::Replayed => "checked in each run of the replay",
+            Self::Manual => "as a manual says",
+            Self::Compared => "compared with what the analysis finds",
+            Self::Believed => "taken for granted",
+            Self::Promised => "what the proof shows",
+        }
+    }
 }
 
 /// Runs of a mode that may come instead of units of work, beyond what their rate would allow.

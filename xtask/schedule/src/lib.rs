@@ -24,6 +24,7 @@ mod count;
 mod crosscheck;
 pub mod decode;
 mod edge;
+mod figures;
 mod findings;
 mod flaw;
 mod flow;
@@ -76,7 +77,7 @@ pub use instruction::{Address, Instruction, Operation, Writeback};
 pub use model::{Cache, Clock, Model, lines};
 pub use program::{Block, Bound, Count, Edge, Function, Loop, Program, Region, Store, Total};
 pub use report::{
-    Curve, Line, Report, Requirement, Section, Stack, Stream, SubstitutedRuns, Task,
+    Curve, KnownFigures, Line, Report, Requirement, Section, Stack, Stream, SubstitutedRuns, Task,
     UndeadlinedWait, Wcet, Window,
 };
 pub use rtic::{App, AppTask};

@@ -56,8 +56,23 @@ pub struct Report {
     pub requirements: Vec<Requirement>,
     /// What the proof takes for granted, a sentence each.
     pub assumptions: Vec<String>,
+    /// The numbers of `schedule.toml` that it counts on.
+    pub figures: Vec<KnownFigures>,
     /// What is wrong; empty: proven.
     pub flaws: Vec<Flaw>,
+}
+
+/// Numbers of `schedule.toml` that no analysis gives.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize)]
+pub struct KnownFigures {
+    /// Their names and formulas.
+    pub formulas: BTreeMap<String, String>,
+    /// What they claim of the program.
+    pub claim: String,
+    /// How far that is known.
+    pub known: String,
+    /// Files that keep or check it.
+    pub by: Vec<String>,
 }
 
 /// Worst-case execution times, entry and exit of the exception included, cycles.

@@ -137,7 +137,27 @@ fn block(report: &Report, compiler: &str) -> String {
     for (name, value) in text::figures(report) {
         let _ = writeln!(block, "| {name} | {value} |");
     }
-    block
+    block + &figures(report)
+}
+
+/// The numbers that the proof counts on, with what is known of them.
+fn figures(report: &Report) -> String {
+    let mut table = String::from(
+        "\nThe numbers of `schedule.toml` that the proof counts on, and how far each is known:\n\n\
+         | numbers | what they claim | how far that is known |\n|---|---|---|\n",
+    );
+    for figures in &report.figures {
+        let formulas = figures.formulas.iter();
+        let formulas = formulas.map(|(name, formula)| format!("`{name}` = `{formula}`"));
+        let formulas = formulas.collect::<Vec<_>>().join("<br>");
+        let _ = writeln!(
+            table,
+            "| {formulas} | {} | {} |",
+            figures.claim,
+            text::known(figures)
+        );
+    }
+    table
 }
 
 #[cfg(test)]

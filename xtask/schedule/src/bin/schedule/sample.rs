@@ -3,8 +3,8 @@
 use std::collections::BTreeMap;
 
 use schedule::{
-    Curve, Flaw, Line, Place, Report, Requirement, Rule, Section, Stack, Task, UndeadlinedWait,
-    Wcet,
+    Curve, Flaw, KnownFigures, Line, Place, Report, Requirement, Rule, Section, Stack, Task,
+    UndeadlinedWait, Wcet,
 };
 
 /// Clock of the core, Hz.
@@ -43,6 +43,12 @@ pub(super) fn report() -> Report {
         curve: curve(),
         requirements: requirements(),
         assumptions: vec!["No DMA stream is active, so no access to memory waits for one.".into()],
+        figures: vec![KnownFigures {
+            formulas: [("task.step.period".to_owned(), "event_spacing".to_owned())].into(),
+            claim: "Two step events are a slot apart.".into(),
+            known: "held by the code, by the argument there".into(),
+            by: vec!["src/stepper/slots.rs".into()],
+        }],
         ..Report::default()
     }
 }

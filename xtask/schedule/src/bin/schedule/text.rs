@@ -4,7 +4,7 @@ use std::{collections::BTreeMap, fmt::Write as _};
 
 use common::text::separated;
 use owo_colors::OwoColorize;
-use schedule::{Flaw, Place, Report, Requirement, Rule, Task};
+use schedule::{Flaw, KnownFigures, Place, Report, Requirement, Rule, Task};
 
 /// Says what a proof without measurements is.
 pub(super) const NOT_CALIBRATED: &str = "model-proven, not silicon-calibrated";
@@ -24,6 +24,11 @@ pub(super) fn shown_us(us: f64) -> String {
             format!("{sign}{}", separated(us.abs().round() as u64))
         }
     }
+}
+
+/// How far figures are known, and the files that keep or check them.
+pub(super) fn known(figures: &KnownFigures) -> String {
+    format!("{}: {}", figures.known, figures.by.join(", "))
 }
 
 /// Where the cycle table is from.

@@ -5,7 +5,7 @@ use std::fmt::Write as _;
 use schedule::{Report, Task};
 
 use super::{grouped, heading, svg::escaped, timeline::colour};
-use crate::text::{blocking, micros, places, readable, shown, shown_us, wcet};
+use crate::text::{blocking, known, micros, places, readable, shown, shown_us, wcet};
 
 /// What is taken for granted, whatever `schedule.toml` says.
 const ASSUMPTIONS: [&str; 6] = [
@@ -176,8 +176,36 @@ pub(super) fn assumptions(report: &Report) -> String {
     for assumption in all {
         let _ = writeln!(text, "<li>{}</li>", escaped(assumption));
     }
-    text += "</ul>\n<p>Not proven: how fast G-code is read and planned (that has no deadline: when it is late, \
+    text += "</ul>\n";
+    text += &figures(report);
+    text += "<p>Not proven: how fast G-code is read and planned (that has no deadline: when it is late, \
              the machine slows down on its path and waits); what happens after a fault; anything about \
              mechanics or electronics beyond the pins.</p>\n";
     text
+}
+
+/// The numbers that the proof counts on.
+fn figures(report: &Report) -> String {
+    if report.figures.is_empty() {
+        return String::new();
+    }
+    let mut text = String::from(
+        "<p>The numbers that it counts on, which no analysis of the code gives:</p>\n\
+         <div class=\"scroll\"><table>\n<tr><th>numbers of schedule.toml</th><th>what they claim</th>\
+         <th>how far that is known</th></tr>\n",
+    );
+    for figures in &report.figures {
+        text += "<tr><td class=\"text\">";
+        for (name, formula) in &figures.formulas {
+            let line = escaped(&format!("{name} = {formula}"));
+            let _ = write!(text, "<span class=\"code\">{line}</span> ");
+        }
+        let _ = writeln!(
+            text,
+            "</td><td class=\"text\">{}</td><td class=\"text\">{}</td></tr>",
+            escaped(&figures.claim),
+            escaped(&known(figures))
+        );
+    }
+    text + "</table></div>\n"
 }
