@@ -145,6 +145,12 @@ impl Simulator {
         self.requests.lost()
     }
 
+    /// Returns the number of resets that have been requested so far.
+    #[must_use]
+    pub fn requested_resets(&self) -> u32 {
+        self.requests.reset_count()
+    }
+
     /// Receives a byte.
     pub fn receive(&mut self, byte: u8) {
         let (mut line, _) = self.received.split();

@@ -12,6 +12,8 @@ mod laws;
 mod machine;
 mod position_stream;
 mod program;
+#[path = "../support/random_lines.rs"]
+mod random_lines;
 mod random_programs;
 mod receiving;
 mod rejected;

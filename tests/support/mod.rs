@@ -12,12 +12,16 @@ mod path;
 #[cfg(not(target_os = "none"))]
 mod profile;
 #[cfg(not(target_os = "none"))]
+mod pulses;
+#[cfg(not(target_os = "none"))]
 mod rig;
 #[cfg(not(target_os = "none"))]
 mod trace;
 
 #[cfg(not(target_os = "none"))]
-pub(crate) use {cases::*, cell::*, host::*, limits::*, path::*, profile::*, rig::*, trace::*};
+pub(crate) use {
+    cases::*, cell::*, host::*, limits::*, path::*, profile::*, pulses::*, rig::*, trace::*,
+};
 
 #[cfg(not(target_os = "none"))]
 mod host {

@@ -10,6 +10,8 @@ use leadscrew::{
     units::{TICKS_PER_SECOND, TICKS_PER_US},
 };
 
+use super::Pulses;
+
 pub(crate) const TICKS_PER_S: f64 = TICKS_PER_SECOND as f64;
 
 /// One step of one axis.
@@ -149,33 +151,11 @@ impl Trace {
 
     /// Pulse widths, low times, direction set-up times, spacing of events.
     pub(crate) fn check_pulses(&self) {
-        let mut pins = [Pin::default(); AXES];
-        let mut before: Option<Edge> = None;
+        let mut pulses = Pulses::new(self.pulse_ticks);
         for edge in &self.edges {
-            if let Some(before) = before {
-                let spacing = edge.ticks - before.ticks;
-                assert!(
-                    spacing >= u64::from(EVENT_SPACING_TICKS),
-                    "spacing {spacing} before {edge:?}"
-                );
-            }
-            for (axis, pin) in pins.iter_mut().enumerate() {
-                let bit = 1 << axis;
-                let is_negative = edge.directions & bit as u8 != 0;
-                pin.turn(is_negative, edge);
-                if edge.drop & bit != 0 {
-                    pin.drop(edge, self.pulse_ticks);
-                }
-                if edge.raise & bit != 0 {
-                    pin.raise(edge);
-                }
-            }
-            before = Some(*edge);
+            pulses.check(edge);
         }
-        assert!(
-            pins.iter().all(|pin| pin.raised.is_none()),
-            "a pulse has no end"
-        );
+        pulses.check_end();
     }
 }
 
@@ -184,46 +164,5 @@ fn sign(edge: &Edge, axis: usize) -> i32 {
         1
     } else {
         -1
-    }
-}
-
-/// Step and direction of one axis.
-#[derive(Debug, Clone, Copy, Default)]
-struct Pin {
-    raised: Option<u64>,
-    dropped: Option<u64>,
-    turned: Option<u64>,
-    is_negative: bool,
-}
-
-impl Pin {
-    fn turn(&mut self, is_negative: bool, edge: &Edge) {
-        if is_negative != self.is_negative {
-            assert!(self.raised.is_none(), "direction in a pulse: {edge:?}");
-            self.is_negative = is_negative;
-            self.turned = Some(edge.ticks);
-        }
-    }
-
-    fn drop(&mut self, edge: &Edge, pulse_ticks: u64) {
-        let raised = self.raised.take().expect("a pulse ends that is not high");
-        let width = edge.ticks - raised;
-        assert!(width >= pulse_ticks, "width {width}: {edge:?}");
-        self.dropped = Some(edge.ticks);
-    }
-
-    fn raise(&mut self, edge: &Edge) {
-        assert!(self.raised.is_none(), "a pulse in a pulse: {edge:?}");
-        let low = self.dropped.map(|dropped| edge.ticks - dropped);
-        assert!(
-            low.is_none_or(|low| low >= u64::from(PULSE_LOW_TICKS)),
-            "low {low:?}: {edge:?}"
-        );
-        let set_up = self.turned.map(|turned| edge.ticks - turned);
-        assert!(
-            set_up.is_none_or(|set_up| set_up >= u64::from(DIRECTION_SETUP_TICKS)),
-            "direction set-up {set_up:?}: {edge:?}"
-        );
-        self.raised = Some(edge.ticks);
     }
 }

@@ -26,7 +26,7 @@ pub(crate) struct Verb {
 }
 
 /// Every command.
-pub(crate) const VERBS: [Verb; 16] = [
+pub(crate) const VERBS: [Verb; 18] = [
     verb(
         "bench",
         tools::TARGET,
@@ -53,6 +53,11 @@ pub(crate) const VERBS: [Verb; 16] = [
         "flash",
         tools::PROBE,
         "Build the firmware and write it to the board with a debug probe",
+    ),
+    verb(
+        "fuzz",
+        tools::SOAK,
+        "Give the library inputs that nobody sends, and look whether any makes it panic",
     ),
     verb(
         "latency",
@@ -93,6 +98,11 @@ pub(crate) const VERBS: [Verb; 16] = [
         "size",
         tools::FIRMWARE,
         "Build the firmware and show how much flash and RAM it takes",
+    ),
+    verb(
+        "soak",
+        tools::SOAK,
+        "Let anything happen to the virtual machine, and look whether it does what it must",
     ),
     Verb {
         name: "test",

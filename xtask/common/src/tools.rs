@@ -32,6 +32,8 @@ pub struct Tool {
     pub features: &'static [&'static str],
     /// Whether it has the firmware's number of axes compiled in.
     has_axes: bool,
+    /// The profile that it is compiled with.
+    profile: &'static str,
 }
 
 impl Tool {
@@ -42,6 +44,7 @@ impl Tool {
             takes,
             features: &[],
             has_axes: true,
+            profile: PROFILE,
         }
     }
 
@@ -90,6 +93,15 @@ pub const FIRMWARE: Tool =
 pub const SETTINGS: Tool = Tool::new("settings", "the tool for settings", "about a minute");
 /// `cargo xtask monitor`.
 pub const MONITOR: Tool = Tool::new("monitor", "the monitor", "about a minute");
+/// `cargo xtask soak` and `fuzz`: an overflow ends them.
+pub const SOAK: Tool = Tool {
+    profile: "checked",
+    ..Tool::new(
+        "soak",
+        "the makers of random histories and inputs",
+        "two minutes",
+    )
+};
 /// The senders of `cargo xtask test --clients`.
 pub const CLIENTS: Tool = Tool::new("clients", "the test of senders", "about a minute");
 
@@ -172,17 +184,25 @@ fn beside(here: &Path, tool: Tool, axes: u8) -> PathBuf {
         folder = folder.parent().unwrap_or(folder);
     }
     let folder = cargo::with_axes(folder.to_owned(), tool.axes(axes));
-    folder
-        .join(profile.file_name().unwrap_or_default())
-        .join(tool.file_name())
+    let profile = match tool.profile {
+        PROFILE => profile.file_name().unwrap_or_default(),
+        other => OsStr::new(other),
+    };
+    folder.join(profile).join(tool.file_name())
 }
 
 /// Has Cargo bring a tool up to date, and shows what Cargo does if that is more than nothing.
 fn build(tool: Tool, axes: u8) -> Result<PathBuf> {
     let axes = tool.axes(axes);
     let folder = cargo::target_dir_for(axes);
-    let path = folder.join(PROFILE).join(tool.file_name());
-    let mut command = cargo::cargo(&["build", "--profile", PROFILE, "--package", tool.package]);
+    let path = folder.join(tool.profile).join(tool.file_name());
+    let mut command = cargo::cargo(&[
+        "build",
+        "--profile",
+        tool.profile,
+        "--package",
+        tool.package,
+    ]);
     command.arg("--target-dir").arg(&folder);
     let mut features: Vec<_> = tool
         .features

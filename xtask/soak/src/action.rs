@@ -1,0 +1,130 @@
+//! What may happen to a machine: lines, realtime bytes, contacts, damage, time, and the loss of power.
+
+use leadscrew::{axis::AXES, model::Levels};
+use proptest::prelude::*;
+
+use crate::random_lines::any_line;
+
+/// Something that happens to the machine.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub(crate) enum Action {
+    /// The sender sends a line.
+    Line(String),
+    /// The same with a bit of one of its bytes changed on the way, the line feed among them.
+    DamagedLine { text: String, byte: usize, bit: u8 },
+    /// A realtime byte, or any other.
+    Byte(u8),
+    /// A contact closes.
+    Close(Contact),
+    /// It opens again.
+    Open(Contact),
+    /// Time passes, ms.
+    Pass(u32),
+    /// The power fails.
+    PowerFails,
+    /// The power fails in the middle of what a line writes to the flash, after some words.
+    PowerFailsInWrite { text: String, words: u64, seed: u64 },
+}
+
+/// A contact at the inputs.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum Contact {
+    Door,
+    Hold,
+    Reset,
+    Start,
+    Probe,
+    /// The limit switch of an axis, 0 = X.
+    Limit(u8),
+}
+
+impl Contact {
+    /// The input that it closes.
+    pub(crate) fn input(self) -> Levels {
+        match self {
+            Self::Door => Levels::DOOR,
+            Self::Hold => Levels::HOLD,
+            Self::Reset => Levels::RESET,
+            Self::Start => Levels::START,
+            Self::Probe => Levels::PROBE,
+            Self::Limit(axis) => Levels::limits(1 << axis),
+        }
+    }
+}
+
+/// Lines that write one record to the flash, the same whenever they are sent again.
+fn storing_line() -> impl Strategy<Value = String> {
+    prop_oneof![
+        (1_u8..10, -90_i32..90).prop_map(|(number, x)| format!("G10L2P{number}X{x}Y{}", -x)),
+        (1_u8..30, -20..20).prop_map(|(tool, z)| format!("G10L1P{tool}Z{z}")),
+        (1_u32..250, 0_u32..999).prop_map(|(mm, part)| format!("$27={mm}.{part}")),
+        prop::sample::select(
+            &[
+                "$N0=G21",
+                "$N1=G17",
+                "$N0=",
+                "$I=cell 3",
+                "$I=",
+                "$10=255",
+                "$10=1",
+                "$11=0.01",
+                "$11=0.05",
+                "$12=0.002",
+                "$5=0",
+            ][..]
+        )
+        .prop_map(str::to_owned),
+    ]
+}
+
+fn line() -> impl Strategy<Value = String> {
+    prop_oneof![
+        12 => any_line(),
+        3 => storing_line(),
+        1 => prop::sample::select(&["$H", "$HX", "$C", "$X", "$", "$$", "$+", "$I+", "$RST=#", "G28.1", "G30.1", "G10L20P2X1"][..])
+            .prop_map(str::to_owned),
+    ]
+}
+
+fn contact() -> impl Strategy<Value = Contact> {
+    prop_oneof![
+        4 => Just(Contact::Door),
+        2 => Just(Contact::Hold),
+        1 => Just(Contact::Reset),
+        4 => Just(Contact::Start),
+        4 => Just(Contact::Probe),
+        2 => (0..AXES as u8).prop_map(Contact::Limit),
+    ]
+}
+
+fn realtime_byte() -> impl Strategy<Value = u8> {
+    prop_oneof![
+        8 => Just(b'?'),
+        6 => Just(b'~'),
+        4 => Just(b'!'),
+        1 => Just(0x18),
+        8 => 0x80_u8..0xa8,
+        1 => any::<u8>(),
+    ]
+}
+
+fn action() -> impl Strategy<Value = Action> {
+    prop_oneof![
+        60 => line().prop_map(Action::Line),
+        3 => (line(), 0_usize..80, 0_u8..8)
+            .prop_filter("a setting with a wrong number may be any", |(text, ..)| !text.starts_with('$'))
+            .prop_map(|(text, byte, bit)| Action::DamagedLine { text, byte, bit }),
+        20 => realtime_byte().prop_map(Action::Byte),
+        3 => contact().prop_map(Action::Close),
+        6 => contact().prop_map(Action::Open),
+        12 => prop_oneof![0_u32..20, 0_u32..3000].prop_map(Action::Pass),
+        1 => Just(Action::PowerFails),
+        2 => (storing_line(), 0_u64..120, any::<u64>())
+            .prop_map(|(text, words, seed)| Action::PowerFailsInWrite { text, words, seed }),
+    ]
+}
+
+/// Histories of up to `longest` actions.
+pub(crate) fn history(longest: usize) -> impl Strategy<Value = Vec<Action>> {
+    prop::collection::vec(action(), 1..=longest)
+}

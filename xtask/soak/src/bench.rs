@@ -1,0 +1,564 @@
+//! A machine at the end of a serial line, with a sender, an operator, and rules for what it does.
+
+use std::collections::VecDeque;
+
+use leadscrew::{
+    axis::{AXES, Axes},
+    gcode::CompensationMode,
+    model::{
+        Levels, State, WorkCoordinates,
+        queues::{RECEIVED_RING, SENT_RING},
+    },
+    settings::{StepRate, Stored, TOOLS, ToolTable},
+    sim::{Edge, Simulator},
+    units::{TICKS_PER_MS, TICKS_PER_SECOND},
+};
+
+use crate::{
+    action::Action,
+    rules::MotionRules,
+    setup::{STEPS_PER_MM, Setup, TRAVEL_MM},
+};
+
+const SECOND: u64 = TICKS_PER_SECOND as u64;
+const MILLISECOND: u64 = TICKS_PER_MS as u64;
+/// One byte at 115 200 baud.
+const BYTE_TICKS: u64 = SECOND * 10 / 115_200;
+/// Bytes of lines that the sender has in the machine at most, as Grbl's buffer holds them.
+const WINDOW: usize = 127;
+/// From a `?` to the first byte of its report: 5 ms, and what waits to be sent before it.
+const PROMPT_TICKS: u64 = 5 * MILLISECOND + SENT_RING as u64 * BYTE_TICKS;
+/// What a line may take until the operator helps.
+const PATIENCE_TICKS: u64 = 20 * SECOND;
+/// What a machine takes to stand and to answer after a reset.
+const RESET_TICKS: u64 = 10 * SECOND;
+
+/// A fault of the harness itself: what the rules must notice.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[cfg_attr(not(test), expect(dead_code, reason = "the tests make them"))]
+pub(crate) enum Fault {
+    /// The motor of Y sees no pulse of a rapid.
+    StepLost,
+    /// An answer that does not arrive.
+    AnswerLost,
+    /// A report that comes late.
+    ReportLate,
+    /// A record that is not in the flash after the power failed.
+    RecordLost,
+}
+
+/// The machine and what is known of it.
+pub(crate) struct Bench {
+    setup: Setup,
+    step_rate: StepRate,
+    simulator: Box<Simulator>,
+    motion: MotionRules,
+    /// Bytes on their way to the machine; realtime bytes overtake.
+    line: VecDeque<u8>,
+    urgent: VecDeque<u8>,
+    next_in: u64,
+    next_out: u64,
+    heard: Vec<u8>,
+    /// Lines that the machine has received since its last reset, and the answers since its last welcome.
+    received_lines: u64,
+    answers: u64,
+    resets: u32,
+    /// Welcomes that may still be on their way, and answers from before each. Two resets may have one.
+    welcomes: u32,
+    /// When no welcome is on its way any more.
+    silent_at: u64,
+    /// When the oldest `?` without a report was received.
+    asked: Option<u64>,
+    /// The contacts that are closed.
+    closed: Levels,
+    /// Physical steps before the last loss of power, and the difference to the machine's own count.
+    moved: [i32; AXES],
+    offset: Axes<i32>,
+    /// The machine may have homed since the offset was taken.
+    may_have_homed: bool,
+    /// What may be stored, from the last instant at which all was, to now.
+    may_be_stored: Vec<(Stored, ToolTable)>,
+    /// The line in whose write the power fails.
+    writing: Option<String>,
+    fault: Option<Fault>,
+    /// Time that has passed before the last loss of power, ticks.
+    before: u64,
+}
+
+impl Bench {
+    pub(crate) fn new(setup: Setup, step_rate: StepRate, fault: Option<Fault>) -> Self {
+        let simulator = setup.build(step_rate);
+        let mut bench = Self {
+            setup,
+            step_rate,
+            motion: MotionRules::new(&simulator),
+            simulator,
+            line: VecDeque::new(),
+            urgent: VecDeque::new(),
+            next_in: 0,
+            next_out: 0,
+            heard: Vec::new(),
+            received_lines: 0,
+            answers: 0,
+            resets: 0,
+            welcomes: 1,
+            silent_at: SECOND,
+            asked: None,
+            closed: Levels::NONE,
+            moved: [0; AXES],
+            offset: Axes::all(0),
+            may_have_homed: false,
+            may_be_stored: Vec::new(),
+            writing: None,
+            fault,
+            before: 0,
+        };
+        bench.simulator.settle();
+        bench.note_stored();
+        bench.run(SECOND / 10);
+        if setup != Setup::Laser {
+            bench.send("$H");
+            assert!(bench.comes_to_rest(60 * SECOND), "homing has no end");
+            bench.take_offset();
+        }
+        bench
+    }
+
+    /// Time of the machine, s.
+    pub(crate) fn seconds(&self) -> f64 {
+        (self.before + self.simulator.now()) as f64 / SECOND as f64
+    }
+
+    /// Lets something happen.
+    pub(crate) fn act(&mut self, action: &Action) {
+        match action {
+            Action::Line(text) => self.send(text),
+            Action::DamagedLine { text, byte, bit } => {
+                let mut bytes = text.clone().into_bytes();
+                bytes.push(b'\n');
+                let place = byte % bytes.len();
+                bytes[place] ^= 1 << bit;
+                self.wait_for_room(bytes.len());
+                self.line.extend(bytes);
+            }
+            Action::Byte(byte) => self.urgent.push_back(*byte),
+            Action::Close(contact) => self.hold(self.closed | contact.input()),
+            Action::Open(contact) => self.hold(self.closed & !contact.input()),
+            Action::Pass(ms) => self.run(u64::from(*ms) * MILLISECOND),
+            Action::PowerFails => self.fail_power(),
+            Action::PowerFailsInWrite { text, words, seed } => {
+                let is_at_rest = self.comes_to_rest(PATIENCE_TICKS);
+                if is_at_rest {
+                    self.simulator.flash().cut_after(*words, *seed);
+                    self.writing = Some(text.clone());
+                    self.send(text);
+                    self.run(SECOND / 2);
+                }
+                // Otherwise it has failed in the write.
+                if !is_at_rest || self.writing.take().is_some() {
+                    self.fail_power();
+                }
+            }
+        }
+    }
+
+    /// The operator brings the machine to rest, whatever it does, and looks whether all is right.
+    pub(crate) fn finish(&mut self) {
+        self.hold(Levels::NONE);
+        self.recover();
+        self.check_position();
+        self.check_answers();
+        self.reset();
+        if self.state() == State::Alarm {
+            self.send("$X");
+            assert!(self.comes_to_rest(RESET_TICKS), "$X is not answered");
+        }
+        self.send("G90 G94 G21 G53 G1 X-3 Y-2 Z-4 F3000");
+        assert!(
+            self.comes_to_rest(3600 * SECOND),
+            "a move has no end in {:?}",
+            self.state()
+        );
+        self.check_position();
+        self.check_answers();
+        self.motion.check_end();
+        assert_eq!(
+            (self.simulator.late(), self.simulator.lost()),
+            (0, 0),
+            "late events, lost bytes"
+        );
+    }
+
+    /// Presses cycle start as often as it helps, and at last resets.
+    fn recover(&mut self) {
+        for _ in 0..8 {
+            if self.comes_to_rest(PATIENCE_TICKS) {
+                return;
+            }
+            self.urgent.push_back(b'~');
+        }
+        self.reset();
+        assert!(
+            self.comes_to_rest(RESET_TICKS),
+            "a reset leads to no rest, but to {:?}",
+            self.state()
+        );
+    }
+
+    fn reset(&mut self) {
+        // A sender forgets what it has not sent.
+        self.line.clear();
+        self.urgent.push_back(0x18);
+        self.run(SECOND);
+    }
+
+    fn state(&self) -> State {
+        self.simulator.snapshot().state
+    }
+
+    fn send(&mut self, text: &str) {
+        self.wait_for_room(text.len() + 1);
+        self.line.extend(text.as_bytes());
+        self.line.push_back(b'\n');
+    }
+
+    /// Waits until the machine has room for a line. Where it takes none, the operator helps.
+    fn wait_for_room(&mut self, length: usize) {
+        let limit = self.simulator.now() + PATIENCE_TICKS;
+        while self.line.len() + self.waiting() + length > WINDOW {
+            self.run(SECOND / 100);
+            if self.simulator.now() > limit {
+                self.recover_for_line();
+                return;
+            }
+        }
+    }
+
+    fn recover_for_line(&mut self) {
+        self.hold(Levels::NONE);
+        self.recover();
+    }
+
+    /// Bytes that wait in the machine.
+    fn waiting(&self) -> usize {
+        RECEIVED_RING - 1 - self.simulator.received_free()
+    }
+
+    /// Runs until nothing happens any more, every line is answered and nothing moves. Returns false when that takes
+    /// longer.
+    fn comes_to_rest(&mut self, limit: u64) -> bool {
+        let end = self.simulator.now() + limit;
+        let mut unanswered = 0;
+        while self.simulator.now() < end {
+            self.run(SECOND / 100);
+            let snapshot = self.simulator.snapshot();
+            let is_silent =
+                self.line.is_empty() && self.urgent.is_empty() && !self.simulator.has_to_send();
+            let stands = snapshot.is_at_rest
+                && matches!(snapshot.state, State::Idle | State::Alarm | State::Check);
+            let is_answered = self.answers == self.received_lines;
+            if !is_silent || !stands || self.waiting() > 0 {
+                continue;
+            }
+            if is_answered {
+                self.welcomes = 0;
+                return true;
+            }
+            let can_answer = snapshot.state != State::Alarm && self.simulator.due().is_none();
+            unanswered += u32::from(can_answer);
+            assert!(
+                unanswered < 100,
+                "a line has no answer in {:?}",
+                snapshot.state
+            );
+        }
+        false
+    }
+
+    fn hold(&mut self, contacts: Levels) {
+        self.simulator.set_pin(self.closed & !contacts, false);
+        self.simulator.set_pin(contacts & !self.closed, true);
+        self.closed = contacts;
+        self.simulator.settle();
+        self.note_reset();
+    }
+
+    /// Runs for a time.
+    fn run(&mut self, ticks: u64) {
+        let end = self.simulator.now() + ticks;
+        while self.simulator.now() < end {
+            let now = self.simulator.now();
+            if now >= self.next_out
+                && let Some(byte) = self.simulator.send()
+            {
+                self.next_out = now + BYTE_TICKS;
+                self.hear(byte, now);
+                self.simulator.settle();
+            }
+            if now >= self.silent_at {
+                self.welcomes = 0;
+            }
+            if now >= self.next_in
+                && let Some(byte) = self.next_byte()
+            {
+                self.next_in = now + BYTE_TICKS;
+                self.receive(byte, now);
+            }
+            if self.simulator.flash().is_off() {
+                self.fail_power();
+                return;
+            }
+            let sends = !self.urgent.is_empty() || self.welcomes == 0 && !self.line.is_empty();
+            let events = [
+                self.simulator.due(),
+                self.simulator.has_to_send().then_some(self.next_out),
+                sends.then_some(self.next_in),
+                (self.welcomes > 0).then_some(self.silent_at),
+            ];
+            let next = events.into_iter().flatten().fold(end, u64::min);
+            let edge = self.simulator.advance(next.max(now));
+            self.note_reset();
+            if self.answers != self.received_lines {
+                self.note_stored();
+            }
+            if let Some(edge) = edge {
+                self.look_at(&edge);
+            }
+        }
+    }
+
+    /// The next byte on its way. What a machine receives between a reset and its welcome is lost, as in Grbl:
+    /// senders wait.
+    fn next_byte(&mut self) -> Option<u8> {
+        let line = || {
+            (self.welcomes == 0)
+                .then(|| self.line.pop_front())
+                .flatten()
+        };
+        self.urgent.pop_front().or_else(line)
+    }
+
+    fn look_at(&mut self, edge: &Edge) {
+        let counted = match self.fault {
+            Some(Fault::StepLost) if edge.is_rapid => edge.raise & !0b10,
+            _ => edge.raise,
+        };
+        self.motion.check(edge, counted);
+        if self.setup.has_travel() && !self.may_have_homed {
+            for (axis, steps) in self.motion.steps().iter().enumerate() {
+                let place = steps - self.offset[axis];
+                assert!(
+                    (-TRAVEL_MM * STEPS_PER_MM..=0).contains(&place),
+                    "axis {axis} leaves its travel: step {place}"
+                );
+            }
+        }
+    }
+
+    /// The machine receives a byte.
+    fn receive(&mut self, byte: u8, now: u64) {
+        match byte {
+            b'?' => {
+                let late = if self.fault == Some(Fault::ReportLate) {
+                    SECOND
+                } else {
+                    0
+                };
+                self.asked.get_or_insert(now.saturating_sub(late));
+            }
+            b'\n' | b'\r' => self.received_lines += 1,
+            b'h' | b'H' => self.may_have_homed = true,
+            _ => {}
+        }
+        self.simulator.receive(byte);
+        self.simulator.settle();
+        self.note_reset();
+        if matches!(byte, b'\n' | b'\r') {
+            self.note_stored();
+        }
+    }
+
+    /// A reset drops the lines that are not answered.
+    fn note_reset(&mut self) {
+        let resets = self.simulator.requested_resets();
+        if resets != self.resets {
+            self.welcomes += resets - self.resets;
+            self.resets = resets;
+            self.silent_at = self.simulator.now() + SECOND;
+            self.received_lines = 0;
+            self.asked = None;
+        }
+    }
+
+    /// Something may have been stored.
+    fn note_stored(&mut self) {
+        let session = self.simulator.session();
+        let now = (session.stored().clone(), session.tools().clone());
+        if self.may_be_stored.last() != Some(&now) {
+            self.may_be_stored.push(now);
+        }
+    }
+
+    fn hear(&mut self, byte: u8, now: u64) {
+        self.silent_at = now + SECOND;
+        match byte {
+            b'\r' => {}
+            b'\n' => {
+                let text = std::mem::take(&mut self.heard);
+                self.hear_line(&String::from_utf8_lossy(&text));
+            }
+            byte => {
+                if byte == b'<'
+                    && self.heard.is_empty()
+                    && let Some(asked) = self.asked.take()
+                {
+                    let waited = now - asked;
+                    assert!(waited <= PROMPT_TICKS, "a `?` waits {waited} ticks");
+                }
+                self.heard.push(byte);
+            }
+        }
+    }
+
+    fn hear_line(&mut self, line: &str) {
+        if line.starts_with("Grbl ") {
+            self.answers = 0;
+            self.welcomes = self.welcomes.saturating_sub(1);
+        } else if line == "ok" || line.starts_with("error:") {
+            if self.fault == Some(Fault::AnswerLost) && line == "error:20" {
+                return;
+            }
+            self.answers += 1;
+            self.note_stored();
+            assert!(
+                self.welcomes > 0 || self.answers <= self.received_lines,
+                "more answers than lines: {line}"
+            );
+        }
+    }
+
+    fn check_answers(&self) {
+        assert_eq!(
+            self.answers, self.received_lines,
+            "answers, and lines since the last reset"
+        );
+        assert!(self.asked.is_none(), "a `?` has no report");
+    }
+
+    /// The difference between the steps of the motors and the machine's own count.
+    fn difference(&self) -> Axes<i32> {
+        let counted = self.simulator.snapshot().steps;
+        Axes::from_fn(|axis| self.motion.steps()[axis] - counted[axis])
+    }
+
+    fn take_offset(&mut self) {
+        self.offset = self.difference();
+        self.may_have_homed = false;
+    }
+
+    /// The machine is where it believes to be.
+    fn check_position(&mut self) {
+        assert_eq!(
+            *self.motion.steps(),
+            self.simulator.physical_steps(),
+            "steps of the motors"
+        );
+        if self.may_have_homed {
+            self.take_offset();
+        }
+        assert_eq!(
+            self.difference(),
+            self.offset,
+            "the machine has lost its position"
+        );
+        let session = self.simulator.session();
+        let is_compensated = session.interpreter().modal().compensation != CompensationMode::Off;
+        if self.state() != State::Idle || is_compensated {
+            return;
+        }
+        let programmed = session.interpreter().position();
+        for (axis, steps) in self.simulator.snapshot().steps.iter().enumerate() {
+            let exact = programmed[axis].0 as f64 * 1.0e-6 * f64::from(STEPS_PER_MM);
+            let difference = (exact - f64::from(*steps)).abs();
+            assert!(
+                difference <= 0.501,
+                "axis {axis} is programmed to {exact} steps and stands at {steps}"
+            );
+        }
+    }
+
+    /// The power fails, and comes back.
+    fn fail_power(&mut self) {
+        self.note_stored();
+        self.before += self.simulator.now();
+        for (moved, steps) in self.moved.iter_mut().zip(self.motion.steps().iter()) {
+            *moved += steps;
+        }
+        let new = Box::new(Simulator::first_boot(self.step_rate));
+        let mut flash = std::mem::replace(&mut self.simulator, new).into_flash();
+        if self.fault == Some(Fault::RecordLost) {
+            flash.contents_mut().fill(0xff);
+        }
+        *self.simulator = Simulator::power_up(flash, self.step_rate);
+        self.setup.mount(&mut self.simulator, self.moved);
+        let session = self.simulator.session();
+        let stored = (session.stored().clone(), session.tools().clone());
+        let is_known = self.may_be_stored.contains(&stored);
+        let old = std::mem::replace(&mut self.may_be_stored, vec![stored]);
+        self.motion = MotionRules::new(&self.simulator);
+        (self.line, self.urgent) = (VecDeque::new(), VecDeque::new());
+        (self.next_in, self.next_out) = (0, 0);
+        self.heard.clear();
+        (self.received_lines, self.answers, self.resets) = (0, 0, 0);
+        (self.welcomes, self.silent_at) = (1, SECOND);
+        self.asked = None;
+        (self.offset, self.may_have_homed) = (Axes::all(0), false);
+        let closed = std::mem::replace(&mut self.closed, Levels::NONE);
+        self.hold(closed);
+        self.note_reset();
+        self.run(SECOND / 10);
+        let writing = self.writing.take();
+        if !is_known {
+            self.check_new(old.last(), writing.as_deref());
+        }
+    }
+
+    /// What is stored is not old, then it is new: the line that stored it changes nothing when it is sent again.
+    fn check_new(&mut self, old: Option<&(Stored, ToolTable)>, writing: Option<&str>) {
+        let new = self.may_be_stored.clone();
+        let changes = old
+            .zip(new.first())
+            .map(|(old, new)| changed_records(old, new));
+        let is_stored = writing.is_some() && changes == Some(1);
+        assert!(is_stored, "what is stored is neither old nor new");
+        let line = writing.unwrap_or_default();
+        self.send("$X");
+        self.send(line);
+        assert!(self.comes_to_rest(RESET_TICKS), "{line} is not answered");
+        assert!(self.may_be_stored == new, "{line} was stored in part");
+    }
+}
+
+/// How many records differ: the settings, an origin, a startup line, the build info, a tool.
+fn changed_records(one: &(Stored, ToolTable), other: &(Stored, ToolTable)) -> usize {
+    let ((old, old_tools), (new, new_tools)) = (one, other);
+    let origins = WorkCoordinates::ALL.into_iter().filter(|&system| {
+        let of = |stored: &Stored| {
+            let origins = &stored.origins;
+            (origins.coordinates[system], origins.rotations[system])
+        };
+        of(old) != of(new)
+    });
+    let startup = old.startup.iter().zip(&new.startup);
+    let tools = (0..TOOLS).filter(|&slot| old_tools.slot(slot) != new_tools.slot(slot));
+    let others = [
+        old.settings != new.settings,
+        old.origins.g28 != new.origins.g28,
+        old.origins.g30 != new.origins.g30,
+        old.build_info != new.build_info,
+    ];
+    origins.count()
+        + startup.filter(|(old, new)| old != new).count()
+        + tools.count()
+        + others.into_iter().filter(|&differs| differs).count()
+}

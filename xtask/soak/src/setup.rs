@@ -1,0 +1,102 @@
+//! The machines of the histories.
+
+use leadscrew::{
+    axis::AXES,
+    model::Levels,
+    settings::{Settings, StepRate, assign},
+    sim::{Closes, Simulator, Switch},
+};
+use proptest::prelude::*;
+
+/// Length of each axis, mm, and steps/mm.
+pub(crate) const TRAVEL_MM: i32 = 100;
+pub(crate) const STEPS_PER_MM: i32 = 5;
+/// Place of the machine on each axis when it is built, mm from the upper switch.
+const START_MM: i32 = -30;
+
+/// How a machine is built.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum Setup {
+    /// It homes by marks, and has soft limits.
+    Marks,
+    /// It homes by switches at the upper ends, and has hard limits by switches at both.
+    Switches,
+    /// A laser without homing.
+    Laser,
+}
+
+/// Each setup.
+pub(crate) fn setup() -> impl Strategy<Value = Setup> {
+    prop::sample::select(vec![Setup::Marks, Setup::Switches, Setup::Laser])
+}
+
+impl Setup {
+    /// The machine when it is switched on for the first time.
+    pub(crate) fn build(self, step_rate: StepRate) -> Box<Simulator> {
+        let mut simulator = Box::new(Simulator::new(&self.settings(step_rate)));
+        self.mount(&mut simulator, [0; AXES]);
+        simulator
+    }
+
+    /// Mounts the switches of a machine that is switched on with its axes at `moved` steps from where they
+    /// were when it was built.
+    pub(crate) fn mount(self, simulator: &mut Simulator, moved: [i32; AXES]) {
+        if self != Self::Switches {
+            return;
+        }
+        for (axis, moved) in moved.into_iter().enumerate() {
+            let input = Levels::limits(1 << axis);
+            let upper = -START_MM * STEPS_PER_MM - moved;
+            let ends = [
+                Closes::From(upper),
+                Closes::DownFrom(upper - TRAVEL_MM * STEPS_PER_MM),
+            ];
+            for closes in ends {
+                assert!(
+                    simulator.mount(Switch {
+                        axis,
+                        closes,
+                        input
+                    }),
+                    "no room for a switch"
+                );
+            }
+        }
+    }
+
+    /// Whether no program leaves the travel, from the homing at the start on.
+    pub(crate) fn has_travel(self) -> bool {
+        self == Self::Marks
+    }
+
+    fn settings(self, step_rate: StepRate) -> Settings {
+        let mut settings = Settings::new(step_rate);
+        for axis in 0..AXES {
+            for assignment in [
+                format!("10{axis}={STEPS_PER_MM}"),
+                format!("11{axis}=6000"),
+                format!("12{axis}=500"),
+                format!("13{axis}={TRAVEL_MM}"),
+            ] {
+                set(&mut settings, &assignment);
+            }
+        }
+        let own: &[&str] = match self {
+            Self::Marks => &["22=1", "20=1"],
+            Self::Switches => &["22=1", "20=1", "21=1", "24=600", "25=3000", "27=2"],
+            Self::Laser => &["32=1", "1=255"],
+        };
+        for assignment in own {
+            set(&mut settings, assignment);
+        }
+        if self == Self::Marks {
+            set(&mut settings, &format!("788={}", (1 << AXES) - 1));
+        }
+        settings
+    }
+}
+
+fn set(settings: &mut Settings, assignment: &str) {
+    assign(settings, assignment.as_bytes())
+        .unwrap_or_else(|error| panic!("{assignment}: {error:?}"));
+}
