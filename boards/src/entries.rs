@@ -166,7 +166,21 @@ impl Entries {
         })?;
         let mut entries = Self::default();
         entries.add("", table.get_ref(), &place)?;
+        entries.refuse_misplaced()?;
         Ok(entries)
+    }
+
+    /// Refuses keys of no table in a table: a line below a `[table]` belongs to it, which is easily forgotten.
+    fn refuse_misplaced(&self) -> Result<(), Fault> {
+        for (key, entry) in self.iter() {
+            let mut segments = key.split('.').skip(1);
+            if let Some(above) = segments.find(|segment| TOP.contains(segment)) {
+                let message =
+                    format!("`{above}` belongs above the first [table], here it is `{key}`");
+                return Err(entry.place.fault(message));
+            }
+        }
+        Ok(())
     }
 
     fn add(
@@ -253,14 +267,8 @@ impl Entries {
         let table = key.rfind('.').map_or("", |dot| &key[..=dot]);
         let of_table = known.iter().filter_map(|known| known.strip_prefix(table));
         let of_table: Vec<_> = of_table.collect();
-        // A line below a [table] belongs to it, which is easily forgotten of those that have none.
-        let mut segments = key.split('.').skip(1);
-        if let Some(above) = segments.find(|segment| TOP.contains(segment)) {
-            let message = format!("`{above}` belongs above the first [table], here it is `{key}`");
-            return Err(entry.place.fault(message));
-        }
         let message = match of_table.as_slice() {
-            [] => format!("`{key}` is not known"),
+            [] => format!("`{key}` is not known; tables are {}", TABLES.join(", ")),
             of_table => format!(
                 "`{key}` is not known; known there are {}",
                 of_table.join(", ")
@@ -270,6 +278,16 @@ impl Entries {
     }
 }
 
+/// The tables.
+const TABLES: [&str; 7] = [
+    "serial",
+    "axes",
+    "outputs",
+    "inputs",
+    "at_boot",
+    "labels",
+    "with_4_axes and more",
+];
 /// Keys that stand above the tables.
 const TOP: [&str; 10] = [
     "about",

@@ -84,6 +84,11 @@ impl FromStr for SignedPin {
             _ => (Pull::None, text),
         };
         let name = rest.strip_prefix('!');
+        if name.is_some_and(|name| name.starts_with(['^', '~', '!'])) {
+            return Err(format!(
+                "the signs of a pin are one of ^ and ~, then !: not {text:?}"
+            ));
+        }
         Ok(Self {
             pin: name.unwrap_or(rest).parse()?,
             is_active_low: name.is_some(),

@@ -37,7 +37,7 @@ F13 = "MOTOR0"
 
 /// What is replaced by what, and the line and the words of the error. Where nothing is replaced, the line is put
 /// before all others.
-const WRONG: [(&str, &str, usize, &str); 41] = [
+const WRONG: &[(&str, &str, usize, &str)] = &[
     (
         "chip = \"F446ZE\"",
         "chip = \"F466ZE\"",
@@ -197,6 +197,24 @@ const WRONG: [(&str, &str, usize, &str); 41] = [
         "PA8 is axes.A.direction already, with 4 axes: [with_4_axes] says what differs there",
     ),
     (
+        "F13 = \"MOTOR0\"",
+        "F13 = \"MOTOR0\"\nbootloader = { kib = 32 }",
+        26,
+        "`bootloader` belongs above the first [table]",
+    ),
+    (
+        "[at_boot]",
+        "[boot]",
+        23,
+        "`boot.C13` is not known; tables are serial, axes",
+    ),
+    (
+        "limit = \"^!G6\"",
+        "limit = \"!^G6\"",
+        9,
+        "one of ^ and ~, then !",
+    ),
+    (
         "rx = \"A10\"",
         "rx = \"A10\"\ndebug_pins = true",
         8,
@@ -258,8 +276,8 @@ fn each_wrong_file_gives_one_error_with_its_line() {
 
 #[test]
 fn a_board_like_another_one_takes_what_it_does_not_say() {
-    read("right", RIGHT).expect("nothing is wrong");
-    let like = "like = \"right\"\nname = \"Sister\"\noutputs.flood = \"A3\"\n";
+    read("model", RIGHT).expect("nothing is wrong");
+    let like = "like = \"model\"\nname = \"Sister\"\noutputs.flood = \"A3\"\n";
     let sister = read("sister", like).expect("nothing is wrong");
     assert_eq!(sister.part_name, "F446ZE");
     let flood = sister.wiring(3).and_then(|wiring| wiring.flood);
@@ -316,4 +334,14 @@ fn a_chip_is_known_by_what_is_printed_on_it() {
         let board = read("printed", &text).expect("nothing is wrong");
         assert_eq!(board.part_name, "F446ZE");
     }
+}
+
+#[test]
+fn the_file_of_the_document_is_read() {
+    let document = fs::read_to_string(root().join("docs/boards.md")).expect("it is there");
+    let (_, rest) = document.split_once("```toml\n").expect("it has a file");
+    let (text, _) = rest.split_once("```").expect("the file has an end");
+    let board = read("document", text).expect("nothing is wrong");
+    assert_eq!(board.title, "My board");
+    assert_eq!(board.wiring(3).map(|wiring| wiring.inputs.len()), Some(8));
 }

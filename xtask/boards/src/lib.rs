@@ -27,6 +27,11 @@ impl Deref for Board {
 }
 
 impl Board {
+    /// What other tools are told of the board with `--board`: its file, for it may lie anywhere.
+    pub fn argument(&self) -> String {
+        self.file.to_string_lossy().into_owned()
+    }
+
     /// Makes a Cargo command compile for the board.
     pub fn compile<'a>(&self, command: &'a mut Command) -> &'a mut Command {
         self.compile_into(&cargo::target_dir(), command)
@@ -39,7 +44,7 @@ impl Board {
             Some(_) => format!("{chip},emulated"),
             None => chip,
         };
-        cargo::compile_for(command, &self.file.to_string_lossy(), &features, target);
+        cargo::compile_for(command, &self.argument(), &features, target);
         command
     }
 }

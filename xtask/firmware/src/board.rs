@@ -116,7 +116,7 @@ fn prove(board: &Board) -> Result<Vec<u32>> {
     let mut rates = Vec::new();
     for axes in 3..=board.most_axes().min(MOST_PROVEN) {
         let axes = u8::try_from(axes).context("a machine has six axes at most")?;
-        let file = board.file.to_string_lossy();
+        let file = board.argument();
         let output = tools::command_for(tools::SCHEDULE, axes)?
             .args(["--board", &file, "--rate"])
             .stderr(Stdio::inherit())

@@ -7,6 +7,7 @@
     reason = "a library of the tools beside it: errors are sentences, which the user is shown"
 )]
 
+pub mod card;
 pub mod image;
 
 use std::{
@@ -57,7 +58,7 @@ fn prove_with(board: &Board, options: &[&str], suffix: &str) -> Result<(PathBuf,
 
 /// The step rate that a firmware is proven for.
 fn prove(elf: &Path, board: &Board) -> Result<u32> {
-    let hz = rate(elf, &board.name)
+    let hz = rate(elf, &board.argument())
         .context("no step rate is proven: `--unproven` builds the firmware all the same")?;
     let rate = separated(hz.into());
     ui::status(

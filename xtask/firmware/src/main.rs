@@ -9,6 +9,7 @@ use anyhow::Result;
 use boards::compile;
 use clap::Parser;
 use common::{cargo, ui};
+use firmware::card;
 
 /// Builds the firmware and shows its size.
 #[derive(Parser)]
@@ -69,6 +70,10 @@ fn run(options: &Options) -> Result<ExitCode> {
             firmware::proven(&board)?
         };
         ui::status("Built", &elf.display().to_string());
+        if let Some(file) = card::write(&board, &elf)? {
+            let what = format!("{}: copy it to the SD card", file.display());
+            ui::status("Built", &what);
+        }
     }
     Ok(ExitCode::SUCCESS)
 }

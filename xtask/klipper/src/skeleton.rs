@@ -30,7 +30,8 @@ const AXES: [&str; 6] = ["X", "Y", "Z", "A", "B", "C"];
 /// Returns the file, with the name of that of the configuration.
 pub(crate) fn text(printer: &Printer, path: &Path) -> String {
     let file = path.file_name().unwrap_or_default().to_string_lossy();
-    let name = path.file_stem().unwrap_or_default().to_string_lossy();
+    let stem = path.file_stem().unwrap_or_default().to_string_lossy();
+    let name = title(&stem);
     let mut text = format!(
         "# Made of {file} by `cargo xtask board import`. docs/boards.md explains the keys, `cargo xtask board check` \
          says what\n# is missing.\nname = {name:?}\n\n{ABOVE}"
@@ -52,6 +53,16 @@ pub(crate) fn text(printer: &Printer, path: &Path) -> String {
     text.push('\n');
     inputs(&mut text, printer);
     text
+}
+
+/// Returns a board's name of a file's: what the check takes.
+fn title(stem: &str) -> String {
+    let plain = stem.chars().filter(|c| matches!(c, ' '..='~') && *c != ':');
+    let name: String = plain.take(40).collect();
+    if name.trim().is_empty() {
+        return "My board".into();
+    }
+    name
 }
 
 /// Writes the table of outputs.
@@ -235,4 +246,21 @@ fn shown(signed: SignedPin) -> String {
     };
     let low = if signed.is_active_low { "!" } else { "" };
     format!("{pull}{low}{}", bare(signed.pin))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_name_is_one_that_the_check_takes() {
+        for (stem, name) in [
+            ("printer", "printer"),
+            ("Fr\u{e4}se: 1", "Frse 1"),
+            ("\u{96ea}", "My board"),
+            (&"x".repeat(50), &"x".repeat(40)),
+        ] {
+            assert_eq!(title(stem), name);
+        }
+    }
 }

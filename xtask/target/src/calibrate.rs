@@ -96,7 +96,7 @@ pub(crate) fn check() -> Result<()> {
 
 /// The table of the analysis for a board, without any calibration.
 fn table(board: &Board) -> Result<Vec<(String, u64)>> {
-    let text = tools::output(tools::SCHEDULE, ["--table", "--board", &board.name])?;
+    let text = tools::output(tools::SCHEDULE, ["--table", "--board", &board.argument()])?;
     let rows = text.lines().map(|line| {
         let (class, cycles) = line.split_once(' ').context("no cycles")?;
         Ok((class.to_owned(), cycles.parse()?))

@@ -75,7 +75,7 @@ impl Report {
         let file = cargo::target_dir().join(format!("latency-{}.json", process::id()));
         let rate = hz.to_string();
         let mut command = tools::command(tools::SCHEDULE)?;
-        command.args(["--board", &board.name, "--step-rate", &rate, "--elf"]);
+        command.args(["--board", &board.argument(), "--step-rate", &rate, "--elf"]);
         command.arg(elf).arg("--json").arg(&file);
         // What is not proven makes it fail, and is told later.
         let ended = command.stdout(Stdio::null()).stderr(Stdio::null()).status();
