@@ -248,7 +248,8 @@ fn boards_of_the_project_have_the_pins_of_their_printers() {
         let (Some(name), Some(facts)) = (known.board, known.completed) else {
             continue;
         };
-        let imported = check(known.file, &complete(&skeleton(known.file), facts));
+        let name_of_copy = format!("{}-of-the-project", known.file);
+        let imported = check(&name_of_copy, &complete(&skeleton(known.file), facts));
         let imported = imported.unwrap_or_else(|error| panic!("{error}"));
         let own = Board::read(&Board::path(name, root()), root());
         let own = own.unwrap_or_else(|error| panic!("{error}"));
@@ -272,7 +273,7 @@ fn boards_of_the_project_have_the_pins_of_their_printers() {
 #[test]
 fn a_pin_that_steps_too_slowly_is_told_by_the_check() {
     let text = complete(&skeleton("monster8"), ("F407VG", 8, 48));
-    let error = check("monster8", &text).expect_err("C14 is slow");
+    let error = check("monster8-completed", &text).expect_err("C14 is slow");
     assert!(error.contains("PC14 is too slow for steps"), "{error}");
 }
 
