@@ -24,24 +24,24 @@ pub(super) struct Clocks {
 }
 
 /// Sets the clocks of the board, and reads flash without prefetch. Without the crystal, the internal
-/// oscillator takes its place, which is wrong by up to 1 %: good enough to say so, and for nothing else.
+/// oscillator takes its place, at a tenth of the frequency: good enough to say so, and for nothing else.
 ///
 /// # Panics
 ///
-/// If the core does not count half ticks, or TIM9 and TIM10 do not count its cycles: every time would be wrong.
+/// If the core does not count half ticks with the crystal, or TIM9 and TIM10 do not count its cycles: every time would be wrong.
 pub(super) fn start(rcc: Rcc, flash: &pac::FLASH) -> Clocks {
     let is_emulated = emulation::is_emulated();
     let has_crystal = is_emulated || start_crystal(&rcc);
-    let config = match (is_emulated, has_crystal) {
-        // The emulator's PLL would never report ready.
-        (true, _) => Config::hsi(),
-        (false, true) => from_crystal().sysclk(Hertz::from_raw(WIRING.core_hz)),
-        (false, false) => Config::hsi().sysclk(Hertz::from_raw(WIRING.core_hz)),
+    // The emulator's PLL would never report ready: its clocks stay as they are.
+    let is_internal = is_emulated || !has_crystal;
+    let rcc = if is_internal {
+        rcc
+    } else {
+        rcc.freeze(from_crystal().sysclk(Hertz::from_raw(WIRING.core_hz)))
     };
-    let rcc = rcc.freeze(config);
     let (core_hz, timers_hz) = (rcc.clocks.hclk().raw(), rcc.clocks.timclk2().raw());
     assert!(
-        is_emulated
+        is_internal
             || core_hz == 2 * TICKS_PER_SECOND && timers_hz == u32::from(TIMERS_MHZ) * 1_000_000,
         "the step timer counts half ticks, and TIM9 and TIM10 count what their dividers are for"
     );

@@ -24,8 +24,9 @@ pub enum Contact {
 
 /// No change is awaited.
 const UNARMED: u32 = 0;
-/// The change has come.
-const LATCHED: u32 = 3;
+/// Bits beside the contact: it has come, and the filter does not agree yet; or agrees.
+const LATCHED: u32 = 4;
+const CONFIRMED: u32 = 8;
 
 /// The inputs. A set bit of [`Levels`] is a closed contact: the pin is low.
 #[derive(Debug)]
@@ -38,8 +39,8 @@ pub struct Inputs {
     inverted: AtomicU32,
     /// Limit switches that stop the machine; written by `prepare`.
     armed: AtomicU32,
-    /// A [`Contact`] or [`UNARMED`], written by `prepare`; or [`LATCHED`], which `inputs` writes
-    /// over a contact.
+    /// A [`Contact`] or [`UNARMED`], written by `prepare`; and [`LATCHED`] or [`CONFIRMED`], which `inputs`
+    /// adds to a contact.
     probing: AtomicU32,
     /// Number of events output when the probe changed; written by `inputs`.
     probe_latch: AtomicU32,
@@ -117,12 +118,19 @@ impl Inputs {
         self.probing.store(UNARMED, Relaxed);
     }
 
-    /// Returns the number of events output at the awaited change of the probe, if it has come.
+    /// Returns the number of events output at the awaited change of the probe, if it has come. It may turn out
+    /// to be a spike, which is forgotten.
     #[must_use]
     pub fn probe_latch(&self) -> Option<u32> {
-        let is_latched = self.probing.load(Relaxed) == LATCHED;
+        let is_latched = self.probing.load(Relaxed) & (LATCHED | CONFIRMED) != 0;
         compiler_fence(SeqCst);
         is_latched.then(|| self.probe_latch.load(Relaxed))
+    }
+
+    /// Returns whether the awaited change of the probe has lasted as long as the filter wants.
+    #[must_use]
+    pub fn is_probe_confirmed(&self) -> bool {
+        self.probing.load(Relaxed) & CONFIRMED != 0
     }
 
     /// Returns whether the awaited change of the probe comes with these levels.
@@ -137,7 +145,28 @@ impl Inputs {
     pub(super) fn latch_probe(&self, events: u32) {
         self.probe_latch.store(events, Relaxed);
         compiler_fence(SeqCst);
-        self.probing.store(LATCHED, Relaxed);
+        let contact = self.probing.load(Relaxed);
+        self.probing.store(contact | LATCHED, Relaxed);
+    }
+
+    /// Returns whether a change of the probe has been latched that the filter has not confirmed.
+    #[inline]
+    pub(super) fn is_probe_unconfirmed(&self) -> bool {
+        self.probing.load(Relaxed) & LATCHED != 0
+    }
+
+    /// Confirms the change of the probe that has been latched; for `inputs` alone.
+    #[inline]
+    pub(super) fn confirm_probe(&self) {
+        let latched = self.probing.load(Relaxed);
+        self.probing.store(latched ^ (LATCHED | CONFIRMED), Relaxed);
+    }
+
+    /// Forgets the change of the probe that has been latched, and awaits another; for `inputs` alone.
+    #[inline]
+    pub(super) fn forget_probe(&self) {
+        let latched = self.probing.load(Relaxed);
+        self.probing.store(latched ^ LATCHED, Relaxed);
     }
 
     /// Returns the number of events output when the limit switch of an axis last became active.

@@ -2,9 +2,9 @@
 //!
 //! `inputs` runs when any input changes, and [`SAMPLE_TICKS`](super::SAMPLE_TICKS) after a run that
 //! needs a sample. Every input passes the filter. The awaited change of the probe and the edges of
-//! limit switches are also latched at once: their first edge gives the position.
+//! limit switches are also latched at once: their first edge gives the position. The filter confirms both.
 
-use super::{Filter, Inputs};
+use super::{Filter, Inputs, SAMPLES};
 use crate::{
     model::{Levels, Requests},
     stepper::EventTap,
@@ -27,6 +27,8 @@ pub struct Watch {
     filter: Filter,
     /// The contacts that were closed in the last run.
     raw: Levels,
+    /// Samples in a row without the contact of the probe that has been latched.
+    absent: u32,
 }
 
 impl Watch {
@@ -38,6 +40,7 @@ impl Watch {
         Self {
             filter: Filter::new(closed),
             raw: closed,
+            absent: 0,
         }
     }
 
@@ -53,6 +56,7 @@ impl Watch {
         let is_contact = inputs.is_contact(raw);
         if is_contact {
             inputs.latch_probe(output);
+            self.absent = 0;
         }
         let reached = (raw ^ self.raw) & (raw ^ inputs.inverted());
         inputs.latch_limits(reached, output);
@@ -74,11 +78,32 @@ impl Watch {
         let closed = self.filter.stable();
         inputs.set_closed(closed);
         requests.press(changed & closed);
+        let is_unconfirmed = inputs.is_probe_unconfirmed();
+        let is_spike = is_unconfirmed && self.decide_contact(changed, inputs);
         let limits = changed & (closed ^ inputs.inverted());
         SampleActions {
-            sample_again: self.filter.change(self.raw),
-            release_prepare: changed != Levels::NONE,
+            sample_again: self.filter.change(self.raw) | is_unconfirmed,
+            release_prepare: changed != Levels::NONE || is_spike,
             halt_steps: limits.has(inputs.armed_limits()),
         }
+    }
+
+    /// Decides about a contact of the probe that has been latched, from what has changed for the filter: the
+    /// contact is confirmed with it, and forgotten after as many samples without it. Returns whether it was
+    /// a spike.
+    #[inline]
+    fn decide_contact(&mut self, changed: Levels, inputs: &Inputs) -> bool {
+        if changed.has(Levels::PROBE) {
+            inputs.confirm_probe();
+        } else if (self.raw ^ self.filter.stable()).has(Levels::PROBE) {
+            self.absent = 0;
+        } else {
+            self.absent += 1;
+            if self.absent == SAMPLES {
+                inputs.forget_probe();
+                return true;
+            }
+        }
+        false
     }
 }

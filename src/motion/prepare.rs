@@ -339,7 +339,7 @@ impl Motion {
             Job::Dequeue => self.dequeue_entry(entries, inputs),
             Job::Standstill => {
                 let before = self.control;
-                self.enter_standstill();
+                self.enter_standstill(inputs);
                 // Z may have to stop nowhere on its way, so that nothing was to be played.
                 is_settled = self.control == before && !self.parking.is_moving();
             }

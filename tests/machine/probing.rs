@@ -291,3 +291,91 @@ proptest! {
         check_limits(&fast(), &cell.trace);
     }
 }
+
+/// A contact of some µs, as a spindle's noise makes it.
+fn spike(cell: &mut Cell, us: u32) {
+    cell.set_pin(Levels::PROBE, true);
+    cell.run_us(us);
+    cell.set_pin(Levels::PROBE, false);
+}
+
+#[test]
+fn one_spike_does_not_end_a_probing_move() {
+    for probing in [TOWARDS, TOWARDS_OR_MISS] {
+        let mut cell = cell();
+        cell.probe(&[0.0, 0.0, -10.0], 600.0, probing);
+        cell.run_until(|cell| cell.physical()[Z] <= -100);
+        spike(&mut cell, 2);
+        cell.run_until(|cell| cell.physical()[Z] <= -200);
+        spike(&mut cell, 700);
+        cell.run_to_end();
+        assert_eq!(cell.notices(), [Notice::Probed]);
+        assert!(cell.snapshot().probed.success);
+        assert_eq!(cell.snapshot().probed.steps[Z], -400);
+        cell.trace.check_pulses();
+        check_limits(&fast(), &cell.trace);
+    }
+}
+
+#[test]
+fn a_spike_at_the_end_of_a_probing_move_is_a_miss() {
+    for (probing, alarms) in [(TOWARDS, 1), (TOWARDS_OR_MISS, 0)] {
+        let mut cell = Cell::new(&fast());
+        cell.probe(&[0.0, 0.0, -3.0], 600.0, probing);
+        cell.run_until(|cell| cell.physical()[Z] == -240);
+        spike(&mut cell, 2);
+        cell.run_to_end();
+        assert!(!cell.snapshot().probed.success);
+        assert_eq!(cell.alarms().len(), alarms);
+        assert_eq!(cell.physical()[Z], -240);
+    }
+}
+
+#[test]
+fn a_spike_while_the_probe_is_left_does_not_end_the_move() {
+    let mut cell = Cell::new(&fast());
+    cell.set_pin(Levels::PROBE, true);
+    cell.run_ms(2);
+    cell.probe(&[0.0, 0.0, 5.0], 600.0, AWAY);
+    cell.run_until(|cell| cell.physical()[Z] >= 100);
+    cell.set_pin(Levels::PROBE, false);
+    cell.run_us(2);
+    cell.set_pin(Levels::PROBE, true);
+    cell.run_until(|cell| cell.physical()[Z] >= 200);
+    cell.set_pin(Levels::PROBE, false);
+    let left = cell.physical();
+    cell.run_to_end();
+    assert!(cell.snapshot().probed.success);
+    assert_eq!(cell.snapshot().probed.steps, left);
+}
+
+#[test]
+fn a_contact_that_bounces_is_where_it_closed_first() {
+    let mut cell = Cell::new(&fast());
+    cell.probe(&[0.0, 0.0, -10.0], 600.0, TOWARDS);
+    cell.run_until(|cell| cell.physical()[Z] <= -300);
+    let first = cell.physical();
+    for us in [20, 150, 280] {
+        cell.set_pin(Levels::PROBE, true);
+        cell.run_us(us);
+        cell.set_pin(Levels::PROBE, false);
+        cell.run_us(us);
+    }
+    cell.set_pin(Levels::PROBE, true);
+    cell.run_to_end();
+    assert!(cell.snapshot().probed.success);
+    assert_eq!(cell.snapshot().probed.steps, first);
+}
+
+#[test]
+fn noise_alone_never_is_a_contact() {
+    let mut cell = Cell::new(&fast());
+    cell.probe(&[0.0, 0.0, -10.0], 600.0, TOWARDS_OR_MISS);
+    for gap in 1..40 {
+        cell.run_us(250 * gap);
+        spike(&mut cell, 37 * (gap % 20));
+    }
+    cell.run_to_end();
+    assert!(!cell.snapshot().probed.success);
+    assert_eq!(cell.physical()[Z], -800);
+}

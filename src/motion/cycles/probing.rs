@@ -1,7 +1,8 @@
 //! Probing: a move that a change of the probe ends, or a limit switch.
 //!
-//! The `inputs` interrupt latches the moment of the change, which becomes a position here. A limit switch
-//! counts once the filter agrees; one that is closed already ends the move where it begins. Read with
+//! The `inputs` interrupt latches the moment of the change, which becomes a position here, and the filter
+//! confirms it meanwhile: the machine goes on after a spike. A limit switch counts once the filter agrees; one
+//! that is closed already ends the move where it begins. Read with
 //! Grbl 1.1 `motion_control.c`, `mc_probe_cycle`.
 
 use crate::{
@@ -17,8 +18,23 @@ pub(crate) struct ProbingCycle {
     /// The axes whose limit switches end the move, bit 0 = X; 0 where the probe does.
     axes: u8,
     may_miss: bool,
+    /// [`ProbingCycle::latched_output`] as seen last.
+    latched: Option<u32>,
     /// Where the probe changed, or a switch closed.
     contact: Option<Axes<i32>>,
+    /// The machine slows down, or stands, because of a contact.
+    is_stopping: bool,
+}
+
+/// What a probing move has come to, at rest.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum ProbingState {
+    /// The filter does not know yet whether the probe has changed.
+    Undecided,
+    /// It was a spike, and there is more of the move.
+    Continues,
+    /// The move is over.
+    Ended,
 }
 
 impl ProbingCycle {
@@ -27,7 +43,9 @@ impl ProbingCycle {
         let mut cycle = Self {
             axes: 0,
             may_miss: true,
+            latched: None,
             contact: None,
+            is_stopping: false,
         };
         match probing {
             Probing::LimitSwitch => {
@@ -37,14 +55,16 @@ impl ProbingCycle {
                 }
             }
             Probing::Probe { is_away, may_miss } => {
-                if inputs.active().has(Levels::PROBE) != is_away {
-                    return None;
-                }
                 inputs.arm_probe(if is_away {
                     Contact::Broken
                 } else {
                     Contact::Made
                 });
+                // Armed before: a change that the filter sees from now on has been latched.
+                if inputs.active().has(Levels::PROBE) != is_away {
+                    inputs.disarm_probe();
+                    return None;
+                }
                 cycle.may_miss = may_miss;
             }
         }
@@ -56,14 +76,15 @@ impl ProbingCycle {
         Levels::limits(self.axes)
     }
 
-    /// Whether the contact has come, so that the remainder of the move is not executed.
-    pub(crate) const fn is_touched(&self) -> bool {
-        self.contact.is_some()
+    /// Whether the contact has come, so that the remainder of the move is not executed for now.
+    pub(crate) const fn is_stopping(&self) -> bool {
+        self.is_stopping
     }
 
-    /// Whether the contact has come, at a position that is not known yet.
+    /// Whether the contact has come, at a position that is not known yet, or was a spike.
     pub(crate) fn has_latched(&self, inputs: &Inputs) -> bool {
-        self.contact.is_none() && self.latched_output(inputs).is_some()
+        let is_switch = self.axes != 0;
+        !(is_switch && self.is_stopping) && self.latched != self.latched_output(inputs)
     }
 
     /// Returns the number of events output when the contact came, if it has.
@@ -79,13 +100,35 @@ impl ProbingCycle {
     }
 
     /// Takes over the position of the contact.
-    pub(crate) const fn latch(&mut self, position: Axes<i32>) {
+    pub(crate) const fn latch(&mut self, latched: u32, position: Axes<i32>) {
+        self.latched = Some(latched);
         self.contact = Some(position);
+        self.is_stopping = true;
+    }
+
+    /// Forgets a contact that was a spike. The machine comes to rest before it goes on.
+    pub(crate) const fn forget(&mut self) {
+        self.latched = None;
+        self.contact = None;
+    }
+
+    /// Returns what the move has come to at rest; `is_done` tells that nothing of it is left.
+    pub(crate) fn at_rest(&mut self, is_done: bool, inputs: &Inputs) -> ProbingState {
+        let is_confirmed = self.axes != 0 || inputs.is_probe_confirmed();
+        match self.contact {
+            Some(_) if is_confirmed => ProbingState::Ended,
+            Some(_) => ProbingState::Undecided,
+            None if is_done => ProbingState::Ended,
+            None => {
+                self.is_stopping = false;
+                ProbingState::Continues
+            }
+        }
     }
 
     /// Ends at rest at `steps`; returns the alarm if the probe should have changed and has not.
     pub(crate) fn finish(&self, steps: Axes<i32>, probed: &mut Probed) -> Option<Alarm> {
-        probed.success = self.is_touched();
+        probed.success = self.contact.is_some();
         // A miss that is an error leaves the position of the probing move before.
         if !probed.success && !self.may_miss {
             return Some(Alarm::ProbeContact);

@@ -5,7 +5,10 @@ use crate::{
     axis::Z,
     machine::{Event, Inputs},
     model::{Alarm, Levels, Notice, Power, Probing, State},
-    motion::cycles::{parking::Reached, probing::ProbingCycle},
+    motion::cycles::{
+        parking::Reached,
+        probing::{ProbingCycle, ProbingState},
+    },
     path::Block,
     stepper::{EventWriter, SegmentRing, steps_after},
 };
@@ -104,6 +107,9 @@ impl Motion {
             ) => None,
         };
         let Some(output) = output else {
+            if let Activity::Probing(cycle) = &mut self.activity {
+                cycle.forget();
+            }
             return;
         };
         let position = steps_after(output, segments, events);
@@ -112,7 +118,7 @@ impl Motion {
             (Some(axis), _) => self
                 .homing
                 .latch(axis, &position, segments, &self.generator),
-            (None, Activity::Probing(cycle)) => cycle.latch(position),
+            (None, Activity::Probing(cycle)) => cycle.latch(output, position),
             (
                 None,
                 Activity::Path
@@ -126,7 +132,7 @@ impl Motion {
 
     /// Ends cycles that are over. The machine is at rest.
     #[inline(never)]
-    pub(super) fn end_cycles(&mut self) {
+    pub(super) fn end_cycles(&mut self, inputs: &Inputs) {
         if matches!(self.activity, Activity::Homing) && !self.homing.is_active() {
             self.finish_activity();
             if self.control.state == State::Home {
@@ -136,9 +142,11 @@ impl Motion {
                 }
             }
         }
-        if let Activity::Probing(cycle) = &self.activity
-            && (self.plan.is_empty() || cycle.is_touched())
+        let is_done = self.plan.is_empty();
+        if let Activity::Probing(cycle) = &mut self.activity
+            && (is_done || cycle.is_stopping())
             && matches!(self.control.state, State::Idle | State::Run | State::Tool)
+            && cycle.at_rest(is_done, inputs) == ProbingState::Ended
         {
             let alarm = cycle.finish(self.generator.steps(), &mut self.published.probed);
             self.end_probe(alarm);

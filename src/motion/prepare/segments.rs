@@ -90,7 +90,7 @@ impl Motion {
 
     fn executes(&self) -> bool {
         let is_touched = match &self.activity {
-            Activity::Probing(cycle) => cycle.is_touched(),
+            Activity::Probing(cycle) => cycle.is_stopping(),
             Activity::Path
             | Activity::Dwell(_)
             | Activity::Pause
@@ -174,7 +174,7 @@ impl Motion {
 
     /// Ends what has been executed, at rest.
     #[inline(never)]
-    fn end_motion(&mut self) {
+    fn end_motion(&mut self, inputs: &Inputs) {
         if matches!(self.activity, Activity::Dwell(0)) {
             self.finish_activity();
         }
@@ -182,7 +182,7 @@ impl Motion {
             self.alarm(alarm);
         }
         self.finish_stop();
-        self.end_cycles();
+        self.end_cycles(inputs);
         if self.plan.is_empty() {
             self.transition(Event::CycleStop);
         }
@@ -190,8 +190,8 @@ impl Motion {
 
     /// Enters the state of standstill, when everything has been played.
     #[inline(never)]
-    pub(super) fn enter_standstill(&mut self) {
-        self.end_motion();
+    pub(super) fn enter_standstill(&mut self, inputs: &Inputs) {
+        self.end_motion(inputs);
         let is_door_open = self.inputs.has(Levels::DOOR);
         if core::mem::take(&mut self.faults.checks_door) && is_door_open {
             self.open_door();
