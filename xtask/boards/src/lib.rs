@@ -91,3 +91,24 @@ pub fn emulated() -> Result<(Board, String)> {
         .find_map(|board| board.qemu.clone().map(|machine| (board, machine)))
         .context("no board names a QEMU machine")
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn without_a_name_one_board_is_chosen_and_all_when_they_are_asked_for() {
+        let names = |boards: Vec<Board>| -> Vec<String> {
+            boards.iter().map(|board| board.name.clone()).collect()
+        };
+        assert_eq!(names(chosen(None, false).unwrap()), [DEFAULT]);
+        let one = Some("nucleo-f446re");
+        assert_eq!(names(chosen(one, false).unwrap()), ["nucleo-f446re"]);
+        let all = names(chosen(None, true).unwrap());
+        assert!(
+            all.len() > 2 && all.contains(&DEFAULT.to_owned()),
+            "{all:?}"
+        );
+        assert!(chosen(Some("no-such-board"), false).is_err());
+    }
+}

@@ -2,7 +2,7 @@
 
 use std::collections::BTreeMap;
 
-use board_data::{Fault, Pin, Place, Pull, SignedPin};
+use board_data::{Fault, Pin, Place, SignedPin};
 
 use crate::configuration::{Configuration, Value};
 
@@ -19,6 +19,8 @@ pub(crate) enum Meaning {
 #[derive(Debug, Default)]
 pub(crate) struct Aliases(BTreeMap<String, (String, Place)>);
 
+/// What may stand before the name of a pin.
+const SIGNS: &str = "^~! \t";
 /// The name of the board's chip.
 const CHIP: &str = "mcu";
 
@@ -52,29 +54,17 @@ impl Aliases {
     /// Returns what the description of a pin means.
     pub(crate) fn meaning(&self, value: &Value) -> Result<Meaning, Fault> {
         let (text, place) = (value.text(), value.place());
-        let (pull, rest) = match text.as_bytes().first() {
-            Some(b'^') => (Pull::Up, &text[1..]),
-            Some(b'~') => (Pull::Down, &text[1..]),
-            _ => (Pull::None, text),
-        };
-        let rest = rest.trim_start();
-        let name = rest.strip_prefix('!');
-        let is_active_low = name.is_some();
-        let name = name.unwrap_or(rest).trim_start();
-        if name.starts_with(['^', '~', '!']) {
-            let message = format!("{text:?}: the signs of a pin are one of ^ and ~, then !");
-            return Err(place.fault(message));
-        }
+        let name = text.trim_start_matches(|c: char| SIGNS.contains(c));
+        let signs: String = text[..text.len() - name.len()].split_whitespace().collect();
         let name = match name.split_once(':') {
             None => name,
             Some((chip, name)) if chip.trim() == CHIP => name.trim(),
             Some(_) => return Ok(Meaning::Foreign(name.to_owned())),
         };
-        Ok(Meaning::Own(SignedPin {
-            pin: self.pin(name, place)?,
-            is_active_low,
-            pull,
-        }))
+        let signed = format!("{signs}{}", self.pin(name, place)?).parse();
+        signed
+            .map(Meaning::Own)
+            .map_err(|error: String| place.fault(error))
     }
 
     /// Returns the pin of a name of the chip, or of an alias.
