@@ -10,7 +10,7 @@ use std::{
 
 use crate::{
     Chip, FOLDER, Fault, Input, MemoryLayout, Part, Pin, Wiring,
-    entries::{Entries, Entry, Place},
+    entries::{Entries, Entry, Place, TOP},
     wiring::{AXES, Reader},
 };
 
@@ -99,7 +99,8 @@ impl Board {
             bootloader(&mut entries, chip, part, &place)?;
         let labels = labels(&mut entries, part)?;
         let wirings = wirings(&mut entries, chip, part, &place)?;
-        entries.refuse_rest(&KEYS)?;
+        let others = ["name", "bootloader.kib", "bootloader.file"];
+        entries.refuse_rest(&[&TOP[..], &others].concat())?;
         let text = |entry: Option<Entry>| {
             entry
                 .map(|entry| entry.text().map(str::to_owned))
@@ -212,24 +213,6 @@ fn checked_title(entry: &Entry) -> Result<String, Fault> {
     let message = format!("a name is up to {MAX_TITLE_BYTES} bytes of ASCII without a colon");
     Err(entry.place.fault(message))
 }
-
-/// Keys of a board but for its functions.
-const KEYS: [&str; 14] = [
-    "name",
-    "about",
-    "like",
-    "sources",
-    "chip",
-    "crystal_mhz",
-    "crystal_bypassed",
-    "qemu",
-    "bootloader.kib",
-    "bootloader.file",
-    "debug_pins",
-    "polled",
-    "labels",
-    "with_4_axes",
-];
 
 fn crystal(entries: &mut Entries, chip: &Chip, file: &Place) -> Result<(u32, bool), Fault> {
     let entry = entries.take("crystal_mhz");

@@ -288,8 +288,8 @@ const TABLES: [&str; 7] = [
     "labels",
     "with_4_axes and more",
 ];
-/// Keys that stand above the tables.
-const TOP: [&str; 10] = [
+/// Keys that stand above the tables, but for `name`.
+pub(crate) const TOP: [&str; 10] = [
     "about",
     "like",
     "sources",
