@@ -12,11 +12,11 @@ use common::BAUD;
 use leadscrew::{
     axis::{AXES, Z},
     machine::Snapshot,
-    model::{Levels, State, queues::RECEIVED_RING},
+    model::{Levels, State, queues::RECEIVED_RING, timing::TICK_MS},
     protocol::Session,
     settings::Settings,
     sim::{Closes, Edge, Flash, Simulator, Switch},
-    units::TICKS_PER_SECOND,
+    units::{TICKS_PER_MS, TICKS_PER_SECOND},
 };
 
 use self::signals::Signals;
@@ -198,11 +198,14 @@ impl Machine {
         );
     }
 
-    /// When a pin changes, a wait ends, or a byte is complete on the line.
+    /// When a pin changes, a wait ends, or a byte is complete on the line; and the clock of a machine that has
+    /// one, as in silence time passes for it.
     fn due(&self) -> Option<u64> {
+        let has_clock = self.simulator.session().needs_clock();
+        let tick = self.simulator.now() + u64::from(TICK_MS * TICKS_PER_MS);
         let out = self.simulator.has_to_send().then_some(self.next_out);
         let input = (!self.to_machine.is_empty()).then_some(self.next_in);
-        let events = [self.simulator.due(), out, input];
+        let events = [self.simulator.due(), out, input, has_clock.then_some(tick)];
         events.into_iter().flatten().min()
     }
 

@@ -40,6 +40,25 @@ fn an_idle_machine_waits_for_bytes_alone() {
 }
 
 #[test]
+fn a_machine_with_a_clock_passes_time_in_silence() {
+    let mut recorder = ();
+    let mut settings = Settings::default();
+    leadscrew::settings::assign(&mut settings, b"780=1").unwrap();
+    let mut server = Server::new(Simulator::new(&settings), None, &mut recorder);
+    server.run().unwrap();
+    server.machine.send(b"N0 M110 N0*125\nN1 G1 X3*96");
+    for _ in 0..3 {
+        server.start -= Duration::from_secs(1);
+        server.run().unwrap();
+        let timeout = server.timeout().unwrap();
+        assert!(timeout.tv_sec == 0 && timeout.tv_nsec <= 10_000_000);
+    }
+    // The lost end of the line has been missed after a second.
+    let text = String::from_utf8(server.unsent).unwrap();
+    assert!(text.contains("Resend: 1\r\n"), "{text}");
+}
+
+#[test]
 fn a_machine_that_is_served_is_recorded() {
     let mut recorder = ();
     let server = server(&mut recorder);
