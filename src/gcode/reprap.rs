@@ -12,7 +12,7 @@ use self::{
     motion::{dwell, is_one, set_position, write_motion, write_motors, write_return},
     parameters::axes,
 };
-use super::{LineError, Modal};
+use super::{LineError, Modal, interpreter::is_program_mark};
 use crate::{axis::Axes, settings::Settings, units::Nm};
 
 pub use self::parameters::{Parameter, Parameters, unescaped, value};
@@ -142,8 +142,8 @@ pub struct LineModes<'a> {
 /// Reads a line without number and checksum, and writes what Grbl has words for.
 ///
 /// # Errors
-/// 1, 2 for a line that cannot be read; 20 for a code that is not known; 36 for an `E` in a move up to a
-/// switch; 39 for a value out of range.
+/// 1, 2 for a line that cannot be read; 20 for a code that is not known; 21 for a code beside one that
+/// stands alone; 36 for an `E` in a move up to a switch; 39 for a value out of range.
 pub fn read(
     line: &[u8],
     context: &LineModes<'_>,
@@ -157,6 +157,10 @@ pub fn read(
         ends_at_switch: false,
         missing_axis: None,
     };
+    if is_program_mark(line.trim_ascii()) {
+        write(line.trim_ascii());
+        return Ok(meaning);
+    }
     let codes = match LineCodes::read(line)? {
         Ok(codes) => codes,
         Err(text) => {
@@ -252,19 +256,32 @@ impl LineCodes {
         };
         let mut tool = None;
         let mut has_code = false;
+        let mut stands_alone = false;
         for parameter in Parameters::new(line) {
             let parameter = parameter?;
-            match (parameter.letter, parameter.code()) {
-                (b'M', Some(117)) => return Ok(Err(HostCommand::Nothing)),
-                (b'M', Some(118)) => return Ok(Err(HostCommand::Echo)),
-                (b'G', number) => codes.g_code(number)?,
-                (b'M', Some(2..=9 | 30 | 48..=53 | 61)) => codes.kind = HostLine::Grbl,
-                (b'M', Some(number)) if !has_code => codes.kind = HostLine::Host(number),
-                (b'M', _) => return Err(LineError::Unsupported),
-                (b'T', number) => tool = Some(number),
-                _ => {}
+            if !matches!(parameter.letter, b'G' | b'M') {
+                if parameter.letter == b'T' {
+                    tool = Some(parameter.code());
+                }
+                continue;
             }
-            has_code |= matches!(parameter.letter, b'G' | b'M');
+            let code = (parameter.letter, parameter.code());
+            stands_alone |= match code {
+                (b'G', number) => matches!(number, Some(4 | 6 | 28 | 92)),
+                (_, number) => !matches!(number, None | Some(2..=9 | 30 | 48..=53 | 61)),
+            };
+            if has_code && stands_alone {
+                return Err(LineError::ModalGroupViolation);
+            }
+            has_code = true;
+            match code {
+                (b'G', number) => codes.g_code(number)?,
+                (_, Some(117)) => return Ok(Err(HostCommand::Nothing)),
+                (_, Some(118)) => return Ok(Err(HostCommand::Echo)),
+                (_, Some(number)) if stands_alone => codes.kind = HostLine::Host(number),
+                (_, Some(_)) => codes.kind = HostLine::Grbl,
+                (_, None) => return Err(LineError::Unsupported),
+            }
         }
         if let (Some(number), false) = (tool, has_code) {
             codes.kind = HostLine::Tool(number.ok_or(LineError::BadNumber)?);

@@ -15,8 +15,14 @@ use crate::{
     units::{Nm, StepsPerMm},
 };
 
+/// How a refusal by a machine begins that has stopped.
+const STOPPED: &str = "Error:Printer stopped due to errors. ";
+
 /// Bytes of a line that are shown as the sender has typed them.
 const SHOWN_BYTES: usize = 64;
+
+/// Beginnings of what hosts take for an answer, a fault or a reset.
+const PARSED: [&[u8]; 7] = [b"ok", b"error", b"resend", b"rs", b"start", b"wait", b"!!"];
 
 /// Bytes of a text of `M118` that are sent.
 const MAX_ECHO_BYTES: usize = 128;
@@ -49,14 +55,25 @@ pub fn line_number(text: &mut Text, last: i32) {
 
 /// The reason why a line has been refused, without the `ok`. `line` is what the sender has typed, without
 /// number and checksum.
-pub fn refusal(text: &mut Text, error: LineError, line: &[u8], alarm: Option<Alarm>) {
+pub fn refusal(
+    text: &mut Text,
+    error: LineError,
+    line: &[u8],
+    alarm: Option<Alarm>,
+    is_homing: bool,
+) {
     match error {
         _ if line.trim_ascii_start().starts_with(b"$") => {
             text.word("echo:error ").natural(u32::from(error.number()));
             text.word(": ").plain(error.text()).end();
         }
         LineError::Unsupported => unknown(text, line),
-        LineError::Locked => stopped(text, alarm),
+        LineError::Locked => match alarm {
+            Some(alarm) => stopped(text, alarm),
+            None => {
+                text.word(STOPPED).word(unlocking(is_homing)).end();
+            }
+        },
         _ => {
             text.word("Error:").plain(error.text());
             text.word(" (error:").natural(u32::from(error.number()));
@@ -77,29 +94,20 @@ pub fn unknown(text: &mut Text, line: &[u8]) {
 }
 
 /// The machine is locked, for this reason.
-pub fn stopped(text: &mut Text, alarm: Option<Alarm>) {
-    if alarm == Some(Alarm::Killed) {
+pub fn stopped(text: &mut Text, alarm: Alarm) {
+    if alarm == Alarm::Killed {
         text.word("Error:Printer halted. kill() called!").end();
         return;
     }
-    text.word("Error:Printer stopped due to errors. ");
-    match alarm {
-        Some(alarm) => {
-            text.plain(alarm.text()).word(" (ALARM:");
-            text.natural(u32::from(alarm.number()))
-                .word("); M999 to go on");
-        }
-        None => {
-            text.word(UNLOCKING);
-        }
-    }
-    text.end();
+    text.word(STOPPED).plain(alarm.text()).word(" (ALARM:");
+    text.natural(u32::from(alarm.number()))
+        .word("); M999 to go on")
+        .end();
 }
 
 /// The machine sleeps, after `$SLP`.
 pub fn asleep(text: &mut Text) {
-    text.word("Error:Printer stopped due to errors. It sleeps; M999 to go on");
-    text.end();
+    text.word(STOPPED).word("It sleeps; M999 to go on").end();
 }
 
 /// The first lines after power-up and after each reset.
@@ -112,8 +120,8 @@ pub fn welcome(text: &mut Text, is_homing: bool) {
 }
 
 /// Follows them where the machine is locked: `echo:G28 homes the machine; M999 to go on`.
-pub fn locked(text: &mut Text) {
-    text.word("echo:").word(UNLOCKING).end();
+pub fn locked(text: &mut Text, is_homing: bool) {
+    text.word("echo:").word(unlocking(is_homing)).end();
 }
 
 /// `ok T:0.0 /0.0`: there is no heater.
@@ -135,7 +143,8 @@ pub fn position(text: &mut Text, position: &Axes<Nm>, extruded: Nm, steps: &Axes
     text.end();
 }
 
-/// `echo:` and the text of `M118`; `//` in its place where the text begins with `A1`.
+/// The text of `M118`: behind `echo:` where it begins with `E1`, or as hosts parse an answer; behind `//` where
+/// it begins with `A1`.
 pub fn echo(text: &mut Text, words: &[u8]) {
     let mut words = words.trim_ascii_start();
     let mut start = "";
@@ -145,6 +154,13 @@ pub fn echo(text: &mut Text, words: &[u8]) {
             [b'A' | b'a', b'1', b' ', rest @ ..] => ("//", rest.trim_ascii_start()),
             _ => break,
         };
+    }
+    let is_parsed = |begin: &&[u8]| {
+        let start = words.get(..begin.len());
+        start.is_some_and(|start| start.eq_ignore_ascii_case(begin))
+    };
+    if start.is_empty() && PARSED.iter().any(is_parsed) {
+        start = "echo:";
     }
     text.word(start)
         .bytes(words.get(..MAX_ECHO_BYTES).unwrap_or(words))
@@ -239,7 +255,13 @@ pub fn firmware(text: &mut Text, number: usize, settings: &Settings) -> bool {
 }
 
 /// What ends the lock of a machine that is not homed.
-const UNLOCKING: &str = "G28 homes the machine; M999 to go on";
+const fn unlocking(is_homing: bool) -> &'static str {
+    if is_homing {
+        "G28 homes the machine; M999 to go on"
+    } else {
+        "M999 to go on"
+    }
+}
 
 /// The version of the firmware, and the address of its sources: none where the package has none.
 const VERSION: &str = env!("CARGO_PKG_VERSION");

@@ -72,6 +72,11 @@ fn parts_that_are_not_there_are_told_and_nobody_waits_for_them() {
         ("M117 Done! (really", None),
         ("M118 E1 Hello", Some("echo:Hello")),
         ("M118 A1 action", Some("//action")),
+        ("M118 Layer 3", Some("Layer 3")),
+        // No host takes these for an answer of its own.
+        ("M118 ok", Some("echo:ok")),
+        ("M118 Resend: 3", Some("echo:Resend: 3")),
+        ("M118 Start", Some("echo:Start")),
         ("M10000", Some("echo:Unknown command: \"M10000\"")),
         (
             "$780=9",

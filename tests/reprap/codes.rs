@@ -108,6 +108,56 @@ fn flags_and_numbers() {
 }
 
 #[test]
+fn a_code_that_stands_alone_drops_no_other() {
+    let mut host = Host::new();
+    let refused = "Error:two commands of one modal group (error:21)";
+    for line in [
+        "M105 G1 X5",
+        "G1 X5M105",
+        "G1 X5 M117 hello",
+        "G28 G1 X5",
+        "G28 G40",
+        "G91 G28 Z0",
+        "G92 G28",
+        "G90 G92 X5",
+        "G4 P10 G1 X5",
+        "M400 M105",
+        "M3 M105",
+        "G1 X5 M0",
+    ] {
+        assert_eq!(host.ask(line), [refused, "ok"], "{line}");
+    }
+    assert_eq!(place(&mut host), [0, 0]);
+    assert!(first(&mut host, "M114").starts_with("X:0.000 Y:0.000 Z:0.000 "));
+    // These change modes, or are text.
+    for line in ["G21 G90 G17 G1 X5", "G91 G1 X1 M3 S5", "M117 G1 X9 M105"] {
+        assert_eq!(host.ask(line), ["ok"], "{line}");
+    }
+    assert_eq!(place(&mut host), [6, 0]);
+}
+
+#[test]
+fn f0_leaves_the_feed_as_it_is() {
+    let mut host = Host::new();
+    for line in ["G1 F0", "G1 X1 F0", "F0.0 X2", "G0 F1200", "G1 X5 F0"] {
+        assert_eq!(host.ask(line), ["ok"], "{line}");
+    }
+    let brisk = seconds(&mut host, "G1 X25");
+    assert!((1.0..1.2).contains(&brisk), "{brisk}");
+}
+
+#[test]
+fn marks_of_programs_mean_nothing() {
+    let mut host = Host::new();
+    for line in ["%", "O1234", ":1234", " % "] {
+        assert_eq!(host.ask(line), ["ok"], "{line}");
+    }
+    host.run(1, &["%", "G1 X1"]);
+    let error = "Error:a word must begin with a letter (error:1)";
+    assert_eq!(first(&mut host, "% G1 X1"), error);
+}
+
+#[test]
 fn comments_between_words() {
     let mut host = Host::new();
     for line in [

@@ -205,6 +205,17 @@ fn a_restart_tells_what_ends_the_lock_where_there_is_one() {
     host.run_ms(50);
     assert_eq!(host.state(), State::Idle);
     assert_eq!(host.ask("G1 X-1 F6000"), ["ok"]);
+    // Nothing homes a machine without homing.
+    let mut host = Host::new();
+    host.receive(b"G1 X50 F600\n");
+    host.run_ms(500);
+    host.lines();
+    host.receive(b"\x18");
+    host.run_ms(500);
+    let told = host.lines();
+    assert_eq!(told[2..], ["echo:M999 to go on"], "{told:?}");
+    let locked = "Error:Printer stopped due to errors. M999 to go on";
+    assert_eq!(host.ask("G1 X1"), [locked, "ok"]);
 }
 
 #[test]

@@ -72,7 +72,7 @@ fn parse(
 }
 
 /// Whether a line only begins or ends a program, or tells its number: `%`, `O1234`, `:1234`.
-fn is_program_mark(line: &[u8]) -> bool {
+pub(in crate::gcode) fn is_program_mark(line: &[u8]) -> bool {
     let is_number = |digits: &[u8]| !digits.is_empty() && digits.iter().all(u8::is_ascii_digit);
     match line {
         b"%" => true,

@@ -22,6 +22,7 @@ mod targets;
 mod tool_change;
 mod tools;
 
+pub(in crate::gcode) use check::is_program_mark;
 use checked::{Action, LineKind, Move};
 use compensation::Compensation;
 use cycle::CycleWords;

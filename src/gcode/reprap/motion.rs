@@ -2,7 +2,7 @@
 
 use super::{
     HostCommand, LineCodes, LineModes, Meaning,
-    parameters::{Parameters, axes, has, value},
+    parameters::{Parameter, Parameters, axes, has, value},
 };
 use crate::{
     axis::{AXES, LETTERS, LINEAR},
@@ -31,6 +31,8 @@ pub(super) fn write_motion(
         let parameter = parameter?;
         match parameter.letter {
             b'G' if parameter.code() == Some(0) && !is_laser => write(b"G1"),
+            // As Marlin: the feed rate stays.
+            b'F' if is_zero(&parameter) => {}
             b'E' if meaning.ends_at_switch => return Err(LineError::UnusedWords),
             b'E' => {
                 let value = parameter.value().ok_or(LineError::BadNumber)?;
@@ -161,12 +163,18 @@ pub(super) fn write_coordinate(
     write_millionths(value.0, write);
 }
 
+/// Whether a word has the value 0.
+fn is_zero(parameter: &Parameter<'_>) -> bool {
+    parameter.value().is_some_and(Decimal::is_zero)
+}
+
 /// Writes the `F` and the units of a line.
 pub(super) fn write_feed(line: &[u8], write: &mut impl FnMut(&[u8])) -> Result<(), LineError> {
     for parameter in Parameters::new(line) {
         let parameter = parameter?;
+        let is_feed = parameter.letter == b'F' && !is_zero(&parameter);
         let is_unit = parameter.letter == b'G' && matches!(parameter.code(), Some(20 | 21));
-        if parameter.letter == b'F' || is_unit {
+        if is_feed || is_unit {
             write(&[parameter.letter]);
             write(parameter.number);
         }

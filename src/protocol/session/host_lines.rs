@@ -198,7 +198,8 @@ impl Session {
     pub(super) fn write_refusal(&mut self, error: LineError) {
         let text = &mut self.reports.message;
         let words = self.host.raw.words();
-        replies::refusal(text, error, words, self.host.alarm);
+        let is_homing = self.persistence.stored.settings.homing;
+        replies::refusal(text, error, words, self.host.alarm, is_homing);
         report::ok(text);
     }
 }

@@ -121,7 +121,7 @@ impl Session {
                 self.is_homed &= alarm.keeps_position();
                 self.host.alarm = Some(alarm);
                 if self.host.dialect == Dialect::RepRap {
-                    replies::stopped(text, Some(alarm));
+                    replies::stopped(text, alarm);
                     return;
                 }
                 report::alarm(text, alarm);
@@ -205,7 +205,7 @@ impl Session {
             let text = &mut self.reports.message;
             self.host.alarm = Some(Alarm::ResetInMotion);
             if is_host {
-                replies::stopped(text, self.host.alarm);
+                replies::stopped(text, Alarm::ResetInMotion);
             } else {
                 report::alarm(text, Alarm::ResetInMotion);
                 report::feedback(text, Feedback::ResetNeeded);

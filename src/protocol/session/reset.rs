@@ -157,7 +157,7 @@ impl Session {
         if machine.state == State::Alarm {
             match (is_host, is_unlocking) {
                 (false, _) => report::feedback(text, Feedback::Locked),
-                (true, false) => replies::locked(text),
+                (true, false) => replies::locked(text, self.persistence.stored.settings.homing),
                 (true, true) => {}
             }
             self.stage = LineStage::Reading;
