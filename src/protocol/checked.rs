@@ -170,6 +170,11 @@ impl<const N: usize> RawLine<N> {
         self.length > N
     }
 
+    /// Makes the line one of which bytes were dropped.
+    pub fn lose_rest(&mut self) {
+        self.length = self.length.max(N).saturating_add(1);
+    }
+
     /// Takes the next byte, which does not end the line.
     pub fn push(&mut self, byte: u8) {
         if let Some(place) = self.bytes.get_mut(self.length) {

@@ -294,3 +294,46 @@ fn a_host_that_sends_too_much_loses_whole_lines_alone() {
     assert!(executed > 50, "{executed}");
     assert_eq!(host.xy(), [0, executed * STEPS_PER_MM]);
 }
+
+#[test]
+fn a_line_without_an_end_leaves_room_for_emergencies() {
+    let too_long = "Error:the line is too long (error:11)";
+    let long = format!("G1 X5 (note) {}Y5", "Z0 ".repeat(700));
+    for (line, answer) in [
+        (long.clone(), &[too_long, "ok"][..]),
+        (
+            numbered(1, &long),
+            &[
+                "Error:No Checksum with line number, Last Line: 0",
+                "Resend: 1",
+                "ok",
+            ],
+        ),
+    ] {
+        for (end, start) in [("\n", "M108\n"), ("\n", "~"), ("", "")] {
+            let mut host = Host::with(&["782=0"]);
+            host.receive(b"M0\n");
+            host.run_ms(20);
+            // As fast as at 115 200 baud.
+            for bytes in line.as_bytes().chunks(11) {
+                host.receive(bytes);
+                host.run_ms(1);
+            }
+            host.receive(end.as_bytes());
+            if end.is_empty() {
+                // In silence it counts in the line that has no end.
+                host.run_ms(150);
+                host.receive(b"?~\n");
+            }
+            host.receive(start.as_bytes());
+            host.run_ms(200);
+            let mut told = host.lines();
+            told.retain(|line| !line.starts_with('<'));
+            // The line of `M108` itself began where lines are lost.
+            assert_eq!(told, [&["ok"], answer].concat(), "{start}");
+            assert_eq!(host.simulator.lost(), 0);
+            assert_eq!(host.xy(), [0, 0]);
+            assert_eq!(host.ask("G1 X1 F6000"), ["ok"]);
+        }
+    }
+}

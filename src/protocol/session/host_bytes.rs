@@ -6,7 +6,8 @@
 //! only taken from bytes that have been looked at.
 //!
 //! A host that sends more than the queue holds loses lines, but no emergency: what begins behind
-//! [`KEPT_BYTES`] is looked at and dropped, so that there is always room for what comes next.
+//! [`KEPT_BYTES`] is looked at and dropped, and a line that goes on behind [`CUT_BYTES`] is cut and refused,
+//! so that there is always room for what comes next.
 //!
 //! # Cost
 //! Dropping copies the bytes that stay, less than 1 KiB, and `serial_rx` is as without it. A quarter of
@@ -27,8 +28,15 @@ use crate::{
 const EMERGENCY_BYTES: usize = 32;
 /// What takes the place of a byte that has been acted on, or belongs to a line that is dropped.
 pub(super) const TAKEN: u8 = 0;
+/// What takes the place of the first byte that a line has lost, and of such a byte of a sender: no line has a
+/// use for either.
+pub(super) const LOST: u8 = 1;
+const NO_WORD: u8 = 2;
 /// A line that begins behind so many bytes is dropped.
 const KEPT_BYTES: usize = RECEIVED_RING - RECEIVED_RING / 4;
+/// A line that goes on behind so many bytes is cut: longer than those of hosts. What comes in a period of
+/// the clock at 115 200 baud finds room behind them, also where no line end releases the task.
+const CUT_BYTES: usize = KEPT_BYTES + RECEIVED_RING / 16;
 
 /// How far the received bytes have been looked at.
 #[derive(Debug, Default)]
@@ -39,8 +47,9 @@ pub(super) struct Scan {
     pub(super) next: usize,
     /// Number of bytes received when the line fell silent.
     pub(super) silent_at: Option<usize>,
-    /// The line is being dropped.
+    /// The line is being dropped, or its rest.
     is_dropping: bool,
+    is_cut: bool,
     /// Bytes of lines that wait have been replaced by [`TAKEN`].
     has_taken: bool,
 }
@@ -51,6 +60,7 @@ impl Scan {
         self.line.clear();
         self.next = next;
         self.is_dropping = false;
+        self.is_cut = false;
     }
 
     /// Returns the number of bytes that have been looked at, from the oldest on that waits.
@@ -105,11 +115,17 @@ impl Session {
                 continue;
             }
             scan.is_dropping |= scan.line.is_empty() && place >= KEPT_BYTES;
-            if scan.is_dropping {
+            let is_end = matches!(byte, b'\n' | b'\r');
+            if scan.is_dropping || scan.is_cut && !is_end {
                 received.replace(number, TAKEN);
                 scan.has_taken = true;
+            } else if place >= CUT_BYTES && !is_end {
+                received.replace(number, LOST);
+                scan.is_cut = true;
+            } else if byte == LOST {
+                received.replace(number, NO_WORD);
             }
-            if matches!(byte, b'\n' | b'\r') {
+            if is_end {
                 self.end_scanned_line(number, machine, requests);
             } else {
                 scan.line.push(byte);
@@ -141,6 +157,7 @@ impl Session {
         let emergency = scan.line.emergency();
         scan.line.clear();
         scan.is_dropping = false;
+        scan.is_cut = false;
         match emergency {
             Some(Emergency::Kill) => self.stop(Restart::Killing, requests),
             Some(Emergency::Stop) if machine.state != State::Alarm => {

@@ -5,7 +5,10 @@
 //! [`HostCommand`](crate::gcode::reprap::HostCommand), which `host_commands` executes. Every line that is not
 //! blank gets exactly one `ok`.
 
-use super::{LineStage, Links, Progress, Session, host_bytes::TAKEN};
+use super::{
+    LineStage, Links, Progress, Session,
+    host_bytes::{LOST, TAKEN},
+};
 use crate::{
     gcode::{
         LineError, PlainPrefix,
@@ -72,6 +75,7 @@ impl Session {
                     break;
                 }
                 TAKEN => {}
+                LOST if host.dialect == Dialect::RepRap => host.raw.lose_rest(),
                 _ => host.raw.push(byte),
             }
         }
