@@ -133,11 +133,12 @@ mod app {
         (shared, local)
     }
 
-    /// Sends the bytes that the USART did not take at once, and sleeps.
+    /// Feeds the watchdog, sends the bytes that the USART did not take at once, and sleeps.
     #[idle(shared = [serial, &requests])]
     fn idle(mut cx: idle::Context) -> ! {
         let requests = cx.shared.requests;
         loop {
+            board::watchdog::feed();
             if !cx
                 .shared
                 .serial

@@ -9,6 +9,8 @@
 //! because the host was busy; and each millisecond, by TIM2 itself, so that steps also preempt
 //! tasks. The firmware's tasks run unchanged.
 //!
+//! The watchdog is a count of TIM2's runs, of which none comes while `step` runs.
+//!
 //! In place of the pins, the handler records the outputs in memory, which a tool reads
 //! (`memory::FIGURES`), and reads the contacts from memory, which a test writes
 //! (`memory::CONTACTS`). The timer that samples the contacts follows the clock of the events in
@@ -23,7 +25,7 @@ use core::sync::atomic::{
 use cortex_m::peripheral::{NVIC, SCB};
 
 use super::{
-    pac,
+    fault, pac,
     release::{INPUTS, PREPARE, pend_vector},
     step_timer, trace,
     vectors::nvic_priority,
@@ -56,6 +58,12 @@ static RUNS_LEFT: AtomicU32 = AtomicU32::new(0);
 /// Milliseconds left of the delay of `prepare`, 0 without one, and whether it has ended.
 static DELAY_MS: AtomicU32 = AtomicU32::new(0);
 static IS_DELAY_OVER: AtomicBool = AtomicBool::new(false);
+
+/// Runs of TIM2 left before the stand-in for the watchdog resets the machine; 0 before it is fed for the first
+/// time.
+static WATCHDOG_RUNS: AtomicU32 = AtomicU32::new(0);
+/// All of them: as many ms, unless the host is busy.
+const WATCHDOG_FULL: u32 = 8000;
 
 /// Ticks between two samples of the contacts, 0 without samples; whether that period has just been
 /// set; when the next sample is due; and whether `inputs` was released for one.
@@ -130,6 +138,22 @@ pub(super) fn idle() {
     }
 }
 
+/// Feeds the stand-in for the watchdog. Also from RAM.
+#[inline(always)]
+#[expect(clippy::inline_always, reason = "nothing in flash may be called")]
+pub(super) fn feed_watchdog() {
+    WATCHDOG_RUNS.store(WATCHDOG_FULL, Relaxed);
+}
+
+/// Counts a run of TIM2 for the watchdog.
+fn count_watchdog() {
+    let left = WATCHDOG_RUNS.load(Relaxed);
+    if left == 1 {
+        fault::expire();
+    }
+    WATCHDOG_RUNS.store(left.saturating_sub(1), Relaxed);
+}
+
 /// Begins a delay of `prepare`.
 pub(super) fn start_delay(delay_ms: u16) {
     IS_DELAY_OVER.store(false, Relaxed);
@@ -161,6 +185,7 @@ pub(super) fn take_sample_release() -> bool {
 extern "C" fn TIM2() {
     let _activation = trace::stand_in();
     if take_overflow() {
+        count_watchdog();
         count_millisecond();
     }
     memory::record_duty();

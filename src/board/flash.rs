@@ -18,7 +18,7 @@ use stm32f4xx_hal::pac::flash::cr::PSIZE;
 
 use super::{
     chosen::WIRING, emulation, flash_access, pac, serial::FlashEraseReceiver, step_timer, supply,
-    vectors::nvic_priority,
+    vectors::nvic_priority, watchdog,
 };
 
 /// Bytes used of a sector, and of both sectors.
@@ -81,6 +81,7 @@ impl SettingsFlash {
         operation: impl FnOnce(&pac::FLASH, Option<&mut FlashEraseReceiver>) -> bool,
     ) -> Result<(), FlashError> {
         let flash = &self.registers;
+        watchdog::feed();
         if supply::is_low() {
             return Err(FlashError::Refused);
         }
@@ -229,6 +230,7 @@ fn erase(flash: &pac::FLASH, sector: u8, mut receiver: Option<&mut FlashEraseRec
             w.ser().set_bit().strt().set_bit()
         });
         while flash.sr().read().bsy().bit_is_set() {
+            watchdog::feed();
             if let Some(receiver) = &mut receiver {
                 receiver.receive();
             }

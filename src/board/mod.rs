@@ -20,11 +20,11 @@ mod bootloader;
 mod chosen;
 mod clocks;
 mod delay_timer;
+mod fault;
 mod flash;
 pub(crate) mod host_clock;
 mod inputs;
 mod outputs;
-mod panic;
 mod pins;
 mod power_up;
 mod proven;
@@ -43,6 +43,7 @@ pub(crate) mod trace;
 #[path = "no_trace.rs"]
 pub(crate) mod trace;
 mod vectors;
+pub(crate) mod watchdog;
 mod wiring;
 
 pub(crate) use actuators::Actuators;

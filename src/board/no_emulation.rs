@@ -36,6 +36,11 @@ pub(super) const fn take_sample_release() -> bool {
 /// Sets the time between two samples of the contacts.
 pub(super) const fn sample_every(_ticks: u32) {}
 
+/// Feeds the watchdog.
+#[inline(always)]
+#[expect(clippy::inline_always, reason = "called from RAM")]
+pub(super) const fn feed_watchdog() {}
+
 /// Begins a delay of `prepare`.
 pub(super) const fn start_delay(_delay_ms: u16) {}
 

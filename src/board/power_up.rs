@@ -8,11 +8,11 @@ use super::{
     Actuators, Board, InputInterrupts, Memory, Receiver, StepPins, StepTimerToken, bootloader,
     chosen::{self, Usart, WIRING},
     clocks::{self, Clocks},
-    emulation,
+    emulation, fault,
     flash::SettingsFlash,
     host_clock, outputs, pac, pins, pwm,
     step_timer::StepTimer,
-    supply,
+    supply, watchdog,
     wiring::Pull,
 };
 
@@ -28,7 +28,7 @@ const SERIAL_PRIORITY: u8 = 4;
 /// If the clocks are not what the ticks need.
 #[must_use]
 pub(crate) fn init(device: pac::Peripherals, mut core: Core, memory: Memory) -> Board {
-    super::panic::init();
+    fault::init();
     super::stack::guard(&core.MPU);
     super::trace::init(&mut core.DCB, &mut core.DWT);
     if WIRING.has_bootloader {
@@ -37,6 +37,7 @@ pub(crate) fn init(device: pac::Peripherals, mut core: Core, memory: Memory) -> 
     if emulation::detect(&device.RCC) {
         emulation::init(&device.TIM2, &mut core.NVIC);
     }
+    let cause = fault::take_cause(&device.RCC);
     // Before anything that takes long, as the crystal and the journal: the pins float until then.
     let mut rcc = device.RCC.constrain();
     chosen::enable_ports(&mut rcc);
@@ -53,7 +54,10 @@ pub(crate) fn init(device: pac::Peripherals, mut core: Core, memory: Memory) -> 
     let usart = start_serial(chosen::sender!(device), &rcc, &mut core.NVIC);
     host_clock::init(&device.TIM4);
     let (session, storage) = memory.power_up(SettingsFlash::new(device.FLASH));
+    session.set_reset_cause(cause);
     pins::configure(session.settings());
+    let failed = (!(has_crystal && has_supply)).then_some(Alarm::SelfTest);
+    watchdog::start(&device.IWDG, &device.DBGMCU);
     Board {
         step_timer: StepTimerToken::new(),
         output: StepPins::new(StepTimer::new(core.SYST)),
@@ -62,7 +66,7 @@ pub(crate) fn init(device: pac::Peripherals, mut core: Core, memory: Memory) -> 
         actuators,
         storage,
         session,
-        alarm: (!(has_crystal && has_supply)).then_some(Alarm::SelfTest),
+        alarm: failed.or(cause.alarm()),
     }
 }
 

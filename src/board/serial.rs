@@ -12,6 +12,8 @@
 //! run while flash is erased. A run without a byte, after an overrun, is off the path of the
 //! others.
 
+use core::fmt;
+
 use leadscrew::{
     model::{Requests, queues::SENT_RING},
     protocol::{ByteReader, ByteWriter},
@@ -126,5 +128,37 @@ impl Transmitter {
             true
         });
         tasks::serial_tx(before, self.0.len(), requests, &mut ChipPlatform);
+    }
+}
+
+/// Reads of the status before the port counts as dead, after a fault: some ms, many times a byte.
+const FAULT_READS: u32 = 100_000;
+
+/// The port after a fault, when no task runs any more.
+pub(super) struct FaultPort;
+
+impl FaultPort {
+    /// Waits until everything has been sent, for a bounded time.
+    #[expect(unsafe_code, reason = "nothing else runs")]
+    pub(super) fn drain(&self) {
+        // SAFETY: reads a register without side effects.
+        let usart = unsafe { &*Usart::ptr() };
+        let _ = (0..FAULT_READS).any(|_| usart.sr().read().tc().bit_is_set());
+    }
+}
+
+impl fmt::Write for FaultPort {
+    #[expect(unsafe_code, reason = "nothing else runs")]
+    fn write_str(&mut self, text: &str) -> fmt::Result {
+        // SAFETY: no task runs any more.
+        let usart = unsafe { &*Usart::ptr() };
+        for byte in text.bytes() {
+            let is_ready = (0..FAULT_READS).any(|_| usart.sr().read().txe().bit_is_set());
+            if !is_ready {
+                return Err(fmt::Error);
+            }
+            usart.dr().write(|w| w.dr().set(byte.into()));
+        }
+        Ok(())
     }
 }

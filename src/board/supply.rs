@@ -4,11 +4,13 @@
 //! operating conditions). Below that it may do anything, with outputs on. The voltage detector of the chip
 //! warns at 2.9 V, a tenth of a volt below what a board at its lowest should have. RM0090 5.2.3, 5.4.
 
+use leadscrew::model::ResetCause;
 use stm32f4xx_hal::rcc::{Enable, Rcc};
 
 use super::{
+    fault,
     pac::{self, Interrupt, NVIC},
-    panic, vectors,
+    vectors,
 };
 
 /// The line of EXTI that rises when the supply falls; [`super::InputInterrupts`] unmasks it.
@@ -41,5 +43,5 @@ pub(super) fn is_low() -> bool {
 #[unsafe(no_mangle)]
 #[expect(unsafe_code, reason = "a vector that RTIC does not manage")]
 extern "C" fn PVD() {
-    panic::stop();
+    fault::stop(ResetCause::Supply)
 }

@@ -28,13 +28,15 @@ pub enum Alarm {
     HomingDualAxis = 10,
     /// The crystal does not run, or the supply is too low: nothing may move.
     SelfTest = 16,
+    /// The watchdog or a fault has restarted the firmware.
+    Restarted = 200,
     /// `M112`.
     Killed = 201,
 }
 
 impl Alarm {
     /// Every alarm, in the order of the numbers.
-    pub const ALL: [Self; 12] = [
+    pub const ALL: [Self; 13] = [
         Self::HardLimit,
         Self::SoftLimit,
         Self::ResetInMotion,
@@ -46,6 +48,7 @@ impl Alarm {
         Self::HomingNotFound,
         Self::HomingDualAxis,
         Self::SelfTest,
+        Self::Restarted,
         Self::Killed,
     ];
 
@@ -67,7 +70,8 @@ impl Alarm {
             | Self::HomingPullOff
             | Self::HomingNotFound
             | Self::HomingDualAxis
-            | Self::SelfTest => false,
+            | Self::SelfTest
+            | Self::Restarted => false,
         }
     }
 
@@ -86,6 +90,7 @@ impl Alarm {
             Self::HomingNotFound => "homing failed: no limit switch was found",
             Self::HomingDualAxis => "homing failed: the second motor found no limit switch",
             Self::SelfTest => "the self-test at power-up failed: crystal or supply",
+            Self::Restarted => "restarted by the watchdog or after a fault: the position is lost",
             Self::Killed => "stopped by M112",
         }
     }
@@ -107,7 +112,7 @@ mod tests {
 
     #[test]
     fn alarms_have_grbls_numbers_and_a_text_of_one_line() {
-        for (alarm, number) in Alarm::ALL.into_iter().zip((1..=10).chain([16, 201])) {
+        for (alarm, number) in Alarm::ALL.into_iter().zip((1..=10).chain([16, 200, 201])) {
             assert_eq!(alarm.number(), number);
             assert_eq!(alarm.to_string(), std::format!("ALARM:{number}"));
             assert!(!alarm.text().is_empty() && !alarm.text().contains('\n'));

@@ -13,6 +13,7 @@ mod overrides;
 mod power;
 pub mod queues;
 mod requests;
+mod reset_cause;
 mod state;
 pub mod timing;
 mod xy_rotation;
@@ -27,6 +28,7 @@ pub use outputs::Outputs;
 pub use overrides::{Override, OverrideSwitches, Overrides, TOOL_CHANGE};
 pub use power::Power;
 pub use requests::{Awaited, Mark, OVERRIDES, Release, Requests, ToolMarks};
+pub use reset_cause::ResetCause;
 pub use state::{Probed, State};
 pub use xy_rotation::XyRotation;
 

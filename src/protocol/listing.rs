@@ -10,7 +10,7 @@ use super::{
 use crate::{
     axis::{AXES, Axes, Z},
     gcode::{ArcDistance, LineError, Modal, RetractMode, interpreter::Offsets},
-    model::{Alarm, Plane, Probed, Spindle, WorkCoordinates},
+    model::{Alarm, Plane, Probed, ResetCause, Spindle, WorkCoordinates},
     settings::{
         Setting, SettingGroup, Settings, StepRate, StoredLine, ToolEntry, ToolTable, Value,
     },
@@ -49,6 +49,13 @@ pub fn step_rate(text: &mut Text, rate: StepRate) {
 pub fn new_options(text: &mut Text) {
     // Tool changes by `M6`, with the state `Tool`.
     text.word("[NEWOPT:TC]").end();
+}
+
+/// The line of the answer to `$I+` that tells why the firmware has begun to run; in the answer to `$I` after
+/// a fault.
+pub fn reset_cause(text: &mut Text, cause: ResetCause) {
+    text.word("[MSG:Last reset: ").word(cause.text());
+    text.word("]").end();
 }
 
 /// One line of the answer to `$N`, counted from 0. Returns false after the last.

@@ -8,7 +8,7 @@ use crate::{
     axis::{AXES, Axes, LETTERS},
     gcode::LineError,
     machine::Snapshot,
-    model::{Alarm, Coolant, Levels, Probed, Spindle, State},
+    model::{Alarm, Coolant, Levels, Probed, ResetCause, Spindle, State},
     settings::Settings,
     units::{Nm, Steps},
 };
@@ -289,6 +289,12 @@ pub fn feedback(text: &mut Text, feedback: Feedback) {
         Feedback::SpindleOff => "Spindle is off",
     };
     text.word("[MSG:").word(words).word("]").end();
+}
+
+/// `[MSG:Restarted: watchdog]`, after the alarm of that.
+pub fn restarted(text: &mut Text, cause: ResetCause) {
+    text.word("[MSG:Restarted: ").word(cause.text());
+    text.word("]").end();
 }
 
 /// `[MSG:Tool change: T2]`, with a message of the program behind it.

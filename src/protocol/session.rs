@@ -42,7 +42,7 @@ use crate::{
         interpreter::{Checked, Interpreter, Outcome},
     },
     machine::Snapshot,
-    model::{Awaited, Probed, Requests, queues::ENTRY_RING},
+    model::{Awaited, Probed, Requests, ResetCause, queues::ENTRY_RING},
     path::{Blender, Checkpoint, Compensator, Entry, Router, TiltedArc},
     settings::{Change, Settings, StoreError, Stored, ToolTable},
     units::Nm,
@@ -220,6 +220,8 @@ pub struct Session {
     /// The axes are where their coordinates say: nothing has happened since homing by which they may
     /// have lost steps.
     is_homed: bool,
+    /// Why the firmware has begun to run.
+    reset_cause: ResetCause,
     /// The tool that is in the spindle while programs are only checked.
     tool_before_check: Option<u8>,
 }
@@ -259,8 +261,14 @@ impl Session {
             host: Host::new(),
             stream: PositionStream::default(),
             is_homed: false,
+            reset_cause: ResetCause::Power,
             tool_before_check: None,
         }
+    }
+
+    /// Sets why the firmware has begun to run.
+    pub const fn set_reset_cause(&mut self, cause: ResetCause) {
+        self.reset_cause = cause;
     }
 
     /// Returns the number of entries sent to the machine so far, wrapping.

@@ -5,7 +5,7 @@ use crate::{
     axis::Axes,
     machine::Snapshot,
     model::{
-        Alarm, Levels, Outputs, Requests,
+        Alarm, Levels, Outputs, Requests, ResetCause,
         queues::{RECEIVED_RING, SENT_RING},
         timing::TICK_MS,
     },
@@ -54,6 +54,14 @@ impl Simulator {
         let _ = journal.load();
         let _ = journal.write(Change::Settings, &stored, &ToolTable::new());
         Self::start(journal, settings.step_rate, alarm)
+    }
+
+    /// Returns a machine that has these settings stored, after a reset.
+    #[must_use]
+    pub fn after(settings: &Settings, cause: ResetCause) -> Self {
+        let mut simulator = Self::with_alarm(settings, cause.alarm());
+        simulator.session.set_reset_cause(cause);
+        simulator
     }
 
     /// Returns a machine that is switched on for the first time.

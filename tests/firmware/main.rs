@@ -4,6 +4,7 @@
 #![cfg(not(target_os = "none"))]
 
 mod cycles;
+mod faults;
 mod inputs;
 mod lines;
 mod machine;

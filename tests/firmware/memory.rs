@@ -3,6 +3,7 @@
 //! QEMU's connection for debuggers stops the machine while it lasts, so each access has its own.
 
 use std::{
+    collections::BTreeMap,
     env, fs,
     io::{Read, Write},
     os::unix::net::UnixStream,
@@ -54,6 +55,9 @@ pub(crate) struct Memory {
     socket: PathBuf,
     figures: u64,
     contacts: u64,
+    fault: u64,
+    /// The firmware's functions, by their names.
+    functions: BTreeMap<String, u64>,
 }
 
 impl Memory {
@@ -65,6 +69,11 @@ impl Memory {
             let found = file.symbols().find(|symbol| symbol.name() == Ok(name));
             found.expect("the firmware has the symbol").address()
         };
+        let functions = file.symbols().filter(ObjectSymbol::is_definition);
+        let functions = functions.filter_map(|symbol| {
+            // The lowest bit says that the code is Thumb.
+            Some((symbol.name().ok()?.to_owned(), symbol.address() & !1))
+        });
         let name = format!(
             "leadscrew-{}-{}",
             process::id(),
@@ -74,6 +83,8 @@ impl Memory {
             socket: env::temp_dir().join(name),
             figures: address("FIGURES"),
             contacts: address("CONTACTS"),
+            fault: address("FAULT"),
+            functions: functions.collect(),
         }
     }
 
@@ -133,6 +144,21 @@ impl Memory {
         /// `system_reset`, in hexadecimal digits.
         const SYSTEM_RESET: &str = "73797374656d5f7265736574";
         assert_eq!(self.access(&format!("qRcmd,{SYSTEM_RESET}")), "OK");
+    }
+
+    /// Returns the number of faults since power-up.
+    pub(crate) fn faults(&self) -> u32 {
+        let [_, _, faults] = self.read(self.fault);
+        faults
+    }
+
+    /// Puts other instructions where a function begins. Returns those that were there.
+    pub(crate) fn patch(&self, function: &str, instructions: [u16; 2]) -> [u16; 2] {
+        let address = self.functions[function];
+        let [before] = self.read(address);
+        let [first, second] = instructions.map(u32::from);
+        self.write(address, first | second << 16);
+        [before as u16, (before >> 16) as u16]
     }
 
     fn read<const N: usize>(&self, address: u64) -> [u32; N] {

@@ -2,7 +2,7 @@
 
 use leadscrew::{
     axis::Axes,
-    model::{Alarm, Levels},
+    model::{Alarm, Levels, Outputs, ResetCause},
     settings::{Settings, StepRate},
     sim::{Flash, Simulator},
     units::{StepsPerMm, TICKS_PER_SECOND},
@@ -217,4 +217,35 @@ fn without_its_crystal_a_machine_says_so_and_does_not_move() {
     assert_eq!(machine.ask("\x18"), told);
     assert_eq!(machine.ask("$X\n"), "error:9\r\n");
     assert_eq!(machine.0.physical_steps(), Axes::all(0));
+}
+
+#[test]
+fn after_the_watchdog_or_a_fault_the_position_is_lost_and_the_cause_told() {
+    for cause in ResetCause::ALL {
+        for homing in [false, true] {
+            let settings = Settings {
+                homing,
+                ..Settings::default()
+            };
+            let mut machine = Machine(Box::new(Simulator::after(&settings, cause)));
+            let told = machine.ask("");
+            let information = machine.ask("$I\n");
+            let restarted = format!("ALARM:200\r\n[MSG:Restarted: {}]\r\n", cause.text());
+            let last = format!("[MSG:Last reset: {}]", cause.text());
+            assert!(machine.ask("$I+\n").contains(&last));
+            let is_fault = cause.alarm().is_some();
+            assert_eq!(told.contains(&restarted), is_fault, "{told}");
+            assert_eq!(information.contains(&last), is_fault, "{information}");
+            assert_eq!(told.contains("'$H'|'$X' to unlock"), is_fault || homing);
+            if is_fault {
+                assert_eq!(machine.ask("M3 S1000\n"), "error:9\r\n");
+                assert_eq!(machine.ask("G0 X1\n"), "error:9\r\n");
+                assert_eq!(machine.0.outputs(), &Outputs::default());
+            }
+            if is_fault || homing {
+                assert!(machine.ask("$X\n").ends_with("ok\r\n"));
+            }
+            assert_eq!(machine.ask("G0 X1\n"), "ok\r\n");
+        }
+    }
 }

@@ -221,7 +221,8 @@ impl Motion {
             | Alarm::HomingPullOff
             | Alarm::HomingNotFound
             | Alarm::HomingDualAxis
-            | Alarm::SelfTest => self.accessories.switch_off(),
+            | Alarm::SelfTest
+            | Alarm::Restarted => self.accessories.switch_off(),
         }
     }
 

@@ -157,14 +157,18 @@ impl Session {
             }
             List::Tools => listing::tool(text, self.interpreter.tools(), line),
             List::BuildInfo | List::ExtendedBuildInfo => {
+                let is_extended = list == List::ExtendedBuildInfo;
+                let tells_reset = is_extended || self.reset_cause.alarm().is_some();
+                let lines = 3 + usize::from(is_extended) + usize::from(tells_reset);
                 match line {
                     0 => listing::version(text, &stored.build_info),
                     1 => listing::options(text, BLOCKS, received_bytes),
                     2 => listing::step_rate(text, settings.step_rate),
-                    3 if list == List::ExtendedBuildInfo => listing::new_options(text),
+                    3 if is_extended => listing::new_options(text),
+                    3 | 4 if line < lines => listing::reset_cause(text, self.reset_cause),
                     _ => {}
                 }
-                line < 3 + usize::from(list == List::ExtendedBuildInfo)
+                line < lines
             }
             List::StartupLines => listing::startup_line(text, &stored.startup, line),
             List::Described(what) => listing::description(text, what, line),

@@ -125,8 +125,10 @@ impl Session {
                     return;
                 }
                 report::alarm(text, alarm);
-                if alarm == Alarm::SelfTest {
-                    report::feedback(text, Feedback::SelfTestFailed);
+                match alarm {
+                    Alarm::SelfTest => report::feedback(text, Feedback::SelfTestFailed),
+                    Alarm::Restarted => report::restarted(text, self.reset_cause),
+                    _ => {}
                 }
                 if machine.is_critical {
                     report::feedback(text, Feedback::ResetNeeded);
