@@ -6,6 +6,7 @@
 )]
 
 pub mod compile;
+pub mod pins;
 pub mod rates;
 
 use std::{fmt::Write as _, ops::Deref, path::Path, process::Command};

@@ -3,57 +3,14 @@
 use std::fmt::Write as _;
 
 use anyhow::Result;
-use board_data::{Board, Pin, SignedPin, Wiring};
-use common::cargo;
-
-/// What a function of a machine is called, and the text of its pins.
-type Row = (&'static str, fn(&Board, &Wiring) -> String);
-
-/// The rows that do not stand for an axis.
-const ROWS: [Row; 7] = [
-    ("enable of the drivers", |board, wiring| {
-        let pins = wiring.enable.iter().map(|pin| output(board, Some(*pin)));
-        pins.collect::<Vec<_>>().join(", ")
-    }),
-    ("spindle PWM, laser", |board, wiring| {
-        wiring
-            .pwm
-            .map_or_else(String::new, |(pin, _)| named(board, pin))
-    }),
-    ("spindle on", |board, wiring| output(board, wiring.spindle)),
-    ("spindle direction, `M4`", |board, wiring| {
-        output(board, wiring.counter_clockwise)
-    }),
-    ("flood, `M8`", |board, wiring| output(board, wiring.flood)),
-    ("mist, `M7`", |board, wiring| output(board, wiring.mist)),
-    ("sender: TX, RX", |board, wiring| {
-        let serial = wiring.serial;
-        format!(
-            "{}, {}",
-            named(board, serial.transmit),
-            named(board, serial.receive)
-        )
-    }),
-];
-
-/// The inputs that do not stand for an axis, by their keys.
-const INPUTS: [(&str, &str); 5] = [
-    ("probe", "inputs.probe"),
-    ("reset button", "inputs.reset"),
-    ("feed hold button", "inputs.hold"),
-    ("cycle start button", "inputs.start"),
-    ("safety door", "inputs.door"),
-];
-
-/// Names of the axes.
-const LETTERS: [&str; 6] = ["X", "Y", "Z", "A", "B", "C"];
+use boards::{Board, pins};
 
 /// Returns the document.
 pub(crate) fn table() -> Result<String> {
-    let boards = Board::all(cargo::root())?;
+    let boards = boards::all()?;
     let mut text = String::from(
         "# Pins\n\nMade of the files in `boards/` by `cargo xtask docs`. [Boards](boards.md) says how to write such a \
-         file, [Wiring](wiring.md) what to connect. \"Low\" is an output that is active low. *Slow*: the input shares \
+         file, [Wiring](wiring.md) what to connect. \"Low\" is an output that is active low, \"high\" an input that is active high. *Slow*: the input shares \
          its interrupt line with another one and is looked at each millisecond, instead of at once.\n\n\
          | board | `--board` | chip | crystal | axes |\n|---|---|---|---|---|\n",
     );
@@ -79,7 +36,7 @@ pub(crate) fn table() -> Result<String> {
     Ok(text)
 }
 
-/// Writes the pins of a board: a column for each number of axes.
+/// Writes what is told of a board, and its pins.
 fn section(text: &mut String, board: &Board) -> Result<()> {
     writeln!(text, "\n## {}\n", board.title)?;
     if !board.about.is_empty() {
@@ -96,72 +53,6 @@ fn section(text: &mut String, board: &Board) -> Result<()> {
     if !board.sources.is_empty() {
         writeln!(text)?;
     }
-    let wirings: Vec<_> = (3..=board.most_axes())
-        .filter_map(|axes| board.wiring(axes))
-        .collect();
-    text.push_str("| |");
-    for wiring in &wirings {
-        write!(text, " {} axes |", wiring.step.len())?;
-    }
-    text.push_str("\n|---|");
-    text.push_str(&"---|".repeat(wirings.len()));
-    text.push('\n');
-    let mut row = |name: &str, cell: &dyn Fn(&Wiring) -> String| -> Result<()> {
-        let cells: Vec<String> = wirings.iter().map(|wiring| cell(wiring)).collect();
-        if cells.iter().any(|cell| !cell.is_empty()) {
-            writeln!(text, "| {name} | {} |", cells.join(" | "))?;
-        }
-        Ok(())
-    };
-    for (axis, letter) in LETTERS.iter().enumerate() {
-        row(&format!("{letter}: step, direction"), &|wiring| {
-            let pins = wiring.step.get(axis).zip(wiring.direction.get(axis));
-            pins.map_or_else(String::new, |(step, direction)| {
-                format!("{}, {}", named(board, *step), named(board, *direction))
-            })
-        })?;
-        row(&format!("{letter}: limit switch"), &|wiring| {
-            input(board, wiring, &format!("axes.{letter}.limit"))
-        })?;
-    }
-    for (name, key) in INPUTS {
-        row(name, &|wiring| input(board, wiring, key))?;
-    }
-    for (name, cell) in ROWS {
-        row(name, &|wiring| cell(board, wiring))?;
-    }
-    row("set at boot", &|wiring| {
-        let levels = wiring.at_boot.iter().map(|(pin, is_high)| {
-            let level = if *is_high { "high" } else { "low" };
-            format!("{} {level}", named(board, *pin))
-        });
-        levels.collect::<Vec<_>>().join(", ")
-    })
-}
-
-/// Returns a pin with what is printed beside it on the board.
-fn named(board: &Board, pin: Pin) -> String {
-    match board.labels.get(&pin) {
-        Some(label) => format!("{pin} ({label})"),
-        None => pin.to_string(),
-    }
-}
-
-fn output(board: &Board, signed: Option<SignedPin>) -> String {
-    signed.map_or_else(String::new, |signed| {
-        let level = if signed.is_active_low { ", low" } else { "" };
-        format!("{}{level}", named(board, signed.pin))
-    })
-}
-
-fn input(board: &Board, wiring: &Wiring, key: &str) -> String {
-    let found = wiring.inputs.iter().find(|(input, _)| input.key() == key);
-    found.map_or_else(String::new, |(input, signed)| {
-        let slow = if wiring.polled().contains(input) {
-            ", *slow*"
-        } else {
-            ""
-        };
-        format!("{}{slow}", named(board, signed.pin))
-    })
+    text.push_str(&pins::table(board)?);
+    Ok(())
 }

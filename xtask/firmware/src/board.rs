@@ -8,7 +8,7 @@ use std::{
 
 use anstream::{print, println};
 use anyhow::{Context, Result, bail};
-use boards::{Board, rates};
+use boards::{Board, pins, rates};
 use common::tools;
 use owo_colors::OwoColorize;
 
@@ -21,8 +21,8 @@ pub(crate) enum Verb {
 
 /// Check the file of a board
 ///
-/// Tells what a build would make of it, or prints the error of a wrong file with its line, and ends
-/// with status 1.
+/// Tells what a build would make of it, with a table of its pins, or prints the error of a wrong file with its
+/// line, and ends with status 1.
 #[derive(clap::Args)]
 pub(crate) struct Options {
     /// A board's name, or the path of a file
@@ -67,6 +67,9 @@ fn check(options: &Options) -> Result<ExitCode> {
     let mut are_proven = true;
     for board in boards::chosen(options.board.as_deref(), options.all)? {
         show(&board);
+        if !options.all {
+            print!("\n{}\n", pins::table(&board)?);
+        }
         if options.prove {
             let rates = prove(&board)?;
             are_proven &= !rates.contains(&0);
