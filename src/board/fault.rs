@@ -119,7 +119,7 @@ pub(super) fn expire() -> ! {
 /// Sends a message to the sender and to a debug probe.
 fn tell(what: fmt::Arguments<'_>) {
     let _ = write!(FaultPort, "\r\n[MSG:Fault: {what}]\r\n");
-    FaultPort.drain();
+    FaultPort::drain();
 }
 
 #[panic_handler]

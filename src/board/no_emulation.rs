@@ -37,8 +37,6 @@ pub(super) const fn take_sample_release() -> bool {
 pub(super) const fn sample_every(_ticks: u32) {}
 
 /// Feeds the watchdog.
-#[inline(always)]
-#[expect(clippy::inline_always, reason = "called from RAM")]
 pub(super) const fn feed_watchdog() {}
 
 /// Begins a delay of `prepare`.

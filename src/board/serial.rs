@@ -140,7 +140,7 @@ pub(super) struct FaultPort;
 impl FaultPort {
     /// Waits until everything has been sent, for a bounded time.
     #[expect(unsafe_code, reason = "nothing else runs")]
-    pub(super) fn drain(&self) {
+    pub(super) fn drain() {
         // SAFETY: reads a register without side effects.
         let usart = unsafe { &*Usart::ptr() };
         let _ = (0..FAULT_READS).any(|_| usart.sr().read().tc().bit_is_set());
