@@ -21,7 +21,7 @@ fn crossing(step: &Step) -> f64 {
     f64::from(step.position) - 0.5 * f64::from(step.sign)
 }
 
-/// Peaks within lines over windows of at least `window_s`, less what the shift of two events can make of them.
+/// Peaks within blocks over windows of at least `window_s`, less what the shift of two events can make of them.
 ///
 /// The mean speeds of two neighbouring windows differ by at most the acceleration times half the
 /// time they span; a step that is early or late by `SHIFT_S` at speed v moves a mean by v·shift/T.
@@ -57,7 +57,7 @@ pub(crate) fn peaks(settings: &Settings, trace: &Trace, axis: usize, window_s: f
             )
         };
         let (v1, t1) = mean(first, middle);
-        if first.line == middle.line {
+        if first.is_of_block(middle) {
             let shift = 2.0 * SHIFT_S * v1.abs() / t1;
             if v1.abs() - shift > peaks.speed_mm_s {
                 (peaks.speed_mm_s, peaks.fastest_at) = (v1.abs() - shift, first.seconds);
@@ -66,7 +66,7 @@ pub(crate) fn peaks(settings: &Settings, trace: &Trace, axis: usize, window_s: f
         let Some(last) = ends_at(j, &mut k) else {
             continue;
         };
-        if first.line == last.line {
+        if first.is_of_block(last) {
             let (v2, t2) = mean(middle, last);
             let v = v1.abs().max(v2.abs());
             let noise = 2.0 * SHIFT_S * v * (1.0 / t1 + 1.0 / t2);

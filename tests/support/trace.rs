@@ -25,6 +25,16 @@ pub(crate) struct Step {
     pub(crate) sign: i32,
     /// `N` word of its block.
     pub(crate) line: u32,
+    /// Resets before it, after each of which motion begins from whole steps.
+    pub(crate) resets: usize,
+}
+
+impl Step {
+    /// Whether nothing but the planner's speed lies between two steps: they are of one block, without a reset
+    /// between them.
+    pub(crate) fn is_of_block(&self, other: &Self) -> bool {
+        (self.line, self.resets) == (other.line, other.resets)
+    }
 }
 
 /// Every edge, and the `N` word of the block it belongs to.
@@ -70,7 +80,7 @@ impl Trace {
     pub(crate) fn steps(&self, axis: usize) -> Vec<Step> {
         let mut position = 0;
         let mut steps = Vec::new();
-        for (edge, line) in self.edges.iter().zip(&self.lines) {
+        for (index, (edge, line)) in self.edges.iter().zip(&self.lines).enumerate() {
             if edge.raise & 1 << axis != 0 {
                 let sign = sign(edge, axis);
                 position += sign;
@@ -80,6 +90,7 @@ impl Trace {
                     position,
                     sign,
                     line: *line,
+                    resets: self.resets.partition_point(|edges| *edges <= index),
                 });
             }
         }
