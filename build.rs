@@ -18,7 +18,7 @@ fn main() {
 mod board {
     use std::{env, error::Error, fs, path::Path};
 
-    use board_data::{BOARD, Board, DEFAULT, rust};
+    use board_data::{BOARD, Board, DEFAULT, PHASES, rust};
 
     /// Writes the board's source, and tells the linker where program and memory are.
     pub(crate) fn make() -> Result<(), Box<dyn Error>> {
@@ -29,15 +29,21 @@ mod board {
         let file = Board::path(&name, root);
         println!("cargo::rerun-if-changed={}", file.display());
         let board = Board::read(&file, root)?;
-        let feature = board.feature();
-        let variable = format!("CARGO_FEATURE_{}", feature.to_uppercase().replace('-', "_"));
-        if env::var_os(variable).is_none() {
-            return Err(format!("{name} needs the feature {feature}").into());
+        let has = |feature: &str| {
+            let variable = feature.to_uppercase().replace('-', "_");
+            env::var_os(format!("CARGO_FEATURE_{variable}")).is_some()
+        };
+        let needed = board.features();
+        if let Some(missing) = needed.iter().find(|feature| !has(feature)) {
+            return Err(format!("{name} needs the feature {missing}").into());
         }
-        let axes = [6, 5, 4].into_iter().find(|axes| {
-            let feature = format!("CARGO_FEATURE_AXES_{axes}");
-            env::var_os(feature).is_some()
-        });
+        if has(PHASES) && !board.has_phases() {
+            return Err(
+                format!("{name} has steps and directions, not the feature {PHASES}").into(),
+            );
+        }
+        let mut axes = [6, 5, 4].into_iter();
+        let axes = axes.find(|axes| has(&format!("axes-{axes}")));
         let axes = axes.unwrap_or(3);
         if board.wiring(axes).is_none() {
             let most = board.most_axes();

@@ -4,7 +4,7 @@ use std::{
     collections::BTreeMap,
     env,
     ffi::OsStr,
-    fs,
+    fs, iter,
     path::{Path, PathBuf},
 };
 
@@ -18,6 +18,8 @@ use crate::{
 pub const MOST_AXES: usize = AXES.len();
 /// The fewest.
 const FEWEST_AXES: usize = 3;
+/// The feature of a firmware that drives motors by phases.
+pub const PHASES: &str = "phases";
 /// Bytes of a board's name: what the longest line of `M115` leaves.
 const MAX_TITLE_BYTES: usize = 40;
 
@@ -99,6 +101,12 @@ impl Board {
             bootloader(&mut entries, chip, part, &place)?;
         let labels = labels(&mut entries, part)?;
         let wirings = wirings(&mut entries, chip, part, &place)?;
+        if let Some(entry) = &qemu
+            && wirings.iter().any(|wiring| !wiring.phases.is_empty())
+        {
+            let message = "the emulator records steps and directions: a board with phases has none";
+            return Err(entry.place.fault(message));
+        }
         let others = ["name", "bootloader.kib", "bootloader.file"];
         entries.refuse_rest(&[&TOP[..], &others].concat())?;
         let text = |entry: Option<Entry>| {
@@ -143,9 +151,16 @@ impl Board {
         self.wirings.get(axes.checked_sub(FEWEST_AXES)?)
     }
 
-    /// Returns the feature of the firmware for the board's chip.
-    pub fn feature(&self) -> String {
-        format!("chip-{}", self.chip.hal)
+    /// Returns whether motors are driven by phases, instead of by step and direction.
+    pub fn has_phases(&self) -> bool {
+        self.wirings.iter().any(|wiring| !wiring.phases.is_empty())
+    }
+
+    /// Returns the features of the firmware that the board needs: those of its chip and of its motors.
+    pub fn features(&self) -> Vec<String> {
+        let chip = format!("chip-{}", self.chip.hal);
+        let phases = self.has_phases().then(|| PHASES.to_owned());
+        iter::once(chip).chain(phases).collect()
     }
 }
 
@@ -291,7 +306,9 @@ fn wirings(
     for axes in FEWEST_AXES..=MOST_AXES {
         functions.replace_with(&entries.take_all(&format!("with_{axes}_axes.")));
         let letter = AXES[axes - 1];
-        let step = format!("axes.{letter}.step");
+        let has_phases = functions.get("axes.X.phases").is_some();
+        let step = if has_phases { "phases" } else { "step" };
+        let step = format!("axes.{letter}.{step}");
         if axes > FEWEST_AXES && functions.get(&step).is_none() {
             // No axis is left out silently: A without a step, or B without A.
             let mut behind = AXES[axes - 1..].iter();

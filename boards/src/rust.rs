@@ -36,7 +36,7 @@ pub(super) static WIRING: Wiring = Wiring {{
 }
 
 /// Returns the fields of `Wiring` in `src/board/wiring.rs`.
-fn fields(board: &Board, wiring: &Wiring) -> [(&'static str, String); 16] {
+fn fields(board: &Board, wiring: &Wiring) -> [(&'static str, String); 15] {
     let clocks = board.chip.clocks;
     let accessories = format!(
         "AccessoryPins {{ spindle: {}, counter_clockwise: {}, flood: {}, mist: {} }}",
@@ -67,14 +67,7 @@ fn fields(board: &Board, wiring: &Wiring) -> [(&'static str, String); 16] {
             "serial_function",
             wiring.serial.alternate_function().to_string(),
         ),
-        (
-            "step",
-            format!("[{}]", list(&wiring.step, |step| pin(*step))),
-        ),
-        (
-            "direction",
-            format!("[{}]", list(&wiring.direction, |at| pin(*at))),
-        ),
+        ("motors", motors(wiring)),
         (
             "enable",
             format!("&[{}]", list(&wiring.enable, |at| output(*at))),
@@ -86,6 +79,18 @@ fn fields(board: &Board, wiring: &Wiring) -> [(&'static str, String); 16] {
         ("has_bootloader", (board.bootloader_kib != 0).to_string()),
         ("journal", format!("[{journal}]")),
     ]
+}
+
+/// Returns the outputs of the motors.
+fn motors(wiring: &Wiring) -> String {
+    let pins = |pins: &[Pin]| format!("[{}]", list(pins, |at| pin(*at)));
+    if wiring.phases.is_empty() {
+        let (step, direction) = (pins(&wiring.step), pins(&wiring.direction));
+        format!("MotorPins {{ step: {step}, direction: {direction} }}")
+    } else {
+        let phases = list(&wiring.phases, |coils| pins(coils));
+        format!("MotorPins {{ phases: [{phases}] }}")
+    }
 }
 
 /// Returns the functions that take and start the board's own peripherals.

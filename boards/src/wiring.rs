@@ -13,6 +13,8 @@ use crate::{
 pub(crate) const AXES: [&str; 6] = ["X", "Y", "Z", "A", "B", "C"];
 /// Ports that one step event may write.
 const MOST_STEP_PORTS: usize = 6;
+/// Coils of a motor that is driven by phases.
+pub(crate) const COILS: usize = 4;
 
 /// An input.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
@@ -65,6 +67,8 @@ pub struct Wiring {
     pub step: Vec<Pin>,
     /// Direction outputs.
     pub direction: Vec<Pin>,
+    /// Instead of both, IN1 to IN4 of each motor: what energises its four coils.
+    pub phases: Vec<[Pin; COILS]>,
     /// Outputs that enable drivers.
     pub enable: Vec<SignedPin>,
     /// High while the spindle turns, or the laser may shine.
@@ -86,10 +90,20 @@ pub struct Wiring {
 }
 
 impl Wiring {
+    /// Returns the number of axes.
+    pub fn axes(&self) -> usize {
+        self.step.len().max(self.phases.len())
+    }
+
+    /// Returns the outputs that turn motors.
+    fn motor_pins(&self) -> Vec<Pin> {
+        let pins = self.step.iter().chain(&self.direction);
+        pins.chain(self.phases.as_flattened()).copied().collect()
+    }
+
     /// Returns the ports that step events write, 0 = A.
     pub fn step_ports(&self) -> Vec<u8> {
-        let pins: Vec<Pin> = self.step.iter().chain(&self.direction).copied().collect();
-        ports(&pins)
+        ports(&self.motor_pins())
     }
 
     /// Returns the ports of all pins, 0 = A.
@@ -100,7 +114,7 @@ impl Wiring {
             .flatten()
             .chain(self.enable.iter().copied());
         let mut pins: Vec<Pin> = signed.map(|signed| signed.pin).collect();
-        pins.extend(self.step.iter().chain(&self.direction));
+        pins.extend(self.motor_pins());
         pins.extend(self.pwm.map(|(pin, _)| pin));
         pins.extend(self.inputs.iter().map(|(_, signed)| signed.pin));
         pins.extend(self.at_boot.iter().map(|(pin, _)| *pin));
@@ -154,23 +168,34 @@ impl<'a> Reader<'a> {
         let at_boot = self.at_boot()?;
         let serial = self.serial(file)?;
         let (mut step, mut direction, mut enable) = (Vec::new(), Vec::new(), Vec::new());
-        let mut limits = Vec::new();
+        let (mut phases, mut limits) = (Vec::new(), Vec::new());
+        let has_phases = self.functions.get("axes.X.phases").is_some();
         for (axis, letter) in (0..).zip(&AXES[..axes]) {
-            step.push(self.step(&format!("axes.{letter}.step"), file)?);
-            direction.push(
-                self.motor_output(&format!("axes.{letter}.direction"), file)?
-                    .0,
-            );
+            if has_phases {
+                phases.push(self.phases(&format!("axes.{letter}.phases"), file)?);
+            } else {
+                step.push(self.step(&format!("axes.{letter}.step"), file)?);
+                direction.push(
+                    self.motor_output(&format!("axes.{letter}.direction"), file)?
+                        .0,
+                );
+            }
             enable.extend(self.output(&format!("axes.{letter}.enable"))?);
             limits.push(Input::Limit(axis));
         }
         enable.extend(self.output("outputs.enable")?);
+        if has_phases && !enable.is_empty() {
+            let message =
+                "motors with phases are released by their coils: there is nothing to enable";
+            return Err(file.fault(message));
+        }
         for letter in &AXES[axes..] {
             self.functions.take_all(&format!("axes.{letter}."));
         }
         let mut wiring = Wiring {
             step,
             direction,
+            phases,
             enable,
             spindle: self.output("outputs.spindle")?,
             counter_clockwise: self.output("outputs.counter_clockwise")?,
@@ -242,6 +267,34 @@ impl<'a> Reader<'a> {
         }
         self.use_pin(signed.pin, key, &entry.place)?;
         Ok((signed.pin, entry.place))
+    }
+
+    /// Reads IN1 to IN4 of a motor that is driven by phases.
+    fn phases(&mut self, key: &str, file: &Place) -> Result<[Pin; COILS], Fault> {
+        let axis = key.trim_end_matches("phases");
+        let Some(entry) = self.functions.take(key) else {
+            let place = self.functions.place_of(axis);
+            return Err(missing(place.unwrap_or(file), key));
+        };
+        for other in ["step", "direction"].map(|other| format!("{axis}{other}")) {
+            if let Some(entry) = self.functions.get(&other) {
+                let message =
+                    format!("`{key}` takes the place of `{other}`: one of them is enough");
+                return Err(entry.place.fault(message));
+            }
+        }
+        let mut pins = Vec::new();
+        for text in entry.texts()? {
+            let pin: Pin = text
+                .parse()
+                .map_err(|error: String| entry.place.fault(error))?;
+            self.use_pin(pin, key, &entry.place)?;
+            pins.push(pin);
+        }
+        pins.try_into().map_err(|pins: Vec<Pin>| {
+            let message = format!("`{key}` are the pins of IN1 to IN4, not {}", pins.len());
+            entry.place.fault(message)
+        })
     }
 
     /// Reads a step output: a direction may be on a slow pin, it stands longer than that needs.
@@ -359,7 +412,7 @@ impl<'a> Reader<'a> {
 }
 
 /// Keys of the functions of an axis.
-const AXIS_KEYS: [&str; 4] = ["step", "direction", "enable", "limit"];
+const AXIS_KEYS: [&str; 5] = ["step", "direction", "phases", "enable", "limit"];
 /// Keys of other functions.
 const KEYS: [&str; 13] = [
     "outputs.enable",

@@ -101,7 +101,7 @@ const WRONG: &[(&str, &str, usize, &str)] = &[
         "step = \"F13\"",
         "stap = \"F13\", step = \"F13\"",
         9,
-        "`axes.X.stap` is not known; known there are step, direction, enable, limit",
+        "`axes.X.stap` is not known; known there are step, direction, phases, enable, limit",
     ),
     (
         "step = \"F13\"",
@@ -232,7 +232,50 @@ const WRONG: &[(&str, &str, usize, &str)] = &[
         2,
         "there is no board \"nothing\"",
     ),
+    (
+        "step = \"F13\", direction = \"F12\"",
+        "phases = [\"F13\", \"F12\", \"F10\"]",
+        9,
+        "`axes.X.phases` are the pins of IN1 to IN4, not 3",
+    ),
+    (
+        "step = \"F13\", direction = \"F12\"",
+        "phases = \"F13\"",
+        9,
+        "a list of texts is wanted",
+    ),
+    (
+        "direction = \"F12\"",
+        "phases = [\"F12\", \"F10\", \"E1\", \"E2\"]",
+        9,
+        "takes the place of `axes.X.step`",
+    ),
+    (
+        "step = \"F13\", direction = \"F12\"",
+        "phases = [\"F13\", \"F12\", \"F13\", \"E2\"]",
+        9,
+        "PF13 is axes.X.phases already",
+    ),
+    (
+        "step = \"F13\", direction = \"F12\"",
+        "phases = [\"F13\", \"F12\", \"E1\", \"E2\"]",
+        10,
+        "`axes.Y.phases` is missing",
+    ),
 ];
+
+/// A board whose motors are driven by phases, with which nothing is wrong.
+const PHASES: &str = r#"name = "Phases"
+chip = "F446ZE"
+crystal_mhz = 12
+[serial]
+tx = "A9"
+rx = "A10"
+[axes]
+X = { phases = ["E0", "E1", "E2", "E3"] }
+Y = { phases = ["E4", "E5", "E6", "E7"] }
+Z = { phases = ["E8", "E9", "E10", "F1"], limit = "^!C9" }
+"#;
 
 fn root() -> &'static Path {
     let folder = Path::new(env!("CARGO_MANIFEST_DIR"));
@@ -257,6 +300,40 @@ fn a_file_without_a_fault_is_read() {
     assert_eq!(board.wiring(4).expect("four axes").inputs.len(), 4);
     assert_eq!(three.polled().len(), 1);
     assert!(board.wiring(5).is_none());
+}
+
+#[test]
+fn motors_driven_by_phases_have_coils_and_nothing_else() {
+    let board = read("phases", PHASES).expect("nothing is wrong");
+    let wiring = board.wiring(3).expect("three axes");
+    assert_eq!((wiring.axes(), wiring.phases.len()), (3, 3));
+    assert_eq!(wiring.step_ports(), [4, 5]);
+    assert_eq!(board.features(), ["chip-f446", "phases"]);
+    let right = read("steps", RIGHT).expect("nothing is wrong");
+    assert_eq!(right.features(), ["chip-f446"]);
+    for (name, more, words) in [
+        (
+            "enabled",
+            "[outputs]\nenable = \"!D1\"\n",
+            "nothing to enable",
+        ),
+        (
+            "more",
+            "A = { limit = \"D1\" }\n",
+            "`axes.A.phases` is missing",
+        ),
+        (
+            "mixed",
+            "A = { step = \"D1\" }\n",
+            "`axes.A.phases` is missing",
+        ),
+    ] {
+        let error = read(name, &format!("{PHASES}{more}")).expect_err(more);
+        assert!(error.contains(words), "{error}");
+    }
+    let emulated = format!("qemu = \"netduinoplus2\"\n{PHASES}");
+    let error = read("emulated", &emulated).expect_err("an emulator without phases");
+    assert!(error.contains("emulated.toml:1: the emulator"), "{error}");
 }
 
 #[test]

@@ -5,7 +5,7 @@ use stm32f4xx_hal::rcc::{Enable, Rcc};
 
 use super::{
     pac,
-    wiring::{AccessoryPins, Input, JournalPage, Output, Pin, Pull, Pwm, Wiring},
+    wiring::{AccessoryPins, Input, JournalPage, MotorPins, Output, Pin, Pull, Pwm, Wiring},
 };
 
 include!(concat!(env!("OUT_DIR"), "/board.rs"));

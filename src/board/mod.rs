@@ -25,6 +25,7 @@ mod flash;
 pub(crate) mod host_clock;
 mod inputs;
 mod outputs;
+#[cfg_attr(feature = "phases", path = "phase_pins.rs")]
 mod pins;
 mod power_up;
 mod proven;

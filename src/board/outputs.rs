@@ -13,7 +13,7 @@ use leadscrew::model::{Outputs, Spindle};
 
 use super::{
     chosen, emulation, pins, pwm,
-    wiring::{AccessoryPins, Output, Pin, Wiring},
+    wiring::{AccessoryPins, MotorPins, Output, Pin, Wiring},
 };
 
 /// The duty that is output.
@@ -47,8 +47,7 @@ pub(super) fn make_safe() {
     let Wiring {
         at_boot,
         enable,
-        step,
-        direction,
+        motors,
         accessories,
         pwm,
         ..
@@ -68,8 +67,8 @@ pub(super) fn make_safe() {
     for output in enable.iter().copied().chain(switched.into_iter().flatten()) {
         make_output(output.pin, output.is_active_low);
     }
-    for &pin in step.iter().chain(direction) {
-        make_output(pin, false);
+    for index in 0..MotorPins::COUNT {
+        make_output(motors.pin(index), false);
     }
     if let Some(pwm) = pwm {
         make_output(pwm.pin, false);

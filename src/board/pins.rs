@@ -221,11 +221,11 @@ pub(super) fn configure(settings: &Settings) {
     let reversed = usize::from(settings.direction_invert);
     let directions = |axes: usize, negative: u8| {
         let high = usize::from(negative) ^ reversed;
-        words_of(&wiring.direction, axes, high)
+        words_of(&wiring.motors.direction, axes, high)
     };
     let pulse = |raise: usize, drop: usize| {
-        let mut levels = words_of(&wiring.step, raise, !active_low);
-        let dropped = words_of(&wiring.step, drop, active_low);
+        let mut levels = words_of(&wiring.motors.step, raise, !active_low);
+        let dropped = words_of(&wiring.motors.step, drop, active_low);
         for (word, dropped) in levels.iter_mut().zip(dropped) {
             *word |= dropped;
         }

@@ -2,6 +2,8 @@
 //!
 //! Registers of the ports: RM0090 8.4, the same on all parts.
 
+#[cfg(feature = "phases")]
+use leadscrew::stepper::COILS;
 use leadscrew::{axis::AXES, model::Levels};
 
 /// A pin.
@@ -75,10 +77,8 @@ pub(super) struct Wiring {
     pub(super) transmit: Pin,
     pub(super) receive: Pin,
     pub(super) serial_function: u32,
-    /// Step outputs.
-    pub(super) step: [Pin; AXES],
-    /// Direction outputs.
-    pub(super) direction: [Pin; AXES],
+    /// Outputs of the motors.
+    pub(super) motors: MotorPins,
     /// Enable outputs of the drivers.
     pub(super) enable: &'static [Output],
     /// Outputs of spindle and coolant.
@@ -93,6 +93,17 @@ pub(super) struct Wiring {
     pub(super) has_bootloader: bool,
     /// The sectors of the journal of settings.
     pub(super) journal: [JournalPage; 2],
+}
+
+/// Outputs of the motors: of their drivers, or of their coils.
+pub(super) struct MotorPins {
+    #[cfg(not(feature = "phases"))]
+    pub(super) step: [Pin; AXES],
+    #[cfg(not(feature = "phases"))]
+    pub(super) direction: [Pin; AXES],
+    /// IN1 to IN4.
+    #[cfg(feature = "phases")]
+    pub(super) phases: [[Pin; COILS]; AXES],
 }
 
 /// Outputs of spindle and coolant.
@@ -155,19 +166,46 @@ impl PortList {
     }
 }
 
+#[cfg(not(feature = "phases"))]
+impl MotorPins {
+    /// Number of pins.
+    pub(super) const COUNT: usize = 2 * AXES;
+
+    /// Returns the pin of an index below [`Self::COUNT`].
+    pub(super) const fn pin(&self, index: usize) -> Pin {
+        if index < AXES {
+            self.step[index]
+        } else {
+            self.direction[index - AXES]
+        }
+    }
+}
+
+#[cfg(feature = "phases")]
+impl MotorPins {
+    /// Number of pins.
+    pub(super) const COUNT: usize = COILS * AXES;
+
+    /// Returns the pin of an index below [`Self::COUNT`].
+    pub(super) const fn pin(&self, index: usize) -> Pin {
+        self.phases[index / COILS][index % COILS]
+    }
+}
+
 impl Wiring {
-    /// Returns the ports of steps and directions.
+    /// Returns the ports that events change.
     pub(super) const fn event_ports(&self) -> PortList {
         let mut bits = 0;
-        let mut axis = 0;
-        while axis < AXES {
-            bits |= 1 << self.step[axis].port | 1 << self.direction[axis].port;
-            axis += 1;
+        let mut index = 0;
+        while index < MotorPins::COUNT {
+            bits |= 1 << self.motors.pin(index).port;
+            index += 1;
         }
         PortList::of(bits)
     }
 
     /// Returns the ports of the enable outputs.
+    #[cfg(not(feature = "phases"))]
     pub(super) const fn enable_ports(&self) -> PortList {
         let mut bits = 0;
         let mut index = 0;

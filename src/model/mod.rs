@@ -32,6 +32,12 @@ pub use reset_cause::ResetCause;
 pub use state::{Probed, State};
 pub use xy_rotation::XyRotation;
 
+/// Whether the firmware energises the coils of motors itself, in place of drivers with step and direction.
+pub const HAS_PHASES: bool = cfg!(feature = "phases");
+
+/// Whether `$791` may choose half steps: also where a simulator records the coils.
+pub const HAS_HALF_STEPS: bool = cfg!(any(feature = "phases", not(target_os = "none")));
+
 /// Whether the firmware understands the RepRap dialect. The receiver of such firmware takes longer for a
 /// byte.
 pub const HAS_REPRAP: bool = cfg!(any(feature = "reprap", not(target_os = "none")));

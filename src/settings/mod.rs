@@ -25,17 +25,22 @@ pub use tool_table::{TOOLS, ToolEntry, ToolTable};
 
 use crate::{
     axis::Axes,
-    model::timing::{EVENT_SPACING_TICKS, min_period_ticks},
+    model::{
+        HAS_PHASES,
+        timing::{EVENT_SPACING_TICKS, min_period_ticks},
+    },
     units::{Nm, StepsPerMm, TICKS_PER_SECOND, TICKS_PER_US},
 };
 
 /// Largest number of steps per second that a segment can count on one axis.
 const MAX_STEP_RATE_HZ: f32 = 500_000.0;
 
-const RESOLUTION: StepsPerMm = match StepsPerMm::from_millionths(250_000_000) {
-    Some(resolution) => resolution,
-    None => unreachable!(),
-};
+/// Grbl's 250 steps/mm; of motors driven by phases, 2048 full steps for the 40 mm of a turn of 20 teeth of a GT2 belt.
+const RESOLUTION: StepsPerMm =
+    match StepsPerMm::from_millionths(if HAS_PHASES { 51_200_000 } else { 250_000_000 }) {
+        Some(resolution) => resolution,
+        None => unreachable!(),
+    };
 
 /// Declares [`Settings`]: each field with its type and its default.
 macro_rules! settings {
@@ -100,6 +105,8 @@ settings! {
     fan_output: u8 = 0,
     /// `$784` Whether `G6` and `G0 S2` may move single motors.
     moves_motors: bool = false,
+    /// `$791` Whether motors that are driven by phases turn in half steps.
+    half_steps: bool = false,
     /// `$792` Least time between two lines of the position stream, ms; 0 sends none.
     stream_interval_ms: f32 = 0.0,
     /// `$793` Whether these lines have Z.
@@ -155,9 +162,12 @@ settings! {
 impl Settings {
     /// Returns the largest number of steps per second of one axis: the least of the rate that the
     /// step pulse allows when pulses of other axes delay it, the rate that a segment can count, and
-    /// the rate proven for all axes together.
+    /// the rate proven for all axes together. Motors that are driven by phases follow only to theirs.
     #[must_use]
     pub fn greatest_step_rate_hz(&self) -> f32 {
+        if HAS_PHASES {
+            return StepRate::of_phases_hz(self.half_steps);
+        }
         let pulse_ticks = (u32::from(self.step_pulse_us) * TICKS_PER_US).max(EVENT_SPACING_TICKS);
         let proven = self.step_rate.hz() as f32;
         (TICKS_PER_SECOND as f32 / min_period_ticks(pulse_ticks) as f32)

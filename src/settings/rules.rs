@@ -7,7 +7,7 @@
 use super::{SettingError, Settings};
 use crate::{
     axis::{AXES, Z},
-    model::HAS_REPRAP,
+    model::{HAS_HALF_STEPS, HAS_REPRAP},
 };
 
 /// Refuses soft limits without homing.
@@ -33,6 +33,15 @@ pub(super) fn step_rate_is_possible(settings: &Settings, axis: usize) -> Result<
         return Err(SettingError::StepRate);
     }
     Ok(())
+}
+
+/// Refuses half steps where motors take steps and directions, and where an axis would have to be faster than its
+/// motor is in full steps.
+pub(super) fn motors_follow(settings: &Settings, _axis: usize) -> Result<(), SettingError> {
+    if settings.half_steps && !HAS_HALF_STEPS {
+        return Err(SettingError::OutOfRange);
+    }
+    (0..AXES).try_for_each(|axis| step_rate_is_possible(settings, axis))
 }
 
 /// `$341`: `M6` is ignored, but for the number of the tool in the spindle.

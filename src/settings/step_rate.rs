@@ -26,6 +26,12 @@ impl StepRate {
         }
     }
 
+    /// Returns the steps per second of an axis that motors driven by phases follow after a ramp: of a 28BYJ-48 1000 half
+    /// steps (data sheet, idle out-traction frequency).
+    pub(super) const fn of_phases_hz(has_half_steps: bool) -> f32 {
+        if has_half_steps { 1000.0 } else { 500.0 }
+    }
+
     /// Returns the number in an image; 0 without a proven rate.
     #[must_use]
     pub const fn in_image(self) -> u32 {

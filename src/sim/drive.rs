@@ -21,7 +21,7 @@ use crate::{
     path::Entry,
     protocol::ByteWriter,
     settings::Settings,
-    stepper::{EventRing, SegmentRing},
+    stepper::{EventRing, PhaseSteps, SegmentRing},
     tasks::{self, InputTrigger, Platform, Task, Unlocked},
 };
 
@@ -100,6 +100,7 @@ impl Drive {
         drive.published = drive.motion.power_up(settings, &drive.inputs, alarm);
         drive.watch = Watch::new(Levels::NONE, &drive.inputs);
         drive.platform.outputs = *drive.motion.outputs();
+        drive.configure_phases(settings);
         drive
     }
 
@@ -154,6 +155,23 @@ impl Drive {
     #[must_use]
     pub const fn physical_steps(&self) -> Axes<i32> {
         self.contacts.steps()
+    }
+
+    /// Returns the coils that are energised if motors are driven by phases, bit 0 = IN1, for each axis: none while
+    /// the drivers are disabled.
+    #[must_use]
+    pub fn coils(&self) -> Axes<u8> {
+        if self.platform.outputs.drivers {
+            self.timer.phases.phases().coils()
+        } else {
+            Axes::all(0)
+        }
+    }
+
+    /// Applies `$3` and `$791` to such motors. At rest only.
+    pub(super) fn configure_phases(&mut self, settings: &Settings) {
+        let steps = PhaseSteps::new(settings.half_steps, settings.direction_invert);
+        self.timer.phases.configure(steps);
     }
 
     /// Mounts a switch, at steps from the position at power-up. Returns false without room or such

@@ -3,7 +3,7 @@
 use super::Edge;
 use crate::{
     model::Outputs,
-    stepper::{EventTap, SegmentRing, StepEvent, Upcoming},
+    stepper::{EventTap, PhaseDrive, SegmentRing, StepEvent, Upcoming},
     tasks::{Platform, PreparePlatform, StepOutput, StepPlatform, Task},
     units::TICKS_PER_MS,
 };
@@ -78,6 +78,8 @@ pub(super) struct VirtualTimer {
     due: Option<(u64, StepEvent)>,
     /// Levels of the direction outputs.
     directions: u8,
+    /// Motors that the steps would turn by phases.
+    pub(super) phases: PhaseDrive,
     /// Whether `segment_start` is released: the event set up is the first of a segment, or there is
     /// none.
     pub(super) is_segment_start_released: bool,
@@ -90,6 +92,7 @@ impl VirtualTimer {
             now: 0,
             due: None,
             directions: 0,
+            phases: PhaseDrive::new(),
             is_segment_start_released: false,
         }
     }
@@ -118,6 +121,7 @@ impl StepPlatform for VirtualTimer {
         if let Some((ticks, event)) = self.due.take() {
             self.now = ticks;
             self.directions = event.directions().unwrap_or(self.directions);
+            self.phases.output();
         }
     }
 
@@ -127,6 +131,7 @@ impl StepPlatform for VirtualTimer {
 
     fn set_up(&mut self, event: StepEvent) {
         self.due = Some((self.now + u64::from(event.ticks()), event));
+        self.phases.set_up(event);
     }
 
     fn pend_segment_start(&mut self, event: StepEvent) {
@@ -155,6 +160,7 @@ impl StepOutput for VirtualSteps<'_> {
 
     fn stop(&mut self, segments: &SegmentRing) {
         self.timer.due = None;
+        self.timer.phases.give_up();
         self.events.halt(segments);
     }
 

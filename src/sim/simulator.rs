@@ -213,6 +213,13 @@ impl Simulator {
         self.drive.outputs()
     }
 
+    /// Returns the coils that are energised if motors are driven by phases, bit 0 = IN1, for each axis: none while
+    /// the drivers are disabled.
+    #[must_use]
+    pub fn coils(&self) -> Axes<u8> {
+        self.drive.coils()
+    }
+
     /// Returns the time of the next change without a byte, ticks: of a pin edge, a sample of the
     /// inputs, the end of a delay, or a tick for which the session waits.
     #[must_use]
@@ -298,6 +305,9 @@ impl Simulator {
             platform,
         );
         self.is_interpret_released = progress == Progress::Again;
+        if is_at_rest {
+            self.drive.configure_phases(self.session.settings());
+        }
     }
 
     /// Runs `report`.

@@ -20,6 +20,10 @@ const ANSWER: usize = 192;
 pub trait Watcher {
     /// Called for each change of the pins.
     fn edge(&mut self, edge: &Edge);
+    /// Called after each change, of which time is one.
+    fn change(&mut self, simulator: &Simulator) {
+        let _ = simulator;
+    }
     /// Called for the answer to a line; `line` counts from 1.
     fn answer(&mut self, line: u64, answer: &[u8]);
     /// Called for a received line that is no answer, after a number of answers.
@@ -135,6 +139,7 @@ impl<'a, P: Iterator<Item = u8>> Stream<'a, P> {
                     if let Some(edge) = self.simulator.advance(next.max(now)) {
                         watcher.edge(&edge);
                     }
+                    watcher.change(self.simulator);
                 }
                 None if self.unanswered.is_empty() && self.simulator.snapshot().is_at_rest => {
                     return StreamEnd::Complete;

@@ -4,6 +4,7 @@
 mod hard_limits;
 mod homing;
 mod inputs;
+mod phases;
 mod power;
 mod probing;
 mod status;

@@ -9,6 +9,7 @@ use leadscrew::{
     path::{BlendOutput, Blender, Entry, Router, Work},
     settings::Settings,
     sim::{Drive, Edge},
+    stepper::coils,
     units::TICKS_PER_SECOND,
 };
 
@@ -282,6 +283,15 @@ impl Rig {
         if let Some(edge) = self.drive.step() {
             self.steps += edge.raise.count_ones();
             self.trace.push(edge, line);
+            // Motors driven by phases would stand where the steps are, whatever has stopped them before: four
+            // full steps are a turn of the field.
+            let net = self.trace.net_steps();
+            let phases = net.map(|steps| coils(2 * steps.rem_euclid(4) as usize));
+            let is_step = edge.raise != 0;
+            assert!(
+                !is_step || self.drive.coils() == phases,
+                "phases of {net:?} steps"
+            );
         }
         // The first event of a segment begins it.
         let ticks = self.drive.segments.played_start_ticks();

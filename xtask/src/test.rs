@@ -137,11 +137,7 @@ fn checks() -> Result<Vec<Check>> {
             "endurance",
         ]))
     }));
-    for axes in ["axes-4", "axes-6"] {
-        checks.push(plain(format!("host tests, {axes}"), move || {
-            wait(cargo(&["test", "--no-fail-fast", "--lib", "--tests"]).args(["--features", axes]))
-        }));
-    }
+    checks.extend(with_features());
     checks.extend(boards.iter().cloned().map(|board| {
         let name = format!("lints, {}", board.name);
         plain(name, move || lint(&board))
@@ -168,10 +164,27 @@ fn checks() -> Result<Vec<Check>> {
     Ok(checks)
 }
 
+/// The host tests with features.
+fn with_features() -> impl Iterator<Item = Check> {
+    let tests: [(&str, &[&str]); 3] = [
+        ("axes-4", &["--lib", "--tests"]),
+        ("axes-6", &["--lib", "--tests"]),
+        ("phases", &["--test", "machine", "phases"]),
+    ];
+    tests.into_iter().map(|(feature, tests)| {
+        plain(format!("host tests, {feature}"), move || {
+            let mut command = cargo(&["test", "--no-fail-fast", "--features", feature]);
+            wait(command.args(tests))
+        })
+    })
+}
+
 /// The boards whose images are all built, with every lint, and those whose firmware is proven: of three chips,
-/// one with a bootloader. `cargo xtask board check --all --prove` looks at all boards.
-const WHOLE: [&str; 2] = [SHOWN, "nucleo-f446re"];
-const PROVEN: [&str; 3] = [SHOWN, "nucleo-f446re", "btt-skr-2"];
+/// one with a bootloader, one whose motors are driven by phases. `cargo xtask board check --all --prove` looks at all boards.
+const WHOLE: [&str; 3] = [SHOWN, "nucleo-f446re", PHASES];
+const PROVEN: [&str; 4] = [SHOWN, "nucleo-f446re", "btt-skr-2", PHASES];
+/// Whose motors are driven by phases.
+const PHASES: &str = "nucleo-f446re-uln2003";
 /// Whose proof the documents show, with three axes.
 const SHOWN: &str = "netduino-plus-2";
 

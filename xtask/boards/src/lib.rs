@@ -40,12 +40,11 @@ impl Board {
 
     /// The same into another folder than that of the project.
     pub fn compile_into<'a>(&self, target: &Path, command: &'a mut Command) -> &'a mut Command {
-        let chip = self.feature();
-        let features = match self.qemu {
-            Some(_) => format!("{chip},emulated"),
-            None => chip,
-        };
-        cargo::compile_for(command, &self.argument(), &features, target);
+        let mut features = self.features();
+        if self.qemu.is_some() {
+            features.push("emulated".into());
+        }
+        cargo::compile_for(command, &self.argument(), &features.join(","), target);
         command
     }
 }

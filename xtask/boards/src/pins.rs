@@ -54,7 +54,7 @@ pub fn table(board: &Board) -> Result<String> {
         .collect();
     let mut text = String::from("| |");
     for wiring in &wirings {
-        write!(text, " {} axes |", wiring.step.len())?;
+        write!(text, " {} axes |", wiring.axes())?;
     }
     text.push_str("\n|---|");
     text.push_str(&"---|".repeat(wirings.len()));
@@ -72,6 +72,11 @@ pub fn table(board: &Board) -> Result<String> {
             pins.map_or_else(String::new, |(step, direction)| {
                 format!("{}, {}", named(board, *step), named(board, *direction))
             })
+        })?;
+        row(&format!("{letter}: IN1 to IN4"), &|wiring| {
+            let coils = wiring.phases.get(axis).into_iter().flatten();
+            let coils = coils.map(|pin| named(board, *pin));
+            coils.collect::<Vec<_>>().join(", ")
         })?;
         row(&format!("{letter}: limit switch"), &|wiring| {
             input(board, wiring, &format!("axes.{letter}.limit"))

@@ -33,6 +33,7 @@ impl Follower {
             elf: &elf,
             root: Path::new(value(arguments, "root")?),
             board: value(arguments, "board")?,
+            features: &[],
             clock: value(arguments, "clock")?.parse()?,
             axes: number("axes")?.unwrap_or(3) as u8,
             step_rate_hz: number("rate")?,

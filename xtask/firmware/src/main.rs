@@ -82,7 +82,7 @@ fn run(options: &Options) -> Result<ExitCode> {
 fn list() -> Result<ExitCode> {
     for board in boards::all()? {
         let emulated = board.qemu.as_ref().map_or("", |_| " emulated");
-        println!("{} {}{emulated}", board.name, board.feature());
+        println!("{} {}{emulated}", board.name, board.features().join(","));
     }
     Ok(ExitCode::SUCCESS)
 }

@@ -33,6 +33,11 @@ pub trait Recorder {
         let _ = (edge, statistics);
         Ok(())
     }
+    /// Something changes, if only the time.
+    fn change(&mut self, simulator: &Simulator) -> Result<()> {
+        let _ = simulator;
+        Ok(())
+    }
     /// The oldest line that has no answer gets it.
     fn answer(&mut self, is_refused: bool) {
         let _ = is_refused;
@@ -333,6 +338,13 @@ impl<R: Recorder> Watcher for Watched<'_, '_, R> {
         observer.statistics.add(edge);
         let recorded = observer.run.recorder.edge(edge, &observer.statistics);
         if let Err(error) = recorded {
+            observer.failure.get_or_insert(error);
+        }
+    }
+
+    fn change(&mut self, simulator: &Simulator) {
+        let observer = &mut *self.0.borrow_mut();
+        if let Err(error) = observer.run.recorder.change(simulator) {
             observer.failure.get_or_insert(error);
         }
     }

@@ -42,6 +42,8 @@ pub struct Input<'a> {
     pub root: &'a Path,
     /// Name of the board.
     pub board: &'a str,
+    /// The features that the program has for it.
+    pub features: &'a [String],
     /// Its clocks.
     pub clock: Clock,
     /// Axes that the program is built for.
@@ -126,7 +128,7 @@ impl Sources {
         };
         let text = read("schedule.toml")?;
         Ok(Self {
-            config: Config::parse(&text)?,
+            config: Config::parse(&text)?.of_features(input.features),
             text,
             app: App::parse(&read("src/app.rs")?)
                 .map_err(|error| format!("src/app.rs: {error}"))?,

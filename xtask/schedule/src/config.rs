@@ -10,8 +10,11 @@ use crate::{Clock, Formula, formula::Names};
 #[derive(Debug, Clone, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Config {
-    /// What the report must show.
+    /// What the report must show, ...
     pub require: Require,
+    /// ... and what instead, where the program has a feature of that name.
+    #[serde(default)]
+    pub require_of: BTreeMap<String, Require>,
     /// Limits that are not times.
     pub limits: Limits,
     /// What the table is for.
@@ -323,6 +326,15 @@ impl Config {
         toml::from_str(text).map_err(|error| format!("schedule.toml: {error}"))
     }
 
+    /// The file for a program with some features: another one may be required of it.
+    #[must_use]
+    pub fn of_features(mut self, features: &[String]) -> Self {
+        let mut features = features.iter();
+        let special = features.find_map(|feature| self.require_of.remove(feature));
+        self.require = special.unwrap_or(self.require);
+        self
+    }
+
     /// What the names in its formulas mean.
     pub fn names(&self, clock: &Clock, point: Point) -> Names<'_> {
         let formulas = self.bounds.iter();
@@ -450,6 +462,20 @@ mod tests {
         assert_eq!((all["steps"], all["events"]), (5, 14));
         let none = config.numbers_without(&clock, point, "steps").unwrap();
         assert_eq!((none["steps"], none["events"]), (0, 4));
+    }
+
+    #[test]
+    fn what_is_required_may_depend_on_a_feature() {
+        let file = concat!(env!("CARGO_MANIFEST_DIR"), "/../../schedule.toml");
+        let text = std::fs::read_to_string(file).unwrap();
+        let step_wcet = |features: &[&str]| {
+            let features: Vec<String> = features.iter().map(|it| (*it).to_owned()).collect();
+            let config = Config::parse(&text).unwrap().of_features(&features);
+            config.require.step_wcet_cycles
+        };
+        let plain = step_wcet(&[]);
+        assert_eq!(step_wcet(&["chip-f446"]), plain);
+        assert!(step_wcet(&["chip-f446", "phases"]) > plain);
     }
 
     #[test]

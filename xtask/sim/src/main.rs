@@ -1,5 +1,6 @@
 //! `cargo xtask sim`: G-code programs on the virtual machine.
 
+mod coils;
 mod contour;
 mod holes;
 mod marks;
@@ -78,6 +79,15 @@ struct Options {
     /// Write every step event: time in ns from the first step, steps of each axis after it
     #[arg(long, value_name = "OUT.csv", conflicts_with_all = ["on_target", "session"])]
     trace: Option<PathBuf>,
+    /// Write which coils are energised whenever that changes, if motors are driven by phases: time in ns from
+    /// power-up, IN1 to IN4 of each axis
+    #[arg(
+        long,
+        value_name = "OUT.csv",
+        requires = "file",
+        conflicts_with = "on_target"
+    )]
+    coils: Option<PathBuf>,
     /// Draw the tool path, with the holes of canned cycles and the contour of cutter compensation, and
     /// speed and acceleration over time
     #[arg(long, value_name = "OUT.svg", conflicts_with_all = ["on_target", "session"])]

@@ -13,12 +13,13 @@ use host::{figures::Figures, output::Output, play::Recorder};
 use leadscrew::{
     protocol::Session,
     settings::Settings,
-    sim::{Edge, StepStatistics},
+    sim::{Edge, Simulator, StepStatistics},
 };
 use serde::Serialize;
 
 use crate::{
     Options,
+    coils::CoilTable,
     marks::MarkFinder,
     plot,
     program_reader::ProgramReader,
@@ -33,6 +34,7 @@ const INTERRUPTED: i32 = 130;
 /// What a run is recorded with, as far as it is asked for: its files are created before anything runs.
 pub(crate) struct Recording {
     table: Option<Table<Output>>,
+    coils: Option<CoilTable<Output>>,
     picture: Option<Drawing>,
     json: Option<Output>,
     meter: Option<Meter>,
@@ -61,6 +63,11 @@ impl Recording {
         let reader = || ProgramReader::of(session);
         Ok(Self {
             table: options.trace.as_deref().map(Table::create).transpose()?,
+            coils: options
+                .coils
+                .as_deref()
+                .map(CoilTable::create)
+                .transpose()?,
             picture: picture.map(|output| Drawing {
                 output,
                 samples: Samples::new(session.settings()),
@@ -74,10 +81,12 @@ impl Recording {
     /// Lets the program end with Ctrl-C, and leave nothing of the files.
     pub(crate) fn remove_when(&self, mut interrupted: UnixStream) {
         let trace = self.table.as_ref().and_then(Table::partial);
+        let coils = self.coils.as_ref().and_then(CoilTable::partial);
         let picture = self.picture.as_ref().map(|drawing| &drawing.output);
         let others = [picture, self.json.as_ref()].into_iter().flatten();
         let partial: Vec<_> = trace
             .into_iter()
+            .chain(coils)
             .chain(others.filter_map(Output::partial))
             .collect();
         thread::spawn(move || {
@@ -99,6 +108,9 @@ impl Recording {
     ) -> Result<Option<Quality>> {
         if let Some(table) = self.table {
             table.finish()?.finish()?;
+        }
+        if let Some(coils) = self.coils {
+            coils.finish()?.finish()?;
         }
         let (quality, traces) = self.meter.map(Meter::finish).unzip();
         if let Some(mut drawing) = self.picture {
@@ -162,6 +174,13 @@ impl Recorder for Recording {
             drawing.samples.push(&row);
         }
         self.table.as_mut().map_or(Ok(()), |table| table.push(&row))
+    }
+
+    fn change(&mut self, simulator: &Simulator) -> Result<()> {
+        let coils = self.coils.as_mut();
+        coils.map_or(Ok(()), |table| {
+            table.push(simulator.now(), simulator.coils())
+        })
     }
 
     fn answer(&mut self, is_refused: bool) {

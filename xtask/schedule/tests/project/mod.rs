@@ -114,6 +114,7 @@ impl Project {
             elf,
             root: &self.folder,
             board: "fixture",
+            features: &[],
             clock: "168/5/4/2".parse().expect("these are clocks"),
             axes: 3,
             step_rate_hz: None,

@@ -149,6 +149,7 @@ fn analyse(elf: &Path, board: &Board, options: &Options) -> Result<Report> {
         elf,
         root: cargo::root(),
         board: &board.name,
+        features: &board.features(),
         clock: clock(board)?,
         axes: cargo::axes(),
         step_rate_hz: options.step_rate,

@@ -168,6 +168,7 @@ impl<'a> Workshop<'a> {
             elf: &self.elf,
             root: &self.folder,
             board: &self.board.name,
+            features: &[],
             clock: self.clock,
             axes: cargo::axes(),
             step_rate_hz: None,
