@@ -14,7 +14,7 @@ use crate::{
     Rule, Stream, Task, UndeadlinedWait, Window,
     calibration::Measured,
     crosscheck::Crosscheck,
-    edge, figures, findings,
+    edge, figures, findings, hidden,
     model::OUTSTANDING_TRANSFER,
     modes,
     registers::Registers,
@@ -186,6 +186,9 @@ impl<'a> Analysis<'a> {
             clock: &system.clock,
         };
         report.flaws.extend(registers.flaws());
+        report
+            .flaws
+            .extend(hidden::flaws(system.program, system.config));
         report.flaws.extend(modes::flaws(system));
         report.flaws.extend(resident::flaws(system.program));
         let mut is_bounded = true;

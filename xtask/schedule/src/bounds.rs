@@ -25,7 +25,9 @@ use crate::{
     annotations::{SourceLoop, Stated},
     count::{self, Runs},
     flow::States,
+    model::RETRY,
     values::Surroundings,
+    waits,
 };
 
 /// Gives the loops of `function` their lines and bounds.
@@ -61,11 +63,18 @@ pub(crate) fn find(
         let runs = count::runs(around, &function.blocks, states, &function.loops[index]);
         let one = &function.loops[index];
         let stated = source.and_then(Source::bound);
-        if let (Some(stated), Some(runs)) = (&stated, runs) {
-            let wrong = wrong(around.image, function, one, stated, runs);
+        // What ends it before its counter does is decided elsewhere: only the counter counts.
+        let looks = waits::looks_elsewhere(function, one);
+        let total = source.and_then(|source| Some(source.stated(source.found.total.as_ref()?)));
+        let total = total.map(|(count, origin)| Bound { count, origin });
+        if let Some(runs) = runs.filter(|runs| runs.is_exact || looks) {
+            let stated = stated.iter().chain(&total);
+            let wrong: Vec<Flaw> = stated
+                .filter_map(|stated| wrong(around.image, function, one, stated, runs))
+                .collect();
             function.flaws.extend(wrong);
         }
-        let counted = runs.map(|runs| Bound {
+        let counted = runs.filter(|runs| !runs.is_open).map(|runs| Bound {
             count: Count::Number(runs.returns),
             origin: "constants".to_owned(),
         });
@@ -75,7 +84,11 @@ pub(crate) fn find(
         });
         let one = &mut function.loops[index];
         one.lines = lines;
-        one.bound = smaller(stated.or(retries), counted);
+        one.counted = runs.map(|runs| runs.returns);
+        one.bound = match counted {
+            Some(counted) if looks => Some(counted),
+            counted => smaller(stated.or(retries), counted),
+        };
         let blocks = &function.blocks;
         let in_run = |block: &usize| {
             source.is_some_and(|source| source.runs_at(around.image, one.head, *block, blocks))
@@ -126,11 +139,16 @@ fn wrong(
     let Count::Number(number) = stated.count else {
         return None;
     };
-    (runs.is_exact && number < runs.returns).then(|| {
+    (number < runs.returns).then(|| {
+        let runs_so = match runs {
+            Runs { is_open: true, .. } => "runs more than",
+            Runs { is_exact: true, .. } => "runs",
+            _ => "that waits may run",
+        };
         Flaw::new(
             Rule::WrongBound,
             format!(
-                "a loop runs {} times, but {} says that it runs {number} times at most",
+                "a loop {runs_so} {} times, but {} says that it runs {number} times at most",
                 runs.returns, stated.origin
             ),
             image.place(function.blocks[one.head].start()),
@@ -151,23 +169,57 @@ pub(crate) fn own_blocks(one: &Loop, all: &[Loop]) -> BTreeSet<usize> {
 }
 
 /// Whether a loop only tries an exclusive store again that an interrupt made fail: whoever
-/// interrupts pays for that.
+/// interrupts pays for that. It loads exclusively each time, for the store would fail for ever, and takes no
+/// longer than is paid.
 fn is_retry(function: &Function, one: &Loop) -> bool {
-    one.back.iter().all(|&back| {
-        let instructions = &function.blocks[back].instructions;
-        let mut result = None;
-        let mut is_compared = false;
-        for instruction in instructions {
-            match instruction.operation {
-                Operation::StoreExclusive { to, .. } => result = Some(to),
-                Operation::JumpOnZero { register, .. } if Some(register) == result => return true,
-                Operation::Jump(_) => return is_compared && instruction.condition == 1,
-                Operation::Compare { left, value: 0 } => is_compared = Some(left) == result,
-                _ => is_compared &= !instruction.sets_flags,
+    let blocks = || one.blocks.iter().map(|block| &function.blocks[*block]);
+    let cycles: Option<u64> = { blocks().flat_map(|block| &block.instructions) }
+        .map(|instruction| match instruction.operation {
+            Operation::LoadExclusive { .. } | Operation::StoreExclusive { .. } => Some(2),
+            Operation::Load { words, .. } | Operation::Store { words, .. } => {
+                Some(1 + u64::from(words))
             }
-        }
-        false
-    })
+            Operation::Barrier => Some(4),
+            // The way back.
+            Operation::Jump(_) | Operation::JumpOnZero { .. } => Some(3),
+            Operation::Divide { .. }
+            | Operation::Float { .. }
+            | Operation::FloatLoad { .. }
+            | Operation::FloatStore { .. }
+            | Operation::ClearExclusive => None,
+            _ => Some(1),
+        })
+        .sum();
+    let is_short = cycles.is_some_and(|cycles| cycles <= RETRY);
+    is_short && blocks().all(|block| block.call.is_none()) && stores_again(function, one)
+}
+
+/// Whether each way back to the head of a loop is that of an exclusive store that failed, behind an exclusive load.
+fn stores_again(function: &Function, one: &Loop) -> bool {
+    let loads = |block: &usize| {
+        let mut instructions = function.blocks[*block].instructions.iter();
+        instructions.any(|it| matches!(it.operation, Operation::LoadExclusive { .. }))
+    };
+    let loading: BTreeSet<usize> = one.blocks.iter().copied().filter(loads).collect();
+    let mut loading = loading.iter();
+    loading.any(|block| waits::is_on_each_way(function, one, *block))
+        && one.back.iter().all(|&back| {
+            let instructions = &function.blocks[back].instructions;
+            let mut result = None;
+            let mut is_compared = false;
+            for instruction in instructions {
+                match instruction.operation {
+                    Operation::StoreExclusive { to, .. } => result = Some(to),
+                    Operation::JumpOnZero { register, .. } if Some(register) == result => {
+                        return true;
+                    }
+                    Operation::Jump(_) => return is_compared && instruction.condition == 1,
+                    Operation::Compare { left, value: 0 } => is_compared = Some(left) == result,
+                    _ => is_compared &= !instruction.sets_flags,
+                }
+            }
+            false
+        })
 }
 
 /// All lines of the instructions of `own`.

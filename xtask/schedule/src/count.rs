@@ -19,8 +19,10 @@ const MOST_STEPS: u64 = 300_000;
 /// How often a loop is run again.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) struct Runs {
-    /// Most returns to its head for each entry.
+    /// Most returns to its head for each entry; ...
     pub(crate) returns: u64,
+    /// ... or so many were followed, and more may come.
+    pub(crate) is_open: bool,
     /// Whether nothing ends it earlier.
     pub(crate) is_exact: bool,
 }
@@ -41,19 +43,20 @@ pub(crate) fn runs(
         is_decided: false,
     };
     let mut state = entry(around, blocks, states, one)?;
-    for returns in 0..MOST_RUNS {
-        let Some(next) = run.follow(&state)? else {
-            return Some(Runs {
-                returns,
-                is_exact: run.is_exact,
-            });
+    let mut returns = 0;
+    while returns < MOST_RUNS
+        && let Some(next) = run.follow(&state)
+    {
+        let Some(next) = next else {
+            return Some(run.found(returns, false));
         };
         if next == state || !run.is_decided {
             return None;
         }
         state = next;
+        returns += 1;
     }
-    None
+    Some(run.found(returns, true))
 }
 
 /// The state where the loop is entered.
@@ -145,6 +148,14 @@ impl Run<'_> {
             }
         }
         Some(again)
+    }
+
+    const fn found(&self, returns: u64, is_open: bool) -> Runs {
+        Runs {
+            returns,
+            is_open,
+            is_exact: self.is_exact,
+        }
     }
 
     /// Notes whether the end of `block` decides if the loop goes on.

@@ -7,7 +7,8 @@
 use std::collections::{BTreeMap, BTreeSet};
 
 use crate::{
-    App, AppTask, Config, Flaw, Image, Place, Rule,
+    App, AppTask, Config, Flaw, Function, Image, Place, Rule,
+    registers::is_by,
     sections::{Held, UNKNOWN_CEILING},
     wcet::Functions,
 };
@@ -189,12 +190,12 @@ impl Crosscheck<'_> {
                 flaws.push(mismatch(what, remedy));
             }
         }
-        let stores = self
-            .functions
-            .values()
-            .flat_map(|function| &function.stores);
-        let stores = stores.filter_map(|store| Some((store.at, store.to?, store.value)));
-        for (at, address, value) in stores.filter(|store| ENABLES.contains(&store.1)) {
+        let functions = self.functions.values();
+        let stores = functions.flat_map(|function| {
+            let stores = function.stores.iter();
+            stores.filter_map(move |it| Some((function, it.at, it.to?, it.value)))
+        });
+        for (function, at, address, value) in stores.filter(|store| ENABLES.contains(&store.2)) {
             let first = FIRST_INTERRUPT + ((address - ENABLES.start) * 8) as usize;
             // Those of a value that is not known are all bits.
             let bits = value.unwrap_or(u32::MAX);
@@ -203,10 +204,13 @@ impl Crosscheck<'_> {
                     continue;
                 };
                 let handler = handler & !1;
-                let is_exempt = self.config.exemption(&self.image.name(handler)).is_some();
+                // The time of what is exempt counts nowhere: only who is named may let it run.
+                let is_exempt = self.config.exemption(&self.image.name(handler)).is_some()
+                    && self.may_store(function, at, address);
                 if !known.contains(&(first + bit)) && !is_exempt {
                     let what = format!("vector {} is enabled and belongs to no task", first + bit);
-                    let remedy = "Make it a task, or leave it disabled; write a constant.";
+                    let remedy = "Make it a task, or leave it disabled; write a constant. Who enables what is \
+                        exempt needs a `[[register]]` in `schedule.toml`.";
                     flaws.push(Flaw {
                         place: self.image.place(at),
                         ..mismatch(what, remedy)
@@ -215,6 +219,13 @@ impl Crosscheck<'_> {
             }
         }
         flaws
+    }
+
+    /// Whether `schedule.toml` lets an instruction store to a register.
+    fn may_store(&self, function: &Function, at: u32, address: u32) -> bool {
+        let frames = self.image.frames(at);
+        let mut allowed = self.config.register.iter();
+        allowed.any(|it| (it.from..it.to).contains(&address) && is_by(&it.by, function, &frames))
     }
 
     /// That `idle` is in `main`: what is exempt there is so until interrupts are on.

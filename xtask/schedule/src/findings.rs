@@ -3,7 +3,7 @@
 use std::collections::{BTreeMap, BTreeSet};
 
 use crate::{
-    Count, Flaw, Function, Place, Report, Rule, Section, Stack, cause, config,
+    Block, Count, Extent, Flaw, Function, Place, Report, Rule, Section, Stack, cause, config,
     sections::{Held, UNKNOWN_CEILING},
     stack::{self, Depths, FLOAT_FRAME_BYTES, FRAME_BYTES},
     system::{Row, System, misconfigured},
@@ -14,11 +14,14 @@ use crate::{
 pub(crate) fn of_row(system: &System<'_>, row: &Row, named: &BTreeMap<String, u64>) -> Vec<Flaw> {
     let wcets = system.wcets(row, named);
     let reached = wcets.reach(row.root);
+    let all = system.program.functions();
     let mut flaws = cause::flaws(system.program, &reached);
     flaws.extend(exempt_calls(system, &reached));
+    let blocks = { reached.iter() }.filter_map(|at| all.get(at));
+    flaws.extend(never_back(system, blocks.flat_map(|it| &it.blocks)));
     flaws.extend(float_above(system, row, &reached));
     for function in reached.iter().filter_map(|at| system.program.function(*at)) {
-        flaws.extend(waits::flaws(system.image, function));
+        flaws.extend(waits::flaws(system.image, all, function, |_| true));
         for looped in &function.loops {
             let bound = looped
                 .bound
@@ -101,6 +104,7 @@ pub(crate) fn of_sections(
                 )
             }));
             flaws.extend(entered_from_above(system, section));
+            flaws.extend(of_code_of_section(system, section));
         }
         sections.push(Section {
             place,
@@ -117,6 +121,56 @@ pub(crate) fn of_sections(
             .then(one.place.cmp(&other.place))
     });
     (sections, flaws)
+}
+
+/// What makes the time of a section's code unknown: instructions that wait, calls of pointers, what is not
+/// decoded, bounds that are wrong or are those of a loop that waits. A panic ends the machine.
+fn of_code_of_section(system: &System<'_>, section: &Held) -> Vec<Flaw> {
+    let Some(own) = system.program.function(section.function) else {
+        return Vec::new();
+    };
+    let is_own = |address: u32| {
+        let mut blocks = section.blocks.iter().map(|block| &own.blocks[*block]);
+        // What is not decoded is behind a block that has no other end.
+        let is_behind = |block: &Block| block.traps && address == block.end();
+        blocks.any(|block| (block.start()..block.end()).contains(&address) || is_behind(block))
+    };
+    let is_of_time = |flaw: &Flaw| {
+        let is_of_rule = matches!(
+            flaw.rule,
+            Rule::IndirectCall
+                | Rule::ForbiddenInstruction
+                | Rule::UnknownInstruction
+                | Rule::IrreducibleLoop
+                | Rule::WrongBound
+        );
+        let at = flaw.place.address;
+        let is_called = |it: &Extent| section.reached.contains(&it.address);
+        is_of_rule && (is_own(at) || system.image.function(at).is_some_and(is_called))
+    };
+    let mut functions = section.reached.clone();
+    functions.insert(section.function);
+    let mut flaws = cause::flaws(system.program, &functions);
+    flaws.retain(is_of_time);
+    let all = system.program.functions();
+    for function in { section.reached.iter() }.filter_map(|at| all.get(at)) {
+        flaws.extend(waits::flaws(system.image, all, function, |_| true));
+    }
+    let blocks = section.blocks.iter().map(|block| &own.blocks[*block]);
+    let called = { section.reached.iter() }.filter_map(|at| all.get(at));
+    let blocks = blocks.chain(called.flat_map(|function| &function.blocks));
+    flaws.extend(never_back(system, blocks));
+    let is_in_section = |block: usize| section.blocks.contains(&block);
+    flaws.extend(waits::flaws(system.image, all, own, is_in_section));
+    for flaw in &mut flaws {
+        let place = system.image.place(section.address);
+        let begin = place.frames.first().map_or("", String::as_str);
+        flaw.what = format!(
+            "{}, and holds up tasks with deadlines: in the section that begins at {begin}",
+            flaw.what
+        );
+    }
+    flaws
 }
 
 /// A section that a task enters whose priority is above its ceiling: it does not keep that task from
@@ -153,6 +207,25 @@ fn exempt_calls(system: &System<'_>, reached: &BTreeSet<u32>) -> Vec<Flaw> {
             format!("a task with a deadline calls `{name}`, whose time is exempt"),
             system.image.place(at),
             "Call it from a task without a deadline; or take its `[[exempt]]` out of `schedule.toml`.",
+        )
+    });
+    flaws.collect()
+}
+
+/// Calls of what never comes back, in some blocks: a panic, which has a flaw of its own, or what is exempt ends the
+/// machine; anything else would keep the processor for ever.
+fn never_back<'a>(system: &System<'_>, blocks: impl Iterator<Item = &'a Block>) -> Vec<Flaw> {
+    let calls = blocks.filter(|block| block.traps).filter_map(|block| {
+        let call = block.call.filter(|call| !system.program.is_panic(*call))?;
+        Some((block.instructions.last()?.address, system.image.name(call)))
+    });
+    let endless = calls.filter(|(_, name)| system.config.exemption(name).is_none());
+    let flaws = endless.map(|(at, name)| {
+        Flaw::new(
+            Rule::UnboundedLoop,
+            format!("`{name}` never returns"),
+            system.image.place(at),
+            "Let it end; or say in `schedule.toml`, in an `[[exempt]]`, why the machine stops then.",
         )
     });
     flaws.collect()

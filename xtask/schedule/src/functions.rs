@@ -65,6 +65,7 @@ pub(crate) fn build(image: &Image, address: u32, graph: Graph, panics: &BTreeSet
         name: image.name(address),
         blocks,
         regions: BTreeMap::new(),
+        addresses: BTreeMap::new(),
         specials: BTreeMap::new(),
         saved: BTreeMap::new(),
         stores: Vec::new(),
@@ -79,6 +80,7 @@ pub(crate) fn describe(around: Surroundings<'_>, function: &mut Function, states
     let Function {
         blocks,
         regions,
+        addresses,
         specials,
         saved,
         stores,
@@ -88,7 +90,9 @@ pub(crate) fn describe(around: Surroundings<'_>, function: &mut Function, states
     flow::visit(around, blocks, states, |state, instruction| {
         let at = instruction.address;
         if let Some((address, _)) = instruction.operation.access() {
-            regions.insert(at, state.address(address).region());
+            let value = state.address(address);
+            regions.insert(at, value.region());
+            addresses.extend(value.constant().map(|address| (at, address)));
         }
         stores.extend(store(state, instruction));
         if let Operation::WriteSpecial { from, .. } = instruction.operation {

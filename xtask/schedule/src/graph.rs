@@ -78,6 +78,11 @@ pub(crate) const BASEPRI: u8 = 17;
 pub(crate) const BASEPRI_MAX: u8 = 18;
 pub(crate) const FAULTMASK: u8 = 19;
 
+/// The stack pointers, and what chooses between them and takes privileges.
+pub(crate) const MAIN_STACK: u8 = 8;
+pub(crate) const PROCESS_STACK: u8 = 9;
+pub(crate) const CONTROL: u8 = 20;
+
 /// Whether interrupts are held back from this instruction on: all, or those of low priority.
 pub fn raises(instruction: &Instruction) -> bool {
     matches!(
@@ -85,7 +90,7 @@ pub fn raises(instruction: &Instruction) -> bool {
         Operation::WriteSpecial {
             register: BASEPRI_MAX,
             ..
-        } | Operation::Interrupts { off: true }
+        } | Operation::Interrupts { off: true, .. }
     )
 }
 
@@ -96,7 +101,7 @@ pub fn restores(instruction: &Instruction) -> bool {
         Operation::WriteSpecial {
             register: PRIMASK | BASEPRI | FAULTMASK,
             ..
-        } | Operation::Interrupts { off: false }
+        } | Operation::Interrupts { off: false, .. }
     )
 }
 

@@ -303,6 +303,23 @@ impl Image {
         mark.is_some_and(|(_, &is_code)| !is_code)
     }
 
+    /// The ranges of code, between the marks of data and the ends of what the file puts into memory.
+    pub(crate) fn code_ranges(&self) -> Vec<Range<u32>> {
+        let mut marks = self.marks.iter().peekable();
+        let mut ranges = Vec::new();
+        while let Some((&start, &is_code)) = marks.next() {
+            let stored = self.segment(start).map(|segment| {
+                let bytes = segment.bytes.len() as u32;
+                segment.address.saturating_add(bytes)
+            });
+            if let (true, Some(end)) = (is_code, stored) {
+                let next = marks.peek().map_or(end, |next| *next.0);
+                ranges.push(start..next.min(end));
+            }
+        }
+        ranges
+    }
+
     /// Where code goes on behind the data at `address`.
     pub fn data_end(&self, address: u32) -> Option<u32> {
         let mut marks = self.marks.range(address..);

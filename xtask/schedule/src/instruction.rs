@@ -109,8 +109,12 @@ pub enum Operation {
     Nothing,
     /// `WFI`, `WFE`: waits.
     Wait,
-    /// `CPSID i` and `CPSIE i`.
-    Interrupts { off: bool },
+    /// `CPSID` and `CPSIE`: of `PRIMASK` (`i`), of `FAULTMASK` (`f`), or of both.
+    Interrupts {
+        off: bool,
+        primask: bool,
+        faultmask: bool,
+    },
     /// `MRS`: reads a special register by its number.
     ReadSpecial { register: u8, to: u8 },
     /// `MSR`: writes a special register by its number (`SYSm`; 17 `BASEPRI`, 18 `BASEPRI_MAX`,

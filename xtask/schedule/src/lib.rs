@@ -31,6 +31,7 @@ mod flow;
 mod formula;
 mod functions;
 mod graph;
+mod hidden;
 mod image;
 mod instruction;
 mod loops;

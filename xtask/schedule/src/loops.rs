@@ -62,6 +62,7 @@ pub(crate) fn find(blocks: &[Block]) -> Loops {
             blocks: BTreeSet::from([index]),
             back: BTreeSet::new(),
             bound: None,
+            counted: None,
             total: None,
             lines: BTreeSet::new(),
         });

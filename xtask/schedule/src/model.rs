@@ -7,7 +7,7 @@
 
 use std::{collections::BTreeMap, str::FromStr};
 
-use crate::{Block, Instruction, Operation, Region};
+use crate::{Address, Block, Instruction, Operation, Region};
 
 /// Bytes of a line of the instruction cache.
 pub(crate) const LINE_BYTES: u32 = 16;
@@ -206,7 +206,7 @@ impl Model {
         let wait = self.wait(region);
         let several = |first: u64, each: u64, words: u8| {
             if words <= 1 {
-                first + wait
+                first + wait + (accesses(instruction) - 1) * (each + wait)
             } else {
                 1 + u64::from(words) * (each + wait)
             }
@@ -281,6 +281,43 @@ impl Model {
     }
 }
 
+/// Accesses that a load or store of one register makes: of what is at no multiple of its length, each part is one
+/// of its own. Nothing is known of the register that the address is made from: it is taken for such a multiple, which
+/// the replay checks.
+pub(crate) fn accesses(instruction: &Instruction) -> u64 {
+    let (Operation::Load {
+        words: 1,
+        bytes,
+        address,
+        ..
+    }
+    | Operation::Store {
+        words: 1,
+        bytes,
+        address,
+        ..
+    }) = instruction.operation
+    else {
+        return 1;
+    };
+    match address {
+        Address::Absolute(address) => accesses_at(bytes, address),
+        Address::Offset { offset, .. } => accesses_at(bytes, offset.cast_unsigned()),
+        // Words are indexed by multiples of their length; halves also as pairs of bytes.
+        Address::Indexed { shift: 0, .. } if bytes == 2 => 2,
+        Address::Indexed { .. } => 1,
+    }
+}
+
+/// Accesses to so many bytes at an address.
+pub(crate) const fn accesses_at(bytes: u8, address: u32) -> u64 {
+    match (bytes, address % 4) {
+        (4, 2) | (2, 1 | 3) => 2,
+        (4, 1 | 3) => 3,
+        _ => 1,
+    }
+}
+
 /// The lines of a block, with those that may be fetched behind it.
 pub fn lines(block: &Block) -> std::ops::RangeInclusive<u32> {
     let begin = block.instructions.first().map_or(0, |first| first.address);
@@ -303,10 +340,7 @@ pub(crate) fn new_lines(before: &Block, next: &Block) -> u64 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::{
-        Address,
-        testing::{CLOCK, plain},
-    };
+    use crate::testing::{CLOCK, plain};
 
     fn with(operation: Operation) -> Instruction {
         Instruction {
@@ -342,6 +376,36 @@ mod tests {
         let divide = with(Operation::Divide { writes: 1 });
         assert_eq!(model.cycles(&divide, Region::Unknown), 12);
         assert_eq!((model.miss(), model.refill()), (5, 3));
+    }
+
+    #[test]
+    fn what_is_at_no_multiple_of_its_length_costs_several_accesses() {
+        let model = Model::new(&CLOCK);
+        let cycles = |bytes, address, region| {
+            let load = Operation::Load {
+                writes: 1,
+                first: None,
+                words: 1,
+                bytes,
+                address,
+                writeback: None,
+            };
+            model.cycles(&with(load), region)
+        };
+        let at = |offset| Address::Offset { base: 4, offset };
+        let of_index = |shift| Address::Indexed {
+            base: 4,
+            index: 1,
+            shift,
+        };
+        assert_eq!(cycles(4, at(8), Region::Sram), 2);
+        assert_eq!(cycles(4, at(114), Region::Sram), 3);
+        assert_eq!(cycles(4, at(-3), Region::Sram), 4);
+        assert_eq!(cycles(2, at(501), Region::Sram), 3);
+        assert_eq!(cycles(1, at(501), Region::Sram), 2);
+        assert_eq!(cycles(2, at(501), Region::Flash), 2 + 10 + 11);
+        assert_eq!(cycles(2, of_index(0), Region::Sram), 3);
+        assert_eq!(cycles(2, of_index(1), Region::Sram), 2);
     }
 
     #[test]

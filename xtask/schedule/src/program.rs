@@ -23,7 +23,7 @@ pub enum Region {
     Apb2,
     /// The processor's own: NVIC, SysTick, DWT.
     Private,
-    /// What the model has no time for: bit-band aliases, external memory.
+    /// What the model has no time for: bit-band aliases, USB, external memory.
     Uncosted,
     /// Not known: charged as the slowest.
     Unknown,
@@ -111,6 +111,8 @@ pub struct Loop {
     pub back: BTreeSet<usize>,
     /// How often it runs, when that is known.
     pub bound: Option<Bound>,
+    /// How often its counter lets it run, or how far that was followed, when nothing else ends it.
+    pub counted: Option<u64>,
     /// How often it runs in all, when that is said.
     pub total: Option<Total>,
     /// Its own lines, `file:line`: for messages.
@@ -128,6 +130,8 @@ pub struct Function {
     pub blocks: Vec<Block>,
     /// The region of each access, by the address of its instruction.
     pub regions: BTreeMap<u32, Region>,
+    /// The address of each access where that is constant, by the address of its instruction.
+    pub addresses: BTreeMap<u32, u32>,
     /// Constants that are written to special registers, by the address of the instruction.
     pub specials: BTreeMap<u32, u32>,
     /// By the address of an instruction that writes a special register, that of the one that read

@@ -8,7 +8,11 @@
 
 use std::collections::BTreeSet;
 
-use crate::{Clock, Config, Flaw, Frame, Function, Image, Region, Rule, Store, wcet::Functions};
+use crate::{
+    Clock, Config, Flaw, Frame, Function, Image, Operation, Region, Rule, Store,
+    graph::{CONTROL, MAIN_STACK, PROCESS_STACK},
+    wcet::Functions,
+};
 
 /// Registers that the proof rests on. RM0090 table 1, ARMv7-M B3.
 const PROTECTED: [(u32, u32, &str); 8] = [
@@ -33,6 +37,8 @@ const INTERRUPT_REGISTERS: [(u32, u32); 3] = [
     (0xe000_e400, 0xe000_e4f0),
     (0xe000_ed18, 0xe000_ed24),
 ];
+/// What runs first, before there is a stack to speak of.
+const RESET: &str = "Reset";
 /// Aliases of the bits of peripherals: where they begin and end, and what is behind them.
 const BIT_BAND_ALIASES: std::ops::Range<u32> = 0x4200_0000..0x4400_0000;
 const PERIPHERALS: u32 = 0x4000_0000;
@@ -54,7 +60,40 @@ impl Registers<'_> {
             let stores = function.stores.iter();
             stores.filter_map(|store| self.flaw(function, store))
         });
-        all.chain(self.uncosted()).collect()
+        { all.chain(self.specials()) }
+            .chain(self.uncosted())
+            .collect()
+    }
+
+    /// Writes of the processor's registers that choose the stack and take privileges: the depth of the stack and
+    /// the masks of interrupts rest on them. What is exempt has to see to them itself.
+    fn specials(&self) -> Vec<Flaw> {
+        let functions = self.functions.values();
+        let counted = functions.filter(|it| self.config.exemption(&it.name).is_none());
+        let instructions = counted.flat_map(|function| {
+            let blocks = function.blocks.iter().flat_map(|it| &it.instructions);
+            blocks.map(move |it| (function, it))
+        });
+        let flaws = instructions.filter_map(|(function, instruction)| {
+            let name = match instruction.operation {
+                Operation::WriteSpecial { register, .. } => match register {
+                    MAIN_STACK => "the stack pointer",
+                    PROCESS_STACK => "another stack pointer",
+                    CONTROL => "CONTROL",
+                    _ => return None,
+                },
+                _ => return None,
+            };
+            (function.name != RESET).then(|| {
+                Flaw::new(
+                    Rule::Register,
+                    format!("a write of {name}: the depth of the stack and the locks rest on it"),
+                    self.image.place(instruction.address),
+                    "Leave it out: all tasks run privileged, on the main stack.",
+                )
+            })
+        });
+        flaws.collect()
     }
 
     fn flaw(&self, function: &Function, store: &Store) -> Option<Flaw> {
@@ -168,7 +207,7 @@ impl Registers<'_> {
         let flaws = accesses.into_iter().map(|at| {
             Flaw::new(
                 Rule::UncostedAccess,
-                "an access to an alias of a bit or to external memory: the model has no time for it",
+                "an access to an alias of a bit, to USB or to external memory: the model has no time for it",
                 self.image.place(at),
                 "Read and write the whole word at its own address, or use a register that sets bits.",
             )
@@ -186,7 +225,7 @@ fn is_inlined(by: &[String], frames: &[Frame]) -> bool {
 }
 
 /// The same, where assembly may have no frames.
-fn is_by(by: &[String], function: &Function, frames: &[Frame]) -> bool {
+pub(crate) fn is_by(by: &[String], function: &Function, frames: &[Frame]) -> bool {
     by.contains(&function.name) || is_inlined(by, frames)
 }
 

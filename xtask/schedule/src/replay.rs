@@ -23,7 +23,7 @@ use graph::{Graph, Site};
 pub use plan::{Kind, Plan, Root, STAND_IN};
 pub use summary::{Held, Runs, Summary, Violation};
 
-use crate::{Instruction, Region};
+use crate::{Instruction, Operation, Region, model};
 
 /// A contradiction, once however often it is met.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
@@ -37,6 +37,8 @@ enum Contradiction {
     Total(usize),
     Region(u32, Region),
     Stack(u32),
+    /// An access at no multiple of its length takes more accesses than are charged.
+    Alignment(u32),
     /// A run of a task that is of none of its kinds.
     Kind(usize),
     /// A function is called too often in one activation.
@@ -150,6 +152,9 @@ impl Checker {
             self.summary.unpredicted += 1;
         } else if site.region != region {
             note(&mut self.found, Contradiction::Region(site.address, region));
+        }
+        if is_first && !is_aligned(site, address) {
+            note(&mut self.found, Contradiction::Alignment(site.address));
         }
         if is_first && !activation.is_on_stack(site, address) {
             note(&mut self.found, Contradiction::Stack(site.address));
@@ -392,12 +397,29 @@ impl Checker {
                 let what = format!("a function is called more than {most} times in one activation");
                 (function, what)
             }
+            Contradiction::Alignment(at) => (
+                at,
+                format!(
+                    "{at:#010x} accesses memory at no multiple of its length, and is not charged for it"
+                ),
+            ),
             Contradiction::Stack(at) => (
                 at,
                 format!("the stack is not as deep at {at:#010x} as the analysis counts"),
             ),
         }
     }
+}
+
+/// Whether an access is at a multiple of its length, or is charged for that it is not.
+fn is_aligned(site: &Site, address: u32) -> bool {
+    site.instruction.is_none_or(|instruction| {
+        let bytes = match instruction.operation {
+            Operation::Load { bytes, .. } | Operation::Store { bytes, .. } => bytes,
+            _ => 1,
+        };
+        model::accesses_at(bytes, address) <= model::accesses(&instruction)
+    })
 }
 
 /// Follows a step between blocks; the loops that run too often by it, or that there is no such way.
@@ -409,8 +431,7 @@ fn step(
 ) -> Result<Option<Excess>, ()> {
     let (site, target) = (&graph.sites[from], &graph.sites[to]);
     let node = &graph.nodes[site.node.ok_or(())?];
-    let is_call =
-        |instruction: &Instruction| matches!(instruction.operation, crate::Operation::Call(_));
+    let is_call = |instruction: &Instruction| matches!(instruction.operation, Operation::Call(_));
     if site.next.is_some() {
         return Err(());
     }

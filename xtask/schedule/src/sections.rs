@@ -32,6 +32,10 @@ pub(crate) struct Held {
     pub(crate) cycles: Option<u64>,
     /// Whether the function may return before its end.
     pub(crate) escapes: bool,
+    /// Its blocks, in its function.
+    pub(crate) blocks: BTreeSet<usize>,
+    /// The functions that are called in it, directly or not.
+    pub(crate) reached: BTreeSet<u32>,
     /// Lines that its code touches.
     pub(crate) lines: BTreeSet<u32>,
     /// Whether it stores exclusively.
@@ -47,18 +51,24 @@ enum Mask {
 }
 
 impl Mask {
-    /// The kind that an instruction writes.
-    const fn of(operation: Operation) -> Option<Self> {
-        match operation {
-            Operation::Interrupts { .. } => Some(Self::All),
+    /// The kinds that an instruction writes.
+    fn of(operation: Operation) -> impl Iterator<Item = Self> {
+        let masks = match operation {
+            Operation::Interrupts {
+                primask, faultmask, ..
+            } => [
+                primask.then_some(Self::All),
+                faultmask.then_some(Self::Faults),
+            ],
             Operation::WriteSpecial { register, .. } => match register {
-                BASEPRI | BASEPRI_MAX => Some(Self::Priority),
-                PRIMASK => Some(Self::All),
-                FAULTMASK => Some(Self::Faults),
-                _ => None,
+                BASEPRI | BASEPRI_MAX => [Some(Self::Priority), None],
+                PRIMASK => [Some(Self::All), None],
+                FAULTMASK => [Some(Self::Faults), None],
+                _ => [None; 2],
             },
-            _ => None,
-        }
+            _ => [None; 2],
+        };
+        masks.into_iter().flatten()
     }
 
     /// The bits that hold interrupts back.
@@ -124,7 +134,11 @@ fn of_function(wcets: &Wcets<'_>, function: &Function) -> Vec<Held> {
             .iter()
             .flat_map(|call| (*wcets.lines(*call)).clone())
             .collect();
-        let reached = called.iter().flat_map(|call| wcets.reach(*call)).collect();
+        // What never comes back ends the section, and the machine.
+        let is_back = |block: &&usize| !function.blocks[**block].traps;
+        let calls = { blocks.iter() }.filter(is_back);
+        let calls = calls.filter_map(|block| function.blocks[*block].call);
+        let reached = calls.flat_map(|call| wcets.reach(call)).collect();
         let mut own = blocks.iter().map(|block| &function.blocks[*block]);
         let retries = own.any(persistence::stores_exclusively)
             || persistence::has_exclusive_store(wcets, &reached);
@@ -139,6 +153,8 @@ fn of_function(wcets: &Wcets<'_>, function: &Function) -> Vec<Held> {
             ceiling: extent.ceiling,
             cycles: longest(wcets, function, extent.block, blocks, ends),
             escapes: blocks.iter().any(escaping),
+            blocks: blocks.clone(),
+            reached,
             lines,
             retries,
         }
@@ -151,17 +167,18 @@ fn of_function(wcets: &Wcets<'_>, function: &Function) -> Vec<Held> {
 fn writes(function: &Function) -> Vec<Write> {
     let blocks = function.blocks.iter().enumerate();
     let all = blocks.flat_map(|(block, it)| it.instructions.iter().map(move |at| (block, at)));
-    let writes = all.filter_map(|(block, instruction)| {
+    let writes = all.flat_map(|(block, instruction)| {
         let (operation, address) = (instruction.operation, instruction.address);
-        let mask = Mask::of(operation)?;
-        let effect = effect(function, address, operation, mask);
-        // What is skipped on a condition ends nothing.
-        let may_count = !instruction.is_conditional() || matches!(effect, Effect::Raises(_));
-        may_count.then_some(Write {
-            block,
-            address,
-            mask,
-            effect,
+        Mask::of(operation).filter_map(move |mask| {
+            let effect = effect(function, address, operation, mask);
+            // What is skipped on a condition ends nothing.
+            let may_count = !instruction.is_conditional() || matches!(effect, Effect::Raises(_));
+            may_count.then_some(Write {
+                block,
+                address,
+                mask,
+                effect,
+            })
         })
     });
     writes.collect()
@@ -178,8 +195,8 @@ fn effect(function: &Function, address: u32, operation: Operation, mask: Mask) -
     let value = function.specials.get(&address).copied();
     let saved = function.saved.get(&address).copied();
     match (operation, value, saved) {
-        (Operation::Interrupts { off: true }, ..) => Effect::Raises(None),
-        (Operation::Interrupts { off: false }, ..) => Effect::Clears,
+        (Operation::Interrupts { off: true, .. }, ..) => Effect::Raises(None),
+        (Operation::Interrupts { off: false, .. }, ..) => Effect::Clears,
         // It never lowers the level, and zero has no effect.
         (
             Operation::WriteSpecial {
@@ -199,15 +216,15 @@ fn effect(function: &Function, address: u32, operation: Operation, mask: Mask) -
 /// the end of that section, begins another.
 fn extents(function: &Function) -> Vec<Extent> {
     let writes = writes(function);
-    let mut begins: BTreeMap<(u32, Option<u8>), Write> = { writes.iter() }
+    let mut begins: BTreeMap<(u32, Mask, Option<u8>), Write> = { writes.iter() }
         .filter_map(|write| match write.effect {
-            Effect::Raises(ceiling) => Some(((write.address, ceiling), *write)),
+            Effect::Raises(ceiling) => Some(((write.address, write.mask, ceiling), *write)),
             Effect::Clears | Effect::Restores(_) => None,
         })
         .collect();
     loop {
         let found: Vec<Extent> = { begins.iter() }
-            .map(|(&(_, ceiling), write)| extent(function, &writes, write, ceiling))
+            .map(|(&(.., ceiling), write)| extent(function, &writes, write, ceiling))
             .collect();
         let mut more = false;
         for write in &writes {
@@ -219,7 +236,7 @@ fn extents(function: &Function) -> Vec<Extent> {
                 extent.mask == write.mask && is_within(read) && !is_within(write.address)
             });
             for extent in raised {
-                let key = (write.address, extent.ceiling);
+                let key = (write.address, write.mask, extent.ceiling);
                 more |= begins.insert(key, *write).is_none();
             }
         }
@@ -328,6 +345,12 @@ mod tests {
     use super::*;
     use crate::{Model, testing, wcet::Functions};
 
+    const OFF: Operation = Operation::Interrupts {
+        off: true,
+        primask: true,
+        faultmask: false,
+    };
+
     fn sections(change: impl Fn(&mut Function)) -> Vec<Held> {
         // 0: raises; 1 and 2: two ways; 3: restores; 4: behind it.
         let shape: &[(u32, &[usize])] =
@@ -391,10 +414,32 @@ mod tests {
     #[test]
     fn interrupts_that_stay_off_are_seen() {
         let found = sections(|function| {
-            function.blocks[0].instructions[0].operation = Operation::Interrupts { off: true };
+            function.blocks[0].instructions[0].operation = OFF;
         });
         // `BASEPRI` does not end what `PRIMASK` began.
         assert_eq!((found[0].ceiling, found[0].escapes), (None, true));
+    }
+
+    #[test]
+    fn interrupts_are_let_in_by_the_mask_that_kept_them_out() {
+        let ended_by = |primask, faultmask| {
+            let found = sections(|function| {
+                function.blocks[0].instructions[0].operation = Operation::Interrupts {
+                    off: true,
+                    primask: true,
+                    faultmask: true,
+                };
+                function.blocks[3].instructions[1].operation = Operation::Interrupts {
+                    off: false,
+                    primask,
+                    faultmask,
+                };
+            });
+            found.iter().map(|it| it.escapes).collect::<Vec<_>>()
+        };
+        assert_eq!(ended_by(true, true), [false, false]);
+        assert_eq!(ended_by(true, false), [false, true]);
+        assert_eq!(ended_by(false, true), [true, false]);
     }
 
     #[test]

@@ -208,7 +208,7 @@ impl<'a> Depths<'a> {
 fn lets_in(function: &Function, instruction: &Instruction) -> bool {
     const PRIMASK: u8 = 16;
     match instruction.operation {
-        Operation::Interrupts { off } => !off,
+        Operation::Interrupts { off, primask, .. } => primask && !off,
         Operation::WriteSpecial { register, .. } if register == PRIMASK => {
             let written = function.specials.get(&instruction.address);
             written.is_some_and(|value| value & 1 == 0)
@@ -430,7 +430,11 @@ mod tests {
         let (mut functions, none) = (functions(), BTreeMap::new());
         let opening = |functions: &mut Functions, at: u32, block: usize| {
             let function = functions.get_mut(&at).unwrap();
-            function.blocks[block].instructions[0].operation = Operation::Interrupts { off: false };
+            function.blocks[block].instructions[0].operation = Operation::Interrupts {
+                off: false,
+                primask: true,
+                faultmask: false,
+            };
         };
         let depth = |functions: &Functions| {
             let depths = Depths::new(functions, &|_| false, &none);

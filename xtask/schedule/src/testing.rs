@@ -58,6 +58,7 @@ pub(crate) fn function(blocks: &[(u32, &[usize])]) -> Function {
             .map(|(index, (length, successors))| block(index, *length, successors))
             .collect(),
         regions: BTreeMap::new(),
+        addresses: BTreeMap::new(),
         specials: BTreeMap::new(),
         saved: BTreeMap::new(),
         stores: Vec::new(),
@@ -88,6 +89,7 @@ pub(crate) fn counted(head: usize, blocks: &[usize], back: &[usize], count: u64)
             count: Count::Number(count),
             origin: "test".to_owned(),
         }),
+        counted: None,
         total: None,
         lines: BTreeSet::new(),
     }

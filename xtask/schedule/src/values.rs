@@ -27,6 +27,9 @@ const FIRST_MEMORY: u32 = 0x0800_0000;
 /// read and a write that nothing comes between. ARMv7-M reference manual, B3.1.
 const BIT_BAND_SRAM: u32 = 0x2200_0000;
 const BIT_BAND_PERIPHERALS: u32 = 0x4200_0000;
+/// Peripherals whose waits no manual tells: both USB controllers, camera, cryptography. RM0090 table 1.
+const USB_HIGH_SPEED: u32 = 0x4004_0000;
+const USB_FULL_SPEED: u32 = 0x5000_0000;
 
 impl Region {
     /// The region of an address.
@@ -35,12 +38,14 @@ impl Region {
             FIRST_MEMORY..0x0820_0000 => Self::Flash,
             0x1000_0000..0x1001_0000 => Self::Ccm,
             BIT_BAND_SRAM..0x2400_0000
+            | USB_HIGH_SPEED..BIT_BAND_PERIPHERALS
             | BIT_BAND_PERIPHERALS..0x4400_0000
+            | USB_FULL_SPEED..0x6000_0000
             | 0x6000_0000..0xe000_0000 => Self::Uncosted,
             0x2000_0000..0x4000_0000 => Self::Sram,
             0x4000_0000..0x4001_0000 => Self::Apb1,
             0x4001_0000..0x4002_0000 => Self::Apb2,
-            0x4002_0000..0x6000_0000 => Self::Ahb,
+            0x4002_0000..USB_FULL_SPEED => Self::Ahb,
             0xe000_0000..0xe010_0000 => Self::Private,
             _ => Self::Unknown,
         }

@@ -1,34 +1,61 @@
 //! Loops that wait: a bound that is stated for one is believed by nobody.
 //!
 //! A loop whose number of runs the source states must make progress by itself. One that reads a
-//! peripheral needs an end that depends on a counter; and one that does nothing but read memory at
-//! the same place, and look at it, waits for whoever writes there.
+//! peripheral, by itself or in what it calls, needs an end that depends on a counter; and one whose
+//! ends depend on nothing but memory that it does not write waits for whoever writes there.
+
+mod looks;
 
 use std::collections::BTreeSet;
 
-use crate::{Block, Flaw, Function, Image, Instruction, Loop, Operation, Region, Rule};
+use crate::{
+    Block, Count, Flaw, Function, Image, Instruction, Loop, Operation, Region, Rule,
+    wcet::Functions,
+};
 
-/// The loops of a function with a stated bound that wait.
-pub(crate) fn flaws(image: &Image, function: &Function) -> Vec<Flaw> {
-    let stated = function.loops.iter().filter(|one| {
-        let bound = one.bound.as_ref().map(|bound| &bound.origin);
-        let total = one.total.as_ref().map(|total| &total.origin);
-        { bound.into_iter().chain(total) }.any(|origin| origin.contains(".rs:"))
+/// The loops with a stated bound that wait, of those of a function that begin in some of its blocks.
+pub(crate) fn flaws(
+    image: &Image,
+    functions: &Functions,
+    function: &Function,
+    is_wanted: impl Fn(usize) -> bool,
+) -> Vec<Flaw> {
+    let looking = function.loops.iter().filter(|one| {
+        is_wanted(one.head) && stated(one).next().is_some() && looks(functions, function, one)
     });
-    let waiting = stated.filter(|one| waits(function, one));
-    let flaws = waiting.map(|one| {
+    let flaws = looking.filter_map(|one| {
         let head = function.blocks[one.head].start();
         let read = { own_instructions(function, one) }
             .find(|it| is_peripheral(function, it))
             .map_or(head, |it| it.address);
-        Flaw::new(
-            Rule::Wait,
-            "a bound is stated for a loop that waits: what it reads decides how often it runs",
+        let (rule, what) = if has_counted_end(function, one) {
+            let counted = one.counted?;
+            let is_less = |count: &Count| matches!(count, Count::Number(it) if *it < counted);
+            let (_, origin) = stated(one).find(|(count, _)| is_less(count))?;
+            let what = format!("a loop that waits may run {counted} times, in spite of {origin}");
+            (Rule::WrongBound, what)
+        } else {
+            let what =
+                "a bound is stated for a loop that waits: what it reads decides how often it runs";
+            (Rule::Wait, what.to_owned())
+        };
+        Some(Flaw::new(
+            rule,
+            what,
             image.place(read),
             "Let a task be released when it is ready; or count the runs, and end at a constant.",
-        )
+        ))
     });
     flaws.collect()
+}
+
+/// What the source says of how often a loop runs, and where.
+fn stated(one: &Loop) -> impl Iterator<Item = (&Count, &String)> {
+    let bound = one.bound.iter().map(|bound| (&bound.count, &bound.origin));
+    let total = one.total.iter().map(|total| (&total.count, &total.origin));
+    bound
+        .chain(total)
+        .filter(|(_, origin)| origin.contains(".rs:"))
 }
 
 fn own_instructions<'a>(
@@ -50,44 +77,45 @@ fn is_peripheral(function: &Function, instruction: &Instruction) -> bool {
         )
 }
 
-fn waits(function: &Function, one: &Loop) -> bool {
-    let is_read = own_instructions(function, one).any(|it| is_peripheral(function, it));
-    (is_read || only_looks(function, one)) && !has_counted_end(function, one)
+/// Whether a loop, or what it calls, looks at what others write.
+fn looks(functions: &Functions, function: &Function, one: &Loop) -> bool {
+    let called = called(functions, function, one);
+    let mut instructions = called.iter().flat_map(|function| {
+        let blocks = function.blocks.iter().flat_map(|it| &it.instructions);
+        blocks.map(move |it| (function, it))
+    });
+    let is_read = instructions.any(|(function, it)| is_peripheral(function, it));
+    is_read || looks_elsewhere(function, one) || looks::at_memory(function, one, &called)
 }
 
-/// Whether nothing in a loop changes but what is loaded from the same place each time.
-fn only_looks(function: &Function, one: &Loop) -> bool {
-    let mut loaded = 0_u16;
-    let mut bases = 0_u16;
-    for instruction in own_instructions(function, one) {
-        match instruction.operation {
-            Operation::Load {
-                writes,
-                writeback: None,
-                address,
-                ..
-            } => {
-                loaded |= writes;
-                bases |= match address {
-                    crate::Address::Absolute(_) => 0,
-                    crate::Address::Offset { base, .. } => 1 << base,
-                    crate::Address::Indexed { base, index, .. } => 1 << base | 1 << index,
-                };
-            }
-            // What is loaded is masked or shifted in its register.
-            Operation::Plain { writes } if writes & !loaded == 0 => {}
-            Operation::Constant { .. }
-            | Operation::Compare { .. }
-            | Operation::CompareRegisters { .. }
-            | Operation::Jump(_)
-            | Operation::JumpOnZero { .. }
-            | Operation::IfThen(_)
-            | Operation::Barrier
-            | Operation::Nothing => {}
-            _ => return false,
+/// Whether a loop by itself, without what it calls, reads a peripheral, or what others write to memory.
+pub(crate) fn looks_elsewhere(function: &Function, one: &Loop) -> bool {
+    let mut blocks = one.blocks.iter().map(|block| &function.blocks[*block]);
+    let has_calls = blocks.any(|block| block.call.is_some());
+    own_instructions(function, one).any(|it| is_peripheral(function, it))
+        || !has_calls && looks::at_memory(function, one, &[])
+}
+
+/// The functions that are called in a loop, directly or not.
+fn called<'a>(functions: &'a Functions, function: &Function, one: &Loop) -> Vec<&'a Function> {
+    let mut reached = BTreeSet::new();
+    let mut found = Vec::new();
+    let own = one.blocks.iter().map(|block| &function.blocks[*block]);
+    let mut work: Vec<u32> = own.filter_map(returning_call).collect();
+    while let Some(address) = work.pop() {
+        if let Some(function) = functions.get(&address)
+            && reached.insert(address)
+        {
+            found.push(function);
+            work.extend(function.blocks.iter().filter_map(returning_call));
         }
     }
-    loaded & bases == 0
+    found
+}
+
+/// What a block calls that comes back.
+fn returning_call(block: &Block) -> Option<u32> {
+    block.call.filter(|_| !block.traps)
 }
 
 /// Whether an end of a loop depends on a counter: a register that changes by a constant in each run
@@ -138,7 +166,7 @@ fn looks_at(block: &Block, counters: &BTreeSet<u8>) -> bool {
 }
 
 /// Whether no run of a loop leaves a block out.
-fn is_on_each_way(function: &Function, one: &Loop, wanted: usize) -> bool {
+pub(crate) fn is_on_each_way(function: &Function, one: &Loop, wanted: usize) -> bool {
     if wanted == one.head {
         return true;
     }

@@ -221,8 +221,10 @@ fn miscellaneous(pc: u32, code: u32, to: u8) -> Option<Decoded> {
             let list = bits(code, 0, 8) | bits(code, 8, 1) << 14;
             return push(list as u16);
         }
-        6 if code & 0xffe8 == 0xb660 => Operation::Interrupts {
+        6 if code & 0xffec == 0xb660 && bits(code, 0, 2) != 0 => Operation::Interrupts {
             off: bits(code, 4, 1) == 1,
+            primask: bits(code, 1, 1) == 1,
+            faultmask: bits(code, 0, 1) == 1,
         },
         12 | 13 => {
             let list = bits(code, 0, 8) | bits(code, 8, 1) << 15;

@@ -17,6 +17,8 @@ fn operation(first: u16, second: u16) -> Operation {
 fn encodings_that_the_processor_lacks_are_unknown() {
     let unknown = [
         (0xb600, 0),      // no CPS
+        (0xb670, 0),      // CPSID of no mask
+        (0xb674, 0),      // CPSID A, not on Armv7-M
         (0xb680, 0),      // no endianness change on Armv7-M
         (0xba80, 0),      // HLT, Armv8-M
         (0xbf50, 0),      // an unallocated hint
@@ -58,6 +60,22 @@ fn branches_go_where_the_manual_says() {
         entry_bytes: 2,
     };
     assert_eq!(operation(0xe8df, 0xf012), table);
+}
+
+#[test]
+fn interrupts_are_switched_by_the_masks_that_are_named() {
+    let masks = |code| match operation(code, 0) {
+        Operation::Interrupts {
+            off,
+            primask,
+            faultmask,
+        } => (off, primask, faultmask),
+        other => panic!("{other:?}"),
+    };
+    assert_eq!(masks(0xb672), (true, true, false)); // cpsid i
+    assert_eq!(masks(0xb662), (false, true, false)); // cpsie i
+    assert_eq!(masks(0xb671), (true, false, true)); // cpsid f
+    assert_eq!(masks(0xb663), (false, true, true)); // cpsie if
 }
 
 #[test]

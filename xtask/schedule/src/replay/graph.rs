@@ -111,13 +111,15 @@ impl Graph {
             first_node += function.blocks.len();
         }
         for (task, root) in plan.roots.iter().enumerate() {
-            let site = graph.find(root.handler).ok_or_else(|| {
-                format!(
-                    "the handler of {} is not in an analysed function",
-                    root.name
-                )
-            })?;
-            graph.sites[site].handler = Some(task);
+            for entry in root.callers.iter().chain([&root.handler]) {
+                let site = graph.find(*entry).ok_or_else(|| {
+                    format!(
+                        "the handler of {} is not in an analysed function",
+                        root.name
+                    )
+                })?;
+                graph.sites[site].handler = Some(task);
+            }
         }
         for (address, most) in &plan.limited {
             if let Some(site) = graph.find(*address) {

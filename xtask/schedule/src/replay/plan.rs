@@ -25,8 +25,10 @@ pub struct Kind {
 pub struct Root {
     /// Its name.
     pub name: String,
-    /// The address of its handler.
+    /// The address of its handler, ...
     pub handler: u32,
+    /// ... and of those of other vectors, which call that one.
+    pub callers: Vec<u32>,
     /// The functions that it can reach.
     pub reach: BTreeSet<u32>,
     /// Its kinds of runs, at least one.
@@ -88,17 +90,20 @@ impl Plan {
         Ok(plan)
     }
 
-    /// Follows tasks of a program: name, handler and kinds of runs of each.
+    /// Follows tasks of a program: name, entries, of which the handler is the last, and kinds of runs of each.
     pub fn new(
         program: &Program<'_>,
-        tasks: impl IntoIterator<Item = (String, u32, Vec<Kind>)>,
+        tasks: impl IntoIterator<Item = (String, Vec<u32>, Vec<Kind>)>,
         named: BTreeMap<String, u64>,
         model: Model,
     ) -> Self {
-        let roots = tasks.into_iter().map(|(name, handler, kinds)| Root {
+        let roots = tasks.into_iter().map(|(name, mut callers, kinds)| Root {
             name,
-            handler,
-            reach: program.reach(handler),
+            reach: { callers.iter() }
+                .flat_map(|entry| program.reach(*entry))
+                .collect(),
+            handler: callers.pop().unwrap_or_default(),
+            callers,
             kinds,
         });
         let roots: Vec<Root> = roots.collect();
@@ -123,18 +128,16 @@ impl Plan {
 }
 
 /// The tasks to be followed, as [`Plan::new`] wants them.
-fn tasks(system: &System<'_>) -> Vec<(String, u32, Vec<Kind>)> {
-    let mut tasks: Vec<(String, u32, Vec<Kind>)> = Vec::new();
+fn tasks(system: &System<'_>) -> Vec<(String, Vec<u32>, Vec<Kind>)> {
+    let mut tasks: Vec<(String, Vec<u32>, Vec<Kind>)> = Vec::new();
     for row in system.rows.iter().filter(|row| row.times.is_some()) {
         let kind = Kind {
             name: row.name.clone(),
             excluded: row.excluded.clone(),
         };
-        // Of its vectors the emulator uses the task's own, not those that call that one.
-        let own = system.image.symbol(&row.task.vector).unwrap_or(row.root);
         match tasks.last_mut() {
-            Some((_, handler, kinds)) if *handler == own => kinds.push(kind),
-            _ => tasks.push((row.task.name.clone(), own, vec![kind])),
+            Some((_, entries, kinds)) if *entries == row.entries() => kinds.push(kind),
+            _ => tasks.push((row.task.name.clone(), row.entries().to_vec(), vec![kind])),
         }
     }
     if let Some(handler) = system.image.symbol(STAND_IN) {
@@ -142,7 +145,7 @@ fn tasks(system: &System<'_>) -> Vec<(String, u32, Vec<Kind>)> {
             name: STAND_IN.to_owned(),
             excluded: BTreeSet::new(),
         };
-        tasks.push((STAND_IN.to_owned(), handler, vec![kind]));
+        tasks.push((STAND_IN.to_owned(), vec![handler], vec![kind]));
     }
     tasks
 }

@@ -55,6 +55,7 @@ fn function(address: u32, blocks: Vec<Block>) -> Function {
         blocks,
         regions: BTreeMap::new(),
         specials: BTreeMap::new(),
+        addresses: BTreeMap::new(),
         saved: BTreeMap::new(),
         stores: Vec::new(),
         loops: Vec::new(),
@@ -89,6 +90,7 @@ fn looping() -> Function {
             count: Count::Named("turns".into()),
             origin: "a.rs:7".into(),
         }),
+        counted: None,
         total: Some(Total {
             count: Count::Number(3),
             origin: "a.rs:8".into(),
@@ -143,6 +145,7 @@ fn checker_with(turns: u64, other: Function) -> Checker {
     let root = |name: &str, handler, reach: &[u32]| Root {
         name: name.into(),
         handler,
+        callers: Vec::new(),
         reach: reach.iter().copied().collect(),
         kinds: vec![Kind {
             name: name.into(),
@@ -284,6 +287,31 @@ fn an_access_to_another_region_is_told() {
         what.contains("predicted to access Sram and accesses Apb1"),
         "{what}"
     );
+}
+
+#[test]
+fn a_word_that_is_at_no_multiple_of_four_is_told() {
+    for (address, words) in [(0x2000_0004, 0), (0x2000_0006, 1)] {
+        let mut checker = checker(2);
+        let number = checker.site(HANDLER + 10, || None);
+        run(&mut checker, &activation(0)[..8]);
+        checker.execute(number);
+        checker.touch(number, address);
+        let violations = checker.summary(|_| Vec::new()).violations;
+        let mut told = violations.iter();
+        assert_eq!(violations.len(), words);
+        assert!(told.all(|it| it.what.contains("no multiple of its length")));
+    }
+}
+
+#[test]
+fn a_run_begins_where_another_vector_calls_the_handler() {
+    let mut checker = checker(2);
+    let number = checker.site(CALLEE, || None);
+    checker.graph.sites[number].handler = Some(1);
+    let addresses = [&IDLING[..], &[CALLEE, CALLEE + 2], &IDLING].concat();
+    let runs = run(&mut checker, &addresses).tasks[1].activations;
+    assert_eq!(runs, 1);
 }
 
 #[test]

@@ -187,6 +187,7 @@ start:
     cpsid i
     cpsie i
     cpsid f
+    cpsie if
     mrs r0, basepri
     mrs r0, primask
     msr basepri, r0

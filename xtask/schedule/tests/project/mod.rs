@@ -130,13 +130,13 @@ impl Project {
     }
 }
 
-/// The flaw of this rule at one of these lines of the application, with something to do about it.
-pub(crate) fn assert_caught(
+/// The flaws of this rule at some lines of the application.
+pub(crate) fn told_at(
     flaws: &[Flaw],
     rule: Rule,
     lines: std::ops::RangeInclusive<usize>,
-) -> &Flaw {
-    let is_there = |flaw: &&Flaw| {
+) -> impl Iterator<Item = &Flaw> {
+    let is_there = move |flaw: &&Flaw| {
         let mut frames = flaw.place.frames.iter();
         frames.any(|frame| {
             let line = frame.split_once("(src/app.rs:").and_then(|(_, rest)| {
@@ -146,7 +146,18 @@ pub(crate) fn assert_caught(
             line.is_some_and(|line: usize| lines.contains(&line))
         })
     };
-    let found = flaws.iter().filter(|flaw| flaw.rule == rule).find(is_there);
+    { flaws.iter() }
+        .filter(move |flaw| flaw.rule == rule)
+        .filter(is_there)
+}
+
+/// The flaw of this rule at one of these lines of the application, with something to do about it.
+pub(crate) fn assert_caught(
+    flaws: &[Flaw],
+    rule: Rule,
+    lines: std::ops::RangeInclusive<usize>,
+) -> &Flaw {
+    let found = told_at(flaws, rule, lines.clone()).next();
     let flaw = found.unwrap_or_else(|| panic!("no {rule:?} at lines {lines:?} in {flaws:#?}"));
     assert!(!flaw.what.is_empty() && !flaw.remedy.is_empty(), "{flaw:?}");
     flaw

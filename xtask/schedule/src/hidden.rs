@@ -1,0 +1,75 @@
+//! Code that no graph has: behind a jump to what is computed, or without a symbol.
+//!
+//! Nothing is known of when it runs. So it must not hold interrupts back, nor write what the proof rests on in the
+//! processor: each instruction of the image that does must be one of a function that was analysed, and so must
+//! be what the decoder does not know.
+
+use std::collections::BTreeSet;
+
+use crate::{
+    Config, Decoder, Flaw, Image, Operation, Program, Rule,
+    graph::{BASEPRI, BASEPRI_MAX, CONTROL, FAULTMASK, MAIN_STACK, PRIMASK, PROCESS_STACK},
+};
+
+/// All such instructions.
+pub(crate) fn flaws(program: &Program<'_>, config: &Config) -> Vec<Flaw> {
+    let image = program.image;
+    let functions = program.functions().values();
+    let blocks = functions.flat_map(|function| &function.blocks);
+    let known: BTreeSet<u32> = blocks
+        .flat_map(|block| &block.instructions)
+        .map(|instruction| instruction.address)
+        .collect();
+    let suspects = image.code_ranges().into_iter().flat_map(|range| {
+        let suspects = suspects(image, range);
+        suspects.into_iter().filter(|(at, _)| !known.contains(at))
+    });
+    let counted = suspects.filter(|(at, _)| config.exemption(&image.name(*at)).is_none());
+    let flaws = counted.map(|(at, what)| {
+        Flaw::new(
+            Rule::UnknownInstruction,
+            format!("{what}, where the analysis finds no way to"),
+            image.place(at),
+            "Call functions by name, and give assembly a symbol with a type: `.type NAME, %function`.",
+        )
+    });
+    flaws.collect()
+}
+
+/// What holds interrupts back, writes a stack pointer or is not known, in a range of code.
+fn suspects(image: &Image, range: std::ops::Range<u32>) -> Vec<(u32, String)> {
+    let mut found = Vec::new();
+    let mut decoder = Decoder::new();
+    let mut address = range.start;
+    while address < range.end
+        && let Some(code) = image.code(address)
+    {
+        match decoder.decode(address, code) {
+            Ok(instruction) => {
+                if is_suspect(instruction.operation) {
+                    found.push((
+                        address,
+                        "interrupts are held back, or a stack changed".to_owned(),
+                    ));
+                }
+                address = instruction.end();
+            }
+            Err(unknown) => {
+                found.push((address, unknown.to_string()));
+                address += u32::from(crate::decode::size(code[0]));
+            }
+        }
+    }
+    found
+}
+
+const fn is_suspect(operation: Operation) -> bool {
+    match operation {
+        Operation::Interrupts { off, .. } => off,
+        Operation::WriteSpecial { register, .. } => matches!(
+            register,
+            BASEPRI | BASEPRI_MAX | PRIMASK | FAULTMASK | CONTROL | MAIN_STACK | PROCESS_STACK
+        ),
+        _ => false,
+    }
+}

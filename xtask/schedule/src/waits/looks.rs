@@ -1,0 +1,204 @@
+//! Loops that do nothing but look at memory, whatever they do besides.
+//!
+//! What decides of each end of a loop is followed back through the registers that it is computed from. If all of
+//! that is loaded from places that the loop does not write, and nothing of it counts, then others end the loop.
+
+use crate::{Address, Function, Instruction, Loop, Operation, Region};
+
+/// The register with the result of a call, and those with what it is called with.
+const RESULT: u16 = 1;
+const ARGUMENTS: u16 = 0xf;
+const STACK_POINTER: u8 = 13;
+
+/// What a loop looks at: the instructions that load what decides, and whether a call gives it.
+struct Looks<'a> {
+    loads: Vec<&'a Instruction>,
+    is_called: bool,
+}
+
+/// Whether the ends of a loop depend on memory alone that neither the loop nor what it calls writes.
+pub(super) fn at_memory(function: &Function, one: &Loop, called: &[&Function]) -> bool {
+    let Some(Looks { loads, is_called }) = looks(function, one) else {
+        return false;
+    };
+    let blocks = one.blocks.iter().map(|block| &function.blocks[*block]);
+    let own = blocks.map(|block| (function, block));
+    let called = { called.iter() }
+        .flat_map(|function| function.blocks.iter().map(move |block| (*function, block)));
+    let all = own.chain(called).flat_map(|(function, block)| {
+        let instructions = block.instructions.iter();
+        instructions.map(move |it| (function, it))
+    });
+    let mut stores = all.filter(|(_, it)| is_store(&it.operation));
+    (is_called || !loads.is_empty())
+        && stores.all(|(from, store)| {
+            let mut loads = loads.iter();
+            !is_called && loads.all(|load| are_apart(function, load, from, store))
+        })
+}
+
+/// What decides of the ends of a loop, followed back through registers; `None` if that is more than what is loaded.
+fn looks<'a>(function: &'a Function, one: &Loop) -> Option<Looks<'a>> {
+    let blocks = || one.blocks.iter().map(|block| &function.blocks[*block]);
+    let all: Vec<&Instruction> = blocks().flat_map(|block| &block.instructions).collect();
+    let leaving = blocks().filter(|block| {
+        let mut edges = block.successors.iter();
+        edges.any(|edge| !one.blocks.contains(&edge.to))
+    });
+    let mut found = Looks {
+        loads: Vec::new(),
+        is_called: false,
+    };
+    let mut deciding = 0;
+    for block in leaving {
+        let (before, registers) = test(&block.instructions)?;
+        deciding |= found.within(before, registers)?;
+    }
+    // Whatever writes a register in the loop may have written what it holds where a block begins.
+    loop {
+        let before = deciding;
+        for instruction in &all {
+            if instruction.operation.writes() & deciding != 0 {
+                deciding |= found.followed(instruction)?;
+            }
+        }
+        if deciding == before {
+            return Some(found);
+        }
+    }
+}
+
+impl<'a> Looks<'a> {
+    /// Follows registers back to the beginning of a block: those that they are computed from.
+    fn within(&mut self, instructions: &'a [Instruction], registers: u16) -> Option<u16> {
+        let mut deciding = registers;
+        for instruction in instructions.iter().rev() {
+            let written = instruction.operation.writes() & deciding;
+            if written == 0 {
+                continue;
+            }
+            let from = self.followed(instruction)?;
+            let is_kept = instruction.is_conditional()
+                || matches!(instruction.operation, Operation::Plain { .. });
+            deciding = if is_kept {
+                deciding
+            } else {
+                deciding & !written
+            } | from;
+        }
+        Some(deciding)
+    }
+
+    /// The registers that what an instruction writes is computed from; `None` if it may count.
+    fn followed(&mut self, instruction: &'a Instruction) -> Option<u16> {
+        match instruction.operation {
+            Operation::Load {
+                address,
+                writeback: None,
+                ..
+            } if !is_in_frame(address) => {
+                self.loads.push(instruction);
+                Some(in_address(address))
+            }
+            Operation::Constant { .. } | Operation::ConstantTop { .. } => Some(0),
+            Operation::Copy { from, .. } => Some(1 << from),
+            // What is masked or shifted in its own register was loaded before.
+            Operation::Plain { writes } => Some(writes),
+            Operation::Call(_) => {
+                self.is_called = true;
+                Some(ARGUMENTS)
+            }
+            _ => None,
+        }
+    }
+}
+
+const fn is_in_frame(address: Address) -> bool {
+    matches!(
+        address,
+        Address::Offset {
+            base: STACK_POINTER,
+            ..
+        }
+    )
+}
+
+/// The instructions before the test that the branch at the end of a block depends on, and the registers that it
+/// tests; `None` if these are not known.
+fn test(instructions: &[Instruction]) -> Option<(&[Instruction], u16)> {
+    let (last, before) = instructions.split_last()?;
+    if let Operation::JumpOnZero { register, .. } = last.operation {
+        return Some((before, 1 << register));
+    }
+    let at = before.iter().rposition(|it| it.sets_flags)?;
+    let registers = match before[at].operation {
+        Operation::Compare { left, .. } => 1 << left,
+        Operation::CompareRegisters { left, right } => 1 << left | 1 << right,
+        // A test of bits: of what was loaded just before.
+        Operation::Plain { writes: 0 } => {
+            let mut values = before[..at].iter().rev();
+            values.find_map(|it| match it.operation {
+                Operation::Load { writes, .. } => Some(writes),
+                Operation::Call(_) => Some(RESULT),
+                _ => None,
+            })?
+        }
+        Operation::Plain { writes } => writes,
+        _ => return None,
+    };
+    Some((&before[..at], registers))
+}
+
+const fn in_address(address: Address) -> u16 {
+    match address {
+        Address::Absolute(_) => 0,
+        Address::Offset { base, .. } => 1 << base,
+        Address::Indexed { base, index, .. } => 1 << base | 1 << index,
+    }
+}
+
+/// Whether an instruction writes to memory that is not the function's own frame.
+const fn is_store(operation: &Operation) -> bool {
+    let address = match *operation {
+        Operation::Store { address, .. }
+        | Operation::FloatStore { address, .. }
+        | Operation::StoreExclusive { address, .. } => address,
+        _ => return false,
+    };
+    !matches!(
+        address,
+        Address::Offset {
+            base: STACK_POINTER,
+            ..
+        }
+    )
+}
+
+/// Whether what an instruction loads is not what another stores.
+fn are_apart(
+    function: &Function,
+    load: &Instruction,
+    from: &Function,
+    store: &Instruction,
+) -> bool {
+    let addresses = (
+        function.addresses.get(&load.address),
+        from.addresses.get(&store.address),
+    );
+    if let (Some(one), Some(other)) = addresses {
+        const MOST_BYTES: u32 = 64;
+        return one.abs_diff(*other) >= MOST_BYTES
+            || one != other && words(load) == 1 && words(store) == 1 && one / 4 != other / 4;
+    }
+    let region = |function: &Function, at| function.regions.get(&at).copied();
+    let regions = (region(function, load.address), region(from, store.address));
+    matches!(regions, (Some(one), Some(other)) if one != other && one != Region::Unknown && other != Region::Unknown)
+}
+
+const fn words(instruction: &Instruction) -> u8 {
+    match instruction.operation {
+        Operation::Load { words, .. } | Operation::Store { words, .. } => words,
+        Operation::StoreExclusive { .. } => 1,
+        _ => u8::MAX,
+    }
+}
