@@ -22,6 +22,14 @@ pub fn firmware(board: &Board) -> Result<PathBuf> {
     Ok(elf)
 }
 
+/// The same with the stand-ins for what the emulator lacks, of a board that QEMU does not emulate: for nothing
+/// but the emulator.
+pub fn in_emulator(board: &Board) -> Result<PathBuf> {
+    let elf = place(board, "-emulated");
+    replace(&elf, &image(&board.clone().in_emulator()?, &[])?)?;
+    Ok(elf)
+}
+
 /// Has Cargo build a firmware, and returns the ELF file's contents.
 pub fn image(board: &Board, options: &[&str]) -> Result<Vec<u8>> {
     cargo::need_target()?;

@@ -49,6 +49,22 @@ impl Board {
     }
 }
 
+impl Board {
+    /// The board as it is in the emulator: with the stand-ins for what the emulator lacks, in the machine of
+    /// the board that QEMU emulates. Boards whose motors are driven by phases have none.
+    pub fn in_emulator(mut self) -> Result<Self> {
+        let (_, machine) = emulated()?;
+        if self.has_phases() {
+            bail!(
+                "the emulator records steps and directions: {} has phases instead",
+                self.name
+            );
+        }
+        self.0.qemu = Some(machine);
+        Ok(self)
+    }
+}
+
 /// Every board.
 pub fn all() -> Result<Vec<Board>> {
     let boards = board_data::Board::all(cargo::root())?;

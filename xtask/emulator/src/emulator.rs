@@ -28,6 +28,8 @@ const WORDS: usize = 17;
 /// Where it finds which contacts are closed: by hand, then where six limit switches close at their
 /// lower and upper ends, then the plate for the probe.
 const CONTACTS: &str = "CONTACTS";
+/// The USART of the sender where the board is the one that QEMU emulates.
+pub const FIRST_USART: u8 = 1;
 /// QEMU's socket for debuggers.
 const DEBUGGER: &str = "debugger";
 /// Emulators that this program has started.
@@ -64,11 +66,11 @@ pub struct Pins {
 impl Emulator {
     /// Boots a firmware.
     pub fn start(elf: &Path, machine: &str) -> Result<Self> {
-        Self::start_with(elf, machine, &[])
+        Self::start_with(elf, machine, FIRST_USART, &[])
     }
 
-    /// Boots a firmware, with more options for QEMU.
-    pub fn start_with(elf: &Path, machine: &str, options: &[&str]) -> Result<Self> {
+    /// Boots a firmware whose sender is on a USART, with more options for QEMU.
+    pub fn start_with(elf: &Path, machine: &str, usart: u8, options: &[&str]) -> Result<Self> {
         let (figures, contacts) = (symbol(elf, FIGURES)?, symbol(elf, CONTACTS)?);
         let number = STARTED.fetch_add(1, Ordering::Relaxed);
         let folder = env::temp_dir().join(format!("leadscrew-{}-{number}", process::id()));
@@ -84,6 +86,8 @@ impl Emulator {
         let mut qemu = Command::new("qemu-system-arm")
             .args(["-M", machine, "-nographic", "-monitor", "none"])
             .args(["-qmp", &socket(&control)])
+            // QEMU gives each USART the next serial line.
+            .args((FIRST_USART..usart).flat_map(|_| ["-serial", "null"]))
             .args(["-serial", &socket(&serial), "-gdb", &debugger])
             .args(options)
             .arg("-kernel")

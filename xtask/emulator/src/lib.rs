@@ -14,5 +14,5 @@ pub mod semihosting;
 mod serial;
 
 pub use debugger::Debugger;
-pub use emulator::{Emulator, Pins, symbol};
+pub use emulator::{Emulator, FIRST_USART, Pins, symbol};
 pub use patience::Patience;

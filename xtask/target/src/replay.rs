@@ -8,7 +8,7 @@ mod workload;
 
 use std::{path::PathBuf, process::ExitCode};
 
-use anyhow::Result;
+use anyhow::{Context, Result};
 use common::{cargo, tools, ui};
 
 use self::driver::Driver;
@@ -34,27 +34,27 @@ pub(crate) struct Options {
 
 pub(crate) fn run(options: &Options) -> Result<ExitCode> {
     cargo::need_qemu()?;
-    let (emulated, machine) = boards::emulated()?;
-    anyhow::ensure!(
-        options.board == emulated.name,
-        "QEMU does not emulate {}, only {}",
-        options.board,
-        emulated.name
-    );
+    let board = boards::named(&options.board)?;
+    let wiring = board.wiring(cargo::axes().into());
+    let usart = wiring
+        .context("the board has no pins for so many axes")?
+        .serial
+        .usart;
+    let (_, machine) = boards::emulated()?;
     let elf = firmware::as_if_proven(&options.elf, options.step_rate)?;
     let plugin = tools::plugin()?;
     let load = [
         plugin.to_string_lossy().replace(',', ",,"),
         argument("elf", &elf.to_string_lossy()),
         argument("root", &cargo::root().to_string_lossy()),
-        argument("board", &options.board),
-        argument("clock", &emulated.chip.clocks.to_string()),
+        argument("board", &board.name),
+        argument("clock", &board.chip.clocks.to_string()),
         argument("axes", &cargo::axes().to_string()),
         argument("rate", &options.step_rate.to_string()),
         argument("baud", &options.baud.to_string()),
         argument("out", &options.out.to_string_lossy()),
     ];
-    let mut driver = Driver::boot(&elf, &machine, &["-plugin", &load.join(",")])?;
+    let mut driver = Driver::boot(&elf, &machine, usart, &["-plugin", &load.join(",")])?;
     ui::status(
         "Replaying",
         "the firmware in QEMU, every instruction followed",

@@ -9,7 +9,7 @@ use std::{
 
 use anyhow::{Context, Result, ensure};
 use common::{cargo, check::Verdict, ui};
-use emulator::{Debugger, Emulator, symbol};
+use emulator::{Debugger, Emulator, FIRST_USART, symbol};
 use host::{
     figures::Figures,
     settings::{self, Loaded},
@@ -138,7 +138,7 @@ impl Run<'_> {
     fn follow(&self, show: &mut dyn FnMut(&[Task])) -> Result<(Vec<Task>, Figures)> {
         let shift = format!("shift={}", Clock::SHIFT);
         let options = ["-icount", &shift];
-        let mut emulator = Emulator::start_with(self.elf, self.machine, &options)?;
+        let mut emulator = Emulator::start_with(self.elf, self.machine, FIRST_USART, &options)?;
         let debugger = emulator.debugger()?;
         let mut chip = Emulated(debugger);
         chip.go()?;

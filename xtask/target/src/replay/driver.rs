@@ -35,9 +35,9 @@ pub(super) struct Driver {
 }
 
 impl Driver {
-    /// Boots the firmware in a QEMU with these arguments.
-    pub(super) fn boot(elf: &Path, machine: &str, arguments: &[&str]) -> Result<Self> {
-        let mut emulator = Emulator::start_with(elf, machine, arguments)?;
+    /// Boots the firmware, whose sender is on a USART, in a QEMU with these arguments.
+    pub(super) fn boot(elf: &Path, machine: &str, usart: u8, arguments: &[&str]) -> Result<Self> {
+        let mut emulator = Emulator::start_with(elf, machine, usart, arguments)?;
         emulator.wait_for_welcome(PATIENCE)?;
         Ok(Self {
             progress: emulator.patience(PATIENCE),

@@ -135,7 +135,7 @@ fn run(options: &Options) -> Result<ExitCode> {
     for flaw in &report.flaws {
         eprintln!("{}", text::flaw(flaw));
     }
-    let is_confirmed = !options.replay || replay(&board, &elf, &report)?;
+    let is_confirmed = !options.replay || replay_on(&board, &elf, &report, options)?;
     Ok(if report.flaws.is_empty() && is_confirmed {
         ExitCode::SUCCESS
     } else {
@@ -202,13 +202,34 @@ fn config() -> Result<Config> {
     Config::parse(&text).map_err(Error::msg)
 }
 
+/// Follows the firmware of a board of which `report` was made. A board that QEMU does not emulate is built and
+/// analysed once more, with the stand-ins for what the emulator lacks, unless a program was given.
+fn replay_on(board: &Board, elf: &Path, report: &Report, options: &Options) -> Result<bool> {
+    if board.qemu.is_some() || options.elf.is_some() {
+        return replay(board, elf, report);
+    }
+    ui::status(
+        "Emulated",
+        &format!(
+            "{}: the firmware of its file with the emulator's stand-ins",
+            board.name
+        ),
+    );
+    let elf = compile::in_emulator(board)?;
+    let report = analyse(&elf, board, options)?;
+    for flaw in &report.flaws {
+        eprintln!("{}", text::flaw(flaw));
+    }
+    Ok(replay(board, &elf, &report)? && report.flaws.is_empty())
+}
+
 /// Follows a firmware of which `report` was made; whether nothing contradicts it.
 fn replay(board: &Board, elf: &Path, report: &Report) -> Result<bool> {
     let out = cargo::target_dir().join("replay.json");
     let _ = fs::remove_file(&out);
     let (rate, baud) = (report.step_rate_hz.to_string(), report.baud.to_string());
     let mut command = tools::command(tools::TARGET)?;
-    command.args(["replay", "--board", &board.name, "--step-rate", &rate]);
+    command.args(["replay", "--board", &board.argument(), "--step-rate", &rate]);
     command.args(["--baud", &baud, "--out"]).arg(&out).arg(elf);
     let played = command.status().context("cannot start the replay")?;
     let text = fs::read_to_string(&out).context("the plugin has left no report")?;
