@@ -65,8 +65,7 @@ pub(crate) fn find(
         let stated = source.and_then(Source::bound);
         // What ends it before its counter does is decided elsewhere: only the counter counts.
         let looks = waits::looks_elsewhere(function, one);
-        let total = source.and_then(|source| Some(source.stated(source.found.total.as_ref()?)));
-        let total = total.map(|(count, origin)| Bound { count, origin });
+        let total = source.and_then(Source::of_activation);
         if let Some(runs) = runs.filter(|runs| runs.is_exact || looks) {
             let stated = stated.iter().chain(&total);
             let wrong: Vec<Flaw> = stated
@@ -318,6 +317,11 @@ impl Source {
 
     fn bound(&self) -> Option<Bound> {
         let (count, origin) = self.stated(self.found.bound.as_ref()?);
+        Some(Bound { count, origin })
+    }
+
+    fn of_activation(&self) -> Option<Bound> {
+        let (count, origin) = self.stated(self.found.total.as_ref()?);
         Some(Bound { count, origin })
     }
 

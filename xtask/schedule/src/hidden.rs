@@ -44,6 +44,10 @@ fn suspects(image: &Image, range: std::ops::Range<u32>) -> Vec<(u32, String)> {
     while address < range.end
         && let Some(code) = image.code(address)
     {
+        if image.is_data(address) {
+            address += 2;
+            continue;
+        }
         match decoder.decode(address, code) {
             Ok(instruction) => {
                 if is_suspect(instruction.operation) {

@@ -94,6 +94,8 @@ pub struct Image {
     /// `$d` and `$t` marks: whether code begins there.
     marks: BTreeMap<u32, bool>,
     vectors: Vec<u32>,
+    /// Where the section of code is.
+    text: Range<u32>,
     lines: Lines,
 }
 
@@ -121,7 +123,12 @@ impl Image {
             .iter()
             .map(|&word| u32::from_le_bytes(word))
             .collect();
+        let text = file.section_by_name(".text").map_or(0..0, |section| {
+            let begin = section.address() as u32;
+            begin..begin.saturating_add(section.size() as u32)
+        });
         let mut image = Self {
+            text,
             segments,
             functions: BTreeMap::new(),
             symbols: HashMap::new(),
@@ -303,20 +310,19 @@ impl Image {
         mark.is_some_and(|(_, &is_code)| !is_code)
     }
 
-    /// The ranges of code, between the marks of data and the ends of what the file puts into memory.
+    /// The ranges of code: between the marks of data in the section of code, and functions outside of it.
     pub(crate) fn code_ranges(&self) -> Vec<Range<u32>> {
-        let mut marks = self.marks.iter().peekable();
+        let mut marks = self.marks.range(self.text.clone()).peekable();
         let mut ranges = Vec::new();
         while let Some((&start, &is_code)) = marks.next() {
-            let stored = self.segment(start).map(|segment| {
-                let bytes = segment.bytes.len() as u32;
-                segment.address.saturating_add(bytes)
-            });
-            if let (true, Some(end)) = (is_code, stored) {
-                let next = marks.peek().map_or(end, |next| *next.0);
-                ranges.push(start..next.min(end));
+            let end = marks.peek().map_or(self.text.end, |next| *next.0);
+            if is_code {
+                ranges.push(start..end);
             }
         }
+        let elsewhere = self.functions.values();
+        let elsewhere = elsewhere.filter(|it| !self.text.contains(&it.address));
+        ranges.extend(elsewhere.map(|extent| extent.address..extent.end()));
         ranges
     }
 

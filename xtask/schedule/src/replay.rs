@@ -388,12 +388,7 @@ impl Checker {
                 (root.handler, what)
             }
             Contradiction::Called(function) => {
-                let most = self
-                    .plan
-                    .limited
-                    .get(&function)
-                    .copied()
-                    .unwrap_or_default();
+                let most = self.plan.limited.get(&function).unwrap_or(&0);
                 let what = format!("a function is called more than {most} times in one activation");
                 (function, what)
             }

@@ -159,11 +159,11 @@ const fn in_address(address: Address) -> u16 {
 
 /// Whether an instruction writes to memory that is not the function's own frame.
 const fn is_store(operation: &Operation) -> bool {
-    let address = match *operation {
-        Operation::Store { address, .. }
-        | Operation::FloatStore { address, .. }
-        | Operation::StoreExclusive { address, .. } => address,
-        _ => return false,
+    let (Operation::Store { address, .. }
+    | Operation::FloatStore { address, .. }
+    | Operation::StoreExclusive { address, .. }) = *operation
+    else {
+        return false;
     };
     !matches!(
         address,
