@@ -207,12 +207,12 @@ type Wrong = (&'static str, &'static str, Rule, &'static str);
 /// Builds the fixture with calls of such functions, and expects each to be told at its own lines.
 fn each_is_caught(name: &str, mark: &str, wrong: &[Wrong], more: &str) {
     let project = or_skip!(Project::new(name));
-    let calls: String = wrong.iter().map(|it| format!("{}();\n", it.0)).collect();
+    let calls: Vec<String> = wrong.iter().map(|it| format!("{}();\n", it.0)).collect();
     let functions = wrong
         .iter()
         .map(|(name, code, ..)| format!("#[inline(never)]\n    fn {name}() {{\n{code}\n    }}\n"));
     let items: String = functions.chain([more.to_owned()]).collect();
-    let project = project.with(mark, &calls).with("items", &items);
+    let project = project.with(mark, &calls.concat()).with("items", &items);
     let flaws = project.flaws();
     for (name, code, rule, words) in wrong {
         let first = project.line(&format!("fn {name}()"));
@@ -336,87 +336,86 @@ fn what_the_proof_rests_on_in_the_processor_is_not_written() {
     each_is_caught("in-the-processor", "idle", &wrong, "");
 }
 
-#[test]
-fn a_task_with_a_deadline_waits_in_no_guise() {
-    let wrong: [Wrong; 11] = [
-        (
-            "never_ends",
-            "if device::has_byte() {
+/// Ways of a task to take longer than is told.
+const GUISES: [Wrong; 11] = [
+    (
+        "never_ends",
+        "if device::has_byte() {
                 hang();
             }",
-            Rule::UnboundedLoop,
-            "never returns",
-        ),
-        (
-            "counts_in_all",
-            "// wcet-total: 10
+        Rule::UnboundedLoop,
+        "never returns",
+    ),
+    (
+        "counts_in_all",
+        "// wcet-total: 10
             for _ in 0..1000 {
                 device::write_pins(device::byte().into());
             }",
-            Rule::WrongBound,
-            "runs 1",
-        ),
-        (
-            "sleeps",
-            "cortex_m::asm::wfe();",
-            Rule::ForbiddenInstruction,
-            "waits for an event",
-        ),
-        (
-            "calls_a_supervisor",
-            "// SAFETY: nobody answers.
+        Rule::WrongBound,
+        "runs 1",
+    ),
+    (
+        "sleeps",
+        "cortex_m::asm::wfe();",
+        Rule::ForbiddenInstruction,
+        "waits for an event",
+    ),
+    (
+        "calls_a_supervisor",
+        "// SAFETY: nobody answers.
             unsafe { core::arch::asm!(\"svc 0\") };",
-            Rule::ForbiddenInstruction,
-            "a supervisor call",
-        ),
-        (
-            "waits_while_it_works",
-            "let mut turns = 0_u32;
+        Rule::ForbiddenInstruction,
+        "a supervisor call",
+    ),
+    (
+        "waits_while_it_works",
+        "let mut turns = 0_u32;
             // wcet-bound: 2
             while BYTES[1].load(Relaxed) & 1 == 0 {
                 device::write_pins(turns);
                 turns = turns.wrapping_add(1);
             }",
-            Rule::Wait,
-            "a loop that waits",
-        ),
-        (
-            "waits_by_a_call",
-            "// wcet-bound: 1
+        Rule::Wait,
+        "a loop that waits",
+    ),
+    (
+        "waits_by_a_call",
+        "// wcet-bound: 1
             while !is_ready() {}",
-            Rule::Wait,
-            "a loop that waits",
-        ),
-        (
-            "waits_by_a_call_for_memory",
-            "// wcet-bound: 1
+        Rule::Wait,
+        "a loop that waits",
+    ),
+    (
+        "waits_by_a_call_for_memory",
+        "// wcet-bound: 1
             while !is_told() {}",
-            Rule::Wait,
-            "a loop that waits",
-        ),
-        (
-            "gives_up_late",
-            "// wcet-bound: 20
+        Rule::Wait,
+        "a loop that waits",
+    ),
+    (
+        "gives_up_late",
+        "// wcet-bound: 20
             for _ in 0..997 {
                 if is_ready() {
                     break;
                 }
             }",
-            Rule::WrongBound,
-            "that waits may run",
-        ),
-        (
-            "counts_far",
-            "// wcet-bound: 10
+        Rule::WrongBound,
+        "that waits may run",
+    ),
+    (
+        "counts_far",
+        "// wcet-bound: 10
             for _ in 0..20_000 {
                 next();
             }",
-            Rule::WrongBound,
-            "runs more than",
-        ),
-        (
-            "stores_for_ever",
-            "let mut failed: u32;
+        Rule::WrongBound,
+        "runs more than",
+    ),
+    (
+        "stores_for_ever",
+        "let mut failed: u32;
             // SAFETY: the store always fails: nothing was loaded.
             unsafe {
                 core::arch::asm!(
@@ -429,18 +428,20 @@ fn a_task_with_a_deadline_waits_in_no_guise() {
                 );
             }
             device::write_pins(failed);",
-            Rule::UnboundedLoop,
-            "a loop has no bound",
-        ),
-        (
-            "asks_usb",
-            "// SAFETY: a register of USB.
+        Rule::UnboundedLoop,
+        "a loop has no bound",
+    ),
+    (
+        "asks_usb",
+        "// SAFETY: a register of USB.
             device::write_pins(unsafe { (0x5000_0000 as *const u32).read_volatile() });",
-            Rule::UncostedAccess,
-            "USB",
-        ),
-    ];
-    let more = "#[inline(never)]
+        Rule::UncostedAccess,
+        "USB",
+    ),
+];
+
+/// What they call.
+const CALLED_IN_GUISES: &str = "#[inline(never)]
     fn is_ready() -> bool {
         device::has_byte()
     }
@@ -459,7 +460,10 @@ fn a_task_with_a_deadline_waits_in_no_guise() {
         BYTES[2].load(Relaxed) != 0
     }
 ";
-    each_is_caught("in-guises", "receive", &wrong, more);
+
+#[test]
+fn a_task_with_a_deadline_waits_in_no_guise() {
+    each_is_caught("in-guises", "receive", &GUISES, CALLED_IN_GUISES);
 }
 
 #[test]
