@@ -240,7 +240,7 @@ mod app {
             let read = |shared: &mut Snapshot| snapshot.copy_from(shared, segments, inputs);
             cx.shared.snapshot.lock(read);
             let run = |serial: &mut SerialSession| {
-                serial.run(&snapshot, requests, segments, entries, storage)
+                serial.run(&snapshot, requests, inputs, segments, entries, storage)
             };
             if cx.shared.serial.lock(run) == Progress::Waiting {
                 released(&mut cx.shared.interpret_waker).await;

@@ -20,6 +20,8 @@ pub const MOST_AXES: usize = AXES.len();
 const FEWEST_AXES: usize = 3;
 /// The feature of a firmware that drives motors by phases.
 pub const PHASES: &str = "phases";
+/// The feature of a firmware that knows second motors.
+const SECOND_MOTORS: &str = "second-motors";
 /// Bytes of a board's name: what the longest line of `M115` leaves.
 const MAX_TITLE_BYTES: usize = 40;
 
@@ -160,7 +162,9 @@ impl Board {
     pub fn features(&self) -> Vec<String> {
         let chip = format!("chip-{}", self.chip.hal);
         let phases = self.has_phases().then(|| PHASES.to_owned());
-        iter::once(chip).chain(phases).collect()
+        let has_second = self.wirings.iter().any(|wiring| !wiring.second.is_empty());
+        let second = has_second.then(|| SECOND_MOTORS.to_owned());
+        iter::once(chip).chain(phases).chain(second).collect()
     }
 }
 
@@ -309,7 +313,15 @@ fn wirings(
         let has_phases = functions.get("axes.X.phases").is_some();
         let step = if has_phases { "phases" } else { "step" };
         let step = format!("axes.{letter}.{step}");
-        if axes > FEWEST_AXES && functions.get(&step).is_none() {
+        let is_none = |entry: &Entry| entry.text().is_ok_and(|text| text == "none");
+        if axes > FEWEST_AXES && functions.get(&step).is_none_or(is_none) {
+            if functions.get(&step).is_some() {
+                // What another file says of this axis and those behind it, which this one is like, is void.
+                for (number, letter) in (1..).zip(AXES).skip(axes - 1) {
+                    functions.take_all(&format!("axes.{letter}."));
+                    entries.take_all(&format!("with_{number}_axes."));
+                }
+            }
             // No axis is left out silently: A without a step, or B without A.
             let mut behind = AXES[axes - 1..].iter();
             let place = behind.find_map(|letter| functions.place_of(&format!("axes.{letter}")));

@@ -28,7 +28,7 @@ pub use pin::{Pin, Pull, SignedPin};
 pub use rust::rust;
 pub use serial::SerialPins;
 pub use timer::PwmOutput;
-pub use wiring::{Input, Wiring};
+pub use wiring::{Input, SecondMotor, Wiring};
 
 /// Folder of the boards, from the project's root.
 pub const FOLDER: &str = "boards";

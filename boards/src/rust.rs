@@ -86,7 +86,16 @@ fn motors(wiring: &Wiring) -> String {
     let pins = |pins: &[Pin]| format!("[{}]", list(pins, |at| pin(*at)));
     if wiring.phases.is_empty() {
         let (step, direction) = (pins(&wiring.step), pins(&wiring.direction));
-        format!("MotorPins {{ step: {step}, direction: {direction} }}")
+        let second = list(&wiring.second, |motor| {
+            format!(
+                "super::wiring::SecondMotor {{ axis: {}, step: {}, direction: {}, is_reversed: {} }}",
+                motor.axis,
+                pin(motor.step),
+                pin(motor.direction.pin),
+                motor.direction.is_active_low
+            )
+        });
+        format!("MotorPins {{ step: {step}, direction: {direction}, second: &[{second}] }}")
     } else {
         let phases = list(&wiring.phases, |coils| pins(coils));
         format!("MotorPins {{ phases: [{phases}] }}")
@@ -196,6 +205,7 @@ fn input(function: Input, signed: SignedPin) -> String {
     let levels = match function {
         Input::Probe => "Levels::PROBE".into(),
         Input::Limit(axis) => format!("Levels::limits(1 << {axis})"),
+        Input::SecondLimit(axis) => format!("Levels::second_limits(1 << {axis})"),
         Input::Hold => "Levels::HOLD".into(),
         Input::Start => "Levels::START".into(),
         Input::Door => "Levels::DOOR".into(),

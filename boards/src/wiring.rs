@@ -13,6 +13,10 @@ use crate::{
 pub(crate) const AXES: [&str; 6] = ["X", "Y", "Z", "A", "B", "C"];
 /// Ports that one step event may write.
 const MOST_STEP_PORTS: usize = 6;
+/// Inputs that a machine may have: more would make the task that looks at them longer than it is proven to be.
+const MOST_INPUTS: usize = 11;
+/// Axes that may have a second motor: X, Y and Z.
+const GANGED_AXES: usize = 3;
 /// Coils of a motor that is driven by phases.
 pub(crate) const COILS: usize = 4;
 
@@ -23,6 +27,8 @@ pub enum Input {
     Probe,
     /// The limit switch of an axis, 0 = X.
     Limit(u8),
+    /// The limit switch of an axis at its second motor.
+    SecondLimit(u8),
     /// Feed hold button.
     Hold,
     /// Cycle start button.
@@ -44,7 +50,8 @@ impl Input {
             Self::Door,
             Self::Reset,
         ];
-        limits.chain(others).map(Self::key).collect()
+        let second = (0..GANGED_AXES as u8).map(Self::SecondLimit);
+        limits.chain(second).chain(others).map(Self::key).collect()
     }
 
     /// Returns the key of the input in a file.
@@ -52,12 +59,24 @@ impl Input {
         match self {
             Self::Probe => "inputs.probe".into(),
             Self::Limit(axis) => format!("axes.{}.limit", AXES[usize::from(axis)]),
+            Self::SecondLimit(axis) => format!("axes.{}2.limit", AXES[usize::from(axis)]),
             Self::Hold => "inputs.hold".into(),
             Self::Start => "inputs.start".into(),
             Self::Door => "inputs.door".into(),
             Self::Reset => "inputs.reset".into(),
         }
     }
+}
+
+/// The second motor of an axis.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct SecondMotor {
+    /// The axis, 0 = X.
+    pub axis: usize,
+    /// Its step output.
+    pub step: Pin,
+    /// Its direction output, low active where it turns the other way than the first motor.
+    pub direction: SignedPin,
 }
 
 /// The pins of a machine.
@@ -67,6 +86,8 @@ pub struct Wiring {
     pub step: Vec<Pin>,
     /// Direction outputs.
     pub direction: Vec<Pin>,
+    /// The second motors of axes that have one.
+    pub second: Vec<SecondMotor>,
     /// Instead of both, IN1 to IN4 of each motor: what energises its four coils.
     pub phases: Vec<[Pin; COILS]>,
     /// Outputs that enable drivers.
@@ -98,7 +119,10 @@ impl Wiring {
     /// Returns the outputs that turn motors.
     fn motor_pins(&self) -> Vec<Pin> {
         let pins = self.step.iter().chain(&self.direction);
-        pins.chain(self.phases.as_flattened()).copied().collect()
+        let pins = pins.chain(self.phases.as_flattened()).copied();
+        let second = self.second.iter();
+        pins.chain(second.flat_map(|motor| [motor.step, motor.direction.pin]))
+            .collect()
     }
 
     /// Returns the ports that step events write, 0 = A.
@@ -183,6 +207,7 @@ impl<'a> Reader<'a> {
             enable.extend(self.output(&format!("axes.{letter}.enable"))?);
             limits.push(Input::Limit(axis));
         }
+        let second = self.second_motors(has_phases, &mut enable, &mut limits)?;
         enable.extend(self.output("outputs.enable")?);
         if has_phases && !enable.is_empty() {
             let message =
@@ -195,6 +220,7 @@ impl<'a> Reader<'a> {
         let mut wiring = Wiring {
             step,
             direction,
+            second,
             phases,
             enable,
             spindle: self.output("outputs.spindle")?,
@@ -267,6 +293,53 @@ impl<'a> Reader<'a> {
         }
         self.use_pin(signed.pin, key, &entry.place)?;
         Ok((signed.pin, entry.place))
+    }
+
+    /// Reads the second motors of axes that have one, with their enable outputs and limit switches.
+    fn second_motors(
+        &mut self,
+        has_phases: bool,
+        enable: &mut Vec<SignedPin>,
+        limits: &mut Vec<Input>,
+    ) -> Result<Vec<SecondMotor>, Fault> {
+        let mut second = Vec::new();
+        for (axis, name) in (0_u8..).zip(SECOND_MOTORS) {
+            let group = format!("axes.{name}");
+            let Some(place) = self.functions.place_of(&format!("{group}.")).cloned() else {
+                continue;
+            };
+            if has_phases {
+                return Err(place.fault("an axis with `phases` has one motor"));
+            }
+            second.push(self.second_motor(axis.into(), &group, &place)?);
+            enable.extend(self.output(&format!("{group}.enable"))?);
+            limits.push(Input::SecondLimit(axis));
+        }
+        Ok(second)
+    }
+
+    /// Reads the outputs of a second motor.
+    fn second_motor(
+        &mut self,
+        axis: usize,
+        group: &str,
+        place: &Place,
+    ) -> Result<SecondMotor, Fault> {
+        let step = self.step(&format!("{group}.step"), place)?;
+        let key = format!("{group}.direction");
+        let Some(entry) = self.functions.take(&key) else {
+            return Err(missing(place, &key));
+        };
+        let direction = signed_pin(&entry)?;
+        if direction.pull != Pull::None {
+            return Err(entry.place.fault("an output has no pull-up or pull-down"));
+        }
+        self.use_pin(direction.pin, &key, &entry.place)?;
+        Ok(SecondMotor {
+            axis,
+            step,
+            direction,
+        })
     }
 
     /// Reads IN1 to IN4 of a motor that is driven by phases.
@@ -361,7 +434,10 @@ impl<'a> Reader<'a> {
             let mut before = wiring.inputs.iter();
             let sharing = before.find(|(_, other)| other.pin.number == signed.pin.number);
             if let Some((other, pin)) = sharing
-                && matches!(input, Input::Probe | Input::Limit(_))
+                && matches!(
+                    input,
+                    Input::Probe | Input::Limit(_) | Input::SecondLimit(_)
+                )
                 && !polled.contains(&key)
             {
                 let message = format!(
@@ -374,6 +450,12 @@ impl<'a> Reader<'a> {
                 return Err(entry.place.fault(message));
             }
             self.use_pin(signed.pin, &key, &entry.place)?;
+            if wiring.inputs.len() == MOST_INPUTS {
+                let message = format!(
+                    "`{key}` is one input more than the {MOST_INPUTS} that a machine may have"
+                );
+                return Err(entry.place.fault(message));
+            }
             wiring.inputs.push((input, signed));
         }
         Ok(())
@@ -411,6 +493,8 @@ impl<'a> Reader<'a> {
     }
 }
 
+/// What second motors are called.
+const SECOND_MOTORS: [&str; GANGED_AXES] = ["X2", "Y2", "Z2"];
 /// Keys of the functions of an axis.
 const AXIS_KEYS: [&str; 5] = ["step", "direction", "phases", "enable", "limit"];
 /// Keys of other functions.
@@ -435,17 +519,27 @@ fn refuse_rest(functions: &Entries) -> Result<(), Fault> {
     let unknown = functions.iter().find(|(key, _)| {
         let axis = key.strip_prefix("axes.");
         let axis = axis.and_then(|key| key.split('.').next());
-        axis.is_some_and(|letter| !AXES.contains(&letter))
+        let is_second = |letter: &str| SECOND_MOTORS.contains(&letter);
+        axis.is_some_and(|letter| !AXES.contains(&letter) && !is_second(letter))
     });
     if let Some((key, entry)) = unknown {
-        let message = format!("`{key}` is not known; axes are {}", AXES.join(", "));
+        let message = format!(
+            "`{key}` is not known; axes are {}, second motors {}",
+            AXES.join(", "),
+            SECOND_MOTORS.join(", ")
+        );
         return Err(entry.place.fault(message));
     }
     let of_axes = AXES.iter().flat_map(|letter| {
         let keys = AXIS_KEYS.iter();
         keys.map(move |key| format!("axes.{letter}.{key}"))
     });
-    let known: Vec<String> = of_axes.chain(KEYS.map(str::to_owned)).collect();
+    let of_second = SECOND_MOTORS.iter().flat_map(|name| {
+        let keys = ["step", "direction", "enable", "limit"].into_iter();
+        keys.map(move |key| format!("axes.{name}.{key}"))
+    });
+    let known = of_axes.chain(of_second).chain(KEYS.map(str::to_owned));
+    let known: Vec<String> = known.collect();
     let known: Vec<&str> = known.iter().map(String::as_str).collect();
     functions.refuse_rest(&known)
 }

@@ -191,6 +191,48 @@ const WRONG: &[(&str, &str, usize, &str)] = &[
         "axes are X, Y, Z, A, B, C",
     ),
     (
+        "A = { step = \"F9\"",
+        "A2 = { step = \"F9\"",
+        12,
+        "axes are X, Y, Z, A, B, C, second motors X2, Y2, Z2",
+    ),
+    (
+        "A = { step = \"F9\", direction = \"F10\" }",
+        "Y2 = { step = \"E2\" }",
+        12,
+        "`axes.Y2.direction` is missing",
+    ),
+    (
+        "A = { step = \"F9\", direction = \"F10\" }",
+        "Y2 = { step = \"E2\", direction = \"^E3\" }",
+        12,
+        "an output has no pull-up",
+    ),
+    (
+        "A = { step = \"F9\", direction = \"F10\" }",
+        "Y2 = { step = \"C14\", direction = \"E3\" }",
+        12,
+        "too slow",
+    ),
+    (
+        "A = { step = \"F9\", direction = \"F10\" }",
+        "Y2 = { step = \"E2\", direction = \"E3\", enable = \"!F15\" }",
+        12,
+        "PF15 is axes.Y.enable already",
+    ),
+    (
+        "A = { step = \"F9\", direction = \"F10\" }",
+        "Y2 = { step = \"E2\", direction = \"E3\", limit = \"D9\" }",
+        12,
+        "axes.Y2.limit (PD9) shares its interrupt line with axes.Y.limit (PG9)",
+    ),
+    (
+        "A = { step = \"F9\", direction = \"F10\" }",
+        "Y2 = { step = \"E2\", direction = \"E3\", home = \"D9\" }",
+        12,
+        "`axes.Y2.home` is not known; known there are step, direction, enable, limit",
+    ),
+    (
         "direction = \"F10\"",
         "direction = \"A8\"",
         14,
@@ -334,6 +376,81 @@ fn motors_driven_by_phases_have_coils_and_nothing_else() {
     let emulated = format!("qemu = \"netduinoplus2\"\n{PHASES}");
     let error = read("emulated", &emulated).expect_err("an emulator without phases");
     assert!(error.contains("emulated.toml:1: the emulator"), "{error}");
+}
+
+#[test]
+fn an_axis_may_have_a_second_motor_with_a_switch_of_its_own() {
+    let second = r#"Y2 = { step = "E2", direction = "!E3", enable = "!D4", limit = "^!G13" }"#;
+    let text = RIGHT.replace("[outputs]", &format!("{second}\n[outputs]"));
+    let board = read("second", &text).expect("a second motor");
+    for axes in [3, 4] {
+        let wiring = board.wiring(axes).expect("pins");
+        assert_eq!(wiring.axes(), axes);
+        let [motor] = wiring.second[..] else {
+            panic!("{:?}", wiring.second);
+        };
+        assert_eq!((motor.axis, motor.step.to_string()), (1, "PE2".into()));
+        assert!(motor.direction.is_active_low);
+        assert_eq!(wiring.enable.len(), 4);
+        assert_eq!(wiring.inputs[3].0.key(), "axes.Y2.limit");
+        assert!(wiring.step_ports().contains(&motor.step.port));
+    }
+    assert!(board.features().contains(&"second-motors".into()));
+    let plain = read("plain", RIGHT).expect("nothing wrong");
+    assert!(!plain.features().contains(&"second-motors".into()));
+    let phases = PHASES.replace("[axes]", &format!("[axes]\n{second}"));
+    let error = read("both", &phases).expect_err("phases and a second motor");
+    assert!(
+        error.ends_with("an axis with `phases` has one motor"),
+        "{error}"
+    );
+}
+
+#[test]
+fn a_second_motor_takes_the_driver_of_an_axis_that_the_board_gives_up() {
+    let taken = r#"Y2 = { step = "F9", direction = "F10" }"#;
+    let text = RIGHT.replace("[outputs]", &format!("{taken}\n[outputs]"));
+    let error = read("taken", &text).expect_err("two functions of a pin");
+    assert!(error.contains("is axes.A.step already"), "{error}");
+    let text = text.replace("A = { step = \"F9\"", "A = { step = \"none\"");
+    let board = read("given_up", &text).expect("three axes");
+    assert_eq!(board.most_axes(), 3);
+    assert_eq!(
+        board.wiring(3).expect("pins").second[0].step.to_string(),
+        "PF9"
+    );
+}
+
+#[test]
+fn a_machine_has_eleven_inputs_at_most() {
+    let more = r#"hold = "G1"
+start = "F2"
+door = "E4"
+[axes.X2]
+step = "E0"
+direction = "E7"
+limit = "D5"
+[axes.Y2]
+step = "E2"
+direction = "E3"
+limit = "D8"
+[axes.Z2]
+step = "E8"
+direction = "E11"
+limit = "D11"
+[with_4_axes]
+axes.A.limit = "D14"
+"#;
+    let most = RIGHT
+        .replace("direction = \"G1\"", "direction = \"G2\"")
+        .replace("flood = \"A2\"\n", "")
+        .replace("[with_4_axes]\ninputs.reset = \"none\"\n", more)
+        .replace("spindle = \"D14\"\n", "");
+    let error = read("twelve", &most).expect_err("12 inputs with four axes");
+    assert!(error.contains("one input more than the 11"), "{error}");
+    let eleven = most.replace("reset = \"^!F3\"\n", "");
+    let board = read("eleven", &eleven).expect("11 inputs");
+    assert_eq!(board.wiring(4).expect("pins").inputs.len(), 11);
 }
 
 #[test]

@@ -13,7 +13,7 @@ use leadscrew::model::{Outputs, Spindle};
 
 use super::{
     chosen, emulation, pins, pwm,
-    wiring::{AccessoryPins, MotorPins, Output, Pin, Wiring},
+    wiring::{AccessoryPins, Output, Pin, Wiring},
 };
 
 /// The duty that is output.
@@ -67,7 +67,7 @@ pub(super) fn make_safe() {
     for output in enable.iter().copied().chain(switched.into_iter().flatten()) {
         make_output(output.pin, output.is_active_low);
     }
-    for index in 0..MotorPins::COUNT {
+    for index in 0..motors.count() {
         make_output(motors.pin(index), false);
     }
     if let Some(pwm) = pwm {

@@ -17,6 +17,7 @@ use core::{
 
 use leadscrew::{
     axis::AXES,
+    machine::Inputs,
     settings::Settings,
     stepper::{COILS, PHASES, PhaseDrive, PhaseSteps, Phases, StepEvent, coils},
 };
@@ -157,6 +158,9 @@ pub(super) fn set_next(event: StepEvent) {
         motors.words = SHARED.words(motors.drive.set_up(event));
     });
 }
+
+/// Does nothing: such motors are one to an axis.
+pub(super) const fn follow_standing_order(_settings: &Settings, _inputs: &Inputs) {}
 
 /// Applies `$3` and `$791` if they have changed. At rest only.
 pub(super) fn configure_if_changed(settings: &Settings) {

@@ -1,7 +1,8 @@
 //! Step, direction and enable outputs, as words for the ports' set/reset registers.
 //!
 //! A table, indexed by [`StepEvent::output_index`], holds the words with the polarity of each axis. It is
-//! made anew only at standstill.
+//! made anew only at standstill. A second motor is two more bits in the words of its axis: the step interrupt
+//! does the same for one motor and for two.
 //!
 //! # Cost
 //!
@@ -15,11 +16,13 @@ use core::{
     sync::atomic::{AtomicBool, AtomicU32, Ordering::Relaxed},
 };
 
-use leadscrew::{axis::AXES, settings::Settings, stepper::StepEvent};
+use leadscrew::{
+    axis::AXES, machine::Inputs, model::StandingMotors, settings::Settings, stepper::StepEvent,
+};
 
 use super::{
     chosen,
-    wiring::{Pin, PortList, write_port},
+    wiring::{MotorPins, Pin, PortList, write_port},
 };
 
 /// Number of masks of axes, and the mask of all axes.
@@ -164,6 +167,43 @@ fn words_of(pins: &[Pin; AXES], axes: usize, high: usize) -> Words {
     words
 }
 
+/// The same of step outputs, but for those of motors that stand.
+fn step_words(axes: usize, high: usize, standing: StandingMotors) -> Words {
+    let MotorPins { step, second, .. } = &chosen::WIRING.motors;
+    let mut words = words_of(step, axes & !usize::from(standing.first), high);
+    for motor in *second {
+        if (axes & !usize::from(standing.second)) >> motor.axis & 1 != 0 {
+            add(
+                &mut words,
+                &EVENT_PORTS,
+                motor.step,
+                high >> motor.axis & 1 != 0,
+            );
+        }
+    }
+    words
+}
+
+/// The same of direction outputs.
+fn direction_words(axes: usize, high: usize) -> Words {
+    let MotorPins {
+        direction, second, ..
+    } = &chosen::WIRING.motors;
+    let mut words = words_of(direction, axes, high);
+    for motor in *second {
+        if axes >> motor.axis & 1 != 0 {
+            let is_high = high >> motor.axis & 1 != 0;
+            add(
+                &mut words,
+                &EVENT_PORTS,
+                motor.direction,
+                is_high ^ motor.is_reversed,
+            );
+        }
+    }
+    words
+}
+
 /// Adds to the words of some ports that which drives a pin.
 fn add(words: &mut [u32], ports: &PortList, pin: Pin, high: bool) {
     for (index, word) in words.iter_mut().enumerate() {
@@ -198,6 +238,16 @@ pub(super) fn read_next(before: u8) -> (u32, u8) {
     (axes, directions)
 }
 
+/// Makes the table anew if `prepare` has ordered that other motors stand. It makes no step before that is done: the
+/// step interrupt meanwhile plays events without pins, whose words stay 0.
+#[inline]
+pub(super) fn follow_standing_order(settings: &Settings, inputs: &Inputs) {
+    if let Some(standing) = inputs.standing_order() {
+        make_table(settings, standing);
+        inputs.carry_out(standing);
+    }
+}
+
 /// Applies the polarities `$2`, `$3` and `$4` if they have changed. At rest only: a new polarity
 /// must not end a pulse.
 pub(super) fn configure_if_changed(settings: &Settings) {
@@ -216,16 +266,28 @@ fn polarity(settings: &Settings) -> u32 {
 /// axis that they hold must not fall because a setting changes.
 pub(super) fn configure(settings: &Settings) {
     POLARITY.store(polarity(settings), Relaxed);
-    let wiring = &chosen::WIRING;
+    make_table(settings, StandingMotors::NONE);
+    for (words, on) in SHARED.enable.iter().zip([false, true]) {
+        let mut levels = [0; ENABLE_PORTS.length];
+        for output in chosen::WIRING.enable {
+            let high = on ^ output.is_active_low ^ settings.enable_invert;
+            add(&mut levels, &ENABLE_PORTS, output.pin, high);
+        }
+        store(words, &levels);
+    }
+    write_events(words(StepEvent::new(0, 0, u32::MAX)));
+    enable(IS_ENABLED.load(Relaxed));
+}
+
+/// Makes the table, in which some motors stand.
+fn make_table(settings: &Settings, standing: StandingMotors) {
     let active_low = usize::from(settings.step_invert);
     let reversed = usize::from(settings.direction_invert);
-    let directions = |axes: usize, negative: u8| {
-        let high = usize::from(negative) ^ reversed;
-        words_of(&wiring.motors.direction, axes, high)
-    };
+    let directions =
+        |axes: usize, negative: u8| direction_words(axes, usize::from(negative) ^ reversed);
     let pulse = |raise: usize, drop: usize| {
-        let mut levels = words_of(&wiring.motors.step, raise, !active_low);
-        let dropped = words_of(&wiring.motors.step, drop, active_low);
+        let mut levels = step_words(raise, !active_low, standing);
+        let dropped = step_words(drop, active_low, standing);
         for (word, dropped) in levels.iter_mut().zip(dropped) {
             *word |= dropped;
         }
@@ -249,16 +311,6 @@ pub(super) fn configure(settings: &Settings) {
         };
         store(words, &levels);
     }
-    for (words, on) in SHARED.enable.iter().zip([false, true]) {
-        let mut levels = [0; ENABLE_PORTS.length];
-        for output in wiring.enable {
-            let high = on ^ output.is_active_low ^ settings.enable_invert;
-            add(&mut levels, &ENABLE_PORTS, output.pin, high);
-        }
-        store(words, &levels);
-    }
-    write_events(words(StepEvent::new(0, 0, u32::MAX)));
-    enable(IS_ENABLED.load(Relaxed));
 }
 
 /// Enables or disables all drivers.

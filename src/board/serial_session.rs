@@ -7,7 +7,7 @@
 
 use heapless::spsc::Producer;
 use leadscrew::{
-    machine::Snapshot,
+    machine::{Inputs, Snapshot},
     model::Requests,
     path::Entry,
     protocol::{ByteReader, ByteWriter, Progress, Session},
@@ -47,11 +47,13 @@ impl SerialSession {
         &mut self,
         snapshot: &Snapshot,
         requests: &Requests,
+        inputs: &Inputs,
         segments: &SegmentRing,
         entries: &mut Producer<'static, Entry>,
         storage: &mut Storage,
     ) -> Progress {
         let store = |change, stored: &_, tools: &_| storage.write(change, stored, tools);
+        pins::follow_standing_order(self.session.settings(), inputs);
         let io = self.io();
         let platform = &mut ChipPlatform;
         let progress = tasks::interpret(io, snapshot, requests, segments, entries, store, platform);

@@ -101,9 +101,24 @@ pub(super) struct MotorPins {
     pub(super) step: [Pin; AXES],
     #[cfg(not(feature = "phases"))]
     pub(super) direction: [Pin; AXES],
+    /// Those of second motors.
+    #[cfg(not(feature = "phases"))]
+    pub(super) second: &'static [SecondMotor],
     /// IN1 to IN4.
     #[cfg(feature = "phases")]
     pub(super) phases: [[Pin; COILS]; AXES],
+}
+
+/// Outputs of the second motor of an axis.
+#[cfg(not(feature = "phases"))]
+#[allow(dead_code, reason = "a board may have none")]
+pub(super) struct SecondMotor {
+    /// The axis, 0 = X.
+    pub(super) axis: usize,
+    pub(super) step: Pin,
+    pub(super) direction: Pin,
+    /// Whether it turns the other way than the first motor.
+    pub(super) is_reversed: bool,
 }
 
 /// Outputs of spindle and coolant.
@@ -168,25 +183,36 @@ impl PortList {
 
 #[cfg(not(feature = "phases"))]
 impl MotorPins {
-    /// Number of pins.
-    pub(super) const COUNT: usize = 2 * AXES;
+    /// Returns the number of pins.
+    pub(super) const fn count(&self) -> usize {
+        2 * (AXES + self.second.len())
+    }
 
-    /// Returns the pin of an index below [`Self::COUNT`].
+    /// Returns the pin of an index below [`Self::count`].
     pub(super) const fn pin(&self, index: usize) -> Pin {
         if index < AXES {
-            self.step[index]
+            return self.step[index];
+        }
+        if index < 2 * AXES {
+            return self.direction[index - AXES];
+        }
+        let motor = &self.second[(index - 2 * AXES) / 2];
+        if index % 2 == 0 {
+            motor.step
         } else {
-            self.direction[index - AXES]
+            motor.direction
         }
     }
 }
 
 #[cfg(feature = "phases")]
 impl MotorPins {
-    /// Number of pins.
-    pub(super) const COUNT: usize = COILS * AXES;
+    /// Returns the number of pins.
+    pub(super) const fn count(&self) -> usize {
+        COILS * AXES
+    }
 
-    /// Returns the pin of an index below [`Self::COUNT`].
+    /// Returns the pin of an index below [`Self::count`].
     pub(super) const fn pin(&self, index: usize) -> Pin {
         self.phases[index / COILS][index % COILS]
     }
@@ -197,7 +223,7 @@ impl Wiring {
     pub(super) const fn event_ports(&self) -> PortList {
         let mut bits = 0;
         let mut index = 0;
-        while index < MotorPins::COUNT {
+        while index < self.motors.count() {
             bits |= 1 << self.motors.pin(index).port;
             index += 1;
         }

@@ -3,6 +3,9 @@
 //! `inputs` alone writes the levels, after its filter. `prepare` sets which inputs are inverted, which
 //! limit switches stop the machine, and which change of the probe is awaited; `inputs` latches the
 //! number of events output at that change.
+//!
+//! Limit switches are counted: those of the axes, and behind them those of second motors. Which motors stand is
+//! an order of `prepare`, too, for the task that makes the table of outputs.
 
 use core::sync::atomic::{
     AtomicU32,
@@ -10,7 +13,11 @@ use core::sync::atomic::{
     compiler_fence,
 };
 
-use crate::{axis::AXES, model::Levels, settings::Settings};
+use crate::{
+    axis::AXES,
+    model::{HAS_SECOND_MOTORS, LIMIT_SWITCHES, Levels, StandingMotors},
+    settings::Settings,
+};
 
 /// An awaited change of the probe.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -45,14 +52,17 @@ pub struct Inputs {
     /// Number of events output when the probe changed; written by `inputs`.
     probe_latch: AtomicU32,
     /// Number of events output when each limit switch last became active; written by `inputs`.
-    limit_latches: [AtomicU32; AXES],
+    limit_latches: [AtomicU32; LIMIT_SWITCHES],
+    /// Motors that are to stand, written by `prepare`; and those that do, written by the task that makes the
+    /// table of outputs.
+    standing: [AtomicU32; if HAS_SECOND_MOTORS { 2 } else { 0 }],
 }
 
 impl Inputs {
-    /// Returns inputs with all contacts open and none inverted.
+    /// Returns inputs with all contacts open and none inverted; no axis has a second motor.
     #[must_use]
     pub const fn new() -> Self {
-        Self::wired(Levels(u16::MAX))
+        Self::wired(Levels(!Levels::SECOND_LIMITS.0))
     }
 
     /// Returns the inputs of a board with pins for the `wired` ones only. The others are never
@@ -66,7 +76,8 @@ impl Inputs {
             armed: AtomicU32::new(0),
             probing: AtomicU32::new(UNARMED),
             probe_latch: AtomicU32::new(0),
-            limit_latches: [const { AtomicU32::new(0) }; AXES],
+            limit_latches: [const { AtomicU32::new(0) }; LIMIT_SWITCHES],
+            standing: [const { AtomicU32::new(0) }; if HAS_SECOND_MOTORS { 2 } else { 0 }],
         }
     }
 
@@ -81,10 +92,64 @@ impl Inputs {
         self.closed.store(u32::from(closed.0), Relaxed);
     }
 
-    /// Returns the active inputs, under the settings of the last [`Inputs::configure`].
+    /// Returns the active inputs, under the settings of the last [`Inputs::configure`]. An axis with two switches
+    /// is at its limit where one of them is active.
     #[must_use]
     pub fn active(&self) -> Levels {
-        self.closed() ^ self.inverted()
+        (self.closed() ^ self.inverted()).with_second_as_first()
+    }
+
+    /// Returns whether a limit switch is active, by its number.
+    #[must_use]
+    pub fn is_switch_active(&self, switch: usize) -> bool {
+        (self.closed() ^ self.inverted()).has(switch_level(switch))
+    }
+
+    /// Returns the axes with two motors that have a switch each, bit 0 = X.
+    #[must_use]
+    pub const fn ganged_axes(&self) -> u8 {
+        if HAS_SECOND_MOTORS {
+            self.wired.second_axes()
+        } else {
+            0
+        }
+    }
+
+    /// Orders which motors stand; returns whether they do. At rest, for `prepare` alone, which makes no step
+    /// before.
+    pub fn order_standing(&self, motors: StandingMotors) -> bool {
+        let [ordered, standing] = self.standing.as_slice() else {
+            return true;
+        };
+        ordered.store(motors.bits(), Relaxed);
+        standing.load(Relaxed) == motors.bits()
+    }
+
+    /// Returns an order that has not been carried out: for the task that makes the table of outputs.
+    #[must_use]
+    #[inline]
+    pub fn standing_order(&self) -> Option<StandingMotors> {
+        let [ordered, standing] = self.standing.as_slice() else {
+            return None;
+        };
+        let bits = ordered.load(Relaxed);
+        (bits != standing.load(Relaxed)).then_some(StandingMotors::from_bits(bits))
+    }
+
+    /// Notes that an order has been carried out.
+    pub fn carry_out(&self, motors: StandingMotors) {
+        // The table is written before.
+        compiler_fence(SeqCst);
+        if let [_, standing] = self.standing.as_slice() {
+            standing.store(motors.bits(), Relaxed);
+        }
+    }
+
+    /// Returns the motors that stand.
+    #[must_use]
+    pub fn standing(&self) -> StandingMotors {
+        let bits = self.standing.get(1).map_or(0, |bits| bits.load(Relaxed));
+        StandingMotors::from_bits(bits)
     }
 
     pub(super) fn inverted(&self) -> Levels {
@@ -100,7 +165,7 @@ impl Inputs {
     /// Sets the limit switches that stop the machine when they become active: none while homing or at
     /// rest in alarm. For `prepare` alone.
     pub fn arm_limits(&self, limits: Levels) {
-        self.armed.store(u32::from(limits.0), Relaxed);
+        self.armed.store(u32::from(limits.with_second().0), Relaxed);
     }
 
     pub(super) fn armed_limits(&self) -> Levels {
@@ -169,20 +234,39 @@ impl Inputs {
         self.probing.store(latched ^ LATCHED, Relaxed);
     }
 
-    /// Returns the number of events output when the limit switch of an axis last became active.
+    /// Returns the number of events output when a limit switch last became active, by its number.
     #[must_use]
-    pub fn limit_latch(&self, axis: usize) -> u32 {
+    pub fn limit_latch(&self, switch: usize) -> u32 {
         self.limit_latches
-            .get(axis)
+            .get(switch)
             .map_or(0, |events| events.load(Relaxed))
+    }
+
+    /// Returns the number of the switch of an axis that is active: of two, the first.
+    #[must_use]
+    pub fn active_switch(&self, axis: usize) -> usize {
+        let second = AXES + axis;
+        if HAS_SECOND_MOTORS && !self.is_switch_active(axis) && self.is_switch_active(second) {
+            second
+        } else {
+            axis
+        }
     }
 
     /// Latches limit switches that become active after a number of events; for `inputs` alone.
     pub(super) fn latch_limits(&self, limits: Levels, events: u32) {
         // wcet-bound: axes
-        for (axis, reached) in self.limit_latches.iter().enumerate() {
+        for (axis, reached) in self.limit_latches.iter().take(AXES).enumerate() {
             if limits.has(Levels::limits(1 << axis)) {
                 reached.store(events, Relaxed);
+            }
+        }
+        if HAS_SECOND_MOTORS && limits.has(Levels::SECOND_LIMITS) {
+            // wcet-bound: 3
+            for (axis, reached) in self.limit_latches.iter().skip(AXES).enumerate() {
+                if limits.has(Levels::second_limits(1 << axis)) {
+                    reached.store(events, Relaxed);
+                }
             }
         }
     }
@@ -194,12 +278,20 @@ impl Default for Inputs {
     }
 }
 
+/// Returns the input of a limit switch, by its number.
+fn switch_level(switch: usize) -> Levels {
+    match switch.checked_sub(AXES) {
+        Some(axis) => Levels::second_limits(1 << axis),
+        None => Levels::limits(1 << switch),
+    }
+}
+
 /// Returns the inputs that are active while their contact is open, under `$5` and `$6`.
 fn inverted(settings: &Settings) -> Levels {
     let mut inverted = Levels::NONE;
     if settings.limit_invert {
         // Only axes that exist have a switch.
-        inverted = Levels((1 << AXES) - 1);
+        inverted = Levels((1 << AXES) - 1).with_second();
     }
     if settings.probe_invert {
         inverted = inverted | Levels::PROBE;

@@ -37,7 +37,8 @@ use crate::{
     axis::AXES,
     machine::{Accessories, Control, Inputs, Snapshot},
     model::{
-        Alarm, Awaited, Levels, Notice, Outputs, Requests, State, timing::IDLE_DELAY_INFINITE,
+        Alarm, Awaited, HAS_SECOND_MOTORS, Levels, Notice, Outputs, Requests, StandingMotors,
+        State, timing::IDLE_DELAY_INFINITE,
     },
     path::{AveragingWindow, Entry, MoveKind},
     settings::Settings,
@@ -306,7 +307,9 @@ impl Motion {
             || self.may_need_segment(conditions, segments)
             || self.has_more(conditions, inputs, entries);
         Prepared {
-            wake_interpret: changed || requests.awaits(Awaited::SEGMENTS),
+            wake_interpret: changed
+                || requests.awaits(Awaited::SEGMENTS)
+                || inputs.standing_order().is_some(),
             ..self.prepared(conditions, run_again, events)
         }
     }
@@ -345,6 +348,10 @@ impl Motion {
             }
         }
         let is_still = self.is_at_standstill(conditions);
+        if HAS_SECOND_MOTORS && !self.homing.is_active() {
+            // A cycle that ends at once has come to a standstill.
+            inputs.order_standing(StandingMotors::NONE);
+        }
         self.arm_hard_limits(inputs, is_still);
         if !self.is_probing() {
             inputs.disarm_probe();
@@ -369,7 +376,7 @@ impl Motion {
             }
         };
         Prepared {
-            wake_interpret: changed,
+            wake_interpret: changed || inputs.standing_order().is_some(),
             ..self.prepared(conditions, run_again, events)
         }
     }

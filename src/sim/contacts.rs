@@ -5,7 +5,7 @@ use heapless::Vec;
 use super::Edge;
 use crate::{
     axis::{AXES, Axes},
-    model::Levels,
+    model::{GANGED_AXES, Levels, StandingMotors},
 };
 
 /// Largest number of switches: two for each of six axes, and four more.
@@ -46,10 +46,16 @@ impl Switch {
 #[derive(Debug)]
 pub(super) struct Contacts {
     switches: Vec<Switch, SWITCHES>,
+    /// Those that second motors close.
+    second_switches: Vec<Switch, GANGED_AXES>,
     /// Contacts that the operator closes.
     held: Levels,
     /// Position of each axis, steps from power-up: homing does not change it.
     steps: Axes<i32>,
+    /// The same of second motors.
+    second_steps: Axes<i32>,
+    /// Motors that are left out of the steps of their axis.
+    standing: StandingMotors,
     /// Closed contacts.
     pub(super) closed: Levels,
 }
@@ -58,8 +64,11 @@ impl Contacts {
     pub(super) const fn new() -> Self {
         Self {
             switches: Vec::new(),
+            second_switches: Vec::new(),
             held: Levels::NONE,
             steps: Axes([0; AXES]),
+            second_steps: Axes([0; AXES]),
+            standing: StandingMotors::NONE,
             closed: Levels::NONE,
         }
     }
@@ -73,6 +82,25 @@ impl Contacts {
         switch.axis < AXES && self.switches.push(switch).is_ok()
     }
 
+    /// Mounts a switch that the second motor of an axis closes. Returns false without room.
+    pub(super) fn mount_second(&mut self, switch: Switch) -> bool {
+        switch.axis < AXES && self.second_switches.push(switch).is_ok()
+    }
+
+    /// Puts a second motor some steps ahead of the first.
+    pub(super) fn skew(&mut self, axis: usize, steps: i32) {
+        self.second_steps[axis] = self.second_steps[axis].wrapping_add(steps);
+    }
+
+    pub(super) const fn second_steps(&self) -> Axes<i32> {
+        self.second_steps
+    }
+
+    /// Leaves motors out of the steps of their axis.
+    pub(super) const fn leave_out(&mut self, standing: StandingMotors) {
+        self.standing = standing;
+    }
+
     pub(super) fn hold(&mut self, inputs: Levels, closed: bool) {
         self.held = if closed {
             self.held | inputs
@@ -83,10 +111,16 @@ impl Contacts {
 
     /// Moves the axes by the pulses of an edge.
     pub(super) fn step(&mut self, edge: &Edge) {
-        for (axis, steps) in self.steps.iter_mut().enumerate() {
-            if edge.raise >> axis & 1 != 0 {
-                let is_negative = edge.directions >> axis & 1 != 0;
-                *steps = steps.wrapping_add(if is_negative { -1 } else { 1 });
+        let motors = [
+            (&mut self.steps, self.standing.first),
+            (&mut self.second_steps, self.standing.second),
+        ];
+        for (steps, standing) in motors {
+            for (axis, steps) in steps.iter_mut().enumerate() {
+                if edge.raise & !u32::from(standing) & 1 << axis != 0 {
+                    let is_negative = edge.directions >> axis & 1 != 0;
+                    *steps = steps.wrapping_add(if is_negative { -1 } else { 1 });
+                }
             }
         }
     }
@@ -94,8 +128,10 @@ impl Contacts {
     /// Updates every contact. Returns whether any has changed.
     pub(super) fn update(&mut self) -> bool {
         let mut closed = self.held;
-        for switch in &self.switches {
-            if switch.is_closed_at(self.steps[switch.axis]) {
+        let first = self.switches.iter().map(|switch| (switch, &self.steps));
+        let second = self.second_switches.iter();
+        for (switch, steps) in first.chain(second.map(|switch| (switch, &self.second_steps))) {
+            if switch.is_closed_at(steps[switch.axis]) {
                 closed = closed | switch.input;
             }
         }

@@ -79,7 +79,18 @@ impl Drive {
     #[must_use]
     #[inline(never)]
     pub fn power_up(settings: &Settings, alarm: Option<Alarm>) -> Self {
-        let inputs = Inputs::new();
+        Self::with_inputs(settings, alarm, Inputs::new())
+    }
+
+    /// Returns a drive at rest of which some axes have two motors with a switch each, bit 0 = X.
+    #[must_use]
+    #[inline(never)]
+    pub fn ganged(settings: &Settings, axes: u8) -> Self {
+        let wired = !Levels::SECOND_LIMITS | Levels::second_limits(axes);
+        Self::with_inputs(settings, None, Inputs::wired(wired))
+    }
+
+    fn with_inputs(settings: &Settings, alarm: Option<Alarm>, inputs: Inputs) -> Self {
         // Constants, which are copied to where they stay: an emulated chip has no room for two of
         // them.
         let mut drive = Self {
@@ -180,6 +191,35 @@ impl Drive {
         let fits = self.contacts.mount(switch);
         self.update_contacts();
         fits
+    }
+
+    /// Mounts a switch that the second motor of an axis closes, in its steps. Returns false without room or such an
+    /// axis.
+    pub fn mount_second(&mut self, switch: Switch) -> bool {
+        let fits = self.contacts.mount_second(switch);
+        self.update_contacts();
+        fits
+    }
+
+    /// Puts the second motor of an axis some steps ahead of the first: the gantry is skewed.
+    pub fn skew(&mut self, axis: usize, steps: i32) {
+        self.contacts.skew(axis, steps);
+        self.update_contacts();
+    }
+
+    /// Returns the physical steps of second motors since power-up, with what they were ahead.
+    #[must_use]
+    pub const fn second_steps(&self) -> Axes<i32> {
+        self.contacts.second_steps()
+    }
+
+    /// Leaves motors out of the outputs, as `prepare` has ordered: for `interpret`, which makes the table of outputs
+    /// on a chip.
+    pub fn follow_standing_order(&mut self) {
+        if let Some(standing) = self.inputs.standing_order() {
+            self.contacts.leave_out(standing);
+            self.inputs.carry_out(standing);
+        }
     }
 
     /// Closes contacts as the operator does, or opens them again.
@@ -310,6 +350,10 @@ impl Drive {
             self.platform.pend(Task::SegmentStart);
         }
         self.segment_start();
+        debug_assert!(
+            edge.raise | edge.drop == 0 || self.inputs.standing_order().is_none(),
+            "a motor moves while it is left out or taken in"
+        );
         if edge.raise != 0 {
             self.contacts.step(&edge);
             self.update_contacts();

@@ -64,6 +64,15 @@ impl Simulator {
         simulator
     }
 
+    /// Returns a machine that is switched on with these settings stored, and of which some axes have two motors with
+    /// a switch each, bit 0 = X.
+    #[must_use]
+    pub fn ganged(settings: &Settings, axes: u8) -> Self {
+        let mut simulator = Self::new(settings);
+        simulator.drive = Drive::ganged(settings, axes);
+        simulator
+    }
+
     /// Returns a machine that is switched on for the first time.
     #[must_use]
     pub fn first_boot(step_rate: StepRate) -> Self {
@@ -196,6 +205,22 @@ impl Simulator {
         self.drive.mount(switch)
     }
 
+    /// Mounts a switch that the second motor of an axis closes. Returns false without room or such an axis.
+    pub fn mount_second(&mut self, switch: Switch) -> bool {
+        self.drive.mount_second(switch)
+    }
+
+    /// Puts the second motor of an axis some steps ahead of the first: the gantry is skewed.
+    pub fn skew(&mut self, axis: usize, steps: i32) {
+        self.drive.skew(axis, steps);
+    }
+
+    /// Returns the physical steps of second motors since power-up, with what they were ahead.
+    #[must_use]
+    pub const fn second_steps(&self) -> Axes<i32> {
+        self.drive.second_steps()
+    }
+
     /// Closes the contacts of inputs, or opens them again; [`Simulator::settle`] runs `inputs`.
     pub fn set_pin(&mut self, inputs: Levels, closed: bool) {
         self.drive.set_pin(inputs, closed);
@@ -281,6 +306,7 @@ impl Simulator {
     /// # Panics
     /// If an axis moves while the flash is written: the chip could not output steps meanwhile.
     fn interpret(&mut self) {
+        self.drive.follow_standing_order();
         let snapshot = &self.snapshot();
         let is_at_rest = self.drive.due().is_none() && snapshot.is_at_rest;
         let io = SessionIo {

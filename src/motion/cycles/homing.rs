@@ -16,15 +16,16 @@
 //! is part of it, or from the end of the pull-off. Read with Grbl 1.1 `limits.c`, `limits_go_home`.
 
 mod parameters;
+mod squaring;
 
-use self::parameters::HomingParameters;
+use self::{parameters::HomingParameters, squaring::Squaring};
 use super::cycle_move::CycleMove;
 use crate::{
     axis::{AXES, Axes, Z},
     machine::{Inputs, SAMPLE_TICKS, SAMPLES},
     math,
     model::{
-        Alarm, Levels, Power,
+        Alarm, HAS_SECOND_MOTORS, Levels, Power,
         timing::{QUEUED_AHEAD_TICKS, SEGMENT_TICKS},
     },
     motion::executor::Goal,
@@ -56,6 +57,10 @@ enum HomingStage {
     Clear,
     /// Approaching it again, slowly.
     Locate,
+    /// The motors that have not come to their own switch approach it, slowly.
+    Square,
+    /// The same motors become as far from it as the others of their axes.
+    Align,
     /// Away from it, to the home position.
     PullOff,
     /// Coming to rest: the cycle has failed.
@@ -65,16 +70,23 @@ enum HomingStage {
 impl HomingStage {
     const fn is_approach(self) -> bool {
         match self {
-            Self::Search | Self::Locate => true,
-            Self::Idle | Self::Clear | Self::PullOff | Self::Stop => false,
+            Self::Search | Self::Locate | Self::Square => true,
+            Self::Idle | Self::Clear | Self::Align | Self::PullOff | Self::Stop => false,
         }
     }
 
     const fn is_pull_off(self) -> bool {
         match self {
             Self::Clear | Self::PullOff => true,
-            Self::Idle | Self::Search | Self::Locate | Self::Stop => false,
+            Self::Idle | Self::Search | Self::Locate | Self::Square | Self::Align | Self::Stop => {
+                false
+            }
         }
+    }
+
+    /// Whether only one motor moves of each axis that has two.
+    const fn is_squaring(self) -> bool {
+        HAS_SECOND_MOTORS && matches!(self, Self::Square | Self::Align)
     }
 }
 
@@ -95,6 +107,7 @@ pub struct Homing {
     stopping_axes: u8,
     /// Their speeds, steps per tick.
     stopping_speeds: Axes<f32>,
+    squaring: Squaring,
     stage: HomingStage,
     /// Standstill generated since the last motion, ticks.
     standstill_ticks: u32,
@@ -116,6 +129,7 @@ impl Homing {
             switches: Axes([0; AXES]),
             stopping_axes: 0,
             stopping_speeds: Axes([0.0; AXES]),
+            squaring: Squaring::new(),
             stage: HomingStage::Idle,
             standstill_ticks: 0,
             debounce_ticks: 0,
@@ -131,6 +145,7 @@ impl Homing {
     /// Begins a cycle, at rest: these axes together, bit 0 = X; with 0, Z and then X and Y.
     pub fn begin(&mut self, axes: u8, inputs: &Inputs, generator: &Generator) {
         self.alarm = None;
+        self.squaring.begin(inputs.ganged_axes());
         let by_marks = self.parameters.by_marks & ALL_AXES;
         if axes == 0 {
             self.marked_axes = by_marks;
@@ -166,29 +181,42 @@ impl Homing {
         }
     }
 
-    /// Returns an axis that has come to its switch, at a position that is not known yet.
+    /// Returns a switch, by its number, to which its motor has come, at a position that is not known yet.
     #[must_use]
-    pub fn latched_axis(&self, inputs: &Inputs) -> Option<usize> {
+    pub fn latched_switch(&self, inputs: &Inputs) -> Option<usize> {
         if !self.stage.is_approach() {
             return None;
         }
         let active = inputs.active();
-        let searching = self.current_axes & !self.stopping_axes;
+        let searching = self.current_axes & !self.stopping_axes & !self.squaring.axes();
         // wcet-bound: axes
-        (0..AXES).find(|axis| searching >> axis & 1 != 0 && active.has(Levels::limits(1 << axis)))
+        let first = (0..AXES)
+            .find(|axis| searching >> axis & 1 != 0 && active.has(Levels::limits(1 << axis)));
+        if HAS_SECOND_MOTORS {
+            first.or_else(|| self.squaring.latched_switch(self.current_axes, inputs))
+        } else {
+            first
+        }
     }
 
-    /// Takes over the position of the switch of an axis that has come to it, of all axes: the axis slows
-    /// down.
+    /// Takes over the position of all axes where a switch has closed, by its number: its axis slows down.
     pub fn latch(
         &mut self,
-        axis: usize,
+        switch: usize,
         steps: &Axes<i32>,
         segments: &SegmentRing,
         generator: &Generator,
     ) {
-        if let (Some(switch), Some(position)) = (self.switches.0.get_mut(axis), steps.0.get(axis)) {
-            *switch = *position;
+        let axis = if switch < AXES { switch } else { switch - AXES };
+        if let (Some(place), Some(position)) = (self.switches.0.get_mut(axis), steps.0.get(axis)) {
+            self.squaring.record(switch, *position);
+            if HAS_SECOND_MOTORS && self.stopping_axes >> axis & 1 != 0 {
+                // The other motor has come to its switch before.
+                return;
+            }
+            if !self.stage.is_squaring() {
+                *place = *position;
+            }
         }
         self.stop_axes(1 << axis);
         if self.is_found() {
@@ -232,7 +260,12 @@ impl Homing {
             self.standstill_ticks += SEGMENT_TICKS;
             self.shorten_pause(SEGMENT_TICKS);
             self.next_stage(inputs, generator);
-            if matches!(self.stage, HomingStage::Idle | HomingStage::Stop) {
+            let is_over = match self.stage {
+                HomingStage::Idle => true,
+                HomingStage::Stop => self.do_motors_follow(inputs),
+                _ => false,
+            };
+            if is_over {
                 self.stage = HomingStage::Idle;
                 return false;
             }
@@ -302,7 +335,11 @@ impl Homing {
         }
         let is_closed = inputs.active().has(Levels::limits(self.current_axes));
         if self.stage.is_approach() && !self.is_found() {
-            self.fail(Alarm::HomingNotFound);
+            self.fail(if self.stage.is_squaring() {
+                Alarm::HomingDualAxis
+            } else {
+                Alarm::HomingNotFound
+            });
         }
         if self.stage.is_pull_off() && is_closed {
             self.fail(Alarm::HomingPullOff);
@@ -314,7 +351,9 @@ impl Homing {
             HomingStage::Idle | HomingStage::Stop => {}
             HomingStage::Search => self.enter(HomingStage::Clear, inputs, generator),
             HomingStage::Clear => self.enter(HomingStage::Locate, inputs, generator),
-            HomingStage::Locate => self.enter(HomingStage::PullOff, inputs, generator),
+            HomingStage::Locate => self.end_approach(inputs, generator),
+            HomingStage::Square => self.enter(HomingStage::Align, inputs, generator),
+            HomingStage::Align => self.end_squaring(inputs, generator),
             HomingStage::PullOff => self.finish(inputs, generator),
         }
     }
@@ -352,11 +391,15 @@ impl Homing {
         self.debounce_ticks = self.parameters.debounce_ticks;
         self.stopping_axes = 0;
         self.stopping_speeds = Axes::all(0.0);
+        if matches!(stage, HomingStage::Search | HomingStage::Locate) {
+            self.squaring.begin_approach();
+        }
         let rules = &self.parameters;
         let (towards_switch_mm, speed_mm_s) = match stage {
             HomingStage::Search => (self.search_mm(), rules.search_mm_s),
             HomingStage::Locate => (LOCATE_PULL_OFFS * rules.pull_off_mm, rules.locate_mm_s),
             HomingStage::Clear | HomingStage::PullOff => (-rules.pull_off_mm, rules.search_mm_s),
+            HomingStage::Square | HomingStage::Align => (0.0, rules.locate_mm_s),
             HomingStage::Idle | HomingStage::Stop => return,
         };
         let closed = inputs.active();
@@ -367,11 +410,20 @@ impl Homing {
                 continue;
             }
             let here = generator.position()[axis];
+            if stage.is_squaring() {
+                let target = self.squaring_target(axis);
+                match target {
+                    Some(target) => delta[axis] = (i64::from(target) << 32).saturating_sub(here.0),
+                    None => self.stopping_axes |= 1 << axis,
+                }
+                continue;
+            }
             if stage.is_approach() {
                 // Where the switch is is not known yet.
                 self.switches[axis] = here.nearest().0;
                 if closed.has(Levels::limits(1 << axis)) {
                     self.stopping_axes |= 1 << axis;
+                    (self.squaring).record_closed(axis, self.switches[axis], inputs);
                     continue;
                 }
             }

@@ -96,7 +96,7 @@ impl ProbingCycle {
         // wcet-bound: axes
         let mut axes = 0..AXES;
         let axis = axes.find(|axis| closed.has(Levels::limits(1 << axis)))?;
-        Some(inputs.limit_latch(axis))
+        Some(inputs.limit_latch(inputs.active_switch(axis)))
     }
 
     /// Takes over the position of the contact.

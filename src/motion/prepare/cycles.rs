@@ -79,7 +79,7 @@ impl Motion {
     pub(super) fn has_latched(&self, inputs: &Inputs) -> bool {
         match &self.activity {
             Activity::Probing(cycle) => cycle.has_latched(inputs),
-            Activity::Homing => self.homing.latched_axis(inputs).is_some(),
+            Activity::Homing => self.homing.latched_switch(inputs).is_some(),
             Activity::Path | Activity::Dwell(_) | Activity::Pause | Activity::ToolPause => false,
         }
     }
@@ -93,9 +93,9 @@ impl Motion {
         segments: &SegmentRing,
         events: &EventWriter<'_>,
     ) {
-        let axis = self.homing.latched_axis(inputs);
-        let output = match (axis, &self.activity) {
-            (Some(axis), _) => Some(inputs.limit_latch(axis)),
+        let switch = self.homing.latched_switch(inputs);
+        let output = match (switch, &self.activity) {
+            (Some(switch), _) => Some(inputs.limit_latch(switch)),
             (None, Activity::Probing(cycle)) => cycle.latched_output(inputs),
             (
                 None,
@@ -114,10 +114,10 @@ impl Motion {
         };
         let position = steps_after(output, segments, events);
         let position = position.unwrap_or_else(|| segments.position());
-        match (axis, &mut self.activity) {
-            (Some(axis), _) => self
+        match (switch, &mut self.activity) {
+            (Some(switch), _) => self
                 .homing
-                .latch(axis, &position, segments, &self.generator),
+                .latch(switch, &position, segments, &self.generator),
             (None, Activity::Probing(cycle)) => cycle.latch(output, position),
             (
                 None,

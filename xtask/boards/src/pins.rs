@@ -81,6 +81,17 @@ pub fn table(board: &Board) -> Result<String> {
         row(&format!("{letter}: limit switch"), &|wiring| {
             input(board, wiring, &format!("axes.{letter}.limit"))
         })?;
+        row(&format!("{letter}2: step, direction"), &|wiring| {
+            let mut motors = wiring.second.iter();
+            let motor = motors.find(|motor| motor.axis == axis);
+            motor.map_or_else(String::new, |motor| {
+                let direction = output(board, Some(motor.direction));
+                format!("{}, {direction}", named(board, motor.step))
+            })
+        })?;
+        row(&format!("{letter}2: limit switch"), &|wiring| {
+            input(board, wiring, &format!("axes.{letter}2.limit"))
+        })?;
     }
     for (name, key) in INPUTS {
         row(name, &|wiring| input(board, wiring, key))?;

@@ -107,7 +107,7 @@ fn axes(text: &mut String, printer: &Printer) {
         let own_enable = motor
             .enable
             .filter(|_| common.is_none() && sharing.is_none());
-        let _ = writeln!(text, "{}", line(motor, own_enable));
+        let _ = writeln!(text, "{}", line(&printer.motors, motor, own_enable));
         if let (Some(sharing), None) = (sharing, common) {
             let _ = writeln!(
                 text,
@@ -145,11 +145,18 @@ fn axes(text: &mut String, printer: &Printer) {
 }
 
 /// Returns the line of a motor.
-fn line(motor: &Motor, enable: Option<SignedPin>) -> String {
-    let is_further = motor.axis.len() > 1;
+fn line(motors: &[Motor], motor: &Motor, enable: Option<SignedPin>) -> String {
+    let first = motors
+        .iter()
+        .find(|first| motor.axis.len() > 1 && motor.axis.starts_with(&first.axis));
+    // A third motor has no place.
+    let is_further = first.is_some() && !motor.axis.ends_with('2');
+    let is_reversed =
+        first.is_some_and(|first| first.direction.is_active_low != motor.direction.is_active_low);
+    let sign = if is_reversed { "!" } else { "" };
     let mut values = vec![
         format!("step = \"{}\"", bare(motor.step.pin)),
-        format!("direction = \"{}\"", bare(motor.direction.pin)),
+        format!("direction = \"{sign}{}\"", bare(motor.direction.pin)),
     ];
     values.extend(enable.map(|pin| format!("enable = \"{}\"", shown(pin))));
     if let Limit::Switch(pin) = motor.limit {
