@@ -4,6 +4,7 @@
 
 mod alarm;
 mod command;
+pub mod core_xy;
 mod cutter;
 mod levels;
 mod modes;

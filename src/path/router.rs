@@ -17,11 +17,13 @@ mod limits;
 pub(super) use self::corner_arc::to_axes;
 pub(crate) use self::limits::Limits;
 
+use core::f32::consts::FRAC_1_SQRT_2;
+
 use super::{BlendOutput, Blender, Block, Curve, MoveKind, Work, block::MIN_SPEED_MM_S};
 use crate::{
-    axis::{AXES, Axes, LINEAR},
+    axis::{AXES, Axes, LINEAR, Z},
     math,
-    model::{Command, FeedRate, Laser, PathControl, Target},
+    model::{Command, FeedRate, Laser, PathControl, Target, core_xy},
     settings::Settings,
     units::{FineSteps, Nm, Steps},
 };
@@ -112,10 +114,7 @@ impl Router {
     pub fn set_steps(&mut self, steps: Axes<i32>) -> Axes<Nm> {
         self.at.steps = steps.map(Steps);
         self.at.fine = steps.map(|steps| FineSteps(i64::from(steps) << 32));
-        let resolution = self.settings.steps_per_mm;
-        self.at.position = resolution.zip(self.at.steps, |resolution, steps| {
-            resolution.position_of(steps)
-        });
+        self.at.position = self.settings.position_of(steps);
         self.at.block_end = self.at.position;
         self.at.position
     }
@@ -138,7 +137,11 @@ impl Router {
         let mut sum_sqr = 0.0;
         for axis in 0..LINEAR {
             let distance = self.at.steps[axis].0.wrapping_sub(steps[axis]) as f32;
-            let distance_mm = distance / self.limits.steps_per_mm[axis];
+            let mut distance_mm = distance / self.limits.steps_per_mm[axis];
+            if self.limits.is_core_xy && axis != Z {
+                // The sum of the squares of X + Y and X - Y is twice that of X and Y.
+                distance_mm *= FRAC_1_SQRT_2;
+            }
             sum_sqr += distance_mm * distance_mm;
         }
         math::sqrt(sum_sqr)
@@ -255,9 +258,10 @@ impl Router {
         let per_mm = 1.0 / length_mm;
         let direction = displacement.map(|distance| distance * per_mm);
         let limits = &self.limits;
-        let steps_per_mm = direction.zip(limits.steps_per_mm, |share, steps| share * steps);
+        let of_motors = limits.motors_of(direction);
+        let steps_per_mm = of_motors.zip(limits.steps_per_mm, |share, steps| share * steps);
         let axes_mm_s = math::min(
-            Limits::along(&limits.speed_mm_s, &direction),
+            Limits::along(&limits.speed_mm_s, &of_motors),
             limits.step_rate_mm_s(&steps_per_mm),
         );
         let geometry = Geometry {
@@ -266,7 +270,7 @@ impl Router {
             tangents: [direction; 2],
             curvatures: [Axes::all(0.0); 2],
             limit_mm_s: limits.whole_steps_mm_s(self.steps_to(&end) as f32, length_mm, axes_mm_s),
-            acceleration_mm_s2: limits.acceleration_along(&direction),
+            acceleration_mm_s2: limits.acceleration_along(&of_motors),
             curve: None,
         };
         let feed_rate = scaled(feed_rate, per_feed_mm);
@@ -326,12 +330,30 @@ impl Router {
     #[inline(always)]
     #[expect(clippy::inline_always, reason = "a call would return by a copy")]
     fn block_end(&self, target: &Target) -> BlockEnd {
+        if self.limits.is_core_xy {
+            self.core_xy_end(target)
+        } else {
+            self.end_from(target, &self.at.block_end)
+        }
+    }
+
+    /// The same on a `CoreXY` machine.
+    #[inline(never)]
+    fn core_xy_end(&self, target: &Target) -> BlockEnd {
+        let motors = core_xy::motors_of(target.position).into();
+        self.end_from(&motors, &core_xy::motors_of(self.at.block_end))
+    }
+
+    /// Returns the end of a move of the motors to `target`, in steps; `from` is where the last block ended.
+    #[inline(always)]
+    #[expect(clippy::inline_always, reason = "a call would return by a copy")]
+    fn end_from(&self, target: &Target, from: &Axes<Nm>) -> BlockEnd {
         let mut end = BlockEnd {
             steps: self.at.steps,
             fine: self.at.fine,
         };
         for axis in 0..AXES {
-            if target.position[axis] != self.at.block_end[axis] {
+            if target.position[axis] != from[axis] {
                 (end.steps[axis], end.fine[axis]) = self.settings.steps_per_mm[axis]
                     .steps_as_grbl(target.position[axis], target.single_mm[axis]);
             }

@@ -1,5 +1,5 @@
-//! Arcs in a plane that is neither that of X and Y nor parallel to two axes: `G18` and `G19` under a
-//! rotated work coordinate system.
+//! Arcs in a plane that is neither that of X and Y nor parallel to two axes of motors: `G18` and `G19` under a
+//! rotated work coordinate system, or on a `CoreXY` machine.
 //!
 //! Such an arc or helix becomes chords that stay within `$12` of it. No other arc does. Double
 //! precision; a point is computed when the machine has room for its chord.
@@ -9,7 +9,7 @@ use core::f64::consts::{FRAC_PI_2, TAU};
 use super::arc::Arc;
 use crate::{
     axis::{Axes, X, Y, Z},
-    model::{Circle, Command, FeedRate, Target, XyRotation},
+    model::{Circle, Command, FeedRate, Plane, Target, XyRotation},
     settings::Settings,
     units::{MicroDegrees, Nm},
 };
@@ -48,7 +48,8 @@ impl TiltedArc {
         else {
             return None;
         };
-        if circle.tilt == MicroDegrees::ZERO {
+        let is_flat = circle.tilt == MicroDegrees::ZERO;
+        if is_flat && (circle.plane == Plane::Xy || !settings.core_xy) {
             return None;
         }
         let rotation = XyRotation::by(circle.tilt);

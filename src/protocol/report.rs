@@ -10,7 +10,7 @@ use crate::{
     machine::Snapshot,
     model::{Alarm, Coolant, Levels, Probed, ResetCause, Spindle, State},
     settings::Settings,
-    units::{Nm, Steps},
+    units::Nm,
 };
 
 /// Status reports from one with the work offset to the next, while the machine is busy and while it
@@ -143,14 +143,7 @@ pub fn status(text: &mut Text, status: &Status<'_>) {
 /// Returns the position of each axis from its step counter.
 #[must_use]
 pub fn machine_position(machine: &Snapshot, settings: &Settings) -> Axes<Nm> {
-    position(machine.steps, settings)
-}
-
-/// Returns the position of each axis from a number of steps.
-fn position(steps: Axes<i32>, settings: &Settings) -> Axes<Nm> {
-    settings.steps_per_mm.zip(steps, |resolution, steps| {
-        resolution.position_of(Steps(steps))
-    })
+    settings.position_of(machine.steps)
 }
 
 /// `X:45,Y:22`: the first axes of a position, steps.
@@ -320,7 +313,7 @@ pub fn path_deviation(text: &mut Text, deviation_mm: f32) {
 
 /// `[PRB:x,y,z:1]`: where the probe changed, in machine coordinates.
 pub fn probed(text: &mut Text, probed: &Probed, settings: &Settings) {
-    let position = position(probed.steps, settings);
+    let position = settings.position_of(probed.steps);
     text.word("[PRB:");
     text.coordinates(&position, ReportUnit::of(settings));
     text.word(if probed.success { ":1]" } else { ":0]" }).end();

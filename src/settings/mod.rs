@@ -24,12 +24,12 @@ pub use table::{Row, SettingGroup};
 pub use tool_table::{TOOLS, ToolEntry, ToolTable};
 
 use crate::{
-    axis::Axes,
+    axis::{Axes, X, Y},
     model::{
-        HAS_PHASES,
+        HAS_PHASES, core_xy,
         timing::{EVENT_SPACING_TICKS, min_period_ticks},
     },
-    units::{Nm, StepsPerMm, TICKS_PER_SECOND, TICKS_PER_US},
+    units::{Nm, Steps, StepsPerMm, TICKS_PER_SECOND, TICKS_PER_US},
 };
 
 /// Largest number of steps per second that a segment can count on one axis.
@@ -85,7 +85,7 @@ settings! {
     report_mask: u8 = 1,
     /// `$11` Junction deviation, mm.
     junction_deviation_mm: f32 = 0.01,
-    /// `$12` Arc tolerance, mm: kept for senders; arcs are exact.
+    /// `$12` Arc tolerance, mm: of the arcs that become chords; others are exact.
     arc_tolerance_mm: f32 = 0.002,
     /// `$785` Farthest from the programmed path under `G64` without `P`, mm; 0 for no limit.
     path_tolerance_mm: f32 = 0.05,
@@ -107,6 +107,8 @@ settings! {
     moves_motors: bool = false,
     /// `$791` Whether motors that are driven by phases turn in half steps.
     half_steps: bool = false,
+    /// `$795` Whether X and Y are moved by two motors that turn for both: [`core_xy`].
+    core_xy: bool = false,
     /// `$792` Least time between two lines of the position stream, ms; 0 sends none.
     stream_interval_ms: f32 = 0.0,
     /// `$793` Whether these lines have Z.
@@ -178,7 +180,27 @@ impl Settings {
     /// Returns the farthest coordinate of each axis that its step counter can hold.
     #[must_use]
     pub fn farthest(&self) -> Axes<Nm> {
-        self.steps_per_mm.map(StepsPerMm::farthest)
+        let mut farthest = self.steps_per_mm.map(StepsPerMm::farthest);
+        if self.core_xy {
+            // Each motor makes the steps of both axes.
+            for axis in [X, Y] {
+                farthest[axis] = Nm(farthest[axis].0 / 2);
+            }
+        }
+        farthest
+    }
+
+    /// Returns the position of the axes where step counters stand.
+    #[must_use]
+    pub fn position_of(&self, steps: Axes<i32>) -> Axes<Nm> {
+        let position = self.steps_per_mm.zip(steps, |resolution, steps| {
+            resolution.position_of(Steps(steps))
+        });
+        if self.core_xy {
+            core_xy::position_of(position)
+        } else {
+            position
+        }
     }
 }
 

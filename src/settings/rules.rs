@@ -6,7 +6,7 @@
 
 use super::{SettingError, Settings};
 use crate::{
-    axis::{AXES, Z},
+    axis::{AXES, X, Y, Z},
     model::{HAS_HALF_STEPS, HAS_REPRAP},
 };
 
@@ -22,7 +22,7 @@ pub(super) fn soft_limits_need_homing(
 }
 
 /// Switches soft limits off with homing.
-pub(super) fn soft_limits_end_with_homing(settings: &mut Settings) {
+pub(super) fn soft_limits_end_with_homing(settings: &mut Settings, _axis: usize) {
     settings.soft_limits &= settings.homing;
 }
 
@@ -33,6 +33,30 @@ pub(super) fn step_rate_is_possible(settings: &Settings, axis: usize) -> Result<
         return Err(SettingError::StepRate);
     }
     Ok(())
+}
+
+/// Refuses a resolution with which a largest speed exceeds the step rate, and another one of Y than of X where they
+/// hang on the same belts. That of X is also Y's there.
+pub(super) fn resolution_is_possible(settings: &Settings, axis: usize) -> Result<(), SettingError> {
+    if settings.core_xy {
+        if settings.steps_per_mm[Y] != settings.steps_per_mm[X] {
+            return Err(SettingError::OutOfRange);
+        }
+        step_rate_is_possible(settings, Y)?;
+    }
+    step_rate_is_possible(settings, axis)
+}
+
+/// Refuses belts whose motors would have to turn faster than the step rate allows.
+pub(super) fn belts_turn_at_rate(settings: &Settings, _axis: usize) -> Result<(), SettingError> {
+    step_rate_is_possible(settings, Y)
+}
+
+/// Gives both motors of `CoreXY` the resolution of X, unless it is that of Y which is new.
+pub(super) fn belts_have_one_resolution(settings: &mut Settings, axis: usize) {
+    if settings.core_xy && axis != Y {
+        settings.steps_per_mm[Y] = settings.steps_per_mm[X];
+    }
 }
 
 /// Refuses half steps where motors take steps and directions, and where an axis would have to be faster than its

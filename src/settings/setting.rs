@@ -63,7 +63,7 @@ impl Setting {
     pub(super) fn assign(&self, settings: &mut Settings, value: Value) -> Result<(), SettingError> {
         let mut changed = *settings;
         self.restore(&mut changed, value)?;
-        (self.row.adjust)(&mut changed);
+        (self.row.adjust)(&mut changed, self.axis);
         (self.row.check)(&changed, self.axis)?;
         *settings = changed;
         Ok(())
@@ -87,7 +87,7 @@ impl Setting {
 /// Applies the rules between settings after every value has been restored.
 pub(super) fn adjust_all(settings: &mut Settings) {
     for row in TABLE {
-        (row.adjust)(settings);
+        (row.adjust)(settings, 0);
     }
 }
 

@@ -35,8 +35,8 @@ pub struct Row {
     pub(super) defined_by: DefinedBy,
     /// Refuses a new value that does not go with other settings.
     pub(super) check: fn(&Settings, usize) -> Result<(), SettingError>,
-    /// Changes the settings that depend on a new value.
-    pub(super) adjust: fn(&mut Settings),
+    /// Changes the settings that depend on a new value, of an axis where there is one for each.
+    pub(super) adjust: fn(&mut Settings, usize),
 }
 
 /// A group of settings, with the number that `$EG` shows.
@@ -86,7 +86,7 @@ const fn row(
         kind,
         defined_by,
         check: |_, _| Ok(()),
-        adjust: |_| {},
+        adjust: |_, _| {},
     }
 }
 
@@ -124,7 +124,7 @@ pub(super) static TABLE: &[Row] = &[
     row(57, Parking, Extension, "parking: speed of the pull-out", MM_MIN, rate(|s| &mut s.parking_pull_out_mm_min)),
     row(58, Parking, Extension, "parking: machine coordinate of Z", MM, coordinate(|s| &mut s.parking_target_mm)),
     row(59, Parking, Extension, "parking: speed to it", MM_MIN, rate(|s| &mut s.parking_mm_min)),
-    row(100, SettingGroup::Axes, Grbl, "resolution", "step/mm", AxisResolution(|s| &mut s.steps_per_mm)).checked(rules::step_rate_is_possible),
+    row(100, SettingGroup::Axes, Grbl, "resolution", "step/mm", AxisResolution(|s| &mut s.steps_per_mm)).checked(rules::resolution_is_possible).adjusting(rules::belts_have_one_resolution),
     row(110, SettingGroup::Axes, Grbl, "largest speed", MM_MIN, axis_divisor(|s| &mut s.max_rate_mm_min)).checked(rules::step_rate_is_possible),
     row(120, SettingGroup::Axes, Grbl, "acceleration", "mm/s²", axis_divisor(|s| &mut s.acceleration_mm_s2)),
     row(130, SettingGroup::Axes, Grbl, "travel", MM, axis_number(|s| &mut s.max_travel_mm)),
@@ -140,6 +140,7 @@ pub(super) static TABLE: &[Row] = &[
     row(791, General, Extension, "motors driven by phases turn in half steps", "", Flag(|s| &mut s.half_steps)).checked(rules::motors_follow),
     row(792, General, Extension, "position stream: least time between two lines, 0 for none", "ms", milliseconds(|s| &mut s.stream_interval_ms)),
     row(793, General, Extension, "position stream: lines have Z", "", Flag(|s| &mut s.stream_z)),
+    row(795, SettingGroup::Axes, Extension, "CoreXY: the motors of X and Y turn for X + Y and X - Y", "", Flag(|s| &mut s.core_xy)).checked(rules::belts_turn_at_rate).adjusting(rules::belts_have_one_resolution),
     row(800, SettingGroup::Axes, Extension, "jerk, 0 for no limit", "mm/s³", axis_number(|s| &mut s.jerk_mm_s3)),
 ];
 
@@ -171,7 +172,7 @@ impl Row {
         self
     }
 
-    const fn adjusting(mut self, adjust: fn(&mut Settings)) -> Self {
+    const fn adjusting(mut self, adjust: fn(&mut Settings, usize)) -> Self {
         self.adjust = adjust;
         self
     }

@@ -5,7 +5,7 @@ use heapless::Vec;
 use super::Edge;
 use crate::{
     axis::{AXES, Axes},
-    model::{GANGED_AXES, Levels, StandingMotors},
+    model::{GANGED_AXES, Levels, StandingMotors, core_xy},
 };
 
 /// Largest number of switches: two for each of six axes, and four more.
@@ -23,7 +23,7 @@ pub enum Closes {
 /// A switch that an axis closes.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Switch {
-    /// The axis, 0 = X.
+    /// The axis, 0 = X; not the motor, on a `CoreXY` machine.
     pub axis: usize,
     /// The positions at which it is closed.
     pub closes: Closes,
@@ -56,6 +56,8 @@ pub(super) struct Contacts {
     second_steps: Axes<i32>,
     /// Motors that are left out of the steps of their axis.
     standing: StandingMotors,
+    /// The motors of X and Y are those of `CoreXY`.
+    pub(super) is_core_xy: bool,
     /// Closed contacts.
     pub(super) closed: Levels,
 }
@@ -69,12 +71,22 @@ impl Contacts {
             steps: Axes([0; AXES]),
             second_steps: Axes([0; AXES]),
             standing: StandingMotors::NONE,
+            is_core_xy: false,
             closed: Levels::NONE,
         }
     }
 
     pub(super) const fn steps(&self) -> Axes<i32> {
         self.steps
+    }
+
+    /// Returns where the axes are.
+    pub(super) fn position(&self) -> Axes<i32> {
+        if self.is_core_xy {
+            core_xy::steps_of(self.steps)
+        } else {
+            self.steps
+        }
     }
 
     /// Mounts a switch. Returns false without such an axis, or without room.
@@ -128,7 +140,8 @@ impl Contacts {
     /// Updates every contact. Returns whether any has changed.
     pub(super) fn update(&mut self) -> bool {
         let mut closed = self.held;
-        let first = self.switches.iter().map(|switch| (switch, &self.steps));
+        let steps = self.position();
+        let first = self.switches.iter().map(|switch| (switch, &steps));
         let second = self.second_switches.iter();
         for (switch, steps) in first.chain(second.map(|switch| (switch, &self.second_steps))) {
             if switch.is_closed_at(steps[switch.axis]) {

@@ -111,7 +111,7 @@ impl Drive {
         drive.published = drive.motion.power_up(settings, &drive.inputs, alarm);
         drive.watch = Watch::new(Levels::NONE, &drive.inputs);
         drive.platform.outputs = *drive.motion.outputs();
-        drive.configure_phases(settings);
+        drive.configure_mechanics(settings);
         drive
     }
 
@@ -168,6 +168,12 @@ impl Drive {
         self.contacts.steps()
     }
 
+    /// Returns the same of the axes, which are not those of the motors on a `CoreXY` machine.
+    #[must_use]
+    pub fn physical_position(&self) -> Axes<i32> {
+        self.contacts.position()
+    }
+
     /// Returns the coils that are energised if motors are driven by phases, bit 0 = IN1, for each axis: none while
     /// the drivers are disabled.
     #[must_use]
@@ -179,8 +185,12 @@ impl Drive {
         }
     }
 
-    /// Applies `$3` and `$791` to such motors. At rest only.
-    pub(super) fn configure_phases(&mut self, settings: &Settings) {
+    /// Applies `$3` and `$791` to such motors, and `$795` to the switches. At rest only.
+    pub(super) fn configure_mechanics(&mut self, settings: &Settings) {
+        if self.contacts.is_core_xy != settings.core_xy {
+            self.contacts.is_core_xy = settings.core_xy;
+            self.update_contacts();
+        }
         let steps = PhaseSteps::new(settings.half_steps, settings.direction_invert);
         self.timer.phases.configure(steps);
     }

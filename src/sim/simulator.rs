@@ -232,6 +232,12 @@ impl Simulator {
         self.drive.physical_steps()
     }
 
+    /// Returns the same of the axes, which are not those of the motors on a `CoreXY` machine.
+    #[must_use]
+    pub fn physical_position(&self) -> Axes<i32> {
+        self.drive.physical_position()
+    }
+
     /// Returns the outputs beside the axes, with the duty that is output.
     #[must_use]
     pub const fn outputs(&self) -> &Outputs {
@@ -332,7 +338,7 @@ impl Simulator {
         );
         self.is_interpret_released = progress == Progress::Again;
         if is_at_rest {
-            self.drive.configure_phases(self.session.settings());
+            self.drive.configure_mechanics(self.session.settings());
         }
     }
 

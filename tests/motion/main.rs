@@ -4,6 +4,7 @@
 mod arcs;
 mod arithmetic;
 mod contours;
+mod core_xy;
 mod experiment_arcs;
 mod extremes;
 mod faults;

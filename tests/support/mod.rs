@@ -27,7 +27,7 @@ pub(crate) use {
 mod host {
     use leadscrew::{
         axis::Axes,
-        model::{Circle, Command, FeedRate, Plane, Requests, Rotation, Target},
+        model::{Circle, Command, FeedRate, Plane, Requests, Rotation, Target, core_xy},
         protocol::Bytes,
         settings::{Settings, StepRate},
         sim::Drive,
@@ -104,9 +104,14 @@ mod host {
         }
     }
 
-    /// The steps at which commands end.
+    /// The steps of the motors at which commands end.
     pub(crate) fn target_steps(settings: &Settings, target: &Axes<Nm>) -> Axes<i32> {
-        settings.steps_per_mm.zip(*target, |resolution, nm| {
+        let target = if settings.core_xy {
+            core_xy::motors_of(*target)
+        } else {
+            *target
+        };
+        settings.steps_per_mm.zip(target, |resolution, nm| {
             resolution.steps_as_grbl(nm, nm.to_mm()).0.0
         })
     }

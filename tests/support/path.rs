@@ -29,6 +29,8 @@ pub(crate) struct Piece {
     end: Point,
     curve: Option<Turn>,
     round: Option<Corner>,
+    /// Its steps are those of the motors of `CoreXY`.
+    is_core_xy: bool,
     /// Not less than the length, in steps.
     length: f64,
 }
@@ -65,7 +67,8 @@ impl Piece {
             end,
             curve,
             round: None,
-            length,
+            is_core_xy: settings.core_xy,
+            length: length * motors_per_axis(settings),
         })
     }
 
@@ -87,7 +90,7 @@ impl Piece {
             along: arm(&round.tangent),
             sweep: f64::from(round.sweep_rad),
         };
-        let length = (0..AXES)
+        let length: f64 = (0..AXES)
             .map(|axis| 2.0 * (corner.outwards[axis].abs() + corner.along[axis].abs()))
             .sum();
         Self {
@@ -95,7 +98,8 @@ impl Piece {
             end,
             curve: None,
             round: Some(corner),
-            length,
+            is_core_xy: settings.core_xy,
+            length: length * motors_per_axis(settings),
         }
     }
 
@@ -126,8 +130,16 @@ impl Piece {
                 self.begin[axis] + outwards * (cosine - 1.0) + along * sine
             });
         }
+        if self.is_core_xy {
+            [point[0], point[1]] = [point[0] + point[1], point[0] - point[1]];
+        }
         point
     }
+}
+
+/// How many steps of motors one of an axis makes at most.
+fn motors_per_axis(settings: &Settings) -> f64 {
+    if settings.core_xy { 2.0 } else { 1.0 }
 }
 
 /// A rounded corner: its radii to the start and along it, in steps.

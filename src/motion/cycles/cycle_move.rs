@@ -1,11 +1,12 @@
 //! A straight move of a motion cycle, from standstill to standstill, by the trapezoidal profile.
 //!
-//! No override applies to it, and the plan of the program is untouched.
+//! No override applies to it, and the plan of the program is untouched. It is a move of the axes: on a `CoreXY` machine
+//! the motors have the limits, and who makes it turns its segments into theirs.
 
 use crate::{
     axis::{AXES, Axes},
     math,
-    model::Laser,
+    model::{Laser, core_xy},
     motion::executor::{Executor, Goal, NextSegment},
     path::{Block, Limits, MoveKind},
     settings::Settings,
@@ -21,6 +22,8 @@ pub(super) struct CycleLimits {
     pub(super) acceleration_mm_s2: Axes<f32>,
     /// Greatest step rate of all axes together.
     steps_per_s: f32,
+    /// Speeds and accelerations in the places of X and Y are those of the motors of `CoreXY`.
+    pub(super) is_core_xy: bool,
 }
 
 impl CycleLimits {
@@ -29,6 +32,7 @@ impl CycleLimits {
         speed_mm_s: Axes([0.0; AXES]),
         acceleration_mm_s2: Axes([0.0; AXES]),
         steps_per_s: 0.0,
+        is_core_xy: false,
     };
 
     /// Takes over the settings.
@@ -40,6 +44,29 @@ impl CycleLimits {
         });
         self.acceleration_mm_s2 = settings.acceleration_mm_s2;
         self.steps_per_s = settings.step_rate.hz() as f32;
+        self.is_core_xy = settings.core_xy;
+    }
+
+    /// Returns the greatest speed along a direction of the axes, mm/s, in which each of them has `axis_mm_s` at most.
+    fn speed_along(&self, direction: &Axes<f32>, axis_mm_s: f32) -> f32 {
+        if self.is_core_xy {
+            let of_motors = core_xy::motors_of(*direction);
+            return math::min(
+                Limits::along(&Axes::all(axis_mm_s), direction),
+                Limits::along(&self.speed_mm_s, &of_motors),
+            );
+        }
+        let axes_mm_s = self.speed_mm_s.map(|limit| math::min(limit, axis_mm_s));
+        Limits::along(&axes_mm_s, direction)
+    }
+
+    /// Returns the movement of the motors for one of the axes.
+    fn motors_of(&self, movement: Axes<f32>) -> Axes<f32> {
+        if self.is_core_xy {
+            core_xy::motors_of(movement)
+        } else {
+            movement
+        }
     }
 }
 
@@ -71,10 +98,10 @@ impl CycleMove {
         }
         let direction = displacement.map(|mm| mm / length_mm);
         let steps_per_mm = direction.zip(limits.steps_per_mm, |share, steps| share * steps);
-        let axes_mm_s = limits.speed_mm_s.map(|limit| math::min(limit, axis_mm_s));
-        let all_steps_per_mm: f32 = steps_per_mm.iter().map(|steps| steps.abs()).sum();
+        let of_motors = limits.motors_of(steps_per_mm);
+        let all_steps_per_mm: f32 = of_motors.iter().map(|steps| steps.abs()).sum();
         let speed_mm_s = math::min(
-            Limits::along(&axes_mm_s, &direction),
+            limits.speed_along(&direction, axis_mm_s),
             limits.steps_per_s / all_steps_per_mm,
         );
         self.block = Some(Block {
@@ -86,7 +113,10 @@ impl CycleMove {
             limit_mm_s: speed_mm_s,
             kind: MoveKind::Fixed,
             laser: Laser::None,
-            acceleration_mm_s2: Limits::along(&limits.acceleration_mm_s2, &direction),
+            acceleration_mm_s2: Limits::along(
+                &limits.acceleration_mm_s2,
+                &limits.motors_of(direction),
+            ),
             junction_sqr: 0.0,
             curve: None,
             line: 0,

@@ -11,6 +11,7 @@
 //! The axes of a group move together, by one straight move. One that finds its switch leaves the move
 //! and slows down while the others go on; a switch stops nothing dead. How far it is pulled off counts
 //! from where the switch closed.
+//! On a `CoreXY` machine the cycle moves the axes, and its segments become those of the motors.
 //! Axes of `$788` have no switch: they do not move, and are at the end of their travel where they stand.
 //! A pause of `$26` follows each motion, as in Grbl: from when the last switch closed, so that braking
 //! is part of it, or from the end of the pull-off. Read with Grbl 1.1 `limits.c`, `limits_go_home`.
@@ -145,7 +146,8 @@ impl Homing {
     /// Begins a cycle, at rest: these axes together, bit 0 = X; with 0, Z and then X and Y.
     pub fn begin(&mut self, axes: u8, inputs: &Inputs, generator: &Generator) {
         self.alarm = None;
-        self.squaring.begin(inputs.ganged_axes());
+        let ganged = self.parameters.of_own_motors(inputs.ganged_axes());
+        self.squaring.begin(ganged);
         let by_marks = self.parameters.by_marks & ALL_AXES;
         if axes == 0 {
             self.marked_axes = by_marks;
@@ -208,6 +210,7 @@ impl Homing {
         generator: &Generator,
     ) {
         let axis = if switch < AXES { switch } else { switch - AXES };
+        let steps = self.parameters.axis_steps_of(steps);
         if let (Some(place), Some(position)) = (self.switches.0.get_mut(axis), steps.0.get(axis)) {
             self.squaring.record(switch, *position);
             if HAS_SECOND_MOTORS && self.stopping_axes >> axis & 1 != 0 {
@@ -250,7 +253,9 @@ impl Homing {
         segment: &mut Segment,
     ) -> bool {
         if self.is_moving() {
-            self.move_axes(generator.position(), segment);
+            let position = self.parameters.axes_of(generator.position());
+            self.move_axes(&position, segment);
+            self.parameters.drive_motors(segment);
             self.standstill_ticks = 0;
             if self.is_found() {
                 self.shorten_pause(segment.ticks);
@@ -365,14 +370,14 @@ impl Homing {
 
     /// The axes of the group are at home; the next ones follow.
     fn finish(&mut self, inputs: &Inputs, generator: &mut Generator) {
-        let mut steps = generator.steps();
+        let mut steps = self.parameters.axis_steps_of(&generator.steps());
         // wcet-bound: axes
         for (axis, steps) in steps.iter_mut().enumerate() {
             if (self.current_axes | self.marked_axes) >> axis & 1 != 0 {
                 *steps = self.parameters.home(axis);
             }
         }
-        generator.set_steps(steps);
+        generator.set_steps(self.parameters.motor_steps_of(steps));
         self.marked_axes = 0;
         self.current_axes = self.later_axes;
         self.later_axes = 0;
@@ -403,13 +408,14 @@ impl Homing {
             HomingStage::Idle | HomingStage::Stop => return,
         };
         let closed = inputs.active();
+        let position = self.parameters.axes_of(generator.position());
         let mut delta = Axes([0; AXES]);
         // wcet-bound: axes
         for axis in 0..AXES {
             if self.current_axes >> axis & 1 == 0 {
                 continue;
             }
-            let here = generator.position()[axis];
+            let here = position[axis];
             if stage.is_squaring() {
                 let target = self.squaring_target(axis);
                 match target {

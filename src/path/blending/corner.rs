@@ -65,7 +65,7 @@ impl Corner {
             return None;
         }
         let angle = Deflection::between(&before.direction, &after.direction)?;
-        let shares = angle.shares();
+        let shares = limits.arc_shares(to_axes(&angle.radial), to_axes(&angle.tangent));
         let acceleration = limits.acceleration_along(&shares);
         let error_mm = math::max(before.error_mm, after.error_mm);
         let allowed_mm = TOLERANCE_PART * (tolerance_mm - error_mm);
@@ -162,14 +162,6 @@ impl Deflection {
     /// Returns 1/cos(θ/2) - 1, without the difference that cancels.
     fn excess(&self) -> f32 {
         self.half_sine * self.half_sine / (self.half_cosine * (1.0 + self.half_cosine))
-    }
-
-    /// Returns the greatest share of each axis in any direction of the plane.
-    fn shares(&self) -> Axes<f32> {
-        to_axes(&core::array::from_fn(|axis| {
-            let (a, b) = (self.radial[axis], self.tangent[axis]);
-            math::sqrt(a * a + b * b)
-        }))
     }
 
     /// Returns the direction from the centre to the start of the arc: the middle rotated back by θ/2.

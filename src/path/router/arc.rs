@@ -1,10 +1,12 @@
 //! Blocks of arcs and helices in the plane of two axes.
 
+use core::f64::consts::SQRT_2;
+
 use super::{Geometry, Limits, Router, arc_jerk::ArcJerk, linear_length};
 use crate::{
     axis::Axes,
     math,
-    model::{Circle, FeedRate, Target},
+    model::{Circle, FeedRate, Plane, Target},
     path::{
         Block, Curve, Shape,
         arc::{Arc, PHASE_PER_RAD},
@@ -17,6 +19,8 @@ use crate::{
 /// look-ahead; `tests/motion/segments.rs` measures both.
 pub(super) const MIN_ARC_S: f32 = 3.0e-3;
 const MIN_QUADRANT_S: f32 = 1.5e-3;
+/// An eighth of a turn as a phase.
+const EIGHTH_TURN: u32 = 1 << 29;
 
 impl Router {
     /// The block of an arc; `None` for an arc that makes no step and is shorter than half a step in its
@@ -29,13 +33,18 @@ impl Router {
         feed_rate: FeedRate,
         line: u32,
     ) -> Option<Block> {
+        if self.limits.is_core_xy && circle.plane != Plane::Xy {
+            // The session has made chords of it.
+            return self.rare_line_block(target, feed_rate, line);
+        }
         let (first, second, _) = circle.plane.axes();
         let to_target = target.position.zip(self.at.position, |to, from| to - from);
         let offset = self
             .at
             .position
             .zip(self.at.block_end, |to, from| to - from);
-        let finest = self.limits.steps_per_mm[first].max(self.limits.steps_per_mm[second]);
+        let finest = self.limits.steps_per_mm[first].max(self.limits.steps_per_mm[second])
+            * self.limits.motors_per_axis();
         let arc = Arc::new(circle, [to_target[first], to_target[second]]).begun_before(
             circle,
             [offset[first], offset[second]],
@@ -67,13 +76,15 @@ impl Router {
         let plane_share = plane_mm / length_mm;
         let direction = displacement.map(|distance| distance / length_mm);
         // Any direction in the plane occurs: the axes share the smaller of their limits.
-        let in_plane = |limits: &Axes<f32>| limits[first].min(limits[second]);
+        let motors_per_axis = limits.motors_per_axis();
+        let in_plane =
+            |of_motors: &Axes<f32>| of_motors[first].min(of_motors[second]) / motors_per_axis;
         let acceleration =
             in_plane(&limits.acceleration_mm_s2).min(limits.acceleration_along(&direction));
         let limit_sqr = acceleration * arc.tightest_mm() as f32 / (plane_share * plane_share);
         let axes_mm_s = (in_plane(&limits.speed_mm_s) / plane_share)
             .min(Limits::along(&limits.speed_mm_s, &direction));
-        let steps_per_mm = with_plane(direction, axes, [plane_share; 2])
+        let steps_per_mm = with_plane(direction, axes, [plane_share * motors_per_axis; 2])
             .zip(limits.steps_per_mm, |share, steps| share * steps);
         let shortest_time_mm_s = length_mm / shortest_s(arc);
         let limit_mm_s = limits.curve_mm_s(axes_mm_s, &steps_per_mm, limit_sqr, shortest_time_mm_s);
@@ -113,14 +124,22 @@ impl Router {
     }
 
     fn curve(&self, arc: &Arc, axes: [usize; 2], limit_sqr: f32, length_mm: f32) -> Curve {
-        let [start, end] = arc.radius;
+        let mut phase = libm::round(arc.start * PHASE_PER_RAD) as i64 as u32;
+        let mut sweep = libm::round(arc.sweep * PHASE_PER_RAD) as i64;
+        let [mut start, mut end] = arc.radius;
+        if self.limits.is_core_xy {
+            // r (cos φ + sin φ, cos φ - sin φ) = √2 r (cos ψ, sin ψ) with ψ = 45° - φ.
+            phase = EIGHTH_TURN.wrapping_sub(phase);
+            sweep = -sweep;
+            [start, end] = arc.radius.map(|radius| SQRT_2 * radius);
+        }
         let fine = |axis: usize, mm: f64| {
             let steps_per_mm = self.settings.steps_per_mm[axis].millionths() as f64 * 1.0e-6;
             libm::round(mm * steps_per_mm * FineSteps::ONE as f64) as i64
         };
         Curve {
-            phase: libm::round(arc.start * PHASE_PER_RAD) as i64 as u32,
-            sweep: libm::round(arc.sweep * PHASE_PER_RAD) as i64,
+            phase,
+            sweep,
             limit_sqr,
             mm_per_phase: (f64::from(length_mm) / (libm::fabs(arc.sweep) * PHASE_PER_RAD)) as f32,
             shape: Shape::Planar {

@@ -75,7 +75,7 @@ impl Limits {
             return f32::MAX;
         }
         let per_mm = math::sqrt(square);
-        let jerk_mm_s3 = per_mm * Self::along(&self.jerk_mm_s3, change_per_mm);
+        let jerk_mm_s3 = per_mm * Self::along(&self.jerk_mm_s3, &self.motors_of(*change_per_mm));
         curvature_change_sqr(per_mm, jerk_mm_s3)
     }
 

@@ -27,7 +27,7 @@ impl Router {
     fn corner_arc_geometry(&self, arc: &CornerArc) -> Geometry {
         let limits = &self.limits;
         let [radial, tangent] = [&arc.radial, &arc.tangent].map(to_axes);
-        let shares = radial.zip(tangent, |a, b| math::sqrt(a * a + b * b));
+        let shares = limits.arc_shares(radial, tangent);
         let (sine, cosine) = (libm::sinf(arc.sweep_rad), libm::cosf(arc.sweep_rad));
         let end_tangent = tangent.zip(radial, |tangent, radial| tangent * cosine - radial * sine);
         let end_radial = tangent.zip(radial, |tangent, radial| tangent * sine + radial * cosine);
@@ -35,7 +35,9 @@ impl Router {
         let limit_sqr = acceleration * arc.radius_mm;
         let length_mm = arc.radius_mm * arc.sweep_rad;
         let steps_per_mm = shares.zip(limits.steps_per_mm, |share, steps| share * steps);
-        let circle = self.spatial_arc(arc, &tangent, &radial, &end_tangent);
+        let [radial_of_motors, tangent_of_motors, end_of_motors] =
+            [radial, tangent, end_tangent].map(|direction| limits.motors_of(direction));
+        let circle = self.spatial_arc(arc, &tangent_of_motors, &radial_of_motors, &end_of_motors);
         let reversals = circle
             .reversals
             .iter()

@@ -4,11 +4,13 @@
 //! and the angle θ between the directions, v² = a·δ·cos(θ/2) / (1 - cos(θ/2)): the speed on a circle
 //! that touches both lines and leaves the corner by δ.
 
+use core::f32::consts::SQRT_2;
+
 use super::programmed_mm_s;
 use crate::{
     axis::{AXES, Axes, LINEAR},
     math,
-    model::FeedRate,
+    model::{FeedRate, core_xy},
     path::AveragingWindow,
     settings::Settings,
     units::StepsPerMm,
@@ -29,6 +31,8 @@ pub(crate) struct Limits {
     pub(super) junction_deviation_mm: f32,
     /// Greatest step rate of all axes together.
     pub(super) steps_per_s: f32,
+    /// The limits in the places of X and Y are those of the motors of `CoreXY`.
+    pub(super) is_core_xy: bool,
 }
 
 impl Limits {
@@ -51,7 +55,30 @@ impl Limits {
             window,
             junction_deviation_mm: settings.junction_deviation_mm,
             steps_per_s: settings.step_rate.hz() as f32,
+            is_core_xy: settings.core_xy,
         }
+    }
+
+    /// Returns the movement of the motors for one of the axes.
+    #[inline]
+    pub(super) fn motors_of(&self, movement: Axes<f32>) -> Axes<f32> {
+        if self.is_core_xy {
+            core_xy::motors_of(movement)
+        } else {
+            movement
+        }
+    }
+
+    /// Returns how much more the fastest motor moves than the fastest axis, at most.
+    pub(super) fn motors_per_axis(&self) -> f32 {
+        if self.is_core_xy { SQRT_2 } else { 1.0 }
+    }
+
+    /// Returns the greatest parts of a movement along a circle that each motor makes, from two directions of its
+    /// plane at a right angle.
+    pub(crate) fn arc_shares(&self, radial: Axes<f32>, tangent: Axes<f32>) -> Axes<f32> {
+        let (radial, tangent) = (self.motors_of(radial), self.motors_of(tangent));
+        radial.zip(tangent, |a, b| math::sqrt(a * a + b * b))
     }
 
     /// Returns the smallest of the limits, each divided by the axis's share of the direction.
@@ -66,8 +93,7 @@ impl Limits {
         smallest
     }
 
-    /// Returns the acceleration along a direction, or along an arc with the greatest shares of the axes,
-    /// mm/s².
+    /// Returns the acceleration along a movement of the motors, or along an arc with their greatest shares, mm/s².
     pub(crate) fn acceleration_along(&self, shares: &Axes<f32>) -> f32 {
         Self::along(&self.acceleration_mm_s2, shares)
     }
@@ -106,14 +132,15 @@ impl Limits {
 
     /// Returns the speed of a line at a feed rate that does not depend on its length, mm/s.
     pub(crate) fn line_mm_s(&self, feed_rate: FeedRate, direction: &Axes<f32>) -> f32 {
-        let limit_mm_s = Self::along(&self.speed_mm_s, direction);
+        let limit_mm_s = Self::along(&self.speed_mm_s, &self.motors_of(*direction));
         math::min(programmed_mm_s(feed_rate, 0.0, limit_mm_s), limit_mm_s)
     }
 
     /// Returns the radius that is `steps` of the finest linear axis, mm.
     pub(crate) fn radius_mm(&self, steps: f32) -> f32 {
         let finest = self.steps_per_mm.iter().take(LINEAR);
-        steps / finest.fold(f32::MIN_POSITIVE, |a, b| math::max(a, *b))
+        let finest = finest.fold(f32::MIN_POSITIVE, |a, b| math::max(a, *b));
+        steps / (finest * self.motors_per_axis())
     }
 
     /// Returns the limit of the squared speed at the junction of two directions, (mm/s)². A direction is
@@ -135,7 +162,8 @@ impl Limits {
         }
         // The acceleration points along the change of direction: along its unit vector, where `along`
         // divides by the change itself.
-        let acceleration = self.acceleration_along(&change) * math::sqrt(change_sqr);
+        let acceleration =
+            self.acceleration_along(&self.motors_of(change)) * math::sqrt(change_sqr);
         let cosine = math::sqrt(cosine_sqr);
         // cos / (1 - cos), without the difference that cancels.
         let ratio = cosine * (1.0 + cosine) / (0.25 * change_sqr);

@@ -321,7 +321,8 @@ impl Session {
         let settings = self.settings_in_effect();
         // The steps stay the same; with another resolution they are another position.
         let position = self.router.configure(&settings, links.machine.steps);
-        if settings.steps_per_mm != self.persistence.previous.settings.steps_per_mm {
+        let previous = &self.persistence.previous.settings;
+        if settings.steps_per_mm != previous.steps_per_mm || settings.core_xy != previous.core_xy {
             self.interpreter.set_position(position);
         }
         self.send_work(Work::Configure(settings), links);

@@ -11,7 +11,7 @@ use super::Session;
 use crate::{
     axis::LINEAR,
     machine::Snapshot,
-    model::{Awaited, Requests},
+    model::{Awaited, Requests, core_xy},
     protocol::{ByteWriter, Progress, Text, report},
     stepper::SegmentRing,
     units::TICKS_PER_MS,
@@ -73,9 +73,14 @@ impl Session {
         } else {
             LINEAR - 1
         };
+        let steps = if settings.core_xy {
+            core_xy::steps_of(machine.steps)
+        } else {
+            machine.steps
+        };
         let stream = &mut self.stream;
         let is_changed = |(shown, steps): (&i32, &i32)| shown != steps;
-        let mut both = stream.steps.iter().zip(&machine.steps).take(axes);
+        let mut both = stream.steps.iter().zip(&steps).take(axes);
         stream.awaits_room = false;
         if !both.any(is_changed) {
             return;
@@ -86,14 +91,14 @@ impl Session {
             return;
         }
         let mut text = Text::new();
-        report::stepped_position(&mut text, &machine.steps, axes);
+        report::stepped_position(&mut text, &steps, axes);
         let is_first = sent.is_empty() && !self.reports.is_pending() && self.is_welcome_sent();
         let is_sent = is_first && sent.append(text.as_bytes());
         let stream = &mut self.stream;
         stream.awaits_room = !is_sent;
         if is_sent {
             stream.sent_ticks = now_ticks;
-            for (shown, steps) in stream.steps.iter_mut().zip(&machine.steps) {
+            for (shown, steps) in stream.steps.iter_mut().zip(&steps) {
                 *shown = *steps;
             }
         }

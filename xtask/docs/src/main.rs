@@ -166,6 +166,7 @@ fn settings_table() -> Result<String> {
     }
     text.push_str(&step_rates());
     text.push_str(JERK);
+    text.push_str(CORE_XY);
     Ok(text)
 }
 
@@ -180,6 +181,19 @@ const JERK: &str = "\n## Limits of jerk\n\n\
     instead. So is the speed of arcs whose direction would change too fast, and of the places where a small\n\
     arc begins or ends. Corners are passed as `$11` has it. A feed hold takes that time longer, too.\n\
     [motion-planning.md](motion-planning.md#limits-of-jerk) says how it works.\n";
+
+/// What `CoreXY` is, and what its settings count for.
+const CORE_XY: &str = "\n## CoreXY\n\n\
+    `$795=1` is for a machine whose X and Y hang on two belts: the motor at X's outputs makes the steps of X + Y, that at\n\
+    Y's outputs those of X - Y, as with Grbl's `COREXY`. Grbl and grblHAL choose that when they are compiled and have no\n\
+    setting for it. If the machine mirrors or swaps X and Y, turn a motor around with `$3`, or swap the motors' plugs.\n\n\
+    What is a motor's counts for the motors: `$2`, `$3`, and `$110`, `$120`, `$800` of X for the first one, `$111`, `$121`, `$801`\n\
+    for the second one. Along X or Y both turn, and the slower one decides; along a diagonal one turns alone, and the tool is\n\
+    √2 times slower than it turns. Both have the resolution of `$100`; `$101` follows it. What is an axis' counts for the axes:\n\
+    `$130` and `$131`, soft limits, `$23`, homing and its switches, jogs, probing and all positions that are reported.\n\n\
+    Lines and arcs in the plane of X and Y, helices included, are as exact as on other machines. An arc of `G18` or `G19` becomes\n\
+    chords that stay within `$12` of it. A homed axis is at its place to a step. A machine whose `$795` changes stands at\n\
+    another position: home it.\n";
 
 /// What resolution and speed must not be together, and where that is from.
 fn step_rates() -> String {

@@ -61,7 +61,7 @@ pub struct Final {
     pub state: String,
     /// Machine position, mm.
     pub mpos_mm: Vec<f64>,
-    /// Machine position, steps.
+    /// Step counters: of the motors, on a `CoreXY` machine.
     pub steps: Vec<i32>,
 }
 
@@ -73,9 +73,13 @@ impl Final {
             // Millionths of a step per mm: whole, so the quotient is the nearest number.
             f64::from(*steps) * 1e6 / scale.millionths() as f64
         });
+        let mut mpos_mm: Vec<f64> = mm.collect();
+        if let (true, [a, b, ..]) = (settings.core_xy, mpos_mm.as_mut_slice()) {
+            (*a, *b) = (0.5 * (*a + *b), 0.5 * (*a - *b));
+        }
         Self {
             state,
-            mpos_mm: mm.collect(),
+            mpos_mm,
             steps: steps.to_vec(),
         }
     }

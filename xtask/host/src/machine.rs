@@ -116,7 +116,7 @@ impl Machine {
 
     /// Notes what the outputs and the switches do.
     fn note(&mut self) {
-        let position = self.simulator.physical_steps();
+        let position = self.simulator.physical_position();
         let switches = self.switches.iter();
         let closed = switches.map(|switch| switch.is_closed_at(position[switch.axis]));
         let now_s = self.simulator.now() as f64 / f64::from(TICKS_PER_SECOND);

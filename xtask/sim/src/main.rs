@@ -26,7 +26,7 @@ use std::{
 };
 
 use anstream::println;
-use anyhow::{Context, Result};
+use anyhow::{Context, Result, ensure};
 use clap::Parser;
 use common::{
     cargo,
@@ -159,6 +159,10 @@ fn run(options: &Options) -> Result<ExitCode> {
         has_switches: options.switches,
     };
     let simulator = power_up.simulator()?;
+    ensure!(
+        !(options.quality && simulator.session().settings().core_xy),
+        "--quality measures the motors of axes: it has no measure for CoreXY ($795=1)"
+    );
     // Caught from here on: Ctrl-C leaves no file that is half written.
     let interrupted = interrupt::interruptions()?;
     let recording = Recording::create(options, simulator.session())?;

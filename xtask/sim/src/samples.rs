@@ -1,9 +1,9 @@
 //! A run as pictures show it: its path, and least and greatest values over time, in bounded memory.
 
-use std::{collections::VecDeque, ops::Range};
+use std::{array, collections::VecDeque, ops::Range};
 
 use leadscrew::{
-    axis::{AXES, LINEAR},
+    axis::{AXES, LINEAR, X, Y},
     model::Outputs,
     settings::Settings,
 };
@@ -139,6 +139,8 @@ type Sample = ([f64; AXES], Move);
 #[derive(Debug, Clone)]
 pub(crate) struct Samples {
     steps_per_mm: [f64; AXES],
+    /// Steps in the places of X and Y are those of the motors of `CoreXY`.
+    is_core_xy: bool,
     columns: [Column; AXES],
     moves: VecDeque<Move>,
     /// Moves so far, one for each sample time.
@@ -157,6 +159,7 @@ impl Samples {
     pub(crate) fn new(settings: &Settings) -> Self {
         Self {
             steps_per_mm: steps_per_mm(settings),
+            is_core_xy: settings.core_xy,
             columns: Default::default(),
             moves: VecDeque::new(),
             count: 0,
@@ -176,10 +179,12 @@ impl Samples {
                 column.wait(row.time_ns);
             } else {
                 column.step(row.time_ns, row.steps[axis]);
-                let at = f64::from(column.steps) / self.steps_per_mm[axis];
-                let (least, greatest) = &mut self.motion.extents[axis];
-                (*least, *greatest) = (least.min(at), greatest.max(at));
             }
+        }
+        let steps = array::from_fn(|axis| f64::from(row.steps[axis]));
+        let here = self.position(steps).into_iter();
+        for ((least, greatest), at) in self.motion.extents.iter_mut().zip(here) {
+            (*least, *greatest) = (least.min(at), greatest.max(at));
         }
         while self.count * SPACING_NS <= row.time_ns {
             self.moves.push_back(row.of);
@@ -188,15 +193,25 @@ impl Samples {
         self.measure();
     }
 
+    /// Returns where the axes are, mm or degrees, for the steps of the motors.
+    fn position(&self, steps: [f64; AXES]) -> [f64; AXES] {
+        let mut at: [f64; AXES] = array::from_fn(|axis| steps[axis] / self.steps_per_mm[axis]);
+        if self.is_core_xy {
+            [at[X], at[Y]] = [0.5 * (at[X] + at[Y]), 0.5 * (at[X] - at[Y])];
+        }
+        at
+    }
+
     /// Measures what all axes are known for.
     fn measure(&mut self) {
         let known = self.columns.iter().map(|column| column.pending.len());
         let known = known.fold(self.moves.len(), usize::min);
         for _ in 0..known {
-            let at = std::array::from_fn(|axis| {
+            let steps = array::from_fn(|axis| {
                 let steps = self.columns[axis].pending.pop_front();
-                steps.unwrap_or_default() / self.steps_per_mm[axis]
+                steps.unwrap_or_default()
             });
+            let at = self.position(steps);
             let of = self.moves.pop_front().unwrap_or_default();
             if self.window.is_empty() {
                 // At rest before the first step.

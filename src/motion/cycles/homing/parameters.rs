@@ -1,12 +1,14 @@
 //! The parameters of the homing cycle, from the settings.
 
 use crate::{
-    axis::{AXES, Axes},
+    axis::{AXES, Axes, X, Y, Z},
     math,
+    model::core_xy,
     motion::{cycles::cycle_move::CycleLimits, limits::TICKS_PER_S},
     path::MIN_SPEED_MM_S,
     settings::Settings,
-    units::TICKS_PER_MS,
+    stepper::{AxisMotion, Segment},
+    units::{FineSteps, TICKS_PER_MS},
 };
 
 /// Per s² to per tick².
@@ -57,7 +59,61 @@ impl HomingParameters {
     /// Returns the deceleration of an axis that has found its switch, steps per tick².
     pub(super) fn deceleration(&self, axis: usize) -> f32 {
         let limits = &self.limits;
-        limits.acceleration_mm_s2[axis] * limits.steps_per_mm[axis] * PER_TICK_SQR
+        let mut mm_s2 = limits.acceleration_mm_s2[axis];
+        if limits.is_core_xy && axis != Z {
+            // Both axes may slow down at the same time, by the same motor.
+            let [a, b] = [X, Y].map(|motor| limits.acceleration_mm_s2[motor]);
+            mm_s2 = 0.5 * math::min(a, b);
+        }
+        mm_s2 * limits.steps_per_mm[axis] * PER_TICK_SQR
+    }
+
+    /// Returns where the axes are for where the motors are.
+    pub(super) fn axes_of(&self, motors: &Axes<FineSteps>) -> Axes<FineSteps> {
+        if self.limits.is_core_xy {
+            core_xy::fine_steps_of(*motors)
+        } else {
+            *motors
+        }
+    }
+
+    /// Returns the same in whole steps.
+    pub(super) fn axis_steps_of(&self, motors: &Axes<i32>) -> Axes<i32> {
+        if self.limits.is_core_xy {
+            core_xy::steps_of(*motors)
+        } else {
+            *motors
+        }
+    }
+
+    /// Returns where the motors are for where the axes are.
+    pub(super) fn motor_steps_of(&self, axes: Axes<i32>) -> Axes<i32> {
+        if self.limits.is_core_xy {
+            core_xy::motors_of(axes)
+        } else {
+            axes
+        }
+    }
+
+    /// Makes a segment of the axes one of the motors.
+    pub(super) fn drive_motors(&self, segment: &mut Segment) {
+        if self.limits.is_core_xy {
+            let to = core_xy::motors_of(segment.axes.map(|motion| motion.to.0));
+            let acceleration = core_xy::motors_of(segment.axes.map(|motion| motion.acceleration));
+            segment.axes = to.zip(acceleration, |to, acceleration| AxisMotion {
+                to: FineSteps(to),
+                acceleration,
+            });
+        }
+    }
+
+    /// Returns those of some axes whose motors move that axis alone, bit 0 = X.
+    pub(super) const fn of_own_motors(&self, axes: u8) -> u8 {
+        if self.limits.is_core_xy {
+            axes & !(1 << X | 1 << Y)
+        } else {
+            axes
+        }
     }
 
     const fn is_negative(&self, axis: usize) -> bool {
