@@ -12,6 +12,7 @@ mod files;
 mod homing;
 mod host;
 mod lines;
+mod pages;
 mod switches;
 mod times;
 
