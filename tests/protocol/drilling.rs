@@ -84,6 +84,36 @@ fn a_limit_switch_at_any_stage_ends_the_cycle() {
 }
 
 #[test]
+fn a_laser_is_dark_in_all_of_a_cycle_and_burns_again_behind_it() {
+    for code in [3, 4] {
+        for line in &CYCLES {
+            let spindle = format!("M{code}S500");
+            let turned = line.replace("G84", if code == 3 { "G84" } else { "G74" });
+            let mut machine = Disturbed {
+                setup: &["$32=1", "G21G90", &spindle, "G0X-5Y-5Z-2"],
+                ..disturbed(line)
+            }
+            .ready();
+            machine.receive(format!("{turned}\n").as_bytes());
+            for _ in 0..2 {
+                while machine.advance() {
+                    assert_eq!(machine.simulator.outputs().duty, 0, "{turned}");
+                }
+                // Where the line pauses.
+                machine.receive(b"~");
+            }
+            assert_eq!(machine.lines(), ["ok"], "{turned}");
+            machine.receive(b"G1Z-12F300\n");
+            let mut burnt = 0;
+            while machine.advance() {
+                burnt = burnt.max(machine.simulator.outputs().duty);
+            }
+            assert!(burnt > 0, "{turned}");
+        }
+    }
+}
+
+#[test]
 fn a_line_that_leaves_the_travel_drills_nothing() {
     for line in [
         "G91G81X-20Z-5R-1L5F3000",

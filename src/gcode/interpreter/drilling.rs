@@ -7,7 +7,7 @@ use super::{Checked, Interpreter, cycle::CycleWords, offsets::Frame, targets};
 use crate::{
     axis::Axes,
     gcode::{Cycle, Distance, RetractMode},
-    model::{Command, FeedRate, OverrideSwitches, Plane, Spindle},
+    model::{Command, FeedRate, Laser, OverrideSwitches, Plane, Spindle},
     units::Nm,
 };
 
@@ -153,7 +153,12 @@ impl Drilling {
             step: 0,
             depth: retract_level,
             spindle: modal.spindle,
-            rpm: modal.speed_rpm,
+            // A laser is dark in all of a cycle, also where the spindle would be switched.
+            rpm: if checked.power == Laser::None {
+                modal.speed_rpm
+            } else {
+                0.0
+            },
             overrides: modal.overrides,
             feed_mm_min: modal.feed,
             line: checked.line,
