@@ -88,7 +88,7 @@ pub enum LineError {
     ValueOutOfRange = 39,
     /// A line that has no place in the change of a tool.
     ToolChange = 40,
-    /// A cycle that switches the spindle, and the spindle is off.
+    /// A cycle that switches the spindle, and the spindle is off or turns the other way.
     SpindleOff = 41,
     /// A code that is not possible in this plane.
     NotInThisPlane = 42,
@@ -239,7 +239,9 @@ impl LineError {
             Self::ToolChange => "not during a tool change",
             Self::ToolLengthWords => "G43.2 needs H or axis words, not both",
             Self::NotInThisPlane => "not possible in this plane",
-            Self::SpindleOff => "the cycle needs a spindle that turns",
+            Self::SpindleOff => {
+                "the cycle needs a spindle that turns: by M3 for G84, by M4 for G74"
+            }
             Self::SettingOutOfRange => "the setting is outside its range",
             Self::RetractBelowBottom => "R is below the bottom of the hole",
             Self::CompensationOn => "cutter compensation is on already",

@@ -171,6 +171,17 @@ impl Cycle {
     pub const fn needs_spindle(self) -> bool {
         self.is_tapping() || matches!(self, Self::G86 | Self::G88)
     }
+
+    /// Whether the spindle turns as the cycle needs it: a thread is cut by the way in which the tap turns.
+    #[must_use]
+    pub const fn accepts(self, spindle: Spindle) -> bool {
+        match self {
+            Self::G84 => matches!(spindle, Spindle::Clockwise),
+            Self::G74 => matches!(spindle, Spindle::CounterClockwise),
+            Self::G86 | Self::G88 => !matches!(spindle, Spindle::Off),
+            Self::G73 | Self::G81 | Self::G82 | Self::G83 | Self::G85 | Self::G89 => true,
+        }
+    }
 }
 
 /// The change of the probe that a probing move waits for.

@@ -254,7 +254,13 @@ impl ParsedLine {
             // And D.
             return Err(LineError::Unsupported);
         }
-        result
+        result?;
+        let is_not_peck = self.has_path_tolerance() || self.tool_command == ToolCommand::Set;
+        if is_not_peck && self.q.is_negative() {
+            // A peck has to be more than 0, which is an error of its own.
+            return Err(LineError::NegativeValue);
+        }
+        Ok(())
     }
 
     /// Whether the line has a `G64`.
@@ -383,8 +389,7 @@ impl ParsedLine {
             _ => return Err(LineError::Unsupported),
         }
         self.insert_word(Word::new(letter))?;
-        if matches!(letter, b'F' | b'H' | b'N' | b'P' | b'Q' | b'S' | b'T') && number.is_negative()
-        {
+        if matches!(letter, b'F' | b'H' | b'N' | b'P' | b'S' | b'T') && number.is_negative() {
             return Err(LineError::NegativeValue);
         }
         Ok(())

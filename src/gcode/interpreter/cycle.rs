@@ -7,7 +7,6 @@ use super::{Checked, Interpreter, drilling::Drilling, targets};
 use crate::{
     axis::Z,
     gcode::{Cycle, FeedMode, LineError, MotionMode, ParsedLine, Word, Words},
-    model::Spindle,
     units::Nm,
 };
 
@@ -116,7 +115,7 @@ fn check_mode(parsed: &ParsedLine, checked: &Checked, cycle: Cycle) -> Result<()
         Err(LineError::CycleNeedsFeedPerMinute)
     } else if parsed.axes >> (Z + 1) != 0 {
         Err(LineError::AxisCommandConflict)
-    } else if cycle.needs_spindle() && checked.modal.spindle == Spindle::Off {
+    } else if !cycle.accepts(checked.modal.spindle) {
         Err(LineError::SpindleOff)
     } else {
         Ok(())
