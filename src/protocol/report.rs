@@ -305,6 +305,11 @@ pub fn long_dwell(text: &mut Text, seconds: u32) {
     text.word(" s]").end();
 }
 
+/// `[MSG:Q is missing]`: the word that a line with a canned cycle lacks.
+pub fn missing_word(text: &mut Text, letter: u8) {
+    text.word("[MSG:").byte(letter).word(" is missing]").end();
+}
+
 /// `[MSG:Path deviation: … mm]`: the greatest distance from the programmed path, under `G64`.
 pub fn path_deviation(text: &mut Text, deviation_mm: f32) {
     text.word("[MSG:Path deviation: ");

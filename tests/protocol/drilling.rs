@@ -133,6 +133,38 @@ fn a_line_that_leaves_the_travel_drills_nothing() {
 }
 
 #[test]
+fn the_word_that_a_cycle_lacks_is_told() {
+    let mut bench = Bench::new();
+    bench.ask("$C");
+    assert_eq!(bench.ask("F100 M3 S100"), ["ok"]);
+    for (line, letter) in [
+        ("G81", "R"),
+        ("G81 X1 Z-1", "R"),
+        ("G81 X1 R1", "Z"),
+        ("G18 G81 X1 R1", "Y"),
+        ("G19 G81 Y1 Z1 R1", "X"),
+        ("G83 X1 Z-1 R1", "Q"),
+        ("G73 Z-1 R1", "Q"),
+        ("G82 Z-1 R1", "P"),
+        ("X1 (the plain words before) Y2 G86 Z-1 R1", "P"),
+        ("G84 Z-1", "R"),
+    ] {
+        let told = format!("[MSG:{letter} is missing]");
+        assert_eq!(bench.ask(line), [&told, "error:28"], "{line}");
+    }
+    // What other lines lack is said by what they are.
+    for line in ["G4", "M61", "G41.1", "G10 L2 X1"] {
+        assert_eq!(bench.ask(line), ["error:28"], "{line}");
+    }
+    assert_eq!(bench.ask("G83 X1 Z-1 R1 Q1"), ["ok"]);
+    assert_eq!(bench.ask("X2"), ["ok"]);
+    assert_eq!(bench.ask("G82 P0"), ["[MSG:R is missing]", "error:28"]);
+    // Of a line in the same cycle but another plane.
+    assert_eq!(bench.ask("G18 X2 R1"), ["[MSG:Y is missing]", "error:28"]);
+    assert_eq!(bench.ask("G4"), ["error:28"]);
+}
+
+#[test]
 fn a_dwell_of_more_than_a_minute_is_announced_where_it_begins_or_changes() {
     let mut bench = Bench::new();
     bench.ask("$C");

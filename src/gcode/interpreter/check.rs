@@ -49,6 +49,16 @@ pub(super) fn check(
     Ok(checked)
 }
 
+/// Returns the letter of the first word that a line with a canned cycle lacks, if it lacks one.
+pub(super) fn missing_cycle_word(
+    state: &Interpreter,
+    prefix: &PlainPrefix,
+    line: &[u8],
+) -> Option<u8> {
+    let parsed = parse(state, prefix, line, LineKind::Program).ok()?;
+    cycle::missing_letter(state, &parsed)
+}
+
 /// The words of the line, of which the plain ones have been read.
 fn parse(
     state: &Interpreter,

@@ -5,7 +5,7 @@
 
 use super::{Checked, Interpreter, drilling::Drilling, targets};
 use crate::{
-    axis::Z,
+    axis::{LETTERS, Z},
     gcode::{Cycle, FeedMode, LineError, MotionMode, ParsedLine, Word, Words},
     units::Nm,
 };
@@ -107,6 +107,28 @@ pub(super) fn words(
         return Err(LineError::RetractBelowBottom);
     }
     Ok(words)
+}
+
+/// Returns the letter of the first word that a line with a cycle lacks, if it lacks one.
+pub(super) fn missing_letter(state: &Interpreter, parsed: &ParsedLine) -> Option<u8> {
+    let MotionMode::Cycle(cycle) = parsed.modal.motion else {
+        return None;
+    };
+    let has_words_before =
+        state.modal.motion == parsed.modal.motion && state.modal.plane == parsed.modal.plane;
+    let depth = parsed.modal.plane.axes().2;
+    let has = |word: Word| parsed.words.contains(word);
+    let needs_dwell = cycle.has_dwell() && !cycle.is_tapping();
+    let needed = [
+        (has(Word::R), b'R'),
+        (parsed.has_axis(depth), LETTERS[depth]),
+        (has(Word::Q) || !cycle.has_pecks(), b'Q'),
+        (has(Word::P) || !needs_dwell, b'P'),
+    ];
+    let missing = needed.into_iter().find(|(is_there, _)| !is_there);
+    missing
+        .filter(|_| !has_words_before)
+        .map(|(_, letter)| letter)
 }
 
 /// Checks the modes and the axis words that a cycle needs.

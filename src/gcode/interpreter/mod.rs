@@ -151,6 +151,13 @@ impl Interpreter {
         check::check(self, prefix, line, LineKind::Program, settings)
     }
 
+    /// Returns the letter of the word for which [`Self::check_after`] has refused a line with a canned cycle;
+    /// `None` where it was none of a cycle's words.
+    #[must_use]
+    pub fn missing_cycle_word(&self, prefix: &PlainPrefix, line: &[u8]) -> Option<u8> {
+        check::missing_cycle_word(self, prefix, line)
+    }
+
     /// Checks the text after `$J=`, as [`Self::check`] does with a line: a move along a line at its
     /// own feed, which changes nothing but the position.
     ///

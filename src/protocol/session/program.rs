@@ -154,6 +154,9 @@ impl Session {
         };
         let is_possible = checked.and_then(|()| self.check_state(machine));
         if let Err(error) = is_possible.and_then(|()| self.plan_compensated()) {
+            if error == LineError::MissingWord {
+                self.report_missing_word();
+            }
             return self.refuse(error);
         }
         let waits = self.line.checked.waits_for_standstill() && !self.waits_behind_move();
@@ -169,6 +172,20 @@ impl Session {
             return self.store_startup(machine, number, start);
         }
         self.execute(links)
+    }
+
+    /// Reports which word a line with a canned cycle lacks.
+    #[cold]
+    #[inline(never)]
+    fn report_missing_word(&mut self) {
+        if self.line.source != Source::Line {
+            return;
+        }
+        let text = self.line.input.text().unwrap_or_default();
+        let missing = self.interpreter.missing_cycle_word(&self.line.prefix, text);
+        if let Some(letter) = missing {
+            report::missing_word(&mut self.reports.message, letter);
+        }
     }
 
     /// Checks a line of a program or of startup.
