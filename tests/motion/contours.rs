@@ -602,6 +602,35 @@ impl Misfit {
     }
 }
 
+#[test]
+fn path_control_rounds_the_way_of_the_cutter() {
+    let form = Form {
+        is_fine: false,
+        is_inch: false,
+        is_zx: false,
+        has_depths: false,
+        has_radii: false,
+        has_rapids: false,
+    };
+    let executed = |control: &str, path: &[&str]| {
+        let begin = ["F3000", control, "G0X0Y-10"];
+        let lines: Vec<_> = begin.iter().chain(path).map(ToString::to_string).collect();
+        let executed = execute(form, &lines);
+        assert!(
+            executed.answers.iter().all(|answer| answer == "ok"),
+            "{lines:?}"
+        );
+        executed.points
+    };
+    // Into a corner, around one, and out.
+    let contour = ["G42.1D2", "G1X0Y0", "Y20", "X20", "Y30", "G40", "G1X40Y40"];
+    let way = ["G1X1Y0", "Y19", "X20", "G3X21Y20J1", "G1Y30", "X40Y40"];
+    let rounded = executed("G64P0.2", &contour);
+    assert_eq!(rounded, executed("G64P0.2", &way));
+    assert_eq!(executed("G61", &contour), executed("G61", &way));
+    assert_ne!(rounded, executed("G61", &way), "no corner is rounded");
+}
+
 proptest! {
     #![proptest_config(cases(2000))]
 

@@ -314,3 +314,103 @@ fn a_reset_forgets_the_move_that_waits() {
     }
     assert_eq!(moves(&mut bench, &mut at), [([11_000, 2000, 0], false)]);
 }
+
+#[test]
+fn a_cutter_without_radius_follows_the_contour_itself() {
+    for code in ["G41.1D0", "G42.1D0", "G41", "G42D0"] {
+        let mut lines = vec!["F600", "G0X-10Y-10", code];
+        lines.extend(SQUARE);
+        lines.extend(["G3X0Y0I-5J5", "G1Y10", "G40", "G0X-10Y-10"]);
+        let plain: Vec<_> = lines
+            .iter()
+            .copied()
+            .filter(|line| *line != code && *line != "G40")
+            .collect();
+        assert_moves(&run(&lines), &run(&plain));
+    }
+}
+
+#[test]
+fn g40_before_the_entry_is_as_if_it_had_never_been_on() {
+    let lines = [
+        "F600", "G0X5Y5Z5", "G41.1D4", "Z3", "M3S100", "G40", "G2X15I5", "G1X20",
+    ];
+    let plain = ["F600", "G0X5Y5Z5", "Z3", "M3S100", "G2X15I5", "G1X20"];
+    // The move of Z alone is no entry.
+    assert_moves(&run(&lines[..4]), &run(&plain[..3]));
+    assert_moves(
+        &run(&["F600", "G0X5Y5Z5", "G41.1D4", "Z3", "G40", "G1X20"]),
+        &run(&["F600", "G0X5Y5Z5", "Z3", "G1X20"]),
+    );
+}
+
+#[test]
+fn inverse_time_is_that_of_the_programmed_move_and_a_corner_is_as_fast_as_what_follows() {
+    let mut bench = Bench::new();
+    for line in [
+        "G93",
+        "G41.1D4",
+        "G1X10F60",
+        "X20F6",
+        "Y-10F12",
+        "Y-20Z10F12",
+        "G40",
+    ] {
+        assert_eq!(bench.ask(line), ["ok"], "{line}");
+    }
+    let speeds: Vec<_> = bench
+        .works()
+        .iter()
+        .filter_map(|work| match work {
+            Work::Move(block) => Some((block.programmed_mm_s * 100.0).round() as i32),
+            _ => None,
+        })
+        .collect();
+    // 10 mm at 60, 6 and 12 a minute, the arc around the corner before the third; √200 mm at 12 a minute.
+    assert_eq!(speeds, [1000, 100, 200, 200, 283]);
+}
+
+#[test]
+fn what_ends_compensation_drops_the_move_that_waits() {
+    for (end, resumes) in [
+        ("$X", ""),
+        ("$C", "$C"),
+        ("$SLP", "\x18"),
+        ("\x18", ""),
+        ("M2", ""),
+    ] {
+        let mut bench = Bench::new();
+        let mut at = [0; 3];
+        for line in ["F600", "G41.1D4", "G1X10", "X20"] {
+            assert_eq!(bench.ask(line), ["ok"], "{line}");
+        }
+        moves(&mut bench, &mut at);
+        // What needs standstill looks at the motion, which has ended.
+        assert_eq!(bench.ask("$27=2"), ["ok"]);
+        for line in [end, resumes, "$X"] {
+            bench.answer(&format!("{line}\n"));
+        }
+        assert!(!bench.ask("$G")[0].contains("G41"), "{end}");
+        let waited = moves(&mut bench, &mut at);
+        // M2 alone lets it go to its end.
+        assert_eq!(waited.len(), usize::from(end == "M2"), "{end}: {waited:?}");
+        let from = at;
+        assert_eq!(bench.ask("G91G1Y1F600"), ["ok"], "{end}");
+        let expected = [from[0], from[1] + 1000, 0];
+        assert_moves(&moves(&mut bench, &mut at), &[(expected, false)]);
+    }
+}
+
+#[test]
+fn a_dry_run_finds_what_does_not_fit_and_moves_nothing() {
+    let mut bench = Bench::new();
+    bench.ask("$C");
+    for line in ["F600", "G41.1D10G1X10", "X20"] {
+        assert_eq!(bench.ask(line), ["ok"], "{line}");
+    }
+    assert_eq!(bench.ask("Y4.99"), ["error:92"]);
+    for line in ["Y20", "G40", "G0X0Y0"] {
+        assert_eq!(bench.ask(line), ["ok"], "{line}");
+    }
+    assert!(moves(&mut bench, &mut [0; 3]).is_empty());
+}

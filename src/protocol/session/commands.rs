@@ -16,9 +16,10 @@ use crate::{
 };
 
 impl Session {
-    /// Ends the lock of an alarm, once the machine stands still.
+    /// Ends the lock of an alarm, once the machine stands still, and compensation in any state.
     pub(super) fn unlock(&mut self, links: &mut Links<'_, '_>) -> Progress {
         if links.machine.state != State::Alarm {
+            self.cancel_compensation();
             return self.accept();
         }
         if links.machine.failed_self_test {
