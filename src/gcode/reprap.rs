@@ -9,7 +9,7 @@ mod parameters;
 
 use self::{
     m_codes::m_code,
-    motion::{dwell, is_one, set_position, write_motion, write_motors, write_return},
+    motion::{dwell, is_one, set_position, write_motion, write_motors, write_return, write_word},
     parameters::axes,
 };
 use super::{LineError, Modal, interpreter::is_program_mark};
@@ -200,8 +200,7 @@ pub fn read(
         HostLine::Grbl => {
             for parameter in Parameters::new(line) {
                 let parameter = parameter?;
-                write(&[parameter.letter]);
-                write(parameter.number);
+                write_word(&parameter, context, &mut write);
             }
             meaning.extruder.is_relative =
                 codes.is_incremental.unwrap_or(context.extruder.is_relative);
@@ -242,6 +241,8 @@ struct LineCodes {
     /// `G2` or `G3`, and `G0` or `G1`.
     is_arc: bool,
     is_straight: bool,
+    /// `G64`.
+    has_tolerances: bool,
 }
 
 impl LineCodes {
@@ -253,6 +254,7 @@ impl LineCodes {
             is_in_inches: None,
             is_arc: false,
             is_straight: false,
+            has_tolerances: false,
         };
         let mut tool = None;
         let mut has_code = false;
@@ -295,7 +297,8 @@ impl LineCodes {
             Some(20 | 21) => self.is_in_inches = Some(number == Some(20)),
             Some(90 | 91) => self.is_incremental = Some(number == Some(91)),
             Some(0 | 1) => self.is_straight = true,
-            Some(17..=19 | 53..=59 | 61 | 64 | 93 | 94) => {}
+            Some(64) => self.has_tolerances = true,
+            Some(17..=19 | 53..=59 | 61 | 93 | 94) => {}
             Some(4) => self.kind = HostLine::Dwell,
             Some(6) => self.kind = HostLine::Motors,
             Some(28) => self.kind = HostLine::Home,

@@ -1,6 +1,6 @@
 //! Codes that mean something else than in Grbl, and those that Grbl does not have.
 
-use leadscrew::model::{Spindle, State};
+use leadscrew::model::{PathControl, Spindle, State};
 
 use crate::host::{Host, STEPS_PER_MM, numbered};
 
@@ -228,6 +228,54 @@ fn arcs_with_e() {
     assert_eq!(host.ask("G3 X96.780340 Y3.8 I11.180340 J0 E44.8"), ["ok"]);
     assert_eq!(place(&mut host), [96, 3]);
     assert!(first(&mut host, "M114").contains(" E:44.800 "));
+}
+
+#[test]
+fn arcs_path_control_and_cycles_keep_their_words() {
+    // Two circles, as in Marlin.
+    let steps = |line: &str| {
+        let mut host = Host::new();
+        assert_eq!(host.ask(line), ["ok"], "{line}");
+        host.statistics.events
+    };
+    let once = steps("G2 X0 I5 F6000");
+    assert!(steps("G2 X0 I5 F6000 P2").abs_diff(2 * once) < once / 10);
+    let mut host = Host::new();
+    for (line, tolerances) in [
+        ("G64 P0.5", (500_000, 500_000)),
+        ("G64 P0.5 Q0.1", (500_000, 100_000)),
+        ("G1 G64 X1 P0.25 Q0", (250_000, 0)),
+    ] {
+        assert_eq!(host.ask(line), ["ok"], "{line}");
+        let path = host.simulator.session().interpreter().modal().path;
+        let expected = PathControl::Continuous {
+            tolerance_nm: tolerances.0,
+            merging_nm: tolerances.1,
+        };
+        assert_eq!(path, expected, "{line}");
+    }
+    // A clamp that R passes over: to drop the word would lead into it.
+    for (line, z) in [
+        ("G81 X1 Y1 Z-1 R1 F6000", 1),
+        ("X2 R3", 3),
+        ("X3", 3),
+        ("Y2 R5 L2 E1", 5),
+        ("G83 X1 Z-1 R6 Q0.5", 6),
+        ("X2 Q1 R7", 7),
+        ("G80", 7),
+        ("G0 G40 Z2", 2),
+    ] {
+        assert_eq!(host.ask(line), ["ok"], "{line}");
+        let steps = host.simulator.physical_steps()[2];
+        assert_eq!(steps, z * STEPS_PER_MM, "{line}");
+    }
+    let missing = "Error:the command lacks a value word (error:28)";
+    let answer = host.ask("G82 X1 Z-1 R2");
+    assert_eq!(answer, ["[MSG:P is missing]", missing, "ok"]);
+    // Also beside a code of Grbl's a G0 goes at F.
+    host.ask("G40 F600");
+    let slow = seconds(&mut host, "G0 G40 X-50");
+    assert!(slow > 5.0, "{slow}");
 }
 
 #[test]

@@ -21,8 +21,7 @@ pub(super) fn write_motion(
     write: &mut impl FnMut(&[u8]),
 ) -> Result<(), LineError> {
     let is_laser = context.settings.laser;
-    let is_modal_arc = matches!(context.modal.motion, MotionMode::Arc(_));
-    let is_arc = codes.is_arc || is_modal_arc && !codes.is_straight;
+    let kept = KeptWords::of(context, codes);
     let driven = context.driven.map(|(axis, _)| LETTERS[axis]);
     let extruder = &mut meaning.extruder;
     extruder.is_relative = codes.is_incremental.unwrap_or(extruder.is_relative);
@@ -30,7 +29,6 @@ pub(super) fn write_motion(
     for parameter in Parameters::new(line) {
         let parameter = parameter?;
         match parameter.letter {
-            b'G' if parameter.code() == Some(0) && !is_laser => write(b"G1"),
             // As Marlin: the feed rate stays.
             b'F' if is_zero(&parameter) => {}
             b'E' if meaning.ends_at_switch => return Err(LineError::UnusedWords),
@@ -49,10 +47,7 @@ pub(super) fn write_motion(
                 None => return Err(LineError::BadNumber),
             },
             letter if Some(letter) == driven => meaning.missing_axis = Some(letter),
-            letter if is_motion_word(letter, is_arc) => {
-                write(&[letter]);
-                write(parameter.number);
-            }
+            letter if kept.has(letter) => write_word(&parameter, context, write),
             letter @ (b'A'..=b'C' | b'U'..=b'W') => meaning.missing_axis = Some(letter),
             _ => {}
         }
@@ -182,12 +177,48 @@ pub(super) fn write_feed(line: &[u8], write: &mut impl FnMut(&[u8])) -> Result<(
     Ok(())
 }
 
-/// Whether a word of a line of motion means to Grbl what it means here.
-pub(super) fn is_motion_word(letter: u8, is_arc: bool) -> bool {
-    match letter {
-        b'G' | b'F' | b'S' | b'T' => true,
-        b'I' | b'J' | b'K' | b'R' => is_arc,
-        letter => LETTERS.iter().take(AXES).any(|axis| *axis == letter),
+/// Writes a word as it is, but `G0` as `G1`: a host's rapid is a move at its feed rate.
+pub(super) fn write_word(
+    parameter: &Parameter<'_>,
+    context: &LineModes<'_>,
+    write: &mut impl FnMut(&[u8]),
+) {
+    if parameter.letter == b'G' && parameter.code() == Some(0) && !context.settings.laser {
+        return write(b"G1");
+    }
+    write(&[parameter.letter]);
+    write(parameter.number);
+}
+
+/// The words of a line of motion that mean to Grbl what they mean here.
+struct KeptWords {
+    is_arc: bool,
+    /// A line of the canned cycle that is the motion mode.
+    is_cycle: bool,
+    has_tolerances: bool,
+}
+
+impl KeptWords {
+    fn of(context: &LineModes<'_>, codes: &LineCodes) -> Self {
+        let is_modal = !codes.is_straight && !codes.is_arc;
+        let is_modal_arc = matches!(context.modal.motion, MotionMode::Arc(_));
+        Self {
+            is_arc: codes.is_arc || is_modal && is_modal_arc,
+            is_cycle: is_modal && matches!(context.modal.motion, MotionMode::Cycle(_)),
+            has_tolerances: codes.has_tolerances,
+        }
+    }
+
+    fn has(&self, letter: u8) -> bool {
+        match letter {
+            b'G' | b'F' | b'S' | b'T' => true,
+            b'I' | b'J' | b'K' => self.is_arc,
+            b'L' => self.is_cycle,
+            b'P' => self.is_arc || self.is_cycle || self.has_tolerances,
+            b'Q' => self.is_cycle || self.has_tolerances,
+            b'R' => self.is_arc || self.is_cycle,
+            letter => LETTERS.iter().take(AXES).any(|axis| *axis == letter),
+        }
     }
 }
 
