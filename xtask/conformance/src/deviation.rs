@@ -177,7 +177,8 @@ deviations! {
          and the message `[MSG:Tool table is empty: …]`";
     CannedCycles: "D52", true,
         "there are canned cycles",
-        "an answer other than `error:20` to a line with G73, G74, G81 to G86, G88 or G89";
+        "an answer other than `error:20` to a line with G73, G74, G81 to G86, G88 or G89, and the \
+         message `[MSG:… is missing]`";
     CutterCompensation: "D53", true,
         "there is cutter radius compensation",
         "an answer other than `error:20` to a line with G41, G41.1, G42 or G42.1; and errors 90, 91, 92, \
@@ -234,6 +235,8 @@ pub(crate) fn of_message(ours: &str) -> Option<Deviation> {
         Some(Deviation::ToolChange)
     } else if ours.starts_with("[MSG:Tool table is empty: ") {
         Some(Deviation::ToolTable)
+    } else if ours.starts_with("[MSG:") && ours.ends_with(" is missing]") {
+        Some(Deviation::CannedCycles)
     } else {
         None
     }

@@ -302,6 +302,11 @@ impl<'a> Judge<'a> {
         if line == "$I" && our.text.starts_with("[MSG:Step rate: ") {
             return Some(Deviation::BuildInfo);
         }
+        // Behind the message that tells which word is missing.
+        if our.is_error(LineError::MissingWord) {
+            let reason = of_answers(&line, &our.text, "error:20");
+            return reason.filter(|reason| *reason == Deviation::CannedCycles);
+        }
         let unanswered = !recorded
             .recv
             .iter()
