@@ -269,6 +269,21 @@ fn arcs_path_control_and_cycles_keep_their_words() {
         let steps = host.simulator.physical_steps()[2];
         assert_eq!(steps, z * STEPS_PER_MM, "{line}");
     }
+    let before = place(&mut host)[0];
+    for line in ["G91 G99 G82 X1 Z-1 R0 P0 F6000", "X1 L3"] {
+        assert_eq!(host.ask(line), ["ok"], "{line}");
+    }
+    assert_eq!(place(&mut host)[0], before + 4);
+    assert!(seconds(&mut host, "X1 P2") > 2.0);
+    let mut steps = |line: &str| {
+        let before = host.statistics.events;
+        assert_eq!(host.ask(line), ["ok"], "{line}");
+        host.statistics.events - before
+    };
+    let one_peck = steps("G83 X1 Z-10 R0 Q10");
+    let many_pecks = steps("X1 Q0.5");
+    assert!(many_pecks > 3 * one_peck, "{many_pecks}, {one_peck}");
+    assert_eq!(host.ask("G90 G98 G80"), ["ok"]);
     let missing = "Error:the command lacks a value word (error:28)";
     let answer = host.ask("G82 X1 Z-1 R2");
     assert_eq!(answer, ["[MSG:P is missing]", missing, "ok"]);
