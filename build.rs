@@ -18,7 +18,7 @@ fn main() {
 mod board {
     use std::{env, error::Error, fs, path::Path};
 
-    use board_data::{BOARD, Board, DEFAULT, PHASES, rust};
+    use board_data::{BOARD, Board, Clocks, DEFAULT, PHASES, rust};
 
     /// Writes the board's source, and tells the linker where program and memory are.
     pub(crate) fn make() -> Result<(), Box<dyn Error>> {
@@ -37,10 +37,10 @@ mod board {
         if let Some(missing) = needed.iter().find(|feature| !has(feature)) {
             return Err(format!("{name} needs the feature {missing}").into());
         }
-        if has(PHASES) && !board.has_phases() {
-            return Err(
-                format!("{name} has steps and directions, not the feature {PHASES}").into(),
-            );
+        // What the board does not need must not be there: its times or its outputs would be others.
+        let mut special = Clocks::features().chain([PHASES]);
+        if let Some(other) = special.find(|&it| has(it) && !needed.iter().any(|own| own == it)) {
+            return Err(format!("{name} is no board for the feature {other}").into());
         }
         let mut axes = [6, 5, 4].into_iter();
         let axes = axes.find(|axes| has(&format!("axes-{axes}")));

@@ -9,8 +9,10 @@
 //! [`Nm::to_mm`] converts by the FPU up to 2 m. The conversion in software is out of line: the
 //! compiler would do it first and choose afterwards.
 
-/// Timer ticks in one second: the step timer's clock on every board.
-pub const TICKS_PER_SECOND: u32 = 84_000_000;
+/// Frequency of the core, MHz: of the class of chips that the feature `clock-96` chooses, or of the others.
+pub const CORE_MHZ: u32 = if cfg!(feature = "clock-96") { 96 } else { 168 };
+/// Timer ticks in one second: the step timer counts half ticks, which are cycles of the core.
+pub const TICKS_PER_SECOND: u32 = CORE_MHZ * 1_000_000 / 2;
 /// Timer ticks in one millisecond.
 pub const TICKS_PER_MS: u32 = TICKS_PER_SECOND / 1000;
 /// Timer ticks in one microsecond.

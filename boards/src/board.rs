@@ -158,13 +158,14 @@ impl Board {
         self.wirings.iter().any(|wiring| !wiring.phases.is_empty())
     }
 
-    /// Returns the features of the firmware that the board needs: those of its chip and of its motors.
+    /// Returns the features of the firmware that the board needs: those of its chip, its clock and its motors.
     pub fn features(&self) -> Vec<String> {
         let chip = format!("chip-{}", self.chip.hal);
         let phases = self.has_phases().then(|| PHASES.to_owned());
         let has_second = self.wirings.iter().any(|wiring| !wiring.second.is_empty());
         let second = has_second.then(|| SECOND_MOTORS.to_owned());
-        iter::once(chip).chain(phases).chain(second).collect()
+        let clock = self.chip.clocks.feature().map(str::to_owned);
+        iter::once(chip).chain(clock).chain(phases).chain(second).collect()
     }
 }
 

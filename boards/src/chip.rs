@@ -54,7 +54,24 @@ pub struct Clocks {
     pub apb2_divider: u8,
 }
 
+/// The clock of most chips, MHz, and the others, each with the feature of the firmware for it. The firmware's unit of
+/// time follows the clock (`CORE_MHZ` in `src/units.rs`).
+const USUAL_MHZ: u32 = 168;
+const CLASSES: [(u32, &str); 1] = [(96, "clock-96")];
+
 impl Clocks {
+    /// Returns the feature that the firmware needs for the clock of the core, where it needs one.
+    pub fn feature(self) -> Option<&'static str> {
+        let mut classes = CLASSES.into_iter();
+        let class = classes.find(|(mhz, _)| *mhz == self.core_mhz);
+        class.map(|(_, feature)| feature)
+    }
+
+    /// Returns every feature for the clock of a core.
+    pub fn features() -> impl Iterator<Item = &'static str> {
+        CLASSES.into_iter().map(|(_, feature)| feature)
+    }
+
     /// Returns the clock of the timers of the slower bus, MHz: one tick of the step timer is a period of half
     /// the core's clock on every chip.
     pub fn apb1_timers_mhz(self) -> u32 {
@@ -105,7 +122,17 @@ impl Chip {
     fn read(file: &Path) -> Result<Self, Fault> {
         let text = fs::read_to_string(file)
             .map_err(|error| Fault::of_file(file, format!("cannot be read: {error}")))?;
-        toml::from_str(&text).map_err(|error| Fault::of_file(file, error.to_string()))
+        let chip: Self =
+            toml::from_str(&text).map_err(|error| Fault::of_file(file, error.to_string()))?;
+        let core_mhz = chip.clocks.core_mhz;
+        if core_mhz != USUAL_MHZ && chip.clocks.feature().is_none() {
+            let classes = CLASSES.map(|(mhz, _)| mhz.to_string()).join(", ");
+            let message = format!(
+                "the firmware has no unit of time for {core_mhz} MHz; it has {USUAL_MHZ}, {classes}"
+            );
+            return Err(Fault::of_file(file, message));
+        }
+        Ok(chip)
     }
 }
 

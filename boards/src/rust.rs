@@ -21,10 +21,14 @@ const _: &[u8] = include_bytes!({:?});
 /// The USART of the sender.
 pub(super) type Usart = pac::USART{usart};
 
+/// The clock of the timers 2 to 7 and 12 to 14.
+pub(super) const SLOW_TIMERS_HZ: u32 = {};
+
 /// Clocks, pins and memory of the board.
 pub(super) static WIRING: Wiring = Wiring {{
 ",
-        board.file.display().to_string()
+        board.file.display().to_string(),
+        megahertz(board.chip.clocks.apb1_timers_mhz())
     );
     for (field, value) in fields(board, wiring) {
         let _ = writeln!(text, "    {field}: {value},");

@@ -13,6 +13,11 @@ use stm32f4xx_hal::{
 
 use super::{TIMERS_MHZ, chosen::WIRING, emulation, flash_access, pac};
 
+const _: () = assert!(
+    WIRING.core_hz == 2 * TICKS_PER_SECOND,
+    "the library has the ticks of another clock than that of the board's chip"
+);
+
 /// Reads of the crystal's flag before the crystal counts as missing: more than 100 ms at the 16 MHz of the
 /// internal oscillator, of which each read takes 8 cycles at least. A crystal needs 2 ms (data sheet, HSE).
 const CRYSTAL_READS: u32 = 200_000;

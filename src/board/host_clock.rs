@@ -1,14 +1,24 @@
 //! The clock of `interpret` in firmware with the RepRap dialect: TIM4, whose vector `wake` binds.
 
-use leadscrew::model::HAS_REPRAP;
+use leadscrew::model::{HAS_REPRAP, timing::TICK_MS};
 
-use super::pac;
+use super::{chosen::SLOW_TIMERS_HZ, pac};
 
-/// Sets the timer up: half the clock of the core through 8400, and 100 counts, are [`leadscrew::model::timing::TICK_MS`]. The
-/// emulator's timer counts ns.
+/// Counts of the timer in a second.
+const COUNTS_HZ: u32 = 10_000;
+/// Divider of the timer's clock, less one.
+const PRESCALER: u16 = (SLOW_TIMERS_HZ / COUNTS_HZ - 1) as u16;
+const _: () = assert!(
+    SLOW_TIMERS_HZ.is_multiple_of(COUNTS_HZ) && SLOW_TIMERS_HZ / COUNTS_HZ <= 1 << 16,
+    "the timer cannot count 10 kHz"
+);
+
+/// Sets the timer up: 100 counts are [`TICK_MS`]. The emulator's timer counts ns.
 pub(super) fn init(timer: &pac::TIM4) {
-    /// 10 ms.
-    const PERIODS: [(u16, u32); 2] = [(8400 - 1, 100 - 1), (0, 10_000_000)];
+    const PERIODS: [(u16, u32); 2] = [
+        (PRESCALER, COUNTS_HZ / 1000 * TICK_MS - 1),
+        (0, TICK_MS * 1_000_000),
+    ];
     if !HAS_REPRAP {
         return;
     }

@@ -18,6 +18,7 @@ use core::sync::atomic::{
 };
 
 use cortex_m::peripheral::{DCB, DWT};
+use leadscrew::units::CORE_MHZ;
 
 use super::{
     inputs,
@@ -48,7 +49,7 @@ const TASKS: usize = 6;
 /// Latency of an activation whose release is not known.
 const UNKNOWN: u32 = u32::MAX;
 /// Core cycles in a microsecond.
-const CYCLES_PER_US: u32 = 168;
+const CYCLES_PER_US: u32 = CORE_MHZ;
 
 /// Time of each task's release by software, with bit 0 set; 0 once the task has started.
 static RELEASED: [AtomicU32; TASKS] = [const { AtomicU32::new(0) }; TASKS];

@@ -13,7 +13,7 @@ use super::{links::documents, sources};
 type Commands = BTreeMap<String, BTreeSet<String>>;
 
 /// Options that the command line has without a declaration of a command.
-const EVERYWHERE: [&str; 3] = ["axes", "help", "version"];
+const EVERYWHERE: [&str; 4] = ["axes", "clock", "help", "version"];
 
 /// The texts in quotes of a piece of source.
 fn texts(source: &str) -> Vec<&str> {
@@ -119,7 +119,7 @@ fn wrong(line: &str, commands: &Commands) -> Option<String> {
     let is_end = |word: &&str| !matches!(*word, "--" | "|" | "&&" | "&" | ";" | "#" | ">" | "<");
     let mut words = line.split_whitespace().take_while(is_end);
     let mut verb = words.next()?;
-    if option(verb) == Some("axes") {
+    if matches!(option(verb), Some("axes" | "clock")) {
         verb = words.nth(1)?;
     }
     let verb = verb.trim_end_matches([',', '.', ';', ':', ')']);

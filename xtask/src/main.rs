@@ -16,8 +16,9 @@ use common::{cargo, ui};
 
 use verb::{VERBS, Verb};
 
-/// The name of the option that every command has, and of the arguments of each.
+/// The names of the options that every command has, and of the arguments of each.
 const AXES: &str = "axes";
+const CLOCK: &str = "clock";
 const ARGUMENTS: &str = "arguments";
 
 fn main() -> ExitCode {
@@ -26,9 +27,13 @@ fn main() -> ExitCode {
         let (name, rest) = matches.subcommand().context("no command is given")?;
         let verb = Verb::named(name)?;
         let rest = rest.get_many(ARGUMENTS).into_iter().flatten().cloned();
-        let (behind, arguments) = without_axes(rest)?;
+        let (behind, rest) = without(AXES, axes, rest.collect())?;
         if let Some(axes) = behind.or(matches.get_one(AXES).copied()) {
             cargo::ask_for_axes(axes);
+        }
+        let (behind, arguments) = without(CLOCK, clock, rest)?;
+        if let Some(mhz) = behind.or(matches.get_one(CLOCK).copied()) {
+            cargo::ask_for_clock(mhz);
         }
         verb.start(arguments)
     })
@@ -52,6 +57,13 @@ fn command() -> Command {
         .value_name("N")
         .value_parser(axes)
         .help("Number of axes, 3 to 6, of the firmware and of the virtual machine; before a command or behind it");
+    let clock = Arg::new(CLOCK)
+        .long(CLOCK)
+        .value_name("MHZ")
+        .value_parser(clock)
+        .help(
+            "Clock of the chip that the virtual machine is, 168 or 96: a board's file says its own",
+        );
     Command::new("xtask")
         .bin_name("cargo xtask")
         .about("Builds, simulates, tests and flashes Leadscrew")
@@ -67,6 +79,7 @@ fn command() -> Command {
         .subcommand_required(true)
         .arg_required_else_help(true)
         .arg(axes)
+        .arg(clock)
         .subcommands(verbs)
 }
 
@@ -78,14 +91,33 @@ fn axes(text: &str) -> Result<u8, String> {
     }
 }
 
-/// Takes `--axes N` out of the arguments of a command.
-fn without_axes(arguments: impl Iterator<Item = OsString>) -> Result<(Option<u8>, Vec<OsString>)> {
+/// Reads the clock of a chip.
+fn clock(text: &str) -> Result<u32, String> {
+    let known = [cargo::USUAL_CLOCK_MHZ]
+        .into_iter()
+        .chain(cargo::OTHER_CLOCKS_MHZ);
+    match text.parse() {
+        Ok(mhz) if known.clone().any(|it| it == mhz) => Ok(mhz),
+        _ => {
+            let known: Vec<_> = known.map(|mhz| mhz.to_string()).collect();
+            Err(format!("chips run at {} MHz", known.join(" or ")))
+        }
+    }
+}
+
+/// Takes an option with a value out of the arguments of a command.
+fn without<T>(
+    option: &str,
+    read: impl Fn(&str) -> Result<T, String>,
+    arguments: Vec<OsString>,
+) -> Result<(Option<T>, Vec<OsString>)> {
+    let option = format!("--{option}");
     let mut found = None;
     let mut others = Vec::new();
-    let mut arguments = arguments;
+    let mut arguments = arguments.into_iter();
     while let Some(argument) = arguments.next() {
         let text = argument.to_string_lossy();
-        let value = match text.strip_prefix("--axes") {
+        let value = match text.strip_prefix(&option) {
             _ if text == "--" => {
                 drop(text);
                 others.push(argument);
@@ -100,8 +132,8 @@ fn without_axes(arguments: impl Iterator<Item = OsString>) -> Result<(Option<u8>
                 continue;
             }
         };
-        let value = axes(&value.to_string_lossy());
-        found = Some(value.map_err(anyhow::Error::msg).context("--axes")?);
+        let value = read(&value.to_string_lossy());
+        found = Some(value.map_err(anyhow::Error::msg).context(option.clone())?);
     }
     Ok((found, others))
 }
@@ -111,7 +143,7 @@ mod tests {
     use super::*;
 
     fn taken(line: &str) -> Result<(Option<u8>, String)> {
-        let (axes, rest) = without_axes(line.split(' ').map(OsString::from))?;
+        let (axes, rest) = without(AXES, axes, line.split(' ').map(OsString::from).collect())?;
         let rest: Vec<_> = rest.iter().map(|text| text.to_string_lossy()).collect();
         Ok((axes, rest.join(" ")))
     }
@@ -129,6 +161,15 @@ mod tests {
         for line in ["--axes", "--axes 2", "--axes=7", "--axes X"] {
             assert!(taken(line).is_err(), "{line}");
         }
+    }
+
+    #[test]
+    fn the_clock_is_one_of_those_that_chips_have() {
+        let line = ["a.nc", "--clock", "96", "--axes=4"].map(OsString::from);
+        let (clock_mhz, rest) = without(CLOCK, clock, line.into()).unwrap();
+        assert_eq!((clock_mhz, rest.len()), (Some(96), 2));
+        let error = without(CLOCK, clock, vec!["--clock=100".into()]).unwrap_err();
+        assert_eq!(format!("{error:#}"), "--clock: chips run at 168 or 96 MHz");
     }
 
     #[test]

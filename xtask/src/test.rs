@@ -166,10 +166,11 @@ fn checks() -> Result<Vec<Check>> {
 
 /// The host tests with features.
 fn with_features() -> impl Iterator<Item = Check> {
-    let tests: [(&str, &[&str]); 3] = [
+    let tests: [(&str, &[&str]); 4] = [
         ("axes-4", &["--lib", "--tests"]),
         ("axes-6", &["--lib", "--tests"]),
         ("phases", &["--test", "machine", "phases"]),
+        ("clock-96", &["--test", "motion", "segments"]),
     ];
     tests.into_iter().map(|(feature, tests)| {
         plain(format!("host tests, {feature}"), move || {
@@ -179,10 +180,16 @@ fn with_features() -> impl Iterator<Item = Check> {
     })
 }
 
-/// The boards whose images are all built, with every lint, and those whose firmware is proven: of three chips,
-/// one with a bootloader, one whose motors are driven by phases. `cargo xtask board check --all --prove` looks at all boards.
+/// The boards whose images are all built, with every lint, and those whose firmware is proven: of four chips,
+/// one with a bootloader, one whose motors are driven by phases, one at 96 MHz. `cargo xtask board check --all --prove` looks at all boards.
 const WHOLE: [&str; 3] = [SHOWN, "nucleo-f446re", PHASES];
-const PROVEN: [&str; 4] = [SHOWN, "nucleo-f446re", "btt-skr-2", PHASES];
+const PROVEN: [&str; 5] = [
+    SHOWN,
+    "nucleo-f446re",
+    "btt-skr-2",
+    PHASES,
+    "blackpill-f411",
+];
 /// Whose motors are driven by phases.
 const PHASES: &str = "nucleo-f446re-uln2003";
 /// Whose proof the documents show, with three axes.

@@ -7,7 +7,7 @@ use std::{
     process::ExitCode,
 };
 
-use anyhow::{Context, Result};
+use anyhow::{Context, Result, ensure};
 use common::{
     cargo, probe,
     tools::{self, Tool},
@@ -151,6 +151,11 @@ impl Verb {
             fs::metadata(path).with_context(|| format!("cannot open {}", path.display()))?;
         }
         if self.needs_qemu(&given) {
+            ensure!(
+                cargo::clock_mhz() == cargo::USUAL_CLOCK_MHZ,
+                "the emulated board runs at {} MHz: `--clock` is for the virtual machine",
+                cargo::USUAL_CLOCK_MHZ
+            );
             cargo::need_qemu()?;
         }
         if self.needs_probe(&given) {

@@ -30,8 +30,16 @@ pub const FEATURES: &str = "LEADSCREW_FEATURES";
 /// The environment variable with the board of a build.
 const BOARD: &str = "LEADSCREW_BOARD";
 
+/// Names the clock of the core, MHz, for tools that are started, see [`clock_mhz`].
+pub const CLOCK: &str = "LEADSCREW_CLOCK";
+/// The clock of the core without a feature for it, MHz.
+pub const USUAL_CLOCK_MHZ: u32 = 168;
+/// The others, each with a feature as `clock-96`.
+pub const OTHER_CLOCKS_MHZ: [u32; 1] = [96];
+
 /// What was asked for in this program.
 static ASKED: OnceLock<u8> = OnceLock::new();
+static ASKED_CLOCK_MHZ: OnceLock<u32> = OnceLock::new();
 
 /// The number of axes that was asked for, here or in a program that has started this one.
 pub fn axes() -> u8 {
@@ -44,6 +52,18 @@ pub fn ask_for_axes(axes: u8) {
     let _ = ASKED.set(axes);
 }
 
+/// The clock of the core of the virtual machine, MHz, that was asked for, here or in a program that has started this
+/// one.
+pub fn clock_mhz() -> u32 {
+    let clock = || env::var(CLOCK).ok()?.parse().ok();
+    *ASKED_CLOCK_MHZ.get_or_init(|| clock().unwrap_or(USUAL_CLOCK_MHZ))
+}
+
+/// Asks for a clock, once, before anybody wants to know it.
+pub fn ask_for_clock(mhz: u32) {
+    let _ = ASKED_CLOCK_MHZ.set(mhz);
+}
+
 /// Where Cargo puts what it builds for as many axes as were asked for.
 pub fn target_dir() -> PathBuf {
     target_dir_for(axes())
@@ -51,11 +71,15 @@ pub fn target_dir() -> PathBuf {
 
 /// Where Cargo puts what it builds for a number of axes: what is built for others stays.
 pub fn target_dir_for(axes: u8) -> PathBuf {
-    let folder = env::var_os("CARGO_TARGET_DIR").map_or_else(
+    with_axes(top_target_dir(), axes)
+}
+
+/// Where Cargo puts everything that it builds.
+pub(crate) fn top_target_dir() -> PathBuf {
+    env::var_os("CARGO_TARGET_DIR").map_or_else(
         || root().join("target"),
         |folder| root().join(PathBuf::from(folder)),
-    );
-    with_axes(folder, axes)
+    )
 }
 
 /// Where, below a target folder, what is built for a number of axes lies.
@@ -63,6 +87,14 @@ pub(crate) fn with_axes(folder: PathBuf, axes: u8) -> PathBuf {
     match axes {
         3 => folder,
         axes => folder.join(format!("axes-{axes}")),
+    }
+}
+
+/// Where, below a target folder, what is built for a clock lies.
+pub(crate) fn with_clock(folder: PathBuf, mhz: u32) -> PathBuf {
+    match mhz {
+        USUAL_CLOCK_MHZ => folder,
+        mhz => folder.join(format!("clock-{mhz}")),
     }
 }
 

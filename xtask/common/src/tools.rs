@@ -32,6 +32,8 @@ pub struct Tool {
     pub features: &'static [&'static str],
     /// Whether it has the firmware's number of axes compiled in.
     has_axes: bool,
+    /// Whether it has the clock of the virtual machine compiled in.
+    has_clock: bool,
     /// The profile that it is compiled with.
     profile: &'static str,
 }
@@ -44,6 +46,7 @@ impl Tool {
             takes,
             features: &[],
             has_axes: true,
+            has_clock: true,
             profile: PROFILE,
         }
     }
@@ -51,7 +54,31 @@ impl Tool {
     const fn for_any_axes(self) -> Self {
         Self {
             has_axes: false,
+            has_clock: false,
             ..self
+        }
+    }
+
+    /// It is for chips and their emulator, each of which has its own clock.
+    const fn for_any_clock(self) -> Self {
+        Self {
+            has_clock: false,
+            ..self
+        }
+    }
+
+    /// Where, below a target folder, Cargo builds it for a number of axes and a clock.
+    fn folder(self, top: PathBuf, axes: u8, clock_mhz: u32) -> PathBuf {
+        let folder = cargo::with_clock(top, self.clock_mhz(clock_mhz));
+        cargo::with_axes(folder, self.axes(axes))
+    }
+
+    /// The clock that it is compiled for when one is asked for, MHz.
+    fn clock_mhz(self, asked: u32) -> u32 {
+        if self.has_clock {
+            asked
+        } else {
+            cargo::USUAL_CLOCK_MHZ
         }
     }
 
@@ -68,7 +95,8 @@ impl Tool {
 /// `cargo xtask sim`.
 pub const SIM: Tool = Tool::new("sim", "the simulator", "about a minute");
 /// Everything that has to do with a board, emulated or not.
-pub const TARGET: Tool = Tool::new("target", "the tools for boards", "about two minutes");
+pub const TARGET: Tool =
+    Tool::new("target", "the tools for boards", "about two minutes").for_any_clock();
 /// The same with probe-rs.
 pub const PROBE: Tool = Tool {
     name: "the tools for boards, with probe-rs",
@@ -117,7 +145,9 @@ pub fn command_for(tool: Tool, axes: u8) -> Result<Command> {
         None => built(tool, axes)?,
     };
     let mut command = Command::new(path);
-    command.env(cargo::AXES, axes.to_string());
+    command
+        .env(cargo::AXES, axes.to_string())
+        .env(cargo::CLOCK, cargo::clock_mhz().to_string());
     Ok(command)
 }
 
@@ -165,7 +195,7 @@ pub fn output<A: AsRef<OsStr>>(
 /// The tool that was built when this program was.
 fn built(tool: Tool, axes: u8) -> Result<PathBuf> {
     let here = env::current_exe().context("this program cannot be found")?;
-    let path = beside(&here, tool, axes);
+    let path = beside(&here, tool, axes, cargo::clock_mhz());
     ensure!(
         path.exists(),
         "{} is not built: there is no {} (`cargo xtask` builds what it needs)",
@@ -176,14 +206,16 @@ fn built(tool: Tool, axes: u8) -> Result<PathBuf> {
 }
 
 /// Where Cargo has built a tool, if it has built the program `here`.
-fn beside(here: &Path, tool: Tool, axes: u8) -> PathBuf {
+fn beside(here: &Path, tool: Tool, axes: u8, clock_mhz: u32) -> PathBuf {
     let profile = here.parent().unwrap_or(here);
     let mut folder = profile.parent().unwrap_or(profile);
-    let name = folder.file_name().unwrap_or_default();
-    if name.to_string_lossy().starts_with("axes-") {
-        folder = folder.parent().unwrap_or(folder);
+    for variant in ["axes-", "clock-"] {
+        let name = folder.file_name().unwrap_or_default();
+        if name.to_string_lossy().starts_with(variant) {
+            folder = folder.parent().unwrap_or(folder);
+        }
     }
-    let folder = cargo::with_axes(folder.to_owned(), tool.axes(axes));
+    let folder = tool.folder(folder.to_owned(), axes, clock_mhz);
     let profile = match tool.profile {
         PROFILE => profile.file_name().unwrap_or_default(),
         other => OsStr::new(other),
@@ -193,8 +225,9 @@ fn beside(here: &Path, tool: Tool, axes: u8) -> PathBuf {
 
 /// Has Cargo bring a tool up to date, and shows what Cargo does if that is more than nothing.
 fn build(tool: Tool, axes: u8) -> Result<PathBuf> {
-    let axes = tool.axes(axes);
-    let folder = cargo::target_dir_for(axes);
+    let clock_mhz = cargo::clock_mhz();
+    let folder = tool.folder(cargo::top_target_dir(), axes, clock_mhz);
+    let (axes, clock_mhz) = (tool.axes(axes), tool.clock_mhz(clock_mhz));
     let path = folder.join(tool.profile).join(tool.file_name());
     let mut command = cargo::cargo(&[
         "build",
@@ -211,6 +244,9 @@ fn build(tool: Tool, axes: u8) -> Result<PathBuf> {
         .collect();
     if axes != 3 {
         features.push(format!("leadscrew/axes-{axes}"));
+    }
+    if clock_mhz != cargo::USUAL_CLOCK_MHZ {
+        features.push(format!("leadscrew/clock-{clock_mhz}"));
     }
     if !features.is_empty() {
         command.arg("--features").arg(features.join(","));
@@ -336,27 +372,36 @@ mod tests {
     }
 
     #[test]
-    fn a_tool_lies_beside_another_or_in_the_folder_of_its_axes() {
-        for (here, tool, axes, there) in [
-            ("target/tools/xtask", SIM, 3, "target/tools/sim"),
-            ("target/tools/xtask", SIM, 4, "target/axes-4/tools/sim"),
+    fn a_tool_lies_beside_another_or_in_the_folder_of_its_axes_and_clock() {
+        for (here, tool, axes, clock_mhz, there) in [
+            ("target/tools/xtask", SIM, 3, 168, "target/tools/sim"),
+            ("target/tools/xtask", SIM, 4, 168, "target/axes-4/tools/sim"),
             (
-                "target/axes-4/tools/sim",
+                "target/tools/xtask",
+                SIM,
+                4,
+                96,
+                "target/clock-96/axes-4/tools/sim",
+            ),
+            (
+                "target/clock-96/axes-4/tools/sim",
                 TARGET,
                 4,
+                96,
                 "target/axes-4/tools/target",
             ),
             (
-                "target/axes-4/tools/sim",
+                "target/clock-96/tools/sim",
                 SCHEDULE,
                 4,
+                96,
                 "target/tools/schedule",
             ),
-            ("/home/me/bin/xtask", SIM, 3, "/home/me/bin/sim"),
+            ("/home/me/bin/xtask", SIM, 3, 168, "/home/me/bin/sim"),
         ] {
             let there = format!("{there}{}", env::consts::EXE_SUFFIX);
             assert_eq!(
-                beside(Path::new(here), tool, axes),
+                beside(Path::new(here), tool, axes, clock_mhz),
                 Path::new(&there),
                 "{here}"
             );

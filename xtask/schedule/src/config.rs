@@ -187,8 +187,11 @@ pub struct Limits {
 pub struct Table {
     /// The task that drives the step pins.
     pub step_task: String,
-    /// Pulses of all axes together, per second.
+    /// Pulses of all axes together, per second, ...
     pub step_rate_hz: u32,
+    /// ... and what instead, where the program has a feature of that name.
+    #[serde(default)]
+    pub step_rate_of: BTreeMap<String, u32>,
     /// Bits per second.
     pub baud: u32,
     /// What the proof takes for granted, a sentence each.
@@ -326,12 +329,15 @@ impl Config {
         toml::from_str(text).map_err(|error| format!("schedule.toml: {error}"))
     }
 
-    /// The file for a program with some features: another one may be required of it.
+    /// The file for a program with some features: something else may be required of it, at another step rate.
     #[must_use]
     pub fn of_features(mut self, features: &[String]) -> Self {
-        let mut features = features.iter();
-        let special = features.find_map(|feature| self.require_of.remove(feature));
+        let mut all = features.iter();
+        let special = all.find_map(|feature| self.require_of.remove(feature));
         self.require = special.unwrap_or(self.require);
+        let mut all = features.iter();
+        let rate = all.find_map(|feature| self.table.step_rate_of.remove(feature));
+        self.table.step_rate_hz = rate.unwrap_or(self.table.step_rate_hz);
         self
     }
 
@@ -476,6 +482,22 @@ mod tests {
         let plain = step_wcet(&[]);
         assert_eq!(step_wcet(&["chip-f446"]), plain);
         assert!(step_wcet(&["chip-f446", "phases"]) > plain);
+    }
+
+    #[test]
+    fn what_is_required_of_a_slower_clock_is_required_at_its_own_step_rate() {
+        let file = concat!(env!("CARGO_MANIFEST_DIR"), "/../../schedule.toml");
+        let text = std::fs::read_to_string(file).unwrap();
+        let of = |features: &[&str]| {
+            let features: Vec<String> = features.iter().map(|it| (*it).to_owned()).collect();
+            let config = Config::parse(&text).unwrap().of_features(&features);
+            (config.table.step_rate_hz, config.require.step_rate_hz)
+        };
+        let (usual, required) = of(&["chip-f405"]);
+        assert!(required.values().any(|rate| *rate == usual));
+        let (slower, required) = of(&["chip-f411", "clock-96"]);
+        assert!(slower < usual);
+        assert!(required.values().any(|rate| *rate == slower));
     }
 
     #[test]
