@@ -22,6 +22,8 @@ const FEWEST_AXES: usize = 3;
 pub const PHASES: &str = "phases";
 /// The feature of a firmware that knows second motors.
 const SECOND_MOTORS: &str = "second-motors";
+/// The feature of a firmware whose settings are in an EEPROM.
+pub const EEPROM: &str = "eeprom";
 /// Bytes of a board's name: what the longest line of `M115` leaves.
 const MAX_TITLE_BYTES: usize = 40;
 
@@ -103,11 +105,8 @@ impl Board {
             bootloader(&mut entries, chip, part, &place)?;
         let labels = labels(&mut entries, part)?;
         let wirings = wirings(&mut entries, chip, part, &place)?;
-        if let Some(entry) = &qemu
-            && wirings.iter().any(|wiring| !wiring.phases.is_empty())
-        {
-            let message = "the emulator records steps and directions: a board with phases has none";
-            return Err(entry.place.fault(message));
+        if let Some(entry) = &qemu {
+            refuse_unemulated(entry, &wirings)?;
         }
         let others = ["name", "bootloader.kib", "bootloader.file"];
         entries.refuse_rest(&[&TOP[..], &others].concat())?;
@@ -158,15 +157,35 @@ impl Board {
         self.wirings.iter().any(|wiring| !wiring.phases.is_empty())
     }
 
-    /// Returns the features of the firmware that the board needs: those of its chip, its clock and its motors.
+    /// Returns whether an EEPROM has the settings.
+    pub fn has_eeprom(&self) -> bool {
+        self.wirings.iter().any(|wiring| wiring.eeprom.is_some())
+    }
+
+    /// Returns the features of the firmware that the board needs: those of its chip, its clock, its motors and its
+    /// settings.
     pub fn features(&self) -> Vec<String> {
         let chip = format!("chip-{}", self.chip.hal);
         let phases = self.has_phases().then(|| PHASES.to_owned());
         let has_second = self.wirings.iter().any(|wiring| !wiring.second.is_empty());
         let second = has_second.then(|| SECOND_MOTORS.to_owned());
         let clock = self.chip.clocks.feature().map(str::to_owned);
-        iter::once(chip).chain(clock).chain(phases).chain(second).collect()
+        let eeprom = self.has_eeprom().then(|| EEPROM.to_owned());
+        let special = clock.into_iter().chain(phases).chain(second).chain(eeprom);
+        iter::once(chip).chain(special).collect()
     }
+}
+
+/// Refuses an emulator for a board with something that it lacks.
+fn refuse_unemulated(qemu: &Entry, wirings: &[Wiring]) -> Result<(), Fault> {
+    let message = if wirings.iter().any(|wiring| !wiring.phases.is_empty()) {
+        "the emulator records steps and directions: a board with phases has none"
+    } else if wirings.iter().any(|wiring| wiring.eeprom.is_some()) {
+        "the emulator has no EEPROM: settings are in flash there"
+    } else {
+        return Ok(());
+    };
+    Err(qemu.place.fault(message))
 }
 
 /// Returns the part that a text names: what is printed on a chip, `STM32F407VGT6`, begins with it.
@@ -191,7 +210,7 @@ fn chosen_part<'a>(
 }
 
 /// Keys that must be there, and what is wanted of them.
-const WANTED: [(&str, &str); 5] = [
+const WANTED: [(&str, &str); 8] = [
     (
         "chip",
         "what is printed on the chip behind STM32, as in chip = \"F407VG\"",
@@ -211,6 +230,18 @@ const WANTED: [(&str, &str); 5] = [
     (
         "serial.rx",
         "the pin that receives, as in rx = \"A10\" in [serial]",
+    ),
+    (
+        "eeprom.kib",
+        "what the EEPROM holds, as in kib = 16 in [eeprom]: a 24C64 has 8, a 24C128 has 16",
+    ),
+    (
+        "eeprom.scl",
+        "the pin of the EEPROM's clock, as in scl = \"B8\" in [eeprom]",
+    ),
+    (
+        "eeprom.sda",
+        "the pin of the EEPROM's data, as in sda = \"B9\" in [eeprom]",
     ),
 ];
 
@@ -262,7 +293,9 @@ fn bootloader(
         Some(entry) => (entry.place.clone(), entry.number()?),
         None => (file.clone(), 0),
     };
-    let layout = MemoryLayout::of(chip, part, kib).map_err(|error| place.fault(error))?;
+    let has_eeprom = entries.place_of("eeprom.").is_some();
+    let layout = MemoryLayout::of(chip, part, kib, has_eeprom);
+    let layout = layout.map_err(|error| place.fault(error))?;
     let name = name
         .map(|entry| entry.text().map(str::to_owned))
         .transpose()?;
@@ -304,7 +337,9 @@ fn wirings(
         }
     }
     let mut functions = Entries::default();
-    for prefix in ["axes.", "outputs.", "inputs.", "serial.", "at_boot."] {
+    for prefix in [
+        "axes.", "outputs.", "inputs.", "serial.", "eeprom.", "at_boot.",
+    ] {
         functions.replace_with(&entries.take_group(prefix));
     }
     let mut wirings = Vec::new();

@@ -279,11 +279,12 @@ impl Entries {
 }
 
 /// The tables.
-const TABLES: [&str; 7] = [
+const TABLES: [&str; 8] = [
     "serial",
     "axes",
     "outputs",
     "inputs",
+    "eeprom",
     "at_boot",
     "labels",
     "with_4_axes and more",

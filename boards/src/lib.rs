@@ -20,7 +20,7 @@ mod serial;
 mod timer;
 mod wiring;
 
-pub use board::{Board, MOST_AXES, PHASES};
+pub use board::{Board, EEPROM, MOST_AXES, PHASES};
 pub use chip::{Chip, Clocks, Part};
 pub use entries::{Fault, Place};
 pub use memory::{JournalPage, MemoryLayout};
@@ -28,7 +28,7 @@ pub use pin::{Pin, Pull, SignedPin};
 pub use rust::rust;
 pub use serial::SerialPins;
 pub use timer::PwmOutput;
-pub use wiring::{Input, SecondMotor, Wiring};
+pub use wiring::{EepromPins, Input, SecondMotor, Wiring};
 
 /// Folder of the boards, from the project's root.
 pub const FOLDER: &str = "boards";

@@ -18,8 +18,8 @@ pub struct MemoryLayout {
     pub code_start: Option<u32>,
     /// Bytes of RAM.
     pub ram_bytes: u32,
-    /// The two sectors of the journal of settings.
-    pub journal: [JournalPage; 2],
+    /// The two sectors of the journal of settings; none where an EEPROM has them.
+    pub journal: Option<[JournalPage; 2]>,
 }
 
 /// A sector of the journal of settings.
@@ -32,12 +32,18 @@ pub struct JournalPage {
 }
 
 impl MemoryLayout {
-    /// Returns the layout of a part, with a bootloader of some KiB before the program.
+    /// Returns the layout of a part, with a bootloader of some KiB before the program, and the settings in flash or in
+    /// an EEPROM.
     ///
     /// # Errors
     ///
     /// If the program cannot begin behind the bootloader, or no two sectors are left for the settings.
-    pub(crate) fn of(chip: &Chip, part: &Part, bootloader_kib: u32) -> Result<Self, String> {
+    pub(crate) fn of(
+        chip: &Chip,
+        part: &Part,
+        bootloader_kib: u32,
+        has_eeprom: bool,
+    ) -> Result<Self, String> {
         let sectors = Sectors::of(chip, part.flash_kib);
         let end = FLASH + part.flash_kib * 1024;
         let flash_start = FLASH + bootloader_kib * 1024;
@@ -49,6 +55,15 @@ impl MemoryLayout {
                 starts.join(", ")
             ));
         };
+        if has_eeprom {
+            return Ok(Self {
+                flash_start,
+                flash_bytes: end - flash_start,
+                code_start: None,
+                ram_bytes: chip.ram_kib * 1024,
+                journal: None,
+            });
+        }
         let last = sectors.0.len() - 1;
         // Behind the program, where sectors are large enough to leave them to the settings: a bootloader writes
         // whole sectors, and a new program must not erase the settings.
@@ -62,7 +77,7 @@ impl MemoryLayout {
         if !is_behind && journal[1] > 4 {
             return Err(format!(
                 "{} KiB of flash have no two sectors for the settings behind a bootloader of {bootloader_kib} KiB: \
-                 32 KiB are the most",
+                 32 KiB are the most, or an EEPROM on the board has them: [eeprom]",
                 part.flash_kib
             ));
         }
@@ -76,7 +91,7 @@ impl MemoryLayout {
             flash_bytes: program_end - flash_start,
             code_start: (!is_behind).then(|| sectors.0[journal[1] + 1]),
             ram_bytes: chip.ram_kib * 1024,
-            journal: journal.map(page),
+            journal: Some(journal.map(page)),
         })
     }
 

@@ -2,7 +2,7 @@
 
 use std::{fmt::Write as _, iter};
 
-use crate::{Board, Input, JournalPage, Pin, Pull, SignedPin, Wiring};
+use crate::{Board, EepromPins, Input, JournalPage, Pin, Pull, SignedPin, Wiring};
 
 /// Returns the source of a board with a number of axes, for `src/board/chosen.rs`.
 ///
@@ -53,13 +53,6 @@ fn fields(board: &Board, wiring: &Wiring) -> [(&'static str, String); 15] {
     let at_boot = list(&wiring.at_boot, |(at, high)| {
         format!("({}, {high})", pin(*at))
     });
-    let journal = list(&board.memory.journal, |page| {
-        let JournalPage { sector, address } = page;
-        format!(
-            "JournalPage {{ sector: {sector}, address: {} }}",
-            hexadecimal(*address)
-        )
-    });
     [
         ("crystal_hz", megahertz(board.crystal_mhz)),
         ("is_crystal_bypassed", board.is_crystal_bypassed.to_string()),
@@ -81,8 +74,28 @@ fn fields(board: &Board, wiring: &Wiring) -> [(&'static str, String); 15] {
         ("inputs", format!("&[{inputs}]")),
         ("at_boot", format!("&[{at_boot}]")),
         ("has_bootloader", (board.bootloader_kib != 0).to_string()),
-        ("journal", format!("[{journal}]")),
+        settings(board, wiring),
     ]
+}
+
+/// Returns the field of where the settings are.
+fn settings(board: &Board, wiring: &Wiring) -> (&'static str, String) {
+    if let Some(EepromPins { clock, data }) = wiring.eeprom {
+        let pins = format!(
+            "EepromPins {{ clock: {}, data: {} }}",
+            pin(clock),
+            pin(data)
+        );
+        return ("eeprom", pins);
+    }
+    let journal = list(board.memory.journal.as_slice().as_flattened(), |page| {
+        let JournalPage { sector, address } = page;
+        format!(
+            "JournalPage {{ sector: {sector}, address: {} }}",
+            hexadecimal(*address)
+        )
+    });
+    ("journal", format!("[{journal}]"))
 }
 
 /// Returns the outputs of the motors.

@@ -108,7 +108,23 @@ pub struct Wiring {
     pub at_boot: Vec<(Pin, bool)>,
     /// The sender's.
     pub serial: SerialPins,
+    /// Those of the EEPROM that has the settings.
+    pub eeprom: Option<EepromPins>,
 }
+
+/// The pins of an EEPROM, both of which have pull-ups.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct EepromPins {
+    /// Its clock.
+    pub clock: Pin,
+    /// Its data.
+    pub data: Pin,
+}
+
+/// The KiB that an EEPROM must have: two copies of everything (`src/settings/storage/eeprom.rs`).
+const LEAST_EEPROM_KIB: u32 = 8;
+/// The most that an address of two bytes reaches.
+const MOST_EEPROM_KIB: u32 = 64;
 
 impl Wiring {
     /// Returns the number of axes.
@@ -143,6 +159,11 @@ impl Wiring {
         pins.extend(self.inputs.iter().map(|(_, signed)| signed.pin));
         pins.extend(self.at_boot.iter().map(|(pin, _)| *pin));
         pins.extend([self.serial.transmit, self.serial.receive]);
+        pins.extend(
+            self.eeprom
+                .into_iter()
+                .flat_map(|pins| [pins.clock, pins.data]),
+        );
         ports(&pins)
     }
 
@@ -191,6 +212,7 @@ impl<'a> Reader<'a> {
     ) -> Result<Wiring, Fault> {
         let at_boot = self.at_boot()?;
         let serial = self.serial(file)?;
+        let eeprom = self.eeprom()?;
         let (mut step, mut direction, mut enable) = (Vec::new(), Vec::new(), Vec::new());
         let (mut phases, mut limits) = (Vec::new(), Vec::new());
         let has_phases = self.functions.get("axes.X.phases").is_some();
@@ -231,6 +253,7 @@ impl<'a> Reader<'a> {
             inputs: Vec::new(),
             at_boot,
             serial,
+            eeprom,
         };
         self.inputs(&mut wiring, limits, polled)?;
         refuse_rest(&self.functions)?;
@@ -277,6 +300,41 @@ impl<'a> Reader<'a> {
                 format!("{transmit} and {receive} are not TX and RX of one USART: {known}");
             place.fault(message)
         })
+    }
+
+    /// Reads what an EEPROM has, where one is named.
+    fn eeprom(&mut self) -> Result<Option<EepromPins>, Fault> {
+        let Some(table) = self.functions.place_of("eeprom.").cloned() else {
+            return Ok(None);
+        };
+        let mut wanted = |key: &str| {
+            let entry = self.functions.take(key);
+            entry.ok_or_else(|| missing(&table, key))
+        };
+        let [kib, clock, data] = [
+            wanted("eeprom.kib")?,
+            wanted("eeprom.scl")?,
+            wanted("eeprom.sda")?,
+        ];
+        if !(LEAST_EEPROM_KIB..=MOST_EEPROM_KIB).contains(&kib.number()?) {
+            let message = format!(
+                "the settings need an EEPROM of {LEAST_EEPROM_KIB} to {MOST_EEPROM_KIB} KiB"
+            );
+            return Err(kib.place.fault(message));
+        }
+        let mut pin = |key: &str, entry: &Entry| {
+            let signed = signed_pin(entry)?;
+            if signed.is_active_low || signed.pull != Pull::None {
+                let message = "the pins of an EEPROM have no sign: they are pulled up";
+                return Err(entry.place.fault(message));
+            }
+            self.use_pin(signed.pin, key, &entry.place)?;
+            Ok(signed.pin)
+        };
+        Ok(Some(EepromPins {
+            clock: pin("eeprom.scl", &clock)?,
+            data: pin("eeprom.sda", &data)?,
+        }))
     }
 
     /// Reads a step or direction output, which must be there.
@@ -498,7 +556,7 @@ const SECOND_MOTORS: [&str; GANGED_AXES] = ["X2", "Y2", "Z2"];
 /// Keys of the functions of an axis.
 const AXIS_KEYS: [&str; 5] = ["step", "direction", "phases", "enable", "limit"];
 /// Keys of other functions.
-const KEYS: [&str; 13] = [
+const KEYS: [&str; 16] = [
     "outputs.enable",
     "outputs.spindle",
     "outputs.counter_clockwise",
@@ -512,6 +570,9 @@ const KEYS: [&str; 13] = [
     "inputs.door",
     "serial.tx",
     "serial.rx",
+    "eeprom.kib",
+    "eeprom.scl",
+    "eeprom.sda",
 ];
 
 /// Refuses functions that nobody has asked for.

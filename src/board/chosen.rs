@@ -3,9 +3,13 @@
 use leadscrew::model::Levels;
 use stm32f4xx_hal::rcc::{Enable, Rcc};
 
+#[cfg(feature = "eeprom")]
+use super::wiring::EepromPins;
+#[cfg(not(feature = "eeprom"))]
+use super::wiring::JournalPage;
 use super::{
     pac,
-    wiring::{AccessoryPins, Input, JournalPage, MotorPins, Output, Pin, Pull, Pwm, Wiring},
+    wiring::{AccessoryPins, Input, MotorPins, Output, Pin, Pull, Pwm, Wiring},
 };
 
 include!(concat!(env!("OUT_DIR"), "/board.rs"));

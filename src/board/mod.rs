@@ -20,7 +20,10 @@ mod bootloader;
 mod chosen;
 mod clocks;
 mod delay_timer;
+#[cfg(feature = "eeprom")]
+mod eeprom;
 mod fault;
+#[cfg(not(feature = "eeprom"))]
 mod flash;
 pub(crate) mod host_clock;
 mod inputs;

@@ -51,10 +51,13 @@ pub(super) const fn take_delay_end() -> bool {
 pub(super) const fn record_outputs(_outputs: &Outputs) {}
 
 /// Reads emulated flash.
+#[cfg(not(feature = "eeprom"))]
 pub(super) const fn read_flash(_offset: usize, _bytes: &mut [u8]) {}
 
 /// Programs emulated flash.
+#[cfg(not(feature = "eeprom"))]
 pub(super) const fn write_flash(_offset: usize, _bytes: &[u8]) {}
 
 /// Erases emulated flash.
+#[cfg(not(feature = "eeprom"))]
 pub(super) const fn erase_flash(_offset: usize, _length: usize) {}

@@ -8,10 +8,9 @@ use super::{
     Actuators, Board, InputInterrupts, Memory, Receiver, StepPins, StepTimerToken, bootloader,
     chosen::{self, Usart, WIRING},
     clocks::{self, Clocks},
-    emulation, fault,
-    flash::SettingsFlash,
-    host_clock, outputs, pac, pins, pwm,
+    emulation, fault, host_clock, outputs, pac, pins, pwm,
     step_timer::StepTimer,
+    storage::Medium,
     supply, watchdog,
     wiring::Pull,
 };
@@ -53,7 +52,7 @@ pub(crate) fn init(device: pac::Peripherals, mut core: Core, memory: Memory) -> 
     let actuators = Actuators::new(device.TIM9);
     let usart = start_serial(chosen::sender!(device), &rcc, &mut core.NVIC);
     host_clock::init(&device.TIM4);
-    let (session, storage) = memory.power_up(SettingsFlash::new(device.FLASH));
+    let (session, storage) = memory.power_up(Medium::new(device.FLASH));
     session.set_reset_cause(cause);
     pins::configure(session.settings());
     let failed = (!(has_crystal && has_supply)).then_some(Alarm::SelfTest);

@@ -64,11 +64,13 @@ fn receive(usart: &UsartRegisters, requests: &Requests, received: &mut ByteWrite
 }
 
 /// The receiver for the time of an erase of flash, in which `serial_rx` cannot run.
+#[cfg(not(feature = "eeprom"))]
 pub(super) struct FlashEraseReceiver {
     requests: &'static Requests,
     received: ByteWriter<'static>,
 }
 
+#[cfg(not(feature = "eeprom"))]
 impl FlashEraseReceiver {
     /// Returns a receiver into the queue of `serial_rx`.
     pub(super) const fn new(requests: &'static Requests, received: ByteWriter<'static>) -> Self {

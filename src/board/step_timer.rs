@@ -195,6 +195,7 @@ pub(super) fn reload_ticks() -> u32 {
 }
 
 /// Returns whether the timer runs to an event.
+#[cfg(any(feature = "emulated", not(feature = "eeprom")))]
 #[inline(always)]
 #[expect(clippy::inline_always, reason = "nothing in flash may be called")]
 pub(super) fn is_running() -> bool {

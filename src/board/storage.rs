@@ -1,4 +1,4 @@
-//! The journal in the chip's flash, and the session that is made of its contents.
+//! What outlives power, in the chip's flash or in an EEPROM, and the session that is made of its contents.
 //!
 //! # Cost
 //! RTIC lets the first tasks run while the frame of the initialisation is still on the stack. So what is
@@ -7,29 +7,44 @@
 use leadscrew::{
     model::Requests,
     protocol::{ByteWriter, Session},
-    settings::{Change, Journal, Loaded, StoreError, Stored, ToolTable},
+    settings::{Change, Loaded, StoreError, Stored, ToolTable},
 };
 
-use super::{flash::SettingsFlash, proven, serial::FlashEraseReceiver};
+use super::proven;
+#[cfg(not(feature = "eeprom"))]
+use super::serial::FlashEraseReceiver;
 
-/// The journal, owned by `interpret`.
-pub(crate) struct Storage(Journal<SettingsFlash>);
+/// Where the settings are, and how they are kept there.
+#[cfg(not(feature = "eeprom"))]
+mod medium {
+    pub(crate) use crate::board::flash::SettingsFlash as Medium;
 
-/// The places of the journal and of the session.
+    pub(crate) type Store = leadscrew::settings::Journal<Medium>;
+}
+#[cfg(feature = "eeprom")]
+mod medium {
+    pub(crate) use crate::board::eeprom::SettingsEeprom as Medium;
+
+    pub(crate) type Store = leadscrew::settings::EepromStore<Medium>;
+}
+
+pub(super) use medium::Medium;
+
+/// The storage, owned by `interpret`.
+pub(crate) struct Storage(medium::Store);
+
+/// The places of the storage and of the session.
 pub(crate) struct Memory {
     pub(crate) storage: &'static mut Option<Storage>,
     pub(crate) session: &'static mut Option<Session>,
 }
 
 impl Memory {
-    /// Makes the session of a machine that has just been switched on. A flash that fails reads as that of
+    /// Makes the session of a machine that has just been switched on. A storage that fails reads as that of
     /// a new machine.
     #[inline(never)]
-    pub(super) fn power_up(
-        self,
-        flash: SettingsFlash,
-    ) -> (&'static mut Session, &'static mut Storage) {
-        let storage = self.storage.insert(Storage(Journal::new(flash)));
+    pub(super) fn power_up(self, flash: Medium) -> (&'static mut Session, &'static mut Storage) {
+        let storage = self.storage.insert(Storage(medium::Store::new(flash)));
         let loaded = storage.load();
         let session = make_session(self.session, &loaded);
         storage.load_tools(session.tools_mut());
@@ -56,6 +71,7 @@ impl Storage {
     }
 
     /// Sets the queue for bytes that come while flash is erased.
+    #[cfg(not(feature = "eeprom"))]
     pub(crate) fn receive_while_erasing(
         &mut self,
         requests: &'static Requests,
@@ -64,6 +80,11 @@ impl Storage {
         let flash = self.0.flash();
         flash.set_receiver(FlashEraseReceiver::new(requests, received));
     }
+
+    /// Does nothing: the chip runs while an EEPROM is written.
+    #[cfg(feature = "eeprom")]
+    #[expect(clippy::unused_self, reason = "flash needs it")]
+    pub(crate) fn receive_while_erasing(&mut self, _: &'static Requests, _: ByteWriter<'static>) {}
 
     /// Stores a change. At rest only: this may take 2 s.
     pub(super) fn write(

@@ -57,7 +57,15 @@ pub(super) struct Pwm {
     pub(super) has_break: bool,
 }
 
+/// The pins of the EEPROM that has the settings.
+#[cfg(feature = "eeprom")]
+pub(super) struct EepromPins {
+    pub(super) clock: Pin,
+    pub(super) data: Pin,
+}
+
 /// A sector of the journal of settings.
+#[cfg(not(feature = "eeprom"))]
 pub(super) struct JournalPage {
     pub(super) sector: u8,
     pub(super) address: usize,
@@ -92,7 +100,11 @@ pub(super) struct Wiring {
     /// Whether a bootloader has run before.
     pub(super) has_bootloader: bool,
     /// The sectors of the journal of settings.
+    #[cfg(not(feature = "eeprom"))]
     pub(super) journal: [JournalPage; 2],
+    /// The EEPROM of the settings.
+    #[cfg(feature = "eeprom")]
+    pub(super) eeprom: EepromPins,
 }
 
 /// Outputs of the motors: of their drivers, or of their coils.
@@ -291,6 +303,22 @@ impl Pin {
     pub(super) fn make_output(self) {
         self.set_driver(Pull::None);
         self.set_field(MODER, 2, 0b01);
+    }
+
+    /// Makes the pin one end of a wire that whoever wants pulls low: an output that does not drive the high level,
+    /// with a pull-up.
+    #[cfg(feature = "eeprom")]
+    pub(super) fn make_open_drain(self) {
+        self.set(true);
+        self.set_driver(Pull::Up);
+        self.set_field(OTYPER, 1, 1);
+        self.set_field(MODER, 2, 0b01);
+    }
+
+    /// Returns whether the pin is high.
+    #[cfg(feature = "eeprom")]
+    pub(super) fn is_high(self) -> bool {
+        read_port(self.port) >> self.number & 1 != 0
     }
 
     /// Makes the pin an input with a resistor.

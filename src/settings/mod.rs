@@ -18,7 +18,10 @@ pub use kind::{DataType, Kind, Value, ValueRange};
 pub use rules::TOOL_CHANGE_IGNORED;
 pub use setting::Setting;
 pub use step_rate::StepRate;
-pub use storage::{Journal, Loaded};
+pub use storage::{
+    EEPROM_BYTES, Eeprom, EepromError, EepromStore, Journal, Loaded, PAGE_BYTES, TwoWireEeprom,
+    Wires,
+};
 pub use stored::{Change, Origins, STARTUP_LINES, STORED_LINE, StoreError, Stored, StoredLine};
 pub use table::{Row, SettingGroup};
 pub use tool_table::{TOOLS, ToolEntry, ToolTable};

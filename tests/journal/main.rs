@@ -1,11 +1,14 @@
-//! The journal on a flash with the chip's rules, and with power cuts at every word and erase.
+//! The journal on a flash with the chip's rules, and with power cuts at every word and erase; the storage in an EEPROM
+//! with losses of power at every byte.
 
 #[path = "../support/cases.rs"]
 mod cases;
 mod cuts;
 mod damage;
+mod eeprom;
 mod history;
 // The document has the sizes with three axes.
 #[cfg(not(feature = "axes-4"))]
 mod sizes;
 mod wear;
+mod wires;

@@ -1,7 +1,11 @@
-//! The storage of everything that outlives power: records in a journal of two flash sectors.
+//! The storage of everything that outlives power: records in a journal of two flash sectors, or twice in an EEPROM.
 
+mod eeprom;
 mod journal;
 mod record;
 mod sectors;
+mod two_wire;
 
+pub use eeprom::{EEPROM_BYTES, Eeprom, EepromError, EepromStore, PAGE_BYTES};
 pub use journal::{Journal, Loaded};
+pub use two_wire::{TwoWireEeprom, Wires};

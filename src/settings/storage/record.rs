@@ -99,6 +99,9 @@ pub(super) enum Key {
 pub(super) struct Generations([u32; Key::ALL.len() + 1]);
 
 impl Generations {
+    /// Those of a new machine.
+    pub(super) const NONE: Self = Self([0; Key::ALL.len() + 1]);
+
     /// Returns the generation of a key.
     pub(super) fn of(&mut self, key: Key) -> &mut u32 {
         &mut self.0[key as usize]

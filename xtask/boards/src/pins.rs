@@ -99,6 +99,11 @@ pub fn table(board: &Board) -> Result<String> {
     for (name, cell) in ROWS {
         row(name, &|wiring| cell(board, wiring))?;
     }
+    row("EEPROM of the settings: SCL, SDA", &|wiring| {
+        let pins = wiring.eeprom.map(|pins| [pins.clock, pins.data]);
+        let pins = pins.into_iter().flatten().map(|pin| named(board, pin));
+        pins.collect::<Vec<_>>().join(", ")
+    })?;
     row("set at boot", &|wiring| {
         let levels = wiring.at_boot.iter().map(|(pin, is_high)| {
             let level = if *is_high { "high" } else { "low" };

@@ -89,13 +89,15 @@ fn check(options: &Options) -> Result<ExitCode> {
 fn show(board: &Board) {
     println!("{}: {}, nothing is wrong", board.name.bold(), board.title);
     let memory = &board.memory;
+    let settings = match &memory.journal {
+        Some([first, second]) => format!("sectors {} and {}", first.sector, second.sector),
+        None => "the EEPROM".into(),
+    };
     println!(
-        "  STM32{} at {} MHz, program from {:#010x}, settings in sectors {} and {}, {} KiB of RAM",
+        "  STM32{} at {} MHz, program from {:#010x}, settings in {settings}, {} KiB of RAM",
         board.part_name,
         board.chip.clocks.core_mhz,
         memory.flash_start,
-        memory.journal[0].sector,
-        memory.journal[1].sector,
         memory.ram_bytes / 1024
     );
     for axes in 3..=board.most_axes() {

@@ -1,0 +1,442 @@
+//! The storage in an EEPROM, for boards whose flash has no room: two copies of each record.
+//!
+//! ```text
+//! first copies   0x0000 │ generations │ settings │ origins │ $N0 │ $N1 │ $I │ tools … │
+//! second copies  0x1000 │ the same                                                    │
+//! copy           number of the change: u32 │ length: u16 │ record │ CRC-32 of all before
+//! ```
+//!
+//! The whole copy with the higher number counts. A change is written over the other one, so that a loss of power at
+//! any byte leaves what was stored before. No copy shares a page with another: a page that is being written may lose
+//! all of its bytes. Where each copy is never changes, or firmware could not read what older firmware has stored.
+
+use super::{
+    journal::Loaded,
+    record::{self, Generations, Key, RECORD_BYTES, Record},
+};
+use crate::settings::{Change, StoreError, Stored, TOOLS, ToolTable};
+
+/// Bytes of a page of the smallest EEPROM that is large enough: larger ones have whole pages of more.
+pub const PAGE_BYTES: usize = 32;
+/// Bytes of an EEPROM that is large enough.
+pub const EEPROM_BYTES: usize = 2 * COPIES_BYTES;
+
+/// Bytes of all first copies, or of all second ones.
+const COPIES_BYTES: usize = FIRST_TOOL.0 + TOOLS * TOOL_BYTES;
+/// Bytes of the number and the length, and of the checksum.
+const HEADER_BYTES: usize = 6;
+const CHECKSUM_BYTES: usize = 4;
+
+/// Where the copies of each kind of record are among the first ones, and their bytes: whole pages of 64 bytes.
+const GENERATIONS: (usize, usize) = (0, 64);
+const SETTINGS: (usize, usize) = (64, LONGEST_BYTES);
+const ORIGINS: (usize, usize) = (768, LONGEST_BYTES);
+const LINES: [(usize, usize); 3] = [(1472, 192), (1664, 192), (1856, 192)];
+const FIRST_TOOL: (usize, usize) = (2048, TOOL_BYTES);
+const LONGEST_BYTES: usize = 704;
+const TOOL_BYTES: usize = 64;
+
+const _: () = assert!(
+    RECORD_BYTES + HEADER_BYTES + CHECKSUM_BYTES <= LONGEST_BYTES,
+    "the longest record has no room in the EEPROM: give it the room of tools"
+);
+
+/// Number of records.
+const RECORDS: usize = 1 + Key::ALL.len() + TOOLS;
+/// The index of the record of generations, and that of the first tool's.
+const GENERATIONS_INDEX: usize = 0;
+const FIRST_TOOL_INDEX: usize = 1 + Key::ALL.len();
+
+/// An EEPROM.
+pub trait Eeprom {
+    /// Reads bytes.
+    ///
+    /// # Errors
+    /// If the EEPROM does not answer.
+    fn read(&mut self, address: u16, bytes: &mut [u8]) -> Result<(), EepromError>;
+
+    /// Writes bytes of one page of [`PAGE_BYTES`].
+    ///
+    /// # Errors
+    /// If the EEPROM does not answer.
+    fn write(&mut self, address: u16, bytes: &[u8]) -> Result<(), EepromError>;
+}
+
+/// The reason for which an EEPROM fails.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum EepromError {
+    /// It does not acknowledge, in the time that a write takes.
+    NoAcknowledge,
+    /// Something holds a line of the bus low.
+    Stuck,
+}
+
+impl From<EepromError> for StoreError {
+    fn from(_: EepromError) -> Self {
+        Self::Flash
+    }
+}
+
+/// The storage in an EEPROM of [`EEPROM_BYTES`] or more, in the place of [`Journal`](super::Journal).
+#[derive(Debug)]
+pub struct EepromStore<E> {
+    eeprom: E,
+    /// The copy of each record that counts, after [`Self::load`].
+    newest: [Option<StoredCopy>; RECORDS],
+    /// The newest generation of each key.
+    generations: Generations,
+}
+
+/// A whole copy of a record.
+#[derive(Debug, Clone, Copy)]
+struct StoredCopy {
+    number: u32,
+    is_second: bool,
+    length: u16,
+}
+
+impl<E: Eeprom> EepromStore<E> {
+    /// Returns the storage in an EEPROM with any contents.
+    #[must_use]
+    pub const fn new(eeprom: E) -> Self {
+        Self {
+            eeprom,
+            newest: [None; RECORDS],
+            generations: Generations::NONE,
+        }
+    }
+
+    /// Returns the EEPROM, mutably.
+    pub fn eeprom(&mut self) -> &mut E {
+        &mut self.eeprom
+    }
+
+    /// Reads everything but the tool table; once, after power-up.
+    ///
+    /// # Errors
+    /// [`StoreError::Flash`] when the EEPROM fails.
+    pub fn load(&mut self) -> Result<Loaded, StoreError> {
+        for index in 0..RECORDS {
+            let newest = self.find_newest(index)?;
+            if let Some(known) = self.newest.get_mut(index) {
+                *known = newest;
+            }
+        }
+        let mut buffer = [0; RECORD_BYTES];
+        if let Some((_, contents)) = self.fetch(GENERATIONS_INDEX, &mut buffer)? {
+            self.generations = Generations::read(contents);
+        }
+        let mut stored = Stored::default();
+        for key in Key::ALL {
+            let Some((generation, contents)) = self.fetch(index_of(key), &mut buffer)? else {
+                continue;
+            };
+            let known = self.generations.of(key);
+            // A record of a newer generation than is known: the record of generations was lost.
+            if generation >= *known {
+                *known = generation;
+                key.read(contents, &mut stored);
+            }
+        }
+        for slot in 0..TOOLS {
+            if let Some((generation, _)) = self.fetch(FIRST_TOOL_INDEX + slot, &mut buffer)? {
+                let known = self.generations.of_tools();
+                *known = generation.max(*known);
+            }
+        }
+        if self.newest.iter().any(Option::is_some) {
+            return Ok(Loaded {
+                stored,
+                is_first_boot: false,
+            });
+        }
+        // One record, so that there is no second first boot.
+        self.write_generations()?;
+        Ok(Loaded::default())
+    }
+
+    /// Reads the tool table, after [`Self::load`]: into its place, as it is large.
+    ///
+    /// # Errors
+    /// [`StoreError::Flash`] when the EEPROM fails. The table has what has been read before.
+    pub fn load_tools(&mut self, tools: &mut ToolTable) -> Result<(), StoreError> {
+        tools.clear();
+        let counting = *self.generations.of_tools();
+        let mut buffer = [0; RECORD_BYTES];
+        for slot in 0..TOOLS {
+            if let Some((generation, contents)) =
+                self.fetch(FIRST_TOOL_INDEX + slot, &mut buffer)?
+                && generation == counting
+            {
+                tools.replace(slot, record::read_tool(contents));
+            }
+        }
+        Ok(())
+    }
+
+    /// Stores a change; `stored` and `tools` have everything with the change made.
+    ///
+    /// A loss of power at any time leaves the contents of before, or all of the change.
+    ///
+    /// # Errors
+    /// [`StoreError::Flash`] when the EEPROM fails, [`StoreError::NoRoom`] for a startup line or a slot
+    /// that does not exist.
+    pub fn write(
+        &mut self,
+        change: Change,
+        stored: &Stored,
+        tools: &ToolTable,
+    ) -> Result<(), StoreError> {
+        match change {
+            Change::Settings => self.write_key(Key::Settings, stored),
+            Change::Origins => self.write_key(Key::Origins, stored),
+            Change::Startup(line) => {
+                let key = Key::startup(line).ok_or(StoreError::NoRoom)?;
+                self.write_key(key, stored)
+            }
+            Change::BuildInfo => self.write_key(Key::BuildInfo, stored),
+            Change::Tool(slot) => self.write_tool(slot, tools),
+            Change::RestoreSettings => self.outdate(change, &[Key::Settings]),
+            Change::RestoreOrigins => self.outdate(change, &[Key::Origins]),
+            Change::RestoreAll => self.outdate(change, &Key::ALL),
+        }
+    }
+
+    /// Makes all records of these keys older than any that counts, and those of the tools where a change
+    /// clears these.
+    fn outdate(&mut self, change: Change, keys: &[Key]) -> Result<(), StoreError> {
+        if change.clears_tools() {
+            let generation = self.generations.of_tools();
+            *generation = generation.wrapping_add(1);
+        }
+        for &key in keys {
+            let generation = self.generations.of(key);
+            *generation = generation.wrapping_add(1);
+        }
+        self.write_generations()
+    }
+
+    fn write_generations(&mut self) -> Result<(), StoreError> {
+        let mut record = Record::new(0);
+        self.generations.write(&mut record)?;
+        self.store(GENERATIONS_INDEX, record.bytes())
+    }
+
+    fn write_key(&mut self, key: Key, stored: &Stored) -> Result<(), StoreError> {
+        let mut record = Record::new(*self.generations.of(key));
+        key.write(stored, &mut record)?;
+        self.store(index_of(key), record.bytes())
+    }
+
+    fn write_tool(&mut self, slot: usize, tools: &ToolTable) -> Result<(), StoreError> {
+        if slot >= TOOLS {
+            return Err(StoreError::NoRoom);
+        }
+        let mut record = Record::new(*self.generations.of_tools());
+        record::write_tool(tools.slot(slot), &mut record)?;
+        self.store(FIRST_TOOL_INDEX + slot, record.bytes())
+    }
+
+    /// Returns the generation and the contents of a record.
+    fn fetch<'a>(
+        &mut self,
+        index: usize,
+        buffer: &'a mut [u8; RECORD_BYTES],
+    ) -> Result<Option<(u32, &'a [u8])>, EepromError> {
+        let Some(copy) = self.newest.get(index).copied().flatten() else {
+            return Ok(None);
+        };
+        let (address, _) = place(index, copy.is_second);
+        let Some(record) = buffer.get_mut(..copy.length.into()) else {
+            return Ok(None);
+        };
+        self.eeprom.read(address + HEADER_BYTES as u16, record)?;
+        Ok(record::open(record))
+    }
+
+    /// Returns the copy of a record that counts.
+    fn find_newest(&mut self, index: usize) -> Result<Option<StoredCopy>, EepromError> {
+        let first = self.whole_copy(index, false)?;
+        let second = self.whole_copy(index, true)?;
+        Ok(match (first, second) {
+            (Some(first), Some(second)) if second.number > first.number => Some(second),
+            (first, second) => first.or(second),
+        })
+    }
+
+    /// Returns a copy of a record, if it is whole.
+    fn whole_copy(
+        &mut self,
+        index: usize,
+        is_second: bool,
+    ) -> Result<Option<StoredCopy>, EepromError> {
+        let (address, bytes) = place(index, is_second);
+        let mut header = [0; HEADER_BYTES];
+        self.eeprom.read(address, &mut header)?;
+        let [a, b, c, d, low, high] = header;
+        let length = u16::from_le_bytes([low, high]);
+        let end = HEADER_BYTES + usize::from(length);
+        if end + CHECKSUM_BYTES > bytes || usize::from(length) > RECORD_BYTES {
+            return Ok(None);
+        }
+        let mut checksum = Crc32::NEW.with(&header);
+        let mut piece = [0; PAGE_BYTES];
+        for from in (HEADER_BYTES..end).step_by(piece.len()) {
+            let bytes = piece.len().min(end - from);
+            let piece = piece.split_at_mut(bytes).0;
+            self.eeprom.read(address + from as u16, piece)?;
+            checksum = checksum.with(piece);
+        }
+        let mut written = [0; CHECKSUM_BYTES];
+        self.eeprom.read(address + end as u16, &mut written)?;
+        let number = u32::from_le_bytes([a, b, c, d]);
+        Ok((written == checksum.bytes()).then_some(StoredCopy {
+            number,
+            is_second,
+            length,
+        }))
+    }
+
+    /// Stores a record over the copy that does not count, unless the same is stored.
+    fn store(&mut self, index: usize, record: &[u8]) -> Result<(), StoreError> {
+        let newest = self.newest.get(index).copied().flatten();
+        if let Some(copy) = newest
+            && usize::from(copy.length) == record.len()
+        {
+            let (address, _) = place(index, copy.is_second);
+            if self.has(address + HEADER_BYTES as u16, record)? {
+                return Ok(());
+            }
+        }
+        let copy = StoredCopy {
+            number: newest.map_or(1, |copy| copy.number.saturating_add(1)),
+            is_second: newest.is_some_and(|copy| !copy.is_second),
+            length: u16::try_from(record.len()).or(Err(StoreError::NoRoom))?,
+        };
+        self.write_copy(index, copy, record)?;
+        if let Some(newest) = self.newest.get_mut(index) {
+            *newest = Some(copy);
+        }
+        Ok(())
+    }
+
+    fn write_copy(
+        &mut self,
+        index: usize,
+        copy: StoredCopy,
+        record: &[u8],
+    ) -> Result<(), StoreError> {
+        let mut image = heapless::Vec::<u8, LONGEST_BYTES>::new();
+        let full = |()| StoreError::NoRoom;
+        let header = [
+            &copy.number.to_le_bytes()[..],
+            &copy.length.to_le_bytes(),
+            record,
+        ];
+        for part in header {
+            image.extend_from_slice(part).map_err(|_| full(()))?;
+        }
+        let checksum = Crc32::NEW.with(&image).bytes();
+        image.extend_from_slice(&checksum).map_err(|_| full(()))?;
+        let (address, bytes) = place(index, copy.is_second);
+        if image.len() > bytes {
+            return Err(StoreError::NoRoom);
+        }
+        for (at, page) in (address..)
+            .step_by(PAGE_BYTES)
+            .zip(image.chunks(PAGE_BYTES))
+        {
+            self.eeprom.write(at, page)?;
+        }
+        // One that is protected against writing acknowledges, and changes nothing.
+        if self.has(address, &image)? {
+            Ok(())
+        } else {
+            Err(StoreError::Flash)
+        }
+    }
+
+    /// Returns whether the EEPROM has some bytes at an address.
+    fn has(&mut self, address: u16, bytes: &[u8]) -> Result<bool, EepromError> {
+        let mut found = [0; PAGE_BYTES];
+        for (at, expected) in (address..)
+            .step_by(PAGE_BYTES)
+            .zip(bytes.chunks(PAGE_BYTES))
+        {
+            let found = found.split_at_mut(expected.len()).0;
+            self.eeprom.read(at, found)?;
+            if found != expected {
+                return Ok(false);
+            }
+        }
+        Ok(true)
+    }
+}
+
+/// Returns the index of the record of a key.
+const fn index_of(key: Key) -> usize {
+    1 + key as usize
+}
+
+/// Returns the address of a copy of a record, and the bytes that it may have.
+const fn place(index: usize, is_second: bool) -> (u16, usize) {
+    let (offset, bytes) = match index {
+        GENERATIONS_INDEX => GENERATIONS,
+        1 => SETTINGS,
+        2 => ORIGINS,
+        3 => LINES[0],
+        4 => LINES[1],
+        5 => LINES[2],
+        index => (
+            FIRST_TOOL.0 + TOOL_BYTES * (index - FIRST_TOOL_INDEX),
+            TOOL_BYTES,
+        ),
+    };
+    let first = if is_second { COPIES_BYTES } else { 0 };
+    ((first + offset) as u16, bytes)
+}
+
+/// CRC-32 as of Ethernet (IEEE 802.3), bit by bit.
+#[derive(Clone, Copy)]
+struct Crc32(u32);
+
+impl Crc32 {
+    const NEW: Self = Self(u32::MAX);
+    const POLYNOMIAL: u32 = 0xedb8_8320;
+
+    fn with(self, bytes: &[u8]) -> Self {
+        Self(bytes.iter().fold(self.0, |sum, &byte| {
+            (0..8).fold(sum ^ u32::from(byte), |sum, _| {
+                sum >> 1 ^ if sum & 1 == 0 { 0 } else { Self::POLYNOMIAL }
+            })
+        }))
+    }
+
+    fn bytes(self) -> [u8; CHECKSUM_BYTES] {
+        (!self.0).to_le_bytes()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_checksum_is_that_of_ethernet() {
+        let sum = u32::from_le_bytes(Crc32::NEW.with(b"123456789").bytes());
+        assert_eq!(sum, 0xcbf4_3926, "the check value of the catalogue of CRCs");
+    }
+
+    #[test]
+    fn no_copy_shares_a_page_of_64_bytes_with_another() {
+        let copies = [false, true].into_iter();
+        let copies = copies.flat_map(|second| (0..RECORDS).map(move |index| place(index, second)));
+        let mut end = 0;
+        for (address, bytes) in copies {
+            assert_eq!((usize::from(address), bytes % 64), (end, 0));
+            end += bytes;
+        }
+        assert_eq!(end, EEPROM_BYTES);
+        assert_eq!(EEPROM_BYTES, 8 * 1024);
+    }
+}
