@@ -6,6 +6,12 @@ fn main() {
     println!("cargo::rerun-if-env-changed=LEADSCREW_BOARD");
     println!("cargo::rerun-if-changed=build.rs");
     println!("cargo::rerun-if-changed=memory.x");
+    // What a machine with motors driven by phases has beyond the others; also the simulator.
+    println!("cargo::rustc-check-cfg=cfg(arc_machine)");
+    let is_host = std::env::var("CARGO_CFG_TARGET_OS").as_deref() != Ok("none");
+    if is_host || std::env::var_os("CARGO_FEATURE_PHASES").is_some() {
+        println!("cargo::rustc-cfg=arc_machine");
+    }
     #[cfg(feature = "board")]
     if std::env::var("CARGO_CFG_TARGET_OS").as_deref() == Ok("none")
         && let Err(error) = board::make()

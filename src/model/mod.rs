@@ -41,6 +41,9 @@ pub const HAS_PHASES: bool = cfg!(feature = "phases");
 /// Whether `$791` may choose half steps: also where a simulator records the coils.
 pub const HAS_HALF_STEPS: bool = cfg!(any(feature = "phases", not(target_os = "none")));
 
+/// Whether `$790` may choose arcs in whole steps, and `$794` the stored program.
+pub const HAS_ARC_MACHINE: bool = cfg!(arc_machine);
+
 /// Whether the firmware understands the RepRap dialect. The receiver of such firmware takes longer for a
 /// byte.
 pub const HAS_REPRAP: bool = cfg!(any(feature = "reprap", not(target_os = "none")));

@@ -11,6 +11,9 @@ const CAPACITY: usize = 8;
 pub enum Notice {
     /// The machine has locked itself.
     Alarm(Alarm),
+    /// Cycle start, with nothing to go on with.
+    #[cfg(arc_machine)]
+    CycleStart,
     /// The safety door has been opened.
     CheckDoor,
     /// The spindle is being switched on again after it was stopped in a hold.

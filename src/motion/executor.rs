@@ -23,7 +23,7 @@ use crate::{
     math::WHOLE_Q31,
     model::{Laser, Power},
     path::{Block, Curve, Shape, SpatialArc},
-    stepper::{AxisMotion, Segment},
+    stepper::{ArcSteps, AxisMotion, Segment, StepArc},
     units::FineSteps,
 };
 
@@ -75,6 +75,8 @@ pub(super) struct Executor {
     pub(super) from_centre: Direction,
     /// Angle seen from the centre where the machine is.
     pub(super) phase: u32,
+    /// What is left of an arc in whole steps.
+    pub(super) arc: Option<StepArc>,
     /// Speed of each axis at the end of the last segment, steps per tick.
     pub(super) axis_speed: Axes<f32>,
     /// A block has been begun.
@@ -100,6 +102,7 @@ impl Executor {
             start: Axes([FineSteps(0); AXES]),
             from_centre: Direction::NONE,
             phase: 0,
+            arc: None,
             axis_speed: Axes([0.0; AXES]),
             is_begun: false,
             is_within_section: false,
@@ -154,6 +157,9 @@ impl Executor {
         if let Some(curve) = geometry.curve {
             self.phase = curve.phase;
             self.from_centre = Direction::at(curve.phase);
+            if let Shape::WholeSteps(arc) = &curve.shape {
+                self.arc = Some(*arc);
+            }
         }
         self.axis_speed = axis_speeds(geometry, self.from_centre, self.speed_mm_s);
     }
@@ -173,6 +179,8 @@ impl Executor {
                 Shape::Spatial(circle) => {
                     self.distance_to_reversal(geometry.block, circle, min_section_mm)
                 }
+                // Its axes reverse within segments.
+                Shape::WholeSteps(_) => f32::MAX,
             };
             if length_mm < remaining_mm - min_section_mm {
                 return (length_mm, false);
@@ -231,6 +239,7 @@ impl Executor {
         segment: &mut Segment,
     ) {
         let block = geometry.block;
+        let from = WHOLE_Q31 - self.remaining;
         let ticks = ((profile.seconds * TICKS_PER_S + 0.5) as u32).max(1);
         if ends_block {
             self.remaining = 0;
@@ -249,17 +258,49 @@ impl Executor {
         let displacement = displacement_at(geometry, done, self.from_centre, here);
         let speeds = axis_speeds(geometry, here, profile.speed_mm_s);
         let rate = 1.0 / ticks as f32;
-        let axes = Axes::from_fn(|axis| AxisMotion {
+        let mut axes = Axes::from_fn(|axis| AxisMotion {
             to: FineSteps(self.start[axis].0.wrapping_add(displacement[axis])),
             acceleration: (speeds[axis] - self.axis_speed[axis]) * rate,
         });
         self.axis_speed = speeds;
+        let mut arc = None;
+        if let Some(curve) = geometry.curve
+            && matches!(curve.shape, Shape::WholeSteps(_))
+        {
+            let change = (profile.speed_mm_s - self.speed_mm_s) / block.length_mm;
+            let acceleration = change * rate * (1.0 / TICKS_PER_S);
+            arc = self.follow_steps([from, done], ticks, acceleration, &mut axes);
+        }
         *segment = Segment {
             ticks,
             axes,
+            arc,
             feed_mm_min: profile.speed_mm_s * 60.0,
             line: block.line,
             power: Power::OFF,
         };
+    }
+
+    /// Follows an arc in whole steps over a segment from one part of the block to another, with an acceleration
+    /// in blocks per tick².
+    #[inline(never)]
+    fn follow_steps(
+        &mut self,
+        parts: [u32; 2],
+        ticks: u32,
+        acceleration: f32,
+        axes: &mut Axes<AxisMotion>,
+    ) -> Option<ArcSteps> {
+        let arc = self.arc.as_mut()?;
+        let steps = arc.follow(parts, ticks, acceleration);
+        for (axis, displacement) in arc.displacement() {
+            if let Some(motion) = axes.0.get_mut(axis) {
+                let to = self.start[axis]
+                    .0
+                    .wrapping_add(i64::from(displacement) << 32);
+                motion.to = FineSteps(to);
+            }
+        }
+        Some(steps)
     }
 }

@@ -135,6 +135,7 @@ pub(super) fn axis_speeds(
                 scale_axis(&mut speeds, *second, here.cosine as f32 * scale);
             }
             Shape::Spatial(circle) => return circle_speeds(circle, here, speed),
+            Shape::WholeSteps(_) => {}
         }
     }
     speeds

@@ -3,7 +3,8 @@
 use crate::{
     axis::Axes,
     math,
-    model::{Laser, Overrides},
+    model::{HAS_ARC_MACHINE, Laser, Overrides},
+    stepper::StepArc,
 };
 
 /// The kind of a move: its speed, its overrides, its end at a feed hold.
@@ -97,6 +98,9 @@ pub enum Shape {
     },
     /// A corner arc in any plane of the linear axes, from phase 0, shorter than half a turn.
     Spatial(SpatialArc),
+    /// An arc of whole steps in the plane of two axes, under `$790`; the displacement of the others is
+    /// proportional to the angle.
+    WholeSteps(StepArc),
 }
 
 /// A circle in any plane: a point at an angle φ is at `cosine`·cos φ + `sine`·sin φ from the centre.
@@ -115,8 +119,8 @@ pub struct SpatialArc {
     pub reversals: [u16; 3],
 }
 
-// Copied by words, not by a library loop, up to this size.
-const _: () = assert!(size_of::<Option<Curve>>() <= 64);
+// Copied by words, not by a library loop, up to this size: but for motors that are slow.
+const _: () = assert!(HAS_ARC_MACHINE || size_of::<Option<Curve>>() <= 64);
 
 impl SpatialArc {
     /// No angle of the curve.
@@ -129,7 +133,7 @@ impl Curve {
     #[must_use]
     pub fn inner_sections(&self) -> u32 {
         match &self.shape {
-            Shape::Planar { .. } => (self.sweep.unsigned_abs() >> 30) as u32,
+            Shape::Planar { .. } | Shape::WholeSteps(_) => (self.sweep.unsigned_abs() >> 30) as u32,
             Shape::Spatial(arc) => {
                 let [_, second, third] = arc.reversals;
                 u32::from(second != SpatialArc::NEVER) + u32::from(third != SpatialArc::NEVER)

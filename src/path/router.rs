@@ -13,6 +13,8 @@ mod arc;
 mod arc_jerk;
 mod corner_arc;
 mod limits;
+#[cfg_attr(not(arc_machine), path = "router/no_step_arc.rs")]
+mod step_arc;
 
 pub(super) use self::corner_arc::to_axes;
 pub(crate) use self::limits::Limits;
@@ -61,6 +63,9 @@ pub struct Router {
     /// The moves to come end at a standstill (`G61.1`), and the last block does.
     is_exact_stop: bool,
     ended_in_exact_stop: bool,
+    /// An arc could not follow the rule of `$790`.
+    #[cfg(arc_machine)]
+    is_off_steps: bool,
 }
 
 /// End of a block, in steps.
@@ -94,6 +99,8 @@ impl Router {
             laser: Laser::None,
             is_exact_stop: false,
             ended_in_exact_stop: false,
+            #[cfg(arc_machine)]
+            is_off_steps: false,
         }
     }
 

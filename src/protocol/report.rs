@@ -258,6 +258,12 @@ pub enum Feedback {
     RestoringSpindle,
     /// Everything is off until a reset.
     Sleeping,
+    /// An arc could not be made in whole steps.
+    #[cfg(arc_machine)]
+    ArcOffSteps,
+    /// A line of the stored program was refused.
+    #[cfg(arc_machine)]
+    StoredProgramRefused,
     /// A feed move after a change of the tool, with the spindle off.
     SpindleOff,
 }
@@ -279,6 +285,10 @@ pub fn feedback(text: &mut Text, feedback: Feedback) {
         Feedback::RestoringDefaults => "Restoring defaults",
         Feedback::RestoringSpindle => "Restoring spindle",
         Feedback::Sleeping => "Sleeping",
+        #[cfg(arc_machine)]
+        Feedback::ArcOffSteps => "Arc not on steps",
+        #[cfg(arc_machine)]
+        Feedback::StoredProgramRefused => "The stored program cannot run here",
         Feedback::SpindleOff => "Spindle is off",
     };
     text.word("[MSG:").word(words).word("]").end();
@@ -349,6 +359,8 @@ mod tests {
             Feedback::RestoringDefaults,
             Feedback::RestoringSpindle,
             Feedback::Sleeping,
+            Feedback::ArcOffSteps,
+            Feedback::StoredProgramRefused,
             Feedback::SpindleOff,
         ] {
             let mut text = Text::new();

@@ -22,6 +22,8 @@ mod position_stream;
 mod program;
 mod reset;
 mod sending;
+#[cfg(arc_machine)]
+mod stored_program;
 mod tool_change;
 
 use core::ops::ControlFlow;
@@ -224,6 +226,8 @@ pub struct Session {
     reset_cause: ResetCause,
     /// The tool that is in the spindle while programs are only checked.
     tool_before_check: Option<u8>,
+    #[cfg(arc_machine)]
+    stored_program: stored_program::StoredProgram,
 }
 
 impl Session {
@@ -263,6 +267,8 @@ impl Session {
             is_homed: false,
             reset_cause: ResetCause::Power,
             tool_before_check: None,
+            #[cfg(arc_machine)]
+            stored_program: stored_program::StoredProgram::default(),
         }
     }
 
@@ -481,6 +487,10 @@ impl Session {
             }
             LineStage::Starting { .. } | LineStage::Faulted | LineStage::Asleep => {
                 Progress::Waiting
+            }
+            #[cfg(arc_machine)]
+            LineStage::Reading if self.stored_program.is_running() => {
+                self.execute_stored_line(links)
             }
             LineStage::Reading => self.read_line(links),
             LineStage::ReadingManual => self.read_manual_line(links),

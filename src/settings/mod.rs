@@ -47,23 +47,26 @@ const RESOLUTION: StepsPerMm =
 
 /// Declares [`Settings`]: each field with its type and its default.
 macro_rules! settings {
-    ($($(#[doc = $doc:literal])* $field:ident: $type:ty = $default:expr,)*) => {
+    ($(
+        $(#[doc = $doc:literal])* $(#[cfg($condition:meta)])?
+        $field:ident: $type:ty = $default:expr,
+    )*) => {
         /// All settings, with Grbl's numbers.
         #[derive(Debug, Clone, Copy, PartialEq)]
         pub struct Settings {
-            $($(#[doc = $doc])* pub $field: $type,)*
+            $($(#[doc = $doc])* $(#[cfg($condition)])? pub $field: $type,)*
             /// The proven step rate of the firmware, which the user cannot set.
             pub step_rate: StepRate,
         }
 
         impl Settings {
             /// Number of fields that have a row in the table.
-            const FIELDS: usize = [$(stringify!($field)),*].len();
+            const FIELDS: usize = [$($(#[cfg($condition)])? stringify!($field)),*].len();
 
             /// Returns Grbl 1.1h's defaults (`defaults.h`, `DEFAULTS_GENERIC`).
             #[must_use]
             pub const fn new(step_rate: StepRate) -> Self {
-                Self { $($field: $default,)* step_rate }
+                Self { $($(#[cfg($condition)])? $field: $default,)* step_rate }
             }
         }
     };
@@ -108,6 +111,9 @@ settings! {
     fan_output: u8 = 0,
     /// `$784` Whether `G6` and `G0 S2` may move single motors.
     moves_motors: bool = false,
+    /// `$790` Which steps arcs make: 0 the nearest ones, 1 those of the sign of the deviation.
+    #[cfg(arc_machine)]
+    arc_rule: u8 = 0,
     /// `$791` Whether motors that are driven by phases turn in half steps.
     half_steps: bool = false,
     /// `$795` Whether X and Y are moved by two motors that turn for both: [`core_xy`].
@@ -116,6 +122,9 @@ settings! {
     stream_interval_ms: f32 = 0.0,
     /// `$793` Whether these lines have Z.
     stream_z: bool = false,
+    /// `$794` Whether cycle start runs the stored program when the machine is idle.
+    #[cfg(arc_machine)]
+    runs_stored_program: bool = false,
     /// `$788` Axes that home where they stand, by marks, bit 0 = X.
     homing_marks: u8 = 0,
     /// `$13` Whether reports are in inches.

@@ -68,6 +68,15 @@ pub(super) fn motors_follow(settings: &Settings, _axis: usize) -> Result<(), Set
     (0..AXES).try_for_each(|axis| step_rate_is_possible(settings, axis))
 }
 
+/// Refuses rules for arcs that do not exist.
+#[cfg(arc_machine)]
+pub(super) fn arc_rule_is_known(settings: &Settings, _axis: usize) -> Result<(), SettingError> {
+    match settings.arc_rule {
+        0 | 1 => Ok(()),
+        _ => Err(SettingError::OutOfRange),
+    }
+}
+
 /// `$341`: `M6` is ignored, but for the number of the tool in the spindle.
 pub const TOOL_CHANGE_IGNORED: u8 = 4;
 

@@ -9,7 +9,7 @@
 //! so that the others are within reach of one instruction.
 
 use super::{
-    EventWriter, Segment, SegmentInfo, SegmentRing,
+    ArcSteps, EventWriter, Segment, SegmentInfo, SegmentRing,
     position::{pulses_high_after, steps_after},
     slots::{Cursor, Slots},
     step_times::{AxisSteps, NO_STEPS, plan_axis},
@@ -25,6 +25,7 @@ use crate::{
     units::{FineSteps, TICKS_PER_US},
 };
 
+mod arc;
 mod events;
 
 /// Bounds the events of a segment besides two for each step: a change of direction, the ends of
@@ -90,6 +91,8 @@ pub struct Generator {
     clock_ticks: u32,
     /// Number of the event that is pushed next.
     next_event_number: u32,
+    /// The steps of an arc in whole steps.
+    arc: Option<ArcSteps>,
     axes: [AxisSteps; AXES],
     slots: Slots,
 }
@@ -124,6 +127,7 @@ impl Generator {
             pulse_end_slots: [0; AXES],
             clock_ticks: 0,
             next_event_number: 0,
+            arc: None,
             slots: Slots::NONE,
         }
     }
@@ -192,6 +196,9 @@ impl Generator {
         if !self.is_open {
             return;
         }
+        if let Some(arc) = self.arc {
+            self.withdraw_arc(arc);
+        }
         // wcet-bound: axes
         for axis in 0..AXES {
             let is_negative = self.directions >> axis & 1 != 0;
@@ -203,6 +210,7 @@ impl Generator {
     /// Leaves the segment without steps.
     fn clear_steps(&mut self) {
         self.axes = [NO_STEPS; AXES];
+        self.arc = None;
         (self.moving_axes, self.reversing_axes) = (0, 0);
     }
 
@@ -251,6 +259,9 @@ impl Generator {
         let mut dominant_steps = 0;
         let begin = self.steps();
         let latest = segment.ticks.saturating_sub(SLOT_TICKS);
+        if let Some(arc) = &segment.arc {
+            directions = self.begin_arc(arc, segment);
+        }
         // wcet-bound: axes
         for axis in 0..AXES {
             let motion = segment.axes[axis];

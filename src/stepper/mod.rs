@@ -13,6 +13,7 @@
 
 mod event;
 mod generator;
+mod integer_arc;
 mod jitter;
 mod method;
 mod phases;
@@ -21,13 +22,17 @@ mod ring;
 mod segment;
 mod segment_ring;
 mod slots;
+#[cfg_attr(not(arc_machine), path = "no_step_arc.rs")]
+mod step_arc;
 mod step_times;
 
 pub use event::StepEvent;
 pub use generator::Generator;
+pub use integer_arc::{IntegerArc, StepRule, UnitStep};
 pub use jitter::STEP_JITTER_TICKS;
 pub use phases::{COILS, PHASES, PhaseDrive, PhaseSteps, Phases, coils};
 pub use position::steps_after;
 pub use ring::{EventReader, EventRing, EventTap, EventWriter, Upcoming};
 pub use segment::{AxisMotion, Segment, SegmentInfo};
 pub use segment_ring::{SegmentRing, SegmentStart};
+pub use step_arc::{ArcStep, ArcSteps, StepArc};

@@ -15,6 +15,7 @@ use super::{EventWriter, SegmentRing};
 use crate::{
     axis::{AXES, Axes},
     model::{
+        HAS_ARC_MACHINE,
         queues::EVENT_RING,
         timing::{MAX_SEGMENT_EVENTS, pulse_slots},
     },
@@ -76,6 +77,9 @@ pub fn steps_after(
     if length > EVENT_RING as u32 {
         return None;
     }
+    if HAS_ARC_MACHINE {
+        return Some(steps_by_direction(steps, directions, first, length, events));
+    }
     let mut pulses = PulseCounts::NONE;
     let mut number = first;
     let last_group_end = first.wrapping_add(length - length % EVENTS_IN_GROUP);
@@ -99,6 +103,28 @@ pub fn steps_after(
         *steps = steps.wrapping_add(if is_negative { -pulses } else { pulses });
     }
     Some(steps)
+}
+
+/// Returns the same where an axis may reverse within a segment, on an arc in whole steps.
+fn steps_by_direction(
+    mut steps: Axes<i32>,
+    mut directions: u8,
+    first: u32,
+    length: u32,
+    events: &EventWriter<'_>,
+) -> Axes<i32> {
+    // wcet-bound: segment_events
+    for place in 0..length {
+        let event = events.event(first.wrapping_add(place));
+        directions = event.directions().unwrap_or(directions);
+        // wcet-bound: axes
+        for (axis, steps) in steps.iter_mut().enumerate() {
+            let pulses = (event.raise() >> axis & 1).cast_signed();
+            let is_negative = directions >> axis & 1 != 0;
+            *steps = steps.wrapping_add(if is_negative { -pulses } else { pulses });
+        }
+    }
+    steps
 }
 
 /// Bounds the events from the beginning of a pulse to its end: as many slots, each with one event, and
@@ -226,6 +252,7 @@ mod tests {
                 to: FineSteps(from[axis].0 + (way[axis % way.len()] << 32)),
                 acceleration: 0.0,
             }),
+            arc: None,
             feed_mm_min: 0.0,
             line: 0,
             power: Power::OFF,

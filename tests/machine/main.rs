@@ -10,6 +10,7 @@ mod phases;
 mod power;
 mod probing;
 mod status;
+mod stored_program;
 #[path = "../support/mod.rs"]
 mod support;
 mod tools;

@@ -2,25 +2,35 @@
 
 use leadscrew::{
     model::{Plane, Rotation},
-    path::{IntegerArc, StepRule, UnitStep},
     settings::Settings,
+    stepper::{IntegerArc, StepRule, UnitStep},
 };
 use proptest::prelude::*;
 
 use crate::support::{Rig, Trace, arc, cases, line, with};
 
 const ROTATIONS: [Rotation; 2] = [Rotation::CounterClockwise, Rotation::Clockwise];
-const RULES: [StepRule; 2] = [StepRule::Sign, StepRule::LeastDeviation];
-/// Most by which the radius may be off, steps.
-const RADIUS: [f64; 2] = [1.0, std::f64::consts::FRAC_1_SQRT_2];
+const RULES: [StepRule; 3] = [
+    StepRule::Sign,
+    StepRule::LeastDeviation,
+    StepRule::EightDirections,
+];
+/// Most by which the radius of an arc of the least deviation may be off, steps.
+const MOST_OFF: f64 = std::f64::consts::FRAC_1_SQRT_2;
 
-fn radius([x, y]: [i32; 2]) -> f64 {
+pub(crate) fn radius([x, y]: [i32; 2]) -> f64 {
     f64::from(x).hypot(f64::from(y))
 }
 
-/// The letters of the axes that step: `XYY`.
+/// The letters of the axes that step, `D` for both: `XYY`.
 fn letters(steps: impl Iterator<Item = UnitStep>) -> String {
-    steps.map(|step| ['X', 'Y'][step.axis]).collect()
+    steps
+        .map(|step| match step.signs {
+            [_, 0] => 'X',
+            [0, _] => 'Y',
+            [_, _] => 'D',
+        })
+        .collect()
 }
 
 /// The places that an arc visits, its start included.
@@ -28,14 +38,16 @@ pub(crate) fn places(start: [i32; 2], steps: impl Iterator<Item = UnitStep>) -> 
     let mut place = start;
     let mut places = vec![start];
     places.extend(steps.map(|step| {
-        place[step.axis] += step.sign;
+        for (coordinate, sign) in place.iter_mut().zip(step.signs) {
+            *coordinate += sign;
+        }
         place
     }));
     places
 }
 
 /// The whole places within half a step of a circle.
-fn around(whole_radius: i32) -> Vec<[i32; 2]> {
+pub(crate) fn around(whole_radius: i32) -> Vec<[i32; 2]> {
     let side = -whole_radius - 1..=whole_radius + 1;
     let all = side.clone().flat_map(|x| side.clone().map(move |y| [x, y]));
     all.filter(|place| (radius(*place) - f64::from(whole_radius)).abs() <= 0.5)
@@ -51,42 +63,118 @@ fn a_quarter_circle_is_that_of_the_tables() {
     assert_eq!(letters(quarter(StepRule::Sign)), "XYYYYYXYXYYXXYXYXXXX");
     let least = letters(quarter(StepRule::LeastDeviation));
     assert_eq!(least, "YYYXYYXYYXYXXYXXYXXX");
+    let eight = letters(quarter(StepRule::EightDirections));
+    assert_eq!(eight, "YYYDYDDDDXDXXX");
 }
 
-/// Follows an arc; the farthest from its circle, in steps, before it turns straight to its end.
-fn follow(start: [i32; 2], end: [i32; 2], rotation: Rotation, rule: StepRule) -> f64 {
+#[test]
+fn full_circles_have_the_steps_of_the_tables() {
+    for (whole, counts) in [(10, [80, 80, 56]), (200, [1600, 1600, 1132])] {
+        let start = [whole, 0];
+        for (rule, expected) in RULES.into_iter().zip(counts) {
+            for rotation in ROTATIONS {
+                let arc = IntegerArc::new(start, start, rotation, 1, rule).unwrap();
+                assert_eq!(arc.count(), expected, "{start:?} {rule:?}");
+            }
+        }
+    }
+}
+
+/// How far an arc is off its circle before it turns straight to its end, and how many steps that takes.
+#[derive(Debug, Default, Clone, Copy)]
+struct Worst {
+    off: f64,
+    straight: usize,
+}
+
+/// Follows an arc to its end.
+fn follow(start: [i32; 2], end: [i32; 2], rotation: Rotation, rule: StepRule) -> Worst {
     let from_start = radius(start);
-    let arc = IntegerArc::new(start, end, rotation, 1, rule).unwrap();
+    let mut worst = Worst::default();
+    let mut place = start;
     // A circle of radius r has 8·r steps, and the way straight to the end is shorter than r.
     let longest = 9 * from_start.ceil() as usize + 16;
-    let places = places(start, arc.take(longest));
-    assert_eq!(
-        places.last(),
-        Some(&end),
-        "from {start:?} {rotation:?} {rule:?}"
-    );
-    assert!(places.len() <= longest, "{start:?} to {end:?}");
-    let is_straight = |place: &&[i32; 2]| place[0] != end[0] && place[1] != end[1];
-    let curve = places.iter().rev().skip_while(|place| !is_straight(place));
-    curve
-        .map(|place| (radius(*place) - from_start).abs())
-        .fold(0.0, f64::max)
+    let arc = IntegerArc::new(start, end, rotation, 1, rule).unwrap();
+    for step in arc.take(longest) {
+        for (coordinate, sign) in place.iter_mut().zip(step.signs) {
+            *coordinate += sign;
+        }
+        if step.is_straight {
+            worst.straight += 1;
+        } else {
+            worst.off = worst.off.max((radius(place) - from_start).abs());
+        }
+    }
+    assert_eq!(place, end, "from {start:?} {rotation:?} {rule:?}");
+    worst
 }
 
 #[test]
 fn every_arc_between_whole_places_ends_there_and_stays_on_its_circle() {
-    for whole in 2..=24 {
-        let places = around(whole);
-        for (rule, most) in RULES.into_iter().zip(RADIUS) {
+    for (rule, (most, longest)) in RULES.into_iter().zip([(1.0, 8), (0.6965, 7), (0.4934, 6)]) {
+        let mut arcs = 0;
+        for whole in 1..=24 {
+            let places = around(whole);
+            let is_possible = |start: &&[i32; 2]| rule != StepRule::Sign || radius(**start) > 1.0;
             for rotation in ROTATIONS {
-                for start in &places {
+                for start in places.iter().filter(is_possible) {
+                    arcs += places.len();
                     for end in &places {
                         let worst = follow(*start, *end, rotation, rule);
-                        assert!(worst <= most, "{start:?} to {end:?}: {worst}");
+                        let is_good = worst.off <= most && worst.straight <= longest;
+                        assert!(is_good, "{start:?} to {end:?}: {worst:?}");
                     }
                 }
             }
         }
+        // All but those from the four places at a distance of 1 to eight others, in both directions.
+        let without = if rule == StepRule::Sign { 4 * 8 * 2 } else { 0 };
+        assert_eq!(arcs, 386_656 - without);
+    }
+}
+
+/// Farthest inside and outside of all circles from places within half a step of a radius, both directions.
+fn farthest(whole: i32, rule: StepRule) -> [f64; 2] {
+    let mut farthest = [0.0_f64; 2];
+    for start in around(whole) {
+        for rotation in ROTATIONS {
+            let Some(circle) = IntegerArc::new(start, start, rotation, 2, rule) else {
+                continue;
+            };
+            let mut place = start;
+            for step in circle.take(9 * whole as usize + 9) {
+                for (coordinate, sign) in place.iter_mut().zip(step.signs) {
+                    *coordinate += sign;
+                }
+                let off = radius(place) - radius(start);
+                farthest = [farthest[0].min(off), farthest[1].max(off)];
+            }
+        }
+    }
+    farthest
+}
+
+#[test]
+fn circles_are_off_their_radius_by_what_the_tables_say() {
+    let radii = || {
+        let is_full = cases(1).cases > 1;
+        (1..=200).filter(move |whole| is_full || *whole <= 10 || *whole >= 196)
+    };
+    for (rule, expected) in
+        RULES
+            .into_iter()
+            .zip([[-1.0, 0.9974], [-0.7058, 0.7059], [-0.4994, 0.4981]])
+    {
+        let mut worst = [0.0_f64; 2];
+        for whole in radii() {
+            let [inside, outside] = farthest(whole, rule);
+            worst = [worst[0].min(inside), worst[1].max(outside)];
+        }
+        let is_as_expected = |(worst, expected): (&f64, &f64)| (worst - expected).abs() < 1e-4;
+        assert!(
+            worst.iter().zip(&expected).all(is_as_expected),
+            "{rule:?}: {worst:?}"
+        );
     }
 }
 
@@ -95,8 +183,8 @@ fn a_radius_of_one_needs_the_least_deviation() {
     for rotation in ROTATIONS {
         let start = [1, 0];
         assert!(IntegerArc::new(start, start, rotation, 1, StepRule::Sign).is_none());
-        let off = follow(start, start, rotation, StepRule::LeastDeviation);
-        assert!(off <= RADIUS[1], "{off}");
+        let worst = follow(start, start, rotation, StepRule::LeastDeviation);
+        assert!(worst.off <= MOST_OFF, "{worst:?}");
         assert!(IntegerArc::new([0, 0], start, rotation, 1, StepRule::LeastDeviation).is_none());
     }
 }
@@ -150,8 +238,16 @@ fn native(start: [i32; 2], end: [i32; 2], rotation: Rotation) -> Trace {
     )
 }
 
+/// The axis of a step, and its sign.
+pub(crate) fn axis_and_sign(step: UnitStep) -> (usize, i32) {
+    match step.signs {
+        [x, 0] => (0, x),
+        [_, y] => (1, y),
+    }
+}
+
 /// The steps of both axes in their order, from the given number of steps on.
-fn in_order(trace: &Trace, first: usize) -> Vec<(usize, i32)> {
+pub(crate) fn in_order(trace: &Trace, first: usize) -> Vec<(usize, i32)> {
     let mut steps: Vec<_> = (0..2)
         .flat_map(|axis| trace.steps(axis).into_iter().map(move |step| (step, axis)))
         .collect();
@@ -163,7 +259,7 @@ fn in_order(trace: &Trace, first: usize) -> Vec<(usize, i32)> {
 }
 
 /// The steps of the line to the start.
-fn steps_to(start: [i32; 2]) -> usize {
+pub(crate) fn steps_to(start: [i32; 2]) -> usize {
     start.iter().map(|way| way.unsigned_abs() as usize).sum()
 }
 
@@ -184,7 +280,7 @@ fn full_circles_of_the_machine_are_those_of_the_least_deviation() {
             for start in starts(whole) {
                 let rule = StepRule::LeastDeviation;
                 let arc = IntegerArc::new(start, start, rotation, 1, rule).unwrap();
-                let expected: Vec<_> = arc.map(|step| (step.axis, step.sign)).collect();
+                let expected: Vec<_> = arc.map(axis_and_sign).collect();
                 let made = in_order(&native(start, start, rotation), steps_to(start));
                 assert_eq!(made, expected, "{start:?} {rotation:?}");
             }
@@ -214,7 +310,7 @@ proptest! {
             // The machine's radius changes evenly where the end lies beside the circle.
             let (low, high) = (radius(start).min(radius(end)), radius(start).max(radius(end)));
             let off = (low - radius(place)).max(radius(place) - high);
-            let most = RADIUS[1] + 1.0 / f64::from(whole);
+            let most = MOST_OFF + 1.0 / f64::from(whole);
             prop_assert!(off <= most, "{:?} is {} off", place, off);
         }
         prop_assert_eq!(place, end);

@@ -18,5 +18,6 @@ mod path_control;
 mod rotary;
 mod rounding;
 mod segments;
+mod step_arcs;
 #[path = "../support/mod.rs"]
 mod support;

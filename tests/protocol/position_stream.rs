@@ -4,8 +4,10 @@ use std::fmt::Write as _;
 
 use leadscrew::{
     axis::{AXES, Axes},
+    model::Rotation,
     settings::{Settings, assign},
     sim::{Edge, Simulator, Stream, StreamEnd, Watcher},
+    stepper::{IntegerArc, StepRule},
     units::TICKS_PER_MS,
 };
 use proptest::prelude::*;
@@ -16,6 +18,14 @@ use crate::cases;
 const PROGRAM: &str = include_str!("../../examples/pico.nc");
 /// One step is 1 mm, 250 steps a second, no ramp, and every position streamed.
 const MACHINE: &str = include_str!("../../examples/pico.settings");
+
+/// Centre and end of each arc, and which way round.
+const ARCS: [([i32; 2], [i32; 2], Rotation); 4] = [
+    ([0, 400], [-400, 400], Rotation::CounterClockwise),
+    ([-400, 0], [0, 0], Rotation::CounterClockwise),
+    ([400, 0], [400, -400], Rotation::Clockwise),
+    ([0, -400], [0, 0], Rotation::Clockwise),
+];
 
 /// What the machine did and sent.
 #[derive(Default)]
@@ -67,6 +77,12 @@ impl Recorder {
                 .collect()
         };
         self.positions.iter().map(place).collect()
+    }
+
+    /// Time from the first step to the last.
+    fn seconds(&self) -> f64 {
+        let ticks = self.ticks[self.ticks.len() - 1] - self.ticks[0];
+        ticks as f64 / f64::from(TICKS_PER_MS) / 1000.0
     }
 
     /// Every line is a position that the axes have had before it, after that of the line before.
@@ -130,12 +146,7 @@ fn the_experiment_ends_where_it_began_after_30_156_seconds() {
     let mut begin = 0;
     let mut from = [0, 0];
     let mut counts = [0, 0];
-    for (center, end) in [
-        ([0, 400], [-400, 400]),
-        ([-400, 0], [0, 0]),
-        ([400, 0], [400, -400]),
-        ([0, -400], [0, 0]),
-    ] {
+    for (center, end, _) in ARCS {
         let mut steps = 0;
         let mut place = from;
         for [x, y, _] in &recorder.trace[begin..] {
@@ -158,9 +169,48 @@ fn the_experiment_ends_where_it_began_after_30_156_seconds() {
     }
     assert_eq!(begin, recorder.trace.len());
     assert_eq!(counts, [4800, 4800]);
-    let ticks = recorder.ticks[begin - 1] - recorder.ticks[0];
-    let seconds = ticks as f64 / f64::from(TICKS_PER_MS) / 1000.0;
+    let seconds = recorder.seconds();
     assert!((seconds - 30.156).abs() <= 0.001, "{seconds} s");
+}
+
+#[test]
+fn by_its_own_rule_the_experiment_makes_its_own_steps() {
+    let recorder = run(&["790=1"], PROGRAM);
+    assert_eq!(recorder.answers, ["ok"; 8]);
+    recorder.assert_on_the_trace();
+    let mut expected = Vec::new();
+    let mut from = [0, 0];
+    for (centre, end, rotation) in ARCS {
+        let [start, last] = [from, end].map(|place| [0, 1].map(|axis| place[axis] - centre[axis]));
+        let arc = IntegerArc::new(start, last, rotation, 1, StepRule::Sign).unwrap();
+        let mut place = start;
+        let before = expected.len();
+        for step in arc {
+            place = [place[0] + step.signs[0], place[1] + step.signs[1]];
+            let radius = f64::from(place[0]).hypot(f64::from(place[1]));
+            assert!((radius - 400.0).abs() <= 1.0, "{place:?}: {radius}");
+            expected.push([place[0] + centre[0], place[1] + centre[1], 0]);
+        }
+        assert_eq!(expected.len() - before, 2400);
+        assert_eq!(expected.last().unwrap()[..2], end);
+        from = end;
+    }
+    assert_eq!(recorder.trace, expected);
+    let messages = { recorder.others.iter() }.filter(|message| message.contains("MSG"));
+    assert_eq!(messages.collect::<Vec<_>>(), ["[MSG:Pgm End]"]);
+    let seconds = recorder.seconds();
+    assert!((seconds - 30.156).abs() <= 0.02, "{seconds} s");
+}
+
+#[test]
+fn an_arc_that_is_not_on_steps_is_made_all_the_same_and_reported() {
+    let program = "G1X10F600\nG2X20.5Y0I5.25J0\nG2X10Y0I-5.25J0\nG1X11\n";
+    let recorder = run(&["790=1", "792=0"], program);
+    assert_eq!(recorder.answers, ["ok"; 4]);
+    assert_eq!(recorder.others[1..], ["[MSG:Arc not on steps]"; 2]);
+    let native = run(&["790=0", "792=0"], program);
+    assert_eq!(recorder.trace, native.trace);
+    assert_eq!(native.others, recorder.others[..1]);
 }
 
 #[test]
@@ -226,14 +276,14 @@ fn lines_keep_their_distance_and_the_last_one_comes_all_the_same() {
 
 #[test]
 fn settings_of_the_stream_have_their_ranges() {
-    for refused in ["792=1001", "792=-1", "792=x"] {
+    for refused in ["790=2", "792=1001", "792=-1", "792=x"] {
         let mut settings = Settings::default();
         assert!(
             assign(&mut settings, refused.as_bytes()).is_err(),
             "{refused}"
         );
     }
-    for accepted in ["792=0", "792=1000", "793=0", "793=1"] {
+    for accepted in ["790=1", "792=0", "792=1000", "793=0", "793=1"] {
         let mut settings = Settings::default();
         assert!(
             assign(&mut settings, accepted.as_bytes()).is_ok(),

@@ -5,7 +5,10 @@ use std::{collections::BTreeMap, fmt::Write as _};
 use super::sources;
 
 /// Files of which a feature chooses one.
-const ALTERNATIVES: [[&str; 2]; 1] = [["src/board/no_trace.rs", "src/board/trace.rs"]];
+const ALTERNATIVES: [[&str; 2]; 2] = [
+    ["src/board/no_trace.rs", "src/board/trace.rs"],
+    ["src/stepper/no_step_arc.rs", "src/stepper/step_arc.rs"],
+];
 
 /// The name of the type that a line declares; an alias within an `impl` is none.
 fn declared(line: &str) -> Option<&str> {

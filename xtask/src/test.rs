@@ -169,7 +169,10 @@ fn with_features() -> impl Iterator<Item = Check> {
     let tests: [(&str, &[&str]); 4] = [
         ("axes-4", &["--lib", "--tests"]),
         ("axes-6", &["--lib", "--tests"]),
-        ("phases", &["--test", "machine", "phases"]),
+        (
+            "phases",
+            &["--test", "machine", "--", "phases", "stored_program"],
+        ),
         ("clock-96", &["--test", "motion", "segments"]),
     ];
     tests.into_iter().map(|(feature, tests)| {

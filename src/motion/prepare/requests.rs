@@ -43,6 +43,10 @@ impl Motion {
             if self.control.state == State::Tool {
                 self.published.tool_marks.end = requests.start_mark();
             }
+            #[cfg(arc_machine)]
+            if self.control.state == State::Idle {
+                self.published.notices.push(Notice::CycleStart);
+            }
             self.transition(Event::CycleStart);
         }
         self.apply_state();

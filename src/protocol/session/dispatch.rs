@@ -217,6 +217,13 @@ impl Session {
 
     /// Answers the line, and continues with the next.
     fn end_line(&mut self, result: Result<(), LineError>) -> Progress {
+        #[cfg(arc_machine)]
+        {
+            self.report_off_steps();
+            if self.end_stored_line(result) {
+                return self.begin_line();
+            }
+        }
         let Source::Startup { number, .. } = self.line.source else {
             match result {
                 Err(error) if self.host.dialect == Dialect::RepRap => self.write_refusal(error),

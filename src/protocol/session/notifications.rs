@@ -135,6 +135,8 @@ impl Session {
                     self.reports.has_reported_fault = true;
                 }
             }
+            #[cfg(arc_machine)]
+            Notice::CycleStart => self.start_stored_program(machine),
             Notice::CheckDoor => report::feedback(text, Feedback::CheckDoor),
             Notice::RestoringSpindle => report::feedback(text, Feedback::RestoringSpindle),
             Notice::Sleeping => report::feedback(text, Feedback::Sleeping),

@@ -25,10 +25,11 @@ impl Session {
         if matches!(self.stage, LineStage::Storing(_)) {
             self.persistence.defer();
         }
+        let is_own = self.stops_stored_program();
         if !matches!(self.stage, LineStage::Starting { .. }) {
             self.stage = LineStage::Starting {
                 is_first_boot: false,
-                owes_answer: self.is_line_begun() || self.tool_change.is_manual(),
+                owes_answer: self.is_line_begun() && !is_own || self.tool_change.is_manual(),
             };
         }
         self.end_manual();
@@ -37,6 +38,22 @@ impl Session {
         self.machine_sync.is_jogging = false;
         self.machine_sync.is_position_known = false;
         self.reports.has_reported_fault = false;
+    }
+
+    /// Ends the stored program. Returns whether a line of it has been begun.
+    #[cfg_attr(
+        not(arc_machine),
+        allow(
+            clippy::unused_self,
+            clippy::needless_pass_by_ref_mut,
+            reason = "there is none"
+        )
+    )]
+    fn stops_stored_program(&mut self) -> bool {
+        #[cfg(arc_machine)]
+        return self.stored_program.stop();
+        #[cfg(not(arc_machine))]
+        false
     }
 
     /// Returns whether a line has been begun and not been answered.

@@ -60,6 +60,9 @@ impl Generator {
         if self.reversing_axes != 0 || !self.moving_axes.is_power_of_two() {
             return None;
         }
+        if self.arc.is_some() {
+            return None;
+        }
         let high = self.pulses_high();
         if high & !self.moving_axes != 0 {
             return None;
@@ -126,6 +129,9 @@ impl Generator {
         for _ in 0..AXES {
             axis = if axis + 1 < AXES { axis + 1 } else { 0 };
             self.add_steps_of(axis);
+        }
+        if let Some(arc) = self.arc.take() {
+            self.add_arc_steps(arc);
         }
         let end = self.offset_ticks + self.ticks;
         let slot = self.base_slot.wrapping_add(end / SLOT_TICKS);

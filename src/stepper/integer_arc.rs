@@ -20,7 +20,7 @@
 
 use crate::model::Rotation;
 
-/// Which of the two steps is taken at a deviation D.
+/// Which of the steps is taken at a deviation D.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum StepRule {
     /// Inwards for D ≥ 0. The radius is off by at most 1 step. Not for a radius of 1, on which it never
@@ -29,35 +29,46 @@ pub enum StepRule {
     /// That which leaves the smaller deviation, outwards if they are equal. The radius is off by at most
     /// √2/2 steps.
     LeastDeviation,
+    /// The same, with the step of both axes at once as a third choice. The radius is off by at most half a
+    /// step.
+    EightDirections,
 }
 
-/// One step of one axis.
+/// One step of one axis, or of both at once.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct UnitStep {
-    /// 0 for the first axis of the plane, 1 for the second.
-    pub axis: usize,
-    /// 1 or -1.
-    pub sign: i32,
+    /// 1, -1 or 0 for the first and the second axis of the plane.
+    pub signs: [i32; 2],
     /// Twice the area between the step and the centre, steps².
     pub area: i64,
+    /// One of the last steps, which lead straight to the end.
+    pub is_straight: bool,
+}
+
+/// What a step does to the radius.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Choice {
+    Inwards,
+    Outwards,
+    Both,
 }
 
 /// The steps of an arc, which ends exactly where it shall.
 ///
 /// The arc is turned so that it lies in the first quadrant, counter-clockwise: u falls and w grows.
-#[derive(Debug, Clone)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct IntegerArc {
-    u: i64,
-    w: i64,
+    u: i32,
+    w: i32,
     deviation: i64,
+    /// The end in its quadrant.
+    end: [i32; 2],
+    /// Changes of quadrant up to the end.
+    quadrants_left: u32,
     rule: StepRule,
     /// Quarters of a turn by which it is turned, 0 to 3.
     quadrant: u8,
     is_mirrored: bool,
-    /// Changes of quadrant up to the end.
-    quadrants_left: u64,
-    /// The end in its quadrant.
-    end: [i64; 2],
 }
 
 impl IntegerArc {
@@ -65,7 +76,7 @@ impl IntegerArc {
     /// [`Circle`](crate::model::Circle), 1 for an arc of at most a full circle.
     ///
     /// `None` for a start in the centre, and where the rule does not end: [`StepRule::Sign`] at a radius of
-    /// 1. Coordinates are at most 2³⁰ steps.
+    /// 1. Coordinates are at most 2²⁹ steps.
     #[must_use]
     pub fn new(
         start: [i32; 2],
@@ -75,18 +86,16 @@ impl IntegerArc {
         rule: StepRule,
     ) -> Option<Self> {
         let is_mirrored = rotation == Rotation::Clockwise;
-        let upright = |[x, y]: [i32; 2]| {
-            let (x, y) = (i64::from(x), i64::from(y));
-            [x, if is_mirrored { -y } else { y }]
-        };
+        let upright = |[x, y]: [i32; 2]| [x, if is_mirrored { -y } else { y }];
         let (from, to) = (upright(start), upright(end));
-        let radius_sqr = from[0] * from[0] + from[1] * from[1];
+        let product = |a: i32, b: i32| i64::from(a) * i64::from(b);
+        let radius_sqr = product(from[0], from[0]) + product(from[1], from[1]);
         if radius_sqr == 0 || rule == StepRule::Sign && radius_sqr == 1 {
             return None;
         }
         let (first, last) = (quadrant_entered(from), quadrant_left(to));
         let mut quadrants = (last + 4 - first) % 4;
-        let is_behind = from[0] * to[1] - from[1] * to[0] <= 0;
+        let is_behind = product(from[0], to[1]) <= product(from[1], to[0]);
         if quadrants == 0 && is_behind {
             quadrants = 4;
         }
@@ -98,25 +107,51 @@ impl IntegerArc {
             rule,
             quadrant: first,
             is_mirrored,
-            quadrants_left: u64::from(quadrants) + 4 * u64::from(turns.saturating_sub(1)),
+            quadrants_left: u32::from(quadrants) + 4 * u32::from(turns.saturating_sub(1)),
             end: turned_back(to, last),
         })
     }
 
-    /// Whether the next step is the one inwards.
-    fn is_inwards(&self) -> bool {
-        match self.rule {
+    /// Returns the next step of the rule.
+    fn choice(&self) -> Choice {
+        let (u, w) = (i64::from(self.u), i64::from(self.w));
+        let is_inwards = match self.rule {
             StepRule::Sign => self.deviation >= 0,
             // |D + 1 - 2u| < |D + 1 + 2w|, as D lies between them.
-            StepRule::LeastDeviation => self.deviation + self.w - self.u + 1 > 0,
+            StepRule::LeastDeviation | StepRule::EightDirections => self.deviation + w - u + 1 > 0,
+        };
+        let single = if is_inwards {
+            self.deviation + 1 - 2 * u
+        } else {
+            self.deviation + 1 + 2 * w
+        };
+        let both = self.deviation + 2 * (w - u + 1);
+        if self.rule == StepRule::EightDirections && both.abs() < single.abs() {
+            Choice::Both
+        } else if is_inwards {
+            Choice::Inwards
+        } else {
+            Choice::Outwards
         }
     }
 
-    /// Steps inwards, which may lead into the next quadrant.
-    fn step_inwards(&mut self) -> UnitStep {
-        let step = self.unit_step(0, -1, self.w);
-        self.deviation += 1 - 2 * self.u;
-        self.u -= 1;
+    /// Steps along the arc, perhaps into the next quadrant.
+    fn step(&mut self, choice: Choice) -> UnitStep {
+        let (inwards, outwards) = match choice {
+            Choice::Inwards => (-1, 0),
+            Choice::Outwards => (0, 1),
+            Choice::Both => (-1, 1),
+        };
+        let step = self.unit_step([inwards, outwards], false);
+        let (u, w) = (i64::from(self.u), i64::from(self.w));
+        if inwards != 0 {
+            self.deviation += 1 - 2 * u;
+        }
+        if outwards != 0 {
+            self.deviation += 1 + 2 * w;
+        }
+        self.u += inwards;
+        self.w += outwards;
         if self.u == 0 && self.quadrants_left > 0 {
             self.quadrants_left -= 1;
             self.quadrant = (self.quadrant + 1) % 4;
@@ -125,76 +160,70 @@ impl IntegerArc {
         step
     }
 
-    /// Steps outwards.
-    fn step_outwards(&mut self) -> UnitStep {
-        let step = self.unit_step(1, 1, self.u);
-        self.deviation += 1 + 2 * self.w;
-        self.w += 1;
+    /// Steps along one coordinate towards the end, off the arc.
+    fn step_straight(&mut self, is_along_u: bool) -> UnitStep {
+        let [end_u, end_w] = self.end;
+        let signs = if is_along_u {
+            [(end_u - self.u).signum(), 0]
+        } else {
+            [0, (end_w - self.w).signum()]
+        };
+        let step = self.unit_step(signs, true);
+        self.u += signs[0];
+        self.w += signs[1];
         step
     }
 
-    /// Steps along one coordinate towards the end, off the arc.
-    fn step_straight(&mut self, coordinate: usize) -> UnitStep {
-        let [end_u, end_w] = self.end;
-        let (value, end, other) = if coordinate == 0 {
-            (&mut self.u, end_u, self.w)
-        } else {
-            (&mut self.w, end_w, self.u)
+    /// Returns a step of the coordinates of the turned arc as that of the axes.
+    fn unit_step(&self, [u, w]: [i32; 2], is_straight: bool) -> UnitStep {
+        let product = |a: i32, b: i32| i64::from(a) * i64::from(b);
+        let area = product(self.u, w) - product(self.w, u);
+        let [x, y] = match self.quadrant {
+            0 => [u, w],
+            1 => [-w, u],
+            2 => [-u, -w],
+            _ => [w, -u],
         };
-        let sign = if end > *value { 1 } else { -1 };
-        *value += i64::from(sign);
-        self.unit_step(coordinate, sign, other)
+        UnitStep {
+            signs: [x, if self.is_mirrored { -y } else { y }],
+            area: area.abs(),
+            is_straight,
+        }
     }
 
-    /// Returns a step of a coordinate of the turned arc as that of an axis.
-    fn unit_step(&self, coordinate: usize, sign: i32, area: i64) -> UnitStep {
-        let is_swapped = !self.quadrant.is_multiple_of(2);
-        let axis = if is_swapped {
-            1 - coordinate
-        } else {
-            coordinate
-        };
-        // u is x, y, -x, -y in the four quadrants, and w is y, -x, -y, x.
-        let is_negative = match coordinate {
-            0 => self.quadrant >= 2,
-            _ => self.quadrant == 1 || self.quadrant == 2,
-        };
-        let is_turned_over = is_negative != (self.is_mirrored && axis == 1);
-        UnitStep {
-            axis,
-            sign: if is_turned_over { -sign } else { sign },
-            area,
+    /// Takes the next step, if there is one.
+    pub fn take_step(&mut self) -> Option<UnitStep> {
+        let choice = self.choice();
+        if self.quadrants_left == 0 {
+            let [end_u, end_w] = self.end;
+            if self.u == end_u {
+                return (self.w != end_w).then(|| self.step_straight(false));
+            }
+            // The next step would leave the last quadrant.
+            let is_end = choice == Choice::Both && end_u == 0 && self.w + 1 == end_w;
+            let leaves = choice != Choice::Outwards && self.u == 1 && !is_end;
+            if self.w == end_w || leaves {
+                return Some(self.step_straight(self.w == end_w));
+            }
         }
+        Some(self.step(choice))
     }
 }
 
+#[expect(
+    clippy::copy_iterator,
+    reason = "a block has the arc, and the executor a copy of it"
+)]
 impl Iterator for IntegerArc {
     type Item = UnitStep;
 
     fn next(&mut self) -> Option<UnitStep> {
-        let is_inwards = self.is_inwards();
-        if self.quadrants_left == 0 {
-            let [end_u, end_w] = self.end;
-            if self.u == end_u {
-                return (self.w != end_w).then(|| self.step_straight(1));
-            }
-            // The next step would leave the last quadrant.
-            let leaves = is_inwards && self.u == 1;
-            if self.w == end_w || leaves {
-                let coordinate = usize::from(self.w != end_w);
-                return Some(self.step_straight(coordinate));
-            }
-        }
-        Some(if is_inwards {
-            self.step_inwards()
-        } else {
-            self.step_outwards()
-        })
+        self.take_step()
     }
 }
 
 /// Returns the quadrant that is entered at a place, counter-clockwise, 0 to 3.
-const fn quadrant_entered([x, y]: [i64; 2]) -> u8 {
+const fn quadrant_entered([x, y]: [i32; 2]) -> u8 {
     if x > 0 && y >= 0 {
         0
     } else if x <= 0 && y > 0 {
@@ -207,7 +236,7 @@ const fn quadrant_entered([x, y]: [i64; 2]) -> u8 {
 }
 
 /// Returns the quadrant that is left at a place, counter-clockwise, 0 to 3.
-const fn quadrant_left([x, y]: [i64; 2]) -> u8 {
+const fn quadrant_left([x, y]: [i32; 2]) -> u8 {
     if x >= 0 && y > 0 {
         0
     } else if x < 0 && y >= 0 {
@@ -220,7 +249,7 @@ const fn quadrant_left([x, y]: [i64; 2]) -> u8 {
 }
 
 /// Returns a place turned back by quarters of a turn.
-const fn turned_back([x, y]: [i64; 2], quarters: u8) -> [i64; 2] {
+const fn turned_back([x, y]: [i32; 2], quarters: u8) -> [i32; 2] {
     match quarters {
         0 => [x, y],
         1 => [y, -x],

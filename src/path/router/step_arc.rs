@@ -1,0 +1,64 @@
+//! Arcs in whole steps: the rule that `$790` chooses, where it can apply.
+
+use super::Router;
+use crate::{
+    model::{Circle, Target},
+    stepper::{IntegerArc, StepArc, StepRule},
+    units::{MicroDegrees, Nm, StepsPerMm},
+};
+
+/// Most steps of an arc of one axis: the area of each is summed up before the arc begins.
+const MOST_STEPS: i64 = 500_000;
+
+impl Router {
+    /// Returns the arc in whole steps to a target, under `$790`; `None` where start, end and centre are not on
+    /// whole steps of two axes of the same resolution that have a motor each, which is kept for a message.
+    pub(super) fn step_arc(&mut self, target: &Target, circle: &Circle) -> Option<StepArc> {
+        if self.settings.arc_rule == 0 {
+            return None;
+        }
+        let arc = self.whole_steps(target, circle);
+        self.is_off_steps |= arc.is_none();
+        arc
+    }
+
+    /// Returns whether an arc has been made without the rule since the last call.
+    pub fn takes_off_steps(&mut self) -> bool {
+        core::mem::take(&mut self.is_off_steps)
+    }
+
+    fn whole_steps(&self, target: &Target, circle: &Circle) -> Option<StepArc> {
+        let (first, second, _) = circle.plane.axes();
+        let axes = [first, second];
+        let [resolution, other] = axes.map(|axis| self.settings.steps_per_mm[axis]);
+        if resolution != other || circle.tilt != MicroDegrees::ZERO || self.limits.is_core_xy {
+            return None;
+        }
+        let [mut start, mut end] = [[0; 2]; 2];
+        for (number, axis) in axes.into_iter().enumerate() {
+            let from = self.at.position[axis];
+            let centre = whole(resolution, from + circle.centre[number])?;
+            let begin = whole(resolution, from)?;
+            if begin != i64::from(self.at.steps[axis].0) {
+                return None;
+            }
+            start[number] = begin - centre;
+            end[number] = whole(resolution, target.position[axis])? - centre;
+        }
+        let radius_sqr: i64 = start.iter().map(|part| part.saturating_mul(*part)).sum();
+        let radius = radius_sqr.isqrt();
+        if radius.saturating_mul(4 * i64::from(circle.turns.max(1))) > MOST_STEPS {
+            return None;
+        }
+        let [start, end] = [start, end].map(|place| place.map(|part| part as i32));
+        let steps = IntegerArc::new(start, end, circle.rotation, circle.turns, StepRule::Sign)?;
+        Some(StepArc::new(axes, steps, radius_sqr))
+    }
+}
+
+/// Returns the whole steps at a coordinate, `None` between two steps: nm are too coarse for some of them.
+fn whole(resolution: StepsPerMm, position: Nm) -> Option<i64> {
+    let (steps, _) = resolution.steps_at(position);
+    let off = resolution.position_of(steps) - position;
+    (off.0.abs() <= 1).then_some(i64::from(steps.0))
+}
