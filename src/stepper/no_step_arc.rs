@@ -1,4 +1,4 @@
-//! No arcs in whole steps: the firmware is for motors with drivers. Read with step_arc.rs.
+//! No arcs in whole steps: the firmware is for motors with drivers. Read with `step_arc.rs`.
 //!
 //! # Cost
 //! Neither type has a value, so the compiler leaves out what would be done with one.

@@ -10,7 +10,7 @@
 //! the end of it as a last step has waited.
 //!
 //! In firmware whose motors have drivers,
-//! no_step_arc.rs is in the place of this file.
+//! `no_step_arc.rs` is in the place of this file.
 
 use super::integer_arc::{IntegerArc, UnitStep};
 use crate::{axis::AXES, math, model::timing::SLOT_TICKS};

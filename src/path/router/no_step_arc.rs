@@ -1,4 +1,4 @@
-//! No arcs in whole steps: the firmware is for motors with drivers. Read with step_arc.rs.
+//! No arcs in whole steps: the firmware is for motors with drivers. Read with `step_arc.rs`.
 
 use super::Router;
 use crate::{

@@ -12,7 +12,7 @@ use crate::{
     protocol::report::{self, Feedback},
 };
 
-/// examples/pico.nc without its `M0`: cycle start has been pressed.
+/// `examples/pico.nc` without its `M0`: cycle start has been pressed.
 const LINES: [&str; 6] = [
     "G21 G90 G17 F15000\n",
     "G3 X-400 Y400 I0 J400\n",

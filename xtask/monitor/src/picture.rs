@@ -281,6 +281,8 @@ mod tests {
         let mut picture = Picture::default();
         let (mut points, mut speeds, mut generations) = (0, 0, 0);
         let (mut low, mut high) = ([f64::MAX; AXES], [f64::MIN; AXES]);
+        // What a page keeps that is there from the beginning.
+        let (mut shown, mut kept, mut most_kept) = (Shown::default(), [0; 2], [0; 2]);
         for line in 0..600 * 350_u32 {
             // A flower of steps, so that no place is visited twice in the same way.
             let angle = f64::from(line) * 0.001;
@@ -302,7 +304,27 @@ mod tests {
                 speeds.max(picture.speeds.len()),
             );
             generations = picture.generation;
+            // Ten changes a second.
+            if line % 35 == 0
+                && let Some(change) = picture.change(&mut shown)
+            {
+                if change.is_all {
+                    kept = [0; 2];
+                }
+                for (kept, new) in kept
+                    .iter_mut()
+                    .zip([change.path.len(), change.speeds.len()])
+                {
+                    *kept += new;
+                }
+                most_kept = [most_kept[0].max(kept[0]), most_kept[1].max(kept[1])];
+            }
         }
+        assert!(
+            most_kept[0] <= MAX_POINTS && most_kept[1] <= MAX_SPEEDS,
+            "{most_kept:?}"
+        );
+        assert!(most_kept[0] > MAX_POINTS / 4, "the page saw nothing");
         assert!(points <= MAX_POINTS && picture.path.capacity() <= 2 * MAX_POINTS);
         assert!(speeds <= MAX_SPEEDS && generations > 3);
         assert_eq!(picture.now.extents, Extents { low, high });

@@ -187,6 +187,11 @@ fn the_picture_of_the_experiment_is_what_its_command_draws() {
         "examples/pico.settings",
         "docs/pico.svg",
     );
+    check_picture(
+        "docs/step-arcs.nc",
+        "examples/pico.settings",
+        "docs/step-arcs.svg",
+    );
 }
 
 #[test]
