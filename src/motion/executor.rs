@@ -23,7 +23,7 @@ use crate::{
     math::WHOLE_Q31,
     model::{Laser, Power},
     path::{Block, Curve, Shape, SpatialArc},
-    stepper::{ArcSteps, AxisMotion, Segment, StepArc},
+    stepper::{AxisMotion, Segment, StepArc},
     units::FineSteps,
 };
 
@@ -239,6 +239,7 @@ impl Executor {
         segment: &mut Segment,
     ) {
         let block = geometry.block;
+        #[cfg(arc_machine)]
         let from = WHOLE_Q31 - self.remaining;
         let ticks = ((profile.seconds * TICKS_PER_S + 0.5) as u32).max(1);
         if ends_block {
@@ -258,49 +259,43 @@ impl Executor {
         let displacement = displacement_at(geometry, done, self.from_centre, here);
         let speeds = axis_speeds(geometry, here, profile.speed_mm_s);
         let rate = 1.0 / ticks as f32;
-        let mut axes = Axes::from_fn(|axis| AxisMotion {
+        let axes = Axes::from_fn(|axis| AxisMotion {
             to: FineSteps(self.start[axis].0.wrapping_add(displacement[axis])),
             acceleration: (speeds[axis] - self.axis_speed[axis]) * rate,
         });
         self.axis_speed = speeds;
-        let mut arc = None;
+        *segment = Segment {
+            ticks,
+            axes,
+            arc: None,
+            feed_mm_min: profile.speed_mm_s * 60.0,
+            line: block.line,
+            power: Power::OFF,
+        };
+        #[cfg(arc_machine)]
         if let Some(curve) = geometry.curve
             && matches!(curve.shape, Shape::WholeSteps(_))
         {
             let change = (profile.speed_mm_s - self.speed_mm_s) / block.length_mm;
             let acceleration = change * rate * (1.0 / TICKS_PER_S);
-            arc = self.follow_steps([from, done], ticks, acceleration, &mut axes);
+            self.follow_steps([from, done], acceleration, segment);
         }
-        *segment = Segment {
-            ticks,
-            axes,
-            arc,
-            feed_mm_min: profile.speed_mm_s * 60.0,
-            line: block.line,
-            power: Power::OFF,
-        };
     }
 
     /// Follows an arc in whole steps over a segment from one part of the block to another, with an acceleration
     /// in blocks per tick².
+    #[cfg(arc_machine)]
     #[inline(never)]
-    fn follow_steps(
-        &mut self,
-        parts: [u32; 2],
-        ticks: u32,
-        acceleration: f32,
-        axes: &mut Axes<AxisMotion>,
-    ) -> Option<ArcSteps> {
-        let arc = self.arc.as_mut()?;
-        let steps = arc.follow(parts, ticks, acceleration);
+    fn follow_steps(&mut self, parts: [u32; 2], acceleration: f32, segment: &mut Segment) {
+        let Some(arc) = &mut self.arc else {
+            return;
+        };
+        segment.arc = Some(arc.follow(parts, segment.ticks, acceleration));
         for (axis, displacement) in arc.displacement() {
-            if let Some(motion) = axes.0.get_mut(axis) {
-                let to = self.start[axis]
-                    .0
-                    .wrapping_add(i64::from(displacement) << 32);
-                motion.to = FineSteps(to);
+            if let Some(motion) = segment.axes.0.get_mut(axis) {
+                let moved = i64::from(displacement) << 32;
+                motion.to = FineSteps(self.start[axis].0.wrapping_add(moved));
             }
         }
-        Some(steps)
     }
 }

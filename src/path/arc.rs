@@ -33,6 +33,9 @@ pub(super) struct Arc {
     pub(super) start: f64,
     /// Angle travelled, rad, positive counter-clockwise.
     pub(super) sweep: f64,
+    /// Length of an arc in whole steps, mm.
+    #[cfg(arc_machine)]
+    pub(super) stepped_mm: Option<f64>,
 }
 
 impl Arc {
@@ -57,6 +60,8 @@ impl Arc {
             radius: [libm::hypot(x0, y0), libm::hypot(x1, y1)],
             start: libm::atan2(y0, x0),
             sweep,
+            #[cfg(arc_machine)]
+            stepped_mm: None,
         }
     }
 
@@ -82,6 +87,8 @@ impl Arc {
             radius: [libm::hypot(x, y), self.radius[1]],
             start: libm::atan2(y, x),
             sweep: self.sweep + libm::atan2(x * y0 - y * x0, x * x0 + y * y0),
+            #[cfg(arc_machine)]
+            stepped_mm: None,
         }
     }
 
@@ -165,6 +172,10 @@ impl Arc {
 
     /// Returns the length, mm, with an error of the second order in the growth of the radius.
     pub(super) fn length_mm(&self) -> f64 {
+        #[cfg(arc_machine)]
+        if let Some(stepped_mm) = self.stepped_mm {
+            return stepped_mm;
+        }
         libm::fabs(self.sweep) * self.mean_mm()
     }
 

@@ -13,7 +13,7 @@ mod arc;
 mod arc_jerk;
 mod corner_arc;
 mod limits;
-#[cfg_attr(not(arc_machine), path = "router/no_step_arc.rs")]
+#[cfg(arc_machine)]
 mod step_arc;
 
 pub(super) use self::corner_arc::to_axes;

@@ -22,25 +22,6 @@ pub struct ArcStep {
     pub ticks: u32,
 }
 
-impl StepArc {
-    /// Returns the area of the whole arc, steps².
-    #[must_use]
-    pub const fn area(&self) -> f64 {
-        match *self {}
-    }
-
-    /// Returns the steps of each axis of the plane so far.
-    pub fn displacement(&self) -> impl Iterator<Item = (usize, i32)> {
-        let none: [(usize, i32); 0] = match *self {};
-        none.into_iter()
-    }
-
-    /// Goes on.
-    pub const fn follow(&mut self, _: [u32; 2], _: u32, _: f32) -> ArcSteps {
-        match *self {}
-    }
-}
-
 impl ArcSteps {
     /// Takes the next step, if there is one.
     pub const fn take_step(&mut self) -> Option<ArcStep> {

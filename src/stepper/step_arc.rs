@@ -94,11 +94,10 @@ impl StepArc {
     }
 
     /// Returns the steps of each axis of the plane so far.
-    pub fn displacement(&self) -> impl Iterator<Item = (usize, i32)> {
-        self.axes
-            .map(usize::from)
-            .into_iter()
-            .zip(self.displacement)
+    #[must_use]
+    pub fn displacement(&self) -> [(usize, i32); 2] {
+        let ([first, second], [x, y]) = (self.axes, self.displacement);
+        [(usize::from(first), x), (usize::from(second), y)]
     }
 
     /// Takes the next step if it is due before `end`; returns it, with where it is due.

@@ -11,7 +11,6 @@ use crate::{
         Block, Curve, Shape,
         arc::{Arc, PHASE_PER_RAD},
     },
-    stepper::StepArc,
     units::{FineSteps, Nm},
 };
 
@@ -56,16 +55,17 @@ impl Router {
             return self.rare_line_block(target, feed_rate, line);
         }
         let end = self.block_end(target);
-        let steps = self.step_arc(target, circle);
-        let axes = [first, second];
-        let geometry = self.arc_geometry(&arc, steps.as_ref(), axes, &target.position, feed_rate);
+        #[cfg(arc_machine)]
+        let (arc, steps) = self.step_arc(arc, target, circle);
+        let geometry = self.arc_geometry(&arc, [first, second], &target.position, feed_rate);
+        #[cfg(arc_machine)]
+        let geometry = geometry.with_steps(steps);
         Some(self.block(target.position, end, &geometry, feed_rate, line))
     }
 
     fn arc_geometry(
         &self,
         arc: &Arc,
-        steps: Option<&StepArc>,
         axes: [usize; 2],
         target: &Axes<Nm>,
         feed_rate: FeedRate,
@@ -74,10 +74,7 @@ impl Router {
         let limits = &self.limits;
         let displacement = target.zip(self.at.block_end, |to, from| (to - from).to_mm());
         let displacement = with_plane(displacement, axes, [0.0; 2]);
-        let plane_mm = match steps {
-            Some(steps) => self.stepped_length_mm(steps, arc, first),
-            None => arc.length_mm() as f32,
-        };
+        let plane_mm = arc.length_mm() as f32;
         let linear_mm = linear_length(&displacement);
         let length_mm = math::sqrt(plane_mm * plane_mm + linear_mm * linear_mm);
         let plane_share = plane_mm / length_mm;
@@ -126,25 +123,11 @@ impl Router {
             },
             limit_mm_s: limit_mm_s * ratio,
             acceleration_mm_s2: acceleration * ratio,
-            curve: Some(self.curve(arc, steps, axes, limit_sqr, length_mm)),
+            curve: Some(self.curve(arc, axes, limit_sqr, length_mm)),
         }
     }
 
-    /// Returns the length of an arc in whole steps, mm: the areas of its steps, by the radius of the start.
-    fn stepped_length_mm(&self, steps: &StepArc, arc: &Arc, axis: usize) -> f32 {
-        let steps_per_mm = self.settings.steps_per_mm[axis].millionths() as f64 * 1.0e-6;
-        let area_mm2 = steps.area() / (steps_per_mm * steps_per_mm);
-        (area_mm2 / arc.radius[0]) as f32
-    }
-
-    fn curve(
-        &self,
-        arc: &Arc,
-        steps: Option<&StepArc>,
-        axes: [usize; 2],
-        limit_sqr: f32,
-        length_mm: f32,
-    ) -> Curve {
+    fn curve(&self, arc: &Arc, axes: [usize; 2], limit_sqr: f32, length_mm: f32) -> Curve {
         let mut phase = libm::round(arc.start * PHASE_PER_RAD) as i64 as u32;
         let mut sweep = libm::round(arc.sweep * PHASE_PER_RAD) as i64;
         let [mut start, mut end] = arc.radius;
@@ -163,14 +146,11 @@ impl Router {
             sweep,
             limit_sqr,
             mm_per_phase: (f64::from(length_mm) / (libm::fabs(arc.sweep) * PHASE_PER_RAD)) as f32,
-            shape: match steps {
-                Some(steps) => Shape::WholeSteps(*steps),
-                None => Shape::Planar {
-                    first: axes[0] as u8,
-                    second: axes[1] as u8,
-                    radius: axes.map(|axis| fine(axis, start)),
-                    radius_delta: axes.map(|axis| fine(axis, end - start)),
-                },
+            shape: Shape::Planar {
+                first: axes[0] as u8,
+                second: axes[1] as u8,
+                radius: axes.map(|axis| fine(axis, start)),
+                radius_delta: axes.map(|axis| fine(axis, end - start)),
             },
         }
     }

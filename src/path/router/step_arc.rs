@@ -1,8 +1,9 @@
 //! Arcs in whole steps: the rule that `$790` chooses, where it can apply.
 
-use super::Router;
+use super::{Geometry, Router};
 use crate::{
     model::{Circle, Target},
+    path::{Curve, Shape, arc::Arc},
     stepper::{IntegerArc, StepArc, StepRule},
     units::{MicroDegrees, Nm, StepsPerMm},
 };
@@ -10,16 +11,40 @@ use crate::{
 /// Most steps of an arc of one axis: the area of each is summed up before the arc begins.
 const MOST_STEPS: i64 = 500_000;
 
+impl Geometry {
+    /// Returns the same with the steps of an arc, if there are any.
+    pub(super) fn with_steps(self, steps: Option<StepArc>) -> Self {
+        let curve = self.curve.map(|curve| Curve {
+            shape: steps.map_or(curve.shape, Shape::WholeSteps),
+            ..curve
+        });
+        Self { curve, ..self }
+    }
+}
+
 impl Router {
-    /// Returns the arc in whole steps to a target, under `$790`; `None` where start, end and centre are not on
-    /// whole steps of two axes of the same resolution that have a motor each, which is kept for a message.
-    pub(super) fn step_arc(&mut self, target: &Target, circle: &Circle) -> Option<StepArc> {
+    /// Returns the arc in whole steps to a target, under `$790`, and the arc with the length of that; no steps
+    /// where start, end and centre are not on whole steps of two axes of the same resolution with a motor each, which is kept for
+    /// a message.
+    pub(super) fn step_arc(
+        &mut self,
+        mut arc: Arc,
+        target: &Target,
+        circle: &Circle,
+    ) -> (Arc, Option<StepArc>) {
         if self.settings.arc_rule == 0 {
-            return None;
+            return (arc, None);
         }
-        let arc = self.whole_steps(target, circle);
-        self.is_off_steps |= arc.is_none();
-        arc
+        let steps = self.whole_steps(target, circle);
+        self.is_off_steps |= steps.is_none();
+        let (axis, _, _) = circle.plane.axes();
+        let steps_per_mm = self.settings.steps_per_mm[axis].millionths() as f64 * 1.0e-6;
+        arc.stepped_mm = steps.map(|steps| {
+            // The areas of the steps, by the radius of the start.
+            let area_mm2 = steps.area() / (steps_per_mm * steps_per_mm);
+            area_mm2 / arc.radius[0]
+        });
+        (arc, steps)
     }
 
     /// Returns whether an arc has been made without the rule since the last call.
