@@ -144,7 +144,11 @@ mod target {
         settings
     }
 
-    fn report(witness: &mut Witness, end: StreamEnd, stream: &Stream<'_, Bytes>) -> fmt::Result {
+    fn report(
+        witness: &mut Witness,
+        end: StreamEnd,
+        stream: &Stream<&mut Simulator, Bytes>,
+    ) -> fmt::Result {
         let Witness { tally, lines } = witness;
         writeln!(lines, "end {end:?}")?;
         writeln!(lines, "lines {}", stream.lines)?;

@@ -34,15 +34,16 @@ use super::{
     jerk_limited::MovingAverage,
 };
 use crate::{
-    axis::AXES,
+    axis::{AXES, Axes},
     machine::{Accessories, Control, Inputs, Snapshot},
     model::{
         Alarm, Awaited, HAS_SECOND_MOTORS, Levels, Notice, Outputs, Requests, StandingMotors,
         State, timing::IDLE_DELAY_INFINITE,
     },
-    path::{AveragingWindow, Entry, MoveKind},
+    path::{AveragingWindow, Block, Entry},
     settings::Settings,
     stepper::{EventWriter, Generator, Segment, SegmentRing},
+    units::FineSteps,
 };
 
 /// What `prepare` asks of its platform after a run.
@@ -265,11 +266,22 @@ impl Motion {
         &self.published.outputs
     }
 
-    /// Returns whether the block in execution is a rapid.
+    /// Returns the block in execution, which the next segment of the plan is a part of.
     #[must_use]
-    pub fn is_rapid(&self) -> bool {
-        let block = self.plan.current();
-        block.is_some_and(|block| block.kind == MoveKind::Rapid)
+    pub fn block(&self) -> Option<&Block> {
+        self.plan.current()
+    }
+
+    /// Returns the last segment that was made.
+    #[must_use]
+    pub const fn segment(&self) -> &Segment {
+        &self.segment
+    }
+
+    /// Returns the exact position at the end of all segments that were made.
+    #[must_use]
+    pub const fn position(&self) -> &Axes<FineSteps> {
+        self.generator.position()
     }
 
     /// Takes the delay from now, ms, after which the platform is to call [`Requests::end_delay`] and run

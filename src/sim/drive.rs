@@ -12,6 +12,7 @@ use super::{
     Switch,
     contacts::Contacts,
     platform::{VirtualPlatform, VirtualSteps, VirtualTimer},
+    playback::{Origin, Playback, PlayedSegment},
 };
 use crate::{
     axis::Axes,
@@ -50,8 +51,8 @@ pub struct Drive {
     published: Snapshot,
     /// The segments that wait or are played.
     pub segments: SegmentRing,
-    /// Segments of rapids, the newest 64: the bit of each number.
-    rapids: u64,
+    /// What else is known of the segments, and those that have begun.
+    playback: Playback,
     /// Switches, probe and buttons.
     pub inputs: Inputs,
     /// The queue from `interpret` to `prepare`.
@@ -97,7 +98,7 @@ impl Drive {
             motion: const { Motion::new() },
             published: Snapshot::default(),
             segments: const { SegmentRing::new() },
-            rapids: 0,
+            playback: const { Playback::new() },
             contacts: Contacts::new(),
             watch: Watch::new(Levels::NONE, &inputs),
             sample_due: None,
@@ -330,7 +331,8 @@ impl Drive {
             events: events.tap(),
         };
         // A run makes one segment at most: of the block that was in execution before.
-        let (is_rapid, (before, _)) = (self.motion.is_rapid(), self.segments.numbers());
+        let origin = Origin::of(&self.motion, self.published.state);
+        let (before, _) = self.segments.numbers();
         tasks::prepare(
             &mut self.motion,
             &mut entries,
@@ -342,8 +344,7 @@ impl Drive {
         );
         let (newest, _) = self.segments.numbers();
         if newest != before {
-            let bit = rapid_bit(newest);
-            self.rapids = self.rapids & !bit | if is_rapid { bit } else { 0 };
+            self.playback.note(newest, &origin, &self.motion);
         }
         self.segment_start();
         true
@@ -352,7 +353,7 @@ impl Drive {
     /// Runs `step`, and `segment_start` if it is released. Returns the change of the pins.
     pub fn step(&mut self) -> Option<Edge> {
         let (_, played) = self.segments.numbers();
-        let is_rapid = self.rapids & rapid_bit(played) != 0;
+        let is_rapid = self.playback.is_rapid(played);
         let edge = self.timer.edge(self.platform.outputs.duty, is_rapid)?;
         let (_, mut events) = self.events.split();
         tasks::step(&mut self.timer, &mut events, &self.segments);
@@ -377,11 +378,12 @@ impl Drive {
         while core::mem::take(&mut self.platform.is_segment_start_released) {
             let event_tap = self.events.split().0.tap();
             tasks::segment_start(&self.segments, event_tap, &mut self.platform);
+            self.playback.begin(&self.segments, self.timer.now);
         }
     }
-}
 
-/// Returns the bit of a segment among [`Drive::rapids`].
-const fn rapid_bit(number: u32) -> u64 {
-    1 << (number % u64::BITS)
+    /// Takes the oldest segment that has begun and not been taken, see [`PlayedSegment`].
+    pub fn take_segment(&mut self) -> Option<PlayedSegment> {
+        self.playback.take()
+    }
 }

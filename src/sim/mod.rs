@@ -3,7 +3,9 @@
 mod contacts;
 mod drive;
 mod flash;
+mod numbers;
 mod platform;
+mod playback;
 mod simulator;
 mod step_statistics;
 mod stream;
@@ -11,6 +13,7 @@ mod stream;
 pub use contacts::{Closes, Switch};
 pub use drive::{Drive, Edge};
 pub use flash::{Flash, FlashError, SECTOR, SECTORS};
+pub use playback::{PlayedSegment, SegmentKind};
 pub use simulator::Simulator;
 pub use step_statistics::StepStatistics;
 pub use stream::{Stream, StreamEnd, WINDOW, Watcher};

@@ -1,6 +1,6 @@
 //! The whole simulated machine: bytes in, bytes and pin edges out.
 
-use super::{Drive, Edge, Flash, Switch};
+use super::{Drive, Edge, Flash, PlayedSegment, Switch};
 use crate::{
     axis::Axes,
     machine::Snapshot,
@@ -142,6 +142,11 @@ impl Simulator {
     #[must_use]
     pub const fn segments(&self) -> &SegmentRing {
         &self.drive.segments
+    }
+
+    /// Takes the oldest segment that has begun and not been taken. Without a taker, old ones are dropped.
+    pub fn take_segment(&mut self) -> Option<PlayedSegment> {
+        self.drive.take_segment()
     }
 
     /// Returns the number of late events.

@@ -3,10 +3,18 @@
 //! The sender counts characters, as common senders do: it sends a line when Grbl's receive buffer has
 //! room for it besides the lines that are not answered. Each byte takes its time on the line. As by
 //! senders, realtime commands and carriage returns are left out of the program.
+//!
+//! A stream is pumped in bounded steps, and an observer is shown what happens: answers, pins, and each
+//! segment as it begins.
+
+use core::borrow::BorrowMut;
 
 use heapless::{Deque, Vec};
 
-use super::{Edge, Simulator};
+use super::{
+    Edge, PlayedSegment, Simulator,
+    numbers::{DIGITS, NumberPlace},
+};
 use crate::{model::State, units::TICKS_PER_SECOND};
 
 /// Largest number of unanswered bytes: Grbl's receive buffer of 128 holds one less.
@@ -23,6 +31,10 @@ pub trait Watcher {
     /// Called after each change, of which time is one.
     fn change(&mut self, simulator: &Simulator) {
         let _ = simulator;
+    }
+    /// Called for each segment that begins, in their order.
+    fn segment(&mut self, segment: &PlayedSegment) {
+        let _ = segment;
     }
     /// Called for the answer to a line; `line` counts from 1.
     fn answer(&mut self, line: u64, answer: &[u8]);
@@ -58,11 +70,11 @@ impl SentLine {
     }
 }
 
-/// A program that is being sent to the machine.
+/// A program that is being sent to a machine, which the stream owns or borrows.
 #[derive(Debug)]
-pub struct Stream<'a, P> {
+pub struct Stream<S, P> {
     /// The machine.
-    pub simulator: &'a mut Simulator,
+    pub simulator: S,
     program: P,
     byte_ticks: u64,
     /// The line being sent, with its line feed if it is whole.
@@ -72,6 +84,11 @@ pub struct Stream<'a, P> {
     /// Whether the line is a further part of one longer than the window.
     is_long: bool,
     is_at_end: bool,
+    is_begun: bool,
+    /// Whether lines get their numbers.
+    has_numbers: bool,
+    /// Where the line being sent gets its number.
+    number_place: Option<NumberPlace>,
     /// Which line has been sent last, where some wait for the machine to be at rest.
     sent: Option<SentLine>,
     /// Lengths of the unanswered lines; the window bounds their number.
@@ -85,9 +102,9 @@ pub struct Stream<'a, P> {
     next_out: u64,
 }
 
-impl<'a, P: Iterator<Item = u8>> Stream<'a, P> {
+impl<S: BorrowMut<Simulator>, P: Iterator<Item = u8>> Stream<S, P> {
     /// Returns a stream of a program at a baud rate.
-    pub fn new(simulator: &'a mut Simulator, program: P, baud: u32) -> Self {
+    pub fn new(simulator: S, program: P, baud: u32) -> Self {
         Self {
             simulator,
             program,
@@ -96,6 +113,9 @@ impl<'a, P: Iterator<Item = u8>> Stream<'a, P> {
             line_sent: 0,
             is_long: false,
             is_at_end: false,
+            is_begun: false,
+            has_numbers: false,
+            number_place: None,
             sent: None,
             unanswered: Deque::new(),
             in_flight: 0,
@@ -116,42 +136,92 @@ impl<'a, P: Iterator<Item = u8>> Stream<'a, P> {
         self
     }
 
+    /// Gives each line of G-code its number, from 1, in place of its own `N` word: [`PlayedSegment::line`]
+    /// then tells the line. The number takes no time and no place in the window, so that the motion stays
+    /// the same. A line that is longer than the window gets none, nor one that another `N` word is in.
+    #[must_use]
+    pub const fn with_numbers(mut self) -> Self {
+        self.has_numbers = true;
+        self
+    }
+
     /// Streams until everything is executed.
     pub fn run(&mut self, watcher: &mut impl Watcher) -> StreamEnd {
-        self.simulator.settle();
         loop {
-            let now = self.simulator.now();
+            if let Some(end) = self.pump(watcher, u32::MAX) {
+                return end;
+            }
+        }
+    }
+
+    /// Streams for at most so many changes of the machine, of which time is one. Returns the end, if it
+    /// has come to it.
+    pub fn pump(&mut self, watcher: &mut impl Watcher, changes: u32) -> Option<StreamEnd> {
+        if !self.is_begun {
+            self.is_begun = true;
+            self.machine().settle();
+        }
+        for _ in 0..changes {
+            let now = self.simulator.borrow().now();
             if now >= self.next_out && self.receive_byte(watcher) {
                 self.next_out = now + self.byte_ticks;
             }
             if now >= self.next_in && self.send_byte() {
                 self.next_in = now + self.byte_ticks;
             }
-            let mut next = self.simulator.due();
-            if self.simulator.has_to_send() {
-                next = Some(next.map_or(self.next_out, |next| next.min(self.next_out)));
-            }
-            if self.has_byte() {
-                next = Some(next.map_or(self.next_in, |next| next.min(self.next_in)));
-            }
-            match next {
+            let end = match self.next() {
                 Some(next) => {
-                    if let Some(edge) = self.simulator.advance(next.max(now)) {
-                        watcher.edge(&edge);
-                    }
-                    watcher.change(self.simulator);
+                    self.pass_time(next.max(now), watcher);
+                    None
                 }
-                None if self.unanswered.is_empty() && self.simulator.snapshot().is_at_rest => {
-                    return StreamEnd::Complete;
-                }
-                None if self.simulator.snapshot().state == State::HoldComplete => {
-                    // A program pause: the operator presses cycle start.
-                    self.simulator.receive(b'~');
-                    self.simulator.settle();
-                }
-                None => return StreamEnd::Stuck,
+                None => self.end(),
+            };
+            if end.is_some() {
+                return end;
             }
         }
+        None
+    }
+
+    fn machine(&mut self) -> &mut Simulator {
+        self.simulator.borrow_mut()
+    }
+
+    /// Returns the time of the next change, ticks.
+    fn next(&mut self) -> Option<u64> {
+        let simulator = self.simulator.borrow();
+        let due = simulator.due();
+        let out = simulator.has_to_send().then_some(self.next_out);
+        let into = self.has_byte().then_some(self.next_in);
+        [due, out, into].into_iter().flatten().min()
+    }
+
+    fn pass_time(&mut self, time: u64, watcher: &mut impl Watcher) {
+        let simulator = self.simulator.borrow_mut();
+        if let Some(edge) = simulator.advance(time) {
+            watcher.edge(&edge);
+        }
+        while let Some(segment) = simulator.take_segment() {
+            watcher.segment(&segment);
+        }
+        watcher.change(simulator);
+    }
+
+    /// Returns the end where nothing happens any more; presses cycle start in a program pause, as the
+    /// operator does.
+    fn end(&mut self) -> Option<StreamEnd> {
+        let is_answered = self.unanswered.is_empty();
+        let simulator = self.machine();
+        let snapshot = simulator.snapshot();
+        if is_answered && snapshot.is_at_rest {
+            return Some(StreamEnd::Complete);
+        }
+        if snapshot.state != State::HoldComplete {
+            return Some(StreamEnd::Stuck);
+        }
+        simulator.receive(b'~');
+        simulator.settle();
+        None
     }
 
     /// Returns whether a byte may be sent when the line is free.
@@ -173,7 +243,7 @@ impl<'a, P: Iterator<Item = u8>> Stream<'a, P> {
             .sent
             .is_some_and(|sent| kind == SentLine::Statement || kind != sent)
         {
-            return self.unanswered.is_empty() && self.simulator.snapshot().is_at_rest;
+            return self.unanswered.is_empty() && self.simulator.borrow().snapshot().is_at_rest;
         }
         self.in_flight + self.line.len() <= WINDOW || self.unanswered.is_empty()
     }
@@ -217,6 +287,7 @@ impl<'a, P: Iterator<Item = u8>> Stream<'a, P> {
         if self.line_sent == 0 && !self.is_long && self.sent.is_some() {
             self.sent = Some(SentLine::of(&self.line));
         }
+        let is_replaced = self.send_number();
         self.line_sent += 1;
         if byte == b'\n' {
             let length = self.line.len();
@@ -224,13 +295,39 @@ impl<'a, P: Iterator<Item = u8>> Stream<'a, P> {
             self.in_flight += length;
             let _ = self.unanswered.push_back(length as u8);
         }
-        self.simulator.receive(byte);
-        self.simulator.settle();
+        let simulator = self.machine();
+        if !is_replaced {
+            simulator.receive(byte);
+        }
+        simulator.settle();
         true
     }
 
+    /// Sends the number of the line before the byte that it stands before. Returns whether the next byte
+    /// is one of the word that the number replaces.
+    fn send_number(&mut self) -> bool {
+        if self.line_sent == 0 {
+            let is_whole = !self.is_long && self.line.last() == Some(&b'\n');
+            let numbered = self.has_numbers && is_whole;
+            self.number_place = numbered.then(|| NumberPlace::of(&self.line)).flatten();
+        }
+        let Some(NumberPlace { at, own }) = self.number_place.clone() else {
+            return false;
+        };
+        if self.line_sent == at {
+            let number = self.lines + 1;
+            let simulator = self.machine();
+            simulator.receive(b'N');
+            for place in (0..DIGITS).rev() {
+                let digit = number / 10_u64.pow(place) % 10;
+                simulator.receive(b'0' + digit as u8);
+            }
+        }
+        own.contains(&self.line_sent)
+    }
+
     fn receive_byte(&mut self, watcher: &mut impl Watcher) -> bool {
-        let Some(byte) = self.simulator.send() else {
+        let Some(byte) = self.machine().send() else {
             return false;
         };
         match byte {
@@ -243,7 +340,7 @@ impl<'a, P: Iterator<Item = u8>> Stream<'a, P> {
                 let _ = self.answer.push(byte);
             }
         }
-        self.simulator.settle();
+        self.machine().settle();
         true
     }
 

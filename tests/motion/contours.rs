@@ -432,7 +432,7 @@ fn execute(form: Form, lines: &[String]) -> Executed {
         points: Vec::new(),
         answers: Vec::new(),
     };
-    let end = Stream::new(&mut simulator, program.bytes(), 1_000_000).run(&mut executed);
+    let end = Stream::new(&mut *simulator, program.bytes(), 1_000_000).run(&mut executed);
     assert_eq!(end, StreamEnd::Complete, "{lines:#?}");
     executed
 }

@@ -14,6 +14,7 @@ mod lookahead;
 mod moves;
 mod numerics;
 mod path_control;
+mod playback;
 #[cfg(feature = "axes-4")]
 mod rotary;
 mod rounding;

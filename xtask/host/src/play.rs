@@ -132,7 +132,7 @@ pub fn stream<R: Recorder>(
         next_number: numbers,
         observer: &observer,
     };
-    let mut stream = Stream::new(simulator, source, BAUD).with_statements_at_rest();
+    let mut stream = Stream::new(&mut *simulator, source, BAUD).with_statements_at_rest();
     let end = stream.run(&mut Watched(&observer));
     let lines = stream.lines;
     drop(stream);
