@@ -11,7 +11,7 @@ use leadscrew::{model::Alarm, settings::Settings};
 use owo_colors::OwoColorize;
 use serde::{Serialize, Serializer, ser::SerializeSeq};
 
-use crate::{Refusals, output::write_json, sender::Response};
+use crate::{Refusals, job_times::JobTimes, output::write_json, sender::Response};
 
 /// The answers to all lines, in order.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
@@ -107,6 +107,9 @@ pub struct Figures {
     pub late: u64,
     /// Hash over all step events, 16 hexadecimal digits.
     pub event_hash: String,
+    /// What the time goes into: for the reader.
+    #[serde(skip)]
+    pub times: JobTimes,
     /// Why lines were refused: for the reader.
     #[serde(skip)]
     pub refusals: Refusals,
@@ -156,6 +159,9 @@ impl Figures {
             &format!("{}, {}", ends.join(", "), self.end.state),
         );
         row("motion time", &duration(self.motion_time_s));
+        if let Some(text) = self.times.text() {
+            row("of it", &text);
+        }
         let pulses: Vec<_> = "XYZABC"
             .chars()
             .zip(&self.steps_axis)

@@ -14,6 +14,7 @@ mod cases;
 pub mod figures;
 pub mod holder;
 pub mod interrupt;
+pub mod job_times;
 pub mod lock;
 pub mod machine;
 pub mod output;

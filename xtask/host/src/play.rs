@@ -9,7 +9,7 @@ use indicatif::ProgressBar;
 use leadscrew::{
     protocol::Dialect,
     settings::Settings,
-    sim::{Edge, Simulator, StepStatistics, Stream, StreamEnd, Switch, Watcher},
+    sim::{Edge, PlayedSegment, Simulator, StepStatistics, Stream, StreamEnd, Switch, Watcher},
     units::TICKS_PER_SECOND,
 };
 use owo_colors::OwoColorize;
@@ -17,6 +17,7 @@ use owo_colors::OwoColorize;
 use crate::{
     Refusals,
     figures::{Figures, Final, Responses},
+    job_times::JobTimes,
     program::Program,
     refusal,
     sender::Response,
@@ -38,9 +39,17 @@ pub trait Recorder {
         let _ = simulator;
         Ok(())
     }
+    /// A segment begins.
+    fn segment(&mut self, segment: &PlayedSegment) {
+        let _ = segment;
+    }
     /// The oldest line that has no answer gets it.
     fn answer(&mut self, is_refused: bool) {
         let _ = is_refused;
+    }
+    /// Whether segments are to have the numbers of their lines, see [`Stream::with_numbers`].
+    fn wants_line_numbers(&self) -> bool {
+        false
     }
 }
 
@@ -133,6 +142,9 @@ pub fn stream<R: Recorder>(
         observer: &observer,
     };
     let mut stream = Stream::new(&mut *simulator, source, BAUD).with_statements_at_rest();
+    if observer.borrow().run.recorder.wants_line_numbers() {
+        stream = stream.with_numbers();
+    }
     let end = stream.run(&mut Watched(&observer));
     let lines = stream.lines;
     drop(stream);
@@ -154,6 +166,7 @@ pub fn stream<R: Recorder>(
         responses: observer.responses,
         messages: observer.messages,
         refusals: observer.refusals,
+        times: observer.times.finish(simulator.now()),
         ..figures(simulator, &observer.statistics)
     })
 }
@@ -307,6 +320,7 @@ struct Observer<'r, R> {
     responses: Responses,
     messages: Vec<(u64, String)>,
     refusals: Refusals,
+    times: JobTimes,
     /// The reason that comes before the `ok` of a line that is refused in the RepRap dialect.
     refused: Option<Response>,
     /// Lines that have been read and not yet answered.
@@ -322,6 +336,7 @@ impl<'r, R> Observer<'r, R> {
             responses: Responses::default(),
             messages: Vec::new(),
             refusals: Refusals::default(),
+            times: JobTimes::default(),
             refused: None,
             lines: VecDeque::new(),
             failure: None,
@@ -340,6 +355,12 @@ impl<R: Recorder> Watcher for Watched<'_, '_, R> {
         if let Err(error) = recorded {
             observer.failure.get_or_insert(error);
         }
+    }
+
+    fn segment(&mut self, segment: &PlayedSegment) {
+        let observer = &mut *self.0.borrow_mut();
+        observer.times.add(segment);
+        observer.run.recorder.segment(segment);
     }
 
     fn change(&mut self, simulator: &Simulator) {

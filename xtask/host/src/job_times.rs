@@ -1,0 +1,141 @@
+//! What the time of a job goes into, from its segments.
+
+use common::text::duration;
+use leadscrew::{
+    sim::{PlayedSegment, SegmentKind},
+    units::TICKS_PER_SECOND,
+};
+
+/// Time from the first motion to the last one, by what happens in it.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct JobTimes {
+    /// Feed moves, s.
+    pub cutting_s: f64,
+    /// Rapids, s.
+    pub rapid_s: f64,
+    /// Nothing moves between two motions: dwells, pauses, tool changes, waiting for lines, s.
+    pub standstill_s: f64,
+    /// Jogs, probing, homing, parking, s.
+    pub other_s: f64,
+    /// What is played, and since when, ticks.
+    played: Option<(SegmentKind, u64)>,
+    /// Standstill that counts once something moves again, s.
+    pending_s: f64,
+}
+
+impl JobTimes {
+    /// Adds the segment that begins: the one before it has ended.
+    pub fn add(&mut self, segment: &PlayedSegment) {
+        self.end_played(segment.start_ticks);
+        let is_first = self.played.is_none() && segment.kind == SegmentKind::Standstill;
+        if !is_first {
+            self.played = Some((segment.kind, segment.start_ticks));
+        }
+    }
+
+    /// Returns the times of a job that has ended now, at `ticks`.
+    #[must_use]
+    pub fn finish(mut self, ticks: u64) -> Self {
+        self.end_played(ticks);
+        self.played = None;
+        self.pending_s = 0.0;
+        self
+    }
+
+    fn end_played(&mut self, ticks: u64) {
+        let Some((kind, begun)) = self.played else {
+            return;
+        };
+        let seconds = ticks.saturating_sub(begun) as f64 / f64::from(TICKS_PER_SECOND);
+        if kind == SegmentKind::Standstill {
+            self.pending_s += seconds;
+            return;
+        }
+        self.standstill_s += std::mem::take(&mut self.pending_s);
+        match kind {
+            SegmentKind::Feed => self.cutting_s += seconds,
+            SegmentKind::Rapid => self.rapid_s += seconds,
+            SegmentKind::Standstill
+            | SegmentKind::Jog
+            | SegmentKind::Probe
+            | SegmentKind::Homing
+            | SegmentKind::Parking => self.other_s += seconds,
+        }
+    }
+
+    /// Returns all of it, s.
+    pub fn total_s(&self) -> f64 {
+        self.cutting_s + self.rapid_s + self.standstill_s + self.other_s
+    }
+
+    /// Returns the parts in words; `None` if nothing has moved.
+    pub fn text(&self) -> Option<String> {
+        let parts = [
+            ("cutting", self.cutting_s),
+            ("rapids", self.rapid_s),
+            ("standing still", self.standstill_s),
+            ("homing, probing and jogs", self.other_s),
+        ];
+        let parts = parts.iter().filter(|(_, seconds)| *seconds > 0.0);
+        let parts: Vec<_> = parts
+            .map(|(name, seconds)| format!("{name} {}", duration(*seconds)))
+            .collect();
+        (!parts.is_empty()).then(|| parts.join(", "))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use leadscrew::axis::{AXES, Axes};
+
+    use super::*;
+
+    fn times(segments: &[(SegmentKind, u64)], end_s: u64) -> JobTimes {
+        let mut times = JobTimes::default();
+        for (kind, seconds) in segments {
+            times.add(&PlayedSegment {
+                start_ticks: seconds * u64::from(TICKS_PER_SECOND),
+                steps: Axes([0; AXES]),
+                end_mm_min: 0.0,
+                end_steps_s: Axes([0.0; AXES]),
+                programmed_mm_min: 0.0,
+                line: 0,
+                kind: *kind,
+                duty: 0,
+            });
+        }
+        times.finish(end_s * u64::from(TICKS_PER_SECOND))
+    }
+
+    #[test]
+    fn standstill_before_the_first_motion_and_after_the_last_is_no_part_of_the_job() {
+        let times = times(
+            &[
+                (SegmentKind::Standstill, 1),
+                (SegmentKind::Rapid, 3),
+                (SegmentKind::Standstill, 5),
+                (SegmentKind::Standstill, 6),
+                (SegmentKind::Feed, 10),
+                (SegmentKind::Homing, 20),
+                (SegmentKind::Standstill, 21),
+            ],
+            100,
+        );
+        let parts = [
+            times.rapid_s,
+            times.standstill_s,
+            times.cutting_s,
+            times.other_s,
+        ];
+        assert_eq!(parts, [2.0, 5.0, 10.0, 1.0]);
+        assert_eq!(times.total_s(), 18.0);
+        let text = "cutting 10.000 s, rapids 2.000 s, standing still 5.000 s, homing, probing and jogs 1.000 s";
+        assert_eq!(times.text().as_deref(), Some(text));
+    }
+
+    #[test]
+    fn a_job_without_motion_has_no_parts() {
+        assert_eq!(times(&[], 5).text(), None);
+        assert_eq!(times(&[(SegmentKind::Standstill, 1)], 5).text(), None);
+    }
+}
