@@ -13,6 +13,7 @@
 mod cases;
 pub mod figures;
 pub mod holder;
+pub mod holes;
 pub mod interrupt;
 pub mod job_times;
 pub mod lock;
@@ -20,6 +21,7 @@ pub mod machine;
 pub mod output;
 pub mod play;
 pub mod program;
+pub mod program_reader;
 pub mod proven;
 pub mod pty;
 mod refusal;

@@ -2,11 +2,9 @@
 
 mod coils;
 mod contour;
-mod holes;
 mod marks;
 mod plot;
 mod power_up;
-mod program_reader;
 mod quality;
 mod recorder;
 mod samples;

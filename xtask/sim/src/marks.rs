@@ -2,6 +2,10 @@
 
 use std::collections::VecDeque;
 
+use host::{
+    holes::{Hole, Holes, holes_of_line},
+    program_reader::ProgramReader,
+};
 use leadscrew::{
     axis::Axes,
     gcode::MotionMode,
@@ -9,11 +13,7 @@ use leadscrew::{
     units::Nm,
 };
 
-use crate::{
-    contour::{Contour, Stretch},
-    holes::{Hole, Holes, holes_of_line},
-    program_reader::ProgramReader,
-};
+use crate::contour::{Contour, Stretch};
 
 /// What is marked.
 #[derive(Debug, Clone, Default, PartialEq)]
@@ -120,6 +120,19 @@ pub(crate) fn found(lines: &[(&str, bool)]) -> Marks {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn the_holes_of_a_refused_line_are_none() {
+        let lines = [
+            ("F100", false),
+            ("G81 X1 Z-3 R2", false),
+            ("X5", true),
+            ("X6", false),
+        ];
+        let holes = found(&lines).holes.holes;
+        let places: Vec<_> = holes.iter().map(|hole| hole.bottom[0]).collect();
+        assert_eq!(places, [1.0, 6.0]);
+    }
 
     #[test]
     fn the_contour_and_the_way_beside_it_are_found() {

@@ -19,6 +19,7 @@ mod tests;
 
 use std::collections::VecDeque;
 
+use host::program_reader::ProgramReader;
 use leadscrew::{
     axis::{AXES, LETTERS},
     model::timing::EVENT_SPACING_TICKS,
@@ -38,7 +39,7 @@ pub(crate) use print::text;
 use program::Programmed;
 use sweep::Peak;
 
-use crate::{program_reader::ProgramReader, series::Series, steps_per_mm};
+use crate::{series::Series, steps_per_mm};
 
 /// A change of direction at which an axis is not judged across it, rad: half a degree.
 const KINK_RAD: f64 = 0.5 * std::f64::consts::PI / 180.0;

@@ -9,7 +9,7 @@ use std::{
 
 use anyhow::Result;
 use common::text::{duration, separated};
-use host::{figures::Figures, output::Output, play::Recorder};
+use host::{figures::Figures, output::Output, play::Recorder, program_reader::ProgramReader};
 use leadscrew::{
     protocol::Session,
     settings::Settings,
@@ -22,7 +22,6 @@ use crate::{
     coils::CoilTable,
     marks::MarkFinder,
     plot,
-    program_reader::ProgramReader,
     quality::{self, Meter, Quality},
     samples::{Motion, Samples},
     trace::{Move, Row, Table, nanoseconds},

@@ -4,14 +4,11 @@
 use std::collections::HashSet;
 
 use chart::{Area, Chart, Drawn, PX, font, stroke};
+use host::holes::{Hole, Holes};
 use leadscrew::model::Plane;
 use plotters::prelude::*;
 
-use crate::{
-    contour::Stretch,
-    holes::{Hole, Holes},
-    marks::Marks,
-};
+use crate::{contour::Stretch, marks::Marks};
 
 /// Colour of the marks, and of what is cut under compensation.
 const MARK: RGBColor = RGBColor(176, 40, 110);

@@ -1,5 +1,6 @@
 //! From the lines of a program to its path.
 
+use host::program_reader::ProgramReader;
 use leadscrew::{
     axis::{AXES, Axes},
     model::{Circle, Command, FeedRate, Target},
@@ -8,7 +9,6 @@ use leadscrew::{
 };
 
 use super::geometry::{Corner, Piece, Point, dot, millimetres, minus, norm};
-use crate::program_reader::ProgramReader;
 
 /// The path of a program.
 pub(crate) struct Programmed {

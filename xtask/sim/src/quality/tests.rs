@@ -1,5 +1,6 @@
 //! Analytic motions through the meter.
 
+use host::program_reader::ProgramReader;
 use leadscrew::{
     axis::{AXES, Axes},
     settings::{Settings, StepRate},
@@ -8,7 +9,6 @@ use leadscrew::{
 };
 
 use super::{Meter, Quality, text};
-use crate::program_reader::ProgramReader;
 
 const TICKS: f64 = TICKS_PER_SECOND as f64;
 

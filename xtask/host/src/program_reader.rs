@@ -15,7 +15,7 @@ use leadscrew::{
 };
 
 /// Reads a program as the machine does.
-pub(crate) struct ProgramReader {
+pub struct ProgramReader {
     interpreter: Interpreter,
     settings: Settings,
     line: Line,
@@ -28,13 +28,12 @@ pub(crate) struct ProgramReader {
 
 impl ProgramReader {
     /// For a machine at the origin that has nothing stored but these settings.
-    #[cfg(test)]
-    pub(crate) fn new(settings: &Settings) -> Self {
+    pub fn new(settings: &Settings) -> Self {
         Self::with(Interpreter::new(), settings)
     }
 
     /// For a machine as it is now: with its tools and stored offsets.
-    pub(crate) fn of(session: &Session) -> Self {
+    pub fn of(session: &Session) -> Self {
         Self::with(session.interpreter().clone(), session.settings())
     }
 
@@ -50,26 +49,28 @@ impl ProgramReader {
     }
 
     /// Whether the path is unknown from here on: after homing, probing, or check mode.
-    pub(crate) fn is_lost(&self) -> bool {
+    pub fn is_lost(&self) -> bool {
         self.is_lost
     }
 
-    pub(crate) fn interpreter(&self) -> &Interpreter {
+    /// What reads the lines.
+    pub fn interpreter(&self) -> &Interpreter {
         &self.interpreter
     }
 
-    pub(crate) fn settings(&self) -> &Settings {
+    /// The settings, with what the program has changed of them.
+    pub fn settings(&self) -> &Settings {
         &self.settings
     }
 
     /// The move of the last line as it is programmed, where the cutter goes beside it.
-    pub(crate) fn programmed(&self) -> Option<&CompensatedMove> {
+    pub fn programmed(&self) -> Option<&CompensatedMove> {
         self.programmed.as_ref()
     }
 
     /// The commands of the next line, all of its holes if it drills, and those of a move that has waited
     /// for it. One that is refused has none.
-    pub(crate) fn line(&mut self, line: &[u8]) -> Vec<Command> {
+    pub fn line(&mut self, line: &[u8]) -> Vec<Command> {
         self.programmed = None;
         self.line.clear();
         let bytes = line.iter().copied().chain([b'\n']);

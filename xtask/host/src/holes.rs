@@ -12,31 +12,33 @@ const KEPT: usize = 1 << 16;
 
 /// A hole.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(crate) struct Hole {
-    pub(crate) cycle: Cycle,
+pub struct Hole {
+    /// What drills it.
+    pub cycle: Cycle,
     /// Where its first feed begins, mm in machine coordinates.
-    pub(crate) top: [f64; LINEAR],
+    pub top: [f64; LINEAR],
     /// Its bottom.
-    pub(crate) bottom: [f64; LINEAR],
+    pub bottom: [f64; LINEAR],
 }
 
 /// The holes of a program.
 #[derive(Debug, Clone, Default, PartialEq)]
-pub(crate) struct Holes {
+pub struct Holes {
     /// In the order in which they are drilled.
-    pub(crate) holes: Vec<Hole>,
+    pub holes: Vec<Hole>,
     /// How many each cycle has drilled, in the order of the first of each.
-    pub(crate) counts: Vec<(Cycle, u64)>,
+    pub counts: Vec<(Cycle, u64)>,
 }
 
 impl Holes {
     /// Returns the axes along which there are holes.
-    pub(crate) fn depth_axes(&self) -> impl Iterator<Item = usize> {
+    pub fn depth_axes(&self) -> impl Iterator<Item = usize> {
         let is_deep = |hole: &Hole, axis: usize| hole.top[axis] != hole.bottom[axis];
         (0..LINEAR).filter(move |axis| self.holes.iter().any(|hole| is_deep(hole, *axis)))
     }
 
-    pub(crate) fn push(&mut self, hole: Hole) {
+    /// Adds the next hole.
+    pub fn push(&mut self, hole: Hole) {
         let mut counts = self.counts.iter_mut();
         match counts.find(|(cycle, _)| *cycle == hole.cycle) {
             Some((_, count)) => *count += 1,
@@ -49,7 +51,7 @@ impl Holes {
 }
 
 /// Returns the holes of a line in a cycle: the places where its feed moves reach their greatest depth.
-pub(crate) fn holes_of_line(
+pub fn holes_of_line(
     interpreter: &Interpreter,
     cycle: Cycle,
     mut from: Axes<Nm>,
@@ -97,11 +99,25 @@ fn millimetres(position: &Axes<Nm>) -> [f64; LINEAR] {
 
 #[cfg(test)]
 mod tests {
-    use super::*;
-    use crate::marks;
+    use leadscrew::{gcode::MotionMode, settings::Settings};
 
-    fn found(lines: &[(&str, bool)]) -> Holes {
-        marks::found(lines).holes
+    use super::*;
+    use crate::program_reader::ProgramReader;
+
+    fn found(lines: &[&str]) -> Holes {
+        let mut reader = ProgramReader::new(&Settings::default());
+        let mut found = Holes::default();
+        for line in lines {
+            let from = reader.interpreter().position();
+            let commands = reader.line(line.as_bytes());
+            if let MotionMode::Cycle(cycle) = reader.interpreter().modal().motion {
+                let holes = holes_of_line(reader.interpreter(), cycle, from, &commands);
+                for hole in holes {
+                    found.push(hole);
+                }
+            }
+        }
+        found
     }
 
     fn hole(cycle: Cycle, [x, y]: [f64; 2], top: f64, bottom: f64) -> Hole {
@@ -127,7 +143,7 @@ mod tests {
             ("G89 P0", Cycle::G89),
         ] {
             let line = format!("{words} X4 Y5 Z-3 R2");
-            let found = found(&[("G0 Z10 F100", false), (&line, false), ("X6", false)]);
+            let found = found(&["G0 Z10 F100", &line, "X6"]);
             let expected = [[4.0, 5.0], [6.0, 5.0]].map(|at| hole(cycle, at, 2.0, -3.0));
             assert_eq!(found.holes, expected, "{line}");
             assert_eq!(found.counts, [(cycle, 2)]);
@@ -135,13 +151,12 @@ mod tests {
     }
 
     #[test]
-    fn repeats_are_holes_and_refused_lines_are_none() {
+    fn repeats_are_holes() {
         let found = found(&[
-            ("G10 L2 P1 R90", false),
-            ("G0 Z10 F100", false),
-            ("G91 G99 G83 X5 Z-3 R-8 Q1 L2", false),
-            ("X5", true),
-            ("G80", false),
+            "G10 L2 P1 R90",
+            "G0 Z10 F100",
+            "G91 G99 G83 X5 Z-3 R-8 Q1 L2",
+            "G80",
         ]);
         let expected = [5.0, 10.0].map(|y| hole(Cycle::G83, [0.0, y], 2.0, -1.0));
         assert_eq!(found.holes, expected);
@@ -149,7 +164,7 @@ mod tests {
 
     #[test]
     fn holes_lie_along_the_axis_of_their_plane() {
-        let found = found(&[("F100 G18", false), ("G81 X1 Z2 Y-3 R-1", false)]);
+        let found = found(&["F100 G18", "G81 X1 Z2 Y-3 R-1"]);
         assert_eq!(found.holes[0].top, [1.0, -1.0, 2.0]);
         assert_eq!(found.holes[0].bottom, [1.0, -3.0, 2.0]);
     }
