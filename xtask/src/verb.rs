@@ -26,7 +26,7 @@ pub(crate) struct Verb {
 }
 
 /// Every command.
-pub(crate) const VERBS: [Verb; 18] = [
+pub(crate) const VERBS: [Verb; 19] = [
     verb(
         "bench",
         tools::TARGET,
@@ -109,6 +109,11 @@ pub(crate) const VERBS: [Verb; 18] = [
         about: "Test everything that needs no hardware",
         tool: None,
     },
+    verb(
+        "view",
+        tools::VIEW,
+        "Show a G-code program as a page: its path, its speeds and its time",
+    ),
 ];
 
 const fn verb(name: &'static str, tool: Tool, about: &'static str) -> Verb {
@@ -196,10 +201,19 @@ const READ: [&str; 7] = [
     "--tool-table",
 ];
 /// Commands whose argument is something to be read.
-const READERS: [&str; 6] = ["conformance", "latency", "monitor", "qemu", "run", "sim"];
+const READERS: [&str; 7] = [
+    "conformance",
+    "latency",
+    "monitor",
+    "qemu",
+    "run",
+    "sim",
+    "view",
+];
 /// Their options without a value.
-const FLAGS: [&str; 7] = [
+const FLAGS: [&str; 8] = [
     "--locked",
+    "--no-open",
     "--on-target",
     "--qemu",
     "--quality",
@@ -324,6 +338,7 @@ mod tests {
             ("qemu no.nc", "no.nc"),
             ("monitor --sim no.nc --svg a.svg", "no.nc"),
             ("monitor --port /dev/no", "/dev/no"),
+            ("view --no-open no.nc -o a.html", "no.nc"),
             ("run no.elf", "no.elf"),
         ] {
             let (verb, arguments) = typed(line);

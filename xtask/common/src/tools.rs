@@ -121,6 +121,8 @@ pub const FIRMWARE: Tool =
 pub const SETTINGS: Tool = Tool::new("settings", "the tool for settings", "about a minute");
 /// `cargo xtask monitor`.
 pub const MONITOR: Tool = Tool::new("monitor", "the monitor", "about a minute");
+/// `cargo xtask view`.
+pub const VIEW: Tool = Tool::new("view", "the view of jobs", "about a minute");
 /// `cargo xtask soak` and `fuzz`: an overflow ends them.
 pub const SOAK: Tool = Tool {
     profile: "checked",

@@ -11,7 +11,7 @@ use leadscrew::{
     model::Command,
     path::Compensator,
     protocol::{Line, Session},
-    settings::{Settings, assign},
+    settings::{Settings, TOOL_CHANGE_IGNORED, assign},
 };
 
 /// Reads a program as the machine does.
@@ -22,6 +22,8 @@ pub struct ProgramReader {
     compensator: Compensator,
     /// The move of the last line as it is programmed, where it is compensated.
     programmed: Option<CompensatedMove>,
+    /// The tool for which the machine waits in the last line.
+    changed_tool: Option<u8>,
     /// Something has moved the machine that only the machine knows the end of.
     is_lost: bool,
 }
@@ -44,6 +46,7 @@ impl ProgramReader {
             line: Line::new(),
             compensator: Compensator::new(),
             programmed: None,
+            changed_tool: None,
             is_lost: false,
         }
     }
@@ -68,10 +71,16 @@ impl ProgramReader {
         self.programmed.as_ref()
     }
 
+    /// The tool that the last line has the operator put in.
+    pub fn changed_tool(&self) -> Option<u8> {
+        self.changed_tool
+    }
+
     /// The commands of the next line, all of its holes if it drills, and those of a move that has waited
     /// for it. One that is refused has none.
     pub fn line(&mut self, line: &[u8]) -> Vec<Command> {
         self.programmed = None;
+        self.changed_tool = None;
         self.line.clear();
         let bytes = line.iter().copied().chain([b'\n']);
         let text = if self.line.take_from(bytes) {
@@ -103,6 +112,8 @@ impl ProgramReader {
             return Vec::new();
         }
         self.programmed = programmed;
+        let waits = checked.changes_tool() && self.settings.tool_change != TOOL_CHANGE_IGNORED;
+        self.changed_tool = waits.then(|| checked.loaded_tool());
         let mut outcome = Outcome::default();
         self.interpreter.commit(&checked, &mut outcome);
         let is_move = |command: &Command| matches!(command, Command::Line { .. });
@@ -204,6 +215,16 @@ mod tests {
         }
         assert_eq!(ends("X-31"), [[0; 2]; 0]);
         assert_eq!(ends("G40"), [[-32, 25]]);
+    }
+
+    #[test]
+    fn a_line_that_changes_the_tool_tells_which() {
+        let mut reader = ProgramReader::new(&Settings::default());
+        let tools = ["T3", "M6 G0 X1", "M6 T5", "M61 Q2", "X2"].map(|line| {
+            reader.line(line.as_bytes());
+            reader.changed_tool()
+        });
+        assert_eq!(tools, [None, Some(3), Some(5), None, None]);
     }
 
     #[test]

@@ -1,0 +1,103 @@
+//! What the page shows of a job, beside its path and its text.
+
+use serde::Serialize;
+
+/// A job as the page gets it.
+#[derive(Debug, Clone, Default, Serialize)]
+pub(crate) struct Job {
+    pub(crate) title: String,
+    pub(crate) axes: Vec<Axis>,
+    pub(crate) path: PathInfo,
+    /// Length of a stretch of the curves, s.
+    pub(crate) stretch_s: f64,
+    pub(crate) times: Times,
+    pub(crate) lines: u64,
+    pub(crate) events: u64,
+    pub(crate) hash: String,
+    /// Where the machine ended: state, and the position as it tells it.
+    pub(crate) end: String,
+    pub(crate) refused: Vec<Refused>,
+    pub(crate) refused_count: u64,
+    pub(crate) alarms: Vec<Refused>,
+    pub(crate) holes: Vec<HoleMark>,
+    pub(crate) tool_changes: Vec<PlaceMark>,
+    pub(crate) work_zeros: Vec<PlaceMark>,
+    pub(crate) settings: Vec<SettingRow>,
+    pub(crate) is_laser: bool,
+    /// The program, a line each.
+    #[serde(skip)]
+    pub(crate) text: Vec<u8>,
+    /// The columns of the path, one behind the other.
+    #[serde(skip)]
+    pub(crate) columns: Vec<u8>,
+    /// The curves, in the order of the axes that have any.
+    #[serde(skip)]
+    pub(crate) curves: Vec<u8>,
+}
+
+/// An axis.
+#[derive(Debug, Clone, Default, Serialize)]
+pub(crate) struct Axis {
+    pub(crate) letter: char,
+    /// Steps per mm or degree.
+    pub(crate) scale: f64,
+    pub(crate) is_rotary: bool,
+    /// Largest speed, mm/min, acceleration, mm/s², and jerk, mm/s³, or degrees.
+    pub(crate) limits: [Option<f64>; 3],
+    /// Values of a level of its curves, mm/s and so on; none for an axis that stands.
+    pub(crate) levels: Option<[f64; 3]>,
+}
+
+/// The path.
+#[derive(Debug, Clone, Default, Serialize)]
+pub(crate) struct PathInfo {
+    pub(crate) vertices: usize,
+    /// Segments that the machine has played.
+    pub(crate) segments: u64,
+}
+
+/// What the time goes into, s.
+#[derive(Debug, Clone, Default, Serialize)]
+pub(crate) struct Times {
+    pub(crate) cutting: f64,
+    pub(crate) rapids: f64,
+    pub(crate) standstill: f64,
+    pub(crate) other: f64,
+}
+
+/// A refused line, or an alarm behind a line.
+#[derive(Debug, Clone, Default, Serialize)]
+pub(crate) struct Refused {
+    pub(crate) line: u64,
+    /// `error:20` or `ALARM:2`.
+    pub(crate) name: String,
+    pub(crate) why: String,
+}
+
+/// A hole: mm in machine coordinates.
+#[derive(Debug, Clone, Default, Serialize)]
+pub(crate) struct HoleMark {
+    pub(crate) line: u64,
+    pub(crate) name: String,
+    pub(crate) top: [f64; 3],
+    pub(crate) bottom: [f64; 3],
+}
+
+/// Something at a place.
+#[derive(Debug, Clone, Default, PartialEq, Serialize)]
+pub(crate) struct PlaceMark {
+    pub(crate) line: u64,
+    pub(crate) name: String,
+    pub(crate) at: [f64; 3],
+}
+
+/// A setting.
+#[derive(Debug, Clone, Default, Serialize)]
+pub(crate) struct SettingRow {
+    /// `$110=5000.000`.
+    pub(crate) text: String,
+    pub(crate) name: String,
+    pub(crate) unit: String,
+    /// Whether the value is not that of a new machine.
+    pub(crate) is_changed: bool,
+}

@@ -1,0 +1,97 @@
+//! The page: one file with everything in it, and nothing that is fetched.
+
+use crate::{columns::packed, job::Job};
+
+/// What a browser may do with the page: run what is in it, and ask nobody for anything.
+const POLICY: &str = "default-src 'none'; script-src 'unsafe-inline'; style-src 'unsafe-inline'; \
+    img-src data:; connect-src 'none'; base-uri 'none'; form-action 'none'";
+
+const FRAME: &str = include_str!("page/page.html");
+const STYLE: &str = include_str!("page/page.css");
+/// In the order in which they need each other.
+const SCRIPTS: [&str; 6] = [
+    include_str!("page/decode.js"),
+    include_str!("page/path.js"),
+    include_str!("page/scene.js"),
+    include_str!("page/curves.js"),
+    include_str!("page/listing.js"),
+    include_str!("page/view.js"),
+];
+
+/// Returns the page of a job.
+pub(crate) fn write(job: &Job) -> String {
+    let facts = serde_json::to_vec(job).expect("names and numbers become JSON");
+    let packs = [
+        ("facts", &facts),
+        ("path", &job.columns),
+        ("curves", &job.curves),
+        ("program", &job.text),
+    ];
+    let packs = packs.map(|(name, bytes)| {
+        let text = packed(bytes);
+        format!("<script type=\"text/plain\" id=\"pack-{name}\">{text}</script>\n")
+    });
+    let parts = [
+        ("TITLE", escaped(&job.title)),
+        ("POLICY", POLICY.into()),
+        ("STYLE", STYLE.into()),
+        ("PACKS", packs.concat()),
+        ("SCRIPT", SCRIPTS.concat()),
+    ];
+    filled(&parts)
+}
+
+/// Puts parts in place of their names: `{{TITLE}}`.
+fn filled(parts: &[(&str, String)]) -> String {
+    let mut page = String::new();
+    let mut rest = FRAME;
+    while let Some((before, behind)) = rest.split_once("{{") {
+        let (name, after) = behind.split_once("}}").expect("each name ends");
+        let part = parts.iter().find(|(part, _)| *part == name);
+        page += before;
+        page += &part.expect("each name has a part").1;
+        rest = after;
+    }
+    page + rest
+}
+
+/// A text that HTML does not take for something else.
+fn escaped(text: &str) -> String {
+    let text = text.replace('&', "&amp;").replace('<', "&lt;");
+    text.replace('>', "&gt;").replace('"', "&quot;")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn page() -> String {
+        write(&Job {
+            title: "</title><script>alert('a & b')</script>.nc".into(),
+            text: b"(</script><script>alert(1)</script> http://a.b/)\n".to_vec(),
+            ..Job::default()
+        })
+    }
+
+    #[test]
+    fn the_page_names_no_address_and_forbids_every_request() {
+        let page = page();
+        for part in [
+            "http:", "https:", "://", "url(", "import(", "@import", "fetch(", "src=", "href=",
+        ] {
+            assert!(!page.contains(part), "{part}");
+        }
+        assert!(page.contains("default-src 'none'") && page.contains("connect-src 'none'"));
+        assert!(!page.contains("{{"));
+    }
+
+    #[test]
+    fn a_title_or_a_program_ends_no_script() {
+        let page = page();
+        assert!(page.contains("&lt;script&gt;alert('a &amp; b')"));
+        assert!(!page.contains("<script>alert"));
+        let begun = page.matches("<script").count();
+        assert_eq!(begun, 5);
+        assert_eq!(page.matches("</script>").count(), begun);
+    }
+}

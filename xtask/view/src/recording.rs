@@ -1,0 +1,365 @@
+//! What is recorded of a run for its page.
+
+use std::collections::VecDeque;
+
+use host::{
+    figures::Figures, holes, play, play::Recorder, program_reader::ProgramReader, settings::name,
+};
+use leadscrew::{
+    axis::{AXES, Axes, LETTERS, LINEAR},
+    gcode::{LineError, MotionMode},
+    model::{Alarm, Command},
+    protocol::Session,
+    settings::{Setting, Settings},
+    sim::{PlayedSegment, SegmentKind, Simulator},
+    units::Nm,
+};
+
+use crate::{
+    columns::{Column, varint},
+    curves::Curves,
+    job::{Axis, HoleMark, Job, PathInfo, PlaceMark, Refused, SettingRow, Times},
+    merge::Merger,
+    vertex::{Vertex, kind_number, power_of},
+};
+
+/// Most marks of a kind, and most refused lines that are listed.
+const KEPT: usize = 20_000;
+
+/// Records a run.
+pub(crate) struct Recording {
+    marks: MarkRecorder,
+    text: Vec<u8>,
+    merger: Merger,
+    pub(crate) path: Path,
+    pub(crate) curves: Curves,
+    /// Speed, power and line of the segment before.
+    before: (f32, u32, u32),
+    segments: u64,
+    is_begun: bool,
+}
+
+impl Recording {
+    /// For a machine as it is before the program.
+    pub(crate) fn new(session: &Session) -> Self {
+        let scales = scales(session.settings());
+        Self {
+            marks: MarkRecorder::new(ProgramReader::of(session)),
+            text: Vec::new(),
+            merger: Merger::new(scales),
+            path: Path::default(),
+            curves: Curves::new(scales),
+            before: (0.0, 0, 0),
+            segments: 0,
+            is_begun: false,
+        }
+    }
+
+    /// Returns the job; `settings` are those of the machine before it.
+    pub(crate) fn finish(mut self, figures: &Figures, title: &str, settings: &Settings) -> Job {
+        let path = &mut self.path;
+        self.merger.flush(&mut |vertex| path.push(vertex));
+        let seconds = path.duration_us() as f64 * 1e-6;
+        let stretch_s = self.curves.finish(seconds);
+        let mut curves = Vec::new();
+        let axes = (0..AXES).map(|axis| {
+            let has_moved = self.curves.axes[axis].has_moved();
+            axis_of(
+                settings,
+                axis,
+                has_moved.then(|| self.curves.write(axis, &mut curves)),
+            )
+        });
+        let times = &figures.times;
+        Job {
+            title: title.into(),
+            axes: axes.collect(),
+            path: PathInfo {
+                vertices: path.vertices,
+                segments: self.segments,
+            },
+            stretch_s,
+            times: Times {
+                cutting: times.cutting_s,
+                rapids: times.rapid_s,
+                standstill: times.standstill_s,
+                other: times.other_s,
+            },
+            lines: figures.lines,
+            events: figures.events,
+            hash: figures.event_hash.clone(),
+            end: figures.end.state.clone(),
+            refused: refused(figures),
+            refused_count: figures.responses.refused(),
+            alarms: alarms(figures),
+            holes: self.marks.holes,
+            tool_changes: self.marks.tool_changes,
+            work_zeros: self.marks.work_zeros,
+            settings: setting_rows(settings),
+            is_laser: settings.laser,
+            text: self.text,
+            columns: std::mem::take(path).finish(),
+            curves,
+        }
+    }
+}
+
+impl Recorder for Recording {
+    fn line(&mut self, line: &[u8]) {
+        self.text.extend_from_slice(line);
+        self.text.push(b'\n');
+        self.marks.line(line);
+    }
+
+    fn segment(&mut self, segment: &PlayedSegment) {
+        // What is before the first motion is no part of the job.
+        self.is_begun |= segment.kind != SegmentKind::Standstill;
+        if !self.is_begun {
+            return;
+        }
+        self.segments += 1;
+        self.curves.push(segment);
+        let (speed, power, line_before) = self.before;
+        // Dwells have no line of their own.
+        let is_still = segment.kind == SegmentKind::Standstill;
+        let line = if is_still { line_before } else { segment.line };
+        let vertex = Vertex::begin(segment, speed, power, line);
+        let path = &mut self.path;
+        self.merger.push(vertex, &mut |kept| path.push(kept));
+        self.before = (segment.end_mm_min, power_of(segment), line);
+    }
+
+    fn answer(&mut self, is_refused: bool) {
+        self.marks.answer(is_refused);
+    }
+
+    fn wants_line_numbers(&self) -> bool {
+        true
+    }
+}
+
+/// The vertices that stay, as columns.
+#[derive(Debug, Clone, Default)]
+pub(crate) struct Path {
+    pub(crate) vertices: usize,
+    times: Column,
+    steps: [Column; AXES],
+    speeds: Column,
+    lines: Column,
+    kinds: Vec<u8>,
+    programmed: Column,
+    /// Where a piece begins with another power than the one before has ended with, and how the power
+    /// changes within a piece.
+    powers: [Column; 2],
+    begun_us: Option<u64>,
+    end_us: u64,
+    /// All vertices, for tests.
+    #[cfg(test)]
+    pub(crate) kept: Vec<Vertex>,
+}
+
+impl Path {
+    pub(crate) fn push(&mut self, vertex: &Vertex) {
+        #[cfg(test)]
+        self.kept.push(*vertex);
+        let begun = *self.begun_us.get_or_insert(vertex.us);
+        self.end_us = vertex.us;
+        self.vertices += 1;
+        self.times.push((vertex.us - begun).cast_signed());
+        for (column, steps) in self.steps.iter_mut().zip(vertex.steps) {
+            column.push(steps.into());
+        }
+        self.speeds.push(vertex.speed.into());
+        self.lines.push(vertex.span.line.into());
+        varint(&mut self.kinds, kind_number(vertex.span.kind));
+        self.programmed.push(vertex.span.programmed.into());
+        for (column, power) in self.powers.iter_mut().zip(vertex.power) {
+            column.push(power.into());
+        }
+    }
+
+    fn duration_us(&self) -> u64 {
+        self.end_us - self.begun_us.unwrap_or(self.end_us)
+    }
+
+    /// Returns the columns, one behind the other.
+    pub(crate) fn finish(self) -> Vec<u8> {
+        let mut bytes = self.times.bytes;
+        let steps = self.steps.into_iter().map(|column| column.bytes);
+        let others = [
+            self.speeds.bytes,
+            self.lines.bytes,
+            self.kinds,
+            self.programmed.bytes,
+        ];
+        let powers = self.powers.map(|column| column.bytes);
+        for mut column in steps.chain(others).chain(powers) {
+            bytes.append(&mut column);
+        }
+        bytes
+    }
+}
+
+/// What is marked, and what waits for the answer to its line.
+struct MarkRecorder {
+    reader: ProgramReader,
+    lines: u64,
+    /// Of each line that is not answered.
+    pending: VecDeque<Marks>,
+    holes: Vec<HoleMark>,
+    tool_changes: Vec<PlaceMark>,
+    work_zeros: Vec<PlaceMark>,
+}
+
+/// What a line marks.
+#[derive(Default)]
+struct Marks {
+    holes: Vec<HoleMark>,
+    tool_change: Option<PlaceMark>,
+    work_zero: Option<PlaceMark>,
+}
+
+impl MarkRecorder {
+    fn new(reader: ProgramReader) -> Self {
+        Self {
+            reader,
+            lines: 0,
+            pending: VecDeque::new(),
+            holes: Vec::new(),
+            tool_changes: Vec::new(),
+            work_zeros: Vec::new(),
+        }
+    }
+
+    fn line(&mut self, line: &[u8]) {
+        self.lines += 1;
+        let from = self.reader.interpreter().position();
+        let commands = self.reader.line(line);
+        let interpreter = self.reader.interpreter();
+        let modal = interpreter.modal();
+        let mut marks = Marks::default();
+        if let MotionMode::Cycle(cycle) = modal.motion {
+            let found = holes::holes_of_line(interpreter, cycle, from, &commands);
+            let named = found.into_iter().map(|hole| HoleMark {
+                line: self.lines,
+                name: format!("G{}", hole.cycle as u8),
+                top: hole.top,
+                bottom: hole.bottom,
+            });
+            marks.holes.extend(named);
+        }
+        let mark = |name: String, at: &Axes<Nm>| PlaceMark {
+            line: self.lines,
+            name,
+            at: std::array::from_fn(|axis| at[axis].0 as f64 * 1e-6),
+        };
+        let changed = self.reader.changed_tool();
+        marks.tool_change = changed.map(|tool| mark(format!("T{tool}"), &from));
+        let moves =
+            |command: &Command| matches!(command, Command::Line { .. } | Command::Arc { .. });
+        if commands.iter().any(moves) {
+            let zero = interpreter.work_offset(&interpreter.position());
+            marks.work_zero = Some(mark(modal.coordinates.word().into(), &zero));
+        }
+        self.pending.push_back(marks);
+    }
+
+    fn answer(&mut self, is_refused: bool) {
+        let marks = self.pending.pop_front().unwrap_or_default();
+        if is_refused {
+            return;
+        }
+        self.holes.extend(marks.holes);
+        self.holes.truncate(KEPT);
+        self.tool_changes.extend(marks.tool_change);
+        self.tool_changes.truncate(KEPT);
+        let known = |zero: &PlaceMark, all: &[PlaceMark]| {
+            all.iter()
+                .any(|one| (&one.name, one.at) == (&zero.name, zero.at))
+        };
+        let zeros = &mut self.work_zeros;
+        let is_new = |zero: &PlaceMark| !known(zero, zeros);
+        if let Some(zero) = marks.work_zero.filter(is_new) {
+            zeros.push(zero);
+            zeros.truncate(KEPT);
+        }
+    }
+}
+
+/// Steps per mm or degree of each axis.
+pub(crate) fn scales(settings: &Settings) -> [f64; AXES] {
+    settings
+        .steps_per_mm
+        .0
+        .map(|scale| scale.millionths() as f64 * 1e-6)
+}
+
+fn axis_of(settings: &Settings, axis: usize, levels: Option<[f64; 3]>) -> Axis {
+    let jerk = Some(settings.jerk_mm_s3[axis]).filter(|jerk| *jerk > 0.0);
+    let limits = [
+        Some(settings.max_rate_mm_min[axis]),
+        Some(settings.acceleration_mm_s2[axis]),
+        jerk,
+    ];
+    Axis {
+        letter: char::from(LETTERS[axis]),
+        scale: scales(settings)[axis],
+        is_rotary: axis >= LINEAR,
+        limits: limits.map(|limit| limit.map(f64::from)),
+        levels,
+    }
+}
+
+/// The refused lines, and why.
+fn refused(figures: &Figures) -> Vec<Refused> {
+    let text = |name: &str| {
+        let mut errors = LineError::ALL.iter();
+        let error = errors.find(|error| error.to_string() == name);
+        error.map_or("an unknown error", |error| error.text())
+    };
+    let answers = figures.responses.iter();
+    let named = answers.map(|(line, answer)| (line, answer.to_string()));
+    let refused = named.filter(|(_, name)| name != "ok");
+    let refused = refused.map(|(line, name)| Refused {
+        line,
+        why: text(&name).into(),
+        name,
+    });
+    refused.take(KEPT).collect()
+}
+
+/// The alarms, with the line after whose answer each rose.
+fn alarms(figures: &Figures) -> Vec<Refused> {
+    let messages = figures.messages.iter();
+    let alarms = messages.filter(|(_, text)| text.starts_with("ALARM:"));
+    let alarms = alarms.map(|(line, text)| {
+        let mut all = Alarm::ALL.into_iter();
+        let alarm = all.find(|alarm| alarm.to_string() == *text);
+        Refused {
+            line: *line,
+            name: text.clone(),
+            why: alarm.map_or("an unknown alarm", Alarm::text).into(),
+        }
+    });
+    alarms.take(KEPT).collect()
+}
+
+/// All settings, as the machine lists them.
+fn setting_rows(settings: &Settings) -> Vec<SettingRow> {
+    let listed = |settings: &Settings| {
+        let mut simulator = Box::new(Simulator::new(settings));
+        let mut said = play::ask(&mut simulator, b"$+\n");
+        // The welcome comes first.
+        said.retain(|line| line.starts_with('$'));
+        said
+    };
+    let (used, new) = (listed(settings), listed(&Settings::new(settings.step_rate)));
+    let rows = Setting::all().zip(used.into_iter().zip(new));
+    let rows = rows.map(|(setting, (text, default))| SettingRow {
+        is_changed: text != default,
+        name: name(&setting),
+        unit: setting.row.unit.into(),
+        text,
+    });
+    rows.collect()
+}
