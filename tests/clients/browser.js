@@ -6,8 +6,14 @@ const path = require('path');
 
 const puppeteer = require('puppeteer-core');
 
-/** A browser that sees nothing but this machine, and that ends with the script. */
-function browse() {
+/**
+ * A browser that sees nothing but this machine, and that ends with the script. A page that needs no `drawing` in
+ * three dimensions does without, as processors would draw it here.
+ */
+function browse(what = '') {
+  const drawing = what === 'drawing'
+    ? ['--use-angle=swiftshader', '--enable-unsafe-swiftshader']
+    : ['--disable-3d-apis'];
   return puppeteer.launch({
     executablePath: process.env.CHROMIUM,
     pipe: true,
@@ -18,8 +24,7 @@ function browse() {
       '--no-sandbox',
       '--host-resolver-rules=MAP * ~NOTFOUND, EXCLUDE 127.0.0.1',
       '--disable-dev-shm-usage',
-      // The page can do without its drawing, and processors would draw it here.
-      '--disable-3d-apis',
+      ...drawing,
     ],
   });
 }

@@ -12,6 +12,7 @@ mod machine;
 mod monitor;
 mod reprap;
 mod tap;
+mod view;
 
 use std::{
     fs, mem,
@@ -224,7 +225,10 @@ fn all() -> impl Iterator<Item = Check> {
             Check::new(name, move || drive(sender, place, wire))
         })
     });
-    senders.chain([Check::new("the monitor's page", monitor::page)])
+    senders.chain([
+        Check::new("the monitor's page", monitor::page),
+        Check::new("the page of a job", view::page),
+    ])
 }
 
 /// Drives one sender at one machine.
