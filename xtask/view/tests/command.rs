@@ -1,0 +1,118 @@
+//! `cargo xtask view` as a user starts it.
+#![cfg(unix)]
+
+use std::{
+    fs,
+    os::unix::fs::PermissionsExt as _,
+    path::Path,
+    process::{Command, Output},
+};
+
+use tempfile::TempDir;
+
+/// A folder with a program in it.
+fn folder(program: &str) -> TempDir {
+    let folder = tempfile::tempdir().expect("a folder can be made");
+    fs::write(folder.path().join("part <1>.nc"), program).expect("it can be written");
+    folder
+}
+
+fn view(folder: &Path, arguments: &[&str]) -> Output {
+    Command::new(env!("CARGO_BIN_EXE_view"))
+        .arg("part <1>.nc")
+        .args(arguments)
+        .current_dir(folder)
+        .env("BROWSER", folder.join("browser"))
+        .output()
+        .expect("it starts")
+}
+
+fn said(output: &Output) -> String {
+    let both = [&output.stdout, &output.stderr];
+    both.map(|text| String::from_utf8_lossy(text)).concat()
+}
+
+#[test]
+fn the_page_goes_where_it_is_asked_for() {
+    let folder = folder("G0X1\nG1X5F100\n");
+    let output = view(folder.path(), &["--set", "$110=700", "-o", "page.html"]);
+    assert!(output.status.success(), "{output:?}");
+    let text = said(&output);
+    assert!(
+        text.contains("page.html") && text.contains("cutting"),
+        "{text}"
+    );
+    assert!(!text.contains("Opening"), "{text}");
+    let page = fs::read_to_string(folder.path().join("page.html")).expect("the page is there");
+    assert!(page.starts_with("<!doctype html>") && page.ends_with("</html>\n"));
+    assert!(page.contains("<title>part &lt;1&gt;.nc</title>"));
+}
+
+#[test]
+fn refused_lines_and_alarms_are_told_by_the_status_and_have_a_page() {
+    for program in ["G0X1\nG999\n", "$X\nG38.2Z-1F100\n"] {
+        let folder = folder(program);
+        let output = view(folder.path(), &["-o", "page.html"]);
+        assert_eq!(output.status.code(), Some(1), "{output:?}");
+        assert!(folder.path().join("page.html").exists());
+    }
+}
+
+#[test]
+fn what_is_wrong_leaves_no_page() {
+    let folder = folder("G0X1\n");
+    for (arguments, reason) in [
+        (&["--set", "$110=fast", "-o", "page.html"][..], "$110=fast"),
+        (
+            &["--settings", "none.settings", "-o", "page.html"],
+            "none.settings",
+        ),
+        (&["-o", "none/page.html"], "cannot create none/page.html"),
+    ] {
+        let output = view(folder.path(), arguments);
+        assert!(
+            !output.status.success() && said(&output).contains(reason),
+            "{output:?}"
+        );
+        assert!(!folder.path().join("page.html").exists());
+    }
+}
+
+#[test]
+fn the_browser_gets_a_page_that_has_no_name() {
+    let folder = folder("G0X1\n");
+    let [browser, pipe] = ["browser", "pipe"].map(|name| folder.path().join(name));
+    let script = format!("#!/bin/sh\necho \"$1\" > '{}'\n", pipe.display());
+    fs::write(&browser, script).expect("it can be written");
+    fs::set_permissions(&browser, fs::Permissions::from_mode(0o755)).expect("it is ours");
+    let made = Command::new("mkfifo")
+        .arg(&pipe)
+        .status()
+        .expect("mkfifo starts");
+    assert!(made.success());
+    let output = view(folder.path(), &[]);
+    assert!(
+        output.status.success() && said(&output).contains("Opening"),
+        "{output:?}"
+    );
+    let opened = fs::read_to_string(&pipe).expect("the browser tells");
+    let page = Path::new(opened.trim());
+    assert!(
+        fs::read_to_string(page).is_ok_and(|text| text.starts_with("<!doctype html>")),
+        "{opened}"
+    );
+    fs::remove_dir_all(page.parent().expect("it lies in a folder")).expect("the folder is ours");
+    let quiet = view(folder.path(), &["--no-open"]);
+    let text = said(&quiet);
+    assert!(
+        quiet.status.success() && !text.contains("Opening"),
+        "{text}"
+    );
+    let path = text
+        .split_once("points: ")
+        .expect("it says where the page is")
+        .1
+        .trim();
+    let folder = Path::new(path).parent().expect("it lies in a folder");
+    fs::remove_dir_all(folder).expect("the folder is ours");
+}
