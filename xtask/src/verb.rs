@@ -26,7 +26,7 @@ pub(crate) struct Verb {
 }
 
 /// Every command.
-pub(crate) const VERBS: [Verb; 19] = [
+pub(crate) const VERBS: [Verb; 20] = [
     verb(
         "bench",
         tools::TARGET,
@@ -84,6 +84,7 @@ pub(crate) const VERBS: [Verb; 19] = [
         tools::SCHEDULE,
         "Prove from the machine code that every task meets its deadline",
     ),
+    verb("send", tools::SEND, "Send a G-code program to a machine"),
     verb(
         "settings",
         tools::SETTINGS,
@@ -201,22 +202,27 @@ const READ: [&str; 7] = [
     "--tool-table",
 ];
 /// Commands whose argument is something to be read.
-const READERS: [&str; 7] = [
+const READERS: [&str; 8] = [
     "conformance",
     "latency",
     "monitor",
     "qemu",
     "run",
+    "send",
     "sim",
     "view",
 ];
 /// Their options without a value.
-const FLAGS: [&str; 8] = [
+const FLAGS: [&str; 12] = [
+    "--confirmed",
+    "--despite-refusals",
+    "--home",
     "--locked",
     "--no-open",
     "--on-target",
     "--qemu",
     "--quality",
+    "--resume",
     "--sim",
     "--switches",
     "--all",
@@ -339,6 +345,7 @@ mod tests {
             ("monitor --sim no.nc --svg a.svg", "no.nc"),
             ("monitor --port /dev/no", "/dev/no"),
             ("view --no-open no.nc -o a.html", "no.nc"),
+            ("send --resume no.nc --tcp localhost:1", "no.nc"),
             ("run no.elf", "no.elf"),
         ] {
             let (verb, arguments) = typed(line);

@@ -117,6 +117,8 @@ pub const SCHEDULE: Tool =
 /// `cargo xtask build` and `size`.
 pub const FIRMWARE: Tool =
     Tool::new("firmware", "the builder of firmware", "half a minute").for_any_axes();
+/// `cargo xtask send`.
+pub const SEND: Tool = Tool::new("send", "the sender", "about a minute");
 /// `cargo xtask settings`.
 pub const SETTINGS: Tool = Tool::new("settings", "the tool for settings", "about a minute");
 /// `cargo xtask monitor`.

@@ -1,0 +1,273 @@
+//! What is known of a machine before a job: its settings, offsets, tools, modes and position.
+//!
+//! It is kept as the machine has said it, so that a job can be continued by another run of the tool.
+
+use anyhow::{Result, bail, ensure};
+use host::{
+    machine::Ends,
+    play,
+    settings::{self, Dump},
+};
+use leadscrew::{
+    axis::{AXES, LETTERS},
+    model::{State, WorkCoordinates},
+    settings::{Settings, StepRate},
+    sim::{Edge, Simulator, Stream, StreamEnd, Watcher},
+};
+use serde::{Deserialize, Serialize};
+
+/// A baud rate at which the line takes no time.
+pub(crate) const FAST: u32 = 10_000_000;
+
+/// The answers of a machine at rest.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
+pub(crate) struct Facts {
+    /// Lines of `$I`.
+    pub(crate) version: Vec<String>,
+    /// Lines of `$+`, or of `$$`.
+    pub(crate) settings: Vec<String>,
+    /// Lines of `$#`.
+    pub(crate) parameters: Vec<String>,
+    /// Lines of `$TT`; none from a machine without a tool table.
+    pub(crate) tools: Vec<String>,
+    /// The line of `$G`.
+    pub(crate) modes: String,
+    /// The machine position in the unit of reports.
+    pub(crate) position: Vec<f64>,
+}
+
+impl Facts {
+    /// The settings. Those of which another firmware has other limits are left as they are by default.
+    pub(crate) fn settings(&self) -> Settings {
+        let rate = self.version.iter().find_map(|line| step_rate(line));
+        let start = Settings::new(rate.unwrap_or_default());
+        let entries = Dump::read(&self.settings.join("\n")).entries;
+        match settings::combine(&start, &entries) {
+            Ok(combined) => combined.settings,
+            Err(refused) => {
+                let is_refused = |number| refused.iter().any(|one| one.entry.number == number);
+                let rest: Vec<_> = entries
+                    .iter()
+                    .filter(|entry| !is_refused(entry.number))
+                    .cloned()
+                    .collect();
+                settings::combine(&start, &rest).map_or(start, |combined| combined.settings)
+            }
+        }
+    }
+
+    /// The values behind a name in `$#`, and what stands behind another colon.
+    pub(crate) fn parameter(&self, name: &str) -> Option<(&str, Option<&str>)> {
+        let inside = self.parameters.iter().find_map(|line| {
+            let (found, rest) = line.strip_prefix('[')?.strip_suffix(']')?.split_once(':')?;
+            (found == name).then_some(rest)
+        })?;
+        let mut parts = inside.split(':');
+        Some((parts.next().unwrap_or_default(), parts.next()))
+    }
+
+    /// Lines that make another machine stand as this one.
+    fn set_up(&self) -> Vec<String> {
+        let is_in_inches = self.settings().report_inches;
+        let unit = if is_in_inches { "G20" } else { "G21" };
+        let mut lines = vec![format!("{unit} G90 G94")];
+        for (number, system) in (1..).zip(WorkCoordinates::ALL) {
+            if let Some((values, angle)) = self.parameter(system.word()) {
+                let angle = angle.map_or(String::new(), |angle| format!(" R{angle}"));
+                lines.push(format!("G10 L2 P{number}{}{angle}", words(values)));
+            }
+        }
+        for tool in &self.tools {
+            if let Some((number, rest)) =
+                tool.strip_prefix('T').and_then(|tool| tool.split_once(' '))
+            {
+                // The pocket is no word of the statement.
+                let rest = rest.split(' ').filter(|word| !word.starts_with('P'));
+                lines.push(format!(
+                    "$TT{number}={}",
+                    rest.collect::<Vec<_>>().join(" ")
+                ));
+            }
+        }
+        for reference in ["G28", "G30"] {
+            if let Some((values, _)) = self.parameter(reference) {
+                lines.push(format!("G53 G0{}", words(values)));
+                lines.push(format!("{reference}.1"));
+            }
+        }
+        let position: Vec<_> = self
+            .position
+            .iter()
+            .map(|value| format!("{value:.4}"))
+            .collect();
+        lines.push(format!("G53 G0{}", words(&position.join(","))));
+        match self.parameter("TLO") {
+            Some((length, _)) if length.contains(',') => {
+                lines.push(format!("G43.1{}", words(length)));
+            }
+            Some((length, _)) if is_not_zero(length) => lines.push(format!("G43.1 Z{length}")),
+            _ => {}
+        }
+        if let Some((values, _)) = self
+            .parameter("G92")
+            .filter(|(values, _)| is_not_zero(values))
+        {
+            lines.push(format!("G52{}", words(values)));
+        }
+        let feed = self.mode_words(|letter, _| letter == 'F');
+        lines.push(format!("{unit} {feed}"));
+        lines.push(self.mode_words(stays));
+        lines
+    }
+
+    /// The words of `$G` that are wanted, by letter and number.
+    fn mode_words(&self, is_wanted: impl Fn(char, f64) -> bool) -> String {
+        let inside = self.modes.trim_start_matches("[GC:").trim_end_matches(']');
+        let wanted = inside.split(' ').filter(|word| {
+            let mut characters = word.chars();
+            let letter = characters.next().unwrap_or_default();
+            is_wanted(letter, characters.as_str().parse().unwrap_or_default())
+        });
+        wanted.collect::<Vec<_>>().join(" ")
+    }
+
+    /// A virtual machine that stands as this one.
+    pub(crate) fn simulator(&self, needs_switches: bool) -> Result<Box<Simulator>> {
+        ensure!(
+            self.position.len() == AXES,
+            "the machine has {} axes, and this tool {AXES}: see --axes",
+            self.position.len()
+        );
+        let settings = self.settings();
+        let mut simulator = Box::new(Simulator::new(&settings));
+        simulator.settle();
+        if simulator.snapshot().state == State::Alarm {
+            play::ask(&mut simulator, b"$X\n");
+        }
+        let text = self.set_up().join("\n") + "\n";
+        let mut refusal = Refusal::default();
+        let mut stream = Stream::new(&mut *simulator, text.bytes(), FAST).with_statements_at_rest();
+        let end = stream.run(&mut refusal);
+        drop(stream);
+        if let Some(line) = refusal.0 {
+            let text = text.lines().nth(line as usize - 1).unwrap_or_default();
+            bail!("the virtual machine refuses {text}");
+        }
+        ensure!(
+            end == StreamEnd::Complete && simulator.snapshot().state == State::Idle,
+            "the virtual machine cannot be where the machine is"
+        );
+        if needs_switches {
+            Ends::of(&settings).mount_on(&mut simulator);
+        }
+        Ok(simulator)
+    }
+}
+
+/// Whether a mode stays from one program to the next: not motion, cycles, compensation, lengths of tools,
+/// which are offsets, spindle and coolant.
+fn stays(letter: char, number: f64) -> bool {
+    match letter {
+        'S' | 'T' => true,
+        'G' => (17.0..=21.0).contains(&number) || (54.0..70.0).contains(&number) || number >= 90.0,
+        _ => false,
+    }
+}
+
+/// The first line that is refused.
+#[derive(Default)]
+struct Refusal(Option<u64>);
+
+impl Watcher for Refusal {
+    fn edge(&mut self, _: &Edge) {}
+
+    fn answer(&mut self, line: u64, answer: &[u8]) {
+        if !answer.starts_with(b"ok") {
+            self.0.get_or_insert(line);
+        }
+    }
+
+    fn message(&mut self, _: u64, _: &[u8]) {}
+}
+
+/// Values between commas as axis words.
+fn words(values: &str) -> String {
+    let axes = LETTERS.iter().take(AXES).zip(values.split(','));
+    let words = axes.map(|(letter, value)| {
+        [" ", str::from_utf8(&[*letter]).unwrap_or_default(), value].concat()
+    });
+    words.collect()
+}
+
+fn is_not_zero(values: &str) -> bool {
+    values.split(',').any(|value| value.parse() != Ok(0.0))
+}
+
+/// The step rate in a line of `$I`.
+fn step_rate(line: &str) -> Option<StepRate> {
+    let rest = line.strip_prefix("[MSG:Step rate: ")?.strip_suffix(']')?;
+    match rest.split_once(" Hz, ")? {
+        (hz, "proven") => Some(StepRate::Proven(hz.parse().ok()?)),
+        _ => Some(StepRate::Unproven),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// What a virtual machine says of itself.
+    fn facts(simulator: &mut Simulator) -> Facts {
+        let mut ask = |text: &str| play::ask(simulator, text.as_bytes());
+        let report = ask("?");
+        let position = report[0]
+            .split_once("MPos:")
+            .unwrap()
+            .1
+            .split('|')
+            .next()
+            .unwrap();
+        let position = position
+            .split(',')
+            .map(|value| value.parse().unwrap())
+            .collect();
+        Facts {
+            version: ask("$I\n"),
+            settings: ask("$+\n"),
+            parameters: ask("$#\n"),
+            tools: ask("$TT\n"),
+            modes: ask("$G\n").remove(0),
+            position,
+        }
+    }
+
+    #[test]
+    fn another_machine_stands_as_the_one_that_was_asked() {
+        for settings in ["", "$13=1\n"] {
+            let mut first = Box::new(Simulator::new(&Settings::default()));
+            let program = format!(
+                "{settings}$110=2000\n$TT3=Z12.5 D6\nG10 L2 P2 X1.25 Y-3 Z0.5 R30\nG1 X7 Y2 F400\nG30.1\nG0 X3.5 Z1\n\
+                 G52 X0.5\nG43.1 Z-2.5\nG55 G91 G18 G61.1 T3 S500 F250\n"
+            );
+            let mut refusal = Refusal::default();
+            Stream::new(&mut *first, program.bytes(), FAST)
+                .with_statements_at_rest()
+                .run(&mut refusal);
+            assert_eq!(refusal.0, None);
+            let one = facts(&mut first);
+            let other = facts(&mut one.simulator(false).unwrap());
+            let modes = one
+                .modes
+                .replace("[GC:G0", "[GC:")
+                .replace("[GC:G1", "[GC:");
+            assert_eq!(other.modes.replace("[GC:G0", "[GC:"), modes);
+            assert_eq!(
+                Facts {
+                    modes: one.modes.clone(),
+                    ..other
+                },
+                one
+            );
+        }
+    }
+}

@@ -1,0 +1,310 @@
+//! The command as it is typed, at the simulator behind a serial device and a TCP port.
+
+mod support;
+
+use std::{collections::HashSet, fs};
+
+use support::{Cable, Sending, Simulator, path};
+use tempfile::{TempDir, tempdir};
+
+/// Quick enough that no test lasts, and slow enough that a key finds the machine in motion.
+const SETTINGS: [&str; 9] = [
+    "$100=80",
+    "$101=80",
+    "$102=80",
+    "$110=5000",
+    "$111=5000",
+    "$112=5000",
+    "$120=500",
+    "$121=500",
+    "$122=500",
+];
+
+/// Two tools, two depths, and a round corner.
+const JOB: &str = "\
+G21 G90 G54
+G10 L2 P1 X1.2 Y2.4 Z-0.3
+T1 M6
+M3 S1000
+G0 Z5
+G0 X5 Y5
+G1 Z-1 F600
+G1 X30 F900
+Y20
+G2 X20 Y30 I-10 J0 (a quarter)
+G1 X5
+Y5
+G0 Z5
+T2 M6
+M3 S1000
+G0 X8 Y8
+G1 Z-2 F600
+X14 F900
+Y12
+X8
+Y8
+X14
+Y12
+X8
+Y8
+X14
+Y12
+X8
+Y8
+X14
+Y12
+X8
+Y8
+G0 Z5
+M5
+G0 X0 Y0
+M2
+";
+
+/// Depths of the job above, in steps: below the origin of its work coordinates.
+const DEPTHS: [i32; 2] = [-104, -184];
+
+fn file(folder: &TempDir, name: &str, text: &str) -> String {
+    let path = path(folder, name);
+    fs::write(&path, text).unwrap();
+    path
+}
+
+/// Where the steps have led, X Y Z.
+fn trace(path: &str) -> Vec<[i32; 3]> {
+    let text = fs::read_to_string(path).unwrap();
+    let row = |line: &str| {
+        let mut numbers = line
+            .split(',')
+            .skip(1)
+            .map(|number| number.parse().unwrap());
+        [(); 3].map(|()| numbers.next().unwrap())
+    };
+    text.lines().skip(1).map(row).collect()
+}
+
+/// Everything that is reached at the depths of the job.
+fn cut(trace: &[[i32; 3]]) -> HashSet<[i32; 3]> {
+    trace
+        .iter()
+        .copied()
+        .filter(|[_, _, z]| DEPTHS.contains(z))
+        .collect()
+}
+
+/// Whether all of one is within a step of the other.
+fn is_covered(one: &HashSet<[i32; 3]>, other: &HashSet<[i32; 3]>) -> bool {
+    let near = |[x, y, z]: &[i32; 3]| {
+        (-1..=1).any(|dx| (-1..=1).any(|dy| other.contains(&[x + dx, y + dy, *z])))
+    };
+    one.iter().all(near)
+}
+
+/// Runs the job without a disturbance, and returns its steps.
+fn undisturbed(folder: &TempDir) -> Vec<[i32; 3]> {
+    let (job, steps) = (file(folder, "plain.nc", JOB), path(folder, "plain.csv"));
+    let device = path(folder, "plain");
+    let simulator = Simulator::start(&["--pty", &device, "--trace", &steps], &SETTINGS);
+    let mut sending = Sending::start(&[&job, "--port", &device]);
+    for _ in 0..2 {
+        sending.until("the machine waits");
+        sending.press("r");
+    }
+    sending.succeeds();
+    assert!(!fs::exists(format!("{job}.resume")).unwrap());
+    drop(simulator);
+    trace(&steps)
+}
+
+#[test]
+fn a_job_that_is_held_unplugged_and_resumed_has_the_steps_of_an_undisturbed_one() {
+    let folder = tempdir().unwrap();
+    let expected = undisturbed(&folder);
+    let (job, steps) = (file(&folder, "job.nc", JOB), path(&folder, "job.csv"));
+    let device = path(&folder, "tty");
+    let simulator = Simulator::start(&["--pty", &device, "--trace", &steps], &SETTINGS);
+
+    let cable = Cable::plug_in(&device, &path(&folder, "cable"));
+    let mut sending = Sending::start(&[&job, "--port", &cable.device]);
+    sending.until("[MSG:Tool change: T1]");
+    sending.until("the machine waits");
+    sending.press("r");
+    sending.until("Run ");
+    sending.press("h");
+    sending.until("the machine is held");
+    sending.press("+r");
+    sending.until("[MSG:Tool change: T2]");
+    sending.until("the machine waits");
+    sending.press("r");
+    sending.until("Run ");
+    cable.unplug();
+    let said = sending.fails();
+    assert!(
+        said.contains("--resume continues it") && said.contains("has gone"),
+        "{said}"
+    );
+
+    let cable = Cable::plug_in(&device, &path(&folder, "cable"));
+    let mut sending = Sending::start(&[
+        &job,
+        "--port",
+        &cable.device,
+        "--resume",
+        "--spin-up",
+        "0.1",
+    ]);
+    sending.until("modes     [GC:G");
+    let tool = sending.until("tool ");
+    assert!(tool.ends_with(" T2") || tool.ends_with(" T1"), "{tool}");
+    sending.until("[y/n]");
+    sending.press("y");
+    if tool.ends_with(" T1") {
+        sending.until("[MSG:Tool change: T2]");
+        sending.until("the machine waits");
+        sending.press("r");
+    }
+    sending.succeeds();
+    cable.unplug();
+    drop(simulator);
+
+    let done = trace(&steps);
+    assert_eq!(done.last(), expected.last());
+    let (expected, done) = (cut(&expected), cut(&done));
+    assert!(expected.len() > 1000, "{}", expected.len());
+    assert!(is_covered(&expected, &done), "something has not been cut");
+    assert!(is_covered(&done, &expected), "something else has been cut");
+}
+
+/// A short job, of which the last line may be another one.
+fn short(last: &str) -> String {
+    format!("G21 G90\nG0 X2\nG0 Y2\n{last}\n")
+}
+
+#[test]
+fn a_job_with_refused_lines_is_not_begun_unless_that_is_asked_for() {
+    let folder = tempdir().unwrap();
+    let steps = path(&folder, "steps.csv");
+    let (simulator, address) = Simulator::tcp(&["--trace", &steps], &SETTINGS);
+    let job = file(&folder, "job.nc", &short("G999"));
+    let said = Sending::start(&[&job, "--tcp", &address]).fails();
+    assert!(
+        said.contains("error:20") && said.contains("nothing was sent"),
+        "{said}"
+    );
+    let said = Sending::start(&[&job, "--tcp", &address, "--despite-refusals"]).fails();
+    assert!(
+        said.contains("line 4 is refused: G999: error:20") && said.contains("Done"),
+        "{said}"
+    );
+    drop(simulator);
+    assert_eq!(trace(&steps).last(), Some(&[160, 160, 0]));
+}
+
+#[test]
+fn a_job_that_would_leave_the_travel_is_not_begun() {
+    let folder = tempdir().unwrap();
+    let guarded = [&SETTINGS[..], &["$22=1", "$20=1"]].concat();
+    let (_simulator, address) = Simulator::tcp(&["--switches"], &guarded);
+    let job = file(&folder, "job.nc", "G21 G90\nG0 X-2\nG0 X-900\n");
+    let said = Sending::start(&[&job, "--tcp", &address]).fails();
+    assert!(
+        said.contains("the machine is locked: --home homes it"),
+        "{said}"
+    );
+    let fast = ["$24=600", "$25=5000", "$130=20", "$131=20", "$132=20"];
+    let (_simulator, address) = Simulator::tcp(&["--switches"], &[&guarded[..], &fast].concat());
+    let said = Sending::start(&[&job, "--tcp", &address, "--home"]).fails();
+    assert!(said.contains("line 3 would end in ALARM:2"), "{said}");
+    let job = file(&folder, "job.nc", "G21 G90\nG0 X-2\nG0 X-9\n");
+    let said = Sending::start(&[&job, "--tcp", &address]).succeeds();
+    assert!(
+        said.contains("machine position -9.000 -1.000 -1.000"),
+        "{said}"
+    );
+}
+
+#[test]
+fn without_an_operator_a_change_of_the_tool_ends_the_job() {
+    let folder = tempdir().unwrap();
+    let (_simulator, address) = Simulator::tcp(&[], &SETTINGS);
+    let job = file(&folder, "job.nc", &short("T1 M6\nG0 X5"));
+    let mut sending = Sending::start(&[&job, "--tcp", &address]);
+    sending.leave();
+    let said = sending.fails();
+    assert!(
+        said.contains("waits for its operator ([MSG:Tool change: T1]), and nobody is there"),
+        "{said}"
+    );
+    // The machine was reset at rest: it takes the next job, and stands where it was.
+    let mut sending = Sending::start(&[&job, "--tcp", &address, "--resume", "--confirmed"]);
+    sending.until("position  X");
+    sending.until("the machine waits");
+    sending.press("r");
+    let said = sending.succeeds();
+    assert!(
+        said.contains("machine position 5.000 2.000 0.000"),
+        "{said}"
+    );
+}
+
+#[test]
+fn ctrl_c_holds_and_a_second_one_ends_the_job_which_is_continued_only_with_a_yes() {
+    let folder = tempdir().unwrap();
+    let (_simulator, address) = Simulator::tcp(&[], &SETTINGS);
+    let job = file(&folder, "job.nc", &short("G1 X60 F600"));
+    let mut sending = Sending::start(&[&job, "--tcp", &address]);
+    sending.until("Run ");
+    sending.interrupt();
+    sending.until("the machine is held");
+    sending.interrupt();
+    let said = sending.fails();
+    assert!(
+        said.contains("the job was interrupted") && said.contains("--resume continues it"),
+        "{said}"
+    );
+
+    let mut sending = Sending::start(&[&job, "--tcp", &address, "--resume"]);
+    sending.until("[y/n]");
+    sending.press("n");
+    assert!(sending.fails().contains("nothing was sent"));
+    let mut sending = Sending::start(&[&job, "--tcp", &address, "--resume"]);
+    sending.leave();
+    assert!(sending.fails().contains("nothing was sent"));
+    let mut sending = Sending::start(&[&job, "--tcp", &address, "--resume"]);
+    sending.until("[y/n]");
+    sending.press("y");
+    let said = sending.succeeds();
+    assert!(
+        said.contains("machine position 60.000 2.000 0.000"),
+        "{said}"
+    );
+    // Where a line begins that is told, as long as no axis is where nothing says.
+    let placed = file(&folder, "placed.nc", "G21 G90\nG0 X1 Y1 Z1\nG0 X2\nG0 X3\n");
+    let mut sending = Sending::start(&[&placed, "--tcp", &address, "--from", "4", "--confirmed"]);
+    sending.until("position  X2 Y1 Z1");
+    sending.succeeds();
+    let said = Sending::start(&[&job, "--tcp", &address, "--from", "3"]).fails();
+    assert!(
+        said.contains("depends on where the machine stood"),
+        "{said}"
+    );
+    // Nothing is left to continue.
+    let said = Sending::start(&[&job, "--tcp", &address, "--resume"]).fails();
+    assert!(
+        said.contains("there is no record of an interrupted job"),
+        "{said}"
+    );
+}
+
+#[test]
+fn a_program_that_has_been_changed_is_not_continued() {
+    let folder = tempdir().unwrap();
+    let (_simulator, address) = Simulator::tcp(&[], &SETTINGS);
+    let job = file(&folder, "job.nc", &short("T1 M6"));
+    let mut sending = Sending::start(&[&job, "--tcp", &address]);
+    sending.leave();
+    sending.fails();
+    file(&folder, "job.nc", &short("T1 M6\nG0 X1"));
+    let said = Sending::start(&[&job, "--tcp", &address, "--resume"]).fails();
+    assert!(said.contains("the program has been changed"), "{said}");
+}
