@@ -1,5 +1,7 @@
 //! A job on the virtual machine in advance: when each line is answered, and what is refused.
 
+use std::collections::VecDeque;
+
 use anyhow::{Result, bail};
 use host::{refusal, sender::Response};
 use leadscrew::{
@@ -13,6 +15,10 @@ use crate::facts::Facts;
 /// Entries that path control and cutter compensation may still make of the moves that wait for the next one
 /// when a line is answered.
 const DIVIDED: u32 = 4;
+
+/// Steps of entries that count as finished may still be queued: at most 5 ms of them, twice of which is
+/// waited here, s.
+const QUEUED_S: f64 = 0.01;
 
 /// How far the machine is.
 #[derive(Debug, Clone, Copy, Default)]
@@ -49,7 +55,8 @@ impl Forecast {
             start,
             base: simulator.session().entered(),
             finished_base: simulator.snapshot().finished,
-            latest: (0.0, 0),
+            now_s: 0.0,
+            finished: VecDeque::from([(0.0, 0)]),
             pending: Vec::new(),
             forecast: Self::default(),
             alarm: None,
@@ -71,7 +78,7 @@ impl Forecast {
             );
         }
         let mut forecast = recorder.forecast;
-        forecast.total_s = recorder.latest.0;
+        forecast.total_s = recorder.now_s;
         Ok(forecast)
     }
 
@@ -116,8 +123,10 @@ struct Recorder<'a> {
     start: u64,
     base: u32,
     finished_base: u32,
-    /// The time and the number of finished entries.
-    latest: (f64, u32),
+    /// The time, s from the first line.
+    now_s: f64,
+    /// Numbers of finished entries, and since when they are that: the first one is from before what is queued.
+    finished: VecDeque<(f64, u32)>,
     /// The finished entries at answers since the last change.
     pending: Vec<u32>,
     forecast: Forecast,
@@ -144,12 +153,29 @@ impl Watcher for Recorder<'_> {
             .snapshot()
             .finished
             .wrapping_sub(self.finished_base);
-        self.latest = (ticks as f64 / f64::from(TICKS_PER_SECOND), finished);
+        let now_s = ticks as f64 / f64::from(TICKS_PER_SECOND);
+        self.now_s = now_s;
+        if self
+            .finished
+            .back()
+            .is_none_or(|(_, known)| *known != finished)
+        {
+            self.finished.push_back((now_s, finished));
+        }
+        // The first one stays that from before what is queued.
+        while self
+            .finished
+            .get(1)
+            .is_some_and(|(since_s, _)| since_s + QUEUED_S <= now_s)
+        {
+            self.finished.pop_front();
+        }
     }
 
     fn answer(&mut self, line: u64, answer: &[u8]) {
-        self.forecast.answered_s.push(self.latest.0);
-        self.pending.push(self.latest.1);
+        self.forecast.answered_s.push(self.now_s);
+        self.pending
+            .push(self.finished.front().map_or(0, |(_, finished)| *finished));
         let text = String::from_utf8_lossy(answer);
         if let Some(response @ Response::Error(_)) = Response::parse(&text) {
             let sent = line
@@ -219,7 +245,7 @@ mod tests {
     #[test]
     fn lines_that_wait_in_the_machine_are_not_done() {
         let moves: Vec<_> = (1..400).map(|x| format!("G1 X{x} F600")).collect();
-        let job = lines(&format!("{}\nG4 P0\nG1 X0\n", moves.join("\n")));
+        let job = lines(&format!("{}\nG4 P0.1\nG1 X0\n", moves.join("\n")));
         let forecast = Forecast::of(&facts(), &job, FAST).unwrap();
         assert_eq!(forecast.first_undone(0), 0);
         // All of these are answered before the first millimetre is done.
@@ -229,5 +255,61 @@ mod tests {
         // The dwell is answered when everything before it has been done; the line behind it may have come
         // before its answer.
         assert_eq!(forecast.first_undone(400), 399);
+    }
+
+    /// How far X is when each line is answered, steps.
+    #[derive(Default)]
+    struct Reached {
+        now: i32,
+        at_answers: Vec<i32>,
+    }
+
+    impl Watcher for Reached {
+        fn edge(&mut self, _: &Edge) {}
+
+        fn change(&mut self, simulator: &Simulator) {
+            self.now = simulator.physical_steps()[0];
+        }
+
+        fn answer(&mut self, _: u64, _: &[u8]) {
+            self.at_answers.push(self.now);
+        }
+
+        fn message(&mut self, _: u64, _: &[u8]) {}
+    }
+
+    #[test]
+    fn no_line_counts_as_done_before_the_machine_has_made_its_move() {
+        for modes in ["G61", "G64 P0.1", "G64 P0.1 Q0.1"] {
+            // Moves of half a millimetre, between comments that keep the line busy for a while.
+            let mut text = vec![modes.to_owned(), "F3000".into()];
+            for number in 1..60 {
+                text.push(format!("G1 X{}", f64::from(number) / 2.0));
+                let comments = (number * 7) % 5;
+                text.extend((0..comments).map(|_| format!("({})", "x".repeat(100))));
+            }
+            let job = lines(&text.join("\n"));
+            for baud in [FAST, 100_000] {
+                let forecast = Forecast::of(&facts(), &job, baud).unwrap();
+                let mut simulator = facts().simulator(false).unwrap();
+                let bytes = job
+                    .iter()
+                    .flat_map(|line| line.iter().copied().chain([b'\n']));
+                let mut reached = Reached::default();
+                Stream::new(&mut simulator, bytes, baud)
+                    .with_statements_at_rest()
+                    .run(&mut reached);
+                for (answered, steps) in (1..).zip(reached.at_answers) {
+                    let undone = forecast.first_undone(answered);
+                    let ends = job[..undone].iter().filter(|line| line.starts_with(b"G1"));
+                    // 250 steps in a millimetre.
+                    let end: i32 = ends.map(|_| 125).sum();
+                    assert!(
+                        end <= steps,
+                        "{modes}, {baud}: {undone} of {answered} at {steps}"
+                    );
+                }
+            }
+        }
     }
 }

@@ -164,7 +164,8 @@ impl Machine {
         let tools = self.try_ask("$TT", timeout)?.unwrap_or_default();
         let modes = self.ask("$G", timeout)?;
         let mut reports = 0;
-        while self.status.machine_position().is_none() {
+        // The offset between both is not in every report.
+        while self.status.machine_position().is_none() || self.status.work_position().is_none() {
             reports += 1;
             ensure!(reports < REPORTS, "the machine does not tell its position");
             self.report()?;

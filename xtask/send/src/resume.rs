@@ -370,7 +370,10 @@ fn modes(modal: &Modal, settings: &Settings) -> String {
 
 #[cfg(test)]
 mod tests {
-    use leadscrew::sim::{Edge, Simulator, Stream, StreamEnd, Watcher};
+    use leadscrew::{
+        settings::TOOL_CHANGE_IGNORED,
+        sim::{Edge, Simulator, Stream, StreamEnd, Watcher},
+    };
 
     use super::*;
     use crate::facts::FAST;
@@ -505,6 +508,18 @@ mod tests {
                 entry.approach
             );
         }
+    }
+
+    #[test]
+    fn behind_a_change_of_the_tool_the_spindle_is_off_unless_the_machine_ignores_it() {
+        let job = "M3 S500\nG0 X1 Y1 Z1\nT2 M6\nG0 X2";
+        assert!(entry_of(job, 4).unwrap().modes.contains(" M5 "));
+        let settings = Settings {
+            tool_change: TOOL_CHANGE_IGNORED,
+            ..Settings::default()
+        };
+        let entry = entry_with(job, 4, true, &settings).unwrap();
+        assert!(entry.modes.contains(" M3 "), "{}", entry.modes);
     }
 
     #[test]
