@@ -379,7 +379,7 @@ fn listed_at_least(line: &str) -> usize {
         "$G" | "$" => 1,
         "$I" | "$N" => 2,
         "$#" => 11,
-        "$$" => 34,
+        "$$" | "$+" => 34,
         _ => 0,
     }
 }
@@ -406,8 +406,10 @@ fn may_be_refused(line: &str, answer: &str) -> bool {
 /// Whether a line asks for what is listed before its answer.
 fn asks(line: &str, asked: &str) -> bool {
     let line = line.trim().to_ascii_uppercase();
-    // A probing move tells where it ended.
-    line == asked || asked == PROBED && (line == "$#" || line.contains("G38"))
+    // A probing move tells where it ended, and `$+` lists all settings.
+    line == asked
+        || asked == "$$" && line == "$+"
+        || asked == PROBED && (line == "$#" || line.contains("G38"))
 }
 
 #[cfg(test)]

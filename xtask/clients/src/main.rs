@@ -28,7 +28,7 @@ use anyhow::{Context, Error, Result, anyhow, bail, ensure};
 use clap::Parser;
 use common::{
     check::{self, Check, Verdict},
-    ui,
+    tools, ui,
 };
 use leadscrew::settings::Settings;
 use rustix::process::{Pid, Signal};
@@ -69,6 +69,8 @@ static INSTALLING: Mutex<()> = Mutex::new(());
 enum Sender {
     /// A client of our own that keeps exactly 128 bytes in flight.
     Raw,
+    /// `cargo xtask send`.
+    Ours,
     GrblStreamer,
     Bcnc,
     Cncjs,
@@ -81,8 +83,9 @@ enum Sender {
 }
 
 impl Sender {
-    const ALL: [Self; 7] = [
+    const ALL: [Self; 8] = [
         Self::Raw,
+        Self::Ours,
         Self::GrblStreamer,
         Self::Bcnc,
         Self::Cncjs,
@@ -94,6 +97,7 @@ impl Sender {
     fn name(self) -> &'static str {
         match self {
             Self::Raw => "raw client",
+            Self::Ours => "cargo xtask send",
             Self::GrblStreamer => "grbl-streamer",
             Self::Bcnc => "bCNC",
             Self::Cncjs => "cncjs",
@@ -131,11 +135,19 @@ impl Sender {
             Self::Bcnc => (install::python_with_tk()?, "bcnc_jobs.py"),
             Self::Printcore => (install::python()?, "printcore_jobs.py"),
             Self::OctoPrintRules => (install::python()?, "octoprint_jobs.py"),
+            Self::Ours => return Ok((with_our_sender()?, "send_jobs.py")),
             Self::Cncjs => return Ok((with_modules()?, "cncjs_jobs.js")),
             Self::CncjsPage => return Ok((browser_and_modules()?, "cncjs_page_jobs.js")),
         };
         Ok((Command::new(program), script))
     }
+}
+
+/// Python, with the path of our own sender in its environment.
+fn with_our_sender() -> Result<Command> {
+    let mut python = Command::new(install::plain_python()?);
+    python.env("SEND", tools::command(tools::SEND)?.get_program());
+    Ok(python)
 }
 
 /// Node, which finds the packages of `package.json`.
