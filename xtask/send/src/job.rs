@@ -28,20 +28,24 @@ pub(crate) enum Key {
     Realtime(u8),
 }
 
-/// The keys, the bytes that they send, and what they do.
-pub(crate) const KEYS: [(u8, Key, &str); 12] = [
-    (b'h', Key::Hold, "hold"),
-    (b'r', Key::Resume, "resume"),
-    (b'q', Key::Stop, "stop"),
-    (b'+', Key::Realtime(0x91), "feed +10 %"),
-    (b'-', Key::Realtime(0x92), "feed -10 %"),
-    (b'0', Key::Realtime(0x90), "feed 100 %"),
-    (b'f', Key::Realtime(0x95), "rapids 100 %"),
-    (b'm', Key::Realtime(0x96), "rapids 50 %"),
-    (b'l', Key::Realtime(0x97), "rapids 25 %"),
-    (b'S', Key::Realtime(0x9a), "spindle +10 %"),
-    (b's', Key::Realtime(0x9b), "spindle -10 %"),
-    (b'c', Key::Realtime(0xa0), "coolant"),
+/// The keys, in the order in which they are shown, and what they ask for.
+pub(crate) const KEYS: [(u8, Key); 12] = [
+    (b'h', Key::Hold),
+    (b'r', Key::Resume),
+    (b'q', Key::Stop),
+    // Feed: 10 % more, 10 % less, as programmed.
+    (b'+', Key::Realtime(0x91)),
+    (b'-', Key::Realtime(0x92)),
+    (b'0', Key::Realtime(0x90)),
+    // Rapids: full, a half, a quarter.
+    (b'f', Key::Realtime(0x95)),
+    (b'm', Key::Realtime(0x96)),
+    (b'l', Key::Realtime(0x97)),
+    // Spindle: 10 % more, 10 % less.
+    (b'S', Key::Realtime(0x9a)),
+    (b's', Key::Realtime(0x9b)),
+    // Flood coolant on and off.
+    (b'c', Key::Realtime(0xa0)),
 ];
 
 impl Key {
@@ -54,8 +58,8 @@ impl Key {
             byte => byte,
         };
         KEYS.iter()
-            .find(|(key, _, _)| *key == byte)
-            .map(|(_, key, _)| *key)
+            .find(|(key, _)| *key == byte)
+            .map(|(_, key)| *key)
     }
 }
 

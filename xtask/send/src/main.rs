@@ -202,6 +202,7 @@ fn look_ahead(options: &Options, began: &Facts, lines: &[Vec<u8>]) -> Result<For
     } else {
         FAST
     };
+    ui::status("Trying", "the job on the virtual machine");
     let forecast =
         Forecast::of(began, lines, baud).context("the job was tried on the virtual machine")?;
     if !forecast.refused.is_empty() {

@@ -18,11 +18,7 @@ use rustix::{
     termios::{LocalModes, OptionalActions, Termios},
 };
 
-use crate::{
-    job::{Job, KEYS, Key},
-    link,
-    status::Status,
-};
+use crate::{job::Job, link, status::Status};
 
 /// How often the state is printed where nobody can see a bar.
 const PRINT_EVERY: Duration = Duration::from_secs(10);
@@ -120,9 +116,10 @@ pub(crate) struct Screen {
 impl Screen {
     pub(crate) fn new(lines: usize) -> Self {
         let bar = output::progress(lines as u64, "lines");
-        let template = "{bar:40.green/dim} {percent:>3} %  {msg}";
+        let template = "{bar:40.green/dim} {percent:>3} %\n{wide_msg}\n{prefix}";
         if let Ok(style) = ProgressStyle::with_template(template) {
             bar.set_style(style.progress_chars("━╸─"));
+            bar.set_prefix(LEGEND);
         }
         Self {
             bar,
@@ -142,7 +139,7 @@ impl Screen {
     pub(crate) fn show(&mut self, job: &Job, remaining_s: Option<f64>) {
         let state = state(&job.status, job.answered(), self.lines, remaining_s);
         self.bar.set_position(job.answered() as u64);
-        self.bar.set_message(format!("{state}\n{}", keys()));
+        self.bar.set_message(state.clone());
         let is_due = self
             .printed
             .is_none_or(|printed| printed.elapsed() >= PRINT_EVERY);
@@ -160,10 +157,7 @@ impl Screen {
 }
 
 /// The keys and what they do.
-fn keys() -> String {
-    let all = KEYS.map(|(key, _, what): (u8, Key, &str)| format!("{} {what}", char::from(key)));
-    all.join("  ")
-}
+const LEGEND: &str = "h hold  r resume  q stop  + - 0 feed  f m l rapids  S s spindle  c coolant";
 
 /// The state of a job in a line.
 fn state(status: &Status, answered: usize, lines: usize, remaining_s: Option<f64>) -> String {
@@ -179,7 +173,7 @@ fn state(status: &Status, answered: usize, lines: usize, remaining_s: Option<f64
     });
     let [feed, rapids, spindle] = status.overrides;
     format!(
-        "{:<7} line {answered} of {lines}{left}  {}  feed, spindle {}  overrides {feed} {rapids} {spindle} %",
+        "{:<7} line {answered} of {lines}{left}  {}  F,S {}  Ov {feed},{rapids},{spindle} %",
         status.state,
         position.join(" "),
         status.speeds,
@@ -189,6 +183,14 @@ fn state(status: &Status, answered: usize, lines: usize, remaining_s: Option<f64
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::job::KEYS;
+
+    #[test]
+    fn every_key_is_shown_and_no_other() {
+        let shown = LEGEND.split(' ').filter(|word| word.len() == 1);
+        let known = KEYS.map(|(key, _)| char::from(key).to_string());
+        assert!(shown.eq(known.iter().map(String::as_str)), "{known:?}");
+    }
 
     #[test]
     fn a_line_tells_state_progress_position_and_overrides() {
@@ -197,7 +199,7 @@ mod tests {
         status.read("<Run|MPos:1.000,2.000,-3.000|FS:500,8000|Ov:110,50,90>");
         assert_eq!(
             state(&status, 5, 20, Some(63.2)),
-            "Run     line 5 of 20  1 min 03.0 s left  X1.000 Y2.000 Z-4.000  feed, spindle 500,8000  overrides 110 50 90 %"
+            "Run     line 5 of 20  1 min 03.0 s left  X1.000 Y2.000 Z-4.000  F,S 500,8000  Ov 110,50,90 %"
         );
     }
 }
