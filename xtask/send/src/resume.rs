@@ -130,7 +130,11 @@ fn last_begin(
     let mut one = Replay::new(beginning.interpreter.clone(), *settings);
     let mut other = one.clone();
     if !beginning.is_placed {
-        move_apart(&one, &mut other);
+        // An axis that the job does not move at all is where it is now.
+        move_apart(&one, &mut other, [true; AXES]);
+        let moved = moved_axes(lines, other.clone());
+        other = one.clone();
+        move_apart(&one, &mut other, moved);
     }
     let mut found = None;
     let mut highest = one.interpreter.position()[Z];
@@ -146,16 +150,31 @@ fn last_begin(
         let is_lost = one.read(line) == Effect::Lost;
         other.read(line);
         if is_lost {
-            move_apart(&one, &mut other);
+            move_apart(&one, &mut other, [true; AXES]);
         }
     }
     found
 }
 
-/// Makes the positions of two interpreters differ in every axis.
-fn move_apart(one: &Replay, other: &mut Replay) {
+/// The axes that lines move from where nothing leads by chance.
+fn moved_axes(lines: &[Vec<u8>], mut replay: Replay) -> [bool; AXES] {
+    let mut moved = [false; AXES];
+    for line in lines {
+        let before = replay.interpreter.position();
+        let is_lost = replay.read(line) == Effect::Lost;
+        let after = replay.interpreter.position();
+        for (axis, moved) in moved.iter_mut().enumerate() {
+            *moved |= is_lost || before[axis] != after[axis];
+        }
+    }
+    moved
+}
+
+/// Makes the positions of two interpreters differ in some axes.
+fn move_apart(one: &Replay, other: &mut Replay, axes: [bool; AXES]) {
     let position = one.interpreter.position();
-    let moved = Axes::from_fn(|axis| position[axis] + Nm(APART.0 * (1 + i64::from(axis as u8))));
+    let apart = |axis: usize| Nm(APART.0 * (1 + i64::from(axis as u8)) * i64::from(axes[axis]));
+    let moved = Axes::from_fn(|axis| position[axis] + apart(axis));
     other.interpreter.set_position(moved);
 }
 
@@ -486,6 +505,15 @@ mod tests {
         let entry = entry_with(job, 7, false, &Settings::default()).unwrap();
         assert_eq!(entry.line, 6);
         assert_eq!(first(job, 3), 3);
+    }
+
+    #[test]
+    fn an_axis_that_the_job_never_moves_is_where_it_is() {
+        let entry = |job: &str| entry_with(job, 3, false, &Settings::default());
+        assert_eq!(entry("G0 X1 Y1\nG0 X2\nG0 X3").unwrap().line, 2);
+        // Z has moved since, or comes back to where it is now.
+        assert!(entry("G0 X1 Y1\nG0 X2\nG0 X3\nG0 Z5").is_err());
+        assert!(entry("G0 X1 Y1\nG0 X2\nG0 X3\nG0 Z0").is_err());
     }
 
     #[test]
