@@ -107,7 +107,12 @@ mod app {
         rtic::pend(PREPARE);
         let shared = Shared {
             snapshot,
-            serial: SerialSession::new(board.session, received_out, cx.local.sent.split()),
+            serial: SerialSession::new(
+                board.session,
+                received_out,
+                cx.local.sent.split(),
+                event_tap,
+            ),
             interpret_waker: None,
             report_waker: None,
             step_timer: board.step_timer,

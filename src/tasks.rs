@@ -21,7 +21,7 @@ use rtic_core::Mutex;
 
 use crate::{
     machine::{Inputs, Snapshot, Watch},
-    model::{Awaited, Levels, Outputs, Release, Requests, queues::SENT_RING},
+    model::{Awaited, ByteFault, Levels, Outputs, Release, Requests, queues::SENT_RING},
     motion::Motion,
     path::Entry,
     protocol::{ByteReader, ByteWriter, Progress, Session, realtime},
@@ -153,7 +153,28 @@ pub fn serial_rx(
     received: &mut ByteWriter<'_>,
     platform: &mut impl Platform,
 ) {
-    match realtime::receive(byte, requests, received) {
+    release(realtime::receive(byte, requests, received), platform);
+}
+
+/// Takes a byte that is not what was sent, or behind which one is lost.
+#[inline(always)]
+#[expect(clippy::inline_always, reason = "it is called from RAM, too")]
+pub fn serial_fault(
+    byte: u8,
+    fault: ByteFault,
+    requests: &Requests,
+    received: &ByteWriter<'_>,
+    platform: &mut impl Platform,
+) {
+    let released = realtime::receive_fault(byte, fault, requests, received);
+    release(released, platform);
+}
+
+/// Releases what a received byte asks for.
+#[inline(always)]
+#[expect(clippy::inline_always, reason = "it is called from RAM, too")]
+fn release(released: Release, platform: &mut impl Platform) {
+    match released {
         Release::Nobody => {}
         Release::Interpret | Release::Report => platform.pend(Task::Wake),
         Release::Prepare => platform.pend(Task::Prepare),

@@ -9,13 +9,13 @@
 //! # Cost
 //!
 //! The receiving functions are inlined into `serial_rx` and into code in RAM: nothing in flash may
-//! run while flash is erased. A run without a byte, after an overrun, is off the path of the
-//! others.
+//! run while flash is erased. A run without a byte, or with one that is damaged, is off the path of the
+//! others: one comparison finds both.
 
 use core::fmt;
 
 use leadscrew::{
-    model::{Requests, queues::SENT_RING},
+    model::{ByteFault, Requests, queues::SENT_RING},
     protocol::{ByteReader, ByteWriter},
     tasks,
 };
@@ -42,25 +42,52 @@ impl Receiver {
     }
 }
 
+/// Flags of the status: RM0090 30.6.1.
+const FRAMING_ERROR: u16 = 1 << 1;
+const NOISE: u16 = 1 << 2;
+const OVERRUN: u16 = 1 << 3;
+const RECEIVED: u16 = 1 << 5;
+
 /// Takes the received byte, if there is one, and releases the task that waits for it.
 ///
-/// A byte that was not taken in time is lost. A byte with a framing error counts as it is.
+/// A byte that was not taken in time, or is damaged, is lost: its line is refused.
 #[inline(always)]
 #[expect(clippy::inline_always, reason = "nothing in flash may be called")]
 fn receive(usart: &UsartRegisters, requests: &Requests, received: &mut ByteWriter<'_>) {
-    let status = usart.sr().read();
-    if status.rxne().bit_is_clear() {
+    let status = usart.sr().read().bits();
+    if status & (FRAMING_ERROR | NOISE | OVERRUN | RECEIVED) != RECEIVED {
         core::hint::cold_path();
-        // The data register is read only after an overrun, which may be reported without a byte and
-        // is cleared by the read (RM0090 30.6.1): another read could take a byte that comes just
-        // then.
-        if status.ore().bit_is_set() {
-            let _ = usart.dr().read();
-        }
+        receive_fault(status, usart, requests, received);
         return;
     }
     let byte = usart.dr().read().dr().bits() as u8;
     tasks::serial_rx(byte, requests, received, &mut ChipPlatform);
+}
+
+/// Takes a byte with a fault, if there is one.
+///
+/// The data register is read only for a byte or after an overrun, which may be reported without a byte and is
+/// cleared by the read (RM0090 30.6.1): another read could take a byte that comes just then.
+#[inline(always)]
+#[expect(clippy::inline_always, reason = "nothing in flash may be called")]
+fn receive_fault(
+    status: u16,
+    usart: &UsartRegisters,
+    requests: &Requests,
+    received: &ByteWriter<'_>,
+) {
+    if status & (RECEIVED | OVERRUN) == 0 {
+        return;
+    }
+    let byte = usart.dr().read().dr().bits() as u8;
+    let fault = if status & FRAMING_ERROR != 0 && byte == 0 {
+        ByteFault::Break
+    } else if status & (FRAMING_ERROR | NOISE) != 0 || status & RECEIVED == 0 {
+        ByteFault::Damaged
+    } else {
+        ByteFault::Overrun
+    };
+    tasks::serial_fault(byte, fault, requests, received, &mut ChipPlatform);
 }
 
 /// The receiver for the time of an erase of flash, in which `serial_rx` cannot run.

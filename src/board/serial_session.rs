@@ -11,7 +11,7 @@ use leadscrew::{
     model::Requests,
     path::Entry,
     protocol::{ByteReader, ByteWriter, Progress, Session},
-    stepper::SegmentRing,
+    stepper::{EventTap, SegmentRing},
     tasks::{self, SessionIo},
 };
 
@@ -25,6 +25,7 @@ pub struct SerialSession {
     sent: ByteWriter<'static>,
     transmitter: Transmitter,
     session: &'static mut Session,
+    events: EventTap<'static>,
 }
 
 impl SerialSession {
@@ -33,12 +34,14 @@ impl SerialSession {
         session: &'static mut Session,
         received: ByteReader<'static>,
         (sent, sent_out): (ByteWriter<'static>, ByteReader<'static>),
+        events: EventTap<'static>,
     ) -> Self {
         Self {
             received,
             sent,
             transmitter: Transmitter::new(sent_out),
             session,
+            events,
         }
     }
 
@@ -52,6 +55,7 @@ impl SerialSession {
         entries: &mut Producer<'static, Entry>,
         storage: &mut Storage,
     ) -> Progress {
+        self.session.set_late_events(self.events.late());
         let store = |change, stored: &_, tools: &_| storage.write(change, stored, tools);
         pins::follow_standing_order(self.session.settings(), inputs);
         let io = self.io();

@@ -122,11 +122,13 @@ pub enum LineError {
     TooMuchWaits = 207,
     /// A canned cycle in `G93`.
     CycleNeedsFeedPerMinute = 208,
+    /// Bytes of the line are lost, or came damaged.
+    BytesLost = 210,
 }
 
 impl LineError {
     /// Every error, in the order of the numbers.
-    pub const ALL: [Self; 56] = [
+    pub const ALL: [Self; 57] = [
         Self::ExpectedLetter,
         Self::BadNumber,
         Self::InvalidStatement,
@@ -183,6 +185,7 @@ impl LineError {
         Self::ToolTableFull,
         Self::TooMuchWaits,
         Self::CycleNeedsFeedPerMinute,
+        Self::BytesLost,
     ];
 
     /// The number after `error:`.
@@ -258,6 +261,7 @@ impl LineError {
             Self::ToolTableFull => "the tool table is full",
             Self::TooMuchWaits => "too much waits for the next move in the plane of compensation",
             Self::CycleNeedsFeedPerMinute => "canned cycles need G94",
+            Self::BytesLost => "bytes of the line were lost or damaged on their way",
         }
     }
 }

@@ -8,6 +8,7 @@
 //! The receiver also runs from RAM while the flash is erased, and can call nothing there: all of it
 //! is inlined.
 
+mod losses;
 mod override_ring;
 mod wakeups;
 
@@ -18,6 +19,7 @@ use core::sync::atomic::{
 };
 
 use super::{HAS_REPRAP, Levels, Override, TOOL_CHANGE};
+use losses::Losses;
 pub use override_ring::OVERRIDES;
 use override_ring::OverrideRing;
 pub use wakeups::Awaited;
@@ -91,8 +93,8 @@ pub struct Requests {
     resets: AtomicU32,
     /// Number of resets by `interpret`, wrapping.
     own_resets: AtomicU32,
-    /// Number of bytes that found the queue full, wrapping.
-    lost: AtomicU32,
+    /// Bytes that are lost.
+    losses: Losses,
     /// The events that release `interpret`, an [`Awaited`].
     awaited: AtomicU8,
     /// `interpret` sorts realtime bytes, and not the receiver.
@@ -124,7 +126,7 @@ impl Requests {
             count: AtomicU32::new(0),
             resets: AtomicU32::new(0),
             own_resets: AtomicU32::new(0),
-            lost: AtomicU32::new(0),
+            losses: Losses::new(),
             awaited: AtomicU8::new(Awaited::ALL.0),
             are_sorted_later: AtomicBool::new(false),
             own_count: AtomicU32::new(0),
@@ -361,17 +363,44 @@ impl Requests {
         self.ticks.load(Relaxed)
     }
 
-    /// Counts a lost byte; for the receiver alone.
+    /// Notes that bytes are lost in front of the one of this number; for the receiver alone.
     #[inline(always)]
     #[expect(clippy::inline_always, reason = "as for `accept`")]
-    pub(crate) fn lose(&self) {
-        self.lost.store(self.lost().wrapping_add(1), Relaxed);
+    pub(crate) fn lose(&self, next: usize, is_damaged: bool) {
+        self.losses.note(next, is_damaged);
     }
 
-    /// Returns the number of bytes lost so far because the queue was full, wrapping.
+    /// Returns the number of losses so far, wrapping: bytes that found the queue full, came too soon behind
+    /// others, or were damaged.
     #[must_use]
     pub fn lost(&self) -> u32 {
-        self.lost.load(Relaxed)
+        self.losses.count()
+    }
+
+    /// Returns the number of bytes so far that were damaged on the line, wrapping.
+    #[must_use]
+    pub fn damaged(&self) -> u32 {
+        self.losses.damaged()
+    }
+
+    /// Returns whether bytes are lost of a line that has not been refused.
+    #[inline]
+    #[must_use]
+    pub fn has_losses(&self) -> bool {
+        self.losses.has_any()
+    }
+
+    /// Has everything that waits count as having lost bytes, where anything has: the bytes have got other
+    /// numbers. For `interpret` alone; the argument tells the number of the next byte to come.
+    pub fn spread_losses(&self, next: impl Fn() -> usize) {
+        self.losses.spread(next);
+    }
+
+    /// Returns whether the line has lost bytes whose last byte is the one before this number; for `interpret`
+    /// alone, once for each line.
+    #[must_use]
+    pub fn take_losses_before(&self, end: usize) -> bool {
+        self.losses.take_before(end)
     }
 }
 
@@ -406,6 +435,17 @@ fn add_one(count: &AtomicU32) {
     compiler_fence(SeqCst);
     let next = count.load(Relaxed).wrapping_add(1);
     count.store(next, Relaxed);
+}
+
+/// What is wrong with a received byte.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum ByteFault {
+    /// It has no stop bit, or there was noise in it.
+    Damaged,
+    /// The line was held low for longer than a byte.
+    Break,
+    /// It is right, but another one behind it is lost.
+    Overrun,
 }
 
 /// The task to release after a byte.

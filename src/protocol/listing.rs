@@ -17,6 +17,17 @@ use crate::{
     units::{MicroDegrees, Nm},
 };
 
+/// What should never happen, counted since power-up, wrapping.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+pub struct FaultCounts {
+    /// Step events that may have come too late.
+    pub late_events: u32,
+    /// Bytes that found no room, were not taken in time, or were damaged.
+    pub lost_bytes: u32,
+    /// Of these, the damaged ones.
+    pub damaged_bytes: u32,
+}
+
 /// The answer to `$`, without its `ok`.
 pub fn help(text: &mut Text) {
     text.word("[HLP:$$ $# $G $I $N $x=val $Nx=line $J=line $SLP $C $X $H ~ ! ? ctrl-x]")
@@ -55,6 +66,15 @@ pub fn new_options(text: &mut Text) {
 /// a fault.
 pub fn reset_cause(text: &mut Text, cause: ResetCause) {
     text.word("[MSG:Last reset: ").word(cause.text());
+    text.word("]").end();
+}
+
+/// The line of the answer to `$I+` that tells how often a deadline was missed or a byte lost; in the answer to
+/// `$I` if there was any.
+pub fn faults(text: &mut Text, faults: FaultCounts) {
+    text.word("[MSG:Late events: ").natural(faults.late_events);
+    text.word(", lost bytes: ").natural(faults.lost_bytes);
+    text.word(", damaged: ").natural(faults.damaged_bytes);
     text.word("]").end();
 }
 

@@ -35,6 +35,7 @@ use super::{
     bytes::{ByteReader, ByteWriter},
     dollar::List,
     line::Line,
+    listing::FaultCounts,
     report::Feedback,
 };
 use crate::{
@@ -224,6 +225,8 @@ pub struct Session {
     is_homed: bool,
     /// Why the firmware has begun to run.
     reset_cause: ResetCause,
+    /// What should never happen, and has happened.
+    faults: FaultCounts,
     /// The tool that is in the spindle while programs are only checked.
     tool_before_check: Option<u8>,
     #[cfg(arc_machine)]
@@ -266,6 +269,7 @@ impl Session {
             stream: PositionStream::default(),
             is_homed: false,
             reset_cause: ResetCause::Power,
+            faults: FaultCounts::default(),
             tool_before_check: None,
             #[cfg(arc_machine)]
             stored_program: stored_program::StoredProgram::default(),
@@ -275,6 +279,11 @@ impl Session {
     /// Sets why the firmware has begun to run.
     pub const fn set_reset_cause(&mut self, cause: ResetCause) {
         self.reset_cause = cause;
+    }
+
+    /// Sets the number of late step events so far, wrapping, before each run.
+    pub const fn set_late_events(&mut self, late: u32) {
+        self.faults.late_events = late;
     }
 
     /// Returns the number of entries sent to the machine so far, wrapping.
@@ -351,6 +360,8 @@ impl Session {
             sent,
             entries,
         };
+        self.faults.lost_bytes = requests.lost();
+        self.faults.damaged_bytes = requests.damaged();
         self.attend_host(&mut links);
         let progress = match self.attend_machine(&mut links) {
             ControlFlow::Continue(()) => self.execute_lines(&mut links),

@@ -17,7 +17,7 @@ use super::{
 use crate::{
     axis::Axes,
     machine::{Inputs, SAMPLE_TICKS, Snapshot, Watch},
-    model::{Alarm, Levels, Outputs, Requests, queues::ENTRY_RING},
+    model::{Alarm, ByteFault, Levels, Outputs, Requests, queues::ENTRY_RING},
     motion::Motion,
     path::Entry,
     protocol::ByteWriter,
@@ -284,6 +284,17 @@ impl Drive {
     /// Runs `serial_rx` for a received byte.
     pub fn receive(&mut self, byte: u8, requests: &Requests, received: &mut ByteWriter<'_>) {
         tasks::serial_rx(byte, requests, received, &mut self.platform);
+    }
+
+    /// Runs `serial_rx` for a byte with a fault.
+    pub(super) fn receive_fault(
+        &mut self,
+        byte: u8,
+        fault: ByteFault,
+        requests: &Requests,
+        received: &ByteWriter<'_>,
+    ) {
+        tasks::serial_fault(byte, fault, requests, received, &mut self.platform);
     }
 
     /// Releases the tasks that wait for room to send, after bytes have been sent.

@@ -5,7 +5,7 @@ use crate::{
     axis::Axes,
     machine::Snapshot,
     model::{
-        Alarm, Levels, Outputs, Requests, ResetCause,
+        Alarm, ByteFault, Levels, Outputs, Requests, ResetCause,
         queues::{RECEIVED_RING, SENT_RING},
         timing::TICK_MS,
     },
@@ -180,6 +180,13 @@ impl Simulator {
         self.wake();
     }
 
+    /// Receives a byte that was damaged on the line, or behind which another one is lost.
+    pub fn receive_fault(&mut self, byte: u8, fault: ByteFault) {
+        let (line, _) = self.received.split();
+        self.drive.receive_fault(byte, fault, &self.requests, &line);
+        self.wake();
+    }
+
     /// Releases the tasks of the protocol as `wake` does.
     fn wake(&mut self) {
         if self.drive.take_wake_release() {
@@ -318,6 +325,7 @@ impl Simulator {
     /// If an axis moves while the flash is written: the chip could not output steps meanwhile.
     fn interpret(&mut self) {
         self.drive.follow_standing_order();
+        self.session.set_late_events(self.drive.late());
         let snapshot = &self.snapshot();
         let is_at_rest = self.drive.due().is_none() && snapshot.is_at_rest;
         let io = SessionIo {

@@ -281,7 +281,7 @@ pub struct Upcoming {
     pub following: StepEvent,
 }
 
-/// The view that `inputs` and `segment_start` have of a ring: the count of events output.
+/// The view that `inputs`, `segment_start` and `interpret` have of a ring: what has been counted of it.
 #[derive(Debug, Clone, Copy)]
 pub struct EventTap<'a> {
     ring: &'a EventRing,
@@ -294,6 +294,13 @@ impl EventTap<'_> {
     #[must_use]
     pub fn output_count(self) -> u32 {
         self.ring.output_count.load(Relaxed)
+    }
+
+    /// Returns the number of events that may have come too late, wrapping.
+    #[inline]
+    #[must_use]
+    pub fn late(self) -> u32 {
+        self.ring.late()
     }
 
     /// Returns how many events have been output or are set up, wrapping, and whether the step

@@ -6,6 +6,7 @@ mod gantry;
 mod hard_limits;
 mod homing;
 mod inputs;
+mod lost_bytes;
 mod phases;
 mod power;
 mod probing;

@@ -12,11 +12,23 @@ use crate::{
     protocol::{
         Dialect,
         dollar::{Condition, Dollar, List},
-        listing, report,
+        listing::{self, FaultCounts},
+        report,
         text::{ReportUnit, Text},
     },
     settings::{self, STORED_LINE, StoredLine},
 };
+
+/// A line of the answer to `$I`.
+#[derive(Debug, Clone, Copy)]
+enum BuildLine {
+    Version,
+    Options,
+    StepRate,
+    NewOptions,
+    ResetCause,
+    Faults,
+}
 
 /// Writes the answer to a line.
 pub(super) fn answer(text: &mut Text, result: Result<(), LineError>) {
@@ -158,17 +170,29 @@ impl Session {
             List::Tools => listing::tool(text, self.interpreter.tools(), line),
             List::BuildInfo | List::ExtendedBuildInfo => {
                 let is_extended = list == List::ExtendedBuildInfo;
-                let tells_reset = is_extended || self.reset_cause.alarm().is_some();
-                let lines = 3 + usize::from(is_extended) + usize::from(tells_reset);
-                match line {
-                    0 => listing::version(text, &stored.build_info),
-                    1 => listing::options(text, BLOCKS, received_bytes),
-                    2 => listing::step_rate(text, settings.step_rate),
-                    3 if is_extended => listing::new_options(text),
-                    3 | 4 if line < lines => listing::reset_cause(text, self.reset_cause),
-                    _ => {}
+                let has_faults = self.faults != FaultCounts::default();
+                let shown = [
+                    (true, BuildLine::Version),
+                    (true, BuildLine::Options),
+                    (true, BuildLine::StepRate),
+                    (is_extended, BuildLine::NewOptions),
+                    (
+                        is_extended || self.reset_cause.alarm().is_some(),
+                        BuildLine::ResetCause,
+                    ),
+                    (is_extended || has_faults, BuildLine::Faults),
+                ];
+                let next = shown.iter().filter(|(is_shown, _)| *is_shown).nth(line);
+                match next.map(|(_, line)| line) {
+                    Some(BuildLine::Version) => listing::version(text, &stored.build_info),
+                    Some(BuildLine::Options) => listing::options(text, BLOCKS, received_bytes),
+                    Some(BuildLine::StepRate) => listing::step_rate(text, settings.step_rate),
+                    Some(BuildLine::NewOptions) => listing::new_options(text),
+                    Some(BuildLine::ResetCause) => listing::reset_cause(text, self.reset_cause),
+                    Some(BuildLine::Faults) => listing::faults(text, self.faults),
+                    None => {}
                 }
-                line < lines
+                next.is_some()
             }
             List::StartupLines => listing::startup_line(text, &stored.startup, line),
             List::Described(what) => listing::description(text, what, line),

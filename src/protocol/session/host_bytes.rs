@@ -71,7 +71,7 @@ impl Scan {
 
 impl Host {
     /// Removes what has been taken out of the lines that wait, where it takes the room of more.
-    fn make_room(&mut self, received: &mut ByteReader<'_>) {
+    fn make_room(&mut self, received: &mut ByteReader<'_>, requests: &Requests) {
         if !self.scan.has_taken || received.len() < KEPT_BYTES / 2 {
             return;
         }
@@ -80,6 +80,7 @@ impl Host {
         let stale_before = self.stale_before.unwrap_or(end);
         let moved = received.remove(TAKEN, end, stale_before);
         self.stale_before = self.stale_before.map(|_| moved);
+        requests.spread_losses(|| received.written());
     }
 }
 
@@ -96,7 +97,7 @@ impl Session {
             // A reset has dropped bytes.
             self.host.scan.begin(received.oldest());
         }
-        self.host.make_room(received);
+        self.host.make_room(received, requests);
         let oldest = received.oldest();
         let [older, newer] = received.waiting();
         let first = self.host.scan.bytes_from(oldest);
@@ -131,7 +132,7 @@ impl Session {
                 scan.line.push(byte);
             }
         }
-        self.host.make_room(received);
+        self.host.make_room(received, requests);
     }
 
     /// Requests what a realtime byte asks for.

@@ -89,11 +89,14 @@ impl Session {
         let verdict = host.raw.verdict(host.last, host.has_begun);
         let is_host = host.dialect == Dialect::RepRap;
         let is_checked = host.raw.is_checked();
+        let has_lost = links.requests.take_losses_before(links.received.oldest());
         let is_stale = host
             .stale_before
             .is_some_and(|before| before.wrapping_sub(host.start).cast_signed() > 0);
         match verdict {
             Verdict::Blank if is_host => return Progress::Again,
+            // A checksum says more.
+            _ if has_lost && !is_checked => return self.refuse(LineError::BytesLost),
             Verdict::Blank => return self.accept(),
             Verdict::Execute(Some(_)) | Verdict::Refuse(_) if is_stale && host.raw.has_number() => {
                 return self.accept();

@@ -11,7 +11,7 @@ use crate::{
         interpreter::{Checked, Message},
     },
     machine::Snapshot,
-    model::{Command, State},
+    model::{Command, Requests, State},
     path::{TiltedArc, is_outside, leaves_travel},
     protocol::{
         ByteReader, Dialect, Waiting,
@@ -42,9 +42,14 @@ impl Session {
         if self.host.dialect != Dialect::Grbl {
             return self.read_host_line(links);
         }
-        match self.execute_plain(links.machine, links.received) {
+        match self.execute_plain(links.machine, links.requests, links.received) {
             Ok(()) => self.send_plain(links),
-            Err(Refusal::NotPlain) if self.receive(links.received) => self.dispatch(links),
+            Err(Refusal::NotPlain) if self.receive(links.received) => {
+                if links.requests.take_losses_before(links.received.oldest()) {
+                    return self.refuse(LineError::BytesLost);
+                }
+                self.dispatch(links)
+            }
             Err(Refusal::NotPlain | Refusal::Incomplete) => {
                 self.flush_moves_in_time(links);
                 Progress::Waiting
@@ -66,6 +71,7 @@ impl Session {
     fn execute_plain(
         &mut self,
         machine: &Snapshot,
+        requests: &Requests,
         received: &mut ByteReader<'_>,
     ) -> Result<(), Refusal> {
         if !self.line.input.is_empty() {
@@ -90,6 +96,11 @@ impl Session {
         let line = &mut self.line;
         let waiting = received.waiting();
         let n = waiting.iter().map(Waiting::len).sum::<usize>();
+        // Asked behind the look at the bytes: a loss is noted before the bytes that follow it.
+        if requests.has_losses() {
+            line.prefix = PlainPrefix::default();
+            return Err(Refusal::NotPlain);
+        }
         match self.interpreter.execute_plain(
             waiting,
             settings,

@@ -98,6 +98,9 @@ impl Session {
                     break;
                 }
             }
+            // What was lost of the lines that are dropped.
+            let next = links.received.oldest().wrapping_add(1);
+            let _ = links.requests.take_losses_before(next);
         }
         if links.machine.reset_count != self.machine_sync.reset_count {
             return false;

@@ -195,6 +195,14 @@ impl Session {
             let line = &mut self.line.input;
             let take = |byte| line.take_from(core::iter::once(byte));
             links.received.take_behind(kept, take);
+            if kept != 0 {
+                let received = &*links.received;
+                links.requests.spread_losses(|| received.written());
+            }
+            let end = links.received.oldest().wrapping_add(kept);
+            if links.requests.take_losses_before(end) {
+                return self.refuse(LineError::BytesLost);
+            }
             return self.dispatch(links);
         }
         if !is_over {

@@ -1,0 +1,300 @@
+//! Bytes that are damaged or lost on their way: nothing of their line is executed, and the sender sees why.
+
+use leadscrew::{
+    axis::Axes,
+    model::{ByteFault, State},
+    settings::Settings,
+    sim::Simulator,
+    units::{TICKS_PER_MS, TICKS_PER_SECOND},
+};
+use proptest::prelude::*;
+
+use crate::support::cases;
+
+/// Steps of a millimetre.
+const STEPS: i32 = 250;
+
+/// A byte on its way, or what becomes of it.
+#[derive(Debug, Clone, Copy)]
+enum Sent {
+    Byte(u8),
+    Fault(u8, ByteFault),
+}
+
+struct Machine {
+    simulator: Box<Simulator>,
+    told: Vec<u8>,
+}
+
+impl Machine {
+    fn new() -> Self {
+        let mut machine = Self {
+            simulator: Box::new(Simulator::new(&Settings::default())),
+            told: Vec::new(),
+        };
+        machine.run(TICKS_PER_SECOND.into());
+        machine.told.clear();
+        machine
+    }
+
+    /// Sends bytes at once, without anything else happening meanwhile.
+    fn send(&mut self, bytes: impl IntoIterator<Item = Sent>) {
+        for sent in bytes {
+            match sent {
+                Sent::Byte(byte) => self.simulator.receive(byte),
+                Sent::Fault(byte, fault) => self.simulator.receive_fault(byte, fault),
+            }
+        }
+    }
+
+    fn send_text(&mut self, text: &str) {
+        self.send(text.bytes().map(Sent::Byte));
+    }
+
+    fn run(&mut self, ticks: u64) {
+        let end = self.simulator.now() + ticks;
+        self.simulator.settle();
+        loop {
+            while let Some(byte) = self.simulator.send() {
+                self.told.push(byte);
+                self.simulator.settle();
+            }
+            match self.simulator.due() {
+                Some(due) if due <= end => drop(self.simulator.advance(due)),
+                _ => break,
+            }
+        }
+    }
+
+    /// Returns the lines of the machine since the last call, up to the end of all motion.
+    fn answers(&mut self) -> Vec<String> {
+        self.run(600 * u64::from(TICKS_PER_SECOND));
+        let told = String::from_utf8(std::mem::take(&mut self.told)).unwrap();
+        told.lines().map(str::to_owned).collect()
+    }
+
+    fn ask(&mut self, text: &str) -> Vec<String> {
+        self.send_text(text);
+        self.answers()
+    }
+
+    fn steps(&self) -> [i32; 3] {
+        let Axes([x, y, z, ..]) = self.simulator.physical_steps();
+        [x, y, z]
+    }
+}
+
+/// The bytes of a text of which one, or this and the next one, do not come through.
+fn damaged(text: &str, place: usize, fault: ByteFault) -> Vec<Sent> {
+    let lost = if fault == ByteFault::Overrun { 2 } else { 1 };
+    let bytes = text.bytes().enumerate();
+    bytes
+        .filter(|(index, _)| !(place + 1..place + lost).contains(index))
+        .map(|(index, byte)| {
+            if index == place {
+                Sent::Fault(byte, fault)
+            } else {
+                Sent::Byte(byte)
+            }
+        })
+        .collect()
+}
+
+#[test]
+fn nothing_of_a_line_is_executed_that_has_lost_bytes() {
+    let line = "G1X12F100\n";
+    for fault in [ByteFault::Damaged, ByteFault::Overrun] {
+        for place in 0..line.len() - 2 {
+            let mut machine = Machine::new();
+            machine.send_text("G0Y1\n");
+            machine.send(damaged(line, place, fault));
+            machine.send_text("G0Z1\n");
+            let answers = machine.answers();
+            assert_eq!(answers, ["ok", "error:210", "ok"], "{place} {fault:?}");
+            assert_eq!(machine.steps(), [0, STEPS, STEPS]);
+            assert_eq!(machine.ask("G0Y0\n"), ["ok"]);
+        }
+    }
+}
+
+#[test]
+fn two_lines_whose_end_is_lost_are_one_that_is_refused() {
+    for line in [
+        "G0X12",
+        "$110=700",
+        "g0 x12",
+        "(comment) G0X12",
+        "\n",
+        "$J=X5F100",
+    ] {
+        let mut machine = Machine::new();
+        let text = format!("{line}\nG0X13\n");
+        machine.send(damaged(&text, line.len(), ByteFault::Damaged));
+        machine.send_text("G0Z1\n");
+        let expected: &[&str] = if line == "\n" {
+            &["ok", "error:210", "ok"]
+        } else {
+            &["error:210", "ok"]
+        };
+        assert_eq!(machine.answers(), expected, "{line}");
+        assert_eq!(machine.steps(), [0, 0, STEPS], "{line}");
+        let settings = machine.ask("$$\n");
+        assert!(settings.contains(&"$110=500.000".to_owned()), "{line}");
+    }
+}
+
+#[test]
+fn a_byte_that_is_lost_while_the_line_waits_for_its_end_counts() {
+    let mut machine = Machine::new();
+    machine.send_text("G0X1");
+    assert!(machine.answers().is_empty());
+    machine.send([Sent::Fault(b'2', ByteFault::Damaged)]);
+    assert!(machine.answers().is_empty());
+    assert_eq!(machine.ask("\nG0Y1\n"), ["error:210", "ok"]);
+    assert_eq!(machine.steps(), [0, STEPS, 0]);
+}
+
+#[test]
+fn a_break_holds_the_machine_and_a_damaged_realtime_byte_does_nothing() {
+    let mut machine = Machine::new();
+    machine.send_text("G1X10F100\n");
+    machine.run(u64::from(TICKS_PER_SECOND));
+    machine.send([b'!', b'~', 0x18, 0x84].map(|byte| Sent::Fault(byte, ByteFault::Damaged)));
+    machine.run(u64::from(TICKS_PER_SECOND));
+    assert_eq!(machine.simulator.snapshot().state, State::Run);
+    machine.send([Sent::Fault(0, ByteFault::Break)]);
+    machine.run(u64::from(TICKS_PER_SECOND));
+    assert_eq!(machine.simulator.snapshot().state, State::HoldComplete);
+    machine.send_text("~");
+    machine.answers();
+    assert_eq!(machine.steps(), [10 * STEPS, 0, 0]);
+}
+
+#[test]
+fn a_hold_counts_behind_which_a_byte_is_lost() {
+    let mut machine = Machine::new();
+    machine.send_text("G1X10F100\n");
+    machine.run(u64::from(TICKS_PER_MS * 100));
+    machine.send([Sent::Fault(b'!', ByteFault::Overrun)]);
+    machine.run(u64::from(TICKS_PER_SECOND));
+    assert_eq!(machine.simulator.snapshot().state, State::HoldComplete);
+}
+
+#[test]
+fn what_a_full_queue_loses_refuses_the_line_and_no_other() {
+    let mut machine = Machine::new();
+    machine.send_text("!");
+    machine.answers();
+    // 1023 bytes fit: 102 lines, and three bytes of the next.
+    let line = "G91G0X012\n";
+    machine.send_text(&line.repeat(104));
+    assert_eq!(machine.simulator.lost(), 17);
+    machine.send_text("~");
+    let answers = machine.answers();
+    assert!(answers.iter().all(|answer| answer == "ok"));
+    let answers = [answers, machine.ask("\nG0X1\n")].concat();
+    let refused = answers.iter().position(|answer| answer == "error:210");
+    assert_eq!((refused, answers.len()), (Some(102), 104));
+    assert_eq!(machine.steps(), [(102 * 12 + 1) * STEPS, 0, 0]);
+}
+
+#[test]
+fn a_reset_ends_what_was_lost_of_the_lines_that_it_drops() {
+    let mut machine = Machine::new();
+    machine.send(damaged("G0X1", 2, ByteFault::Damaged));
+    machine.answers();
+    machine.send_text("\x18");
+    machine.answers();
+    assert_eq!(machine.ask("G0Y1\n"), ["ok"]);
+    assert_eq!(machine.steps(), [0, STEPS, 0]);
+}
+
+#[test]
+fn the_build_information_tells_what_was_lost() {
+    let line = |late, lost, damaged| {
+        format!("[MSG:Late events: {late}, lost bytes: {lost}, damaged: {damaged}]")
+    };
+    let mut machine = Machine::new();
+    let before = machine.ask("$I\n");
+    assert!(!before.iter().any(|line| line.contains("Late")));
+    assert!(machine.ask("$I+\n").contains(&line(0, 0, 0)));
+    machine.send(damaged("G0X1\n", 2, ByteFault::Damaged));
+    machine.send(damaged("G0X1\n", 2, ByteFault::Overrun));
+    assert_eq!(machine.answers(), ["error:210"; 2]);
+    for command in ["$I\n", "$I+\n", "\x18", "$I\n"] {
+        let told = machine.ask(command);
+        assert!(
+            command == "\x18" || told.contains(&line(0, 2, 1)),
+            "{told:?}"
+        );
+    }
+}
+
+#[test]
+fn lines_of_the_operator_that_have_lost_bytes_are_refused_in_a_change_of_the_tool() {
+    for has_program in [false, true] {
+        let mut machine = Machine::new();
+        machine.ask("M6T2\n");
+        if has_program {
+            machine.send_text("G0X1\n");
+        }
+        machine.send([Sent::Byte(0xa3)]);
+        machine.answers();
+        assert_eq!(machine.simulator.snapshot().state, State::Tool);
+        machine.send(damaged("$J=G91X12F500\n", 9, ByteFault::Damaged));
+        assert_eq!(machine.answers(), ["error:210"]);
+        machine.ask("~");
+        // The lines that waited have other numbers, so that nobody knows: they are refused.
+        let x = if has_program { 0 } else { STEPS };
+        if !has_program {
+            machine.ask("G0X1\n");
+        }
+        machine.ask("G0Y1\n");
+        machine.ask("G0Z1\n");
+        assert_eq!((machine.steps()[0], machine.steps()[2]), (x, STEPS));
+    }
+}
+
+/// Faults at places of a text.
+fn faults() -> impl Strategy<Value = Vec<(usize, bool)>> {
+    prop::collection::vec((0_usize..300, any::<bool>()), 1..5)
+}
+
+proptest! {
+    #![proptest_config(cases(24))]
+
+    #[test]
+    fn a_machine_has_moved_as_far_as_the_lines_say_that_were_answered_with_ok(
+        faults in faults(),
+        bursts in prop::collection::vec(1_usize..60, 1..20),
+    ) {
+        let mut machine = Machine::new();
+        let text = "G91G0X12\n".repeat(30);
+        let mut answers = Vec::new();
+        let mut bursts = bursts.into_iter().cycle();
+        let mut left = 0;
+        for (place, byte) in text.bytes().enumerate() {
+            let fault = faults.iter().find(|(at, _)| *at == place);
+            machine.send([match fault {
+                Some((_, true)) => Sent::Fault(byte, ByteFault::Damaged),
+                Some((_, false)) => Sent::Fault(byte, ByteFault::Overrun),
+                None => Sent::Byte(byte),
+            }]);
+            if left == 0 {
+                left = bursts.next().unwrap_or(1);
+                machine.run(u64::from(TICKS_PER_MS * 20));
+            }
+            left -= 1;
+        }
+        answers.extend(machine.ask("\n"));
+        let moved = answers.iter().filter(|answer| *answer == "ok").count();
+        let refused = answers.iter().filter(|answer| *answer == "error:210").count();
+        prop_assert_eq!(moved + refused, answers.len());
+        // The line end behind them all is answered, too, unless it ends the last of them.
+        let is_last_damaged = answers.last().is_some_and(|answer| answer == "error:210");
+        let empty = usize::from(!is_last_damaged);
+        prop_assert_eq!(machine.steps()[0], (moved - empty) as i32 * 12 * STEPS);
+        let has_fault = faults.iter().any(|(place, _)| *place < text.len());
+        prop_assert_eq!(refused != 0, has_fault);
+    }
+}
