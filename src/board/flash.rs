@@ -1,12 +1,13 @@
 //! The flash of the journal: 16 KiB of each of two sectors, which the board's file chooses. RM0090 3.6, RM0390 3.5.
 //!
 //! The chip cannot read its flash while it erases or programs, so code in flash stands still: 16 µs
-//! for a word, up to 2 s for a sector. Both are done at standstill only. The sender goes on meanwhile, so
-//! code in RAM waits for the end of an erase and receives the bytes.
+//! for a word and 100 µs at most (data sheet, t_prog), which is longer than a byte of the sender, up to 2 s for
+//! a sector. Both are done at standstill only. The sender goes on meanwhile, so code in RAM waits for the end
+//! and receives the bytes.
 //!
 //! # Cost
 //!
-//! [`erase`] is in RAM, with everything that it calls inlined. It raises the threshold of the
+//! [`erase`] and [`program`] are in RAM, with everything that they call inlined. They raise the threshold of the
 //! processor's priorities above that of every task: each would wait for the flash, with the
 //! receiver's bytes behind it.
 
@@ -159,19 +160,11 @@ impl NorFlash for SettingsFlash {
         let (words, _) = bytes.as_chunks::<4>();
         for (&word, index) in words.iter().zip((offset..).step_by(4)) {
             let place = address(index) as *mut u32;
-            self.operate(|flash, _| {
-                flash
-                    .cr()
-                    .write(|w| w.psize().variant(PSIZE::Psize32).pg().set_bit());
-                // SAFETY: `sector_offset` has checked that the word is in the sectors, which no
-                // reference points to.
-                unsafe { place.write_volatile(u32::from_le_bytes(word)) };
-                while flash.sr().read().bsy().bit_is_set() {}
-                true
-            })?;
+            let word = u32::from_le_bytes(word);
+            self.operate(|flash, receiver| program(flash, place, word, receiver))?;
             // The chip reports no error for a bit that should be set and stays clear.
-            // SAFETY: as for the write.
-            if unsafe { place.read_volatile() } != u32::from_le_bytes(word) {
+            // SAFETY: `sector_offset` has checked that the word is in the sectors, which no reference points to.
+            if unsafe { place.read_volatile() } != word {
                 return Err(FlashError::Refused);
             }
         }
@@ -216,27 +209,74 @@ fn clear_errors(flash: &pac::FLASH) {
 /// while the step timer runs: the door may have been opened, and Z may be on its way to be parked.
 #[inline(never)]
 #[unsafe(link_section = ".data.erase")]
-#[expect(unsafe_code, reason = "a section in RAM, and the tasks' threshold")]
-fn erase(flash: &pac::FLASH, sector: u8, mut receiver: Option<&mut FlashEraseReceiver>) -> bool {
-    let threshold = basepri::read();
-    // SAFETY: the threshold masks more than before, for the time of this function.
-    unsafe { basepri::write(MASK_ALL_TASKS) };
-    let is_still = !step_timer::is_running();
-    if is_still {
+#[expect(unsafe_code, reason = "a section in RAM")]
+fn erase(flash: &pac::FLASH, sector: u8, receiver: Option<&mut FlashEraseReceiver>) -> bool {
+    alone(|| {
         flash.cr().write(|w| {
             w.psize().variant(PSIZE::Psize32);
             // SAFETY: a sector of this number exists.
             unsafe { w.snb().bits(sector) };
             w.ser().set_bit().strt().set_bit()
         });
-        while flash.sr().read().bsy().bit_is_set() {
-            watchdog::feed();
-            if let Some(receiver) = &mut receiver {
-                receiver.receive();
-            }
-        }
+        wait(flash, receiver);
+    })
+}
+
+/// Programs a word of the journal, and receives the bytes that come meanwhile. Returns false, with nothing
+/// written, while the step timer runs.
+#[inline(never)]
+#[unsafe(link_section = ".data.program")]
+#[expect(
+    unsafe_code,
+    reason = "a section in RAM, and memory beside the program"
+)]
+fn program(
+    flash: &pac::FLASH,
+    place: *mut u32,
+    word: u32,
+    receiver: Option<&mut FlashEraseReceiver>,
+) -> bool {
+    alone(|| {
+        flash
+            .cr()
+            .write(|w| w.psize().variant(PSIZE::Psize32).pg().set_bit());
+        // SAFETY: `SettingsFlash::write` has checked that the word is in the sectors, which no reference
+        // points to.
+        unsafe { place.write_volatile(word) };
+        wait(flash, receiver);
+    })
+}
+
+/// Calls a function while no task runs, unless the step timer does. Returns whether it was called.
+#[inline(always)]
+#[expect(clippy::inline_always, reason = "nothing in flash may be called")]
+#[expect(unsafe_code, reason = "the tasks' threshold")]
+fn alone(operate: impl FnOnce()) -> bool {
+    let threshold = basepri::read();
+    // SAFETY: the threshold masks more than before, for the time of this function.
+    unsafe { basepri::write(MASK_ALL_TASKS) };
+    let is_still = !step_timer::is_running();
+    if is_still {
+        operate();
     }
     // SAFETY: the threshold of before.
     unsafe { basepri::write(threshold) };
     is_still
+}
+
+/// Waits for the end of an operation.
+///
+/// Other chips of the family set the flag of a busy flash some cycles after the operation has begun: the
+/// barrier and the first read let them pass.
+#[inline(always)]
+#[expect(clippy::inline_always, reason = "nothing in flash may be called")]
+fn wait(flash: &pac::FLASH, mut receiver: Option<&mut FlashEraseReceiver>) {
+    cortex_m::asm::dsb();
+    let _ = flash.sr().read();
+    while flash.sr().read().bsy().bit_is_set() {
+        watchdog::feed();
+        if let Some(receiver) = &mut receiver {
+            receiver.receive();
+        }
+    }
 }

@@ -5,6 +5,7 @@
 
 mod cycles;
 mod faults;
+mod image;
 mod inputs;
 mod lines;
 mod machine;
