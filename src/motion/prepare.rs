@@ -236,6 +236,7 @@ impl Motion {
         self.homing.configure(settings);
         self.parking.configure(settings);
         self.delays.idle_ms = settings.idle_delay_ms;
+        self.delays.enable_ms = settings.enable_delay_ms as u16;
         self.hard_limits = settings.hard_limits;
         self.arm_all_switches();
         inputs.configure(settings);
@@ -341,7 +342,10 @@ impl Motion {
         self.inputs = inputs.active();
         let was_dwelling = self.is_dwelling();
         let job = self.next_job(conditions, requests, inputs, segments, entries);
-        self.queue.is_first_next = job == Job::FirstSegment;
+        if job == Job::FirstSegment && self.delays.enable_ms != 0 {
+            self.prepare_drivers();
+        }
+        self.queue.is_first_next = job == Job::FirstSegment && !self.waits_for_drivers();
         let mut is_settled = false;
         match job {
             Job::None | Job::FirstSegment => {}

@@ -95,6 +95,8 @@ settings! {
     arc_tolerance_mm: f32 = 0.002,
     /// `$785` Farthest from the programmed path under `G64` without `P`, mm; 0 for no limit.
     path_tolerance_mm: f32 = 0.05,
+    /// `$786` Time from the enabling of the drivers to the first step, ms.
+    enable_delay_ms: f32 = 0.0,
     /// `$28` How far `G73` lifts the tool after a peck, and how far above it `G83` begins the next, mm.
     peck_clearance_mm: f32 = 0.254,
     /// `$341` What `M6` does: 0 waits for the tool, [`TOOL_CHANGE_IGNORED`] does not.

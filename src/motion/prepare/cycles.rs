@@ -35,7 +35,7 @@ impl Motion {
         }
         self.activity = Activity::Homing;
         self.homing.begin(axes, inputs, &self.generator);
-        self.enable_drivers();
+        self.prepare_drivers();
         true
     }
 

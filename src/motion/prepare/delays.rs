@@ -1,9 +1,9 @@
-//! Delays at standstill: of spindle and coolant after the door, of the drivers after a motion, of the notice
-//! that nothing moves.
+//! Delays at standstill: of spindle and coolant after the door, of the drivers before and after a motion, of the
+//! notice that nothing moves.
 
 use super::Motion;
 use crate::{
-    machine::Event,
+    machine::{Ending, Event},
     model::{Notice, timing::IDLE_DELAY_INFINITE},
 };
 
@@ -30,6 +30,8 @@ pub(super) enum Restoring {
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Delay {
     None,
+    /// `$786`: the drivers are enabled, and nothing moves yet.
+    Enable,
     /// `$1`: the drivers stay enabled at rest.
     StepIdle,
     Spindle,
@@ -47,6 +49,8 @@ pub(super) struct Delays {
     pub(super) requested_ms: Option<u16>,
     /// `$1`.
     pub(super) idle_ms: u8,
+    /// `$786`.
+    pub(super) enable_ms: u16,
     /// The drivers are disabled after an alarm whatever `$1` says.
     pub(super) disables_drivers: bool,
     /// The notice that nothing moves is wanted, and its delay has not begun.
@@ -60,6 +64,7 @@ impl Delays {
             running: Delay::None,
             requested_ms: None,
             idle_ms: 25,
+            enable_ms: 0,
             disables_drivers: false,
             watches_standstill: false,
         }
@@ -70,7 +75,7 @@ impl Motion {
     /// Ends the delay.
     pub(super) fn end_delay(&mut self) {
         match self.delays.running {
-            Delay::None => {}
+            Delay::None | Delay::Enable => {}
             Delay::StepIdle => self.disable_drivers(),
             Delay::Spindle => self.delays.restoring = Restoring::Coolant,
             Delay::Coolant => self.delays.restoring = Restoring::Done,
@@ -143,8 +148,23 @@ impl Motion {
         self.delays.restoring = Restoring::None;
         match self.delays.running {
             Delay::Spindle | Delay::Coolant => self.delays.running = Delay::None,
-            Delay::None | Delay::StepIdle | Delay::Standstill => {}
+            Delay::None | Delay::Enable | Delay::StepIdle | Delay::Standstill => {}
         }
+    }
+
+    /// Enables the drivers before axes begin to move from rest, and gives those that were disabled the time
+    /// that they need.
+    pub(super) fn prepare_drivers(&mut self) {
+        let were_off = !self.published.outputs.drivers;
+        self.enable_drivers();
+        if were_off && self.delays.enable_ms != 0 && self.delays.running == Delay::None {
+            self.start_delay(Delay::Enable, self.delays.enable_ms);
+        }
+    }
+
+    /// Whether the drivers are not ready yet for what is to move, and is not to end.
+    pub(super) fn waits_for_drivers(&self) -> bool {
+        self.delays.running == Delay::Enable && self.control.ending == Ending::None
     }
 
     /// Enables the drivers: axes are about to move.
@@ -179,7 +199,7 @@ impl Motion {
         self.published.outputs_changed = true;
         self.published.outputs.drivers = false;
         self.delays.disables_drivers = false;
-        if self.delays.running == Delay::StepIdle {
+        if matches!(self.delays.running, Delay::Enable | Delay::StepIdle) {
             self.delays.running = Delay::None;
         }
     }

@@ -113,7 +113,11 @@ impl Motion {
             // A segment would be due.
             Job::None
         } else if self.needs_segment(conditions, segments) {
-            Job::FirstSegment
+            if self.waits_for_drivers() {
+                Job::None
+            } else {
+                Job::FirstSegment
+            }
         } else if self.is_at_standstill(conditions) {
             Job::Standstill
         } else {
