@@ -21,7 +21,7 @@ use rtic_core::Mutex;
 
 use crate::{
     machine::{Inputs, Snapshot, Watch},
-    model::{Awaited, ByteFault, Levels, Outputs, Release, Requests, queues::SENT_RING},
+    model::{Awaited, Levels, Outputs, Release, Requests, queues::SENT_RING},
     motion::Motion,
     path::Entry,
     protocol::{ByteReader, ByteWriter, Progress, Session, realtime},
@@ -161,12 +161,11 @@ pub fn serial_rx(
 #[expect(clippy::inline_always, reason = "it is called from RAM, too")]
 pub fn serial_fault(
     byte: u8,
-    fault: ByteFault,
     requests: &Requests,
     received: &ByteWriter<'_>,
     platform: &mut impl Platform,
 ) {
-    let released = realtime::receive_fault(byte, fault, requests, received);
+    let released = realtime::receive_fault(byte, requests, received);
     release(released, platform);
 }
 

@@ -15,7 +15,7 @@
 use core::fmt;
 
 use leadscrew::{
-    model::{ByteFault, Requests, queues::SENT_RING},
+    model::{Requests, queues::SENT_RING},
     protocol::{ByteReader, ByteWriter},
     tasks,
 };
@@ -50,7 +50,8 @@ const RECEIVED: u16 = 1 << 5;
 
 /// Takes the received byte, if there is one, and releases the task that waits for it.
 ///
-/// A byte that was not taken in time, or is damaged, is lost: its line is refused.
+/// A byte that is damaged is lost, as are one that was not taken in time and the one before it: their line is
+/// refused.
 #[inline(always)]
 #[expect(clippy::inline_always, reason = "nothing in flash may be called")]
 fn receive(usart: &UsartRegisters, requests: &Requests, received: &mut ByteWriter<'_>) {
@@ -80,14 +81,7 @@ fn receive_fault(
         return;
     }
     let byte = usart.dr().read().dr().bits() as u8;
-    let fault = if status & FRAMING_ERROR != 0 && byte == 0 {
-        ByteFault::Break
-    } else if status & (FRAMING_ERROR | NOISE) != 0 || status & RECEIVED == 0 {
-        ByteFault::Damaged
-    } else {
-        ByteFault::Overrun
-    };
-    tasks::serial_fault(byte, fault, requests, received, &mut ChipPlatform);
+    tasks::serial_fault(byte, requests, received, &mut ChipPlatform);
 }
 
 /// The receiver for the time of an erase of flash, in which `serial_rx` cannot run.

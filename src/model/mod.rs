@@ -30,7 +30,7 @@ pub use notice::{Notice, Notices};
 pub use outputs::Outputs;
 pub use overrides::{Override, OverrideSwitches, Overrides, TOOL_CHANGE};
 pub use power::Power;
-pub use requests::{Awaited, ByteFault, Mark, OVERRIDES, Release, Requests, ToolMarks};
+pub use requests::{Awaited, Mark, OVERRIDES, Release, Requests, ToolMarks};
 pub use reset_cause::ResetCause;
 pub use state::{Probed, State};
 pub use xy_rotation::XyRotation;

@@ -366,8 +366,8 @@ impl Requests {
     /// Notes that bytes are lost in front of the one of this number; for the receiver alone.
     #[inline(always)]
     #[expect(clippy::inline_always, reason = "as for `accept`")]
-    pub(crate) fn lose(&self, next: usize, is_damaged: bool) {
-        self.losses.note(next, is_damaged);
+    pub(crate) fn lose(&self, next: usize) {
+        self.losses.note(next);
     }
 
     /// Returns the number of losses so far, wrapping: bytes that found the queue full, came too soon behind
@@ -375,12 +375,6 @@ impl Requests {
     #[must_use]
     pub fn lost(&self) -> u32 {
         self.losses.count()
-    }
-
-    /// Returns the number of bytes so far that were damaged on the line, wrapping.
-    #[must_use]
-    pub fn damaged(&self) -> u32 {
-        self.losses.damaged()
     }
 
     /// Returns whether bytes are lost of a line that has not been refused.
@@ -435,17 +429,6 @@ fn add_one(count: &AtomicU32) {
     compiler_fence(SeqCst);
     let next = count.load(Relaxed).wrapping_add(1);
     count.store(next, Relaxed);
-}
-
-/// What is wrong with a received byte.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum ByteFault {
-    /// It has no stop bit, or there was noise in it.
-    Damaged,
-    /// The line was held low for longer than a byte.
-    Break,
-    /// It is right, but another one behind it is lost.
-    Overrun,
 }
 
 /// The task to release after a byte.

@@ -22,10 +22,8 @@ use crate::{
 pub struct FaultCounts {
     /// Step events that may have come too late.
     pub late_events: u32,
-    /// Bytes that found no room, were not taken in time, or were damaged.
+    /// Received bytes that found no room, were not taken in time, or were damaged.
     pub lost_bytes: u32,
-    /// Of these, the damaged ones.
-    pub damaged_bytes: u32,
 }
 
 /// The answer to `$`, without its `ok`.
@@ -74,7 +72,6 @@ pub fn reset_cause(text: &mut Text, cause: ResetCause) {
 pub fn faults(text: &mut Text, faults: FaultCounts) {
     text.word("[MSG:Late events: ").natural(faults.late_events);
     text.word(", lost bytes: ").natural(faults.lost_bytes);
-    text.word(", damaged: ").natural(faults.damaged_bytes);
     text.word("]").end();
 }
 

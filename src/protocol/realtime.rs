@@ -10,7 +10,7 @@
 use core::hint::cold_path;
 
 use super::ByteWriter;
-use crate::model::{ByteFault, Release, Requests, queues::RECEIVED_RING};
+use crate::model::{Release, Requests, queues::RECEIVED_RING};
 
 /// Bytes between two releases of `interpret` without the end of a line, at most: a quarter of the
 /// receive queue (`tests/protocol/receiving.rs`).
@@ -27,27 +27,18 @@ pub fn receive(byte: u8, requests: &Requests, received: &mut ByteWriter<'_>) -> 
     requests.accept(byte, || received.enqueued())
 }
 
-/// Sorts a byte with a fault. Returns the task to release.
+/// Drops a byte that is not what was sent, or behind which one is lost. Returns the task to release.
 ///
-/// It never becomes part of a line. A realtime byte counts before an overrun, and a break is a feed hold.
+/// The byte of a break, which is 0, is a feed hold.
 #[inline(always)]
 #[expect(clippy::inline_always, reason = "nothing in flash may be called")]
-pub fn receive_fault(
-    byte: u8,
-    fault: ByteFault,
-    requests: &Requests,
-    received: &ByteWriter<'_>,
-) -> Release {
-    requests.lose(received.enqueued(), fault != ByteFault::Overrun);
-    let request = match fault {
-        ByteFault::Damaged => return Release::Nobody,
-        ByteFault::Break => b'!',
-        ByteFault::Overrun if !is_request(byte) || requests.are_sorted_later() => {
-            return Release::Nobody;
-        }
-        ByteFault::Overrun => byte,
-    };
-    requests.accept(request, || received.enqueued())
+pub fn receive_fault(byte: u8, requests: &Requests, received: &ByteWriter<'_>) -> Release {
+    requests.lose(received.enqueued());
+    if byte == 0 {
+        requests.accept(b'!', || received.enqueued())
+    } else {
+        Release::Nobody
+    }
 }
 
 /// Whether a byte is a realtime byte, where it counts as one.
@@ -65,7 +56,7 @@ pub(super) fn is_request(byte: u8) -> bool {
 fn enqueue(byte: u8, requests: &Requests, received: &mut ByteWriter<'_>) -> Release {
     let Ok(number) = received.enqueue(byte) else {
         // The bytes that fill the queue have released `interpret`.
-        requests.lose(received.enqueued(), false);
+        requests.lose(received.enqueued());
         return Release::Nobody;
     };
     let is_release = byte <= b'\r' || number.is_multiple_of(MAX_UNRELEASED_BYTES);

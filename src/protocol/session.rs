@@ -361,7 +361,6 @@ impl Session {
             entries,
         };
         self.faults.lost_bytes = requests.lost();
-        self.faults.damaged_bytes = requests.damaged();
         self.attend_host(&mut links);
         let progress = match self.attend_machine(&mut links) {
             ControlFlow::Continue(()) => self.execute_lines(&mut links),

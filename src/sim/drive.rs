@@ -17,7 +17,7 @@ use super::{
 use crate::{
     axis::Axes,
     machine::{Inputs, SAMPLE_TICKS, Snapshot, Watch},
-    model::{Alarm, ByteFault, Levels, Outputs, Requests, queues::ENTRY_RING},
+    model::{Alarm, Levels, Outputs, Requests, queues::ENTRY_RING},
     motion::Motion,
     path::Entry,
     protocol::ByteWriter,
@@ -290,11 +290,10 @@ impl Drive {
     pub(super) fn receive_fault(
         &mut self,
         byte: u8,
-        fault: ByteFault,
         requests: &Requests,
         received: &ByteWriter<'_>,
     ) {
-        tasks::serial_fault(byte, fault, requests, received, &mut self.platform);
+        tasks::serial_fault(byte, requests, received, &mut self.platform);
     }
 
     /// Releases the tasks that wait for room to send, after bytes have been sent.

@@ -5,7 +5,7 @@ use crate::{
     axis::Axes,
     machine::Snapshot,
     model::{
-        Alarm, ByteFault, Levels, Outputs, Requests, ResetCause,
+        Alarm, Levels, Outputs, Requests, ResetCause,
         queues::{RECEIVED_RING, SENT_RING},
         timing::TICK_MS,
     },
@@ -181,9 +181,9 @@ impl Simulator {
     }
 
     /// Receives a byte that was damaged on the line, or behind which another one is lost.
-    pub fn receive_fault(&mut self, byte: u8, fault: ByteFault) {
+    pub fn receive_fault(&mut self, byte: u8) {
         let (line, _) = self.received.split();
-        self.drive.receive_fault(byte, fault, &self.requests, &line);
+        self.drive.receive_fault(byte, &self.requests, &line);
         self.wake();
     }
 

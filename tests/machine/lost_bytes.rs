@@ -2,7 +2,7 @@
 
 use leadscrew::{
     axis::Axes,
-    model::{ByteFault, State},
+    model::State,
     settings::Settings,
     sim::Simulator,
     units::{TICKS_PER_MS, TICKS_PER_SECOND},
@@ -18,7 +18,7 @@ const STEPS: i32 = 250;
 #[derive(Debug, Clone, Copy)]
 enum Sent {
     Byte(u8),
-    Fault(u8, ByteFault),
+    Fault(u8),
 }
 
 struct Machine {
@@ -42,7 +42,7 @@ impl Machine {
         for sent in bytes {
             match sent {
                 Sent::Byte(byte) => self.simulator.receive(byte),
-                Sent::Fault(byte, fault) => self.simulator.receive_fault(byte, fault),
+                Sent::Fault(byte) => self.simulator.receive_fault(byte),
             }
         }
     }
@@ -84,15 +84,14 @@ impl Machine {
     }
 }
 
-/// The bytes of a text of which one, or this and the next one, do not come through.
-fn damaged(text: &str, place: usize, fault: ByteFault) -> Vec<Sent> {
-    let lost = if fault == ByteFault::Overrun { 2 } else { 1 };
+/// The bytes of a text of which one is damaged, and of which this many in all do not come through.
+fn damaged(text: &str, place: usize, lost: usize) -> Vec<Sent> {
     let bytes = text.bytes().enumerate();
     bytes
         .filter(|(index, _)| !(place + 1..place + lost).contains(index))
         .map(|(index, byte)| {
             if index == place {
-                Sent::Fault(byte, fault)
+                Sent::Fault(byte)
             } else {
                 Sent::Byte(byte)
             }
@@ -103,14 +102,14 @@ fn damaged(text: &str, place: usize, fault: ByteFault) -> Vec<Sent> {
 #[test]
 fn nothing_of_a_line_is_executed_that_has_lost_bytes() {
     let line = "G1X12F100\n";
-    for fault in [ByteFault::Damaged, ByteFault::Overrun] {
+    for lost in [1, 2] {
         for place in 0..line.len() - 2 {
             let mut machine = Machine::new();
             machine.send_text("G0Y1\n");
-            machine.send(damaged(line, place, fault));
+            machine.send(damaged(line, place, lost));
             machine.send_text("G0Z1\n");
             let answers = machine.answers();
-            assert_eq!(answers, ["ok", "error:210", "ok"], "{place} {fault:?}");
+            assert_eq!(answers, ["ok", "error:210", "ok"], "{place} {lost}");
             assert_eq!(machine.steps(), [0, STEPS, STEPS]);
             assert_eq!(machine.ask("G0Y0\n"), ["ok"]);
         }
@@ -129,7 +128,7 @@ fn two_lines_whose_end_is_lost_are_one_that_is_refused() {
     ] {
         let mut machine = Machine::new();
         let text = format!("{line}\nG0X13\n");
-        machine.send(damaged(&text, line.len(), ByteFault::Damaged));
+        machine.send(damaged(&text, line.len(), 1));
         machine.send_text("G0Z1\n");
         let expected: &[&str] = if line == "\n" {
             &["ok", "error:210", "ok"]
@@ -148,7 +147,7 @@ fn a_byte_that_is_lost_while_the_line_waits_for_its_end_counts() {
     let mut machine = Machine::new();
     machine.send_text("G0X1");
     assert!(machine.answers().is_empty());
-    machine.send([Sent::Fault(b'2', ByteFault::Damaged)]);
+    machine.send([Sent::Fault(b'2')]);
     assert!(machine.answers().is_empty());
     assert_eq!(machine.ask("\nG0Y1\n"), ["error:210", "ok"]);
     assert_eq!(machine.steps(), [0, STEPS, 0]);
@@ -159,25 +158,15 @@ fn a_break_holds_the_machine_and_a_damaged_realtime_byte_does_nothing() {
     let mut machine = Machine::new();
     machine.send_text("G1X10F100\n");
     machine.run(u64::from(TICKS_PER_SECOND));
-    machine.send([b'!', b'~', 0x18, 0x84].map(|byte| Sent::Fault(byte, ByteFault::Damaged)));
+    machine.send([b'!', b'~', 0x18, 0x84].map(|byte| Sent::Fault(byte)));
     machine.run(u64::from(TICKS_PER_SECOND));
     assert_eq!(machine.simulator.snapshot().state, State::Run);
-    machine.send([Sent::Fault(0, ByteFault::Break)]);
+    machine.send([Sent::Fault(0)]);
     machine.run(u64::from(TICKS_PER_SECOND));
     assert_eq!(machine.simulator.snapshot().state, State::HoldComplete);
     machine.send_text("~");
     machine.answers();
     assert_eq!(machine.steps(), [10 * STEPS, 0, 0]);
-}
-
-#[test]
-fn a_hold_counts_behind_which_a_byte_is_lost() {
-    let mut machine = Machine::new();
-    machine.send_text("G1X10F100\n");
-    machine.run(u64::from(TICKS_PER_MS * 100));
-    machine.send([Sent::Fault(b'!', ByteFault::Overrun)]);
-    machine.run(u64::from(TICKS_PER_SECOND));
-    assert_eq!(machine.simulator.snapshot().state, State::HoldComplete);
 }
 
 #[test]
@@ -201,7 +190,7 @@ fn what_a_full_queue_loses_refuses_the_line_and_no_other() {
 #[test]
 fn a_reset_ends_what_was_lost_of_the_lines_that_it_drops() {
     let mut machine = Machine::new();
-    machine.send(damaged("G0X1", 2, ByteFault::Damaged));
+    machine.send(damaged("G0X1", 2, 1));
     machine.answers();
     machine.send_text("\x18");
     machine.answers();
@@ -211,22 +200,17 @@ fn a_reset_ends_what_was_lost_of_the_lines_that_it_drops() {
 
 #[test]
 fn the_build_information_tells_what_was_lost() {
-    let line = |late, lost, damaged| {
-        format!("[MSG:Late events: {late}, lost bytes: {lost}, damaged: {damaged}]")
-    };
+    let line = |lost| format!("[MSG:Late events: 0, lost bytes: {lost}]");
     let mut machine = Machine::new();
     let before = machine.ask("$I\n");
     assert!(!before.iter().any(|line| line.contains("Late")));
-    assert!(machine.ask("$I+\n").contains(&line(0, 0, 0)));
-    machine.send(damaged("G0X1\n", 2, ByteFault::Damaged));
-    machine.send(damaged("G0X1\n", 2, ByteFault::Overrun));
+    assert!(machine.ask("$I+\n").contains(&line(0)));
+    machine.send(damaged("G0X1\n", 2, 1));
+    machine.send(damaged("G0X1\n", 2, 2));
     assert_eq!(machine.answers(), ["error:210"; 2]);
     for command in ["$I\n", "$I+\n", "\x18", "$I\n"] {
         let told = machine.ask(command);
-        assert!(
-            command == "\x18" || told.contains(&line(0, 2, 1)),
-            "{told:?}"
-        );
+        assert!(command == "\x18" || told.contains(&line(2)), "{told:?}");
     }
 }
 
@@ -241,7 +225,7 @@ fn lines_of_the_operator_that_have_lost_bytes_are_refused_in_a_change_of_the_too
         machine.send([Sent::Byte(0xa3)]);
         machine.answers();
         assert_eq!(machine.simulator.snapshot().state, State::Tool);
-        machine.send(damaged("$J=G91X12F500\n", 9, ByteFault::Damaged));
+        machine.send(damaged("$J=G91X12F500\n", 9, 1));
         assert_eq!(machine.answers(), ["error:210"]);
         machine.ask("~");
         // The lines that waited have other numbers, so that nobody knows: they are refused.
@@ -256,8 +240,8 @@ fn lines_of_the_operator_that_have_lost_bytes_are_refused_in_a_change_of_the_too
 }
 
 /// Faults at places of a text.
-fn faults() -> impl Strategy<Value = Vec<(usize, bool)>> {
-    prop::collection::vec((0_usize..300, any::<bool>()), 1..5)
+fn faults() -> impl Strategy<Value = Vec<usize>> {
+    prop::collection::vec(0_usize..300, 1..5)
 }
 
 proptest! {
@@ -274,11 +258,10 @@ proptest! {
         let mut bursts = bursts.into_iter().cycle();
         let mut left = 0;
         for (place, byte) in text.bytes().enumerate() {
-            let fault = faults.iter().find(|(at, _)| *at == place);
-            machine.send([match fault {
-                Some((_, true)) => Sent::Fault(byte, ByteFault::Damaged),
-                Some((_, false)) => Sent::Fault(byte, ByteFault::Overrun),
-                None => Sent::Byte(byte),
+            machine.send([if faults.contains(&place) {
+                Sent::Fault(byte)
+            } else {
+                Sent::Byte(byte)
             }]);
             if left == 0 {
                 left = bursts.next().unwrap_or(1);
@@ -294,7 +277,7 @@ proptest! {
         let is_last_damaged = answers.last().is_some_and(|answer| answer == "error:210");
         let empty = usize::from(!is_last_damaged);
         prop_assert_eq!(machine.steps()[0], (moved - empty) as i32 * 12 * STEPS);
-        let has_fault = faults.iter().any(|(place, _)| *place < text.len());
+        let has_fault = faults.iter().any(|place| *place < text.len());
         prop_assert_eq!(refused != 0, has_fault);
     }
 }

@@ -135,7 +135,7 @@ fn dollar_statements_are_answered_in_grbls_words() {
     let mut extended = bench.ask("$I+");
     assert_eq!(extended.remove(3), "[NEWOPT:TC]");
     assert_eq!(extended.remove(3), "[MSG:Last reset: power]");
-    let faults = "[MSG:Late events: 0, lost bytes: 0, damaged: 0]";
+    let faults = "[MSG:Late events: 0, lost bytes: 0]";
     assert_eq!(extended.remove(3), faults);
     assert_eq!(extended, bench.ask("$I"));
     assert_eq!(bench.ask("$n"), ["$N0=", "$N1=", "ok"]);

@@ -18,8 +18,6 @@ const TRIES: u32 = 4;
 pub(super) struct Losses {
     /// Number of losses, wrapping.
     count: AtomicU32,
-    /// Of these, bytes that came damaged.
-    damaged: AtomicU32,
     /// Number of losses whose lines have been refused: written by `interpret`.
     handled: AtomicU32,
     /// The first byte behind the oldest gap whose line has not been refused, and behind the newest.
@@ -31,7 +29,6 @@ impl Losses {
     pub(super) const fn new() -> Self {
         Self {
             count: AtomicU32::new(0),
-            damaged: AtomicU32::new(0),
             handled: AtomicU32::new(0),
             first: AtomicU32::new(0),
             last: AtomicU32::new(0),
@@ -41,17 +38,13 @@ impl Losses {
     /// Notes a loss in front of the byte of this number; for the receiver alone.
     #[inline(always)]
     #[expect(clippy::inline_always, reason = "as for `Requests::accept`")]
-    pub(super) fn note(&self, next: usize, is_damaged: bool) {
+    pub(super) fn note(&self, next: usize) {
         let count = self.count.load(Relaxed);
         let next = next as u32;
         if count == self.handled.load(Relaxed) {
             self.first.store(next, Relaxed);
         }
         self.last.store(next, Relaxed);
-        if is_damaged {
-            let damaged = self.damaged.load(Relaxed).wrapping_add(1);
-            self.damaged.store(damaged, Relaxed);
-        }
         // The reader must not see the count before the places.
         compiler_fence(SeqCst);
         self.count.store(count.wrapping_add(1), Relaxed);
@@ -59,10 +52,6 @@ impl Losses {
 
     pub(super) fn count(&self) -> u32 {
         self.count.load(Relaxed)
-    }
-
-    pub(super) fn damaged(&self) -> u32 {
-        self.damaged.load(Relaxed)
     }
 
     /// Returns whether there is a loss whose line has not been refused.
@@ -116,25 +105,25 @@ mod tests {
     fn the_line_behind_a_gap_has_lost_bytes_and_no_other() {
         let losses = Losses::new();
         assert!(!losses.take_before(10));
-        losses.note(12, false);
+        losses.note(12);
         assert!(losses.has_any());
         assert!(!losses.take_before(11) && !losses.take_before(12));
         assert!(losses.take_before(20));
         assert!(!losses.has_any() && !losses.take_before(30));
-        assert_eq!((losses.count(), losses.damaged()), (1, 0));
+        assert_eq!(losses.count(), 1);
     }
 
     #[test]
     fn lines_between_two_gaps_count_as_having_lost_bytes() {
         let losses = Losses::new();
-        losses.note(usize::MAX, true);
-        losses.note(20, true);
+        losses.note(usize::MAX);
+        losses.note(20);
         assert!(!losses.take_before(usize::MAX));
         assert!(losses.take_before(4) && losses.take_before(12) && losses.take_before(30));
         assert!(!losses.take_before(40));
-        losses.note(44, false);
+        losses.note(44);
         assert!(!losses.take_before(42) && losses.take_before(46));
-        assert_eq!((losses.count(), losses.damaged()), (3, 2));
+        assert_eq!(losses.count(), 3);
     }
 
     #[test]
@@ -142,7 +131,7 @@ mod tests {
         let losses = Losses::new();
         losses.spread(|| 30);
         assert!(!losses.take_before(31));
-        losses.note(12, false);
+        losses.note(12);
         losses.spread(|| 30);
         assert!(losses.take_before(20) && losses.take_before(30) && losses.take_before(36));
         assert!(!losses.take_before(50));
