@@ -58,6 +58,18 @@ fn need(at: u32, first: u16, second: u16, function: &Range<u32>) -> (Option<Stri
     (found, 2)
 }
 
+/// Where the constant is that an instruction loads, if it does.
+fn constant(at: u32, first: u16, second: u16) -> Option<u32> {
+    let [one, two] = [first, second].map(u32::from);
+    let base = (at + 4) & !3;
+    match one {
+        _ if one & 0xf800 == 0x4800 => Some(base + 4 * (one & 0xff)),
+        0xf8df => Some(base + (two & 0xfff)),
+        0xf85f => Some(base - (two & 0xfff)),
+        _ => None,
+    }
+}
+
 /// What the code of a function needs that is not in it.
 fn needs(start: u32, code: &[u8]) -> Vec<String> {
     let function = start..start + code.len() as u32;
@@ -70,13 +82,16 @@ fn needs(start: u32, code: &[u8]) -> Vec<String> {
         let at = start + 2 * index as u32;
         let (need, length) = need(at, first, second, &function);
         found.extend(need);
+        if let Some(place) = constant(at, first, second) {
+            let bytes = (place.checked_sub(start))
+                .and_then(|from| code.get(from as usize..)?.first_chunk());
+            match bytes.map(|bytes| u32::from_le_bytes(*bytes)) {
+                Some(word) if !FLASH.contains(&word) => {}
+                Some(word) => found.push(format!("the constant {word:#x}")),
+                None => found.push(format!("{at:#x}: a constant at {place:#x}")),
+            }
+        }
         index += length as usize;
-    }
-    // Constants behind the code.
-    let (words, _) = code.as_chunks::<4>();
-    let words = words.iter().map(|word| u32::from_le_bytes(*word));
-    for word in words.filter(|word| FLASH.contains(word)) {
-        found.push(format!("the constant {word:#x}"));
     }
     found
 }
@@ -122,9 +137,17 @@ fn code_that_needs_the_flash_is_found() {
         (&[0x4798], Some("a call by a register")),
         (&[0xf6c0, 0x0100], Some("an address in flash")),
         (
-            &[0xbf00, 0xbf00, 0x1234, 0x0801],
+            &[0x4800, 0xbf00, 0x1234, 0x0801],
             Some("the constant 0x8011234"),
         ),
+        (
+            &[0xf8df, 0x0000, 0x1234, 0x0801],
+            Some("the constant 0x8011234"),
+        ),
+        (&[0x4801, 0xbf00], Some("a constant at 0x20001008")),
+        (&[0x4800, 0xbf00, 0x1234, 0x2001], None),
+        // MOVW R8, #0x1004.
+        (&[0xf241, 0x0804], None),
         // NOP, a branch to itself, MOVT #0x2000, DSB, BX LR.
         (&[0xbf00, 0xe7fe], None),
         (&[0xf2c2, 0x0100], None),
