@@ -158,7 +158,7 @@ fn a_break_holds_the_machine_and_a_damaged_realtime_byte_does_nothing() {
     let mut machine = Machine::new();
     machine.send_text("G1X10F100\n");
     machine.run(u64::from(TICKS_PER_SECOND));
-    machine.send([b'!', b'~', 0x18, 0x84].map(|byte| Sent::Fault(byte)));
+    machine.send([b'!', b'~', 0x18, 0x84].map(Sent::Fault));
     machine.run(u64::from(TICKS_PER_SECOND));
     assert_eq!(machine.simulator.snapshot().state, State::Run);
     machine.send([Sent::Fault(0)]);
@@ -276,7 +276,8 @@ proptest! {
         // The line end behind them all is answered, too, unless it ends the last of them.
         let is_last_damaged = answers.last().is_some_and(|answer| answer == "error:210");
         let empty = usize::from(!is_last_damaged);
-        prop_assert_eq!(machine.steps()[0], (moved - empty) as i32 * 12 * STEPS);
+        let moves = i32::try_from(moved - empty).unwrap();
+        prop_assert_eq!(machine.steps()[0], moves * 12 * STEPS);
         let has_fault = faults.iter().any(|place| *place < text.len());
         prop_assert_eq!(refused != 0, has_fault);
     }
