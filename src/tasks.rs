@@ -24,7 +24,10 @@ use crate::{
     model::{Awaited, Levels, Outputs, Release, Requests, queues::SENT_RING},
     motion::Motion,
     path::Entry,
-    protocol::{ByteReader, ByteWriter, Progress, Session, realtime},
+    protocol::{
+        ByteReader, ByteWriter, Progress, Session,
+        realtime::{self, DamagedByte},
+    },
     settings::{Change, StoreError, Stored, ToolTable},
     stepper::{EventReader, EventTap, EventWriter, SegmentRing, StepEvent, Upcoming},
 };
@@ -144,36 +147,17 @@ pub fn step(
     }
 }
 
-/// Takes a received byte.
+/// Takes a received byte, or what is left of one that was damaged, behind as many as are in the queue.
 #[inline(always)]
 #[expect(clippy::inline_always, reason = "it is called from RAM, too")]
 pub fn serial_rx(
-    byte: u8,
+    byte: Result<u8, DamagedByte>,
+    before: usize,
     requests: &Requests,
     received: &mut ByteWriter<'_>,
     platform: &mut impl Platform,
 ) {
-    release(realtime::receive(byte, requests, received), platform);
-}
-
-/// Takes a byte that is not what was sent, or behind which one is lost.
-#[inline(always)]
-#[expect(clippy::inline_always, reason = "it is called from RAM, too")]
-pub fn serial_fault(
-    byte: u8,
-    requests: &Requests,
-    received: &ByteWriter<'_>,
-    platform: &mut impl Platform,
-) {
-    let released = realtime::receive_fault(byte, requests, received);
-    release(released, platform);
-}
-
-/// Releases what a received byte asks for.
-#[inline(always)]
-#[expect(clippy::inline_always, reason = "it is called from RAM, too")]
-fn release(released: Release, platform: &mut impl Platform) {
-    match released {
+    match realtime::receive(byte, before, requests, received) {
         Release::Nobody => {}
         Release::Interpret | Release::Report => platform.pend(Task::Wake),
         Release::Prepare => platform.pend(Task::Prepare),

@@ -10,13 +10,14 @@
 //!
 //! The receiving functions are inlined into `serial_rx` and into code in RAM: nothing in flash may
 //! run while flash is erased. A run without a byte, or with one that is damaged, is off the path of the
-//! others: one comparison finds both.
+//! others: one comparison finds both. What all paths need is read once, before they part: each line of flash
+//! more takes some of the cache from all others.
 
-use core::fmt;
+use core::{fmt, hint::cold_path};
 
 use leadscrew::{
     model::{Requests, queues::SENT_RING},
-    protocol::{ByteReader, ByteWriter},
+    protocol::{ByteReader, ByteWriter, realtime::DamagedByte},
     tasks,
 };
 
@@ -47,6 +48,7 @@ const FRAMING_ERROR: u16 = 1 << 1;
 const NOISE: u16 = 1 << 2;
 const OVERRUN: u16 = 1 << 3;
 const RECEIVED: u16 = 1 << 5;
+const _: () = assert!(FRAMING_ERROR | NOISE < OVERRUN && OVERRUN < RECEIVED);
 
 /// Takes the received byte, if there is one, and releases the task that waits for it.
 ///
@@ -55,33 +57,21 @@ const RECEIVED: u16 = 1 << 5;
 #[inline(always)]
 #[expect(clippy::inline_always, reason = "nothing in flash may be called")]
 fn receive(usart: &UsartRegisters, requests: &Requests, received: &mut ByteWriter<'_>) {
-    let status = usart.sr().read().bits();
-    if status & (FRAMING_ERROR | NOISE | OVERRUN | RECEIVED) != RECEIVED {
-        core::hint::cold_path();
-        receive_fault(status, usart, requests, received);
-        return;
+    let before = received.enqueued();
+    let status = usart.sr().read().bits() & (FRAMING_ERROR | NOISE | OVERRUN | RECEIVED);
+    let is_whole = status == RECEIVED;
+    // The data register is read only for a byte or after an overrun, which may be reported without a byte and
+    // is cleared by the read (RM0090 30.6.1): another read could take a byte that comes just then.
+    if !is_whole {
+        cold_path();
+        // Neither of the two highest flags.
+        if status < OVERRUN {
+            return;
+        }
     }
     let byte = usart.dr().read().dr().bits() as u8;
-    tasks::serial_rx(byte, requests, received, &mut ChipPlatform);
-}
-
-/// Takes a byte with a fault, if there is one.
-///
-/// The data register is read only for a byte or after an overrun, which may be reported without a byte and is
-/// cleared by the read (RM0090 30.6.1): another read could take a byte that comes just then.
-#[inline(always)]
-#[expect(clippy::inline_always, reason = "nothing in flash may be called")]
-fn receive_fault(
-    status: u16,
-    usart: &UsartRegisters,
-    requests: &Requests,
-    received: &ByteWriter<'_>,
-) {
-    if status & (RECEIVED | OVERRUN) == 0 {
-        return;
-    }
-    let byte = usart.dr().read().dr().bits() as u8;
-    tasks::serial_fault(byte, requests, received, &mut ChipPlatform);
+    let byte = if is_whole { Ok(byte) } else { Err(DamagedByte) };
+    tasks::serial_rx(byte, before, requests, received, &mut ChipPlatform);
 }
 
 /// The receiver for the time of an erase of flash, in which `serial_rx` cannot run.

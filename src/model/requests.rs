@@ -266,12 +266,12 @@ impl Requests {
     }
 
     /// Makes the request of a realtime byte; for the receiver alone. Returns the task to release.
-    /// `received` tells the number of bytes of lines before it.
+    /// `received` is the number of bytes of lines before it.
     ///
     /// The first byte of the UTF-8 form of a realtime command has no meaning and is ignored.
     #[inline(always)]
     #[expect(clippy::inline_always, reason = "nothing in flash may be called")]
-    pub(crate) fn accept(&self, byte: u8, received: impl FnOnce() -> usize) -> Release {
+    pub(crate) fn accept(&self, byte: u8, received: usize) -> Release {
         let flag = match byte {
             b'?' => {
                 set(&self.status);
@@ -279,7 +279,7 @@ impl Requests {
             }
             b'!' => &self.hold,
             b'~' => {
-                self.start_mark.store(received() as u32, Relaxed);
+                self.start_mark.store(received as u32, Relaxed);
                 &self.start
             }
             0x84 => &self.door,
@@ -294,7 +294,7 @@ impl Requests {
             }
             TOOL_CHANGE => {
                 if !self.tool_change.load(Relaxed) {
-                    self.tool_mark.store(received() as u32, Relaxed);
+                    self.tool_mark.store(received as u32, Relaxed);
                 }
                 &self.tool_change
             }

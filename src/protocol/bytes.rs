@@ -140,7 +140,13 @@ impl ByteWriter<'_> {
         reason = "called from RAM, where nothing in flash may be"
     )]
     pub fn enqueue(&mut self, byte: u8) -> Result<usize, u8> {
-        let number = self.ring.written.load(Relaxed);
+        self.enqueue_behind(self.enqueued(), byte)
+    }
+
+    /// Enqueues a byte behind as many as have been enqueued so far, as [`Self::enqueue`] does.
+    #[inline(always)]
+    #[expect(clippy::inline_always, reason = "as for `enqueue`")]
+    pub(super) fn enqueue_behind(&mut self, number: usize, byte: u8) -> Result<usize, u8> {
         if number == self.ring.limit.load(Relaxed) {
             cold_path();
             return Err(byte);

@@ -16,29 +16,37 @@ use crate::model::{Release, Requests, queues::RECEIVED_RING};
 /// receive queue (`tests/protocol/receiving.rs`).
 pub(super) const MAX_UNRELEASED_BYTES: usize = RECEIVED_RING / 4;
 
-/// Sorts one received byte. Returns the task to release.
-#[inline(always)]
-#[expect(clippy::inline_always, reason = "nothing in flash may be called")]
-pub fn receive(byte: u8, requests: &Requests, received: &mut ByteWriter<'_>) -> Release {
-    if !is_request(byte) || requests.are_sorted_later() {
-        return enqueue(byte, requests, received);
-    }
-    cold_path();
-    requests.accept(byte, || received.enqueued())
-}
+/// A byte that is not what was sent, or behind which one is lost.
+#[derive(Debug, Clone, Copy)]
+pub struct DamagedByte;
 
-/// Drops a byte that is not what was sent, or behind which one is lost. Returns the task to release.
+/// Sorts one received byte. Returns the task to release.
 ///
-/// The byte of a break, which is 0, is a feed hold.
+/// `before` is the number of bytes enqueued so far. A damaged byte is lost.
 #[inline(always)]
 #[expect(clippy::inline_always, reason = "nothing in flash may be called")]
-pub fn receive_fault(byte: u8, requests: &Requests, received: &ByteWriter<'_>) -> Release {
-    requests.lose(received.enqueued());
-    if byte == 0 {
-        requests.accept(b'!', || received.enqueued())
-    } else {
-        Release::Nobody
+pub fn receive(
+    byte: Result<u8, DamagedByte>,
+    before: usize,
+    requests: &Requests,
+    received: &mut ByteWriter<'_>,
+) -> Release {
+    match byte {
+        Ok(byte) if is_request(byte) && !requests.are_sorted_later() => {
+            cold_path();
+            return requests.accept(byte, before);
+        }
+        Ok(byte) => {
+            if let Ok(number) = received.enqueue_behind(before, byte) {
+                return enqueued(byte, number, requests, received);
+            }
+            // The bytes that fill the queue have released `interpret`.
+            cold_path();
+        }
+        Err(_) => cold_path(),
     }
+    requests.lose(before);
+    Release::Nobody
 }
 
 /// Whether a byte is a realtime byte, where it counts as one.
@@ -48,17 +56,17 @@ pub(super) fn is_request(byte: u8) -> bool {
     matches!(byte, b'~' | 0x80..) || matches!(byte, b'!' | b'?' | 0x18)
 }
 
-/// Enqueues a byte of a line. A line end releases `interpret` if the task waits for one, and so does
-/// every [`MAX_UNRELEASED_BYTES`]th byte. Control characters up to 13 count as line ends: a tab
+/// Follows a byte of a line into the queue. A line end releases `interpret` if the task waits for one, and so
+/// does every [`MAX_UNRELEASED_BYTES`]th byte. Control characters up to 13 count as line ends: a tab
 /// releases the task for nothing.
 #[inline(always)]
 #[expect(clippy::inline_always, reason = "as for `receive`")]
-fn enqueue(byte: u8, requests: &Requests, received: &mut ByteWriter<'_>) -> Release {
-    let Ok(number) = received.enqueue(byte) else {
-        // The bytes that fill the queue have released `interpret`.
-        requests.lose(received.enqueued());
-        return Release::Nobody;
-    };
+fn enqueued(
+    byte: u8,
+    number: usize,
+    requests: &Requests,
+    received: &mut ByteWriter<'_>,
+) -> Release {
     let is_release = byte <= b'\r' || number.is_multiple_of(MAX_UNRELEASED_BYTES);
     if is_release {
         cold_path();

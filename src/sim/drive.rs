@@ -20,7 +20,7 @@ use crate::{
     model::{Alarm, Levels, Outputs, Requests, queues::ENTRY_RING},
     motion::Motion,
     path::Entry,
-    protocol::ByteWriter,
+    protocol::{ByteWriter, realtime::DamagedByte},
     settings::Settings,
     stepper::{EventRing, PhaseSteps, SegmentRing},
     tasks::{self, InputTrigger, Platform, Task, Unlocked},
@@ -281,19 +281,20 @@ impl Drive {
         (self.entries.split().0, &self.segments, &mut self.platform)
     }
 
-    /// Runs `serial_rx` for a received byte.
-    pub fn receive(&mut self, byte: u8, requests: &Requests, received: &mut ByteWriter<'_>) {
-        tasks::serial_rx(byte, requests, received, &mut self.platform);
-    }
-
-    /// Runs `serial_rx` for a byte with a fault.
-    pub(super) fn receive_fault(
+    /// Runs `serial_rx` for a received byte, or a damaged one.
+    pub fn receive(
         &mut self,
-        byte: u8,
+        byte: Result<u8, DamagedByte>,
         requests: &Requests,
-        received: &ByteWriter<'_>,
+        received: &mut ByteWriter<'_>,
     ) {
-        tasks::serial_fault(byte, requests, received, &mut self.platform);
+        tasks::serial_rx(
+            byte,
+            received.enqueued(),
+            requests,
+            received,
+            &mut self.platform,
+        );
     }
 
     /// Releases the tasks that wait for room to send, after bytes have been sent.

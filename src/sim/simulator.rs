@@ -9,7 +9,7 @@ use crate::{
         queues::{RECEIVED_RING, SENT_RING},
         timing::TICK_MS,
     },
-    protocol::{Bytes, Progress, Session},
+    protocol::{Bytes, Progress, Session, realtime::DamagedByte},
     settings::{Change, Journal, Loaded, Settings, StepRate, Stored, ToolTable},
     stepper::SegmentRing,
     tasks::{self, SessionIo},
@@ -175,15 +175,17 @@ impl Simulator {
 
     /// Receives a byte.
     pub fn receive(&mut self, byte: u8) {
-        let (mut line, _) = self.received.split();
-        self.drive.receive(byte, &self.requests, &mut line);
-        self.wake();
+        self.receive_or_lose(Ok(byte));
     }
 
-    /// Receives a byte that was damaged on the line, or behind which another one is lost.
-    pub fn receive_fault(&mut self, byte: u8) {
-        let (line, _) = self.received.split();
-        self.drive.receive_fault(byte, &self.requests, &line);
+    /// Receives what is left of a byte that was damaged on the line, or behind which another one is lost.
+    pub fn receive_damaged(&mut self) {
+        self.receive_or_lose(Err(DamagedByte));
+    }
+
+    fn receive_or_lose(&mut self, byte: Result<u8, DamagedByte>) {
+        let (mut line, _) = self.received.split();
+        self.drive.receive(byte, &self.requests, &mut line);
         self.wake();
     }
 

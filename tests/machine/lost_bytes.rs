@@ -18,7 +18,7 @@ const STEPS: i32 = 250;
 #[derive(Debug, Clone, Copy)]
 enum Sent {
     Byte(u8),
-    Fault(u8),
+    Damaged,
 }
 
 struct Machine {
@@ -42,7 +42,7 @@ impl Machine {
         for sent in bytes {
             match sent {
                 Sent::Byte(byte) => self.simulator.receive(byte),
-                Sent::Fault(byte) => self.simulator.receive_fault(byte),
+                Sent::Damaged => self.simulator.receive_damaged(),
             }
         }
     }
@@ -91,7 +91,7 @@ fn damaged(text: &str, place: usize, lost: usize) -> Vec<Sent> {
         .filter(|(index, _)| !(place + 1..place + lost).contains(index))
         .map(|(index, byte)| {
             if index == place {
-                Sent::Fault(byte)
+                Sent::Damaged
             } else {
                 Sent::Byte(byte)
             }
@@ -147,24 +147,20 @@ fn a_byte_that_is_lost_while_the_line_waits_for_its_end_counts() {
     let mut machine = Machine::new();
     machine.send_text("G0X1");
     assert!(machine.answers().is_empty());
-    machine.send([Sent::Fault(b'2')]);
+    machine.send([Sent::Damaged]);
     assert!(machine.answers().is_empty());
     assert_eq!(machine.ask("\nG0Y1\n"), ["error:210", "ok"]);
     assert_eq!(machine.steps(), [0, STEPS, 0]);
 }
 
 #[test]
-fn a_break_holds_the_machine_and_a_damaged_realtime_byte_does_nothing() {
+fn damaged_bytes_do_nothing_to_a_move() {
     let mut machine = Machine::new();
     machine.send_text("G1X10F100\n");
     machine.run(u64::from(TICKS_PER_SECOND));
-    machine.send([b'!', b'~', 0x18, 0x84].map(Sent::Fault));
+    machine.send([Sent::Damaged; 4]);
     machine.run(u64::from(TICKS_PER_SECOND));
     assert_eq!(machine.simulator.snapshot().state, State::Run);
-    machine.send([Sent::Fault(0)]);
-    machine.run(u64::from(TICKS_PER_SECOND));
-    assert_eq!(machine.simulator.snapshot().state, State::HoldComplete);
-    machine.send_text("~");
     machine.answers();
     assert_eq!(machine.steps(), [10 * STEPS, 0, 0]);
 }
@@ -259,7 +255,7 @@ proptest! {
         let mut left = 0;
         for (place, byte) in text.bytes().enumerate() {
             machine.send([if faults.contains(&place) {
-                Sent::Fault(byte)
+                Sent::Damaged
             } else {
                 Sent::Byte(byte)
             }]);

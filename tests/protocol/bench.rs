@@ -306,7 +306,9 @@ impl Bench {
                 self.settle();
             }
             let (mut line, _) = self.received.split();
-            if realtime::receive(byte, &self.requests, &mut line) == Release::Report {
+            if realtime::receive(Ok(byte), line.enqueued(), &self.requests, &mut line)
+                == Release::Report
+            {
                 let free = self.received.free();
                 let (mut sent, _) = self.sent.split();
                 self.session

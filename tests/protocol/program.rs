@@ -122,7 +122,7 @@ fn a_program_end_ends_the_overrides() {
     let mut bench = Bench::new();
     bench.answer("\x18");
     let (mut line, _) = bench.received.split();
-    leadscrew::protocol::realtime::receive(0x91, &bench.requests, &mut line);
+    leadscrew::protocol::realtime::receive(Ok(0x91), line.enqueued(), &bench.requests, &mut line);
     bench.answer("?");
     assert!(bench.answer("?")[0].contains("|Ov:110,100,100"));
     assert_eq!(bench.ask("M30"), ["[MSG:Pgm End]", "ok"]);

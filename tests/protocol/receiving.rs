@@ -22,7 +22,8 @@ impl Line {
     }
 
     fn receive(&mut self, byte: u8) -> Release {
-        receive(byte, &self.requests, &mut self.received.split().0)
+        let (mut received, _) = self.received.split();
+        receive(Ok(byte), received.enqueued(), &self.requests, &mut received)
     }
 
     fn take(&mut self) -> Option<u8> {

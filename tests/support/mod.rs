@@ -40,7 +40,7 @@ mod host {
     /// A realtime byte arrives at a drive without a session.
     pub(crate) fn receive(drive: &mut Drive, requests: &Requests, byte: u8) {
         let mut line = Bytes::<4>::new();
-        drive.receive(byte, requests, &mut line.split().0);
+        drive.receive(Ok(byte), requests, &mut line.split().0);
         assert!(line.is_empty(), "{byte:#x} is no realtime byte");
     }
 

@@ -82,12 +82,7 @@ pub fn table(board: &Board) -> Result<String> {
             input(board, wiring, &format!("axes.{letter}.limit"))
         })?;
         row(&format!("{letter}2: step, direction"), &|wiring| {
-            let mut motors = wiring.second.iter();
-            let motor = motors.find(|motor| motor.axis == axis);
-            motor.map_or_else(String::new, |motor| {
-                let direction = output(board, Some(motor.direction));
-                format!("{}, {direction}", named(board, motor.step))
-            })
+            second_motor(board, wiring, axis)
         })?;
         row(&format!("{letter}2: limit switch"), &|wiring| {
             input(board, wiring, &format!("axes.{letter}2.limit"))
@@ -112,6 +107,16 @@ pub fn table(board: &Board) -> Result<String> {
         levels.collect::<Vec<_>>().join(", ")
     })?;
     Ok(text)
+}
+
+/// Returns the step and direction of an axis's second motor.
+fn second_motor(board: &Board, wiring: &Wiring, axis: usize) -> String {
+    let mut motors = wiring.second.iter();
+    let motor = motors.find(|motor| motor.axis == axis);
+    motor.map_or_else(String::new, |motor| {
+        let direction = output(board, Some(motor.direction));
+        format!("{}, {direction}", named(board, motor.step))
+    })
 }
 
 /// Returns a pin with what is printed beside it on the board.

@@ -296,7 +296,7 @@ mod tests {
                     .iter()
                     .flat_map(|line| line.iter().copied().chain([b'\n']));
                 let mut reached = Reached::default();
-                Stream::new(&mut simulator, bytes, baud)
+                Stream::new(&mut *simulator, bytes, baud)
                     .with_statements_at_rest()
                     .run(&mut reached);
                 for (answered, steps) in (1..).zip(reached.at_answers) {
