@@ -24,10 +24,7 @@ use crate::{
     model::{Awaited, Levels, Outputs, Release, Requests, queues::SENT_RING},
     motion::Motion,
     path::Entry,
-    protocol::{
-        ByteReader, ByteWriter, Progress, Session,
-        realtime::{self, DamagedByte},
-    },
+    protocol::{ByteReader, ByteWriter, DamagedByte, Progress, Session, realtime},
     settings::{Change, StoreError, Stored, ToolTable},
     stepper::{EventReader, EventTap, EventWriter, SegmentRing, StepEvent, Upcoming},
 };

@@ -17,7 +17,7 @@ use core::{fmt, hint::cold_path};
 
 use leadscrew::{
     model::{Requests, queues::SENT_RING},
-    protocol::{ByteReader, ByteWriter, realtime::DamagedByte},
+    protocol::{ByteReader, ByteWriter, DamagedByte},
     tasks,
 };
 

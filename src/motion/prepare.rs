@@ -95,6 +95,9 @@ pub struct Motion {
     average: MovingAverage,
     /// `$21`.
     hard_limits: bool,
+    /// `$794`.
+    #[cfg(arc_machine)]
+    runs_stored_program: bool,
     plan: LookAhead,
 }
 
@@ -191,6 +194,8 @@ impl Motion {
             parking: Parking::new(),
             average: MovingAverage::new(),
             hard_limits: false,
+            #[cfg(arc_machine)]
+            runs_stored_program: false,
             plan: LookAhead::new(),
         }
     }
@@ -238,6 +243,10 @@ impl Motion {
         self.delays.idle_ms = settings.idle_delay_ms;
         self.delays.enable_ms = settings.enable_delay_ms as u16;
         self.hard_limits = settings.hard_limits;
+        #[cfg(arc_machine)]
+        {
+            self.runs_stored_program = settings.runs_stored_program;
+        }
         self.arm_all_switches();
         inputs.configure(settings);
         self.inputs = inputs.active();

@@ -21,5 +21,6 @@ pub use checked::{Emergency, FailedCheck, MAX_NUMBER, RAW_BYTES, RawLine, Verdic
 pub use dialect::Dialect;
 pub use dollar::{Condition, Described, Dollar, List};
 pub use line::{LINE_BYTES, Line, TooLong};
+pub use realtime::DamagedByte;
 pub use session::{Progress, Session};
 pub use text::{MESSAGE_BYTES, ReportUnit, Text};

@@ -20,7 +20,7 @@ use crate::{
     model::{Alarm, Levels, Outputs, Requests, queues::ENTRY_RING},
     motion::Motion,
     path::Entry,
-    protocol::{ByteWriter, realtime::DamagedByte},
+    protocol::{ByteWriter, DamagedByte},
     settings::Settings,
     stepper::{EventRing, PhaseSteps, SegmentRing},
     tasks::{self, InputTrigger, Platform, Task, Unlocked},

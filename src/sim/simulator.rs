@@ -9,7 +9,7 @@ use crate::{
         queues::{RECEIVED_RING, SENT_RING},
         timing::TICK_MS,
     },
-    protocol::{Bytes, Progress, Session, realtime::DamagedByte},
+    protocol::{Bytes, DamagedByte, Progress, Session},
     settings::{Change, Journal, Loaded, Settings, StepRate, Stored, ToolTable},
     stepper::SegmentRing,
     tasks::{self, SessionIo},

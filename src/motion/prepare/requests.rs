@@ -44,7 +44,7 @@ impl Motion {
                 self.published.tool_marks.end = requests.start_mark();
             }
             #[cfg(arc_machine)]
-            if self.control.state == State::Idle {
+            if self.runs_stored_program && self.control.state == State::Idle {
                 self.published.notices.push(Notice::CycleStart);
             }
             self.transition(Event::CycleStart);
