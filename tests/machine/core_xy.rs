@@ -134,11 +134,12 @@ impl Machine {
         self.ask_for(&format!("{line}\n"), 600_000)
     }
 
-    /// Returns `MPos` of a status report.
+    /// Returns X, Y and Z of `MPos` of a status report.
     fn position(&mut self) -> String {
         let report = self.ask_for("?", 1);
         let position = report.split("MPos:").nth(1).expect("a position");
-        position.split('|').next().expect("its end").to_owned()
+        let axes: Vec<_> = position.split(['|', ',']).take(3).collect();
+        axes.join(",")
     }
 
     /// Returns where the axes are by the steps that the motors have made, mm.
