@@ -71,6 +71,45 @@ fn m410_stops_and_keeps_the_position_and_the_lines_behind_it() {
 }
 
 #[test]
+fn an_emergency_that_is_refused_for_its_words_is_answered_once() {
+    for line in [
+        "M410\x0b",
+        "M410 =",
+        "M410 X",
+        "M410 G1 X1",
+        "M108\x01",
+        "M24 =",
+    ] {
+        let mut host = Host::new();
+        host.receive(format!("{line}\n").as_bytes());
+        host.rest();
+        host.run_ms(100);
+        let answers = host.lines();
+        let oks = answers.iter().filter(|answer| answer.starts_with("ok"));
+        assert_eq!(oks.count(), 1, "{line:?}: {answers:?}");
+        host.receive(b"G1 X1 F6000\n");
+        host.rest();
+        assert_eq!(host.lines(), ["ok"], "{line:?}");
+        assert_eq!(host.xy()[0], STEPS_PER_MM, "{line:?}");
+    }
+}
+
+#[test]
+fn an_emergency_whose_line_comes_in_two_pieces_is_answered_once() {
+    let line = "M410 ; stop\n";
+    // The receiver releases the session at each 256th byte, wherever that is in a line.
+    for behind in 1..line.len() {
+        let mut host = Host::new();
+        let comment = format!(";{}\n", "-".repeat(254 - behind));
+        host.receive(format!("{comment}{line}G1 X1 F6000\n").as_bytes());
+        host.rest();
+        host.run_ms(100);
+        assert_eq!(host.lines(), ["ok", "ok"], "{behind}");
+        assert_eq!(host.xy()[0], STEPS_PER_MM, "{behind}");
+    }
+}
+
+#[test]
 fn m108_and_m24_go_on_after_a_pause() {
     for (pause, start) in [("M0", "M108"), ("M25", "M24"), ("M226", "m24 ; go on")] {
         let mut host = Host::new();

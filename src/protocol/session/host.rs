@@ -224,7 +224,10 @@ impl Session {
     pub(super) fn restart_host(&mut self, owes_answer: bool, links: &Links<'_, '_>) -> bool {
         let host = &mut self.host;
         host.is_restart_due = true;
-        host.raw.clear();
+        // What has been taken of the line of an `M410` is answered behind it.
+        if host.drops_lines() {
+            host.raw.clear();
+        }
         match host.restart {
             Restart::Plain | Restart::Unlocking => {
                 host.alarm = None;
@@ -243,7 +246,6 @@ impl Session {
                 self.stage = LineStage::Reading;
             }
             Restart::Stopping => {
-                self.host.has_ended = false;
                 self.interpreter.switch_off();
                 if owes_answer {
                     report::ok(&mut self.reports.message);
