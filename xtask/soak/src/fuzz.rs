@@ -26,7 +26,7 @@ use crate::quiet::panic_of;
 #[command(bin_name = "cargo xtask fuzz", styles = ui::STYLES, max_term_width = 100, version)]
 #[command(after_help = ui::AXES)]
 pub(crate) struct Options {
-    /// The target: bytes, lines, statements, sessions or flash; every one without a name
+    /// The target: bytes, lines, statements, hosts, sessions or flash; every one without a name
     target: Option<String>,
     /// How many inputs each target gets
     #[arg(long, value_name = "COUNT", default_value_t = 20_000)]

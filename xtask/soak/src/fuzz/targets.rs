@@ -15,7 +15,7 @@ pub(super) struct Target {
 }
 
 /// Every target.
-pub(super) const TARGETS: [Target; 5] = [
+pub(super) const TARGETS: [Target; 6] = [
     Target {
         name: "bytes",
         run: bytes,
@@ -27,6 +27,10 @@ pub(super) const TARGETS: [Target; 5] = [
     Target {
         name: "statements",
         run: statements,
+    },
+    Target {
+        name: "hosts",
+        run: hosts,
     },
     Target {
         name: "sessions",
@@ -72,8 +76,9 @@ fn rest(simulator: &mut Simulator) -> Vec<u8> {
     sent
 }
 
-/// Lets time pass.
-fn pause(simulator: &mut Simulator, pause_ms: u32) {
+/// Lets time pass. Returns the bytes that the machine sends.
+fn pause(simulator: &mut Simulator, pause_ms: u32) -> Vec<u8> {
+    let mut sent = Vec::new();
     let end = simulator.now() + u64::from(pause_ms) * u64::from(TICKS_PER_MS);
     for _ in 0..MOST_CHANGES {
         if simulator.now() >= end {
@@ -83,9 +88,12 @@ fn pause(simulator: &mut Simulator, pause_ms: u32) {
             .due()
             .map_or(end, |due| due.clamp(simulator.now(), end));
         let _ = simulator.advance(next);
-        while simulator.send().is_some() {}
+        while let Some(byte) = simulator.send() {
+            sent.push(byte);
+        }
         simulator.settle();
     }
+    sent
 }
 
 fn receive(simulator: &mut Simulator, bytes: &[u8]) {
@@ -103,7 +111,7 @@ fn bytes(input: &[u8]) {
     rest(&mut simulator);
     // In the RepRap dialect realtime bytes count after a silence.
     for byte in [b"\x18", b"?"] {
-        pause(&mut simulator, 200);
+        let _ = pause(&mut simulator, 200);
         receive(&mut simulator, byte);
         sent = rest(&mut simulator);
     }
@@ -171,13 +179,55 @@ fn statements(input: &[u8]) {
     }
 }
 
+/// Lines of hosts of 3D printers, with numbers and checksums or without: one `ok` each.
+fn hosts(input: &[u8]) {
+    let mut simulator = machine_for_hosts();
+    for line in input.split(|byte| matches!(byte, b'\n' | b'\r')) {
+        // Behind a line end these would be requests, which no `ok` answers.
+        let begin = line
+            .iter()
+            .position(|byte| matches!(byte, b' '..=b'}') && !b"!?".contains(byte));
+        let line = begin.map_or(&[][..], |begin| &line[begin..]);
+        receive(&mut simulator, line);
+        receive(&mut simulator, b"\n");
+        let mut sent = rest(&mut simulator);
+        // An emergency is answered by the clock.
+        sent.extend(pause(&mut simulator, 100));
+        let sent = String::from_utf8_lossy(&sent);
+        let answers = sent.lines().filter(|line| line.starts_with("ok")).count();
+        // It moves or waits for long, or a reset has dropped the line.
+        let is_other = sent.contains("echo:busy") || sent.contains("start");
+        let settings = simulator.session().settings();
+        if is_other || settings.dialect != 1 || simulator.snapshot().state != State::Idle {
+            simulator = machine_for_hosts();
+            continue;
+        }
+        let is_text = line.first().is_some_and(u8::is_ascii_alphanumeric);
+        let expected = usize::from(is_text)..=1;
+        assert!(
+            expected.contains(&answers),
+            "{}: {sent}",
+            line.escape_ascii()
+        );
+    }
+}
+
+/// A machine in the dialect of hosts.
+fn machine_for_hosts() -> Box<Simulator> {
+    let mut simulator = machine(None);
+    rest(&mut simulator);
+    receive(&mut simulator, b"$780=1\n");
+    rest(&mut simulator);
+    simulator
+}
+
 /// Bytes with time between them: those from 0xb0 on are pauses, 0xa8 to 0xaf losses of power.
 fn sessions(input: &[u8]) {
     let mut simulator = machine(None);
     for &byte in input {
         match byte {
             0xb0.. => {
-                pause(&mut simulator, u32::from(byte - 0xaf).pow(2));
+                let _ = pause(&mut simulator, u32::from(byte - 0xaf).pow(2));
             }
             0xa8..=0xaf => simulator = machine(Some(simulator.into_flash())),
             byte => receive(&mut simulator, &[byte]),
