@@ -1,7 +1,7 @@
 //! The flash of the journal: 16 KiB of each of two sectors, which the board's file chooses. RM0090 3.6, RM0390 3.5.
 //!
 //! The chip cannot read its flash while it erases or programs, so code in flash stands still: 16 µs
-//! for a word and 100 µs at most (data sheet, t_prog), which is longer than a byte of the sender, up to 2 s for
+//! for a word and 100 µs at most (data sheet, `t_prog`), which is longer than a byte of the sender, up to 2 s for
 //! a sector. Both are done at standstill only. The sender goes on meanwhile, so code in RAM waits for the end
 //! and receives the bytes.
 //!

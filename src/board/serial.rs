@@ -48,7 +48,7 @@ const FRAMING_ERROR: u16 = 1 << 1;
 const NOISE: u16 = 1 << 2;
 const OVERRUN: u16 = 1 << 3;
 const RECEIVED: u16 = 1 << 5;
-const _: () = assert!(FRAMING_ERROR | NOISE < OVERRUN && OVERRUN < RECEIVED);
+const _: () = assert!(FRAMING_ERROR < OVERRUN && NOISE < OVERRUN && OVERRUN < RECEIVED);
 
 /// Takes the received byte, if there is one, and releases the task that waits for it.
 ///

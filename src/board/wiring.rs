@@ -209,7 +209,7 @@ impl MotorPins {
             return self.direction[index - AXES];
         }
         let motor = &self.second[(index - 2 * AXES) / 2];
-        if index % 2 == 0 {
+        if index.is_multiple_of(2) {
             motor.step
         } else {
             motor.direction
@@ -220,6 +220,7 @@ impl MotorPins {
 #[cfg(feature = "phases")]
 impl MotorPins {
     /// Returns the number of pins.
+    #[expect(clippy::unused_self, reason = "as for motors with drivers")]
     pub(super) const fn count(&self) -> usize {
         COILS * AXES
     }

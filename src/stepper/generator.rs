@@ -260,7 +260,7 @@ impl Generator {
         let begin = self.steps();
         let latest = segment.ticks.saturating_sub(SLOT_TICKS);
         if let Some(arc) = &segment.arc {
-            directions = self.begin_arc(arc, segment);
+            directions = self.begin_arc(*arc, segment);
         }
         // wcet-bound: axes
         for axis in 0..AXES {

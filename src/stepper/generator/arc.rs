@@ -10,10 +10,10 @@ use crate::{
 impl Generator {
     /// Begins the steps of an arc in the segment. Returns the directions at its beginning.
     #[inline(never)]
-    pub(super) fn begin_arc(&mut self, arc: &ArcSteps, segment: &Segment) -> u8 {
+    pub(super) fn begin_arc(&mut self, arc: ArcSteps, segment: &Segment) -> u8 {
         let mut directions = self.directions;
         let (mut last, mut known) = (directions, 0);
-        let mut steps = *arc;
+        let mut steps = arc;
         // wcet-bound: segment_steps
         while let Some(step) = steps.take_step() {
             let bit = 1 << step.axis;
@@ -35,7 +35,7 @@ impl Generator {
             }
         }
         self.moving_axes |= u32::from(known);
-        self.arc = (known != 0).then_some(*arc);
+        self.arc = (known != 0).then_some(arc);
         directions
     }
 

@@ -128,7 +128,7 @@ impl Squaring {
 
     /// Takes over the position of an axis at which an approach begins, for switches that are closed there.
     pub(super) fn record_closed(&mut self, axis: usize, steps: i32, inputs: &Inputs) {
-        if axis < GANGED_AXES {
+        if self.gantries.get(axis).is_some() {
             for switch in [axis, AXES + axis] {
                 if inputs.is_switch_active(switch) {
                     self.record(switch, steps);
