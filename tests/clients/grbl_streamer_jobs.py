@@ -72,7 +72,12 @@ def run_job(grbl, watcher, lines, during=None):
         watcher.until(lambda: watcher.state == "Run", "the job runs")
         during()
     watcher.until(lambda: grbl.job_finished, "the library takes the job for finished")
-    watcher.until(lambda: watcher.state == "Idle", "the machine is idle")
+    # The report that came last may have been asked for before.
+    heard = watcher.count("on_stateupdate")
+    watcher.until(
+        lambda: watcher.count("on_stateupdate") > heard + 1 and watcher.state == "Idle",
+        "the machine is idle",
+    )
     return watcher.count("on_processed_command") - done
 
 
