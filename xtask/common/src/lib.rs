@@ -7,21 +7,29 @@
     reason = "a library of the tools beside it: errors are sentences, which the user is shown"
 )]
 
+#[cfg(feature = "terminal")]
 pub mod cargo;
+#[cfg(feature = "terminal")]
 pub mod check;
+#[cfg(feature = "terminal")]
 pub mod probe;
 pub mod text;
+#[cfg(feature = "terminal")]
 pub mod tools;
+#[cfg(feature = "terminal")]
 pub mod ui;
 
+#[cfg(feature = "terminal")]
 use std::process::ExitCode;
 
+#[cfg(feature = "terminal")]
 use anyhow::Result;
 
 /// Baud rate of the serial line.
 pub const BAUD: u32 = 115_200;
 
 /// Runs a tool, and shows what went wrong.
+#[cfg(feature = "terminal")]
 pub fn main(run: impl FnOnce() -> Result<ExitCode>) -> ExitCode {
     run().unwrap_or_else(|error| {
         ui::error(&error);

@@ -1,9 +1,12 @@
 //! Numbers, times and rows of a summary, as every tool prints them.
 
+#[cfg(feature = "terminal")]
 use anstream::println;
+#[cfg(feature = "terminal")]
 use owo_colors::OwoColorize;
 
 /// Prints one row of a summary.
+#[cfg(feature = "terminal")]
 pub fn row(name: &str, value: &str) {
     println!("{:>16}  {value}", name.dimmed());
 }

@@ -1,5 +1,6 @@
 //! A refused line, for the reader.
 
+use job::line_error;
 use leadscrew::gcode::LineError;
 use owo_colors::OwoColorize;
 
@@ -26,10 +27,4 @@ pub fn refusal(number: u64, line: &[u8], response: Response) -> String {
         format!("{number}:"),
         label.red().bold()
     )
-}
-
-/// The error of a number.
-pub(crate) fn line_error(number: u16) -> Option<LineError> {
-    let mut errors = LineError::ALL.into_iter();
-    errors.find(|error| u16::from(error.number()) == number)
 }

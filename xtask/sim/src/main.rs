@@ -38,7 +38,7 @@ use host::{
     output,
     play::{self, Run},
     program::Program,
-    session, settings,
+    session, settings, summary,
 };
 use leadscrew::{axis::AXES, settings::Settings, sim::Simulator};
 
@@ -205,7 +205,7 @@ fn play(
     if !options.switches && figures.misses_switches() {
         ui::warning("the machine has no switches and no probe: --switches mounts them");
     }
-    figures.print();
+    summary::print(&figures);
     let name = name.file_name().unwrap_or_default().to_string_lossy();
     let settings = *simulator.session().settings();
     let is_clean = figures.is_clean();

@@ -18,9 +18,11 @@ use common::{
 use emulator::semihosting;
 use host::{
     figures::{Figures, Final},
+    output,
     program::Program,
     sender::Response,
     settings::{self, Loaded},
+    summary,
 };
 use leadscrew::{axis::AXES, units::TICKS_PER_SECOND};
 use serde_json::Value;
@@ -48,10 +50,10 @@ pub(crate) fn run(options: &Options) -> Result<ExitCode> {
     let start = Instant::now();
     let figures = play(&options.file, &loaded)?;
     let took_s = start.elapsed().as_secs_f64();
-    figures.print();
+    summary::print(&figures);
     text::row("took", &format!("{took_s:.2} s, with the build"));
     if let Some(path) = &options.json {
-        figures.write_json(path)?;
+        output::write_json(path, &figures)?;
     }
     Ok(ExitCode::from(u8::from(!figures.is_clean())))
 }

@@ -17,6 +17,7 @@ use host::{
     refusal,
     sender::{Received, Response, Sender},
     settings::{self, Loaded},
+    summary,
 };
 use indicatif::ProgressBar;
 use leadscrew::settings::{Settings, StepRate};
@@ -65,10 +66,10 @@ pub(crate) fn run(options: &Options) -> Result<ExitCode> {
     let played = play_file(&options.file, &elf, &machine, &loaded, bar.clone());
     bar.finish_and_clear();
     let figures = played?;
-    figures.print();
+    summary::print(&figures);
     text::row("took", &format!("{:.2} s", start.elapsed().as_secs_f64()));
     if let Some(path) = &options.json {
-        figures.write_json(path)?;
+        output::write_json(path, &figures)?;
     }
     Ok(ExitCode::from(u8::from(!figures.is_clean())))
 }

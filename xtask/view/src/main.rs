@@ -1,18 +1,5 @@
 //! `cargo xtask view`: a job as a page to look at.
 
-#[cfg(test)]
-#[path = "../../../tests/support/cases.rs"]
-mod cases;
-mod columns;
-mod curves;
-mod job;
-mod merge;
-mod page;
-mod recording;
-#[cfg(test)]
-mod tests;
-mod vertex;
-
 use std::{
     env,
     ffi::OsStr,
@@ -33,11 +20,11 @@ use host::{
     output::{self, Output},
     play::{self, Run},
     program::Program,
-    settings,
+    settings, summary,
 };
-use leadscrew::{model::State, sim::Simulator};
-
-use recording::Recording;
+use job::Recording;
+use leadscrew::sim::Simulator;
+use view::page;
 
 /// Show a G-code program as a page: its path, its speeds and its time
 ///
@@ -90,7 +77,7 @@ fn run(options: &Options) -> Result<ExitCode> {
     if options.switches {
         Ends::of(&loaded.settings).mount_on(&mut simulator);
     }
-    unlock(&mut simulator);
+    play::unlock(&mut simulator);
     let mut recording = Recording::new(simulator.session());
     let run = Run {
         bar: output::progress(program.length(), "bytes"),
@@ -101,7 +88,7 @@ fn run(options: &Options) -> Result<ExitCode> {
     if figures.lines == 0 {
         ui::warning(&format!("{name} is empty"));
     }
-    figures.refusals.print();
+    summary::print_refusals(&figures.refusals);
     let is_clean = figures.is_clean();
     text::row("motion time", &duration(figures.motion_time_s));
     if let Some(parts) = figures.times.text() {
@@ -125,14 +112,6 @@ fn run(options: &Options) -> Result<ExitCode> {
         open(&path);
     }
     Ok(ExitCode::from(u8::from(!is_clean)))
-}
-
-/// Unlocks a machine that was switched on locked, as homing would: without moving it.
-fn unlock(simulator: &mut Simulator) {
-    simulator.settle();
-    if simulator.snapshot().state == State::Alarm {
-        play::ask(simulator, b"$X\n");
-    }
 }
 
 /// Where a page lies that nobody has named: in a folder of its own, so that nobody else has put it there.

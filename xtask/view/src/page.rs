@@ -1,6 +1,8 @@
 //! The page: one file with everything in it, and nothing that is fetched.
 
-use crate::{columns::packed, job::Job};
+use job::Job;
+
+use crate::pack::packed;
 
 /// What a browser may do with the page: run what is in it, and ask nobody for anything.
 const POLICY: &str = "default-src 'none'; script-src 'unsafe-inline'; style-src 'unsafe-inline'; \
@@ -19,7 +21,7 @@ const SCRIPTS: [&str; 6] = [
 ];
 
 /// Returns the page of a job.
-pub(crate) fn write(job: &Job) -> String {
+pub fn write(job: &Job) -> String {
     let facts = serde_json::to_vec(job).expect("names and numbers become JSON");
     let packs = [
         ("facts", &facts),
@@ -66,11 +68,10 @@ mod tests {
     use super::*;
 
     fn page() -> String {
-        write(&Job {
-            title: "</title><script>alert('a & b')</script>.nc".into(),
-            text: b"(</script><script>alert(1)</script> http://a.b/)\n".to_vec(),
-            ..Job::default()
-        })
+        let mut job = Job::default();
+        job.title = "</title><script>alert('a & b')</script>.nc".into();
+        job.text = b"(</script><script>alert(1)</script> http://a.b/)\n".to_vec();
+        write(&job)
     }
 
     #[test]

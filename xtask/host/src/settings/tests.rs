@@ -2,6 +2,8 @@
 
 use std::{env, path::PathBuf, process};
 
+use anyhow::Error;
+
 use super::*;
 
 /// A file that goes when it is dropped.

@@ -4,10 +4,12 @@ use serde::Serialize;
 
 /// A job as the page gets it.
 #[derive(Debug, Clone, Default, Serialize)]
-pub(crate) struct Job {
-    pub(crate) title: String,
+pub struct Job {
+    /// Its name.
+    pub title: String,
     pub(crate) axes: Vec<Axis>,
-    pub(crate) path: PathInfo,
+    /// Its path.
+    pub path: PathInfo,
     /// Length of a stretch of the curves, s.
     pub(crate) stretch_s: f64,
     pub(crate) times: Times,
@@ -26,13 +28,13 @@ pub(crate) struct Job {
     pub(crate) is_laser: bool,
     /// The program, a line each.
     #[serde(skip)]
-    pub(crate) text: Vec<u8>,
+    pub text: Vec<u8>,
     /// The columns of the path, one behind the other.
     #[serde(skip)]
-    pub(crate) columns: Vec<u8>,
+    pub columns: Vec<u8>,
     /// The curves, in the order of the axes that have any.
     #[serde(skip)]
-    pub(crate) curves: Vec<u8>,
+    pub curves: Vec<u8>,
 }
 
 /// An axis.
@@ -50,8 +52,9 @@ pub(crate) struct Axis {
 
 /// The path.
 #[derive(Debug, Clone, Default, Serialize)]
-pub(crate) struct PathInfo {
-    pub(crate) vertices: usize,
+pub struct PathInfo {
+    /// Points at which something changes.
+    pub vertices: usize,
     /// Segments that the machine has played.
     pub(crate) segments: u64,
 }

@@ -3,15 +3,10 @@
 //! The JSON form is fixed: other tools read it. Answers are kept as runs of equal ones, so a
 //! program of a million accepted lines takes no memory.
 
-use std::path::Path;
-
-use anyhow::Result;
-use common::text::{duration, row, separated};
 use leadscrew::{model::Alarm, settings::Settings};
-use owo_colors::OwoColorize;
 use serde::{Serialize, Serializer, ser::SerializeSeq};
 
-use crate::{Refusals, job_times::JobTimes, output::write_json, sender::Response};
+use crate::{Refusals, job_times::JobTimes, sender::Response};
 
 /// The answers to all lines, in order.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
@@ -133,57 +128,6 @@ impl Figures {
     pub fn is_clean(&self) -> bool {
         self.responses.refused() == 0 && !self.has_alarm()
     }
-
-    /// Writes the JSON form.
-    pub fn write_json(&self, path: &Path) -> Result<()> {
-        write_json(path, self)
-    }
-
-    /// Prints the summary.
-    pub fn print(&self) {
-        let refused = match self.responses.refused() {
-            0 => String::new(),
-            count => format!(", {} refused", separated(count)).red().to_string(),
-        };
-        row("lines", &format!("{}{refused}", separated(self.lines)));
-        let letters = "XYZABC".chars();
-        let axes = letters.zip(&self.end.mpos_mm).zip(&self.end.steps);
-        let ends: Vec<_> = axes
-            .map(|((letter, position), steps)| {
-                let unit = if "ABC".contains(letter) { "°" } else { "mm" };
-                format!("{letter} {position:.3} {unit} ({} steps)", grouped(*steps))
-            })
-            .collect();
-        row(
-            "final position",
-            &format!("{}, {}", ends.join(", "), self.end.state),
-        );
-        row("motion time", &duration(self.motion_time_s));
-        if let Some(text) = self.times.text() {
-            row("of it", &text);
-        }
-        let pulses: Vec<_> = "XYZABC"
-            .chars()
-            .zip(&self.steps_axis)
-            .map(|(letter, count)| format!("{letter} {}", separated(*count)))
-            .collect();
-        row("steps", &pulses.join(", "));
-        let late = match self.late {
-            0 => String::new(),
-            count => format!(", {} late", separated(count)).red().to_string(),
-        };
-        row(
-            "step events",
-            &format!("{}{late}, hash {}", separated(self.events), self.event_hash),
-        );
-        self.refusals.print();
-    }
-}
-
-/// The same for numbers with a sign.
-fn grouped(number: i32) -> String {
-    let sign = if number < 0 { "-" } else { "" };
-    format!("{sign}{}", separated(u64::from(number.unsigned_abs())))
 }
 
 #[cfg(test)]

@@ -2,9 +2,6 @@
 
 use std::collections::VecDeque;
 
-use host::{
-    figures::Figures, holes, play, play::Recorder, program_reader::ProgramReader, settings::name,
-};
 use leadscrew::{
     axis::{AXES, Axes, LETTERS, LINEAR},
     gcode::{LineError, MotionMode},
@@ -18,8 +15,13 @@ use leadscrew::{
 use crate::{
     columns::{Column, varint},
     curves::Curves,
-    job::{Axis, HoleMark, Job, PathInfo, PlaceMark, Refused, SettingRow, Times},
+    facts::{Axis, HoleMark, Job, PathInfo, PlaceMark, Refused, SettingRow, Times},
+    figures::Figures,
+    holes,
     merge::Merger,
+    play::{self, Recorder},
+    program_reader::ProgramReader,
+    settings::name,
     vertex::{Vertex, kind_number, power_of},
 };
 
@@ -27,7 +29,7 @@ use crate::{
 const KEPT: usize = 20_000;
 
 /// Records a run.
-pub(crate) struct Recording {
+pub struct Recording {
     marks: MarkRecorder,
     text: Vec<u8>,
     merger: Merger,
@@ -41,7 +43,7 @@ pub(crate) struct Recording {
 
 impl Recording {
     /// For a machine as it is before the program.
-    pub(crate) fn new(session: &Session) -> Self {
+    pub fn new(session: &Session) -> Self {
         let scales = scales(session.settings());
         Self {
             marks: MarkRecorder::new(ProgramReader::of(session)),
@@ -56,7 +58,7 @@ impl Recording {
     }
 
     /// Returns the job; `settings` are those of the machine before it.
-    pub(crate) fn finish(mut self, figures: &Figures, title: &str, settings: &Settings) -> Job {
+    pub fn finish(mut self, figures: &Figures, title: &str, settings: &Settings) -> Job {
         let path = &mut self.path;
         self.merger.flush(&mut |vertex| path.push(vertex));
         let seconds = path.duration_us() as f64 * 1e-6;

@@ -1,0 +1,434 @@
+//! Programs on the virtual machine, and what is kept of them: answers, messages and steps.
+
+use std::{borrow, cell::RefCell, collections::VecDeque, rc::Rc};
+
+use anyhow::{Error, Result, bail};
+use common::BAUD;
+use leadscrew::{
+    model::State,
+    protocol::Dialect,
+    settings::Settings,
+    sim::{Edge, PlayedSegment, Simulator, StepStatistics, Stream, StreamEnd, Watcher},
+    units::TICKS_PER_SECOND,
+};
+
+use crate::{
+    Refusals,
+    figures::{Figures, Final, Responses},
+    job_times::JobTimes,
+    program::Program,
+    sender::Response,
+};
+
+/// What is made of a run besides its figures.
+pub trait Recorder {
+    /// A line is sent: before the steps come that it makes.
+    fn line(&mut self, line: &[u8]) {
+        let _ = line;
+    }
+    /// The pins change; the statistics have it in them.
+    fn edge(&mut self, edge: &Edge, statistics: &StepStatistics) -> Result<()> {
+        let _ = (edge, statistics);
+        Ok(())
+    }
+    /// Something changes, if only the time.
+    fn change(&mut self, simulator: &Simulator) -> Result<()> {
+        let _ = simulator;
+        Ok(())
+    }
+    /// A segment begins.
+    fn segment(&mut self, segment: &PlayedSegment) {
+        let _ = segment;
+    }
+    /// The oldest line that has no answer gets it.
+    fn answer(&mut self, is_refused: bool) {
+        let _ = is_refused;
+    }
+    /// One of the first lines that are refused gets its answer.
+    fn refused(&mut self, number: u64, line: &[u8], response: Response) {
+        let _ = (number, line, response);
+    }
+    /// An alarm rises after a number of answers.
+    fn alarm(&mut self, answers: u64, text: &str) {
+        let _ = (answers, text);
+    }
+    /// The machine stands still, and the program does not go on.
+    fn stuck(&mut self, refusals: &Refusals) {
+        let _ = refusals;
+    }
+    /// So many bytes of the program have been read.
+    fn read(&mut self, bytes: u64) {
+        let _ = bytes;
+    }
+    /// Whether segments are to have the numbers of their lines, see [`Stream::with_numbers`].
+    fn wants_line_numbers(&self) -> bool {
+        false
+    }
+}
+
+impl Recorder for () {}
+
+/// A program on its way through a machine, which it owns or borrows.
+pub struct Playing<S, R> {
+    stream: Stream<S, Source<R>>,
+    observer: Rc<RefCell<Observer<R>>>,
+    end: Option<StreamEnd>,
+}
+
+impl<S: borrow::BorrowMut<Simulator>, R: Recorder> Playing<S, R> {
+    /// Begins a program at a fresh machine.
+    pub fn new(program: Program, simulator: S, recorder: R) -> Self {
+        let has_numbers = recorder.wants_line_numbers();
+        let observer = Rc::new(RefCell::new(Observer::new(recorder)));
+        let settings = simulator.borrow().session().settings();
+        let source = Source {
+            program,
+            bytes: Vec::new().into_iter(),
+            next_number: numbers_lines(settings).then_some(-1),
+            observer: Rc::clone(&observer),
+        };
+        let mut stream = Stream::new(simulator, source, BAUD).with_statements_at_rest();
+        if has_numbers {
+            stream = stream.with_numbers();
+        }
+        Self {
+            stream,
+            observer,
+            end: None,
+        }
+    }
+
+    /// Goes on for at most so many changes of the machine. Returns whether the program has come to its
+    /// end.
+    pub fn pump(&mut self, changes: u32) -> bool {
+        if self.end.is_none() {
+            let mut watched = Watched(Rc::clone(&self.observer));
+            self.end = self.stream.pump(&mut watched, changes);
+        }
+        self.end.is_some()
+    }
+
+    /// The machine.
+    pub fn simulator(&self) -> &Simulator {
+        self.stream.simulator.borrow()
+    }
+
+    /// Plays what is left, and returns what the program did, with what was made of it.
+    ///
+    /// # Errors
+    /// The program cannot be read, or the machine stands still before its end.
+    pub fn finish(mut self) -> Result<(Figures, R)> {
+        while !self.pump(u32::MAX) {}
+        let (simulator, lines) = {
+            let stream = self.stream;
+            (stream.simulator, stream.lines)
+        };
+        let simulator = simulator.borrow();
+        let observer = Rc::into_inner(self.observer).expect("the program has gone with its stream");
+        let mut observer = observer.into_inner();
+        if let Some(error) = observer.failure {
+            return Err(error);
+        }
+        if self.end == Some(StreamEnd::Stuck) {
+            observer.recorder.stuck(&observer.refusals);
+            let answered = observer.responses.iter().count();
+            let state = simulator.snapshot().state.name();
+            bail!(
+                "the machine stands still in {state} after {answered} answers: only a reset helps"
+            );
+        }
+        let figures = Figures {
+            lines,
+            responses: observer.responses,
+            messages: observer.messages,
+            refusals: observer.refusals,
+            times: observer.times.finish(simulator.now()),
+            ..figures(simulator, &observer.statistics)
+        };
+        Ok((figures, observer.recorder))
+    }
+}
+
+/// Sends something to a machine that has come to rest, and returns what it says beside `ok`.
+pub fn ask(simulator: &mut Simulator, bytes: &[u8]) -> Vec<String> {
+    // What has begun at power-up comes first.
+    simulator.settle();
+    for byte in bytes {
+        simulator.receive(*byte);
+        simulator.settle();
+    }
+    let mut said = Vec::new();
+    while let Some(byte) = simulator.send() {
+        said.push(byte);
+        simulator.settle();
+    }
+    let said = String::from_utf8_lossy(&said);
+    let lines = said
+        .lines()
+        .filter(|line| !line.is_empty() && *line != "ok");
+    lines.map(str::to_owned).collect()
+}
+
+/// Unlocks a machine that was switched on locked, as homing would: without moving it.
+pub fn unlock(simulator: &mut Simulator) {
+    simulator.settle();
+    if simulator.snapshot().state == State::Alarm {
+        ask(simulator, b"$X\n");
+    }
+}
+
+/// What a machine says to whoever is connected with it, without the reports of its state.
+#[derive(Debug, Default)]
+pub struct Conversation {
+    line: Vec<u8>,
+    lines: u64,
+    responses: Responses,
+    messages: Vec<(u64, String)>,
+}
+
+impl Conversation {
+    /// Takes the next byte.
+    pub fn push(&mut self, byte: u8) {
+        if byte != b'\n' {
+            self.line.push(byte);
+            return;
+        }
+        let line = std::mem::take(&mut self.line);
+        let text = String::from_utf8_lossy(&line);
+        let text = text.trim_end_matches('\r');
+        if let Some(response) = Response::parse(text) {
+            self.lines += 1;
+            self.responses.push(response);
+        } else if !text.is_empty() && !text.starts_with('<') {
+            self.messages.push((self.lines, text.into()));
+        }
+    }
+
+    /// What the machine has done and said so far.
+    pub fn finish(self, simulator: &Simulator, statistics: &StepStatistics) -> Figures {
+        Figures {
+            lines: self.lines,
+            responses: self.responses,
+            messages: self.messages,
+            ..figures(simulator, statistics)
+        }
+    }
+}
+
+/// Where a machine is, and what its axes did.
+fn figures(simulator: &Simulator, statistics: &StepStatistics) -> Figures {
+    let snapshot = simulator.snapshot();
+    let state = snapshot.state.name().into();
+    // In the settings of the end: the program may have changed them.
+    let settings = simulator.session().settings();
+    Figures {
+        end: Final::new(state, &snapshot.steps.0, settings),
+        steps_axis: statistics.pulses.0.to_vec(),
+        motion_time_s: statistics.motion_ticks() as f64 / f64::from(TICKS_PER_SECOND),
+        events: statistics.events,
+        late: simulator.late().into(),
+        event_hash: format!("{:016x}", statistics.hash),
+        ..Figures::default()
+    }
+}
+
+/// The line with which a sender of the RepRap dialect begins.
+const RESET_NUMBERS: &[u8] = b"M110 N-1";
+
+/// Returns whether lines get numbers and checksums: in the RepRap dialect.
+fn numbers_lines(settings: &Settings) -> bool {
+    Dialect::of(settings) == Dialect::RepRap
+}
+
+/// Returns the reason of a refusal in the RepRap dialect.
+fn host_refusal(text: &str) -> Option<Response> {
+    if text.starts_with("echo:Unknown command") {
+        return Some(Response::Error(20));
+    }
+    let (_, number) = text.strip_prefix("Error:")?.split_once("(error:")?;
+    let number = number.trim_end_matches(')').parse().ok()?;
+    Some(Response::Error(number))
+}
+
+/// Returns a line without comment and blanks at its ends, as Printrun sends it.
+fn words(line: &[u8]) -> &[u8] {
+    let end = line.iter().position(|byte| *byte == b';');
+    end.map_or(line, |end| &line[..end]).trim_ascii()
+}
+
+/// Returns a line with its number and its checksum. Bytes that a sender leaves out are no part of it.
+fn numbered(number: i64, words: &[u8]) -> Vec<u8> {
+    let mut line = format!("N{number} ").into_bytes();
+    let is_sent = |byte: &&u8| !matches!(**byte, b'?' | b'!' | b'~' | 0x18 | b'\r' | 0x80..);
+    line.extend(words.iter().filter(is_sent));
+    let sum = line.iter().fold(0, |sum, byte| sum ^ byte);
+    line.extend(format!("*{sum}\n").bytes());
+    line
+}
+
+/// A program as a stream of bytes.
+struct Source<R> {
+    program: Program,
+    bytes: std::vec::IntoIter<u8>,
+    /// The number of the next line, where lines have numbers and checksums.
+    next_number: Option<i64>,
+    observer: Rc<RefCell<Observer<R>>>,
+}
+
+impl<R: Recorder> Iterator for Source<R> {
+    type Item = u8;
+
+    fn next(&mut self) -> Option<u8> {
+        loop {
+            if let Some(byte) = self.bytes.next() {
+                return Some(byte);
+            }
+            let mut observer = self.observer.borrow_mut();
+            match self.program.next_line() {
+                Ok(Some(line)) => {
+                    observer.recorder.line(&line);
+                    if let Some(number) = &mut self.next_number {
+                        let words = words(&line);
+                        if words.is_empty() {
+                            continue;
+                        }
+                        if *number < 0 {
+                            observer.lines.push_back(RESET_NUMBERS.into());
+                            self.bytes = numbered(*number, RESET_NUMBERS).into_iter();
+                            *number = 0;
+                        }
+                        let line = numbered(*number, words);
+                        *number += 1;
+                        observer.lines.push_back(words.to_vec());
+                        let bytes = self.bytes.by_ref().chain(line);
+                        self.bytes = bytes.collect::<Vec<_>>().into_iter();
+                    } else {
+                        observer.lines.push_back(line.clone());
+                        let bytes = line.into_iter().chain([b'\n']);
+                        self.bytes = bytes.collect::<Vec<_>>().into_iter();
+                    }
+                }
+                Ok(None) => return None,
+                Err(error) => {
+                    observer.failure = Some(error);
+                    return None;
+                }
+            }
+            observer.recorder.read(self.program.read());
+        }
+    }
+}
+
+/// What is kept of a run.
+struct Observer<R> {
+    recorder: R,
+    statistics: StepStatistics,
+    responses: Responses,
+    messages: Vec<(u64, String)>,
+    refusals: Refusals,
+    times: JobTimes,
+    /// The reason that comes before the `ok` of a line that is refused in the RepRap dialect.
+    refused: Option<Response>,
+    /// Lines that have been read and not yet answered.
+    lines: VecDeque<Vec<u8>>,
+    failure: Option<Error>,
+}
+
+impl<R> Observer<R> {
+    fn new(recorder: R) -> Self {
+        Self {
+            recorder,
+            statistics: StepStatistics::new(),
+            responses: Responses::default(),
+            messages: Vec::new(),
+            refusals: Refusals::default(),
+            times: JobTimes::default(),
+            refused: None,
+            lines: VecDeque::new(),
+            failure: None,
+        }
+    }
+}
+
+/// Who watches the stream.
+struct Watched<R>(Rc<RefCell<Observer<R>>>);
+
+impl<R: Recorder> Watcher for Watched<R> {
+    fn edge(&mut self, edge: &Edge) {
+        let observer = &mut *self.0.borrow_mut();
+        observer.statistics.add(edge);
+        let recorded = observer.recorder.edge(edge, &observer.statistics);
+        if let Err(error) = recorded {
+            observer.failure.get_or_insert(error);
+        }
+    }
+
+    fn segment(&mut self, segment: &PlayedSegment) {
+        let observer = &mut *self.0.borrow_mut();
+        observer.times.add(segment);
+        observer.recorder.segment(segment);
+    }
+
+    fn change(&mut self, simulator: &Simulator) {
+        let observer = &mut *self.0.borrow_mut();
+        if let Err(error) = observer.recorder.change(simulator) {
+            observer.failure.get_or_insert(error);
+        }
+    }
+
+    fn answer(&mut self, number: u64, answer: &[u8]) {
+        let observer = &mut *self.0.borrow_mut();
+        let line = observer.lines.pop_front().unwrap_or_default();
+        let text = String::from_utf8_lossy(answer);
+        let word = text.split(' ').next().unwrap_or_default();
+        let response = Response::parse(word).unwrap_or(Response::Error(0));
+        let response = observer.refused.take().unwrap_or(response);
+        observer.responses.push(response);
+        let is_refused = response != Response::Ok;
+        observer.recorder.answer(is_refused);
+        if is_refused && observer.refusals.add(number, &line, response) {
+            observer.recorder.refused(number, &line, response);
+        }
+    }
+
+    fn message(&mut self, answers: u64, message: &[u8]) {
+        let observer = &mut *self.0.borrow_mut();
+        let text = String::from_utf8_lossy(message).into_owned();
+        observer.refused = host_refusal(&text).or(observer.refused);
+        if text.starts_with("Grbl ") {
+            // The welcome belongs to power-up, not to the program.
+            return;
+        }
+        if text.starts_with("ALARM:") {
+            observer.refusals.alarm(answers, &text);
+            observer.recorder.alarm(answers, &text);
+        }
+        observer.messages.push((answers, text));
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn lines_get_numbers_and_checksums_as_printrun_gives_them() {
+        assert_eq!(numbered(3, b"T0"), b"N3 T0*57\n");
+        assert_eq!(numbered(-1, RESET_NUMBERS), b"N-1 M110 N-1*125\n");
+        assert_eq!(numbered(1, b"M117 Done!"), numbered(1, b"M117 Done"));
+        assert_eq!(words(b"  G1 X1 ; to X1\r"), b"G1 X1");
+        assert_eq!(words(b"; nothing"), b"");
+    }
+
+    #[test]
+    fn a_refusal_in_words_is_that_of_its_number() {
+        for (text, number) in [
+            ("Error:a word must begin with a letter (error:1)", Some(1)),
+            ("echo:Unknown command: \"G150\"", Some(20)),
+            ("echo:M104: not present", None),
+            ("Error:checksum mismatch, Last Line: 1", None),
+        ] {
+            assert_eq!(host_refusal(text), number.map(Response::Error), "{text}");
+        }
+    }
+}
