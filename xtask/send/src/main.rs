@@ -1,5 +1,6 @@
 //! `cargo xtask send`: a program to a machine, from a terminal.
 
+mod approach;
 mod facts;
 mod forecast;
 mod job;
@@ -26,13 +27,14 @@ use common::{BAUD, text::duration, ui};
 use host::{interrupt, program::Program};
 use rustix::event::PollFlags;
 
+use approach::Descent;
 use facts::{FAST, Facts};
 use forecast::Forecast;
 use job::{Job, Key, Phase};
 use link::Link;
 use machine::Machine;
 use record::{Record, RecordFile};
-use resume::{Beginning, Descent, Entry};
+use resume::{Beginning, Entry};
 use screen::{Keyboard, Screen};
 
 /// How often the machine is asked for a report.

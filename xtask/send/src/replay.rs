@@ -1,6 +1,7 @@
 //! A program on the firmware's interpreter alone: the modes, offsets and the position before each line.
 
 use leadscrew::{
+    axis::{AXES, LETTERS, X, Y},
     gcode::{
         MotionMode,
         interpreter::{Interpreter, Outcome},
@@ -17,8 +18,8 @@ pub(crate) enum Effect {
     Commands(Vec<Command>),
     /// Nothing: it is refused.
     Refused,
-    /// Something of which only the machine knows where it ends: homing, probing, a jog.
-    Lost,
+    /// Something of which only the machine knows where these axes end: homing, probing, a jog.
+    Lost([bool; AXES]),
 }
 
 /// An interpreter that reads lines.
@@ -47,7 +48,7 @@ impl Replay {
         };
         if let Some(statement) = text.strip_prefix(b"$") {
             if statement.starts_with(b"H") || statement.starts_with(b"J") {
-                return Effect::Lost;
+                return Effect::Lost([true; AXES]);
             }
             // A refused assignment changes nothing here either.
             let _ = assign(&mut self.settings, statement);
@@ -76,8 +77,11 @@ impl Replay {
         while let Some(command) = self.interpreter.next_drilling_command() {
             commands.push(command);
         }
-        if checked.probing().is_some() || was_beside && checked.ends_program() {
-            return Effect::Lost;
+        if was_beside && checked.ends_program() {
+            return Effect::Lost([true; AXES]);
+        }
+        if checked.probing().is_some() {
+            return Effect::Lost(probed_axes(text));
         }
         Effect::Commands(commands)
     }
@@ -89,4 +93,13 @@ impl Replay {
             && !interpreter.is_beside_path()
             && !matches!(interpreter.modal().motion, MotionMode::Cycle(_))
     }
+}
+
+/// The axes that a probing move may move: the others stay where they are. X and Y belong together, as the
+/// work coordinates may be rotated.
+fn probed_axes(text: &[u8]) -> [bool; AXES] {
+    let mut probed: [bool; AXES] = std::array::from_fn(|axis| text.contains(&LETTERS[axis]));
+    let is_in_plane = probed[X] || probed[Y];
+    (probed[X], probed[Y]) = (is_in_plane, is_in_plane);
+    probed
 }
