@@ -128,6 +128,7 @@ impl Text {
     }
 
     /// Writes a whole number.
+    #[inline(never)]
     pub fn natural(&mut self, value: u32) -> &mut Self {
         self.digits(u64::from(value), &ONES, 0)
     }
