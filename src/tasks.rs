@@ -25,7 +25,7 @@ use crate::{
     motion::Motion,
     path::Entry,
     protocol::{ByteReader, ByteWriter, DamagedByte, Progress, Session, realtime},
-    settings::{Change, StoreError, Stored, ToolTable},
+    settings::{Change, Erasing, StoreError, Stored, ToolTable},
     stepper::{EventReader, EventTap, EventWriter, SegmentRing, StepEvent, Upcoming},
 };
 
@@ -298,7 +298,7 @@ pub fn interpret<'q>(
     requests: &Requests,
     segments: &SegmentRing,
     entries: &mut Producer<'q, Entry>,
-    store: impl FnOnce(Change, &Stored, &ToolTable) -> Result<(), StoreError>,
+    store: impl FnOnce(Change, Erasing, &Stored, &ToolTable) -> Result<(), StoreError>,
     platform: &mut impl Platform,
 ) -> Progress {
     let SessionIo {
@@ -316,7 +316,8 @@ pub fn interpret<'q>(
     let Some(change) = session.wants_store() else {
         return progress;
     };
-    let result = store(change, session.stored(), session.tools());
+    let erasing = session.erasing(snapshot);
+    let result = store(change, erasing, session.stored(), session.tools());
     session.has_stored(result);
     Progress::Again
 }

@@ -56,7 +56,8 @@ impl SerialSession {
         storage: &mut Storage,
     ) -> Progress {
         self.session.set_late_events(self.events.late());
-        let store = |change, stored: &_, tools: &_| storage.write(change, stored, tools);
+        let store =
+            |change, erasing, stored: &_, tools: &_| storage.write(change, erasing, stored, tools);
         pins::follow_standing_order(self.session.settings(), inputs);
         let io = self.io();
         let platform = &mut ChipPlatform;

@@ -7,7 +7,7 @@
 use leadscrew::{
     model::Requests,
     protocol::{ByteWriter, Session},
-    settings::{Change, Loaded, StoreError, Stored, ToolTable},
+    settings::{Change, Erasing, Loaded, StoreError, Stored, ToolTable},
 };
 
 use super::proven;
@@ -86,13 +86,18 @@ impl Storage {
     #[expect(clippy::unused_self, reason = "flash needs it")]
     pub(crate) fn receive_while_erasing(&mut self, _: &'static Requests, _: ByteWriter<'static>) {}
 
-    /// Stores a change. At rest only: this may take 2 s.
+    /// Stores a change. At rest only: an erase may take 2 s.
     pub(super) fn write(
         &mut self,
         change: Change,
+        #[cfg_attr(feature = "eeprom", expect(unused, reason = "an EEPROM is not erased"))]
+        erasing: Erasing,
         stored: &Stored,
         tools: &ToolTable,
     ) -> Result<(), StoreError> {
-        self.0.write(change, stored, tools)
+        #[cfg(feature = "eeprom")]
+        return self.0.write(change, stored, tools);
+        #[cfg(not(feature = "eeprom"))]
+        self.0.write(change, erasing, stored, tools)
     }
 }

@@ -17,13 +17,15 @@ use crate::{
     units::{MicroDegrees, Nm},
 };
 
-/// What should never happen, counted since power-up, wrapping.
+/// What should never happen, counted since power-up, wrapping; and what should not last.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub struct FaultCounts {
     /// Step events that may have come too late.
     pub late_events: u32,
     /// Received bytes that found no room, were not taken in time, or were damaged.
     pub lost_bytes: u32,
+    /// Changes that are in effect, and wait to be stored.
+    pub waiting_changes: u32,
 }
 
 /// The answer to `$`, without its `ok`.
@@ -67,11 +69,19 @@ pub fn reset_cause(text: &mut Text, cause: ResetCause) {
     text.word("]").end();
 }
 
-/// The line of the answer to `$I+` that tells how often a deadline was missed or a byte lost; in the answer to
-/// `$I` if there was any.
+/// The line of the answer to `$I+` that tells how often a deadline was missed or a byte lost, and how many changes
+/// wait to be stored; in the answer to `$I` if there was any.
 pub fn faults(text: &mut Text, faults: FaultCounts) {
-    text.word("[MSG:Late events: ").natural(faults.late_events);
-    text.word(", lost bytes: ").natural(faults.lost_bytes);
+    let counts = [
+        ("[MSG:Late events: ", faults.late_events),
+        (", lost bytes: ", faults.lost_bytes),
+        (", not stored yet: ", faults.waiting_changes),
+    ];
+    // What waits is no fault, and is told where there is any.
+    let shown = if faults.waiting_changes == 0 { 2 } else { 3 };
+    for (name, count) in counts.into_iter().take(shown) {
+        text.word(name).natural(count);
+    }
     text.word("]").end();
 }
 

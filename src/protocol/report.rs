@@ -266,6 +266,10 @@ pub enum Feedback {
     StoredProgramRefused,
     /// A feed move after a change of the tool, with the spindle off.
     SpindleOff,
+    /// A change is in effect, and is stored when the flash may be erased.
+    StoredLater,
+    /// A change that has waited cannot be stored.
+    NotStored,
 }
 
 /// `[MSG:…]`.
@@ -290,6 +294,8 @@ pub fn feedback(text: &mut Text, feedback: Feedback) {
         #[cfg(arc_machine)]
         Feedback::StoredProgramRefused => "The stored program cannot run here",
         Feedback::SpindleOff => "Spindle is off",
+        Feedback::StoredLater => "Stored when idle with the spindle off",
+        Feedback::NotStored => "Not stored: lost when power is off",
     };
     text.word("[MSG:").word(words).word("]").end();
 }

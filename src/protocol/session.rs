@@ -47,7 +47,7 @@ use crate::{
     machine::Snapshot,
     model::{Awaited, Probed, Requests, ResetCause, queues::ENTRY_RING},
     path::{Blender, Checkpoint, Compensator, Entry, Router, TiltedArc},
-    settings::{Change, Settings, StoreError, Stored, ToolTable},
+    settings::{Change, Settings, StoreError, Stored, ToolTable, WaitingChanges},
     units::Nm,
 };
 use host::Host;
@@ -317,6 +317,12 @@ impl Session {
         self.persistence.requested()
     }
 
+    /// Returns the changes that are in effect, and wait to be stored.
+    #[must_use]
+    pub const fn waiting_changes(&self) -> WaitingChanges {
+        self.persistence.waiting()
+    }
+
     /// Returns what is stored, with the requested change.
     #[must_use]
     pub fn stored(&self) -> &Stored {
@@ -330,6 +336,9 @@ impl Session {
     }
 
     /// Ends the requested change. After an error everything is as before.
+    ///
+    /// After [`StoreError::MustWait`] the change is in effect, and requested again when
+    /// [`Self::erasing`] allows it.
     pub fn has_stored(&mut self, result: Result<(), StoreError>) {
         self.persistence.finish(result);
     }
@@ -429,6 +438,11 @@ impl Session {
         } else {
             work
         };
+        let work = if self.persistence.has_postponed() {
+            work.union(Awaited::ENTRIES)
+        } else {
+            work
+        };
         let work = work.union(self.awaited_by_stream());
         if self.host.dialect == Dialect::RepRap {
             // Each line may be the command of an emergency.
@@ -444,6 +458,10 @@ impl Session {
         let machine = links.machine;
         continue_if(self.persistence.requested().is_none())?;
         self.end_store();
+        if self.persistence.has_postponed() {
+            self.store_postponed(machine);
+            continue_if(self.persistence.requested().is_none())?;
+        }
         self.begin_reset(links.requests.reset_count());
         self.observe(machine);
         self.drop_cancelled(machine);

@@ -22,7 +22,10 @@ pub use storage::{
     EEPROM_BYTES, Eeprom, EepromError, EepromStore, Journal, Loaded, PAGE_BYTES, TwoWireEeprom,
     Wires,
 };
-pub use stored::{Change, Origins, STARTUP_LINES, STORED_LINE, StoreError, Stored, StoredLine};
+pub use stored::{
+    Change, Erasing, Origins, STARTUP_LINES, STORED_LINE, StoreError, Stored, StoredLine,
+    WaitingChanges,
+};
 pub use table::{Row, SettingGroup};
 pub use tool_table::{TOOLS, ToolEntry, ToolTable};
 

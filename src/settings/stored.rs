@@ -3,7 +3,7 @@
 
 use heapless::Vec;
 
-use super::{Settings, StepRate};
+use super::{Settings, StepRate, TOOLS};
 use crate::{
     axis::Axes,
     model::PerSystem,
@@ -92,6 +92,84 @@ impl Change {
     }
 }
 
+/// Changes that are in effect and not stored yet.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+pub struct WaitingChanges(u64);
+
+const _: () = assert!(
+    FIRST_TOOL + TOOLS <= 64,
+    "make WaitingChanges larger: it must have a bit for each tool"
+);
+/// Number of the change of the first tool.
+const FIRST_TOOL: usize = 6 + STARTUP_LINES;
+
+impl WaitingChanges {
+    /// Adds a change.
+    pub const fn insert(&mut self, change: Change) {
+        self.0 |= Self::bit(change);
+    }
+
+    /// Removes a change.
+    pub const fn remove(&mut self, change: Change) {
+        self.0 &= !Self::bit(change);
+    }
+
+    /// Returns whether there are none.
+    #[must_use]
+    pub const fn is_empty(self) -> bool {
+        self.0 == 0
+    }
+
+    /// Returns how many there are.
+    #[must_use]
+    pub const fn count(self) -> u32 {
+        self.0.count_ones()
+    }
+
+    /// Returns the change to be stored first: what clears records comes before new ones.
+    #[must_use]
+    pub const fn first(self) -> Option<Change> {
+        /// Number of the first startup line.
+        const STARTUP: usize = FIRST_TOOL - STARTUP_LINES;
+        if self.is_empty() {
+            return None;
+        }
+        Some(match self.0.trailing_zeros() as usize {
+            0 => Change::RestoreAll,
+            1 => Change::RestoreOrigins,
+            2 => Change::RestoreSettings,
+            3 => Change::Settings,
+            4 => Change::Origins,
+            5 => Change::BuildInfo,
+            number if number < FIRST_TOOL => Change::Startup(number - STARTUP),
+            number => Change::Tool(number - FIRST_TOOL),
+        })
+    }
+
+    const fn bit(change: Change) -> u64 {
+        let number = match change {
+            Change::RestoreAll => 0,
+            Change::RestoreOrigins => 1,
+            Change::RestoreSettings => 2,
+            Change::Settings => 3,
+            Change::Origins => 4,
+            Change::BuildInfo => 5,
+            Change::Startup(line) => FIRST_TOOL - STARTUP_LINES + line,
+            Change::Tool(slot) => FIRST_TOOL + slot,
+        };
+        1 << (number % 64)
+    }
+}
+
+/// Whether the store may erase a part of the flash now, for which the chip stands still.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Erasing {
+    /// The machine is idle, with spindle and laser off.
+    Allowed,
+    /// Not now: a change that needs it has to wait.
+    Postponed,
+}
+
 /// The reason for which a change is not stored. The contents of before are still stored.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum StoreError {
@@ -99,4 +177,6 @@ pub enum StoreError {
     Flash,
     /// There is no room, or no startup line or slot with that number.
     NoRoom,
+    /// The flash must be erased first, and [`Erasing::Postponed`] says not now.
+    MustWait,
 }

@@ -5,12 +5,12 @@ use crate::{
     axis::Axes,
     machine::Snapshot,
     model::{
-        Alarm, Levels, Outputs, Requests, ResetCause,
+        Alarm, Levels, Outputs, Requests, ResetCause, Spindle, State,
         queues::{RECEIVED_RING, SENT_RING},
         timing::TICK_MS,
     },
     protocol::{Bytes, DamagedByte, Progress, Session},
-    settings::{Change, Journal, Loaded, Settings, StepRate, Stored, ToolTable},
+    settings::{Change, Erasing, Journal, Loaded, Settings, StepRate, Stored, ToolTable},
     stepper::SegmentRing,
     tasks::{self, SessionIo},
     units::TICKS_PER_MS,
@@ -52,7 +52,12 @@ impl Simulator {
         let mut journal = Journal::new(Flash::new());
         // A new flash whose power stays on has room for the settings.
         let _ = journal.load();
-        let _ = journal.write(Change::Settings, &stored, &ToolTable::new());
+        let _ = journal.write(
+            Change::Settings,
+            Erasing::Allowed,
+            &stored,
+            &ToolTable::new(),
+        );
         Self::start(journal, settings.step_rate, alarm)
     }
 
@@ -324,21 +329,31 @@ impl Simulator {
     /// Runs `interpret`.
     ///
     /// # Panics
-    /// If an axis moves while the flash is written: the chip could not output steps meanwhile.
+    /// If an axis moves while the flash is written, or the machine is not idle, with spindle and laser off, while
+    /// it is erased: the chip could not output steps meanwhile, nor stop anything.
     fn interpret(&mut self) {
         self.drive.follow_standing_order();
         self.session.set_late_events(self.drive.late());
         let snapshot = &self.snapshot();
         let is_at_rest = self.drive.due().is_none() && snapshot.is_at_rest;
+        let outputs = self.drive.outputs();
+        let is_off = outputs.spindle == Spindle::Off && outputs.duty == 0;
+        let may_erase = is_off && snapshot.state == State::Idle;
         let io = SessionIo {
             session: &mut self.session,
             received: &mut self.received.split().1,
             sent: &mut self.sent.split().0,
         };
         let journal = &mut self.journal;
-        let store = |change, stored: &Stored, tools: &ToolTable| {
+        let store = |change, erasing, stored: &Stored, tools: &ToolTable| {
             assert!(is_at_rest, "the flash is written at rest only");
-            journal.write(change, stored, tools)
+            let erases = journal.flash().erases();
+            let result = journal.write(change, erasing, stored, tools);
+            assert!(
+                may_erase || journal.flash().erases() == erases,
+                "flash is erased at Idle only, with spindle and laser off"
+            );
+            result
         };
         let (mut entries, segments, platform) = self.drive.for_interpret();
         let requests = &self.requests;

@@ -4,7 +4,9 @@ use std::num::NonZeroU8;
 
 use leadscrew::{
     axis::AXES,
-    settings::{Change, Journal, StoreError, Stored, StoredLine, ToolEntry, ToolTable, assign},
+    settings::{
+        Change, Erasing, Journal, StoreError, Stored, StoredLine, ToolEntry, ToolTable, assign,
+    },
     sim::Flash,
     units::Nm,
 };
@@ -183,5 +185,5 @@ pub(crate) fn write<const SIZE: usize>(
     change: Change,
     contents: &Contents,
 ) -> Result<(), StoreError> {
-    journal.write(change, &contents.stored, &contents.tools)
+    journal.write(change, Erasing::Allowed, &contents.stored, &contents.tools)
 }

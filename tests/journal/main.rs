@@ -7,6 +7,7 @@ mod cuts;
 mod damage;
 mod eeprom;
 mod history;
+mod postponed;
 // The document has the sizes with three axes.
 #[cfg(not(feature = "axes-4"))]
 mod sizes;

@@ -9,6 +9,7 @@ mod homing;
 mod inputs;
 mod lost_bytes;
 mod phases;
+mod postponed;
 mod power;
 mod probing;
 mod status;

@@ -8,7 +8,7 @@ use leadscrew::{
     units::{StepsPerMm, TICKS_PER_SECOND},
 };
 
-struct Machine(Box<Simulator>);
+pub(crate) struct Machine(pub(crate) Box<Simulator>);
 
 impl Machine {
     fn power_up(flash: Flash) -> Self {
@@ -16,7 +16,7 @@ impl Machine {
     }
 
     /// Sends text and waits until nothing is going on; gives what has come.
-    fn ask(&mut self, text: &str) -> String {
+    pub(crate) fn ask(&mut self, text: &str) -> String {
         let mut received = Vec::new();
         for byte in text.bytes() {
             self.0.receive(byte);
@@ -42,7 +42,7 @@ impl Machine {
         }
     }
 
-    fn cycle(self) -> Self {
+    pub(crate) fn cycle(self) -> Self {
         Self::power_up(self.0.into_flash())
     }
 }

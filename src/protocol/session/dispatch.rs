@@ -170,7 +170,11 @@ impl Session {
             List::Tools => listing::tool(text, self.interpreter.tools(), line),
             List::BuildInfo | List::ExtendedBuildInfo => {
                 let is_extended = list == List::ExtendedBuildInfo;
-                let has_faults = self.faults != FaultCounts::default();
+                let faults = FaultCounts {
+                    waiting_changes: self.persistence.waiting().count(),
+                    ..self.faults
+                };
+                let has_faults = faults != FaultCounts::default();
                 let shown = [
                     (true, BuildLine::Version),
                     (true, BuildLine::Options),
@@ -189,7 +193,7 @@ impl Session {
                     Some(BuildLine::StepRate) => listing::step_rate(text, settings.step_rate),
                     Some(BuildLine::NewOptions) => listing::new_options(text),
                     Some(BuildLine::ResetCause) => listing::reset_cause(text, self.reset_cause),
-                    Some(BuildLine::Faults) => listing::faults(text, self.faults),
+                    Some(BuildLine::Faults) => listing::faults(text, faults),
                     None => {}
                 }
                 next.is_some()

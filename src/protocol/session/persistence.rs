@@ -4,6 +4,9 @@
 //! been stored; after a failure everything is as before. Of the tool table, which is large, there is no
 //! copy: a tool is replaced at once, and the table is cleared when that has been stored. All of it at
 //! standstill only: the flash stalls the processor. Read with Grbl 1.1 `settings.c`.
+//!
+//! An erase stalls it for long. It is done at Idle only, with spindle and laser off; until then a change that
+//! needs it is in effect and waits. All that is stored is in RAM as well, so any number of changes can wait.
 
 use core::num::NonZeroU8;
 
@@ -11,11 +14,16 @@ use super::{AfterCommands, LineStage, Links, Progress, Session, Source, dispatch
 use crate::{
     gcode::LineError,
     machine::Snapshot,
+    model::{Spindle, State},
     path::Work,
     protocol::report::{self, Feedback},
-    settings::{Change, Settings, StoreError, Stored, StoredLine, ToolEntry},
+    settings::{
+        Change, Erasing, Settings, StoreError, Stored, StoredLine, ToolEntry, WaitingChanges,
+    },
 };
 
+/// Whether the memory of the settings has to be erased, as flash has and an EEPROM has not.
+const ERASES: bool = !cfg!(feature = "eeprom");
 /// `$13`.
 const REPORT_INCHES: i64 = 13;
 
@@ -43,6 +51,8 @@ enum StoreState {
     Requested(Change),
     /// The platform has stored it, or has failed to.
     Finished(Change, Result<(), StoreError>),
+    /// It has waited, is in effect, and the platform is to store it.
+    Postponed(Change),
     /// Stored, but a reset came before it took effect.
     Deferred,
 }
@@ -57,6 +67,10 @@ pub(super) struct Persistence {
     /// The tool that was in the slot before the change in progress.
     previous_tool: Option<ToolEntry>,
     state: StoreState,
+    /// What is in effect, and is to be stored when an erase is allowed.
+    waiting: WaitingChanges,
+    /// Something has begun to wait, or could not be stored, and the sender is to know it.
+    feedback: Option<Feedback>,
 }
 
 impl Persistence {
@@ -66,21 +80,54 @@ impl Persistence {
             previous: Stored::default(),
             previous_tool: None,
             state: StoreState::Idle,
+            waiting: WaitingChanges::default(),
+            feedback: None,
         }
+    }
+
+    /// Returns what is in effect, and not stored yet.
+    pub(super) const fn waiting(&self) -> WaitingChanges {
+        self.waiting
+    }
+
+    /// Returns whether [`Session::store_postponed`] may have something to do.
+    pub(super) const fn has_postponed(&self) -> bool {
+        ERASES && (self.feedback.is_some() || !self.waiting.is_empty())
     }
 
     /// Returns the change that the platform is to store.
     pub(super) fn requested(&self) -> Option<Change> {
         match self.state {
-            StoreState::Requested(change) => Some(change),
+            StoreState::Requested(change) | StoreState::Postponed(change) => Some(change),
             StoreState::Idle | StoreState::Finished(..) | StoreState::Deferred => None,
         }
     }
 
     /// Ends the requested change.
-    pub(super) fn finish(&mut self, result: Result<(), StoreError>) {
-        if let Some(change) = self.requested() {
+    #[inline(never)]
+    pub(super) fn finish(&mut self, mut result: Result<(), StoreError>) {
+        if let StoreState::Postponed(change) = self.state {
+            self.finish_postponed(change, result);
+        } else if let Some(change) = self.requested() {
+            if ERASES && result == Err(StoreError::MustWait) {
+                if self.waiting.is_empty() {
+                    self.feedback = Some(Feedback::StoredLater);
+                }
+                self.waiting.insert(change);
+                result = Ok(());
+            }
             self.state = StoreState::Finished(change, result);
+        }
+    }
+
+    /// Ends a change that has waited; where it cannot be stored, it stays in effect until power is off.
+    fn finish_postponed(&mut self, change: Change, result: Result<(), StoreError>) {
+        self.state = StoreState::Idle;
+        if result != Err(StoreError::MustWait) {
+            self.waiting.remove(change);
+        }
+        if !matches!(result, Ok(()) | Err(StoreError::MustWait)) {
+            self.feedback = Some(Feedback::NotStored);
         }
     }
 
@@ -241,6 +288,32 @@ impl Session {
                 | Change::Tool(_) => {}
             }
         })
+    }
+
+    /// Returns whether flash may be erased now: at Idle only, with spindle and laser off.
+    #[inline(never)]
+    #[must_use]
+    pub fn erasing(&self, machine: &Snapshot) -> Erasing {
+        let is_idle = machine.state == State::Idle && self.is_done(machine);
+        if is_idle && machine.spindle == Spindle::Off {
+            Erasing::Allowed
+        } else {
+            Erasing::Postponed
+        }
+    }
+
+    /// Stores a change that has waited, if it may be stored now, and tells the sender what has to be told.
+    #[inline(never)]
+    pub(super) fn store_postponed(&mut self, machine: &Snapshot) {
+        if let Some(feedback) = self.persistence.feedback.take() {
+            report::feedback(&mut self.reports.message, feedback);
+        }
+        if self.persistence.state == StoreState::Idle
+            && self.erasing(machine) == Erasing::Allowed
+            && let Some(change) = self.persistence.waiting.first()
+        {
+            self.persistence.state = StoreState::Postponed(change);
+        }
     }
 
     /// Clears the tool table where that has been stored, and reverts a change that could not be stored.

@@ -28,9 +28,9 @@ use sequential_storage::{
 
 use super::{
     record::{self, GENERATIONS, Generations, KEYS, Key, RECORD_BYTES, Record},
-    sectors::Sectors,
+    sectors::{PageError, Sectors},
 };
-use crate::settings::{Change, StoreError, Stored, TOOLS, ToolTable};
+use crate::settings::{Change, Erasing, StoreError, Stored, TOOLS, ToolTable};
 
 /// Bytes of the longest record that can be read: longer than any of this firmware, as newer
 /// firmware may write longer ones.
@@ -45,13 +45,15 @@ type Map<'a, F> = MapStorage<u8, &'a mut Sectors<F>, RecordCache>;
 
 /// The journal in the first two sectors of a flash.
 ///
-/// Changes are for standstill only: an erase stops some chips for up to 0.8 s.
+/// Changes are for standstill only, and erasing may have to wait: it stops some chips for up to 0.8 s.
 pub struct Journal<F: NorFlash> {
     sectors: Sectors<F>,
     /// Addresses of the newest records, so that a full page is copied in one pass.
     cache: RecordCache,
     /// The newest generation of each key; `None` until the journal is read.
     generations: Option<Generations>,
+    /// A change waits for an erase, and every later one behind it.
+    is_full: bool,
 }
 
 impl<F: NorFlash> fmt::Debug for Journal<F> {
@@ -107,10 +109,19 @@ impl From<StoreError> for Fault {
     }
 }
 
-impl<S> From<Error<S>> for Fault {
-    fn from(error: Error<S>) -> Self {
+impl From<PageError> for Fault {
+    fn from(error: PageError) -> Self {
+        Self::Refused(match error {
+            PageError::Flash => StoreError::Flash,
+            PageError::MustWait => StoreError::MustWait,
+        })
+    }
+}
+
+impl From<Error<PageError>> for Fault {
+    fn from(error: Error<PageError>) -> Self {
         match error {
-            Error::Storage { .. } => Self::Refused(StoreError::Flash),
+            Error::Storage { value, .. } => value.into(),
             // The enum may grow; all other errors are about the contents of the pages.
             _ => Self::Unreadable,
         }
@@ -122,9 +133,13 @@ impl<F: NorFlash> Journal<F> {
     #[must_use]
     pub fn new(flash: F) -> Self {
         Self {
-            sectors: Sectors { flash },
+            sectors: Sectors {
+                flash,
+                erasing: Erasing::Allowed,
+            },
             cache: empty_cache(),
             generations: None,
+            is_full: false,
         }
     }
 
@@ -184,8 +199,27 @@ impl<F: NorFlash> Journal<F> {
     ///
     /// # Errors
     /// [`StoreError::Flash`] when the flash fails, [`StoreError::NoRoom`] for a startup line or a slot
-    /// that does not exist.
+    /// that does not exist, [`StoreError::MustWait`] when erasing is postponed and the change needs it, or comes
+    /// after one that does.
+    #[inline(never)]
     pub fn write(
+        &mut self,
+        change: Change,
+        erasing: Erasing,
+        stored: &Stored,
+        tools: &ToolTable,
+    ) -> Result<(), StoreError> {
+        self.is_full &= erasing == Erasing::Postponed;
+        if self.is_full {
+            return Err(StoreError::MustWait);
+        }
+        self.sectors.erasing = erasing;
+        let written = self.write_or_rewrite(change, stored, tools);
+        self.is_full = written == Err(StoreError::MustWait);
+        written
+    }
+
+    fn write_or_rewrite(
         &mut self,
         change: Change,
         stored: &Stored,
@@ -364,6 +398,7 @@ impl<F: NorFlash> Journal<F> {
 
     /// Erases the pages.
     fn format(&mut self) -> Result<(), Fault> {
+        self.sectors.check_erasing()?;
         self.cache = empty_cache();
         self.sectors.erase().or(Err(StoreError::Flash))?;
         self.write_generations(Generations::default())

@@ -14,9 +14,14 @@
 //! A log that is itself half erased may show an old erase as not done. So `begun` is a number, one
 //! higher each time, with its complement: bits that are erased or not yet programmed make the word
 //! invalid but never a higher number. No word is programmed twice.
+//!
+//! An erase may have to wait. `sequential-storage` erases a page only after it has closed the other one, so
+//! while erasing is postponed, closing a page is refused, before anything has changed.
 
-use embedded_storage::nor_flash::{ErrorType, NorFlash};
+use embedded_storage::nor_flash::{ErrorType, NorFlash, NorFlashError, NorFlashErrorKind};
 use embedded_storage_async::nor_flash as page;
+
+use crate::settings::Erasing;
 
 /// Bytes of the log at the end of a sector: 64 erases of the other sector before its own.
 const LOG_BYTES: usize = 512;
@@ -31,6 +36,22 @@ const ERASED: [u8; 4] = [0xff; 4];
 #[derive(Debug)]
 pub(super) struct Sectors<F> {
     pub(super) flash: F,
+    pub(super) erasing: Erasing,
+}
+
+/// The reason for which an operation on a page fails.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum PageError {
+    /// The flash fails.
+    Flash,
+    /// It would need an erase.
+    MustWait,
+}
+
+impl NorFlashError for PageError {
+    fn kind(&self) -> NorFlashErrorKind {
+        NorFlashErrorKind::Other
+    }
 }
 
 impl<F: NorFlash> Sectors<F> {
@@ -41,6 +62,14 @@ impl<F: NorFlash> Sectors<F> {
     };
     /// Bytes of both pages.
     pub(super) const PAGES_BYTES: u32 = 2 * Self::PAGE_BYTES as u32;
+
+    /// Refuses what needs an erase, now or next.
+    pub(super) fn check_erasing(&self) -> Result<(), PageError> {
+        match self.erasing {
+            Erasing::Allowed => Ok(()),
+            Erasing::Postponed => Err(PageError::MustWait),
+        }
+    }
 
     /// Repeats the erase that a power cut has interrupted.
     pub(super) fn recover(&mut self) -> Result<(), F::Error> {
@@ -154,14 +183,15 @@ fn log<F: NorFlash>(sector: u32) -> core::ops::Range<u32> {
 }
 
 impl<F: NorFlash> ErrorType for Sectors<F> {
-    type Error = F::Error;
+    type Error = PageError;
 }
 
 impl<F: NorFlash> page::ReadNorFlash for Sectors<F> {
     const READ_SIZE: usize = F::READ_SIZE;
 
-    async fn read(&mut self, offset: u32, bytes: &mut [u8]) -> Result<(), F::Error> {
-        self.flash.read(Self::address(offset), bytes)
+    async fn read(&mut self, offset: u32, bytes: &mut [u8]) -> Result<(), PageError> {
+        let read = self.flash.read(Self::address(offset), bytes);
+        read.or(Err(PageError::Flash))
     }
 
     fn capacity(&self) -> usize {
@@ -173,15 +203,22 @@ impl<F: NorFlash> page::NorFlash for Sectors<F> {
     const WRITE_SIZE: usize = 4;
     const ERASE_SIZE: usize = Self::PAGE_BYTES;
 
-    async fn erase(&mut self, from: u32, to: u32) -> Result<(), F::Error> {
+    async fn erase(&mut self, from: u32, to: u32) -> Result<(), PageError> {
+        self.check_erasing()?;
         let page = Self::PAGE_BYTES as u32;
         for sector in from / page..to / page {
-            self.erase_logged(sector)?;
+            self.erase_logged(sector).or(Err(PageError::Flash))?;
         }
         Ok(())
     }
 
-    async fn write(&mut self, offset: u32, bytes: &[u8]) -> Result<(), F::Error> {
-        self.flash.write(Self::address(offset), bytes)
+    async fn write(&mut self, offset: u32, bytes: &[u8]) -> Result<(), PageError> {
+        let page = Self::PAGE_BYTES as u32;
+        if offset % page == page - Self::WRITE_SIZE as u32 {
+            // The mark of a closed page.
+            self.check_erasing()?;
+        }
+        let written = self.flash.write(Self::address(offset), bytes);
+        written.or(Err(PageError::Flash))
     }
 }

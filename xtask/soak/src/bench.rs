@@ -78,6 +78,8 @@ pub(crate) struct Bench {
     may_have_homed: bool,
     /// What may be stored, from the last instant at which all was, to now.
     may_be_stored: Vec<(Stored, ToolTable)>,
+    /// Changes have waited since that instant: they may have been stored in another order.
+    has_postponed: bool,
     /// The line in whose write the power fails.
     writing: Option<String>,
     fault: Option<Fault>,
@@ -109,6 +111,7 @@ impl Bench {
             offset: Axes::all(0),
             may_have_homed: false,
             may_be_stored: Vec::new(),
+            has_postponed: false,
             writing: None,
             fault,
             before: 0,
@@ -394,6 +397,7 @@ impl Bench {
     fn note_stored(&mut self) {
         let session = self.simulator.session();
         let now = (session.stored().clone(), session.tools().clone());
+        self.has_postponed |= !session.waiting_changes().is_empty();
         if self.may_be_stored.last() != Some(&now) {
             self.may_be_stored.push(now);
         }
@@ -503,7 +507,9 @@ impl Bench {
         self.setup.mount(&mut self.simulator, self.moved);
         let session = self.simulator.session();
         let stored = (session.stored().clone(), session.tools().clone());
-        let is_known = self.may_be_stored.contains(&stored);
+        let is_known = self.may_be_stored.contains(&stored)
+            || self.has_postponed && are_records_of(&stored, &self.may_be_stored);
+        self.has_postponed = false;
         let old = std::mem::replace(&mut self.may_be_stored, vec![stored]);
         self.motion = MotionRules::new(&self.simulator);
         (self.line, self.urgent) = (VecDeque::new(), VecDeque::new());
@@ -537,6 +543,20 @@ impl Bench {
         assert!(self.comes_to_rest(RESET_TICKS), "{line} is not answered");
         assert!(self.may_be_stored == new, "{line} was stored in part");
     }
+}
+
+/// Whether each record is one of those that may be stored.
+fn are_records_of(stored: &(Stored, ToolTable), all: &[(Stored, ToolTable)]) -> bool {
+    let any = |is_same: &dyn Fn(&Stored, &ToolTable) -> bool| {
+        all.iter().any(|(stored, tools)| is_same(stored, tools))
+    };
+    let (now, tools) = stored;
+    let mut startup = now.startup.iter().enumerate();
+    any(&|then, _| then.settings == now.settings)
+        && any(&|then, _| then.origins == now.origins)
+        && any(&|then, _| then.build_info == now.build_info)
+        && startup.all(|(line, text)| any(&|then, _| then.startup.get(line) == Some(text)))
+        && (0..TOOLS).all(|slot| any(&|_, then| then.slot(slot) == tools.slot(slot)))
 }
 
 /// How many records differ: the settings, an origin, a startup line, the build info, a tool.
