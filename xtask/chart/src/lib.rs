@@ -17,7 +17,7 @@ use plotters::{
     prelude::*,
 };
 
-pub use line::{simplified, widened};
+pub use line::{nearest, simplified, thinned, widened};
 
 /// A part of a picture.
 pub type Area<'a> = DrawingArea<SVGBackend<'a>, Shift>;

@@ -8,40 +8,67 @@ pub fn widened(range: &Range<f64>, length: f64) -> Range<f64> {
     middle - length / 2.0..middle + length / 2.0
 }
 
-/// A line with fewer points, none farther than some pixels from the original (Douglas and Peucker
-/// 1973); a pixel may have different sizes across and up.
+/// A line with fewer points, none farther than some pixels from the original; a pixel may have different
+/// sizes across and up.
 pub fn simplified(points: &[(f64, f64)], pixel: [f64; 2], pixels: f64) -> Vec<(f64, f64)> {
-    let place = |index: usize| (points[index].0 / pixel[0], points[index].1 / pixel[1]);
+    let place = |point: &(f64, f64)| [point.0 / pixel[0], point.1 / pixel[1]];
+    thinned(points, place, pixels)
+}
+
+/// The points of a line that are needed so that none is farther than `most` from the line through them
+/// (Douglas and Peucker 1973), where `place` has them.
+pub fn thinned<P: Copy, const N: usize>(
+    points: &[P],
+    place: impl Fn(&P) -> [f64; N],
+    most: f64,
+) -> Vec<P> {
     let mut keep = vec![false; points.len()];
     let mut open = vec![(0, points.len().saturating_sub(1))];
     while let Some((first, last)) = open.pop() {
         for end in [first, last] {
             keep.get_mut(end).into_iter().for_each(|keep| *keep = true);
         }
-        let far = (first + 1..last)
-            .map(|index| (index, distance(place(index), place(first), place(last))))
-            .max_by(|a, b| a.1.total_cmp(&b.1));
-        if let Some((index, far)) = far
-            && far > pixels
-        {
-            open.extend([(first, index), (index, last)]);
+        if last < first + 2 {
+            continue;
         }
+        let (from, to) = (place(&points[first]), place(&points[last]));
+        let (mut farthest, mut index) = (most, None);
+        let between = points.iter().enumerate().take(last).skip(first + 1);
+        for (number, point) in between {
+            let (_, off) = nearest(place(point), from, to);
+            if off > farthest {
+                (farthest, index) = (off, Some(number));
+            }
+        }
+        open.extend(
+            index
+                .into_iter()
+                .flat_map(|index| [(first, index), (index, last)]),
+        );
     }
     let kept = points.iter().zip(keep).filter(|(_, keep)| *keep);
     kept.map(|(point, _)| *point).collect()
 }
 
-/// Distance of a point from a stretch.
-fn distance(point: (f64, f64), from: (f64, f64), to: (f64, f64)) -> f64 {
-    let (dx, dy) = (to.0 - from.0, to.1 - from.1);
-    let (px, py) = (point.0 - from.0, point.1 - from.1);
-    let square = dx * dx + dy * dy;
+/// Which part of a stretch is nearest to a point, and how far that is.
+pub fn nearest<const N: usize>(point: [f64; N], from: [f64; N], to: [f64; N]) -> (f64, f64) {
+    let (mut square, mut product) = (0.0, 0.0);
+    for axis in 0..N {
+        let along = to[axis] - from[axis];
+        square += along * along;
+        product += along * (point[axis] - from[axis]);
+    }
     let share = if square > 0.0 {
-        ((px * dx + py * dy) / square).clamp(0.0, 1.0)
+        (product / square).clamp(0.0, 1.0)
     } else {
         0.0
     };
-    (px - share * dx).hypot(py - share * dy)
+    let mut apart = 0.0;
+    for axis in 0..N {
+        let off = point[axis] - from[axis] - share * (to[axis] - from[axis]);
+        apart += off * off;
+    }
+    (share, f64::sqrt(apart))
 }
 
 #[cfg(test)]
@@ -58,5 +85,12 @@ mod tests {
         assert_eq!(simplified(&corner, [1.0; 2], 0.01), corner);
         assert_eq!(simplified(&corner, [1.0, 1000.0], 0.01).len(), 2);
         assert!(simplified(&[], [1.0; 2], 0.01).is_empty());
+    }
+    #[test]
+    fn what_is_in_a_plane_from_above_may_be_a_corner_in_space() {
+        let corner = [[0.0, 0.0, 0.0], [5.0, 0.0, 1.0], [10.0, 0.0, 0.0]];
+        assert_eq!(thinned(&corner, |point| *point, 0.5), corner);
+        assert_eq!(thinned(&corner, |[x, y, _]| [*x, *y], 0.5).len(), 2);
+        assert_eq!(nearest([4.0, 3.0], [0.0, 0.0], [8.0, 0.0]), (0.5, 3.0));
     }
 }

@@ -239,6 +239,7 @@ fn all() -> impl Iterator<Item = Check> {
     });
     senders.chain([
         Check::new("the monitor's page", monitor::page),
+        Check::new("the live page of a job", monitor::live_page),
         Check::new("the page of a job", view::page),
     ])
 }

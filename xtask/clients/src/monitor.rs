@@ -11,10 +11,11 @@ use anyhow::{Context, Result, bail, ensure};
 use common::{cargo, check::Verdict, tools};
 use rustix::process::{Pid, Signal};
 
-use super::{browser_and_modules, install};
+use super::{INSTALLING, browser_and_modules, install};
 
-/// What the page's script is, and shows at its end.
-const SCRIPT: &str = "monitor_page.js";
+/// What looks at the page of a path, and at that of a job, and what both show at their end.
+const PATH_SCRIPT: &str = "monitor_page.js";
+const JOB_SCRIPT: &str = "live_page.js";
 const END: &str = "at 0,0,0";
 
 /// A monitor that runs.
@@ -93,24 +94,38 @@ impl Drop for Monitor {
     }
 }
 
-/// Looks at the page in the middle of a job and at its end.
+/// Looks at the page in the middle of a path and at its end.
 pub(super) fn page() -> Result<Verdict> {
-    let mut node = match browser_and_modules() {
+    look(PATH_SCRIPT, "pico")
+}
+
+/// Looks at the page of a job in several sizes, in its middle and at its end.
+pub(super) fn live_page() -> Result<Verdict> {
+    look(JOB_SCRIPT, "plate")
+}
+
+/// Has a script look at the page while an example is sent to the simulator.
+fn look(script: &str, example: &str) -> Result<Verdict> {
+    let installing = INSTALLING.lock();
+    let node = browser_and_modules();
+    drop(installing);
+    let mut node = match node {
         Ok(node) => node,
         Err(reason) => return Ok(Verdict::Skipped(format!("{reason:#}"))),
     };
-    let folder = install::folder().join("monitor-page");
+    let folder = install::folder().join(format!("monitor-{example}"));
     let _ = fs::remove_dir_all(&folder);
     fs::create_dir_all(&folder)?;
     let examples = cargo::root().join("examples");
+    let settings = if example == "pico" { "pico" } else { "mill" };
     let mut command = tools::command(tools::MONITOR)?;
     command
-        .arg(examples.join("pico.nc"))
+        .arg(examples.join(format!("{example}.nc")))
         .args(["--sim", "--settings"])
-        .arg(examples.join("pico.settings"));
+        .arg(examples.join(format!("{settings}.settings")));
     let mut monitor = Monitor::start(&mut command)?;
     let output = node
-        .arg(install::scripts().join(SCRIPT))
+        .arg(install::scripts().join(script))
         .arg(&monitor.address)
         .current_dir(&folder)
         .stdin(Stdio::null())

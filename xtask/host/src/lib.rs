@@ -8,6 +8,7 @@
     reason = "a library of the tools beside it: errors are sentences, which the user is shown"
 )]
 
+pub mod facts;
 pub mod holder;
 pub mod interrupt;
 pub mod lock;

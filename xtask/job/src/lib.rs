@@ -29,10 +29,12 @@ pub mod settings;
 #[cfg(test)]
 mod tests;
 mod vertex;
+mod waypoints;
 
 pub use facts::Job;
 pub use recording::Recording;
 pub use refusals::{Cause, Refusals, line_error};
+pub use waypoints::Waypoint;
 
 #[cfg(test)]
 use cases::cases;

@@ -12,6 +12,7 @@ use std::{
 };
 
 use anyhow::{Context, Result, anyhow};
+use job::Job;
 use tiny_http::{Header, Method, Request, Response, Server};
 
 use crate::picture::{Shared, Shown};
@@ -24,25 +25,47 @@ const SILENCE: Duration = Duration::from_secs(2);
 const LAST_EVENT: Duration = Duration::from_secs(1);
 
 const POLICY: &str = "default-src 'none'; script-src 'self'; style-src 'self'; connect-src 'self'; \
-    base-uri 'none'; form-action 'none'; frame-ancestors 'none'";
+    base-uri 'none'; form-action 'none'";
+/// What a browser only takes from a header.
+const FRAMES: &str = "; frame-ancestors 'none'";
 
-/// The files: path, type, text.
-const FILES: [(&str, &str, &str); 3] = [
-    ("/", "text/html; charset=utf-8", include_str!("page.html")),
-    (
-        "/page.css",
-        "text/css; charset=utf-8",
-        include_str!("page.css"),
-    ),
-    (
-        "/page.js",
-        "text/javascript; charset=utf-8",
-        include_str!("page.js"),
-    ),
-];
+const HTML: &str = "text/html; charset=utf-8";
+const BYTES: &str = "application/octet-stream";
 
-/// Serves the page at an address, and returns where.
-pub(crate) fn serve(address: &str, shared: &Arc<Shared>) -> Result<SocketAddr> {
+/// The files: path, type, content.
+struct Files(Vec<(&'static str, &'static str, Vec<u8>)>);
+
+impl Files {
+    /// Those of the page, and of the job that is known in advance.
+    fn new(job: Option<Job>) -> Result<Self> {
+        let page = view::page::served(
+            "Leadscrew monitor",
+            POLICY,
+            include_str!("page/live.html"),
+            include_str!("page/live.css"),
+            include_str!("page/live.js"),
+        );
+        let facts = serde_json::to_vec(&job)?;
+        let job = job.unwrap_or_default();
+        Ok(Self(vec![
+            ("/", HTML, page.html.into()),
+            ("/page.css", "text/css; charset=utf-8", page.style.into()),
+            (
+                "/page.js",
+                "text/javascript; charset=utf-8",
+                page.script.into(),
+            ),
+            ("/job.json", "application/json", facts),
+            ("/job.path", BYTES, job.columns),
+            ("/job.curves", BYTES, job.curves),
+            ("/job.program", BYTES, job.text),
+        ]))
+    }
+}
+
+/// Serves the page at an address, with a job that is known in advance, and returns where.
+pub(crate) fn serve(address: &str, shared: &Arc<Shared>, job: Option<Job>) -> Result<SocketAddr> {
+    let files = Files::new(job)?;
     let server = Server::http(address)
         .map_err(|error| anyhow!("{error}"))
         .with_context(|| format!("cannot serve the page at {address}"))?;
@@ -54,7 +77,7 @@ pub(crate) fn serve(address: &str, shared: &Arc<Shared>) -> Result<SocketAddr> {
     thread::spawn(move || {
         for request in server.incoming_requests() {
             // Who has gone needs no answer.
-            let _ = answer(request, at, &shared);
+            let _ = answer(request, at, &files, &shared);
         }
     });
     Ok(at)
@@ -69,7 +92,7 @@ pub(crate) fn wait_for_pages(shared: &Shared) {
     }
 }
 
-fn answer(request: Request, at: SocketAddr, shared: &Arc<Shared>) -> io::Result<()> {
+fn answer(request: Request, at: SocketAddr, files: &Files, shared: &Arc<Shared>) -> io::Result<()> {
     let host = request
         .headers()
         .iter()
@@ -94,25 +117,28 @@ fn answer(request: Request, at: SocketAddr, shared: &Arc<Shared>) -> io::Result<
         }
         // Browsers ask for it by themselves.
         "/favicon.ico" => request.respond(Response::empty(204)),
-        _ => match FILES.iter().find(|(name, ..)| *name == path) {
-            Some((_, kind, text)) => {
-                let mut response = Response::from_string(*text);
-                for (field, value) in [
-                    ("Content-Type", *kind),
-                    ("Content-Security-Policy", POLICY),
-                    ("X-Content-Type-Options", "nosniff"),
-                    ("Referrer-Policy", "no-referrer"),
-                    ("Cache-Control", "no-store"),
-                ] {
-                    if let Ok(header) = Header::from_bytes(field, value) {
-                        response.add_header(header);
-                    }
-                }
-                request.respond(response)
-            }
+        _ => match files.0.iter().find(|(name, ..)| *name == path) {
+            Some((_, kind, content)) => respond(request, kind, content),
             None => request.respond(Response::from_string("not found").with_status_code(404)),
         },
     }
+}
+
+fn respond(request: Request, kind: &str, content: &[u8]) -> io::Result<()> {
+    let mut response = Response::from_data(content);
+    let policy = [POLICY, FRAMES].concat();
+    for (field, value) in [
+        ("Content-Type", kind),
+        ("Content-Security-Policy", policy.as_str()),
+        ("X-Content-Type-Options", "nosniff"),
+        ("Referrer-Policy", "no-referrer"),
+        ("Cache-Control", "no-store"),
+    ] {
+        if let Ok(header) = Header::from_bytes(field, value) {
+            response.add_header(header);
+        }
+    }
+    request.respond(response)
 }
 
 /// Whether a request was meant for this server, by the name in it.

@@ -6,10 +6,13 @@ use std::{
     time::Duration,
 };
 
-use chart::simplified;
+use chart::thinned;
 use serde::Serialize;
 
-use crate::track::{AXES, Report};
+use crate::{
+    course::Progress,
+    track::{AXES, Report},
+};
 
 /// Points of the path that are kept at most.
 const MAX_POINTS: usize = 20_000;
@@ -20,7 +23,9 @@ const MAX_SPEEDS: usize = 4000;
 /// Positions from which the direction is taken: single steps of two axes alternate.
 const HEADING_POINTS: usize = 8;
 
-/// A point of the path from above: X and Y.
+/// A point of the path, in its unit.
+pub(crate) type Place = [f64; AXES];
+/// A point of a curve over time.
 pub(crate) type Point = (f64, f64);
 
 /// Least and greatest coordinates.
@@ -47,6 +52,8 @@ pub(crate) struct Now {
     pub(crate) time_s: f64,
     /// Lines of the program that are answered.
     pub(crate) lines: u64,
+    /// How far the job is that is known in advance.
+    pub(crate) job: Option<Progress>,
 }
 
 /// The picture.
@@ -56,7 +63,7 @@ pub(crate) struct Picture {
     pub(crate) title: String,
     /// The unit of the path.
     pub(crate) unit: &'static str,
-    path: Vec<Point>,
+    path: Vec<Place>,
     /// Time in s and speed in mm/min.
     speeds: Vec<Point>,
     now: Now,
@@ -87,7 +94,7 @@ pub(crate) struct Change<'a> {
     is_all: bool,
     title: &'a str,
     unit: &'a str,
-    path: &'a [Point],
+    path: &'a [Place],
     speeds: &'a [Point],
     now: &'a Now,
     is_over: bool,
@@ -130,9 +137,7 @@ impl Picture {
         if (dx, dy) != (0.0, 0.0) {
             now.heading = Some(dy.atan2(dx));
         }
-        if self.path.last() != Some(&(at[0], at[1])) {
-            self.path.push((at[0], at[1]));
-        }
+        self.path.push(at);
         if self.path.len() >= MAX_POINTS {
             self.simplify();
         }
@@ -142,10 +147,11 @@ impl Picture {
     /// Leaves out what cannot be seen, and more where that is not enough.
     fn simplify(&mut self) {
         let Extents { low, high } = self.now.extents;
-        let pixel = ((high[0] - low[0]).max(high[1] - low[1]) / PIXELS).max(1e-9);
+        let sizes = (0..AXES).map(|axis| high[axis] - low[axis]);
+        let pixel = (sizes.fold(0.0, f64::max) / PIXELS).max(1e-9);
         let mut pixels = 0.25;
         while self.path.len() > MAX_POINTS / 2 {
-            self.path = simplified(&self.path, [pixel; 2], pixels);
+            self.path = thinned(&self.path, |place| *place, pixels * pixel);
             pixels *= 2.0;
         }
         self.generation += 1;
@@ -176,6 +182,12 @@ impl Picture {
         self.version += 1;
     }
 
+    /// Takes note of how far the job is.
+    pub(crate) fn progress(&mut self, progress: Progress) {
+        self.now.job = Some(progress);
+        self.version += 1;
+    }
+
     /// Nothing more is to come.
     pub(crate) fn end(&mut self) {
         self.is_over = true;
@@ -186,7 +198,7 @@ impl Picture {
         self.is_over
     }
 
-    pub(crate) fn path(&self) -> &[Point] {
+    pub(crate) fn path(&self) -> &[Place] {
         &self.path
     }
 
@@ -271,6 +283,7 @@ mod tests {
         Report {
             state: "Run".into(),
             machine_mm: [1.0; AXES],
+            rotary: Vec::new(),
             work_mm: [0.0; AXES],
             speed_mm_min: Some(speed),
         }
@@ -328,10 +341,7 @@ mod tests {
         assert!(points <= MAX_POINTS && picture.path.capacity() <= 2 * MAX_POINTS);
         assert!(speeds <= MAX_SPEEDS && generations > 3);
         assert_eq!(picture.now.extents, Extents { low, high });
-        assert_eq!(
-            picture.path.last().copied(),
-            picture.now.at.map(|[x, y, _]| (x, y))
-        );
+        assert_eq!(picture.path.last().copied(), picture.now.at);
     }
 
     #[test]
@@ -348,7 +358,7 @@ mod tests {
         for index in (0..MAX_POINTS as u32).step_by(37) {
             let [x, y, _] = place(index);
             let near = picture.path.windows(2).map(|two| {
-                let ((ax, ay), (bx, by)) = (two[0], two[1]);
+                let ([ax, ay, _], [bx, by, _]) = (two[0], two[1]);
                 let (dx, dy) = (bx - ax, by - ay);
                 let share = ((x - ax) * dx + (y - ay) * dy) / (dx * dx + dy * dy);
                 let share = share.clamp(0.0, 1.0);
@@ -374,12 +384,12 @@ mod tests {
         assert!(!more.is_all);
         assert_eq!(
             (more.path, more.speeds),
-            (&[(1.0, 1.0)][..], &[(1.0, 60.0)][..])
+            (&[[1.0, 1.0, 0.0], [1.0, 1.0, 5.0]][..], &[(1.0, 60.0)][..])
         );
         assert_eq!(more.now.at, Some([1.0, 1.0, 5.0]));
         assert_eq!(more.now.heading, Some(FRAC_PI_2));
         // Another page, or the same one loaded again, has nothing.
-        assert_eq!(picture.change(&mut Shown::default()).unwrap().path.len(), 2);
+        assert_eq!(picture.change(&mut Shown::default()).unwrap().path.len(), 3);
         picture.simplify();
         assert!(picture.change(&mut shown).unwrap().is_all);
         picture.end();

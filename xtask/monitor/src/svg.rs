@@ -61,7 +61,8 @@ fn draw_path(area: &Area, picture: &Picture) -> Drawn<()> {
         widened(y, up * pixel),
         &labels,
     )?;
-    let line = simplified(picture.path(), [pixel; 2], TOLERANCE);
+    let above: Vec<_> = picture.path().iter().map(|[x, y, _]| (*x, *y)).collect();
+    let line = simplified(&above, [pixel; 2], TOLERANCE);
     let last = line.last().copied();
     chart.draw_series([PathElement::new(line, SPEED.stroke_width(stroke(2)))])?;
     chart.draw_series(last.map(|at| Circle::new(at, DOT * PX, SPEED.filled())))?;

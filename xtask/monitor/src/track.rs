@@ -32,6 +32,8 @@ pub(crate) struct Report {
     pub(crate) state: String,
     /// The machine position, mm.
     pub(crate) machine_mm: [f64; AXES],
+    /// The machine position of the axes behind Z, degrees.
+    pub(crate) rotary: Vec<f64>,
     /// The work position, mm.
     pub(crate) work_mm: [f64; AXES],
     /// The speed, mm/min, if the report has one.
@@ -118,6 +120,7 @@ impl Track {
         is_state.then(|| Report {
             state: state.into(),
             machine_mm,
+            rotary: numbers_behind(inner, if machine.is_some() { "MPos:" } else { "WPos:" }),
             work_mm,
             speed_mm_min: speed.map(|[speed, ..]| speed * scale),
         })
@@ -178,6 +181,14 @@ fn numbers(text: &str, key: &str) -> Option<[f64; AXES]> {
     Some(found)
 }
 
+/// Returns the numbers behind the first three of a key of a report.
+fn numbers_behind(text: &str, key: &str) -> Vec<f64> {
+    let field = text.split_once(key).map_or("", |(_, behind)| behind);
+    let field = field.split('|').next().unwrap_or_default();
+    let numbers = field.split(',').skip(AXES).map(str::parse);
+    numbers.map_while(Result::ok).collect()
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -203,6 +214,7 @@ mod tests {
         assert_eq!(report.state, "Run");
         assert_eq!(report.machine_mm, [1.0, 2.0, 3.0]);
         assert_eq!(report.work_mm, [0.5, 2.0, 2.0]);
+        assert_eq!(report.rotary, Vec::<f64>::new());
         assert_eq!(report.speed_mm_min, Some(500.0));
         assert_eq!(whole[4], Sighting::Alarm("ALARM:1".into()));
         for size in 1..9 {
@@ -280,6 +292,8 @@ mod tests {
             ([1.0, 2.0, 0.0], Some(30.0))
         );
         assert_eq!(two_axes.state, "Hold:0");
+        let four = report("<Idle|MPos:1.000,2.000,3.000,-45.000|FS:0,0>");
+        assert_eq!(four.rotary, [-45.0]);
         report("<Idle|WPos:0.000,0.000,0.000|WCO:10.000,20.000,30.000>");
         let work = report("<Run|WPos:1.000,2.000,3.000|FS:0,0>");
         assert_eq!(work.machine_mm, [11.0, 22.0, 33.0]);

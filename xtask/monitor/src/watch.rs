@@ -7,20 +7,22 @@ use std::{
 };
 
 use anyhow::{Context, Result, bail, ensure};
-use host::pty::Pty;
+use host::{facts::Facts, pty::Pty};
 use rustix::{
     event::{PollFd, PollFlags, Timespec, poll},
     io::Errno,
 };
 
 use crate::{
-    job::Job,
+    course::Course,
     picture::Shared,
+    sending::Sending,
     source::Source,
     tap::Tap,
-    track::{AXES, Sighting, Track},
+    track::{AXES, Report, Sighting, Track},
 };
 
+const Z: usize = 2;
 /// Longest wait for bytes: as long until it is looked whether to ask.
 const WAIT: Timespec = Timespec {
     tv_sec: 0,
@@ -44,6 +46,10 @@ pub(crate) struct Watch {
     start: Instant,
     track: Track,
     tap: Tap,
+    /// The path of the job, where it is known in advance.
+    course: Option<Course>,
+    /// The last report.
+    report: Option<Report>,
     /// Steps in a unit of the path, once a line of the stream has been seen: from then on reports add no
     /// positions to the path.
     stream_scale: Option<[f64; AXES]>,
@@ -61,6 +67,8 @@ impl Watch {
             shared,
             start: Instant::now(),
             track: Track::default(),
+            course: None,
+            report: None,
             tap: Tap::new(is_simulated),
             stream_scale: None,
             to_machine: Vec::new(),
@@ -93,6 +101,70 @@ impl Watch {
         }
         self.to_sender.clear();
         Ok(())
+    }
+
+    /// Tells what the machine is going to do.
+    pub(crate) fn expect(&mut self, course: Course) {
+        self.course = Some(course);
+    }
+
+    /// Asks for everything that a job depends on. A machine that moves is asked for nothing: its job is taken
+    /// for one that has begun at the work zero of now.
+    pub(crate) fn facts(&mut self, stop: &UnixStream) -> Result<Facts> {
+        let report = self.ask(b"?", ANSWER, stop, |sighting| match sighting {
+            Sighting::Report(report) => Some(report.clone()),
+            _ => None,
+        })?;
+        let report = report.context("the machine does not tell its position")?;
+        let [machine, work] = [report.machine_mm, report.work_mm];
+        if report.state != "Idle" {
+            let offset = [0, 1, 2].map(|axis| machine[axis] - work[axis]);
+            let text = offset.map(|offset| format!("{offset:.4}")).join(",");
+            let rotary = vec![0.0; report.rotary.len()];
+            return Ok(Facts {
+                parameters: vec![format!("[G54:{text}]")],
+                position: offset.into_iter().chain(rotary).collect(),
+                ..Facts::default()
+            });
+        }
+        let mut settings = self.lines("$+", stop)?;
+        if settings.is_empty() {
+            settings = self.lines("$$", stop)?;
+        }
+        let facts = Facts {
+            version: self.lines("$I", stop)?,
+            settings,
+            parameters: self.lines("$#", stop)?,
+            tools: self.lines("$TT", stop)?,
+            modes: self.lines("$G", stop)?.pop().unwrap_or_default(),
+            position: Vec::new(),
+        };
+        let is_in_inches = facts.settings().report_inches;
+        let scale = if is_in_inches { 1.0 / 25.4 } else { 1.0 };
+        let position = machine.iter().map(|mm| mm * scale);
+        let position = position.chain(report.rotary).collect();
+        Ok(Facts { position, ..facts })
+    }
+
+    /// What the machine says to a statement; nothing where it does not know it.
+    fn lines(&mut self, statement: &str, stop: &UnixStream) -> Result<Vec<String>> {
+        let mut lines = Vec::new();
+        let question = format!("{statement}\n");
+        let answer = self.ask(question.as_bytes(), LIST, stop, |sighting| {
+            if let Sighting::Other(text) = sighting {
+                lines.push(text.clone());
+            }
+            match sighting {
+                Sighting::Answer(text) => Some(text == "ok"),
+                _ => None,
+            }
+        })?;
+        self.to_sender.clear();
+        Ok(if answer == Some(true) {
+            lines
+        } else {
+            Vec::new()
+        })
     }
 
     /// Asks for something until it is seen, or the time is over.
@@ -128,7 +200,7 @@ impl Watch {
     pub(crate) fn run(
         &mut self,
         sender: Option<&Pty>,
-        mut job: Option<&mut Job>,
+        mut job: Option<&mut Sending>,
         stop: &UnixStream,
     ) -> Result<()> {
         self.start = Instant::now();
@@ -152,7 +224,7 @@ impl Watch {
     }
 
     /// Adds to the picture what has been seen.
-    fn look(&mut self, sighting: &Sighting, job: Option<&mut Job>) -> Result<()> {
+    fn look(&mut self, sighting: &Sighting, job: Option<&mut Sending>) -> Result<()> {
         match sighting {
             Sighting::Steps([x, y], z) => {
                 let told = self.track.steps_per_mm();
@@ -160,17 +232,25 @@ impl Watch {
                 let is_first = self.stream_scale.is_none();
                 let scale = *self.stream_scale.get_or_insert(told.unwrap_or([1.0; AXES]));
                 let steps = [*x, *y, z.unwrap_or(0)].map(f64::from);
-                let place = std::array::from_fn(|axis| steps[axis] / scale[axis]);
+                let mut place: [f64; AXES] = std::array::from_fn(|axis| steps[axis] / scale[axis]);
+                // A stream without Z leaves it to the reports.
+                if let (None, Some(report), true) = (z, &self.report, told.is_some()) {
+                    place[Z] = report.machine_mm[Z];
+                }
                 self.shared.change(|picture| {
                     if is_first {
                         picture.measure_in(unit);
                     }
                     picture.move_to(place);
                 });
+                if unit == "mm" {
+                    self.follow(place);
+                }
             }
             Sighting::Report(report) => {
                 let time = self.start.elapsed();
                 let is_path = self.stream_scale.is_none();
+                self.report = Some(report.clone());
                 self.shared.change(|picture| {
                     picture.report(report, time);
                     if is_path {
@@ -178,6 +258,10 @@ impl Watch {
                         picture.move_to(report.machine_mm);
                     }
                 });
+                // The stream tells where a machine is that moves, but not that it has come to rest.
+                if is_path || report.state != "Run" {
+                    self.follow(report.machine_mm);
+                }
                 if let Some(job) = job {
                     job.report(&report.state);
                     // The operator of the virtual machine presses cycle start.
@@ -199,6 +283,15 @@ impl Watch {
             Sighting::Other(text) => port::ensure_is_free(&self.source.name, text)?,
         }
         Ok(())
+    }
+
+    /// Finds how far the job is when the machine is at a place.
+    fn follow(&mut self, place: [f64; AXES]) {
+        if let Some(course) = &mut self.course {
+            let state = self.report.as_ref().map_or("", |report| &report.state);
+            let progress = course.follow(place, self.start.elapsed().as_secs_f64(), state);
+            self.shared.change(|picture| picture.progress(progress));
+        }
     }
 
     /// Moves what bytes there are, after a short wait. Returns whether it is to stop.

@@ -212,6 +212,87 @@ fn a_sender_reaches_the_machine_through_the_link() {
     assert!(fs::symlink_metadata(&link).is_err());
 }
 
+/// The whole of a file that is served.
+fn body(address: &str, path: &str) -> Value {
+    let mut text = String::new();
+    get(address, path, address)
+        .read_to_string(&mut text)
+        .unwrap();
+    serde_json::from_str(text.split_once("\r\n\r\n").unwrap().1).unwrap()
+}
+
+#[test]
+fn a_job_that_a_sender_sends_is_known_from_its_begin_to_its_end() {
+    let folder = tempdir().unwrap();
+    let [link, program] = ["tty", "job.nc"].map(|name| folder.path().join(name));
+    let lines = ["G0 X10 Y5", "G1 Z-2 F1200", "G1 X20 F1200", "G0 Z1"];
+    fs::write(&program, lines.join("\n")).unwrap();
+    let mut monitor = Monitor::start(&[
+        "--sim",
+        "--program",
+        program.to_str().unwrap(),
+        "--set",
+        "$120=500",
+        "--link",
+        link.to_str().unwrap(),
+    ]);
+    let address = monitor.address();
+    let facts = body(&address, "/job.json");
+    assert_eq!(
+        (&facts["title"], &facts["lines"]),
+        (&"job.nc".into(), &4.into())
+    );
+    assert!(head(&address, "/job.path", &address).starts_with("HTTP/1.1 200"));
+    let mut sender = fs::File::options().write(true).open(&link).unwrap();
+    for line in lines {
+        writeln!(sender, "{line}").unwrap();
+    }
+    let (mut most, mut seen) = (0.0_f64, std::collections::BTreeSet::new());
+    let is_done = |event: Value| {
+        let job = event["now"]["job"].clone();
+        let number = |name: &str| job[name].as_f64().unwrap_or(-1.0);
+        // It never jumps back, as nothing is cut twice here.
+        assert!(number("time_s") >= most - 0.05, "{job} after {most}");
+        most = most.max(number("time_s"));
+        seen.extend(job["line"].as_u64());
+        number("left_s") == 0.0 && event["now"]["state"] == "Idle"
+    };
+    assert!(events(&address).any(is_done));
+    assert!(seen.contains(&1) && seen.contains(&3), "{seen:?}");
+    monitor.interrupt();
+    let (status, said) = monitor.end();
+    assert_eq!(status, Some(0), "{said}");
+    // Nothing is known of what nobody names.
+    let mut monitor = Monitor::start(&["--sim"]);
+    assert_eq!(body(&monitor.address(), "/job.json"), Value::Null);
+    monitor.interrupt();
+    monitor.end();
+}
+
+#[test]
+fn the_job_of_a_machine_in_motion_begins_at_its_work_zero() {
+    let folder = tempdir().unwrap();
+    let [program, settings] = ["job.nc", "of.settings"].map(|name| folder.path().join(name));
+    fs::write(&program, "G1 X3 F60\n").unwrap();
+    fs::write(&settings, "$100=100\n").unwrap();
+    let report = b"<Run|MPos:41.000,2.000,0.000|FS:60,0|WCO:40.000,2.000,0.000>\r\n";
+    let address = machine(report, 20);
+    let mut monitor = Monitor::start(&[
+        "--tcp",
+        &address,
+        "--program",
+        program.to_str().unwrap(),
+        "--settings",
+        settings.to_str().unwrap(),
+    ]);
+    let page = monitor.address();
+    let last = events(&page).last().unwrap();
+    let job = &last["now"]["job"];
+    assert_eq!(job["is_on_path"], true, "{last}");
+    assert_eq!(job["line"], 1, "{last}");
+    monitor.end();
+}
+
 /// A machine that is none: it says the same to each `?`, and is gone after so many of them.
 fn machine(answer: &'static [u8], questions: usize) -> String {
     let listener = TcpListener::bind("127.0.0.1:0").unwrap();
@@ -315,6 +396,7 @@ fn what_cannot_be_had_is_told_at_once() {
         ),
         (["--tcp", "nowhere"], "is no address"),
         (["--sim", "no-such.nc"], "no-such.nc"),
+        (["--sim", "--program=no-such.nc"], "no-such.nc"),
     ] {
         let (status, said) = Monitor::start(&arguments).end();
         assert_eq!(status, Some(1));

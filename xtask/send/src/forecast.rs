@@ -3,14 +3,16 @@
 use std::collections::VecDeque;
 
 use anyhow::{Result, bail};
-use host::{refusal, sender::Response};
+use host::{
+    facts::{Facts, searches},
+    refusal,
+    sender::Response,
+};
 use leadscrew::{
     model::PathControl,
     sim::{Edge, Simulator, Stream, StreamEnd, Watcher},
     units::TICKS_PER_SECOND,
 };
-
-use crate::facts::Facts;
 
 /// Entries that path control and cutter compensation may still make of the moves that wait for the next one
 /// when a line is answered.
@@ -110,13 +112,6 @@ impl Forecast {
     }
 }
 
-/// Whether a line may search switches.
-fn searches(line: &[u8]) -> bool {
-    let code = host::sender::code(line);
-    code.starts_with(b"$H")
-        || host::sender::g_numbers(&code).any(|number| (38.0..39.0).contains(&number))
-}
-
 /// What watches the virtual machine.
 struct Recorder<'a> {
     lines: &'a [Vec<u8>],
@@ -199,7 +194,7 @@ mod tests {
     use leadscrew::settings::Settings;
 
     use super::*;
-    use crate::facts::FAST;
+    use host::facts::FAST;
 
     fn facts() -> Facts {
         let mut simulator = Simulator::new(&Settings::default());

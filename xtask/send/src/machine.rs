@@ -5,7 +5,9 @@ use std::time::{Duration, Instant};
 use anyhow::{Result, bail, ensure};
 use leadscrew::gcode::LineError;
 
-use crate::{facts::Facts, link::Link, status::Status};
+use host::facts::Facts;
+
+use crate::{link::Link, status::Status};
 
 /// How often the state is asked for.
 const ASK_EVERY: Duration = Duration::from_millis(200);

@@ -1,7 +1,6 @@
 //! `cargo xtask send`: a program to a machine, from a terminal.
 
 mod approach;
-mod facts;
 mod forecast;
 mod job;
 mod link;
@@ -24,11 +23,14 @@ use anstream::println;
 use anyhow::{Context, Result, bail, ensure};
 use clap::Parser;
 use common::{BAUD, text::duration, ui};
-use host::{interrupt, program::Program};
+use host::{
+    facts::{FAST, Facts},
+    interrupt,
+    program::Program,
+};
 use rustix::event::PollFlags;
 
 use approach::Descent;
-use facts::{FAST, Facts};
 use forecast::Forecast;
 use job::{Job, Key, Phase};
 use link::Link;

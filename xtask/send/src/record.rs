@@ -11,7 +11,7 @@ use common::ui;
 use host::output;
 use serde::{Deserialize, Serialize};
 
-use crate::facts::Facts;
+use host::facts::Facts;
 
 /// How far a job has come.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]

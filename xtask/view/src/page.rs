@@ -19,6 +19,8 @@ const SCRIPTS: [&str; 6] = [
     include_str!("page/listing.js"),
     include_str!("page/view.js"),
 ];
+/// Begins a page that has its job in it.
+const START: &str = include_str!("page/start.js");
 
 /// Returns the page of a job.
 pub fn write(job: &Job) -> String {
@@ -33,14 +35,49 @@ pub fn write(job: &Job) -> String {
         let text = packed(bytes);
         format!("<script type=\"text/plain\" id=\"pack-{name}\">{text}</script>\n")
     });
+    let script = format!(
+        "{}<script type=\"module\">\n{}{START}</script>",
+        packs.concat(),
+        SCRIPTS.concat()
+    );
     let parts = [
         ("TITLE", escaped(&job.title)),
         ("POLICY", POLICY.into()),
-        ("STYLE", STYLE.into()),
-        ("PACKS", packs.concat()),
-        ("SCRIPT", SCRIPTS.concat()),
+        ("STYLE", format!("<style>\n{STYLE}</style>")),
+        ("ABOVE", String::new()),
+        ("SCRIPT", script),
     ];
     filled(&parts)
+}
+
+/// A page that is served in files, and gets its job and more from where it comes from.
+pub struct Served {
+    /// The page, which names the others `page.css` and `page.js`.
+    pub html: String,
+    /// Its style.
+    pub style: String,
+    /// Its script.
+    pub script: String,
+}
+
+/// Returns the page with a title, a policy for the browser, and more: what stands beside the program, its
+/// style, and the script that begins.
+pub fn served(title: &str, policy: &str, above: &str, style: &str, script: &str) -> Served {
+    let parts = [
+        ("TITLE", escaped(title)),
+        ("POLICY", policy.into()),
+        (
+            "STYLE",
+            "<link rel=\"stylesheet\" href=\"page.css\">".into(),
+        ),
+        ("ABOVE", above.into()),
+        ("SCRIPT", "<script src=\"page.js\"></script>".into()),
+    ];
+    Served {
+        html: filled(&parts),
+        style: [STYLE, style].concat(),
+        script: [&SCRIPTS.concat(), script].concat(),
+    }
 }
 
 /// Puts parts in place of their names: `{{TITLE}}`.

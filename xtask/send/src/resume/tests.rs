@@ -7,7 +7,7 @@ use leadscrew::{
 };
 
 use super::*;
-use crate::facts::FAST;
+use host::facts::FAST;
 
 const DESCENT: Descent = Descent {
     feed_mm_min: 150.0,

@@ -19,7 +19,7 @@ function withChords(vertices, rotary) {
   };
   let count = 1;
   for (let piece = 0; piece + 1 < vertices.count; piece += 1) count += parts(piece);
-  if (count <= vertices.count) return vertices;
+  if (!vertices.count || count <= vertices.count) return vertices;
   const names = ['time', 'speed', 'line', 'programmed', 'powerBefore', 'power'];
   const all = { count, kind: new Uint8Array(count), place: vertices.place.map(() => new Float64Array(count)) };
   names.forEach((name) => { all[name] = new Float64Array(count); });

@@ -119,6 +119,9 @@ class Scene {
     this.chosen = [];
     this.marks = { colours: {}, zeros: [], holes: [], changes: [], refused: [] };
     this.isMoving = false;
+    // What a live page draws over all: it has bounds of its own.
+    this.live = null;
+    this.unit = 'mm';
     this.values = new Float32Array(3 * path.count);
     this.gl = this.canvas.getContext('webgl2', { antialias: path.count < MANY, preserveDrawingBuffer: true });
     if (this.gl) this.prepare();
@@ -194,14 +197,23 @@ class Scene {
     this.ask();
   }
 
+  /** The least and the greatest of what is cut, or of where a machine has been; null if there is neither. */
+  box() {
+    const { path, live } = this;
+    if (path.count) return [path.cutLow, path.cutHigh];
+    return live && live.bounds();
+  }
+
   /** Shows all of what is cut, and of the rest what is near it. */
   fit() {
     const { path, camera } = this;
-    const room = path.low.map((low, axis) => Math.max(1, path.cutHigh[axis] - path.cutLow[axis]));
-    const reach = Math.max(...room);
-    const low = path.low.map((value, axis) => Math.max(value, path.cutLow[axis] - reach));
-    const high = path.high.map((value, axis) => Math.min(value, path.cutHigh[axis] + reach));
-    if (!path.count) return;
+    const box = this.box();
+    if (!box) return;
+    const reach = Math.max(...box[0].map((low, axis) => Math.max(1, box[1][axis] - low)));
+    const been = (this.live && this.live.bounds()) || box;
+    const [least, most] = path.count ? [path.low, path.high] : box;
+    const low = box[0].map((value, axis) => Math.max(Math.min(least[axis], been[0][axis]), value - reach));
+    const high = box[1].map((value, axis) => Math.min(Math.max(most[axis], been[1][axis]), value + reach));
     camera.target = low.map((value, axis) => (value + high[axis]) / 2);
     const { right, up } = camera.axes();
     const extent = (direction) => direction.reduce((sum, part, axis) => sum + Math.abs(part) * (high[axis] - low[axis]), 0);
@@ -252,6 +264,7 @@ class Scene {
     this.drawn = this.gl ? this.renderPath() : 0;
     this.renderBelow();
     this.renderAbove();
+    if (this.live) this.live.render(this);
   }
 
   renderPath() {
@@ -345,9 +358,10 @@ class Scene {
   /** A grid at the bottom, and the box around what is cut, with its sizes. */
   renderBelow() {
     const context = this.plain(this.below);
-    const { path, marks: { colours } } = this;
-    if (!path.count) return;
-    const [low, high] = [path.cutLow, path.cutHigh];
+    const { marks: { colours } } = this;
+    const box = this.box();
+    if (!box) return;
+    const [low, high] = box;
     context.lineWidth = 1;
     const step = roundStep(Math.max(26 / this.camera.zoom, Math.max(high[0] - low[0], high[1] - low[1]) / 60, 1e-3));
     const from = [0, 1].map((axis) => Math.floor(low[axis] / step) - 1);
@@ -375,7 +389,7 @@ class Scene {
       const text = `${'XYZ'[axis]} ${(high[axis] - low[axis]).toFixed(2)}`;
       context.fillText(text, middle[0] + off[0] / length * 22, middle[1] + off[1] / length * 14);
     });
-    context.fillText(`grid ${step} mm`, 44, this.size[1] - 12);
+    context.fillText(`grid ${step} ${this.unit}`, 44, this.size[1] - 12);
   }
 
   /** Zeros, holes, tool changes, refused lines, start, end, and the tool. */
@@ -417,6 +431,7 @@ class Scene {
   tool(context) {
     const { path, marks: { colours } } = this;
     this.tip = path.at(this.now).xyz;
+    if (this.live && this.live.isFollowed) return;
     const [x, y] = this.project(this.tip);
     context.fillStyle = colours.tool;
     context.strokeStyle = colours.page;

@@ -39,7 +39,6 @@ class View {
     this.dress();
     matchMedia('(prefers-color-scheme: dark)').addEventListener('change', () => this.dress());
     this.head();
-    this.tables();
     this.connectTransport();
     this.connectStage();
     this.connectListing();
@@ -116,9 +115,10 @@ class View {
     document.querySelectorAll('#ends span').forEach((end, index) => { end.textContent = ends[index]; });
   }
 
-  /** The tables of the job and its settings. */
+  /** The tables of the job and its settings, as soon as somebody wants to see them. */
   tables() {
     const { facts, path } = this;
+    this.hasTables = true;
     const table = (parent, title, rows) => {
       if (!rows.length) return;
       const made = element('table');
@@ -185,7 +185,7 @@ class View {
     const places = place.map((value, axis) => `${this.facts.axes[axis].letter}${value.toFixed(3)}`).join(' ');
     const share = programmed && kind === KIND.FEED ? ` of ${grouped(programmed)}` : '';
     const strength = path.strongest > 0 ? `  ${this.facts.is_laser ? 'laser' : 'spindle'} ${Math.round(100 * power)} %` : '';
-    $('state').textContent = `${this.now.toFixed(3)} s  ${places}  ${grouped(speed)}${share} mm/min${strength}`;
+    $('moment').textContent = `${this.now.toFixed(3)} s  ${places}  ${grouped(speed)}${share} mm/min${strength}`;
     this.select(line);
     this.scene.ask();
     this.curves.ask();
@@ -446,10 +446,13 @@ class View {
   connectTabs() {
     const tabs = [...document.querySelectorAll('[role=tab]')];
     tabs.forEach((tab, index) => {
-      tab.addEventListener('click', () => tabs.forEach((other) => {
-        other.setAttribute('aria-selected', other === tab);
-        $(other.getAttribute('aria-controls')).hidden = other !== tab;
-      }));
+      tab.addEventListener('click', () => {
+        if (tab.id !== 'tab-program' && !this.hasTables) this.tables();
+        tabs.forEach((other) => {
+          other.setAttribute('aria-selected', other === tab);
+          $(other.getAttribute('aria-controls')).hidden = other !== tab;
+        });
+      });
       tab.addEventListener('keydown', (event) => {
         const step = { ArrowRight: 1, ArrowLeft: -1 }[event.key];
         if (step) tabs[(index + step + tabs.length) % tabs.length].focus();
@@ -481,9 +484,3 @@ class View {
     });
   }
 }
-
-const read = (bytes) => new TextDecoder().decode(bytes);
-const [factBytes, pathBytes, curveBytes, programBytes] = await Promise.all(['facts', 'path', 'curves', 'program'].map(unpack));
-const facts = JSON.parse(read(factBytes));
-window.view = new View(facts, decodePath(pathBytes, facts), decodeCurves(curveBytes, facts), read(programBytes));
-document.body.dataset.ready = 'yes';

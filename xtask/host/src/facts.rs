@@ -3,11 +3,6 @@
 //! It is kept as the machine has said it, so that a job can be continued by another run of the tool.
 
 use anyhow::{Result, bail, ensure};
-use host::{
-    machine::Ends,
-    play,
-    settings::{self, Dump},
-};
 use leadscrew::{
     axis::{AXES, LETTERS},
     model::{State, WorkCoordinates},
@@ -16,29 +11,35 @@ use leadscrew::{
 };
 use serde::{Deserialize, Serialize};
 
+use crate::{
+    machine::Ends,
+    play, sender,
+    settings::{self, Dump},
+};
+
 /// A baud rate at which the line takes no time.
-pub(crate) const FAST: u32 = 10_000_000;
+pub const FAST: u32 = 10_000_000;
 
 /// The answers of a machine at rest.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
-pub(crate) struct Facts {
+pub struct Facts {
     /// Lines of `$I`.
-    pub(crate) version: Vec<String>,
+    pub version: Vec<String>,
     /// Lines of `$+`, or of `$$`.
-    pub(crate) settings: Vec<String>,
+    pub settings: Vec<String>,
     /// Lines of `$#`.
-    pub(crate) parameters: Vec<String>,
+    pub parameters: Vec<String>,
     /// Lines of `$TT`; none from a machine without a tool table.
-    pub(crate) tools: Vec<String>,
+    pub tools: Vec<String>,
     /// The line of `$G`.
-    pub(crate) modes: String,
+    pub modes: String,
     /// The machine position in the unit of reports.
-    pub(crate) position: Vec<f64>,
+    pub position: Vec<f64>,
 }
 
 impl Facts {
     /// The settings. Those of which another firmware has other limits are left as they are by default.
-    pub(crate) fn settings(&self) -> Settings {
+    pub fn settings(&self) -> Settings {
         let rate = self.version.iter().find_map(|line| step_rate(line));
         let start = Settings::new(rate.unwrap_or_default());
         let entries = Dump::read(&self.settings.join("\n")).entries;
@@ -57,7 +58,7 @@ impl Facts {
     }
 
     /// The values behind a name in `$#`, and what stands behind another colon.
-    pub(crate) fn parameter(&self, name: &str) -> Option<(&str, Option<&str>)> {
+    pub fn parameter(&self, name: &str) -> Option<(&str, Option<&str>)> {
         let inside = self.parameters.iter().find_map(|line| {
             let (found, rest) = line.strip_prefix('[')?.strip_suffix(']')?.split_once(':')?;
             (found == name).then_some(rest)
@@ -132,7 +133,7 @@ impl Facts {
     }
 
     /// A virtual machine that stands as this one.
-    pub(crate) fn simulator(&self, needs_switches: bool) -> Result<Box<Simulator>> {
+    pub fn simulator(&self, needs_switches: bool) -> Result<Box<Simulator>> {
         ensure!(
             self.position.len() == AXES,
             "the machine has {} axes, and this tool {AXES}: see --axes",
@@ -162,6 +163,12 @@ impl Facts {
         }
         Ok(simulator)
     }
+}
+
+/// Whether a line may search switches.
+pub fn searches(line: &[u8]) -> bool {
+    let code = sender::code(line);
+    code.starts_with(b"$H") || sender::g_numbers(&code).any(|number| (38.0..39.0).contains(&number))
 }
 
 /// Whether a mode stays from one program to the next: not motion, cycles, compensation, lengths of tools,

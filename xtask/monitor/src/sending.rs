@@ -8,7 +8,7 @@ use host::{
 };
 
 /// A program on its way.
-pub(crate) struct Job {
+pub(crate) struct Sending {
     program: Program,
     sender: Sender,
     /// The line that waits for room.
@@ -23,7 +23,7 @@ pub(crate) struct Job {
 /// Reports by which a machine is known to stand still: the first may be older than the last line.
 const IDLE_REPORTS: u32 = 2;
 
-impl Job {
+impl Sending {
     pub(crate) fn new(program: Program) -> Self {
         Self {
             program,
@@ -94,7 +94,7 @@ mod tests {
     #[test]
     fn lines_go_as_there_is_room_and_the_end_needs_a_machine_at_rest() {
         let lines = "G1 X1.000000 Y2.000000 F100\n".repeat(9) + "G28.1\nG99";
-        let mut job = Job::new(Program::from_reader("test".into(), Cursor::new(lines)));
+        let mut job = Sending::new(Program::from_reader("test".into(), Cursor::new(lines)));
         let mut machine = Vec::new();
         job.feed(&mut machine).unwrap();
         assert_eq!(String::from_utf8_lossy(&machine).lines().count(), 4);

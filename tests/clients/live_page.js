@@ -1,0 +1,148 @@
+/*
+ * The page of `cargo xtask monitor` while a job is sent whose path is known in advance, in a browser without a
+ * window, as wide as a screen and as a phone: the path that comes, where the machine is, what is left, and
+ * what a page shows that is loaded again in the middle.
+ */
+
+'use strict';
+
+const { check, run, until } = require('./cncjs');
+const { browse } = require('./browser');
+
+const address = process.argv[2];
+const SIZES = [{ width: 1400, height: 900 }, { width: 390, height: 800 }];
+// The machine is asked ten times a second, and tells each step besides: the marker of the job is as near, mm.
+const NEAR_MM = 0.2;
+
+/** What the page shows. */
+function look(page) {
+  return page.evaluate(() => {
+    const { view } = window;
+    const text = (id) => document.getElementById(id).textContent;
+    return {
+      isReady: document.body.dataset.ready === 'yes',
+      link: text('link'),
+      state: text('state'),
+      left: text('left'),
+      // Bindings of the page's script.
+      points: path.length, // eslint-disable-line no-undef
+      at: now.at, // eslint-disable-line no-undef
+      job: now.job, // eslint-disable-line no-undef
+      time: view && view.now,
+      end: view && view.path.end,
+      pieces: view && view.path.pieces,
+      drawn: view && view.scene.drawn,
+      tip: view && view.scene.tip,
+      line: view && view.listing.current,
+    };
+  });
+}
+
+async function seen(page, claim, what) {
+  let shown;
+  await until(async () => {
+    shown = await look(page);
+    return shown.isReady && claim(shown);
+  }, what, () => JSON.stringify(shown));
+  return shown;
+}
+
+/** The machine is on the path of the job, and the page shows where. */
+async function followed(page) {
+  const isMoving = ({ state, job, time }) => state === 'Run' && job && job.is_on_path && job.time_s > 1 && time > 1;
+  const shown = await seen(page, isMoving, 'the job is followed');
+  check(shown.pieces > 100 && shown.drawn === shown.pieces, `${shown.drawn} of ${shown.pieces} pieces are drawn`);
+  check(Math.abs(shown.job.time_s + shown.job.left_s - shown.end) < 0.01, JSON.stringify(shown.job));
+  // Both in one frame, as the next event may come between.
+  const { far, line, wanted } = await page.evaluate(() => {
+    draw(); // eslint-disable-line no-undef
+    const { view } = window;
+    view.scene.render();
+    const place = view.path.at(view.now).xyz;
+    return {
+      far: Math.hypot(...place.map((value, axis) => value - now.at[axis])), // eslint-disable-line no-undef
+      line: view.listing.current,
+      wanted: view.path.at(view.now).line,
+    };
+  });
+  check(far <= NEAR_MM, `the job's marker is ${far} mm from the machine`);
+  check(line === wanted && line > 0, `line ${line}, not ${wanted}`);
+  return shown;
+}
+
+/** Who goes to another time stays there until he wants to follow again. */
+async function left(page) {
+  await page.evaluate(() => {
+    const slider = document.getElementById('slider');
+    slider.value = 0.5;
+    slider.dispatchEvent(new Event('input'));
+  });
+  const pressed = (value) => page.evaluate((wanted) => (
+    document.getElementById('follow').getAttribute('aria-pressed') === wanted), value);
+  await until(() => pressed('false'), 'another time is shown');
+  check(await page.evaluate(() => window.view.now === 0.5), 'the time that was chosen stays');
+  await page.click('#follow');
+  await until(() => pressed('true'), 'the machine is followed again');
+  await seen(page, ({ time }) => time > 0.5, 'the time is that of the machine');
+}
+
+async function turned(page) {
+  await page.focus('#stage');
+  await page.keyboard.press('ArrowLeft');
+  const yaw = () => page.evaluate(() => window.view.scene.camera.yaw);
+  const before = await yaw();
+  await page.keyboard.press('ArrowLeft');
+  check(await yaw() !== before, 'an arrow turns');
+  await page.click('[data-view=top]');
+  check(await page.evaluate(() => window.view.scene.camera.pitch === Math.PI / 2), 'it is seen from above');
+}
+
+async function open(browser, size, faults) {
+  const page = await browser.newPage();
+  await page.setViewport(size);
+  page.on('pageerror', (error) => faults.push(error.message));
+  page.on('console', (message) => faults.push(`${message.type()}: ${message.text()}`));
+  page.on('request', (request) => {
+    if (new URL(request.url()).host !== address) faults.push(`asks for ${request.url()}`);
+  });
+  await page.goto(`http://${address}/`);
+  return page;
+}
+
+async function watch(pages, faults) {
+  for (const page of pages) {
+    await page.bringToFront();
+    const before = await followed(page);
+    await page.reload();
+    const after = await followed(page);
+    check(after.time >= before.time, `the time is ${after.time} s after ${before.time} s`);
+    check(after.points > 10 && after.line >= before.line, JSON.stringify(after));
+    await left(page);
+    await turned(page);
+    const { width } = page.viewport();
+    const wide = await page.evaluate(() => document.documentElement.scrollWidth);
+    check(wide <= width, `the page is ${wide} pixels wide`);
+    await page.screenshot({ path: `live-${width}.png` });
+  }
+  for (const page of pages) {
+    await page.bringToFront();
+    const shown = await seen(page, ({ link, left: text }) => link === 'ended' && text === 'done', 'the job ends');
+    check(shown.state === 'Idle' && shown.time === shown.end, JSON.stringify(shown));
+  }
+  check(faults.length === 0, faults.join('\n'));
+  return [0, 0, 0];
+}
+
+async function main() {
+  const browser = await browse('drawing');
+  const faults = [];
+  try {
+    const pages = [];
+    for (const size of SIZES) pages.push(await open(browser, size, faults));
+    return await watch(pages, faults);
+  } finally {
+    await browser.close();
+  }
+}
+
+run(main);

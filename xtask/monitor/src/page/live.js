@@ -1,0 +1,254 @@
+/* What the machine does now: its path over that of the job, where it is, its speed, and what is left. */
+
+// What the monitor has sent: the path, speeds over time, and this moment.
+let path = [];
+let speeds = [];
+let now = { extents: { low: [0, 0, 0], high: [0, 0, 0] } };
+let unit = 'mm';
+let isDue = false;
+
+const ARROW = 20;
+const colourOf = (name) => getComputedStyle(document.documentElement).getPropertyValue(name).trim();
+
+/** Makes a canvas as fine as the screen, and gives what draws in its pixels. */
+function sheet(canvas) {
+  const fine = window.devicePixelRatio || 1;
+  const { clientWidth, clientHeight } = canvas;
+  canvas.width = Math.max(1, Math.round(clientWidth * fine));
+  canvas.height = Math.max(1, Math.round(clientHeight * fine));
+  const context = canvas.getContext('2d');
+  context.font = `${12 * fine}px sans-serif`;
+  return { context, fine, width: canvas.width, height: canvas.height };
+}
+
+/** The path of the machine in the picture of the job. */
+class Trail {
+  constructor(scene) {
+    this.scene = scene;
+    this.canvas = element('canvas');
+    this.canvas.id = 'path';
+    this.canvas.setAttribute('aria-label', 'The path of the machine, and where it is');
+    scene.above.after(this.canvas);
+    scene.live = this;
+    // The time of the job goes with the machine.
+    this.isFollowed = true;
+    // The picture is fitted to the path until somebody moves it.
+    this.isFitted = true;
+  }
+
+  bounds() {
+    return now.at ? [now.extents.low, now.extents.high] : null;
+  }
+
+  render(scene) {
+    // Who goes to another time leaves the machine.
+    if (this.isFollowed && window.view && window.view.now !== this.shown) follow(window.view, false);
+    const { context, fine, width, height } = sheet(this.canvas);
+    const { camera: { target, zoom, yaw, pitch }, axes: { right, up } } = scene;
+    const scale = zoom * fine;
+    const across = (place) => width / 2
+      + ((place[0] - target[0]) * right[0] + (place[1] - target[1]) * right[1] + (place[2] - target[2]) * right[2]) * scale;
+    const down = (place) => height / 2
+      - ((place[0] - target[0]) * up[0] + (place[1] - target[1]) * up[1] + (place[2] - target[2]) * up[2]) * scale;
+    // For whoever measures what is drawn from above.
+    const isAbove = yaw === 0 && pitch === Math.PI / 2;
+    this.canvas.dataset.view = isAbove
+      ? JSON.stringify({ scale, left: width / 2 - target[0] * scale, bottom: height / 2 + target[1] * scale }) : '';
+    const { rotary } = scene.path;
+    // Work on a rotary axis turns with it, which reports of three axes do not tell.
+    if (!rotary.length) {
+      context.strokeStyle = colourOf('--trail');
+      context.lineWidth = 1.5 * fine;
+      context.lineJoin = 'round';
+      context.beginPath();
+      for (const place of path) context.lineTo(across(place), down(place));
+      context.stroke();
+    }
+    const at = rotary.length && now.job ? scene.path.at(now.job.time_s).xyz : now.at;
+    if (!at) return;
+    const ahead = [at[0] + Math.cos(now.heading), at[1] + Math.sin(now.heading), at[2]];
+    const [x, y] = [across(at), down(at)];
+    const [dx, dy] = [across(ahead) - x, down(ahead) - y];
+    this.point(context, fine, x, y, now.heading === null || rotary.length ? null : Math.atan2(dy, dx));
+  }
+
+  /** Where the machine is, and where it goes. */
+  point(context, fine, x, y, angle) {
+    context.fillStyle = colourOf('--point');
+    context.beginPath();
+    context.arc(x, y, 5 * fine, 0, 2 * Math.PI);
+    context.fill();
+    if (angle === null || !/^(Run|Jog|Home)/.test(now.state)) return;
+    context.save();
+    context.translate(x, y);
+    context.rotate(angle);
+    context.beginPath();
+    context.moveTo(ARROW * fine, 0);
+    context.lineTo(7 * fine, 6 * fine);
+    context.lineTo(7 * fine, -6 * fine);
+    context.fill();
+    context.restore();
+  }
+}
+
+/** The speed over time. */
+function drawSpeeds() {
+  const { context, fine, width, height } = sheet($('speeds'));
+  const margin = 16 * fine;
+  const most = speeds.reduce((greatest, [, speed]) => Math.max(greatest, speed), 1);
+  const end = speeds.length ? Math.max(1, speeds[speeds.length - 1][0]) : 1;
+  const up = (speed) => height - margin - speed / most * (height - 2 * margin);
+  const across = (time) => time / end * width;
+  context.strokeStyle = colourOf('--grid');
+  context.fillStyle = colourOf('--faint');
+  context.lineWidth = fine;
+  const steps = (greatest) => {
+    const step = roundStep(greatest / 5);
+    return Array.from({ length: Math.floor(greatest / step + 1e-9) + 1 }, (_, index) => +(index * step).toPrecision(12));
+  };
+  for (const speed of steps(most)) {
+    context.beginPath();
+    context.moveTo(0, up(speed));
+    context.lineTo(width, up(speed));
+    context.stroke();
+    context.fillText(`${speed}`, 2 * fine, up(speed) - 2 * fine);
+  }
+  for (const time of steps(end)) context.fillText(`${time} s`, across(time), height - 2 * fine);
+  context.strokeStyle = colourOf('--trail');
+  context.beginPath();
+  for (const [time, speed] of speeds) context.lineTo(across(time), up(speed));
+  context.stroke();
+}
+
+function fill(row, values) {
+  const cells = $(row).querySelectorAll('td');
+  cells.forEach((cell, axis) => { cell.textContent = values ? values[axis].toFixed(3) : ''; });
+}
+
+/** What is left of the job, in words. */
+function remaining(job, end) {
+  if (!job || !end) return '';
+  if (job.left_s <= 0) return 'done';
+  return `${duration(job.left_s)} left${job.is_on_path ? '' : ', beside its path'}`;
+}
+
+function draw() {
+  isDue = false;
+  fill('machine', now.machine_mm);
+  fill('work', now.work_mm);
+  fill('low', now.extents.low);
+  fill('high', now.extents.high);
+  $('state').textContent = now.state || '\u00a0';
+  $('speed').textContent = Math.round(now.speed_mm_min || 0);
+  $('lines').textContent = now.lines || 0;
+  const { view } = window;
+  const { job } = now;
+  const { live } = view.scene;
+  $('left').textContent = remaining(job, view.path.end);
+  if (job) $('done').value = view.path.end ? job.time_s / view.path.end : 0;
+  if (live.isFollowed && view.now !== live.shown) follow(view, false);
+  if (live.isFollowed && job && job.time_s !== view.now) {
+    view.setTime(job.time_s);
+    live.shown = view.now;
+  }
+  view.scene.unit = unit;
+  if (live.isFitted) view.scene.fit();
+  view.scene.ask();
+  drawSpeeds();
+  document.body.dataset.at = now.at ? now.at.join() : '';
+}
+
+function redraw() {
+  if (isDue || !window.view) return;
+  isDue = true;
+  requestAnimationFrame(draw);
+}
+
+/** The button by which the job's time goes with the machine. */
+function connectFollowing(view) {
+  const button = element('button', 'Live');
+  button.id = 'follow';
+  button.title = 'Follow the machine';
+  $('transport').prepend(button);
+  button.addEventListener('click', () => {
+    view.play(false);
+    follow(view, true);
+    redraw();
+  });
+  follow(view, true);
+}
+
+function follow(view, wants) {
+  const { live } = view.scene;
+  live.isFollowed = wants;
+  live.shown = view.now;
+  $('follow').setAttribute('aria-pressed', wants);
+}
+
+/** Fits the picture until somebody turns or moves it, and again from when it is wanted. */
+function connectFitting(view) {
+  const { scene } = view;
+  const { live } = scene;
+  ['pointermove', 'wheel', 'keydown'].forEach((name) => $('stage').addEventListener(name, (event) => {
+    if (name !== 'pointermove' || event.buttons) live.isFitted = false;
+  }));
+  const fitted = () => { live.isFitted = true; };
+  $('views').addEventListener('click', fitted);
+  $('stage').addEventListener('dblclick', fitted);
+  document.addEventListener('keydown', ({ key }) => { if ('1234fF'.includes(key)) fitted(); });
+}
+
+/** What is known of the job; a job without anything, where nothing is. */
+async function known() {
+  const get = (name) => fetch(`job.${name}`);
+  const facts = await (await get('json')).json();
+  if (!facts) {
+    const nothing = {
+      title: '', axes: ['X', 'Y', 'Z'].map((letter) => ({ letter, scale: 1, limits: [] })), path: { vertices: 0, segments: 0 },
+      stretch_s: 1, times: {}, lines: 0, refused: [], refused_count: 0, alarms: [], holes: [], tool_changes: [], work_zeros: [], settings: [],
+    };
+    return [nothing, decodePath(new Uint8Array(), nothing), [], ''];
+  }
+  const bytes = async (name) => new Uint8Array(await (await get(name)).arrayBuffer());
+  const [pathBytes, curveBytes, text] = await Promise.all(['path', 'curves', 'program'].map(bytes));
+  document.body.dataset.job = 'yes';
+  $('done').hidden = false;
+  return [facts, decodePath(pathBytes, facts), decodeCurves(curveBytes, facts), new TextDecoder().decode(text)];
+}
+
+async function start() {
+  const view = new View(...await known());
+  new Trail(view.scene);
+  const { cutLow, cutHigh, count } = view.path;
+  // What is flat is seen from above.
+  if (!count || cutHigh[2] - cutLow[2] < 1e-3) view.scene.view('top');
+  connectFitting(view);
+  view.setTime(0);
+  connectFollowing(view);
+  window.view = view;
+  document.body.dataset.ready = 'yes';
+  redraw();
+}
+
+const events = new EventSource('/events');
+events.onopen = () => { $('link').textContent = 'live'; };
+events.onerror = () => { $('link').textContent = 'the monitor does not answer'; };
+events.onmessage = ({ data }) => {
+  const change = JSON.parse(data);
+  if (change.is_all) {
+    path = [];
+    speeds = [];
+  }
+  path.push(...change.path);
+  speeds.push(...change.speeds);
+  ({ now, unit } = change);
+  $('title').textContent = change.title;
+  document.title = change.title;
+  if (change.is_over) {
+    events.close();
+    $('link').textContent = 'ended';
+  }
+  redraw();
+};
+window.addEventListener('resize', redraw);
+start();
