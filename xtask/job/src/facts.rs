@@ -13,7 +13,8 @@ pub struct Job {
     /// Length of a stretch of the curves, s.
     pub(crate) stretch_s: f64,
     pub(crate) times: Times,
-    pub(crate) lines: u64,
+    /// Its lines.
+    pub lines: u64,
     pub(crate) events: u64,
     pub(crate) hash: String,
     /// Where the machine ended: state, and the position as it tells it.

@@ -165,7 +165,7 @@ fn check_picture(program: &str, settings: &str, shown: &str) {
 }
 
 #[test]
-fn the_picture_of_the_readme_is_what_its_command_draws() {
+fn the_picture_of_a_plate_is_what_its_command_draws() {
     check_picture("examples/plate.nc", MILL, "docs/plate.svg");
 }
 

@@ -10,5 +10,6 @@
 mod cases;
 mod pack;
 pub mod page;
+pub mod picture;
 #[cfg(test)]
 mod tests;

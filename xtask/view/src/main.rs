@@ -24,7 +24,7 @@ use host::{
 };
 use job::Recording;
 use leadscrew::sim::Simulator;
-use view::page;
+use view::{page, picture};
 
 /// Show a G-code program as a page: its path, its speeds and its time
 ///
@@ -50,6 +50,9 @@ struct Options {
     /// Where to write the page, instead of a temporary folder
     #[arg(short, long, value_name = "OUT.html")]
     output: Option<PathBuf>,
+    /// Draw a picture that moves, for documents, instead of the page
+    #[arg(long, value_name = "OUT.svg", conflicts_with = "output")]
+    picture: Option<PathBuf>,
     /// Do not open the browser
     #[arg(long)]
     no_open: bool,
@@ -68,7 +71,8 @@ fn run(options: &Options) -> Result<ExitCode> {
         _ => OsStr::new("standard input"),
     };
     let name = name.to_string_lossy();
-    let path = match &options.output {
+    let named = options.output.as_ref().or(options.picture.as_ref());
+    let path = match named {
         Some(path) => path.clone(),
         None => temporary(&name)?,
     };
@@ -95,20 +99,22 @@ fn run(options: &Options) -> Result<ExitCode> {
         text::row("of it", &parts);
     }
     let job = recording.finish(&figures, &name, &loaded.settings);
-    let page = page::write(&job);
+    let (what, page) = match &options.picture {
+        Some(_) => ("picture", picture::draw(&job)),
+        None => ("page", page::write(&job)),
+    };
     output
         .write_all(page.as_bytes())
-        .context("cannot write the page")?;
+        .with_context(|| format!("cannot write the {what}"))?;
     output.finish()?;
     let (size, pieces) = (page.len() as u64, job.path.vertices as u64);
     println!(
-        "{:>16}  {} bytes, {} points: {}",
-        "page",
+        "{what:>16}  {} bytes, {} points: {}",
         separated(size),
         separated(pieces),
         path.display()
     );
-    if options.output.is_none() && !options.no_open {
+    if named.is_none() && !options.no_open {
         open(&path);
     }
     Ok(ExitCode::from(u8::from(!is_clean)))

@@ -116,3 +116,32 @@ fn the_browser_gets_a_page_that_has_no_name() {
     let folder = Path::new(path).parent().expect("it lies in a folder");
     fs::remove_dir_all(folder).expect("the folder is ours");
 }
+
+#[test]
+fn the_picture_of_the_readme_is_what_its_command_draws() {
+    if leadscrew::axis::AXES > 3 {
+        return;
+    }
+    let root = Path::new(concat!(env!("CARGO_MANIFEST_DIR"), "/../.."));
+    let folder = tempfile::tempdir().expect("a folder can be made");
+    let picture = folder.path().join("view.svg");
+    let output = Command::new(env!("CARGO_BIN_EXE_view"))
+        .args([
+            "examples/plate.nc",
+            "--settings",
+            "examples/mill.settings",
+            "--picture",
+        ])
+        .arg(&picture)
+        .current_dir(root)
+        .output()
+        .expect("it starts");
+    assert!(output.status.success(), "{output:?}");
+    let [drawn, shown] = [picture, root.join("docs/view.svg")]
+        .map(|path| fs::read_to_string(path).expect("the picture is there"));
+    assert!(
+        drawn == shown,
+        "draw docs/view.svg again, by the command of docs/view.md"
+    );
+    assert!(shown.len() < 300_000, "{} bytes", shown.len());
+}
