@@ -24,7 +24,7 @@
 
 #[rtic::app(device = crate::board::pac, peripherals = true, dispatchers = [I2C2_EV])]
 mod app {
-    use core::task::Waker;
+    use core::{mem::MaybeUninit, task::Waker};
 
     use heapless::spsc::{Consumer, Producer, Queue};
     use leadscrew::{
@@ -80,9 +80,9 @@ mod app {
     }
 
     #[init(local = [
-        motion_memory: Motion = Motion::new(),
-        session_memory: Option<Session> = None,
-        storage_memory: Option<board::Storage> = None,
+        motion_memory: board::MotionMemory = board::MotionMemory::new(),
+        session_memory: MaybeUninit<Session> = MaybeUninit::uninit(),
+        storage_memory: MaybeUninit<board::Storage> = MaybeUninit::uninit(),
         received: Bytes<RECEIVED_RING> = Bytes::new(),
         sent: Bytes<SENT_RING> = Bytes::new(),
         entries: Queue<Entry, ENTRY_RING> = Queue::new(),
@@ -94,7 +94,7 @@ mod app {
             session: cx.local.session_memory,
         };
         let board = board::init(cx.device, cx.core, memory);
-        let motion = cx.local.motion_memory;
+        let motion = cx.local.motion_memory.power_up();
         let (received_in, received_out) = cx.local.received.split();
         let (entries_in, entries_out) = cx.local.entries.split();
         let (events_in, events_out) = cx.local.events.split();

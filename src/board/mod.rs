@@ -58,7 +58,7 @@ pub(crate) use serial::Receiver;
 pub(crate) use serial_session::SerialSession;
 pub(crate) use step_output::{StepInterrupt, StepPins, StepTimerToken};
 pub(crate) use stm32f4xx_hal::pac;
-pub(crate) use storage::{Memory, Storage};
+pub(crate) use storage::{Memory, MotionMemory, Storage};
 
 use leadscrew::{model::Alarm, protocol::Session};
 

@@ -2,10 +2,14 @@
 //!
 //! # Cost
 //! RTIC lets the first tasks run while the frame of the initialisation is still on the stack. So what is
-//! large is made by functions out of line, one after the other, and has its place in [`Memory`].
+//! large is made by functions out of line, one after the other, and has its place in [`Memory`]. Nothing is in
+//! these places before: an initial value would be kept in flash, with all zeros of its queues.
+
+use core::mem::MaybeUninit;
 
 use leadscrew::{
     model::Requests,
+    motion::{Motion, QueuedBlock},
     protocol::{ByteWriter, Session},
     settings::{Change, Erasing, Loaded, StoreError, Stored, ToolTable},
 };
@@ -33,10 +37,37 @@ pub(super) use medium::Medium;
 /// The storage, owned by `interpret`.
 pub(crate) struct Storage(medium::Store);
 
+/// The place of the motion: zeros until power-up.
+pub(crate) struct MotionMemory(MaybeUninit<Motion>);
+
+impl MotionMemory {
+    pub(crate) const fn new() -> Self {
+        Self(MaybeUninit::zeroed())
+    }
+
+    /// Makes the motion of a machine that is not yet configured, without blocks.
+    #[inline(never)]
+    #[expect(unsafe_code, reason = "what is known to be zero need not be written")]
+    pub(crate) fn power_up(&mut self) -> &mut Motion {
+        // A free block may be anything that is a block, as zeros are.
+        const _: QueuedBlock = {
+            // SAFETY: a constant that is no value of its type is an error of the build.
+            unsafe { MaybeUninit::zeroed().assume_init() }
+        };
+        let beginning = self.0.as_mut_ptr().cast::<Motion<0>>();
+        // SAFETY: both types have C's layout with the blocks last, so that the one is the beginning of the other.
+        // The blocks are zeros, and such blocks are valid.
+        unsafe {
+            beginning.write(Motion::without_blocks());
+            self.0.assume_init_mut()
+        }
+    }
+}
+
 /// The places of the storage and of the session.
 pub(crate) struct Memory {
-    pub(crate) storage: &'static mut Option<Storage>,
-    pub(crate) session: &'static mut Option<Session>,
+    pub(crate) storage: &'static mut MaybeUninit<Storage>,
+    pub(crate) session: &'static mut MaybeUninit<Session>,
 }
 
 impl Memory {
@@ -44,7 +75,7 @@ impl Memory {
     /// a new machine.
     #[inline(never)]
     pub(super) fn power_up(self, flash: Medium) -> (&'static mut Session, &'static mut Storage) {
-        let storage = self.storage.insert(Storage(medium::Store::new(flash)));
+        let storage = self.storage.write(Storage(medium::Store::new(flash)));
         let loaded = storage.load();
         let session = make_session(self.session, &loaded);
         storage.load_tools(session.tools_mut());
@@ -53,8 +84,11 @@ impl Memory {
 }
 
 #[inline(never)]
-fn make_session(memory: &'static mut Option<Session>, loaded: &Loaded) -> &'static mut Session {
-    memory.insert(Session::new(&loaded.stored, loaded.is_first_boot))
+fn make_session(
+    memory: &'static mut MaybeUninit<Session>,
+    loaded: &Loaded,
+) -> &'static mut Session {
+    memory.write(Session::new(&loaded.stored, loaded.is_first_boot))
 }
 
 impl Storage {

@@ -25,7 +25,7 @@ use super::{
     executor::{Executor, Goal, NextSegment},
     jerk_limited::{self, LeavingSample, MovingAverage, Sample},
     pass::{Pass, PassProgress},
-    queue::BlockQueue,
+    queue::{BLOCKS, BlockQueue},
     segment_rate::{duration_per_step_s, limit_block_rate, limit_segment_rate, min_duration_s},
     trapezoid,
 };
@@ -70,7 +70,7 @@ impl Profile {
 /// The blocks of a program and the speeds planned for them.
 #[derive(Debug)]
 #[repr(C)]
-pub struct LookAhead {
+pub struct LookAhead<const ROOM: usize = BLOCKS> {
     overrides: Overrides,
     /// Time that the blocks up to the newest take longer than their segments need, s: see
     /// [`limit_segment_rate`].
@@ -79,13 +79,12 @@ pub struct LookAhead {
     /// What a step adds to the shortest duration of a line, s.
     duration_per_step_s: f32,
     profile: Profile,
-    queue: BlockQueue,
+    queue: BlockQueue<ROOM>,
 }
 
-impl LookAhead {
-    /// Empty, with the trapezoidal profile.
-    #[must_use]
-    pub const fn new() -> Self {
+impl<const ROOM: usize> LookAhead<ROOM> {
+    /// The same as [`LookAhead::new`], with other room.
+    pub(super) const fn with_room() -> Self {
         Self {
             overrides: Overrides::NONE,
             slack_s: 0.0,
@@ -94,6 +93,14 @@ impl LookAhead {
             profile: Profile::Trapezoid,
             queue: BlockQueue::new(),
         }
+    }
+}
+
+impl LookAhead {
+    /// Empty, with the trapezoidal profile.
+    #[must_use]
+    pub const fn new() -> Self {
+        Self::with_room()
     }
 
     /// Sets the greatest step rate of all axes together, Hz. At standstill only.

@@ -15,4 +15,4 @@ mod trapezoid;
 pub use cycles::homing::Homing;
 pub use lookahead::LookAhead;
 pub use prepare::{Motion, Prepared};
-pub use queue::BLOCKS;
+pub use queue::{BLOCKS, QueuedBlock};

@@ -71,10 +71,10 @@ impl Prepared {
     };
 }
 
-/// Everything between the entries and the events.
+/// Everything between the entries and the events. The blocks come last in memory.
 #[derive(Debug)]
 #[repr(C)]
-pub struct Motion {
+pub struct Motion<const ROOM: usize = BLOCKS> {
     control: Control,
     handled: Handled,
     queue: SegmentQueue,
@@ -98,7 +98,7 @@ pub struct Motion {
     /// `$794`.
     #[cfg(arc_machine)]
     runs_stored_program: bool,
-    plan: LookAhead,
+    plan: LookAhead<ROOM>,
 }
 
 /// The entry in execution other than a move of the plan.
@@ -156,10 +156,16 @@ struct Faults {
     checks_door: bool,
 }
 
-impl Motion {
-    /// At rest at zero, not yet configured: a constant, so that it is built in place.
+impl Motion<0> {
+    /// What comes before the blocks in the memory of a [`Motion::new`].
     #[must_use]
-    pub const fn new() -> Self {
+    pub const fn without_blocks() -> Self {
+        Self::with_room()
+    }
+}
+
+impl<const ROOM: usize> Motion<ROOM> {
+    const fn with_room() -> Self {
         Self {
             control: Control::IDLE,
             handled: Handled {
@@ -196,8 +202,16 @@ impl Motion {
             hard_limits: false,
             #[cfg(arc_machine)]
             runs_stored_program: false,
-            plan: LookAhead::new(),
+            plan: LookAhead::with_room(),
         }
+    }
+}
+
+impl Motion {
+    /// At rest at zero, not yet configured: a constant, so that it is built in place.
+    #[must_use]
+    pub const fn new() -> Self {
+        Self::with_room()
     }
 
     /// Takes over the settings at power-up, and returns the machine as it is then: locked with homing

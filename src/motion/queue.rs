@@ -18,7 +18,7 @@ pub const BLOCKS: usize = 128;
 
 /// A block and what is planned of it.
 #[derive(Debug)]
-pub(super) struct QueuedBlock {
+pub struct QueuedBlock {
     pub(super) block: Block,
     /// Limit of the squared entry speed from the junction and both programmed speeds, (mm/s)².
     pub(super) limit_sqr: f32,
@@ -29,7 +29,7 @@ pub(super) struct QueuedBlock {
 }
 
 impl QueuedBlock {
-    /// A free entry.
+    /// A free entry: nothing reads it, here or in [`Motion::without_blocks`](super::Motion::without_blocks).
     const NONE: Self = Self {
         block: Block {
             delta: Axes([0; AXES]),
@@ -52,29 +52,30 @@ impl QueuedBlock {
     };
 }
 
-/// A ring of blocks.
+/// A ring of blocks, with room for so many.
 #[derive(Debug)]
 #[repr(C)]
-pub(super) struct BlockQueue {
+pub(super) struct BlockQueue<const ROOM: usize = BLOCKS> {
     /// Index of the oldest.
     pub(super) first: usize,
     /// Number of blocks.
     pub(super) count: usize,
     /// The blocks, in a ring.
-    pub(super) ring: [QueuedBlock; BLOCKS],
+    pub(super) ring: [QueuedBlock; ROOM],
 }
 
-impl BlockQueue {
+impl<const ROOM: usize> BlockQueue<ROOM> {
     /// Empty.
-    #[expect(clippy::large_stack_arrays, reason = "a constant, built in place")]
     pub(super) const fn new() -> Self {
         Self {
             first: 0,
             count: 0,
-            ring: [const { QueuedBlock::NONE }; BLOCKS],
+            ring: [const { QueuedBlock::NONE }; ROOM],
         }
     }
+}
 
+impl BlockQueue {
     /// The number of blocks, the one in execution included.
     pub(super) const fn len(&self) -> usize {
         self.count

@@ -1,4 +1,5 @@
-//! The machine code of the firmware: what runs while the flash is busy needs nothing that is in flash.
+//! The image of the firmware: what runs while the flash is busy needs nothing that is in flash, and no queues of
+//! zeros are kept there.
 //!
 //! Instructions: ARMv7-M reference manual, A5 and A7.
 
@@ -125,6 +126,17 @@ fn code_in_ram_calls_and_reads_nothing_in_flash() {
             "{function} is not in RAM: {names:?}"
         );
     }
+}
+
+#[test]
+fn initial_values_of_data_take_4_kib_of_the_flash_at_most() {
+    let Some(path) = env::var_os("FIRMWARE_ELF") else {
+        return;
+    };
+    let bytes = fs::read(path).expect("the firmware can be read");
+    let file = object::File::parse(&*bytes).expect("the firmware is an ELF file");
+    let data = file.section_by_name(".data").expect("there is such data");
+    assert!((1..=4096).contains(&data.size()), "{} bytes", data.size());
 }
 
 #[test]
