@@ -206,11 +206,19 @@ impl<'a> System<'a> {
         let mut excluded = BTreeSet::new();
         for function in names {
             let found = self.functions_named(function);
-            if found.is_empty() {
-                let what = format!(
-                    "the mode `{mode}` excludes `{function}`, which is no function of the binary"
-                );
-                let remedy = "Correct the name; an excluded function must be `#[inline(never)]`.";
+            let flaw = match found.len() {
+                0 => Some((
+                    "is no function of the binary",
+                    "Correct the name; an excluded function must be `#[inline(never)]`.",
+                )),
+                1 => None,
+                _ => Some((
+                    "is the name of several functions",
+                    "Give more of the path of the function that is meant.",
+                )),
+            };
+            if let Some((what, remedy)) = flaw {
+                let what = format!("the mode `{mode}` excludes `{function}`, which {what}");
                 flaws.push(misconfigured(what, remedy));
             }
             excluded.extend(found);

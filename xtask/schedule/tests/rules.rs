@@ -880,6 +880,44 @@ fn a_way_through_a_task_that_no_mode_has_is_caught() {
     );
 }
 
+#[test]
+fn a_mode_that_excludes_a_name_of_several_functions_is_refused() {
+    let build = |name: &str, excluded: &str| {
+        let mode = format!(
+            "[task.work.mode.one]\nexcludes = [\"{excluded}\"]\n\
+             period = \"10s / baud\"\ndeadline = \"200us\"\n"
+        );
+        let project = Project::new(name)?.configured(
+            "[task.work]\nperiod = \"10s / baud\"\ndeadline = \"200us\"\n",
+            &mode,
+        );
+        let code = "if BYTES[1].load(Relaxed) != 0 { produce(); other::produce(); }
+        BYTES[7].store(sum, Relaxed);";
+        let project = project.replacing("BYTES[7].store(sum, Relaxed);", code);
+        let items = "#[inline(never)]
+    fn produce() {
+        device::write_pins(core::hint::black_box(1));
+    }
+    mod other {
+        #[inline(never)]
+        pub fn produce() {
+            crate::device::write_pins(core::hint::black_box(2));
+        }
+    }";
+        Some(project.with("items", items))
+    };
+    let one = or_skip!(build("one-function", "other::produce"));
+    assert_eq!(one.flaws(), []);
+    let two = build("two-functions", "produce").expect("the target is installed");
+    let flaws = two.flaws();
+    assert!(
+        flaws.iter().any(|flaw| flaw.rule == Rule::Configuration
+            && flaw.what.contains("excludes `produce`")
+            && flaw.what.contains("several functions")),
+        "{flaws:?}"
+    );
+}
+
 /// How many response times of a report another program finds to be right, or what it finds wrong;
 /// `None`, and a word why, where there is no Python.
 fn recompute(report: &Path) -> Option<Result<usize, String>> {
