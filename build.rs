@@ -6,9 +6,10 @@ fn main() {
     println!("cargo::rerun-if-env-changed=LEADSCREW_BOARD");
     println!("cargo::rerun-if-changed=build.rs");
     println!("cargo::rerun-if-changed=memory.x");
-    // Arcs by the rule of the Pico arc machine: of the simulator alone.
+    // What a machine with motors driven by phases has beyond the others; also the simulator.
     println!("cargo::rustc-check-cfg=cfg(arc_machine)");
-    if std::env::var("CARGO_CFG_TARGET_OS").as_deref() != Ok("none") {
+    let is_host = std::env::var("CARGO_CFG_TARGET_OS").as_deref() != Ok("none");
+    if is_host || std::env::var_os("CARGO_FEATURE_PHASES").is_some() {
         println!("cargo::rustc-cfg=arc_machine");
     }
     #[cfg(feature = "board")]

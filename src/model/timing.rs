@@ -16,6 +16,9 @@ pub const MAX_SEGMENT_TICKS: u32 = 3 * TICKS_PER_MS / 2;
 pub const EVENT_SPACING_TICKS: u32 = 128;
 /// Largest number of events of a segment.
 pub(crate) const MAX_SEGMENT_EVENTS: u32 = MAX_SEGMENT_TICKS / EVENT_SPACING_TICKS;
+/// Greatest rate of arcs in whole steps, steps of all axes together per second: three motors that are
+/// driven by phases make 1000 each.
+pub const ARC_STEPS_PER_S: u32 = 3_000;
 /// Shortest time between the end of a pulse and the next pulse of the axis, ticks.
 ///
 /// 2.5 µs serve a DM542, the slowest of the common drivers; A4988 and DRV8825 need 1 and 1.9 µs.

@@ -18,12 +18,14 @@ use super::{
     limits::TICKS_PER_S,
     pass::PassProgress,
 };
+#[cfg(arc_machine)]
+use crate::stepper::{ArcSteps, StepArc};
 use crate::{
     axis::{AXES, Axes},
     math::WHOLE_Q31,
     model::{Laser, Power},
     path::{Block, Curve, Shape, SpatialArc},
-    stepper::{AxisMotion, Segment, StepArc},
+    stepper::{AxisMotion, Segment},
     units::FineSteps,
 };
 
@@ -60,6 +62,25 @@ pub(super) struct SegmentProfile {
     pub(super) ends_section: bool,
 }
 
+/// What a segment has of an arc in whole steps, of which the generator makes the steps.
+#[cfg(arc_machine)]
+#[derive(Debug)]
+pub(super) struct SegmentOfArc {
+    /// The arc, if the segment is the first on it.
+    pub(super) entered: Option<StepArc>,
+    /// The steps of the segment.
+    pub(super) steps: Option<ArcSteps>,
+}
+
+#[cfg(arc_machine)]
+impl SegmentOfArc {
+    /// Nothing.
+    const NONE: Self = Self {
+        entered: None,
+        steps: None,
+    };
+}
+
 /// Where on the path the machine is, and how fast.
 #[derive(Debug)]
 pub(super) struct Executor {
@@ -75,8 +96,9 @@ pub(super) struct Executor {
     pub(super) from_centre: Direction,
     /// Angle seen from the centre where the machine is.
     pub(super) phase: u32,
-    /// What is left of an arc in whole steps.
-    pub(super) arc: Option<StepArc>,
+    /// What the last segment has of an arc in whole steps.
+    #[cfg(arc_machine)]
+    pub(super) step_arc: SegmentOfArc,
     /// Speed of each axis at the end of the last segment, steps per tick.
     pub(super) axis_speed: Axes<f32>,
     /// A block has been begun.
@@ -102,7 +124,8 @@ impl Executor {
             start: Axes([FineSteps(0); AXES]),
             from_centre: Direction::NONE,
             phase: 0,
-            arc: None,
+            #[cfg(arc_machine)]
+            step_arc: SegmentOfArc::NONE,
             axis_speed: Axes([0.0; AXES]),
             is_begun: false,
             is_within_section: false,
@@ -157,8 +180,9 @@ impl Executor {
         if let Some(curve) = geometry.curve {
             self.phase = curve.phase;
             self.from_centre = Direction::at(curve.phase);
+            #[cfg(arc_machine)]
             if let Shape::WholeSteps(arc) = &curve.shape {
-                self.arc = Some(*arc);
+                self.step_arc.entered = Some(*arc);
             }
         }
         self.axis_speed = axis_speeds(geometry, self.from_centre, self.speed_mm_s);
@@ -267,35 +291,17 @@ impl Executor {
         *segment = Segment {
             ticks,
             axes,
-            arc: None,
             feed_mm_min: profile.speed_mm_s * 60.0,
             line: block.line,
             power: Power::OFF,
         };
         #[cfg(arc_machine)]
         if let Some(curve) = geometry.curve
-            && matches!(curve.shape, Shape::WholeSteps(_))
+            && let Shape::WholeSteps(arc) = &curve.shape
         {
             let change = (profile.speed_mm_s - self.speed_mm_s) / block.length_mm;
             let acceleration = change * rate * (1.0 / TICKS_PER_S);
-            self.follow_steps([from, done], acceleration, segment);
-        }
-    }
-
-    /// Follows an arc in whole steps over a segment from one part of the block to another, with an acceleration
-    /// in blocks per tick².
-    #[cfg(arc_machine)]
-    #[inline(never)]
-    fn follow_steps(&mut self, parts: [u32; 2], acceleration: f32, segment: &mut Segment) {
-        let Some(arc) = &mut self.arc else {
-            return;
-        };
-        segment.arc = Some(arc.follow(parts, segment.ticks, acceleration));
-        for (axis, displacement) in arc.displacement() {
-            if let Some(motion) = segment.axes.0.get_mut(axis) {
-                let moved = i64::from(displacement) << 32;
-                motion.to = FineSteps(self.start[axis].0.wrapping_add(moved));
-            }
+            self.step_arc.steps = Some(arc.steps([from, done], ticks, acceleration));
         }
     }
 }

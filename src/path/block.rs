@@ -3,7 +3,7 @@
 use crate::{
     axis::Axes,
     math,
-    model::{HAS_ARC_MACHINE, Laser, Overrides},
+    model::{Laser, Overrides},
     stepper::StepArc,
 };
 
@@ -119,8 +119,8 @@ pub struct SpatialArc {
     pub reversals: [u16; 3],
 }
 
-// Copied by words, not by a library loop, up to this size: but for motors that are slow.
-const _: () = assert!(HAS_ARC_MACHINE || size_of::<Option<Curve>>() <= 64);
+// Copied by words, not by a library loop, up to this size.
+const _: () = assert!(size_of::<Option<Curve>>() <= 64);
 
 impl SpatialArc {
     /// No angle of the curve.

@@ -139,12 +139,12 @@ pub(super) static TABLE: &[Row] = &[
     row(788, Homing, Extension, "axes that home where they stand, by marks instead of switches", "", AxisMask(|s| &mut s.homing_marks)),
     row(789, Tools, Extension, "M6 raises Z and goes to the position of G30, once homed", "", Flag(|s| &mut s.tool_change_travel)),
     #[cfg(arc_machine)]
-    row(790, General, Extension, "arcs, in the simulator alone: 0 nearest steps, 1 whole steps, inwards where the deviation is not negative", "", byte(|s| &mut s.arc_rule)).checked(rules::arc_rule_is_known),
+    row(790, General, Extension, "arcs: 0 nearest steps, 1 in whole steps, inwards where the deviation is not negative", "", byte(|s| &mut s.arc_rule)).checked(rules::arc_rule_is_known),
     row(791, General, Extension, "motors driven by phases turn in half steps", "", Flag(|s| &mut s.half_steps)).checked(rules::motors_follow),
     row(792, General, Extension, "position stream: least time between two lines, 0 for none", "ms", milliseconds(|s| &mut s.stream_interval_ms)),
     row(793, General, Extension, "position stream: lines have Z", "", Flag(|s| &mut s.stream_z)),
     #[cfg(arc_machine)]
-    row(794, General, Extension, "in the simulator alone: cycle start at Idle runs the stored program again and again", "", Flag(|s| &mut s.runs_stored_program)),
+    row(794, General, Extension, "cycle start at Idle runs the stored program again and again", "", Flag(|s| &mut s.runs_stored_program)),
     row(795, SettingGroup::Axes, Extension, "CoreXY: the motors of X and Y turn for X + Y and X - Y", "", Flag(|s| &mut s.core_xy)).checked(rules::belts_turn_at_rate).adjusting(rules::belts_have_one_resolution),
     row(800, SettingGroup::Axes, Extension, "jerk, 0 for no limit", "mm/s³", axis_number(|s| &mut s.jerk_mm_s3)),
 ];

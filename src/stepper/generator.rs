@@ -9,7 +9,7 @@
 //! so that the others are within reach of one instruction.
 
 use super::{
-    ArcSteps, EventWriter, Segment, SegmentInfo, SegmentRing,
+    EventWriter, Segment, SegmentInfo, SegmentRing,
     position::{pulses_high_after, steps_after},
     slots::{Cursor, Slots},
     step_times::{AxisSteps, NO_STEPS, plan_axis},
@@ -25,6 +25,7 @@ use crate::{
     units::{FineSteps, TICKS_PER_US},
 };
 
+#[cfg(arc_machine)]
 mod arc;
 mod events;
 
@@ -91,8 +92,8 @@ pub struct Generator {
     clock_ticks: u32,
     /// Number of the event that is pushed next.
     next_event_number: u32,
-    /// The steps of an arc in whole steps.
-    arc: Option<ArcSteps>,
+    #[cfg(arc_machine)]
+    arc: arc::ArcInSegments,
     axes: [AxisSteps; AXES],
     slots: Slots,
 }
@@ -127,7 +128,8 @@ impl Generator {
             pulse_end_slots: [0; AXES],
             clock_ticks: 0,
             next_event_number: 0,
-            arc: None,
+            #[cfg(arc_machine)]
+            arc: arc::ArcInSegments::NONE,
             slots: Slots::NONE,
         }
     }
@@ -196,9 +198,8 @@ impl Generator {
         if !self.is_open {
             return;
         }
-        if let Some(arc) = self.arc {
-            self.withdraw_arc(arc);
-        }
+        #[cfg(arc_machine)]
+        self.withdraw_arc();
         // wcet-bound: axes
         for axis in 0..AXES {
             let is_negative = self.directions >> axis & 1 != 0;
@@ -210,7 +211,8 @@ impl Generator {
     /// Leaves the segment without steps.
     fn clear_steps(&mut self) {
         self.axes = [NO_STEPS; AXES];
-        self.arc = None;
+        #[cfg(arc_machine)]
+        self.arc.clear_steps();
         (self.moving_axes, self.reversing_axes) = (0, 0);
     }
 
@@ -259,12 +261,15 @@ impl Generator {
         let mut dominant_steps = 0;
         let begin = self.steps();
         let latest = segment.ticks.saturating_sub(SLOT_TICKS);
-        if let Some(arc) = &segment.arc {
-            directions = self.begin_arc(*arc, segment);
+        #[cfg(arc_machine)]
+        {
+            directions = self.begin_arc(directions);
         }
         // wcet-bound: axes
         for axis in 0..AXES {
             let motion = segment.axes[axis];
+            #[cfg(arc_machine)]
+            let motion = (self.arc).motion_besides(axis, self.position[axis], motion);
             let (mut steps, is_negative) =
                 plan_axis(self.position[axis], motion, duration, rate, latest);
             self.position[axis] = motion.to;

@@ -60,7 +60,7 @@ enum Choice {
 pub struct IntegerArc {
     u: i32,
     w: i32,
-    deviation: i64,
+    deviation: i32,
     /// The end in its quadrant.
     end: [i32; 2],
     /// Changes of quadrant up to the end.
@@ -76,7 +76,7 @@ impl IntegerArc {
     /// [`Circle`](crate::model::Circle), 1 for an arc of at most a full circle.
     ///
     /// `None` for a start in the centre, and where the rule does not end: [`StepRule::Sign`] at a radius of
-    /// 1. Coordinates are at most 2²⁹ steps.
+    /// 1. Coordinates are at most 2²⁸ steps: no deviation is more than twice that then.
     #[must_use]
     pub fn new(
         start: [i32; 2],
@@ -114,7 +114,7 @@ impl IntegerArc {
 
     /// Returns the next step of the rule.
     fn choice(&self) -> Choice {
-        let (u, w) = (i64::from(self.u), i64::from(self.w));
+        let (u, w) = (self.u, self.w);
         let is_inwards = match self.rule {
             StepRule::Sign => self.deviation >= 0,
             // |D + 1 - 2u| < |D + 1 + 2w|, as D lies between them.
@@ -143,12 +143,11 @@ impl IntegerArc {
             Choice::Both => (-1, 1),
         };
         let step = self.unit_step([inwards, outwards], false);
-        let (u, w) = (i64::from(self.u), i64::from(self.w));
         if inwards != 0 {
-            self.deviation += 1 - 2 * u;
+            self.deviation += 1 - 2 * self.u;
         }
         if outwards != 0 {
-            self.deviation += 1 + 2 * w;
+            self.deviation += 1 + 2 * self.w;
         }
         self.u += inwards;
         self.w += outwards;
@@ -176,8 +175,7 @@ impl IntegerArc {
 
     /// Returns a step of the coordinates of the turned arc as that of the axes.
     fn unit_step(&self, [u, w]: [i32; 2], is_straight: bool) -> UnitStep {
-        let product = |a: i32, b: i32| i64::from(a) * i64::from(b);
-        let area = product(self.u, w) - product(self.w, u);
+        let area = self.u * w - self.w * u;
         let [x, y] = match self.quadrant {
             0 => [u, w],
             1 => [-w, u],
@@ -186,7 +184,7 @@ impl IntegerArc {
         };
         UnitStep {
             signs: [x, if self.is_mirrored { -y } else { y }],
-            area: area.abs(),
+            area: i64::from(area.abs()),
             is_straight,
         }
     }

@@ -35,4 +35,6 @@ pub use position::steps_after;
 pub use ring::{EventReader, EventRing, EventTap, EventWriter, Upcoming};
 pub use segment::{AxisMotion, Segment, SegmentInfo};
 pub use segment_ring::{SegmentRing, SegmentStart};
-pub use step_arc::{ArcStep, ArcSteps, StepArc};
+pub use step_arc::StepArc;
+#[cfg(arc_machine)]
+pub use step_arc::{ArcProgress, ArcStep, ArcSteps};

@@ -108,21 +108,37 @@ pub fn steps_after(
 /// Returns the same where an axis may reverse within a segment, on an arc in whole steps.
 fn steps_by_direction(
     mut steps: Axes<i32>,
-    mut directions: u8,
+    directions: u8,
     first: u32,
     length: u32,
     events: &EventWriter<'_>,
 ) -> Axes<i32> {
-    // wcet-bound: segment_events
-    for place in 0..length {
-        let event = events.event(first.wrapping_add(place));
-        directions = event.directions().unwrap_or(directions);
-        // wcet-bound: axes
-        for (axis, steps) in steps.iter_mut().enumerate() {
-            let pulses = (event.raise() >> axis & 1).cast_signed();
-            let is_negative = directions >> axis & 1 != 0;
-            *steps = steps.wrapping_add(if is_negative { -pulses } else { pulses });
+    let [mut all, mut negative] = [PulseCounts::NONE; 2];
+    let mut directions = u32::from(directions);
+    let mut count = |number: u32| {
+        let event = events.event(number);
+        directions = event.directions().map_or(directions, u32::from);
+        all.add(event.raise());
+        negative.add(event.raise() & directions);
+    };
+    let mut number = first;
+    let last_group_end = first.wrapping_add(length - length % EVENTS_IN_GROUP);
+    // wcet-bound: segment_event_groups
+    while number != last_group_end {
+        // wcet-bound: 4
+        for place in 0..EVENTS_IN_GROUP {
+            count(number.wrapping_add(place));
         }
+        number = black_box(number.wrapping_add(EVENTS_IN_GROUP));
+    }
+    // wcet-bound: 3
+    while number != first.wrapping_add(length) {
+        count(number);
+        number = black_box(number.wrapping_add(1));
+    }
+    // wcet-bound: axes
+    for (axis, steps) in steps.iter_mut().enumerate() {
+        *steps = steps.wrapping_add(all.of(axis) - 2 * negative.of(axis));
     }
     steps
 }
@@ -252,7 +268,6 @@ mod tests {
                 to: FineSteps(from[axis].0 + (way[axis % way.len()] << 32)),
                 acceleration: 0.0,
             }),
-            arc: None,
             feed_mm_min: 0.0,
             line: 0,
             power: Power::OFF,

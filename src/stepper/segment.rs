@@ -1,6 +1,5 @@
 //! A segment of motion: what `prepare` passes on to the step times, and what is known of it later.
 
-use super::ArcSteps;
 use crate::{
     axis::{AXES, Axes},
     model::Power,
@@ -23,8 +22,6 @@ pub struct Segment {
     pub ticks: u32,
     /// Motion of each axis.
     pub axes: Axes<AxisMotion>,
-    /// The steps of the axes of an arc in whole steps, in their order.
-    pub arc: Option<ArcSteps>,
     /// Speed along the path at the end, mm/min.
     pub feed_mm_min: f32,
     /// `N` word of the block, 0 without.
@@ -43,7 +40,6 @@ impl Segment {
                 acceleration: 0.0,
             }; AXES],
         ),
-        arc: None,
         feed_mm_min: 0.0,
         line: 0,
         power: Power::OFF,

@@ -9,38 +9,65 @@
 //! second waits until it is as far as that, and what it delays comes behind it. The path is as much longer at
 //! the end of it as a last step has waited.
 //!
-//! In firmware whose motors have drivers,
-//! `no_step_arc.rs` is in the place of this file.
+//! A block has the ends of the arc, [`StepArc`]. Where the machine is on it, [`ArcProgress`], is in one place: the
+//! generator goes on from there, by the [`ArcSteps`] of each segment.
+//!
+//! In firmware whose motors have drivers, `no_step_arc.rs` is in the place of this file.
+//!
+//! # Cost
+//! What a block has of an arc is no longer than other curves, which are copied by words, not by a library loop.
 
-use super::integer_arc::{IntegerArc, UnitStep};
-use crate::{axis::AXES, math, model::timing::SLOT_TICKS};
+use super::integer_arc::{IntegerArc, StepRule};
+use crate::{
+    axis::AXES,
+    math,
+    model::{Rotation, timing::SLOT_TICKS},
+};
 
 /// Parts of an area of 1, so that half of it, and the radius, are whole.
 const PARTS: i64 = 1 << PARTS_BITS;
 const PARTS_BITS: u32 = 11;
 
-/// An arc in whole steps, from where the machine is on it.
+/// An arc in whole steps, as a block has it.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[repr(Rust, packed(4))]
 pub struct StepArc {
+    /// Start and end, relative to the centre.
+    start: [i32; 2],
+    end: [i32; 2],
+    /// Radius of the start: the area of a step along an axis, [`PARTS`].
+    radius: i32,
+    /// Area that all steps pass, [`PARTS`].
+    area: i64,
+    /// As in [`Circle`](crate::model::Circle).
+    turns: u16,
+    rotation: Rotation,
     /// First and second axis of the plane.
     axes: [u8; 2],
-    steps: IntegerArc,
-    /// Radius of the start: the area of a step along an axis, [`PARTS`].
+}
+
+/// Where the machine is on an arc in whole steps: at the step that comes next.
+#[derive(Debug)]
+pub struct ArcProgress {
+    /// The steps behind the next one.
+    steps: Option<IntegerArc>,
+    /// First and second axis of the plane.
+    axes: [u8; 2],
+    /// As that of [`StepArc`].
     radius: i64,
-    /// Area that the steps so far have passed, [`PARTS`].
+    /// Area that the steps up to the next one pass, [`PARTS`].
     passed: i64,
-    /// The same of the whole arc.
-    area: i64,
-    /// Where the last step of each axis was due.
+    /// Where the last step of each axis is due.
     last: [i64; 2],
-    /// Steps of both axes so far.
-    displacement: [i32; 2],
+    /// The next step: its axis, its direction, and where it is due, [`ArcProgress::NEVER`] if there is none.
+    axis: u8,
+    is_negative: bool,
+    due: i64,
 }
 
 /// The steps of a segment.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ArcSteps {
-    arc: StepArc,
     /// Area passed at the beginning and at the end, [`PARTS`].
     begin: i64,
     end: i64,
@@ -64,27 +91,47 @@ pub struct ArcStep {
     pub ticks: u32,
 }
 
+impl ArcStep {
+    /// No step.
+    pub const NONE: Self = Self {
+        axis: 0,
+        is_negative: false,
+        ticks: 0,
+    };
+}
+
 impl StepArc {
-    /// Returns the arc of these steps, none of which is of both axes, in the plane of two axes. `radius_sqr` is
-    /// the square of the radius of its start, below 2⁴⁰ steps².
+    /// Returns the arc from a place to another one, relative to the centre, by [`StepRule::Sign`], in the plane of
+    /// two axes; `None` where the rule makes none, and from a radius of 2²⁰ steps on.
     #[must_use]
-    pub fn new(axes: [usize; 2], steps: IntegerArc, radius_sqr: i64) -> Self {
-        let radius = radius_sqr.saturating_mul(PARTS * PARTS).max(0).isqrt();
+    pub fn new(
+        axes: [usize; 2],
+        [start, end]: [[i32; 2]; 2],
+        rotation: Rotation,
+        turns: u16,
+    ) -> Option<Self> {
+        let square = |part: i32| i64::from(part) * i64::from(part);
+        let radius_sqr = square(start[0]) + square(start[1]);
         let mut arc = Self {
-            axes: axes.map(|axis| axis as u8),
-            steps,
-            radius,
-            passed: 0,
+            start,
+            end,
+            radius: i32::try_from(radius_sqr.saturating_mul(PARTS * PARTS).isqrt()).ok()?,
             area: 0,
-            last: [-radius; 2],
-            displacement: [0; 2],
+            turns,
+            rotation,
+            axes: axes.map(|axis| axis as u8),
         };
-        let mut all = arc;
-        while let Some((_, due)) = all.step_before(i64::MAX) {
-            arc.area = due;
+        let mut progress = ArcProgress::NONE;
+        progress.enter(&arc);
+        if progress.due == ArcProgress::NEVER {
+            return None;
         }
-        arc.area = arc.area.max(all.passed);
-        arc
+        while progress.due != ArcProgress::NEVER {
+            arc.area = progress.due;
+            progress.find_next();
+        }
+        arc.area = progress.passed.max(arc.area);
+        Some(arc)
     }
 
     /// Returns the area of the whole arc, steps².
@@ -93,49 +140,11 @@ impl StepArc {
         self.area as f64 / PARTS as f64
     }
 
-    /// Returns the steps of each axis of the plane so far.
+    /// Returns the steps of a segment from where one part of the arc is done to where another one is, in 2³¹
+    /// parts, in `ticks` and with an acceleration in arcs per tick².
     #[must_use]
-    pub fn displacement(&self) -> [(usize, i32); 2] {
-        let ([first, second], [x, y]) = (self.axes, self.displacement);
-        [(usize::from(first), x), (usize::from(second), y)]
-    }
-
-    /// Takes the next step if it is due before `end`; returns it, with where it is due.
-    fn step_before(&mut self, end: i64) -> Option<(UnitStep, i64)> {
-        let mut steps = self.steps;
-        let step = steps.take_step()?;
-        let area = if step.is_straight {
-            self.radius
-        } else {
-            step.area << PARTS_BITS
-        };
-        let [first, second] = self.last;
-        let own = if step.signs[0] == 0 { second } else { first };
-        let after = own.wrapping_add(self.radius).max(first).max(second);
-        let due = self.passed.wrapping_add(area / 2).max(after);
-        if due > end {
-            return None;
-        }
-        self.steps = steps;
-        self.passed = self.passed.wrapping_add(area);
-        self.last = match step.signs {
-            [0, _] => [first, due],
-            [_, _] => [due, second],
-        };
-        for (sum, sign) in self.displacement.iter_mut().zip(step.signs) {
-            *sum = sum.wrapping_add(sign);
-        }
-        Some((step, due))
-    }
-
-    /// Goes on to where the part `done` of the arc is done, in 2³¹ parts, from `from`, in `ticks` and with an
-    /// acceleration in arcs per tick². Returns the steps on the way.
-    #[inline(never)]
-    pub fn follow(&mut self, [from, done]: [u32; 2], ticks: u32, acceleration: f32) -> ArcSteps {
-        let arc = *self;
-        let [begin, end] = [from, done].map(|part| math::scale_q31(self.area, part));
-        // wcet-bound: segment_steps
-        while self.step_before(end).is_some() {}
+    pub fn steps(&self, parts: [u32; 2], ticks: u32, acceleration: f32) -> ArcSteps {
+        let [begin, end] = parts.map(|part| math::scale_q31(self.area, part));
         let (distance, duration) = (end.wrapping_sub(begin) as f32, ticks as f32);
         let mean = distance / duration;
         let mut acceleration = acceleration * self.area as f32;
@@ -148,7 +157,6 @@ impl StepArc {
             acceleration = -speed / duration;
         }
         ArcSteps {
-            arc,
             begin,
             end,
             half_speed: 0.5 * speed,
@@ -159,23 +167,86 @@ impl StepArc {
     }
 }
 
-impl ArcSteps {
-    /// Takes the next step, if there is one.
-    pub fn take_step(&mut self) -> Option<ArcStep> {
-        let (step, due) = self.arc.step_before(self.end)?;
-        let [first, second] = self.arc.axes.map(usize::from);
-        let (axis, sign) = match step.signs {
-            [0, sign] => (second, sign),
-            [sign, _] => (first, sign),
-        };
-        let distance = due.wrapping_sub(self.begin).max(0) as f32;
+impl ArcProgress {
+    const NEVER: i64 = i64::MAX;
+
+    /// No arc.
+    pub const NONE: Self = Self {
+        steps: None,
+        axes: [0; 2],
+        radius: 0,
+        passed: 0,
+        last: [0; 2],
+        axis: 0,
+        is_negative: false,
+        due: Self::NEVER,
+    };
+
+    /// Goes on to the start of an arc.
+    pub fn enter(&mut self, arc: &StepArc) {
+        let StepArc { start, end, .. } = *arc;
+        self.steps = IntegerArc::new(start, end, arc.rotation, arc.turns, StepRule::Sign);
+        self.axes = arc.axes;
+        self.radius = i64::from(arc.radius);
+        self.passed = 0;
+        self.last = [-self.radius; 2];
+        self.due = -self.radius;
+        self.find_next();
+    }
+
+    /// Returns the axes of the arc, bit 0 = X.
+    #[must_use]
+    pub const fn axes(&self) -> u8 {
+        let [first, second] = self.axes;
+        1 << (first & 7) | 1 << (second & 7)
+    }
+
+    /// Returns whether a segment has another step.
+    #[must_use]
+    pub const fn is_due(&self, segment: &ArcSteps) -> bool {
+        self.due <= segment.end
+    }
+
+    /// Takes the next step of a segment, if there is one.
+    pub fn take_step(&mut self, segment: &ArcSteps) -> Option<ArcStep> {
+        if !self.is_due(segment) {
+            return None;
+        }
+        let distance = self.due.wrapping_sub(segment.begin).max(0) as f32;
         let half_reached =
-            math::half_root_of_twice(self.half_speed_sqr + self.acceleration * distance);
-        let ticks = distance / math::max(self.half_speed + half_reached, f32::MIN_POSITIVE);
-        Some(ArcStep {
-            axis: axis.min(AXES - 1),
-            is_negative: sign < 0,
-            ticks: (ticks as u32).min(self.latest_ticks),
-        })
+            math::half_root_of_twice(segment.half_speed_sqr + segment.acceleration * distance);
+        let ticks = distance / math::max(segment.half_speed + half_reached, f32::MIN_POSITIVE);
+        let step = ArcStep {
+            axis: usize::from(self.axis).min(AXES - 1),
+            is_negative: self.is_negative,
+            ticks: (ticks as u32).min(segment.latest_ticks),
+        };
+        self.find_next();
+        Some(step)
+    }
+
+    /// Finds the step behind the next one, and where it is due.
+    fn find_next(&mut self) {
+        let Some(step) = self.steps.as_mut().and_then(IntegerArc::take_step) else {
+            self.due = Self::NEVER;
+            return;
+        };
+        let area = if step.is_straight {
+            self.radius
+        } else {
+            step.area << PARTS_BITS
+        };
+        let ([first, second], [along_first, along_second]) = (self.axes, step.signs);
+        let [last_first, last_second] = &mut self.last;
+        let (axis, sign, last) = if along_first == 0 {
+            (second, along_second, last_second)
+        } else {
+            (first, along_first, last_first)
+        };
+        let after = last.wrapping_add(self.radius).max(self.due);
+        self.due = self.passed.wrapping_add(area / 2).max(after);
+        *last = self.due;
+        self.passed = self.passed.wrapping_add(area);
+        (self.axis, self.is_negative) = (axis, sign < 0);
     }
 }

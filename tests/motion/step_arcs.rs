@@ -247,6 +247,64 @@ fn a_motor_steps_no_faster_than_the_feed_on_a_circle() {
     }
 }
 
+/// What `prepare` does for a segment is bounded so: `src/stepper/generator/arc.rs`.
+#[test]
+fn an_arc_makes_few_steps_and_reverses_seldom_within_a_segment() {
+    let settings = Settings {
+        arc_rule: 1,
+        ..with(&[1.0], &[6.0e6], &[1.0e7])
+    };
+    let longest = u64::from(TICKS_PER_SECOND) * 3 / 2000;
+    let per_second = |steps: &[(usize, Step)]| {
+        let ticks = steps[steps.len() - 1].1.ticks - steps[0].1.ticks;
+        steps.len() as f64 / ticks as f64 * f64::from(TICKS_PER_SECOND)
+    };
+    for (start, turns) in [1, 2, 3, 5]
+        .map(|whole| (around(whole), 3))
+        .into_iter()
+        .flat_map(|(starts, turns)| starts.into_iter().map(move |start| (start, turns)))
+    {
+        let arc = Arc {
+            start,
+            end: start,
+            rotation: Rotation::Clockwise,
+            turns,
+        };
+        if radius(start) <= 1.0 {
+            continue;
+        }
+        let trace = Rig::play(&settings, &arc.commands(0.0, 6.0e6));
+        let steps = steps_of(&trace);
+        assert_eq!(in_order(&trace, steps_to(start)), expected(arc), "{arc:?}");
+        for (first, (_, step)) in steps.iter().enumerate() {
+            let within = steps[first..].iter();
+            let within: Vec<_> = within
+                .take_while(|(_, other)| other.ticks - step.ticks <= longest)
+                .collect();
+            assert!(within.len() <= 6, "{} steps of {arc:?}", within.len());
+            let reversals = (0..2).map(|axis| {
+                let signs: Vec<_> = { within.iter() }
+                    .filter(|(of, _)| *of == axis)
+                    .map(|(_, step)| step.sign)
+                    .collect();
+                signs.windows(2).filter(|two| two[0] != two[1]).count()
+            });
+            assert!(reversals.sum::<usize>() <= 3, "{arc:?}");
+        }
+        assert!(per_second(&steps) < 3000.0, "{arc:?}");
+    }
+    let circle = Arc {
+        start: [200, 0],
+        end: [200, 0],
+        rotation: Rotation::Clockwise,
+        turns: 1,
+    };
+    let trace = Rig::play(&settings, &circle.commands(0.0, 6.0e6));
+    let rate = per_second(&steps_of(&trace));
+    // The path has 1500 steps a second, and the axes 4/π of them together.
+    assert!((1880.0..1930.0).contains(&rate), "{rate} steps/s");
+}
+
 /// Steps of the third axis at even distances along the arc, by its area.
 #[test]
 fn the_third_axis_of_a_helix_follows_the_area() {

@@ -42,6 +42,8 @@ impl Motion {
         self.age_handled(segments.played_start_ticks());
         if self.next_segment(inputs) {
             self.queue.standstill = None;
+            #[cfg(arc_machine)]
+            self.pass_step_arc();
             self.generator.begin(&self.segment, segments);
         } else if self.queue.standstill.is_none() {
             self.queue.standstill = Some(start);
@@ -52,6 +54,16 @@ impl Motion {
         }
         self.queue.newest = start;
         true
+    }
+
+    /// Passes on what the segment has of an arc in whole steps.
+    #[cfg(arc_machine)]
+    fn pass_step_arc(&mut self) {
+        let of_segment = &mut self.executor.step_arc;
+        if let Some(arc) = of_segment.entered.take() {
+            self.generator.enter_arc(&arc);
+        }
+        self.generator.set_arc_steps(of_segment.steps.take());
     }
 
     /// What the next segment is made of.

@@ -2,9 +2,9 @@
 
 use super::{Geometry, Router};
 use crate::{
-    model::{Circle, Target},
+    model::{Circle, Target, timing::ARC_STEPS_PER_S},
     path::{Curve, Shape, arc::Arc},
-    stepper::{IntegerArc, StepArc, StepRule},
+    stepper::StepArc,
     units::{MicroDegrees, Nm, StepsPerMm},
 };
 
@@ -12,13 +12,20 @@ use crate::{
 const MOST_STEPS: i64 = 500_000;
 
 impl Geometry {
-    /// Returns the same with the steps of an arc, if there are any.
+    /// Returns the same with the steps of an arc, if there are any, no faster than arcs in whole steps can be.
     pub(super) fn with_steps(self, steps: Option<StepArc>) -> Self {
-        let curve = self.curve.map(|curve| Curve {
-            shape: steps.map_or(curve.shape, Shape::WholeSteps),
-            ..curve
-        });
-        Self { curve, ..self }
+        let Some(steps) = steps else {
+            return self;
+        };
+        let steps_per_mm: f32 = self.steps_per_mm.iter().map(|steps| steps.abs()).sum();
+        Self {
+            limit_mm_s: (ARC_STEPS_PER_S as f32 / steps_per_mm).min(self.limit_mm_s),
+            curve: self.curve.map(|curve| Curve {
+                shape: Shape::WholeSteps(steps),
+                ..curve
+            }),
+            ..self
+        }
     }
 }
 
@@ -75,9 +82,8 @@ impl Router {
         if radius.saturating_mul(4 * i64::from(circle.turns.max(1))) > MOST_STEPS {
             return None;
         }
-        let [start, end] = [start, end].map(|place| place.map(|part| part as i32));
-        let steps = IntegerArc::new(start, end, circle.rotation, circle.turns, StepRule::Sign)?;
-        Some(StepArc::new(axes, steps, radius_sqr))
+        let ends = [start, end].map(|place| place.map(|part| part as i32));
+        StepArc::new(axes, ends, circle.rotation, circle.turns)
     }
 }
 

@@ -2,64 +2,181 @@
 
 use super::{DIRECTION_SETUP_SLOTS, Generator, is_not_before};
 use crate::{
-    axis::AXES,
-    model::timing::{PULSE_LOW_SLOTS, SLOT_TICKS, pulse_slots},
-    stepper::{ArcSteps, Segment},
+    model::timing::{ARC_STEPS_PER_S, MAX_SEGMENT_TICKS, PULSE_LOW_SLOTS, SLOT_TICKS, pulse_slots},
+    stepper::{ArcProgress, ArcStep, ArcSteps, AxisMotion, StepArc},
+    units::{FineSteps, TICKS_PER_US},
 };
 
+/// Bounds the steps of a segment. On the longest one at [`ARC_STEPS_PER_S`] the path has the length of 2.25 steps, and
+/// the steps of each axis are the length of one apart.
+const MAX_STEPS: usize = 6;
+const _: () = assert!(
+    ARC_STEPS_PER_S / 2 * (MAX_SEGMENT_TICKS / TICKS_PER_US) < (MAX_STEPS as u32 / 2) * 1_000_000
+);
+/// Bounds the changes of direction behind the first step in a segment: each axis makes three steps at most.
+/// `an_arc_makes_few_steps_and_reverses_seldom_within_a_segment` tests it.
+const MAX_REVERSALS: u32 = 4;
+
+/// The arc in whole steps, if there is one.
+#[derive(Debug)]
+pub(super) struct ArcInSegments {
+    /// Where the steps of the segments end on it.
+    progress: ArcProgress,
+    /// What the segment that begins next has of it.
+    next: Option<ArcSteps>,
+    /// Axes that the segment moves by the arc, bit 0 = X.
+    axes: u8,
+    /// Steps of the segment that have no events yet.
+    count: usize,
+    steps: [ArcStep; MAX_STEPS],
+}
+
+impl ArcInSegments {
+    pub(super) const NONE: Self = Self {
+        progress: ArcProgress::NONE,
+        next: None,
+        axes: 0,
+        count: 0,
+        steps: [ArcStep::NONE; MAX_STEPS],
+    };
+
+    /// Whether the segment has steps of the arc.
+    pub(super) const fn has_steps(&self) -> bool {
+        self.count != 0
+    }
+
+    /// Discards the steps of the segment.
+    pub(super) const fn clear_steps(&mut self) {
+        self.count = 0;
+    }
+
+    /// Returns a step of the segment.
+    #[inline]
+    fn step(&self, number: usize) -> Option<ArcStep> {
+        (number < self.count)
+            .then(|| self.steps.get(number).copied())
+            .flatten()
+    }
+
+    /// Returns the motion of an axis at a position besides the arc: an axis of the arc has none.
+    #[inline]
+    pub(super) fn motion_besides(
+        &self,
+        axis: usize,
+        position: FineSteps,
+        motion: AxisMotion,
+    ) -> AxisMotion {
+        if self.axes >> axis & 1 == 0 {
+            return motion;
+        }
+        AxisMotion {
+            to: position,
+            acceleration: 0.0,
+        }
+    }
+}
+
 impl Generator {
-    /// Begins the steps of an arc in the segment. Returns the directions at its beginning.
+    /// Goes on to the start of an arc in whole steps, at the end of the last segment.
     #[inline(never)]
-    pub(super) fn begin_arc(&mut self, arc: ArcSteps, segment: &Segment) -> u8 {
-        let mut directions = self.directions;
-        let (mut last, mut known) = (directions, 0);
-        let mut steps = arc;
-        // wcet-bound: segment_steps
-        while let Some(step) = steps.take_step() {
+    pub fn enter_arc(&mut self, arc: &StepArc) {
+        self.arc.progress.enter(arc);
+    }
+
+    /// Sets which steps of the arc the next segment makes, before it begins: none, if it is of something else.
+    pub fn set_arc_steps(&mut self, steps: Option<ArcSteps>) {
+        self.arc.next = steps;
+    }
+
+    /// Begins the steps of the arc in the segment, behind others in `directions`. Returns the directions at its
+    /// beginning.
+    #[inline(never)]
+    pub(super) fn begin_arc(&mut self, mut directions: u8) -> u8 {
+        self.arc.count = 0;
+        let Some(segment) = self.arc.next.take() else {
+            self.arc.axes = 0;
+            return directions;
+        };
+        let arc = &mut self.arc;
+        arc.axes = arc.progress.axes();
+        let (mut last, mut known, mut reversals) = (directions, 0, 0);
+        // wcet-bound: 6
+        for place in &mut arc.steps {
+            let Some(step) = arc.progress.take_step(&segment) else {
+                break;
+            };
+            *place = step;
+            arc.count += 1;
             let bit = 1 << step.axis;
             let level = u8::from(step.is_negative) << step.axis;
             if known & bit == 0 {
                 known |= bit;
                 directions = directions & !bit | level;
             } else if last & bit != level {
-                // A change of direction.
-                self.max_events += 1;
+                reversals += 1;
             }
             last = last & !bit | level;
-            self.max_events += 2;
-        }
-        // wcet-bound: axes
-        for axis in 0..AXES {
-            if known >> axis & 1 != 0 {
-                self.position[axis] = segment.axes[axis].to;
+            if let Some(position) = self.position.0.get_mut(step.axis) {
+                *position = after(*position, step.is_negative);
             }
         }
+        debug_assert!(!arc.progress.is_due(&segment), "steps are left");
+        debug_assert!(reversals <= MAX_REVERSALS, "{reversals} reversals");
+        self.max_events += 2 * arc.count as u32 + reversals;
         self.moving_axes |= u32::from(known);
-        self.arc = (known != 0).then_some(arc);
         directions
     }
 
     /// Adds the steps of the arc to the slots behind those of all other axes: each later than the one before.
     #[inline(never)]
-    pub(super) fn add_arc_steps(&mut self, mut arc: ArcSteps) {
+    pub(super) fn add_arc_steps(&mut self) {
+        let mut free = self.first_slot.cast_signed();
+        let mut number = 0;
+        // wcet-bound: 5
+        while let Some(step) = self.arc.step(number) {
+            free = self.change_direction(step, free);
+            (number, free) = self.add_arc_steps_up_to_reversal(number, free);
+        }
+        self.arc.count = 0;
+        debug_assert!(is_not_before(
+            self.base_slot.wrapping_add(free.cast_unsigned()),
+            self.base_slot
+        ));
+    }
+
+    /// Adds the change of direction before a step, if there is one, in the slot `free` or behind it. Returns the
+    /// first slot for the step.
+    fn change_direction(&mut self, step: ArcStep, free: i32) -> i32 {
+        let bit = 1 << step.axis;
+        let end = self.pulse_end_slots.get(step.axis);
+        let Some(end) = end.filter(|_| (self.directions & bit != 0) != step.is_negative) else {
+            return free;
+        };
+        let pulse_end = end.wrapping_sub(self.base_slot).cast_signed();
+        self.directions ^= bit;
+        let from = free.max(pulse_end + 1).cast_unsigned();
+        let slot =
+            (self.slots).add_direction_change(self.base_slot.wrapping_add(from), self.directions);
+        slot.wrapping_sub(self.base_slot).cast_signed() + DIRECTION_SETUP_SLOTS.cast_signed()
+    }
+
+    /// Adds steps from a number on, in the slot `free` and behind it, up to one that needs another direction.
+    /// Returns its number, and the slot behind the last one.
+    #[inline]
+    fn add_arc_steps_up_to_reversal(&mut self, mut number: usize, mut free: i32) -> (usize, i32) {
         let base = self.base_slot;
         let pulse = pulse_slots(self.pulse_ticks);
-        let mut free = self.first_slot.cast_signed();
-        // wcet-bound: segment_steps
-        while let Some(step) = arc.take_step() {
-            let bit = 1 << step.axis;
-            let Some(end) = self.pulse_end_slots.get_mut(step.axis) else {
-                continue;
+        // wcet-bound: 6, wcet-total: 6
+        while let Some(step) = self.arc.step(number) {
+            let bit = 1_u32 << step.axis;
+            let is_reversed = (u32::from(self.directions) & bit != 0) != step.is_negative;
+            let end = self.pulse_end_slots.get_mut(step.axis);
+            let Some(end) = end.filter(|_| !is_reversed) else {
+                break;
             };
             let pulse_end = end.wrapping_sub(base).cast_signed();
-            if (self.directions & bit != 0) != step.is_negative {
-                self.directions ^= bit;
-                let from = base.wrapping_add(free.max(pulse_end + 1).cast_unsigned());
-                let slot = self.slots.add_direction_change(from, self.directions);
-                free = slot.wrapping_sub(base).cast_signed() + DIRECTION_SETUP_SLOTS.cast_signed();
-            }
             let mut earliest = free.max(pulse_end + PULSE_LOW_SLOTS.cast_signed());
-            if self.reversing_axes & u32::from(bit) != 0 {
+            if self.reversing_axes & bit != 0 {
                 earliest = earliest.max(self.first_slot_reversing.cast_signed());
             }
             let earliest = earliest.cast_unsigned();
@@ -69,21 +186,37 @@ impl Generator {
                 (slot, ticks) = (earliest, 0);
             }
             let at = base.wrapping_add(slot);
-            self.slots.add_step(at, u32::from(bit), ticks);
+            self.slots.add_step(at, bit, ticks);
             *end = at.wrapping_add(pulse);
-            self.slots.add_pulse_end(*end, u32::from(bit));
+            self.slots.add_pulse_end(*end, bit);
             self.last_step_slot = self.last_step_slot.max(slot);
             free = slot.cast_signed() + 1;
+            number += 1;
         }
-        debug_assert!(is_not_before(base.wrapping_add(free.cast_unsigned()), base));
+        (number, free)
     }
 
     /// Takes the steps of the arc that will not be made off the position.
     #[inline(never)]
-    pub(super) fn withdraw_arc(&mut self, mut arc: ArcSteps) {
-        // wcet-bound: segment_steps
-        while let Some(step) = arc.take_step() {
-            self.withdraw_steps(step.axis, step.is_negative, 1);
+    pub(super) fn withdraw_arc(&mut self) {
+        let mut number = 0;
+        // wcet-bound: 6
+        while let Some(step) = self.arc.step(number) {
+            if let Some(position) = self.position.0.get_mut(step.axis) {
+                *position = after(*position, !step.is_negative);
+            }
+            number += 1;
         }
+        self.arc.count = 0;
     }
+}
+
+/// Returns a position after a step.
+const fn after(position: FineSteps, is_negative: bool) -> FineSteps {
+    let step = if is_negative {
+        -FineSteps::ONE
+    } else {
+        FineSteps::ONE
+    };
+    FineSteps(position.0.wrapping_add(step))
 }

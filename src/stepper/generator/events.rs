@@ -60,7 +60,8 @@ impl Generator {
         if self.reversing_axes != 0 || !self.moving_axes.is_power_of_two() {
             return None;
         }
-        if self.arc.is_some() {
+        #[cfg(arc_machine)]
+        if self.arc.has_steps() {
             return None;
         }
         let high = self.pulses_high();
@@ -130,9 +131,8 @@ impl Generator {
             axis = if axis + 1 < AXES { axis + 1 } else { 0 };
             self.add_steps_of(axis);
         }
-        if let Some(arc) = self.arc.take() {
-            self.add_arc_steps(arc);
-        }
+        #[cfg(arc_machine)]
+        self.add_arc_steps();
         let end = self.offset_ticks + self.ticks;
         let slot = self.base_slot.wrapping_add(end / SLOT_TICKS);
         self.slots
