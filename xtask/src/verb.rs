@@ -26,7 +26,7 @@ pub(crate) struct Verb {
 }
 
 /// Every command.
-pub(crate) const VERBS: [Verb; 20] = [
+pub(crate) const VERBS: [Verb; 21] = [
     verb(
         "bench",
         tools::TARGET,
@@ -115,6 +115,11 @@ pub(crate) const VERBS: [Verb; 20] = [
         tools::VIEW,
         "Show a G-code program as a page: its path, its speeds and its time",
     ),
+    verb(
+        "web",
+        tools::WEB,
+        "Make a page that runs G-code programs on the virtual machine in the browser",
+    ),
 ];
 
 const fn verb(name: &'static str, tool: Tool, about: &'static str) -> Verb {
@@ -192,9 +197,10 @@ impl Verb {
 }
 
 /// Options that name something to be read, of any command.
-const READ: [&str; 7] = [
+const READ: [&str; 8] = [
     "--settings",
     "--load",
+    "--measure",
     "--diff",
     "--elf",
     "--port",

@@ -162,11 +162,16 @@ pub fn is_there(program: &str) -> bool {
     command.status().is_ok_and(|status| status.success())
 }
 
-/// Makes sure that rustc can compile for the chip: asks rustup for the target where it is missing.
+/// Makes sure that rustc can compile for the chip.
 pub fn need_target() -> Result<()> {
+    need_target_named(TARGET)
+}
+
+/// Makes sure that rustc can compile for a target: asks rustup for it where it is missing.
+pub fn need_target_named(target: &str) -> Result<()> {
     let rustc = env::var_os("RUSTC").unwrap_or_else(|| "rustc".into());
     let output = Command::new(rustc)
-        .args(["--print", "target-libdir", "--target", TARGET])
+        .args(["--print", "target-libdir", "--target", target])
         .current_dir(root())
         .output()
         .context("cannot start rustc")?;
@@ -174,7 +179,7 @@ pub fn need_target() -> Result<()> {
     if output.status.success() && Path::new(&folder).is_dir() {
         return Ok(());
     }
-    rustup(&["target", "add", TARGET])
+    rustup(&["target", "add", target])
 }
 
 /// Makes sure that `cargo {tool}` exists: asks rustup for the component where it is missing.

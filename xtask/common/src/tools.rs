@@ -36,6 +36,8 @@ pub struct Tool {
     has_clock: bool,
     /// The profile that it is compiled with.
     profile: &'static str,
+    /// What it is compiled for, if that is not this computer.
+    target: Option<&'static str>,
 }
 
 impl Tool {
@@ -48,6 +50,7 @@ impl Tool {
             has_axes: true,
             has_clock: true,
             profile: PROFILE,
+            target: None,
         }
     }
 
@@ -136,6 +139,13 @@ pub const SOAK: Tool = Tool {
 };
 /// The senders of `cargo xtask test --clients`.
 pub const CLIENTS: Tool = Tool::new("clients", "the test of senders", "about a minute");
+
+/// `cargo xtask web`.
+pub const WEB: Tool = Tool::new(
+    "web",
+    "the maker of the page for browsers",
+    "about a minute",
+);
 
 /// A command that starts a tool, which is compiled before where that is necessary.
 pub fn command(tool: Tool) -> Result<Command> {
@@ -232,7 +242,10 @@ fn build(tool: Tool, axes: u8) -> Result<PathBuf> {
     let clock_mhz = cargo::clock_mhz();
     let folder = tool.folder(cargo::top_target_dir(), axes, clock_mhz);
     let (axes, clock_mhz) = (tool.axes(axes), tool.clock_mhz(clock_mhz));
-    let path = folder.join(tool.profile).join(tool.file_name());
+    let built = tool
+        .target
+        .map_or(folder.clone(), |target| folder.join(target));
+    let path = built.join(tool.profile).join(tool.file_name());
     let mut command = cargo::cargo(&[
         "build",
         "--profile",
@@ -241,6 +254,9 @@ fn build(tool: Tool, axes: u8) -> Result<PathBuf> {
         tool.package,
     ]);
     command.arg("--target-dir").arg(&folder);
+    if let Some(target) = tool.target {
+        command.args(["--target", target]);
+    }
     let mut features: Vec<_> = tool
         .features
         .iter()
@@ -270,6 +286,18 @@ pub fn plugin() -> Result<PathBuf> {
     const COST: Tool = Tool::new("cost", "the plugin that counts", "about a minute").for_any_axes();
     let program = build(COST, 3)?;
     Ok(program.with_file_name("libcost.so"))
+}
+
+/// Builds what a browser runs: WebAssembly.
+pub fn wasm() -> Result<PathBuf> {
+    const TARGET: &str = "wasm32-unknown-unknown";
+    const WASM: Tool = Tool {
+        profile: "web",
+        target: Some(TARGET),
+        ..Tool::new("wasm", "the simulator for browsers", "about a minute")
+    };
+    cargo::need_target_named(TARGET)?;
+    Ok(build(WASM, cargo::axes())?.with_file_name("wasm.wasm"))
 }
 
 /// Runs a build, silent while there is nothing to do; returns whether it succeeds.

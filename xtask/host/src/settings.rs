@@ -34,12 +34,7 @@ pub fn load_for(
     if let (Some(path), Some(names)) = (file, dump.left_out()) {
         ui::warning(&format!("{}: left out {names}", path.display()));
     }
-    let combined = combine(&Settings::new(step_rate), &dump.entries);
-    let combined = check(file, &dump, combined)?;
-    Ok(Loaded {
-        settings: combined.settings,
-        statements: combined.order.iter().map(Entry::statement).collect(),
-    })
+    Loaded::of_dump(step_rate, file, &dump)
 }
 
 /// Reads a file with settings.

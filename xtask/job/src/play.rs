@@ -108,6 +108,11 @@ impl<S: borrow::BorrowMut<Simulator>, R: Recorder> Playing<S, R> {
         self.end.is_some()
     }
 
+    /// Bytes of the program that have been read.
+    pub fn read(&self) -> u64 {
+        self.observer.borrow().read
+    }
+
     /// The machine.
     pub fn simulator(&self) -> &Simulator {
         self.stream.simulator.borrow()
@@ -314,7 +319,9 @@ impl<R: Recorder> Iterator for Source<R> {
                     return None;
                 }
             }
-            observer.recorder.read(self.program.read());
+            observer.read = self.program.read();
+            let read = observer.read;
+            observer.recorder.read(read);
         }
     }
 }
@@ -331,6 +338,8 @@ struct Observer<R> {
     refused: Option<Response>,
     /// Lines that have been read and not yet answered.
     lines: VecDeque<Vec<u8>>,
+    /// Bytes of the program that have been read.
+    read: u64,
     failure: Option<Error>,
 }
 
@@ -345,6 +354,7 @@ impl<R> Observer<R> {
             times: JobTimes::default(),
             refused: None,
             lines: VecDeque::new(),
+            read: 0,
             failure: None,
         }
     }

@@ -70,6 +70,14 @@ impl Program {
         Ok(Self::from_reader(name, Cursor::new(text)))
     }
 
+    /// Reads what is in memory.
+    pub fn from_bytes(name: String, text: Vec<u8>) -> Self {
+        Self {
+            length: text.len() as u64,
+            ..Self::from_reader(name, Cursor::new(text))
+        }
+    }
+
     /// Reads from anything.
     pub fn from_reader(name: String, reader: impl BufRead + 'static) -> Self {
         Self {

@@ -58,6 +58,19 @@ impl Loaded {
         }
     }
 
+    /// Grbl's defaults, changed to what a list says, which is in a file where that is named.
+    ///
+    /// # Errors
+    /// Every line that cannot be read, and every setting that is refused.
+    pub fn of_dump(step_rate: StepRate, file: Option<&Path>, dump: &Dump) -> Result<Self> {
+        let combined = combine(&Settings::new(step_rate), &dump.entries);
+        let combined = check(file, dump, combined)?;
+        Ok(Self {
+            settings: combined.settings,
+            statements: combined.order.iter().map(Entry::statement).collect(),
+        })
+    }
+
     /// Changes one setting.
     pub fn apply(&mut self, assignment: &str) -> Result<()> {
         apply(&mut self.settings, assignment)?;

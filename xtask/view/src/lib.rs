@@ -5,11 +5,12 @@
     reason = "a library of the tools beside it"
 )]
 
-#[cfg(test)]
+#[cfg(all(test, feature = "command"))]
 #[path = "../../../tests/support/cases.rs"]
 mod cases;
-mod pack;
+pub mod pack;
 pub mod page;
+#[cfg(feature = "command")]
 pub mod picture;
-#[cfg(test)]
+#[cfg(all(test, feature = "command"))]
 mod tests;

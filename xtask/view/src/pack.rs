@@ -4,7 +4,7 @@
 const LEVEL: u8 = 7;
 
 /// Packs bytes, and writes them with letters, digits, `+` and `/`.
-pub(crate) fn packed(bytes: &[u8]) -> String {
+pub fn packed(bytes: &[u8]) -> String {
     base64(&miniz_oxide::deflate::compress_to_vec(bytes, LEVEL))
 }
 

@@ -47,7 +47,7 @@ pub fn write(job: &Job) -> String {
         ("ABOVE", String::new()),
         ("SCRIPT", script),
     ];
-    filled(&parts)
+    filled(FRAME, &parts)
 }
 
 /// A page that is served in files, and gets its job and more from where it comes from.
@@ -74,16 +74,16 @@ pub fn served(title: &str, policy: &str, above: &str, style: &str, script: &str)
         ("SCRIPT", "<script src=\"page.js\"></script>".into()),
     ];
     Served {
-        html: filled(&parts),
+        html: filled(FRAME, &parts),
         style: [STYLE, style].concat(),
         script: [&SCRIPTS.concat(), script].concat(),
     }
 }
 
-/// Puts parts in place of their names: `{{TITLE}}`.
-fn filled(parts: &[(&str, String)]) -> String {
+/// Returns a page with parts in place of their names: `{{TITLE}}`.
+pub fn filled(frame: &str, parts: &[(&str, String)]) -> String {
     let mut page = String::new();
-    let mut rest = FRAME;
+    let mut rest = frame;
     while let Some((before, behind)) = rest.split_once("{{") {
         let (name, after) = behind.split_once("}}").expect("each name ends");
         let part = parts.iter().find(|(part, _)| *part == name);
