@@ -13,6 +13,7 @@ mod monitor;
 mod reprap;
 mod tap;
 mod view;
+mod web;
 
 use std::{
     fs, mem,
@@ -241,6 +242,8 @@ fn all() -> impl Iterator<Item = Check> {
         Check::new("the monitor's page", monitor::page),
         Check::new("the live page of a job", monitor::live_page),
         Check::new("the page of a job", view::page),
+        Check::new("jobs as WebAssembly", web::jobs),
+        Check::new("the page that runs jobs", web::page),
     ])
 }
 

@@ -53,7 +53,7 @@ pub(super) fn page() -> Result<Verdict> {
 }
 
 /// Runs a command, and returns what it prints.
-fn said(command: &mut Command) -> Result<String> {
+pub(super) fn said(command: &mut Command) -> Result<String> {
     let output = command.stdin(Stdio::null()).output()?;
     let failed = String::from_utf8_lossy(&output.stderr);
     ensure!(output.status.success(), "{failed}");

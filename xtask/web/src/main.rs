@@ -1,8 +1,5 @@
 //! `cargo xtask web`: the simulator and the view of jobs as a page that runs them in the browser.
 
-mod measure;
-mod page;
-
 use std::{
     fs,
     io::Write as _,
@@ -19,6 +16,7 @@ use common::{
 };
 use host::{output::Output, proven};
 use leadscrew::settings::StepRate;
+use web::{measure, page};
 
 /// Make a page that runs G-code programs on the virtual machine in the browser
 ///

@@ -6,7 +6,7 @@ use std::{
     process::{Command, ExitCode, Stdio},
 };
 
-use anyhow::{Context, Result, ensure};
+use anyhow::{Context, Result, bail};
 use common::text::row;
 use host::{
     play::{self, Run},
@@ -29,7 +29,7 @@ fn processor_time_s() -> f64 {
 }
 
 /// Plays a program here and with the code of a page, and tells how they compare.
-pub(crate) fn compare(index: &Path, program: &Path, file: Option<&Path>) -> Result<ExitCode> {
+pub fn compare(index: &Path, program: &Path, file: Option<&Path>) -> Result<ExitCode> {
     let begun_s = processor_time_s();
     let (hash, page) = native(program, file)?;
     let here_s = processor_time_s() - begun_s;
@@ -57,7 +57,7 @@ pub(crate) fn compare(index: &Path, program: &Path, file: Option<&Path>) -> Resu
 }
 
 /// The hash and the page by the code of this computer.
-fn native(program: &Path, file: Option<&Path>) -> Result<(String, String)> {
+pub fn native(program: &Path, file: Option<&Path>) -> Result<(String, String)> {
     let loaded = settings::load(file, &[])?;
     let mut simulator = Box::new(Simulator::new(&loaded.settings));
     play::unlock(&mut simulator);
@@ -74,8 +74,11 @@ fn name(path: &Path) -> String {
     name.to_string_lossy().into_owned()
 }
 
-/// The summary and the page by WebAssembly.
-fn under_node(index: &Path, program: &Path, file: Option<&Path>) -> Result<(Value, Vec<u8>)> {
+/// The summary and the page by the WebAssembly of a page.
+///
+/// # Errors
+/// What the machine says, as [`native`] does.
+pub fn under_node(index: &Path, program: &Path, file: Option<&Path>) -> Result<(Value, Vec<u8>)> {
     let out = index.with_file_name("measured.html");
     let mut node = Command::new("node");
     node.args(["--eval", SCRIPT, "--"])
@@ -85,9 +88,12 @@ fn under_node(index: &Path, program: &Path, file: Option<&Path>) -> Result<(Valu
         .args(file);
     let output = node.stdin(Stdio::null()).stderr(Stdio::inherit()).output();
     let output = output.context("cannot start node, which this needs")?;
-    ensure!(output.status.success(), "node fails ({})", output.status);
-    let summary = serde_json::from_slice(&output.stdout).context("node says no summary")?;
+    let said: Value = serde_json::from_slice(&output.stdout)
+        .with_context(|| format!("node says nothing ({})", output.status))?;
+    if let Some(failure) = said["failure"].as_str() {
+        bail!("{failure}");
+    }
     let page = fs::read(&out).context("node has left no page")?;
     fs::remove_file(&out)?;
-    Ok((summary, page))
+    Ok((said, page))
 }

@@ -15,7 +15,7 @@ const WORKER: &str = include_str!("page/worker.js");
 const SCRIPT: &str = include_str!("page/web.js");
 
 /// Returns the page with the code of the machine, which is proven for a step rate; 0: for none.
-pub(crate) fn write(wasm: &[u8], rate_hz: u32) -> String {
+pub fn write(wasm: &[u8], rate_hz: u32) -> String {
     let parts = [
         ("POLICY", POLICY.into()),
         ("STYLE", STYLE.into()),

@@ -2,7 +2,7 @@
  * Plays a job with the worker of the page of `cargo xtask web`, under node.
  *
  * Its arguments are the page, where to write the view of the job, the program, and perhaps its settings. It prints
- * the summary, with the time that the processor has taken, s.
+ * the summary, with the time that the processor has taken, s; or the failure.
  */
 
 'use strict';
@@ -28,7 +28,10 @@ const read = (file) => (file ? fs.readFileSync(file) : Buffer.from(''));
 const begun = process.cpuUsage();
 const self = {
   postMessage({ outcome, failure }) {
-    if (failure) throw new Error(failure.text);
+    if (failure) {
+      console.log(JSON.stringify({ failure: failure.text }));
+      process.exitCode = 1;
+    }
     if (!outcome) return;
     const { user, system } = process.cpuUsage(begun);
     fs.writeFileSync(out, outcome.page);
@@ -36,8 +39,4 @@ const self = {
   },
 };
 new Function('self', script(page, 'worker'))(self);
-self.onmessage({ data: { wasm, texts: [read(program), read(settings), name(program), name(settings)], rate } })
-  .catch((error) => {
-    console.error(error.message);
-    process.exitCode = 1;
-  });
+self.onmessage({ data: { wasm, texts: [read(program), read(settings), name(program), name(settings)], rate } });

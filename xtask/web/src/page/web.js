@@ -124,18 +124,20 @@ class Web {
     this.end();
     this.forget();
     const address = URL.createObjectURL(this.source);
-    this.worker = new Worker(address);
+    const worker = new Worker(address);
     URL.revokeObjectURL(address);
+    this.worker = worker;
     this.length = texts[0].length;
-    this.worker.onmessage = ({ data }) => this.hear(data);
-    this.worker.onerror = (event) => {
+    // What one has sent that is gone is of no interest.
+    worker.onmessage = ({ data }) => { if (worker === this.worker) this.hear(data); };
+    worker.onerror = (event) => {
       event.preventDefault();
-      this.fail(`the simulator does not run here: ${event.message}`);
+      this.fail(`the simulator does not run here: ${event.message ?? 'the browser starts no thread for it'}`);
     };
     $('progress').value = 0;
     this.say('begins');
     this.show();
-    this.worker.postMessage({ wasm, texts, rate: this.rate });
+    worker.postMessage({ wasm, texts, rate: this.rate });
   }
 
   hear({ progress, outcome, failure }) {

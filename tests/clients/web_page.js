@@ -1,0 +1,165 @@
+/*
+ * The page of `cargo xtask web` in a browser without a window: as wide as a screen from a server, and as wide as a
+ * phone as a file. Program and settings are uploaded and dropped, a job is cancelled, the machine panics, and the page
+ * asks nobody for anything.
+ *
+ * Its arguments are the page, a program and its settings, the hash of its step events, and a long program.
+ */
+
+'use strict';
+
+const fs = require('fs');
+const http = require('http');
+const path = require('path');
+const { pathToFileURL } = require('url');
+
+const { check, run, until } = require('./cncjs');
+const { browse } = require('./browser');
+
+const [, , pageFile, program, settings, hash, long] = process.argv;
+
+const state = (page) => page.evaluate(() => document.getElementById('state').textContent);
+
+async function upload(page, files) {
+  for (const [id, file] of Object.entries(files)) {
+    const input = await page.$(`#${id}`);
+    await input.uploadFile(file);
+  }
+}
+
+/** Waits for the hash of a job that has been begun, and for its view. */
+async function played(page) {
+  await until(() => page.evaluate(() => 'hash' in document.body.dataset), 'the job comes to its end', () => state(page));
+  const seen = await page.evaluate(() => [document.body.dataset.hash, document.getElementById('facts').textContent]);
+  check(seen[0] === hash && seen[1].includes(hash), `${seen} is not ${hash}`);
+  let view;
+  await until(async () => {
+    view = page.frames().find((frame) => frame !== page.mainFrame() && frame.url().startsWith('blob:'));
+    return view && await view.evaluate(() => document.body?.dataset.ready === 'yes');
+  }, 'the view is there');
+  const drawn = await view.evaluate(() => {
+    window.view.scene.render();
+    return [window.view.facts.hash, window.view.scene.drawn, window.view.path.pieces, window.view.listing.element.textContent];
+  });
+  check(drawn[0] === hash && drawn[1] > 100 && drawn[1] === drawn[2], drawn.join());
+  check(drawn[3].includes('G21'), 'the program is listed');
+}
+
+/** Files are dropped, the program first. */
+async function dropped(page) {
+  const texts = [program, settings].map((file) => [path.basename(file), fs.readFileSync(file, 'utf8')]);
+  await page.evaluate((files) => {
+    const dataTransfer = new DataTransfer();
+    files.forEach(([name, text]) => dataTransfer.items.add(new File([text], name)));
+    document.dispatchEvent(new DragEvent('drop', { dataTransfer, bubbles: true, cancelable: true }));
+  }, texts);
+  await until(() => page.evaluate(() => Boolean(window.web.worker) || 'hash' in document.body.dataset), 'the job begins');
+  await played(page);
+}
+
+/** A long job is cancelled. */
+async function cancelled(page) {
+  await upload(page, { program: long });
+  await page.click('#run');
+  await until(() => page.evaluate(() => Boolean(window.web.worker) && document.getElementById('progress').value > 0), 'the long job goes on', () => state(page));
+  check(/^\d+ % of the program, .* of the machine's time$/.test(await state(page)), await state(page));
+  await page.click('#cancel');
+  check(await state(page) === 'cancelled', await state(page));
+  const seen = await page.evaluate(() => [window.web.worker, document.getElementById('outcome').hidden, document.getElementById('run').disabled]);
+  check(seen[0] === null && seen[1] && !seen[2], seen.join());
+}
+
+/** A text that the machine has no room for makes it panic. */
+async function panicked(page) {
+  await page.evaluate(() => window.web.start([0, 1, 2, 3, 4].map(() => new Uint8Array(1))));
+  await until(() => page.evaluate(() => !window.web.worker), 'the panic is told', () => state(page));
+  const told = await state(page);
+  check(/^the simulator has a fault.*panicked at .*index out of bounds.*unreachable/s.test(told), told);
+}
+
+/** Settings that are refused are told, and nothing is played. */
+async function refused(page) {
+  fs.writeFileSync('bad.settings', '$110=5000\n$3=300\n');
+  await upload(page, { program, settings: 'bad.settings' });
+  await page.click('#run');
+  await until(() => page.evaluate(() => document.getElementById('state').className === 'bad'), 'the refusal is told', () => state(page));
+  const told = await state(page);
+  check(told.includes('bad.settings') && told.includes('$3=300'), told);
+  check(await page.evaluate(() => !('hash' in document.body.dataset)), 'there is no hash');
+}
+
+/** The causes of refusals are counted. */
+async function tabulated(page) {
+  fs.writeFileSync('refused.nc', 'G0X1\nG999\nG999\nM106 (<b>)\n');
+  await upload(page, { program: 'refused.nc', settings });
+  await page.click('#run');
+  await until(() => page.evaluate(() => 'hash' in document.body.dataset), 'the job comes to its end', () => state(page));
+  const rows = await page.evaluate(() => [...document.querySelectorAll('#refusals tbody tr')].map((row) => [...row.cells].map((cell) => cell.textContent)));
+  check(rows.length === 2 && rows[0][0] === '2' && rows[0][1] === 'G999' && rows[0][3] === 'error:20' && rows[0][4] === '2', JSON.stringify(rows));
+}
+
+async function look(browser, address, width) {
+  const page = await browser.newPage();
+  await page.setViewport({ width, height: 800 });
+  const faults = [];
+  page.on('pageerror', (error) => faults.push(error.message));
+  page.on('console', (message) => faults.push(`${message.type()}: ${message.text()}`));
+  page.on('request', (request) => {
+    const url = request.url();
+    if (url !== address && !url.startsWith('blob:') && !url.startsWith('data:')) faults.push(`asks for ${url}`);
+  });
+  try {
+    await page.goto(address);
+    await until(() => page.evaluate(() => document.body.dataset.ready === 'yes'), 'the page is there', () => faults.join());
+    check(await page.evaluate(() => document.getElementById('run').disabled), 'without a program nothing is played');
+    await upload(page, { program, settings });
+    await page.click('#run');
+    await played(page);
+    await cancelled(page);
+    await dropped(page);
+    await panicked(page);
+    await refused(page);
+    await tabulated(page);
+    await upload(page, { program, settings });
+    await page.click('#run');
+    await played(page);
+    const wide = await page.evaluate(() => document.documentElement.scrollWidth);
+    check(wide <= width, `the page is ${wide} pixels wide`);
+    check(faults.length === 0, faults.join('\n'));
+  } finally {
+    await page.screenshot({ path: `web-${width}.png` });
+    await page.close();
+  }
+}
+
+/** Serves the folder of the page as any web server does; what else is asked for is kept. */
+function serve(asked) {
+  const server = http.createServer((request, response) => {
+    if (request.url !== '/') {
+      asked.push(request.url);
+      response.writeHead(404).end();
+      return;
+    }
+    response.writeHead(200, { 'content-type': 'text/html' }).end(fs.readFileSync(pageFile));
+  });
+  return new Promise((resolve) => {
+    server.listen(0, '127.0.0.1', () => resolve(server));
+  });
+}
+
+async function main() {
+  const asked = [];
+  const server = await serve(asked);
+  const browser = await browse('drawing');
+  try {
+    await look(browser, `http://127.0.0.1:${server.address().port}/`, 1400);
+    await look(browser, pathToFileURL(pageFile).href, 390);
+    check(asked.length === 0, `the server is asked for ${asked}`);
+  } finally {
+    await browser.close();
+    server.close();
+  }
+  return [0, 0, 0];
+}
+
+run(main);
