@@ -45,16 +45,39 @@ async function played(page) {
   check(drawn[3].includes('G21'), 'the program is listed');
 }
 
-/** Files are dropped, the program first. */
-async function dropped(page) {
-  const texts = [program, settings].map((file) => [path.basename(file), fs.readFileSync(file, 'utf8')]);
-  await page.evaluate((files) => {
+/** Drops files, each with its name and its bytes. */
+function drop(page, files) {
+  return page.evaluate((all) => {
     const dataTransfer = new DataTransfer();
-    files.forEach(([name, text]) => dataTransfer.items.add(new File([text], name)));
+    all.forEach(([name, bytes]) => dataTransfer.items.add(new File([new Uint8Array(bytes)], name)));
     document.dispatchEvent(new DragEvent('drop', { dataTransfer, bubbles: true, cancelable: true }));
-  }, texts);
-  await until(() => page.evaluate(() => Boolean(window.web.worker) || 'hash' in document.body.dataset), 'the job begins');
+  }, files.map(([name, bytes]) => [name, [...bytes]]));
+}
+
+/** Files are dropped, and taken as what they are: a program may have settings in it, and settings be in UTF-16. */
+async function dropped(page) {
+  const names = () => page.evaluate(() => ['program', 'settings'].map((id) => document.getElementById(id).files[0]?.name).join());
+  await drop(page, [['own.nc', Buffer.from('$110=4000\nG21\nG0X1\n')]]);
+  await until(async () => (await names()).startsWith('own.nc,'), 'a program is taken', names);
+  const list = fs.readFileSync(settings, 'utf8');
+  await drop(page, [[path.basename(program), fs.readFileSync(program)], ['list.txt', Buffer.from(`\ufeff${list}`, 'utf16le')]]);
+  const both = `${path.basename(program)},list.txt`;
+  await until(async () => await names() === both, 'both are taken', names);
+  await until(() => page.evaluate((text) => document.body.dataset.hash === text, hash), 'the job comes to its end', () => state(page));
   await played(page);
+}
+
+/** A machine homes amid switches. */
+async function homed(page) {
+  fs.writeFileSync('home.nc', '$H\nG53G0X-5\n');
+  fs.writeFileSync('home.settings', '$22=1\n$130=20\n$131=20\n$132=20\n$24=300\n$25=900\n');
+  await upload(page, { program: 'home.nc', settings: 'home.settings' });
+  await page.click('#switches');
+  await page.click('#run');
+  await until(() => page.evaluate(() => 'hash' in document.body.dataset), 'the job comes to its end', () => state(page));
+  const seen = await page.evaluate(() => [document.getElementById('facts').textContent, document.getElementById('refusals').hidden]);
+  check(seen[0].endsWith('ends in Idle') && seen[1], seen.join());
+  await page.click('#switches');
 }
 
 /** A long job is cancelled. */
@@ -120,6 +143,7 @@ async function look(browser, address, width) {
     await panicked(page);
     await refused(page);
     await tabulated(page);
+    await homed(page);
     await upload(page, { program, settings });
     await page.click('#run');
     await played(page);

@@ -3,19 +3,18 @@
 mod pin;
 mod signals;
 
+pub use job::Ends;
 pub use pin::Pin;
 pub use signals::Event;
 
-use std::{array, collections::VecDeque};
+use std::collections::VecDeque;
 
 use common::BAUD;
 use leadscrew::{
-    axis::{AXES, Z},
     machine::Snapshot,
-    model::{Levels, State, queues::RECEIVED_RING, timing::TICK_MS},
+    model::{State, queues::RECEIVED_RING, timing::TICK_MS},
     protocol::Session,
-    settings::Settings,
-    sim::{Closes, Edge, Flash, Simulator, Switch},
+    sim::{Edge, Flash, Simulator, Switch},
     units::{TICKS_PER_MS, TICKS_PER_SECOND},
 };
 
@@ -23,64 +22,6 @@ use self::signals::Signals;
 
 /// Time of one byte on it with start and stop bit, ticks.
 const BYTE_TICKS: u64 = TICKS_PER_SECOND as u64 * 10 / BAUD as u64;
-
-/// How far the lower switches are beyond the travel, mm.
-const BEYOND_MM: f64 = 1.0;
-/// How high the plate for the probe is above the low end of Z, mm.
-const PLATE_MM: f64 = 10.0;
-
-/// Where switches close, in steps from where the machine stands at power-up: the middle.
-pub struct Ends {
-    /// The limit switch of each axis at its lower end and below. It is farther away than the travel:
-    /// an axis that was homed above has all of its travel.
-    pub low: [i32; AXES],
-    /// The limit switch of each axis at its upper end and above.
-    pub high: [i32; AXES],
-    /// The plate for the probe, above the lower end of Z.
-    pub plate: i32,
-}
-
-impl Ends {
-    /// Of a machine with as much travel as these settings say.
-    pub fn of(settings: &Settings) -> Self {
-        let steps = |axis: usize, way_mm: f64| {
-            let scale = settings.steps_per_mm[axis].millionths() as f64 * 1e-6;
-            (way_mm * scale).round() as i32
-        };
-        let half_mm = settings
-            .max_travel_mm
-            .0
-            .map(|travel| f64::from(travel) / 2.0);
-        Self {
-            low: array::from_fn(|axis| steps(axis, -half_mm[axis] - BEYOND_MM)),
-            high: array::from_fn(|axis| steps(axis, half_mm[axis])),
-            plate: steps(Z, -half_mm[Z] + PLATE_MM),
-        }
-    }
-
-    /// Mounts the switches and the plate on a machine.
-    pub fn mount_on(&self, simulator: &mut Simulator) {
-        let limits = (0..AXES).flat_map(|axis| {
-            let ends = [
-                Closes::From(self.high[axis]),
-                Closes::DownFrom(self.low[axis]),
-            ];
-            ends.map(|closes| (axis, closes, Levels::limits(1 << axis)))
-        });
-        let plate = (Z, Closes::DownFrom(self.plate), Levels::PROBE);
-        for (axis, closes, input) in limits.chain([plate]) {
-            let is_mounted = simulator.mount(Switch {
-                axis,
-                closes,
-                input,
-            });
-            debug_assert!(
-                is_mounted,
-                "there is room for two switches of each axis and the plate"
-            );
-        }
-    }
-}
 
 /// A machine on a virtual clock, and the bytes on their way to it and from it.
 pub struct Machine {

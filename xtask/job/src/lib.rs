@@ -14,6 +14,7 @@
 mod cases;
 mod columns;
 mod curves;
+mod ends;
 mod facts;
 pub mod figures;
 pub mod holes;
@@ -31,6 +32,7 @@ mod tests;
 mod vertex;
 mod waypoints;
 
+pub use ends::Ends;
 pub use facts::Job;
 pub use recording::Recording;
 pub use refusals::{Cause, Refusals, line_error};

@@ -49,10 +49,11 @@ pub extern "C" fn room(which: u32, bytes: u32) -> *mut u8 {
     RUN.with_borrow_mut(|run| run.room(which as usize, bytes as usize).as_mut_ptr())
 }
 
-/// Begins the job, for a firmware that is proven for a step rate; 0: for none. Returns 1 where it is refused.
+/// Begins the job, for a firmware that is proven for a step rate; 0: for none. The machine has switches and a
+/// probe plate if `switches` is not 0. Returns 1 where it is refused.
 #[unsafe(no_mangle)]
-pub extern "C" fn begin(step_rate_hz: u32) -> u32 {
-    told(RUN.with_borrow_mut(|run| run.begin(step_rate_hz)))
+pub extern "C" fn begin(step_rate_hz: u32, switches: u32) -> u32 {
+    told(RUN.with_borrow_mut(|run| run.begin(step_rate_hz, switches != 0)))
 }
 
 /// Goes on for at most so many changes of the machine. Returns 1 at the end.

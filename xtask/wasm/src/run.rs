@@ -4,7 +4,7 @@ use std::path::Path;
 
 use anyhow::{Context as _, Result};
 use job::{
-    Cause, Recording,
+    Cause, Ends, Recording,
     figures::Figures,
     play::{self, Playing},
     program::Program,
@@ -35,6 +35,7 @@ pub(crate) struct Run {
 struct Begun {
     playing: Playing<Box<Simulator>, Recording>,
     name: String,
+    has_switches: bool,
     settings: Settings,
     warnings: Vec<String>,
 }
@@ -85,8 +86,8 @@ impl Run {
         text
     }
 
-    /// Begins the job, for a firmware that is proven for a step rate; 0: for none.
-    pub(crate) fn begin(&mut self, step_rate_hz: u32) -> Result<()> {
+    /// Begins the job, for a firmware that is proven for a step rate, 0 for none, perhaps amid switches.
+    pub(crate) fn begin(&mut self, step_rate_hz: u32, has_switches: bool) -> Result<()> {
         self.begun = None;
         self.outcomes = Default::default();
         let [program, settings, name, file] = self.texts.each_mut().map(std::mem::take);
@@ -95,12 +96,16 @@ impl Run {
         let file = (!file.is_empty()).then(|| Path::new(&file));
         let loaded = Loaded::of_dump(StepRate::of_image(step_rate_hz), file, &dump)?;
         let mut simulator = Box::new(Simulator::new(&loaded.settings));
+        if has_switches {
+            Ends::of(&loaded.settings).mount_on(&mut simulator);
+        }
         play::unlock(&mut simulator);
         let recording = Recording::new(simulator.session());
         let program = Program::from_bytes(name.clone(), program);
         self.begun = Some(Begun {
             playing: Playing::new(program, simulator, recording),
             name,
+            has_switches,
             settings: loaded.settings,
             warnings: dump.left_out().into_iter().collect(),
         });
@@ -133,6 +138,7 @@ impl Run {
         let Begun {
             playing,
             name,
+            has_switches,
             settings,
             mut warnings,
         } = begun;
@@ -140,8 +146,8 @@ impl Run {
         if figures.lines == 0 {
             warnings.push(format!("{name} is empty"));
         }
-        if figures.misses_switches() {
-            warnings.push("the virtual machine has no switches and no probe here".into());
+        if !has_switches && figures.misses_switches() {
+            warnings.push("the machine has no switches and no probe".into());
         }
         let summary = serde_json::to_vec(&summary(&figures, warnings))?;
         let job = recording.finish(&figures, &name, &settings);
@@ -184,7 +190,7 @@ mod tests {
 
     /// Plays a program by some changes at a time.
     fn played(run: &mut Run, changes: u32) -> (Value, Vec<u8>) {
-        run.begin(190_000).unwrap();
+        run.begin(190_000, false).unwrap();
         while !run.pump(changes) {}
         run.finish().unwrap();
         let summary = serde_json::from_slice(run.outcome(0)).unwrap();
@@ -221,7 +227,7 @@ mod tests {
             &mut run,
             [PROGRAM, "$110=400\n$3=300\n$1=1,5\n", "a.nc", "mill.txt"],
         );
-        let error = format!("{:#}", run.begin(190_000).unwrap_err());
+        let error = format!("{:#}", run.begin(190_000, false).unwrap_err());
         assert!(
             error.starts_with("mill.txt: 2 lines are refused"),
             "{error}"
@@ -231,6 +237,22 @@ mod tests {
             "{error}"
         );
         assert!(run.finish().is_err());
+    }
+
+    #[test]
+    fn a_machine_homes_amid_switches_only() {
+        for (has_switches, refused) in [(false, true), (true, false)] {
+            let mut run = Run::default();
+            let settings = "$22=1\n$130=20\n$131=20\n$132=20\n$24=300\n$25=900\n";
+            put(&mut run, ["$H\nG53G0X-5\n", settings, "a.nc", ""]);
+            run.begin(190_000, has_switches).unwrap();
+            while !run.pump(u32::MAX) {}
+            run.finish().unwrap();
+            let summary: Value = serde_json::from_slice(run.outcome(0)).unwrap();
+            assert_eq!(summary["refused"] != 0, refused, "{summary}");
+            let warnings = summary["warnings"].to_string();
+            assert_eq!(warnings.contains("no switches"), refused, "{warnings}");
+        }
     }
 
     #[test]
@@ -249,7 +271,7 @@ mod tests {
     fn a_machine_that_is_switched_on_locked_is_unlocked() {
         let mut run = Run::default();
         put(&mut run, [PROGRAM, "$22=1\n$23=7\n", "a.nc", ""]);
-        run.begin(190_000).unwrap();
+        run.begin(190_000, false).unwrap();
         while !run.pump(1000) {}
         assert!(run.read() == PROGRAM.len() as u64 && run.seconds() > 0.1);
         run.finish().unwrap();

@@ -39,4 +39,5 @@ const self = {
   },
 };
 new Function('self', script(page, 'worker'))(self);
-self.onmessage({ data: { wasm, texts: [read(program), read(settings), name(program), name(settings)], rate } });
+const texts = [read(program), read(settings), name(program), name(settings)];
+self.onmessage({ data: { wasm, texts, rate, hasSwitches: false } });

@@ -1,8 +1,10 @@
 /* The page that plays jobs: takes the files, and shows what the worker makes of them. */
 
 const $ = (id) => document.getElementById(id);
-// A list of settings looks so; where the file is read for it.
+// A list of settings has such lines, and none of G-code, which may set something too.
 const SETTING = /^[<>\s]*\$\d+\s*=/m;
+const CODE = /^\s*(N\d+\s*)?[GMTFSXYZ]\s*[-.\d]/im;
+// How much of a file is read for it.
 const HEAD_BYTES = 4096;
 
 function grouped(number) {
@@ -20,6 +22,15 @@ function element(name, text) {
   const made = document.createElement(name);
   made.textContent = text;
   return made;
+}
+
+/** Whether a dropped file is a list of settings. */
+async function isSettings(file) {
+  const head = new Uint8Array(await file.slice(0, HEAD_BYTES).arrayBuffer());
+  // PowerShell writes UTF-16.
+  const coding = head[0] === 0xff && head[1] === 0xfe ? 'utf-16le' : 'utf-8';
+  const text = new TextDecoder(coding).decode(head);
+  return SETTING.test(text) && !CODE.test(text);
 }
 
 /** The bytes of a pack: `deflate-raw`, written as base64. */
@@ -85,8 +96,7 @@ class Web {
   /** Takes files as what they look like, and plays the program if there is one. */
   async drop(files) {
     for (const file of files) {
-      const head = await file.slice(0, HEAD_BYTES).text();
-      const name = SETTING.test(head) ? 'settings' : 'program';
+      const name = await isSettings(file) ? 'settings' : 'program';
       const list = new DataTransfer();
       list.items.add(file);
       $(name).files = list.files;
@@ -137,7 +147,7 @@ class Web {
     $('progress').value = 0;
     this.say('begins');
     this.show();
-    worker.postMessage({ wasm, texts, rate: this.rate });
+    worker.postMessage({ wasm, texts, rate: this.rate, hasSwitches: $('switches').checked });
   }
 
   hear({ progress, outcome, failure }) {

@@ -33,9 +33,9 @@ class Machine {
   }
 
   /** Plays the job of some texts: program, settings, and the names of both. */
-  play(texts, rate, progress) {
+  play(texts, { rate, hasSwitches }, progress) {
     texts.forEach((bytes, which) => this.put(which, bytes));
-    this.check(this.calls.begin(rate));
+    this.check(this.calls.begin(rate, hasSwitches));
     let told = performance.now();
     while (!this.calls.pump(CHANGES)) {
       if (performance.now() - told < TOLD_MS) continue;
@@ -58,11 +58,11 @@ function fault(machine, error) {
   return `${note || 'the simulator has stopped, perhaps for want of memory'} (${error})`;
 }
 
-self.onmessage = async ({ data: { wasm, texts, rate } }) => {
+self.onmessage = async ({ data: { wasm, texts, ...options } }) => {
   let machine;
   try {
     machine = new Machine((await WebAssembly.instantiate(wasm)).instance);
-    const outcome = machine.play(texts, rate, (progress) => self.postMessage({ progress }));
+    const outcome = machine.play(texts, options, (progress) => self.postMessage({ progress }));
     self.postMessage({ outcome }, [outcome.page.buffer]);
   } catch (error) {
     const isRefused = error instanceof Refused;
