@@ -24,7 +24,7 @@ fn main() {
 mod board {
     use std::{env, error::Error, fs, path::Path};
 
-    use board_data::{BOARD, Board, Clocks, DEFAULT, EEPROM, PHASES, rust};
+    use board_data::{BOARD, Board, Clocks, DEFAULT, EEPROM, PHASES, SMALL_EEPROM, rust};
 
     /// Writes the board's source, and tells the linker where program and memory are.
     pub(crate) fn make() -> Result<(), Box<dyn Error>> {
@@ -44,7 +44,7 @@ mod board {
             return Err(format!("{name} needs the feature {missing}").into());
         }
         // What the board does not need must not be there: its times or its outputs would be others.
-        let mut special = Clocks::features().chain([PHASES, EEPROM]);
+        let mut special = Clocks::features().chain([PHASES, EEPROM, SMALL_EEPROM]);
         if let Some(other) = special.find(|&it| has(it) && !needed.iter().any(|own| own == it)) {
             return Err(format!("{name} is no board for the feature {other}").into());
         }

@@ -24,6 +24,8 @@ pub const PHASES: &str = "phases";
 const SECOND_MOTORS: &str = "second-motors";
 /// The feature of a firmware whose settings are in an EEPROM.
 pub const EEPROM: &str = "eeprom";
+/// The same for one of 4 KiB.
+pub const SMALL_EEPROM: &str = "eeprom-4";
 /// Bytes of a board's name: what the longest line of `M115` leaves.
 const MAX_TITLE_BYTES: usize = 40;
 
@@ -171,7 +173,11 @@ impl Board {
         let second = has_second.then(|| SECOND_MOTORS.to_owned());
         let clock = self.chip.clocks.feature().map(str::to_owned);
         let eeprom = self.has_eeprom().then(|| EEPROM.to_owned());
-        let special = clock.into_iter().chain(phases).chain(second).chain(eeprom);
+        let mut eeproms = self.wirings.iter().filter_map(|wiring| wiring.eeprom);
+        let small = eeproms.any(|eeprom| eeprom.is_small);
+        let small = small.then(|| SMALL_EEPROM.to_owned());
+        let special = clock.into_iter().chain(phases).chain(second);
+        let special = special.chain(eeprom).chain(small);
         iter::once(chip).chain(special).collect()
     }
 }
@@ -233,7 +239,7 @@ const WANTED: [(&str, &str); 8] = [
     ),
     (
         "eeprom.kib",
-        "what the EEPROM holds, as in kib = 16 in [eeprom]: a 24C64 has 8, a 24C128 has 16",
+        "what the EEPROM holds, as in kib = 16 in [eeprom]: a 24C32 has 4, a 24C64 has 8, a 24C128 has 16",
     ),
     (
         "eeprom.scl",

@@ -20,7 +20,7 @@ mod serial;
 mod timer;
 mod wiring;
 
-pub use board::{Board, EEPROM, MOST_AXES, PHASES};
+pub use board::{Board, EEPROM, MOST_AXES, PHASES, SMALL_EEPROM};
 pub use chip::{Chip, Clocks, Part};
 pub use entries::{Fault, Place};
 pub use memory::{JournalPage, MemoryLayout};

@@ -80,7 +80,7 @@ fn fields(board: &Board, wiring: &Wiring) -> [(&'static str, String); 15] {
 
 /// Returns the field of where the settings are.
 fn settings(board: &Board, wiring: &Wiring) -> (&'static str, String) {
-    if let Some(EepromPins { clock, data }) = wiring.eeprom {
+    if let Some(EepromPins { clock, data, .. }) = wiring.eeprom {
         let pins = format!(
             "EepromPins {{ clock: {}, data: {} }}",
             pin(clock),

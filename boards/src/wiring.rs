@@ -119,10 +119,15 @@ pub struct EepromPins {
     pub clock: Pin,
     /// Its data.
     pub data: Pin,
+    /// Whether it has less than what all settings and 32 tools need.
+    pub is_small: bool,
 }
 
 /// The KiB that an EEPROM must have: two copies of everything (`src/settings/storage/eeprom.rs`).
-const LEAST_EEPROM_KIB: u32 = 8;
+const LEAST_EEPROM_KIB: u32 = 4;
+/// The KiB that it must have for more than [`AXES_IN_LEAST_EEPROM`] axes, and for more than 16 tools.
+const ROOMY_EEPROM_KIB: u32 = 8;
+const AXES_IN_LEAST_EEPROM: usize = 4;
 /// The most that an address of two bytes reaches.
 const MOST_EEPROM_KIB: u32 = 64;
 
@@ -212,7 +217,7 @@ impl<'a> Reader<'a> {
     ) -> Result<Wiring, Fault> {
         let at_boot = self.at_boot()?;
         let serial = self.serial(file)?;
-        let eeprom = self.eeprom()?;
+        let eeprom = self.eeprom(axes)?;
         let (mut step, mut direction, mut enable) = (Vec::new(), Vec::new(), Vec::new());
         let (mut phases, mut limits) = (Vec::new(), Vec::new());
         let has_phases = self.functions.get("axes.X.phases").is_some();
@@ -303,7 +308,7 @@ impl<'a> Reader<'a> {
     }
 
     /// Reads what an EEPROM has, where one is named.
-    fn eeprom(&mut self) -> Result<Option<EepromPins>, Fault> {
+    fn eeprom(&mut self, axes: usize) -> Result<Option<EepromPins>, Fault> {
         let Some(table) = self.functions.place_of("eeprom.").cloned() else {
             return Ok(None);
         };
@@ -322,6 +327,15 @@ impl<'a> Reader<'a> {
             );
             return Err(kib.place.fault(message));
         }
+        let is_small = kib.number()? < ROOMY_EEPROM_KIB;
+        if is_small && axes > AXES_IN_LEAST_EEPROM {
+            let letter = AXES[AXES_IN_LEAST_EEPROM];
+            let message = format!(
+                "an EEPROM of less than {ROOMY_EEPROM_KIB} KiB has room for the settings of {AXES_IN_LEAST_EEPROM} axes: \
+                 {letter} = {{ step = \"none\" }} leaves it at these"
+            );
+            return Err(kib.place.fault(message));
+        }
         let mut pin = |key: &str, entry: &Entry| {
             let signed = signed_pin(entry)?;
             if signed.is_active_low || signed.pull != Pull::None {
@@ -334,6 +348,7 @@ impl<'a> Reader<'a> {
         Ok(Some(EepromPins {
             clock: pin("eeprom.scl", &clock)?,
             data: pin("eeprom.sda", &data)?,
+            is_small,
         }))
     }
 

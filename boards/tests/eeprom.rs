@@ -27,8 +27,8 @@ sda = "C7"
 
 /// What is replaced by what, and the line and the words of the error.
 const WRONG: &[(&str, &str, usize, &str)] = &[
-    ("kib = 8", "kib = 4", 13, "an EEPROM of 8 to 64 KiB"),
-    ("kib = 8", "kib = 128", 13, "an EEPROM of 8 to 64 KiB"),
+    ("kib = 8", "kib = 2", 13, "an EEPROM of 4 to 64 KiB"),
+    ("kib = 8", "kib = 128", 13, "an EEPROM of 4 to 64 KiB"),
     (
         "kib = 8\n",
         "",
@@ -90,6 +90,27 @@ fn an_eeprom_leaves_the_whole_flash_to_the_program() {
         source.contains("eeprom: EepromPins { clock: Pin::new('C', 6), data: Pin::new('C', 7) },")
     );
     assert!(!source.contains("journal"));
+}
+
+#[test]
+fn a_small_eeprom_has_half_the_tools_and_four_axes() {
+    let small = RIGHT.replace("kib = 8", "kib = 4");
+    let four = small.replace(
+        "[eeprom]",
+        "A = { step = \"C8\", direction = \"C9\" }\n[eeprom]",
+    );
+    for (name, text) in [("small", &small), ("small-4", &four)] {
+        let board = read(name, text).expect("nothing is wrong");
+        assert_eq!(board.features(), ["chip-f446", "eeprom", "eeprom-4"]);
+    }
+    let five = four.replace(
+        "[eeprom]",
+        "B = { step = \"C10\", direction = \"C11\" }\n[eeprom]",
+    );
+    let error = read("small-5", &five).expect_err("five axes");
+    let words = "small-5.toml:15: an EEPROM of less than 8 KiB has room for the settings of 4 axes";
+    assert!(error.contains(words), "{error}");
+    read("large-5", &five.replace("kib = 4", "kib = 8")).expect("nothing is wrong");
 }
 
 #[test]

@@ -29,7 +29,20 @@ mod medium {
 mod medium {
     pub(crate) use crate::board::eeprom::SettingsEeprom as Medium;
 
-    pub(crate) type Store = leadscrew::settings::EepromStore<Medium>;
+    use leadscrew::settings::{EEPROM_KIB, EepromStore, SMALL_EEPROM_KIB, TOOLS};
+
+    const KIB: usize = if cfg!(feature = "eeprom-4") {
+        SMALL_EEPROM_KIB
+    } else {
+        EEPROM_KIB
+    };
+
+    pub(crate) type Store = EepromStore<Medium, KIB>;
+
+    const _: () = assert!(
+        Store::HAS_ROOM && TOOLS <= Store::TOOLS,
+        "the EEPROM is too small for so many axes or tools"
+    );
 }
 
 pub(super) use medium::Medium;

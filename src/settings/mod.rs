@@ -19,8 +19,8 @@ pub use rules::TOOL_CHANGE_IGNORED;
 pub use setting::Setting;
 pub use step_rate::StepRate;
 pub use storage::{
-    EEPROM_BYTES, Eeprom, EepromError, EepromStore, Journal, Loaded, PAGE_BYTES, TwoWireEeprom,
-    Wires,
+    EEPROM_KIB, Eeprom, EepromError, EepromStore, Journal, Loaded, PAGE_BYTES, SMALL_EEPROM_KIB,
+    TwoWireEeprom, Wires,
 };
 pub use stored::{
     Change, Erasing, Origins, STARTUP_LINES, STORED_LINE, StoreError, Stored, StoredLine,

@@ -8,8 +8,8 @@ use core::num::NonZeroU8;
 
 use crate::{axis::LINEAR, units::Nm};
 
-/// Tools that the table holds, at most.
-pub const TOOLS: usize = 32;
+/// Tools that the table holds, at most: fewer where they are kept in 4 KiB.
+pub const TOOLS: usize = if cfg!(feature = "eeprom-4") { 16 } else { 32 };
 
 /// A tool of the table.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

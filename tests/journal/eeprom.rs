@@ -1,8 +1,7 @@
 //! The storage in an EEPROM that loses power at any byte that it writes.
 
 use leadscrew::settings::{
-    Change, EEPROM_BYTES, Eeprom, EepromError, EepromStore, PAGE_BYTES, StoreError, TOOLS,
-    ToolTable,
+    Change, EEPROM_KIB, Eeprom, EepromError, EepromStore, PAGE_BYTES, StoreError, TOOLS, ToolTable,
 };
 
 use crate::{
@@ -10,13 +9,15 @@ use crate::{
     history::{Contents, History, Loaded},
 };
 
-/// Bytes of a page of the chip: what a write may spoil when the power is lost.
-const CHIP_PAGE: usize = 64;
+/// Bytes of the larger EEPROM.
+pub(crate) const EEPROM_BYTES: usize = EEPROM_KIB * 1024;
 
 /// The cells of an EEPROM.
 #[derive(Clone)]
 pub(crate) struct Cells {
     pub(crate) bytes: Vec<u8>,
+    /// Bytes of a page of the chip: what a write may spoil when the power is lost.
+    page: usize,
     /// Bytes written so far.
     pub(crate) written: u64,
     /// Bytes before the one at which the power is lost; `None` without a loss.
@@ -30,8 +31,14 @@ pub(crate) struct Cells {
 impl Cells {
     /// Returns an EEPROM as it is sold.
     pub(crate) fn new() -> Self {
+        Self::with(EEPROM_BYTES, 64)
+    }
+
+    /// Returns one of other bytes in other pages.
+    pub(crate) fn with(bytes: usize, page: usize) -> Self {
         Self {
-            bytes: vec![0xff; EEPROM_BYTES],
+            bytes: vec![0xff; bytes],
+            page,
             written: 0,
             left: None,
             is_off: false,
@@ -41,7 +48,7 @@ impl Cells {
     }
 
     /// Loses the power at the byte after the next `bytes`; `seed` determines what is left of the page.
-    fn cut_after(&mut self, bytes: u64, seed: u64) {
+    pub(crate) fn cut_after(&mut self, bytes: u64, seed: u64) {
         self.left = Some(bytes);
         self.random = seed;
     }
@@ -63,9 +70,9 @@ impl Cells {
         match &mut self.left {
             Some(0) => {
                 self.is_off = true;
-                let page = address - address % CHIP_PAGE;
+                let page = address - address % self.page;
                 let how = self.next() % 4;
-                for at in page..page + CHIP_PAGE {
+                for at in page..page + self.page {
                     let any = self.next();
                     match how {
                         0 if at == address => self.bytes[at] = any,
@@ -117,6 +124,13 @@ impl Eeprom for Cells {
 
 /// Switches the power on and reads what is stored.
 pub(crate) fn power_up<E: Eeprom>(eeprom: E) -> Result<(EepromStore<E>, Loaded), StoreError> {
+    power_up_with(eeprom)
+}
+
+/// The same with an EEPROM of so many KiB.
+pub(crate) fn power_up_with<E: Eeprom, const KIB: usize>(
+    eeprom: E,
+) -> Result<(EepromStore<E, KIB>, Loaded), StoreError> {
     let mut store = EepromStore::new(eeprom);
     let loaded = store.load()?;
     let mut contents = Contents {
@@ -135,7 +149,7 @@ pub(crate) fn power_up<E: Eeprom>(eeprom: E) -> Result<(EepromStore<E>, Loaded),
 }
 
 /// The EEPROM of a machine, with the power on again.
-fn on(mut cells: Cells) -> Cells {
+pub(crate) fn on(mut cells: Cells) -> Cells {
     cells.is_off = false;
     cells.left = None;
     cells
@@ -143,7 +157,16 @@ fn on(mut cells: Cells) -> Cells {
 
 /// Stores a change in an EEPROM, which may lose its power: returns what is left.
 pub(crate) fn store(cells: Cells, change: Change, contents: &Contents) -> Cells {
-    let Ok((mut store, _)) = power_up(cells.clone()) else {
+    store_with::<EEPROM_KIB>(cells, change, contents)
+}
+
+/// The same with an EEPROM of so many KiB.
+pub(crate) fn store_with<const KIB: usize>(
+    cells: Cells,
+    change: Change,
+    contents: &Contents,
+) -> Cells {
+    let Ok((mut store, _)) = power_up_with::<_, KIB>(cells.clone()) else {
         return cells;
     };
     let written = store.write(change, &contents.stored, &contents.tools);
@@ -239,7 +262,7 @@ fn a_loss_of_power_during_the_first_start_is_another_first_start_or_none() {
     for after in 0..64 {
         let mut cells = Cells::new();
         cells.cut_after(after, after);
-        let mut store = EepromStore::new(cells);
+        let mut store = EepromStore::<_>::new(cells);
         let _ = store.load();
         let (_, loaded) = power_up(on(store.eeprom().clone())).unwrap();
         assert_eq!(loaded.contents, Contents::default(), "after {after}");
@@ -309,7 +332,7 @@ fn a_protected_eeprom_is_an_error_and_not_a_stored_change() {
 fn a_missing_eeprom_is_an_error_of_each_operation() {
     let mut cells = Cells::new();
     cells.is_off = true;
-    let mut store = EepromStore::new(cells);
+    let mut store = EepromStore::<_>::new(cells);
     assert_eq!(store.load(), Err(StoreError::Flash));
     let contents = Contents::default();
     let written = store.write(Change::Settings, &contents.stored, &contents.tools);

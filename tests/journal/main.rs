@@ -11,5 +11,6 @@ mod postponed;
 // The document has the sizes with three axes.
 #[cfg(not(feature = "axes-4"))]
 mod sizes;
+mod small_eeprom;
 mod wear;
 mod wires;

@@ -1,48 +1,77 @@
 //! The storage in an EEPROM, for boards whose flash has no room: two copies of each record.
 //!
 //! ```text
-//! first copies   0x0000 │ generations │ settings │ origins │ $N0 │ $N1 │ $I │ tools … │
-//! second copies  0x1000 │ the same                                                    │
+//! first copies   0x0000          │ generations │ settings │ origins │ $N0 │ $N1 │ $I │ tools … │
+//! second copies  0x1000, 0x0800  │ the same                                                    │
 //! copy           number of the change: u32 │ length: u16 │ record │ CRC-32 of all before
 //! ```
 //!
 //! The whole copy with the higher number counts. A change is written over the other one, so that a loss of power at
 //! any byte leaves what was stored before. No copy shares a page with another: a page that is being written may lose
 //! all of its bytes. Where each copy is never changes, or firmware could not read what older firmware has stored.
+//!
+//! An EEPROM of 4 KiB has room for half as many tools, each on one page, and for the settings of four axes.
 
 use super::{
     journal::Loaded,
     record::{self, Generations, Key, RECORD_BYTES, Record},
 };
-use crate::settings::{Change, StoreError, Stored, TOOLS, ToolTable};
+use crate::{
+    axis::AXES,
+    settings::{Change, StoreError, Stored, ToolTable},
+};
 
 /// Bytes of a page of the smallest EEPROM that is large enough: larger ones have whole pages of more.
 pub const PAGE_BYTES: usize = 32;
-/// Bytes of an EEPROM that is large enough.
-pub const EEPROM_BYTES: usize = 2 * COPIES_BYTES;
+/// KiB of the larger EEPROM, which has room for all tools and axes: more change nothing.
+pub const EEPROM_KIB: usize = 8;
+/// KiB of the smallest one.
+pub const SMALL_EEPROM_KIB: usize = 4;
 
-/// Bytes of all first copies, or of all second ones.
-const COPIES_BYTES: usize = FIRST_TOOL.0 + TOOLS * TOOL_BYTES;
 /// Bytes of the number and the length, and of the checksum.
 const HEADER_BYTES: usize = 6;
 const CHECKSUM_BYTES: usize = 4;
 
-/// Where the copies of each kind of record are among the first ones, and their bytes: whole pages of 64 bytes.
-const GENERATIONS: (usize, usize) = (0, 64);
-const SETTINGS: (usize, usize) = (64, LONGEST_BYTES);
-const ORIGINS: (usize, usize) = (768, LONGEST_BYTES);
-const LINES: [(usize, usize); 3] = [(1472, 192), (1664, 192), (1856, 192)];
-const FIRST_TOOL: (usize, usize) = (2048, TOOL_BYTES);
+/// Where the copies of each kind of record are among the first ones, and their bytes: whole pages.
+#[derive(Debug)]
+struct Layout {
+    generations: (usize, usize),
+    settings: (usize, usize),
+    origins: (usize, usize),
+    lines: [(usize, usize); 3],
+    first_tool: (usize, usize),
+    tools: usize,
+}
+
+/// Of 8 KiB, on pages of 64 bytes.
+const LARGE: Layout = Layout {
+    generations: (0, 64),
+    settings: (64, LONGEST_BYTES),
+    origins: (768, LONGEST_BYTES),
+    lines: [(1472, 192), (1664, 192), (1856, 192)],
+    first_tool: (2048, 64),
+    tools: 32,
+};
+
+/// Of 4 KiB, on pages of 32 bytes.
+const SMALL: Layout = Layout {
+    generations: (0, 64),
+    settings: (64, 480),
+    origins: (544, 512),
+    lines: [(1056, 160), (1216, 160), (1376, 160)],
+    first_tool: (1536, 32),
+    tools: 16,
+};
+
 const LONGEST_BYTES: usize = 704;
-const TOOL_BYTES: usize = 64;
 
 const _: () = assert!(
     RECORD_BYTES + HEADER_BYTES + CHECKSUM_BYTES <= LONGEST_BYTES,
     "the longest record has no room in the EEPROM: give it the room of tools"
 );
 
-/// Number of records.
-const RECORDS: usize = 1 + Key::ALL.len() + TOOLS;
+/// Number of records with room for all tools.
+const RECORDS: usize = 1 + Key::ALL.len() + LARGE.tools;
 /// The index of the record of generations, and that of the first tool's.
 const GENERATIONS_INDEX: usize = 0;
 const FIRST_TOOL_INDEX: usize = 1 + Key::ALL.len();
@@ -77,9 +106,10 @@ impl From<EepromError> for StoreError {
     }
 }
 
-/// The storage in an EEPROM of [`EEPROM_BYTES`] or more, in the place of [`Journal`](super::Journal).
+/// The storage in an EEPROM of so many KiB, [`SMALL_EEPROM_KIB`] or [`EEPROM_KIB`], in the place of
+/// [`Journal`](super::Journal).
 #[derive(Debug)]
-pub struct EepromStore<E> {
+pub struct EepromStore<E, const KIB: usize = EEPROM_KIB> {
     eeprom: E,
     /// The copy of each record that counts, after [`Self::load`].
     newest: [Option<StoredCopy>; RECORDS],
@@ -95,7 +125,41 @@ struct StoredCopy {
     length: u16,
 }
 
-impl<E: Eeprom> EepromStore<E> {
+impl<E, const KIB: usize> EepromStore<E, KIB> {
+    const LAYOUT: Layout = if KIB < EEPROM_KIB { SMALL } else { LARGE };
+    const RECORDS: usize = FIRST_TOOL_INDEX + Self::LAYOUT.tools;
+
+    /// Tools that there is room for.
+    pub const TOOLS: usize = Self::LAYOUT.tools;
+
+    /// Whether there is room for the settings and the origins of this firmware's axes.
+    pub const HAS_ROOM: bool = {
+        let extra = HEADER_BYTES + CHECKSUM_BYTES;
+        record::settings_record_bytes(AXES) + extra <= Self::LAYOUT.settings.1
+            && record::origins_record_bytes(AXES) + extra <= Self::LAYOUT.origins.1
+    };
+
+    /// Returns the address of a copy of a record, and the bytes that it may have.
+    const fn place(index: usize, is_second: bool) -> (u16, usize) {
+        let layout = Self::LAYOUT;
+        let (offset, bytes) = match index {
+            GENERATIONS_INDEX => layout.generations,
+            1 => layout.settings,
+            2 => layout.origins,
+            3 => layout.lines[0],
+            4 => layout.lines[1],
+            5 => layout.lines[2],
+            index => {
+                let (first, bytes) = layout.first_tool;
+                (first + bytes * (index - FIRST_TOOL_INDEX), bytes)
+            }
+        };
+        let first = if is_second { KIB * 1024 / 2 } else { 0 };
+        ((first + offset) as u16, bytes)
+    }
+}
+
+impl<E: Eeprom, const KIB: usize> EepromStore<E, KIB> {
     /// Returns the storage in an EEPROM with any contents.
     #[must_use]
     pub const fn new(eeprom: E) -> Self {
@@ -116,7 +180,7 @@ impl<E: Eeprom> EepromStore<E> {
     /// # Errors
     /// [`StoreError::Flash`] when the EEPROM fails.
     pub fn load(&mut self) -> Result<Loaded, StoreError> {
-        for index in 0..RECORDS {
+        for index in 0..Self::RECORDS {
             let newest = self.find_newest(index)?;
             if let Some(known) = self.newest.get_mut(index) {
                 *known = newest;
@@ -138,7 +202,7 @@ impl<E: Eeprom> EepromStore<E> {
                 key.read(contents, &mut stored);
             }
         }
-        for slot in 0..TOOLS {
+        for slot in 0..Self::TOOLS {
             if let Some((generation, _)) = self.fetch(FIRST_TOOL_INDEX + slot, &mut buffer)? {
                 let known = self.generations.of_tools();
                 *known = generation.max(*known);
@@ -163,12 +227,17 @@ impl<E: Eeprom> EepromStore<E> {
         tools.clear();
         let counting = *self.generations.of_tools();
         let mut buffer = [0; RECORD_BYTES];
-        for slot in 0..TOOLS {
+        for slot in 0..Self::TOOLS {
             if let Some((generation, contents)) =
                 self.fetch(FIRST_TOOL_INDEX + slot, &mut buffer)?
                 && generation == counting
             {
-                tools.replace(slot, record::read_tool(contents));
+                let tool = if KIB < EEPROM_KIB {
+                    record::read_short_tool(contents)
+                } else {
+                    record::read_tool(contents)
+                };
+                tools.replace(slot, tool);
             }
         }
         Ok(())
@@ -229,11 +298,15 @@ impl<E: Eeprom> EepromStore<E> {
     }
 
     fn write_tool(&mut self, slot: usize, tools: &ToolTable) -> Result<(), StoreError> {
-        if slot >= TOOLS {
+        if slot >= Self::TOOLS {
             return Err(StoreError::NoRoom);
         }
         let mut record = Record::new(*self.generations.of_tools());
-        record::write_tool(tools.slot(slot), &mut record)?;
+        if KIB < EEPROM_KIB {
+            record::write_short_tool(tools.slot(slot), &mut record)?;
+        } else {
+            record::write_tool(tools.slot(slot), &mut record)?;
+        }
         self.store(FIRST_TOOL_INDEX + slot, record.bytes())
     }
 
@@ -246,7 +319,7 @@ impl<E: Eeprom> EepromStore<E> {
         let Some(copy) = self.newest.get(index).copied().flatten() else {
             return Ok(None);
         };
-        let (address, _) = place(index, copy.is_second);
+        let (address, _) = Self::place(index, copy.is_second);
         let Some(record) = buffer.get_mut(..copy.length.into()) else {
             return Ok(None);
         };
@@ -270,7 +343,7 @@ impl<E: Eeprom> EepromStore<E> {
         index: usize,
         is_second: bool,
     ) -> Result<Option<StoredCopy>, EepromError> {
-        let (address, bytes) = place(index, is_second);
+        let (address, bytes) = Self::place(index, is_second);
         let mut header = [0; HEADER_BYTES];
         self.eeprom.read(address, &mut header)?;
         let [a, b, c, d, low, high] = header;
@@ -303,7 +376,7 @@ impl<E: Eeprom> EepromStore<E> {
         if let Some(copy) = newest
             && usize::from(copy.length) == record.len()
         {
-            let (address, _) = place(index, copy.is_second);
+            let (address, _) = Self::place(index, copy.is_second);
             if self.has(address + HEADER_BYTES as u16, record)? {
                 return Ok(());
             }
@@ -338,7 +411,7 @@ impl<E: Eeprom> EepromStore<E> {
         }
         let checksum = Crc32::NEW.with(&image).bytes();
         image.extend_from_slice(&checksum).map_err(|_| full(()))?;
-        let (address, bytes) = place(index, copy.is_second);
+        let (address, bytes) = Self::place(index, copy.is_second);
         if image.len() > bytes {
             return Err(StoreError::NoRoom);
         }
@@ -378,24 +451,6 @@ const fn index_of(key: Key) -> usize {
     1 + key as usize
 }
 
-/// Returns the address of a copy of a record, and the bytes that it may have.
-const fn place(index: usize, is_second: bool) -> (u16, usize) {
-    let (offset, bytes) = match index {
-        GENERATIONS_INDEX => GENERATIONS,
-        1 => SETTINGS,
-        2 => ORIGINS,
-        3 => LINES[0],
-        4 => LINES[1],
-        5 => LINES[2],
-        index => (
-            FIRST_TOOL.0 + TOOL_BYTES * (index - FIRST_TOOL_INDEX),
-            TOOL_BYTES,
-        ),
-    };
-    let first = if is_second { COPIES_BYTES } else { 0 };
-    ((first + offset) as u16, bytes)
-}
-
 /// CRC-32 as of Ethernet (IEEE 802.3), bit by bit.
 #[derive(Clone, Copy)]
 struct Crc32(u32);
@@ -427,16 +482,34 @@ mod tests {
         assert_eq!(sum, 0xcbf4_3926, "the check value of the catalogue of CRCs");
     }
 
-    #[test]
-    fn no_copy_shares_a_page_of_64_bytes_with_another() {
-        let copies = [false, true].into_iter();
-        let copies = copies.flat_map(|second| (0..RECORDS).map(move |index| place(index, second)));
+    fn check_places<const KIB: usize>(page: usize) {
         let mut end = 0;
-        for (address, bytes) in copies {
-            assert_eq!((usize::from(address), bytes % 64), (end, 0));
-            end += bytes;
+        for is_second in [false, true] {
+            for index in 0..EepromStore::<(), KIB>::RECORDS {
+                let (address, bytes) = EepromStore::<(), KIB>::place(index, is_second);
+                assert_eq!((usize::from(address), bytes % page), (end, 0));
+                end += bytes;
+            }
         }
-        assert_eq!(end, EEPROM_BYTES);
-        assert_eq!(EEPROM_BYTES, 8 * 1024);
+        assert_eq!(end, KIB * 1024);
+    }
+
+    #[test]
+    fn no_copy_shares_a_page_with_another() {
+        check_places::<SMALL_EEPROM_KIB>(32);
+        check_places::<EEPROM_KIB>(64);
+    }
+
+    #[test]
+    fn the_small_eeprom_has_room_for_16_tools_and_four_axes() {
+        const {
+            assert!(EepromStore::<(), SMALL_EEPROM_KIB>::TOOLS == 16);
+            assert!(EepromStore::<(), EEPROM_KIB>::HAS_ROOM);
+        }
+        let fits = |axes| {
+            record::settings_record_bytes(axes) + 10 <= SMALL.settings.1
+                && record::origins_record_bytes(axes) + 10 <= SMALL.origins.1
+        };
+        assert_eq!([3, 4, 5].map(fits), [true, true, false]);
     }
 }

@@ -6,6 +6,6 @@ mod record;
 mod sectors;
 mod two_wire;
 
-pub use eeprom::{EEPROM_BYTES, Eeprom, EepromError, EepromStore, PAGE_BYTES};
+pub use eeprom::{EEPROM_KIB, Eeprom, EepromError, EepromStore, PAGE_BYTES, SMALL_EEPROM_KIB};
 pub use journal::{Journal, Loaded};
 pub use two_wire::{TwoWireEeprom, Wires};

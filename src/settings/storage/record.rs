@@ -6,7 +6,7 @@
 //! settings    (number: u16, type: u8, value)…
 //! origins     axes: u8, (name: u8, (i64 as zigzag) for each axis)…: nm, or millionths of a degree
 //! lines       the text
-//! tool        number: u8, 0 for none, (i64 as zigzag) for X, Y, Z and the diameter: nm
+//! tool        number: u8, 0 for none, (i64 as zigzag) for X, Y, Z and the diameter: nm; i32 in 4 KiB
 //! ```
 //!
 //! Numbers have their low byte first. Each value bears its type, so that firmware with other
@@ -36,14 +36,13 @@ const FORMAT: u8 = 1;
 const HEADER_BYTES: usize = 1 + 4;
 /// Bytes of the longest record: of the settings or the origins with six axes.
 pub(super) const RECORD_BYTES: usize = {
-    let settings = settings_bytes(LETTERS.len());
-    let origins = origins_bytes(LETTERS.len());
-    HEADER_BYTES
-        + if settings > origins {
-            settings
-        } else {
-            origins
-        }
+    let settings = settings_record_bytes(LETTERS.len());
+    let origins = origins_record_bytes(LETTERS.len());
+    if settings > origins {
+        settings
+    } else {
+        origins
+    }
 };
 /// Farthest coordinate that is read, nm: double precision holds it exactly.
 const FARTHEST: u64 = 1 << 53;
@@ -73,6 +72,16 @@ const fn settings_bytes(axes: usize) -> usize {
 const fn origins_bytes(axes: usize) -> usize {
     let systems = WorkCoordinates::ALL.len();
     1 + (systems + 2 + systems.div_ceil(axes)) * (1 + 8 * axes)
+}
+
+/// Bytes of the record of the settings of a machine with `axes` axes.
+pub(super) const fn settings_record_bytes(axes: usize) -> usize {
+    HEADER_BYTES + settings_bytes(axes)
+}
+
+/// Bytes of the longest record of its origins.
+pub(super) const fn origins_record_bytes(axes: usize) -> usize {
+    HEADER_BYTES + origins_bytes(axes)
 }
 
 /// Key of the record of generations.
@@ -185,6 +194,28 @@ pub(super) fn read_tool(mut contents: &[u8]) -> Option<ToolEntry> {
     let mut tool = ToolEntry::new(NonZeroU8::new(number)?);
     for length in tool.lengths_mut() {
         *length = unzigzag(u64::from_le_bytes(next(&mut contents)?));
+    }
+    tool.fits().then_some(tool)
+}
+
+/// Writes the same in a page of a small EEPROM: a number is an i32 there.
+pub(super) fn write_short_tool(
+    tool: Option<ToolEntry>,
+    record: &mut Record,
+) -> Result<(), StoreError> {
+    record.append(&[tool.map_or(0, |tool| tool.number.get())])?;
+    for Nm(nm) in tool.iter().flat_map(ToolEntry::lengths) {
+        record.append(&(nm as i32).to_le_bytes())?;
+    }
+    Ok(())
+}
+
+/// Reads what [`write_short_tool`] has written.
+pub(super) fn read_short_tool(mut contents: &[u8]) -> Option<ToolEntry> {
+    let [number] = next(&mut contents)?;
+    let mut tool = ToolEntry::new(NonZeroU8::new(number)?);
+    for length in tool.lengths_mut() {
+        *length = Nm(i32::from_le_bytes(next(&mut contents)?).into());
     }
     tool.fits().then_some(tool)
 }

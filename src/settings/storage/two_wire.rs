@@ -1,4 +1,4 @@
-//! An EEPROM on two wires (I2C), of the kind 24C64 to 24C512: the master's side, a bit at a time.
+//! An EEPROM on two wires (I2C), of the kind 24C32 to 24C512: the master's side, a bit at a time.
 //!
 //! Both wires are pulled up; master and EEPROM pull them low. NXP UM10204 3.1: the data wire changes while the clock
 //! is low, but for the start and the stop of a transfer. Every wait has an end: for a clock that somebody holds low,
@@ -27,7 +27,7 @@ const READ: u8 = 0xa1;
 /// Waits for a clock that is held low: 1.3 ms.
 const CLOCK_WAITS: u32 = 2000;
 /// Selections before an EEPROM that does not acknowledge counts as missing: 20 ms or more, where a write takes 10 ms
-/// at most (data sheets of 24C64 to 24C512).
+/// at most (data sheets of 24C32 to 24C512).
 const SELECTIONS: u32 = 1000;
 /// Clocks after which an EEPROM has sent the last bit of a byte.
 const BYTE_CLOCKS: u32 = 9;
