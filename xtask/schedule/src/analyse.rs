@@ -21,7 +21,7 @@ use crate::{
     requirements, resident,
     response::{self, Blocking, Flash, Response},
     rta::{Demand, Load},
-    sections,
+    sections, startup,
     system::{Row, System, misconfigured},
     worst_path,
 };
@@ -191,6 +191,9 @@ impl<'a> Analysis<'a> {
             .extend(hidden::flaws(system.program, system.config));
         report.flaws.extend(modes::flaws(system));
         report.flaws.extend(resident::flaws(system.program));
+        report
+            .flaws
+            .extend(startup::flaws(system.program, system.config));
         let mut is_bounded = true;
         for (index, row) in system.rows.iter().enumerate() {
             if row.times.is_some() {

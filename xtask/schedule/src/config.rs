@@ -44,6 +44,35 @@ pub struct Config {
     /// What is asked of a replay.
     #[serde(default)]
     pub replay: Replay,
+    /// The order of the initialisation.
+    pub startup: Option<Startup>,
+    /// The watchdog.
+    pub watchdog: Option<Watchdog>,
+}
+
+/// What the initialisation has to do in which order. Functions are named by the ends of their paths.
+#[derive(Debug, Clone, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Startup {
+    /// The function of the program that does it, with others in it.
+    pub function: String,
+    /// Functions each of which must be over before the next begins.
+    pub order: Vec<String>,
+    /// Those that may access peripherals before the first of them is over.
+    pub before: Vec<String>,
+}
+
+/// The watchdog, and where it need not be fed.
+#[derive(Debug, Clone, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Watchdog {
+    /// The register to which is written what feeds it, ...
+    pub key: u32,
+    /// ... and what that is.
+    pub feed: u32,
+    /// Functions with loops that may last and do not feed it.
+    #[serde(default)]
+    pub unfed: Vec<Exempt>,
 }
 
 /// What some numbers of the file claim of the program, and how far that is known.

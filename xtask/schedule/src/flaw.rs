@@ -44,6 +44,10 @@ pub enum Rule {
     FloatingPoint,
     /// Code in RAM needs the flash.
     CodeInRam,
+    /// The initialisation does things in another order than it has to.
+    Startup,
+    /// The watchdog is not fed where it has to be.
+    Watchdog,
     /// A task has no entry in `schedule.toml`, or an entry no task.
     Configuration,
     /// A requirement of `schedule.toml` is not met.

@@ -55,6 +55,7 @@ mod saved;
 mod sections;
 mod source_files;
 mod stack;
+mod startup;
 mod substitution;
 mod system;
 mod task_lines;

@@ -96,6 +96,13 @@ pub(crate) fn looks_elsewhere(function: &Function, one: &Loop) -> bool {
         || !has_calls && looks::at_memory(function, one, &[])
 }
 
+/// Whether a loop by itself reads a peripheral, and no counter ends it.
+pub(crate) fn polls(function: &Function, one: &Loop) -> bool {
+    own_instructions(function, one).any(|it| is_peripheral(function, it))
+        && one.bound.is_none()
+        && !has_counted_end(function, one)
+}
+
 /// The functions that are called in a loop, directly or not.
 fn called<'a>(functions: &'a Functions, function: &Function, one: &Loop) -> Vec<&'a Function> {
     let mut reached = BTreeSet::new();

@@ -1,0 +1,263 @@
+//! What happens before the tasks run, and that the watchdog is fed wherever the processor may stay for long.
+//!
+//! Functions that are inlined are found by what the program file says of each instruction. The order is that of
+//! effects: accesses to peripherals and calls, which the compiler keeps in the order of the source.
+
+use std::collections::BTreeSet;
+
+use crate::{
+    Config, Flaw, Function, Image, Instruction, Loop, Operation, Program, Region, Rule,
+    config::{Startup, Watchdog, is_named},
+    waits,
+};
+
+/// An effect of the initialisation.
+struct Effect<'a> {
+    block: usize,
+    address: u32,
+    /// What it calls.
+    called: Option<u32>,
+    instruction: &'a Instruction,
+}
+
+/// What is wrong with the order of the initialisation, and with the watchdog.
+pub(crate) fn flaws(program: &Program<'_>, config: &Config) -> Vec<Flaw> {
+    let startup = config.startup.iter();
+    let startup = startup.flat_map(|startup| of_startup(program, startup));
+    let watchdog = config.watchdog.iter();
+    let watchdog = watchdog.flat_map(|watchdog| of_watchdog(program, watchdog));
+    startup.chain(watchdog).collect()
+}
+
+fn of_startup(program: &Program<'_>, startup: &Startup) -> Vec<Flaw> {
+    let image = program.image;
+    let mut functions = program.functions().values();
+    let Some(function) = functions.find(|it| is_named(&it.name, &startup.function)) else {
+        let what = format!("there is no function `{}`", startup.function);
+        return vec![Flaw::new(
+            Rule::Configuration,
+            what,
+            crate::Place::default(),
+            "Name it as the program does.",
+        )];
+    };
+    let order = Order {
+        program,
+        image,
+        function,
+        effects: effects(function),
+    };
+    let pairs = startup.order.iter().zip(startup.order.iter().skip(1));
+    let mut flaws: Vec<_> = pairs
+        .filter_map(|(one, other)| order.pair(one, other))
+        .collect();
+    if let Some(first) = startup.order.first() {
+        flaws.extend(order.before(first, &startup.before));
+    }
+    flaws
+}
+
+/// The effects of a function, by their places.
+fn effects(function: &Function) -> Vec<Effect<'_>> {
+    let blocks = function.blocks.iter().enumerate();
+    let all = blocks.flat_map(|(index, block)| {
+        let last = block.instructions.last().map(|last| last.address);
+        block.instructions.iter().map(move |instruction| Effect {
+            block: index,
+            address: instruction.address,
+            called: block.call.filter(|_| Some(instruction.address) == last),
+            instruction,
+        })
+    });
+    all.filter(|it| it.called.is_some() || is_access(function, it.instruction))
+        .collect()
+}
+
+/// Whether an instruction reads or writes a peripheral.
+fn is_access(function: &Function, instruction: &Instruction) -> bool {
+    let region = function.regions.get(&instruction.address);
+    instruction.operation.access().is_some()
+        && matches!(
+            region,
+            Some(Region::Ahb | Region::Apb1 | Region::Apb2 | Region::Uncosted)
+        )
+}
+
+/// The order of a function's effects.
+struct Order<'a> {
+    program: &'a Program<'a>,
+    image: &'a Image,
+    function: &'a Function,
+    effects: Vec<Effect<'a>>,
+}
+
+impl Order<'_> {
+    /// Whether an effect is one of a function, inlined or called.
+    fn is_of(&self, effect: &Effect<'_>, name: &str) -> bool {
+        let frames = self.image.frames(effect.address);
+        { frames.iter() }.any(|frame| is_named(&frame.function, name))
+            || effect
+                .called
+                .is_some_and(|called| is_named(&self.image.name(called), name))
+    }
+
+    /// What is wrong with one function that must be over before another one begins.
+    fn pair(&self, one: &str, other: &str) -> Option<Flaw> {
+        let of = |name: &str| -> Vec<usize> {
+            let all = self.effects.iter().enumerate();
+            all.filter(|(_, effect)| self.is_of(effect, name))
+                .map(|(index, _)| index)
+                .collect()
+        };
+        let (ones, others) = (of(one), of(other));
+        for (name, found) in [(one, &ones), (other, &others)] {
+            if found.is_empty() {
+                let what = format!("`{name}` does nothing in `{}`", self.function.name);
+                return Some(self.flaw(self.function.address, what));
+            }
+        }
+        let early = others.iter().find(|&&other| {
+            let avoided = |index: usize| ones.contains(&index);
+            self.is_reached(None, other, avoided) || {
+                ones.iter()
+                    .any(|&one| self.is_reached(Some(other), one, |_| false))
+            }
+        })?;
+        let what = format!("`{other}` may begin before `{one}` is over");
+        Some(self.flaw(self.effects[*early].address, what))
+    }
+
+    /// What comes before a function is over, and is none of what may.
+    fn before(&self, first: &str, allowed: &[String]) -> Option<Flaw> {
+        let firsts: Vec<usize> = (0..self.effects.len())
+            .filter(|&index| self.is_of(&self.effects[index], first))
+            .collect();
+        let early = self.effects.iter().enumerate().find(|(index, effect)| {
+            let is_allowed = firsts.contains(index)
+                || allowed.iter().any(|name| self.is_of(effect, name))
+                || effect.called.is_some_and(|called| self.is_harmless(called));
+            !is_allowed
+                && firsts
+                    .iter()
+                    .any(|&first| self.is_reached(Some(*index), first, |_| false))
+        });
+        early.map(|(_, effect)| {
+            let what = format!("something is done before `{first}` is over");
+            self.flaw(effect.address, what)
+        })
+    }
+
+    /// Whether a called function and what it calls access memory only.
+    fn is_harmless(&self, called: u32) -> bool {
+        let reached = self.program.reach(called);
+        let mut functions = reached.iter().filter_map(|at| self.program.function(*at));
+        functions.all(|function| {
+            let mut instructions = function.blocks.iter().flat_map(|it| &it.instructions);
+            !instructions.any(|it| is_access(function, it))
+        })
+    }
+
+    /// Whether there is a way to an effect from behind another, or from the beginning, that avoids some.
+    fn is_reached(
+        &self,
+        from: Option<usize>,
+        to: usize,
+        is_avoided: impl Fn(usize) -> bool,
+    ) -> bool {
+        let of_block = |block: usize, after: u32| {
+            let all = self.effects.iter().enumerate();
+            all.filter(move |(_, it)| it.block == block && it.address > after)
+        };
+        let begin = from.map_or((0, 0), |from| {
+            (self.effects[from].block, self.effects[from].address)
+        });
+        let mut seen = BTreeSet::new();
+        let mut work = vec![begin];
+        while let Some((block, after)) = work.pop() {
+            let mut passed = of_block(block, after).map(|(index, _)| index);
+            match passed.find(|&index| index == to || is_avoided(index)) {
+                Some(index) if index == to => return true,
+                Some(_) => continue,
+                None => {}
+            }
+            let edges = self.function.blocks[block].successors.iter();
+            work.extend(
+                edges
+                    .map(|edge| (edge.to, 0))
+                    .filter(|(to, _)| seen.insert(*to)),
+            );
+        }
+        false
+    }
+
+    fn flaw(&self, address: u32, what: String) -> Flaw {
+        Flaw::new(
+            Rule::Startup,
+            what,
+            self.image.place(address),
+            "Keep the order that `[startup]` of schedule.toml gives, with its reason.",
+        )
+    }
+}
+
+/// Loops that may last, in which the watchdog is not fed.
+fn of_watchdog(program: &Program<'_>, watchdog: &Watchdog) -> Vec<Flaw> {
+    let mut flaws = Vec::new();
+    let mut fed = 0;
+    for function in program.functions().values() {
+        let feeds: BTreeSet<u32> = { function.stores.iter() }
+            .filter(|store| store.to == Some(watchdog.key) && store.value == Some(watchdog.feed))
+            .map(|store| store.at)
+            .collect();
+        for one in { function.loops.iter() }.filter(|one| may_last(function, one)) {
+            let is_fed = one.blocks.iter().any(|&block| {
+                let mut own = function.blocks[block].instructions.iter();
+                own.any(|it| feeds.contains(&it.address))
+                    && waits::is_on_each_way(function, one, block)
+            });
+            fed += u32::from(is_fed);
+            let head = function.blocks[one.head].start();
+            if !is_fed && !is_excused(program.image, watchdog, head, &function.name) {
+                flaws.push(Flaw::new(
+                    Rule::Watchdog,
+                    "a loop may last, and does not feed the watchdog",
+                    program.image.place(head),
+                    "Feed it in each run; or count the runs; or say in `[watchdog]` why not.",
+                ));
+            }
+        }
+    }
+    if fed == 0 {
+        flaws.push(Flaw::new(
+            Rule::Watchdog,
+            "no loop feeds the watchdog",
+            crate::Place::default(),
+            "Feed it where nothing else has to be done.",
+        ));
+    }
+    flaws
+}
+
+/// Whether a loop may last: it has no end, or reads a peripheral and no counter ends it.
+fn may_last(function: &Function, one: &Loop) -> bool {
+    let has_end = one.blocks.iter().any(|&block| {
+        let block = &function.blocks[block];
+        let mut edges = block.successors.iter();
+        block.ends || block.traps || edges.any(|edge| !one.blocks.contains(&edge.to))
+    });
+    let sleeps = one.blocks.iter().any(|&block| {
+        let mut own = function.blocks[block].instructions.iter();
+        own.any(|it| it.operation == Operation::Wait)
+    });
+    !has_end || sleeps || waits::polls(function, one)
+}
+
+fn is_excused(image: &Image, watchdog: &Watchdog, head: u32, name: &str) -> bool {
+    let frames = image.frames(head);
+    watchdog.unfed.iter().any(|excuse| {
+        is_named(name, &excuse.function)
+            || frames
+                .iter()
+                .any(|frame| is_named(&frame.function, &excuse.function))
+    })
+}
