@@ -188,6 +188,18 @@ impl<'a> EventWriter<'a> {
         self.ring.room()
     }
 
+    /// Pushes an event, if there is room, and returns whether there was. For programs that play events of their
+    /// own: the [`Generator`](super::Generator) pushes many at once.
+    pub fn push(&mut self, event: StepEvent) -> bool {
+        let mut batch = self.begin();
+        let has_room = batch.room() != 0;
+        if has_room {
+            batch.push(event);
+            batch.publish();
+        }
+        has_room
+    }
+
     /// Begins to push events.
     #[inline]
     pub(super) fn begin(&mut self) -> EventBatch<'_> {

@@ -3,9 +3,7 @@
 use super::*;
 
 fn push(writer: &mut EventWriter<'_>, event: StepEvent) {
-    let mut events = writer.begin();
-    events.push(event);
-    events.publish();
+    assert!(writer.push(event));
 }
 
 /// The event of a number; none is like its neighbours.
@@ -158,4 +156,18 @@ fn a_halt_leaves_exactly_what_has_been_output() {
         assert_eq!(writer.discard_pending(), played);
         assert!(!writer.has_pending());
     }
+}
+
+#[test]
+fn an_event_for_which_there_is_no_room_is_not_pushed() {
+    let mut ring = EventRing::new();
+    let (mut writer, mut reader) = ring.split();
+    for number in 0..EVENT_RING as u32 {
+        assert!(writer.push(numbered(number)));
+    }
+    assert!(!writer.push(numbered(1)));
+    assert_eq!(writer.set_up(), Some(upcoming(0, 1)));
+    assert_eq!(reader.advance(), Some(upcoming(1, 2)));
+    assert!(writer.push(numbered(1)));
+    assert!(!writer.push(numbered(1)));
 }
