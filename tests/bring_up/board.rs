@@ -1,0 +1,152 @@
+//! The firmware's board folder, and the order in which it is looked at.
+//!
+//! Files of `src/board/` find each other by `super`, so this module has them all, with stand-ins for what
+//! drives motors or keeps settings.
+
+#[path = "../../src/board/bootloader.rs"]
+mod bootloader;
+#[path = "../../src/board/chosen.rs"]
+#[allow(dead_code, reason = "not all that a board has is used")]
+mod chosen;
+#[path = "../../src/board/clocks.rs"]
+mod clocks;
+#[path = "../../src/board/fault.rs"]
+#[allow(dead_code, reason = "the emulator's watchdog is the firmware's")]
+mod fault;
+#[path = "../../src/board/pwm.rs"]
+mod pwm;
+#[path = "../../src/board/release.rs"]
+#[allow(dead_code, reason = "there are no tasks")]
+mod release;
+#[path = "../../src/board/serial.rs"]
+#[allow(dead_code, reason = "no flash is erased")]
+mod serial;
+#[path = "../../src/board/stack.rs"]
+mod stack;
+#[path = "../../src/board/no_trace.rs"]
+#[allow(dead_code, reason = "there are no tasks")]
+mod trace;
+#[path = "../../src/board/vectors.rs"]
+#[allow(
+    dead_code,
+    unused_imports,
+    unused_macros,
+    reason = "a board may need none"
+)]
+mod vectors;
+#[path = "../../src/board/watchdog.rs"]
+mod watchdog;
+#[path = "../../src/board/wiring.rs"]
+#[allow(dead_code, reason = "there are no inputs")]
+mod wiring;
+
+#[path = "clock.rs"]
+mod clock;
+#[path = "echo.rs"]
+mod echo;
+#[path = "emulation.rs"]
+mod emulation;
+#[path = "faults.rs"]
+mod faults;
+#[path = "kept.rs"]
+mod kept;
+#[path = "outputs.rs"]
+mod outputs;
+#[path = "player.rs"]
+mod player;
+#[path = "who.rs"]
+mod who;
+
+use cortex_m::Peripherals as Core;
+use stm32f4xx_hal::rcc::{BusClock, Rcc, RccExt as _};
+
+use self::{
+    chosen::{Usart, WIRING},
+    clocks::Clocks,
+    kept::{Facts, Kept},
+    release::ChipPlatform,
+    wiring::Pull,
+};
+use stm32f4xx_hal::pac;
+
+/// The clock of TIM9 and TIM10, MHz, as in the firmware.
+const TIMERS_MHZ: u16 = (WIRING.core_hz / 1_000_000) as u16;
+/// Bits a second, as in the firmware.
+const BAUD: u32 = 115_200;
+/// Priority of `serial_rx` and of `step`, as in the firmware.
+const SERIAL_PRIORITY: u8 = 4;
+const STEP_PRIORITY: u8 = 5;
+
+/// Access to the flash, as in the firmware.
+fn flash_access(w: &mut pac::flash::acr::W) -> &mut pac::flash::acr::W {
+    w.latency().set(WIRING.flash_wait_states).icen().set_bit()
+}
+
+/// The pins of the motors stay as [`outputs::make_safe`] leaves them.
+mod pins {
+    /// Never called: nothing enables the drivers.
+    pub(super) const fn enable(_: bool) {}
+}
+
+/// Looks at the board, with a reset after each fault, until everything has been told.
+pub(crate) fn bring_up() -> ! {
+    let device = pac::Peripherals::take().expect("this is the first time");
+    let mut core = Core::take().expect("this is the first time");
+    cortex_m::interrupt::disable();
+    fault::init();
+    emulation::detect(&device.RCC);
+    if emulation::is_emulated() && !emulation::is_wanted() {
+        semihosting::println!("skipped: `cargo xtask bring-up --qemu` runs it");
+        semihosting::process::exit(0)
+    }
+    stack::guard(&core.MPU);
+    clock::start(&mut core, &device.DBGMCU);
+    if WIRING.has_bootloader {
+        bootloader::undo(&device.RCC, &mut core.SYST, &mut core.NVIC);
+    }
+    let reset_flags = device.RCC.csr().read().bits();
+    let cause = fault::take_cause(&device.RCC);
+    let mut rcc = device.RCC.constrain();
+    chosen::enable_ports(&mut rcc);
+    outputs::make_safe();
+    let Clocks {
+        mut rcc,
+        has_crystal,
+    } = clocks::start(rcc, &device.FLASH);
+    chosen::enable_clocks(&mut rcc);
+    pwm::init();
+    let usart = start_serial(chosen::sender!(device), &rcc, &mut core.NVIC);
+    let receiver = serial::Receiver::new(usart);
+
+    let mut kept = Kept::take();
+    if kept.stage() == 0 {
+        let facts = kept.begin();
+        facts.put("crystal", has_crystal.into());
+        who::read(facts, &device.FLASH, &device.DBGMCU, reset_flags);
+        player::play_all(facts, &mut core.SCB, core.SYST);
+        who::read_priorities(facts);
+    } else {
+        faults::record(kept.stage(), cause, &mut kept);
+    }
+    faults::go_on(&mut kept, &device.IWDG, &device.DBGMCU);
+    echo::end(kept.end(), receiver)
+}
+
+/// Sets up the sender's USART as `power_up` of the firmware does.
+fn start_serial(usart: Usart, rcc: &Rcc, nvic: &mut pac::NVIC) -> Usart {
+    let clock_hz = <Usart as BusClock>::clock(&rcc.clocks).raw();
+    let divider = (clock_hz + BAUD / 2) / BAUD;
+    usart.brr().write(|w| {
+        w.div_mantissa().set((divider / 16) as u16);
+        w.div_fraction().set((divider % 16) as u8)
+    });
+    WIRING
+        .transmit
+        .make_alternate(WIRING.serial_function, Pull::None);
+    WIRING
+        .receive
+        .make_alternate(WIRING.serial_function, Pull::Up);
+    chosen::unmask_sender(nvic, SERIAL_PRIORITY);
+    echo::unmask(nvic);
+    usart
+}

@@ -1,0 +1,169 @@
+//! The sender's USART: each byte that comes is compared with the one that should, and answered.
+//!
+//! Receiving and sending are the firmware's. Both sides count in the same way: see
+//! `xtask/target/src/bring_up/exchange.rs`.
+
+use core::{cell::UnsafeCell, fmt::Write as _};
+
+use leadscrew::{
+    model::{
+        Requests,
+        queues::{RECEIVED_RING, SENT_RING},
+    },
+    protocol::{ByteReader, ByteWriter, Bytes},
+};
+use rtt_target::{ChannelMode, UpChannel};
+
+use super::{
+    Facts, SERIAL_PRIORITY, clock, emulation, pac,
+    serial::{FaultPort, Receiver, Transmitter},
+    vectors,
+};
+
+/// Bytes each way: a minute and a half on a board, a moment in the emulator.
+const BYTES: u32 = 1 << 20;
+const EMULATED_BYTES: u32 = 1 << 13;
+/// Says that what comes on the serial line from here on are answers.
+const MARK: &str = "\r\n[bring-up]\r\n";
+/// Number of the RTT channel.
+const CHANNEL: usize = 0;
+/// Longest silence in the middle, cycles: half a second.
+const SILENCE_CYCLES: i64 = 84_000_000;
+
+/// What the handler of the USART has.
+struct Handler {
+    receiver: Receiver,
+    received: ByteWriter<'static>,
+}
+
+struct Shared(UnsafeCell<Option<Handler>>);
+
+#[expect(unsafe_code, reason = "a handler has no arguments")]
+// SAFETY: the handler alone uses it once interrupts are on.
+unsafe impl Sync for Shared {}
+
+static HANDLER: Shared = Shared(UnsafeCell::new(None));
+static REQUESTS: Requests = Requests::new();
+
+#[expect(unsafe_code, reason = "a handler has no arguments")]
+fn handler() -> &'static mut Option<Handler> {
+    // SAFETY: as tells `Shared`.
+    unsafe { &mut *HANDLER.0.get() }
+}
+
+/// Unmasks the vector to which those of all other USARTs hand on, with the priority of the firmware.
+pub(super) fn unmask(nvic: &mut pac::NVIC) {
+    vectors::unmask(nvic, &[pac::Interrupt::USART1], SERIAL_PRIORITY);
+}
+
+#[unsafe(no_mangle)]
+#[expect(unsafe_code, reason = "a vector that RTIC does not manage")]
+extern "C" fn USART1() {
+    if let Some(Handler { receiver, received }) = handler() {
+        receiver.serve(&REQUESTS, received);
+    }
+}
+
+/// Sends the facts, exchanges bytes with whoever is at the serial line, and sends what came of it.
+pub(super) fn end(facts: &mut Facts, receiver: Receiver) -> ! {
+    let received = cortex_m::singleton!(: Bytes<RECEIVED_RING> = Bytes::new());
+    let (writer, reader) = received.expect("this is the first time").split();
+    *handler() = Some(Handler {
+        receiver,
+        received: writer,
+    });
+    let bytes = if emulation::is_emulated() {
+        EMULATED_BYTES
+    } else {
+        BYTES
+    };
+    facts.put("serial.expected", bytes.into());
+    let _ = FaultPort.write_str(MARK);
+    FaultPort::drain();
+    print(facts.text());
+    print("ready\n");
+    facts.clear();
+    #[expect(unsafe_code, reason = "the handler has what it needs")]
+    // SAFETY: nothing shares anything under a lock of priorities.
+    unsafe {
+        cortex_m::interrupt::enable();
+    }
+    exchange(facts, reader, bytes);
+    print(facts.text());
+    print("end\n");
+    if emulation::is_emulated() {
+        semihosting::process::exit(0)
+    }
+    loop {
+        cortex_m::asm::nop();
+    }
+}
+
+/// Sends text to whoever reads the facts, and waits for him.
+fn print(text: &str) {
+    if emulation::is_emulated() {
+        semihosting::print!("{text}");
+        return;
+    }
+    #[expect(unsafe_code, reason = "the channel of the panic handler")]
+    // SAFETY: nothing else has it but a panic, which never returns.
+    let channel = unsafe { UpChannel::conjure(CHANNEL) };
+    if let Some(mut channel) = channel {
+        channel.set_mode(ChannelMode::BlockIfFull);
+        channel.write(text.as_bytes());
+    }
+}
+
+/// Takes so many bytes, or those that come before a silence, and answers each.
+fn exchange(facts: &mut Facts, mut received: ByteReader<'_>, bytes: u32) {
+    let sent = cortex_m::singleton!(: Bytes<SENT_RING> = Bytes::new());
+    let (mut answers, reader) = sent.expect("this is the first time").split();
+    let mut transmitter = Transmitter::new(reader);
+    let (mut count, mut wrong) = (0, 0);
+    let (mut expected, mut answer) = (Sequence::new(b'>'), Sequence::new(b'<'));
+    let mut last = clock::now();
+    while count < bytes || !transmitter.is_done() {
+        transmitter.send_next(&REQUESTS);
+        let silence = clock::cycles(clock::now().wrapping_sub(last));
+        let is_silent = count != 0 && !emulation::is_emulated() && silence > SILENCE_CYCLES;
+        if is_silent {
+            break;
+        }
+        // A byte that does not fit is not taken: the queue of those that come has room for more.
+        if answers.len() == answers.capacity() {
+            continue;
+        }
+        if let Some(byte) = received.dequeue() {
+            last = clock::now();
+            count += 1;
+            wrong += i64::from(byte != expected.next());
+            answers.append(&[answer.next()]);
+        }
+    }
+    FaultPort::drain();
+    facts.put("serial.received", count.into());
+    facts.put("serial.wrong", wrong);
+    facts.put("serial.lost", REQUESTS.lost().into());
+}
+
+/// Bytes that look random: lines of 63 characters without any that the firmware acts on.
+struct Sequence(u32, u32);
+
+const CHARACTERS: &[u8; 64] = b"0123456789ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz.-";
+
+impl Sequence {
+    const fn new(seed: u8) -> Self {
+        Self(0x2545_f491 ^ seed as u32, 0)
+    }
+
+    fn next(&mut self) -> u8 {
+        self.1 = self.1.wrapping_add(1);
+        self.0 ^= self.0 << 13;
+        self.0 ^= self.0 >> 17;
+        self.0 ^= self.0 << 5;
+        if self.1.is_multiple_of(64) {
+            return b'\n';
+        }
+        CHARACTERS[(self.0 >> 16) as usize % CHARACTERS.len()]
+    }
+}
