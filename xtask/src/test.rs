@@ -151,6 +151,7 @@ fn checks() -> Result<Vec<Check>> {
     checks.push(plain("tests on the target", on_target));
     let by_target = [
         ("calibration without a counter", &["check", "calibration"]),
+        ("bring-up as far as QEMU goes", &["check", "bring-up"]),
         ("records of activations", &["check", "records"]),
         ("the same on the chip", &["check", "chip"]),
         ("the same in the firmware", &["check", "firmware"]),

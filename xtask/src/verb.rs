@@ -33,6 +33,11 @@ pub(crate) const VERBS: [Verb; 21] = [
         "Count what the firmware costs on the emulated chip, in instructions and modelled cycles",
     ),
     verb("board", tools::FIRMWARE, "Check the file of a board"),
+    verb(
+        "bring-up",
+        tools::TARGET,
+        "Look whether a board is what the firmware counts on",
+    ),
     verb("build", tools::FIRMWARE, "Build the firmware"),
     verb(
         "calibrate",
@@ -170,7 +175,12 @@ impl Verb {
             cargo::need_qemu()?;
         }
         if self.needs_probe(&given) {
-            probe::need(given.value("--probe").and_then(OsStr::to_str))?;
+            let needed = probe::need(given.value("--probe").and_then(OsStr::to_str));
+            if self.name == "bring-up" {
+                needed.context(probe::BRING_UP)?;
+            } else {
+                needed?;
+            }
         }
         Ok(())
     }
@@ -179,7 +189,7 @@ impl Verb {
         match self.name {
             "bench" | "qemu" | "run" => true,
             "latency" => given.value("--board").is_none(),
-            "calibrate" => given.has("--qemu"),
+            "bring-up" | "calibrate" => given.has("--qemu"),
             "schedule" => given.has("--replay"),
             "sim" => given.has("--on-target"),
             _ => false,
@@ -191,6 +201,7 @@ impl Verb {
             "flash" => true,
             "latency" => given.value("--board").is_some(),
             "calibrate" => !given.has("--qemu"),
+            "bring-up" => !given.has("--qemu") && !given.has("--verify"),
             _ => false,
         }
     }
@@ -206,6 +217,7 @@ const READ: [&str; 8] = [
     "--port",
     "--session",
     "--tool-table",
+    "--verify",
 ];
 /// Commands whose argument is something to be read.
 const READERS: [&str; 8] = [
@@ -326,6 +338,9 @@ mod tests {
             ("latency --board mill", false, true),
             ("flash --board mill", false, true),
             ("calibrate --qemu", true, false),
+            ("bring-up --board mill", false, true),
+            ("bring-up --board mill --qemu", true, false),
+            ("bring-up --verify a.json", false, false),
             ("test", false, false),
         ] {
             let (verb, arguments) = typed(line);
@@ -353,6 +368,7 @@ mod tests {
             ("view --no-open no.nc -o a.html", "no.nc"),
             ("send --resume no.nc --tcp localhost:1", "no.nc"),
             ("run no.elf", "no.elf"),
+            ("bring-up --verify no.json", "no.json"),
         ] {
             let (verb, arguments) = typed(line);
             let error = verb.check(&arguments).unwrap_err().to_string();

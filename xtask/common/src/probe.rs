@@ -10,6 +10,11 @@ pub const NONE: &str = "no debug probe is attached\n\
     On Linux, probes need udev rules: https://probe.rs/docs/getting-started/probe-setup\n\
     If another program (OpenOCD, a debugger) has the probe, stop it.";
 
+/// What `bring-up` needs.
+pub const BRING_UP: &str = "bring-up needs a board at a debug probe, its serial port as `--port`, and no \
+    other wire at the board\n\
+    What needs no board: `cargo xtask bring-up --board netduino-plus-2 --qemu`";
+
 /// Where Linux lists USB devices.
 const DEVICES: &str = "/sys/bus/usb/devices";
 /// Makers of probes that do not say that they speak CMSIS-DAP: ST and SEGGER.

@@ -258,7 +258,7 @@ impl Drop for Emulator {
 }
 
 /// Opens a socket that QEMU is to connect to.
-fn listen(path: &Path) -> Result<UnixListener> {
+pub(crate) fn listen(path: &Path) -> Result<UnixListener> {
     let listener = UnixListener::bind(path)
         .with_context(|| format!("cannot open a socket at {}", path.display()))?;
     listener.set_nonblocking(true)?;
@@ -266,7 +266,7 @@ fn listen(path: &Path) -> Result<UnixListener> {
 }
 
 /// Waits for QEMU to connect.
-fn accept(listener: &UnixListener, qemu: &mut Child) -> Result<UnixStream> {
+pub(crate) fn accept(listener: &UnixListener, qemu: &mut Child) -> Result<UnixStream> {
     let patience = Patience::new(qemu.id(), START);
     loop {
         if let Ok((stream, _)) = listener.accept() {

@@ -12,7 +12,7 @@ use host::{figures::Figures, job_times::JobTimes, play, proven, settings::Loaded
 use indicatif::ProgressBar;
 use leadscrew::settings::StepRate;
 
-use crate::{calibrate, latency, on_target, qemu};
+use crate::{bring_up, calibrate, latency, on_target, qemu};
 
 /// Check something for `cargo xtask test`
 #[derive(clap::Args)]
@@ -25,6 +25,7 @@ pub(crate) struct Options {
 #[derive(Clone, Copy, clap::ValueEnum)]
 enum What {
     Calibration,
+    BringUp,
     Records,
     Chip,
     Firmware,
@@ -33,6 +34,7 @@ enum What {
 pub(crate) fn run(options: &Options) -> Result<ExitCode> {
     let verdict = match options.what {
         What::Calibration => calibrate::check().map(|()| Verdict::Passed),
+        What::BringUp => bring_up::check(),
         What::Records => latency::check(),
         What::Chip => on_the_chip().map(|()| Verdict::Passed),
         What::Firmware => in_the_firmware().map(|()| Verdict::Passed),

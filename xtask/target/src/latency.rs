@@ -36,6 +36,8 @@ use common::ui;
 use indicatif::{ProgressBar, ProgressStyle};
 
 pub(crate) use self::emulator::check;
+#[cfg(feature = "probe")]
+pub(crate) use self::port::open as open_port;
 use self::{
     channels::{Channels, Memory},
     measurement::{Clock, Measurement, Task},

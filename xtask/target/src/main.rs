@@ -2,6 +2,7 @@
 
 mod agree;
 mod bench;
+mod bring_up;
 mod calibrate;
 mod flash;
 mod latency;
@@ -22,6 +23,7 @@ use leadscrew::settings::StepRate;
 #[command(max_term_width = 100, version, propagate_version = true)]
 enum Verb {
     Bench(bench::Options),
+    BringUp(bring_up::Options),
     Calibrate(calibrate::Options),
     Flash(flash::Options),
     Latency(latency::Options),
@@ -38,6 +40,7 @@ fn main() -> ExitCode {
     let verb = Verb::parse();
     common::main(|| match verb {
         Verb::Bench(options) => bench::run(&options),
+        Verb::BringUp(options) => bring_up::run(&options),
         Verb::Calibrate(options) => calibrate::run(&options),
         Verb::Flash(options) => flash::run(&options),
         Verb::Latency(options) => latency::run(&options),

@@ -47,7 +47,8 @@ pub(super) fn stream(
     }))
 }
 
-fn open(path: &Path) -> Result<File> {
+/// Opens a port for bytes as they are, at the baud rate of the firmware.
+pub(crate) fn open(path: &Path) -> Result<File> {
     let port = OpenOptions::new()
         .read(true)
         .write(true)

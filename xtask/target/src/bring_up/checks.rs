@@ -1,0 +1,422 @@
+//! From facts to verdicts: what each fact must be, on this board, and whether it is.
+
+use leadscrew::model::ResetCause;
+use serde::Serialize;
+
+use super::facts::Facts;
+
+/// What becomes of a check, or of a part of it.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "lowercase")]
+pub(super) enum Verdict {
+    /// It is as it must be.
+    Passed,
+    /// It is not.
+    Failed,
+    /// It cannot be measured here.
+    Open,
+}
+
+/// A part of a check.
+#[derive(Debug, Serialize)]
+pub(super) struct Item {
+    pub(super) name: String,
+    pub(super) expected: String,
+    /// What was measured, or why it was not.
+    pub(super) measured: String,
+    pub(super) verdict: Verdict,
+}
+
+/// A check.
+#[derive(Debug, Serialize)]
+pub(super) struct Check {
+    pub(super) title: &'static str,
+    pub(super) items: Vec<Item>,
+}
+
+impl Check {
+    /// Failed if a part has failed; open if every part is; otherwise passed, as far as it could be measured.
+    pub(super) fn verdict(&self) -> Verdict {
+        let has = |verdict| self.items.iter().any(|item| item.verdict == verdict);
+        if has(Verdict::Failed) {
+            Verdict::Failed
+        } else if has(Verdict::Passed) {
+            Verdict::Passed
+        } else {
+            Verdict::Open
+        }
+    }
+}
+
+/// What the facts must be on a board, by its file and by the program.
+#[derive(Debug, Clone)]
+pub(super) struct Expected {
+    /// The number of the chip's kind.
+    pub(super) chip: Option<i64>,
+    pub(super) flash_kib: i64,
+    pub(super) wait_states: i64,
+    /// Address of the vectors.
+    pub(super) vectors: i64,
+    /// Address of the guard of the stack.
+    pub(super) guard: i64,
+}
+
+/// Numbers of the kinds of chips, by their features: "MCU device ID code" in RM0090, RM0383 and RM0390.
+const CHIPS: [(&str, i64); 5] = [
+    ("f405", 0x413),
+    ("f407", 0x413),
+    ("f411", 0x431),
+    ("f429", 0x419),
+    ("f446", 0x421),
+];
+
+/// Returns the number of a kind of chip.
+pub(super) fn chip_number(hal: &str) -> Option<i64> {
+    let found = CHIPS.iter().find(|(name, _)| *name == hal);
+    found.map(|(_, number)| *number)
+}
+
+/// What a fact needs to be measured.
+#[derive(Clone, Copy, PartialEq, Eq)]
+enum Need {
+    /// The program.
+    Program,
+    /// A chip: the emulator lacks it.
+    Chip,
+    /// This computer at the board's serial line.
+    Port,
+}
+
+/// The parts of a check that is being made.
+struct Parts<'a> {
+    facts: &'a Facts,
+    items: Vec<Item>,
+}
+
+impl Parts<'_> {
+    /// Adds a part: `measure` returns what was measured and whether it is right, none if a fact is missing.
+    fn add(
+        &mut self,
+        name: impl Into<String>,
+        need: Need,
+        expected: impl Into<String>,
+        measure: impl FnOnce(&Facts) -> Option<(String, bool)>,
+    ) {
+        let (measured, verdict) = if need == Need::Chip && self.facts.are_emulated() {
+            ("the emulator does not have it".into(), Verdict::Open)
+        } else if need == Need::Port && !self.facts.have_port() {
+            ("needs the serial port: --port".into(), Verdict::Open)
+        } else {
+            match measure(self.facts) {
+                Some((measured, true)) => (measured, Verdict::Passed),
+                Some((measured, false)) => (measured, Verdict::Failed),
+                None => ("the program has not said it".into(), Verdict::Failed),
+            }
+        };
+        self.items.push(Item {
+            name: name.into(),
+            expected: expected.into(),
+            measured,
+            verdict,
+        });
+    }
+
+    /// Adds a fact that must be a number, shown in hexadecimal, in the bits of a mask.
+    fn add_bits(&mut self, name: &str, need: Need, fact: &str, mask: i64, expected: i64) {
+        self.add(name, need, format!("{expected:#x}"), |facts| {
+            let bits = facts.get(fact)? & mask;
+            Some((format!("{bits:#x}"), bits == expected))
+        });
+    }
+
+    /// Adds a fact that must be a number.
+    fn add_number(&mut self, name: impl Into<String>, need: Need, fact: &str, expected: i64) {
+        self.add(name, need, expected.to_string(), |facts| {
+            let number = facts.get(fact)?;
+            Some((number.to_string(), number == expected))
+        });
+    }
+
+    /// Adds a number that must be as large as another one, which is more than none.
+    fn add_all(&mut self, name: impl Into<String>, need: Need, fact: &str, of: &str) {
+        let all = self.facts.get(of);
+        let expected = all.map_or_else(|| "all".into(), |all| all.to_string());
+        self.add(name, need, expected, |facts| {
+            let number = facts.get(fact)?;
+            Some((number.to_string(), Some(number) == all && number > 0))
+        });
+    }
+}
+
+/// Judges everything.
+pub(super) fn judge(facts: &Facts, expected: &Expected) -> Vec<Check> {
+    type Make = fn(&mut Parts<'_>, &Expected);
+    let checks: [(&'static str, Make); 4] = [
+        ("Who", who),
+        ("Step timer", step_timer),
+        ("Serial", serial),
+        ("Faults", faults),
+    ];
+    let checks = checks.into_iter().map(|(title, make)| {
+        let mut parts = Parts {
+            facts,
+            items: Vec::new(),
+        };
+        make(&mut parts, expected);
+        Check {
+            title,
+            items: parts.items,
+        }
+    });
+    checks.collect()
+}
+
+/// All bits of a word.
+const WORD: i64 = 0xffff_ffff;
+
+/// The chip is the one of the board's file, and its start-up is what the firmware counts on.
+fn who(parts: &mut Parts<'_>, expected: &Expected) {
+    if let Some(chip) = expected.chip {
+        parts.add_bits("chip", Need::Chip, "chip", 0xfff, chip);
+    }
+    parts.add_number("flash, KiB", Need::Chip, "flash_kib", expected.flash_kib);
+    let is_written = |number: &str| number.bytes().any(|digit| digit != number.as_bytes()[0]);
+    parts.add("unique number", Need::Chip, "written", |facts| {
+        let number = facts.unique_number()?;
+        let is_right = is_written(&number);
+        Some((number, is_right))
+    });
+    parts.add_number("crystal runs", Need::Chip, "crystal", 1);
+    // Instruction and data cache, no prefetch: RM0090 3.9.
+    let access = 0x600 | expected.wait_states;
+    let words = [
+        ("access to the flash", Need::Chip, "flash.access", access),
+        ("vectors", Need::Program, "vectors", expected.vectors),
+        // 4 KiB without access, and every other address as without it.
+        (
+            "size of the guard",
+            Need::Program,
+            "guard.size",
+            0x1000_0017,
+        ),
+        (
+            "control of the guard",
+            Need::Program,
+            "guard.control",
+            0b101,
+        ),
+        ("priority of step", Need::Program, "priority.step", 0xb0),
+        (
+            "priority of serial_rx",
+            Need::Program,
+            "priority.serial",
+            0xc0,
+        ),
+    ];
+    for (name, need, fact, word) in words {
+        parts.add_bits(name, need, fact, WORD, word);
+    }
+    // The lowest five bits are the number of the region: ARMv7-M reference manual B3.5.8.
+    let (guard, region) = (expected.guard, 0x1f);
+    parts.add_bits(
+        "guard of the stack",
+        Need::Program,
+        "guard.start",
+        WORD & !region,
+        guard,
+    );
+    // Implementer, architecture and part, without variant and revision: ARMv7-M reference manual B3.2.3.
+    let (part, cortex_m4) = (0xff0f_fff0, 0x410f_c240);
+    parts.add_bits("processor", Need::Program, "processor", part, cortex_m4);
+    for (name, need, fact, bits) in BITS {
+        parts.add_bits(name, need, fact, bits, bits);
+    }
+}
+
+/// Bits that must all be set.
+const BITS: [(&str, Need, &str, i64); 3] = [
+    // Without it the watchdog runs before the firmware does: RM0090 3.9, WDG_SW.
+    (
+        "watchdog started by software",
+        Need::Chip,
+        "flash.options",
+        1 << 5,
+    ),
+    ("floating point", Need::Program, "fpu.access", 0xf << 20),
+    (
+        "its registers saved late",
+        Need::Program,
+        "fpu.control",
+        0b11 << 30,
+    ),
+];
+
+/// What a time between events may be off, cycles, where two reads of registers may have a miss of the flash's
+/// cache between them; in the emulator, where the clock counts nanoseconds, a cycle at each end.
+const CHIP_CYCLES: i64 = 24;
+const EMULATED_CYCLES: i64 = 2;
+
+/// Returns what all times together may be off: no more than one of them, so that a timer that is wrong by one
+/// cycle in each shows. The emulator's timer loses part of a nanosecond each time it begins anew.
+fn allowed_in_all(facts: &Facts, pushed: i64) -> i64 {
+    if facts.are_emulated() {
+        EMULATED_CYCLES + pushed / 4
+    } else {
+        CHIP_CYCLES
+    }
+}
+
+/// Scripts of the program, and how it waits for their end.
+const SCRIPTS: [&str; 4] = ["shortest", "longest", "alternating", "random"];
+const WAITS: [(&str, Need); 2] = [("running", Need::Program), ("sleeping", Need::Chip)];
+
+/// Every event comes, and when it should.
+fn step_timer(parts: &mut Parts<'_>, _: &Expected) {
+    let allowed = if parts.facts.are_emulated() {
+        EMULATED_CYCLES
+    } else {
+        CHIP_CYCLES
+    };
+    for (waiting, need) in WAITS {
+        for script in SCRIPTS {
+            let subject = format!("step.{script}.{waiting}");
+            let fact = |what: &str| format!("{subject}.{what}");
+            let name = |what: &str| format!("{script}, {waiting}: {what}");
+            parts.add_all(name("events"), need, &fact("played"), &fact("pushed"));
+            parts.add_number(name("late"), need, &fact("late"), 0);
+            let all = parts.facts.get(&fact("pushed")).unwrap_or_default();
+            let in_all = allowed_in_all(parts.facts, all);
+            let expected = format!("at most {allowed} cycles off, {in_all} in all");
+            parts.add(name("times"), need, expected, |facts| {
+                let numbers = ["least", "most", "total"].map(|what| facts.get(&fact(what)));
+                let [Some(least), Some(most), Some(total)] = numbers else {
+                    return None;
+                };
+                let is_right = [least, most]
+                    .map(i64::abs)
+                    .iter()
+                    .all(|off| *off <= allowed)
+                    && total.abs() <= in_all;
+                Some((format!("{least} to {most}, {total} in all"), is_right))
+            });
+        }
+    }
+    parts.add_all(
+        "halts: events",
+        Need::Program,
+        "step.halts.played",
+        "step.halts.pushed",
+    );
+    parts.add("halts in the middle", Need::Program, "some", |facts| {
+        let halted = facts.get("step.halts.halted")?;
+        Some((halted.to_string(), halted > 0))
+    });
+    parts.add_number(
+        "events after a halt",
+        Need::Program,
+        "step.halts.after_halt",
+        0,
+    );
+}
+
+/// Every byte comes through, both ways at once.
+fn serial(parts: &mut Parts<'_>, _: &Expected) {
+    parts.add_all(
+        "bytes to the board",
+        Need::Port,
+        "serial.received",
+        "serial.expected",
+    );
+    parts.add_number("wrong among those to it", Need::Port, "serial.wrong", 0);
+    parts.add_number("lost or damaged", Need::Port, "serial.lost", 0);
+    parts.add_all(
+        "bytes from the board",
+        Need::Port,
+        "serial.returned",
+        "serial.expected",
+    );
+    parts.add_number(
+        "wrong among those from it",
+        Need::Port,
+        "serial.returned_wrong",
+        0,
+    );
+}
+
+/// Faults: what the facts call them, the cause that must be found after the reset, and what it needs.
+const FAULTS: [(&str, &str, ResetCause, Need); 6] = [
+    (
+        "undefined",
+        "instruction that is none",
+        ResetCause::Processor,
+        Need::Program,
+    ),
+    (
+        "stack",
+        "stack too deep",
+        ResetCause::Processor,
+        Need::Program,
+    ),
+    ("panic", "panic", ResetCause::Panic, Need::Program),
+    (
+        "clock",
+        "exception of the crystal",
+        ResetCause::Clock,
+        Need::Program,
+    ),
+    (
+        "interrupt",
+        "interrupt without a task",
+        ResetCause::Interrupt,
+        Need::Program,
+    ),
+    ("watchdog", "hang", ResetCause::Watchdog, Need::Chip),
+];
+
+/// Longest time from a fault to outputs that are off, cycles: 0.3 ms, in which the stack grows to its end.
+const MOST_CYCLES_TO_OFF: i64 = 50_000;
+
+/// Each fault switches the outputs off, resets the chip, and is told before and after that.
+fn faults(parts: &mut Parts<'_>, _: &Expected) {
+    for (fault, name, cause, need) in FAULTS {
+        let fact = |what: &str| format!("fault.{fault}.{what}");
+        let name = |what: &str| format!("{name}: {what}");
+        parts.add(name("cause after the reset"), need, cause.text(), |facts| {
+            let number = facts.get(&fact("cause"))?;
+            let mut causes = ResetCause::ALL.into_iter();
+            let found = causes.find(|cause| *cause as i64 == number);
+            let text = found.map_or("no reset", ResetCause::text);
+            Some((text.into(), found == Some(cause)))
+        });
+        if fault == "watchdog" {
+            continue;
+        }
+        let expected = format!("at most {MOST_CYCLES_TO_OFF} cycles");
+        parts.add(name("time to outputs off"), need, expected, |facts| {
+            let cycles = facts.get(&fact("cycles_to_off"))?;
+            let is_right = (1..=MOST_CYCLES_TO_OFF).contains(&cycles);
+            Some((format!("{cycles} cycles"), is_right))
+        });
+        parts.add(name("outputs left on"), Need::Chip, "0, of some", |facts| {
+            let [before, after] = ["on_before", "on_after"].map(|what| facts.get(&fact(what)));
+            let (before, after) = (before?, after?);
+            Some((format!("{after}, of {before}"), after == 0 && before > 0))
+        });
+    }
+    parts.add_number(
+        "processor faults told to the sender",
+        Need::Port,
+        "told.processor",
+        2,
+    );
+    parts.add_number("panics told to the sender", Need::Port, "told.panic", 1);
+    parts.add_number(
+        "interrupts told to the sender",
+        Need::Port,
+        "told.interrupt",
+        1,
+    );
+}
+
+#[cfg(test)]
+mod tests;

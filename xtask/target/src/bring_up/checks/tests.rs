@@ -1,0 +1,274 @@
+//! Facts that are altered, so that each part of each check fails.
+
+use super::*;
+
+const EXPECTED: Expected = Expected {
+    chip: Some(0x413),
+    flash_kib: 1024,
+    wait_states: 5,
+    vectors: 0x0800_0000,
+    guard: 0x2000_a000,
+};
+
+/// What a board says with which everything is well.
+const FACTS: [(&str, i64); 40] = [
+    ("emulated", 0),
+    ("port", 1),
+    ("crystal", 1),
+    ("processor", 0x410f_c241),
+    ("chip", 0x1007_6413),
+    ("flash_kib", 1024),
+    ("uid.0", 0x0031_0025),
+    ("uid.1", 0x3236_510f),
+    ("uid.2", 0x3137_3638),
+    ("flash.access", 0x605),
+    ("flash.options", 0x0fff_aaed),
+    ("vectors", 0x0800_0000),
+    ("guard.start", 0x2000_a000),
+    ("guard.size", 0x1000_0017),
+    ("guard.control", 5),
+    ("fpu.access", 0xf << 20),
+    ("fpu.control", 0xc000_0000),
+    ("priority.step", 0xb0),
+    ("priority.serial", 0xc0),
+    ("step.halts.pushed", 8000),
+    ("step.halts.played", 8000),
+    ("step.halts.halted", 983),
+    ("step.halts.after_halt", 0),
+    ("serial.expected", 1 << 20),
+    ("serial.received", 1 << 20),
+    ("serial.wrong", 0),
+    ("serial.lost", 0),
+    ("serial.returned", 1 << 20),
+    ("serial.returned_wrong", 0),
+    ("fault.undefined.cause", 6),
+    ("fault.stack.cause", 6),
+    ("fault.panic.cause", 5),
+    ("fault.clock.cause", 8),
+    ("fault.interrupt.cause", 7),
+    ("fault.watchdog.cause", 4),
+    ("told.processor", 2),
+    ("told.panic", 1),
+    ("told.interrupt", 1),
+    ("reset_flags", 0x1400_0000),
+    ("unknown", 1),
+];
+
+fn good() -> Facts {
+    let mut facts = Facts::default();
+    for (name, number) in FACTS {
+        facts.put(name, number);
+    }
+    for script in SCRIPTS {
+        for (waiting, _) in WAITS {
+            for (what, number) in [
+                ("pushed", 32),
+                ("played", 32),
+                ("late", 0),
+                ("least", -1),
+                ("most", 2),
+                ("total", 1),
+            ] {
+                facts.put(&format!("step.{script}.{waiting}.{what}"), number);
+            }
+        }
+    }
+    for (fault, ..) in FAULTS {
+        for (what, number) in [("cycles_to_off", 40), ("on_before", 5), ("on_after", 0)] {
+            facts.put(&format!("fault.{fault}.{what}"), number);
+        }
+    }
+    facts
+}
+
+/// The parts with a verdict, each with its check.
+fn with(verdict: Verdict, facts: &Facts) -> Vec<(&'static str, String)> {
+    let checks = judge(facts, &EXPECTED).into_iter();
+    let parts = checks.flat_map(|check| {
+        let items = check.items.into_iter();
+        items.map(move |item| (check.title, item))
+    });
+    let found = parts.filter(|(_, item)| item.verdict == verdict);
+    found.map(|(check, item)| (check, item.name)).collect()
+}
+
+/// Alters one fact, or takes it away; exactly one part must fail for it, in this check.
+fn assert_fails(check: &str, part: &str, fact: &str, number: Option<i64>) {
+    let mut facts = good();
+    assert!(facts.get(fact).is_some(), "there is no fact {fact}");
+    match number {
+        Some(number) => facts.put(fact, number),
+        None => facts.remove(fact),
+    }
+    let failed = with(Verdict::Failed, &facts);
+    let failed: Vec<_> = failed
+        .iter()
+        .map(|(check, part)| (*check, &**part))
+        .collect();
+    assert_eq!(failed, [(check, part)], "{fact} {number:?}");
+    let verdicts = judge(&facts, &EXPECTED).into_iter();
+    let verdicts = verdicts.filter(|check| check.verdict() == Verdict::Failed);
+    assert_eq!(verdicts.count(), 1, "{fact}");
+}
+
+#[test]
+fn a_board_on_which_everything_is_well_passes_every_part() {
+    assert_eq!(with(Verdict::Failed, &good()), []);
+    assert_eq!(with(Verdict::Open, &good()), []);
+    assert_eq!(with(Verdict::Passed, &good()).len(), 66);
+}
+
+#[test]
+fn another_chip_or_another_start_up_fails_the_first_check() {
+    for (part, fact, number) in [
+        ("processor", "processor", 0x410f_c230),
+        ("chip", "chip", 0x1007_6421),
+        ("flash, KiB", "flash_kib", 512),
+        ("crystal runs", "crystal", 0),
+        ("access to the flash", "flash.access", 0x705),
+        ("watchdog started by software", "flash.options", 0x0fff_aacd),
+        ("vectors", "vectors", 0),
+        ("guard of the stack", "guard.start", 0x2000_9000),
+        ("size of the guard", "guard.size", 0x1300_0017),
+        ("control of the guard", "guard.control", 0),
+        ("floating point", "fpu.access", 0),
+        ("its registers saved late", "fpu.control", 0),
+        ("priority of step", "priority.step", 0xff),
+        ("priority of serial_rx", "priority.serial", 0xb0),
+    ] {
+        assert_fails("Who", part, fact, Some(number));
+        assert_fails("Who", part, fact, None);
+    }
+    let mut erased = good();
+    for name in ["uid.0", "uid.1", "uid.2"] {
+        erased.put(name, 0xffff_ffff);
+    }
+    let failed = with(Verdict::Failed, &erased);
+    assert_eq!(failed, [("Who", "unique number".to_owned())]);
+    assert_fails("Who", "unique number", "uid.1", None);
+}
+
+#[test]
+fn an_event_that_is_missing_or_comes_at_another_time_fails_the_step_timer() {
+    for (waiting, _) in WAITS {
+        for script in SCRIPTS {
+            for (part, fact, number) in [
+                ("events", "played", 31),
+                ("late", "late", 1),
+                ("times", "least", -25),
+                ("times", "most", 25),
+                ("times", "total", 32),
+            ] {
+                let part = format!("{script}, {waiting}: {part}");
+                let fact = format!("step.{script}.{waiting}.{fact}");
+                assert_fails("Step timer", &part, &fact, Some(number));
+                assert_fails("Step timer", &part, &fact, None);
+            }
+        }
+    }
+    for (part, fact, number) in [
+        ("halts: events", "step.halts.played", 7999),
+        ("halts in the middle", "step.halts.halted", 0),
+        ("events after a halt", "step.halts.after_halt", 1),
+    ] {
+        assert_fails("Step timer", part, fact, Some(number));
+        assert_fails("Step timer", part, fact, None);
+    }
+    let mut nothing = good();
+    nothing.put("step.halts.pushed", 0);
+    nothing.put("step.halts.played", 0);
+    let failed = with(Verdict::Failed, &nothing);
+    assert_eq!(failed, [("Step timer", "halts: events".to_owned())]);
+}
+
+#[test]
+fn a_byte_that_is_lost_or_damaged_fails_the_serial_line() {
+    for (part, fact, number) in [
+        ("bytes to the board", "serial.received", (1 << 20) - 1),
+        ("wrong among those to it", "serial.wrong", 1),
+        ("lost or damaged", "serial.lost", 1),
+        ("bytes from the board", "serial.returned", (1 << 20) - 1),
+        ("wrong among those from it", "serial.returned_wrong", 1),
+    ] {
+        assert_fails("Serial", part, fact, Some(number));
+        assert_fails("Serial", part, fact, None);
+    }
+}
+
+#[test]
+fn a_fault_that_leaves_an_output_on_or_no_record_fails_the_faults() {
+    for (fault, name, cause, _) in FAULTS {
+        let fact = |what: &str| format!("fault.{fault}.{what}");
+        let name = |what: &str| format!("{name}: {what}");
+        let other = if cause == ResetCause::Watchdog {
+            ResetCause::Pin
+        } else {
+            ResetCause::Watchdog
+        };
+        for number in [Some(0), Some(other as i64), None] {
+            let part = name("cause after the reset");
+            assert_fails("Faults", &part, &fact("cause"), number);
+        }
+        if cause == ResetCause::Watchdog {
+            continue;
+        }
+        for (part, what, number) in [
+            ("time to outputs off", "cycles_to_off", 50_001),
+            ("outputs left on", "on_after", 1),
+            ("outputs left on", "on_before", 0),
+        ] {
+            assert_fails("Faults", &name(part), &fact(what), Some(number));
+            assert_fails("Faults", &name(part), &fact(what), None);
+        }
+    }
+    for (part, fact, right) in [
+        ("processor faults told to the sender", "told.processor", 2),
+        ("panics told to the sender", "told.panic", 1),
+        ("interrupts told to the sender", "told.interrupt", 1),
+    ] {
+        assert_fails("Faults", part, fact, Some(right - 1));
+        assert_fails("Faults", part, fact, None);
+    }
+}
+
+#[test]
+fn what_has_no_hardware_is_open_and_does_not_pass() {
+    let mut facts = good();
+    facts.put("port", 0);
+    for part in ["serial.received", "told.panic"] {
+        facts.remove(part);
+    }
+    assert_eq!(with(Verdict::Failed, &facts), []);
+    assert_eq!(with(Verdict::Open, &facts).len(), 8);
+    let serial = judge(&facts, &EXPECTED).remove(2);
+    assert_eq!((serial.title, serial.verdict()), ("Serial", Verdict::Open));
+    facts.put("emulated", 1);
+    facts.put("chip", 0);
+    facts.remove("fault.watchdog.cause");
+    let open = with(Verdict::Open, &facts);
+    assert!(open.contains(&("Who", "chip".to_owned())), "{open:?}");
+    assert!(open.contains(&("Faults", "hang: cause after the reset".to_owned())));
+    assert_eq!(with(Verdict::Failed, &facts), []);
+}
+
+#[test]
+fn the_emulator_s_timer_is_trusted_to_two_cycles() {
+    let mut facts = good();
+    facts.put("emulated", 1);
+    assert_eq!(with(Verdict::Failed, &facts), []);
+    for (fact, number) in [("total", 11), ("total", -32), ("least", -3), ("most", 3)] {
+        let mut facts = facts.clone();
+        facts.put(&format!("step.random.running.{fact}"), number);
+        let failed = with(Verdict::Failed, &facts);
+        let part = "random, running: times".to_owned();
+        assert_eq!(failed, [("Step timer", part)], "{fact} {number}");
+    }
+}
+
+#[test]
+fn every_chip_of_a_board_has_its_number() {
+    for board in boards::all().unwrap() {
+        assert!(chip_number(&board.chip.hal).is_some(), "{}", board.name);
+    }
+    assert_eq!(chip_number("f401"), None);
+}

@@ -1,0 +1,149 @@
+//! The serial line of the board: what faults tell, then bytes each way, each of which is compared.
+//!
+//! `tests/bring_up/echo.rs` is the other side, and makes the same bytes.
+
+use std::{
+    io::{ErrorKind, Read, Write},
+    thread,
+};
+
+use anyhow::{Context, Result, ensure};
+
+use super::facts::Facts;
+
+/// Says that what the board sends from there on are answers.
+const MARK: &[u8] = b"\r\n[bring-up]\r\n";
+/// More than faults tell.
+const MOST_TOLD: usize = 1 << 16;
+/// What a fault tells the sender, and what the facts call it.
+const TOLD: [(&str, &str); 3] = [
+    ("told.processor", "[MSG:Fault: processor fault]"),
+    ("told.panic", "[MSG:Fault: panic at "),
+    ("told.interrupt", "[MSG:Fault: unknown interrupt]"),
+];
+
+/// Reads what the board tells before the exchange, and counts the faults.
+pub(super) fn listen(from: &mut dyn Read, facts: &mut Facts) -> Result<()> {
+    let mut told = Vec::new();
+    let mut byte = [0];
+    while !told.ends_with(MARK) {
+        let length = from.read(&mut byte);
+        let length = length.context("the board says nothing at its serial line")?;
+        ensure!(length == 1, "the serial line is closed");
+        ensure!(told.len() < MOST_TOLD, "the board does not come to its end");
+        told.push(byte[0]);
+    }
+    let told = String::from_utf8_lossy(&told);
+    for (name, message) in TOLD {
+        facts.count(name, told.matches(message).count());
+    }
+    Ok(())
+}
+
+/// Sends so many bytes and counts what comes back, until everything has or nothing comes any more.
+pub(super) fn exchange(
+    from: &mut dyn Read,
+    mut to: impl Write + Send,
+    bytes: i64,
+    facts: &mut Facts,
+) -> Result<()> {
+    let count = usize::try_from(bytes).context("the program waits for less than nothing")?;
+    let sent: Vec<u8> = Sequence::new(b'>').take(count).collect();
+    let mut answers = Sequence::new(b'<');
+    let (mut returned, mut wrong) = (0, 0);
+    thread::scope(|scope| -> Result<()> {
+        let sender = scope.spawn(move || to.write_all(&sent).and_then(|()| to.flush()));
+        let mut chunk = [0; 4096];
+        while returned < count {
+            let length = match from.read(&mut chunk) {
+                Ok(length) => length,
+                Err(error) if error.kind() == ErrorKind::WouldBlock => 0,
+                Err(error) => return Err(error).context("the serial line is broken"),
+            };
+            if length == 0 {
+                break;
+            }
+            let right = chunk[..length].iter().zip(&mut answers);
+            wrong += right.filter(|(byte, expected)| **byte != *expected).count();
+            returned += length;
+        }
+        let sent = sender.join().expect("the sender does not panic");
+        sent.context("cannot write to the serial line")
+    })?;
+    facts.count("serial.returned", returned);
+    facts.count("serial.returned_wrong", wrong);
+    Ok(())
+}
+
+const CHARACTERS: &[u8; 64] = b"0123456789ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz.-";
+
+/// Bytes that look random: lines of 63 characters without any that the firmware acts on.
+struct Sequence(u32, u32);
+
+impl Sequence {
+    const fn new(seed: u8) -> Self {
+        Self(0x2545_f491 ^ seed as u32, 0)
+    }
+}
+
+impl Iterator for Sequence {
+    type Item = u8;
+
+    fn next(&mut self) -> Option<u8> {
+        self.1 = self.1.wrapping_add(1);
+        self.0 ^= self.0 << 13;
+        self.0 ^= self.0 >> 17;
+        self.0 ^= self.0 << 5;
+        if self.1.is_multiple_of(64) {
+            return Some(b'\n');
+        }
+        Some(CHARACTERS[(self.0 >> 16) as usize % CHARACTERS.len()])
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A board whose answers are these.
+    fn answered(answers: &[u8], bytes: i64) -> (Option<i64>, Option<i64>) {
+        let mut facts = Facts::default();
+        let mut sent = Vec::new();
+        exchange(&mut &*answers, &mut sent, bytes, &mut facts).unwrap();
+        assert_eq!(i64::try_from(sent.len()), Ok(bytes));
+        assert_eq!(sent.split(|byte| *byte == b'\n').count(), 3);
+        (
+            facts.get("serial.returned"),
+            facts.get("serial.returned_wrong"),
+        )
+    }
+
+    #[test]
+    fn a_byte_that_is_lost_or_changed_on_its_way_back_is_counted() {
+        let right: Vec<u8> = Sequence::new(b'<').take(150).collect();
+        assert_eq!(answered(&right, 150), (Some(150), Some(0)));
+        let mut changed = right.clone();
+        changed[100] ^= 1;
+        assert_eq!(answered(&changed, 150), (Some(150), Some(1)));
+        let mut lost = right;
+        lost.remove(100);
+        let (returned, wrong) = answered(&lost, 150);
+        assert_eq!(returned, Some(149));
+        assert!(wrong > Some(30), "{wrong:?}");
+    }
+
+    #[test]
+    fn what_faults_tell_is_counted_up_to_the_mark() {
+        let text = "\r\n[MSG:Fault: processor fault]\r\n\r\n[MSG:Fault: panic at a.rs:1]\r\n\
+            \r\n[bring-up]\r\n[MSG:Fault: processor fault]\r\n";
+        let mut facts = Facts::default();
+        listen(&mut text.as_bytes(), &mut facts).unwrap();
+        let counts = TOLD.map(|(name, _)| facts.get(name));
+        assert_eq!(counts, [Some(1), Some(1), Some(0)]);
+        let silent = listen(&mut &b"\r\n[MSG:"[..], &mut facts);
+        assert_eq!(silent.unwrap_err().to_string(), "the serial line is closed");
+        let endless = b"[MSG:Fault: panic at a.rs:1]\r\n".repeat(10_000);
+        let error = listen(&mut &*endless, &mut facts).unwrap_err();
+        assert!(error.to_string().contains("its end"), "{error}");
+    }
+}
