@@ -12,6 +12,9 @@ pub(super) struct NumberPlace {
     pub(super) at: usize,
     /// The `N` word that it replaces.
     pub(super) own: Range<usize>,
+    /// Whether the line has a number and a checksum for the line itself: what is added must not change the
+    /// sum, so it is said twice.
+    pub(super) is_checked: bool,
 }
 
 impl NumberPlace {
@@ -23,11 +26,30 @@ impl NumberPlace {
         let is_blank = |byte: &u8| *byte <= b' ' || *byte == b'/';
         let at = line.iter().position(|byte| !is_blank(byte))?;
         let own = at..at + own_word(&line[at..])?;
+        if own.end > at && line.contains(&b'*') {
+            return Self::in_checked(line, own.end);
+        }
         let first = line.get(at)?.to_ascii_uppercase();
         let is_word = first.is_ascii_uppercase() && first != b'O';
         let rest = line.get(own.end..)?;
         let has_another = words(rest).any(|byte| byte.eq_ignore_ascii_case(&b'N'));
-        (is_word && !has_another).then_some(Self { at, own })
+        (is_word && !has_another).then_some(Self {
+            at,
+            own,
+            is_checked: false,
+        })
+    }
+
+    /// Returns where a checked line gets its number: before its G word, which is behind its own number.
+    fn in_checked(line: &[u8], behind: usize) -> Option<Self> {
+        let at = behind + line[behind..].iter().position(|byte| *byte > b' ')?;
+        let has_another = words(&line[at..]).any(|byte| byte.eq_ignore_ascii_case(&b'N'));
+        let is_g_code = line[at].eq_ignore_ascii_case(&b'G');
+        (is_g_code && !has_another).then_some(Self {
+            at,
+            own: at..at,
+            is_checked: true,
+        })
     }
 }
 
@@ -84,7 +106,30 @@ mod tests {
             ("N G1", None),
             ("N12345678 G1", None),
         ] {
-            let place = place.map(|(at, own)| NumberPlace { at, own });
+            let place = place.map(|(at, own)| NumberPlace {
+                at,
+                own,
+                is_checked: false,
+            });
+            assert_eq!(NumberPlace::of(line.as_bytes()), place, "{line}");
+        }
+    }
+
+    #[test]
+    fn a_checked_line_keeps_its_own_number_before_the_sum() {
+        for (line, at) in [
+            ("N3 G1 X1*57", Some(3)),
+            ("N12g92 E0*3", Some(3)),
+            ("N3 T0*57", None),
+            ("N-1 M110 N-1*125", None),
+            ("N5 M117 Go*1", None),
+            ("N5 G1 N7 X1*1", None),
+        ] {
+            let place = at.map(|at| NumberPlace {
+                at,
+                own: at..at,
+                is_checked: true,
+            });
             assert_eq!(NumberPlace::of(line.as_bytes()), place, "{line}");
         }
     }

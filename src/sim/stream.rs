@@ -311,19 +311,32 @@ impl<S: BorrowMut<Simulator>, P: Iterator<Item = u8>> Stream<S, P> {
             let numbered = self.has_numbers && is_whole;
             self.number_place = numbered.then(|| NumberPlace::of(&self.line)).flatten();
         }
-        let Some(NumberPlace { at, own }) = self.number_place.clone() else {
+        let Some(place) = self.number_place.clone() else {
             return false;
         };
-        if self.line_sent == at {
-            let number = self.lines + 1;
-            let simulator = self.machine();
-            simulator.receive(b'N');
-            for place in (0..DIGITS).rev() {
-                let digit = number / 10_u64.pow(place) % 10;
-                simulator.receive(b'0' + digit as u8);
+        if self.line_sent == place.at {
+            self.send_word();
+            if place.is_checked {
+                // The same once more as a comment, whose other bytes cancel out, too: the checksum stays.
+                self.machine().receive(b'(');
+                self.send_word();
+                for byte in *b"01)" {
+                    self.machine().receive(byte);
+                }
             }
         }
-        own.contains(&self.line_sent)
+        place.own.contains(&self.line_sent)
+    }
+
+    /// Sends the number of the line, in no time.
+    fn send_word(&mut self) {
+        let number = self.lines + 1;
+        let simulator = self.machine();
+        simulator.receive(b'N');
+        for place in (0..DIGITS).rev() {
+            let digit = number / 10_u64.pow(place) % 10;
+            simulator.receive(b'0' + digit as u8);
+        }
     }
 
     fn receive_byte(&mut self, watcher: &mut impl Watcher) -> bool {

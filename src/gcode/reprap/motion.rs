@@ -211,7 +211,7 @@ impl KeptWords {
 
     fn has(&self, letter: u8) -> bool {
         match letter {
-            b'G' | b'F' | b'S' | b'T' => true,
+            b'G' | b'F' | b'N' | b'S' | b'T' => true,
             b'I' | b'J' | b'K' => self.is_arc,
             b'L' => self.is_cycle,
             b'P' => self.is_arc || self.is_cycle || self.has_tolerances,

@@ -142,6 +142,12 @@ impl<S: borrow::BorrowMut<Simulator>, R: Recorder> Playing<S, R> {
                 "the machine stands still in {state} after {answered} answers: only a reset helps"
             );
         }
+        let skipped = observer.skipped;
+        observer.pass(skipped);
+        let lines = observer
+            .sent_lines
+            .as_ref()
+            .map_or(lines, |_| observer.read_lines);
         let figures = Figures {
             lines,
             responses: observer.responses,
@@ -292,23 +298,27 @@ impl<R: Recorder> Iterator for Source<R> {
             match self.program.next_line() {
                 Ok(Some(line)) => {
                     observer.recorder.line(&line);
+                    observer.read_lines += 1;
                     if let Some(number) = &mut self.next_number {
                         let words = words(&line);
                         if words.is_empty() {
+                            // Nobody answers it.
+                            observer.skipped += 1;
                             continue;
                         }
                         if *number < 0 {
-                            observer.lines.push_back(RESET_NUMBERS.into());
+                            observer.sent_lines = Some(vec![0]);
+                            observer.lines.push_back(None);
                             self.bytes = numbered(*number, RESET_NUMBERS).into_iter();
                             *number = 0;
                         }
                         let line = numbered(*number, words);
                         *number += 1;
-                        observer.lines.push_back(words.to_vec());
+                        observer.push_sent(words);
                         let bytes = self.bytes.by_ref().chain(line);
                         self.bytes = bytes.collect::<Vec<_>>().into_iter();
                     } else {
-                        observer.lines.push_back(line.clone());
+                        observer.push_sent(&line);
                         let bytes = line.into_iter().chain([b'\n']);
                         self.bytes = bytes.collect::<Vec<_>>().into_iter();
                     }
@@ -336,10 +346,15 @@ struct Observer<R> {
     times: JobTimes,
     /// The reason that comes before the `ok` of a line that is refused in the RepRap dialect.
     refused: Option<Response>,
-    /// Lines that have been read and not yet answered.
-    lines: VecDeque<Vec<u8>>,
     /// Bytes of the program that have been read.
     read: u64,
+    /// Lines that have been read and not yet answered; nothing for one that is none of the program.
+    lines: VecDeque<Option<Sent>>,
+    /// Lines of the program that have been read, and that are not sent before the next one is.
+    read_lines: u64,
+    skipped: u32,
+    /// The line of the program that each line is which was sent, where not all are.
+    sent_lines: Option<Vec<u32>>,
     failure: Option<Error>,
 }
 
@@ -355,9 +370,52 @@ impl<R> Observer<R> {
             refused: None,
             lines: VecDeque::new(),
             read: 0,
+            read_lines: 0,
+            skipped: 0,
+            sent_lines: None,
             failure: None,
         }
     }
+}
+
+impl<R: Recorder> Observer<R> {
+    /// Keeps the line that was read last until it is answered.
+    fn push_sent(&mut self, text: &[u8]) {
+        let sent = Sent {
+            text: text.to_vec(),
+            skipped: std::mem::take(&mut self.skipped),
+        };
+        self.lines.push_back(Some(sent));
+        if let Some(lines) = &mut self.sent_lines {
+            lines.push(self.read_lines as u32);
+        }
+    }
+
+    /// A line that is not sent has done nothing, and nothing is wrong with it.
+    fn pass(&mut self, lines: u32) {
+        for _ in 0..lines {
+            self.responses.push(Response::Ok);
+            self.recorder.answer(false);
+        }
+    }
+
+    /// The line of the program that a line is which was sent, both counted from 1.
+    fn line_of(&self, sent: u32) -> u32 {
+        let lines = self.sent_lines.as_ref();
+        lines.map_or(sent, |lines| {
+            let line = sent
+                .checked_sub(1)
+                .and_then(|sent| lines.get(sent as usize));
+            line.copied().unwrap_or(0)
+        })
+    }
+}
+
+/// A line that was sent.
+struct Sent {
+    text: Vec<u8>,
+    /// Lines of the program before it that are not sent.
+    skipped: u32,
 }
 
 /// Who watches the stream.
@@ -376,7 +434,10 @@ impl<R: Recorder> Watcher for Watched<R> {
     fn segment(&mut self, segment: &PlayedSegment) {
         let observer = &mut *self.0.borrow_mut();
         observer.times.add(segment);
-        observer.recorder.segment(segment);
+        let line = observer.line_of(segment.line);
+        observer
+            .recorder
+            .segment(&PlayedSegment { line, ..*segment });
     }
 
     fn change(&mut self, simulator: &Simulator) {
@@ -388,7 +449,10 @@ impl<R: Recorder> Watcher for Watched<R> {
 
     fn answer(&mut self, number: u64, answer: &[u8]) {
         let observer = &mut *self.0.borrow_mut();
-        let line = observer.lines.pop_front().unwrap_or_default();
+        let Some(sent) = observer.lines.pop_front().flatten() else {
+            return;
+        };
+        observer.pass(sent.skipped);
         let text = String::from_utf8_lossy(answer);
         let word = text.split(' ').next().unwrap_or_default();
         let response = Response::parse(word).unwrap_or(Response::Error(0));
@@ -396,13 +460,15 @@ impl<R: Recorder> Watcher for Watched<R> {
         observer.responses.push(response);
         let is_refused = response != Response::Ok;
         observer.recorder.answer(is_refused);
-        if is_refused && observer.refusals.add(number, &line, response) {
-            observer.recorder.refused(number, &line, response);
+        let number = observer.line_of(number as u32).into();
+        if is_refused && observer.refusals.add(number, &sent.text, response) {
+            observer.recorder.refused(number, &sent.text, response);
         }
     }
 
     fn message(&mut self, answers: u64, message: &[u8]) {
         let observer = &mut *self.0.borrow_mut();
+        let answers = observer.line_of(answers as u32).into();
         let text = String::from_utf8_lossy(message).into_owned();
         observer.refused = host_refusal(&text).or(observer.refused);
         if text.starts_with("Grbl ") {

@@ -288,3 +288,47 @@ fn the_page_gets_what_is_marked_and_refused() {
     assert_eq!(facts["axes"].as_array().map(Vec::len), Some(AXES));
     assert_eq!(facts["path"]["vertices"], path.len());
 }
+
+#[test]
+fn a_job_of_the_reprap_dialect_is_drawn_line_by_line() {
+    let mut settings = mill();
+    assign(&mut settings, b"780=1").expect("it is the dialect");
+    let lines = [
+        "; a printer's file",
+        "G21",
+        "M83",
+        "G0 X10 Y5 F3000",
+        "",
+        "G1 X20 E1 F1200 ; it cuts",
+        "M117 N5 says nothing",
+        "G150",
+        "G1 Y20 E2",
+        "; the end",
+    ];
+    let (both, job) = run(&settings, &lines.join("\n"));
+    let points = job.waypoints();
+    let numbers = |kind| {
+        let of_kind = points.iter().filter(|point| point.kind == kind);
+        let mut numbers: Vec<_> = of_kind.map(|point| point.line).collect();
+        numbers.dedup();
+        numbers
+    };
+    assert_eq!(numbers(2), [4, 6, 9]);
+    // The last point begins nothing.
+    let place = points[points.len() - 1].place;
+    assert_eq!(place[..3], [20.0, 20.0, 0.0]);
+    let facts = serde_json::to_value(&job).expect("it becomes JSON");
+    assert_eq!(
+        (&facts["lines"], &facts["refused"][0]["line"]),
+        (&10.into(), &8.into())
+    );
+    assert_eq!(facts["refused_count"], 1);
+    // The numbers take no time: the steps are those without them.
+    let mut simulator = Box::new(Simulator::new(&settings));
+    let program = Program::from_reader("a test".into(), Cursor::new(lines.join("\n")));
+    let (figures, ()) = Playing::new(program, &mut *simulator, ())
+        .finish()
+        .expect("it comes to an end");
+    assert_eq!(facts["hash"], figures.event_hash.as_str());
+    assert!(both.trace.len() > 1000);
+}
