@@ -26,7 +26,7 @@ pub(crate) struct Verb {
 }
 
 /// Every command.
-pub(crate) const VERBS: [Verb; 21] = [
+pub(crate) const VERBS: [Verb; 22] = [
     verb(
         "bench",
         tools::TARGET,
@@ -208,7 +208,7 @@ impl Verb {
 }
 
 /// Options that name something to be read, of any command.
-const READ: [&str; 8] = [
+const READ: [&str; 9] = [
     "--settings",
     "--load",
     "--measure",
