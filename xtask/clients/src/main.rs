@@ -241,6 +241,7 @@ fn all() -> impl Iterator<Item = Check> {
     senders.chain([
         Check::new("the monitor's page", monitor::page),
         Check::new("the live page of a job", monitor::live_page),
+        Check::new("the memory of the monitor's page", monitor::memory),
         Check::new("the page of a job", view::page),
         Check::new("jobs as WebAssembly", web::jobs),
         Check::new("the page that runs jobs", web::page),

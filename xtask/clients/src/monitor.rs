@@ -17,6 +17,8 @@ use super::{INSTALLING, browser_and_modules, install};
 const PATH_SCRIPT: &str = "monitor_page.js";
 const JOB_SCRIPT: &str = "live_page.js";
 const END: &str = "at 0,0,0";
+/// What sends the page as much as ten minutes have.
+const MEMORY_SCRIPT: &str = "monitor_memory.js";
 
 /// A monitor that runs.
 pub(super) struct Monitor {
@@ -139,5 +141,33 @@ fn look(script: &str, example: &str) -> Result<Verdict> {
         folder.display()
     );
     monitor.wait()?;
+    Ok(Verdict::Passed)
+}
+
+/// Sends a page what ten minutes have, and looks at its memory.
+pub(super) fn memory() -> Result<Verdict> {
+    let installing = INSTALLING.lock();
+    let node = browser_and_modules();
+    drop(installing);
+    let mut node = match node {
+        Ok(node) => node,
+        Err(reason) => return Ok(Verdict::Skipped(format!("{reason:#}"))),
+    };
+    let folder = install::folder().join("monitor-memory");
+    let _ = fs::remove_dir_all(&folder);
+    fs::create_dir_all(&folder)?;
+    let output = node
+        .arg(install::scripts().join(MEMORY_SCRIPT))
+        .arg(tools::command(tools::MONITOR)?.get_program())
+        .current_dir(&folder)
+        .stdin(Stdio::null())
+        .output()
+        .context("cannot start the script")?;
+    let said = String::from_utf8_lossy(&output.stdout);
+    let failed = String::from_utf8_lossy(&output.stderr);
+    ensure!(
+        output.status.success() && said.trim().ends_with(END),
+        "{failed}"
+    );
     Ok(Verdict::Passed)
 }

@@ -182,3 +182,55 @@ fn send_changes(page: &mut impl Write, shared: &Shared) -> io::Result<()> {
         thread::sleep(FRAME);
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use serde_json::{Value, json};
+
+    use super::*;
+
+    // A point waits for the end of one event at most, and comes with the next.
+    const _: () = assert!(3 * FRAME.as_millis() < 100);
+
+    /// A page to which the machine moves while each event is on its way.
+    struct Page<'a> {
+        shared: &'a Shared,
+        /// Where each event says that the machine is.
+        places: Vec<Value>,
+        most: usize,
+    }
+
+    impl Write for Page<'_> {
+        fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
+            let event = bytes
+                .strip_prefix(b"data: ")
+                .expect("an event in one piece");
+            let event: Value = serde_json::from_slice(event)?;
+            self.places.push(event["now"]["at"].clone());
+            let x = self.places.len() as f64;
+            self.shared.change(|picture| picture.move_to([x, 0.0, 0.0]));
+            if self.places.len() == self.most {
+                self.shared.change(|picture| picture.end());
+            }
+            Ok(bytes.len())
+        }
+
+        fn flush(&mut self) -> io::Result<()> {
+            Ok(())
+        }
+    }
+
+    #[test]
+    fn what_comes_during_an_event_is_in_the_next() {
+        let shared = Shared::default();
+        shared.change(|picture| picture.move_to([0.0; 3]));
+        let mut page = Page {
+            shared: &shared,
+            places: Vec::new(),
+            most: 10,
+        };
+        send_changes(&mut page, &shared).expect("nothing fails");
+        let expected: Vec<_> = (0..=10).map(|x| json!([f64::from(x), 0.0, 0.0])).collect();
+        assert_eq!(page.places, expected);
+    }
+}
