@@ -188,6 +188,7 @@ mod tests {
     use serde_json::{Value, json};
 
     use super::*;
+    use crate::picture::Picture;
 
     // A point waits for the end of one event at most, and comes with the next.
     const _: () = assert!(3 * FRAME.as_millis() < 100);
@@ -210,7 +211,7 @@ mod tests {
             let x = self.places.len() as f64;
             self.shared.change(|picture| picture.move_to([x, 0.0, 0.0]));
             if self.places.len() == self.most {
-                self.shared.change(|picture| picture.end());
+                self.shared.change(Picture::end);
             }
             Ok(bytes.len())
         }
