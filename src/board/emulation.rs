@@ -9,7 +9,7 @@
 //! because the host was busy; and each millisecond, by TIM2 itself, so that steps also preempt
 //! tasks. The firmware's tasks run unchanged.
 //!
-//! The watchdog is a count of TIM2's runs, of which none comes while `step` runs.
+//! The watchdog is a count of TIM3's runs, which interrupts everything.
 //!
 //! In place of the pins, the handler records the outputs in memory, which a tool reads
 //! (`memory::FIGURES`), and reads the contacts from memory, which a test writes
@@ -59,11 +59,15 @@ static RUNS_LEFT: AtomicU32 = AtomicU32::new(0);
 static DELAY_MS: AtomicU32 = AtomicU32::new(0);
 static IS_DELAY_OVER: AtomicBool = AtomicBool::new(false);
 
-/// Runs of TIM2 left before the stand-in for the watchdog resets the machine; 0 before it is fed for the first
-/// time.
+/// The vector that stands in for the watchdog, and its priority, above all others.
+const WATCHDOG: pac::Interrupt = pac::Interrupt::TIM3;
+const WATCHDOG_PRIORITY: u8 = 0x10;
+/// Its period, ns: 50 ms. The emulator's counters all have 32 bits.
+const WATCHDOG_NS: u32 = 50_000_000;
+/// Its runs left before it resets the machine; 0 before it is fed for the first time.
 static WATCHDOG_RUNS: AtomicU32 = AtomicU32::new(0);
-/// All of them: as many ms, unless the host is busy.
-const WATCHDOG_FULL: u32 = 8000;
+/// All of them: 8 s, unless the host is busy.
+const WATCHDOG_FULL: u32 = 160;
 
 /// Ticks between two samples of the contacts, 0 without samples; whether that period has just been
 /// set; when the next sample is due; and whether `inputs` was released for one.
@@ -100,9 +104,9 @@ pub(super) const fn lateness() -> u32 {
 }
 
 /// Reads the contacts for the first time, and starts TIM2 at a priority between that of the step
-/// interrupt and those of all others.
-#[expect(unsafe_code, reason = "a vector that RTIC does not manage")]
-pub(super) fn init(timer: &pac::TIM2, nvic: &mut NVIC) {
+/// interrupt and those of all others, and TIM3 for the watchdog.
+#[expect(unsafe_code, reason = "vectors that RTIC does not manage")]
+pub(super) fn init(timer: &pac::TIM2, watchdog: &pac::TIM3, nvic: &mut NVIC) {
     /// Between 5 and 4 of RTIC: the emulator keeps all eight bits of a priority.
     const BETWEEN: u8 = u8::midpoint(nvic_priority(5), nvic_priority(4));
     let _ = memory::have_contacts_changed();
@@ -110,11 +114,17 @@ pub(super) fn init(timer: &pac::TIM2, nvic: &mut NVIC) {
     timer.dier().write(|w| w.uie().set_bit());
     timer.cr1().write(|w| w.cen().set_bit());
     timer.arr().write(|w| w.arr().set(PREEMPTION_NS));
-    // SAFETY: RTIC keeps interrupts off until `init` has returned, and the handler shares nothing
+    watchdog.dier().write(|w| w.uie().set_bit());
+    watchdog.cr1().write(|w| w.cen().set_bit());
+    // SAFETY: in the emulator alone.
+    watchdog.arr().write(|w| unsafe { w.bits(WATCHDOG_NS) });
+    // SAFETY: RTIC keeps interrupts off until `init` has returned, and the handlers share nothing
     // under a lock.
     unsafe {
         nvic.set_priority(STAND_IN, BETWEEN);
+        nvic.set_priority(WATCHDOG, WATCHDOG_PRIORITY);
         NVIC::unmask(STAND_IN);
+        NVIC::unmask(WATCHDOG);
     }
 }
 
@@ -145,8 +155,13 @@ pub(super) fn feed_watchdog() {
     WATCHDOG_RUNS.store(WATCHDOG_FULL, Relaxed);
 }
 
-/// Counts a run of TIM2 for the watchdog.
-fn count_watchdog() {
+/// Counts a run for the watchdog.
+#[unsafe(no_mangle)]
+#[expect(unsafe_code, reason = "a vector that RTIC does not manage")]
+extern "C" fn TIM3() {
+    // SAFETY: the handler alone uses the timer.
+    let timer = unsafe { &*pac::TIM3::ptr() };
+    timer.sr().write(|w| w.uif().clear_bit());
     let left = WATCHDOG_RUNS.load(Relaxed);
     if left == 1 {
         fault::expire();
@@ -185,7 +200,6 @@ pub(super) fn take_sample_release() -> bool {
 extern "C" fn TIM2() {
     let _activation = trace::stand_in();
     if take_overflow() {
-        count_watchdog();
         count_millisecond();
     }
     memory::record_duty();

@@ -10,7 +10,7 @@ pub(super) const fn detect(_rcc: &pac::RCC) -> bool {
 }
 
 /// Starts the stand-in.
-pub(super) const fn init(_timer: &pac::TIM2, _nvic: &mut pac::NVIC) {}
+pub(super) const fn init(_timer: &pac::TIM2, _watchdog: &pac::TIM3, _nvic: &mut pac::NVIC) {}
 
 /// Returns whether the firmware runs in the emulator.
 pub(super) const fn is_emulated() -> bool {

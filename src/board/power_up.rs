@@ -34,7 +34,7 @@ pub(crate) fn init(device: pac::Peripherals, mut core: Core, memory: Memory) -> 
         bootloader::undo(&device.RCC, &mut core.SYST, &mut core.NVIC);
     }
     if emulation::detect(&device.RCC) {
-        emulation::init(&device.TIM2, &mut core.NVIC);
+        emulation::init(&device.TIM2, &device.TIM3, &mut core.NVIC);
     }
     let cause = fault::take_cause(&device.RCC);
     // Before anything that takes long, as the crystal and the journal: the pins float until then.
@@ -55,6 +55,7 @@ pub(crate) fn init(device: pac::Peripherals, mut core: Core, memory: Memory) -> 
     let (session, storage) = memory.power_up(Medium::new(device.FLASH));
     session.set_reset_cause(cause);
     pins::configure(session.settings());
+    pwm::configure(session.settings());
     let failed = (!(has_crystal && has_supply)).then_some(Alarm::SelfTest);
     watchdog::start(&device.IWDG, &device.DBGMCU);
     Board {

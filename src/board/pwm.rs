@@ -3,10 +3,12 @@
 //! Registers: RM0090 17.4, 18.4, 19.5, the same for all timers with outputs.
 #![expect(unsafe_code, reason = "a timer by its address")]
 
-use leadscrew::model::Outputs;
+use core::sync::atomic::{AtomicU32, Ordering::Relaxed};
+
+use leadscrew::{model::Outputs, settings::Settings};
 
 use super::{
-    chosen,
+    chosen, emulation,
     wiring::{Pull, Pwm},
 };
 
@@ -26,9 +28,20 @@ const MOE: u32 = 1 << 15;
 /// PWM mode 1, whose compare value changes with the next period.
 const MODE: u32 = 0b110_1000;
 
+/// The prescaler in use; 0 before [`configure`].
+static PRESCALER: AtomicU32 = AtomicU32::new(0);
+
+/// Returns the PWM of the board; in the emulator none: its timer may be a stand-in.
+fn wired() -> Option<&'static Pwm> {
+    chosen::WIRING
+        .pwm
+        .as_ref()
+        .filter(|_| !emulation::is_emulated())
+}
+
 /// Starts the PWM with no pulse, at 5.1 kHz, and gives it its pin. The clock of the timer must run.
 pub(super) fn init() {
-    let Some(pwm) = &chosen::WIRING.pwm else {
+    let Some(pwm) = wired() else {
         return;
     };
     let index = pwm.channel - 1;
@@ -42,6 +55,18 @@ pub(super) fn init() {
     pwm.write(EGR, UG);
     pwm.write(CR1, CEN);
     pwm.pin.make_alternate(pwm.function, Pull::None);
+}
+
+/// Sets the frequency of the PWM from its next period on, unless it is the same. At rest only.
+pub(super) fn configure(settings: &Settings) {
+    let Some(pwm) = wired() else {
+        return;
+    };
+    let prescaler = Outputs::prescaler(pwm.prescaler, settings.pwm_hz);
+    if prescaler != PRESCALER.load(Relaxed) {
+        PRESCALER.store(prescaler, Relaxed);
+        pwm.write(PSC, prescaler - 1);
+    }
 }
 
 /// Sets the high time of the PWM from its next period on, 0 to [`Outputs::FULL`].

@@ -15,7 +15,7 @@ use leadscrew::{
     tasks::{self, SessionIo},
 };
 
-use super::{ChipPlatform, Storage, pins, serial::Transmitter};
+use super::{ChipPlatform, Storage, pins, pwm, serial::Transmitter};
 
 /// The session, its queues and the transmitter.
 #[expect(unreachable_pub, reason = "RTIC wants what is locked to be public")]
@@ -64,6 +64,7 @@ impl SerialSession {
         let progress = tasks::interpret(io, snapshot, requests, segments, entries, store, platform);
         // Settings change at rest only, and nothing moves before the session goes on.
         pins::configure_if_changed(self.session.settings());
+        pwm::configure(self.session.settings());
         self.transmitter.send_all(requests);
         progress
     }

@@ -136,6 +136,18 @@ pub(super) const fn milliseconds(field: Field<f32>) -> Kind {
     )
 }
 
+/// From what a spindle's converter takes to what a laser's supply takes at most, Hz.
+pub(super) const fn pwm_frequency(field: Field<f32>) -> Kind {
+    Kind::Number(
+        field,
+        ValueRange {
+            least: 100.0,
+            most: 20_000.0,
+            decimals: 0,
+        },
+    )
+}
+
 pub(super) const fn axis_number(field: Field<Axes<f32>>) -> Kind {
     Kind::AxisNumber(field, ValueRange::from(0.0))
 }

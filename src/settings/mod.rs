@@ -32,7 +32,7 @@ pub use tool_table::{TOOLS, ToolEntry, ToolTable};
 use crate::{
     axis::{Axes, X, Y},
     model::{
-        HAS_PHASES, core_xy,
+        HAS_PHASES, Outputs, core_xy,
         timing::{EVENT_SPACING_TICKS, min_period_ticks},
     },
     units::{Nm, Steps, StepsPerMm, TICKS_PER_SECOND, TICKS_PER_US},
@@ -100,6 +100,8 @@ settings! {
     path_tolerance_mm: f32 = 0.05,
     /// `$786` Time from the enabling of the drivers to the first step, ms.
     enable_delay_ms: f32 = 0.0,
+    /// `$33` Periods of the spindle's PWM in a second, about.
+    pwm_hz: f32 = Outputs::USUAL_PWM_HZ,
     /// `$28` How far `G73` lifts the tool after a peck, and how far above it `G83` begins the next, mm.
     peck_clearance_mm: f32 = 0.254,
     /// `$341` What `M6` does: 0 waits for the tool, [`TOOL_CHANGE_IGNORED`] does not.

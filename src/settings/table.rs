@@ -11,8 +11,8 @@ use SettingGroup::{General, Homing, Host, Limits, Parking, Spindle, Tools};
 use super::{
     SettingError, Settings,
     kind::{
-        Kind, axis_divisor, axis_number, byte, byte_from, coordinate, milliseconds, number, rate,
-        rpm,
+        Kind, axis_divisor, axis_number, byte, byte_from, coordinate, milliseconds, number,
+        pwm_frequency, rate, rpm,
     },
     rules,
 };
@@ -119,6 +119,7 @@ pub(super) static TABLE: &[Row] = &[
     row(30, Spindle, Grbl, "largest spindle speed", "rpm", rpm(|s| &mut s.spindle_max_rpm)),
     row(31, Spindle, Grbl, "smallest spindle speed", "rpm", rpm(|s| &mut s.spindle_min_rpm)),
     row(32, Spindle, Grbl, "laser mode", "", Flag(|s| &mut s.laser)),
+    row(33, Spindle, Extension, "frequency of the spindle's PWM, about", "Hz", pwm_frequency(|s| &mut s.pwm_hz)),
     row(41, Parking, Extension, "parking when the safety door opens", "", Flag(|s| &mut s.parking)),
     row(56, Parking, Extension, "parking: slow pull-out", MM, number(|s| &mut s.parking_pull_out_mm)),
     row(57, Parking, Extension, "parking: speed of the pull-out", MM_MIN, rate(|s| &mut s.parking_pull_out_mm_min)),

@@ -56,8 +56,8 @@ pub(crate) struct Memory {
     figures: u64,
     contacts: u64,
     fault: u64,
-    /// The firmware's functions, by their names.
-    functions: BTreeMap<String, u64>,
+    /// The firmware's functions, by their names: address and length.
+    functions: BTreeMap<String, (u64, u64)>,
 }
 
 impl Memory {
@@ -72,7 +72,8 @@ impl Memory {
         let functions = file.symbols().filter(ObjectSymbol::is_definition);
         let functions = functions.filter_map(|symbol| {
             // The lowest bit says that the code is Thumb.
-            Some((symbol.name().ok()?.to_owned(), symbol.address() & !1))
+            let place = (symbol.address() & !1, symbol.size());
+            Some((symbol.name().ok()?.to_owned(), place))
         });
         let name = format!(
             "leadscrew-{}-{}",
@@ -152,13 +153,42 @@ impl Memory {
         faults
     }
 
-    /// Puts other instructions where a function begins. Returns those that were there.
-    pub(crate) fn patch(&self, function: &str, instructions: [u16; 2]) -> [u16; 2] {
-        let address = self.functions[function];
+    /// Where a function begins whose symbol has this in it.
+    pub(crate) fn function(&self, part: &str) -> u64 {
+        self.extent(part).0
+    }
+
+    fn extent(&self, part: &str) -> (u64, u64) {
+        let exact = self.functions.get(part);
+        let mut found = self
+            .functions
+            .iter()
+            .filter(|(name, _)| name.contains(part));
+        let found = exact.or_else(|| found.next().map(|(_, place)| place));
+        *found.unwrap_or_else(|| panic!("no function {part}"))
+    }
+
+    /// Waits until a function runs, and returns where it is.
+    pub(crate) fn place_in(&self, part: &str) -> u64 {
+        /// Number of the program counter among the registers, each of eight digits.
+        const COUNTER: usize = 15;
+        let (start, length) = self.extent(part);
+        loop {
+            let registers = self.access("g");
+            let digits = &registers[8 * COUNTER..8 * COUNTER + 8];
+            let word = u32::from_str_radix(digits, 16).expect("registers are in hexadecimal");
+            let at = u64::from(word.swap_bytes());
+            if (start..start + length).contains(&at) {
+                return at;
+            }
+        }
+    }
+
+    /// Puts a word into the flash, or the memory. Returns the one that was there.
+    pub(crate) fn patch(&self, address: u64, word: u32) -> u32 {
         let [before] = self.read(address);
-        let [first, second] = instructions.map(u32::from);
-        self.write(address, first | second << 16);
-        [before as u16, (before >> 16) as u16]
+        self.write(address, word);
+        before
     }
 
     fn read<const N: usize>(&self, address: u64) -> [u32; N] {

@@ -124,6 +124,10 @@ impl Session {
                     replies::stopped(text, alarm);
                     return;
                 }
+                if alarm == Alarm::Restarted {
+                    // The reset may have cut a line off.
+                    text.end();
+                }
                 report::alarm(text, alarm);
                 match alarm {
                     Alarm::SelfTest => report::feedback(text, Feedback::SelfTestFailed),
