@@ -5,7 +5,7 @@ use std::collections::VecDeque;
 use anyhow::{Result, bail};
 use host::{
     facts::{Facts, searches},
-    refusal,
+    output, refusal,
     sender::Response,
 };
 use leadscrew::{
@@ -21,6 +21,9 @@ const DIVIDED: u32 = 4;
 /// Steps of entries that count as finished may still be queued: at most 5 ms of them, twice of which is
 /// waited here, s.
 const QUEUED_S: f64 = 0.01;
+
+/// Changes of the virtual machine after which is shown how far it is.
+const SHOWN: u32 = 100_000;
 
 /// How far the machine is.
 #[derive(Debug, Clone, Copy, Default)]
@@ -67,7 +70,14 @@ impl Forecast {
             .iter()
             .flat_map(|line| line.iter().copied().chain([b'\n']));
         let mut stream = Stream::new(&mut *simulator, bytes, baud).with_statements_at_rest();
-        let end = stream.run(&mut recorder);
+        let bar = output::progress(lines.len() as u64, "lines");
+        let end = loop {
+            match stream.pump(&mut recorder, SHOWN) {
+                Some(end) => break end,
+                None => bar.set_position(recorder.forecast.answered_s.len() as u64),
+            }
+        };
+        bar.finish_and_clear();
         drop(stream);
         recorder.change(&simulator);
         if let Some((line, alarm)) = recorder.alarm {

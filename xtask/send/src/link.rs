@@ -1,6 +1,7 @@
 //! The line to a machine: bytes to lines. Nothing here waits but what says so.
 
 use std::{
+    fmt,
     net::TcpStream,
     os::fd::{AsFd, BorrowedFd},
     path::Path,
@@ -8,7 +9,7 @@ use std::{
 };
 
 use ::port::SerialPort;
-use anyhow::{Context, Result, bail};
+use anyhow::{Context, Result, anyhow, bail};
 use rustix::{
     event::{PollFd, PollFlags, Timespec, poll},
     fs::OFlags,
@@ -32,6 +33,16 @@ impl AsFd for Port {
             Self::Serial(port) => port.as_fd(),
             Self::Tcp(stream) => stream.as_fd(),
         }
+    }
+}
+
+/// The other end has gone: the port has been unplugged, the connection has ended.
+#[derive(Debug)]
+pub(crate) struct Gone(String);
+
+impl fmt::Display for Gone {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{} has gone", self.0)
     }
 }
 
@@ -94,7 +105,7 @@ impl Link {
                 }
                 Err(Errno::AGAIN) => bail!("{} takes nothing: {}", self.name, self.hint),
                 Err(error) => {
-                    return Err(error).with_context(|| format!("{} has gone", self.name));
+                    return Err(error).with_context(|| Gone(self.name.clone()));
                 }
             }
         }
@@ -106,12 +117,15 @@ impl Link {
         let mut chunk = [0; 1024];
         loop {
             match rustix::io::read(&self.port, &mut chunk) {
-                Ok(0) => bail!("{} has gone: the connection has ended", self.name),
+                Ok(0) => {
+                    return Err(anyhow!("the connection has ended"))
+                        .with_context(|| Gone(self.name.clone()));
+                }
                 Ok(length) => self.received.extend(&chunk[..length]),
                 Err(Errno::INTR) => {}
                 Err(Errno::AGAIN) => break,
                 Err(error) => {
-                    return Err(error).with_context(|| format!("{} has gone", self.name));
+                    return Err(error).with_context(|| Gone(self.name.clone()));
                 }
             }
         }

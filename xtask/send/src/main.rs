@@ -33,7 +33,7 @@ use rustix::event::PollFlags;
 use approach::Descent;
 use forecast::Forecast;
 use job::{Job, Key, Phase};
-use link::Link;
+use link::{Gone, Link};
 use machine::Machine;
 use record::{Record, RecordFile};
 use resume::{Beginning, Entry};
@@ -45,6 +45,9 @@ const ASK_EVERY: Duration = Duration::from_millis(200);
 const KEEP_EVERY: Duration = Duration::from_secs(1);
 /// How long a job that is stopped may take to end.
 const STOP: Duration = Duration::from_secs(30);
+
+/// How often it is looked whether a machine is back.
+const RETRY: Duration = Duration::from_millis(500);
 
 /// Send a G-code program to a machine
 ///
@@ -84,6 +87,9 @@ struct Options {
     /// Continue at a line, counted from 1, or at one before it where that is within a contour or a cycle
     #[arg(long, value_name = "LINE", value_parser = clap::value_parser!(u64).range(1..))]
     from: Option<u64>,
+    /// Wait for the machine where it has gone or is not there yet, and continue a job that has begun
+    #[arg(long)]
+    wait: bool,
     /// The machine is where it says, with the right tool: do not ask before a job is continued
     #[arg(long)]
     confirmed: bool,
@@ -96,12 +102,6 @@ struct Options {
     /// The highest feed at which it goes down, mm/min
     #[arg(long, value_name = "MM_MIN", default_value_t = 200.0, value_parser = feed)]
     plunge: f32,
-}
-
-impl Options {
-    fn continues(&self) -> bool {
-        self.resume || self.from.is_some()
-    }
 }
 
 fn main() -> ExitCode {
@@ -130,30 +130,70 @@ fn run(options: &Options) -> Result<ExitCode> {
     let lines = read(&options.file)?;
     let mut file = RecordFile::beside(&options.file);
     let program = record::checksum(&lines);
-    let kept = options.resume.then(|| file.read(program)).transpose()?;
-    let stop = interrupt::interruptions()?;
+    let mut kept = options.resume.then(|| file.read(program)).transpose()?;
+    let mut stop = interrupt::interruptions()?;
     let mut keyboard = Keyboard::new();
-    let mut machine = Machine::connect(link(options)?, Duration::from_secs_f64(options.timeout))?;
-    if options.continues() {
+    loop {
+        let machine = connect(options, &mut stop)?;
+        let hands = (&mut keyboard, &mut stop);
+        let ended = send(options, machine, &lines, kept.as_ref(), &mut file, hands);
+        match ended {
+            Err(error) if options.wait && error.is::<Gone>() => {
+                ui::warning(&format!("{error:#}"));
+                if file.is_written {
+                    kept = Some(file.read(program)?);
+                }
+            }
+            ended => return ended,
+        }
+    }
+}
+
+/// Connects with the machine, which may have to be waited for.
+fn connect(options: &Options, stop: &mut UnixStream) -> Result<Machine> {
+    let timeout = Duration::from_secs_f64(options.timeout);
+    let mut is_told = false;
+    loop {
+        match link(options).and_then(|link| Machine::connect(link, timeout)) {
+            Err(error) if options.wait => {
+                if !is_told {
+                    is_told = true;
+                    ui::status("Waiting", &format!("{error:#} (Ctrl-C ends)"));
+                }
+                let files = [(stop.as_fd(), PollFlags::IN)];
+                ensure!(!link::wait(&files, RETRY)?[0], "it was stopped");
+            }
+            connected => return connected,
+        }
+    }
+}
+
+/// Sends the job, or what is left of it.
+fn send(
+    options: &Options,
+    mut machine: Machine,
+    lines: &[Vec<u8>],
+    kept: Option<&Record>,
+    file: &mut RecordFile,
+    (keyboard, stop): (&mut Keyboard, &mut UnixStream),
+) -> Result<ExitCode> {
+    let continues = kept.is_some() || options.from.is_some();
+    if continues {
         machine.come_to_rest()?;
     }
     machine.make_ready(options.home)?;
     let facts = machine.facts()?;
-    let began = kept.as_ref().map_or(&facts, |record| &record.began);
-    let forecast = look_ahead(options, began, &lines)?;
-    let entry = if options.continues() {
-        let entry = find_entry(options, kept.as_ref(), &facts, &lines)?;
+    let began = kept.map_or(&facts, |record| &record.began);
+    let forecast = look_ahead(options, began, lines)?;
+    let (approach, first) = if continues {
+        let entry = find_entry(options, kept, &facts, lines)?;
         show(&entry);
-        ensure!(
-            is_confirmed(options, &mut keyboard, &stop)?,
-            "nothing was sent"
-        );
-        Some(entry)
+        ensure!(is_confirmed(options, keyboard, stop)?, "nothing was sent");
+        (entry.approach, entry.line)
     } else {
-        None
+        (Vec::new(), 0)
     };
-    let (approach, first) = entry.map_or((Vec::new(), 0), |entry| (entry.approach, entry.line));
-    let mut job = Job::new(&approach, &lines, first, options.despite_refusals);
+    let mut job = Job::new(&approach, lines, first, options.despite_refusals);
     // It has the offset in it, which not every report has.
     job.status.clone_from(&machine.status);
     let mut run = Run {
@@ -162,9 +202,9 @@ fn run(options: &Options) -> Result<ExitCode> {
         keyboard,
         screen: Screen::new(lines.len()),
         forecast,
-        file: &mut file,
+        file,
         record: Record {
-            program,
+            program: record::checksum(lines),
             answered: first,
             began: began.clone(),
         },
@@ -292,12 +332,12 @@ fn is_confirmed(options: &Options, keyboard: &mut Keyboard, stop: &UnixStream) -
 struct Run<'a> {
     job: Job,
     machine: Machine,
-    keyboard: Keyboard,
+    keyboard: &'a mut Keyboard,
     screen: Screen,
     forecast: Forecast,
     file: &'a mut RecordFile,
     record: Record,
-    stop: UnixStream,
+    stop: &'a mut UnixStream,
 }
 
 impl Run<'_> {

@@ -29,6 +29,8 @@ pub(crate) struct RecordFile {
     path: PathBuf,
     /// It could not be written, which has been told.
     is_lost: bool,
+    /// It has been written since: a job has begun.
+    pub(crate) is_written: bool,
 }
 
 impl RecordFile {
@@ -39,6 +41,7 @@ impl RecordFile {
         Self {
             path: path.into(),
             is_lost: false,
+            is_written: false,
         }
     }
 
@@ -62,11 +65,13 @@ impl RecordFile {
 
     /// Writes a record; a job goes on without.
     pub(crate) fn write(&mut self, record: &Record) {
-        if let Err(error) = output::write_json(&self.path, record)
-            && !self.is_lost
-        {
-            self.is_lost = true;
-            ui::warning(&format!("an interruption will need --from LINE: {error}"));
+        match output::write_json(&self.path, record) {
+            Ok(()) => self.is_written = true,
+            Err(error) if !self.is_lost => {
+                self.is_lost = true;
+                ui::warning(&format!("an interruption will need --from LINE: {error}"));
+            }
+            Err(_) => {}
         }
     }
 

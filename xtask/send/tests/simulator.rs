@@ -116,16 +116,21 @@ fn undisturbed(folder: &TempDir) -> Vec<[i32; 3]> {
     trace(&steps)
 }
 
-#[test]
-fn a_job_that_is_held_unplugged_and_resumed_has_the_steps_of_an_undisturbed_one() {
+/// Has the job held, its tools changed, its cable pulled out, and continued: by the same command where that
+/// `waits`, otherwise by another one.
+fn disturb(waits: bool) {
     let folder = tempdir().unwrap();
     let expected = undisturbed(&folder);
     let (job, steps) = (file(&folder, "job.nc", JOB), path(&folder, "job.csv"));
-    let device = path(&folder, "tty");
+    let (device, end) = (path(&folder, "tty"), path(&folder, "cable"));
     let simulator = Simulator::start(&["--pty", &device, "--trace", &steps], &SETTINGS);
 
-    let cable = Cable::plug_in(&device, &path(&folder, "cable"));
-    let mut sending = Sending::start(&[&job, "--port", &cable.device]);
+    let mut arguments = vec![job.as_str(), "--port", &end, "--spin-up", "0.1"];
+    arguments.extend(waits.then_some("--wait"));
+    // A port that is not there yet is waited for, too.
+    let early = waits.then(|| Sending::start(&arguments));
+    let cable = Cable::plug_in(&device, &end);
+    let mut sending = early.unwrap_or_else(|| Sending::start(&arguments));
     sending.until("[MSG:Tool change: T1]");
     sending.until("the machine waits");
     sending.press("r");
@@ -138,21 +143,16 @@ fn a_job_that_is_held_unplugged_and_resumed_has_the_steps_of_an_undisturbed_one(
     sending.press("r");
     sending.until("Run ");
     cable.unplug();
-    let said = sending.fails();
-    assert!(
-        said.contains("--resume continues it") && said.contains("has gone"),
-        "{said}"
-    );
-
-    let cable = Cable::plug_in(&device, &path(&folder, "cable"));
-    let mut sending = Sending::start(&[
-        &job,
-        "--port",
-        &cable.device,
-        "--resume",
-        "--spin-up",
-        "0.1",
-    ]);
+    if !waits {
+        let said = sending.fails();
+        assert!(
+            said.contains("--resume continues it") && said.contains("has gone"),
+            "{said}"
+        );
+        arguments.push("--resume");
+        sending = Sending::start(&arguments);
+    }
+    let cable = Cable::plug_in(&device, &end);
     sending.until("modes     [GC:G");
     let tool = sending.until("tool ");
     assert!(tool.ends_with(" T2") || tool.ends_with(" T1"), "{tool}");
@@ -163,7 +163,8 @@ fn a_job_that_is_held_unplugged_and_resumed_has_the_steps_of_an_undisturbed_one(
         sending.until("the machine waits");
         sending.press("r");
     }
-    sending.succeeds();
+    let said = sending.succeeds();
+    assert_eq!(waits, said.contains("has gone"), "{said}");
     cable.unplug();
     drop(simulator);
 
@@ -173,6 +174,16 @@ fn a_job_that_is_held_unplugged_and_resumed_has_the_steps_of_an_undisturbed_one(
     assert!(expected.len() > 1000, "{}", expected.len());
     assert!(is_covered(&expected, &done), "something has not been cut");
     assert!(is_covered(&done, &expected), "something else has been cut");
+}
+
+#[test]
+fn a_job_that_is_held_unplugged_and_resumed_has_the_steps_of_an_undisturbed_one() {
+    disturb(false);
+}
+
+#[test]
+fn a_job_that_waits_for_its_port_has_the_steps_of_an_undisturbed_one() {
+    disturb(true);
 }
 
 /// A short job, of which the last line may be another one.

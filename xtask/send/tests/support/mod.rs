@@ -167,7 +167,6 @@ impl Sending {
 
 /// A cable from a device of its own to that of a machine.
 pub(crate) struct Cable {
-    pub(crate) device: String,
     pulled: UnixStream,
     carrier: JoinHandle<()>,
 }
@@ -185,11 +184,7 @@ impl Cable {
             carry(&near, &far, &end);
             drop(link);
         });
-        Self {
-            device: device.into(),
-            pulled,
-            carrier,
-        }
+        Self { pulled, carrier }
     }
 
     /// Takes it out: both ends are closed.
