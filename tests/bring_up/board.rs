@@ -14,6 +14,7 @@ mod clocks;
 #[allow(dead_code, reason = "the emulator's watchdog is the firmware's")]
 mod fault;
 #[path = "../../src/board/pwm.rs"]
+#[allow(dead_code, reason = "there are no settings")]
 mod pwm;
 #[path = "../../src/board/release.rs"]
 #[allow(dead_code, reason = "there are no tasks")]
