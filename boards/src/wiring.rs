@@ -172,6 +172,21 @@ impl Wiring {
         ports(&pins)
     }
 
+    /// Returns the outputs on C13 to C15, which the chip's switch for its battery supplies.
+    ///
+    /// RM0090 8.3.13 and the data sheets: 3 mA, 2 MHz and 30 pF at most, and no source for an LED.
+    pub fn weak_outputs(&self) -> Vec<Pin> {
+        let signed = [self.spindle, self.counter_clockwise, self.flood, self.mist];
+        let signed = signed.into_iter().flatten();
+        let signed = signed.chain(self.enable.iter().copied());
+        let outputs = signed.map(|signed| signed.pin).chain(self.motor_pins());
+        let outputs = outputs.chain(self.at_boot.iter().map(|(pin, _)| *pin));
+        let mut weak: Vec<_> = outputs.filter(|&pin| is_slow(pin)).collect();
+        weak.sort_unstable();
+        weak.dedup();
+        weak
+    }
+
     /// Returns the inputs that share their interrupt line with one before them: they are looked at each
     /// millisecond.
     pub fn polled(&self) -> Vec<Input> {

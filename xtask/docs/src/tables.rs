@@ -66,12 +66,13 @@ fn notes(boards: &[Board]) -> Result<String> {
 /// The step rates that are proven for each board.
 fn step_rates(boards: &[Board]) -> Result<String> {
     let rates = rates::read()?;
-    let mut text =
-        String::from("| board | `--board` | 3 axes | 4 axes | 5 axes |\n|---|---|---|---|---|\n");
+    let mut text = String::from(
+        "| board | `--board` | 3 axes | 4 axes | 5 axes | 6 axes |\n|---|---|---|---|---|---|\n",
+    );
     for board in boards {
         write!(text, "| {} | `{}` |", board.title, board.name)?;
         let of_board = rates.get(&board.name).map_or(&[][..], Vec::as_slice);
-        for axes in 3..=5 {
+        for axes in 3..=6 {
             let rate = match of_board.get(axes - 3) {
                 _ if axes > board.most_axes() => "no pins".into(),
                 None => "not computed".into(),

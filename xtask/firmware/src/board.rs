@@ -2,6 +2,7 @@
 //! printers' configurations.
 
 use std::{
+    collections::BTreeSet,
     path::PathBuf,
     process::{ExitCode, Stdio},
 };
@@ -49,9 +50,6 @@ pub(crate) struct ImportOptions {
     #[arg(value_name = "PRINTER.CFG")]
     printer: PathBuf,
 }
-
-/// The most axes that a proof is tried for: beyond, the step interrupt takes longer than is required.
-const MOST_PROVEN: usize = 5;
 
 pub(crate) fn run(verb: &Verb) -> Result<ExitCode> {
     match verb {
@@ -114,12 +112,29 @@ fn show(board: &Board) {
             wiring.step_ports().len()
         );
     }
+    if let Some(warning) = weak_outputs(board) {
+        println!("  {} {warning}", "warning:".yellow());
+    }
+}
+
+/// What is to be known of outputs that drive little.
+fn weak_outputs(board: &Board) -> Option<String> {
+    let wirings = (3..=board.most_axes()).filter_map(|axes| board.wiring(axes));
+    let weak: BTreeSet<_> = wirings.flat_map(board_data::Wiring::weak_outputs).collect();
+    let names: Vec<_> = weak.iter().map(ToString::to_string).collect();
+    (!names.is_empty()).then(|| {
+        format!(
+            "{}: such an output gives 3 mA at most, enough for the input of a driver or of a transistor, not for \
+             an LED, an optocoupler or a relay",
+            names.join(", ")
+        )
+    })
 }
 
 /// Builds and proves a board's firmware with each number of axes: the rates, steps/s, 0 where none is proven.
 fn prove(board: &Board) -> Result<Vec<u32>> {
     let mut rates = Vec::new();
-    for axes in 3..=board.most_axes().min(MOST_PROVEN) {
+    for axes in 3..=board.most_axes() {
         let axes = u8::try_from(axes).context("a machine has six axes at most")?;
         let file = board.argument();
         let output = tools::command_for(tools::SCHEDULE, axes)?
@@ -142,4 +157,27 @@ fn prove(board: &Board) -> Result<Vec<u32>> {
         }
     }
     Ok(rates)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn outputs_of_3_ma_are_told() {
+        for (name, pins) in [
+            ("blackpill-f411", Some("PC14, PC15: ")),
+            ("btt-skr-2", Some("PC13: ")),
+            ("fysetc-spider", Some("PC13: ")),
+            // An input may be there.
+            ("flexi-hal", Some("PC15: ")),
+            ("netduino-plus-2", None),
+        ] {
+            let board = boards::chosen(Some(name), false).unwrap().remove(0);
+            let warning = weak_outputs(&board);
+            assert_eq!(warning.is_some(), pins.is_some(), "{name}");
+            let begins = |text: &String| text.starts_with(pins.unwrap_or_default());
+            assert!(warning.as_ref().is_none_or(begins), "{name}: {warning:?}");
+        }
+    }
 }
