@@ -8,6 +8,7 @@ use host::sender::{Answered, Received, Response, Sender};
 use leadscrew::model::Alarm;
 
 use crate::{
+    by_hand::ByHand,
     machine::{HOLD, REPORT, RESET, meaning},
     status::Status,
 };
@@ -24,15 +25,18 @@ pub(crate) enum Key {
     Resume,
     /// The end of the job.
     Stop,
+    /// Lines by hand, during a change of the tool.
+    ByHand,
     /// One of the other realtime bytes.
     Realtime(u8),
 }
 
 /// The keys, in the order in which they are shown, and what they ask for.
-pub(crate) const KEYS: [(u8, Key); 12] = [
+pub(crate) const KEYS: [(u8, Key); 13] = [
     (b'h', Key::Hold),
     (b'r', Key::Resume),
     (b'q', Key::Stop),
+    (b't', Key::ByHand),
     // Feed: 10 % more, 10 % less, as programmed.
     (b'+', Key::Realtime(0x91)),
     (b'-', Key::Realtime(0x92)),
@@ -93,6 +97,10 @@ pub(crate) struct Job {
     is_hold_asked: bool,
     /// That the machine waits has been told.
     is_wait_told: bool,
+    /// What the operator types during a change of the tool.
+    pub(crate) by_hand: ByHand,
+    /// Lines that were answered before a change of the tool in which the operator has set an offset.
+    pub(crate) measured: Option<usize>,
     /// Somebody can press a key.
     pub(crate) has_operator: bool,
     /// A refused line does not end the job.
@@ -124,6 +132,8 @@ impl Job {
             status: Status::default(),
             is_hold_asked: false,
             is_wait_told: false,
+            by_hand: ByHand::default(),
+            measured: None,
             has_operator: true,
             goes_on,
             is_last_sent: false,
@@ -159,6 +169,9 @@ impl Job {
 
     /// Sends what the machine has room for.
     fn fill(&mut self) {
+        if self.by_hand.is_on() {
+            return;
+        }
         while let Some(line) = self.lines.get(self.next) {
             if !self.sender.may_send(line) {
                 return;
@@ -179,7 +192,11 @@ impl Job {
     /// Takes a line of the machine.
     pub(crate) fn receive(&mut self, line: &str) {
         if self.status.read(line) {
+            let note = self.by_hand.report(&self.status.state);
+            self.notes.extend(note.map(str::to_owned));
             self.look();
+        } else if let Some(note) = self.by_hand.answer(line) {
+            self.notes.push(note);
         } else if let Some(number) = line.strip_prefix("ALARM:") {
             self.alarm(number);
         } else if line.starts_with("Grbl") {
@@ -230,6 +247,8 @@ impl Job {
                 self.output.push(RESET);
                 self.phase = Phase::Resetting(reason.clone());
             }
+            // The operator unlocks it, where he has probed nothing.
+            Phase::Running if self.status.state == "Alarm" && self.by_hand.is_on() => {}
             Phase::Running if self.status.state == "Alarm" => {
                 self.phase = Phase::Failed("the machine is locked".into());
             }
@@ -264,6 +283,10 @@ impl Job {
             };
             self.notes
                 .push(format!("the machine {why}: r resumes, q stops"));
+            if self.message.starts_with("[MSG:Tool change") && !self.by_hand.is_on() {
+                self.notes
+                    .push("t: type lines, to jog and probe with the new tool".into());
+            }
         }
     }
 
@@ -271,6 +294,11 @@ impl Job {
         let mut alarms = Alarm::ALL.into_iter();
         let alarm = alarms.find(|alarm| alarm.number().to_string() == number);
         let text = alarm.map_or(String::new(), |alarm| format!(", {}", alarm.text()));
+        if self.by_hand.is_on() {
+            self.notes
+                .push(format!("ALARM:{number}{text}: $X unlocks the machine"));
+            return;
+        }
         self.phase = Phase::Failed(format!("ALARM:{number}{text}"));
     }
 
@@ -303,13 +331,33 @@ impl Job {
                 self.is_hold_asked = true;
                 self.output.push(HOLD);
             }
+            Key::ByHand if self.status.is_held() => self.by_hand.begin(&mut self.output),
+            Key::ByHand => {}
             Key::Resume => {
+                self.by_hand.resume();
                 self.is_hold_asked = false;
                 self.is_wait_told = false;
                 self.output.push(b'~');
             }
             Key::Stop => self.stop("the operator has stopped the job".into()),
             Key::Realtime(byte) => self.output.push(byte),
+        }
+    }
+
+    /// Takes a byte of the keyboard: of a line that is being typed, or a key.
+    pub(crate) fn key(&mut self, byte: u8) {
+        if self.by_hand.is_asked() {
+            return;
+        }
+        if self.by_hand.text.is_none() {
+            if let Some(key) = Key::of(byte) {
+                self.press(key);
+            }
+        } else if self.phase == Phase::Running {
+            self.by_hand.press(byte, &mut self.output);
+            if self.by_hand.has_set {
+                self.measured = Some(self.answered());
+            }
         }
     }
 
@@ -325,174 +373,4 @@ impl Job {
 }
 
 #[cfg(test)]
-mod tests {
-    use super::*;
-
-    fn job(program: &[&str]) -> Job {
-        let lines: Vec<_> = program
-            .iter()
-            .map(|line| line.as_bytes().to_vec())
-            .collect();
-        Job::new(&[], &lines, 0, false)
-    }
-
-    fn sent(job: &mut Job) -> String {
-        String::from_utf8_lossy(&job.take_output()).into_owned()
-    }
-
-    fn receive(job: &mut Job, lines: &[&str]) {
-        for line in lines {
-            job.receive(line);
-        }
-    }
-
-    const RUN: &str = "<Run|MPos:0.000,0.000,0.000|FS:0,0>";
-    const HELD: &str = "<Hold:0|MPos:0.000,0.000,0.000|FS:0,0>";
-    const BRAKING: &str = "<Hold:1|MPos:0.000,0.000,0.000|FS:0,0>";
-    const IDLE: &str = "<Idle|MPos:0.000,0.000,0.000|FS:0,0>";
-
-    #[test]
-    fn a_job_is_done_when_the_machine_is_at_rest_behind_its_last_line() {
-        let mut job = job(&["G0 X1", "G0 X2"]);
-        assert_eq!(sent(&mut job), "G0 X1\nG0 X2\n");
-        receive(&mut job, &["ok", IDLE, "ok", IDLE]);
-        assert_eq!(job.phase, Phase::Running);
-        assert_eq!(sent(&mut job), "G4 P0.01\n");
-        receive(&mut job, &[IDLE, "ok", RUN]);
-        assert_eq!(job.phase, Phase::Running);
-        receive(&mut job, &[IDLE]);
-        assert_eq!((&job.phase, job.answered()), (&Phase::Done, 2));
-    }
-
-    #[test]
-    fn no_more_bytes_are_in_flight_than_the_machine_keeps() {
-        let line = "X".repeat(60);
-        let mut job = job(&[line.as_str(); 5]);
-        assert_eq!(sent(&mut job).len(), 122);
-        assert_eq!(sent(&mut job), "");
-        receive(&mut job, &["ok"]);
-        assert_eq!(sent(&mut job).len(), 61);
-    }
-
-    #[test]
-    fn a_refused_line_ends_the_job_with_a_reset_at_rest() {
-        let mut job = job(&["G0 X1", "G999", "G0 X2"]);
-        sent(&mut job);
-        receive(&mut job, &["ok", "error:20", "ok"]);
-        assert_eq!(sent(&mut job), "!?");
-        receive(&mut job, &[RUN, BRAKING]);
-        assert_eq!(sent(&mut job), "");
-        receive(&mut job, &[HELD]);
-        assert_eq!(sent(&mut job), "\u{18}");
-        receive(&mut job, &["", "Grbl 1.1h ['$' for help]"]);
-        let Phase::Failed(reason) = &job.phase else {
-            panic!("{:?}", job.phase);
-        };
-        assert!(
-            reason.starts_with("line 2 is refused: G999: error:20, "),
-            "{reason}"
-        );
-    }
-
-    #[test]
-    fn a_refused_line_is_only_told_where_that_is_asked_for_but_never_one_of_the_approach() {
-        let lines = [b"G0 X1".to_vec(), b"G999".to_vec(), b"G0 X2".to_vec()];
-        let mut job = Job::new(&["G53 G0 Z0".into()], &lines, 1, true);
-        sent(&mut job);
-        receive(&mut job, &["ok", "error:20"]);
-        assert_eq!((&job.phase, job.answered()), (&Phase::Running, 2));
-        assert!(job.take_notes()[0].starts_with("line 2 is refused"));
-        let mut job = Job::new(&["G53 G0 Z0".into()], &lines, 1, true);
-        sent(&mut job);
-        receive(&mut job, &["error:9"]);
-        assert!(
-            matches!(&job.phase, Phase::Stopping(reason) if reason.starts_with("the approach"))
-        );
-        assert_eq!(job.answered(), 1);
-    }
-
-    #[test]
-    fn answers_behind_a_reset_are_of_lines_that_were_not_carried_out() {
-        let mut job = job(&["G0 X1", "M5", "G0 X2"]);
-        sent(&mut job);
-        receive(&mut job, &["ok"]);
-        job.stop("stop".into());
-        receive(&mut job, &[HELD, "ok", "Grbl 1.1h ['$' for help]"]);
-        assert_eq!(
-            (job.phase.clone(), job.answered()),
-            (Phase::Failed("stop".into()), 1)
-        );
-    }
-
-    #[test]
-    fn a_pause_waits_for_the_operator_and_ends_the_job_where_there_is_none() {
-        let mut job = job(&["T1 M6"]);
-        sent(&mut job);
-        receive(&mut job, &["[MSG:Tool change: T1]", HELD, HELD]);
-        let notes = job.take_notes();
-        assert_eq!(
-            notes,
-            [
-                "[MSG:Tool change: T1]",
-                "the machine waits: r resumes, q stops"
-            ]
-        );
-        job.press(Key::Resume);
-        assert_eq!(sent(&mut job), "~");
-        receive(&mut job, &[RUN]);
-        job.has_operator = false;
-        receive(&mut job, &[HELD]);
-        let Phase::Stopping(reason) = &job.phase else {
-            panic!("{:?}", job.phase);
-        };
-        assert!(reason.contains("Tool change: T1"), "{reason}");
-    }
-
-    #[test]
-    fn ctrl_c_holds_first_and_then_stops() {
-        let mut job = job(&["G0 X1"]);
-        sent(&mut job);
-        job.interrupt();
-        assert_eq!(
-            (sent(&mut job).as_str(), &job.phase),
-            ("!", &Phase::Running)
-        );
-        job.interrupt();
-        assert!(matches!(job.phase, Phase::Stopping(_)));
-        let mut alone = self::job(&["G0 X1"]);
-        alone.has_operator = false;
-        alone.interrupt();
-        assert!(matches!(alone.phase, Phase::Stopping(_)));
-    }
-
-    #[test]
-    fn an_alarm_and_a_reset_from_elsewhere_end_the_job() {
-        let mut limit = job(&["G0 X1"]);
-        receive(&mut limit, &["ALARM:1"]);
-        assert!(matches!(&limit.phase, Phase::Failed(reason) if reason.len() > "ALARM:1, ".len()));
-        let mut reset = job(&["G0 X1"]);
-        receive(&mut reset, &["Grbl 1.1h ['$' for help]"]);
-        assert_eq!(
-            reset.phase,
-            Phase::Failed("the machine has been reset".into())
-        );
-    }
-
-    #[test]
-    fn keys_are_the_realtime_bytes_of_the_protocol() {
-        let mut job = job(&[]);
-        sent(&mut job);
-        for (key, byte) in [
-            (b'!', b'!'),
-            (b'~', b'~'),
-            (b'+', 0x91),
-            (b'-', 0x92),
-            (b'0', 0x90),
-            (b'l', 0x97),
-        ] {
-            job.press(Key::of(key).unwrap());
-            assert_eq!(job.take_output(), [byte], "{key}");
-        }
-        assert_eq!(Key::of(b'x'), None);
-    }
-}
+mod tests;

@@ -1,6 +1,7 @@
 //! `cargo xtask send`: a program to a machine, from a terminal.
 
 mod approach;
+mod by_hand;
 mod forecast;
 mod job;
 mod link;
@@ -32,7 +33,7 @@ use rustix::event::PollFlags;
 
 use approach::Descent;
 use forecast::Forecast;
-use job::{Job, Key, Phase};
+use job::{Job, Phase};
 use link::{Gone, Link};
 use machine::Machine;
 use record::{Record, RecordFile};
@@ -56,7 +57,7 @@ const RETRY: Duration = Duration::from_millis(500);
 /// and the time that is left is known. How far the job is, is kept in FILE.resume until it is done. The exit
 /// status is 1 when the job does not come to its end, or a line was refused.
 ///
-/// Keys: h hold, r resume, q stop, + - 0 feed, f m l rapids, s S spindle, c coolant; Ctrl-C holds, and stops
+/// Keys: h hold, r resume, q stop, t type lines (in a change of the tool), + - 0 feed, f m l rapids, s S spindle, c coolant; Ctrl-C holds, and stops
 /// a job that is held. Where standard input is at its end, nobody can press a key: a program pause or a
 /// change of the tool then ends the job.
 #[derive(Parser)]
@@ -206,6 +207,7 @@ fn send(
         record: Record {
             program: record::checksum(lines),
             answered: first,
+            measured: None,
             began: began.clone(),
         },
         stop,
@@ -276,7 +278,9 @@ fn find_entry(
         (Some(record), _) => {
             // The line may be faster than it was thought: then more moves wait in the machine.
             let forecast = Forecast::of(&record.began, lines, FAST)?;
-            forecast.first_undone(record.answered).min(lines.len() - 1)
+            let undone = forecast.first_undone(record.answered).min(lines.len() - 1);
+            // A reset has taken away what the operator has measured: he does so again.
+            record.measured.map_or(undone, |line| line.min(undone))
         }
         (None, Some(line)) => line as usize - 1,
         (None, None) => bail!("neither --resume nor --from is given"),
@@ -295,6 +299,7 @@ fn find_entry(
     let descent = Descent {
         feed_mm_min: options.plunge,
         spin_up_s: options.spin_up as f32,
+        tells_tool: kept.is_some_and(|record| record.measured.is_some()),
     };
     let entry = resume::entry(lines, wanted, &beginning, &now, &facts.settings(), descent)?;
     if entry.line < wanted {
@@ -420,10 +425,9 @@ impl Run<'_> {
             (0..count).for_each(|_| self.job.interrupt());
         }
         if ready.get(2) == Some(&true) {
-            let keys = self.keyboard.read();
-            keys.into_iter()
-                .filter_map(Key::of)
-                .for_each(|key| self.job.press(key));
+            for key in self.keyboard.read() {
+                self.job.key(key);
+            }
         }
         Ok(())
     }
@@ -431,6 +435,7 @@ impl Run<'_> {
     /// Keeps how far the job is.
     fn keep(&mut self) {
         self.record.answered = self.job.answered();
+        self.record.measured = self.job.measured;
         self.file.write(&self.record);
     }
 

@@ -20,6 +20,9 @@ pub(crate) struct Record {
     pub(crate) program: u64,
     /// The lines that the machine has answered.
     pub(crate) answered: usize,
+    /// Those before a change of the tool in which the operator has set an offset that a reset takes away.
+    #[serde(default)]
+    pub(crate) measured: Option<usize>,
     /// The machine before the first line.
     pub(crate) began: Facts,
 }

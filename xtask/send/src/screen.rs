@@ -139,7 +139,9 @@ impl Screen {
     pub(crate) fn show(&mut self, job: &Job, remaining_s: Option<f64>) {
         let state = state(&job.status, job.answered(), self.lines, remaining_s);
         self.bar.set_position(job.answered() as u64);
-        self.bar.set_message(state.clone());
+        let typed = job.by_hand.text.as_ref();
+        let typed = typed.map_or(String::new(), |text| format!("\n> {text}"));
+        self.bar.set_message(format!("{state}{typed}"));
         let is_due = self
             .printed
             .is_none_or(|printed| printed.elapsed() >= PRINT_EVERY);
@@ -157,7 +159,8 @@ impl Screen {
 }
 
 /// The keys and what they do.
-const LEGEND: &str = "h hold  r resume  q stop  + - 0 feed  f m l rapids  S s spindle  c coolant";
+const LEGEND: &str =
+    "h hold  r resume  q stop  t type  + - 0 feed  f m l rapids  S s spindle  c coolant";
 
 /// The state of a job in a line.
 fn state(status: &Status, answered: usize, lines: usize, remaining_s: Option<f64>) -> String {

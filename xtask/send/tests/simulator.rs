@@ -319,3 +319,43 @@ fn a_program_that_has_been_changed_is_not_continued() {
     let said = Sending::start(&[&job, "--tcp", &address, "--resume"]).fails();
     assert!(said.contains("the program has been changed"), "{said}");
 }
+
+#[test]
+fn a_new_tool_is_measured_by_lines_that_the_operator_types() {
+    let folder = tempdir().unwrap();
+    let (_simulator, address) = Simulator::tcp(&[], &SETTINGS);
+    let job = file(
+        &folder,
+        "job.nc",
+        "G21 G90\nG0 X1\nT2 M6\nG0 X2 Z5\nG0 Y40 F600\nG1 Y80\n",
+    );
+    let measure = |sending: &mut Sending| {
+        sending.until("the machine waits");
+        sending.press("t");
+        sending.until("Enter sends one");
+        sending.press("$J=G91 X7 F3000\n");
+        sending.until("ok");
+        sending.until("Jog ");
+        sending.until("Tool ");
+        sending.press("G91\nG43.1 Z-2\nG0 X3\n");
+        sending.until("ok");
+        sending.until("ok");
+        sending.until("error:40");
+        sending.press("\n");
+        sending.press("r");
+        sending.until("Run ");
+    };
+    let mut sending = Sending::start(&[&job, "--tcp", &address]);
+    measure(&mut sending);
+    sending.press("hq");
+    sending.fails();
+    // A reset has taken the length away: the job begins at the change again.
+    let mut sending = Sending::start(&[&job, "--tcp", &address, "--resume", "--confirmed"]);
+    sending.until("approach  M61 Q0");
+    measure(&mut sending);
+    let said = sending.succeeds();
+    assert!(
+        said.contains("machine position 2.000 80.000 3.000"),
+        "{said}"
+    );
+}

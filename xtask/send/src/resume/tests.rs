@@ -12,6 +12,7 @@ use host::facts::FAST;
 const DESCENT: Descent = Descent {
     feed_mm_min: 150.0,
     spin_up_s: 2.0,
+    tells_tool: false,
 };
 
 fn lines(text: &str) -> Vec<Vec<u8>> {
