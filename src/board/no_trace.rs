@@ -48,5 +48,6 @@ pub(super) const fn release(_vector: super::pac::Interrupt) {}
 pub(super) const fn init(
     _control: &mut cortex_m::peripheral::DCB,
     _watch: &mut cortex_m::peripheral::DWT,
+    _debug: &super::pac::DBGMCU,
 ) {
 }

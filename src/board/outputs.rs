@@ -100,7 +100,7 @@ fn switch(outputs: &Outputs) {
 
 /// Sets the share of time for which the PWM is high, 0 to [`Outputs::FULL`].
 ///
-/// Takes effect with the next period, at most 0.2 ms later. For `segment_start` while the step timer
+/// Takes effect at once. For `segment_start` while the step timer
 /// runs, and for `prepare` while it stands.
 #[inline]
 pub(super) fn set_duty(duty: u16) {

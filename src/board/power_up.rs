@@ -29,7 +29,7 @@ const SERIAL_PRIORITY: u8 = 4;
 pub(crate) fn init(device: pac::Peripherals, mut core: Core, memory: Memory) -> Board {
     fault::init();
     super::stack::guard(&core.MPU);
-    super::trace::init(&mut core.DCB, &mut core.DWT);
+    super::trace::init(&mut core.DCB, &mut core.DWT, &device.DBGMCU);
     if WIRING.has_bootloader {
         bootloader::undo(&device.RCC, &mut core.SYST, &mut core.NVIC);
     }

@@ -25,8 +25,8 @@ const BDTR: usize = 17;
 const CEN: u32 = 1;
 const UG: u32 = 1;
 const MOE: u32 = 1 << 15;
-/// PWM mode 1, whose compare value changes with the next period.
-const MODE: u32 = 0b110_1000;
+/// PWM mode 1, whose compare value changes at once: at 100 Hz a beam would stay on for 10 ms.
+const MODE: u32 = 0b110_0000;
 
 /// The prescaler in use; 0 before [`configure`].
 static PRESCALER: AtomicU32 = AtomicU32::new(0);
@@ -69,7 +69,7 @@ pub(super) fn configure(settings: &Settings) {
     }
 }
 
-/// Sets the high time of the PWM from its next period on, 0 to [`Outputs::FULL`].
+/// Sets the high time of the PWM at once, 0 to [`Outputs::FULL`].
 #[inline]
 pub(super) fn set_pulse(duty: u32) {
     if let Some(pwm) = &chosen::WIRING.pwm {

@@ -22,7 +22,7 @@ use leadscrew::units::CORE_MHZ;
 
 use super::{
     inputs,
-    pac::Interrupt,
+    pac::{self, Interrupt},
     release::{PREPARE, SEGMENT_START},
 };
 
@@ -54,8 +54,9 @@ const CYCLES_PER_US: u32 = CORE_MHZ;
 /// Time of each task's release by software, with bit 0 set; 0 once the task has started.
 static RELEASED: [AtomicU32; TASKS] = [const { AtomicU32::new(0) }; TASKS];
 
-/// Starts the cycle counter.
-pub(super) fn init(control: &mut DCB, watch: &mut DWT) {
+/// Starts the cycle counter. It counts, and a debugger reads memory, also while the processor sleeps.
+pub(super) fn init(control: &mut DCB, watch: &mut DWT, debug: &pac::DBGMCU) {
+    debug.cr().modify(|_, w| w.dbg_sleep().set_bit());
     control.enable_trace();
     watch.enable_cycle_counter();
 }

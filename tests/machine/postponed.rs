@@ -9,9 +9,14 @@ const WAITS: &str = ", not stored yet: ";
 
 /// A machine whose spindle runs, and the index of the first offset in it that waits: the flash is full.
 fn machine_with_full_flash() -> (Machine, u32) {
+    machine_with("M3 S1000\n")
+}
+
+/// The same by a line that switches the spindle on.
+fn machine_with(spindle: &str) -> (Machine, u32) {
     let mut machine = Machine(Box::new(Simulator::new(&Settings::default())));
     machine.ask("");
-    assert_eq!(machine.ask("M3 S1000\n"), "ok\r\n");
+    assert_eq!(machine.ask(spindle), "ok\r\n");
     for index in 1..400 {
         match machine.ask(&format!("G10 L2 P1 X{index}\n")).as_str() {
             "ok\r\n" => assert!(!machine.ask("$I+\n").contains(WAITS)),
@@ -60,6 +65,16 @@ fn an_offset_waits_while_the_spindle_runs_and_is_stored_when_it_is_off() {
     assert!(machine.ask("$#\n").contains(&format!("[G54:{index}.000,")));
     assert!(machine.ask("$#\n").contains("[G55:5.000,"));
     assert!(machine.ask("$$\n").contains("$110=700.000\r\n"));
+}
+
+#[test]
+fn an_offset_waits_while_a_spindle_without_a_speed_is_on() {
+    let (mut machine, _) = machine_with("M4\n");
+    let erases = machine.0.flash().erases();
+    assert!(machine.ask("$I+\n").contains(WAITS));
+    assert_eq!(machine.0.flash().erases(), erases);
+    machine.ask("M5\n");
+    assert!(!machine.ask("$I+\n").contains(WAITS));
 }
 
 #[test]

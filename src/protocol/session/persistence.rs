@@ -290,12 +290,14 @@ impl Session {
         })
     }
 
-    /// Returns whether flash may be erased now: at Idle only, with spindle and laser off.
+    /// Returns whether flash may be erased now: at Idle only, with spindle and laser off. A spindle that is on at
+    /// speed 0 may turn all the same, by a relay.
     #[inline(never)]
     #[must_use]
     pub fn erasing(&self, machine: &Snapshot) -> Erasing {
         let is_idle = machine.state == State::Idle && self.is_done(machine);
-        if is_idle && machine.spindle == Spindle::Off {
+        let is_on = !self.settings().laser && self.interpreter.modal().spindle != Spindle::Off;
+        if is_idle && !is_on && machine.spindle == Spindle::Off {
             Erasing::Allowed
         } else {
             Erasing::Postponed

@@ -256,7 +256,7 @@ impl<F: NorFlash> Journal<F> {
 
     /// Returns everything that is stored; `None` when nothing ever was.
     fn read_all(&mut self) -> Result<Option<Stored>, Fault> {
-        self.sectors.recover().or(Err(StoreError::Flash))?;
+        self.sectors.recover()?;
         let valid = self.fetch_generations()?;
         let mut newest = valid.unwrap_or_default();
         let mut is_empty = valid.is_none();

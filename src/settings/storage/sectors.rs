@@ -72,13 +72,15 @@ impl<F: NorFlash> Sectors<F> {
     }
 
     /// Repeats the erase that a power cut has interrupted.
-    pub(super) fn recover(&mut self) -> Result<(), F::Error> {
-        let last = self.last_erase()?;
+    pub(super) fn recover(&mut self) -> Result<(), PageError> {
+        let last = self.last_erase().or(Err(PageError::Flash))?;
         if let Some(last) = last
             && last.done == ERASED
         {
-            self.erase_sector(last.sector)?;
-            self.flash.write(last.entry + 4, &DONE)?;
+            self.check_erasing()?;
+            self.erase_sector(last.sector)
+                .and_then(|()| self.flash.write(last.entry + 4, &DONE))
+                .or(Err(PageError::Flash))?;
         }
         Ok(())
     }

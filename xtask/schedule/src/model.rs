@@ -20,6 +20,10 @@ const LOOK_AHEAD: u32 = 12;
 const WAITS_PER_DIVISION: u64 = 3;
 /// Longest transfer that an interrupt waits for: one to a peripheral on the slow bus.
 pub(crate) const OUTSTANDING_TRANSFER: u64 = 15;
+/// What a processor that sleeps in `idle` takes to wake, core cycles: data sheet of the STM32F405 (DS8626),
+/// wakeup timings of the low-power modes. It has no transfer under way then, so nothing is added for it.
+const WAKE_FROM_SLEEP: u64 = 5;
+const _: () = assert!(WAKE_FROM_SLEEP <= OUTSTANDING_TRANSFER);
 /// What a preemption costs at most apart from the cache: an abandoned `LDM` or division that begins
 /// again, ...
 pub(crate) const RESTART: u64 = 17;
