@@ -164,11 +164,16 @@ fn settings_table() -> Result<String> {
             shown(setting.value(&defaults), row.kind.decimals()),
         )?;
     }
+    text.push_str(ARC_MACHINE);
     text.push_str(&step_rates());
     text.push_str(JERK);
     text.push_str(CORE_XY);
     Ok(text)
 }
+
+/// Where the settings of the Pico arc machine are.
+const ARC_MACHINE: &str = "\n`$790` and `$794` are there on boards for [motors without drivers](pico.md#motors-without-drivers) and in the simulator\n\
+    only; `$791` can be 1 there only.\n";
 
 /// What limits of jerk do.
 const JERK: &str = "\n## Limits of jerk\n\n\
