@@ -41,6 +41,8 @@ mod watchdog;
 #[allow(dead_code, reason = "there are no inputs")]
 mod wiring;
 
+#[path = "chip.rs"]
+mod chip;
 #[path = "clock.rs"]
 mod clock;
 #[path = "echo.rs"]
@@ -55,8 +57,6 @@ mod kept;
 mod outputs;
 #[path = "player.rs"]
 mod player;
-#[path = "who.rs"]
-mod who;
 
 use cortex_m::Peripherals as Core;
 use stm32f4xx_hal::rcc::{BusClock, Rcc, RccExt as _};
@@ -123,9 +123,9 @@ pub(crate) fn bring_up() -> ! {
     if kept.stage() == 0 {
         let facts = kept.begin();
         facts.put("crystal", has_crystal.into());
-        who::read(facts, &device.FLASH, &device.DBGMCU, reset_flags);
+        chip::read(facts, &device.FLASH, &device.DBGMCU, reset_flags);
         player::play_all(facts, &mut core.SCB, core.SYST);
-        who::read_priorities(facts);
+        chip::read_priorities(facts);
     } else {
         faults::record(kept.stage(), cause, &mut kept);
     }

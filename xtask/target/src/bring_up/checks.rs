@@ -152,7 +152,7 @@ impl Parts<'_> {
 pub(super) fn judge(facts: &Facts, expected: &Expected) -> Vec<Check> {
     type Make = fn(&mut Parts<'_>, &Expected);
     let checks: [(&'static str, Make); 4] = [
-        ("Who", who),
+        ("Chip", chip),
         ("Step timer", step_timer),
         ("Serial", serial),
         ("Faults", faults),
@@ -175,7 +175,7 @@ pub(super) fn judge(facts: &Facts, expected: &Expected) -> Vec<Check> {
 const WORD: i64 = 0xffff_ffff;
 
 /// The chip is the one of the board's file, and its start-up is what the firmware counts on.
-fn who(parts: &mut Parts<'_>, expected: &Expected) {
+fn chip(parts: &mut Parts<'_>, expected: &Expected) {
     if let Some(chip) = expected.chip {
         parts.add_bits("chip", Need::Chip, "chip", 0xfff, chip);
     }

@@ -136,16 +136,16 @@ fn another_chip_or_another_start_up_fails_the_first_check() {
         ("priority of step", "priority.step", 0xff),
         ("priority of serial_rx", "priority.serial", 0xb0),
     ] {
-        assert_fails("Who", part, fact, Some(number));
-        assert_fails("Who", part, fact, None);
+        assert_fails("Chip", part, fact, Some(number));
+        assert_fails("Chip", part, fact, None);
     }
     let mut erased = good();
     for name in ["uid.0", "uid.1", "uid.2"] {
         erased.put(name, 0xffff_ffff);
     }
     let failed = with(Verdict::Failed, &erased);
-    assert_eq!(failed, [("Who", "unique number".to_owned())]);
-    assert_fails("Who", "unique number", "uid.1", None);
+    assert_eq!(failed, [("Chip", "unique number".to_owned())]);
+    assert_fails("Chip", "unique number", "uid.1", None);
 }
 
 #[test]
@@ -246,7 +246,7 @@ fn what_has_no_hardware_is_open_and_does_not_pass() {
     facts.put("chip", 0);
     facts.remove("fault.watchdog.cause");
     let open = with(Verdict::Open, &facts);
-    assert!(open.contains(&("Who", "chip".to_owned())), "{open:?}");
+    assert!(open.contains(&("Chip", "chip".to_owned())), "{open:?}");
     assert!(open.contains(&("Faults", "hang: cause after the reset".to_owned())));
     assert_eq!(with(Verdict::Failed, &facts), []);
 }
