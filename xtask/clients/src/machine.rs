@@ -14,7 +14,7 @@ use anyhow::{Context, Result, bail, ensure};
 use boards::Board;
 use common::{cargo, tools};
 use emulator::Emulator;
-use host::{machine::Ends, settings};
+use host::{machine::SwitchPositions, settings};
 use leadscrew::settings::{Settings, StepRate};
 use rustix::{
     fs::{Mode, OFlags},
@@ -169,7 +169,7 @@ fn firmware(
     for statement in &loaded.statements {
         emulator.set(statement, START)?;
     }
-    emulator.mount(&Ends::of(&loaded.settings))?;
+    emulator.mount(&SwitchPositions::of(&loaded.settings))?;
     let line = emulator.line()?;
     let emulator = Box::new(emulator);
     Ok((Machine::Firmware { emulator }, line, loaded.settings))

@@ -15,7 +15,7 @@ use std::{
 };
 
 use anyhow::{Context, Result, bail, ensure};
-use host::{machine::Ends, sender::Response};
+use host::{machine::SwitchPositions, sender::Response};
 use leadscrew::{axis::AXES, units::TICKS_PER_SECOND};
 use object::{Object, ObjectSymbol};
 use serde_json::{Value, json};
@@ -26,7 +26,7 @@ use crate::{Debugger, Patience, patience::Patient, serial::Serial};
 const FIGURES: &str = "FIGURES";
 const WORDS: usize = 17;
 /// Where it finds which contacts are closed: by hand, then where six limit switches close at their
-/// lower and upper ends, then the plate for the probe.
+/// lower and upper switches, then the plate for the probe.
 const CONTACTS: &str = "CONTACTS";
 /// The USART of the sender where the board is the one that QEMU emulates.
 pub const FIRST_USART: u8 = 1;
@@ -171,13 +171,13 @@ impl Emulator {
     }
 
     /// Mounts switches and a plate for the probe.
-    pub fn mount(&self, ends: &Ends) -> Result<()> {
+    pub fn mount(&self, switches: &SwitchPositions) -> Result<()> {
         const LIMITS: usize = 6;
         let mut words = [[i32::MIN; LIMITS], [i32::MAX; LIMITS]];
-        words[0][..AXES].copy_from_slice(&ends.low);
-        words[1][..AXES].copy_from_slice(&ends.high);
+        words[0][..AXES].copy_from_slice(&switches.low);
+        words[1][..AXES].copy_from_slice(&switches.high);
         let by_hand = [0];
-        let words = [&by_hand, words.as_flattened(), &[ends.plate]].concat();
+        let words = [&by_hand, words.as_flattened(), &[switches.plate]].concat();
         let words: Vec<u32> = words.into_iter().map(i32::cast_unsigned).collect();
         let mut debugger = self.debugger()?;
         debugger.write(self.contacts as u32, &words)?;

@@ -12,7 +12,7 @@ use leadscrew::{
 use serde::{Deserialize, Serialize};
 
 use crate::{
-    machine::Ends,
+    machine::SwitchPositions,
     play, sender,
     settings::{self, Dump},
 };
@@ -159,7 +159,7 @@ impl Facts {
             "the virtual machine cannot be where the machine is"
         );
         if needs_switches {
-            Ends::of(&settings).mount_on(&mut simulator);
+            SwitchPositions::of(&settings).mount_on(&mut simulator);
         }
         Ok(simulator)
     }

@@ -3,7 +3,7 @@
 mod pin;
 mod signals;
 
-pub use job::Ends;
+pub use job::SwitchPositions;
 pub use pin::Pin;
 pub use signals::Event;
 

@@ -14,7 +14,6 @@
 mod cases;
 mod columns;
 mod curves;
-mod ends;
 mod facts;
 pub mod figures;
 pub mod holes;
@@ -27,15 +26,16 @@ mod recording;
 mod refusals;
 pub mod sender;
 pub mod settings;
+mod switch_positions;
 #[cfg(test)]
 mod tests;
 mod vertex;
 mod waypoints;
 
-pub use ends::Ends;
 pub use facts::Job;
 pub use recording::Recording;
 pub use refusals::{Cause, Refusals, line_error};
+pub use switch_positions::SwitchPositions;
 pub use waypoints::Waypoint;
 
 #[cfg(test)]

@@ -7,7 +7,7 @@ use std::{
 };
 
 use anyhow::{Context, Result, bail, ensure};
-use host::{machine::Ends, output::Output, play, proven, settings::Loaded};
+use host::{machine::SwitchPositions, output::Output, play, proven, settings::Loaded};
 use leadscrew::{
     gcode::LineError,
     model::State,
@@ -36,7 +36,7 @@ impl PowerUp<'_> {
             Some(path) => self.stored(path)?,
         };
         if self.has_switches {
-            Ends::of(simulator.session().settings()).mount_on(&mut simulator);
+            SwitchPositions::of(simulator.session().settings()).mount_on(&mut simulator);
         }
         Ok(simulator)
     }

@@ -16,7 +16,7 @@ use common::{
     ui,
 };
 use host::{
-    machine::Ends,
+    machine::SwitchPositions,
     output::{self, Output},
     play::{self, Run},
     program::Program,
@@ -79,7 +79,7 @@ fn run(options: &Options) -> Result<ExitCode> {
     let mut output = Output::create(&path)?;
     let mut simulator = Box::new(Simulator::new(&loaded.settings));
     if options.switches {
-        Ends::of(&loaded.settings).mount_on(&mut simulator);
+        SwitchPositions::of(&loaded.settings).mount_on(&mut simulator);
     }
     play::unlock(&mut simulator);
     let mut recording = Recording::new(simulator.session());

@@ -4,7 +4,7 @@ use std::path::Path;
 
 use anyhow::{Context as _, Result};
 use job::{
-    Cause, Ends, Recording,
+    Cause, Recording, SwitchPositions,
     figures::Figures,
     play::{self, Playing},
     program::Program,
@@ -97,7 +97,7 @@ impl Run {
         let loaded = Loaded::of_dump(StepRate::of_image(step_rate_hz), file, &dump)?;
         let mut simulator = Box::new(Simulator::new(&loaded.settings));
         if has_switches {
-            Ends::of(&loaded.settings).mount_on(&mut simulator);
+            SwitchPositions::of(&loaded.settings).mount_on(&mut simulator);
         }
         play::unlock(&mut simulator);
         let recording = Recording::new(simulator.session());

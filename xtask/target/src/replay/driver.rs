@@ -5,7 +5,7 @@ use std::{path::Path, thread, time::Duration};
 use anyhow::{Context, Result, ensure};
 use emulator::{Emulator, Patience};
 use host::{
-    machine::Ends,
+    machine::SwitchPositions,
     sender::{InFlight, Response},
 };
 
@@ -177,8 +177,8 @@ impl Driver {
     }
 
     /// Mounts switches and a plate.
-    pub(super) fn mount(&self, ends: &Ends) -> Result<()> {
-        self.emulator.mount(ends)
+    pub(super) fn mount(&self, switches: &SwitchPositions) -> Result<()> {
+        self.emulator.mount(switches)
     }
 
     /// Closes contacts by hand.

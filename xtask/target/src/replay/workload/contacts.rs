@@ -1,7 +1,7 @@
 //! What contacts do: switches, probe, door and buttons.
 
 use anyhow::Result;
-use host::machine::Ends;
+use host::machine::SwitchPositions;
 use leadscrew::{axis::AXES, model::Levels};
 
 use super::{
@@ -11,7 +11,7 @@ use super::{
 use crate::replay::driver::Driver;
 
 /// Nothing is mounted.
-const BARE: Ends = Ends {
+const BARE: SwitchPositions = SwitchPositions {
     low: [i32::MIN; AXES],
     high: [i32::MAX; AXES],
     plate: i32::MIN,
@@ -86,7 +86,7 @@ pub(super) fn late(driver: &mut Driver, step_rate_hz: u32) -> Result<()> {
     for hundredths in (190..230).step_by(4) {
         begin(driver)?;
         let played = steps * f64::from(hundredths) / 100.0;
-        driver.mount(&Ends {
+        driver.mount(&SwitchPositions {
             plate: -(played as i32),
             ..BARE
         })?;

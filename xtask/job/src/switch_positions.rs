@@ -15,7 +15,7 @@ const BEYOND_MM: f64 = 1.0;
 const PLATE_MM: f64 = 10.0;
 
 /// Where switches close, in steps from where the machine stands at power-up: the middle.
-pub struct Ends {
+pub struct SwitchPositions {
     /// The limit switch of each axis at its lower end and below. It is farther away than the travel:
     /// an axis that was homed above has all of its travel.
     pub low: [i32; AXES],
@@ -25,7 +25,7 @@ pub struct Ends {
     pub plate: i32,
 }
 
-impl Ends {
+impl SwitchPositions {
     /// Of a machine with as much travel as these settings say.
     pub fn of(settings: &Settings) -> Self {
         let steps = |axis: usize, way_mm: f64| {
