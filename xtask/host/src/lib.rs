@@ -8,11 +8,11 @@
     reason = "a library of the tools beside it: errors are sentences, which the user is shown"
 )]
 
-pub mod facts;
 pub mod holder;
 pub mod interrupt;
 pub mod lock;
 pub mod machine;
+pub mod machine_answers;
 pub mod output;
 pub mod play;
 pub mod proven;

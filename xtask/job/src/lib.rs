@@ -14,9 +14,9 @@
 mod cases;
 mod columns;
 mod curves;
-mod facts;
 pub mod figures;
 pub mod holes;
+mod job;
 pub mod job_times;
 mod merge;
 pub mod play;
@@ -32,7 +32,7 @@ mod tests;
 mod vertex;
 mod waypoints;
 
-pub use facts::Job;
+pub use job::Job;
 pub use recording::Recording;
 pub use refusals::{Cause, Refusals, line_error};
 pub use switch_positions::SwitchPositions;

@@ -15,9 +15,9 @@ use leadscrew::{
 use crate::{
     columns::{Column, varint},
     curves::Curves,
-    facts::{Axis, HoleMark, Job, PathInfo, PlaceMark, Refused, SettingRow, Times},
     figures::Figures,
     holes,
+    job::{Axis, HoleMark, Job, PathInfo, PlaceMark, Refused, SettingRow, Times},
     merge::Merger,
     play::{self, Recorder},
     program_reader::ProgramReader,

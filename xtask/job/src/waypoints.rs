@@ -73,7 +73,7 @@ mod tests {
 
     use super::*;
     use crate::{
-        facts::{Axis, PathInfo},
+        job::{Axis, PathInfo},
         recording::Path,
         vertex::{Span, Vertex},
     };

@@ -125,13 +125,13 @@ fn rehearse(options: &Options, watch: &mut Watch, stop: &UnixStream) -> Result<O
     let Some(path) = file.filter(|path| **path != Path::new("-")) else {
         return Ok(None);
     };
-    let mut facts = watch.facts(stop)?;
+    let mut answers = watch.answers(stop)?;
     if let Some(settings) = options.settings.as_ref().filter(|_| !options.sim) {
         let text = fs::read_to_string(settings);
         let text = text.with_context(|| format!("cannot read {}", settings.display()))?;
-        facts.settings = text.lines().map(str::to_owned).collect();
+        answers.settings = text.lines().map(str::to_owned).collect();
     }
-    match Rehearsal::of(path, &facts) {
+    match Rehearsal::of(path, &answers) {
         Ok(Rehearsal { job, course }) => {
             watch.expect(course);
             Ok(Some(job))

@@ -5,7 +5,7 @@ use std::{fs, path::Path};
 use anyhow::{Context, Result};
 use common::ui;
 use host::{
-    facts::{Facts, searches},
+    machine_answers::{MachineAnswers, searches},
     output, play,
     play::Run,
     program::Program,
@@ -25,12 +25,12 @@ impl Rehearsal {
     ///
     /// # Errors
     /// It cannot be read, or the virtual machine cannot be as the machine is.
-    pub(crate) fn of(path: &Path, facts: &Facts) -> Result<Self> {
+    pub(crate) fn of(path: &Path, answers: &MachineAnswers) -> Result<Self> {
         let text = fs::read(path).with_context(|| format!("cannot read {}", path.display()))?;
         let needs_switches = text.split(|byte| *byte == b'\n').any(searches);
         drop(text);
         ui::status("Trying", "the job on the virtual machine");
-        let mut simulator = facts.simulator(needs_switches)?;
+        let mut simulator = answers.simulator(needs_switches)?;
         let mut recording = Recording::new(simulator.session());
         let program = Program::open(path)?;
         let run = Run {
@@ -44,7 +44,7 @@ impl Rehearsal {
             ui::warning(&format!("{refused} lines of the job are refused"));
         }
         let name = path.file_name().unwrap_or_default().to_string_lossy();
-        let job = recording.finish(&figures, &name, &facts.settings());
+        let job = recording.finish(&figures, &name, &answers.settings());
         let course = Course::new(&job.waypoints());
         Ok(Self { job, course })
     }
@@ -62,14 +62,14 @@ mod tests {
     fn a_job_is_known_from_where_the_machine_stands() {
         let mut file = tempfile::NamedTempFile::new().unwrap();
         write!(file, "G1 X20 F600\nG0 Z-300.5\nG1 Y10 F300\n").unwrap();
-        let facts = Facts {
+        let answers = MachineAnswers {
             settings: vec!["$110=3000".into(), "$120=1000".into()],
             parameters: vec!["[G54:5.000,7.000,0.000]".into()],
             modes: "[GC:G0 G54 G17 G21 G90 G94 M5 M9 T0 F0 S0]".into(),
             position: [5.0, 7.0, 0.0, 0.0, 0.0, 0.0][..AXES].to_vec(),
-            ..Facts::default()
+            ..MachineAnswers::default()
         };
-        let Rehearsal { job, course } = Rehearsal::of(file.path(), &facts).unwrap();
+        let Rehearsal { job, course } = Rehearsal::of(file.path(), &answers).unwrap();
         let points = job.waypoints();
         let (first, last) = (points[0], points[points.len() - 1]);
         assert_eq!(
@@ -91,11 +91,13 @@ mod tests {
     #[test]
     fn a_position_of_another_machine_is_told() {
         let file = tempfile::NamedTempFile::new().unwrap();
-        let facts = Facts {
+        let answers = MachineAnswers {
             position: vec![0.0; AXES + 1],
-            ..Facts::default()
+            ..MachineAnswers::default()
         };
-        let error = Rehearsal::of(file.path(), &facts).map(|_| ()).unwrap_err();
+        let error = Rehearsal::of(file.path(), &answers)
+            .map(|_| ())
+            .unwrap_err();
         assert!(error.to_string().contains("see --axes"), "{error}");
     }
 }

@@ -7,7 +7,7 @@ use std::{
 };
 
 use anyhow::{Context, Result, bail, ensure};
-use host::{facts::Facts, pty::Pty};
+use host::{machine_answers::MachineAnswers, pty::Pty};
 use rustix::{
     event::{PollFd, PollFlags, Timespec, poll},
     io::Errno,
@@ -110,7 +110,7 @@ impl Watch {
 
     /// Asks for everything that a job depends on. A machine that moves is asked for nothing: its job is taken
     /// for one that has begun at the work zero of now.
-    pub(crate) fn facts(&mut self, stop: &UnixStream) -> Result<Facts> {
+    pub(crate) fn answers(&mut self, stop: &UnixStream) -> Result<MachineAnswers> {
         let report = self.ask(b"?", ANSWER, stop, |sighting| match sighting {
             Sighting::Report(report) => Some(report.clone()),
             _ => None,
@@ -121,17 +121,17 @@ impl Watch {
             let offset = [0, 1, 2].map(|axis| machine[axis] - work[axis]);
             let text = offset.map(|offset| format!("{offset:.4}")).join(",");
             let rotary = vec![0.0; report.rotary.len()];
-            return Ok(Facts {
+            return Ok(MachineAnswers {
                 parameters: vec![format!("[G54:{text}]")],
                 position: offset.into_iter().chain(rotary).collect(),
-                ..Facts::default()
+                ..MachineAnswers::default()
             });
         }
         let mut settings = self.lines("$+", stop)?;
         if settings.is_empty() {
             settings = self.lines("$$", stop)?;
         }
-        let facts = Facts {
+        let answers = MachineAnswers {
             version: self.lines("$I", stop)?,
             settings,
             parameters: self.lines("$#", stop)?,
@@ -139,11 +139,14 @@ impl Watch {
             modes: self.lines("$G", stop)?.pop().unwrap_or_default(),
             position: Vec::new(),
         };
-        let is_in_inches = facts.settings().report_inches;
+        let is_in_inches = answers.settings().report_inches;
         let scale = if is_in_inches { 1.0 / 25.4 } else { 1.0 };
         let position = machine.iter().map(|mm| mm * scale);
         let position = position.chain(report.rotary).collect();
-        Ok(Facts { position, ..facts })
+        Ok(MachineAnswers {
+            position,
+            ..answers
+        })
     }
 
     /// What the machine says to a statement; nothing where it does not know it.

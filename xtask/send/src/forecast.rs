@@ -4,7 +4,7 @@ use std::collections::VecDeque;
 
 use anyhow::{Result, bail};
 use host::{
-    facts::{Facts, searches},
+    machine_answers::{MachineAnswers, searches},
     output, refusal,
     sender::Response,
 };
@@ -52,8 +52,8 @@ impl Forecast {
     ///
     /// # Errors
     /// It ends in an alarm.
-    pub(crate) fn of(facts: &Facts, lines: &[Vec<u8>], baud: u32) -> Result<Self> {
-        let mut simulator = facts.simulator(lines.iter().any(|line| searches(line)))?;
+    pub(crate) fn of(answers: &MachineAnswers, lines: &[Vec<u8>], baud: u32) -> Result<Self> {
+        let mut simulator = answers.simulator(lines.iter().any(|line| searches(line)))?;
         let start = simulator.now();
         let mut recorder = Recorder {
             lines,
@@ -204,15 +204,15 @@ mod tests {
     use leadscrew::settings::Settings;
 
     use super::*;
-    use host::facts::FAST;
+    use host::machine_answers::FAST;
 
-    fn facts() -> Facts {
+    fn answers() -> MachineAnswers {
         let mut simulator = Simulator::new(&Settings::default());
         let settings = host::play::ask(&mut simulator, b"$+\n");
-        Facts {
+        MachineAnswers {
             settings,
             position: vec![0.0; leadscrew::axis::AXES],
-            ..Facts::default()
+            ..MachineAnswers::default()
         }
     }
 
@@ -223,7 +223,7 @@ mod tests {
     #[test]
     fn the_time_that_is_left_goes_down_to_nothing() {
         let job = lines("G1 X10 F600\nX0\nG4 P2\nG4 P1");
-        let forecast = Forecast::of(&facts(), &job, FAST).unwrap();
+        let forecast = Forecast::of(&answers(), &job, FAST).unwrap();
         assert!(
             (6.0..8.0).contains(&forecast.total_s),
             "{}",
@@ -238,10 +238,10 @@ mod tests {
 
     #[test]
     fn what_is_refused_and_what_rises_an_alarm_is_known_before() {
-        let forecast = Forecast::of(&facts(), &lines("G0 X1\nG999"), FAST).unwrap();
+        let forecast = Forecast::of(&answers(), &lines("G0 X1\nG999"), FAST).unwrap();
         assert_eq!(forecast.refused.len(), 1);
         assert!(forecast.refused[0].contains("error:20"));
-        let mut guarded = facts();
+        let mut guarded = answers();
         guarded.settings.extend(["$22=1".into(), "$20=1".into()]);
         let error = Forecast::of(&guarded, &lines("G0 X-1\nG0 X-900"), FAST).unwrap_err();
         assert_eq!(error.to_string(), "line 2 would end in ALARM:2");
@@ -251,7 +251,7 @@ mod tests {
     fn lines_that_wait_in_the_machine_are_not_done() {
         let moves: Vec<_> = (1..400).map(|x| format!("G1 X{x} F600")).collect();
         let job = lines(&format!("{}\nG4 P0.1\nG1 X0\n", moves.join("\n")));
-        let forecast = Forecast::of(&facts(), &job, FAST).unwrap();
+        let forecast = Forecast::of(&answers(), &job, FAST).unwrap();
         assert_eq!(forecast.first_undone(0), 0);
         // All of these are answered before the first millimetre is done.
         assert_eq!(forecast.first_undone(5), 0);
@@ -295,8 +295,8 @@ mod tests {
             }
             let job = lines(&text.join("\n"));
             for baud in [FAST, 100_000] {
-                let forecast = Forecast::of(&facts(), &job, baud).unwrap();
-                let mut simulator = facts().simulator(false).unwrap();
+                let forecast = Forecast::of(&answers(), &job, baud).unwrap();
+                let mut simulator = answers().simulator(false).unwrap();
                 let bytes = job
                     .iter()
                     .flat_map(|line| line.iter().copied().chain([b'\n']));

@@ -5,7 +5,7 @@ use std::time::{Duration, Instant};
 use anyhow::{Result, bail, ensure};
 use leadscrew::gcode::LineError;
 
-use host::facts::Facts;
+use host::machine_answers::MachineAnswers;
 
 use crate::{link::Link, status::Status};
 
@@ -155,7 +155,7 @@ impl Machine {
     }
 
     /// Asks for everything that a job depends on.
-    pub(crate) fn facts(&mut self) -> Result<Facts> {
+    pub(crate) fn answers(&mut self) -> Result<MachineAnswers> {
         let timeout = self.timeout;
         let version = self.ask("$I", timeout)?;
         let settings = match self.try_ask("$+", timeout)? {
@@ -178,7 +178,7 @@ impl Machine {
                 .filter(|line| line.starts_with(start))
                 .collect()
         };
-        Ok(Facts {
+        Ok(MachineAnswers {
             version: starting(version, '['),
             settings: starting(settings, '$'),
             parameters: starting(parameters, '['),

@@ -25,8 +25,8 @@ use anyhow::{Context, Result, bail, ensure};
 use clap::Parser;
 use common::{BAUD, text::duration, ui};
 use host::{
-    facts::{FAST, Facts},
     interrupt,
+    machine_answers::{FAST, MachineAnswers},
     program::Program,
 };
 use rustix::event::PollFlags;
@@ -183,11 +183,11 @@ fn send(
         machine.come_to_rest()?;
     }
     machine.make_ready(options.home)?;
-    let facts = machine.facts()?;
-    let began = kept.map_or(&facts, |record| &record.began);
+    let answers = machine.answers()?;
+    let began = kept.map_or(&answers, |record| &record.began);
     let forecast = look_ahead(options, began, lines)?;
     let (approach, first) = if continues {
-        let entry = find_entry(options, kept, &facts, lines)?;
+        let entry = find_entry(options, kept, &answers, lines)?;
         show(&entry);
         ensure!(is_confirmed(options, keyboard, stop)?, "nothing was sent");
         (entry.approach, entry.line)
@@ -242,7 +242,7 @@ fn link(options: &Options) -> Result<Link> {
 }
 
 /// Runs the job on the virtual machine.
-fn look_ahead(options: &Options, began: &Facts, lines: &[Vec<u8>]) -> Result<Forecast> {
+fn look_ahead(options: &Options, began: &MachineAnswers, lines: &[Vec<u8>]) -> Result<Forecast> {
     let baud = if options.port.is_some() {
         options.baud
     } else {
@@ -271,7 +271,7 @@ fn look_ahead(options: &Options, began: &Facts, lines: &[Vec<u8>]) -> Result<For
 fn find_entry(
     options: &Options,
     kept: Option<&Record>,
-    facts: &Facts,
+    answers: &MachineAnswers,
     lines: &[Vec<u8>],
 ) -> Result<Entry> {
     let wanted = match (kept, options.from) {
@@ -285,11 +285,11 @@ fn find_entry(
         (None, Some(line)) => line as usize - 1,
         (None, None) => bail!("neither --resume nor --from is given"),
     };
-    let began = kept.map_or(facts, |record| &record.began);
-    let interpreter = |facts: &Facts| -> Result<_> {
-        Ok(facts.simulator(false)?.session().interpreter().clone())
+    let began = kept.map_or(answers, |record| &record.began);
+    let interpreter = |answers: &MachineAnswers| -> Result<_> {
+        Ok(answers.simulator(false)?.session().interpreter().clone())
     };
-    let now = interpreter(facts)?;
+    let now = interpreter(answers)?;
     let mut beginning = Beginning {
         interpreter: interpreter(began)?,
         is_placed: kept.is_some(),
@@ -301,7 +301,14 @@ fn find_entry(
         spin_up_s: options.spin_up as f32,
         tells_tool: kept.is_some_and(|record| record.measured.is_some()),
     };
-    let entry = resume::entry(lines, wanted, &beginning, &now, &facts.settings(), descent)?;
+    let entry = resume::entry(
+        lines,
+        wanted,
+        &beginning,
+        &now,
+        &answers.settings(),
+        descent,
+    )?;
     if entry.line < wanted {
         let (first, wanted) = (entry.line + 1, wanted + 1);
         println!("Line {wanted} cannot begin a job; it is continued at line {first}.");

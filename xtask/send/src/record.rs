@@ -11,7 +11,7 @@ use common::ui;
 use host::output;
 use serde::{Deserialize, Serialize};
 
-use host::facts::Facts;
+use host::machine_answers::MachineAnswers;
 
 /// How far a job has come.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -24,7 +24,7 @@ pub(crate) struct Record {
     #[serde(default)]
     pub(crate) measured: Option<usize>,
     /// The machine before the first line.
-    pub(crate) began: Facts,
+    pub(crate) began: MachineAnswers,
 }
 
 /// The file of a record.

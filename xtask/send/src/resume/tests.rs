@@ -7,7 +7,7 @@ use leadscrew::{
 };
 
 use super::*;
-use host::facts::FAST;
+use host::machine_answers::FAST;
 
 const DESCENT: Descent = Descent {
     feed_mm_min: 150.0,

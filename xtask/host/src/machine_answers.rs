@@ -22,7 +22,7 @@ pub const FAST: u32 = 10_000_000;
 
 /// The answers of a machine at rest.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
-pub struct Facts {
+pub struct MachineAnswers {
     /// Lines of `$I`.
     pub version: Vec<String>,
     /// Lines of `$+`, or of `$$`.
@@ -37,7 +37,7 @@ pub struct Facts {
     pub position: Vec<f64>,
 }
 
-impl Facts {
+impl MachineAnswers {
     /// The settings. Those of which another firmware has other limits are left as they are by default.
     pub fn settings(&self) -> Settings {
         let rate = self.version.iter().find_map(|line| step_rate(line));
@@ -224,7 +224,7 @@ mod tests {
     use super::*;
 
     /// What a virtual machine says of itself.
-    fn facts(simulator: &mut Simulator) -> Facts {
+    fn answers(simulator: &mut Simulator) -> MachineAnswers {
         let mut ask = |text: &str| play::ask(simulator, text.as_bytes());
         let report = ask("?");
         let position = report[0]
@@ -238,7 +238,7 @@ mod tests {
             .split(',')
             .map(|value| value.parse().unwrap())
             .collect();
-        Facts {
+        MachineAnswers {
             version: ask("$I\n"),
             settings: ask("$+\n"),
             parameters: ask("$#\n"),
@@ -261,15 +261,15 @@ mod tests {
                 .with_statements_at_rest()
                 .run(&mut refusal);
             assert_eq!(refusal.0, None);
-            let one = facts(&mut first);
-            let other = facts(&mut one.simulator(false).unwrap());
+            let one = answers(&mut first);
+            let other = answers(&mut one.simulator(false).unwrap());
             let modes = one
                 .modes
                 .replace("[GC:G0", "[GC:")
                 .replace("[GC:G1", "[GC:");
             assert_eq!(other.modes.replace("[GC:G0", "[GC:"), modes);
             assert_eq!(
-                Facts {
+                MachineAnswers {
                     modes: one.modes.clone(),
                     ..other
                 },
