@@ -143,7 +143,7 @@ mod app {
     fn idle(mut cx: idle::Context) -> ! {
         let requests = cx.shared.requests;
         loop {
-            board::watchdog::feed();
+            board::watchdog::feed_from_idle();
             if !cx
                 .shared
                 .serial
@@ -249,6 +249,8 @@ mod app {
             };
             if cx.shared.serial.lock(run) == Progress::Waiting {
                 released(&mut cx.shared.interpret_waker).await;
+            } else {
+                board::watchdog::feed_between_runs();
             }
         }
     }

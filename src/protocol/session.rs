@@ -485,6 +485,9 @@ impl Session {
             // With entries waiting, the machine need not be attended to before each line.
             let continues =
                 is_busy && self.stage == LineStage::Reading && progress == Progress::Again;
+            // An arc in whole steps is gone through before it begins: one in a run.
+            #[cfg(arc_machine)]
+            let continues = continues && self.settings().arc_rule == 0;
             if !continues || links.requests.reset_count() != self.machine_sync.reset_count {
                 return progress;
             }

@@ -8,8 +8,9 @@ use crate::{
     units::{MicroDegrees, Nm, StepsPerMm},
 };
 
-/// Most steps of an arc of one axis: the area of each is summed up before the arc begins.
-const MOST_STEPS: i64 = 500_000;
+/// Most steps of an arc of one axis: the area of each is summed up before the arc begins, in one run of `interpret`.
+/// Twice as many of both axes, of 120 cycles each, are 36 ms, and the watchdog waits for 100 ms.
+const MOST_STEPS: i64 = 25_000;
 
 impl Geometry {
     /// Returns the same with the steps of an arc, if there are any, no faster than arcs in whole steps can be.
