@@ -3,7 +3,7 @@
 use std::collections::VecDeque;
 
 use leadscrew::{
-    axis::{AXES, Axes},
+    axis::{Axes, X, Y},
     gcode::CompensationMode,
     model::{
         Levels, State, WorkCoordinates,
@@ -17,7 +17,7 @@ use leadscrew::{
 use crate::{
     action::Action,
     rules::MotionRules,
-    setup::{STEPS_PER_MM, Setup, TRAVEL_MM},
+    setup::{Kind, STEPS_PER_MM, Setup, TRAVEL_MM},
 };
 
 const SECOND: u64 = TICKS_PER_SECOND as u64;
@@ -45,6 +45,8 @@ pub(crate) enum Fault {
     ReportLate,
     /// A record that is not in the flash after the power failed.
     RecordLost,
+    /// The motors of `CoreXY` are wired to each other's outputs.
+    MotorsSwapped,
 }
 
 /// The machine and what is known of it.
@@ -72,7 +74,7 @@ pub(crate) struct Bench {
     /// The contacts that are closed.
     closed: Levels,
     /// Physical steps before the last loss of power, and the difference to the machine's own count.
-    moved: [i32; AXES],
+    moved: Axes<i32>,
     offset: Axes<i32>,
     /// The machine may have homed since the offset was taken.
     may_have_homed: bool,
@@ -107,7 +109,7 @@ impl Bench {
             silent_at: SECOND,
             asked: None,
             closed: Levels::NONE,
-            moved: [0; AXES],
+            moved: Axes::all(0),
             offset: Axes::all(0),
             may_have_homed: false,
             may_be_stored: Vec::new(),
@@ -119,7 +121,7 @@ impl Bench {
         bench.simulator.settle();
         bench.note_stored();
         bench.run(SECOND / 10);
-        if setup != Setup::Laser {
+        if setup.kind != Kind::Laser {
             bench.send("$H");
             assert!(bench.comes_to_rest(60 * SECOND), "homing has no end");
             bench.take_offset();
@@ -348,11 +350,14 @@ impl Bench {
         };
         self.motion.check(edge, counted);
         if self.setup.has_travel() && !self.may_have_homed {
-            for (axis, steps) in self.motion.steps().iter().enumerate() {
-                let place = steps - self.offset[axis];
+            let steps = self.motion.steps();
+            let counted = Axes::from_fn(|motor| steps[motor] - self.offset[motor]);
+            // Two motors that are half a step off at most put an axis half a step off; others make whole ones.
+            let travel = -2 * TRAVEL_MM * STEPS_PER_MM - 1..=1;
+            for (axis, place) in self.setup.half_steps_of(&counted).into_iter().enumerate() {
                 assert!(
-                    (-TRAVEL_MM * STEPS_PER_MM..=0).contains(&place),
-                    "axis {axis} leaves its travel: step {place}"
+                    travel.contains(&place),
+                    "axis {axis} leaves its travel: half step {place}"
                 );
             }
         }
@@ -481,12 +486,19 @@ impl Bench {
             return;
         }
         let programmed = session.interpreter().position();
-        for (axis, steps) in self.simulator.snapshot().steps.iter().enumerate() {
-            let exact = programmed[axis].0 as f64 * 1.0e-6 * f64::from(STEPS_PER_MM);
+        let axes = programmed
+            .0
+            .map(|at| at.0 as f64 * 1.0e-6 * f64::from(STEPS_PER_MM));
+        let mut motors = self.setup.motors_of(axes);
+        if self.fault == Some(Fault::MotorsSwapped) && self.setup.is_core_xy {
+            motors.swap(X, Y);
+        }
+        let steps = self.simulator.snapshot().steps;
+        for (motor, (exact, steps)) in motors.iter().zip(&steps).enumerate() {
             let difference = (exact - f64::from(*steps)).abs();
             assert!(
                 difference <= 0.501,
-                "axis {axis} is programmed to {exact} steps and stands at {steps}"
+                "motor {motor} is programmed to {exact} steps and stands at {steps}"
             );
         }
     }
@@ -504,7 +516,7 @@ impl Bench {
             flash.contents_mut().fill(0xff);
         }
         *self.simulator = Simulator::power_up(flash, self.step_rate);
-        self.setup.mount(&mut self.simulator, self.moved);
+        self.setup.mount(&mut self.simulator, &self.moved);
         let session = self.simulator.session();
         let stored = (session.stored().clone(), session.tools().clone());
         let is_known = self.may_be_stored.contains(&stored)

@@ -23,7 +23,7 @@ pub(crate) struct MotionRules {
     pulses: Pulses,
     /// Steps of each motor since power-up.
     steps: Axes<i32>,
-    /// The newest steps of each axis, as many as fit a window at the greatest speed.
+    /// The newest steps of each motor, as many as fit a window at the greatest speed.
     newest: [VecDeque<u64>; AXES],
 }
 
@@ -60,7 +60,7 @@ impl MotionRules {
                 let ticks = edge.ticks - first;
                 assert!(
                     ticks >= WINDOW_TICKS,
-                    "axis {axis} is too fast: {STEPS_IN_WINDOW} steps in {ticks} ticks"
+                    "motor {axis} is too fast: {STEPS_IN_WINDOW} steps in {ticks} ticks"
                 );
             }
         }
