@@ -24,7 +24,7 @@ use std::{
 };
 
 use anstream::println;
-use anyhow::{Context, Result, ensure};
+use anyhow::{Context, Result};
 use clap::Parser;
 use common::{
     cargo,
@@ -157,10 +157,6 @@ fn run(options: &Options) -> Result<ExitCode> {
         has_switches: options.switches,
     };
     let simulator = power_up.simulator()?;
-    ensure!(
-        !(options.quality && simulator.session().settings().core_xy),
-        "--quality measures the motors of axes: it has no measure for CoreXY ($795=1)"
-    );
     // Caught from here on: Ctrl-C leaves no file that is half written.
     let interrupted = interrupt::interruptions()?;
     let recording = Recording::create(options, simulator.session())?;

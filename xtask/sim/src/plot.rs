@@ -9,7 +9,12 @@ use chart::{Area, DASHED, Drawn, HEAD, PX, SPEED, WIDTH, draw_head, render};
 use leadscrew::axis::{AXES, LETTERS, LINEAR};
 use plotters::prelude::*;
 
-use crate::{marks::Marks, quality::Traces, samples::Motion, series::Series};
+use crate::{
+    marks::Marks,
+    quality::{self, Traces},
+    samples::Motion,
+    series::Series,
+};
 use path::Colouring;
 use strip::{Curve, Mark, Strip};
 
@@ -96,15 +101,29 @@ fn strips<'a>(picture: &Picture<'a>) -> Vec<Strip<'a>> {
         ..position(motion, axis)
     }));
     let measured = picture.traces.map(|traces| &traces.accelerations);
-    for axis in motion.moving(0..AXES) {
-        let series = measured.and_then(|all| of_axis(all, axis));
-        let series = series.unwrap_or(&motion.accelerations[axis]);
+    let has_motors = picture.traces.is_some_and(|traces| traces.is_core_xy);
+    let of = |axis| (axis, quality::name(axis, has_motors));
+    let accelerations: Vec<_> = match measured {
+        Some(measured) if has_motors => measured.iter().map(|(n, series)| (*n, series)).collect(),
+        _ => {
+            let moving = motion.moving(0..AXES);
+            let measured = |axis| measured.and_then(|all| of_axis(all, axis));
+            let series = |axis| measured(axis).unwrap_or(&motion.accelerations[axis]);
+            moving.map(|axis| (axis, series(axis))).collect()
+        }
+    };
+    for (axis, series) in accelerations {
         let limit = Some(picture.limits_mm_s2[axis]);
-        strips.push(derivative(axis, ("acceleration", "s²", 1.0), series, limit));
+        strips.push(derivative(
+            of(axis),
+            ("acceleration", "s²", 1.0),
+            series,
+            limit,
+        ));
     }
     for (axis, series) in picture.traces.iter().flat_map(|traces| &traces.jerks) {
         let limit = picture.limits_mm_s3[*axis];
-        strips.push(derivative(*axis, ("jerk", "s³", 0.001), series, limit));
+        strips.push(derivative(of(*axis), ("jerk", "s³", 0.001), series, limit));
     }
     if motion.power.greatest() > 0.0 {
         let what = if picture.is_laser { "laser" } else { "spindle" };
@@ -159,7 +178,7 @@ fn speed(motion: &Motion) -> Strip<'_> {
 
 /// An acceleration or jerk of an axis, with its limit.
 fn derivative<'a>(
-    axis: usize,
+    (axis, name): (usize, String),
     (what, per, scale): (&str, &str, f64),
     series: &'a Series,
     limit: Option<f64>,
@@ -177,10 +196,7 @@ fn derivative<'a>(
         None => Mark::text("no limit is set"),
     };
     Strip {
-        title: format!(
-            "{what} of {}, {thousand}{unit}/{per}",
-            char::from(LETTERS[axis])
-        ),
+        title: format!("{what} of {name}, {thousand}{unit}/{per}"),
         marks: vec![mark],
         curves: vec![Curve::new(AXIS_COLOURS[axis], series, scale)],
         range: -top..top,

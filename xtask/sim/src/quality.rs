@@ -9,6 +9,7 @@ mod axis;
 mod corners;
 mod fit;
 mod follow;
+mod gears;
 pub(crate) mod geometry;
 mod intervals;
 mod print;
@@ -17,14 +18,11 @@ mod sweep;
 #[cfg(test)]
 mod tests;
 
-use std::collections::VecDeque;
+use std::{array, collections::VecDeque};
 
 use host::program_reader::ProgramReader;
 use leadscrew::{
-    axis::{AXES, LETTERS},
-    model::timing::EVENT_SPACING_TICKS,
-    settings::Settings,
-    sim::Edge,
+    axis::AXES, model::timing::EVENT_SPACING_TICKS, settings::Settings, sim::Edge,
     units::TICKS_PER_SECOND,
 };
 use serde::Serialize;
@@ -33,7 +31,9 @@ use axis::Track;
 use corners::Corners;
 use fit::Crossing;
 use follow::{Deviation, Follower, Passed, Progress};
-use geometry::Point;
+use gears::Gears;
+pub(crate) use gears::name;
+use geometry::{Point, turned};
 use intervals::IntervalError;
 pub(crate) use print::text;
 use program::Programmed;
@@ -66,8 +66,8 @@ pub(crate) struct Smoothness {
 /// The figures of one axis that moved.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub(crate) struct AxisQuality {
-    /// Its letter.
-    pub(crate) axis: char,
+    /// Its letter; of a motor of `CoreXY`, `motor` and the letter of its outputs.
+    pub(crate) axis: String,
     /// How far step times are from those of a smooth motion.
     pub(crate) interval_error: IntervalError,
     #[serde(flatten)]
@@ -122,6 +122,8 @@ pub(crate) struct Traces {
     pub(crate) deviation: Series,
     /// What rounding to steps makes of it, mm.
     pub(crate) floor_mm: f64,
+    /// The curves of X and Y are those of the motors of `CoreXY`.
+    pub(crate) is_core_xy: bool,
 }
 
 /// The jerk limit of each axis, mm/s³; `None` where there is none.
@@ -157,9 +159,8 @@ pub(crate) struct Meter {
     taken: VecDeque<bool>,
     follower: Follower,
     is_path_known: bool,
-    steps_per_mm: Point,
-    accelerations: Point,
-    jerks: [Option<f64>; AXES],
+    is_core_xy: bool,
+    gears: Gears,
     tracks: [Track; AXES],
     path: Track,
     path_mm: f64,
@@ -185,24 +186,21 @@ impl Meter {
     /// A machine at the origin, which gets what this reads.
     pub(crate) fn new(reader: ProgramReader) -> Self {
         let settings = reader.settings();
-        let steps_per_mm = steps_per_mm(settings);
-        let accelerations = settings.acceleration_mm_s2.0.map(f64::from);
-        let jerks = jerk_limits(settings);
+        let gears = Gears::of(settings);
         Self {
+            is_core_xy: settings.core_xy,
+            tracks: steps_per_mm(settings).map(Track::of_axis),
+            corners: corners::Meter::new(resolved_mm_s(&gears.accelerations, &gears.steps_per_mm)),
+            follower: Follower::new(gears.steps_per_mm),
+            gears,
             programmed: Programmed::new(reader),
             taken: VecDeque::new(),
-            follower: Follower::new(steps_per_mm),
             is_path_known: true,
-            steps_per_mm,
-            accelerations,
-            jerks,
-            tracks: steps_per_mm.map(Track::of_axis),
             path: Track::of_path(),
             path_mm: f64::NEG_INFINITY,
             path_axis: None,
             feed_mm_s: None,
             speed_mm_s: 0.0,
-            corners: corners::Meter::new(resolved_mm_s(&accelerations, &steps_per_mm)),
             feed: FeedTime::default(),
             steps: [0; AXES],
             first_ticks: None,
@@ -261,7 +259,7 @@ impl Meter {
         let first = *self.first_ticks.get_or_insert(edge.ticks);
         let seconds = (edge.ticks - first) as f64 / f64::from(TICKS_PER_SECOND);
         let grain_s = grain_s(is_shared);
-        let signs: [i32; AXES] = std::array::from_fn(|axis| match edge.raise >> axis & 1 {
+        let signs: [i32; AXES] = array::from_fn(|axis| match edge.raise >> axis & 1 {
             0 => 0,
             _ if edge.directions >> axis & 1 == 0 => 1,
             _ => -1,
@@ -289,22 +287,17 @@ impl Meter {
             self.path.cut();
             self.corners.cut();
         }
-        let here = std::array::from_fn(|n| f64::from(self.steps[n]) / self.steps_per_mm[n]);
+        let here = array::from_fn(|n| f64::from(self.steps[n]) / self.gears.steps_per_mm[n]);
         self.corners.place(seconds, here);
         for (axis, sign) in signs.into_iter().enumerate().filter(|(_, sign)| *sign != 0) {
             self.tracks[axis].push(Crossing {
                 seconds,
                 position: f64::from(self.steps[axis]) - 0.5 * f64::from(sign),
                 grain_s,
-                limit: self.limits(axis),
+                limit: self.gears.limits[axis],
             });
         }
         self.last_ticks = edge.ticks;
-    }
-
-    /// The limits of an axis.
-    fn limits(&self, axis: usize) -> [f64; 2] {
-        [self.accelerations[axis], self.jerks[axis].unwrap_or(0.0)]
     }
 
     /// The limits along a direction: where each axis has its share of what is along the path.
@@ -314,20 +307,24 @@ impl Meter {
             let limits = axes.filter_map(|axis| Some(limit(axis)? / tangent[axis].abs()));
             limits.fold(f64::INFINITY, f64::min)
         };
-        let jerk = least(&|axis| self.jerks[axis]);
+        let jerk = least(&|axis| self.gears.jerks[axis]);
         [
-            least(&|axis| Some(self.accelerations[axis])),
+            least(&|axis| Some(self.gears.accelerations[axis])),
             if jerk.is_finite() { jerk } else { 0.0 },
         ]
     }
 
-    fn pass(&mut self, passed: Passed, seconds: f64) {
+    fn pass(&mut self, mut passed: Passed, seconds: f64) {
+        if self.is_core_xy {
+            passed.at = turned(&passed.at);
+        }
         let is_kink = passed.is_exact && passed.corner.turn_rad > KINK_RAD;
         if is_kink || passed.corner.is_stop {
             self.tracks.iter_mut().for_each(Track::turn);
         } else if passed.is_exact {
             let speed_mm_s = self.speed_mm_s.min(passed.corner.allowed_mm_s);
-            for (track, change) in self.tracks.iter_mut().zip(passed.corner.change) {
+            for (axis, track) in self.tracks.iter_mut().enumerate() {
+                let change = passed.corner.change[axis] * self.gears.ratios[axis];
                 track.allow(seconds, speed_mm_s * change.abs());
             }
         }
@@ -378,6 +375,7 @@ impl Meter {
         let mut traces = Traces {
             deviation: self.deviation,
             floor_mm: deviation.floor_mm,
+            is_core_xy: self.is_core_xy,
             ..Traces::default()
         };
         let path = self.path.finish();
@@ -387,14 +385,15 @@ impl Meter {
                 continue;
             }
             let finished = track.finish();
+            let [acceleration_limit_mm_s2, jerk_limit_mm_s3] = self.gears.limits[axis];
             traces.accelerations.push((axis, finished.accelerations));
             traces.jerks.push((axis, finished.jerks));
             axes.push(AxisQuality {
-                axis: char::from(LETTERS[axis]),
+                axis: name(axis, self.is_core_xy),
                 interval_error: path.interval_errors[axis],
                 smoothness: finished.smoothness,
-                acceleration_limit_mm_s2: self.accelerations[axis],
-                jerk_limit_mm_s3: self.jerks[axis],
+                acceleration_limit_mm_s2,
+                jerk_limit_mm_s3: self.gears.jerks[axis].map(|_| jerk_limit_mm_s3),
             });
         }
         let ticks = self.last_ticks - self.first_ticks.unwrap_or(self.last_ticks);

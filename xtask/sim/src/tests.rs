@@ -65,6 +65,53 @@ fn figures(folder: &Path, program: &str, more: &[&str]) -> Value {
     serde_json::from_slice(&fs::read(&json).unwrap()).unwrap()
 }
 
+#[test]
+fn a_core_xy_machine_keeps_the_limits_of_its_motors_on_the_programmed_path() {
+    let folder = tempfile::tempdir().unwrap();
+    let plot = folder.path().join("belts.svg").display().to_string();
+    let settings = [
+        "$795=1",
+        "$100=80",
+        "$102=80",
+        "$120=500",
+        "$121=300",
+        "$122=200",
+        "$800=20000",
+        "$801=20000",
+    ];
+    let set: Vec<_> = settings
+        .into_iter()
+        .flat_map(|set| ["--set", set])
+        .collect();
+    let program = "G1 X20 Y20 F1500\nX25\nG2 X35 Y30 I10 J0\nG3 X35 Y10 Z3 I0 J-10\nG1 Y5\nG18 G2 X45 Z3 I5 K0\nG1 X0 Y0 Z0\n";
+    let more = [&set[..], &["--quality", "--plot", &plot]].concat();
+    let whole = figures(folder.path(), program, &more);
+    assert_eq!(refused(&whole), Vec::<&str>::new());
+    let quality = &whole["quality"];
+    assert_eq!(quality["violations"], Value::Array(Vec::new()));
+    assert_eq!(quality["is_path_known"], true);
+    let axes = quality["axes"].as_array().unwrap();
+    let names: Vec<_> = axes
+        .iter()
+        .map(|axis| axis["axis"].as_str().unwrap())
+        .collect();
+    assert_eq!(names, ["motor X", "motor Y", "Z"]);
+    for (axis, limit) in axes.iter().zip([500.0, 300.0, 200.0]) {
+        assert_eq!(axis["acceleration_limit_mm_s2"], limit);
+        assert!(
+            axis["acceleration_mm_s2"]["of_limit"].as_f64().unwrap() > 0.5,
+            "{axis}"
+        );
+    }
+    // Chords of the arc in the plane of X and Z stay within $12, 0.002 mm.
+    let deviation = &quality["deviation"];
+    let [off, floor] = ["hausdorff_mm", "floor_mm"].map(|name| deviation[name].as_f64().unwrap());
+    assert!(off < floor + 0.002, "{deviation}");
+    let drawn = fs::read_to_string(&plot).unwrap();
+    assert!(drawn.contains("acceleration of motor X, mm/s²"));
+    assert!(drawn.contains("jerk of motor Y, 1000 mm/s³"));
+}
+
 fn refused(figures: &Value) -> Vec<&str> {
     let answers = figures["responses"].as_array().unwrap().iter();
     let texts = answers.map(|answer| answer[1].as_str().unwrap());

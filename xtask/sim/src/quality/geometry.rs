@@ -1,6 +1,6 @@
 //! The programmed path in double precision: lines, arcs and helices as curves over their length.
 
-use std::f64::consts::TAU;
+use std::f64::consts::{FRAC_1_SQRT_2, TAU};
 
 use leadscrew::{
     axis::{AXES, Axes},
@@ -26,6 +26,15 @@ pub(crate) fn dot(a: &Point, b: &Point) -> f64 {
 
 pub(crate) fn norm(a: &Point) -> f64 {
     dot(a, a).sqrt()
+}
+
+/// A place, or a direction, of X and Y along the directions in which the motors of `CoreXY` move the tool. They are at
+/// a right angle: every distance stays what it is, and doing it again undoes it.
+pub(crate) fn turned(at: &Point) -> Point {
+    let mut turned = *at;
+    let [x, y] = [at[0], at[1]];
+    [turned[0], turned[1]] = [x + y, x - y].map(|sum| sum * FRAC_1_SQRT_2);
+    turned
 }
 
 /// Linear axes: the way along a path counts along them where one of them moves.
@@ -63,6 +72,8 @@ pub(crate) struct Piece {
     begin: Point,
     end: Point,
     turn: Option<Turn>,
+    /// Its places and directions are those of [`turned`].
+    is_turned: bool,
     /// Its length, mm; degrees where only rotary axes move.
     pub(crate) length_mm: f64,
     /// Length of the path before it, mm.
@@ -147,10 +158,19 @@ impl Piece {
             begin,
             end,
             turn,
+            is_turned: false,
             length_mm: length(&way),
             from_mm: 0.0,
             feed_mm_s: None,
             corner: Corner::default(),
+        }
+    }
+
+    /// The same along the directions of the motors of `CoreXY`.
+    pub(super) fn turned(self) -> Self {
+        Self {
+            is_turned: true,
+            ..self
         }
     }
 
@@ -169,7 +189,11 @@ impl Piece {
             point[turn.axes[0]] = turn.centre[0] + radius * cosine;
             point[turn.axes[1]] = turn.centre[1] + radius * sine;
         }
-        point
+        if self.is_turned {
+            turned(&point)
+        } else {
+            point
+        }
     }
 
     /// Change of the position over the share.
@@ -181,7 +205,11 @@ impl Piece {
             slope[turn.axes[0]] = turn.radius[1] * cosine - radius * turn.sweep * sine;
             slope[turn.axes[1]] = turn.radius[1] * sine + radius * turn.sweep * cosine;
         }
-        slope
+        if self.is_turned {
+            turned(&slope)
+        } else {
+            slope
+        }
     }
 
     /// The direction where a share of its length is done: what the axes move for one mm of it.
@@ -273,14 +301,14 @@ mod tests {
         if A == 0 {
             return;
         }
-        let turned = |x: f64, y: f64, a: f64| {
+        let with_a = |x: f64, y: f64, a: f64| {
             let mut point = point(x, y, 0.0);
             point[A] = a;
             point
         };
-        let both = Piece::new(turned(0.0, 0.0, 0.0), turned(3.0, 4.0, 100.0), None);
+        let both = Piece::new(with_a(0.0, 0.0, 0.0), with_a(3.0, 4.0, 100.0), None);
         assert_eq!((both.length_mm, both.tangent(0.5)[A]), (5.0, 20.0));
-        let alone = Piece::new(turned(3.0, 4.0, 0.0), turned(3.0, 4.0, -100.0), None);
+        let alone = Piece::new(with_a(3.0, 4.0, 0.0), with_a(3.0, 4.0, -100.0), None);
         assert_eq!((alone.length_mm, alone.tangent(0.5)[A]), (100.0, -1.0));
     }
 

@@ -3,12 +3,14 @@
 use host::program_reader::ProgramReader;
 use leadscrew::{
     axis::{AXES, Axes},
-    model::{Circle, Command, FeedRate, Target},
-    settings::Settings,
+    model::{Circle, Command, FeedRate, Target, core_xy},
     units::{Nm, Steps, StepsPerMm},
 };
 
-use super::geometry::{Corner, Piece, Point, dot, millimetres, minus, norm};
+use super::{
+    Gears,
+    geometry::{Corner, Piece, Point, dot, millimetres, minus, norm},
+};
 
 /// The path of a program.
 pub(crate) struct Programmed {
@@ -18,6 +20,8 @@ pub(crate) struct Programmed {
     steps: Axes<Steps>,
     tangent: Option<Point>,
     length_mm: f64,
+    /// The acceleration along each axis, or along the direction in which a motor of `CoreXY` moves the tool, mm/s².
+    accelerations: Point,
     is_stop: bool,
 }
 
@@ -25,6 +29,7 @@ impl Programmed {
     /// From the origin.
     pub(crate) fn new(reader: ProgramReader) -> Self {
         Self {
+            accelerations: Gears::of(reader.settings()).accelerations,
             reader,
             sent: Axes::all(Nm(0)),
             steps: Axes::all(Steps(0)),
@@ -79,9 +84,18 @@ impl Programmed {
         circle: Option<&Circle>,
     ) -> Option<Piece> {
         let scales = self.reader.settings().steps_per_mm;
-        let steps = scales.zip(target.position, |scale, nm| scale.steps_at(nm).0);
+        let is_core_xy = self.reader.settings().core_xy;
+        let motors = if is_core_xy {
+            core_xy::motors_of(target.position)
+        } else {
+            target.position
+        };
+        let steps = scales.zip(motors, |scale, nm| scale.steps_at(nm).0);
         let (begin, end) = (millimetres(&self.sent), millimetres(&target.position));
         let mut piece = Piece::new(begin, end, circle);
+        if is_core_xy {
+            piece = piece.turned();
+        }
         if steps == self.steps && (circle.is_none() || self.is_tiny(&piece)) {
             return None;
         }
@@ -117,10 +131,32 @@ impl Programmed {
         Corner {
             turn_rad: turn(&before, &after),
             change: minus(&after, &before),
-            allowed_mm_s: allowed_mm_s(self.reader.settings(), &before, &after),
+            allowed_mm_s: self.allowed_mm_s(&before, &after),
             is_stop: self.is_stop,
             is_regeared: !(0.5..=2.0).contains(&(norm(&after) / norm(&before))),
         }
+    }
+
+    /// The speed in a corner that the junction deviation allows (S. Jeon 2011): on the circle that
+    /// touches both directions and passes the corner at that distance, within the acceleration that the
+    /// axes have in the direction of the change. Another share of a rotary axis is a change, too.
+    fn allowed_mm_s(&self, before: &Point, after: &Point) -> f64 {
+        let change = minus(after, before);
+        let size = norm(&change);
+        let cosine = (0.5 * turn(before, after)).cos();
+        if size < 1.0e-9 {
+            return f64::INFINITY;
+        }
+        let limits = &self.accelerations;
+        let acceleration = (0..AXES)
+            .filter(|axis| change[*axis] != 0.0)
+            .map(|axis| limits[axis] * size / change[axis].abs())
+            .fold(f64::INFINITY, f64::min);
+        let deviation = f64::from(self.reader.settings().junction_deviation_mm);
+        let sine_sqr = dot(&change, &change) / 4.0;
+        // cos / (1 - cos), without the difference that cancels.
+        let radius = deviation * cosine * (1.0 + cosine) / sine_sqr;
+        (acceleration * radius.max(0.0)).sqrt()
     }
 }
 
@@ -131,30 +167,10 @@ fn turn(before: &Point, after: &Point) -> f64 {
     2.0 * norm(&minus(&after, &before)).atan2(norm(&sum))
 }
 
-/// The speed in a corner that the junction deviation allows (S. Jeon 2011): on the circle that
-/// touches both directions and passes the corner at that distance, within the acceleration that the
-/// axes have in the direction of the change. Another share of a rotary axis is a change, too.
-fn allowed_mm_s(settings: &Settings, before: &Point, after: &Point) -> f64 {
-    let change = minus(after, before);
-    let size = norm(&change);
-    let cosine = (0.5 * turn(before, after)).cos();
-    if size < 1.0e-9 {
-        return f64::INFINITY;
-    }
-    let limits = &settings.acceleration_mm_s2;
-    let acceleration = (0..AXES)
-        .filter(|axis| change[*axis] != 0.0)
-        .map(|axis| f64::from(limits[axis]) * size / change[axis].abs())
-        .fold(f64::INFINITY, f64::min);
-    let deviation = f64::from(settings.junction_deviation_mm);
-    let sine_sqr = dot(&change, &change) / 4.0;
-    // cos / (1 - cos), without the difference that cancels.
-    let radius = deviation * cosine * (1.0 + cosine) / sine_sqr;
-    (acceleration * radius.max(0.0)).sqrt()
-}
-
 #[cfg(test)]
 mod tests {
+    use leadscrew::settings::Settings;
+
     use super::*;
 
     fn pieces(lines: &[&str]) -> Vec<Piece> {

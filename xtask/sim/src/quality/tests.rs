@@ -1,5 +1,7 @@
 //! Analytic motions through the meter.
 
+use std::f64::consts::SQRT_2;
+
 use host::program_reader::ProgramReader;
 use leadscrew::{
     axis::{AXES, Axes},
@@ -138,6 +140,49 @@ fn a_perfect_trapezoid_has_no_error_and_its_own_peaks() {
     assert!((quality.job_time_s - total).abs() < 0.02);
     assert_eq!(quality.corners.count, 0);
     assert!(quality.violations.is_empty());
+}
+
+#[test]
+fn the_motors_of_core_xy_are_measured_and_the_way_of_the_tool_is_theirs() {
+    let settings = Settings {
+        core_xy: true,
+        ..settings()
+    };
+    // Along X both turn, along a diagonal one alone: 35.355 mm of the tool, at 50/√2 mm/s.
+    for (program, shares, length) in [
+        ("G1 X50 F3000", [1.0, 1.0], 1.0),
+        ("G1 Y-50 F3000", [-1.0, 1.0], 1.0),
+        ("G1 X25 Y25 F2121.320", [1.0, 0.0], SQRT_2.recip()),
+        ("G1 X-25 Y25 F2121.320", [0.0, -1.0], SQRT_2.recip()),
+        ("G1 X40 Y10 F2473.863", [1.0, 0.6], 0.68_f64.sqrt()),
+    ] {
+        let (total, way) = trapezoid(50.0);
+        let steps = steps_of(total, |t| shares.map(|share| share * way(t)));
+        let quality = measured(&settings, &[program], &steps);
+        let motors = shares.into_iter().zip(["motor X", "motor Y"]);
+        let turning: Vec<_> = motors.filter(|(share, _)| *share != 0.0).collect();
+        assert_eq!(quality.axes.len(), turning.len());
+        for (motor, (share, name)) in quality.axes.iter().zip(turning) {
+            assert_eq!(motor.axis, name);
+            let acceleration = &motor.smoothness.acceleration_mm_s2;
+            let part = acceleration.value / (500.0 * f64::abs(share));
+            assert!((part - 1.0).abs() < 0.02, "{program}: {acceleration:?}");
+            assert_eq!(motor.acceleration_limit_mm_s2, 500.0);
+            assert!(motor.interval_error.rms < 0.000_5, "{program}: {motor:?}");
+        }
+        let path = &quality.path.acceleration_mm_s2;
+        let part = path.value / (500.0 * length);
+        assert!((part - 1.0).abs() < 0.02, "{program}: {path:?}");
+        let of_limit = path.of_limit.unwrap();
+        assert!((of_limit - 1.0).abs() < 0.02, "{program}: {path:?}");
+        let deviation = &quality.deviation;
+        assert!(
+            deviation.hausdorff_mm < deviation.floor_mm + 1.0e-9 && deviation.floor_mm < 0.006_3,
+            "{program}: {deviation:?}"
+        );
+        assert!((quality.feed.at_feed_s - total + 0.2).abs() < 0.01);
+        assert_eq!(quality.violations, Vec::<String>::new());
+    }
 }
 
 #[test]
