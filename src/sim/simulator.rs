@@ -74,8 +74,13 @@ impl Simulator {
     #[must_use]
     pub fn ganged(settings: &Settings, axes: u8) -> Self {
         let mut simulator = Self::new(settings);
-        simulator.drive = Drive::ganged(settings, axes);
+        simulator.gang(axes);
         simulator
+    }
+
+    /// Gives some axes of a machine that has just been switched on a second motor with a switch each, bit 0 = X.
+    pub fn gang(&mut self, axes: u8) {
+        self.drive = Drive::ganged(self.session.settings(), axes);
     }
 
     /// Returns a machine that is switched on for the first time.

@@ -2,6 +2,7 @@
 
 mod coils;
 mod contour;
+mod gantry;
 mod marks;
 mod plot;
 mod power_up;
@@ -42,6 +43,7 @@ use host::{
 };
 use leadscrew::{axis::AXES, settings::Settings, sim::Simulator};
 
+use gantry::{SecondMotor, Sides};
 use power_up::PowerUp;
 use recorder::Recording;
 use serve::{Server, Tcp, Terminal};
@@ -111,6 +113,15 @@ struct Options {
     /// probe plate 10 mm above the low end of Z
     #[arg(long, conflicts_with_all = ["on_target", "session"])]
     switches: bool,
+    /// Give X, Y or Z a second motor with a limit switch of its own, so far ahead of the first one: 'Y=3' is a
+    /// gantry that is skewed by 3 mm. Homing squares it, and where both motors stand is printed; repeatable
+    #[arg(
+        long,
+        value_name = "AXIS=MM",
+        requires = "switches",
+        conflicts_with_all = ["on_target", "session", "pty", "tcp"]
+    )]
+    second: Vec<SecondMotor>,
     /// Begin the program locked where homing is on ($22=1), as a machine is at power-up
     #[arg(long, requires = "file", conflicts_with = "on_target")]
     locked: bool,
@@ -155,6 +166,7 @@ fn run(options: &Options) -> Result<ExitCode> {
         tools: &tools,
         flash: options.flash.as_deref(),
         has_switches: options.switches,
+        second: &options.second,
     };
     let simulator = power_up.simulator()?;
     // Caught from here on: Ctrl-C leaves no file that is half written.
@@ -202,10 +214,12 @@ fn play(
         ui::warning("the machine has no switches and no probe: --switches mounts them");
     }
     summary::print(&figures);
+    let sides = Sides::of(&options.second, &simulator);
+    sides.iter().for_each(Sides::print);
     let name = name.file_name().unwrap_or_default().to_string_lossy();
     let settings = *simulator.session().settings();
     let is_clean = figures.is_clean();
-    let quality = recording.finish(figures, &settings, &name)?;
+    let quality = recording.finish(figures, sides, &settings, &name)?;
     if let Some(quality) = &quality {
         println!("{}", quality::text(quality));
     }
@@ -235,7 +249,7 @@ fn serve(
         (server.serve(&mut tcp, stop)?, title)
     };
     ui::status("Stopped", "");
-    recording.finish(figures, &settings, &name)?;
+    recording.finish(figures, Vec::new(), &settings, &name)?;
     Ok(ExitCode::SUCCESS)
 }
 

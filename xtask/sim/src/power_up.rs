@@ -14,7 +14,10 @@ use leadscrew::{
     sim::{Flash, Simulator},
 };
 
-use crate::tool_table::Tool;
+use crate::{
+    gantry::{self, SecondMotor},
+    tool_table::Tool,
+};
 
 /// How the machine is switched on.
 pub(crate) struct PowerUp<'a> {
@@ -26,6 +29,8 @@ pub(crate) struct PowerUp<'a> {
     pub(crate) flash: Option<&'a Path>,
     /// It has limit switches and a probe plate.
     pub(crate) has_switches: bool,
+    /// Axes with a second motor, which has a switch too.
+    pub(crate) second: &'a [SecondMotor],
 }
 
 impl PowerUp<'_> {
@@ -35,7 +40,9 @@ impl PowerUp<'_> {
             None => self.with_tools(Box::new(Simulator::new(&self.loaded.settings)))?,
             Some(path) => self.stored(path)?,
         };
-        if self.has_switches {
+        if !self.second.is_empty() {
+            gantry::mount(self.second, &mut simulator)?;
+        } else if self.has_switches {
             SwitchPositions::of(simulator.session().settings()).mount_on(&mut simulator);
         }
         Ok(simulator)

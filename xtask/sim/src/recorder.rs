@@ -20,6 +20,7 @@ use serde::Serialize;
 use crate::{
     Options,
     coils::CoilTable,
+    gantry::Sides,
     marks::MarkFinder,
     plot,
     quality::{self, Meter, Quality},
@@ -51,6 +52,8 @@ struct Drawing {
 struct Measured {
     #[serde(flatten)]
     figures: Figures,
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    second_motors: Vec<Sides>,
     #[serde(skip_serializing_if = "Option::is_none")]
     quality: Option<Quality>,
 }
@@ -102,6 +105,7 @@ impl Recording {
     pub(crate) fn finish(
         self,
         figures: Figures,
+        second_motors: Vec<Sides>,
         settings: &Settings,
         title: &str,
     ) -> Result<Option<Quality>> {
@@ -127,7 +131,11 @@ impl Recording {
             drawing.output.write_all(picture.as_bytes())?;
             drawing.output.finish()?;
         }
-        let measured = Measured { figures, quality };
+        let measured = Measured {
+            figures,
+            second_motors,
+            quality,
+        };
         if let Some(json) = self.json {
             json.finish_json(&measured)?;
         }

@@ -140,6 +140,72 @@ fn a_program_that_homes_probes_and_sets_runs_amid_switches() {
 }
 
 #[test]
+fn homing_squares_a_skewed_gantry_and_both_sides_are_told() {
+    let folder = tempfile::tempdir().unwrap();
+    let homes = [
+        "--switches",
+        "--set",
+        "$22=1",
+        "--set",
+        "$101=80",
+        "--set",
+        "$25=2000",
+    ];
+    let sides = |program: &str, more: &[&str]| {
+        let whole = figures(folder.path(), program, &[&homes[..], more].concat());
+        assert_eq!(refused(&whole), Vec::<&str>::new());
+        whole["second_motors"].clone()
+    };
+    assert_eq!(sides("$H\n", &[]), Value::Null);
+    let skewed = ["--second", "Y=3", "--second", "Z=-1.5"];
+    // Without homing both motors move as one.
+    let moved = &sides("G1 Y10 Z-5 F600\n", &skewed)[0];
+    assert_eq!(moved["ahead_steps"], serde_json::json!([240, 240]));
+    assert_eq!([&moved["first_mm"], &moved["second_mm"]], [10.0, 13.0]);
+    for direction in ["$23=0", "$23=7"] {
+        let more = [&skewed[..], &["--set", direction]].concat();
+        let homed = sides("$H\n", &more);
+        let homed = homed.as_array().unwrap();
+        assert_eq!(homed.len(), 2);
+        for (sides, (axis, before)) in homed.iter().zip([("Y", 240), ("Z", -375)]) {
+            assert_eq!(
+                (&sides["axis"], &sides["ahead_steps"][0]),
+                (&axis.into(), &before.into())
+            );
+            let ahead = sides["ahead_steps"][1].as_i64().unwrap();
+            assert!(ahead.abs() <= 1, "{sides}");
+            let [first, second] =
+                ["first_mm", "second_mm"].map(|name| sides[name].as_f64().unwrap());
+            let home = if direction == "$23=0" { -1.0 } else { -199.0 };
+            assert!(
+                (first - home).abs() < 0.02 && (second - home).abs() < 0.02,
+                "{sides}"
+            );
+        }
+    }
+}
+
+#[test]
+fn a_second_motor_that_cannot_be_is_refused() {
+    let folder = tempfile::tempdir().unwrap();
+    let program = folder.path().join("part.nc").display().to_string();
+    fs::write(&program, "$H\n").unwrap();
+    for (more, error) in [
+        (&["--second", "Y=1", "--second", "y=2"][..], "more than one"),
+        (&["--second", "Y=100"], "100 mm from the ends"),
+        (&["--second", "X", "--set", "$795=1"], "CoreXY"),
+    ] {
+        let line = [&["sim", program.as_str(), "--switches"], more].concat();
+        let options = Options::try_parse_from(line).unwrap();
+        let said = run(&options).unwrap_err().to_string();
+        assert!(said.contains(error), "{said}");
+    }
+    assert!(Options::try_parse_from(["sim", &program, "--second", "Y"]).is_err());
+    let served = ["sim", "--pty", "tty", "--switches", "--second", "Y"];
+    assert!(Options::try_parse_from(served).is_err());
+}
+
+#[test]
 fn a_program_begins_unlocked_unless_it_is_asked_for_otherwise() {
     let folder = tempfile::tempdir().unwrap();
     let homes = ["--set", "$22=1"];
