@@ -4,7 +4,7 @@ use std::str::FromStr;
 
 use anyhow::{Context, Error, Result, bail, ensure};
 use common::text::row;
-use host::machine::Ends;
+use host::machine::SwitchPositions;
 use leadscrew::{
     axis::{LETTERS, LINEAR, Y},
     model::Levels,
@@ -63,16 +63,16 @@ pub(crate) fn mount(motors: &[SecondMotor], simulator: &mut Simulator) -> Result
     }
     let axes = motors.iter().fold(0, |axes, motor| axes | 1 << motor.axis);
     simulator.gang(axes);
-    let ends = Ends::of(&settings);
-    ends.mount_on(simulator);
+    let positions = SwitchPositions::of(&settings);
+    positions.mount_on(simulator);
     for &SecondMotor { axis, ahead_mm } in motors {
         let homes_down = settings.homing_direction >> axis & 1 != 0;
         let switch = Switch {
             axis,
             closes: if homes_down {
-                Closes::DownFrom(ends.low[axis])
+                Closes::DownFrom(positions.low[axis])
             } else {
-                Closes::From(ends.high[axis])
+                Closes::From(positions.high[axis])
             },
             input: Levels::second_limits(1 << axis),
         };
