@@ -83,7 +83,7 @@ fn expected(arc: Arc) -> Vec<(usize, i32)> {
 }
 
 #[test]
-fn full_circles_are_those_of_the_sign() {
+fn a_full_circle_makes_the_steps_of_the_sign_rule() {
     for whole in (2..=24).chain([50, 100, 200]) {
         for rotation in ROTATIONS {
             for start in [[whole, 0], [0, whole], [-whole, 0], [0, -whole]] {

@@ -94,6 +94,7 @@ impl<R: Recorder> Recorder for Run<'_, R> {
             let bar = &self.bar;
             bar.suspend(|| println!("{}", refusal(number, line, response)));
         }
+        self.recorder.refused(number, line, response);
     }
 
     fn alarm(&mut self, answers: u64, text: &str) {
@@ -101,6 +102,7 @@ impl<R: Recorder> Recorder for Run<'_, R> {
             let bar = &self.bar;
             bar.suspend(|| println!("{:>8}  {}", format!("{answers}:"), text.red().bold()));
         }
+        self.recorder.alarm(answers, text);
     }
 
     fn stuck(&mut self, refusals: &Refusals) {
@@ -108,10 +110,12 @@ impl<R: Recorder> Recorder for Run<'_, R> {
             self.bar.finish_and_clear();
             summary::print_refusals(refusals);
         }
+        self.recorder.stuck(refusals);
     }
 
     fn read(&mut self, bytes: u64) {
         self.bar.set_position(bytes);
+        self.recorder.read(bytes);
     }
 
     fn wants_line_numbers(&self) -> bool {

@@ -200,7 +200,7 @@ mod tests {
     const PROGRAM: &str = "G21\nG0X3Y2\nG1X9F400\nG999\nM106\nM30\n";
 
     #[test]
-    fn pieces_of_a_job_are_the_whole_one() {
+    fn a_job_pumped_in_pieces_gives_the_figures_and_the_page_of_the_whole() {
         let mut run = Run::default();
         let texts = [PROGRAM, "$110=400\nok\n", "a.nc", "mill.txt"];
         let [whole, pieces] = [u32::MAX, 7].map(|changes| {

@@ -119,7 +119,7 @@ fn a_board_on_which_everything_is_well_passes_every_part() {
 }
 
 #[test]
-fn another_chip_or_another_start_up_fails_the_first_check() {
+fn another_chip_or_another_start_up_fails_the_check_of_the_chip() {
     for (part, fact, number) in [
         ("processor", "processor", 0x410f_c230),
         ("chip", "chip", 0x1007_6421),
