@@ -70,6 +70,8 @@ pub struct Watchdog {
     pub key: u32,
     /// ... and what that is.
     pub feed: u32,
+    /// How long it waits at least, µs.
+    pub period_us: f64,
     /// Functions with loops that may last and do not feed it.
     #[serde(default)]
     pub unfed: Vec<Exempt>,

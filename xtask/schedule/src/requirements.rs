@@ -14,6 +14,7 @@ pub(crate) fn of(config: &Config, report: &Report) -> (Vec<Requirement>, Vec<Fla
     let rates = points(config, report.axes).map(|point| rate(report, point));
     let waits = points(config, report.axes).filter_map(|point| wait(config, report, point));
     let required: Vec<Requirement> = { rates.chain(waits) }
+        .chain(watchdog(config, report))
         .chain(step_task(config, report))
         .collect();
     let missed = required.iter().filter(|it| !it.is_met);
@@ -50,6 +51,24 @@ fn wait(config: &Config, report: &Report, point: (u32, u32)) -> Option<Requireme
         required: most,
         found: found.round(),
         is_met: found <= most,
+    })
+}
+
+/// How long tasks with deadlines may keep `idle` from feeding the watchdog, at any of the rates.
+fn watchdog(config: &Config, report: &Report) -> Option<Requirement> {
+    let most = config.watchdog.as_ref()?.period_us;
+    let waits = report.undeadlined_waits.iter().map(|it| {
+        it.cycles.map_or(f64::INFINITY, |cycles| {
+            cycles as f64 * 1e6 / report.clock_hz as f64
+        })
+    });
+    let found = waits.fold(0.0, f64::max);
+    Some(Requirement {
+        what: "wait of the watchdog for tasks with deadlines".to_owned(),
+        unit: "µs".to_owned(),
+        required: most,
+        found: found.round(),
+        is_met: found > 0.0 && found < most,
     })
 }
 

@@ -967,7 +967,7 @@ fn response_times_follow_from_the_report_alone() {
 fn with_watchdog(project: Project) -> Project {
     project.configured(
         "[[exempt]]",
-        "[watchdog]\nkey = 0x4002_0018\nfeed = 0xaaaa\n\n\
+        "[watchdog]\nkey = 0x4002_0018\nfeed = 0xaaaa\nperiod_us = 100_000.0\n\n\
          [[watchdog.unfed]]\nfunction = \"rust_begin_unwind\"\nreason = \"the end\"\n\n\
          [[watchdog.unfed]]\nfunction = \"HardFault_\"\nreason = \"the end\"\n\n\
          [[watchdog.unfed]]\nfunction = \"DefaultHandler_\"\nreason = \"the end\"\n\n\
@@ -1005,6 +1005,19 @@ fn a_loop_that_waits_without_feeding_the_watchdog_is_caught() {
             "{flaws:#?}"
         );
     }
+}
+
+#[test]
+fn a_watchdog_that_waits_less_than_the_tasks_with_deadlines_may_take_is_caught() {
+    let project = or_skip!(Project::new("short-watchdog"));
+    let project = with_watchdog(project).with("idle", "device::write_pins(0xaaaa);");
+    let project = project.configured("period_us = 100_000.0", "period_us = 0.5");
+    let flaws = project.flaws();
+    let mut told = flaws.iter().filter(|flaw| flaw.rule == Rule::Requirement);
+    assert!(
+        told.any(|flaw| flaw.what.starts_with("wait of the watchdog")),
+        "{flaws:#?}"
+    );
 }
 
 /// What an initialisation may be made of.
