@@ -124,6 +124,7 @@ pub(crate) fn bring_up() -> ! {
         let facts = kept.begin();
         facts.put("crystal", has_crystal.into());
         chip::read(facts, &device.FLASH, &device.DBGMCU, reset_flags);
+        echo::await_early_byte();
         player::play_all(facts, &mut core.SCB, core.SYST);
         chip::read_priorities(facts);
     } else {

@@ -15,7 +15,9 @@ use leadscrew::{
 use rtt_target::{ChannelMode, UpChannel};
 
 use super::{
-    Facts, SERIAL_PRIORITY, clock, emulation, pac,
+    Facts, SERIAL_PRIORITY,
+    chosen::Usart,
+    clock, emulation, pac,
     serial::{FaultPort, Receiver, Transmitter},
     vectors,
 };
@@ -25,6 +27,8 @@ const BYTES: u32 = 1 << 20;
 const EMULATED_BYTES: u32 = 1 << 13;
 /// Says that what comes on the serial line from here on are answers.
 const MARK: &str = "\r\n[bring-up]\r\n";
+/// Asks for a byte, in the emulator.
+const ASKED: &str = "\r\n[byte]\r\n";
 /// Number of the RTT channel.
 const CHANNEL: usize = 0;
 /// Longest silence in the middle, cycles: half a second.
@@ -59,8 +63,30 @@ pub(super) fn unmask(nvic: &mut pac::NVIC) {
 #[unsafe(no_mangle)]
 #[expect(unsafe_code, reason = "a vector that RTIC does not manage")]
 extern "C" fn USART1() {
-    if let Some(Handler { receiver, received }) = handler() {
-        receiver.serve(&REQUESTS, received);
+    match handler() {
+        Some(Handler { receiver, received }) => receiver.serve(&REQUESTS, received),
+        // Somebody sends already: what nobody reads would run this for ever.
+        None => discard(),
+    }
+}
+
+/// Drops the byte that has come, if there is one, and an overrun: RM0090 30.6.1.
+#[expect(unsafe_code, reason = "nobody receives yet")]
+fn discard() {
+    // SAFETY: the receiver is not used before the exchange.
+    let usart = unsafe { &*Usart::ptr() };
+    let _ = usart.sr().read();
+    let _ = usart.dr().read();
+}
+
+/// In the emulator, asks for a byte and leaves it where it is: it must stop nothing that follows.
+#[expect(unsafe_code, reason = "nobody receives yet")]
+pub(super) fn await_early_byte() {
+    if emulation::is_emulated() {
+        let _ = FaultPort.write_str(ASKED);
+        // SAFETY: reads a register without side effects.
+        let usart = unsafe { &*Usart::ptr() };
+        while usart.sr().read().rxne().bit_is_clear() {}
     }
 }
 
@@ -80,7 +106,10 @@ pub(super) fn end(facts: &mut Facts, receiver: Receiver) -> ! {
     facts.put("serial.expected", bytes.into());
     let _ = FaultPort.write_str(MARK);
     FaultPort::drain();
+    await_early_byte();
     print(facts.text());
+    // Not one of those that are asked for now.
+    discard();
     print("ready\n");
     facts.clear();
     #[expect(unsafe_code, reason = "the handler has what it needs")]

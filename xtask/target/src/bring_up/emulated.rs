@@ -12,7 +12,7 @@ use boards::Board;
 use emulator::semihosting;
 
 use super::{
-    exchange::{exchange, listen},
+    exchange::{exchange, listen, send_early},
     facts::{END, Facts, READY},
 };
 
@@ -39,7 +39,9 @@ pub(super) fn run(board: &Board, elf: &Path) -> Result<Facts> {
     let mut facts = Facts::default();
     let result = (|| {
         facts.put("port", 1);
+        send_early(&mut from, &to)?;
         listen(&mut from, &mut facts)?;
+        send_early(&mut from, &to)?;
         read(&mut output, READY, &mut facts)?;
         let bytes = facts.get("serial.expected").unwrap_or_default();
         exchange(&mut from, to, bytes, &mut facts)?;

@@ -13,6 +13,8 @@ use super::facts::Facts;
 
 /// Says that what the board sends from there on are answers.
 const MARK: &[u8] = b"\r\n[bring-up]\r\n";
+/// Asks for a byte, in the emulator.
+const ASKED: &[u8] = b"\r\n[byte]\r\n";
 /// More than faults tell.
 const MOST_TOLD: usize = 1 << 16;
 /// What a fault tells the sender, and what the facts call it.
@@ -22,22 +24,34 @@ const TOLD: [(&str, &str); 3] = [
     ("told.interrupt", "[MSG:Fault: unknown interrupt]"),
 ];
 
+/// Sends a byte when the program in the emulator asks for one: to somebody who does not receive yet.
+pub(super) fn send_early(from: &mut dyn Read, mut to: impl Write) -> Result<()> {
+    told_until(from, ASKED)?;
+    to.write_all(b"$")
+        .context("cannot write to the serial line")
+}
+
 /// Reads what the board tells before the exchange, and counts the faults.
 pub(super) fn listen(from: &mut dyn Read, facts: &mut Facts) -> Result<()> {
+    let told = told_until(from, MARK)?;
+    for (name, message) in TOLD {
+        facts.count(name, told.matches(message).count());
+    }
+    Ok(())
+}
+
+/// Reads what the board tells up to a mark.
+fn told_until(from: &mut dyn Read, mark: &[u8]) -> Result<String> {
     let mut told = Vec::new();
     let mut byte = [0];
-    while !told.ends_with(MARK) {
+    while !told.ends_with(mark) {
         let length = from.read(&mut byte);
         let length = length.context("the board says nothing at its serial line")?;
         ensure!(length == 1, "the serial line is closed");
         ensure!(told.len() < MOST_TOLD, "the board does not come to its end");
         told.push(byte[0]);
     }
-    let told = String::from_utf8_lossy(&told);
-    for (name, message) in TOLD {
-        facts.count(name, told.matches(message).count());
-    }
-    Ok(())
+    Ok(String::from_utf8_lossy(&told).into_owned())
 }
 
 /// Sends so many bytes and counts what comes back, until everything has or nothing comes any more.
