@@ -100,7 +100,9 @@ pub(crate) fn bring_up() -> ! {
         semihosting::println!("skipped: `cargo xtask bring-up --qemu` runs it");
         semihosting::process::exit(0)
     }
-    stack::guard(&core.MPU);
+    if !emulation::is_unguarded() {
+        stack::guard(&core.MPU);
+    }
     clock::start(&mut core, &device.DBGMCU);
     if WIRING.has_bootloader {
         bootloader::undo(&device.RCC, &mut core.SYST, &mut core.NVIC);
@@ -128,9 +130,9 @@ pub(crate) fn bring_up() -> ! {
         player::play_all(facts, &mut core.SCB, core.SYST);
         chip::read_priorities(facts);
     } else {
-        faults::record(kept.stage(), cause, &mut kept);
+        faults::record(cause, reset_flags, &mut kept);
     }
-    faults::go_on(&mut kept, &device.IWDG, &device.DBGMCU);
+    faults::go_on(&mut kept, &device.IWDG, &device.DBGMCU, &core.MPU);
     echo::end(kept.end(), receiver)
 }
 

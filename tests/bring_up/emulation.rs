@@ -23,6 +23,11 @@ pub(super) fn is_wanted() -> bool {
     semihosting::fs::File::open(c"bring-up").is_ok()
 }
 
+/// Returns whether the folder of the emulator has the file that asks for a stack without a guard.
+pub(super) fn is_unguarded() -> bool {
+    is_emulated() && semihosting::fs::File::open(c"unguarded").is_ok()
+}
+
 /// The emulator has no watchdog.
 pub(super) const fn feed_watchdog() {}
 

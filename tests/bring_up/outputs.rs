@@ -19,6 +19,8 @@ pub(super) const START: usize = 0;
 pub(super) const ON: usize = 1;
 pub(super) const CYCLES: usize = 2;
 pub(super) const LEFT_ON: usize = 3;
+/// Where it is left that the watchdog has ended a hang.
+pub(super) const HAS_WATCHDOG: usize = 4;
 
 /// What a fault leaves if the outputs have not been switched off.
 pub(super) const NOT_REACHED: u32 = u32::MAX;

@@ -381,6 +381,13 @@ fn faults(parts: &mut Parts<'_>, _: &Expected) {
     for (fault, name, cause, need) in FAULTS {
         let fact = |what: &str| format!("fault.{fault}.{what}");
         let name = |what: &str| format!("{name}: {what}");
+        if parts.facts.get(&fact("unguarded")).is_some() {
+            parts.add(name("made"), need, "a stack with its guard", |_| {
+                let measured = "not made: the guard of the stack is not as it must be";
+                Some((measured.into(), false))
+            });
+            continue;
+        }
         parts.add(name("cause after the reset"), need, cause.text(), |facts| {
             let number = facts.get(&fact("cause"))?;
             let mut causes = ResetCause::ALL.into_iter();
@@ -402,6 +409,9 @@ fn faults(parts: &mut Parts<'_>, _: &Expected) {
             let (before, after) = (before?, after?);
             Some((format!("{after}, of {before}"), after == 0 && before > 0))
         });
+        // A handler that does not come to its end.
+        let by_watchdog = fact("by_watchdog");
+        parts.add_number(name("resets by the watchdog"), Need::Chip, &by_watchdog, 0);
     }
     parts.add_number(
         "processor faults told to the sender",

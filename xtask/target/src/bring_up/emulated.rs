@@ -18,16 +18,20 @@ use super::{
 
 /// The file by which the program knows that it is wanted.
 const WANTED: &str = "bring-up";
+/// The file that asks it for a stack without a guard.
+pub(super) const UNGUARDED: &str = "unguarded";
 /// An instruction takes 4 ns, whatever this computer does meanwhile: so the clock of the emulated timers is exact.
 const CLOCK: [&str; 2] = ["-icount", "shift=2"];
 /// Longest silence of the serial line.
 const LIMIT: Duration = Duration::from_secs(20);
 
-/// Runs the program and returns what it says.
-pub(super) fn run(board: &Board, elf: &Path) -> Result<Facts> {
+/// Runs the program, with files that ask it for more, and returns what it says.
+pub(super) fn run(board: &Board, elf: &Path, asked: &[&str]) -> Result<Facts> {
     ensure!(board.qemu.is_some(), "QEMU does not emulate {}", board.name);
     let folder = tempfile::tempdir().context("there is no room for the files of the run")?;
-    fs::write(folder.path().join(WANTED), "").context("cannot write into a folder")?;
+    for file in [&[WANTED], asked].concat() {
+        fs::write(folder.path().join(file), "").context("cannot write into a folder")?;
+    }
     let line = semihosting::start_with_serial(elf, folder.path(), &CLOCK, LIMIT)?;
     let semihosting::Serial {
         mut qemu,

@@ -74,7 +74,12 @@ fn good() -> Facts {
         }
     }
     for (fault, ..) in FAULTS {
-        for (what, number) in [("cycles_to_off", 40), ("on_before", 5), ("on_after", 0)] {
+        for (what, number) in [
+            ("cycles_to_off", 40),
+            ("on_before", 5),
+            ("on_after", 0),
+            ("by_watchdog", 0),
+        ] {
             facts.put(&format!("fault.{fault}.{what}"), number);
         }
     }
@@ -115,7 +120,7 @@ fn assert_fails(check: &str, part: &str, fact: &str, number: Option<i64>) {
 fn a_board_on_which_everything_is_well_passes_every_part() {
     assert_eq!(with(Verdict::Failed, &good()), []);
     assert_eq!(with(Verdict::Open, &good()), []);
-    assert_eq!(with(Verdict::Passed, &good()).len(), 66);
+    assert_eq!(with(Verdict::Passed, &good()).len(), 71);
 }
 
 #[test]
@@ -216,6 +221,7 @@ fn a_fault_that_leaves_an_output_on_or_no_record_fails_the_faults() {
             ("time to outputs off", "cycles_to_off", 50_001),
             ("outputs left on", "on_after", 1),
             ("outputs left on", "on_before", 0),
+            ("resets by the watchdog", "by_watchdog", 1),
         ] {
             assert_fails("Faults", &name(part), &fact(what), Some(number));
             assert_fails("Faults", &name(part), &fact(what), None);
@@ -229,6 +235,21 @@ fn a_fault_that_leaves_an_output_on_or_no_record_fails_the_faults() {
         assert_fails("Faults", part, fact, Some(right - 1));
         assert_fails("Faults", part, fact, None);
     }
+}
+
+#[test]
+fn a_stack_without_its_guard_fails_for_that_reason() {
+    let mut facts = good();
+    for what in ["cause", "cycles_to_off", "on_before", "on_after"] {
+        facts.remove(&format!("fault.stack.{what}"));
+    }
+    facts.put("fault.stack.unguarded", 1);
+    let checks = judge(&facts, &EXPECTED);
+    let mut items = checks.iter().flat_map(|check| &check.items);
+    let failed = items.find(|item| item.verdict == Verdict::Failed).unwrap();
+    assert_eq!(failed.name, "stack too deep: made");
+    assert!(failed.measured.contains("guard"), "{}", failed.measured);
+    assert!(items.all(|item| item.verdict == Verdict::Passed));
 }
 
 #[test]
