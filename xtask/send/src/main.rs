@@ -141,9 +141,7 @@ fn run(options: &Options) -> Result<ExitCode> {
         match ended {
             Err(error) if options.wait && error.is::<Gone>() => {
                 ui::warning(&format!("{error:#}"));
-                if file.is_written {
-                    kept = Some(file.read(program)?);
-                }
+                kept = file.last.clone().or(kept);
             }
             ended => return ended,
         }
@@ -454,8 +452,13 @@ impl Run<'_> {
         if let Err(error) = ended {
             self.keep();
             let (answered, name) = (self.job.answered(), options.file.display());
+            let option = if self.file.is_lost {
+                "--from LINE"
+            } else {
+                "--resume"
+            };
             return Err(error.context(format!(
-                "{name} was interrupted when {answered} lines were answered: --resume continues it"
+                "{name} was interrupted when {answered} lines were answered: {option} continues it"
             )));
         }
         self.file.remove();

@@ -31,9 +31,9 @@ pub(crate) struct Record {
 pub(crate) struct RecordFile {
     path: PathBuf,
     /// It could not be written, which has been told.
-    is_lost: bool,
-    /// It has been written since: a job has begun.
-    pub(crate) is_written: bool,
+    pub(crate) is_lost: bool,
+    /// What it was to hold last: a job has begun, even where nothing can be written.
+    pub(crate) last: Option<Record>,
 }
 
 impl RecordFile {
@@ -44,7 +44,7 @@ impl RecordFile {
         Self {
             path: path.into(),
             is_lost: false,
-            is_written: false,
+            last: None,
         }
     }
 
@@ -68,8 +68,9 @@ impl RecordFile {
 
     /// Writes a record; a job goes on without.
     pub(crate) fn write(&mut self, record: &Record) {
+        self.last = Some(record.clone());
         match output::write_json(&self.path, record) {
-            Ok(()) => self.is_written = true,
+            Ok(()) => self.is_lost = false,
             Err(error) if !self.is_lost => {
                 self.is_lost = true;
                 ui::warning(&format!("an interruption will need --from LINE: {error}"));

@@ -186,6 +186,28 @@ fn a_job_that_waits_for_its_port_has_the_steps_of_an_undisturbed_one() {
     disturb(true);
 }
 
+#[test]
+fn a_job_whose_record_cannot_be_written_does_not_begin_anew_when_its_port_is_back() {
+    let folder = tempdir().unwrap();
+    // A name as long as a file's may be: that of the record would be longer.
+    let name = format!("{}.nc", "n".repeat(250));
+    let job = file(&folder, &name, "G21 G90\nG0 X2\nG1 X60 F600\n");
+    let (device, end) = (path(&folder, "tty"), path(&folder, "cable"));
+    let _simulator = Simulator::start(&["--pty", &device], &SETTINGS);
+    let cable = Cable::plug_in(&device, &end);
+    let mut sending = Sending::start(&[&job, "--port", &end, "--wait", "--spin-up", "0.1"]);
+    sending.until("Run ");
+    cable.unplug();
+    let _cable = Cable::plug_in(&device, &end);
+    sending.until("[y/n]");
+    sending.press("n");
+    let said = sending.fails();
+    assert!(
+        said.contains("--from LINE continues it") && said.contains("nothing was sent"),
+        "{said}"
+    );
+}
+
 /// A short job, of which the last line may be another one.
 fn short(last: &str) -> String {
     format!("G21 G90\nG0 X2\nG0 Y2\n{last}\n")
