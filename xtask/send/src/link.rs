@@ -1,15 +1,19 @@
 //! The line to a machine: bytes to lines. Nothing here waits but what says so.
 
 use std::{
+    error::Error,
     fmt,
     net::TcpStream,
-    os::fd::{AsFd, BorrowedFd},
+    os::{
+        fd::{AsFd, BorrowedFd},
+        unix::net::UnixStream,
+    },
     path::Path,
     time::{Duration, Instant},
 };
 
 use ::port::SerialPort;
-use anyhow::{Context, Result, anyhow, bail};
+use anyhow::{Context, Result, anyhow, bail, ensure};
 use rustix::{
     event::{PollFd, PollFlags, Timespec, poll},
     fs::OFlags,
@@ -45,6 +49,18 @@ impl fmt::Display for Gone {
         write!(f, "{} has gone", self.0)
     }
 }
+
+/// Ctrl-C was pressed before the job.
+#[derive(Debug)]
+pub(crate) struct Stopped;
+
+impl fmt::Display for Stopped {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str("it was stopped before the job was begun")
+    }
+}
+
+impl Error for Stopped {}
 
 /// A line to a machine.
 pub(crate) struct Link {
@@ -147,7 +163,14 @@ impl Link {
     }
 
     /// Waits for the next line; none when none is complete in time.
-    pub(crate) fn wait_for_line(&mut self, most: Duration) -> Result<Option<String>> {
+    ///
+    /// # Errors
+    /// Something is to be read from `stop`: [`Stopped`].
+    pub(crate) fn wait_for_line(
+        &mut self,
+        most: Duration,
+        stop: &UnixStream,
+    ) -> Result<Option<String>> {
         let end = Instant::now() + most;
         loop {
             if let Some(line) = self.line()? {
@@ -157,7 +180,8 @@ impl Link {
             if now >= end {
                 return Ok(None);
             }
-            wait(&[(self.as_fd(), PollFlags::IN)], end - now)?;
+            let files = [(self.as_fd(), PollFlags::IN), (stop.as_fd(), PollFlags::IN)];
+            ensure!(!wait(&files, end - now)?[1], Stopped);
             self.receive()?;
         }
     }

@@ -1,13 +1,20 @@
 //! The conversation with a machine at rest, before a job: what it is asked, and how it is brought to rest.
 
-use std::time::{Duration, Instant};
+use std::{
+    os::unix::net::UnixStream,
+    time::{Duration, Instant},
+};
 
-use anyhow::{Result, bail, ensure};
+use anstream::println;
+use anyhow::{Context, Result, bail, ensure};
 use leadscrew::gcode::LineError;
 
 use host::machine_answers::MachineAnswers;
 
-use crate::{link::Link, status::Status};
+use crate::{
+    link::{Link, Stopped},
+    status::Status,
+};
 
 /// How often the state is asked for.
 const ASK_EVERY: Duration = Duration::from_millis(200);
@@ -31,19 +38,27 @@ pub(crate) struct Machine {
     /// What it has reported last.
     pub(crate) status: Status,
     timeout: Duration,
+    /// What becomes readable with Ctrl-C, which ends every wait.
+    stop: UnixStream,
 }
 
 impl Machine {
     /// Waits until the machine answers.
-    pub(crate) fn connect(link: Link, timeout: Duration) -> Result<Self> {
+    pub(crate) fn connect(link: Link, timeout: Duration, stop: &UnixStream) -> Result<Self> {
         let mut machine = Self {
             link,
             status: Status::default(),
             timeout,
+            stop: stop.try_clone().context("cannot wait for Ctrl-C")?,
         };
         machine.report()?;
-        while machine.link.wait_for_line(SILENCE)?.is_some() {}
+        while machine.line(SILENCE)?.is_some() {}
         Ok(machine)
+    }
+
+    /// Waits for the next line, or for Ctrl-C.
+    fn line(&mut self, most: Duration) -> Result<Option<String>> {
+        self.link.wait_for_line(most, &self.stop)
     }
 
     /// Asks for a report until there is one.
@@ -52,10 +67,7 @@ impl Machine {
         while start.elapsed() < self.timeout {
             self.link.send(&[REPORT])?;
             let end = Instant::now() + ASK_EVERY;
-            while let Some(line) = self
-                .link
-                .wait_for_line(end.saturating_duration_since(Instant::now()))?
-            {
+            while let Some(line) = self.line(end.saturating_duration_since(Instant::now()))? {
                 if self.status.read(&line) {
                     return Ok(());
                 }
@@ -74,10 +86,7 @@ impl Machine {
         self.link.send(format!("{text}\n").as_bytes())?;
         let mut lines = Vec::new();
         let end = Instant::now() + most;
-        while let Some(line) = self
-            .link
-            .wait_for_line(end.saturating_duration_since(Instant::now()))?
-        {
+        while let Some(line) = self.line(end.saturating_duration_since(Instant::now()))? {
             if line == "ok" {
                 return Ok(Ok(lines));
             }
@@ -113,7 +122,13 @@ impl Machine {
     /// It is in motion, in alarm, or in a hold.
     pub(crate) fn make_ready(&mut self, homes: bool) -> Result<()> {
         if homes {
-            self.ask("$H", HOMING)?;
+            println!("The machine is homed: Ctrl-C stops it.");
+            let homed = self.ask("$H", HOMING);
+            if homed.as_ref().is_err_and(anyhow::Error::is::<Stopped>) {
+                // A machine that homes takes no hold.
+                self.link.send(&[RESET])?;
+            }
+            homed?;
             self.report()?;
         }
         match self.status.state.as_str() {
@@ -142,12 +157,9 @@ impl Machine {
         }
         self.link.send(&[RESET])?;
         let end = Instant::now() + self.timeout;
-        while let Some(line) = self
-            .link
-            .wait_for_line(end.saturating_duration_since(Instant::now()))?
-        {
+        while let Some(line) = self.line(end.saturating_duration_since(Instant::now()))? {
             if line.starts_with("Grbl") {
-                while self.link.wait_for_line(SILENCE)?.is_some() {}
+                while self.line(SILENCE)?.is_some() {}
                 return self.report();
             }
         }

@@ -34,7 +34,7 @@ use rustix::event::PollFlags;
 use approach::Descent;
 use forecast::Forecast;
 use job::{Job, Phase};
-use link::{Gone, Link};
+use link::{Gone, Link, Stopped};
 use machine::Machine;
 use record::{Record, RecordFile};
 use resume::{Beginning, Entry};
@@ -153,14 +153,14 @@ fn connect(options: &Options, stop: &mut UnixStream) -> Result<Machine> {
     let timeout = Duration::from_secs_f64(options.timeout);
     let mut is_told = false;
     loop {
-        match link(options).and_then(|link| Machine::connect(link, timeout)) {
-            Err(error) if options.wait => {
+        match link(options).and_then(|link| Machine::connect(link, timeout, stop)) {
+            Err(error) if options.wait && !error.is::<Stopped>() => {
                 if !is_told {
                     is_told = true;
                     ui::status("Waiting", &format!("{error:#} (Ctrl-C ends)"));
                 }
                 let files = [(stop.as_fd(), PollFlags::IN)];
-                ensure!(!link::wait(&files, RETRY)?[0], "it was stopped");
+                ensure!(!link::wait(&files, RETRY)?[0], Stopped);
             }
             connected => return connected,
         }
@@ -192,6 +192,9 @@ fn send(
     } else {
         (Vec::new(), 0)
     };
+    // Ctrl-C while the job was tried: it would be held only after its first lines.
+    let files = [(stop.as_fd(), PollFlags::IN)];
+    ensure!(!link::wait(&files, Duration::ZERO)?[0], Stopped);
     let mut job = Job::new(&approach, lines, first, options.despite_refusals);
     // It has the offset in it, which not every report has.
     job.status.clone_from(&machine.status);

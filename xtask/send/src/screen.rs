@@ -80,7 +80,7 @@ impl Keyboard {
             ];
             let ready = link::wait(&files, Duration::from_secs(1))?;
             if ready[1] {
-                bail!("it was stopped");
+                bail!(link::Stopped);
             }
             let pressed = if ready[0] { self.read() } else { Vec::new() };
             for key in pressed {

@@ -257,6 +257,26 @@ fn a_job_that_would_leave_the_travel_is_not_begun() {
 }
 
 #[test]
+fn ctrl_c_stops_the_homing_before_a_job() {
+    let folder = tempdir().unwrap();
+    // Longer than anybody waits: 150 mm to the switch at 60 mm/min.
+    let homing = [&SETTINGS[..], &["$22=1", "$25=60"]].concat();
+    let (_simulator, address) = Simulator::tcp(&["--switches"], &homing);
+    let job = file(&folder, "job.nc", &short("G0 X5"));
+    let mut sending = Sending::start(&[&job, "--tcp", &address, "--home"]);
+    sending.until("Ctrl-C stops it");
+    sending.interrupt();
+    let said = sending.fails();
+    assert!(
+        said.contains("it was stopped before the job was begun"),
+        "{said}"
+    );
+    // It is at rest, and its position is unknown.
+    let said = Sending::start(&[&job, "--tcp", &address]).fails();
+    assert!(said.contains("the machine is locked"), "{said}");
+}
+
+#[test]
 fn without_an_operator_a_change_of_the_tool_ends_the_job() {
     let folder = tempdir().unwrap();
     let (_simulator, address) = Simulator::tcp(&[], &SETTINGS);
