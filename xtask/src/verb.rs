@@ -2,7 +2,8 @@
 
 use std::{
     ffi::{OsStr, OsString},
-    fs,
+    fs::{self, Metadata},
+    os::unix::fs::MetadataExt as _,
     path::Path,
     process::ExitCode,
 };
@@ -164,7 +165,13 @@ impl Verb {
         }
         for path in given.files(self.name) {
             // The same sentence for whatever cannot be opened: a program, settings, a port.
-            fs::metadata(path).with_context(|| format!("cannot open {}", path.display()))?;
+            let read =
+                fs::metadata(path).with_context(|| format!("cannot open {}", path.display()))?;
+            ensure!(
+                !read.is_file() || !given.writes(&read),
+                "{} would be written over: it is what is read",
+                path.display()
+            );
         }
         if self.needs_qemu(&given) {
             ensure!(
@@ -219,6 +226,20 @@ const READ: [&str; 9] = [
     "--tool-table",
     "--verify",
 ];
+/// Options that name a file to be written, of any command.
+const WRITTEN: [&str; 11] = [
+    "--coils",
+    "--html",
+    "--json",
+    "--out",
+    "--output",
+    "--picture",
+    "--plot",
+    "--save",
+    "--svg",
+    "--trace",
+    "-o",
+];
 /// Commands whose argument is something to be read.
 const READERS: [&str; 8] = [
     "conformance",
@@ -231,7 +252,7 @@ const READERS: [&str; 8] = [
     "view",
 ];
 /// Their options without a value.
-const FLAGS: [&str; 12] = [
+const FLAGS: [&str; 13] = [
     "--confirmed",
     "--despite-refusals",
     "--home",
@@ -243,6 +264,7 @@ const FLAGS: [&str; 12] = [
     "--resume",
     "--sim",
     "--switches",
+    "--wait",
     "--all",
 ];
 
@@ -269,6 +291,13 @@ impl<'a> Given<'a> {
     fn value(&self, option: &str) -> Option<&'a OsStr> {
         let place = self.0.iter().position(|argument| *argument == option)?;
         self.0.get(place + 1).copied()
+    }
+
+    /// Whether a file is to be written, under whatever name.
+    fn writes(&self, file: &Metadata) -> bool {
+        let named = WRITTEN.iter().filter_map(|option| self.value(option));
+        let mut written = named.filter_map(|path| fs::metadata(path).ok());
+        written.any(|known| (known.dev(), known.ino()) == (file.dev(), file.ino()))
     }
 
     /// What is to be read.
@@ -351,6 +380,32 @@ mod tests {
     }
 
     #[test]
+    fn what_is_read_is_not_written_over() {
+        let file = env!("CARGO_MANIFEST_PATH");
+        let other = concat!(env!("CARGO_MANIFEST_DIR"), "/../xtask/Cargo.toml");
+        for line in [
+            format!("view {file} -o {file}"),
+            format!("view {file} --picture={other}"),
+            format!("sim {file} --plot {other}"),
+            format!("sim - --settings {file} --json {file}"),
+        ] {
+            let (verb, arguments) = typed(&line);
+            let error = verb.check(&arguments).unwrap_err().to_string();
+            assert_eq!(
+                error,
+                format!("{file} would be written over: it is what is read")
+            );
+        }
+        for line in [
+            format!("view {file} -o {file}.html"),
+            "sim /dev/null --json /dev/null".into(),
+        ] {
+            let (verb, arguments) = typed(&line);
+            assert!(verb.check(&arguments).is_ok(), "{line}");
+        }
+    }
+
+    #[test]
     fn missing_files_and_ports_are_told_at_once() {
         for (line, missing) in [
             ("sim no.nc --plot a.svg", "no.nc"),
@@ -367,6 +422,7 @@ mod tests {
             ("monitor --port /dev/no", "/dev/no"),
             ("view --no-open no.nc -o a.html", "no.nc"),
             ("send --resume no.nc --tcp localhost:1", "no.nc"),
+            ("send --wait no.nc --tcp localhost:1", "no.nc"),
             ("run no.elf", "no.elf"),
             ("bring-up --verify no.json", "no.json"),
         ] {
