@@ -1,15 +1,12 @@
 //! What a run is recorded with: the trace, its samples, and the measurement of its quality.
 
-use std::{
-    fs,
-    io::{Read as _, Write as _},
-    os::unix::net::UnixStream,
-    process, thread,
-};
+use std::{io::Write as _, os::unix::net::UnixStream};
 
 use anyhow::Result;
 use common::text::{duration, separated};
-use host::{figures::Figures, output::Output, play::Recorder, program_reader::ProgramReader};
+use host::{
+    figures::Figures, interrupt, output::Output, play::Recorder, program_reader::ProgramReader,
+};
 use leadscrew::{
     protocol::Session,
     settings::Settings,
@@ -27,9 +24,6 @@ use crate::{
     samples::{Motion, Samples},
     trace::{Move, Row, Table, nanoseconds},
 };
-
-/// The exit status of a program that Ctrl-C has ended, as shells have it.
-const INTERRUPTED: i32 = 130;
 
 /// What a run is recorded with, as far as it is asked for: its files are created before anything runs.
 pub(crate) struct Recording {
@@ -81,7 +75,7 @@ impl Recording {
     }
 
     /// Lets the program end with Ctrl-C, and leave nothing of the files.
-    pub(crate) fn remove_when(&self, mut interrupted: UnixStream) {
+    pub(crate) fn remove_when(&self, interrupted: UnixStream) {
         let trace = self.table.as_ref().and_then(Table::partial);
         let coils = self.coils.as_ref().and_then(CoilTable::partial);
         let picture = self.picture.as_ref().map(|drawing| &drawing.output);
@@ -91,14 +85,7 @@ impl Recording {
             .chain(coils)
             .chain(others.filter_map(Output::partial))
             .collect();
-        thread::spawn(move || {
-            if interrupted.read_exact(&mut [0]).is_ok() {
-                for path in partial {
-                    let _ = fs::remove_file(path);
-                }
-                process::exit(INTERRUPTED);
-            }
-        });
+        interrupt::remove_when(interrupted, partial);
     }
 
     /// Writes the files, and returns how good the motion was, if that was measured.

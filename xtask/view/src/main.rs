@@ -4,18 +4,20 @@ use std::{
     env,
     ffi::OsStr,
     io::Write as _,
+    os::unix::net::UnixStream,
     path::{Path, PathBuf},
     process::{Command, ExitCode, Stdio},
 };
 
 use anstream::println;
-use anyhow::{Context, Result};
+use anyhow::{Context, Result, bail};
 use clap::Parser;
 use common::{
     text::{self, duration, separated},
     ui,
 };
 use host::{
+    interrupt,
     machine::SwitchPositions,
     output::{self, Output},
     play::{self, Run},
@@ -24,6 +26,7 @@ use host::{
 };
 use job::Recording;
 use leadscrew::sim::Simulator;
+use tempfile::TempDir;
 use view::{page, picture};
 
 /// Show a G-code program as a page: its path, its speeds and its time
@@ -72,11 +75,15 @@ fn run(options: &Options) -> Result<ExitCode> {
     };
     let name = name.to_string_lossy();
     let named = options.output.as_ref().or(options.picture.as_ref());
-    let path = match named {
-        Some(path) => path.clone(),
-        None => temporary(&name)?,
+    let stop = interrupt::interruptions()?;
+    let folder = named.is_none().then(temporary).transpose()?;
+    let path = match (named, &folder) {
+        (Some(path), _) => path.clone(),
+        (None, Some(folder)) => folder.path().join(page_name(&name)),
+        (None, None) => bail!("no file is named"),
     };
     let mut output = Output::create(&path)?;
+    remove_when(stop, &output, folder.as_ref());
     let mut simulator = Box::new(Simulator::new(&loaded.settings));
     if options.switches {
         SwitchPositions::of(&loaded.settings).mount_on(&mut simulator);
@@ -107,6 +114,7 @@ fn run(options: &Options) -> Result<ExitCode> {
         .write_all(page.as_bytes())
         .with_context(|| format!("cannot write the {what}"))?;
     output.finish()?;
+    folder.map(TempDir::keep);
     let (size, pieces) = (page.len() as u64, job.path.vertices as u64);
     println!(
         "{what:>16}  {} bytes, {} points: {}",
@@ -121,16 +129,26 @@ fn run(options: &Options) -> Result<ExitCode> {
 }
 
 /// Where a page lies that nobody has named: in a folder of its own, so that nobody else has put it there.
-fn temporary(name: &str) -> Result<PathBuf> {
-    let folder = tempfile::Builder::new()
+fn temporary() -> Result<TempDir> {
+    tempfile::Builder::new()
         .prefix("leadscrew-view-")
         .tempdir()
-        .context("cannot make a temporary folder")?;
-    let stem = name.replace(
+        .context("cannot make a temporary folder")
+}
+
+/// Has Ctrl-C leave neither a page that is half written nor the folder for it.
+fn remove_when(stop: UnixStream, output: &Output, folder: Option<&TempDir>) {
+    let folder = folder.map(|folder| folder.path().to_owned());
+    interrupt::remove_when(stop, output.partial().into_iter().chain(folder).collect());
+}
+
+/// The file of the page of a program.
+fn page_name(program: &str) -> String {
+    let stem = program.replace(
         |letter: char| !letter.is_ascii_alphanumeric() && letter != '.',
         "-",
     );
-    Ok(folder.keep().join(format!("{stem}.html")))
+    format!("{stem}.html")
 }
 
 /// Opens the browser, as the desktop does.

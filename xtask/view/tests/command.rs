@@ -3,9 +3,11 @@
 
 use std::{
     fs,
+    io::Write as _,
     os::unix::fs::PermissionsExt as _,
     path::Path,
-    process::{Command, Output},
+    process::{Command, Output, Stdio},
+    thread,
 };
 
 use tempfile::TempDir;
@@ -75,6 +77,35 @@ fn what_is_wrong_leaves_no_page() {
             "{output:?}"
         );
         assert!(!folder.path().join("page.html").exists());
+    }
+}
+
+#[test]
+fn ctrl_c_leaves_nothing_behind() {
+    for named in [true, false] {
+        let folder = tempfile::tempdir().expect("a folder can be made");
+        let options: &[&str] = if named { &["-o", "page.html"] } else { &[] };
+        let mut process = Command::new(env!("CARGO_BIN_EXE_view"))
+            .arg("-")
+            .args(options)
+            .current_dir(folder.path())
+            .env("TMPDIR", folder.path())
+            .stdin(Stdio::piped())
+            .spawn()
+            .expect("it starts");
+        let entries = || fs::read_dir(folder.path()).expect("it is there").count();
+        // The program is not complete yet: the page waits for it.
+        while entries() == 0 {
+            thread::yield_now();
+        }
+        let mut program = process.stdin.take().expect("it is a pipe");
+        program.write_all(b"G0X1\n").expect("it is read");
+        let id = process.id().to_string();
+        let killed = Command::new("kill").args(["-INT", &id]).status();
+        assert!(killed.expect("it starts").success());
+        let status = process.wait().expect("it ends");
+        assert_eq!(status.code(), Some(130));
+        assert_eq!(entries(), 0, "{named}");
     }
 }
 
