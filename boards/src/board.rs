@@ -302,10 +302,18 @@ fn bootloader(
     let has_eeprom = entries.place_of("eeprom.").is_some();
     let layout = MemoryLayout::of(chip, part, kib, has_eeprom);
     let layout = layout.map_err(|error| place.fault(error))?;
-    let name = name
-        .map(|entry| entry.text().map(str::to_owned))
-        .transpose()?;
+    let name = name.map(|entry| file_name(&entry)).transpose()?;
     Ok((kib, name, layout))
+}
+
+/// Reads the name of a file that lies beside others.
+fn file_name(entry: &Entry) -> Result<String, Fault> {
+    let name = entry.text()?;
+    if name.is_empty() || name.starts_with('.') || name.contains(['/', '\\', '\0']) {
+        let message = "the name of a file is wanted here, as in \"firmware.bin\"";
+        return Err(entry.place.fault(message));
+    }
+    Ok(name.to_owned())
 }
 
 fn labels(entries: &mut Entries, part: &Part) -> Result<BTreeMap<Pin, String>, Fault> {

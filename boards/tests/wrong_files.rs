@@ -173,6 +173,12 @@ const WRONG: &[(&str, &str, usize, &str)] = &[
         "no two sectors for the settings",
     ),
     (
+        "[labels]",
+        "[bootloader]\nkib = 32\nfile = \"../firmware.bin\"\n[labels]",
+        26,
+        "the name of a file is wanted",
+    ),
+    (
         "step = \"F13\", direction = \"F12\"",
         "step_pin = \"F13\", direction = \"F12\"",
         9,
