@@ -74,9 +74,13 @@ pub(crate) fn run(options: &Options) -> Result<ExitCode> {
     if !options.qemu && !cfg!(feature = "probe") {
         return flash::again();
     }
+    ensure!(
+        !options.qemu || board.qemu.is_some(),
+        "QEMU does not emulate {name}"
+    );
     let elf = on_target::build(&board, TEST)?;
     let facts = if options.qemu {
-        emulated::run(&board, &elf, &[])?
+        emulated::run(&elf, &[])?
     } else {
         probed::run(
             &board,
@@ -166,7 +170,7 @@ const OPEN_IN_QEMU: usize = 29;
 pub(crate) fn check() -> Result<check::Verdict> {
     let (board, _) = boards::emulated()?;
     let elf = on_target::build(&board, TEST)?;
-    let report = report(&board, &elf, emulated::run(&board, &elf, &[])?)?;
+    let report = report(&board, &elf, emulated::run(&elf, &[])?)?;
     report::verify(report.json().as_bytes())?;
     let items: Vec<_> = report
         .checks()
@@ -204,7 +208,7 @@ const UNGUARDED: [&str; 5] = [
 
 /// A stack without a guard is noticed before it overwrites anything, and the program comes to its end.
 fn check_unguarded(board: &Board, elf: &Path) -> Result<()> {
-    let facts = emulated::run(board, elf, &[emulated::UNGUARDED])?;
+    let facts = emulated::run(elf, &[emulated::UNGUARDED])?;
     let report = report(board, elf, facts)?;
     let items = report.checks().iter().flat_map(|check| &check.items);
     let failed = items.filter(|item| item.verdict == Verdict::Failed);
@@ -214,4 +218,22 @@ fn check_unguarded(board: &Board, elf: &Path) -> Result<()> {
         "without the guard of the stack these fail: {failed:?}"
     );
     Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_board_that_the_emulator_does_not_have_is_refused_before_anything_is_compiled() {
+        let options = Options {
+            board: Some("nucleo-f446re".into()),
+            probe: None,
+            port: None,
+            qemu: true,
+            verify: None,
+        };
+        let error = run(&options).unwrap_err().to_string();
+        assert_eq!(error, "QEMU does not emulate nucleo-f446re");
+    }
 }
