@@ -22,7 +22,7 @@ use std::{
 use anyhow::{Context, Result, ensure};
 use clap::Parser;
 use common::{BAUD, ui};
-use host::{interrupt::interruptions, program::Program, pty::Pty};
+use host::{interrupt::interruptions, output::Output, program::Program, pty::Pty};
 
 use picture::Shared;
 use rehearsal::Rehearsal;
@@ -85,6 +85,7 @@ fn main() -> ExitCode {
 
 fn run(options: &Options) -> Result<ExitCode> {
     let program = options.file.as_deref().map(Program::open).transpose()?;
+    let svg = options.svg.as_deref().map(Output::create).transpose()?;
     let source = source(options)?;
     let stop = interruptions()?;
     let shared = Arc::<Shared>::default();
@@ -104,8 +105,8 @@ fn run(options: &Options) -> Result<ExitCode> {
     let watched = watch.run(link.as_ref().map(|(pty, _)| pty), job.as_mut(), &stop);
     shared.change(picture::Picture::end);
     page::wait_for_pages(&shared);
-    if let Some(path) = &options.svg {
-        svg::save(path, &shared.lock())?;
+    if let (Some(output), Some(path)) = (svg, &options.svg) {
+        svg::save(output, &shared.lock())?;
         ui::status("Drawn", &path.display().to_string());
     }
     ui::status("Extents", &svg::extents(&shared.lock()));

@@ -126,7 +126,9 @@ impl Simulator {
         while fs::symlink_metadata(&link).is_err() {
             if self.process.try_wait()?.is_some() {
                 let said = fs::read_to_string(self.folder.path().join("messages"));
-                bail!("{}", said.unwrap_or_default().trim());
+                let said = said.unwrap_or_default();
+                // Whoever shows it says once more that it is one.
+                bail!("{}", said.trim().trim_start_matches("error: "));
             }
             ensure!(start.elapsed() < START, "the simulator does not start");
             thread::sleep(GLANCE);

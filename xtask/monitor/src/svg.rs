@@ -1,12 +1,13 @@
 //! The picture as a file, in the look of all pictures.
 
-use std::{ops::Range, path::Path};
+use std::{io::Write as _, ops::Range};
 
-use anyhow::Result;
+use anyhow::{Context, Result};
 use chart::{
     Area, Drawn, FAINT_INK, HEAD, LABELS_BELOW, LABELS_LEFT, MARGIN, PX, SPEED, WIDTH, chart,
     draw_head, pixels, simplified, stroke, widened,
 };
+use host::output::Output;
 use plotters::prelude::*;
 
 use crate::picture::{Picture, Point};
@@ -23,13 +24,17 @@ const TOLERANCE: f64 = 0.1;
 const DOT: i32 = 5;
 
 /// Draws the picture into a file.
-pub(crate) fn save(path: &Path, picture: &Picture) -> Result<()> {
-    chart::save(path, (WIDTH, HEAD + BODY), |root| {
+pub(crate) fn save(mut output: Output, picture: &Picture) -> Result<()> {
+    let text = chart::render((WIDTH, HEAD + BODY), |root| {
         let body = draw_head(root, &picture.title, &extents(picture))?;
         let (left, right) = body.split_horizontally(PATH_WIDTH * PX);
         draw_path(&left, picture)?;
         draw_speed(&right, picture.speeds())
-    })
+    })?;
+    output
+        .write_all(text.as_bytes())
+        .context("cannot write the picture")?;
+    output.finish()
 }
 
 /// The extents of the path in words: `X -800 to 800 mm, Y …`.
@@ -95,7 +100,8 @@ mod tests {
         }
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("out.svg");
-        save(&path, &picture).unwrap();
+        let output = || Output::create(&path).unwrap();
+        save(output(), &picture).unwrap();
         let text = std::fs::read_to_string(&path).unwrap();
         for part in [
             "pico.nc",
@@ -106,7 +112,6 @@ mod tests {
         ] {
             assert!(text.contains(part), "{part}");
         }
-        save(&path, &Picture::default()).unwrap();
-        assert!(save(&folder.path().join("no/out.svg"), &picture).is_err());
+        save(output(), &Picture::default()).unwrap();
     }
 }

@@ -397,9 +397,14 @@ fn what_cannot_be_had_is_told_at_once() {
         (["--tcp", "nowhere"], "is no address"),
         (["--sim", "no-such.nc"], "no-such.nc"),
         (["--sim", "--program=no-such.nc"], "no-such.nc"),
+        (["--sim", "--svg=/no/out.svg"], "cannot create /no/out.svg"),
+        (["--sim", "--set=$110=x"], "is no number"),
     ] {
         let (status, said) = Monitor::start(&arguments).end();
         assert_eq!(status, Some(1));
-        assert!(said.contains(what), "{said}");
+        assert!(
+            said.contains(what) && said.matches("error: ").count() == 1,
+            "{said}"
+        );
     }
 }
