@@ -248,7 +248,8 @@ impl Job {
                 self.phase = Phase::Resetting(reason.clone());
             }
             // The operator unlocks it, where he has probed nothing.
-            Phase::Running if self.status.state == "Alarm" && self.by_hand.is_on() => {}
+            Phase::Running
+                if self.status.state == "Alarm" && self.by_hand.is_on() && self.has_operator => {}
             Phase::Running if self.status.state == "Alarm" => {
                 self.phase = Phase::Failed("the machine is locked".into());
             }

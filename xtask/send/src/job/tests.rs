@@ -143,6 +143,22 @@ fn nothing_of_the_job_is_sent_while_lines_are_typed() {
 }
 
 #[test]
+fn an_alarm_while_lines_are_typed_waits_only_for_an_operator_who_is_there() {
+    const ALARM: &str = "<Alarm|MPos:0.000,0.000,0.000|FS:0,0>";
+    let mut job = job(&["T1 M6", "G0 X1"]);
+    sent(&mut job);
+    receive(&mut job, &["[MSG:Tool change: T1]", HELD]);
+    job.key(b't');
+    receive(&mut job, &["<Tool|MPos:0.000,0.000,0.000|FS:0,0>"]);
+    b"G38.2Z-5\n".iter().for_each(|key| job.key(*key));
+    receive(&mut job, &["ALARM:5", "ok", ALARM]);
+    assert_eq!(job.phase, Phase::Running);
+    job.has_operator = false;
+    receive(&mut job, &[ALARM]);
+    assert_eq!(job.phase, Phase::Failed("the machine is locked".into()));
+}
+
+#[test]
 fn ctrl_c_holds_first_and_then_stops() {
     let mut job = job(&["G0 X1"]);
     sent(&mut job);
