@@ -28,6 +28,8 @@ const WAIT: Timespec = Timespec {
     tv_sec: 0,
     tv_nsec: 10_000_000,
 };
+/// Feed hold.
+const HOLD: u8 = b'!';
 /// How long a machine may take to answer: a board may start first.
 const ANSWER: Duration = Duration::from_secs(5);
 /// How often it is asked until then, and how long a list of settings may take.
@@ -215,7 +217,7 @@ impl Watch {
                 job.feed(&mut self.to_machine)?;
             }
             if self.exchange(sender, stop)? {
-                return Ok(());
+                return if job.is_some() { self.hold() } else { Ok(()) };
             }
             for sighting in std::mem::take(&mut self.seen) {
                 self.look(&sighting, job.as_deref_mut())?;
@@ -224,6 +226,13 @@ impl Watch {
                 return Ok(());
             }
         }
+    }
+
+    /// Holds a machine that is left in the midst of a job: it would carry out the lines that it has, and stand
+    /// still with its spindle on.
+    fn hold(&self) -> Result<()> {
+        self.source.write(&mut vec![HOLD])?;
+        bail!("the job was interrupted, and the machine is held: ~ goes on, a reset ends it")
     }
 
     /// Adds to the picture what has been seen.

@@ -172,6 +172,21 @@ fn the_experiment_is_shown_from_its_begin_to_its_end() {
 }
 
 #[test]
+fn a_job_that_is_interrupted_has_not_succeeded() {
+    let mut monitor = Monitor::start(&["examples/plate.nc", "--sim"]);
+    let address = monitor.address();
+    let is_in_motion = |event: &Value| event["now"]["state"] == "Run";
+    assert!(events(&address).any(|event| is_in_motion(&event)));
+    monitor.interrupt();
+    let (status, said) = monitor.end();
+    assert_eq!(status, Some(1), "{said}");
+    assert!(
+        said.contains("interrupted, and the machine is held"),
+        "{said}"
+    );
+}
+
+#[test]
 fn a_sender_reaches_the_machine_through_the_link() {
     let folder = tempdir().unwrap();
     let link = folder.path().join("tty");
