@@ -5,7 +5,7 @@
 
 use host::sender::{Response, code};
 
-use crate::machine::meaning;
+use crate::machine::{HOLD, meaning};
 
 /// Has the machine execute lines in the hold of a change of the tool.
 const TOOL_CHANGE: u8 = 0xa3;
@@ -68,7 +68,7 @@ impl ByHand {
                 self.stage = Stage::On;
                 self.text = Some(String::new());
                 Some(
-                    "type lines: Enter sends one, Enter alone ends; t types again, r goes on with the job",
+                    "type lines: Enter sends one, Enter alone ends; ! holds; t types again, r goes on with the job",
                 )
             }
             Stage::Asked(REPORTS..) => {
@@ -98,10 +98,10 @@ impl ByHand {
         })
     }
 
-    /// Takes a key while a line is being typed.
-    pub(crate) fn press(&mut self, key: u8, output: &mut Vec<u8>) {
+    /// Takes a key while a line is being typed. Returns whether a line is complete and sent.
+    pub(crate) fn press(&mut self, key: u8, output: &mut Vec<u8>) -> bool {
         let Some(text) = &mut self.text else {
-            return;
+            return false;
         };
         match key {
             b'\n' | b'\r' if text.is_empty() => self.text = None,
@@ -112,14 +112,18 @@ impl ByHand {
                 output.push(b'\n');
                 self.unanswered += 1;
                 self.is_resumed = false;
+                return true;
             }
             0x1b => self.text = None,
             0x08 | 0x7f => drop(text.pop()),
-            // These would be realtime commands.
-            b'?' | b'!' | b'~' => {}
+            // No line has it, and a jog or a probing move may have to stop at once.
+            b'!' => output.push(HOLD),
+            // These would be realtime commands, too.
+            b'?' | b'~' => {}
             b' '..=b'~' => text.push(key.into()),
             _ => {}
         }
+        false
     }
 }
 
@@ -163,7 +167,7 @@ mod tests {
     fn lines_go_out_whole_and_have_their_own_answers() {
         let mut by_hand = begun();
         assert_eq!(typed(&mut by_hand, "$J=G91X1"), "");
-        assert_eq!(typed(&mut by_hand, "5\u{7f} F!100\n"), "$J=G91X1 F100\n");
+        assert_eq!(typed(&mut by_hand, "5\u{7f} F?1~00\n"), "$J=G91X1 F100\n");
         assert_eq!(by_hand.answer("[MSG:x]"), None);
         assert_eq!(by_hand.answer("ok").as_deref(), Some("ok"));
         assert_eq!(by_hand.answer("ok"), None);
@@ -173,6 +177,13 @@ mod tests {
         assert!(by_hand.answer("error:40").unwrap().len() > 10);
         typed(&mut by_hand, "\n");
         assert_eq!(by_hand.text, None);
+    }
+
+    #[test]
+    fn a_feed_hold_is_sent_while_a_line_is_typed() {
+        let mut by_hand = begun();
+        assert_eq!(typed(&mut by_hand, "G38.2 Z-5 F50\n!"), "G38.2 Z-5 F50\n!");
+        assert_eq!(typed(&mut by_hand, "G0!X1\n"), "!G0X1\n");
     }
 
     #[test]

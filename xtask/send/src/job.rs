@@ -355,7 +355,10 @@ impl Job {
                 self.press(key);
             }
         } else if self.phase == Phase::Running {
-            self.by_hand.press(byte, &mut self.output);
+            if self.by_hand.press(byte, &mut self.output) {
+                // A hold before this line was of another move.
+                self.is_hold_asked = false;
+            }
             if self.by_hand.has_set {
                 self.measured = Some(self.answered());
             }
