@@ -379,7 +379,8 @@ fn wirings(
         }
         let reader = Reader::new(functions.clone(), chip, part, has_debug_pins);
         let wiring = reader.read(axes, &polled, file).map_err(|fault| {
-            let differs = format!(", with {axes} axes: [with_{axes}_axes] says what differs there");
+            let differs =
+                format!(", with {axes} axes: what differs there can stand in [with_{axes}_axes]");
             fault.and(if axes > FEWEST_AXES { &differs } else { "" })
         });
         wirings.push(wiring?);

@@ -277,8 +277,16 @@ impl<'a> Reader<'a> {
         };
         self.inputs(&mut wiring, limits, polled)?;
         refuse_rest(&self.functions)?;
-        if wiring.step_ports().len() > MOST_STEP_PORTS {
-            let message = format!("steps and directions are on more than {MOST_STEP_PORTS} ports");
+        let ports = wiring.step_ports();
+        if ports.len() > MOST_STEP_PORTS {
+            let names: Vec<_> = { ports.iter() }
+                .map(|port| char::from(b'A' + port).to_string())
+                .collect();
+            let message = format!(
+                "steps and directions are on {} ports, {}: put them on {MOST_STEP_PORTS} at most",
+                ports.len(),
+                names.join(" ")
+            );
             return Err(file.fault(message));
         }
         Ok(wiring)
@@ -519,6 +527,7 @@ impl<'a> Reader<'a> {
                 continue;
             };
             let signed = signed_pin(&entry)?;
+            self.use_pin(signed.pin, &key, &entry.place)?;
             let mut before = wiring.inputs.iter();
             let sharing = before.find(|(_, other)| other.pin.number == signed.pin.number);
             if let Some((other, pin)) = sharing
@@ -537,7 +546,6 @@ impl<'a> Reader<'a> {
                 );
                 return Err(entry.place.fault(message));
             }
-            self.use_pin(signed.pin, &key, &entry.place)?;
             if wiring.inputs.len() == MOST_INPUTS {
                 let message = format!(
                     "`{key}` is one input more than the {MOST_INPUTS} that a machine may have"

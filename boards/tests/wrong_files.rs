@@ -242,7 +242,7 @@ const WRONG: &[(&str, &str, usize, &str)] = &[
         "direction = \"F10\"",
         "direction = \"A8\"",
         14,
-        "PA8 is axes.A.direction already, with 4 axes: [with_4_axes] says what differs there",
+        "PA8 is axes.A.direction already, with 4 axes: what differs there can stand in [with_4_axes]",
     ),
     (
         "F13 = \"MOTOR0\"",
@@ -337,6 +337,23 @@ fn read(name: &str, text: &str) -> Result<Board, String> {
     let file: PathBuf = folder.join(name).with_extension("toml");
     fs::write(&file, text).expect("the target folder is writable");
     Board::read(&file, root()).map_err(|fault| fault.to_string())
+}
+
+#[test]
+fn steps_and_directions_on_seven_ports_are_refused_by_name() {
+    let text = RIGHT
+        .replace("direction = \"F12\"", "direction = \"A3\"")
+        .replace("direction = \"G1\"", "direction = \"B8\"")
+        .replace("step = \"F11\"", "step = \"C1\"")
+        .replace("step = \"F9\"", "step = \"D2\"")
+        .replace("direction = \"F10\"", "direction = \"E2\"");
+    let error = read("seven-ports", &text).unwrap_err();
+    assert!(
+        error.contains(
+            "steps and directions are on 7 ports, A B C D E F G: put them on 6 at most, with 4 axes"
+        ),
+        "{error}"
+    );
 }
 
 #[test]

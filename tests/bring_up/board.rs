@@ -36,6 +36,7 @@ mod trace;
 )]
 mod vectors;
 #[path = "../../src/board/watchdog.rs"]
+#[allow(dead_code, reason = "there are no tasks")]
 mod watchdog;
 #[path = "../../src/board/wiring.rs"]
 #[allow(dead_code, reason = "there are no inputs")]
