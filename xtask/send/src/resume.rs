@@ -229,4 +229,6 @@ fn modes(modal: &Modal, settings: &Settings) -> String {
 }
 
 #[cfg(test)]
+mod pulled;
+#[cfg(test)]
 mod tests;

@@ -2,9 +2,9 @@
 
 mod support;
 
-use std::{collections::HashSet, fs};
+use std::fs;
 
-use support::{Cable, Sending, Simulator, path};
+use support::{Cable, Sending, Simulator, cut::Cut, path};
 use tempfile::{TempDir, tempdir};
 
 /// Quick enough that no test lasts, and slow enough that a key finds the machine in motion.
@@ -61,8 +61,8 @@ G0 X0 Y0
 M2
 ";
 
-/// Depths of the job above, in steps: below the origin of its work coordinates.
-const DEPTHS: [i32; 2] = [-104, -184];
+/// The surface of the workpiece, in steps: the origin of the job's work coordinates.
+const SURFACE: i32 = -24;
 
 fn file(folder: &TempDir, name: &str, text: &str) -> String {
     let path = path(folder, name);
@@ -81,23 +81,6 @@ fn trace(path: &str) -> Vec<[i32; 3]> {
         [(); 3].map(|()| numbers.next().unwrap())
     };
     text.lines().skip(1).map(row).collect()
-}
-
-/// Everything that is reached at the depths of the job.
-fn cut(trace: &[[i32; 3]]) -> HashSet<[i32; 3]> {
-    trace
-        .iter()
-        .copied()
-        .filter(|[_, _, z]| DEPTHS.contains(z))
-        .collect()
-}
-
-/// Whether all of one is within a step of the other.
-fn is_covered(one: &HashSet<[i32; 3]>, other: &HashSet<[i32; 3]>) -> bool {
-    let near = |[x, y, z]: &[i32; 3]| {
-        (-1..=1).any(|dx| (-1..=1).any(|dy| other.contains(&[x + dx, y + dy, *z])))
-    };
-    one.iter().all(near)
 }
 
 /// Runs the job without a disturbance, and returns its steps.
@@ -143,16 +126,20 @@ fn disturb(waits: bool) {
     sending.press("r");
     sending.until("Run ");
     cable.unplug();
-    if !waits {
+    let cable = if waits {
+        Cable::plug_in(&device, &end)
+    } else {
         let said = sending.fails();
         assert!(
             said.contains("--resume continues it") && said.contains("has gone"),
             "{said}"
         );
         arguments.push("--resume");
+        // This one does not wait for its port.
+        let cable = Cable::plug_in(&device, &end);
         sending = Sending::start(&arguments);
-    }
-    let cable = Cable::plug_in(&device, &end);
+        cable
+    };
     sending.until("modes     [GC:G");
     let tool = sending.until("tool ");
     assert!(tool.ends_with(" T2") || tool.ends_with(" T1"), "{tool}");
@@ -170,10 +157,12 @@ fn disturb(waits: bool) {
 
     let done = trace(&steps);
     assert_eq!(done.last(), expected.last());
-    let (expected, done) = (cut(&expected), cut(&done));
+    let (expected, done) = (Cut::of(&expected, SURFACE), Cut::of(&done, SURFACE));
     assert!(expected.len() > 1000, "{}", expected.len());
-    assert!(is_covered(&expected, &done), "something has not been cut");
-    assert!(is_covered(&done, &expected), "something else has been cut");
+    let missing = expected.beyond(&done);
+    assert!(missing.is_empty(), "{missing:?} were not cut: {said}");
+    let beyond = done.beyond(&expected);
+    assert!(beyond.is_empty(), "{beyond:?} should not be cut: {said}");
 }
 
 #[test]

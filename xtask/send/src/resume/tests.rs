@@ -9,13 +9,13 @@ use leadscrew::{
 use super::*;
 use host::machine_answers::FAST;
 
-const DESCENT: Descent = Descent {
+pub(super) const DESCENT: Descent = Descent {
     feed_mm_min: 150.0,
     spin_up_s: 2.0,
     tells_tool: false,
 };
 
-fn lines(text: &str) -> Vec<Vec<u8>> {
+pub(super) fn lines(text: &str) -> Vec<Vec<u8>> {
     text.lines().map(|line| line.as_bytes().to_vec()).collect()
 }
 

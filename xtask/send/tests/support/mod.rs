@@ -1,5 +1,7 @@
 //! The simulator, the sender, and a cable between them that can be unplugged.
 
+pub(crate) mod cut;
+
 use std::{
     fs::{File, OpenOptions},
     io::{BufRead as _, BufReader, Read as _, Write as _},
