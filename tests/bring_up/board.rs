@@ -58,6 +58,8 @@ mod kept;
 mod outputs;
 #[path = "player.rs"]
 mod player;
+#[path = "priorities.rs"]
+mod priorities;
 
 use cortex_m::Peripherals as Core;
 use stm32f4xx_hal::rcc::{BusClock, Rcc, RccExt as _};
@@ -75,9 +77,6 @@ use stm32f4xx_hal::pac;
 const TIMERS_MHZ: u16 = (WIRING.core_hz / 1_000_000) as u16;
 /// Bits a second, as in the firmware.
 const BAUD: u32 = 115_200;
-/// Priority of `serial_rx` and of `step`, as in the firmware.
-const SERIAL_PRIORITY: u8 = 4;
-const STEP_PRIORITY: u8 = 5;
 
 /// Access to the flash, as in the firmware.
 fn flash_access(w: &mut pac::flash::acr::W) -> &mut pac::flash::acr::W {
@@ -119,6 +118,7 @@ pub(crate) fn bring_up() -> ! {
     } = clocks::start(rcc, &device.FLASH);
     chosen::enable_clocks(&mut rcc);
     pwm::init();
+    priorities::set(&mut core.NVIC);
     let usart = start_serial(chosen::sender!(device), &rcc, &mut core.NVIC);
     let receiver = serial::Receiver::new(usart);
 
@@ -129,7 +129,7 @@ pub(crate) fn bring_up() -> ! {
         chip::read(facts, &device.FLASH, &device.DBGMCU, reset_flags);
         echo::await_early_byte();
         player::play_all(facts, &mut core.SCB, core.SYST);
-        chip::read_priorities(facts);
+        priorities::read(facts);
     } else {
         faults::record(cause, reset_flags, &mut kept);
     }
@@ -151,7 +151,7 @@ fn start_serial(usart: Usart, rcc: &Rcc, nvic: &mut pac::NVIC) -> Usart {
     WIRING
         .receive
         .make_alternate(WIRING.serial_function, Pull::Up);
-    chosen::unmask_sender(nvic, SERIAL_PRIORITY);
+    chosen::unmask_sender(nvic, priorities::SERIAL);
     echo::unmask(nvic);
     usart
 }

@@ -1,6 +1,6 @@
 //! What the chip says of itself, and what its start-up has set.
 
-use cortex_m::peripheral::{CPUID, FPU, MPU, SCB, scb::SystemHandler};
+use cortex_m::peripheral::{CPUID, FPU, MPU, SCB};
 
 use super::{Facts, emulation, pac};
 
@@ -13,6 +13,7 @@ pub(super) fn read(facts: &mut Facts, flash: &pac::FLASH, debug: &pac::DBGMCU, r
     facts.put("emulated", emulation::is_emulated().into());
     facts.put("processor", processor().into());
     facts.put("vectors", register(SCB::PTR.cast(), VTOR).into());
+    facts.put("control", register(SCB::PTR.cast(), CCR).into());
     facts.put("fpu.access", register(SCB::PTR.cast(), CPACR).into());
     facts.put("fpu.control", register(FPU::PTR.cast(), 1).into());
     facts.put("guard.control", register(MPU::PTR.cast(), 1).into());
@@ -35,6 +36,7 @@ pub(super) fn read(facts: &mut Facts, flash: &pac::FLASH, debug: &pac::DBGMCU, r
 /// Registers of the system control block, in words from its second one, which is the first of [`SCB::PTR`]:
 /// ARMv7-M reference manual B3.2.
 const VTOR: usize = 1;
+const CCR: usize = 4;
 const CPACR: usize = 33;
 
 #[expect(unsafe_code, reason = "registers by their addresses")]
@@ -47,12 +49,4 @@ fn register(first: *const u32, index: usize) -> u32 {
 fn processor() -> u32 {
     // SAFETY: reads a register without side effects.
     unsafe { (*CPUID::PTR).base.read() }
-}
-
-/// Reads the priorities of the step timer, and of the sender where it is USART1 or hands on to it.
-pub(super) fn read_priorities(facts: &mut Facts) {
-    let step = SCB::get_priority(SystemHandler::SysTick);
-    facts.put("priority.step", step.into());
-    let serial = pac::NVIC::get_priority(pac::Interrupt::USART1);
-    facts.put("priority.serial", serial.into());
 }

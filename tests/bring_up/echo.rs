@@ -15,9 +15,9 @@ use leadscrew::{
 use rtt_target::{ChannelMode, UpChannel};
 
 use super::{
-    Facts, SERIAL_PRIORITY,
+    Facts,
     chosen::Usart,
-    clock, emulation, pac,
+    clock, emulation, pac, priorities,
     serial::{FaultPort, Receiver, Transmitter},
     vectors,
 };
@@ -57,7 +57,7 @@ fn handler() -> &'static mut Option<Handler> {
 
 /// Unmasks the vector to which those of all other USARTs hand on, with the priority of the firmware.
 pub(super) fn unmask(nvic: &mut pac::NVIC) {
-    vectors::unmask(nvic, &[pac::Interrupt::USART1], SERIAL_PRIORITY);
+    vectors::unmask(nvic, &[pac::Interrupt::USART1], priorities::SERIAL);
 }
 
 #[unsafe(no_mangle)]

@@ -16,7 +16,7 @@ use leadscrew::{
     tasks::{self, StepPlatform},
 };
 
-use super::{Facts, STEP_PRIORITY, clock, pac, trace, vectors::nvic_priority};
+use super::{Facts, clock, pac, priorities, trace, vectors::nvic_priority};
 
 #[path = "../../src/board/step_timer.rs"]
 #[allow(dead_code, reason = "the emulator's timer is used")]
@@ -223,7 +223,7 @@ pub(super) fn play_all(facts: &mut Facts, scb: &mut SCB, timer: SYST) {
 fn set_priority(scb: &mut SCB) {
     // SAFETY: nothing shares anything under a lock of priorities.
     unsafe {
-        scb.set_priority(SystemHandler::SysTick, nvic_priority(STEP_PRIORITY));
+        scb.set_priority(SystemHandler::SysTick, nvic_priority(priorities::STEP));
         cortex_m::interrupt::enable();
     }
 }

@@ -7,6 +7,7 @@ mod checks;
 mod emulated;
 mod exchange;
 mod facts;
+mod priorities;
 mod probed;
 mod report;
 
@@ -115,6 +116,7 @@ fn expected(board: &Board, elf: &Path) -> Result<Expected> {
         wait_states: board.chip.clocks.flash_wait_states.into(),
         vectors: emulator::symbol(elf, VECTORS)?.cast_signed(),
         guard: guard.cast_signed(),
+        priorities: priorities::of_tasks()?,
     })
 }
 

@@ -59,6 +59,8 @@ pub(super) struct Expected {
     pub(super) vectors: i64,
     /// Address of the guard of the stack.
     pub(super) guard: i64,
+    /// The vectors of the firmware's tasks, each with its priority as RTIC has it.
+    pub(super) priorities: Vec<(String, u8)>,
 }
 
 /// Numbers of the kinds of chips, by their features: "MCU device ID code" in RM0090, RM0383 and RM0390.
@@ -205,16 +207,17 @@ fn chip(parts: &mut Parts<'_>, expected: &Expected) {
             "guard.control",
             0b101,
         ),
-        ("priority of step", Need::Program, "priority.step", 0xb0),
-        (
-            "priority of serial_rx",
-            Need::Program,
-            "priority.serial",
-            0xc0,
-        ),
+        // As after a reset, which the firmware leaves: the stack is aligned for interrupts; neither an access
+        // that is not aligned nor a division by zero is a fault. ARMv7-M reference manual B3.2.8.
+        ("alignment and traps", Need::Program, "control", 0x200),
     ];
     for (name, need, fact, word) in words {
         parts.add_bits(name, need, fact, WORD, word);
+    }
+    for (vector, priority) in &expected.priorities {
+        let fact = format!("priority.{vector}");
+        let (name, word) = (format!("priority of {vector}"), nvic_priority(*priority));
+        parts.add_bits(&name, Need::Program, &fact, WORD, word);
     }
     // The lowest five bits are the number of the region: ARMv7-M reference manual B3.5.8.
     let (guard, region) = (expected.guard, 0x1f);
@@ -231,6 +234,11 @@ fn chip(parts: &mut Parts<'_>, expected: &Expected) {
     for (name, need, fact, bits) in BITS {
         parts.add_bits(name, need, fact, bits, bits);
     }
+}
+
+/// Returns a priority of RTIC as the chips have it: in the upper four bits of a byte, 0 is the highest.
+const fn nvic_priority(priority: u8) -> i64 {
+    (16 - priority as i64) << 4
 }
 
 /// Bits that must all be set.

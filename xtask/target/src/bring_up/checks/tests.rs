@@ -2,16 +2,23 @@
 
 use super::*;
 
-const EXPECTED: Expected = Expected {
-    chip: Some(0x413),
-    flash_kib: 1024,
-    wait_states: 5,
-    vectors: 0x0800_0000,
-    guard: 0x2000_a000,
-};
+fn expected() -> Expected {
+    Expected {
+        chip: Some(0x413),
+        flash_kib: 1024,
+        wait_states: 5,
+        vectors: 0x0800_0000,
+        guard: 0x2000_a000,
+        priorities: vec![
+            ("SysTick".into(), 5),
+            ("USART1".into(), 4),
+            ("TIM4".into(), 1),
+        ],
+    }
+}
 
 /// What a board says with which everything is well.
-const FACTS: [(&str, i64); 40] = [
+const FACTS: [(&str, i64); 42] = [
     ("emulated", 0),
     ("port", 1),
     ("crystal", 1),
@@ -29,8 +36,10 @@ const FACTS: [(&str, i64); 40] = [
     ("guard.control", 5),
     ("fpu.access", 0xf << 20),
     ("fpu.control", 0xc000_0000),
-    ("priority.step", 0xb0),
-    ("priority.serial", 0xc0),
+    ("control", 0x200),
+    ("priority.SysTick", 0xb0),
+    ("priority.USART1", 0xc0),
+    ("priority.TIM4", 0xf0),
     ("step.halts.pushed", 8000),
     ("step.halts.played", 8000),
     ("step.halts.halted", 983),
@@ -88,7 +97,7 @@ fn good() -> Facts {
 
 /// The parts with a verdict, each with its check.
 fn with(verdict: Verdict, facts: &Facts) -> Vec<(&'static str, String)> {
-    let checks = judge(facts, &EXPECTED).into_iter();
+    let checks = judge(facts, &expected()).into_iter();
     let parts = checks.flat_map(|check| {
         let items = check.items.into_iter();
         items.map(move |item| (check.title, item))
@@ -111,7 +120,7 @@ fn assert_fails(check: &str, part: &str, fact: &str, number: Option<i64>) {
         .map(|(check, part)| (*check, &**part))
         .collect();
     assert_eq!(failed, [(check, part)], "{fact} {number:?}");
-    let verdicts = judge(&facts, &EXPECTED).into_iter();
+    let verdicts = judge(&facts, &expected()).into_iter();
     let verdicts = verdicts.filter(|check| check.verdict() == Verdict::Failed);
     assert_eq!(verdicts.count(), 1, "{fact}");
 }
@@ -120,7 +129,7 @@ fn assert_fails(check: &str, part: &str, fact: &str, number: Option<i64>) {
 fn a_board_on_which_everything_is_well_passes_every_part() {
     assert_eq!(with(Verdict::Failed, &good()), []);
     assert_eq!(with(Verdict::Open, &good()), []);
-    assert_eq!(with(Verdict::Passed, &good()).len(), 71);
+    assert_eq!(with(Verdict::Passed, &good()).len(), 73);
 }
 
 #[test]
@@ -138,8 +147,13 @@ fn another_chip_or_another_start_up_fails_the_check_of_the_chip() {
         ("control of the guard", "guard.control", 0),
         ("floating point", "fpu.access", 0),
         ("its registers saved late", "fpu.control", 0),
-        ("priority of step", "priority.step", 0xff),
-        ("priority of serial_rx", "priority.serial", 0xb0),
+        // A division by zero is a fault; so is an access that is not aligned.
+        ("alignment and traps", "control", 0x210),
+        ("alignment and traps", "control", 0x208),
+        ("priority of SysTick", "priority.SysTick", 0xff),
+        ("priority of USART1", "priority.USART1", 0xb0),
+        // Two bits are all that the chip has.
+        ("priority of TIM4", "priority.TIM4", 0xc0),
     ] {
         assert_fails("Chip", part, fact, Some(number));
         assert_fails("Chip", part, fact, None);
@@ -244,7 +258,7 @@ fn a_stack_without_its_guard_fails_for_that_reason() {
         facts.remove(&format!("fault.stack.{what}"));
     }
     facts.put("fault.stack.unguarded", 1);
-    let checks = judge(&facts, &EXPECTED);
+    let checks = judge(&facts, &expected());
     let mut items = checks.iter().flat_map(|check| &check.items);
     let failed = items.find(|item| item.verdict == Verdict::Failed).unwrap();
     assert_eq!(failed.name, "stack too deep: made");
@@ -261,7 +275,7 @@ fn what_has_no_hardware_is_open_and_does_not_pass() {
     }
     assert_eq!(with(Verdict::Failed, &facts), []);
     assert_eq!(with(Verdict::Open, &facts).len(), 8);
-    let serial = judge(&facts, &EXPECTED).remove(2);
+    let serial = judge(&facts, &expected()).remove(2);
     assert_eq!((serial.title, serial.verdict()), ("Serial", Verdict::Open));
     facts.put("emulated", 1);
     facts.put("chip", 0);
