@@ -3,7 +3,11 @@
 //! Receiving and sending are the firmware's. Both sides count in the same way: see
 //! `xtask/target/src/bring_up/exchange.rs`.
 
-use core::{cell::UnsafeCell, fmt::Write as _};
+use core::{
+    cell::UnsafeCell,
+    fmt::Write as _,
+    sync::atomic::{AtomicU32, Ordering::Relaxed},
+};
 
 use leadscrew::{
     model::{
@@ -48,6 +52,13 @@ unsafe impl Sync for Shared {}
 
 static HANDLER: Shared = Shared(UnsafeCell::new(None));
 static REQUESTS: Requests = Requests::new();
+/// Runs of the handler before it has a receiver.
+static SERVED_EARLY: AtomicU32 = AtomicU32::new(0);
+
+/// Returns how often the interrupt has run before the exchange, wrapping.
+pub(super) fn served_early() -> u32 {
+    SERVED_EARLY.load(Relaxed)
+}
 
 #[expect(unsafe_code, reason = "a handler has no arguments")]
 fn handler() -> &'static mut Option<Handler> {
@@ -63,10 +74,12 @@ pub(super) fn unmask(nvic: &mut pac::NVIC) {
 #[unsafe(no_mangle)]
 #[expect(unsafe_code, reason = "a vector that RTIC does not manage")]
 extern "C" fn USART1() {
-    match handler() {
-        Some(Handler { receiver, received }) => receiver.serve(&REQUESTS, received),
+    if let Some(Handler { receiver, received }) = handler() {
+        receiver.serve(&REQUESTS, received);
+    } else {
         // Somebody sends already: what nobody reads would run this for ever.
-        None => discard(),
+        SERVED_EARLY.store(served_early().wrapping_add(1), Relaxed);
+        discard();
     }
 }
 

@@ -12,12 +12,14 @@ use core::{
 use cortex_m::peripheral::{SCB, SYST, scb::SystemHandler};
 use leadscrew::{
     model::queues::EVENT_RING,
-    stepper::{EventReader, EventRing, EventTap, EventWriter, SegmentRing, StepEvent, Upcoming},
+    stepper::{EventReader, EventRing, EventWriter, SegmentRing, StepEvent, Upcoming},
     tasks::{self, StepPlatform},
 };
 
-use super::{Facts, clock, pac, priorities, trace, vectors::nvic_priority};
+use super::{Facts, clock, echo, pac, priorities, trace, vectors::nvic_priority};
 
+#[path = "races.rs"]
+mod races;
 #[path = "../../src/board/step_timer.rs"]
 #[allow(dead_code, reason = "the emulator's timer is used")]
 mod step_timer;
@@ -86,6 +88,8 @@ const fn scatter(index: u32) -> u32 {
 enum Wait {
     Running,
     Sleeping,
+    /// The interrupt of the sender's USART runs as often as it can.
+    Flooded,
 }
 
 /// When an event came, and for how many cycles it had been due.
@@ -209,14 +213,19 @@ pub(super) fn play_all(facts: &mut Facts, scb: &mut SCB, timer: SYST) {
     for script in &SCRIPTS {
         play(facts, script, &mut writer, Wait::Running, "running");
     }
+    for script in SCRIPTS.iter().filter(|script| script.events == SAMPLES) {
+        play(facts, script, &mut writer, Wait::Flooded, "flooded");
+    }
     // The emulator's time jumps in a sleep.
     if !super::emulation::is_emulated() {
         for script in &SCRIPTS {
             play(facts, script, &mut writer, Wait::Sleeping, "sleeping");
         }
     }
-    halt_often(facts, &mut writer);
+    races::halt_often(facts, &mut writer);
+    races::append_often(facts, &mut writer);
     cortex_m::interrupt::disable();
+    races::reload_often(facts);
 }
 
 #[expect(unsafe_code, reason = "an exception that RTIC does not manage")]
@@ -248,6 +257,7 @@ fn finish(wait: Wait) {
         match wait {
             Wait::Running => {}
             Wait::Sleeping => cortex_m::asm::wfe(),
+            Wait::Flooded => pac::NVIC::pend(pac::Interrupt::USART1),
         }
     }
 }
@@ -260,6 +270,7 @@ fn play(
     waiting: &str,
 ) {
     let late_before = writer.tap().late();
+    let served_before = echo::served_early();
     for index in 0..script.events as u32 {
         writer.push(StepEvent::new((script.ticks)(index), 0, 1));
     }
@@ -278,6 +289,10 @@ fn play(
         ("pushed", signed(script.events)),
         ("played", signed(handler.count)),
         ("late", writer.tap().late().wrapping_sub(late_before).into()),
+        (
+            "served",
+            echo::served_early().wrapping_sub(served_before).into(),
+        ),
         ("least", deviations.clone().min().unwrap_or_default()),
         ("most", deviations.max().unwrap_or_default()),
         ("total", total(script, &handler.stamps)),
@@ -315,51 +330,6 @@ fn total(script: &Script, stamps: &[Stamp; SAMPLES]) -> i64 {
 fn due_between(first: Stamp, second: Stamp) -> i64 {
     let taken = clock::cycles(second.time.wrapping_sub(first.time));
     taken - (i64::from(second.age) - i64::from(first.age))
-}
-
-/// Rounds of [`halt_often`]; the events of each, and the ticks between them.
-const ROUNDS: u32 = 1000;
-const ROUND_EVENTS: u32 = 8;
-const ROUND_TICKS: u32 = 256;
-
-/// Halts the timer at another instant in each round, and counts what comes after that.
-fn halt_often(facts: &mut Facts, writer: &mut EventWriter<'static>) {
-    let (mut after, mut played, mut halted) = (0, 0, 0);
-    for round in 0..ROUNDS {
-        let before = writer.tap().output_count();
-        for _ in 0..ROUND_EVENTS {
-            writer.push(StepEvent::new(ROUND_TICKS, 0, 1));
-        }
-        start(writer);
-        let span = i64::from(ROUND_EVENTS * ROUND_TICKS) * CYCLES_PER_TICK;
-        clock::wait(i64::from(round) * span / i64::from(ROUNDS));
-        halted += i64::from(halt(writer.tap()));
-        let runs = RUNS.load(Relaxed);
-        clock::wait(i64::from(2 * ROUND_TICKS) * CYCLES_PER_TICK);
-        after += i64::from(RUNS.load(Relaxed).wrapping_sub(runs));
-        // The rest, from where it was halted.
-        start(writer);
-        finish(Wait::Running);
-        played += i64::from(writer.tap().output_count().wrapping_sub(before));
-    }
-    for (what, number) in [
-        ("pushed", i64::from(ROUNDS * ROUND_EVENTS)),
-        ("played", played),
-        ("halted", halted),
-        ("after_halt", after),
-    ] {
-        facts.put_of("step.halts", what, number);
-    }
-}
-
-/// Halts the timer, as [`StepInterrupt`] of the firmware does. Returns whether it ran.
-fn halt(tap: EventTap<'_>) -> bool {
-    cortex_m::interrupt::free(|_| {
-        step_timer::halt();
-        let was_running = SEGMENTS.is_running();
-        tap.halt(&SEGMENTS);
-        was_running
-    })
 }
 
 const _: () = assert!(SAMPLES < EVENT_RING);

@@ -274,9 +274,15 @@ fn allowed_in_all(facts: &Facts, pushed: i64) -> i64 {
     }
 }
 
-/// Scripts of the program, and how it waits for their end.
+/// How the program waits for the end of a script, and of which ones.
+const WAITS: [(&str, Need, &[&str]); 3] = [
+    ("running", Need::Program, &SCRIPTS),
+    (FLOODED, Need::Program, &["shortest", "random"]),
+    ("sleeping", Need::Chip, &SCRIPTS),
+];
 const SCRIPTS: [&str; 4] = ["shortest", "longest", "alternating", "random"];
-const WAITS: [(&str, Need); 2] = [("running", Need::Program), ("sleeping", Need::Chip)];
+/// The wait in which the sender's interrupt runs as often as it can.
+const FLOODED: &str = "flooded";
 
 /// Every event comes, and when it should.
 fn step_timer(parts: &mut Parts<'_>, _: &Expected) {
@@ -285,8 +291,8 @@ fn step_timer(parts: &mut Parts<'_>, _: &Expected) {
     } else {
         CHIP_CYCLES
     };
-    for (waiting, need) in WAITS {
-        for script in SCRIPTS {
+    for (waiting, need, scripts) in WAITS {
+        for script in scripts {
             let subject = format!("step.{script}.{waiting}");
             let fact = |what: &str| format!("{subject}.{what}");
             let name = |what: &str| format!("{script}, {waiting}: {what}");
@@ -307,8 +313,23 @@ fn step_timer(parts: &mut Parts<'_>, _: &Expected) {
                     && total.abs() <= in_all;
                 Some((format!("{least} to {most}, {total} in all"), is_right))
             });
+            if waiting == FLOODED {
+                let expected = "as often as events, at least";
+                parts.add(name("serial interrupts"), need, expected, |facts| {
+                    let served = facts.get(&fact("served"))?;
+                    let is_right = served > 0 && served >= facts.get(&fact("pushed"))?;
+                    Some((served.to_string(), is_right))
+                });
+            }
         }
     }
+    halts(parts);
+    appends(parts, allowed);
+    reloads(parts);
+}
+
+/// What is halted in the middle stays where it is, and goes on from there.
+fn halts(parts: &mut Parts<'_>) {
     parts.add_all(
         "halts: events",
         Need::Program,
@@ -325,6 +346,62 @@ fn step_timer(parts: &mut Parts<'_>, _: &Expected) {
         "step.halts.after_halt",
         0,
     );
+}
+
+/// Adds a part of the numbers of both outcomes of a race, each of which must be met.
+fn add_both(parts: &mut Parts<'_>, name: &str, first: (&str, &str), second: (&str, &str)) {
+    let expected = format!("some {}, some {}", first.0, second.0);
+    parts.add(name, Need::Program, expected, |facts| {
+        let [is_first, is_second] = [facts.get(first.1)?, facts.get(second.1)?];
+        let measured = format!("{is_first} {}, {is_second} {}", first.0, second.0);
+        Some((measured, is_first > 0 && is_second > 0))
+    });
+}
+
+/// An event that is appended behind the last comes in its time or after another start, never at another time.
+fn appends(parts: &mut Parts<'_>, allowed: i64) {
+    parts.add_all(
+        "late appends: events",
+        Need::Program,
+        "step.appends.played",
+        "step.appends.pushed",
+    );
+    add_both(
+        parts,
+        "late appends",
+        ("in time", "step.appends.in_time"),
+        ("after the stop", "step.appends.too_late"),
+    );
+    parts.add_number("late appends: late", Need::Program, "step.appends.late", 0);
+    let expected = format!("at most {allowed} cycles off");
+    parts.add("late appends: times", Need::Program, expected, |facts| {
+        let [least, most] =
+            ["least", "most"].map(|what| facts.get(&format!("step.appends.{what}")));
+        let (least, most) = (least?, most?);
+        let is_right = -allowed <= least && most <= allowed;
+        Some((format!("{least} to {most}"), is_right))
+    });
+}
+
+/// The counter begins with the reload value of that instant, whenever another one is written.
+fn reloads(parts: &mut Parts<'_>) {
+    add_both(
+        parts,
+        "reload values around the wrap",
+        ("new", "step.reloads.new"),
+        ("old", "step.reloads.old"),
+    );
+    parts.add_number(
+        "reload values: wrong ones",
+        Need::Program,
+        "step.reloads.wrong",
+        0,
+    );
+    let expected = format!("at most {CHIP_CYCLES} cycles off");
+    parts.add("reload values: counts", Need::Program, expected, |facts| {
+        let off = facts.get("step.reloads.off")?;
+        Some((format!("{off}"), (0..=CHIP_CYCLES).contains(&off)))
+    });
 }
 
 /// Every byte comes through, both ways at once.

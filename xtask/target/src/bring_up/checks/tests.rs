@@ -18,7 +18,7 @@ fn expected() -> Expected {
 }
 
 /// What a board says with which everything is well.
-const FACTS: [(&str, i64); 42] = [
+const FACTS: [(&str, i64); 53] = [
     ("emulated", 0),
     ("port", 1),
     ("crystal", 1),
@@ -40,10 +40,21 @@ const FACTS: [(&str, i64); 42] = [
     ("priority.SysTick", 0xb0),
     ("priority.USART1", 0xc0),
     ("priority.TIM4", 0xf0),
-    ("step.halts.pushed", 8000),
-    ("step.halts.played", 8000),
-    ("step.halts.halted", 983),
+    ("step.halts.pushed", 80_000),
+    ("step.halts.played", 80_000),
+    ("step.halts.halted", 9830),
     ("step.halts.after_halt", 0),
+    ("step.appends.pushed", 4812),
+    ("step.appends.played", 4812),
+    ("step.appends.in_time", 800),
+    ("step.appends.too_late", 804),
+    ("step.appends.late", 0),
+    ("step.appends.least", -2),
+    ("step.appends.most", 1),
+    ("step.reloads.new", 300),
+    ("step.reloads.old", 348),
+    ("step.reloads.wrong", 0),
+    ("step.reloads.off", 2),
     ("serial.expected", 1 << 20),
     ("serial.received", 1 << 20),
     ("serial.wrong", 0),
@@ -68,12 +79,13 @@ fn good() -> Facts {
     for (name, number) in FACTS {
         facts.put(name, number);
     }
-    for script in SCRIPTS {
-        for (waiting, _) in WAITS {
+    for (waiting, _, scripts) in WAITS {
+        for script in scripts {
             for (what, number) in [
                 ("pushed", 32),
                 ("played", 32),
                 ("late", 0),
+                ("served", 32),
                 ("least", -1),
                 ("most", 2),
                 ("total", 1),
@@ -129,7 +141,7 @@ fn assert_fails(check: &str, part: &str, fact: &str, number: Option<i64>) {
 fn a_board_on_which_everything_is_well_passes_every_part() {
     assert_eq!(with(Verdict::Failed, &good()), []);
     assert_eq!(with(Verdict::Open, &good()), []);
-    assert_eq!(with(Verdict::Passed, &good()).len(), 73);
+    assert_eq!(with(Verdict::Passed, &good()).len(), 88);
 }
 
 #[test]
@@ -169,8 +181,8 @@ fn another_chip_or_another_start_up_fails_the_check_of_the_chip() {
 
 #[test]
 fn an_event_that_is_missing_or_comes_at_another_time_fails_the_step_timer() {
-    for (waiting, _) in WAITS {
-        for script in SCRIPTS {
+    for (waiting, _, scripts) in WAITS {
+        for script in scripts {
             for (part, fact, number) in [
                 ("events", "played", 31),
                 ("late", "late", 1),
@@ -186,12 +198,30 @@ fn an_event_that_is_missing_or_comes_at_another_time_fails_the_step_timer() {
         }
     }
     for (part, fact, number) in [
-        ("halts: events", "step.halts.played", 7999),
+        ("halts: events", "step.halts.played", 79_999),
         ("halts in the middle", "step.halts.halted", 0),
         ("events after a halt", "step.halts.after_halt", 1),
+        ("late appends: events", "step.appends.played", 4811),
+        ("late appends", "step.appends.in_time", 0),
+        ("late appends", "step.appends.too_late", 0),
+        ("late appends: late", "step.appends.late", 1),
+        // The time of an event that nobody has written.
+        ("late appends: times", "step.appends.least", -25),
+        ("late appends: times", "step.appends.most", 1_048_000),
+        ("reload values around the wrap", "step.reloads.new", 0),
+        ("reload values around the wrap", "step.reloads.old", 0),
+        ("reload values: wrong ones", "step.reloads.wrong", 1),
+        ("reload values: counts", "step.reloads.off", 25),
     ] {
         assert_fails("Step timer", part, fact, Some(number));
         assert_fails("Step timer", part, fact, None);
+    }
+    for script in ["shortest", "random"] {
+        let part = format!("{script}, flooded: serial interrupts");
+        let fact = format!("step.{script}.flooded.served");
+        for number in [Some(31), Some(0), None] {
+            assert_fails("Step timer", &part, &fact, number);
+        }
     }
     let mut nothing = good();
     nothing.put("step.halts.pushed", 0);
