@@ -20,7 +20,7 @@ use std::collections::BTreeMap;
 use activation::{Activation, Excess, Sections};
 use cache::Cache;
 use graph::{Graph, Site};
-pub use plan::{Kind, Plan, Root, STAND_IN};
+pub use plan::{Kind, Plan, Root, STAND_INS};
 pub use summary::{Held, Runs, Summary, Violation};
 
 use crate::{Instruction, Operation, Region, model};

@@ -7,9 +7,9 @@ use std::{
 
 use crate::{Annotations, App, Config, Function, Image, Input, Model, Program, system::System};
 
-/// The emulated board has no step timer. This handler stands for the hardware; it preempts tasks,
-/// so it is followed too, but nothing is asked of it.
-pub const STAND_IN: &str = "TIM2";
+/// The emulated board has no step timer and no watchdog. These handlers stand for the hardware; they preempt
+/// tasks, so they are followed too, but nothing is asked of them.
+pub const STAND_INS: [&str; 2] = ["TIM2", "TIM3"];
 
 /// A kind of run of a task.
 #[derive(Debug, Clone)]
@@ -140,12 +140,14 @@ fn tasks(system: &System<'_>) -> Vec<(String, Vec<u32>, Vec<Kind>)> {
             _ => tasks.push((row.task.name.clone(), row.entries().to_vec(), vec![kind])),
         }
     }
-    if let Some(handler) = system.image.symbol(STAND_IN) {
-        let kind = Kind {
-            name: STAND_IN.to_owned(),
-            excluded: BTreeSet::new(),
-        };
-        tasks.push((STAND_IN.to_owned(), vec![handler], vec![kind]));
+    for name in STAND_INS {
+        if let Some(handler) = system.image.symbol(name) {
+            let kind = Kind {
+                name: name.to_owned(),
+                excluded: BTreeSet::new(),
+            };
+            tasks.push((name.to_owned(), vec![handler], vec![kind]));
+        }
     }
     tasks
 }

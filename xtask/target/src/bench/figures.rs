@@ -7,7 +7,7 @@ use serde_json::{Map, Value, json};
 
 use super::{
     report::{Report, Task},
-    tasks::{PREPARE, STAND_IN, STEP, THREAD},
+    tasks::{PREPARE, STAND_INS, STEP, THREAD},
 };
 
 /// Instructions and cycles, of one run or of the mean one.
@@ -66,7 +66,7 @@ impl Run {
         };
         let names = self.whole.tasks.iter().map(|task| task.name.as_str());
         names
-            .filter(|name| ![THREAD, STAND_IN].contains(name))
+            .filter(|name| *name != THREAD && !STAND_INS.contains(name))
             .map(|name| {
                 let spent = cost(&self.whole, name).minus(cost(&self.settings, name));
                 (name, spent.per(self.count))

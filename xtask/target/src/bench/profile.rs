@@ -14,7 +14,7 @@ use owo_colors::OwoColorize;
 use super::{
     figures::Cost,
     report::Report,
-    tasks::{STAND_IN, THREAD},
+    tasks::{STAND_INS, THREAD},
 };
 use common::cargo;
 
@@ -57,7 +57,8 @@ pub(super) fn print(report: &Report, elf: &Path) -> Result<()> {
     calls(report);
     for (task, owner) in report.tasks.iter().enumerate() {
         let is_whole = report.tasks.len() == 1;
-        let is_idle = [THREAD, STAND_IN].contains(&owner.name.as_str()) && !is_whole;
+        let name = owner.name.as_str();
+        let is_idle = (name == THREAD || STAND_INS.contains(&name)) && !is_whole;
         if is_idle || owner.cycles * NEGLIGIBLE < report.cycles {
             continue;
         }

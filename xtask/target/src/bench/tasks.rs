@@ -6,8 +6,8 @@ use owo_colors::OwoColorize;
 
 use super::report::Report;
 
-/// The emulated board has no step timer: this handler stands for the hardware.
-pub(super) const STAND_IN: &str = "TIM2";
+/// The emulated board has no step timer and no watchdog: these handlers stand for the hardware.
+pub(super) const STAND_INS: [&str; 2] = ["TIM2", "TIM3"];
 /// What runs outside handlers: initialisation and idling.
 pub(super) const THREAD: &str = "thread";
 /// The step interrupt.
@@ -70,7 +70,7 @@ pub(super) fn print(report: &Report) {
     for (index, task) in report.tasks.iter().enumerate() {
         // Initialisation and idling say nothing, unless they are the program.
         let is_idle = index == 0 && report.tasks.len() > 1;
-        if is_idle || task.name == STAND_IN {
+        if is_idle || STAND_INS.contains(&task.name.as_str()) {
             continue;
         }
         let per_run = |amount: u64| amount as f64 / task.activations.max(1) as f64;
