@@ -60,6 +60,8 @@ mod outputs;
 mod player;
 #[path = "priorities.rs"]
 mod priorities;
+#[path = "sequence.rs"]
+mod sequence;
 
 use cortex_m::Peripherals as Core;
 use stm32f4xx_hal::rcc::{BusClock, Rcc, RccExt as _};

@@ -1,7 +1,6 @@
 //! The sender's USART: each byte that comes is compared with the one that should, and answered.
 //!
-//! Receiving and sending are the firmware's. Both sides count in the same way: see
-//! `xtask/target/src/bring_up/exchange.rs`.
+//! Receiving and sending are the firmware's. `xtask/target/src/bring_up/exchange.rs` is the other side.
 
 use core::{
     cell::UnsafeCell,
@@ -22,6 +21,7 @@ use super::{
     Facts,
     chosen::Usart,
     clock, emulation, pac, priorities,
+    sequence::Sequence,
     serial::{FaultPort, Receiver, Transmitter},
     vectors,
 };
@@ -32,7 +32,7 @@ const EMULATED_BYTES: u32 = 1 << 13;
 /// Says that what comes on the serial line from here on are answers.
 const MARK: &str = "\r\n[bring-up]\r\n";
 /// Asks for a byte, in the emulator.
-const ASKED: &str = "\r\n[byte]\r\n";
+const BYTE_REQUEST: &str = "\r\n[byte]\r\n";
 /// Number of the RTT channel.
 const CHANNEL: usize = 0;
 /// Longest silence in the middle, cycles: half a second.
@@ -96,7 +96,7 @@ fn discard() {
 #[expect(unsafe_code, reason = "nobody receives yet")]
 pub(super) fn await_early_byte() {
     if emulation::is_emulated() {
-        let _ = FaultPort.write_str(ASKED);
+        let _ = FaultPort.write_str(BYTE_REQUEST);
         // SAFETY: reads a register without side effects.
         let usart = unsafe { &*Usart::ptr() };
         while usart.sr().read().rxne().bit_is_clear() {}
@@ -178,34 +178,12 @@ fn exchange(facts: &mut Facts, mut received: ByteReader<'_>, bytes: u32) {
         if let Some(byte) = received.dequeue() {
             last = clock::now();
             count += 1;
-            wrong += i64::from(byte != expected.next());
-            answers.append(&[answer.next()]);
+            wrong += i64::from(byte != expected.next_byte());
+            answers.append(&[answer.next_byte()]);
         }
     }
     FaultPort::drain();
     facts.put("serial.received", count.into());
     facts.put("serial.wrong", wrong);
     facts.put("serial.lost", REQUESTS.lost().into());
-}
-
-/// Bytes that look random: lines of 63 characters without any that the firmware acts on.
-struct Sequence(u32, u32);
-
-const CHARACTERS: &[u8; 64] = b"0123456789ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz.-";
-
-impl Sequence {
-    const fn new(seed: u8) -> Self {
-        Self(0x2545_f491 ^ seed as u32, 0)
-    }
-
-    fn next(&mut self) -> u8 {
-        self.1 = self.1.wrapping_add(1);
-        self.0 ^= self.0 << 13;
-        self.0 ^= self.0 >> 17;
-        self.0 ^= self.0 << 5;
-        if self.1.is_multiple_of(64) {
-            return b'\n';
-        }
-        CHARACTERS[(self.0 >> 16) as usize % CHARACTERS.len()]
-    }
 }

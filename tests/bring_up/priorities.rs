@@ -9,7 +9,7 @@ use super::{
 };
 
 /// The application, as text.
-const APP: &[u8] = include_bytes!("../../src/app.rs");
+const APP_SOURCE: &[u8] = include_bytes!("../../src/app.rs");
 
 /// Priority of `step`.
 pub(super) const STEP: u8 = bound(b"SysTick");
@@ -57,7 +57,7 @@ pub(super) fn read(facts: &mut Facts) {
 /// Returns the priority of the task that binds a vector.
 const fn bound(vector: &[u8]) -> u8 {
     let mut at = behind(0, b"binds = ");
-    while !(is_at(at, vector) && APP[at + vector.len()] == b',') {
+    while !(is_at(at, vector) && APP_SOURCE[at + vector.len()] == b',') {
         at = behind(at, b"binds = ");
     }
     number(behind(at, b"priority = "))
@@ -66,10 +66,10 @@ const fn bound(vector: &[u8]) -> u8 {
 /// Returns the priority of the software tasks, which have this dispatcher, and no other.
 const fn dispatched(vector: &[u8]) -> u8 {
     let list = behind(0, b"dispatchers = [");
-    assert!(is_at(list, vector) && APP[list + vector.len()] == b']');
+    assert!(is_at(list, vector) && APP_SOURCE[list + vector.len()] == b']');
     let mut at = behind(list, b"#[task(");
     loop {
-        while APP[at].is_ascii_whitespace() {
+        while APP_SOURCE[at].is_ascii_whitespace() {
             at += 1;
         }
         if is_at(at, b"priority = ") {
@@ -89,12 +89,12 @@ const fn behind(mut at: usize, text: &[u8]) -> usize {
 
 const fn is_at(place: usize, text: &[u8]) -> bool {
     assert!(
-        place + text.len() < APP.len(),
+        place + text.len() < APP_SOURCE.len(),
         "src/app.rs does not have it"
     );
     let mut index = 0;
     while index < text.len() {
-        if APP[place + index] != text[index] {
+        if APP_SOURCE[place + index] != text[index] {
             return false;
         }
         index += 1;
@@ -104,6 +104,6 @@ const fn is_at(place: usize, text: &[u8]) -> bool {
 
 /// Returns the number of one digit at a place.
 const fn number(place: usize) -> u8 {
-    assert!(APP[place].is_ascii_digit() && !APP[place + 1].is_ascii_digit());
-    APP[place] - b'0'
+    assert!(APP_SOURCE[place].is_ascii_digit() && !APP_SOURCE[place + 1].is_ascii_digit());
+    APP_SOURCE[place] - b'0'
 }

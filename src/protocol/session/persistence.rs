@@ -23,7 +23,7 @@ use crate::{
 };
 
 /// Whether the memory of the settings has to be erased, as flash has and an EEPROM has not.
-const ERASES: bool = !cfg!(feature = "eeprom");
+const NEEDS_ERASE: bool = !cfg!(feature = "eeprom");
 /// `$13`.
 const REPORT_INCHES: i64 = 13;
 
@@ -92,7 +92,7 @@ impl Persistence {
 
     /// Returns whether [`Session::store_postponed`] may have something to do.
     pub(super) const fn has_postponed(&self) -> bool {
-        ERASES && (self.feedback.is_some() || !self.waiting.is_empty())
+        NEEDS_ERASE && (self.feedback.is_some() || !self.waiting.is_empty())
     }
 
     /// Returns the change that the platform is to store.
@@ -109,7 +109,7 @@ impl Persistence {
         if let StoreState::Postponed(change) = self.state {
             self.finish_postponed(change, result);
         } else if let Some(change) = self.requested() {
-            if ERASES && result == Err(StoreError::MustWait) {
+            if NEEDS_ERASE && result == Err(StoreError::MustWait) {
                 if self.waiting.is_empty() {
                     self.feedback = Some(Feedback::StoredLater);
                 }

@@ -5,6 +5,7 @@
 //! the account of what passed must be right to the last byte: see [`grbl`] and [`reprap`].
 
 mod account;
+mod browser;
 mod damage;
 mod grbl;
 mod install;

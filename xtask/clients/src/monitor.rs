@@ -1,7 +1,6 @@
 //! `cargo xtask monitor` between a sender and the machine, and its page in a browser.
 
 use std::{
-    fs,
     io::{BufRead as _, BufReader, Read as _},
     path::{Path, PathBuf},
     process::{Child, ChildStderr, Command, Stdio},
@@ -11,12 +10,11 @@ use anyhow::{Context, Result, bail, ensure};
 use common::{cargo, check::Verdict, tools};
 use rustix::process::{Pid, Signal};
 
-use super::{INSTALLING, browser_and_modules, install};
+use super::browser;
 
-/// What looks at the page of a path, and at that of a job, and what both show at their end.
+/// What looks at the page of a path, and at that of a job.
 const PATH_SCRIPT: &str = "monitor_page.js";
 const JOB_SCRIPT: &str = "live_page.js";
-const END: &str = "at 0,0,0";
 /// What sends the page as much as ten minutes have.
 const MEMORY_SCRIPT: &str = "monitor_memory.js";
 
@@ -108,66 +106,29 @@ pub(super) fn live_page() -> Result<Verdict> {
 
 /// Has a script look at the page while an example is sent to the simulator.
 fn look(script: &str, example: &str) -> Result<Verdict> {
-    let installing = INSTALLING.lock();
-    let node = browser_and_modules();
-    drop(installing);
-    let mut node = match node {
-        Ok(node) => node,
-        Err(reason) => return Ok(Verdict::Skipped(format!("{reason:#}"))),
-    };
-    let folder = install::folder().join(format!("monitor-{example}"));
-    let _ = fs::remove_dir_all(&folder);
-    fs::create_dir_all(&folder)?;
     let examples = cargo::root().join("examples");
     let settings = if example == "pico" { "pico" } else { "mill" };
-    let mut command = tools::command(tools::MONITOR)?;
-    command
-        .arg(examples.join(format!("{example}.nc")))
-        .args(["--sim", "--settings"])
-        .arg(examples.join(format!("{settings}.settings")));
-    let mut monitor = Monitor::start(&mut command)?;
-    let output = node
-        .arg(install::scripts().join(script))
-        .arg(&monitor.address)
-        .current_dir(&folder)
-        .stdin(Stdio::null())
-        .output()
-        .context("cannot start the script")?;
-    let said = String::from_utf8_lossy(&output.stdout);
-    let failed = String::from_utf8_lossy(&output.stderr);
-    ensure!(
-        output.status.success() && said.trim().ends_with(END),
-        "{failed}\n(see {})",
-        folder.display()
-    );
-    monitor.wait()?;
-    Ok(Verdict::Passed)
+    let mut monitor = None;
+    let verdict = browser::look(script, &format!("monitor-{example}"), |_, node| {
+        let mut command = tools::command(tools::MONITOR)?;
+        command
+            .arg(examples.join(format!("{example}.nc")))
+            .args(["--sim", "--settings"])
+            .arg(examples.join(format!("{settings}.settings")));
+        let started = monitor.insert(Monitor::start(&mut command)?);
+        node.arg(&started.address);
+        Ok(())
+    })?;
+    if let Some(mut monitor) = monitor {
+        monitor.wait()?;
+    }
+    Ok(verdict)
 }
 
 /// Sends a page what ten minutes have, and looks at its memory.
 pub(super) fn memory() -> Result<Verdict> {
-    let installing = INSTALLING.lock();
-    let node = browser_and_modules();
-    drop(installing);
-    let mut node = match node {
-        Ok(node) => node,
-        Err(reason) => return Ok(Verdict::Skipped(format!("{reason:#}"))),
-    };
-    let folder = install::folder().join("monitor-memory");
-    let _ = fs::remove_dir_all(&folder);
-    fs::create_dir_all(&folder)?;
-    let output = node
-        .arg(install::scripts().join(MEMORY_SCRIPT))
-        .arg(tools::command(tools::MONITOR)?.get_program())
-        .current_dir(&folder)
-        .stdin(Stdio::null())
-        .output()
-        .context("cannot start the script")?;
-    let said = String::from_utf8_lossy(&output.stdout);
-    let failed = String::from_utf8_lossy(&output.stderr);
-    ensure!(
-        output.status.success() && said.trim().ends_with(END),
-        "{failed}"
-    );
-    Ok(Verdict::Passed)
+    browser::look(MEMORY_SCRIPT, "monitor-memory", |_, node| {
+        node.arg(tools::command(tools::MONITOR)?.get_program());
+        Ok(())
+    })
 }

@@ -12,11 +12,13 @@ use ::web::measure::{native, under_node};
 use anyhow::{Context, Result, bail, ensure};
 use common::{cargo, check::Verdict, tools};
 
-use super::{INSTALLING, browser_and_modules, install, view::said};
+use super::{
+    browser::{self, said},
+    install,
+};
 
-/// What looks at the page, and shows at its end.
+/// What looks at the page.
 const SCRIPT: &str = "web_page.js";
-const END: &str = "at 0,0,0";
 /// Lines of a job that takes long enough to be cancelled.
 const LONG: usize = 100_000;
 /// One page is made at a time.
@@ -28,16 +30,14 @@ struct Job {
     settings: Option<PathBuf>,
 }
 
-/// Makes the page, with what a check needs in a folder of its own.
-fn made(name: &str) -> Result<(PathBuf, PathBuf)> {
+/// Makes the page in a folder, and returns where it is.
+fn made(folder: &Path) -> Result<PathBuf> {
     let making = MAKING.lock();
-    let folder = install::folder().join(name);
-    let _ = fs::remove_dir_all(&folder);
+    let folder = folder.join("page");
     let mut command = tools::command(tools::WEB)?;
     said(command.arg("--output").arg(&folder)).context("the page cannot be made")?;
     drop(making);
-    let index = folder.join("index.html");
-    Ok((folder, index))
+    Ok(folder.join("index.html"))
 }
 
 /// The examples with the settings that they are for, and with those of a new machine.
@@ -88,7 +88,10 @@ pub(super) fn jobs() -> Result<Verdict> {
     if !cargo::is_there("node") {
         return Ok(Verdict::Skipped("node is not installed".into()));
     }
-    let (folder, index) = made("web-jobs")?;
+    let folder = install::folder().join("web-jobs");
+    let _ = fs::remove_dir_all(&folder);
+    fs::create_dir_all(&folder)?;
+    let index = made(&folder)?;
     let mut jobs = examples()?;
     jobs.extend(written(&folder)?);
     let mut hashes = Vec::new();
@@ -128,26 +131,14 @@ pub(super) fn jobs() -> Result<Verdict> {
 
 /// Has a browser run jobs in the page.
 pub(super) fn page() -> Result<Verdict> {
-    let installing = INSTALLING.lock();
-    let node = browser_and_modules();
-    drop(installing);
-    let mut node = match node {
-        Ok(node) => node,
-        Err(reason) => return Ok(Verdict::Skipped(format!("{reason:#}"))),
-    };
-    let (folder, index) = made("web-page")?;
-    let examples = cargo::root().join("examples");
-    let [program, settings] = ["plate.nc", "mill.settings"].map(|name| examples.join(name));
-    let (hash, _) = native(&program, Some(&settings))?;
-    let long = folder.join("long.nc");
-    fs::write(&long, programs::relief(LONG))?;
-    node.arg(install::scripts().join(SCRIPT));
-    node.args([&index, &program, &settings]).arg(hash).arg(long);
-    let said =
-        said(node.current_dir(&folder)).with_context(|| format!("see {}", folder.display()))?;
-    ensure!(
-        said.trim().ends_with(END),
-        "the script comes to no end: {said}"
-    );
-    Ok(Verdict::Passed)
+    browser::look(SCRIPT, "web-page", |folder, node| {
+        let index = made(folder)?;
+        let examples = cargo::root().join("examples");
+        let [program, settings] = ["plate.nc", "mill.settings"].map(|name| examples.join(name));
+        let (hash, _) = native(&program, Some(&settings))?;
+        let long = folder.join("long.nc");
+        fs::write(&long, programs::relief(LONG))?;
+        node.args([&index, &program, &settings]).arg(hash).arg(long);
+        Ok(())
+    })
 }

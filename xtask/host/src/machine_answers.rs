@@ -18,7 +18,7 @@ use crate::{
 };
 
 /// A baud rate at which the line takes no time.
-pub const FAST: u32 = 10_000_000;
+pub const UNLIMITED_BAUD: u32 = 10_000_000;
 
 /// The answers of a machine at rest.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
@@ -147,7 +147,8 @@ impl MachineAnswers {
         }
         let text = self.set_up().join("\n") + "\n";
         let mut refusal = Refusal::default();
-        let mut stream = Stream::new(&mut *simulator, text.bytes(), FAST).with_statements_at_rest();
+        let mut stream =
+            Stream::new(&mut *simulator, text.bytes(), UNLIMITED_BAUD).with_statements_at_rest();
         let end = stream.run(&mut refusal);
         drop(stream);
         if let Some(line) = refusal.0 {
@@ -257,7 +258,7 @@ mod tests {
                  G52 X0.5\nG43.1 Z-2.5\nG55 G91 G18 G61.1 T3 S500 F250\n"
             );
             let mut refusal = Refusal::default();
-            Stream::new(&mut *first, program.bytes(), FAST)
+            Stream::new(&mut *first, program.bytes(), UNLIMITED_BAUD)
                 .with_statements_at_rest()
                 .run(&mut refusal);
             assert_eq!(refusal.0, None);

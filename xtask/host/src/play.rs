@@ -14,7 +14,7 @@ use owo_colors::OwoColorize;
 
 use crate::{Refusals, figures::Figures, program::Program, refusal, sender::Response, summary};
 
-pub use job::play::{Conversation, Recorder, ask, unlock};
+pub use job::play::{Recorder, Replies, ask, unlock};
 
 /// Runs a program and says nothing.
 pub fn play(path: &Path, settings: &Settings) -> Result<Figures> {

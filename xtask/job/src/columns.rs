@@ -16,12 +16,12 @@ pub(crate) fn signed(bytes: &mut Vec<u8>, value: i64) {
 
 /// A column of numbers, each as the difference to the one before.
 #[derive(Debug, Clone, Default)]
-pub(crate) struct Column {
+pub(crate) struct ColumnWriter {
     last: i64,
     pub(crate) bytes: Vec<u8>,
 }
 
-impl Column {
+impl ColumnWriter {
     pub(crate) fn push(&mut self, value: i64) {
         signed(&mut self.bytes, value - self.last);
         self.last = value;

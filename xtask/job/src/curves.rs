@@ -6,7 +6,7 @@ use leadscrew::{
     units::{TICKS_PER_MS, TICKS_PER_SECOND},
 };
 
-use crate::columns::Column;
+use crate::columns::ColumnWriter;
 
 /// Most stretches of a curve.
 pub(crate) const STRETCHES: usize = 3000;
@@ -87,7 +87,7 @@ impl Extremes {
                 0
             }
         };
-        let (mut least, mut greatest) = (Column::default(), Column::default());
+        let (mut least, mut greatest) = (ColumnWriter::default(), ColumnWriter::default());
         for value in &self.values {
             least.push(levels(value.0));
             greatest.push(levels(value.1));

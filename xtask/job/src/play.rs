@@ -190,14 +190,14 @@ pub fn unlock(simulator: &mut Simulator) {
 
 /// What a machine says to whoever is connected with it, without the reports of its state.
 #[derive(Debug, Default)]
-pub struct Conversation {
+pub struct Replies {
     line: Vec<u8>,
     lines: u64,
     responses: Responses,
     messages: Vec<(u64, String)>,
 }
 
-impl Conversation {
+impl Replies {
     /// Takes the next byte.
     pub fn push(&mut self, byte: u8) {
         if byte != b'\n' {

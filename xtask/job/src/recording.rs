@@ -13,7 +13,7 @@ use leadscrew::{
 };
 
 use crate::{
-    columns::{Column, varint},
+    columns::{ColumnWriter, varint},
     curves::Curves,
     figures::Figures,
     holes,
@@ -144,15 +144,15 @@ impl Recorder for Recording {
 #[derive(Debug, Clone, Default)]
 pub(crate) struct Path {
     pub(crate) vertices: usize,
-    times: Column,
-    steps: [Column; AXES],
-    speeds: Column,
-    lines: Column,
+    times: ColumnWriter,
+    steps: [ColumnWriter; AXES],
+    speeds: ColumnWriter,
+    lines: ColumnWriter,
     kinds: Vec<u8>,
-    programmed: Column,
+    programmed: ColumnWriter,
     /// Where a piece begins with another power than the one before has ended with, and how the power
     /// changes within a piece.
-    powers: [Column; 2],
+    powers: [ColumnWriter; 2],
     begun_us: Option<u64>,
     end_us: u64,
     /// All vertices, for tests.

@@ -22,7 +22,7 @@ pub struct Waypoint {
 impl Job {
     /// Returns the points of the path.
     pub fn waypoints(&self) -> Vec<Waypoint> {
-        let mut columns = Columns(self.columns.iter().copied());
+        let mut columns = ColumnReader(self.columns.iter().copied());
         let count = self.path.vertices;
         let times = columns.sums(count);
         let steps: [_; AXES] = std::array::from_fn(|_| columns.sums(count));
@@ -40,9 +40,9 @@ impl Job {
 }
 
 /// Reads columns of varints.
-struct Columns<I>(I);
+struct ColumnReader<I>(I);
 
-impl<I: Iterator<Item = u8>> Columns<I> {
+impl<I: Iterator<Item = u8>> ColumnReader<I> {
     /// 7 bits in each byte, the lowest first.
     fn varint(&mut self) -> u64 {
         let mut value = 0;

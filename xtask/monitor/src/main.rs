@@ -1,7 +1,7 @@
 //! `cargo xtask monitor`: a live picture of what a machine does.
 
-mod course;
 mod page;
+mod path_follower;
 mod picture;
 mod rehearsal;
 mod sending;
@@ -133,8 +133,8 @@ fn rehearse(options: &Options, watch: &mut Watch, stop: &UnixStream) -> Result<O
         answers.settings = text.lines().map(str::to_owned).collect();
     }
     match Rehearsal::of(path, &answers) {
-        Ok(Rehearsal { job, course }) => {
-            watch.expect(course);
+        Ok(Rehearsal { job, path_follower }) => {
+            watch.expect(path_follower);
             Ok(Some(job))
         }
         // The machine is watched all the same.

@@ -33,9 +33,9 @@ const HTML: &str = "text/html; charset=utf-8";
 const BYTES: &str = "application/octet-stream";
 
 /// The files: path, type, content.
-struct Files(Vec<(&'static str, &'static str, Vec<u8>)>);
+struct StaticFiles(Vec<(&'static str, &'static str, Vec<u8>)>);
 
-impl Files {
+impl StaticFiles {
     /// Those of the page, and of the job that is known in advance.
     fn new(job: Option<Job>) -> Result<Self> {
         let page = view::page::served(
@@ -65,7 +65,7 @@ impl Files {
 
 /// Serves the page at an address, with a job that is known in advance, and returns where.
 pub(crate) fn serve(address: &str, shared: &Arc<Shared>, job: Option<Job>) -> Result<SocketAddr> {
-    let files = Files::new(job)?;
+    let files = StaticFiles::new(job)?;
     let server = Server::http(address)
         .map_err(|error| anyhow!("{error}"))
         .with_context(|| format!("cannot serve the page at {address}"))?;
@@ -92,7 +92,12 @@ pub(crate) fn wait_for_pages(shared: &Shared) {
     }
 }
 
-fn answer(request: Request, at: SocketAddr, files: &Files, shared: &Arc<Shared>) -> io::Result<()> {
+fn answer(
+    request: Request,
+    at: SocketAddr,
+    files: &StaticFiles,
+    shared: &Arc<Shared>,
+) -> io::Result<()> {
     let host = request
         .headers()
         .iter()

@@ -10,7 +10,7 @@ use chart::thinned;
 use serde::Serialize;
 
 use crate::{
-    course::Progress,
+    path_follower::Progress,
     track::{AXES, Report},
 };
 

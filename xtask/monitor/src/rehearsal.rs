@@ -12,12 +12,12 @@ use host::{
 };
 use job::{Job, Recording};
 
-use crate::course::Course;
+use crate::path_follower::PathFollower;
 
 /// A job that is known in advance.
 pub(crate) struct Rehearsal {
     pub(crate) job: Job,
-    pub(crate) course: Course,
+    pub(crate) path_follower: PathFollower,
 }
 
 impl Rehearsal {
@@ -45,8 +45,8 @@ impl Rehearsal {
         }
         let name = path.file_name().unwrap_or_default().to_string_lossy();
         let job = recording.finish(&figures, &name, &answers.settings());
-        let course = Course::new(&job.waypoints());
-        Ok(Self { job, course })
+        let path_follower = PathFollower::new(&job.waypoints());
+        Ok(Self { job, path_follower })
     }
 }
 
@@ -69,7 +69,7 @@ mod tests {
             position: [5.0, 7.0, 0.0, 0.0, 0.0, 0.0][..AXES].to_vec(),
             ..MachineAnswers::default()
         };
-        let Rehearsal { job, course } = Rehearsal::of(file.path(), &answers).unwrap();
+        let Rehearsal { job, path_follower } = Rehearsal::of(file.path(), &answers).unwrap();
         let points = job.waypoints();
         let (first, last) = (points[0], points[points.len() - 1]);
         assert_eq!(
@@ -80,8 +80,8 @@ mod tests {
         assert!(lines.is_sorted() && lines.contains(&2), "{lines:?}");
         // 20 mm at 10 mm/s, 10 mm at 5 mm/s.
         assert!(last.time_s > 4.0 && points.is_sorted_by_key(|point| point.time_s));
-        let mut course = course;
-        let told = course.follow([15.0, 7.0, 0.0], 1.0, "Run");
+        let mut path_follower = path_follower;
+        let told = path_follower.follow([15.0, 7.0, 0.0], 1.0, "Run");
         assert!(
             told.is_on_path && told.line == 1 && (told.time_s - 1.0).abs() < 0.2,
             "{told:?}"

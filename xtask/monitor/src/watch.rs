@@ -14,7 +14,7 @@ use rustix::{
 };
 
 use crate::{
-    course::Course,
+    path_follower::PathFollower,
     picture::Shared,
     sending::Sending,
     source::Source,
@@ -49,7 +49,7 @@ pub(crate) struct Watch {
     track: Track,
     tap: Tap,
     /// The path of the job, where it is known in advance.
-    course: Option<Course>,
+    path_follower: Option<PathFollower>,
     /// The last report.
     report: Option<Report>,
     /// Steps in a unit of the path, once a line of the stream has been seen: from then on reports add no
@@ -69,7 +69,7 @@ impl Watch {
             shared,
             start: Instant::now(),
             track: Track::default(),
-            course: None,
+            path_follower: None,
             report: None,
             tap: Tap::new(is_simulated),
             stream_scale: None,
@@ -106,8 +106,8 @@ impl Watch {
     }
 
     /// Tells what the machine is going to do.
-    pub(crate) fn expect(&mut self, course: Course) {
-        self.course = Some(course);
+    pub(crate) fn expect(&mut self, path_follower: PathFollower) {
+        self.path_follower = Some(path_follower);
     }
 
     /// Asks for everything that a job depends on. A machine that moves is asked for nothing: its job is taken
@@ -299,9 +299,9 @@ impl Watch {
 
     /// Finds how far the job is when the machine is at a place.
     fn follow(&mut self, place: [f64; AXES]) {
-        if let Some(course) = &mut self.course {
+        if let Some(path_follower) = &mut self.path_follower {
             let state = self.report.as_ref().map_or("", |report| &report.state);
-            let progress = course.follow(place, self.start.elapsed().as_secs_f64(), state);
+            let progress = path_follower.follow(place, self.start.elapsed().as_secs_f64(), state);
             self.shared.change(|picture| picture.progress(progress));
         }
     }

@@ -15,7 +15,7 @@ use crate::replay::Replay;
 
 /// How the tool goes down.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(crate) struct Descent {
+pub(crate) struct Plunge {
     /// Highest feed, mm/min.
     pub(crate) feed_mm_min: f32,
     /// How long the spindle gets before, s.
@@ -31,7 +31,7 @@ pub(crate) fn approach(
     now: &Interpreter,
     top: Nm,
     settings: &Settings,
-    descent: Descent,
+    plunge: Plunge,
 ) -> Vec<String> {
     let interpreter = &state.interpreter;
     let modal = interpreter.modal();
@@ -41,17 +41,17 @@ pub(crate) fn approach(
         modal.coordinates.word()
     )];
     lines.extend(offsets(interpreter.offsets(), now.offsets()));
-    if descent.tells_tool || interpreter.loaded_tool() != now.loaded_tool() {
+    if plunge.tells_tool || interpreter.loaded_tool() != now.loaded_tool() {
         lines.push(format!("M61 Q{}", interpreter.loaded_tool()));
     }
     lines.push(format!("G53 G0 Z{}", decimal(top)));
     let others = (0..AXES).filter(|axis| *axis != Z);
     lines.push(format!("G0 {}", words(&target, others).join(" ")));
-    let accessories = accessories(modal, settings, descent);
+    let accessories = accessories(modal, settings, plunge);
     let feed = if modal.feed > 0.0 && modal.feed_mode == FeedMode::PerMinute {
-        modal.feed.min(descent.feed_mm_min)
+        modal.feed.min(plunge.feed_mm_min)
     } else {
-        descent.feed_mm_min
+        plunge.feed_mm_min
     };
     let down = format!("G1 Z{} F{feed}", decimal(target[Z]));
     if settings.laser {
@@ -94,7 +94,7 @@ fn offsets(wanted: &Offsets, now: &Offsets) -> Vec<String> {
 }
 
 /// Lines that switch spindle and coolant on, with a dwell behind.
-fn accessories(modal: &Modal, settings: &Settings, descent: Descent) -> Vec<String> {
+fn accessories(modal: &Modal, settings: &Settings, plunge: Plunge) -> Vec<String> {
     let mut lines = Vec::new();
     let spindle = match modal.spindle {
         Spindle::Clockwise => "M3",
@@ -108,7 +108,7 @@ fn accessories(modal: &Modal, settings: &Settings, descent: Descent) -> Vec<Stri
         .filter(|(is_on, _)| *is_on);
     lines.extend(coolant.map(|(_, word)| word.to_owned()));
     if modal.spindle != Spindle::Off && !settings.laser {
-        lines.push(format!("G4 P{}", descent.spin_up_s));
+        lines.push(format!("G4 P{}", plunge.spin_up_s));
     }
     lines
 }

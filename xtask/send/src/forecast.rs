@@ -204,7 +204,7 @@ mod tests {
     use leadscrew::settings::Settings;
 
     use super::*;
-    use host::machine_answers::FAST;
+    use host::machine_answers::UNLIMITED_BAUD;
 
     fn answers() -> MachineAnswers {
         let mut simulator = Simulator::new(&Settings::default());
@@ -223,7 +223,7 @@ mod tests {
     #[test]
     fn the_time_that_is_left_goes_down_to_nothing() {
         let job = lines("G1 X10 F600\nX0\nG4 P2\nG4 P1");
-        let forecast = Forecast::of(&answers(), &job, FAST).unwrap();
+        let forecast = Forecast::of(&answers(), &job, UNLIMITED_BAUD).unwrap();
         assert!(
             (6.0..8.0).contains(&forecast.total_s),
             "{}",
@@ -238,12 +238,12 @@ mod tests {
 
     #[test]
     fn what_is_refused_and_what_rises_an_alarm_is_known_before() {
-        let forecast = Forecast::of(&answers(), &lines("G0 X1\nG999"), FAST).unwrap();
+        let forecast = Forecast::of(&answers(), &lines("G0 X1\nG999"), UNLIMITED_BAUD).unwrap();
         assert_eq!(forecast.refused.len(), 1);
         assert!(forecast.refused[0].contains("error:20"));
         let mut guarded = answers();
         guarded.settings.extend(["$22=1".into(), "$20=1".into()]);
-        let error = Forecast::of(&guarded, &lines("G0 X-1\nG0 X-900"), FAST).unwrap_err();
+        let error = Forecast::of(&guarded, &lines("G0 X-1\nG0 X-900"), UNLIMITED_BAUD).unwrap_err();
         assert_eq!(error.to_string(), "line 2 would end in ALARM:2");
     }
 
@@ -251,7 +251,7 @@ mod tests {
     fn lines_that_wait_in_the_machine_are_not_done() {
         let moves: Vec<_> = (1..400).map(|x| format!("G1 X{x} F600")).collect();
         let job = lines(&format!("{}\nG4 P0.1\nG1 X0\n", moves.join("\n")));
-        let forecast = Forecast::of(&answers(), &job, FAST).unwrap();
+        let forecast = Forecast::of(&answers(), &job, UNLIMITED_BAUD).unwrap();
         assert_eq!(forecast.first_undone(0), 0);
         // All of these are answered before the first millimetre is done.
         assert_eq!(forecast.first_undone(5), 0);
@@ -294,7 +294,7 @@ mod tests {
                 text.extend((0..comments).map(|_| format!("({})", "x".repeat(100))));
             }
             let job = lines(&text.join("\n"));
-            for baud in [FAST, 100_000] {
+            for baud in [UNLIMITED_BAUD, 100_000] {
                 let forecast = Forecast::of(&answers(), &job, baud).unwrap();
                 let mut simulator = answers().simulator(false).unwrap();
                 let bytes = job

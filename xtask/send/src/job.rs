@@ -8,8 +8,8 @@ use host::sender::{Answered, Received, Response, Sender};
 use leadscrew::model::Alarm;
 
 use crate::{
-    by_hand::ByHand,
     machine::{HOLD, REPORT, RESET, meaning},
+    manual_lines::ManualLines,
     status::Status,
 };
 
@@ -26,7 +26,7 @@ pub(crate) enum Key {
     /// The end of the job.
     Stop,
     /// Lines by hand, during a change of the tool.
-    ByHand,
+    ManualLines,
     /// One of the other realtime bytes.
     Realtime(u8),
 }
@@ -36,7 +36,7 @@ pub(crate) const KEYS: [(u8, Key); 13] = [
     (b'h', Key::Hold),
     (b'r', Key::Resume),
     (b'q', Key::Stop),
-    (b't', Key::ByHand),
+    (b't', Key::ManualLines),
     // Feed: 10 % more, 10 % less, as programmed.
     (b'+', Key::Realtime(0x91)),
     (b'-', Key::Realtime(0x92)),
@@ -98,7 +98,7 @@ pub(crate) struct Job {
     /// That the machine waits has been told.
     is_wait_told: bool,
     /// What the operator types during a change of the tool.
-    pub(crate) by_hand: ByHand,
+    pub(crate) manual_lines: ManualLines,
     /// Lines that were answered before a change of the tool in which the operator has set an offset.
     pub(crate) measured: Option<usize>,
     /// Somebody can press a key.
@@ -132,7 +132,7 @@ impl Job {
             status: Status::default(),
             is_hold_asked: false,
             is_wait_told: false,
-            by_hand: ByHand::default(),
+            manual_lines: ManualLines::default(),
             measured: None,
             has_operator: true,
             goes_on,
@@ -169,7 +169,7 @@ impl Job {
 
     /// Sends what the machine has room for.
     fn fill(&mut self) {
-        if self.by_hand.is_on() {
+        if self.manual_lines.is_on() {
             return;
         }
         while let Some(line) = self.lines.get(self.next) {
@@ -192,10 +192,10 @@ impl Job {
     /// Takes a line of the machine.
     pub(crate) fn receive(&mut self, line: &str) {
         if self.status.read(line) {
-            let note = self.by_hand.report(&self.status.state);
+            let note = self.manual_lines.report(&self.status.state);
             self.notes.extend(note.map(str::to_owned));
             self.look();
-        } else if let Some(note) = self.by_hand.answer(line) {
+        } else if let Some(note) = self.manual_lines.answer(line) {
             self.notes.push(note);
         } else if let Some(number) = line.strip_prefix("ALARM:") {
             self.alarm(number);
@@ -249,7 +249,9 @@ impl Job {
             }
             // The operator unlocks it, where he has probed nothing.
             Phase::Running
-                if self.status.state == "Alarm" && self.by_hand.is_on() && self.has_operator => {}
+                if self.status.state == "Alarm"
+                    && self.manual_lines.is_on()
+                    && self.has_operator => {}
             Phase::Running if self.status.state == "Alarm" => {
                 self.phase = Phase::Failed("the machine is locked".into());
             }
@@ -284,7 +286,7 @@ impl Job {
             };
             self.notes
                 .push(format!("the machine {why}: r resumes, q stops"));
-            if self.message.starts_with("[MSG:Tool change") && !self.by_hand.is_on() {
+            if self.message.starts_with("[MSG:Tool change") && !self.manual_lines.is_on() {
                 self.notes
                     .push("t: type lines, to jog and probe with the new tool".into());
             }
@@ -295,7 +297,7 @@ impl Job {
         let mut alarms = Alarm::ALL.into_iter();
         let alarm = alarms.find(|alarm| alarm.number().to_string() == number);
         let text = alarm.map_or(String::new(), |alarm| format!(", {}", alarm.text()));
-        if self.by_hand.is_on() {
+        if self.manual_lines.is_on() {
             self.notes
                 .push(format!("ALARM:{number}{text}: $X unlocks the machine"));
             return;
@@ -332,10 +334,10 @@ impl Job {
                 self.is_hold_asked = true;
                 self.output.push(HOLD);
             }
-            Key::ByHand if self.status.is_held() => self.by_hand.begin(&mut self.output),
-            Key::ByHand => {}
+            Key::ManualLines if self.status.is_held() => self.manual_lines.begin(&mut self.output),
+            Key::ManualLines => {}
             Key::Resume => {
-                self.by_hand.resume();
+                self.manual_lines.resume();
                 self.is_hold_asked = false;
                 self.is_wait_told = false;
                 self.output.push(b'~');
@@ -347,19 +349,19 @@ impl Job {
 
     /// Takes a byte of the keyboard: of a line that is being typed, or a key.
     pub(crate) fn key(&mut self, byte: u8) {
-        if self.by_hand.is_asked() {
+        if self.manual_lines.is_asked() {
             return;
         }
-        if self.by_hand.text.is_none() {
+        if self.manual_lines.text.is_none() {
             if let Some(key) = Key::of(byte) {
                 self.press(key);
             }
         } else if self.phase == Phase::Running {
-            if self.by_hand.press(byte, &mut self.output) {
+            if self.manual_lines.press(byte, &mut self.output) {
                 // A hold before this line was of another move.
                 self.is_hold_asked = false;
             }
-            if self.by_hand.has_set {
+            if self.manual_lines.has_set {
                 self.measured = Some(self.answered());
             }
         }

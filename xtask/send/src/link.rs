@@ -42,9 +42,9 @@ impl AsFd for Port {
 
 /// The other end has gone: the port has been unplugged, the connection has ended.
 #[derive(Debug)]
-pub(crate) struct Gone(String);
+pub(crate) struct LinkLost(String);
 
-impl fmt::Display for Gone {
+impl fmt::Display for LinkLost {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         write!(f, "{} has gone", self.0)
     }
@@ -121,7 +121,7 @@ impl Link {
                 }
                 Err(Errno::AGAIN) => bail!("{} takes nothing: {}", self.name, self.hint),
                 Err(error) => {
-                    return Err(error).with_context(|| Gone(self.name.clone()));
+                    return Err(error).with_context(|| LinkLost(self.name.clone()));
                 }
             }
         }
@@ -135,13 +135,13 @@ impl Link {
             match rustix::io::read(&self.port, &mut chunk) {
                 Ok(0) => {
                     return Err(anyhow!("the connection has ended"))
-                        .with_context(|| Gone(self.name.clone()));
+                        .with_context(|| LinkLost(self.name.clone()));
                 }
                 Ok(length) => self.received.extend(&chunk[..length]),
                 Err(Errno::INTR) => {}
                 Err(Errno::AGAIN) => break,
                 Err(error) => {
-                    return Err(error).with_context(|| Gone(self.name.clone()));
+                    return Err(error).with_context(|| LinkLost(self.name.clone()));
                 }
             }
         }

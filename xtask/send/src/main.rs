@@ -1,11 +1,11 @@
 //! `cargo xtask send`: a program to a machine, from a terminal.
 
 mod approach;
-mod by_hand;
 mod forecast;
 mod job;
 mod link;
 mod machine;
+mod manual_lines;
 mod record;
 mod replay;
 mod resume;
@@ -26,15 +26,15 @@ use clap::Parser;
 use common::{BAUD, text::duration, ui};
 use host::{
     interrupt,
-    machine_answers::{FAST, MachineAnswers},
+    machine_answers::{MachineAnswers, UNLIMITED_BAUD},
     program::Program,
 };
 use rustix::event::PollFlags;
 
-use approach::Descent;
+use approach::Plunge;
 use forecast::Forecast;
 use job::{Job, Phase};
-use link::{Gone, Link, Stopped};
+use link::{Link, LinkLost, Stopped};
 use machine::Machine;
 use record::{Record, RecordFile};
 use resume::{Beginning, Entry};
@@ -139,7 +139,7 @@ fn run(options: &Options) -> Result<ExitCode> {
         let hands = (&mut keyboard, &mut stop);
         let ended = send(options, machine, &lines, kept.as_ref(), &mut file, hands);
         match ended {
-            Err(error) if options.wait && error.is::<Gone>() => {
+            Err(error) if options.wait && error.is::<LinkLost>() => {
                 ui::warning(&format!("{error:#}"));
                 kept = file.last.clone().or(kept);
             }
@@ -247,7 +247,7 @@ fn look_ahead(options: &Options, began: &MachineAnswers, lines: &[Vec<u8>]) -> R
     let baud = if options.port.is_some() {
         options.baud
     } else {
-        FAST
+        UNLIMITED_BAUD
     };
     ui::status("Trying", "the job on the virtual machine");
     let forecast =
@@ -278,7 +278,7 @@ fn find_entry(
     let wanted = match (kept, options.from) {
         (Some(record), _) => {
             // The line may be faster than it was thought: then more moves wait in the machine.
-            let forecast = Forecast::of(&record.began, lines, FAST)?;
+            let forecast = Forecast::of(&record.began, lines, UNLIMITED_BAUD)?;
             let undone = forecast.first_undone(record.answered).min(lines.len() - 1);
             // A reset has taken away what the operator has measured: he does so again.
             record.measured.map_or(undone, |line| line.min(undone))
@@ -297,19 +297,12 @@ fn find_entry(
     };
     // The operator may have measured the workpiece anew.
     beginning.interpreter.set_origins(&now.offsets().origins);
-    let descent = Descent {
+    let plunge = Plunge {
         feed_mm_min: options.plunge,
         spin_up_s: options.spin_up as f32,
         tells_tool: kept.is_some_and(|record| record.measured.is_some()),
     };
-    let entry = resume::entry(
-        lines,
-        wanted,
-        &beginning,
-        &now,
-        &answers.settings(),
-        descent,
-    )?;
+    let entry = resume::entry(lines, wanted, &beginning, &now, &answers.settings(), plunge)?;
     if entry.line < wanted {
         let (first, wanted) = (entry.line + 1, wanted + 1);
         println!("Line {wanted} cannot begin a job; it is continued at line {first}.");

@@ -16,7 +16,7 @@ use leadscrew::{
 };
 
 use crate::{
-    approach::{Descent, approach, top, words, work_position},
+    approach::{Plunge, approach, top, words, work_position},
     replay::{Effect, Replay},
 };
 
@@ -61,7 +61,7 @@ pub(crate) fn entry(
     beginning: &Beginning,
     now: &Interpreter,
     settings: &Settings,
-    descent: Descent,
+    plunge: Plunge,
 ) -> Result<Entry> {
     ensure!(wanted < lines.len(), "the job has {} lines", lines.len());
     let mut most = wanted;
@@ -78,7 +78,7 @@ pub(crate) fn entry(
             break;
         };
         let top = top(highest.max(now.position()[Z]), settings);
-        let tried = approach(&state, now, top, settings, descent);
+        let tried = approach(&state, now, top, settings, plunge);
         match check(&lines[line..], &state, now, settings, &tried) {
             Ok(()) => {
                 return Ok(Entry {

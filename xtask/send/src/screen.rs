@@ -139,7 +139,7 @@ impl Screen {
     pub(crate) fn show(&mut self, job: &Job, remaining_s: Option<f64>) {
         let state = state(&job.status, job.answered(), self.lines, remaining_s);
         self.bar.set_position(job.answered() as u64);
-        let typed = job.by_hand.text.as_ref();
+        let typed = job.manual_lines.text.as_ref();
         let typed = typed.map_or(String::new(), |text| format!("\n> {text}"));
         self.bar.set_message(format!("{state}{typed}"));
         let is_due = self

@@ -4,7 +4,7 @@ mod support;
 
 use std::fs;
 
-use support::{Cable, Sending, Simulator, cut::Cut, path};
+use support::{Cable, Sending, Simulator, cut::CutPath, path};
 use tempfile::{TempDir, tempdir};
 
 /// Quick enough that no test lasts, and slow enough that a key finds the machine in motion.
@@ -157,7 +157,7 @@ fn disturb(waits: bool) {
 
     let done = trace(&steps);
     assert_eq!(done.last(), expected.last());
-    let (expected, done) = (Cut::of(&expected, SURFACE), Cut::of(&done, SURFACE));
+    let (expected, done) = (CutPath::of(&expected, SURFACE), CutPath::of(&done, SURFACE));
     assert!(expected.len() > 1000, "{}", expected.len());
     let missing = expected.beyond(&done);
     assert!(missing.is_empty(), "{missing:?} were not cut: {said}");

@@ -9,9 +9,9 @@ mod axis;
 mod corners;
 mod fit;
 mod follow;
-mod gears;
 pub(crate) mod geometry;
 mod intervals;
+mod motor_scales;
 mod print;
 mod program;
 mod sweep;
@@ -31,10 +31,10 @@ use axis::Track;
 use corners::Corners;
 use fit::Crossing;
 use follow::{Deviation, Follower, Passed, Progress};
-use gears::Gears;
-pub(crate) use gears::name;
 use geometry::{Point, turned};
 use intervals::IntervalError;
+use motor_scales::MotorScales;
+pub(crate) use motor_scales::name;
 pub(crate) use print::text;
 use program::Programmed;
 use sweep::Peak;
@@ -160,7 +160,7 @@ pub(crate) struct Meter {
     follower: Follower,
     is_path_known: bool,
     is_core_xy: bool,
-    gears: Gears,
+    motor_scales: MotorScales,
     tracks: [Track; AXES],
     path: Track,
     path_mm: f64,
@@ -186,13 +186,16 @@ impl Meter {
     /// A machine at the origin, which gets what this reads.
     pub(crate) fn new(reader: ProgramReader) -> Self {
         let settings = reader.settings();
-        let gears = Gears::of(settings);
+        let motor_scales = MotorScales::of(settings);
         Self {
             is_core_xy: settings.core_xy,
             tracks: steps_per_mm(settings).map(Track::of_axis),
-            corners: corners::Meter::new(resolved_mm_s(&gears.accelerations, &gears.steps_per_mm)),
-            follower: Follower::new(gears.steps_per_mm),
-            gears,
+            corners: corners::Meter::new(resolved_mm_s(
+                &motor_scales.accelerations,
+                &motor_scales.steps_per_mm,
+            )),
+            follower: Follower::new(motor_scales.steps_per_mm),
+            motor_scales,
             programmed: Programmed::new(reader),
             taken: VecDeque::new(),
             is_path_known: true,
@@ -287,14 +290,14 @@ impl Meter {
             self.path.cut();
             self.corners.cut();
         }
-        let here = array::from_fn(|n| f64::from(self.steps[n]) / self.gears.steps_per_mm[n]);
+        let here = array::from_fn(|n| f64::from(self.steps[n]) / self.motor_scales.steps_per_mm[n]);
         self.corners.place(seconds, here);
         for (axis, sign) in signs.into_iter().enumerate().filter(|(_, sign)| *sign != 0) {
             self.tracks[axis].push(Crossing {
                 seconds,
                 position: f64::from(self.steps[axis]) - 0.5 * f64::from(sign),
                 grain_s,
-                limit: self.gears.limits[axis],
+                limit: self.motor_scales.limits[axis],
             });
         }
         self.last_ticks = edge.ticks;
@@ -307,9 +310,9 @@ impl Meter {
             let limits = axes.filter_map(|axis| Some(limit(axis)? / tangent[axis].abs()));
             limits.fold(f64::INFINITY, f64::min)
         };
-        let jerk = least(&|axis| self.gears.jerks[axis]);
+        let jerk = least(&|axis| self.motor_scales.jerks[axis]);
         [
-            least(&|axis| Some(self.gears.accelerations[axis])),
+            least(&|axis| Some(self.motor_scales.accelerations[axis])),
             if jerk.is_finite() { jerk } else { 0.0 },
         ]
     }
@@ -324,7 +327,7 @@ impl Meter {
         } else if passed.is_exact {
             let speed_mm_s = self.speed_mm_s.min(passed.corner.allowed_mm_s);
             for (axis, track) in self.tracks.iter_mut().enumerate() {
-                let change = passed.corner.change[axis] * self.gears.ratios[axis];
+                let change = passed.corner.change[axis] * self.motor_scales.ratios[axis];
                 track.allow(seconds, speed_mm_s * change.abs());
             }
         }
@@ -385,7 +388,7 @@ impl Meter {
                 continue;
             }
             let finished = track.finish();
-            let [acceleration_limit_mm_s2, jerk_limit_mm_s3] = self.gears.limits[axis];
+            let [acceleration_limit_mm_s2, jerk_limit_mm_s3] = self.motor_scales.limits[axis];
             traces.accelerations.push((axis, finished.accelerations));
             traces.jerks.push((axis, finished.jerks));
             axes.push(AxisQuality {
@@ -393,7 +396,7 @@ impl Meter {
                 interval_error: path.interval_errors[axis],
                 smoothness: finished.smoothness,
                 acceleration_limit_mm_s2,
-                jerk_limit_mm_s3: self.gears.jerks[axis].map(|_| jerk_limit_mm_s3),
+                jerk_limit_mm_s3: self.motor_scales.jerks[axis].map(|_| jerk_limit_mm_s3),
             });
         }
         let ticks = self.last_ticks - self.first_ticks.unwrap_or(self.last_ticks);

@@ -15,7 +15,7 @@ use anyhow::{Context, Result};
 use host::{
     figures::Figures,
     machine::Machine,
-    play::{Conversation, Recorder},
+    play::{Recorder, Replies},
 };
 use leadscrew::sim::{Simulator, StepStatistics};
 use rustix::{
@@ -54,7 +54,7 @@ pub(crate) struct Server<'a, R> {
     machine: Machine,
     /// The file with what it stores, and how many changes of it are there.
     flash: Option<(&'a Path, u64)>,
-    conversation: Conversation,
+    conversation: Replies,
     statistics: StepStatistics,
     recorder: &'a mut R,
     start: Instant,
@@ -69,7 +69,7 @@ impl<'a, R: Recorder> Server<'a, R> {
         Self {
             machine,
             flash: flash.map(|path| (path, stored)),
-            conversation: Conversation::default(),
+            conversation: Replies::default(),
             statistics: StepStatistics::new(),
             recorder,
             start: Instant::now(),

@@ -10,6 +10,8 @@ mod facts;
 mod priorities;
 mod probed;
 mod report;
+#[path = "../../../tests/bring_up/sequence.rs"]
+mod sequence;
 
 use std::{
     fs,

@@ -142,24 +142,24 @@ mod with_probe {
     use super::{Board, Context, Result, TEST, bail, flash, on_target, samples, ui};
 
     /// Where the channels are told.
-    const CHANNELS: &str = "_SEGGER_RTT";
+    const RTT_SYMBOL: &str = "_SEGGER_RTT";
     /// What the program calls its channel.
     const CHANNEL: &str = "calibrate";
     /// Time for which the probe leaves the chip alone, whose memory it would have to share: the
     /// program measures for less.
-    const ALONE: Duration = Duration::from_secs(1);
+    const UNREAD_TIME: Duration = Duration::from_secs(1);
     /// How long the program may take.
     const PATIENCE: Duration = Duration::from_secs(30);
 
     /// Writes the program to a board and returns what it sends.
     pub(super) fn on_board(board: &Board, probe: Option<&str>) -> Result<String> {
         let elf = on_target::build(board, TEST)?;
-        let place = emulator::symbol(&elf, CHANNELS)?;
+        let place = emulator::symbol(&elf, RTT_SYMBOL)?;
         let mut session = flash::start(board, probe, &elf)?;
         let mut core = session.core(0).context("the chip does not answer")?;
         ui::status("Measuring", &board.name);
         let start = Instant::now();
-        thread::sleep(ALONE);
+        thread::sleep(UNREAD_TIME);
         let mut text = String::new();
         let mut chunk = [0; 1024];
         let mut channels = None;

@@ -13,7 +13,7 @@ const WIDTH: f64 = 960.0;
 const HEIGHT: f64 = 540.0;
 /// Left, top, right and bottom of the path, and of the curve.
 const PATH: [f64; 4] = [40.0, 70.0, 920.0, 420.0];
-const CURVE: [f64; 4] = [40.0, 450.0, 920.0, 520.0];
+const CURVE_FRAME: [f64; 4] = [40.0, 450.0, 920.0, 520.0];
 /// One looks from a corner, down: cosine and sine of the angle about the vertical, and above the horizon.
 const TURN: [f64; 2] = [0.8, -0.6];
 const TILT: [f64; 2] = [0.6, 0.8];
@@ -44,7 +44,7 @@ text { font: 15px system-ui, sans-serif } path { fill: none; stroke-linejoin: ro
 
 /// A point of the picture.
 #[derive(Debug, Clone, Copy, PartialEq)]
-struct Dot {
+struct PicturePoint {
     /// Part of the time of the picture.
     time: f64,
     x: f64,
@@ -56,7 +56,7 @@ struct Dot {
 struct Run {
     /// Rapid, or the number of the colour; nothing for a standstill.
     look: Option<Look>,
-    dots: Vec<Dot>,
+    dots: Vec<PicturePoint>,
 }
 
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -208,7 +208,7 @@ fn fewer(mut runs: Vec<Run>, whole_s: f64) -> Vec<Run> {
     let mut off = OFF;
     loop {
         for run in &mut runs {
-            let place = |dot: &Dot| [dot.x, dot.y, dot.time * whole_s * SECOND];
+            let place = |dot: &PicturePoint| [dot.x, dot.y, dot.time * whole_s * SECOND];
             run.dots = thinned(&run.dots, place, off);
         }
         if runs.iter().map(|run| run.dots.len()).sum::<usize>() <= POINTS || off > WIDTH {
@@ -219,7 +219,7 @@ fn fewer(mut runs: Vec<Run>, whole_s: f64) -> Vec<Run> {
 }
 
 /// The points on the picture: as large as there is room.
-fn seen(points: &[Waypoint], share: f64) -> Vec<Dot> {
+fn seen(points: &[Waypoint], share: f64) -> Vec<PicturePoint> {
     let flat: Vec<_> = points.iter().map(projected).collect();
     let bounds = |axis: usize| {
         let values = flat.iter().map(|at| at[axis]);
@@ -234,7 +234,7 @@ fn seen(points: &[Waypoint], share: f64) -> Vec<Dot> {
         f64::midpoint(PATH[0], PATH[2]),
         f64::midpoint(PATH[1], PATH[3]),
     ];
-    let dots = points.iter().zip(&flat).map(|(point, at)| Dot {
+    let dots = points.iter().zip(&flat).map(|(point, at)| PicturePoint {
         time: point.time_s * share,
         x: middle[0] + (at[0] - f64::midpoint(left, right)) * scale,
         y: middle[1] - (at[1] - f64::midpoint(bottom, top)) * scale,
@@ -258,7 +258,7 @@ fn projected(point: &Waypoint) -> [f64; 2] {
 }
 
 /// A line through dots.
-fn way(dots: &[Dot]) -> String {
+fn way(dots: &[PicturePoint]) -> String {
     let mut text = String::new();
     for (number, dot) in dots.iter().enumerate() {
         let _ = write!(
@@ -273,7 +273,7 @@ fn way(dots: &[Dot]) -> String {
 }
 
 /// A run that is drawn as the time passes.
-fn grow(svg: &mut String, look: Look, dots: &[Dot], whole_s: f64) {
+fn grow(svg: &mut String, look: Look, dots: &[PicturePoint], whole_s: f64) {
     let mut length = 0.0;
     let mut before = dots[0];
     let ways = dots.iter().map(|dot| {
@@ -304,7 +304,7 @@ fn grow(svg: &mut String, look: Look, dots: &[Dot], whole_s: f64) {
 }
 
 /// A thing that is at each dot in its time.
-fn moved(dots: &[Dot], whole_s: f64) -> String {
+fn moved(dots: &[PicturePoint], whole_s: f64) -> String {
     let places = dots.iter().map(|dot| format!("{:.1} {:.1}", dot.x, dot.y));
     let element = "animateTransform attributeName=\"transform\" type=\"translate\"";
     animate(element, dots, places, whole_s)
@@ -313,7 +313,7 @@ fn moved(dots: &[Dot], whole_s: f64) -> String {
 /// Values at the times of dots, with the first one before and the last one behind.
 fn animate(
     element: &str,
-    dots: &[Dot],
+    dots: &[PicturePoint],
     values: impl Iterator<Item = String>,
     whole_s: f64,
 ) -> String {
@@ -335,11 +335,11 @@ fn animate(
 
 /// The speed over time, and where the time is.
 fn curve(svg: &mut String, points: &[Waypoint], share: f64, whole_s: f64, played: f64) {
-    let [left, top, right, bottom] = CURVE;
+    let [left, top, right, bottom] = CURVE_FRAME;
     let most = points
         .iter()
         .fold(1.0, |most, point| f64::max(most, point.speed));
-    let dot = |point: &Waypoint| Dot {
+    let dot = |point: &Waypoint| PicturePoint {
         time: point.time_s * share,
         x: left + point.time_s * share / played * (right - left),
         y: bottom - point.speed / most * (bottom - top),
@@ -359,7 +359,7 @@ fn curve(svg: &mut String, points: &[Waypoint], share: f64, whole_s: f64, played
         way(&line),
         top - 6.0
     );
-    let ends = [0.0, played].map(|time| Dot {
+    let ends = [0.0, played].map(|time| PicturePoint {
         time,
         x: left + time / played * (right - left),
         y: 0.0,

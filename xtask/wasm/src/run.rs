@@ -19,20 +19,20 @@ use serde::Serialize;
 use view::page;
 
 /// Causes of refusals in the summary: a file that is no program has one in each line.
-const CAUSES: usize = 100;
+const MOST_CAUSES: usize = 100;
 
 /// A job.
 #[derive(Default)]
 pub(crate) struct Run {
     /// The program, the settings, and the names of both.
     texts: [Vec<u8>; 4],
-    begun: Option<Begun>,
+    begun: Option<RunningJob>,
     /// The summary and the page.
     outcomes: [Vec<u8>; 2],
 }
 
 /// A job that has begun.
-struct Begun {
+struct RunningJob {
     playing: Playing<Box<Simulator>, Recording>,
     name: String,
     has_switches: bool,
@@ -51,13 +51,13 @@ struct Summary<'a> {
     motion_time_s: f64,
     /// `Idle`.
     end: &'a str,
-    causes: Vec<CauseRow<'a>>,
+    causes: Vec<RefusalRow<'a>>,
     warnings: Vec<String>,
 }
 
 /// Why lines were refused.
 #[derive(Serialize)]
-struct CauseRow<'a> {
+struct RefusalRow<'a> {
     count: u64,
     what: &'a str,
     why: &'a str,
@@ -65,7 +65,7 @@ struct CauseRow<'a> {
     first: u64,
 }
 
-impl<'a> CauseRow<'a> {
+impl<'a> RefusalRow<'a> {
     fn of(cause: &'a Cause) -> Self {
         Self {
             count: cause.count,
@@ -102,7 +102,7 @@ impl Run {
         play::unlock(&mut simulator);
         let recording = Recording::new(simulator.session());
         let program = Program::from_bytes(name.clone(), program);
-        self.begun = Some(Begun {
+        self.begun = Some(RunningJob {
             playing: Playing::new(program, simulator, recording),
             name,
             has_switches,
@@ -128,14 +128,14 @@ impl Run {
 
     /// The time of the machine, s.
     pub(crate) fn seconds(&self) -> f64 {
-        let now = |begun: &Begun| begun.playing.simulator().now();
+        let now = |begun: &RunningJob| begun.playing.simulator().now();
         self.begun.as_ref().map_or(0, now) as f64 / f64::from(TICKS_PER_SECOND)
     }
 
     /// Makes summary and page.
     pub(crate) fn finish(&mut self) -> Result<()> {
         let begun = self.begun.take().context("no job has begun")?;
-        let Begun {
+        let RunningJob {
             playing,
             name,
             has_switches,
@@ -171,7 +171,11 @@ fn summary(figures: &Figures, warnings: Vec<String>) -> Summary<'_> {
         refused: figures.responses.refused(),
         motion_time_s: figures.motion_time_s,
         end: &figures.end.state,
-        causes: causes.into_iter().take(CAUSES).map(CauseRow::of).collect(),
+        causes: causes
+            .into_iter()
+            .take(MOST_CAUSES)
+            .map(RefusalRow::of)
+            .collect(),
         warnings,
     }
 }

@@ -3,7 +3,7 @@
 use std::fmt::Write as _;
 
 use host::{
-    machine_answers::{FAST, MachineAnswers},
+    machine_answers::{MachineAnswers, UNLIMITED_BAUD},
     play,
 };
 use leadscrew::{
@@ -20,7 +20,7 @@ use crate::forecast::Forecast;
 #[path = "../../tests/support/cut.rs"]
 mod cut;
 
-use cut::Cut;
+use cut::CutPath;
 
 /// Two tools, the second of which goes deeper within the contour of the first one, drills, and is compensated.
 /// Behind a dwell it is known that everything before has been done.
@@ -77,7 +77,7 @@ const SURFACE: i32 = -24;
 /// Moments at which the cable is pulled out.
 const MOMENTS: u32 = 60;
 /// Changes of the machine, of which some are steps, that it goes on without its cable before it is held.
-const COASTS: [u32; 3] = [0, 700, 4000];
+const HOLD_DELAYS: [u32; 3] = [0, 700, 4000];
 
 fn settings() -> Settings {
     let mut settings = Settings::default();
@@ -145,7 +145,7 @@ impl Watcher for Way {
 
 /// Streams a program for at most so many changes of the machine.
 fn stream(simulator: &mut Simulator, text: &str, way: &mut Way, changes: u32) -> Option<StreamEnd> {
-    let mut stream = Stream::new(simulator, text.bytes(), FAST).with_statements_at_rest();
+    let mut stream = Stream::new(simulator, text.bytes(), UNLIMITED_BAUD).with_statements_at_rest();
     stream.pump(way, changes)
 }
 
@@ -159,7 +159,7 @@ fn whenever_the_cable_is_pulled_out_a_job_that_is_continued_cuts_what_it_would_h
         ..MachineAnswers::default()
     };
     let job = lines(JOB);
-    let forecast = Forecast::of(&answers, &job, FAST).unwrap();
+    let forecast = Forecast::of(&answers, &job, UNLIMITED_BAUD).unwrap();
     let beginning = Beginning {
         interpreter: simulator.session().interpreter().clone(),
         is_placed: true,
@@ -167,11 +167,12 @@ fn whenever_the_cable_is_pulled_out_a_job_that_is_continued_cuts_what_it_would_h
     let mut way = Way::new();
     let end = stream(&mut simulator, JOB, &mut way, u32::MAX);
     assert_eq!(end, Some(StreamEnd::Complete));
-    let (undisturbed, last) = (Cut::of(&way.places, SURFACE), way.places.last().copied());
+    let undisturbed = CutPath::of(&way.places, SURFACE);
+    let last = way.places.last().copied();
     assert!(undisturbed.len() > 1000, "{}", undisturbed.len());
 
     let (mut begun, mut held_below) = (std::collections::BTreeSet::new(), 0);
-    for (moment, coast) in (0..MOMENTS).zip(COASTS.into_iter().cycle()) {
+    for (moment, coast) in (0..MOMENTS).zip(HOLD_DELAYS.into_iter().cycle()) {
         let mut simulator = Box::new(Simulator::new(&settings));
         let mut done = Way::new();
         let pulled = u64::from(way.changes) * u64::from(moment) / u64::from(MOMENTS);
@@ -202,7 +203,7 @@ fn whenever_the_cable_is_pulled_out_a_job_that_is_continued_cuts_what_it_would_h
         let end = stream(&mut simulator, &text, &mut done, u32::MAX);
         assert_eq!(end, Some(StreamEnd::Complete), "held at {held:?}");
 
-        let cut = Cut::of(&done.places, SURFACE);
+        let cut = CutPath::of(&done.places, SURFACE);
         let (missing, beyond) = (undisturbed.beyond(&cut), cut.beyond(&undisturbed));
         assert!(
             missing.is_empty() && beyond.is_empty() && done.places.last().copied() == last,

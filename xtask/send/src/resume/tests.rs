@@ -7,9 +7,9 @@ use leadscrew::{
 };
 
 use super::*;
-use host::machine_answers::FAST;
+use host::machine_answers::UNLIMITED_BAUD;
 
-pub(super) const DESCENT: Descent = Descent {
+pub(super) const DESCENT: Plunge = Plunge {
     feed_mm_min: 150.0,
     spin_up_s: 2.0,
     tells_tool: false,
@@ -197,7 +197,8 @@ fn ends_at(text: &str) -> Vec<i32> {
         }
     }
     let mut simulator = Box::new(Simulator::new(&Settings::default()));
-    let mut stream = Stream::new(&mut *simulator, text.bytes(), FAST).with_statements_at_rest();
+    let mut stream =
+        Stream::new(&mut *simulator, text.bytes(), UNLIMITED_BAUD).with_statements_at_rest();
     assert_eq!(stream.run(&mut Silent), StreamEnd::Complete);
     drop(stream);
     simulator.physical_steps().0.to_vec()

@@ -6,14 +6,14 @@ use std::collections::{HashMap, HashSet};
 ///
 /// A place that the tool only passes on its way down or up is no cut at that depth: a job that is continued lifts
 /// the tool wherever it was held, and comes down where its line begins.
-pub(crate) struct Cut {
+pub(crate) struct CutPath {
     /// Places at which it moved sideways.
     sideways: HashSet<[i32; 3]>,
     /// The lowest Z at each place, X and Y.
     lowest: HashMap<[i32; 2], i32>,
 }
 
-impl Cut {
+impl CutPath {
     /// Takes all places of a way, X Y Z, one step from each other.
     pub(crate) fn of(way: &[[i32; 3]], surface: i32) -> Self {
         let mut lowest = HashMap::new();
@@ -59,7 +59,7 @@ impl Cut {
 
 #[test]
 fn a_place_that_is_only_passed_on_the_way_up_is_no_cut_and_one_that_is_deeper_or_beside_is() {
-    let way = |places: &[[i32; 3]]| Cut::of(places, 0);
+    let way = |places: &[[i32; 3]]| CutPath::of(places, 0);
     let down = [[0, 0, 1], [0, 0, 0], [0, 0, -1], [0, 0, -2]];
     let along: Vec<_> = (0..9).map(|x| [x, 0, -2]).collect();
     let job = way(&[&down[..], &along].concat());

@@ -8,7 +8,7 @@ use leadscrew::{
 };
 
 use super::{
-    Gears,
+    MotorScales,
     geometry::{Corner, Piece, Point, dot, millimetres, minus, norm},
 };
 
@@ -29,7 +29,7 @@ impl Programmed {
     /// From the origin.
     pub(crate) fn new(reader: ProgramReader) -> Self {
         Self {
-            accelerations: Gears::of(reader.settings()).accelerations,
+            accelerations: MotorScales::of(reader.settings()).accelerations,
             reader,
             sent: Axes::all(Nm(0)),
             steps: Axes::all(Steps(0)),

@@ -64,7 +64,7 @@ pub(super) struct Expected {
 }
 
 /// Numbers of the kinds of chips, by their features: "MCU device ID code" in RM0090, RM0383 and RM0390.
-const CHIPS: [(&str, i64); 5] = [
+const CHIP_IDS: [(&str, i64); 5] = [
     ("f405", 0x413),
     ("f407", 0x413),
     ("f411", 0x431),
@@ -74,7 +74,7 @@ const CHIPS: [(&str, i64); 5] = [
 
 /// Returns the number of a kind of chip.
 pub(super) fn chip_number(hal: &str) -> Option<i64> {
-    let found = CHIPS.iter().find(|(name, _)| *name == hal);
+    let found = CHIP_IDS.iter().find(|(name, _)| *name == hal);
     found.map(|(_, number)| *number)
 }
 

@@ -1,20 +1,20 @@
 //! The serial line of the board: what faults tell, then bytes each way, each of which is compared.
 //!
-//! `tests/bring_up/echo.rs` is the other side, and makes the same bytes.
+//! `tests/bring_up/echo.rs` is the other side; the bytes of both are in `tests/bring_up/sequence.rs`.
 
 use std::{
     io::{ErrorKind, Read, Write},
-    thread,
+    iter, thread,
 };
 
 use anyhow::{Context, Result, ensure};
 
-use super::facts::Facts;
+use super::{facts::Facts, sequence::Sequence};
 
 /// Says that what the board sends from there on are answers.
 const MARK: &[u8] = b"\r\n[bring-up]\r\n";
 /// Asks for a byte, in the emulator.
-const ASKED: &[u8] = b"\r\n[byte]\r\n";
+const BYTE_REQUEST: &[u8] = b"\r\n[byte]\r\n";
 /// More than faults tell.
 const MOST_TOLD: usize = 1 << 16;
 /// What a fault tells the sender, and what the facts call it.
@@ -26,7 +26,7 @@ const TOLD: [(&str, &str); 3] = [
 
 /// Sends a byte when the program in the emulator asks for one: to somebody who does not receive yet.
 pub(super) fn send_early(from: &mut dyn Read, mut to: impl Write) -> Result<()> {
-    told_until(from, ASKED)?;
+    told_until(from, BYTE_REQUEST)?;
     to.write_all(b"$")
         .context("cannot write to the serial line")
 }
@@ -62,8 +62,8 @@ pub(super) fn exchange(
     facts: &mut Facts,
 ) -> Result<()> {
     let count = usize::try_from(bytes).context("the program waits for less than nothing")?;
-    let sent: Vec<u8> = Sequence::new(b'>').take(count).collect();
-    let mut answers = Sequence::new(b'<');
+    let sent: Vec<u8> = bytes_of(b'>').take(count).collect();
+    let mut answers = bytes_of(b'<');
     let (mut returned, mut wrong) = (0, 0);
     thread::scope(|scope| -> Result<()> {
         let sender = scope.spawn(move || to.write_all(&sent).and_then(|()| to.flush()));
@@ -89,30 +89,10 @@ pub(super) fn exchange(
     Ok(())
 }
 
-const CHARACTERS: &[u8; 64] = b"0123456789ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz.-";
-
-/// Bytes that look random: lines of 63 characters without any that the firmware acts on.
-struct Sequence(u32, u32);
-
-impl Sequence {
-    const fn new(seed: u8) -> Self {
-        Self(0x2545_f491 ^ seed as u32, 0)
-    }
-}
-
-impl Iterator for Sequence {
-    type Item = u8;
-
-    fn next(&mut self) -> Option<u8> {
-        self.1 = self.1.wrapping_add(1);
-        self.0 ^= self.0 << 13;
-        self.0 ^= self.0 >> 17;
-        self.0 ^= self.0 << 5;
-        if self.1.is_multiple_of(64) {
-            return Some(b'\n');
-        }
-        Some(CHARACTERS[(self.0 >> 16) as usize % CHARACTERS.len()])
-    }
+/// The bytes of one side.
+fn bytes_of(side: u8) -> impl Iterator<Item = u8> {
+    let mut sequence = Sequence::new(side);
+    iter::repeat_with(move || sequence.next_byte())
 }
 
 #[cfg(test)]
@@ -134,7 +114,7 @@ mod tests {
 
     #[test]
     fn a_byte_that_is_lost_or_changed_on_its_way_back_is_counted() {
-        let right: Vec<u8> = Sequence::new(b'<').take(150).collect();
+        let right: Vec<u8> = bytes_of(b'<').take(150).collect();
         assert_eq!(answered(&right, 150), (Some(150), Some(0)));
         let mut changed = right.clone();
         changed[100] ^= 1;

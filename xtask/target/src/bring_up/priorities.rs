@@ -5,13 +5,13 @@ use common::cargo;
 use schedule::App;
 
 /// Where the tasks are.
-const APP: &str = "src/app.rs";
+const APP_SOURCE: &str = "src/app.rs";
 
 /// Returns the vectors of the tasks, each with its priority as RTIC has it.
 pub(super) fn of_tasks() -> Result<Vec<(String, u8)>> {
-    let source = boards::compile::read(&cargo::root().join(APP))?;
+    let source = boards::compile::read(&cargo::root().join(APP_SOURCE))?;
     let source = String::from_utf8(source)?;
-    let app = App::parse(&source).map_err(|error| anyhow!("{APP}: {error}"))?;
+    let app = App::parse(&source).map_err(|error| anyhow!("{APP_SOURCE}: {error}"))?;
     let vectors = app.vectors().into_iter();
     Ok(vectors
         .map(|(vector, priority)| (vector.to_owned(), priority))

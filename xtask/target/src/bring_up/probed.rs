@@ -45,9 +45,9 @@ mod with_probe {
     };
 
     /// Where the channels are told.
-    const CHANNELS: &str = "_SEGGER_RTT";
+    const RTT_SYMBOL: &str = "_SEGGER_RTT";
     /// Time for which the probe leaves the chip alone: until the program has set up its memory.
-    const ALONE: Duration = Duration::from_secs(1);
+    const UNREAD_TIME: Duration = Duration::from_secs(1);
     /// How long the program may say nothing: longer than its scripts and resets take.
     const PATIENCE: Duration = Duration::from_secs(30);
     /// Longest silence of the serial port.
@@ -63,7 +63,7 @@ mod with_probe {
         probe: Option<&str>,
         port: Option<&Path>,
     ) -> Result<Facts> {
-        let place = emulator::symbol(elf, CHANNELS)?;
+        let place = emulator::symbol(elf, RTT_SYMBOL)?;
         // Before the program tells its faults.
         let port = port
             .map(|path| {
@@ -75,7 +75,7 @@ mod with_probe {
         let mut session = started.context(common::probe::BRING_UP)?;
         let mut core = session.core(0).context("the chip does not answer")?;
         ui::status("Measuring", &board.name);
-        thread::sleep(ALONE);
+        thread::sleep(UNREAD_TIME);
         let mut output = Output {
             place,
             channels: None,

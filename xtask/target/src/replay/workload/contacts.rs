@@ -11,7 +11,7 @@ use super::{
 use crate::replay::driver::Driver;
 
 /// Nothing is mounted.
-const BARE: SwitchPositions = SwitchPositions {
+const NO_SWITCHES: SwitchPositions = SwitchPositions {
     low: [i32::MIN; AXES],
     high: [i32::MAX; AXES],
     plate: i32::MIN,
@@ -23,7 +23,7 @@ pub(super) fn homing(driver: &mut Driver, step_rate_hz: u32) -> Result<()> {
     driver.run([
         "$130=6", "$131=6", "$132=6", "$22=1", "$24=300", "$25=6000", "$26=1", "$27=1",
     ])?;
-    let mut ends = BARE;
+    let mut ends = NO_SWITCHES;
     ends.low = [-2500; AXES];
     ends.high = [2500; AXES];
     driver.mount(&ends)?;
@@ -31,14 +31,14 @@ pub(super) fn homing(driver: &mut Driver, step_rate_hz: u32) -> Result<()> {
         driver.run([direction, "$H", "G53G0X-3Y-3Z-3"])?;
         driver.run(["$HX"])?;
     }
-    driver.mount(&BARE)?;
+    driver.mount(&NO_SWITCHES)?;
     driver.stream(["$H"], |_| b"?")?;
     driver.finish()?;
     driver.reset()?;
     driver.stream(["$H"], |_| b"??")?;
     driver.close(Levels::DOOR.0)?;
     driver.finish()?;
-    driver.mount(&BARE)?;
+    driver.mount(&NO_SWITCHES)?;
     driver.reset()?;
     driver.run(["$22=0"])
 }
@@ -47,7 +47,7 @@ pub(super) fn homing(driver: &mut Driver, step_rate_hz: u32) -> Result<()> {
 pub(super) fn probing(driver: &mut Driver, step_rate_hz: u32) -> Result<()> {
     driver.set(&fast(step_rate_hz, 5000.0))?;
     for (plate, speed) in [(-321, 600), (-567, 6000), (-800, 100_000)] {
-        let mut ends = BARE;
+        let mut ends = NO_SWITCHES;
         ends.plate = plate;
         driver.run(["G90G54G0Z0"])?;
         driver.come_to_rest()?;
@@ -61,7 +61,7 @@ pub(super) fn probing(driver: &mut Driver, step_rate_hz: u32) -> Result<()> {
         ])?;
         driver.stream(["G90G1Z0F6000", "X.1Y.1Z-.1", "G38.3X0Y0Z-2"], |_| b"?")?;
         driver.finish()?;
-        driver.mount(&BARE)?;
+        driver.mount(&NO_SWITCHES)?;
         driver.stream(["G38.2Z-.8F6000"], |_| b"!~?")?;
         driver.finish()?;
         driver.reset()?;
@@ -76,7 +76,7 @@ pub(super) fn late(driver: &mut Driver, step_rate_hz: u32) -> Result<()> {
     let stagger = stagger(step_rate_hz);
     driver.set(&fast(step_rate_hz, EXTREME))?;
     let begin = |driver: &mut Driver| {
-        driver.mount(&BARE)?;
+        driver.mount(&NO_SWITCHES)?;
         driver.run(["G90G0X0Y0Z0", stagger.as_str()])?;
         driver.come_to_rest()
     };
@@ -88,7 +88,7 @@ pub(super) fn late(driver: &mut Driver, step_rate_hz: u32) -> Result<()> {
         let played = steps * f64::from(hundredths) / 100.0;
         driver.mount(&SwitchPositions {
             plate: -(played as i32),
-            ..BARE
+            ..NO_SWITCHES
         })?;
         driver.run([format!("G38.3X{way_mm:.3}Y{way_mm:.3}Z-{way_mm:.3}F{feed:.0}").as_str()])?;
     }
@@ -97,14 +97,14 @@ pub(super) fn late(driver: &mut Driver, step_rate_hz: u32) -> Result<()> {
     let line = format!("G1X.{steps:03}Y.{steps:03}Z-.{steps:03}F{feed:.0}");
     for before in (0..steps.cast_signed()).step_by(6) {
         begin(driver)?;
-        let mut ends = BARE;
+        let mut ends = NO_SWITCHES;
         ends.low[2] = before - 4 * steps.cast_signed();
         driver.mount(&ends)?;
         // The lines wait behind a slow one.
         driver.run(["G1X-.02F1"])?;
         driver.stream([line.as_str(); 8], |_| b"")?;
         driver.come_to_rest()?;
-        driver.mount(&BARE)?;
+        driver.mount(&NO_SWITCHES)?;
         driver.reset()?;
     }
     driver.run(["$21=0"])

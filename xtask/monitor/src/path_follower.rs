@@ -15,8 +15,8 @@ const NEAR_MM: f64 = 0.1;
 /// How much farther away a piece may be that is a second nearer in time, mm.
 const SECOND_MM: f64 = 0.002;
 /// How far back and ahead of the last time it is sought at once, s.
-const BACK_S: f64 = 0.3;
-const AHEAD_S: f64 = 2.0;
+const SEARCH_BACK_S: f64 = 0.3;
+const SEARCH_AHEAD_S: f64 = 2.0;
 /// How long a machine may be beside the path before it is sought anywhere, s.
 const LOST_S: f64 = 1.0;
 /// A machine at rest that is so near to the end is there, s.
@@ -47,7 +47,7 @@ pub(crate) struct Progress {
 
 /// The path, and how far the machine is.
 #[derive(Debug, Default)]
-pub(crate) struct Course {
+pub(crate) struct PathFollower {
     points: Vec<Point>,
     /// The time of the job at which the machine was last, s; none before it is on the path.
     at_s: Option<f64>,
@@ -62,7 +62,7 @@ pub(crate) struct Course {
     is_done: bool,
 }
 
-impl Course {
+impl PathFollower {
     /// One along the points of a job.
     pub(crate) fn new(points: &[Waypoint]) -> Self {
         let points = points.iter().map(|point| Point {
@@ -125,10 +125,10 @@ impl Course {
         let since = (now_s - self.seen_s).clamp(0.0, LOST_S);
         let found = match self.at_s {
             Some(at) => {
-                let range = at - BACK_S..self.still_until(at) + AHEAD_S;
+                let range = at - SEARCH_BACK_S..self.still_until(at) + SEARCH_AHEAD_S;
                 self.nearest(place, range, at + self.rate * since)
             }
-            None => self.nearest(place, 0.0..AHEAD_S, 0.0),
+            None => self.nearest(place, 0.0..SEARCH_AHEAD_S, 0.0),
         };
         if let (Some(at), Some(found)) = (self.at_s, found)
             && since > 0.0
@@ -222,7 +222,7 @@ mod tests {
     use super::*;
 
     /// A path through places, at a speed of 10 mm/s, each piece of the next line.
-    fn course(places: &[[f64; AXES]]) -> Course {
+    fn path_follower(places: &[[f64; AXES]]) -> PathFollower {
         let mut time_s = 0.0;
         let mut before = places[0];
         let points = places.iter().zip(1..).map(|(place, line)| {
@@ -238,13 +238,13 @@ mod tests {
                 kind: 2,
             }
         });
-        Course::new(&points.collect::<Vec<_>>())
+        PathFollower::new(&points.collect::<Vec<_>>())
     }
 
     /// Lets a machine follow a path as fast as is planned, times a factor, and checks the time it is told.
-    fn run(course: &mut Course, start_s: f64, factor: f64) {
-        let end = course.end_s();
-        let points = course.points.clone();
+    fn run(path_follower: &mut PathFollower, start_s: f64, factor: f64) {
+        let end = path_follower.end_s();
+        let points = path_follower.points.clone();
         for tick in 0.. {
             let time = f64::from(tick) * 0.05;
             let now = time / factor;
@@ -257,7 +257,7 @@ mod tests {
             let place = std::array::from_fn(|axis| {
                 from.place[axis] + (to.place[axis] - from.place[axis]) * part
             });
-            let told = course.follow(place, start_s + now, "Run");
+            let told = path_follower.follow(place, start_s + now, "Run");
             assert!(told.is_on_path, "{time}");
             assert!((told.time_s - time).abs() < 0.06, "{time}: {told:?}");
             assert!(
@@ -275,36 +275,38 @@ mod tests {
         let all: Vec<_> = square.iter().chain(&back).copied().collect();
         let places = [all.clone(), all.clone(), all].concat();
         for factor in [0.5, 1.0, 2.0] {
-            run(&mut course(&places), 5.0, factor);
+            run(&mut path_follower(&places), 5.0, factor);
         }
     }
 
     #[test]
     fn a_dwell_is_a_part_of_the_time() {
-        let mut course = course(&[[0.0; 3], [10.0, 0.0, 0.0], [10.0, 0.0, 0.0], [0.0; 3]]);
-        for (point, time_s) in course.points.iter_mut().zip([0.0, 1.0, 6.0, 7.0]) {
+        let mut path_follower =
+            path_follower(&[[0.0; 3], [10.0, 0.0, 0.0], [10.0, 0.0, 0.0], [0.0; 3]]);
+        for (point, time_s) in path_follower.points.iter_mut().zip([0.0, 1.0, 6.0, 7.0]) {
             point.time_s = time_s;
         }
-        course.follow([0.0; 3], 0.0, "Run");
-        course.follow([10.0, 0.0, 0.0], 1.0, "Run");
-        let told = course.follow([10.0, 0.0, 0.0], 3.0, "Run");
+        path_follower.follow([0.0; 3], 0.0, "Run");
+        path_follower.follow([10.0, 0.0, 0.0], 1.0, "Run");
+        let told = path_follower.follow([10.0, 0.0, 0.0], 3.0, "Run");
         assert!((told.time_s - 3.0).abs() < 1e-6, "{told:?}");
-        assert!((course.follow([10.0, 0.0, 0.0], 4.0, "Hold:0").time_s - 3.0).abs() < 1e-6);
-        assert!((course.follow([10.0, 0.0, 0.0], 99.0, "Run").time_s - 6.0).abs() < 1e-6);
-        let told = course.follow([5.0, 0.0, 0.0], 99.5, "Run");
+        assert!((path_follower.follow([10.0, 0.0, 0.0], 4.0, "Hold:0").time_s - 3.0).abs() < 1e-6);
+        assert!((path_follower.follow([10.0, 0.0, 0.0], 99.0, "Run").time_s - 6.0).abs() < 1e-6);
+        let told = path_follower.follow([5.0, 0.0, 0.0], 99.5, "Run");
         assert!((told.time_s - 6.5).abs() < 1e-6, "{told:?}");
     }
 
     #[test]
     fn a_hold_of_any_length_stays_where_it_is() {
-        let mut course = course(&[[0.0; 3], [10.0, 0.0, 0.0], [0.0; 3], [10.0, 0.0, 0.0]]);
-        course.follow([0.0; 3], 0.0, "Run");
-        course.follow([5.0, 0.0, 0.0], 0.5, "Run");
+        let mut path_follower =
+            path_follower(&[[0.0; 3], [10.0, 0.0, 0.0], [0.0; 3], [10.0, 0.0, 0.0]]);
+        path_follower.follow([0.0; 3], 0.0, "Run");
+        path_follower.follow([5.0, 0.0, 0.0], 0.5, "Run");
         for tick in 0..100 {
-            let told = course.follow([5.0, 0.0, 0.0], 1.0 + f64::from(tick), "Hold:0");
+            let told = path_follower.follow([5.0, 0.0, 0.0], 1.0 + f64::from(tick), "Hold:0");
             assert!((told.time_s - 0.5).abs() < 1e-6, "{told:?}");
         }
-        let told = course.follow([6.0, 0.0, 0.0], 100.1, "Run");
+        let told = path_follower.follow([6.0, 0.0, 0.0], 100.1, "Run");
         assert!(
             (told.time_s - 0.6).abs() < 1e-6 && told.line == 1,
             "{told:?}"
@@ -313,14 +315,14 @@ mod tests {
 
     #[test]
     fn a_machine_beside_the_path_is_told_and_found_again() {
-        let mut course = course(&[[0.0; 3], [100.0, 0.0, 0.0], [100.0, 50.0, 0.0]]);
-        assert!(course.follow([1.0, 0.0, 0.0], 0.1, "Run").is_on_path);
-        let beside = course.follow([1.0, 0.0, 9.0], 0.2, "Run");
+        let mut path_follower = path_follower(&[[0.0; 3], [100.0, 0.0, 0.0], [100.0, 50.0, 0.0]]);
+        assert!(path_follower.follow([1.0, 0.0, 0.0], 0.1, "Run").is_on_path);
+        let beside = path_follower.follow([1.0, 0.0, 9.0], 0.2, "Run");
         assert!(!beside.is_on_path && (beside.time_s - 0.1).abs() < 1e-6);
         // Somebody jogs over the path.
-        assert!((course.follow([100.0, 25.0, 0.0], 9.0, "Jog").time_s - 0.1).abs() < 1e-6);
+        assert!((path_follower.follow([100.0, 25.0, 0.0], 9.0, "Jog").time_s - 0.1).abs() < 1e-6);
         // It goes on elsewhere.
-        let told = course.follow([100.0, 25.0, 0.0], 10.0, "Run");
+        let told = path_follower.follow([100.0, 25.0, 0.0], 10.0, "Run");
         assert!(
             (told.time_s - 12.5).abs() < 1e-6 && told.line == 2,
             "{told:?}"
@@ -329,12 +331,12 @@ mod tests {
 
     #[test]
     fn a_job_that_is_sent_again_begins_again() {
-        let mut course = course(&[[0.0; 3], [10.0, 0.0, 0.0]]);
-        run(&mut course, 0.0, 1.0);
-        let end = course.follow([10.0, 0.0, 0.0], 2.0, "Idle");
+        let mut path_follower = path_follower(&[[0.0; 3], [10.0, 0.0, 0.0]]);
+        run(&mut path_follower, 0.0, 1.0);
+        let end = path_follower.follow([10.0, 0.0, 0.0], 2.0, "Idle");
         assert_eq!((end.time_s, end.left_s), (1.0, 0.0));
-        assert_eq!(course.follow([0.0; 3], 3.0, "Idle").left_s, 0.0);
-        run(&mut course, 10.0, 1.0);
+        assert_eq!(path_follower.follow([0.0; 3], 3.0, "Idle").left_s, 0.0);
+        run(&mut path_follower, 10.0, 1.0);
     }
 
     #[test]

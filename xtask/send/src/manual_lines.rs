@@ -23,7 +23,7 @@ enum Stage {
 
 /// What is typed.
 #[derive(Debug, Default)]
-pub(crate) struct ByHand {
+pub(crate) struct ManualLines {
     stage: Stage,
     /// The line that is being typed.
     pub(crate) text: Option<String>,
@@ -34,7 +34,7 @@ pub(crate) struct ByHand {
     pub(crate) has_set: bool,
 }
 
-impl ByHand {
+impl ManualLines {
     /// Whether nothing of the job may be sent.
     pub(crate) fn is_on(&self) -> bool {
         self.stage != Stage::Off
@@ -145,70 +145,76 @@ fn sets(line: &[u8]) -> bool {
 mod tests {
     use super::*;
 
-    fn typed(by_hand: &mut ByHand, keys: &str) -> String {
+    fn typed(manual_lines: &mut ManualLines, keys: &str) -> String {
         let mut output = Vec::new();
         for key in keys.bytes() {
-            by_hand.press(key, &mut output);
+            manual_lines.press(key, &mut output);
         }
         String::from_utf8(output).unwrap()
     }
 
-    fn begun() -> ByHand {
-        let (mut by_hand, mut output) = (ByHand::default(), Vec::new());
-        by_hand.begin(&mut output);
+    fn begun() -> ManualLines {
+        let (mut manual_lines, mut output) = (ManualLines::default(), Vec::new());
+        manual_lines.begin(&mut output);
         assert_eq!(output, [TOOL_CHANGE]);
-        assert_eq!(by_hand.report("Hold:0"), None);
-        assert!(by_hand.is_on() && by_hand.text.is_none());
-        assert!(by_hand.report("Tool").is_some());
-        by_hand
+        assert_eq!(manual_lines.report("Hold:0"), None);
+        assert!(manual_lines.is_on() && manual_lines.text.is_none());
+        assert!(manual_lines.report("Tool").is_some());
+        manual_lines
     }
 
     #[test]
     fn lines_go_out_whole_and_have_their_own_answers() {
-        let mut by_hand = begun();
-        assert_eq!(typed(&mut by_hand, "$J=G91X1"), "");
-        assert_eq!(typed(&mut by_hand, "5\u{7f} F?1~00\n"), "$J=G91X1 F100\n");
-        assert_eq!(by_hand.answer("[MSG:x]"), None);
-        assert_eq!(by_hand.answer("ok").as_deref(), Some("ok"));
-        assert_eq!(by_hand.answer("ok"), None);
-        assert!(!by_hand.has_set);
-        typed(&mut by_hand, "g43.1 z-2\n");
-        assert!(by_hand.has_set);
-        assert!(by_hand.answer("error:40").unwrap().len() > 10);
-        typed(&mut by_hand, "\n");
-        assert_eq!(by_hand.text, None);
+        let mut manual_lines = begun();
+        assert_eq!(typed(&mut manual_lines, "$J=G91X1"), "");
+        assert_eq!(
+            typed(&mut manual_lines, "5\u{7f} F?1~00\n"),
+            "$J=G91X1 F100\n"
+        );
+        assert_eq!(manual_lines.answer("[MSG:x]"), None);
+        assert_eq!(manual_lines.answer("ok").as_deref(), Some("ok"));
+        assert_eq!(manual_lines.answer("ok"), None);
+        assert!(!manual_lines.has_set);
+        typed(&mut manual_lines, "g43.1 z-2\n");
+        assert!(manual_lines.has_set);
+        assert!(manual_lines.answer("error:40").unwrap().len() > 10);
+        typed(&mut manual_lines, "\n");
+        assert_eq!(manual_lines.text, None);
     }
 
     #[test]
     fn a_feed_hold_is_sent_while_a_line_is_typed() {
-        let mut by_hand = begun();
-        assert_eq!(typed(&mut by_hand, "G38.2 Z-5 F50\n!"), "G38.2 Z-5 F50\n!");
-        assert_eq!(typed(&mut by_hand, "G0!X1\n"), "!G0X1\n");
+        let mut manual_lines = begun();
+        assert_eq!(
+            typed(&mut manual_lines, "G38.2 Z-5 F50\n!"),
+            "G38.2 Z-5 F50\n!"
+        );
+        assert_eq!(typed(&mut manual_lines, "G0!X1\n"), "!G0X1\n");
     }
 
     #[test]
     fn the_job_goes_on_when_the_machine_has_left_the_change() {
-        let mut by_hand = begun();
-        typed(&mut by_hand, "G38.2 Z-5 F50\n");
+        let mut manual_lines = begun();
+        typed(&mut manual_lines, "G38.2 Z-5 F50\n");
         // It probes: nobody has pressed cycle start.
-        by_hand.report("Run");
-        by_hand.resume();
-        by_hand.report("Run");
-        assert!(by_hand.is_on());
-        by_hand.answer("ok");
-        by_hand.report("Tool");
-        by_hand.report("Jog");
-        assert!(by_hand.is_on());
-        by_hand.report("Run");
-        assert!(!by_hand.is_on() && by_hand.text.is_none());
+        manual_lines.report("Run");
+        manual_lines.resume();
+        manual_lines.report("Run");
+        assert!(manual_lines.is_on());
+        manual_lines.answer("ok");
+        manual_lines.report("Tool");
+        manual_lines.report("Jog");
+        assert!(manual_lines.is_on());
+        manual_lines.report("Run");
+        assert!(!manual_lines.is_on() && manual_lines.text.is_none());
     }
 
     #[test]
     fn a_machine_that_is_in_no_change_is_not_waited_for() {
-        let (mut by_hand, mut output) = (ByHand::default(), Vec::new());
-        by_hand.begin(&mut output);
-        let told = (0..10).filter_map(|_| by_hand.report("Hold:0"));
+        let (mut manual_lines, mut output) = (ManualLines::default(), Vec::new());
+        manual_lines.begin(&mut output);
+        let told = (0..10).filter_map(|_| manual_lines.report("Hold:0"));
         assert_eq!(told.count(), 1);
-        assert!(!by_hand.is_on());
+        assert!(!manual_lines.is_on());
     }
 }

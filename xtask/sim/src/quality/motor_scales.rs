@@ -12,7 +12,7 @@ use crate::steps_per_mm;
 
 /// What the motors make of the way of the tool: those of `CoreXY` turn for √2 mm while they move it by one.
 #[derive(Debug, Clone)]
-pub(super) struct Gears {
+pub(super) struct MotorScales {
     /// mm of the motor for one mm along the direction in which it moves the tool.
     pub(super) ratios: Point,
     /// Along that direction, steps/mm and mm/s².
@@ -23,7 +23,7 @@ pub(super) struct Gears {
     pub(super) limits: [[f64; 2]; AXES],
 }
 
-impl Gears {
+impl MotorScales {
     pub(super) fn of(settings: &Settings) -> Self {
         let mut ratios = [1.0; AXES];
         if settings.core_xy {
