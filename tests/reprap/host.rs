@@ -149,3 +149,22 @@ impl Host {
         [steps[0], steps[1]]
     }
 }
+
+/// The first line of an answer.
+pub(crate) fn first(host: &mut Host, line: &str) -> String {
+    let mut answer = host.ask(line);
+    assert_eq!(answer.pop().as_deref(), Some("ok"), "{line}: {answer:?}");
+    answer.into_iter().next().unwrap_or_default()
+}
+
+/// Where X and Y are, mm.
+pub(crate) fn place(host: &mut Host) -> [i32; 2] {
+    host.xy().map(|steps| steps / STEPS_PER_MM)
+}
+
+/// Time of a line from its receipt to standstill, s.
+pub(crate) fn seconds(host: &mut Host, line: &str) -> f64 {
+    let start = host.simulator.now();
+    host.ask(line);
+    (host.simulator.now() - start) as f64 / f64::from(leadscrew::units::TICKS_PER_SECOND)
+}

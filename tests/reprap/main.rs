@@ -1,5 +1,6 @@
 //! The RepRap dialect, `$780=1`: lines, codes and answers, as hosts of 3D printers see them.
 
+mod accessories;
 mod answers;
 #[path = "../support/cases.rs"]
 mod cases;
