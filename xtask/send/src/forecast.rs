@@ -2,7 +2,7 @@
 
 use std::collections::VecDeque;
 
-use anyhow::{Result, bail};
+use anyhow::{Result, bail, ensure};
 use host::{
     machine_answers::{MachineAnswers, searches},
     output, refusal,
@@ -14,6 +14,8 @@ use leadscrew::{
     units::TICKS_PER_SECOND,
 };
 
+use crate::link::Stopped;
+
 /// Entries that path control and cutter compensation may still make of the moves that wait for the next one
 /// when a line is answered.
 const DIVIDED: u32 = 4;
@@ -22,7 +24,7 @@ const DIVIDED: u32 = 4;
 /// waited here, s.
 const QUEUED_S: f64 = 0.01;
 
-/// Changes of the virtual machine after which is shown how far it is.
+/// Changes of the virtual machine after which it is shown how far it is, and Ctrl-C is looked for.
 const SHOWN: u32 = 100_000;
 
 /// How far the machine is.
@@ -48,11 +50,16 @@ pub(crate) struct Forecast {
 }
 
 impl Forecast {
-    /// Runs a job.
+    /// Runs a job, and asks now and then whether it is to be stopped.
     ///
     /// # Errors
-    /// It ends in an alarm.
-    pub(crate) fn of(answers: &MachineAnswers, lines: &[Vec<u8>], baud: u32) -> Result<Self> {
+    /// It ends in an alarm, or was [`Stopped`].
+    pub(crate) fn of(
+        answers: &MachineAnswers,
+        lines: &[Vec<u8>],
+        baud: u32,
+        mut is_stopped: impl FnMut() -> Result<bool>,
+    ) -> Result<Self> {
         let mut simulator = answers.simulator(lines.iter().any(|line| searches(line)))?;
         let start = simulator.now();
         let mut recorder = Recorder {
@@ -76,6 +83,7 @@ impl Forecast {
                 Some(end) => break end,
                 None => bar.set_position(recorder.forecast.answered_s.len() as u64),
             }
+            ensure!(!is_stopped()?, Stopped);
         };
         bar.finish_and_clear();
         drop(stream);
@@ -220,10 +228,30 @@ mod tests {
         text.lines().map(|line| line.as_bytes().to_vec()).collect()
     }
 
+    #[expect(
+        clippy::unnecessary_wraps,
+        reason = "as what asks for Ctrl-C, which may fail"
+    )]
+    fn never() -> Result<bool> {
+        Ok(false)
+    }
+
+    #[test]
+    fn a_long_job_is_stopped_while_it_is_tried() {
+        let job = lines("G1 X1000 F6000\nX0\nX1000\nX0");
+        let mut asked = 0;
+        let error = Forecast::of(&answers(), &job, UNLIMITED_BAUD, || {
+            asked += 1;
+            Ok(asked == 2)
+        });
+        assert!(error.unwrap_err().is::<Stopped>());
+        assert_eq!(asked, 2);
+    }
+
     #[test]
     fn the_time_that_is_left_goes_down_to_nothing() {
         let job = lines("G1 X10 F600\nX0\nG4 P2\nG4 P1");
-        let forecast = Forecast::of(&answers(), &job, UNLIMITED_BAUD).unwrap();
+        let forecast = Forecast::of(&answers(), &job, UNLIMITED_BAUD, never).unwrap();
         assert!(
             (6.0..8.0).contains(&forecast.total_s),
             "{}",
@@ -238,12 +266,14 @@ mod tests {
 
     #[test]
     fn what_is_refused_and_what_rises_an_alarm_is_known_before() {
-        let forecast = Forecast::of(&answers(), &lines("G0 X1\nG999"), UNLIMITED_BAUD).unwrap();
+        let forecast =
+            Forecast::of(&answers(), &lines("G0 X1\nG999"), UNLIMITED_BAUD, never).unwrap();
         assert_eq!(forecast.refused.len(), 1);
         assert!(forecast.refused[0].contains("error:20"));
         let mut guarded = answers();
         guarded.settings.extend(["$22=1".into(), "$20=1".into()]);
-        let error = Forecast::of(&guarded, &lines("G0 X-1\nG0 X-900"), UNLIMITED_BAUD).unwrap_err();
+        let error =
+            Forecast::of(&guarded, &lines("G0 X-1\nG0 X-900"), UNLIMITED_BAUD, never).unwrap_err();
         assert_eq!(error.to_string(), "line 2 would end in ALARM:2");
     }
 
@@ -251,7 +281,7 @@ mod tests {
     fn lines_that_wait_in_the_machine_are_not_done() {
         let moves: Vec<_> = (1..400).map(|x| format!("G1 X{x} F600")).collect();
         let job = lines(&format!("{}\nG4 P0.1\nG1 X0\n", moves.join("\n")));
-        let forecast = Forecast::of(&answers(), &job, UNLIMITED_BAUD).unwrap();
+        let forecast = Forecast::of(&answers(), &job, UNLIMITED_BAUD, never).unwrap();
         assert_eq!(forecast.first_undone(0), 0);
         // All of these are answered before the first millimetre is done.
         assert_eq!(forecast.first_undone(5), 0);
@@ -295,7 +325,7 @@ mod tests {
             }
             let job = lines(&text.join("\n"));
             for baud in [UNLIMITED_BAUD, 100_000] {
-                let forecast = Forecast::of(&answers(), &job, baud).unwrap();
+                let forecast = Forecast::of(&answers(), &job, baud, never).unwrap();
                 let mut simulator = answers().simulator(false).unwrap();
                 let bytes = job
                     .iter()

@@ -187,6 +187,14 @@ impl Link {
     }
 }
 
+/// Whether Ctrl-C has been pressed.
+///
+/// # Errors
+/// The file cannot be polled.
+pub(crate) fn is_stopped(stop: &UnixStream) -> Result<bool> {
+    Ok(wait(&[(stop.as_fd(), PollFlags::IN)], Duration::ZERO)?[0])
+}
+
 /// Waits until one of some files is ready. Returns which are.
 pub(crate) fn wait(files: &[(BorrowedFd<'_>, PollFlags)], most: Duration) -> Result<Vec<bool>> {
     let polled = files

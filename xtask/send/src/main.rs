@@ -183,9 +183,9 @@ fn send(
     machine.make_ready(options.home)?;
     let answers = machine.answers()?;
     let began = kept.map_or(&answers, |record| &record.began);
-    let forecast = look_ahead(options, began, lines)?;
+    let forecast = look_ahead(options, began, lines, stop)?;
     let (approach, first) = if continues {
-        let entry = find_entry(options, kept, &answers, lines)?;
+        let entry = find_entry(options, kept, &answers, lines, stop)?;
         show(&entry);
         ensure!(is_confirmed(options, keyboard, stop)?, "nothing was sent");
         (entry.approach, entry.line)
@@ -193,8 +193,7 @@ fn send(
         (Vec::new(), 0)
     };
     // Ctrl-C while the job was tried: it would be held only after its first lines.
-    let files = [(stop.as_fd(), PollFlags::IN)];
-    ensure!(!link::wait(&files, Duration::ZERO)?[0], Stopped);
+    ensure!(!link::is_stopped(stop)?, Stopped);
     let mut job = Job::new(&approach, lines, first, options.despite_refusals);
     // It has the offset in it, which not every report has.
     job.status.clone_from(&machine.status);
@@ -243,15 +242,20 @@ fn link(options: &Options) -> Result<Link> {
 }
 
 /// Runs the job on the virtual machine.
-fn look_ahead(options: &Options, began: &MachineAnswers, lines: &[Vec<u8>]) -> Result<Forecast> {
+fn look_ahead(
+    options: &Options,
+    began: &MachineAnswers,
+    lines: &[Vec<u8>],
+    stop: &UnixStream,
+) -> Result<Forecast> {
     let baud = if options.port.is_some() {
         options.baud
     } else {
         UNLIMITED_BAUD
     };
     ui::status("Trying", "the job on the virtual machine");
-    let forecast =
-        Forecast::of(began, lines, baud).context("the job was tried on the virtual machine")?;
+    let forecast = Forecast::of(began, lines, baud, || link::is_stopped(stop))
+        .context("the job was tried on the virtual machine")?;
     if !forecast.refused.is_empty() {
         for line in &forecast.refused {
             println!("{line}");
@@ -274,11 +278,14 @@ fn find_entry(
     kept: Option<&Record>,
     answers: &MachineAnswers,
     lines: &[Vec<u8>],
+    stop: &UnixStream,
 ) -> Result<Entry> {
     let wanted = match (kept, options.from) {
         (Some(record), _) => {
             // The line may be faster than it was thought: then more moves wait in the machine.
-            let forecast = Forecast::of(&record.began, lines, UNLIMITED_BAUD)?;
+            let forecast = Forecast::of(&record.began, lines, UNLIMITED_BAUD, || {
+                link::is_stopped(stop)
+            })?;
             let undone = forecast.first_undone(record.answered).min(lines.len() - 1);
             // A reset has taken away what the operator has measured: he does so again.
             record.measured.map_or(undone, |line| line.min(undone))

@@ -159,7 +159,7 @@ fn whenever_the_cable_is_pulled_out_a_job_that_is_continued_cuts_what_it_would_h
         ..MachineAnswers::default()
     };
     let job = lines(JOB);
-    let forecast = Forecast::of(&answers, &job, UNLIMITED_BAUD).unwrap();
+    let forecast = Forecast::of(&answers, &job, UNLIMITED_BAUD, || Ok(false)).unwrap();
     let beginning = Beginning {
         interpreter: simulator.session().interpreter().clone(),
         is_placed: true,
