@@ -50,20 +50,16 @@ pub(super) fn take_cause(rcc: &pac::RCC) -> ResetCause {
     let recorded = ResetCause::ALL
         .into_iter()
         .find(|cause| word == MAGIC | *cause as u32 && inverted == !word);
-    // Power comes first: then the memory is that of no fault, and the reset pin has moved, too.
-    let cause = if flags.porrstf().bit_is_set() {
-        ResetCause::Power
-    } else if let Some(recorded) = recorded {
-        recorded
-    } else if flags.wdgrstf().bit_is_set() {
-        ResetCause::Watchdog
-    } else if flags.sftrstf().bit_is_set() {
-        ResetCause::Software
-    } else if flags.padrstf().bit_is_set() {
-        ResetCause::Pin
-    } else {
-        ResetCause::Power
-    };
+    let cause = ResetCause::of(recorded, |cause| match cause {
+        ResetCause::Power => flags.porrstf().bit_is_set(),
+        ResetCause::Supply => flags.borrstf().bit_is_set(),
+        ResetCause::Watchdog => flags.wdgrstf().bit_is_set(),
+        ResetCause::Software => flags.sftrstf().bit_is_set(),
+        ResetCause::Pin => flags.padrstf().bit_is_set(),
+        ResetCause::Panic | ResetCause::Processor | ResetCause::Interrupt | ResetCause::Clock => {
+            false
+        }
+    });
     let faults = if cause == ResetCause::Power {
         0
     } else {

@@ -41,6 +41,26 @@ impl ResetCause {
         Self::Supply,
     ];
 
+    /// Returns the cause of a reset, from that of the fault that was recorded before it, if one was, and from what the
+    /// chip says. It may say several: the reset pin moves in each reset, and power that is switched on is a low supply.
+    #[must_use]
+    pub fn of(recorded: Option<Self>, is_said: impl Fn(Self) -> bool) -> Self {
+        /// What the chip says besides [`Self::Power`], the most special first.
+        const SAID: [ResetCause; 4] = [
+            ResetCause::Watchdog,
+            ResetCause::Supply,
+            ResetCause::Software,
+            ResetCause::Pin,
+        ];
+        // Memory that has had no power is no record.
+        if is_said(Self::Power) {
+            return Self::Power;
+        }
+        recorded
+            .or_else(|| SAID.into_iter().find(|cause| is_said(*cause)))
+            .unwrap_or_default()
+    }
+
     /// Returns the alarm with which the machine comes up: after a fault, whatever it did has ended in the
     /// middle of it.
     #[must_use]
@@ -70,5 +90,41 @@ impl ResetCause {
             Self::Clock => "crystal stopped",
             Self::Supply => "supply too low",
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// The cause where the chip says these, and the reset pin.
+    fn cause(said: &[ResetCause], recorded: Option<ResetCause>) -> ResetCause {
+        ResetCause::of(recorded, |cause| {
+            said.contains(&cause) || cause == ResetCause::Pin
+        })
+    }
+
+    #[test]
+    fn power_is_told_before_a_record_and_a_record_before_what_the_chip_says() {
+        let all = &ResetCause::ALL;
+        assert_eq!(cause(all, Some(ResetCause::Panic)), ResetCause::Power);
+        for said in [
+            ResetCause::Pin,
+            ResetCause::Software,
+            ResetCause::Supply,
+            ResetCause::Watchdog,
+        ] {
+            assert_eq!(cause(&[said], None), said);
+            assert_eq!(cause(&[said], Some(ResetCause::Panic)), ResetCause::Panic);
+        }
+        assert_eq!(ResetCause::of(None, |_| false), ResetCause::Power);
+    }
+
+    #[test]
+    fn a_supply_that_falls_without_being_switched_off_locks_the_machine() {
+        let fallen = [ResetCause::Supply];
+        let is_locked = |said: &[ResetCause]| cause(said, None).alarm().is_some();
+        assert!(is_locked(&fallen));
+        assert!(!is_locked(&[ResetCause::Power, ResetCause::Supply]));
     }
 }
