@@ -1,13 +1,15 @@
 //! The clocks of the chip: from the crystal, or without it, where the machine only says so.
 //!
-//! Registers: RM0090 7.3.
+//! The full speed is for a good supply only: with one that is too low, the machine only says so, too.
+//!
+//! Registers: RM0090 5.4, 7.3; RM0383 5.4.
 //!
 //! # Cost
 //! `start` is the only place that sets the wait states and the caches of the flash beside `flash`.
 
 use leadscrew::units::TICKS_PER_SECOND;
 use stm32f4xx_hal::{
-    rcc::{Config, Rcc},
+    rcc::{Config, Enable, Rcc},
     time::Hertz,
 };
 
@@ -22,26 +24,38 @@ const _: () = assert!(
 /// internal oscillator, of which each read takes 8 cycles at least. A crystal needs 2 ms (data sheet, HSE).
 const CRYSTAL_READS: u32 = 200_000;
 
+/// Whether the regulator's voltage after a reset, its scale 2, is for less than the clock of the core. That is so on
+/// the chips of 100 MHz, where it is for 84 MHz; the faster ones begin with their highest: RM0383 5.4.1, RM0090 5.4.1.
+const NEEDS_VOLTAGE: bool = WIRING.core_hz > 84_000_000 && WIRING.core_hz <= 100_000_000;
+/// Scale 1 of the regulator, in `PWR_CR`.
+const SCALE_1: u32 = 0b11 << 14;
+
 /// The clocks, and whether the crystal makes them.
 pub(super) struct Clocks {
     pub(super) rcc: Rcc,
     pub(super) has_crystal: bool,
 }
 
-/// Sets the clocks of the board, and reads flash without prefetch. Without the crystal, the internal
-/// oscillator takes its place, at a tenth of the frequency: good enough to say so, and for nothing else.
+/// Sets the clocks of the board, and reads flash without prefetch. Without the crystal, or where the voltage detector
+/// runs and finds the supply too low, the internal oscillator takes its place, at a tenth of the frequency: good
+/// enough to say so, and for nothing else.
 ///
 /// # Panics
 ///
 /// If the core does not count half ticks with the crystal, or TIM9 and TIM10 do not count its cycles: every time would be wrong.
-pub(super) fn start(rcc: Rcc, flash: &pac::FLASH) -> Clocks {
+#[expect(unsafe_code, reason = "a register that nobody owns")]
+pub(super) fn start(mut rcc: Rcc, flash: &pac::FLASH) -> Clocks {
+    // SAFETY: the flag is only read, and the field of the voltage is written here alone, before tasks run.
+    let power = unsafe { &*pac::PWR::ptr() };
     let is_emulated = emulation::is_emulated();
-    let has_crystal = is_emulated || start_crystal(&rcc);
+    let is_low = power.csr().read().pvdo().bit_is_set();
+    let has_crystal = is_emulated || !is_low && start_crystal(&rcc);
     // The emulator's PLL would never report ready: its clocks stay as they are.
     let is_internal = is_emulated || !has_crystal;
     let rcc = if is_internal {
         rcc
     } else {
+        raise_voltage(power, &mut rcc);
         rcc.freeze(from_crystal().sysclk(Hertz::from_raw(WIRING.core_hz)))
     };
     let (core_hz, timers_hz) = (rcc.clocks.hclk().raw(), rcc.clocks.timclk2().raw());
@@ -51,11 +65,19 @@ pub(super) fn start(rcc: Rcc, flash: &pac::FLASH) -> Clocks {
         "the step timer counts half ticks, and TIM9 and TIM10 count what their dividers are for"
     );
     flash.acr().write(|w| flash_access(w).dcen().set_bit());
-    if has_crystal {
-        // A crystal that stops later is an NMI, which stops the machine: RM0090 7.2.7.
-        rcc.cr().modify(|_, w| w.csson().set_bit());
-    }
     Clocks { rcc, has_crystal }
+}
+
+/// Sets the voltage that the clock needs; the PLL, which must not run yet, lets it count.
+#[expect(unsafe_code, reason = "a raw word for a register")]
+fn raise_voltage(power: &pac::pwr::RegisterBlock, rcc: &mut Rcc) {
+    if NEEDS_VOLTAGE {
+        pac::PWR::enable(rcc);
+        // SAFETY: the field takes any number but 0.
+        power
+            .cr()
+            .modify(|cr, w| unsafe { w.bits(cr.bits() | SCALE_1) });
+    }
 }
 
 fn from_crystal() -> Config {
@@ -73,7 +95,11 @@ fn start_crystal(rcc: &pac::RCC) -> bool {
         .modify(|_, w| w.hsebyp().bit(WIRING.is_crystal_bypassed));
     rcc.cr().modify(|_, w| w.hseon().set_bit());
     let runs = (0..CRYSTAL_READS).any(|_| rcc.cr().read().hserdy().bit_is_set());
-    if !runs {
+    if runs {
+        // A crystal that stops from here on is an NMI, which stops the machine: RM0090 7.2.7. Also while the PLL, which
+        // would never be ready, is waited for.
+        rcc.cr().modify(|_, w| w.csson().set_bit());
+    } else {
         rcc.cr()
             .modify(|_, w| w.hseon().clear_bit().hsebyp().clear_bit());
     }

@@ -1,8 +1,8 @@
 //! Supervision of the supply: where it falls, the machine stops, and nothing is written to the flash.
 //!
 //! The core runs at its full speed, and the flash takes whole words, from 2.7 V on (data sheet, general
-//! operating conditions). Below that it may do anything, with outputs on. The voltage detector of the chip
-//! warns at 2.9 V, a tenth of a volt below what a board at its lowest should have. RM0090 5.2.3, 5.4.
+//! operating conditions). Below that it may do anything, with outputs on. So the chip goes to its full speed only
+//! once the voltage detector has found the supply good, and stops at 2.9 V: RM0090 5.2.3, 5.4.
 
 use leadscrew::model::ResetCause;
 use stm32f4xx_hal::rcc::{Enable, Rcc};
@@ -15,20 +15,32 @@ use super::{
 
 /// The line of EXTI that rises when the supply falls; [`super::InputInterrupts`] unmasks it.
 pub(super) const LINE: u32 = 1 << 16;
-/// The highest threshold of the detector.
-const THRESHOLD: u8 = 0b111;
+/// The threshold of the detector: 2.85 to 2.99 V where the supply falls, 2.96 to 3.10 V where it rises (data sheet,
+/// power control block). The one above, up to 3.21 V, would never find a supply of 3.3 V good that is low by 3 %.
+const THRESHOLD: u8 = 0b110;
 /// Above every task: RTIC has priorities up to 5, and no lock masks this.
 const PRIORITY: u8 = 16;
-/// Reads of the flag before the supply counts as too low at power-up: some ms.
-const READS: u32 = 50_000;
+/// Cycles for the detector to begin, 0.1 ms, before its flag counts.
+const BEGIN_CYCLES: u32 = 1600;
+/// Reads of the flag before the supply counts as too low at power-up: more than 100 ms at the 16 MHz of the internal
+/// oscillator, of which each read takes 8 cycles at least.
+const READS: u32 = 200_000;
 
-/// Starts the detector. Returns false if the supply is too low.
-pub(super) fn watch(pwr: &pac::PWR, rcc: &mut Rcc, nvic: &mut NVIC) -> bool {
+/// Starts the detector, and waits while a supply still rises; `clocks` looks whether it has.
+pub(super) fn watch(pwr: &pac::PWR, rcc: &mut Rcc, nvic: &mut NVIC) {
     pac::PWR::enable(rcc);
     pwr.cr()
         .modify(|_, w| w.pls().set(THRESHOLD).pvde().set_bit());
+    cortex_m::asm::delay(BEGIN_CYCLES);
     vectors::unmask(nvic, &[Interrupt::PVD], PRIORITY);
-    (0..READS).any(|_| !is_low())
+    let _ = (0..READS).any(|_| !is_low());
+}
+
+/// Stops the machine if the supply has fallen before the line was unmasked: the detector tells a fall only once.
+pub(super) fn check() {
+    if is_low() {
+        fault::stop(ResetCause::Supply)
+    }
 }
 
 /// Returns whether the supply is too low.
