@@ -324,7 +324,7 @@ impl Requests {
         self.are_sorted_later.store(later, Relaxed);
     }
 
-    /// Makes the request of a realtime byte other than `?` that `interpret` has sorted; for that task
+    /// Makes the request of a realtime byte other than `?` that `interpret` has sorted, or its own; for that task
     /// alone, which releases `prepare` afterwards. `received` is the number of bytes of lines before it.
     pub fn accept_later(&self, byte: u8, received: usize) {
         let flag = match byte {

@@ -78,6 +78,19 @@ impl Machine {
         self.answers()
     }
 
+    /// Returns the answers up to the end of all motion, with cycle start pressed wherever the machine is held.
+    fn all_answers(&mut self) -> Vec<String> {
+        let mut answers = self.answers();
+        while self.is_held() {
+            answers.extend(self.ask("~"));
+        }
+        answers
+    }
+
+    fn is_held(&self) -> bool {
+        self.simulator.snapshot().state == State::HoldComplete
+    }
+
     fn steps(&self) -> [i32; 3] {
         let Axes([x, y, z, ..]) = self.simulator.physical_steps();
         [x, y, z]
@@ -108,7 +121,7 @@ fn nothing_of_a_line_is_executed_that_has_lost_bytes() {
             machine.send_text("G0Y1\n");
             machine.send(damaged(line, place, lost));
             machine.send_text("G0Z1\n");
-            let answers = machine.answers();
+            let answers = machine.all_answers();
             assert_eq!(answers, ["ok", "error:210", "ok"], "{place} {lost}");
             assert_eq!(machine.steps(), [0, STEPS, STEPS]);
             assert_eq!(machine.ask("G0Y0\n"), ["ok"]);
@@ -162,6 +175,36 @@ fn damaged_bytes_do_nothing_to_a_move() {
     machine.run(u64::from(TICKS_PER_SECOND));
     assert_eq!(machine.simulator.snapshot().state, State::Run);
     machine.answers();
+    assert_eq!(machine.steps(), [10 * STEPS, 0, 0]);
+}
+
+#[test]
+fn a_program_is_held_where_a_line_of_it_has_lost_bytes() {
+    let mut machine = Machine::new();
+    machine.send_text("G1X10F600\n");
+    machine.run(TICKS_PER_SECOND.into());
+    machine.send(damaged("G1Z5\n", 2, 1));
+    machine.send_text("G1X0Y1\n");
+    assert_eq!(machine.answers(), ["ok", "error:210"]);
+    assert!(machine.is_held());
+    let [x, y, z] = machine.steps();
+    assert!((STEPS..10 * STEPS).contains(&x), "{x}");
+    assert_eq!((y, z), (0, 0));
+    assert_eq!(machine.ask("~"), ["ok"]);
+    assert_eq!(machine.steps(), [0, STEPS, 0]);
+}
+
+#[test]
+fn a_jog_and_a_machine_at_rest_are_not_held_for_a_line_that_has_lost_bytes() {
+    let mut machine = Machine::new();
+    machine.send(damaged("G0X1\n", 2, 1));
+    assert_eq!(machine.answers(), ["error:210"]);
+    assert_eq!(machine.simulator.snapshot().state, State::Idle);
+    machine.send_text("$J=X10F600\n");
+    machine.run(u64::from(TICKS_PER_MS * 100));
+    assert_eq!(machine.simulator.snapshot().state, State::Jog);
+    machine.send(damaged("$J=Y10F600\n", 4, 1));
+    assert_eq!(machine.answers(), ["ok", "error:210"]);
     assert_eq!(machine.steps(), [10 * STEPS, 0, 0]);
 }
 
@@ -265,7 +308,8 @@ proptest! {
             }
             left -= 1;
         }
-        answers.extend(machine.ask("\n"));
+        machine.send_text("\n");
+        answers.extend(machine.all_answers());
         let moved = answers.iter().filter(|answer| *answer == "ok").count();
         let refused = answers.iter().filter(|answer| *answer == "error:210").count();
         prop_assert_eq!(moved + refused, answers.len());

@@ -46,7 +46,7 @@ impl Session {
             Ok(()) => self.send_plain(links),
             Err(Refusal::NotPlain) if self.receive(links.received) => {
                 if links.requests.take_losses_before(links.received.oldest()) {
-                    return self.refuse(LineError::BytesLost);
+                    return self.refuse_with_hold(LineError::BytesLost, links);
                 }
                 self.dispatch(links)
             }
@@ -55,6 +55,17 @@ impl Session {
                 Progress::Waiting
             }
         }
+    }
+
+    /// Refuses a line, and holds the machine where it moves by a program: what follows was meant to come behind the line.
+    #[cold]
+    #[inline(never)]
+    fn refuse_with_hold(&mut self, error: LineError, links: &Links<'_, '_>) -> Progress {
+        if !self.is_done(links.machine) && !self.machine_sync.is_jogging {
+            links.requests.accept_later(b'!', links.received.oldest());
+            self.machine_sync.has_release_request = true;
+        }
+        self.refuse(error)
     }
 
     /// Moves received bytes to the line, up to its end. Returns false when it has not come yet.
