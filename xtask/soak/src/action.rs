@@ -12,6 +12,8 @@ pub(crate) enum Action {
     Line(String),
     /// The same with a bit of one of its bytes changed on the way, the line feed among them.
     DamagedLine { text: String, byte: usize, bit: u8 },
+    /// The same with one of its bytes damaged so that the receiver sees it, and drops it.
+    LossyLine { text: String, byte: usize },
     /// A realtime byte, or any other.
     Byte(u8),
     /// A contact closes.
@@ -114,6 +116,7 @@ fn action() -> impl Strategy<Value = Action> {
         3 => (line(), 0_usize..80, 0_u8..8)
             .prop_filter("a setting with a wrong number may be any", |(text, ..)| !text.starts_with('$'))
             .prop_map(|(text, byte, bit)| Action::DamagedLine { text, byte, bit }),
+        3 => (line(), 0_usize..80).prop_map(|(text, byte)| Action::LossyLine { text, byte }),
         20 => realtime_byte().prop_map(Action::Byte),
         3 => contact().prop_map(Action::Close),
         6 => contact().prop_map(Action::Open),

@@ -1,6 +1,9 @@
 //! A machine at the end of a serial line, with a sender, an operator, and rules for what it does.
 
-use std::collections::VecDeque;
+use std::{
+    collections::{BTreeSet, VecDeque},
+    mem::take,
+};
 
 use leadscrew::{
     axis::{Axes, X, Y},
@@ -47,6 +50,16 @@ pub(crate) enum Fault {
     RecordLost,
     /// The motors of `CoreXY` are wired to each other's outputs.
     MotorsSwapped,
+    /// A byte that does not arrive, and the receiver has seen nothing of it.
+    LossUnseen,
+}
+
+/// What is on its way to the machine.
+#[derive(Debug, Clone, Copy)]
+enum OnWire {
+    Byte(u8),
+    /// What is left of a byte.
+    Damaged,
 }
 
 /// The machine and what is known of it.
@@ -56,7 +69,7 @@ pub(crate) struct Bench {
     simulator: Box<Simulator>,
     motion: MotionRules,
     /// Bytes on their way to the machine; realtime bytes overtake.
-    line: VecDeque<u8>,
+    line: VecDeque<OnWire>,
     urgent: VecDeque<u8>,
     next_in: u64,
     next_out: u64,
@@ -64,6 +77,10 @@ pub(crate) struct Bench {
     /// Lines that the machine has received since its last reset, and the answers since its last welcome.
     received_lines: u64,
     answers: u64,
+    /// The lines among them that have lost bytes, whether the one that is coming has, and how many bytes were lost.
+    lossy_lines: BTreeSet<u64>,
+    has_lost: bool,
+    lost: u32,
     resets: u32,
     /// Welcomes that may still be on their way, and answers from before each. Two resets may have one.
     welcomes: u32,
@@ -104,6 +121,9 @@ impl Bench {
             heard: Vec::new(),
             received_lines: 0,
             answers: 0,
+            lossy_lines: BTreeSet::new(),
+            has_lost: false,
+            lost: 0,
             resets: 0,
             welcomes: 1,
             silent_at: SECOND,
@@ -139,12 +159,10 @@ impl Bench {
         match action {
             Action::Line(text) => self.send(text),
             Action::DamagedLine { text, byte, bit } => {
-                let mut bytes = text.clone().into_bytes();
-                bytes.push(b'\n');
-                let place = byte % bytes.len();
-                bytes[place] ^= 1 << bit;
-                self.wait_for_room(bytes.len());
-                self.line.extend(bytes);
+                self.send_damaged(text, *byte, |byte| OnWire::Byte(byte ^ 1 << bit));
+            }
+            Action::LossyLine { text, byte } => {
+                self.send_damaged(text, *byte, |_| OnWire::Damaged);
             }
             Action::Byte(byte) => self.urgent.push_back(*byte),
             Action::Close(contact) => self.hold(self.closed | contact.input()),
@@ -189,7 +207,7 @@ impl Bench {
         self.motion.check_end();
         assert_eq!(
             (self.simulator.late(), self.simulator.lost()),
-            (0, 0),
+            (0, self.lost),
             "late events, lost bytes"
         );
     }
@@ -223,8 +241,18 @@ impl Bench {
 
     fn send(&mut self, text: &str) {
         self.wait_for_room(text.len() + 1);
-        self.line.extend(text.as_bytes());
-        self.line.push_back(b'\n');
+        let bytes = text.bytes().chain([b'\n']);
+        self.line.extend(bytes.map(OnWire::Byte));
+    }
+
+    /// Sends a line of which one byte becomes something else on its way.
+    fn send_damaged(&mut self, text: &str, byte: usize, damage: impl Fn(u8) -> OnWire) {
+        self.send(text);
+        let length = text.len() + 1;
+        let place = self.line.len() - length + byte % length;
+        if let Some(OnWire::Byte(byte)) = self.line.get(place).copied() {
+            self.line[place] = damage(byte);
+        }
     }
 
     /// Waits until the machine has room for a line. Where it takes none, the operator helps.
@@ -334,13 +362,14 @@ impl Bench {
 
     /// The next byte on its way. What a machine receives between a reset and its welcome is lost, as in Grbl:
     /// senders wait.
-    fn next_byte(&mut self) -> Option<u8> {
+    fn next_byte(&mut self) -> Option<OnWire> {
         let line = || {
             (self.welcomes == 0)
                 .then(|| self.line.pop_front())
                 .flatten()
         };
-        self.urgent.pop_front().or_else(line)
+        let urgent = self.urgent.pop_front();
+        urgent.map(OnWire::Byte).or_else(line)
     }
 
     fn look_at(&mut self, edge: &Edge) {
@@ -363,8 +392,17 @@ impl Bench {
         }
     }
 
-    /// The machine receives a byte.
-    fn receive(&mut self, byte: u8, now: u64) {
+    /// The machine receives a byte, or what is left of one.
+    fn receive(&mut self, sent: OnWire, now: u64) {
+        let OnWire::Byte(byte) = sent else {
+            self.has_lost = true;
+            if self.fault != Some(Fault::LossUnseen) {
+                self.lost += 1;
+                self.simulator.receive_damaged();
+                self.simulator.settle();
+            }
+            return;
+        };
         match byte {
             b'?' => {
                 let late = if self.fault == Some(Fault::ReportLate) {
@@ -374,7 +412,12 @@ impl Bench {
                 };
                 self.asked.get_or_insert(now.saturating_sub(late));
             }
-            b'\n' | b'\r' => self.received_lines += 1,
+            b'\n' | b'\r' => {
+                self.received_lines += 1;
+                if take(&mut self.has_lost) {
+                    self.lossy_lines.insert(self.received_lines);
+                }
+            }
             b'h' | b'H' => self.may_have_homed = true,
             _ => {}
         }
@@ -394,8 +437,15 @@ impl Bench {
             self.resets = resets;
             self.silent_at = self.simulator.now() + SECOND;
             self.received_lines = 0;
+            self.forget_losses();
             self.asked = None;
         }
+    }
+
+    /// The lines that have lost bytes are dropped.
+    fn forget_losses(&mut self) {
+        self.lossy_lines.clear();
+        self.has_lost = false;
     }
 
     /// Something may have been stored.
@@ -413,7 +463,7 @@ impl Bench {
         match byte {
             b'\r' => {}
             b'\n' => {
-                let text = std::mem::take(&mut self.heard);
+                let text = take(&mut self.heard);
                 self.hear_line(&String::from_utf8_lossy(&text));
             }
             byte => {
@@ -443,6 +493,12 @@ impl Bench {
                 self.welcomes > 0 || self.answers <= self.received_lines,
                 "more answers than lines: {line}"
             );
+            if self.welcomes == 0 && self.lossy_lines.remove(&self.answers) {
+                assert_eq!(
+                    line, "error:210",
+                    "the answer to a line that has lost a byte"
+                );
+            }
         }
     }
 
@@ -528,6 +584,8 @@ impl Bench {
         (self.next_in, self.next_out) = (0, 0);
         self.heard.clear();
         (self.received_lines, self.answers, self.resets) = (0, 0, 0);
+        self.forget_losses();
+        self.lost = 0;
         (self.welcomes, self.silent_at) = (1, SECOND);
         self.asked = None;
         (self.offset, self.may_have_homed) = (Axes::all(0), false);

@@ -166,6 +166,7 @@ mod tests {
             (Fault::ReportLate, "a `?` waits", 2),
             (Fault::RecordLost, "neither old nor new", 1),
             (Fault::MotorsSwapped, "is programmed to", 1),
+            (Fault::LossUnseen, "a line that has lost a byte", 2),
         ] {
             let broken = search(1, Until::Histories(300), STEP_RATE, Some(fault), |_| {});
             let broken = broken.expect_err(&format!("{fault:?} is not found"));
