@@ -7,7 +7,7 @@
 //! | `segment_start` | pended, I2C3\_EV  | 3        | `step`: a segment begins, or motion ends |
 //! | `inputs`        | hardware, TIM10   | 3        | an edge on an input pin, TIM10           |
 //! | `prepare`       | pended, TIM9      | 2        | `segment_start`, most others, TIM9       |
-//! | `wake`          | pended, TIM4      | 1        | `serial_rx`, `prepare`, TIM4             |
+//! | `wake`          | pended, TIM4      | 1        | `serial_rx`, `prepare`, TIM4, `idle`     |
 //! | `interpret`     | async, dispatcher | 1        | `wake`                                   |
 //! | `report`        | async, dispatcher | 1        | `wake`                                   |
 //! | `idle`          |                   | 0        | runs while no other task does            |
@@ -42,7 +42,7 @@ mod app {
 
     use crate::board::{
         self, ChipPlatform, SerialSession, StepInterrupt, host_clock,
-        release::{PREPARE, released},
+        release::{PREPARE, await_idle, awaits_idle, end_round, released},
         trace,
     };
 
@@ -138,17 +138,18 @@ mod app {
         (shared, local)
     }
 
-    /// Feeds the watchdog, sends the bytes that the USART did not take at once, and sleeps.
+    /// Feeds the watchdog, lets `interpret` go on, sends the bytes that the USART did not take at once, and sleeps.
     #[idle(shared = [serial, &requests])]
     fn idle(mut cx: idle::Context) -> ! {
         let requests = cx.shared.requests;
         loop {
-            board::watchdog::feed_from_idle();
-            if !cx
+            board::watchdog::feed();
+            end_round();
+            let is_sending = cx
                 .shared
                 .serial
-                .lock(|serial| serial.send_remaining(requests))
-            {
+                .lock(|serial| serial.send_remaining(requests));
+            if !is_sending && !awaits_idle() {
                 board::sleep();
             }
         }
@@ -230,7 +231,8 @@ mod app {
         }
     }
 
-    /// Executes received lines.
+    /// Executes received lines, one run each time that it is released: `idle` feeds the watchdog between two of
+    /// them.
     #[task(
         priority = 1, local = [entries_in, storage, flash_erase_in],
         shared = [snapshot, serial, interpret_waker, &requests, &inputs, &segments]
@@ -247,11 +249,10 @@ mod app {
             let run = |serial: &mut SerialSession| {
                 serial.run(&snapshot, requests, inputs, segments, entries, storage)
             };
-            if cx.shared.serial.lock(run) == Progress::Waiting {
-                released(&mut cx.shared.interpret_waker).await;
-            } else {
-                board::watchdog::feed_between_runs();
+            if cx.shared.serial.lock(run) == Progress::Again {
+                await_idle();
             }
+            released(&mut cx.shared.interpret_waker, || !awaits_idle()).await;
         }
     }
 
@@ -265,9 +266,9 @@ mod app {
             let read = |shared: &mut Snapshot| snapshot.copy_from(shared, segments, inputs);
             cx.shared.snapshot.lock(read);
             let report = |serial: &mut SerialSession| serial.report(&snapshot, requests);
-            if cx.shared.serial.lock(report) == Progress::Waiting {
-                released(&mut cx.shared.report_waker).await;
-            }
+            // A `?` that has come meanwhile releases it again.
+            cx.shared.serial.lock(report);
+            released(&mut cx.shared.report_waker, || true).await;
         }
     }
 }

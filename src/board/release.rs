@@ -1,8 +1,14 @@
 //! Releases by software: the vectors that tasks borrow, and the waiting of tasks that never end.
+//!
+//! # Cost
+//!
+//! [`end_round`] is a function of its own. Inlined into `idle`, the address of the register would be kept over all
+//! rounds, and the proof would not know it.
 
 use core::{
     future::poll_fn,
     mem,
+    sync::atomic::{AtomicBool, Ordering::Relaxed},
     task::{Poll, Waker},
 };
 
@@ -52,14 +58,40 @@ impl Platform for ChipPlatform {
     }
 }
 
-/// Waits until `wake` has run.
+/// Whether `interpret` has more to do, and waits for `idle` before it goes on.
+static AWAITS_IDLE: AtomicBool = AtomicBool::new(false);
+
+/// Lets `interpret` wait for `idle`, which feeds the watchdog: however many lines wait, it comes round between two
+/// runs.
+pub(crate) fn await_idle() {
+    AWAITS_IDLE.store(true, Relaxed);
+}
+
+/// Returns whether `interpret` waits for `idle`.
+pub(crate) fn awaits_idle() -> bool {
+    AWAITS_IDLE.load(Relaxed)
+}
+
+/// Releases `interpret` if it waits for `idle`; for `idle` alone.
+#[inline(never)]
+pub(crate) fn end_round() {
+    if awaits_idle() {
+        AWAITS_IDLE.store(false, Relaxed);
+        rtic::pend(WAKE);
+    }
+}
+
+/// Waits until `wake` has run and the task may go on.
 ///
 /// No release is lost: `wake` has the same priority, so it runs either before the task has found no
-/// work or after the waker is stored.
-pub(crate) async fn released(mut waker: impl rtic::Mutex<T = Option<Waker>>) {
+/// work or after the waker is stored. A release that comes too early is followed by that which lets it go on.
+pub(crate) async fn released(
+    mut waker: impl rtic::Mutex<T = Option<Waker>>,
+    may_go_on: impl Fn() -> bool,
+) {
     let mut is_woken = false;
     poll_fn(|context| {
-        if mem::replace(&mut is_woken, true) {
+        if mem::replace(&mut is_woken, true) && may_go_on() {
             return Poll::Ready(());
         }
         waker.lock(|waker| *waker = Some(context.waker().clone()));

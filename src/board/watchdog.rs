@@ -3,23 +3,12 @@
 //! `idle` feeds it: it runs only when every task that was released has come to its end. So `idle`, `interpret`,
 //! `prepare` and all above them must come round. What takes long by itself, the erasing and programming of
 //! flash, feeds it in its loops. Once started, nothing but a reset stops it. RM0090 21.3, 21.4.
-
 //!
-//! `interpret` sums up the areas of an arc in whole steps before it begins, some 40 ms for the longest, and does so
-//! for one arc after the other as long as lines wait. So it feeds the watchdog as well between two of its runs, but
-//! only so often until `idle` comes round.
-
-use core::sync::atomic::{AtomicU8, Ordering::Relaxed};
-
-use leadscrew::model::HAS_ARC_MACHINE;
+//! `interpret` has work as long as lines wait. It does one run at a time, and waits for `idle` in between
+//! (`release.rs`): so no number of lines is taken for a task that hangs. The longest run is that of an arc in whole
+//! steps, whose areas are summed up before it begins: some 40 ms.
 
 use super::{emulation, pac};
-
-/// Runs of `interpret` that may feed the watchdog between two rounds of `idle`: as many arcs as wait for it mostly.
-const RUNS: u8 = 64;
-
-/// How many of them are left.
-static RUNS_LEFT: AtomicU8 = AtomicU8::new(0);
 
 /// Counts of a quarter of the internal slow clock, whose frequency is 17 to 47 kHz, 32 kHz typically (data
 /// sheet, LSI): at least 100 ms, 147 ms typically, at most 276 ms.
@@ -35,29 +24,11 @@ pub(super) fn start(watchdog: &pac::IWDG, debug: &pac::DBGMCU) {
     feed();
 }
 
-/// Feeds the watchdog, for `idle`.
-#[inline]
-pub(crate) fn feed_from_idle() {
-    if HAS_ARC_MACHINE {
-        RUNS_LEFT.store(RUNS, Relaxed);
-    }
-    feed();
-}
-
-/// Feeds the watchdog between two runs of `interpret`, if it may.
-#[inline]
-pub(crate) fn feed_between_runs() {
-    if HAS_ARC_MACHINE && let Some(left) = RUNS_LEFT.load(Relaxed).checked_sub(1) {
-        RUNS_LEFT.store(left, Relaxed);
-        feed();
-    }
-}
-
 /// Feeds the watchdog. Also from RAM, where nothing in flash may be called.
 #[inline(always)]
 #[expect(clippy::inline_always, reason = "nothing in flash may be called")]
 #[expect(unsafe_code, reason = "several places feed it")]
-pub(super) fn feed() {
+pub(crate) fn feed() {
     emulation::feed_watchdog();
     // SAFETY: the key has no other effect than to feed.
     let watchdog = unsafe { &*pac::IWDG::ptr() };
