@@ -23,7 +23,7 @@ use crate::{
     rta::{Demand, Load},
     sections, startup,
     system::{Row, System, misconfigured},
-    worst_path,
+    uncounted, worst_path,
 };
 
 /// Steps of the proven step rate, Hz.
@@ -191,9 +191,9 @@ impl<'a> Analysis<'a> {
             .extend(hidden::flaws(system.program, system.config));
         report.flaws.extend(modes::flaws(system));
         report.flaws.extend(resident::flaws(system.program));
-        report
-            .flaws
-            .extend(startup::flaws(system.program, system.config));
+        let startup = startup::flaws(system.program, system.config);
+        report.flaws.extend(startup);
+        uncounted::look(system, &named, report);
         let mut is_bounded = true;
         for (index, row) in system.rows.iter().enumerate() {
             if row.times.is_some() {

@@ -47,7 +47,7 @@ pub(crate) fn find(
         .map(|own| Source::of(around.image, annotations, function, own))
         .collect();
     for (index, own) in own.iter().enumerate() {
-        let lines = lines(around.image, function, own);
+        describe(around.image, function, index, own);
         let mut source = sources[index].as_ref();
         // Only the outer of two nested loops can be the one of the source.
         if let Some(found) = source
@@ -82,7 +82,6 @@ pub(crate) fn find(
             origin: "an exclusive store that is tried again".to_owned(),
         });
         let one = &mut function.loops[index];
-        one.lines = lines;
         one.counted = runs.map(|runs| runs.returns);
         one.bound = match counted {
             Some(counted) if looks => Some(counted),
@@ -219,6 +218,40 @@ fn stores_again(function: &Function, one: &Loop) -> bool {
             }
             false
         })
+}
+
+/// Writes down where a loop is, whose own blocks are `own`.
+fn describe(image: &Image, function: &mut Function, index: usize, own: &BTreeSet<usize>) {
+    let lines = lines(image, function, own);
+    let within = within(image, function, own);
+    let one = &mut function.loops[index];
+    (one.lines, one.within) = (lines, within);
+}
+
+/// The function of the source that a loop is in: of the project, where one of its functions holds all of the
+/// loop's own instructions.
+fn within(image: &Image, function: &Function, own: &BTreeSet<usize>) -> String {
+    let instructions = || {
+        own.iter()
+            .flat_map(|&block| &function.blocks[block].instructions)
+    };
+    let mut chains = chains(image, instructions().filter(|one| !moves(one)));
+    if chains.is_empty() {
+        chains = self::chains(image, instructions());
+    }
+    let shared = shared(&chains);
+    let frames = chains.first().map_or(&[][..], |chain| &chain[..shared]);
+    source_function(frames.iter().rev()).unwrap_or_else(|| function.name.clone())
+}
+
+/// The first function of the project among some frames, without the closures in it.
+pub(crate) fn source_function<'a>(mut frames: impl Iterator<Item = &'a Frame>) -> Option<String> {
+    let own = frames.find(|frame| frame.file.starts_with("src/"))?;
+    let mut name = &*own.function;
+    while let Some(outer) = name.strip_suffix("::{{closure}}") {
+        name = outer;
+    }
+    Some(name.to_owned())
 }
 
 /// All lines of the instructions of `own`.

@@ -75,6 +75,22 @@ pub struct Watchdog {
     /// Functions with loops that may last and do not feed it.
     #[serde(default)]
     pub unfed: Vec<Exempt>,
+    /// Loops of tasks without a deadline that nothing counts.
+    #[serde(default)]
+    pub uncounted: Vec<Uncounted>,
+    /// Functions that such tasks call whose loops and whose time are left out.
+    #[serde(default)]
+    pub apart: Vec<Exempt>,
+}
+
+/// Loops that nothing counts.
+#[derive(Debug, Clone, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Uncounted {
+    /// The functions of the source that they are in: how their names end.
+    pub functions: Vec<String>,
+    /// What ends them.
+    pub reason: String,
 }
 
 /// What some numbers of the file claim of the program, and how far that is known.

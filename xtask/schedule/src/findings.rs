@@ -334,7 +334,7 @@ fn overflow(report: &Report) -> Option<Flaw> {
 }
 
 /// What functions may call through pointers, as `schedule.toml` says.
-fn pointers(system: &System<'_>) -> BTreeMap<u32, BTreeSet<u32>> {
+pub(crate) fn pointers(system: &System<'_>) -> BTreeMap<u32, BTreeSet<u32>> {
     let functions = system.program.functions();
     let mut pointers = BTreeMap::new();
     for pointer in &system.config.pointer {

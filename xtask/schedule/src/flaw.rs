@@ -14,6 +14,8 @@ pub enum Rule {
     ReachableTrap,
     /// A loop has no bound.
     UnboundedLoop,
+    /// Nothing counts a loop of a task without a deadline, and `schedule.toml` does not say what ends it.
+    UncountedLoop,
     /// A loop runs more often than its comment says.
     WrongBound,
     /// A loop has two entries.

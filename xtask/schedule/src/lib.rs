@@ -61,6 +61,7 @@ mod system;
 mod task_lines;
 #[cfg(test)]
 mod testing;
+mod uncounted;
 mod values;
 mod waits;
 mod wcet;
@@ -80,7 +81,7 @@ pub use model::{Cache, Clock, Model, lines};
 pub use program::{Block, Bound, Count, Edge, Function, Loop, Program, Region, Store, Total};
 pub use report::{
     Curve, KnownFigures, Line, Report, Requirement, Section, Stack, Stream, SubstitutedRuns, Task,
-    UndeadlinedWait, Wcet, Window,
+    UncountedLoops, Undeadlined, UndeadlinedWait, Wcet, Window,
 };
 pub use rtic::{App, AppTask};
 pub use source_files::SourceFile;

@@ -65,6 +65,7 @@ pub(crate) fn find(blocks: &[Block]) -> Loops {
             counted: None,
             total: None,
             lines: BTreeSet::new(),
+            within: String::new(),
         });
         found.back.insert(from.index());
         let mut work = vec![from];

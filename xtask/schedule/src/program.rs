@@ -117,6 +117,8 @@ pub struct Loop {
     pub total: Option<Total>,
     /// Its own lines, `file:line`: for messages.
     pub lines: BTreeSet<String>,
+    /// The function of the source that it is in, of the project if possible.
+    pub within: String,
 }
 
 /// A function.

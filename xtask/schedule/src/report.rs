@@ -38,6 +38,9 @@ pub struct Report {
     /// How long tasks with deadlines may keep the processor from those without: at the step rate of the
     /// table, at those that are required and at those that are proven.
     pub undeadlined_waits: Vec<UndeadlinedWait>,
+    /// What keeps `idle` from feeding the watchdog besides tasks with deadlines.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub undeadlined: Option<Undeadlined>,
     /// Longest run of the step task with a warm cache, exception entry and exit included, cycles.
     pub step_wcet_cycles: u64,
     /// Most by which an edge of a step pin moves, µs.
@@ -95,6 +98,32 @@ pub struct UndeadlinedWait {
     pub baud: u32,
     /// The time, cycles; `None`: no bound.
     pub cycles: Option<u64>,
+}
+
+/// The tasks without a deadline: their loops, and what they take besides.
+#[derive(Debug, Clone, Default, PartialEq, Eq, Serialize)]
+pub struct Undeadlined {
+    /// Their names.
+    pub tasks: Vec<String>,
+    /// Loops that are counted, or whose number of runs the source states.
+    pub counted: usize,
+    /// Loops that feed the watchdog in each round.
+    pub fed: usize,
+    /// The others.
+    pub uncounted: Vec<UncountedLoops>,
+    /// How long a run of each of the tasks takes, one after the other, without the rounds of the loops that nothing
+    /// counts, cycles; `None`: it is not known.
+    pub rest_cycles: Option<u64>,
+}
+
+/// Loops that nothing counts, and that end for the same reason.
+#[derive(Debug, Clone, Default, PartialEq, Eq, Serialize)]
+pub struct UncountedLoops {
+    /// What ends them.
+    pub reason: String,
+    /// The function that each is in, and where.
+    #[serde(skip)]
+    pub places: Vec<String>,
 }
 
 /// One task.

@@ -218,7 +218,7 @@ fn lets_in(function: &Function, instruction: &Instruction) -> bool {
 }
 
 /// The register that holds where an instruction goes, when it is no return.
-const fn pointer(operation: &Operation) -> Option<u8> {
+pub(crate) const fn pointer(operation: &Operation) -> Option<u8> {
     match *operation {
         Operation::CallRegister(register) => Some(register),
         Operation::JumpRegister(register) if register != 14 => Some(register),

@@ -205,16 +205,8 @@ fn of_watchdog(program: &Program<'_>, watchdog: &Watchdog) -> Vec<Flaw> {
     let mut flaws = Vec::new();
     let mut fed = 0;
     for function in program.functions().values() {
-        let feeds: BTreeSet<u32> = { function.stores.iter() }
-            .filter(|store| store.to == Some(watchdog.key) && store.value == Some(watchdog.feed))
-            .map(|store| store.at)
-            .collect();
         for one in { function.loops.iter() }.filter(|one| may_last(function, one)) {
-            let is_fed = one.blocks.iter().any(|&block| {
-                let mut own = function.blocks[block].instructions.iter();
-                own.any(|it| feeds.contains(&it.address))
-                    && waits::is_on_each_way(function, one, block)
-            });
+            let is_fed = feeds(function, one, watchdog);
             fed += u32::from(is_fed);
             let head = function.blocks[one.head].start();
             if !is_fed && !is_excused(program.image, watchdog, head, &function.name) {
@@ -236,6 +228,18 @@ fn of_watchdog(program: &Program<'_>, watchdog: &Watchdog) -> Vec<Flaw> {
         ));
     }
     flaws
+}
+
+/// Whether the watchdog is fed in each round of a loop.
+pub(crate) fn feeds(function: &Function, one: &Loop, watchdog: &Watchdog) -> bool {
+    let feeds: BTreeSet<u32> = { function.stores.iter() }
+        .filter(|store| store.to == Some(watchdog.key) && store.value == Some(watchdog.feed))
+        .map(|store| store.at)
+        .collect();
+    one.blocks.iter().any(|&block| {
+        let mut own = function.blocks[block].instructions.iter();
+        own.any(|it| feeds.contains(&it.address)) && waits::is_on_each_way(function, one, block)
+    })
 }
 
 /// Whether a loop may last: it has no end, or reads a peripheral and no counter ends it.

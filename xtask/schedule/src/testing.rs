@@ -92,5 +92,6 @@ pub(crate) fn counted(head: usize, blocks: &[usize], back: &[usize], count: u64)
         counted: None,
         total: None,
         lines: BTreeSet::new(),
+        within: String::new(),
     }
 }

@@ -97,6 +97,7 @@ fn looping() -> Function {
             in_runs: BTreeSet::from([1]),
         }),
         lines: BTreeSet::new(),
+        within: String::new(),
     });
     handler
 }

@@ -19,6 +19,7 @@ macro_rules! or_skip {
 }
 
 mod startup;
+mod uncounted;
 
 /// Builds the fixture with code in the task `receive`, and items beside it, and expects a rule to be
 /// broken there, told with these words.

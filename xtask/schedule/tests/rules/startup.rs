@@ -5,7 +5,7 @@ use schedule::Rule;
 use super::project::{Project, assert_caught};
 
 /// Configures the register of pins as that of a watchdog, which 0xaaaa feeds.
-fn with_watchdog(project: Project) -> Project {
+pub(crate) fn with_watchdog(project: Project) -> Project {
     project.configured(
         "[[exempt]]",
         "[watchdog]\nkey = 0x4002_0018\nfeed = 0xaaaa\nperiod_us = 100_000.0\n\n\

@@ -79,6 +79,9 @@ struct Options {
     /// Where the faults go: which functions are drawn
     #[arg(long, value_name = "N", default_value = "1", requires = "mutants")]
     seed: u64,
+    /// Print the loops of tasks without a deadline that nothing counts, with what ends them
+    #[arg(long, conflicts_with_all = ["write", "check", "replay", "mutants"])]
+    loops: bool,
     /// Print the cycles of each class of instructions and accesses, and analyse nothing
     #[arg(long, conflicts_with_all = ["elf", "step_rate", "baud", "write", "check", "replay", "mutants"])]
     table: bool,
@@ -121,6 +124,12 @@ fn run(options: &Options) -> Result<ExitCode> {
         return check(&report, &elf, options);
     }
     print(&report);
+    if options.loops {
+        println!();
+        for line in text::uncounted_loops(&report) {
+            println!("{line}");
+        }
+    }
     if let Some(path) = &options.json {
         let json = serde_json::to_string(&report)? + "\n";
         fs::write(path, json).with_context(|| format!("cannot write {}", path.display()))?;
@@ -245,7 +254,13 @@ fn replay(board: &Board, elf: &Path, report: &Report) -> Result<bool> {
 fn rate(report: &Report) -> Result<u32> {
     /// Flaws that are told where the proof is only a step on the way.
     const TOLD: usize = 3;
-    let asks = |rule| matches!(rule, Rule::DeadlineMissed | Rule::Requirement);
+    // A loop of a task without a deadline is the watchdog's affair: no step waits for it.
+    let asks = |rule| {
+        matches!(
+            rule,
+            Rule::DeadlineMissed | Rule::Requirement | Rule::UncountedLoop
+        )
+    };
     let rate = report.proven_step_rate_hz.get(&BAUD.to_string());
     let rate = rate.map_or(0, |rate| whole_thousands(*rate));
     let wrong: Vec<_> = report
@@ -339,7 +354,7 @@ mod tests {
     #[test]
     fn a_rate_is_proven_where_nothing_but_a_wish_is_unmet() {
         assert_eq!(rate(&report(151_900, &[])).unwrap(), 151_000);
-        let wishes = [Rule::Requirement, Rule::DeadlineMissed];
+        let wishes = [Rule::Requirement, Rule::DeadlineMissed, Rule::UncountedLoop];
         assert_eq!(rate(&report(90_000, &wishes)).unwrap(), 90_000);
         for (hz, rules, reason) in [
             (90_000, &[Rule::UnboundedLoop][..], "UnboundedLoop"),

@@ -263,6 +263,35 @@ fn waits(report: &Report) -> String {
     format!("at most {waits}, before the line being read and their own time")
 }
 
+/// What is known of the tasks without a deadline: how their loops end, and how long they take besides.
+fn undeadlined(report: &Report) -> Option<(&'static str, String)> {
+    let it = report.undeadlined.as_ref()?;
+    let rest = { it.rest_cycles }.map_or("unknown".into(), |cycles| {
+        let us = shown_us(micros(report, cycles as f64));
+        format!("{us} µs at most, alone on the processor,")
+    });
+    let uncounted: usize = it.uncounted.iter().map(|loops| loops.places.len()).sum();
+    Some((
+        "no deadline",
+        format!(
+            "{}: {rest} for a run of each, and the rounds of {uncounted} loops that nothing counts; {} others are counted",
+            it.tasks.join(", "),
+            it.counted,
+        ),
+    ))
+}
+
+/// The loops of tasks without a deadline that nothing counts, by what ends them.
+pub(super) fn uncounted_loops(report: &Report) -> Vec<String> {
+    let entries = report.undeadlined.iter().flat_map(|it| &it.uncounted);
+    let lines = entries.flat_map(|loops| {
+        let heading = format!("{} loops: {}", loops.places.len(), loops.reason);
+        let places = loops.places.iter().map(|place| format!("  {place}"));
+        [heading].into_iter().chain(places)
+    });
+    lines.collect()
+}
+
 /// The figures under the table: name and value.
 pub(super) fn figures(report: &Report) -> Vec<(&'static str, String)> {
     let rates = rates_shown(&report.proven_step_rate_hz);
@@ -309,7 +338,8 @@ pub(super) fn figures(report: &Report) -> Vec<(&'static str, String)> {
             ),
         ),
     ];
-    facts.into_iter().chain(substitution).collect()
+    let facts = facts.into_iter().chain(undeadlined(report));
+    facts.chain(substitution).collect()
 }
 
 /// One flaw: what, where, and what to do.
@@ -334,6 +364,8 @@ pub(super) fn places(place: &Place) -> Vec<String> {
 
 #[cfg(test)]
 mod tests {
+    use schedule::{UncountedLoops, Undeadlined};
+
     use super::*;
     use crate::sample;
 
@@ -360,6 +392,37 @@ mod tests {
             words,
             ["wake", "1", "-", "-", "-", "-", "none", "-", "0", "0"]
         );
+    }
+
+    #[test]
+    fn loops_that_nothing_counts_are_told_with_what_ends_them() {
+        let mut report = sample::report();
+        let is_told = |(name, _): &(&str, String)| *name == "no deadline";
+        assert!(!figures(&report).iter().any(is_told));
+        report.undeadlined = Some(Undeadlined {
+            tasks: vec!["interpret".into()],
+            counted: 7,
+            fed: 1,
+            uncounted: vec![UncountedLoops {
+                reason: "the end of the line".into(),
+                places: vec!["read: a (src/a.rs:1)".into(), "read: a (src/a.rs:9)".into()],
+            }],
+            rest_cycles: Some(168_000),
+        });
+        let (_, text) = figures(&report).into_iter().find(is_told).unwrap();
+        assert!(text.starts_with("interpret: 1 000 µs at most"), "{text}");
+        assert!(
+            text.contains("2 loops") && text.ends_with("7 others are counted"),
+            "{text}"
+        );
+        let lines = uncounted_loops(&report);
+        assert_eq!(lines[0], "2 loops: the end of the line");
+        assert_eq!(lines[2], "  read: a (src/a.rs:9)");
+        if let Some(it) = &mut report.undeadlined {
+            it.rest_cycles = None;
+        }
+        let (_, text) = figures(&report).into_iter().find(is_told).unwrap();
+        assert!(text.starts_with("interpret: unknown"), "{text}");
     }
 
     #[test]

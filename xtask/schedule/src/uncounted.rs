@@ -1,0 +1,405 @@
+//! The loops of tasks without a deadline, and what these tasks take besides.
+//!
+//! `idle` feeds the watchdog when all of them have come to their end. So each of their loops has to end. One that
+//! nothing counts, and that does not feed the watchdog itself, has to be named in `schedule.toml`, with what ends it:
+//! any other is an error. All else that these tasks do has a bound, which is a figure of the report: each way of a
+//! run, without the rounds of the loops that are named.
+
+use std::collections::{BTreeMap, BTreeSet};
+
+use crate::{
+    Cache, Count, Flaw, Function, Loop, Place, Report, Rule, Total, UncountedLoops, Undeadlined,
+    bounds::source_function,
+    config::{Watchdog, is_named},
+    findings,
+    stack::{self, pointer},
+    startup,
+    system::{System, misconfigured},
+    wcet::{Functions, Wcets},
+};
+
+/// Writes down the loops of the tasks without a deadline, what these take besides, and what is wrong with them.
+pub(crate) fn look(system: &System<'_>, named: &BTreeMap<String, u64>, report: &mut Report) {
+    let rows = { system.rows.iter() }.filter(|row| row.times.is_none());
+    let rows: Vec<_> = rows.collect();
+    let Some(watchdog) = { system.config.watchdog.as_ref() }.filter(|_| !rows.is_empty()) else {
+        return;
+    };
+    let pointers = findings::pointers(system);
+    let apart = apart(system, watchdog);
+    let mut reached = BTreeSet::new();
+    for row in &rows {
+        let left_out = row.excluded.union(&apart).copied().collect();
+        reached.extend(reach(system, row.root, &left_out, &pointers));
+    }
+    let mut found = Undeadlined {
+        tasks: rows.iter().map(|row| row.name.clone()).collect(),
+        counted: 0,
+        fed: 0,
+        uncounted: { watchdog.uncounted.iter() }
+            .map(|entry| UncountedLoops {
+                reason: entry.reason.clone(),
+                places: Vec::new(),
+            })
+            .collect(),
+        rest_cycles: None,
+    };
+    let mut flaws = of_entries(watchdog);
+    for function in reached.iter().filter_map(|at| system.program.function(*at)) {
+        for (place, within) in uncounted(system, watchdog, function, &mut found) {
+            match entry(watchdog, &within) {
+                Some(index) => {
+                    let first = place.frames.first().map_or("", String::as_str);
+                    found.uncounted[index]
+                        .places
+                        .push(format!("{within}: {first}"));
+                }
+                None => flaws.push(unnamed(&within, place)),
+            }
+        }
+    }
+    let roots: BTreeSet<u32> = rows.iter().map(|row| row.root).collect();
+    let excluded = rows.iter().flat_map(|row| &row.excluded).copied().collect();
+    let mut functions = system.program.functions().clone();
+    for function in functions.values_mut() {
+        cut(function, &apart);
+    }
+    found.rest_cycles = rest(system, functions, &roots, named, &excluded, &pointers);
+    if found.rest_cycles.is_none() {
+        flaws.push(Flaw::new(
+            Rule::UnboundedLoop,
+            "how long tasks without a deadline take besides their loops is not known",
+            rows[0].task.place(),
+            "Let no function call itself; say in `schedule.toml` what pointers call.",
+        ));
+    }
+    report.undeadlined = Some(found);
+    report.flaws.extend(flaws);
+}
+
+/// The functions that are left out.
+fn apart(system: &System<'_>, watchdog: &Watchdog) -> BTreeSet<u32> {
+    let is_apart = |name: &str| { watchdog.apart.iter() }.any(|it| is_named(name, &it.function));
+    let functions = system.program.functions().values();
+    let apart = functions.filter(|function| is_apart(&function.name));
+    apart.map(|function| function.address).collect()
+}
+
+/// What a root calls, also through pointers, but for panics and what is excused.
+fn reach(
+    system: &System<'_>,
+    root: u32,
+    excluded: &BTreeSet<u32>,
+    pointers: &BTreeMap<u32, BTreeSet<u32>>,
+) -> BTreeSet<u32> {
+    let mut reached = BTreeSet::new();
+    let mut work = vec![root];
+    while let Some(at) = work.pop() {
+        let Some(function) = system.program.function(at) else {
+            continue;
+        };
+        let ends = system.program.is_panic(at) || excluded.contains(&at);
+        if !ends && reached.insert(at) {
+            work.extend(function.blocks.iter().filter_map(|block| block.call));
+            work.extend(pointers.get(&at).into_iter().flatten());
+        }
+    }
+    reached
+}
+
+/// The loops of a function that nothing counts and that do not feed the watchdog: where each is, and in which
+/// function of the source. Counts the others.
+fn uncounted(
+    system: &System<'_>,
+    watchdog: &Watchdog,
+    function: &Function,
+    found: &mut Undeadlined,
+) -> Vec<(Place, String)> {
+    let image = system.image;
+    let mut uncounted = Vec::new();
+    for looped in &function.loops {
+        if looped.bound.is_some() || looped.total.is_some() {
+            found.counted += 1;
+        } else if startup::feeds(function, looped, watchdog) {
+            found.fed += 1;
+        } else {
+            let place = image.place(function.blocks[looped.head].start());
+            uncounted.push((place, looped.within.clone()));
+        }
+    }
+    // A loop with two entries is no loop of the graph.
+    let flaws = { function.flaws.iter() }.filter(|flaw| flaw.rule == Rule::IrreducibleLoop);
+    uncounted.extend(flaws.map(|flaw| {
+        let frames = image.frames(flaw.place.address);
+        let within = source_function(frames.iter()).unwrap_or_else(|| function.name.clone());
+        (flaw.place.clone(), within)
+    }));
+    uncounted
+}
+
+/// The entry of `schedule.toml` that names a function.
+fn entry(watchdog: &Watchdog, within: &str) -> Option<usize> {
+    let names = |functions: &[String]| functions.iter().any(|name| is_named(within, name));
+    let mut entries = watchdog.uncounted.iter();
+    entries.position(|entry| names(&entry.functions))
+}
+
+fn unnamed(within: &str, place: Place) -> Flaw {
+    Flaw::new(
+        Rule::UncountedLoop,
+        format!(
+            "nothing counts a loop in `{within}`, and it may keep `idle` from feeding the watchdog"
+        ),
+        place,
+        "Give it a constant number of runs; or write `// wcet-bound: N`; or say in `[[watchdog.uncounted]]` of \
+         `schedule.toml` what ends it.",
+    )
+}
+
+/// What is wrong with the entries themselves.
+fn of_entries(watchdog: &Watchdog) -> Vec<Flaw> {
+    let mut flaws = Vec::new();
+    let mut seen = BTreeSet::new();
+    for entry in &watchdog.uncounted {
+        if entry.reason.trim().is_empty() {
+            let what = format!(
+                "`schedule.toml` does not say what ends loops in `{}`",
+                entry.functions.join("`, `")
+            );
+            flaws.push(misconfigured(what, "Give it a reason."));
+        }
+        for name in entry.functions.iter().filter(|name| !seen.insert(*name)) {
+            let what = format!("`schedule.toml` says twice what ends loops in `{name}`");
+            flaws.push(misconfigured(what, "Say it once."));
+        }
+    }
+    flaws
+}
+
+/// How long a run from each of these roots takes, one after the other, in functions from which everything else has
+/// been cut; `None`: it is not known.
+fn rest(
+    system: &System<'_>,
+    mut functions: Functions,
+    roots: &BTreeSet<u32>,
+    named: &BTreeMap<String, u64>,
+    excluded: &BTreeSet<u32>,
+    pointers: &BTreeMap<u32, BTreeSet<u32>>,
+) -> Option<u64> {
+    let frame = system.model.entry_and_exit() + system.model.lazy_save() + system.model.miss();
+    // What a pointer leads to is taken for the dearest; that may call through pointers itself.
+    loop {
+        let wcets = Wcets::new(&functions, &system.model, named, excluded.clone());
+        let dearest = dearest(&wcets, pointers);
+        let cycles = roots
+            .iter()
+            .map(|root| Some(wcets.bound(*root, Cache::Uncached)?.cycles() + frame));
+        let cycles: Option<u64> = cycles.sum();
+        drop(wcets);
+        if !resolve(&mut functions, &dearest) {
+            return cycles;
+        }
+    }
+}
+
+/// Takes away the rounds of loops that nothing counts, and the calls of what is left out.
+fn cut(function: &mut Function, apart: &BTreeSet<u32>) {
+    for block in &mut function.blocks {
+        block.call = block.call.filter(|call| !apart.contains(call));
+    }
+    for looped in &mut function.loops {
+        if looped.bound.is_none() && looped.total.is_none() {
+            looped.total = Some(Total {
+                count: Count::Number(0),
+                origin: String::new(),
+                in_runs: BTreeSet::new(),
+            });
+        }
+    }
+    unroll(function);
+}
+
+/// Makes a graph without loops with two entries: a way that goes back in one goes on in a copy of the graph. There
+/// are as many copies as such ways back: each loop can be passed once from any of its entries.
+fn unroll(function: &mut Function) {
+    let back = ways_back(function);
+    let (blocks, loops) = (function.blocks.clone(), function.loops.clone());
+    let size = blocks.len();
+    function.blocks.clear();
+    function.loops.clear();
+    for copy in 0..=back.len() {
+        let first = copy * size;
+        for (from, block) in blocks.iter().enumerate() {
+            let edges = block.successors.iter().filter_map(|edge| {
+                let mut edge = *edge;
+                let is_back = back.contains(&(from, edge.to));
+                edge.to += first + if is_back { size } else { 0 };
+                (!is_back || copy < back.len()).then_some(edge)
+            });
+            let mut block = block.clone();
+            block.successors = edges.collect();
+            function.blocks.push(block);
+        }
+        let shifted = |all: &BTreeSet<usize>| all.iter().map(|block| block + first).collect();
+        function.loops.extend(loops.iter().map(|looped| Loop {
+            head: looped.head + first,
+            blocks: shifted(&looped.blocks),
+            back: shifted(&looped.back),
+            ..looped.clone()
+        }));
+    }
+}
+
+/// The ways back in a function that are not those of its loops.
+fn ways_back(function: &Function) -> BTreeSet<(usize, usize)> {
+    let mut is_open = vec![false; function.blocks.len()];
+    let mut is_seen = is_open.clone();
+    let mut back = BTreeSet::new();
+    let mut work = vec![(0, 0)];
+    while let Some((block, next)) = work.pop() {
+        let Some(it) = function.blocks.get(block) else {
+            continue;
+        };
+        (is_open[block], is_seen[block]) = (true, true);
+        let Some(edge) = it.successors.get(next) else {
+            is_open[block] = false;
+            continue;
+        };
+        work.push((block, next + 1));
+        if is_open[edge.to] {
+            back.insert((block, edge.to));
+        } else if !is_seen[edge.to] {
+            work.push((edge.to, 0));
+        }
+    }
+    for looped in &function.loops {
+        back.retain(|(from, to)| *to != looped.head || !looped.back.contains(from));
+    }
+    back
+}
+
+/// For each function that calls through pointers, the dearest that these may lead to.
+fn dearest(wcets: &Wcets<'_>, pointers: &BTreeMap<u32, BTreeSet<u32>>) -> BTreeMap<u32, u32> {
+    // What has no bound is the dearest.
+    let cost = |at: &u32| {
+        let bound = wcets.bound(*at, Cache::Uncached);
+        bound.map_or(u64::MAX, |bound| bound.cycles())
+    };
+    let dearest = pointers.iter().filter_map(|(function, called)| {
+        let called = called.iter().filter(|at| !wcets.excluded.contains(at));
+        Some((*function, *called.max_by_key(|at| cost(at))?))
+    });
+    dearest.collect()
+}
+
+/// Writes what pointers lead to into the blocks that call through them. Returns whether anything was not so.
+fn resolve(functions: &mut Functions, dearest: &BTreeMap<u32, u32>) -> bool {
+    let mut is_new = false;
+    for (address, function) in functions {
+        for block in &mut function.blocks {
+            let Some((last, before)) = block.instructions.split_last() else {
+                continue;
+            };
+            let Some(register) = pointer(&last.operation) else {
+                continue;
+            };
+            let known = stack::constant(register, before).map(|at| at & !1);
+            let called = known.or_else(|| dearest.get(address).copied());
+            if called.is_some() && block.call != called {
+                block.call = called;
+                // A jump ends the function as what it leads to does.
+                block.ends |= block.traps;
+                block.traps = false;
+                is_new = true;
+            }
+        }
+    }
+    is_new
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::{Model, Operation, testing};
+
+    /// Blocks as 0 -> 1, 2; 1 -> 3 or 2; 2 -> 4 or 1; both end: a loop with two entries.
+    const TWICE: [(u32, &[usize]); 6] = [
+        (1, &[5, 2]),
+        (10, &[3, 2]),
+        (100, &[4, 1]),
+        (1, &[]),
+        (1, &[]),
+        (1000, &[1]),
+    ];
+
+    /// What a function costs, with whatever it calls.
+    fn cost(functions: &Functions, address: u32) -> Option<u64> {
+        let (model, named) = (Model::new(&testing::CLOCK), BTreeMap::new());
+        let wcets = Wcets::new(functions, &model, &named, BTreeSet::new());
+        Some(wcets.bound(address, Cache::Warm)?.cycles())
+    }
+
+    fn alone(function: Function) -> u64 {
+        let address = function.address;
+        cost(&BTreeMap::from([(address, function)]), address).unwrap()
+    }
+
+    #[test]
+    fn a_loop_with_two_entries_is_passed_once_from_each() {
+        let mut function = testing::function(&TWICE);
+        assert_eq!(ways_back(&function).len(), 1);
+        cut(&mut function, &BTreeSet::new());
+        assert_eq!(ways_back(&function).len(), 0);
+        // 0, 5, 1, 2 and in a second round 1, 3, or: 2, 1, 2.
+        let longest = alone(function);
+        let way = 1 + 1000 + 10 + 100;
+        assert!(longest >= way + 10, "{longest}");
+        assert!(longest < way + 250, "{longest}");
+    }
+
+    #[test]
+    fn rounds_that_nothing_counts_cost_nothing() {
+        let blocks: [(u32, &[usize]); 3] = [(1, &[1]), (100, &[1, 2]), (1, &[])];
+        let with = |bound: bool| {
+            let mut function = testing::function(&blocks);
+            let mut looped = testing::counted(1, &[1], &[1], 7);
+            looped.bound = looped.bound.filter(|_| bound);
+            function.loops.push(looped);
+            cut(&mut function, &BTreeSet::new());
+            alone(function)
+        };
+        let once = with(false);
+        assert!((102..150).contains(&once), "{once}");
+        assert_eq!(with(true) - once, 7 * 100);
+    }
+
+    #[test]
+    fn a_pointer_leads_to_the_dearest_and_what_has_no_bound_is_dearer_still() {
+        let root = 0x0800_0000;
+        let mut functions = BTreeMap::new();
+        for (address, length) in [(root, 2), (0x0900_0000, 10), (0x0a00_0000, 300)] {
+            let mut function = testing::function(&[(length, &[])]);
+            function.address = address;
+            functions.insert(address, function);
+        }
+        let last = functions.get_mut(&root).unwrap().blocks[0]
+            .instructions
+            .last_mut();
+        last.unwrap().operation = Operation::CallRegister(3);
+        let pointers = BTreeMap::from([(root, BTreeSet::from([0x0900_0000, 0x0a00_0000]))]);
+        let resolved = |mut functions: Functions| {
+            let (model, named) = (Model::new(&testing::CLOCK), BTreeMap::new());
+            let wcets = Wcets::new(&functions, &model, &named, BTreeSet::new());
+            let found = dearest(&wcets, &pointers);
+            drop(wcets);
+            assert!(resolve(&mut functions, &found));
+            assert!(!resolve(&mut functions, &found));
+            cost(&functions, root)
+        };
+        let cycles = resolved(functions.clone()).unwrap();
+        assert!((302..350).contains(&cycles), "{cycles}");
+        let endless = functions.get_mut(&0x0900_0000).unwrap();
+        endless.blocks[0].call = Some(0x0900_0000);
+        assert_eq!(resolved(functions), None);
+    }
+}
