@@ -23,7 +23,7 @@ mod wiring;
 pub use board::{Board, EEPROM, MOST_AXES, PHASES, SMALL_EEPROM};
 pub use chip::{Chip, Clocks, Part};
 pub use entries::{Fault, Place};
-pub use memory::{JournalPage, MemoryLayout};
+pub use memory::{FlashSector, MemoryLayout};
 pub use pin::{Pin, Pull, SignedPin};
 pub use rust::rust;
 pub use serial::SerialPins;

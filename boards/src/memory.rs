@@ -19,12 +19,14 @@ pub struct MemoryLayout {
     /// Bytes of RAM.
     pub ram_bytes: u32,
     /// The two sectors of the journal of settings; none where an EEPROM has them.
-    pub journal: Option<[JournalPage; 2]>,
+    pub journal: Option<[FlashSector; 2]>,
+    /// The last sector that holds no settings: far behind the beginning of a program.
+    pub last: FlashSector,
 }
 
-/// A sector of the journal of settings.
+/// A sector of the flash.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct JournalPage {
+pub struct FlashSector {
     /// Number of the sector.
     pub sector: u8,
     /// Its first address.
@@ -46,6 +48,10 @@ impl MemoryLayout {
     ) -> Result<Self, String> {
         let sectors = Sectors::of(chip, part.flash_kib);
         let end = FLASH + part.flash_kib * 1024;
+        let sector = |number: usize| FlashSector {
+            sector: number as u8,
+            address: sectors.0[number],
+        };
         let flash_start = FLASH + bootloader_kib * 1024;
         let Some(first) = sectors.at(flash_start) else {
             let starts = sectors.0.iter().map(|start| (start - FLASH) / 1024);
@@ -55,6 +61,7 @@ impl MemoryLayout {
                 starts.join(", ")
             ));
         };
+        let last = sectors.0.len() - 1;
         if has_eeprom {
             return Ok(Self {
                 flash_start,
@@ -62,9 +69,9 @@ impl MemoryLayout {
                 code_start: None,
                 ram_bytes: chip.ram_kib * 1024,
                 journal: None,
+                last: sector(last),
             });
         }
-        let last = sectors.0.len() - 1;
         // Behind the program, where sectors are large enough to leave them to the settings: a bootloader writes
         // whole sectors, and a new program must not erase the settings.
         let is_behind = bootloader_kib != 0 && part.flash_kib >= 1024;
@@ -81,17 +88,14 @@ impl MemoryLayout {
                 part.flash_kib
             ));
         }
-        let page = |sector: usize| JournalPage {
-            sector: sector as u8,
-            address: sectors.0[sector],
-        };
         let program_end = if is_behind { sectors.0[last - 1] } else { end };
         Ok(Self {
             flash_start,
             flash_bytes: program_end - flash_start,
             code_start: (!is_behind).then(|| sectors.0[journal[1] + 1]),
             ram_bytes: chip.ram_kib * 1024,
-            journal: Some(journal.map(page)),
+            journal: Some(journal.map(sector)),
+            last: sector(if is_behind { last - 2 } else { last }),
         })
     }
 

@@ -2,7 +2,7 @@
 
 use std::{fmt::Write as _, iter};
 
-use crate::{Board, EepromPins, Input, JournalPage, Pin, Pull, SignedPin, Wiring};
+use crate::{Board, EepromPins, FlashSector, Input, Pin, Pull, SignedPin, Wiring};
 
 /// Returns the source of a board with a number of axes, for `src/board/chosen.rs`.
 ///
@@ -24,11 +24,17 @@ pub(super) type Usart = pac::USART{usart};
 /// The clock of the timers 2 to 7 and 12 to 14.
 pub(super) const SLOW_TIMERS_HZ: u32 = {};
 
+/// Number and first address of the last sector of the flash without settings.
+#[allow(dead_code, reason = \"the bring-up erases it\")]
+pub(super) const LAST_SECTOR: (u8, usize) = ({}, {});
+
 /// Clocks, pins and memory of the board.
 pub(super) static WIRING: Wiring = Wiring {{
 ",
         board.file.display().to_string(),
-        megahertz(board.chip.clocks.apb1_timers_mhz())
+        megahertz(board.chip.clocks.apb1_timers_mhz()),
+        board.memory.last.sector,
+        hexadecimal(board.memory.last.address)
     );
     for (field, value) in fields(board, wiring) {
         let _ = writeln!(text, "    {field}: {value},");
@@ -89,7 +95,7 @@ fn settings(board: &Board, wiring: &Wiring) -> (&'static str, String) {
         return ("eeprom", pins);
     }
     let journal = list(board.memory.journal.as_slice().as_flattened(), |page| {
-        let JournalPage { sector, address } = page;
+        let FlashSector { sector, address } = page;
         format!(
             "JournalPage {{ sector: {sector}, address: {} }}",
             hexadecimal(*address)

@@ -548,6 +548,19 @@ fn settings_lie_where_no_program_does() {
 }
 
 #[test]
+fn the_last_sector_without_settings_is_one_that_a_program_may_have() {
+    for board in Board::all(root()).expect("nothing is wrong") {
+        let (memory, name) = (board.memory, board.name);
+        let sectors = memory.journal.as_slice().as_flattened();
+        assert!(!sectors.contains(&memory.last), "{name}");
+        assert!(memory.is_flash(memory.last.address.into()), "{name}");
+        // The sectors of all chips are of 128 KiB from here on; the program has all that are before it.
+        assert!(memory.last.sector > 6, "{name}");
+        assert!(memory.last.address >= 0x0806_0000, "{name}");
+    }
+}
+
+#[test]
 fn a_chip_is_known_by_what_is_printed_on_it() {
     for printed in ["F446ZET6", "STM32F446ZET6", "STM32F446ZE"] {
         let text = RIGHT.replace("F446ZE", printed);

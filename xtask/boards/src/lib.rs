@@ -13,6 +13,7 @@ use std::{fmt::Write as _, ops::Deref, path::Path, process::Command};
 
 use anyhow::{Context, Result, bail};
 use board_data::DEFAULT;
+pub use board_data::FlashSector;
 use common::{cargo, ui};
 
 /// A board the firmware can be built for.
