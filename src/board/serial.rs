@@ -75,13 +75,19 @@ fn receive(usart: &UsartRegisters, requests: &Requests, received: &mut ByteWrite
 }
 
 /// The receiver for the time of an erase of flash, in which `serial_rx` cannot run.
-#[cfg(not(feature = "eeprom"))]
+#[cfg_attr(
+    feature = "eeprom",
+    allow(dead_code, reason = "the bring-up erases flash on every board")
+)]
 pub(super) struct FlashEraseReceiver {
     requests: &'static Requests,
     received: ByteWriter<'static>,
 }
 
-#[cfg(not(feature = "eeprom"))]
+#[cfg_attr(
+    feature = "eeprom",
+    allow(dead_code, reason = "the bring-up erases flash on every board")
+)]
 impl FlashEraseReceiver {
     /// Returns a receiver into the queue of `serial_rx`.
     pub(super) const fn new(requests: &'static Requests, received: ByteWriter<'static>) -> Self {

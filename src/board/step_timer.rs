@@ -195,7 +195,10 @@ pub(super) fn reload_ticks() -> u32 {
 }
 
 /// Returns whether the timer runs to an event.
-#[cfg(any(feature = "emulated", not(feature = "eeprom")))]
+#[cfg_attr(
+    all(feature = "eeprom", not(feature = "emulated")),
+    allow(dead_code, reason = "the bring-up erases flash on every board")
+)]
 #[inline(always)]
 #[expect(clippy::inline_always, reason = "nothing in flash may be called")]
 pub(super) fn is_running() -> bool {

@@ -20,10 +20,13 @@ mod pwm;
 #[allow(dead_code, reason = "there are no tasks")]
 mod release;
 #[path = "../../src/board/serial.rs"]
-#[allow(dead_code, reason = "no flash is erased")]
+#[allow(dead_code, reason = "nothing is sent in bulk")]
 mod serial;
 #[path = "../../src/board/stack.rs"]
 mod stack;
+#[path = "../../src/board/supply.rs"]
+#[allow(dead_code, reason = "there are no inputs")]
+mod supply;
 #[path = "../../src/board/no_trace.rs"]
 #[allow(dead_code, reason = "there are no tasks")]
 mod trace;
@@ -52,8 +55,12 @@ mod echo;
 mod emulation;
 #[path = "faults.rs"]
 mod faults;
+#[path = "flash.rs"]
+mod flash;
 #[path = "kept.rs"]
 mod kept;
+#[path = "line.rs"]
+mod line;
 #[path = "outputs.rs"]
 mod outputs;
 #[path = "player.rs"]
@@ -62,9 +69,11 @@ mod player;
 mod priorities;
 #[path = "sequence.rs"]
 mod sequence;
+#[path = "stream.rs"]
+mod stream;
 
 use cortex_m::Peripherals as Core;
-use stm32f4xx_hal::rcc::{BusClock, Rcc, RccExt as _};
+use stm32f4xx_hal::rcc::{BusClock, RccExt as _};
 
 use self::{
     chosen::{Usart, WIRING},
@@ -118,16 +127,22 @@ pub(crate) fn bring_up() -> ! {
         mut rcc,
         has_crystal,
     } = clocks::start(rcc, &device.FLASH);
+    let has_supply = supply::watch(&device.PWR, &mut rcc, &mut core.NVIC);
     chosen::enable_clocks(&mut rcc);
     pwm::init();
     priorities::set(&mut core.NVIC);
-    let usart = start_serial(chosen::sender!(device), &rcc, &mut core.NVIC);
+    let serial_hz = <Usart as BusClock>::clock(&rcc.clocks).raw();
+    let usart = start_serial(chosen::sender!(device), serial_hz, &mut core.NVIC);
+    let divider = usart.brr().read().bits();
     let receiver = serial::Receiver::new(usart);
 
     let mut kept = Kept::take();
     if kept.stage() == 0 {
         let facts = kept.begin();
         facts.put("crystal", has_crystal.into());
+        facts.put("supply", has_supply.into());
+        facts.put("serial.clock_hz", serial_hz.into());
+        facts.put("serial.divider", divider.into());
         chip::read(facts, &device.FLASH, &device.DBGMCU, reset_flags);
         echo::await_early_byte();
         player::play_all(facts, &mut core.SCB, core.SYST);
@@ -136,12 +151,11 @@ pub(crate) fn bring_up() -> ! {
         faults::record(cause, reset_flags, &mut kept);
     }
     faults::go_on(&mut kept, &device.IWDG, &device.DBGMCU, &core.MPU);
-    echo::end(kept.end(), receiver)
+    echo::end(kept.end(), receiver, device.FLASH)
 }
 
 /// Sets up the sender's USART as `power_up` of the firmware does.
-fn start_serial(usart: Usart, rcc: &Rcc, nvic: &mut pac::NVIC) -> Usart {
-    let clock_hz = <Usart as BusClock>::clock(&rcc.clocks).raw();
+fn start_serial(usart: Usart, clock_hz: u32, nvic: &mut pac::NVIC) -> Usart {
     let divider = (clock_hz + BAUD / 2) / BAUD;
     usart.brr().write(|w| {
         w.div_mantissa().set((divider / 16) as u16);

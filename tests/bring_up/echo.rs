@@ -8,22 +8,18 @@ use core::{
     sync::atomic::{AtomicU32, Ordering::Relaxed},
 };
 
-use leadscrew::{
-    model::{
-        Requests,
-        queues::{RECEIVED_RING, SENT_RING},
-    },
-    protocol::{ByteReader, ByteWriter, Bytes},
-};
+use leadscrew::protocol::ByteWriter;
 use rtt_target::{ChannelMode, UpChannel};
 
 use super::{
     Facts,
     chosen::Usart,
-    clock, emulation, pac, priorities,
-    sequence::Sequence,
-    serial::{FaultPort, Receiver, Transmitter},
-    vectors,
+    clock, emulation, flash,
+    line::{Line, REQUESTS, is_silent},
+    pac, priorities,
+    sequence::{FROM_BOARD, Sequence, TO_BOARD},
+    serial::{FaultPort, FlashEraseReceiver, Receiver},
+    stream, vectors,
 };
 
 /// Bytes each way: a minute and a half on a board, a moment in the emulator.
@@ -35,8 +31,6 @@ const MARK: &str = "\r\n[bring-up]\r\n";
 const BYTE_REQUEST: &str = "\r\n[byte]\r\n";
 /// Number of the RTT channel.
 const CHANNEL: usize = 0;
-/// Longest silence in the middle, cycles: half a second.
-const SILENCE_CYCLES: i64 = 84_000_000;
 
 /// What the handler of the USART has.
 struct Handler {
@@ -51,7 +45,6 @@ struct Shared(UnsafeCell<Option<Handler>>);
 unsafe impl Sync for Shared {}
 
 static HANDLER: Shared = Shared(UnsafeCell::new(None));
-static REQUESTS: Requests = Requests::new();
 /// Runs of the handler before it has a receiver.
 static SERVED_EARLY: AtomicU32 = AtomicU32::new(0);
 
@@ -104,19 +97,17 @@ pub(super) fn await_early_byte() {
 }
 
 /// Sends the facts, exchanges bytes with whoever is at the serial line, and sends what came of it.
-pub(super) fn end(facts: &mut Facts, receiver: Receiver) -> ! {
-    let received = cortex_m::singleton!(: Bytes<RECEIVED_RING> = Bytes::new());
-    let (writer, reader) = received.expect("this is the first time").split();
-    *handler() = Some(Handler {
-        receiver,
-        received: writer,
-    });
+pub(super) fn end(facts: &mut Facts, receiver: Receiver, registers: pac::FLASH) -> ! {
+    let (mut line, received) = Line::take();
+    let during_erase = FlashEraseReceiver::new(&REQUESTS, received.second_writer());
+    *handler() = Some(Handler { receiver, received });
     let bytes = if emulation::is_emulated() {
         EMULATED_BYTES
     } else {
         BYTES
     };
     facts.put("serial.expected", bytes.into());
+    facts.put("stream.expected", stream::length().into());
     let _ = FaultPort.write_str(MARK);
     FaultPort::drain();
     await_early_byte();
@@ -130,7 +121,9 @@ pub(super) fn end(facts: &mut Facts, receiver: Receiver) -> ! {
     unsafe {
         cortex_m::interrupt::enable();
     }
-    exchange(facts, reader, bytes);
+    exchange(facts, &mut line, bytes);
+    stream::send(facts, &mut line);
+    flash::measure(facts, &mut line, registers, during_erase);
     print(facts.text());
     print("end\n");
     if emulation::is_emulated() {
@@ -157,29 +150,25 @@ fn print(text: &str) {
 }
 
 /// Takes so many bytes, or those that come before a silence, and answers each.
-fn exchange(facts: &mut Facts, mut received: ByteReader<'_>, bytes: u32) {
-    let sent = cortex_m::singleton!(: Bytes<SENT_RING> = Bytes::new());
-    let (mut answers, reader) = sent.expect("this is the first time").split();
-    let mut transmitter = Transmitter::new(reader);
+fn exchange(facts: &mut Facts, line: &mut Line, bytes: u32) {
     let (mut count, mut wrong) = (0, 0);
-    let (mut expected, mut answer) = (Sequence::new(b'>'), Sequence::new(b'<'));
+    let (mut expected, mut answer) = (Sequence::new(TO_BOARD), Sequence::new(FROM_BOARD));
     let mut last = clock::now();
-    while count < bytes || !transmitter.is_done() {
-        transmitter.send_next(&REQUESTS);
-        let silence = clock::cycles(clock::now().wrapping_sub(last));
-        let is_silent = count != 0 && !emulation::is_emulated() && silence > SILENCE_CYCLES;
-        if is_silent {
+    while count < bytes || !line.is_sent() {
+        line.send_next();
+        if count != 0 && is_silent(last) {
             break;
         }
-        // A byte that does not fit is not taken: the queue of those that come has room for more.
-        if answers.len() == answers.capacity() {
+        // A byte whose answer does not fit is not taken: the queue of those that come has room for more. What
+        // comes behind the last asks for something else.
+        if count == bytes || !line.has_room() {
             continue;
         }
-        if let Some(byte) = received.dequeue() {
+        if let Some(byte) = line.next_byte() {
             last = clock::now();
             count += 1;
             wrong += i64::from(byte != expected.next_byte());
-            answers.append(&[answer.next_byte()]);
+            line.queue(answer.next_byte());
         }
     }
     FaultPort::drain();

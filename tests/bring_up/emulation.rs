@@ -6,6 +6,11 @@ use leadscrew::model::Outputs;
 
 use super::pac;
 
+#[path = "../../src/board/emulation/flash.rs"]
+mod flash;
+
+pub(super) use flash::{read_flash, write_flash};
+
 static IS_EMULATED: AtomicBool = AtomicBool::new(false);
 
 /// Returns whether the program runs in the emulator.
@@ -26,6 +31,14 @@ pub(super) fn is_wanted() -> bool {
 /// Returns whether the folder of the emulator has the file that asks for a stack without a guard.
 pub(super) fn is_unguarded() -> bool {
     is_emulated() && semihosting::fs::File::open(c"unguarded").is_ok()
+}
+
+/// Erases what stands for the flash, unless the folder of the emulator has the file that asks for one that is worn
+/// out.
+pub(super) fn erase_flash(offset: usize, length: usize) {
+    if semihosting::fs::File::open(c"worn").is_err() {
+        flash::erase_flash(offset, length);
+    }
 }
 
 /// The emulator has no watchdog.

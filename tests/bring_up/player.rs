@@ -108,6 +108,13 @@ struct Handler {
     count: usize,
 }
 
+/// Returns whether the step timer runs, for code that erases or programs flash.
+#[inline(always)]
+#[expect(clippy::inline_always, reason = "nothing in flash may be called")]
+pub(super) fn is_running() -> bool {
+    step_timer::is_running()
+}
+
 struct Shared(UnsafeCell<Option<Handler>>);
 
 #[expect(unsafe_code, reason = "a handler has no arguments")]

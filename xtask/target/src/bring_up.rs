@@ -11,7 +11,9 @@ mod priorities;
 mod probed;
 mod report;
 #[path = "../../../tests/bring_up/sequence.rs"]
+#[allow(dead_code, reason = "the board has the other half")]
 mod sequence;
+mod stream;
 
 use std::{
     fs,
@@ -21,7 +23,7 @@ use std::{
 
 use anstream::println;
 use anyhow::{Context, Result, ensure};
-use boards::Board;
+use boards::{Board, FlashSector};
 use common::{cargo, check, ui};
 use owo_colors::OwoColorize;
 
@@ -37,6 +39,9 @@ const TEST: &str = "target_bring_up";
 /// The table of vectors, and the end of the statics, behind which the guard of the stack is.
 const VECTORS: &str = "__vector_table";
 const STATICS_END: &str = "__sheap";
+/// The beginning and the end of variables with a value in RAM, and where their values are in the flash, as the last
+/// of the program.
+const VARIABLES: [&str; 3] = ["__sdata", "__edata", "__sidata"];
 /// `GUARD_BYTES` of `src/board/stack.rs`.
 const GUARD_BYTES: u64 = 4096;
 
@@ -45,7 +50,8 @@ const GUARD_BYTES: u64 = 4096;
 /// Writes a program to the board that says which chip it is, times the step timer, exchanges bytes over
 /// the serial port that `--port` names, and makes faults, each of which resets the chip. Take every wire
 /// off the board that could switch or move something: spindle, coolant and laser are switched on, for up to
-/// 0.3 s if a fault is not noticed. Writes a report, `bring-up/BOARD-NUMBER.json`, and a page beside it. The firmware must be
+/// 0.3 s if a fault is not noticed. While bytes come over the serial port, it erases and programs the last
+/// sector of the flash that holds no settings. Writes a report, `bring-up/BOARD-NUMBER.json`, and a page beside it. The firmware must be
 /// written again afterwards. docs/bring-up.md tells more.
 #[derive(clap::Args)]
 pub(crate) struct Options {
@@ -82,9 +88,16 @@ pub(crate) fn run(options: &Options) -> Result<ExitCode> {
         "QEMU does not emulate {name}"
     );
     let elf = on_target::build(&board, TEST)?;
+    let last = board.memory.last;
+    check_room(image_end(&elf)?, last)?;
     let facts = if options.qemu {
-        emulated::run(&elf, &[])?
+        emulated::run(&elf)?
     } else {
+        ui::warning(&format!(
+            "the firmware on the board is replaced, and sector {} of its flash erased, from {:#x} on; the settings \
+             stay. Afterwards: cargo xtask flash --board {name}",
+            last.sector, last.address
+        ));
         probed::run(
             &board,
             &elf,
@@ -102,6 +115,22 @@ pub(crate) fn run(options: &Options) -> Result<ExitCode> {
     )))
 }
 
+/// Returns the address behind the program in the flash.
+fn image_end(elf: &Path) -> Result<u64> {
+    let [start, end, values] = VARIABLES.map(|name| emulator::symbol(elf, name));
+    Ok(values? + (end? - start?))
+}
+
+/// The sector that is erased holds nothing of the program.
+fn check_room(image_end: u64, sector: FlashSector) -> Result<()> {
+    ensure!(
+        image_end <= sector.address.into(),
+        "the program ends at {image_end:#x}, in sector {} or behind it, which it erases",
+        sector.sector
+    );
+    Ok(())
+}
+
 /// Judges the facts of a program.
 fn report(board: &Board, elf: &Path, facts: Facts) -> Result<Report> {
     let checks = judge(&facts, &expected(board, elf)?);
@@ -116,6 +145,7 @@ fn expected(board: &Board, elf: &Path) -> Result<Expected> {
         chip: chip_number(&board.chip.hal),
         flash_kib: board.part.flash_kib.into(),
         wait_states: board.chip.clocks.flash_wait_states.into(),
+        core_hz: i64::from(board.chip.clocks.core_mhz) * 1_000_000,
         vectors: emulator::symbol(elf, VECTORS)?.cast_signed(),
         guard: guard.cast_signed(),
         priorities: priorities::of_tasks()?,
@@ -168,13 +198,13 @@ fn write(report: &Report) -> Result<[PathBuf; 2]> {
 }
 
 /// Parts that the emulator leaves open: the others must pass there.
-const OPEN_IN_QEMU: usize = 29;
+const OPEN_IN_QEMU: usize = 40;
 
 /// What the emulator can show is as it must be.
 pub(crate) fn check() -> Result<check::Verdict> {
     let (board, _) = boards::emulated()?;
     let elf = on_target::build(&board, TEST)?;
-    let report = report(&board, &elf, emulated::run(&elf, &[])?)?;
+    let report = report(&board, &elf, emulated::run(&elf)?)?;
     report::verify(report.json().as_bytes())?;
     let items: Vec<_> = report
         .checks()
@@ -196,30 +226,36 @@ pub(crate) fn check() -> Result<check::Verdict> {
         open == OPEN_IN_QEMU,
         "{open} parts are left open in QEMU, not {OPEN_IN_QEMU}"
     );
-    check_unguarded(&board, &elf)?;
+    check_flawed(&board, &elf)?;
     let passed = items.len() - open;
     Ok(check::Verdict::Counted(format!("{passed} parts passed")))
 }
 
-/// What fails without the guard of the stack.
-const UNGUARDED: [&str; 5] = [
+/// What fails with a flash that does not erase, a serial line that damages bytes, and without the guard of the
+/// stack.
+const FAILED_WITH_FLAWS: [&str; 10] = [
     "size of the guard",
     "control of the guard",
     "guard of the stack",
+    "wrong among those to it",
+    "erase: bytes",
+    "words: bytes",
+    "erase of these words: done",
+    "erase of these words: bytes",
     "stack too deep: made",
     "processor faults told to the sender",
 ];
 
-/// A stack without a guard is noticed before it overwrites anything, and the program comes to its end.
-fn check_unguarded(board: &Board, elf: &Path) -> Result<()> {
-    let facts = emulated::run(elf, &[emulated::UNGUARDED])?;
+/// Each flaw is noticed: a stack without a guard before it overwrites anything. The program comes to its end.
+fn check_flawed(board: &Board, elf: &Path) -> Result<()> {
+    let facts = emulated::run_flawed(elf, &[emulated::UNGUARDED, emulated::WORN])?;
     let report = report(board, elf, facts)?;
     let items = report.checks().iter().flat_map(|check| &check.items);
     let failed = items.filter(|item| item.verdict == Verdict::Failed);
     let failed: Vec<_> = failed.map(|item| item.name.as_str()).collect();
     ensure!(
-        failed == UNGUARDED,
-        "without the guard of the stack these fail: {failed:?}"
+        failed == FAILED_WITH_FLAWS,
+        "with flaws these fail: {failed:?}"
     );
     Ok(())
 }
@@ -227,6 +263,15 @@ fn check_unguarded(board: &Board, elf: &Path) -> Result<()> {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_program_that_reaches_the_sector_which_it_erases_is_refused() {
+        let sector = boards::named("nucleo-f446re").unwrap().memory.last;
+        assert_eq!((sector.sector, sector.address), (7, 0x0806_0000));
+        assert!(check_room(0x0806_0000, sector).is_ok());
+        let error = check_room(0x0806_0001, sector).unwrap_err().to_string();
+        assert!(error.contains("in sector 7"), "{error}");
+    }
 
     #[test]
     fn a_board_that_the_emulator_does_not_have_is_refused_before_anything_is_compiled() {

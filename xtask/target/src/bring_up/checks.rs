@@ -1,8 +1,12 @@
 //! From facts to verdicts: what each fact must be, on this board, and whether it is.
 
+mod flash;
+mod serial;
+
 use leadscrew::model::ResetCause;
 use serde::Serialize;
 
+use self::{flash::flash, serial::serial};
 use super::facts::Facts;
 
 /// What becomes of a check, or of a part of it.
@@ -55,6 +59,7 @@ pub(super) struct Expected {
     pub(super) chip: Option<i64>,
     pub(super) flash_kib: i64,
     pub(super) wait_states: i64,
+    pub(super) core_hz: i64,
     /// Address of the vectors.
     pub(super) vectors: i64,
     /// Address of the guard of the stack.
@@ -79,7 +84,7 @@ pub(super) fn chip_number(hal: &str) -> Option<i64> {
 }
 
 /// What a fact needs to be measured.
-#[derive(Clone, Copy, PartialEq, Eq)]
+#[derive(Clone, Copy)]
 enum Need {
     /// The program.
     Program,
@@ -87,6 +92,27 @@ enum Need {
     Chip,
     /// This computer at the board's serial line.
     Port,
+    /// Both of them.
+    ChipAtPort,
+    /// Both of them, and a serial line whose bytes take their time.
+    Rate,
+}
+
+impl Need {
+    /// Returns why it cannot be measured here, if it cannot.
+    fn lacks(self, facts: &Facts) -> Option<&'static str> {
+        let in_emulator = match self {
+            Self::Chip | Self::ChipAtPort => Some("the emulator does not have it"),
+            Self::Rate => Some("the emulator's serial line has no rate"),
+            Self::Program | Self::Port => None,
+        };
+        let without_port = match self {
+            Self::Port | Self::ChipAtPort | Self::Rate => Some("needs the serial port: --port"),
+            Self::Program | Self::Chip => None,
+        };
+        let in_emulator = in_emulator.filter(|_| facts.are_emulated());
+        in_emulator.or(without_port.filter(|_| !facts.have_port()))
+    }
 }
 
 /// The parts of a check that is being made.
@@ -104,10 +130,8 @@ impl Parts<'_> {
         expected: impl Into<String>,
         measure: impl FnOnce(&Facts) -> Option<(String, bool)>,
     ) {
-        let (measured, verdict) = if need == Need::Chip && self.facts.are_emulated() {
-            ("the emulator does not have it".into(), Verdict::Open)
-        } else if need == Need::Port && !self.facts.have_port() {
-            ("needs the serial port: --port".into(), Verdict::Open)
+        let (measured, verdict) = if let Some(reason) = need.lacks(self.facts) {
+            (reason.into(), Verdict::Open)
         } else {
             match measure(self.facts) {
                 Some((measured, true)) => (measured, Verdict::Passed),
@@ -153,10 +177,11 @@ impl Parts<'_> {
 /// Judges everything.
 pub(super) fn judge(facts: &Facts, expected: &Expected) -> Vec<Check> {
     type Make = fn(&mut Parts<'_>, &Expected);
-    let checks: [(&'static str, Make); 4] = [
+    let checks: [(&'static str, Make); 5] = [
         ("Chip", chip),
         ("Step timer", step_timer),
         ("Serial", serial),
+        ("Flash", flash),
         ("Faults", faults),
     ];
     let checks = checks.into_iter().map(|(title, make)| {
@@ -189,6 +214,8 @@ fn chip(parts: &mut Parts<'_>, expected: &Expected) {
         Some((number, is_right))
     });
     parts.add_number("crystal runs", Need::Chip, "crystal", 1);
+    // The detector's threshold: src/board/supply.rs.
+    parts.add_number("supply above 2.9 V", Need::Chip, "supply", 1);
     // Instruction and data cache, no prefetch: RM0090 3.9.
     let access = 0x600 | expected.wait_states;
     let words = [
@@ -234,6 +261,7 @@ fn chip(parts: &mut Parts<'_>, expected: &Expected) {
     for (name, need, fact, bits) in BITS {
         parts.add_bits(name, need, fact, bits, bits);
     }
+    serial::divider(parts);
 }
 
 /// Returns a priority of RTIC as the chips have it: in the upper four bits of a byte, 0 is the highest.
@@ -402,30 +430,6 @@ fn reloads(parts: &mut Parts<'_>) {
         let off = facts.get("step.reloads.off")?;
         Some((format!("{off}"), (0..=CHIP_CYCLES).contains(&off)))
     });
-}
-
-/// Every byte comes through, both ways at once.
-fn serial(parts: &mut Parts<'_>, _: &Expected) {
-    parts.add_all(
-        "bytes to the board",
-        Need::Port,
-        "serial.received",
-        "serial.expected",
-    );
-    parts.add_number("wrong among those to it", Need::Port, "serial.wrong", 0);
-    parts.add_number("lost or damaged", Need::Port, "serial.lost", 0);
-    parts.add_all(
-        "bytes from the board",
-        Need::Port,
-        "serial.returned",
-        "serial.expected",
-    );
-    parts.add_number(
-        "wrong among those from it",
-        Need::Port,
-        "serial.returned_wrong",
-        0,
-    );
 }
 
 /// Faults: what the facts call them, the cause that must be found after the reset, and what it needs.

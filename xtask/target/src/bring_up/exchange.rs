@@ -9,7 +9,10 @@ use std::{
 
 use anyhow::{Context, Result, ensure};
 
-use super::{facts::Facts, sequence::Sequence};
+use super::{
+    facts::Facts,
+    sequence::{BURST, BURSTS, FROM_BOARD, Sequence, TO_BOARD},
+};
 
 /// Says that what the board sends from there on are answers.
 const MARK: &[u8] = b"\r\n[bring-up]\r\n";
@@ -62,18 +65,14 @@ pub(super) fn exchange(
     facts: &mut Facts,
 ) -> Result<()> {
     let count = usize::try_from(bytes).context("the program waits for less than nothing")?;
-    let sent: Vec<u8> = bytes_of(b'>').take(count).collect();
-    let mut answers = bytes_of(b'<');
+    let sent: Vec<u8> = bytes_of(TO_BOARD).take(count).collect();
+    let mut answers = bytes_of(FROM_BOARD);
     let (mut returned, mut wrong) = (0, 0);
     thread::scope(|scope| -> Result<()> {
         let sender = scope.spawn(move || to.write_all(&sent).and_then(|()| to.flush()));
         let mut chunk = [0; 4096];
         while returned < count {
-            let length = match from.read(&mut chunk) {
-                Ok(length) => length,
-                Err(error) if error.kind() == ErrorKind::WouldBlock => 0,
-                Err(error) => return Err(error).context("the serial line is broken"),
-            };
+            let length = read(from, &mut chunk)?;
             if length == 0 {
                 break;
             }
@@ -89,14 +88,41 @@ pub(super) fn exchange(
     Ok(())
 }
 
-/// The bytes of one side.
-fn bytes_of(side: u8) -> impl Iterator<Item = u8> {
-    let mut sequence = Sequence::new(side);
+/// How often bytes are sent while the flash is busy.
+const OPERATIONS: usize = 3;
+
+/// Sends a burst of bytes for each operation of the flash, when the board has compared those before.
+pub(super) fn send_bursts(from: &mut dyn Read, mut to: impl Write) -> Result<()> {
+    let mut bytes = bytes_of(BURSTS);
+    for _ in 0..OPERATIONS {
+        let burst: Vec<u8> = bytes.by_ref().take(BURST as usize).collect();
+        to.write_all(&burst)
+            .context("cannot write to the serial line")?;
+        if read(from, &mut [0])? == 0 {
+            break;
+        }
+    }
+    Ok(())
+}
+
+/// Reads what has come, or nothing after a silence.
+pub(super) fn read(from: &mut dyn Read, bytes: &mut [u8]) -> Result<usize> {
+    match from.read(bytes) {
+        Err(error) if error.kind() == ErrorKind::WouldBlock => Ok(0),
+        other => other.context("the serial line is broken"),
+    }
+}
+
+/// The bytes of one seed.
+pub(super) fn bytes_of(seed: u8) -> impl Iterator<Item = u8> {
+    let mut sequence = Sequence::new(seed);
     iter::repeat_with(move || sequence.next_byte())
 }
 
 #[cfg(test)]
 mod tests {
+    use std::cell::{Cell, RefCell};
+
     use super::*;
 
     /// A board whose answers are these.
@@ -114,7 +140,7 @@ mod tests {
 
     #[test]
     fn a_byte_that_is_lost_or_changed_on_its_way_back_is_counted() {
-        let right: Vec<u8> = bytes_of(b'<').take(150).collect();
+        let right: Vec<u8> = bytes_of(FROM_BOARD).take(150).collect();
         assert_eq!(answered(&right, 150), (Some(150), Some(0)));
         let mut changed = right.clone();
         changed[100] ^= 1;
@@ -124,6 +150,46 @@ mod tests {
         let (returned, wrong) = answered(&lost, 150);
         assert_eq!(returned, Some(149));
         assert!(wrong > Some(30), "{wrong:?}");
+    }
+
+    /// A board that answers so many bursts, each when it has come.
+    struct Board {
+        answers: Cell<usize>,
+        sent: RefCell<Vec<u8>>,
+    }
+
+    impl Read for &Board {
+        fn read(&mut self, bytes: &mut [u8]) -> std::io::Result<usize> {
+            let left = self.answers.get().checked_sub(1);
+            self.answers.set(left.ok_or(ErrorKind::WouldBlock)?);
+            let sent = self.sent.borrow().len();
+            assert!(sent.is_multiple_of(BURST as usize), "half a burst");
+            bytes[0] = b'.';
+            Ok(1)
+        }
+    }
+
+    impl Write for &Board {
+        fn write(&mut self, bytes: &[u8]) -> std::io::Result<usize> {
+            self.sent.borrow_mut().write(bytes)
+        }
+
+        fn flush(&mut self) -> std::io::Result<()> {
+            Ok(())
+        }
+    }
+
+    #[test]
+    fn bytes_are_sent_to_a_busy_flash_as_long_as_the_board_answers() {
+        for (answers, bursts) in [(3, 3), (2, 3), (1, 2), (0, 1)] {
+            let board = Board {
+                answers: Cell::new(answers),
+                sent: RefCell::default(),
+            };
+            send_bursts(&mut &board, &board).unwrap();
+            let all = bytes_of(BURSTS).take(bursts * BURST as usize);
+            assert!(board.sent.into_inner().into_iter().eq(all), "{answers}");
+        }
     }
 
     #[test]

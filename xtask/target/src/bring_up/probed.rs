@@ -38,8 +38,9 @@ mod with_probe {
     use super::{Board, Facts, Path, Result};
     use crate::{
         bring_up::{
-            exchange::{exchange, listen},
+            exchange::{exchange, listen, send_bursts},
             facts::{END, READY, take_until},
+            stream,
         },
         flash, latency,
     };
@@ -50,9 +51,9 @@ mod with_probe {
     const UNREAD_TIME: Duration = Duration::from_secs(1);
     /// How long the program may say nothing: longer than its scripts and resets take.
     const PATIENCE: Duration = Duration::from_secs(30);
-    /// Longest silence of the serial port.
+    /// Longest silence of the serial port: an erase takes 2 s, and what has come is compared for half a second.
     const SILENCE: Timespec = Timespec {
-        tv_sec: 2,
+        tv_sec: 4,
         tv_nsec: 0,
     };
 
@@ -88,11 +89,16 @@ mod with_probe {
             return Ok(facts);
         };
         ui::status("Exchanging", "bytes over the serial port");
-        let to = port.try_clone().context("the port cannot be shared")?;
+        let mut to = port.try_clone().context("the port cannot be shared")?;
         let mut from = Port(port);
         listen(&mut from, &mut facts)?;
         let bytes = facts.get("serial.expected").unwrap_or_default();
-        exchange(&mut from, to, bytes, &mut facts)?;
+        exchange(&mut from, &mut to, bytes, &mut facts)?;
+        let bytes = facts.get("stream.expected").unwrap_or_default();
+        let start = Instant::now();
+        stream::receive(&mut from, &mut to, || start.elapsed(), bytes, &mut facts)?;
+        ui::status("Erasing", "a sector of the flash while bytes come");
+        send_bursts(&mut from, &mut to)?;
         facts.read(&output.take(&mut core, END)?)?;
         Ok(facts)
     }

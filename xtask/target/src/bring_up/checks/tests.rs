@@ -7,6 +7,7 @@ fn expected() -> Expected {
         chip: Some(0x413),
         flash_kib: 1024,
         wait_states: 5,
+        core_hz: 168_000_000,
         vectors: 0x0800_0000,
         guard: 0x2000_a000,
         priorities: vec![
@@ -18,7 +19,7 @@ fn expected() -> Expected {
 }
 
 /// What a board says with which everything is well.
-const FACTS: [(&str, i64); 53] = [
+const FACTS: [(&str, i64); 61] = [
     ("emulated", 0),
     ("port", 1),
     ("crystal", 1),
@@ -61,6 +62,14 @@ const FACTS: [(&str, i64); 53] = [
     ("serial.lost", 0),
     ("serial.returned", 1 << 20),
     ("serial.returned_wrong", 0),
+    ("serial.clock_hz", 84_000_000),
+    ("serial.divider", 729),
+    ("stream.expected", 1 << 16),
+    ("stream.received", 1 << 16),
+    ("stream.wrong", 0),
+    ("stream.cycles", STREAM_CYCLES + 2000),
+    ("stream.baud", 115_110),
+    ("supply", 1),
     ("fault.undefined.cause", 6),
     ("fault.stack.cause", 6),
     ("fault.panic.cause", 5),
@@ -72,6 +81,16 @@ const FACTS: [(&str, i64); 53] = [
     ("told.interrupt", 1),
     ("reset_flags", 0x1400_0000),
     ("unknown", 1),
+];
+
+/// Cycles of the bytes without a pause: two of the processor for one of the USART.
+const STREAM_CYCLES: i64 = (10 << 16) * 729 * 2;
+
+/// Operations of the flash, with their parts' names and the longest time, cycles.
+const FLASH: [(&str, &str, i64); 3] = [
+    ("flash.erase", "erase", 336_000_000),
+    ("flash.program", "words", 18_480),
+    ("flash.erase_again", "erase of these words", 336_000_000),
 ];
 
 fn good() -> Facts {
@@ -92,6 +111,22 @@ fn good() -> Facts {
             ] {
                 facts.put(&format!("step.{script}.{waiting}.{what}"), number);
             }
+        }
+    }
+    for (operation, _, most_cycles) in FLASH {
+        for (what, number) in [
+            ("done", 1),
+            ("cycles", most_cycles),
+            ("words", 3000),
+            ("wrong_words", 0),
+            ("during", 800),
+            ("received", 800),
+            ("wrong", 0),
+            ("lost", 0),
+            ("busy_at_once", 0),
+            ("busy", 1),
+        ] {
+            facts.put(&format!("{operation}.{what}"), number);
         }
     }
     for (fault, ..) in FAULTS {
@@ -141,7 +176,7 @@ fn assert_fails(check: &str, part: &str, fact: &str, number: Option<i64>) {
 fn a_board_on_which_everything_is_well_passes_every_part() {
     assert_eq!(with(Verdict::Failed, &good()), []);
     assert_eq!(with(Verdict::Open, &good()), []);
-    assert_eq!(with(Verdict::Passed, &good()).len(), 88);
+    assert_eq!(with(Verdict::Passed, &good()).len(), 108);
 }
 
 #[test]
@@ -151,6 +186,7 @@ fn another_chip_or_another_start_up_fails_the_check_of_the_chip() {
         ("chip", "chip", 0x1007_6421),
         ("flash, KiB", "flash_kib", 512),
         ("crystal runs", "crystal", 0),
+        ("supply above 2.9 V", "supply", 0),
         ("access to the flash", "flash.access", 0x705),
         ("watchdog started by software", "flash.options", 0x0fff_aacd),
         ("vectors", "vectors", 0),
@@ -238,9 +274,77 @@ fn a_byte_that_is_lost_or_damaged_fails_the_serial_line() {
         ("lost or damaged", "serial.lost", 1),
         ("bytes from the board", "serial.returned", (1 << 20) - 1),
         ("wrong among those from it", "serial.returned_wrong", 1),
+        ("bytes without a pause", "stream.received", (1 << 16) - 1),
+        ("wrong among those without a pause", "stream.wrong", 1),
     ] {
         assert_fails("Serial", part, fact, Some(number));
         assert_fails("Serial", part, fact, None);
+    }
+}
+
+#[test]
+fn a_baud_rate_more_than_one_per_cent_off_fails_the_serial_line() {
+    let part = "baud rate by this computer's clock";
+    // 4 % off, and a little more than 1 %.
+    for baud in [119_808, 110_592, 116_353, 114_047] {
+        assert_fails("Serial", part, "stream.baud", Some(baud));
+    }
+    assert_fails("Serial", part, "stream.baud", None);
+    let mut facts = good();
+    facts.put("stream.baud", 116_352);
+    assert_eq!(with(Verdict::Failed, &facts), []);
+    // Pauses, or a clock that is not the one of the divider.
+    let part = "time of the bytes without a pause";
+    for off in [-STREAM_CYCLES / 999, STREAM_CYCLES / 999] {
+        let cycles = Some(STREAM_CYCLES + off);
+        assert_fails("Serial", part, "stream.cycles", cycles);
+    }
+    assert_fails("Serial", part, "stream.cycles", None);
+    // A divider for another rate, by which the bytes take their time.
+    for divider in [700, 737] {
+        let mut facts = good();
+        facts.put("serial.divider", divider);
+        facts.put("stream.cycles", STREAM_CYCLES / 729 * divider);
+        let failed = with(Verdict::Failed, &facts);
+        let part = "baud rate by the divider".to_owned();
+        assert_eq!(failed, [("Chip", part)], "{divider}");
+    }
+    for (fact, number) in [("serial.divider", 0), ("serial.clock_hz", 16_000_000)] {
+        let mut facts = good();
+        facts.put(fact, number);
+        assert_eq!(with(Verdict::Failed, &facts).len(), 2, "{fact}");
+        facts.remove(fact);
+        assert_eq!(with(Verdict::Failed, &facts).len(), 2, "{fact}");
+    }
+}
+
+#[test]
+fn a_byte_that_is_lost_while_the_flash_is_busy_fails_the_flash() {
+    for (operation, name, most_cycles) in FLASH {
+        for (part, fact, number) in [
+            ("done", "done", 0),
+            ("done", "wrong_words", 1),
+            ("bytes", "received", 799),
+            ("bytes", "wrong", 1),
+            ("bytes", "lost", 1),
+            // They came too late for the flash to be busy.
+            ("bytes meanwhile", "during", 399),
+            ("time", "cycles", most_cycles + 168),
+            ("time", "cycles", 0),
+        ] {
+            let (part, fact) = (format!("{name}: {part}"), format!("{operation}.{fact}"));
+            assert_fails("Flash", &part, &fact, Some(number));
+            assert_fails("Flash", &part, &fact, None);
+        }
+    }
+    assert_fails("Flash", "words: done", "flash.program.words", Some(0));
+    for (operation, name, _) in &FLASH[..2] {
+        let part = format!("{name}: busy at the firmware's first look");
+        let fact = |what: &str| format!("{operation}.{what}");
+        // The firmware would go on, and stand still with the bytes behind it.
+        assert_fails("Flash", &part, &fact("busy"), Some(0));
+        assert_fails("Flash", &part, &fact("busy"), None);
+        assert_fails("Flash", &part, &fact("busy_at_once"), None);
     }
 }
 
@@ -304,9 +408,18 @@ fn what_has_no_hardware_is_open_and_does_not_pass() {
         facts.remove(part);
     }
     assert_eq!(with(Verdict::Failed, &facts), []);
-    assert_eq!(with(Verdict::Open, &facts).len(), 8);
+    assert_eq!(with(Verdict::Open, &facts).len(), 26);
     let serial = judge(&facts, &expected()).remove(2);
     assert_eq!((serial.title, serial.verdict()), ("Serial", Verdict::Open));
+    let mut in_emulator = good();
+    in_emulator.put("emulated", 1);
+    let serial = judge(&in_emulator, &expected()).remove(2);
+    let open = serial
+        .items
+        .iter()
+        .filter(|item| item.verdict == Verdict::Open);
+    let reasons: Vec<_> = open.map(|item| &*item.measured).collect();
+    assert_eq!(reasons, ["the emulator's serial line has no rate"; 2]);
     facts.put("emulated", 1);
     facts.put("chip", 0);
     facts.remove("fault.watchdog.cause");

@@ -1,0 +1,125 @@
+//! The serial line for the main program: queues of the firmware's receiver and transmitter, and their far end.
+
+use leadscrew::{
+    model::{
+        Requests,
+        queues::{RECEIVED_RING, SENT_RING},
+    },
+    protocol::{ByteReader, ByteWriter, Bytes},
+};
+
+use super::{
+    clock, emulation,
+    sequence::Sequence,
+    serial::{FaultPort, Transmitter},
+};
+
+/// What the receiver notes beside the bytes.
+pub(super) static REQUESTS: Requests = Requests::new();
+
+/// Longest silence in the middle of bytes, and before them, cycles: half a second, and ten.
+const SILENCE_CYCLES: i64 = 84_000_000;
+const BEGIN_CYCLES: i64 = 20 * SILENCE_CYCLES;
+
+/// The queues.
+pub(super) struct Line {
+    received: ByteReader<'static>,
+    answers: ByteWriter<'static>,
+    transmitter: Transmitter,
+}
+
+/// Bytes that have come, and how many are not those that should.
+#[derive(Default)]
+pub(super) struct Compared {
+    pub(super) count: u32,
+    pub(super) wrong: u32,
+}
+
+impl Line {
+    /// Returns the line, once, and the queue for its receiver.
+    pub(super) fn take() -> (Self, ByteWriter<'static>) {
+        let received = cortex_m::singleton!(: Bytes<RECEIVED_RING> = Bytes::new());
+        let (writer, received) = received.expect("this is the first time").split();
+        let sent = cortex_m::singleton!(: Bytes<SENT_RING> = Bytes::new());
+        let (answers, sent) = sent.expect("this is the first time").split();
+        let line = Self {
+            received,
+            answers,
+            transmitter: Transmitter::new(sent),
+        };
+        (line, writer)
+    }
+
+    /// Returns how many bytes have come and wait.
+    pub(super) fn waiting(&self) -> usize {
+        self.received.len()
+    }
+
+    /// Returns whether everything has been handed to the USART.
+    pub(super) fn is_sent(&self) -> bool {
+        self.transmitter.is_done()
+    }
+
+    /// Hands the next byte to the USART, if that takes one now.
+    pub(super) fn send_next(&mut self) {
+        self.transmitter.send_next(&REQUESTS);
+    }
+
+    /// Returns whether another byte can be queued.
+    pub(super) fn has_room(&self) -> bool {
+        self.answers.len() != self.answers.capacity()
+    }
+
+    /// Queues a byte, where there is room.
+    pub(super) fn queue(&mut self, byte: u8) {
+        self.answers.append(&[byte]);
+    }
+
+    /// Takes the oldest byte that waits.
+    pub(super) fn next_byte(&mut self) -> Option<u8> {
+        self.received.dequeue()
+    }
+
+    /// Waits for a byte, and leaves it where it is. Returns whether it has come.
+    pub(super) fn await_byte(&self) -> bool {
+        let begin = clock::now();
+        while self.received.is_empty() {
+            if is_over(begin, BEGIN_CYCLES) {
+                return false;
+            }
+        }
+        true
+    }
+
+    /// Takes so many bytes, or those that come before a silence, and compares each.
+    pub(super) fn compare(&mut self, expected: &mut Sequence, bytes: u32) -> Compared {
+        let mut compared = Compared::default();
+        let mut last = clock::now();
+        while compared.count < bytes && !is_silent(last) {
+            if let Some(byte) = self.next_byte() {
+                last = clock::now();
+                compared.count += 1;
+                compared.wrong += u32::from(byte != expected.next_byte());
+            }
+        }
+        compared
+    }
+
+    /// Sends a byte, and waits for its end.
+    pub(super) fn send(&mut self, byte: u8) {
+        self.queue(byte);
+        while !self.is_sent() {
+            self.send_next();
+        }
+        FaultPort::drain();
+    }
+}
+
+/// Returns whether nothing has come for longer than it may; in the emulator a busy computer looks the same.
+pub(super) fn is_silent(last: u32) -> bool {
+    is_over(last, SILENCE_CYCLES)
+}
+
+fn is_over(begin: u32, limit: i64) -> bool {
+    !emulation::is_emulated() && clock::cycles(clock::now().wrapping_sub(begin)) > limit
+}
