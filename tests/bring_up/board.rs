@@ -123,11 +123,12 @@ pub(crate) fn bring_up() -> ! {
     let mut rcc = device.RCC.constrain();
     chosen::enable_ports(&mut rcc);
     outputs::make_safe();
+    supply::watch(&device.PWR, &mut rcc, &mut core.NVIC);
+    let has_supply = !supply::is_low();
     let Clocks {
         mut rcc,
         has_crystal,
     } = clocks::start(rcc, &device.FLASH);
-    let has_supply = supply::watch(&device.PWR, &mut rcc, &mut core.NVIC);
     chosen::enable_clocks(&mut rcc);
     pwm::init();
     priorities::set(&mut core.NVIC);
