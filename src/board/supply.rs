@@ -36,10 +36,11 @@ pub(super) fn watch(pwr: &pac::PWR, rcc: &mut Rcc, nvic: &mut NVIC) {
     let _ = (0..READS).any(|_| !is_low());
 }
 
-/// Stops the machine if the supply has fallen before the line was unmasked: the detector tells a fall only once.
+/// Has the machine stop, as soon as interrupts are on, if the supply has fallen before the line was unmasked: the
+/// detector tells a fall only once.
 pub(super) fn check() {
     if is_low() {
-        fault::stop(ResetCause::Supply)
+        NVIC::pend(Interrupt::PVD);
     }
 }
 
