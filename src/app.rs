@@ -101,7 +101,7 @@ mod app {
         let event_tap = events_in.tap();
         interpret::spawn().expect("it has not been spawned before");
         report::spawn().expect("it has not been spawned before");
-        let (pins, inputs) = board.inputs.watch(event_tap);
+        let (pins, inputs) = board.inputs.watch(event_tap, received_in.count());
         let snapshot = motion.power_up(board.session.settings(), &inputs, board.alarm);
         // It switches the outputs, reads the door and arms the limit switches.
         rtic::pend(PREPARE);

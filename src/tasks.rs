@@ -20,7 +20,7 @@ use heapless::spsc::{Consumer, Producer};
 use rtic_core::Mutex;
 
 use crate::{
-    machine::{Inputs, Snapshot, Watch},
+    machine::{Inputs, LineBreak, Snapshot, Watch},
     model::{Awaited, Levels, Outputs, Release, Requests, queues::SENT_RING},
     motion::Motion,
     path::Entry,
@@ -224,6 +224,21 @@ pub fn inputs(
         platform.pend(Task::Prepare);
     }
     needs_sample
+}
+
+/// Looks at the level of the line, once for some looks of 250 µs; `received` is the number of bytes of lines so far.
+#[inline]
+pub fn look_at_line(
+    is_low: bool,
+    looks: u8,
+    received: usize,
+    line: &mut LineBreak,
+    requests: &Requests,
+    platform: &mut impl Platform,
+) {
+    if line.look(is_low, looks, received, requests) {
+        platform.pend(Task::Prepare);
+    }
 }
 
 /// Keeps the event queue filled. The drivers are switched on before the first step.

@@ -35,7 +35,7 @@ mod flash;
 mod memory;
 
 pub(super) use flash::{erase_flash, read_flash, write_flash};
-pub(super) use memory::{contacts, record_outputs};
+pub(super) use memory::{contacts, is_line_low, record_outputs};
 
 /// The vector whose handler stands in for the step timer.
 const STAND_IN: pac::Interrupt = pac::Interrupt::TIM2;
@@ -75,6 +75,8 @@ static SAMPLE_TICKS: AtomicU32 = AtomicU32::new(0);
 static IS_SAMPLING_NEW: AtomicBool = AtomicBool::new(false);
 static SAMPLE_DUE: AtomicU32 = AtomicU32::new(0);
 static IS_SAMPLE: AtomicBool = AtomicBool::new(false);
+/// Whether the line from the sender was low a millisecond ago.
+static WAS_LINE_LOW: AtomicBool = AtomicBool::new(false);
 
 /// Returns whether the firmware runs in the emulator.
 pub(super) fn is_emulated() -> bool {
@@ -237,8 +239,15 @@ fn play() {
     }
 }
 
-/// Counts a millisecond of the delay of `prepare`.
+/// Counts a millisecond of the delay of `prepare`, and releases `inputs` to look at a line that is low, or was when
+/// it looked last.
 fn count_millisecond() {
+    let is_low = is_line_low();
+    if SAMPLE_TICKS.load(Relaxed) == 0 && (is_low || WAS_LINE_LOW.load(Relaxed)) {
+        IS_SAMPLE.store(true, Relaxed);
+        pend_vector(INPUTS);
+    }
+    WAS_LINE_LOW.store(is_low, Relaxed);
     let left = DELAY_MS.load(Relaxed);
     if left != 0 {
         DELAY_MS.store(left - 1, Relaxed);

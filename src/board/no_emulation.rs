@@ -28,6 +28,11 @@ pub(super) const fn contacts() -> Levels {
     Levels::NONE
 }
 
+/// Returns whether the line from the sender is low.
+pub(super) const fn is_line_low() -> bool {
+    false
+}
+
 /// Takes the release of `inputs` for a sample.
 pub(super) const fn take_sample_release() -> bool {
     false

@@ -3,6 +3,7 @@
 mod accessories;
 mod input_filter;
 mod inputs;
+mod line_break;
 mod snapshot;
 mod state_machine;
 mod watch;
@@ -10,6 +11,7 @@ mod watch;
 pub use accessories::Accessories;
 pub use input_filter::{Filter, SAMPLE_TICKS, SAMPLES};
 pub use inputs::{Contact, Inputs};
+pub use line_break::{LOOKS_PER_MS, LineBreak};
 pub use snapshot::Snapshot;
 pub use state_machine::{Control, Effect, Ending, Event};
 pub use watch::{SampleActions, Watch};

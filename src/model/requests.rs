@@ -69,6 +69,8 @@ pub struct Requests {
     status: AtomicBool,
     /// `!`: cleared by `prepare`.
     hold: AtomicBool,
+    /// A break on the line: cleared by `prepare`.
+    line_break: AtomicBool,
     /// `~`: cleared by `prepare`.
     start: AtomicBool,
     /// 0x84: cleared by `prepare`.
@@ -114,6 +116,7 @@ impl Requests {
         Self {
             status: AtomicBool::new(false),
             hold: AtomicBool::new(false),
+            line_break: AtomicBool::new(false),
             start: AtomicBool::new(false),
             door: AtomicBool::new(false),
             jog_cancel: AtomicBool::new(false),
@@ -151,6 +154,27 @@ impl Requests {
     #[must_use]
     pub fn take_hold(&self) -> bool {
         take(&self.hold)
+    }
+
+    /// Takes the request of a break on the line.
+    #[must_use]
+    pub fn take_break(&self) -> bool {
+        take(&self.line_break)
+    }
+
+    /// Makes the request of a break on the line; for `inputs` alone.
+    pub fn break_line(&self) {
+        set(&self.line_break);
+        add_one(&self.count);
+    }
+
+    /// Returns a number that differs from the last one if a byte other than `?` has come since, intact or not, or a
+    /// request of another kind. `received` is the number of bytes of lines.
+    #[must_use]
+    #[inline]
+    pub fn heard(&self, received: usize) -> u32 {
+        let others = self.lost().wrapping_add(self.count());
+        (received as u32).wrapping_add(others)
     }
 
     /// Takes the request for a cycle start.

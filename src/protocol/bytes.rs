@@ -123,11 +123,17 @@ pub struct ByteWriter<'a> {
     ring: &'a ByteRing,
 }
 
-impl ByteWriter<'_> {
+impl<'a> ByteWriter<'a> {
     /// Returns a second writer, for the time in which the owner of the first cannot run.
     #[must_use]
     pub const fn second_writer(&self) -> Self {
         Self { ring: self.ring }
+    }
+
+    /// Returns what tells how many bytes are enqueued.
+    #[must_use]
+    pub const fn count(&self) -> ByteCount<'a> {
+        ByteCount { ring: self.ring }
     }
 
     /// Enqueues a byte. Returns the number of bytes enqueued so far, wrapping.
@@ -210,6 +216,21 @@ impl ByteWriter<'_> {
     #[must_use]
     pub fn is_empty(&self) -> bool {
         self.ring.has_none()
+    }
+}
+
+/// Tells how many bytes are enqueued, for a task that neither enqueues nor takes them.
+#[derive(Debug, Clone, Copy)]
+pub struct ByteCount<'a> {
+    ring: &'a ByteRing,
+}
+
+impl ByteCount<'_> {
+    /// Returns the number of bytes enqueued so far, wrapping.
+    #[inline]
+    #[must_use]
+    pub fn enqueued(&self) -> usize {
+        self.ring.written.load(Relaxed)
     }
 }
 

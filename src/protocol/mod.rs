@@ -16,7 +16,7 @@ pub mod report;
 mod session;
 mod text;
 
-pub use bytes::{ByteReader, ByteRing, ByteWriter, Bytes, Waiting};
+pub use bytes::{ByteCount, ByteReader, ByteRing, ByteWriter, Bytes, Waiting};
 pub use checked::{Emergency, FailedCheck, MAX_NUMBER, RAW_BYTES, RawLine, Verdict};
 pub use dialect::Dialect;
 pub use dollar::{Condition, Described, Dollar, List};

@@ -244,6 +244,8 @@ pub enum Feedback {
     CheckDisabled,
     /// The safety door has been opened.
     CheckDoor,
+    /// A break on the line has begun a hold.
+    LineBreak,
     /// A limit switch is closed.
     CheckLimits,
     /// A tool length is wanted, and the tool table is empty.
@@ -282,6 +284,7 @@ pub fn feedback(text: &mut Text, feedback: Feedback) {
         Feedback::CheckEnabled => "Enabled",
         Feedback::CheckDisabled => "Disabled",
         Feedback::CheckDoor => "Check Door",
+        Feedback::LineBreak => "Break on the line",
         Feedback::CheckLimits => "Check Limits",
         Feedback::EmptyToolTable => "Tool table is empty: tool length 0",
         Feedback::SelfTestFailed => "No crystal, or supply below 2.9 V: nothing moves",
@@ -359,6 +362,7 @@ mod tests {
             Feedback::CheckEnabled,
             Feedback::CheckDisabled,
             Feedback::CheckDoor,
+            Feedback::LineBreak,
             Feedback::CheckLimits,
             Feedback::EmptyToolTable,
             Feedback::ProgramEnd,

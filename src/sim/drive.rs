@@ -16,7 +16,7 @@ use super::{
 };
 use crate::{
     axis::Axes,
-    machine::{Inputs, SAMPLE_TICKS, Snapshot, Watch},
+    machine::{Inputs, LOOKS_PER_MS, LineBreak, SAMPLE_TICKS, Snapshot, Watch},
     model::{Alarm, Levels, Outputs, Requests, queues::ENTRY_RING},
     motion::Motion,
     path::Entry,
@@ -24,6 +24,7 @@ use crate::{
     settings::Settings,
     stepper::{EventRing, PhaseSteps, SegmentRing},
     tasks::{self, InputTrigger, Platform, Task, Unlocked},
+    units::TICKS_PER_MS,
 };
 
 /// A change of the step and direction pins at one instant.
@@ -66,6 +67,9 @@ pub struct Drive {
     sample_due: Option<u64>,
     /// Whether a contact has changed since the last run of `inputs`.
     is_edge_pending: bool,
+    line: LineBreak,
+    /// Time of the next look at the line while it is low, ticks.
+    look_due: Option<u64>,
 }
 
 impl Drive {
@@ -103,6 +107,8 @@ impl Drive {
             watch: Watch::new(Levels::NONE, &inputs),
             sample_due: None,
             is_edge_pending: false,
+            line: LineBreak::new(),
+            look_due: None,
             inputs,
             entries: Queue::new(),
             events: const { EventRing::new() },
@@ -272,6 +278,36 @@ impl Drive {
         if needs_sample && self.sample_due.is_none() {
             self.sample_due = Some(now + u64::from(SAMPLE_TICKS));
         }
+    }
+
+    /// Returns the time of the next look at the line, ticks.
+    #[must_use]
+    pub(super) const fn look_due(&self) -> Option<u64> {
+        self.look_due
+    }
+
+    /// Pulls the line low, or releases it.
+    pub(super) fn pull_line(&mut self, low: bool, now: u64) {
+        self.look_due = low.then(|| now + u64::from(TICKS_PER_MS));
+        if !low {
+            self.line = LineBreak::new();
+        }
+    }
+
+    /// Looks at a line that is low, once a millisecond as `inputs` does.
+    pub(super) fn look_at_line(&mut self, received: usize, requests: &Requests, now: u64) {
+        let Some(due) = self.look_due.filter(|due| *due <= now) else {
+            return;
+        };
+        self.look_due = Some(due + u64::from(TICKS_PER_MS));
+        tasks::look_at_line(
+            true,
+            LOOKS_PER_MS,
+            received,
+            &mut self.line,
+            requests,
+            &mut self.platform,
+        );
     }
 
     /// Returns the queue that `interpret` fills, the segments that it looks at, and its platform.

@@ -193,6 +193,12 @@ impl Simulator {
         self.receive_or_lose(Err(DamagedByte));
     }
 
+    /// Pulls the line from the sender low, or releases it. What the receiver makes of that comes on its own, by
+    /// [`Simulator::receive_damaged`] or [`Simulator::receive`]: low bits of bytes are low, too.
+    pub fn pull_line(&mut self, low: bool) {
+        self.drive.pull_line(low, self.now);
+    }
+
     fn receive_or_lose(&mut self, byte: Result<u8, DamagedByte>) {
         let (mut line, _) = self.received.split();
         self.drive.receive(byte, &self.requests, &mut line);
@@ -282,7 +288,13 @@ impl Simulator {
         let drive = &self.drive;
         let received = self.received.written();
         let tick = self.tick_due.filter(|_| self.session.awaits_tick(received));
-        let dues = [drive.due(), drive.sample_due(), drive.delay_due(), tick];
+        let dues = [
+            drive.due(),
+            drive.sample_due(),
+            drive.delay_due(),
+            drive.look_due(),
+            tick,
+        ];
         dues.into_iter().flatten().min()
     }
 
@@ -308,6 +320,8 @@ impl Simulator {
         loop {
             self.drive.watch(&self.requests, self.now);
             self.drive.end_delay(self.now);
+            let received = self.received.written();
+            self.drive.look_at_line(received, &self.requests, self.now);
             if self.drive.prepare(&self.requests, self.now) {
                 self.wake();
             } else if self.is_report_released {

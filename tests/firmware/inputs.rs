@@ -65,3 +65,19 @@ fn an_input_that_is_active_is_reported() {
     machine.memory.close(Levels::HOLD);
     machine.wait_for_part("|Pn:YH");
 }
+
+#[test]
+fn a_break_on_the_line_holds_a_move_that_ends_exactly_after_cycle_start() {
+    let Some(mut machine) = Machine::boot() else {
+        return;
+    };
+    assert_eq!(machine.ask("G1X150F400"), ["ok"]);
+    while machine.memory.steps()[0] < 100 {}
+    machine.memory.pull_line(true);
+    while machine.receive() != "[MSG:Break on the line]" {}
+    machine.wait_for("<Hold:0");
+    // The break lasts, and holds no second time.
+    machine.send(b"~");
+    machine.wait_for_idle();
+    assert_eq!(machine.memory.steps()[0], 150 * 250);
+}

@@ -23,6 +23,8 @@ const SWITCHED: u64 = 17;
 const AT_MOST: u64 = 1;
 const AT_LEAST: u64 = 7;
 const PLATE: u64 = 13;
+/// Words before the level of the sender's line.
+const LINE: u64 = 14;
 
 /// Number of connections made, for names that differ.
 static COUNT: AtomicU32 = AtomicU32::new(0);
@@ -138,6 +140,11 @@ impl Memory {
     /// Puts a plate under the probe, that closes it at this step of Z and below.
     pub(crate) fn put_plate(&self, steps: i32) {
         self.write(self.contacts + 4 * PLATE, steps.cast_unsigned());
+    }
+
+    /// Pulls the line from the sender low, or releases it.
+    pub(crate) fn pull_line(&self, low: bool) {
+        self.write(self.contacts + 4 * LINE, low.into());
     }
 
     /// Resets the chip, as its reset pin does; RAM and flash keep what is in them.

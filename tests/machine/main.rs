@@ -7,6 +7,7 @@ mod gantry;
 mod hard_limits;
 mod homing;
 mod inputs;
+mod line_break;
 mod lost_bytes;
 mod phases;
 mod postponed;

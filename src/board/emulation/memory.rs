@@ -41,6 +41,8 @@ struct EmulatedContacts {
     at_least: [AtomicI32; 6],
     /// The probe is closed while the position of Z is at most this.
     plate: AtomicI32,
+    /// The line from the sender is low while this is not 0.
+    line: AtomicU32,
 }
 
 /// Read by its symbol: by `cargo xtask qemu` and `bench`, and by `tests/firmware`.
@@ -65,6 +67,7 @@ static CONTACTS: EmulatedContacts = EmulatedContacts {
     at_most: [const { AtomicI32::new(i32::MIN) }; 6],
     at_least: [const { AtomicI32::new(i32::MAX) }; 6],
     plate: AtomicI32::new(i32::MIN),
+    line: AtomicU32::new(0),
 };
 
 /// Time of the last event with a pulse, ticks.
@@ -79,6 +82,11 @@ static CLOSED: AtomicU32 = AtomicU32::new(0);
 /// Returns the contacts that were closed in the last run of the handler.
 pub(in crate::board) fn contacts() -> Levels {
     Levels(CLOSED.load(Relaxed) as u16)
+}
+
+/// Returns whether the line from the sender is low.
+pub(in crate::board) fn is_line_low() -> bool {
+    CONTACTS.line.load(Relaxed) != 0
 }
 
 /// Reads the contacts. Returns whether they have changed since the last time.

@@ -1,0 +1,195 @@
+//! A break on the serial line: it holds a motion, once, and nothing else.
+
+use leadscrew::{
+    axis::Axes,
+    model::State,
+    settings::Settings,
+    sim::Simulator,
+    units::{TICKS_PER_MS, TICKS_PER_SECOND},
+};
+
+const MS: u64 = TICKS_PER_MS as u64;
+const MESSAGE: &str = "[MSG:Break on the line]";
+
+struct Machine {
+    simulator: Box<Simulator>,
+    told: Vec<u8>,
+}
+
+impl Machine {
+    fn new(settings: &Settings) -> Self {
+        let mut machine = Self {
+            simulator: Box::new(Simulator::new(settings)),
+            told: Vec::new(),
+        };
+        machine.run(TICKS_PER_SECOND.into());
+        machine.told.clear();
+        machine
+    }
+
+    /// A machine that has been told this, 100 ms ago.
+    fn doing(line: &str) -> Self {
+        let settings = Settings {
+            homing: true,
+            ..Settings::default()
+        };
+        let mut machine = Self::new(&settings);
+        machine.send("$X\n");
+        machine.send(line);
+        machine.run(100 * MS);
+        machine.answers();
+        machine
+    }
+
+    fn send(&mut self, text: &str) {
+        for byte in text.bytes() {
+            self.simulator.receive(byte);
+        }
+        self.run(0);
+    }
+
+    fn run(&mut self, ticks: u64) {
+        let end = self.simulator.now() + ticks;
+        self.simulator.settle();
+        loop {
+            while let Some(byte) = self.simulator.send() {
+                self.told.push(byte);
+                self.simulator.settle();
+            }
+            match self.simulator.due() {
+                Some(due) if due <= end => drop(self.simulator.advance(due)),
+                _ => break,
+            }
+        }
+        self.simulator.advance(end);
+    }
+
+    /// Makes a break: the receiver sees a byte without a stop bit, and then nothing.
+    fn make_break(&mut self, ms: u64) {
+        self.simulator.pull_line(true);
+        self.run(MS);
+        self.simulator.receive_damaged();
+        self.run((ms - 1) * MS);
+        self.simulator.pull_line(false);
+        self.run(100 * MS);
+    }
+
+    /// Returns the lines of the machine since the last call.
+    fn answers(&mut self) -> Vec<String> {
+        let told = String::from_utf8(std::mem::take(&mut self.told)).unwrap();
+        told.lines().map(str::to_owned).collect()
+    }
+
+    fn state(&self) -> State {
+        self.simulator.snapshot().state
+    }
+
+    fn x(&self) -> i32 {
+        let Axes([x, ..]) = self.simulator.physical_steps();
+        x
+    }
+}
+
+#[test]
+fn a_break_of_20_ms_holds_a_move_that_ends_exactly_after_cycle_start() {
+    let mut machine = Machine::doing("G1X10F600\n");
+    assert_eq!(machine.state(), State::Run);
+    machine.make_break(20);
+    machine.run(60_000 * MS);
+    assert_eq!(machine.state(), State::HoldComplete);
+    assert_eq!(machine.answers(), [MESSAGE]);
+    let held = machine.x();
+    assert!((1..2400).contains(&held), "{held}");
+    machine.send("~");
+    machine.run(5000 * MS);
+    assert_eq!((machine.state(), machine.x()), (State::Idle, 2500));
+    assert!(machine.answers().is_empty());
+}
+
+#[test]
+fn a_break_that_lasts_holds_once_and_each_break_anew() {
+    let mut machine = Machine::doing("G1X100F600\n");
+    machine.make_break(1000);
+    assert_eq!(machine.state(), State::HoldComplete);
+    assert_eq!(machine.answers(), [MESSAGE]);
+    machine.send("~");
+    machine.run(500 * MS);
+    assert_eq!(machine.state(), State::Run);
+    machine.make_break(20);
+    assert_eq!(machine.answers(), [MESSAGE]);
+    // The button starts, too, and the break that lasts does not hold again.
+    machine.simulator.pull_line(true);
+    machine.run(500 * MS);
+    machine.send("~");
+    machine.run(500 * MS);
+    assert_eq!(machine.state(), State::Run);
+    assert!(machine.answers().is_empty());
+}
+
+#[test]
+fn a_line_that_is_low_for_less_than_a_break_holds_nothing() {
+    let mut machine = Machine::doing("G1X10F600\n");
+    for _ in 0..20 {
+        machine.make_break(9);
+    }
+    machine.run(2000 * MS);
+    assert_eq!((machine.state(), machine.x()), (State::Idle, 2500));
+    assert!(machine.answers().is_empty());
+}
+
+#[test]
+fn looks_that_always_find_a_low_bit_of_a_byte_hold_nothing() {
+    // At these rates a byte of ten bits comes at least once in 10 ms.
+    for baud in [9600_u64, 115_200, 1_000_000] {
+        let mut machine = Machine::doing("G1X10F600\n");
+        machine.simulator.pull_line(true);
+        let byte_ticks = u64::from(TICKS_PER_SECOND) * 10 / baud;
+        let end = machine.simulator.now() + 300 * MS;
+        // Spaces, which are left out of a line, are low for 8 of 10 bits.
+        while machine.simulator.now() < end {
+            machine.simulator.receive(b' ');
+            machine.run(byte_ticks);
+        }
+        machine.simulator.pull_line(false);
+        machine.run(2000 * MS);
+        assert_eq!((machine.state(), machine.x()), (State::Idle, 2500));
+        assert!(machine.answers().is_empty());
+    }
+}
+
+#[test]
+fn a_break_at_idle_and_while_homing_does_nothing_as_nothing_else_does() {
+    let mut machine = Machine::doing("G0X1\n");
+    machine.run(2000 * MS);
+    assert_eq!(machine.state(), State::Idle);
+    machine.answers();
+    machine.make_break(300);
+    assert_eq!(machine.state(), State::Idle);
+    assert!(machine.answers().is_empty());
+    // Nor later, when something moves.
+    machine.send("\nG1X2F100\n");
+    machine.run(200 * MS);
+    assert_eq!(machine.state(), State::Run);
+    assert_eq!(machine.answers(), ["error:210", "ok"]);
+
+    let mut machine = Machine::doing("$H\n");
+    assert_eq!(machine.state(), State::Home);
+    machine.make_break(20);
+    assert_eq!(machine.state(), State::Home);
+    assert!(machine.answers().is_empty());
+}
+
+#[test]
+fn a_break_ends_a_jog_and_holds_a_dwell() {
+    let mut machine = Machine::doing("$J=G91X100F600\n");
+    assert_eq!(machine.state(), State::Jog);
+    machine.make_break(20);
+    machine.run(1000 * MS);
+    assert_eq!(machine.state(), State::Idle);
+    assert_eq!(machine.answers(), [MESSAGE]);
+
+    let mut machine = Machine::doing("G4P5\n");
+    machine.make_break(20);
+    assert_eq!(machine.state(), State::HoldComplete);
+    assert!(machine.answers().contains(&MESSAGE.to_owned()));
+}
