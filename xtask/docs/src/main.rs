@@ -16,7 +16,7 @@ use leadscrew::{
         codes::{CODES, CodeGroup},
     },
     model::Alarm,
-    settings::{DataType, Kind, Setting, Settings, StepRate, Value},
+    settings::{DataType, Kind, Setting, Settings, StepRate, Value, assign},
 };
 
 /// Write the documents that are made from the code: settings, errors and alarms
@@ -160,7 +160,7 @@ fn settings_table() -> Result<String> {
             setting.number(),
             row.name,
             row.unit,
-            values(&row.kind),
+            values(&setting),
             shown(setting.value(&defaults), row.kind.decimals()),
         )?;
     }
@@ -226,9 +226,14 @@ fn step_rates() -> String {
     )
 }
 
+/// `$781`: the values depend on the number of axes.
+const EXTRUDER_AXIS: u16 = 781;
+
 /// The values that a setting can have.
-fn values(kind: &Kind) -> String {
+fn values(setting: &Setting) -> String {
+    let kind = &setting.row.kind;
     match (kind.data_type(), kind.range()) {
+        (DataType::Integer, _) if matches!(kind, Kind::Byte { .. }) => accepted_bytes(setting),
         (DataType::Boolean, _) => "0 or 1".into(),
         (DataType::Bits, _) => {
             let bits = kind.format().split(',').enumerate();
@@ -243,6 +248,29 @@ fn values(kind: &Kind) -> String {
             format!("{:.decimals$} to {:.decimals$}", range.least, range.most)
         }
         (_, None) => String::new(),
+    }
+}
+
+/// The values of a byte that a machine with default settings accepts, in words.
+fn accepted_bytes(setting: &Setting) -> String {
+    if setting.number() == EXTRUDER_AXIS {
+        return "0, or 4 to the number of axes".into();
+    }
+    let is_accepted = |value: &u8| {
+        let statement = format!("{}={value}", setting.number());
+        assign(&mut Settings::default(), statement.as_bytes()).is_ok()
+    };
+    let accepted: Vec<u8> = (0..=u8::MAX).filter(is_accepted).collect();
+    match *accepted.as_slice() {
+        [] => String::new(),
+        [only] => only.to_string(),
+        [least, .., most] if accepted.len() > 2 && accepted == Vec::from_iter(least..=most) => {
+            format!("{least} to {most}")
+        }
+        [ref others @ .., last] => {
+            let others: Vec<_> = others.iter().map(u8::to_string).collect();
+            format!("{} or {last}", others.join(", "))
+        }
     }
 }
 
