@@ -198,8 +198,9 @@ impl Entries {
             }
             let value = read_value(value.get_ref()).ok_or_else(|| {
                 let message = format!(
-                    "`{name}` cannot be a {}: there are texts, whole numbers, lists of texts, true and false",
-                    value.get_ref().type_str()
+                    "`{name}` cannot be {}: there are texts, whole numbers from 0 to {}, lists of texts, true and false",
+                    described(value.get_ref()),
+                    u32::MAX
                 );
                 place_of_key.fault(message)
             })?;
@@ -306,6 +307,15 @@ pub(crate) const TOP: [&str; 10] = [
 /// Returns the path of a board beside a file.
 fn beside(path: &Path, name: &str) -> PathBuf {
     path.with_file_name(format!("{name}.toml"))
+}
+
+/// What a value is that cannot be read, with its article.
+fn described(value: &DeValue<'_>) -> String {
+    match value {
+        DeValue::Integer(number) => number.as_str().to_owned(),
+        DeValue::Array(_) => "a list of anything else".to_owned(),
+        _ => format!("a {}", value.type_str()),
+    }
 }
 
 fn read_value(value: &DeValue<'_>) -> Option<Value> {

@@ -69,7 +69,19 @@ const WRONG: &[(&str, &str, usize, &str)] = &[
         "crystal_mhz = 12",
         "crystal_mhz = 12.5",
         3,
-        "cannot be a float",
+        "`crystal_mhz` cannot be a float: ",
+    ),
+    (
+        "crystal_mhz = 12",
+        "crystal_mhz = -12",
+        3,
+        "`crystal_mhz` cannot be -12: there are texts, whole numbers from 0 to 4294967295, ",
+    ),
+    (
+        "crystal_mhz = 12",
+        "crystal_mhz = [12]",
+        3,
+        "`crystal_mhz` cannot be a list of anything else: ",
     ),
     (
         "crystal_mhz = 12",
