@@ -27,7 +27,7 @@ pub fn print(figures: &Figures) {
         "final position",
         &format!("{}, {}", ends.join(", "), figures.end.state),
     );
-    row("motion time", &duration(figures.motion_time_s));
+    row("motion time", &duration(figures.whole_time_s()));
     if let Some(text) = figures.times.text() {
         row("of it", &text);
     }

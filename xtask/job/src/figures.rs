@@ -111,6 +111,15 @@ pub struct Figures {
 }
 
 impl Figures {
+    /// The time that the parts of `times` add up to, from where the first motion begins to where the last one ends,
+    /// s; where they are not known, that from the first step to the last one, which are within the motions.
+    pub fn whole_time_s(&self) -> f64 {
+        match self.times.total_s() {
+            0.0 => self.motion_time_s,
+            total_s => total_s,
+        }
+    }
+
     /// Whether an alarm rose.
     pub fn has_alarm(&self) -> bool {
         let mut messages = self.messages.iter();
@@ -159,5 +168,18 @@ mod tests {
         let expected = r#"{"lines":3,"responses":[[1,"ok"],[2,"ok"],[3,"error:20"]],"messages":[[2,"[MSG:Pgm End]"]],"final":{"state":"Idle","mpos_mm":[1.5,0.0,-2.0],"steps":[375,0,-500]},"steps_axis":[375,0,500],"motion_time_s":0.25,"events":800,"late":0,"event_hash":"cbf29ce484222325"}"#;
         assert_eq!(serde_json::to_string(&figures).unwrap(), expected);
         assert!(!figures.is_clean());
+    }
+
+    #[test]
+    fn the_parts_of_the_time_are_not_more_than_the_whole() {
+        // The steps are within the motions: the first one is not at once.
+        let mut figures = Figures {
+            motion_time_s: 0.25,
+            ..Figures::default()
+        };
+        assert_eq!(figures.whole_time_s(), 0.25);
+        figures.times.cutting_s = 0.26;
+        figures.times.rapid_s = 0.5;
+        assert_eq!(figures.whole_time_s(), 0.26 + 0.5);
     }
 }

@@ -101,7 +101,7 @@ fn run(options: &Options) -> Result<ExitCode> {
     }
     summary::print_refusals(&figures.refusals);
     let is_clean = figures.is_clean();
-    text::row("motion time", &duration(figures.motion_time_s));
+    text::row("motion time", &duration(figures.whole_time_s()));
     if let Some(parts) = figures.times.text() {
         text::row("of it", &parts);
     }
