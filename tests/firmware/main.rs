@@ -10,6 +10,7 @@ mod inputs;
 mod lines;
 mod machine;
 mod memory;
+mod priorities;
 mod proven;
 mod sender;
 mod states;

@@ -58,6 +58,8 @@ pub(crate) struct Memory {
     figures: u64,
     contacts: u64,
     fault: u64,
+    /// The addresses of all symbols, those of the linker script included.
+    symbols: BTreeMap<String, u64>,
     /// The firmware's functions, by their names: address and length.
     functions: BTreeMap<String, (u64, u64)>,
 }
@@ -71,6 +73,9 @@ impl Memory {
             let found = file.symbols().find(|symbol| symbol.name() == Ok(name));
             found.expect("the firmware has the symbol").address()
         };
+        let symbols = file.symbols().filter(|symbol| !symbol.is_undefined());
+        let symbols = symbols
+            .filter_map(|symbol| Some((symbol.name().ok()?.to_owned(), symbol.address() & !1)));
         let functions = file.symbols().filter(ObjectSymbol::is_definition);
         let functions = functions.filter_map(|symbol| {
             // The lowest bit says that the code is Thumb.
@@ -87,6 +92,7 @@ impl Memory {
             figures: address("FIGURES"),
             contacts: address("CONTACTS"),
             fault: address("FAULT"),
+            symbols: symbols.collect(),
             functions: functions.collect(),
         }
     }
@@ -198,7 +204,13 @@ impl Memory {
         before
     }
 
-    fn read<const N: usize>(&self, address: u64) -> [u32; N] {
+    /// The address of a symbol, if the firmware has it.
+    pub(crate) fn symbol(&self, name: &str) -> Option<u64> {
+        self.symbols.get(name).copied()
+    }
+
+    /// Words of the memory, or registers.
+    pub(crate) fn read<const N: usize>(&self, address: u64) -> [u32; N] {
         let reply = self.access(&format!("m{address:x},{:x}", 4 * N));
         std::array::from_fn(|word| {
             let digits = &reply[8 * word..8 * word + 8];
