@@ -60,6 +60,9 @@ pub struct Startup {
     pub order: Vec<String>,
     /// Those that may access peripherals before the first of them is over.
     pub before: Vec<String>,
+    /// The same of functions that only some programs have, by the words which.
+    #[serde(default)]
+    pub before_of: BTreeMap<String, Vec<String>>,
 }
 
 /// The watchdog, and where it need not be fed.
@@ -74,7 +77,7 @@ pub struct Watchdog {
     pub period_us: f64,
     /// Functions with loops that may last and do not feed it.
     #[serde(default)]
-    pub unfed: Vec<Exempt>,
+    pub unfed: Vec<Unfed>,
     /// Loops of tasks without a deadline that nothing counts.
     #[serde(default)]
     pub uncounted: Vec<Uncounted>,
@@ -91,6 +94,18 @@ pub struct Uncounted {
     pub functions: Vec<String>,
     /// What ends them.
     pub reason: String,
+}
+
+/// A function that need not feed the watchdog.
+#[derive(Debug, Clone, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Unfed {
+    /// How its name ends.
+    pub function: String,
+    /// Why.
+    pub reason: String,
+    /// Which programs have it, if not all.
+    pub only: Option<String>,
 }
 
 /// What some numbers of the file claim of the program, and how far that is known.

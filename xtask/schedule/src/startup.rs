@@ -2,14 +2,21 @@
 //!
 //! Functions that are inlined are found by what the program file says of each instruction. The order is that of
 //! effects: accesses to peripherals and calls, which the compiler keeps in the order of the source.
+//!
+//! A program with a watchdog needs both: what `schedule.toml` leaves out is told, as is a function that it names and the
+//! program lacks.
 
-use std::collections::BTreeSet;
+use std::{collections::BTreeSet, rc::Rc};
 
 use crate::{
     Config, Flaw, Function, Image, Instruction, Loop, Operation, Program, Region, Rule,
     config::{Startup, Watchdog, is_named},
+    system::misconfigured,
     waits,
 };
+
+/// `IWDG_KR`, which starts and feeds the watchdog: RM0090 21.4.1.
+const WATCHDOG_KEY: u32 = 0x4000_3000;
 
 /// An effect of the initialisation.
 struct Effect<'a> {
@@ -26,7 +33,70 @@ pub(crate) fn flaws(program: &Program<'_>, config: &Config) -> Vec<Flaw> {
     let startup = startup.flat_map(|startup| of_startup(program, startup));
     let watchdog = config.watchdog.iter();
     let watchdog = watchdog.flat_map(|watchdog| of_watchdog(program, watchdog));
-    startup.chain(watchdog).collect()
+    let mut flaws: Vec<_> = startup.chain(watchdog).collect();
+    flaws.extend(missing(program, config));
+    flaws.extend(strangers(program, config));
+    flaws
+}
+
+/// The tables that a program with a watchdog needs and the file lacks.
+fn missing(program: &Program<'_>, config: &Config) -> Vec<Flaw> {
+    let functions = program.functions().values();
+    let mut stores = functions.flat_map(|function| &function.stores);
+    if !stores.any(|store| store.to == Some(WATCHDOG_KEY)) {
+        return Vec::new();
+    }
+    let tables = [
+        ("startup", config.startup.is_some()),
+        ("watchdog", config.watchdog.is_some()),
+    ];
+    let missing = tables.iter().filter(|(_, is_there)| !is_there);
+    let flaws = missing.map(|(table, _)| {
+        let what =
+            format!("the program has a watchdog, and `schedule.toml` has no table [{table}]");
+        misconfigured(
+            what,
+            "Say in which order it starts, and where the watchdog is fed.",
+        )
+    });
+    flaws.collect()
+}
+
+/// Functions that the two tables name for every program, and this one lacks.
+fn strangers(program: &Program<'_>, config: &Config) -> Vec<Flaw> {
+    let before = { config.startup.iter() }
+        .flat_map(|startup| &startup.before)
+        .map(|name| ("`before` of [startup]", name));
+    let unfed = { config.watchdog.iter() }
+        .flat_map(|watchdog| &watchdog.unfed)
+        .filter(|unfed| unfed.only.is_none())
+        .map(|unfed| ("a `[[watchdog.unfed]]`", &unfed.function));
+    let mut named = before.chain(unfed).peekable();
+    if named.peek().is_none() {
+        return Vec::new();
+    }
+    let names = names(program);
+    let strangers = named.filter(|(_, name)| !names.iter().any(|full| is_named(full, name)));
+    let flaws = strangers.map(|(list, name)| {
+        misconfigured(
+            format!("{list} names `{name}`, which is no function of the program"),
+            "Correct the name, take it out, or say which programs have it.",
+        )
+    });
+    flaws.collect()
+}
+
+/// The names of all functions of a program, also of those that are inlined.
+fn names(program: &Program<'_>) -> BTreeSet<Rc<str>> {
+    let mut names = BTreeSet::new();
+    for function in program.functions().values() {
+        names.insert(function.name.as_str().into());
+        for instruction in function.blocks.iter().flat_map(|it| &it.instructions) {
+            let frames = program.image.frames(instruction.address);
+            names.extend(frames.iter().map(|frame| Rc::clone(&frame.function)));
+        }
+    }
+    names
 }
 
 fn of_startup(program: &Program<'_>, startup: &Startup) -> Vec<Flaw> {
@@ -52,7 +122,8 @@ fn of_startup(program: &Program<'_>, startup: &Startup) -> Vec<Flaw> {
         .filter_map(|(one, other)| order.pair(one, other))
         .collect();
     if let Some(first) = startup.order.first() {
-        flaws.extend(order.before(first, &startup.before));
+        let before = { startup.before.iter() }.chain(startup.before_of.values().flatten());
+        flaws.extend(order.before(first, &before.collect::<Vec<_>>()));
     }
     flaws
 }
@@ -128,7 +199,7 @@ impl Order<'_> {
     }
 
     /// What comes before a function is over, and is none of what may.
-    fn before(&self, first: &str, allowed: &[String]) -> Option<Flaw> {
+    fn before(&self, first: &str, allowed: &[&String]) -> Option<Flaw> {
         let firsts: Vec<usize> = (0..self.effects.len())
             .filter(|&index| self.is_of(&self.effects[index], first))
             .collect();
@@ -264,4 +335,40 @@ fn is_excused(image: &Image, watchdog: &Watchdog, head: u32, name: &str) -> bool
                 .iter()
                 .any(|frame| is_named(&frame.function, &excuse.function))
     })
+}
+
+#[cfg(test)]
+mod tests {
+    use std::{fs, path::Path};
+
+    use super::*;
+
+    /// The text of all source files in a folder.
+    fn sources(folder: &Path) -> String {
+        let entries = fs::read_dir(folder)
+            .unwrap()
+            .map(|entry| entry.unwrap().path());
+        let texts = entries.map(|path| match path.is_dir() {
+            true => sources(&path),
+            false => fs::read_to_string(&path).unwrap(),
+        });
+        texts.collect()
+    }
+
+    #[test]
+    fn functions_that_only_some_programs_have_are_in_the_source() {
+        let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("../..");
+        let file = fs::read_to_string(root.join("schedule.toml")).unwrap();
+        let config = Config::parse(&file).unwrap();
+        let (startup, watchdog) = (config.startup.unwrap(), config.watchdog.unwrap());
+        let unfed = watchdog.unfed.iter().filter(|unfed| unfed.only.is_some());
+        let names = unfed.map(|unfed| &unfed.function);
+        let names: Vec<_> = names.chain(startup.before_of.values().flatten()).collect();
+        assert!(!names.is_empty());
+        let sources = sources(&root.join("src"));
+        for name in names {
+            let last = name.rsplit("::").next().unwrap();
+            assert!(sources.contains(&format!("fn {last}(")), "{name}");
+        }
+    }
 }

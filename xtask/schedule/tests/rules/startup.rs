@@ -9,7 +9,6 @@ pub(crate) fn with_watchdog(project: Project) -> Project {
     project.configured(
         "[[exempt]]",
         "[watchdog]\nkey = 0x4002_0018\nfeed = 0xaaaa\nperiod_us = 100_000.0\n\n\
-         [[watchdog.unfed]]\nfunction = \"rust_begin_unwind\"\nreason = \"the end\"\n\n\
          [[watchdog.unfed]]\nfunction = \"HardFault_\"\nreason = \"the end\"\n\n\
          [[watchdog.unfed]]\nfunction = \"DefaultHandler_\"\nreason = \"the end\"\n\n\
          [[exempt]]",
@@ -61,6 +60,44 @@ fn a_watchdog_that_waits_less_than_the_tasks_with_deadlines_may_take_is_caught()
     );
 }
 
+#[test]
+fn a_function_that_need_not_feed_the_watchdog_and_is_not_there_is_told() {
+    let told = |name: &str, only: &str| {
+        let entry = format!(
+            "[[watchdog.unfed]]\nfunction = \"old_name\"\nreason = \"it was there\"\n{only}\n[[exempt]]"
+        );
+        let project =
+            with_watchdog(Project::new(name)?).with("idle", "device::write_pins(0xaaaa);");
+        Some(configuration_flaws(
+            &project.configured("[[exempt]]", &entry),
+        ))
+    };
+    let what = "a `[[watchdog.unfed]]` names `old_name`, which is no function of the program";
+    assert_eq!(or_skip!(told("stranger", "")), [what]);
+    // Another program may have it.
+    let others = or_skip!(told("stranger-of-some", "only = \"some boards\"\n"));
+    assert_eq!(others, [""; 0]);
+}
+
+#[test]
+fn a_program_with_a_watchdog_of_which_nothing_is_said_is_told() {
+    let project = or_skip!(Project::new("no-tables"));
+    let store = "// SAFETY: the register that feeds the watchdog.
+            unsafe { (0x4000_3000 as *mut u32).write_volatile(0xaaaa) };";
+    let project = project.with("idle", store);
+    let told = ["startup", "watchdog"].map(|table| {
+        format!("the program has a watchdog, and `schedule.toml` has no table [{table}]")
+    });
+    assert_eq!(configuration_flaws(&project), told);
+}
+
+/// What is wrong with `schedule.toml`.
+fn configuration_flaws(project: &Project) -> Vec<String> {
+    let flaws = project.flaws().into_iter();
+    let flaws = flaws.filter(|flaw| flaw.rule == Rule::Configuration);
+    flaws.map(|flaw| flaw.what).collect()
+}
+
 /// What an initialisation may be made of.
 const ITEMS: &str = "#[inline(always)]
     fn outputs() {
@@ -91,7 +128,7 @@ fn an_initialisation_in_the_wrong_order_is_caught() {
             &format!("{code} (Shared {{ sum: 0 }}"),
         );
         let mut flaws = project.flaws();
-        flaws.retain(|flaw| flaw.rule == Rule::Startup);
+        flaws.retain(|flaw| matches!(flaw.rule, Rule::Startup | Rule::Configuration));
         Some(flaws.into_iter().map(|flaw| flaw.what).collect::<Vec<_>>())
     };
     let may_begin = "`clocks` may begin before `outputs` is over";
@@ -104,20 +141,29 @@ fn an_initialisation_in_the_wrong_order_is_caught() {
         ),
         (
             "early-byte",
-            "let _ = device::byte(); outputs(); clocks();",
+            "cause(); let _ = device::byte(); outputs(); clocks();",
             &["something is done before `outputs` is over"],
         ),
         (
             "in-between",
-            "outputs(); clocks(); outputs();",
+            "cause(); outputs(); clocks(); outputs();",
             &[may_begin, "something is done before `outputs` is over"],
         ),
         (
             "some-outputs",
-            "if device::has_byte() { outputs(); } clocks();",
+            "cause(); if device::has_byte() { outputs(); } clocks();",
             &[may_begin, "something is done before `outputs` is over"],
         ),
-        ("no-clocks", "outputs();", &["`clocks` does nothing in `"]),
+        (
+            "no-clocks",
+            "cause(); outputs();",
+            &["`clocks` does nothing in `"],
+        ),
+        (
+            "no-cause",
+            "outputs(); clocks();",
+            &["`before` of [startup] names `cause`, which is no function of the program"],
+        ),
     ] {
         let flaws = or_skip!(flaws(name, code));
         assert_eq!(flaws.len(), expected.len(), "{name}: {flaws:#?}");
