@@ -70,6 +70,7 @@ mod app {
         actuators: board::Actuators,
         motion: &'static mut Motion,
         received_in: ByteWriter<'static>,
+        line_level: board::LineLevel,
         storage: &'static mut board::Storage,
         flash_erase_in: ByteWriter<'static>,
         entries_in: Producer<'static, Entry>,
@@ -101,7 +102,7 @@ mod app {
         let event_tap = events_in.tap();
         interpret::spawn().expect("it has not been spawned before");
         report::spawn().expect("it has not been spawned before");
-        let (pins, inputs) = board.inputs.watch(event_tap, received_in.count());
+        let (pins, inputs) = board.inputs.watch(event_tap);
         let snapshot = motion.power_up(board.session.settings(), &inputs, board.alarm);
         // It switches the outputs, reads the door and arms the limit switches.
         rtic::pend(PREPARE);
@@ -126,6 +127,7 @@ mod app {
             pins,
             actuators: board.actuators,
             motion,
+            line_level: board::LineLevel::new(received_in.count()),
             flash_erase_in: received_in.second_writer(),
             received_in,
             storage: board.storage,
@@ -138,13 +140,15 @@ mod app {
         (shared, local)
     }
 
-    /// Feeds the watchdog, lets `interpret` go on, sends the bytes that the USART did not take at once, and sleeps.
-    #[idle(shared = [serial, &requests])]
+    /// Feeds the watchdog, lets `interpret` go on, looks for a break on the line, sends the bytes that the USART did
+    /// not take at once, and sleeps.
+    #[idle(local = [line_level], shared = [serial, &requests])]
     fn idle(mut cx: idle::Context) -> ! {
         let requests = cx.shared.requests;
         loop {
             board::watchdog::feed();
             end_round();
+            cx.local.line_level.look(requests);
             let is_sending = cx
                 .shared
                 .serial

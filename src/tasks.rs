@@ -226,18 +226,18 @@ pub fn inputs(
     needs_sample
 }
 
-/// Looks at the level of the line, once for some looks of 250 µs; `received` is the number of bytes of lines so far.
-#[inline]
+/// Looks at the level of the line, so many periods of the timer of `inputs` after the last look; `received` is the
+/// number of bytes of lines so far. A part of `idle`.
 pub fn look_at_line(
     is_low: bool,
-    looks: u8,
+    periods: u8,
     received: usize,
     line: &mut LineBreak,
     requests: &Requests,
     platform: &mut impl Platform,
 ) {
-    if line.look(is_low, looks, received, requests) {
-        platform.pend(Task::Prepare);
+    if line.look(is_low, periods, received, requests) {
+        platform.pend(Task::Wake);
     }
 }
 

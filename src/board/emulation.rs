@@ -17,7 +17,7 @@
 //! motion; at rest the runs of the handler count the milliseconds, and always for `prepare`'s delay.
 
 use core::sync::atomic::{
-    AtomicBool, AtomicU32,
+    AtomicBool, AtomicU8, AtomicU32,
     Ordering::{Relaxed, SeqCst},
     compiler_fence,
 };
@@ -75,8 +75,8 @@ static SAMPLE_TICKS: AtomicU32 = AtomicU32::new(0);
 static IS_SAMPLING_NEW: AtomicBool = AtomicBool::new(false);
 static SAMPLE_DUE: AtomicU32 = AtomicU32::new(0);
 static IS_SAMPLE: AtomicBool = AtomicBool::new(false);
-/// Whether the line from the sender was low a millisecond ago.
-static WAS_LINE_LOW: AtomicBool = AtomicBool::new(false);
+/// Milliseconds since `idle` took them.
+static MILLISECONDS: AtomicU8 = AtomicU8::new(0);
 
 /// Returns whether the firmware runs in the emulator.
 pub(super) fn is_emulated() -> bool {
@@ -239,15 +239,14 @@ fn play() {
     }
 }
 
-/// Counts a millisecond of the delay of `prepare`, and releases `inputs` to look at a line that is low, or was when
-/// it looked last.
+/// Returns the milliseconds since the last call; for `idle` alone.
+pub(super) fn take_milliseconds() -> u8 {
+    MILLISECONDS.swap(0, Relaxed)
+}
+
+/// Counts a millisecond, and that of the delay of `prepare`.
 fn count_millisecond() {
-    let is_low = is_line_low();
-    if SAMPLE_TICKS.load(Relaxed) == 0 && (is_low || WAS_LINE_LOW.load(Relaxed)) {
-        IS_SAMPLE.store(true, Relaxed);
-        pend_vector(INPUTS);
-    }
-    WAS_LINE_LOW.store(is_low, Relaxed);
+    MILLISECONDS.store(1, Relaxed);
     let left = DELAY_MS.load(Relaxed);
     if left != 0 {
         DELAY_MS.store(left - 1, Relaxed);

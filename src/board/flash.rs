@@ -86,8 +86,11 @@ impl SettingsFlash {
         if supply::is_low() {
             return Err(FlashError::Refused);
         }
-        for key in KEYS {
-            flash.keyr().write(|w| w.key().set(key));
+        // A bootloader may have left it unlocked; keys that are not asked for lock it up to a reset (RM0090 3.6.1).
+        if flash.cr().read().lock().bit_is_set() {
+            for key in KEYS {
+                flash.keyr().write(|w| w.key().set(key));
+            }
         }
         clear_errors(flash);
         let is_refused = !operation(flash, self.receiver.as_mut()) || has_errors(flash);

@@ -12,9 +12,8 @@
 //! the longest table of a board.
 
 use leadscrew::{
-    machine::{Inputs, LOOKS_PER_MS, LineBreak, SAMPLE_TICKS, SAMPLES, Watch},
+    machine::{Inputs, SAMPLE_TICKS, SAMPLES, Watch},
     model::Levels,
-    protocol::ByteCount,
     stepper::EventTap,
     tasks::{self, InputTrigger, Unlocked},
     units::TICKS_PER_US,
@@ -57,9 +56,6 @@ pub(crate) struct InputPins {
     exti: pac::EXTI,
     watch: Watch,
     events: EventTap<'static>,
-    line: LineBreak,
-    /// Bytes of lines that have been received.
-    received: ByteCount<'static>,
     /// Whether samples are being taken.
     is_sampling: bool,
     /// Samples before the lines may be unmasked.
@@ -98,11 +94,7 @@ impl InputInterrupts {
     }
 
     /// Returns the pins with their filter, which has the present levels, and the inputs.
-    pub(crate) fn watch(
-        self,
-        events: EventTap<'static>,
-        received: ByteCount<'static>,
-    ) -> (InputPins, Inputs) {
+    pub(crate) fn watch(self, events: EventTap<'static>) -> (InputPins, Inputs) {
         let wired = WIRING.inputs.iter();
         let inputs = Inputs::wired(wired.fold(Levels::NONE, |wired, input| wired | input.levels));
         let pins = InputPins {
@@ -110,8 +102,6 @@ impl InputInterrupts {
             exti: self.exti,
             watch: Watch::new(read(), &inputs),
             events,
-            line: LineBreak::new(),
-            received,
             is_sampling: false,
             masked_samples: 0,
         };
@@ -131,11 +121,7 @@ impl InputPins {
             token,
             event_tap: self.events,
         };
-        let is_due = take_due(&self.timer);
-        let is_sample = is_due && self.is_sampling;
-        if is_due {
-            self.look_at_line(shared);
-        }
+        let is_sample = take_due(&self.timer) && self.is_sampling;
         // Before the pins are read, so that no later change is missed.
         let has_edge = if is_sample {
             self.clear_edges();
@@ -172,16 +158,6 @@ impl InputPins {
                 clear_pending();
             }
         }
-    }
-
-    /// Looks at the level of the sender's line.
-    #[inline]
-    fn look_at_line(&mut self, shared: Unlocked<'_>) {
-        let looks = if self.is_sampling { 1 } else { LOOKS_PER_MS };
-        let (received, line) = (self.received.enqueued(), &mut self.line);
-        let requests = shared.requests;
-        let platform = &mut ChipPlatform;
-        tasks::look_at_line(is_line_low(), looks, received, line, requests, platform);
     }
 
     /// Masks all lines if an edge has come. Returns whether one has. The pins are read after this:
@@ -296,17 +272,6 @@ fn read() -> Levels {
         }
     }
     closed
-}
-
-/// Returns whether the line from the sender is low. The level of a pin can be read also while a peripheral has it
-/// (RM0090 8.3.11).
-#[inline]
-fn is_line_low() -> bool {
-    if emulation::is_emulated() {
-        return emulation::is_line_low();
-    }
-    let pin = WIRING.receive;
-    read_port(pin.port()) >> pin.number() & 1 == 0
 }
 
 /// Returns the interrupt lines of all inputs.

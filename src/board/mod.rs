@@ -27,6 +27,7 @@ mod fault;
 mod flash;
 pub(crate) mod host_clock;
 mod inputs;
+mod line_level;
 mod outputs;
 #[cfg_attr(feature = "phases", path = "phase_pins.rs")]
 mod pins;
@@ -52,6 +53,7 @@ mod wiring;
 
 pub(crate) use actuators::Actuators;
 pub(crate) use inputs::{InputInterrupts, InputPins};
+pub(crate) use line_level::LineLevel;
 pub(crate) use power_up::init;
 pub(crate) use release::ChipPlatform;
 pub(crate) use serial::Receiver;

@@ -33,6 +33,11 @@ pub(super) const fn is_line_low() -> bool {
     false
 }
 
+/// Returns the milliseconds since the last call.
+pub(super) const fn take_milliseconds() -> u8 {
+    0
+}
+
 /// Takes the release of `inputs` for a sample.
 pub(super) const fn take_sample_release() -> bool {
     false

@@ -48,7 +48,30 @@ const FRAMING_ERROR: u16 = 1 << 1;
 const NOISE: u16 = 1 << 2;
 const OVERRUN: u16 = 1 << 3;
 const RECEIVED: u16 = 1 << 5;
-const _: () = assert!(FRAMING_ERROR < OVERRUN && NOISE < OVERRUN && OVERRUN < RECEIVED);
+const FLAGS: u16 = FRAMING_ERROR | NOISE | OVERRUN | RECEIVED;
+
+/// Whether the flags are those of a byte that is whole, and behind which none was lost.
+const fn is_whole(flags: u16) -> bool {
+    flags == RECEIVED
+}
+
+/// Whether the flags are those of no byte, and of none that was lost: neither of the two highest is set.
+const fn is_nothing(flags: u16) -> bool {
+    flags < OVERRUN
+}
+
+// By each flag, for each of their combinations: the emulator sets none but the last.
+const _: () = {
+    let mut status = 0;
+    while status <= FLAGS {
+        let flags = status & FLAGS;
+        let (is_received, is_overrun) = (flags & RECEIVED != 0, flags & OVERRUN != 0);
+        let is_damaged = is_overrun || flags & FRAMING_ERROR != 0 || flags & NOISE != 0;
+        assert!(is_whole(flags) == (is_received && !is_damaged));
+        assert!(is_nothing(flags) != (is_received || is_overrun));
+        status += 1;
+    }
+};
 
 /// Takes the received byte, if there is one, and releases the task that waits for it.
 ///
@@ -58,14 +81,13 @@ const _: () = assert!(FRAMING_ERROR < OVERRUN && NOISE < OVERRUN && OVERRUN < RE
 #[expect(clippy::inline_always, reason = "nothing in flash may be called")]
 fn receive(usart: &UsartRegisters, requests: &Requests, received: &mut ByteWriter<'_>) {
     let before = received.enqueued();
-    let status = usart.sr().read().bits() & (FRAMING_ERROR | NOISE | OVERRUN | RECEIVED);
-    let is_whole = status == RECEIVED;
+    let flags = usart.sr().read().bits() & FLAGS;
+    let is_whole = is_whole(flags);
     // The data register is read only for a byte or after an overrun, which may be reported without a byte and
     // is cleared by the read (RM0090 30.6.1): another read could take a byte that comes just then.
     if !is_whole {
         cold_path();
-        // Neither of the two highest flags.
-        if status < OVERRUN {
+        if is_nothing(flags) {
             return;
         }
     }

@@ -16,8 +16,6 @@ pub enum Notice {
     CycleStart,
     /// The safety door has been opened.
     CheckDoor,
-    /// A break on the line has begun a hold.
-    LineBreak,
     /// The spindle is being switched on again after it was stopped in a hold.
     RestoringSpindle,
     /// The machine sleeps: only a reset wakes it.

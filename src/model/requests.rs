@@ -69,7 +69,7 @@ pub struct Requests {
     status: AtomicBool,
     /// `!`: cleared by `prepare`.
     hold: AtomicBool,
-    /// A break on the line: cleared by `prepare`.
+    /// A break on the line: cleared by `interpret`.
     line_break: AtomicBool,
     /// `~`: cleared by `prepare`.
     start: AtomicBool,
@@ -162,10 +162,9 @@ impl Requests {
         take(&self.line_break)
     }
 
-    /// Makes the request of a break on the line; for `inputs` alone.
+    /// Makes the request of a break on the line; for `idle` alone.
     pub fn break_line(&self) {
         set(&self.line_break);
-        add_one(&self.count);
     }
 
     /// Returns a number that differs from the last one if a byte other than `?` has come since, intact or not, or a

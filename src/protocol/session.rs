@@ -466,6 +466,9 @@ impl Session {
         self.observe(machine);
         self.drop_cancelled(machine);
         continue_if(self.send_pending(links))?;
+        if links.requests.take_break() {
+            self.hold_after_break(links);
+        }
         continue_if(self.start(links))?;
         self.apply_stored(links);
         self.sync_at_standstill(machine);

@@ -16,7 +16,7 @@ use super::{
 };
 use crate::{
     axis::Axes,
-    machine::{Inputs, LOOKS_PER_MS, LineBreak, SAMPLE_TICKS, Snapshot, Watch},
+    machine::{Inputs, LineBreak, SAMPLE_TICKS, Snapshot, Watch},
     model::{Alarm, Levels, Outputs, Requests, queues::ENTRY_RING},
     motion::Motion,
     path::Entry,
@@ -294,7 +294,7 @@ impl Drive {
         }
     }
 
-    /// Looks at a line that is low, once a millisecond as `inputs` does.
+    /// Looks at a line that is low, once a millisecond as `idle` does.
     pub(super) fn look_at_line(&mut self, received: usize, requests: &Requests, now: u64) {
         let Some(due) = self.look_due.filter(|due| *due <= now) else {
             return;
@@ -302,7 +302,7 @@ impl Drive {
         self.look_due = Some(due + u64::from(TICKS_PER_MS));
         tasks::look_at_line(
             true,
-            LOOKS_PER_MS,
+            1,
             received,
             &mut self.line,
             requests,

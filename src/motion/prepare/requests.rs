@@ -29,7 +29,6 @@ impl Motion {
         let is_cancel = requests.take_jog_cancel() && self.control.state == State::Jog;
         let (is_hold, is_start) = (requests.take_hold(), requests.take_start());
         let is_door = requests.take_door();
-        let is_break = requests.take_break() && self.hold_after_break();
         if is_cancel {
             self.transition(Event::JogCancel);
         }
@@ -40,7 +39,7 @@ impl Motion {
             self.open_door();
         }
         // Of requests at the same time the one that stops counts, as in Grbl: it is the safe one.
-        if is_start && !is_hold && !is_break && !is_door && !is_cancel {
+        if is_start && !is_hold && !is_door && !is_cancel {
             if self.control.state == State::Tool {
                 self.published.tool_marks.end = requests.start_mark();
             }
@@ -51,24 +50,6 @@ impl Motion {
             self.transition(Event::CycleStart);
         }
         self.apply_state();
-    }
-
-    /// Holds a motion or a dwell after a break on the line, as `!` does. Returns whether it does.
-    ///
-    /// At Idle `!` holds, too, but a break does not: adapters make one when a port is opened or a board is plugged in,
-    /// and a machine that nobody has moved must not want a `~` first. Nor does it end a wait for the operator.
-    fn hold_after_break(&mut self) -> bool {
-        let is_dwell = matches!(self.activity, Activity::Dwell(_));
-        if self.control.state == State::Tool || self.control.state == State::Idle && !is_dwell {
-            return false;
-        }
-        let before = self.control;
-        self.transition(Event::FeedHold);
-        let holds = self.control != before;
-        if holds {
-            self.published.notices.push(Notice::LineBreak);
-        }
-        holds
     }
 
     pub(super) fn open_door(&mut self) {

@@ -142,7 +142,6 @@ impl Session {
             #[cfg(arc_machine)]
             Notice::CycleStart => self.start_stored_program(machine),
             Notice::CheckDoor => report::feedback(text, Feedback::CheckDoor),
-            Notice::LineBreak => report::feedback(text, Feedback::LineBreak),
             Notice::RestoringSpindle => report::feedback(text, Feedback::RestoringSpindle),
             Notice::Sleeping => report::feedback(text, Feedback::Sleeping),
             Notice::Standstill if self.compensator.is_waiting() => {

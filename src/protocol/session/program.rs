@@ -62,10 +62,29 @@ impl Session {
     #[inline(never)]
     fn refuse_with_hold(&mut self, error: LineError, links: &Links<'_, '_>) -> Progress {
         if !self.is_done(links.machine) && !self.machine_sync.is_jogging {
-            links.requests.accept_later(b'!', links.received.oldest());
-            self.machine_sync.has_release_request = true;
+            self.request_hold(links);
         }
         self.refuse(error)
+    }
+
+    /// Holds a motion or a dwell after a break on the line, as `!` does.
+    ///
+    /// At Idle `!` holds, too, but a break does not: adapters make one when a port is opened or a board is plugged in,
+    /// and a machine that nobody has moved must not want a `~` first. Nor does it end a wait for the operator.
+    #[cold]
+    #[inline(never)]
+    pub(super) fn hold_after_break(&mut self, links: &Links<'_, '_>) {
+        let machine = links.machine;
+        let may_hold = matches!(machine.state, State::Idle | State::Run | State::Jog);
+        if may_hold && !self.is_done(machine) {
+            self.request_hold(links);
+            report::feedback(&mut self.reports.message, Feedback::LineBreak);
+        }
+    }
+
+    fn request_hold(&mut self, links: &Links<'_, '_>) {
+        links.requests.accept_later(b'!', links.received.oldest());
+        self.machine_sync.has_release_request = true;
     }
 
     /// Moves received bytes to the line, up to its end. Returns false when it has not come yet.
