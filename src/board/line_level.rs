@@ -3,7 +3,9 @@
 //! # Cost
 //!
 //! None in tasks with deadlines: the same look in a run of `inputs` cost 5 600 steps a second at 1 Mbaud. `idle` comes
-//! round once a millisecond at least, as `inputs` runs then, unless the tasks need all of the time.
+//! round once a millisecond at least, as `inputs` runs then, unless the tasks need all of the time. [`LineLevel::look`]
+//! is a function of its own: inlined into `idle`, the addresses of registers would be kept over all rounds, and the
+//! proof would not know them.
 
 use leadscrew::{machine::LineBreak, model::Requests, protocol::ByteCount, tasks};
 
@@ -29,9 +31,6 @@ impl LineLevel {
     }
 
     /// Takes a look.
-    ///
-    /// A function of its own: inlined into `idle`, the addresses of registers would be kept over all rounds, and the
-    /// proof would not know them.
     #[inline(never)]
     pub(crate) fn look(&mut self, requests: &Requests) {
         let periods = self.periods();

@@ -264,7 +264,7 @@ fn accepted_bytes(setting: &Setting) -> String {
     match *accepted.as_slice() {
         [] => String::new(),
         [only] => only.to_string(),
-        [least, .., most] if accepted.len() > 2 && accepted == Vec::from_iter(least..=most) => {
+        [least, .., most] if accepted.len() > 2 && accepted.iter().copied().eq(least..=most) => {
             format!("{least} to {most}")
         }
         [ref others @ .., last] => {
