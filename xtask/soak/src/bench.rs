@@ -537,11 +537,13 @@ impl Bench {
             "the machine has lost its position"
         );
         let session = self.simulator.session();
-        let is_compensated = session.interpreter().modal().compensation != CompensationMode::Off;
-        if self.state() != State::Idle || is_compensated {
+        let interpreter = session.interpreter();
+        let is_compensated = interpreter.modal().compensation != CompensationMode::Off;
+        // After G40 the tool stays beside the programmed position up to the next move.
+        if self.state() != State::Idle || is_compensated || interpreter.is_beside_path() {
             return;
         }
-        let programmed = session.interpreter().position();
+        let programmed = interpreter.position();
         let axes = programmed
             .0
             .map(|at| at.0 as f64 * 1.0e-6 * f64::from(STEPS_PER_MM));

@@ -155,6 +155,7 @@ pub(crate) fn run(
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::setup::Kind;
 
     const STEP_RATE: StepRate = StepRate::Proven(190_000);
 
@@ -173,6 +174,16 @@ mod tests {
             assert!(broken.rule.contains(rule), "{fault:?}: {broken}");
             assert!(broken.actions.len() <= longest, "{fault:?}: {broken}");
         }
+    }
+
+    #[test]
+    fn after_g40_the_tool_stays_beside_the_programmed_position_up_to_the_next_move() {
+        let setup = Setup {
+            kind: Kind::Laser,
+            is_core_xy: false,
+        };
+        let lines = ["G1F3000", "G41.1D1.5G1X-1", "G40"].map(|line| Action::Line(line.into()));
+        run(setup, &lines, STEP_RATE, None);
     }
 
     #[test]
