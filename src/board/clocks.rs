@@ -9,7 +9,7 @@
 
 use leadscrew::units::TICKS_PER_SECOND;
 use stm32f4xx_hal::{
-    rcc::{Config, Enable, Rcc},
+    rcc::{Config, Rcc},
     time::Hertz,
 };
 
@@ -26,7 +26,7 @@ const CRYSTAL_READS: u32 = 200_000;
 
 /// Whether the regulator's voltage after a reset, its scale 2, is for less than the clock of the core. That is so on
 /// the chips of 100 MHz, where it is for 84 MHz; the faster ones begin with their highest: RM0383 5.4.1, RM0090 5.4.1.
-const NEEDS_VOLTAGE: bool = WIRING.core_hz > 84_000_000 && WIRING.core_hz <= 100_000_000;
+const NEEDS_SCALE_1: bool = WIRING.core_hz > 84_000_000 && WIRING.core_hz <= 100_000_000;
 /// Scale 1 of the regulator, in `PWR_CR`.
 const SCALE_1: u32 = 0b11 << 14;
 
@@ -38,13 +38,13 @@ pub(super) struct Clocks {
 
 /// Sets the clocks of the board, and reads flash without prefetch. Without the crystal, or where the voltage detector
 /// runs and finds the supply too low, the internal oscillator takes its place, at a tenth of the frequency: good
-/// enough to say so, and for nothing else.
+/// enough to say so, and for nothing else. After `supply::watch`, which gives the registers of the supply their clock.
 ///
 /// # Panics
 ///
 /// If the core does not count half ticks with the crystal, or TIM9 and TIM10 do not count its cycles: every time would be wrong.
 #[expect(unsafe_code, reason = "a register that nobody owns")]
-pub(super) fn start(mut rcc: Rcc, flash: &pac::FLASH) -> Clocks {
+pub(super) fn start(rcc: Rcc, flash: &pac::FLASH) -> Clocks {
     // SAFETY: the flag is only read, and the field of the voltage is written here alone, before tasks run.
     let power = unsafe { &*pac::PWR::ptr() };
     let is_emulated = emulation::is_emulated();
@@ -55,7 +55,7 @@ pub(super) fn start(mut rcc: Rcc, flash: &pac::FLASH) -> Clocks {
     let rcc = if is_internal {
         rcc
     } else {
-        raise_voltage(power, &mut rcc);
+        raise_voltage(power);
         rcc.freeze(from_crystal().sysclk(Hertz::from_raw(WIRING.core_hz)))
     };
     let (core_hz, timers_hz) = (rcc.clocks.hclk().raw(), rcc.clocks.timclk2().raw());
@@ -68,11 +68,11 @@ pub(super) fn start(mut rcc: Rcc, flash: &pac::FLASH) -> Clocks {
     Clocks { rcc, has_crystal }
 }
 
-/// Sets the voltage that the clock needs; the PLL, which must not run yet, lets it count.
+/// Sets the voltage that the clock needs. It takes effect when the PLL is switched on, which must not run yet; that it
+/// is reached by the time that the PLL is ready is assumed, as the HAL leaves no place to look at `VOSRDY`.
 #[expect(unsafe_code, reason = "a raw word for a register")]
-fn raise_voltage(power: &pac::pwr::RegisterBlock, rcc: &mut Rcc) {
-    if NEEDS_VOLTAGE {
-        pac::PWR::enable(rcc);
+fn raise_voltage(power: &pac::pwr::RegisterBlock) {
+    if NEEDS_SCALE_1 {
         // SAFETY: the field takes any number but 0.
         power
             .cr()
@@ -96,8 +96,8 @@ fn start_crystal(rcc: &pac::RCC) -> bool {
     rcc.cr().modify(|_, w| w.hseon().set_bit());
     let runs = (0..CRYSTAL_READS).any(|_| rcc.cr().read().hserdy().bit_is_set());
     if runs {
-        // A crystal that stops from here on is an NMI, which stops the machine: RM0090 7.2.7. Also while the PLL, which
-        // would never be ready, is waited for.
+        // A crystal that stops from here on is an NMI, which stops the machine: RM0090 7.2.7. It is switched on before
+        // the PLL is waited for, which without the crystal would never be ready.
         rcc.cr().modify(|_, w| w.csson().set_bit());
     } else {
         rcc.cr()

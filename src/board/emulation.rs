@@ -17,7 +17,7 @@
 //! motion; at rest the runs of the handler count the milliseconds, and always for `prepare`'s delay.
 
 use core::sync::atomic::{
-    AtomicBool, AtomicU8, AtomicU32,
+    AtomicBool, AtomicU32,
     Ordering::{Relaxed, SeqCst},
     compiler_fence,
 };
@@ -75,8 +75,8 @@ static SAMPLE_TICKS: AtomicU32 = AtomicU32::new(0);
 static IS_SAMPLING_NEW: AtomicBool = AtomicBool::new(false);
 static SAMPLE_DUE: AtomicU32 = AtomicU32::new(0);
 static IS_SAMPLE: AtomicBool = AtomicBool::new(false);
-/// Milliseconds since `idle` took them.
-static MILLISECONDS: AtomicU8 = AtomicU8::new(0);
+/// Whether a millisecond has passed since `idle` looked; more are not counted, as on a chip.
+static HAS_MILLISECOND_PASSED: AtomicBool = AtomicBool::new(false);
 
 /// Returns whether the firmware runs in the emulator.
 pub(super) fn is_emulated() -> bool {
@@ -239,14 +239,14 @@ fn play() {
     }
 }
 
-/// Returns the milliseconds since the last call; for `idle` alone.
-pub(super) fn take_milliseconds() -> u8 {
-    MILLISECONDS.swap(0, Relaxed)
+/// Returns whether a millisecond has passed since the last call; for `idle` alone.
+pub(super) fn take_millisecond() -> bool {
+    HAS_MILLISECOND_PASSED.swap(false, Relaxed)
 }
 
 /// Counts a millisecond, and that of the delay of `prepare`.
 fn count_millisecond() {
-    MILLISECONDS.store(1, Relaxed);
+    HAS_MILLISECOND_PASSED.store(true, Relaxed);
     let left = DELAY_MS.load(Relaxed);
     if left != 0 {
         DELAY_MS.store(left - 1, Relaxed);

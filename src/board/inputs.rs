@@ -22,7 +22,7 @@ use leadscrew::{
 use super::{
     ChipPlatform, TIMERS_MHZ,
     chosen::WIRING,
-    emulation, pac,
+    emulation, line_level, pac,
     step_output::{StepInterrupt, StepTimerToken},
     supply, vectors,
     wiring::{PortList, read_port},
@@ -87,6 +87,7 @@ impl InputInterrupts {
         timer.psc().write(|w| w.psc().set(TIMERS_MHZ - 1));
         timer.cr1().write(|w| w.urs().set_bit());
         timer.dier().write(|w| w.uie().set_bit());
+        line_level::mark_periods(&timer);
         let new = Self { timer, exti };
         set_period(&new.timer, IDLE_PERIOD_US);
         new.timer.cr1().write(|w| w.urs().set_bit().cen().set_bit());

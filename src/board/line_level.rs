@@ -2,8 +2,8 @@
 //!
 //! # Cost
 //!
-//! None in tasks with deadlines: the same look in a run of `inputs` cost 5 600 steps a second at 1 Mbaud. `idle` comes
-//! round once a millisecond at least, as `inputs` runs then, unless the tasks need all of the time. [`LineLevel::look`]
+//! None in tasks with deadlines: in `inputs` the look would cost 5 600 steps a second at 1 Mbaud. `idle` comes
+//! round once a millisecond at least, as `inputs` wakes it, unless the tasks need all of the time. [`LineLevel::look`]
 //! is a function of its own: inlined into `idle`, the addresses of registers would be kept over all rounds, and the
 //! proof would not know them.
 
@@ -11,13 +11,20 @@ use leadscrew::{machine::LineBreak, model::Requests, protocol::ByteCount, tasks}
 
 use super::{ChipPlatform, chosen::WIRING, emulation, pac, wiring::read_port};
 
+/// Where in each of its periods, of 250 µs or 1 ms, the timer of `inputs` sets a flag for `idle`, µs: far from their
+/// ends, which release `inputs` and so wake `idle`.
+const FLAG_US: u16 = 125;
+
+/// Has the timer of `inputs` set the flag, by a compare channel without an output and an interrupt (RM0090 19.5.5).
+pub(super) fn mark_periods(timer: &pac::TIM10) {
+    timer.ccr1().write(|w| w.ccr().set(FLAG_US));
+}
+
 /// The watch of `idle` over the line.
 pub(crate) struct LineLevel {
     line: LineBreak,
     /// Bytes of lines that have been received.
     received: ByteCount<'static>,
-    /// The count of the timer of `inputs` at the last look.
-    count: u16,
 }
 
 impl LineLevel {
@@ -26,14 +33,13 @@ impl LineLevel {
         Self {
             line: LineBreak::new(),
             received,
-            count: 0,
         }
     }
 
     /// Takes a look.
     #[inline(never)]
     pub(crate) fn look(&mut self, requests: &Requests) {
-        let periods = self.periods();
+        let periods = periods();
         let received = self.received.enqueued();
         tasks::look_at_line(
             is_low(),
@@ -44,20 +50,22 @@ impl LineLevel {
             &mut ChipPlatform,
         );
     }
+}
 
-    /// Returns how many periods of the timer of `inputs`, of 250 µs or 1 ms, have ended since the last look. One at
-    /// most: a break is noticed later, then.
-    #[expect(unsafe_code, reason = "`inputs` owns the timer")]
-    fn periods(&mut self) -> u8 {
-        if emulation::is_emulated() {
-            return emulation::take_milliseconds();
-        }
-        // SAFETY: the count is only read.
-        let count = unsafe { &*pac::TIM10::ptr() }.cnt().read().cnt().bits();
-        let has_ended = count < self.count;
-        self.count = count;
-        has_ended.into()
+/// Returns how many periods of the timer of `inputs` have passed since the last look. One at most: a break is noticed
+/// later, then.
+#[expect(unsafe_code, reason = "`inputs` owns the timer")]
+fn periods() -> u8 {
+    if emulation::is_emulated() {
+        return emulation::take_millisecond().into();
     }
+    // SAFETY: the flag is of this function alone, and ones leave the other flags as they are.
+    let timer = unsafe { &*pac::TIM10::ptr() };
+    let has_passed = timer.sr().read().cc1if().bit_is_set();
+    if has_passed {
+        timer.sr().write(|w| w.cc1if().clear_bit());
+    }
+    has_passed.into()
 }
 
 /// Returns whether the line is low. The level of a pin can be read also while a peripheral has it (RM0090 8.3.11).

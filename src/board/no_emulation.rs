@@ -33,9 +33,9 @@ pub(super) const fn is_line_low() -> bool {
     false
 }
 
-/// Returns the milliseconds since the last call.
-pub(super) const fn take_milliseconds() -> u8 {
-    0
+/// Returns whether a millisecond has passed since the last call.
+pub(super) const fn take_millisecond() -> bool {
+    false
 }
 
 /// Takes the release of `inputs` for a sample.

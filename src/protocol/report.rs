@@ -287,7 +287,7 @@ pub fn feedback(text: &mut Text, feedback: Feedback) {
         Feedback::LineBreak => "Break on the line",
         Feedback::CheckLimits => "Check Limits",
         Feedback::EmptyToolTable => "Tool table is empty: tool length 0",
-        Feedback::SelfTestFailed => "No crystal, or supply below 2.9 V: nothing moves",
+        Feedback::SelfTestFailed => "No crystal, or supply too low: nothing moves",
         Feedback::ProgramEnd => "Pgm End",
         Feedback::RestoringDefaults => "Restoring defaults",
         Feedback::RestoringSpindle => "Restoring spindle",

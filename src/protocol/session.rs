@@ -45,7 +45,7 @@ use crate::{
         interpreter::{Checked, Interpreter, Outcome},
     },
     machine::Snapshot,
-    model::{Awaited, Probed, Requests, ResetCause, queues::ENTRY_RING},
+    model::{Awaited, Probed, Requests, ResetCause, State, queues::ENTRY_RING},
     path::{Blender, Checkpoint, Compensator, Entry, Router, TiltedArc},
     settings::{Change, Settings, StoreError, Stored, ToolTable, WaitingChanges},
     units::Nm,
@@ -466,7 +466,8 @@ impl Session {
         self.observe(machine);
         self.drop_cancelled(machine);
         continue_if(self.send_pending(links))?;
-        if links.requests.take_break() {
+        // Where the motion is about to go on it waits for that.
+        if machine.state != State::DoorRestoring && links.requests.take_break() {
             self.hold_after_break(links);
         }
         continue_if(self.start(links))?;

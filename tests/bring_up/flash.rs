@@ -172,15 +172,18 @@ const fn scatter(index: usize) -> u32 {
 }
 
 /// Keys that unlock the flash: RM0090 3.6.1.
-const KEYS: [u32; 2] = [0x4567_0123, 0xcdef_89ab];
+const UNLOCK_KEYS: [u32; 2] = [0x4567_0123, 0xcdef_89ab];
 
 /// Programs a word and erases the sector once more, in silence, to see when the chip says that it is busy.
 #[expect(unsafe_code, reason = "the code of the firmware has the flash")]
 fn poll_both(facts: &mut Facts) {
     // SAFETY: that code is not used any more.
     let flash = unsafe { &*pac::FLASH::ptr() };
-    for key in KEYS {
-        flash.keyr().write(|w| w.key().set(key));
+    // A low supply may have kept the firmware's code from locking what a bootloader has left unlocked.
+    if flash.cr().read().lock().bit_is_set() {
+        for key in UNLOCK_KEYS {
+            flash.keyr().write(|w| w.key().set(key));
+        }
     }
     cortex_m::interrupt::disable();
     let polls = [

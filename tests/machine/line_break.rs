@@ -2,11 +2,13 @@
 
 use leadscrew::{
     axis::Axes,
-    model::State,
+    model::{Levels, State},
     settings::Settings,
     sim::Simulator,
     units::{TICKS_PER_MS, TICKS_PER_SECOND},
 };
+
+use crate::terminal;
 
 const MS: u64 = TICKS_PER_MS as u64;
 const MESSAGE: &str = "[MSG:Break on the line]";
@@ -50,17 +52,7 @@ impl Machine {
 
     fn run(&mut self, ticks: u64) {
         let end = self.simulator.now() + ticks;
-        self.simulator.settle();
-        loop {
-            while let Some(byte) = self.simulator.send() {
-                self.told.push(byte);
-                self.simulator.settle();
-            }
-            match self.simulator.due() {
-                Some(due) if due <= end => drop(self.simulator.advance(due)),
-                _ => break,
-            }
-        }
+        terminal::run(&mut self.simulator, &mut self.told, ticks);
         self.simulator.advance(end);
     }
 
@@ -76,8 +68,7 @@ impl Machine {
 
     /// Returns the lines of the machine since the last call.
     fn answers(&mut self) -> Vec<String> {
-        let told = String::from_utf8(std::mem::take(&mut self.told)).unwrap();
-        told.lines().map(str::to_owned).collect()
+        terminal::lines(&mut self.told)
     }
 
     fn state(&self) -> State {
@@ -117,7 +108,7 @@ fn a_break_that_lasts_holds_once_and_each_break_anew() {
     assert_eq!(machine.state(), State::Run);
     machine.make_break(50);
     assert_eq!(machine.answers(), [MESSAGE]);
-    // The button starts, too, and the break that lasts does not hold again.
+    // A break that lasts does not hold again after `~`.
     machine.simulator.pull_line(true);
     machine.run(500 * MS);
     machine.send("~");
@@ -192,4 +183,25 @@ fn a_break_ends_a_jog_and_holds_a_dwell() {
     machine.make_break(50);
     assert_eq!(machine.state(), State::HoldComplete);
     assert!(machine.answers().contains(&MESSAGE.to_owned()));
+}
+
+#[test]
+fn a_break_while_the_spindle_is_restored_after_the_door_holds_the_motion_that_follows() {
+    let mut machine = Machine::doing("M3S1000G1X10F600\n");
+    machine.simulator.set_pin(Levels::DOOR, true);
+    machine.run(1000 * MS);
+    machine.simulator.set_pin(Levels::DOOR, false);
+    machine.run(100 * MS);
+    machine.send("~");
+    machine.run(100 * MS);
+    assert_eq!(machine.state(), State::DoorRestoring);
+    machine.answers();
+    machine.make_break(300);
+    assert_eq!(machine.state(), State::DoorRestoring);
+    machine.run(10_000 * MS);
+    assert_eq!(machine.state(), State::HoldComplete);
+    assert!(machine.answers().contains(&MESSAGE.to_owned()));
+    machine.send("~");
+    machine.run(5000 * MS);
+    assert_eq!((machine.state(), machine.x()), (State::Idle, 2500));
 }

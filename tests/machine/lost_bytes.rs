@@ -9,7 +9,7 @@ use leadscrew::{
 };
 use proptest::prelude::*;
 
-use crate::support::cases;
+use crate::{support::cases, terminal};
 
 /// Steps of a millimetre.
 const STEPS: i32 = 250;
@@ -28,8 +28,12 @@ struct Machine {
 
 impl Machine {
     fn new() -> Self {
+        Self::with(&Settings::default())
+    }
+
+    fn with(settings: &Settings) -> Self {
         let mut machine = Self {
-            simulator: Box::new(Simulator::new(&Settings::default())),
+            simulator: Box::new(Simulator::new(settings)),
             told: Vec::new(),
         };
         machine.run(TICKS_PER_SECOND.into());
@@ -52,25 +56,13 @@ impl Machine {
     }
 
     fn run(&mut self, ticks: u64) {
-        let end = self.simulator.now() + ticks;
-        self.simulator.settle();
-        loop {
-            while let Some(byte) = self.simulator.send() {
-                self.told.push(byte);
-                self.simulator.settle();
-            }
-            match self.simulator.due() {
-                Some(due) if due <= end => drop(self.simulator.advance(due)),
-                _ => break,
-            }
-        }
+        terminal::run(&mut self.simulator, &mut self.told, ticks);
     }
 
     /// Returns the lines of the machine since the last call, up to the end of all motion.
     fn answers(&mut self) -> Vec<String> {
         self.run(600 * u64::from(TICKS_PER_SECOND));
-        let told = String::from_utf8(std::mem::take(&mut self.told)).unwrap();
-        told.lines().map(str::to_owned).collect()
+        terminal::lines(&mut self.told)
     }
 
     fn ask(&mut self, text: &str) -> Vec<String> {
@@ -180,18 +172,24 @@ fn damaged_bytes_do_nothing_to_a_move() {
 
 #[test]
 fn a_program_is_held_where_a_line_of_it_has_lost_bytes() {
-    let mut machine = Machine::new();
-    machine.send_text("G1X10F600\n");
-    machine.run(TICKS_PER_SECOND.into());
-    machine.send(damaged("G1Z5\n", 2, 1));
-    machine.send_text("G1X0Y1\n");
-    assert_eq!(machine.answers(), ["ok", "error:210"]);
-    assert!(machine.is_held());
-    let [x, y, z] = machine.steps();
-    assert!((STEPS..10 * STEPS).contains(&x), "{x}");
-    assert_eq!((y, z), (0, 0));
-    assert_eq!(machine.ask("~"), ["ok"]);
-    assert_eq!(machine.steps(), [0, STEPS, 0]);
+    // Grbl's dialect, and that with checked lines.
+    for dialect in [0, 2] {
+        let mut machine = Machine::with(&Settings {
+            dialect,
+            ..Settings::default()
+        });
+        machine.send_text("G1X10F600\n");
+        machine.run(TICKS_PER_SECOND.into());
+        machine.send(damaged("G1Z5\n", 2, 1));
+        machine.send_text("G1X0Y1\n");
+        assert_eq!(machine.answers(), ["ok", "error:210"], "{dialect}");
+        assert!(machine.is_held(), "{dialect}");
+        let [x, y, z] = machine.steps();
+        assert!((STEPS..10 * STEPS).contains(&x), "{x}");
+        assert_eq!((y, z), (0, 0));
+        assert_eq!(machine.ask("~"), ["ok"]);
+        assert_eq!(machine.steps(), [0, STEPS, 0]);
+    }
 }
 
 #[test]

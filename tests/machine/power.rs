@@ -203,7 +203,7 @@ fn without_its_crystal_a_machine_says_so_and_does_not_move() {
     };
     let failed = Some(Alarm::SelfTest);
     let mut machine = Machine(Box::new(Simulator::with_alarm(&settings, failed)));
-    let told = "ALARM:16\r\n[MSG:No crystal, or supply below 2.9 V: nothing moves]\r\n\r\n\
+    let told = "ALARM:16\r\n[MSG:No crystal, or supply too low: nothing moves]\r\n\r\n\
                 Grbl 1.1h ['$' for help]\r\n[MSG:'$H'|'$X' to unlock]\r\n";
     assert_eq!(machine.ask(""), told);
     for refused in ["$X\n", "$H\n", "$J=G91X1F100\n", "G0 X1\n", "M3 S100\n"] {

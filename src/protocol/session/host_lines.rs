@@ -96,7 +96,10 @@ impl Session {
         match verdict {
             Verdict::Blank if is_host => return Progress::Again,
             // A checksum says more.
-            _ if has_lost && !is_checked => return self.refuse(LineError::BytesLost),
+            _ if has_lost && !is_checked && is_host => return self.refuse(LineError::BytesLost),
+            _ if has_lost && !is_checked => {
+                return self.refuse_with_hold(LineError::BytesLost, links);
+            }
             Verdict::Blank => return self.accept(),
             Verdict::Execute(Some(_)) | Verdict::Refuse(_) if is_stale && host.raw.has_number() => {
                 return self.accept();

@@ -57,10 +57,11 @@ impl Session {
         }
     }
 
-    /// Refuses a line, and holds the machine where it moves by a program: what follows was meant to come behind the line.
+    /// Refuses a line, and holds a program that moves the machine: the lines behind it count on this one. A jog, and
+    /// a machine at rest, are not held.
     #[cold]
     #[inline(never)]
-    fn refuse_with_hold(&mut self, error: LineError, links: &Links<'_, '_>) -> Progress {
+    pub(super) fn refuse_with_hold(&mut self, error: LineError, links: &Links<'_, '_>) -> Progress {
         if !self.is_done(links.machine) && !self.machine_sync.is_jogging {
             self.request_hold(links);
         }
