@@ -20,7 +20,7 @@ use heapless::spsc::{Consumer, Producer};
 use rtic_core::Mutex;
 
 use crate::{
-    machine::{Inputs, LineBreak, Snapshot, Watch},
+    machine::{BreakDetector, Inputs, Snapshot, Watch},
     model::{Awaited, Levels, Outputs, Release, Requests, queues::SENT_RING},
     motion::Motion,
     path::Entry,
@@ -232,7 +232,7 @@ pub fn look_at_line(
     is_low: bool,
     periods: u8,
     received: usize,
-    line: &mut LineBreak,
+    line: &mut BreakDetector,
     requests: &Requests,
     platform: &mut impl Platform,
 ) {

@@ -11,7 +11,7 @@ use std::{
 use crate::{
     Chip, FOLDER, Fault, Input, MemoryLayout, Part, Pin, Wiring,
     entries::{Entries, Entry, Place, TOP},
-    wiring::{AXES, Reader},
+    wiring::{AXES, WiringReader},
 };
 
 /// The most axes that a machine has.
@@ -377,7 +377,7 @@ fn wirings(
             let place = behind.find_map(|letter| functions.place_of(&format!("axes.{letter}")));
             return place.map_or(Ok(wirings), |place| Err(missing(place, &step)));
         }
-        let reader = Reader::new(functions.clone(), chip, part, has_debug_pins);
+        let reader = WiringReader::new(functions.clone(), chip, part, has_debug_pins);
         let wiring = reader.read(axes, &polled, file).map_err(|fault| {
             let differs =
                 format!(", with {axes} axes: what differs there can stand in [with_{axes}_axes]");

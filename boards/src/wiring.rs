@@ -4,7 +4,7 @@ mod reader;
 
 use crate::{Pin, PwmOutput, SerialPins, SignedPin};
 
-pub(crate) use reader::Reader;
+pub(crate) use reader::WiringReader;
 
 /// Letters of the axes.
 pub(crate) const AXES: [&str; 6] = ["X", "Y", "Z", "A", "B", "C"];

@@ -28,7 +28,7 @@ pub(super) const BOTH: usize = 2 * SECTOR;
 /// Threshold that masks every task: the priority of the step interrupt, the highest.
 const MASK_ALL_TASKS: u8 = nvic_priority(5);
 /// Keys that unlock programming and erasing.
-const KEYS: [u32; 2] = [0x4567_0123, 0xcdef_89ab];
+const UNLOCK_KEYS: [u32; 2] = [0x4567_0123, 0xcdef_89ab];
 
 /// The two sectors, with the registers of the flash and the receiver for the time of an erase,
 /// which is set before tasks run.
@@ -88,7 +88,7 @@ impl SettingsFlash {
         }
         // A bootloader may have left it unlocked; keys that are not asked for lock it up to a reset (RM0090 3.6.1).
         if flash.cr().read().lock().bit_is_set() {
-            for key in KEYS {
+            for key in UNLOCK_KEYS {
                 flash.keyr().write(|w| w.key().set(key));
             }
         }

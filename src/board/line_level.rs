@@ -7,7 +7,7 @@
 //! is a function of its own: inlined into `idle`, the addresses of registers would be kept over all rounds, and the
 //! proof would not know them.
 
-use leadscrew::{machine::LineBreak, model::Requests, protocol::ByteCount, tasks};
+use leadscrew::{machine::BreakDetector, model::Requests, protocol::ByteCount, tasks};
 
 use super::{ChipPlatform, chosen::WIRING, emulation, pac, wiring::read_port};
 
@@ -22,7 +22,7 @@ pub(super) fn mark_periods(timer: &pac::TIM10) {
 
 /// The watch of `idle` over the line.
 pub(crate) struct LineLevel {
-    line: LineBreak,
+    line: BreakDetector,
     /// Bytes of lines that have been received.
     received: ByteCount<'static>,
 }
@@ -31,7 +31,7 @@ impl LineLevel {
     /// Returns a watch that has not looked.
     pub(crate) const fn new(received: ByteCount<'static>) -> Self {
         Self {
-            line: LineBreak::new(),
+            line: BreakDetector::new(),
             received,
         }
     }

@@ -84,7 +84,8 @@ pub(crate) fn end_round() {
 /// Waits until `wake` has run and the task may go on.
 ///
 /// No release is lost: `wake` has the same priority, so it runs either before the task has found no
-/// work or after the waker is stored. A release that comes too early is followed by that which lets it go on.
+/// work or after the waker is stored. `may_go_on` is asked at each wake: woken before it may go on, the task waits again, and `end_round`
+/// wakes it once `idle` has come round.
 pub(crate) async fn released(
     mut waker: impl rtic::Mutex<T = Option<Waker>>,
     may_go_on: impl Fn() -> bool,

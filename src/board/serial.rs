@@ -48,7 +48,7 @@ const FRAMING_ERROR: u16 = 1 << 1;
 const NOISE: u16 = 1 << 2;
 const OVERRUN: u16 = 1 << 3;
 const RECEIVED: u16 = 1 << 5;
-const FLAGS: u16 = FRAMING_ERROR | NOISE | OVERRUN | RECEIVED;
+const STATUS_FLAGS: u16 = FRAMING_ERROR | NOISE | OVERRUN | RECEIVED;
 
 /// Whether the flags are those of a byte that is whole, and behind which none was lost.
 const fn is_whole(flags: u16) -> bool {
@@ -63,8 +63,8 @@ const fn is_nothing(flags: u16) -> bool {
 // By each flag, for each of their combinations: the emulator sets none but the last.
 const _: () = {
     let mut status = 0;
-    while status <= FLAGS {
-        let flags = status & FLAGS;
+    while status <= STATUS_FLAGS {
+        let flags = status & STATUS_FLAGS;
         let (is_received, is_overrun) = (flags & RECEIVED != 0, flags & OVERRUN != 0);
         let is_damaged = is_overrun || flags & FRAMING_ERROR != 0 || flags & NOISE != 0;
         assert!(is_whole(flags) == (is_received && !is_damaged));
@@ -81,7 +81,7 @@ const _: () = {
 #[expect(clippy::inline_always, reason = "nothing in flash may be called")]
 fn receive(usart: &UsartRegisters, requests: &Requests, received: &mut ByteWriter<'_>) {
     let before = received.enqueued();
-    let flags = usart.sr().read().bits() & FLAGS;
+    let flags = usart.sr().read().bits() & STATUS_FLAGS;
     let is_whole = is_whole(flags);
     // The data register is read only for a byte or after an overrun, which may be reported without a byte and
     // is cleared by the read (RM0090 30.6.1): another read could take a byte that comes just then.

@@ -17,23 +17,23 @@ use super::{
 pub(super) const LINE: u32 = 1 << 16;
 /// The threshold of the detector: 2.85 to 2.99 V where the supply falls, 2.96 to 3.10 V where it rises (data sheet,
 /// power control block). The one above, up to 3.21 V, would never find a supply of 3.3 V good that is low by 3 %.
-const THRESHOLD: u8 = 0b110;
+const PVD_THRESHOLD: u8 = 0b110;
 /// Above every task: RTIC has priorities up to 5, and no lock masks this.
 const PRIORITY: u8 = 16;
 /// Cycles for the detector to begin, 0.1 ms, before its flag counts.
-const BEGIN_CYCLES: u32 = 1600;
+const PVD_SETTLING_CYCLES: u32 = 1600;
 /// Reads of the flag before the supply counts as too low at power-up: more than 100 ms at the 16 MHz of the internal
 /// oscillator, of which each read takes 8 cycles at least.
-const READS: u32 = 200_000;
+const MAX_PVD_READS: u32 = 200_000;
 
 /// Starts the detector, and waits while a supply still rises; `clocks` looks whether it has.
 pub(super) fn watch(pwr: &pac::PWR, rcc: &mut Rcc, nvic: &mut NVIC) {
     pac::PWR::enable(rcc);
     pwr.cr()
-        .modify(|_, w| w.pls().set(THRESHOLD).pvde().set_bit());
-    cortex_m::asm::delay(BEGIN_CYCLES);
+        .modify(|_, w| w.pls().set(PVD_THRESHOLD).pvde().set_bit());
+    cortex_m::asm::delay(PVD_SETTLING_CYCLES);
     vectors::unmask(nvic, &[Interrupt::PVD], PRIORITY);
-    let _ = (0..READS).any(|_| !is_low());
+    let _ = (0..MAX_PVD_READS).any(|_| !is_low());
 }
 
 /// Has the machine stop, as soon as interrupts are on, if the supply has fallen before the line was unmasked: the

@@ -9,24 +9,27 @@
 use crate::model::Requests;
 
 /// Periods of the timer of `inputs` for which the line is low in a break: 40 ms, and 10 ms where contacts are being
-/// sampled. A byte is low for 9 bits at most, 0.94 ms at 9600 baud and 7.5 ms at 1200, and is counted before that time
-/// is over. Senders make breaks of 100 ms and more.
+/// sampled. A byte is low for 9 bits at most, 0.94 ms at 9600 baud and 7.5 ms at 1200: it ends, and begins the count
+/// anew, before 10 ms are over. Senders make breaks of 100 ms and more.
 const BREAK_PERIODS: u8 = 40;
 
 /// The watch of `idle` over the level of the line.
 #[derive(Debug)]
-pub struct LineBreak {
+pub struct BreakDetector {
     /// Periods for which the line was low at each look; at least [`BREAK_PERIODS`] in a break that has been requested.
     low: u8,
-    /// What had been received at the last of them.
-    heard: u32,
+    /// [`Requests::activity`] when the count last began.
+    activity: u32,
 }
 
-impl LineBreak {
+impl BreakDetector {
     /// Returns a watch that has not looked.
     #[must_use]
     pub const fn new() -> Self {
-        Self { low: 0, heard: 0 }
+        Self {
+            low: 0,
+            activity: 0,
+        }
     }
 
     /// Takes a look, so many periods after the last one; `received` is the number of bytes of lines so far. Requests a
@@ -45,23 +48,23 @@ impl LineBreak {
         if self.low >= BREAK_PERIODS {
             return false;
         }
-        let heard = requests.heard(received);
+        let activity = requests.activity(received);
         // A `?` is counted nowhere, but waits to be answered.
-        if heard != self.heard || requests.wants_status() {
-            self.heard = heard;
+        if activity != self.activity || requests.wants_status() {
+            self.activity = activity;
             self.low = 0;
             return false;
         }
         self.low = self.low.saturating_add(periods);
         let is_break = self.low >= BREAK_PERIODS;
         if is_break {
-            requests.break_line();
+            requests.request_line_break();
         }
         is_break
     }
 }
 
-impl Default for LineBreak {
+impl Default for BreakDetector {
     fn default() -> Self {
         Self::new()
     }
@@ -72,17 +75,17 @@ mod tests {
     use super::*;
 
     /// Looks at a low line until a break is requested. Returns the number of looks.
-    fn looks(line: &mut LineBreak, requests: &Requests) -> Option<u32> {
+    fn looks(line: &mut BreakDetector, requests: &Requests) -> Option<u32> {
         (1..100).find(|_| line.look(true, 1, 0, requests))
     }
 
     #[test]
     fn a_line_that_is_low_for_40_periods_is_a_break_once() {
-        let (mut line, requests) = (LineBreak::new(), Requests::new());
+        let (mut line, requests) = (BreakDetector::new(), Requests::new());
         // However many looks there are in a period.
         assert!((0..1000).all(|_| !line.look(true, 0, 0, &requests)));
         assert_eq!(looks(&mut line, &requests), Some(40));
-        assert!(requests.take_break() && !requests.take_break());
+        assert!(requests.take_line_break() && !requests.take_line_break());
         assert_eq!(looks(&mut line, &requests), None);
         assert!(!line.look(false, 1, 0, &requests));
         assert_eq!(looks(&mut line, &requests), Some(40));
@@ -90,7 +93,7 @@ mod tests {
 
     #[test]
     fn one_high_look_begins_the_count_anew() {
-        let (mut line, requests) = (LineBreak::new(), Requests::new());
+        let (mut line, requests) = (BreakDetector::new(), Requests::new());
         for _ in 0..20 {
             for _ in 0..39 {
                 assert!(!line.look(true, 1, 0, &requests));
@@ -112,7 +115,7 @@ mod tests {
             },
         ];
         for come in came {
-            let (mut line, requests, mut received) = (LineBreak::new(), Requests::new(), 0);
+            let (mut line, requests, mut received) = (BreakDetector::new(), Requests::new(), 0);
             for look in 0..200 {
                 if look % 40 == 0 {
                     come(&requests, &mut received);

@@ -11,7 +11,7 @@ mod watch;
 pub use accessories::Accessories;
 pub use input_filter::{Filter, SAMPLE_TICKS, SAMPLES};
 pub use inputs::{Contact, Inputs};
-pub use line_break::LineBreak;
+pub use line_break::BreakDetector;
 pub use snapshot::Snapshot;
 pub use state_machine::{Control, Effect, Ending, Event};
 pub use watch::{SampleActions, Watch};

@@ -158,12 +158,12 @@ impl Requests {
 
     /// Takes the request of a break on the line.
     #[must_use]
-    pub fn take_break(&self) -> bool {
+    pub fn take_line_break(&self) -> bool {
         take(&self.line_break)
     }
 
     /// Makes the request of a break on the line; for `idle` alone.
-    pub fn break_line(&self) {
+    pub fn request_line_break(&self) {
         set(&self.line_break);
     }
 
@@ -171,7 +171,7 @@ impl Requests {
     /// request of another kind. `received` is the number of bytes of lines.
     #[must_use]
     #[inline]
-    pub fn heard(&self, received: usize) -> u32 {
+    pub fn activity(&self, received: usize) -> u32 {
         let others = self.lost().wrapping_add(self.count());
         (received as u32).wrapping_add(others)
     }

@@ -46,7 +46,7 @@ impl ResetCause {
     #[must_use]
     pub fn of(recorded: Option<Self>, is_said: impl Fn(Self) -> bool) -> Self {
         /// What the chip says besides [`Self::Power`], the most special first.
-        const SAID: [ResetCause; 4] = [
+        const BY_PRECEDENCE: [ResetCause; 4] = [
             ResetCause::Watchdog,
             ResetCause::Supply,
             ResetCause::Software,
@@ -57,7 +57,7 @@ impl ResetCause {
             return Self::Power;
         }
         recorded
-            .or_else(|| SAID.into_iter().find(|cause| is_said(*cause)))
+            .or_else(|| BY_PRECEDENCE.into_iter().find(|cause| is_said(*cause)))
             .unwrap_or_default()
     }
 

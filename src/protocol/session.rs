@@ -467,7 +467,7 @@ impl Session {
         self.drop_cancelled(machine);
         continue_if(self.send_pending(links))?;
         // Where the motion is about to go on it waits for that.
-        if machine.state != State::DoorRestoring && links.requests.take_break() {
+        if machine.state != State::DoorRestoring && links.requests.take_line_break() {
             self.hold_after_break(links);
         }
         continue_if(self.start(links))?;

@@ -16,7 +16,7 @@ use super::{
 };
 use crate::{
     axis::Axes,
-    machine::{Inputs, LineBreak, SAMPLE_TICKS, Snapshot, Watch},
+    machine::{BreakDetector, Inputs, SAMPLE_TICKS, Snapshot, Watch},
     model::{Alarm, Levels, Outputs, Requests, queues::ENTRY_RING},
     motion::Motion,
     path::Entry,
@@ -67,7 +67,7 @@ pub struct Drive {
     sample_due: Option<u64>,
     /// Whether a contact has changed since the last run of `inputs`.
     is_edge_pending: bool,
-    line: LineBreak,
+    line: BreakDetector,
     /// Time of the next look at the line while it is low, ticks.
     look_due: Option<u64>,
 }
@@ -107,7 +107,7 @@ impl Drive {
             watch: Watch::new(Levels::NONE, &inputs),
             sample_due: None,
             is_edge_pending: false,
-            line: LineBreak::new(),
+            line: BreakDetector::new(),
             look_due: None,
             inputs,
             entries: Queue::new(),
@@ -290,7 +290,7 @@ impl Drive {
     pub(super) fn pull_line(&mut self, low: bool, now: u64) {
         self.look_due = low.then(|| now + u64::from(TICKS_PER_MS));
         if !low {
-            self.line = LineBreak::new();
+            self.line = BreakDetector::new();
         }
     }
 

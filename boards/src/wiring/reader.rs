@@ -13,23 +13,23 @@ use crate::{
 };
 
 /// Ports that one step event may write.
-const MOST_STEP_PORTS: usize = 6;
+const MAX_STEP_PORTS: usize = 6;
 /// Inputs that a machine may have: more would make the task that looks at them longer than it is proven to be.
-const MOST_INPUTS: usize = 11;
+const MAX_INPUTS: usize = 11;
 /// The KiB that an EEPROM must have: two copies of everything (`src/settings/storage/eeprom.rs`).
-const LEAST_EEPROM_KIB: u32 = 4;
-/// The KiB that it must have for more than [`AXES_IN_LEAST_EEPROM`] axes, and for more than 16 tools.
-const ROOMY_EEPROM_KIB: u32 = 8;
+const MIN_EEPROM_KIB: u32 = 4;
+/// The KiB that it must have for more than [`MAX_AXES_IN_SMALL_EEPROM`] axes, and for more than 16 tools.
+const MIN_EEPROM_KIB_FOR_ALL: u32 = 8;
 /// The axes whose settings fit the least EEPROM.
-const AXES_IN_LEAST_EEPROM: usize = 4;
+const MAX_AXES_IN_SMALL_EEPROM: usize = 4;
 /// The most that an address of two bytes reaches.
-const MOST_EEPROM_KIB: u32 = 64;
+const MAX_EEPROM_KIB: u32 = 64;
 /// What second motors are called.
 const SECOND_MOTORS: [&str; GANGED_AXES] = ["X2", "Y2", "Z2"];
 /// Keys of the functions of an axis.
 const AXIS_KEYS: [&str; 5] = ["step", "direction", "phases", "enable", "limit"];
 /// Keys of other functions.
-const KEYS: [&str; 16] = [
+const OTHER_KEYS: [&str; 16] = [
     "outputs.enable",
     "outputs.spindle",
     "outputs.counter_clockwise",
@@ -49,7 +49,7 @@ const KEYS: [&str; 16] = [
 ];
 
 /// Reads the functions of the pins, and remembers which pin has which.
-pub(crate) struct Reader<'a> {
+pub(crate) struct WiringReader<'a> {
     functions: Entries,
     chip: &'a Chip,
     part: &'a Part,
@@ -57,7 +57,7 @@ pub(crate) struct Reader<'a> {
     used: BTreeMap<Pin, (String, Place)>,
 }
 
-impl<'a> Reader<'a> {
+impl<'a> WiringReader<'a> {
     /// Returns a reader of functions: `axes.X.step`, `inputs.probe` and so on.
     pub(crate) fn new(
         functions: Entries,
@@ -129,12 +129,12 @@ impl<'a> Reader<'a> {
         self.inputs(&mut wiring, limits, polled)?;
         refuse_rest(&self.functions)?;
         let ports = wiring.step_ports();
-        if ports.len() > MOST_STEP_PORTS {
+        if ports.len() > MAX_STEP_PORTS {
             let names: Vec<_> = { ports.iter() }
                 .map(|port| char::from(b'A' + port).to_string())
                 .collect();
             let message = format!(
-                "steps and directions are on {} ports, {}: put them on {MOST_STEP_PORTS} at most",
+                "steps and directions are on {} ports, {}: put them on {MAX_STEP_PORTS} at most",
                 ports.len(),
                 names.join(" ")
             );
@@ -195,17 +195,16 @@ impl<'a> Reader<'a> {
             wanted("eeprom.scl")?,
             wanted("eeprom.sda")?,
         ];
-        if !(LEAST_EEPROM_KIB..=MOST_EEPROM_KIB).contains(&kib.number()?) {
-            let message = format!(
-                "the settings need an EEPROM of {LEAST_EEPROM_KIB} to {MOST_EEPROM_KIB} KiB"
-            );
+        if !(MIN_EEPROM_KIB..=MAX_EEPROM_KIB).contains(&kib.number()?) {
+            let message =
+                format!("the settings need an EEPROM of {MIN_EEPROM_KIB} to {MAX_EEPROM_KIB} KiB");
             return Err(kib.place.fault(message));
         }
-        let is_small = kib.number()? < ROOMY_EEPROM_KIB;
-        if is_small && axes > AXES_IN_LEAST_EEPROM {
-            let letter = AXES[AXES_IN_LEAST_EEPROM];
+        let is_small = kib.number()? < MIN_EEPROM_KIB_FOR_ALL;
+        if is_small && axes > MAX_AXES_IN_SMALL_EEPROM {
+            let letter = AXES[MAX_AXES_IN_SMALL_EEPROM];
             let message = format!(
-                "an EEPROM of less than {ROOMY_EEPROM_KIB} KiB has room for the settings of {AXES_IN_LEAST_EEPROM} axes: \
+                "an EEPROM of less than {MIN_EEPROM_KIB_FOR_ALL} KiB has room for the settings of {MAX_AXES_IN_SMALL_EEPROM} axes: \
                  {letter} = {{ step = \"none\" }} leaves it at these"
             );
             return Err(kib.place.fault(message));
@@ -295,9 +294,9 @@ impl<'a> Reader<'a> {
                 );
                 return Err(entry.place.fault(message));
             }
-            if wiring.inputs.len() == MOST_INPUTS {
+            if wiring.inputs.len() == MAX_INPUTS {
                 let message = format!(
-                    "`{key}` is one input more than the {MOST_INPUTS} that a machine may have"
+                    "`{key}` is one input more than the {MAX_INPUTS} that a machine may have"
                 );
                 return Err(entry.place.fault(message));
             }
@@ -362,7 +361,9 @@ fn refuse_rest(functions: &Entries) -> Result<(), Fault> {
         let keys = ["step", "direction", "enable", "limit"].into_iter();
         keys.map(move |key| format!("axes.{name}.{key}"))
     });
-    let known = of_axes.chain(of_second).chain(KEYS.map(str::to_owned));
+    let known = of_axes
+        .chain(of_second)
+        .chain(OTHER_KEYS.map(str::to_owned));
     let known: Vec<String> = known.collect();
     let known: Vec<&str> = known.iter().map(String::as_str).collect();
     functions.refuse_rest(&known)

@@ -231,14 +231,7 @@ fn describe(image: &Image, function: &mut Function, index: usize, own: &BTreeSet
 /// The function of the source that a loop is in: of the project, where one of its functions holds all of the
 /// loop's own instructions.
 fn within(image: &Image, function: &Function, own: &BTreeSet<usize>) -> String {
-    let instructions = || {
-        own.iter()
-            .flat_map(|&block| &function.blocks[block].instructions)
-    };
-    let mut chains = chains(image, instructions().filter(|one| !moves(one)));
-    if chains.is_empty() {
-        chains = self::chains(image, instructions());
-    }
+    let chains = own_chains(image, function, own);
     let shared = shared(&chains);
     let frames = chains.first().map_or(&[][..], |chain| &chain[..shared]);
     source_function(frames.iter().rev()).unwrap_or_else(|| function.name.clone())
@@ -256,9 +249,7 @@ pub(crate) fn source_function<'a>(mut frames: impl Iterator<Item = &'a Frame>) -
 
 /// All lines of the instructions of `own`.
 fn lines(image: &Image, function: &Function, own: &BTreeSet<usize>) -> BTreeSet<String> {
-    let instructions = own
-        .iter()
-        .flat_map(|&block| &function.blocks[block].instructions);
+    let instructions = instructions(function, own);
     let mut seen: BTreeMap<Rc<str>, BTreeSet<u32>> = BTreeMap::new();
     for instruction in instructions {
         for frame in image.frames(instruction.address).iter() {
@@ -287,14 +278,7 @@ impl Source {
         function: &Function,
         own: &BTreeSet<usize>,
     ) -> Option<Self> {
-        let instructions = || {
-            own.iter()
-                .flat_map(|&block| &function.blocks[block].instructions)
-        };
-        let mut chains = chains(image, instructions().filter(|one| !moves(one)));
-        if chains.is_empty() {
-            chains = self::chains(image, instructions());
-        }
+        let chains = own_chains(image, function, own);
         let shared = shared(&chains);
         let mut from_library = false;
         for level in (0..shared).rev() {
@@ -326,7 +310,7 @@ impl Source {
             }
             if let Some(source) = source {
                 // What has lost its own loop to unrolling may still hold one of a library.
-                let all = self::chains(image, instructions());
+                let all = self::chains(image, instructions(function, own));
                 return Some(source).filter(|source| source.is_headed(&all, level));
             }
         }
@@ -422,6 +406,26 @@ fn chains<'a>(
         })
         .filter(|chain| !chain.is_empty() && chain.iter().all(|frame| frame.line != 0))
         .collect()
+}
+
+/// The instructions of some blocks.
+fn instructions<'a>(
+    function: &'a Function,
+    own: &'a BTreeSet<usize>,
+) -> impl Iterator<Item = &'a Instruction> {
+    own.iter()
+        .flat_map(|&block| &function.blocks[block].instructions)
+}
+
+/// The frames of the instructions of a loop; without those that only move a value, if there are others.
+fn own_chains(image: &Image, function: &Function, own: &BTreeSet<usize>) -> Vec<Vec<Frame>> {
+    let others = instructions(function, own).filter(|one| !moves(one));
+    let chains = chains(image, others);
+    if chains.is_empty() {
+        self::chains(image, instructions(function, own))
+    } else {
+        chains
+    }
 }
 
 /// How many levels of inlining all chains share: the same functions, called in the same lines.

@@ -77,7 +77,7 @@ pub struct Watchdog {
     pub period_us: f64,
     /// Functions with loops that may last and do not feed it.
     #[serde(default)]
-    pub unfed: Vec<Unfed>,
+    pub unfed: Vec<FeedExemption>,
     /// Loops of tasks without a deadline that nothing counts.
     #[serde(default)]
     pub uncounted: Vec<Uncounted>,
@@ -99,7 +99,7 @@ pub struct Uncounted {
 /// A function that need not feed the watchdog.
 #[derive(Debug, Clone, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct Unfed {
+pub struct FeedExemption {
     /// How its name ends.
     pub function: String,
     /// Why.

@@ -81,7 +81,7 @@ pub use model::{Cache, Clock, Model, lines};
 pub use program::{Block, Bound, Count, Edge, Function, Loop, Program, Region, Store, Total};
 pub use report::{
     Curve, KnownFigures, Line, Report, Requirement, Section, Stack, Stream, SubstitutedRuns, Task,
-    UncountedLoops, Undeadlined, UndeadlinedWait, Wcet, Window,
+    TasksWithoutDeadline, UncountedLoops, UndeadlinedWait, Wcet, Window,
 };
 pub use rtic::{App, AppTask};
 pub use source_files::SourceFile;

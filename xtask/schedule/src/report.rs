@@ -40,7 +40,7 @@ pub struct Report {
     pub undeadlined_waits: Vec<UndeadlinedWait>,
     /// What keeps `idle` from feeding the watchdog besides tasks with deadlines.
     #[serde(skip_serializing_if = "Option::is_none")]
-    pub undeadlined: Option<Undeadlined>,
+    pub undeadlined: Option<TasksWithoutDeadline>,
     /// Longest run of the step task with a warm cache, exception entry and exit included, cycles.
     pub step_wcet_cycles: u64,
     /// Most by which an edge of a step pin moves, µs.
@@ -102,7 +102,7 @@ pub struct UndeadlinedWait {
 
 /// The tasks without a deadline: their loops, and what they take besides.
 #[derive(Debug, Clone, Default, PartialEq, Eq, Serialize)]
-pub struct Undeadlined {
+pub struct TasksWithoutDeadline {
     /// Their names.
     pub tasks: Vec<String>,
     /// Loops that are counted, or whose number of runs the source states.

@@ -16,7 +16,7 @@ use crate::{
 };
 
 /// `IWDG_KR`, which starts and feeds the watchdog: RM0090 21.4.1.
-const WATCHDOG_KEY: u32 = 0x4000_3000;
+const IWDG_KR: u32 = 0x4000_3000;
 
 /// An effect of the initialisation.
 struct Effect<'a> {
@@ -43,7 +43,7 @@ pub(crate) fn flaws(program: &Program<'_>, config: &Config) -> Vec<Flaw> {
 fn missing(program: &Program<'_>, config: &Config) -> Vec<Flaw> {
     let functions = program.functions().values();
     let mut stores = functions.flat_map(|function| &function.stores);
-    if !stores.any(|store| store.to == Some(WATCHDOG_KEY)) {
+    if !stores.any(|store| store.to == Some(IWDG_KR)) {
         return Vec::new();
     }
     let tables = [

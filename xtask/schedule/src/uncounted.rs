@@ -8,7 +8,8 @@
 use std::collections::{BTreeMap, BTreeSet};
 
 use crate::{
-    Cache, Count, Flaw, Function, Loop, Place, Report, Rule, Total, UncountedLoops, Undeadlined,
+    Cache, Count, Flaw, Function, Loop, Place, Report, Rule, TasksWithoutDeadline, Total,
+    UncountedLoops,
     bounds::source_function,
     config::{Watchdog, is_named},
     findings,
@@ -32,7 +33,7 @@ pub(crate) fn look(system: &System<'_>, named: &BTreeMap<String, u64>, report: &
         let left_out = row.excluded.union(&apart).copied().collect();
         reached.extend(reach(system, row.root, &left_out, &pointers));
     }
-    let mut found = Undeadlined {
+    let mut found = TasksWithoutDeadline {
         tasks: rows.iter().map(|row| row.name.clone()).collect(),
         counted: 0,
         fed: 0,
@@ -113,7 +114,7 @@ fn uncounted(
     system: &System<'_>,
     watchdog: &Watchdog,
     function: &Function,
-    found: &mut Undeadlined,
+    found: &mut TasksWithoutDeadline,
 ) -> Vec<(Place, String)> {
     let image = system.image;
     let mut uncounted = Vec::new();
@@ -323,7 +324,7 @@ mod tests {
     use crate::{Model, Operation, testing};
 
     /// Blocks as 0 -> 1, 2; 1 -> 3 or 2; 2 -> 4 or 1; both end: a loop with two entries.
-    const TWICE: [(u32, &[usize]); 6] = [
+    const TWO_ENTRIES: [(u32, &[usize]); 6] = [
         (1, &[5, 2]),
         (10, &[3, 2]),
         (100, &[4, 1]),
@@ -346,7 +347,7 @@ mod tests {
 
     #[test]
     fn a_loop_with_two_entries_is_passed_once_from_each() {
-        let mut function = testing::function(&TWICE);
+        let mut function = testing::function(&TWO_ENTRIES);
         assert_eq!(ways_back(&function).len(), 1);
         cut(&mut function, &BTreeSet::new());
         assert_eq!(ways_back(&function).len(), 0);

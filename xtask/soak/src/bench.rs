@@ -1,5 +1,7 @@
 //! A machine at the end of a serial line, with a sender, an operator, and rules for what it does.
 
+mod power;
+
 use std::{
     collections::{BTreeSet, VecDeque},
     mem::take,
@@ -9,10 +11,10 @@ use leadscrew::{
     axis::{Axes, X, Y},
     gcode::CompensationMode,
     model::{
-        Levels, State, WorkCoordinates,
+        Levels, State,
         queues::{RECEIVED_RING, SENT_RING},
     },
-    settings::{StepRate, Stored, TOOLS, ToolTable},
+    settings::{StepRate, Stored, ToolTable},
     sim::{Edge, Simulator},
     units::{TICKS_PER_MS, TICKS_PER_SECOND},
 };
@@ -56,7 +58,7 @@ pub(crate) enum Fault {
 
 /// What is on its way to the machine.
 #[derive(Debug, Clone, Copy)]
-enum OnWire {
+enum WireByte {
     Byte(u8),
     /// What is left of a byte.
     Damaged,
@@ -69,7 +71,7 @@ pub(crate) struct Bench {
     simulator: Box<Simulator>,
     motion: MotionRules,
     /// Bytes on their way to the machine; realtime bytes overtake.
-    line: VecDeque<OnWire>,
+    line: VecDeque<WireByte>,
     urgent: VecDeque<u8>,
     next_in: u64,
     next_out: u64,
@@ -159,10 +161,10 @@ impl Bench {
         match action {
             Action::Line(text) => self.send(text),
             Action::DamagedLine { text, byte, bit } => {
-                self.send_damaged(text, *byte, |byte| OnWire::Byte(byte ^ 1 << bit));
+                self.send_damaged(text, *byte, |byte| WireByte::Byte(byte ^ 1 << bit));
             }
             Action::LossyLine { text, byte } => {
-                self.send_damaged(text, *byte, |_| OnWire::Damaged);
+                self.send_damaged(text, *byte, |_| WireByte::Damaged);
             }
             Action::Byte(byte) => self.urgent.push_back(*byte),
             Action::Close(contact) => self.hold(self.closed | contact.input()),
@@ -242,15 +244,15 @@ impl Bench {
     fn send(&mut self, text: &str) {
         self.wait_for_room(text.len() + 1);
         let bytes = text.bytes().chain([b'\n']);
-        self.line.extend(bytes.map(OnWire::Byte));
+        self.line.extend(bytes.map(WireByte::Byte));
     }
 
     /// Sends a line of which one byte becomes something else on its way.
-    fn send_damaged(&mut self, text: &str, byte: usize, damage: impl Fn(u8) -> OnWire) {
+    fn send_damaged(&mut self, text: &str, byte: usize, damage: impl Fn(u8) -> WireByte) {
         self.send(text);
         let length = text.len() + 1;
         let place = self.line.len() - length + byte % length;
-        if let Some(OnWire::Byte(byte)) = self.line.get(place).copied() {
+        if let Some(WireByte::Byte(byte)) = self.line.get(place).copied() {
             self.line[place] = damage(byte);
         }
     }
@@ -362,14 +364,14 @@ impl Bench {
 
     /// The next byte on its way. What a machine receives between a reset and its welcome is lost, as in Grbl:
     /// senders wait.
-    fn next_byte(&mut self) -> Option<OnWire> {
+    fn next_byte(&mut self) -> Option<WireByte> {
         let line = || {
             (self.welcomes == 0)
                 .then(|| self.line.pop_front())
                 .flatten()
         };
         let urgent = self.urgent.pop_front();
-        urgent.map(OnWire::Byte).or_else(line)
+        urgent.map(WireByte::Byte).or_else(line)
     }
 
     fn look_at(&mut self, edge: &Edge) {
@@ -393,8 +395,8 @@ impl Bench {
     }
 
     /// The machine receives a byte, or what is left of one.
-    fn receive(&mut self, sent: OnWire, now: u64) {
-        let OnWire::Byte(byte) = sent else {
+    fn receive(&mut self, sent: WireByte, now: u64) {
+        let WireByte::Byte(byte) = sent else {
             self.has_lost = true;
             if self.fault != Some(Fault::LossUnseen) {
                 self.lost += 1;
@@ -560,97 +562,4 @@ impl Bench {
             );
         }
     }
-
-    /// The power fails, and comes back.
-    fn fail_power(&mut self) {
-        self.note_stored();
-        self.before += self.simulator.now();
-        for (moved, steps) in self.moved.iter_mut().zip(self.motion.steps().iter()) {
-            *moved += steps;
-        }
-        let new = Box::new(Simulator::first_boot(self.step_rate));
-        let mut flash = std::mem::replace(&mut self.simulator, new).into_flash();
-        if self.fault == Some(Fault::RecordLost) {
-            flash.contents_mut().fill(0xff);
-        }
-        *self.simulator = Simulator::power_up(flash, self.step_rate);
-        self.setup.mount(&mut self.simulator, &self.moved);
-        let session = self.simulator.session();
-        let stored = (session.stored().clone(), session.tools().clone());
-        let is_known = self.may_be_stored.contains(&stored)
-            || self.has_postponed && are_records_of(&stored, &self.may_be_stored);
-        self.has_postponed = false;
-        let old = std::mem::replace(&mut self.may_be_stored, vec![stored]);
-        self.motion = MotionRules::new(&self.simulator);
-        (self.line, self.urgent) = (VecDeque::new(), VecDeque::new());
-        (self.next_in, self.next_out) = (0, 0);
-        self.heard.clear();
-        (self.received_lines, self.answers, self.resets) = (0, 0, 0);
-        self.forget_losses();
-        self.lost = 0;
-        (self.welcomes, self.silent_at) = (1, SECOND);
-        self.asked = None;
-        (self.offset, self.may_have_homed) = (Axes::all(0), false);
-        let closed = std::mem::replace(&mut self.closed, Levels::NONE);
-        self.hold(closed);
-        self.note_reset();
-        self.run(SECOND / 10);
-        let writing = self.writing.take();
-        if !is_known {
-            self.check_new(old.last(), writing.as_deref());
-        }
-    }
-
-    /// What is stored is not old, then it is new: the line that stored it changes nothing when it is sent again.
-    fn check_new(&mut self, old: Option<&(Stored, ToolTable)>, writing: Option<&str>) {
-        let new = self.may_be_stored.clone();
-        let changes = old
-            .zip(new.first())
-            .map(|(old, new)| changed_records(old, new));
-        let is_stored = writing.is_some() && changes == Some(1);
-        assert!(is_stored, "what is stored is neither old nor new");
-        let line = writing.unwrap_or_default();
-        self.send("$X");
-        self.send(line);
-        assert!(self.comes_to_rest(RESET_TICKS), "{line} is not answered");
-        assert!(self.may_be_stored == new, "{line} was stored in part");
-    }
-}
-
-/// Whether each record is one of those that may be stored.
-fn are_records_of(stored: &(Stored, ToolTable), all: &[(Stored, ToolTable)]) -> bool {
-    let any = |is_same: &dyn Fn(&Stored, &ToolTable) -> bool| {
-        all.iter().any(|(stored, tools)| is_same(stored, tools))
-    };
-    let (now, tools) = stored;
-    let mut startup = now.startup.iter().enumerate();
-    any(&|then, _| then.settings == now.settings)
-        && any(&|then, _| then.origins == now.origins)
-        && any(&|then, _| then.build_info == now.build_info)
-        && startup.all(|(line, text)| any(&|then, _| then.startup.get(line) == Some(text)))
-        && (0..TOOLS).all(|slot| any(&|_, then| then.slot(slot) == tools.slot(slot)))
-}
-
-/// How many records differ: the settings, an origin, a startup line, the build info, a tool.
-fn changed_records(one: &(Stored, ToolTable), other: &(Stored, ToolTable)) -> usize {
-    let ((old, old_tools), (new, new_tools)) = (one, other);
-    let origins = WorkCoordinates::ALL.into_iter().filter(|&system| {
-        let of = |stored: &Stored| {
-            let origins = &stored.origins;
-            (origins.coordinates[system], origins.rotations[system])
-        };
-        of(old) != of(new)
-    });
-    let startup = old.startup.iter().zip(&new.startup);
-    let tools = (0..TOOLS).filter(|&slot| old_tools.slot(slot) != new_tools.slot(slot));
-    let others = [
-        old.settings != new.settings,
-        old.origins.g28 != new.origins.g28,
-        old.origins.g30 != new.origins.g30,
-        old.build_info != new.build_info,
-    ];
-    origins.count()
-        + startup.filter(|(old, new)| old != new).count()
-        + tools.count()
-        + others.into_iter().filter(|&differs| differs).count()
 }

@@ -41,7 +41,7 @@ const VECTORS: &str = "__vector_table";
 const STATICS_END: &str = "__sheap";
 /// The beginning and the end of variables with a value in RAM, and where their values are in the flash, as the last
 /// of the program.
-const VARIABLES: [&str; 3] = ["__sdata", "__edata", "__sidata"];
+const DATA_SYMBOLS: [&str; 3] = ["__sdata", "__edata", "__sidata"];
 /// `GUARD_BYTES` of `src/board/stack.rs`.
 const GUARD_BYTES: u64 = 4096;
 
@@ -117,7 +117,7 @@ pub(crate) fn run(options: &Options) -> Result<ExitCode> {
 
 /// Returns the address behind the program in the flash.
 fn image_end(elf: &Path) -> Result<u64> {
-    let [start, end, values] = VARIABLES.map(|name| emulator::symbol(elf, name));
+    let [start, end, values] = DATA_SYMBOLS.map(|name| emulator::symbol(elf, name));
     Ok(values? + (end? - start?))
 }
 
@@ -248,7 +248,7 @@ const FAILED_WITH_FLAWS: [&str; 10] = [
 
 /// Each flaw is noticed: a stack without a guard before it overwrites anything. The program comes to its end.
 fn check_flawed(board: &Board, elf: &Path) -> Result<()> {
-    let facts = emulated::run_flawed(elf, &[emulated::UNGUARDED, emulated::WORN])?;
+    let facts = emulated::run_flawed(elf, &[emulated::UNGUARDED, emulated::WORN_FLASH])?;
     let report = report(board, elf, facts)?;
     let items = report.checks().iter().flat_map(|check| &check.items);
     let failed = items.filter(|item| item.verdict == Verdict::Failed);

@@ -1,6 +1,6 @@
 //! Reads the outputs of motors: steps, directions, phases and second motors.
 
-use super::{Reader, SECOND_MOTORS, signed_pin};
+use super::{SECOND_MOTORS, WiringReader, signed_pin};
 use crate::{
     Fault, Pin, SignedPin,
     board::missing,
@@ -9,7 +9,7 @@ use crate::{
     wiring::{COILS, Input, SecondMotor, is_slow},
 };
 
-impl Reader<'_> {
+impl WiringReader<'_> {
     /// Reads a step or direction output, which must be there.
     pub(super) fn motor_output(&mut self, key: &str, file: &Place) -> Result<(Pin, Place), Fault> {
         let Some(entry) = self.functions.take(key) else {

@@ -7,14 +7,14 @@ use super::{
     startup::with_watchdog,
 };
 
-const FEED: &str = "device::write_pins(0xaaaa);";
+const FEED_WATCHDOG: &str = "device::write_pins(0xaaaa);";
 /// What `work` does in each round of its loop.
-const BODY: &str = "left -= 1;";
+const LOOP_BODY: &str = "left -= 1;";
 
 /// The fixture with a watchdog that `idle` feeds, and with `work` without a deadline; `entry`: what `schedule.toml`
 /// says of its loops.
 fn project(name: &str, entry: &str) -> Option<Project> {
-    let project = with_watchdog(Project::new(name)?).with("idle", FEED);
+    let project = with_watchdog(Project::new(name)?).with("idle", FEED_WATCHDOG);
     let project = project.configured(
         "period = \"10s / baud\"\ndeadline = \"200us\"",
         "undeadlined = \"a test\"",
@@ -76,7 +76,7 @@ fn a_loop_that_is_counted_or_feeds_the_watchdog_needs_no_name() {
     let found = counted.undeadlined.unwrap();
     assert_eq!((found.counted, found.fed), (1, 0));
     let feeding = uncounted("feeding", "").unwrap();
-    let feeding = report(&feeding.replacing(BODY, &format!("{BODY}\n{FEED}")));
+    let feeding = report(&feeding.replacing(LOOP_BODY, &format!("{LOOP_BODY}\n{FEED_WATCHDOG}")));
     assert_eq!(feeding.flaws, []);
     let found = feeding.undeadlined.unwrap();
     assert_eq!((found.counted, found.fed), (0, 1));
@@ -94,7 +94,7 @@ fn all_but_the_rounds_of_such_loops_is_in_the_figure() {
     let behind = with("rest-behind", stores, &stores.repeat(40));
     assert!(behind >= plain + 40, "{plain} {behind}");
     // The way through the loop counts once at most, with whatever stands in it.
-    let within = with("rest-within", BODY, &format!("{BODY}\n{stores}"));
+    let within = with("rest-within", LOOP_BODY, &format!("{LOOP_BODY}\n{stores}"));
     assert!(within < plain + 100, "{plain} {within}");
     // Rounds that are counted count.
     let counted = rest(&report(&project("rest-counted", "").unwrap()));

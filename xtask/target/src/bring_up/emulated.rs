@@ -21,7 +21,7 @@ use super::{
 const WANTED: &str = "bring-up";
 /// The files that ask it for a stack without a guard, and for a flash that does not erase.
 pub(super) const UNGUARDED: &str = "unguarded";
-pub(super) const WORN: &str = "worn";
+pub(super) const WORN_FLASH: &str = "worn";
 /// An instruction takes 4 ns, whatever this computer does meanwhile: so the clock of the emulated timers is exact.
 const CLOCK: [&str; 2] = ["-icount", "shift=2"];
 /// Longest silence of the serial line.
@@ -34,13 +34,13 @@ pub(super) fn run(elf: &Path) -> Result<Facts> {
 
 /// Runs the program with flaws that files ask for, and with a serial line that damages a byte of each write.
 pub(super) fn run_flawed(elf: &Path, flaws: &[&str]) -> Result<Facts> {
-    run_with(elf, flaws, Damaging)
+    run_with(elf, flaws, DamagingWriter)
 }
 
 /// A line that damages the last byte of each write.
-struct Damaging<W>(W);
+struct DamagingWriter<W>(W);
 
-impl<W: Write> Write for Damaging<W> {
+impl<W: Write> Write for DamagingWriter<W> {
     fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
         let mut damaged = bytes.to_vec();
         if let Some(last) = damaged.last_mut() {

@@ -16,7 +16,7 @@ use super::{
 };
 
 /// Asks the board for the bytes.
-const REQUEST: &[u8] = b"\n";
+const STREAM_REQUEST: &[u8] = b"\n";
 /// Start bit, eight bits, stop bit.
 const BITS_PER_BYTE: f64 = 10.0;
 
@@ -36,7 +36,7 @@ pub(super) fn receive(
     facts: &mut Facts,
 ) -> Result<()> {
     let count = usize::try_from(bytes).context("the program sends less than nothing")?;
-    to.write_all(REQUEST)
+    to.write_all(STREAM_REQUEST)
         .context("cannot write to the serial line")?;
     let mut expected = bytes_of(STREAM);
     let (mut received, mut wrong) = (0, 0);
@@ -105,11 +105,11 @@ mod tests {
     }
 
     /// Bytes of a packet.
-    const PACKET: usize = 62;
+    const PACKET_BYTES: usize = 62;
 
     impl Read for Board<'_> {
         fn read(&mut self, bytes: &mut [u8]) -> std::io::Result<usize> {
-            let length = PACKET.min(BYTES as usize - self.sent);
+            let length = PACKET_BYTES.min(BYTES as usize - self.sent);
             let all: Vec<u8> = bytes_of(STREAM).skip(self.sent).take(length).collect();
             bytes[..length].copy_from_slice(&all);
             if let Some(wrong) = self.wrong
@@ -135,7 +135,7 @@ mod tests {
         let (mut facts, mut sent) = (Facts::default(), Vec::new());
         let bytes = BYTES.into();
         receive(&mut board, &mut sent, || time.get(), bytes, &mut facts).unwrap();
-        assert_eq!(sent, REQUEST);
+        assert_eq!(sent, STREAM_REQUEST);
         facts
     }
 
@@ -154,7 +154,7 @@ mod tests {
     #[test]
     fn what_is_read_late_once_does_not_count_in_full() {
         let at = |bytes: usize| Duration::from_secs_f64(bytes as f64 / 11_520.0);
-        let packets = (1..=1000).map(|packet| packet * PACKET);
+        let packets = (1..=1000).map(|packet| packet * PACKET_BYTES);
         let mut arrivals: Vec<_> = packets
             .map(|bytes| Arrival {
                 time: at(bytes),

@@ -364,7 +364,7 @@ pub(super) fn places(place: &Place) -> Vec<String> {
 
 #[cfg(test)]
 mod tests {
-    use schedule::{UncountedLoops, Undeadlined};
+    use schedule::{TasksWithoutDeadline, UncountedLoops};
 
     use super::*;
     use crate::sample;
@@ -399,7 +399,7 @@ mod tests {
         let mut report = sample::report();
         let is_told = |(name, _): &(&str, String)| *name == "no deadline";
         assert!(!figures(&report).iter().any(is_told));
-        report.undeadlined = Some(Undeadlined {
+        report.undeadlined = Some(TasksWithoutDeadline {
             tasks: vec!["interpret".into()],
             counted: 7,
             fed: 1,

@@ -6,17 +6,17 @@ use crate::bring_up::sequence::BURST;
 /// Operations: what the facts call them, their names, and the longest time of an erase or of a word, µs. An erase
 /// of 128 KiB takes 2 s at most, a word 100 µs (data sheet, flash memory programming, 32 bits at once), and what is
 /// around it up to 10 µs.
-const OPERATIONS: [(&str, &str, i64); 3] = [
+const FLASH_OPERATIONS: [(&str, &str, i64); 3] = [
     ("flash.erase", "erase", 2_000_000),
-    ("flash.program", PROGRAM, 110),
+    ("flash.program", PROGRAMMING, 110),
     ("flash.erase_again", "erase of these words", 2_000_000),
 ];
-const PROGRAM: &str = "words";
+const PROGRAMMING: &str = "words";
 
 /// Every byte comes through while the flash is busy, and the flash holds what it should.
 pub(super) fn flash(parts: &mut Parts<'_>, expected: &Expected) {
     let cycles_per_us = expected.core_hz / 1_000_000;
-    for (operation, name, most_us) in OPERATIONS {
+    for (operation, name, most_us) in FLASH_OPERATIONS {
         let fact = |what: &str| format!("{operation}.{what}");
         let part = |what: &str| format!("{name}: {what}");
         parts.add(part("done"), Need::Port, "yes, no word wrong", |facts| {
@@ -24,7 +24,7 @@ pub(super) fn flash(parts: &mut Parts<'_>, expected: &Expected) {
                 ["done", "wrong_words", "words"].map(|what| facts.get(&fact(what)));
             let (done, wrong, words) = (done?, wrong?, words?);
             let said = if done == 1 { "yes" } else { "no" };
-            let has_words = name != PROGRAM || words > 0;
+            let has_words = name != PROGRAMMING || words > 0;
             let measured = format!("{said}, {wrong} words wrong");
             Some((measured, done == 1 && wrong == 0 && has_words))
         });
@@ -52,7 +52,7 @@ pub(super) fn flash(parts: &mut Parts<'_>, expected: &Expected) {
         });
     }
     // The firmware waits as long as the flash says that it is busy, from its second read on.
-    for (operation, name, _) in &OPERATIONS[..2] {
+    for (operation, name, _) in &FLASH_OPERATIONS[..2] {
         let name = format!("{name}: busy at the firmware's first look");
         parts.add(name, Need::ChipAtPort, "yes", |facts| {
             let [at_once, second] =

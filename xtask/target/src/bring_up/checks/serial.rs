@@ -6,11 +6,11 @@ use super::{Expected, Facts, Need, Parts};
 const BAUD: f64 = 115_200.0;
 /// What the baud rate may be off, per cent. The chip receives what is off by less than 3.3 % in all, the errors
 /// of both ends and of the edges together (RM0090 30.3.5, a divider with a fraction), and other receivers much
-/// the same: with another per cent at the other end, a third is left.
-const MOST_OFF_PERCENT: f64 = 1.0;
+/// the same: with another per cent at the other end, 1.3 % is left for the edges.
+const MAX_BAUD_ERROR_PERCENT: f64 = 1.0;
 /// What the time of the stream may be off, per cent, by the board's own clock: a tenth of that. Else there
 /// were pauses, and the rate is not that of its bits.
-const MOST_PAUSE_PERCENT: f64 = 0.1;
+const MAX_PAUSE_PERCENT: f64 = 0.1;
 const BITS_PER_BYTE: i64 = 10;
 
 /// Every byte comes through, both ways at once, and at the rate that was asked for.
@@ -55,12 +55,12 @@ fn rate_by_divider(facts: &Facts) -> Option<f64> {
 /// Returns a rate as it is shown, and whether it is right.
 fn shown(rate: f64) -> (String, bool) {
     let off = (rate - BAUD) * 100.0;
-    let is_right = off.abs() <= MOST_OFF_PERCENT * BAUD;
+    let is_right = off.abs() <= MAX_BAUD_ERROR_PERCENT * BAUD;
     (format!("{rate:.0} baud, {:+.2} %", off / BAUD), is_right)
 }
 
 fn allowed() -> String {
-    format!("{BAUD} baud, {MOST_OFF_PERCENT} % off at most")
+    format!("{BAUD} baud, {MAX_BAUD_ERROR_PERCENT} % off at most")
 }
 
 /// The divider of the USART is the one for the rate.
@@ -80,12 +80,12 @@ fn baud_rate(parts: &mut Parts<'_>, core_hz: i64) {
     parts.add(name, Need::Rate, expected, |facts| {
         Some(shown(facts.get("stream.baud")? as f64))
     });
-    let expected = format!("within {MOST_PAUSE_PERCENT} % of that by the divider");
+    let expected = format!("within {MAX_PAUSE_PERCENT} % of that by the divider");
     let name = "time of the bytes without a pause";
     parts.add(name, Need::Rate, expected, |facts| {
         let bits = facts.get("stream.expected")? * BITS_PER_BYTE;
         let ideal = bits as f64 * core_hz as f64 / by_divider?;
         let off = (facts.get("stream.cycles")? as f64 / ideal - 1.0) * 100.0;
-        Some((format!("{off:+.3} %"), off.abs() <= MOST_PAUSE_PERCENT))
+        Some((format!("{off:+.3} %"), off.abs() <= MAX_PAUSE_PERCENT))
     });
 }
