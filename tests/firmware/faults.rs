@@ -4,7 +4,7 @@
 //! The instructions at the beginning of a task are replaced. The emulator has no watchdog, no crystal and no supply:
 //! a count of a timer stands in for the first, and for the others the task itself pends what they would.
 
-use std::{thread, time::Duration};
+use std::thread;
 
 use leadscrew::model::Levels;
 
@@ -73,9 +73,9 @@ fn instructions(machine: &Machine, at: u64, fault: Fault) -> u32 {
             // `panic_fmt(text: Arguments, place: &Location)`: a text without arguments is its address and twice
             // its length, plus one; a place is a text, a line and a column.
             let (text, place) = (FREE as u32 + 0x40, FREE as u32 + 0x50);
-            memory.patch(text.into(), u32::from_le_bytes(*b"test"));
+            memory.write(text.into(), u32::from_le_bytes(*b"test"));
             for (index, word) in (0..).zip([text, 4, 7, 1]) {
-                memory.patch(u64::from(place) + 4 * index, word);
+                memory.write(u64::from(place) + 4 * index, word);
             }
             let panic = memory.function("9panicking9panic_fmt") as u32 | 1;
             (CALL, [text, 2 * 4 + 1, place, panic])
@@ -84,7 +84,7 @@ fn instructions(machine: &Machine, at: u64, fault: Fault) -> u32 {
     };
     let words = LOAD.into_iter().chain([end]).chain(registers);
     for (index, word) in (0..).zip(words) {
-        memory.patch(FREE + 4 * index, word);
+        memory.write(FREE + 4 * index, word);
     }
     branch(at, FREE)
 }
@@ -107,13 +107,18 @@ fn restart(task: &str, fault: Fault) -> Option<(Machine, Vec<String>)> {
         _ => machine.memory.function(task),
     };
     let word = instructions(&machine, at, fault);
-    let before = machine.memory.patch(at, word);
+    let [before] = machine.memory.read(at);
+    let reset = machine.memory.function("Reset");
+    let contacts = machine.memory.contacts;
+    let mut stopped = machine.memory.stop();
+    stopped.write(at, word);
+    stopped.write(contacts, Levels::PROBE.0.into());
     machine.send(b"?");
-    machine.memory.close(Levels::PROBE);
-    while machine.memory.faults() == 0 {
-        thread::sleep(Duration::from_millis(50));
-    }
-    machine.memory.patch(at, before);
+    stopped.run_to(reset);
+    // Or the restarted machine would have the same fault again.
+    stopped.write(at, before);
+    drop(stopped);
+    assert_eq!(machine.memory.faults(), 1);
     machine.memory.close(Levels::NONE);
     let mut told = vec![machine.receive()];
     while told.last().is_none_or(|line| !line.contains("to unlock")) {

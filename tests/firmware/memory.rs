@@ -10,6 +10,7 @@ use std::{
     path::{Path, PathBuf},
     process,
     sync::atomic::{AtomicU32, Ordering::Relaxed},
+    thread,
     time::Duration,
 };
 
@@ -56,7 +57,8 @@ impl Switched {
 pub(crate) struct Memory {
     socket: PathBuf,
     figures: u64,
-    contacts: u64,
+    /// The contacts, a bit each as in [`Levels`].
+    pub(crate) contacts: u64,
     fault: u64,
     /// The addresses of all symbols, those of the linker script included.
     symbols: BTreeMap<String, u64>,
@@ -197,13 +199,6 @@ impl Memory {
         }
     }
 
-    /// Puts a word into the flash, or the memory. Returns the one that was there.
-    pub(crate) fn patch(&self, address: u64, word: u32) -> u32 {
-        let [before] = self.read(address);
-        self.write(address, word);
-        before
-    }
-
     /// The address of a symbol, if the firmware has it.
     pub(crate) fn symbol(&self, name: &str) -> Option<u64> {
         self.symbols.get(name).copied()
@@ -220,21 +215,24 @@ impl Memory {
         })
     }
 
-    fn write(&self, address: u64, word: u32) {
-        let reply = self.access(&format!("M{address:x},4:{:08x}", word.swap_bytes()));
-        assert_eq!(reply, "OK");
+    /// Puts a word into the flash, or the memory.
+    pub(crate) fn write(&self, address: u64, word: u32) {
+        self.stop().write(address, word);
     }
 
     /// Stops the machine, executes a command and lets the machine go on.
     fn access(&self, command: &str) -> String {
-        let mut stream = UnixStream::connect(&self.socket).expect("QEMU listens to debuggers");
-        let patience = Some(Duration::from_secs(20));
+        self.stop().exchange(command)
+    }
+
+    /// Stops the machine.
+    pub(crate) fn stop(&self) -> Stopped {
+        let stream = UnixStream::connect(&self.socket).expect("QEMU listens to debuggers");
+        let patience = Some(Duration::from_mins(1));
         stream
             .set_read_timeout(patience)
             .expect("a socket can wait");
-        let reply = exchange(&mut stream, command);
-        exchange(&mut stream, "D");
-        reply
+        Stopped { stream }
     }
 }
 
@@ -244,31 +242,72 @@ impl Drop for Memory {
     }
 }
 
-/// Sends a command in the debuggers' protocol and returns the reply. That the machine has stopped is
-/// said unasked.
-fn exchange(stream: &mut UnixStream, command: &str) -> String {
-    let sum = command.bytes().fold(0_u8, u8::wrapping_add);
-    write!(stream, "${command}#{sum:02x}").expect("QEMU takes commands");
-    loop {
-        let packet = receive(stream);
-        stream.write_all(b"+").expect("QEMU takes receipts");
-        if !packet.starts_with('T') {
-            return packet;
+/// A machine that is stopped as long as this lives: the connection of a debugger.
+pub(crate) struct Stopped {
+    stream: UnixStream,
+}
+
+impl Stopped {
+    /// Puts a word into the flash, or the memory.
+    pub(crate) fn write(&mut self, address: u64, word: u32) {
+        self.execute(&format!("M{address:x},4:{:08x}", word.swap_bytes()));
+    }
+
+    /// Lets the machine run, up to the instruction at this address.
+    pub(crate) fn run_to(&mut self, address: u64) {
+        /// It has stopped by the signal `SIGTRAP`, not by the connection.
+        const AT_BREAKPOINT: &str = "T05";
+        self.execute(&format!("Z1,{address:x},2"));
+        self.send("c");
+        while !self.receive().starts_with(AT_BREAKPOINT) {}
+        self.execute(&format!("z1,{address:x},2"));
+    }
+
+    fn execute(&mut self, command: &str) {
+        assert_eq!(self.exchange(command), "OK", "{command}");
+    }
+
+    /// Sends a command in the debuggers' protocol and returns the reply. That the machine has stopped is
+    /// said unasked.
+    fn exchange(&mut self, command: &str) -> String {
+        self.send(command);
+        loop {
+            let packet = self.receive();
+            if !packet.starts_with('T') {
+                return packet;
+            }
         }
+    }
+
+    /// Sends a packet: `$text#sum`.
+    fn send(&mut self, text: &str) {
+        let sum = text.bytes().fold(0_u8, u8::wrapping_add);
+        write!(self.stream, "${text}#{sum:02x}").expect("QEMU takes commands");
+    }
+
+    /// Receives such a packet.
+    fn receive(&mut self) -> String {
+        let mut next = || {
+            let mut byte = [0];
+            let read = self.stream.read_exact(&mut byte);
+            read.expect("QEMU replies in time");
+            byte[0]
+        };
+        while next() != b'$' {}
+        let text = std::iter::from_fn(|| Some(next()).filter(|byte| *byte != b'#'));
+        let text = String::from_utf8(text.collect()).expect("replies are text");
+        next();
+        next();
+        self.stream.write_all(b"+").expect("QEMU takes receipts");
+        text
     }
 }
 
-/// Receives a packet: `$text#sum`.
-fn receive(stream: &mut UnixStream) -> String {
-    let mut next = || {
-        let mut byte = [0];
-        stream.read_exact(&mut byte).expect("QEMU replies in time");
-        byte[0]
-    };
-    while next() != b'$' {}
-    let text = std::iter::from_fn(|| Some(next()).filter(|byte| *byte != b'#'));
-    let text = String::from_utf8(text.collect()).expect("replies are text");
-    next();
-    next();
-    text
+impl Drop for Stopped {
+    fn drop(&mut self) {
+        // After a failure, a second one would hide it.
+        if !thread::panicking() {
+            self.exchange("D");
+        }
+    }
 }
