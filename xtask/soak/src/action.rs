@@ -1,4 +1,4 @@
-//! What may happen to a machine: lines, realtime bytes, contacts, damage, time, and the loss of power.
+//! What may happen to a machine: lines, realtime bytes, contacts, damage, breaks, time, and the loss of power.
 
 use leadscrew::{axis::AXES, model::Levels};
 use proptest::prelude::*;
@@ -14,6 +14,8 @@ pub(crate) enum Action {
     DamagedLine { text: String, byte: usize, bit: u8 },
     /// The same with one of its bytes damaged so that the receiver sees it, and drops it.
     LossyLine { text: String, byte: usize },
+    /// The line from the sender is low, ms.
+    Break(u32),
     /// A realtime byte, or any other.
     Byte(u8),
     /// A contact closes.
@@ -117,6 +119,7 @@ fn action() -> impl Strategy<Value = Action> {
             .prop_filter("a setting with a wrong number may be any", |(text, ..)| !text.starts_with('$'))
             .prop_map(|(text, byte, bit)| Action::DamagedLine { text, byte, bit }),
         3 => (line(), 0_usize..80).prop_map(|(text, byte)| Action::LossyLine { text, byte }),
+        2 => prop_oneof![0_u32..60, 150_u32..500].prop_map(Action::Break),
         20 => realtime_byte().prop_map(Action::Byte),
         3 => contact().prop_map(Action::Close),
         6 => contact().prop_map(Action::Open),

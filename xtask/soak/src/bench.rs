@@ -33,6 +33,8 @@ const BYTE_TICKS: u64 = SECOND * 10 / 115_200;
 const WINDOW: usize = 127;
 /// From a `?` to the first byte of its report: 5 ms, and what waits to be sent before it.
 const PROMPT_TICKS: u64 = 5 * MILLISECOND + SENT_RING as u64 * BYTE_TICKS;
+/// How long something may run on in a break: 40 ms behind the report that waits at its beginning.
+const BREAK_TICKS: u64 = PROMPT_TICKS + 42 * MILLISECOND;
 /// What a line may take until the operator helps.
 const PATIENCE_TICKS: u64 = 20 * SECOND;
 /// What a machine takes to stand and to answer after a reset.
@@ -54,6 +56,8 @@ pub(crate) enum Fault {
     MotorsSwapped,
     /// A byte that does not arrive, and the receiver has seen nothing of it.
     LossUnseen,
+    /// A break at which the pin stays high.
+    BreakUnseen,
 }
 
 /// What is on its way to the machine.
@@ -166,6 +170,7 @@ impl Bench {
             Action::LossyLine { text, byte } => {
                 self.send_damaged(text, *byte, |_| WireByte::Damaged);
             }
+            Action::Break(ms) => self.make_break(u64::from(*ms) * MILLISECOND),
             Action::Byte(byte) => self.urgent.push_back(*byte),
             Action::Close(contact) => self.hold(self.closed | contact.input()),
             Action::Open(contact) => self.hold(self.closed & !contact.input()),
@@ -255,6 +260,27 @@ impl Bench {
         if let Some(WireByte::Byte(byte)) = self.line.get(place).copied() {
             self.line[place] = damage(byte);
         }
+    }
+
+    /// The line is low: the receiver sees a byte without a stop bit, and then nothing. What runs is held.
+    fn make_break(&mut self, ticks: u64) {
+        let end = self.simulator.now() + ticks;
+        self.simulator
+            .pull_line(self.fault != Some(Fault::BreakUnseen));
+        self.receive(WireByte::Damaged, self.simulator.now());
+        let mut runs_since = None;
+        while self.simulator.now() < end {
+            self.next_in = end;
+            self.run(MILLISECOND);
+            let now = self.simulator.now();
+            if self.state() != State::Run {
+                runs_since = None;
+                continue;
+            }
+            let ticks = now - *runs_since.get_or_insert(now);
+            assert!(ticks <= BREAK_TICKS, "a break holds nothing");
+        }
+        self.simulator.pull_line(false);
     }
 
     /// Waits until the machine has room for a line. Where it takes none, the operator helps.

@@ -25,10 +25,10 @@ use search::{Done, Until};
 
 /// Let anything happen to the virtual machine, and look whether it does what it must
 ///
-/// Lines of all codes, realtime bytes, contacts, damaged bytes, settings that are stored, and losses of power
-/// come at random times. Every pulse has its width and its distance, no axis is faster than it may be or leaves
-/// its travel, each line is answered once, each `?` in time, the machine is where it believes to be, and what
-/// was stored before power was lost is there afterwards.
+/// Lines of all codes, realtime bytes, contacts, damaged bytes, breaks, settings that are stored, and losses of
+/// power come at random times. Every pulse has its width and its distance, no axis is faster than it may be or
+/// leaves its travel, a break holds what runs, each line is answered once, each `?` in time, the machine is where
+/// it believes to be, and what was stored before power was lost is there afterwards.
 #[derive(Parser)]
 #[command(bin_name = "cargo xtask soak", styles = ui::STYLES, max_term_width = 100, version)]
 #[command(after_help = ui::AXES)]
