@@ -51,6 +51,8 @@ fn homing_fails_without_a_switch_and_when_the_door_opens() {
     machine.wait_for_welcome();
     assert_eq!(machine.receive(), "[MSG:'$H'|'$X' to unlock]");
     machine.unlock();
+    // Its search is then long enough to be met in its middle.
+    machine.set(&["$25=200"]);
     machine.send(b"$H\n");
     while machine.memory.steps()[2] % (60 * SCALE) < 100 {}
     machine.memory.close(Levels::DOOR);

@@ -98,7 +98,7 @@ fn restart(task: &str, fault: Fault) -> Option<(Machine, Vec<String>)> {
         assert_eq!(machine.ask(line), ["ok"]);
     }
     if task != IDLE {
-        assert_eq!(machine.ask("G1 X100 F600"), ["ok"]);
+        assert_eq!(machine.ask("G1 X100 F60"), ["ok"]);
     }
     assert_eq!(machine.memory.faults(), 0);
     assert_ne!(machine.memory.switched().bits & 0b101, 0);

@@ -13,7 +13,7 @@ use std::{
 use crate::memory::Memory;
 
 /// Longest time for an answer before the machine counts as dead.
-pub(crate) const PATIENCE: Duration = Duration::from_secs(20);
+pub(crate) const PATIENCE: Duration = Duration::from_mins(1);
 pub(crate) const RESET: &[u8] = b"\x18";
 
 /// The emulated board with the firmware running.

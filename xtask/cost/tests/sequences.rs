@@ -128,7 +128,7 @@ fn run() -> Option<Value> {
         elf.display(),
         out.display()
     );
-    support::emulate(&elf, &plugin, 20)?;
+    support::emulate(&elf, &plugin, 120)?;
     let text = fs::read_to_string(out).expect("the plugin writes its report when QEMU exits");
     Some(serde_json::from_str(&text).expect("the report is JSON"))
 }

@@ -22,7 +22,7 @@ const FRAME: Duration = Duration::from_millis(30);
 /// Silence after which a comment is sent, so that a page that has gone is noticed.
 const SILENCE: Duration = Duration::from_secs(2);
 /// How long the last event may take.
-const LAST_EVENT: Duration = Duration::from_secs(1);
+const LAST_EVENT: Duration = Duration::from_secs(10);
 
 const POLICY: &str = "default-src 'none'; script-src 'self'; style-src 'self'; connect-src 'self'; \
     base-uri 'none'; form-action 'none'";

@@ -9,7 +9,7 @@ use std::time::Duration;
 /// How often the monitor asks.
 const ASK_EVERY: Duration = Duration::from_millis(100);
 /// How long an answer may take; then it is lost.
-const ANSWER: Duration = Duration::from_millis(500);
+const ANSWER: Duration = Duration::from_secs(1);
 /// How long after its last `?` a sender counts as one that asks by itself.
 const SENDER_ASKS: Duration = Duration::from_secs(2);
 
@@ -188,13 +188,13 @@ mod tests {
     fn a_lost_answer_is_asked_for_again() {
         let mut tap = Tap::default();
         assert!(tap.asks(ms(0)));
-        assert!(!tap.asks(ms(400)));
-        assert!(tap.asks(ms(600)));
+        assert!(!tap.asks(ms(900)));
+        assert!(tap.asks(ms(1100)));
         let mut machine = Vec::new();
-        tap.sent(b"?", ms(610), &mut machine);
+        tap.sent(b"?", ms(1110), &mut machine);
         assert!(machine.is_empty());
         assert_eq!(
-            received(&mut tap, ms(1200), b"ok\r\n", 1),
+            received(&mut tap, ms(2200), b"ok\r\n", 1),
             (b"ok\r\n".to_vec(), b"?".to_vec())
         );
     }

@@ -32,9 +32,8 @@ const WAIT: Timespec = Timespec {
 const HOLD: u8 = b'!';
 /// How long a machine may take to answer: a board may start first.
 const ANSWER: Duration = Duration::from_secs(5);
-/// How often it is asked until then, and how long a list of settings may take.
+/// How often it is asked until then.
 const ASK_EVERY: Duration = Duration::from_millis(500);
-const LIST: Duration = Duration::from_secs(2);
 /// Bytes that wait for the machine at most; then the sender waits.
 const BACKLOG: usize = 4096;
 /// Bytes that wait for the sender at most: nobody reads them.
@@ -99,7 +98,7 @@ impl Watch {
         if state == "Idle" {
             let is_answer =
                 |sighting: &Sighting| matches!(sighting, Sighting::Answer(_)).then_some(());
-            self.ask(b"$$\n", LIST, stop, is_answer)?;
+            self.ask(b"$$\n", ANSWER, stop, is_answer)?;
         }
         self.to_sender.clear();
         Ok(())
@@ -155,7 +154,7 @@ impl Watch {
     fn lines(&mut self, statement: &str, stop: &UnixStream) -> Result<Vec<String>> {
         let mut lines = Vec::new();
         let question = format!("{statement}\n");
-        let answer = self.ask(question.as_bytes(), LIST, stop, |sighting| {
+        let answer = self.ask(question.as_bytes(), ANSWER, stop, |sighting| {
             if let Sighting::Other(text) = sighting {
                 lines.push(text.clone());
             }

@@ -6,6 +6,7 @@ use std::{
     net::{TcpListener, TcpStream},
     path::Path,
     process::{Child, ChildStderr, Command, Stdio},
+    sync::mpsc::{Sender, TryRecvError, channel},
     thread,
 };
 
@@ -240,7 +241,7 @@ fn body(address: &str, path: &str) -> Value {
 fn a_job_that_a_sender_sends_is_known_from_its_begin_to_its_end() {
     let folder = tempdir().unwrap();
     let [link, program] = ["tty", "job.nc"].map(|name| folder.path().join(name));
-    let lines = ["G0 X10 Y5", "G1 Z-2 F1200", "G1 X20 F1200", "G0 Z1"];
+    let lines = ["G0 X50 Y5", "G1 Z-2 F1200", "G1 X100 F1200", "G0 Z1"];
     fs::write(&program, lines.join("\n")).unwrap();
     let mut monitor = Monitor::start(&[
         "--sim",
@@ -291,7 +292,7 @@ fn the_job_of_a_machine_in_motion_begins_at_its_work_zero() {
     fs::write(&program, "G1 X3 F60\n").unwrap();
     fs::write(&settings, "$100=100\n").unwrap();
     let report = b"<Run|MPos:41.000,2.000,0.000|FS:60,0|WCO:40.000,2.000,0.000>\r\n";
-    let address = machine(report, 20);
+    let (address, switch) = machine(report);
     let mut monitor = Monitor::start(&[
         "--tcp",
         &address,
@@ -301,21 +302,25 @@ fn the_job_of_a_machine_in_motion_begins_at_its_work_zero() {
         settings.to_str().unwrap(),
     ]);
     let page = monitor.address();
-    let last = events(&page).last().unwrap();
+    let mut events = events(&page);
+    assert!(events.any(|event| event["now"]["job"] != Value::Null));
+    drop(switch);
+    let last = events.last().unwrap();
     let job = &last["now"]["job"];
     assert_eq!(job["is_on_path"], true, "{last}");
     assert_eq!(job["line"], 1, "{last}");
     monitor.end();
 }
 
-/// A machine that is none: it says the same to each `?`, and is gone after so many of them.
-fn machine(answer: &'static [u8], questions: usize) -> String {
+/// A machine that is none: it says the same to each `?`, and is gone when its switch is dropped.
+fn machine(answer: &'static [u8]) -> (String, Sender<()>) {
     let listener = TcpListener::bind("127.0.0.1:0").unwrap();
     let address = listener.local_addr().unwrap().to_string();
+    let (switch, is_on) = channel();
     thread::spawn(move || {
         let (mut stream, _) = listener.accept().unwrap();
         let mut byte = [0];
-        for _ in 0..questions {
+        while is_on.try_recv() == Err(TryRecvError::Empty) {
             while stream.read(&mut byte).is_ok_and(|length| length == 1) && byte != *b"?" {
                 if byte == *b"$" {
                     let _ = stream.write_all(b"$100=10.000\r\n$101=10.000\r\nok\r\n");
@@ -326,15 +331,18 @@ fn machine(answer: &'static [u8], questions: usize) -> String {
             }
         }
     });
-    address
+    (address, switch)
 }
 
 #[test]
 fn any_machine_is_shown_by_its_reports_until_it_goes() {
-    let address = machine(REPORT, 20);
+    let (address, switch) = machine(REPORT);
     let mut monitor = Monitor::start(&["--tcp", &address]);
     let page = monitor.address();
-    let last = events(&page).last().unwrap();
+    let mut events = events(&page);
+    let first = events.next().unwrap();
+    drop(switch);
+    let last = events.last().unwrap_or(first);
     assert_eq!(
         last["now"]["machine_mm"],
         serde_json::json!([1.0, 2.0, 0.0])
@@ -347,13 +355,13 @@ fn any_machine_is_shown_by_its_reports_until_it_goes() {
 
 #[test]
 fn what_is_no_grbl_is_told() {
-    let (silent, foreign) = (machine(b"", 1000), machine(b"T:20.0 /0.0\n", 1000));
-    let busy = machine(b"[MSG:In use by process 7 (bCNC)]\r\n", 1000);
-    for (address, said) in [
-        (silent, "has not answered as Grbl does"),
-        (foreign, "has not answered as Grbl does"),
+    let busy = b"[MSG:In use by process 7 (bCNC)]\r\n";
+    for (answer, said) in [
+        (&b""[..], "has not answered as Grbl does"),
+        (b"T:20.0 /0.0\n", "has not answered as Grbl does"),
         (busy, "is in use by process 7 (bCNC)"),
     ] {
+        let (address, _switch) = machine(answer);
         let (status, heard) = Monitor::start(&["--tcp", &address]).end();
         assert_eq!(status, Some(1));
         assert!(heard.contains(said), "{heard}");
@@ -368,7 +376,7 @@ fn a_port_has_one_monitor_and_may_be_unplugged() {
     let path = path.to_str().unwrap();
     let mut first = Monitor::start(&["--port", path]);
     // The machine answers until the first monitor shows it.
-    let (ready, is_ready) = std::sync::mpsc::channel();
+    let (ready, is_ready) = channel();
     let board = thread::spawn(move || {
         let mut bytes = [0; 64];
         while is_ready.try_recv().is_err() {
@@ -400,7 +408,7 @@ fn a_port_has_one_monitor_and_may_be_unplugged() {
 fn what_cannot_be_had_is_told_at_once() {
     let listener = TcpListener::bind("127.0.0.1:0").unwrap();
     let taken = listener.local_addr().unwrap().to_string();
-    let address = machine(REPORT, 1000);
+    let (address, _switch) = machine(REPORT);
     let (status, said) = Monitor::start(&["--tcp", &address, "--http", &taken]).end();
     assert_eq!(status, Some(1));
     assert!(said.contains("cannot serve the page"), "{said}");

@@ -7,7 +7,8 @@ use std::fs;
 use support::{Cable, Sending, Simulator, cut::CutPath, path};
 use tempfile::{TempDir, tempdir};
 
-/// Quick enough that no test lasts, and slow enough that a key finds the machine in motion.
+/// Quick enough that no test lasts. What a key is to find in motion moves for many seconds: the machine has no other
+/// time than this computer, whatever that does besides.
 const SETTINGS: [&str; 9] = [
     "$100=80",
     "$101=80",
@@ -29,7 +30,7 @@ M3 S1000
 G0 Z5
 G0 X5 Y5
 G1 Z-1 F600
-G1 X30 F900
+G1 X30 F600
 Y20
 G2 X20 Y30 I-10 J0 (a quarter)
 G1 X5
@@ -39,7 +40,7 @@ T2 M6
 M3 S1000
 G0 X8 Y8
 G1 Z-2 F600
-X14 F900
+X14 F600
 Y12
 X8
 Y8
@@ -89,7 +90,9 @@ fn undisturbed(folder: &TempDir) -> Vec<[i32; 3]> {
     let device = path(folder, "plain");
     let simulator = Simulator::start(&["--pty", &device, "--trace", &steps], &SETTINGS);
     let mut sending = Sending::start(&[&job, "--port", &device]);
-    for _ in 0..2 {
+    for tool in ["T1", "T2"] {
+        // That it waits may be told a second time.
+        sending.until(&format!("[MSG:Tool change: {tool}]"));
         sending.until("the machine waits");
         sending.press("r");
     }
@@ -180,7 +183,7 @@ fn a_job_whose_record_cannot_be_written_does_not_begin_anew_when_its_port_is_bac
     let folder = tempdir().unwrap();
     // A name as long as a file's may be: that of the record would be longer.
     let name = format!("{}.nc", "n".repeat(250));
-    let job = file(&folder, &name, "G21 G90\nG0 X2\nG1 X60 F600\n");
+    let job = file(&folder, &name, "G21 G90\nG0 X2\nG1 X60 F200\n");
     let (device, end) = (path(&folder, "tty"), path(&folder, "cable"));
     let _simulator = Simulator::start(&["--pty", &device], &SETTINGS);
     let cable = Cable::plug_in(&device, &end);
@@ -293,7 +296,7 @@ fn without_an_operator_a_change_of_the_tool_ends_the_job() {
 fn ctrl_c_holds_and_a_second_one_ends_the_job_which_is_continued_only_with_a_yes() {
     let folder = tempdir().unwrap();
     let (_simulator, address) = Simulator::tcp(&[], &SETTINGS);
-    let job = file(&folder, "job.nc", &short("G1 X60 F600"));
+    let job = file(&folder, "job.nc", &short("G1 X60 F200"));
     let mut sending = Sending::start(&[&job, "--tcp", &address]);
     sending.until("Run ");
     sending.interrupt();
@@ -358,13 +361,13 @@ fn a_new_tool_is_measured_by_lines_that_the_operator_types() {
     let job = file(
         &folder,
         "job.nc",
-        "G21 G90\nG0 X1\nT2 M6\nG0 X2 Z5\nG0 Y40 F600\nG1 Y80\n",
+        "G21 G90\nG0 X1\nT2 M6\nG0 X2 Z5\nG0 Y40 F200\nG1 Y80\n",
     );
     let measure = |sending: &mut Sending| {
         sending.until("the machine waits");
         sending.press("t");
         sending.until("Enter sends one");
-        sending.press("$J=G91 X7 F3000\n");
+        sending.press("$J=G91 X7 F100\n");
         sending.until("ok");
         sending.until("Jog ");
         sending.until("Tool ");

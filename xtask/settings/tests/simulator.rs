@@ -78,8 +78,15 @@ impl Drop for Simulator {
 
 /// Whether a command succeeds, what it prints, and what it says.
 fn settings(arguments: &[&str]) -> (bool, String, String) {
+    let has_timeout = arguments.contains(&"--timeout");
+    let patient: &[&str] = if has_timeout {
+        &[]
+    } else {
+        &["--timeout", "60"]
+    };
     let output = Command::new(env!("CARGO_BIN_EXE_settings"))
         .args(arguments)
+        .args(patient)
         .output()
         .unwrap();
     let text = |bytes| String::from_utf8(bytes).unwrap();
@@ -255,7 +262,7 @@ fn a_machine_in_alarm_or_in_motion_is_told() {
         "$120=5000",
     ];
     let (_simulator, address) = Simulator::tcp(&fast);
-    let command = ["--tcp", &address, "--timeout", "0.5", "--load", &file];
+    let command = ["--tcp", &address, "--timeout", "30", "--load", &file];
     {
         let mut sender = TcpStream::connect(&address).unwrap();
         until(&mut sender, "G1 X-60 F60\n", "ok");
@@ -368,7 +375,8 @@ fn a_conversation_that_breaks_off_is_told_and_no_file_is_written() {
             "has not answered for 0.4 s",
         ),
     ] {
-        let said = failed(&["--tcp", &address, "--timeout", "0.4", "--save", &saved]);
+        let timeout = if told.contains("0.4 s") { "0.4" } else { "30" };
+        let said = failed(&["--tcp", &address, "--timeout", timeout, "--save", &saved]);
         assert!(said.contains(told), "{said}");
     }
     assert!(!Path::new(&saved).exists());

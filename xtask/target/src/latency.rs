@@ -84,7 +84,7 @@ const SECONDS: u64 = 10;
 /// Time between two looks at what has been found so far.
 const LOOK: Duration = Duration::from_millis(500);
 /// How long a firmware may take to start.
-const START: Duration = Duration::from_secs(10);
+const START: Duration = Duration::from_mins(1);
 
 pub(crate) fn run(options: &Options) -> Result<ExitCode> {
     let outcome = match &options.board {

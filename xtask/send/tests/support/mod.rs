@@ -8,8 +8,12 @@ use std::{
     os::{fd::AsFd as _, unix::net::UnixStream},
     path::Path,
     process::{Child, Command, Stdio},
-    sync::mpsc::{Receiver, channel},
+    sync::{
+        Mutex, PoisonError,
+        mpsc::{Receiver, channel},
+    },
     thread::{self, JoinHandle},
+    time::Duration,
 };
 
 use common::tools;
@@ -19,6 +23,17 @@ use rustix::{
     process::{Pid, Signal},
 };
 use tempfile::TempDir;
+
+/// How long a command may be silent before it counts as stuck.
+const PATIENCE: Duration = Duration::from_mins(3);
+
+/// Held where a process begins: up to then it has all files of this one open.
+static SPAWNING: Mutex<()> = Mutex::new(());
+
+fn spawn(command: &mut Command) -> Child {
+    let _alone = SPAWNING.lock().unwrap_or_else(PoisonError::into_inner);
+    command.spawn().unwrap()
+}
 
 pub(crate) fn path(folder: &TempDir, name: &str) -> String {
     folder.path().join(name).to_str().unwrap().into()
@@ -33,15 +48,15 @@ pub(crate) struct Simulator {
 
 impl Simulator {
     pub(crate) fn start(arguments: &[&str], settings: &[&str]) -> Self {
-        let mut process = tools::command(tools::SIM)
-            .unwrap()
-            .args(arguments)
-            .args(settings.iter().flat_map(|setting| ["--set", setting]))
-            .stdin(Stdio::null())
-            .stdout(Stdio::null())
-            .stderr(Stdio::piped())
-            .spawn()
-            .unwrap();
+        let mut process = spawn(
+            tools::command(tools::SIM)
+                .unwrap()
+                .args(arguments)
+                .args(settings.iter().flat_map(|setting| ["--set", setting]))
+                .stdin(Stdio::null())
+                .stdout(Stdio::null())
+                .stderr(Stdio::piped()),
+        );
         let mut messages = BufReader::new(process.stderr.take().unwrap());
         let mut line = String::new();
         while !line.contains("Serving") {
@@ -84,13 +99,14 @@ pub(crate) struct Sending {
 
 impl Sending {
     pub(crate) fn start(arguments: &[&str]) -> Self {
-        let mut process = Command::new(env!("CARGO_BIN_EXE_send"))
-            .args(arguments)
-            .stdin(Stdio::piped())
-            .stdout(Stdio::piped())
-            .stderr(Stdio::piped())
-            .spawn()
-            .unwrap();
+        let mut process = spawn(
+            Command::new(env!("CARGO_BIN_EXE_send"))
+                .args(arguments)
+                .args(["--timeout", "60"])
+                .stdin(Stdio::piped())
+                .stdout(Stdio::piped())
+                .stderr(Stdio::piped()),
+        );
         let lines = BufReader::new(process.stdout.take().unwrap()).lines();
         let mut errors = process.stderr.take().unwrap();
         let (sender, printed) = channel();
@@ -115,7 +131,8 @@ impl Sending {
     /// Waits for a line with a text, and returns it.
     pub(crate) fn until(&mut self, text: &str) -> String {
         loop {
-            let Ok(line) = self.printed.recv() else {
+            let Ok(line) = self.printed.recv_timeout(PATIENCE) else {
+                let _ = self.process.kill();
                 let said = self.said.take().map(|said| said.join().unwrap());
                 panic!("no {text} in {}{}", self.log, said.unwrap_or_default());
             };
@@ -193,6 +210,8 @@ impl Cable {
     pub(crate) fn unplug(self) {
         drop(self.pulled);
         self.carrier.join().unwrap();
+        // A process that is just beginning has the ends open, too.
+        drop(SPAWNING.lock().unwrap_or_else(PoisonError::into_inner));
     }
 }
 
