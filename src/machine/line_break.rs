@@ -8,9 +8,9 @@
 
 use crate::model::Requests;
 
-/// Periods of the timer of `inputs` for which the line is low in a break: 40 ms, and 10 ms where contacts are being
-/// sampled. A byte is low for 9 bits at most, 0.94 ms at 9600 baud and 7.5 ms at 1200: it ends, and begins the count
-/// anew, before 10 ms are over. Senders make breaks of 100 ms and more.
+/// Periods of the timer of `inputs` for which the line is low in a break: 40 ms, and 9 ms at least where contacts are
+/// being sampled. A byte is low for 9 bits at most, 0.94 ms at 9600 baud and 7.5 ms at 1200: it ends, and begins the
+/// count anew, before 9 ms are over. Senders make breaks of 100 ms and more.
 const BREAK_PERIODS: u8 = 40;
 
 /// The watch of `idle` over the level of the line.

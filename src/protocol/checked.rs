@@ -221,6 +221,12 @@ impl<const N: usize> RawLine<N> {
         number.is_some() || self.checksum.asterisks != 0
     }
 
+    /// Returns whether the line has a checksum, right or wrong.
+    #[must_use]
+    pub fn has_checksum(&self) -> bool {
+        self.chosen_checksum().is_some()
+    }
+
     /// Returns whether the line begins with an `N`.
     #[must_use]
     pub fn has_number(&self) -> bool {

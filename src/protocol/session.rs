@@ -466,8 +466,9 @@ impl Session {
         self.observe(machine);
         self.drop_cancelled(machine);
         continue_if(self.send_pending(links))?;
-        // Where the motion is about to go on it waits for that.
-        if machine.state != State::DoorRestoring && links.requests.take_line_break() {
+        // A homing cycle, and the way back behind a door, have their end first.
+        let is_in_cycle = matches!(machine.state, State::Home | State::DoorRestoring);
+        if !is_in_cycle && links.requests.take_line_break() {
             self.hold_after_break(links);
         }
         continue_if(self.start(links))?;

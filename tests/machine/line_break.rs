@@ -4,7 +4,7 @@ use leadscrew::{
     axis::Axes,
     model::{Levels, State},
     settings::Settings,
-    sim::Simulator,
+    sim::{Closes, Simulator, Switch},
     units::{TICKS_PER_MS, TICKS_PER_SECOND},
 };
 
@@ -204,4 +204,62 @@ fn a_break_while_the_spindle_is_restored_after_the_door_holds_the_motion_that_fo
     machine.send("~");
     machine.run(5000 * MS);
     assert_eq!((machine.state(), machine.x()), (State::Idle, 2500));
+}
+
+#[test]
+fn a_break_while_the_door_is_dropped_holds_the_lines_that_wait_behind_a_pause() {
+    let mut machine = Machine::doing("M3S1000\nG1X1F6000\nM0\nG1X2\nG1X3\n");
+    machine.run(5000 * MS);
+    assert_eq!(machine.state(), State::HoldComplete);
+    machine.simulator.set_pin(Levels::DOOR, true);
+    machine.run(5000 * MS);
+    machine.simulator.set_pin(Levels::DOOR, false);
+    machine.run(100 * MS);
+    machine.send("~");
+    machine.run(100 * MS);
+    assert_eq!(machine.state(), State::DoorRestoring);
+    machine.make_break(300);
+    machine.run(60_000 * MS);
+    assert_eq!((machine.state(), machine.x()), (State::HoldComplete, 250));
+    assert!(machine.answers().contains(&MESSAGE.to_owned()));
+    machine.send("~");
+    machine.run(5000 * MS);
+    assert_eq!((machine.state(), machine.x()), (State::Idle, 750));
+}
+
+#[test]
+fn a_break_while_homing_holds_the_lines_that_wait_behind_it() {
+    for waiting in ["", "G53G1X-5F6000\n"] {
+        let mut machine = Machine::doing("");
+        for axis in 0..3 {
+            let closes = Closes::From(500);
+            let input = Levels::limits(1 << axis);
+            assert!(machine.simulator.mount(Switch {
+                axis,
+                closes,
+                input
+            }));
+        }
+        machine.send("$H\n");
+        machine.send(waiting);
+        machine.run(100 * MS);
+        assert_eq!(machine.state(), State::Home);
+        machine.make_break(300);
+        assert_eq!(machine.state(), State::Home);
+        machine.run(60_000 * MS);
+        let is_held = !waiting.is_empty();
+        let state = if is_held {
+            State::HoldComplete
+        } else {
+            State::Idle
+        };
+        let told = machine.answers();
+        assert_eq!(machine.state(), state, "{told:?}");
+        assert_eq!(told.contains(&MESSAGE.to_owned()), is_held, "{told:?}");
+        let homed = machine.x();
+        machine.send("~");
+        machine.run(10_000 * MS);
+        assert_eq!(machine.state(), State::Idle);
+        assert_eq!(machine.x() < homed, is_held);
+    }
 }

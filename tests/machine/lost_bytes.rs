@@ -193,6 +193,33 @@ fn a_program_is_held_where_a_line_of_it_has_lost_bytes() {
 }
 
 #[test]
+fn nothing_of_a_numbered_line_is_executed_that_has_lost_bytes() {
+    for line in ["N7 G1X12", "N1 G1X12*114"] {
+        for place in 0..line.len() {
+            let mut machine = Machine::with(&Settings {
+                dialect: 2,
+                ..Settings::default()
+            });
+            machine.send_text("G1Y10F600\n");
+            machine.run(TICKS_PER_SECOND.into());
+            machine.send(damaged(&format!("{line}\n"), place, 1));
+            let answers = machine.answers();
+            let steps = machine.steps();
+            assert_eq!(steps[0], 0, "{line} {place} {answers:?}");
+            // A checksum that is wrong asks for the line again.
+            let is_asked_for = answers.ends_with(&["[MSG:Resend: 1]".into(), "error:200".into()]);
+            let is_refused = answers == ["ok", "error:210"];
+            assert!(is_refused != is_asked_for, "{line} {place} {answers:?}");
+            assert_eq!(machine.is_held(), is_refused, "{line} {place}");
+            assert!(
+                line.contains('*') || is_refused,
+                "{line} {place} {answers:?}"
+            );
+        }
+    }
+}
+
+#[test]
 fn a_jog_and_a_machine_at_rest_are_not_held_for_a_line_that_has_lost_bytes() {
     let mut machine = Machine::new();
     machine.send(damaged("G0X1\n", 2, 1));

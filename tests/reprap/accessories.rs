@@ -1,6 +1,6 @@
 //! Codes of fans, drivers, the laser, limits, overrides, pauses and reports.
 
-use leadscrew::model::Spindle;
+use leadscrew::model::{Spindle, State};
 
 use crate::host::{Host, STEPS_PER_MM, first, numbered, place, seconds};
 
@@ -87,6 +87,26 @@ fn m220_is_the_feed_override() {
         let overrides = host.simulator.snapshot().overrides;
         assert_eq!(i32::from(overrides.feed), percent);
     }
+}
+
+#[test]
+fn a_pause_with_a_time_waits_for_the_operator_after_a_break_on_the_line() {
+    let mut host = Host::new();
+    host.receive(b"M0 S2\nG1 X1 F6000\n");
+    host.run_ms(100);
+    host.simulator.pull_line(true);
+    host.run_ms(100);
+    host.simulator.pull_line(false);
+    host.run_ms(10_000);
+    assert_eq!(host.state(), State::HoldComplete);
+    assert_eq!(place(&mut host), [0, 0]);
+    let told = host.lines();
+    assert!(
+        told.iter().any(|line| line.contains("Break on the line")),
+        "{told:?}"
+    );
+    host.ask("M108");
+    assert_eq!(place(&mut host), [1, 0]);
 }
 
 #[test]

@@ -93,11 +93,16 @@ impl Session {
         let is_stale = host
             .stale_before
             .is_some_and(|before| before.wrapping_sub(host.start).cast_signed() > 0);
+        // A checksum says more. A number without one says more where it must have one.
+        let is_unchecked = if is_host {
+            !is_checked
+        } else {
+            !host.raw.has_checksum()
+        };
         match verdict {
             Verdict::Blank if is_host => return Progress::Again,
-            // A checksum says more.
-            _ if has_lost && !is_checked && is_host => return self.refuse(LineError::BytesLost),
-            _ if has_lost && !is_checked => {
+            _ if has_lost && is_unchecked && is_host => return self.refuse(LineError::BytesLost),
+            _ if has_lost && is_unchecked => {
                 return self.refuse_with_hold(LineError::BytesLost, links);
             }
             Verdict::Blank => return self.accept(),

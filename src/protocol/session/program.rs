@@ -68,7 +68,8 @@ impl Session {
         self.refuse(error)
     }
 
-    /// Holds a motion or a dwell after a break on the line, as `!` does.
+    /// Holds a motion, a dwell or lines that wait after a break on the line, as `!` does, and lets a pause that would
+    /// end by itself wait for the operator.
     ///
     /// At Idle `!` holds, too, but a break does not: adapters make one when a port is opened or a board is plugged in,
     /// and a machine that nobody has moved must not want a `~` first. Nor does it end a wait for the operator.
@@ -77,10 +78,14 @@ impl Session {
     pub(super) fn hold_after_break(&mut self, links: &Links<'_, '_>) {
         let machine = links.machine;
         let may_hold = matches!(machine.state, State::Idle | State::Run | State::Jog);
-        if may_hold && !self.is_done(machine) {
+        let has_work = !self.is_done(machine) || links.received.may_have_line();
+        let was_timed = self.host.pause_ms.take().is_some();
+        if may_hold && has_work {
             self.request_hold(links);
-            report::feedback(&mut self.reports.message, Feedback::LineBreak);
+        } else if !was_timed {
+            return;
         }
+        report::feedback(&mut self.reports.message, Feedback::LineBreak);
     }
 
     fn request_hold(&mut self, links: &Links<'_, '_>) {
