@@ -10,7 +10,7 @@ const path = require('path');
 
 // How long nothing may happen: a guard for a machine that is stuck, no measure. How long anything
 // takes is no concern of the scripts: the emulated machine goes as fast as its host lets it.
-const PATIENCE_MS = 30000;
+const PATIENCE_MS = 180000;
 // Where the work coordinates G54 begin, machine coordinates in mm.
 const ORIGIN = { x: -100, y: -100, z: -50 };
 

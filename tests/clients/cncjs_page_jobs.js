@@ -11,7 +11,7 @@
 const fs = require('fs');
 const path = require('path');
 
-const { browse } = require('./browser');
+const { browse, newPage } = require('./browser');
 const {
   HOME, ORIGIN, PATIENCE_MS, check, measured, run, serve, spiral, until,
 } = require('./cncjs');
@@ -257,7 +257,7 @@ async function close(screen) {
 async function main() {
   const { number } = await serve(portFinder());
   const browser = await browse();
-  const page = await browser.newPage();
+  const page = await newPage(browser);
   const faults = [];
   page.on('pageerror', (error) => faults.push(error.message));
   await page.goto(`http://127.0.0.1:${number}/`);

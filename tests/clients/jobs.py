@@ -13,7 +13,7 @@ import traceback
 
 # How long nothing may happen, s: a guard for a machine that is stuck, no measure. How long anything
 # takes is no concern of the scripts: the emulated machine goes as fast as its host lets it.
-PATIENCE = 30.0
+PATIENCE = 180.0
 
 # Where the work coordinates G54 of all jobs begin, machine coordinates in mm.
 ORIGIN = (-100, -100, -50)

@@ -11,7 +11,7 @@ const fs = require('fs');
 const { pathToFileURL } = require('url');
 
 const { check, run, until } = require('./cncjs');
-const { browse } = require('./browser');
+const { browse, newPage } = require('./browser');
 
 const [, , pageFile, traceFile] = process.argv;
 const SIZES = [{ width: 1400, height: 900 }, { width: 390, height: 800 }];
@@ -192,7 +192,7 @@ async function typed(page) {
 }
 
 async function look(browser, size, trace) {
-  const page = await browser.newPage();
+  const page = await newPage(browser);
   await page.setViewport(size);
   const faults = [];
   page.on('pageerror', (error) => faults.push(error.message));

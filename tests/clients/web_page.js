@@ -14,7 +14,7 @@ const path = require('path');
 const { pathToFileURL } = require('url');
 
 const { check, run, until } = require('./cncjs');
-const { browse } = require('./browser');
+const { browse, newPage } = require('./browser');
 
 const [, , pageFile, program, settings, hash, long] = process.argv;
 
@@ -122,7 +122,7 @@ async function tabulated(page) {
 }
 
 async function look(browser, address, width) {
-  const page = await browser.newPage();
+  const page = await newPage(browser);
   await page.setViewport({ width, height: 800 });
   const faults = [];
   page.on('pageerror', (error) => faults.push(error.message));

@@ -22,7 +22,7 @@ use rustix::{
 };
 
 /// How long a machine may take to start.
-const START: Duration = Duration::from_secs(30);
+const START: Duration = Duration::from_mins(3);
 
 /// Where a sender's machine runs.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

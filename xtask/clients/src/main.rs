@@ -47,11 +47,11 @@ use self::{
 
 /// How long nothing may happen on the line: a guard for a sender that is stuck, no measure. Its script
 /// finds a machine that is stuck before.
-const PATIENCE: Duration = Duration::from_secs(90);
+const PATIENCE: Duration = Duration::from_mins(5);
 /// Longest time for one sender's run: a guard for one that goes round in circles.
-const LONGEST: Duration = Duration::from_mins(15);
+const LONGEST: Duration = Duration::from_mins(30);
 /// Longest time for the last answers after the sender has ended.
-const REST: Duration = Duration::from_secs(5);
+const REST: Duration = Duration::from_mins(1);
 
 /// How often it is looked what goes on.
 const GLANCE: Duration = Duration::from_millis(20);
