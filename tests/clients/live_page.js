@@ -7,9 +7,9 @@
 'use strict';
 
 const { check, run, until } = require('./cncjs');
-const { browse } = require('./browser');
+const { browse, newPage } = require('./browser');
+const { FAST, SLOWLY, startJob } = require('./monitor');
 
-const address = process.argv[2];
 const SIZES = [{ width: 1400, height: 900 }, { width: 390, height: 800 }];
 // The machine is asked ten times a second, and tells each step besides: the marker of the job is as near, mm.
 const NEAR_MM = 0.2;
@@ -50,8 +50,8 @@ async function seen(page, claim, what) {
 /** The machine is on the path of the job, and the page shows where. */
 async function followed(page) {
   const isMoving = ({ state, job, time }) => state === 'Run' && job && job.is_on_path && job.time_s > 1 && time > 1;
-  const shown = await seen(page, isMoving, 'the job is followed');
-  check(shown.pieces > 100 && shown.drawn === shown.pieces, `${shown.drawn} of ${shown.pieces} pieces are drawn`);
+  const isDrawn = ({ pieces, drawn }) => pieces > 100 && drawn === pieces;
+  const shown = await seen(page, (now) => isMoving(now) && isDrawn(now), 'the job is drawn and followed');
   check(Math.abs(shown.job.time_s + shown.job.left_s - shown.end) < 0.01, JSON.stringify(shown.job));
   // Both in one frame, as the next event may come between.
   const { far, line, wanted } = await page.evaluate(() => {
@@ -97,8 +97,8 @@ async function turned(page) {
   check(await page.evaluate(() => window.view.scene.camera.pitch === Math.PI / 2), 'it is seen from above');
 }
 
-async function open(browser, size, faults) {
-  const page = await browser.newPage();
+async function open(browser, size, address, faults) {
+  const page = await newPage(browser);
   await page.setViewport(size);
   page.on('pageerror', (error) => faults.push(error.message));
   page.on('console', (message) => faults.push(`${message.type()}: ${message.text()}`));
@@ -109,7 +109,7 @@ async function open(browser, size, faults) {
   return page;
 }
 
-async function watch(pages, faults) {
+async function watch(pages, job, faults) {
   for (const page of pages) {
     await page.bringToFront();
     const before = await followed(page);
@@ -124,12 +124,15 @@ async function watch(pages, faults) {
     check(wide <= width, `the page is ${wide} pixels wide`);
     await page.screenshot({ path: `live-${width}.png` });
   }
+  job.press(FAST);
   for (const page of pages) {
     await page.bringToFront();
-    const shown = await seen(page, ({ link, left: text }) => link === 'ended' && text === 'done', 'the job ends');
-    check(shown.state === 'Idle' && shown.time === shown.end, JSON.stringify(shown));
+    // What comes last is drawn a frame later.
+    const isAtEnd = ({ left: text, state, time, end }) => text === 'done' && state === 'Idle' && time === end;
+    await seen(page, (now) => now.link === 'ended' && isAtEnd(now), 'the job ends');
   }
   check(faults.length === 0, faults.join('\n'));
+  await job.succeeds();
   return [0, 0, 0];
 }
 
@@ -137,9 +140,11 @@ async function main() {
   const browser = await browse('drawing');
   const faults = [];
   try {
+    const job = await startJob(process.argv.slice(2));
+    job.press(SLOWLY);
     const pages = [];
-    for (const size of SIZES) pages.push(await open(browser, size, faults));
-    return await watch(pages, faults);
+    for (const size of SIZES) pages.push(await open(browser, size, job.address, faults));
+    return await watch(pages, job, faults);
   } finally {
     await browser.close();
   }

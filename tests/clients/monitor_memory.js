@@ -5,12 +5,11 @@
 
 'use strict';
 
-const { spawn } = require('child_process');
 const net = require('net');
-const readline = require('readline');
 
 const { check, run, until } = require('./cncjs');
-const { browse } = require('./browser');
+const { browse, newPage } = require('./browser');
+const { start } = require('./monitor');
 
 const monitor = process.argv[2];
 // Ten minutes at 350 lines a second, and how many the page is sent at a time.
@@ -58,16 +57,6 @@ async function memory(session) {
   return usage.usedSize + (usage.embedderHeapUsedSize || 0) + (usage.backingStorageSize || 0);
 }
 
-/** Starts the monitor at the machine, and waits until its page is there. */
-async function start(port) {
-  const child = spawn(monitor, ['--tcp', `127.0.0.1:${port}`], { stdio: ['ignore', 'ignore', 'pipe'] });
-  for await (const line of readline.createInterface({ input: child.stderr })) {
-    const [, address] = line.match(/http:\/\/([^/\s]+)/) || [];
-    if (address) return { child, address };
-  }
-  throw new Error('the monitor has ended');
-}
-
 async function watch(page, session, moveTo) {
   const used = [];
   for (let line = 0; line < LINES; line += PORTION) {
@@ -94,15 +83,14 @@ async function watch(page, session, moveTo) {
 
 async function main() {
   const { port, moveTo } = await machine();
-  const { child, address } = await start(port);
+  const { address } = await start(monitor, ['--tcp', `127.0.0.1:${port}`]);
   const browser = await browse();
   try {
-    const page = await browser.newPage();
+    const page = await newPage(browser);
     await page.goto(`http://${address}/`);
     return await watch(page, await page.createCDPSession(), moveTo);
   } finally {
     await browser.close();
-    child.kill();
   }
 }
 

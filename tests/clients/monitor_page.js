@@ -8,9 +8,11 @@
 const {
   check, run, until,
 } = require('./cncjs');
-const { browse } = require('./browser');
+const { browse, newPage } = require('./browser');
+const {
+  FAST, GO_ON, SLOWLY, startJob,
+} = require('./monitor');
 
-const address = process.argv[2];
 // How far the machine goes on both axes, mm.
 const REACH = 800;
 // A line is 1.5 pixels wide, and its edges are blurred.
@@ -55,7 +57,7 @@ function reach(page) {
   });
 }
 
-async function watch(page, faults) {
+async function watch(page, job, faults) {
   let shown;
   const seen = async (claim, what) => {
     await until(async () => {
@@ -63,12 +65,16 @@ async function watch(page, faults) {
       return claim(shown);
     }, what, () => JSON.stringify(shown));
   };
-  await page.goto(`http://${address}/`);
+  await page.goto(`http://${job.address}/`);
+  await seen(({ state }) => state.startsWith('Hold'), 'the job waits for the page');
+  job.press(GO_ON);
   await seen(({ points, state }) => points > 1000 && state === 'Run', 'the path grows');
+  job.press(SLOWLY);
   const before = shown.points;
   await page.reload();
   await seen(({ points }) => points >= before, 'the path is there again');
   check(shown.link === 'live', shown.link);
+  job.press(FAST);
   await seen(({ link }) => link === 'ended', 'the job ends');
   await seen(({ at, state }) => at === '0,0,0' && state === 'Idle', 'the point is at the end');
   const zeros = ['0.000', '0.000', '0.000'];
@@ -80,22 +86,24 @@ async function watch(page, faults) {
     check(off <= PIXELS, `what is drawn is ${off} pixels off: ${found}`);
   });
   check(faults.length === 0, faults.join('\n'));
+  await job.succeeds();
   return [0, 0, 0];
 }
 
 async function main() {
   const browser = await browse();
-  const page = await browser.newPage();
+  const page = await newPage(browser);
+  const job = await startJob(process.argv.slice(2));
   const faults = [];
   page.on('pageerror', (error) => faults.push(error.message));
   page.on('console', (message) => {
     if (message.type() === 'error') faults.push(message.text());
   });
   page.on('request', (request) => {
-    if (new URL(request.url()).host !== address) faults.push(`asks for ${request.url()}`);
+    if (new URL(request.url()).host !== job.address) faults.push(`asks for ${request.url()}`);
   });
   try {
-    return await watch(page, faults);
+    return await watch(page, job, faults);
   } finally {
     await page.screenshot({ path: 'page.png' });
     await browser.close();

@@ -22,8 +22,6 @@ const MEMORY_SCRIPT: &str = "monitor_memory.js";
 pub(super) struct Monitor {
     process: Child,
     messages: BufReader<ChildStderr>,
-    /// Where its page is: 127.0.0.1:8000.
-    address: String,
 }
 
 impl Monitor {
@@ -38,21 +36,12 @@ impl Monitor {
         let messages = process.stderr.take().context("the monitor is mute")?;
         let mut messages = BufReader::new(messages);
         let mut said = String::new();
-        let address = loop {
-            let mut line = String::new();
-            if messages.read_line(&mut line)? == 0 {
+        while !said.contains("http://") {
+            if messages.read_line(&mut said)? == 0 {
                 bail!("the monitor has ended: {}", said.trim());
             }
-            said += &line;
-            if let Some((_, behind)) = line.split_once("http://") {
-                break behind.split('/').next().unwrap_or_default().to_owned();
-            }
-        };
-        Ok(Self {
-            process,
-            messages,
-            address,
-        })
+        }
+        Ok(Self { process, messages })
     }
 
     /// Puts one between a port and a new one, whose path it returns.
@@ -66,10 +55,6 @@ impl Monitor {
     /// Ends it, and checks that it has gone well until then.
     pub(super) fn end(mut self) -> Result<()> {
         self.interrupt();
-        self.wait()
-    }
-
-    fn wait(&mut self) -> Result<()> {
         let mut said = String::new();
         self.messages.read_to_string(&mut said)?;
         let status = self.process.wait()?;
@@ -104,25 +89,18 @@ pub(super) fn live_page() -> Result<Verdict> {
     look(JOB_SCRIPT, "plate")
 }
 
-/// Has a script look at the page while an example is sent to the simulator.
+/// Has a script start the monitor and the simulator, and look at the page while an example is sent.
 fn look(script: &str, example: &str) -> Result<Verdict> {
     let examples = cargo::root().join("examples");
     let settings = if example == "pico" { "pico" } else { "mill" };
-    let mut monitor = None;
-    let verdict = browser::look(script, &format!("monitor-{example}"), |_, node| {
-        let mut command = tools::command(tools::MONITOR)?;
-        command
-            .arg(examples.join(format!("{example}.nc")))
-            .args(["--sim", "--settings"])
+    browser::look(script, &format!("monitor-{example}"), |_, node| {
+        for tool in [tools::MONITOR, tools::SIM] {
+            node.arg(tools::command(tool)?.get_program());
+        }
+        node.arg(examples.join(format!("{example}.nc")))
             .arg(examples.join(format!("{settings}.settings")));
-        let started = monitor.insert(Monitor::start(&mut command)?);
-        node.arg(&started.address);
         Ok(())
-    })?;
-    if let Some(mut monitor) = monitor {
-        monitor.wait()?;
-    }
-    Ok(verdict)
+    })
 }
 
 /// Sends a page what ten minutes have, and looks at its memory.
