@@ -144,21 +144,22 @@ def hold(window, during=lambda window: None):
     window.until(lambda: state() != "Hold:0", "the machine goes on")
 
 
-def override(window):
-    """The sliders, moved by as much as one byte does: bCNC sends each of its bytes, in UTF-8.
+def slide(window, name, *values):
+    """A slider, moved by as much as one byte does: bCNC sends each of its bytes, in UTF-8.
 
     Farther, it would send bytes until it reads that the machine is there, and one more for each
     report that is late: it may go to and fro for ever.
     """
-    for name, values in [
-        ("OvFeed", [110, 111, 110, 100, 90, 100]),
-        ("OvRapid", [25, 50, 100]),
-        ("OvSpindle", [90, 89, 90, 100, 110, 100]),
-    ]:
-        for value in values:
-            CNC.vars["_" + name] = value
-            CNC.vars["_OvChanged"] = True
-            window.until(lambda: CNC.vars[name] == value, f"{name} is {value}")
+    for value in values:
+        CNC.vars["_" + name] = value
+        CNC.vars["_OvChanged"] = True
+        window.until(lambda: CNC.vars[name] == value, f"{name} is {value}")
+
+
+def override(window):
+    slide(window, "OvFeed", 100, 110, 111, 110, 100, 90, 100)
+    slide(window, "OvRapid", 25, 50, 100)
+    slide(window, "OvSpindle", 90, 89, 90, 100, 110, 100)
 
 
 def jog(window, target):
@@ -220,7 +221,9 @@ def main():
     go(window, "G54 G0 X0 Y0 Z10", x, y, z + 10)
 
     # A whole job with two holds. bCNC ends it with `!`, a reset, `$X` and the modes that were active.
+    # Until the second one it goes slowly, so that it is not at its end.
     load(window, spiral(100))
+    slide(window, "OvFeed", *range(90, 0, -10))
     window.start()
     window.until(lambda: state() == "Run", "the job runs")
     hold(window)
@@ -233,6 +236,7 @@ def main():
 
     # The stop button in the middle of a job: a hold, and a reset one second later. How much time
     # that is for the machine is not known; so the motion has ended before.
+    load(window, spiral(2000))
     window.start()
     window.until(lambda: state() == "Run", "the job runs")
     window.feedHold()
@@ -242,7 +246,8 @@ def main():
     finished(window, 2)
     check(not window.refused(), f"the machine refuses {window.errors}")
 
-    # And the whole job again.
+    # And a whole job.
+    load(window, spiral(100))
     window.start()
     window.until(lambda: state() == "Run", "the job runs")
     finished(window)

@@ -108,12 +108,19 @@ async function pause(page, during = async () => {}) {
   await page.until(() => page.active() === 'Hold', 'the machine is held');
   await during(page);
   page.command('gcode:resume');
-  await page.until(() => page.active() === 'Run', 'the machine goes on');
+  await page.until(() => page.active() !== 'Hold', 'the machine goes on');
+}
+
+/** Ten times as long for what is pressed while the job runs. */
+async function slowDown(page) {
+  Array(9).fill(-10).forEach((value) => page.command('feedOverride', value));
+  await page.until(() => page.overrides() === '10,100,100', 'the feed is at 10 %');
 }
 
 /** The buttons of the override widgets. */
 async function override(page) {
   for (const [command, value, shown] of [
+    ['feedOverride', 0, '100,100,100'],
     ['feedOverride', 10, '110,100,100'],
     ['feedOverride', -1, '109,100,100'],
     ['rapidOverride', 25, '109,25,100'],
@@ -159,6 +166,7 @@ async function drive(page) {
 
   // A whole job with two pauses.
   await page.load(spiral(100));
+  await slowDown(page);
   page.command('gcode:start');
   await page.until(() => page.active() === 'Run', 'the job runs');
   await pause(page);
@@ -181,7 +189,7 @@ async function drive(page) {
   await page.finished();
   check(!page.written.some((line) => /^[^(]*M6/.test(line)), 'the machine gets no M6');
   check(page.isAt([x, y, z + 10]), `the job with two tools has ended at ${page.position()}`);
-  await page.load(spiral(100));
+  await page.load(spiral(2000));
 
   await jog(page, [x, y, z + 10]);
 
@@ -196,13 +204,14 @@ async function drive(page) {
   await page.until(() => page.welcomes() > welcomes, 'the machine is reset');
   await page.until(() => page.active() === 'Idle', 'a reset in a hold keeps the machine unlocked');
 
-  // Reset in motion: locked, and after `$X` the whole job again.
+  // Reset in motion: locked, and after `$X` a whole job.
   page.command('gcode:start');
   await page.until(() => page.active() === 'Run', 'the job runs');
   page.command('reset');
   await page.until(() => page.active() === 'Alarm', 'a reset in motion locks the machine');
   page.command('unlock');
   await page.until(() => page.active() === 'Idle', 'the machine is unlocked');
+  await page.load(spiral(200));
   page.command('gcode:start');
   await page.until(() => page.active() === 'Run', 'the job runs');
   await page.finished();

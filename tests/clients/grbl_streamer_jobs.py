@@ -112,8 +112,8 @@ def main():
     grbl.send_immediately(place_origin())
     go(grbl, watcher, "G0 X0 Y0 Z10", x, y, z + 10)
 
-    # A whole job with two holds; the library counts what it has processed.
-    lines = list(spiral(100))
+    # A whole job with two holds, slow enough for both; the library counts what it has processed.
+    lines = list(spiral(100, feed=700))
     processed = run_job(
         grbl, watcher, lines, lambda: [hold(grbl, watcher) for _ in range(2)]
     )
@@ -124,10 +124,10 @@ def main():
     run_job(grbl, watcher, list(two_tools()))
     check(watcher.position == (x, y, z + 10), f"the job with two tools has ended at {watcher.position}")
 
-    # A reset in the middle of a job, and the same job again.
+    # A reset in the middle of a job, and another job.
     boots = watcher.count("on_boot")
     grbl.job_new()
-    grbl.write("\n".join(lines))
+    grbl.write("\n".join(spiral(2000)))
     grbl.job_run()
     watcher.until(lambda: watcher.state == "Run", "the job runs")
     watcher.until(lambda: grbl.current_line_number > 60, "the job is under way")
@@ -139,7 +139,7 @@ def main():
     watcher.until(lambda: watcher.state == "Idle", "the machine is unlocked")
     # It goes on streaming until it sees the welcome, and a locked machine refuses that.
     watcher.errors.clear()
-    processed = run_job(grbl, watcher, lines)
+    processed = run_job(grbl, watcher, list(spiral(100)))
     check(processed == grbl.buffer_size, f"{processed} of {grbl.buffer_size} lines are processed")
 
     # Line by line: the library's other way to stream.

@@ -16,6 +16,8 @@ from jobs import ORIGIN, check, measured, place_origin, port, run, spiral, until
 
 SEND = os.environ["SEND"]
 TOOL = "the machine waits"
+# Goes on with a feed of 20 %: the job is not at its end, however long the next key takes.
+SLOWLY = "-" * 8 + "r"
 
 
 class Cable:
@@ -102,10 +104,10 @@ def job(path):
     return path
 
 
-def change_tool(sending, tool):
+def change_tool(sending, tool, keys="r"):
     sending.until(f"[MSG:Tool change: T{tool}]")
     sending.until(TOOL)
-    sending.press("r")
+    sending.press(keys)
     sending.until("Run ")
 
 
@@ -139,14 +141,14 @@ def main():
     Sending(cable, "tool.nc").end(0)
 
     sending = Sending(cable, job("job.nc"))
-    change_tool(sending, 1)
-    sending.press("h")
-    sending.until("the machine is held")
-    sending.press("-r")
-    change_tool(sending, 2)
+    change_tool(sending, 1, SLOWLY)
     sending.press("h")
     sending.until("the machine is held")
     sending.press("0r")
+    change_tool(sending, 2, SLOWLY)
+    sending.press("h")
+    sending.until("the machine is held")
+    sending.press("-r")
     sending.until("Run ")
     cable.unplug()
     sending.end(1)
