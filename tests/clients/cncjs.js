@@ -88,9 +88,9 @@ function signIn(number) {
 }
 
 /** Starts the server; gives its TCP port, and what a client shows to be let in. */
-async function serve(environment = {}) {
+async function serve(environment = {}, tries = 3) {
   const number = await freePort();
-  childProcess.spawn(
+  const server = childProcess.spawn(
     process.execPath,
     [path.join(process.env.NODE_PATH, 'cncjs/bin/cncjs'), '--port', number, '--host', '127.0.0.1',
       '--config', path.resolve('cncrc'), '--controller', 'Grbl'],
@@ -100,6 +100,11 @@ async function serve(environment = {}) {
   for (const end = Date.now() + PATIENCE_MS; !token;) {
     check(Date.now() < end, 'the server does not start');
     await delay(100);
+    if (server.exitCode !== null) {
+      // Somebody else may have taken the port.
+      check(tries > 1, 'the server has ended');
+      return serve(environment, tries - 1);
+    }
     token = await signIn(number);
   }
   return { number, token };
