@@ -45,13 +45,13 @@ use crate::{
         interpreter::{Checked, Interpreter, Outcome},
     },
     machine::Snapshot,
-    model::{Awaited, Probed, Requests, ResetCause, State, queues::ENTRY_RING},
+    model::{Awaited, Probed, Requests, ResetCause, queues::ENTRY_RING},
     path::{Blender, Checkpoint, Compensator, Entry, Router, TiltedArc},
     settings::{Change, Settings, StoreError, Stored, ToolTable, WaitingChanges},
     units::Nm,
 };
 use host::Host;
-use machine_sync::MachineSync;
+use machine_sync::{LineBreak, MachineSync};
 use notifications::Reports;
 use persistence::{AfterStore, Persistence};
 use position_stream::PositionStream;
@@ -466,15 +466,17 @@ impl Session {
         self.observe(machine);
         self.drop_cancelled(machine);
         continue_if(self.send_pending(links))?;
-        // A homing cycle, and the way back behind a door, have their end first.
-        let is_in_cycle = matches!(machine.state, State::Home | State::DoorRestoring);
-        if !is_in_cycle && links.requests.take_line_break() {
-            self.hold_after_break(links);
-        }
         continue_if(self.start(links))?;
         self.apply_stored(links);
         self.sync_at_standstill(machine);
         continue_if(self.send_pending(links))?;
+        if links.requests.take_line_break() {
+            self.machine_sync.line_break = LineBreak::Pending;
+        }
+        if self.machine_sync.line_break != LineBreak::None {
+            self.hold_after_break(links);
+            continue_if(self.send_pending(links))?;
+        }
         continue_if(self.answer_status(links))?;
         continue_if(!(machine.has_underrun || machine.is_critical) || self.report_fault(links))
     }

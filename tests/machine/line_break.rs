@@ -56,6 +56,30 @@ impl Machine {
         self.simulator.advance(end);
     }
 
+    /// Mounts a switch for homing at 2 mm of each axis.
+    fn mount_switches(&mut self) {
+        for axis in 0..3 {
+            let switch = Switch {
+                axis,
+                closes: Closes::From(500),
+                input: Levels::limits(1 << axis),
+            };
+            assert!(self.simulator.mount(switch));
+        }
+    }
+
+    /// Opens the door, closes it, and presses cycle start: the spindle starts again.
+    fn open_and_close_door(&mut self) {
+        self.simulator.set_pin(Levels::DOOR, true);
+        self.run(5000 * MS);
+        self.simulator.set_pin(Levels::DOOR, false);
+        self.run(100 * MS);
+        self.send("~");
+        self.run(50 * MS);
+        assert_eq!(self.state(), State::DoorRestoring);
+        self.answers();
+    }
+
     /// Makes a break: the receiver sees a byte without a stop bit, and then nothing.
     fn make_break(&mut self, ms: u64) {
         self.simulator.pull_line(true);
@@ -188,14 +212,7 @@ fn a_break_ends_a_jog_and_holds_a_dwell() {
 #[test]
 fn a_break_while_the_spindle_is_restored_after_the_door_holds_the_motion_that_follows() {
     let mut machine = Machine::doing("M3S1000G1X10F600\n");
-    machine.simulator.set_pin(Levels::DOOR, true);
-    machine.run(1000 * MS);
-    machine.simulator.set_pin(Levels::DOOR, false);
-    machine.run(100 * MS);
-    machine.send("~");
-    machine.run(100 * MS);
-    assert_eq!(machine.state(), State::DoorRestoring);
-    machine.answers();
+    machine.open_and_close_door();
     machine.make_break(300);
     assert_eq!(machine.state(), State::DoorRestoring);
     machine.run(10_000 * MS);
@@ -211,13 +228,7 @@ fn a_break_while_the_door_is_dropped_holds_the_lines_that_wait_behind_a_pause() 
     let mut machine = Machine::doing("M3S1000\nG1X1F6000\nM0\nG1X2\nG1X3\n");
     machine.run(5000 * MS);
     assert_eq!(machine.state(), State::HoldComplete);
-    machine.simulator.set_pin(Levels::DOOR, true);
-    machine.run(5000 * MS);
-    machine.simulator.set_pin(Levels::DOOR, false);
-    machine.run(100 * MS);
-    machine.send("~");
-    machine.run(100 * MS);
-    assert_eq!(machine.state(), State::DoorRestoring);
+    machine.open_and_close_door();
     machine.make_break(300);
     machine.run(60_000 * MS);
     assert_eq!((machine.state(), machine.x()), (State::HoldComplete, 250));
@@ -231,15 +242,7 @@ fn a_break_while_the_door_is_dropped_holds_the_lines_that_wait_behind_a_pause() 
 fn a_break_while_homing_holds_the_lines_that_wait_behind_it() {
     for waiting in ["", "G53G1X-5F6000\n"] {
         let mut machine = Machine::doing("");
-        for axis in 0..3 {
-            let closes = Closes::From(500);
-            let input = Levels::limits(1 << axis);
-            assert!(machine.simulator.mount(Switch {
-                axis,
-                closes,
-                input
-            }));
-        }
+        machine.mount_switches();
         machine.send("$H\n");
         machine.send(waiting);
         machine.run(100 * MS);
@@ -262,4 +265,107 @@ fn a_break_while_homing_holds_the_lines_that_wait_behind_it() {
         assert_eq!(machine.state(), State::Idle);
         assert_eq!(machine.x() < homed, is_held);
     }
+}
+
+#[test]
+fn what_waits_behind_a_jog_that_is_being_ended_is_held() {
+    let mut machine = Machine::doing("$J=X-20F500\n");
+    machine.run(2000 * MS);
+    machine.simulator.receive(0x85);
+    machine.run(10 * MS);
+    assert_eq!(machine.state(), State::Jog);
+    machine.send("M3S1000\nG1X0F500\n");
+    machine.make_break(300);
+    machine.run(60_000 * MS);
+    assert_eq!(machine.state(), State::HoldComplete);
+    assert!(machine.x() < 0, "{}", machine.x());
+    assert_eq!(machine.simulator.outputs().duty, 0);
+    machine.send("~");
+    machine.run(60_000 * MS);
+    assert_eq!((machine.state(), machine.x()), (State::Idle, 0));
+}
+
+#[test]
+fn jogs_that_wait_are_held() {
+    let mut machine = Machine::doing("");
+    for _ in 0..10 {
+        machine.send(&"$J=G91X0.1F300\n".repeat(20));
+        machine.run(50 * MS);
+    }
+    assert_eq!(machine.state(), State::Jog);
+    machine.answers();
+    machine.make_break(300);
+    machine.run(60_000 * MS);
+    assert!(machine.simulator.received_free() < 500);
+    assert_eq!(machine.state(), State::HoldComplete);
+    assert!(machine.x() < 20 * 250, "{}", machine.x());
+    let told = machine.answers();
+    let breaks = told.iter().filter(|line| *line == MESSAGE);
+    assert_eq!(breaks.count(), 1, "{told:?}");
+}
+
+#[test]
+fn a_startup_line_behind_homing_is_held() {
+    let mut machine = Machine::doing("$N0=G53G1X-20F500\n");
+    machine.run(60_000 * MS);
+    machine.mount_switches();
+    machine.send("$H\n");
+    machine.run(100 * MS);
+    machine.make_break(300);
+    assert_eq!(machine.state(), State::Home);
+    machine.run(120_000 * MS);
+    assert_eq!(machine.state(), State::HoldComplete);
+    assert!(machine.x() > 0, "{}", machine.x());
+}
+
+#[test]
+fn a_line_that_has_waited_for_the_operator_is_held_behind_the_door() {
+    let mut machine = Machine::doing("M3S1000G1X1F500\n");
+    machine.run(5000 * MS);
+    for line in ["M6T2\n", "~", "M8\n", "G1X20\n"] {
+        machine.send(line);
+        machine.run(500 * MS);
+    }
+    // The spindle was on before the change.
+    assert!(
+        machine
+            .answers()
+            .contains(&"[MSG:Spindle is off]".to_owned())
+    );
+    assert_eq!(machine.state(), State::HoldComplete);
+    machine.open_and_close_door();
+    machine.make_break(300);
+    machine.run(60_000 * MS);
+    assert_eq!((machine.state(), machine.x()), (State::HoldComplete, 250));
+    assert_eq!(machine.simulator.outputs().duty, 0);
+}
+
+#[test]
+fn a_jog_behind_homing_in_a_change_of_the_tool_is_held() {
+    let mut machine = Machine::doing("M6T2\n");
+    machine.mount_switches();
+    machine.simulator.receive(0xa3);
+    machine.run(100 * MS);
+    assert_eq!(machine.state(), State::Tool);
+    machine.send("$H\n$J=G53X-20F500\n");
+    machine.run(100 * MS);
+    machine.make_break(300);
+    assert_eq!(machine.state(), State::Home);
+    machine.run(120_000 * MS);
+    assert_eq!(machine.state(), State::HoldComplete);
+    assert!(machine.x() > 0, "{}", machine.x());
+}
+
+#[test]
+fn a_reset_ends_a_break_that_has_held_nothing_yet() {
+    let mut machine = Machine::doing("M3S1000\nG1X1F500\nM0\nG1X20\n");
+    machine.run(5000 * MS);
+    machine.open_and_close_door();
+    machine.make_break(300);
+    machine.simulator.receive(0x18);
+    machine.run(1000 * MS);
+    machine.send("G1X2F500\n");
+    machine.run(5000 * MS);
+    assert_eq!((machine.state(), machine.x()), (State::Idle, 500));
+    assert!(!machine.answers().contains(&MESSAGE.to_owned()));
 }

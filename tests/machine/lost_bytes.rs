@@ -220,6 +220,24 @@ fn nothing_of_a_numbered_line_is_executed_that_has_lost_bytes() {
 }
 
 #[test]
+fn a_line_whose_comment_looks_like_a_checksum_is_held_for() {
+    for line in ["G1Z5;size5*3\n", "G1Z5(5*3)\n"] {
+        let mut machine = Machine::with(&Settings {
+            dialect: 2,
+            ..Settings::default()
+        });
+        machine.send_text("G1X10F600\n");
+        machine.run(TICKS_PER_SECOND.into());
+        machine.send(damaged(line, 4, 1));
+        machine.send_text("G1X0Y5\n");
+        assert_eq!(machine.answers(), ["ok", "error:210"], "{line}");
+        assert!(machine.is_held(), "{line}");
+        let [_, y, z] = machine.steps();
+        assert_eq!([y, z], [0, 0], "{line}");
+    }
+}
+
+#[test]
 fn a_jog_and_a_machine_at_rest_are_not_held_for_a_line_that_has_lost_bytes() {
     let mut machine = Machine::new();
     machine.send(damaged("G0X1\n", 2, 1));

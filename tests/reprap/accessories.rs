@@ -110,6 +110,27 @@ fn a_pause_with_a_time_waits_for_the_operator_after_a_break_on_the_line() {
 }
 
 #[test]
+fn lines_behind_m410_wait_for_the_operator_after_a_break_on_the_line() {
+    let mut host = Host::new();
+    host.receive(b"G1 X50 F500\n");
+    host.run_ms(2500);
+    host.receive(b"M410\nG1 X0 F500\nG1 X5\n");
+    host.run_ms(10);
+    host.simulator.pull_line(true);
+    host.run_ms(100);
+    host.simulator.pull_line(false);
+    host.run_ms(30_000);
+    assert_eq!(host.state(), State::HoldComplete);
+    let told = host.lines();
+    assert!(
+        told.iter().any(|line| line.contains("Break on the line")),
+        "{told:?}"
+    );
+    host.ask("M108");
+    assert_eq!(place(&mut host), [5, 0]);
+}
+
+#[test]
 fn a_pause_with_a_time_ends_by_itself() {
     let mut host = Host::new();
     host.receive(b"M0 S2\nG1 X1 F6000\n");

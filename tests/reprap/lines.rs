@@ -319,3 +319,24 @@ fn without_the_dialect_an_asterisk_is_an_error_as_before() {
     assert_eq!(host.ask("$780=0"), ["ok"]);
     assert_eq!(host.ask("M105"), ["error:20"]);
 }
+
+#[test]
+fn a_line_that_has_lost_bytes_is_not_executed_where_its_checksum_is_right_all_the_same() {
+    for dialect in ["780=1", "780=2"] {
+        let mut host = Host::of(&settings(&[dialect]));
+        let line = numbered(1, "G1 X1005 F500");
+        // Two equal bytes change nothing of an exclusive or.
+        let (before, after) = line.split_once("00").unwrap();
+        host.receive(before.as_bytes());
+        host.simulator.receive_damaged();
+        host.receive(after.as_bytes());
+        let answer = host.ask("");
+        assert!(
+            answer.iter().any(|line| line.contains("Resend: 1")),
+            "{answer:?}"
+        );
+        assert_eq!(host.xy(), [0, 0]);
+        assert_eq!(host.ask(&numbered(1, "G1 X2 F500")), ["ok"]);
+        assert_eq!(host.xy(), [2 * STEPS_PER_MM, 0]);
+    }
+}

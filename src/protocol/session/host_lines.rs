@@ -93,17 +93,21 @@ impl Session {
         let is_stale = host
             .stale_before
             .is_some_and(|before| before.wrapping_sub(host.start).cast_signed() > 0);
-        // A checksum says more. A number without one says more where it must have one.
+        // A sender that has given it no number and no checksum cannot send it again.
         let is_unchecked = if is_host {
             !is_checked
         } else {
-            !host.raw.has_checksum()
+            !host.raw.has_checksum() || !host.raw.has_number()
         };
         match verdict {
             Verdict::Blank if is_host => return Progress::Again,
             _ if has_lost && is_unchecked && is_host => return self.refuse(LineError::BytesLost),
             _ if has_lost && is_unchecked => {
                 return self.refuse_with_hold(LineError::BytesLost, links);
+            }
+            // A checksum may be right of what is left: two equal bytes change nothing of it.
+            Verdict::Execute(_) | Verdict::SetNumber(_) if has_lost => {
+                return self.ask_again(FailedCheck::Checksum, links);
             }
             Verdict::Blank => return self.accept(),
             Verdict::Execute(Some(_)) | Verdict::Refuse(_) if is_stale && host.raw.has_number() => {

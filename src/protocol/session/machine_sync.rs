@@ -8,6 +8,18 @@ use crate::{
     path::{Entry, Work},
 };
 
+/// A break on the line that has not had its whole effect yet.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+pub(super) enum LineBreak {
+    /// There is none.
+    #[default]
+    None,
+    /// It has had no effect yet.
+    Pending,
+    /// It has ended a jog; what waits behind that is still to be held.
+    JogEnded,
+}
+
 /// How far the session and the machine are in step: the interpreter runs ahead of the motion.
 #[derive(Debug, Default)]
 pub(super) struct MachineSync {
@@ -23,6 +35,8 @@ pub(super) struct MachineSync {
     pub(super) is_jogging: bool,
     /// A reset has been requested, or something else of which `prepare` does not know.
     pub(super) has_release_request: bool,
+    /// The last break on the line.
+    pub(super) line_break: LineBreak,
     /// Distance before the end of the last blended move at which the machine must know more, mm.
     pub(super) handover_mm: f32,
 }

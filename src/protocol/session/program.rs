@@ -3,7 +3,7 @@
 //! A line is checked completely, then executed: nothing of it goes to the machine before all of its
 //! path is known to be inside the travel. Read with Grbl 1.1 `gcode.c`, `motion_control.c`, `jog.c`.
 
-use super::{AfterCommands, Links, Progress, Session, Source};
+use super::{AfterCommands, LineStage, Links, Progress, Session, Source, machine_sync::LineBreak};
 use crate::{
     axis::Axes,
     gcode::{
@@ -68,24 +68,65 @@ impl Session {
         self.refuse(error)
     }
 
-    /// Holds a motion, a dwell or lines that wait after a break on the line, as `!` does, and lets a pause that would
-    /// end by itself wait for the operator.
+    /// After a break on the line, ends a jog, holds what runs or waits, as `!` does, and lets a pause that would end by
+    /// itself wait for the operator. What cannot be held ends first: a homing cycle, the way back behind a door, and a
+    /// jog or a motion that is being stopped.
     ///
-    /// At Idle `!` holds, too, but a break does not: adapters make one when a port is opened or a board is plugged in,
-    /// and a machine that nobody has moved must not want a `~` first. Nor does it end a wait for the operator.
+    /// At Idle `!` holds, too, but a break with nothing to hold does not: adapters make one when a port is opened or a
+    /// board is plugged in, and a machine that nobody has moved must not want a `~` first. Nor does it end a wait for
+    /// the operator.
     #[cold]
     #[inline(never)]
     pub(super) fn hold_after_break(&mut self, links: &Links<'_, '_>) {
         let machine = links.machine;
-        let may_hold = matches!(machine.state, State::Idle | State::Run | State::Jog);
-        let has_work = !self.is_done(machine) || links.received.may_have_line();
-        let was_timed = self.host.pause_ms.take().is_some();
-        if may_hold && has_work {
-            self.request_hold(links);
-        } else if !was_timed {
+        let is_jog_ended = self.machine_sync.line_break == LineBreak::JogEnded;
+        let has_its_end_first = match machine.state {
+            State::Home | State::DoorRestoring => true,
+            State::Jog => is_jog_ended,
+            _ => false,
+        };
+        if has_its_end_first || self.machine_sync.is_cancelled(machine) || self.is_restarting_host()
+        {
             return;
         }
-        report::feedback(&mut self.reports.message, Feedback::LineBreak);
+        let has_work = !self.is_done(machine) || links.received.may_have_line();
+        let holds = match machine.state {
+            State::Idle | State::Run => has_work || self.is_line_going_on(),
+            State::Jog | State::Tool => has_work,
+            _ => false,
+        };
+        if holds {
+            self.request_hold(links);
+        }
+        let was_timed = self.host.pause_ms.take().is_some();
+        if (holds || was_timed) && !is_jog_ended {
+            report::feedback(&mut self.reports.message, Feedback::LineBreak);
+        }
+        self.machine_sync.line_break = if machine.state == State::Jog {
+            LineBreak::JogEnded
+        } else {
+            LineBreak::None
+        };
+    }
+
+    /// Returns whether the line in execution, or a startup line, moves the machine at rest without another byte.
+    fn is_line_going_on(&self) -> bool {
+        let has_startup_from = |first| {
+            let mut lines = self.persistence.stored.startup.iter().enumerate();
+            lines.any(|(number, line)| number >= first && !line.is_empty())
+        };
+        match self.stage {
+            LineStage::AwaitingStandstill | LineStage::Sending(_) | LineStage::Compensating(_) => {
+                true
+            }
+            LineStage::Completing(after) => match after {
+                AfterCommands::ToolPause | AfterCommands::ToolReturn | AfterCommands::Again => true,
+                AfterCommands::Home { is_all } => is_all && has_startup_from(0),
+                _ => false,
+            },
+            LineStage::StartingUp(first) => has_startup_from(first),
+            _ => false,
+        }
     }
 
     fn request_hold(&mut self, links: &Links<'_, '_>) {

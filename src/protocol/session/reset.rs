@@ -3,7 +3,9 @@
 //! A line that was begun gets its `ok` before the welcome, as in Grbl, whose waiting loops end with
 //! a reset and then answer. Read with Grbl 1.1 `main.c` and `protocol.c`.
 
-use super::{LineStage, Links, Progress, Session, Source, dispatch::answer};
+use super::{
+    LineStage, Links, Progress, Session, Source, dispatch::answer, machine_sync::LineBreak,
+};
 use crate::{
     gcode::LineError,
     machine::Snapshot,
@@ -37,6 +39,7 @@ impl Session {
         self.compensator.clear();
         self.machine_sync.is_jogging = false;
         self.machine_sync.is_position_known = false;
+        self.machine_sync.line_break = LineBreak::None;
         self.reports.has_reported_fault = false;
     }
 
