@@ -44,8 +44,8 @@ async function until(claim, what, progress = () => '') {
 }
 
 /** A job of short lines, arcs and comments that begins and ends 10 mm above the origin. */
-function spiral(lines) {
-  const job = ['(a spiral)', 'G21 G90 G17 G54', '', 'G0 Z10', 'G1 X0 Y0 F6000', 'Z-1'];
+function spiral(lines, feed = 6000) {
+  const job = ['(a spiral)', 'G21 G90 G17 G54', '', 'G0 Z10', `G1 X0 Y0 F${feed}`, 'Z-1'];
   for (let number = 0; number < lines; number += 1) {
     const angle = number * 0.15;
     const radius = 5 + 20 * number / lines;

@@ -233,7 +233,7 @@ async function drive(screen) {
 
   await jog(screen, start);
   // The page may be slow, and the machine must move as long as it takes: that job is never at its end.
-  await load(screen, 'endless.nc', spiral(2000));
+  await load(screen, 'endless.nc', spiral(2000, 700));
   await hold(screen);
   await stop(screen);
   await unload(screen);

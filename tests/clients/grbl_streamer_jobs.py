@@ -55,11 +55,17 @@ class Streamer(GrblStreamer):
 
     def __init__(self, callback):
         self.streams = threading.RLock()
+        self.reports = 0
         super().__init__(callback)
 
     def _stream(self):
         with self.streams:
             super()._stream()
+
+    def _update_state(self, line):
+        """Counts each report: `on_stateupdate` comes only when something has changed."""
+        super()._update_state(line)
+        self.reports += 1
 
 
 def run_job(grbl, watcher, lines, during=None):
@@ -73,10 +79,9 @@ def run_job(grbl, watcher, lines, during=None):
         during()
     watcher.until(lambda: grbl.job_finished, "the library takes the job for finished")
     # The report that came last may have been asked for before.
-    heard = watcher.count("on_stateupdate")
+    heard = grbl.reports
     watcher.until(
-        lambda: watcher.count("on_stateupdate") > heard + 1 and watcher.state == "Idle",
-        "the machine is idle",
+        lambda: grbl.reports > heard + 1 and watcher.state == "Idle", "the machine is idle"
     )
     return watcher.count("on_processed_command") - done
 
@@ -127,7 +132,7 @@ def main():
     # A reset in the middle of a job, and another job.
     boots = watcher.count("on_boot")
     grbl.job_new()
-    grbl.write("\n".join(spiral(2000)))
+    grbl.write("\n".join(spiral(2000, feed=700)))
     grbl.job_run()
     watcher.until(lambda: watcher.state == "Run", "the job runs")
     watcher.until(lambda: grbl.current_line_number > 60, "the job is under way")

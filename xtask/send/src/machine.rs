@@ -143,10 +143,10 @@ impl Machine {
     /// Brings a machine to rest that is still busy with an interrupted job, and resets it there, so that
     /// nothing of that job is left in it.
     pub(crate) fn come_to_rest(&mut self) -> Result<()> {
-        if !self.status.is_at_rest() {
-            self.link.send(&[HOLD])?;
-        }
+        // The last report may be from before its last lines, or between two of them.
+        self.link.send(&[HOLD])?;
         let start = Instant::now();
+        self.report()?;
         while !self.status.is_at_rest() {
             ensure!(
                 start.elapsed() < BRAKE,
