@@ -68,6 +68,16 @@ impl Machine {
         }
     }
 
+    /// Sends lines of which the first homes, with a break meanwhile, and waits for the end.
+    fn home_through_break(&mut self, lines: &str) {
+        self.mount_switches();
+        self.send(lines);
+        self.run(100 * MS);
+        self.make_break(300);
+        assert_eq!(self.state(), State::Home);
+        self.run(120_000 * MS);
+    }
+
     /// Opens the door, closes it, and presses cycle start: the spindle starts again.
     fn open_and_close_door(&mut self) {
         self.simulator.set_pin(Levels::DOOR, true);
@@ -242,14 +252,7 @@ fn a_break_while_the_door_is_dropped_holds_the_lines_that_wait_behind_a_pause() 
 fn a_break_while_homing_holds_the_lines_that_wait_behind_it() {
     for waiting in ["", "G53G1X-5F6000\n"] {
         let mut machine = Machine::doing("");
-        machine.mount_switches();
-        machine.send("$H\n");
-        machine.send(waiting);
-        machine.run(100 * MS);
-        assert_eq!(machine.state(), State::Home);
-        machine.make_break(300);
-        assert_eq!(machine.state(), State::Home);
-        machine.run(60_000 * MS);
+        machine.home_through_break(&format!("$H\n{waiting}"));
         let is_held = !waiting.is_empty();
         let state = if is_held {
             State::HoldComplete
@@ -308,12 +311,7 @@ fn jogs_that_wait_are_held() {
 fn a_startup_line_behind_homing_is_held() {
     let mut machine = Machine::doing("$N0=G53G1X-20F500\n");
     machine.run(60_000 * MS);
-    machine.mount_switches();
-    machine.send("$H\n");
-    machine.run(100 * MS);
-    machine.make_break(300);
-    assert_eq!(machine.state(), State::Home);
-    machine.run(120_000 * MS);
+    machine.home_through_break("$H\n");
     assert_eq!(machine.state(), State::HoldComplete);
     assert!(machine.x() > 0, "{}", machine.x());
 }
@@ -343,15 +341,10 @@ fn a_line_that_has_waited_for_the_operator_is_held_behind_the_door() {
 #[test]
 fn a_jog_behind_homing_in_a_change_of_the_tool_is_held() {
     let mut machine = Machine::doing("M6T2\n");
-    machine.mount_switches();
     machine.simulator.receive(0xa3);
     machine.run(100 * MS);
     assert_eq!(machine.state(), State::Tool);
-    machine.send("$H\n$J=G53X-20F500\n");
-    machine.run(100 * MS);
-    machine.make_break(300);
-    assert_eq!(machine.state(), State::Home);
-    machine.run(120_000 * MS);
+    machine.home_through_break("$H\n$J=G53X-20F500\n");
     assert_eq!(machine.state(), State::HoldComplete);
     assert!(machine.x() > 0, "{}", machine.x());
 }

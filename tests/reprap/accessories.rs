@@ -89,22 +89,25 @@ fn m220_is_the_feed_override() {
     }
 }
 
+/// Makes a break on the line, behind which the machine waits for the operator.
+fn hold_by_break(host: &mut Host) {
+    host.simulator.pull_line(true);
+    host.run_ms(100);
+    host.simulator.pull_line(false);
+    host.run_ms(30_000);
+    assert_eq!(host.state(), State::HoldComplete);
+    let told = host.lines();
+    let is_break = |line: &String| line.contains("Break on the line");
+    assert!(told.iter().any(is_break), "{told:?}");
+}
+
 #[test]
 fn a_pause_with_a_time_waits_for_the_operator_after_a_break_on_the_line() {
     let mut host = Host::new();
     host.receive(b"M0 S2\nG1 X1 F6000\n");
     host.run_ms(100);
-    host.simulator.pull_line(true);
-    host.run_ms(100);
-    host.simulator.pull_line(false);
-    host.run_ms(10_000);
-    assert_eq!(host.state(), State::HoldComplete);
+    hold_by_break(&mut host);
     assert_eq!(place(&mut host), [0, 0]);
-    let told = host.lines();
-    assert!(
-        told.iter().any(|line| line.contains("Break on the line")),
-        "{told:?}"
-    );
     host.ask("M108");
     assert_eq!(place(&mut host), [1, 0]);
 }
@@ -116,16 +119,7 @@ fn lines_behind_m410_wait_for_the_operator_after_a_break_on_the_line() {
     host.run_ms(2500);
     host.receive(b"M410\nG1 X0 F500\nG1 X5\n");
     host.run_ms(10);
-    host.simulator.pull_line(true);
-    host.run_ms(100);
-    host.simulator.pull_line(false);
-    host.run_ms(30_000);
-    assert_eq!(host.state(), State::HoldComplete);
-    let told = host.lines();
-    assert!(
-        told.iter().any(|line| line.contains("Break on the line")),
-        "{told:?}"
-    );
+    hold_by_break(&mut host);
     host.ask("M108");
     assert_eq!(place(&mut host), [5, 0]);
 }

@@ -93,7 +93,7 @@ impl Session {
         let is_stale = host
             .stale_before
             .is_some_and(|before| before.wrapping_sub(host.start).cast_signed() > 0);
-        // A sender that has given it no number and no checksum cannot send it again.
+        // In Grbl's words a line can be asked for again only if its sender gives it both.
         let is_unchecked = if is_host {
             !is_checked
         } else {
