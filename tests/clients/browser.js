@@ -6,10 +6,10 @@ const path = require('path');
 
 const puppeteer = require('puppeteer-core');
 
-const { PATIENCE_MS } = require('./cncjs');
+const { TIMEOUT_MS } = require('./cncjs');
 
 // For one answer, which may be a picture of the whole page.
-const PROTOCOL_PATIENCE_MS = 600000;
+const PROTOCOL_TIMEOUT_MS = 600000;
 
 /**
  * A browser that sees nothing but this machine, and that ends with the script. A page that needs no `drawing` in
@@ -22,8 +22,8 @@ function browse(what = '') {
   return puppeteer.launch({
     executablePath: process.env.CHROMIUM,
     pipe: true,
-    timeout: PATIENCE_MS,
-    protocolTimeout: PROTOCOL_PATIENCE_MS,
+    timeout: TIMEOUT_MS,
+    protocolTimeout: PROTOCOL_TIMEOUT_MS,
     userDataDir: path.resolve('profile'),
     defaultViewport: { width: 1600, height: 1800 },
     args: [
@@ -39,7 +39,7 @@ function browse(what = '') {
 /** A new page, which may take as long as anything else. */
 async function newPage(browser) {
   const page = await browser.newPage();
-  page.setDefaultTimeout(PATIENCE_MS);
+  page.setDefaultTimeout(TIMEOUT_MS);
   return page;
 }
 

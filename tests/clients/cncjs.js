@@ -10,7 +10,7 @@ const path = require('path');
 
 // How long nothing may happen: a guard for a machine that is stuck, no measure. How long anything
 // takes is no concern of the scripts: the emulated machine goes as fast as its host lets it.
-const PATIENCE_MS = 180000;
+const TIMEOUT_MS = 180000;
 // Where the work coordinates G54 begin, machine coordinates in mm.
 const ORIGIN = { x: -100, y: -100, z: -50 };
 
@@ -35,9 +35,9 @@ async function until(claim, what, progress = () => '') {
     const before = seen;
     seen = await progress();
     if (seen !== before) {
-      end = Date.now() + PATIENCE_MS;
+      end = Date.now() + TIMEOUT_MS;
     }
-    const silence = `nothing has happened for ${PATIENCE_MS / 1000} s`;
+    const silence = `nothing has happened for ${TIMEOUT_MS / 1000} s`;
     check(Date.now() < end, `${silence}: ${what}; ${seen}`);
     await delay(50);
   }
@@ -97,7 +97,7 @@ async function serve(environment = {}, tries = 3) {
     { stdio: ['ignore', 'inherit', 'inherit'], env: { ...process.env, ...environment } },
   );
   let token;
-  for (const end = Date.now() + PATIENCE_MS; !token;) {
+  for (const end = Date.now() + TIMEOUT_MS; !token;) {
     check(Date.now() < end, 'the server does not start');
     await delay(100);
     if (server.exitCode !== null) {
@@ -125,5 +125,5 @@ function run(main) {
 }
 
 module.exports = {
-  HOME, ORIGIN, PATIENCE_MS, check, measured, run, serve, spiral, until,
+  HOME, ORIGIN, TIMEOUT_MS, check, measured, run, serve, spiral, until,
 };

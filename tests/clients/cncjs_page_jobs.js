@@ -13,7 +13,7 @@ const path = require('path');
 
 const { browse, newPage } = require('./browser');
 const {
-  HOME, ORIGIN, PATIENCE_MS, check, measured, run, serve, spiral, until,
+  HOME, ORIGIN, TIMEOUT_MS, check, measured, run, serve, spiral, until,
 } = require('./cncjs');
 
 const port = process.argv[2];
@@ -47,7 +47,7 @@ class Screen {
 
   /** Clicks with the mouse: on what stays where it is. */
   async click(selector) {
-    const found = await this.page.waitForSelector(selector, { timeout: PATIENCE_MS });
+    const found = await this.page.waitForSelector(selector, { timeout: TIMEOUT_MS });
     await found.click();
     await found.dispose();
   }
@@ -129,7 +129,7 @@ async function connect(screen) {
   // Or it opens the port again by itself, when it has looked which ports there are after a close.
   const isAutomatic = `${CONNECTION} input[type="checkbox"]:checked`;
   await screen.press(isAutomatic);
-  await screen.page.waitForSelector(isAutomatic, { hidden: true, timeout: PATIENCE_MS });
+  await screen.page.waitForSelector(isAutomatic, { hidden: true, timeout: TIMEOUT_MS });
   await screen.click(`${CONNECTION} .Select:not(.is-disabled) .Select-control`);
   await screen.click(`${CONNECTION} .Select-option`);
   await screen.click(`${CONNECTION} button:has(.fa-toggle-off)`);
@@ -251,7 +251,7 @@ async function drive(screen) {
 async function close(screen) {
   await screen.press(`${CONNECTION} button:has(.fa-toggle-on)`);
   const isClosed = `${CONNECTION} button:has(.fa-toggle-off)`;
-  await screen.page.waitForSelector(isClosed, { timeout: PATIENCE_MS });
+  await screen.page.waitForSelector(isClosed, { timeout: TIMEOUT_MS });
 }
 
 async function main() {

@@ -13,7 +13,7 @@ import traceback
 
 # How long nothing may happen, s: a guard for a machine that is stuck, no measure. How long anything
 # takes is no concern of the scripts: the emulated machine goes as fast as its host lets it.
-PATIENCE = 180.0
+TIMEOUT = 180.0
 
 # Where the work coordinates G54 of all jobs begin, machine coordinates in mm.
 ORIGIN = (-100, -100, -50)
@@ -64,9 +64,9 @@ def until(claim, what, progress, listen=lambda: time.sleep(0.01)):
         now, before = time.monotonic(), seen
         seen = progress()
         if seen != before:
-            end = now + PATIENCE
+            end = now + TIMEOUT
         elif now > end:
-            raise TimeoutError(f"nothing has happened for {PATIENCE:.0f} s: {what}; {seen}")
+            raise TimeoutError(f"nothing has happened for {TIMEOUT:.0f} s: {what}; {seen}")
         listen()
 
 

@@ -13,7 +13,7 @@ use std::{
 use crate::memory::Memory;
 
 /// Longest time for an answer before the machine counts as dead.
-pub(crate) const PATIENCE: Duration = Duration::from_mins(1);
+pub(crate) const TIMEOUT: Duration = Duration::from_mins(1);
 pub(crate) const RESET: &[u8] = b"\x18";
 
 /// The emulated board with the firmware running.
@@ -86,7 +86,7 @@ impl Machine {
     /// The next line that is not empty.
     pub(crate) fn receive(&mut self) -> String {
         loop {
-            let line = self.lines.recv_timeout(PATIENCE);
+            let line = self.lines.recv_timeout(TIMEOUT);
             let Ok(line) = line else {
                 panic!("the firmware is silent after {:?}", self.heard);
             };
@@ -151,7 +151,7 @@ impl Machine {
             if is_expected(&status) {
                 return;
             }
-            assert!(start.elapsed() < PATIENCE, "{status}");
+            assert!(start.elapsed() < TIMEOUT, "{status}");
             thread::sleep(Duration::from_millis(5));
         }
     }

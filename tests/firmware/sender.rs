@@ -6,7 +6,7 @@ use std::{
     time::{Duration, Instant},
 };
 
-use crate::machine::{Machine, PATIENCE, RESET, is_answer};
+use crate::machine::{Machine, RESET, TIMEOUT, is_answer};
 
 /// Bytes on their way unanswered, as senders keep them.
 const WINDOW: usize = 127;
@@ -80,7 +80,7 @@ impl<'a> Sender<'a> {
         let start = Instant::now();
         while !self.unanswered.is_empty() {
             self.listen();
-            assert!(start.elapsed() < 3 * PATIENCE, "{:?}", self.unanswered);
+            assert!(start.elapsed() < 3 * TIMEOUT, "{:?}", self.unanswered);
         }
     }
 

@@ -29,7 +29,7 @@ const SECOND_MOTORS: [&str; GANGED_AXES] = ["X2", "Y2", "Z2"];
 /// Keys of the functions of an axis.
 const AXIS_KEYS: [&str; 5] = ["step", "direction", "phases", "enable", "limit"];
 /// Keys of other functions.
-const OTHER_KEYS: [&str; 16] = [
+const NON_AXIS_KEYS: [&str; 16] = [
     "outputs.enable",
     "outputs.spindle",
     "outputs.counter_clockwise",
@@ -363,7 +363,7 @@ fn refuse_rest(functions: &Entries) -> Result<(), Fault> {
     });
     let known = of_axes
         .chain(of_second)
-        .chain(OTHER_KEYS.map(str::to_owned));
+        .chain(NON_AXIS_KEYS.map(str::to_owned));
     let known: Vec<String> = known.collect();
     let known: Vec<&str> = known.iter().map(String::as_str).collect();
     functions.refuse_rest(&known)

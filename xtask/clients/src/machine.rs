@@ -22,7 +22,7 @@ use rustix::{
 };
 
 /// How long a machine may take to start.
-const START: Duration = Duration::from_mins(3);
+const START_TIMEOUT: Duration = Duration::from_mins(3);
 
 /// Where a sender's machine runs.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -128,7 +128,10 @@ fn simulator(folder: &Path, settings: &Path, beside: &[String]) -> Result<(Machi
         if let Some(status) = process.try_wait()? {
             bail!("the simulator has ended ({status})");
         }
-        ensure!(start.elapsed() < START, "the simulator does not start");
+        ensure!(
+            start.elapsed() < START_TIMEOUT,
+            "the simulator does not start"
+        );
         thread::sleep(Duration::from_millis(5));
     }
     let machine = Machine::Simulator { process };
@@ -165,9 +168,9 @@ fn firmware(
     let step_rate = firmware::image::read(&elf).map(StepRate::of_image)?;
     let loaded = settings::load_for(step_rate, Some(file), beside)?;
     let mut emulator = Emulator::start(&elf, &machine)?;
-    emulator.wait_for_welcome(START)?;
+    emulator.wait_for_welcome(START_TIMEOUT)?;
     for statement in &loaded.statements {
-        emulator.set(statement, START)?;
+        emulator.set(statement, START_TIMEOUT)?;
     }
     emulator.mount(&SwitchPositions::of(&loaded.settings))?;
     let line = emulator.line()?;

@@ -47,11 +47,11 @@ use self::{
 
 /// How long nothing may happen on the line: a guard for a sender that is stuck, no measure. Its script
 /// finds a machine that is stuck before.
-const PATIENCE: Duration = Duration::from_mins(5);
+const TIMEOUT: Duration = Duration::from_mins(5);
 /// Longest time for one sender's run: a guard for one that goes round in circles.
-const LONGEST: Duration = Duration::from_mins(30);
+const RUN_TIMEOUT: Duration = Duration::from_mins(30);
 /// Longest time for the last answers after the sender has ended.
-const REST: Duration = Duration::from_mins(1);
+const LAST_ANSWERS_TIMEOUT: Duration = Duration::from_mins(1);
 
 /// How often it is looked what goes on.
 const GLANCE: Duration = Duration::from_millis(20);
@@ -379,11 +379,11 @@ impl Run {
                 (progress, went_on) = (now, Instant::now());
             }
             ensure!(
-                went_on.elapsed() < PATIENCE,
+                went_on.elapsed() < TIMEOUT,
                 "nothing goes on between sender and machine: {progress}"
             );
             ensure!(
-                start.elapsed() < LONGEST,
+                start.elapsed() < RUN_TIMEOUT,
                 "the sender does not come to an end: {progress}"
             );
             thread::sleep(GLANCE);
@@ -416,7 +416,7 @@ impl Run {
     fn end(&mut self) -> Result<Box<dyn Account>> {
         let start = Instant::now();
         let mut quiet = 0;
-        while quiet < QUIET_GLANCES && start.elapsed() < REST {
+        while quiet < QUIET_GLANCES && start.elapsed() < LAST_ANSWERS_TIMEOUT {
             thread::sleep(GLANCE);
             let is_quiet = self.tap.seen().account.is_quiet();
             quiet = if is_quiet { quiet + 1 } else { 0 };

@@ -237,10 +237,10 @@ pub(super) fn replay(table: &Table) -> Result<(usize, Vec<Difference>)> {
 
 /// Sends a line and returns what comes back.
 fn send(player: &mut Player, line: &[u8]) -> Vec<String> {
-    const PATIENCE: Patience = Patience::of(1.0);
+    const TIMEOUT: Patience = Patience::of(1.0);
     player.machine.send(line);
     player.machine.send(b"\n");
-    player.wait_for_answer(PATIENCE);
+    player.wait_for_answer(TIMEOUT);
     player
         .take_lines()
         .into_iter()

@@ -20,7 +20,7 @@ use anyhow::{Context, Result, ensure};
 use crate::patience::Patient;
 
 /// How long QEMU may take to reply.
-const PATIENCE: Duration = Duration::from_secs(20);
+const TIMEOUT: Duration = Duration::from_secs(20);
 /// Bytes that are asked for at once: QEMU's packets have 4096 characters, two for each byte.
 const CHUNK: usize = 1024;
 
@@ -35,7 +35,7 @@ impl Debugger {
     }
 
     fn over(stream: UnixStream, process: u32) -> Result<Self> {
-        let stream = Patient::new(stream, process, PATIENCE)?;
+        let stream = Patient::new(stream, process, TIMEOUT)?;
         let mut debugger = Self(BufReader::new(stream));
         debugger.wait_for_stop()?;
         Ok(debugger)
@@ -150,7 +150,7 @@ mod tests {
     /// QEMU's side of a conversation: what it says, and what it must hear next.
     fn qemu(conversation: Vec<(&'static str, &'static str)>) -> (UnixStream, JoinHandle<()>) {
         let (mut qemu, ours) = UnixStream::pair().unwrap();
-        qemu.set_read_timeout(Some(PATIENCE)).unwrap();
+        qemu.set_read_timeout(Some(TIMEOUT)).unwrap();
         let play = move || {
             for (says, hears) in conversation {
                 qemu.write_all(says.as_bytes()).unwrap();

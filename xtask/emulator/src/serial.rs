@@ -20,7 +20,7 @@ use std::{
 use anyhow::{Context, Result, bail, ensure};
 
 /// How long QEMU may take to take bytes.
-const PATIENCE: Duration = Duration::from_secs(20);
+const TIMEOUT: Duration = Duration::from_secs(20);
 /// Longest wait for bytes before it is looked whether another reads them from now on.
 const WAIT: Duration = Duration::from_millis(20);
 
@@ -37,7 +37,7 @@ pub(super) struct Serial {
 impl Serial {
     /// Begins to read what QEMU sends.
     pub(super) fn new(stream: UnixStream) -> Result<Self> {
-        stream.set_write_timeout(Some(PATIENCE))?;
+        stream.set_write_timeout(Some(TIMEOUT))?;
         stream.set_read_timeout(Some(WAIT))?;
         let (sender, arrived) = mpsc::channel();
         let is_over = Arc::new(AtomicBool::new(false));
@@ -120,7 +120,7 @@ mod tests {
 
     fn line() -> (UnixStream, Serial) {
         let (qemu, ours) = UnixStream::pair().unwrap();
-        qemu.set_write_timeout(Some(PATIENCE)).unwrap();
+        qemu.set_write_timeout(Some(TIMEOUT)).unwrap();
         (qemu, Serial::new(ours).unwrap())
     }
 
@@ -132,7 +132,7 @@ mod tests {
             qemu.write_all(&[byte]).unwrap();
         }
         for _ in 0..LINES {
-            let line = serial.receive(PATIENCE).unwrap();
+            let line = serial.receive(TIMEOUT).unwrap();
             assert_eq!(line.as_deref(), Some("[MSG:hello]"));
         }
         assert_eq!(serial.receive(Duration::ZERO).unwrap(), None);
@@ -143,8 +143,8 @@ mod tests {
         let (mut qemu, mut serial) = line();
         qemu.write_all(b"ok\r\nAL").unwrap();
         drop(qemu);
-        assert_eq!(serial.receive(PATIENCE).unwrap().as_deref(), Some("ok"));
-        let end = serial.receive(PATIENCE).unwrap_err();
+        assert_eq!(serial.receive(TIMEOUT).unwrap().as_deref(), Some("ok"));
+        let end = serial.receive(TIMEOUT).unwrap_err();
         assert_eq!(end.to_string(), "QEMU has ended");
     }
 
@@ -152,7 +152,7 @@ mod tests {
     fn the_line_is_another_s_when_it_is_given_away() {
         let (mut qemu, mut serial) = line();
         qemu.write_all(b"ok\r\n").unwrap();
-        serial.receive(PATIENCE).unwrap();
+        serial.receive(TIMEOUT).unwrap();
         let mut theirs = UnixStream::from(serial.give_away().unwrap());
         qemu.write_all(b"<Idle>").unwrap();
         let mut bytes = [0; 6];
@@ -164,7 +164,7 @@ mod tests {
     fn a_line_with_unread_bytes_is_not_given_away() {
         let (mut qemu, mut serial) = line();
         qemu.write_all(b"ok\r\n<Idle").unwrap();
-        serial.receive(PATIENCE).unwrap();
+        serial.receive(TIMEOUT).unwrap();
         assert!(serial.give_away().is_err());
     }
 }

@@ -15,7 +15,7 @@ use std::{
 use anyhow::{Context, Result, ensure};
 
 /// Longest line that is read: beyond it the file is no program.
-const LONGEST: usize = 1 << 20;
+const MAX_LINE_BYTES: usize = 1 << 20;
 /// What is sent for a byte that must not be: no word has it.
 pub(crate) const REFUSED: u8 = 0x7f;
 /// What some editors put in front of a text in UTF-8.
@@ -114,7 +114,7 @@ impl Program {
         }
         let mut line = Vec::new();
         let read = (&mut self.reader)
-            .take(LONGEST as u64 + 2)
+            .take(MAX_LINE_BYTES as u64 + 2)
             .read_until(b'\n', &mut line)
             .with_context(|| format!("cannot read {}", self.name))?;
         if read == 0 {
@@ -132,8 +132,8 @@ impl Program {
             line.pop();
         }
         ensure!(
-            line.len() <= LONGEST,
-            "line {} of {} is longer than {LONGEST} bytes: is it a G-code program?",
+            line.len() <= MAX_LINE_BYTES,
+            "line {} of {} is longer than {MAX_LINE_BYTES} bytes: is it a G-code program?",
             self.lines,
             self.name
         );
@@ -209,7 +209,7 @@ mod tests {
 
     #[test]
     fn an_endless_line_is_an_error() {
-        let text = vec![b'G'; LONGEST + 1];
+        let text = vec![b'G'; MAX_LINE_BYTES + 1];
         let mut program = Program::from_reader("test".into(), Cursor::new(text));
         assert!(program.next_line().is_err());
     }

@@ -22,7 +22,7 @@ const FRAME: Duration = Duration::from_millis(30);
 /// Silence after which a comment is sent, so that a page that has gone is noticed.
 const SILENCE: Duration = Duration::from_secs(2);
 /// How long the last event may take.
-const LAST_EVENT: Duration = Duration::from_secs(10);
+const LAST_EVENT_TIMEOUT: Duration = Duration::from_secs(10);
 
 const POLICY: &str = "default-src 'none'; script-src 'self'; style-src 'self'; connect-src 'self'; \
     base-uri 'none'; form-action 'none'";
@@ -85,7 +85,7 @@ pub(crate) fn serve(address: &str, shared: &Arc<Shared>, job: Option<Job>) -> Re
 
 /// Waits until each page has been told that nothing more is to come, at most a while.
 pub(crate) fn wait_for_pages(shared: &Shared) {
-    let end = Instant::now() + LAST_EVENT;
+    let end = Instant::now() + LAST_EVENT_TIMEOUT;
     let mut picture = shared.lock();
     while picture.pages > 0 && Instant::now() < end {
         picture = shared.wait(picture, FRAME);

@@ -9,7 +9,7 @@ use std::time::Duration;
 /// How often the monitor asks.
 const ASK_EVERY: Duration = Duration::from_millis(100);
 /// How long an answer may take; then it is lost.
-const ANSWER: Duration = Duration::from_secs(1);
+const ANSWER_TIMEOUT: Duration = Duration::from_secs(1);
 /// How long after its last `?` a sender counts as one that asks by itself.
 const SENDER_ASKS: Duration = Duration::from_secs(2);
 
@@ -44,7 +44,7 @@ impl Tap {
         let has_asked = |since: Option<Duration>, time| {
             since.is_some_and(|since| now.saturating_sub(since) < time)
         };
-        let is_time = now >= self.next && !has_asked(self.asked, ANSWER);
+        let is_time = now >= self.next && !has_asked(self.asked, ANSWER_TIMEOUT);
         if !is_time || has_asked(self.sender_asked, SENDER_ASKS) {
             return false;
         }
@@ -93,7 +93,7 @@ impl Tap {
         }
         if self
             .asked
-            .is_some_and(|asked| now.saturating_sub(asked) >= ANSWER)
+            .is_some_and(|asked| now.saturating_sub(asked) >= ANSWER_TIMEOUT)
         {
             // The answer is lost.
             self.let_go(now, machine);

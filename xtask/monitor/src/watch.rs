@@ -31,7 +31,7 @@ const WAIT: Timespec = Timespec {
 /// Feed hold.
 const HOLD: u8 = b'!';
 /// How long a machine may take to answer: a board may start first.
-const ANSWER: Duration = Duration::from_secs(5);
+const ANSWER_TIMEOUT: Duration = Duration::from_secs(5);
 /// How often it is asked until then.
 const ASK_EVERY: Duration = Duration::from_millis(500);
 /// Bytes that wait for the machine at most; then the sender waits.
@@ -85,12 +85,12 @@ impl Watch {
 
     /// Waits until the machine answers, and asks for its resolution.
     pub(crate) fn greet(&mut self, stop: &UnixStream) -> Result<()> {
-        let state = self.ask(b"?", ANSWER, stop, |sighting| match sighting {
+        let state = self.ask(b"?", ANSWER_TIMEOUT, stop, |sighting| match sighting {
             Sighting::Report(report) => Some(report.state.clone()),
             _ => None,
         })?;
         let (name, hint) = (&self.source.name, &self.source.hint);
-        let seconds = ANSWER.as_secs();
+        let seconds = ANSWER_TIMEOUT.as_secs();
         let state = state.with_context(|| {
             format!("{name} has not answered as Grbl does for {seconds} s: {hint}")
         })?;
@@ -98,7 +98,7 @@ impl Watch {
         if state == "Idle" {
             let is_answer =
                 |sighting: &Sighting| matches!(sighting, Sighting::Answer(_)).then_some(());
-            self.ask(b"$$\n", ANSWER, stop, is_answer)?;
+            self.ask(b"$$\n", ANSWER_TIMEOUT, stop, is_answer)?;
         }
         self.to_sender.clear();
         Ok(())
@@ -112,7 +112,7 @@ impl Watch {
     /// Asks for everything that a job depends on. A machine that moves is asked for nothing: its job is taken
     /// for one that has begun at the work zero of now.
     pub(crate) fn answers(&mut self, stop: &UnixStream) -> Result<MachineAnswers> {
-        let report = self.ask(b"?", ANSWER, stop, |sighting| match sighting {
+        let report = self.ask(b"?", ANSWER_TIMEOUT, stop, |sighting| match sighting {
             Sighting::Report(report) => Some(report.clone()),
             _ => None,
         })?;
@@ -154,7 +154,7 @@ impl Watch {
     fn lines(&mut self, statement: &str, stop: &UnixStream) -> Result<Vec<String>> {
         let mut lines = Vec::new();
         let question = format!("{statement}\n");
-        let answer = self.ask(question.as_bytes(), ANSWER, stop, |sighting| {
+        let answer = self.ask(question.as_bytes(), ANSWER_TIMEOUT, stop, |sighting| {
             if let Sighting::Other(text) = sighting {
                 lines.push(text.clone());
             }

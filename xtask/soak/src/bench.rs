@@ -34,9 +34,9 @@ const WINDOW: usize = 127;
 /// From a `?` to the first byte of its report: 5 ms, and what waits to be sent before it.
 const PROMPT_TICKS: u64 = 5 * MILLISECOND + SENT_RING as u64 * BYTE_TICKS;
 /// How long something may run on in a break: 40 ms behind the report that waits at its beginning.
-const BREAK_TICKS: u64 = PROMPT_TICKS + 42 * MILLISECOND;
+const MAX_BREAK_RESPONSE_TICKS: u64 = PROMPT_TICKS + 42 * MILLISECOND;
 /// What a line may take until the operator helps.
-const PATIENCE_TICKS: u64 = 20 * SECOND;
+const TIMEOUT_TICKS: u64 = 20 * SECOND;
 /// What a machine takes to stand and to answer after a reset.
 const RESET_TICKS: u64 = 10 * SECOND;
 
@@ -177,7 +177,7 @@ impl Bench {
             Action::Pass(ms) => self.run(u64::from(*ms) * MILLISECOND),
             Action::PowerFails => self.fail_power(),
             Action::PowerFailsInWrite { text, words, seed } => {
-                let is_at_rest = self.comes_to_rest(PATIENCE_TICKS);
+                let is_at_rest = self.comes_to_rest(TIMEOUT_TICKS);
                 if is_at_rest {
                     self.simulator.flash().cut_after(*words, *seed);
                     self.writing = Some(text.clone());
@@ -222,7 +222,7 @@ impl Bench {
     /// Presses cycle start as often as it helps, and at last resets.
     fn recover(&mut self) {
         for _ in 0..8 {
-            if self.comes_to_rest(PATIENCE_TICKS) {
+            if self.comes_to_rest(TIMEOUT_TICKS) {
                 return;
             }
             self.urgent.push_back(b'~');
@@ -278,14 +278,14 @@ impl Bench {
                 continue;
             }
             let ticks = now - *runs_since.get_or_insert(now);
-            assert!(ticks <= BREAK_TICKS, "a break holds nothing");
+            assert!(ticks <= MAX_BREAK_RESPONSE_TICKS, "a break holds nothing");
         }
         self.simulator.pull_line(false);
     }
 
     /// Waits until the machine has room for a line. Where it takes none, the operator helps.
     fn wait_for_room(&mut self, length: usize) {
-        let limit = self.simulator.now() + PATIENCE_TICKS;
+        let limit = self.simulator.now() + TIMEOUT_TICKS;
         while self.line.len() + self.waiting() + length > WINDOW {
             self.run(SECOND / 100);
             if self.simulator.now() > limit {

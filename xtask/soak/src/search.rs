@@ -20,7 +20,7 @@ use crate::{
 };
 
 /// Most actions of one history.
-const LONGEST: usize = 80;
+const MAX_ACTIONS: usize = 80;
 /// How often a history that breaks a rule is made shorter.
 const SHORTENINGS: u32 = 2000;
 
@@ -109,7 +109,7 @@ fn play(seed: u64, step_rate: StepRate, fault: Option<Fault>) -> Result<Done, Bo
     seed_bytes[..8].copy_from_slice(&seed.to_le_bytes());
     let random = TestRng::from_seed(RngAlgorithm::ChaCha, &seed_bytes);
     let mut runner = TestRunner::new_with_rng(config, random);
-    let strategy = (setup(), history(LONGEST));
+    let strategy = (setup(), history(MAX_ACTIONS));
     let Ok(history) = strategy.new_tree(&mut runner) else {
         unreachable!("every action can be made");
     };

@@ -149,7 +149,7 @@ mod with_probe {
     /// program measures for less.
     const UNREAD_TIME: Duration = Duration::from_secs(1);
     /// How long the program may take.
-    const PATIENCE: Duration = Duration::from_secs(30);
+    const TIMEOUT: Duration = Duration::from_secs(30);
 
     /// Writes the program to a board and returns what it sends.
     pub(super) fn on_board(board: &Board, probe: Option<&str>) -> Result<String> {
@@ -164,7 +164,7 @@ mod with_probe {
         let mut chunk = [0; 1024];
         let mut channels = None;
         while !samples::is_complete(&text) {
-            if start.elapsed() > PATIENCE {
+            if start.elapsed() > TIMEOUT {
                 bail!("the program does not come to its end; it has said\n{text}");
             }
             if channels.is_none() {

@@ -84,7 +84,7 @@ const SECONDS: u64 = 10;
 /// Time between two looks at what has been found so far.
 const LOOK: Duration = Duration::from_millis(500);
 /// How long a firmware may take to start.
-const START: Duration = Duration::from_mins(1);
+const START_TIMEOUT: Duration = Duration::from_mins(1);
 
 pub(crate) fn run(options: &Options) -> Result<ExitCode> {
     let outcome = match &options.board {
@@ -150,7 +150,7 @@ fn open(chip: &mut dyn Chip, elf: &Path) -> Result<Channels> {
         let clock = chip.clock();
         let channels = Channels::open(chip, elf, clock);
         chip.go()?;
-        if channels.is_ok() || start.elapsed() > START {
+        if channels.is_ok() || start.elapsed() > START_TIMEOUT {
             return channels.context("cannot find the records of the firmware");
         }
         thread::sleep(Duration::from_millis(20));

@@ -90,7 +90,7 @@ pub(crate) fn play_file(
 /// Silence after which the machine is asked for its state.
 const QUIET: Duration = Duration::from_millis(100);
 /// Silence after which it is given up, and time for which a moving machine may stay where it is.
-const PATIENCE: Duration = Duration::from_secs(30);
+const TIMEOUT: Duration = Duration::from_secs(30);
 
 /// Streams a program and waits until everything is executed.
 pub(crate) fn play(
@@ -99,8 +99,8 @@ pub(crate) fn play(
     loaded: &Loaded,
     bar: ProgressBar,
 ) -> Result<Figures> {
-    emulator.wait_for_welcome(PATIENCE)?;
-    let patience = emulator.patience(PATIENCE);
+    emulator.wait_for_welcome(TIMEOUT)?;
+    let patience = emulator.patience(TIMEOUT);
     let mut host = Host {
         emulator,
         sender: Sender::default(),
@@ -112,7 +112,7 @@ pub(crate) fn play(
         changed: patience,
     };
     for statement in &loaded.statements {
-        host.emulator.set(statement, PATIENCE)?;
+        host.emulator.set(statement, TIMEOUT)?;
     }
     host.stream(program)?;
     host.wait_for_standstill()?;

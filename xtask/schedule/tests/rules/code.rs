@@ -192,7 +192,7 @@ in_idle! {
 type Wrong = (&'static str, &'static str, Rule, &'static str);
 
 /// Builds the fixture with calls of such functions, and expects each to be told at its own lines.
-fn each_is_caught(name: &str, mark: &str, wrong: &[Wrong], more: &str) {
+fn check_each_is_told(name: &str, mark: &str, wrong: &[Wrong], more: &str) {
     let project = or_skip!(Project::new(name));
     let calls: Vec<String> = wrong.iter().map(|it| format!("{}();\n", it.0)).collect();
     let functions = wrong
@@ -263,12 +263,12 @@ fn what_holds_tasks_up_neither_sleeps_nor_waits_nor_calls_what_is_not_known() {
             "is not over when its function returns",
         ),
     ];
-    each_is_caught("in-sections", "idle", &wrong, "");
+    check_each_is_told("in-sections", "idle", &wrong, "");
 }
 
 #[test]
 fn what_the_proof_rests_on_in_the_processor_is_not_written() {
-    const STORE: &str = "a register of the processor";
+    const PROCESSOR_REGISTER: &str = "a register of the processor";
     let wrong: [Wrong; 7] = [
         (
             "takes_privileges",
@@ -289,42 +289,42 @@ fn what_the_proof_rests_on_in_the_processor_is_not_written() {
             "// SAFETY: system control.
             unsafe { (0xe000_ed10 as *mut u32).write_volatile(4) };",
             Rule::Register,
-            STORE,
+            PROCESSOR_REGISTER,
         ),
         (
             "moves_the_vectors",
             "// SAFETY: vector table offset.
             unsafe { (0xe000_ed08 as *mut u32).write_volatile(0x2000_0000) };",
             Rule::Register,
-            STORE,
+            PROCESSOR_REGISTER,
         ),
         (
             "protects_memory",
             "// SAFETY: control of the memory protection.
             unsafe { (0xe000_ed94 as *mut u32).write_volatile(5) };",
             Rule::Register,
-            STORE,
+            PROCESSOR_REGISTER,
         ),
         (
             "disables_a_task",
             "// SAFETY: clear-enable of interrupts.
             unsafe { (0xe000_e184 as *mut u32).write_volatile(0x20) };",
             Rule::Register,
-            STORE,
+            PROCESSOR_REGISTER,
         ),
         (
             "saves_registers_at_once",
             "// SAFETY: floating-point context control.
             unsafe { (0xe000_ef34 as *mut u32).write_volatile(0x8000_0000) };",
             Rule::Register,
-            STORE,
+            PROCESSOR_REGISTER,
         ),
     ];
-    each_is_caught("in-the-processor", "idle", &wrong, "");
+    check_each_is_told("in-the-processor", "idle", &wrong, "");
 }
 
 /// Ways of a task to take longer than is told.
-const GUISES: [Wrong; 11] = [
+const HIDDEN_DELAYS: [Wrong; 11] = [
     (
         "never_ends",
         "if device::has_byte() {
@@ -428,7 +428,7 @@ const GUISES: [Wrong; 11] = [
 ];
 
 /// What they call.
-const CALLED_IN_GUISES: &str = "#[inline(never)]
+const CALLED_BY_HIDDEN_DELAYS: &str = "#[inline(never)]
     fn is_ready() -> bool {
         device::has_byte()
     }
@@ -449,8 +449,13 @@ const CALLED_IN_GUISES: &str = "#[inline(never)]
 ";
 
 #[test]
-fn a_task_with_a_deadline_waits_in_no_guise() {
-    each_is_caught("in-guises", "receive", &GUISES, CALLED_IN_GUISES);
+fn a_task_with_a_deadline_hides_no_delay() {
+    check_each_is_told(
+        "hidden-delays",
+        "receive",
+        &HIDDEN_DELAYS,
+        CALLED_BY_HIDDEN_DELAYS,
+    );
 }
 
 #[test]

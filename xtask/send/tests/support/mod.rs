@@ -25,7 +25,7 @@ use rustix::{
 use tempfile::TempDir;
 
 /// How long a command may be silent before it counts as stuck.
-const PATIENCE: Duration = Duration::from_mins(3);
+const TIMEOUT: Duration = Duration::from_mins(3);
 
 /// Held where a process begins: up to then it has all files of this one open.
 static SPAWNING: Mutex<()> = Mutex::new(());
@@ -131,7 +131,7 @@ impl Sending {
     /// Waits for a line with a text, and returns it.
     pub(crate) fn until(&mut self, text: &str) -> String {
         loop {
-            let Ok(line) = self.printed.recv_timeout(PATIENCE) else {
+            let Ok(line) = self.printed.recv_timeout(TIMEOUT) else {
                 let _ = self.process.kill();
                 let said = self.said.take().map(|said| said.join().unwrap());
                 panic!("no {text} in {}{}", self.log, said.unwrap_or_default());

@@ -49,12 +49,12 @@ impl Bench {
         self.run(SECOND / 10);
         let writing = self.writing.take();
         if !is_known {
-            self.check_new(old.last(), writing.as_deref());
+            self.check_stored_by_line(old.last(), writing.as_deref());
         }
     }
 
     /// What is stored is not old, then it is new: the line that stored it changes nothing when it is sent again.
-    fn check_new(&mut self, old: Option<&(Stored, ToolTable)>, writing: Option<&str>) {
+    fn check_stored_by_line(&mut self, old: Option<&(Stored, ToolTable)>, writing: Option<&str>) {
         let new = self.may_be_stored.clone();
         let changes = old
             .zip(new.first())

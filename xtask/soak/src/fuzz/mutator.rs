@@ -23,7 +23,7 @@ const NUMBERS: [&str; 16] = [
     "3.4028235e38",
 ];
 /// Longest input, bytes.
-const LONGEST: usize = 600;
+const MAX_INPUT_BYTES: usize = 600;
 /// Most changes of one input.
 const CHANGES: u64 = 6;
 
@@ -49,7 +49,7 @@ impl<'a> Mutator<'a> {
         for _ in 0..=self.below(CHANGES) {
             self.change(&mut input);
         }
-        input.truncate(LONGEST);
+        input.truncate(MAX_INPUT_BYTES);
         input
     }
 

@@ -19,7 +19,7 @@ use super::{
 };
 
 /// Longest time that a program may take, and then QEMU to end, host time.
-const PATIENCE: Duration = Duration::from_mins(10);
+const TIMEOUT: Duration = Duration::from_mins(10);
 const GRACE: Duration = Duration::from_secs(20);
 /// Runs of a workload before this machine is called too busy.
 const TRIES: u32 = 5;
@@ -68,7 +68,7 @@ impl Emulator {
                 .spawn()
                 .context("cannot start qemu-system-arm")?,
         );
-        qemu.wait(PATIENCE)?;
+        qemu.wait(TIMEOUT)?;
         Report::read(&report)
     }
 

@@ -11,7 +11,7 @@ use anyhow::{Context, Result, bail, ensure};
 use host::sender::InFlight;
 
 /// Longest silence, host time.
-const PATIENCE: Duration = Duration::from_mins(1);
+const TIMEOUT: Duration = Duration::from_mins(1);
 
 /// One conversation.
 pub(crate) struct Sender<W> {
@@ -104,7 +104,7 @@ impl<W: Write> Sender<W> {
     fn receive(&self) -> Result<String> {
         let line = self
             .from
-            .recv_timeout(PATIENCE)
+            .recv_timeout(TIMEOUT)
             .context("the firmware does not answer")?;
         Ok(line.trim_end().to_owned())
     }

@@ -50,7 +50,7 @@ mod with_probe {
     /// Time for which the probe leaves the chip alone: until the program has set up its memory.
     const UNREAD_TIME: Duration = Duration::from_secs(1);
     /// How long the program may say nothing: longer than its scripts and resets take.
-    const PATIENCE: Duration = Duration::from_secs(30);
+    const TIMEOUT: Duration = Duration::from_secs(30);
     /// Longest silence of the serial port: an erase takes 2 s, and what has come is compared for half a second.
     const SILENCE: Timespec = Timespec {
         tv_sec: 4,
@@ -119,7 +119,7 @@ mod with_probe {
                 if let Some(part) = take_until(&mut self.text, last) {
                     return Ok(part);
                 }
-                if start.elapsed() > PATIENCE {
+                if start.elapsed() > TIMEOUT {
                     bail!(
                         "the program does not come to its end; it has said\n{}",
                         self.text

@@ -10,7 +10,7 @@ use host::{
 };
 
 /// How long the firmware may be silent, without the time that QEMU waits for a processor.
-const PATIENCE: Duration = Duration::from_mins(1);
+const TIMEOUT: Duration = Duration::from_mins(1);
 /// Time between two questions for the state.
 const PAUSE: Duration = Duration::from_millis(2);
 /// After this silence it is asked for its state.
@@ -38,9 +38,9 @@ impl Driver {
     /// Boots the firmware, whose sender is on a USART, in a QEMU with these arguments.
     pub(super) fn boot(elf: &Path, machine: &str, usart: u8, arguments: &[&str]) -> Result<Self> {
         let mut emulator = Emulator::start_with(elf, machine, usart, arguments)?;
-        emulator.wait_for_welcome(PATIENCE)?;
+        emulator.wait_for_welcome(TIMEOUT)?;
         Ok(Self {
-            progress: emulator.patience(PATIENCE),
+            progress: emulator.patience(TIMEOUT),
             emulator,
             in_flight: InFlight::default(),
             answered: 0,
@@ -67,7 +67,7 @@ impl Driver {
 
     /// Ends QEMU.
     pub(super) fn quit(self) -> Result<()> {
-        self.emulator.quit(PATIENCE)
+        self.emulator.quit(TIMEOUT)
     }
 
     /// Sends realtime commands.
@@ -132,7 +132,7 @@ impl Driver {
     /// Asks for reports until the state begins so, or an alarm or a rest with nothing left to do
     /// say that it is too late for it.
     pub(super) fn wait_for(&mut self, state: &str) -> Result<()> {
-        let patience = self.emulator.patience(PATIENCE);
+        let patience = self.emulator.patience(TIMEOUT);
         self.state.clear();
         let is_too_late = |driver: &Self| {
             driver.state.starts_with("Alarm")
@@ -164,7 +164,7 @@ impl Driver {
     /// Resets the machine and unlocks it.
     pub(super) fn reset(&mut self) -> Result<()> {
         self.realtime(b"\x18")?;
-        self.emulator.wait_for_welcome(PATIENCE)?;
+        self.emulator.wait_for_welcome(TIMEOUT)?;
         // After some alarms it has reset itself: then there is a second welcome. It stands already, so
         // that one comes before the answers to what it is asked behind the byte.
         self.in_flight = InFlight::default();
@@ -211,7 +211,7 @@ impl Driver {
         let mut line = self.emulator.receive(QUIET)?;
         if line.is_none() {
             self.realtime(b"?")?;
-            line = self.emulator.receive(PATIENCE)?;
+            line = self.emulator.receive(TIMEOUT)?;
         }
         let line =
             line.with_context(|| format!("the firmware is silent in the state {:?}", self.state))?;

@@ -8,10 +8,10 @@ use crate::bring_up::sequence::BURST;
 /// around it up to 10 µs.
 const FLASH_OPERATIONS: [(&str, &str, i64); 3] = [
     ("flash.erase", "erase", 2_000_000),
-    ("flash.program", PROGRAMMING, 110),
+    ("flash.program", PROGRAM_OPERATION, 110),
     ("flash.erase_again", "erase of these words", 2_000_000),
 ];
-const PROGRAMMING: &str = "words";
+const PROGRAM_OPERATION: &str = "words";
 
 /// Every byte comes through while the flash is busy, and the flash holds what it should.
 pub(super) fn flash(parts: &mut Parts<'_>, expected: &Expected) {
@@ -24,7 +24,7 @@ pub(super) fn flash(parts: &mut Parts<'_>, expected: &Expected) {
                 ["done", "wrong_words", "words"].map(|what| facts.get(&fact(what)));
             let (done, wrong, words) = (done?, wrong?, words?);
             let said = if done == 1 { "yes" } else { "no" };
-            let has_words = name != PROGRAMMING || words > 0;
+            let has_words = name != PROGRAM_OPERATION || words > 0;
             let measured = format!("{said}, {wrong} words wrong");
             Some((measured, done == 1 && wrong == 0 && has_words))
         });
