@@ -70,15 +70,27 @@ mod board {
             println!("cargo::rustc-env=LEADSCREW_{name}={value}");
         }
         let memory = &board.memory;
-        let mut symbols = vec![
+        let symbols = [
             ("_flash_start", memory.flash_start),
             ("_flash_length", memory.flash_bytes),
             ("_ram_length", memory.ram_bytes),
         ];
-        symbols.extend(memory.code_start.map(|start| ("_stext", start)));
         for (symbol, value) in symbols {
             println!("cargo::rustc-link-arg=--defsym={symbol}={value:#x}");
         }
+        let scripts = env::var("OUT_DIR")?;
+        let script = Path::new(&scripts).join("code_start.x");
+        fs::write(script, code_start(memory.code_start))?;
+        println!("cargo::rustc-link-search={scripts}");
         Ok(())
+    }
+
+    /// Returns the part of the linker's script that says where code begins: at an address, or right behind the
+    /// vectors.
+    fn code_start(address: Option<u32>) -> String {
+        let place = address.map_or_else(String::new, |start| format!("_stext = {start:#x};\n"));
+        format!(
+            "_vectors_end = ADDR(.vector_table) + SIZEOF(.vector_table);\n{place}ASSERT(ADDR(.text) == _stext, \"the code does not begin where the board's file wants it\");\n"
+        )
     }
 }

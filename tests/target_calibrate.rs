@@ -11,6 +11,11 @@ fn main() {
     println!("skipped on the host: `cargo xtask calibrate --board NAME` runs it on a board");
 }
 
+// A bootloader may have run before.
+#[cfg(target_os = "none")]
+#[path = "../src/board/pre_init.rs"]
+mod pre_init;
+
 #[cfg(target_os = "none")]
 #[path = "calibrate/cycles.rs"]
 mod cycles;

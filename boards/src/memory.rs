@@ -31,6 +31,8 @@ pub struct FlashSector {
     pub sector: u8,
     /// Its first address.
     pub address: u32,
+    /// Its size, bytes.
+    pub bytes: u32,
 }
 
 impl MemoryLayout {
@@ -51,6 +53,7 @@ impl MemoryLayout {
         let sector = |number: usize| FlashSector {
             sector: number as u8,
             address: sectors.0[number],
+            bytes: chip.sectors_kib[number] * 1024,
         };
         let flash_start = FLASH + bootloader_kib * 1024;
         let Some(first) = sectors.at(flash_start) else {

@@ -46,7 +46,7 @@ pub(super) static WIRING: Wiring = Wiring {{
 }
 
 /// Returns the fields of `Wiring` in `src/board/wiring.rs`.
-fn fields(board: &Board, wiring: &Wiring) -> [(&'static str, String); 15] {
+fn fields(board: &Board, wiring: &Wiring) -> [(&'static str, String); 16] {
     let clocks = board.chip.clocks;
     let accessories = format!(
         "AccessoryPins {{ spindle: {}, counter_clockwise: {}, flood: {}, mist: {} }}",
@@ -79,7 +79,8 @@ fn fields(board: &Board, wiring: &Wiring) -> [(&'static str, String); 15] {
         ("pwm", pwm(board, wiring)),
         ("inputs", format!("&[{inputs}]")),
         ("at_boot", format!("&[{at_boot}]")),
-        ("has_bootloader", (board.bootloader_kib != 0).to_string()),
+        ("chip", format!("{:?}", board.part_name)),
+        ("dev_id", format!("{:#05x}", board.chip.dev_id)),
         settings(board, wiring),
     ]
 }
@@ -95,7 +96,9 @@ fn settings(board: &Board, wiring: &Wiring) -> (&'static str, String) {
         return ("eeprom", pins);
     }
     let journal = list(board.memory.journal.as_slice().as_flattened(), |page| {
-        let FlashSector { sector, address } = page;
+        let FlashSector {
+            sector, address, ..
+        } = page;
         format!(
             "JournalPage {{ sector: {sector}, address: {} }}",
             hexadecimal(*address)

@@ -7,22 +7,18 @@
 //! # Cost
 //! `start` is the only place that sets the wait states and the caches of the flash beside `flash`.
 
-use leadscrew::units::TICKS_PER_SECOND;
+use leadscrew::{model::SelfTestFault, units::TICKS_PER_SECOND};
 use stm32f4xx_hal::{
     rcc::{Config, Rcc},
     time::Hertz,
 };
 
-use super::{TIMERS_MHZ, chosen::WIRING, emulation, flash_access, pac};
+use super::{TIMERS_MHZ, chosen::WIRING, crystal, emulation, flash_access, pac};
 
 const _: () = assert!(
     WIRING.core_hz == 2 * TICKS_PER_SECOND,
     "the library has the ticks of another clock than that of the board's chip"
 );
-
-/// Reads of the crystal's flag before the crystal counts as missing: more than 100 ms at the 16 MHz of the
-/// internal oscillator, of which each read takes 8 cycles at least. A crystal needs 2 ms (data sheet, HSE).
-const CRYSTAL_READS: u32 = 200_000;
 
 /// Whether the regulator's voltage after a reset, its scale 2, is for less than the clock of the core. That is so on
 /// the chips of 100 MHz, where it is for 84 MHz; the faster ones begin with their highest: RM0383 5.4.1, RM0090 5.4.1.
@@ -30,42 +26,58 @@ const NEEDS_SCALE_1: bool = WIRING.core_hz > 84_000_000 && WIRING.core_hz <= 100
 /// Scale 1 of the regulator, in `PWR_CR`.
 const SCALE_1: u32 = 0b11 << 14;
 
-/// The clocks, and whether the crystal makes them.
+/// The clocks, and why the crystal does not make them.
 pub(super) struct Clocks {
     pub(super) rcc: Rcc,
-    pub(super) has_crystal: bool,
+    pub(super) fault: Option<SelfTestFault>,
 }
 
 /// Sets the clocks of the board, and reads flash without prefetch. Without the crystal, or where the voltage detector
-/// runs and finds the supply too low, the internal oscillator takes its place, at a tenth of the frequency: good
+/// runs and finds the supply too low, or with a crystal of another frequency, the internal oscillator takes its place, at a tenth of the frequency: good
 /// enough to say so, and for nothing else. After `supply::watch`, which gives the registers of the supply their clock.
 ///
 /// # Panics
 ///
 /// If the core does not count half ticks with the crystal, or TIM9 and TIM10 do not count its cycles: every time would be wrong.
 #[expect(unsafe_code, reason = "a register that nobody owns")]
-pub(super) fn start(rcc: Rcc, flash: &pac::FLASH) -> Clocks {
+pub(super) fn start(mut rcc: Rcc, flash: &pac::FLASH) -> Clocks {
     // SAFETY: the flag is only read, and the field of the voltage is written here alone, before tasks run.
     let power = unsafe { &*pac::PWR::ptr() };
     let is_emulated = emulation::is_emulated();
-    let is_low = power.csr().read().pvdo().bit_is_set();
-    let has_crystal = is_emulated || !is_low && start_crystal(&rcc);
-    // The emulator's PLL would never report ready: its clocks stay as they are.
-    let is_internal = is_emulated || !has_crystal;
-    let rcc = if is_internal {
-        rcc
+    let fault = if is_emulated {
+        None
+    } else if power.csr().read().pvdo().bit_is_set() {
+        Some(SelfTestFault::LowSupply)
     } else {
-        raise_voltage(power);
-        rcc.freeze(from_crystal().sysclk(Hertz::from_raw(WIRING.core_hz)))
+        crystal::start(&mut rcc).err()
     };
-    let (core_hz, timers_hz) = (rcc.clocks.hclk().raw(), rcc.clocks.timclk2().raw());
-    assert!(
-        is_internal
-            || core_hz == 2 * TICKS_PER_SECOND && timers_hz == u32::from(TIMERS_MHZ) * 1_000_000,
-        "the step timer counts half ticks, and TIM9 and TIM10 count what their dividers are for"
-    );
+    // The emulator's PLL would never report ready: its clocks stay as they are.
+    if !is_emulated && fault.is_none() {
+        raise_voltage(power);
+        rcc = rcc.freeze(from_crystal().sysclk(Hertz::from_raw(WIRING.core_hz)));
+        let (core_hz, timers_hz) = (rcc.clocks.hclk().raw(), rcc.clocks.timclk2().raw());
+        assert!(
+            core_hz == 2 * TICKS_PER_SECOND && timers_hz == u32::from(TIMERS_MHZ) * 1_000_000,
+            "the step timer counts half ticks, and TIM9 and TIM10 count what their dividers are for"
+        );
+        assert!(
+            is_core_clock(&rcc),
+            "the registers of the clocks have what was written to them"
+        );
+    }
     flash.acr().write(|w| flash_access(w).dcen().set_bit());
-    Clocks { rcc, has_crystal }
+    Clocks { rcc, fault }
+}
+
+/// Returns whether the registers say that the core has its clock: PLLCFGR takes nothing while the PLL runs, and
+/// nobody else looks. RM0090 7.3.2, 7.3.3.
+fn is_core_clock(rcc: &pac::RCC) -> bool {
+    let pll = rcc.pllcfgr().read();
+    let [m, n] = [pll.pllm().bits().into(), u32::from(pll.plln().bits())];
+    let p = 2 * (u32::from(pll.pllp().bits()) + 1);
+    let is_exact =
+        u64::from(WIRING.crystal_hz) * u64::from(n) == u64::from(WIRING.core_hz) * u64::from(m * p);
+    is_exact && pll.pllsrc().is_hse() && rcc.cfgr().read().sws().is_pll()
 }
 
 /// Sets the voltage that the clock needs. It takes effect when the PLL is switched on, which must not run yet; that it
@@ -87,21 +99,4 @@ fn from_crystal() -> Config {
     } else {
         config
     }
-}
-
-/// Starts the crystal. Returns false, with the crystal off, if it does not run in time.
-fn start_crystal(rcc: &pac::RCC) -> bool {
-    rcc.cr()
-        .modify(|_, w| w.hsebyp().bit(WIRING.is_crystal_bypassed));
-    rcc.cr().modify(|_, w| w.hseon().set_bit());
-    let runs = (0..CRYSTAL_READS).any(|_| rcc.cr().read().hserdy().bit_is_set());
-    if runs {
-        // A crystal that stops from here on is an NMI, which stops the machine: RM0090 7.2.7. It is switched on before
-        // the PLL is waited for, which without the crystal would never be ready.
-        rcc.cr().modify(|_, w| w.csson().set_bit());
-    } else {
-        rcc.cr()
-            .modify(|_, w| w.hseon().clear_bit().hsebyp().clear_bit());
-    }
-    runs
 }

@@ -19,7 +19,7 @@ use rtt_target::UpChannel;
 #[cfg(not(feature = "trace"))]
 use rtt_target::{ChannelMode, rtt_init};
 
-use super::{outputs, pac, serial::FaultPort};
+use super::{outputs, pac, serial::FaultPort, watchdog};
 
 /// Number of the RTT channel.
 const CHANNEL: usize = 0;
@@ -110,6 +110,25 @@ pub(super) fn stop(cause: ResetCause) -> ! {
 pub(super) fn expire() -> ! {
     stop_machine(ResetCause::Watchdog);
     SCB::sys_reset()
+}
+
+/// Says for ever what keeps the firmware from starting: as alarm 16, each second. Its USART must be set up.
+pub(super) fn refuse(words: &[&str]) -> ! {
+    /// Pauses in a second, each as long as 32 ms at the frequency of the internal oscillator, or less.
+    const PAUSES: u32 = 32;
+    const PAUSE_CYCLES: u32 = 500_000;
+    FaultPort::open();
+    loop {
+        let _ = FaultPort.write_str("\r\nALARM:16\r\n[MSG:");
+        for word in words {
+            let _ = FaultPort.write_str(word);
+        }
+        let _ = FaultPort.write_str("]\r\n");
+        for _ in 0..PAUSES {
+            watchdog::feed();
+            cortex_m::asm::delay(PAUSE_CYCLES);
+        }
+    }
 }
 
 /// Sends a message to the sender and to a debug probe.

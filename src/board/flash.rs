@@ -30,6 +30,9 @@ const MASK_ALL_TASKS: u8 = nvic_priority(5);
 /// Keys that unlock programming and erasing.
 const UNLOCK_KEYS: [u32; 2] = [0x4567_0123, 0xcdef_89ab];
 
+/// `FLASH_CR` at rest.
+const LOCKED: u32 = 1 << 31;
+
 /// The two sectors, with the registers of the flash and the receiver for the time of an erase,
 /// which is set before tasks run.
 pub(crate) struct SettingsFlash {
@@ -92,10 +95,15 @@ impl SettingsFlash {
                 flash.keyr().write(|w| w.key().set(key));
             }
         }
+        if flash.cr().read().lock().bit_is_set() {
+            return Err(FlashError::Refused);
+        }
         clear_errors(flash);
         let is_refused = !operation(flash, self.receiver.as_mut()) || has_errors(flash);
         clear_errors(flash);
+        // Nothing but the lock: what a locked register keeps would erase or program with the next key.
         flash.cr().write(|w| w.lock().set_bit());
+        let is_refused = is_refused || flash.cr().read().bits() != LOCKED;
         // The data cache holds the sector as it was before.
         flash.acr().write(|w| flash_access(w));
         flash.acr().write(|w| flash_access(w).dcrst().set_bit());
@@ -118,6 +126,8 @@ impl ReadNorFlash for SettingsFlash {
     #[expect(unsafe_code, reason = "memory beside the program")]
     fn read(&mut self, offset: u32, bytes: &mut [u8]) -> Result<(), FlashError> {
         let offset = sector_offset(offset, bytes.len(), 1)?;
+        // A full journal takes long at the frequency of the internal oscillator.
+        watchdog::feed();
         if emulation::is_emulated() {
             emulation::read_flash(offset, bytes);
             return Ok(());
@@ -216,7 +226,8 @@ fn clear_errors(flash: &pac::FLASH) {
 fn erase(flash: &pac::FLASH, sector: u8, receiver: Option<&mut FlashEraseReceiver>) -> bool {
     alone(|| {
         flash.cr().write(|w| {
-            w.psize().variant(PSIZE::Psize32);
+            // The PAC would set the lock, as a reset does.
+            w.lock().clear_bit().psize().variant(PSIZE::Psize32);
             // SAFETY: a sector of this number exists.
             unsafe { w.snb().bits(sector) };
             w.ser().set_bit().strt().set_bit()
@@ -240,9 +251,14 @@ fn program(
     receiver: Option<&mut FlashEraseReceiver>,
 ) -> bool {
     alone(|| {
-        flash
-            .cr()
-            .write(|w| w.psize().variant(PSIZE::Psize32).pg().set_bit());
+        flash.cr().write(|w| {
+            w.lock()
+                .clear_bit()
+                .psize()
+                .variant(PSIZE::Psize32)
+                .pg()
+                .set_bit()
+        });
         // SAFETY: `SettingsFlash::write` has checked that the word is in the sectors, which no reference
         // points to.
         unsafe { place.write_volatile(word) };

@@ -16,9 +16,10 @@ mod emulation;
 mod emulation;
 
 mod actuators;
-mod bootloader;
+mod backup_domain;
 mod chosen;
 mod clocks;
+mod crystal;
 mod delay_timer;
 #[cfg(feature = "eeprom")]
 mod eeprom;
@@ -26,15 +27,18 @@ mod fault;
 #[cfg(not(feature = "eeprom"))]
 mod flash;
 pub(crate) mod host_clock;
+mod image_check;
 mod inputs;
 mod line_level;
 mod outputs;
 #[cfg_attr(feature = "phases", path = "phase_pins.rs")]
 mod pins;
 mod power_up;
+mod pre_init;
 mod proven;
 mod pwm;
 pub(crate) mod release;
+mod reset_state;
 mod serial;
 mod serial_session;
 mod stack;

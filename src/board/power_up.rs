@@ -5,10 +5,10 @@ use leadscrew::model::{Alarm, HAS_REPRAP};
 use stm32f4xx_hal::rcc::{BusClock, Enable, Rcc, RccExt};
 
 use super::{
-    Actuators, Board, InputInterrupts, Memory, Receiver, StepPins, StepTimerToken, bootloader,
+    Actuators, Board, InputInterrupts, Memory, Receiver, StepPins, StepTimerToken, backup_domain,
     chosen::{self, Usart, WIRING},
     clocks::{self, Clocks},
-    emulation, fault, host_clock, outputs, pac, pins, pwm,
+    emulation, fault, host_clock, image_check, outputs, pac, pins, pwm, reset_state,
     step_timer::StepTimer,
     storage::Medium,
     supply, watchdog,
@@ -27,42 +27,46 @@ const SERIAL_PRIORITY: u8 = 4;
 /// If the clocks are not what the ticks need.
 #[must_use]
 pub(crate) fn init(device: pac::Peripherals, mut core: Core, memory: Memory) -> Board {
+    // It ends each wait behind it that does not end.
+    watchdog::start(&device.IWDG, &device.DBGMCU);
     fault::init();
     super::stack::guard(&core.MPU);
     super::trace::init(&mut core.DCB, &mut core.DWT, &device.DBGMCU);
-    if WIRING.has_bootloader {
-        bootloader::undo(&device.RCC, &mut core.SYST, &mut core.NVIC);
-    }
     if emulation::detect(&device.RCC) {
         emulation::init(&device.TIM2, &device.TIM3, &mut core.NVIC);
+    } else {
+        reset_state::undo(&device.RCC, &device.EXTI);
     }
     let cause = fault::take_cause(&device.RCC);
     // Before anything that takes long, as the crystal and the journal: the pins float until then.
     let mut rcc = device.RCC.constrain();
     chosen::enable_ports(&mut rcc);
     outputs::make_safe();
-    supply::watch(&device.PWR, &mut rcc, &mut core.NVIC);
-    let Clocks {
-        mut rcc,
-        has_crystal,
-    } = clocks::start(rcc, &device.FLASH);
-    start_peripherals(&mut rcc);
     chosen::enable_clocks(&mut rcc);
+    if !emulation::is_emulated() && dev_id(&device.DBGMCU) != WIRING.dev_id {
+        refuse_chip(chosen::sender!(device), rcc, &mut core.NVIC);
+    }
+    supply::watch(&device.PWR, &mut rcc, &mut core.NVIC);
+    backup_domain::release_pins(&rcc, &device.PWR);
+    let Clocks { mut rcc, fault } = clocks::start(rcc, &device.FLASH);
+    start_peripherals(&mut rcc);
     pwm::init();
-    let actuators = Actuators::new(device.TIM9);
     let usart = start_serial(chosen::sender!(device), &rcc, &mut core.NVIC);
+    if !image_check::is_whole() {
+        fault::refuse(&["Firmware in flash is damaged: write it again"]);
+    }
+    let actuators = Actuators::new(device.TIM9);
     host_clock::init(&device.TIM4);
     let (session, storage) = memory.power_up(Medium::new(device.FLASH));
     session.set_reset_cause(cause);
+    session.set_self_test_fault(fault);
     pins::configure(session.settings());
     pwm::configure(session.settings());
     let inputs = InputInterrupts::new(device.TIM10, device.EXTI, &device.SYSCFG, &mut core.NVIC);
     // At full speed the supply was good: at the internal oscillator's, nothing moves, and no reset would help.
-    if has_crystal {
+    if fault.is_none() {
         supply::check();
     }
-    let failed = (!has_crystal).then_some(Alarm::SelfTest);
-    watchdog::start(&device.IWDG, &device.DBGMCU);
     Board {
         step_timer: StepTimerToken::new(),
         output: StepPins::new(StepTimer::new(core.SYST)),
@@ -71,8 +75,20 @@ pub(crate) fn init(device: pac::Peripherals, mut core: Core, memory: Memory) -> 
         actuators,
         storage,
         session,
-        alarm: failed.or(cause.alarm()),
+        alarm: fault.map(|_| Alarm::SelfTest).or(cause.alarm()),
     }
+}
+
+/// Returns what the chip says that it is: RM0090 38.6.1.
+fn dev_id(debug: &pac::DBGMCU) -> u16 {
+    debug.idcode().read().dev_id().bits()
+}
+
+/// Says for ever that the firmware is for another chip: one with less memory or of a lower frequency may do anything.
+#[cold]
+fn refuse_chip(usart: Usart, rcc: Rcc, nvic: &mut pac::NVIC) -> ! {
+    let _usart = start_serial(usart, &rcc, nvic);
+    fault::refuse(&["Firmware is for another chip, the STM32", WIRING.chip])
 }
 
 /// Starts the clocks of the peripherals that all boards use.

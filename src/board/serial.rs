@@ -179,6 +179,14 @@ const FAULT_READS: u32 = 100_000;
 pub(super) struct FaultPort;
 
 impl FaultPort {
+    /// Switches the sending half on, where the firmware does not start. Baud rate and pins must be set up.
+    #[expect(unsafe_code, reason = "nothing else runs")]
+    pub(super) fn open() {
+        // SAFETY: no task has begun.
+        let usart = unsafe { &*Usart::ptr() };
+        usart.cr1().write(|w| w.ue().enabled().te().enabled());
+    }
+
     /// Waits until everything has been sent, for a bounded time.
     #[expect(unsafe_code, reason = "nothing else runs")]
     pub(super) fn drain() {

@@ -10,7 +10,7 @@ use stm32f4xx_hal::rcc::{Enable, Rcc};
 use super::{
     fault,
     pac::{self, Interrupt, NVIC},
-    vectors,
+    vectors, watchdog,
 };
 
 /// The line of EXTI that rises when the supply falls; [`super::InputInterrupts`] unmasks it.
@@ -33,7 +33,10 @@ pub(super) fn watch(pwr: &pac::PWR, rcc: &mut Rcc, nvic: &mut NVIC) {
         .modify(|_, w| w.pls().set(PVD_THRESHOLD).pvde().set_bit());
     cortex_m::asm::delay(PVD_SETTLING_CYCLES);
     vectors::unmask(nvic, &[Interrupt::PVD], PRIORITY);
-    let _ = (0..MAX_PVD_READS).any(|_| !is_low());
+    let _ = (0..MAX_PVD_READS).any(|_| {
+        watchdog::feed();
+        !is_low()
+    });
 }
 
 /// Has the machine stop, as soon as interrupts are on, if the supply has fallen before the line was unmasked: the

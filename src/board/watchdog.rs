@@ -2,7 +2,8 @@
 //!
 //! `idle` feeds it: it runs only when every task that was released has come to its end. So `idle`, `interpret`,
 //! `prepare` and all above them must come round. What takes long by itself, the erasing and programming of
-//! flash, feeds it in its loops. Once started, nothing but a reset stops it. RM0090 21.3, 21.4.
+//! flash, feeds it in its loops. Once started, nothing but a reset stops it. It is the first that is started, so that
+//! a chip whose clocks cannot be set up is reset again and again, with its outputs off. RM0090 21.3, 21.4.
 //!
 //! `interpret` has work as long as lines wait. It does one run at a time, and waits for `idle` in between
 //! (`release.rs`): so no number of lines is taken for a task that hangs. The longest run is that of an arc in whole

@@ -97,8 +97,12 @@ pub(super) struct Wiring {
     pub(super) inputs: &'static [Input],
     /// Pins that get a level before all others, high or low, and keep it.
     pub(super) at_boot: &'static [(Pin, bool)],
-    /// Whether a bootloader has run before.
-    pub(super) has_bootloader: bool,
+    /// The part, as it is printed behind `STM32`.
+    #[allow(dead_code, reason = "the bring-up does not refuse a chip")]
+    pub(super) chip: &'static str,
+    /// What the chip says that it is.
+    #[allow(dead_code, reason = "the bring-up does not refuse a chip")]
+    pub(super) dev_id: u16,
     /// The sectors of the journal of settings.
     #[cfg(not(feature = "eeprom"))]
     pub(super) journal: [JournalPage; 2],

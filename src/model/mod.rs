@@ -16,6 +16,7 @@ mod power;
 pub mod queues;
 mod requests;
 mod reset_cause;
+mod self_test;
 mod state;
 pub mod timing;
 mod xy_rotation;
@@ -32,6 +33,7 @@ pub use overrides::{Override, OverrideSwitches, Overrides, TOOL_CHANGE};
 pub use power::Power;
 pub use requests::{Awaited, Mark, OVERRIDES, Release, Requests, ToolMarks};
 pub use reset_cause::ResetCause;
+pub use self_test::SelfTestFault;
 pub use state::{Probed, State};
 pub use xy_rotation::XyRotation;
 

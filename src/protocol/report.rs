@@ -8,7 +8,7 @@ use crate::{
     axis::{AXES, Axes, LETTERS},
     gcode::LineError,
     machine::Snapshot,
-    model::{Alarm, Coolant, Levels, Probed, ResetCause, Spindle, State},
+    model::{Alarm, Coolant, Levels, Probed, ResetCause, SelfTestFault, Spindle, State},
     settings::Settings,
     units::Nm,
 };
@@ -250,8 +250,6 @@ pub enum Feedback {
     CheckLimits,
     /// A tool length is wanted, and the tool table is empty.
     EmptyToolTable,
-    /// The crystal does not run, or the supply is too low.
-    SelfTestFailed,
     /// `M2` or `M30`.
     ProgramEnd,
     /// `$RST=`.
@@ -287,7 +285,6 @@ pub fn feedback(text: &mut Text, feedback: Feedback) {
         Feedback::LineBreak => "Break on the line",
         Feedback::CheckLimits => "Check Limits",
         Feedback::EmptyToolTable => "Tool table is empty: tool length 0",
-        Feedback::SelfTestFailed => "No crystal, or supply too low: nothing moves",
         Feedback::ProgramEnd => "Pgm End",
         Feedback::RestoringDefaults => "Restoring defaults",
         Feedback::RestoringSpindle => "Restoring spindle",
@@ -307,6 +304,21 @@ pub fn feedback(text: &mut Text, feedback: Feedback) {
 pub fn restarted(text: &mut Text, cause: ResetCause) {
     text.word("[MSG:Restarted: ").word(cause.text());
     text.word("]").end();
+}
+
+/// `[MSG:Crystal of 12.000 MHz, not 8.000: nothing moves]`, after alarm 16.
+pub fn self_test_fault(text: &mut Text, fault: SelfTestFault) {
+    text.word("[MSG:");
+    match fault {
+        SelfTestFault::NoCrystal => text.word("Crystal does not run"),
+        SelfTestFault::OtherCrystal { khz, expected_khz } => {
+            let mhz = |khz: u32| u64::from(khz) * 1000;
+            text.word("Crystal of ").millionths(mhz(khz));
+            text.word(" MHz, not ").millionths(mhz(expected_khz))
+        }
+        SelfTestFault::LowSupply => text.word("Supply too low"),
+    };
+    text.word(": nothing moves]").end();
 }
 
 /// `[MSG:Tool change: T2]`, with a message of the program behind it.

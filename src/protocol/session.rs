@@ -45,7 +45,7 @@ use crate::{
         interpreter::{Checked, Interpreter, Outcome},
     },
     machine::Snapshot,
-    model::{Awaited, Probed, Requests, ResetCause, queues::ENTRY_RING},
+    model::{Awaited, Probed, Requests, ResetCause, SelfTestFault, queues::ENTRY_RING},
     path::{Blender, Checkpoint, Compensator, Entry, Router, TiltedArc},
     settings::{Change, Settings, StoreError, Stored, ToolTable, WaitingChanges},
     units::Nm,
@@ -225,6 +225,8 @@ pub struct Session {
     is_homed: bool,
     /// Why the firmware has begun to run.
     reset_cause: ResetCause,
+    /// What the self-test at power-up has found wrong.
+    self_test_fault: Option<SelfTestFault>,
     /// What should never happen, and has happened.
     faults: FaultCounts,
     /// The tool that is in the spindle while programs are only checked.
@@ -269,6 +271,7 @@ impl Session {
             stream: PositionStream::default(),
             is_homed: false,
             reset_cause: ResetCause::Power,
+            self_test_fault: None,
             faults: FaultCounts::default(),
             tool_before_check: None,
             #[cfg(arc_machine)]
@@ -279,6 +282,11 @@ impl Session {
     /// Sets why the firmware has begun to run.
     pub const fn set_reset_cause(&mut self, cause: ResetCause) {
         self.reset_cause = cause;
+    }
+
+    /// Sets what the self-test at power-up has found wrong, for which the machine comes up in alarm 16.
+    pub const fn set_self_test_fault(&mut self, fault: Option<SelfTestFault>) {
+        self.self_test_fault = fault;
     }
 
     /// Sets the number of late step events so far, wrapping, before each run.

@@ -5,7 +5,7 @@ use crate::{
     axis::Axes,
     machine::Snapshot,
     model::{
-        Alarm, Levels, Outputs, Requests, ResetCause, Spindle, State,
+        Alarm, Levels, Outputs, Requests, ResetCause, SelfTestFault, Spindle, State,
         queues::{RECEIVED_RING, SENT_RING},
         timing::TICK_MS,
     },
@@ -66,6 +66,14 @@ impl Simulator {
     pub fn after(settings: &Settings, cause: ResetCause) -> Self {
         let mut simulator = Self::with_alarm(settings, cause.alarm());
         simulator.session.set_reset_cause(cause);
+        simulator
+    }
+
+    /// Returns a machine that has these settings stored, and is switched on with something wrong.
+    #[must_use]
+    pub fn failing(settings: &Settings, fault: SelfTestFault) -> Self {
+        let mut simulator = Self::with_alarm(settings, Some(Alarm::SelfTest));
+        simulator.session.set_self_test_fault(Some(fault));
         simulator
     }
 

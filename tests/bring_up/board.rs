@@ -3,22 +3,28 @@
 //! Files of `src/board/` find each other by `super`, so this module has them all, with stand-ins for what
 //! drives motors or keeps settings.
 
-#[path = "../../src/board/bootloader.rs"]
-mod bootloader;
+#[path = "../../src/board/backup_domain.rs"]
+mod backup_domain;
 #[path = "../../src/board/chosen.rs"]
 #[allow(dead_code, reason = "not all that a board has is used")]
 mod chosen;
 #[path = "../../src/board/clocks.rs"]
 mod clocks;
+#[path = "../../src/board/crystal.rs"]
+mod crystal;
 #[path = "../../src/board/fault.rs"]
 #[allow(dead_code, reason = "the emulator's watchdog is the firmware's")]
 mod fault;
+#[path = "../../src/board/pre_init.rs"]
+mod pre_init;
 #[path = "../../src/board/pwm.rs"]
 #[allow(dead_code, reason = "there are no settings")]
 mod pwm;
 #[path = "../../src/board/release.rs"]
 #[allow(dead_code, reason = "there are no tasks")]
 mod release;
+#[path = "../../src/board/reset_state.rs"]
+mod reset_state;
 #[path = "../../src/board/serial.rs"]
 #[allow(dead_code, reason = "nothing is sent in bulk")]
 mod serial;
@@ -115,8 +121,8 @@ pub(crate) fn bring_up() -> ! {
         stack::guard(&core.MPU);
     }
     clock::start(&mut core, &device.DBGMCU);
-    if WIRING.has_bootloader {
-        bootloader::undo(&device.RCC, &mut core.SYST, &mut core.NVIC);
+    if !emulation::is_emulated() {
+        reset_state::undo(&device.RCC, &device.EXTI);
     }
     let reset_flags = device.RCC.csr().read().bits();
     let cause = fault::take_cause(&device.RCC);
@@ -125,10 +131,8 @@ pub(crate) fn bring_up() -> ! {
     outputs::make_safe();
     supply::watch(&device.PWR, &mut rcc, &mut core.NVIC);
     let has_supply = !supply::is_low();
-    let Clocks {
-        mut rcc,
-        has_crystal,
-    } = clocks::start(rcc, &device.FLASH);
+    backup_domain::release_pins(&rcc, &device.PWR);
+    let Clocks { mut rcc, fault } = clocks::start(rcc, &device.FLASH);
     chosen::enable_clocks(&mut rcc);
     pwm::init();
     priorities::set(&mut core.NVIC);
@@ -140,7 +144,7 @@ pub(crate) fn bring_up() -> ! {
     let mut kept = Kept::take();
     if kept.stage() == 0 {
         let facts = kept.begin();
-        facts.put("crystal", has_crystal.into());
+        facts.put("crystal", fault.is_none().into());
         facts.put("supply", has_supply.into());
         facts.put("serial.clock_hz", serial_hz.into());
         facts.put("serial.divider", divider.into());

@@ -2,7 +2,7 @@
 
 use leadscrew::{
     axis::Axes,
-    model::{Alarm, Levels, Outputs, ResetCause},
+    model::{Alarm, Levels, Outputs, ResetCause, SelfTestFault},
     settings::{Settings, StepRate},
     sim::{Flash, Simulator},
     units::{StepsPerMm, TICKS_PER_SECOND},
@@ -201,9 +201,9 @@ fn without_its_crystal_a_machine_says_so_and_does_not_move() {
         homing: true,
         ..Settings::default()
     };
-    let failed = Some(Alarm::SelfTest);
-    let mut machine = Machine(Box::new(Simulator::with_alarm(&settings, failed)));
-    let told = "ALARM:16\r\n[MSG:No crystal, or supply too low: nothing moves]\r\n\r\n\
+    let fault = SelfTestFault::NoCrystal;
+    let mut machine = Machine(Box::new(Simulator::failing(&settings, fault)));
+    let told = "ALARM:16\r\n[MSG:Crystal does not run: nothing moves]\r\n\r\n\
                 Grbl 1.1h ['$' for help]\r\n[MSG:'$H'|'$X' to unlock]\r\n";
     assert_eq!(machine.ask(""), told);
     for refused in ["$X\n", "$H\n", "$J=G91X1F100\n", "G0 X1\n", "M3 S100\n"] {
@@ -217,6 +217,23 @@ fn without_its_crystal_a_machine_says_so_and_does_not_move() {
     assert_eq!(machine.ask("\x18"), told);
     assert_eq!(machine.ask("$X\n"), "error:9\r\n");
     assert_eq!(machine.0.physical_steps(), Axes::all(0));
+}
+
+#[test]
+fn what_the_self_test_has_found_is_told_with_the_frequency_of_a_wrong_crystal() {
+    let other = SelfTestFault::OtherCrystal {
+        khz: 11_987,
+        expected_khz: 8_000,
+    };
+    for (fault, words) in [
+        (other, "Crystal of 11.987 MHz, not 8.000"),
+        (SelfTestFault::LowSupply, "Supply too low"),
+    ] {
+        let simulator = Simulator::failing(&Settings::default(), fault);
+        let told = Machine(Box::new(simulator)).ask("");
+        let begins = format!("ALARM:16\r\n[MSG:{words}: nothing moves]\r\n");
+        assert!(told.starts_with(&begins), "{told}");
+    }
 }
 
 #[test]

@@ -130,7 +130,11 @@ impl Session {
                 }
                 report::alarm(text, alarm);
                 match alarm {
-                    Alarm::SelfTest => report::feedback(text, Feedback::SelfTestFailed),
+                    Alarm::SelfTest => {
+                        if let Some(fault) = self.self_test_fault {
+                            report::self_test_fault(text, fault);
+                        }
+                    }
                     Alarm::Restarted => report::restarted(text, self.reset_cause),
                     _ => {}
                 }

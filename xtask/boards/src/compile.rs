@@ -10,7 +10,7 @@ use std::{
 use anyhow::{Context, Result};
 use common::cargo;
 
-use crate::Board;
+use crate::{Board, layout, seal};
 
 /// Copies that this program has made.
 static COPIES: AtomicU32 = AtomicU32::new(0);
@@ -30,14 +30,19 @@ pub fn in_emulator(board: &Board) -> Result<PathBuf> {
     Ok(elf)
 }
 
-/// Has Cargo build a firmware, and returns the ELF file's contents.
+/// Has Cargo build a firmware, and returns the ELF file's contents, sealed by their CRC. One that does not lie in
+/// the chip's memory as the board's file wants it is refused.
 pub fn image(board: &Board, options: &[&str]) -> Result<Vec<u8>> {
     cargo::need_target()?;
     let mut command = cargo::cargo(&["build", "--release", "--bin", "leadscrew"]);
     board.compile(&mut command);
     cargo::wait(command.args(options))?;
     let built = cargo::target_dir().join(cargo::TARGET);
-    read(&built.join("release/leadscrew"))
+    let mut image = read(&built.join("release/leadscrew"))?;
+    let refused = || format!("this firmware would not start on the {}", board.title);
+    layout::check(board, &image).with_context(refused)?;
+    seal::seal(&mut image)?;
+    Ok(image)
 }
 
 /// Where a firmware is kept: Cargo gives every board's program the same name.

@@ -6,8 +6,11 @@
 )]
 
 pub mod compile;
+pub mod image;
+pub mod layout;
 pub mod pins;
 pub mod rates;
+pub mod seal;
 
 use std::{fmt::Write as _, ops::Deref, path::Path, process::Command};
 

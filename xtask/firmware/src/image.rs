@@ -1,48 +1,35 @@
 //! The step rate that a firmware is proven for, in its image: `static PROVEN` of `src/board/proven.rs`.
 
-use std::{ops::Range, path::Path};
+use std::path::Path;
 
-use anyhow::{Context, Result, ensure};
-use boards::compile;
-use object::{Object, ObjectSection, ObjectSymbol};
+use anyhow::{Context, Result};
+use boards::{compile, image::PatchedWords, seal};
 
-/// The symbol of the two words, the mark and the rate in Hz.
-const SYMBOL: &str = "PROVEN";
-/// The mark.
-const MARK: [u8; 4] = *b"PROV";
+/// The mark and the rate, Hz.
+const PROVEN: PatchedWords = PatchedWords {
+    symbol: "PROVEN",
+    marks: &[*b"PROV"],
+};
 
 /// What an image says that it is proven for, Hz; 0: for nothing.
 pub fn read(elf: &Path) -> Result<u32> {
     let image = compile::read(elf)?;
-    let place = place(&image).with_context(|| format!("{}", elf.display()))?;
-    let word = image[place].first_chunk().context("half a word")?;
-    Ok(u32::from_le_bytes(*word))
+    let words = PROVEN.place(&image);
+    let words = words.with_context(|| format!("{}", elf.display()))?;
+    let rate = image[words].last_chunk().context("half a word")?;
+    Ok(u32::from_le_bytes(*rate))
 }
 
-/// Writes what is proven into an image.
+/// Writes what is proven into an image, and its CRC.
 pub fn write(image: &mut [u8], hz: u32) -> Result<()> {
-    let place = place(image)?;
-    image[place].copy_from_slice(&hz.to_le_bytes());
-    Ok(())
+    write_rate(image, hz)?;
+    seal::seal(image)
 }
 
-/// Where in the file the rate is.
-fn place(image: &[u8]) -> Result<Range<usize>> {
-    let file = object::File::parse(image).context("this is no ELF file")?;
-    let symbol = file.symbols().find(|symbol| symbol.name() == Ok(SYMBOL));
-    let symbol = symbol.with_context(|| format!("the image has no symbol {SYMBOL}"))?;
-    let section = symbol.section_index().context("it is in no section")?;
-    let section = file.section_by_index(section)?;
-    let (offset, _) = section.file_range().context("it is not in the file")?;
-    let start = (offset + symbol.address() - section.address()) as usize;
-    let mark = image.get(start..start + MARK.len());
-    ensure!(
-        mark == Some(&MARK),
-        "the image has another mark at {SYMBOL}: it is not one of this version"
-    );
-    let rate = start + MARK.len()..start + 2 * MARK.len();
-    ensure!(rate.end <= image.len(), "the image ends within {SYMBOL}");
-    Ok(rate)
+fn write_rate(image: &mut [u8], hz: u32) -> Result<()> {
+    let words = PROVEN.place(image)?;
+    image[words.start + 4..words.end].copy_from_slice(&hz.to_le_bytes());
+    Ok(())
 }
 
 #[cfg(test)]
@@ -75,11 +62,11 @@ mod tests {
 
     #[test]
     fn the_rate_is_written_where_it_is_read_and_nowhere_else() {
-        let before = image(SYMBOL, b"PROV\0\0\0\0");
+        let before = image(PROVEN.symbol, b"PROV\0\0\0\0");
         let mut after = before.clone();
-        write(&mut after, 0x0001_2345).unwrap();
-        let rate = &after[place(&after).unwrap()];
-        assert_eq!(rate, [0x45, 0x23, 0x01, 0x00]);
+        write_rate(&mut after, 0x0001_2345).unwrap();
+        let words = &after[PROVEN.place(&after).unwrap()];
+        assert_eq!(words, b"PROV\x45\x23\x01\x00");
         let differing = before.iter().zip(&after).filter(|(a, b)| a != b);
         assert_eq!(differing.count(), 3);
         assert_eq!(before.len(), after.len());
@@ -89,11 +76,11 @@ mod tests {
     fn an_image_without_the_place_is_refused_with_the_reason() {
         for (mut image, reason) in [
             (image("OTHER", b"PROV\0\0\0\0"), "has no symbol PROVEN"),
-            (image(SYMBOL, b"DONE\0\0\0\0"), "another mark"),
+            (image(PROVEN.symbol, b"DONE\0\0\0\0"), "another mark"),
             (b"no image".to_vec(), "no ELF file"),
         ] {
             let before = image.clone();
-            let error = write(&mut image, 1).unwrap_err().to_string();
+            let error = write_rate(&mut image, 1).unwrap_err().to_string();
             assert!(error.contains(reason), "{error}");
             assert_eq!(image, before);
         }

@@ -1,18 +1,19 @@
 //! `cargo xtask size`: how much of the chip the firmware takes.
 
-use std::{fs, path::Path, process::ExitCode};
+use std::process::ExitCode;
 
 use anstream::println;
-use anyhow::{Context, Result, ensure};
+use anyhow::{Result, ensure};
 use object::{Object, ObjectSection, SectionFlags, elf};
 use owo_colors::OwoColorize;
 
 use board_data::MemoryLayout;
-use boards::compile;
+use boards::{compile, layout};
 
 /// Build the firmware and show how much flash and RAM it takes
 ///
-/// RAM is what is taken statically; the rest is the stack's.
+/// Flash is what the program may use: neither a bootloader's nor that of the settings. RAM is what is taken statically;
+/// the rest is the stack's.
 #[derive(clap::Args)]
 pub(crate) struct Options {
     /// A board's name, or the path of a file; netduino-plus-2 without it
@@ -26,65 +27,47 @@ pub(crate) struct Options {
 pub(crate) fn run(options: &Options) -> Result<ExitCode> {
     let mut rows = Vec::new();
     for board in boards::chosen(options.board.as_deref(), options.all)? {
-        let usage = Usage::of(&compile::firmware(&board)?, &board.memory)?;
-        rows.push((board, usage));
+        let image = compile::image(&board, &[])?;
+        let flash = layout::check(&board, &image)?;
+        let ram = static_ram(&image, &board.memory)?;
+        rows.push((board, flash, ram));
     }
-    let head = format!("{:<24}{:>28}{:>28}", "board", "flash", "RAM");
+    let head = format!("{:<24}{:>28}{:>12}{:>28}", "board", "flash", "free", "RAM");
     println!("{}", head.bold());
     let mut fits = true;
-    for (board, usage) in &rows {
-        let (flash, ram) = (
-            board.memory.flash_bytes.into(),
-            board.memory.ram_bytes.into(),
-        );
+    for (board, flash, ram) in &rows {
+        let of_ram = board.memory.ram_bytes.into();
         println!(
-            "{:<24}{:>28}{:>28}",
+            "{:<24}{:>28}{:>12}{:>28}",
             board.name,
-            share(usage.flash, flash),
-            share(usage.ram, ram)
+            share(flash.used.into(), flash.usable.into()),
+            format!("{:.1} KiB", kib(flash.free().into())),
+            share(*ram, of_ram)
         );
-        fits &= usage.flash <= flash && usage.ram <= ram;
+        fits &= *ram <= of_ram;
     }
     ensure!(fits, "the firmware does not fit");
     Ok(ExitCode::SUCCESS)
 }
 
+fn kib(bytes: u64) -> f64 {
+    bytes as f64 / 1024.0
+}
+
 /// `used of all, percent`.
 fn share(used: u64, all: u64) -> String {
     let percent = used as f64 / all as f64 * 100.0;
-    let kib = |bytes: u64| bytes as f64 / 1024.0;
     format!("{:.1} of {:.0} KiB {percent:>5.1} %", kib(used), kib(all))
 }
 
-/// Bytes of each memory that a program takes.
-struct Usage {
-    flash: u64,
-    ram: u64,
-}
-
-impl Usage {
-    /// Adds up the allocated sections. Initialised data counts twice: its first values lie in
-    /// flash.
-    fn of(path: &Path, memory: &MemoryLayout) -> Result<Self> {
-        let bytes = fs::read(path).with_context(|| format!("cannot read {}", path.display()))?;
-        let file = object::File::parse(&*bytes)
-            .with_context(|| format!("{} is no ELF file", path.display()))?;
-        let mut usage = Self { flash: 0, ram: 0 };
-        for section in file.sections() {
-            let SectionFlags::Elf { sh_flags } = section.flags() else {
-                continue;
-            };
-            if sh_flags & u64::from(elf::SHF_ALLOC) == 0 {
-                continue;
-            }
-            let has_content = section.kind() != object::SectionKind::UninitializedData;
-            if memory.is_ram(section.address()) {
-                usage.ram += section.size();
-                usage.flash += if has_content { section.size() } else { 0 };
-            } else if memory.is_flash(section.address()) {
-                usage.flash += section.size();
-            }
-        }
-        Ok(usage)
-    }
+/// Adds up the allocated sections that lie in RAM.
+fn static_ram(image: &[u8], memory: &MemoryLayout) -> Result<u64> {
+    let file = object::File::parse(image)?;
+    let sections = file.sections().filter(|section| {
+        let SectionFlags::Elf { sh_flags } = section.flags() else {
+            return false;
+        };
+        sh_flags & u64::from(elf::SHF_ALLOC) != 0 && memory.is_ram(section.address())
+    });
+    Ok(sections.map(|section| section.size()).sum())
 }

@@ -58,7 +58,9 @@ pub struct Startup {
     pub function: String,
     /// Functions each of which must be over before the next begins.
     pub order: Vec<String>,
-    /// Those that may access peripherals before the first of them is over.
+    /// That which makes the outputs safe.
+    pub safe: String,
+    /// Those that may access peripherals before it is over.
     pub before: Vec<String>,
     /// The same of functions that only some programs have, by the words which.
     #[serde(default)]

@@ -121,10 +121,8 @@ fn of_startup(program: &Program<'_>, startup: &Startup) -> Vec<Flaw> {
     let mut flaws: Vec<_> = pairs
         .filter_map(|(one, other)| order.pair(one, other))
         .collect();
-    if let Some(first) = startup.order.first() {
-        let before = { startup.before.iter() }.chain(startup.before_of.values().flatten());
-        flaws.extend(order.before(first, &before.collect::<Vec<_>>()));
-    }
+    let before = { startup.before.iter() }.chain(startup.before_of.values().flatten());
+    flaws.extend(order.before(&startup.safe, &before.collect::<Vec<_>>()));
     flaws
 }
 
@@ -199,21 +197,21 @@ impl Order<'_> {
     }
 
     /// What comes before a function is over, and is none of what may.
-    fn before(&self, first: &str, allowed: &[&String]) -> Option<Flaw> {
-        let firsts: Vec<usize> = (0..self.effects.len())
-            .filter(|&index| self.is_of(&self.effects[index], first))
+    fn before(&self, safe: &str, allowed: &[&String]) -> Option<Flaw> {
+        let safes: Vec<usize> = (0..self.effects.len())
+            .filter(|&index| self.is_of(&self.effects[index], safe))
             .collect();
         let early = self.effects.iter().enumerate().find(|(index, effect)| {
-            let is_allowed = firsts.contains(index)
+            let is_allowed = safes.contains(index)
                 || allowed.iter().any(|name| self.is_of(effect, name))
                 || effect.called.is_some_and(|called| self.is_harmless(called));
             !is_allowed
-                && firsts
+                && safes
                     .iter()
-                    .any(|&first| self.is_reached(Some(*index), first, |_| false))
+                    .any(|&safe| self.is_reached(Some(*index), safe, |_| false))
         });
         early.map(|(_, effect)| {
-            let what = format!("something is done before `{first}` is over");
+            let what = format!("something is done before `{safe}` is over");
             self.flaw(effect.address, what)
         })
     }

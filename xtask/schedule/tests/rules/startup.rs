@@ -120,7 +120,7 @@ fn an_initialisation_in_the_wrong_order_is_caught() {
         let project = project.configured(
             "[[exempt]]",
             "[startup]\nfunction = \"__rtic_init_resources\"\n\
-             order = [\"outputs\", \"clocks\"]\nbefore = [\"cause\"]\n\n[[exempt]]",
+             order = [\"outputs\", \"clocks\"]\nsafe = \"outputs\"\nbefore = [\"cause\"]\n\n[[exempt]]",
         );
         let project = project.replacing("#[shared]", &format!("{ITEMS}\n    #[shared]"));
         let project = project.replacing(

@@ -1,0 +1,52 @@
+//! The state of clocks and peripherals after a reset, made again behind a bootloader.
+//!
+//! The ROM's own bootloader leaves the PLL as the clock, at 60 MHz, and PLLCFGR takes nothing while the PLL runs;
+//! others leave timers, ports and lines of EXTI. [`undo`] runs at the beginning of `init`. RTIC has enabled the
+//! interrupts of its tasks by then, so the processor's own state is `pre_init`'s matter. RM0090 7.3, 12.3.
+
+use super::pac::{EXTI, RCC};
+
+/// Bits of `RCC_CR`: RM0090 7.3.1.
+const HSI_ON: u32 = 1;
+const HSI_TRIM_CENTRE: u32 = 16 << 3;
+const PLL_READY: u32 = 1 << 25;
+
+/// Puts clocks and peripherals into their state after a reset; the watchdog ends a wait that does not end.
+#[expect(unsafe_code, reason = "raw words for registers")]
+pub(super) fn undo(rcc: &RCC, exti: &EXTI) {
+    rcc.cr().modify(|_, w| w.hsion().set_bit());
+    while rcc.cr().read().hsirdy().bit_is_clear() {}
+    rcc.cfgr().reset();
+    while !rcc.cfgr().read().sws().is_hsi() {}
+    // The guard of the crystal goes off first: it must not take its end for a fault.
+    rcc.cr().modify(|_, w| w.csson().clear_bit());
+    // SAFETY: the internal oscillator alone runs, with the trim of a reset.
+    rcc.cr()
+        .write(|w| unsafe { w.bits(HSI_ON | HSI_TRIM_CENTRE) });
+    // PLLCFGR takes nothing before.
+    while rcc.cr().read().bits() & PLL_READY != 0 {}
+    rcc.pllcfgr().reset();
+    rcc.cir().reset();
+    // SAFETY: a one resets a peripheral, a zero lets it run; reserved bits have no effect.
+    unsafe {
+        for word in [u32::MAX, 0] {
+            rcc.ahb1rstr().write(|w| w.bits(word));
+            rcc.ahb2rstr().write(|w| w.bits(word));
+            rcc.apb1rstr().write(|w| w.bits(word));
+            rcc.apb2rstr().write(|w| w.bits(word));
+        }
+    }
+    rcc.ahb1enr().reset();
+    rcc.ahb2enr().reset();
+    rcc.apb1enr().reset();
+    rcc.apb2enr().reset();
+    #[cfg(not(any(feature = "chip-f405", feature = "chip-f407")))]
+    rcc.dckcfgr().reset();
+    // No bit of RCC resets it.
+    exti.imr().reset();
+    exti.emr().reset();
+    exti.rtsr().reset();
+    exti.ftsr().reset();
+    // SAFETY: a one takes back a pending line.
+    exti.pr().write(|w| unsafe { w.bits(u32::MAX) });
+}
