@@ -44,7 +44,7 @@ pub(crate) fn init(device: pac::Peripherals, mut core: Core, memory: Memory) -> 
     outputs::make_safe();
     chosen::enable_clocks(&mut rcc);
     if !emulation::is_emulated() && dev_id(&device.DBGMCU) != WIRING.dev_id {
-        refuse_chip(chosen::sender!(device), rcc, &mut core.NVIC);
+        refuse_chip(chosen::sender!(device), &rcc, &mut core.NVIC);
     }
     supply::watch(&device.PWR, &mut rcc, &mut core.NVIC);
     backup_domain::release_pins(&rcc, &device.PWR);
@@ -86,8 +86,8 @@ fn dev_id(debug: &pac::DBGMCU) -> u16 {
 
 /// Says for ever that the firmware is for another chip: one with less memory or of a lower frequency may do anything.
 #[cold]
-fn refuse_chip(usart: Usart, rcc: Rcc, nvic: &mut pac::NVIC) -> ! {
-    let _usart = start_serial(usart, &rcc, nvic);
+fn refuse_chip(usart: Usart, rcc: &Rcc, nvic: &mut pac::NVIC) -> ! {
+    let _usart = start_serial(usart, rcc, nvic);
     fault::refuse(&["Firmware is for another chip, the STM32", WIRING.chip])
 }
 

@@ -128,3 +128,142 @@ fn check_vectors(board: &Board, segments: &[Segment<'_>]) -> Result<()> {
     );
     Ok(())
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// An ELF file with segments: address of loading, address, bytes, size.
+    fn elf(segments: &[(u32, u32, &[u8], u32)]) -> Vec<u8> {
+        const HEADER_BYTES: u32 = 52;
+        const ENTRY_BYTES: u32 = 32;
+        let mut file = b"\x7fELF\x01\x01\x01\0\0\0\0\0\0\0\0\0".to_vec();
+        let half = |file: &mut Vec<u8>, value: u16| file.extend(value.to_le_bytes());
+        let words = |file: &mut Vec<u8>, values: &[u32]| {
+            file.extend(values.iter().flat_map(|value| value.to_le_bytes()));
+        };
+        for value in [2, 40] {
+            half(&mut file, value);
+        }
+        words(&mut file, &[1, 0, HEADER_BYTES, 0, 0]);
+        let [header, entry] = [HEADER_BYTES, ENTRY_BYTES].map(|bytes| bytes as u16);
+        for value in [header, entry, segments.len() as u16, 40, 0, 0] {
+            half(&mut file, value);
+        }
+        let mut offset = HEADER_BYTES + ENTRY_BYTES * segments.len() as u32;
+        for (load_address, address, bytes, size) in segments {
+            let in_file = bytes.len() as u32;
+            words(
+                &mut file,
+                &[1, offset, *address, *load_address, in_file, *size, 7, 4],
+            );
+            offset += in_file;
+        }
+        file.extend(segments.iter().flat_map(|(_, _, bytes, _)| *bytes));
+        file
+    }
+
+    /// The firmware of a board with vectors, code and data; `change` changes the vector of the stack, the address of
+    /// code and its bytes.
+    fn image(name: &str, stack: Option<u32>, code: Option<u32>, bytes: usize) -> Vec<u8> {
+        let memory = crate::named(name).unwrap().memory;
+        let vectors_at = memory.flash_start;
+        let code_at = code.unwrap_or(memory.code_start.unwrap_or(vectors_at + 0x1c4));
+        let stack = stack.unwrap_or(RAM + memory.ram_bytes);
+        let mut vectors = [stack, code_at | 1].map(u32::to_le_bytes).concat();
+        vectors.resize(0x1c4, 0);
+        let code = vec![0xbf; bytes];
+        elf(&[
+            (vectors_at, vectors_at, &vectors, 0x1c4),
+            (code_at, code_at, &code, code.len() as u32),
+            (0, RAM, &[], 0x1000),
+        ])
+    }
+
+    fn refusal(name: &str, image: &[u8]) -> String {
+        let board = crate::named(name).unwrap();
+        check(&board, image).unwrap_err().to_string()
+    }
+
+    #[test]
+    fn an_image_in_its_place_is_measured_against_what_it_may_use() {
+        for (name, usable_kib, vectors) in [
+            ("nucleo-f446re", 512 - 48, 0),
+            ("btt-skr-2", 1024 - 32 - 256, 0x1c4),
+            ("flexi-hal", 512 - 64, 0x1c4),
+        ] {
+            let image = image(name, None, None, 1000);
+            let found = check(&crate::named(name).unwrap(), &image).unwrap();
+            let usable = usable_kib * 1024;
+            let used = 1000 + vectors;
+            assert_eq!(found, FlashUse { used, usable }, "{name}");
+            assert_eq!(found.free(), usable - used);
+        }
+    }
+
+    #[test]
+    fn a_program_in_a_sector_of_the_settings_is_refused() {
+        let behind_vectors = image("nucleo-f446re", None, Some(0x0800_01c4), 0x5000);
+        assert_eq!(
+            refusal("nucleo-f446re", &behind_vectors),
+            "4 548 bytes of the program, 0x08004000 to 0x080051c3, lie in sector 1, which holds settings"
+        );
+        let up_to_the_end = image("btt-skr-2", None, None, 0xb_8000);
+        let told = refusal("btt-skr-2", &up_to_the_end);
+        assert!(
+            told.ends_with("lie in sector 10, which holds settings"),
+            "{told}"
+        );
+    }
+
+    #[test]
+    fn a_program_behind_the_end_of_the_flash_is_refused() {
+        let image = image("nucleo-f446re", None, None, 0x7_4100);
+        assert_eq!(
+            refusal("nucleo-f446re", &image),
+            "256 bytes of the program, 0x08080000 to 0x080800ff, lie outside of the flash of the STM32F446RE"
+        );
+    }
+
+    #[test]
+    fn a_program_in_the_bootloader_is_refused() {
+        let image = image("btt-skr-2", None, Some(0x0800_7ff0), 0x100);
+        assert_eq!(
+            refusal("btt-skr-2", &image),
+            "16 bytes of the program, 0x08007ff0 to 0x08007fff, lie in the bootloader, which has the first 32 KiB"
+        );
+    }
+
+    #[test]
+    fn the_stack_and_the_data_of_a_chip_with_more_memory_are_refused() {
+        let image = image("btt-skr-2", Some(0x2003_0000), None, 0x100);
+        assert_eq!(
+            refusal("btt-skr-2", &image),
+            "the stack begins at 0x20030000, which is not in the RAM of the STM32F407VG"
+        );
+        let vectors = [0x2002_0000, 0x0800_8001].map(u32::to_le_bytes).concat();
+        let image = elf(&[
+            (0x0800_8000, 0x0800_8000, &vectors, 8),
+            (0, 0x2000_0000, &[], 0x2_0010),
+        ]);
+        assert_eq!(
+            refusal("btt-skr-2", &image),
+            "16 bytes of data lie behind 0x2001ffff, the end of the RAM of the STM32F407VG"
+        );
+    }
+
+    #[test]
+    fn a_program_that_the_bootloader_could_not_start_is_refused() {
+        let vectors = |reset: u32| [0x2002_0000, reset].map(u32::to_le_bytes).concat();
+        let start = 0x0800_8000;
+        for (at, bytes, reason) in [
+            (start, vectors(0x0801_0101), "where the program has none"),
+            (start, vectors(start), "where the program has none"),
+            (start, vec![0; 4], "no vectors at 0x08008000"),
+            (start + 16, vectors(start + 17), "no vectors at 0x08008000"),
+        ] {
+            let told = refusal("btt-skr-2", &elf(&[(at, at, &bytes, 8)]));
+            assert!(told.contains(reason), "{told}");
+        }
+    }
+}

@@ -2,8 +2,8 @@
 
 use std::{env, path::Path, process::ExitCode};
 
-use anyhow::Result;
-use boards::{Board, compile};
+use anyhow::{Context as _, Result};
+use boards::{Board, compile, layout};
 use common::{tools, ui};
 
 /// Build the firmware and write it to the board with a debug probe
@@ -28,6 +28,8 @@ pub(crate) fn run(options: &Options) -> Result<ExitCode> {
     if !cfg!(feature = "probe") {
         return again();
     }
+    // Nothing is compiled or proven in vain.
+    need_probe(options.probe.as_deref())?;
     let elf = if options.unproven {
         compile::firmware(&board)?
     } else {
@@ -46,12 +48,25 @@ pub(crate) fn again() -> Result<ExitCode> {
 
 /// Without probe-rs nothing is written.
 #[cfg(not(feature = "probe"))]
-fn start(board: &Board, _probe: Option<&str>, _elf: &Path) -> Result<()> {
+fn need_probe(_probe: Option<&str>) -> Result<()> {
+    anyhow::bail!("this program has no probe-rs")
+}
+#[cfg(not(feature = "probe"))]
+fn start(board: &Board, _probe: Option<&str>, elf: &Path) -> Result<()> {
+    check(board, elf)?;
     anyhow::bail!("this program has no probe-rs for a {}", board.part.probe_rs)
 }
 
 #[cfg(feature = "probe")]
-pub(crate) use with_probe::start;
+pub(crate) use with_probe::{need_probe, start};
+
+/// Makes sure that what lies in a file lies in the right place on the chip, as the last before it is written.
+fn check(board: &Board, elf: &Path) -> Result<()> {
+    let refused = || format!("{} would not start on the {}", elf.display(), board.title);
+    layout::check(board, &compile::read(elf)?)
+        .map(|_| ())
+        .with_context(refused)
+}
 
 #[cfg(feature = "probe")]
 mod with_probe {
@@ -62,10 +77,16 @@ mod with_probe {
         probe::{DebugProbeInfo, DebugProbeSelector, list::Lister},
     };
 
-    use super::{Board, Path, ui};
+    use super::{Board, Path, check, ui};
+
+    /// Makes sure that there is a probe, the one that is asked for.
+    pub(crate) fn need_probe(probe: Option<&str>) -> Result<()> {
+        choose(&Lister::new().list_all(), probe).map(|_| ())
+    }
 
     /// Writes a firmware to a board and starts it.
     pub(crate) fn start(board: &Board, probe: Option<&str>, elf: &Path) -> Result<Session> {
+        check(board, elf)?;
         let lister = Lister::new();
         let found = choose(&lister.list_all(), probe)?;
         ui::status(
@@ -136,5 +157,38 @@ mod with_probe {
     fn list(probes: &[DebugProbeInfo]) -> String {
         let lines: Vec<_> = probes.iter().map(|probe| format!("  {probe}")).collect();
         lines.join("\n")
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_file_that_lies_in_the_bootloader_is_not_written() {
+        let folder = tempfile::tempdir().unwrap();
+        let elf = folder.path().join("false.elf");
+        let header: [u32; 9] = [0x0028_0002, 1, 0, 52, 0, 0, 0x0020_0034, 0x0028_0001, 0];
+        let segment = [1, 84, 0x0800_7ff8, 0x0800_7ff8, 8, 8, 7, 4];
+        let words = header
+            .iter()
+            .chain(&segment)
+            .chain(&[0x2002_0000, 0x0800_7ff9]);
+        let words = words.flat_map(|word| word.to_le_bytes());
+        let file: Vec<u8> = b"\x7fELF\x01\x01\x01\0\0\0\0\0\0\0\0\0"
+            .iter()
+            .copied()
+            .chain(words)
+            .collect();
+        std::fs::write(&elf, file).unwrap();
+        let board = boards::named("btt-skr-2").unwrap();
+        let error = start(&board, None, &elf).err().unwrap();
+        let told = format!("{error:#}");
+        assert!(
+            told.contains(
+                "8 bytes of the program, 0x08007ff8 to 0x08007fff, lie in the bootloader"
+            ),
+            "{told}"
+        );
     }
 }
