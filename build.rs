@@ -39,7 +39,10 @@ mod board {
             let variable = feature.to_uppercase().replace('-', "_");
             env::var_os(format!("CARGO_FEATURE_{variable}")).is_some()
         };
-        let needed = board.features();
+        let mut axes = [6, 5, 4].into_iter();
+        let axes = axes.find(|axes| has(&format!("axes-{axes}")));
+        let axes = axes.unwrap_or(3);
+        let needed = board.features(axes);
         if let Some(missing) = needed.iter().find(|feature| !has(feature)) {
             return Err(format!("{name} needs the feature {missing}").into());
         }
@@ -48,9 +51,6 @@ mod board {
         if let Some(other) = special.find(|&it| has(it) && !needed.iter().any(|own| own == it)) {
             return Err(format!("{name} is no board for the feature {other}").into());
         }
-        let mut axes = [6, 5, 4].into_iter();
-        let axes = axes.find(|axes| has(&format!("axes-{axes}")));
-        let axes = axes.unwrap_or(3);
         if board.wiring(axes).is_none() {
             let most = board.most_axes();
             return Err(format!("{name} has pins for {most} axes, not for {axes}").into());
@@ -69,7 +69,7 @@ mod board {
         for (name, value) in clocks {
             println!("cargo::rustc-env=LEADSCREW_{name}={value}");
         }
-        let memory = &board.memory;
+        let memory = board.memory(axes);
         let symbols = [
             ("_flash_start", memory.flash_start),
             ("_flash_length", memory.flash_bytes),

@@ -58,12 +58,17 @@ pub struct Board {
     pub bootloader_kib: u32,
     /// The name of the file that the bootloader looks for on the SD card.
     pub bootloader_file: Option<String>,
-    /// Where program and settings are.
-    pub memory: MemoryLayout,
     /// What is printed beside pins on the board.
     pub labels: BTreeMap<Pin, String>,
-    /// The wiring with three axes, four and so on.
-    wirings: Vec<Wiring>,
+    /// What differs with three axes, four and so on.
+    machines: Vec<Machine>,
+}
+
+/// A board with one number of axes.
+#[derive(Debug, Clone)]
+struct Machine {
+    wiring: Wiring,
+    memory: MemoryLayout,
 }
 
 impl Board {
@@ -103,13 +108,17 @@ impl Board {
         let sources = entries.take("sources");
         let (crystal_mhz, is_crystal_bypassed) = crystal(&mut entries, chip, &place)?;
         let qemu = entries.take("qemu");
-        let (bootloader_kib, bootloader_file, memory) =
-            bootloader(&mut entries, chip, part, &place)?;
+        let bootloader = Bootloader::read(&mut entries, &place)?;
         let labels = labels(&mut entries, part)?;
         let wirings = wirings(&mut entries, chip, part, &place)?;
         if let Some(entry) = &qemu {
             refuse_unemulated(entry, &wirings)?;
         }
+        let machines = wirings.into_iter().map(|wiring| {
+            let memory = bootloader.memory(chip, part, &wiring)?;
+            Ok(Machine { wiring, memory })
+        });
+        let machines = machines.collect::<Result<_, Fault>>()?;
         let others = ["name", "bootloader.kib", "bootloader.file"];
         entries.refuse_rest(&[&TOP[..], &others].concat())?;
         let text = |entry: Option<Entry>| {
@@ -136,49 +145,57 @@ impl Board {
             crystal_mhz,
             is_crystal_bypassed,
             qemu: text(qemu)?,
-            bootloader_kib,
-            bootloader_file,
-            memory,
+            bootloader_kib: bootloader.kib,
+            bootloader_file: bootloader.file,
             labels,
-            wirings,
+            machines,
         })
     }
 
     /// Returns the most axes that the board has pins for.
     pub fn most_axes(&self) -> usize {
-        FEWEST_AXES + self.wirings.len() - 1
+        FEWEST_AXES + self.machines.len() - 1
     }
 
     /// Returns the wiring with a number of axes.
     pub fn wiring(&self, axes: usize) -> Option<&Wiring> {
-        self.wirings.get(axes.checked_sub(FEWEST_AXES)?)
+        let machine = self.machines.get(axes.checked_sub(FEWEST_AXES)?)?;
+        Some(&machine.wiring)
+    }
+
+    /// Returns where program and settings are with a number of axes, or with the nearest number that the board has
+    /// pins for.
+    pub fn memory(&self, axes: usize) -> MemoryLayout {
+        self.machine(axes).memory
     }
 
     /// Returns whether motors are driven by phases, instead of by step and direction.
     pub fn has_phases(&self) -> bool {
-        self.wirings.iter().any(|wiring| !wiring.phases.is_empty())
+        let mut machines = self.machines.iter();
+        machines.any(|machine| !machine.wiring.phases.is_empty())
     }
 
-    /// Returns whether an EEPROM has the settings.
-    pub fn has_eeprom(&self) -> bool {
-        self.wirings.iter().any(|wiring| wiring.eeprom.is_some())
+    /// Returns the features of the firmware that the board needs with a number of axes, or with the nearest number
+    /// that it has pins for: those of its chip, its clock, its motors and its settings.
+    pub fn features(&self, axes: usize) -> Vec<String> {
+        let wiring = &self.machine(axes).wiring;
+        let is_small = wiring.eeprom.is_some_and(|eeprom| eeprom.is_small);
+        let special = [
+            (!wiring.phases.is_empty(), PHASES),
+            (!wiring.second.is_empty(), SECOND_MOTORS),
+            (wiring.eeprom.is_some(), EEPROM),
+            (is_small, SMALL_EEPROM),
+        ];
+        let special = special.into_iter().filter(|(is_needed, _)| *is_needed);
+        let clock = self.chip.clocks.feature().into_iter();
+        let all = clock.chain(special.map(|(_, feature)| feature));
+        iter::once(format!("chip-{}", self.chip.hal))
+            .chain(all.map(str::to_owned))
+            .collect()
     }
 
-    /// Returns the features of the firmware that the board needs: those of its chip, its clock, its motors and its
-    /// settings.
-    pub fn features(&self) -> Vec<String> {
-        let chip = format!("chip-{}", self.chip.hal);
-        let phases = self.has_phases().then(|| PHASES.to_owned());
-        let has_second = self.wirings.iter().any(|wiring| !wiring.second.is_empty());
-        let second = has_second.then(|| SECOND_MOTORS.to_owned());
-        let clock = self.chip.clocks.feature().map(str::to_owned);
-        let eeprom = self.has_eeprom().then(|| EEPROM.to_owned());
-        let mut eeproms = self.wirings.iter().filter_map(|wiring| wiring.eeprom);
-        let small = eeproms.any(|eeprom| eeprom.is_small);
-        let small = small.then(|| SMALL_EEPROM.to_owned());
-        let special = clock.into_iter().chain(phases).chain(second);
-        let special = special.chain(eeprom).chain(small);
-        iter::once(chip).chain(special).collect()
+    fn machine(&self, axes: usize) -> &Machine {
+        &self.machines[axes.clamp(FEWEST_AXES, self.most_axes()) - FEWEST_AXES]
     }
 }
 
@@ -287,23 +304,36 @@ fn crystal(entries: &mut Entries, chip: &Chip, file: &Place) -> Result<(u32, boo
     Ok((mhz, is_bypassed))
 }
 
-fn bootloader(
-    entries: &mut Entries,
-    chip: &Chip,
-    part: &Part,
-    file: &Place,
-) -> Result<(u32, Option<String>, MemoryLayout), Fault> {
-    let kib = entries.take("bootloader.kib");
-    let name = entries.take("bootloader.file");
-    let (place, kib) = match kib {
-        Some(entry) => (entry.place.clone(), entry.number()?),
-        None => (file.clone(), 0),
-    };
-    let has_eeprom = entries.place_of("eeprom.").is_some();
-    let layout = MemoryLayout::of(chip, part, kib, has_eeprom);
-    let layout = layout.map_err(|error| place.fault(error))?;
-    let name = name.map(|entry| file_name(&entry)).transpose()?;
-    Ok((kib, name, layout))
+/// A bootloader before the program, of 0 KiB where there is none.
+struct Bootloader {
+    kib: u32,
+    file: Option<String>,
+    place: Place,
+}
+
+impl Bootloader {
+    fn read(entries: &mut Entries, file: &Place) -> Result<Self, Fault> {
+        let kib = entries.take("bootloader.kib");
+        let name = entries.take("bootloader.file");
+        let (place, kib) = match kib {
+            Some(entry) => (entry.place.clone(), entry.number()?),
+            None => (file.clone(), 0),
+        };
+        let file = name.map(|entry| file_name(&entry)).transpose()?;
+        Ok(Self { kib, file, place })
+    }
+
+    /// Returns where program and settings are behind it.
+    fn memory(&self, chip: &Chip, part: &Part, wiring: &Wiring) -> Result<MemoryLayout, Fault> {
+        let memory = MemoryLayout::of(chip, part, self.kib, wiring.eeprom.is_some());
+        memory.map_err(|error| {
+            let fault = self.place.fault(error);
+            match wiring.axes() {
+                FEWEST_AXES => fault,
+                axes => fault.and(&format!(", with {axes} axes")),
+            }
+        })
+    }
 }
 
 /// Reads the name of a file that lies beside others.
@@ -352,13 +382,14 @@ fn wirings(
     }
     let mut functions = Entries::default();
     for prefix in [
-        "axes.", "outputs.", "inputs.", "serial.", "eeprom.", "at_boot.",
+        "axes.", "outputs.", "inputs.", "serial.", "eeprom", "at_boot.",
     ] {
         functions.replace_with(&entries.take_group(prefix));
     }
     let mut wirings = Vec::new();
     for axes in FEWEST_AXES..=MOST_AXES {
         functions.replace_with(&entries.take_all(&format!("with_{axes}_axes.")));
+        take_eeprom_away(&mut functions)?;
         let letter = AXES[axes - 1];
         let has_phases = functions.get("axes.X.phases").is_some();
         let step = if has_phases { "phases" } else { "step" };
@@ -386,4 +417,17 @@ fn wirings(
         wirings.push(wiring?);
     }
     Ok(wirings)
+}
+
+/// Takes the pins of an EEPROM away where it is `"none"`.
+fn take_eeprom_away(functions: &mut Entries) -> Result<(), Fault> {
+    let Some(entry) = functions.take("eeprom") else {
+        return Ok(());
+    };
+    if entry.text()? != "none" {
+        let message = "an EEPROM is a table, [eeprom], or \"none\" where the settings are in flash";
+        return Err(entry.place.fault(message));
+    }
+    functions.take_all("eeprom.");
+    Ok(())
 }

@@ -14,6 +14,7 @@ pub fn rust(board: &Board, axes: usize) -> String {
         .wiring(axes)
         .expect("the caller has asked how many axes there are");
     let usart = wiring.serial.usart;
+    let last = board.memory(axes).last;
     let mut text = format!(
         "/// The board's file.
 const _: &[u8] = include_bytes!({:?});
@@ -33,8 +34,8 @@ pub(super) static WIRING: Wiring = Wiring {{
 ",
         board.file.display().to_string(),
         megahertz(board.chip.clocks.apb1_timers_mhz()),
-        board.memory.last.sector,
-        hexadecimal(board.memory.last.address)
+        last.sector,
+        hexadecimal(last.address)
     );
     for (field, value) in fields(board, wiring) {
         let _ = writeln!(text, "    {field}: {value},");
@@ -95,7 +96,8 @@ fn settings(board: &Board, wiring: &Wiring) -> (&'static str, String) {
         );
         return ("eeprom", pins);
     }
-    let journal = list(board.memory.journal.as_slice().as_flattened(), |page| {
+    let memory = board.memory(wiring.axes());
+    let journal = list(memory.journal.as_slice().as_flattened(), |page| {
         let FlashSector {
             sector, address, ..
         } = page;

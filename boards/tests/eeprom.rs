@@ -57,6 +57,18 @@ const WRONG: &[(&str, &str, usize, &str)] = &[
         "`eeprom.address` is not known; known there are kib, scl, sda",
     ),
     (
+        "sda = \"C7\"",
+        "sda = \"C7\"\n[with_4_axes]\neeprom.kib = \"none\"\naxes.A = { step = \"C8\", direction = \"C9\" }",
+        17,
+        "a whole number is wanted here",
+    ),
+    (
+        "sda = \"C7\"",
+        "sda = \"C7\"\n[with_4_axes]\neeprom = \"flash\"",
+        17,
+        "an EEPROM is a table, [eeprom], or \"none\"",
+    ),
+    (
         "crystal_mhz = 12",
         "crystal_mhz = 12\nqemu = \"netduinoplus2\"",
         4,
@@ -78,8 +90,8 @@ fn read(name: &str, text: &str) -> Result<Board, String> {
 #[test]
 fn an_eeprom_leaves_the_whole_flash_to_the_program() {
     let board = read("right", RIGHT).expect("nothing is wrong");
-    assert_eq!(board.features(), ["chip-f446", "eeprom"]);
-    let memory = board.memory;
+    assert_eq!(board.features(3), ["chip-f446", "eeprom"]);
+    let memory = board.memory(3);
     assert_eq!((memory.journal, memory.code_start), (None, None));
     assert_eq!(memory.flash_start, 0x0801_0000);
     assert_eq!(memory.flash_bytes, (512 - 64) * 1024);
@@ -101,7 +113,8 @@ fn a_small_eeprom_has_half_the_tools_and_four_axes() {
     );
     for (name, text) in [("small", &small), ("small-4", &four)] {
         let board = read(name, text).expect("nothing is wrong");
-        assert_eq!(board.features(), ["chip-f446", "eeprom", "eeprom-4"]);
+        let features = board.features(board.most_axes());
+        assert_eq!(features, ["chip-f446", "eeprom", "eeprom-4"]);
     }
     let five = four.replace(
         "[eeprom]",
@@ -111,6 +124,59 @@ fn a_small_eeprom_has_half_the_tools_and_four_axes() {
     let words = "small-5.toml:15: an EEPROM of less than 8 KiB has room for the settings of 4 axes";
     assert!(error.contains(words), "{error}");
     read("large-5", &five.replace("kib = 4", "kib = 8")).expect("nothing is wrong");
+}
+
+#[test]
+fn with_more_axes_the_settings_may_be_in_flash_and_the_pins_are_free() {
+    let text = RIGHT
+        .replace("kib = 8", "kib = 4")
+        .replace("kib = 64", "kib = 32")
+        .replace(
+            "[eeprom]",
+            "A = { step = \"C8\", direction = \"C9\" }\n[eeprom]",
+        )
+        + "[with_5_axes]\neeprom = \"none\"\naxes.B = { step = \"C6\", direction = \"C7\" }\n";
+    let board = read("flash-5", &text).expect("nothing is wrong");
+    assert_eq!(board.most_axes(), 5);
+    assert_eq!(board.features(4), ["chip-f446", "eeprom", "eeprom-4"]);
+    assert_eq!(board.features(5), ["chip-f446"]);
+    let [four, five] = [4, 5].map(|axes| board.memory(axes));
+    assert_eq!((four.journal, four.code_start), (None, None));
+    assert_eq!(
+        five.journal.map(|pages| pages.map(|page| page.sector)),
+        Some([3, 4])
+    );
+    assert_eq!(five.code_start, Some(0x0802_0000));
+    // A number of axes that the board has no pins for is refused elsewhere, and in words.
+    assert_eq!(
+        (board.memory(6), board.features(6)),
+        (five, board.features(5))
+    );
+    assert!(rust(&board, 4).contains("eeprom: EepromPins"));
+    assert!(rust(&board, 5).contains("journal: [JournalPage { sector: 3"));
+}
+
+#[test]
+fn flash_that_has_no_room_for_the_settings_of_more_axes_is_told_with_the_axes() {
+    let text = RIGHT.replace(
+        "[eeprom]",
+        "A = { step = \"C8\", direction = \"C9\" }\n[eeprom]",
+    ) + "[with_4_axes]\neeprom = \"none\"\n";
+    let error = read("no-room-4", &text).expect_err("no room in flash");
+    assert!(
+        error.contains("no-room-4.toml:4: 512 KiB of flash have no two sectors"),
+        "{error}"
+    );
+    assert!(error.ends_with(", with 4 axes"), "{error}");
+}
+
+#[test]
+fn a_board_like_another_may_lack_its_eeprom() {
+    read("model", &RIGHT.replace("kib = 64", "kib = 32")).expect("nothing is wrong");
+    let board = read("without-it", "like = \"model\"\neeprom = \"none\"\n");
+    let board = board.expect("nothing is wrong");
+    assert_eq!(board.features(3), ["chip-f446"]);
+    assert!(board.memory(3).journal.is_some());
 }
 
 #[test]

@@ -385,9 +385,9 @@ fn motors_driven_by_phases_have_coils_and_nothing_else() {
     let wiring = board.wiring(3).expect("three axes");
     assert_eq!((wiring.axes(), wiring.phases.len()), (3, 3));
     assert_eq!(wiring.step_ports(), [4, 5]);
-    assert_eq!(board.features(), ["chip-f446", "phases"]);
+    assert_eq!(board.features(3), ["chip-f446", "phases"]);
     let right = read("steps", RIGHT).expect("nothing is wrong");
-    assert_eq!(right.features(), ["chip-f446"]);
+    assert_eq!(right.features(3), ["chip-f446"]);
     for (name, more, words) in [
         (
             "enabled",
@@ -430,9 +430,9 @@ fn an_axis_may_have_a_second_motor_with_a_switch_of_its_own() {
         assert_eq!(wiring.inputs[3].0.key(), "axes.Y2.limit");
         assert!(wiring.step_ports().contains(&motor.step.port));
     }
-    assert!(board.features().contains(&"second-motors".into()));
+    assert!(board.features(3).contains(&"second-motors".into()));
     let plain = read("plain", RIGHT).expect("nothing wrong");
-    assert!(!plain.features().contains(&"second-motors".into()));
+    assert!(!plain.features(3).contains(&"second-motors".into()));
     let phases = PHASES.replace("[axes]", &format!("[axes]\n{second}"));
     let error = read("both", &phases).expect_err("phases and a second motor");
     assert!(
@@ -536,7 +536,7 @@ fn settings_lie_where_no_program_does() {
         );
         read(&format!("memory-{chip}-{kib}"), &text)
             .expect("nothing is wrong")
-            .memory
+            .memory(3)
     };
     let whole = with("F446ZE", 0);
     assert_eq!(
@@ -562,13 +562,15 @@ fn settings_lie_where_no_program_does() {
 #[test]
 fn the_last_sector_without_settings_is_one_that_a_program_may_have() {
     for board in Board::all(root()).expect("nothing is wrong") {
-        let (memory, name) = (board.memory, board.name);
-        let sectors = memory.journal.as_slice().as_flattened();
-        assert!(!sectors.contains(&memory.last), "{name}");
-        assert!(memory.is_flash(memory.last.address.into()), "{name}");
-        // The sectors of all chips are of 128 KiB from here on; the program has all that are before it.
-        assert!(memory.last.sector > 6, "{name}");
-        assert!(memory.last.address >= 0x0806_0000, "{name}");
+        for axes in 3..=board.most_axes() {
+            let (memory, name) = (board.memory(axes), &board.name);
+            let sectors = memory.journal.as_slice().as_flattened();
+            assert!(!sectors.contains(&memory.last), "{name}");
+            assert!(memory.is_flash(memory.last.address.into()), "{name}");
+            // The sectors of all chips are of 128 KiB from here on; the program has all that are before it.
+            assert!(memory.last.sector > 6, "{name}");
+            assert!(memory.last.address >= 0x0806_0000, "{name}");
+        }
     }
 }
 

@@ -205,7 +205,7 @@ impl<'a> WiringReader<'a> {
             let letter = AXES[MAX_AXES_IN_SMALL_EEPROM];
             let message = format!(
                 "an EEPROM of less than {MIN_EEPROM_KIB_FOR_ALL} KiB has room for the settings of {MAX_AXES_IN_SMALL_EEPROM} axes: \
-                 {letter} = {{ step = \"none\" }} leaves it at these"
+                 [with_{axes}_axes] with eeprom = \"none\" puts them into flash, {letter} = {{ step = \"none\" }} leaves it at these"
             );
             return Err(kib.place.fault(message));
         }

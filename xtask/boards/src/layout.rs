@@ -35,7 +35,7 @@ impl FlashUse {
 /// Compares an image with the board's memory: no byte that is loaded may lie in the sectors of the settings, in a
 /// bootloader or outside of the chip's flash, and stack and data must be in the chip's RAM.
 pub fn check(board: &Board, image: &[u8]) -> Result<FlashUse> {
-    let memory = &board.memory;
+    let memory = board.chosen_memory();
     let segments = segments(image)?;
     let of_ram = segments.iter().filter(|segment| segment.address >= RAM);
     for segment in of_ram {
@@ -66,7 +66,7 @@ pub fn check(board: &Board, image: &[u8]) -> Result<FlashUse> {
 
 /// Areas that hold no byte of a program, and what is said of bytes there.
 fn forbidden(board: &Board) -> Vec<(Range<u32>, String)> {
-    let memory = &board.memory;
+    let memory = board.chosen_memory();
     let end = FLASH + board.part.flash_kib * 1024;
     let chip = format!("outside of the flash of the STM32{}", board.part_name);
     let bootloader = format!(
@@ -88,7 +88,7 @@ fn forbidden(board: &Board) -> Vec<(Range<u32>, String)> {
 /// Compares data and cleared memory with the chip's RAM.
 fn check_ram(board: &Board, segment: &Segment<'_>) -> Result<()> {
     let end = u64::from(segment.address) + u64::from(segment.size);
-    let of_chip = u64::from(RAM + board.memory.ram_bytes);
+    let of_chip = u64::from(RAM + board.chosen_memory().ram_bytes);
     ensure!(
         end <= of_chip,
         "{} bytes of data lie behind {:#010x}, the end of the RAM of the STM32{}",
@@ -101,7 +101,7 @@ fn check_ram(board: &Board, segment: &Segment<'_>) -> Result<()> {
 
 /// Compares the first two vectors, of the stack and of the first instruction: RM0090 2.4.
 fn check_vectors(board: &Board, segments: &[Segment<'_>]) -> Result<()> {
-    let start = board.memory.flash_start;
+    let start = board.chosen_memory().flash_start;
     let vectors = segments.iter().find(|it| it.loaded().contains(&start));
     let word = |index: usize| {
         let vectors = vectors?;
@@ -114,7 +114,7 @@ fn check_vectors(board: &Board, segments: &[Segment<'_>]) -> Result<()> {
         word(0).with_context(missing)?,
         word(1).with_context(missing)?,
     );
-    let ram = RAM..=RAM + board.memory.ram_bytes;
+    let ram = RAM..=RAM + board.chosen_memory().ram_bytes;
     ensure!(
         ram.contains(&stack) && stack != RAM,
         "the stack begins at {stack:#010x}, which is not in the RAM of the STM32{}",
@@ -166,7 +166,7 @@ mod tests {
     /// The firmware of a board with vectors, code and data; `change` changes the vector of the stack, the address of
     /// code and its bytes.
     fn image(name: &str, stack: Option<u32>, code: Option<u32>, bytes: usize) -> Vec<u8> {
-        let memory = crate::named(name).unwrap().memory;
+        let memory = crate::named(name).unwrap().chosen_memory();
         let vectors_at = memory.flash_start;
         let code_at = code.unwrap_or(memory.code_start.unwrap_or(vectors_at + 0x1c4));
         let stack = stack.unwrap_or(RAM + memory.ram_bytes);

@@ -15,7 +15,7 @@ pub mod seal;
 use std::{fmt::Write as _, ops::Deref, path::Path, process::Command};
 
 use anyhow::{Context, Result, bail};
-use board_data::DEFAULT;
+use board_data::{DEFAULT, MemoryLayout};
 pub use board_data::FlashSector;
 use common::{cargo, ui};
 
@@ -37,6 +37,11 @@ impl Board {
         self.file.to_string_lossy().into_owned()
     }
 
+    /// Where program and settings are with as many axes as were asked for.
+    pub fn chosen_memory(&self) -> MemoryLayout {
+        self.memory(cargo::axes().into())
+    }
+
     /// Makes a Cargo command compile for the board.
     pub fn compile<'a>(&self, command: &'a mut Command) -> &'a mut Command {
         self.compile_into(&cargo::target_dir(), command)
@@ -44,7 +49,7 @@ impl Board {
 
     /// The same into another folder than that of the project.
     pub fn compile_into<'a>(&self, target: &Path, command: &'a mut Command) -> &'a mut Command {
-        let mut features = self.features();
+        let mut features = self.features(cargo::axes().into());
         if self.qemu.is_some() {
             features.push("emulated".into());
         }

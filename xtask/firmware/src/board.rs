@@ -86,13 +86,9 @@ fn check(options: &Options) -> Result<ExitCode> {
 /// Prints what a build makes of a board.
 fn show(board: &Board) {
     println!("{}: {}, nothing is wrong", board.name.bold(), board.title);
-    let memory = &board.memory;
-    let settings = match &memory.journal {
-        Some([first, second]) => format!("sectors {} and {}", first.sector, second.sector),
-        None => "the EEPROM".into(),
-    };
+    let memory = board.memory(3);
     println!(
-        "  STM32{} at {} MHz, program from {:#010x}, settings in {settings}, {} KiB of RAM",
+        "  STM32{} at {} MHz, program from {:#010x}, {} KiB of RAM",
         board.part_name,
         board.chip.clocks.core_mhz,
         memory.flash_start,
@@ -107,8 +103,12 @@ fn show(board: &Board) {
             [] => "every input interrupts".to_owned(),
             polled => format!("looked at each millisecond: {}", polled.join(", ")),
         };
+        let settings = match board.memory(axes).journal {
+            Some([first, second]) => format!("sectors {} and {}", first.sector, second.sector),
+            None => "the EEPROM".into(),
+        };
         println!(
-            "  {axes} axes: an event writes {} ports; {polled}",
+            "  {axes} axes: settings in {settings}; an event writes {} ports; {polled}",
             wiring.step_ports().len()
         );
     }

@@ -17,7 +17,7 @@ pub fn write(board: &Board, elf: &Path) -> Result<Option<PathBuf>> {
     layout::check(board, &image).with_context(|| format!("{}", elf.display()))?;
     let segments = segments(&image)?;
     let segments = segments.iter().map(|it| (it.load_address, it.bytes));
-    let flash = flat(segments, board.memory.flash_start);
+    let flash = flat(segments, board.chosen_memory().flash_start);
     let file = elf.with_extension("").join(name);
     compile::replace(&file, &flash)?;
     Ok(Some(file))

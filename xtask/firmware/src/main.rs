@@ -82,7 +82,11 @@ fn run(options: &Options) -> Result<ExitCode> {
 fn list() -> Result<ExitCode> {
     for board in boards::all()? {
         let emulated = board.qemu.as_ref().map_or("", |_| " emulated");
-        println!("{} {}{emulated}", board.name, board.features().join(","));
+        println!(
+            "{} {}{emulated}",
+            board.name,
+            board.features(cargo::axes().into()).join(",")
+        );
     }
     Ok(ExitCode::SUCCESS)
 }

@@ -29,14 +29,14 @@ pub(crate) fn run(options: &Options) -> Result<ExitCode> {
     for board in boards::chosen(options.board.as_deref(), options.all)? {
         let image = compile::image(&board, &[])?;
         let flash = layout::check(&board, &image)?;
-        let ram = static_ram(&image, &board.memory)?;
+        let ram = static_ram(&image, &board.chosen_memory())?;
         rows.push((board, flash, ram));
     }
     let head = format!("{:<24}{:>28}{:>12}{:>28}", "board", "flash", "free", "RAM");
     println!("{}", head.bold());
     let mut fits = true;
     for (board, flash, ram) in &rows {
-        let of_ram = board.memory.ram_bytes.into();
+        let of_ram = board.chosen_memory().ram_bytes.into();
         println!(
             "{:<24}{:>28}{:>12}{:>28}",
             board.name,

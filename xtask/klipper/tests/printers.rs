@@ -258,7 +258,8 @@ fn boards_of_the_project_have_the_pins_of_their_printers() {
         let own = Board::read(&Board::path(name, root()), root());
         let own = own.unwrap_or_else(|error| panic!("{error}"));
         assert_eq!(
-            imported.memory.flash_start, own.memory.flash_start,
+            imported.memory(3).flash_start,
+            own.memory(3).flash_start,
             "{name}"
         );
         let [imported, own] = [&imported, &own].map(|board| board.wiring(3).expect("it has pins"));

@@ -88,7 +88,7 @@ pub(crate) fn run(options: &Options) -> Result<ExitCode> {
         "QEMU does not emulate {name}"
     );
     let elf = on_target::build(&board, TEST)?;
-    let last = board.memory.last;
+    let last = board.memory(cargo::axes().into()).last;
     check_room(image_end(&elf)?, last)?;
     let facts = if options.qemu {
         emulated::run(&elf)?
@@ -266,7 +266,7 @@ mod tests {
 
     #[test]
     fn a_program_that_reaches_the_sector_which_it_erases_is_refused() {
-        let sector = boards::named("nucleo-f446re").unwrap().memory.last;
+        let sector = boards::named("nucleo-f446re").unwrap().memory(3).last;
         assert_eq!((sector.sector, sector.address), (7, 0x0806_0000));
         assert!(check_room(0x0806_0000, sector).is_ok());
         let error = check_room(0x0806_0001, sector).unwrap_err().to_string();

@@ -158,7 +158,7 @@ fn analyse(elf: &Path, board: &Board, options: &Options) -> Result<Report> {
         elf,
         root: cargo::root(),
         board: &board.name,
-        features: &board.features(),
+        features: &board.features(cargo::axes().into()),
         clock: clock(board)?,
         axes: cargo::axes(),
         step_rate_hz: options.step_rate,
