@@ -186,12 +186,13 @@ fn with_features() -> impl Iterator<Item = Check> {
 }
 
 /// The boards whose images are all built, with every lint, and those whose firmware is proven: of four chips,
-/// one with a bootloader, one with an EEPROM, one whose motors are driven by phases, one at 96 MHz. `cargo xtask board check --all --prove` looks at all boards.
+/// one with a bootloader, one with a large and one with a small EEPROM, one whose motors are driven by phases, one at 96 MHz. `cargo xtask board check --all --prove` looks at all boards.
 const WHOLE: [&str; 3] = [SHOWN, "nucleo-f446re", PHASES];
-const PROVEN: [&str; 6] = [
+const PROVEN: [&str; 7] = [
     SHOWN,
     "nucleo-f446re",
     "flexi-hal",
+    "fysetc-s6-2",
     "btt-skr-2",
     PHASES,
     "blackpill-f411",

@@ -168,7 +168,7 @@ mod tests {
         for (name, pins) in [
             ("blackpill-f411", Some("PC14, PC15: ")),
             ("btt-skr-2", Some("PC13: ")),
-            ("fysetc-spider", Some("PC13: ")),
+            ("fysetc-spider", Some("PC13, PC14: ")),
             // An input may be there.
             ("flexi-hal", Some("PC15: ")),
             ("netduino-plus-2", None),

@@ -112,7 +112,7 @@ const KNOWN: [Known; 10] = [
         limit: "^!B14 - ^!A0 - -",
         probe: "^!A1",
         reversed: 31 - 8,
-        completed: Some(("F446VE", 12, 0)),
+        completed: Some(("F446VE", 12, 32)),
         board: Some("fysetc-spider"),
     },
     Known {
