@@ -171,12 +171,18 @@ fn flash_that_has_no_room_for_the_settings_of_more_axes_is_told_with_the_axes() 
 }
 
 #[test]
-fn a_board_like_another_may_lack_its_eeprom() {
+fn a_board_like_another_may_lack_its_eeprom_or_its_bootloader() {
     read("model", &RIGHT.replace("kib = 64", "kib = 32")).expect("nothing is wrong");
     let board = read("without-it", "like = \"model\"\neeprom = \"none\"\n");
     let board = board.expect("nothing is wrong");
     assert_eq!(board.features(3), ["chip-f446"]);
     assert!(board.memory(3).journal.is_some());
+    let board = read("at-the-start", "like = \"model\"\nbootloader.kib = 0\n");
+    let memory = board.expect("nothing is wrong").memory(3);
+    assert_eq!(
+        (memory.flash_start, memory.flash_bytes),
+        (0x0800_0000, 512 * 1024)
+    );
 }
 
 #[test]
