@@ -60,12 +60,20 @@ impl Board {
 
 impl Board {
     /// The board as it is in the emulator: with the stand-ins for what the emulator lacks, in the machine of
-    /// the board that QEMU emulates. Boards whose motors are driven by phases have none.
+    /// the board that QEMU emulates. Boards whose motors are driven by phases have none, nor have those whose settings
+    /// are in an EEPROM.
     pub fn in_emulator(mut self) -> Result<Self> {
         let (_, machine) = emulated()?;
         if self.has_phases() {
             bail!(
                 "the emulator records steps and directions: {} has phases instead",
+                self.name
+            );
+        }
+        let wiring = self.wiring(cargo::axes().into());
+        if wiring.is_some_and(|wiring| wiring.eeprom.is_some()) {
+            bail!(
+                "the emulator has no EEPROM: {} has its settings in one",
                 self.name
             );
         }
@@ -120,6 +128,20 @@ pub fn emulated() -> Result<(Board, String)> {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn the_emulator_is_for_boards_with_steps_and_settings_in_flash() {
+        let in_emulator = |name: &str| named(name).unwrap().in_emulator();
+        assert!(in_emulator("nucleo-f446re").is_ok());
+        for (name, words) in [
+            ("nucleo-f446re-uln2003", "has phases instead"),
+            ("flexi-hal", "the emulator has no EEPROM"),
+            ("fysetc-s6-2", "the emulator has no EEPROM"),
+        ] {
+            let error = in_emulator(name).unwrap_err().to_string();
+            assert!(error.contains(words), "{error}");
+        }
+    }
 
     #[test]
     fn without_a_name_one_board_is_chosen_and_all_when_they_are_asked_for() {
