@@ -14,8 +14,9 @@ pub struct Chip {
     pub source: String,
     /// The feature of the HAL for this chip; with `chip-` before it, the one of the firmware.
     pub hal: String,
-    /// What the chip says that it is, `DEV_ID` of `DBGMCU_IDCODE`; parts of one family say the same.
-    pub dev_id: u16,
+    /// What the chip says that it is, `DEV_ID` of `DBGMCU_IDCODE`: its own, and those of chips that its firmware also
+    /// runs on.
+    pub dev_ids: Vec<u16>,
     /// RAM in one piece from 0x2000\_0000 on, KiB.
     pub ram_kib: u32,
     /// Its clocks.

@@ -81,7 +81,13 @@ fn fields(board: &Board, wiring: &Wiring) -> [(&'static str, String); 16] {
         ("inputs", format!("&[{inputs}]")),
         ("at_boot", format!("&[{at_boot}]")),
         ("chip", format!("{:?}", board.part_name)),
-        ("dev_id", format!("{:#05x}", board.chip.dev_id)),
+        (
+            "dev_ids",
+            format!(
+                "&[{}]",
+                list(&board.chip.dev_ids, |id| format!("{id:#05x}"))
+            ),
+        ),
         settings(board, wiring),
     ]
 }

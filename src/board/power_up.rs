@@ -43,7 +43,7 @@ pub(crate) fn init(device: pac::Peripherals, mut core: Core, memory: Memory) -> 
     chosen::enable_ports(&mut rcc);
     outputs::make_safe();
     chosen::enable_clocks(&mut rcc);
-    if !emulation::is_emulated() && dev_id(&device.DBGMCU) != WIRING.dev_id {
+    if !emulation::is_emulated() && !is_right_chip(&device.DBGMCU) {
         refuse_chip(chosen::sender!(device), &rcc, &mut core.NVIC);
     }
     supply::watch(&device.PWR, &mut rcc, &mut core.NVIC);
@@ -79,9 +79,10 @@ pub(crate) fn init(device: pac::Peripherals, mut core: Core, memory: Memory) -> 
     }
 }
 
-/// Returns what the chip says that it is: RM0090 38.6.1.
-fn dev_id(debug: &pac::DBGMCU) -> u16 {
-    debug.idcode().read().dev_id().bits()
+/// Returns whether the chip says that it is one that the firmware runs on: RM0090 38.6.1.
+fn is_right_chip(debug: &pac::DBGMCU) -> bool {
+    let dev_id = debug.idcode().read().dev_id().bits();
+    WIRING.dev_ids.contains(&dev_id)
 }
 
 /// Says for ever that the firmware is for another chip: one with less memory or of a lower frequency may do anything.

@@ -10,6 +10,9 @@ use super::pac::{EXTI, RCC};
 const HSI_ON: u32 = 1;
 const HSI_TRIM_CENTRE: u32 = 16 << 3;
 const PLL_READY: u32 = 1 << 25;
+/// `RCC_DCKCFGR`, whose TIMPRE doubles the clock of timers: RM0090 6.3.25. The PAC of the F407 does not have it, and its
+/// image also runs on the F429.
+const DCKCFGR: *mut u32 = 0x4002_388c as *mut u32;
 
 /// Puts clocks and peripherals into their state after a reset; the watchdog ends a wait that does not end.
 #[expect(unsafe_code, reason = "raw words for registers")]
@@ -40,8 +43,8 @@ pub(super) fn undo(rcc: &RCC, exti: &EXTI) {
     rcc.ahb2enr().reset();
     rcc.apb1enr().reset();
     rcc.apb2enr().reset();
-    #[cfg(not(any(feature = "chip-f405", feature = "chip-f407")))]
-    rcc.dckcfgr().reset();
+    // SAFETY: zero is the value after a reset; the F405 and F407 have no such register, and take no write.
+    unsafe { DCKCFGR.write_volatile(0) };
     // No bit of RCC resets it.
     exti.imr().reset();
     exti.emr().reset();

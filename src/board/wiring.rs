@@ -100,9 +100,9 @@ pub(super) struct Wiring {
     /// The part, as it is printed behind `STM32`.
     #[allow(dead_code, reason = "the bring-up does not refuse a chip")]
     pub(super) chip: &'static str,
-    /// What the chip says that it is.
+    /// What chips say that they are, on which the firmware runs.
     #[allow(dead_code, reason = "the bring-up does not refuse a chip")]
-    pub(super) dev_id: u16,
+    pub(super) dev_ids: &'static [u16],
     /// The sectors of the journal of settings.
     #[cfg(not(feature = "eeprom"))]
     pub(super) journal: [JournalPage; 2],

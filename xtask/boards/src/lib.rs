@@ -15,8 +15,8 @@ pub mod seal;
 use std::{fmt::Write as _, ops::Deref, path::Path, process::Command};
 
 use anyhow::{Context, Result, bail};
-use board_data::{DEFAULT, MemoryLayout};
 pub use board_data::FlashSector;
+use board_data::{DEFAULT, MemoryLayout};
 use common::{cargo, ui};
 
 /// A board the firmware can be built for.
