@@ -202,16 +202,21 @@ const PHASES: &str = "nucleo-f446re-uln2003";
 /// Whose proof the documents show, with three axes.
 const SHOWN: &str = "netduino-plus-2";
 
-/// The proofs that every deadline is met.
+/// The proofs that every deadline is met, and the starts of what they are about.
 fn proofs() -> Vec<Check> {
     let shown = Check::new("the proof that the documents show", || {
         check::by(tools::SCHEDULE, ["--check"], 3)
     });
-    let others = PROVEN.into_iter().map(|board| {
+    let others = PROVEN.into_iter().flat_map(|board| {
         let axes = if board == SHOWN { 4 } else { 3 };
-        Check::new(format!("the proof, {board}, {axes} axes"), move || {
+        let proof = Check::new(format!("the proof, {board}, {axes} axes"), move || {
             check::by(tools::SCHEDULE, ["--board", board, "--verdict"], axes)
-        })
+        });
+        // The proof has just compiled it.
+        let start = Check::new(format!("what is flashed starts, {board}"), move || {
+            check::by(tools::FIRMWARE, ["start", board], axes)
+        });
+        [proof, start]
     });
     let for_hosts = Check::new("the proof with the RepRap dialect", || {
         let arguments = ["--board", SHOWN, "--verdict"];

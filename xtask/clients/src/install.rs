@@ -1,13 +1,13 @@
 //! Gets the senders from their registries, into the folder of build results.
 
-use std::{
-    env, fs,
-    path::{Path, PathBuf},
-    process::{Command, Stdio},
-};
+use std::{env, fs, path::PathBuf, process::Command};
 
-use anyhow::{Context, Result, bail, ensure};
-use common::{cargo, ui};
+use anyhow::{Context, Result, ensure};
+use common::{
+    cargo,
+    install::{self, is_noted, note, quietly},
+    ui,
+};
 
 /// Oldest Node that cncjs runs with.
 const NODE: u32 = 18;
@@ -22,42 +22,10 @@ pub(super) fn scripts() -> PathBuf {
     cargo::root().join("tests/clients")
 }
 
-/// The system's Python, for what needs no package.
-pub(super) fn plain_python() -> Result<PathBuf> {
-    ensure!(
-        cargo::is_there("python3"),
-        "python3 is not installed (Debian, Ubuntu: `sudo apt-get install python3`)"
-    );
-    Ok("python3".into())
-}
-
 /// A Python with the packages of `requirements.txt`.
 pub(super) fn python() -> Result<PathBuf> {
-    let system = plain_python()?;
     let (home, list) = (folder().join("python"), scripts().join("requirements.txt"));
-    let program = home.join("bin/python");
-    let wanted = fs::read_to_string(&list)?;
-    if is_stamped(&home, &wanted) && cargo::is_there(&program.to_string_lossy()) {
-        return Ok(program);
-    }
-    ui::status("Installing", "grbl-streamer, bCNC and Printrun with pip");
-    let _ = fs::remove_dir_all(&home);
-    fs::create_dir_all(folder())?;
-    quietly(Command::new(system).args(["-m", "venv"]).arg(&home)).context(
-        "Python cannot make an environment (Debian, Ubuntu: `sudo apt-get install python3-venv`)",
-    )?;
-    // The list is whole: what it does not name is not used.
-    let mut pip = Command::new(&program);
-    pip.args([
-        "-m",
-        "pip",
-        "install",
-        "--no-deps",
-        "--disable-pip-version-check",
-    ]);
-    quietly(pip.arg("--requirement").arg(&list)).context("pip cannot install the senders")?;
-    stamp(&home, &wanted)?;
-    Ok(program)
+    install::python(&home, &list, "grbl-streamer, bCNC and Printrun")
 }
 
 /// The same with Tk, which bCNC's modules import.
@@ -85,7 +53,7 @@ pub(super) fn node() -> Result<PathBuf> {
     for list in lists {
         wanted += &fs::read_to_string(scripts().join(list))?;
     }
-    if is_stamped(&home, &wanted) {
+    if is_noted(&home, &wanted) {
         return Ok(home.join("node_modules"));
     }
     ui::status("Installing", "cncjs with npm");
@@ -104,7 +72,7 @@ pub(super) fn node() -> Result<PathBuf> {
     ]);
     npm.arg("--loglevel=error").current_dir(&home);
     quietly(&mut npm).context("npm cannot install cncjs")?;
-    stamp(&home, &wanted)?;
+    note(&home, &wanted)?;
     Ok(home.join("node_modules"))
 }
 
@@ -127,28 +95,6 @@ fn major(version: &str) -> Option<u32> {
         .next()?
         .parse()
         .ok()
-}
-
-/// Whether all that is wanted has been installed.
-fn is_stamped(home: &Path, wanted: &str) -> bool {
-    fs::read_to_string(home.join("installed")).is_ok_and(|installed| installed == wanted)
-}
-
-fn stamp(home: &Path, wanted: &str) -> Result<()> {
-    fs::write(home.join("installed"), wanted).context("cannot take note of the installation")
-}
-
-/// Runs a command to its end; what it says is told only when it fails.
-fn quietly(command: &mut Command) -> Result<()> {
-    let output = command.stdin(Stdio::null()).output()?;
-    if output.status.success() {
-        return Ok(());
-    }
-    let said = [output.stdout, output.stderr].concat();
-    let said = String::from_utf8_lossy(&said);
-    let last: Vec<_> = said.lines().rev().take(5).collect();
-    let last: Vec<_> = last.into_iter().rev().collect();
-    bail!("{}", last.join("\n"));
 }
 
 #[cfg(test)]

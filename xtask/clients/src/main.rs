@@ -132,7 +132,7 @@ impl Sender {
     /// The script that drives it, and the program that runs the script.
     fn command(self) -> Result<(Command, &'static str)> {
         let (program, script) = match self {
-            Self::Raw => (install::plain_python()?, "raw.py"),
+            Self::Raw => (common::install::plain_python()?, "raw.py"),
             Self::GrblStreamer => (install::python()?, "grbl_streamer_jobs.py"),
             Self::Bcnc => (install::python_with_tk()?, "bcnc_jobs.py"),
             Self::Printcore => (install::python()?, "printcore_jobs.py"),
@@ -147,7 +147,7 @@ impl Sender {
 
 /// Python, with the path of our own sender in its environment.
 fn with_our_sender() -> Result<Command> {
-    let mut python = Command::new(install::plain_python()?);
+    let mut python = Command::new(common::install::plain_python()?);
     python.env("SEND", tools::command(tools::SEND)?.get_program());
     Ok(python)
 }

@@ -9,8 +9,9 @@ use std::{
 
 use anstream::{print, println};
 use anyhow::{Context, Result, bail};
-use boards::{Board, pins, rates};
-use common::tools;
+use boards::{Board, compile, pins, rates};
+use common::{check::Verdict, tools};
+use firmware::rehearsal;
 use owo_colors::OwoColorize;
 
 /// Check the file of a board, or make one of a printer's configuration
@@ -32,7 +33,8 @@ pub(crate) struct Options {
     /// Every board of the project
     #[arg(long, conflicts_with = "board")]
     all: bool,
-    /// Build the firmware with three axes and more, and prove its step rate at 115 200 baud
+    /// Build the firmware with three axes and more, prove its step rate at 115 200 baud, and start it on a model of its
+    /// chip, where pip can get the processor for that
     #[arg(long)]
     prove: bool,
     /// Write the rates that are proven into docs/rates.toml, of which `cargo xtask docs` makes tables
@@ -62,7 +64,7 @@ pub(crate) fn run(verb: &Verb) -> Result<ExitCode> {
 }
 
 fn check(options: &Options) -> Result<ExitCode> {
-    let mut are_proven = true;
+    let mut is_right = true;
     for board in boards::chosen(options.board.as_deref(), options.all)? {
         show(&board);
         if !options.all {
@@ -70,13 +72,13 @@ fn check(options: &Options) -> Result<ExitCode> {
         }
         if options.prove {
             let rates = prove(&board)?;
-            are_proven &= !rates.contains(&0);
+            is_right &= !rates.contains(&0) & starts(&board)?;
             if options.write {
                 rates::write(&board, rates)?;
             }
         }
     }
-    Ok(if are_proven {
+    Ok(if is_right {
         ExitCode::SUCCESS
     } else {
         ExitCode::FAILURE
@@ -157,6 +159,19 @@ fn prove(board: &Board) -> Result<Vec<u32>> {
         }
     }
     Ok(rates)
+}
+
+/// Starts a board's firmware with three axes on a model of its chip; returns false, and says why, where it does not
+/// start.
+fn starts(board: &Board) -> Result<bool> {
+    let started = rehearsal::rehearse(board, &compile::firmware(board)?);
+    match &started {
+        Ok(Verdict::Passed) => println!("  it starts"),
+        Ok(Verdict::Counted(figures)) => println!("  it starts {figures}"),
+        Ok(Verdict::Skipped(reason)) => println!("  whether it starts is not known: {reason}"),
+        Err(error) => println!("  {error:#}"),
+    }
+    Ok(started.is_ok())
 }
 
 #[cfg(test)]

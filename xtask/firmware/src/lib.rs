@@ -9,6 +9,7 @@
 
 pub mod card;
 pub mod image;
+pub mod rehearsal;
 
 use std::{
     ffi::OsStr,

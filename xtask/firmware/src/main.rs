@@ -9,7 +9,7 @@ use anyhow::Result;
 use boards::compile;
 use clap::Parser;
 use common::{cargo, ui};
-use firmware::card;
+use firmware::{card, rehearsal};
 
 /// Builds the firmware and shows its size.
 #[derive(Parser)]
@@ -28,6 +28,11 @@ enum Verb {
     All {
         board: String,
     },
+    /// Builds the firmware of a board and starts it on a model of its chip.
+    #[command(hide = true)]
+    Start {
+        board: String,
+    },
     /// Builds the firmware and tests it over its serial line.
     #[command(hide = true)]
     Serial,
@@ -41,6 +46,7 @@ fn main() -> ExitCode {
         Verb::Board(verb) => board::run(&verb),
         Verb::Boards => list(),
         Verb::All { board } => every_firmware(&board),
+        Verb::Start { board } => start(&board),
         Verb::Serial => over_serial(),
     })
 }
@@ -96,6 +102,13 @@ fn every_firmware(board: &str) -> Result<ExitCode> {
     let board = boards::named(board)?;
     firmware::traced(&board)?;
     firmware::firmware(&board)?;
+    Ok(ExitCode::SUCCESS)
+}
+
+/// What is flashed, on a model of the chip.
+fn start(board: &str) -> Result<ExitCode> {
+    let board = boards::named(board)?;
+    rehearsal::rehearse(&board, &compile::firmware(&board)?)?.print();
     Ok(ExitCode::SUCCESS)
 }
 

@@ -1,0 +1,233 @@
+//! What is flashed starts: a firmware on a model of its chip's registers (`tests/boot`), from a reset and from the
+//! states in which bootloaders leave a chip.
+
+use std::{
+    collections::BTreeMap,
+    path::{Path, PathBuf},
+    process::{Command, Output},
+};
+
+use anyhow::{Context, Result, bail, ensure};
+use boards::{Board, compile};
+use common::{cargo, check::Verdict, install};
+use object::{Object, ObjectSection};
+
+/// Vectors of the processor, before those of the chip's interrupts.
+const PROCESSOR_VECTORS: u64 = 16;
+/// Interrupts that have handlers for the emulator alone, TIM2 and TIM3: `src/board/emulation.rs`.
+const STAND_INS: [&str; 2] = ["28", "29"];
+
+/// What a chip is found in, and the options of the model.
+type State = (&'static str, Vec<String>);
+
+/// Starts the firmware of a board from each state. It is skipped, with the reason, where Python or its package cannot
+/// be had.
+pub fn rehearse(board: &Board, elf: &Path) -> Result<Verdict> {
+    let python = match python() {
+        Ok(python) => python,
+        Err(reason) => return Ok(Verdict::Skipped(format!("{reason:#}"))),
+    };
+    let python = || {
+        let mut command = Command::new(&python);
+        // Nothing is left beside the sources.
+        command.arg("-B");
+        command
+    };
+    let mut test = python();
+    test.args(["-m", "unittest", "discover", "--start-directory"]);
+    install::quietly(test.arg(scripts())).context("the model of the chip is wrong")?;
+    let facts = facts(board, elf)?;
+    let states = states(board.crystal_mhz);
+    let mut found: BTreeMap<String, Vec<&str>> = BTreeMap::new();
+    for (name, options) in &states {
+        let mut rehearsal = python();
+        rehearsal.arg(scripts().join("rehearse.py")).arg(elf);
+        let output = rehearsal.args(&facts).args(options).output()?;
+        for fault in faults(&output) {
+            found.entry(fault).or_default().push(name);
+        }
+    }
+    ensure!(
+        found.is_empty(),
+        "{} does not start as it should\n{}",
+        board.name,
+        told(&found, states.len())
+    );
+    let figures = format!("from {} states of the chip", states.len());
+    Ok(Verdict::Counted(figures))
+}
+
+/// Each fault with the states in which it is found.
+fn told(found: &BTreeMap<String, Vec<&str>>, all: usize) -> String {
+    let lines = found.iter().map(|(fault, states)| {
+        let states = if states.len() == all {
+            "every state".into()
+        } else {
+            states.join(", ")
+        };
+        format!("{fault} ({states})")
+    });
+    lines.collect::<Vec<_>>().join("\n")
+}
+
+/// The rehearsal's folder.
+fn scripts() -> PathBuf {
+    cargo::root().join("tests/boot")
+}
+
+/// A Python that has the processor.
+fn python() -> Result<PathBuf> {
+    let home = cargo::target_dir_for(3).join("boot/python");
+    install::python(&home, &scripts().join("requirements.txt"), "Unicorn")
+}
+
+/// The faults that a run has found, or else the last line with which Python ended it.
+fn faults(output: &Output) -> Vec<String> {
+    let lines = |bytes| -> Vec<String> {
+        let text = String::from_utf8_lossy(bytes);
+        text.lines().map(str::to_owned).collect()
+    };
+    if output.status.success() {
+        return Vec::new();
+    }
+    let faults = lines(&output.stdout);
+    if faults.is_empty() {
+        let last = lines(&output.stderr).pop();
+        return vec![last.unwrap_or_else(|| format!("it has failed ({})", output.status))];
+    }
+    faults
+}
+
+/// The states, each alone and some together.
+fn states(crystal_mhz: u32) -> Vec<State> {
+    let other_mhz = if crystal_mhz == 12 { 8 } else { 12 };
+    let all = "--dfu --prigroup 5 --systick --irqs --lse";
+    [
+        ("a reset", String::new()),
+        ("the loader in ROM", "--dfu".into()),
+        ("PRIGROUP 3", "--prigroup 3".into()),
+        ("PRIGROUP 5", "--prigroup 5".into()),
+        ("SysTick running", "--systick".into()),
+        ("all interrupts enabled", "--irqs".into()),
+        ("LSE running", "--lse".into()),
+        ("all of these", all.into()),
+        ("no crystal", "--hse 0".into()),
+        ("another crystal", format!("--hse {other_mhz}")),
+    ]
+    .map(|(name, options)| {
+        (
+            name,
+            options
+                .split(' ')
+                .filter(|word| !word.is_empty())
+                .map(str::to_owned)
+                .collect(),
+        )
+    })
+    .into()
+}
+
+/// What the model has to know of a board and its firmware.
+fn facts(board: &Board, elf: &Path) -> Result<Vec<String>> {
+    let memory = &board.memory;
+    let numbers = [
+        ("program", memory.flash_start),
+        ("flash-kib", board.part.flash_kib),
+        ("ram-kib", memory.ram_bytes / 1024),
+        ("crystal-mhz", board.crystal_mhz),
+        ("core-mhz", board.chip.clocks.core_mhz),
+        ("dev-id", device(&board.chip.hal)?),
+        ("interrupts", interrupts(&compile::read(elf)?)?),
+    ];
+    let mut facts: Vec<_> = numbers
+        .map(|(name, number)| format!("--{name}={number:#x}"))
+        .into();
+    if uses_backup_domain(board) {
+        facts.push("--uses-c13".into());
+    }
+    if board.qemu.is_some() {
+        facts.push("--stand-ins".into());
+        facts.extend(STAND_INS.map(str::to_owned));
+    }
+    Ok(facts)
+}
+
+/// `DEV_ID` of `DBGMCU_IDCODE`: in the manuals, the chapter on debug support.
+fn device(hal: &str) -> Result<u32> {
+    Ok(match hal {
+        "f405" | "f407" => 0x413,
+        "f411" => 0x431,
+        "f429" => 0x419,
+        "f446" => 0x421,
+        other => bail!("the number of the chip {other} is not known"),
+    })
+}
+
+/// Returns whether the board has something at C13 to C15, which LSE would keep.
+fn uses_backup_domain(board: &Board) -> bool {
+    board.wiring(cargo::axes().into()).is_some_and(|wiring| {
+        let inputs = wiring.inputs.iter().map(|(_, signed)| signed.pin);
+        let mut pins = inputs.chain(wiring.weak_outputs());
+        pins.any(|pin| pin.letter() == 'C' && pin.number >= 13)
+    })
+}
+
+/// How many interrupts have a vector in an image.
+fn interrupts(image: &[u8]) -> Result<u32> {
+    let file = object::File::parse(image).context("this is no ELF file")?;
+    let table = file.section_by_name(".vector_table");
+    let vectors = table.context("the image has no vectors")?.size() / 4;
+    let interrupts = vectors.checked_sub(PROCESSOR_VECTORS);
+    Ok(interrupts.context("the image has too few vectors")? as u32)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_chip_and_its_backup_domain_are_known() {
+        for board in boards::all().unwrap() {
+            assert!(device(&board.chip.hal).is_ok(), "{}", board.name);
+        }
+        for (name, uses) in [("btt-skr-2", true), ("netduino-plus-2", false)] {
+            let board = boards::named(name).unwrap();
+            assert_eq!(uses_backup_domain(&board), uses, "{name}");
+        }
+    }
+
+    #[test]
+    fn the_other_crystal_is_never_that_of_the_board() {
+        for crystal_mhz in [8, 12, 25] {
+            let states = states(crystal_mhz);
+            let (_, options) = states.last().unwrap();
+            assert_eq!(options[0], "--hse");
+            assert_ne!(options[1], crystal_mhz.to_string());
+        }
+    }
+
+    #[test]
+    #[cfg(unix)]
+    fn a_run_that_fails_has_a_fault_whatever_it_says() {
+        let run = |script: &str| Command::new("sh").args(["-c", script]).output().unwrap();
+        for (script, expected) in [
+            ("echo 168 MHz", &[][..]),
+            ("echo a; echo b; exit 1", &["a", "b"]),
+            ("echo x >&2; echo Error >&2; exit 1", &["Error"]),
+        ] {
+            assert_eq!(faults(&run(script)), expected, "{script}");
+        }
+        assert_eq!(faults(&run("exit 1")).len(), 1);
+    }
+
+    #[test]
+    fn a_fault_is_told_with_its_states() {
+        let found = BTreeMap::from([("a".into(), vec!["x"]), ("b".into(), vec!["x", "y"])]);
+        assert_eq!(told(&found, 2), "a (x)\nb (every state)");
+    }
+
+    #[test]
+    fn a_program_that_is_no_firmware_is_refused() {
+        assert!(interrupts(b"no ELF file").is_err());
+    }
+}
