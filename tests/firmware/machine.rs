@@ -33,6 +33,13 @@ impl Machine {
 
     /// The same as [`Machine::boot`], with the image that an environment variable names.
     pub(crate) fn boot_image(variable: &str) -> Option<Self> {
+        let mut machine = Self::start(variable, &[])?;
+        machine.wait_for_welcome();
+        Some(machine)
+    }
+
+    /// Starts a machine with the image that an environment variable names, and more options for QEMU.
+    pub(crate) fn start(variable: &str, options: &[String]) -> Option<Self> {
         let Some(elf) = env::var_os(variable) else {
             eprintln!("skipped: {variable} is not set, `cargo xtask test` sets it");
             return None;
@@ -41,6 +48,7 @@ impl Machine {
         let mut qemu = Command::new("qemu-system-arm")
             .args(["-M", "netduinoplus2", "-nographic", "-monitor", "none"])
             .args(["-serial", "stdio", "-gdb", &memory.listen()])
+            .args(options)
             .arg("-kernel")
             .arg(&elf)
             .stdin(Stdio::piped())
@@ -59,14 +67,12 @@ impl Machine {
                 }
             }
         });
-        let mut machine = Self {
+        Some(Self {
             qemu,
             lines,
             memory,
             heard: Vec::new(),
-        };
-        machine.wait_for_welcome();
-        Some(machine)
+        })
     }
 
     /// Boots a machine with fast axes and 30 mm of travel.

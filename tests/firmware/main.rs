@@ -3,6 +3,7 @@
 //! `cargo xtask test` builds it and names it in `FIRMWARE_ELF`; without that there is nothing to run.
 #![cfg(not(target_os = "none"))]
 
+mod bootloaders;
 mod cycles;
 mod faults;
 mod image;

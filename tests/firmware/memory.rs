@@ -11,11 +11,13 @@ use std::{
     process,
     sync::atomic::{AtomicU32, Ordering::Relaxed},
     thread,
-    time::Duration,
+    time::{Duration, Instant},
 };
 
 use leadscrew::model::Levels;
 use object::{Object, ObjectSymbol};
+
+use crate::machine::TIMEOUT;
 
 /// Words of `FIGURES` before the positions, and before what is switched.
 const STEPS: u64 = 11;
@@ -185,14 +187,9 @@ impl Memory {
 
     /// Waits until a function runs, and returns where it is.
     pub(crate) fn place_in(&self, part: &str) -> u64 {
-        /// Number of the program counter among the registers, each of eight digits.
-        const COUNTER: usize = 15;
         let (start, length) = self.extent(part);
         loop {
-            let registers = self.access("g");
-            let digits = &registers[8 * COUNTER..8 * COUNTER + 8];
-            let word = u32::from_str_radix(digits, 16).expect("registers are in hexadecimal");
-            let at = u64::from(word.swap_bytes());
+            let at = program_counter(&self.access("g"));
             if (start..start + length).contains(&at) {
                 return at;
             }
@@ -225,15 +222,28 @@ impl Memory {
         self.stop().exchange(command)
     }
 
-    /// Stops the machine.
+    /// Stops the machine, as soon as QEMU listens.
     pub(crate) fn stop(&self) -> Stopped {
+        let start = Instant::now();
+        while !self.socket.exists() && start.elapsed() < TIMEOUT {
+            thread::sleep(Duration::from_millis(5));
+        }
         let stream = UnixStream::connect(&self.socket).expect("QEMU listens to debuggers");
-        let patience = Some(Duration::from_mins(1));
+        let patience = Some(TIMEOUT);
         stream
             .set_read_timeout(patience)
             .expect("a socket can wait");
         Stopped { stream }
     }
+}
+
+/// The program counter, of a debugger's list of registers.
+fn program_counter(registers: &str) -> u64 {
+    /// Its number among the registers, each of eight digits.
+    const COUNTER: usize = 15;
+    let digits = &registers[8 * COUNTER..8 * COUNTER + 8];
+    let word = u32::from_str_radix(digits, 16).expect("registers are in hexadecimal");
+    word.swap_bytes().into()
 }
 
 impl Drop for Memory {
@@ -255,12 +265,22 @@ impl Stopped {
 
     /// Lets the machine run, up to the instruction at this address.
     pub(crate) fn run_to(&mut self, address: u64) {
+        self.run_to_first(&[address]);
+    }
+
+    /// Lets the machine run, up to the instruction at one of these addresses, and returns which it is.
+    pub(crate) fn run_to_first(&mut self, addresses: &[u64]) -> u64 {
         /// It has stopped by the signal `SIGTRAP`, not by the connection.
         const AT_BREAKPOINT: &str = "T05";
-        self.execute(&format!("Z1,{address:x},2"));
+        for address in addresses {
+            self.execute(&format!("Z1,{address:x},2"));
+        }
         self.send("c");
         while !self.receive().starts_with(AT_BREAKPOINT) {}
-        self.execute(&format!("z1,{address:x},2"));
+        for address in addresses {
+            self.execute(&format!("z1,{address:x},2"));
+        }
+        program_counter(&self.exchange("g"))
     }
 
     fn execute(&mut self, command: &str) {
