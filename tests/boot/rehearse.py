@@ -26,7 +26,7 @@ def arguments():
 
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("elf")
-    for name in ("program", "flash-kib", "ram-kib", "crystal-mhz", "core-mhz", "dev-id", "interrupts"):
+    for name in ("program", "flash-kib", "ram-kib", "crystal-mhz", "core-mhz", "chip", "interrupts"):
         parser.add_argument(f"--{name}", type=number, required=True)
     parser.add_argument("--hse", type=float, help="the crystal that is there, MHz; 0: none")
     parser.add_argument("--stand-ins", type=number, nargs="*", default=[], help="interrupts for the emulator alone")
@@ -36,6 +36,8 @@ def arguments():
     parser.add_argument("--systick", action="store_true", help="SysTick runs and is pending")
     parser.add_argument("--irqs", action="store_true", help="all interrupts are enabled and pending")
     parser.add_argument("--lse", action="store_true", help="the oscillator at PC14 and PC15 runs")
+    parser.add_argument("--refuses", action="store_true", help="it must not start, and say so")
+    parser.add_argument("--damaged", action="store_true", help="one bit of the program is another")
     options = parser.parse_args()
     if options.hse is None:
         options.hse = options.crystal_mhz
@@ -51,6 +53,14 @@ def segments(path):
         kind, offset, _, address, length = struct.unpack_from("<5I", elf, table + number * size)
         if kind == 1 and length:
             yield address, elf[offset : offset + length]
+
+
+def damaged(image):
+    """The same with one bit changed, in a text that no start needs."""
+    text = b"Check Limits"
+    if not any(text in content for _, content in image):
+        sys.exit(f"the program has no {text!r} to be damaged")
+    return [(address, content.replace(text, b"check Limits")) for address, content in image]
 
 
 def leave_state(chip, board):
@@ -180,6 +190,8 @@ def judge(chip, vectors):
 def main():
     board = arguments()
     image = list(segments(board.elf))
+    if board.damaged:
+        image = damaged(image)
     loaded = [(address, address + len(content)) for address, content in image]
     uc = unicorn.Uc(unicorn.UC_ARCH_ARM, unicorn.UC_MODE_THUMB | unicorn.UC_MODE_MCLASS)
     uc.ctl_set_cpu_model(UC_CPU_ARM_CORTEX_M4)
@@ -188,9 +200,12 @@ def main():
     map_memory(chip, uc, image)
     leave_state(chip, board)
     vectors = struct.unpack(f"<{board.interrupts}I", uc.mem_read(board.program + 64, 4 * board.interrupts))
-    if run(chip, uc, image):
+    starts = run(chip, uc, image)
+    if starts and board.refuses:
+        chip.fault("it starts all the same")
+    elif starts:
         judge(chip, vectors)
-    else:
+    elif not board.refuses or not chip.is_refused():
         chip.fault(f"idle is not reached: it stands at {uc.reg_read(UC_ARM_REG_PC):#x}")
     now = [bytes(uc.mem_read(address, len(content))) for address, content in image]
     if lost := sum(old != new for (_, before), after in zip(image, now) for old, new in zip(before, after)):

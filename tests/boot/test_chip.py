@@ -8,19 +8,21 @@ from pathlib import Path
 sys.path.insert(0, str(Path(__file__).parent))
 
 from chip import *
-from rehearse import judge, leave_state
+from rehearse import damaged, judge, leave_state
 
 PROGRAM, DEFAULT, TASK = FLASH + 0x8000, 0x800_9001, 0x800_A001
 # The interrupt of a task among those of nobody.
 VECTORS = [DEFAULT] * 10 + [TASK] + [DEFAULT] * 20
 STATES = {"dfu": False, "prigroup": 0, "systick": False, "irqs": False, "lse": False}
-LAYOUT = {"program": PROGRAM, "flash_kib": 1024, "interrupts": len(VECTORS), "dev_id": 0x413}
+LAYOUT = {"program": PROGRAM, "flash_kib": 1024, "interrupts": len(VECTORS), "chip": 0x413}
 CLOCKS = {"crystal_mhz": 8, "core_mhz": 168, "hse": 8}
 PLL = 8 | 336 << 6 | 1 << 22
 
 
 class Memory:
     """Flash, in the place of Unicorn."""
+
+    is_stopped = False
 
     def __init__(self):
         self.bytes = {}
@@ -125,6 +127,22 @@ class Faults(unittest.TestCase):
     def test_interrupts_that_would_be_taken_are_seen(self):
         for facts, is_taken in [({}, False), ({"systick": True}, True), ({"irqs": True}, True)]:
             self.assertEqual(chip(**facts).takeable(), is_taken, facts)
+
+    def test_a_refusal_ends_a_start_once_it_is_told(self):
+        for text, is_refused in [("ALARM:1]", False), ("ALARM:16", False), ("ALARM:16 [MSG:x]", True)]:
+            refusing = chip()
+            for byte in text.encode():
+                refusing.write(0x4001_1004, byte, 4)
+            self.assertEqual(refusing.uc.is_stopped, is_refused, text)
+
+    def test_the_chip_says_which_it_is(self):
+        self.assertEqual(chip(chip=0x419).read(IDCODE) & 0xFFF, 0x419)
+
+    def test_one_bit_of_a_text_is_damaged(self):
+        image = [(FLASH, b"1234"), (FLASH + 4, b"x Check Limits y")]
+        self.assertEqual(damaged(image), [image[0], (FLASH + 4, b"x check Limits y")])
+        with self.assertRaises(SystemExit):
+            damaged(image[:1])
 
     def test_the_captures_of_tim11_are_those_of_the_crystal(self):
         for hse in (8, 12, 25):

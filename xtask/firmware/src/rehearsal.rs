@@ -37,7 +37,7 @@ pub fn rehearse(board: &Board, elf: &Path) -> Result<Verdict> {
     test.args(["-m", "unittest", "discover", "--start-directory"]);
     install::quietly(test.arg(scripts())).context("the model of the chip is wrong")?;
     let facts = facts(board, elf)?;
-    let states = states(board.crystal_mhz);
+    let states = states(board.crystal_mhz, &chip(&board.chip.hal)?);
     let mut found: BTreeMap<String, Vec<&str>> = BTreeMap::new();
     for (name, options) in &states {
         let mut rehearsal = python();
@@ -99,7 +99,7 @@ fn faults(output: &Output) -> Vec<String> {
 }
 
 /// The states, each alone and some together.
-fn states(crystal_mhz: u32) -> Vec<State> {
+fn states(crystal_mhz: u32, chip: &Chip) -> Vec<State> {
     let other_mhz = if crystal_mhz == 12 { 8 } else { 12 };
     let all = "--dfu --prigroup 5 --systick --irqs --lse";
     [
@@ -112,6 +112,15 @@ fn states(crystal_mhz: u32) -> Vec<State> {
         ("LSE running", "--lse".into()),
         ("all of these", all.into()),
         ("no crystal", "--hse 0".into()),
+        (
+            "another chip",
+            format!("--chip {:#x} --refuses", chip.other),
+        ),
+        (
+            "the chip in its place",
+            format!("--chip {:#x}", chip.in_its_place),
+        ),
+        ("a damaged image", "--damaged --refuses".into()),
         ("another crystal", format!("--hse {other_mhz}")),
     ]
     .map(|(name, options)| {
@@ -129,14 +138,14 @@ fn states(crystal_mhz: u32) -> Vec<State> {
 
 /// What the model has to know of a board and its firmware.
 fn facts(board: &Board, elf: &Path) -> Result<Vec<String>> {
-    let memory = &board.memory;
+    let memory = board.memory(cargo::axes().into());
     let numbers = [
         ("program", memory.flash_start),
         ("flash-kib", board.part.flash_kib),
         ("ram-kib", memory.ram_bytes / 1024),
         ("crystal-mhz", board.crystal_mhz),
         ("core-mhz", board.chip.clocks.core_mhz),
-        ("dev-id", device(&board.chip.hal)?),
+        ("chip", chip(&board.chip.hal)?.own),
         ("interrupts", interrupts(&compile::read(elf)?)?),
     ];
     let mut facts: Vec<_> = numbers
@@ -152,14 +161,28 @@ fn facts(board: &Board, elf: &Path) -> Result<Vec<String>> {
     Ok(facts)
 }
 
-/// `DEV_ID` of `DBGMCU_IDCODE`: in the manuals, the chapter on debug support.
-fn device(hal: &str) -> Result<u32> {
-    Ok(match hal {
-        "f405" | "f407" => 0x413,
-        "f411" => 0x431,
-        "f429" => 0x419,
-        "f446" => 0x421,
-        other => bail!("the number of the chip {other} is not known"),
+/// `DEV_ID` of chips: in the manuals, the chapter on debug support.
+struct Chip {
+    /// That of the board's file.
+    own: u32,
+    /// The one with which boards of the same name are sold, too, or else itself.
+    in_its_place: u32,
+    /// One for which the firmware is not.
+    other: u32,
+}
+
+fn chip(hal: &str) -> Result<Chip> {
+    let [own, in_its_place, other] = match hal {
+        "f405" | "f407" => [0x413, 0x419, 0x421],
+        "f429" => [0x419, 0x413, 0x421],
+        "f411" => [0x431, 0x431, 0x413],
+        "f446" => [0x421, 0x421, 0x413],
+        unknown => bail!("the number of the chip {unknown} is not known"),
+    };
+    Ok(Chip {
+        own,
+        in_its_place,
+        other,
     })
 }
 
@@ -188,7 +211,8 @@ mod tests {
     #[test]
     fn every_chip_and_its_backup_domain_are_known() {
         for board in boards::all().unwrap() {
-            assert!(device(&board.chip.hal).is_ok(), "{}", board.name);
+            let chip = chip(&board.chip.hal).unwrap();
+            assert!(chip.own != chip.other && chip.in_its_place != chip.other);
         }
         for (name, uses) in [("btt-skr-2", true), ("netduino-plus-2", false)] {
             let board = boards::named(name).unwrap();
@@ -199,7 +223,7 @@ mod tests {
     #[test]
     fn the_other_crystal_is_never_that_of_the_board() {
         for crystal_mhz in [8, 12, 25] {
-            let states = states(crystal_mhz);
+            let states = states(crystal_mhz, &chip("f405").unwrap());
             let (_, options) = states.last().unwrap();
             assert_eq!(options[0], "--hse");
             assert_ne!(options[1], crystal_mhz.to_string());
