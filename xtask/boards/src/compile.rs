@@ -33,11 +33,16 @@ pub fn in_emulator(board: &Board) -> Result<PathBuf> {
 /// Has Cargo build a firmware, and returns the ELF file's contents, sealed by their CRC. One that does not lie in
 /// the chip's memory as the board's file wants it is refused.
 pub fn image(board: &Board, options: &[&str]) -> Result<Vec<u8>> {
+    image_in(&cargo::target_dir(), board, options)
+}
+
+/// The same, with what Cargo builds in a folder.
+pub fn image_in(target: &Path, board: &Board, options: &[&str]) -> Result<Vec<u8>> {
     cargo::need_target()?;
     let mut command = cargo::cargo(&["build", "--release", "--bin", "leadscrew"]);
-    board.compile(&mut command);
+    board.compile_into(target, &mut command);
     cargo::wait(command.args(options))?;
-    let built = cargo::target_dir().join(cargo::TARGET);
+    let built = target.join(cargo::TARGET);
     let mut image = read(&built.join("release/leadscrew"))?;
     let refused = || format!("this firmware would not start on the {}", board.title);
     layout::check(board, &image).with_context(refused)?;

@@ -2,16 +2,18 @@
 //! printers' configurations.
 
 use std::{
-    collections::BTreeSet,
-    path::PathBuf,
-    process::{ExitCode, Stdio},
+    collections::{BTreeMap, BTreeSet},
+    env,
+    path::{Path, PathBuf},
+    process::{Command, ExitCode, Stdio},
+    sync::Mutex,
+    thread,
 };
 
 use anstream::{print, println};
-use anyhow::{Context, Result, bail};
-use boards::{Board, compile, pins, rates};
-use common::{check::Verdict, tools};
-use firmware::rehearsal;
+use anyhow::{Context, Result, anyhow, bail};
+use boards::{Board, pins, rates};
+use common::{cargo, tools};
 use owo_colors::OwoColorize;
 
 /// Check the file of a board, or make one of a printer's configuration
@@ -30,11 +32,11 @@ pub(crate) struct Options {
     /// A board's name, or the path of a file
     #[arg(value_name = "BOARD", required_unless_present = "all")]
     board: Option<String>,
-    /// Every board of the project
+    /// Every board of the project: also builds each firmware with three axes and more, looks what of the flash is left
+    /// free, and starts it on a model of its chip, where pip can get the processor for that
     #[arg(long, conflicts_with = "board")]
     all: bool,
-    /// Build the firmware with three axes and more, prove its step rate at 115 200 baud, and start it on a model of its
-    /// chip, where pip can get the processor for that
+    /// The same of one board; and prove the step rate at 115 200 baud
     #[arg(long)]
     prove: bool,
     /// Write the rates that are proven into docs/rates.toml, of which `cargo xtask docs` makes tables
@@ -64,19 +66,23 @@ pub(crate) fn run(verb: &Verb) -> Result<ExitCode> {
 }
 
 fn check(options: &Options) -> Result<ExitCode> {
+    let boards = boards::chosen(options.board.as_deref(), options.all)?;
     let mut is_right = true;
-    for board in boards::chosen(options.board.as_deref(), options.all)? {
-        show(&board);
+    for board in &boards {
+        show(board);
         if !options.all {
-            print!("\n{}\n", pins::table(&board)?);
+            print!("\n{}\n", pins::table(board)?);
         }
         if options.prove {
-            let rates = prove(&board)?;
-            is_right &= !rates.contains(&0) & starts(&board)?;
+            let rates = prove(board)?;
+            is_right &= !rates.contains(&0);
             if options.write {
-                rates::write(&board, rates)?;
+                rates::write(board, rates)?;
             }
         }
+    }
+    if options.all || options.prove {
+        is_right &= starts(&boards)?;
     }
     Ok(if is_right {
         ExitCode::SUCCESS
@@ -161,17 +167,58 @@ fn prove(board: &Board) -> Result<Vec<u32>> {
     Ok(rates)
 }
 
-/// Starts a board's firmware with three axes on a model of its chip; returns false, and says why, where it does not
-/// start.
-fn starts(board: &Board) -> Result<bool> {
-    let started = rehearsal::rehearse(board, &compile::firmware(board)?);
-    match &started {
-        Ok(Verdict::Passed) => println!("  it starts"),
-        Ok(Verdict::Counted(figures)) => println!("  it starts {figures}"),
-        Ok(Verdict::Skipped(reason)) => println!("  whether it starts is not known: {reason}"),
-        Err(error) => println!("  {error:#}"),
+/// Builds the firmware of boards with each number of axes, looks what it leaves free, and starts it on a model of its
+/// chip: two at a time, those of one chip one after the other, in a folder of their own. Returns false, and says why,
+/// where one does not start.
+fn starts(boards: &[Board]) -> Result<bool> {
+    let mut by_chip: BTreeMap<&str, Vec<&Board>> = BTreeMap::new();
+    for board in boards {
+        by_chip.entry(&board.chip.hal).or_default().push(board);
     }
-    Ok(started.is_ok())
+    let chips = Mutex::new(by_chip.into_values());
+    let top = cargo::target_dir_for(3);
+    let next = || chips.lock().ok()?.next();
+    let work = |into: &Path| -> Result<bool> {
+        let mut are_right = true;
+        while let Some(boards) = next() {
+            for board in boards {
+                for axes in 3..=board.most_axes() {
+                    are_right &= is_started(board, axes, into)?;
+                }
+            }
+        }
+        Ok(are_right)
+    };
+    thread::scope(|scope| {
+        let beside = scope.spawn(|| work(&top.join("second")));
+        let own = work(&top);
+        let beside = beside
+            .join()
+            .map_err(|_| anyhow!("a thread has panicked"))?;
+        Ok(own? & beside?)
+    })
+}
+
+/// Has a firmware built and started, and prints what became of it.
+fn is_started(board: &Board, axes: usize, into: &Path) -> Result<bool> {
+    let output = Command::new(env::current_exe()?)
+        .args(["start", &board.argument(), "--into"])
+        .arg(into)
+        .env(cargo::AXES, axes.to_string())
+        .output()?;
+    let (is_started, name) = (output.status.success(), &board.name);
+    let told = String::from_utf8_lossy(if is_started {
+        &output.stdout
+    } else {
+        &output.stderr
+    });
+    let what = if is_started {
+        "starts "
+    } else {
+        "would not start\n"
+    };
+    println!("{name} with {axes} axes {what}{}", told.trim_end());
+    Ok(is_started)
 }
 
 #[cfg(test)]

@@ -3,12 +3,12 @@
 mod board;
 mod size;
 
-use std::process::ExitCode;
+use std::{path::PathBuf, process::ExitCode};
 
-use anyhow::Result;
-use boards::compile;
+use anyhow::{Result, ensure};
+use boards::{compile, layout};
 use clap::Parser;
-use common::{cargo, ui};
+use common::{cargo, check::Verdict, ui};
 use firmware::{card, rehearsal};
 
 /// Builds the firmware and shows its size.
@@ -28,10 +28,13 @@ enum Verb {
     All {
         board: String,
     },
-    /// Builds the firmware of a board and starts it on a model of its chip.
+    /// Builds the firmware of a board, looks what it leaves free of the flash, and starts it on a model of its chip.
     #[command(hide = true)]
     Start {
         board: String,
+        /// Where Cargo builds it.
+        #[arg(long)]
+        into: Option<PathBuf>,
     },
     /// Builds the firmware and tests it over its serial line.
     #[command(hide = true)]
@@ -46,7 +49,7 @@ fn main() -> ExitCode {
         Verb::Board(verb) => board::run(&verb),
         Verb::Boards => list(),
         Verb::All { board } => every_firmware(&board),
-        Verb::Start { board } => start(&board),
+        Verb::Start { board, into } => start(&board, into),
         Verb::Serial => over_serial(),
     })
 }
@@ -105,10 +108,25 @@ fn every_firmware(board: &str) -> Result<ExitCode> {
     Ok(ExitCode::SUCCESS)
 }
 
-/// What is flashed, on a model of the chip.
-fn start(board: &str) -> Result<ExitCode> {
+/// What is flashed: the room that it leaves, and its start on a model of the chip.
+fn start(board: &str, into: Option<PathBuf>) -> Result<ExitCode> {
     let board = boards::named(board)?;
-    rehearsal::rehearse(&board, &compile::firmware(&board)?)?.print();
+    let image = compile::image_in(&into.unwrap_or_else(cargo::target_dir), &board, &[])?;
+    let free = layout::check(&board, &image)?.free();
+    let kib = format!("{:.1} KiB of flash are free", f64::from(free) / 1024.0);
+    ensure!(
+        free >= layout::LEAST_FREE_BYTES,
+        "only {kib}: {} KiB have to be",
+        layout::LEAST_FREE_BYTES / 1024
+    );
+    let elf = compile::place(&board, "-unproven");
+    compile::replace(&elf, &image)?;
+    match rehearsal::rehearse(&board, &elf)? {
+        Verdict::Passed => Verdict::Counted(kib),
+        Verdict::Counted(figures) => Verdict::Counted(format!("{figures}, {kib}")),
+        skipped @ Verdict::Skipped(_) => skipped,
+    }
+    .print();
     Ok(ExitCode::SUCCESS)
 }
 
