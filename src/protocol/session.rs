@@ -31,7 +31,6 @@ use core::ops::ControlFlow;
 use heapless::spsc::Producer;
 
 use super::{
-    Dialect,
     bytes::{ByteReader, ByteWriter},
     dollar::List,
     line::Line,
@@ -452,7 +451,7 @@ impl Session {
             work
         };
         let work = work.union(self.awaited_by_stream());
-        if self.host.dialect == Dialect::RepRap {
+        if self.host.dialect.is_reprap() {
             // Each line may be the command of an emergency.
             work.union(Awaited::LINE)
         } else {
@@ -517,6 +516,7 @@ impl Session {
         // counts them.
         let is_cancelled = self.machine_sync.is_cancelled(machine);
         let is_held = machine.state.is_suspended() || is_cancelled;
+        let is_reprap = self.host.dialect.is_reprap();
         match self.stage {
             LineStage::Reading
             | LineStage::ReadingManual
@@ -528,12 +528,14 @@ impl Session {
             }
             LineStage::Sending(_) | LineStage::Compensating(_) if is_cancelled => Progress::Waiting,
             LineStage::Faulted if self.is_stopped_host(machine) => self.refuse(LineError::Locked),
-            LineStage::Asleep if self.host.dialect == Dialect::RepRap => {
-                self.read_line_asleep(links)
-            }
-            LineStage::Starting { .. } | LineStage::Faulted | LineStage::Asleep => {
-                Progress::Waiting
-            }
+            LineStage::Asleep if is_reprap => self.read_line_asleep(links),
+            LineStage::ListingFirmware(line) if is_reprap => self.list_firmware(line),
+            LineStage::ListingHostSettings(line) if is_reprap => self.list_host_settings(line),
+            LineStage::Starting { .. }
+            | LineStage::Faulted
+            | LineStage::Asleep
+            | LineStage::ListingFirmware(_)
+            | LineStage::ListingHostSettings(_) => Progress::Waiting,
             #[cfg(arc_machine)]
             LineStage::Reading if self.stored_program.is_running() => {
                 self.execute_stored_line(links)
@@ -550,8 +552,6 @@ impl Session {
             LineStage::Completing(after_commands) => self.complete(machine, after_commands),
             LineStage::Storing(then) => self.continue_stored(then, links),
             LineStage::Listing(list, line) => self.list(list, line, links.received.capacity()),
-            LineStage::ListingFirmware(line) => self.list_firmware(line),
-            LineStage::ListingHostSettings(line) => self.list_host_settings(line),
             LineStage::Faulting => self.send_fault(links),
             LineStage::Resetting => {
                 links.requests.reset();

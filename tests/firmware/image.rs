@@ -1,5 +1,5 @@
-//! The image of the firmware: what runs while the flash is busy needs nothing that is in flash, and no queues of
-//! zeros are kept there.
+//! The image of the firmware: what runs while the flash is busy needs nothing that is in flash, no queues of zeros are
+//! kept there, and nothing of what only the feature `reprap` asks for.
 //!
 //! Instructions: ARMv7-M reference manual, A5 and A7.
 
@@ -11,6 +11,11 @@ use object::{Object, ObjectSection, ObjectSymbol, SymbolKind};
 const FLASH: Range<u32> = 0x0800_0000..0x0820_0000;
 /// Addresses of the memory in which data and such code are.
 const RAM: Range<u32> = 0x2000_0000..0x2010_0000;
+
+/// Names that functions of the RepRap dialect have in their paths: those of its modules.
+const REPRAP_PATHS: [&str; 2] = ["reprap", "host_commands"];
+/// Parts of answers in that dialect (src/protocol/replies.rs, src/protocol/session/host.rs).
+const REPRAP_ANSWERS: [&str; 3] = ["FIRMWARE_NAME:", "; M999 to go on", "echo:busy: "];
 
 /// Sign-extends the lowest bits of a word.
 fn signed(word: u32, bits: u32) -> i32 {
@@ -137,6 +142,61 @@ fn initial_values_of_data_take_4_kib_of_the_flash_at_most() {
     let file = object::File::parse(&*bytes).expect("the firmware is an ELF file");
     let data = file.section_by_name(".data").expect("there is such data");
     assert!((1..=4096).contains(&data.size()), "{} bytes", data.size());
+}
+
+/// Names of functions of the `RepRap` dialect, and the answers in it that constants hold.
+fn of_reprap<'a>(functions: impl Iterator<Item = &'a str>, constants: &[u8]) -> Vec<&'a str> {
+    let is_of_reprap = |name: &&str| REPRAP_PATHS.iter().any(|path| name.contains(path));
+    let is_held = |answer: &&str| {
+        let mut parts = constants.windows(answer.len());
+        parts.any(|part| part == answer.as_bytes())
+    };
+    let answers = REPRAP_ANSWERS.into_iter().filter(is_held);
+    functions.filter(is_of_reprap).chain(answers).collect()
+}
+
+#[test]
+fn nothing_of_the_reprap_dialect_is_in_firmware_without_its_feature() {
+    let Some(path) = env::var_os("FIRMWARE_ELF") else {
+        return;
+    };
+    let bytes = fs::read(path).expect("the firmware can be read");
+    let file = object::File::parse(&*bytes).expect("the firmware is an ELF file");
+    let functions = { file.symbols() }.filter(|symbol| symbol.kind() == SymbolKind::Text);
+    let names = functions.map(|symbol| symbol.name().expect("symbols have names"));
+    let constants = file.section_by_name(".rodata").expect("there are such");
+    let constants = constants.data().expect("sections can be read");
+    assert_eq!(of_reprap(names, constants), [""; 0]);
+}
+
+#[test]
+fn what_is_of_the_reprap_dialect_is_found() {
+    let names = [
+        "leadscrew::gcode::reprap::read",
+        "leadscrew::protocol::session::host_commands::home",
+        "leadscrew::protocol::session::Session::read_reprap",
+        "leadscrew::protocol::session::host_lines::take_raw",
+    ];
+    assert_eq!(of_reprap(names.into_iter(), b"okT:echo:bus"), names[..3]);
+    let sources = [
+        include_str!("../../src/protocol/replies.rs"),
+        include_str!("../../src/protocol/session/host.rs"),
+    ]
+    .concat();
+    for answer in REPRAP_ANSWERS {
+        // An answer that has become another one would be looked for in vain.
+        assert!(sources.contains(answer), "{answer}");
+        let constants = format!("ok{answer}ok");
+        assert_eq!(of_reprap([].into_iter(), constants.as_bytes()), [answer]);
+    }
+    let modules = [
+        include_str!("../../src/gcode/mod.rs"),
+        include_str!("../../src/protocol/session.rs"),
+    ]
+    .concat();
+    for path in REPRAP_PATHS {
+        assert!(modules.contains(&format!("mod {path};")), "{path}");
+    }
 }
 
 #[test]

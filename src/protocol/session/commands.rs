@@ -9,10 +9,7 @@ use crate::{
     machine::Snapshot,
     model::{Levels, State},
     path::Work,
-    protocol::{
-        Dialect,
-        report::{self, Feedback},
-    },
+    protocol::report::{self, Feedback},
 };
 
 impl Session {
@@ -63,7 +60,7 @@ impl Session {
 
     /// Ends homing. A failure has been reported as an alarm, and ends with a reset.
     pub(super) fn end_homing(&mut self, machine: &Snapshot, is_all: bool) -> Progress {
-        let is_host = self.host.dialect == Dialect::RepRap;
+        let is_host = self.host.dialect.is_reprap();
         if machine.state == State::Alarm && is_host {
             return self.refuse(LineError::Locked);
         }

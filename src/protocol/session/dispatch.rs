@@ -10,7 +10,6 @@ use crate::{
     model::{Levels, State},
     motion::BLOCKS,
     protocol::{
-        Dialect,
         dollar::{Condition, Dollar, List},
         listing::{self, FaultCounts},
         report,
@@ -46,7 +45,9 @@ impl Session {
             return self.interpret(links);
         }
         let condition = self.condition(links.machine);
-        if let Some(command) = self.host.command {
+        if self.host.dialect.is_reprap()
+            && let Some(command) = self.host.command
+        {
             return self.execute_host_command(command, links);
         }
         match self.line.input.text() {
@@ -254,7 +255,7 @@ impl Session {
         }
         let Source::Startup { number, .. } = self.line.source else {
             match result {
-                Err(error) if self.host.dialect == Dialect::RepRap => self.write_refusal(error),
+                Err(error) if self.host.dialect.is_reprap() => self.write_refusal(error),
                 Ok(()) | Err(_) => answer(&mut self.reports.message, result),
             }
             if result.is_ok() {

@@ -182,7 +182,7 @@ impl Session {
         if dialect != self.host.dialect {
             self.adopt_dialect(dialect, links);
         }
-        if dialect == Dialect::RepRap {
+        if dialect.is_reprap() {
             self.attend_reprap(links);
         }
     }
@@ -198,7 +198,7 @@ impl Session {
             return;
         }
         self.host.dialect = dialect;
-        if dialect == Dialect::RepRap {
+        if dialect.is_reprap() {
             self.interpreter.set_default_feed(DEFAULT_FEED_MM_MIN);
         }
         self.host.reset();
@@ -208,7 +208,7 @@ impl Session {
             ticks: links.requests.ticks(),
             ..HostTimers::default()
         };
-        links.requests.sort_later(dialect == Dialect::RepRap);
+        links.requests.sort_later(dialect.is_reprap());
     }
 
     #[inline(never)]
@@ -287,13 +287,13 @@ impl Session {
 
     /// Returns whether the machine has stopped for a reason that only a restart ends.
     pub(super) fn is_stopped_host(&self, machine: &Snapshot) -> bool {
-        self.host.dialect == Dialect::RepRap && (machine.is_critical || machine.has_underrun)
+        self.host.dialect.is_reprap() && (machine.is_critical || machine.has_underrun)
     }
 
     /// Returns whether a locked machine only waits for `G28`: lines that move nothing and switch nothing on
     /// may come before it.
     pub(super) fn awaits_host_homing(&self) -> bool {
-        self.host.dialect == Dialect::RepRap && self.host.alarm.is_none()
+        self.host.dialect.is_reprap() && self.host.alarm.is_none()
     }
 
     /// Returns whether the lock is about to end: a restart unlocks the machine.
@@ -304,7 +304,7 @@ impl Session {
     /// Returns whether the session needs the clock of `interpret`.
     #[must_use]
     pub fn needs_clock(&self) -> bool {
-        self.host.dialect == Dialect::RepRap
+        self.host.dialect.is_reprap()
     }
 
     /// Returns whether there is something to do at the next tick of the clock, whatever else comes.

@@ -16,7 +16,7 @@ use crate::{
         reprap::{self, LineModes},
     },
     model::State,
-    protocol::{ByteReader, Dialect, FailedCheck, Verdict, replies, report},
+    protocol::{ByteReader, FailedCheck, Verdict, replies, report},
     settings::Settings,
     units::Nm,
 };
@@ -31,7 +31,7 @@ impl Session {
         if self.take_raw(links.received) {
             return self.execute_host_line(links);
         }
-        if self.host.dialect == Dialect::RepRap && self.has_lost_line_end() {
+        if self.host.dialect.is_reprap() && self.has_lost_line_end() {
             self.host.drop_unfinished();
             self.host.has_ended = true;
             return self.ask_again(FailedCheck::MissingChecksum, links);
@@ -57,7 +57,7 @@ impl Session {
             host.raw.clear();
         }
         let oldest = received.oldest();
-        let waiting = if host.dialect == Dialect::RepRap {
+        let waiting = if host.dialect.is_reprap() {
             host.scan.bytes_from(oldest)
         } else {
             received.len()
@@ -75,7 +75,7 @@ impl Session {
                     break;
                 }
                 TAKEN => {}
-                LOST if host.dialect == Dialect::RepRap => host.raw.lose_rest(),
+                LOST if host.dialect.is_reprap() => host.raw.lose_rest(),
                 _ => host.raw.push(byte),
             }
         }
@@ -87,7 +87,7 @@ impl Session {
     fn execute_host_line(&mut self, links: &mut Links<'_, '_>) -> Progress {
         let host = &mut self.host;
         let verdict = host.raw.verdict(host.last, host.has_begun);
-        let is_host = host.dialect == Dialect::RepRap;
+        let is_host = host.dialect.is_reprap();
         let is_checked = host.raw.is_checked();
         let has_lost = links.requests.take_losses_before(links.received.oldest());
         let is_stale = host
@@ -150,7 +150,7 @@ impl Session {
     fn ask_again(&mut self, failed: FailedCheck, links: &Links<'_, '_>) -> Progress {
         let text = &mut self.reports.message;
         let last = self.host.last;
-        if self.host.dialect == Dialect::RepRap {
+        if self.host.dialect.is_reprap() {
             self.host.stale_before = Some(links.received.written());
             replies::resend(text, failed, last);
             return self.accept();

@@ -8,7 +8,7 @@ use crate::{
     machine::Snapshot,
     model::{Alarm, Notice, Probing},
     protocol::{
-        ByteWriter, Dialect, replies,
+        ByteWriter, replies,
         report::{self, Cadence, Feedback, Status},
         text::Text,
     },
@@ -120,7 +120,7 @@ impl Session {
             Notice::Alarm(alarm) => {
                 self.is_homed &= alarm.keeps_position();
                 self.host.alarm = Some(alarm);
-                if self.host.dialect == Dialect::RepRap {
+                if self.host.dialect.is_reprap() {
                     replies::stopped(text, alarm);
                     return;
                 }
@@ -212,7 +212,7 @@ impl Session {
     ///
     /// When the step events ran out in motion, this is Grbl's alarm 3: the position may be lost.
     pub(super) fn report_fault(&mut self, links: &mut Links<'_, '_>) -> bool {
-        let is_host = self.host.dialect == Dialect::RepRap;
+        let is_host = self.host.dialect.is_reprap();
         if links.machine.has_underrun && !self.reports.has_reported_fault {
             let text = &mut self.reports.message;
             self.host.alarm = Some(Alarm::ResetInMotion);

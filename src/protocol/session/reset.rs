@@ -11,7 +11,7 @@ use crate::{
     machine::Snapshot,
     model::{Alarm, Levels, Probed, State},
     protocol::{
-        Dialect, listing, replies,
+        listing, replies,
         report::{self, Cadence, Feedback},
     },
     settings::STARTUP_LINES,
@@ -108,11 +108,11 @@ impl Session {
         if links.machine.reset_count != self.machine_sync.reset_count {
             return false;
         }
-        if links.machine.reset_in_motion && self.host.dialect != Dialect::RepRap {
+        if links.machine.reset_in_motion && !self.host.dialect.is_reprap() {
             self.is_homed = false;
             report::alarm(&mut self.reports.message, Alarm::ResetInMotion);
         }
-        if self.host.dialect == Dialect::RepRap {
+        if self.host.dialect.is_reprap() {
             return self.restart_host(owes_answer, links);
         }
         if owes_answer {
@@ -166,7 +166,7 @@ impl Session {
 
     /// Welcomes the sender, and reports whether the machine is locked.
     pub(super) fn welcome(&mut self, machine: &Snapshot) -> Progress {
-        let is_host = self.host.dialect == Dialect::RepRap;
+        let is_host = self.host.dialect.is_reprap();
         let is_unlocking = self.is_unlocking_host();
         let text = &mut self.reports.message;
         if is_host {

@@ -248,7 +248,7 @@ const RESET_NUMBERS: &[u8] = b"M110 N-1";
 
 /// Returns whether lines get numbers and checksums: in the RepRap dialect.
 fn numbers_lines(settings: &Settings) -> bool {
-    Dialect::of(settings) == Dialect::RepRap
+    Dialect::of(settings).is_reprap()
 }
 
 /// Returns the reason of a refusal in the RepRap dialect.
