@@ -167,6 +167,7 @@ impl Accessories {
         self.update_overrides();
     }
 
+    #[inline]
     fn update_overrides(&mut self) {
         let overrides = self.asked.allowed_by(self.switches);
         if overrides != self.overrides {
@@ -314,6 +315,7 @@ impl Accessories {
     }
 
     /// Returns the power at rest.
+    #[inline]
     #[must_use]
     pub fn power_at_rest(&self) -> Power {
         self.power(self.rpm)

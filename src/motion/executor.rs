@@ -190,6 +190,7 @@ impl Executor {
 
     /// Returns the length of the remainder of a section, and whether it ends the block, of which
     /// `remaining_mm` are left. A section takes `min_section_s` at least at the block's speed.
+    #[inline]
     pub(super) fn section_length(
         &self,
         geometry: BlockGeometry<'_>,

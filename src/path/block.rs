@@ -56,6 +56,7 @@ pub(crate) const MIN_SPEED_MM_S: f32 = 1.0 / 60.0;
 
 impl Block {
     /// Returns the nominal speed under overrides, mm/s.
+    #[inline]
     #[must_use]
     pub fn nominal_under(&self, overrides: Overrides) -> f32 {
         let speed_mm_s = match self.kind {

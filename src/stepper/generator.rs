@@ -342,6 +342,7 @@ impl Generator {
     }
 
     /// Begins a segment at the end of the one before.
+    #[inline]
     fn begin_at_end(&mut self, ticks: u32) {
         let slots = (self.offset_ticks + self.ticks) / SLOT_TICKS;
         self.offset_ticks = self.offset_ticks + self.ticks - slots * SLOT_TICKS;

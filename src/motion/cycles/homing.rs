@@ -190,6 +190,7 @@ impl Homing {
     }
 
     /// Returns a switch, by its number, to which its motor has come, at a position that is not known yet.
+    #[inline]
     #[must_use]
     pub fn latched_switch(&self, inputs: &Inputs) -> Option<usize> {
         if !self.stage.is_approach() {
@@ -302,6 +303,7 @@ impl Homing {
     }
 
     /// Takes axes out of the move, each at the speed that it has.
+    #[inline]
     fn stop_axes(&mut self, axes: u8) {
         let speeds = self.cycle_move.axis_speeds();
         // wcet-bound: axes

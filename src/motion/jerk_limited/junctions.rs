@@ -262,6 +262,7 @@ impl JunctionLimit {
     }
 
     /// Adds a speed limit on both sides of the junction.
+    #[inline]
     fn cap(&mut self, speed_mm_s: f32, acceleration_mm_s2: f32, window_s: f32) {
         let half = 0.5 / acceleration_mm_s2;
         let limit_sqr = speed_mm_s * speed_mm_s;

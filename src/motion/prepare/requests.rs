@@ -145,6 +145,7 @@ impl Motion {
     }
 
     /// Plans anew if the overrides of the speed along the path have changed.
+    #[inline]
     fn replan_after_override(&mut self, before: Overrides) {
         let now = self.accessories.overrides();
         if now.feed != before.feed || now.rapid != before.rapid {

@@ -223,6 +223,7 @@ impl Motion {
     }
 
     /// Applies a new state at once, also in motion.
+    #[inline]
     pub(super) fn apply_state(&mut self) {
         if self.is_held() {
             self.accessories.begin_hold();

@@ -395,6 +395,7 @@ fn duration_s(double_mm: f32, sum_mm_s: f32) -> f32 {
 }
 
 /// Acceleration along the path that the block's limits leave at a speed, mm/s²: never 0.
+#[inline]
 fn tangential_acceleration(geometry: BlockGeometry<'_>, speed_mm_s: f32) -> f32 {
     let most = geometry.block.acceleration_mm_s2;
     match geometry.curve {
